@@ -1,0 +1,89 @@
+"""One record of motion, whatever file it came from."""
+import contextlib
+import dataclasses
+import os
+import pathlib
+import tempfile
+from typing import Any
+
+import numpy as np
+
+from motion_jax.motion.skeleton import HUMANML3D, Skeleton
+
+
+@dataclasses.dataclass(frozen=True)
+class Caption:
+  """A sentence about the seconds start:end of a clip; 0:0 means all of it."""
+  text: str
+  start: float = 0.0
+  end: float = 0.0
+
+  def frames(self, fps, num_frames):
+    """(first, end) frame of the span, inside the clip."""
+    if not self.start and not self.end:
+      return 0, num_frames
+    return max(0, int(self.start * fps)), min(num_frames, int(self.end * fps))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Clip:
+  """A motion: joints (T, J, 3) in the skeleton's unit, y up, with what is known of it.
+
+  `features` (T - 1, F) are there when the file held them. Raises ValueError for a wrong shape or a frame that is not
+  finite.
+  """
+  joints: np.ndarray
+  fps: float = 20.0
+  captions: tuple[Caption, ...] = ()
+  id: str = "clip"
+  split: str = ""
+  source: str = ""
+  license: str = ""
+  skeleton: Skeleton = HUMANML3D
+  features: np.ndarray | None = None
+  meta: dict[str, Any] = dataclasses.field(default_factory=dict)
+
+  def __post_init__(self):
+    shape = np.shape(self.joints)
+    if len(shape) != 3 or shape[1:] != (self.skeleton.num_joints, 3) or shape[0] < 1:
+      raise ValueError(f"clip {self.id!r}: got joints of shape {shape}, expected (frames, "
+                       f"{self.skeleton.num_joints}, 3) for skeleton {self.skeleton.name!r}; "
+                       "motion_jax.motion.retarget brings other skeletons to this one")
+    bad = np.flatnonzero(~np.isfinite(self.joints).all((1, 2)))
+    if len(bad):
+      raise ValueError(f"clip {self.id!r}: {len(bad)} of {shape[0]} frames hold NaN or infinity, the first is frame "
+                       f"{bad[0]}; cut them away or repair the file")
+    if not self.fps > 0:
+      raise ValueError(f"clip {self.id!r}: got {self.fps} frames per second, expected a positive number")
+
+  @property
+  def num_frames(self) -> int:
+    return len(self.joints)
+
+  @property
+  def seconds(self) -> float:
+    return self.num_frames / self.fps
+
+  def replace(self, **changes) -> "Clip":
+    return dataclasses.replace(self, **changes)
+
+
+@contextlib.contextmanager
+def atomic_path(path):
+  """Yields a temporary neighbour of path that takes its place when the block ends well, and vanishes otherwise.
+
+  The suffix is kept, for writers that look at it. Raises an error that names the folder if it cannot be written.
+  """
+  path = pathlib.Path(path)
+  try:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
+  except OSError as error:
+    raise OSError(f"cannot write {path}: {error.strerror or error}; choose a folder that you may write to") from error
+  os.close(handle)
+  try:
+    yield pathlib.Path(name)
+    os.chmod(name, 0o644)  # mkstemp's 0600 would keep the file from other users
+    os.replace(name, path)
+  finally:
+    pathlib.Path(name).unlink(missing_ok=True)

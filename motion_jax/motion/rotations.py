@@ -1,0 +1,125 @@
+"""Rotations in one convention: quaternions (w, x, y, z), Hamilton product, matrices act on column vectors.
+
+`multiply(p, q)` turns by q first. Every function takes numpy or jax arrays of any leading shape and returns the same
+kind; what it computes is float64 if the input is.
+"""
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+
+def namespace(*arrays):
+  """jax.numpy if any array is a jax array (or tracer), else numpy."""
+  return jnp if any(isinstance(a, jax.Array) for a in arrays) else np
+
+
+def unit(v, eps=0.0):
+  """Scales vectors (..., K) to length 1. With eps > 0 a zero vector stays zero."""
+  xp = namespace(v)
+  length = xp.sqrt((v * v).sum(-1, keepdims=True))
+  return v / (xp.maximum(length, eps) if eps else length)
+
+
+def multiply(p, q):
+  """Hamilton product p q of quaternions (..., 4): turns by q, then by p."""
+  xp = namespace(p, q)
+  pw, pv, qw, qv = p[..., :1], p[..., 1:], q[..., :1], q[..., 1:]
+  w = pw * qw - (pv * qv).sum(-1, keepdims=True)
+  return xp.concatenate([w, pw * qv + qw * pv + xp.cross(pv, qv)], axis=-1)
+
+
+def conjugate(q):
+  """The inverse of unit quaternions (..., 4)."""
+  xp = namespace(q)
+  return xp.concatenate([q[..., :1], -q[..., 1:]], axis=-1)
+
+
+def rotate(q, v):
+  """Turns vectors v (..., 3) by unit quaternions q (..., 4); the leading shapes broadcast."""
+  xp = namespace(q, v)
+  shape = jnp.broadcast_shapes(q.shape[:-1], v.shape[:-1])
+  q, v = xp.broadcast_to(q, shape + (4,)), xp.broadcast_to(v, shape + (3,))
+  w, u = q[..., :1], q[..., 1:]
+  cross = xp.cross(u, v)
+  return v + 2 * (w * cross + xp.cross(u, cross))
+
+
+def between(a, b):
+  """The smallest turn from direction a to direction b, (..., 3) each: normalized [|a||b| + a.b, a x b], so w >= 0."""
+  xp = namespace(a, b)
+  w = xp.sqrt((a * a).sum(-1, keepdims=True) * (b * b).sum(-1, keepdims=True)) + (a * b).sum(-1, keepdims=True)
+  return unit(xp.concatenate([w, xp.cross(a, b)], axis=-1))
+
+
+def about_axis(angle, axis):
+  """Quaternions (..., 4) that turn by angle (...) radians about a coordinate axis "x", "y" or "z"."""
+  xp = namespace(angle)
+  zero, half = xp.zeros_like(angle), angle / 2
+  parts = [xp.cos(half), zero, zero, zero]
+  parts["xyz".index(axis) + 1] = xp.sin(half)
+  return xp.stack(parts, axis=-1)
+
+
+def to_matrix(q):
+  """Unit quaternions (..., 4) to matrices (..., 3, 3)."""
+  xp = namespace(q)
+  w, x, y, z = (q[..., i] for i in range(4))
+  rows = [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
+          2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+          2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]
+  return xp.stack(rows, axis=-1).reshape(q.shape[:-1] + (3, 3))
+
+
+def from_matrix(m):
+  """Rotation matrices (..., 3, 3) to unit quaternions (..., 4) with w >= 0.
+
+  Each of the four components is the safest to divide by somewhere; the largest is taken, so no angle is special.
+  """
+  xp = namespace(m)
+  m00, m11, m22 = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
+  a, b, c = m[..., 2, 1], m[..., 0, 2], m[..., 1, 0]
+  d, e, f = m[..., 1, 2], m[..., 2, 0], m[..., 0, 1]
+  rows = xp.stack([
+      xp.stack([1 + m00 + m11 + m22, a - d, b - e, c - f], -1),
+      xp.stack([a - d, 1 + m00 - m11 - m22, c + f, b + e], -1),
+      xp.stack([b - e, c + f, 1 - m00 + m11 - m22, a + d], -1),
+      xp.stack([c - f, b + e, a + d, 1 - m00 - m11 + m22], -1)], -2)
+  best = xp.argmax(xp.stack([rows[..., i, i] for i in range(4)], -1), axis=-1)
+  q = unit(xp.take_along_axis(rows, best[..., None, None], axis=-2)[..., 0, :])
+  return xp.where(q[..., :1] < 0, -q, q)
+
+
+def to_6d(q):
+  """Quaternions (..., 4) to the first column, then the second column of their matrix, (..., 6)."""
+  xp = namespace(q)
+  m = to_matrix(q)
+  return xp.concatenate([m[..., :, 0], m[..., :, 1]], axis=-1)
+
+
+def matrix_from_6d(d):
+  """Two columns (..., 6), not necessarily orthonormal, to matrices (..., 3, 3): z = x cross y_raw, y = z cross x."""
+  xp = namespace(d)
+  x = unit(d[..., :3])
+  z = unit(xp.cross(x, d[..., 3:]))
+  return xp.stack([x, xp.cross(z, x), z], axis=-1)
+
+
+def continuous(q):
+  """Picks signs of quaternions (T, ..., 4) so that none jumps to its negative from one frame to the next."""
+  dots = (q[1:] * q[:-1]).sum(-1)
+  signs = np.cumprod(np.where(dots < 0, -1.0, 1.0), axis=0)
+  return np.concatenate([q[:1], q[1:] * signs[..., None]])
+
+
+def slerp(p, q, weight):
+  """Between unit quaternions p and q (..., 4) on the shorter arc; weight (...) is 0 at p and 1 at q."""
+  xp = namespace(p, q)
+  dot = (p * q).sum(-1, keepdims=True)
+  q = xp.where(dot < 0, -q, q)
+  angle = xp.arccos(xp.clip(xp.abs(dot), 0, 1))
+  weight = xp.asarray(weight)[..., None]
+  near = angle < 1e-6
+  sine = xp.where(near, 1.0, xp.sin(angle))
+  a = xp.where(near, 1 - weight, xp.sin((1 - weight) * angle) / sine)
+  b = xp.where(near, weight, xp.sin(weight * angle) / sine)
+  return unit(a * p + b * q)

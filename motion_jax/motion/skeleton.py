@@ -1,0 +1,98 @@
+"""Skeletons: which joints there are, how they hang together, how long the bones are.
+
+Axes: y up, +z ahead, +x to the body's left.
+"""
+import dataclasses
+
+import numpy as np
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Skeleton:
+  """A tree of J joints with the tables that features need.
+
+  `bone_lengths[j]` is the length of the bone that ends at joint j, in the skeleton's own unit
+  (`unit` metres); `mirror[j]` is the joint that j becomes in a mirror. The chains are those along which the
+  benchmark's inverse kinematics walks (HumanML3D `paramUtil.py`); together they name each joint's parent.
+  """
+  name: str
+  joints: tuple[str, ...]
+  chains: tuple[tuple[int, ...], ...]
+  rest_directions: np.ndarray  # (J, 3) unit vectors, the root's is zero
+  bone_lengths: np.ndarray     # (J,), the root's is zero
+  hips: tuple[int, int]        # right, left
+  shoulders: tuple[int, int]   # right, left
+  leg_bones: tuple[int, int]   # thigh and shin of one leg: they set the scale of a person
+  left_feet: tuple[int, int]   # ankle, toes
+  right_feet: tuple[int, int]
+  contact_threshold: float     # squared step, unit^2 per frame^2, below which a foot stands
+  fps: float
+  unit: float                  # metres per unit
+
+  @property
+  def num_joints(self) -> int:
+    return len(self.joints)
+
+  @property
+  def parents(self) -> tuple[int, ...]:
+    parents = [-1] * self.num_joints
+    for chain in self.chains:
+      for parent, child in zip(chain[:-1], chain[1:]):
+        parents[child] = parent
+    return tuple(parents)
+
+  @property
+  def mirror(self) -> tuple[int, ...]:
+    swap = lambda name: ("right" + name[4:] if name.startswith("left")
+                         else "left" + name[5:] if name.startswith("right") else name)
+    return tuple(self.joints.index(swap(name)) for name in self.joints)
+
+  @property
+  def offsets(self) -> np.ndarray:
+    """Joint minus parent in the rest pose, (J, 3), in the skeleton's unit."""
+    return self.rest_directions * self.bone_lengths[:, None]
+
+  def with_offsets(self, offsets) -> "Skeleton":
+    """The same tree with other bone lengths, those of offsets (J, 3)."""
+    return dataclasses.replace(self, bone_lengths=np.linalg.norm(np.asarray(offsets, np.float64), axis=-1))
+
+
+_AXES = {"0": (0, 0, 0), "+x": (1, 0, 0), "-x": (-1, 0, 0), "+y": (0, 1, 0), "-y": (0, -1, 0),
+         "+z": (0, 0, 1), "-z": (0, 0, -1)}
+
+
+def _directions(text):
+  return np.array([_AXES[axis] for axis in text.split()], np.float64)
+
+
+# Bone lengths: measured on HumanML3D clip 012314, whose skeleton is frame 0 of raw clip 000021.
+HUMANML3D = Skeleton(
+    name="humanml3d",
+    joints=("pelvis", "left_hip", "right_hip", "spine1", "left_knee", "right_knee", "spine2", "left_ankle",
+            "right_ankle", "spine3", "left_foot", "right_foot", "neck", "left_collar", "right_collar", "head",
+            "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist"),
+    chains=((0, 2, 5, 8, 11), (0, 1, 4, 7, 10), (0, 3, 6, 9, 12, 15), (9, 14, 17, 19, 21), (9, 13, 16, 18, 20)),
+    rest_directions=_directions("0 +x -x +y -y -y +y -y -y +y +z +z +y +x -x +z -y -y -y -y -y -y"),
+    bone_lengths=np.array([
+        0, 0.103074, 0.109883, 0.131568, 0.393623, 0.390188, 0.143190, 0.432433, 0.425643, 0.057365, 0.143382,
+        0.149419, 0.219360, 0.137487, 0.143383, 0.103039, 0.131614, 0.122984, 0.256840, 0.263092, 0.266012,
+        0.269876]),
+    hips=(2, 1), shoulders=(17, 16), leg_bones=(5, 8), left_feet=(7, 10), right_feet=(8, 11),
+    contact_threshold=0.002, fps=20.0, unit=1.0)
+
+# The official KIT bone lengths are frame 0 of raw clip 03950 (`Skeleton.with_offsets` takes them); those below, in
+# millimetres, are an adult's of much the same build, for use without that file. The rest directions of joints 5..15
+# point to the other side than the joints lie (joint 11 is the right hip, at negative x), as in the reference.
+KIT = Skeleton(
+    name="kit",
+    joints=("root", "torso_low", "torso_high", "neck", "head", "right_shoulder", "right_elbow", "right_wrist",
+            "left_shoulder", "left_elbow", "left_wrist", "right_hip", "right_knee", "right_ankle", "right_heel",
+            "right_foot", "left_hip", "left_knee", "left_ankle", "left_heel", "left_foot"),
+    chains=((0, 11, 12, 13, 14, 15), (0, 16, 17, 18, 19, 20), (0, 1, 2, 3, 4), (3, 5, 6, 7), (3, 8, 9, 10)),
+    rest_directions=_directions("0 +y +y +y +y +x -y -y -x -y -y +x -y -y +z +z -x -y -y +z +z"),
+    bone_lengths=np.array([
+        0, 136, 153, 238, 148, 160, 285, 248, 160, 285, 248, 89.5, 380, 398, 100, 74, 89.5, 380, 398, 100, 74.0]),
+    hips=(11, 16), shoulders=(5, 8), leg_bones=(17, 18), left_feet=(19, 20), right_feet=(14, 15),
+    contact_threshold=0.05, fps=12.5, unit=0.001)
+
+SKELETONS = {skeleton.name: skeleton for skeleton in (HUMANML3D, KIT)}
