@@ -1,0 +1,157 @@
+"""Any body's motion on the canonical skeleton: other joint names, other proportions, the same steps.
+
+`joint_maps.map_joints` picks joints out of a file by name; `retarget` gives them canonical bone lengths without
+letting the feet slide; `mirror` swaps left and right. numpy, float64, whole clips at once.
+"""
+import numpy as np
+from scipy.linalg import solveh_banded
+
+from motion_jax.motion.skeleton import HUMANML3D
+
+_FLOOR_PERCENTILE = 5     # of the lower foot's height over the clip: a tracking spike does not lift the clip
+_SOFT_REACH = 0.985       # from this part of a straight leg on, the knee resists stretching and cannot snap
+_KNEE_BIAS = 0.02         # metres ahead that a straight leg's knee is taken to bend
+
+
+def retarget(joints, skeleton=HUMANML3D, feet=True):
+  """Brings joints (T, J, 3) of any proportions to the skeleton's bone lengths, feet standing where they stood. float64.
+
+  Bone directions stay; the path is scaled by the ratio of leg lengths (both legs, median over the clip). With `feet`
+  each ankle then follows the scaled source's by two-bone inverse kinematics in the source's knee plane, so that a
+  foot that stood still stands still. The floor, which is where the lower foot is in its lowest 5 % of frames, goes to
+  y = 0. Raises ValueError for a wrong shape, numbers that are not finite, or legs of no length.
+  """
+  joints = np.asarray(joints, np.float64)
+  if joints.ndim != 3 or joints.shape[1:] != (skeleton.num_joints, 3) or not len(joints):
+    raise ValueError(f"got joints of shape {joints.shape}, expected (frames, {skeleton.num_joints}, 3) in the order of "
+                     f"skeleton {skeleton.name!r}; joint_maps.map_joints picks them from a file")
+  if not np.isfinite(joints).all():
+    raise ValueError(f"joints hold NaN or infinity, first in frame {np.argwhere(~np.isfinite(joints))[0, 0]}")
+  legs = [chain[1:] for chain in skeleton.chains[:2]]  # hip, knee, ankle, (heel,) toes
+  scale = leg_scale(joints, skeleton)
+  source = joints * scale
+  result = _with_lengths(source, skeleton)
+  # The middle between the hips keeps its path, not the pelvis: legs hang from there, and trunks differ most above it.
+  hips = [leg[0] for leg in legs]
+  result += (source[:, hips] - result[:, hips]).mean(1, keepdims=True)
+  if feet:
+    moves = [_foot_move(source, result, leg, skeleton.unit) for leg in legs]
+    # Another foot height lifts or lowers the whole body once, instead of bending the knees.
+    lift = np.median([move[:, 1] for move in moves])
+    result[..., 1] += lift
+    for leg, move in zip(legs, moves):
+      _bend_leg(source, result, leg, move, skeleton)
+  result[..., 1] -= floor_height(result, skeleton)
+  return result
+
+
+def leg_scale(joints, skeleton=HUMANML3D):
+  """How many times longer the skeleton's legs (thigh and shin, both) are than those of joints (T, J, 3)."""
+  own, length = 0.0, 0.0
+  for chain in skeleton.chains[:2]:
+    for parent, joint in zip(chain[1:3], chain[2:4]):
+      own += np.median(np.linalg.norm(joints[:, joint] - joints[:, parent], axis=-1))
+      length += skeleton.bone_lengths[joint]
+  if not own > 0:
+    raise ValueError("the legs have no length: all of hip, knee and ankle lie in one point; check the joint mapping")
+  return length / own
+
+
+def floor_height(joints, skeleton=HUMANML3D):
+  """The height at which the feet of joints (T, J, 3) stand: the lower foot in its lowest 5 % of frames, spikes aside."""
+  feet = list(skeleton.left_feet + skeleton.right_feet)
+  return np.percentile(joints[:, feet, 1].min(1), _FLOOR_PERCENTILE)
+
+
+def mirror(joints, skeleton=HUMANML3D):
+  """The motion in a mirror: joints (..., J, 3) with x negated, left and right joints exchanged."""
+  return np.asarray(joints)[..., list(skeleton.mirror), :] * np.array([-1, 1, 1], np.asarray(joints).dtype)
+
+
+def _with_lengths(source, skeleton):
+  """The source's bone directions with the skeleton's lengths, from the source's root."""
+  result = source.copy()
+  for chain in skeleton.chains:
+    direction = None
+    for parent, joint in zip(chain[:-1], chain[1:]):
+      bone = source[:, joint] - source[:, parent]
+      length = np.linalg.norm(bone, axis=-1, keepdims=True)
+      rest = np.broadcast_to(skeleton.rest_directions[joint], bone.shape) if direction is None else direction
+      direction = np.where(length > 1e-9, bone / np.maximum(length, 1e-9), rest)  # a bone of no length goes straight on
+      result[:, joint] = result[:, parent] + direction * skeleton.bone_lengths[joint]
+  return result
+
+
+def _foot_move(source, result, leg, unit):
+  """How an ankle should differ from the scaled source's, (T, 3), so that neither ankle nor toes slide on the floor.
+
+  A foot of another length cannot keep both. In height the toes are kept. On the ground the difference e solves
+  min sum a |step of e|^2 + b |step of (e + g)|^2 + c |e + g / 2|^2, where g is how much further the toes reach, a and b
+  say how firmly ankle and toes stand in the source, and the small c keeps the foot from drifting away.
+  """
+  ankle, toes = leg[2], leg[-1]
+  reach = (result[:, toes] - result[:, ankle]) - (source[:, toes] - source[:, ankle])
+  move = -reach
+  if len(source) < 3:
+    return move
+  firm_ankle, firm_toes = _firmness(source[:, ankle], unit), _firmness(source[:, toes], unit)
+  pull = 1e-3
+  steps = np.diff(reach[:, [0, 2]], axis=0) * firm_toes[:, None]
+  both = firm_ankle + firm_toes
+  diagonal = pull + np.append(both, 0) + np.append(0, both)
+  banded = np.stack([np.append(0, -both), diagonal])
+  pushed = np.zeros((len(source), 2))
+  pushed[:-1] += steps
+  pushed[1:] -= steps
+  move[:, [0, 2]] = solveh_banded(banded, pushed - pull / 2 * reach[:, [0, 2]])
+  return move
+
+
+def _firmness(path, unit):
+  """How firmly a joint (T, 3) stands during each step (T - 1,): 1 when slow and low, near 0.02 in the air."""
+  speed = np.linalg.norm(np.diff(path, axis=0), axis=-1) * unit
+  height = (path[:, 1] - np.percentile(path[:, 1], _FLOOR_PERCENTILE)) * unit
+  low = 1 / (1 + (np.maximum(height[:-1], height[1:]).clip(0) / 0.06) ** 4)
+  return 0.02 + low / (1 + (speed / 0.02) ** 2)
+
+
+def _bend_leg(source, result, leg, move, skeleton):
+  """Moves knee, ankle and all below so that the ankle is at source + move, as far as the leg reaches. In place."""
+  hip, knee, ankle = leg[:3]
+  thigh, shin = skeleton.bone_lengths[knee], skeleton.bone_lengths[ankle]
+  line = source[:, ankle] + move - result[:, hip]
+  distance = np.linalg.norm(line, axis=-1)
+  along = line / np.maximum(distance, 1e-9)[:, None]
+  distance = np.clip(_soft_limit(distance, thigh + shin), 1.001 * abs(thigh - shin), 0.9999 * (thigh + shin))
+  # The knee's side: off the source's own hip-ankle line, plus a little ahead for legs too straight to tell.
+  own = _across(source[:, knee] - source[:, hip], source[:, ankle] - source[:, hip])
+  ahead = _ahead(source, skeleton) * _KNEE_BIAS / skeleton.unit
+  side = _across(own + ahead, line)
+  side /= np.maximum(np.linalg.norm(side, axis=-1, keepdims=True), 1e-9)
+  cosine = (thigh**2 + distance**2 - shin**2) / (2 * thigh * distance)
+  sine = np.sqrt(np.maximum(0, 1 - cosine**2))
+  below = [result[:, joint] - result[:, ankle] for joint in leg[3:]]
+  result[:, knee] = result[:, hip] + thigh * (cosine[:, None] * along + sine[:, None] * side)
+  result[:, ankle] = result[:, hip] + distance[:, None] * along
+  for joint, offset in zip(leg[3:], below):
+    result[:, joint] = result[:, ankle] + offset
+
+
+def _soft_limit(distance, reach):
+  """distance up to a part of reach, then ever slower towards it, without a kink."""
+  start = _SOFT_REACH * reach
+  over = np.maximum(distance - start, 0)
+  return np.minimum(distance, start) + (reach - start) * -np.expm1(-over / (reach - start))
+
+
+def _across(v, line):
+  """The part of v (T, 3) at right angles to line (T, 3)."""
+  return v - line * ((v * line).sum(-1, keepdims=True) / np.maximum((line * line).sum(-1, keepdims=True), 1e-12))
+
+
+def _ahead(joints, skeleton):
+  """Where the pelvis faces (T, 3): from the hips' line and the trunk, so also for a body that lies down."""
+  right, left = (joints[:, hip] for hip in skeleton.hips)
+  spine = joints[:, skeleton.chains[2][1]] - (left + right) / 2
+  ahead = np.cross(left - right, spine)
+  return ahead / np.maximum(np.linalg.norm(ahead, axis=-1, keepdims=True), 1e-9)
