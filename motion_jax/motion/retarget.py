@@ -58,7 +58,7 @@ def leg_scale(joints, skeleton=HUMANML3D):
 
 
 def floor_height(joints, skeleton=HUMANML3D):
-  """The height at which the feet of joints (T, J, 3) stand: the lower foot in its lowest 5 % of frames, spikes aside."""
+  """The height at which the feet of joints (T, J, 3) stand: the lower foot in its lowest frames, spikes aside."""
   feet = list(skeleton.left_feet + skeleton.right_feet)
   return np.percentile(joints[:, feet, 1].min(1), _FLOOR_PERCENTILE)
 
