@@ -9,8 +9,8 @@ from scipy.linalg import solveh_banded
 from motion_jax.motion.skeleton import HUMANML3D
 
 _FLOOR_PERCENTILE = 5     # of the lower foot's height over the clip: a tracking spike does not lift the clip
-_SOFT_REACH = 0.985       # from this part of a straight leg on, the knee resists stretching and cannot snap
-_KNEE_BIAS = 0.02         # metres ahead that a straight leg's knee is taken to bend
+_SOFT_REACH = 0.985       # from this part of a straight leg on, a knee resists being straighter than the source's
+_KNEE_BIAS = 0.005        # metres ahead that a straight leg's knee is taken to bend
 
 
 def retarget(joints, skeleton=HUMANML3D, feet=True):
@@ -122,7 +122,10 @@ def _bend_leg(source, result, leg, move, skeleton):
   line = source[:, ankle] + move - result[:, hip]
   distance = np.linalg.norm(line, axis=-1)
   along = line / np.maximum(distance, 1e-9)[:, None]
-  distance = np.clip(_soft_limit(distance, thigh + shin), 1.001 * abs(thigh - shin), 0.9999 * (thigh + shin))
+  bones = [np.linalg.norm(source[:, a] - source[:, b], axis=-1) for a, b in ((knee, hip), (ankle, knee), (ankle, hip))]
+  straight = np.clip(bones[2] / np.maximum(bones[0] + bones[1], 1e-9), _SOFT_REACH, 0.9999)
+  distance = _soft_limit(distance, straight * (thigh + shin), thigh + shin)
+  distance = np.clip(distance, 1.001 * abs(thigh - shin), 0.99999 * (thigh + shin))
   # The knee's side: off the source's own hip-ankle line, plus a little ahead for legs too straight to tell.
   own = _across(source[:, knee] - source[:, hip], source[:, ankle] - source[:, hip])
   ahead = _ahead(source, skeleton) * _KNEE_BIAS / skeleton.unit
@@ -137,9 +140,8 @@ def _bend_leg(source, result, leg, move, skeleton):
     result[:, joint] = result[:, ankle] + offset
 
 
-def _soft_limit(distance, reach):
-  """distance up to a part of reach, then ever slower towards it, without a kink."""
-  start = _SOFT_REACH * reach
+def _soft_limit(distance, start, reach):
+  """distance up to start, then ever slower towards reach, without a kink."""
   over = np.maximum(distance - start, 0)
   return np.minimum(distance, start) + (reach - start) * -np.expm1(-over / (reach - start))
 
