@@ -68,6 +68,20 @@ def mirror(joints, skeleton=HUMANML3D):
   return np.asarray(joints)[..., list(skeleton.mirror), :] * np.array([-1, 1, 1], np.asarray(joints).dtype)
 
 
+def bend(start, end, side, upper, lower):
+  """The middle joint (T, 3) of a limb from start to end whose bones are upper and lower long, bent towards side.
+
+  All (T, 3); ends farther apart than the limb is long are the caller's to avoid.
+  """
+  line = end - start
+  distance = np.linalg.norm(line, axis=-1, keepdims=True)
+  side = _across(side, line)
+  side = side / np.maximum(np.linalg.norm(side, axis=-1, keepdims=True), 1e-9)
+  cosine = (upper**2 + distance**2 - lower**2) / np.maximum(2 * upper * distance, 1e-9)
+  sine = np.sqrt(np.maximum(0, 1 - cosine**2))
+  return start + upper * (cosine * line / np.maximum(distance, 1e-9) + sine * side)
+
+
 def _with_lengths(source, skeleton):
   """The source's bone directions with the skeleton's lengths, from the source's root."""
   result = source.copy()
@@ -129,13 +143,9 @@ def _bend_leg(source, result, leg, move, skeleton):
   # The knee's side: off the source's own hip-ankle line, plus a little ahead for legs too straight to tell.
   own = _across(source[:, knee] - source[:, hip], source[:, ankle] - source[:, hip])
   ahead = _ahead(source, skeleton) * _KNEE_BIAS / skeleton.unit
-  side = _across(own + ahead, line)
-  side /= np.maximum(np.linalg.norm(side, axis=-1, keepdims=True), 1e-9)
-  cosine = (thigh**2 + distance**2 - shin**2) / (2 * thigh * distance)
-  sine = np.sqrt(np.maximum(0, 1 - cosine**2))
   below = [result[:, joint] - result[:, ankle] for joint in leg[3:]]
-  result[:, knee] = result[:, hip] + thigh * (cosine[:, None] * along + sine[:, None] * side)
   result[:, ankle] = result[:, hip] + distance[:, None] * along
+  result[:, knee] = bend(result[:, hip], result[:, ankle], own + ahead, thigh, shin)
   for joint, offset in zip(leg[3:], below):
     result[:, joint] = result[:, ankle] + offset
 
