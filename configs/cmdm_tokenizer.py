@@ -1,0 +1,40 @@
+"""CMDM's causal VAE (MAC-VAE without the teacher term) on features.
+
+  python launch.py --config configs/cmdm_tokenizer.py --workdir runs/tokenizer --config.data.folder=HumanML3D
+  ... --config configs/cmdm_tokenizer.py:small     the tokenizer that ships, on the archives, a CPU's evening
+  ... --config configs/cmdm_tokenizer.py:tiny      two steps on formulas, seconds
+
+`full` is the released code's configuration (facts: cmdm 2.5): 76.3 M parameters.
+"""
+import ml_collections
+
+
+def get_config(size="full"):
+  config = ml_collections.ConfigDict()
+  config.stage = "cmdm.tokenizer"
+  config.seed = 5427
+  config.frozen = dict()
+  config.model = dict(features=263, latent_dim=64, width=1024, num_halvings=2, dilations=(9, 3, 1), teacher_dim=0)
+  config.loss = dict(kl_weight=0.01, kl_ramp=2_000, root_weight=0.05, micro_batch=128)
+  config.data = dict(name="humanml3d", folder="", folders=(), layout="full", mode="benchmark", mirror=False,
+                     batch_size=256, window=64, stride=10)
+  config.optimizer = dict(learning_rate=2e-4, schedule="step", boundaries=(150_000, 250_000), gamma=0.1,
+                          cooldown_steps=0, warmup_steps=2_000, beta1=0.9, beta2=0.99, weight_decay=0.0, clip_norm=1.0,
+                          ema_decay=0.0, skip_loss=0.0)
+  config.train = dict(num_steps=40_000, log_every=50, save_every=2_000)
+  if size == "small":
+    config.model.update(latent_dim=32, width=192)
+    config.loss.update(micro_batch=64, kl_weight=1.0, kl_ramp=500)
+    config.data.update(name="archive", mode="corrected", mirror=True, batch_size=64)
+    config.optimizer.update(learning_rate=6e-4, schedule="trapezoid", warmup_steps=200, cooldown_steps=2_000,
+                            ema_decay=0.999)
+    config.train.update(num_steps=6_000, log_every=20, save_every=500)
+  elif size == "tiny":
+    config.model.update(latent_dim=4, width=16)
+    config.loss.update(micro_batch=2, kl_ramp=2)
+    config.data.update(name="synthetic", mode="corrected", batch_size=4)
+    config.optimizer.update(warmup_steps=1)
+    config.train.update(num_steps=2, log_every=1, save_every=2)
+  elif size != "full":
+    raise ValueError(f"got size {size!r}, expected full, small or tiny")
+  return config.lock()

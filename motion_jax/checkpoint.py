@@ -1,0 +1,127 @@
+"""A run folder: config.json, Mean.npy and Std.npy, params.safetensors, metrics.jsonl, checkpoints/.
+
+What is needed to use a model lies in plain files that any tool reads; what is needed to go on training lies in
+checkpoints/, written by orbax.
+"""
+import json
+import os
+import pathlib
+
+import flax
+import jax
+import ml_collections
+import numpy as np
+import orbax.checkpoint as ocp
+from PIL import Image, ImageDraw
+from safetensors.numpy import load_file, save_file
+
+from motion_jax.data.clip import atomic_path
+
+CONFIG, PARAMS, METRICS = "config.json", "params.safetensors", "metrics.jsonl"
+
+
+class Saver:
+  """Keeps the newest two training states of a run; a save cut short is ignored when the run goes on."""
+
+  def __init__(self, workdir):
+    options = ocp.CheckpointManagerOptions(max_to_keep=2, create=True)
+    self._manager = ocp.CheckpointManager(pathlib.Path(workdir).absolute() / "checkpoints", options=options)
+
+  @property
+  def latest(self):
+    return self._manager.latest_step()
+
+  def save(self, step, state):
+    if step != self.latest:
+      self._manager.save(step, args=ocp.args.StandardSave(state))
+      self._manager.wait_until_finished()  # the state's buffers are donated to the next step
+
+  def restore(self, like):
+    """The newest state, in the shapes and types of `like`."""
+    target = jax.tree.map(ocp.utils.to_shape_dtype_struct, like)
+    return self._manager.restore(self.latest, args=ocp.args.StandardRestore(target))
+
+  def close(self):
+    self._manager.close()
+
+
+def is_fresh(workdir):
+  """True while a run folder holds nothing but what its start wrote."""
+  folder = pathlib.Path(workdir)
+  return not (folder / METRICS).exists() and not (folder / PARAMS).exists()
+
+
+def save_params(folder, params, dtype=np.float32, name=PARAMS):
+  """Parameters as one flat safetensors file, keys joined by "/"."""
+  flat = flax.traverse_util.flatten_dict(flax.core.unfreeze(params), sep="/")
+  with atomic_path(pathlib.Path(folder) / name) as path:
+    save_file({key: np.asarray(value, dtype) for key, value in flat.items()}, path)
+
+
+def load_params(folder, like=None, name=PARAMS):
+  """Reads what save_params wrote, as float32. With `like` (arrays or shapes) every name and shape must agree."""
+  path = pathlib.Path(folder) / name
+  if not path.is_file():
+    raise FileNotFoundError(f"{folder} has no {name}; a run folder holds {CONFIG}, Mean.npy, Std.npy and {name}")
+  flat = {key: value.astype(np.float32) for key, value in load_file(path).items()}
+  if like is not None:
+    expected = flax.traverse_util.flatten_dict(flax.core.unfreeze(like), sep="/")
+    wrong = [f"{key}: {flat[key].shape if key in flat else 'missing'} instead of "
+             f"{expected[key].shape if key in expected else 'nothing'}"
+             for key in sorted(flat.keys() | expected.keys())
+             if key not in flat or key not in expected or flat[key].shape != expected[key].shape]
+    if wrong:
+      raise ValueError(f"{path} does not fit its config: " + "; ".join(wrong[:5]) +
+                       (f" and {len(wrong) - 5} more" if len(wrong) > 5 else ""))
+  return flax.traverse_util.unflatten_dict(flat, sep="/")
+
+
+def save_config(folder, config):
+  with atomic_path(pathlib.Path(folder) / CONFIG) as path:
+    path.write_text(json.dumps(config.to_dict(), indent=1) + "\n")
+
+
+def load_config(folder) -> ml_collections.FrozenConfigDict:
+  path = pathlib.Path(folder) / CONFIG
+  if not path.is_file():
+    raise FileNotFoundError(f"{folder} has no {CONFIG}; expected a run folder, written by launch.py")
+  try:
+    return ml_collections.FrozenConfigDict(json.loads(path.read_text()))
+  except json.JSONDecodeError as error:
+    raise ValueError(f"{path} is not valid JSON ({error}); restore it from the run that wrote it") from error
+
+
+def append_metrics(folder, row):
+  with open(pathlib.Path(folder) / METRICS, "a", encoding="utf-8") as file:
+    file.write(json.dumps({key: float(f"{value:.6g}") if isinstance(value, float) else value
+                           for key, value in row.items()}) + os.linesep)
+
+
+def draw_curve(folder, size=(900, 420)):
+  """loss.png: the loss over the steps, on a logarithmic axis where all values are positive."""
+  folder = pathlib.Path(folder)
+  if not (folder / METRICS).is_file():
+    return
+  rows = [json.loads(line) for line in (folder / METRICS).read_text().splitlines()]
+  points = [(row["step"], row["loss"]) for row in rows if np.isfinite(row.get("loss", np.nan))]
+  if not points:
+    return
+  steps, losses = np.array(points, float).T
+  # Sums of log-densities may be negative: then the axis is linear.
+  logarithmic = losses.min() > 0
+  values = np.log10(losses) if logarithmic else losses
+  low, high = values.min(), max(values.max(), values.min() + 1e-6)
+  width, height, margin = *size, 60
+  image = Image.new("RGB", size, "white")
+  draw = ImageDraw.Draw(image)
+  draw.rectangle((margin, 20, width - 20, height - 40), outline=(200, 200, 200))
+  x = margin + (steps - steps[0]) / max(steps[-1] - steps[0], 1) * (width - 20 - margin)
+  y = 20 + (high - values) / (high - low) * (height - 60)
+  draw.line(list(zip(x, y)) if len(x) > 1 else [(x[0], y[0]), (x[0] + 1, y[0])], fill=(40, 90, 200), width=2)
+  for value in (low, high):
+    label = f"{10 ** value if logarithmic else value:.4g}"
+    draw.text((4, 14 + (high - value) / (high - low) * (height - 60)), label, fill="black")
+  draw.text((margin, height - 34), f"step {steps[0]:.0f}", fill="black")
+  draw.text((width - 110, height - 34), f"step {steps[-1]:.0f}", fill="black")
+  with atomic_path(folder / "loss.png") as path:
+    image.save(path)

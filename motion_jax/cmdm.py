@@ -1,0 +1,140 @@
+"""CMDM on one page: a causal tokenizer, a causal denoiser with a noise level per frame, and frame-wise sampling.
+
+The paper is "Causal Motion Diffusion Models for Autoregressive Motion Generation"; facts and numbers follow the
+released code, see the comments that start with "Parity".
+"""
+import jax
+import jax.numpy as jnp
+
+from motion_jax.diffusion import paths
+from motion_jax.nets.causal_dit import CausalDiT
+from motion_jax.nets.causal_vae import CausalVAE, sample_latent
+from motion_jax.nets.masks import block_causal_mask, padding_mask
+from motion_jax.stage import Stage
+
+
+# --- losses of the tokenizer -------------------------------------------------------------------------------------
+
+
+def gaussian_nll(prediction, target):
+  """Reconstruction under a Gaussian whose one sigma is the best for this batch; summed over all elements.
+
+  s = log sqrt(mean squared error), softly floored at -6; gradients flow through it (facts: cmdm 2.3).
+  """
+  square = (prediction - target) ** 2
+  log_sigma = jnp.log(jnp.maximum(jnp.sqrt(square.mean()), 1e-8))
+  log_sigma = -6 + jax.nn.softplus(log_sigma + 6)
+  return (square / (2 * jnp.exp(2 * log_sigma)) + log_sigma + 0.5 * jnp.log(2 * jnp.pi)).sum()
+
+
+def kl_to_standard_normal(mean, logvar):
+  """KL divergence to N(0, I), summed over latents and channels, averaged over the batch."""
+  return -0.5 * (1 + logvar - mean ** 2 - jnp.exp(logvar)).sum((1, 2)).mean()
+
+
+def tokenizer_terms(vae, params, x, noise, kl_weight, root_weight, root_columns=slice(0, 4)):
+  """Loss terms of one micro-batch x (B, T, F): a dict with rec, root, kl and their weighted sum, loss."""
+  y, mean, logvar = vae.apply(params, x, noise)
+  y = y.astype(jnp.float32)
+  terms = {"rec": gaussian_nll(y, x), "root": gaussian_nll(y[..., root_columns], x[..., root_columns]),
+           "kl": kl_to_standard_normal(mean, logvar), "mse": ((y - x) ** 2).mean()}
+  terms["loss"] = terms["rec"] + kl_weight * terms["kl"] + root_weight * terms["root"]
+  return terms
+
+
+# --- stages ------------------------------------------------------------------------------------------------------
+
+
+def tokenizer_stage(config) -> Stage:
+  """Trains the causal VAE on windows: batch["features"] (B, T, F), normalized.
+
+  The sigma of the reconstruction loss belongs to a micro-batch, so the batch is cut into micro-batches of a fixed size,
+  and the same ones arise on any number of devices.
+  """
+  vae = CausalVAE(**config.model)
+  loss_config = config.loss
+
+  def latent_shape(x):
+    return x.shape[:-2] + (x.shape[-2] // 2 ** vae.num_halvings, vae.latent_dim)
+
+  def init(batch, rng):
+    x = batch["features"][:1]
+    return vae.init(rng, x, jnp.zeros(latent_shape(x)))
+
+  def loss(params, frozen, batch, step, rng):
+    x = batch["features"]
+    size = min(loss_config.micro_batch, config.data.batch_size)
+    if x.shape[0] % size:
+      raise ValueError(f"got {x.shape[0]} windows on a device, expected a multiple of loss.micro_batch = {size}; change "
+                       "data.batch_size, loss.micro_batch or the number of devices")
+    # One key per window, by its place in the whole batch: the same noise on one device as on many.
+    keys = jax.vmap(lambda i: jax.random.fold_in(rng, i))(batch["index"])
+    noise = jax.vmap(lambda key: jax.random.normal(key, latent_shape(x)[1:]))(keys)
+    kl_weight = loss_config.kl_weight * jnp.minimum(1.0, step / loss_config.kl_ramp)
+    split = lambda a: a.reshape((-1, size) + a.shape[1:])
+    terms = [tokenizer_terms(vae, params, a, e, kl_weight, loss_config.root_weight)
+             for a, e in zip(split(x), split(noise))]
+    return jax.tree.map(lambda *parts: sum(parts), *terms), float(len(terms))
+
+  def predict(params, frozen, batch, rng):
+    mean, logvar = vae.apply(params, batch["features"], method="encode")
+    return {"features": vae.apply(params, mean, method="decode"), "mean": mean, "logvar": logvar}
+
+  return Stage(init, loss, predict)
+
+
+def encode_latents(vae, frozen, features, rng_keys):
+  """Latents (B, N, C) to diffuse: a draw of the frozen encoder per clip, scaled to unit variance if asked.
+
+  frozen: params of the tokenizer and latent_mean, latent_std (C,), which are 0 and 1 in the released code
+  (Parity: latents are sampled, not means, and not scaled; scaling is an option, facts cmdm 7 row 16).
+  """
+  mean, logvar = vae.apply(frozen["tokenizer"], features, method="encode")
+  noise = jax.vmap(lambda key: jax.random.normal(key, mean.shape[1:]))(rng_keys)
+  return (sample_latent(mean, logvar, noise) - frozen["latent_mean"]) / frozen["latent_std"]
+
+
+def denoiser_stage(config) -> Stage:
+  """Trains the causal diffusion transformer by diffusion forcing on latents of the frozen tokenizer.
+
+  Batch: features (B, T, F), num_frames (B,), text_emb (B, S, E), text_mask (B, S), index (B,) place in the whole batch.
+  """
+  vae = CausalVAE(**config.tokenizer)
+  dit = CausalDiT(**config.model)
+  block = dit.block
+  level_block = config.loss.get("level_block", block)
+
+  def inputs(frozen, batch, rng):
+    encode_rng, level_rng, noise_rng, drop_rng = jax.random.split(rng, 4)
+    keys = lambda key: jax.vmap(lambda i: jax.random.fold_in(key, i))(batch["index"])
+    z1 = encode_latents(vae, frozen, batch["features"], keys(encode_rng))
+    latent_mask = padding_mask(batch["num_frames"] // vae.frames_per_latent, z1.shape[1])
+    z1 = jnp.where(latent_mask[..., None], z1, 0.0)
+    t = jax.vmap(lambda key: paths.forcing_times(key, 1, z1.shape[1], level_block)[0])(keys(level_rng))
+    noise = jax.vmap(lambda key: jax.random.normal(key, z1.shape[1:]))(keys(noise_rng))
+    drop = jax.vmap(lambda key: jax.random.bernoulli(key, config.loss.drop_rate))(keys(drop_rng))
+    text_emb = jnp.where(drop[:, None, None], 0.0, batch["text_emb"])
+    return z1, latent_mask, t, noise, text_emb
+
+  def init(batch, rng):
+    length = batch["features"].shape[1] // vae.frames_per_latent
+    x = jnp.zeros((1, length, vae.latent_dim))
+    return dit.init(rng, x, jnp.zeros((1, length)), batch["text_emb"][:1], block_causal_mask(length, block),
+                    batch["text_mask"][:1])
+
+  def loss(params, frozen, batch, step, rng):
+    z1, latent_mask, t, noise, text_emb = inputs(frozen, batch, rng)
+    attn_mask = block_causal_mask(z1.shape[1], block) & latent_mask[:, None, None, :]
+    velocity = lambda x, t: dit.apply(params, x, t, text_emb, attn_mask, batch["text_mask"])
+    return paths.forcing_loss(velocity, z1, latent_mask, t, noise)
+
+  def predict(params, frozen, batch, rng):
+    z1, latent_mask, t, noise, text_emb = inputs(frozen, batch, rng)
+    attn_mask = block_causal_mask(z1.shape[1], block) & latent_mask[:, None, None, :]
+    x = paths.add_noise(z1, noise, t)
+    return {"velocity": dit.apply(params, x, t, text_emb, attn_mask, batch["text_mask"]), "target": z1 - noise}
+
+  return Stage(init, loss, predict)
+
+
+STAGES = {"cmdm.tokenizer": tokenizer_stage, "cmdm.denoiser": denoiser_stage}

@@ -1,0 +1,110 @@
+"""Batches: what is drawn, cut and padded is a pure function of (seed, step), so a resumed run sees the same data."""
+import dataclasses
+
+import numpy as np
+
+
+def step_rng(seed, *path):
+  """A numpy generator keyed by integers: the same numbers whatever ran before."""
+  return np.random.Generator(np.random.Philox(np.random.SeedSequence((seed,) + path)))
+
+
+def epoch_indices(num_items, batch_size, seed, step):
+  """Indices (batch_size,) of a batch when every item comes once an epoch, the last partial batch dropped."""
+  per_epoch = num_items // batch_size
+  if not per_epoch:
+    raise ValueError(f"got {num_items} items for batches of {batch_size}; lower data.batch_size or add data")
+  epoch, place = divmod(step, per_epoch)
+  return step_rng(seed, 0, epoch).permutation(num_items)[place * batch_size:(place + 1) * batch_size]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Windows:
+  """Windows of a fixed number of frames from clips, for the autoencoders (facts: cmdm 1.3).
+
+  features: list of normalized (T_i, F); clips shorter than the window are left out.
+  """
+  features: list[np.ndarray]
+  window: int = 64
+  stride: int = 10
+
+  def __post_init__(self):
+    starts = [(i, s) for i, x in enumerate(self.features) for s in range(0, len(x) - self.window + 1, self.stride)]
+    if not starts:
+      raise ValueError(f"none of {len(self.features)} clips has the {self.window} frames of a window")
+    object.__setattr__(self, "starts", np.array(starts))
+
+  def __len__(self):
+    return len(self.starts)
+
+  def batch(self, batch_size, seed, step):
+    """-> features (B, window, F), index (B,)."""
+    chosen = self.starts[epoch_indices(len(self), batch_size, seed, step)]
+    return {"features": np.stack([self.features[i][s:s + self.window] for i, s in chosen]),
+            "index": np.arange(batch_size)}
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class TextItems:
+  """Clips with captions, for the generators (facts: cmdm 1.3, cdamd 1.2).
+
+  features: list of normalized (T_i, F), captions: a list of captions for each. `lengths` are the padded frame counts on
+  offer, rising; a batch is drawn from the items of one of them, which saves the arithmetic of padding. One length pads
+  everything to the same, as the reference does. `weights` (one per item) make the draw with replacement in proportion
+  to them, for data with rare actions; without them every item comes once an epoch.
+  """
+  features: list[np.ndarray]
+  captions: list[list[str]]
+  min_frames: int = 40
+  max_frames: int = 192
+  lengths: tuple[int, ...] = (192,)
+  unit: int = 4
+  weights: np.ndarray | None = None
+
+  def __post_init__(self):
+    if self.lengths[-1] != self.max_frames:
+      raise ValueError(f"got padded lengths {self.lengths}, the last must be max_frames = {self.max_frames}")
+    # Parity: "< 200" is the reference's upper limit for clips that are then cut to 192.
+    kept = [i for i, x in enumerate(self.features)
+            if self.min_frames <= len(x) < self.max_frames + 8 and self.captions[i]]
+    if not kept:
+      raise ValueError(f"none of {len(self.features)} clips has {self.min_frames} to {self.max_frames + 7} frames and "
+                       "a caption")
+    frames = np.array([min(len(self.features[i]), self.max_frames) for i in kept])
+    object.__setattr__(self, "kept", np.array(kept))
+    object.__setattr__(self, "bucket_of", np.searchsorted(self.lengths, frames))
+
+  def __len__(self):
+    return len(self.kept)
+
+  def batch(self, batch_size, seed, step):
+    """-> features (B, T, F) zero-padded, num_frames (B,), caption (list of B), index (B,)."""
+    rng = step_rng(seed, 1, step)
+    if self.weights is None and len(self.lengths) == 1:
+      chosen = self.kept[epoch_indices(len(self), batch_size, seed, step)]
+      length = self.lengths[0]
+    else:
+      weights = np.ones(len(self)) if self.weights is None else np.asarray(self.weights)[self.kept]
+      shares = np.array([weights[self.bucket_of == b].sum() for b in range(len(self.lengths))])
+      bucket = rng.choice(len(self.lengths), p=shares / shares.sum())
+      inside = np.flatnonzero(self.bucket_of == bucket)
+      p = weights[inside] / weights[inside].sum()
+      chosen, length = self.kept[rng.choice(inside, batch_size, p=p)], self.lengths[bucket]
+    out = np.zeros((batch_size, length, self.features[0].shape[-1]), np.float32)
+    num_frames, captions = np.zeros(batch_size, np.int32), []
+    for row, i in enumerate(chosen):
+      clip = self.features[i]
+      # Parity: one time in three a unit less than the clip holds, then a random place in the clip.
+      count = len(clip) // self.unit - (rng.random() < 1 / 3)
+      count = min(max(count, 1) * self.unit, self.max_frames)
+      start = rng.integers(len(clip) - count + 1)
+      out[row, :count] = clip[start:start + count]
+      num_frames[row] = count
+      captions.append(self.captions[i][rng.integers(len(self.captions[i]))])
+    return {"features": out, "num_frames": num_frames, "caption": captions, "index": np.arange(batch_size)}
+
+
+def balance_weights(groups, power):
+  """Weights (N,) that draw group g in proportion to count(g) ** (1 - power): 0 as it is, 1 all groups alike."""
+  names, inverse, counts = np.unique(groups, return_inverse=True, return_counts=True)
+  return counts[inverse].astype(np.float64) ** -power

@@ -1,0 +1,79 @@
+"""Mean and standard deviation of a feature layout: what a network sees is (features - mean) / std."""
+import dataclasses
+import hashlib
+import pathlib
+
+import numpy as np
+
+from motion_jax.motion.features import FeatureLayout, get_layout, layout_for
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Stats:
+  """mean and std, float32 (F,), of features in a layout."""
+  mean: np.ndarray
+  std: np.ndarray
+  layout: FeatureLayout
+
+  def __post_init__(self):
+    for name in ("mean", "std"):
+      value = getattr(self, name)
+      if np.shape(value) != (self.layout.dim,):
+        raise ValueError(f"got a {name} of shape {np.shape(value)}, layout {self.layout.name!r} needs "
+                         f"({self.layout.dim},); these statistics belong to another representation")
+      if not np.isfinite(value).all():
+        raise ValueError(f"the {name} holds NaN or infinity; compute the statistics again without the bad clips")
+    if not (self.std > 0).all():
+      raise ValueError(f"the std is not positive in column {int(np.argmin(self.std))}; a constant column needs std 1")
+
+  def normalize(self, features):
+    return (features - self.mean) / self.std
+
+  def denormalize(self, features):
+    return features * self.std + self.mean
+
+  @property
+  def fingerprint(self) -> str:
+    """Short hash by which a run names the statistics that it was trained with."""
+    return hashlib.sha256(self.mean.tobytes() + self.std.tobytes()).hexdigest()[:12]
+
+
+def compute_stats(features, layout, per_axis=False) -> Stats:
+  """Statistics over all frames of a list of (T, F) arrays, or of one (N, F) array.
+
+  Full and essential features: the std is averaged inside each block (facts: cmdm 1.2). Coordinates: per column, or with
+  per_axis one mean and std for x, y and z over all joints (facts: cdamd 1.3).
+  """
+  layout = get_layout(layout)
+  frames = np.concatenate(features, dtype=np.float64) if isinstance(features, list | tuple) else (
+      np.asarray(features, np.float64))
+  layout.check(frames)
+  if per_axis and layout.kind == "coordinates":
+    axes = frames.reshape(-1, 3)
+    copies = layout.dim // 3
+    mean, std = np.tile(axes.mean(0), copies), np.tile(axes.std(0), copies)
+  else:
+    mean, std = frames.mean(0), frames.std(0)
+    if layout.kind != "coordinates":
+      for block in layout.blocks.values():
+        std[block] = std[block].mean()
+  std = np.where(std < 1e-8, 1.0, std)  # a column that never moves stays as it is
+  return Stats(mean.astype(np.float32), std.astype(np.float32), layout)
+
+
+def save_stats(stats, folder):
+  """Writes Mean.npy and Std.npy, the names that the field's tools look for."""
+  folder = pathlib.Path(folder)
+  np.save(folder / "Mean.npy", stats.mean)
+  np.save(folder / "Std.npy", stats.std)
+
+
+def load_stats(folder, layout=None) -> Stats:
+  """Reads Mean.npy and Std.npy; without a layout their length tells it."""
+  folder = pathlib.Path(folder)
+  values = []
+  for name in ("Mean.npy", "Std.npy"):
+    if not (folder / name).is_file():
+      raise FileNotFoundError(f"{folder} has no {name}; expected the statistics that the data or the run was made with")
+    values.append(np.load(folder / name, allow_pickle=False).astype(np.float32))
+  return Stats(*values, get_layout(layout) if layout else layout_for(values[0].shape[-1]))

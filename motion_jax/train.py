@@ -1,0 +1,193 @@
+"""The training loop: one pure step, pmapped over the devices, around any Stage."""
+import json
+import pathlib
+import signal
+import threading
+import time
+from typing import Any
+
+import flax
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+from tqdm import tqdm
+
+from motion_jax import checkpoint
+
+
+@flax.struct.dataclass
+class TrainState:
+  """All that changes while training, and with it all that a resumed run needs."""
+  step: jax.Array
+  params: Any
+  opt_state: Any
+  ema_params: Any
+
+
+def make_schedule(config, num_steps):
+  """Learning rate by update: lr (it + 1) / (warmup + 1) while it < warmup (facts: cmdm 2.5), then by name.
+
+  "constant"; "step": times `gamma` at each of `boundaries`; "cosine": to 0 at num_steps; "trapezoid": constant, then
+  straight to 0 over the last `cooldown_steps`, so that a run can be prolonged before it is cooled down.
+  """
+  kind, peak, warmup = config.schedule, config.learning_rate, config.warmup_steps
+
+  def schedule(step):
+    step = jnp.asarray(step, jnp.float32)
+    factor = jnp.ones(())
+    if kind == "step":
+      factor = config.gamma ** sum((step >= boundary).astype(jnp.float32) for boundary in config.boundaries)
+    elif kind == "cosine":
+      factor = 0.5 * (1 + jnp.cos(jnp.pi * jnp.clip((step - warmup) / max(num_steps - warmup, 1), 0, 1)))
+    elif kind == "trapezoid":
+      factor = jnp.clip((num_steps - step) / max(config.cooldown_steps, 1), 0, 1)
+    elif kind != "constant":
+      raise ValueError(f"got optimizer.schedule {kind!r}, expected constant, step, cosine or trapezoid")
+    return peak * factor * jnp.minimum(1.0, (step + 1) / (warmup + 1))
+
+  return schedule
+
+
+def make_optimizer(config, num_steps):
+  """AdamW as a config states it: betas, decay, gradient clipping by global norm (0 = none)."""
+  adamw = optax.adamw(make_schedule(config, num_steps), b1=config.beta1, b2=config.beta2,
+                      weight_decay=config.weight_decay)
+  return optax.chain(optax.clip_by_global_norm(config.clip_norm), adamw) if config.clip_norm else adamw
+
+
+def init_state(stage, tx, batch, rng):
+  params = stage.init(batch, rng)
+  copy = jax.tree.map(jnp.copy, params)  # donated buffers may not be shared
+  return TrainState(step=jnp.zeros((), jnp.int32), params=params, opt_state=tx.init(params), ema_params=copy)
+
+
+def make_train_step(stage, tx, ema_decay, skip_loss=0.0):
+  """-> train_step(state, frozen, batch, rng) -> (state, metrics), pmapped over the first axis of the batch.
+
+  skip_loss > 0 leaves the state as it was, but for the step count, when the loss is larger or not a number.
+  """
+
+  def train_step(state, frozen, batch, rng):
+    rng = jax.random.fold_in(rng, state.step)  # a resumed run replays the same noise
+
+    def total(params):
+      sums, weight = stage.loss(params, frozen, batch, state.step, rng)
+      return sums["loss"], (sums, weight)
+
+    grads, (sums, weight) = jax.grad(total, has_aux=True)(state.params)
+    # Sum first, divide last: devices hold unequal numbers of real frames.
+    grads, sums, weight = jax.lax.psum((grads, sums, weight), "devices")
+    grads, metrics = jax.tree.map(lambda s: s / weight, (grads, sums))
+    updates, opt_state = tx.update(grads, state.opt_state, state.params)
+    params = optax.apply_updates(state.params, updates)
+    ema_params = optax.incremental_update(params, state.ema_params, 1 - ema_decay)
+    metrics["grad_norm"] = optax.tree.norm(grads)
+    new = TrainState(state.step, params, opt_state, ema_params)
+    if skip_loss:
+      good = metrics["loss"] <= skip_loss
+      new = jax.tree.map(lambda a, b: jnp.where(good, a, b), new, state)
+      metrics["skipped"] = 1.0 - good
+    return new.replace(step=state.step + 1), metrics
+
+  return jax.pmap(train_step, "devices", in_axes=(None, None, 0, None), out_axes=None, donate_argnums=0)
+
+
+def shard(batch, num_devices):
+  """Arrays (B, ...) to (num_devices, B / num_devices, ...)."""
+  size = len(batch["index"])
+  if size % num_devices:
+    raise ValueError(f"got batches of {size} on {num_devices} devices; data.batch_size must be a multiple of them")
+  return {k: np.reshape(v, (num_devices, size // num_devices) + np.shape(v)[1:]) for k, v in batch.items()}
+
+
+class _Interrupt:
+  """Turns the first Ctrl-C or SIGTERM into a flag, so that a run stops between two steps."""
+
+  def __init__(self):
+    self.raised = False
+
+  def __enter__(self):
+    self.before = {}
+    if threading.current_thread() is threading.main_thread():
+      for number in (signal.SIGINT, signal.SIGTERM):
+        self.before[number] = signal.signal(number, self._note)
+    return self
+
+  def _note(self, number, frame):
+    self.raised = True
+    signal.signal(number, self.before[number])  # a second one ends the program at once
+
+  def __exit__(self, *_):
+    for number, handler in self.before.items():
+      signal.signal(number, handler)
+
+
+def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluate=None, max_seconds=None):
+  """Trains a stage in a run folder; returns the last TrainState.
+
+  next_batch(step) -> dict of arrays with "index" (B,), a pure function of the step. frozen: arrays that the loss reads
+  and nobody changes. evaluate(params) -> dict of numbers, called on the averaged parameters at every save. The folder
+  gets checkpoints/, params.safetensors (averaged if there is an average), metrics.jsonl and loss.png. max_seconds ends
+  a slice of a long run early; --resume goes on exactly where it ended.
+  """
+  workdir = pathlib.Path(workdir)
+  devices = jax.local_device_count()
+  num_steps, optimizer = config.train.num_steps, config.optimizer
+  tx = make_optimizer(optimizer, num_steps)
+  rng = jax.random.key(config.seed)
+  state = jax.jit(lambda batch, key: init_state(stage, tx, batch, key))(next_batch(0), jax.random.fold_in(rng, 2**31 - 1))
+  saver = checkpoint.Saver(workdir)
+  if saver.latest is not None:
+    if not resume:
+      raise ValueError(f"{workdir} holds a run at step {saver.latest}; --resume continues it, or choose another folder")
+    state = saver.restore(state)
+  elif resume and not checkpoint.is_fresh(workdir):
+    raise FileNotFoundError(f"{workdir} has no checkpoint to resume from; start without --resume in an empty folder")
+  frozen = jax.tree.map(jnp.asarray, frozen or {})
+  train_step = make_train_step(stage, tx, optimizer.ema_decay, optimizer.get("skip_loss", 0.0))
+  start = began = time.time()
+  first = int(state.step)
+  use_average = optimizer.ema_decay > 0
+  numbers = {}
+
+  def save(step):
+    params = state.ema_params if use_average else state.params
+    if evaluate is not None:
+      numbers.update(evaluate(params))
+      checkpoint.append_metrics(workdir, {"step": step, **numbers})
+    saver.save(step, state)
+    checkpoint.save_params(workdir, params)
+
+  logged = []
+  with _Interrupt() as interrupt, tqdm(total=num_steps, initial=first, unit="step", dynamic_ncols=True) as bar:
+    step = first
+    while step < num_steps:
+      state, metrics = train_step(state, frozen, shard(next_batch(step), devices), rng)
+      step += 1
+      logged.append(metrics)
+      if step % config.train.log_every == 0 or step == num_steps:
+        means = {k: float(np.mean([float(m[k]) for m in logged])) for k in logged[0]}
+        logged.clear()
+        if not np.isfinite(means["loss"]) and not optimizer.get("skip_loss", 0.0):
+          raise FloatingPointError(f"the loss is {means['loss']} near step {step}; the last good state is step "
+                                   f"{saver.latest}. Try a lower optimizer.learning_rate, and `motion-jax data doctor`")
+        checkpoint.append_metrics(workdir, {"step": step, "seconds": round(time.time() - began, 1), **means})
+        bar.set_postfix({k: f"{v:.4g}" for k, v in means.items() if k in ("loss", "mse")} |
+                        {k: f"{v:.4g}" for k, v in numbers.items()})
+      bar.update(1)
+      out_of_time = max_seconds is not None and time.time() - start > max_seconds
+      if step % config.train.save_every == 0 or step == num_steps or interrupt.raised or out_of_time:
+        save(step)
+      if interrupt.raised or out_of_time:
+        tqdm.write(f"stopped and saved at step {step}; --resume goes on from there")
+        break
+  saver.close()
+  checkpoint.draw_curve(workdir)
+  return state
+
+
+def read_metrics(workdir):
+  """The rows of metrics.jsonl, as dicts."""
+  path = pathlib.Path(workdir) / "metrics.jsonl"
+  return [json.loads(line) for line in path.read_text().splitlines()] if path.is_file() else []

@@ -1,0 +1,148 @@
+"""From a config to a trained run folder: joins data, text, stage and loop. What launch.py calls."""
+import pathlib
+
+import jax
+import numpy as np
+
+from motion_jax import checkpoint, cmdm, train
+from motion_jax.data import batches, sources
+from motion_jax.motion import stats as stats_lib
+from motion_jax.motion.features import to_joints
+from motion_jax.nets.causal_vae import CausalVAE
+from motion_jax.text.encoder import load_text_encoder
+
+STAGES = cmdm.STAGES
+
+
+def run(config, workdir, resume=False, max_seconds=None):
+  """Trains the stage that config.stage names in the folder workdir. Raises ValueError for a config that cannot run."""
+  if config.stage not in STAGES:
+    raise ValueError(f"got stage {config.stage!r}, expected one of {', '.join(STAGES)}")
+  workdir = pathlib.Path(workdir)
+  print(f"{config.stage} in {workdir} on {jax.local_device_count()} {jax.default_backend()} device(s)\n{config}")
+  if resume and (workdir / checkpoint.CONFIG).is_file():
+    _check_same_run(config, checkpoint.load_config(workdir))
+  make = _tokenizer_run if config.stage == "cmdm.tokenizer" else _denoiser_run
+  next_batch, frozen, evaluate, stats = make(config)
+  workdir.mkdir(parents=True, exist_ok=True)
+  if not resume and not checkpoint.is_fresh(workdir):
+    raise ValueError(f"{workdir} holds a run already; --resume continues it, or choose another folder")
+  checkpoint.save_config(workdir, config)
+  stats_lib.save_stats(stats, workdir)
+  state = train.train(config, workdir, STAGES[config.stage](config), next_batch, frozen, resume, evaluate, max_seconds)
+  print(f"wrote {workdir}/params.safetensors, metrics.jsonl, loss.png at step {int(state.step)}")
+  return state
+
+
+def _check_same_run(config, before):
+  for part in ("stage", "seed", "model", "loss", "data"):
+    now, then = config[part], before[part]
+    now, then = (c.to_dict() if hasattr(c, "to_dict") else c for c in (now, then))
+    if _plain(now) != _plain(then):
+      raise ValueError(f"--resume with another {part}: the run has {then}, got {now}; start a new folder instead")
+
+
+def _plain(value):
+  if isinstance(value, dict):
+    return {k: _plain(v) for k, v in value.items() if k not in ("folder", "folders")}
+  return [_plain(v) for v in value] if isinstance(value, list | tuple) else value
+
+
+def _tokenizer_run(config):
+  data = sources.load_features(config.data)
+  windows = batches.Windows(data.features, config.data.window, config.data.stride)
+  held_out = _held_out(config, data.stats)
+  vae = CausalVAE(**config.model)
+  reconstruct = jax.jit(lambda params, x: vae.apply(params, vae.apply(params, x, method="encode")[0], method="decode"))
+
+  def evaluate(params):
+    return {"held_out_mm": round(reconstruction_error(lambda x: reconstruct(params, x), held_out, data.stats), 2)}
+
+  def next_batch(step):
+    return windows.batch(config.data.batch_size, config.seed, step)
+
+  return next_batch, {}, evaluate, data.stats
+
+
+def _held_out(config, stats):
+  """Features of the validation split, or of the training clips where there is none (synthetic data)."""
+  try:
+    return sources.load_features(config.data, "val", stats).features
+  except ValueError:
+    return sources.load_features(config.data, "train", stats).features[:8]
+
+
+def reconstruction_error(reconstruct, features, stats, length=192):
+  """Mean distance in millimetres of joints before and after reconstruct(x (1, length, F)), both root-aligned.
+
+  Heading and path are those that the features sum up to (facts: cmdm 6.3, "with heading"). Clips are padded to one
+  length, so that one compiled function serves all.
+  """
+  total = count = 0
+  for clip in features:
+    clip = clip[:min(len(clip), length) // 4 * 4]
+    padded = np.zeros((1, length, clip.shape[-1]), np.float32)
+    padded[0, :len(clip)] = clip
+    joints = [to_joints(stats.denormalize(np.asarray(x)), stats.layout)
+              for x in (clip, reconstruct(padded)[0, :len(clip)])]
+    real, made = (j - j[:, :1] for j in joints)
+    total += np.linalg.norm(real - made, axis=-1).mean(-1).sum() * stats.layout.skeleton.unit * 1000
+    count += len(clip)
+  return float(total / count)
+
+
+def _denoiser_run(config):
+  folder = config.frozen.tokenizer
+  tokenizer_config, vae, params, stats = load_tokenizer(folder, config)
+  data = sources.load_features(config.data, stats=stats)
+  weights = None
+  if config.data.balance:
+    weights = batches.balance_weights(data.groups, config.data.balance)
+  items = batches.TextItems(data.features, data.captions, config.data.min_frames, config.data.max_frames,
+                            tuple(config.data.lengths), weights=weights)
+  encoder = load_text_encoder(config.frozen.text)
+  words = config.data.max_words
+
+  def next_batch(step):
+    batch = items.batch(config.data.batch_size, config.seed, step)
+    batch["text_emb"], batch["text_mask"] = encoder(batch.pop("caption"), pad_to=words)
+    return batch
+
+  mean = std = None
+  if config.loss.unit_latents:
+    mean, std = latent_moments(vae, params, data.features)
+  else:
+    mean, std = np.zeros(vae.latent_dim, np.float32), np.ones(vae.latent_dim, np.float32)
+  frozen = {"tokenizer": params, "latent_mean": mean, "latent_std": std}
+  return next_batch, frozen, None, data.stats
+
+
+def load_tokenizer(folder, config):
+  """(config, module, params, stats) of a trained tokenizer; "fresh" makes an untrained one for trying things out."""
+  if folder == "fresh":
+    vae = CausalVAE(**config.tokenizer)
+    x = np.zeros((1, 16, vae.features), np.float32)
+    params = vae.init(jax.random.key(0), x, np.zeros((1, 16 // vae.frames_per_latent, vae.latent_dim), np.float32))
+    return None, vae, params, sources.load_features(config.data).stats
+  tokenizer_config = checkpoint.load_config(folder)
+  vae = CausalVAE(**tokenizer_config.model)
+  shapes = jax.eval_shape(lambda: vae.init(jax.random.key(0), np.zeros((1, 16, vae.features), np.float32), np.zeros(
+      (1, 16 // vae.frames_per_latent, vae.latent_dim), np.float32)))
+  return tokenizer_config, vae, checkpoint.load_params(folder, shapes), stats_lib.load_stats(folder)
+
+
+def latent_moments(vae, params, features, num_clips=512, length=192):
+  """Mean and one common std of latents, per channel (C,), over some training clips."""
+  encode = jax.jit(lambda x: vae.apply(params, x, method="encode"))
+  means, variances, rows = [], [], 0
+  for i in np.linspace(0, len(features) - 1, min(num_clips, len(features))).astype(int):
+    clip = features[i][:length]
+    padded = np.zeros((1, length, clip.shape[-1]), np.float32)
+    padded[0, :len(clip)] = clip
+    mean, logvar = encode(padded)
+    rows = len(clip) // vae.frames_per_latent
+    means.append(np.asarray(mean)[0, :rows])
+    variances.append(np.exp(np.asarray(logvar)[0, :rows]))
+  z, variance = np.concatenate(means), np.concatenate(variances)
+  # Channels that the encoder leaves to the prior carry no motion; dividing by their own std keeps them at noise level.
+  return z.mean(0), np.sqrt(z.var(0) + variance.mean(0)).astype(np.float32)
