@@ -1,0 +1,216 @@
+"""BERT, MiniLM and DistilBERT: word pieces in, one feature vector per word piece out.
+
+All three are one network: learned positions, post-norm blocks, exact GELU. DistilBERT has no token types and no pooler;
+only the names of its weights differ. Sections 4.3 of cmdm-facts and golden/text say how CMDM uses it.
+"""
+import re
+from typing import Any
+
+import flax.linen as nn
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+ACTIVATIONS = {
+    "gelu": lambda x: jax.nn.gelu(x, approximate=False),
+    "gelu_new": lambda x: jax.nn.gelu(x, approximate=True),
+    "gelu_pytorch_tanh": lambda x: jax.nn.gelu(x, approximate=True),
+    "relu": jax.nn.relu,
+}
+
+
+class BertBlock(nn.Module):
+  """Self-attention over the real word pieces, then a feed-forward part; each is added and then normalised.
+
+  Shapes: x (B, S, D), text_mask (B, S) -> (B, S, D).
+  """
+  num_heads: int
+  mlp_width: int
+  activation: str = "gelu"
+  eps: float = 1e-12
+  dtype: Any = jnp.float32
+
+  @nn.compact
+  def __call__(self, x, text_mask):
+    batch, length, width = x.shape
+    dense = lambda size, name: nn.Dense(size, dtype=self.dtype, name=name)
+    norm = lambda name: nn.LayerNorm(epsilon=self.eps, dtype=self.dtype, use_fast_variance=False, name=name)
+    heads = lambda y: y.reshape(batch, length, self.num_heads, width // self.num_heads)
+
+    query, key, value = (heads(dense(width, name)(x)) for name in ("query", "key", "value"))
+    scores = jnp.einsum("bqhd,bkhd->bhqk", query, key) / np.sqrt(width // self.num_heads)
+    scores = scores.astype(jnp.promote_types(jnp.float32, scores.dtype))  # softmax in float32 or better
+    scores = jnp.where(text_mask[:, None, None, :], scores, jnp.finfo(scores.dtype).min)
+    weights = jax.nn.softmax(scores, axis=-1).astype(self.dtype)
+    mixed = jnp.einsum("bhqk,bkhd->bqhd", weights, value).reshape(batch, length, width)
+    x = norm("attn_norm")(x + dense(width, "out")(mixed))
+    y = dense(width, "mlp_out")(ACTIVATIONS[self.activation](dense(self.mlp_width, "mlp_in")(x)))
+    return norm("mlp_norm")(x + y)
+
+
+class Bert(nn.Module):
+  """A BERT-family encoder.
+
+  Shapes: ids (B, S) word pieces, text_mask (B, S) True = real, type_ids (B, S) segments (all 0 if not given)
+  -> last hidden states (B, S, D). Rows behind the mask carry no meaning, and no real row sees them.
+  """
+  vocab_size: int
+  width: int
+  num_layers: int
+  num_heads: int
+  mlp_width: int
+  max_positions: int = 512
+  num_types: int = 0       # 0: no token types (DistilBERT)
+  has_pooler: bool = False
+  activation: str = "gelu"
+  eps: float = 1e-12
+  dtype: Any = jnp.float32
+
+  def setup(self):
+    embed = lambda size: nn.Embed(size, self.width, embedding_init=nn.initializers.normal(0.02), dtype=self.dtype)
+    self.words = embed(self.vocab_size)
+    self.positions = embed(self.max_positions)
+    if self.num_types:
+      self.types = embed(self.num_types)
+    self.norm = nn.LayerNorm(epsilon=self.eps, dtype=self.dtype, use_fast_variance=False)
+    self.layers = [BertBlock(self.num_heads, self.mlp_width, self.activation, self.eps, self.dtype)
+                   for _ in range(self.num_layers)]
+    if self.has_pooler:
+      self.pooler = nn.Dense(self.width, dtype=self.dtype)
+
+  def hidden_states(self, ids, text_mask, type_ids=None):
+    """The embeddings and what each layer makes of them: num_layers + 1 arrays (B, S, D)."""
+    if ids.shape[1] > self.max_positions:
+      raise ValueError(f"got {ids.shape[1]} word pieces, this encoder has {self.max_positions} positions; "
+                       "use a shorter sentence")
+    x = self.words(ids) + self.positions(jnp.arange(ids.shape[1]))
+    if self.num_types:
+      x = x + self.types(jnp.zeros_like(ids) if type_ids is None else type_ids)
+    states = [self.norm(x)]
+    for layer in self.layers:
+      states.append(layer(states[-1], text_mask))
+    return states
+
+  def __call__(self, ids, text_mask, type_ids=None):
+    last = self.hidden_states(ids, text_mask, type_ids)[-1]
+    if self.has_pooler and self.is_initializing():
+      self.pooler(last[:, 0])  # so that init makes its parameters
+    return last
+
+  def pooled(self, ids, text_mask, type_ids=None):
+    """tanh(linear) of the first word piece, (B, D): BERT's own sentence vector."""
+    return jnp.tanh(self.pooler(self(ids, text_mask, type_ids)[:, 0]))
+
+
+def mean_sentence(hidden, text_mask):
+  """The mean over real word pieces, at unit length, (B, D): the sentence vector of sentence-transformers."""
+  weight = text_mask[..., None].astype(hidden.dtype)
+  mean = (hidden * weight).sum(1) / weight.sum(1)
+  return mean / jnp.linalg.norm(mean, axis=-1, keepdims=True)
+
+
+def bert_fields(config):
+  """Fields of `Bert` from a Hugging Face config.json (model_type bert or distilbert).
+
+  Raises ValueError for another model type or an option that this module does not have.
+  """
+  kind = config.get("model_type")
+  if kind not in ("bert", "distilbert"):
+    raise ValueError(f"got a text encoder of model_type {kind!r}, expected 'bert' or 'distilbert'")
+  distil = kind == "distilbert"
+  activation = config.get("activation" if distil else "hidden_act", "gelu")
+  if activation not in ACTIVATIONS:
+    raise ValueError(f"got activation {activation!r}, expected one of {', '.join(ACTIVATIONS)}")
+  position_type = config.get("position_embedding_type", "absolute")
+  if position_type != "absolute":
+    raise ValueError(f"got position_embedding_type {position_type!r}, expected 'absolute'")
+  get = lambda bert_name, distil_name: config[distil_name if distil else bert_name]
+  try:
+    return dict(
+        vocab_size=config["vocab_size"], width=get("hidden_size", "dim"),
+        num_layers=get("num_hidden_layers", "n_layers"), num_heads=get("num_attention_heads", "n_heads"),
+        mlp_width=get("intermediate_size", "hidden_dim"), max_positions=config.get("max_position_embeddings", 512),
+        num_types=0 if distil else config.get("type_vocab_size", 2), activation=activation,
+        eps=1e-12 if distil else config.get("layer_norm_eps", 1e-12))
+  except KeyError as error:
+    raise ValueError(f"the config of a {kind} encoder lacks {error}") from error
+
+
+# Our module path -> the reference's, for BERT and MiniLM, and for DistilBERT.
+BERT_NAMES = {
+    "words": "embeddings.word_embeddings", "positions": "embeddings.position_embeddings",
+    "types": "embeddings.token_type_embeddings", "norm": "embeddings.LayerNorm", "pooler": "pooler.dense",
+    "layer": "encoder.layer.", "query": "attention.self.query", "key": "attention.self.key",
+    "value": "attention.self.value", "out": "attention.output.dense", "attn_norm": "attention.output.LayerNorm",
+    "mlp_in": "intermediate.dense", "mlp_out": "output.dense", "mlp_norm": "output.LayerNorm"}
+DISTILBERT_NAMES = {
+    "words": "embeddings.word_embeddings", "positions": "embeddings.position_embeddings",
+    "norm": "embeddings.LayerNorm", "layer": "transformer.layer.", "query": "attention.q_lin",
+    "key": "attention.k_lin", "value": "attention.v_lin", "out": "attention.out_lin", "attn_norm": "sa_layer_norm",
+    "mlp_in": "ffn.lin1", "mlp_out": "ffn.lin2", "mlp_norm": "output_layer_norm"}
+
+
+def _leaves(fields):
+  """((our path), kind) of each weight of a Bert with these fields, kind one of embed, norm, dense."""
+  for name in ("words", "positions") + (("types",) if fields.get("num_types") else ()):
+    yield (name,), "embed"
+  yield ("norm",), "norm"
+  for i in range(fields["num_layers"]):
+    for name in ("query", "key", "value", "out", "mlp_in", "mlp_out"):
+      yield (f"layers_{i}", name), "dense"
+    for name in ("attn_norm", "mlp_norm"):
+      yield (f"layers_{i}", name), "norm"
+  if fields.get("has_pooler"):
+    yield ("pooler",), "dense"
+
+
+def _reference_name(path, names):
+  if len(path) == 1:
+    return names[path[0]]
+  return f"{names['layer']}{path[0].split('_')[1]}.{names[path[1]]}"
+
+
+_LEAF = {"embed": (("embedding", "weight"),), "norm": (("scale", "weight"), ("bias", "bias")),
+         "dense": (("kernel", "weight"), ("bias", "bias"))}
+
+
+def params_from_reference(state, fields, dtype=np.float32):
+  """Params of `Bert(**fields)` from a state dict under PyTorch names, {name: array}.
+
+  A leading `bert.` or `distilbert.` is dropped, gamma/beta are the old names of weight/bias, and heads of the released
+  files (`cls.*`, `vocab_*`) are ignored. Raises ValueError that names the first missing or misshapen array.
+  """
+  clean = lambda name: re.sub(r"\.beta$", ".bias", re.sub(r"\.gamma$", ".weight", name))
+  state = {re.sub(r"^(bert|distilbert)\.", "", clean(name)): array for name, array in state.items()}
+  names = DISTILBERT_NAMES if any(name.startswith("transformer.layer.") for name in state) else BERT_NAMES
+  shapes = jax.eval_shape(lambda: Bert(**fields).init(
+      jax.random.key(0), jnp.zeros((1, 1), jnp.int32), jnp.ones((1, 1), bool)))["params"]
+  params = {}
+  for path, kind in _leaves(fields):
+    node, shape = params, shapes
+    for part in path:
+      node, shape = node.setdefault(part, {}), shape[part]
+    for ours, theirs in _LEAF[kind]:
+      name = f"{_reference_name(path, names)}.{theirs}"
+      if name not in state:
+        raise ValueError(f"the weights lack {name!r}; expected a BERT or DistilBERT state dict with "
+                         f"{fields['num_layers']} layers, as config.json says")
+      array = np.asarray(state[name], dtype)
+      array = array.T if ours == "kernel" else array
+      if array.shape != shape[ours].shape:
+        raise ValueError(f"{name!r} has shape {array.shape}, config.json asks for {shape[ours].shape}")
+      node[ours] = array
+  return params
+
+
+def params_to_reference(params, fields, names=None):
+  """The inverse of `params_from_reference`: {PyTorch name: array}, DistilBERT's names unless told otherwise."""
+  state = {}
+  for path, kind in _leaves(fields):
+    node = params
+    for part in path:
+      node = node[part]
+    for ours, theirs in _LEAF[kind]:
+      array = np.asarray(node[ours])
+      state[f"{_reference_name(path, names or DISTILBERT_NAMES)}.{theirs}"] = array.T if ours == "kernel" else array
+  return state
