@@ -12,7 +12,6 @@ from motion_jax.nets.causal_vae import CausalVAE, sample_latent
 from motion_jax.nets.masks import block_causal_mask, padding_mask
 from motion_jax.stage import Stage
 
-
 # --- losses of the tokenizer -------------------------------------------------------------------------------------
 
 
@@ -65,8 +64,8 @@ def tokenizer_stage(config) -> Stage:
     x = batch["features"]
     size = min(loss_config.micro_batch, config.data.batch_size)
     if x.shape[0] % size:
-      raise ValueError(f"got {x.shape[0]} windows on a device, expected a multiple of loss.micro_batch = {size}; change "
-                       "data.batch_size, loss.micro_batch or the number of devices")
+      raise ValueError(f"got {x.shape[0]} windows on a device, expected a multiple of loss.micro_batch = {size}; "
+                       "change data.batch_size, loss.micro_batch or the number of devices")
     # One key per window, by its place in the whole batch: the same noise on one device as on many.
     keys = jax.vmap(lambda i: jax.random.fold_in(rng, i))(batch["index"])
     noise = jax.vmap(lambda key: jax.random.normal(key, latent_shape(x)[1:]))(keys)

@@ -136,7 +136,8 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
   num_steps, optimizer = config.train.num_steps, config.optimizer
   tx = make_optimizer(optimizer, num_steps)
   rng = jax.random.key(config.seed)
-  state = jax.jit(lambda batch, key: init_state(stage, tx, batch, key))(next_batch(0), jax.random.fold_in(rng, 2**31 - 1))
+  init_rng = jax.random.fold_in(rng, 2**31 - 1)  # no step folds in this number
+  state = jax.jit(lambda batch, key: init_state(stage, tx, batch, key))(next_batch(0), init_rng)
   saver = checkpoint.Saver(workdir)
   if saver.latest is not None:
     if not resume:

@@ -1,0 +1,130 @@
+"""Features are the benchmark's in benchmark mode, and come back to joints."""
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from motion_jax.data.synthetic import synthetic_clips
+from motion_jax.motion import features as F
+from motion_jax.motion import rotations as rot
+from tests.fixtures import load
+
+CASES = [("humanml3d", "full", clip) for clip in range(3)] + [("kit", "full_kit", 0)]
+
+
+@pytest.fixture(params=CASES, ids=lambda case: f"{case[0]}{case[2]}")
+def case(request):
+  name, layout, clip = request.param
+  fixture = load(f"motion/features_{name}.npz")
+  layout = F.get_layout(layout)
+  arrays = {key.split("/")[-1]: fixture[key] for key in fixture.files if f"clip{clip}/" in key}
+  # Tolerances are the README's: metres, or millimetres and tenths of them for KIT.
+  metric = name == "humanml3d"
+  return fixture["in/offsets"], layout, arrays, metric
+
+
+def test_canonical_joints_are_the_references(case):
+  offsets, layout, arrays, metric = case
+  made = F.canonicalize(arrays["joints"], layout.skeleton.with_offsets(offsets))
+  assert np.abs(made - arrays["canonical"]).max() < (2e-5 if metric else 1e-2)
+
+
+def test_benchmark_features_are_the_references(case):
+  offsets, layout, arrays, metric = case
+  skeleton = layout.skeleton.with_offsets(offsets)
+  made = F.extract(F.canonicalize(arrays["joints"], skeleton), skeleton)
+  for name, block in layout.blocks.items():
+    tolerance = {"contacts": 0, "turn": 2e-5, "rotations": 1e-4 if metric else 5e-4}.get(name, 2e-5 if metric else 1e-2)
+    assert np.abs(made[:, block] - arrays["features"][:, block]).max() <= tolerance, name
+
+
+def test_recovered_joints_are_the_references(case):
+  offsets, layout, arrays, metric = case
+  tolerance = 1e-6 if metric else 1e-2
+  assert np.abs(F.to_joints(arrays["features"], layout) - arrays["recovered"]).max() < tolerance
+  by_rotations = F.rotations_to_joints(arrays["features"], layout, offsets)
+  assert np.abs(by_rotations - arrays["recovered_rotations"]).max() < tolerance
+
+
+def test_cmdm_recovery_in_float64():
+  fixture = load("motion/joints.npz")
+  with jax.enable_x64(True):
+    features = jnp.asarray(fixture["in/features"], jnp.float64)
+    made = jax.jit(F.to_joints)(features)
+    assert np.abs(made - fixture["out64/joints"]).max() < 1e-10
+    assert np.abs(F.root_path(features)[1] - fixture["out64/root"]).max() < 1e-10
+
+
+def test_recovery_inside_jit_equals_numpy():
+  features = F.to_features(synthetic_clips(0, 3)[2].joints, mode="corrected")
+  inside = jax.jit(F.to_joints)(jnp.asarray(features))
+  assert np.abs(np.asarray(inside) - F.to_joints(features)).max() < 1e-5
+
+
+@pytest.mark.parametrize("index", range(11))
+def test_corrected_mode_loses_nothing(index):
+  """joints -> features -> joints -> features, turns past 180 degrees included."""
+  canonical = F.canonicalize(synthetic_clips(0, 11)[index].joints, mode="corrected")
+  features = F.to_features(canonical, mode="corrected")
+  joints = F.to_joints(features)
+  assert np.abs(joints - canonical[:-1]).max() < 1e-5
+  assert np.abs(F.rotations_to_joints(features, mode="corrected") - joints).max() < 2e-3
+  again = F.extract(joints, mode="corrected")
+  # The last second is smoothed with one frame less, so only earlier rows are the same.
+  rows = slice(0, max(len(again) - 81, 1))
+  assert np.abs(again[rows, :259] - features[:-1][rows, :259]).max() < 1e-3
+
+
+def test_corrected_mode_survives_a_full_turn_where_the_benchmark_does_not():
+  angle = np.linspace(0, 2 * np.pi, 120)
+  standing = F.HUMANML3D.offsets.copy()
+  for joint, parent in F._bones(F.HUMANML3D):
+    standing[joint] += standing[parent]
+  standing[:, 1] -= standing[:, 1].min()
+  turning = rot.rotate(rot.about_axis(angle, "y")[:, None], standing[None])
+  for mode, bound in (("corrected", 1e-5), ("benchmark", np.inf)):
+    canonical = F.canonicalize(turning, mode=mode)
+    error = np.abs(F.to_joints(F.to_features(turning, mode=mode)) - canonical[:-1]).max()
+    assert error < bound
+  assert error > 0.01  # the known fault of the benchmark's features
+
+
+@pytest.mark.parametrize("mode", F.MODES)
+def test_walking_north_is_walking_east(mode):
+  """The layout promises it: turning and shifting a motion changes no feature."""
+  joints = synthetic_clips(0, 1)[0].joints
+  moved = rot.rotate(rot.about_axis(np.array(1.1), "y"), joints.astype(np.float64)) + [3.0, 0, -2.0]
+  tolerance = 1e-4
+  assert np.abs(F.to_features(moved, mode=mode) - F.to_features(joints, mode=mode)).max() < tolerance
+
+
+def test_layouts_have_their_sizes_and_cover_all_columns():
+  sizes = {name: layout.dim for name, layout in F.LAYOUTS.items()}
+  assert sizes == {"full": 263, "essential": 67, "coordinates": 66, "full_kit": 251, "essential_kit": 64,
+                   "coordinates_kit": 63}
+  for layout in F.LAYOUTS.values():
+    columns = np.concatenate([np.arange(layout.dim)[block] for block in layout.blocks.values()])
+    assert (columns == np.arange(layout.dim)).all()
+    assert F.layout_for(layout.dim) is layout
+
+
+def test_essential_and_coordinates_follow_from_full():
+  joints = synthetic_clips(0, 1)[0].joints
+  full = F.to_features(joints)
+  assert (F.to_features(joints, "essential") == full[:, :67]).all()
+  assert (F.to_features(joints, "coordinates") == F.to_joints(full).reshape(-1, 66)).all()
+  assert (F.to_joints(full[:, :67], "essential") == F.to_joints(full)).all()
+
+
+@pytest.mark.parametrize("call, words", [
+    (lambda: F.to_features(np.zeros((10, 21, 3))), "expected .*22"),
+    (lambda: F.to_features(np.full((10, 22, 3), np.nan)), "NaN"),
+    (lambda: F.to_features(np.zeros((1, 22, 3))), "at least 2 frames"),
+    (lambda: F.to_features(np.zeros((10, 22, 3)), mode="right"), "benchmark, corrected"),
+    (lambda: F.to_features(np.zeros((10, 22, 3)), "264"), "expected one of full"),
+    (lambda: F.to_joints(np.zeros((10, 67))), "67 features per frame.*263"),
+    (lambda: F.layout_for(100), "known sizes"),
+])
+def test_bad_input_is_told(call, words):
+  with pytest.raises(ValueError, match=words):
+    call()

@@ -1,0 +1,148 @@
+"""The loop: resuming is exact, devices do not matter, a broken run is told."""
+import json
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+
+import jax
+import jax.numpy as jnp
+import ml_collections
+import numpy as np
+import pytest
+
+from motion_jax import checkpoint, train
+from motion_jax.stage import Stage
+
+
+def _stage():
+  """A line through points with unequal weights per row: the smallest thing with padding."""
+
+  def init(batch, rng):
+    return {"w": jax.random.normal(rng, (3,))}
+
+  def loss(params, frozen, batch, step, rng):
+    noise = jax.vmap(lambda i: jax.random.normal(jax.random.fold_in(rng, i)))(batch["index"])
+    error = batch["x"] @ params["w"] - batch["y"] + 0.01 * noise
+    return {"loss": (batch["mask"] * error ** 2).sum()}, batch["mask"].sum()
+
+  return Stage(init, loss, None)
+
+
+def _next_batch(step):
+  rng = np.random.default_rng(step)
+  x = rng.normal(size=(8, 3)).astype(np.float32)
+  mask = (rng.random(8) < [0.2, 1, 1, 0.3, 1, 1, 1, 1]).astype(np.float32)
+  return {"x": x, "y": x @ np.array([1.0, -2, 3], np.float32), "mask": mask, "index": np.arange(8)}
+
+
+def _config(num_steps, **optimizer):
+  config = ml_collections.ConfigDict()
+  config.seed = 0
+  config.optimizer = dict(learning_rate=1e-2, schedule="constant", warmup_steps=1, cooldown_steps=0, beta1=0.9,
+                          beta2=0.99, weight_decay=0.0, clip_norm=1.0, ema_decay=0.9, skip_loss=0.0) | optimizer
+  config.train = dict(num_steps=num_steps, log_every=1, save_every=2)
+  return config
+
+
+def _equal(a, b):
+  return all(np.array_equal(x, y) for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True))
+
+
+def test_two_steps_and_two_more_are_four(tmp_path):
+  whole = train.train(_config(4), tmp_path / "whole", _stage(), _next_batch)
+  train.train(_config(2), tmp_path / "parts", _stage(), _next_batch)
+  parts = train.train(_config(4), tmp_path / "parts", _stage(), _next_batch, resume=True)
+  assert _equal(whole, parts) and int(parts.step) == 4
+
+
+def test_a_run_folder_holds_averaged_parameters_metrics_and_a_curve(tmp_path):
+  state = train.train(_config(3), tmp_path, _stage(), _next_batch)
+  assert _equal(checkpoint.load_params(tmp_path), state.ema_params)
+  assert not _equal(state.ema_params, state.params)
+  rows = train.read_metrics(tmp_path)
+  assert [row["step"] for row in rows] == [1, 2, 3] and all(row["loss"] > 0 for row in rows)
+  assert (tmp_path / "loss.png").stat().st_size > 0
+
+
+def test_the_loss_falls(tmp_path):
+  train.train(_config(60, learning_rate=0.2), tmp_path, _stage(), _next_batch)
+  rows = train.read_metrics(tmp_path)
+  assert rows[-1]["loss"] < 0.05 * rows[0]["loss"]
+
+
+def test_a_run_is_neither_overwritten_nor_resumed_from_nothing(tmp_path):
+  train.train(_config(2), tmp_path, _stage(), _next_batch)
+  with pytest.raises(ValueError, match="--resume"):
+    train.train(_config(2), tmp_path, _stage(), _next_batch)
+  (tmp_path / "other").mkdir()
+  (tmp_path / "other" / "metrics.jsonl").write_text("")
+  with pytest.raises(FileNotFoundError, match="no checkpoint"):
+    train.train(_config(2), tmp_path / "other", _stage(), _next_batch, resume=True)
+
+
+def test_a_loss_that_is_no_number_stops_the_run(tmp_path):
+  bad = lambda step: _next_batch(step) | {"y": np.full(8, np.nan if step == 2 else 0.0, np.float32)}
+  with pytest.raises(FloatingPointError, match="learning_rate"):
+    train.train(_config(6), tmp_path, _stage(), bad)
+
+
+def test_a_batch_with_a_wild_loss_is_skipped(tmp_path):
+  wild = lambda step: _next_batch(step) | ({"y": np.full(8, 1e6, np.float32)} if step == 2 else {})
+  train.train(_config(2, skip_loss=1e3), tmp_path / "a", _stage(), _next_batch)
+  two = train.train(_config(3, skip_loss=1e3), tmp_path / "b", _stage(), wild)
+  assert _equal(two.params, train.train(_config(2, skip_loss=1e3), tmp_path / "c", _stage(), _next_batch).params)
+  assert int(two.step) == 3 and train.read_metrics(tmp_path / "b")[-1]["skipped"] == 1
+
+
+def test_a_slice_stops_in_time_and_goes_on(tmp_path):
+  first = train.train(_config(4), tmp_path, _stage(), _next_batch, max_seconds=0)
+  assert int(first.step) == 1
+  rest = train.train(_config(4), tmp_path, _stage(), _next_batch, resume=True)
+  whole = train.train(_config(4), tmp_path / "whole", _stage(), _next_batch)
+  assert _equal(rest, whole)
+
+
+def test_ctrl_c_saves_and_leaves(tmp_path):
+  def interrupted(step):
+    if step == 2:
+      os.kill(os.getpid(), signal.SIGINT)
+    return _next_batch(step)
+
+  state = train.train(_config(50), tmp_path, _stage(), interrupted)
+  assert int(state.step) == 3 and checkpoint.Saver(tmp_path).latest == 3
+
+
+_DEVICES = """
+import json, sys, jax, numpy as np
+sys.path.insert(0, {root!r})
+from motion_jax import train
+from tests.test_train import _config, _next_batch, _stage
+state = train.train(_config(5), {folder!r}, _stage(), _next_batch)
+print(json.dumps([jax.local_device_count(), np.asarray(state.params["w"]).tolist()]))
+"""
+
+
+def test_four_devices_learn_what_one_learns(tmp_path):
+  """The rows that count are spread unevenly over the devices."""
+  root = str(pathlib.Path(__file__).parents[1])
+  results = []
+  for devices in (1, 4):
+    code = _DEVICES.format(root=root, folder=str(tmp_path / str(devices)))
+    env = dict(os.environ, XLA_FLAGS=f"--xla_force_host_platform_device_count={devices}", JAX_PLATFORMS="cpu")
+    done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    count, w = json.loads(done.stdout.splitlines()[-1])
+    assert count == devices
+    results.append(w)
+  assert np.abs(np.subtract(*results)).max() < 1e-6
+
+
+@pytest.mark.parametrize("kind, expected", [
+    ("constant", [0.5, 1, 1, 1]), ("step", [0.5, 1, 0.1, 0.01]), ("trapezoid", [0.5, 1, 1, 0.5]),
+])
+def test_schedules(kind, expected):
+  config = _config(4, schedule=kind, learning_rate=1.0, boundaries=(2, 3), gamma=0.1, cooldown_steps=2).optimizer
+  values = [float(train.make_schedule(config, 4)(jnp.asarray(step))) for step in range(4)]
+  assert np.allclose(values, expected)
