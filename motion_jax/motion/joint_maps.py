@@ -1,0 +1,196 @@
+"""Whose joint is which: tables from the joint names of common skeletons to the 22 of HumanML3D.
+
+An entry is a name, a list of names to average, or a `Made` joint for what the other skeleton does not have (the SMPL
+pelvis lies higher than most hips, say). Names are compared without case, "_", "-", blanks and "mixamorig:".
+"""
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.skeleton import HUMANML3D
+
+
+class Made(NamedTuple):
+  """A joint computed from joints that a file has: make(Source) -> (T, 3)."""
+  needs: tuple[str, ...]
+  make: Callable
+
+
+class Source:
+  """Joints of a file by name: `s["Hips"]` is (T, 3)."""
+
+  def __init__(self, names, positions, turned=None):
+    self.index = {}
+    for i, name in enumerate(names):
+      self.index.setdefault(plain(name), i)
+    self.positions, self.turned = positions, turned
+
+  def __contains__(self, name):
+    return plain(name) in self.index
+
+  def __getitem__(self, name):
+    return self.positions[:, self.index[plain(name)]]
+
+  def length(self, a, b):
+    """The distance of two joints, median over the clip."""
+    return np.median(np.linalg.norm(self[a] - self[b], axis=-1))
+
+  def between(self, a, b, part):
+    """The point at this part of the way from joint a to joint b."""
+    return self[a] + part * (self[b] - self[a])
+
+  def turn(self, name):
+    if self.turned is None:
+      raise ValueError(f"this table needs the rotation of joint {name!r}, got positions only; give map_joints turned=, "
+                       "or a mapping of names")
+    return self.turned[:, self.index[plain(name)]]
+
+  def at(self, name, offset):
+    """The point at an offset (3,) or (T, 3) in the turned frame of a joint."""
+    return self[name] + rot.rotate(self.turn(name), np.asarray(offset, np.float64))
+
+
+def plain(name):
+  """A joint's name without what programs put around it."""
+  name = name.split(":")[-1].lower()
+  for mark in "_- .":
+    name = name.replace(mark, "")
+  return name.removeprefix("mixamorig")
+
+
+def _sided(middle, left, swap):
+  """A table from entries of the middle and of the left side; swap makes a left name a right one."""
+  right = {}
+  for joint, entry in left.items():
+    other = [swap(name) for name in entry] if isinstance(entry, list) else swap(entry)
+    right["right" + joint[4:]] = other
+  return middle | left | right
+
+
+def _asf_side(left):
+  """ASF/AMC as CMU has it. A body's size is its left leg; collars lie lower and nearer to the neck than clavicles."""
+  s, name = ("l", "left") if left else ("r", "right")
+  leg = lambda f: f.length("lhipjoint", "lfemur") + f.length("lfemur", "ltibia")
+  legs = ("lhipjoint", "lfemur", "ltibia")
+
+  def collar(f):
+    local = rot.rotate(rot.conjugate(f.turn("thorax")), f[s + "clavicle"] - f["thorax"])
+    return f.at("thorax", local * [0.37, 1, 0.37] - np.array([0, 0.05487, 0]) * leg(f))
+
+  def wrist(f):  # CMU's wrist bone ends in the hand
+    along = rot.unit(f[s + "radius"] - f[s + "humerus"])
+    return f[s + "humerus"] + 0.95 * f.length(s + "clavicle", s + "humerus") * along
+
+  return {f"{name}_hip": s + "hipjoint", f"{name}_knee": s + "femur", f"{name}_ankle": s + "tibia",
+          f"{name}_foot": s + "foot", f"{name}_shoulder": s + "clavicle", f"{name}_elbow": s + "humerus",
+          f"{name}_collar": Made(("thorax", s + "clavicle", *legs), collar),
+          f"{name}_wrist": Made((s + "radius", s + "humerus", s + "clavicle"), wrist)}, leg, legs
+
+
+def _cmu_asf():
+  left, leg, legs = _asf_side(True)
+  up = lambda f, joint, part: rot.rotate(f.turn(joint), np.array([0, part, 0]) * leg(f))
+  return left | _asf_side(False)[0] | {
+      "pelvis": Made(("root", "lhipjoint", "rhipjoint", *legs),
+                     lambda f: f.between("lhipjoint", "rhipjoint", 0.5) + up(f, "root", 0.1061)),
+      "spine1": "lowerback", "spine2": "upperback",
+      "spine3": Made(("upperback", "thorax", *legs), lambda f: f["upperback"] + up(f, "thorax", 0.0683)),
+      "neck": ["lowerneck", "upperneck"],
+      "head": Made(("upperneck", "head", *legs), lambda f: f.between("upperneck", "head", 0.5) +
+                   rot.rotate(f.turn("head"), np.array([0, 0, 0.05487]) * leg(f)))}
+
+
+def _cmu_bvh():
+  """B. Hahne's (cgspeed) Daz-friendly figure; offsets in its centimetres, told by its thigh of 36.8272."""
+  unit = lambda f: f.length("lThigh", "lShin") / 36.8272
+  at = lambda joint, *offset: Made((joint, "lThigh", "lShin"), lambda f: f.at(joint, np.array(offset) * unit(f)))
+  table = {"pelvis": at("hip", 0, 11.3, -1.0), "spine1": at("abdomen", 0, 1.5, 0), "spine2": at("chest", 0, 2.5, 0),
+           "spine3": at("chest", 0, 8.0, -0.8), "neck": "neck", "head": at("head", 0.24, 1.5, 0)}
+  for name, s, sign in (("left", "l", 1), ("right", "r", -1)):
+    table |= {f"{name}_hip": s + "Thigh", f"{name}_knee": s + "Shin", f"{name}_ankle": s + "Foot",
+              f"{name}_foot": s + "Foot_end", f"{name}_collar": at("chest", sign * 5.0, 13.5, -2.4),
+              f"{name}_shoulder": s + "Shldr", f"{name}_elbow": s + "ForeArm",
+              # The figure's hand is bent forward off the forearm's line; the elbow's own line is straight.
+              f"{name}_wrist": at(s + "ForeArm", sign * 23.61, -1.43, 0.41)}
+  return table
+
+
+_BANDAI = _sided(
+    {"pelvis": Made(("Hips", "Spine"), lambda f: f.between("Hips", "Spine", 0.40036)), "spine1": "Spine",
+     "spine2": "Chest", "spine3": Made(("Chest", "Neck"), lambda f: f.between("Chest", "Neck", 0.24424)),
+     "neck": "Neck", "head": "Head"},
+    {"left_hip": "UpperLeg_L", "left_knee": "LowerLeg_L", "left_ankle": "Foot_L", "left_foot": "Toes_L",
+     "left_collar": "Shoulder_L", "left_shoulder": "UpperArm_L", "left_elbow": "LowerArm_L", "left_wrist": "Hand_L"},
+    lambda name: name[:-1] + "R")
+
+_LIMBS = {"left_hip": "LeftUpLeg", "left_knee": "LeftLeg", "left_ankle": "LeftFoot", "left_foot": "LeftToeBase",
+          "left_collar": "LeftShoulder", "left_shoulder": "LeftArm", "left_elbow": "LeftForeArm",
+          "left_wrist": "LeftHand"}
+_to_right = lambda name: name.replace("Left", "Right").replace("L_", "R_")
+
+TABLES = {
+    "cmu_asf": _cmu_asf(),
+    "cmu_bvh": _cmu_bvh(),
+    "bandai": _BANDAI,
+    "mixamo": _sided({"pelvis": "Hips", "spine1": "Spine", "spine2": "Spine1", "spine3": "Spine2", "neck": "Neck",
+                      "head": "Head"}, _LIMBS, _to_right),
+    # cgspeed's MotionBuilder-friendly figure, and others with a LowerBack.
+    "motionbuilder": _sided({"pelvis": "Hips", "spine1": "LowerBack", "spine2": "Spine", "spine3": "Spine1",
+                             "neck": "Neck1", "head": "Head"}, _LIMBS, _to_right),
+    "smpl": _sided({"pelvis": "Pelvis", "spine1": "Spine1", "spine2": "Spine2", "spine3": "Spine3", "neck": "Neck",
+                    "head": "Head"},
+                   {f"left_{ours}": f"L_{theirs}" for ours, theirs in (
+                       ("hip", "Hip"), ("knee", "Knee"), ("ankle", "Ankle"), ("foot", "Foot"), ("collar", "Collar"),
+                       ("shoulder", "Shoulder"), ("elbow", "Elbow"), ("wrist", "Wrist"))}, _to_right),
+    "humanml3d": {joint: joint for joint in HUMANML3D.joints},
+}
+
+
+def map_joints(names, positions, mapping=None, turned=None, skeleton=HUMANML3D):
+  """Picks a skeleton's joints out of a file's: positions (T, N, 3) -> (T, J, 3), name of the table used.
+
+  mapping is a key of TABLES, a dict {our joint: their joint or a list to average}, or None for the table that fits.
+  turned (T, N, 4), the joints' world rotations, is needed by the CMU tables. Raises ValueError that lists the joints
+  missing and those that the file has.
+  """
+  source = Source(names, np.asarray(positions, np.float64), turned)
+  label = mapping if isinstance(mapping, str) else "own" if mapping else best_table(names)
+  if isinstance(mapping, dict):
+    table = mapping
+  elif label in TABLES:
+    table = TABLES[label]
+  else:
+    raise ValueError(f"got mapping {label!r}, expected one of {', '.join(TABLES)}, or a dict of joint names")
+  unmapped = [joint for joint in skeleton.joints if joint not in table]
+  foreign = [joint for joint in table if joint not in skeleton.joints]
+  missing = sorted({name for joint in skeleton.joints for name in _needs(table.get(joint, [])) if name not in source})
+  if unmapped or foreign or missing:
+    what = [f"{text} {', '.join(found)}" for text, found in (
+        ("the mapping does not tell", unmapped), (f"skeleton {skeleton.name!r} has no", foreign),
+        (f"mapping {label!r} needs the joints", missing)) if found]
+    raise ValueError(f"{'; '.join(what)}; the file has {', '.join(names)}. Give a mapping "
+                     "{our joint: their joint, or a list to average}")
+  joints = [_place(source, table[joint]) for joint in skeleton.joints]
+  return np.stack(joints, axis=1), label
+
+
+def best_table(names) -> str:
+  """The table most of whose joints occur among names."""
+  source = Source(names, None)
+  share = {label: np.mean([all(name in source for name in _needs(entry)) for entry in table.values()])
+           for label, table in TABLES.items()}
+  return max(share, key=share.get)
+
+
+def _needs(entry):
+  if isinstance(entry, Made):
+    return entry.needs
+  return (entry,) if isinstance(entry, str) else tuple(entry)
+
+
+def _place(source, entry):
+  if isinstance(entry, Made):
+    return entry.make(source)
+  return np.mean([source[name] for name in _needs(entry)], axis=0)
