@@ -1,0 +1,119 @@
+"""ASF/AMC files: bones turn about their own axes, R = C M C^-1, against scipy's rotations; damaged files."""
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from motion_jax.data.asf import amc_clip, read_amc
+
+ASF = """:version 1.10
+:units
+  length 0.45
+  angle deg
+:root
+  order TX TY TZ RX RY RZ
+  axis XYZ
+  position 0 0 0
+  orientation 0 0 0
+:bonedata
+  begin
+    id 1
+    name arm
+    direction 0 1 0
+    length 2
+    axis 10 20 30 XYZ
+    dof rx ry rz
+    limits (-1 1)
+  end
+  begin
+    id 2
+    name hand
+    direction 1 0 0
+    length 3
+    axis 0 0 40 XYZ
+    dof rx
+  end
+  begin
+    id 3
+    name tip
+    direction 0 0 1
+    length 1
+    axis 0 0 0 XYZ
+  end
+:hierarchy
+  begin
+    hand tip
+    root arm
+    arm hand
+  end
+"""
+AMC = """#!made by formula
+:FULLY-SPECIFIED
+:DEGREES
+1
+root 1 2 3 10 20 30
+arm 40 50 60
+hand 70
+2
+root -1 2 3 -15 25 35
+arm -45 55 65
+hand -75
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+  (tmp_path / "07.asf").write_text(ASF)
+  (tmp_path / "07_01.amc").write_text(AMC)
+  return tmp_path
+
+
+def test_bones_turn_about_their_own_axes(folder):
+  capture = read_amc(folder / "07_01.amc")
+  assert capture.names == ("root", "arm", "hand", "tip") and capture.num_frames == 2 and capture.fps == 120
+  euler = lambda *angles: Rotation.from_euler("xyz", angles, degrees=True)  # lower case: about fixed axes, x first
+  metres = 0.0254 / 0.45
+  for frame, (at, root, arm, hand) in enumerate((((1, 2, 3), (10, 20, 30), (40, 50, 60), 70),
+                                                 ((-1, 2, 3), (-15, 25, 35), (-45, 55, 65), -75))):
+    c1, c2 = euler(10, 20, 30), euler(0, 0, 40)
+    turn = euler(*root)
+    points = [np.array(at, float)]
+    for bone, length in ((c1 * euler(*arm) * c1.inv(), (0, 2, 0)), (c2 * euler(hand, 0, 0) * c2.inv(), (3, 0, 0)),
+                         (euler(0, 0, 0), (0, 0, 1))):
+      turn = turn * bone
+      points.append(points[-1] + turn.apply(length))
+    np.testing.assert_allclose(capture.positions[frame], np.array(points) * metres, atol=1e-12)
+    matrix = Rotation.from_quat(np.roll(capture.turned[frame, 3], -1)).as_matrix()
+    np.testing.assert_allclose(matrix, turn.as_matrix(), atol=1e-12)
+
+
+def test_own_mapping_and_rate(folder):
+  """A user's mapping, and the rate that AMC files do not tell."""
+  from motion_jax.motion.skeleton import HUMANML3D
+  mapping = {joint: ("root", "arm", "hand", "tip")[j % 4] for j, joint in enumerate(HUMANML3D.joints)}
+  clip = amc_clip(folder / "07_01.amc", source_fps=20.0, mapping=mapping, up="y", unit=1.0)
+  assert clip.num_frames == 2 and clip.meta["mapping"] == "own"
+  np.testing.assert_allclose(clip.joints[:, 0], read_amc(folder / "07_01.amc").positions[:, 0], atol=1e-6)
+
+
+@pytest.mark.parametrize("name, change, message", [
+    ("07_01.amc", lambda t: t[:t.rindex("hand")], "frame 2 lacks hand; the file is cut"),
+    ("07_01.amc", lambda t: t.replace("arm 40 50 60", "arm 40 50"), "line 6: got 2 numbers, expected 3"),
+    ("07_01.amc", lambda t: t.replace("hand 70", "hand nan"), "line 7: NaN"),
+    ("07_01.amc", lambda t: t.replace("hand 70", "foot 70"), "line 7: bone 'foot' is not in 07.asf"),
+    ("07_01.amc", lambda t: "", "no frame"),
+    ("07.asf", lambda t: t[:t.index(":hierarchy")], "no hierarchy"),
+    ("07.asf", lambda t: t.replace("    length 2\n", ""), "line 18: a bone ends without its length"),
+    ("07.asf", lambda t: t.replace("    arm hand\n", ""), "no parent that exists to hand"),
+    ("07.asf", lambda t: t.replace("dof rx ry rz", "dof rx ry qq"), "line 17: got dof"),
+])
+def test_damaged_files(folder, name, change, message):
+  path = folder / name
+  path.write_text(change(path.read_text()))
+  with pytest.raises(ValueError, match=message):
+    read_amc(folder / "07_01.amc")
+
+
+def test_missing_skeleton(tmp_path):
+  (tmp_path / "08_01.amc").write_text(AMC)
+  with pytest.raises(FileNotFoundError, match="08_01.asf or 08.asf"):
+    read_amc(tmp_path / "08_01.amc")

@@ -1,0 +1,176 @@
+"""BVH files: forward kinematics against scipy's rotations, odd but legal files, and damaged ones."""
+import pathlib
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from motion_jax.data.asf import amc_clip
+from motion_jax.data.bvh import bvh_clip, read_bvh
+from motion_jax.data.capture import starts_with_a_pose, without_pose
+from motion_jax.data.synthetic import synthetic_joints
+from motion_jax.motion.skeleton import HUMANML3D
+
+
+def write_bvh(path, joints, fps=30.0, names=HUMANML3D.joints, scale=100.0, pose_first=False, cut=None):
+  """Joints (T, 22, 3) as a BVH whose every joint has position channels and no rotation: positions are all it needs."""
+  parents = HUMANML3D.parents
+  lines = ["HIERARCHY"]
+
+  def joint(j, depth):
+    pad = "  " * depth
+    lines.append(f"{pad}{'ROOT' if depth == 0 else 'JOINT'} {names[j]}")
+    lines.append(f"{pad}{{\n{pad}  OFFSET 0 0 0\n{pad}  CHANNELS 3 Xposition Yposition Zposition")
+    children = [k for k, parent in enumerate(parents) if parent == j]
+    for child in children:
+      joint(child, depth + 1)
+    if not children:
+      lines.append(f"{pad}  End Site\n{pad}  {{\n{pad}    OFFSET 0 1 0\n{pad}  }}")
+    lines.append(f"{pad}}}")
+
+  order = []
+  walk = lambda j: [order.append(j)] + [walk(k) for k, parent in enumerate(parents) if parent == j]
+  walk(0)
+  joint(0, 0)
+  local = joints - np.where(np.array(parents)[:, None] < 0, 0, joints[:, np.maximum(parents, 0)])
+  rows = [" ".join(f"{v:.6f}" for v in frame[order].ravel() * scale) for frame in local]
+  lines += ["MOTION", f"Frames: {len(rows)}", f"Frame Time: {1 / fps:.7f}", *rows]
+  text = "\n".join(lines) + "\n"
+  path.write_text(text[:cut] if cut else text)
+  return path
+
+
+TWO = """HIERARCHY
+ROOT a
+{
+  OFFSET 1 2 3
+  CHANNELS 6 Xposition Yposition Zposition Zrotation Yrotation Xrotation
+  JOINT b { OFFSET 0 10 0
+    CHANNELS 3 Zrotation Xrotation Yrotation
+    JOINT c
+    {
+      OFFSET 0 5 1
+      CHANNELS 4 Yposition Yrotation Xrotation Zrotation
+      End Site
+      {
+        OFFSET 2 0 0
+      }
+    }
+  }
+}
+MOTION
+Frames: 2
+Frame Time: 0.0333333
+1 2 3 10 20 30 40 50 60 7 70 80 90
+-1 0 4 -15 25 35 -45 55 65 8 -75 85 95
+"""
+
+
+def test_any_channel_order(tmp_path):
+  """Rotations multiply in the order of the channels; a position channel takes the place of that axis of OFFSET."""
+  (tmp_path / "two.bvh").write_text(TWO)
+  file = read_bvh(tmp_path / "two.bvh")
+  assert file.names == ("a", "b", "c", "c_end") and file.parents == (-1, 0, 1, 2) and file.fps == 30
+  for frame, v in enumerate(np.array([[float(w) for w in line.split()] for line in TWO.splitlines()[-2:]])):
+    a, b, c = (Rotation.from_euler(order, v[part], degrees=True)
+               for order, part in (("ZYX", slice(3, 6)), ("ZXY", slice(6, 9)), ("YXZ", slice(10, 13))))
+    at_b = v[:3] + a.apply([0, 10, 0])
+    at_c = at_b + (a * b).apply([0, v[9], 1])
+    end = at_c + (a * b * c).apply([2, 0, 0])
+    np.testing.assert_allclose(file.positions[frame], [v[:3], at_b, at_c, end], atol=1e-12)
+    quaternion = np.roll(b.as_quat(), 1)
+    np.testing.assert_allclose(file.rotations[frame, 1] * np.sign(file.rotations[frame, 1, 0]),
+                               quaternion * np.sign(quaternion[0]), atol=1e-12)
+
+
+def test_clip_is_resampled_in_metres(tmp_path):
+  """30 to 20 frames a second, centimetres: every second result is every third frame."""
+  joints = synthetic_joints("walk", 61, np.random.default_rng(0))
+  clip = bvh_clip(write_bvh(tmp_path / "walk.bvh", joints), captions=(), split="train")
+  assert clip.fps == 20 and clip.num_frames == 41 and clip.id == "walk" and clip.split == "train"
+  assert clip.meta["mapping"] == "humanml3d" and clip.meta["unit"] == 0.01
+  np.testing.assert_allclose(clip.joints[::2], joints[::3], atol=1e-6)
+  np.testing.assert_allclose(clip.joints[1::2], (joints[1:-1:3] + joints[2::3]) / 2, atol=1e-6)
+
+
+@pytest.mark.parametrize("scale, unit", [(1.0, 1.0), (1000.0, 0.001), (100 / 2.54, 0.0254)])
+def test_unit_is_told_by_the_leg(tmp_path, scale, unit):
+  joints = synthetic_joints("squat", 30, np.random.default_rng(0))
+  clip = bvh_clip(write_bvh(tmp_path / "a.bvh", joints, fps=20, scale=scale))
+  assert clip.meta["unit"] == unit
+  np.testing.assert_allclose(clip.joints, joints, atol=1e-5)
+
+
+def test_z_up_is_turned(tmp_path):
+  joints = synthetic_joints("walk", 30, np.random.default_rng(0))
+  clip = bvh_clip(write_bvh(tmp_path / "a.bvh", joints[..., [2, 0, 1]], fps=20))
+  np.testing.assert_allclose(clip.joints, joints, atol=1e-6)
+
+
+def test_bandai_names(tmp_path):
+  joints = synthetic_joints("wave_left", 30, np.random.default_rng(0))
+  theirs = {"pelvis": "Hips", "spine1": "Spine", "spine2": "Chest", "neck": "Neck", "head": "Head"}
+  for side, mark in (("left", "L"), ("right", "R")):
+    for ours, name in (("hip", "UpperLeg"), ("knee", "LowerLeg"), ("ankle", "Foot"), ("foot", "Toes"),
+                       ("collar", "Shoulder"), ("shoulder", "UpperArm"), ("elbow", "LowerArm"), ("wrist", "Hand")):
+      theirs[f"{side}_{ours}"] = f"{name}_{mark}"
+  names = [theirs.get(name, "Extra") for name in HUMANML3D.joints]
+  clip = bvh_clip(write_bvh(tmp_path / "a.bvh", joints, fps=20, names=names))
+  assert clip.meta["mapping"] == "bandai"
+  same = [j for j, name in enumerate(HUMANML3D.joints) if name not in ("pelvis", "spine3")]
+  np.testing.assert_allclose(clip.joints[:, same], joints[:, same], atol=1e-6)
+
+
+def test_a_pose_before_the_motion_is_dropped(tmp_path):
+  """As in cgspeed's files: a T-pose, smeared into three frames; the root's path is not smeared."""
+  frames = np.arange(12)
+  angle = np.concatenate([[0, 25, 45, 60], 70 + 0.5 * frames[4:]])
+  rows = "\n".join(f"{k} 90 0 0 0 {a}" for k, a in zip(frames, angle))
+  text = TWO[:TWO.index("  JOINT b")] + "  End Site { OFFSET 0 1 0 }\n}\nMOTION\nFrames: 12\nFrame Time: 0.05\n" + rows
+  (tmp_path / "pose.bvh").write_text(text)
+  file = read_bvh(tmp_path / "pose.bvh")
+  assert starts_with_a_pose(file)
+  clean = without_pose(file)
+  np.testing.assert_allclose(clean.positions[:, 0, 0], frames[1:])
+  np.testing.assert_allclose(clean.rotations[:4, 0], np.repeat(file.rotations[4:5, 0], 4, 0))
+  assert not starts_with_a_pose(clean)
+
+
+@pytest.mark.parametrize("name", ["09_01.bvh", "02_01.amc"])
+def test_cmu_files_become_the_archive_s_clips(name):
+  """The first quarter of a second of CMU's clips, in both formats, against the joints of our CMU archive."""
+  folder = pathlib.Path(__file__).parent.parent / "fixtures" / "data"
+  clip = (amc_clip if name.endswith("amc") else bvh_clip)(folder / name)
+  expected = np.load(folder / "cmu_joints.npz", allow_pickle=False)[name]
+  assert clip.joints.shape == expected.shape
+  assert np.linalg.norm(clip.joints - expected, axis=-1).max() < 5e-4  # the archive rounds to half a millimetre
+
+
+@pytest.mark.parametrize("change, message", [
+    (lambda t: t[:t.index("MOTION")], "ends before MOTION"),
+    (lambda t: t.replace("Frames: 2", "Frames: 3"), "after 2 of 3 frames; it is cut"),
+    (lambda t: t[:t.rindex(" ")] + "\n", "line 23: got 12 numbers, expected 13"),
+    (lambda t: t.replace(" 80 90", " nan 90"), "line 22: number 12 is NaN"),
+    (lambda t: t.replace(" 80 90", " x 90"), "line 22: .* not all numbers"),
+    (lambda t: t.replace("Frame Time: 0.0333333", "Frame Time: 0"), "line 21: .* more than 0"),
+    (lambda t: t.replace("3 Zrotation", "3 Qrotation"), "line 7: .*Qrotation"),
+    (lambda t: t.replace("HIERARCHY", "SOLID"), "line 1: .*HIERARCHY"),
+    (lambda t: t.replace("OFFSET 2 0 0", "OFFSET 2 0"), "line 14: got 2 numbers"),
+    (lambda t: t[:t.index("Frames")], "expected 'Frames: N'"),
+])
+def test_damaged_files(tmp_path, change, message):
+  (tmp_path / "bad.bvh").write_text(change(TWO))
+  with pytest.raises(ValueError, match=message):
+    read_bvh(tmp_path / "bad.bvh")
+
+
+def test_missing_file_and_unknown_joints(tmp_path):
+  with pytest.raises(FileNotFoundError, match="none.bvh"):
+    read_bvh(tmp_path / "none.bvh")
+  (tmp_path / "two.bvh").write_text(TWO)
+  with pytest.raises(ValueError, match="two.bvh.*needs the joints.*the file has a, b, c"):
+    bvh_clip(tmp_path / "two.bvh")
+  with pytest.raises(ValueError, match="does not tell left_hip"):
+    bvh_clip(tmp_path / "two.bvh", mapping={"pelvis": "a"})
+  with pytest.raises(ValueError, match="got mapping 'mars', expected one of cmu_asf"):
+    bvh_clip(tmp_path / "two.bvh", mapping="mars")
