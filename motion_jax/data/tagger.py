@@ -1,0 +1,106 @@
+"""Lemmas and parts of speech by rule, for the tokens of HumanML3D text files.
+
+Honest about what it is: a word list for sentences about movement plus a few endings and neighbours. It is not spaCy,
+which made the official files; on other texts it errs more. Only the classic evaluators look at these tokens, and those
+should be run on the official files.
+"""
+import re
+
+_CLOSED = {tag: words.split() for tag, words in {
+    "DET": "a an the this that these those another each every both all some any no",
+    "PRON": "i he she it they them him you we us himself herself itself themselves something someone somebody anyone "
+            "everyone one who his her their its your my our",
+    "ADP": "in on at of to from with without by over under above below across through into onto off out along around "
+           "about against toward towards between behind beside beneath near like during after before for as past up "
+           "down upon",
+    "AUX": "is are am was were be been being can could will would may might must should do does did has have had",
+    "CCONJ": "and or but nor", "SCONJ": "while when if because until since so", "PART": "not n't",
+    "NUM": "two three four five six seven eight nine ten twice ninety hundred 90 180 360",
+    "ADV": "forward forwards backward backwards sideways left right clockwise counterclockwise anticlockwise again "
+           "then there here very too also ahead apart away back once still together upward upwards downward downwards "
+           "around fast straight several_times in_place almost just even only first slightly twice overhead",
+    "ADJ": "small large big tall little same other different left-handed slow quick long short high low old young sad "
+           "happy angry tired proud several few uneven elderly masculine feminine musical exhausted indian casual "
+           "dynamic single martial many outstretched crossed normal youthful childish timid heavy hard rough giant "
+           "upper lower front"}.items()}
+_TAG = {word: tag for tag, words in reversed(_CLOSED.items()) for word in words}
+_SIDES = ("left", "right", "front", "back", "straight", "upper", "lower", "other", "same")
+
+_VERBS = set("""
+answer balance bend block blow bounce bow box brush call catch circle clap clean climb close come cross crawl crouch
+dangle dash descend dance direct do draw dribble drink drop duck exercise extend fall fight flap fly fold follow
+gesture get give glide go grab hang hit hold hop jab jack jog jump keep kick kneel land laugh lean leap let lie lift
+look lower lunge make march move open perform pick pirouette place play point pose practice pull punch push put
+raise reach respond rest return rise rock roll rotate rub run salute say scoop scratch screw scrub shake shoot show
+shout shuffle shower sidestep signal sing sit skip slash slide spin sprint squat stamp stand start step stay stop
+strafe stretch stride strike stroll stumble sweep swim swing switch take tap think throw thrust tilt tiptoe touch
+trot turn twist unscrew use wade waddle walk wash wave wipe work
+""".split())
+_NOUNS = set("""
+person man woman someone people figure arm leg hand foot feet knee elbow head hip waist chin face mouth eye shoulder
+ankle wrist torso body back side front place ball basketball soccer bottle car cap ground floor stair step stool
+ladder playground equipment sword blade kata dance dancer music circle corner direction line way time degree thug
+child boxer karate ballet block window knife soda response traffic goodbye bye style pace spot air terrain
+confidence expression exhaustion bar hoop fist seat rung axis guide grand arabesque cartwheel kick punch walk wave
+""".split())
+_IRREGULAR = {
+    "feet": "foot", "children": "child", "men": "man", "women": "woman", "people": "people", "knives": "knife",
+    "is": "be", "are": "be", "am": "be", "was": "be", "were": "be", "been": "be", "being": "be", "has": "have",
+    "had": "have", "does": "do", "did": "do", "went": "go", "gone": "go", "ran": "run", "sat": "sit", "stood":
+    "stand", "took": "take", "threw": "throw", "bent": "bend", "swung": "swing", "left": "left", "lying": "lie",
+    "held": "hold", "an": "a", "goes": "go", "says": "say", "made": "make", "twice": "twice", "jetes": "jete",
+    "pirouettes": "pirouette", "others": "other", "them": "they", "him": "he", "its": "its"}
+
+
+def tag(text) -> list[str]:
+  """A sentence to tokens "lemma/POS", punctuation left out, at the tags of HumanML3D's files (universal set)."""
+  words = re.findall(r"[a-z0-9]+(?:['-][a-z0-9]+)*", text.lower())
+  tokens, before = [], ""
+  for index, word in enumerate(words):
+    after = words[index + 1] if index + 1 < len(words) else ""
+    lemma, pos = _look_up(word, before, after)
+    tokens.append(f"{lemma}/{pos}")
+    before = pos
+  return tokens
+
+
+def _look_up(word, before, after):
+  """(lemma, tag) of a word, with the tag before it and the word after it."""
+  verb, noun = _base(word, _VERBS, ("ing", "ed", "es", "s")), _base(word, _NOUNS, ("es", "s"))
+  if word in _SIDES and (after in _NOUNS or _base(after, _NOUNS, ("es", "s"))):
+    return word, "ADJ"
+  if word in _SIDES[:4] and before in ("DET", "PRON"):
+    return word, "NOUN"
+  if word in _TAG:
+    return _IRREGULAR.get(word, word), _TAG[word]
+  if word in _IRREGULAR:
+    lemma = _IRREGULAR[word]
+    return lemma, "VERB" if lemma in _VERBS else "NOUN"
+  inside_noun_phrase = before in ("DET", "ADJ", "NUM") or (before == "ADP" and not word.endswith("ing"))
+  if noun and (inside_noun_phrase or not verb):
+    return noun, "NOUN"
+  if verb:
+    return verb, "NOUN" if before in ("DET", "ADJ", "NUM") and not word.endswith(("ing", "ed")) else "VERB"
+  if word.isdigit():
+    return word, "NUM"
+  if word.endswith("ly"):
+    return word, "ADV"
+  if word.endswith(("ful", "ish", "ous", "ive", "less", "ic", "al")):
+    return word, "ADJ"
+  if before in ("NOUN", "PRON") and word.endswith("s") and not inside_noun_phrase:
+    return word[:-1], "VERB"
+  return (word[:-1] if word.endswith("s") and not word.endswith("ss") else word), "NOUN"
+
+
+def _base(word, known, endings):
+  """The base form of word in a set of known ones, or ""."""
+  if word in known:
+    return word
+  for ending in endings:
+    if word.endswith(ending):
+      stem = word[:-len(ending)]
+      for base in (stem, stem + "e", stem[:-1] if len(stem) > 2 and stem[-1] == stem[-2] else stem,
+                   stem[:-1] + "y" if stem.endswith("i") else stem):
+        if base in known:
+          return base
+  return ""
