@@ -1,0 +1,248 @@
+"""From captions to word features: a name or a folder becomes a frozen encoder that runs once per caption."""
+import functools
+import hashlib
+import json
+import pathlib
+import re
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from safetensors import SafetensorError
+from safetensors.numpy import load_file
+from tokenizers import Tokenizer, models, normalizers, pre_tokenizers, processors
+
+from motion_jax.text import bert
+
+SHIPPED = pathlib.Path(__file__).parents[1] / "pretrained"
+FILES = ("config.json", "model.safetensors", "tokenizer.json")
+FAMILIAR = 0.62  # cosine to the nearest known word from which on a word counts as understood; see the model card
+
+# Words that carry no movement of their own: never worth a warning.
+FUNCTION_WORDS = frozenset(
+    "a about after again all also an and another any are as at be been before being both but by can could did do does "
+    "done each either else every few for from had has have having he her hers herself him himself his how i if in into "
+    "is it its itself just let like many may me might more most much must my myself no nor not of off on once one only "
+    "onto or other our out over own per please quite same shall she should so some something somewhat such than that "
+    "the their theirs them themselves then there these they this those though through till to too toward towards "
+    "until up us very was we were what when where which while who whom whose why will with within without would you "
+    "your s t re ll d m ve".split())
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _hidden(model, params, ids, text_mask):
+  # A caption must give the same features on every device, so no shortcuts in the products.
+  with jax.default_matmul_precision("highest"):
+    return model.apply({"params": params}, ids, text_mask)
+
+
+class TextEncoder:
+  """A frozen encoder of captions.
+
+  `dim` is the width D of a word feature, `max_words` the most word pieces of a caption (its two special ones included),
+  `fingerprint` the sha256 of weights and tokenizer, which a checkpoint can remember.
+  """
+
+  def __init__(self, fields, params, tokenizer, fingerprint, name, projection=None, known_words=(), max_words=None):
+    self.model, self.params, self.tokenizer = bert.Bert(**fields), jax.tree.map(jnp.asarray, params), tokenizer
+    self.name, self.fingerprint, self.dim = name, fingerprint, fields["width"]
+    self.max_words = min(max_words or fields["max_positions"], fields["max_positions"])
+    self.known_words = frozenset(known_words)
+    self._projection = projection
+    self._cache = {}
+
+  def __call__(self, sentences, pad_to=None):
+    """Word features of captions: text_emb (B, S, D) float32 and text_mask (B, S), True = a real word piece.
+
+    S is the longest caption's number of word pieces, or `pad_to`. A caption's features do not depend on the others, nor
+    on S. Raises ValueError for an empty or too long caption.
+    """
+    features = self._features(sentences)
+    longest = max(len(f) for f in features)
+    if pad_to is not None and pad_to < longest:
+      raise ValueError(f"got pad_to={pad_to}, the longest caption has {longest} word pieces")
+    length = pad_to or longest
+    text_emb = np.zeros((len(features), length, self.dim), np.float32)
+    for row, feature in zip(text_emb, features):
+      row[:len(feature)] = feature
+    return text_emb, np.arange(length) < np.array([len(f) for f in features])[:, None]
+
+  def sentence(self, sentences):
+    """One unit vector per caption, (B, E): close captions mean the same."""
+    vectors = np.stack([feature.mean(0) for feature in self._features(sentences)])
+    if self._projection is not None:
+      vectors = np.einsum("bd,ed->be", vectors, self._projection)  # not @: its rounding depends on B
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+  def word(self, sentence, word):
+    """The feature (D,) of a word inside a sentence: the mean of its pieces. Raises ValueError if it is not there."""
+    found = re.search(rf"(?<!\w){re.escape(word.lower())}(?!\w)", sentence.lower())
+    offsets = self._encode(sentence).offsets
+    rows = [i for i, (a, b) in enumerate(offsets) if found and a < b and found.start() <= a and b <= found.end()]
+    if not rows:
+      raise ValueError(f"got the word {word!r}, which is not in {sentence!r}")
+    return self._features([sentence])[0][rows].mean(0)
+
+  def unfamiliar(self, sentence):
+    """Words of a sentence that are far from everything the encoder was trained on, in order.
+
+    A word is familiar if it, or a form of it, was in the training sentences, or if its sentence vector comes near that
+    of such a word. Numbers are never named. Encoders without a word list (any Hugging Face folder) name none.
+    """
+    if not self.known_words:
+      return []
+    found = {}
+    for word in re.findall(r"[^\W\d_]+", sentence):
+      lower = word.lower()
+      if lower not in FUNCTION_WORDS and not _forms(lower) & self._known_forms and not self._near_a_known(lower):
+        found[word] = None
+    strange = [c for c in sentence if "[UNK]" in self._encode(c).tokens and not c.isalpha()]  # emoji and the like
+    return list(found) + list(dict.fromkeys(strange))
+
+  @functools.cached_property
+  def _known_forms(self):
+    return frozenset().union(*(_forms(word) for word in self.known_words))
+
+  @functools.cached_property
+  def _known_vectors(self):
+    words = sorted(word for word in self.known_words - FUNCTION_WORDS if len(word) > 2)
+    encodings = [self._encode(word).ids for word in words]
+    ids, text_mask = _pad(encodings, max(map(len, encodings)))
+    hidden = np.asarray(_hidden(self.model, self.params, ids, text_mask))  # all at once: only nearness counts here
+    means = (hidden * text_mask[..., None]).sum(1) / text_mask.sum(1, keepdims=True)
+    vectors = means if self._projection is None else means @ self._projection.T
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+  def nearness(self, word):
+    """Cosine of a word's sentence vector to that of the nearest known word."""
+    return float((self._known_vectors @ self.sentence([word])[0]).max())
+
+  def _near_a_known(self, word):
+    pieces = self._encode(word).tokens[1:-1]
+    if "[UNK]" in pieces or not pieces or len(pieces) > self.max_words - 2:
+      return False
+    # Only letters are left of a word that no piece knows: its vector says nothing.
+    if len(word) > 2 and all(len(piece.removeprefix("##")) == 1 for piece in pieces):
+      return False
+    return self.nearness(word) >= FAMILIAR
+
+  def _encode(self, sentence):
+    return self.tokenizer.encode(sentence)
+
+  def _features(self, sentences):
+    """List of (S_i, D) without padding, one per caption."""
+    if isinstance(sentences, str):
+      sentences = [sentences]
+    sentences = list(sentences)
+    if not sentences:
+      raise ValueError("got no caption, expected at least one, such as 'a person walks'")
+    return [self._feature(sentence) for sentence in sentences]
+
+  def _feature(self, sentence):
+    if not isinstance(sentence, str):
+      raise ValueError(f"got a caption of type {type(sentence).__name__}, expected a string")
+    if sentence in self._cache:
+      return self._cache[sentence]
+    ids = self._encode(sentence).ids
+    if not sentence.strip() or len(ids) <= 2:
+      raise ValueError(f"got the empty caption {sentence!r}; say what the person does, such as 'a person walks'")
+    if len(ids) > self.max_words:
+      raise ValueError(f"got a caption of {len(ids)} word pieces, this encoder takes {self.max_words}; shorten it or "
+                       f"split it into several: {sentence[:60]!r}...")
+    # One caption at a time, in lengths of 8: few compilations, and a caption never feels its batch-mates.
+    padded = min(-(-len(ids) // 8) * 8, self.model.max_positions)
+    hidden = np.asarray(_hidden(self.model, self.params, *_pad([ids], padded)))[0, :len(ids)].copy()
+    hidden.setflags(write=False)  # the cache hands out this very array
+    if len(self._cache) >= 50_000:
+      self._cache.pop(next(iter(self._cache)))
+    self._cache[sentence] = hidden
+    return hidden
+
+
+def _pad(encodings, length):
+  ids = np.zeros((len(encodings), length), np.int32)
+  for row, encoding in zip(ids, encodings):
+    row[:len(encoding)] = encoding
+  return ids, np.arange(length) < np.array([len(e) for e in encodings])[:, None]
+
+
+def _forms(word):
+  """The word and what is left of it without its English endings: walking, walked, walks -> walk."""
+  forms = {word}
+  for ending, instead in (("ies", "y"), ("es", ""), ("s", ""), ("ied", "y"), ("ed", ""), ("ed", "e"), ("d", ""),
+                          ("ing", ""), ("ing", "e"), ("ily", "y"), ("ly", ""), ("er", ""), ("er", "e"), ("est", "")):
+    if word.endswith(ending) and len(word) - len(ending) >= 3:
+      stem = word[:len(word) - len(ending)] + instead
+      forms.add(stem)
+      if len(stem) > 3 and stem[-1] == stem[-2]:
+        forms.add(stem[:-1])
+  return forms
+
+
+def load_text_encoder(name_or_folder="words", max_words=None):
+  """The encoder of that name or in that folder; nothing is ever downloaded.
+
+  "words": the small encoder that ships. "fresh": a tiny one with random weights, always the same, for tests. Otherwise
+  a folder with config.json (model_type bert or distilbert), model.safetensors and tokenizer.json, as Hugging Face lays
+  it out. `max_words` lowers the limit on word pieces. Raises FileNotFoundError or ValueError that say what to give.
+  """
+  if max_words is not None and max_words < 3:
+    raise ValueError(f"got max_words={max_words}, expected at least 3: a word and the two special pieces")
+  name = str(name_or_folder)
+  if name == "fresh":
+    return _fresh(max_words)
+  folder = SHIPPED / "words" if name == "words" else pathlib.Path(name_or_folder)
+  missing = [file for file in FILES if not (folder / file).is_file()]
+  if missing:
+    what = f"lacks {', '.join(missing)}" if folder.is_dir() else "is not a folder"
+    raise FileNotFoundError(
+        f"text encoder {name!r}: {folder} {what}; give 'words' (it ships with this package) or a folder that holds "
+        f"{', '.join(FILES)} of a BERT, MiniLM or DistilBERT model, as Hugging Face lays it out")
+  try:
+    config = json.loads((folder / "config.json").read_text(encoding="utf-8"))
+    fields = bert.bert_fields(config)
+    state = load_file(folder / "model.safetensors")
+    params = bert.params_from_reference(state, fields)
+    tokenizer = Tokenizer.from_file(str(folder / "tokenizer.json"))
+  except (ValueError, SafetensorError) as error:
+    raise ValueError(f"text encoder {name!r} cannot be read from {folder}: {error}") from error
+  except Exception as error:  # the tokenizers library raises bare Exception
+    if type(error) is not Exception:
+      raise
+    raise ValueError(f"text encoder {name!r}: {folder / 'tokenizer.json'} is not a tokenizer: {error}") from error
+  if tokenizer.get_vocab_size() > fields["vocab_size"]:
+    raise ValueError(f"text encoder {name!r}: the tokenizer has {tokenizer.get_vocab_size()} word pieces, the weights "
+                     f"have {fields['vocab_size']}; both must come from one model")
+  tokenizer.no_padding()
+  tokenizer.no_truncation()
+  digest = hashlib.sha256()
+  for file in FILES[1:]:
+    digest.update((folder / file).read_bytes())
+  projection = state.get("sentence_projection.weight")
+  known = folder / "known_words.txt"
+  return TextEncoder(fields, params, tokenizer, digest.hexdigest(), name,
+                     projection=None if projection is None else projection.astype(np.float32),
+                     known_words=known.read_text(encoding="utf-8").split() if known.is_file() else (),
+                     max_words=max_words)
+
+
+def _fresh(max_words, seed=0):
+  """Random weights over letters and a few words: no files, the same on every machine."""
+  pieces = ["[PAD]", "[UNK]", "[CLS]", "[SEP]", *".,!?'-", *"0123456789"]
+  pieces += [p + c for c in "abcdefghijklmnopqrstuvwxyz" for p in ("", "##")] + [f"##{c}" for c in "0123456789"]
+  pieces += "person someone walks runs jumps turns left right forward and then the waves sits".split()
+  tokenizer = Tokenizer(models.WordPiece({piece: i for i, piece in enumerate(pieces)}, unk_token="[UNK]"))
+  tokenizer.normalizer, tokenizer.pre_tokenizer = normalizers.BertNormalizer(), pre_tokenizers.BertPreTokenizer()
+  tokenizer.post_processor = processors.TemplateProcessing(
+      single="[CLS] $A [SEP]", special_tokens=[("[CLS]", 2), ("[SEP]", 3)])
+  fields = dict(vocab_size=len(pieces), width=32, num_layers=1, num_heads=2, mlp_width=64, max_positions=64)
+  rng = np.random.default_rng(seed)  # numpy's stream is the same on every jax version
+  shapes = jax.eval_shape(lambda: bert.Bert(**fields).init(
+      jax.random.key(0), jnp.zeros((1, 1), jnp.int32), jnp.ones((1, 1), bool)))["params"]
+  params = jax.tree_util.tree_map_with_path(
+      lambda path, leaf: np.ones(leaf.shape, np.float32) if path[-1].key == "scale"
+      else rng.normal(0, 1.0 if path[-1].key == "embedding" else 0.2, leaf.shape).astype(np.float32), shapes)
+  digest = hashlib.sha256(tokenizer.to_str().encode())
+  for leaf in jax.tree.leaves(params):
+    digest.update(leaf.tobytes())
+  return TextEncoder(fields, params, tokenizer, digest.hexdigest(), "fresh", max_words=max_words)
