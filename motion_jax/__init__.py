@@ -1,2 +1,24 @@
-"""motion_jax: make people move from words."""
+"""motion_jax: make people move from words.
+
+  import motion_jax as mj
+  model = mj.load("cmdm-small")
+  motion = model.generate("a person waves", num_frames=120, seeds=[0])[0]
+  motion.save("wave.mp4")
+"""
+import importlib
+
 __version__ = "0.1.0"
+
+_NAMES = {"load": "motion_jax.model", "Model": "motion_jax.model", "Motion": "motion_jax.model",
+          "Clip": "motion_jax.data.clip", "Caption": "motion_jax.data.clip"}
+_MODULES = ("cmdm", "data", "diffusion", "export", "motion", "nets", "quant", "text")
+__all__ = [*_NAMES, *_MODULES]
+
+
+def __getattr__(name):
+  # On demand: a user of one component does not wait for all of them to load.
+  if name in _NAMES:
+    return getattr(importlib.import_module(_NAMES[name]), name)
+  if name in _MODULES:
+    return importlib.import_module(f"motion_jax.{name}")
+  raise AttributeError(f"motion_jax has no {name!r}; it has {', '.join(__all__)}")

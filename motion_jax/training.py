@@ -6,6 +6,7 @@ import numpy as np
 
 from motion_jax import checkpoint, cmdm, train
 from motion_jax.data import batches, sources
+from motion_jax.data.captions import vary_subject
 from motion_jax.motion import stats as stats_lib
 from motion_jax.motion.features import to_joints
 from motion_jax.nets.causal_vae import CausalVAE
@@ -105,7 +106,9 @@ def _denoiser_run(config):
 
   def next_batch(step):
     batch = items.batch(config.data.batch_size, config.seed, step)
-    batch["text_emb"], batch["text_mask"] = encoder(batch.pop("caption"), pad_to=words)
+    rng = batches.step_rng(config.seed, 2, step)
+    said = [vary_subject(caption, rng, config.data.vary_subject) for caption in batch.pop("caption")]
+    batch["text_emb"], batch["text_mask"] = encoder(said, pad_to=words)
     return batch
 
   mean = std = None

@@ -1,0 +1,50 @@
+"""CMDM's causal diffusion transformer on latents of a trained tokenizer.
+
+  python launch.py --config configs/cmdm_denoiser.py --workdir runs/denoiser --config.frozen.tokenizer=runs/tokenizer \
+      --config.frozen.text=distilbert-base-uncased --config.data.folder=HumanML3D
+  ... --config configs/cmdm_denoiser.py:small      the model that ships, on the archives
+  ... --config configs/cmdm_denoiser.py:tiny       two steps on formulas, seconds
+
+`full` is the released code's configuration (facts: cmdm 4.5), size M of the paper: 38.7 M parameters. S is width 512,
+depth 4, 2 heads; L 768, 12, 6; XL 1024, 16, 8. `frozen.text` is a folder in Hugging Face layout, or "words", the small
+encoder that ships.
+"""
+import ml_collections
+
+
+def get_config(size="full"):
+  config = ml_collections.ConfigDict()
+  config.stage = "cmdm.denoiser"
+  config.seed = 5427
+  config.frozen = dict(tokenizer="runs/tokenizer", text="distilbert-base-uncased")
+  config.tokenizer = dict(features=263, latent_dim=64, width=1024, num_halvings=2, dilations=(9, 3, 1), teacher_dim=0)
+  config.model = dict(latent_dim=64, width=512, depth=8, num_heads=4, ff_width=1024, block=3, text_dim=768)
+  config.loss = dict(drop_rate=0.1, unit_latents=False, level_block=3)
+  config.data = dict(name="humanml3d", folder="", folders=(), layout="full", mode="benchmark", mirror=False,
+                     batch_size=64, min_frames=40, max_frames=192, lengths=(192,), max_words=64, balance=0.0,
+                     vary_subject=0.0)
+  config.optimizer = dict(learning_rate=2e-4, schedule="step", boundaries=(50_000,), gamma=0.1, cooldown_steps=0,
+                          warmup_steps=2_000, beta1=0.9, beta2=0.99, weight_decay=1e-5, clip_norm=0.0,
+                          ema_decay=0.9999, skip_loss=10.0)
+  config.train = dict(num_steps=190_000, log_every=100, save_every=5_000)
+  config.sampler = dict(num_steps=50, lag=2, guidance_scale=3.0)
+  if size == "small":
+    config.frozen.text = "words"
+    config.tokenizer.update(latent_dim=32, width=192)
+    config.model.update(latent_dim=32, width=256, depth=6, num_heads=4, ff_width=512, text_dim=192)
+    config.loss.update(unit_latents=True)
+    config.data.update(name="archive", mode="corrected", mirror=True, min_frames=20, lengths=(72, 120, 192),
+                       max_words=24, balance=0.5, vary_subject=0.5)
+    config.optimizer.update(learning_rate=5e-4, schedule="trapezoid", warmup_steps=300, cooldown_steps=3_000,
+                            ema_decay=0.999, clip_norm=1.0)
+    config.train.update(num_steps=12_000, log_every=50, save_every=500)
+  elif size == "tiny":
+    config.frozen.update(tokenizer="fresh", text="fresh")  # random weights: nothing to download
+    config.tokenizer.update(latent_dim=4, width=16)
+    config.model.update(latent_dim=4, width=16, depth=1, num_heads=2, ff_width=32, text_dim=32)
+    config.data.update(name="synthetic", mode="corrected", batch_size=4)
+    config.optimizer.update(warmup_steps=1, schedule="constant")
+    config.train.update(num_steps=2, log_every=1, save_every=2)
+  elif size != "full":
+    raise ValueError(f"got size {size!r}, expected full, small or tiny")
+  return config.lock()

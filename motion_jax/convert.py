@@ -1,0 +1,112 @@
+"""Released PyTorch weights to parameters, by tables of names: every tensor is accounted for.
+
+A table maps a reference's name, less ".weight" or ".bias", to (our path, kind); the kind says how arrays are turned.
+"""
+import pathlib
+
+import flax
+import numpy as np
+from safetensors.numpy import load_file
+
+# kind -> {suffix of the reference: (our leaf, transposition)}
+_KINDS = {
+    "dense": {"weight": ("kernel", lambda w: w.T), "bias": ("bias", None)},
+    "conv": {"weight": ("kernel", lambda w: w.transpose(2, 1, 0)), "bias": ("bias", None)},
+    "pointwise": {"weight": ("kernel", lambda w: w[:, :, 0].T), "bias": ("bias", None)},
+    "norm": {"weight": ("scale", None), "bias": ("bias", None)},
+    "scale": {"weight": ("scale", None)},
+}
+
+
+def load_state(path):
+  """A flat dict of numpy arrays from a .safetensors file or a PyTorch checkpoint, which is never unpickled in full.
+
+  A checkpoint that nests its weights gives keys joined by "/": "ema_model/x_embedder.weight".
+  """
+  path = pathlib.Path(path)
+  if not path.is_file():
+    raise FileNotFoundError(f"there is no checkpoint {path}")
+  if path.suffix == ".safetensors":
+    return load_file(path)
+  try:
+    import torch
+  except ImportError as error:
+    raise ValueError(f"reading {path.name} needs torch: pip install 'motion-jax[convert]', or give a .safetensors "
+                     "file") from error
+  state = torch.load(path, map_location="cpu", weights_only=True)
+  flat = {}
+
+  def collect(prefix, value):
+    if isinstance(value, dict):
+      for key, inner in value.items():
+        collect(f"{prefix}/{key}" if prefix else str(key), inner)
+    elif isinstance(value, torch.Tensor):
+      flat[prefix] = value.float().numpy()
+
+  collect("", state)
+  return flat
+
+
+def select(state, prefix):
+  """The entries under a prefix, less the prefix: the "ae" or "ema_model" part of a checkpoint."""
+  part = {key[len(prefix):]: value for key, value in state.items() if key.startswith(prefix)}
+  if not part:
+    raise ValueError(f"the checkpoint has nothing under {prefix!r}; it has "
+                     f"{', '.join(sorted({key.split('/')[0] for key in state})[:8])}")
+  return part
+
+
+def from_torch(state, table, ignore=()):
+  """Parameters {"params": ...} from a state dict; a name that is unknown or missing is an error that lists it.
+
+  ignore: names of buffers that are formulas (sine tables).
+  """
+  flat, used = {}, set()
+  for theirs, (ours, kind) in table.items():
+    for suffix, (leaf, turn) in _KINDS[kind].items():
+      name = f"{theirs}.{suffix}"
+      if name in state:
+        used.add(name)
+        array = np.asarray(state[name], np.float32)
+        flat[f"params/{ours}/{leaf}"] = array if turn is None else turn(array)
+  expected = {f"{theirs}.{suffix}" for theirs, (_, kind) in table.items() for suffix in _KINDS[kind]}
+  missing, unknown = sorted(expected - used), sorted(set(state) - used - set(ignore))
+  if missing or unknown:
+    tell = lambda names: f"{len(names)} ({', '.join(names[:4])}{', ...' if len(names) > 4 else ''})"
+    raise ValueError(f"the checkpoint does not fit this network: missing {tell(missing)}, unknown {tell(unknown)}; "
+                     "check which network and size it is of")
+  return flax.traverse_util.unflatten_dict(flat, sep="/")
+
+
+def causal_vae_names(num_halvings=2, depth=3, teacher=True):
+  """MAC-VAE (facts: cmdm 9). teacher: the state holds the alignment projection."""
+  table = {"encoder.model.0.conv": ("encoder/conv_in/conv", "conv"), "encoder.proj": ("encoder/head", "dense"),
+           f"encoder.model.{2 + num_halvings}.conv": ("encoder/conv_out/conv", "conv"),
+           "decode_proj": ("decoder/head", "dense"), "decoder.model.0.conv": ("decoder/conv_in/conv", "conv"),
+           f"decoder.model.{2 + num_halvings}.conv": ("decoder/conv_mid/conv", "conv"),
+           f"decoder.model.{4 + num_halvings}.conv": ("decoder/conv_out/conv", "conv")}
+  if teacher:
+    table["linear_proj_z"] = ("align", "dense")
+  for i in range(num_halvings):
+    table[f"encoder.model.{2 + i}.0.conv"] = (f"encoder/down{i}/conv", "conv")
+    table[f"decoder.model.{2 + i}.2.conv"] = (f"decoder/up{i}/conv", "conv")
+    for half, place in (("encoder", 1), ("decoder", 0)):
+      for b in range(depth):
+        theirs, ours = f"{half}.model.{2 + i}.{place}.model.{b}", f"{half}/stack{i}_block{b}"
+        table[f"{theirs}.conv1"] = (f"{ours}/conv/conv", "conv")
+        table[f"{theirs}.conv2"] = (f"{ours}/pointwise", "pointwise")
+  return table
+
+
+def causal_dit_names(depth):
+  """Causal-DiT (facts: cmdm 9)."""
+  table = {"t_embedder.mlp.0": ("time_in", "dense"), "t_embedder.mlp.2": ("time_out", "dense"),
+           "x_embedder": ("x_in", "dense"), "y_embedder": ("text_in", "dense"), "final_layer": ("out", "dense")}
+  for i in range(depth):
+    theirs, ours = f"blocks.{i}", f"block{i}"
+    table |= {f"{theirs}.adaLN_modulation.1": (f"{ours}/film", "dense"), f"{theirs}.norm3": (f"{ours}/norm2", "norm"),
+              f"{theirs}.ffn.0": (f"{ours}/ff_in", "dense"), f"{theirs}.ffn.2": (f"{ours}/ff_out", "dense")}
+    for attention in ("self_attn", "cross_attn"):
+      table |= {f"{theirs}.{attention}.{name}": (f"{ours}/{attention}/{name}", "dense") for name in "qkvo"}
+      table |= {f"{theirs}.{attention}.{name}": (f"{ours}/{attention}/{name}", "scale") for name in ("norm_q", "norm_k")}
+  return table

@@ -1,0 +1,50 @@
+"""The straight path from noise (t = 0) to data (t = 1), what can be predicted along it, and the forcing loss.
+
+x_t = t x1 + (1 - t) eps, velocity v = x1 - eps (facts: cmdm 4.4). Times t (B, L) go with arrays (B, L, C).
+"""
+import jax
+import jax.numpy as jnp
+
+
+def add_noise(x1, noise, t):
+  t = t[..., None]
+  return t * x1 + (1 - t) * noise
+
+
+def velocity_to_x1(x, velocity, t):
+  return x + (1 - t[..., None]) * velocity
+
+
+def velocity_to_noise(x, velocity, t):
+  return x - t[..., None] * velocity
+
+
+def x1_to_velocity(x, x1, t, eps=1e-5):
+  """Undefined at t = 1, where x is x1 already; the distance left is floored at eps."""
+  return (x1 - x) / jnp.maximum(1 - t[..., None], eps)
+
+
+def noise_to_velocity(x, noise, t, eps=1e-5):
+  """Undefined at t = 0, where x is the noise already; the distance gone is floored at eps."""
+  return (x - noise) / jnp.maximum(t[..., None], eps)
+
+
+def forcing_times(rng, batch, length, block):
+  """Diffusion forcing: t (B, L) uniform in [0, 1), one draw per block of latents, independent of its neighbours.
+
+  block = 0 draws one time for the whole sequence (ordinary diffusion). A length off the block ends in a shorter one.
+  """
+  block = block or length
+  draws = jax.random.uniform(rng, (batch, -(-length // block)))
+  return jnp.repeat(draws, block, axis=1)[:, :length]
+
+
+def forcing_loss(velocity, x1, latent_mask, t, noise):
+  """Mean squared error of the velocity over real latents, as (sums, weight) to be added up over devices.
+
+  velocity(x, t) -> (B, L, C); x1, noise (B, L, C); latent_mask, t (B, L). sums["loss"] is summed over real latents,
+  averaged over channels; weight is the number of real latents.
+  """
+  predicted = velocity(add_noise(x1, noise, t), t)
+  error = ((predicted - (x1 - noise)) ** 2).astype(jnp.promote_types(x1.dtype, jnp.float32)).mean(-1)
+  return {"loss": jnp.where(latent_mask, error, 0.0).sum()}, latent_mask.sum()

@@ -1,0 +1,81 @@
+"""Attention with normalized queries and keys and rotary positions, in pieces that a key-value cache can use."""
+import math
+from typing import Any
+
+import flax.linen as nn
+import jax
+import jax.numpy as jnp
+
+
+def wide(dtype):
+  """The type in which norms, angles and softmax are computed: float32 at least."""
+  return jnp.promote_types(dtype, jnp.float32)
+
+
+class RMSNorm(nn.Module):
+  """x / sqrt(mean(x^2) + eps) * scale over the last axis."""
+  eps: float = 1e-6
+  dtype: Any = jnp.float32
+
+  @nn.compact
+  def __call__(self, x):
+    scale = self.param("scale", nn.initializers.ones, (x.shape[-1],))
+    y = x.astype(wide(self.dtype))
+    y = y * jax.lax.rsqrt((y * y).mean(-1, keepdims=True) + self.eps)
+    return (y * scale).astype(self.dtype)
+
+
+def rotary(x, positions, base=10_000.0):
+  """Turns adjacent pairs of channels by position * base^(-2 i / K): x (..., L, H, K), positions (L,) or (..., L).
+
+  Scores then depend on differences of positions only, so positions may be shifted all together.
+  """
+  half = x.shape[-1] // 2
+  angles = positions[..., None].astype(wide(x.dtype)) * base ** (-jnp.arange(half, dtype=wide(x.dtype)) / half)
+  cos, sin = (f(angles)[..., None, :] for f in (jnp.cos, jnp.sin))
+  even, odd = x[..., 0::2], x[..., 1::2]
+  turned = jnp.stack([even * cos - odd * sin, even * sin + odd * cos], axis=-1)
+  return turned.reshape(x.shape).astype(x.dtype)
+
+
+class Attention(nn.Module):
+  """Multi-head attention in three steps: `queries`, `keys_values`, `attend`.
+
+  Queries and keys are RMS-normalized over the whole width before the heads are split (facts: cmdm 4.1). With positions
+  they are turned by rotary angles. Shapes: x (B, L, D); q, k, v (B, L, H, D / H); attn_mask (B or 1, 1, L, S).
+  """
+  width: int
+  num_heads: int
+  dtype: Any = jnp.float32
+
+  def setup(self):
+    if self.width % self.num_heads:
+      raise ValueError(f"got width {self.width} for {self.num_heads} heads, expected a multiple")
+    dense = lambda: nn.Dense(self.width, kernel_init=nn.initializers.xavier_uniform(), dtype=self.dtype)
+    self.q, self.k, self.v, self.o = dense(), dense(), dense(), dense()
+    self.norm_q, self.norm_k = RMSNorm(dtype=self.dtype), RMSNorm(dtype=self.dtype)
+
+  def _heads(self, x):
+    return x.reshape(x.shape[:-1] + (self.num_heads, self.width // self.num_heads))
+
+  def queries(self, x, positions=None):
+    q = self._heads(self.norm_q(self.q(x)))
+    return q if positions is None else rotary(q, positions)
+
+  def keys_values(self, x, positions=None):
+    k = self._heads(self.norm_k(self.k(x)))
+    return (k if positions is None else rotary(k, positions)), self._heads(self.v(x))
+
+  def attend(self, q, k, v, attn_mask=None):
+    scores = jnp.einsum("bqhd,bkhd->bhqk", q, k, preferred_element_type=wide(self.dtype))
+    scores = scores / math.sqrt(q.shape[-1])
+    if attn_mask is not None:
+      scores = jnp.where(attn_mask, scores, jnp.finfo(scores.dtype).min)
+    weights = jax.nn.softmax(scores, axis=-1).astype(self.dtype)
+    y = jnp.einsum("bhqk,bkhd->bqhd", weights, v)
+    return self.o(y.reshape(y.shape[:-2] + (self.width,)))
+
+  def __call__(self, x, context=None, attn_mask=None, positions=None):
+    """Self-attention, or cross-attention to a context (B, S, D)."""
+    k, v = self.keys_values(x if context is None else context, positions)
+    return self.attend(self.queries(x, positions), k, v, attn_mask)

@@ -1,0 +1,152 @@
+"""CMDM's Causal-DiT: a denoiser in which every latent frame carries its own noise level (facts: cmdm 4.1-4.2).
+
+The whole network is `__call__`. The sampler uses the same layers in pieces, because most of what they compute does not
+change from step to step: `modulation` depends on the noise level only, `text_keys_values` on the caption only, and keys
+and values of finished latents stay as they are; `window` runs the latents that are being denoised against them.
+"""
+from typing import Any, NamedTuple
+
+import flax.linen as nn
+import jax.numpy as jnp
+
+from motion_jax.nets.attention import Attention, wide
+
+SIZES = {"S": dict(num_heads=2, depth=4, width=512), "M": dict(num_heads=4, depth=8, width=512),
+         "L": dict(num_heads=6, depth=12, width=768), "XL": dict(num_heads=8, depth=16, width=1024)}
+
+
+def size(name, **fields):
+  """Fields of a size of the paper's Table 8; feed-forward 2 D is what its parameter counts mean."""
+  if name not in SIZES:
+    raise ValueError(f"got size {name!r}, expected one of {', '.join(SIZES)}")
+  return SIZES[name] | dict(ff_width=2 * SIZES[name]["width"]) | fields
+
+
+def time_numbers(t, count=256):
+  """cos and sin of raw t in [0, 1] at count / 2 frequencies, (...,) -> (..., count); cosine first."""
+  half = count // 2
+  angles = t[..., None] * 10_000.0 ** (-jnp.arange(half, dtype=wide(t.dtype)) / half)
+  return jnp.concatenate([jnp.cos(angles), jnp.sin(angles)], axis=-1)
+
+
+class Text(NamedTuple):
+  """What a layer's cross-attention needs of a caption: keys, values (B, S, H, D / H) and mask (B, S)."""
+  k: jnp.ndarray
+  v: jnp.ndarray
+  mask: jnp.ndarray
+
+
+class Block(nn.Module):
+  """Self-attention, cross-attention to the words, feed-forward; x (B, L, D), modulation (B, L, 6, D)."""
+  width: int
+  num_heads: int
+  ff_width: int
+  dtype: Any
+
+  def setup(self):
+    xavier = dict(kernel_init=nn.initializers.xavier_uniform(), dtype=self.dtype)
+    norm = lambda affine: nn.LayerNorm(epsilon=1e-6, use_scale=affine, use_bias=affine, dtype=self.dtype)
+    self.film = nn.Dense(6 * self.width, kernel_init=nn.initializers.zeros, dtype=self.dtype)
+    self.norm1, self.norm2, self.norm3 = norm(False), norm(True), norm(False)
+    self.self_attn = Attention(self.width, self.num_heads, self.dtype)
+    self.cross_attn = Attention(self.width, self.num_heads, self.dtype)
+    self.ff_in, self.ff_out = nn.Dense(self.ff_width, **xavier), nn.Dense(self.width, **xavier)
+
+  def modulation(self, level):
+    """level (..., D) -> (..., 6, D): shift, scale, gate of attention, then of the feed-forward."""
+    film = self.film(nn.silu(level))
+    return film.reshape(film.shape[:-1] + (6, self.width))
+
+  def text(self, words, mask):
+    return Text(*self.cross_attn.keys_values(words), mask)
+
+  def keys_values(self, x, modulation, positions):
+    return self.self_attn.keys_values(self._modulated(x, modulation), positions)
+
+  def _modulated(self, x, modulation):
+    return self.norm1(x) * (1 + modulation[..., 1, :]) + modulation[..., 0, :]
+
+  def step(self, x, modulation, text, attn_mask, positions, past=None):
+    """-> (x, (k, v)) with the keys and values of x; past (k, v) stand before them under attn_mask."""
+    y = self._modulated(x, modulation)
+    k, v = new = self.self_attn.keys_values(y, positions)
+    if past is not None:
+      k, v = (jnp.concatenate([a.astype(b.dtype), b], axis=1) for a, b in zip(past, new))
+    x = x + modulation[..., 2, :] * self.self_attn.attend(self.self_attn.queries(y, positions), k, v, attn_mask)
+    x = x + self.cross_attn.attend(self.cross_attn.queries(self.norm2(x)), text.k, text.v, text.mask[:, None, None, :])
+    y = self.norm3(x) * (1 + modulation[..., 4, :]) + modulation[..., 3, :]
+    return x + modulation[..., 5, :] * self.ff_out(nn.gelu(self.ff_in(y), approximate=True)), new
+
+
+class CausalDiT(nn.Module):
+  """Velocity of latents x (B, L, C) at times t (B, L) under a caption, 0 = noise, 1 = clean.
+
+  t may also be (B, L / n), one time for n neighbours; it is spread after the modulation, which saves its arithmetic.
+  """
+  latent_dim: int = 64
+  width: int = 512
+  depth: int = 8
+  num_heads: int = 4
+  ff_width: int = 1024
+  text_dim: int = 768
+  block: int = 3
+  use_rope: bool = True
+  use_adaln: bool = True  # False: the time embedding is added to the tokens instead (ablation)
+  dtype: Any = jnp.float32
+
+  def setup(self):
+    xavier = dict(kernel_init=nn.initializers.xavier_uniform(), dtype=self.dtype)
+    normal = dict(kernel_init=nn.initializers.normal(0.02), dtype=self.dtype)
+    self.x_in, self.text_in = nn.Dense(self.width, **xavier), nn.Dense(self.width, **xavier)
+    self.time_in, self.time_out = nn.Dense(self.width, **normal), nn.Dense(self.width, **normal)
+    self.blocks = [Block(self.width, self.num_heads, self.ff_width, self.dtype, name=f"block{i}")
+                   for i in range(self.depth)]
+    self.out = nn.Dense(self.latent_dim, kernel_init=nn.initializers.zeros, dtype=self.dtype)
+
+  def level(self, t):
+    """Time embedding (..., D) of t (...)."""
+    return self.time_out(nn.silu(self.time_in(time_numbers(t))))
+
+  def modulation(self, t):
+    """Everything that depends on t alone, for all layers: (depth, ..., 6, D)."""
+    level = self.level(t)
+    if not self.use_adaln:
+      # Gates open, no shift, no scale: `window` adds the level to the tokens instead.
+      plain = jnp.zeros(level.shape[:-1] + (6, self.width), level.dtype).at[..., 2, :].set(1).at[..., 5, :].set(1)
+      return jnp.stack([plain] * self.depth)
+    return jnp.stack([block.modulation(level) for block in self.blocks])
+
+  def text_keys_values(self, text_emb, text_mask):
+    """Keys and values of the words for all layers, from text_emb (B, S, E) and text_mask (B, S)."""
+    words = self.text_in(text_emb)
+    return tuple(block.text(words, text_mask) for block in self.blocks)
+
+  def null_text(self, batch):
+    """The dropped caption as one word: all words of it are equal, so their number does not matter (facts: cmdm 4.3)."""
+    return self.text_keys_values(jnp.zeros((batch, 1, self.text_dim), self.dtype), jnp.ones((batch, 1), bool))
+
+  def window(self, x, t, modulation, text, attn_mask, positions, cache=None):
+    """Velocity of a window of latents and its keys and values: x (B, W, C), modulation (depth, B or 1, W, 6, D).
+
+    text: of text_keys_values. positions (W,) or (B, W). cache: per layer (k, v) (B, P, H, K) that stand before the
+    window; attn_mask (B or 1, 1, W, P + W) says which of them are there. -> (velocity, ((k, v), ...)).
+    """
+    x = self.x_in(x.astype(self.dtype))
+    if not self.use_adaln:
+      x = x + self.level(t)
+    positions = positions if self.use_rope else jnp.zeros_like(positions)
+    new = []
+    for i, block in enumerate(self.blocks):
+      x, keys_values = block.step(x, modulation[i], text[i], attn_mask, positions, None if cache is None else cache[i])
+      new.append(keys_values)
+    return self.out(x), tuple(new)
+
+  def __call__(self, x, t, text_emb, attn_mask, text_mask):
+    """x (B, L, C), t (B, L) or (B, L / n), text_emb (B, S, E), attn_mask (B or 1, 1, L, L), text_mask (B, S)."""
+    length = x.shape[1]
+    modulation = self.modulation(t)
+    if t.shape[1] != length:
+      modulation = jnp.repeat(modulation, length // t.shape[1], axis=2)
+      t = jnp.repeat(t, length // t.shape[1], axis=1)
+    text = self.text_keys_values(text_emb.astype(self.dtype), text_mask)
+    return self.window(x, t, modulation, text, attn_mask, jnp.arange(length))[0]

@@ -1,0 +1,75 @@
+"""Imports point one way (style guide, "Who imports whom"), and optional packages stay optional."""
+import ast
+import pathlib
+import sys
+import tomllib
+
+import pytest
+
+ROOT = pathlib.Path(__file__).parents[1]
+PACKAGE = ROOT / "motion_jax"
+# A file may import from its own layer's folder and from layers above it in this list.
+LAYERS = [
+    ("motion", "nets", "quant", "diffusion", "stage"),
+    ("data", "text", "metrics", "cmdm", "cdamd"),
+    ("train", "checkpoint", "convert", "export"),
+    ("training", "model"),
+    ("cli", "__init__"),
+]
+CORE = {"absl", "chex", "flax", "jax", "ml_collections", "numpy", "optax", "orbax", "PIL", "safetensors", "scipy",
+        "tokenizers", "tqdm"}
+# Packages of extras, imported inside the functions that need them.
+LAZY = {"torch", "imageio_ffmpeg"}
+FILES = sorted(PACKAGE.rglob("*.py"))
+
+
+def _imports(tree, top_level_only=False):
+  for node in (tree.body if top_level_only else ast.walk(tree)):
+    if isinstance(node, ast.Import):
+      yield from (alias.name for alias in node.names)
+    elif isinstance(node, ast.ImportFrom):
+      assert not node.level, "imports are absolute"
+      yield node.module
+      yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def _part(path):
+  """The name by which LAYERS knows a file: its folder below the package, or itself."""
+  relative = path.relative_to(PACKAGE)
+  return relative.parts[0] if len(relative.parts) > 1 else relative.stem
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_imports_point_up(path):
+  rank = {name: number for number, names in enumerate(LAYERS) for name in names}
+  part = _part(path)
+  assert part in rank, f"{path} has no layer: add it to LAYERS and to the style guide"
+  for name in _imports(ast.parse(path.read_text())):
+    pieces = name.split(".")
+    if pieces[0] != "motion_jax" or len(pieces) < 2:
+      continue
+    other = pieces[1]
+    if other not in rank:  # a name of motion_jax/__init__.py
+      continue
+    same = other == part
+    foundation = rank[part] == 0
+    # The first layer's parts know nothing of one another; below, parts of one layer may.
+    assert same or (rank[other] < rank[part] if foundation else rank[other] <= rank[part]), f"{part} imports {name}"
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_core_needs_no_extra(path):
+  tree = ast.parse(path.read_text())
+  for name in _imports(tree, top_level_only=True):
+    top = name.split(".")[0]
+    assert top in CORE or top == "motion_jax" or top in sys.stdlib_module_names, f"{path} imports {name}"
+  for name in _imports(tree):
+    top = name.split(".")[0]
+    assert top in CORE | LAZY or top == "motion_jax" or top in sys.stdlib_module_names, f"{path} imports {name}"
+
+
+def test_core_dependencies_are_those_of_pyproject():
+  project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+  names = {requirement.split(">")[0].split("[")[0] for requirement in project["dependencies"]}
+  packages = {"absl-py": "absl", "ml-collections": "ml_collections", "orbax-checkpoint": "orbax", "Pillow": "PIL"}
+  assert {packages.get(name, name) for name in names} == CORE
