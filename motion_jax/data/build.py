@@ -1,0 +1,202 @@
+"""Any source to a HumanML3D-layout folder: an archive, or motion-capture files and a table of captions."""
+import csv
+import hashlib
+import json
+import math
+import pathlib
+
+import numpy as np
+import tqdm
+
+from motion_jax.data import humanml3d
+from motion_jax.data.archive import is_archive, read_archive
+from motion_jax.data.asf import amc_clip
+from motion_jax.data.bvh import bvh_clip
+from motion_jax.data.clip import Caption
+
+READERS = {".bvh": bvh_clip, ".amc": amc_clip}
+LONGEST = 200  # frames; the field's loaders leave longer clips out
+_COLUMNS = ("file", "caption", "start", "end", "split", "source", "license")
+_SPLITS = (("train", 0.80), ("val", 0.85), ("test", 1.0))  # HumanML3D's shares
+
+
+def build(source, out, captions=None, mapping=None, mode="corrected", mirror=True, fps=None, overwrite=False,
+          progress=True) -> str:
+  """Makes folder out of a source and returns a summary to print.
+
+  source: an archive (motions.npz, captions.jsonl), or a folder of BVH or AMC files (in sub-folders too) with a table of
+  captions (CSV, TSV, JSONL; None: captions.* in the source). mapping: a table's name, a JSON file or a dict {our joint:
+  theirs}. Clips of more than 200 frames are cut into equal pieces; clips without a split get one from a hash of their
+  name, 80 % train, 5 % val, 15 % test. Nothing is left in out if anything fails.
+  """
+  source = pathlib.Path(source)
+  if not source.is_dir():
+    raise FileNotFoundError(f"there is no folder {source}; expected an archive or a folder of "
+                            f"{', '.join(READERS)} files")
+  if pathlib.Path(out).exists() and not overwrite:
+    raise FileExistsError(f"{out} exists already; choose another name, or say overwrite")
+  if is_archive(source):
+    clips, left_out = read_archive(source), []
+  else:
+    clips, left_out = read_captures(source, captions, mapping, fps or 20.0, progress)
+  if not clips:
+    raise ValueError(f"{source} gives no clip")
+  clips = with_splits([piece for clip in clips for piece in pieces(clip)])
+  info = humanml3d.write_folder(clips, out, mode, mirror, fps, overwrite, progress)
+  return summary(out, info, left_out)
+
+
+def read_captures(folder, captions=None, mapping=None, fps=20.0, progress=False):
+  """Clips of the captured files in a folder that the table of captions names, and the files that it does not name."""
+  folder = pathlib.Path(folder)
+  files = {path.relative_to(folder).as_posix(): path for path in sorted(folder.rglob("*"))
+           if path.suffix.lower() in READERS}
+  if not files:
+    raise FileNotFoundError(f"{folder} is no archive (motions.npz, captions.jsonl) and holds no "
+                            f"{' or '.join(READERS)} file")
+  table = read_captions(captions or _find_captions(folder))
+  stems = {}
+  for name in files:
+    stems.setdefault(name.rsplit(".", 1)[0], name)
+  rows, unknown = {}, []
+  for row in table:
+    key = row["file"].replace("\\", "/").removeprefix("./")
+    name = key if key in files else stems.get(key)
+    if name is None:
+      unknown.append(row["file"])
+    else:
+      rows.setdefault(name, []).append(row)
+  if unknown:
+    raise ValueError(f"the captions name {len(unknown)} files that {folder} lacks, the first are "
+                     f"{', '.join(unknown[:3])}; it has {', '.join(list(files)[:3])}, ...")
+  mapping = read_mapping(mapping)
+  clips = []
+  for name, own in tqdm.tqdm(rows.items(), desc="files", unit="file", disable=not progress):
+    splits = {row["split"] for row in own if row["split"]}
+    if len(splits) > 1:
+      raise ValueError(f"the captions put {name} into the splits {', '.join(sorted(splits))}; expected one")
+    first = own[0]
+    clips.append(READERS[files[name].suffix.lower()](
+        files[name], mapping=mapping, fps=fps, id=_id(name), split="".join(splits),
+        captions=tuple(Caption(row["caption"], row["start"], row["end"]) for row in own),
+        source=first["source"] or folder.resolve().name, license=first["license"]))
+  return clips, sorted(set(files) - set(rows))
+
+
+def read_captions(path) -> list[dict]:
+  """Rows of a CSV, TSV or JSONL table with the columns file and caption, and, if wanted, start and end (seconds),
+  split, source, license. Raises ValueError with the line."""
+  path = pathlib.Path(path)
+  if not path.is_file():
+    raise FileNotFoundError(f"there is no captions file {path}")
+  text = path.read_text(encoding="utf-8-sig")
+  suffix = path.suffix.lower()
+  if suffix == ".jsonl":
+    raw = [(number, _json(path, number, line)) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
+  elif suffix in (".csv", ".tsv"):
+    reader = csv.DictReader(text.splitlines(), delimiter="\t" if suffix == ".tsv" else ",")
+    raw = [(reader.line_num, row) for row in reader]
+  else:
+    raise ValueError(f"got captions in {path.name}, expected a .csv, .tsv or .jsonl file with the columns "
+                     f"{', '.join(_COLUMNS[:2])} and perhaps {', '.join(_COLUMNS[2:])}")
+  rows = []
+  for number, row in raw:
+    row = {str(key).strip().lower(): value for key, value in row.items() if key is not None}
+    if not str(row.get("file") or "").strip() or not str(row.get("caption") or "").strip():
+      raise ValueError(f"{path} line {number}: no file or no caption; the columns are {', '.join(row)}, expected "
+                       f"{', '.join(_COLUMNS[:2])} and perhaps {', '.join(_COLUMNS[2:])}")
+    try:
+      times = {key: float(row.get(key) or 0) for key in ("start", "end")}
+    except (TypeError, ValueError):
+      raise ValueError(f"{path} line {number}: start {row.get('start')!r} or end {row.get('end')!r} is no number of "
+                       "seconds") from None
+    if times["start"] < 0 or (any(times.values()) and not times["start"] < times["end"]):
+      raise ValueError(f"{path} line {number}: the span {times['start']} to {times['end']} s is empty")
+    rows.append({key: str(row.get(key) or "").strip() for key in _COLUMNS} | times)
+  return rows
+
+
+def read_mapping(mapping):
+  """A mapping from a JSON file; a dict, the name of a table, or None pass through."""
+  if not isinstance(mapping, (str, pathlib.Path)) or (isinstance(mapping, str) and not mapping.endswith(".json")):
+    return mapping
+  path = pathlib.Path(mapping)
+  if not path.is_file():
+    raise FileNotFoundError(f"there is no mapping file {path}")
+  value = _json(path, 1, path.read_text(encoding="utf-8"))
+  names = lambda entry: isinstance(entry, str) or (isinstance(entry, list) and entry and all(map(names, entry)))
+  bad = [joint for joint, entry in value.items() if not names(entry)]
+  if bad:
+    raise ValueError(f"{path}: {', '.join(bad)} should be a joint's name or a list of names")
+  return value
+
+
+def pieces(clip, longest=LONGEST):
+  """A clip, or equal pieces of it with at most so many frames; spans that reach into a piece for a second stay."""
+  num = math.ceil(clip.num_frames / longest)
+  if num == 1:
+    return [clip]
+  cuts = np.linspace(0, clip.num_frames, num + 1).astype(int)
+  result = []
+  for index, (first, last) in enumerate(zip(cuts[:-1], cuts[1:])):
+    captions = []
+    for caption in clip.captions:
+      if not caption.start and not caption.end:
+        captions.append(caption)
+        continue
+      start, end = max(caption.start - first / clip.fps, 0), min(caption.end, last / clip.fps) - first / clip.fps
+      if end - start >= 1:
+        captions.append(Caption(caption.text, round(start, 3), round(end, 3)))
+    if captions or not clip.captions:
+      result.append(clip.replace(joints=clip.joints[first:last], id=f"{clip.id}_{index:02d}", captions=tuple(captions),
+                                 meta=clip.meta | {"of": clip.id}))
+  return result
+
+
+def with_splits(clips):
+  """Clips that lack a split get one from a hash of their name (of the whole clip's, so pieces stay together)."""
+  def split_of(clip):
+    digest = hashlib.sha256(clip.meta.get("of", clip.id).encode()).digest()
+    place = int.from_bytes(digest[:8], "big") / 2**64
+    return next(name for name, end in _SPLITS if place < end)
+  chosen = [clip.split or split_of(clip) for clip in clips]
+  if "train" not in chosen:  # a handful of clips: the hash may leave nothing to learn from
+    chosen = [clip.split or "train" for clip in clips]
+  return [clip.replace(split=split) for clip, split in zip(clips, chosen)]
+
+
+def summary(out, info, left_out=()) -> str:
+  """What was written, for people."""
+  seconds = info["num_frames"] / info["fps"]
+  lines = [f"{out}: {info['num_clips']} clips, {info['num_frames']} frames, {seconds / 3600:.2f} hours at "
+           f"{info['fps']:g} frames a second, {info['layout']} features, {info['mode']} mode",
+           "  " + ", ".join(f"{split} {count}" for split, count in info["splits"].items()) +
+           f"; {info['shortest']} to {info['longest']} rows a clip"]
+  lines += [f"  {name or 'no source given'}: {entry['clips']} clips, licence {entry['license'] or 'not given'}"
+            for name, entry in info["sources"].items()]
+  if left_out:
+    lines.append(f"  left out, as no caption names them: {len(left_out)} files ({', '.join(left_out[:3])})")
+  return "\n".join(lines)
+
+
+def _find_captions(folder):
+  for suffix in (".csv", ".tsv", ".jsonl"):
+    if (folder / f"captions{suffix}").is_file():
+      return folder / f"captions{suffix}"
+  raise FileNotFoundError(f"{folder} has no captions.csv, .tsv or .jsonl; give a captions file with the columns file, "
+                          "caption and perhaps start, end, split")
+
+
+def _id(name):
+  """A file's path inside its folder as an id."""
+  return "_".join("_".join(name.rsplit(".", 1)[0].split("/")).split())
+
+
+def _json(path, number, text):
+  try:
+    value = json.loads(text)
+  except json.JSONDecodeError as error:
+    raise ValueError(f"{path} line {number + error.lineno - 1}: no valid JSON ({error.msg})") from None
+  if not isinstance(value, dict):
+    raise ValueError(f"{path} line {number}: expected a JSON object")
+  return value
