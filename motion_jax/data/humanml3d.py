@@ -229,7 +229,7 @@ def write_folder(clips, out, mode="corrected", mirror=True, fps=None, overwrite=
   skeleton = clips[0].skeleton
   layout = get_layout("full" if skeleton is HUMANML3D else f"full_{skeleton.name}")
   fps = fps or skeleton.fps
-  count, lengths, origins = _Count(layout), [], {}
+  count, lengths, origins = RunningStats(layout), [], {}
   members = {split: [] for split in SPLITS}
   with new_folder(out, overwrite) as folder:
     for name in ("new_joints", "new_joint_vecs", "texts"):
@@ -321,7 +321,7 @@ def _describe(layout, fps, mode, members, lengths, origins):
           "tokens": "by rule (motion_jax.data.tagger), not by the parser of the official files"}
 
 
-class _Count:
+class RunningStats:
   """Mean and std of features that pass by one clip at a time; sums are float64, shifted by the first clip's mean."""
 
   def __init__(self, layout):

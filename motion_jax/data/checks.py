@@ -1,0 +1,180 @@
+"""Single checks of `doctor`: of a motion, its texts, its statistics. Each tells what it finds to `found.add`."""
+import numpy as np
+
+from motion_jax.data import humanml3d
+from motion_jax.motion.features import bone_lengths, facing
+from motion_jax.motion.retarget import floor_height
+from motion_jax.motion.skeleton import HUMANML3D
+
+# Std of the official HumanML3D statistics by block, and the height's mean (facts: cmdm 1.2).
+_OFFICIAL_STD = (0.012826, 0.016927, 0.153766, 0.122244, 0.299692, 0.019470, 0.355933)
+_EVALUATOR_STD = (0.00051467, 0.00067693, 0.00612082, 0.12255538, 0.30038649, 0.01954057, 0.01409494)
+
+
+def load(path, found):
+  try:
+    return np.load(path, allow_pickle=False)
+  except (ValueError, OSError, EOFError) as error:
+    if found:
+      found.add("error", "files that cannot be read", "copy them again",
+                f"{path.parent.name}/{path.name} ({error})"[:90])
+    return None
+
+
+def compare_joints(saved, recovered, layout, name, found):
+  if saved.shape != recovered.shape:
+    found.add("error", "joints of another shape than their features", "make new_joints again from the features",
+              f"{name} {saved.shape} for {recovered.shape}")
+  elif not np.isfinite(saved).all():
+    found.add("error", "joints with NaN or infinity", "make new_joints again from the features", name)
+  elif np.abs(saved - recovered).max() * layout.skeleton.unit > 2e-3:
+    found.add("error", "joints that do not belong to their features (over 2 mm apart)", "one of the two is from "
+              "another version of the data: make new_joints again from the features", name)
+
+
+def check_texts(path, name, seconds, found):
+  try:
+    lines = humanml3d.read_texts(path)
+  except (ValueError, UnicodeDecodeError) as error:
+    found.add("error", "text files that cannot be read", "each line is caption#tokens#start#end",
+              f"{name} ({error})"[:90])
+    return
+  if not any(line.caption for line in lines):
+    found.add("error", "text files without a caption", "write one, or remove the ids", name)
+  for line in lines:
+    if not line.tokens:
+      found.add("warning", "captions without tokens", "evaluators need caption#lemma/POS ...#start#end; "
+                "motion_jax.data.tagger makes simple ones", name)
+    if line.end and not 0 <= line.start < line.end:
+      found.add("warning", "time tags that end before they start", "correct the seconds", name)
+    elif line.start > seconds:
+      found.add("warning", "time tags beyond the end of the clip", "correct the seconds", name)
+
+
+def tell_lengths(rows, least, found):
+  rows = np.array(rows)
+  for what, count in ((f"clips of less than {least} rows", (rows < least).sum()),
+                      ("clips of 200 rows or more", (rows >= 200).sum())):
+    if count:
+      found.add("note" if count < len(rows) else "warning", what, "text-to-motion loaders leave them out; "
+                "cut long ones (motion-jax data build does)", count=int(count))
+
+
+def tell_duplicates(hashes, splits, found):
+  where = {one: split for split, ids in splits.items() for one in ids}
+  for names in hashes.values():
+    if len(names) > 1:
+      apart = len({where.get(name) for name in names}) > 1
+      found.add("error" if apart else "warning", "equal motions in different splits" if apart else "equal motions",
+                "keep one of them; a motion in train and test makes results too good" if apart else "keep one of them",
+                " = ".join(names[:3]))
+
+
+def check_stats(folder, layout, own, found):
+  """Are Mean and Std there, of this representation, by block, and of this data?"""
+  values = {}
+  for name in ("Mean", "Std"):
+    path = folder / f"{name}.npy"
+    if not path.is_file():
+      found.add("error", f"no {name}.npy", "build again, or compute it with motion_jax.motion.stats.compute_stats")
+      return
+    values[name] = load(path, found)
+    if values[name] is None:
+      return
+    if values[name].shape != (layout.dim,) or not np.isfinite(values[name]).all():
+      found.add("error", f"{name}.npy is {values[name].shape}, or not finite; the features need ({layout.dim},)",
+                "these statistics belong to another representation: restore the data's own")
+      return
+  mean, std = values["Mean"].astype(np.float64), values["Std"].astype(np.float64)
+  if (std <= 0).any():
+    found.add("error", "Std.npy is not positive everywhere", "restore the data's own")
+    return
+  blocks = {name: std[part] for name, part in layout.blocks.items()}
+  if any(np.ptp(block) > 1e-4 * block.mean() for block in blocks.values()):
+    found.add("error", "Std.npy differs inside a block", "the field averages the std over each block (turn, root "
+              "velocity, height, positions, rotations, velocities, contacts): build again")
+    return
+  by_block = np.array([block.mean() for block in blocks.values()])
+  ours = np.array([own.std[part].mean() for part in layout.blocks.values()])
+  if len(by_block) == 7 and np.allclose(by_block, _EVALUATOR_STD, rtol=2e-2) and layout.skeleton is HUMANML3D:
+    found.add("error", "Mean and Std are the evaluator's, not the data's", "root and contacts of these are divided by "
+              "25: take Mean.npy and Std.npy of the data set")
+  elif len(by_block) == 7 and np.allclose(by_block[[0, 1, 2, 6]] * 5, ours[[0, 1, 2, 6]], rtol=0.1):
+    found.add("error", "Std of root and contacts is a fifth of the data's", "these are a training run's statistics "
+              "(feat_bias 5): take those of the data set")
+  elif np.abs(by_block / ours - 1).max() > 0.1 or (np.abs(mean - own.mean) / std).max() > 0.2:
+    official = (len(by_block) == 7 and layout.skeleton is HUMANML3D
+                and np.allclose(by_block, _OFFICIAL_STD, rtol=1e-3))
+    worst = int(np.abs(by_block / ours - 1).argmax())
+    found.add("warning" if official else "error",
+              "Mean and Std are official HumanML3D's, the clips are not all of it" if official else
+              f"Mean and Std are not this data's (std of {list(blocks)[worst]}: {by_block[worst]:.4g}, computed "
+              f"{ours[worst]:.4g})",
+              "fine for a part of HumanML3D or for its models; else build again" if official else
+              "features and statistics come from different versions of the data: build again")
+
+
+class Body:
+  """What a body should not do: sink, float, slide, grow, walk on its back."""
+
+  def __init__(self, found, skeleton, canonical=True):
+    self.found, self.skeleton, self.canonical = found, skeleton, canonical
+    self.floors, self.slides, self.heights, self.backwards = [], [], [], []
+
+  def check(self, name, joints):
+    """joints (T, J, 3) in the skeleton's unit."""
+    skeleton, add = self.skeleton, self.found.add
+    joints = joints.astype(np.float64)
+    lengths = bone_lengths(joints, skeleton)[:, 1:] * skeleton.unit
+    if lengths.std(0).max() > 0.01:
+      bone = skeleton.joints[1 + int(lengths.std(0).argmax())]
+      add("warning", "bones that change their length by more than 1 cm", "tracking faults, or joints of a network: cut "
+          "the frames away", f"{name} ({bone})")
+    elif self.canonical and np.abs(lengths.mean(0) - skeleton.bone_lengths[1:] * skeleton.unit).max() > 0.02:
+      add("warning", "bones over 2 cm off the canonical body", "bring the clips to one body "
+          "(motion_jax.motion.retarget), or statistics mix people's sizes with their motion", name)
+    feet = list(skeleton.left_feet + skeleton.right_feet)
+    floor = floor_height(joints, skeleton) * skeleton.unit
+    self.floors.append(floor)
+    self.heights.append(np.median(joints[:, 0, 1]) * skeleton.unit)
+    if floor < -0.08:
+      add("warning", "feet over 8 cm below the floor", "put the floor at y = 0 (motion_jax.motion.retarget)", name)
+    elif floor > 0.12:
+      add("note", "feet that never come within 12 cm of the floor", "fine for stairs and jumps; else put the floor at "
+          "y = 0", name)
+    step = np.linalg.norm(np.diff(joints[:, feet], axis=0)[..., [0, 2]], axis=-1) * skeleton.unit
+    height = joints[:, feet, 1] * skeleton.unit - floor
+    low = np.maximum(height[1:], height[:-1]) < 0.03
+    if low.sum() > 5:
+      self.slides.append(np.median(step[low]))
+      if np.percentile(step[low], 20) > 0.02:  # a runner's feet are low in flight too, but stand for a fifth
+        add("warning", "feet that slide over 2 cm a frame on the floor", "look at them: skating, a wrong rate, or a "
+            "wrong scale", name)
+    if np.abs(np.diff(joints, axis=0)).max() * skeleton.unit > 0.6:
+      add("warning", "joints that jump over 60 cm in a frame", "tracking faults: cut the frames away",
+          f"{name} (frame {int(np.abs(np.diff(joints, axis=0)).max((1, 2)).argmax()) + 1})")
+    ahead = facing(joints, skeleton)
+    toes = np.stack([joints[:, foot[1]] - joints[:, foot[0]] for foot in (skeleton.left_feet, skeleton.right_feet)], 1)
+    if low.sum() > 5:
+      stands = low[:, [1, 3]] & (step[:, [1, 3]] < 0.02)
+      forward = (toes * ahead[:, None]).sum(-1)[1:][stands]
+      if len(forward) and np.median(forward) < 0:
+        self.backwards.append(name)
+
+  def tell(self):
+    if len(self.backwards) > 0.3 * len(self.floors):
+      self.found.add_all("error", "bodies whose standing toes point backwards", "left and right are exchanged, or an "
+                         "axis is mirrored: check the mapping and the axes of the source", self.backwards)
+    elif self.backwards:
+      self.found.add_all("note", "bodies whose standing toes point backwards", "fine for a few, who twist or dance",
+                         self.backwards)
+    if self.heights and not 0.3 < np.median(self.heights) < 1.6:
+      self.found.add("error", f"pelvis at {np.median(self.heights):.3g} m in most clips", "the unit is wrong "
+                     "(HumanML3D has metres, KIT millimetres) or y is not up")
+
+  def facts(self):
+    if not self.floors:
+      return []
+    slide = f", {1000 * np.median(self.slides):.1f} mm a frame while low" if self.slides else ""
+    return [("feet", f"stand at {1000 * np.median(self.floors):.0f} mm (5 % to 95 %: "
+             f"{1000 * np.percentile(self.floors, 5):.0f} to {1000 * np.percentile(self.floors, 95):.0f}){slide}")]

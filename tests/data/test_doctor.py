@@ -1,0 +1,174 @@
+"""The doctor finds each fault that we make, tells what to do, and finds none in a healthy folder."""
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from motion_jax.data import doctor
+from motion_jax.data.humanml3d import write_folder
+from motion_jax.data.synthetic import synthetic_clips
+from tests.data.test_build import write_archive
+
+
+@pytest.fixture(scope="module")
+def healthy(tmp_path_factory):
+  out = tmp_path_factory.mktemp("data") / "set"
+  write_folder(synthetic_clips(0, 10, num_frames=60), out)
+  return out
+
+
+@pytest.fixture
+def folder(healthy, tmp_path):
+  shutil.copytree(healthy, tmp_path / "set")
+  return tmp_path / "set"
+
+
+def _vectors(folder, name, change):
+  """Changes features and remakes the joints from them."""
+  path = folder / "new_joint_vecs" / f"{name}.npy"
+  features = change(np.load(path))
+  np.save(path, features)
+  (folder / "new_joints" / f"{name}.npy").unlink(missing_ok=True)
+
+
+def _append(folder, split, name):
+  with open(folder / f"{split}.txt", "a") as file:
+    file.write(f"{name}\n")
+
+
+def _set(array, index, value):
+  array = array.copy()
+  array[index] = value
+  return array
+
+
+def _scale(name, factor):
+  return lambda f: np.save(f / name, np.load(f / name) * np.asarray(factor, np.float32))
+
+
+def test_healthy_folder(healthy):
+  report = doctor.examine(healthy)
+  assert report.ok and not [f for f in report.findings if f.level != "note"], doctor.format_report(report)
+  text = doctor.format_report(report)
+  assert "20 (10 mirrored), train 12, val 4, test 4" in text and "healthy" in text and "263" in text
+
+
+def test_healthy_archive(tmp_path):
+  report = doctor.examine(write_archive(tmp_path / "toy"))
+  assert report.ok and not [f for f in report.findings if f.level == "error"], doctor.format_report(report)
+
+
+BLOCKS = np.repeat([1 / 25, 1, 1, 1 / 25], [4, 63, 192, 4])
+
+
+@pytest.mark.parametrize("damage, level, what", [
+    (lambda f: (f / "new_joint_vecs" / "000001.npy").unlink(), "error", "ids without a motion file"),
+    (lambda f: (f / "texts" / "000001.txt").unlink(), "error", "motions without a text file"),
+    (lambda f: (f / "texts" / "000001.txt").write_text(""), "error", "text files without a caption"),
+    (lambda f: (f / "texts" / "000001.txt").write_text("walks#walk/VERB#9#x"), "error", "text files that cannot"),
+    (lambda f: (f / "texts" / "000001.txt").write_text("walks##0.0#0.0"), "warning", "captions without tokens"),
+    (lambda f: (f / "texts" / "000001.txt").write_text("walks#walk/VERB#9#10"), "warning", "time tags beyond"),
+    (lambda f: _append(f, "test", "000001"), "error", "ids in two splits"),
+    (lambda f: _append(f, "train", "000001"), "warning", "ids twice in train.txt"),
+    (lambda f: (f / "test.txt").write_text("000004\n000009\nM000009\n"), "warning", "motions in no split"),
+    (lambda f: (f / "train.txt").unlink(), "error", "no train.txt"),
+    (lambda f: _vectors(f, "000001", lambda x: _set(x, (3, 7), np.nan)), "error", "features with NaN"),
+    (lambda f: _vectors(f, "000001", lambda x: x[:0]), "error", "clips of no rows"),
+    (lambda f: _vectors(f, "000001", lambda x: x[:, :67]), "error", "features that are not (rows, 263)"),
+    (lambda f: (f / "new_joint_vecs" / "000001.npy").write_bytes(b"\x93NUMPY"), "error", "files that cannot be read"),
+    (lambda f: np.save(f / "new_joints" / "000001.npy", np.zeros((59, 22, 3), np.float32)), "error",
+     "joints that do not belong"),
+    (lambda f: np.save(f / "new_joints" / "000001.npy", np.zeros((59, 21, 3), np.float32)), "error",
+     "joints of another shape"),
+    (lambda f: _vectors(f, "000001", lambda x: x - 0.2 * np.isin(np.arange(263), [3, *range(5, 67, 3)])), "warning",
+     "feet over 8 cm below"),
+    (lambda f: _vectors(f, "000000", lambda x: _set(x, np.s_[:, 1], 0.05)), "warning", "feet that slide"),
+    (lambda f: _vectors(f, "000001", lambda x: _set(x, np.s_[30, 13], 2.0)), "warning", "bones that change"),
+    (lambda f: _vectors(f, "000001", lambda x: _set(x, np.s_[:, 4:67], 1.1 * x[:, 4:67])), "warning",
+     "bones over 2 cm"),
+    (lambda f: shutil.copy(f / "new_joint_vecs" / "000001.npy", f / "new_joint_vecs" / "000004.npy"), "error",
+     "equal motions in different splits"),
+    (lambda f: (f / "Mean.npy").unlink(), "error", "no Mean.npy"),
+    (lambda f: np.save(f / "Std.npy", np.ones(67)), "error", "Std.npy is (67,)"),
+    (lambda f: np.save(f / "Std.npy", np.zeros(263)), "error", "not positive"),
+    (lambda f: np.save(f / "Std.npy", np.linspace(1, 2, 263)), "error", "differs inside a block"),
+    (_scale("Std.npy", 2), "error", "not this data's"),
+    (_scale("Std.npy", np.where(BLOCKS < 1, 1 / 5, 1)), "error", "a fifth of the data's"),
+    (lambda f: np.save(f / "Std.npy", np.repeat(doctor.checks._EVALUATOR_STD, [1, 2, 1, 63, 126, 66, 4])), "error",
+     "the evaluator's"),
+    (lambda f: np.save(f / "Std.npy", np.repeat(doctor.checks._OFFICIAL_STD, [1, 2, 1, 63, 126, 66, 4])), "warning",
+     "official HumanML3D's"),
+    (lambda f: (f / "dataset.json").write_text(json.dumps({"fps": 30})), "warning", "30 frames a second"),
+])
+def test_each_fault_is_found(folder, damage, level, what):
+  damage(folder)
+  report = doctor.examine(folder)
+  found = [finding for finding in report.findings if what in finding.what]
+  assert found and found[0].level == level, doctor.format_report(report)
+  assert found[0].advice and found[0].what in doctor.format_report(report)
+  assert report.ok == (not any(finding.level == "error" for finding in report.findings))
+
+
+def test_known_bad_clip(folder):
+  for name in ("007975", "M007975"):
+    for part, suffix in (("new_joint_vecs", "npy"), ("texts", "txt")):
+      shutil.copy(folder / part / f"000001.{suffix}", folder / part / f"{name}.{suffix}")
+    _vectors(folder, name, lambda x: _set(x, 0, np.nan))
+    _append(folder, "train", name)
+  report = doctor.examine(folder)
+  found = next(f for f in report.findings if "known bad" in f.what)
+  assert found.count == 2 and found.examples == ("007975", "M007975") and not report.ok
+
+
+def test_left_and_right_exchanged(folder):
+  """Joints with x negated but not renamed: the toes of every standing body point backwards."""
+  for path in (folder / "new_joint_vecs").glob("*.npy"):
+    features = np.load(path)
+    features[:, 4:67] *= np.tile([-1, 1, 1], 21).astype(np.float32)
+    np.save(path, features)
+    (folder / "new_joints" / path.name).unlink()
+  report = doctor.examine(folder)
+  assert any("toes point backwards" in f.what and f.level == "error" for f in report.findings)
+
+
+def _row(index, **change):
+  def damage(folder):
+    lines = (folder / "captions.jsonl").read_text().splitlines()
+    lines[index] = json.dumps(json.loads(lines[index]) | change)
+    (folder / "captions.jsonl").write_text("\n".join(lines) + "\n")
+  return damage
+
+
+def _arrays(**change):
+  def damage(folder):
+    arrays = dict(np.load(folder / "motions.npz"))
+    arrays |= {key: make(arrays[key]) for key, make in change.items()}
+    np.savez(folder / "motions.npz", **arrays)
+  return damage
+
+
+@pytest.mark.parametrize("damage, what", [
+    (_row(0, clip="nobody"), "clips that are not there"),
+    (_row(0, end=999), "frames outside their clip"),
+    (_row(0, text=[" "]), "rows without a caption"),
+    (_row(0, id="toy_000001"), "ids that occur twice"),
+    (_row(0, split="dev"), "rows in no split"),
+    (_row(0, clip="000003"), "pieces in two splits"),
+    (lambda f: (f / "captions.jsonl").write_text("{"), "cannot be read"),
+    (lambda f: (f / "motions.npz").write_bytes(b"PK"), "cannot be read"),
+    (_arrays(root=lambda x: _set(x, 5, np.nan)), "NaN"),
+    (_arrays(local=lambda x: x[:-1]), "do not fit together"),
+    (_arrays(start=lambda x: _set(x, 1, 0)), "clips of no frames"),
+    (_arrays(root=lambda x: x * 100, local=lambda x: x * 100), "pelvis at 85"),
+])
+def test_each_fault_of_an_archive_is_found(tmp_path, damage, what):
+  folder = write_archive(tmp_path / "toy")
+  damage(folder)
+  report = doctor.examine(folder)
+  assert not report.ok and any(what in f.what for f in report.findings), doctor.format_report(report)
+
+
+def test_no_data_folder(tmp_path):
+  with pytest.raises(FileNotFoundError, match="no data folder"):
+    doctor.examine(tmp_path)
