@@ -1,0 +1,266 @@
+"""A small software renderer: rays against tapered capsules in numpy, no graphics card, no OpenGL.
+
+A camera looks at a ground with a grid; bodies of tapered capsules stand on it, shaded, with soft shadows. Images are
+(H, W, 3) uint8. Bodies are drawn at twice the size and averaged, ground lines are smooth by formula.
+"""
+from typing import NamedTuple
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFilter
+
+_LIGHT = np.array([0.45, 0.8, 0.42]) / np.linalg.norm([0.45, 0.8, 0.42])  # direction towards the light, camera frame
+_SKY = np.array([0.965, 0.972, 0.984])
+_GROUND = np.array([0.912, 0.923, 0.942])
+_LINE = np.array([0.80, 0.82, 0.86])
+_SAMPLES = 2
+
+
+class Camera(NamedTuple):
+  """A pinhole camera: position (3,), unit vectors of its frame, focal length in image heights."""
+  position: np.ndarray
+  right: np.ndarray
+  up: np.ndarray
+  back: np.ndarray  # from the target to the camera
+  focal: float
+
+
+def look_at(target, azimuth, elevation, distance, focal=1.9) -> Camera:
+  """A camera `distance` metres from target; azimuth is the compass angle of the camera seen from there (0: at +z)."""
+  back = np.array([np.sin(azimuth) * np.cos(elevation), np.sin(elevation), np.cos(azimuth) * np.cos(elevation)])
+  right = np.array([np.cos(azimuth), 0.0, -np.sin(azimuth)])
+  return Camera(np.asarray(target) + back * distance, right, np.cross(back, right), back, focal)
+
+
+def project(camera, points, size):
+  """Points (..., 3) to pixels (..., 2) and depths (...); size is (width, height)."""
+  x, y, depth = _to_camera(camera, points)
+  scale = camera.focal * size[1] / np.maximum(depth, 1e-3)
+  return np.stack([size[0] / 2 + x * scale, size[1] / 2 - y * scale], axis=-1), depth
+
+
+def _to_camera(camera, points):
+  offset = np.asarray(points) - camera.position
+  return offset @ camera.right, offset @ camera.up, -(offset @ camera.back)
+
+
+def draw(camera, size, floor, bodies, lines=()) -> np.ndarray:
+  """One image. bodies: (a (P, 3), b (P, 3), a_radius (P,), b_radius (P,), colors (P, 3) 0..1), one tuple for each.
+
+  lines: (points (N, 3), color (3,), width in metres, opacity) on the ground.
+  """
+  image = ground(camera, size, floor)
+  for points, color, width, opacity in lines:
+    mask = _line_mask(camera, size, points, width)
+    image += (np.array(color) - image) * (mask * opacity)[..., None]
+  image *= (1 - 0.34 * _shadow(camera, size, floor, bodies))[..., None]
+  _draw_bodies(image, camera, size, bodies)
+  return (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8)
+
+
+def ground(camera, size, floor):
+  """Sky above, grid below, (H, W, 3) float32; lines every half metre that fade into the distance."""
+  width, height = size
+  x = (np.arange(width, dtype=np.float32) + 0.5 - width / 2) / (camera.focal * height)
+  y = (height / 2 - np.arange(height, dtype=np.float32) - 0.5) / (camera.focal * height)
+  up, right, back = (v.astype(np.float32) for v in (camera.up, camera.right, camera.back))
+  fall = y * up[1] - back[1]  # of a ray, per metre of depth; the camera never rolls, so rows share it
+  drop = np.float32(floor - camera.position[1])
+  with np.errstate(divide="ignore", invalid="ignore"):
+    depth = np.where(fall < -1e-6, drop / fall, np.inf).astype(np.float32)
+  image = np.empty((height, width, 3), np.float32)
+  seen = np.isfinite(depth) & (depth < 200)
+  fade_rows = np.exp(-np.maximum(depth - 1.2 * np.linalg.norm(camera.position[1]) - 4, 0) / 7)
+  image[:] = _SKY
+  if not seen.any():
+    return image
+  d, yy = depth[seen][:, None], y[seen][:, None]
+  cover = np.zeros((len(d), width), np.float32)
+  pixel = d / (camera.focal * height)  # metres per pixel across the line of sight
+  slant = pixel * np.abs(d / np.maximum(abs(drop), 1e-3))  # and along it, where the ground is foreshortened
+  for axis in (0, 2):
+    place = camera.position[axis] + d * (x * right[axis] + yy * up[axis] - back[axis])
+    away = np.abs(right[axis]) * pixel + np.abs(back[axis]) * slant
+    for step, half, weight in ((0.5, 0.004, 0.45), (1.0, 0.008, 1.0)):
+      gap = np.abs((place + step / 2) % step - step / 2)
+      line = np.clip((half + away / 2 - gap) / away, 0, np.minimum(1, 2 * half / away)) * weight
+      np.maximum(cover, line, out=cover)
+  fade = fade_rows[seen][:, None, None].astype(np.float32)
+  tone = _GROUND + (_LINE - _GROUND) * cover[..., None]
+  image[seen] = _SKY + (tone - _SKY) * fade
+  return image
+
+
+def _line_mask(camera, size, points, width):
+  """Coverage (H, W) of a line on the ground, its width in metres seen in perspective."""
+  image = Image.new("L", (size[0] * 2, size[1] * 2))
+  pixels, depth = project(camera, points, (size[0] * 2, size[1] * 2))
+  pen = ImageDraw.Draw(image)
+  for p, q, near in zip(pixels[:-1], pixels[1:], np.minimum(depth[:-1], depth[1:])):
+    if near > 0.2 and np.abs(q - p).max() > 0:
+      thick = max(2, round(width * camera.focal * size[1] * 2 / near))
+      pen.line([tuple(p), tuple(q)], fill=255, width=thick)
+      r = thick / 2 - 0.5
+      pen.ellipse([q[0] - r, q[1] - r, q[0] + r, q[1] + r], fill=255)
+  return _halve(np.asarray(image, np.float32) / 255)
+
+
+def _halve(a):
+  return a.reshape((a.shape[0] // 2, 2, a.shape[1] // 2, 2) + a.shape[2:]).mean((1, 3))
+
+
+def _world_light(camera):
+  """Direction towards the light: over the viewer's right shoulder, whatever way the camera looks."""
+  back = np.array([camera.back[0], 0, camera.back[2]])
+  back = back / max(np.linalg.norm(back), 1e-6)
+  return _LIGHT[0] * camera.right + _LIGHT[1] * np.array([0, 1, 0]) + _LIGHT[2] * back
+
+
+def _shadow(camera, size, floor, bodies):
+  """Darkness (H, W) on the ground: a soft shadow along the light, and a contact shadow under what is near it."""
+  light = _world_light(camera)
+  cast, contact = Image.new("L", size), Image.new("L", size)
+  pens = ImageDraw.Draw(cast), ImageDraw.Draw(contact)
+  angles = np.linspace(0, 2 * np.pi, 13)[:-1]
+  circle = np.stack([np.cos(angles), 0 * angles, np.sin(angles)], axis=-1)
+  scale = 0.0
+  for a, b, a_radius, b_radius, _ in bodies:
+    for p, q, rp, rq in zip(a, b, a_radius, b_radius):
+      low = min(p[1] - rp, q[1] - rq) - floor
+      for pen, along in zip(pens, (light, np.array([0.0, 1.0, 0.0]))):
+        if pen is pens[1] and low > 0.12:
+          continue
+        rim = []
+        for ball, radius in ((p, rp), (q, rq)):
+          centre = ball - along * (ball[1] - floor) / along[1]
+          rim.append(centre * [1, 0, 1] + [0, floor, 0] + circle * radius)
+        pixels, depth = project(camera, np.concatenate(rim), size)
+        if depth.min() > 0.2:
+          dark = 255 if pen is pens[0] else int(255 * (1 - max(low, 0) / 0.12))
+          pen.polygon([tuple(v) for v in _hull(pixels)], fill=dark)
+          scale = max(scale, camera.focal * size[1] / depth.min())
+  if not scale:
+    return np.zeros((size[1], size[0]), np.float32)
+  soft, tight = (np.asarray(layer.filter(ImageFilter.GaussianBlur(float(scale * metres))), np.float32) / 255
+                 for layer, metres in ((cast, 0.03), (contact, 0.015)))
+  return np.minimum(1, 0.62 * soft + 0.75 * tight)
+
+
+def _hull(points):
+  """Corners of the convex hull of points (N, 2), in order (monotone chain)."""
+  points = points[np.lexsort((points[:, 1], points[:, 0]))].tolist()
+  rows = []
+  for sequence in (points, points[::-1]):
+    row = []
+    for p in sequence:
+      while len(row) > 1 and ((row[-1][0] - row[-2][0]) * (p[1] - row[-2][1])
+                              - (row[-1][1] - row[-2][1]) * (p[0] - row[-2][0])) <= 0:
+        row.pop()
+      row.append(p)
+    rows += row[:-1]
+  return rows or points[:1] * 3
+
+
+def _draw_bodies(image, camera, size, bodies):
+  """Draws bodies into image (H, W, 3) float in place: nearest surface by ray casting, lit, averaged over samples."""
+  a, b, a_radius, b_radius, colors = (np.concatenate([body[i] for body in bodies]) for i in range(5))
+  a, b = (np.stack(_to_camera(camera, ends), axis=-1) for ends in (a, b))  # x right, y up, z ahead
+  visible = np.minimum(a[:, 2] - a_radius, b[:, 2] - b_radius) > 0.05
+  focal, scale = camera.focal * size[1] * _SAMPLES, 1 / (camera.focal * size[1] * _SAMPLES)
+  centre = np.array(size) * _SAMPLES / 2
+  # A ball reaches a little further across than its radius in perspective; 6 % covers that.
+  reach = [np.stack([ends[:, :2] / ends[:, 2:] * focal - 1.06 * radius[:, None] / (ends[:, 2:] - radius[:, None]) * focal,
+                     ends[:, :2] / ends[:, 2:] * focal + 1.06 * radius[:, None] / (ends[:, 2:] - radius[:, None]) * focal])
+           for ends, radius in ((a, a_radius), (b, b_radius))]
+  low, high = np.minimum(reach[0][0], reach[1][0]), np.maximum(reach[0][1], reach[1][1])
+  box = np.stack([low[:, 0] + centre[0], high[:, 0] + centre[0], centre[1] - high[:, 1], centre[1] - low[:, 1]], -1)
+  limits = np.array([size[0], size[0], size[1], size[1]]) * _SAMPLES
+  even = np.array([-1, 1, -1, 1])
+  box = np.clip((np.floor((box * even + 1) / 2) * 2 * even).astype(int), 0, limits)
+  visible &= (box[:, 1] > box[:, 0]) & (box[:, 3] > box[:, 2])
+  if not visible.any():
+    return
+  x0, x1, y0, y1 = (pick(box[visible, i]) for i, pick in enumerate((np.min, np.max, np.min, np.max)))
+  depth = np.full((y1 - y0, x1 - x0), np.inf, np.float32)
+  shade = np.zeros((y1 - y0, x1 - x0, 3), np.float32)
+  light = np.array([_world_light(camera) @ axis for axis in (camera.right, camera.up, -camera.back)], np.float32)
+  sky = np.array([axis[1] for axis in (camera.right, camera.up, -camera.back)], np.float32)
+  for k in np.flatnonzero(visible):
+    left, right, top, bottom = box[k]
+    x = ((np.arange(left, right) + 0.5 - centre[0]) * scale).astype(np.float32)[None, :]
+    y = ((centre[1] - np.arange(top, bottom) - 0.5) * scale).astype(np.float32)[:, None]
+    view = slice(top - y0, bottom - y0), slice(left - x0, right - x0)
+    rows, columns, t, normal = _hit(x, y, a[k], b[k], float(a_radius[k]), float(b_radius[k]), depth[view])
+    if not len(t):
+      continue
+    depth[view][rows, columns] = t
+    ray = np.stack([x[0, columns], y[rows, 0], np.ones_like(t)], axis=-1)
+    shade[view][rows, columns] = _shade(normal, ray, colors[k].astype(np.float32), light, sky)
+  found = np.isfinite(depth)
+  # The outline: where the depth jumps behind a limb, the farther side darkens a little, so that limbs stand apart.
+  shade *= (1 - 0.35 * _creases(depth, found))[..., None]
+  cover = _halve(found.astype(np.float32))
+  view = slice(y0 // 2, y1 // 2), slice(x0 // 2, x1 // 2)
+  image[view] = image[view] * (1 - cover)[..., None] + _halve(shade)
+
+
+def _creases(depth, found):
+  far = np.where(found, depth, 1e3)
+  near = far.copy()
+  for shift, axis in ((2, 0), (-2, 0), (2, 1), (-2, 1)):
+    near = np.minimum(near, np.roll(far, shift, axis))
+  return np.where(found, np.clip((far - near - 0.03) / 0.12, 0, 1), 0)
+
+
+def _hit(x, y, a, b, ra, rb, depth):
+  """Where rays (x, y, 1) from the origin first meet the hull of two balls in front of depth.
+
+  Returns row and column indices, the depth t of the points, and unit normals. The side of the hull is a cone that
+  touches both balls: with u the axis, L the length and k = (ra - rb) / L, a point at height h along the axis and
+  distance d from it is on the cone where d sqrt(1 - k^2) = ra - k h, and the ball that touches it there sits at
+  s = (h - ra k) / (1 - k^2), which must lie between 0 and L.
+  """
+  square = x * x + y * y + 1
+  best = np.full(square.shape, np.inf, np.float32)
+  for centre, radius in ((a, ra), (b, rb)):
+    along = x * np.float32(centre[0]) + y * np.float32(centre[1]) + np.float32(centre[2])
+    under = along * along - square * np.float32(centre @ centre - radius * radius)
+    t = (along - np.sqrt(np.maximum(under, 0))) / square
+    np.minimum(best, np.where(under > 0, t, np.inf), out=best)
+  axis = b - a
+  length = float(np.linalg.norm(axis))
+  k = (ra - rb) / length if length > 1e-6 else 2.0
+  if abs(k) < 1:  # else one ball holds the other
+    u = axis / length
+    cosine = 1 - k * k
+    h0, hd = -float(a @ u), x * np.float32(u[0]) + y * np.float32(u[1]) + np.float32(u[2])
+    along = -(x * np.float32(a[0]) + y * np.float32(a[1]) + np.float32(a[2]))
+    qa = cosine * square - hd * hd
+    qb = cosine * along - hd * np.float32(h0 - ra * k)
+    qc = cosine * float(a @ a) - h0 * h0 + 2 * ra * k * h0 - ra * ra
+    under = qb * qb - qa * np.float32(qc)
+    t = (-qb - np.sqrt(np.maximum(under, 0))) / np.where(np.abs(qa) < 1e-9, 1e-9, qa)
+    s = (h0 + t * hd - ra * k) / cosine
+    np.minimum(best, np.where((under > 0) & (s > 0) & (s < length) & (t > 0), t, np.inf), out=best)
+  rows, columns = np.nonzero(best < depth)
+  t = best[rows, columns]
+  point = np.stack([x[0, columns], y[rows, 0], np.ones_like(t)], axis=-1) * t[:, None]
+  point -= a.astype(np.float32)
+  if abs(k) < 1:
+    s = np.clip((point @ u.astype(np.float32) - ra * k) / cosine, 0, length)
+    normal = point - s[:, None] * u.astype(np.float32)
+  else:
+    normal = point if ra >= rb else point - axis.astype(np.float32)
+  return rows, columns, t, normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-9)
+
+
+def _shade(normal, ray, color, light, sky):
+  """Colours (N, 3) by a soft key light, light from above and below, a highlight, and a rim."""
+  eye = -ray / np.linalg.norm(ray, axis=-1, keepdims=True)
+  key = np.clip(normal @ light * 0.85 + 0.15, 0, 1)[:, None]
+  above = (normal @ sky * 0.5 + 0.5)[:, None]
+  half = light + eye
+  half /= np.linalg.norm(half, axis=-1, keepdims=True)
+  gloss = np.clip((normal * half).sum(-1), 0, 1)[:, None] ** 28
+  rim = (1 - np.clip((normal * eye).sum(-1), 0, 1))[:, None] ** 3
+  base = color * (0.42 + 0.16 * above + 0.56 * key)
+  return np.clip(base * (1 - 0.25 * rim) + 0.10 * gloss, 0, 1)

@@ -1,0 +1,268 @@
+"""Films and pictures of a motion: mp4, gif, and png strips of several moments, by our own renderer.
+
+`frames(clip)` yields the images; the rest writes them. No OpenGL, no matplotlib: `render.py` needs numpy and Pillow.
+"""
+import contextlib
+import pathlib
+import shutil
+import subprocess
+import textwrap
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+from scipy.ndimage import gaussian_filter1d
+
+from motion_jax.data.clip import Clip, atomic_path
+from motion_jax.export import render
+from motion_jax.export.body import default_colors, make_figure
+
+INK = (52, 56, 66)
+_PATH, _TRAIL = (0.55, 0.60, 0.72), (0.95, 0.52, 0.25)
+
+
+def video(clip, path, size=(640, 480), **options) -> pathlib.Path:
+  """Writes a film of a clip as .mp4 or .gif, at the clip's own speed. Options are those of `frames`.
+
+  Raises ValueError for another extension, RuntimeError where no mp4 encoder is to be had.
+  """
+  path = pathlib.Path(path)
+  write = {".mp4": _write_mp4, ".gif": _write_gif}.get(path.suffix.lower())
+  if write is None:
+    raise ValueError(f"got {path.name!r}, a film is .mp4 or .gif")
+  size = (size[0] + size[0] % 2, size[1] + size[1] % 2)  # mp4 has no odd sizes
+  encoder = _ffmpeg() if write is _write_mp4 else None  # before minutes of work
+  with atomic_path(path) as temporary:
+    write(temporary, frames(clip, size=size, **options), size, clip.fps, encoder)
+  return path
+
+
+def frames(clip, size=(640, 480), camera="auto", azimuth=None, caption=None, colors=None, path=True):
+  """Yields one (H, W, 3) uint8 image per frame of a clip.
+
+  camera: "follow" goes with the body, "fixed" sees the whole path, "auto" chooses. azimuth: degrees from which to look,
+  0 is in front of the body; 35 by default. caption: text below, the clip's first caption by default, "" for none.
+  colors: (3,), (T, 3) or (T, P, 3) values 0..1 that replace the colours of the P parts; a NaN keeps the part's own, so
+  a mask becomes np.where(kept_mask[:, None], np.nan, (1, .6, .2)). path: draw the root's way on the ground.
+  """
+  figure = make_figure(clip)
+  tints = _tints(figure, colors)
+  cameras = _cameras(figure, clip.fps, size, camera, azimuth)
+  text = _caption(clip) if caption is None else caption
+  way = figure.joints[:, 0] * [1, 0, 1] + [0, figure.floor, 0]
+  for t in range(clip.num_frames):
+    lines = []
+    if path and len(way) > 1:
+      lines = [(_thin(way), _PATH, 0.022, 0.45), (_thin(way[:t + 1]), _TRAIL, 0.026, 0.9)]
+    image = render.draw(cameras[t], size, figure.floor, [_body(figure, t, tints)], lines)
+    yield _write_text(image, text, f"{t / clip.fps:.1f} s")
+
+
+def frame(clip, t=0, size=(640, 480), **options) -> np.ndarray:
+  """One image (H, W, 3) uint8 of a clip, at frame t."""
+  if not -clip.num_frames <= t < clip.num_frames:
+    raise ValueError(f"got frame {t}, the clip has frames 0 to {clip.num_frames - 1}")
+  t %= clip.num_frames
+  for at, image in enumerate(frames(clip, size, **options)):
+    if at == t:
+      return image
+
+
+def strip(clip, path, num=8, height=360, azimuth=None, caption=None, colors=None, spread=None) -> pathlib.Path:
+  """Writes one wide picture (.png, .jpg) of num moments of a clip, left to right with their times.
+
+  A body that walks far enough is drawn where it was, seen from the side; otherwise the moments are set side by side
+  (spread=True forces this). Pass a list of clips for one row each.
+  """
+  path = pathlib.Path(path)
+  rows = [_strip(one, num, height, azimuth, caption, colors, spread) for one in _several(clip)]
+  width = max(row.shape[1] for row in rows)
+  rows = [np.pad(row, ((0, 0), (0, width - row.shape[1]), (0, 0)), mode="edge") for row in rows]
+  with atomic_path(path) as temporary:
+    Image.fromarray(np.concatenate(rows)).save(temporary)
+  return path
+
+
+def _several(clip):
+  return [clip] if isinstance(clip, Clip) else list(clip)
+
+
+def _strip(clip, num, height, azimuth, caption, colors, spread):
+  figure = make_figure(clip)
+  tints = _tints(figure, colors)
+  at = np.unique(np.linspace(0, clip.num_frames - 1, num).round().astype(int))
+  way = figure.joints[:, 0] * [1, 0, 1]
+  tall = _height(figure)
+  reach = np.linalg.norm((figure.joints - figure.joints[:, :1])[at][..., [0, 2]], axis=-1).max()
+  gap = max(0.42 * tall, 1.25 * reach)
+  travel = way[-1] - way[0]
+  far = np.linalg.norm(travel)
+  if spread is None:
+    along = np.diff((way[at] @ travel) / max(far, 1e-9)) if len(at) > 1 else np.zeros(1)
+    spread = bool(far < 0.62 * gap * max(len(at) - 1, 1) or along.min() < 0.2 * gap)
+  if spread:
+    angle = _azimuth(figure, 0 if azimuth is None else azimuth, 28 if azimuth is None else 0)
+    right = np.array([np.cos(angle), 0, -np.sin(angle)])
+    places = right * (np.arange(len(at)) - (len(at) - 1) / 2)[:, None] * gap
+    lines = []
+  else:
+    side = np.cross([0, 1, 0], travel / far)
+    angle = np.arctan2(-side[0], -side[2]) if azimuth is None else _azimuth(figure, azimuth, 0)
+    right = np.array([np.cos(angle), 0, -np.sin(angle)])
+    places = way[at] - way.mean(0)
+    lines = [(_thin(way) - way.mean(0) + [0, figure.floor, 0], _PATH, 0.022, 0.6)]
+  moves = places - way[at]
+  bodies = [_body(figure, t, tints, move) for t, move in zip(at, moves)]
+  across = places @ right
+  middle = (across.max() + across.min()) / 2
+  # Far away with a long lens: the bodies at the edges look like those in the middle.
+  top = max(b[0][:, 1].max() for b in bodies) - figure.floor
+  focal, scene = 6.0, max(top, 0.9 * tall) * 1.32
+  distance = focal * scene
+  width = int(round((across.max() - across.min() + 2.1 * max(reach, 0.3 * tall)) / scene * height / 2)) * 2
+  target = right * middle + [0, figure.floor + scene * 0.40, 0]
+  camera = render.look_at(target, angle, np.radians(9), distance, focal)
+  size = (max(width, height // 2), height)
+  image = Image.fromarray(render.draw(camera, size, figure.floor, bodies, lines))
+  pen, font = ImageDraw.Draw(image), ImageFont.load_default(max(10, height // 26))
+  for t, place in zip(at, places):
+    x = render.project(camera, place + [0, figure.floor, 0], size)[0][0]
+    pen.text((x, height * 0.895), f"{t / clip.fps:.1f} s", INK, font, anchor="mm")
+  text = _caption(clip) if caption is None else caption
+  if text:
+    font = ImageFont.load_default(max(11, height // 22))
+    pen.text((height * 0.03, height * 0.03), _fit_text(text, font, size[0] - height * 0.06), INK, font)
+  return np.asarray(image)
+
+
+def _body(figure, t, tints, move=0):
+  radii = (np.array([getattr(part, name) for part in figure.parts]) for name in ("a_radius", "b_radius"))
+  return figure.a[t] + move, figure.b[t] + move, *radii, tints[t]
+
+
+def _tints(figure, colors):
+  own = np.broadcast_to(default_colors(figure), (len(figure.joints), len(figure.parts), 3))
+  if colors is None:
+    return own
+  colors = np.asarray(colors, np.float64)
+  try:
+    colors = np.broadcast_to(colors[:, None] if colors.ndim == 2 else colors, own.shape)
+  except ValueError:
+    raise ValueError(f"got colors of shape {colors.shape}, expected (3,), ({own.shape[0]}, 3) or {own.shape}") from None
+  return np.where(np.isnan(colors), own, colors)
+
+
+def _caption(clip):
+  return clip.captions[0].text if clip.captions else ""
+
+
+def _thin(points):
+  """Leaves out points of a way that are nearer than a centimetre to the last one kept."""
+  keep = [0]
+  for i in range(1, len(points)):
+    if np.abs(points[i] - points[keep[-1]]).max() > 0.01:
+      keep.append(i)
+  return points[keep]
+
+
+def _height(figure):
+  """How tall the person stands, metres: bones of one leg, spine and head, whatever the clip shows."""
+  lengths = np.linalg.norm(figure.pose.offsets, axis=-1)
+  return max(0.3, float(2.05 * lengths.max() * 2))
+
+
+def _azimuth(figure, azimuth, default):
+  """Compass angle, radians, of the camera: azimuth degrees from the body's front (its first, where it turns about)."""
+  ahead = figure.ahead.mean(0)
+  if np.linalg.norm(ahead) < 0.6:
+    ahead = figure.ahead[0]
+  return np.arctan2(ahead[0], ahead[2]) + np.radians(default if azimuth is None else azimuth)
+
+
+def _cameras(figure, fps, size, mode, azimuth):
+  """One camera per frame."""
+  if mode not in ("auto", "follow", "fixed"):
+    raise ValueError(f"got camera {mode!r}, expected auto, follow or fixed")
+  joints, num_frames = figure.joints, len(figure.joints)
+  root, tall = joints[:, 0], _height(figure)
+  low, high = joints.min((0, 1)), joints.max((0, 1))
+  if mode == "auto":
+    mode = "follow" if np.linalg.norm((root.max(0) - root.min(0))[[0, 2]]) > 2.2 else "fixed"
+  angle, elevation, focal = _azimuth(figure, azimuth, 35), np.radians(13), 1.75
+  if mode == "fixed":
+    target = (low + high) / 2
+    around = joints.reshape(-1, 3)
+  else:
+    target = gaussian_filter1d(root, 0.6 * fps, axis=0, mode="nearest")
+    around = (joints - target[:, None]).reshape(-1, 3)
+    target = target * [1, 0, 1] + [0, (low[1] + high[1]) / 2, 0]
+    around = around * [1, 0, 1] + joints.reshape(-1, 3) * [0, 1, 0]
+  middle = target if mode == "fixed" else np.array([0, (low[1] + high[1]) / 2, 0])
+  middle = np.where([False, True, False], max(middle[1], figure.floor + 0.45 * tall), middle)
+  # The nearest distance at which every joint, with some room for flesh and text, is inside the picture.
+  camera = render.look_at(middle, angle, elevation, 0, focal)
+  x, y, ahead = (around - middle) @ camera.right, (around - middle) @ camera.up, (around - middle) @ camera.back
+  room = 0.14 * tall
+  distance = max(((np.abs(y) + room) * 2 * focal * 1.10 + ahead).max(),
+                 ((np.abs(x) + room) * 2 * focal * size[1] / size[0] + ahead).max(), 2.1 * tall)
+  target = np.broadcast_to(target, (num_frames, 3)) * [1, 0, 1] + [0, middle[1] - 0.02 * tall, 0]
+  return [render.look_at(at, angle, elevation, distance, focal) for at in target]
+
+
+def _fit_text(text, font, width):
+  text = " ".join(text.split())
+  chars = max(8, int(width / max(font.getlength("n" * 20) / 20, 1)))
+  return "\n".join(textwrap.wrap(text, chars, max_lines=2, placeholder=" …"))
+
+
+def _write_text(image, caption, clock):
+  height, width = image.shape[:2]
+  picture = Image.fromarray(image)
+  pen, font = ImageDraw.Draw(picture), ImageFont.load_default(max(11, height // 25))
+  if caption:
+    text = _fit_text(caption, font, width * 0.92)
+    pen.multiline_text((width / 2, height * 0.965), text, INK, font, anchor="md", align="center")
+  pen.text((width * 0.975, height * 0.03), clock, INK, ImageFont.load_default(max(10, height // 32)), anchor="ra")
+  return np.asarray(picture)
+
+
+def _ffmpeg():
+  program = shutil.which("ffmpeg")
+  if program:
+    return program
+  try:
+    import imageio_ffmpeg
+    return imageio_ffmpeg.get_ffmpeg_exe()
+  except (ImportError, RuntimeError):
+    raise RuntimeError("no mp4 encoder here: install one with pip install \"motion-jax[video]\", or write a .gif or an "
+                       ".html page instead, which need none") from None
+
+
+def _write_mp4(path, images, size, fps, program):
+  command = [program, "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{size[0]}x{size[1]}",
+             "-r", f"{fps:.6g}", "-i", "-", "-an", "-c:v", "libx264", "-preset", "veryfast", "-crf", "18",
+             "-pix_fmt", "yuv420p", "-movflags", "+faststart", str(path)]
+  with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+    try:
+      with contextlib.suppress(BrokenPipeError):  # ffmpeg gave up: its own words follow
+        for image in images:
+          process.stdin.write(image.tobytes())
+      _, message = process.communicate()
+    except BaseException:
+      process.kill()
+      raise
+  if process.returncode:
+    raise RuntimeError(f"{program} failed: {message.decode(errors='replace').strip()[-300:]}; try a .gif instead")
+
+
+def _write_gif(path, images, size, fps, _):
+  images = [Image.fromarray(image) for image in images]
+  # One palette from four moments: a palette per frame would flicker.
+  sample = Image.new("RGB", (size[0], size[1] * 4))
+  for row, at in enumerate(np.linspace(0, len(images) - 1, 4).round().astype(int)):
+    sample.paste(images[at], (0, size[1] * row))
+  palette = sample.quantize(255, method=Image.Quantize.MEDIANCUT)
+  images = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
+  # A gif counts hundredths of a second; rounding the sums keeps the whole at its right length.
+  ends = np.round(np.arange(1, len(images) + 1) / fps * 100).astype(int) * 10
+  durations = np.maximum(np.diff(ends, prepend=0), 20).tolist()
+  images[0].save(path, save_all=True, append_images=images[1:], duration=durations, loop=0, optimize=False, disposal=1)

@@ -1,0 +1,194 @@
+"""From joint positions to a posed skeleton: one rotation per joint, relative to its parent, from a T-pose of our own.
+
+Positions say where bones point but not how they are turned about themselves. The turn is chosen as a body would: the
+pelvis by its hip and spine bones, the chest by the neck and collar bones, the spine in between by both; upper arms and
+thighs so that elbows and knees bend like hinges (a straight leg goes by its foot); every other joint turns as little as
+possible from its parent. Turns change smoothly in time and any number of whole turns of the body is followed.
+"""
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.skeleton import HUMANML3D
+
+# Where each kind of bone points in the T-pose; x is for the left side and is mirrored for the right.
+_REST = {"hip": (0.6, -0.8, 0), "knee": (0, -1, 0), "ankle": (0, -1, 0), "heel": (0, -0.8, -0.6), "foot": (0, -0.45, 0.9),
+         "spine1": (0, 1, 0), "spine2": (0, 1, 0), "spine3": (0, 1, 0), "torso_low": (0, 1, 0), "torso_high": (0, 1, 0),
+         "neck": (0, 1, 0), "head": (0, 0.95, 0.3), "collar": (0.65, 0.75, 0), "shoulder": (1, 0, 0),
+         "elbow": (1, 0, 0), "wrist": (1, 0, 0)}
+# An easy pose of the bone below the joint, opposite to which no limb can point: the turn from there is never ambiguous.
+_EASY = {"shoulder": (0.45, -0.55, 0.7), "hip": (0.1, -0.85, 0.5)}
+_HINGES = {"shoulder": (0, -1, 0), "hip": (1, 0, 0)}  # axis of elbow and knee in the T-pose, again for the left side
+_SECONDS = 0.12  # how far apart in time the turns of a limb are alike
+
+
+class Pose(NamedTuple):
+  """A moving skeleton, in the unit of the joints that it was made of."""
+  offsets: np.ndarray    # (J, 3) from the parent, in the T-pose; the root's is zero
+  shifts: np.ndarray     # (T, J, 3) further than the offset; only below pelvis and chest, only where these bend
+  root: np.ndarray       # (T, 3) position of the root
+  rotations: np.ndarray  # (T, J, 4) quaternions (w, x, y, z) relative to the parent; signs continuous in time
+  turned: np.ndarray     # (T, J, 4) the same in the world
+
+
+def to_pose(joints, skeleton=HUMANML3D, fps=20.0) -> Pose:
+  """Joints (T, J, 3) to the rotations of a T-pose skeleton with the clip's own mean bone lengths.
+
+  Every bone keeps its direction, so `pose_to_joints` gives the joints back where bone lengths are constant. A joint
+  with several children (pelvis, chest) has one rotation for all of them: what its bones bend against each other, which
+  is nothing in most captures, is left in `shifts`. float64.
+  """
+  joints = np.asarray(joints, np.float64)
+  parents, children = skeleton.parents, _children(skeleton)
+  lengths = np.linalg.norm(joints - joints[:, np.maximum(parents, 0)], axis=-1).mean(0)
+  offsets = t_pose(skeleton, lengths)
+  bones = joints - joints[:, np.maximum(parents, 0)]
+  turned = [None] * skeleton.num_joints
+  shifts = np.zeros_like(joints)
+  for joint in _order(skeleton):
+    if len(members := children[joint]) > 1:
+      turned[joint], offsets[members] = _fit(bones, members, skeleton)
+      local = rot.rotate(rot.conjugate(turned[joint])[:, None], bones[:, members])
+      shifts[:, members] = local - offsets[members]
+  for joint in _order(skeleton):
+    if turned[joint] is not None:
+      continue
+    above = turned[parents[joint]]
+    if not children[joint]:
+      turned[joint] = above  # nothing below shows how an end of a limb is turned
+      continue
+    child = children[joint][0]
+    side, kind = _kind(skeleton.joints[joint])
+    ahead = _next_branch(joint, children)
+    if kind in _HINGES:
+      turned[joint] = _hinge_turn(joint, bones, offsets, above, children, skeleton, fps)
+    else:
+      if ahead is not None:  # the spine: part of the way from the pelvis to the chest
+        below, steps = ahead
+        above = rot.slerp(above, turned[below], np.full(len(joints), 1 / (steps + 1)))
+      turned[joint] = _swing(above, offsets[child], bones[:, child])
+  local = [turned[j] if parent < 0 else rot.multiply(rot.conjugate(turned[parent]), turned[j])
+           for j, parent in enumerate(parents)]
+  local, world = (rot.continuous(rot.unit(np.stack(q, axis=1))) for q in (local, turned))
+  return Pose(offsets, shifts, joints[:, 0].copy(), local, world)
+
+
+def pose_to_joints(pose, skeleton=HUMANML3D):
+  """Forward kinematics: joints (T, J, 3) of a pose."""
+  joints, turned = np.empty(pose.rotations.shape[:2] + (3,)), pose.rotations.copy()
+  joints[:, 0] = pose.root
+  for joint in _order(skeleton)[1:]:
+    parent = skeleton.parents[joint]
+    turned[:, joint] = rot.multiply(turned[:, parent], pose.rotations[:, joint])
+    joints[:, joint] = joints[:, parent] + rot.rotate(turned[:, parent], pose.offsets[joint] + pose.shifts[:, joint])
+  return joints
+
+
+def t_pose(skeleton=HUMANML3D, lengths=None):
+  """Offsets (J, 3) from the parent in a T-pose: facing +z, arms along x, legs down. lengths (J,): the skeleton's."""
+  lengths = skeleton.bone_lengths if lengths is None else lengths
+  offsets = np.zeros((skeleton.num_joints, 3))
+  for joint, name in enumerate(skeleton.joints[1:], 1):
+    side, kind = _kind(name)
+    offsets[joint] = rot.unit(np.array(_REST[kind], np.float64) * [side, 1, 1]) * lengths[joint]
+  return offsets
+
+
+def _kind(name):
+  """+1 for left, -1 for right, 1 otherwise, and the name without its side."""
+  side, _, rest = name.partition("_")
+  return {"left": (1, rest), "right": (-1, rest)}.get(side, (1, name))
+
+
+def _children(skeleton):
+  return [[k for k, parent in enumerate(skeleton.parents) if parent == j] for j in range(skeleton.num_joints)]
+
+
+def _order(skeleton):
+  """Joints, parents before children."""
+  children, order = _children(skeleton), [0]
+  for joint in order:
+    order.extend(children[joint])
+  return order
+
+
+def _next_branch(joint, children):
+  """(the next joint with several children, bones to there) down an unbranched chain; None if it only ends."""
+  steps = 0
+  while len(children[joint]) == 1:
+    joint, steps = children[joint][0], steps + 1
+  return (joint, steps) if children[joint] else None
+
+
+def _fit(bones, members, skeleton):
+  """The turn (T, 4) of a joint with several children and their offsets (C, 3), by least squares.
+
+  First a frame from the line between the left and the right child and the remaining one, then the mean shape in that
+  frame, then the turn that fits the shape best in each frame (Kabsch).
+  """
+  sides = [_kind(skeleton.joints[j])[0] if skeleton.joints[j].startswith(("left", "right")) else 0 for j in members]
+  left, right, middle = (members[sides.index(side)] for side in (1, -1, 0))
+  x = _safe_unit(bones[:, left] - bones[:, right], (1.0, 0.0, 0.0))
+  up = bones[:, middle] - (bones[:, left] + bones[:, right]) * (0.5 if skeleton.joints[middle] != "neck" else 0)
+  z = _safe_unit(np.cross(x, up), (0.0, 0.0, 1.0))
+  frame = np.stack([x, np.cross(z, x), z], axis=-1)
+  group = bones[:, members]
+  shape = np.einsum("tji,tcj->ci", frame, group) / len(bones)
+  u, _, vt = np.linalg.svd(np.einsum("tci,cj->tij", group, shape))
+  flip = np.ones((len(bones), 3))
+  flip[:, 2] = np.linalg.det(u @ vt)
+  frame = (u * flip[:, None]) @ vt
+  shape = np.einsum("tji,tcj->ci", frame, group) / len(bones)
+  return rot.from_matrix(frame), shape
+
+
+def _safe_unit(v, fallback):
+  """Unit vectors; one of no length takes the nearest earlier direction, or the fallback."""
+  length = np.linalg.norm(v, axis=-1)
+  good = length > 1e-9
+  if good.all():
+    return v / length[:, None]
+  last = np.maximum.accumulate(np.where(good, np.arange(len(v)), -1))
+  result = np.where((last >= 0)[:, None], v[last] / np.maximum(length[last], 1e-12)[:, None], np.array(fallback))
+  return result
+
+
+def _swing(turn, rest, bone):
+  """The least further turn after `turn` (T, 4) that brings rest (3,) onto the direction of bone (T, 3)."""
+  now, length = rot.unit(rot.rotate(turn, rest)), np.linalg.norm(bone, axis=-1, keepdims=True)
+  goal = np.where(length > 1e-9, bone / np.maximum(length, 1e-9), now)
+  opposed = (now * goal).sum(-1, keepdims=True) < -1 + 1e-9
+  goal = np.where(opposed, rot.unit(goal + 1e-3 * np.roll(now, 1, axis=-1)), goal)
+  return rot.multiply(rot.between(now, goal), turn)
+
+
+def _hinge_turn(joint, bones, offsets, above, children, skeleton, fps):
+  """The turn (T, 4) of a shoulder or hip: its bone exact, the axis of elbow or knee where bending shows it."""
+  side, kind = _kind(skeleton.joints[joint])
+  child = children[joint][0]
+  mirror = np.array([side, 1, 1])
+  axis = np.array(_HINGES[kind], np.float64) * (side if kind == "shoulder" else 1)
+  rest, easy = rot.unit(offsets[child]), rot.unit(np.array(_EASY[kind]) * mirror)
+  turn = _swing(rot.multiply(above, rot.between(rest, easy)[None]), rest, bones[:, child])
+  bone = rot.rotate(turn, rest)
+  if not children[child]:
+    return turn
+  lower = _safe_unit(bones[:, children[child][0]], rest)
+  evidence = _angle_evidence(turn, bone, axis, np.cross(bone, lower))
+  end = children[children[child][0]]
+  if kind == "hip" and end:
+    foot = _safe_unit(bones[:, end[-1]], (0.0, 0.0, 1.0))
+    evidence = evidence + 0.3 * _angle_evidence(turn, bone, axis, np.cross(foot, lower))
+  evidence = gaussian_filter1d(evidence, _SECONDS * fps, axis=0, mode="nearest") + np.array([0.08, 0])
+  twist = np.unwrap(np.arctan2(evidence[:, 1], evidence[:, 0]))
+  return rot.multiply(turn, np.concatenate([np.cos(twist / 2)[:, None], np.sin(twist / 2)[:, None] * rest], axis=-1))
+
+
+def _angle_evidence(turn, bone, axis, normal):
+  """Cosine and sine (T, 2) of the angle about the bone from the hinge axis to the normal, times the square of the
+  normal's length: a limb that hardly bends hardly says where its hinge is."""
+  before = rot.rotate(turn, axis)
+  parts = np.stack([(before * normal).sum(-1), (np.cross(bone, before) * normal).sum(-1)], axis=-1)
+  return parts * np.linalg.norm(normal, axis=-1, keepdims=True)
