@@ -1,0 +1,150 @@
+"""The text encoder: captions do not feel each other, errors say what to do, the shipped model knows its words."""
+import json
+import pathlib
+import shutil
+
+import numpy as np
+import pytest
+
+from motion_jax.text.encoder import SHIPPED, load_text_encoder
+
+CAPTIONS = ["a person walks forward.", "someone jumps",
+            "a person turns left, then waves with the right hand and sits down.", "Run!",
+            "a person takes 3 steps at 90° – señor, naïve café 😀"]
+
+
+@pytest.fixture(scope="module", params=["fresh", "words"])
+def encoder(request):
+  return load_text_encoder(request.param)
+
+
+@pytest.fixture(scope="module")
+def words():
+  return load_text_encoder("words")
+
+
+def cosine(a, b):
+  return float(a @ b / np.linalg.norm(a) / np.linalg.norm(b))
+
+
+def test_shapes_masks_and_padding(encoder):
+  text_emb, text_mask = encoder(CAPTIONS)
+  assert text_emb.dtype == np.float32 and text_mask.dtype == bool
+  assert text_emb.shape == (*text_mask.shape, encoder.dim) and text_mask.sum(1).max() == text_mask.shape[1]
+  assert np.isfinite(text_emb).all() and not text_emb[~text_mask].any()
+  longer_emb, longer_mask = encoder(CAPTIONS, pad_to=60)
+  assert longer_mask.shape == (5, 60) and (longer_emb[:, :text_emb.shape[1]] == text_emb).all()
+  assert (longer_mask.sum(1) == text_mask.sum(1)).all()
+
+
+def test_batch_mates_are_invisible_and_runs_repeat(encoder):
+  together, mask = encoder(CAPTIONS)
+  again = load_text_encoder(encoder.name)  # an empty cache
+  for i in reversed(range(len(CAPTIONS))):
+    alone, alone_mask = again([CAPTIONS[i]])
+    assert (alone[0] == together[i][mask[i]]).all() and alone_mask.all()
+    assert (again.sentence([CAPTIONS[i]])[0] == encoder.sentence(CAPTIONS)[i]).all()
+  assert again.fingerprint == encoder.fingerprint and len(again.fingerprint) == 64
+
+
+def test_captions_are_encoded_once(encoder):
+  first = encoder._feature("a person walks and walks")
+  assert encoder._feature("a person walks and walks") is first
+  with pytest.raises(ValueError):
+    first[0] = 0  # a caller cannot spoil the cache
+
+
+def test_sentence_vectors_have_unit_length(encoder):
+  np.testing.assert_allclose(np.linalg.norm(encoder.sentence(CAPTIONS), axis=-1), 1, atol=1e-5)
+
+
+@pytest.mark.parametrize("caption, message", [
+    ("", "empty caption"), ("  \n ", "empty caption"), ("\u200b", "empty caption"), (None, "NoneType"),
+    ("walk " * 200, "word pieces")])
+def test_bad_captions(encoder, caption, message):
+  with pytest.raises(ValueError, match=message):
+    encoder([caption])
+
+
+def test_bad_sizes(encoder):
+  with pytest.raises(ValueError, match="no caption"):
+    encoder([])
+  with pytest.raises(ValueError, match="pad_to=3"):
+    encoder(["a person walks forward."], pad_to=3)
+  with pytest.raises(ValueError, match="takes 5"):
+    load_text_encoder(encoder.name, max_words=5)(["a person walks forward and waves."])
+
+
+def test_a_missing_folder_says_what_to_give(tmp_path):
+  with pytest.raises(FileNotFoundError, match="model.safetensors"):
+    load_text_encoder("distilbert-base-uncased")
+  (tmp_path / "config.json").write_text("{}")
+  with pytest.raises(FileNotFoundError, match="lacks model.safetensors, tokenizer.json"):
+    load_text_encoder(tmp_path)
+
+
+@pytest.mark.parametrize("file, content", [
+    ("config.json", b"{"), ("config.json", b'{"model_type": "t5"}'), ("model.safetensors", b"half a file"),
+    ("tokenizer.json", b"[]")])
+def test_a_damaged_folder_is_one_clear_error(tmp_path, file, content):
+  folder = shutil.copytree(SHIPPED / "words", tmp_path / "model")
+  (folder / file).write_bytes(content)
+  with pytest.raises(ValueError, match="text encoder"):
+    load_text_encoder(folder)
+
+
+def test_a_folder_of_the_hugging_face_layout_loads(tmp_path, words):
+  folder = pathlib.Path(shutil.copytree(SHIPPED / "words", tmp_path / "model"))
+  (folder / "known_words.txt").unlink()
+  copy = load_text_encoder(folder)
+  assert (copy(CAPTIONS)[0] == words(CAPTIONS)[0]).all() and copy.fingerprint == words.fingerprint
+  assert copy.unfamiliar("a person frobnicates") == []
+  config = json.loads((folder / "config.json").read_text())
+  (folder / "config.json").write_text(json.dumps(config | {"dim": 64}))
+  with pytest.raises(ValueError, match="shape"):
+    load_text_encoder(folder)
+
+
+@pytest.mark.parametrize("first, second, one, other", [
+    ("a person turns left.", "a person turns right.", "left", "right"),
+    ("a person raises the left hand.", "a person raises the right hand.", "left", "right"),
+    ("a person walks forward.", "a person walks backward.", "forward", "backward"),
+    ("a person sits down.", "a person stands up.", "sits", "stands"),
+    ("a person walks happily.", "a person walks sadly.", "happily", "sadly"),
+    ("a person punches.", "a person kicks.", "punches", "kicks")])
+def test_opposites_are_far_apart(words, first, second, one, other):
+  assert cosine(words.word(first, one), words.word(second, other)) < 0.5
+
+
+@pytest.mark.parametrize("verb, synonym", [
+    ("walks", "strolls"), ("runs", "jogs"), ("jumps", "hops"), ("punches", "jabs"), ("turns", "rotates"),
+    ("raises", "lifts"), ("dances", "waltzes"), ("waves", "greets")])
+def test_synonyms_are_nearer_than_other_movements(words, verb, synonym):
+  feature = words.word(f"a person {synonym}.", synonym)
+  near = cosine(feature, words.word(f"a person {verb}.", verb))
+  others = {"walks", "runs", "jumps", "punches", "turns", "raises", "dances", "sits", "kicks", "waves"} - {verb}
+  assert all(near > cosine(feature, words.word(f"a person {other}.", other)) + 0.1 for other in others)
+
+
+@pytest.mark.parametrize("sentence, nearest", [
+    ("a person strolls.", "a person walks."), ("someone hops.", "a person jumps."),
+    ("a man swings a fist.", "a person punches."), ("she takes a seat.", "a person sits down."),
+    ("a person greets someone by moving a hand.", "a person waves a hand."), ("a person jogs.", "a person runs.")])
+def test_paraphrases_land_near_the_plain_word(words, sentence, nearest):
+  plain = ["a person walks.", "a person runs.", "a person jumps.", "a person punches.", "a person kicks.",
+           "a person sits down.", "a person stands up.", "a person waves a hand.", "a person bows.",
+           "a person dances."]
+  assert plain[int(np.argmax(words.sentence(plain) @ words.sentence([sentence])[0]))] == nearest
+
+
+def test_unfamiliar_words_are_named(words):
+  assert words.unfamiliar("A person strolled happily forward, then jumped 3 times and waves their left hand!") == []
+  assert words.unfamiliar("an elderly man is jogging backwards while punching") == []
+  assert words.unfamiliar("a person qzxvks and frobnicates 😀") == ["qzxvks", "frobnicates", "😀"]
+  assert words.unfamiliar("a person walks on chromosomes") == ["chromosomes"]
+  assert words.unfamiliar("a person ambles sneakily") == ["ambles"]  # held out of the training; sneak was in it
+
+
+def test_a_word_that_is_not_there(words):
+  with pytest.raises(ValueError, match="'runs'"):
+    words.word("a person walks", "runs")
