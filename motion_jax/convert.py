@@ -108,5 +108,5 @@ def causal_dit_names(depth):
               f"{theirs}.ffn.0": (f"{ours}/ff_in", "dense"), f"{theirs}.ffn.2": (f"{ours}/ff_out", "dense")}
     for attention in ("self_attn", "cross_attn"):
       table |= {f"{theirs}.{attention}.{name}": (f"{ours}/{attention}/{name}", "dense") for name in "qkvo"}
-      table |= {f"{theirs}.{attention}.{name}": (f"{ours}/{attention}/{name}", "scale") for name in ("norm_q", "norm_k")}
+      table |= {f"{theirs}.{attention}.norm_{name}": (f"{ours}/{attention}/norm_{name}", "scale") for name in "qk"}
   return table

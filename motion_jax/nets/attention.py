@@ -41,8 +41,8 @@ def rotary(x, positions, base=10_000.0):
 class Attention(nn.Module):
   """Multi-head attention in three steps: `queries`, `keys_values`, `attend`.
 
-  Queries and keys are RMS-normalized over the whole width before the heads are split (facts: cmdm 4.1). With positions
-  they are turned by rotary angles. Shapes: x (B, L, D); q, k, v (B, L, H, D / H); attn_mask (B or 1, 1, L, S).
+  Queries and keys are RMS-normalized over the whole width before the heads are split (facts: cmdm 4.1). `rotary` turns
+  them between the steps, so that a cache can hold keys that are not tied to a position yet. Shapes: x (B, L, D); q, k, v (B, L, H, D / H); attn_mask (B or 1, 1, L, S).
   """
   width: int
   num_heads: int
@@ -58,13 +58,11 @@ class Attention(nn.Module):
   def _heads(self, x):
     return x.reshape(x.shape[:-1] + (self.num_heads, self.width // self.num_heads))
 
-  def queries(self, x, positions=None):
-    q = self._heads(self.norm_q(self.q(x)))
-    return q if positions is None else rotary(q, positions)
+  def queries(self, x):
+    return self._heads(self.norm_q(self.q(x)))
 
-  def keys_values(self, x, positions=None):
-    k = self._heads(self.norm_k(self.k(x)))
-    return (k if positions is None else rotary(k, positions)), self._heads(self.v(x))
+  def keys_values(self, x):
+    return self._heads(self.norm_k(self.k(x))), self._heads(self.v(x))
 
   def attend(self, q, k, v, attn_mask=None):
     scores = jnp.einsum("bqhd,bkhd->bhqk", q, k, preferred_element_type=wide(self.dtype))
@@ -77,5 +75,7 @@ class Attention(nn.Module):
 
   def __call__(self, x, context=None, attn_mask=None, positions=None):
     """Self-attention, or cross-attention to a context (B, S, D)."""
-    k, v = self.keys_values(x if context is None else context, positions)
-    return self.attend(self.queries(x, positions), k, v, attn_mask)
+    q, (k, v) = self.queries(x), self.keys_values(x if context is None else context)
+    if positions is not None:
+      q, k = rotary(q, positions), rotary(k, positions)
+    return self.attend(q, k, v, attn_mask)

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import flax.linen as nn
 import jax.numpy as jnp
 
-from motion_jax.nets.attention import Attention, wide
+from motion_jax.nets.attention import Attention, rotary, wide
 
 SIZES = {"S": dict(num_heads=2, depth=4, width=512), "M": dict(num_heads=4, depth=8, width=512),
          "L": dict(num_heads=6, depth=12, width=768), "XL": dict(num_heads=8, depth=16, width=1024)}
@@ -30,10 +30,15 @@ def time_numbers(t, count=256):
 
 
 class Text(NamedTuple):
-  """What a layer's cross-attention needs of a caption: keys, values (B, S, H, D / H) and mask (B, S)."""
+  """What a layer's cross-attention needs of captions: keys and values (B, S, H, D / H), mask (B, S).
+
+  null (1, 1, D), if there, is the layer's whole output for a dropped caption: its words are all alike, so attention to
+  them is a constant (facts: cmdm 4.3). A batch of 2 B then means B latents with their captions and B without.
+  """
   k: jnp.ndarray
   v: jnp.ndarray
   mask: jnp.ndarray
+  null: jnp.ndarray | None = None
 
 
 class Block(nn.Module):
@@ -57,24 +62,32 @@ class Block(nn.Module):
     film = self.film(nn.silu(level))
     return film.reshape(film.shape[:-1] + (6, self.width))
 
-  def text(self, words, mask):
-    return Text(*self.cross_attn.keys_values(words), mask)
+  def text(self, words, mask, null_word=None):
+    null = None if null_word is None else self.cross_attn(null_word, null_word)
+    return Text(*self.cross_attn.keys_values(words), mask, null)
 
-  def keys_values(self, x, modulation, positions):
-    return self.self_attn.keys_values(self._modulated(x, modulation), positions)
+  def _modulated(self, x, modulation, shift):
+    return modulation[..., shift + 1, :] * x + modulation[..., shift, :] + x
 
-  def _modulated(self, x, modulation):
-    return self.norm1(x) * (1 + modulation[..., 1, :]) + modulation[..., 0, :]
+  def _to_words(self, x, text):
+    batch = text.k.shape[0]
+    y = self.cross_attn.queries(self.norm2(x[:batch]))
+    y = self.cross_attn.attend(y, text.k, text.v, text.mask[:, None, None, :])
+    if text.null is None:
+      return y
+    return jnp.concatenate([y, jnp.broadcast_to(text.null, y.shape)])
 
   def step(self, x, modulation, text, attn_mask, positions, past=None):
-    """-> (x, (k, v)) with the keys and values of x; past (k, v) stand before them under attn_mask."""
-    y = self._modulated(x, modulation)
-    k, v = new = self.self_attn.keys_values(y, positions)
+    """-> (x, (k, v)) with the keys and values of x, keys not turned; past (k, v), keys turned, stand before them."""
+    y = self._modulated(self.norm1(x), modulation, 0)
+    q, (k, v) = self.self_attn.queries(y), self.self_attn.keys_values(y)
+    new = k, v
+    q, k = rotary(q, positions), rotary(k, positions)
     if past is not None:
-      k, v = (jnp.concatenate([a.astype(b.dtype), b], axis=1) for a, b in zip(past, new))
-    x = x + modulation[..., 2, :] * self.self_attn.attend(self.self_attn.queries(y, positions), k, v, attn_mask)
-    x = x + self.cross_attn.attend(self.cross_attn.queries(self.norm2(x)), text.k, text.v, text.mask[:, None, None, :])
-    y = self.norm3(x) * (1 + modulation[..., 4, :]) + modulation[..., 3, :]
+      k, v = (jnp.concatenate([a.astype(b.dtype), b], axis=1) for a, b in zip(past, (k, v)))
+    x = x + modulation[..., 2, :] * self.self_attn.attend(q, k, v, attn_mask)
+    x = x + self._to_words(x, text)
+    y = self._modulated(self.norm3(x), modulation, 3)
     return x + modulation[..., 5, :] * self.ff_out(nn.gelu(self.ff_in(y), approximate=True)), new
 
 
@@ -116,20 +129,26 @@ class CausalDiT(nn.Module):
       return jnp.stack([plain] * self.depth)
     return jnp.stack([block.modulation(level) for block in self.blocks])
 
-  def text_keys_values(self, text_emb, text_mask):
-    """Keys and values of the words for all layers, from text_emb (B, S, E) and text_mask (B, S)."""
-    words = self.text_in(text_emb)
-    return tuple(block.text(words, text_mask) for block in self.blocks)
+  def text_keys_values(self, text_emb, text_mask, with_null=False):
+    """Keys and values of the words for all layers, from text_emb (B, S, E) and text_mask (B, S).
 
-  def null_text(self, batch):
-    """The dropped caption as one word: all words of it are equal, so their number does not matter (facts: cmdm 4.3)."""
-    return self.text_keys_values(jnp.zeros((batch, 1, self.text_dim), self.dtype), jnp.ones((batch, 1), bool))
+    with_null adds the constants for latents without a caption: its word features are 0 (facts: cmdm 4.3).
+    """
+    words = self.text_in(text_emb.astype(self.dtype))
+    null_word = self.text_in(jnp.zeros((1, 1, self.text_dim), self.dtype)) if with_null else None
+    return tuple(block.text(words, text_mask, null_word) for block in self.blocks)
 
-  def window(self, x, t, modulation, text, attn_mask, positions, cache=None):
+  def turn_keys(self, cache, positions):
+    """Cached (k, v) of all layers with the keys turned to positions (P,), as `window` takes them."""
+    positions = positions if self.use_rope else jnp.zeros_like(positions)
+    return tuple((rotary(k, positions), v) for k, v in cache)
+
+  def window(self, x, t, modulation, text, attn_mask, positions, past=None):
     """Velocity of a window of latents and its keys and values: x (B, W, C), modulation (depth, B or 1, W, 6, D).
 
-    text: of text_keys_values. positions (W,) or (B, W). cache: per layer (k, v) (B, P, H, K) that stand before the
-    window; attn_mask (B or 1, 1, W, P + W) says which of them are there. -> (velocity, ((k, v), ...)).
+    text: of text_keys_values. positions (W,) or (B, W). past: per layer (k, v) (B, P, H, K), keys turned, that stand
+    before the window; attn_mask (B or 1, 1, W, P + W) says which of them are there. -> (velocity, ((k, v), ...)), keys
+    not turned.
     """
     x = self.x_in(x.astype(self.dtype))
     if not self.use_adaln:
@@ -137,7 +156,7 @@ class CausalDiT(nn.Module):
     positions = positions if self.use_rope else jnp.zeros_like(positions)
     new = []
     for i, block in enumerate(self.blocks):
-      x, keys_values = block.step(x, modulation[i], text[i], attn_mask, positions, None if cache is None else cache[i])
+      x, keys_values = block.step(x, modulation[i], text[i], attn_mask, positions, None if past is None else past[i])
       new.append(keys_values)
     return self.out(x), tuple(new)
 
@@ -148,5 +167,5 @@ class CausalDiT(nn.Module):
     if t.shape[1] != length:
       modulation = jnp.repeat(modulation, length // t.shape[1], axis=2)
       t = jnp.repeat(t, length // t.shape[1], axis=1)
-    text = self.text_keys_values(text_emb.astype(self.dtype), text_mask)
+    text = self.text_keys_values(text_emb, text_mask)
     return self.window(x, t, modulation, text, attn_mask, jnp.arange(length))[0]

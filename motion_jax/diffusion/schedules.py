@@ -1,0 +1,35 @@
+"""Tables of times: row m says how clean every latent is after m steps, 0 = noise, 1 = clean.
+
+Which latent is cleaned when is the only thing in which full-sequence, frame-wise and autoregressive sampling differ.
+"""
+import numpy as np
+
+
+def staircase_levels(num_steps, length, lag, block=1):
+  """Steps that latents have made, (N + 1, L) integers 0..num_steps: block j starts j * lag steps late.
+
+  lag 0 is all at once, lag num_steps is autoregressive. N = num_steps + lag (blocks - 1); with num_steps 4, lag 2:
+
+    0 0 0        (block 1, L 3; times are these numbers over num_steps)
+    1 0 0
+    2 0 0
+    3 1 0
+    4 2 0
+    4 3 1
+    4 4 2  ...
+  """
+  if num_steps < 1 or length < 1 or lag < 0 or block < 1:
+    raise ValueError(f"got num_steps {num_steps}, length {length}, lag {lag}, block {block}; expected positive numbers")
+  blocks = -(-length // block)
+  step = np.arange(num_steps + lag * (blocks - 1) + 1)[:, None]
+  return np.clip(step - lag * (np.arange(length) // block), 0, num_steps)
+
+
+def staircase(num_steps, length, lag, block=1):
+  """Frame-wise sampling as times (N + 1, L), float32 (facts: cmdm 5.1)."""
+  return time_of_level(staircase_levels(num_steps, length, lag, block), num_steps)
+
+
+def time_of_level(level, num_steps):
+  """Time after `level` of num_steps steps; formed as 1 - k / K like the reference's, to the last bit."""
+  return (1 - (num_steps - np.asarray(level)) / num_steps).astype(np.float32)

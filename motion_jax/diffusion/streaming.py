@@ -1,0 +1,183 @@
+"""Frame-wise sampling at constant cost: a window of latents in denoising, a cache of those that are done.
+
+One pure step, `advance`, carries the window through `lag` Euler iterations, after which one more block of latents is
+clean. Offline sampling is `lax.scan` over it, streaming calls it once a block: they cannot differ. What makes it cheap
+changes no number (facts: cmdm 5.3):
+
+- A block at age A = ceil(num_steps / lag) advances is clean. It stays in the window for one advance more, at t = 1, so
+  that its final keys and values are known; then they go to a ring cache and the block is never computed again.
+- Blocks that have not begun are not computed: `active` is how many slots of the window are.
+- What depends on the time alone is a table over the num_steps + 1 times; what depends on the caption alone is computed
+  once; the branch without caption attends to a constant.
+
+A latent attends to `context` latents, its own block included (`nets.masks.sliding_mask`). Cached keys are kept unturned
+and positions count from the window, so they never grow and an hour of motion is as exact as a second.
+
+advance  0 1 2 3 4 5        blocks in the window, lag = num_steps / 2 (A = 2), width 3:
+block 0  o o * .            o in denoising, * done, computed once more for its keys and values, . cached
+block 1    o o * .
+block 2      o o * .
+"""
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from motion_jax.diffusion.guidance import combine
+from motion_jax.diffusion.schedules import time_of_level
+
+
+class Plan(NamedTuple):
+  """The choices that shapes and loops depend on; hashable, so that jit can specialize on it."""
+  num_steps: int
+  lag: int      # iterations between the starts of two blocks; num_steps is autoregressive
+  block: int    # latents per block
+  context: int  # latents that a latent attends to
+  width: int    # blocks in the window
+  guided: bool
+
+  @property
+  def age(self) -> int:
+    """Advances after which a block is clean."""
+    return -(-self.num_steps // self.lag)
+
+  @property
+  def ring(self) -> int:
+    """Blocks in the cache."""
+    return max(self.context // self.block - 1, 1)
+
+
+def make_plan(num_steps, lag, block, context, num_blocks=None, guided=True) -> Plan:
+  """A plan; with num_blocks the window is no wider than the motion. Raises ValueError for numbers out of range."""
+  if num_steps < 1 or not 1 <= lag <= num_steps:
+    raise ValueError(f"got num_steps {num_steps} and lag {lag}; expected 1 <= lag <= num_steps (lag = num_steps is "
+                     "autoregressive)")
+  if block < 1 or context < block or context % block:
+    raise ValueError(f"got a context of {context} latents, expected whole blocks of {block}")
+  width = -(-num_steps // lag) + 1
+  return Plan(num_steps, lag, block, context, min(width, num_blocks) if num_blocks else width, guided)
+
+
+class Stream(NamedTuple):
+  """State between two advances; B motions side by side, 2 B rows in the cache when guided."""
+  advance: jax.Array  # () how many advances are done
+  latents: jax.Array  # (B, width * block, C), the window
+  cache: Any          # per layer (k, v), (rows, ring * block, H, K), keys unturned
+
+
+class Constants(NamedTuple):
+  """What the time alone decides: times (num_steps + 1,) and modulation (depth, num_steps + 1, 6, D)."""
+  times: jax.Array
+  modulation: jax.Array
+
+
+def make_constants(dit, params, plan) -> Constants:
+  times = jnp.asarray(time_of_level(range(plan.num_steps + 1), plan.num_steps))
+  return Constants(times, dit.apply(params, times, method="modulation"))
+
+
+def encode_text(dit, params, text_emb, text_mask, guided=True):
+  """Keys and values of captions for all layers, from text_emb (B, S, E), text_mask (B, S)."""
+  return dit.apply(params, text_emb, text_mask, guided, method="text_keys_values")
+
+
+def block_noise(keys, index, plan, channels):
+  """Noise (B, block, C) of block `index`: a function of each motion's key and the block's place in it, nothing else."""
+  draw = lambda key: jax.random.normal(jax.random.fold_in(key, index), (plan.block, channels))
+  return jax.vmap(draw)(keys)
+
+
+def init_stream(dit, plan, keys) -> Stream:
+  """The state before the first advance, for motions of keys (B,)."""
+  noise = [block_noise(keys, index, plan, dit.latent_dim) for index in range(plan.width)]
+  rows = keys.shape[0] * (2 if plan.guided else 1)
+  shape = (rows, plan.ring * plan.block, dit.num_heads, dit.width // dit.num_heads)
+  empty = jnp.zeros(shape, dit.dtype)
+  return Stream(jnp.zeros((), jnp.int32), jnp.concatenate(noise, axis=1), tuple((empty, empty) for _ in range(dit.depth)))
+
+
+def advance(dit, plan, active, use_cache, params, constants, text, scale, keys, state):
+  """One block further: (state, block (B, block, C), done) where done says that the block is a clean one.
+
+  The first plan.age - 1 advances give none. active: slots of the window that are computed, counted from its oldest
+  block; all begun blocks must be among them. use_cache = False is for advances before anything is in the cache.
+  """
+  size, age = plan.block, plan.age
+  base = jnp.maximum(state.advance - age, 0)  # the oldest block of the window
+  blocks = base + jnp.arange(active)
+  level = (state.advance - blocks) * plan.lag  # iterations that each block has behind it; negative: not begun
+  within = jnp.arange(active * size)
+  past, attn_mask = None, _window_mask(blocks, blocks, plan)
+  if use_cache:
+    slots = jnp.arange(plan.ring)
+    held = base - 1 - (base - 1 - slots) % plan.ring  # the block that a slot of the ring holds; negative: none yet
+    positions = jnp.repeat((held - base) * size, size) + jnp.tile(jnp.arange(size), plan.ring)
+    past = dit.apply(params, state.cache, positions, method="turn_keys")
+    attn_mask = jnp.concatenate([_window_mask(blocks, held, plan) & (jnp.repeat(held, size) >= 0), attn_mask], axis=-1)
+
+  def iteration(latents, i):
+    now = jnp.clip(level + i, 0, plan.num_steps)
+    then = jnp.clip(level + i + 1, 0, plan.num_steps)
+    t = jnp.repeat(constants.times[now], size)
+    modulation = jnp.repeat(constants.modulation[:, now], size, axis=1)[:, None]
+    x = jnp.concatenate([latents, latents]) if plan.guided else latents
+    velocity, new = dit.apply(params, x, jnp.broadcast_to(t, x.shape[:2]), modulation, text, attn_mask, within, past,
+                              method="window")
+    if plan.guided:
+      velocity = combine(*jnp.split(velocity, 2), scale)
+    step = jnp.repeat(constants.times[then] - constants.times[now], size)
+    oldest = jax.tree.map(lambda a: a[:, :size], new)
+    return latents + step[:, None] * velocity.astype(latents.dtype), oldest
+
+  window, oldest = jax.lax.scan(iteration, state.latents[:, :active * size], jnp.arange(plan.lag))
+  latents = state.latents.at[:, :active * size].set(window)
+  finished = jnp.maximum(state.advance - age + 1, 0)  # the block that became clean in this advance
+  block = jax.lax.dynamic_slice_in_dim(latents, (finished - base) * size, size, axis=1)
+
+  # The window moves on once its oldest block has been computed at t = 1.
+  moves = state.advance >= age
+  cache = jax.tree.map(
+      lambda ring, new: jnp.where(moves, jax.lax.dynamic_update_slice_in_dim(
+          ring, new[-1].astype(ring.dtype), base % plan.ring * size, axis=1), ring), state.cache, oldest)
+  noise = block_noise(keys, base + plan.width, plan, dit.latent_dim).astype(latents.dtype)
+  latents = jnp.where(moves, jnp.concatenate([latents[:, size:], noise], axis=1), latents)
+  return Stream(state.advance + 1, latents, cache), block, state.advance >= age - 1
+
+
+def _window_mask(query_blocks, key_blocks, plan):
+  """(1, 1, Q * block, K * block): block-causal and no farther back than the context."""
+  apart = jnp.repeat(query_blocks, plan.block)[:, None] - jnp.repeat(key_blocks, plan.block)[None, :]
+  return ((apart >= 0) & (apart < plan.context // plan.block))[None, None]
+
+
+def segments(plan, num_blocks, buckets=2):
+  """[(advances, active, use_cache)]: the runs of advances that share one compiled width, for num_blocks in all.
+
+  Widths are rounded up to `buckets` sizes, so that ramp-up and drain share code.
+  """
+  unit = -(-plan.width // buckets)
+  runs = []
+  for at in range(plan.age + num_blocks - 1):
+    base = max(at - plan.age, 0)
+    needed = min(at + 1, num_blocks) - base
+    key = (min(-(-needed // unit) * unit, plan.width), at > plan.age)
+    if runs and runs[-1][1:] == key:
+      runs[-1] = (runs[-1][0] + 1, *key)
+    else:
+      runs.append((1, *key))
+  return runs
+
+
+def sample(dit, plan, params, constants, text, scale, keys, num_blocks, buckets=2):
+  """Clean latents (B, num_blocks * block, C), all in one trace: `lax.scan` over `advance`."""
+  state, blocks = init_stream(dit, plan, keys), []
+  for count, active, use_cache in segments(plan, num_blocks, buckets):
+
+    def body(state, _, active=active, use_cache=use_cache):
+      state, block, _ = advance(dit, plan, active, use_cache, params, constants, text, scale, keys, state)
+      return state, block
+
+    state, made = jax.lax.scan(body, state, None, length=count)
+    blocks.append(made)
+  made = jnp.concatenate(blocks)[plan.age - 1:]  # (num_blocks, B, block, C)
+  return jnp.moveaxis(made, 0, 1).reshape(keys.shape[0], num_blocks * plan.block, dit.latent_dim)
