@@ -1,0 +1,268 @@
+"""The denoiser is the reference's, sees no later block, and its pieces add up to the whole."""
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from motion_jax.convert import causal_dit_names, from_torch
+from motion_jax.diffusion import guidance, paths
+from motion_jax.nets import causal_dit
+from motion_jax.nets.attention import rotary
+from motion_jax.nets.causal_dit import CausalDiT
+from motion_jax.nets.masks import block_causal_mask, padding_mask
+from tests import fixtures
+from tests.golden import check, golden
+
+
+def network(fixture, dtype, block=3):
+  """Our module and parameters for a recorded small network."""
+  sizes = fixture.config["dit"]
+  dit = CausalDiT(latent_dim=sizes["input_dim"], width=sizes["latent_dim"], depth=sizes["num_layers"],
+                  num_heads=sizes["num_heads"], ff_width=sizes["ff_size"], text_dim=sizes["clip_dim"], block=block,
+                  dtype=dtype)
+  params = from_torch(fixture.params, causal_dit_names(dit.depth))
+  return dit, jax.tree.map(lambda a: jnp.asarray(a, dtype), params)
+
+
+def captions(fixture, dtype):
+  """The recorded captions, text_emb (B, S, E) and text_mask (B, S); behind the mask lies garbage, on purpose."""
+  stack = lambda prefix: np.stack([array for _, array in sorted(fixture.under(prefix).items())])
+  return jnp.asarray(stack("in/text/"), dtype), jnp.asarray(stack("in/text_mask/"))
+
+
+def faint(params, factor=2.0 ** -10):
+  """Scales the token layer and every query and key layer, so that the norms' epsilons show."""
+  def scale(path, array):
+    names = [key.key for key in path]
+    return array * factor if "x_in" in names or names[-2] in "qk" else array
+  return jax.tree_util.tree_map_with_path(scale, params)
+
+
+@golden("causal_dit")
+def run_causal_dit(fixture, dtype):
+  text_emb, text_mask = captions(fixture, dtype)
+  dit, params = network(fixture, dtype)
+  x, t = (jnp.asarray(fixture[f"in/{name}"], dtype) for name in "xt")
+  scale = fixture.config["scale"]
+  made = {}
+  for name, block, length, lengths in (("block3", 3, 12, "lengths"), ("block1", 1, 12, "lengths"),
+                                       ("full", 0, 12, "lengths"), ("odd", 3, 11, "odd_lengths")):
+    attn_mask = block_causal_mask(length, block) & padding_mask(fixture[f"in/{lengths}"], length)[:, None, None, :]
+    run = functools.partial(apply, dit, x=x[:, :length], t=t[:, :length], attn_mask=attn_mask, text_mask=text_mask)
+    velocity, null = run(params, text_emb=text_emb), run(params, text_emb=text_emb * 0)
+    made |= {f"{name}/velocity": velocity, f"{name}/guided": guidance.combine(velocity, null, scale)}
+    if name == "block3":
+      made |= {"block3/null": null, "faint/velocity": run(faint(params), text_emb=text_emb)}
+
+  latent_mask = padding_mask(fixture["in/lengths"], 12)
+  z1 = jnp.where(latent_mask[..., None], jnp.asarray(fixture["in/latents"], dtype), 0)
+  noise, uniform = jnp.asarray(fixture["in/noise"], dtype), jnp.asarray(fixture["in/uniform"], dtype)
+
+  @functools.partial(jax.jit, static_argnums=3)
+  def loss(params, text, t, block):
+    attn_mask = block_causal_mask(12, block) & latent_mask[:, None, None, :]
+    velocity = lambda x, t: apply(dit, params, x, t, text, attn_mask, text_mask)
+    sums, weight = paths.forcing_loss(velocity, z1, latent_mask, t, noise)
+    return sums["loss"] / weight
+
+  t3 = jnp.repeat(uniform[:, ::3], 3, axis=1)
+  dropped = jnp.where(jnp.asarray(fixture["in/drop"])[:, None, None] > 0, 0, text_emb)
+  made["loss_t"] = t3
+  made["loss"], grads = jax.jit(jax.value_and_grad(loss), static_argnums=3)(params, text_emb, t3, 3)
+  made |= {"loss_dropped": loss(params, dropped, t3, 3), "loss_block1": loss(params, text_emb, uniform, 1)}
+  if dtype == jnp.float32:
+    made |= {f"grad/{name}": array for name, array in to_torch(grads, dit.depth).items()}
+  return made
+
+
+def to_torch(params, depth):
+  """Our denoiser's arrays under the reference's names and layouts."""
+  made = {}
+  for theirs, (ours, _) in causal_dit_names(depth).items():
+    node = params["params"]
+    for key in ours.split("/"):
+      node = node[key]
+    for leaf, array in node.items():
+      made[f"{theirs}.{'bias' if leaf == 'bias' else 'weight'}"] = array.T if leaf == "kernel" else array
+  return made
+
+
+@golden("dit_tables")
+def run_tables(fixture, dtype):
+  positions, half = fixture.config["positions"], fixture.config["head_dim"] // 2
+  pairs = jnp.tile(jnp.array([1.0, 0.0], dtype), half)  # turning the number 1 shows cosine and sine
+  table = rotary(jnp.broadcast_to(pairs, (positions, 1, 2 * half)), jnp.arange(positions))[:, 0]
+  t = jnp.asarray(fixture["in/t"], dtype)
+  width = fixture.config["width"]
+  dit = CausalDiT(latent_dim=4, width=width, depth=0, num_heads=1, ff_width=4, text_dim=4, dtype=dtype)
+  state = {name.removeprefix("t_embedder/"): array for name, array in fixture.params.items()}
+  params = from_torch(state, {"mlp.0": ("time_in", "dense"), "mlp.2": ("time_out", "dense")})
+  return {"rope_cos": table[:, 0::2], "rope_sin": table[:, 1::2],
+          "rotated": rotary(jnp.asarray(fixture["in/q"], dtype), jnp.arange(positions)),
+          "time_numbers": causal_dit.time_numbers(t), "time_embedding": dit.apply(params, t, method="level")}
+
+
+@pytest.mark.parametrize("name", ["causal_dit", "dit_tables"])
+def test_golden(name):
+  assert not check(fixtures.path(f"cmdm/{name}.npz")).failures
+
+
+# --- invariants of our own ---------------------------------------------------------------------------------------
+
+
+def assert_close(made, expected, bound=2e-6):
+  """Rounding of float32, relative to the largest value: random gates make outputs of size 30."""
+  difference = np.abs(np.asarray(made) - np.asarray(expected)).max() / max(1, np.abs(expected).max())
+  assert difference < bound, difference
+
+
+@functools.cache
+def small(seed=0, **fields):
+  """A small denoiser whose layers are all random: zero gates would pass any test."""
+  fields = dict(latent_dim=5, width=24, depth=2, num_heads=2, ff_width=48, text_dim=7, block=3) | fields
+  dit = CausalDiT(**fields)
+  shapes = jax.eval_shape(lambda: init(dit, jax.random.key(0), *inputs()))
+  leaves, tree = jax.tree.flatten(shapes)
+  draw = np.random.default_rng(seed)
+  return dit, tree.unflatten([jnp.asarray(0.3 * draw.normal(size=a.shape) + (a.ndim == 1), a.dtype) for a in leaves])
+
+
+def init(dit, rng, x, t, text, text_mask):
+  return dit.init(rng, x, t, text, block_causal_mask(x.shape[1], 3), text_mask)
+
+
+@functools.partial(jax.jit, static_argnums=0, static_argnames="method")
+def apply(dit, *args, method="__call__", **named):
+  """One compiled call: op by op, a busy machine spends minutes here."""
+  return dit.apply(*args, method=method, **named)
+
+
+def inputs(batch=2, length=9, words=4):
+  keys = jax.random.split(jax.random.key(5), 3)
+  return (jax.random.normal(keys[0], (batch, length, 5)), jax.random.uniform(keys[1], (batch, length)),
+          jax.random.normal(keys[2], (batch, words, 7)), jnp.ones((batch, words), bool))
+
+
+@pytest.mark.parametrize("block", [1, 3])
+def test_no_latent_sees_a_later_block(block):
+  dit, params = small()
+  x, t, text, text_mask = inputs()
+  run = lambda x, t: apply(dit, params, x, t, text, block_causal_mask(9, block), text_mask)
+  whole = run(x, t)
+  for j in range(9):
+    for changed in (run(x.at[:, j].add(1.0), t), run(x, t.at[:, j].add(0.1))):
+      touched = np.abs(changed - whole).max((0, 2)) > 0
+      assert not touched[:j // block * block].any()  # bit for bit
+      assert touched[j // block * block:].all()
+
+
+def test_padding_and_batch_mates_are_invisible():
+  dit, params = small()
+  x, t, text, text_mask = inputs()
+  alone = apply(dit, params, x[:1, :7], t[:1, :7], text[:1, :3], block_causal_mask(7, 3), text_mask[:1, :3])
+  mask = block_causal_mask(9, 3) & padding_mask(jnp.array([7, 9]), 9)[:, None, None, :]
+  run = lambda x, text: apply(dit, params, x, t, text, mask, text_mask.at[0, 3].set(False))
+  padded = run(x, text)
+  assert_close(padded[:1, :7], alone)
+  garbage = run(x.at[0, 7:].set(99.0).at[1].set(-3.0), text.at[0, 3].set(50.0).at[1].set(8.0))
+  np.testing.assert_array_equal(garbage[:1, :7], padded[:1, :7])
+
+
+def test_a_fresh_network_is_silent():
+  """So the loss at the start is mean(v^2) = 1 + mean(z1^2) in expectation (facts: cmdm 10)."""
+  dit, _ = small()
+  x, t, text, text_mask = inputs(batch=64)
+  params = jax.jit(init, static_argnums=0)(dit, jax.random.key(0), x, t, text, text_mask)
+  noise = jax.random.normal(jax.random.key(1), x.shape)
+  velocity = lambda x, t: apply(dit, params, x, t, text, block_causal_mask(9, 3), text_mask)
+  assert float(jnp.abs(velocity(x, t)).max()) == 0
+  sums, weight = paths.forcing_loss(velocity, x, jnp.ones(x.shape[:2], bool), t, noise)
+  np.testing.assert_allclose(sums["loss"] / weight, ((x - noise) ** 2).mean(), rtol=1e-5)
+  assert abs(float(sums["loss"] / weight - 1 - (x ** 2).mean())) < 0.2
+
+
+def test_one_time_per_block_is_one_per_latent():
+  dit, params = small()
+  x, _, text, text_mask = inputs()
+  t = jax.random.uniform(jax.random.key(3), (2, 3))
+  run = lambda t: apply(dit, params, x, t, text, block_causal_mask(9, 3), text_mask)
+  assert_close(run(t), run(jnp.repeat(t, 3, axis=1)))
+
+
+def test_a_dropped_caption_is_one_constant_per_layer():
+  """Its words are all equal, so their number does not matter and attention to them is constant (facts: cmdm 4.3)."""
+  dit, params = small()
+  x, t, text, text_mask = inputs()
+  mask = block_causal_mask(9, 3)
+  whole = lambda text: apply(dit, params, x, t, text, mask, text_mask)
+  modulation = apply(dit, params, t, method="modulation")
+  twice = lambda a, axis=0: jnp.concatenate([a, a], axis)
+  prepared = jax.jit(lambda: dit.apply(params, text, text_mask, True, method="text_keys_values"))()
+  merged, _ = apply(dit, params, twice(x), twice(t), twice(modulation, 1), prepared, mask, jnp.arange(9),
+                    method="window")
+  assert_close(merged[:2], whole(text))
+  assert_close(merged[2:], whole(0 * text))
+
+
+@pytest.mark.parametrize("fields", [{}, {"use_rope": False}, {"use_adaln": False}])
+def test_cached_keys_and_values_change_nothing(fields):
+  """Clean blocks run once, later ones against what they left; positions count from the window's start."""
+  dit, params = small(**fields)
+  x, t, text, text_mask = inputs()
+  t = t.at[:, :6].set(1.0)
+  whole = apply(dit, params, x, t, text, block_causal_mask(9, 3), text_mask)
+  words = apply(dit, params, text, text_mask, method="text_keys_values")
+  modulation = apply(dit, params, t, method="modulation")
+  window = lambda a, b, mask, past=None: apply(dit, params, x[:, a:b], t[:, a:b], modulation[:, :, a:b], words, mask,
+                                               jnp.arange(b - a), past, method="window")
+  first, new = window(0, 6, block_causal_mask(6, 3))
+  past = apply(dit, params, new, jnp.arange(-6, 0), method="turn_keys")
+  second, _ = window(6, 9, jnp.ones((1, 1, 3, 9), bool), past)
+  assert_close(jnp.concatenate([first, second], axis=1), whole)
+  assert float(jnp.abs(whole).max()) > 0.1
+
+
+def test_rope_and_adaln_matter():
+  x, t, text, text_mask = inputs()
+  outputs = []
+  for fields in ({}, {"use_rope": False}, {"use_adaln": False}):
+    dit, params = small(**fields)
+    outputs.append(apply(dit, params, x, t, text, block_causal_mask(9, 3), text_mask))
+  assert all(float(jnp.abs(outputs[0] - other).max()) > 1e-2 for other in outputs[1:])
+
+
+@pytest.mark.parametrize("name, count", [("S", 19_775_552), ("M", 38_697_024), ("L", 129_091_648), ("XL", 304_599_104)])
+def test_parameter_counts(name, count):
+  """Measured on the reference, feed-forward 2 D (facts: cmdm 4.1)."""
+  dit = CausalDiT(**causal_dit.size(name))
+  shapes = jax.eval_shape(lambda: dit.init(jax.random.key(0), jnp.zeros((1, 3, 64)), jnp.zeros((1, 3)),
+                                           jnp.zeros((1, 2, 768)), block_causal_mask(3, 3), jnp.ones((1, 2), bool)))
+  assert sum(a.size for a in jax.tree.leaves(shapes)) == count
+
+
+def test_initialisation():
+  """Xavier uniform, zero bias, time network normal 0.02, modulation and output zero (facts: cmdm 4.1)."""
+  dit = CausalDiT(latent_dim=5, width=128, depth=1, num_heads=2, ff_width=256, text_dim=7)
+  x, t, text, text_mask = inputs()
+  params = jax.jit(init, static_argnums=0)(dit, jax.random.key(0), x, t, text, text_mask)["params"]
+  kernel = params["block0"]["ff_in"]["kernel"]
+  assert float(jnp.abs(kernel).max()) <= np.sqrt(6 / 384) and abs(float(kernel.std() / np.sqrt(2 / 384)) - 1) < 0.05
+  assert abs(float(params["time_out"]["kernel"].std()) - 0.02) < 1e-3
+  assert not params["block0"]["film"]["kernel"].any() and not params["out"]["kernel"].any()
+  assert not params["block0"]["ff_in"]["bias"].any()
+
+
+def test_bfloat16_stays_near():
+  dit, params = small()
+  x, t, text, text_mask = inputs()
+  args = (params, x, t, text, block_causal_mask(9, 3), text_mask)
+  exact, rough = apply(dit, *args), apply(dit.clone(dtype=jnp.bfloat16), *args)
+  assert rough.dtype == jnp.bfloat16
+  assert float(jnp.abs(rough - exact).mean() / jnp.abs(exact).mean()) < 0.1
+
+
+def test_an_unknown_size_is_told():
+  with pytest.raises(ValueError, match="'XXL'.*S, M, L, XL"):
+    causal_dit.size("XXL")
