@@ -31,7 +31,7 @@ def get_config(size="full"):
   if size == "small":
     config.frozen.text = "words"
     config.tokenizer.update(latent_dim=32, width=192)
-    config.model.update(latent_dim=32, width=256, depth=6, num_heads=4, ff_width=512, text_dim=192)
+    config.model.update(latent_dim=32, width=256, depth=6, num_heads=4, ff_width=512, text_dim=128)
     config.loss.update(unit_latents=True)
     config.data.update(name="archive", mode="corrected", mirror=True, min_frames=20, lengths=(72, 120, 192),
                        max_words=24, balance=0.5, vary_subject=0.5)

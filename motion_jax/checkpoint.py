@@ -18,6 +18,8 @@ from safetensors.numpy import load_file, save_file
 from motion_jax.data.clip import atomic_path
 
 CONFIG, PARAMS, METRICS = "config.json", "params.safetensors", "metrics.jsonl"
+FROZEN = "frozen.safetensors"  # what a stage was trained on top of: the denoiser's tokenizer
+LENGTHS = "captions.json"      # [caption, usual frames] rows of the training data
 
 
 class Saver:
@@ -59,7 +61,7 @@ def save_params(folder, params, dtype=np.float32, name=PARAMS):
 
 
 def load_params(folder, like=None, name=PARAMS):
-  """Reads what save_params wrote, as float32. With `like` (arrays or shapes) every name and shape must agree."""
+  """Reads what save_params wrote, as float32 arrays. With `like` (arrays or shapes) every name and shape must agree."""
   path = pathlib.Path(folder) / name
   if not path.is_file():
     raise FileNotFoundError(f"{folder} has no {name}; a run folder holds {CONFIG}, Mean.npy, Std.npy and {name}")

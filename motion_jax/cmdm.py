@@ -3,13 +3,15 @@
 The paper is "Causal Motion Diffusion Models for Autoregressive Motion Generation"; facts and numbers follow the
 released code, see the comments that start with "Parity".
 """
+from typing import Any, NamedTuple
+
 import jax
 import jax.numpy as jnp
 
-from motion_jax.diffusion import paths
+from motion_jax.diffusion import guidance, paths, samplers, schedules, streaming
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE, sample_latent
-from motion_jax.nets.masks import block_causal_mask, padding_mask
+from motion_jax.nets.masks import block_causal_mask, padding_mask, sliding_mask
 from motion_jax.stage import Stage
 
 # --- losses of the tokenizer -------------------------------------------------------------------------------------
@@ -109,6 +111,7 @@ def denoiser_stage(config) -> Stage:
     z1 = encode_latents(vae, frozen, batch["features"], keys(encode_rng))
     latent_mask = padding_mask(batch["num_frames"] // vae.frames_per_latent, z1.shape[1])
     z1 = jnp.where(latent_mask[..., None], z1, 0.0)
+    # Parity: one draw per block of latents, not per latent.
     t = jax.vmap(lambda key: paths.forcing_times(key, 1, z1.shape[1], level_block)[0])(keys(level_rng))
     noise = jax.vmap(lambda key: jax.random.normal(key, z1.shape[1:]))(keys(noise_rng))
     drop = jax.vmap(lambda key: jax.random.bernoulli(key, config.loss.drop_rate))(keys(drop_rng))
@@ -124,7 +127,9 @@ def denoiser_stage(config) -> Stage:
   def loss(params, frozen, batch, step, rng):
     z1, latent_mask, t, noise, text_emb = inputs(frozen, batch, rng)
     attn_mask = block_causal_mask(z1.shape[1], block) & latent_mask[:, None, None, :]
-    velocity = lambda x, t: dit.apply(params, x, t, text_emb, attn_mask, batch["text_mask"])
+    # Equal times inside a block are modulated once.
+    shared = block if block > 1 and level_block % block == 0 and z1.shape[1] % block == 0 else 1
+    velocity = lambda x, t: dit.apply(params, x, t[:, ::shared], text_emb, attn_mask, batch["text_mask"])
     return paths.forcing_loss(velocity, z1, latent_mask, t, noise)
 
   def predict(params, frozen, batch, rng):
@@ -137,3 +142,78 @@ def denoiser_stage(config) -> Stage:
 
 
 STAGES = {"cmdm.tokenizer": tokenizer_stage, "cmdm.denoiser": denoiser_stage}
+
+
+def denoiser_shapes(dit):
+  """Shapes of the denoiser's parameters, to check a file against."""
+  mask = jnp.ones((1, 1), bool)
+  return jax.eval_shape(lambda: dit.init(jax.random.key(0), jnp.zeros((1, dit.block, dit.latent_dim)), jnp.zeros(
+      (1, dit.block)), jnp.zeros((1, 1, dit.text_dim)), block_causal_mask(dit.block, dit.block), mask))
+
+
+def frozen_shapes(vae):
+  """Shapes of what the denoiser's run keeps of its tokenizer."""
+  x, noise = jnp.zeros((1, vae.frames_per_latent, vae.features)), jnp.zeros((1, 1, vae.latent_dim))
+  params = jax.eval_shape(lambda: vae.init(jax.random.key(0), x, noise))
+  channel = jax.ShapeDtypeStruct((vae.latent_dim,), jnp.float32)
+  return {"tokenizer": params, "latent_mean": channel, "latent_std": channel}
+
+
+# --- generating --------------------------------------------------------------------------------------------------
+
+
+def decode_latents(vae, frozen, latents):
+  """Latents as the denoiser knows them (B, N, C) to normalized features (B, 4 N, F)."""
+  z = latents * frozen["latent_std"] + frozen["latent_mean"]
+  return vae.apply(frozen["tokenizer"], z, method="decode")
+
+
+def generate(dit, vae, plan, num_blocks, params, frozen, text_emb, text_mask, scale, keys):
+  """Normalized features (B, frames, F) of num_blocks blocks, by frame-wise sampling (lag < num_steps) or block after
+  block (lag = num_steps). keys (B,): one per motion. Pure; dit, vae, plan and num_blocks are static."""
+  constants = streaming.make_constants(dit, params, plan)
+  text = streaming.encode_text(dit, params, text_emb, text_mask, plan.guided)
+  latents = streaming.sample(dit, plan, params, constants, text, scale, keys, num_blocks)
+  return decode_latents(vae, frozen, latents)
+
+
+def generate_whole(dit, vae, plan, num_blocks, params, frozen, text_emb, text_mask, scale, keys, solver=samplers.euler):
+  """The same by the plain loop over all latents at once; a plan of lag 0 cleans them all together.
+
+  What `generate` is tested against, and the full-sequence schedule of the paper's ablation.
+  """
+  length = num_blocks * plan.block
+  noise = jnp.concatenate([streaming.block_noise(keys, i, plan, dit.latent_dim) for i in range(num_blocks)], axis=1)
+  times = jnp.asarray(schedules.staircase(plan.num_steps, length, plan.lag, plan.block))
+  attn_mask = sliding_mask(length, plan.block, plan.context)
+  words, mask = jnp.concatenate([text_emb] * 2), jnp.concatenate([text_mask] * 2)
+
+  def velocity(x, t, drop):
+    emb = jnp.where(drop[:, None, None], 0.0, words)
+    return dit.apply(params, x, jnp.broadcast_to(t, x.shape[:2]), emb, attn_mask, mask)
+
+  return decode_latents(vae, frozen, solver(guidance.guided(velocity, scale), noise, times))
+
+
+class MotionStream(NamedTuple):
+  """State of a stream of motion: latents in denoising, and the decoder's memory."""
+  latents: streaming.Stream
+  decoder: Any
+
+
+def init_stream(dit, vae, plan, frozen, keys) -> MotionStream:
+  decoder = vae.apply(frozen["tokenizer"], keys.shape[0], method="init_decode_state")
+  return MotionStream(streaming.init_stream(dit, plan, keys), decoder)
+
+
+def stream_step(dit, vae, plan, active, use_cache, params, frozen, constants, text, scale, keys, state):
+  """One block further -> (state, normalized features (B, frames of a block, F), done), the step of `generate`.
+
+  Until done is true the features mean nothing and the decoder has not moved.
+  """
+  latents, block, done = streaming.advance(dit, plan, active, use_cache, params, constants, text, scale, keys,
+                                           state.latents)
+  z = block * frozen["latent_std"] + frozen["latent_mean"]
+  features, decoder = vae.apply(frozen["tokenizer"], z, state.decoder, method="decode_step")
+  decoder = jax.tree.map(lambda new, old: jnp.where(done, new, old), decoder, state.decoder)
+  return MotionStream(latents, decoder), features, done

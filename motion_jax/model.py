@@ -5,6 +5,7 @@ import json
 import pathlib
 import warnings
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -13,6 +14,7 @@ import numpy as np
 
 from motion_jax import checkpoint, cmdm, export
 from motion_jax.data.clip import Caption, Clip
+from motion_jax.diffusion import streaming
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.features import root_path, to_joints
 from motion_jax.motion.stats import Stats, load_stats
@@ -22,7 +24,7 @@ from motion_jax.text.encoder import TextEncoder, load_text_encoder
 
 PRETRAINED = pathlib.Path(__file__).parent / "pretrained"
 MAX_SECONDS = 3600.0
-KNOWN_LENGTHS = "captions.json"
+SCHEDULES = ("fss", "ar", "full")
 
 
 class Motion(Clip):
@@ -80,9 +82,13 @@ class Model:
       raise ValueError(f"the text encoder gives {encoder.dim} numbers a word, the denoiser in {folder} was trained on "
                        f"{self.dit.text_dim}; pass the encoder named {config.frozen.text!r} as text")
     self.stats: Stats = load_stats(folder, config.data.layout)
-    self.frozen = cmdm.load_frozen(folder, self.vae)
-    self.params = checkpoint.load_params(folder, cmdm.denoiser_shapes(self.dit))
-    self.sampler = cmdm.Sampler(self.dit, self.vae, self.params, self.frozen)
+    load_params = lambda like, name: jax.tree.map(jnp.asarray, checkpoint.load_params(folder, like, name))
+    self.frozen = load_params(cmdm.frozen_shapes(self.vae), checkpoint.FROZEN)
+    self.params = load_params(cmdm.denoiser_shapes(self.dit), checkpoint.PARAMS)
+    self.context = config.data.max_frames // self.vae.frames_per_latent // self.dit.block * self.dit.block
+    self._generate = jax.jit(partial(cmdm.generate, self.dit, self.vae), static_argnums=(0, 1))
+    self._generate_whole = jax.jit(partial(cmdm.generate_whole, self.dit, self.vae), static_argnums=(0, 1))
+    self._stream_step = jax.jit(partial(cmdm.stream_step, self.dit, self.vae), static_argnums=(0, 1, 2))
     self._lengths = None
 
   # --- what it is ------------------------------------------------------------------------------------------------
@@ -110,7 +116,7 @@ class Model:
 
   def natural_frames(self, prompt) -> int:
     """How long the clips of the nearest training captions are: an action generated much longer goes on by itself."""
-    path = self.folder / KNOWN_LENGTHS
+    path = self.folder / checkpoint.LENGTHS
     if not path.is_file():
       return 120
     if self._lengths is None:
@@ -154,10 +160,12 @@ class Model:
     scale = defaults.guidance_scale if guidance_scale is None else float(guidance_scale)
     if not np.isfinite(scale):
       raise ValueError(f"got guidance_scale {scale}, expected a finite number such as 3")
-    plan = dict(schedule=schedule, num_steps=num_steps or defaults.num_steps, lag=lag or defaults.lag)
-    text = self._encode(prompts)
-    tokens = -(-max(frames) // self.vae.frames_per_latent)
-    features = self.stats.denormalize(np.asarray(self.sampler.sample(text, keys, tokens, scale, **plan)))
+    if schedule not in SCHEDULES:
+      raise ValueError(f"got schedule {schedule!r}, expected one of {', '.join(SCHEDULES)}")
+    num_steps = int(num_steps or defaults.num_steps)
+    lag = {"fss": int(lag or defaults.lag), "ar": num_steps, "full": 0}[schedule]
+    made = self._features(self._encode(prompts), keys, max(frames), scale, schedule, num_steps, lag)
+    features = self.stats.denormalize(np.asarray(made))
     length = max(frames)
     features = features[:, :length]
     joints = to_joints(features, self.stats.layout)
@@ -165,9 +173,22 @@ class Model:
     made = tuple(
         Motion(joints[i, :count], self.fps, (Caption(prompts[i]),), id=f"motion_{i}", source=self.id,
                license=self.license, skeleton=self.stats.layout.skeleton, features=features[i, :count],
-               meta=dict(prompt=prompts[i], seed=seeds[i], guidance_scale=scale, model=self.id, **plan))
+               meta=dict(prompt=prompts[i], seed=seeds[i], guidance_scale=scale, model=self.id, schedule=schedule,
+                         num_steps=num_steps, lag=lag))
         for i, count in enumerate(frames))
     return Motions(joints * mask[..., None, None], mask, features * mask[..., None], made)
+
+  def _features(self, text, keys, num_frames, scale, schedule, num_steps, lag):
+    block = self.dit.block
+    blocks = -(-num_frames // (block * self.vae.frames_per_latent))
+    # Whole blocks are independent of what follows them; a few more of them spare a compilation for every new length.
+    blocks = -(-blocks // 4) * 4
+    guided = scale != 1.0
+    if schedule == "full":
+      plan = streaming.make_plan(num_steps, 1, block, max(self.context, blocks * block), blocks)._replace(lag=0)
+      return self._generate_whole(plan, blocks, self.params, self.frozen, *text, scale, keys)
+    plan = streaming.make_plan(num_steps, lag, block, self.context, blocks, guided)
+    return self._generate(plan, blocks, self.params, self.frozen, *text, scale, keys)
 
   def stream(self, prompt, *, rng=None, seed=None, guidance_scale=None, num_frames=None) -> Iterator[np.ndarray]:
     """Yields joints (n, J, 3) block after block, without end unless num_frames says so; memory stays flat.
@@ -178,17 +199,23 @@ class Model:
     keys, _ = _keys(rng, None if seed is None else [seed], 1)
     defaults = self.config.sampler
     scale = defaults.guidance_scale if guidance_scale is None else float(guidance_scale)
-    text = self._encode([prompt])
-    given, past = 0, None
-    for features in self.sampler.stream(text, keys, scale, defaults.num_steps, defaults.lag):
-      features = self.stats.denormalize(np.asarray(features))[0]
-      joints, past = _continue_path(features, past, self.stats.layout)
-      if num_frames is not None:
-        joints = joints[:num_frames - given]
+    plan = streaming.make_plan(defaults.num_steps, defaults.lag, self.dit.block, self.context, guided=scale != 1.0)
+    constants = streaming.make_constants(self.dit, self.params, plan)
+    text = streaming.encode_text(self.dit, self.params, *self._encode([prompt]), plan.guided)
+    state = cmdm.init_stream(self.dit, self.vae, plan, self.frozen, keys)
+    given, past, at = 0, None, 0
+    while num_frames is None or given < num_frames:
+      unit = -(-plan.width // 2)  # two compiled widths: the start and the rest
+      active = min(-(-min(at + 1, plan.width) // unit) * unit, plan.width)
+      state, features, _ = self._stream_step(plan, active, at > plan.age, self.params, self.frozen, constants, text,
+                                             scale, keys, state)
+      at += 1
+      if at < plan.age:
+        continue
+      joints, past = _continue_path(self.stats.denormalize(np.asarray(features))[0], past, self.stats.layout)
+      joints = joints if num_frames is None else joints[:num_frames - given]
       given += len(joints)
       yield joints
-      if num_frames is not None and given >= num_frames:
-        return
 
   def reconstruct(self, features):
     """Features (T, F) there and back through the tokenizer, T cut to whole latents."""
@@ -198,10 +225,11 @@ class Model:
     return self.stats.denormalize(np.asarray(self.vae.apply(self.frozen["tokenizer"], mean, method="decode")))[0]
 
   def _encode(self, prompts):
-    # One width for all prompts of everyday length: no prompt waits for a compiler.
-    width = self.config.data.max_words
-    pieces = self.encoder.num_pieces(prompts)
-    return self.encoder(prompts, pad_to=max(width, -(-pieces // 16) * 16 if pieces > width else width))
+    """(text_emb, text_mask) padded to the width of everyday prompts, so that none of those waits for a compiler."""
+    emb, mask = self.encoder(prompts)
+    width = -(-max(emb.shape[1], self.config.data.max_words) // 8) * 8
+    missing = width - emb.shape[1]
+    return jnp.pad(emb, ((0, 0), (0, missing), (0, 0))), jnp.pad(mask, ((0, 0), (0, missing)))
 
   def _check_words(self, prompts):
     for prompt in prompts:

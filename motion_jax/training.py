@@ -1,4 +1,5 @@
 """From a config to a trained run folder: joins data, text, stage and loop. What launch.py calls."""
+import json
 import pathlib
 
 import jax
@@ -24,12 +25,16 @@ def run(config, workdir, resume=False, max_seconds=None):
   if resume and (workdir / checkpoint.CONFIG).is_file():
     _check_same_run(config, checkpoint.load_config(workdir))
   make = _tokenizer_run if config.stage == "cmdm.tokenizer" else _denoiser_run
-  next_batch, frozen, evaluate, stats = make(config)
+  next_batch, frozen, evaluate, stats, files = make(config)
   workdir.mkdir(parents=True, exist_ok=True)
   if not resume and not checkpoint.is_fresh(workdir):
     raise ValueError(f"{workdir} holds a run already; --resume continues it, or choose another folder")
   checkpoint.save_config(workdir, config)
   stats_lib.save_stats(stats, workdir)
+  if frozen:  # a run folder is all that loading needs
+    checkpoint.save_params(workdir, frozen, name=checkpoint.FROZEN)
+  for name, text in files.items():
+    (workdir / name).write_text(text)
   state = train.train(config, workdir, STAGES[config.stage](config), next_batch, frozen, resume, evaluate, max_seconds)
   print(f"wrote {workdir}/params.safetensors, metrics.jsonl, loss.png at step {int(state.step)}")
   return state
@@ -62,7 +67,7 @@ def _tokenizer_run(config):
   def next_batch(step):
     return windows.batch(config.data.batch_size, config.seed, step)
 
-  return next_batch, {}, evaluate, data.stats
+  return next_batch, {}, evaluate, data.stats, {}
 
 
 def _held_out(config, stats):
@@ -94,7 +99,7 @@ def reconstruction_error(reconstruct, features, stats, length=192):
 
 def _denoiser_run(config):
   folder = config.frozen.tokenizer
-  tokenizer_config, vae, params, stats = load_tokenizer(folder, config)
+  vae, params, stats = load_tokenizer(folder, config)
   data = sources.load_features(config.data, stats=stats)
   weights = None
   if config.data.balance:
@@ -117,21 +122,32 @@ def _denoiser_run(config):
   else:
     mean, std = np.zeros(vae.latent_dim, np.float32), np.ones(vae.latent_dim, np.float32)
   frozen = {"tokenizer": params, "latent_mean": mean, "latent_std": std}
-  return next_batch, frozen, None, data.stats
+  return next_batch, frozen, None, data.stats, {checkpoint.LENGTHS: caption_lengths(data)}
+
+
+def caption_lengths(data):
+  """JSON rows [caption, median frames], by which a prompt without a length gets that of its like."""
+  frames = {}
+  for x, captions in zip(data.features, data.captions):
+    for caption in captions:
+      frames.setdefault(caption, []).append(len(x))
+  return json.dumps([[caption, int(np.median(counts))] for caption, counts in sorted(frames.items())], indent=0)
 
 
 def load_tokenizer(folder, config):
-  """(config, module, params, stats) of a trained tokenizer; "fresh" makes an untrained one for trying things out."""
+  """(module, params, stats) of a trained tokenizer; "fresh" makes an untrained one for trying things out."""
   if folder == "fresh":
     vae = CausalVAE(**config.tokenizer)
     x = np.zeros((1, 16, vae.features), np.float32)
     params = vae.init(jax.random.key(0), x, np.zeros((1, 16 // vae.frames_per_latent, vae.latent_dim), np.float32))
-    return None, vae, params, sources.load_features(config.data).stats
-  tokenizer_config = checkpoint.load_config(folder)
-  vae = CausalVAE(**tokenizer_config.model)
-  shapes = jax.eval_shape(lambda: vae.init(jax.random.key(0), np.zeros((1, 16, vae.features), np.float32), np.zeros(
-      (1, 16 // vae.frames_per_latent, vae.latent_dim), np.float32)))
-  return tokenizer_config, vae, checkpoint.load_params(folder, shapes), stats_lib.load_stats(folder)
+    return vae, params, sources.load_features(config.data).stats
+  fields = checkpoint.load_config(folder).model.to_dict()
+  if _plain(fields) != _plain(config.tokenizer.to_dict()):
+    raise ValueError(f"the tokenizer in {folder} is {_plain(fields)}, config.tokenizer says "
+                     f"{_plain(config.tokenizer.to_dict())}; make them agree")
+  vae = CausalVAE(**config.tokenizer)
+  shapes = cmdm.frozen_shapes(vae)["tokenizer"]
+  return vae, checkpoint.load_params(folder, shapes), stats_lib.load_stats(folder, config.data.layout)
 
 
 def latent_moments(vae, params, features, num_clips=512, length=192):

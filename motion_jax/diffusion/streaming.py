@@ -93,7 +93,8 @@ def init_stream(dit, plan, keys) -> Stream:
   rows = keys.shape[0] * (2 if plan.guided else 1)
   shape = (rows, plan.ring * plan.block, dit.num_heads, dit.width // dit.num_heads)
   empty = jnp.zeros(shape, dit.dtype)
-  return Stream(jnp.zeros((), jnp.int32), jnp.concatenate(noise, axis=1), tuple((empty, empty) for _ in range(dit.depth)))
+  cache = tuple((empty, empty) for _ in range(dit.depth))
+  return Stream(jnp.zeros((), jnp.int32), jnp.concatenate(noise, axis=1), cache)
 
 
 def advance(dit, plan, active, use_cache, params, constants, text, scale, keys, state):

@@ -1,1 +1,67 @@
-"""Turns clips into files for people."""
+"""Turns clips into files for people, by extension, and reads back those that hold a motion.
+
+  export.save(clip, "wave.mp4")      .mp4 .gif film, .png .jpg strip of moments, .html page, .glb figure, .bvh skeleton,
+  clip = export.load("wave.npz")     .npz everything, .npy joints
+"""
+import errno
+import os
+import pathlib
+import tempfile
+
+from motion_jax.data.clip import Clip
+from motion_jax.export.bvh import bvh
+from motion_jax.export.files import load, npy, npz
+from motion_jax.export.glb import glb
+from motion_jax.export.html import html
+from motion_jax.export.video import frame, frames, strip, video
+
+WRITERS = {".npz": npz, ".npy": npy, ".bvh": bvh, ".glb": glb, ".mp4": video, ".gif": video, ".html": html,
+           ".png": strip, ".jpg": strip}
+_TOGETHER = (html, strip)  # several clips share one file
+
+
+def check_output(path) -> str:
+  """Raises a clear error now if `save` could not write there later; returns the path."""
+  path = pathlib.Path(path)
+  if path.suffix.lower() not in WRITERS:
+    raise ValueError(f"got {path.name!r}: nothing here writes {path.suffix or 'a file without extension'}; known are "
+                     + " ".join(WRITERS))
+  if path.is_dir():
+    raise IsADirectoryError(f"cannot write {path}: it is a folder; name a file in it, such as {path / 'motion.html'}")
+  if path.suffix.lower() == ".mp4":
+    from motion_jax.export.video import find_ffmpeg
+    find_ffmpeg()
+  folder = path.parent
+  while not folder.exists() and folder != folder.parent:
+    folder = folder.parent
+  try:
+    if not folder.is_dir():
+      raise NotADirectoryError(errno.ENOTDIR, f"{folder} is not a folder")
+    with tempfile.TemporaryFile(dir=folder):  # asking the system beats reading permission bits
+      pass
+  except OSError as error:
+    raise type(error)(f"cannot write {path}: {error.strerror or error}; choose a folder that you may write to") from None
+  return os.fspath(path)
+
+
+def save(clip, path, **options) -> list[pathlib.Path]:
+  """Writes one clip, or a list of clips, by the path's extension; returns the paths written.
+
+  Several clips share an .html page or a picture, a row each; other kinds become name_0.ext, name_1.ext, ... Options go
+  to the writer (`help(motion_jax.export.video)` and so on). A file appears whole or not at all.
+  """
+  clips = [clip] if isinstance(clip, Clip) else list(clip)
+  if not clips:
+    raise ValueError(f"got no clip to write to {path}")
+  path = pathlib.Path(check_output(path))
+  write = WRITERS[path.suffix.lower()]
+  if len(clips) == 1:
+    return [write(clips[0], path, **options)]
+  if write in _TOGETHER:
+    return [write(clips, path, **options)]
+  digits = len(str(len(clips) - 1))
+  return [write(one, path.with_stem(f"{path.stem}_{i:0{digits}d}"), **options) for i, one in enumerate(clips)]
+
+
+__all__ = ["WRITERS", "bvh", "check_output", "frame", "frames", "glb", "html", "load", "npy", "npz", "save", "strip",
+           "video"]

@@ -74,33 +74,37 @@ def make_parts(skeleton: Skeleton, offsets) -> tuple[Part, ...]:
   root, neck, head = names[0], "neck", "head"
   spine = [name for name in names if name.startswith(("spine", "torso"))]
   chest = names[parents[index["left_collar"]]] if "left_collar" in index else neck
-  add("left_hip", "right_hip", 0.088, 0.088, "middle", (-0.01, 0.02, -0.01), (0.01, 0.02, -0.01), frame=root)
-  below = [root, *spine]
-  for lower, upper, r0, r1 in zip(below, below[1:], (0.105, 0.098, 0.106), (0.098, 0.106, 0.112)):
-    add(lower, upper, r0, r1, "middle", (0, 0.01, 0.005), (0, 0, 0.005))
+  waist = spine[min(1, len(spine) - 1)]
   # The chest reaches most of the way to the shoulders; how far is the body's own affair.
-  width = abs(offsets[index["left_shoulder"]] + (offsets[index["left_collar"]] if "left_collar" in index else 0))[0] / s
-  rise = 0.05 if chest != neck else -0.12
-  add(chest, chest, 0.108, 0.108, "middle", (-width * 0.34, rise, 0.01), (width * 0.34, rise, 0.01))
+  shoulder = offsets[index["left_shoulder"]] + (offsets[index["left_collar"]] if "left_collar" in index else 0)
+  width = abs(shoulder[0]) / s
+  rise = shoulder[1] / s - 0.065
+  add("left_hip", "right_hip", 0.092, 0.092, "middle", (-0.015, 0.035, -0.005), (0.015, 0.035, -0.005), frame=root)
+  for sign in (1, -1):
+    add(root, waist, 0.092, 0.089, "middle", (sign * 0.045, 0.03, 0), (sign * 0.028, 0, 0.006))
+    add(waist, chest, 0.089, 0.098, "middle", (sign * 0.028, 0, 0.006), (sign * width * 0.42, rise, 0.004), frame=chest)
+  add(root, waist, 0.098, 0.095, "middle", (0, 0.03, 0), (0, 0, 0.006))
+  add(waist, chest, 0.095, 0.103, "middle", (0, 0, 0.006), (0, rise, 0.006), frame=chest)  # fills the furrow
+  add(chest, chest, 0.098, 0.098, "middle", (-width * 0.42, rise, 0.004), (width * 0.42, rise, 0.004))
   for side, sign in (("left", 1), ("right", -1)):
     shoulder, elbow, wrist = (f"{side}_{name}" for name in ("shoulder", "elbow", "wrist"))
     hip, knee, ankle, foot = (f"{side}_{name}" for name in ("hip", "knee", "ankle", "foot"))
-    add(chest, shoulder, 0.082, 0.057, "middle", (sign * width * 0.30, rise + 0.035, 0))
+    add(chest, shoulder, 0.096, 0.056, "middle", (sign * width * 0.42, rise + 0.002, 0.003), (sign * 0.004, 0, 0))
     add(shoulder, elbow, 0.054, 0.041, side)
     add(elbow, wrist, 0.042, 0.029, side)
     hand = (sign * 0.075, -0.006, 0.006)
     add(wrist, wrist, 0.03, 0.033, "dark", b_offset=hand)
     add(wrist, wrist, 0.033, 0.02, "dark", hand, (sign * 0.145, -0.012, 0.02))
     add(wrist, wrist, 0.022, 0.014, "dark", (sign * 0.03, 0, 0.02), (sign * 0.075, -0.005, 0.06))  # thumb
-    add(hip, knee, 0.086, 0.058, side)
+    add(hip, knee, 0.083, 0.058, side, (0, -0.03, 0))
     add(knee, ankle, 0.057, 0.037, side)
     sole = 0.030
     add(ankle, foot, 0.042, 0.036, "dark", (0, -0.015, -0.01), (0, 0.008, -0.01))
     add(ankle, foot, 0.036, sole, "dark", (0, _heel(offsets[index[foot]], s), -0.035), frame=ankle)
     add(foot, foot, 0.034, 0.024, "dark", b_offset=(0, -0.004, 0.06))
   add(neck, head, 0.055, 0.05, "head")
-  add(head, head, 0.082, 0.094, "head", (0, 0.02, 0.028), (0, 0.098, 0.004))
-  add(head, head, 0.016, 0.012, "head", (0, 0.052, 0.105), (0, 0.03, 0.118))  # a nose tells front from back
+  add(head, head, 0.066, 0.097, "head", (0, 0.014, 0.036), (0, 0.096, 0.006))
+  add(head, head, 0.012, 0.016, "head", (0, 0.075, 0.104), (0, 0.045, 0.108))  # a nose tells front from back
   return tuple(parts)
 
 

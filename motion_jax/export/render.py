@@ -9,10 +9,11 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFilter
 
 _LIGHT = np.array([0.45, 0.8, 0.42]) / np.linalg.norm([0.45, 0.8, 0.42])  # direction towards the light, camera frame
-_SKY = np.array([0.965, 0.972, 0.984])
-_GROUND = np.array([0.912, 0.923, 0.942])
-_LINE = np.array([0.80, 0.82, 0.86])
+_SKY = np.array([0.965, 0.972, 0.984], np.float32)
+_GROUND = np.array([0.912, 0.923, 0.942], np.float32)
+_LINE = np.array([0.80, 0.82, 0.86], np.float32)
 _SAMPLES = 2
+_BLEND = 0.022  # metres within which surfaces of one colour share their shading
 
 
 class Camera(NamedTuple):
@@ -43,18 +44,30 @@ def _to_camera(camera, points):
   return offset @ camera.right, offset @ camera.up, -(offset @ camera.back)
 
 
-def draw(camera, size, floor, bodies, lines=()) -> np.ndarray:
+def draw(camera, size, floor, bodies, lines=(), backdrop=None) -> np.ndarray:
   """One image. bodies: (a (P, 3), b (P, 3), a_radius (P,), b_radius (P,), colors (P, 3) 0..1), one tuple for each.
 
-  lines: (points (N, 3), color (3,), width in metres, opacity) on the ground.
+  lines: (points (N, 3), color (3,), width in metres, opacity) on the ground. backdrop: what `ground` gave, if known.
   """
-  image = ground(camera, size, floor)
+  image = ground(camera, size, floor) if backdrop is None else backdrop.copy()
   for points, color, width, opacity in lines:
     mask = _line_mask(camera, size, points, width)
-    image += (np.array(color) - image) * (mask * opacity)[..., None]
-  image *= (1 - 0.34 * _shadow(camera, size, floor, bodies))[..., None]
+    for view, cover in _patch(mask):
+      image[view] += (np.array(color, np.float32) - image[view]) * (cover * np.float32(opacity))
+  for layer, darkness in _shadows(camera, size, floor, bodies):
+    for view, cover in _patch(layer):
+      image[view] *= 1 - np.float32(darkness) * cover
   _draw_bodies(image, camera, size, bodies)
   return (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8)
+
+
+def _patch(mask):
+  """The part of a mask (Pillow "L") that is not empty: where it lies in the picture, and its values (h, w, 1)."""
+  box = mask.getbbox()
+  if box:
+    x0, y0, x1, y1 = box
+    values = np.asarray(mask.crop(box), np.float32)
+    yield (slice(y0, y1), slice(x0, x1)), values[..., None] * np.float32(1 / 255)
 
 
 def ground(camera, size, floor):
@@ -69,29 +82,30 @@ def ground(camera, size, floor):
     depth = np.where(fall < -1e-6, drop / fall, np.inf).astype(np.float32)
   image = np.empty((height, width, 3), np.float32)
   seen = np.isfinite(depth) & (depth < 200)
-  fade_rows = np.exp(-np.maximum(depth - 1.2 * np.linalg.norm(camera.position[1]) - 4, 0) / 7)
+  fade_rows = np.exp(-np.maximum(depth - 1.2 * abs(camera.position[1]) - 4, 0) / 7)
   image[:] = _SKY
   if not seen.any():
     return image
   d, yy = depth[seen][:, None], y[seen][:, None]
   cover = np.zeros((len(d), width), np.float32)
   pixel = d / (camera.focal * height)  # metres per pixel across the line of sight
-  slant = pixel * np.abs(d / np.maximum(abs(drop), 1e-3))  # and along it, where the ground is foreshortened
+  slant = pixel * np.abs(d / np.float32(max(abs(drop), 1e-3)))  # and along it, where the ground is foreshortened
   for axis in (0, 2):
-    place = camera.position[axis] + d * (x * right[axis] + yy * up[axis] - back[axis])
+    place = np.float32(camera.position[axis]) + d * (x * right[axis] + (yy * up[axis] - back[axis]))
     away = np.abs(right[axis]) * pixel + np.abs(back[axis]) * slant
     for step, half, weight in ((0.5, 0.004, 0.45), (1.0, 0.008, 1.0)):
-      gap = np.abs((place + step / 2) % step - step / 2)
-      line = np.clip((half + away / 2 - gap) / away, 0, np.minimum(1, 2 * half / away)) * weight
-      np.maximum(cover, line, out=cover)
-  fade = fade_rows[seen][:, None, None].astype(np.float32)
-  tone = _GROUND + (_LINE - _GROUND) * cover[..., None]
-  image[seen] = _SKY + (tone - _SKY) * fade
+      place_in = place * np.float32(1 / step)
+      gap = np.abs(place_in - np.round(place_in))
+      line = (half / away + 0.5) - gap * (step / away)
+      np.maximum(cover, np.minimum(line, np.minimum(1, 2 * half / away)) * np.float32(weight), out=cover)
+  fade = fade_rows[seen][:, None].astype(np.float32)
+  rows = _SKY + (_GROUND - _SKY) * fade
+  image[seen] = rows[:, None] + (cover * fade)[..., None] * (_LINE - _GROUND)
   return image
 
 
 def _line_mask(camera, size, points, width):
-  """Coverage (H, W) of a line on the ground, its width in metres seen in perspective."""
+  """Coverage ("L" image) of a line on the ground, its width in metres seen in perspective."""
   image = Image.new("L", (size[0] * 2, size[1] * 2))
   pixels, depth = project(camera, points, (size[0] * 2, size[1] * 2))
   pen = ImageDraw.Draw(image)
@@ -101,11 +115,13 @@ def _line_mask(camera, size, points, width):
       pen.line([tuple(p), tuple(q)], fill=255, width=thick)
       r = thick / 2 - 0.5
       pen.ellipse([q[0] - r, q[1] - r, q[0] + r, q[1] + r], fill=255)
-  return _halve(np.asarray(image, np.float32) / 255)
+  return image.reduce(2)
 
 
 def _halve(a):
-  return a.reshape((a.shape[0] // 2, 2, a.shape[1] // 2, 2) + a.shape[2:]).mean((1, 3))
+  """Means of 2 x 2 samples."""
+  rows = a[::2] + a[1::2]
+  return (rows[:, ::2] + rows[:, 1::2]) * np.float32(0.25)
 
 
 def _world_light(camera):
@@ -115,34 +131,29 @@ def _world_light(camera):
   return _LIGHT[0] * camera.right + _LIGHT[1] * np.array([0, 1, 0]) + _LIGHT[2] * back
 
 
-def _shadow(camera, size, floor, bodies):
-  """Darkness (H, W) on the ground: a soft shadow along the light, and a contact shadow under what is near it."""
-  light = _world_light(camera)
-  cast, contact = Image.new("L", size), Image.new("L", size)
-  pens = ImageDraw.Draw(cast), ImageDraw.Draw(contact)
+def _shadows(camera, size, floor, bodies):
+  """Yields ("L" image, darkness): a soft shadow along the light, and a contact shadow under what is near the ground."""
+  small = (size[0] // 2 + 1, size[1] // 2 + 1)  # soft things need no more
+  near = np.concatenate([np.minimum(a[:, 1] - ra, b[:, 1] - rb) for a, b, ra, rb, _ in bodies]) - floor
+  a, b, a_radius, b_radius = (np.concatenate([body[i] for body in bodies]) for i in range(4))
   angles = np.linspace(0, 2 * np.pi, 13)[:-1]
   circle = np.stack([np.cos(angles), 0 * angles, np.sin(angles)], axis=-1)
-  scale = 0.0
-  for a, b, a_radius, b_radius, _ in bodies:
-    for p, q, rp, rq in zip(a, b, a_radius, b_radius):
-      low = min(p[1] - rp, q[1] - rq) - floor
-      for pen, along in zip(pens, (light, np.array([0.0, 1.0, 0.0]))):
-        if pen is pens[1] and low > 0.12:
-          continue
-        rim = []
-        for ball, radius in ((p, rp), (q, rq)):
-          centre = ball - along * (ball[1] - floor) / along[1]
-          rim.append(centre * [1, 0, 1] + [0, floor, 0] + circle * radius)
-        pixels, depth = project(camera, np.concatenate(rim), size)
-        if depth.min() > 0.2:
-          dark = 255 if pen is pens[0] else int(255 * (1 - max(low, 0) / 0.12))
-          pen.polygon([tuple(v) for v in _hull(pixels)], fill=dark)
-          scale = max(scale, camera.focal * size[1] / depth.min())
-  if not scale:
-    return np.zeros((size[1], size[0]), np.float32)
-  soft, tight = (np.asarray(layer.filter(ImageFilter.GaussianBlur(float(scale * metres))), np.float32) / 255
-                 for layer, metres in ((cast, 0.03), (contact, 0.015)))
-  return np.minimum(1, 0.62 * soft + 0.75 * tight)
+  straight = np.array([0, 1.0, 0])
+  for along, blur, darkness, low in ((_world_light(camera), 0.03, 0.21, np.inf), (straight, 0.015, 0.26, 0.12)):
+    layer = Image.new("L", small)
+    pen, scale = ImageDraw.Draw(layer), 0.0
+    rims = np.concatenate([
+        (balls - along * ((balls[:, 1:2] - floor) / along[1]))[:, None] + circle * radii[:, None, None]
+        for balls, radii in ((a, a_radius), (b, b_radius))], axis=1)
+    pixels, depth = project(camera, rims, size)
+    for rim, distance, height in zip(pixels / 2, depth.min(1), near):
+      if height < low and distance > 0.2:
+        dark = 255 if low == np.inf else int(255 * (1 - max(height, 0) / low))
+        pen.polygon([tuple(corner) for corner in _hull(rim)], fill=dark)
+        scale = max(scale, camera.focal * size[1] / distance / 2)
+    if scale:
+      soft = layer.filter(ImageFilter.GaussianBlur(float(scale * blur)))
+      yield soft.resize((small[0] * 2, small[1] * 2), Image.Resampling.BILINEAR).crop((0, 0, *size)), darkness
 
 
 def _hull(points):
@@ -167,11 +178,11 @@ def _draw_bodies(image, camera, size, bodies):
   visible = np.minimum(a[:, 2] - a_radius, b[:, 2] - b_radius) > 0.05
   focal, scale = camera.focal * size[1] * _SAMPLES, 1 / (camera.focal * size[1] * _SAMPLES)
   centre = np.array(size) * _SAMPLES / 2
+  middle = [ends[:, :2] / ends[:, 2:] * focal for ends in (a, b)]
   # A ball reaches a little further across than its radius in perspective; 6 % covers that.
-  reach = [np.stack([ends[:, :2] / ends[:, 2:] * focal - 1.06 * radius[:, None] / (ends[:, 2:] - radius[:, None]) * focal,
-                     ends[:, :2] / ends[:, 2:] * focal + 1.06 * radius[:, None] / (ends[:, 2:] - radius[:, None]) * focal])
-           for ends, radius in ((a, a_radius), (b, b_radius))]
-  low, high = np.minimum(reach[0][0], reach[1][0]), np.maximum(reach[0][1], reach[1][1])
+  reach = [(1.06 * radius / (ends[:, 2] - radius) * focal)[:, None] for ends, radius in ((a, a_radius), (b, b_radius))]
+  low = np.minimum(middle[0] - reach[0], middle[1] - reach[1])
+  high = np.maximum(middle[0] + reach[0], middle[1] + reach[1])
   box = np.stack([low[:, 0] + centre[0], high[:, 0] + centre[0], centre[1] - high[:, 1], centre[1] - low[:, 1]], -1)
   limits = np.array([size[0], size[0], size[1], size[1]]) * _SAMPLES
   even = np.array([-1, 1, -1, 1])
@@ -180,22 +191,31 @@ def _draw_bodies(image, camera, size, bodies):
   if not visible.any():
     return
   x0, x1, y0, y1 = (pick(box[visible, i]) for i, pick in enumerate((np.min, np.max, np.min, np.max)))
-  depth = np.full((y1 - y0, x1 - x0), np.inf, np.float32)
-  shade = np.zeros((y1 - y0, x1 - x0, 3), np.float32)
-  light = np.array([_world_light(camera) @ axis for axis in (camera.right, camera.up, -camera.back)], np.float32)
-  sky = np.array([axis[1] for axis in (camera.right, camera.up, -camera.back)], np.float32)
+  shape = (y1 - y0, x1 - x0)
+  depth, normals = np.full(shape, np.inf, np.float32), np.zeros(shape + (3,), np.float32)
+  paint = np.full(shape, -1)
+  palette, which = np.unique(colors.astype(np.float32), axis=0, return_inverse=True)
   for k in np.flatnonzero(visible):
     left, right, top, bottom = box[k]
     x = ((np.arange(left, right) + 0.5 - centre[0]) * scale).astype(np.float32)[None, :]
     y = ((centre[1] - np.arange(top, bottom) - 0.5) * scale).astype(np.float32)[:, None]
     view = slice(top - y0, bottom - y0), slice(left - x0, right - x0)
-    rows, columns, t, normal = _hit(x, y, a[k], b[k], float(a_radius[k]), float(b_radius[k]), depth[view])
-    if not len(t):
-      continue
-    depth[view][rows, columns] = t
-    ray = np.stack([x[0, columns], y[rows, 0], np.ones_like(t)], axis=-1)
-    shade[view][rows, columns] = _shade(normal, ray, colors[k].astype(np.float32), light, sky)
+    rows, columns, t, normal = _hit(x, y, a[k], b[k], float(a_radius[k]), float(b_radius[k]), depth[view] + _BLEND)
+    at = rows + view[0].start, columns + view[1].start
+    ahead = depth[at] - t
+    # Parts of one colour melt into each other where their surfaces are near: there the normals mix.
+    weight = np.where(paint[at] == which[k], np.clip(0.5 + ahead / (2 * _BLEND), 0, 1), ahead > 0)[:, None]
+    normals[at] += (normal - normals[at]) * weight.astype(np.float32)
+    depth[at] = np.minimum(depth[at], t)
+    paint[at] = np.where(ahead > 0, which[k], paint[at])
   found = np.isfinite(depth)
+  rows, columns = np.nonzero(found)
+  ray = np.stack([((columns + x0 + 0.5 - centre[0]) * scale), ((centre[1] - rows - y0 - 0.5) * scale),
+                  np.ones(len(rows))], axis=-1).astype(np.float32)
+  axes = (camera.right, camera.up, -camera.back)
+  light, sky = (np.array([v @ axis for axis in axes], np.float32) for v in (_world_light(camera), np.array([0, 1, 0])))
+  shade = np.zeros(shape + (3,), np.float32)
+  shade[rows, columns] = _shade(normals[rows, columns], ray, palette[paint[rows, columns]], light, sky)
   # The outline: where the depth jumps behind a limb, the farther side darkens a little, so that limbs stand apart.
   shade *= (1 - 0.35 * _creases(depth, found))[..., None]
   cover = _halve(found.astype(np.float32))
@@ -255,6 +275,7 @@ def _hit(x, y, a, b, ra, rb, depth):
 
 def _shade(normal, ray, color, light, sky):
   """Colours (N, 3) by a soft key light, light from above and below, a highlight, and a rim."""
+  normal = normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
   eye = -ray / np.linalg.norm(ray, axis=-1, keepdims=True)
   key = np.clip(normal @ light * 0.85 + 0.15, 0, 1)[:, None]
   above = (normal @ sky * 0.5 + 0.5)[:, None]

@@ -2,7 +2,10 @@
 
 `frames(clip)` yields the images; the rest writes them. No OpenGL, no matplotlib: `render.py` needs numpy and Pillow.
 """
+import collections
+import concurrent.futures
 import contextlib
+import os
 import pathlib
 import shutil
 import subprocess
@@ -30,41 +33,56 @@ def video(clip, path, size=(640, 480), **options) -> pathlib.Path:
   if write is None:
     raise ValueError(f"got {path.name!r}, a film is .mp4 or .gif")
   size = (size[0] + size[0] % 2, size[1] + size[1] % 2)  # mp4 has no odd sizes
-  encoder = _ffmpeg() if write is _write_mp4 else None  # before minutes of work
+  encoder = find_ffmpeg() if write is _write_mp4 else None  # before minutes of work
   with atomic_path(path) as temporary:
     write(temporary, frames(clip, size=size, **options), size, clip.fps, encoder)
   return path
 
 
-def frames(clip, size=(640, 480), camera="auto", azimuth=None, caption=None, colors=None, path=True):
-  """Yields one (H, W, 3) uint8 image per frame of a clip.
+def frames(clip, size=(640, 480), **options):
+  """Yields one (H, W, 3) uint8 image per frame of a clip. Options:
 
   camera: "follow" goes with the body, "fixed" sees the whole path, "auto" chooses. azimuth: degrees from which to look,
   0 is in front of the body; 35 by default. caption: text below, the clip's first caption by default, "" for none.
   colors: (3,), (T, 3) or (T, P, 3) values 0..1 that replace the colours of the P parts; a NaN keeps the part's own, so
   a mask becomes np.where(kept_mask[:, None], np.nan, (1, .6, .2)). path: draw the root's way on the ground.
   """
+  picture = _painter(clip, size, **options)
+  workers = min(4, os.cpu_count() or 1)
+  with concurrent.futures.ThreadPoolExecutor(workers) as pool:  # numpy and Pillow release the lock
+    ahead = collections.deque()
+    for t in range(clip.num_frames):
+      ahead.append(pool.submit(picture, t))
+      if len(ahead) > 2 * workers:
+        yield ahead.popleft().result()
+    while ahead:
+      yield ahead.popleft().result()
+
+
+def frame(clip, t=0, size=(640, 480), **options) -> np.ndarray:
+  """One image (H, W, 3) uint8 of a clip, at frame t; options as in `frames`."""
+  if not -clip.num_frames <= t < clip.num_frames:
+    raise ValueError(f"got frame {t}, the clip has frames 0 to {clip.num_frames - 1}")
+  return _painter(clip, size, **options)(t % clip.num_frames)
+
+
+def _painter(clip, size, camera="auto", azimuth=None, caption=None, colors=None, path=True):
+  """A function of t that draws frame t."""
   figure = make_figure(clip)
   tints = _tints(figure, colors)
   cameras = _cameras(figure, clip.fps, size, camera, azimuth)
   text = _caption(clip) if caption is None else caption
   way = figure.joints[:, 0] * [1, 0, 1] + [0, figure.floor, 0]
-  for t in range(clip.num_frames):
-    lines = []
-    if path and len(way) > 1:
-      lines = [(_thin(way), _PATH, 0.022, 0.45), (_thin(way[:t + 1]), _TRAIL, 0.026, 0.9)]
-    image = render.draw(cameras[t], size, figure.floor, [_body(figure, t, tints)], lines)
-    yield _write_text(image, text, f"{t / clip.fps:.1f} s")
+  still = all(np.array_equal(one.position, cameras[0].position) for one in cameras)
+  backdrop = render.ground(cameras[0], size, figure.floor) if still else None
 
+  def picture(t):
+    near = slice(max(0, t - int(60 * clip.fps)), t + int(60 * clip.fps))  # nobody sees farther than a minute
+    lines = [(_thin(way[near]), _PATH, 0.022, 0.45), (_thin(way[near.start:t + 1]), _TRAIL, 0.026, 0.9)] if path else ()
+    image = render.draw(cameras[t], size, figure.floor, [_body(figure, t, tints)], lines, backdrop)
+    return _write_text(image, text, f"{t / clip.fps:.1f} s")
 
-def frame(clip, t=0, size=(640, 480), **options) -> np.ndarray:
-  """One image (H, W, 3) uint8 of a clip, at frame t."""
-  if not -clip.num_frames <= t < clip.num_frames:
-    raise ValueError(f"got frame {t}, the clip has frames 0 to {clip.num_frames - 1}")
-  t %= clip.num_frames
-  for at, image in enumerate(frames(clip, size, **options)):
-    if at == t:
-      return image
+  return picture
 
 
 def strip(clip, path, num=8, height=360, azimuth=None, caption=None, colors=None, spread=None) -> pathlib.Path:
@@ -116,17 +134,17 @@ def _strip(clip, num, height, azimuth, caption, colors, spread):
   middle = (across.max() + across.min()) / 2
   # Far away with a long lens: the bodies at the edges look like those in the middle.
   top = max(b[0][:, 1].max() for b in bodies) - figure.floor
-  focal, scene = 6.0, max(top, 0.9 * tall) * 1.32
+  focal, scene = 6.0, max(top, 0.9 * tall) * 1.4
   distance = focal * scene
-  width = int(round((across.max() - across.min() + 2.1 * max(reach, 0.3 * tall)) / scene * height / 2)) * 2
-  target = right * middle + [0, figure.floor + scene * 0.40, 0]
+  width = int(round((across.max() - across.min() + 2.4 * max(reach, 0.3 * tall)) / scene * height / 2)) * 2
+  target = right * middle + [0, figure.floor + scene * 0.385, 0]
   camera = render.look_at(target, angle, np.radians(9), distance, focal)
   size = (max(width, height // 2), height)
   image = Image.fromarray(render.draw(camera, size, figure.floor, bodies, lines))
   pen, font = ImageDraw.Draw(image), ImageFont.load_default(max(10, height // 26))
   for t, place in zip(at, places):
     x = render.project(camera, place + [0, figure.floor, 0], size)[0][0]
-    pen.text((x, height * 0.895), f"{t / clip.fps:.1f} s", INK, font, anchor="mm")
+    pen.text((x, height * 0.945), f"{t / clip.fps:.1f} s", INK, font, anchor="mm")
   text = _caption(clip) if caption is None else caption
   if text:
     font = ImageFont.load_default(max(11, height // 22))
@@ -201,8 +219,8 @@ def _cameras(figure, fps, size, mode, azimuth):
   # The nearest distance at which every joint, with some room for flesh and text, is inside the picture.
   camera = render.look_at(middle, angle, elevation, 0, focal)
   x, y, ahead = (around - middle) @ camera.right, (around - middle) @ camera.up, (around - middle) @ camera.back
-  room = 0.14 * tall
-  distance = max(((np.abs(y) + room) * 2 * focal * 1.10 + ahead).max(),
+  room = 0.10 * tall
+  distance = max(((np.abs(y) + room) * 2 * focal * 1.06 + ahead).max(),
                  ((np.abs(x) + room) * 2 * focal * size[1] / size[0] + ahead).max(), 2.1 * tall)
   target = np.broadcast_to(target, (num_frames, 3)) * [1, 0, 1] + [0, middle[1] - 0.02 * tall, 0]
   return [render.look_at(at, angle, elevation, distance, focal) for at in target]
@@ -225,7 +243,8 @@ def _write_text(image, caption, clock):
   return np.asarray(picture)
 
 
-def _ffmpeg():
+def find_ffmpeg() -> str:
+  """The path of an ffmpeg program; RuntimeError with what to do where there is none."""
   program = shutil.which("ffmpeg")
   if program:
     return program

@@ -14,10 +14,11 @@ from motion_jax.motion import rotations as rot
 from motion_jax.motion.skeleton import HUMANML3D
 
 # Where each kind of bone points in the T-pose; x is for the left side and is mirrored for the right.
-_REST = {"hip": (0.6, -0.8, 0), "knee": (0, -1, 0), "ankle": (0, -1, 0), "heel": (0, -0.8, -0.6), "foot": (0, -0.45, 0.9),
-         "spine1": (0, 1, 0), "spine2": (0, 1, 0), "spine3": (0, 1, 0), "torso_low": (0, 1, 0), "torso_high": (0, 1, 0),
-         "neck": (0, 1, 0), "head": (0, 0.95, 0.3), "collar": (0.65, 0.75, 0), "shoulder": (1, 0, 0),
-         "elbow": (1, 0, 0), "wrist": (1, 0, 0)}
+_REST = {
+    "hip": (0.6, -0.8, 0), "knee": (0, -1, 0), "ankle": (0, -1, 0), "heel": (0, -0.8, -0.6), "foot": (0, -0.45, 0.9),
+    "spine1": (0, 1, 0), "spine2": (0, 1, 0), "spine3": (0, 1, 0), "torso_low": (0, 1, 0), "torso_high": (0, 1, 0),
+    "neck": (0, 1, 0), "head": (0, 0.95, 0.3), "collar": (0.65, 0.75, 0), "shoulder": (1, 0, 0), "elbow": (1, 0, 0),
+    "wrist": (1, 0, 0)}
 # An easy pose of the bone below the joint, opposite to which no limb can point: the turn from there is never ambiguous.
 _EASY = {"shoulder": (0.45, -0.55, 0.7), "hip": (0.1, -0.85, 0.5)}
 _HINGES = {"shoulder": (0, -1, 0), "hip": (1, 0, 0)}  # axis of elbow and knee in the T-pose, again for the left side
@@ -52,6 +53,13 @@ def to_pose(joints, skeleton=HUMANML3D, fps=20.0) -> Pose:
       turned[joint], offsets[members] = _fit(bones, members, skeleton)
       local = rot.rotate(rot.conjugate(turned[joint])[:, None], bones[:, members])
       shifts[:, members] = local - offsets[members]
+  if "head" in skeleton.joints:
+    # Where heads sit on necks differs between captures: at rest the head is held as it is held on average.
+    head = skeleton.joints.index("head")
+    chest = next(turned[j] for j in _ancestors(head, parents) if turned[j] is not None)
+    _, y, z = rot.rotate(rot.conjugate(chest), bones[:, head]).mean(0)
+    tilt = np.clip(np.arctan2(z, y), -0.1, 0.7)
+    offsets[head] = np.array([0, np.cos(tilt), np.sin(tilt)]) * lengths[head]
   for joint in _order(skeleton):
     if turned[joint] is not None:
       continue
@@ -104,6 +112,11 @@ def _kind(name):
 
 def _children(skeleton):
   return [[k for k, parent in enumerate(skeleton.parents) if parent == j] for j in range(skeleton.num_joints)]
+
+
+def _ancestors(joint, parents):
+  while (joint := parents[joint]) >= 0:
+    yield joint
 
 
 def _order(skeleton):

@@ -42,7 +42,8 @@ class Attention(nn.Module):
   """Multi-head attention in three steps: `queries`, `keys_values`, `attend`.
 
   Queries and keys are RMS-normalized over the whole width before the heads are split (facts: cmdm 4.1). `rotary` turns
-  them between the steps, so that a cache can hold keys that are not tied to a position yet. Shapes: x (B, L, D); q, k, v (B, L, H, D / H); attn_mask (B or 1, 1, L, S).
+  them between the steps, so that a cache can hold keys that are not tied to a position yet. Shapes: x (B, L, D); q, k,
+  v (B, L, H, D / H); attn_mask (B or 1, 1, L, S).
   """
   width: int
   num_heads: int
