@@ -40,7 +40,8 @@ def check_output(path) -> str:
     with tempfile.TemporaryFile(dir=folder):  # asking the system beats reading permission bits
       pass
   except OSError as error:
-    raise type(error)(f"cannot write {path}: {error.strerror or error}; choose a folder that you may write to") from None
+    reason = error.strerror or error
+    raise type(error)(f"cannot write {path}: {reason}; choose a folder that you may write to") from None
   return os.fspath(path)
 
 
