@@ -165,6 +165,8 @@ class CausalDiT(nn.Module):
     length = x.shape[1]
     modulation = self.modulation(t)
     if t.shape[1] != length:
+      if length % t.shape[1]:
+        raise ValueError(f"got {t.shape[1]} times for {length} latents, expected one each or one per whole block")
       modulation = jnp.repeat(modulation, length // t.shape[1], axis=2)
       t = jnp.repeat(t, length // t.shape[1], axis=1)
     text = self.text_keys_values(text_emb, text_mask)

@@ -266,3 +266,10 @@ def test_bfloat16_stays_near():
 def test_an_unknown_size_is_told():
   with pytest.raises(ValueError, match="'XXL'.*S, M, L, XL"):
     causal_dit.size("XXL")
+
+
+def test_times_off_the_block_are_told():
+  dit, params = small()
+  x, t, text, text_mask = inputs()
+  with pytest.raises(ValueError, match="4 times for 9 latents"):
+    dit.apply(params, x, t[:, :4], text, block_causal_mask(9, 3), text_mask)
