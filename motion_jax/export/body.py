@@ -62,7 +62,7 @@ def make_parts(skeleton: Skeleton, offsets) -> tuple[Part, ...]:
   names, parents = skeleton.joints, skeleton.parents
   index = {name: j for j, name in enumerate(names)}
   lengths = np.linalg.norm(offsets, axis=-1)
-  s = float(lengths[list(skeleton.leg_bones)].sum()) / _LEG
+  s = max(0.2, float(lengths[list(skeleton.leg_bones)].sum()) / _LEG)
   parts = []
 
   def add(a, b, a_radius, b_radius, group, a_offset=(0, 0, 0), b_offset=(0, 0, 0), frame=None):

@@ -170,6 +170,8 @@ def _safe_unit(v, fallback):
 
 def _swing(turn, rest, bone):
   """The least further turn after `turn` (T, 4) that brings rest (3,) onto the direction of bone (T, 3)."""
+  if np.linalg.norm(rest) < 1e-9:
+    return turn
   now, length = rot.unit(rot.rotate(turn, rest)), np.linalg.norm(bone, axis=-1, keepdims=True)
   goal = np.where(length > 1e-9, bone / np.maximum(length, 1e-9), now)
   opposed = (now * goal).sum(-1, keepdims=True) < -1 + 1e-9
@@ -183,7 +185,7 @@ def _hinge_turn(joint, bones, offsets, above, children, skeleton, fps):
   child = children[joint][0]
   mirror = np.array([side, 1, 1])
   axis = np.array(_HINGES[kind], np.float64) * (side if kind == "shoulder" else 1)
-  rest, easy = rot.unit(offsets[child]), rot.unit(np.array(_EASY[kind]) * mirror)
+  rest, easy = rot.unit(t_pose(skeleton)[child]), rot.unit(np.array(_EASY[kind]) * mirror)
   turn = _swing(rot.multiply(above, rot.between(rest, easy)[None]), rest, bones[:, child])
   bone = rot.rotate(turn, rest)
   if not children[child]:

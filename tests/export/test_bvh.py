@@ -1,0 +1,118 @@
+"""BVH files, read by a small parser of this test's own and by the library's reader."""
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from motion_jax import export
+from motion_jax.data.clip import Clip
+from motion_jax.data.synthetic import synthetic_joints
+from motion_jax.export.bvh import euler
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.skeleton import HUMANML3D
+
+
+def walk(num_frames=60, turns=0.0):
+  joints = synthetic_joints("walk", num_frames, np.random.default_rng(0))
+  angle = np.linspace(0, 2 * np.pi * turns, num_frames)
+  return Clip(joints=rot.rotate(rot.about_axis(angle, "y")[:, None], joints).astype(np.float32), id="walk")
+
+
+def parse(path):
+  """Joint positions (T, J, 3) by name order of the file, the raw channel rows, channel lists, and the frame time."""
+  names, parents, offsets, channels, stack, in_end = [], [], [], [], [], False
+  lines = iter(path.read_text().splitlines())
+  for line in lines:
+    words = line.split()
+    if words[0] in ("ROOT", "JOINT"):
+      names.append(words[1])
+      parents.append(stack[-1] if stack else -1)
+    elif words[0] == "End":
+      in_end = True
+    elif words[0] == "{":
+      stack.append(-2 if in_end else len(names) - 1)
+    elif words[0] == "}":
+      in_end = in_end and stack.pop() != -2 or (False if in_end else stack.pop() is None)
+    elif words[0] == "OFFSET" and not in_end:
+      offsets.append([float(word) for word in words[1:]])
+    elif words[0] == "CHANNELS":
+      assert int(words[1]) == len(words) - 2
+      channels.append(words[2:])
+    elif words[0] == "MOTION":
+      break
+  num_frames, frame_time = int(next(lines).split()[1]), float(next(lines).split()[2])
+  rows = np.array([[float(word) for word in line.split()] for line in lines])
+  assert rows.shape == (num_frames, sum(map(len, channels))) and not stack
+  world, position, column = {}, {}, 0
+  for j, (parent, own) in enumerate(zip(parents, channels)):
+    values = rows[:, column:column + len(own)]
+    column += len(own)
+    places = [c for c in own if c.endswith("position")]
+    local = values[:, :3] if places else np.tile(offsets[j], (num_frames, 1))
+    axes = "".join(c[0] for c in own if c.endswith("rotation"))
+    turn = Rotation.from_euler(axes, values[:, len(places):], degrees=True)  # capitals: about the moving axes
+    world[j] = turn if parent < 0 else world[parent] * turn
+    position[j] = local if parent < 0 else position[parent] + world[parent].apply(local)
+  order = [names.index(name) for name in HUMANML3D.joints]
+  return np.stack([position[j] for j in order], axis=1), rows, channels, frame_time
+
+
+@pytest.mark.parametrize("unit, scale", [("centimetres", 0.01), ("metres", 1.0)])
+def test_another_parser_finds_the_joints(tmp_path, unit, scale):
+  clip = walk()
+  joints, rows, channels, frame_time = parse(export.bvh(clip, tmp_path / "a.bvh", unit=unit))
+  assert np.abs(joints * scale - clip.joints).max() < 1e-4  # metres
+  assert frame_time == pytest.approx(1 / 20) and len(rows) == clip.num_frames
+  assert channels[0][:3] == ["Xposition", "Yposition", "Zposition"]
+  assert all(sum(c.endswith("rotation") for c in own) == 3 for own in channels)
+
+
+def test_our_reader_finds_the_joints(tmp_path):
+  clip = walk()
+  path, = export.save(clip, tmp_path / "a.bvh")
+  back = export.load(path)
+  assert back.fps == 20 and back.num_frames == clip.num_frames
+  assert np.abs(back.joints - clip.joints).max() < 1e-4
+  assert export.load(path, fps=10).num_frames == clip.num_frames // 2
+
+
+def test_angles_follow_several_whole_turns(tmp_path):
+  joints, rows, channels, _ = parse(export.bvh(walk(120, turns=3), tmp_path / "a.bvh"))
+  names = [name for own in channels for name in own]
+  steps = np.abs(np.diff(rows, axis=0))[:, ["rotation" in name for name in names]]
+  assert steps.max() < 60, "no angle jumps"
+  assert channels[0][3] == "Yrotation"
+  assert rows[-1, 3] - rows[0, 3] == pytest.approx(3 * 360, abs=30), "the heading counts the turns"
+
+
+def test_a_captured_pelvis_needs_no_position_channels(tmp_path):
+  # Rigid pelvis and chest, as captures have them: only the root moves.
+  clip = walk()
+  rigid = parse(export.bvh(clip, tmp_path / "b.bvh", rigid=True))
+  assert all(len(own) == 3 for own in rigid[2][1:])
+  assert np.abs(rigid[0] * 0.01 - clip.joints).max() < 0.02
+
+
+def test_end_sites_and_a_t_pose(tmp_path):
+  text = export.bvh(walk(), tmp_path / "a.bvh").read_text()
+  assert text.startswith("HIERARCHY\nROOT pelvis\n") and text.count("End Site") == 5
+  assert text.count("{") == text.count("}") == 27
+  offset = text.split("JOINT left_wrist")[1].split("OFFSET")[1].split("\n")[0].split()
+  assert float(offset[0]) > 20 and float(offset[1]) == float(offset[2]) == 0, "the left arm points along +x"
+
+
+def test_euler_angles_mean_their_rotation():
+  rng = np.random.default_rng(0)
+  steps = np.concatenate([np.ones((200, 1)), 0.3 * rng.normal(size=(200, 3))], axis=1)
+  q = [np.array([1.0, 0, 0, 0])]
+  for step in steps:
+    q.append(rot.unit(rot.multiply(rot.unit(step), q[-1])))
+  q = np.array(q)
+  order, angles = euler(q)
+  ours = Rotation.from_euler(order, angles).as_matrix()
+  np.testing.assert_allclose(ours, rot.to_matrix(q), atol=1e-6)
+
+
+def test_unknown_unit(tmp_path):
+  with pytest.raises(ValueError, match="'feet', expected one of centimetres, metres"):
+    export.bvh(walk(), tmp_path / "a.bvh", unit="feet")
+  assert not list(tmp_path.iterdir())

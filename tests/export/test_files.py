@@ -1,0 +1,129 @@
+"""save and load: what goes out comes back, and what is no motion is refused with a reason."""
+import os
+
+import numpy as np
+import pytest
+
+from motion_jax import export
+from motion_jax.data.clip import Caption, Clip
+from motion_jax.data.synthetic import synthetic_clips
+from motion_jax.motion.features import to_features
+from motion_jax.motion.skeleton import KIT
+
+
+@pytest.fixture(scope="module")
+def clip():
+  one = synthetic_clips(num=2, num_frames=20)[1]
+  return one.replace(meta={"seed": 7, "model": "cmdm-small", "speed": np.float32(1.5)})
+
+
+def leftovers(folder):
+  return sorted(os.listdir(folder))
+
+
+def test_npz_keeps_everything(clip, tmp_path):
+  features = to_features(clip.joints)
+  clip = clip.replace(features=features, captions=(Caption("a person walks", 0, 0), Caption("und geht <b>", 0.1, 0.5)))
+  path, = export.save(clip, tmp_path / "a.npz")
+  back = export.load(path)
+  np.testing.assert_array_equal(back.joints, clip.joints)
+  np.testing.assert_array_equal(back.features, features)
+  assert (back.fps, back.captions, back.id, back.license) == (20.0, clip.captions, clip.id, clip.license)
+  assert back.meta == {"seed": 7, "model": "cmdm-small", "speed": 1.5}
+  with np.load(path, allow_pickle=False) as file:
+    assert {"joints", "fps", "prompt", "seed", "model_id", "skeleton", "features"} <= set(file.files)
+    assert str(file["prompt"]) == "a person walks" and int(file["seed"]) == 7
+
+
+def test_npz_of_the_other_skeleton(tmp_path):
+  clip = Clip(joints=np.zeros((3, 21, 3), np.float32), fps=12.5, skeleton=KIT)
+  assert export.load(export.npz(clip, tmp_path / "kit.npz")).skeleton is KIT
+
+
+def test_npy_joints_and_features(clip, tmp_path):
+  path, = export.save(clip, tmp_path / "a.npy")
+  assert np.load(path, allow_pickle=False).shape == (20, 22, 3)
+  np.testing.assert_array_equal(export.load(path).joints, clip.joints)
+  assert export.load(path, fps=30).fps == 30
+  features = to_features(clip.joints)
+  np.save(tmp_path / "000000.npy", features)
+  back = export.load(tmp_path / "000000.npy")
+  assert back.joints.shape == (19, 22, 3) and back.features.shape == (19, 263)
+  np.testing.assert_allclose(back.joints[:, 0, 1], features[:, 3], atol=1e-6)
+
+
+def test_several_clips_get_several_files(clip, tmp_path):
+  paths = export.save([clip, clip], tmp_path / "two.npy")
+  assert [path.name for path in paths] == ["two_0.npy", "two_1.npy"] == leftovers(tmp_path)
+
+
+@pytest.mark.parametrize("name, write, message", [
+    ("a.npy", lambda p: np.save(p, np.zeros((5, 7))), "7 features per frame; known sizes"),
+    ("a.npy", lambda p: np.save(p, np.zeros((5, 4, 3))), r"shape \(5, 4, 3\), expected joints"),
+    ("a.npy", lambda p: np.save(p, np.full((5, 22, 3), np.nan)), "5 of 5 frames hold NaN"),
+    ("a.npy", lambda p: np.save(p, np.full((5, 263), np.inf)), "hold NaN or infinity"),
+    ("a.npy", lambda p: np.save(p, np.array([{}], dtype=object)), "pickle"),
+    ("a.npy", lambda p: np.save(p, np.array(["a"])), "expected numbers"),
+    ("a.npy", lambda p: p.write_bytes(b"\x93NUMPY\x01\x00v\x00{'descr'"), "a.npy"),
+    ("a.npy", lambda p: p.write_bytes(b""), "may be cut"),
+    ("a.npz", lambda p: p.write_bytes(b"PK\x03\x04 and no more"), "may be cut"),
+    ("a.npz", lambda p: np.savez(p, poses=np.zeros(3)), "holds poses, expected a key joints"),
+    ("a.npz", lambda p: np.savez(p, joints=np.zeros((2, 22, 3)), skeleton="dog"), "skeleton 'dog'"),
+    ("a.bvh", lambda p: p.write_text("HIERARCHY\nROOT a\n{\n"), "cut"),
+])
+def test_what_is_no_motion(tmp_path, name, write, message):
+  write(tmp_path / name)
+  with pytest.raises(ValueError, match=message):
+    export.load(tmp_path / name)
+
+
+def test_a_cut_npy_says_so(clip, tmp_path):
+  path, = export.save(clip, tmp_path / "a.npy")
+  path.write_bytes(path.read_bytes()[:700])
+  with pytest.raises(ValueError, match="a.npy"):
+    export.load(path)
+
+
+def test_missing_file_unknown_extension_bad_rate(clip, tmp_path):
+  with pytest.raises(FileNotFoundError, match="there is no file"):
+    export.load(tmp_path / "none.npy")
+  with pytest.raises(ValueError, match=r"expected a file that ends in \.npz, \.npy, \.bvh"):
+    export.load(tmp_path / "a.fbx")
+  path, = export.save(clip, tmp_path / "a.npy")
+  with pytest.raises(ValueError, match="-3 frames per second"):
+    export.load(path, fps=-3)
+
+
+@pytest.mark.parametrize("name", ["a.fbx", "a", "a.npz.zip"])
+def test_unknown_output_extension_lists_the_known(clip, tmp_path, name):
+  with pytest.raises(ValueError, match=r"known are .npz .npy .bvh .glb .mp4 .gif .html .png .jpg"):
+    export.save(clip, tmp_path / name)
+  assert leftovers(tmp_path) == []
+
+
+def test_unwritable_places(clip, tmp_path):
+  (tmp_path / "file").write_text("")
+  with pytest.raises(OSError, match="cannot write .*choose a folder"):
+    export.save(clip, tmp_path / "file" / "a.npy")
+  (tmp_path / "a.npy").mkdir()
+  with pytest.raises(IsADirectoryError, match="it is a folder"):
+    export.save(clip, tmp_path / "a.npy")
+  with pytest.raises(ValueError, match="no clip"):
+    export.save([], tmp_path / "b.npy")
+
+
+def test_folders_are_made_and_nothing_is_left_half_written(clip, tmp_path, monkeypatch):
+  export.save(clip, tmp_path / "deep" / "er" / "a.npz")
+  assert leftovers(tmp_path / "deep" / "er") == ["a.npz"]
+  before = (tmp_path / "deep" / "er" / "a.npz").read_bytes()
+
+  def fail(path, **arrays):
+    with open(path, "wb") as file:
+      file.write(b"half")
+    raise OSError("disk full")
+
+  monkeypatch.setattr(np, "savez_compressed", fail)
+  with pytest.raises(OSError, match="disk full"):
+    export.save(clip, tmp_path / "deep" / "er" / "a.npz")
+  assert leftovers(tmp_path / "deep" / "er") == ["a.npz"]
+  assert (tmp_path / "deep" / "er" / "a.npz").read_bytes() == before

@@ -1,0 +1,117 @@
+"""GLB files, read back by pygltflib: structure, and the skinned body against the clip."""
+import numpy as np
+import pytest
+from pygltflib import GLTF2
+from scipy.spatial.transform import Rotation
+
+from motion_jax import export
+from motion_jax.data.clip import Caption, Clip
+from motion_jax.data.synthetic import synthetic_joints
+from motion_jax.motion.skeleton import HUMANML3D, KIT
+
+_TYPES = {5126: np.float32, 5123: np.uint16, 5121: np.uint8}
+_SIZES = {"SCALAR": 1, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+
+
+@pytest.fixture(scope="module")
+def clip():
+  joints = synthetic_joints("wave_left", 40, np.random.default_rng(0))
+  return Clip(joints=joints.astype(np.float32), captions=(Caption("a person waves"),), license="made by formula")
+
+
+@pytest.fixture(scope="module")
+def gltf(clip, tmp_path_factory):
+  return GLTF2().load(str(export.glb(clip, tmp_path_factory.mktemp("glb") / "a.glb")))
+
+
+def read(gltf, number):
+  accessor = gltf.accessors[number]
+  view = gltf.bufferViews[accessor.bufferView]
+  size = _SIZES[accessor.type]
+  array = np.frombuffer(gltf.binary_blob(), _TYPES[accessor.componentType], accessor.count * size, view.byteOffset)
+  return array.reshape(accessor.count, size)
+
+
+def world_matrices(gltf, num_frames):
+  """(T, J, 4, 4) of the joints' nodes, by playing the animation."""
+  animation, joints = gltf.animations[0], gltf.skins[0].joints
+  local = {}
+  for number in joints:
+    local[number] = np.tile(np.eye(4), (num_frames, 1, 1))
+    local[number][:, :3, 3] = gltf.nodes[number].translation
+  for channel in animation.channels:
+    values = read(gltf, animation.samplers[channel.sampler].output)
+    if channel.target.path == "rotation":
+      local[channel.target.node][:, :3, :3] = Rotation.from_quat(values).as_matrix()
+    else:
+      local[channel.target.node][:, :3, 3] = values
+  world = {}
+
+  def walk(number, above):
+    world[number] = above @ local[number]
+    for child in gltf.nodes[number].children or []:
+      walk(child, world[number])
+
+  walk(gltf.skins[0].skeleton, np.eye(4))
+  return np.stack([world[number] for number in joints], axis=1)
+
+
+def test_nodes_are_where_the_joints_are(gltf, clip):
+  world = world_matrices(gltf, clip.num_frames)
+  assert [gltf.nodes[j].name for j in gltf.skins[0].joints] == list(HUMANML3D.joints)
+  assert np.abs(world[..., :3, 3] - clip.joints).max() < 6e-4  # metres; a smaller bend of the pelvis is left out
+
+
+def test_the_skin_follows_the_joints(gltf, clip):
+  world = world_matrices(gltf, clip.num_frames)
+  inverse = read(gltf, gltf.skins[0].inverseBindMatrices).reshape(-1, 4, 4).transpose(0, 2, 1)
+  skin = world @ inverse
+  lowest, counted = [], 0
+  for primitive in gltf.meshes[0].primitives:
+    points = read(gltf, primitive.attributes.POSITION)
+    joints, weights = read(gltf, primitive.attributes.JOINTS_0), read(gltf, primitive.attributes.WEIGHTS_0) / 255
+    normals = read(gltf, primitive.attributes.NORMAL)
+    np.testing.assert_allclose(weights.sum(1), 1, atol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-5)
+    assert joints.max() < 22 and read(gltf, primitive.indices).max() < len(points)
+    ones = np.concatenate([points, np.ones((len(points), 1))], axis=1)
+    mixed = np.einsum("vk,tvkij->tvij", weights, skin[:, joints])
+    moved = np.einsum("tvij,vj->tvi", mixed, ones)[..., :3]
+    # Flesh stays near its bones: within a hand's or head's reach of the nearest joint.
+    near = np.linalg.norm(moved[:, :, None] - clip.joints[:, None], axis=-1).min(-1)
+    assert near.max() < 0.26
+    lowest.append(moved[..., 1].min())
+    counted += len(points)
+  assert -0.09 < min(lowest) < 0.03, "soles near the ground"
+  assert 2000 < counted < 20000
+
+
+def test_animation_and_names(gltf, clip):
+  animation = gltf.animations[0]
+  times = read(gltf, animation.samplers[0].input)[:, 0]
+  np.testing.assert_allclose(times, np.arange(clip.num_frames) / clip.fps, atol=1e-6)
+  accessor = gltf.accessors[animation.samplers[0].input]
+  assert accessor.min == [0.0] and accessor.max == pytest.approx([39 / 20])
+  assert gltf.asset.extras == {"caption": "a person waves", "license": "made by formula"}
+  assert {material.name for material in gltf.materials} == {"middle", "left", "right", "head", "dark"}
+  for channel in animation.channels:
+    values = read(gltf, animation.samplers[channel.sampler].output)
+    if channel.target.path == "rotation":
+      assert (values[1:] * values[:-1]).sum(1).min() > 0, "players interpolate: no sign flips"
+
+
+def test_offsets_are_aligned(gltf):
+  for accessor in gltf.accessors:
+    assert gltf.bufferViews[accessor.bufferView].byteOffset % 4 == 0
+
+
+def test_the_other_skeleton_and_one_frame(tmp_path):
+  offsets = KIT.offsets * [-1, 1, 1]
+  joints = np.zeros((1, 21, 3))
+  for chain in KIT.chains:
+    for parent, joint in zip(chain[:-1], chain[1:]):
+      joints[:, joint] = joints[:, parent] + offsets[joint]
+  clip = Clip(joints=joints.astype(np.float32), fps=12.5, skeleton=KIT)
+  gltf = GLTF2().load(str(export.glb(clip, tmp_path / "kit.glb")))
+  world = world_matrices(gltf, 1)
+  np.testing.assert_allclose(world[..., :3, 3], joints * 0.001, atol=1e-4)

@@ -1,0 +1,75 @@
+"""The HTML page: whole, offline, and alive in a headless browser where one is installed."""
+import base64
+import json
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from motion_jax import export
+from motion_jax.data.clip import Caption, Clip
+from motion_jax.data.synthetic import synthetic_joints
+
+_BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
+
+
+def make(action="walk", num_frames=30, caption=None):
+  joints = synthetic_joints(action, num_frames, np.random.default_rng(0)).astype(np.float32)
+  return Clip(joints=joints, captions=(Caption(caption or f"a person does: {action}"),), id=action)
+
+
+def data_of(path):
+  text = path.read_text(encoding="utf-8")
+  return json.loads(re.search(r'<script id="motion" type="application/json">(.*?)</script>', text, re.S)[1])
+
+
+def test_page_holds_the_motion(tmp_path):
+  clips = [make("walk"), make("wave_left", 12)]
+  path, = export.save(clips, tmp_path / "a.html")
+  data = data_of(path)
+  assert [clip["frames"] for clip in data["clips"]] == [30, 12]
+  for clip, one in zip(clips, data["clips"]):
+    joints = np.frombuffer(base64.b64decode(one["joints"]), "<f4").reshape(-1, 22, 3)
+    np.testing.assert_array_equal(joints, clip.joints)
+    turned = np.frombuffer(base64.b64decode(one["turned"]), "<i2").reshape(-1, 22, 4)
+    assert len(turned) == clip.num_frames
+    np.testing.assert_allclose(np.linalg.norm(turned / 32767, axis=-1), 1, atol=1e-3)
+    assert one["captions"][0]["text"] == clip.captions[0].text
+
+
+def test_page_loads_nothing_from_anywhere(tmp_path):
+  text = export.html(make(), tmp_path / "a.html").read_text(encoding="utf-8")
+  shell = re.sub(r"<script>.*</script>", "", text, flags=re.S)
+  assert not re.search(r"(src|href)\s*=|@import|url\(|fetch\(|import\(", shell)
+  assert text.count("<script") == 2 + text.split("<script>")[1].count("<script"), "one script of data, one of code"
+  assert "three.js authors" in text and "MIT License" in text
+  assert len(text) < 800_000
+
+
+def test_captions_cannot_break_the_page(tmp_path):
+  evil = "</script><script>alert(1)</script><!-- @DATA@ @VIEWER@ & \"quoted\" \\u003c \U0001f57a"
+  path = export.html(make(caption=evil), tmp_path / "a.html")
+  assert data_of(path)["clips"][0]["captions"][0]["text"] == evil
+  assert "alert(1)</script>" not in path.read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not any(map(shutil.which, _BROWSERS)), reason="no Chromium here to open the page with")
+def test_page_plays_in_a_browser(tmp_path):
+  path, = export.save([make("walk"), make("wave_left")], tmp_path / "a.html")
+  browser = next(filter(None, map(shutil.which, _BROWSERS)))
+  command = [browser, "--headless", "--no-sandbox", "--disable-gpu", "--use-angle=swiftshader",
+             "--enable-unsafe-swiftshader", "--window-size=900,600", "--virtual-time-budget=3000",
+             f"--user-data-dir={tmp_path / 'profile'}"]
+  page = f"file://{path}#0.5"
+  dom = subprocess.run([*command, "--dump-dom", page], capture_output=True, text=True, timeout=180).stdout
+  assert 'data-state="ready"' in dom and 'data-frame="10"' in dom
+  assert "1. a person does: walk" in dom and '<option value="1">2. a person does: wave_left</option>' in dom
+  picture = tmp_path / "a.png"
+  subprocess.run([*command, f"--screenshot={picture}", page], capture_output=True, timeout=180, check=True)
+  image = np.asarray(Image.open(picture).convert("RGB")).astype(int)
+  red, blue = image[..., 0], image[..., 2]
+  assert (red > blue + 60).sum() > 500 and (blue > red + 60).sum() > 500, "orange and blue limbs are seen"

@@ -1,0 +1,165 @@
+"""Pictures and films: that they show the body where it is, last as long as the motion, and leave nothing behind."""
+import importlib.util
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from motion_jax import export
+from motion_jax.data.clip import Caption, Clip
+from motion_jax.data.synthetic import synthetic_joints
+from motion_jax.export import render
+from motion_jax.motion.skeleton import KIT
+
+SIZE = (200, 160)
+
+
+def make(action="walk", num_frames=12, fps=20.0):
+  joints = synthetic_joints(action, num_frames, np.random.default_rng(0)).astype(np.float32)
+  return Clip(joints=joints, fps=fps, captions=(Caption("a person " + action),))
+
+
+def is_color(image, low, high):
+  return ((image >= low) & (image <= high)).all(-1)
+
+
+ORANGE, BLUE = ((120, 40, 10), (255, 150, 110)), ((10, 60, 120), (110, 180, 255))
+
+
+def test_left_is_blue_and_on_the_viewers_right():
+  image = export.frame(make("stand", 3), 0, SIZE, azimuth=0, caption="")
+  right, left = is_color(image, *ORANGE), is_color(image, *BLUE)
+  assert right.sum() > 150 and left.sum() > 150
+  assert np.nonzero(right)[1].mean() < np.nonzero(left)[1].mean(), "seen from the front, left limbs are to the right"
+  behind = export.frame(make("stand", 3), 0, SIZE, azimuth=180, caption="")
+  assert np.nonzero(is_color(behind, *ORANGE))[1].mean() > np.nonzero(is_color(behind, *BLUE))[1].mean()
+
+
+def test_the_whole_body_is_inside_the_picture():
+  for action in ("walk", "jump", "wave_left"):
+    for image in list(export.frames(make(action, 30), SIZE, caption=""))[::6]:
+      body = is_color(image, *ORANGE) | is_color(image, *BLUE)
+      rows, columns = np.nonzero(body)
+      assert rows.min() > 2 and rows.max() < SIZE[1] - 3 and columns.min() > 2 and columns.max() < SIZE[0] - 3
+
+
+def test_colors_mark_frames():
+  clip = make("stand", 4)
+  kept = np.array([True, True, False, False])
+  marked = np.where(kept[:, None], np.nan, (0.9, 0.1, 0.8))
+  images = list(export.frames(clip, SIZE, colors=marked, caption=""))
+  pink = [is_color(image, (90, 0, 80), (255, 75, 255)).sum() for image in images]
+  assert pink[0] == pink[1] == 0 and min(pink[2:]) > 500
+  with pytest.raises(ValueError, match=r"colors of shape \(5, 3\)"):
+    next(export.frames(clip, SIZE, colors=np.zeros((5, 3))))
+
+
+def test_a_sphere_is_drawn_where_it_is_projected():
+  camera = render.look_at([0, 1, 0], 0.0, 0.0, 5.0, 2.0)
+  at = np.array([[0.4, 1.3, 0.2]])
+  radius = np.array([0.2])
+  image = render.draw(camera, SIZE, -50.0, [(at, at, radius, radius, np.array([[1.0, 0, 0]]))])
+  rows, columns = np.nonzero(is_color(image, (60, 0, 0), (255, 90, 90)))
+  (x, y), depth = (value[0] for value in render.project(camera, at, SIZE))
+  assert columns.mean() == pytest.approx(x, abs=1) and rows.mean() == pytest.approx(y, abs=1)
+  expected = np.pi * (0.2 * camera.focal * SIZE[1] / depth) ** 2
+  assert len(rows) == pytest.approx(expected, rel=0.08)
+
+
+def test_a_cone_reaches_from_ball_to_ball():
+  camera = render.look_at([0, 0, 0], 0.0, 0.0, 8.0, 2.0)
+  a, b = np.array([[-0.8, 0, 0.0]]), np.array([[0.8, 0, 0.0]])
+  image = render.draw(camera, SIZE, -50.0, [(a, b, np.array([0.4]), np.array([0.2]), np.array([[1.0, 0, 0]]))])
+  red = is_color(image, (60, 0, 0), (255, 90, 90))
+  left, right = red[:, 68].sum(), red[:, 132].sum()
+  assert left / right == pytest.approx(2, rel=0.15) and red[80, 70:130].all(), "no gap, and it tapers"
+
+
+def test_nearer_limbs_hide_farther_ones():
+  camera = render.look_at([0, 0, 0], 0.0, 0.0, 8.0, 2.0)
+  ends = np.array([[0, 0, -1.0], [0, 0, 1.0]])
+  radius, colors = np.array([0.5, 0.3]), np.array([[1.0, 0, 0], [0, 0, 1.0]])
+  for order in ([0, 1], [1, 0]):
+    image = render.draw(camera, SIZE, -50.0, [(ends[order], ends[order], radius[order], radius[order], colors[order])])
+    assert image[80, 100, 2] > 100 > image[80, 100, 0]
+
+
+def test_gif_lasts_as_long_as_the_motion(tmp_path):
+  for fps in (20.0, 30.0, 12.5):
+    path = export.video(make(num_frames=15, fps=fps), tmp_path / f"a{fps}.gif", size=SIZE)
+    with Image.open(path) as image:
+      total = 0
+      for index in range(image.n_frames):
+        image.seek(index)
+        total += image.info["duration"]
+    assert total == pytest.approx(1000 * 15 / fps, abs=12)
+
+
+def test_strips(tmp_path):
+  path, = export.save(make("walk", 40), tmp_path / "walk.png")
+  with Image.open(path) as image:
+    assert image.height == 360 and image.width > 720
+    assert is_color(np.asarray(image), *BLUE).sum() > 4000
+  path, = export.save([make("stand", 5), make("squat", 9)], tmp_path / "two.png", num=3, height=120)
+  assert Image.open(path).height == 240
+  one = Clip(joints=make().joints[:1])
+  assert Image.open(export.strip(one, tmp_path / "one.png", height=100)).height == 100
+
+
+def test_odd_motions_are_drawn():
+  assert export.frame(Clip(joints=np.zeros((2, 22, 3), np.float32)), 1, SIZE).shape == (160, 200, 3)
+  lying = make("stand", 3).joints[..., [0, 2, 1]]
+  assert export.frame(Clip(joints=lying), 0, SIZE).shape == (160, 200, 3)
+  upright = np.zeros((3, 21, 3), np.float32)
+  for chain in KIT.chains:
+    for parent, joint in zip(chain[:-1], chain[1:]):
+      upright[:, joint] = upright[:, parent] + KIT.offsets[joint] * [-1, 1, 1]
+  image = export.frame(Clip(joints=upright, fps=12.5, skeleton=KIT), 0, SIZE, caption="")
+  assert is_color(image, *BLUE).sum() > 100
+
+
+def test_long_captions_are_cut_to_two_lines():
+  clip = make().replace(captions=(Caption("a person walks and " * 60),))
+  assert export.frame(clip, 0, SIZE).shape == (160, 200, 3)
+
+
+def test_bad_options(tmp_path):
+  clip = make()
+  with pytest.raises(ValueError, match="'above', expected auto, follow or fixed"):
+    export.frame(clip, 0, SIZE, camera="above")
+  with pytest.raises(ValueError, match="frames 0 to 11"):
+    export.frame(clip, 12, SIZE)
+  with pytest.raises(ValueError, match="a film is .mp4 or .gif"):
+    export.video(clip, tmp_path / "a.avi")
+
+
+def test_without_an_encoder_mp4_says_what_to_install(tmp_path, monkeypatch):
+  monkeypatch.setattr(shutil, "which", lambda name: None)
+  monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+  with pytest.raises(RuntimeError, match=r"pip install \"motion-jax\[video\]\".*\.gif"):
+    export.save(make(), tmp_path / "a.mp4")
+  assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(not (shutil.which("ffmpeg") or importlib.util.find_spec("imageio_ffmpeg")),
+                    reason="no ffmpeg here; the extra `video` brings one")
+def test_mp4(tmp_path):
+  path, = export.save(make(num_frames=10), tmp_path / "a.mp4", size=(201, 160))  # made even
+  from motion_jax.export.video import find_ffmpeg
+  said = subprocess.run([find_ffmpeg(), "-i", str(path), "-f", "null", "-"], capture_output=True, text=True).stderr
+  assert "202x160" in said and "frame=   10" in said and "00:00:00.50" in said
+  assert [p.name for p in tmp_path.iterdir()] == ["a.mp4"]
+
+
+def test_a_failing_encoder_leaves_nothing(tmp_path, monkeypatch):
+  program = tmp_path / "bin" / "ffmpeg"
+  program.parent.mkdir()
+  program.write_text("#!/bin/sh\necho 'Unknown encoder libx264' >&2\nexit 1\n")
+  program.chmod(0o755)
+  monkeypatch.setattr(shutil, "which", lambda name: str(program))
+  with pytest.raises(RuntimeError, match="Unknown encoder.*try a .gif"):
+    export.save(make(), tmp_path / "out" / "a.mp4", size=SIZE)
+  assert not list((tmp_path / "out").iterdir())

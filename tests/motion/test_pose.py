@@ -1,0 +1,105 @@
+"""Joints -> rotations -> joints: nothing is lost, and nothing jumps while a body turns round and round."""
+import numpy as np
+import pytest
+
+from motion_jax.data.synthetic import ACTIONS, synthetic_joints
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.pose import pose_to_joints, t_pose, to_pose
+from motion_jax.motion.skeleton import HUMANML3D, KIT
+
+INDEX = {name: j for j, name in enumerate(HUMANML3D.joints)}
+
+
+def joints_of(action, num_frames=60):
+  return synthetic_joints(action, num_frames, np.random.default_rng(1))
+
+
+def turn_per_frame(q):
+  """Degrees between neighbouring frames, the same for q and -q."""
+  return 2 * np.degrees(np.arccos(np.clip(np.abs((q[1:] * q[:-1]).sum(-1)), 0, 1)))
+
+
+def spin(joints, turns):
+  angle = np.linspace(0, 2 * np.pi * turns, len(joints))
+  return rot.rotate(rot.about_axis(angle, "y")[:, None], joints)
+
+
+@pytest.mark.parametrize("action", ACTIONS)
+def test_forward_kinematics_gives_the_joints_back(action):
+  joints = joints_of(action)
+  assert np.abs(pose_to_joints(to_pose(joints)) - joints).max() < 1e-4  # metres
+
+
+def test_bones_of_any_skeleton():
+  rng = np.random.default_rng(0)
+  offsets = t_pose(KIT) * rng.uniform(0.8, 1.2, (21, 1))
+  turned = rot.unit(np.array([1.0, 0, 0, 0]) + 0.2 * np.cumsum(rng.normal(size=(30, 21, 4)), 0) / 10)
+  joints = np.zeros((30, 21, 3))
+  for chain in KIT.chains:
+    for parent, joint in zip(chain[:-1], chain[1:]):
+      joints[:, joint] = joints[:, parent] + rot.rotate(turned[:, parent], offsets[joint])
+  pose = to_pose(joints, KIT, KIT.fps)
+  np.testing.assert_allclose(pose_to_joints(pose, KIT), joints, atol=0.05)  # millimetres
+  assert np.abs(pose.shifts).max() < 1e-6, "a rigid root and neck leave nothing to shift"
+
+
+def test_rest_is_a_t_pose():
+  offsets = t_pose()
+  rest = np.zeros((22, 3))
+  for chain in HUMANML3D.chains:
+    for parent, joint in zip(chain[:-1], chain[1:]):
+      rest[joint] = rest[parent] + offsets[joint]
+  np.testing.assert_allclose(np.linalg.norm(offsets, axis=1), HUMANML3D.bone_lengths, atol=1e-12)
+  left, right = (rest[[INDEX[f"{side}_{name}"] for name in ("shoulder", "elbow", "wrist")]]
+                 for side in ("left", "right"))
+  assert np.ptp(left[:, 1]) < 1e-9 and np.ptp(right[:, 1]) < 1e-9, "arms are level"
+  assert (np.diff(left[:, 0]) > 0.2).all() and (np.diff(right[:, 0]) < -0.2).all(), "left arm to +x, right arm to -x"
+  assert rest[INDEX["head"], 1] > 0.5 and rest[INDEX["left_ankle"], 1] < -0.8
+  assert rest[INDEX["left_foot"], 2] > rest[INDEX["left_ankle"], 2], "toes point ahead"
+
+
+def test_several_whole_turns_stay_smooth():
+  joints = joints_of("walk", 120)
+  straight, spun = to_pose(joints), to_pose(spin(joints, 3))
+  assert (spun.rotations[1:] * spun.rotations[:-1]).sum(-1).min() > 0, "signs never flip"
+  # Turning the world turns the root only: the limbs do not notice.
+  np.testing.assert_allclose(np.abs((straight.rotations * spun.rotations).sum(-1))[:, 1:], 1, atol=1e-9)
+  heading = np.unwrap(2 * np.arctan2(spun.rotations[:, 0, 2], spun.rotations[:, 0, 0]))
+  assert heading[-1] - heading[0] == pytest.approx(6 * np.pi, abs=0.6)
+
+
+def test_a_straight_limb_does_not_pop():
+  # The elbow bends this way, straightens and bends the other way: where it is straight its hinge is unknown.
+  joints = np.repeat(joints_of("stand", 1), 80, axis=0)
+  bend = np.radians(40) * np.cos(np.linspace(0, np.pi, 80))
+  shoulder, elbow, wrist = (INDEX[f"left_{name}"] for name in ("shoulder", "elbow", "wrist"))
+  upper = rot.unit(joints[:, elbow] - joints[:, shoulder])
+  side = rot.unit(np.cross(upper, [0.0, 0, 1]))
+  joints[:, wrist] = joints[:, elbow] + 0.26 * (np.cos(bend)[:, None] * upper + np.sin(bend)[:, None]
+                                                * np.cross(side, upper))
+  pose = to_pose(joints)
+  assert turn_per_frame(pose.rotations[:, shoulder]).max() < 35
+  assert np.abs(pose_to_joints(pose)[:, wrist] - joints[:, wrist]).max() < 5e-3
+
+
+def test_knees_are_hinges():
+  joints = joints_of("squat", 60)
+  pose = to_pose(joints)
+  knee = pose.rotations[25:35, INDEX["left_knee"]]  # deep in the squat
+  assert (knee[:, 1] > 0.3).all() and np.abs(knee[:, 2:]).max() < 0.12, "the knee turns about +x, its hinge"
+
+
+def test_one_frame_and_a_resting_body():
+  joints = joints_of("stand", 1)
+  pose = to_pose(joints)
+  assert pose.rotations.shape == (1, 22, 4)
+  np.testing.assert_allclose(pose_to_joints(pose), joints, atol=1e-9)
+  np.testing.assert_allclose(np.linalg.norm(pose.rotations, axis=-1), 1, atol=1e-9)
+
+
+def test_a_bone_of_no_length_gives_no_nan():
+  joints = joints_of("walk", 20)
+  joints[:, INDEX["left_foot"]] = joints[:, INDEX["left_ankle"]]
+  joints[7] = joints[7, :1]
+  pose = to_pose(joints)
+  assert np.isfinite(pose.rotations).all() and np.isfinite(pose.offsets).all()
