@@ -138,11 +138,14 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
   rng = jax.random.key(config.seed)
   init_rng = jax.random.fold_in(rng, 2**31 - 1)  # no step folds in this number
   state = jax.jit(lambda batch, key: init_state(stage, tx, batch, key))(next_batch(0), init_rng)
+  # Placed as the step places it, so that the step is compiled once and not again for its own output.
+  place = jax.pmap(lambda state, _: state, "devices", in_axes=(None, 0), out_axes=None)
+  state = place(state, np.zeros(devices))
   saver = checkpoint.Saver(workdir)
   if saver.latest is not None:
     if not resume:
       raise ValueError(f"{workdir} holds a run at step {saver.latest}; --resume continues it, or choose another folder")
-    state = saver.restore(state)
+    state = place(saver.restore(state), np.zeros(devices))
   elif resume and not checkpoint.is_fresh(workdir):
     raise FileNotFoundError(f"{workdir} has no checkpoint to resume from; start without --resume in an empty folder")
   frozen = jax.tree.map(jnp.asarray, frozen or {})

@@ -133,7 +133,7 @@ def import_runners():
   """Imports the test modules that register runners: those that say so."""
   root = pathlib.Path(__file__).parents[1]
   for path in sorted((root / "tests").rglob("test_*.py")):
-    if re.search(r"^@golden\(", path.read_text(encoding="utf-8"), re.MULTILINE):
+    if re.search(r"^@(golden\.)?golden\(", path.read_text(encoding="utf-8"), re.MULTILINE):
       importlib.import_module(".".join(path.relative_to(root).with_suffix("").parts))
 
 

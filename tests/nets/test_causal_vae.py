@@ -7,51 +7,58 @@ import pytest
 from motion_jax import cmdm
 from motion_jax.convert import causal_vae_names, from_torch
 from motion_jax.nets.causal_vae import CausalVAE, sample_latent
-from tests.fixtures import load
-from tests.golden import params_of
+from tests import fixtures
+from tests.golden import check, golden
 
 
-def _network(name, dtype):
-  fixture = load(f"cmdm/{name}.npz")
-  sizes = {"mac_vae": (263, 16, 32, 24), "mac_vae_long": (12, 4, 16, 6), "mac_vae_loss": (23, 6, 12, 10)}[name]
-  vae = CausalVAE(*sizes[:3], teacher_dim=sizes[3], dtype=dtype)
-  params = from_torch(params_of(fixture), causal_vae_names(teacher=True))
-  return fixture, vae, jax.tree.map(lambda a: jnp.asarray(a, dtype), params)
+def network(fixture, dtype, prefix=""):
+  """Our module and parameters for a recorded small network; prefix: where several share a file."""
+  sizes = fixture.config["vae"]
+  vae = CausalVAE(sizes["input_width"], sizes["output_emb_width"], sizes["width"], teacher_dim=sizes["aux_feature_dim"],
+                  dtype=dtype)
+  state = {name[len(prefix):]: array for name, array in fixture.params.items() if name.startswith(prefix)}
+  params = from_torch(state, causal_vae_names(depth=sizes["depth"], teacher=True))
+  return vae, jax.tree.map(lambda a: jnp.asarray(a, dtype), params)
 
 
-@pytest.mark.parametrize("name", ["mac_vae", "mac_vae_long"])
-@pytest.mark.parametrize("wide", [False, True], ids=["float32", "float64"])
-def test_golden(name, wide):
-  with jax.enable_x64(wide):
-    dtype, key, bound = (jnp.float64, "out64", 1e-10) if wide else (jnp.float32, "out", 5e-6)
-    fixture, vae, params = _network(name, dtype)
-    whole, short = (fixture[f"{key}/{part}/x_rec"].shape[1] for part in ("whole", "short"))
-    for part, frames in (("whole", fixture["in/x"].shape[1]), ("short", fixture["in/x"].shape[1])):
-      frames = frames if part == "whole" else {"mac_vae": 50, "mac_vae_long": 203}[name]
-      x, noise = jnp.asarray(fixture["in/x"][:, :frames], dtype), jnp.asarray(fixture["in/eps"][:, :frames // 4], dtype)
-      made = dict(zip(("x_rec", "mu", "logvar"), vae.apply(params, x, noise)))
-      made["projection"] = vae.apply(params, sample_latent(made["mu"], made["logvar"], noise), method="project")
-      for output, value in made.items():
-        expected = fixture[f"{key}/{part}/{output}"]
-        assert np.abs(value - expected).max() / max(1, np.abs(expected).max()) < bound, (part, output)
-    assert whole == fixture["in/x"].shape[1] and short < whole
+@golden("mac_vae")
+@golden("mac_vae_long")
+def run_mac_vae(fixture, dtype):
+  vae, params = network(fixture, dtype)
+  x, noise = (jnp.asarray(fixture[f"in/{name}"], dtype) for name in ("x", "eps"))
+
+  @jax.jit
+  def run(x):
+    y, mean, logvar = vae.apply(params, x, noise[:, :x.shape[1] // 4])
+    z = sample_latent(mean, logvar, noise[:, :x.shape[1] // 4])
+    return {"mu": mean, "z": z, "logvar": logvar, "x_rec": y, "projection": vae.apply(params, z, method="project")}
+
+  lengths = {"whole": x.shape[1], "short": fixture.config["short"]}
+  lengths |= {f"prefix/{frames}": frames for frames in fixture.config["prefixes"]}
+  return {f"{part}/{name}": value for part, frames in lengths.items() for name, value in run(x[:, :frames]).items()}
 
 
-def test_loss_terms_are_the_references():
-  with jax.enable_x64(True):
-    fixture, vae, params = _network("mac_vae_loss", jnp.float64)
-    x, noise = jnp.asarray(fixture["in/x"], jnp.float64), jnp.asarray(fixture["in/eps"], jnp.float64)
-    terms = cmdm.tokenizer_terms(vae, params, x, noise, float(fixture["in/kl_weight"]), 0.05)
-    for ours, theirs in (("rec", "loss_rec"), ("root", "loss_root"), ("kl", "loss_kl"), ("loss", "loss_total")):
-      assert np.allclose(terms[ours], fixture[f"out64/none/{theirs}"], rtol=1e-6), ours
-    target = jnp.asarray(fixture["in/direct/x"], jnp.float64)
-    for i, scale in enumerate(fixture["in/direct/scale"].astype(np.float64)):
-      made = target + scale * jnp.asarray(fixture["in/direct/noise"], jnp.float64)
-      assert np.allclose(cmdm.gaussian_nll(made, target), fixture["out64/direct/rec"][i], rtol=1e-10)
-      assert np.allclose(cmdm.gaussian_nll(made[..., :4], target[..., :4]), fixture["out64/direct/root"][i], rtol=1e-10)
-    logvar = jnp.clip(jnp.asarray(fixture["in/direct/logvar"], jnp.float64), -30, 20)
-    kl = cmdm.kl_to_standard_normal(jnp.asarray(fixture["in/direct/mu"], jnp.float64), logvar)
-    assert np.allclose(kl, fixture["out64/direct/kl"], rtol=1e-10)
+# The parts with a teacher belong to the alignment loss.
+@golden("mac_vae_loss", leave_out=("main/", "fixed/", "aligned/", "grad/"))
+def run_mac_vae_loss(fixture, dtype):
+  vae, params = network(fixture, dtype)
+  x, noise = (jnp.asarray(fixture[f"in/{name}"], dtype) for name in ("x", "eps"))
+  terms = cmdm.tokenizer_terms(vae, params, x, noise, fixture.config["kl_weight"], 0.05)
+  made = {f"none/loss_{theirs}": terms[ours]
+          for ours, theirs in (("rec", "rec"), ("root", "root"), ("kl", "kl"), ("loss", "total"))}
+  made["none/loss_align_weighted"] = jnp.zeros(())
+  target, noise, mean, logvar = (jnp.asarray(fixture[f"in/direct/{name}"], dtype)
+                                 for name in ("x", "noise", "mu", "logvar"))
+  outputs = [target + scale * noise for scale in jnp.asarray(fixture["in/direct/scale"], dtype)]
+  made["direct/rec"] = jnp.stack([cmdm.gaussian_nll(y, target) for y in outputs])
+  made["direct/root"] = jnp.stack([cmdm.gaussian_nll(y[..., :4], target[..., :4]) for y in outputs])
+  made["direct/kl"] = cmdm.kl_to_standard_normal(mean, jnp.clip(logvar, -30, 20))
+  return made
+
+
+@pytest.mark.parametrize("name", ["mac_vae", "mac_vae_long", "mac_vae_loss"])
+def test_golden(name):
+  assert not check(fixtures.path(f"cmdm/{name}.npz")).failures
 
 
 def _small():

@@ -1,0 +1,25 @@
+"""What several tests share: a tiny trained run, made once."""
+import importlib.util
+import pathlib
+
+import pytest
+
+from motion_jax import training
+
+ROOT = pathlib.Path(__file__).parents[1]
+
+
+def load_config(name, size):
+  """configs/NAME.py's config of a size, as launch.py would read it."""
+  spec = importlib.util.spec_from_file_location(name, ROOT / "configs" / f"{name}.py")
+  module = importlib.util.module_from_spec(spec)
+  spec.loader.exec_module(module)
+  return module.get_config(size)
+
+
+@pytest.fixture(scope="session")
+def tiny_run(tmp_path_factory):
+  """The run folder of configs/cmdm_denoiser.py:tiny after its two steps."""
+  folder = tmp_path_factory.mktemp("runs") / "denoiser"
+  training.run(load_config("cmdm_denoiser", "tiny"), folder)
+  return folder

@@ -1,0 +1,80 @@
+"""The whole way from words to joints is the reference's; and the runner of recorded fixtures tells when one is not."""
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from motion_jax import cmdm
+from motion_jax.convert import causal_dit_names, from_torch
+from motion_jax.diffusion.schedules import staircase, staircase_levels
+from motion_jax.motion import features as features_lib
+from motion_jax.nets.causal_dit import CausalDiT
+from motion_jax.nets.masks import block_causal_mask, padding_mask
+from tests import fixtures, golden
+from tests.diffusion.test_streaming import whole
+from tests.nets import test_causal_vae
+from tests.nets.test_causal_dit import captions
+from tests.text import test_bert
+
+
+@golden.golden("full_generate")
+def run_full_generate(fixture, dtype):
+  """Text features and noise to latents, features, de-normalized features, joints."""
+  sizes = fixture.config["dit"]
+  dit = CausalDiT(sizes["input_dim"], sizes["latent_dim"], sizes["num_layers"], sizes["num_heads"], sizes["ff_size"],
+                  sizes["clip_dim"], block=3, dtype=dtype)
+  state = {name[4:]: array for name, array in fixture.params.items() if name.startswith("dit/")}
+  params = jax.tree.map(lambda a: jnp.asarray(a, dtype), from_torch(state, causal_dit_names(dit.depth)))
+  vae, vae_params = test_causal_vae.network(fixture, dtype, "vae/")
+
+  noise = jnp.asarray(fixture["in/noise"], dtype)
+  length, num_steps, lag = noise.shape[1], sizes["sampling_timesteps"], sizes["uncertainty_scale"]
+  levels = staircase_levels(num_steps, length, lag, 3)
+  times = 1 - (num_steps - levels) / num_steps if dtype == jnp.float64 else staircase(num_steps, length, lag, 3)
+  mask = block_causal_mask(length, 3) & padding_mask(fixture["in/frames"] // 4, length)[:, None, None, :]
+  latents = whole(dit, params, *captions(fixture, dtype), mask, noise, jnp.asarray(times, dtype),
+                  fixture.config["scale"])
+  frozen = {"tokenizer": vae_params, "latent_mean": 0.0, "latent_std": 1.0}
+  features = jax.jit(lambda z: cmdm.decode_latents(vae, frozen, z))(latents)
+  motion = features * jnp.asarray(fixture["in/std"], dtype) + jnp.asarray(fixture["in/mean"], dtype)
+  return {"latents": latents, "features": features, "denormalised": motion,
+          "joints": jax.jit(features_lib.to_joints)(motion)}
+
+
+@golden.golden("joints", leave_out=("root_quaternion",))  # ours is not kept apart
+def run_joints(fixture, dtype):
+  features = jnp.asarray(fixture["in/features"], dtype)
+  return {"joints": features_lib.to_joints(features), "root": features_lib.root_path(features)[1]}
+
+
+@golden.golden("bert")
+@golden.golden("distilbert")
+def run_bert(fixture, dtype):
+  # The test reads its own copy of the recording, by name.
+  return test_bert.run(fixture.meta["fixture"], dtype.name)[1]
+
+
+def test_from_words_to_joints():
+  assert not golden.check(fixtures.path("cmdm/full_generate.npz")).failures
+
+
+def test_a_wrong_number_and_a_missing_one_are_seen(tmp_path, monkeypatch, capsys):
+  path = tmp_path / "made_up.npz"
+  np.savez(path, meta=np.array('{"tolerance": 1e-6}'), **{"out/a": np.ones(3, np.float32), "out/b": np.zeros(2)})
+  answer = {"a": jnp.ones(3), "b": jnp.zeros(2)}
+  monkeypatch.setitem(golden.RUNNERS, "made_up", golden.Runner(lambda fixture, dtype: answer, (), {}))
+  monkeypatch.setattr(golden, "import_runners", lambda: None)
+  assert not golden.check(path).failures
+  assert golden.main([str(tmp_path)]) == 0 and "made_up" in capsys.readouterr().out
+  answer["a"] = answer["a"].at[1].add(1e-4)
+  assert golden.check(path).failures == ("float32 a differs by 1.0e-04 > 1e-06",)
+  assert golden.main([str(tmp_path)]) == 1
+  answer["a"] = jnp.full(3, jnp.nan)
+  assert "differs by inf" in golden.check(path).failures[0]
+  del answer["a"]
+  assert golden.check(path).failures == ("float32 a is not computed",)
+  answer["a"] = jnp.ones(4)
+  with pytest.raises(ValueError, match="recorded is"):
+    golden.check(path)
+  with pytest.raises(FileNotFoundError, match="tests never skip"):
+    golden.check(tmp_path / "causal_dit.npz")

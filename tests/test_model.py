@@ -1,0 +1,141 @@
+"""A run folder is all it takes; a motion depends on its prompt, length and seed, not on its neighbours."""
+import json
+import shutil
+import warnings
+
+import jax
+import numpy as np
+import pytest
+
+import motion_jax as mj
+from motion_jax import training
+from motion_jax.model import load
+from motion_jax.motion.features import to_joints
+from tests.conftest import load_config
+
+
+@pytest.fixture(scope="module")
+def model(tiny_run):
+  return load(tiny_run)
+
+
+def test_shapes_and_what_a_motion_knows(model):
+  motions = model.generate(["a person walks", "a person waves"], num_frames=[30, 47], seeds=[3, 4])
+  assert motions.joints.shape == (2, 47, 22, 3) and motions.frame_mask.sum(1).tolist() == [30, 47]
+  assert (motions.joints[0, 30:] == 0).all()
+  first = motions[0]
+  assert first.joints.shape == (30, 22, 3) and first.features.shape == (30, 263) and first.fps == 20
+  assert first.captions[0].text == "a person walks" and first.meta["seed"] == 3 and first.meta["model"] == model.id
+  assert np.allclose(to_joints(first.features), first.joints, atol=1e-5)
+
+
+def test_a_motion_does_not_know_its_batch_mates_nor_its_end(model):
+  """Alone, in a batch and as the start of a longer one: the same motion."""
+  alone = model.generate("a person waves", num_frames=40, seeds=[5])[0].joints
+  batch = model.generate(["a person runs", "a person waves"], num_frames=[60, 40], seeds=[1, 5])[1].joints
+  longer = model.generate("a person waves", num_frames=90, seeds=[5])[0].joints
+  assert np.abs(alone - batch).max() < 1e-5
+  assert np.abs(alone - longer[:40]).max() < 1e-5
+  other = model.generate("a person waves", num_frames=40, seeds=[6])[0].joints
+  assert np.abs(alone - other).max() > 1e-4
+
+
+def test_rng_key_gives_each_prompt_its_own(model):
+  key = jax.random.key(0)
+  two = model.generate(["a person waves"] * 2, num_frames=20, rng=key)
+  assert np.abs(two.joints[0] - two.joints[1]).max() > 1e-4
+  assert (model.generate(["a person waves"] * 2, num_frames=20, rng=key).joints == two.joints).all()
+
+
+def test_stream_is_generate(model):
+  whole = model.generate("a person walks", num_frames=100, seeds=[2])[0].joints
+  parts = list(model.stream("a person walks", seed=2, num_frames=100))
+  assert [len(part) for part in parts] == [12] * 8 + [4]
+  assert np.abs(np.concatenate(parts) - whole).max() < 1e-4
+
+
+@pytest.mark.parametrize("schedule", ["ar", "full"])
+def test_other_schedules(model, schedule):
+  joints = model.generate("a person walks", num_frames=24, seeds=[0], schedule=schedule, num_steps=6)[0].joints
+  assert np.isfinite(joints).all()
+
+
+def test_guidance_changes_the_motion_and_scale_one_needs_no_second_branch(model):
+  make = lambda scale: model.generate("a person walks", num_frames=24, seeds=[0], guidance_scale=scale)[0].joints
+  one, three = make(1.0), make(3.0)
+  assert np.isfinite(one).all() and np.abs(make(1.0000001) - one).max() < 1e-4
+  assert np.isfinite(three).all()
+
+
+def test_reconstruct(model):
+  features = model.generate("a person walks", num_frames=24, seeds=[0])[0].features
+  assert model.reconstruct(features).shape == (24, 263)
+
+
+@pytest.mark.parametrize("arguments, words", [
+    (dict(prompts="", num_frames=20), "say what the person does"),
+    (dict(prompts="   ", num_frames=20), "say what the person does"),
+    (dict(prompts=[], num_frames=20), "no prompt"),
+    (dict(prompts=["a", 3], num_frames=20), "got the prompt 3"),
+    (dict(prompts="walk", num_frames=0), "length of 0"),
+    (dict(prompts="walk", num_frames=-5), "length of -5"),
+    (dict(prompts="walk", seconds=1e9), "expected"),
+    (dict(prompts="walk", seconds=float("nan")), "nan"),
+    (dict(prompts="walk", num_frames=20, seconds=1), "one of them"),
+    (dict(prompts=["walk", "run"], num_frames=[20]), "1 lengths for 2"),
+    (dict(prompts="walk", num_frames=20, seeds=[1, 2]), "2 seeds for 1"),
+    (dict(prompts="walk", num_frames=20, schedule="pyramid"), "fss, ar, full"),
+    (dict(prompts="walk", num_frames=20, guidance_scale=float("inf")), "finite"),
+    (dict(prompts="walk", num_frames=20, lag=99), "lag 99"),
+])
+def test_bad_input_is_told(model, arguments, words):
+  with pytest.raises(ValueError, match=words):
+    model.generate(**arguments)
+
+
+def test_broken_run_folders_are_told(tiny_run, tmp_path):
+  with pytest.raises(FileNotFoundError, match="neither a run folder"):
+    load(tmp_path / "nothing")
+  for name, error, words in (("config.json", FileNotFoundError, "config.json"),
+                             ("params.safetensors", FileNotFoundError, "params.safetensors"),
+                             ("frozen.safetensors", FileNotFoundError, "frozen.safetensors"),
+                             ("Mean.npy", FileNotFoundError, "Mean.npy")):
+    copy = tmp_path / name.replace(".", "_")
+    shutil.copytree(tiny_run, copy, ignore=shutil.ignore_patterns("checkpoints"))
+    (copy / name).unlink()
+    with pytest.raises(error, match=words):
+      load(copy)
+  copy = tmp_path / "wrong"
+  shutil.copytree(tiny_run, copy, ignore=shutil.ignore_patterns("checkpoints"))
+  np.save(copy / "Mean.npy", np.zeros(67, np.float32))
+  with pytest.raises(ValueError, match="67"):
+    load(copy)
+  shutil.copyfile(tiny_run / "Mean.npy", copy / "Mean.npy")
+  config = json.loads((copy / "config.json").read_text())
+  config["model"]["width"] = 32
+  (copy / "config.json").write_text(json.dumps(config))
+  with pytest.raises(ValueError, match="does not fit its config"):
+    load(copy)
+  (copy / "config.json").write_text("{")
+  with pytest.raises(ValueError, match="not valid JSON"):
+    load(copy)
+
+
+def test_a_tokenizer_run_cannot_generate(tmp_path):
+  training.run(load_config("cmdm_tokenizer", "tiny"), tmp_path)
+  with pytest.raises(ValueError, match="cmdm.denoiser"):
+    load(tmp_path)
+
+
+def test_top_level_names():
+  assert mj.load is load and mj.Clip and mj.export and mj.nets
+  with pytest.raises(AttributeError, match="it has"):
+    mj.generate  # noqa: B018
+
+
+def test_a_strange_word_is_named(model, monkeypatch):
+  monkeypatch.setattr(model.encoder, "unfamiliar", lambda prompt: ["flibbertigibbet"])
+  with warnings.catch_warnings(record=True) as caught:
+    warnings.simplefilter("always")
+    model.generate("a flibbertigibbet walks", num_frames=12, seeds=[0])
+  assert any("flibbertigibbet" in str(w.message) for w in caught)

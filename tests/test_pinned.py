@@ -1,0 +1,50 @@
+"""Numbers of our own code that must not move unseen: parameter counts of every config, draws of batches, a tiny loss."""
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from motion_jax import cmdm
+from motion_jax.data.batches import step_rng
+from motion_jax.diffusion.streaming import block_noise, make_plan
+from motion_jax.nets.causal_dit import CausalDiT
+from motion_jax.nets.causal_vae import CausalVAE
+from tests.conftest import ROOT, load_config
+
+COUNTS = {
+    ("cmdm_tokenizer", "full"): 76_295_559, ("cmdm_tokenizer", "small"): 2_945_415, ("cmdm_tokenizer", "tiny"): 44_415,
+    ("cmdm_denoiser", "full"): 38_697_024, ("cmdm_denoiser", "small"): 7_294_496, ("cmdm_denoiser", "tiny"): 10_036,
+}
+
+
+def _count(name, size):
+  config = load_config(name, size)
+  if config.stage == "cmdm.tokenizer":
+    shapes = cmdm.frozen_shapes(CausalVAE(**config.model))["tokenizer"]
+  else:
+    shapes = cmdm.denoiser_shapes(CausalDiT(**config.model))
+  return sum(x.size for x in jax.tree.leaves(shapes))
+
+
+@pytest.mark.parametrize("key", COUNTS, ids="-".join)
+def test_parameter_counts(key):
+  assert _count(*key) == COUNTS[key]
+
+
+def test_no_config_is_missing():
+  assert {path.stem for path in (ROOT / "configs").glob("*.py")} == {name for name, _ in COUNTS}
+
+
+def test_draws_are_those_of_the_first_release():
+  """A resumed run of an older version must meet the same data."""
+  assert step_rng(5427, 1, 7).integers(1000, size=4).tolist() == DRAWS
+
+
+def test_noise_is_that_of_the_first_release():
+  """A seed of an older version must give the same motion."""
+  noise = block_noise(jax.random.key(3)[None], jnp.asarray(2), make_plan(50, 2, 3, 48), 2)
+  assert np.allclose(noise[0].ravel(), NOISE, atol=1e-6)
+
+
+DRAWS = [927, 247, 17, 289]
+NOISE = [-0.587781, -2.455146, 1.394334, 0.530269, 1.238652, -1.130595]

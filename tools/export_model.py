@@ -1,0 +1,45 @@
+"""Copies what loading needs of a denoiser's run folder, in float16, to where models ship from.
+
+  python tools/export_model.py runs/denoiser motion_jax/pretrained/cmdm-small
+"""
+import argparse
+import json
+import pathlib
+import shutil
+
+import jax
+import numpy as np
+
+from motion_jax import checkpoint, cmdm
+from motion_jax.nets.causal_dit import CausalDiT
+from motion_jax.nets.causal_vae import CausalVAE
+
+
+def main():
+  parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+  parser.add_argument("run", type=pathlib.Path)
+  parser.add_argument("out", type=pathlib.Path)
+  args = parser.parse_args()
+  config = checkpoint.load_config(args.run)
+  vae, dit = CausalVAE(**config.tokenizer), CausalDiT(**config.model)
+  args.out.mkdir(parents=True, exist_ok=True)
+  sizes = {}
+  for name, shapes in ((checkpoint.PARAMS, cmdm.denoiser_shapes(dit)), (checkpoint.FROZEN, cmdm.frozen_shapes(vae))):
+    params = checkpoint.load_params(args.run, shapes, name)
+    largest = max(float(np.abs(x).max()) for x in jax.tree.leaves(params))
+    if not largest < 60_000:  # float16 ends at 65,504
+      raise ValueError(f"{name} holds {largest}, too large for float16")
+    checkpoint.save_params(args.out, params, np.float16, name)
+    sizes[name] = sum(x.size for x in jax.tree.leaves(params))
+  for name in ("Mean.npy", "Std.npy", checkpoint.LENGTHS):
+    shutil.copyfile(args.run / name, args.out / name)
+  plain = config.to_dict()
+  plain["data"].update(folder="", folders=[])  # paths of the machine that trained it
+  plain["frozen"].update(tokenizer="frozen.safetensors")
+  (args.out / checkpoint.CONFIG).write_text(json.dumps(plain, indent=1) + "\n")
+  megabytes = sum(path.stat().st_size for path in args.out.iterdir()) / 1e6
+  print(f"{args.out}: {sizes}, {megabytes:.1f} MB")
+
+
+if __name__ == "__main__":
+  main()
