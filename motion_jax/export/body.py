@@ -14,7 +14,6 @@ from motion_jax.motion.skeleton import Skeleton
 # Colours by limb, sRGB 0..1: right warm, left cool, the middle neutral; joints and hands a shade darker.
 COLORS = {"middle": (0.60, 0.63, 0.70), "right": (0.93, 0.46, 0.30), "left": (0.20, 0.55, 0.80),
           "head": (0.80, 0.80, 0.82), "dark": (0.33, 0.36, 0.43)}
-GROUPS = tuple(COLORS)
 _LEG = 0.82  # thigh and shin, metres, of the person whom the sizes below fit
 
 
@@ -82,14 +81,17 @@ def make_parts(skeleton: Skeleton, offsets) -> tuple[Part, ...]:
   add("left_hip", "right_hip", 0.092, 0.092, "middle", (-0.015, 0.035, -0.005), (0.015, 0.035, -0.005), frame=root)
   for sign in (1, -1):
     add(root, waist, 0.092, 0.089, "middle", (sign * 0.045, 0.03, 0), (sign * 0.028, 0, 0.006))
-    add(waist, chest, 0.089, 0.098, "middle", (sign * 0.028, 0, 0.006), (sign * width * 0.42, rise, 0.004), frame=chest)
+    add(waist, chest, 0.089, 0.098, "middle", (sign * 0.028, 0, 0.006), (sign * width * 0.45, rise, 0.004), frame=chest)
   add(root, waist, 0.098, 0.095, "middle", (0, 0.03, 0), (0, 0, 0.006))
   add(waist, chest, 0.095, 0.103, "middle", (0, 0, 0.006), (0, rise, 0.006), frame=chest)  # fills the furrow
-  add(chest, chest, 0.098, 0.098, "middle", (-width * 0.42, rise, 0.004), (width * 0.42, rise, 0.004))
+  add(chest, chest, 0.098, 0.098, "middle", (-width * 0.45, rise, 0.004), (width * 0.45, rise, 0.004))
+  add(chest, neck, 0.088, 0.050, "middle", (0, min(rise, 0.04), 0))
   for side, sign in (("left", 1), ("right", -1)):
     shoulder, elbow, wrist = (f"{side}_{name}" for name in ("shoulder", "elbow", "wrist"))
     hip, knee, ankle, foot = (f"{side}_{name}" for name in ("hip", "knee", "ankle", "foot"))
-    add(chest, shoulder, 0.096, 0.056, "middle", (sign * width * 0.42, rise + 0.002, 0.003), (sign * 0.004, 0, 0))
+    add(chest, shoulder, 0.096, 0.056, "middle", (sign * width * 0.45, rise + 0.002, 0.003), (sign * 0.004, 0, 0))
+    # From neck to shoulder, as far up as the neck stands above the shoulders.
+    add(neck, shoulder, 0.050, 0.052, "middle", (sign * 0.02, -0.03, -0.004), (sign * -0.012, 0.004, 0), frame=chest)
     add(shoulder, elbow, 0.054, 0.041, side)
     add(elbow, wrist, 0.042, 0.029, side)
     hand = (sign * 0.075, -0.006, 0.006)

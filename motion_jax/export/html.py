@@ -11,7 +11,8 @@ import re
 import numpy as np
 
 from motion_jax.data.clip import Clip, atomic_path
-from motion_jax.export.body import COLORS, GROUPS, make_figure
+from motion_jax.export.body import COLORS, make_figure, make_parts
+from motion_jax.export.mesh import make_skins, rest_joints
 
 _ASSETS = pathlib.Path(__file__).parent / "assets"
 
@@ -20,10 +21,14 @@ def html(clip, path, title=None) -> pathlib.Path:
   """Writes a page that plays one clip, or a list of clips side by side with a selector."""
   path = pathlib.Path(path)
   clips = [clip] if isinstance(clip, Clip) else list(clip)
-  data = {"clips": [_describe(one) for one in clips]}
+  bodies, described = [], []
+  for one in clips:
+    figure = make_figure(one)
+    described.append(_describe(one, figure) | {"body": _body_of(bodies, one.skeleton, figure.pose.offsets)})
+  data = {"clips": described, "bodies": [body for _, _, body in bodies], "colors": COLORS}
   title = title or (clips[0].captions[0].text if clips[0].captions else clips[0].id)
   page = (_ASSETS / "viewer.html").read_text(encoding="utf-8")
-  # A "<" in a caption must not end the script element: in JSON it may be written as \\u003c.
+  # A "<" in a caption must not end the script element: in JSON it may be written as \u003c.
   values = {"@TITLE@": html_lib.escape(title), "@DATA@": json.dumps(data, ensure_ascii=False).replace("<", "\\u003c"),
             "@VIEWER@": (_ASSETS / "viewer.js").read_text(encoding="utf-8")}
   text = re.sub("|".join(values), lambda found: values[found[0]], page)  # one pass: values are not searched again
@@ -32,21 +37,35 @@ def html(clip, path, title=None) -> pathlib.Path:
   return path
 
 
-def _describe(clip):
-  """A clip as JSON for the viewer: joints float32 and rotations int16 in base64, the parts of the body, metres."""
-  figure = make_figure(clip)
+def _describe(clip, figure):
+  """A clip as JSON for the viewer: joints float32 and rotations int16 in base64, metres."""
   joints = figure.joints.astype("<f4")
-  turned = np.round(figure.pose.turned * 32767).astype("<i2")
   captions = clip.captions or ()
-  parts = [{"a": part.a, "b": part.b, "frame": part.frame, "aOffset": _round(part.a_offset),
-            "bOffset": _round(part.b_offset), "aRadius": round(part.a_radius, 5), "bRadius": round(part.b_radius, 5),
-            "color": GROUPS.index(part.group)} for part in figure.parts]
   return {"name": captions[0].text if captions else clip.id, "fps": clip.fps, "frames": clip.num_frames,
           "numJoints": joints.shape[1], "floor": round(figure.floor, 5),
           "captions": [{"text": c.text, "start": c.start, "end": c.end} for c in captions],
-          "joints": _base64(joints), "turned": _base64(turned), "parts": parts, "colors": list(COLORS.values()),
+          "joints": _base64(joints), "turned": _base64(np.round(figure.pose.turned * 32767).astype("<i2")),
           "low": _round(joints.min((0, 1))), "high": _round(joints.max((0, 1))), "start": _round(joints[0, 0, [0, 2]]),
-          "ahead": _round(figure.ahead.mean(0)[[0, 2]] if clip.num_frames else (0, 1))}
+          "ahead": _round(figure.ahead.mean(0)[[0, 2]])}
+
+
+def _body_of(bodies, skeleton, offsets):
+  """The number of the body (skeleton, offsets, JSON) that fits offsets (J, 3), appended to bodies if there is none.
+
+  Clips whose bones differ by less than a centimetre share a skin: its joints are moved to where they belong anyway.
+  """
+  for number, (other, known, _) in enumerate(bodies):
+    if other is skeleton and np.abs(known - offsets).max() < 0.01:
+      return number
+  rest = rest_joints(offsets, skeleton)
+  skins = make_skins(make_parts(skeleton, offsets), rest, skeleton)
+  reach = float(max(np.abs(skin.points).max() for skin in skins))
+  described = [{"group": skin.group, "points": _base64(np.round(skin.points / reach * 32767).astype("<i2")),
+                "normals": _base64(np.round(skin.normals * 127).astype("i1")),
+                "joints": _base64(skin.joints.astype("u1")), "weights": _base64(skin.weights.astype("u1")),
+                "triangles": _base64(skin.triangles.astype("<u2"))} for skin in skins]
+  bodies.append((skeleton, offsets, {"rest": [_round(at) for at in rest], "reach": reach, "skins": described}))
+  return len(bodies) - 1
 
 
 def _round(values):

@@ -92,19 +92,17 @@ def strip(clip, path, num=8, height=360, azimuth=None, caption=None, colors=None
   (spread=True forces this). Pass a list of clips for one row each.
   """
   path = pathlib.Path(path)
-  rows = [_strip(one, num, height, azimuth, caption, colors, spread) for one in _several(clip)]
-  width = max(row.shape[1] for row in rows)
-  rows = [np.pad(row, ((0, 0), (0, width - row.shape[1]), (0, 0)), mode="edge") for row in rows]
+  rows = [_strip(one, num, height, azimuth, caption, colors, spread)
+          for one in ([clip] if isinstance(clip, Clip) else clip)]
+  width = max(needed for needed, _ in rows)
+  rows = [draw(width) for _, draw in rows]
   with atomic_path(path) as temporary:
     Image.fromarray(np.concatenate(rows)).save(temporary)
   return path
 
 
-def _several(clip):
-  return [clip] if isinstance(clip, Clip) else list(clip)
-
-
 def _strip(clip, num, height, azimuth, caption, colors, spread):
+  """(the width that a strip needs, a function of the width that draws it)."""
   figure = make_figure(clip)
   tints = _tints(figure, colors)
   at = np.unique(np.linspace(0, clip.num_frames - 1, num).round().astype(int))
@@ -139,17 +137,21 @@ def _strip(clip, num, height, azimuth, caption, colors, spread):
   width = int(round((across.max() - across.min() + 2.4 * max(reach, 0.3 * tall)) / scene * height / 2)) * 2
   target = right * middle + [0, figure.floor + scene * 0.385, 0]
   camera = render.look_at(target, angle, np.radians(9), distance, focal)
-  size = (max(width, height // 2), height)
-  image = Image.fromarray(render.draw(camera, size, figure.floor, bodies, lines))
-  pen, font = ImageDraw.Draw(image), ImageFont.load_default(max(10, height // 26))
-  for t, place in zip(at, places):
-    x = render.project(camera, place + [0, figure.floor, 0], size)[0][0]
-    pen.text((x, height * 0.945), f"{t / clip.fps:.1f} s", INK, font, anchor="mm")
-  text = _caption(clip) if caption is None else caption
-  if text:
-    font = ImageFont.load_default(max(11, height // 22))
-    pen.text((height * 0.03, height * 0.03), _fit_text(text, font, size[0] - height * 0.06), INK, font)
-  return np.asarray(image)
+
+  def draw(width):
+    size = (width, height)
+    image = Image.fromarray(render.draw(camera, size, figure.floor, bodies, lines))
+    pen, font = ImageDraw.Draw(image), ImageFont.load_default(max(10, height // 26))
+    for t, place in zip(at, places):
+      x = render.project(camera, place + [0, figure.floor, 0], size)[0][0]
+      pen.text((x, height * 0.945), f"{t / clip.fps:.1f} s", INK, font, anchor="mm")
+    text = _caption(clip) if caption is None else caption
+    if text:
+      font = ImageFont.load_default(max(11, height // 22))
+      pen.text((height * 0.03, height * 0.03), _fit_text(text, font, size[0] - height * 0.06), INK, font)
+    return np.asarray(image)
+
+  return max(width, height // 2), draw
 
 
 def _body(figure, t, tints, move=0):

@@ -1,33 +1,33 @@
-// One figure: capsules between joints, moved to any moment of the motion.
+// One figure: a skinned mesh whose bones are put where the joints are, at any moment of the motion.
 import {
-  Color, DoubleSide, Group, LatheGeometry, Mesh, MeshBasicMaterial, MeshStandardMaterial, BufferGeometry,
-  Float32BufferAttribute, Quaternion, SRGBColorSpace, Vector2, Vector3,
+  Bone, BufferAttribute, BufferGeometry, Color, DoubleSide, Float32BufferAttribute, Group, Matrix4, Mesh,
+  MeshBasicMaterial, MeshStandardMaterial, Quaternion, Skeleton, SkinnedMesh, SRGBColorSpace, Vector3,
 } from 'three';
 
-const UP = new Vector3(0, 1, 0);
+const ONE = new Vector3(1, 1, 1);
 
 function decode(text, Type) {
   const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
   return new Type(bytes.buffer);
 }
 
-// The hull of two balls on the y axis, ball a (radius ra) at 0 and ball b at height `length`.
-function capsule(ra, rb, length) {
-  const points = [];
-  const slope = Math.asin(Math.max(-1, Math.min(1, (ra - rb) / Math.max(length, 1e-4))));
-  const arc = (radius, height, from, to) => {
-    for (let i = 0; i <= 8; i++) {
-      const angle = from + ((to - from) * i) / 8;
-      points.push(new Vector2(Math.max(radius * Math.cos(angle), 1e-5), height + radius * Math.sin(angle)));
-    }
-  };
-  arc(ra, 0, -Math.PI / 2, slope);
-  arc(rb, length, slope, Math.PI / 2);
-  return new LatheGeometry(points, 20);
+// Geometries of a body description; figures of the same body share them.
+function geometries(body) {
+  body.geometries ??= body.skins.map((skin) => {
+    const geometry = new BufferGeometry();
+    const points = Float32Array.from(decode(skin.points, Int16Array), (value) => (value / 32767) * body.reach);
+    geometry.setAttribute('position', new BufferAttribute(points, 3));
+    geometry.setAttribute('normal', new Float32BufferAttribute(Float32Array.from(decode(skin.normals, Int8Array), (v) => v / 127), 3));
+    geometry.setAttribute('skinIndex', new BufferAttribute(decode(skin.joints, Uint8Array), 4));
+    geometry.setAttribute('skinWeight', new BufferAttribute(decode(skin.weights, Uint8Array), 4, true));
+    geometry.setIndex(new BufferAttribute(decode(skin.triangles, Uint16Array), 1));
+    return geometry;
+  });
+  return body.geometries;
 }
 
 export class Body {
-  constructor(clip, place) {
+  constructor(clip, body, colors, place) {
     this.clip = clip;
     this.frames = clip.frames;
     this.joints = decode(clip.joints, Float32Array);
@@ -35,23 +35,21 @@ export class Body {
     this.count = clip.numJoints;
     this.group = new Group();
     this.group.position.set(place.x - clip.start[0], -clip.floor, place.z - clip.start[1]);
-    const materials = clip.colors.map((rgb) => new MeshStandardMaterial({
-      color: new Color().setRGB(...rgb, SRGBColorSpace), roughness: 0.62, metalness: 0.0,
-    }));
-    this.parts = clip.parts.map((part) => ({...part, from: new Vector3(...part.aOffset), to: new Vector3(...part.bOffset)}));
     this.positions = Array.from({length: this.count}, () => new Vector3());
     this.rotations = Array.from({length: this.count}, () => new Quaternion());
-    this.a = new Vector3();
-    this.b = new Vector3();
     this.next = new Quaternion();
-    this.pose(0);
-    for (const part of this.parts) {
-      this.ends(part);
-      part.length = this.b.sub(this.a).length();
-      part.mesh = new Mesh(capsule(part.aRadius, part.bRadius, part.length), materials[part.color]);
-      part.mesh.castShadow = part.mesh.receiveShadow = true;
-      this.group.add(part.mesh);
-    }
+    this.bones = body.rest.map(() => Object.assign(new Bone(), {matrixAutoUpdate: false}));
+    this.group.add(...this.bones);
+    const skeleton = new Skeleton(this.bones, body.rest.map((at) => new Matrix4().makeTranslation(-at[0], -at[1], -at[2])));
+    geometries(body).forEach((geometry, i) => {
+      const mesh = new SkinnedMesh(geometry, new MeshStandardMaterial({
+        color: new Color().setRGB(...colors[body.skins[i].group], SRGBColorSpace), roughness: 0.62, metalness: 0,
+      }));
+      mesh.bind(skeleton, new Matrix4());
+      mesh.castShadow = mesh.receiveShadow = true;
+      mesh.frustumCulled = false;
+      this.group.add(mesh);
+    });
     this.way = this.path();
     this.group.add(this.way);
     this.show(0);
@@ -70,22 +68,12 @@ export class Body {
     }
   }
 
-  ends(part) {
-    const turn = this.rotations[part.frame];
-    this.a.copy(part.from).applyQuaternion(turn).add(this.positions[part.a]);
-    this.b.copy(part.to).applyQuaternion(turn).add(this.positions[part.b]);
-  }
-
   show(at) {
     this.pose(Math.max(0, Math.min(at, this.frames - 1)));
-    for (const part of this.parts) {
-      this.ends(part);
-      part.mesh.position.copy(this.a);
-      this.b.sub(this.a);
-      const length = this.b.length();
-      if (length > 1e-6) part.mesh.quaternion.setFromUnitVectors(UP, this.b.divideScalar(length));
-      part.mesh.scale.y = part.length > 1e-4 ? length / part.length : 1;
-    }
+    this.bones.forEach((bone, j) => {
+      bone.matrix.compose(this.positions[j], this.rotations[j], ONE);
+      bone.matrixWorldNeedsUpdate = true;
+    });
   }
 
   root(target) {

@@ -8,7 +8,7 @@ import {OrbitControls} from 'three/examples/jsm/controls/OrbitControls.js';
 import {Body} from './body.js';
 
 const $ = (id) => document.getElementById(id);
-const clips = JSON.parse($('motion').textContent).clips;
+const data = JSON.parse($('motion').textContent), clips = data.clips;
 const state = {time: 0, playing: true, speed: 1, follow: true, only: -1, last: 0};
 const seconds = Math.max(...clips.map((clip) => (clip.frames - 1) / clip.fps));
 
@@ -55,7 +55,7 @@ function start() {
     const middle = (clip.low[0] + clip.high[0]) / 2 - clip.start[0];
     const x = clips.length > 1 ? edge + widths[i] / 2 - total / 2 - middle : 0;
     edge += widths[i];
-    const body = new Body(clip, new Vector3(x, 0, 0));
+    const body = new Body(clip, data.bodies[clip.body], data.colors, new Vector3(x, 0, 0));
     scene.add(body.group);
     return body;
   });
@@ -109,9 +109,9 @@ function start() {
     const width = single ? (state.follow ? 1.6 : Math.max(clip.high[0] - clip.low[0], clip.high[2] - clip.low[2]) + 1) : size.x + 0.4;
     const aspect = camera.aspect, tall = single ? 2.15 : 2.5, half = Math.tan((camera.fov * Math.PI) / 360);
     const distance = Math.max(tall / 2 / half, width / 2 / half / aspect) * 1.02
-      + (single && state.follow ? 0.3 : Math.min(size.z / 2, single ? 9 : 3));
+      + (single && state.follow ? 0.3 : Math.min(size.z / 2, single ? 9 : 1.6));
     where();
-    target.set(state.follow && single ? centre.x : middle.x, 0.76, state.follow ? centre.z : middle.z);
+    target.set(state.follow && single ? centre.x : middle.x, single ? 0.76 : 0.6, state.follow ? centre.z : middle.z);
     const front = single ? Math.atan2(clip.ahead[0], clip.ahead[1]) + 0.6 : 0.18;
     controls.target.copy(target);
     camera.position.set(target.x + Math.sin(front) * distance * 0.97, target.y + distance * 0.21, target.z + Math.cos(front) * distance * 0.97);
