@@ -33,12 +33,12 @@ def glb(clip, path) -> pathlib.Path:
   nodes = [{"name": name, "translation": (rest[0] if j == 0 else pose.offsets[j]).tolist()}
            | ({"children": children[j]} if children[j] else {}) for j, name in enumerate(skeleton.joints)]
   nodes.append({"name": "mannequin", "mesh": 0, "skin": 0})
-  nodes.append({"name": clip.id, "children": [0, skeleton.num_joints]})
+  nodes.append({"name": clip.id, "children": [0]})  # the mesh stands beside it: only joints move a skin
   caption = clip.captions[0].text if clip.captions else clip.id
   about = {key: value for key, value in (("caption", caption), ("license", clip.license)) if value}
   document = {
       "asset": {"version": "2.0", "generator": "motion_jax", "extras": about},
-      "scene": 0, "scenes": [{"nodes": [skeleton.num_joints + 1]}], "nodes": nodes, "materials": materials,
+      "scene": 0, "scenes": [{"nodes": [skeleton.num_joints, skeleton.num_joints + 1]}], "nodes": nodes, "materials": materials,
       "meshes": [{"name": "mannequin", "primitives": meshes}],
       "skins": [{"skeleton": 0, "joints": list(range(skeleton.num_joints)), "inverseBindMatrices": inverse}],
       "animations": [_animation(buffer, pose, clip.fps, caption)],

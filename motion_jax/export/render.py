@@ -192,22 +192,26 @@ def _draw_bodies(image, camera, size, bodies):
     return
   x0, x1, y0, y1 = (pick(box[visible, i]) for i, pick in enumerate((np.min, np.max, np.min, np.max)))
   shape = (y1 - y0, x1 - x0)
-  depth, normals = np.full(shape, np.inf, np.float32), np.zeros(shape + (3,), np.float32)
-  paint = np.full(shape, -1)
+  depth, normals = np.full(shape, np.inf, np.float32), np.zeros((shape[0] * shape[1], 3), np.float32)
+  paint, flat_depth = np.full(depth.size, -1, np.int16), depth.ravel()  # one memory, two views
   palette, which = np.unique(colors.astype(np.float32), axis=0, return_inverse=True)
-  for k in np.flatnonzero(visible):
+  nearest_first = np.argsort(np.minimum(a[:, 2], b[:, 2]))  # what is hidden then costs little
+  for k in nearest_first[visible[nearest_first]]:
     left, right, top, bottom = box[k]
     x = ((np.arange(left, right) + 0.5 - centre[0]) * scale).astype(np.float32)[None, :]
     y = ((centre[1] - np.arange(top, bottom) - 0.5) * scale).astype(np.float32)[:, None]
     view = slice(top - y0, bottom - y0), slice(left - x0, right - x0)
     rows, columns, t, normal = _hit(x, y, a[k], b[k], float(a_radius[k]), float(b_radius[k]), depth[view] + _BLEND)
-    at = rows + view[0].start, columns + view[1].start
-    ahead = depth[at] - t
+    at = (rows + view[0].start) * shape[1] + columns + view[1].start
+    behind, painted = flat_depth[at], paint[at]
+    ahead = behind - t
     # Parts of one colour melt into each other where their surfaces are near: there the normals mix.
-    weight = np.where(paint[at] == which[k], np.clip(0.5 + ahead / (2 * _BLEND), 0, 1), ahead > 0)[:, None]
-    normals[at] += (normal - normals[at]) * weight.astype(np.float32)
-    depth[at] = np.minimum(depth[at], t)
-    paint[at] = np.where(ahead > 0, which[k], paint[at])
+    weight = np.clip(0.5 + ahead * np.float32(0.5 / _BLEND), 0, 1)
+    weight = np.where(painted == which[k], weight, (ahead > 0).astype(np.float32))[:, None]
+    before = normals[at]
+    normals[at] = before + (normal - before) * weight
+    flat_depth[at] = np.minimum(behind, t)
+    paint[at] = np.where(ahead > 0, which[k], painted)
   found = np.isfinite(depth)
   rows, columns = np.nonzero(found)
   ray = np.stack([((columns + x0 + 0.5 - centre[0]) * scale), ((centre[1] - rows - y0 - 0.5) * scale),
@@ -215,7 +219,7 @@ def _draw_bodies(image, camera, size, bodies):
   axes = (camera.right, camera.up, -camera.back)
   light, sky = (np.array([v @ axis for axis in axes], np.float32) for v in (_world_light(camera), np.array([0, 1, 0])))
   shade = np.zeros(shape + (3,), np.float32)
-  shade[rows, columns] = _shade(normals[rows, columns], ray, palette[paint[rows, columns]], light, sky)
+  shade[rows, columns] = _shade(normals[found.ravel()], ray, palette[paint[found.ravel()]], light, sky)
   # The outline: where the depth jumps behind a limb, the farther side darkens a little, so that limbs stand apart.
   shade *= (1 - 0.35 * _creases(depth, found))[..., None]
   cover = _halve(found.astype(np.float32))

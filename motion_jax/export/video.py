@@ -202,7 +202,7 @@ def _cameras(figure, fps, size, mode, azimuth):
   """One camera per frame."""
   if mode not in ("auto", "follow", "fixed"):
     raise ValueError(f"got camera {mode!r}, expected auto, follow or fixed")
-  joints, num_frames = figure.joints, len(figure.joints)
+  joints, num_frames = np.concatenate([figure.joints, figure.a, figure.b], axis=1), len(figure.joints)
   root, tall = joints[:, 0], _height(figure)
   low, high = joints.min((0, 1)), joints.max((0, 1))
   if mode == "auto":
@@ -221,7 +221,7 @@ def _cameras(figure, fps, size, mode, azimuth):
   # The nearest distance at which every joint, with some room for flesh and text, is inside the picture.
   camera = render.look_at(middle, angle, elevation, 0, focal)
   x, y, ahead = (around - middle) @ camera.right, (around - middle) @ camera.up, (around - middle) @ camera.back
-  room = 0.10 * tall
+  room = 0.065 * tall
   distance = max(((np.abs(y) + room) * 2 * focal * 1.06 + ahead).max(),
                  ((np.abs(x) + room) * 2 * focal * size[1] / size[0] + ahead).max(), 2.1 * tall)
   target = np.broadcast_to(target, (num_frames, 3)) * [1, 0, 1] + [0, middle[1] - 0.02 * tall, 0]
@@ -230,7 +230,7 @@ def _cameras(figure, fps, size, mode, azimuth):
 
 def _fit_text(text, font, width):
   text = " ".join(text.split())
-  chars = max(8, int(width / max(font.getlength("n" * 20) / 20, 1)))
+  chars = max(8, int(0.97 * width / max(font.getlength(text) / max(len(text), 1), 1)))
   return "\n".join(textwrap.wrap(text, chars, max_lines=2, placeholder=" …"))
 
 
