@@ -38,8 +38,8 @@ def glb(clip, path) -> pathlib.Path:
   about = {key: value for key, value in (("caption", caption), ("license", clip.license)) if value}
   document = {
       "asset": {"version": "2.0", "generator": "motion_jax", "extras": about},
-      "scene": 0, "scenes": [{"nodes": [skeleton.num_joints, skeleton.num_joints + 1]}], "nodes": nodes, "materials": materials,
-      "meshes": [{"name": "mannequin", "primitives": meshes}],
+      "scene": 0, "scenes": [{"nodes": [skeleton.num_joints, skeleton.num_joints + 1]}], "nodes": nodes,
+      "materials": materials, "meshes": [{"name": "mannequin", "primitives": meshes}],
       "skins": [{"skeleton": 0, "joints": list(range(skeleton.num_joints)), "inverseBindMatrices": inverse}],
       "animations": [_animation(buffer, pose, clip.fps, caption)],
       "accessors": buffer.accessors, "bufferViews": buffer.views, "buffers": [{"byteLength": len(buffer.data)}]}
