@@ -274,18 +274,26 @@ def _hit(x, y, a, b, ra, rb, depth):
     normal = point - s[:, None] * u.astype(np.float32)
   else:
     normal = point if ra >= rb else point - axis.astype(np.float32)
-  return rows, columns, t, normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-9)
+  return rows, columns, t, _unit(normal)
 
 
 def _shade(normal, ray, color, light, sky):
   """Colours (N, 3) by a soft key light, light from above and below, a highlight, and a rim."""
-  normal = normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
-  eye = -ray / np.linalg.norm(ray, axis=-1, keepdims=True)
+  normal = _unit(normal)
+  eye = _unit(-ray)
   key = np.clip(normal @ light * 0.85 + 0.15, 0, 1)[:, None]
   above = (normal @ sky * 0.5 + 0.5)[:, None]
-  half = light + eye
-  half /= np.linalg.norm(half, axis=-1, keepdims=True)
-  gloss = np.clip((normal * half).sum(-1), 0, 1)[:, None] ** 28
-  rim = (1 - np.clip((normal * eye).sum(-1), 0, 1))[:, None] ** 3
-  base = color * (0.42 + 0.16 * above + 0.56 * key)
-  return np.clip(base * (1 - 0.25 * rim) + 0.10 * gloss, 0, 1)
+  gloss = np.clip(_dot(normal, _unit(light + eye)), 0, 1)
+  for _ in range(5):
+    gloss = gloss * gloss  # to the 32nd
+  rim = 1 - np.clip(_dot(normal, eye), 0, 1)
+  base = color * ((0.42 + 0.16 * above + 0.56 * key) * (1 - 0.25 * rim * rim * rim)[:, None])
+  return np.clip(base + 0.10 * gloss[:, None], 0, 1)
+
+
+def _dot(a, b):
+  return np.einsum("ij,ij->i", a, b)  # several times faster than (a * b).sum(-1) on short rows
+
+
+def _unit(v):
+  return v / np.maximum(np.sqrt(_dot(v, v)), 1e-9)[:, None]
