@@ -25,7 +25,8 @@ def gaussian_nll(prediction, target):
   square = (prediction - target) ** 2
   log_sigma = jnp.log(jnp.maximum(jnp.sqrt(square.mean()), 1e-8))
   log_sigma = -6 + jax.nn.softplus(log_sigma + 6)
-  return (square / (2 * jnp.exp(2 * log_sigma)) + log_sigma + 0.5 * jnp.log(2 * jnp.pi)).sum()
+  # The constant per element is multiplied, not added up: a long float32 sum of equal numbers drifts.
+  return square.sum() / (2 * jnp.exp(2 * log_sigma)) + square.size * (log_sigma + 0.5 * jnp.log(2 * jnp.pi))
 
 
 def kl_to_standard_normal(mean, logvar):
@@ -36,7 +37,7 @@ def kl_to_standard_normal(mean, logvar):
 def tokenizer_terms(vae, params, x, noise, kl_weight, root_weight, root_columns=slice(0, 4)):
   """Loss terms of one micro-batch x (B, T, F): a dict with rec, root, kl and their weighted sum, loss."""
   y, mean, logvar = vae.apply(params, x, noise)
-  y = y.astype(jnp.float32)
+  y = y.astype(x.dtype)
   terms = {"rec": gaussian_nll(y, x), "root": gaussian_nll(y[..., root_columns], x[..., root_columns]),
            "kl": kl_to_standard_normal(mean, logvar), "mse": ((y - x) ** 2).mean()}
   terms["loss"] = terms["rec"] + kl_weight * terms["kl"] + root_weight * terms["root"]
