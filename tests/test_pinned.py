@@ -1,4 +1,4 @@
-"""Numbers of our own code that must not move unseen: parameter counts of every config, draws of batches, a tiny loss."""
+"""Numbers of our own code that must not move unseen: parameter counts of every config, draws of batches and noise."""
 import jax
 import jax.numpy as jnp
 import numpy as np
