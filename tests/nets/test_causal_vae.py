@@ -11,6 +11,11 @@ from tests import fixtures
 from tests.golden import check, golden
 
 
+def _jitted(vae):
+  """apply(params, *arrays, method=name), compiled: op by op a stack of convolutions takes a minute."""
+  return jax.jit(vae.apply, static_argnames="method")
+
+
 def network(fixture, dtype, prefix=""):
   """Our module and parameters for a recorded small network; prefix: where several share a file."""
   sizes = fixture.config["vae"]
@@ -43,7 +48,7 @@ def run_mac_vae(fixture, dtype):
 def run_mac_vae_loss(fixture, dtype):
   vae, params = network(fixture, dtype)
   x, noise = (jnp.asarray(fixture[f"in/{name}"], dtype) for name in ("x", "eps"))
-  terms = cmdm.tokenizer_terms(vae, params, x, noise, fixture.config["kl_weight"], 0.05)
+  terms = jax.jit(lambda p: cmdm.tokenizer_terms(vae, p, x, noise, fixture.config["kl_weight"], 0.05))(params)
   made = {f"none/loss_{theirs}": terms[ours]
           for ours, theirs in (("rec", "rec"), ("root", "root"), ("kl", "kl"), ("loss", "total"))}
   made["none/loss_align_weighted"] = jnp.zeros(())
@@ -65,6 +70,10 @@ def _small():
   vae = CausalVAE(features=7, latent_dim=3, width=8)
   x = jax.random.normal(jax.random.key(0), (2, 200, 7))
   return vae, jax.jit(vae.init)(jax.random.key(1), x, jnp.zeros((2, 50, 3))), x
+
+
+def _jitted(vae):
+  return jax.jit(vae.apply, static_argnames="method")
 
 
 def test_no_latent_sees_a_later_frame_and_no_frame_a_later_latent():
