@@ -6,6 +6,7 @@ import pathlib
 
 import flax
 import numpy as np
+from safetensors import SafetensorError
 from safetensors.numpy import load_file
 
 # kind -> {suffix of the reference: (our leaf, transposition)}
@@ -27,13 +28,19 @@ def load_state(path):
   if not path.is_file():
     raise FileNotFoundError(f"there is no checkpoint {path}")
   if path.suffix == ".safetensors":
-    return load_file(path)
+    try:
+      return load_file(path)
+    except SafetensorError as error:
+      raise ValueError(f"{path} is no whole safetensors file ({error}); fetch it again") from error
   try:
     import torch
   except ImportError as error:
     raise ValueError(f"reading {path.name} needs torch: pip install 'motion-jax[convert]', or give a .safetensors "
                      "file") from error
-  state = torch.load(path, map_location="cpu", weights_only=True)
+  try:
+    state = torch.load(path, map_location="cpu", weights_only=True)
+  except Exception as error:  # torch tells a damaged file by whatever its reader stumbled over
+    raise ValueError(f"{path} is no whole PyTorch checkpoint of plain tensors ({error}); fetch it again") from error
   flat = {}
 
   def collect(prefix, value):
