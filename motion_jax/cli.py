@@ -7,7 +7,7 @@ import sys
 import time
 import warnings
 
-KNOWN_ERRORS = (ValueError, FileNotFoundError, FileExistsError, IsADirectoryError, OSError, FloatingPointError)
+KNOWN_ERRORS = (ValueError, OSError, FloatingPointError, RuntimeError)  # RuntimeError: no encoder for mp4
 
 
 def main(argv=None):
@@ -41,6 +41,7 @@ def _parser():
   generate.add_argument("--schedule", choices=("fss", "ar", "full"), default="fss",
                         help="frame-wise sampling, block after block, or all at once")
   generate.add_argument("--steps", type=int, help="sampling steps K (50)")
+  generate.add_argument("--raw", action="store_true", help="as the network made it: feet not planted, nothing smoothed")
   generate.add_argument("--model", default="cmdm-small", help="a run folder or the name of a model that ships")
   generate.add_argument("--out", default="motion.html",
                         help="file to write: .npz .npy .bvh .glb .mp4 .gif .html .png; repeat kinds with commas, "
@@ -134,7 +135,7 @@ def _generate(args):
         f"of {min(frames) / model.fps:.1f} to {max(frames) / model.fps:.1f} s, schedule {args.schedule}, "
         f"guidance {args.guidance or model.config.sampler.guidance_scale:g}, seed {args.seed}")
   motions = model.generate(prompts, frames, seeds=seeds, guidance_scale=args.guidance, schedule=args.schedule,
-                           num_steps=args.steps)
+                           num_steps=args.steps, polish=not args.raw)
   print(f"made in {time.time() - start:.1f} s")
   from motion_jax import export
   clips = [motion.replace(id=f"{pathlib.Path(outputs[0]).stem}_{i}") for i, motion in enumerate(motions)]

@@ -17,6 +17,7 @@ from motion_jax.data.clip import Caption, Clip
 from motion_jax.diffusion import streaming
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.features import root_path, to_joints
+from motion_jax.motion.polish import polish as planted
 from motion_jax.motion.stats import Stats, load_stats
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
@@ -142,12 +143,13 @@ class Model:
   # --- motion ----------------------------------------------------------------------------------------------------
 
   def generate(self, prompts, num_frames=None, *, seconds=None, rng=None, seeds=None, guidance_scale=None,
-               schedule="fss", num_steps=None, lag=None) -> Motions:
+               schedule="fss", num_steps=None, lag=None, polish=True) -> Motions:
     """Motions for one prompt or several, of the given length each (one number or one per prompt).
 
     rng: a key, of which prompt i gets fold_in(rng, i), so that a motion does not depend on its batch-mates; or seeds,
     one integer per prompt. schedule: "fss" (frame-wise, `lag` steps between blocks), "ar" (block after block), "full"
-    (all at once). Without a length it is that of the nearest training captions. Raises ValueError for an empty prompt
+    (all at once). Without a length it is that of the nearest training captions. polish plants standing feet and takes
+    tremor away (`motion.polish`); features stay as they were made. Raises ValueError for an empty prompt
     or a length that is not positive or over an hour.
     """
     prompts = [prompts] if isinstance(prompts, str) else list(prompts)
@@ -169,12 +171,16 @@ class Model:
     length = max(frames)
     features = features[:, :length]
     joints = to_joints(features, self.stats.layout)
+    if polish and self.stats.layout.kind == "full":
+      contacts = self.stats.layout["contacts"]
+      for i, count in enumerate(frames):
+        joints[i, :count] = planted(joints[i, :count], features[i, :count, contacts], self.stats.layout.skeleton)
     mask = np.arange(length) < np.array(frames)[:, None]
     made = tuple(
         Motion(joints[i, :count], self.fps, (Caption(prompts[i]),), id=f"motion_{i}", source=self.id,
                license=self.license, skeleton=self.stats.layout.skeleton, features=features[i, :count],
                meta=dict(prompt=prompts[i], seed=seeds[i], guidance_scale=scale, model=self.id, schedule=schedule,
-                         num_steps=num_steps, lag=lag))
+                         num_steps=num_steps, lag=lag, polished=bool(polish)))
         for i, count in enumerate(frames))
     return Motions(joints * mask[..., None, None], mask, features * mask[..., None], made)
 
@@ -193,7 +199,8 @@ class Model:
   def stream(self, prompt, *, rng=None, seed=None, guidance_scale=None, num_frames=None) -> Iterator[np.ndarray]:
     """Yields joints (n, J, 3) block after block, without end unless num_frames says so; memory stays flat.
 
-    Driven by the very step that `generate` runs: the same key gives the same motion.
+    Driven by the very step that `generate` runs: the same key gives the same motion, before polishing, which looks at
+    whole clips.
     """
     self._check_words([prompt])
     keys, _ = _keys(rng, None if seed is None else [seed], 1)

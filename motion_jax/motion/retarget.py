@@ -30,7 +30,7 @@ def retarget(joints, skeleton=HUMANML3D, feet=True):
   legs = [chain[1:] for chain in skeleton.chains[:2]]  # hip, knee, ankle, (heel,) toes
   scale = leg_scale(joints, skeleton)
   source = joints * scale
-  result = _with_lengths(source, skeleton)
+  result = with_lengths(source, skeleton)
   # The middle between the hips keeps its path, not the pelvis: legs hang from there, and trunks differ most above it.
   hips = [leg[0] for leg in legs]
   result += (source[:, hips] - result[:, hips]).mean(1, keepdims=True)
@@ -40,7 +40,7 @@ def retarget(joints, skeleton=HUMANML3D, feet=True):
     lift = np.median([move[:, 1] for move in moves])
     result[..., 1] += lift
     for leg, move in zip(legs, moves):
-      _bend_leg(source, result, leg, move, skeleton)
+      bend_leg(source, result, leg, move, skeleton)
   result[..., 1] -= floor_height(result, skeleton)
   return result
 
@@ -82,7 +82,7 @@ def bend(start, end, side, upper, lower):
   return start + upper * (cosine * line / np.maximum(distance, 1e-9) + sine * side)
 
 
-def _with_lengths(source, skeleton):
+def with_lengths(source, skeleton):
   """The source's bone directions with the skeleton's lengths, from the source's root."""
   result = source.copy()
   for chain in skeleton.chains:
@@ -108,7 +108,7 @@ def _foot_move(source, result, leg, unit):
   move = -reach
   if len(source) < 3:
     return move
-  firm_ankle, firm_toes = _firmness(source[:, ankle], unit), _firmness(source[:, toes], unit)
+  firm_ankle, firm_toes = firmness(source[:, ankle], unit), firmness(source[:, toes], unit)
   pull = 1e-3
   steps = np.diff(reach[:, [0, 2]], axis=0) * firm_toes[:, None]
   both = firm_ankle + firm_toes
@@ -121,7 +121,7 @@ def _foot_move(source, result, leg, unit):
   return move
 
 
-def _firmness(path, unit):
+def firmness(path, unit):
   """How firmly a joint (T, 3) stands during each step (T - 1,): 1 when slow and low, near 0.02 in the air."""
   speed = np.linalg.norm(np.diff(path, axis=0), axis=-1) * unit
   height = (path[:, 1] - np.percentile(path[:, 1], _FLOOR_PERCENTILE)) * unit
@@ -129,7 +129,7 @@ def _firmness(path, unit):
   return 0.02 + low / (1 + (speed / 0.02) ** 2)
 
 
-def _bend_leg(source, result, leg, move, skeleton):
+def bend_leg(source, result, leg, move, skeleton):
   """Moves knee, ankle and all below so that the ankle is at source + move, as far as the leg reaches. In place."""
   hip, knee, ankle = leg[:3]
   thigh, shin = skeleton.bone_lengths[knee], skeleton.bone_lengths[ankle]
