@@ -26,7 +26,7 @@ from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.masks import sliding_mask
 
 FRAMES_PER_TOKEN = 4
-SHIPPED = dict(latent_dim=32, width=256, depth=6, num_heads=4, ff_width=512, text_dim=192)  # configs/cmdm_denoiser.py
+SHIPPED = dict(latent_dim=32, width=256, depth=6, num_heads=4, ff_width=512, text_dim=128)  # configs/cmdm_denoiser.py
 
 
 def make_denoiser(size, block, dtype):
