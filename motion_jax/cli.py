@@ -62,6 +62,7 @@ def _parser():
   build.add_argument("--captions", help="CSV, TSV or JSONL: file, caption[, start, end, split]")
   build.add_argument("--mapping", help="JSON: {our joint: their joint or a list of them}")
   build.add_argument("--mode", choices=("corrected", "benchmark"), default="corrected")
+  build.add_argument("--fps", type=float, help="frame rate to resample to (20)")
   build.add_argument("--no-mirror", action="store_true", help="leave mirrored copies out")
   build.add_argument("--overwrite", action="store_true")
   build.set_defaults(run=_build)
@@ -166,7 +167,7 @@ def _render(args):
 def _build(args):
   from motion_jax.data import build
   print(build.build(args.source, args.out, captions=args.captions, mapping=args.mapping, mode=args.mode,
-                    mirror=not args.no_mirror, overwrite=args.overwrite))
+                    mirror=not args.no_mirror, fps=args.fps, overwrite=args.overwrite))
   print(f"check it: motion-jax data doctor {args.out}")
 
 

@@ -1,0 +1,1 @@
+"""Pure functions around a denoiser: paths, schedules, samplers, guidance, streaming."""

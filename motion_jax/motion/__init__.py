@@ -1,0 +1,1 @@
+"""What a motion is, without any learning: skeletons, rotations, features, statistics, retargeting."""

@@ -1,0 +1,1 @@
+"""Vector quantizers: empty until CDAMD, whose tokenizer they are."""
