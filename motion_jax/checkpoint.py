@@ -20,6 +20,7 @@ from motion_jax.data.clip import atomic_path
 CONFIG, PARAMS, METRICS = "config.json", "params.safetensors", "metrics.jsonl"
 FROZEN = "frozen.safetensors"  # what a stage was trained on top of: the denoiser's tokenizer
 LENGTHS = "captions.json"      # [caption, usual frames] rows of the training data
+TEXT = "text.json"             # name and fingerprint of the text encoder that a denoiser was trained on
 
 
 class Saver:

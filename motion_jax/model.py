@@ -82,6 +82,10 @@ class Model:
     if encoder.dim != self.dit.text_dim:
       raise ValueError(f"the text encoder gives {encoder.dim} numbers a word, the denoiser in {folder} was trained on "
                        f"{self.dit.text_dim}; pass the encoder named {config.frozen.text!r} as text")
+    identity = self.folder / checkpoint.TEXT
+    if identity.is_file() and json.loads(identity.read_text())["fingerprint"] != encoder.fingerprint:
+      raise ValueError(f"{folder} was trained on another version of the text encoder {config.frozen.text!r}; pass the "
+                       "folder with the old one as text, or train the denoiser again")
     self.stats: Stats = load_stats(folder, config.data.layout)
     load_params = lambda like, name: jax.tree.map(jnp.asarray, checkpoint.load_params(folder, like, name))
     self.frozen = load_params(cmdm.frozen_shapes(self.vae), checkpoint.FROZEN)

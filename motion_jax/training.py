@@ -122,7 +122,13 @@ def _denoiser_run(config):
   else:
     mean, std = np.zeros(vae.latent_dim, np.float32), np.ones(vae.latent_dim, np.float32)
   frozen = {"tokenizer": params, "latent_mean": mean, "latent_std": std}
-  return next_batch, frozen, None, data.stats, {checkpoint.LENGTHS: caption_lengths(data)}
+  files = {checkpoint.LENGTHS: caption_lengths(data), checkpoint.TEXT: text_identity(encoder)}
+  return next_batch, frozen, None, data.stats, files
+
+
+def text_identity(encoder):
+  """JSON by which loading knows that captions are encoded as they were in training."""
+  return json.dumps({"name": encoder.name, "fingerprint": encoder.fingerprint}) + "\n"
 
 
 def caption_lengths(data):

@@ -122,6 +122,11 @@ def test_broken_run_folders_are_told(tiny_run, tmp_path):
   (copy / "config.json").write_text(json.dumps(config))
   with pytest.raises(ValueError, match="does not fit its config"):
     load(copy)
+  config["model"]["width"] = 16
+  (copy / "config.json").write_text(json.dumps(config))
+  (copy / "text.json").write_text(json.dumps({"name": "fresh", "fingerprint": "0"}))
+  with pytest.raises(ValueError, match="another version of the text encoder"):
+    load(copy)
   (copy / "config.json").write_text("{")
   with pytest.raises(ValueError, match="not valid JSON"):
     load(copy)
