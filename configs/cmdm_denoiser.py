@@ -35,9 +35,9 @@ def get_config(size="full"):
     config.loss.update(unit_latents=True)
     config.data.update(name="archive", mode="corrected", mirror=True, min_frames=20, lengths=(72, 120, 192),
                        batch_size=32, max_words=24, balance=0.5, vary_subject=0.5)
-    config.optimizer.update(learning_rate=5e-4, schedule="trapezoid", warmup_steps=300, cooldown_steps=2_500,
+    config.optimizer.update(learning_rate=5e-4, schedule="trapezoid", warmup_steps=300, cooldown_steps=1_800,
                             ema_decay=0.999, clip_norm=1.0)
-    config.train.update(num_steps=8_000, log_every=50, save_every=500)
+    config.train.update(num_steps=4_500, log_every=50, save_every=500)
   elif size == "tiny":
     config.frozen.update(tokenizer="fresh", text="fresh")  # random weights: nothing to download
     config.tokenizer.update(latent_dim=4, width=16)
