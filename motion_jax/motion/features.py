@@ -138,8 +138,9 @@ def canonicalize(joints, skeleton=HUMANML3D, mode="benchmark"):
   """Joints (T, J, 3) onto the skeleton's bone lengths, on the floor, starting at the origin and facing +z. float64.
 
   Benchmark mode keeps bone directions, scales the root path by the length of one leg in frame 0, and puts the lowest
-  point of the clip on the floor. Corrected mode leaves bones to `retarget`, which also keeps feet where they stood, and
-  faces +z with the smoothed heading.
+  point of the clip on the floor. Corrected mode leaves bones to `retarget`, which also keeps feet where they stood and
+  finds the floor under them, and faces +z with the smoothed heading; a body that has the skeleton's bones already
+  (to 2 mm) keeps its height, so that a piece cut out of a leap stays in the air.
   """
   _check_mode(mode)
   joints = np.asarray(joints, np.float64)
@@ -205,9 +206,17 @@ def extract(joints, skeleton=HUMANML3D, mode="benchmark"):
 
 
 def to_features(joints, layout="full", mode="benchmark"):
-  """Joints (T, J, 3) to features (T - 1, F), float32; coordinates keep as many rows, those of the recovered joints."""
+  """Joints (T, J, 3) to features (T - 1, F), float32; coordinates keep as many rows, those of the recovered joints.
+
+  Raises ValueError for a wrong shape, numbers that are not finite, or a body without a direction: bones of no length,
+  hips and shoulders in one point or on a vertical.
+  """
   layout = get_layout(layout)
-  full = extract(canonicalize(joints, layout.skeleton, mode), layout.skeleton, mode).astype(np.float32)
+  with np.errstate(invalid="ignore", divide="ignore"):
+    full = extract(canonicalize(joints, layout.skeleton, mode), layout.skeleton, mode).astype(np.float32)
+  if not np.isfinite(full).all():
+    raise ValueError(f"no features in row {np.argwhere(~np.isfinite(full))[0, 0]}: a bone has no length, or hips and "
+                     "shoulders do not tell where the body faces; check the joint mapping or cut these frames away")
   if layout.kind == "coordinates":
     return to_joints(full, _full(layout)).reshape(len(full), -1)
   return full[:, :layout.dim]

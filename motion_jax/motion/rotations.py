@@ -45,10 +45,21 @@ def rotate(q, v):
 
 
 def between(a, b):
-  """The smallest turn from direction a to direction b, (..., 3) each: normalized [|a||b| + a.b, a x b], so w >= 0."""
+  """The smallest turn from direction a to direction b, (..., 3) each: normalized [|a||b| + a.b, a x b], so w >= 0.
+
+  Opposite directions have many smallest turns; the one taken is about the vertical, as far as that is across a, so that
+  a body which faces backwards is not turned upside down.
+  """
+  # Parity: the reference divides 0 by 0 where directions are exactly opposite.
   xp = namespace(a, b)
-  w = xp.sqrt((a * a).sum(-1, keepdims=True) * (b * b).sum(-1, keepdims=True)) + (a * b).sum(-1, keepdims=True)
-  return unit(xp.concatenate([w, xp.cross(a, b)], axis=-1))
+  size = xp.sqrt((a * a).sum(-1, keepdims=True) * (b * b).sum(-1, keepdims=True))
+  w, axis = size + (a * b).sum(-1, keepdims=True), xp.cross(a, b)
+  tiny = 64 * xp.finfo(axis.dtype).eps * size  # below it the cross product is rounding
+  opposite = (w < tiny) & ((axis * axis).sum(-1, keepdims=True) <= tiny * tiny)
+  upright = (a * a)[..., ::2].sum(-1, keepdims=True) > 1e-6 * (a * a).sum(-1, keepdims=True)
+  guide = xp.where(upright, xp.asarray((0, 1, 0), axis.dtype), xp.asarray((1, 0, 0), axis.dtype))
+  across = guide * (a * a).sum(-1, keepdims=True) - a * (guide * a).sum(-1, keepdims=True)
+  return unit(xp.concatenate([xp.where(opposite, 0, w), xp.where(opposite, across, axis)], axis=-1))
 
 
 def about_axis(angle, axis):

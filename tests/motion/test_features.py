@@ -90,6 +90,19 @@ def test_corrected_mode_survives_a_full_turn_where_the_benchmark_does_not():
 
 
 @pytest.mark.parametrize("mode", F.MODES)
+def test_a_body_that_faces_exactly_backwards_or_raises_its_arms_has_features(mode):
+  standing = F.HUMANML3D.offsets.copy()
+  for joint, parent in F._bones(F.HUMANML3D):
+    standing[joint] += standing[parent]
+  expected = F.to_features(np.stack([standing] * 9), mode=mode)
+  backwards = F.to_features(np.stack([standing * [-1, 1, -1]] * 9), mode=mode)
+  assert np.abs(backwards - expected).max() < 1e-5
+  standing[[18, 19, 20, 21], 1] = standing[16, 1] + [0.25, 0.25, 0.5, 0.5]  # opposite to the arms' rest direction
+  raised = F.to_features(np.stack([standing] * 9), mode=mode)
+  assert np.isfinite(raised).all()
+
+
+@pytest.mark.parametrize("mode", F.MODES)
 def test_walking_north_is_walking_east(mode):
   """The layout promises it: turning and shifting a motion changes no feature."""
   joints = synthetic_clips(0, 1)[0].joints
@@ -120,6 +133,7 @@ def test_essential_and_coordinates_follow_from_full():
     (lambda: F.to_features(np.zeros((10, 21, 3))), "expected .*22"),
     (lambda: F.to_features(np.full((10, 22, 3), np.nan)), "NaN"),
     (lambda: F.to_features(np.zeros((1, 22, 3))), "at least 2 frames"),
+    (lambda: F.to_features(np.zeros((10, 22, 3))), "no features in row 0"),
     (lambda: F.to_features(np.zeros((10, 22, 3)), mode="right"), "benchmark, corrected"),
     (lambda: F.to_features(np.zeros((10, 22, 3)), "264"), "expected one of full"),
     (lambda: F.to_joints(np.zeros((10, 67))), "67 features per frame.*263"),

@@ -39,6 +39,17 @@ def test_between_turns_one_direction_to_the_other_and_w_is_not_negative():
   assert np.allclose(rot.rotate(q, rot.unit(V)), rot.unit(w)) and (q[:, 0] >= 0).all()
 
 
+def test_between_opposite_directions_is_half_a_turn_about_the_vertical():
+  axes = np.concatenate([np.eye(3), rot.unit(V)])
+  for xp in (np, jnp):
+    made = np.asarray(rot.between(xp.asarray(axes), xp.asarray(-axes)))
+    assert np.allclose(rot.rotate(made, axes), -axes, atol=1e-5)
+    assert np.allclose(made[[0, 2]], [0, 0, 1, 0])
+  for angle in (1e-13, 1e-9, 1e-4):  # nearly opposite
+    near = np.array([np.sin(angle), 0, -np.cos(angle)])
+    assert np.allclose(rot.rotate(rot.between(near, axes[2]), near), axes[2], atol=1e-2)
+
+
 def test_jax_and_numpy_give_the_same():
   assert np.allclose(rot.rotate(jnp.asarray(Q), jnp.asarray(V)), rot.rotate(Q, V), atol=1e-5)
   assert np.allclose(rot.from_matrix(jnp.asarray(rot.to_matrix(Q))), rot.from_matrix(rot.to_matrix(Q)), atol=1e-5)
