@@ -45,6 +45,7 @@ def forcing_loss(velocity, x1, latent_mask, t, noise):
   velocity(x, t) -> (B, L, C); x1, noise (B, L, C); latent_mask, t (B, L). sums["loss"] is summed over real latents,
   averaged over channels; weight is the number of real latents.
   """
+  # Parity: the paper's equations learn the noise of a DDPM schedule; the code, and we, the velocity of this path.
   predicted = velocity(add_noise(x1, noise, t), t)
   error = ((predicted - (x1 - noise)) ** 2).astype(jnp.promote_types(x1.dtype, jnp.float32)).mean(-1)
   return {"loss": jnp.where(latent_mask, error, 0.0).sum()}, latent_mask.sum()

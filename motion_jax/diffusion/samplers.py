@@ -5,6 +5,7 @@ import jax
 def euler(velocity, x, times):
   """Carries noise x (B, L, C) to data along times (N + 1, L), rising in N; velocity(x, t (L,)) -> (B, L, C)."""
 
+  # Parity: the paper's algorithm 2 draws fresh noise in every step; the code, and we, take plain Euler steps.
   def step(x, interval):
     t, t_next = interval
     return x + (t_next - t)[:, None] * velocity(x, t), None

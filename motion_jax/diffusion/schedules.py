@@ -20,6 +20,7 @@ def staircase_levels(num_steps, length, lag, block=1):
   """
   if num_steps < 1 or length < 1 or lag < 0 or block < 1:
     raise ValueError(f"got num_steps {num_steps}, length {length}, lag {lag}, block {block}; expected positive numbers")
+  # Parity: the paper's lag is per latent, the code's per block of 3; block = 1 gives the paper's.
   blocks = -(-length // block)
   step = np.arange(num_steps + lag * (blocks - 1) + 1)[:, None]
   return np.clip(step - lag * (np.arange(length) // block), 0, num_steps)

@@ -104,6 +104,7 @@ def advance(dit, plan, active, use_cache, params, constants, text, scale, keys, 
   block; all begun blocks must be among them. use_cache = False is for advances before anything is in the cache.
   """
   size, age = plan.block, plan.age
+  # Parity: the paper has this cache, the code recomputes everything; the results agree to rounding.
   base = jnp.maximum(state.advance - age, 0)  # the oldest block of the window
   blocks = base + jnp.arange(active)
   level = (state.advance - blocks) * plan.lag  # iterations that each block has behind it; negative: not begun

@@ -24,6 +24,7 @@ def size(name, **fields):
 
 def time_numbers(t, count=256):
   """cos and sin of raw t in [0, 1] at count / 2 frequencies, (...,) -> (..., count); cosine first."""
+  # Parity: the code embeds raw t, not t * 1000 as most diffusion transformers do.
   half = count // 2
   angles = t[..., None] * 10_000.0 ** (-jnp.arange(half, dtype=wide(t.dtype)) / half)
   return jnp.concatenate([jnp.cos(angles), jnp.sin(angles)], axis=-1)
@@ -107,6 +108,8 @@ class CausalDiT(nn.Module):
   use_adaln: bool = True  # False: the time embedding is added to the tokens instead (ablation)
   dtype: Any = jnp.float32
 
+  # Parity: blocks of 3 latents that see one another, the RMS norm of queries and keys, a feed-forward of 2 D and no
+  # norm before the output are the code's; the paper has a mask per latent (block = 1) and says nothing of the rest.
   def setup(self):
     xavier = dict(kernel_init=nn.initializers.xavier_uniform(), dtype=self.dtype)
     normal = dict(kernel_init=nn.initializers.normal(0.02), dtype=self.dtype)

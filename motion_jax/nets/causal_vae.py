@@ -1,6 +1,9 @@
 """MAC-VAE of CMDM: features to causal latents and back (facts: cmdm 2.1).
 
 Latent j depends on frames <= 4 j + 3 and frame f on latents <= f // 4, exactly: all convolutions look left only.
+
+Parity: the paper counts 7 causal convolutions and 2 residual blocks in each half; these are the code's layers, whose
+parameters are those of the released weights.
 """
 from typing import Any
 

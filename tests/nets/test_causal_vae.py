@@ -72,10 +72,6 @@ def _small():
   return vae, jax.jit(vae.init)(jax.random.key(1), x, jnp.zeros((2, 50, 3))), x
 
 
-def _jitted(vae):
-  return jax.jit(vae.apply, static_argnames="method")
-
-
 def test_no_latent_sees_a_later_frame_and_no_frame_a_later_latent():
   vae, params, x = _small()
   encode = jax.jit(lambda x: vae.apply(params, x, method="encode")[0])
