@@ -51,7 +51,7 @@ class TextItems:
   features: list of normalized (T_i, F), captions: a list of captions for each. `lengths` are the padded frame counts on
   offer, rising; a batch is drawn from the items of one of them, which saves the arithmetic of padding. One length pads
   everything to the same, as the reference does. `weights` (one per item) make the draw with replacement in proportion
-  to them, for data with rare actions; without them every item comes once an epoch.
+  to them, for data with rare actions; without them and with one length every item comes once an epoch.
   """
   features: list[np.ndarray]
   captions: list[list[str]]

@@ -125,15 +125,18 @@ class TextItem(NamedTuple):
   tokens: tuple[tuple[str, ...], ...]
 
 
-def text_items(folder, split="train", layout=None, min_frames=None, max_frames=200) -> list[TextItem]:
+def text_items(folder, split="train", layout=None, min_frames=None, max_frames=200, whole=False) -> list[TextItem]:
   """The items of a folder's split by the loaders' rules (`select_items`), in the folder's layout or another one.
 
-  Essential features are the first columns of full ones, coordinates the joints.
+  whole: all whole clips instead, of any length, each with all its captions, as autoencoders see them. Essential
+  features are the first columns of full ones, coordinates the joints.
   """
   own = get_layout(dataset_info(folder)["layout"])
   layout = get_layout(layout or own)
   _check_layout(folder, own, layout)
-  clips = select_items(read_folder(folder, split), min_frames, max_frames)
+  clips = read_folder(folder, split)
+  if not whole:
+    clips = select_items(clips, min_frames, max_frames)
   values = lambda clip: (clip.joints.reshape(len(clip.joints), -1) if layout.kind == "coordinates"
                          else clip.features[:, :layout.dim])
   return [TextItem(clip.id, values(clip), tuple(c.text for c in clip.captions), clip.meta["tokens"]) for clip in clips]

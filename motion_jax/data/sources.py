@@ -32,15 +32,16 @@ def load_clips(config):
   raise ValueError(f"got data.name {config.name!r}, expected synthetic, archive or humanml3d")
 
 
-def load_features(config, split="train", stats=None) -> FeatureSet:
+def load_features(config, split="train", stats=None, captioned=True) -> FeatureSet:
   """Features of a split of config.data, normalized by stats or, without, by the split's own.
 
   Archives and synthetic clips become features here (config.mode), mirrored too if config.mirror; HumanML3D folders hold
-  them already. Sub-clips with time tags are items of their own.
+  them already; there sub-clips with time tags are items of their own, and lengths are limited, unless captioned is
+  False: the autoencoders see every whole clip once (facts: cmdm 1.3).
   """
   layout = get_layout(config.layout)
   if config.name == "humanml3d":
-    items = humanml3d.text_items(config.folder, split, layout=layout)
+    items = humanml3d.text_items(config.folder, split, layout=layout, whole=not captioned)
     features, captions = [item.features for item in items], [list(item.captions) for item in items]
     groups, ids = [item.id for item in items], [item.id for item in items]
     if stats is None:

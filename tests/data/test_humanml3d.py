@@ -3,6 +3,7 @@ import json
 import pathlib
 import shutil
 
+import ml_collections
 import numpy as np
 import pytest
 
@@ -18,6 +19,7 @@ from motion_jax.data.humanml3d import (
   windows,
   write_folder,
 )
+from motion_jax.data.sources import load_features
 from motion_jax.data.synthetic import synthetic_clips
 from motion_jax.motion.features import to_features, to_joints
 from motion_jax.motion.skeleton import KIT
@@ -127,6 +129,17 @@ def test_items_and_statistics_in_each_layout(built, layout, dim):
   assert np.abs(stats.normalize(items[0].features)).max() < 50
   with pytest.raises(ValueError, match="asked for 'full_kit'"):
     text_items(out, layout="full_kit")
+
+
+def test_autoencoders_see_whole_clips(built, tmp_path):
+  """A time tag makes an item for the generators; a clip is one clip for the tokenizer, whatever its tags (cmdm 1.3)."""
+  folder = tmp_path / "tagged"
+  shutil.copytree(built[1], folder)
+  (folder / "texts" / "000000.txt").write_text("a person walks.#a/DET#0.0#2.2\n")
+  config = ml_collections.ConfigDict(dict(name="humanml3d", folder=str(folder), layout="full", mode="corrected"))
+  kinds = [load_features(config, captioned=captioned) for captioned in (True, False)]
+  assert "A_000000" in kinds[0].ids and "000000" not in kinds[0].ids
+  assert "000000" in kinds[1].ids and "A_000000" not in kinds[1].ids and len(kinds[1].features[0]) == 49
 
 
 def test_bad_files_are_left_out_with_a_warning(built, tmp_path):
