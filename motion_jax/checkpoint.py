@@ -4,7 +4,6 @@ What is needed to use a model lies in plain files that any tool reads; what is n
 checkpoints/, written by orbax.
 """
 import json
-import os
 import pathlib
 
 import flax
@@ -13,6 +12,7 @@ import ml_collections
 import numpy as np
 import orbax.checkpoint as ocp
 from PIL import Image, ImageDraw
+from safetensors import SafetensorError
 from safetensors.numpy import load_file, save_file
 
 from motion_jax.data.clip import atomic_path
@@ -66,7 +66,11 @@ def load_params(folder, like=None, name=PARAMS):
   path = pathlib.Path(folder) / name
   if not path.is_file():
     raise FileNotFoundError(f"{folder} has no {name}; a run folder holds {CONFIG}, Mean.npy, Std.npy and {name}")
-  flat = {key: value.astype(np.float32) for key, value in load_file(path).items()}
+  try:
+    flat = {key: value.astype(np.float32) for key, value in load_file(path).items()}
+  except SafetensorError as error:
+    raise ValueError(f"{path} is no whole safetensors file ({error}); copy it again from the run that wrote it") from (
+        error)
   if like is not None:
     expected = flax.traverse_util.flatten_dict(flax.core.unfreeze(like), sep="/")
     wrong = [f"{key}: {flat[key].shape if key in flat else 'missing'} instead of "
@@ -97,7 +101,7 @@ def load_config(folder) -> ml_collections.FrozenConfigDict:
 def append_metrics(folder, row):
   with open(pathlib.Path(folder) / METRICS, "a", encoding="utf-8") as file:
     file.write(json.dumps({key: float(f"{value:.6g}") if isinstance(value, float) else value
-                           for key, value in row.items()}) + os.linesep)
+                           for key, value in row.items()}) + "\n")
 
 
 def draw_curve(folder, size=(900, 420)):

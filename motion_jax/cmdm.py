@@ -22,6 +22,7 @@ def gaussian_nll(prediction, target):
 
   s = log sqrt(mean squared error), softly floored at -6; gradients flow through it (facts: cmdm 2.3).
   """
+  # Parity: the paper says "standard reconstruction loss"; this likelihood, summed, is the released code's.
   square = (prediction - target) ** 2
   log_sigma = jnp.log(jnp.maximum(jnp.sqrt(square.mean()), 1e-8))
   log_sigma = -6 + jax.nn.softplus(log_sigma + 6)
@@ -36,6 +37,7 @@ def kl_to_standard_normal(mean, logvar):
 
 def tokenizer_terms(vae, params, x, noise, kl_weight, root_weight, root_columns=slice(0, 4)):
   """Loss terms of one micro-batch x (B, T, F): a dict with rec, root, kl and their weighted sum, loss."""
+  # Parity: the root term is the code's alone, and its KL weight is 0.01 with a ramp, the paper's 1.0; both are fields.
   y, mean, logvar = vae.apply(params, x, noise)
   y = y.astype(x.dtype)
   terms = {"rec": gaussian_nll(y, x), "root": gaussian_nll(y[..., root_columns], x[..., root_columns]),
@@ -72,7 +74,7 @@ def tokenizer_stage(config) -> Stage:
     # One key per window, by its place in the whole batch: the same noise on one device as on many.
     keys = jax.vmap(lambda i: jax.random.fold_in(rng, i))(batch["index"])
     noise = jax.vmap(lambda key: jax.random.normal(key, latent_shape(x)[1:]))(keys)
-    kl_weight = loss_config.kl_weight * jnp.minimum(1.0, step / loss_config.kl_ramp)
+    kl_weight = loss_config.kl_weight * (jnp.minimum(1.0, step / loss_config.kl_ramp) if loss_config.kl_ramp else 1.0)
     split = lambda a: a.reshape((-1, size) + a.shape[1:])
     terms = [tokenizer_terms(vae, params, a, e, kl_weight, loss_config.root_weight)
              for a, e in zip(split(x), split(noise))]
@@ -112,10 +114,12 @@ def denoiser_stage(config) -> Stage:
     z1 = encode_latents(vae, frozen, batch["features"], keys(encode_rng))
     latent_mask = padding_mask(batch["num_frames"] // vae.frames_per_latent, z1.shape[1])
     z1 = jnp.where(latent_mask[..., None], z1, 0.0)
-    # Parity: one draw per block of latents, not per latent.
+    # Parity: the code draws one time per block of 3 latents, the paper one per latent; level_block says which.
     t = jax.vmap(lambda key: paths.forcing_times(key, 1, z1.shape[1], level_block)[0])(keys(level_rng))
     noise = jax.vmap(lambda key: jax.random.normal(key, z1.shape[1:]))(keys(noise_rng))
     drop = jax.vmap(lambda key: jax.random.bernoulli(key, config.loss.drop_rate))(keys(drop_rng))
+    # Parity: the code zeroes the word features and keeps the mask; it also leaves the text encoder's dropout on while
+    # training; ours is off, as the paper's frozen encoder has it, so that features can be cached.
     text_emb = jnp.where(drop[:, None, None], 0.0, batch["text_emb"])
     return z1, latent_mask, t, noise, text_emb
 

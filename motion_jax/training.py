@@ -29,6 +29,8 @@ def run(config, workdir, resume=False, max_seconds=None):
   workdir.mkdir(parents=True, exist_ok=True)
   if not resume and not checkpoint.is_fresh(workdir):
     raise ValueError(f"{workdir} holds a run already; --resume continues it, or choose another folder")
+  if resume and not checkpoint.is_fresh(workdir):
+    frozen = _as_before(workdir, stats, frozen, files)
   checkpoint.save_config(workdir, config)
   stats_lib.save_stats(stats, workdir)
   if frozen:  # a run folder is all that loading needs
@@ -54,8 +56,27 @@ def _plain(value):
   return [_plain(v) for v in value] if isinstance(value, list | tuple) else value
 
 
+def _as_before(workdir, stats, frozen, files):
+  """What a resumed run stands on, from its own folder; raises ValueError if data, tokenizer or words are others now."""
+  before = stats_lib.load_stats(workdir, stats.layout)
+  if (np.abs(before.mean - stats.mean) > 0.01 * before.std).any() or not np.allclose(before.std, stats.std, rtol=0.01):
+    raise ValueError(f"--resume with other data: the statistics in {workdir} are not those of the data or the "
+                     "tokenizer given now; give those that the run began with, or start a new folder")
+  if (workdir / checkpoint.TEXT).is_file() and (json.loads((workdir / checkpoint.TEXT).read_text())["fingerprint"] !=
+                                                json.loads(files[checkpoint.TEXT])["fingerprint"]):
+    raise ValueError(f"--resume with another text encoder than {workdir} began with; start a new folder instead")
+  if not frozen:
+    return frozen
+  own = checkpoint.load_params(workdir, frozen, name=checkpoint.FROZEN)
+  same = jax.tree.map(lambda a, b: np.allclose(a, b, rtol=1e-5, atol=1e-6), own["tokenizer"], frozen["tokenizer"])
+  if not all(jax.tree.leaves(same)):
+    raise ValueError(f"--resume with another tokenizer than {workdir} began with; its latents mean something else, "
+                     "start a new folder instead")
+  return own
+
+
 def _tokenizer_run(config):
-  data = sources.load_features(config.data)
+  data = sources.load_features(config.data, captioned=False)
   windows = batches.Windows(data.features, config.data.window, config.data.stride)
   held_out = _held_out(config, data.stats)
   vae = CausalVAE(**config.model)
@@ -73,9 +94,9 @@ def _tokenizer_run(config):
 def _held_out(config, stats):
   """Features of the validation split, or of the training clips where there is none (synthetic data)."""
   try:
-    return sources.load_features(config.data, "val", stats).features
+    return sources.load_features(config.data, "val", stats, captioned=False).features
   except ValueError:
-    return sources.load_features(config.data, "train", stats).features[:8]
+    return sources.load_features(config.data, "train", stats, captioned=False).features[:8]
 
 
 def reconstruction_error(reconstruct, features, stats, length=192):
@@ -116,7 +137,6 @@ def _denoiser_run(config):
     batch["text_emb"], batch["text_mask"] = encoder(said, pad_to=words)
     return batch
 
-  mean = std = None
   if config.loss.unit_latents:
     mean, std = latent_moments(vae, params, data.features)
   else:
@@ -157,9 +177,9 @@ def load_tokenizer(folder, config):
 
 
 def latent_moments(vae, params, features, num_clips=512, length=192):
-  """Mean and one common std of latents, per channel (C,), over some training clips."""
+  """Mean and std of sampled latents, per channel (C,), over some training clips."""
   encode = jax.jit(lambda x: vae.apply(params, x, method="encode"))
-  means, variances, rows = [], [], 0
+  means, variances = [], []
   for i in np.linspace(0, len(features) - 1, min(num_clips, len(features))).astype(int):
     clip = features[i][:length]
     padded = np.zeros((1, length, clip.shape[-1]), np.float32)
@@ -169,5 +189,5 @@ def latent_moments(vae, params, features, num_clips=512, length=192):
     means.append(np.asarray(mean)[0, :rows])
     variances.append(np.exp(np.asarray(logvar)[0, :rows]))
   z, variance = np.concatenate(means), np.concatenate(variances)
-  # Channels that the encoder leaves to the prior carry no motion; dividing by their own std keeps them at noise level.
+  # Of the samples, not of the means: a channel that the encoder leaves to the prior is then not blown up to size 1.
   return z.mean(0), np.sqrt(z.var(0) + variance.mean(0)).astype(np.float32)

@@ -55,6 +55,28 @@ def test_resume_with_another_model_is_told(tmp_path):
     training.run(config, tmp_path, resume=True)
 
 
+def test_resume_on_other_ground_is_told(tmp_path):
+  """Statistics, tokenizer and weights of a run are its own: exchanged or damaged, they are not silently taken over."""
+  config = load_config("cmdm_denoiser", "tiny")
+  training.run(config, tmp_path)
+  mean, frozen = tmp_path / "Mean.npy", tmp_path / checkpoint.FROZEN
+  kept = mean.read_bytes(), frozen.read_bytes()
+  np.save(mean, np.load(mean) + 1)
+  with pytest.raises(ValueError, match="other data"):
+    training.run(config, tmp_path, resume=True)
+  mean.write_bytes(kept[0][:200])
+  with pytest.raises(ValueError, match="no whole array"):
+    training.run(config, tmp_path, resume=True)
+  mean.write_bytes(kept[0])
+  params = checkpoint.load_params(tmp_path, name=checkpoint.FROZEN)
+  checkpoint.save_params(tmp_path, jax.tree.map(lambda a: a + 0.1, params), name=checkpoint.FROZEN)
+  with pytest.raises(ValueError, match="another tokenizer"):
+    training.run(config, tmp_path, resume=True)
+  frozen.write_bytes(kept[1][:-10])
+  with pytest.raises(ValueError, match="no whole safetensors"):
+    training.run(config, tmp_path, resume=True)
+
+
 def test_launch_py(tmp_path):
   """The command itself, with an override and a misspelled one."""
   command = [sys.executable, str(ROOT / "launch.py"), f"--config={ROOT}/configs/cmdm_tokenizer.py:tiny",

@@ -75,5 +75,9 @@ def load_stats(folder, layout=None) -> Stats:
   for name in ("Mean.npy", "Std.npy"):
     if not (folder / name).is_file():
       raise FileNotFoundError(f"{folder} has no {name}; expected the statistics that the data or the run was made with")
-    values.append(np.load(folder / name, allow_pickle=False).astype(np.float32))
+    try:
+      values.append(np.load(folder / name, allow_pickle=False).astype(np.float32))
+    except (ValueError, EOFError) as error:
+      raise ValueError(f"{folder / name} is no whole array of numbers ({error}); restore it from the data or the run "
+                       "that wrote it") from error
   return Stats(*values, get_layout(layout) if layout else layout_for(values[0].shape[-1]))
