@@ -130,7 +130,7 @@ def _generate(args):
   given = [frames for _, frames in rows for _ in range(args.num)]
   if args.seconds is not None or args.frames is not None:
     given = [args.frames if args.frames is not None else args.seconds * model.fps] * len(prompts)
-  model._check_words(list(dict.fromkeys(prompts)))
+  model.check_words(list(dict.fromkeys(prompts)))
   frames = [count if count is not None else model.natural_frames(prompt) for prompt, count in zip(prompts, given)]
   print(f"{model.id}: {model.num_params / 1e6:.1f} M parameters on {jax.default_backend()}; {len(prompts)} motion(s) "
         f"of {min(frames) / model.fps:.1f} to {max(frames) / model.fps:.1f} s, schedule {args.schedule}, "

@@ -159,17 +159,15 @@ class Model:
     prompts = [prompts] if isinstance(prompts, str) else list(prompts)
     if not prompts:
       raise ValueError("got no prompt")
-    self._check_words(prompts)
+    self.check_words(prompts)
     frames = self._frames(prompts, num_frames, seconds)
     keys, seeds = _keys(rng, seeds, len(prompts))
     defaults = self.config.sampler
-    scale = defaults.guidance_scale if guidance_scale is None else float(guidance_scale)
-    if not np.isfinite(scale):
-      raise ValueError(f"got guidance_scale {scale}, expected a finite number such as 3")
+    scale = self._scale(guidance_scale)
     if schedule not in SCHEDULES:
       raise ValueError(f"got schedule {schedule!r}, expected one of {', '.join(SCHEDULES)}")
-    num_steps = int(num_steps or defaults.num_steps)
-    lag = {"fss": int(lag or defaults.lag), "ar": num_steps, "full": 0}[schedule]
+    num_steps = int(defaults.num_steps if num_steps is None else num_steps)
+    lag = {"fss": int(defaults.lag if lag is None else lag), "ar": num_steps, "full": 0}[schedule]
     made = self._features(self._encode(prompts), keys, max(frames), scale, schedule, num_steps, lag)
     features = self.stats.denormalize(np.asarray(made))
     length = max(frames)
@@ -206,10 +204,11 @@ class Model:
     Driven by the very step that `generate` runs: the same key gives the same motion, before polishing, which looks at
     whole clips.
     """
-    self._check_words([prompt])
+    self.check_words([prompt])
     keys, _ = _keys(rng, None if seed is None else [seed], 1)
-    defaults = self.config.sampler
-    scale = defaults.guidance_scale if guidance_scale is None else float(guidance_scale)
+    defaults, scale = self.config.sampler, self._scale(guidance_scale)
+    if num_frames is not None:
+      self._frames([prompt], num_frames, None)
     plan = streaming.make_plan(defaults.num_steps, defaults.lag, self.dit.block, self.context, guided=scale != 1.0)
     constants = streaming.make_constants(self.dit, self.params, plan)
     text = streaming.encode_text(self.dit, self.params, *self._encode([prompt]), plan.guided)
@@ -242,7 +241,14 @@ class Model:
     missing = width - emb.shape[1]
     return jnp.pad(emb, ((0, 0), (0, missing), (0, 0))), jnp.pad(mask, ((0, 0), (0, missing)))
 
-  def _check_words(self, prompts):
+  def _scale(self, guidance_scale):
+    scale = self.config.sampler.guidance_scale if guidance_scale is None else float(guidance_scale)
+    if not np.isfinite(scale):
+      raise ValueError(f"got guidance_scale {scale}, expected a finite number such as 3")
+    return scale
+
+  def check_words(self, prompts):
+    """Raises ValueError for an empty prompt; warns of words that the model does not know."""
     for prompt in prompts:
       if not isinstance(prompt, str) or not prompt.strip():
         raise ValueError(f"got the prompt {prompt!r}; say what the person does, as in \"a person waves\"")

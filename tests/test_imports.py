@@ -1,6 +1,7 @@
 """Imports point one way (style guide, "Who imports whom"), and optional packages stay optional."""
 import ast
 import pathlib
+import re
 import sys
 import tomllib
 
@@ -70,6 +71,6 @@ def test_core_needs_no_extra(path):
 
 def test_core_dependencies_are_those_of_pyproject():
   project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-  names = {requirement.split(">")[0].split("[")[0] for requirement in project["dependencies"]}
+  names = {re.split(r"[<>=\[]", requirement)[0] for requirement in project["dependencies"]}
   packages = {"absl-py": "absl", "ml-collections": "ml_collections", "orbax-checkpoint": "orbax", "Pillow": "PIL"}
   assert {packages.get(name, name) for name in names} == CORE

@@ -93,10 +93,18 @@ def test_reconstruct(model):
     (dict(prompts="walk", num_frames=20, schedule="pyramid"), "fss, ar, full"),
     (dict(prompts="walk", num_frames=20, guidance_scale=float("inf")), "finite"),
     (dict(prompts="walk", num_frames=20, lag=99), "lag 99"),
+    (dict(prompts="walk", num_frames=20, lag=0), "lag 0"),
+    (dict(prompts="walk", num_frames=20, num_steps=0), "num_steps 0"),
 ])
 def test_bad_input_is_told(model, arguments, words):
   with pytest.raises(ValueError, match=words):
     model.generate(**arguments)
+
+
+def test_a_stream_checks_its_input_too(model):
+  for arguments in (dict(prompt=""), dict(prompt="walk", num_frames=0), dict(prompt="walk", guidance_scale=np.nan)):
+    with pytest.raises(ValueError):
+      next(model.stream(**arguments))
 
 
 def test_broken_run_folders_are_told(tiny_run, tmp_path):
