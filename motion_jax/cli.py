@@ -14,7 +14,14 @@ def main(argv=None):
   """Runs a sub-command; returns the exit status. An error that the user can mend is one line, not a traceback."""
   parser = _parser()
   args = parser.parse_args(argv)
-  warnings.showwarning = lambda message, *_: print(f"note: {message}", file=sys.stderr)
+  said = set()  # each once, however often it is met on the way
+
+  def tell(message, *_, **__):
+    if str(message) not in said:
+      said.add(str(message))
+      print(f"note: {message}", file=sys.stderr)
+
+  warnings.showwarning = tell
   try:
     return args.run(args) or 0
   except KNOWN_ERRORS as error:

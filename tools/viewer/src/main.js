@@ -107,11 +107,11 @@ function start() {
     const single = visible.length === 1;
     const clip = clips[bodies.indexOf(visible[0])];
     const width = single ? (state.follow ? 1.6 : Math.max(clip.high[0] - clip.low[0], clip.high[2] - clip.low[2]) + 1) : size.x + 0.4;
-    const aspect = camera.aspect, tall = single ? 2.15 : 2.5, half = Math.tan((camera.fov * Math.PI) / 360);
+    const aspect = camera.aspect, tall = single ? 2.75 : 2.9, half = Math.tan((camera.fov * Math.PI) / 360);
     const distance = Math.max(tall / 2 / half, width / 2 / half / aspect) * 1.02
       + (single && state.follow ? 0.3 : Math.min(size.z / 2, single ? 9 : 1.6));
     where();
-    target.set(state.follow && single ? centre.x : middle.x, single ? 0.76 : 0.6, state.follow ? centre.z : middle.z);
+    target.set(state.follow && single ? centre.x : middle.x, single ? 0.95 : 0.75, state.follow ? centre.z : middle.z);
     const front = single ? Math.atan2(clip.ahead[0], clip.ahead[1]) + 0.6 : 0.18;
     controls.target.copy(target);
     camera.position.set(target.x + Math.sin(front) * distance * 0.97, target.y + distance * 0.21, target.z + Math.cos(front) * distance * 0.97);
