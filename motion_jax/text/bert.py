@@ -11,41 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-ACTIVATIONS = {
-    "gelu": lambda x: jax.nn.gelu(x, approximate=False),
-    "gelu_new": lambda x: jax.nn.gelu(x, approximate=True),
-    "gelu_pytorch_tanh": lambda x: jax.nn.gelu(x, approximate=True),
-    "relu": jax.nn.relu,
-}
-
-
-class BertBlock(nn.Module):
-  """Self-attention over the real word pieces, then a feed-forward part; each is added and then normalised.
-
-  Shapes: x (B, S, D), text_mask (B, S) -> (B, S, D).
-  """
-  num_heads: int
-  mlp_width: int
-  activation: str = "gelu"
-  eps: float = 1e-12
-  dtype: Any = jnp.float32
-
-  @nn.compact
-  def __call__(self, x, text_mask):
-    batch, length, width = x.shape
-    dense = lambda size, name: nn.Dense(size, dtype=self.dtype, name=name)
-    norm = lambda name: nn.LayerNorm(epsilon=self.eps, dtype=self.dtype, use_fast_variance=False, name=name)
-    heads = lambda y: y.reshape(batch, length, self.num_heads, width // self.num_heads)
-
-    query, key, value = (heads(dense(width, name)(x)) for name in ("query", "key", "value"))
-    scores = jnp.einsum("bqhd,bkhd->bhqk", query, key) / np.sqrt(width // self.num_heads)
-    scores = scores.astype(jnp.promote_types(jnp.float32, scores.dtype))  # softmax in float32 or better
-    scores = jnp.where(text_mask[:, None, None, :], scores, jnp.finfo(scores.dtype).min)
-    weights = jax.nn.softmax(scores, axis=-1).astype(self.dtype)
-    mixed = jnp.einsum("bhqk,bkhd->bqhd", weights, value).reshape(batch, length, width)
-    x = norm("attn_norm")(x + dense(width, "out")(mixed))
-    y = dense(width, "mlp_out")(ACTIVATIONS[self.activation](dense(self.mlp_width, "mlp_in")(x)))
-    return norm("mlp_norm")(x + y)
+from motion_jax.nets.post_norm import ACTIVATIONS, PostNormLayer
 
 
 class Bert(nn.Module):
@@ -73,7 +39,7 @@ class Bert(nn.Module):
     if self.num_types:
       self.types = embed(self.num_types)
     self.norm = nn.LayerNorm(epsilon=self.eps, dtype=self.dtype, use_fast_variance=False)
-    self.layers = [BertBlock(self.num_heads, self.mlp_width, self.activation, self.eps, self.dtype)
+    self.layers = [PostNormLayer(self.num_heads, self.mlp_width, self.activation, self.eps, dtype=self.dtype)
                    for _ in range(self.num_layers)]
     if self.has_pooler:
       self.pooler = nn.Dense(self.width, dtype=self.dtype)
