@@ -9,13 +9,25 @@ import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load_file
 
-# kind -> {suffix of the reference: (our leaf, transposition)}
+
+def _split(leaf, parts, turn):
+  """One tensor of the reference, several stacked along its first axis, as one leaf for each part."""
+  take = lambda i: lambda w: turn(np.split(w, len(parts))[i])
+  return [(f"{part}/{leaf}", take(i)) for i, part in enumerate(parts)]
+
+
+_QKV = ("query", "key", "value")
+
+# kind -> {suffix of the reference: (our leaf, transposition), or a list of such pairs}; "" = the name itself
 _KINDS = {
     "dense": {"weight": ("kernel", lambda w: w.T), "bias": ("bias", None)},
     "conv": {"weight": ("kernel", lambda w: w.transpose(2, 1, 0)), "bias": ("bias", None)},
     "pointwise": {"weight": ("kernel", lambda w: w[:, :, 0].T), "bias": ("bias", None)},
     "norm": {"weight": ("scale", None), "bias": ("bias", None)},
     "scale": {"weight": ("scale", None)},
+    "array": {"": ("", None)},
+    "attention_in": {"in_proj_weight": _split("kernel", _QKV, np.transpose),
+                     "in_proj_bias": _split("bias", _QKV, lambda b: b)},
 }
 
 
@@ -63,6 +75,10 @@ def select(state, prefix):
   return part
 
 
+def _join(name, rest, mark):
+  return f"{name}{mark}{rest}" if rest else name
+
+
 def from_torch(state, table, ignore=()):
   """Parameters {"params": ...} from a state dict; a name that is unknown or missing is an error that lists it.
 
@@ -70,13 +86,14 @@ def from_torch(state, table, ignore=()):
   """
   flat, used = {}, set()
   for theirs, (ours, kind) in table.items():
-    for suffix, (leaf, turn) in _KINDS[kind].items():
-      name = f"{theirs}.{suffix}"
+    for suffix, leaves in _KINDS[kind].items():
+      name = _join(theirs, suffix, ".")
       if name in state:
         used.add(name)
         array = np.asarray(state[name], np.float32)
-        flat[f"params/{ours}/{leaf}"] = array if turn is None else turn(array)
-  expected = {f"{theirs}.{suffix}" for theirs, (_, kind) in table.items() for suffix in _KINDS[kind]}
+        for leaf, turn in leaves if isinstance(leaves, list) else [leaves]:
+          flat[_join(f"params/{ours}", leaf, "/")] = array if turn is None else turn(array)
+  expected = {_join(theirs, suffix, ".") for theirs, (_, kind) in table.items() for suffix in _KINDS[kind]}
   missing, unknown = sorted(expected - used), sorted(set(state) - used - set(ignore))
   if missing or unknown:
     tell = lambda names: f"{len(names)} ({', '.join(names[:4])}{', ...' if len(names) > 4 else ''})"
@@ -117,3 +134,10 @@ def causal_dit_names(depth):
       table |= {f"{theirs}.{attention}.{name}": (f"{ours}/{attention}/{name}", "dense") for name in "qkvo"}
       table |= {f"{theirs}.{attention}.norm_{name}": (f"{ours}/{attention}/norm_{name}", "scale") for name in "qk"}
   return table
+
+
+def post_norm_names(theirs, ours):
+  """PyTorch's TransformerEncoderLayer, whose attention keeps q, k and v in one matrix, as `nets.post_norm`'s layer."""
+  return {f"{theirs}.self_attn": (ours, "attention_in"), f"{theirs}.self_attn.out_proj": (f"{ours}/out", "dense"),
+          f"{theirs}.linear1": (f"{ours}/mlp_in", "dense"), f"{theirs}.linear2": (f"{ours}/mlp_out", "dense"),
+          f"{theirs}.norm1": (f"{ours}/attn_norm", "norm"), f"{theirs}.norm2": (f"{ours}/mlp_norm", "norm")}

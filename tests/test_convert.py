@@ -1,11 +1,13 @@
 """Released weights are taken over whole or refused: every tensor of a checkpoint is accounted for."""
 import sys
 
+import jax
 import numpy as np
 import pytest
 from safetensors.numpy import save_file
 
 from motion_jax import convert
+from motion_jax.nets.post_norm import PostNormLayer
 
 TABLE = {"net.0": ("first", "dense"), "net.norm": ("norm", "norm"), "conv": ("deep/conv", "conv")}
 
@@ -54,3 +56,22 @@ def test_a_part_of_a_checkpoint():
   assert convert.select(nested, "ema_model/").keys() == state().keys()
   with pytest.raises(ValueError, match="nothing under 'ae/'.*ema_model"):
     convert.select(nested, "ae/")
+
+
+def test_attention_in_one_matrix_is_taken_apart():
+  """PyTorch stacks q, k and v: the layer's output must be that of the three products done apart."""
+  draw = np.random.default_rng(0).normal
+  sizes = {"self_attn.in_proj_weight": (12, 4), "self_attn.in_proj_bias": (12,), "self_attn.out_proj.weight": (4, 4),
+           "self_attn.out_proj.bias": (4,), "linear1.weight": (6, 4), "linear1.bias": (6,), "linear2.weight": (4, 6),
+           "linear2.bias": (4,), "norm1.weight": (4,), "norm1.bias": (4,), "norm2.weight": (4,), "norm2.bias": (4,)}
+  theirs = {f"layers.0.{name}": draw(size=size) for name, size in sizes.items()}
+  made = convert.from_torch(theirs | {"hidden": np.ones(3)},
+                            convert.post_norm_names("layers.0", "layer0") | {"hidden": ("hidden", "array")})["params"]
+  assert made["hidden"].shape == (3,)
+  for i, name in enumerate(("query", "key", "value")):
+    stacked = theirs["layers.0.self_attn.in_proj_weight"], theirs["layers.0.self_attn.in_proj_bias"]
+    np.testing.assert_allclose(made["layer0"][name]["kernel"], stacked[0][4 * i:4 * i + 4].T, rtol=1e-6)
+    np.testing.assert_allclose(made["layer0"][name]["bias"], stacked[1][4 * i:4 * i + 4], rtol=1e-6)
+  layer = PostNormLayer(num_heads=2, mlp_width=6)
+  shapes = jax.eval_shape(layer.init, jax.random.key(0), np.zeros((1, 3, 4), np.float32))["params"]
+  assert jax.tree.map(lambda a: a.shape, shapes) == jax.tree.map(lambda a: a.shape, made["layer0"])
