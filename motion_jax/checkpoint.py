@@ -49,9 +49,10 @@ class Saver:
 
 
 def is_fresh(workdir):
-  """True while a run folder holds nothing but what its start wrote."""
+  """True while a run folder holds no training that could be lost: a run that ended before its first save is fresh."""
   folder = pathlib.Path(workdir)
-  return not (folder / METRICS).exists() and not (folder / PARAMS).exists()
+  saved = [path for path in folder.glob("checkpoints/*") if path.name.isdigit()]
+  return not saved and not (folder / PARAMS).exists()
 
 
 def save_params(folder, params, dtype=np.float32, name=PARAMS):
@@ -71,31 +72,95 @@ def load_params(folder, like=None, name=PARAMS):
   except SafetensorError as error:
     raise ValueError(f"{path} is no whole safetensors file ({error}); copy it again from the run that wrote it") from (
         error)
+  params = flax.traverse_util.unflatten_dict(flat, sep="/")
   if like is not None:
-    expected = flax.traverse_util.flatten_dict(flax.core.unfreeze(like), sep="/")
-    wrong = [f"{key}: {flat[key].shape if key in flat else 'missing'} instead of "
-             f"{expected[key].shape if key in expected else 'nothing'}"
-             for key in sorted(flat.keys() | expected.keys())
-             if key not in flat or key not in expected or flat[key].shape != expected[key].shape]
-    if wrong:
-      raise ValueError(f"{path} does not fit its config: " + "; ".join(wrong[:5]) +
-                       (f" and {len(wrong) - 5} more" if len(wrong) > 5 else ""))
-  return flax.traverse_util.unflatten_dict(flat, sep="/")
+    check_fits(params, like, f"{path} does not fit its config")
+  return params
+
+
+def check_fits(params, like, what):
+  """Raises ValueError, begun by `what`, unless names and shapes of params are those of `like` (arrays or shapes)."""
+  flat, expected = (flax.traverse_util.flatten_dict(flax.core.unfreeze(tree), sep="/") for tree in (params, like))
+  wrong = [f"{key}: {flat[key].shape if key in flat else 'missing'} instead of "
+           f"{expected[key].shape if key in expected else 'nothing'}"
+           for key in sorted(flat.keys() | expected.keys())
+           if key not in flat or key not in expected or flat[key].shape != expected[key].shape]
+  if wrong:
+    raise ValueError(f"{what}: " + "; ".join(wrong[:5]) + (f" and {len(wrong) - 5} more" if len(wrong) > 5 else ""))
+
+
+def save_text(folder, name, text):
+  """A text file of a run folder, whole or not at all."""
+  with atomic_path(pathlib.Path(folder) / name) as path:
+    path.write_text(text, encoding="utf-8")
+
+
+def load_json(folder, name):
+  """A JSON file of a run folder; raises FileNotFoundError or ValueError that say what to do."""
+  path = pathlib.Path(folder) / name
+  if not path.is_file():
+    raise FileNotFoundError(f"{folder} has no {name}; expected a run folder, written by launch.py")
+  try:
+    return json.loads(path.read_text(encoding="utf-8"))
+  except ValueError as error:  # not JSON, or not even text
+    raise ValueError(f"{path} is not valid JSON ({error}); restore it from the run that wrote it") from error
+
+
+def load_fingerprint(folder):
+  """Fingerprint of the text encoder that a run was trained on, or None where it does not say."""
+  if not (pathlib.Path(folder) / TEXT).is_file():
+    return None
+  content = load_json(folder, TEXT)
+  if not isinstance(content, dict) or not isinstance(content.get("fingerprint"), str):
+    raise ValueError(f"{pathlib.Path(folder) / TEXT} lacks the fingerprint of a text encoder; restore it from the run "
+                     "that wrote it")
+  return content["fingerprint"]
+
+
+def load_lengths(folder):
+  """(captions, usual frames) of the training data, or None where a run does not keep them."""
+  path = pathlib.Path(folder) / LENGTHS
+  if not path.is_file():
+    return None
+  rows = load_json(folder, LENGTHS)
+  if not isinstance(rows, list) or not rows or not all(
+      isinstance(row, list) and len(row) == 2 and isinstance(row[0], str) and isinstance(row[1], int | float)
+      for row in rows):
+    raise ValueError(f"{path} does not hold rows [caption, frames]; restore it from the run that wrote it")
+  return [row[0] for row in rows], np.array([row[1] for row in rows])
 
 
 def save_config(folder, config):
-  with atomic_path(pathlib.Path(folder) / CONFIG) as path:
-    path.write_text(json.dumps(config.to_dict(), indent=1) + "\n")
+  save_text(folder, CONFIG, json.dumps(config.to_dict(), indent=1) + "\n")
 
 
 def load_config(folder) -> ml_collections.FrozenConfigDict:
-  path = pathlib.Path(folder) / CONFIG
+  config = load_json(folder, CONFIG)
+  if not isinstance(config, dict):
+    raise ValueError(f"{pathlib.Path(folder) / CONFIG} does not hold the fields of a config; restore it from the run "
+                     "that wrote it")
+  return ml_collections.FrozenConfigDict(config)
+
+
+def trim_metrics(folder, last):
+  """Drops the rows of metrics.jsonl after step `last`: a run that goes on from there writes them again.
+
+  A line cut short, by a machine that went down, goes too.
+  """
+  path = pathlib.Path(folder) / METRICS
   if not path.is_file():
-    raise FileNotFoundError(f"{folder} has no {CONFIG}; expected a run folder, written by launch.py")
+    return
+  lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+  kept = [line for line in lines if _step_of(line) <= last]
+  if len(kept) < len(lines):
+    save_text(folder, METRICS, "".join(line + "\n" for line in kept))
+
+
+def _step_of(line):
   try:
-    return ml_collections.FrozenConfigDict(json.loads(path.read_text()))
-  except json.JSONDecodeError as error:
-    raise ValueError(f"{path} is not valid JSON ({error}); restore it from the run that wrote it") from error
+    return json.loads(line)["step"]
+  except (ValueError, KeyError, TypeError):
+    return np.inf
 
 
 def append_metrics(folder, row):

@@ -146,9 +146,6 @@ def denoiser_stage(config) -> Stage:
   return Stage(init, loss, predict)
 
 
-STAGES = {"cmdm.tokenizer": tokenizer_stage, "cmdm.denoiser": denoiser_stage}
-
-
 def denoiser_shapes(dit):
   """Shapes of the denoiser's parameters, to check a file against."""
   mask = jnp.ones((1, 1), bool)

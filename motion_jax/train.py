@@ -28,8 +28,9 @@ class TrainState:
 def make_schedule(config, num_steps):
   """Learning rate by update: lr (it + 1) / (warmup + 1) while it < warmup (facts: cmdm 2.5), then by name.
 
-  "constant"; "step": times `gamma` at each of `boundaries`; "cosine": to 0 at num_steps; "trapezoid": constant, then
-  straight to 0 over the last `cooldown_steps`, so that a run can be prolonged before it is cooled down.
+  "constant"; "step": times `gamma` at each of `boundaries`; "cosine": to 0 at num_steps; "half_cosine": the first half
+  of a cosine, to half the rate; "trapezoid": constant, then straight to 0 over the last `cooldown_steps`, so that a run
+  can be prolonged before it is cooled down.
   """
   kind, peak, warmup = config.schedule, config.learning_rate, config.warmup_steps
 
@@ -40,20 +41,35 @@ def make_schedule(config, num_steps):
       factor = config.gamma ** sum((step >= boundary).astype(jnp.float32) for boundary in config.boundaries)
     elif kind == "cosine":
       factor = 0.5 * (1 + jnp.cos(jnp.pi * jnp.clip((step - warmup) / max(num_steps - warmup, 1), 0, 1)))
+    elif kind == "half_cosine":
+      factor = 0.5 * (1 + jnp.cos(0.5 * jnp.pi * jnp.clip(step / num_steps, 0, 1)))
     elif kind == "trapezoid":
       factor = jnp.clip((num_steps - step) / max(config.cooldown_steps, 1), 0, 1)
     elif kind != "constant":
-      raise ValueError(f"got optimizer.schedule {kind!r}, expected constant, step, cosine or trapezoid")
+      raise ValueError(f"got optimizer.schedule {kind!r}, expected constant, step, cosine, "
+                       "half_cosine or trapezoid")
     return peak * factor * jnp.minimum(1.0, (step + 1) / (warmup + 1))
 
   return schedule
 
 
 def make_optimizer(config, num_steps):
-  """AdamW as a config states it: betas, decay, gradient clipping by global norm (0 = none)."""
+  """AdamW as a config states it: betas, decay, gradient clipping by global norm (0 = none).
+
+  config.rates, if there: {name: factor}, times which the parameters below that name learn; 0 holds them still.
+  """
   adamw = optax.adamw(make_schedule(config, num_steps), b1=config.beta1, b2=config.beta2,
                       weight_decay=config.weight_decay)
-  return optax.chain(optax.clip_by_global_norm(config.clip_norm), adamw) if config.clip_norm else adamw
+  parts = [optax.clip_by_global_norm(config.clip_norm), adamw] if config.clip_norm else [adamw]
+  rates = dict(config.get("rates", {}))
+  if rates:
+    parts.append(optax.stateless(lambda updates, _: jax.tree_util.tree_map_with_path(
+        lambda path, update: update * _rate(path, rates), updates)))
+  return optax.chain(*parts) if len(parts) > 1 else adamw
+
+
+def _rate(path, rates):
+  return next((rates[key.key] for key in path if getattr(key, "key", None) in rates), 1.0)
 
 
 def init_state(stage, tx, batch, rng):
@@ -85,7 +101,7 @@ def make_train_step(stage, tx, ema_decay, skip_loss=0.0):
     metrics["grad_norm"] = optax.tree.norm(grads)
     new = TrainState(state.step, params, opt_state, ema_params)
     if skip_loss:
-      good = metrics["loss"] <= skip_loss
+      good = (metrics["loss"] <= skip_loss) & jnp.isfinite(metrics["grad_norm"])
       new = jax.tree.map(lambda a, b: jnp.where(good, a, b), new, state)
       metrics["skipped"] = 1.0 - good
     return new.replace(step=state.step + 1), metrics
@@ -146,16 +162,29 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
     if not resume:
       raise ValueError(f"{workdir} holds a run at step {saver.latest}; --resume continues it, or choose another folder")
     state = place(saver.restore(state), np.zeros(devices))
+    # The run may have ended between its checkpoint and this file.
+    checkpoint.save_params(workdir, state.ema_params if optimizer.ema_decay > 0 else state.params)
   elif resume and not checkpoint.is_fresh(workdir):
     raise FileNotFoundError(f"{workdir} has no checkpoint to resume from; start without --resume in an empty folder")
+  checkpoint.trim_metrics(workdir, int(state.step))
   frozen = jax.tree.map(jnp.asarray, frozen or {})
   train_step = make_train_step(stage, tx, optimizer.ema_decay, optimizer.get("skip_loss", 0.0))
   start = began = time.time()
   first = int(state.step)
   use_average = optimizer.ema_decay > 0
   numbers = {}
+  logged = []
+
+  def check_finite(step):
+    """Neither logged nor saved is what came of a step without a finite loss and gradient."""
+    bad = [m for m in logged if not np.isfinite([float(m["loss"]), float(m["grad_norm"])]).all()]
+    if bad and not optimizer.get("skip_loss", 0.0):  # which leaves such steps out
+      raise FloatingPointError(f"the loss is {float(bad[0]['loss'])}, its gradient {float(bad[0]['grad_norm'])} near "
+                               f"step {step}; the last good state is step {saver.latest}. Try a lower "
+                               "optimizer.learning_rate, and `motion-jax data doctor`")
 
   def save(step):
+    check_finite(step)
     params = state.ema_params if use_average else state.params
     if evaluate is not None:
       numbers.update(evaluate(params))
@@ -163,7 +192,6 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
     saver.save(step, state)
     checkpoint.save_params(workdir, params)
 
-  logged = []
   with _Interrupt() as interrupt, tqdm(total=num_steps, initial=first, unit="step", dynamic_ncols=True) as bar:
     step = first
     while step < num_steps:
@@ -171,11 +199,9 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
       step += 1
       logged.append(metrics)
       if step % config.train.log_every == 0 or step == num_steps:
+        check_finite(step)
         means = {k: float(np.mean([float(m[k]) for m in logged])) for k in logged[0]}
         logged.clear()
-        if not np.isfinite(means["loss"]) and not optimizer.get("skip_loss", 0.0):
-          raise FloatingPointError(f"the loss is {means['loss']} near step {step}; the last good state is step "
-                                   f"{saver.latest}. Try a lower optimizer.learning_rate, and `motion-jax data doctor`")
         checkpoint.append_metrics(workdir, {"step": step, "seconds": round(time.time() - began, 1), **means})
         bar.set_postfix({k: f"{v:.4g}" for k, v in means.items() if k in ("loss", "mse")} |
                         {k: f"{v:.4g}" for k, v in numbers.items()})

@@ -12,9 +12,9 @@ PACKAGE = ROOT / "motion_jax"
 # A file may import from its own layer's folder and from layers above it in this list.
 LAYERS = [
     ("motion", "nets", "quant", "diffusion", "stage"),
-    ("data", "text", "metrics", "cmdm", "cdamd"),
+    ("data", "text", "metrics", "teacher", "cmdm", "cdamd"),
     ("train", "checkpoint", "convert", "export"),
-    ("training", "model"),
+    ("recipes", "training", "model"),
     ("cli", "__init__"),
 ]
 CORE = {"absl", "chex", "flax", "jax", "ml_collections", "numpy", "optax", "orbax", "PIL", "safetensors", "scipy",

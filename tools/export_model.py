@@ -10,9 +10,10 @@ import shutil
 import jax
 import numpy as np
 
-from motion_jax import checkpoint, cmdm, training
+from motion_jax import checkpoint, cmdm
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
+from motion_jax.recipes.cmdm import text_identity
 from motion_jax.text.encoder import load_text_encoder
 
 
@@ -34,7 +35,7 @@ def main():
     sizes[name] = sum(x.size for x in jax.tree.leaves(params))
   for name in ("Mean.npy", "Std.npy", checkpoint.LENGTHS):
     shutil.copyfile(args.run / name, args.out / name)
-  (args.out / checkpoint.TEXT).write_text(training.text_identity(load_text_encoder(config.frozen.text)))
+  (args.out / checkpoint.TEXT).write_text(text_identity(load_text_encoder(config.frozen.text)))
   plain = config.to_dict()
   plain["data"].update(folder="", folders=[])  # paths of the machine that trained it
   plain["frozen"].update(tokenizer="frozen.safetensors")

@@ -108,3 +108,40 @@ def balance_weights(groups, power):
   """Weights (N,) that draw group g in proportion to count(g) ** (1 - power): 0 as it is, 1 all groups alike."""
   names, inverse, counts = np.unique(groups, return_inverse=True, return_counts=True)
   return counts[inverse].astype(np.float64) ** -power
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class CaptionedClips:
+  """Whole clips with a caption, for the teacher (facts: cmdm 1.3): any length, padded with zeros or cut at random."""
+  features: list[np.ndarray]
+  captions: list[list[str]]
+  max_frames: int = 196
+  weights: np.ndarray | None = None  # draws with replacement in proportion to them
+
+  def __post_init__(self):
+    kept = np.array([i for i, captions in enumerate(self.captions) if captions], int)
+    if not len(kept):
+      raise ValueError(f"none of {len(self.captions)} clips has a caption")
+    object.__setattr__(self, "kept", kept)
+
+  def __len__(self):
+    return len(self.kept)
+
+  def rows(self, chosen, rng):
+    """-> features (B, max_frames, F), num_frames (B,), caption (list of B) of the clips with these numbers."""
+    out = np.zeros((len(chosen), self.max_frames, self.features[0].shape[-1]), np.float32)
+    num_frames, captions = np.zeros(len(chosen), np.int32), []
+    for row, i in enumerate(chosen):
+      clip = self.features[i]
+      start = rng.integers(max(len(clip) - self.max_frames, 0) + 1)
+      clip = clip[start:start + self.max_frames]
+      out[row, :len(clip)], num_frames[row] = clip, len(clip)
+      captions.append(self.captions[i][rng.integers(len(self.captions[i]))])
+    return {"features": out, "num_frames": num_frames, "caption": captions, "index": np.arange(len(chosen))}
+
+  def batch(self, batch_size, seed, step):
+    rng = step_rng(seed, 3, step)
+    if self.weights is None:
+      return self.rows(self.kept[epoch_indices(len(self), batch_size, seed, step)], rng)
+    p = np.asarray(self.weights)[self.kept]
+    return self.rows(rng.choice(self.kept, batch_size, p=p / p.sum()), rng)

@@ -1,0 +1,117 @@
+"""Part-TMR, the motion-language teacher of CMDM: a transformer per body part, a feature per frame (facts: cmdm 3.2)."""
+import math
+from typing import Any
+
+import flax.linen as nn
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from motion_jax.nets.post_norm import PostNormLayer, sinusoids
+
+
+class PartEncoder(nn.Module):
+  """One part's stream through a bidirectional transformer; x (B, T, n) -> (B, T, D), and of its token (B, D)."""
+  width: int
+  depth: int
+  num_heads: int
+  mlp_width: int
+  dropout: float = 0.1
+  dtype: Any = jnp.float32
+
+  @nn.compact
+  def __call__(self, x, frame_mask=None, deterministic=True):
+    x = nn.Dense(self.width, dtype=self.dtype, name="embed")(x)
+    token = self.param("token", nn.initializers.normal(1.0), (self.width,)).astype(self.dtype)
+    x = jnp.concatenate([jnp.broadcast_to(token, x[:, :1].shape), x], axis=1)
+    x = x + sinusoids(x.shape[1], self.width, x.dtype)
+    x = nn.Dropout(self.dropout, deterministic=deterministic)(x)
+    if frame_mask is not None:
+      frame_mask = jnp.pad(frame_mask, ((0, 0), (1, 0)), constant_values=True)
+    for i in range(self.depth):
+      layer = PostNormLayer(self.num_heads, self.mlp_width, dropout=self.dropout, dtype=self.dtype, name=f"layer{i}")
+      x = layer(x, frame_mask, deterministic)
+    return x[:, 1:], x[:, 0]
+
+
+class ProjectionHead(nn.Module):
+  """p = linear(x); LayerNorm(p + dropout(linear(gelu(p)))): (..., D) -> (..., E)."""
+  dim: int
+  dropout: float = 0.5
+  dtype: Any = jnp.float32
+
+  @nn.compact
+  def __call__(self, x, deterministic=True):
+    p = nn.Dense(self.dim, dtype=self.dtype, name="projection")(x)
+    y = nn.Dense(self.dim, dtype=self.dtype, name="fc")(jax.nn.gelu(p, approximate=False))
+    y = nn.Dropout(self.dropout, deterministic=deterministic)(y)
+    return nn.LayerNorm(epsilon=1e-5, dtype=self.dtype, use_fast_variance=False, name="norm")(p + y)
+
+
+class PartTMR(nn.Module):
+  """Motion side and heads of the teacher; its text transformer is a module of its own (`text.bert`).
+
+  parts: ((name, columns), ...) of the normalized features, from `motion.parts`; one part that holds the whole body is
+  TMR. `frames` gives a feature per frame (B, T, E), `clip` a vector (B, E), `text_head` turns the text transformer's
+  first hidden state (B, W) into one.
+  """
+  parts: tuple[tuple[str, tuple[int, ...]], ...]
+  width: int = 512
+  depth: int = 4
+  num_heads: int = 4
+  mlp_width: int = 1024
+  dim: int = 256
+  dropout: float = 0.1
+  head_dropout: float = 0.5
+  pool: str = "all"  # Parity: "all" averages padded frames too, as the code does; "real" does not; "token" is TMR's
+  dtype: Any = jnp.float32
+
+  def setup(self):
+    if self.pool not in ("all", "real", "token"):
+      raise ValueError(f"got pool {self.pool!r}, expected all, real or token")
+    self.encoders = [PartEncoder(self.width, self.depth, self.num_heads, self.mlp_width, self.dropout, self.dtype,
+                                 name=f"motion_{name}") for name, _ in self.parts]
+    self.motion_projection = ProjectionHead(self.dim, self.head_dropout, self.dtype)
+    self.text_projection = ProjectionHead(self.dim, self.head_dropout, self.dtype)
+    # Parity: fixed at 1 / 0.07 in the code, for no optimizer holds it; `optimizer.rates` says whether it learns here.
+    self.logit_scale = self.param("logit_scale", nn.initializers.constant(math.log(1 / 0.07)), ())
+
+  def split(self, x):
+    """Features (B, T, F) -> {part: its columns (B, T, n)}."""
+    return {name: x[..., np.array(columns)] for name, columns in self.parts}
+
+  def _encode(self, x, frame_mask, deterministic):
+    # Parity: the code has no padding mask, so padded frames are seen; "all" keeps that.
+    mask = None if self.pool == "all" else frame_mask
+    streams = self.split(x)
+    made = [encoder(streams[name], mask, deterministic) for encoder, (name, _) in zip(self.encoders, self.parts)]
+    return sum(frames for frames, _ in made) / len(made), sum(token for _, token in made) / len(made)
+
+  def hidden(self, x, frame_mask=None, deterministic=True):
+    """The mean of the parts' frame outputs (B, T, D), before the head."""
+    return self._encode(x, frame_mask, deterministic)[0]
+
+  def frames(self, x, frame_mask=None, deterministic=True):
+    """What the tokenizer is aligned with: a feature per frame (B, T, E)."""
+    return self.motion_projection(self.hidden(x, frame_mask, deterministic), deterministic)
+
+  def clip(self, x, frame_mask=None, deterministic=True):
+    """One vector per motion (B, E), not normalized."""
+    hidden, token = self._encode(x, frame_mask, deterministic)
+    if self.pool == "token":
+      return self.motion_projection(token, deterministic)
+    features = self.motion_projection(hidden, deterministic)
+    if self.pool == "all" or frame_mask is None:
+      return features.mean(1)
+    weight = frame_mask[..., None].astype(features.dtype)
+    return (features * weight).sum(1) / jnp.maximum(weight.sum(1), 1)
+
+  def text_head(self, hidden, deterministic=True):
+    return self.text_projection(hidden, deterministic)
+
+  def scale(self):
+    """What cosines are multiplied by: the inverse temperature."""
+    return jnp.exp(self.logit_scale)
+
+  def __call__(self, x, text_hidden):
+    return self.clip(x), self.text_head(text_hidden), self.scale()

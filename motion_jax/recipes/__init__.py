@@ -1,0 +1,1 @@
+"""From a config to a trainable stage with its data: one file per paper."""

@@ -1,0 +1,196 @@
+"""Recipes of CMDM: how its teacher, its tokenizer and its denoiser are trained."""
+import dataclasses
+import json
+
+import jax
+import numpy as np
+
+from motion_jax import checkpoint, cmdm
+from motion_jax import teacher as teacher_lib
+from motion_jax.data import batches, sources
+from motion_jax.data.captions import vary_subject
+from motion_jax.metrics.scores import retrieval
+from motion_jax.motion import stats as stats_lib
+from motion_jax.motion.features import to_joints
+from motion_jax.nets.causal_vae import CausalVAE
+from motion_jax.recipes.recipe import Recipe, plain
+from motion_jax.text.encoder import load_text_encoder
+
+
+def tokenizer(config) -> Recipe:
+  data = sources.load_features(config.data, captioned=False)
+  windows = batches.Windows(data.features, config.data.window, config.data.stride)
+  validation = held_out(config, data.stats).features
+  vae = CausalVAE(**config.model)
+  reconstruct = jax.jit(lambda params, x: vae.apply(params, vae.apply(params, x, method="encode")[0], method="decode"))
+
+  def evaluate(params):
+    return {"held_out_mm": round(reconstruction_error(lambda x: reconstruct(params, x), validation, data.stats), 2)}
+
+  def next_batch(step):
+    return windows.batch(config.data.batch_size, config.seed, step)
+
+  return Recipe(cmdm.tokenizer_stage(config), next_batch, {}, evaluate, data.stats, {})
+
+
+def held_out(config, stats, captioned=False):
+  """The validation split, or a few of the training clips where there is none (synthetic data)."""
+  try:
+    return sources.load_features(config.data, "val", stats, captioned)
+  except ValueError:
+    data = sources.load_features(config.data, "train", stats, captioned)
+    return dataclasses.replace(data, features=data.features[:8], captions=data.captions[:8])
+
+
+def reconstruction_error(reconstruct, features, stats, length=192):
+  """Mean distance in millimetres of joints before and after reconstruct(x (1, length, F)), both root-aligned.
+
+  Heading and path are those that the features sum up to (facts: cmdm 6.3, "with heading"). Clips are padded to one
+  length, so that one compiled function serves all.
+  """
+  total = count = 0
+  for clip in features:
+    clip = clip[:min(len(clip), length) // 4 * 4]
+    padded = np.zeros((1, length, clip.shape[-1]), np.float32)
+    padded[0, :len(clip)] = clip
+    joints = [to_joints(stats.denormalize(np.asarray(x)), stats.layout)
+              for x in (clip, reconstruct(padded)[0, :len(clip)])]
+    real, made = (j - j[:, :1] for j in joints)
+    total += np.linalg.norm(real - made, axis=-1).mean(-1).sum() * stats.layout.skeleton.unit * 1000
+    count += len(clip)
+  return float(total / count)
+
+
+def denoiser(config) -> Recipe:
+  folder = config.frozen.tokenizer
+  vae, params, stats = load_tokenizer(folder, config)
+  data = sources.load_features(config.data, stats=stats)
+  weights = None
+  if config.data.balance:
+    weights = batches.balance_weights(data.groups, config.data.balance)
+  items = batches.TextItems(data.features, data.captions, config.data.min_frames, config.data.max_frames,
+                            tuple(config.data.lengths), weights=weights)
+  encoder = load_text_encoder(config.frozen.text)
+  words = config.data.max_words
+
+  def next_batch(step):
+    batch = items.batch(config.data.batch_size, config.seed, step)
+    rng = batches.step_rng(config.seed, 2, step)
+    said = [vary_subject(caption, rng, config.data.vary_subject) for caption in batch.pop("caption")]
+    batch["text_emb"], batch["text_mask"] = encoder(said, pad_to=words)
+    return batch
+
+  if config.loss.unit_latents:
+    mean, std = latent_moments(vae, params, data.features)
+  else:
+    mean, std = np.zeros(vae.latent_dim, np.float32), np.ones(vae.latent_dim, np.float32)
+  frozen = {"tokenizer": params, "latent_mean": mean, "latent_std": std}
+  files = {checkpoint.LENGTHS: caption_lengths(data), checkpoint.TEXT: text_identity(encoder)}
+  return Recipe(cmdm.denoiser_stage(config), next_batch, frozen, None, data.stats, files)
+
+
+def text_identity(encoder):
+  """JSON by which loading knows that captions are encoded as they were in training."""
+  return json.dumps({"name": encoder.name, "fingerprint": encoder.fingerprint}) + "\n"
+
+
+def caption_lengths(data):
+  """JSON rows [caption, median frames], by which a prompt without a length gets that of its like."""
+  frames = {}
+  for x, captions in zip(data.features, data.captions):
+    for caption in captions:
+      frames.setdefault(caption, []).append(len(x))
+  return json.dumps([[caption, int(np.median(counts))] for caption, counts in sorted(frames.items())], indent=0)
+
+
+def load_tokenizer(folder, config):
+  """(module, params, stats) of a trained tokenizer; "fresh" makes an untrained one for trying things out."""
+  if folder == "fresh":
+    vae = CausalVAE(**config.tokenizer)
+    x = np.zeros((1, 16, vae.features), np.float32)
+    params = vae.init(jax.random.key(0), x, np.zeros((1, 16 // vae.frames_per_latent, vae.latent_dim), np.float32))
+    return vae, params, sources.load_features(config.data).stats
+  fields = checkpoint.load_config(folder).model.to_dict()
+  if plain(fields) != plain(config.tokenizer.to_dict()):
+    raise ValueError(f"the tokenizer in {folder} is {plain(fields)}, config.tokenizer says "
+                     f"{plain(config.tokenizer.to_dict())}; make them agree")
+  vae = CausalVAE(**config.tokenizer)
+  shapes = cmdm.frozen_shapes(vae)["tokenizer"]
+  return vae, checkpoint.load_params(folder, shapes), stats_lib.load_stats(folder, config.data.layout)
+
+
+def latent_moments(vae, params, features, num_clips=512, length=192):
+  """Mean and std of sampled latents, per channel (C,), over some training clips."""
+  encode = jax.jit(lambda x: vae.apply(params, x, method="encode"))
+  means, variances = [], []
+  for i in np.linspace(0, len(features) - 1, min(num_clips, len(features))).astype(int):
+    clip = features[i][:length]
+    padded = np.zeros((1, length, clip.shape[-1]), np.float32)
+    padded[0, :len(clip)] = clip
+    mean, logvar = encode(padded)
+    rows = len(clip) // vae.frames_per_latent
+    means.append(np.asarray(mean)[0, :rows])
+    variances.append(np.exp(np.asarray(logvar)[0, :rows]))
+  z, variance = np.concatenate(means), np.concatenate(variances)
+  # Of the samples, not of the means: a channel that the encoder leaves to the prior is then not blown up to size 1.
+  return z.mean(0), np.sqrt(z.var(0) + variance.mean(0)).astype(np.float32)
+
+
+def teacher(config) -> Recipe:
+  """The motion-language teacher; its text transformer starts as the encoder config.frozen.text and learns on."""
+  encoder = load_text_encoder(config.frozen.text)
+  with config.unlocked():  # what loading the run needs
+    config.text = bert_fields_of(encoder.model)
+  data = sources.load_features(config.data, captioned=True)
+  clips = batches.CaptionedClips(data.features, data.captions, config.data.max_frames)
+  words = config.data.max_words
+
+  def tokenized(batch):
+    batch["ids"], batch["text_mask"] = word_pieces(encoder, batch.pop("caption"), words)
+    return batch
+
+  def next_batch(step):
+    return tokenized(clips.batch(config.data.batch_size, config.seed, step))
+
+  stage = teacher_lib.teacher_stage(config)
+  made = jax.jit(lambda params, batch: stage.predict(params, {}, batch, None))
+  held_out = one_clip_per_caption(config, data.stats)
+
+  def evaluate(params):
+    """Recall of the held-out clip's caption and back, in percent, among one clip of each caption."""
+    parts = [made(params, tokenized(held_out.rows(rows, batches.step_rng(config.seed, 4))))
+             for rows in np.array_split(held_out.kept, max(1, len(held_out) // 64))]
+    text, motion = (np.concatenate([part[name] for part in parts]) for name in ("text", "motion"))
+    return {f"{way}_{name}": round(value, 2) for way, similarity in (("t2m", text @ motion.T), ("m2t", motion @ text.T))
+            for name, value in retrieval(similarity).items()}
+
+  own = stage.init
+  stage = stage._replace(init=lambda batch, rng: {**own(batch, rng), "text": encoder.params})
+  return Recipe(stage, next_batch, {}, evaluate, data.stats, {checkpoint.TEXT: text_identity(encoder)})
+
+
+def bert_fields_of(model):
+  """The fields of a `Bert` module, as plain values."""
+  return {field.name: getattr(model, field.name) for field in dataclasses.fields(model)
+          if field.name not in ("dtype", "parent", "name")}
+
+
+def word_pieces(encoder, captions, length):
+  """Word pieces of captions: ids (B, length), cut if longer, and text_mask (B, length)."""
+  ids, text_mask = np.zeros((len(captions), length), np.int32), np.zeros((len(captions), length), bool)
+  for row, caption in enumerate(captions):
+    pieces = encoder.tokenizer.encode(caption).ids[:length]
+    ids[row, :len(pieces)], text_mask[row, :len(pieces)] = pieces, True
+  return ids, text_mask
+
+
+def one_clip_per_caption(config, stats):
+  """The validation clips (those of training where there are none), one of each first caption."""
+  data = held_out(config, stats, captioned=True)
+  first = {captions[0]: i for i, captions in reversed(list(enumerate(data.captions))) if captions}
+  chosen = sorted(first.values())
+  return batches.CaptionedClips([data.features[i] for i in chosen], [data.captions[i][:1] for i in chosen],
+                                config.data.max_frames)
+
+
+RECIPES = {"cmdm.teacher": teacher, "cmdm.tokenizer": tokenizer, "cmdm.denoiser": denoiser}
