@@ -1,0 +1,221 @@
+"""The benchmarks' scores as pure functions: numpy arrays in, numbers out, all sums in float64.
+
+Embeddings are rows of (N, E) arrays, row i of texts belonging to row i of motions. Random draws are arguments, so that a
+number can be repeated. Definitions: facts cmdm 6.2 and 6.3, cdamd 8.3.
+"""
+from typing import NamedTuple
+
+import numpy as np
+
+RECALLS = (1, 2, 3, 5, 10)
+
+
+def distances(a, b):
+  """Euclidean distances (N, M) between the rows of a (N, E) and of b (M, E)."""
+  a, b = _rows(a), _rows(b)
+  squares = (a * a).sum(1)[:, None] + (b * b).sum(1)[None] - 2 * a @ b.T
+  return np.sqrt(np.maximum(squares, 0))
+
+
+def cosines(a, b):
+  """Cosines (N, M) between the rows of a (N, E) and of b (M, E)."""
+  return _units(a) @ _units(b).T
+
+
+def hits(away, top_k=3):
+  """How many rows of away (N, N) have their own column among the nearest 1, 2, .. top_k: expected counts (top_k,).
+
+  away holds distances, or similarities with a minus. Columns that are just as far share their places: a row whose own
+  column ties with others counts by its chance, so an evaluator that maps everything to one point scores k / N, whatever
+  the order of the batch. (Parity: the references sort, which puts ties by their place in the batch.)
+  """
+  nearer, tied = _places(away)
+  chance = (np.arange(1, top_k + 1) - nearer[:, None]) / tied[:, None]
+  return np.clip(chance, 0, 1).sum(0)
+
+
+def r_precision(text, motion, top_k=3, pool=32, away=distances):
+  """Share of texts whose motion is among the nearest 1, 2, .. top_k of its pool: (top_k,).
+
+  The rows are taken in order, `pool` at a time (R-precision depends on who is in a pool); the last, smaller pool is left
+  out, as the benchmarks' loaders do. away: `distances`, or cosine_distances for SnapMoGen.
+  """
+  text, motion = _pairs(text, motion)
+  pools = len(text) // pool
+  if not pools:
+    raise ValueError(f"got {len(text)} pairs, R-precision needs a pool of {pool}; take more samples or a smaller pool")
+  found = sum(hits(away(text[i:i + pool], motion[i:i + pool]), top_k) for i in range(0, pools * pool, pool))
+  return found / (pools * pool)
+
+
+def cosine_distances(a, b):
+  return -cosines(a, b)
+
+
+def matching_score(text, motion):
+  """Mean Euclidean distance of matched pairs (MM-Dist)."""
+  text, motion = _pairs(text, motion)
+  return float(np.linalg.norm(text - motion, axis=1).mean())
+
+
+def clip_score(text, motion):
+  """Mean cosine of matched pairs, neither clipped nor times 100."""
+  text, motion = _pairs(text, motion)
+  return float((_units(text) * _units(motion)).sum(1).mean())
+
+
+def retrieval(similarity):
+  """How well rows find their own columns in similarity (N, N), and columns their rows; larger = closer.
+
+  -> {"r1", "r2", "r3", "r5", "r10": share in 0..1, "median_rank": 1 = best}, the same again with "back_" for columns.
+  With texts as rows the first are text to motion. Ties count as in `hits`; their rank is the middle of their places.
+  """
+  similarity = np.asarray(similarity, np.float64)
+  if similarity.ndim != 2 or similarity.shape[0] != similarity.shape[1] or not len(similarity):
+    raise ValueError(f"got similarities of shape {similarity.shape}, expected (N, N), row i belonging to column i")
+  if not np.isfinite(similarity).all():
+    raise ValueError("the similarities hold NaN or infinity; check the embeddings")
+  found = {}
+  for prefix, away in (("", -similarity), ("back_", -similarity.T)):
+    counts = hits(away, max(RECALLS)) / len(away)
+    found |= {f"{prefix}r{k}": float(counts[k - 1]) for k in RECALLS}
+    nearer, tied = _places(away)
+    found[f"{prefix}median_rank"] = float(np.median(nearer + (tied + 1) / 2))
+  return found
+
+
+class Moments(NamedTuple):
+  """Count, mean (E,) and scatter (E, E) = sum of outer products about the mean: all that a Gaussian fit needs."""
+  count: int
+  mean: np.ndarray
+  scatter: np.ndarray
+
+  @property
+  def covariance(self):
+    """With n - 1, as numpy's."""
+    if self.count < 2:
+      raise ValueError(f"got {self.count} samples, a covariance needs 2 or more")
+    return self.scatter / (self.count - 1)
+
+
+def moments(features):
+  """Moments of the rows of features (N, E)."""
+  features = _rows(features)
+  mean = features.mean(0)
+  away = features - mean
+  return Moments(len(features), mean, away.T @ away)
+
+
+def merge(a, b):
+  """Moments of two sets together: data that does not fit in memory passes by in chunks."""
+  count = a.count + b.count
+  apart = b.mean - a.mean
+  return Moments(count, a.mean + apart * (b.count / count),
+                 a.scatter + b.scatter + np.outer(apart, apart) * (a.count * b.count / count))
+
+
+def fid(real, made):
+  """Frechet distance of two sets of embeddings (N, E) and (M, E), or of their `moments`."""
+  real, made = (m if isinstance(m, Moments) else moments(m) for m in (real, made))
+  return frechet_distance(real.mean, real.covariance, made.mean, made.covariance)
+
+
+def frechet_distance(mean1, cov1, mean2, cov2):
+  """|mean1 - mean2|^2 + tr(cov1 + cov2 - 2 (cov1 cov2)^(1/2)), for covariances of any rank.
+
+  The trace of the root of the product is the sum of singular values of cov1^(1/2) cov2^(1/2), both roots symmetric: no
+  complex numbers, nothing to invert, and 0 to rounding for a set against itself.
+  Parity: the references take means in float32 and scipy's sqrtm of the product, adding 1e-6 to the diagonals where that
+  fails; where it works the two agree to 7e-7 relative.
+  """
+  mean1, mean2 = np.asarray(mean1, np.float64), np.asarray(mean2, np.float64)
+  if mean1.shape != mean2.shape or np.shape(cov1) != mean1.shape * 2 or np.shape(cov2) != np.shape(cov1):
+    raise ValueError(f"got means of shape {mean1.shape} and {mean2.shape}, covariances of {np.shape(cov1)} and "
+                     f"{np.shape(cov2)}; expected two of the same evaluator")
+  roots = np.linalg.svd(_root(cov1) @ _root(cov2), compute_uv=False)
+  apart = mean1 - mean2
+  return float(apart @ apart + np.trace(cov1) + np.trace(cov2) - 2 * roots.sum())
+
+
+def draw_pairs(rng, count, size):
+  """Two independent draws of size out of count without replacement, from a numpy generator."""
+  if count < size:
+    raise ValueError(f"got {count} samples to draw {size} from; take more samples or a smaller draw")
+  return rng.choice(count, size, replace=False), rng.choice(count, size, replace=False)
+
+
+def diversity(features, first, second):
+  """Mean distance between rows first (S,) and second (S,) of features (N, E)."""
+  features = _rows(features)
+  return float(np.linalg.norm(features[first] - features[second], axis=1).mean())
+
+
+def multimodality(features, first, second):
+  """Mean distance between generations first (S,) and second (S,) of the same text: features (texts, generations, E)."""
+  features = np.asarray(features, np.float64)
+  if features.ndim != 3:
+    raise ValueError(f"got features of shape {features.shape}, expected (texts, generations, E)")
+  return float(np.linalg.norm(features[:, first] - features[:, second], axis=2).mean())
+
+
+def joint_errors(real, made):
+  """Mean joint error of each frame with both roots at one place: joints (..., T, J, 3) -> (..., T), in their unit."""
+  real, made = np.asarray(real, np.float64), np.asarray(made, np.float64)
+  if real.shape != made.shape:
+    raise ValueError(f"got joints of shape {real.shape} and {made.shape}, expected the same frames of both")
+  aligned = lambda joints: joints - joints[..., :1, :]
+  return np.linalg.norm(aligned(real) - aligned(made), axis=-1).mean(-1)
+
+
+def mpjpe(errors):
+  """Mean per-joint position error over all frames of all clips; errors: a list of (T_i,) from `joint_errors`."""
+  return float(np.concatenate(errors).mean())
+
+
+def released_mpjpe(errors, batch_size=32):
+  """The number that the released code calls MPJPE: sums over frames, divided by clips and once more by the batch size.
+
+  Parity: the divisor should be the clips' own lengths, so this is `mpjpe` times mean length / batch size; it is here to
+  be compared with printed numbers only (facts: cmdm 6.3).
+  """
+  return float(sum(error.sum() for error in errors) / (len(errors) * batch_size))
+
+
+def mean_and_interval(values):
+  """Mean and half width of the 95 % interval over repeats (R, ...): 1.96 std / sqrt(R), population std."""
+  values = np.asarray(values, np.float64)
+  return values.mean(0), 1.96 * values.std(0) / np.sqrt(len(values))
+
+
+def _rows(x):
+  x = np.asarray(x, np.float64)
+  if x.ndim != 2 or not len(x):
+    raise ValueError(f"got embeddings of shape {x.shape}, expected (N, E) with N of 1 or more")
+  if not np.isfinite(x).all():
+    raise ValueError(f"row {int(np.flatnonzero(~np.isfinite(x).all(1))[0])} of the embeddings holds NaN or infinity; "
+                     "leave that motion out")
+  return x
+
+
+def _pairs(text, motion):
+  text, motion = _rows(text), _rows(motion)
+  if text.shape != motion.shape:
+    raise ValueError(f"got {text.shape} text and {motion.shape} motion embeddings, expected matched pairs")
+  return text, motion
+
+
+def _units(x):
+  x = _rows(x)
+  return x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-12)
+
+
+def _places(away):
+  """For each row of away (N, N): how many columns are nearer than its own, and how many just as near (itself too)."""
+  away = np.asarray(away, np.float64)
+  own = np.diagonal(away)[:, None]
+  return (away < own).sum(1), (away == own).sum(1)
+
+
+def _root(covariance):
+  values, vectors = np.linalg.eigh(np.asarray(covariance, np.float64))
+  return (vectors * np.sqrt(np.maximum(values, 0))) @ vectors.T

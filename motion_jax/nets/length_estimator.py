@@ -1,0 +1,30 @@
+"""MARDM's length estimator: how long the motion of a sentence is likely to be (facts: cdamd 9, row 27)."""
+from typing import Any
+
+import flax.linen as nn
+import jax
+import jax.numpy as jnp
+
+
+class LengthEstimator(nn.Module):
+  """text (B, W) sentence vectors -> logits (B, num_classes); class k stands for k latents."""
+  num_classes: int = 50
+  width: int = 512
+  dropout: float = 0.2
+  dtype: Any = jnp.float32
+
+  @nn.compact
+  def __call__(self, text, deterministic=True):
+    x = text
+    for i in range(3):
+      x = nn.Dense(self.width >> i, dtype=self.dtype, name=f"layer{i}")(x)
+      x = nn.LayerNorm(epsilon=1e-5, dtype=self.dtype, use_fast_variance=False, name=f"norm{i}")(x)
+      x = nn.leaky_relu(x, 0.2)
+      if i < 2:
+        x = nn.Dropout(self.dropout, deterministic=deterministic)(x)
+    return nn.Dense(self.num_classes, dtype=self.dtype, name="out")(x)
+
+
+def draw_num_frames(logits, rng, unit=4):
+  """Frames (B,) drawn from what the estimator thinks likely, never 0."""
+  return unit * jnp.maximum(jax.random.categorical(rng, logits), 1)
