@@ -1,7 +1,7 @@
 """The benchmarks' scores as pure functions: numpy arrays in, numbers out, all sums in float64.
 
-Embeddings are rows of (N, E) arrays, row i of texts belonging to row i of motions. Random draws are arguments, so that a
-number can be repeated. Definitions: facts cmdm 6.2 and 6.3, cdamd 8.3.
+Embeddings are rows of (N, E) arrays, row i of texts belonging to row i of motions. Random draws are arguments, so that
+a number can be repeated. Definitions: facts cmdm 6.2 and 6.3, cdamd 8.3.
 """
 from typing import NamedTuple
 
@@ -37,8 +37,8 @@ def hits(away, top_k=3):
 def r_precision(text, motion, top_k=3, pool=32, away=distances):
   """Share of texts whose motion is among the nearest 1, 2, .. top_k of its pool: (top_k,).
 
-  The rows are taken in order, `pool` at a time (R-precision depends on who is in a pool); the last, smaller pool is left
-  out, as the benchmarks' loaders do. away: `distances`, or cosine_distances for SnapMoGen.
+  The rows are taken in order, `pool` at a time (R-precision depends on who is in a pool); the last, smaller pool is
+  left out, as the benchmarks' loaders do. away: `distances`, or cosine_distances for SnapMoGen.
   """
   text, motion = _pairs(text, motion)
   pools = len(text) // pool

@@ -1,8 +1,8 @@
-"""What the classic evaluators read of a sentence: a vector and a class for each of its words (facts: cmdm 6.1, cdamd 1.2).
+"""What the classic evaluators read of a sentence: a vector and a class for each of its words.
 
-A token is "lemma/POS", as the benchmarks' text files hold them. The vectors come from the usual glove/our_vab_* files,
-two of which are pickles: they are read once, with a reader that knows lists, dicts, words and numbers only, and kept as
-an .npz file beside them.
+Facts: cmdm 6.1, cdamd 1.2. A token is "lemma/POS", as the benchmarks' text files hold them. The vectors come from the usual
+glove/our_vab_* files, two of which are pickles: they are read once, with a reader that knows lists, dicts, words and
+numbers only, and kept as an .npz file beside them.
 """
 import pathlib
 import pickle
@@ -33,8 +33,8 @@ class WordVectors:
     self.vectors = np.asarray(vectors, np.float32)
     self.rows = {str(word): row for row, word in enumerate(words)}
     if self.vectors.ndim != 2 or len(self.rows) != len(self.vectors):
-      raise ValueError(f"got {len(self.rows)} different words and vectors of shape {self.vectors.shape}, expected a row "
-                       "for each word")
+      raise ValueError(f"got {len(self.rows)} different words and vectors of shape {self.vectors.shape}, expected a "
+                       "row for each word")
     missing = [word for word in ("sos", "eos", "unk") if word not in self.rows]
     if missing:
       raise ValueError(f"the vocabulary lacks {', '.join(missing)}; expected the benchmark's own (our_vab_*)")
@@ -81,7 +81,7 @@ def _tokens(sentence):
 
 
 def load_words(path) -> WordVectors:
-  """A vocabulary from the .npz file that `convert_glove` wrote, or from a glove folder, which is converted in memory."""
+  """A vocabulary from the .npz file that `convert_glove` wrote, or from a glove folder, converted in memory."""
   path = pathlib.Path(path)
   if path.is_dir():
     return load_words(path / CONVERTED) if (path / CONVERTED).is_file() else _read_glove(path)
@@ -91,7 +91,8 @@ def load_words(path) -> WordVectors:
     with np.load(path, allow_pickle=False) as file:
       return WordVectors(file["words"].tolist(), file["vectors"])
   except (KeyError, ValueError, OSError) as error:
-    raise ValueError(f"{path} is no vocabulary ({error}); make it with motion_jax.metrics.words.convert_glove") from error
+    raise ValueError(f"{path} is no vocabulary ({error}); make it with "
+                     "motion_jax.metrics.words.convert_glove") from error
 
 
 def convert_glove(folder, out=None):
