@@ -2,6 +2,8 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
+DEVICES = "devices"  # the axis over which the loop maps a loss; what must agree on all devices is summed over it
+
 
 class Stage(NamedTuple):
   """One trainable part of a paper.
@@ -10,7 +12,11 @@ class Stage(NamedTuple):
   loss(params, frozen, batch, step, rng) -> (sums, weight): a dict of sums with the key "loss", and what to divide them
     by, so that devices with unequal numbers of real frames add up to the same number as one device
   predict(params, frozen, batch, rng) -> arrays for the metrics
+  init_extra(batch, rng) -> dict of what else training changes, without a gradient: codebooks. Then the loss is
+    loss(params, frozen, batch, step, rng, extra) -> (sums, weight, extra), with the same extra on all devices, and what
+    is saved, evaluated and predicted with is params and extra in one dict
   """
   init: Callable
   loss: Callable
   predict: Callable
+  init_extra: Callable | None = None

@@ -1,7 +1,9 @@
-"""Causal convolutions over time, with the state that lets them run on a stream.
+"""Convolutions over time and the stacks of them that halve and double the frame rate.
 
-A layer's whole memory is its left context, zeros at the start; `step` takes a chunk of frames and the context and
-returns the output and the next context. A whole clip is one step from zeros, so streaming and offline cannot differ.
+Causal ones can run on a stream: a layer's whole memory is its left context, zeros at the start; `step` takes a chunk of
+frames and the context and returns the output and the next context. A whole clip is one step from zeros, so streaming
+and offline cannot differ. With causal=False the same zeros lie half before and half after the clip; nothing is streamed
+then.
 """
 import math
 from typing import Any
@@ -18,13 +20,17 @@ def uniform_fan_in(fan_in):
 
 
 class CausalConv(nn.Module):
-  """1-D convolution over time padded on the left only: x (B, T, in_features) -> (B, T // stride, features)."""
+  """1-D convolution over time padded on the left only: x (B, T, in_features) -> (B, T // stride, features).
+
+  causal=False pads both sides alike, where `context` is even: kernel 3, and kernel 4 with stride 2.
+  """
   in_features: int
   features: int
   kernel: int = 3
   stride: int = 1
   dilation: int = 1
   dtype: Any = jnp.float32
+  causal: bool = True
 
   @property
   def context(self) -> int:
@@ -44,19 +50,26 @@ class CausalConv(nn.Module):
     return y, x[:, x.shape[1] - self.context:]
 
   def __call__(self, x):
-    return self.step(x, self.init_context(x.shape[0]))[0]
+    context = self.init_context(x.shape[0])
+    if not self.causal:
+      context, after = jnp.split(context, 2, axis=1)
+      x = jnp.concatenate([x.astype(self.dtype), after], axis=1)
+    return self.step(x, context)[0]
 
 
 class ResBlock(nn.Module):
-  """x + pointwise(relu(causal_conv_dilated(relu(x)))): (B, T, width) -> (B, T, width)."""
+  """x + dropout(pointwise(relu(conv_dilated(relu(x))))): (B, T, width) -> (B, T, width)."""
   width: int
   dilation: int
   dtype: Any = jnp.float32
+  causal: bool = True
+  dropout: float = 0.0
 
   def setup(self):
     init = uniform_fan_in(self.width)
-    self.conv = CausalConv(self.width, self.width, 3, dilation=self.dilation, dtype=self.dtype)
+    self.conv = CausalConv(self.width, self.width, 3, dilation=self.dilation, dtype=self.dtype, causal=self.causal)
     self.pointwise = nn.Dense(self.width, kernel_init=init, bias_init=init, dtype=self.dtype)
+    self.drop = nn.Dropout(self.dropout)
 
   def init_context(self, batch):
     return self.conv.init_context(batch)
@@ -65,8 +78,9 @@ class ResBlock(nn.Module):
     y, context = self.conv.step(nn.relu(x), context)
     return x + self.pointwise(nn.relu(y)), context
 
-  def __call__(self, x):
-    return self.step(x, self.init_context(x.shape[0]))[0]
+  def __call__(self, x, deterministic=True):
+    y = self.pointwise(nn.relu(self.conv(nn.relu(x))))
+    return x + self.drop(y, deterministic)
 
 
 def relu_step(x, context):
@@ -76,6 +90,16 @@ def relu_step(x, context):
 def upsample_step(x, context):
   """Every frame twice."""
   return jnp.repeat(x, 2, axis=1), context
+
+
+def apply_layers(layers, x, deterministic=True):
+  """Runs a whole clip through layers, causal or not."""
+  for layer in layers:
+    if isinstance(layer, ResBlock):
+      x = layer(x, deterministic)
+    else:
+      x = layer(x) if isinstance(layer, nn.Module) else layer(x, None)[0]
+  return x
 
 
 def run_layers(layers, x, contexts):
@@ -89,3 +113,29 @@ def run_layers(layers, x, contexts):
 
 def init_contexts(layers, batch):
   return tuple(layer.init_context(batch) if hasattr(layer, "init_context") else None for layer in layers)
+
+
+def res_stack(width, dilations, name, dtype=jnp.float32, causal=True, dropout=0.0):
+  return [ResBlock(width, dilation, dtype, causal, dropout, name=f"{name}_block{b}")
+          for b, dilation in enumerate(dilations)]
+
+
+def halving_layers(features, width, out, num_halvings, dilations, dtype=jnp.float32, causal=True, dropout=0.0):
+  """Layers of an encoder, to be made in a module's setup: (B, T, features) -> (B, T // 2**num_halvings, out)."""
+  conv = dict(dtype=dtype, causal=causal)
+  layers = [CausalConv(features, width, 3, **conv, name="conv_in"), relu_step]
+  for i in range(num_halvings):
+    layers += [CausalConv(width, width, 4, stride=2, **conv, name=f"down{i}")]
+    layers += res_stack(width, dilations, f"stack{i}", **conv, dropout=dropout)
+  return layers + [CausalConv(width, out, 3, **conv, name="conv_out")]
+
+
+def doubling_layers(features, width, out, num_halvings, dilations, dtype=jnp.float32, causal=True, dropout=0.0):
+  """Layers of a decoder, to be made in a module's setup: (B, N, features) -> (B, 2**num_halvings N, out)."""
+  conv = dict(dtype=dtype, causal=causal)
+  layers = [CausalConv(features, width, 3, **conv, name="conv_in"), relu_step]
+  for i in range(num_halvings):
+    layers += res_stack(width, dilations, f"stack{i}", **conv, dropout=dropout)
+    layers += [upsample_step, CausalConv(width, width, 3, **conv, name=f"up{i}")]
+  return layers + [CausalConv(width, width, 3, **conv, name="conv_mid"), relu_step,
+                   CausalConv(width, out, 3, **conv, name="conv_out")]

@@ -1,1 +1,1 @@
-"""Vector quantizers: empty until CDAMD, whose tokenizer they are."""
+"""Vector quantizers: latents to codes and back."""

@@ -1,0 +1,67 @@
+"""Autoencoder of CDAMD and MARDM: coordinates to latents and back, looking both ways in time (facts: cdamd 2).
+
+Its RVQ-VAE has the same layers with weights of its own; there the latents are exchanged for codes in between.
+"""
+from typing import Any
+
+import flax.linen as nn
+import jax.numpy as jnp
+
+from motion_jax.nets.convs import apply_layers, doubling_layers, halving_layers
+
+
+class ConvStack(nn.Module):
+  """One half of an autoencoder: the layers that `make(features, width, out, ...)` lists, one after the other."""
+  make: Any  # halving_layers or doubling_layers
+  features: int
+  width: int
+  out: int
+  num_halvings: int
+  dilations: tuple[int, ...]
+  dropout: float
+  dtype: Any
+
+  def setup(self):
+    self.layers = self.make(self.features, self.width, self.out, self.num_halvings, self.dilations, self.dtype,
+                            causal=False, dropout=self.dropout)
+
+  def __call__(self, x, deterministic=True):
+    return apply_layers(self.layers, x, deterministic)
+
+
+class Autoencoder(nn.Module):
+  """Deterministic autoencoder: x (B, T, F) normalized features <-> z (B, N, C), N = T // 2**num_halvings.
+
+  deterministic=False switches on the dropout of the residual branches, which needs rngs={"dropout": key}. Latents are
+  not normalised. Frames past the last whole latent are not encoded.
+  """
+  # Parity: the paper says "3-layer"; these are the code's 2 halvings with 3 residual blocks each.
+  features: int = 66
+  latent_dim: int = 512
+  width: int = 512
+  num_halvings: int = 2
+  dilations: tuple[int, ...] = (9, 3, 1)  # in this order in both halves
+  dropout: float = 0.2
+  dtype: Any = jnp.float32
+
+  def setup(self):
+    sizes = dict(width=self.width, num_halvings=self.num_halvings, dilations=tuple(self.dilations),
+                 dropout=self.dropout, dtype=self.dtype)
+    self.encoder = ConvStack(halving_layers, features=self.features, out=self.latent_dim, **sizes)
+    self.decoder = ConvStack(doubling_layers, features=self.latent_dim, out=self.features, **sizes)
+
+  @property
+  def frames_per_latent(self) -> int:
+    return 2 ** self.num_halvings
+
+  def encode(self, x, deterministic=True):
+    if x.shape[1] < self.frames_per_latent:
+      raise ValueError(f"got {x.shape[1]} frames, one latent needs {self.frames_per_latent}")
+    return self.encoder(x, deterministic)
+
+  def decode(self, z, deterministic=True):
+    """-> features (B, frames_per_latent N, F)."""
+    return self.decoder(z, deterministic)
+
+  def __call__(self, x, deterministic=True):
+    return self.decode(self.encode(x, deterministic), deterministic)

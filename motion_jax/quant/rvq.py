@@ -1,0 +1,112 @@
+"""Residual quantization: each level names what the levels before it left over (facts: cdamd 3).
+
+A stack of Q levels is one `vq.Codebook` with a leading axis (Q, ...). Pure functions: state in, state out.
+"""
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from motion_jax.quant import vq
+
+
+class Noise(NamedTuple):
+  """Draws of one training step: gumbel (Q, N, K) for the rows of this device; start and replace (Q, K, C), the same on
+  all devices, for when there are fewer rows than codes."""
+  gumbel: jax.Array
+  start: jax.Array
+  replace: jax.Array
+
+
+class Quantized(NamedTuple):
+  """What a training step quantized.
+
+  quantized (B, L, C), with straight-through gradient; indices (B, L, Q), -1 where a level was left out; commitment ():
+  mean squared distance of residuals to their codes; perplexity () and usage () (share of the codes that were chosen):
+  over the rows of all devices. The last three are means over the active levels.
+  """
+  quantized: jax.Array
+  indices: jax.Array
+  commitment: jax.Array
+  perplexity: jax.Array
+  usage: jax.Array
+
+
+def draw_noise(rng, item_keys, num_rows, codebooks) -> Noise:
+  """Noise for num_rows rows of each item; item_keys (B,), one per item, make it the same on any number of devices."""
+  levels, num_codes, dim = codebooks.codes.shape
+  gumbel = jax.vmap(lambda key: jax.random.gumbel(key, (levels, num_rows, num_codes)))(item_keys)
+  gumbel = jnp.moveaxis(gumbel, 0, 1).reshape(levels, -1, num_codes)
+  start, replace = jax.random.normal(rng, (2, levels, num_codes, dim))
+  return Noise(gumbel, start, replace)
+
+
+def draw_active(rng, num_levels, drop_rate):
+  """Quantize dropout: how many levels a step uses. All of them, or with drop_rate 1 to all alike."""
+  drop_rng, count_rng = jax.random.split(rng)
+  count = jax.random.randint(count_rng, (), 1, num_levels + 1)
+  return jnp.where(jax.random.bernoulli(drop_rng, drop_rate), count, num_levels)
+
+
+def train(codebooks, x, num_active, noise, decay=0.99, temperature=0.5, gain_once=False, axis_name=None):
+  """Quantizes x (B, L, C) by sampled codes and moves the codebooks -> (Quantized, codebooks).
+
+  num_active (): levels in use, the others neither quantize nor learn. All gradients go to x: straight through from
+  `quantized`, and from the commitment.
+  """
+  num_levels, num_codes, dim = codebooks.codes.shape
+  rows = x.reshape(-1, dim)
+  residual, total = rows, jnp.zeros_like(rows)
+  books, indices, terms = [], [], []
+  for level in range(num_levels):
+    active = level < num_active
+    before = jax.tree.map(lambda a: a[level], codebooks)
+    frozen = jax.lax.stop_gradient(residual)
+    book = vq.initialise(before, frozen, noise.start[level], axis_name)
+    chosen = vq.sample(book.codes, frozen, noise.gumbel[level], temperature)
+    codes = book.codes[chosen]
+    book, counts = vq.update(book, frozen, chosen, noise.replace[level], decay, axis_name)
+    terms.append(jnp.where(active, jnp.stack([((residual - codes) ** 2).mean(), vq.perplexity(counts),
+                                              (counts > 0).mean(dtype=x.dtype)]), 0.0))
+    codes = jnp.where(active, codes, 0.0)
+    residual, total = residual - codes, total + codes
+    books.append(jax.tree.map(lambda new, old: jnp.where(active, new, old), book, before))
+    indices.append(jnp.where(active, chosen, -1))
+  # Parity: in the reference each level passes the gradient on, and so does the residual, so the encoder receives it
+  # once per active level; gain_once is the textbook's straight-through estimator.
+  gain = 1 if gain_once else num_active
+  quantized = jax.lax.stop_gradient(total) + gain * (rows - jax.lax.stop_gradient(rows))
+  made = Quantized(quantized.reshape(x.shape), jnp.stack(indices, -1).reshape(x.shape[:-1] + (num_levels,)),
+                   *(sum(terms) / num_active))
+  return made, jax.tree.map(lambda *levels: jnp.stack(levels), *books)
+
+
+def encode(codes, x):
+  """Nearest codes, level by level: codes (Q, K, C), x (B, L, C) -> indices (B, L, Q), code vectors (Q, B, L, C)."""
+  residual, indices, vectors = x.reshape(-1, x.shape[-1]), [], []
+  for level in codes:
+    chosen = vq.nearest(level, residual)
+    indices.append(chosen)
+    vectors.append(level[chosen])
+    residual = residual - vectors[-1]
+  return (jnp.stack(indices, -1).reshape(x.shape[:-1] + (len(codes),)),
+          jnp.stack(vectors).reshape((len(codes),) + x.shape))
+
+
+def decode(codes, indices, num_levels=None):
+  """Sum (B, L, C) of the code vectors that indices (B, L, Q) name, of the first num_levels only if that is given.
+
+  -1 names nothing.
+  """
+  used = len(codes) if num_levels is None else num_levels
+  if not 1 <= used <= min(len(codes), indices.shape[-1]):
+    raise ValueError(f"got num_levels = {used} for {len(codes)} codebooks and indices of {indices.shape[-1]} levels; "
+                     "expected at least 1 and at most as many as both")
+  named = lambda level: jnp.where(indices[..., level, None] >= 0, codes[level][indices[..., level]], 0.0)
+  return sum(named(level) for level in range(used))
+
+
+def perplexities(indices, num_codes):
+  """Perplexity (Q,) of each level of indices (..., Q)."""
+  levels = indices.reshape(-1, indices.shape[-1]).T
+  return jnp.stack([vq.perplexity(vq.usage_counts(level, num_codes, float)[1]) for level in levels])

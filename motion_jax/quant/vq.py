@@ -1,0 +1,112 @@
+"""One codebook: every vector becomes the code near it, and the codes follow the vectors (facts: cdamd 3).
+
+No gradient reaches a code. A codebook is state that a training step takes and returns: running sums and counts of the
+vectors that chose each code. With `axis_name` these are summed over devices, so that N devices learn what one learns.
+"""
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+# Counts that are 1 but for the last bit: 0.99 + 0.01 may round to the number below 1 where a compiler contracts or
+# reorders, and a code used exactly once would then be reset.
+_ALIVE = 1 - 2.0 ** -24
+_EXACT = jax.lax.Precision.HIGHEST  # low-precision products would choose other codes and drift
+
+
+class Codebook(NamedTuple):
+  """codes (K, C); sums (K, C) and counts (K,) of the vectors that chose each; initialised (): set by the first batch.
+
+  Several levels are one Codebook of arrays with a leading axis (Q, ...).
+  """
+  codes: jax.Array
+  sums: jax.Array
+  counts: jax.Array
+  initialised: jax.Array
+
+
+def empty_codebook(num_codes, dim, levels=(), dtype=jnp.float32) -> Codebook:
+  """All zero; the first call of `train` fills it. levels: leading shape, (Q,) for a stack."""
+  codes = jnp.zeros(tuple(levels) + (num_codes, dim), dtype)
+  # Two arrays, not one twice: donated buffers may not be shared.
+  return Codebook(codes, jnp.zeros_like(codes), jnp.zeros(codes.shape[:-1], dtype), jnp.zeros(tuple(levels), bool))
+
+
+def codebook_of(codes) -> Codebook:
+  """A Codebook that goes on from codes (..., K, C) alone, each as if used once.
+
+  Parity: released checkpoints hold nothing else; the reference starts anew from them, by its first batch.
+  """
+  codes = jnp.asarray(codes)
+  return Codebook(codes, codes.copy(), jnp.ones(codes.shape[:-1], codes.dtype), jnp.ones(codes.shape[:-2], bool))
+
+
+def squared_distances(codes, x):
+  """codes (K, C), x (N, C) -> (N, K)."""
+  product = jnp.einsum("nc,kc->nk", x, codes, precision=_EXACT)
+  return (x ** 2).sum(-1, keepdims=True) - 2 * product + (codes ** 2).sum(-1)
+
+
+def nearest(codes, x):
+  """Indices (N,) of the nearest codes."""
+  return jnp.argmin(squared_distances(codes, x), axis=-1)
+
+
+def sample(codes, x, gumbel, temperature=0.5):
+  """Indices (N,) drawn in proportion to exp(-distance / temperature), by Gumbel noise (N, K)."""
+  return jnp.argmax(gumbel - squared_distances(codes, x) / temperature, axis=-1)
+
+
+def perplexity(counts):
+  """exp of the entropy of counts (K,): the number of codes in use if all were used alike."""
+  p = counts / counts.sum()
+  return jnp.exp(-(p * jnp.log(p + 1e-7)).sum())
+
+
+def first_rows(x, num_rows, noise, axis_name=None):
+  """The first rows (num_rows, C) of x (N, C), all devices in line; fewer are repeated, with noise (num_rows, C) times
+  0.01 / sqrt(C) on all."""
+  rows = x[:num_rows]
+  if axis_name is not None:
+    rows = jax.lax.all_gather(rows, axis_name, tiled=True)
+  if len(rows) >= num_rows:
+    return rows[:num_rows]
+  copies = -(-num_rows // len(rows))
+  return jnp.tile(rows, (copies, 1))[:num_rows] + noise * (0.01 / x.shape[-1] ** 0.5)
+
+
+def initialise(book, x, noise, axis_name=None) -> Codebook:
+  """Codes are the first rows of x, each as if used once; a codebook that is initialised stays as it is."""
+  rows = first_rows(x, len(book.codes), noise, axis_name)
+  fresh = Codebook(rows, rows, jnp.ones_like(book.counts), jnp.ones_like(book.initialised))
+  return jax.tree.map(lambda new, old: jnp.where(book.initialised, old, new), fresh, book)
+
+
+def usage_counts(indices, num_codes, dtype, axis_name=None):
+  """How many of indices (N,) name each code: one-hot rows (N, K) and their sums (K,) over all devices."""
+  chosen = jax.nn.one_hot(indices, num_codes, dtype=dtype)
+  counts = chosen.sum(0)
+  return chosen, counts if axis_name is None else jax.lax.psum(counts, axis_name)
+
+
+def update(book, x, indices, noise, decay=0.99, axis_name=None):
+  """Moves the codes towards the x (N, C) that chose them -> (Codebook, counts (K,) of this batch).
+
+  A code whose running count is below 1 is dead and takes row k of the batch; its sum and count go on, so that it is
+  replaced at every step until enough rows choose it.
+  """
+  chosen, counts = usage_counts(indices, len(book.codes), x.dtype, axis_name)
+  sums = jnp.einsum("nk,nc->kc", chosen, x, precision=_EXACT)
+  if axis_name is not None:
+    sums = jax.lax.psum(sums, axis_name)
+  new_sums = decay * book.sums + (1 - decay) * sums
+  new_counts = decay * book.counts + (1 - decay) * counts
+  alive = (new_counts >= _ALIVE)[:, None]
+  rows = first_rows(x, len(book.codes), noise, axis_name)
+  codes = jnp.where(alive, new_sums / jnp.where(alive, new_counts[:, None], 1), rows)
+  return book._replace(codes=codes, sums=new_sums, counts=new_counts), counts
+
+
+def num_dead(book):
+  """Codes below the reset threshold, (...)."""
+  return (book.counts < _ALIVE).sum(-1)
