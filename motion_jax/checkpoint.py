@@ -3,6 +3,7 @@
 What is needed to use a model lies in plain files that any tool reads; what is needed to go on training lies in
 checkpoints/, written by orbax.
 """
+import dataclasses
 import json
 import pathlib
 
@@ -36,16 +37,22 @@ class Saver:
 
   def save(self, step, state):
     if step != self.latest:
-      self._manager.save(step, args=ocp.args.StandardSave(state))
+      self._manager.save(step, args=ocp.args.StandardSave(_fields(state)))
       self._manager.wait_until_finished()  # the state's buffers are donated to the next step
 
   def restore(self, like):
     """The newest state, in the shapes and types of `like`."""
-    target = jax.tree.map(ocp.utils.to_shape_dtype_struct, like)
-    return self._manager.restore(self.latest, args=ocp.args.StandardRestore(target))
+    target = jax.tree.map(ocp.utils.to_shape_dtype_struct, _fields(like))
+    return like.replace(**self._manager.restore(self.latest, args=ocp.args.StandardRestore(target)))
 
   def close(self):
     self._manager.close()
+
+
+def _fields(state):
+  """The fields of a training state that are there: a run older than a field that it has no use for goes on."""
+  return {field.name: getattr(state, field.name) for field in dataclasses.fields(state)
+          if getattr(state, field.name) is not None}
 
 
 def is_fresh(workdir):

@@ -1,7 +1,6 @@
 """mj.load: a run folder, or the name of a model that ships, becomes a Model that generates and streams."""
 import dataclasses
 import hashlib
-import json
 import pathlib
 import warnings
 from collections.abc import Iterator, Sequence
@@ -82,8 +81,7 @@ class Model:
     if encoder.dim != self.dit.text_dim:
       raise ValueError(f"the text encoder gives {encoder.dim} numbers a word, the denoiser in {folder} was trained on "
                        f"{self.dit.text_dim}; pass the encoder named {config.frozen.text!r} as text")
-    identity = self.folder / checkpoint.TEXT
-    if identity.is_file() and json.loads(identity.read_text())["fingerprint"] != encoder.fingerprint:
+    if checkpoint.load_fingerprint(folder) not in (None, encoder.fingerprint):
       raise ValueError(f"{folder} was trained on another version of the text encoder {config.frozen.text!r}; pass the "
                        "folder with the old one as text, or train the denoiser again")
     self.stats: Stats = load_stats(folder, config.data.layout)
@@ -121,12 +119,11 @@ class Model:
 
   def natural_frames(self, prompt) -> int:
     """How long the clips of the nearest training captions are: an action generated much longer goes on by itself."""
-    path = self.folder / checkpoint.LENGTHS
-    if not path.is_file():
-      return 120
     if self._lengths is None:
-      table = json.loads(path.read_text())
-      self._lengths = self.encoder.sentence([row[0] for row in table]), np.array([row[1] for row in table])
+      table = checkpoint.load_lengths(self.folder)
+      if table is None:
+        return 120
+      self._lengths = self.encoder.sentence(table[0]), table[1]
     known, frames = self._lengths
     nearness = known @ self.encoder.sentence([prompt])[0]
     nearest = np.argsort(-nearness, kind="stable")[:5]

@@ -2,6 +2,7 @@
 import json
 import os
 import pathlib
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,8 +13,11 @@ import ml_collections
 import numpy as np
 import pytest
 
-from motion_jax import checkpoint, train
+from motion_jax import checkpoint, train, training
+from motion_jax.motion.features import get_layout
+from motion_jax.motion.stats import Stats, save_stats
 from motion_jax.stage import Stage
+from tests.conftest import load_config
 
 
 def _stage():
@@ -76,16 +80,119 @@ def test_a_run_is_neither_overwritten_nor_resumed_from_nothing(tmp_path):
   train.train(_config(2), tmp_path, _stage(), _next_batch)
   with pytest.raises(ValueError, match="--resume"):
     train.train(_config(2), tmp_path, _stage(), _next_batch)
-  (tmp_path / "other").mkdir()
-  (tmp_path / "other" / "metrics.jsonl").write_text("")
+  shutil.rmtree(tmp_path / "checkpoints")
+  shutil.move(tmp_path, tmp_path.with_name("other"))
   with pytest.raises(FileNotFoundError, match="no checkpoint"):
-    train.train(_config(2), tmp_path / "other", _stage(), _next_batch, resume=True)
+    train.train(_config(2), tmp_path.with_name("other"), _stage(), _next_batch, resume=True)
 
 
 def test_a_loss_that_is_no_number_stops_the_run(tmp_path):
   bad = lambda step: _next_batch(step) | {"y": np.full(8, np.nan if step == 2 else 0.0, np.float32)}
   with pytest.raises(FloatingPointError, match="learning_rate"):
     train.train(_config(6), tmp_path, _stage(), bad)
+
+
+def test_what_is_no_number_is_never_saved(tmp_path):
+  """Off the log grid too, at a broken gradient under a sound loss, and when the run is asked to stop."""
+  bad = lambda step: _next_batch(step) | {"y": np.full(8, np.nan if step == 2 else 0.0, np.float32)}
+  config = _config(8)
+  config.train.log_every, config.train.save_every = 8, 1
+  with pytest.raises(FloatingPointError, match="last good state is step 2"):
+    train.train(config, tmp_path / "loss", _stage(), bad)
+  assert checkpoint.Saver(tmp_path / "loss").latest == 2
+  assert np.isfinite(checkpoint.load_params(tmp_path / "loss")["w"]).all()
+
+  def loss(params, frozen, batch, step, rng):  # at the third step the gradient alone is no number
+    root = jnp.sqrt(jnp.where(step == 2, 0.0, 1.0) * params["w"] ** 2).sum()
+    return {"loss": root}, 1.0
+
+  stage = _stage()._replace(loss=loss)
+  with pytest.raises(FloatingPointError, match="last good state is step 2"):
+    train.train(config, tmp_path / "gradient", stage, _next_batch)
+  assert checkpoint.Saver(tmp_path / "gradient").latest == 2
+  with pytest.raises(FloatingPointError, match="last good"):
+    train.train(_config(8), tmp_path / "slice", _stage(), lambda step: bad(2), max_seconds=0)
+  assert checkpoint.is_fresh(tmp_path / "slice")
+  skipping = train.train(_config(4, skip_loss=10.0), tmp_path / "skip", stage, _next_batch)
+  assert np.isfinite(skipping.params["w"]).all() and train.read_metrics(tmp_path / "skip")[2]["skipped"] == 1
+
+
+def _killed(step):
+  raise MemoryError("as good as kill -9: nothing is saved, nothing cleaned up")
+
+
+def test_a_killed_run_goes_on_as_if_it_had_not_been(tmp_path):
+  """Killed at step 3 after its save at 2, with a line of metrics cut short; rows are neither doubled nor lost."""
+  whole = train.train(_config(4), tmp_path / "whole", _stage(), _next_batch)
+  folder = tmp_path / "parts"
+  with pytest.raises(MemoryError):
+    train.train(_config(4), folder, _stage(), lambda step: _next_batch(step) if step < 3 else _killed(step))
+  with open(folder / "metrics.jsonl", "a") as file:
+    file.write('{"step": 4, "lo')
+  (folder / "params.safetensors").unlink()  # the end may come between checkpoint and parameters
+  parts = train.train(_config(4), folder, _stage(), _next_batch, resume=True)
+  assert _equal(whole, parts)
+  assert [row["step"] for row in train.read_metrics(folder)] == [1, 2, 3, 4]
+  assert _equal(checkpoint.load_params(folder), whole.ema_params)
+
+
+@pytest.mark.parametrize("resume", [False, True])
+def test_a_run_killed_before_its_first_save_starts_anew(tmp_path, resume):
+  with pytest.raises(MemoryError):
+    train.train(_config(4), tmp_path, _stage(), lambda step: _next_batch(step) if step < 1 else _killed(step))
+  assert len(train.read_metrics(tmp_path)) == 1 and checkpoint.is_fresh(tmp_path)
+  state = train.train(_config(2), tmp_path, _stage(), _next_batch, resume=resume)
+  assert int(state.step) == 2 and [row["step"] for row in train.read_metrics(tmp_path)] == [1, 2]
+
+
+def test_a_whole_run_goes_on_and_only_with_its_own_settings(tmp_path):
+  """Through training.run: what may change is how long, when it cools down, and where the data lies."""
+  def config(**changes):
+    tiny = load_config("cmdm_tokenizer", "tiny")
+    with tiny.unlocked():
+      for name, value in changes.items():
+        tiny.optimizer[name] = value
+    return tiny
+
+  training.run(config(), tmp_path)
+  for change in (dict(learning_rate=1.0), dict(beta1=0.5), dict(schedule="cosine"), dict(warmup_steps=9)):
+    with pytest.raises(ValueError, match="another optimizer"):
+      training.run(config(**change), tmp_path, resume=True)
+  longer = config(cooldown_steps=7)
+  longer.train.num_steps = 3
+  assert int(training.run(longer, tmp_path, resume=True).step) == 3
+
+
+def test_broken_files_of_a_run_are_told(tmp_path):
+  for name, load in (("text.json", checkpoint.load_fingerprint), ("captions.json", checkpoint.load_lengths)):
+    assert load(tmp_path) is None
+    for content in ("{", "7", "{}", "[[1, 2]]", '{"fingerprint": 3}', '[["a"]]', "[]"):
+      (tmp_path / name).write_text(content)
+      with pytest.raises(ValueError, match=f"{name}.*restore it"):
+        load(tmp_path)
+    (tmp_path / name).write_bytes(b"\xff\xfe")
+    with pytest.raises(ValueError, match=f"{name}.*restore it"):
+      load(tmp_path)
+  checkpoint.save_text(tmp_path, "captions.json", '[["a person walks", 80]]')
+  captions, frames = checkpoint.load_lengths(tmp_path)
+  assert captions == ["a person walks"] and frames.tolist() == [80]
+
+
+def test_a_write_cut_short_leaves_the_old_file(tmp_path, monkeypatch):
+  stats = Stats(np.zeros(263, np.float32), np.ones(263, np.float32), get_layout("full"))
+  save_stats(stats, tmp_path)
+  checkpoint.save_text(tmp_path, "text.json", "old")
+  before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+
+  def full(*_):
+    raise OSError("no space left on device")
+
+  monkeypatch.setattr(np, "save", lambda path, values: pathlib.Path(path).write_bytes(b"half") and full())
+  monkeypatch.setattr(pathlib.Path, "write_text", full)
+  for save in (lambda: save_stats(stats, tmp_path), lambda: checkpoint.save_text(tmp_path, "text.json", "new")):
+    with pytest.raises(OSError, match="no space"):
+      save()
+  assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 def test_a_batch_with_a_wild_loss_is_skipped(tmp_path):

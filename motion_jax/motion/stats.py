@@ -1,6 +1,7 @@
 """Mean and standard deviation of a feature layout: what a network sees is (features - mean) / std."""
 import dataclasses
 import hashlib
+import os
 import pathlib
 
 import numpy as np
@@ -64,8 +65,13 @@ def compute_stats(features, layout, per_axis=False) -> Stats:
 def save_stats(stats, folder):
   """Writes Mean.npy and Std.npy, the names that the field's tools look for."""
   folder = pathlib.Path(folder)
-  np.save(folder / "Mean.npy", stats.mean)
-  np.save(folder / "Std.npy", stats.std)
+  for name, values in (("Mean", stats.mean), ("Std", stats.std)):
+    whole = folder / f".{name}-{os.getpid()}.npy"  # a write cut short leaves the old file as it was
+    try:
+      np.save(whole, values)
+      os.replace(whole, folder / f"{name}.npy")
+    finally:
+      whole.unlink(missing_ok=True)
 
 
 def load_stats(folder, layout=None) -> Stats:
