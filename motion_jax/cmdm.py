@@ -5,14 +5,16 @@ released code, see the comments that start with "Parity".
 """
 from typing import Any, NamedTuple
 
+import flax
 import jax
 import jax.numpy as jnp
 
-from motion_jax.diffusion import guidance, paths, samplers, schedules, streaming
+from motion_jax.diffusion import continuation, guidance, paths, samplers, schedules, streaming
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE, sample_latent
 from motion_jax.nets.masks import block_causal_mask, padding_mask, sliding_mask
 from motion_jax.stage import Stage
+from motion_jax.teacher import frame_features, make_teacher
 
 # --- losses of the tokenizer -------------------------------------------------------------------------------------
 
@@ -35,14 +37,85 @@ def kl_to_standard_normal(mean, logvar):
   return -0.5 * (1 + logvar - mean ** 2 - jnp.exp(logvar)).sum((1, 2)).mean()
 
 
-def tokenizer_terms(vae, params, x, noise, kl_weight, root_weight, root_columns=slice(0, 4)):
-  """Loss terms of one micro-batch x (B, T, F): a dict with rec, root, kl and their weighted sum, loss."""
+def align_terms(student, teacher, cos_margin=0.5, distance_margin=0.25):
+  """Marginal cosine and marginal distance-matrix losses between (B, N, E) and (B, N, E) (facts: cmdm 2.4).
+
+  The first pulls each latent towards its teacher's direction until their cosine is over 1 - cos_margin, the second
+  makes cosines between latents of one window those between the teacher's features, to within distance_margin.
+  """
+  # Parity: the paper writes the second over unprojected latents and the whole set; the code's is inside a window.
+  unit = lambda a: a / jnp.maximum(jnp.linalg.norm(a, axis=-1, keepdims=True), 1e-6)
+  student, teacher = unit(student), unit(teacher)
+  cosine = (student * teacher).sum(-1)
+  among = lambda a: jnp.einsum("bie,bje->bij", a, a)
+  mcos = jax.nn.relu(1 - cos_margin - cosine).mean()
+  mdms = jax.nn.relu(jnp.abs(among(student) - among(teacher)) - distance_margin).mean()
+  return mcos, mdms
+
+
+def pool_teacher(features, num_latents):
+  """The teacher's frame features (B, T, E) -> their mean over each latent's frames (B, N, E)."""
+  batch, frames, dim = features.shape
+  if frames % num_latents:
+    # Parity: the code lets the term vanish without a word.
+    raise ValueError(f"got windows of {frames} frames for {num_latents} latents; data.window must be a multiple of the "
+                     "frames of a latent")
+  return features.reshape(batch, num_latents, -1, dim).mean(2)
+
+
+def align_ratio(vae, params, x, noise, teacher):
+  """|d rec / d W| / |d align / d W| at W, the encoder's last convolution, and both norms (facts: cmdm 2.4).
+
+  Constants to the gradient. Neither derivative goes deeper than W, so that rec costs one pass back through the decoder,
+  without its parameters' gradients; the forward pass is the loss's own and compiled once.
+  """
+  # Parity: the paper says "the final layer of the encoder"; the code takes the last convolution, not the linear layer.
+  params, x, teacher = jax.lax.stop_gradient((params, x, teacher))
+  path = ("params", "encoder", "conv_out", "conv", "kernel")
+  flat = flax.traverse_util.flatten_dict(params)
+
+  def of_kernel(kernel):
+    changed = flax.traverse_util.unflatten_dict({**flat, path: kernel})
+    y, mean, logvar = vae.apply(changed, x, noise)
+    z = sample_latent(mean, logvar, noise)
+    align = sum(align_terms(*vae.apply(changed, z, teacher, method="aligned")))
+    return gaussian_nll(y.astype(x.dtype), x), align
+
+  (rec, align), pull = jax.vjp(of_kernel, flat[path])
+  norms = [jnp.linalg.norm(pull(seeds)[0]) for seeds in ((jnp.ones_like(rec), jnp.zeros_like(align)),
+                                                         (jnp.zeros_like(rec), jnp.ones_like(align)))]
+  ratio = jnp.clip(norms[0] / jnp.maximum(norms[1], 1e-4), 0, 1e4)
+  return jax.lax.stop_gradient((ratio, *norms))
+
+
+def align_factor(step, config, num_steps):
+  """Factor of the alignment term: from config.align to a tenth of it, linearly, after the ramp of the KL term."""
+  progress = jnp.clip((step - config.kl_ramp) / max(num_steps - config.kl_ramp, 1), 0, 1)
+  return config.align * (1 - 0.9 * progress)
+
+
+def tokenizer_terms(vae, params, x, noise, kl_weight, root_weight, root_columns=slice(0, 4), teacher=None,
+                    align_weight=0.0, adaptive=True):
+  """Loss terms of one micro-batch x (B, T, F): a dict with rec, root, kl and their weighted sum, loss.
+
+  With teacher (B, N, E), its features at each latent, also mcos, mdms, their sum align, and the weight that it gets:
+  align_weight times the ratio of gradients, or plain if not adaptive.
+  """
   # Parity: the root term is the code's alone, and its KL weight is 0.01 with a ramp, the paper's 1.0; both are fields.
   y, mean, logvar = vae.apply(params, x, noise)
   y = y.astype(x.dtype)
   terms = {"rec": gaussian_nll(y, x), "root": gaussian_nll(y[..., root_columns], x[..., root_columns]),
            "kl": kl_to_standard_normal(mean, logvar), "mse": ((y - x) ** 2).mean()}
   terms["loss"] = terms["rec"] + kl_weight * terms["kl"] + root_weight * terms["root"]
+  if teacher is not None:
+    sides = vae.apply(params, sample_latent(mean, logvar, noise), teacher, method="aligned")
+    terms["mcos"], terms["mdms"] = align_terms(*sides)
+    terms["align"] = terms["mcos"] + terms["mdms"]
+    ratio = 1.0
+    if adaptive:
+      ratio, terms["grad_rec"], terms["grad_align"] = align_ratio(vae, params, x, noise, teacher)
+    terms["align_weight"] = jnp.asarray(align_weight * ratio, x.dtype)
+    terms["loss"] += terms["align_weight"] * terms["align"]
   return terms
 
 
@@ -52,11 +125,14 @@ def tokenizer_terms(vae, params, x, noise, kl_weight, root_weight, root_columns=
 def tokenizer_stage(config) -> Stage:
   """Trains the causal VAE on windows: batch["features"] (B, T, F), normalized.
 
+  With config.teacher, the fields of a teacher whose parameters are frozen["teacher"], its latents are aligned with it.
+
   The sigma of the reconstruction loss belongs to a micro-batch, so the batch is cut into micro-batches of a fixed size,
   and the same ones arise on any number of devices.
   """
   vae = CausalVAE(**config.model)
   loss_config = config.loss
+  teacher = make_teacher(config.teacher, config.data.layout) if config.get("teacher") else None
 
   def latent_shape(x):
     return x.shape[:-2] + (x.shape[-2] // 2 ** vae.num_halvings, vae.latent_dim)
@@ -76,8 +152,13 @@ def tokenizer_stage(config) -> Stage:
     noise = jax.vmap(lambda key: jax.random.normal(key, latent_shape(x)[1:]))(keys)
     kl_weight = loss_config.kl_weight * (jnp.minimum(1.0, step / loss_config.kl_ramp) if loss_config.kl_ramp else 1.0)
     split = lambda a: a.reshape((-1, size) + a.shape[1:])
-    terms = [tokenizer_terms(vae, params, a, e, kl_weight, loss_config.root_weight)
-             for a, e in zip(split(x), split(noise))]
+    guides = [None] * (x.shape[0] // size)
+    if teacher is not None:
+      guides = split(pool_teacher(frame_features(teacher, frozen["teacher"], x), noise.shape[1]))
+    align_weight = align_factor(step, loss_config, config.train.num_steps) if teacher is not None else 0.0
+    terms = [tokenizer_terms(vae, params, a, e, kl_weight, loss_config.root_weight, teacher=g,
+                             align_weight=align_weight, adaptive=loss_config.get("adaptive_align", True))
+             for a, e, g in zip(split(x), split(noise), guides)]
     return jax.tree.map(lambda *parts: sum(parts), *terms), float(len(terms))
 
   def predict(params, frozen, batch, rng):
@@ -170,31 +251,84 @@ def decode_latents(vae, frozen, latents):
   return vae.apply(frozen["tokenizer"], z, method="decode")
 
 
-def generate(dit, vae, plan, num_blocks, params, frozen, text_emb, text_mask, scale, keys):
+def generate(dit, vae, plan, num_blocks, params, frozen, text_emb, text_mask, scale, keys, segment=None):
   """Normalized features (B, frames, F) of num_blocks blocks, by frame-wise sampling (lag < num_steps) or block after
-  block (lag = num_steps). keys (B,): one per motion. Pure; dit, vae, plan and num_blocks are static."""
+  block (lag = num_steps). keys (B,): one per motion. Pure; dit, vae, plan and num_blocks are static.
+
+  With segment (B, num_blocks), text_emb (B, G, S, E) and text_mask (B, G, S) are G captions a motion, and segment says
+  which of them each block has; plan.captions is that of `streaming.captions_seen`.
+  """
   constants = streaming.make_constants(dit, params, plan)
   text = streaming.encode_text(dit, params, text_emb, text_mask, plan.guided)
-  latents = streaming.sample(dit, plan, params, constants, text, scale, keys, num_blocks)
+  latents = streaming.sample(dit, plan, params, constants, text, scale, keys, num_blocks, segment=segment)
   return decode_latents(vae, frozen, latents)
 
 
-def generate_whole(dit, vae, plan, num_blocks, params, frozen, text_emb, text_mask, scale, keys, solver=samplers.euler):
+def generate_whole(dit, vae, plan, num_blocks, params, frozen, text_emb, text_mask, scale, keys, segment=None):
   """The same by the plain loop over all latents at once; a plan of lag 0 cleans them all together.
 
   What `generate` is tested against, and the full-sequence schedule of the paper's ablation.
   """
   length = num_blocks * plan.block
   noise = jnp.concatenate([streaming.block_noise(keys, i, plan, dit.latent_dim) for i in range(num_blocks)], axis=1)
-  times = jnp.asarray(schedules.staircase(plan.num_steps, length, plan.lag, plan.block))
+  if segment is not None:
+    text_emb, text_mask = words_of_latents(text_emb, text_mask, jnp.repeat(segment, plan.block, axis=1))
   attn_mask = sliding_mask(length, plan.block, plan.context)
-  words, mask = jnp.concatenate([text_emb] * 2), jnp.concatenate([text_mask] * 2)
+  velocity = plain_velocity(dit, params, text_emb, text_mask, attn_mask, scale, plan.guided)
+  times = jnp.asarray(schedules.staircase(plan.num_steps, length, plan.lag, plan.block))
+  return decode_latents(vae, frozen, samplers.SOLVERS[plan.solver](velocity, noise, times))
 
+
+def words_of_latents(text_emb, text_mask, segment):
+  """Words (B, G * S, E) and mask (B, L, G * S) that show each latent its own of G captions; segment (B, L)."""
+  batch, count, words, _ = text_emb.shape
+  mask = text_mask[:, None] & (segment[:, :, None, None] == jnp.arange(count)[:, None])
+  return text_emb.reshape(batch, count * words, -1), mask.reshape(mask.shape[:2] + (-1,))
+
+
+def plain_velocity(dit, params, text_emb, text_mask, attn_mask, scale, guided=True):
+  """velocity(x, t (L,)) of the network as it is, everything computed anew in every call."""
   def velocity(x, t, drop):
-    emb = jnp.where(drop[:, None, None], 0.0, words)
-    return dit.apply(params, x, jnp.broadcast_to(t, x.shape[:2]), emb, attn_mask, mask)
+    twice = lambda a: jnp.concatenate([a, a]) if drop.shape[0] > a.shape[0] > 1 else a
+    emb = jnp.where(drop[:, None, None], 0.0, jnp.concatenate([text_emb] * (drop.shape[0] // text_emb.shape[0])))
+    mask = jnp.concatenate([text_mask] * (drop.shape[0] // text_mask.shape[0]))
+    return dit.apply(params, x, jnp.broadcast_to(t, x.shape[:2]), emb, twice(attn_mask), mask)
 
-  return decode_latents(vae, frozen, solver(guidance.guided(velocity, scale), noise, times))
+  if guided:
+    return guidance.guided(velocity, scale)
+  return lambda x, t: velocity(x, t, jnp.zeros(x.shape[0], bool))
+
+
+def chained(dit, plan, params, text_emb, text_mask, scale, lengths, past, noise, fresh, times=None):
+  """New latents (B, N, C) behind a past (B, P, C) as the released code makes them: plain recompute, past re-noised.
+
+  noise (B, P + N, C) and fresh(m) alike: see `continuation.renoised`; lengths (B,) of the new latents, those beyond
+  mean nothing. P = 0 is the first segment of a chain, an ordinary run. Positions start anew in every segment, and
+  blocks count from the window's start.
+  """
+  length, given = noise.shape[1], past.shape[1]
+  if times is None:
+    times = jnp.asarray(schedules.staircase(plan.num_steps, length, plan.lag, plan.block))
+  context = plan.context + -(-given // plan.block) * plan.block  # the past comes on top, 1 + 48 in the code
+  attn_mask = sliding_mask(length, plan.block, context) & padding_mask(given + lengths, length)[:, None, None, :]
+  velocity = plain_velocity(dit, params, text_emb, text_mask, attn_mask, scale, plan.guided)
+  if not given:
+    return samplers.euler(velocity, noise, times)
+  return continuation.renoised(velocity, noise, times, past, fresh)[:, given:]
+
+
+def extend(dit, plan, num_blocks, params, text_emb, text_mask, scale, keys, past, count, segment, past_segment):
+  """Clean latents (B, num_blocks * block, C) that go on from the last `count` of past (B, P, C), itself clean.
+
+  The past is kept at t = 1 in the cache. text_emb (B, G, S, E), text_mask (B, G, S); segment (B, num_blocks) and
+  past_segment (B, P / block) say which caption each block has.
+  """
+  # Parity: the paper's clean past in the context (equation 12); `chained` is what the code does instead.
+  constants = streaming.make_constants(dit, params, plan)
+  text = streaming.encode_text(dit, params, text_emb, text_mask, plan.guided)
+  state = streaming.prime(dit, plan, params, constants, text, past, count, streaming.init_stream(dit, plan, keys),
+                          past_segment)
+  return streaming.sample(dit, plan, params, constants, text, scale, keys, num_blocks, segment=segment, state=state)
 
 
 class MotionStream(NamedTuple):
@@ -208,13 +342,14 @@ def init_stream(dit, vae, plan, frozen, keys) -> MotionStream:
   return MotionStream(streaming.init_stream(dit, plan, keys), decoder)
 
 
-def stream_step(dit, vae, plan, active, use_cache, params, frozen, constants, text, scale, keys, state):
+def stream_step(dit, vae, plan, active, use_cache, params, frozen, constants, text, scale, keys, state, caption=None):
   """One block further -> (state, normalized features (B, frames of a block, F), done), the step of `generate`.
 
-  Until done is true the features mean nothing and the decoder has not moved.
+  caption (B, active): which of the captions in text the blocks of the window have, see `streaming.advance`. Until done
+  is true the features mean nothing and the decoder has not moved.
   """
   latents, block, done = streaming.advance(dit, plan, active, use_cache, params, constants, text, scale, keys,
-                                           state.latents)
+                                           state.latents, caption)
   z = block * frozen["latent_std"] + frozen["latent_mean"]
   features, decoder = vae.apply(frozen["tokenizer"], z, state.decoder, method="decode_step")
   decoder = jax.tree.map(lambda new, old: jnp.where(done, new, old), decoder, state.decoder)

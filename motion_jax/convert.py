@@ -3,6 +3,7 @@
 A table maps a reference's name, less ".weight" or ".bias", to (our path, kind); the kind says how arrays are turned.
 """
 import pathlib
+import re
 
 import flax
 import numpy as np
@@ -22,10 +23,16 @@ _QKV = ("query", "key", "value")
 _KINDS = {
     "dense": {"weight": ("kernel", lambda w: w.T), "bias": ("bias", None)},
     "conv": {"weight": ("kernel", lambda w: w.transpose(2, 1, 0)), "bias": ("bias", None)},
-    "pointwise": {"weight": ("kernel", lambda w: w[:, :, 0].T), "bias": ("bias", None)},
+    "pointwise": {"weight": ("kernel", lambda w: w.squeeze(2).T), "bias": ("bias", None)},
     "norm": {"weight": ("scale", None), "bias": ("bias", None)},
     "scale": {"weight": ("scale", None)},
     "array": {"": ("", None)},
+    "conv_transpose": {"weight": ("kernel", lambda w: w.transpose(2, 0, 1)[::-1]), "bias": ("bias", None)},
+    "first_state": {"": ("", lambda h: h.squeeze(1))},
+    "gru": {f"{theirs}_l0{direction}": (f"{part}/{ours}", turn)
+            for part, direction in (("forward", ""), ("backward", "_reverse"))
+            for theirs, ours, turn in (("weight_ih", "w_in", np.transpose), ("weight_hh", "w_hidden", np.transpose),
+                                       ("bias_ih", "b_in", None), ("bias_hh", "b_hidden", None))},
     "attention_in": {"in_proj_weight": _split("kernel", _QKV, np.transpose),
                      "in_proj_bias": _split("bias", _QKV, lambda b: b)},
 }
@@ -36,12 +43,17 @@ def load_state(path):
 
   A checkpoint that nests its weights gives keys joined by "/": "ema_model/x_embedder.weight".
   """
+  return load_checkpoint(path)[0]
+
+
+def load_checkpoint(path):
+  """What load_state gives, and the names of the entries that hold no tensor: counters, schedules."""
   path = pathlib.Path(path)
   if not path.is_file():
     raise FileNotFoundError(f"there is no checkpoint {path}")
   if path.suffix == ".safetensors":
     try:
-      return load_file(path)
+      return load_file(path), set()
     except SafetensorError as error:
       raise ValueError(f"{path} is no whole safetensors file ({error}); fetch it again") from error
   try:
@@ -52,7 +64,15 @@ def load_state(path):
   try:
     state = torch.load(path, map_location="cpu", weights_only=True)
   except Exception as error:  # torch tells a damaged file by whatever its reader stumbled over
-    raise ValueError(f"{path} is no whole PyTorch checkpoint of plain tensors ({error}); fetch it again") from error
+    foreign = re.search(r"GLOBAL ([\w.]+)", str(error))
+    if foreign:
+      raise ValueError(f"{path} holds a {foreign[1]} besides tensors and plain values; reading such a thing can run "
+                       "code, so it is refused. Where you trust the file, save its tensors alone, with "
+                       "torch.save(state_dict) or safetensors, and convert that") from error
+    reason = str(error).strip().splitlines() or [type(error).__name__]
+    raise ValueError(f"{path} is no whole PyTorch checkpoint ({reason[0]}); fetch it again") from error
+  if not isinstance(state, dict):
+    raise ValueError(f"{path} holds a {type(state).__name__}, expected a dict of tensors")
   flat = {}
 
   def collect(prefix, value):
@@ -63,7 +83,7 @@ def load_state(path):
       flat[prefix] = value.float().numpy()
 
   collect("", state)
-  return flat
+  return flat, {str(key) for key in state} - {name.split("/")[0] for name in flat}
 
 
 def select(state, prefix):
@@ -92,7 +112,10 @@ def from_torch(state, table, ignore=()):
         used.add(name)
         array = np.asarray(state[name], np.float32)
         for leaf, turn in leaves if isinstance(leaves, list) else [leaves]:
-          flat[_join(f"params/{ours}", leaf, "/")] = array if turn is None else turn(array)
+          try:
+            flat[_join(f"params/{ours}", leaf, "/")] = array if turn is None else turn(array)
+          except ValueError as error:
+            raise ValueError(f"{name} has the shape {array.shape}, which is not that of its layer ({kind})") from error
   expected = {_join(theirs, suffix, ".") for theirs, (_, kind) in table.items() for suffix in _KINDS[kind]}
   missing, unknown = sorted(expected - used), sorted(set(state) - used - set(ignore))
   if missing or unknown:
@@ -102,15 +125,15 @@ def from_torch(state, table, ignore=()):
   return flax.traverse_util.unflatten_dict(flat, sep="/")
 
 
-def causal_vae_names(num_halvings=2, depth=3, teacher=True):
-  """MAC-VAE (facts: cmdm 9). teacher: the state holds the alignment projection."""
+def causal_vae_names(num_halvings=2, depth=3, teacher=True, teacher_to_latent=False):
+  """MAC-VAE (facts: cmdm 9). teacher: the state holds the alignment projection, of either direction."""
   table = {"encoder.model.0.conv": ("encoder/conv_in/conv", "conv"), "encoder.proj": ("encoder/head", "dense"),
            f"encoder.model.{2 + num_halvings}.conv": ("encoder/conv_out/conv", "conv"),
            "decode_proj": ("decoder/head", "dense"), "decoder.model.0.conv": ("decoder/conv_in/conv", "conv"),
            f"decoder.model.{2 + num_halvings}.conv": ("decoder/conv_mid/conv", "conv"),
            f"decoder.model.{4 + num_halvings}.conv": ("decoder/conv_out/conv", "conv")}
   if teacher:
-    table["linear_proj_z"] = ("align", "dense")
+    table["linear_proj_aux" if teacher_to_latent else "linear_proj_z"] = ("align", "dense")
   for i in range(num_halvings):
     table[f"encoder.model.{2 + i}.0.conv"] = (f"encoder/down{i}/conv", "conv")
     table[f"decoder.model.{2 + i}.2.conv"] = (f"decoder/up{i}/conv", "conv")
@@ -141,3 +164,47 @@ def post_norm_names(theirs, ours):
   return {f"{theirs}.self_attn": (ours, "attention_in"), f"{theirs}.self_attn.out_proj": (f"{ours}/out", "dense"),
           f"{theirs}.linear1": (f"{ours}/mlp_in", "dense"), f"{theirs}.linear2": (f"{ours}/mlp_out", "dense"),
           f"{theirs}.norm1": (f"{ours}/attn_norm", "norm"), f"{theirs}.norm2": (f"{ours}/mlp_norm", "norm")}
+
+
+def _sequence_names(theirs, ours):
+  return {f"{theirs}hidden": (f"{ours}/first_state", "first_state"), f"{theirs}input_emb": (f"{ours}/embed", "dense"),
+          f"{theirs}gru": (ours, "gru"), f"{theirs}output_net.0": (f"{ours}/mix", "dense"),
+          f"{theirs}output_net.1": (f"{ours}/norm", "norm"), f"{theirs}output_net.3": (f"{ours}/out", "dense")}
+
+
+def t2m_evaluator_names(movement="movement_encoder/", motion="motion_encoder/", text="text_encoder/"):
+  """The T2M evaluator (facts: cmdm 9), whose file holds three networks; the arguments are their prefixes."""
+  ours = "movement_encoder"
+  table = {f"{movement}main.0": (f"{ours}/conv0", "conv"), f"{movement}main.3": (f"{ours}/conv1", "conv"),
+           f"{movement}out_net": (f"{ours}/out", "dense"), f"{text}pos_emb": ("text_encoder/classes", "dense")}
+  return table | _sequence_names(motion, "motion_encoder") | _sequence_names(text, "text_encoder/sequence")
+
+
+def movement_decoder_names(prefix="movement_decoder/"):
+  """The other half of the T2M evaluator's movement autoencoder."""
+  return {f"{prefix}main.0": ("conv0", "conv_transpose"), f"{prefix}main.2": ("conv1", "conv_transpose"),
+          f"{prefix}out_net": ("out", "dense")}
+
+
+CLIP_EVALUATOR_IGNORED = ("motion_encoder.sequence_pos_encoder.pe",)  # a sine table
+
+
+def clip_evaluator_names(depth=8):
+  """MARDM's CLIP-type evaluator: what lies under contrast_model/ in its file."""
+  table = {"positional_embedding": ("positions", "array"), "logit_scale": ("logit_scale", "array"),
+           "motion_encoder.query_token": ("query", "array"), "motion_encoder.embed_motion": ("embed", "dense"),
+           "motion_encoder.out_ln": ("motion_norm", "norm"), "motion_encoder.out": ("motion_out", "dense"),
+           "token_embedding.weight": ("tokens", "array"), "text_ln": ("text_norm", "norm"),
+           "out": ("text_out", "dense")}
+  for i in range(depth):
+    table |= post_norm_names(f"motion_encoder.transformer.layers.{i}", f"motion_layers_{i}")
+    table |= post_norm_names(f"textTransEncoder.layers.{i}", f"text_layers_{i}")
+  return table
+
+
+def length_estimator_names():
+  """MARDM's length estimator."""
+  table = {"output.11": ("out", "dense")}
+  for i, place in enumerate((0, 4, 8)):
+    table |= {f"output.{place}": (f"layer{i}", "dense"), f"output.{place + 1}": (f"norm{i}", "norm")}
+  return table

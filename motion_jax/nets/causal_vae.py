@@ -11,18 +11,13 @@ import flax.linen as nn
 import jax.numpy as jnp
 
 from motion_jax.nets.convs import (
-  CausalConv,
-  ResBlock,
+  apply_layers,
+  doubling_layers,
+  halving_layers,
   init_contexts,
-  relu_step,
   run_layers,
   uniform_fan_in,
-  upsample_step,
 )
-
-
-def _stack(width, dilations, dtype, name):
-  return [ResBlock(width, dilation, dtype, name=f"{name}_block{b}") for b, dilation in enumerate(dilations)]
 
 
 class Encoder(nn.Module):
@@ -33,15 +28,13 @@ class Encoder(nn.Module):
   num_halvings: int
   dilations: tuple[int, ...]
   dtype: Any
+  causal: bool = True
 
   def setup(self):
     width = self.width
-    layers = [CausalConv(self.features, width, 3, dtype=self.dtype, name="conv_in"), relu_step]
-    for i in range(self.num_halvings):
-      layers += [CausalConv(width, width, 4, stride=2, dtype=self.dtype, name=f"down{i}")]
-      layers += _stack(width, self.dilations, self.dtype, f"stack{i}")
-    layers += [CausalConv(width, width, 3, dtype=self.dtype, name="conv_out")]  # W_enc of the alignment weight
-    self.layers = layers
+    # The last of them, conv_out, is W_enc of the alignment weight.
+    self.layers = halving_layers(self.features, width, width, self.num_halvings, self.dilations, self.dtype,
+                                 self.causal)
     init = uniform_fan_in(width)
     self.head = nn.Dense(2 * self.latent_dim, kernel_init=init, bias_init=init, dtype=self.dtype)
 
@@ -52,6 +45,9 @@ class Encoder(nn.Module):
     x, state = run_layers(self.layers, x, state)
     return self.head(x), state
 
+  def __call__(self, x):
+    return self.head(apply_layers(self.layers, x))
+
 
 class Decoder(nn.Module):
   """z (B, N, C) -> (B, 2**num_halvings N, F)."""
@@ -61,18 +57,14 @@ class Decoder(nn.Module):
   num_halvings: int
   dilations: tuple[int, ...]
   dtype: Any
+  causal: bool = True
 
   def setup(self):
     width = self.width
     init = uniform_fan_in(self.latent_dim)
     self.head = nn.Dense(width, kernel_init=init, bias_init=init, dtype=self.dtype)
-    layers = [CausalConv(width, width, 3, dtype=self.dtype, name="conv_in"), relu_step]
-    for i in range(self.num_halvings):
-      layers += _stack(width, self.dilations, self.dtype, f"stack{i}")
-      layers += [upsample_step, CausalConv(width, width, 3, dtype=self.dtype, name=f"up{i}")]
-    layers += [CausalConv(width, width, 3, dtype=self.dtype, name="conv_mid"), relu_step,
-               CausalConv(width, self.features, 3, dtype=self.dtype, name="conv_out")]
-    self.layers = layers
+    self.layers = doubling_layers(width, width, self.features, self.num_halvings, self.dilations, self.dtype,
+                                  self.causal)
 
   def init_state(self, batch):
     return init_contexts(self.layers, batch)
@@ -80,12 +72,16 @@ class Decoder(nn.Module):
   def step(self, z, state):
     return run_layers(self.layers, self.head(z), state)
 
+  def __call__(self, z):
+    return apply_layers(self.layers, self.head(z))
+
 
 class CausalVAE(nn.Module):
   """Causal autoencoder: x (B, T, F) normalized features <-> z (B, N, C), N = T // 2**num_halvings.
 
   `encode` gives mean and log-variance, `decode` features; `*_step` do the same to the next chunk of a stream, from the
-  state of `init_*_state(batch)`, whatever the chunk sizes (for encoding: multiples of 2**num_halvings frames).
+  state of `init_*_state(batch)`, whatever the chunk sizes (for encoding: multiples of 2**num_halvings frames). With
+  causal=False it is the plain VAE of the paper's Table 4, which looks both ways and cannot stream.
   """
   features: int = 263
   latent_dim: int = 64
@@ -93,32 +89,37 @@ class CausalVAE(nn.Module):
   num_halvings: int = 2
   dilations: tuple[int, ...] = (9, 3, 1)  # in this order in both halves
   teacher_dim: int = 0                    # 256 adds the alignment projection (training only)
+  teacher_to_latent: bool = False         # the other projection: the teacher's features into latent space
+  causal: bool = True
   dtype: Any = jnp.float32
 
   def setup(self):
     sizes = dict(features=self.features, latent_dim=self.latent_dim, width=self.width, num_halvings=self.num_halvings,
-                 dilations=tuple(self.dilations), dtype=self.dtype)
+                 dilations=tuple(self.dilations), dtype=self.dtype, causal=self.causal)
     self.encoder = Encoder(**sizes)
     self.decoder = Decoder(**sizes)
     if self.teacher_dim:
-      init = uniform_fan_in(self.latent_dim)
-      self.align = nn.Dense(self.teacher_dim, kernel_init=init, bias_init=init, dtype=self.dtype)
+      sizes = (self.latent_dim, self.teacher_dim)
+      fan_in, out = sizes[::-1] if self.teacher_to_latent else sizes
+      init = uniform_fan_in(fan_in)
+      self.align = nn.Dense(out, kernel_init=init, bias_init=init, dtype=self.dtype)
 
   @property
   def frames_per_latent(self) -> int:
     return 2 ** self.num_halvings
 
   def init_encode_state(self, batch):
+    self._check_causal()
     return self.encoder.init_state(batch)
 
   def init_decode_state(self, batch):
+    self._check_causal()
     return self.decoder.init_state(batch)
 
   def encode_step(self, x, state):
     """-> ((mean, logvar) (B, n // frames_per_latent, C) each, state); the log-variance is clipped to [-30, 20]."""
     y, state = self.encoder.step(x, state)
-    mean, logvar = jnp.split(y, 2, axis=-1)
-    return (mean, jnp.clip(logvar, -30, 20)), state
+    return _mean_logvar(y), state
 
   def decode_step(self, z, state):
     """-> (features (B, frames_per_latent n, F), state)."""
@@ -127,24 +128,39 @@ class CausalVAE(nn.Module):
   def encode(self, x):
     if x.shape[1] < self.frames_per_latent:
       raise ValueError(f"got {x.shape[1]} frames, one latent needs {self.frames_per_latent}")
-    return self.encode_step(x, self.init_encode_state(x.shape[0]))[0]
+    return _mean_logvar(self.encoder(x))
 
   def decode(self, z):
-    return self.decode_step(z, self.init_decode_state(z.shape[0]))[0]
+    return self.decoder(z)
+
+  def aligned(self, z, teacher):
+    """Latents and the teacher's features, both (B, N, ...), in the space where they are compared."""
+    return (z, self.align(teacher)) if self.teacher_to_latent else (self.align(z), teacher)
 
   def project(self, z):
     """Latents as the teacher would see them, (B, N, teacher_dim)."""
     return self.align(z)
+
+  def _check_causal(self):
+    if not self.causal:
+      raise ValueError("this tokenizer looks ahead (causal=False), so nothing can be streamed through it; train one "
+                       "with model.causal=True")
 
   def __call__(self, x, noise):
     """noise (B, N, C) -> (reconstruction, mean, logvar); the latent used is mean + exp(logvar / 2) noise."""
     mean, logvar = self.encode(x)
     z = sample_latent(mean, logvar, noise)
     if self.teacher_dim and self.is_initializing():
-      self.project(z)
+      self.aligned(z, jnp.zeros(z.shape[:-1] + (self.teacher_dim,)))
     return self.decode(z), mean, logvar
 
 
 def sample_latent(mean, logvar, noise):
   """Reparameterisation: a draw from the normal distribution that the encoder names."""
   return mean + jnp.exp(logvar / 2) * noise
+
+
+def _mean_logvar(y):
+  """The two halves of the encoder's output; the log-variance is clipped to [-30, 20]."""
+  mean, logvar = jnp.split(y, 2, axis=-1)
+  return mean, jnp.clip(logvar, -30, 20)

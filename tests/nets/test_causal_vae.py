@@ -1,4 +1,5 @@
 """The causal VAE is the reference's, sees no future, and streams exactly."""
+import flax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -19,10 +20,13 @@ def _jitted(vae):
 def network(fixture, dtype, prefix=""):
   """Our module and parameters for a recorded small network; prefix: where several share a file."""
   sizes = fixture.config["vae"]
-  vae = CausalVAE(sizes["input_width"], sizes["output_emb_width"], sizes["width"], teacher_dim=sizes["aux_feature_dim"],
-                  dtype=dtype)
+  # Parity: a stack's dilations fall in the encoder as well as in the decoder.
+  dilations = tuple(sizes["dilation_growth_rate"] ** i for i in reversed(range(sizes["depth"])))
+  back = not sizes["reverse_proj"]
+  vae = CausalVAE(sizes["input_width"], sizes["output_emb_width"], sizes["width"], dilations=dilations,
+                  teacher_dim=sizes["aux_feature_dim"], teacher_to_latent=back, dtype=dtype)
   state = {name[len(prefix):]: array for name, array in fixture.params.items() if name.startswith(prefix)}
-  params = from_torch(state, causal_vae_names(depth=sizes["depth"], teacher=True))
+  params = from_torch(state, causal_vae_names(depth=sizes["depth"], teacher_to_latent=back))
   return vae, jax.tree.map(lambda a: jnp.asarray(a, dtype), params)
 
 
@@ -43,15 +47,52 @@ def run_mac_vae(fixture, dtype):
   return {f"{part}/{name}": value for part, frames in lengths.items() for name, value in run(x[:, :frames]).items()}
 
 
-# The parts with a teacher belong to the alignment loss.
-@golden("mac_vae_loss", leave_out=("main/", "fixed/", "aligned/", "grad/"))
+def _gradients(grads, vae, depth):
+  """Gradients under the reference's names: the conversion, run on indices, tells where each number went."""
+  table = causal_vae_names(depth=depth, teacher_to_latent=vae.teacher_to_latent)
+  flat, made = flax.traverse_util.flatten_dict(grads, sep="/"), {}
+  turn = {"conv": lambda w: w.transpose(2, 1, 0), "pointwise": lambda w: w.T[..., None], "dense": lambda w: w.T}
+  for theirs, (ours, kind) in table.items():
+    made[f"{theirs}.weight"] = turn[kind](flat[f"params/{ours}/kernel"])
+    made[f"{theirs}.bias"] = flat[f"params/{ours}/bias"]
+  return made
+
+
+@golden("mac_vae_loss")
+@golden("mac_vae_loss_reversed")
 def run_mac_vae_loss(fixture, dtype):
   vae, params = network(fixture, dtype)
+  sizes = fixture.config["vae"]
   x, noise = (jnp.asarray(fixture[f"in/{name}"], dtype) for name in ("x", "eps"))
-  terms = jax.jit(lambda p: cmdm.tokenizer_terms(vae, p, x, noise, fixture.config["kl_weight"], 0.05))(params)
-  made = {f"none/loss_{theirs}": terms[ours]
-          for ours, theirs in (("rec", "rec"), ("root", "root"), ("kl", "kl"), ("loss", "total"))}
-  made["none/loss_align_weighted"] = jnp.zeros(())
+  kl_weight = jnp.asarray(fixture["in/kl_weight"], dtype)
+
+  def run(name, teacher, adaptive):
+    guide = None
+    if teacher is not None:
+      frames = jnp.swapaxes(jnp.asarray(fixture[f"in/{teacher}"], dtype), 0, 1)
+      guide = cmdm.pool_teacher(frames, noise.shape[1])
+
+    def loss(params):
+      terms = cmdm.tokenizer_terms(vae, params, x, noise, kl_weight, sizes["root_loss_weight"], teacher=guide,
+                                   align_weight=sizes["vf_weight"], adaptive=adaptive)
+      return terms["loss"], terms
+
+    (_, terms), grads = jax.jit(jax.value_and_grad(loss, has_aux=True))(params)
+    made = {"loss_total": terms["loss"], **{f"loss_{part}": terms[part] for part in ("rec", "kl", "root")}}
+    made["loss_align_weighted"] = jnp.zeros((), dtype)
+    if guide is not None:
+      made |= {"loss_mcos": terms["mcos"], "loss_mdms": terms["mdms"], "loss_align": terms["align"],
+               "loss_align_weighted": terms["align_weight"] * terms["align"]}
+      if adaptive:
+        made |= {"grad_norm_rec": terms["grad_rec"], "grad_norm_align": terms["grad_align"],
+                 "align_weight": terms["align_weight"]}
+    if name == "main":
+      made |= {f"grad/{theirs}": array for theirs, array in _gradients(grads, vae, sizes["depth"]).items()}
+    return {f"{name}/{output}": value for output, value in made.items()}
+
+  made = run("main", "teacher", True) | run("none", None, True) | run("fixed", "teacher", False)
+  if "in/aligned_teacher" in fixture.arrays:
+    made |= run("aligned", "aligned_teacher", True)
   target, noise, mean, logvar = (jnp.asarray(fixture[f"in/direct/{name}"], dtype)
                                  for name in ("x", "noise", "mu", "logvar"))
   outputs = [target + scale * noise for scale in jnp.asarray(fixture["in/direct/scale"], dtype)]
@@ -61,7 +102,7 @@ def run_mac_vae_loss(fixture, dtype):
   return made
 
 
-@pytest.mark.parametrize("name", ["mac_vae", "mac_vae_long", "mac_vae_loss"])
+@pytest.mark.parametrize("name", ["mac_vae", "mac_vae_long", "mac_vae_loss", "mac_vae_loss_reversed"])
 def test_golden(name):
   assert not check(fixtures.path(f"cmdm/{name}.npz")).failures
 
