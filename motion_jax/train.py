@@ -14,6 +14,7 @@ import optax
 from tqdm import tqdm
 
 from motion_jax import checkpoint
+from motion_jax.stage import DEVICES
 
 
 @flax.struct.dataclass
@@ -23,6 +24,7 @@ class TrainState:
   params: Any
   opt_state: Any
   ema_params: Any
+  extra: Any = None  # what changes without a gradient, of stages that have such (codebooks)
 
 
 def make_schedule(config, num_steps):
@@ -75,7 +77,13 @@ def _rate(path, rates):
 def init_state(stage, tx, batch, rng):
   params = stage.init(batch, rng)
   copy = jax.tree.map(jnp.copy, params)  # donated buffers may not be shared
-  return TrainState(step=jnp.zeros((), jnp.int32), params=params, opt_state=tx.init(params), ema_params=copy)
+  extra = stage.init_extra(batch, rng) if stage.init_extra else None
+  return TrainState(jnp.zeros((), jnp.int32), params, tx.init(params), copy, extra)
+
+
+def variables_of(state, average=False):
+  """What a trained stage is used with: parameters, averaged ones on demand, and the extra state beside them."""
+  return {**(state.ema_params if average else state.params), **(state.extra or {})}
 
 
 def make_train_step(stage, tx, ema_decay, skip_loss=0.0):
@@ -88,25 +96,28 @@ def make_train_step(stage, tx, ema_decay, skip_loss=0.0):
     rng = jax.random.fold_in(rng, state.step)  # a resumed run replays the same noise
 
     def total(params):
-      sums, weight = stage.loss(params, frozen, batch, state.step, rng)
-      return sums["loss"], (sums, weight)
+      if stage.init_extra:
+        sums, weight, extra = stage.loss(params, frozen, batch, state.step, rng, state.extra)
+      else:
+        (sums, weight), extra = stage.loss(params, frozen, batch, state.step, rng), None
+      return sums["loss"], (sums, weight, extra)
 
-    grads, (sums, weight) = jax.grad(total, has_aux=True)(state.params)
+    grads, (sums, weight, extra) = jax.grad(total, has_aux=True)(state.params)
     # Sum first, divide last: devices hold unequal numbers of real frames.
-    grads, sums, weight = jax.lax.psum((grads, sums, weight), "devices")
+    grads, sums, weight = jax.lax.psum((grads, sums, weight), DEVICES)
     grads, metrics = jax.tree.map(lambda s: s / weight, (grads, sums))
     updates, opt_state = tx.update(grads, state.opt_state, state.params)
     params = optax.apply_updates(state.params, updates)
     ema_params = optax.incremental_update(params, state.ema_params, 1 - ema_decay)
     metrics["grad_norm"] = optax.tree.norm(grads)
-    new = TrainState(state.step, params, opt_state, ema_params)
+    new = TrainState(state.step, params, opt_state, ema_params, extra)
     if skip_loss:
       good = (metrics["loss"] <= skip_loss) & jnp.isfinite(metrics["grad_norm"])
       new = jax.tree.map(lambda a, b: jnp.where(good, a, b), new, state)
       metrics["skipped"] = 1.0 - good
     return new.replace(step=state.step + 1), metrics
 
-  return jax.pmap(train_step, "devices", in_axes=(None, None, 0, None), out_axes=None, donate_argnums=0)
+  return jax.pmap(train_step, DEVICES, in_axes=(None, None, 0, None), out_axes=None, donate_argnums=0)
 
 
 def shard(batch, num_devices):
@@ -155,15 +166,16 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
   init_rng = jax.random.fold_in(rng, 2**31 - 1)  # no step folds in this number
   state = jax.jit(lambda batch, key: init_state(stage, tx, batch, key))(next_batch(0), init_rng)
   # Placed as the step places it, so that the step is compiled once and not again for its own output.
-  place = jax.pmap(lambda state, _: state, "devices", in_axes=(None, 0), out_axes=None)
+  place = jax.pmap(lambda state, _: state, DEVICES, in_axes=(None, 0), out_axes=None)
   state = place(state, np.zeros(devices))
   saver = checkpoint.Saver(workdir)
+  use_average = optimizer.ema_decay > 0
   if saver.latest is not None:
     if not resume:
       raise ValueError(f"{workdir} holds a run at step {saver.latest}; --resume continues it, or choose another folder")
     state = place(saver.restore(state), np.zeros(devices))
     # The run may have ended between its checkpoint and this file.
-    checkpoint.save_params(workdir, state.ema_params if optimizer.ema_decay > 0 else state.params)
+    checkpoint.save_params(workdir, variables_of(state, use_average))
   elif resume and not checkpoint.is_fresh(workdir):
     raise FileNotFoundError(f"{workdir} has no checkpoint to resume from; start without --resume in an empty folder")
   checkpoint.trim_metrics(workdir, int(state.step))
@@ -171,7 +183,6 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
   train_step = make_train_step(stage, tx, optimizer.ema_decay, optimizer.get("skip_loss", 0.0))
   start = began = time.time()
   first = int(state.step)
-  use_average = optimizer.ema_decay > 0
   numbers = {}
   logged = []
 
@@ -185,7 +196,7 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
 
   def save(step):
     check_finite(step)
-    params = state.ema_params if use_average else state.params
+    params = variables_of(state, use_average)
     if evaluate is not None:
       numbers.update(evaluate(params))
       checkpoint.append_metrics(workdir, {"step": step, **numbers})
