@@ -9,6 +9,8 @@ changes no number (facts: cmdm 5.3):
 - Blocks that have not begun are not computed: `active` is how many slots of the window are.
 - What depends on the time alone is a table over the num_steps + 1 times; what depends on the caption alone is computed
   once; the branch without caption attends to a constant.
+- Every block has a caption of its own. A new one begins with a new block; keys and values of older blocks depend on
+  their own captions, which do not change, so the cache stays exact and nothing is computed again.
 
 A latent attends to `context` latents, its own block included (`nets.masks.sliding_mask`). Cached keys are kept unturned
 and positions count from the window, so they never grow and an hour of motion is as exact as a second.
@@ -22,8 +24,10 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from motion_jax.diffusion.guidance import combine
+from motion_jax.diffusion.samplers import SOLVERS
 from motion_jax.diffusion.schedules import time_of_level
 
 
@@ -35,6 +39,8 @@ class Plan(NamedTuple):
   context: int  # latents that a latent attends to
   width: int    # blocks in the window
   guided: bool
+  solver: str = "euler"
+  captions: int = 1  # how many different captions the blocks of one window may have
 
   @property
   def age(self) -> int:
@@ -47,15 +53,18 @@ class Plan(NamedTuple):
     return max(self.context // self.block - 1, 1)
 
 
-def make_plan(num_steps, lag, block, context, num_blocks=None, guided=True) -> Plan:
+def make_plan(num_steps, lag, block, context, num_blocks=None, guided=True, solver="euler", captions=1) -> Plan:
   """A plan; with num_blocks the window is no wider than the motion. Raises ValueError for numbers out of range."""
   if num_steps < 1 or not 1 <= lag <= num_steps:
     raise ValueError(f"got num_steps {num_steps} and lag {lag}; expected 1 <= lag <= num_steps (lag = num_steps is "
                      "autoregressive)")
   if block < 1 or context < block or context % block:
     raise ValueError(f"got a context of {context} latents, expected whole blocks of {block}")
+  if solver not in SOLVERS:
+    raise ValueError(f"got solver {solver!r}, expected one of {', '.join(SOLVERS)}")
   width = -(-num_steps // lag) + 1
-  return Plan(num_steps, lag, block, context, min(width, num_blocks) if num_blocks else width, guided)
+  width = min(width, num_blocks) if num_blocks else width
+  return Plan(num_steps, lag, block, context, width, guided, solver, captions)
 
 
 class Stream(NamedTuple):
@@ -63,6 +72,7 @@ class Stream(NamedTuple):
   advance: jax.Array  # () how many advances are done
   latents: jax.Array  # (B, width * block, C), the window
   cache: Any          # per layer (k, v), (rows, ring * block, H, K), keys unturned
+  past: jax.Array     # () how many latents were given before the first block, see `prime`
 
 
 class Constants(NamedTuple):
@@ -77,8 +87,12 @@ def make_constants(dit, params, plan) -> Constants:
 
 
 def encode_text(dit, params, text_emb, text_mask, guided=True):
-  """Keys and values of captions for all layers, from text_emb (B, S, E), text_mask (B, S)."""
-  return dit.apply(params, text_emb, text_mask, guided, method="text_keys_values")
+  """Keys and values of captions for all layers, from text_emb (B, S, E), text_mask (B, S).
+
+  With G captions a motion, (B, G, S, E) and (B, G, S), their words stand side by side, G * S of them; masks keep G.
+  """
+  words = text_emb.reshape(text_emb.shape[0], -1, text_emb.shape[-1])
+  return dit.apply(params, words, text_mask, guided, method="text_keys_values")
 
 
 def block_noise(keys, index, plan, channels):
@@ -94,14 +108,37 @@ def init_stream(dit, plan, keys) -> Stream:
   shape = (rows, plan.ring * plan.block, dit.num_heads, dit.width // dit.num_heads)
   empty = jnp.zeros(shape, dit.dtype)
   cache = tuple((empty, empty) for _ in range(dit.depth))
-  return Stream(jnp.zeros((), jnp.int32), jnp.concatenate(noise, axis=1), cache)
+  return Stream(jnp.zeros((), jnp.int32), jnp.concatenate(noise, axis=1), cache, jnp.zeros((), jnp.int32))
 
 
-def advance(dit, plan, active, use_cache, params, constants, text, scale, keys, state):
+def prime(dit, plan, params, constants, text, past, count, state, caption=None) -> Stream:
+  """A fresh state with clean latents behind it: the motion goes on from the last `count` of past (B, P, C).
+
+  P is whole blocks, and the past ends where block 0 begins; what stands before its last `count` latents is ignored.
+  One pass at t = 1 fills the cache with what these latents would have left there. caption (B, P / block): which of the
+  captions in text each block of the past was made with.
+  """
+  size, length = plan.block, past.shape[1]
+  if length % size:
+    raise ValueError(f"got a past of {length} latents, expected whole blocks of {size}; pad it in front")
+  blocks, real = jnp.arange(length // size), jnp.arange(length) >= length - count
+  attn_mask = _window_mask(blocks, blocks, plan) & real
+  x = jnp.concatenate([past, past]) if plan.guided else past
+  modulation = constants.modulation[:, -1][:, None, None]
+  _, new = dit.apply(params, x, jnp.ones(x.shape[:2], constants.times.dtype), modulation,
+                     _words_of_blocks(text, caption, size), attn_mask, jnp.arange(length), method="window")
+  kept = plan.ring * size
+  fill = lambda ring, new: jnp.pad(new[:, -kept:], ((0, 0), (max(kept - length, 0), 0), (0, 0), (0, 0))).astype(
+      ring.dtype)
+  return state._replace(cache=jax.tree.map(fill, state.cache, new), past=jnp.asarray(count, jnp.int32))
+
+
+def advance(dit, plan, active, use_cache, params, constants, text, scale, keys, state, caption=None):
   """One block further: (state, block (B, block, C), done) where done says that the block is a clean one.
 
   The first plan.age - 1 advances give none. active: slots of the window that are computed, counted from its oldest
   block; all begun blocks must be among them. use_cache = False is for advances before anything is in the cache.
+  caption (B, active): which of the G captions in text each of these blocks is made with; None where there is one.
   """
   size, age = plan.block, plan.age
   # Parity: the paper has this cache, the code recomputes everything; the results agree to rounding.
@@ -110,16 +147,16 @@ def advance(dit, plan, active, use_cache, params, constants, text, scale, keys, 
   level = (state.advance - blocks) * plan.lag  # iterations that each block has behind it; negative: not begun
   within = jnp.arange(active * size)
   past, attn_mask = None, _window_mask(blocks, blocks, plan)
+  text = _words_of_blocks(text, caption, size)
   if use_cache:
     slots = jnp.arange(plan.ring)
     held = base - 1 - (base - 1 - slots) % plan.ring  # the block that a slot of the ring holds; negative: none yet
     positions = jnp.repeat((held - base) * size, size) + jnp.tile(jnp.arange(size), plan.ring)
     past = dit.apply(params, state.cache, positions, method="turn_keys")
-    attn_mask = jnp.concatenate([_window_mask(blocks, held, plan) & (jnp.repeat(held, size) >= 0), attn_mask], axis=-1)
+    real = positions + base * size >= -state.past
+    attn_mask = jnp.concatenate([_window_mask(blocks, held, plan) & real, attn_mask], axis=-1)
 
-  def iteration(latents, i):
-    now = jnp.clip(level + i, 0, plan.num_steps)
-    then = jnp.clip(level + i + 1, 0, plan.num_steps)
+  def velocity_at(latents, now):
     t = jnp.repeat(constants.times[now], size)
     modulation = jnp.repeat(constants.modulation[:, now], size, axis=1)[:, None]
     x = jnp.concatenate([latents, latents]) if plan.guided else latents
@@ -127,9 +164,16 @@ def advance(dit, plan, active, use_cache, params, constants, text, scale, keys, 
                               method="window")
     if plan.guided:
       velocity = combine(*jnp.split(velocity, 2), scale)
-    step = jnp.repeat(constants.times[then] - constants.times[now], size)
-    oldest = jax.tree.map(lambda a: a[:, :size], new)
-    return latents + step[:, None] * velocity.astype(latents.dtype), oldest
+    return velocity.astype(latents.dtype), new
+
+  def iteration(latents, i):
+    now = jnp.clip(level + i, 0, plan.num_steps)
+    then = jnp.clip(level + i + 1, 0, plan.num_steps)
+    velocity, new = velocity_at(latents, now)
+    step = jnp.repeat(constants.times[then] - constants.times[now], size)[:, None]
+    if plan.solver == "heun":
+      velocity = (velocity + velocity_at(latents + step * velocity, then)[0]) / 2
+    return latents + step * velocity, jax.tree.map(lambda a: a[:, :size], new)
 
   window, oldest = jax.lax.scan(iteration, state.latents[:, :active * size], jnp.arange(plan.lag))
   latents = state.latents.at[:, :active * size].set(window)
@@ -143,7 +187,16 @@ def advance(dit, plan, active, use_cache, params, constants, text, scale, keys, 
           ring, new[-1].astype(ring.dtype), base % plan.ring * size, axis=1), ring), state.cache, oldest)
   noise = block_noise(keys, base + plan.width, plan, dit.latent_dim).astype(latents.dtype)
   latents = jnp.where(moves, jnp.concatenate([latents[:, size:], noise], axis=1), latents)
-  return Stream(state.advance + 1, latents, cache), block, state.advance >= age - 1
+  return Stream(state.advance + 1, latents, cache, state.past), block, state.advance >= age - 1
+
+
+def _words_of_blocks(text, caption, size):
+  """Text whose masks show each latent the words of its block's caption only; caption (B, blocks) or None."""
+  if caption is None:
+    return text
+  mask = text[0].mask[:, None] & (caption[:, :, None, None] == jnp.arange(text[0].mask.shape[1])[:, None])
+  mask = jnp.repeat(mask.reshape(mask.shape[:2] + (-1,)), size, axis=1)
+  return tuple(layer._replace(mask=mask) for layer in text)
 
 
 def _window_mask(query_blocks, key_blocks, plan):
@@ -152,17 +205,18 @@ def _window_mask(query_blocks, key_blocks, plan):
   return ((apart >= 0) & (apart < plan.context // plan.block))[None, None]
 
 
-def segments(plan, num_blocks, buckets=2):
+def segments(plan, num_blocks, buckets=2, primed=False):
   """[(advances, active, use_cache)]: the runs of advances that share one compiled width, for num_blocks in all.
 
-  Widths are rounded up to `buckets` sizes, so that ramp-up and drain share code.
+  Widths are rounded up to `buckets` sizes, so that ramp-up and drain share code. primed: the cache is full from the
+  start.
   """
   unit = -(-plan.width // buckets)
   runs = []
   for at in range(plan.age + num_blocks - 1):
     base = max(at - plan.age, 0)
     needed = min(at + 1, num_blocks) - base
-    key = (min(-(-needed // unit) * unit, plan.width), at > plan.age)
+    key = (min(-(-needed // unit) * unit, plan.width), primed or at > plan.age)
     if runs and runs[-1][1:] == key:
       runs[-1] = (runs[-1][0] + 1, *key)
     else:
@@ -170,13 +224,48 @@ def segments(plan, num_blocks, buckets=2):
   return runs
 
 
-def sample(dit, plan, params, constants, text, scale, keys, num_blocks, buckets=2):
-  """Clean latents (B, num_blocks * block, C), all in one trace: `lax.scan` over `advance`."""
-  state, blocks = init_stream(dit, plan, keys), []
-  for count, active, use_cache in segments(plan, num_blocks, buckets):
+def captions_seen(segment, width):
+  """How many captions a window of `width` blocks shows at most, up to a power of two: a plan's `captions`.
+
+  segment (B, num_blocks): rising integers, which caption each block has.
+  """
+  segment = np.asarray(segment)
+  last = segment[:, np.minimum(np.arange(segment.shape[1]) + width - 1, segment.shape[1] - 1)]
+  return 1 << int((last - segment).max()).bit_length()
+
+
+def window_captions(plan, text, segment, base, active):
+  """The part of a long text that the window sees, and its blocks' captions therein: (text, caption (B, active)).
+
+  segment (B, num_blocks): rising, which of the G captions of text each block has; None where there is one for all. The
+  cost is that of plan.captions captions, however many the motion has.
+  """
+  if segment is None:
+    return text, None
+  ids = segment[:, jnp.clip(base + jnp.arange(active), 0, segment.shape[1] - 1)]
+  batch, count, words = text[0].mask.shape
+  if count <= plan.captions:
+    return text, ids
+  chosen = jnp.minimum(ids[:, :1] + jnp.arange(plan.captions), count - 1)
+  pick = lambda a: a[jnp.arange(batch)[:, None], chosen]
+  side_by_side = lambda a: pick(a.reshape((batch, count, words) + a.shape[2:])).reshape(
+      (batch, plan.captions * words) + a.shape[2:])
+  cut = lambda layer: layer._replace(k=side_by_side(layer.k), v=side_by_side(layer.v), mask=pick(layer.mask))
+  return tuple(map(cut, text)), ids - ids[:, :1]
+
+
+def sample(dit, plan, params, constants, text, scale, keys, num_blocks, buckets=2, segment=None, state=None):
+  """Clean latents (B, num_blocks * block, C), all in one trace: `lax.scan` over `advance`.
+
+  segment: see `window_captions`. state: one of `prime`, to go on from a past; a fresh one if left out.
+  """
+  runs, blocks = segments(plan, num_blocks, buckets, state is not None), []
+  state = init_stream(dit, plan, keys) if state is None else state
+  for count, active, use_cache in runs:
 
     def body(state, _, active=active, use_cache=use_cache):
-      state, block, _ = advance(dit, plan, active, use_cache, params, constants, text, scale, keys, state)
+      words, caption = window_captions(plan, text, segment, jnp.maximum(state.advance - plan.age, 0), active)
+      state, block, _ = advance(dit, plan, active, use_cache, params, constants, words, scale, keys, state, caption)
       return state, block
 
     state, made = jax.lax.scan(body, state, None, length=count)

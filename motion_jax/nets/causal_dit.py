@@ -31,7 +31,8 @@ def time_numbers(t, count=256):
 
 
 class Text(NamedTuple):
-  """What a layer's cross-attention needs of captions: keys and values (B, S, H, D / H), mask (B, S).
+  """What a layer's cross-attention needs of captions: keys and values (B, S, H, D / H), mask (B, S), or (B, L, S) where
+  the latents of one motion have words of their own.
 
   null (1, 1, D), if there, is the layer's whole output for a dropped caption: its words are all alike, so attention to
   them is a constant (facts: cmdm 4.3). A batch of 2 B then means B latents with their captions and B without.
@@ -73,7 +74,8 @@ class Block(nn.Module):
   def _to_words(self, x, text):
     batch = text.k.shape[0]
     y = self.cross_attn.queries(self.norm2(x[:batch]))
-    y = self.cross_attn.attend(y, text.k, text.v, text.mask[:, None, None, :])
+    mask = text.mask[:, None] if text.mask.ndim == 3 else text.mask[:, None, None, :]
+    y = self.cross_attn.attend(y, text.k, text.v, mask)
     if text.null is None:
       return y
     return jnp.concatenate([y, jnp.broadcast_to(text.null, y.shape)])
@@ -164,7 +166,8 @@ class CausalDiT(nn.Module):
     return self.out(x), tuple(new)
 
   def __call__(self, x, t, text_emb, attn_mask, text_mask):
-    """x (B, L, C), t (B, L) or (B, L / n), text_emb (B, S, E), attn_mask (B or 1, 1, L, L), text_mask (B, S)."""
+    """x (B, L, C), t (B, L) or (B, L / n), text_emb (B, S, E), attn_mask (B or 1, 1, L, L), text_mask (B, S)
+    or (B, L, S)."""
     length = x.shape[1]
     modulation = self.modulation(t)
     if t.shape[1] != length:

@@ -1,0 +1,174 @@
+"""Going on from a past: the released way gives its recorded numbers, the cached way those of a plain recompute."""
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from motion_jax import cmdm
+from motion_jax.diffusion import continuation, samplers, streaming
+from motion_jax.diffusion.schedules import staircase, staircase_levels
+from motion_jax.nets.masks import padding_mask, sliding_mask
+from tests import fixtures
+from tests.diffusion.test_streaming import SCALE, assert_close, encode_text, fast, setting, step
+from tests.golden import check, golden
+from tests.nets.test_causal_dit import captions, network
+
+chained = jax.jit(cmdm.chained, static_argnums=(0, 1))
+prime = jax.jit(streaming.prime, static_argnums=(0, 1))
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def one_step(dit, params, text_emb, text_mask, attn_mask, scale, x, t, t_next, past, noise):
+  velocity = cmdm.plain_velocity(dit, params, text_emb, text_mask, attn_mask, scale)
+  return continuation.step(velocity, x, t, t_next, past, noise)
+
+
+@golden("continuation")
+def run_continuation(fixture, dtype):
+  dit, params = network(fixture, dtype, fixture.config["block"])
+  config, made = fixture.config, {}
+  plan = streaming.make_plan(config["steps"], config["lag"], dit.block, 16 * dit.block)
+  array = lambda name: jnp.asarray(fixture[name], dtype)
+  caption_emb, caption_mask = captions(fixture, dtype)
+
+  def times_of(length):
+    # The float64 recording has times of that precision.
+    levels = staircase_levels(plan.num_steps, length, plan.lag, dit.block)
+    return jnp.asarray(1 - (plan.num_steps - levels) / plan.num_steps, dtype) if dtype == jnp.float64 else (
+        jnp.asarray(staircase(plan.num_steps, length, plan.lag, dit.block)))
+
+  for name in config["prefixes"]:
+    past, x, fresh = (array(f"in/{part}/{name}") for part in ("prefix", "noise", "fresh"))
+    lengths, (batch, length, _), given = jnp.asarray(fixture[f"in/lengths/{name}"]), x.shape, past.shape[1]
+    text = caption_emb[:batch], caption_mask[:batch]
+    times = times_of(length)
+    mask = sliding_mask(length, dit.block, 49 * dit.block) & padding_mask(given + lengths, length)[:, None, None, :]
+    states = []
+    for m in range(len(times) - 1):
+      before = states[-1] if states else x
+      states.append(one_step(dit, params, *text, mask, config["scale"], before, times[m], times[m + 1], past, fresh[m]))
+    final = chained(dit, plan, params, *text, config["scale"], lengths, past, x, Replay(fresh), times)
+    made |= {f"levels/{name}": times[:-1], f"states/{name}": jnp.stack(states), f"final/{name}": final}
+
+  for name, story in config["longs"].items():
+    latents = None
+    for i, frames in enumerate(story["frames"]):
+      noise = array(f"in/segment_noise/{name}/{i}")
+      batch, past = noise.shape[0], noise[:, :0] if latents is None else latents[:, -story["past"]:]
+      text = (jnp.concatenate([a[i:i + 1]] * batch) for a in (caption_emb, caption_mask))
+      lengths = jnp.full(batch, max(1, frames // 4))
+      fresh = Replay(array(f"in/segment_fresh/{name}/{i}")) if i else None
+      new = chained(dit, plan, params, *text, config["scale"], lengths, past, noise, fresh, times_of(noise.shape[1]))
+      latents = new if latents is None else jnp.concatenate([latents, new], axis=1)
+    made[f"long/{name}"] = latents
+  return made
+
+
+@jax.tree_util.register_pytree_node_class
+class Replay:
+  """Recorded noise (M, B, L, C) in the place of fresh draws."""
+
+  def __init__(self, noise):
+    self.noise = noise
+
+  def __call__(self, m):
+    return self.noise[m]
+
+  def tree_flatten(self):
+    return (self.noise,), None
+
+  @classmethod
+  def tree_unflatten(cls, _, leaves):
+    return cls(*leaves)
+
+
+def test_golden():
+  assert not check(fixtures.path("cmdm/continuation.npz")).failures
+
+
+# --- a clean past in the cache -----------------------------------------------------------------------------------
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def whole_after(dit, params, text_emb, text_mask, attn_mask, past, noise, times, scale):
+  """Plain: the past stands before the window, clean at t = 1, and everything is recomputed in every step."""
+  given = past.shape[1]
+  velocity = cmdm.plain_velocity(dit, params, text_emb, text_mask, attn_mask, scale)
+
+  def behind(x, t):
+    t = jnp.concatenate([jnp.ones(given), t])
+    return velocity(jnp.concatenate([past, x], axis=1), t)[:, given:]
+
+  return samplers.euler(behind, noise, times)
+
+
+@pytest.mark.parametrize("given, context, num_blocks", [(12, 48, 4), (7, 48, 3), (1, 12, 5), (12, 9, 8)])
+def test_a_clean_past_is_kept_exactly(given, context, num_blocks):
+  """Cached = recomputed, for pasts of whole blocks and not, shorter and longer than the cache."""
+  dit, plan, params, constants, text_emb, text_mask, keys = setting(6, 2, 3, context, num_blocks)
+  text = encode_text(dit, params, text_emb, text_mask)
+  past = jax.random.normal(jax.random.key(5), (2, given, 5))
+  front = -given % 3
+  padded = jnp.pad(past, ((0, 0), (front, 0), (0, 0)), constant_values=9.0)  # garbage that nobody may see
+  state = prime(dit, plan, params, constants, text, padded, given, streaming.init_stream(dit, plan, keys))
+  made = jax.jit(lambda state: streaming.sample(dit, plan, params, constants, text, SCALE, keys, num_blocks,
+                                                state=state))(state)
+
+  length = 3 * num_blocks
+  noise = jnp.concatenate([streaming.block_noise(keys, i, plan, 5) for i in range(num_blocks)], axis=1)
+  mask = sliding_mask(front + given + length, 3, context)
+  mask = (mask & (jnp.arange(front + given + length) >= front))
+  times = jnp.asarray(staircase(6, length, 2, 3))
+  expected = whole_after(dit, params, text_emb, text_mask, mask, padded, noise, times, SCALE)
+  assert_close(made, expected, 1e-5)
+  alone = fast(dit, plan, params, constants, text, SCALE, keys, num_blocks)
+  assert float(jnp.abs(alone - made).max()) > 1e-2  # the past matters
+
+
+def test_a_stream_goes_on_from_its_own_past():
+  """A run that is cut and primed with its own clean latents equals the uncut one: autoregressive, so that no block is
+  under way at the cut."""
+  dit, plan, params, constants, text_emb, text_mask, keys = setting(4, 4, 3, 12)
+  text = encode_text(dit, params, text_emb, text_mask)
+  run = lambda state, count: live(dit, plan, params, constants, text, keys, state, count)
+  whole, _ = run(streaming.init_stream(dit, plan, keys), 5)
+  state = prime(dit, plan, params, constants, text, whole[:, :9], 9, streaming.init_stream(dit, plan, keys))
+  late = [streaming.block_noise(keys, i, plan, 5) for i in (3, 4)]
+  state = state._replace(latents=jnp.concatenate(late, axis=1))
+  rest, _ = run(state, 2)
+  assert_close(rest, whole[:, 9:], 1e-5)
+
+
+def live(dit, plan, params, constants, text, keys, state, num_blocks):
+  blocks, primed = [], int(state.past) > 0
+  for at in range(plan.age + num_blocks - 1):
+    state, block, done = step(dit, plan, plan.width, primed or at > plan.age, params, constants, text, SCALE, keys,
+                              state)
+    if done:
+      blocks.append(block)
+  return jnp.concatenate(blocks, axis=1), state
+
+
+def test_padding_of_a_chain_is_invisible():
+  """Latents beyond a segment's length change nothing in it."""
+  dit, plan, params, _, text_emb, text_mask, keys = setting(4, 2, 3, 12, guided=False)
+  past = jax.random.normal(jax.random.key(1), (2, 1, 5))
+  results = []
+  for length in (8, 14):
+    draw = lambda m, length=length: jnp.concatenate(
+        [streaming.block_noise(keys, 100 * m + i, plan, 5) for i in range(5)], axis=1)[:, :length]
+    made = jax.jit(lambda noise, draw=draw: cmdm.chained(dit, plan, params, text_emb, text_mask, SCALE, jnp.array(
+        [7, 4]), past, noise, lambda m: draw(m + 1)))(draw(0))
+    results.append(np.asarray(made))
+  np.testing.assert_allclose(results[0][0, :7], results[1][0, :7], atol=2e-6)
+  np.testing.assert_allclose(results[0][1, :4], results[1][1, :4], atol=2e-6)
+
+
+def test_bad_pasts_are_told():
+  dit, plan, params, constants, text_emb, text_mask, keys = setting(4, 2, 3, 12)
+  text = encode_text(dit, params, text_emb, text_mask)
+  with pytest.raises(ValueError, match="whole blocks of 3"):
+    streaming.prime(dit, plan, params, constants, text, jnp.zeros((2, 4, 5)), 4,
+                    streaming.init_stream(dit, plan, keys))
