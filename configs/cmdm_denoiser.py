@@ -17,7 +17,7 @@ def get_config(size="full"):
   config.stage = "cmdm.denoiser"
   config.seed = 5427
   config.frozen = dict(tokenizer="runs/tokenizer", text="distilbert-base-uncased")
-  config.tokenizer = dict(features=263, latent_dim=64, width=1024, num_halvings=2, dilations=(9, 3, 1), teacher_dim=0)
+  config.tokenizer = dict(features=263, latent_dim=64, width=1024, num_halvings=2, dilations=(9, 3, 1), causal=True)
   config.model = dict(latent_dim=64, width=512, depth=8, num_heads=4, ff_width=1024, block=3, text_dim=768)
   config.loss = dict(drop_rate=0.1, unit_latents=False, level_block=3)
   config.data = dict(name="humanml3d", folder="", folders=(), layout="full", mode="benchmark", mirror=False,
@@ -26,7 +26,7 @@ def get_config(size="full"):
   config.optimizer = dict(learning_rate=2e-4, schedule="step", boundaries=(50_000,), gamma=0.1, cooldown_steps=0,
                           warmup_steps=2_000, beta1=0.9, beta2=0.99, weight_decay=1e-5, clip_norm=0.0,
                           ema_decay=0.9999, skip_loss=10.0)
-  config.train = dict(num_steps=190_000, log_every=100, save_every=5_000)
+  config.train = dict(start="", num_steps=190_000, log_every=100, save_every=5_000)
   config.sampler = dict(num_steps=50, lag=2, guidance_scale=3.0)
   if size == "small":
     config.frozen.text = "words"

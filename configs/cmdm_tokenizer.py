@@ -1,10 +1,13 @@
-"""CMDM's causal VAE (MAC-VAE without the teacher term) on features.
+"""CMDM's causal VAE on features, aligned with a motion-language teacher (MAC-VAE) or not.
 
+  python launch.py --config configs/part_tmr.py ... first, then
   python launch.py --config configs/cmdm_tokenizer.py --workdir runs/tokenizer --config.data.folder=HumanML3D
   ... --config configs/cmdm_tokenizer.py:small     the tokenizer that ships, on the archives, a CPU's evening
   ... --config configs/cmdm_tokenizer.py:tiny      two steps on formulas, seconds
 
-`full` is the released code's configuration (facts: cmdm 2.5): 76.3 M parameters.
+`full` is the released code's configuration (facts: cmdm 2.5): 76.3 M parameters. Without a teacher
+(--config.frozen.teacher= --config.model.teacher_dim=0) it is the causal VAE of the paper's Table 4, and with
+--config.model.causal=False its plain one.
 """
 import ml_collections
 
@@ -13,17 +16,19 @@ def get_config(size="full"):
   config = ml_collections.ConfigDict()
   config.stage = "cmdm.tokenizer"
   config.seed = 5427
-  config.frozen = dict()
-  config.model = dict(features=263, latent_dim=64, width=1024, num_halvings=2, dilations=(9, 3, 1), teacher_dim=0)
-  config.loss = dict(kl_weight=0.01, kl_ramp=2_000, root_weight=0.05, micro_batch=128)
+  config.frozen = dict(teacher="runs/teacher")  # the run folder of configs/part_tmr.py; "": no alignment
+  config.teacher = dict()                       # its fields; the run takes them from there
+  config.model = dict(features=263, latent_dim=64, width=1024, num_halvings=2, dilations=(9, 3, 1), teacher_dim=256,
+                      causal=True)
+  config.loss = dict(kl_weight=0.01, kl_ramp=2_000, root_weight=0.05, micro_batch=128, align=0.1, adaptive_align=True)
   config.data = dict(name="humanml3d", folder="", folders=(), layout="full", mode="benchmark", mirror=False,
                      batch_size=256, window=64, stride=10)
   config.optimizer = dict(learning_rate=2e-4, schedule="step", boundaries=(150_000, 250_000), gamma=0.1,
                           cooldown_steps=0, warmup_steps=2_000, beta1=0.9, beta2=0.99, weight_decay=0.0, clip_norm=1.0,
                           ema_decay=0.0, skip_loss=0.0)
-  config.train = dict(num_steps=40_000, log_every=50, save_every=2_000)
+  config.train = dict(start="", num_steps=40_000, log_every=50, save_every=2_000)
   if size == "small":
-    config.model.update(latent_dim=32, width=192)
+    config.model.update(latent_dim=32, width=192, teacher_dim=64)
     # A heading or a step that is a little off adds up over a clip, and a small model has no capacity to spare.
     config.loss.update(micro_batch=32, kl_weight=0.5, kl_ramp=1_000, root_weight=10.0)
     config.data.update(name="archive", mode="corrected", mirror=True, batch_size=32)
@@ -31,7 +36,9 @@ def get_config(size="full"):
                             ema_decay=0.999)
     config.train.update(num_steps=8_500, log_every=50, save_every=1_000)
   elif size == "tiny":
-    config.model.update(latent_dim=4, width=16)
+    config.frozen.teacher = "fresh"  # random weights: nothing to train first
+    config.teacher = dict(width=8, depth=1, num_heads=2, mlp_width=8, dim=6)
+    config.model.update(latent_dim=4, width=16, teacher_dim=6)
     config.loss.update(micro_batch=2, kl_ramp=2)
     config.data.update(name="synthetic", mode="corrected", batch_size=4)
     config.optimizer.update(warmup_steps=1)

@@ -40,6 +40,16 @@ def make_teacher(fields, layout):
   raise ValueError(f"got teacher kind {kind!r}, expected part_tmr or tmr")
 
 
+def teacher_shapes(teacher, text_fields):
+  """Shapes of a teacher run's parameters, to check a file against."""
+  bert = Bert(**text_fields)
+  num_features = 1 + max(max(columns) for _, columns in teacher.parts)
+  init = lambda: {
+      "motion": teacher.init(jax.random.key(0), jnp.zeros((1, 4, num_features)), jnp.zeros((1, bert.width)))["params"],
+      "text": bert.init(jax.random.key(0), jnp.zeros((1, 1), jnp.int32), jnp.ones((1, 1), bool))["params"]}
+  return jax.eval_shape(init)
+
+
 def embed_text(teacher, bert, params, ids, text_mask, pool="first", deterministic=True, rngs=None):
   """Unit vectors (B, E) of sentences given as word pieces. pool: the first piece's state, or the mean of all."""
   hidden = bert.apply({"params": params["text"]}, ids, text_mask)

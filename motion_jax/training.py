@@ -2,6 +2,7 @@
 import json
 import pathlib
 
+import flax
 import jax
 import numpy as np
 
@@ -22,6 +23,8 @@ def run(config, workdir, resume=False, max_seconds=None):
   if resume and (workdir / checkpoint.CONFIG).is_file():
     _check_same_run(config, checkpoint.load_config(workdir))
   stage, next_batch, frozen, evaluate, stats, files = RECIPES[config.stage](config)
+  if config.train.get("start"):
+    stage = _started_from(stage, config.train.start)
   workdir.mkdir(parents=True, exist_ok=True)
   if not resume and not checkpoint.is_fresh(workdir):
     raise ValueError(f"{workdir} holds a run already; --resume continues it, or choose another folder")
@@ -36,6 +39,24 @@ def run(config, workdir, resume=False, max_seconds=None):
   state = train.train(config, workdir, stage, next_batch, frozen, resume, evaluate, max_seconds)
   print(f"wrote {workdir}/params.safetensors, metrics.jsonl, loss.png at step {int(state.step)}")
   return state
+
+
+def _started_from(stage, folder):
+  """The stage with the parameters of another run to begin with; what that run does not have begins fresh."""
+  start = flax.traverse_util.flatten_dict(checkpoint.load_params(folder))
+
+  def init(batch, rng):
+    fresh = flax.traverse_util.flatten_dict(stage.init(batch, rng))
+    shared = {path: fresh[path] for path in fresh.keys() & start.keys()}
+    unused = start.keys() - fresh.keys()
+    if unused:
+      raise ValueError(f"train.start {folder} has parameters that this config lacks, such as "
+                       f"{'/'.join(sorted(unused)[0])}; make the models agree")
+    checkpoint.check_fits(flax.traverse_util.unflatten_dict(start), flax.traverse_util.unflatten_dict(shared),
+                          f"train.start {folder} does not fit this config")
+    return flax.traverse_util.unflatten_dict({**fresh, **start})
+
+  return stage._replace(init=init)
 
 
 def _check_same_run(config, before):

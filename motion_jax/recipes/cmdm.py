@@ -30,7 +30,41 @@ def tokenizer(config) -> Recipe:
   def next_batch(step):
     return windows.batch(config.data.batch_size, config.seed, step)
 
-  return Recipe(cmdm.tokenizer_stage(config), next_batch, {}, evaluate, data.stats, {})
+  frozen = {}
+  if config.frozen.get("teacher"):
+    frozen["teacher"] = load_teacher(config, data.stats)
+  return Recipe(cmdm.tokenizer_stage(config), next_batch, frozen, evaluate, data.stats, {})
+
+
+def load_teacher(config, stats):
+  """Parameters of the teacher's motion side from a run folder ("fresh": untrained), its fields put into config.teacher.
+
+  Raises ValueError where its features are not those that the tokenizer is given.
+  """
+  folder = config.frozen.teacher
+  if folder == "fresh":
+    fields = dict(config.teacher)
+  else:
+    run = checkpoint.load_config(folder)
+    if run.get("stage") != "cmdm.teacher":
+      raise ValueError(f"{folder} holds a {run.get('stage')!r} run, expected one of stage 'cmdm.teacher'")
+    fields = run.model.to_dict()
+    theirs = stats_lib.load_stats(folder, run.data.layout)
+    if theirs.layout != stats.layout or (np.abs(theirs.mean - stats.mean) > 0.01 * stats.std).any() or not np.allclose(
+        theirs.std, stats.std, rtol=0.01):
+      raise ValueError(f"the teacher in {folder} was trained on features of other statistics than the data given here; "
+                       "train it on the same data")
+  teacher = teacher_lib.make_teacher(fields, config.data.layout)
+  if teacher.dim != config.model.teacher_dim:
+    raise ValueError(f"the teacher gives {teacher.dim} numbers a frame, config.model.teacher_dim is "
+                     f"{config.model.teacher_dim}; make them agree")
+  with config.unlocked():
+    config.teacher = fields  # with it the run folder says what its latents were aligned with
+  if folder == "fresh":
+    return teacher.init(jax.random.key(0), np.zeros((1, 4, stats.layout.dim)), np.zeros((1, 8)))["params"]
+  params = checkpoint.load_params(folder)
+  checkpoint.check_fits(params, teacher_lib.teacher_shapes(teacher, run.text), f"the teacher in {folder} is broken")
+  return params["motion"]
 
 
 def held_out(config, stats, captioned=False):
@@ -110,13 +144,18 @@ def load_tokenizer(folder, config):
     x = np.zeros((1, 16, vae.features), np.float32)
     params = vae.init(jax.random.key(0), x, np.zeros((1, 16 // vae.frames_per_latent, vae.latent_dim), np.float32))
     return vae, params, sources.load_features(config.data).stats
-  fields = checkpoint.load_config(folder).model.to_dict()
-  if plain(fields) != plain(config.tokenizer.to_dict()):
-    raise ValueError(f"the tokenizer in {folder} is {plain(fields)}, config.tokenizer says "
+  run = checkpoint.load_config(folder)
+  if run.get("stage") != "cmdm.tokenizer":
+    raise ValueError(f"{folder} holds a {run.get('stage')!r} run, expected one of stage 'cmdm.tokenizer'")
+  theirs = CausalVAE(**plain(run.model.to_dict()))
+  vae = CausalVAE(**plain(config.tokenizer.to_dict()))
+  # What it was aligned with plays no part any more.
+  if theirs.clone(teacher_dim=0, teacher_to_latent=False) != vae:
+    raise ValueError(f"the tokenizer in {folder} is {plain(run.model.to_dict())}, config.tokenizer says "
                      f"{plain(config.tokenizer.to_dict())}; make them agree")
-  vae = CausalVAE(**config.tokenizer)
-  shapes = cmdm.frozen_shapes(vae)["tokenizer"]
-  return vae, checkpoint.load_params(folder, shapes), stats_lib.load_stats(folder, config.data.layout)
+  params = checkpoint.load_params(folder, cmdm.frozen_shapes(theirs)["tokenizer"])
+  params["params"].pop("align", None)
+  return vae, params, stats_lib.load_stats(folder, config.data.layout)
 
 
 def latent_moments(vae, params, features, num_clips=512, length=192):
