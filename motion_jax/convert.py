@@ -6,9 +6,12 @@ import pathlib
 import re
 
 import flax
+import jax
 import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load_file
+
+from motion_jax.quant.vq import codebook_of
 
 
 def _split(leaf, parts, turn):
@@ -143,6 +146,37 @@ def causal_vae_names(num_halvings=2, depth=3, teacher=True, teacher_to_latent=Fa
         table[f"{theirs}.conv1"] = (f"{ours}/conv/conv", "conv")
         table[f"{theirs}.conv2"] = (f"{ours}/pointwise", "pointwise")
   return table
+
+
+def autoencoder_names(num_halvings=2, depth=3):
+  """AE of CDAMD and MARDM (facts: cdamd 2)."""
+  last = 2 + num_halvings
+  table = {"encoder.model.0": ("encoder/conv_in/conv", "conv"), f"encoder.model.{last}": ("encoder/conv_out/conv", "conv"),
+           "decoder.model.0": ("decoder/conv_in/conv", "conv"), f"decoder.model.{last}": ("decoder/conv_mid/conv", "conv"),
+           f"decoder.model.{last + 2}": ("decoder/conv_out/conv", "conv")}
+  for i in range(num_halvings):
+    table |= {f"encoder.model.{2 + i}.0": (f"encoder/down{i}/conv", "conv"),
+              f"decoder.model.{2 + i}.2": (f"decoder/up{i}/conv", "conv")}
+    for half, place in (("encoder", 1), ("decoder", 0)):
+      for b in range(depth):
+        theirs, ours = f"{half}.model.{2 + i}.{place}.model.{b}", f"{half}/stack{i}_block{b}"
+        table |= {f"{theirs}.conv1": (f"{ours}/conv/conv", "conv"),
+                  f"{theirs}.conv2": (f"{ours}/pointwise", "pointwise")}
+  return table
+
+
+def rvq_names(num_levels=4, num_halvings=2, depth=3):
+  """RVQ-VAE of CDAMD (facts: cdamd 3), the codes of level q under codes/q."""
+  levels = {f"quantizer.layers.{q}.codebook": (f"codes/{q}", "array") for q in range(num_levels)}
+  return autoencoder_names(num_halvings, depth) | levels
+
+
+def rvq_from_torch(state, num_levels=4, num_halvings=2, depth=3):
+  """RVQ-VAE of CDAMD as it is used: {"params", "codebooks"} with all fields of `quant.vq.Codebook`."""
+  params = from_torch(state, rvq_names(num_levels, num_halvings, depth))["params"]
+  codes = params.pop("codes")
+  book = codebook_of(np.stack([codes[str(q)] for q in range(num_levels)]))
+  return {"params": params, "codebooks": jax.tree.map(np.asarray, book._asdict())}
 
 
 def causal_dit_names(depth):

@@ -1,20 +1,24 @@
 """Runs recorded numbers of the references against our code: python -m tests.golden FOLDER [NAME ...]
 
-Every file of the folder that has a runner is computed in float32 and in float64 and printed as a row: name, largest
-difference in both, tolerance, ok. The exit status is 1 if one fails. Tests call `check`, so the table and the tests
-cannot disagree. A runner is registered by
+Every file of the folder is computed in float32 and in float64 and printed as a row: name, largest difference in both,
+tolerance, ok or what is wrong. The exit status is 1 if one fails, be it for a number, a missing output, a runner that
+raises or a file that no runner knows. Tests call `check`, so the table and the tests cannot disagree. A runner is
+registered by
 
   @golden("causal_dit")
   def causal_dit(fixture, dtype):
     return {"block3/velocity": ...}   # the names under out/ and out64/ in the file
 
-in the test module of the part, or here for CMDM's denoiser. A recorded output that no runner returns is an error too.
+in the test module of the part; it takes all sizes from the file, so that recordings of other sizes, lengths and seeds
+run too, under their own names or ours (`runner_name`).
 """
 import argparse
 import importlib
 import json
 import pathlib
 import re
+import sys
+import traceback
 from typing import NamedTuple
 
 import jax
@@ -24,6 +28,7 @@ import numpy as np
 FLOAT64_BOUND = 1e-10  # what numpy, written from the facts, stays far below (2e-15)
 GRADIENT_BOUND = 1e-5  # relative; recorded in float32 only
 RUNNERS = {}
+WIDTH = 24  # of a name in the table
 
 
 class Runner(NamedTuple):
@@ -56,14 +61,14 @@ class Fixture:
 class Row(NamedTuple):
   """Largest |difference| / max(1, largest |value|) over all outputs, or None where nothing is recorded."""
   name: str
-  float32: float
+  float32: float | None
   float64: float | None
   tolerance: str
   failures: tuple[str, ...]
 
   def __str__(self):
     show = lambda value: "-" if value is None else f"{value:.1e}"
-    return (f"{self.name:22s} {show(self.float32):>9s} {show(self.float64):>9s}   {self.tolerance:24s} "
+    return (f"{self.name:{WIDTH}s} {show(self.float32):>9s} {show(self.float64):>9s}   {self.tolerance:24s} "
             f"{'ok' if not self.failures else 'FAILED: ' + '; '.join(self.failures[:3])}")
 
 
@@ -81,43 +86,85 @@ def golden(name, leave_out=(), bounds=None):
   return register
 
 
+def runner_name(stem, meta=None):
+  """Which runner computes a file of this name: that of its own name, of the one recorded in meta, of the longest name
+  that it begins with (causal_dit_seed7), or of one that differs in its last number only (evaluators_66). None if there
+  is none, or if two runners claim it.
+  """
+  names = [name for name in ((meta or {}).get("fixture"), stem) if isinstance(name, str)]
+  for name in names:
+    if name in RUNNERS:
+      return name
+  for name in names:
+    begun = [known for known in RUNNERS if name.startswith(known) and re.match(r"[_.-]|\d", name[len(known):])]
+    if begun:
+      return max(begun, key=len)
+  base = lambda name: re.sub(r"[_-]?\d+$", "", name)
+  for name in names:
+    alike = [known for known in RUNNERS if base(known) == base(name)]
+    if alike and len({RUNNERS[known].run for known in alike}) == 1:
+      return alike[0]
+  return None
+
+
 def check(path):
-  """Runs one file in both precisions -> Row."""
+  """Runs one file in both precisions -> Row. What is wrong with it, or with its runner, is in the row's failures."""
   path = pathlib.Path(path)
   if not path.is_file():
     raise FileNotFoundError(f"there is no fixture {path}; tests never skip one")
-  fixture, runner = Fixture(path), RUNNERS[path.stem]
-  worst, failures, told = {}, [], []
+  failed = lambda *failures: Row(path.stem, None, None, "-", failures)
+  try:
+    fixture = Fixture(path)
+  except Exception as error:  # numpy, zipfile and json each have their own
+    return failed(f"cannot be read: {_told(error)}")
+  name = runner_name(path.stem, fixture.meta)
+  if name is None:
+    return failed("no runner knows this fixture")
+  runner = RUNNERS[name]
+  worst, failures = {}, []
   for kind, prefix in (("float32", "out/"), ("float64", "out64/")):
     expected = {name: array for name, array in fixture.under(prefix).items() if not name.startswith(runner.leave_out)}
     if not expected:
       continue
-    with jax.enable_x64(kind == "float64"), jax.default_matmul_precision("highest"):
-      made = {name: np.asarray(array) for name, array in runner.run(fixture, jnp.dtype(kind)).items()}
+    try:
+      with jax.enable_x64(kind == "float64"), jax.default_matmul_precision("highest"):
+        made = {name: np.asarray(array) for name, array in runner.run(fixture, jnp.dtype(kind)).items()}
+    except Exception as error:
+      traceback.print_exc()
+      failures.append(f"{kind} raised {_told(error)}")
+      continue
     failures += [f"{kind} {name} is not computed" for name in sorted(expected.keys() - made.keys())]
     worst[kind] = 0.0
     for name in sorted(expected.keys() & made.keys()):
+      if made[name].shape != expected[name].shape:
+        failures.append(f"{kind} {name} has shape {made[name].shape}, recorded is {expected[name].shape}")
+        continue
       difference, bound = _difference(made[name], expected[name], name), _bound(fixture, runner, name, kind)
-      if not name.startswith("grad/"):
-        worst[kind] = max(worst[kind], difference)
-      else:
-        worst["gradient"] = max(worst.get("gradient", 0.0), difference)
-      if not difference <= bound:
+      part = "gradient" if name.startswith("grad/") else kind
+      worst[part] = max(worst.get(part, 0.0), difference)
+      if bound is None:
+        failures.append(f"{kind} {name} has no tolerance")
+      elif not difference <= bound:
         failures.append(f"{kind} {name} differs by {difference:.1e} > {bound:.0e}")
-  tolerance = fixture.meta.get("tolerance")
-  told = f"{tolerance:.0e}, 1e-10" if isinstance(tolerance, float) else "by output"
-  if "gradient" in worst:
-    told += f"; grad {worst['gradient']:.1e}"
-  return Row(path.stem, worst.get("float32", 0.0), worst.get("float64"), told, tuple(failures))
+  if not worst and not failures:
+    failures.append("nothing of it is compared")
+  told = _tolerance(fixture, runner) + (f"; grad {worst['gradient']:.1e}" if "gradient" in worst else "")
+  return Row(path.stem, worst.get("float32"), worst.get("float64"), told, tuple(failures))
+
+
+def _told(error):
+  return f"{type(error).__name__}: {(str(error).splitlines() or [''])[0]}"
 
 
 def _difference(made, expected, name):
-  if made.shape != expected.shape:
-    raise ValueError(f"{name} has shape {made.shape}, recorded is {expected.shape}")
-  floor = 1e-12 if name.startswith("grad/") else 1.0
-  if not np.isfinite(made).all():
+  if expected.dtype.kind not in "biufc":  # words
+    return 0.0 if np.array_equal(made, expected) else np.inf
+  finite = np.isfinite(expected)
+  if not np.array_equal(made[~finite], expected[~finite], equal_nan=True) or not np.isfinite(made[finite]).all():
     return np.inf
-  return float(np.abs(made.astype(np.float64) - expected).max() / max(floor, np.abs(expected).max()))
+  floor = 1e-12 if name.startswith("grad/") else 1.0
+  size = np.abs(expected[finite]).max(initial=floor)
+  return float(np.abs(made[finite].astype(np.float64) - expected[finite]).max(initial=0) / size)
 
 
 def _bound(fixture, runner, name, kind):
@@ -126,38 +173,52 @@ def _bound(fixture, runner, name, kind):
       return bounds[kind == "float64"]
   if name.startswith("grad/"):
     return GRADIENT_BOUND
-  return FLOAT64_BOUND if kind == "float64" else fixture.meta["tolerance"]
+  if kind == "float64":
+    return FLOAT64_BOUND
+  tolerance = fixture.meta.get("tolerance")
+  return tolerance if isinstance(tolerance, float) else None
+
+
+def _tolerance(fixture, runner):
+  """The bounds as the table shows them: the file's own, else the runner's by output."""
+  tolerance = fixture.meta.get("tolerance")
+  told = [f"{tolerance:.0e}, {FLOAT64_BOUND:.0e}"] if isinstance(tolerance, float) else []
+  told += [f"{prefix} {bounds[0]:.0e}".strip() for prefix, bounds in runner.bounds.items()]
+  return "; ".join(told[:3]) + (", ..." if len(told) > 3 else "")
 
 
 def import_runners():
-  """Imports the test modules that register runners: those that say so."""
+  """Imports the test modules that register runners: those that say so. One that cannot be imported is told."""
   root = pathlib.Path(__file__).parents[1]
   for path in sorted((root / "tests").rglob("test_*.py")):
     if re.search(r"^@(golden\.)?golden\(", path.read_text(encoding="utf-8"), re.MULTILINE):
-      importlib.import_module(".".join(path.relative_to(root).with_suffix("").parts))
+      try:
+        importlib.import_module(".".join(path.relative_to(root).with_suffix("").parts))
+      except Exception as error:
+        print(f"{path.relative_to(root)} cannot be imported: {_told(error)}", file=sys.stderr)
 
 
 def main(argv=None):
   parser = argparse.ArgumentParser(description="Compares our numbers with recorded ones of the references.")
   parser.add_argument("folder", type=pathlib.Path)
-  parser.add_argument("names", nargs="*", help="files to run, without .npz; all known ones if left out")
+  parser.add_argument("names", nargs="*", help="files to run, without .npz; all if left out")
   args = parser.parse_args(argv)
-  import_runners()
   files = sorted(args.folder.glob("*.npz"))
   if not files:
     parser.error(f"{args.folder} holds no .npz file")
-  known = [path for path in files if path.stem in RUNNERS and (not args.names or path.stem in args.names)]
-  print(f"{'name':22s} {'float32':>9s} {'float64':>9s}   {'tolerance':24s}")
+  absent = set(args.names) - {path.stem for path in files}
+  if absent:
+    parser.error(f"{args.folder} holds no {', '.join(sorted(absent))}")
+  import_runners()
+  print(f"{'name':{WIDTH}s} {'float32':>9s} {'float64':>9s}   {'tolerance':24s}")
   rows = []
-  for path in known:
-    rows.append(check(path))
-    print(rows[-1], flush=True)
-  unknown = [path.stem for path in files if path.stem not in RUNNERS]
-  if unknown:
-    print(f"no runner yet: {', '.join(unknown)}")
+  for path in files:
+    if not args.names or path.stem in args.names:
+      rows.append(check(path))
+      print(rows[-1], flush=True)
   failed = sum(bool(row.failures) for row in rows)
   print(f"{len(rows) - failed} of {len(rows)} fixtures agree")
-  return 1 if failed or not rows else 0
+  return 1 if failed else 0
 
 
 if __name__ == "__main__":

@@ -1,4 +1,6 @@
 """The whole way from words to joints is the reference's; and the runner of recorded fixtures tells when one is not."""
+import json
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,6 +12,7 @@ from motion_jax.diffusion.schedules import staircase, staircase_levels
 from motion_jax.motion import features as features_lib
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.masks import block_causal_mask, padding_mask
+from motion_jax.text.bert import bert_fields
 from tests import fixtures, golden
 from tests.diffusion.test_streaming import whole
 from tests.nets import test_causal_vae
@@ -50,8 +53,10 @@ def run_joints(fixture, dtype):
 @golden.golden("bert")
 @golden.golden("distilbert")
 def run_bert(fixture, dtype):
-  # The test reads its own copy of the recording, by name.
-  return test_bert.run(fixture.meta["fixture"], dtype.name)[1]
+  net = fixture.config["net"]
+  kind = "distilbert" if "n_layers" in net else "bert"
+  fields = {**bert_fields({"model_type": kind, **net}), "has_pooler": kind == "bert"}
+  return test_bert.outputs(fixture.arrays, fixture.params, fields, dtype.name)
 
 
 def test_from_words_to_joints():
@@ -74,7 +79,62 @@ def test_a_wrong_number_and_a_missing_one_are_seen(tmp_path, monkeypatch, capsys
   del answer["a"]
   assert golden.check(path).failures == ("float32 a is not computed",)
   answer["a"] = jnp.ones(4)
-  with pytest.raises(ValueError, match="recorded is"):
-    golden.check(path)
+  assert golden.check(path).failures == ("float32 a has shape (4,), recorded is (3,)",)
   with pytest.raises(FileNotFoundError, match="tests never skip"):
     golden.check(tmp_path / "causal_dit.npz")
+
+
+def write(folder, name, fixture=None, tolerance=1e-6):
+  np.savez(folder / f"{name}.npz", meta=np.array(json.dumps({"fixture": fixture or name, "tolerance": tolerance})),
+           **{"out/a": np.ones(3, np.float32)})
+
+
+def register(monkeypatch, **runs):
+  monkeypatch.setattr(golden, "RUNNERS", {name: golden.Runner(run, (), {}) for name, run in runs.items()})
+  monkeypatch.setattr(golden, "import_runners", lambda: None)
+
+
+def test_the_table_goes_on_after_a_failure_and_knows_no_unknown(tmp_path, monkeypatch, capsys):
+  def broken(fixture, dtype):
+    raise KeyError("width")
+
+  register(monkeypatch, broken=broken, good=lambda fixture, dtype: {"a": jnp.ones(3)}, vague=lambda *_: {})
+  for name in ("broken", "good", "strange"):
+    write(tmp_path, name)
+  write(tmp_path, "good_unbounded", tolerance="see notes")
+  np.savez(tmp_path / "vague.npz", meta=np.array("{}"))
+  (tmp_path / "good_cut.npz").write_bytes(b"PK no archive")
+  assert golden.main([str(tmp_path)]) == 1
+  lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()}
+  assert lines["good"].endswith("ok") and "1e-06" in lines["good"] and "0.0e+00" in lines["good"]
+  for name, words in (("broken", "float32 raised KeyError: 'width'"), ("good_cut", "cannot be read"),
+                      ("strange", "no runner knows this fixture"), ("vague", "nothing of it is compared"),
+                      ("good_unbounded", "no tolerance")):
+    assert f"FAILED: {words}" in lines[name] or f"{words}" in lines[name] and "FAILED" in lines[name]
+  assert lines["1"] == "1 of 6 fixtures agree"
+  assert golden.main([str(tmp_path), "good"]) == 0
+  assert golden.main([str(tmp_path), "strange"]) == 1
+  with pytest.raises(SystemExit):
+    golden.main([str(tmp_path), "absent"])
+
+
+def test_runners_are_found_for_other_names(monkeypatch):
+  same = lambda fixture, dtype: {}
+  runs = dict(mac_vae=lambda *_: {}, mac_vae_loss=lambda *_: {}, evaluators_67=same, evaluators_259=same, ae=None)
+  register(monkeypatch, **runs, odd_1=lambda *_: {}, odd_2=lambda *_: {})
+  for name, meta, expected in (
+      ("mac_vae", {}, "mac_vae"), ("mac_vae_2", {}, "mac_vae"), ("mac_vae-seed7", {}, "mac_vae"),
+      ("mac_vae_loss_seed7", {}, "mac_vae_loss"), ("mac_vae2", {}, "mac_vae"), ("mac_vaes", {}, None),
+      ("renamed", {"fixture": "mac_vae_loss"}, "mac_vae_loss"), ("renamed", {"fixture": 3}, None),
+      ("evaluators_66", {}, "evaluators_67"), ("ae66", {}, "ae"), ("odd_3", {}, None), ("never_seen", {}, None)):
+    assert golden.runner_name(name, meta) == expected, name
+
+
+def test_words_and_what_is_no_number_are_compared(tmp_path, monkeypatch):
+  recorded = {"out/words": np.array(["walk", "run"]), "out/mask": np.array([0, -np.inf]), "out/none": np.zeros((0, 3))}
+  np.savez(tmp_path / "x.npz", meta=np.array('{"tolerance": 1e-6}'), **recorded)
+  answer = {name[4:]: array for name, array in recorded.items()}
+  register(monkeypatch, x=lambda fixture, dtype: answer)
+  assert not golden.check(tmp_path / "x.npz").failures
+  answer["words"], answer["mask"] = np.array(["walk", "ran"]), np.zeros(2)
+  assert len(golden.check(tmp_path / "x.npz").failures) == 2

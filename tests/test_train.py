@@ -145,22 +145,21 @@ def test_a_run_killed_before_its_first_save_starts_anew(tmp_path, resume):
   assert int(state.step) == 2 and [row["step"] for row in train.read_metrics(tmp_path)] == [1, 2]
 
 
-def test_a_whole_run_goes_on_and_only_with_its_own_settings(tmp_path):
-  """Through training.run: what may change is how long, when it cools down, and where the data lies."""
-  def config(**changes):
-    tiny = load_config("cmdm_tokenizer", "tiny")
-    with tiny.unlocked():
-      for name, value in changes.items():
-        tiny.optimizer[name] = value
-    return tiny
+def test_a_run_is_resumed_only_with_its_own_settings():
+  """What may change is how long it lasts, when it cools down, and where the data lies."""
+  def check(part="optimizer", **changes):
+    config = load_config("cmdm_tokenizer", "tiny")
+    config[part].update(changes)
+    training._check_same_run(config, load_config("cmdm_tokenizer", "tiny"))
 
-  training.run(config(), tmp_path)
   for change in (dict(learning_rate=1.0), dict(beta1=0.5), dict(schedule="cosine"), dict(warmup_steps=9)):
     with pytest.raises(ValueError, match="another optimizer"):
-      training.run(config(**change), tmp_path, resume=True)
-  longer = config(cooldown_steps=7)
-  longer.train.num_steps = 3
-  assert int(training.run(longer, tmp_path, resume=True).step) == 3
+      check(**change)
+  check(cooldown_steps=7)
+  check("train", num_steps=9)
+  check("data", folder="elsewhere")
+  with pytest.raises(ValueError, match="another model"):
+    check("model", width=8)
 
 
 def test_broken_files_of_a_run_are_told(tmp_path):
@@ -184,7 +183,7 @@ def test_a_write_cut_short_leaves_the_old_file(tmp_path, monkeypatch):
   checkpoint.save_text(tmp_path, "text.json", "old")
   before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
 
-  def full(*_):
+  def full(*_, **__):
     raise OSError("no space left on device")
 
   monkeypatch.setattr(np, "save", lambda path, values: pathlib.Path(path).write_bytes(b"half") and full())

@@ -28,7 +28,8 @@ def network(fixture, dtype, block=3):
 
 def captions(fixture, dtype):
   """The recorded captions, text_emb (B, S, E) and text_mask (B, S); behind the mask lies garbage, on purpose."""
-  stack = lambda prefix: np.stack([array for _, array in sorted(fixture.under(prefix).items())])
+  in_order = lambda item: (len(item[0]), item[0])  # c2 before c10
+  stack = lambda prefix: np.stack([array for _, array in sorted(fixture.under(prefix).items(), key=in_order)])
   return jnp.asarray(stack("in/text/"), dtype), jnp.asarray(stack("in/text_mask/"))
 
 
@@ -47,8 +48,9 @@ def run_causal_dit(fixture, dtype):
   x, t = (jnp.asarray(fixture[f"in/{name}"], dtype) for name in "xt")
   scale = fixture.config["scale"]
   made = {}
-  for name, block, length, lengths in (("block3", 3, 12, "lengths"), ("block1", 1, 12, "lengths"),
-                                       ("full", 0, 12, "lengths"), ("odd", 3, 11, "odd_lengths")):
+  whole, odd = fixture.config["length"], fixture.config["odd"]
+  for name, block, length, lengths in (("block3", 3, whole, "lengths"), ("block1", 1, whole, "lengths"),
+                                       ("full", 0, whole, "lengths"), ("odd", 3, odd, "odd_lengths")):
     attn_mask = block_causal_mask(length, block) & padding_mask(fixture[f"in/{lengths}"], length)[:, None, None, :]
     run = functools.partial(apply, dit, x=x[:, :length], t=t[:, :length], attn_mask=attn_mask, text_mask=text_mask)
     velocity, null = run(params, text_emb=text_emb), run(params, text_emb=text_emb * 0)
@@ -56,18 +58,18 @@ def run_causal_dit(fixture, dtype):
     if name == "block3":
       made |= {"block3/null": null, "faint/velocity": run(faint(params), text_emb=text_emb)}
 
-  latent_mask = padding_mask(fixture["in/lengths"], 12)
+  latent_mask = padding_mask(fixture["in/lengths"], whole)
   z1 = jnp.where(latent_mask[..., None], jnp.asarray(fixture["in/latents"], dtype), 0)
   noise, uniform = jnp.asarray(fixture["in/noise"], dtype), jnp.asarray(fixture["in/uniform"], dtype)
 
   @functools.partial(jax.jit, static_argnums=3)
   def loss(params, text, t, block):
-    attn_mask = block_causal_mask(12, block) & latent_mask[:, None, None, :]
+    attn_mask = block_causal_mask(whole, block) & latent_mask[:, None, None, :]
     velocity = lambda x, t: apply(dit, params, x, t, text, attn_mask, text_mask)
     sums, weight = paths.forcing_loss(velocity, z1, latent_mask, t, noise)
     return sums["loss"] / weight
 
-  t3 = jnp.repeat(uniform[:, ::3], 3, axis=1)
+  t3 = jnp.repeat(uniform[:, ::3], 3, axis=1)[:, :whole]
   dropped = jnp.where(jnp.asarray(fixture["in/drop"])[:, None, None] > 0, 0, text_emb)
   made["loss_t"] = t3
   made["loss"], grads = jax.jit(jax.value_and_grad(loss), static_argnums=3)(params, text_emb, t3, 3)

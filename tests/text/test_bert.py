@@ -23,6 +23,11 @@ def golden(name):
 
 def run(name, dtype):
   arrays, state, fields, meta = golden(name)
+  return arrays, outputs(arrays, state, fields, dtype), meta
+
+
+def outputs(arrays, state, fields, dtype):
+  """All that is recorded of a network, from its inputs, PyTorch weights and our fields."""
   params = {"params": bert.params_from_reference(state, fields, dtype)}
   model = bert.Bert(**fields, dtype=dtype)
   args = [jnp.asarray(arrays["in/input_ids"]), jnp.asarray(arrays["in/attention_mask"]) > 0]
@@ -34,7 +39,7 @@ def run(name, dtype):
   if fields["has_pooler"]:
     out["pooled"] = model.apply(params, *args, method="pooled")
     out["sentence"] = bert.mean_sentence(out["last"], args[1])
-  return arrays, out, meta
+  return out
 
 
 @pytest.mark.parametrize("name", ["bert", "distilbert"])
