@@ -200,6 +200,34 @@ def post_norm_names(theirs, ours):
           f"{theirs}.norm1": (f"{ours}/attn_norm", "norm"), f"{theirs}.norm2": (f"{ours}/mlp_norm", "norm")}
 
 
+TMR_PARTS = {"Root": "root", "R_Leg": "right_leg", "L_Leg": "left_leg", "Backbone": "backbone", "R_Arm": "right_arm",
+             "L_Arm": "left_arm"}
+
+
+def part_tmr_names(depth=4):
+  """Part-TMR less its text transformer (facts: cmdm 9)."""
+  table = {"logit_scale": ("logit_scale", "array")}
+  for theirs, ours in TMR_PARTS.items():
+    table |= {f"motion_encoder.emb_token_{theirs}": (f"motion_{ours}/token", "array"),
+              f"motion_encoder.skel_embedding_{theirs}": (f"motion_{ours}/embed", "dense")}
+    for i in range(depth):
+      table |= post_norm_names(f"motion_encoder.seqTransEncoder_{theirs}.layers.{i}", f"motion_{ours}/layer{i}")
+  for side in ("motion", "text"):
+    head = f"{side}_projection"
+    table |= {f"{head}.projection": (f"{head}/projection", "dense"), f"{head}.fc": (f"{head}/fc", "dense"),
+              f"{head}.layer_norm": (f"{head}/norm", "norm")}
+  return table
+
+
+def part_tmr_from_torch(state, text_fields, depth=4):
+  """Part-TMR whole: {"motion", "text"} as a teacher's run keeps it; text_fields are those of its `text.bert.Bert`."""
+  prefix = "text_encoder.text_model."
+  ignored = [f"motion_encoder.sequence_pos_encoding_{part}.pe" for part in TMR_PARTS]
+  motion = {name: array for name, array in state.items() if not name.startswith(prefix)}
+  return {"motion": from_torch(motion, part_tmr_names(depth), ignored)["params"],
+          "text": bert.params_from_reference(select(state, prefix), text_fields)}
+
+
 def _sequence_names(theirs, ours):
   return {f"{theirs}hidden": (f"{ours}/first_state", "first_state"), f"{theirs}input_emb": (f"{ours}/embed", "dense"),
           f"{theirs}gru": (ours, "gru"), f"{theirs}output_net.0": (f"{ours}/mix", "dense"),

@@ -1,0 +1,261 @@
+"""The benchmarks' frozen networks, which put motions and sentences into one space (facts: cmdm 6.1, cdamd 8.1 and 8.2).
+
+`T2MEvaluator` (Guo et al.): movement tokens, recurrent encoders; its embeddings give R-precision, matching, FID and
+diversity. `ClipEvaluator` (MARDM): transformers; it gives the CLIP score. Pair embeddings of one kind only.
+"""
+import math
+from typing import Any
+
+import flax.linen as nn
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from motion_jax.nets.convs import uniform_fan_in
+from motion_jax.nets.masks import padding_mask
+from motion_jax.nets.post_norm import PostNormLayer, sinusoids
+
+_FRAMES_PER_TOKEN = 4
+_NORMAL = nn.initializers.glorot_normal()
+
+
+def _dense(features, dtype, name=None):
+  return nn.Dense(features, kernel_init=_NORMAL, dtype=dtype, name=name)
+
+
+class MovementEncoder(nn.Module):
+  """x (B, T, F) -> movement tokens (B, T // 4, dim); token j sees frames 4 j - 3 to 4 j + 6."""
+  width: int = 512
+  dim: int = 512
+  dropout: float = 0.2
+  dtype: Any = jnp.float32
+
+  @nn.compact
+  def __call__(self, x, deterministic=True):
+    for i, width in enumerate((self.width, self.dim)):
+      x = nn.Conv(width, (4,), strides=(2,), padding=1, kernel_init=_NORMAL, dtype=self.dtype, name=f"conv{i}")(x)
+      x = nn.leaky_relu(nn.Dropout(self.dropout, deterministic=deterministic)(x), 0.2)
+    return _dense(self.dim, self.dtype, "out")(x)
+
+
+class MovementDecoder(nn.Module):
+  """Movement tokens (B, N, dim) -> (B, 4 N, features): it trains the encoder, as the other half of an autoencoder."""
+  features: int
+  width: int = 512
+  dtype: Any = jnp.float32
+
+  @nn.compact
+  def __call__(self, x):
+    for i, width in enumerate((self.width, self.features)):
+      x = nn.ConvTranspose(width, (4,), strides=(2,), padding="SAME", kernel_init=_NORMAL, dtype=self.dtype,
+                           name=f"conv{i}")(x)
+      x = nn.leaky_relu(x, 0.2)
+    return _dense(self.features, self.dtype, "out")(x)
+
+
+class GRU(nn.Module):
+  """One direction of a recurrent net: x (B, L, W), real_mask (B, L), h (B, H) -> the state after the last real step.
+
+  Gates stand in the order reset, update, new; the reset gate acts after the hidden bias.
+  """
+  width: int
+  reverse: bool = False
+  dtype: Any = jnp.float32
+
+  @nn.compact
+  def __call__(self, x, real_mask, h):
+    init = uniform_fan_in(self.width)
+    weight = lambda name, *shape: self.param(name, init, shape).astype(self.dtype)
+    w_in, b_in = weight("w_in", x.shape[-1], 3 * self.width), weight("b_in", 3 * self.width)
+    w_hidden, b_hidden = weight("w_hidden", self.width, 3 * self.width), weight("b_hidden", 3 * self.width)
+
+    def step(h, inputs):
+      given, real = inputs
+      reset_in, update_in, new_in = jnp.split(given, 3, axis=-1)
+      reset_h, update_h, new_h = jnp.split(h @ w_hidden + b_hidden, 3, axis=-1)
+      update = nn.sigmoid(update_in + update_h)
+      new = jnp.tanh(new_in + nn.sigmoid(reset_in + reset_h) * new_h)
+      return jnp.where(real[:, None], (1 - update) * new + update * h, h), None
+
+    steps = (x.astype(self.dtype) @ w_in + b_in).swapaxes(0, 1), real_mask.T
+    return jax.lax.scan(step, h, steps, reverse=self.reverse)[0]
+
+
+class SequenceEncoder(nn.Module):
+  """A sequence to one vector: x (B, L, W), lengths (B,) -> (B, dim); what lies beyond a length is not seen.
+
+  Two GRUs run over the real steps in both directions from a learned first state; their last states are read.
+  """
+  width: int = 1024
+  dim: int = 512
+  dtype: Any = jnp.float32
+
+  @nn.compact
+  def __call__(self, x, lengths):
+    x = _dense(self.width, self.dtype, "embed")(x)
+    first = self.param("first_state", nn.initializers.normal(1.0), (2, self.width)).astype(self.dtype)
+    real_mask = padding_mask(lengths, x.shape[1])
+    start = lambda i: jnp.broadcast_to(first[i], (x.shape[0], self.width))
+    ahead = GRU(self.width, dtype=self.dtype, name="forward")(x, real_mask, start(0))
+    back = GRU(self.width, reverse=True, dtype=self.dtype, name="backward")(x, real_mask, start(1))
+    x = _dense(self.width, self.dtype, "mix")(jnp.concatenate([ahead, back], axis=-1))
+    x = nn.LayerNorm(epsilon=1e-5, dtype=self.dtype, use_fast_variance=False, name="norm")(x)
+    return _dense(self.dim, self.dtype, "out")(nn.leaky_relu(x, 0.2))
+
+
+class TextEncoder(nn.Module):
+  """words (B, S, W) vectors, classes (B, S, 15) one-hot, lengths (B,) -> (B, dim)."""
+  width: int = 512
+  dim: int = 512
+  dtype: Any = jnp.float32
+
+  @nn.compact
+  def __call__(self, words, classes, lengths):
+    x = words + _dense(words.shape[-1], self.dtype, "classes")(classes)
+    return SequenceEncoder(self.width, self.dim, self.dtype, name="sequence")(x, lengths)
+
+
+class T2MEvaluator(nn.Module):
+  """Motion features and words into one Euclidean space of `dim` numbers.
+
+  It reads the first `features` of `columns` numbers per frame: 259 of 263 (the contacts are left out), 67 of 67, 66 of
+  66. Motions are normalized with the evaluator's own statistics.
+  """
+  features: int = 259
+  columns: int = 263
+  movement_width: int = 512
+  movement_dim: int = 512
+  motion_width: int = 1024
+  text_width: int = 512
+  dim: int = 512
+  dtype: Any = jnp.float32
+
+  def setup(self):
+    self.movement_encoder = MovementEncoder(self.movement_width, self.movement_dim, dtype=self.dtype)
+    self.motion_encoder = SequenceEncoder(self.motion_width, self.dim, self.dtype)
+    self.text_encoder = TextEncoder(self.text_width, self.dim, self.dtype)
+
+  def movements(self, motion, deterministic=True):
+    """motion (B, T, columns) -> (B, T // 4, movement_dim). The convolutions see the padding."""
+    return self.movement_encoder(_first_columns(motion, self.features, self.columns), deterministic)
+
+  def motion(self, motion, num_frames):
+    """motion (B, T, columns), num_frames (B,) -> (B, dim); num_frames // 4 tokens are read, so 4 frames at least."""
+    return self.motion_encoder(self.movements(motion), num_frames // _FRAMES_PER_TOKEN)
+
+  def text(self, words, classes, lengths):
+    """What `words.WordVectors` gives -> (B, dim)."""
+    return self.text_encoder(words, classes, lengths)
+
+  def __call__(self, words, classes, lengths, motion, num_frames):
+    return self.text(words, classes, lengths), self.motion(motion, num_frames)
+
+
+class ClipEvaluator(nn.Module):
+  """Motion features and CLIP tokens into one space of directions.
+
+  It reads the first `features` of `columns` numbers per frame. Text starts from CLIP's own token and position tables,
+  which stay as they are: no gradient reaches them.
+  """
+  features: int = 67
+  columns: int = 67
+  width: int = 512
+  depth: int = 8
+  num_heads: int = 8
+  mlp_width: int = 1024
+  dim: int = 512
+  vocab_size: int = 49408
+  max_words: int = 77
+  dropout: float = 0.2
+  dtype: Any = jnp.float32
+
+  def setup(self):
+    layer = lambda: PostNormLayer(self.num_heads, self.mlp_width, dropout=self.dropout, dtype=self.dtype)
+    norm = lambda: nn.LayerNorm(epsilon=1e-5, dtype=self.dtype, use_fast_variance=False)
+    self.embed = _dense(self.width, self.dtype)
+    self.query = self.param("query", nn.initializers.normal(1.0), (1, self.width))
+    self.motion_layers = [layer() for _ in range(self.depth)]
+    self.motion_norm, self.motion_out = norm(), _dense(self.dim, self.dtype)
+    self.tokens = self.param("tokens", nn.initializers.normal(0.02), (self.vocab_size, self.width))
+    self.positions = self.param("positions", nn.initializers.normal(0.01), (self.max_words, self.width))
+    self.text_layers = [layer() for _ in range(self.depth)]
+    self.text_norm, self.text_out = norm(), _dense(self.dim, self.dtype)
+    self.logit_scale = self.param("logit_scale", nn.initializers.constant(math.log(1 / 0.07)), ())
+    self.position_dropout = nn.Dropout(self.dropout)
+
+  def motion(self, motion, num_frames, deterministic=True):
+    """motion (B, T, columns), num_frames (B,) -> (B, dim), not normalized; padded frames are not seen."""
+    x = self.embed(_first_columns(motion, self.features, self.columns))
+    query = jnp.broadcast_to(self.query.astype(x.dtype), x[:, :1].shape)
+    x = jnp.concatenate([query, x], axis=1)
+    x = self.position_dropout(x + sinusoids(x.shape[1], self.width, x.dtype), deterministic=deterministic)
+    key_mask = padding_mask(num_frames + 1, x.shape[1])
+    for layer in self.motion_layers:
+      x = layer(x, key_mask, deterministic)
+    return self.motion_out(self.motion_norm(x[:, 0]))
+
+  def text(self, tokens, deterministic=True):
+    """tokens (B, S): start, words, end (the largest id), zeros -> (B, dim), not normalized.
+
+    Parity: no mask at all, so also the zeros behind the end are attended to; always pad to max_words as CLIP does.
+    """
+    tables = jax.lax.stop_gradient((self.tokens.astype(self.dtype), self.positions.astype(self.dtype)))
+    x = tables[0][tokens] + tables[1][:tokens.shape[1]]
+    for layer in self.text_layers:
+      x = layer(x, None, deterministic)
+    end = jnp.take_along_axis(x, tokens.argmax(-1)[:, None, None], axis=1)[:, 0]
+    return self.text_out(self.text_norm(end))
+
+  def scale(self):
+    """What cosines are multiplied by in training: the inverse temperature."""
+    return jnp.exp(self.logit_scale.astype(self.dtype))
+
+  def __call__(self, tokens, motion, num_frames):
+    """-> text and motion, both (B, dim) and of unit length, in the given order."""
+    return unit(self.text(tokens)), unit(self.motion(motion, num_frames))
+
+
+def unit(x):
+  """x / |x| over the last axis."""
+  return x / jnp.linalg.norm(x, axis=-1, keepdims=True)
+
+
+def pair_logits(text, motion, scale):
+  """scale * cosines (B, B) between unit vectors: motions are rows, texts columns."""
+  return scale * motion @ text.T
+
+
+def symmetric_cross_entropy(logits):
+  """Mean of the two cross-entropies by which rows (B, B) find their columns and columns their rows."""
+  right = lambda rows: -jnp.diagonal(jax.nn.log_softmax(rows, axis=-1)).mean()
+  return (right(logits) + right(logits.T)) / 2
+
+
+def falling_length(num_frames):
+  """The order (B,) in which the references' evaluator returns a batch: longest first, ties as numpy leaves them."""
+  return np.argsort(np.asarray(num_frames, np.int64))[::-1]
+
+
+def co_embeddings(apply, params, words, classes, lengths, motion, num_frames, sort=True):
+  """Matched embeddings (text (B, dim), motion (B, dim)) of a batch from a T2MEvaluator.
+
+  apply: the evaluator's `apply`, best jitted. sort: rows come by falling motion length, both alike, as the references
+  return them (Parity; what does not depend on order is the same either way, and nothing of one row on another).
+  Raises ValueError for a motion under 4 frames.
+  """
+  num_frames = np.asarray(num_frames)
+  if num_frames.min() < _FRAMES_PER_TOKEN:
+    raise ValueError(f"got a motion of {num_frames.min()} frames, the evaluator needs {_FRAMES_PER_TOKEN}; leave it "
+                     "out")
+  text, moved = apply(params, words, classes, lengths, motion, num_frames)
+  if not sort:
+    return text, moved
+  order = falling_length(num_frames)
+  return text[order], moved[order]
+
+
+def _first_columns(motion, features, columns):
+  if motion.shape[-1] != columns:
+    raise ValueError(f"got {motion.shape[-1]} features per frame, this evaluator reads {columns}; choose the evaluator "
+                     "of the motion's representation or convert the motion")
+  return motion[..., :features]
