@@ -12,6 +12,7 @@ from safetensors import SafetensorError
 from safetensors.numpy import load_file
 
 from motion_jax.quant.vq import codebook_of
+from motion_jax.text import bert
 
 
 def _split(leaf, parts, turn):
@@ -270,3 +271,55 @@ def length_estimator_names():
   for i, place in enumerate((0, 4, 8)):
     table |= {f"output.{place}": (f"layer{i}", "dense"), f"output.{place + 1}": (f"norm{i}", "norm")}
   return table
+
+
+def diffusion_mlp_names(depth, prefix="net.", ours=""):
+  """The diffusion head of CDAMD and MARDM (facts: cdamd 5), below `prefix` there and `ours` here."""
+  table = {"time_embed.mlp.0": ("time_in", "dense"), "time_embed.mlp.2": ("time_out", "dense"),
+           "cond_embed": ("condition_in", "dense"), "input_proj": ("x_in", "dense"),
+           "final_layer.linear": ("out", "dense"), "final_layer.adaLN_modulation.1": ("film", "dense")}
+  for i in range(depth):
+    table |= {f"res_blocks.{i}.in_ln": (f"block{i}/norm", "norm"),
+              f"res_blocks.{i}.mlp.0": (f"block{i}/ff_in", "dense"),
+              f"res_blocks.{i}.mlp.2": (f"block{i}/ff_out", "dense"),
+              f"res_blocks.{i}.adaLN_modulation.1": (f"block{i}/film", "dense")}
+  return _below(table, prefix, ours)
+
+
+def _below(table, theirs, ours):
+  return {theirs + name: (ours + path, kind) for name, (path, kind) in table.items()}
+
+
+def _generator_names(table, head_depth):
+  """A table of a transformer, and that of its diffusion head if it has one; then both lie in a `Generator`."""
+  table |= {"mask_latent": ("inputs/mask_latent", "array"), "input_process.poseEmbedding": ("inputs/x_in", "dense"),
+            "cond_emb": ("inputs/text_in", "dense")}
+  if head_depth is None:
+    return table
+  return _below(table, "", "transformer/") | diffusion_mlp_names(head_depth, "DiffMLPs.net.", "head/")
+
+
+def masked_transformer_names(depth, head_depth=None):
+  """CDAMD's transformer (facts: cdamd 4); with head_depth, layers of the diffusion head, the whole generator."""
+  table = {"token_emb.weight": ("code_table", "array"), "codebook_type_emb.weight": ("level_table", "array"),
+           "seqTransEncoder.pos_emb": ("positions", "array")}
+  for i in range(depth):
+    theirs, ours = f"seqTransEncoder.layers.{i}", f"block{i}"
+    table |= {f"{theirs}.{attention}.{name}_proj": (f"{ours}/{attention}/{name[0]}", "dense")
+              for attention in ("self_attn", "cross_attn") for name in ("q", "k", "v", "out")}
+    table |= {f"{theirs}.adaln{k}.{name}": (f"{ours}/{name}{k}", "dense") for k in (1, 2, 3)
+              for name in ("scale", "shift")}
+    table |= {f"{theirs}.ff.0": (f"{ours}/ff_in", "dense"), f"{theirs}.ff.3": (f"{ours}/ff_out", "dense")}
+  return _generator_names(table, head_depth)
+
+
+def mardm_names(depth, head_depth=None):
+  """MARDM's transformer (facts: cdamd 4.5), alone or with its diffusion head."""
+  table = {}
+  for i in range(depth):
+    theirs, ours = f"MARTransformer.{i}", f"block{i}"
+    table |= {f"{theirs}.attn.{name}": (f"{ours}/self_attn/{short}", "dense")
+              for name, short in (("query", "q"), ("key", "k"), ("value", "v"), ("proj", "o"))}
+    table |= {f"{theirs}.mlp.fc1": (f"{ours}/ff_in", "dense"), f"{theirs}.mlp.fc2": (f"{ours}/ff_out", "dense"),
+              f"{theirs}.adaLN_modulation.1": (f"{ours}/film", "dense")}
+  return _generator_names(table, head_depth)

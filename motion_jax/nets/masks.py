@@ -44,3 +44,79 @@ def padding_mask(lengths, max_length):
                          1 1 1 1
   """
   return jnp.arange(max_length)[None, :] < lengths[:, None]
+
+
+# --- which latents may look at which while some are known and others are to be generated (facts: cdamd 4.4) ---------
+#
+# known_mask (B, L): True = a condition, given and real; the others are to be generated (or padding). The drawings have
+# 6 positions, known 0, 2 and 4; rows are queries.
+
+
+def dual_causal_mask(known_mask):
+  """(B, 1, L, L), DCCM: a known latent sees all known ones, one to be generated sees the past, known or not.
+
+    1 . 1 . 1 .
+    1 1 . . . .
+    1 . 1 . 1 .
+    1 1 1 1 . .
+    1 . 1 . 1 .
+    1 1 1 1 1 1
+  """
+  # Parity: equation 11 of the paper, read as an intersection, is the causal mask; this is the code's, in training.
+  query, key = known_mask[:, None, :, None], known_mask[:, None, None, :]
+  return jnp.where(query, key, block_causal_mask(known_mask.shape[1]))
+
+
+def known_or_past_mask(known_mask):
+  """(B, 1, L, L), BAMM's bidirectional causal mask: like DCCM, and one to be generated also sees all known ones.
+
+    1 . 1 . 1 .
+    1 1 1 . 1 .
+    1 . 1 . 1 .
+    1 1 1 1 1 .
+    1 . 1 . 1 .
+    1 1 1 1 1 1
+  """
+  return dual_causal_mask(known_mask) | known_mask[:, None, None, :]
+
+
+LATENT_MASKS = {
+    "dccm": dual_causal_mask,
+    "causal": lambda known_mask: block_causal_mask(known_mask.shape[1]),
+    "bcm": known_or_past_mask,
+    "bidirectional": lambda known_mask: block_causal_mask(known_mask.shape[1], 0),
+}
+
+
+def latent_mask(kind, known_mask, real_mask):
+  """(B, 1, L, L): the mask of that name less the keys that are padding, real_mask (B, L) False.
+
+  No row is empty as long as position 0 is real: a real query sees itself, a padded one sees position 0. DCCM with
+  position 5 padding:
+
+    1 . 1 . 1 .
+    1 1 . . . .
+    1 . 1 . 1 .
+    1 1 1 1 . .
+    1 . 1 . 1 .
+    1 1 1 1 1 .
+  """
+  if kind not in LATENT_MASKS:
+    raise ValueError(f"got mask {kind!r}, expected one of {', '.join(LATENT_MASKS)}")
+  return LATENT_MASKS[kind](known_mask & real_mask) & real_mask[:, None, None, :]
+
+
+def with_text(attn_mask, text_mask):
+  """(B, 1, L, S + L): columns for words in front, text_mask (B, S), which every query sees; for cross-attention to
+  words and one prior token per latent.
+
+  One word, DCCM as above:   1 | 1 . 1 . 1 .
+                             1 | 1 1 . . . .
+                             1 | 1 . 1 . 1 .
+                             1 | 1 1 1 1 . .
+                             1 | 1 . 1 . 1 .
+                             1 | 1 1 1 1 1 .
+  """
+  batch, num_words = text_mask.shape
+  words = jnp.broadcast_to(text_mask[:, None, None, :], (batch, 1, attn_mask.shape[2], num_words))
+  return jnp.concatenate([words, jnp.broadcast_to(attn_mask, (batch,) + attn_mask.shape[1:])], axis=-1)

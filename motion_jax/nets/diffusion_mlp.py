@@ -1,0 +1,76 @@
+"""The diffusion head of one token: from noise to a latent, given the transformer's condition (facts: cdamd 5).
+
+It knows no neighbours. The same network serves both ways of training: as a flow it gives the velocity at times in
+[0, 1], as DDPM the noise at steps 0, 1, 2, ...
+"""
+from typing import Any
+
+import flax.linen as nn
+import jax.numpy as jnp
+
+from motion_jax.nets.attention import wide
+from motion_jax.nets.causal_dit import time_numbers
+from motion_jax.nets.masked_transformer import plain_norm
+
+XAVIER = nn.initializers.xavier_uniform()
+
+
+class ResBlock(nn.Module):
+  """Two layers on a modulated norm; x, y (..., D). A fresh block is the identity."""
+  dtype: Any
+
+  @nn.compact
+  def __call__(self, x, y):
+    width = x.shape[-1]
+    film = nn.Dense(3 * width, kernel_init=nn.initializers.zeros, dtype=self.dtype, name="film")(nn.silu(y))
+    shift, scale, gate = jnp.split(film, 3, axis=-1)
+    h = nn.LayerNorm(epsilon=1e-6, dtype=self.dtype, use_fast_variance=False, name="norm")(x) * (1 + scale) + shift
+    h = nn.silu(nn.Dense(width, kernel_init=XAVIER, dtype=self.dtype, name="ff_in")(h))
+    return x + gate * nn.Dense(width, kernel_init=XAVIER, dtype=self.dtype, name="ff_out")(h)
+
+
+class DiffusionMLP(nn.Module):
+  """x (..., C) noisy latents at t (...), condition (..., H) -> velocity or noise (..., C)."""
+  latent_dim: int = 512
+  width: int = 1792
+  depth: int = 16
+  dtype: Any = jnp.float32
+
+  @nn.compact
+  def __call__(self, x, t, condition):
+    dense = lambda size, name, init=XAVIER: nn.Dense(size, kernel_init=init, dtype=self.dtype, name=name)
+    normal = nn.initializers.normal(0.02)
+    # Parity: raw t in [0, 1] enters the sinusoids of the flow, not t * 1000.
+    numbers = time_numbers(jnp.broadcast_to(t, x.shape[:-1]).astype(wide(self.dtype)))
+    level = dense(self.width, "time_out", normal)(nn.silu(dense(self.width, "time_in", normal)(numbers)))
+    y = level + dense(self.width, "condition_in")(condition.astype(self.dtype))
+    x = dense(self.width, "x_in")(x.astype(self.dtype))
+    for i in range(self.depth):
+      x = ResBlock(self.dtype, name=f"block{i}")(x, y)
+    film = dense(2 * self.width, "film", nn.initializers.zeros)(nn.silu(y))
+    shift, scale = jnp.split(film, 2, axis=-1)
+    return dense(self.latent_dim, "out", nn.initializers.zeros)(plain_norm(1e-6, self.dtype)(x) * (1 + scale) + shift)
+
+
+class Generator(nn.Module):
+  """A masked transformer and its diffusion head, as they are trained and saved together.
+
+  transformer: a `MaskedTransformer` or `GatedTransformer`; head: a `DiffusionMLP`. `condition` is the one's call,
+  `predict` the other's.
+  """
+  transformer: Any
+  head: Any
+
+  def condition(self, *args, **named):
+    return self.transformer(*args, **named)
+
+  def predict(self, x, t, condition):
+    return self.head(x, t, condition)
+
+  def hidden(self):
+    return self.transformer.hidden()
+
+  def __call__(self, x, text_emb, attn_mask, t, codes=None):
+    """Touches every parameter, for init."""
+    self.hidden()
+    return self.head(x, t, self.transformer(x, text_emb, attn_mask, codes))

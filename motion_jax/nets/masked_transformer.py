@@ -1,0 +1,203 @@
+"""Masked transformers: from latents, some of them hidden, and a caption to a condition for every latent's diffusion.
+
+CDAMD's and, as its baseline, MARDM's (facts: cdamd 4). Both give (B, L, D), the residual stream of their last block,
+to `nets.diffusion_mlp`, which makes a latent of each row.
+"""
+from typing import Any
+
+import flax.linen as nn
+import jax.numpy as jnp
+
+from motion_jax.nets.attention import Attention
+from motion_jax.nets.masks import with_text
+from motion_jax.nets.post_norm import sinusoids
+
+NORMAL = nn.initializers.normal(0.02)
+SIZES = {"readme": dict(width=512, depth=4, num_heads=8, ff_width=1024, dropout=0.2),
+         "large": dict(width=1024, depth=8, num_heads=8, ff_width=4096, dropout=0.1),
+         "options": dict(width=384, depth=8, num_heads=6, ff_width=1024, dropout=0.2)}
+
+
+def size(name, **fields):
+  """Fields of a size of CDAMD's transformer (facts: cdamd 9, row 1).
+
+  Parity: the paper's (8 layers of width 1024 with 6 heads) cannot exist; "readme" is the released training command,
+  "options" its options' defaults, "large" the paper's with 8 heads.
+  """
+  if name not in SIZES:
+    raise ValueError(f"got size {name!r}, expected one of {', '.join(SIZES)}")
+  return SIZES[name] | fields
+
+
+def plain_norm(eps, dtype):
+  return nn.LayerNorm(epsilon=eps, use_scale=False, use_bias=False, dtype=dtype, use_fast_variance=False)
+
+
+class Inputs(nn.Module):
+  """What both transformers begin with: latents and words as tokens, and the latent that stands for a hidden one."""
+  latent_dim: int
+  width: int
+  dropout: float
+  dtype: Any
+
+  def setup(self):
+    self.mask_latent = self.param("mask_latent", nn.initializers.zeros, (1, 1, self.latent_dim))
+    self.x_in = nn.Dense(self.width, kernel_init=NORMAL, dtype=self.dtype)
+    self.text_in = nn.Dense(self.width, kernel_init=NORMAL, dtype=self.dtype)
+    self.drop = nn.Dropout(self.dropout)
+
+  def placed(self, tokens, deterministic):
+    """Tokens (B, L, D) with their fixed positions, then dropout."""
+    return self.drop(tokens + sinusoids(*tokens.shape[1:], self.dtype), deterministic=deterministic)
+
+  def latents(self, x, deterministic):
+    return self.placed(self.x_in(x.astype(self.dtype)), deterministic)
+
+  def words(self, text_emb):
+    return self.text_in(text_emb.astype(self.dtype))
+
+  def hidden(self):
+    """(1, 1, C): what a hidden latent is replaced by."""
+    return self.mask_latent
+
+
+class Block(nn.Module):
+  """Self-attention, cross-attention to the conditions, feed-forward, each behind a norm that the caption modulates.
+
+  Shapes: x (B, L, D), cond (B, S + L, D), text (B, 1, D), masks (B, 1, L, L) and (B, 1, L, S + L) -> (B, L, D).
+  """
+  num_heads: int
+  ff_width: int
+  dropout: float
+  dtype: Any
+
+  @nn.compact
+  def __call__(self, x, cond, text, attn_mask, cross_mask, deterministic=True):
+    width = x.shape[-1]
+    dense = lambda size, name: nn.Dense(size, kernel_init=NORMAL, dtype=self.dtype, name=name)
+    drop = lambda y: nn.Dropout(self.dropout)(y, deterministic=deterministic)
+    attention = lambda name: Attention(width, self.num_heads, self.dtype, normalize=False, dropout=self.dropout,
+                                       kernel_init=NORMAL, name=name)
+
+    def norm(x, i):
+      scale, shift = dense(width, f"scale{i}")(text), dense(width, f"shift{i}")(text)
+      return plain_norm(1e-5, self.dtype)(x) * (1 + scale) + shift
+
+    y = attention("self_attn")(norm(x, 1), attn_mask=attn_mask, deterministic=deterministic)
+    x = x + drop(y)
+    y = attention("cross_attn")(norm(x, 2), cond, cross_mask, deterministic=deterministic)
+    x = x + drop(y)
+    y = drop(nn.gelu(dense(self.ff_width, "ff_in")(norm(x, 3)), approximate=False))
+    return x + drop(dense(width, "ff_out")(y))
+
+
+class MaskedTransformer(nn.Module):
+  """CDAMD's: x (B, L, C) latents, the hidden ones replaced by `hidden()`, zero at padding -> conditions (B, L, D).
+
+  text_emb (B, S, E): a sentence vector (S = 1) or words, of which the first modulates the norms; all 0 stands for no
+  caption. text_mask (B, S). attn_mask (B, 1, L, L), see `nets.masks.latent_mask`; prior tokens are looked at like the
+  latents whose codes they are. codes: of one level (B, L), or of several (B, L, Q), or None; prior_mask (B,) False
+  takes an item's codes away, which is the same as None. deterministic=False needs rngs={"dropout": key}.
+  """
+  latent_dim: int = 512
+  width: int = 512
+  depth: int = 4
+  num_heads: int = 8
+  ff_width: int = 1024
+  text_dim: int = 512
+  num_codes: int = 1027  # Parity: rows of the reference's table, of which 512 are used
+  num_levels: int = 4
+  max_length: int = 200
+  dropout: float = 0.2
+  dtype: Any = jnp.float32
+
+  def setup(self):
+    self.inputs = Inputs(self.latent_dim, self.width, self.dropout, self.dtype)
+    self.code_table = self.param("code_table", NORMAL, (self.num_codes, self.width))
+    self.level_table = self.param("level_table", NORMAL, (self.num_levels, self.width))
+    # Parity: the code adds learned positions to the sines, at their initial size of 1.
+    self.positions = self.param("positions", nn.initializers.normal(1.0), (1, self.max_length, self.width))
+    self.blocks = [Block(self.num_heads, self.ff_width, self.dropout, self.dtype, name=f"block{i}")
+                   for i in range(self.depth)]
+
+  def hidden(self):
+    return self.inputs.hidden()
+
+  def prior(self, codes):
+    """Prior tokens (B, L, D). Several levels have a row of their own added and are averaged, one alone has not."""
+    if codes.ndim == 2:
+      return self.code_table[codes].astype(self.dtype)
+    return (self.code_table[codes] + self.level_table[:codes.shape[-1]]).mean(-2).astype(self.dtype)
+
+  def __call__(self, x, text_emb, attn_mask, codes=None, prior_mask=None, text_mask=None, deterministic=True):
+    batch, length = x.shape[:2]
+    if length > self.max_length:
+      raise ValueError(f"got {length} latents, this transformer has positions for {self.max_length}")
+    if text_mask is None:
+      text_mask = jnp.ones(text_emb.shape[:2], bool)
+    cond = words = self.inputs.words(text_emb)
+    prior_columns = jnp.zeros((batch, 1, length, 0), bool)
+    if codes is not None:
+      cond = jnp.concatenate([words, self.inputs.placed(self.prior(codes), deterministic)], axis=1)
+      prior_columns = attn_mask
+      if prior_mask is not None:
+        prior_columns = prior_columns & prior_mask[:, None, None, None]
+    cross_mask = with_text(prior_columns, text_mask)
+    x = self.inputs.latents(x, deterministic) + self.positions[:, :length].astype(self.dtype)
+    for block in self.blocks:
+      x = block(x, cond, words[:, :1], attn_mask, cross_mask, deterministic)
+    return x
+
+
+class GatedBlock(nn.Module):
+  """Self-attention and feed-forward whose scale, shift and gate come from the caption; a fresh one is the identity."""
+  num_heads: int
+  ff_width: int
+  dropout: float
+  dtype: Any
+
+  @nn.compact
+  def __call__(self, x, text, attn_mask, deterministic=True):
+    width = x.shape[-1]
+    dense = lambda size, name: nn.Dense(size, kernel_init=NORMAL, dtype=self.dtype, name=name)
+    film = nn.Dense(6 * width, kernel_init=nn.initializers.zeros, dtype=self.dtype, name="film")(nn.silu(text))
+    shift1, scale1, gate1, shift2, scale2, gate2 = jnp.split(film, 6, axis=-1)
+    norm = plain_norm(1e-6, self.dtype)
+    attention = Attention(width, self.num_heads, self.dtype, normalize=False, dropout=self.dropout, kernel_init=NORMAL,
+                          name="self_attn")
+    y = attention(norm(x) * (1 + scale1) + shift1, attn_mask=attn_mask, deterministic=deterministic)
+    x = x + gate1 * nn.Dropout(self.dropout)(y, deterministic=deterministic)
+    y = nn.gelu(dense(self.ff_width, "ff_in")(norm(x) * (1 + scale2) + shift2), approximate=True)
+    return x + gate2 * dense(width, "ff_out")(y)
+
+
+class GatedTransformer(nn.Module):
+  """MARDM's (facts: cdamd 4.5), called like `MaskedTransformer`; it has no prior and takes the first word's vector."""
+  latent_dim: int = 512
+  width: int = 1024
+  depth: int = 1
+  num_heads: int = 16
+  ff_width: int = 4096
+  text_dim: int = 512
+  dropout: float = 0.2
+  dtype: Any = jnp.float32
+
+  def setup(self):
+    self.inputs = Inputs(self.latent_dim, self.width, self.dropout, self.dtype)
+    self.blocks = [GatedBlock(self.num_heads, self.ff_width, self.dropout, self.dtype, name=f"block{i}")
+                   for i in range(self.depth)]
+
+  def hidden(self):
+    return self.inputs.hidden()
+
+  def __call__(self, x, text_emb, attn_mask, codes=None, prior_mask=None, text_mask=None, deterministic=True):
+    if codes is not None:
+      raise ValueError("got codes, MARDM's transformer has no prior; set loss.prior_levels = 0")
+    text = self.inputs.words(text_emb[:, :1])
+    x = self.inputs.latents(x, deterministic)
+    for block in self.blocks:
+      x = block(x, text, attn_mask, deterministic)
+    return x
+
+
+TRANSFORMERS = {"cdamd": MaskedTransformer, "mardm": GatedTransformer}
