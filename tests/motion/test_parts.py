@@ -1,0 +1,32 @@
+"""Which columns a body part has."""
+import pytest
+
+from motion_jax.motion.features import LAYOUTS
+from motion_jax.motion.parts import PARTS, part_columns, whole_body
+
+
+def _sizes(layout):
+  return [len(columns) for _, columns in part_columns(layout)]
+
+
+def test_full_features_are_the_papers_split():
+  assert [name for name, _ in part_columns("full")] == list(PARTS)
+  assert _sizes("full") == [7, 50, 50, 60, 60, 60]  # 287 = 263 + 2 x 12: joint 9 is in three parts
+  parts = dict(part_columns("full"))
+  assert parts["root"] == (0, 1, 2, 3, 193, 194, 195)
+  assert parts["right_leg"][:12] == (7, 8, 9, 73, 74, 75, 76, 77, 78, 199, 200, 201)  # joint 2
+  assert parts["right_leg"][-2:] == (261, 262) and parts["left_leg"][-2:] == (259, 260)
+  spine3 = (28, 29, 30)
+  assert all(set(spine3) <= set(parts[name]) for name in ("backbone", "right_arm", "left_arm"))
+
+
+def test_positions_alone_make_smaller_parts():
+  assert _sizes("essential") == [4, 12, 12, 15, 15, 15]
+  assert _sizes("coordinates") == [3, 12, 12, 15, 15, 15]
+
+
+@pytest.mark.parametrize("name", sorted(LAYOUTS))
+def test_every_column_belongs_somewhere(name):
+  columns = {i for _, part in part_columns(name) for i in part}
+  assert columns == set(range(LAYOUTS[name].dim))
+  assert whole_body(name)[0][1] == tuple(range(LAYOUTS[name].dim))
