@@ -4,10 +4,12 @@ Every clip starts at the origin facing +z, on the canonical skeleton with exact 
 """
 import numpy as np
 
+from motion_jax.data.capture import resample
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.retarget import bend
 from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.motion.transfer import from_22
 
 FPS = 20.0
 LICENSE = "Apache-2.0, made by formula"
@@ -33,11 +35,11 @@ _CAPTIONS = {
 ACTIONS = tuple(_CAPTIONS)
 
 
-def synthetic_clips(seed=0, num=22, num_frames=None) -> list[Clip]:
+def synthetic_clips(seed=0, num=22, num_frames=None, skeleton=HUMANML3D) -> list[Clip]:
   """num clips, the actions in turn, each with its own speed and length; the same seed gives the same clips.
 
   num_frames fixes the length, else 60 to 120 frames. Of every five clips the fourth is for validation, the fifth for
-  test.
+  test. On another skeleton the same motions come at its rate, with as many more or fewer frames.
   """
   clips = []
   for index in range(num):
@@ -49,7 +51,17 @@ def synthetic_clips(seed=0, num=22, num_frames=None) -> list[Clip]:
         captions=tuple(Caption(text) for text in _CAPTIONS[action]), id=f"{index:06d}",
         split=("train", "train", "train", "val", "test")[index % 5], source="synthetic", license=LICENSE,
         meta={"action": action}))
-  return clips
+  return clips if skeleton is HUMANML3D else [on_skeleton(clip, skeleton) for clip in clips]
+
+
+def on_skeleton(clip, skeleton) -> Clip:
+  """A clip of 22 joints on another figure, at that figure's rate."""
+  if clip.skeleton is not HUMANML3D:
+    raise ValueError(f"clip {clip.id!r} is on skeleton {clip.skeleton.name!r}; only clips of HumanML3D's 22 joints go "
+                     f"to {skeleton.name!r}")
+  joints = resample(clip.joints.astype(np.float64), clip.fps, skeleton.fps)
+  return clip.replace(joints=from_22(joints, skeleton, skeleton.fps).astype(np.float32), fps=skeleton.fps,
+                      skeleton=skeleton)
 
 
 def synthetic_joints(action, num_frames, rng) -> np.ndarray:

@@ -4,6 +4,10 @@ Full features (HumanML3D 263, KIT 251) describe a frame in the frame of referenc
 then joint positions, rotations and velocities with the heading taken out, then foot contacts. Essential features (67,
 64) are their first three kinds. Coordinates (66, 63) are the joints themselves.
 
+Three more representations have a module each, with their columns in its docstring: SnapMoGen's 296 (`features296`),
+MotionStreamer's 272 (`features272`), BABEL's 135 (`features135`). They hold rotations that joints do not tell: what is
+made here from joints has the plainest ones (`inverse`); the modules make features from files that have them.
+
 Two modes make full features from joints:
 
 - "benchmark" follows HumanML3D's `motion_representation.ipynb` bug for bug, so that numbers compare with the
@@ -18,9 +22,10 @@ import dataclasses
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from motion_jax.motion import features135, features272, features296, inverse
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.retarget import retarget
-from motion_jax.motion.skeleton import HUMANML3D, KIT, SKELETONS, Skeleton
+from motion_jax.motion.skeleton import HUMANML3D, KIT, SKELETONS, SMPL, SNAPMOGEN, Skeleton
 
 MODES = ("benchmark", "corrected")
 _UP, _AHEAD = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
@@ -30,7 +35,7 @@ _UP, _AHEAD = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
 class FeatureLayout:
   """Names for the columns of a feature vector: `layout["positions"]` is a slice."""
   name: str
-  kind: str  # "full", "essential", "coordinates"
+  kind: str  # "full", "essential", "coordinates", or one with its own module: "snapmogen", "motionstreamer", "babel"
   skeleton: Skeleton
   blocks: dict[str, slice]
 
@@ -40,7 +45,7 @@ class FeatureLayout:
 
   @property
   def root(self) -> slice:
-    """The columns that move the root: turn, step and height."""
+    """The columns that the tokenizer's root loss looks at: turn, step and height of most layouts (facts: cmdm 8)."""
     return slice(0, 4)
 
   def __getitem__(self, name) -> slice:
@@ -54,21 +59,29 @@ class FeatureLayout:
                        "joints become features with motion_jax.motion.features.to_features(joints)")
 
 
+def _blocks(sizes):
+  ends = np.cumsum(list(sizes.values()))
+  return {name: slice(int(end) - size, int(end)) for (name, size), end in zip(sizes.items(), ends)}
+
+
 def _make_layout(kind, skeleton):
   joints = skeleton.num_joints
   sizes = {"coordinates": 3 * joints} if kind == "coordinates" else {
       "turn": 1, "root_velocity": 2, "root_height": 1, "positions": 3 * (joints - 1)}
   if kind == "full":
     sizes |= {"rotations": 6 * (joints - 1), "velocities": 3 * joints, "contacts": 4}
-  ends = np.cumsum(list(sizes.values()))
-  blocks = {name: slice(int(end) - size, int(end)) for (name, size), end in zip(sizes.items(), ends)}
   name = kind if skeleton is HUMANML3D else f"{kind}_{skeleton.name}"
-  return FeatureLayout(name, kind, skeleton, blocks)
+  return FeatureLayout(name, kind, skeleton, _blocks(sizes))
 
 
-LAYOUTS = {layout.name: layout for layout in
-           (_make_layout(kind, skeleton) for skeleton in (HUMANML3D, KIT)
-            for kind in ("full", "essential", "coordinates"))}
+_EVALUATED = {name: features296.BLOCKS[name] for name in ("turn", "root_velocity", "root_height", "rotations")}
+LAYOUTS = {layout.name: layout for layout in (
+    *(_make_layout(kind, skeleton) for skeleton in (HUMANML3D, KIT) for kind in ("full", "essential", "coordinates")),
+    FeatureLayout("snapmogen", "snapmogen", SNAPMOGEN, _blocks(features296.BLOCKS)),
+    FeatureLayout("snapmogen_148", "snapmogen", SNAPMOGEN, _blocks(_EVALUATED)),
+    FeatureLayout("motionstreamer", "motionstreamer", SMPL, _blocks(features272.BLOCKS)),
+    FeatureLayout("babel", "babel", SMPL, _blocks(features135.BLOCKS)))}
+_OWN = {"snapmogen": features296, "motionstreamer": features272, "babel": features135}
 
 
 def get_layout(layout) -> FeatureLayout:
@@ -142,12 +155,7 @@ def canonicalize(joints, skeleton=HUMANML3D, mode="benchmark"):
   finds the floor under them, and faces +z with the smoothed heading; a body that has the skeleton's bones already
   (to 2 mm) keeps its height, so that a piece cut out of a leap stays in the air.
   """
-  _check_mode(mode)
-  joints = np.asarray(joints, np.float64)
-  if joints.ndim != 3 or joints.shape[1:] != (skeleton.num_joints, 3) or len(joints) < 2:
-    raise ValueError(f"got joints of shape {joints.shape}, expected (at least 2 frames, {skeleton.num_joints}, 3)")
-  if not np.isfinite(joints).all():
-    raise ValueError(f"joints hold NaN or infinity, first in frame {np.argwhere(~np.isfinite(joints))[0, 0]}")
+  joints = _check_joints(joints, skeleton, mode)
   if mode == "benchmark":
     joints = _keep_directions(joints, skeleton)
     joints[..., 1] -= joints[..., 1].min()
@@ -156,6 +164,16 @@ def canonicalize(joints, skeleton=HUMANML3D, mode="benchmark"):
   joints = joints - joints[0, 0] * [1, 0, 1]
   ahead = facing(joints, skeleton, 20.0 if mode == "corrected" else 0.0)[:1]
   return rot.rotate(rot.between(ahead, _AHEAD[None])[:, None], joints)
+
+
+def _check_joints(joints, skeleton, mode):
+  _check_mode(mode)
+  joints = np.asarray(joints, np.float64)
+  if joints.ndim != 3 or joints.shape[1:] != (skeleton.num_joints, 3) or len(joints) < 2:
+    raise ValueError(f"got joints of shape {joints.shape}, expected (at least 2 frames, {skeleton.num_joints}, 3)")
+  if not np.isfinite(joints).all():
+    raise ValueError(f"joints hold NaN or infinity, first in frame {np.argwhere(~np.isfinite(joints))[0, 0]}")
+  return joints
 
 
 def bone_lengths(joints, skeleton):
@@ -208,12 +226,15 @@ def extract(joints, skeleton=HUMANML3D, mode="benchmark"):
 def to_features(joints, layout="full", mode="benchmark"):
   """Joints (T, J, 3) to features (T - 1, F), float32; coordinates keep as many rows, those of the recovered joints.
 
-  Raises ValueError for a wrong shape, numbers that are not finite, or a body without a direction: bones of no length,
-  hips and shoulders in one point or on a vertical.
+  "motionstreamer" and "babel" make T rows, not T - 1. Raises ValueError for a wrong shape, numbers that are not finite,
+  or a body without a direction: bones of no length, hips and shoulders in one point or on a vertical.
   """
   layout = get_layout(layout)
   with np.errstate(invalid="ignore", divide="ignore"):
-    full = extract(canonicalize(joints, layout.skeleton, mode), layout.skeleton, mode).astype(np.float32)
+    if layout.kind in _OWN:
+      full = _from_positions(_check_joints(joints, layout.skeleton, mode), layout, mode).astype(np.float32)
+    else:
+      full = extract(canonicalize(joints, layout.skeleton, mode), layout.skeleton, mode).astype(np.float32)
   if not np.isfinite(full).all():
     raise ValueError(f"no features in row {np.argwhere(~np.isfinite(full))[0, 0]}: a bone has no length, or hips and "
                      "shoulders do not tell where the body faces; check the joint mapping or cut these frames away")
@@ -222,15 +243,28 @@ def to_features(joints, layout="full", mode="benchmark"):
   return full[:, :layout.dim]
 
 
+def _from_positions(joints, layout, mode):
+  """Features of a representation that holds rotations, with the plainest ones that these positions allow."""
+  turned = inverse.world_rotations(joints, layout.skeleton)
+  if layout.kind == "snapmogen":
+    return features296.extract(joints, turned, mode)
+  if layout.kind == "motionstreamer":
+    return features272.extract(joints, inverse.relative(turned, layout.skeleton))
+  return features135.extract(*features135.from_ours(joints, turned), mode)
+
+
 def _full(layout):
   return next(other for other in LAYOUTS.values() if other.kind == "full" and other.skeleton is layout.skeleton)
 
 
-def root_path(features):
-  """Heading quaternions (..., T, 4) and root positions (..., T, 3) that the first four columns tell.
+def root_path(features, layout="full"):
+  """Heading quaternions (..., T, 4) and root positions (..., T, 3) that the columns of the root tell.
 
   numpy input is summed in float64, jax input in its own type, also inside jit.
   """
+  layout = get_layout(layout)
+  if layout.kind in _OWN:
+    return _OWN[layout.kind].root_path(features)
   xp = rot.namespace(features)
   if xp is np:
     features = features.astype(np.float64)
@@ -253,6 +287,8 @@ def to_joints(features, layout="full"):
   features = xp.asarray(features)
   layout.check(features)
   num_joints = layout.skeleton.num_joints
+  if layout.kind in _OWN:
+    return _OWN[layout.kind].to_joints(features)
   if layout.kind == "coordinates":
     return features.reshape(features.shape[:-1] + (num_joints, 3))
   heading, root = root_path(features)
@@ -271,6 +307,10 @@ def rotations_to_joints(features, layout="full", offsets=None, mode="benchmark")
   _check_mode(mode)
   layout = get_layout(layout)
   layout.check(features)
+  if layout.kind == "babel":
+    return features135.to_joints(features, offsets)
+  if layout.kind in _OWN:
+    return _OWN[layout.kind].rotations_to_joints(features, offsets)
   skeleton = layout.skeleton
   offsets = skeleton.offsets if offsets is None else np.asarray(offsets, np.float64)
   xp = rot.namespace(features)

@@ -149,10 +149,7 @@ def _fit(bones, members, skeleton):
   frame = np.stack([x, np.cross(z, x), z], axis=-1)
   group = bones[:, members]
   shape = np.einsum("tji,tcj->ci", frame, group) / len(bones)
-  u, _, vt = np.linalg.svd(np.einsum("tci,cj->tij", group, shape))
-  flip = np.ones((len(bones), 3))
-  flip[:, 2] = np.linalg.det(u @ vt)
-  frame = (u * flip[:, None]) @ vt
+  frame = rot.best_turn(group, shape)
   shape = np.einsum("tji,tcj->ci", frame, group) / len(bones)
   return rot.from_matrix(frame), shape
 

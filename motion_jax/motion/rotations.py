@@ -71,6 +71,23 @@ def about_axis(angle, axis):
   return xp.stack(parts, axis=-1)
 
 
+def from_vector(v):
+  """Rotation vectors (..., 3), axis times angle in radians as SMPL's poses are, to quaternions (..., 4)."""
+  xp = namespace(v)
+  angle = xp.sqrt((v * v).sum(-1, keepdims=True))
+  small = angle < 1e-6
+  scale = xp.where(small, 0.5, xp.sin(angle / 2) / xp.where(small, 1.0, angle))
+  return xp.concatenate([xp.cos(angle / 2), v * scale], axis=-1)
+
+
+def best_turn(bones, shape):
+  """Rotation matrices (T, 3, 3) that bring vectors shape (N, 3) nearest to bones (T, N, 3): least squares (Kabsch)."""
+  u, _, vt = np.linalg.svd(np.einsum("tni,nj->tij", bones, shape))
+  flip = np.ones((len(bones), 3))
+  flip[:, 2] = np.linalg.det(u @ vt)
+  return (u * flip[:, None]) @ vt
+
+
 def to_matrix(q):
   """Unit quaternions (..., 4) to matrices (..., 3, 3)."""
   xp = namespace(q)

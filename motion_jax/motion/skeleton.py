@@ -95,4 +95,51 @@ KIT = Skeleton(
     hips=(11, 16), shoulders=(5, 8), leg_bones=(17, 18), left_feet=(19, 20), right_feet=(14, 15),
     contact_threshold=0.05, fps=12.5, unit=0.001)
 
-SKELETONS = {skeleton.name: skeleton for skeleton in (HUMANML3D, KIT)}
+
+
+def _from_offsets(offsets, **fields):
+  """A skeleton by the vectors (J, 3) from each joint's parent at rest, for data whose rotations start from there."""
+  offsets = np.array(offsets, np.float64)
+  lengths = np.linalg.norm(offsets, axis=-1)
+  return Skeleton(rest_directions=offsets / np.maximum(lengths, 1e-12)[:, None], bone_lengths=lengths, **fields)
+
+
+# SMPL's 22 body joints in its own T-pose, from which the rotations of 272 and 135 features turn (MotionStreamer,
+# BABEL). An adult's to the millimetre, left and right alike: the body model has a licence of its own and is not here.
+# Recovery takes exact offsets as an argument.
+SMPL = _from_offsets(
+    [(0, 0, 0), (0.059, -0.086, -0.016), (-0.059, -0.086, -0.016), (0, 0.124, -0.038), (0.043, -0.385, 0.002),
+     (-0.043, -0.385, 0.002), (0, 0.138, 0.027), (-0.017, -0.423, -0.036), (0.017, -0.423, -0.036), (0, 0.056, 0.003),
+     (0.038, -0.061, 0.126), (-0.038, -0.061, 0.126), (0, 0.212, -0.033), (0.077, 0.113, -0.021),
+     (-0.077, 0.113, -0.021), (0, 0.089, 0.050), (0.118, 0.046, -0.014), (-0.118, 0.046, -0.014),
+     (0.258, -0.015, -0.027), (-0.258, -0.015, -0.027), (0.267, 0.010, -0.007), (-0.267, 0.010, -0.007)],
+    name="smpl", joints=HUMANML3D.joints, chains=HUMANML3D.chains, hips=(2, 1), shoulders=(17, 16), leg_bones=(5, 8),
+    left_feet=(7, 10), right_feet=(8, 11), contact_threshold=0.002, fps=30.0, unit=1.0)
+
+# SnapMoGen's figure of 1.1 m, centimetres (rest pose of the dataset's BVH files: a T-pose, no rotation anywhere). Its
+# root and its pelvis are one point; the shoulders that tell the heading are the clavicles.
+SNAPMOGEN = _from_offsets(
+    [(0, 0, 0), (0, 1.619, 0), (0, 4.942, 0), (0, 4.8606, 0), (0, 17.026, 0), (0, 3.25, 0), (0, 5.278, 0),
+     (4.59, 12.067, 0.834), (7.8296, -0.0005, -3.4524), (16.585, 0, 0.0015), (16.988, 0, 0.0015),
+     (-4.59, 12.067, 0.834), (-7.8296, -0.0005, -3.4524), (-16.585, 0, 0.0015), (-16.987, 0, 0.0015),
+     (0, 0, 0), (6.6, -6.027, 0.539), (-0.143, -19.1874, 0.0403), (-0.1344, -18.0343, -1.0449),
+     (-0.0001, -5.3923, 9.6029), (-6.6, -6.027, 0.539), (0.143, -19.1871, 0.0405), (0.1344, -18.0343, -1.0448),
+     (0.0001, -5.3923, 9.6029)],
+    name="snapmogen",
+    joints=("root", "spine1", "spine2", "spine3", "neck", "neck2", "head", "left_collar", "left_shoulder", "left_elbow",
+            "left_wrist", "right_collar", "right_shoulder", "right_elbow", "right_wrist", "pelvis", "left_hip",
+            "left_knee", "left_ankle", "left_foot", "right_hip", "right_knee", "right_ankle", "right_foot"),
+    chains=((0, 1, 2, 3, 4, 5, 6), (3, 7, 8, 9, 10), (3, 11, 12, 13, 14), (0, 15, 16, 17, 18, 19),
+            (15, 20, 21, 22, 23)),
+    hips=(20, 16), shoulders=(11, 7), leg_bones=(17, 18), left_feet=(18, 19), right_feet=(22, 23),
+    contact_threshold=0.11, fps=30.0, unit=0.01)
+
+# Their names in the dataset's BVH files, in the order of the features.
+SNAPMOGEN_BVH = ("ROOT",) + tuple(f"{name}_bind_JNT" for name in (
+    "C_spine0001", "C_spine0002", "C_spine0003", "C_neck0001", "C_neck0002", "C_head",
+    "L_clavicle", "L_armUpper0001", "L_armLower0001", "L_hand0001",
+    "R_clavicle", "R_armUpper0001", "R_armLower0001", "R_hand0001", "C_pelvis0001",
+    "L_legUpper0001", "L_legLower0001", "L_foot0001", "L_foot0002",
+    "R_legUpper0001", "R_legLower0001", "R_foot0001", "R_foot0002"))
+
+SKELETONS = {skeleton.name: skeleton for skeleton in (HUMANML3D, KIT, SMPL, SNAPMOGEN)}

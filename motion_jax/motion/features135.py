@@ -1,0 +1,78 @@
+"""BABEL's features as FlowMDM has them: 135 numbers a frame, 22 SMPL joints, 30 frames a second, metres.
+
+  columns   block          row t of T, made of frames t - 1 and t
+  0         root_height    z of SMPL's translation
+  1:3       root_velocity  x and y of its step from the frame before; row 0: 0
+  3:9       root_rotation  the root's rotation in the world, first two ROWS of its matrix
+  9:135     rotations      21 x 6: SMPL's rotations relative to the parent, in the same way
+
+z is up, as in AMASS. The heading is not taken out frame by frame: the whole clip is turned once, so that its first
+frame faces -x (left is -y). There are no positions: joints come from the rotations and a body's bones. Established from
+BarqueroGerman/FlowMDM, `data_loaders/amass/transforms/rots2rfeats/globvelandy.py` with canonicalize and offset on; the
+means of its statistics file bear the axes out.
+
+Modes: "benchmark" takes the heading as the reference does, from the third number of the rotation vector, which is the
+yaw of an upright body only roughly (69 degrees for 90), so features depend on where a clip faced; "corrected" takes the
+yaw of the body's front.
+"""
+import numpy as np
+
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.features272 import matrix_from_rows, smpl_joints, to_rows
+from motion_jax.motion.inverse import relative
+from motion_jax.motion.skeleton import SMPL
+
+BLOCKS = {"root_height": 1, "root_velocity": 2, "root_rotation": 6, "rotations": 126}
+# From the features' axes (z up, the first frame faces -x) to ours (y up, the first frame faces +z).
+_TO_OURS = np.array([[0.0, -1, 0], [0, 0, 1], [-1, 0, 0]])
+
+
+def extract(rotations, translation, mode="benchmark"):
+  """Features (T, 135), float64, of SMPL's rotations relative to the parents, quaternions (T, 22, 4), and its
+  translation (T, 3), metres, z up as in AMASS files."""
+  root = rot.conjugate(rot.about_axis(_yaw(rotations[0, 0], mode) + np.pi / 2, "z"))
+  step = rot.rotate(root, np.diff(translation, axis=0))[:, :2]
+  step = np.concatenate([np.zeros((1, 2)), step])
+  turned = np.concatenate([rot.multiply(root, rotations[:, 0])[:, None], rotations[:, 1:]], axis=1)
+  return np.concatenate([translation[:, 2:], step, to_rows(turned).reshape(len(step), -1)], axis=1)
+
+
+def _yaw(root, mode):
+  """The heading of a root rotation (4,): 0 where the body faces -y."""
+  if mode == "corrected":
+    ahead = rot.rotate(root, np.array([0.0, 0, 1]))
+    return np.arctan2(ahead[0], -ahead[1])
+  root = np.where(root[0] < 0, -root, root)
+  sine = np.linalg.norm(root[1:])
+  return 2 * np.arctan2(sine, root[0]) * root[3] / max(sine, 1e-12)
+
+
+def from_ours(joints, turned):
+  """SMPL's rotations (T, 22, 4) and translation (T, 3), z up, of joints (T, 22, 3) and world rotations, y up."""
+  upright = rot.from_matrix(_TO_OURS.T)
+  return relative(rot.multiply(upright, turned), SMPL), rot.rotate(upright, joints[:, 0])
+
+
+def root_path(features):
+  """Heading quaternions (..., T, 4), all the same since nothing is turned frame by frame, and root positions
+  (..., T, 3), y up, that features (..., T, 135) tell."""
+  xp = rot.namespace(features)
+  if xp is np:
+    features = features.astype(np.float64)
+  path = xp.cumsum(features[..., 1:3], axis=-2)
+  path = path - path[..., :1, :]
+  root = xp.stack([-path[..., 1], features[..., 0], -path[..., 0]], axis=-1)
+  heading = xp.broadcast_to(xp.asarray([1.0, 0, 0, 0], root.dtype), root.shape[:-1] + (4,))
+  return heading, root
+
+
+def to_joints(features, offsets=None):
+  """Features (..., T, 135) to joints (..., T, 22, 3), y up, the first frame facing +z.
+
+  offsets (22, 3): those of an adult, `SMPL`. The pelvis is put at the height of SMPL's translation, which lies some
+  3 cm lower (the body model adds its rest place).
+  """
+  _, root = root_path(features)
+  xp = rot.namespace(features)
+  local = matrix_from_rows(features[..., 3:].reshape(features.shape[:-1] + (22, 6)))
+  return smpl_joints(root, xp.asarray(_TO_OURS, root.dtype) @ local[..., 0, :, :], local, offsets)

@@ -1,0 +1,102 @@
+"""MotionStreamer's features: 272 numbers a frame, 22 SMPL joints, 30 frames a second, metres (facts: cdamd 1.7).
+
+  columns   block          row t of T, made of frames t - 1 and t
+  0:2       root_velocity  x and z of the root's step from the frame before, turned by that frame's heading; row 0: 0
+  2:8       turn           rotation of the heading since the frame before; row 0: none
+  8:74      positions      22 x 3: root's x and z and the heading taken out
+  74:140    velocities     22 x 3: positions minus those of the row before; row 0: 0
+  140:272   rotations      22 x 6: SMPL's rotations relative to the parent, the root's with the heading taken out
+
+Rotations are the first two ROWS of their matrix (HumanML3D's are columns). The heading is that of the root's rotation,
+not of hips and shoulders. Nothing is lost: a row looks back, so T frames make T rows, and joints come back exactly.
+"""
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.skeleton import SMPL
+
+BLOCKS = {"root_velocity": 2, "turn": 6, "positions": 66, "velocities": 66, "rotations": 132}
+
+
+def extract(joints, rotations):
+  """Features (T, 272), float64, of joints (T, 22, 3) in metres, y up, and rotations relative to the parents,
+  quaternions (T, 22, 4), the root's in the world. Neither place nor heading of the first frame matters."""
+  root = rot.to_matrix(rotations[:, 0])
+  heading = rot.about_axis(-np.arctan2(root[:, 0, 2], root[:, 2, 2]), "y")
+  joints = joints - [0, joints[..., 1].min(), 0]
+  positions = rot.rotate(heading[:, None], joints - joints[:, :1] * [1, 0, 1])
+  from_before = lambda rows: np.concatenate([np.zeros_like(rows[:1]), rows])
+  step = from_before(rot.rotate(heading[:-1], np.diff(joints[:, 0], axis=0)))[:, [0, 2]]
+  turn = np.concatenate([[[1.0, 0, 0, 0]], rot.multiply(heading[1:], rot.conjugate(heading[:-1]))])
+  velocities = from_before(np.diff(positions, axis=0))
+  upright = np.concatenate([rot.multiply(heading, rotations[:, 0])[:, None], rotations[:, 1:]], axis=1)
+  rows = (step, to_rows(turn), positions, velocities, to_rows(upright))
+  return np.concatenate([np.reshape(row, (len(joints), -1)) for row in rows], axis=1)
+
+
+def to_rows(q):
+  """Quaternions (..., 4) to the first row, then the second row of their matrix, (..., 6)."""
+  return rot.to_matrix(q)[..., :2, :].reshape(q.shape[:-1] + (6,))
+
+
+def matrix_from_rows(d):
+  """Two rows (..., 6), not necessarily orthonormal, to matrices (..., 3, 3) by Gram-Schmidt."""
+  return rot.matrix_from_6d(d).swapaxes(-1, -2)
+
+
+def root_path(features):
+  """Heading quaternions (..., T, 4) and root positions (..., T, 3) that features (..., T, 272) tell."""
+  xp = rot.namespace(features)
+  if xp is np:
+    features = features.astype(np.float64)
+  heading = rot.from_matrix(_products(matrix_from_rows(features[..., 2:8])))
+  step = xp.stack([features[..., 0], xp.zeros_like(features[..., 0]), features[..., 1]], axis=-1)
+  turned = rot.rotate(rot.conjugate(heading[..., :-1, :]), step[..., 1:, :])
+  path = xp.cumsum(xp.concatenate([step[..., :1, :], turned], axis=-2), axis=-2)
+  return heading, xp.stack([path[..., 0], features[..., 9], path[..., 2]], axis=-1)
+
+
+def _products(turns):
+  """Matrices (..., T, 3, 3): each the product of all turns up to it, the latest on the left."""
+  # Parity: as the reference multiplies them, whole matrices; what a network tilts, stays tilted.
+  if rot.namespace(turns) is jnp:
+    step = lambda before, turn: (turn @ before,) * 2
+    start = jnp.broadcast_to(jnp.eye(3, dtype=turns.dtype), turns.shape[:-3] + (3, 3))
+    return jnp.moveaxis(jax.lax.scan(step, start, jnp.moveaxis(turns, -3, 0))[1], 0, -3)
+  result = turns.copy()
+  for t in range(1, turns.shape[-3]):
+    result[..., t, :, :] = turns[..., t, :, :] @ result[..., t - 1, :, :]
+  return result
+
+
+def to_joints(features):
+  """Features (..., T, 272) to joints (..., T, 22, 3) from the position columns."""
+  xp = rot.namespace(features)
+  heading, root = root_path(features)
+  local = features[..., 8:74].reshape(features.shape[:-1] + (22, 3))
+  around = xp.stack([root[..., 0], xp.zeros_like(root[..., 0]), root[..., 2]], axis=-1)
+  joints = rot.rotate(rot.conjugate(heading)[..., None, :], local) + around[..., None, :]
+  return joints.astype(np.float32) if xp is np else joints
+
+
+def rotations_to_joints(features, offsets=None):
+  """Features (..., T, 272) to joints (..., T, 22, 3) by forward kinematics; offsets (22, 3): an adult's, `SMPL`."""
+  heading, root = root_path(features)
+  local = matrix_from_rows(features[..., 140:272].reshape(features.shape[:-1] + (22, 6)))
+  base = rot.to_matrix(rot.conjugate(heading)) @ local[..., 0, :, :]
+  return smpl_joints(root, base, local, offsets)
+
+
+def smpl_joints(root, base, local, offsets=None):
+  """Forward kinematics of SMPL's tree: root (..., T, 3), its rotation base (..., T, 3, 3), rotations relative to the
+  parents local (..., T, 22, 3, 3), of which the first is not used -> joints (..., T, 22, 3)."""
+  xp = rot.namespace(root, local)
+  offsets = xp.asarray(SMPL.offsets if offsets is None else offsets, root.dtype)
+  turned, joints = [base], [root]
+  for joint, parent in enumerate(SMPL.parents[1:], 1):
+    joints.append(joints[parent] + turned[parent] @ offsets[joint])
+    turned.append(turned[parent] @ local[..., joint, :, :])
+  joints = xp.stack(joints, axis=-2)
+  return joints.astype(np.float32) if xp is np else joints

@@ -1,0 +1,123 @@
+"""SnapMoGen's features: 296 numbers a frame, 24 joints, 30 frames a second, centimetres (facts: cdamd 1.7, cmdm 1.1).
+
+  columns   block          row t, made of frames t and t + 1
+  0         turn           radians that the heading turns until the next frame (the full angle, not half of it)
+  1:3       root_velocity  x and z of the root's step to the next frame, turned by the heading of frame t
+  3         root_height    centimetres over the floor
+  4:148     rotations      24 x 6: rotation in the world with the heading taken out, root included; first two columns
+  148:220   positions      24 x 3: root's x and z and the heading taken out; joint 0 is (0, height, 0)
+  220:292   velocities     24 x 3: positions of the next row minus these
+  292:296   contacts       left ankle, left toes, right ankle, right toes stand: 0 or 1
+
+Columns 0:148 are what SnapMoGen's evaluator sees (layout "snapmogen_148"): joints come back from the rotations.
+
+Modes: "benchmark" is `motion_process_bvh.py` of snap-research/SnapMoGen. "corrected" differs in two things: the turn,
+which the reference writes 2 pi too large or too small in the row where the source's heading passes -z, and the
+smoothing of the heading, which there depends a little on where the source faces. Both come back to joints exactly.
+"""
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.skeleton import SNAPMOGEN
+
+BLOCKS = {"turn": 1, "root_velocity": 2, "root_height": 1, "rotations": 6 * 24, "positions": 3 * 24,
+          "velocities": 3 * 24, "contacts": 4}
+NUM_EVALUATED = 148  # columns that the evaluator sees
+_SMOOTH = 5.0                       # sigma of the heading, frames
+_STAND_HEIGHT = np.array([9.0, 4.0])  # centimetres under which ankle and toes can stand
+
+
+def extract(joints, turned, mode="benchmark"):
+  """Features (T - 1, 296), float64, of joints (T, 24, 3) in centimetres and their world rotations, quaternions
+  (T, 24, 4). Neither place nor heading of the first frame matters."""
+  feet = list(SNAPMOGEN.left_feet + SNAPMOGEN.right_feet)
+  joints = joints - [0, floor(joints[:, feet, 1]), 0]
+  heading = _heading(joints, mode)
+  now = heading[:, None]
+  local = rot.rotate(now, joints - joints[:, :1] * [1, 0, 1])
+  turn = rot.multiply(heading[1:], rot.conjugate(heading[:-1]))
+  turn = 2 * np.arctan2(turn[:, 2], turn[:, 0])
+  if mode == "corrected":
+    turn = (turn + np.pi) % (2 * np.pi) - np.pi
+  # Parity: here the step is turned by the heading it begins with, in HumanML3D's features by that it ends with.
+  step = rot.rotate(heading[:-1], np.diff(joints[:, 0], axis=0))[:, [0, 2]]
+  still = (np.diff(joints[:, feet], axis=0) ** 2).sum(-1) < SNAPMOGEN.contact_threshold
+  contacts = still & (joints[:-1, feet, 1] < np.tile(_STAND_HEIGHT, 2))
+  rows = (turn, step, local[:-1, 0, 1], rot.to_6d(rot.multiply(now, turned))[:-1], local[:-1], np.diff(local, axis=0),
+          contacts)
+  return np.concatenate([np.reshape(row, (len(step), -1)) for row in rows], axis=1)
+
+
+def floor(heights):
+  """Where the floor is under feet of these heights (T, 4): the mean of their lowest tenth."""
+  lowest = np.sort(heights.ravel())
+  return lowest[:max(1, int(len(lowest) * 0.1))].mean()
+
+
+def _heading(joints, mode):
+  """Quaternions (T, 4) that turn the facing direction of each frame to +z."""
+  (right_hip, left_hip), (right_shoulder, left_shoulder) = SNAPMOGEN.hips, SNAPMOGEN.shoulders
+  across = joints[:, left_shoulder] - joints[:, right_shoulder] + joints[:, left_hip] - joints[:, right_hip]
+  # Parity: the reference divides by the sum of absolute components, not by the length: frames then weigh differently in
+  # the smoothing, by where they face in the world.
+  across = rot.unit(across) if mode == "corrected" else across / np.abs(across).sum(-1, keepdims=True)
+  ahead = np.cross(across, [0.0, 1.0, 0.0])
+  ahead = rot.unit(gaussian_filter1d(ahead, _SMOOTH, axis=0, mode="nearest"))
+  if mode == "corrected":
+    return rot.about_axis(-np.arctan2(ahead[:, 0], ahead[:, 2]), "y")
+  return rot.between(ahead, np.broadcast_to([0.0, 0.0, 1.0], ahead.shape))
+
+
+def root_path(features, reference=False):
+  """Heading quaternions (..., T, 4) and root positions (..., T, 3) that the first four columns tell.
+
+  reference: as the released code recovers them, which turns a step by the heading that it ends with, though extraction
+  took the other; a walk along a curve then comes back turned by about one frame's turn.
+  """
+  xp = rot.namespace(features)
+  if xp is np:
+    features = features.astype(np.float64)
+  late = lambda a: xp.concatenate([xp.zeros_like(a[..., :1, :]), a[..., :-1, :]], axis=-2)
+  heading = rot.about_axis(xp.cumsum(late(features[..., :1])[..., 0], axis=-1), "y")
+  step = xp.stack([features[..., 1], xp.zeros_like(features[..., 1]), features[..., 2]], axis=-1)
+  if reference:
+    path = xp.cumsum(rot.rotate(rot.conjugate(heading), late(step)), axis=-2)
+  else:
+    path = late(xp.cumsum(rot.rotate(rot.conjugate(heading), step), axis=-2))
+  return heading, xp.stack([path[..., 0], features[..., 3], path[..., 2]], axis=-1)
+
+
+def to_joints(features, reference=False):
+  """Features (..., T, 296) to joints (..., T, 24, 3) from the position columns; from 148 columns by the rotations."""
+  if features.shape[-1] == NUM_EVALUATED:
+    return rotations_to_joints(features, reference=reference)
+  local = features[..., 148:220].reshape(features.shape[:-1] + (24, 3))
+  return _place(local, *root_path(features, reference))
+
+
+def rotations_to_joints(features, offsets=None, reference=False):
+  """Features (..., T, 296 or 148) to joints (..., T, 24, 3) by forward kinematics; offsets (24, 3): SnapMoGen's own."""
+  xp = rot.namespace(features)
+  heading, root = root_path(features, reference)
+  turned = rot.matrix_from_6d(features[..., 4:148].reshape(features.shape[:-1] + (24, 6)))
+  offsets = xp.asarray(SNAPMOGEN.offsets if offsets is None else offsets, root.dtype)
+  local = [root * xp.asarray([0, 1, 0], root.dtype)]
+  for joint, parent in enumerate(SNAPMOGEN.parents[1:], 1):
+    local.append(local[parent] + turned[..., parent, :, :] @ offsets[joint])
+  return _place(xp.stack(local, axis=-2), heading, root)
+
+
+def to_turned(features, reference=False):
+  """World rotations (..., T, 24, 4) that features (..., T, 296 or 148) tell, for a BVH file."""
+  turned = rot.matrix_from_6d(features[..., 4:148].reshape(features.shape[:-1] + (24, 6)))
+  heading, _ = root_path(features, reference)
+  return rot.multiply(rot.conjugate(heading)[..., None, :], rot.from_matrix(turned))
+
+
+def _place(local, heading, root):
+  """Joints without heading and path get both."""
+  xp = rot.namespace(local, root)
+  around = root * xp.asarray([1, 0, 1], root.dtype)
+  joints = rot.rotate(rot.conjugate(heading)[..., None, :], local) + around[..., None, :]
+  return joints.astype(np.float32) if xp is np else joints

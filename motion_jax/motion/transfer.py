@@ -1,0 +1,42 @@
+"""A motion on another figure: the 22 joints of HumanML3D become KIT's, SMPL's or SnapMoGen's, and back.
+
+Every bone turns as its like does on the first figure, from a T-pose that both share; the path is scaled by the legs.
+Feet may slide a little where proportions differ: `retarget` is the way to 22 joints where that matters.
+"""
+import numpy as np
+
+from motion_jax.motion import inverse
+from motion_jax.motion.pose import t_pose, to_pose
+from motion_jax.motion.skeleton import HUMANML3D, SMPL, SNAPMOGEN
+
+# Joints of other figures that turn as a joint of another name does.
+_LIKE = {"root": "pelvis", "torso_low": "spine1", "torso_high": "spine3", "neck2": "neck", "left_heel": "left_ankle",
+         "right_heel": "right_ankle"}
+
+
+def from_22(joints, target, fps=20.0):
+  """Joints (T, 22, 3), metres, to joints (T, J, 3) of the skeleton target in its own unit, on the floor. float64."""
+  joints = np.asarray(joints, np.float64)
+  pose = to_pose(joints, HUMANML3D, fps)
+  turned = pose.turned[:, [HUMANML3D.joints.index(_LIKE.get(name, name)) for name in target.joints]]
+  body = target if target in (SMPL, SNAPMOGEN) else _at_rest(target)
+  legs = lambda skeleton: skeleton.bone_lengths[list(skeleton.leg_bones)].sum()
+  moved = inverse.forward(joints[:, 0] * (legs(target) / legs(HUMANML3D)), turned, body)
+  feet = list(target.left_feet + target.right_feet)
+  moved[..., 1] -= moved[:, feet, 1].min() - joints[:, [7, 10, 8, 11], 1].min() / target.unit
+  return moved
+
+
+def to_22(joints, source=SNAPMOGEN):
+  """Joints (..., 24, 3) of SnapMoGen, centimetres, to the 22 joints (..., 22, 3) of like names, metres.
+
+  What draws or stores bodies knows those 22; the second neck joint and the second root go.
+  """
+  number = [source.joints.index("root" if name == "pelvis" else name) for name in HUMANML3D.joints]
+  return np.asarray(joints)[..., number, :] * source.unit
+
+
+def _at_rest(skeleton):
+  """The skeleton with the T-pose of `pose` as its rest; KIT's rest directions are no pose of a body."""
+  offsets = t_pose(skeleton)
+  return inverse.with_rest(skeleton, offsets)

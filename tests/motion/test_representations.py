@@ -1,0 +1,206 @@
+"""SnapMoGen's 296, MotionStreamer's 272 and BABEL's 135 numbers: their columns, and the way back to joints."""
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from motion_jax.data.synthetic import synthetic_clips
+from motion_jax.motion import features as F
+from motion_jax.motion import features135, features272, features296, inverse
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.skeleton import HUMANML3D, SMPL, SNAPMOGEN, SNAPMOGEN_BVH
+from motion_jax.motion.stats import compute_stats
+from motion_jax.motion.transfer import from_22, to_22
+
+NAMES = ("snapmogen", "snapmogen_148", "motionstreamer", "babel")
+STAND, WALK, CURVE, TURN = 0, 1, 3, 5
+
+
+def _clips(layout):
+  return synthetic_clips(0, 6, skeleton=F.get_layout(layout).skeleton)
+
+
+def _turned(joints, angle, shift=(3.0, 0, -2.0)):
+  return rot.rotate(rot.about_axis(np.array(angle), "y"), joints.astype(np.float64)) + shift
+
+
+def _ahead(joints, skeleton):
+  return F.facing(joints.astype(np.float64), skeleton)[0]
+
+
+@pytest.mark.parametrize("mode", F.MODES)
+@pytest.mark.parametrize("name", NAMES)
+def test_joints_come_back(name, mode):
+  """joints -> features -> joints, on the spot where the features begin and turned as they say, turns and curves too."""
+  skeleton = F.get_layout(name).skeleton
+  for clip in _clips(name):
+    made = F.to_joints(F.to_features(clip.joints, name, mode), name)
+    expected = clip.joints[:len(made)].astype(np.float64)
+    assert made.dtype == np.float32 and len(made) == len(clip.joints) - ("snapmogen" in name)
+    shape = lambda joints: np.linalg.norm(joints[:, 1:] - joints[:1, :1], axis=-1)  # seen from the root of frame 0
+    assert np.abs(shape(made) - shape(expected)).max() * skeleton.unit < 1e-5
+    by_rotations = F.rotations_to_joints(F.to_features(clip.joints, name, mode), name)
+    assert np.abs(by_rotations - made).max() * skeleton.unit < 1e-5
+
+
+def test_bodies_start_facing_ahead():
+  for name in NAMES:
+    clip = _clips(name)[CURVE]
+    made = F.to_joints(F.to_features(_turned(clip.joints, 2.0), name, "corrected"), name)
+    skeleton = F.get_layout(name).skeleton
+    assert _ahead(made, skeleton)[2] > 0.95, name
+    assert np.abs(made[0, 0, [0, 2]]).max() < 1e-6
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_walking_north_is_walking_east(name):
+  for clip in _clips(name)[1:]:
+    one = F.to_features(clip.joints, name, "corrected")
+    other = F.to_features(_turned(clip.joints, 2.9), name, "corrected")
+    assert np.abs(one - other).max() < 1e-4
+
+
+def test_where_benchmark_features_depend_on_the_world():
+  """The faults that "corrected" mends are there in "benchmark", which follows the released code."""
+  clip = _clips("snapmogen")[CURVE]
+  turns = F.to_features(_turned(clip.joints, 2.9), "snapmogen", "benchmark")[:, 0]
+  assert 6.0 < np.abs(turns).max() < 6.5
+  right = F.to_features(clip.joints, "snapmogen", "corrected")[:, 0]
+  assert np.abs((turns - right + np.pi) % (2 * np.pi) - np.pi).max() < 0.01
+  clip = _clips("babel")[WALK]
+  one, other = (F.to_features(_turned(clip.joints, angle), "babel", "benchmark") for angle in (0.0, np.pi / 2))
+  assert np.abs(one - other).max() > 0.1
+
+
+def test_columns_of_296():
+  """The table of the docstring, on a walk straight ahead."""
+  clip = _clips("snapmogen")[WALK]
+  joints = clip.joints.astype(np.float64)
+  layout = F.get_layout("snapmogen")
+  x = F.to_features(joints, layout, "corrected")
+  assert np.abs(x[:, layout["turn"]]).max() < 1e-3
+  assert np.allclose(x[:, 2], np.diff(joints[:, 0, 2]), atol=1e-3) and np.abs(x[:, 1]).max() < 0.05
+  positions = x[:, layout["positions"]].reshape(-1, 24, 3)
+  assert np.array_equal(positions[:, 0, 1], x[:, 3]) and (positions[:, 0, [0, 2]] == 0).all()
+  assert np.allclose(positions[:, 15], positions[:, 0])  # root and pelvis are one point
+  velocities = x[:, layout["velocities"]].reshape(-1, 24, 3)
+  assert np.allclose(np.diff(positions, axis=0), velocities[:-1], atol=1e-4)
+  feet = joints[:, [18, 19, 22, 23], 1]
+  assert np.isclose(joints[0, 0, 1] - x[0, 3], np.sort(feet.ravel())[:feet.size // 10].mean(), atol=1e-4)
+  matrix = rot.matrix_from_6d(x[:, layout["rotations"]].reshape(-1, 24, 6))
+  knee = np.einsum("tij,j->ti", matrix[:, 16], SNAPMOGEN.offsets[17])  # rotations are global: a hip's turns its knee
+  assert np.abs(knee - (positions[:, 17] - positions[:, 16])).max() < 1e-3
+  contacts = x[:, layout["contacts"]]
+  assert set(np.unique(contacts)) == {0, 1}
+  stands = F.to_features(_clips("snapmogen")[STAND].joints, layout)[:, layout["contacts"]]
+  assert stands.all()
+
+
+def test_the_two_ways_back_of_296():
+  """The released recovery turns each step by the wrong one of two headings: where a path turns, it parts from it."""
+  joints = _clips("snapmogen")[CURVE].joints
+  x = F.to_features(joints, "snapmogen")
+  ours, theirs = features296.to_joints(x), features296.to_joints(x, reference=True)
+  assert 0.5 < np.abs(ours - theirs).max() < 5
+  walk = F.to_features(_clips("snapmogen")[WALK].joints, "snapmogen")
+  assert np.abs(features296.to_joints(walk) - features296.to_joints(walk, reference=True)).max() < 0.01
+
+
+def test_columns_of_272():
+  clip = _clips("motionstreamer")[CURVE]
+  joints = clip.joints.astype(np.float64)
+  turned = inverse.world_rotations(joints, SMPL)
+  x = features272.extract(joints, inverse.relative(turned, SMPL))
+  layout = F.get_layout("motionstreamer")
+  assert (x[0, :2] == 0).all() and (x[0, 2:8] == [1, 0, 0, 0, 1, 0]).all() and (x[0, layout["velocities"]] == 0).all()
+  assert np.abs(x[:, [3, 5, 7]]).max() < 1e-12 and np.abs(x[:, 6] - 1).max() < 1e-12  # turns about the vertical alone
+  assert (x[:, 4] * x[:, 4] + x[:, 2] * x[:, 2]).std() < 1e-12
+  positions = x[:, layout["positions"]].reshape(-1, 22, 3)
+  assert np.allclose(np.diff(positions, axis=0), x[1:, layout["velocities"]].reshape(-1, 22, 3))
+  root = features272.matrix_from_rows(x[:, layout["rotations"]].reshape(-1, 22, 6))[:, 0]
+  assert np.abs(root[:, 0, 2]).max() < 1e-12 and (root[:, 2, 2] > 0.9).all()  # its front has no sideways part
+  assert positions[..., 1].min() == 0
+
+
+def test_columns_of_135():
+  clip = _clips("babel")[WALK]
+  joints = clip.joints.astype(np.float64)
+  rotations, translation = features135.from_ours(joints, inverse.world_rotations(joints, SMPL))
+  x = features135.extract(rotations, translation, "corrected")
+  assert np.allclose(x[:, 0], joints[:, 0, 1]) and (x[0, 1:3] == 0).all()
+  assert np.allclose(x[1:, 1], -np.diff(joints[:, 0, 2]), atol=1e-3)  # ahead is -x
+  rows = x[:, 3:9].reshape(-1, 2, 3)
+  assert rows[:, 0, 2].max() < -0.9 and rows[:, 1, 0].max() < -0.9  # front to -x, left to -y, as FlowMDM's own means
+  assert np.allclose(x[:, 9:].reshape(-1, 21, 6), features272.to_rows(rotations[:, 1:]))
+
+
+def test_the_reference_s_heading_of_135():
+  """Closed form: upright in AMASS (90 degrees about x) and turned by 90 is (1, 1, 1) / sqrt 3 by 120 degrees."""
+  upright = rot.multiply(rot.about_axis(np.array(np.pi / 2), "z"), rot.about_axis(np.array(np.pi / 2), "x"))
+  assert np.isclose(features135._yaw(upright, "benchmark"), 2 * np.pi / 3 / np.sqrt(3))
+  assert np.isclose(features135._yaw(-upright, "benchmark"), 2 * np.pi / 3 / np.sqrt(3))
+  assert np.isclose(features135._yaw(upright, "corrected"), np.pi / 2)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_recovery_inside_jit_equals_numpy(name):
+  x = F.to_features(_clips(name)[CURVE].joints[:40], name)
+  inside = jax.jit(lambda a: F.to_joints(a, name))(jnp.asarray(np.stack([x, x])))
+  expected = F.to_joints(x, name)
+  assert np.abs(np.asarray(inside)[1] - expected).max() < 1e-4 * max(1, np.abs(expected).max())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_heading_and_path_go_with_the_joints(name):
+  x = F.to_features(_clips(name)[TURN].joints, name, "corrected")
+  heading, path = F.root_path(x, name)
+  assert np.abs(path - F.to_joints(x, name)[:, 0]).max() < 1e-4
+  assert np.abs(np.linalg.norm(heading, axis=-1) - 1).max() < 1e-6
+
+
+def test_statistics_are_by_block():
+  x = F.to_features(_clips("motionstreamer")[CURVE].joints, "motionstreamer")
+  stats = compute_stats([x], "motionstreamer")
+  assert len(np.unique(stats.std)) == 5 and (stats.std > 0).all()
+  assert len(np.unique(compute_stats([F.to_features(_clips("snapmogen")[CURVE].joints, "snapmogen")],
+                                     "snapmogen").std)) == 7
+
+
+def test_rotations_from_joints_are_the_body_s():
+  """A body moved by known rotations: bones with several neighbours come back, the rest point the right way."""
+  rng = np.random.default_rng(0)
+  for skeleton in (SMPL, SNAPMOGEN):
+    local = rot.from_vector(rng.normal(size=(5, skeleton.num_joints, 3)) * 0.3)
+    turned = local.copy()
+    for joint in inverse.order(skeleton)[1:]:
+      if np.linalg.norm(skeleton.offsets[joint]) < 1e-6:
+        local[:, joint] = [1, 0, 0, 0]
+      turned[:, joint] = rot.multiply(turned[:, skeleton.parents[joint]], local[:, joint])
+    joints = inverse.forward(rng.normal(size=(5, 3)), turned, skeleton)
+    found = inverse.world_rotations(joints, skeleton)
+    assert np.abs(inverse.forward(joints[:, 0], found, skeleton) - joints).max() < 1e-9
+    assert np.abs(np.abs((found[:, 0] * turned[:, 0]).sum(-1)) - 1).max() < 1e-9
+    assert np.abs(np.abs((inverse.relative(turned, skeleton) * local).sum(-1)) - 1).max() < 1e-9
+
+
+def test_skeletons():
+  assert SNAPMOGEN.num_joints == 24 == len(SNAPMOGEN_BVH) and SMPL.parents == HUMANML3D.parents
+  for skeleton in (SMPL, SNAPMOGEN):
+    mirrored = skeleton.offsets[list(skeleton.mirror)] * [-1, 1, 1]
+    assert np.abs(mirrored - skeleton.offsets).max() < 2e-3
+  joints = synthetic_clips(0, 2)[1].joints
+  back = to_22(from_22(joints, SNAPMOGEN))
+  assert back.shape == joints.shape
+  assert _ahead(back, HUMANML3D) @ _ahead(joints, HUMANML3D) > 0.99
+
+
+@pytest.mark.parametrize("call, words", [
+    (lambda: F.to_features(np.zeros((10, 22, 3)), "snapmogen"), "expected .*24"),
+    (lambda: F.to_features(np.full((10, 24, 3), np.inf), "snapmogen"), "NaN or infinity"),
+    (lambda: F.to_features(np.zeros((10, 24, 3)), "snapmogen"), "no features in row 0"),
+    (lambda: F.to_joints(np.zeros((10, 295)), "snapmogen"), "295 features per frame.*296"),
+    (lambda: F.to_joints(np.zeros((10, 263)), "babel"), "263 features per frame.*135"),
+])
+def test_bad_input_is_told(call, words):
+  with pytest.raises(ValueError, match=words):
+    call()
