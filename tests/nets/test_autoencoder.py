@@ -1,0 +1,90 @@
+"""The autoencoder is the reference's, looks both ways, and its dropout belongs to each item."""
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from motion_jax import cdamd
+from motion_jax.convert import autoencoder_names, from_torch
+from motion_jax.nets.autoencoder import Autoencoder
+from tests import fixtures
+from tests.golden import check, golden
+
+
+def module(sizes, dtype, dropout=0.0):
+  """Our module for a recorded network's arguments."""
+  depth, growth = sizes.get("depth", 3), sizes.get("dilation_growth_rate", 3)
+  return Autoencoder(sizes["input_width"], sizes["output_emb_width"], sizes["width"], sizes.get("down_t", 2),
+                     tuple(growth ** b for b in reversed(range(depth))), dropout, dtype)
+
+
+@golden("ae63", bounds={"": (1e-5, 1e-10)})
+@golden("ae66", bounds={"": (1e-5, 1e-10)})
+def run_autoencoder(fixture, dtype):
+  net = module(fixture.meta["arguments"], dtype)
+  params = from_torch(fixture.params, autoencoder_names(net.num_halvings, len(net.dilations)))
+  params = jax.tree.map(lambda a: jnp.asarray(a, dtype), params)
+
+  @jax.jit
+  def run(x):
+    z = net.apply(params, x, method="encode")
+    y = net.apply(params, z, method="decode")
+    terms = cdamd.autoencoder_terms(y, x[:, :y.shape[1]])
+    return z.swapaxes(1, 2), y, jnp.stack([terms["loss"], terms["rec"], terms["positions"]])
+
+  made = {}
+  for name, x in fixture.under("in/motion").items():
+    made[f"latent{name}"], made[f"decoded{name}"], made[f"loss{name}"] = run(jnp.asarray(x, dtype))
+  return made
+
+
+@pytest.mark.parametrize("name", ["ae63", "ae66"])
+def test_golden(name):
+  assert not check(fixtures.path(f"cdamd/{name}.npz")).failures
+
+
+@pytest.mark.parametrize("features, expected", [
+    (66, 18_831_426), (63, 18_822_207), (67, 18_834_499), (64, 18_825_280), (263, 19_436_807), (251, 19_399_931)])
+def test_parameter_counts(features, expected):
+  shapes = cdamd.autoencoder_shapes(Autoencoder(features=features))
+  assert sum(a.size for a in jax.tree.leaves(shapes)) == expected
+
+
+@pytest.fixture(scope="module")
+def small():
+  net = Autoencoder(features=7, latent_dim=3, width=8)
+  return net, jax.jit(net.init)(jax.random.key(0), jnp.zeros((1, 16, 7)))
+
+
+def test_lengths(small):
+  """L = floor(floor(T / 2) / 2), and 4 L frames come back (facts: cdamd 2)."""
+  net, params = small
+  for frames, latents in ((196, 49), (64, 16), (43, 10), (6, 1), (4, 1)):
+    z = jax.eval_shape(lambda: net.apply(params, jnp.zeros((2, frames, 7)), method="encode"))  # noqa: B023
+    assert z.shape == (2, latents, 3)
+    y = jax.eval_shape(lambda: net.apply(params, jnp.zeros(z.shape), method="decode"))  # noqa: B023
+    assert y.shape == (2, 4 * latents, 7)
+  with pytest.raises(ValueError, match="one latent needs 4"):
+    net.apply(params, jnp.zeros((1, 3, 7)), method="encode")
+
+
+def test_it_looks_both_ways_and_no_further_than_its_layers(small):
+  net, params = small
+  encode = jax.jit(lambda x: net.apply(params, x, method="encode"))
+  x = jax.random.normal(jax.random.key(1), (1, 400, 7))
+  changed = np.flatnonzero(np.abs(encode(x.at[:, 200].add(10.0)) - encode(x)).max((0, 2)))
+  assert changed[0] < 50 < changed[-1]
+  assert 50 - changed[0] < 30 and changed[-1] - 50 < 30
+
+
+def test_dropout_acts_in_training_only_and_is_the_items_own(small):
+  net, params = small
+  x = jax.random.normal(jax.random.key(1), (4, 16, 7))
+  keys = jax.random.split(jax.random.key(2), 4)
+  train = jax.jit(lambda x, keys: cdamd._with_dropout(net, params, "__call__", x, keys))
+  both = train(x, keys)
+  assert np.allclose(both[2:], train(x[2:], keys[2:]), atol=1e-5)
+  still = jax.jit(net.apply)(params, x)
+  assert np.abs(both - still).max() > 1e-3 and np.abs(train(x[:2], keys[2:]) - both[:2]).max() > 1e-3
+  average = np.mean([train(x, jax.random.split(jax.random.key(i), 4)) for i in range(200)], axis=0)
+  assert np.abs(average - still).max() < 0.3 * np.abs(both - still).max()

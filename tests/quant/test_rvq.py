@@ -1,0 +1,207 @@
+"""The residual quantizer is the reference's, in use and in training, and its codebooks are a checkpoint's."""
+import json
+import os
+import subprocess
+import sys
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from motion_jax import cdamd, checkpoint, train
+from motion_jax.convert import autoencoder_names, from_torch, rvq_from_torch
+from motion_jax.quant import rvq, vq
+from tests import fixtures
+from tests.conftest import ROOT, load_config
+from tests.golden import check, golden
+from tests.nets.test_autoencoder import module
+
+
+@golden("rvq_eval", bounds={"": (1e-5, 1e-10)})
+def run_rvq_eval(fixture, dtype):
+  sizes = fixture.meta["arguments"]
+  net, num_levels = module(sizes, dtype), sizes["args"]["num_quantizers"]
+  variables = rvq_from_torch(fixture.params, num_levels, net.num_halvings, len(net.dilations))
+  variables = jax.tree.map(lambda a: jnp.asarray(a, dtype), variables)
+  x = jnp.asarray(fixture["in/motion"], dtype)
+
+  @jax.jit
+  def run(x):
+    latents = net.apply(variables, x, method="encode")
+    indices, codes = cdamd.encode_codes(net, variables, x)
+    y = cdamd.decode_codes(net, variables, indices)
+    residuals = latents - jnp.concatenate([jnp.zeros_like(codes[:1]), jnp.cumsum(codes, axis=0)[:-1]])
+    terms = cdamd.rvq_terms(y, x[:, :y.shape[1]], ((residuals - codes) ** 2).mean())
+    turned = lambda a: a.swapaxes(-1, -2)
+    return {"encoder": turned(latents), "index": indices, "codes": turned(codes), "sum": turned(codes.sum(0)),
+            "decoded": y, "forward": y, "decoded_two_levels": cdamd.decode_codes(net, variables, indices, 2),
+            "loss": jnp.stack([terms[k] for k in ("loss", "rec", "velocity", "positions", "commitment")]),
+            "perplexity": rvq.perplexities(indices, sizes["nb_code"]).mean()}
+
+  return run(x)
+
+
+def recorded_noise(step, state, num_rows, dtype):
+  """Noise as our functions take it, from the draws in the order in which the reference made them."""
+  levels, num_codes, dim = state.codes.shape
+  draws = [jnp.asarray(step[f"gumbel{q}"], dtype) if f"gumbel{q}" in step else jnp.zeros((num_rows, num_codes), dtype)
+           for q in range(levels)]
+  start, replace = np.zeros((2, levels, num_codes, dim), dtype)
+  tiles = iter(sorted((name for name in step if name.startswith("tile")), key=lambda name: int(name[4:])))
+  for q in range(int(step.get("dropout_start", levels - 1)) + 1 if num_rows < num_codes else 0):
+    if not state.initialised[q]:
+      start[q] = step[next(tiles)][:num_codes]
+    replace[q] = step[next(tiles)][:num_codes]
+  return rvq.Noise(jnp.stack(draws), jnp.asarray(start), jnp.asarray(replace))
+
+
+@golden("rvq_train", bounds={"": (2e-5, 1e-10)})
+@golden("rvq_train_small", bounds={"": (2e-5, 1e-10)})
+def run_rvq_train(fixture, dtype):
+  sizes = fixture.meta["arguments"]
+  num_steps = len({name.split("/")[1] for name in fixture.arrays if name.startswith("in/step")})
+  steps = [fixture.under(f"in/step{i}/") for i in range(num_steps)]
+  net = module(dict(input_width=steps[0]["target"].shape[-1], output_emb_width=sizes["code_dim"],
+                    width=sizes["decoder_width"]), dtype)
+  names = {theirs: ours for theirs, ours in autoencoder_names().items() if theirs.startswith("decoder")}
+  params = jax.tree.map(lambda a: jnp.asarray(a, dtype), from_torch(fixture.params, names))
+  state = vq.empty_codebook(sizes["nb_code"], sizes["code_dim"], (sizes["levels"],), dtype)
+  made = {}
+
+  @jax.jit
+  def run(state, x, target, num_active, noise):
+    quantize = lambda x: rvq.train(state, x, num_active, noise, decay=sizes["mu"])
+    decoded = lambda q: cdamd.smooth_l1(net.apply(params, q, method="decode"), target)
+    result, after = quantize(x)
+    grads = (jax.grad(lambda x: decoded(quantize(x)[0].quantized))(x), jax.grad(decoded)(result.quantized),
+             jax.grad(lambda x: quantize(x)[0].commitment)(x))
+    return result, after, decoded(result.quantized), grads
+
+  for i, step in enumerate(steps):
+    x, target = jnp.asarray(step["x"], dtype).swapaxes(1, 2), jnp.asarray(step["target"], dtype)
+    num_active = int(step.get("dropout_start", sizes["levels"] - 1)) + 1
+    assert (step["dropout_u"] < sizes["quantize_dropout_prob"]) == ("dropout_start" in step)
+    noise = recorded_noise(step, state, x.shape[0] * x.shape[1], dtype)
+    result, state, loss, grads = run(state, x, target, jnp.asarray(num_active), noise)
+    out = {"quantized": result.quantized.swapaxes(1, 2), "index": result.indices, "commit": result.commitment,
+           "perplexity": result.perplexity, "loss": loss, "active_levels": num_active,
+           "dead": vq.num_dead(state)[state.initialised]}
+    out |= {name: g.swapaxes(1, 2) for name, g in zip(("grad_encoder", "grad_quantized", "grad_commit"), grads)}
+    for q in range(sizes["levels"]):
+      out |= {f"level{q}/codebook": state.codes[q], f"level{q}/code_sum": state.sums[q],
+              f"level{q}/code_count": state.counts[q]}
+    made |= {f"step{i}/{name}": value for name, value in out.items()}
+  return made
+
+
+@pytest.mark.parametrize("name", ["rvq_eval", "rvq_train", "rvq_train_small"])
+def test_golden(name):
+  assert not check(fixtures.path(f"cdamd/{name}.npz")).failures
+
+
+def _trained(num_levels=3, num_codes=8, dim=4, **options):
+  x = jax.random.normal(jax.random.key(0), (4, 6, dim))
+  books = vq.empty_codebook(num_codes, dim, (num_levels,))
+  keys = jax.random.split(jax.random.key(1), 4)
+  noise = rvq.draw_noise(jax.random.key(2), keys, 6, books)
+  run = jax.jit(lambda x, n: rvq.train(books, x, n, noise, **options))
+  return x, run
+
+
+def test_levels_that_are_left_out_neither_quantize_nor_learn():
+  x, run = _trained()
+  made, books = run(x, 2)
+  assert (made.indices[..., 2] == -1).all() and (made.indices[..., :2] >= 0).all()
+  assert books.initialised.tolist() == [True, True, False] and not books.codes[2].any()
+  two, _ = run(x, 3)
+  assert np.array_equal(two.indices[..., :2], made.indices[..., :2])
+
+
+def test_gradient_comes_once_per_active_level_or_once():
+  for once in (False, True):
+    x, run = _trained(gain_once=once)
+    slope = jax.grad(lambda x, n: run(x, n)[0].quantized.sum())  # noqa: B023
+    assert np.allclose(slope(x, 3), 1 if once else 3) and np.allclose(slope(x, 1), 1)
+
+
+def test_encode_then_decode():
+  codes = jax.random.normal(jax.random.key(0), (3, 16, 4))
+  x = jax.random.normal(jax.random.key(1), (2, 5, 4))
+  indices, vectors = rvq.encode(codes, x)
+  assert indices.shape == (2, 5, 3) and vectors.shape == (3, 2, 5, 4)
+  assert np.allclose(rvq.decode(codes, indices), vectors.sum(0), atol=1e-6)
+  assert np.allclose(rvq.decode(codes, indices, 2), vectors[:2].sum(0), atol=1e-6)
+  assert np.allclose(rvq.decode(codes, indices.at[..., 1:].set(-1)), vectors[0], atol=1e-6)
+  first = ((x - vectors[0]) ** 2).sum(-1)
+  assert np.allclose(first, ((x[:, :, None] - codes[0]) ** 2).sum(-1).min(-1), atol=1e-5)
+  with pytest.raises(ValueError, match="num_levels = 4"):
+    rvq.decode(codes, indices, 4)
+
+
+def test_quantize_dropout_keeps_at_least_one_level_and_all_if_it_is_off():
+  draw = jax.jit(jax.vmap(lambda key: rvq.draw_active(key, 4, 0.2)))
+  counts = np.bincount(draw(jax.random.split(jax.random.key(0), 4000)), minlength=5) / 4000
+  assert counts[0] == 0 and np.allclose(counts[1:], [0.05, 0.05, 0.05, 0.85], atol=0.02)
+  assert (jax.vmap(lambda key: rvq.draw_active(key, 4, 0.0))(jax.random.split(jax.random.key(0), 50)) == 4).all()
+
+
+# --- as a stage --------------------------------------------------------------------------------------------------
+
+
+def _config(num_steps, **quantizer):
+  config = load_config("cdamd_rvq", "tiny").unlock()
+  config.train.update(num_steps=num_steps, log_every=1, save_every=2)
+  config.data.batch_size = 4
+  config.quantizer.update(drop_rate=0.5, **quantizer)
+  return config
+
+
+def _next_batch(step):
+  x = np.random.default_rng(step).normal(size=(4, 16, 66)).astype(np.float32)
+  return {"features": x, "index": np.arange(4)}
+
+
+def _equal(a, b):
+  return all(np.array_equal(x, y) for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True))
+
+
+def test_codebooks_are_part_of_the_checkpoint_and_of_the_file(tmp_path):
+  stage = cdamd.rvq_stage(_config(2))
+  whole = train.train(_config(4), tmp_path / "whole", stage, _next_batch)
+  train.train(_config(2), tmp_path / "parts", stage, _next_batch)
+  parts = train.train(_config(4), tmp_path / "parts", stage, _next_batch, resume=True)
+  assert _equal(whole, parts) and parts.extra["codebooks"]["initialised"].any()
+  net = cdamd.Autoencoder(**_config(2).model)
+  file = checkpoint.load_params(tmp_path / "whole", cdamd.autoencoder_shapes(net, _config(2).quantizer))
+  assert np.array_equal(file["codebooks"]["codes"], whole.extra["codebooks"]["codes"])
+  rows = train.read_metrics(tmp_path / "whole")
+  assert all(1 <= row["perplexity"] <= 8 and 0 < row["usage"] <= 1 for row in rows)
+
+
+_DEVICES = """
+import json, sys, jax, numpy as np
+from motion_jax import cdamd, train
+from tests.quant.test_rvq import _config, _next_batch
+config = _config(4, num_codes=int(sys.argv[2]))
+state = train.train(config, sys.argv[1], cdamd.rvq_stage(config), _next_batch)
+flat = lambda tree: np.concatenate([np.ravel(a) for a in jax.tree.leaves(tree)]).tolist()
+print(json.dumps([jax.local_device_count(), flat(state.extra), flat(state.params)]))
+"""
+
+
+@pytest.mark.parametrize("num_codes", [8, 24])
+def test_two_devices_learn_the_codebook_of_one(tmp_path, num_codes):
+  """Also with fewer rows on all devices together (16) than codes: the noise of the tiling is the same."""
+  results = []
+  for devices in (1, 2):
+    env = dict(os.environ, XLA_FLAGS=f"--xla_force_host_platform_device_count={devices}", JAX_PLATFORMS="cpu",
+               PYTHONPATH=str(ROOT))
+    done = subprocess.run([sys.executable, "-c", _DEVICES, str(tmp_path / str(devices)), str(num_codes)], env=env,
+                          capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    count, *state = json.loads(done.stdout.splitlines()[-1])
+    assert count == devices
+    results.append(state)
+  for one, two in zip(*results, strict=True):
+    assert np.abs(np.subtract(one, two)).max() < 1e-5
