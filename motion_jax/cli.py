@@ -42,18 +42,28 @@ def _parser():
   length = generate.add_mutually_exclusive_group()
   length.add_argument("--seconds", type=float, help="length; without one, that of similar training clips")
   length.add_argument("--frames", type=int, help="length in frames")
-  generate.add_argument("--num", type=int, default=1, help="motions per prompt, with seeds SEED, SEED + 1, ...")
-  generate.add_argument("--seed", type=int, default=0)
-  generate.add_argument("--guidance", type=float, help="how strictly the words are followed (3)")
-  generate.add_argument("--schedule", choices=("fss", "ar", "full"), default="fss",
-                        help="frame-wise sampling, block after block, or all at once")
-  generate.add_argument("--steps", type=int, help="sampling steps K (50)")
-  generate.add_argument("--raw", action="store_true", help="as the network made it: feet not planted, nothing smoothed")
-  generate.add_argument("--model", default="cmdm-small", help="a run folder or the name of a model that ships")
-  generate.add_argument("--out", default="motion.html",
-                        help="file to write: .npz .npy .bvh .glb .mp4 .gif .html .png; repeat kinds with commas, "
-                             "as in wave.mp4,wave.bvh")
+  _making(generate, "motion.html")
   generate.set_defaults(run=_generate)
+
+  story = commands.add_parser("story", help="several sentences in a row, one motion out")
+  story.add_argument("story", help="\"a person walks:4 | a person waves | ...\", with or without seconds behind "
+                                   "colons; a .csv (prompt,length in frames), a .txt (a prompt a line, as above) or a "
+                                   ".txt of timelines (caption # start # end # body parts)")
+  story.add_argument("--way", choices=("stream", "chain"), default="stream",
+                     help="words change within one run, or one run per sentence as in the released code")
+  _making(story, "story.html")
+  story.set_defaults(run=_story)
+
+  extend = commands.add_parser("extend", help="a motion in, the same motion going on as the words say out")
+  extend.add_argument("file", help="an .npz, .npy or .bvh file")
+  extend.add_argument("--text", required=True, help="what happens next; several sentences as for story")
+  extend.add_argument("--seconds", type=float, help="length of what is new, of a single sentence")
+  extend.add_argument("--past-text", help="what the file shows; its own caption, else the new text")
+  extend.add_argument("--way", choices=("stream", "chain"), default="stream",
+                      help="the past kept clean in the cache, or one latent of it noised anew as in the released code")
+  extend.add_argument("--fps", type=float, help="frame rate of an .npy file, which does not say it (20)")
+  _making(extend, "extended.html")
+  extend.set_defaults(run=_extend)
 
   render = commands.add_parser("render", help="show any npz, npy or bvh file as mp4, gif, html, png, glb or bvh")
   render.add_argument("file")
@@ -77,9 +87,65 @@ def _parser():
   doctor.add_argument("folder")
   doctor.set_defaults(run=_doctor)
 
+  convert = commands.add_parser("convert", help="the authors' PyTorch weights -> a run folder").add_subparsers(
+      dest="convert_command", required=True, metavar="WHAT")
+  released = convert.add_parser("cmdm", help="MAC-VAE and Causal-DiT; without a denoiser, a tokenizer's run")
+  released.add_argument("--tokenizer", required=True, metavar="FILE", help="net_best_fid.tar of the MAC-VAE")
+  released.add_argument("--denoiser", metavar="FILE", help="latest.tar of the Causal-DiT")
+  released.add_argument("--weights", choices=("ema", "model"), default="ema", help="averaged weights, or the last ones")
+  released.add_argument("--block", type=int, default=3, help="latents that share a noise level (3)")
+  released.set_defaults(run=_convert_cmdm)
+  teacher = convert.add_parser("teacher", help="Part-TMR, the motion-language teacher")
+  teacher.add_argument("file", help="best_model.pt")
+  teacher.set_defaults(run=_convert_teacher)
+  evaluator = convert.add_parser("evaluator", help="T2M's or MARDM's evaluator: text_mot_match, text_mot_match_clip")
+  evaluator.add_argument("file", help="finest.tar")
+  evaluator.set_defaults(run=_convert_evaluator)
+  for part, whose in ((released, "training data"), (teacher, "training data"), (evaluator, "evaluator")):
+    part.add_argument("--stats", required=True, metavar="FOLDER",
+                      help=f"Mean.npy and Std.npy of the {whose}, which checkpoints do not hold")
+    part.add_argument("--heads", type=int, help="attention heads, where the size is none of the papers'")
+    part.add_argument("--out", required=True, metavar="FOLDER", help="new folder to write")
+  for part in (released, teacher):
+    part.add_argument("--text", metavar="FOLDER", help="distilbert-base-uncased, as Hugging Face lays it out")
+
+  retrieve = commands.add_parser("retrieve", help="the clips nearest to a sentence, the captions nearest to a motion")
+  retrieve.add_argument("query", nargs="?", help="a sentence, or an .npz, .npy or .bvh file; without one, how often "
+                                                 "the right clip is found among all (recall) is printed")
+  retrieve.add_argument("--data", required=True, metavar="DIR", help="an archive or a HumanML3D-layout folder")
+  retrieve.add_argument("--split", help="train, val or test; all if left out")
+  retrieve.add_argument("--num", type=int, default=5, help="how many to show (5)")
+  retrieve.add_argument("--teacher", default="part-tmr-small", help="a run folder or the name of one that ships")
+  retrieve.add_argument("--fps", type=float, help="frame rate of an .npy file, which does not say it (20)")
+  retrieve.add_argument("--out", help="file to write the nearest clip to, such as nearest.html")
+  retrieve.set_defaults(run=_retrieve)
+
   models = commands.add_parser("models", help="the models that ship")
   models.set_defaults(run=_models)
   return parser
+
+
+def _making(parser, out):
+  """Options of all commands that make motion."""
+  parser.add_argument("--num", type=int, default=1, help="motions of each, with seeds SEED, SEED + 1, ...")
+  parser.add_argument("--seed", type=int, default=0)
+  parser.add_argument("--guidance", type=float, help="how strictly the words are followed (3)")
+  parser.add_argument("--schedule", choices=("fss", "ar", "full"), default="fss",
+                      help="frame-wise sampling, block after block, or all at once")
+  parser.add_argument("--steps", type=int, help="sampling steps K (50)")
+  parser.add_argument("--lag", type=int, help="steps between the starts of two blocks, of schedule fss (2)")
+  parser.add_argument("--solver", choices=("euler", "heun"), default="euler")
+  parser.add_argument("--context", type=int, help="latents (4 frames each) looked back on; the training length (48)")
+  parser.add_argument("--raw", action="store_true", help="as the network made it: feet not planted, nothing smoothed")
+  parser.add_argument("--model", default="cmdm-small", help="a run folder or the name of a model that ships")
+  parser.add_argument("--out", default=out,
+                      help="file to write: .npz .npy .bvh .glb .mp4 .gif .html .png; repeat kinds with commas, as in "
+                           "wave.mp4,wave.bvh")
+
+
+def _sampling(args):
+  return dict(guidance_scale=args.guidance, schedule=args.schedule, num_steps=args.steps, lag=args.lag,
+              solver=args.solver, context=args.context)
 
 
 def _cache_compiled_code():
@@ -121,17 +187,60 @@ def read_prompts(text):
   return rows
 
 
-def _generate(args):
+def read_stories(text, fps=20.0):
+  """[[(prompt, seconds or None)]]: stories from prompts parted by |, or from a file, see `motion-jax story --help`."""
+  from motion_jax.data import timelines
+  path = pathlib.Path(text)
+  if path.suffix.lower() == ".txt" and path.is_file() and timelines.is_timeline(path.read_text(encoding="utf-8-sig")):
+    return [timelines.single_track(timeline) for timeline in timelines.read_timelines(path)]
+  if path.suffix.lower() == ".csv":
+    return [[(prompt, None if frames is None else frames / fps) for prompt, frames in read_prompts(text)]]
+  rows = [prompt for prompt, _ in read_prompts(text)]
+  parts = rows if len(rows) > 1 else rows[0].split("|")
+  return [[_prompt_and_seconds(part) for part in parts]]
+
+
+def _prompt_and_seconds(part):
+  """("a person walks", 4.0) from "a person walks:4"."""
+  prompt, colon, seconds = part.strip().rpartition(":")
+  try:
+    return (prompt.strip(), float(seconds.strip().removesuffix("s"))) if colon else (part.strip(), None)
+  except ValueError:
+    return part.strip(), None  # a colon of the sentence's own
+
+
+def _outputs(args):
+  """The files to write, checked before minutes of work."""
   from motion_jax.export import check_output
-  outputs = [check_output(part) for part in args.out.split(",")]  # before minutes of work
   if args.num < 1:
     raise ValueError(f"got --num {args.num}, expected 1 or more")
-  rows = read_prompts(args.prompt)
-  import jax
+  return [check_output(part) for part in args.out.split(",")]
+
+
+def _load_model(args):
   _cache_compiled_code()
   from motion_jax import model as model_lib
-  start = time.time()
-  model = model_lib.load(args.model)
+  return model_lib.load(args.model)
+
+
+def _tell_model(model, args, what):
+  import jax
+  print(f"{model.id}: {model.num_params / 1e6:.1f} M parameters on {jax.default_backend()}; {what}, schedule "
+        f"{args.schedule}, guidance {args.guidance or model.config.sampler.guidance_scale:g}, seed {args.seed}")
+
+
+def _write(model, motions, outputs, start):
+  from motion_jax import export
+  print(f"made in {time.time() - start:.1f} s")
+  clips = [motion.replace(id=f"{pathlib.Path(outputs[0]).stem}_{i}") for i, motion in enumerate(motions)]
+  _tell_files([path for out in outputs for path in export.save(clips if len(clips) > 1 else clips[0], out)])
+  if model.license:
+    print(model.license)
+
+
+def _generate(args):
+  outputs, rows = _outputs(args), read_prompts(args.prompt)
+  start, model = time.time(), _load_model(args)
   prompts = [prompt for prompt, _ in rows for _ in range(args.num)]
   seeds = [args.seed + i for _ in rows for i in range(args.num)]
   given = [frames for _, frames in rows for _ in range(args.num)]
@@ -139,18 +248,37 @@ def _generate(args):
     given = [args.frames if args.frames is not None else args.seconds * model.fps] * len(prompts)
   model.check_words(list(dict.fromkeys(prompts)))
   frames = [count if count is not None else model.natural_frames(prompt) for prompt, count in zip(prompts, given)]
-  print(f"{model.id}: {model.num_params / 1e6:.1f} M parameters on {jax.default_backend()}; {len(prompts)} motion(s) "
-        f"of {min(frames) / model.fps:.1f} to {max(frames) / model.fps:.1f} s, schedule {args.schedule}, "
-        f"guidance {args.guidance or model.config.sampler.guidance_scale:g}, seed {args.seed}")
-  motions = model.generate(prompts, frames, seeds=seeds, guidance_scale=args.guidance, schedule=args.schedule,
-                           num_steps=args.steps, polish=not args.raw)
-  print(f"made in {time.time() - start:.1f} s")
+  _tell_model(model, args, f"{len(prompts)} motion(s) of {min(frames) / model.fps:.1f} to "
+                           f"{max(frames) / model.fps:.1f} s")
+  motions = model.generate(prompts, frames, seeds=seeds, polish=not args.raw, **_sampling(args))
+  _write(model, motions, outputs, start)
+
+
+def _story(args):
+  outputs = _outputs(args)
+  start, model = time.time(), _load_model(args)
+  tales = read_stories(args.story, model.fps)
+  _tell_model(model, args, f"{len(tales) * args.num} motion(s) of {len(tales[0])} prompt(s) each")
+  motions = model.stories([tale for tale in tales for _ in range(args.num)], way=args.way, polish=not args.raw,
+                          seeds=[args.seed + i for _ in tales for i in range(args.num)], **_sampling(args))
+  for caption in motions[0].captions if len(tales) == 1 else ():
+    print(f"{caption.start:6.1f} to {caption.end:5.1f} s  {caption.text}")
+  _write(model, motions, outputs, start)
+
+
+def _extend(args):
   from motion_jax import export
-  clips = [motion.replace(id=f"{pathlib.Path(outputs[0]).stem}_{i}") for i, motion in enumerate(motions)]
-  written = [path for out in outputs for path in export.save(clips if len(clips) > 1 else clips[0], out)]
-  _tell_files(written)
-  if model.license:
-    print(model.license)
+  outputs, clip = _outputs(args), export.load(args.file, fps=args.fps)
+  start, model = time.time(), _load_model(args)
+  tale = read_stories(args.text, model.fps)[0]
+  if args.seconds is not None:
+    if len(tale) > 1:
+      raise ValueError("got --seconds for several sentences; write them behind colons, as in \"walks:4 | sits:3\"")
+    tale = [(tale[0][0], args.seconds)]
+  _tell_model(model, args, f"{clip.seconds:.1f} s of {args.file} go on")
+  motions = [model.extend(clip, tale, past_prompt=args.past_text, seed=args.seed + i, way=args.way,
+                          polish=not args.raw, **_sampling(args)) for i in range(args.num)]
+  _write(model, motions, outputs, start)
 
 
 def _tell_files(written):
@@ -183,6 +311,64 @@ def _doctor(args):
   report = doctor.examine(args.folder)
   print(doctor.format_report(report))
   return 0 if report.ok else 1
+
+
+def _convert_cmdm(args):
+  from motion_jax import released
+  _tell_converted(args, released.write_cmdm(args.out, args.tokenizer, args.stats, args.denoiser, args.text,
+                                            args.weights, args.heads, args.block))
+  if args.denoiser:
+    print(f"try it: motion-jax generate \"a person waves\" --model {args.out}")
+
+
+def _convert_teacher(args):
+  from motion_jax import released
+  _tell_converted(args, released.write_teacher(args.out, args.file, args.stats, args.text, args.heads))
+
+
+def _convert_evaluator(args):
+  from motion_jax import released
+  _tell_converted(args, released.write_evaluator(args.out, args.file, args.stats, args.heads))
+
+
+def _tell_converted(args, networks):
+  print(*networks, f"wrote {args.out}", sep="\n")
+
+
+def _retrieve(args):
+  from motion_jax import export
+  if args.out:
+    export.check_output(args.out)
+  if args.num < 1:
+    raise ValueError(f"got --num {args.num}, expected 1 or more")
+  is_file = args.query is not None and args.query.lower().endswith((".npz", ".npy", ".bvh"))
+  asked = export.load(args.query, fps=args.fps) if is_file else None  # before minutes of work
+  if args.out and (asked is not None or args.query is None):
+    raise ValueError("--out writes the clip nearest to a sentence; give a sentence")
+  _cache_compiled_code()
+  from motion_jax import retrieval
+  retriever = retrieval.load(args.teacher)
+  collection = retrieval.read_collection(retriever, args.data, args.split)
+  print(f"{len(collection)} clips of {args.data}" + (f", split {args.split}" if args.split else ""))
+  if args.query is None:
+    count, scores = collection.scores(retriever)
+    print(f"recall among {count} clips, one of each caption")
+    for way, prefix in (("text to motion", ""), ("motion to text", "back_")):
+      tell = [f"at {k} {100 * scores[f'{prefix}r{k}']:.1f} %" for k in (1, 2, 3, 5, 10)]
+      print(f"{way}: {', '.join(tell)}; median rank {scores[f'{prefix}median_rank']:g}")
+  elif asked is not None:
+    vector = retriever.embed_motion([retriever.features_of(asked)])[0]
+    for similarity, caption in collection.nearest_captions(vector, retriever, args.num):
+      print(f"{similarity:6.3f}  {caption}")
+  else:
+    if not args.query.strip():
+      raise ValueError("got an empty sentence; say what the person does, such as 'a person walks'")
+    found = collection.nearest_clips(retriever.embed_text([args.query])[0], args.num)
+    for similarity, i in found:
+      print(f"{similarity:6.3f}  {collection.ids[i]:24s} {collection.seconds[i]:5.1f} s  {collection.captions[i][0]}")
+    if args.out:
+      clips = retrieval.read_clips(args.data, args.split)
+      _tell_files(export.save(clips[found[0][1]], args.out))
 
 
 def _models(args):

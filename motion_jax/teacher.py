@@ -2,8 +2,10 @@
 import jax
 import jax.numpy as jnp
 
-from motion_jax.motion.parts import part_columns, whole_body
+from motion_jax.motion.features import get_layout
+from motion_jax.motion.parts import chain_columns, part_columns, whole_body
 from motion_jax.nets.masks import padding_mask
+from motion_jax.nets.motion_patches import MotionPatches
 from motion_jax.nets.part_tmr import PartTMR
 from motion_jax.stage import Stage
 from motion_jax.text.bert import Bert
@@ -30,22 +32,23 @@ def info_nce(text, motion, scale, same=None):
 
 
 def make_teacher(fields, layout):
-  """The motion network that config.model names: kind part_tmr or tmr, and the fields of the module."""
+  """The motion network that config.model names: kind part_tmr, tmr or motion_patches, and the fields of the module."""
   fields = dict(fields)
   kind = fields.pop("kind", "part_tmr")
   if kind == "part_tmr":
     return PartTMR(parts=part_columns(layout), **fields)
   if kind == "tmr":
     return PartTMR(parts=whole_body(layout), **fields)
-  raise ValueError(f"got teacher kind {kind!r}, expected part_tmr or tmr")
+  if kind == "motion_patches":
+    return MotionPatches(chains=chain_columns(layout), **fields)
+  raise ValueError(f"got teacher kind {kind!r}, expected part_tmr, tmr or motion_patches")
 
 
-def teacher_shapes(teacher, text_fields):
+def teacher_shapes(teacher, text_fields, layout="full"):
   """Shapes of a teacher run's parameters, to check a file against."""
-  bert = Bert(**text_fields)
-  num_features = 1 + max(max(columns) for _, columns in teacher.parts)
+  bert, layout = Bert(**text_fields), get_layout(layout)
   init = lambda: {
-      "motion": teacher.init(jax.random.key(0), jnp.zeros((1, 4, num_features)), jnp.zeros((1, bert.width)))["params"],
+      "motion": teacher.init(jax.random.key(0), jnp.zeros((1, 4, layout.dim)), jnp.zeros((1, bert.width)))["params"],
       "text": bert.init(jax.random.key(0), jnp.zeros((1, 1), jnp.int32), jnp.ones((1, 1), bool))["params"]}
   return jax.eval_shape(init)
 

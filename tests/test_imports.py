@@ -14,13 +14,13 @@ LAYERS = [
     ("motion", "nets", "quant", "diffusion", "stage"),
     ("data", "text", "metrics", "teacher", "cmdm", "cdamd"),
     ("train", "checkpoint", "convert", "export"),
-    ("recipes", "training", "model"),
+    ("recipes", "training", "retrieval", "model", "results", "stories", "streams", "released"),
     ("cli", "__init__"),
 ]
 CORE = {"absl", "chex", "flax", "jax", "ml_collections", "numpy", "optax", "orbax", "PIL", "safetensors", "scipy",
         "tokenizers", "tqdm"}
 # Packages of extras, imported inside the functions that need them.
-LAZY = {"torch", "imageio_ffmpeg"}
+LAZY = {"torch", "imageio_ffmpeg", "huggingface_hub"}
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 

@@ -35,3 +35,14 @@ def part_columns(layout="full"):
 def whole_body(layout="full"):
   """The same form with one part that holds every column: what a teacher without parts sees."""
   return (("body", tuple(range(get_layout(layout).dim))),)
+
+
+def chain_columns(layout="full"):
+  """The kinematic chains as columns of positions: ((x, y, z) of each joint, ...) of each chain; -1 is a coordinate that
+  is 0 by definition, as the root's across the ground, whose height is a column of its own."""
+  layout = get_layout(layout)
+  block = layout.blocks.get("positions", layout.blocks.get("coordinates"))
+  first = layout.skeleton.num_joints - (block.stop - block.start) // 3
+  root = (-1, layout.blocks["root_height"].start, -1) if first else None
+  columns = lambda j: root if j < first else tuple(int(i) for i in block.start + 3 * (j - first) + np.arange(3))
+  return tuple(tuple(columns(j) for j in chain) for chain in layout.skeleton.chains)

@@ -48,14 +48,13 @@ class ProjectionHead(nn.Module):
     return nn.LayerNorm(epsilon=1e-5, dtype=self.dtype, use_fast_variance=False, name="norm")(p + y)
 
 
-class PartTMR(nn.Module):
-  """Motion side and heads of the teacher; its text transformer is a module of its own (`text.bert`).
+class Teacher(nn.Module):
+  """What all motion-language teachers share: heads, pools and the temperature; a subclass says how motion is encoded.
 
-  parts: ((name, columns), ...) of the normalized features, from `motion.parts`; one part that holds the whole body is
-  TMR. `frames` gives a feature per frame (B, T, E), `clip` a vector (B, E), `text_head` turns the text transformer's
-  first hidden state (B, W) into one.
+  `frames` gives a feature per frame (B, T, E), `clip` a vector (B, E), `text_head` turns the first hidden state (B, W)
+  of the text transformer, a module of its own (`text.bert`), into one. x (B, T, F) normalized features, frame_mask
+  (B, T) True = real.
   """
-  parts: tuple[tuple[str, tuple[int, ...]], ...]
   width: int = 512
   depth: int = 4
   num_heads: int = 4
@@ -69,27 +68,19 @@ class PartTMR(nn.Module):
   def setup(self):
     if self.pool not in ("all", "real", "token"):
       raise ValueError(f"got pool {self.pool!r}, expected all, real or token")
-    self.encoders = [PartEncoder(self.width, self.depth, self.num_heads, self.mlp_width, self.dropout, self.dtype,
-                                 name=f"motion_{name}") for name, _ in self.parts]
+    self.make_encoder()
     self.motion_projection = ProjectionHead(self.dim, self.head_dropout, self.dtype)
     self.text_projection = ProjectionHead(self.dim, self.head_dropout, self.dtype)
     # Parity: fixed at 1 / 0.07 in the code, for no optimizer holds it; `optimizer.rates` says whether it learns here.
     self.logit_scale = self.param("logit_scale", nn.initializers.constant(math.log(1 / 0.07)), ())
 
-  def split(self, x):
-    """Features (B, T, F) -> {part: its columns (B, T, n)}."""
-    return {name: x[..., np.array(columns)] for name, columns in self.parts}
-
-  def _encode(self, x, frame_mask, deterministic):
+  def encode(self, x, frame_mask, deterministic):
     # Parity: the code has no padding mask, so padded frames are seen; "all" keeps that.
-    mask = None if self.pool == "all" else frame_mask
-    streams = self.split(x)
-    made = [encoder(streams[name], mask, deterministic) for encoder, (name, _) in zip(self.encoders, self.parts)]
-    return sum(frames for frames, _ in made) / len(made), sum(token for _, token in made) / len(made)
+    return self.encode_motion(x, None if self.pool == "all" else frame_mask, deterministic)
 
   def hidden(self, x, frame_mask=None, deterministic=True):
-    """The mean of the parts' frame outputs (B, T, D), before the head."""
-    return self._encode(x, frame_mask, deterministic)[0]
+    """Frame outputs (B, T, D) before the head."""
+    return self.encode(x, frame_mask, deterministic)[0]
 
   def frames(self, x, frame_mask=None, deterministic=True):
     """What the tokenizer is aligned with: a feature per frame (B, T, E)."""
@@ -97,7 +88,7 @@ class PartTMR(nn.Module):
 
   def clip(self, x, frame_mask=None, deterministic=True):
     """One vector per motion (B, E), not normalized."""
-    hidden, token = self._encode(x, frame_mask, deterministic)
+    hidden, token = self.encode(x, frame_mask, deterministic)
     if self.pool == "token":
       return self.motion_projection(token, deterministic)
     features = self.motion_projection(hidden, deterministic)
@@ -115,3 +106,25 @@ class PartTMR(nn.Module):
 
   def __call__(self, x, text_hidden):
     return self.clip(x), self.text_head(text_hidden), self.scale()
+
+
+class PartTMR(Teacher):
+  """A transformer per body part; its frame outputs are averaged over the parts.
+
+  parts: ((name, columns), ...) of the normalized features, from `motion.parts`; one part that holds the whole body is
+  TMR.
+  """
+  parts: tuple[tuple[str, tuple[int, ...]], ...] = ()
+
+  def make_encoder(self):
+    self.encoders = [PartEncoder(self.width, self.depth, self.num_heads, self.mlp_width, self.dropout, self.dtype,
+                                 name=f"motion_{name}") for name, _ in self.parts]
+
+  def split(self, x):
+    """Features (B, T, F) -> {part: its columns (B, T, n)}."""
+    return {name: x[..., np.array(columns)] for name, columns in self.parts}
+
+  def encode_motion(self, x, frame_mask, deterministic):
+    streams = self.split(x)
+    made = [encoder(streams[name], frame_mask, deterministic) for encoder, (name, _) in zip(self.encoders, self.parts)]
+    return sum(frames for frames, _ in made) / len(made), sum(token for _, token in made) / len(made)

@@ -63,7 +63,8 @@ def load_teacher(config, stats):
   if folder == "fresh":
     return teacher.init(jax.random.key(0), np.zeros((1, 4, stats.layout.dim)), np.zeros((1, 8)))["params"]
   params = checkpoint.load_params(folder)
-  checkpoint.check_fits(params, teacher_lib.teacher_shapes(teacher, run.text), f"the teacher in {folder} is broken")
+  shapes = teacher_lib.teacher_shapes(teacher, run.text, run.data.layout)
+  checkpoint.check_fits(params, shapes, f"the teacher in {folder} does not fit its config")
   return params["motion"]
 
 
@@ -102,9 +103,10 @@ def denoiser(config) -> Recipe:
   weights = None
   if config.data.balance:
     weights = batches.balance_weights(data.groups, config.data.balance)
+  rules = {name: config.data[name] for name in ("crop_frames", "keep_long", "coin") if name in config.data}
   items = batches.TextItems(data.features, data.captions, config.data.min_frames, config.data.max_frames,
-                            tuple(config.data.lengths), weights=weights)
-  encoder = load_text_encoder(config.frozen.text)
+                            tuple(config.data.lengths), weights=weights, **rules)
+  encoder = load_text_encoder(config.frozen.text, level=config.frozen.get("text_level", "words"))
   words = config.data.max_words
 
   def next_batch(step):
@@ -196,12 +198,11 @@ def teacher(config) -> Recipe:
   held_out = one_clip_per_caption(config, data.stats)
 
   def evaluate(params):
-    """Recall of the held-out clip's caption and back, in percent, among one clip of each caption."""
+    """How often a caption finds its held-out clip, and the clip its caption (back), among one clip of each caption."""
     parts = [made(params, tokenized(held_out.rows(rows, batches.step_rng(config.seed, 4))))
              for rows in np.array_split(held_out.kept, max(1, len(held_out) // 64))]
     text, motion = (np.concatenate([part[name] for part in parts]) for name in ("text", "motion"))
-    return {f"{way}_{name}": round(value, 2) for way, similarity in (("t2m", text @ motion.T), ("m2t", motion @ text.T))
-            for name, value in retrieval(similarity).items()}
+    return {name: round(value, 4) for name, value in retrieval(text @ motion.T).items()}
 
   own = stage.init
   stage = stage._replace(init=lambda batch, rng: {**own(batch, rng), "text": encoder.params})

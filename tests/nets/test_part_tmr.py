@@ -7,7 +7,8 @@ import pytest
 
 from motion_jax import teacher as teacher_lib
 from motion_jax.convert import TMR_PARTS, part_tmr_from_torch, part_tmr_names
-from motion_jax.motion.parts import part_columns, whole_body
+from motion_jax.motion.parts import chain_columns, part_columns, whole_body
+from motion_jax.nets.motion_patches import MotionPatches, resample
 from motion_jax.nets.part_tmr import PartTMR
 from motion_jax.text.bert import Bert, bert_fields
 from tests import fixtures
@@ -17,8 +18,8 @@ from tests.golden import check, golden
 def network(fixture, dtype):
   sizes = fixture.config
   fields = bert_fields({"model_type": "distilbert", **sizes["text"]})
-  teacher = PartTMR(part_columns("full"), sizes["width"], sizes["layers"], sizes["heads"], sizes["ff"],
-                    sizes["projection"], dtype=dtype)
+  teacher = PartTMR(sizes["width"], sizes["layers"], sizes["heads"], sizes["ff"], sizes["projection"],
+                    parts=part_columns("full"), dtype=dtype)
   params = part_tmr_from_torch(fixture.params, fields, sizes["layers"])
   return teacher, Bert(**fields, dtype=dtype), jax.tree.map(lambda a: jnp.asarray(a, dtype), params)
 
@@ -67,7 +68,11 @@ def test_golden():
 
 
 def _small(pool="real", parts=None):
-  teacher = PartTMR(parts or part_columns("full"), 8, 1, 2, 8, 4, pool=pool)
+  fields = dict(width=8, depth=1, num_heads=2, mlp_width=8, dim=4, pool=pool)
+  if parts == "patches":
+    teacher = MotionPatches(chains=chain_columns("full"), patch=4, num_points=3, **fields)
+  else:
+    teacher = PartTMR(parts=parts or part_columns("full"), **fields)
   x = jax.random.normal(jax.random.key(0), (2, 12, 263))
   return teacher, jax.jit(teacher.init)(jax.random.key(1), x, jnp.zeros((2, 6))), x
 
@@ -75,15 +80,15 @@ def _small(pool="real", parts=None):
 def test_parameter_count_is_the_references():
   """117,443,585 with DistilBERT's 66,362,880 (facts: cmdm 3.2)."""
   text = bert_fields(dict(model_type="distilbert", vocab_size=30522, dim=768, n_layers=6, n_heads=12, hidden_dim=3072))
-  shapes = teacher_lib.teacher_shapes(PartTMR(part_columns("full")), text)
+  shapes = teacher_lib.teacher_shapes(PartTMR(parts=part_columns("full")), text)
   count = lambda tree: sum(a.size for a in jax.tree.leaves(tree))
   assert count(shapes) == 117_443_585 and count(shapes["text"]) == 66_362_880
   assert count({k: v for k, v in shapes["motion"].items() if k.endswith(("leg", "arm", "root", "bone"))}) == 50_619_904
 
 
-@pytest.mark.parametrize("pool", ["real", "token"])
-def test_padding_is_invisible_where_the_pool_says_so(pool):
-  teacher, params, x = _small(pool)
+@pytest.mark.parametrize("pool, parts", [("real", None), ("token", None), ("real", "patches"), ("token", "patches")])
+def test_padding_is_invisible_where_the_pool_says_so(pool, parts):
+  teacher, params, x = _small(pool, parts)
   clip = jax.jit(lambda x, mask: teacher.apply(params, x, mask, method="clip"))
   mask = jnp.arange(12) < jnp.array([[12], [7]])
   short = clip(x[1:, :7], jnp.ones((1, 7), bool))
@@ -98,8 +103,9 @@ def test_the_released_pool_sees_padding():
   assert not np.allclose(clip(x), clip(x.at[:, 7:].set(0.0)), atol=1e-3)
 
 
-def test_the_teacher_looks_both_ways():
-  teacher, params, x = _small()
+@pytest.mark.parametrize("parts", [None, "patches"])
+def test_the_teacher_looks_both_ways(parts):
+  teacher, params, x = _small(parts=parts)
   frames = jax.jit(lambda x: teacher.apply(params, x, method="frames"))
   changed = np.abs(frames(x.at[:, -1].add(5.0)) - frames(x)).max((0, 2))
   assert (changed > 0).all()
@@ -109,6 +115,13 @@ def test_a_teacher_without_parts_is_one_part():
   teacher, params, x = _small(parts=whole_body("full"))
   assert teacher.apply(params, x, method="split")["body"].shape == x.shape
   assert sum(name.startswith("motion_") for name in params["params"]) == 2  # the body and the head
+
+
+def test_points_lie_along_a_chain():
+  """3 joints at 0, 1, 2 resampled to 5 points: 0, 0.5, 1, 1.5, 2."""
+  assert np.allclose(resample(3, 5) @ [0.0, 1.0, 2.0], [0, 0.5, 1, 1.5, 2])
+  assert chain_columns("full")[0][:2] == ((-1, 3, -1), (7, 8, 9))  # the pelvis's height, the right hip
+  assert chain_columns("coordinates")[0][0] == (0, 1, 2)
 
 
 def test_a_wrong_pool_is_told():
