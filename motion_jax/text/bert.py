@@ -7,11 +7,11 @@ import re
 from typing import Any
 
 import flax.linen as nn
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from motion_jax.nets.post_norm import ACTIVATIONS, PostNormLayer
+from motion_jax.text.names import LEAVES, params_from_names
 
 
 class Bert(nn.Module):
@@ -68,10 +68,20 @@ class Bert(nn.Module):
     return jnp.tanh(self.pooler(self(ids, text_mask, type_ids)[:, 0]))
 
 
-def mean_sentence(hidden, text_mask):
-  """The mean over real word pieces, at unit length, (B, D): the sentence vector of sentence-transformers."""
+def mean_words(hidden, text_mask):
+  """The mean over real word pieces: (B, S, D), (B, S) -> (B, D)."""
   weight = text_mask[..., None].astype(hidden.dtype)
-  mean = (hidden * weight).sum(1) / weight.sum(1)
+  return (hidden * weight).sum(1) / weight.sum(1)
+
+
+def mean_sentence(hidden, text_mask, projection=None):
+  """The sentence vector of sentence-transformers, (B, E): the mean over real word pieces, at unit length.
+
+  projection: (E, D), what Sentence-T5 puts between the two.
+  """
+  mean = mean_words(hidden, text_mask)
+  if projection is not None:
+    mean = mean @ projection.T
   return mean / jnp.linalg.norm(mean, axis=-1, keepdims=True)
 
 
@@ -116,67 +126,45 @@ DISTILBERT_NAMES = {
     "mlp_in": "ffn.lin1", "mlp_out": "ffn.lin2", "mlp_norm": "output_layer_norm"}
 
 
-def _leaves(fields):
-  """((our path), kind) of each weight of a Bert with these fields, kind one of embed, norm, dense."""
-  for name in ("words", "positions") + (("types",) if fields.get("num_types") else ()):
-    yield (name,), "embed"
-  yield ("norm",), "norm"
+# Heads of the released files, a pooler that nobody asked for, a buffer that counts, and what our own folder adds.
+IGNORED = r"cls\.|vocab_|pooler\.|classifier\.|pre_classifier\.|embeddings\.position_ids$|sentence_projection\."
+
+
+def _table(fields, names):
+  """Our path -> (PyTorch name, kind) of each weight of a Bert with these fields."""
+  table = {(ours,): (names[ours], "embed") for ours in ("words", "positions")}
+  if fields.get("num_types"):
+    table["types",] = names["types"], "embed"
+  table["norm",] = names["norm"], "norm"
   for i in range(fields["num_layers"]):
-    for name in ("query", "key", "value", "out", "mlp_in", "mlp_out"):
-      yield (f"layers_{i}", name), "dense"
-    for name in ("attn_norm", "mlp_norm"):
-      yield (f"layers_{i}", name), "norm"
+    for kind, parts in (("dense", ("query", "key", "value", "out", "mlp_in", "mlp_out")),
+                        ("norm", ("attn_norm", "mlp_norm"))):
+      table |= {(f"layers_{i}", ours): (f"{names['layer']}{i}.{names[ours]}", kind) for ours in parts}
   if fields.get("has_pooler"):
-    yield ("pooler",), "dense"
-
-
-def _reference_name(path, names):
-  if len(path) == 1:
-    return names[path[0]]
-  return f"{names['layer']}{path[0].split('_')[1]}.{names[path[1]]}"
-
-
-_LEAF = {"embed": (("embedding", "weight"),), "norm": (("scale", "weight"), ("bias", "bias")),
-         "dense": (("kernel", "weight"), ("bias", "bias"))}
+    table["pooler",] = names["pooler"], "dense"
+  return table
 
 
 def params_from_reference(state, fields, dtype=np.float32):
   """Params of `Bert(**fields)` from a state dict under PyTorch names, {name: array}.
 
   A leading `bert.` or `distilbert.` is dropped, gamma/beta are the old names of weight/bias, and heads of the released
-  files (`cls.*`, `vocab_*`) are ignored. Raises ValueError that names the first missing or misshapen array.
+  files (`cls.*`, `vocab_*`) are ignored. Raises ValueError that lists missing, unknown or misshapen arrays.
   """
   clean = lambda name: re.sub(r"\.beta$", ".bias", re.sub(r"\.gamma$", ".weight", name))
   state = {re.sub(r"^(bert|distilbert)\.", "", clean(name)): array for name, array in state.items()}
   names = DISTILBERT_NAMES if any(name.startswith("transformer.layer.") for name in state) else BERT_NAMES
-  shapes = jax.eval_shape(lambda: Bert(**fields).init(
-      jax.random.key(0), jnp.zeros((1, 1), jnp.int32), jnp.ones((1, 1), bool)))["params"]
-  params = {}
-  for path, kind in _leaves(fields):
-    node, shape = params, shapes
-    for part in path:
-      node, shape = node.setdefault(part, {}), shape[part]
-    for ours, theirs in _LEAF[kind]:
-      name = f"{_reference_name(path, names)}.{theirs}"
-      if name not in state:
-        raise ValueError(f"the weights lack {name!r}; expected a BERT or DistilBERT state dict with "
-                         f"{fields['num_layers']} layers, as config.json says")
-      array = np.asarray(state[name], dtype)
-      array = array.T if ours == "kernel" else array
-      if array.shape != shape[ours].shape:
-        raise ValueError(f"{name!r} has shape {array.shape}, config.json asks for {shape[ours].shape}")
-      node[ours] = array
-  return params
+  return params_from_names(state, _table(fields, names), Bert(**fields), IGNORED, dtype)
 
 
 def params_to_reference(params, fields, names=None):
   """The inverse of `params_from_reference`: {PyTorch name: array}, DistilBERT's names unless told otherwise."""
   state = {}
-  for path, kind in _leaves(fields):
+  for path, (theirs, kind) in _table(fields, names or DISTILBERT_NAMES).items():
     node = params
     for part in path:
       node = node[part]
-    for ours, theirs in _LEAF[kind]:
+    for ours, leaf in LEAVES[kind]:
       array = np.asarray(node[ours])
-      state[f"{_reference_name(path, names or DISTILBERT_NAMES)}.{theirs}"] = array.T if ours == "kernel" else array
+      state[f"{theirs}.{leaf}"] = array.T if ours == "kernel" else array
   return state

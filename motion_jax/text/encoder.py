@@ -1,21 +1,19 @@
-"""From captions to word features: a name or a folder becomes a frozen encoder that runs once per caption."""
+"""From captions to features of words or sentences: a name or folder becomes a frozen encoder, run once per caption."""
 import functools
 import hashlib
-import json
 import pathlib
 import re
+import warnings
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from safetensors import SafetensorError
-from safetensors.numpy import load_file
 from tokenizers import Tokenizer, models, normalizers, pre_tokenizers, processors
 
-from motion_jax.text import bert
+from motion_jax.text import bert, folder, hub
 
 SHIPPED = pathlib.Path(__file__).parents[1] / "pretrained"
-FILES = ("config.json", "model.safetensors", "tokenizer.json")
+LEVELS = ("words", "sentence")
 FAMILIAR = 0.65  # cosine to the nearest known word from which on an unseen word counts as understood
 
 # Words that carry no movement of their own: never worth a warning.
@@ -39,25 +37,35 @@ def _hidden(model, params, ids, text_mask):
 class TextEncoder:
   """A frozen encoder of captions.
 
-  `dim` is the width D of a word feature, `max_words` the most word pieces of a caption (its two special ones included),
-  `fingerprint` the sha256 of weights and tokenizer, which a checkpoint can remember.
+  `level` is "words" (one feature per word piece) or "sentence" (one per caption), `dim` the width of a feature,
+  `max_words` the most word pieces of a caption (its special ones included), `fingerprint` the sha256 of weights,
+  tokenizer and level, which a checkpoint can remember.
   """
 
-  def __init__(self, fields, params, tokenizer, fingerprint, name, projection=None, known_words=(), max_words=None):
-    self.model, self.params, self.tokenizer = bert.Bert(**fields), jax.tree.map(jnp.asarray, params), tokenizer
-    self.name, self.fingerprint, self.dim = name, fingerprint, fields["width"]
-    self.max_words = min(max_words or fields["max_positions"], fields["max_positions"])
+  def __init__(self, parts, name, known_words=(), max_words=None, level="words"):
+    self.model, self.params, self.tokenizer = parts.model, jax.tree.map(jnp.asarray, parts.params), parts.tokenizer
+    self.name, self.level, self.fingerprint, self.dim = name, level, parts.fingerprint, self.model.width
+    self.max_words = min(max_words or self.model.max_positions, self.model.max_positions)
     self.known_words = frozenset(known_words)
-    self._projection = projection
+    self._sentence, self._truncates = parts.sentence, parts.truncates
+    self._num_special = self.tokenizer.num_special_tokens_to_add(is_pair=False)
     self._cache = {}
+    if level == "sentence":
+      self.fingerprint = hashlib.sha256(f"{parts.fingerprint} {level}".encode()).hexdigest()
+      if self._sentence.projection is not None:
+        self.dim = len(self._sentence.projection)
 
   def __call__(self, sentences, pad_to=None):
-    """Word features of captions: text_emb (B, S, D) float32 and text_mask (B, S), True = a real word piece.
+    """Features of captions: text_emb (B, S, D) float32 and text_mask (B, S), True = a real word piece.
 
-    S is the longest caption's number of word pieces, or `pad_to`. A caption's features do not depend on the others, nor
-    on S. Raises ValueError for an empty or too long caption.
+    S is the longest caption's number of word pieces, or `pad_to`; at level "sentence" it is always 1. A caption's
+    features do not depend on the others, nor on S. Raises ValueError for an empty or too long caption; CLIP cuts a long
+    one, as its authors do, and warns.
     """
     features = self._features(sentences)
+    if self.level == "sentence":
+      vectors = self._sentence.vectors(features)
+      return (_unit(vectors) if self._sentence.unit else vectors)[:, None], np.ones((len(features), 1), bool)
     longest = max(len(f) for f in features)
     if pad_to is not None and pad_to < longest:
       raise ValueError(f"got pad_to={pad_to}, the longest caption has {longest} word pieces")
@@ -68,11 +76,8 @@ class TextEncoder:
     return text_emb, np.arange(length) < np.array([len(f) for f in features])[:, None]
 
   def sentence(self, sentences):
-    """One unit vector per caption, (B, E): close captions mean the same."""
-    vectors = np.stack([feature.mean(0) for feature in self._features(sentences)])
-    if self._projection is not None:
-      vectors = np.einsum("bd,ed->be", vectors, self._projection)  # not @: its rounding depends on B
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+    """One unit vector per caption, (B, E), whatever the level: close captions mean the same."""
+    return _unit(self._sentence.vectors(self._features(sentences)))
 
   def word(self, sentence, word):
     """The feature (D,) of a word inside a sentence: the mean of its pieces. Raises ValueError if it is not there."""
@@ -109,9 +114,7 @@ class TextEncoder:
     encodings = [self._encode(word).ids for word in words]
     ids, text_mask = _pad(encodings, max(map(len, encodings)))
     hidden = np.asarray(_hidden(self.model, self.params, ids, text_mask))  # all at once: only nearness counts here
-    means = (hidden * text_mask[..., None]).sum(1) / text_mask.sum(1, keepdims=True)
-    vectors = means if self._projection is None else means @ self._projection.T
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return _unit(self._sentence.vectors([words[mask] for words, mask in zip(hidden, text_mask)]))
 
   def nearness(self, word):
     """Cosine of a word's sentence vector to that of the nearest known word."""
@@ -144,8 +147,11 @@ class TextEncoder:
     if sentence in self._cache:
       return self._cache[sentence]
     ids = self._encode(sentence).ids
-    if not sentence.strip() or len(ids) <= 2:
+    if not sentence.strip() or len(ids) <= self._num_special:
       raise ValueError(f"got the empty caption {sentence!r}; say what the person does, such as 'a person walks'")
+    if len(ids) > self.max_words and self._truncates:
+      warnings.warn(f"CLIP reads {self.max_words} word pieces of the {len(ids)} of {sentence[:60]!r}...", stacklevel=4)
+      ids = ids[:self.max_words - 1] + ids[-1:]
     if len(ids) > self.max_words:
       raise ValueError(f"got a caption of {len(ids)} word pieces, this encoder takes {self.max_words}; shorten it or "
                        f"split it into several: {sentence[:60]!r}...")
@@ -157,6 +163,10 @@ class TextEncoder:
       self._cache.pop(next(iter(self._cache)))
     self._cache[sentence] = hidden
     return hidden
+
+
+def _unit(vectors):
+  return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
 def _pad(encodings, length):
@@ -179,54 +189,36 @@ def _forms(word):
   return forms
 
 
-def load_text_encoder(name_or_folder="words", max_words=None):
-  """The encoder of that name or in that folder; nothing is ever downloaded.
+def load_text_encoder(name_or_folder="words", max_words=None, level="words"):
+  """The frozen encoder of that name or in that folder.
 
   "words": the small encoder that ships. "fresh": a tiny one with random weights, always the same, for tests. Otherwise
-  a folder with config.json (model_type bert or distilbert), model.safetensors and tokenizer.json, as Hugging Face lays
-  it out. `max_words` lowers the limit on word pieces. Raises FileNotFoundError or ValueError that say what to give.
+  a folder in Hugging Face layout, or a name of `hub.REVISIONS` (with the extra `hub` and a network it is fetched at a
+  pinned revision; "owner/name@revision" fetches another). A folder holds config.json, model.safetensors and
+
+  - BERT, MiniLM, DistilBERT: tokenizer.json. A sentence is the mean of its words at unit length.
+  - CLIP, whole or its text half: tokenizer.json, or vocab.json and merges.txt. A sentence is the end token's feature,
+    projected, not at unit length. Long captions are cut at 77 word pieces.
+  - T5 1.0 and 1.1: tokenizer.json; for Sentence-T5 also 2_Dense/model.safetensors. A sentence is the mean of its words,
+    projected by the latter, at unit length.
+
+  level: "words" gives one feature per word piece, "sentence" one per caption. max_words lowers the limit on word
+  pieces. Raises FileNotFoundError or ValueError that say what to give.
   """
   if max_words is not None and max_words < 3:
     raise ValueError(f"got max_words={max_words}, expected at least 3: a word and the two special pieces")
+  if level not in LEVELS:
+    raise ValueError(f"got the text level {level!r}, expected one of {', '.join(LEVELS)}")
   name = str(name_or_folder)
   if name == "fresh":
-    return _fresh(max_words)
-  folder = SHIPPED / "words" if name == "words" else pathlib.Path(name_or_folder)
-  missing = [file for file in FILES if not (folder / file).is_file()]
-  if missing:
-    what = f"lacks {', '.join(missing)}" if folder.is_dir() else "is not a folder"
-    raise FileNotFoundError(
-        f"text encoder {name!r}: {folder} {what}; give 'words' (it ships with this package) or a folder that holds "
-        f"{', '.join(FILES)} of a BERT, MiniLM or DistilBERT model, as Hugging Face lays it out")
-  try:
-    config = json.loads((folder / "config.json").read_text(encoding="utf-8"))
-    fields = bert.bert_fields(config)
-    state = load_file(folder / "model.safetensors")
-    params = bert.params_from_reference(state, fields)
-    tokenizer = Tokenizer.from_file(str(folder / "tokenizer.json"))
-  except (ValueError, SafetensorError) as error:
-    raise ValueError(f"text encoder {name!r} cannot be read from {folder}: {error}") from error
-  except Exception as error:  # the tokenizers library raises bare Exception
-    if type(error) is not Exception:
-      raise
-    raise ValueError(f"text encoder {name!r}: {folder / 'tokenizer.json'} is not a tokenizer: {error}") from error
-  if tokenizer.get_vocab_size() > fields["vocab_size"]:
-    raise ValueError(f"text encoder {name!r}: the tokenizer has {tokenizer.get_vocab_size()} word pieces, the weights "
-                     f"have {fields['vocab_size']}; both must come from one model")
-  tokenizer.no_padding()
-  tokenizer.no_truncation()
-  digest = hashlib.sha256()
-  for file in FILES[1:]:
-    digest.update((folder / file).read_bytes())
-  projection = state.get("sentence_projection.weight")
-  known = folder / "known_words.txt"
-  return TextEncoder(fields, params, tokenizer, digest.hexdigest(), name,
-                     projection=None if projection is None else projection.astype(np.float32),
-                     known_words=known.read_text(encoding="utf-8").split() if known.is_file() else (),
-                     max_words=max_words)
+    return TextEncoder(_fresh(), name, max_words=max_words, level=level)
+  place = SHIPPED / "words" if name == "words" else hub.find(name_or_folder)
+  known = place / "known_words.txt"
+  return TextEncoder(folder.read(place, name, level), name, max_words=max_words, level=level,
+                     known_words=known.read_text(encoding="utf-8").split() if known.is_file() else ())
 
 
-def _fresh(max_words, seed=0):
+def _fresh(seed=0):
   """Random weights over letters and a few words: no files, the same on every machine."""
   pieces = ["[PAD]", "[UNK]", "[CLS]", "[SEP]", *".,!?'-", *"0123456789"]
   pieces += [p + c for c in "abcdefghijklmnopqrstuvwxyz" for p in ("", "##")] + [f"##{c}" for c in "0123456789"]
@@ -245,4 +237,4 @@ def _fresh(max_words, seed=0):
   digest = hashlib.sha256(tokenizer.to_str().encode())
   for leaf in jax.tree.leaves(params):
     digest.update(leaf.tobytes())
-  return TextEncoder(fields, params, tokenizer, digest.hexdigest(), "fresh", max_words=max_words)
+  return folder.Parts(bert.Bert(**fields), params, tokenizer, digest.hexdigest())

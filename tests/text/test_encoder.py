@@ -75,9 +75,19 @@ def test_bad_sizes(encoder):
     load_text_encoder(encoder.name, max_words=5)(["a person walks forward and waves."])
 
 
+def test_a_sentence_is_one_row(encoder):
+  sentences = load_text_encoder(encoder.name, level="sentence")
+  text_emb, text_mask = sentences(CAPTIONS, pad_to=60)
+  assert text_emb.shape == (5, 1, sentences.dim) and text_mask.all() and text_mask.shape == (5, 1)
+  assert (text_emb[:, 0] == encoder.sentence(CAPTIONS)).all() and (sentences.sentence(CAPTIONS) == text_emb[:, 0]).all()
+  assert sentences.fingerprint != encoder.fingerprint and len(sentences.fingerprint) == 64
+  with pytest.raises(ValueError, match="paragraph"):
+    load_text_encoder(encoder.name, level="paragraph")
+
+
 def test_a_missing_folder_says_what_to_give(tmp_path):
   with pytest.raises(FileNotFoundError, match="model.safetensors"):
-    load_text_encoder("distilbert-base-uncased")
+    load_text_encoder("no-such-encoder")
   (tmp_path / "config.json").write_text("{}")
   with pytest.raises(FileNotFoundError, match="lacks model.safetensors, tokenizer.json"):
     load_text_encoder(tmp_path)

@@ -1,0 +1,184 @@
+"""A folder in Hugging Face layout to the parts of a text encoder: module, parameters, tokenizer, sentence vector."""
+import hashlib
+import json
+import re
+from typing import Any, NamedTuple
+
+import numpy as np
+from safetensors import SafetensorError, safe_open
+from tokenizers import AddedToken, Regex, Tokenizer, models, normalizers, pre_tokenizers, processors
+
+from motion_jax.text import bert, clip, t5
+
+CONFIG, WEIGHTS, TOKENIZER = "config.json", "model.safetensors", "tokenizer.json"
+CLIP_TOKENIZER = ("vocab.json", "merges.txt")
+DENSE = "2_Dense"  # where Sentence-T5 keeps its projection
+KINDS = {
+    "bert": (bert.bert_fields, bert.Bert, bert.params_from_reference, r"cls\.|vocab_"),
+    "distilbert": (bert.bert_fields, bert.Bert, bert.params_from_reference, r"cls\.|vocab_"),
+    "clip": (clip.clip_fields, clip.ClipText, clip.params_from_reference, clip.IGNORED),
+    "clip_text_model": (clip.clip_fields, clip.ClipText, clip.params_from_reference, clip.IGNORED),
+    "t5": (t5.t5_fields, t5.T5Encoder, t5.params_from_reference, t5.IGNORED),
+}
+
+
+class Sentence(NamedTuple):
+  """How the word features of a sentence become one vector."""
+  pooling: str = "mean"                 # or "last": CLIP's end token
+  projection: np.ndarray | None = None  # (E, D)
+  unit: bool = True                     # whether its feature is scaled to length 1
+
+  def vectors(self, features):
+    """Features of B sentences, each (S_i, D), to (B, E), not scaled."""
+    rows = np.stack([words.mean(0) if self.pooling == "mean" else words[-1] for words in features])
+    # Not @: its rounding depends on B.
+    return rows if self.projection is None else np.einsum("bd,ed->be", rows, self.projection)
+
+
+class Parts(NamedTuple):
+  """What a text encoder is made of. fingerprint: sha256 of weights and tokenizer; truncates: cuts a long caption."""
+  model: Any
+  params: Any
+  tokenizer: Tokenizer
+  fingerprint: str
+  sentence: Sentence = Sentence()
+  truncates: bool = False
+
+
+def read(folder, name, level="words"):
+  """The parts of the encoder in a folder; its config.json says of which kind.
+
+  level "sentence" asks for what a sentence feature needs, too. Raises FileNotFoundError that lists what the folder
+  lacks, ValueError for what cannot be read or does not fit together.
+  """
+  kind = _kind(folder, name)
+  files = _check_files(folder, name, kind)
+  to_fields, module, to_params, ignored = KINDS[kind]
+  try:
+    config = json.loads((folder / CONFIG).read_text(encoding="utf-8"))
+    fields = to_fields(config)
+    state = _weights(folder / WEIGHTS, ignored)
+    if kind == "clip_text_model" and "text_projection.weight" not in state:
+      fields["projection_dim"] = 0
+    params = to_params(state, fields)
+    sentence = _sentence(folder, state, fields, kind, level)
+    tokenizer = _tokenizer(folder, kind)
+  except (ValueError, SafetensorError) as error:
+    raise ValueError(f"text encoder {name!r} cannot be read from {folder}: {error}") from error
+  if tokenizer.get_vocab_size() > fields["vocab_size"]:
+    raise ValueError(f"text encoder {name!r}: the tokenizer has {tokenizer.get_vocab_size()} word pieces, the weights "
+                     f"have {fields['vocab_size']}; both must come from one model")
+  tokenizer.no_padding()
+  tokenizer.no_truncation()
+  if kind not in ("bert", "distilbert"):
+    end = fields.get("end_id") if kind != "t5" else config.get("eos_token_id", 1)
+    ids = tokenizer.encode("a").ids
+    if ids[-1] != (max(ids) if end is None else end):
+      raise ValueError(f"text encoder {name!r}: the tokenizer ends a sentence with piece {ids[-1]}, config.json says "
+                       f"{end}; both must come from one model")
+  digest = hashlib.sha256()
+  for file in files[1:]:
+    with open(folder / file, "rb") as stream:
+      while block := stream.read(1 << 24):
+        digest.update(block)
+  return Parts(module(**fields), params, tokenizer, digest.hexdigest(), sentence, kind.startswith("clip"))
+
+
+def _kind(folder, name):
+  if not (folder / CONFIG).is_file():
+    return "bert"  # what is missing is told for the most common kind
+  try:
+    kind = json.loads((folder / CONFIG).read_text(encoding="utf-8")).get("model_type", "bert")
+  except (ValueError, AttributeError) as error:
+    raise ValueError(f"text encoder {name!r}: {folder / CONFIG} is no JSON object ({error}); fetch it again") from error
+  if kind not in KINDS:
+    raise ValueError(f"text encoder {name!r}: {folder / CONFIG} is of model_type {kind!r}, expected one of "
+                     f"{', '.join(KINDS)}")
+  return kind
+
+
+def _check_files(folder, name, kind):
+  """The files of an encoder, config.json first; raises FileNotFoundError that lists those that are missing."""
+  has = lambda file: (folder / file).is_file()
+  tokenizer = [TOKENIZER]
+  if kind.startswith("clip") and not has(TOKENIZER) and any(map(has, CLIP_TOKENIZER)):
+    tokenizer = list(CLIP_TOKENIZER)
+  files = [CONFIG, WEIGHTS, *tokenizer]
+  if kind == "t5" and (folder / DENSE).is_dir():
+    files.append(f"{DENSE}/{WEIGHTS}")
+  missing = [file for file in files if not has(file)]
+  if not missing:
+    return files
+  advice = ["give 'words' (it ships with this package) or a folder that holds config.json, model.safetensors and "
+            "tokenizer.json of a BERT, MiniLM, DistilBERT, CLIP or T5 model, as Hugging Face lays it out"]
+  for file in missing:
+    pickled = file.replace(WEIGHTS, "pytorch_model.bin")
+    if pickled != file and has(pickled):
+      advice.append(f"pytorch_model.bin is not opened here; with motion-jax[convert] installed, convert it once: "
+                    f"python -c \"from motion_jax.convert import load_state; from safetensors.numpy import save_file; "
+                    f"save_file(load_state('{folder / pickled}'), '{folder / file}')\"")
+  if TOKENIZER in missing and has("spiece.model"):
+    advice.append("spiece.model is not read here; save tokenizer.json beside it (transformers' AutoTokenizer writes it "
+                  "with save_pretrained; that of sentence-transformers/sentence-t5-base has T5's own vocabulary)")
+  raise FileNotFoundError(f"text encoder {name!r}: {folder} lacks {', '.join(missing)}; {'; '.join(advice)}")
+
+
+def _weights(path, ignored=None):
+  """{name: array} of a safetensors file, without the halves of the network that are not for text."""
+  with safe_open(str(path), "numpy") as file:
+    return {name: file.get_tensor(name) for name in file.keys() if not (ignored and re.match(ignored, name))}
+
+
+def _sentence(folder, state, fields, kind, level):
+  """How this encoder makes a sentence of words: CLIP's end token, projected; else the mean at unit length."""
+  float32 = lambda array: None if array is None else np.asarray(array, np.float32)
+  if kind.startswith("clip"):
+    if level == "sentence" and not fields["projection_dim"]:
+      raise ValueError("it has no text_projection, so no sentence feature; give a CLIPModel or a "
+                       "CLIPTextModelWithProjection, or use level 'words'")
+    # Parity: CDAMD takes this feature as it is, not at unit length, and in half precision; ours is float32.
+    return Sentence("last", float32(state.get("text_projection.weight")), unit=False)
+  if kind == "t5" and (folder / DENSE).is_dir():
+    return Sentence(projection=_dense(folder / DENSE, fields["width"]))
+  return Sentence(projection=float32(state.get("sentence_projection.weight")))
+
+
+def _dense(folder, width):
+  """The matrix (E, D) of Sentence-T5's last layer, which has neither offset nor activation."""
+  config = json.loads((folder / CONFIG).read_text(encoding="utf-8")) if (folder / CONFIG).is_file() else {}
+  activation = config.get("activation_function", "Identity").split(".")[-1]
+  state = _weights(folder / WEIGHTS)
+  if set(state) != {"linear.weight"} or activation != "Identity":
+    raise ValueError(f"{folder} holds {', '.join(sorted(state))} with activation {activation!r}, expected "
+                     "linear.weight alone and the identity")
+  if state["linear.weight"].ndim != 2 or state["linear.weight"].shape[1] != width:
+    raise ValueError(f"linear.weight of {folder} has shape {state['linear.weight'].shape}, expected (any, {width})")
+  return np.asarray(state["linear.weight"], np.float32)
+
+
+def _tokenizer(folder, kind):
+  file = folder / TOKENIZER
+  try:
+    if file.is_file():
+      return Tokenizer.from_file(str(file))
+    return clip_tokenizer(*(folder / name for name in CLIP_TOKENIZER))
+  except Exception as error:  # the tokenizers library raises bare Exception
+    if type(error) is not Exception:
+      raise
+    raise ValueError(f"{file if file.is_file() else folder} is not a tokenizer: {error}") from error
+
+
+def clip_tokenizer(vocab, merges, start="<|startoftext|>", end="<|endoftext|>"):
+  """CLIP's tokenizer from its two files: lower case, words apart, bytes joined by merges, an end-of-word mark."""
+  tokenizer = Tokenizer(models.BPE.from_file(str(vocab), str(merges), unk_token=end, end_of_word_suffix="</w>"))
+  ids = {token: tokenizer.token_to_id(token) for token in (start, end)}
+  if None in ids.values():
+    raise ValueError(f"{vocab} lacks {start} or {end}; expected the vocabulary of CLIP")
+  tokenizer.add_special_tokens([AddedToken(token, special=True) for token in ids])
+  tokenizer.normalizer = normalizers.Sequence(
+      [normalizers.NFC(), normalizers.Replace(Regex(r"\s+"), " "), normalizers.Lowercase()])
+  words = Regex(r"'s|'t|'re|'ve|'m|'ll|'d|\p{L}+|\p{N}|[^\s\p{L}\p{N}]+")
+  tokenizer.pre_tokenizer = pre_tokenizers.Sequence(
+      [pre_tokenizers.Split(words, "removed", invert=True), pre_tokenizers.ByteLevel(add_prefix_space=False)])
+  tokenizer.post_processor = processors.TemplateProcessing(single=f"{start} $A {end}", special_tokens=list(ids.items()))
+  return tokenizer

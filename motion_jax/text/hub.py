@@ -1,0 +1,52 @@
+"""Names of published text encoders to folders: a folder that is there, or a download of one pinned revision."""
+import pathlib
+import re
+
+# Commits whose files were looked up. A revision is a promise that a run trained today loads the same weights later.
+REVISIONS = {
+    "distilbert/distilbert-base-uncased": "12040accade4e8a0f71eabdb258fecc2e7e948be",
+    "sentence-transformers/all-MiniLM-L6-v2": "1110a243fdf4706b3f48f1d95db1a4f5529b4d41",
+    "sentence-transformers/sentence-t5-base": "fc5d4628481afbbaaacd7af6bb07cf9d3865f781",
+    # The hub's own conversion to safetensors; the main branch has pytorch_model.bin only.
+    "openai/clip-vit-base-patch32": "c237dc49a33fc61debc9276459120b7eac67e7ef",
+    "openai/clip-vit-base-patch16": "57c216476eefef5ab752ec549e440a49ae4ae5f3",
+    "google/t5-v1_1-base": "b5fc947a416ea3cb079532cb3c2bbadeb7f800fc",
+}
+WITHOUT_SAFETENSORS = ("openai/clip-vit-base-patch16", "google/t5-v1_1-base")
+FILES = ("config.json", "model.safetensors", "tokenizer.json", "vocab.json", "merges.txt", "spiece.model",
+         "2_Dense/config.json", "2_Dense/model.safetensors")
+_NAME = re.compile(r"(?P<name>[\w.-]+(/[\w.-]+)?)(@(?P<revision>[0-9a-f]{40}))?")
+
+
+def find(name_or_folder):
+  """The folder of an encoder: the given one if it is there, else a download of the published one of that name.
+
+  Names are those of `REVISIONS`, with or without owner, or "owner/name@revision" with all 40 digits of a commit. Raises
+  FileNotFoundError that says what to give if there is no such folder and nothing can be fetched.
+  """
+  folder = pathlib.Path(name_or_folder)
+  if folder.is_dir():
+    return folder
+  text = str(name_or_folder)
+  match = _NAME.fullmatch(text)
+  name = next((known for known in REVISIONS if match and match["name"] in (known, known.split("/")[1])),
+              match and match["name"])
+  revision = match and (match["revision"] or REVISIONS.get(name))
+  hint = ("give 'words' (it ships with this package) or a folder as Hugging Face lays it out, with config.json, "
+          "model.safetensors and tokenizer.json of a BERT, MiniLM, DistilBERT, CLIP or T5 model")
+  if not revision or "/" not in name:
+    also = f"{name}@REVISION with the 40 digits of a commit, or " if match and "/" in name else ""
+    raise FileNotFoundError(f"text encoder {text!r} is not a folder, nor one of the names {', '.join(REVISIONS)}; "
+                            f"{hint}; or {also}one of these names")
+  try:
+    from huggingface_hub import snapshot_download
+  except ImportError as error:
+    raise FileNotFoundError(f"text encoder {text!r} is not a folder, and fetching {name} needs huggingface_hub: pip "
+                            f"install 'motion-jax[hub]'; or {hint}") from error
+  files = FILES + (("pytorch_model.bin",) if name in WITHOUT_SAFETENSORS else ())
+  try:
+    return pathlib.Path(snapshot_download(name, revision=revision, allow_patterns=list(files)))
+  except Exception as error:  # whatever of network, name, disk or permission failed, the way out is the same
+    told = (str(error).splitlines() or [type(error).__name__])[0]
+    raise FileNotFoundError(f"text encoder {text!r} is not a folder, and {name} at revision {revision} could not be "
+                            f"fetched ({told}); {hint}") from error

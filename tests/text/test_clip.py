@@ -1,0 +1,83 @@
+"""Our CLIP text transformer gives the reference's numbers; no word sees a later one; every tensor is accounted for."""
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from motion_jax.text import clip
+from tests import fixtures
+from tests.golden import Fixture, check, golden
+
+
+def network(fixture):
+  """(module's fields, float32 state dict) of a recorded small network."""
+  return clip.clip_fields({"model_type": "clip_text_model", **fixture.config["net"]}), fixture.params
+
+
+@golden("clip_text")
+def run_clip_text(fixture, dtype):
+  fields, state = network(fixture)
+  model, params = clip.ClipText(**fields, dtype=dtype), clip.params_from_reference(state, fields, dtype)
+  run = jax.jit(lambda method, *args: model.apply({"params": params}, *args, method=method), static_argnums=0)
+  ids, mask = jnp.asarray(fixture["in/input_ids"]), jnp.asarray(fixture["in/attention_mask"]) > 0
+  made = {f"hidden/{i}": state for i, state in enumerate(run("hidden_states", ids, mask))}
+  return made | {"last": run("__call__", ids, mask), "pooled": run("pooled", ids, mask),
+                 "embeds": run("sentence", ids, mask), "last_no_mask": run("__call__", ids),
+                 "embeds_no_mask": run("sentence", ids)}
+
+
+@pytest.fixture(scope="module")
+def recorded():
+  return network(Fixture(fixtures.path("text/clip_text.npz")))
+
+
+def test_parity():
+  assert not check(fixtures.path("text/clip_text.npz")).failures
+
+
+def test_no_word_sees_a_later_one(recorded):
+  fields, state = recorded
+  model, params = clip.ClipText(**fields), {"params": clip.params_from_reference(state, fields)}
+  run = jax.jit(model.apply)
+  ids = jnp.array([[88, 5, 17, 3, 60, 89]])
+  assert (run(params, ids)[:, :3] == run(params, ids.at[0, 3].set(44))[:, :3]).all()
+  assert np.abs(run(params, ids)[:, 3:] - run(params, ids.at[0, 3].set(44))[:, 3:]).min() > 0
+
+
+def test_a_whole_clip_model_loads_without_its_picture_half(recorded):
+  fields, state = recorded
+  other = {"vision_model.embeddings.class_embedding": np.zeros(3), "visual_projection.weight": np.zeros((2, 3)),
+           "logit_scale": np.ones(()), "text_model.embeddings.position_ids": np.arange(16)[None]}
+  part, whole = (clip.params_from_reference(s, fields) for s in (state, state | other))
+  assert jax.tree.all(jax.tree.map(lambda a, b: bool((a == b).all()), part, whole))
+  config = {"model_type": "clip", "projection_dim": 24, "text_config": {"hidden_size": 32, "eos_token_id": 2}}
+  assert clip.clip_fields(config)["width"] == 32 and clip.clip_fields(config)["projection_dim"] == 24
+  assert clip.clip_fields(config)["end_id"] is None and clip.clip_fields(config)["num_layers"] == 12
+
+
+def test_the_old_end_token_means_the_largest_id(recorded):
+  fields, state = recorded
+  params = {"params": clip.params_from_reference(state, fields)}
+  ids = jnp.array([[88, 5, 17, 89, 0, 0], [88, 3, 60, 4, 7, 89]])
+  named, largest = (jax.jit(lambda ids, end=end: clip.ClipText(**fields | {"end_id": end}).apply(
+      params, ids, method="sentence"))(ids) for end in (89, None))
+  assert (named == largest).all()
+
+
+@pytest.mark.parametrize("change, message", [
+    (lambda s: s.pop("text_projection.weight"), "missing 1 .text_projection.weight"),
+    (lambda s: s.update({"text_model.surprise": np.zeros(1)}), "unknown 1 .text_model.surprise"),
+    (lambda s: s.update({"text_projection.weight": np.zeros((3, 32))}), r"shape \(3, 32\).*asks for \(24, 32\)")])
+def test_every_tensor_is_accounted_for(recorded, change, message):
+  fields, state = recorded
+  change(state := dict(state))
+  with pytest.raises(ValueError, match=message):
+    clip.params_from_reference(state, fields)
+
+
+def test_options_that_it_does_not_have():
+  with pytest.raises(ValueError, match="bert"):
+    clip.clip_fields({"model_type": "bert"})
+  with pytest.raises(ValueError, match="swish"):
+    clip.clip_fields({"model_type": "clip_text_model", "hidden_act": "swish"})
+  assert clip.clip_fields({"model_type": "clip_text_model", "hidden_act": "gelu"})["activation"] == "gelu"

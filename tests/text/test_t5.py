@@ -1,0 +1,92 @@
+"""Our T5 encoders give the reference's numbers, padding is invisible, every tensor is accounted for."""
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from motion_jax.text import t5
+from motion_jax.text.bert import mean_sentence, mean_words
+from tests import fixtures
+from tests.golden import Fixture, check, golden
+
+
+def network(fixture):
+  """(module's fields, float32 state dict) of a recorded small network."""
+  return t5.t5_fields({"model_type": "t5", **fixture.config["net"]}), fixture.params
+
+
+@golden("t5_v1_0")
+@golden("t5_v1_1")
+def run_t5(fixture, dtype):
+  fields, state = network(fixture)
+  model, params = t5.T5Encoder(**fields, dtype=dtype), {"params": t5.params_from_reference(state, fields, dtype)}
+  ids, mask = jnp.asarray(fixture["in/input_ids"]), jnp.asarray(fixture["in/attention_mask"]) > 0
+  run = jax.jit(lambda method, *args: model.apply(params, *args, method=method), static_argnums=0)
+  states = run("hidden_states", ids, mask)
+  last, projection = run("__call__", ids, mask), jnp.asarray(fixture["in/projection"], dtype)
+  bias = model.apply(params, ids.shape[1], method="position_bias")[None]
+  far = len(fixture["out/buckets"]) // 2
+  buckets = t5.distance_buckets(np.arange(-far, far + 1), fields["num_buckets"], fields["max_distance"])
+  return {f"hidden/{i}": state for i, state in enumerate(states)} | {
+      "last": last, "mean": mean_words(last, mask), "sentence": mean_sentence(last, mask, projection),
+      "position_bias": bias, "buckets": buckets}
+
+
+@pytest.fixture(scope="module", params=["t5_v1_0", "t5_v1_1"])
+def recorded(request):
+  return network(Fixture(fixtures.path(f"text/{request.param}.npz")))
+
+
+@pytest.mark.parametrize("name", ["t5_v1_0", "t5_v1_1"])
+def test_parity(name):
+  assert not check(fixtures.path(f"text/{name}.npz")).failures
+
+
+def test_padding_is_invisible(recorded):
+  fields, state = recorded
+  run, params = jax.jit(t5.T5Encoder(**fields).apply), {"params": t5.params_from_reference(state, fields)}
+  ids = jnp.array([[5, 17, 3, 60]])
+  alone = run(params, ids, jnp.ones((1, 4), bool))
+  longer = run(params, jnp.pad(ids, ((0, 0), (0, 5)), constant_values=9), jnp.arange(9)[None] < 4)
+  np.testing.assert_allclose(longer[:, :4], alone, atol=2e-6)
+
+
+def test_buckets_grow_with_distance():
+  rows = t5.distance_buckets(np.arange(-300, 301))
+  assert rows[300] == 0 and rows[299] == 1 and rows[301] == 17  # itself, the word before, the word behind
+  assert rows[0] == 15 and rows[-1] == 31                       # the last row of each half: all that is far
+  assert (np.diff(rows[301:]) >= 0).all() and (np.diff(rows[:301]) <= 0).all()
+
+
+def test_a_whole_t5_loads_without_its_decoder(recorded):
+  fields, state = recorded
+  table = state["shared.weight"]
+  whole = state | {"decoder.final_layer_norm.weight": np.ones(3), "lm_head.weight": table,
+                   "encoder.embed_tokens.weight": table}
+  renamed = {name: a for name, a in whole.items() if name != "shared.weight"}  # some files keep the other name
+  expected = t5.params_from_reference(state, fields)
+  for other in (whole, renamed):
+    made = t5.params_from_reference(other, fields)
+    assert jax.tree.all(jax.tree.map(lambda a, b: bool((a == b).all()), expected, made))
+  with pytest.raises(ValueError, match="two different word tables"):
+    t5.params_from_reference(whole | {"encoder.embed_tokens.weight": table + 1}, fields)
+
+
+@pytest.mark.parametrize("change, message", [
+    (lambda s: s.pop("encoder.final_layer_norm.weight"), "missing 1 .encoder.final_layer_norm.weight"),
+    (lambda s: s.update({"encoder.block.7.layer_norm.weight": np.ones(1)}), "unknown 1 .encoder.block.7"),
+    (lambda s: s.update({"shared.weight": np.zeros((3, 32))}), r"shape \(3, 32\).*asks for \(80, 32\)")])
+def test_every_tensor_is_accounted_for(recorded, change, message):
+  fields, state = recorded
+  change(state := dict(state))
+  with pytest.raises(ValueError, match=message):
+    t5.params_from_reference(state, fields)
+
+
+def test_options_that_it_does_not_have():
+  with pytest.raises(ValueError, match="mt5"):
+    t5.t5_fields({"model_type": "mt5"})
+  with pytest.raises(ValueError, match="gated-swish"):
+    t5.t5_fields({"model_type": "t5", "feed_forward_proj": "gated-swish"})
+  with pytest.raises(ValueError, match="lacks"):
+    t5.t5_fields({"model_type": "t5", "vocab_size": 3})
