@@ -3,10 +3,18 @@
 The paper is "Coordinate-based Dual-constrained Autoregressive Motion Generation"; facts and numbers follow the
 released code, see the comments that start with "Parity".
 """
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
+import numpy as np
+from ml_collections import ConfigDict
 
+from motion_jax.diffusion import ddpm, guidance, masking, ode, paths, rounds, samplers
 from motion_jax.nets.autoencoder import Autoencoder
+from motion_jax.nets.diffusion_mlp import DiffusionMLP, Generator
+from motion_jax.nets.masked_transformer import TRANSFORMERS
+from motion_jax.nets.masks import LATENT_MASKS, latent_mask, padding_mask
 from motion_jax.quant import rvq, vq
 from motion_jax.stage import DEVICES, Stage
 
@@ -140,4 +148,255 @@ def rvq_stage(config, axis_name=DEVICES) -> Stage:
   return Stage(init, loss, predict, init_extra)
 
 
-STAGES = {"cdamd.autoencoder": autoencoder_stage, "cdamd.rvq": rvq_stage}
+
+
+# --- generator: losses -------------------------------------------------------------------------------------------
+
+
+def make_generator(config) -> Generator:
+  """The module of a model section: transformer (kind "cdamd" or "mardm", and fields), head (fields)."""
+  fields = dict(config.transformer)
+  kind = fields.pop("kind")
+  if kind not in TRANSFORMERS:
+    raise ValueError(f"got transformer kind {kind!r}, expected one of {', '.join(TRANSFORMERS)}")
+  transformer = TRANSFORMERS[kind](**fields)
+  return Generator(transformer, DiffusionMLP(latent_dim=transformer.latent_dim, **config.head))
+
+
+def generator_shapes(net):
+  """Shapes of the generator's parameters, to check a file against."""
+  transformer = net.transformer
+  x, text_emb = jnp.zeros((1, 1, transformer.latent_dim)), jnp.zeros((1, 1, transformer.text_dim))
+  return jax.eval_shape(lambda: net.init(jax.random.key(0), x, text_emb, jnp.ones((1, 1, 1, 1), bool), jnp.zeros(())))
+
+
+class Draws(NamedTuple):
+  """Random numbers of a training step for B motions of L latents, each with M rows at the diffusion head.
+
+  From [0, 1): time_u, text_u, prior_u (B,); order_u, noise_u, keep_u (B, L); t (M, B, L), for DDPM integer steps.
+  Normal: noise (B, L, C), diffusion_noise (M, B, L, C).
+  """
+  time_u: jax.Array
+  text_u: jax.Array
+  prior_u: jax.Array
+  order_u: jax.Array
+  noise_u: jax.Array
+  keep_u: jax.Array
+  t: jax.Array
+  noise: jax.Array
+  diffusion_noise: jax.Array
+
+
+def draw_step(rng, keys, length, channels, config) -> Draws:
+  """keys (B,): one per item, so that draws are the same on any number of devices; rng: the same on all of them."""
+  copies = config.copies
+
+  def of_item(key):
+    time, text, prior, places, t, noise = jax.random.split(key, 6)
+    normal = jax.random.normal(noise, (1 + copies, length, channels))
+    if config.diffusion == "ddpm":
+      t = jax.random.randint(t, (copies, length), 0, config.ddpm_steps)
+    else:
+      t = jax.random.uniform(t, (copies, length))
+    one = lambda key: jax.random.uniform(key)
+    return Draws(one(time), one(text), one(prior), *jax.random.uniform(places, (3, length)), t, normal[0], normal[1:])
+
+  axes = Draws(0, 0, 0, 0, 0, 0, 1, 0, 1)
+  draws = jax.vmap(of_item, out_axes=axes)(keys)
+  if config.prior_drop == "batch":  # Parity: one draw for all; "item" is the option
+    draws = draws._replace(prior_u=jnp.broadcast_to(jax.random.uniform(rng), draws.prior_u.shape))
+  return draws
+
+
+def generator_loss(net, params, z1, real_mask, text_emb, codes, draws, config, dropout_keys=None):
+  """(sums, weight) of one step: the diffusion loss of every masked latent, M times over (facts: cdamd 4.3, 5).
+
+  z1 (B, L, C) clean latents, 0 at padding; codes (B, L) or (B, L, Q) of the prior, or None. dropout_keys (B,): trains
+  with dropout. All rows are computed and the masked ones summed, so that shapes do not depend on the draw.
+  """
+  made = masking.corruption(draws.time_u, draws.order_u, draws.noise_u, draws.keep_u, real_mask, config.noise_rate,
+                            config.mask_rate)
+  x = masking.corrupt(z1, made, draws.noise, net.apply(params, method="hidden"), real_mask)
+  text_emb = jnp.where((draws.text_u < config.drop_rate)[:, None, None], 0.0, text_emb)
+  attn_mask = latent_mask(config.mask, real_mask & ~made.masked, real_mask)
+  prior_mask = None if codes is None else draws.prior_u >= config.prior_drop_rate
+  inputs = (x, text_emb, attn_mask, codes, prior_mask)
+  if dropout_keys is None:
+    condition = net.apply(params, *inputs, method="condition")
+  else:
+    of_item = lambda key, *item: net.apply(params, *jax.tree.map(lambda a: a[None], item), deterministic=False,
+                                           method="condition", rngs={"dropout": key})[0]
+    condition = jax.vmap(of_item)(dropout_keys, *inputs)
+  predict = lambda x, t: net.apply(params, x, t, jnp.broadcast_to(condition, x.shape[:-1] + condition.shape[-1:]),
+                                   method="predict")
+  if config.diffusion == "ddpm":
+    schedule = ddpm.cosine_schedule(config.ddpm_steps)
+    error = ddpm.loss_rows(predict, schedule, jnp.broadcast_to(z1, draws.diffusion_noise.shape), draws.t,
+                           draws.diffusion_noise)
+  else:
+    velocity = predict(paths.add_noise(z1, draws.diffusion_noise, draws.t), draws.t)
+    error = ((velocity - (z1 - draws.diffusion_noise)) ** 2).mean(-1)
+  total = jnp.where(made.masked, error.astype(jnp.promote_types(error.dtype, jnp.float32)), 0.0).sum()
+  # A batch of short clips may have nothing masked at all.
+  return {"loss": total}, jnp.maximum(made.masked.sum() * len(draws.t), jnp.finfo(total.dtype).tiny)
+
+
+def latents_of(autoencoder, frozen, features, real_mask):
+  """Latents (B, L, C) as the generator knows them, zero at padding: of the frozen encoder, scaled if asked for."""
+  # Parity: not scaled in the released code, where latent_mean is 0 and latent_std 1.
+  z1 = autoencoder.apply(frozen["tokenizer"], features, method="encode")
+  return jnp.where(real_mask[..., None], (z1 - frozen["latent_mean"]) / frozen["latent_std"], 0.0)
+
+
+def decode_latents(autoencoder, frozen, latents):
+  """Latents as the generator knows them (B, L, C) to normalized features (B, 4 L, F)."""
+  z = latents * frozen["latent_std"] + frozen["latent_mean"]
+  return autoencoder.apply(frozen["tokenizer"], z, method="decode")
+
+
+def prior_codes(net, frozen, features, num_levels):
+  """Codes of the first levels (B, L, Q), of one level (B, L), of none None."""
+  if not num_levels:
+    return None
+  codes = encode_codes(net, frozen["prior"], features)[0]
+  # Parity: one level alone comes without the row that tells levels apart.
+  return codes[..., 0] if num_levels == 1 else codes[..., :num_levels]
+
+
+def generator_stage(config) -> Stage:
+  """Trains the masked transformer and its diffusion head on latents of the frozen autoencoder.
+
+  Batch: features (B, T, F) padded, num_frames (B,), text_emb (B, S, E), index (B,) place in the whole batch. frozen:
+  tokenizer, latent_mean, latent_std (C,) and, if loss.prior_levels, prior: the RVQ-VAE's variables.
+  """
+  autoencoder, net = Autoencoder(**config.tokenizer), make_generator(config.model)
+  rvq_net = Autoencoder(**config.prior) if config.loss.prior_levels else None
+
+  def inputs(frozen, batch):
+    length = batch["features"].shape[1] // autoencoder.frames_per_latent
+    real_mask = padding_mask(batch["num_frames"] // autoencoder.frames_per_latent, length)
+    codes = prior_codes(rvq_net, frozen, batch["features"], config.loss.prior_levels)
+    return latents_of(autoencoder, frozen, batch["features"], real_mask), real_mask, batch["text_emb"], codes
+
+  def init(batch, rng):
+    x = jnp.zeros((1, 1, net.transformer.latent_dim))
+    return net.init(rng, x, batch["text_emb"][:1], jnp.ones((1, 1, 1, 1), bool), jnp.zeros(()))
+
+  def loss(params, frozen, batch, step, rng):
+    z1, *rest = inputs(frozen, batch)
+    draw_rng, dropout_rng, prior_rng = jax.random.split(rng, 3)
+    draws = draw_step(prior_rng, _item_keys(draw_rng, batch), *z1.shape[1:], config.loss)
+    return generator_loss(net, params, z1, *rest, draws, config.loss, _item_keys(dropout_rng, batch))
+
+  def predict(params, frozen, batch, rng):
+    """The loss in evaluation mode: causal mask, prior and captions given, no dropout; sums per motion."""
+    z1, real_mask, text_emb, codes = inputs(frozen, batch)
+    fields = config.loss.to_dict() | dict(mask="causal", drop_rate=0.0, prior_drop_rate=0.0)
+    draws = draw_step(rng, _item_keys(rng, batch), *z1.shape[1:], config.loss)
+    sums, weight = generator_loss(net, params, z1, real_mask, text_emb, codes, draws, ConfigDict(fields))
+    return {**sums, "weight": weight}
+
+  return Stage(init, loss, predict)
+
+
+# --- generating and editing --------------------------------------------------------------------------------------
+
+
+class Plan(NamedTuple):
+  """The choices that shapes and loops depend on; hashable, so that jit can specialize on it."""
+  solver: str = "midpoint"     # of samplers.FIXED_STEP, or "dopri5", or "ddpm"
+  num_steps: int = 10          # of the solver; dopri5 chooses its own
+  mask: str = "causal"
+  guided: bool = True
+  num_rows: int | None = None  # rounds.most_revealed, or None: solve for every hidden latent as the reference does
+  ddpm_steps: int = 50         # of training
+  temperature: float = 1.0     # of the DDPM's noise; flows have none
+
+
+def make_plan(**fields) -> Plan:
+  """A Plan; raises ValueError for a solver, mask or number that does not exist."""
+  plan = Plan(**fields)
+  solvers = (*samplers.FIXED_STEP, "dopri5", "ddpm")
+  if plan.solver not in solvers:
+    raise ValueError(f"got solver {plan.solver!r}, expected one of {', '.join(solvers)}")
+  if plan.mask not in LATENT_MASKS:
+    raise ValueError(f"got mask {plan.mask!r}, expected one of {', '.join(LATENT_MASKS)}")
+  if plan.num_steps < 1:
+    raise ValueError(f"got {plan.num_steps} solver steps, expected at least 1")
+  return plan
+
+
+def make_draw(keys, length, channels):
+  """draw(k, j) for `make_latents`: noise (B, L, C) that depends on a motion's key, round, step and place, nothing
+  else, so neither padding nor batch-mates change it. keys (B,)."""
+  fold = jax.random.fold_in
+
+  def draw(k, j):
+    of_place = lambda key, place: jax.random.normal(fold(fold(fold(key, k), j), place), (channels,))
+    return jax.vmap(lambda key: jax.vmap(lambda place: of_place(key, place))(jnp.arange(length)))(keys)
+
+  return draw
+
+
+def draw_order(keys, lengths, length, order="random"):
+  """(B, L) numpy: in which order latents are made, last ones smallest; infinity at padding. keys (B,), lengths (B,)."""
+  # Parity: the paper fills from left to right; the code, and our default, at random.
+  if order == "left_to_right":
+    numbers = np.broadcast_to(masking.left_to_right(length), (len(lengths), length))
+  elif order == "random":
+    of_place = lambda key, place: jax.random.uniform(jax.random.fold_in(jax.random.fold_in(key, 2**31 - 1), place))
+    numbers = jax.vmap(lambda key: jax.vmap(lambda place: of_place(key, place))(jnp.arange(length)))(keys)
+  else:
+    raise ValueError(f"got order {order!r}, expected random or left_to_right")
+  return np.where(np.arange(length) < np.asarray(lengths)[:, None], numbers, np.inf)
+
+
+def make_latents(net, plan, params, text_emb, latents, hidden, real_mask, scale, draw):
+  """Latents after each round (N, B, L, C), the last the finished ones. Pure; net and plan are static.
+
+  text_emb (B, S, E); latents (B, L, C), of which those are kept that hidden (N, B, L) never names; real_mask (B, L);
+  scale () of the guidance; draw: see `make_draw`.
+  """
+  twice = (lambda a: jnp.concatenate([a, a])) if plan.guided else lambda a: a
+  words = jnp.concatenate([text_emb, 0 * text_emb]) if plan.guided else text_emb
+
+  def condition(z, hidden):
+    attn_mask = latent_mask(plan.mask, real_mask & ~hidden, real_mask)
+    return net.apply(params, twice(z), words, twice(attn_mask), method="condition")
+
+  def solve(condition, rows, fresh):
+    predict = lambda x, t, *_: net.apply(params, x, t, condition, method="predict").astype(latents.dtype)
+    predict = guidance.guided(predict, scale) if plan.guided else predict
+    noise = fresh(0).astype(latents.dtype)
+    if plan.solver == "ddpm":
+      schedule = ddpm.respace(ddpm.cosine_schedule(plan.ddpm_steps), min(plan.num_steps, plan.ddpm_steps))
+      return ddpm.ancestral(predict, schedule, noise, lambda m: fresh(m + 1).astype(latents.dtype), plan.temperature)
+    if plan.solver == "dopri5":
+      return ode.dopri5(predict, noise, rows).value
+    times = jnp.linspace(0, 1, plan.num_steps + 1, dtype=latents.dtype)[:, None]
+    return samplers.FIXED_STEP[plan.solver](predict, noise, times)
+
+  return rounds.sample(condition, solve, draw, latents, hidden, net.apply(params, method="hidden"), plan.num_rows)
+
+
+def generate(net, autoencoder, plan, params, frozen, text_emb, hidden, real_mask, scale, draw):
+  """Normalized features (B, 4 L, F) of new motions; hidden (N, B, L) of `masking.hidden_table`. Pure."""
+  latents = jnp.zeros(real_mask.shape + (net.transformer.latent_dim,))
+  made = make_latents(net, plan, params, text_emb, latents, hidden, real_mask, scale, draw)[-1]
+  return decode_latents(autoencoder, frozen, made)
+
+
+def edit(net, autoencoder, plan, params, frozen, features, text_emb, edited, hidden, real_mask, scale, draw,
+         paste=False):
+  """Normalized features (B, 4 L, F): the given ones, of which the latents edited (B, L) are made anew. Pure.
+
+  paste: put the frames of kept latents back as they came. They have been through the autoencoder otherwise.
+  """
+  # Parity: the released code decodes everything and pastes nothing back.
+  latents = latents_of(autoencoder, frozen, features, real_mask)
+  made = make_latents(net, plan, params, text_emb, latents, hidden, real_mask, scale, draw)[-1]
+  y = decode_latents(autoencoder, frozen, made)
+  if not paste:
+    return y
+  kept = jnp.repeat(~edited & real_mask, autoencoder.frames_per_latent, axis=1)
+  return jnp.where(kept[..., None], features[:, :y.shape[1]], y)

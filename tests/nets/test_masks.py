@@ -1,9 +1,13 @@
-"""Masks are the drawings in their docstrings."""
+"""Masks are the drawings in their docstrings, and those of CDAMD the reference's."""
+import itertools
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax.nets.masks import block_causal_mask, padding_mask, sliding_mask
+from motion_jax.nets.masks import LATENT_MASKS, block_causal_mask, latent_mask, padding_mask, sliding_mask, with_text
+from tests import fixtures
+from tests.golden import check, golden
 
 
 def draw(mask):
@@ -37,3 +41,62 @@ def test_padding():
   both = block_causal_mask(4, 1) & padding_mask(jnp.array([2, 4]), 4)[:, None, None, :]
   assert both.shape == (2, 1, 4, 4)
   assert draw(both[0, 0]) == drawn("1... 11.. 11.. 11..")
+
+
+# --- CDAMD -------------------------------------------------------------------------------------------------------
+
+
+@golden("masks", bounds={"": (0, 0)})
+def run_masks(fixture, dtype):
+  made = {}
+  for case in sorted({name.split("/")[0] for name in fixture.under("in/")}):
+    masked, lengths = fixture[f"in/{case}/masked"], fixture[f"in/{case}/lengths"]
+    length, word = masked.shape[1], jnp.ones((len(masked), 1), bool)
+    real = padding_mask(jnp.asarray(lengths), length)
+    known = real & ~masked
+    made[f"{case}/condition"] = known
+    for kind, build in LATENT_MASKS.items():
+      for suffix, mask in (("", jnp.broadcast_to(build(known), (len(masked), 1, length, length))),
+                           ("_padded", latent_mask(kind, known, real))):
+        made[f"{case}/self_{kind}{suffix}"] = mask[:, 0]
+        made[f"{case}/cross_{kind}{suffix}"] = with_text(mask, word)[:, 0]
+  return made
+
+
+def test_golden():
+  assert not check(fixtures.path("cdamd/masks.npz")).failures
+
+
+KNOWN, REAL = jnp.array([[1, 0, 1, 0, 1, 0]], bool), jnp.array([[1, 1, 1, 1, 1, 0]], bool)
+
+
+def test_cdamd_masks():
+  """The example of the facts (cdamd 4.4): known 0, 2 and 4, to be generated 1 and 3, padding 5."""
+  for kind, drawing in (("dccm", "1.1.1. 11.... 1.1.1. 1111.. 1.1.1. 11111."), ("causal", "1..... 11.... 111... 1111.. "
+                        "11111. 11111."), ("bcm", "1.1.1. 111.1. 1.1.1. 11111. 1.1.1. 11111."),
+                        ("bidirectional", " ".join(["11111."] * 6))):
+    mask = latent_mask(kind, KNOWN, REAL)
+    assert mask.dtype == bool and draw(jnp.broadcast_to(mask, (1, 1, 6, 6))[0, 0]) == drawn(drawing), kind
+  words = with_text(latent_mask("dccm", KNOWN, REAL), jnp.array([[1, 1, 1, 0]], bool))
+  assert draw(words[0, 0]) == drawn("111.1.1.1. 111.11.... 111.1.1.1. 111.1111.. 111.1.1.1. 111.11111.")
+  with pytest.raises(ValueError, match="'dcm'.*dccm, causal, bcm, bidirectional"):
+    latent_mask("dcm", KNOWN, REAL)
+
+
+def test_algebra_of_cdamd_masks():
+  """All motions of 5 latents: what contains what, and no query is left without a key."""
+  cases = [(known, length) for known in itertools.product((False, True), repeat=5) for length in range(1, 6)]
+  known, lengths = jnp.array([known for known, _ in cases]), jnp.array([length for _, length in cases])
+  real = padding_mask(lengths, 5)
+  dccm, causal, bcm, both = (np.asarray(latent_mask(kind, known, real) & jnp.ones((5, 5), bool))[:, 0]
+                             for kind in ("dccm", "causal", "bcm", "bidirectional"))
+  known, real = np.asarray(known & real), np.asarray(real)
+  assert (dccm <= bcm).all() and (causal <= both).all() and (bcm <= both).all()
+  # Rows to be generated are causal; with nothing known all is causal, with all known all is seen.
+  assert (dccm == causal)[~known].all() and (causal <= bcm)[~known].all()
+  assert (dccm == bcm)[known].all() and (dccm[known] == known[np.nonzero(known)[0]]).all()
+  assert (dccm == both)[known.sum(1) == real.sum(1)][:, 0].all()
+  for mask in (dccm, causal, bcm, both):
+    assert mask.any(-1).all()
+    assert np.diagonal(mask, axis1=1, axis2=2)[real].all()
+    assert not mask[np.broadcast_to(~real[:, None], mask.shape)].any()

@@ -1,0 +1,91 @@
+"""Diffusion in discrete steps, noise predicted, as MARDM's DDPM variant does it (facts: cdamd 5).
+
+Steps count upwards in noise, 0 being the cleanest, the other way round than the times elsewhere in this package: they
+are indices of the tables below, and what enters the network.
+"""
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+
+class Schedule(NamedTuple):
+  """Tables (N,) in float64: the variance that each step adds, what is left of the data, and how to go one step back.
+
+  steps are the steps of the training schedule that these are; the network is told those.
+  """
+  steps: np.ndarray
+  betas: np.ndarray
+  alphas_cumprod: np.ndarray
+  sqrt_recip_alphas_cumprod: np.ndarray
+  sqrt_recipm1_alphas_cumprod: np.ndarray
+  posterior_variance: np.ndarray
+  posterior_log_variance_clipped: np.ndarray
+  posterior_mean_coef1: np.ndarray
+  posterior_mean_coef2: np.ndarray
+
+
+def schedule_of(betas, steps=None) -> Schedule:
+  """All tables from the variances betas (N,)."""
+  betas = np.asarray(betas, np.float64)
+  kept = np.cumprod(1 - betas)
+  before = np.append(1.0, kept[:-1])
+  variance = betas * (1 - before) / (1 - kept)
+  # The last step back has variance 0, whose logarithm is replaced by its neighbour's.
+  log_variance = np.log(np.append(variance[1], variance[1:])) if len(betas) > 1 else np.zeros(1)
+  return Schedule(np.arange(len(betas)) if steps is None else np.asarray(steps), betas, kept, np.sqrt(1 / kept),
+                  np.sqrt(1 / kept - 1), variance, log_variance, betas * np.sqrt(before) / (1 - kept),
+                  (1 - before) * np.sqrt(1 - betas) / (1 - kept))
+
+
+def cosine_schedule(num_steps=50) -> Schedule:
+  """The squared-cosine schedule, its variances capped at 0.999."""
+  # Parity: 50 steps in training too, where most use 1000.
+  left = lambda s: np.cos((s + 0.008) / 1.008 * np.pi / 2) ** 2
+  index = np.arange(num_steps)
+  return schedule_of(np.minimum(1 - left((index + 1) / num_steps) / left(index / num_steps), 0.999))
+
+
+def respace(schedule, num_steps) -> Schedule:
+  """A schedule of num_steps of the given one's steps, evenly spread, its first and last among them."""
+  total = len(schedule.betas)
+  if not 1 <= num_steps <= total:
+    raise ValueError(f"got {num_steps} sampler steps, expected 1 to the {total} of training")
+  chosen = np.round(np.linspace(0, total - 1, num_steps)).astype(int) if num_steps > 1 else np.array([0])
+  kept = schedule.alphas_cumprod[chosen]
+  return schedule_of(1 - kept / np.append(1.0, kept[:-1]), schedule.steps[chosen])
+
+
+def add_noise(schedule, x1, noise, step):
+  """Data x1 (..., C) as it is after `step` (...)."""
+  kept = schedule.alphas_cumprod
+  of_data, of_noise = (jnp.asarray(np.sqrt(a), x1.dtype)[step][..., None] for a in (kept, 1 - kept))
+  return of_data * x1 + of_noise * noise
+
+
+def loss_rows(predict, schedule, x1, step, noise):
+  """Squared error of the predicted noise, averaged over channels: (...) for x1 (..., C), step (...)."""
+  predicted = predict(add_noise(schedule, x1, noise, step), jnp.asarray(schedule.steps)[step])
+  return ((predicted - noise) ** 2).mean(-1)
+
+
+def step_back(schedule, x, predicted, index, noise, temperature=1.0):
+  """One ancestral step from table row `index` () to the one before, given the predicted noise; row 0 adds none."""
+  row = lambda table: jnp.asarray(table, x.dtype)[index]
+  x1 = row(schedule.sqrt_recip_alphas_cumprod) * x - row(schedule.sqrt_recipm1_alphas_cumprod) * predicted
+  mean = row(schedule.posterior_mean_coef1) * x1 + row(schedule.posterior_mean_coef2) * x
+  std = jnp.exp(0.5 * row(schedule.posterior_log_variance_clipped))
+  return mean + jnp.where(index > 0, std * temperature, 0.0) * noise
+
+
+def ancestral(predict, schedule, x, fresh, temperature=1.0):
+  """Carries noise x (..., C) to data; predict(x, step ()) -> noise (..., C); fresh(m) is the noise of the m-th step
+  back, m a traced integer from 0."""
+  last = len(schedule.betas) - 1
+
+  def back(x, m):
+    predicted = predict(x, jnp.asarray(schedule.steps)[last - m])
+    return step_back(schedule, x, predicted, last - m, fresh(m), temperature), None
+
+  return jax.lax.scan(back, x, jnp.arange(last + 1))[0]

@@ -1,0 +1,160 @@
+"""Which latents are hidden in training, and which are made anew in each round of sampling: tables, and no network.
+
+Training hides some of a motion's latents behind noise or a learned vector (facts: cdamd 4.3). Sampling begins with all
+of them hidden; in each round those that are still hidden are made, and all but a few of the newly made ones are hidden
+again (facts: cdamd 6). Editing is sampling in which only the edited latents are ever hidden (facts: cdamd 7).
+"""
+import math
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+# --- training ----------------------------------------------------------------------------------------------------
+
+
+class Corruption(NamedTuple):
+  """What training hides of latents (B, L): masked, all that carry loss; of these noised and replaced, see `corrupt`."""
+  masked: jnp.ndarray
+  noised: jnp.ndarray
+  replaced: jnp.ndarray
+
+
+def choose_masked(time_u, order_u, real_mask):
+  """(B, L) which latents carry loss: a random number of them, cosine-distributed, at random places.
+
+  Draws from [0, 1): time_u (B,), order_u (B, L). The number is counted on the padded length and places in the padding
+  are left out, so a short motion keeps the same expected share and may get none.
+  """
+  length = real_mask.shape[1]
+  count = jnp.maximum(1, jnp.round(length * jnp.cos(time_u * math.pi * 0.5)))
+  places = jnp.argsort(order_u, axis=-1)  # a random permutation; its own ranks would do as well
+  return (places < count[:, None]) & real_mask
+
+
+def corruption(time_u, order_u, noise_u, keep_u, real_mask, noise_rate=0.1, mask_rate=0.88) -> Corruption:
+  """Of the latents that carry loss a share noise_rate gets noise, of the rest a share mask_rate the mask latent, and
+  what is left stays as it is. noise_u, keep_u (B, L): draws from [0, 1)."""
+  # Parity: the paper says 10 % and 88 %; one after the other as in the code they are 10, 79.2 and 10.8 % kept.
+  masked = choose_masked(time_u, order_u, real_mask)
+  noised = masked & (noise_u < noise_rate)
+  return Corruption(masked, noised, masked & ~noised & (keep_u < mask_rate))
+
+
+def corrupt(latents, made, noise, hidden, real_mask):
+  """What the transformer sees: latents (B, L, C) with a Corruption applied; hidden (1, 1, C), zeros at padding."""
+  x = jnp.where(made.noised[..., None], noise, latents)
+  x = jnp.where(made.replaced[..., None], hidden, x)
+  return jnp.where(real_mask[..., None], x, 0.0)
+
+
+# --- sampling ----------------------------------------------------------------------------------------------------
+
+
+def hidden_shares(num_rounds):
+  """(N,) float32, the share of latents that each round finds hidden: cos of N even steps from 0 to pi / 2.
+
+  In round 2 (N - 1) / 3 it is one half but for the last bit, which decides every odd length. So the steps are those of
+  PyTorch, to the last bit: float32, the second half counted back from 1 and rounded once; then a cosine that is rounded
+  once, which no float32 cosine promises.
+  """
+  if num_rounds < 1:
+    raise ValueError(f"got {num_rounds} rounds, expected at least 1")
+  index, last = np.arange(num_rounds), max(num_rounds - 1, 1)
+  step = np.float64(np.float32(1) / np.float32(last))
+  times = np.where(index < num_rounds // 2, step * index, 1 - step * (last - index)) if num_rounds > 1 else np.zeros(1)
+  angles = times.astype(np.float32) * np.float32(math.pi) * np.float32(0.5)
+  return np.cos(angles.astype(np.float64)).astype(np.float32)
+
+
+def hidden_counts(num_rounds, lengths):
+  """(N, B) integers: how many latents each round finds hidden, of lengths (B,); at least 1. Exactly the reference's.
+
+  10 rounds of 30 latents: 30 30 28 26 23 19 15 10 5 1
+  """
+  lengths = np.asarray(lengths, np.float32)
+  return np.maximum(1, np.round(hidden_shares(num_rounds)[:, None] * lengths)).astype(np.int64)
+
+
+def touch_up_counts(num_rounds, lengths, share=0.16):
+  """(N, B): the same few latents in every round, what the reference does when it is told to edit no part.
+
+  Parity: it draws an order anew each round, of latents that the round before left, so it never comes to others.
+  """
+  count = np.maximum(1, np.round(np.float32(share) * np.asarray(lengths, np.float32))).astype(np.int64)
+  return np.broadcast_to(count, (num_rounds,) + count.shape)
+
+
+def hidden_table(order, counts):
+  """(N, B, L): which latents each round finds hidden, those with the smallest numbers in order (B, L).
+
+  Infinity in order: never hidden. counts (N, B) must not rise in N; then each round's latents are among those before.
+
+  order  .2  .7  .1  inf      counts 3     1 1 1 .
+                                     2     1 . 1 .
+                                     1     . . 1 .
+  """
+  rank = np.argsort(np.argsort(order, axis=-1, kind="stable"), axis=-1, kind="stable")
+  return (rank[None] < np.asarray(counts)[:, :, None]) & np.isfinite(order)[None]
+
+
+def left_to_right(length):
+  """(1, L), an order that makes the first latents first."""
+  return -np.arange(length, dtype=np.float32)[None]
+
+
+def revealed_table(hidden):
+  """(N, B, L): which latents keep what a round gives them, those that no later round finds hidden.
+
+  The other rows of a round are thrown away, so only these need the solver: of 187 rows of a motion of 30 latents, 30.
+  """
+  return hidden & ~jnp.concatenate([hidden[1:], jnp.zeros_like(hidden[:1])])
+
+
+# --- editing -----------------------------------------------------------------------------------------------------
+
+TASKS = {  # parts of the motion that are made anew, as shares of its frames
+    "inpainting": ((0.25, 0.75),), "outpainting": ((0.0, 0.25), (0.75, 1.0)),
+    "prefix": ((0.5, 1.0),), "suffix": ((0.0, 0.5),),
+}
+
+
+def task_mask(task, num_frames, length, frames_per_latent=4):
+  """(B, L): the latents that an editing task makes anew, of motions of num_frames (B,) frames.
+
+  The names say what is given: "prefix" keeps the first half, "suffix" the second, "inpainting" the first and last
+  quarter, "outpainting" the middle.
+
+  12 latents   inpainting    . . . 1 1 1 1 1 1 . . .
+               outpainting   1 1 1 . . . . . . 1 1 1
+               prefix        . . . . . . 1 1 1 1 1 1
+               suffix        1 1 1 1 1 1 . . . . . .
+  """
+  if task not in TASKS:
+    raise ValueError(f"got task {task!r}, expected one of {', '.join(TASKS)}")
+  num_frames = np.asarray(num_frames)
+  total = num_frames // frames_per_latent
+  quarter, half = ((share * num_frames).astype(int) // frames_per_latent for share in (0.25, 0.5))
+  place = np.arange(length)
+  inside = lambda first, past: (place >= first[:, None]) & (place < past[:, None])
+  zero = np.zeros_like(total)
+  if task == "inpainting":
+    return inside(quarter, total - quarter)
+  if task == "outpainting":
+    return inside(zero, quarter) | inside(total - quarter, total)
+  return inside(half, total) if task == "prefix" else inside(zero, half)
+
+
+def kept_mask(spans, num_frames, length, frames_per_latent=4):
+  """(L,): the latents to make anew when spans [(first, past), ...] of frames are kept, of a motion of num_frames.
+
+  A latent is kept if all its frames are.
+  """
+  kept = np.zeros(length * frames_per_latent, bool)
+  for first, past in spans:
+    if not 0 <= first < past <= num_frames:
+      raise ValueError(f"got the span {first}:{past} of a motion of {num_frames} frames; expected 0 <= first < past <= "
+                       f"{num_frames}")
+    kept[first:past] = True
+  edited = ~kept.reshape(length, frames_per_latent).all(-1)
+  return edited & (np.arange(length) < num_frames // frames_per_latent)

@@ -1,0 +1,103 @@
+"""What is hidden is what the reference hides, to the last tie; and the tables are those in the docstrings."""
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from motion_jax.diffusion import masking
+from motion_jax.nets.masks import padding_mask
+from tests import fixtures
+from tests.golden import check, golden
+
+
+@golden("corruption", bounds={"": (0, 0)})
+def run_corruption(fixture, dtype):
+  draws = {name: jnp.asarray(array, dtype) for name, array in fixture.under("in/").items()}
+  latents = draws["latents"]
+  real = padding_mask(fixture["in/lengths"], latents.shape[1])
+  made = masking.corruption(draws["time_u"], draws["order_u"], draws["noise_u"], draws["keep_u"], real)
+  x = masking.corrupt(latents, made, draws["noise"], jnp.asarray(fixture.params["mask_latent"], dtype), real)
+  clean = np.where(np.asarray(real)[..., None], latents, 0)
+  rows = np.concatenate([clean[np.asarray(made.masked)]] * 4)  # copy-major, as the batch is repeated
+  return made._asdict() | {"input": x, "target_rows": rows}
+
+
+@golden("mask_schedule", bounds={"": (0, 0)})
+def run_mask_schedule(fixture, dtype):
+  return {name: masking.hidden_counts(int(name), fixture["in/lengths"]).T for name in fixture.under("out/")}
+
+
+@golden("edit_masks", bounds={"": (0, 0)})
+def run_edit_masks(fixture, dtype):
+  return {task: masking.task_mask(task, fixture["in/frames"], recorded.shape[1])
+          for task, recorded in fixture.under("out/").items()}
+
+
+@pytest.mark.parametrize("name", ["corruption", "mask_schedule", "edit_masks"])
+def test_golden(name):
+  assert not check(fixtures.path(f"cdamd/{name}.npz")).failures
+
+
+# Rounds N for which torch 2.13.0+cpu has cos < 1/2 in round 2 (N - 1) / 3, of all N <= 64 that have such a round:
+#   [N for N in range(4, 65, 3) if torch.cos(torch.linspace(0, 1, N) * math.pi * 0.5)[2 * (N - 1) // 3] < 0.5]
+ROUNDED_DOWN = [10, 19, 22, 28, 37, 40, 43, 46, 55, 58]
+
+
+def test_ties_are_pytorchs():
+  down = []
+  for rounds in range(4, 65, 3):
+    share = masking.hidden_shares(rounds)[2 * (rounds - 1) // 3]
+    assert share != 0.5 and abs(share - 0.5) < 1e-7
+    down += [rounds] * (share < 0.5)
+    odd = np.arange(3, 64, 2)
+    counts = masking.hidden_counts(rounds, odd)[2 * (rounds - 1) // 3]
+    np.testing.assert_array_equal(counts, odd // 2 + (share > 0.5))
+  assert down == ROUNDED_DOWN
+
+
+def test_counts():
+  """Measured on the reference (facts: cdamd 6)."""
+  assert masking.hidden_counts(10, [30])[:, 0].tolist() == [30, 30, 28, 26, 23, 19, 15, 10, 5, 1]
+  assert masking.hidden_counts(10, [49])[:, 0].tolist() == [49, 48, 46, 42, 38, 31, 24, 17, 9, 1]
+  assert masking.hidden_counts(18, [30, 49]).sum(0).tolist() == [341, 557]
+  for rounds in range(1, 65):
+    counts = masking.hidden_counts(rounds, np.arange(1, 65))
+    assert (counts[0] == np.arange(1, 65)).all() and (np.diff(counts, axis=0) <= 0).all() and (counts >= 1).all()
+  with pytest.raises(ValueError, match="0 rounds"):
+    masking.hidden_counts(0, [30])
+
+
+def test_every_latent_is_revealed_once():
+  rng = np.random.default_rng(0)
+  order, lengths = rng.random((3, 12), np.float32), np.array([12, 9, 1])
+  order[np.arange(12) >= lengths[:, None]] = np.inf
+  counts = masking.hidden_counts(10, lengths)
+  hidden = masking.hidden_table(order, counts)
+  np.testing.assert_array_equal(hidden.sum(-1), counts)
+  assert (hidden[1:] <= hidden[:-1]).all()
+  np.testing.assert_array_equal(masking.revealed_table(hidden).sum(0), np.isfinite(order))
+  assert masking.hidden_table(np.array([[.2, .7, .1, np.inf]]), [[3], [2], [1]])[:, 0].astype(int).tolist() == [
+      [1, 1, 1, 0], [1, 0, 1, 0], [0, 0, 1, 0]]
+  ordered = masking.revealed_table(masking.hidden_table(masking.left_to_right(12), masking.hidden_counts(6, [12])))
+  assert (np.diff(np.argmax(ordered[:, 0], axis=0)) >= 0).all()
+
+
+def test_shares_of_the_corruption():
+  """Measured on the reference: 63.5 % of latents carry loss; 10.1, 79.1, 10.8 % of these are noise, hidden, kept."""
+  rng = np.random.default_rng(0)
+  time_u, (order_u, noise_u, keep_u) = rng.random(2000), rng.random((3, 2000, 49))
+  made = masking.corruption(time_u, order_u, noise_u, keep_u, jnp.ones((2000, 49), bool))
+  masked = made.masked.sum()
+  shares = np.array([masked / made.masked.size, made.noised.sum() / masked, made.replaced.sum() / masked])
+  np.testing.assert_allclose(shares, [0.635, 0.10, 0.792], atol=0.015)
+
+
+def test_editing_masks():
+  drawn = lambda mask: "".join(".1"[int(edited)] for edited in mask)
+  for task, drawing in (("inpainting", "...111111..."), ("outpainting", "111......111"), ("prefix", "......111111"),
+                        ("suffix", "111111......")):
+    assert drawn(masking.task_mask(task, [48], 13)[0]) == drawing + ".", task
+  with pytest.raises(ValueError, match="'upper_body'.*inpainting, outpainting, prefix, suffix"):
+    masking.task_mask("upper_body", [48], 12)
+  assert drawn(masking.kept_mask([(0, 9), (20, 32)], 40, 11)) == "..111...11."
+  with pytest.raises(ValueError, match="span 10:50 of a motion of 40 frames"):
+    masking.kept_mask([(10, 50)], 40, 11)

@@ -1,0 +1,128 @@
+"""The diffusion head, its flow solvers and its DDPM steps are the reference's."""
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from motion_jax.convert import diffusion_mlp_names, from_torch
+from motion_jax.diffusion import ddpm, guidance, ode, paths, samplers
+from motion_jax.nets.causal_dit import time_numbers
+from motion_jax.nets.diffusion_mlp import DiffusionMLP
+from tests import fixtures
+from tests.golden import check, golden
+
+
+def network(fixture, dtype):
+  """-> predict(x, t, condition) of a recorded head, compiled."""
+  sizes = fixture.meta["arguments"]
+  net = DiffusionMLP(latent_dim=sizes["target_channels"], width=sizes["width"], depth=sizes["depth"], dtype=dtype)
+  params = jax.tree.map(lambda a: jnp.asarray(a, dtype), from_torch(fixture.params, diffusion_mlp_names(net.depth)))
+  return jax.jit(functools.partial(net.apply, params))
+
+
+def guided(predict, conditions, scale):
+  """The guided velocity or noise of the first half of the rows; conditions: those with text, then those without."""
+  return guidance.guided(lambda x, t, drop: predict(x, jnp.broadcast_to(t, x.shape[:1]), conditions), scale)
+
+
+@golden("diffusion_sit", leave_out=("dopri5_guided_times", "dopri5_plain_times", "dopri5_hard_times"),
+        bounds={"dopri5_hard": (1e-4, 1e-10), "dopri5": (1e-3, 1e-10), "sample": (1e-3, 1e-10),
+                "evaluations": (0, 0), "": (1e-5, 1e-10)})
+def run_diffusion_sit(fixture, dtype):
+  given = {name: jnp.asarray(array, dtype) for name, array in fixture.under("in/").items()}
+  predict, c = network(fixture, dtype), given["c"]
+  both = lambda scale: guided(predict, c, scale)
+  half = len(c) // 2
+  made = {"velocity": predict(given["x"], given["t"], c), "time_features": time_numbers(given["t"])}
+  made["guided"] = jnp.tile(both(4.0)(given["x"][:half], jnp.tile(given["t"][:half], 2)), (2, 1))
+  target = given["data"] - given["loss_noise"]
+  noisy = paths.add_noise(given["data"], given["loss_noise"], given["loss_t"])
+  made["loss_rows"] = ((predict(noisy, given["loss_t"], c) - target) ** 2).mean(-1)
+  made["loss"] = made["loss_rows"].mean()
+  for name in fixture.under("out/ode_"):
+    solver, steps = split_solver(name)
+    calls = []
+
+    def velocity(x, t, calls=calls):
+      jax.debug.callback(lambda: calls.append(1))  # counts what runs, not what is traced
+      return both(4.0)(x, t)
+
+    times = jnp.linspace(0, 1, steps + 1, dtype=dtype)[:, None]
+    made[f"ode_{name}"] = jax.jit(lambda x, solver=solver, velocity=velocity, times=times: samplers.FIXED_STEP[solver](
+        velocity, x, times))(given["start"])
+    jax.block_until_ready(made[f"ode_{name}"])
+    jax.effects_barrier()
+    made[f"evaluations_{name}"] = len(calls)
+  plain = lambda x, t: predict(x, jnp.broadcast_to(t, x.shape[:1]), c[:half])
+  for name, velocity in (("guided", both(4.0)), ("plain", plain), ("hard", both(60.0))):
+    made[f"dopri5_{name}"], made[f"dopri5_{name}_evaluations"] = jax.jit(
+        lambda x, velocity=velocity: ode.dopri5(velocity, x))(given["start"])
+  made["sample"] = jnp.tile(ode.dopri5(both(4.0), given["sample_noise"]).value, (2, 1))
+  return made
+
+
+def split_solver(name):
+  """euler10 -> euler, 10; heun210 and rk425 end in torchdiffeq's own digit of the name."""
+  for theirs, ours in (("heun2", "heun"), ("rk4", "rk4"), ("midpoint", "midpoint"), ("euler", "euler")):
+    if name.startswith(theirs):
+      return ours, int(name[len(theirs):])
+  raise ValueError(f"got solver {name!r}")
+
+
+@golden("diffusion_ddpm", bounds={
+    **{name: (1e-12, 1e-12) for name in ddpm.Schedule._fields}, "": (1e-5, 1e-10)})
+def run_diffusion_ddpm(fixture, dtype):
+  given = {name: jnp.asarray(array, None if name == "t" else dtype) for name, array in fixture.under("in/").items()}
+  predict, c = network(fixture, dtype), given["c"]
+  schedule = ddpm.cosine_schedule(int(fixture.meta["arguments"]["num_sampling_steps"]))
+  made = {name: table for name, table in schedule._asdict().items() if name != "steps"}
+  made["prediction"] = predict(given["x"], given["t"], c)
+  made["loss_rows"] = ddpm.loss_rows(lambda x, t: predict(x, t, c), schedule, given["data"], given["t"],
+                                     given["loss_noise"])
+  half, last = len(c) // 2, len(schedule.betas) - 1
+  noise_of = guided(predict, c, 2.5)
+  for name, temperature in (("guided", 1.0), ("cool", 0.7)):
+    fresh = jnp.stack([given[f"{name}_step_noise/{m}"][:half] for m in range(last + 1)])
+    made[f"{name}_sample"] = jax.jit(lambda x, fresh=fresh, temperature=temperature: ddpm.ancestral(
+        noise_of, schedule, x, fresh.__getitem__, temperature))(given[f"{name}_start"])
+    step = jax.jit(lambda x, m, fresh=fresh, temperature=temperature: ddpm.step_back(
+        schedule, x, noise_of(x, last - m), last - m, fresh[m], temperature))
+    path = [given[f"{name}_start"]]
+    for m in range(last + 1):
+      path.append(step(path[-1], m))
+    made[f"{name}_path"] = jnp.stack(path[1:])
+  return made
+
+
+@pytest.mark.parametrize("name", ["diffusion_sit", "diffusion_ddpm"])
+def test_golden(name):
+  assert not check(fixtures.path(f"cdamd/{name}.npz")).failures
+
+
+@pytest.mark.parametrize("width, total", [(1024, 270_875_648), (512, 269_958_144)])
+def test_parameter_counts(width, total):
+  """Measured on the reference (facts: cdamd 10)."""
+  shapes = jax.eval_shape(lambda: DiffusionMLP().init(jax.random.key(0), jnp.zeros((1, 512)), jnp.zeros(1),
+                                                      jnp.zeros((1, width))))["params"]
+  size = lambda tree: sum(a.size for a in jax.tree.leaves(tree))
+  assert size(shapes) == total
+  if width == 1024:
+    assert size([shapes["time_in"], shapes["time_out"]]) == 3_673_600 and size(shapes["condition_in"]) == 1_836_800
+    assert size(shapes["x_in"]) == 919_296 and size([shapes["film"], shapes["out"]]) == 7_344_128
+    assert size([shapes[f"block{i}"] for i in range(16)]) == 257_101_824
+
+
+def test_a_fresh_head_is_silent_and_rows_are_strangers():
+  """Its loss at the start is mean(v^2); a row depends on no other one."""
+  net = DiffusionMLP(latent_dim=5, width=16, depth=2)
+  x, t, c = jax.random.normal(jax.random.key(0), (4, 5)), jnp.array([0.0, 0.2, 0.6, 1.0]), jnp.ones((4, 7))
+  params = jax.jit(net.init)(jax.random.key(1), x, t, c)
+  run = jax.jit(net.apply)
+  assert float(jnp.abs(run(params, x, t, c)).max()) == 0
+  params = jax.tree.map(lambda a: a + 0.1 * jax.random.normal(jax.random.key(2), a.shape), params)
+  y = run(params, x, t, c)
+  changed = run(params, x.at[1].add(1.0), t, c)
+  np.testing.assert_array_equal(y[jnp.array([0, 2, 3])], changed[jnp.array([0, 2, 3])])
+  assert float(jnp.abs(y - changed)[1].max()) > 1e-3

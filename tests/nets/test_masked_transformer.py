@@ -1,0 +1,206 @@
+"""Both transformers are the references', count their parameters, and look where their masks let them."""
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from motion_jax.convert import from_torch, mardm_names, masked_transformer_names
+from motion_jax.nets.diffusion_mlp import DiffusionMLP, Generator
+from motion_jax.nets.masked_transformer import GatedTransformer, MaskedTransformer, size
+from motion_jax.nets.masks import LATENT_MASKS, latent_mask, padding_mask
+from tests import fixtures
+from tests.golden import check, golden
+
+MODES = {"eval": "causal", "train": "dccm", "trainbcm": "bcm"}
+PRIORS = {"none": lambda codes: None, "one": lambda codes: codes[..., 0], "one3": lambda codes: codes[..., :1],
+          "two": lambda codes: codes[..., :2], "four": lambda codes: codes}
+
+
+def sizes_of(fixture, params):
+  """Fields of a recorded transformer; what the arguments leave to defaults is read off its arrays."""
+  recorded = fixture.meta["arguments"]
+  fields = dict(latent_dim=recorded["ae_dim"], width=recorded["latent_dim"], depth=recorded["num_layers"],
+                num_heads=recorded["num_heads"], ff_width=recorded["ff_size"], text_dim=recorded["clip_dim"])
+  if "token_emb.weight" in params:
+    fields |= dict(num_codes=len(params["token_emb.weight"]), num_levels=len(params["codebook_type_emb.weight"]),
+                   max_length=params["seqTransEncoder.pos_emb"].shape[1])
+  return fields
+
+
+def cast(params, dtype):
+  return jax.tree.map(lambda a: jnp.asarray(a, dtype), params)
+
+
+@functools.partial(jax.jit, static_argnums=0, static_argnames=("method", "deterministic"))
+def apply(net, params, *args, **named):
+  """One compiled call: op by op, a busy machine spends minutes here."""
+  return net.apply(params, *args, **named)
+
+
+# The reference's table of sines is float32 in its float64 run too, so both agree to its rounding and no further.
+SINES = 1e-6
+
+
+@golden("transformer", bounds={"": (3e-5, SINES)})
+def run_transformer(fixture, dtype):
+  net = MaskedTransformer(**sizes_of(fixture, fixture.params), dtype=dtype)
+  params = cast(from_torch(fixture.params, masked_transformer_names(net.depth)), dtype)
+  x, text = (jnp.asarray(fixture[f"in/{name}"], dtype) for name in ("latents", "text"))
+  real = padding_mask(fixture["in/lengths"], x.shape[1])
+  made = {}
+  for name, recorded in fixture.under("out/").items():
+    mode, prior, caption = name.split("_")
+    attn_mask = latent_mask(MODES[mode], real & ~fixture["in/masked"], real)
+    words = (text if caption == "yes" else text * 0)[:, None]
+    y = apply(net, params, x, words, attn_mask, PRIORS[prior](fixture["in/codes"]))
+    made[name] = valid_rows(y, recorded, real)
+  return made
+
+
+def valid_rows(y, recorded, real):
+  """Rows of padding carry no meaning and need not agree."""
+  return np.where(np.asarray(real)[..., None], y, recorded)
+
+
+@golden("mardm_transformer", bounds={"": (1e-5, SINES)})
+def run_mardm_transformer(fixture, dtype):
+  net = GatedTransformer(**sizes_of(fixture, fixture.params), dtype=dtype)
+  params = cast(from_torch(fixture.params, mardm_names(net.depth)), dtype)
+  x, text = (jnp.asarray(fixture[f"in/{name}"], dtype) for name in ("latents", "text"))
+  real = padding_mask(fixture["in/lengths"], x.shape[1])
+  attn_mask = latent_mask("bidirectional", real, real)
+  return {name: valid_rows(apply(net, params, x, (text * factor)[:, None], attn_mask), fixture[f"out/{name}"], real)
+          for name, factor in (("yes", 1), ("null", 0))}
+
+
+@pytest.mark.parametrize("name", ["transformer", "mardm_transformer"])
+def test_golden(name):
+  assert not check(fixtures.path(f"cdamd/{name}.npz")).failures
+
+
+# --- invariants of our own ---------------------------------------------------------------------------------------
+
+
+def inputs(batch=2, length=7):
+  keys = jax.random.split(jax.random.key(5), 3)
+  return (jax.random.normal(keys[0], (batch, length, 5)), jax.random.normal(keys[1], (batch, 1, 6)),
+          jax.random.randint(keys[2], (batch, length, 2), 0, 9))
+
+
+def no_mask(length):
+  return jnp.ones((1, 1, length, length), bool)
+
+
+@functools.cache
+def small(kind=MaskedTransformer):
+  """A small transformer whose layers are all random: zero gates would pass any test."""
+  net = kind(latent_dim=5, width=16, depth=2, num_heads=2, ff_width=24, text_dim=6, dropout=0.5)
+  x, text, codes = inputs()
+  shapes = jax.eval_shape(lambda: net.init(jax.random.key(0), x, text, no_mask(7),
+                                           codes if kind is MaskedTransformer else None))
+  leaves, tree = jax.tree.flatten(shapes)
+  draw = np.random.default_rng(0)
+  return net, tree.unflatten([jnp.asarray(0.3 * draw.normal(size=a.shape), a.dtype) for a in leaves])
+
+
+def count(fields, kind=MaskedTransformer, head=None):
+  net = kind(**fields)
+  x, text, mask = jnp.zeros((1, 4, net.latent_dim)), jnp.zeros((1, 1, net.text_dim)), no_mask(4)
+  if head is None:
+    shapes = jax.eval_shape(lambda: net.init(jax.random.key(0), x, text, mask))
+  else:
+    shapes = jax.eval_shape(lambda: Generator(net, head).init(jax.random.key(0), x, text, mask, jnp.zeros(())))
+  return sum(a.size for a in jax.tree.leaves(shapes))
+
+
+@pytest.mark.parametrize("name, transformer, whole", [
+    ("readme", 290_023_424 - 269_958_144, 290_023_424), ("large", 457_892_352 - 270_875_648, 457_892_352),
+    ("options", None, 293_456_768)])
+def test_parameter_counts(name, transformer, whole):
+  """Measured on the reference (facts: cdamd 10)."""
+  if transformer:
+    assert count(size(name)) == transformer
+  assert count(size(name), head=DiffusionMLP()) == whole
+
+
+def test_parameter_counts_of_mardm():
+  assert count({}, GatedTransformer, DiffusionMLP()) == 290_816_512
+  with pytest.raises(ValueError, match="'huge'.*readme, large, options"):
+    size("huge")
+
+
+def test_a_dropped_prior_is_no_prior():
+  net, params = small()
+  x, text, codes = inputs()
+  run = lambda **named: apply(net, params, x, text, no_mask(7), **named)
+  dropped = run(codes=codes, prior_mask=jnp.array([False, True]))
+  np.testing.assert_allclose(dropped[0], run()[0], atol=1e-5)
+  np.testing.assert_allclose(dropped[1], run(codes=codes)[1], atol=1e-5)
+  assert float(jnp.abs(run(codes=codes)[0] - dropped[0]).max()) > 1e-3
+
+
+def test_one_level_has_no_row_of_its_own():
+  net, params = small()
+  x, text, codes = inputs()
+  run = lambda codes: apply(net, params, x, text, no_mask(7), codes)
+  assert float(jnp.abs(run(codes[..., 0]) - run(codes[..., :1])).max()) > 1e-3
+
+
+@pytest.mark.parametrize("kind", sorted(LATENT_MASKS))
+def test_latents_look_where_the_mask_lets_them(kind):
+  """Two layers reach as far as the mask times itself; a changed latent or code touches these rows and no others."""
+  net, params = small()
+  x, text, codes = inputs(batch=1)
+  known, real = jnp.array([[1, 0, 1, 0, 1, 0, 0]], bool), padding_mask(jnp.array([6]), 7)
+  attn_mask = latent_mask(kind, known, real)
+  one = np.asarray(jnp.broadcast_to(attn_mask, (1, 1, 7, 7)))[0, 0] | np.eye(7, dtype=bool)
+  reach = one @ one
+  whole = apply(net, params, x, text, attn_mask, codes)
+  for j in range(6):
+    for changed in ((x.at[:, j].add(1.0), codes), (x, codes.at[:, j].add(1))):
+      touched = np.abs(apply(net, params, changed[0], text, attn_mask, changed[1]) - whole).max((0, 2)) > 0
+      np.testing.assert_array_equal(touched[:6], reach[:6, j])  # bit for bit
+
+
+@pytest.mark.parametrize("kind", [MaskedTransformer, GatedTransformer])
+def test_padding_and_batch_mates_are_invisible(kind):
+  net, params = small(kind)
+  x, text, _ = inputs()
+  alone = apply(net, params, x[:1, :5], text[:1], no_mask(5))
+  real = padding_mask(jnp.array([5, 7]), 7)
+  run = lambda x: apply(net, params, x, text, latent_mask("bidirectional", real, real))
+  padded = run(x)
+  np.testing.assert_allclose(padded[:1, :5], alone, atol=2e-5)
+  np.testing.assert_array_equal(run(x.at[0, 5:].set(99.0).at[1].set(-3.0))[:1, :5], padded[:1, :5])
+
+
+def test_words_beyond_one_are_seen_unless_padding():
+  net, params = small()
+  x, text, _ = inputs()
+  words = jnp.concatenate([text, 2 * text], axis=1)
+  run = lambda words, text_mask: apply(net, params, x, words, no_mask(7), text_mask=text_mask)
+  one = run(words, jnp.array([[True, False]] * 2))
+  np.testing.assert_allclose(one, apply(net, params, x, text, no_mask(7)), atol=1e-5)
+  assert float(jnp.abs(run(words, jnp.ones((2, 2), bool)) - one).max()) > 1e-3
+
+
+@pytest.mark.parametrize("kind", [MaskedTransformer, GatedTransformer])
+def test_dropout_needs_a_key_and_changes_the_output(kind):
+  net, params = small(kind)
+  x, text, _ = inputs()
+  run = lambda seed: apply(net, params, x, text, no_mask(7), deterministic=False,
+                           rngs={"dropout": jax.random.key(seed)})
+  assert float(jnp.abs(run(0) - run(1)).max()) > 1e-2
+  np.testing.assert_array_equal(run(0), run(0))
+
+
+def test_what_does_not_fit_is_told():
+  x, text, codes = inputs(length=9)
+  net = small()[0].clone(max_length=8)
+  with pytest.raises(ValueError, match="9 latents.*positions for 8"):
+    jax.eval_shape(lambda: net.init(jax.random.key(0), x, text, no_mask(9)))
+  net, params = small(GatedTransformer)
+  with pytest.raises(ValueError, match="no prior"):
+    net.apply(params, x, text, no_mask(9), codes)
