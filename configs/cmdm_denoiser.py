@@ -6,8 +6,9 @@
   ... --config configs/cmdm_denoiser.py:tiny       two steps on formulas, seconds
 
 `full` is the released code's configuration (facts: cmdm 4.5), size M of the paper: 38.7 M parameters. S is width 512,
-depth 4, 2 heads; L 768, 12, 6; XL 1024, 16, 8. `frozen.text` is a folder in Hugging Face layout, or "words", the small
-encoder that ships.
+depth 4, 2 heads; L 768, 12, 6; XL 1024, 16, 8. `frozen.text` is a folder in Hugging Face layout, a published name, or
+"words", the small encoder that ships; `frozen.text_level` says whether a caption is a row per word piece ("words") or
+one row in all ("sentence").
 """
 import ml_collections
 
@@ -16,7 +17,7 @@ def get_config(size="full"):
   config = ml_collections.ConfigDict()
   config.stage = "cmdm.denoiser"
   config.seed = 5427
-  config.frozen = dict(tokenizer="runs/tokenizer", text="distilbert-base-uncased")
+  config.frozen = dict(tokenizer="runs/tokenizer", text="distilbert-base-uncased", text_level="words")
   config.tokenizer = dict(features=263, latent_dim=64, width=1024, num_halvings=2, dilations=(9, 3, 1), causal=True)
   config.model = dict(latent_dim=64, width=512, depth=8, num_heads=4, ff_width=1024, block=3, text_dim=768)
   config.loss = dict(drop_rate=0.1, unit_latents=False, level_block=3)

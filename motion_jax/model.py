@@ -68,7 +68,8 @@ def load(name="cmdm-small", text=None) -> "Model":
   config = checkpoint.load_config(folder)
   if config.get("stage") != "cmdm.denoiser":
     raise ValueError(f"{folder} holds a {config.get('stage')!r} run; generating needs the run of a cmdm.denoiser")
-  return Model(folder, config, load_text_encoder(text or config.frozen.text))
+  level = config.frozen.get("text_level", "words")  # older runs do not say
+  return Model(folder, config, load_text_encoder(text or config.frozen.text, level=level))
 
 
 class Model:
