@@ -216,7 +216,7 @@ def denoiser_stage(config) -> Stage:
     # Equal times inside a block are modulated once.
     shared = block if block > 1 and level_block % block == 0 and z1.shape[1] % block == 0 else 1
     velocity = lambda x, t: dit.apply(params, x, t[:, ::shared], text_emb, attn_mask, batch["text_mask"])
-    return paths.forcing_loss(velocity, z1, latent_mask, t, noise)
+    return paths.forcing_loss(velocity, z1, latent_mask, t, noise, config.loss.get("target", dit.predicts))
 
   def predict(params, frozen, batch, rng):
     z1, latent_mask, t, noise, text_emb = inputs(frozen, batch, rng)
@@ -243,6 +243,13 @@ def frozen_shapes(vae):
 
 
 # --- generating --------------------------------------------------------------------------------------------------
+
+
+def encode_motion(vae, frozen, features):
+  """Normalized features (B, T, F) to the latents that the denoiser knows, the encoder's means (B, T / 4, C)."""
+  # Parity: training samples latents, as the code does; what is to be kept of a given motion is its mean.
+  mean, _ = vae.apply(frozen["tokenizer"], features, method="encode")
+  return (mean - frozen["latent_mean"]) / frozen["latent_std"]
 
 
 def decode_latents(vae, frozen, latents):
@@ -315,6 +322,16 @@ def chained(dit, plan, params, text_emb, text_mask, scale, lengths, past, noise,
   if not given:
     return samplers.euler(velocity, noise, times)
   return continuation.renoised(velocity, noise, times, past, fresh)[:, given:]
+
+
+def chain_segment(dit, plan, length, params, text_emb, text_mask, scale, lengths, past, keys):
+  """`chained` for a window of `length`, past included; its noise belongs to a motion's key and a latent's place."""
+  def fresh(m):
+    keys_now = jax.vmap(lambda key: jax.random.fold_in(key, m))(keys)
+    blocks = [streaming.block_noise(keys_now, i, plan, dit.latent_dim) for i in range(-(-length // plan.block))]
+    return jnp.concatenate(blocks, axis=1)[:, :length]
+
+  return chained(dit, plan, params, text_emb, text_mask, scale, lengths, past, fresh(0), lambda m: fresh(m + 1))
 
 
 def extend(dit, plan, num_blocks, params, text_emb, text_mask, scale, keys, past, count, segment, past_segment):

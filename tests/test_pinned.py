@@ -7,19 +7,26 @@ import pytest
 from motion_jax import cmdm
 from motion_jax.data.batches import step_rng
 from motion_jax.diffusion.streaming import block_noise, make_plan
+from motion_jax.motion.features import get_layout
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
+from motion_jax.teacher import make_teacher
 from tests.conftest import ROOT, load_config
 
 COUNTS = {
-    ("cmdm_tokenizer", "full"): 76_295_559, ("cmdm_tokenizer", "small"): 2_945_415, ("cmdm_tokenizer", "tiny"): 44_415,
+    ("part_tmr", "full"): 51_080_705, ("part_tmr", "small"): 482_753, ("part_tmr", "tiny"): 21_425,
+    ("cmdm_tokenizer", "full"): 76_312_199, ("cmdm_tokenizer", "small"): 2_947_527, ("cmdm_tokenizer", "tiny"): 44_445,
     ("cmdm_denoiser", "full"): 38_697_024, ("cmdm_denoiser", "small"): 7_294_496, ("cmdm_denoiser", "tiny"): 10_036,
 }
 
 
 def _count(name, size):
   config = load_config(name, size)
-  if config.stage == "cmdm.tokenizer":
+  if config.stage == "cmdm.teacher":  # less its text transformer, whose size is frozen.text's
+    teacher = make_teacher(config.model, config.data.layout)
+    x, hidden = jnp.zeros((1, 4, get_layout(config.data.layout).dim)), jnp.zeros((1, 768))
+    shapes = jax.eval_shape(lambda: teacher.init(jax.random.key(0), x, hidden))
+  elif config.stage == "cmdm.tokenizer":
     shapes = cmdm.frozen_shapes(CausalVAE(**config.model))["tokenizer"]
   else:
     shapes = cmdm.denoiser_shapes(CausalDiT(**config.model))

@@ -39,13 +39,20 @@ def forcing_times(rng, batch, length, block):
   return jnp.repeat(draws, block, axis=1)[:, :length]
 
 
-def forcing_loss(velocity, x1, latent_mask, t, noise):
-  """Mean squared error of the velocity over real latents, as (sums, weight) to be added up over devices.
+# What the loss is the error of, from a velocity: the names of `CausalDiT.predicts`.
+TARGETS = {"velocity": lambda x, velocity, t: velocity, "eps": velocity_to_noise, "x1": velocity_to_x1}
 
-  velocity(x, t) -> (B, L, C); x1, noise (B, L, C); latent_mask, t (B, L). sums["loss"] is summed over real latents,
-  averaged over channels; weight is the number of real latents.
+
+def forcing_loss(velocity, x1, latent_mask, t, noise, target="velocity"):
+  """Mean squared error of the target over real latents, as (sums, weight) to be added up over devices.
+
+  velocity(x, t) -> (B, L, C); x1, noise (B, L, C); latent_mask, t (B, L). target is one of TARGETS: the error of the
+  velocity, or of the noise (eps) or the clean latents (x1) that it means, which weighs times otherwise. sums["loss"] is
+  summed over real latents, averaged over channels; weight is the number of real latents.
   """
   # Parity: the paper's equations learn the noise of a DDPM schedule; the code, and we, the velocity of this path.
-  predicted = velocity(add_noise(x1, noise, t), t)
-  error = ((predicted - (x1 - noise)) ** 2).astype(jnp.promote_types(x1.dtype, jnp.float32)).mean(-1)
+  x = add_noise(x1, noise, t)
+  asked = TARGETS[target]
+  difference = asked(x, velocity(x, t), t) - asked(x, x1 - noise, t)
+  error = (difference ** 2).astype(jnp.promote_types(x1.dtype, jnp.float32)).mean(-1)
   return {"loss": jnp.where(latent_mask, error, 0.0).sum()}, latent_mask.sum()

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 
 from motion_jax.nets.attention import Attention, rotary, wide
 
+PREDICTION_FLOOR = 0.02  # one of the default 50 sampling steps
 SIZES = {"S": dict(num_heads=2, depth=4, width=512), "M": dict(num_heads=4, depth=8, width=512),
          "L": dict(num_heads=6, depth=12, width=768), "XL": dict(num_heads=8, depth=16, width=1024)}
 
@@ -108,11 +109,14 @@ class CausalDiT(nn.Module):
   block: int = 3
   use_rope: bool = True
   use_adaln: bool = True  # False: the time embedding is added to the tokens instead (ablation)
+  predicts: str = "velocity"  # what the network itself gives; eps and x1 are turned into the velocity
   dtype: Any = jnp.float32
 
   # Parity: blocks of 3 latents that see one another, the RMS norm of queries and keys, a feed-forward of 2 D and no
   # norm before the output are the code's; the paper has a mask per latent (block = 1) and says nothing of the rest.
   def setup(self):
+    if self.predicts not in ("velocity", "eps", "x1"):
+      raise ValueError(f"got predicts {self.predicts!r}, expected velocity, eps or x1")
     xavier = dict(kernel_init=nn.initializers.xavier_uniform(), dtype=self.dtype)
     normal = dict(kernel_init=nn.initializers.normal(0.02), dtype=self.dtype)
     self.x_in, self.text_in = nn.Dense(self.width, **xavier), nn.Dense(self.width, **xavier)
@@ -155,7 +159,7 @@ class CausalDiT(nn.Module):
     before the window; attn_mask (B or 1, 1, W, P + W) says which of them are there. -> (velocity, ((k, v), ...)), keys
     not turned.
     """
-    x = self.x_in(x.astype(self.dtype))
+    latents, x = x, self.x_in(x.astype(self.dtype))
     if not self.use_adaln:
       x = x + self.level(t)
     positions = positions if self.use_rope else jnp.zeros_like(positions)
@@ -163,7 +167,19 @@ class CausalDiT(nn.Module):
     for i, block in enumerate(self.blocks):
       x, keys_values = block.step(x, modulation[i], text[i], attn_mask, positions, None if past is None else past[i])
       new.append(keys_values)
-    return self.out(x), tuple(new)
+    return self._to_velocity(self.out(x), latents, t), tuple(new)
+
+  def _to_velocity(self, y, x, t):
+    """The velocity (x1 - eps) that a prediction means at x = t x1 + (1 - t) eps.
+
+    It has no bound where eps (t = 0) or x1 (t = 1) is known from x alone; divisors are floored at a sampler's step.
+    """
+    if self.predicts == "velocity":
+      return y
+    x, t = x.astype(y.dtype), t[..., None].astype(y.dtype)
+    if self.predicts == "eps":
+      return (x - y) / jnp.maximum(t, PREDICTION_FLOOR)
+    return (y - x) / jnp.maximum(1 - t, PREDICTION_FLOOR)
 
   def __call__(self, x, t, text_emb, attn_mask, text_mask):
     """x (B, L, C), t (B, L) or (B, L / n), text_emb (B, S, E), attn_mask (B or 1, 1, L, L), text_mask (B, S)

@@ -54,3 +54,14 @@ def test_loss_counts_real_latents_only():
   # Padding may hold anything, even what is not a number.
   broken, _ = paths.forcing_loss(velocity, x1.at[0, 4:].set(jnp.nan), mask, t, noise)
   np.testing.assert_array_equal(broken["loss"], sums["loss"])
+
+
+def test_targets_weigh_times():
+  """eps is off by t times the velocity's error, x1 by 1 - t times (the path is straight)."""
+  x1, noise, t = arrays()
+  mask = jnp.ones(t.shape, bool)
+  velocity = lambda x, t: x1 - noise + 1.0
+  loss = {target: float(paths.forcing_loss(velocity, x1, mask, t, noise, target)[0]["loss"]) for target in paths.TARGETS}
+  t = np.asarray(t, np.float64)
+  for target, expected in (("velocity", t.size), ("eps", (t ** 2).sum()), ("x1", ((1 - t) ** 2).sum())):
+    assert loss[target] == pytest.approx(expected, rel=1e-4)

@@ -235,6 +235,21 @@ def test_rope_and_adaln_matter():
   assert all(float(jnp.abs(outputs[0] - other).max()) > 1e-2 for other in outputs[1:])
 
 
+@pytest.mark.parametrize("predicts", ["eps", "x1"])
+def test_predictions_become_velocities(predicts):
+  """A network that gives eps or x1 is the same network, its output turned by x = t x1 + (1 - t) eps."""
+  x, t, text, text_mask = inputs()
+  t = 0.1 + 0.8 * t
+  dit, params = small()
+  args = (params, x, t, text, block_causal_mask(9, 3), text_mask)
+  plain, velocity = apply(dit, *args), apply(dit.clone(predicts=predicts), *args)
+  convert = paths.noise_to_velocity if predicts == "eps" else paths.x1_to_velocity
+  assert_close(velocity, convert(x, plain, t))
+  for end in (0.0, 1.0):
+    ends = apply(dit.clone(predicts=predicts), params, x, jnp.full_like(t, end), *args[3:])
+    assert bool(jnp.isfinite(ends).all())
+
+
 @pytest.mark.parametrize("name, count", [("S", 19_775_552), ("M", 38_697_024), ("L", 129_091_648), ("XL", 304_599_104)])
 def test_parameter_counts(name, count):
   """Measured on the reference, feed-forward 2 D (facts: cmdm 4.1)."""
@@ -268,6 +283,11 @@ def test_bfloat16_stays_near():
 def test_an_unknown_size_is_told():
   with pytest.raises(ValueError, match="'XXL'.*S, M, L, XL"):
     causal_dit.size("XXL")
+
+
+def test_an_unknown_prediction_is_told():
+  with pytest.raises(ValueError, match="'v'.*velocity, eps or x1"):
+    small(predicts="v")
 
 
 def test_times_off_the_block_are_told():
