@@ -217,5 +217,7 @@ def _places(away):
 
 
 def _root(covariance):
+  """The symmetric root; eigenvalues that are rounding, whose roots would not be small, count as 0."""
   values, vectors = np.linalg.eigh(np.asarray(covariance, np.float64))
-  return (vectors * np.sqrt(np.maximum(values, 0))) @ vectors.T
+  floor = len(values) * np.finfo(np.float64).eps * values[-1]
+  return (vectors * np.sqrt(np.where(values > floor, values, 0))) @ vectors.T

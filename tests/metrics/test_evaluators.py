@@ -6,7 +6,7 @@ import pytest
 
 from motion_jax import convert
 from motion_jax.metrics import evaluators
-from motion_jax.nets.length_estimator import LengthEstimator
+from motion_jax.nets.length_estimator import LengthEstimator, draw_num_frames
 from tests import fixtures
 from tests.golden import check, golden
 
@@ -113,3 +113,91 @@ def run_length_estimator(fixture, dtype):
                                   "cdamd/evaluator_clip", "cdamd/length_estimator"])
 def test_golden(name):
   assert not check(fixtures.path(f"{name}.npz")).failures
+
+
+def small():
+  """A jitted T2M evaluator and its arguments: words, classes, lengths, motion, frames."""
+  model = evaluators.T2MEvaluator(features=5, columns=7, movement_width=8, movement_dim=6, motion_width=9, text_width=7,
+                                  dim=4)
+  draw = np.random.default_rng(0).normal
+  given = [draw(size=(3, 6, 10)), np.eye(15)[[[1] * 6, [3] * 6, [14] * 6]], np.array([6, 3, 4]), draw(size=(3, 32, 7)),
+           np.array([32, 16, 24])]
+  given = [np.asarray(a, np.float32) if a.dtype == np.float64 else a for a in given]
+  return jax.jit(model.apply), jax.jit(model.init)(jax.random.key(0), *given), given
+
+
+def test_steps_beyond_the_length_and_batch_mates_are_not_seen():
+  apply, params, (words, classes, lengths, motion, frames) = small()
+  text, moved = apply(params, words, classes, lengths, motion, frames)
+  other_words, other_motion = words.copy(), motion.copy()
+  other_words[1, 3:] = 9
+  other_motion[1, 16 + 3:] = 9  # the last token looks 3 frames past its own
+  again = apply(params, other_words, classes, lengths, other_motion, frames)
+  np.testing.assert_array_equal(again[0], text)
+  np.testing.assert_array_equal(again[1], moved)
+  alone = apply(params, *(a[1:2] for a in (words, classes, lengths, motion, frames)))
+  np.testing.assert_allclose(alone[0][0], text[1], atol=1e-6)
+  np.testing.assert_allclose(alone[1][0], moved[1], atol=1e-6)
+  contacts = motion.copy()
+  contacts[..., 5:] = 9
+  np.testing.assert_array_equal(apply(params, words, classes, lengths, contacts, frames)[1], moved)
+
+
+def test_rows_by_falling_length():
+  apply, params, given = small()
+  text, moved = evaluators.co_embeddings(apply, params, *given, sort=False)
+  sorted_text, sorted_moved = evaluators.co_embeddings(apply, params, *given)
+  np.testing.assert_array_equal(sorted_text, text[np.array([0, 2, 1])])
+  np.testing.assert_array_equal(sorted_moved, moved[np.array([0, 2, 1])])
+
+
+def test_wrong_input_is_told():
+  apply, params, given = small()
+  with pytest.raises(ValueError, match="got 6 features per frame, this evaluator reads 7"):
+    apply(params, *given[:3], given[3][..., :6], given[4])
+  with pytest.raises(ValueError, match="a motion of 3 frames"):
+    evaluators.co_embeddings(apply, params, *given[:4], np.array([32, 3, 8]))
+
+
+def test_clip_evaluator_sees_no_padding_and_leaves_its_tables_alone():
+  model = evaluators.ClipEvaluator(features=5, columns=5, width=8, depth=1, num_heads=2, mlp_width=8, dim=6,
+                                   vocab_size=9, max_words=4)
+  tokens, frames = np.array([[7, 1, 8, 0], [7, 8, 0, 0]]), np.array([12, 8])
+  motion = np.random.default_rng(0).normal(size=(2, 12, 5)).astype(np.float32)
+  params = jax.jit(model.init)(jax.random.key(0), tokens, motion, frames)
+
+  @jax.jit
+  def loss(params, motion):
+    text, moved = model.apply(params, tokens, motion, frames)
+    return evaluators.symmetric_cross_entropy(evaluators.pair_logits(text, moved, model.apply(params, method="scale")))
+
+  padded = motion.copy()
+  padded[1, 8:] = 9
+  assert loss(params, padded) == loss(params, motion)
+  grads = jax.jit(jax.grad(loss))(params, motion)["params"]
+  moves = {name for name in params["params"] if any(np.abs(g).max() > 0 for g in jax.tree.leaves(grads[name]))}
+  assert params["params"].keys() - moves == {"tokens", "positions"}
+
+
+def test_parameter_counts():
+  """Facts: cmdm 6.1, cdamd 8.1, 8.2 and 10."""
+  def counts(model, *shapes):
+    inputs = [jax.ShapeDtypeStruct(shape, kind) for shape, kind in shapes]
+    shapes = jax.eval_shape(model.init, jax.random.key(0), *inputs)["params"]
+    return {name: sum(a.size for a in jax.tree.leaves(part)) for name, part in shapes.items()}
+
+  f, i = jnp.float32, jnp.int32
+  text = [((1, 22, 300), f), ((1, 22, 15), f), ((1,), i)]
+  for features, columns, expected in ((259, 263, 1_842_688), (67, 67, 1_449_472), (66, 66, 1_447_424)):
+    made = counts(evaluators.T2MEvaluator(features, columns), *text, ((1, 196, columns), f), ((1,), i))
+    assert made == {"movement_encoder": expected, "motion_encoder": 15_747_584, "text_encoder": 4_100_288}
+  made = counts(evaluators.ClipEvaluator(66, 66), ((1, 77), i), ((1, 196, 66), f), ((1,), i))
+  assert sum(made.values()) == 59_543_041 and sum(made.values()) - made["tokens"] == 34_246_145
+  assert sum(counts(LengthEstimator(), ((1, 512), f)).values()) == 435_122
+
+
+def test_lengths_are_whole_latents():
+  logits = np.zeros((500, 50), np.float32)
+  logits[:, 0] = 5
+  frames = np.asarray(draw_num_frames(logits, jax.random.key(0)))
+  assert (frames % 4 == 0).all() and frames.min() == 4 and frames.max() <= 196

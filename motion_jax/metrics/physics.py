@@ -1,0 +1,132 @@
+"""Whether a motion looks like one: jerk, sliding feet, floor, bones. Pure functions on joints (..., T, J, 3), y up.
+
+Lengths are the joints' own unit (metres for HumanML3D); arrays go to float64. A real motion is not 0 in any of these,
+so print the real data's number beside.
+"""
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from motion_jax.motion.features import facing
+from motion_jax.motion.skeleton import HUMANML3D
+
+# Mean jerk of real transitions, the level that AUJ is measured from (FlowMDM's; facts: cmdm 6.4).
+REAL_JERK = {"humanml3d": 0.033031363, "babel": 0.016383045}
+
+
+def jerk(joints):
+  """Jerk per frame, (..., T - 3): third difference, L1 norm over x, y, z, the largest over joints; no division by time.
+  """
+  return np.abs(_differences(joints, 3)).sum(-1).max(-1)
+
+
+def jerk_curve(transitions):
+  """Mean jerk at each place of transitions (N, W, J, 3), the same frames around each border -> (W - 3,)."""
+  transitions = np.asarray(transitions)
+  if transitions.ndim != 4 or not len(transitions):
+    raise ValueError(f"got transitions of shape {transitions.shape}, expected (N, frames, joints, 3)")
+  return jerk(transitions).mean(0)
+
+
+def peak_jerk(curve):
+  """PJ: the highest point of a jerk curve."""
+  return float(np.max(curve))
+
+
+def area_under_jerk(curve, real=REAL_JERK["humanml3d"]):
+  """AUJ: how far a jerk curve strays from the level of real motion, summed over its frames."""
+  return float(np.abs(np.asarray(curve, np.float64) - real).sum())
+
+
+def cut_transitions(motion, borders, width=60):
+  """The width frames of motion (T, ...) around each border (first frame of the next piece) -> (N, width, ...).
+
+  Raises ValueError for a border too near the ends, whose transition would be of another length.
+  """
+  half = width // 2
+  bad = [border for border in borders if border < half or border + width - half > len(motion)]
+  if bad:
+    raise ValueError(f"got a border at frame {bad[0]} of {len(motion)}, {half} frames are needed on either side")
+  return np.stack([motion[border - half:border + width - half] for border in borders])
+
+
+def transition_distance(joints, borders, skeleton=HUMANML3D):
+  """Mean joint step into each border of joints (T, J, 3), path and heading taken out (STMC's) -> (N,)."""
+  joints, borders = np.asarray(joints, np.float64), np.asarray(borders)
+  if len(borders) and not (0 < borders.min() and borders.max() < len(joints)):
+    raise ValueError(f"got borders {borders.tolist()} in a motion of {len(joints)} frames, expected 1 to the last")
+  ahead = facing(joints, skeleton)
+  local = joints - joints[:, :1]
+  x, z = ahead[:, None, 0], ahead[:, None, 2]
+  turned = np.stack([local[..., 0] * z - local[..., 2] * x, local[..., 1], local[..., 0] * x + local[..., 2] * z], -1)
+  return np.linalg.norm(turned[borders] - turned[borders - 1], axis=-1).mean(-1)
+
+
+def foot_speed(joints, fps=20.0, skeleton=HUMANML3D, low=0.05, window=5):
+  """Speed of each foot's toes over the ground while they are low, else 0: (..., T - 1, 2), left and right.
+
+  Low is under `low` metres in both frames of a step; the speed is a mean over `window` steps, zeros outside the clip.
+  """
+  _, contact, mean = _foot_steps(joints, fps, skeleton, low, window)
+  return contact * mean
+
+
+def skating_ratio(joints, fps=20.0, skeleton=HUMANML3D, low=0.05, fast=0.5, window=5):
+  """Share of steps (...,) in which a low foot slides: over `fast` m/s in the step and in the mean of `window`."""
+  speed, contact, mean = _foot_steps(joints, fps, skeleton, low, window)
+  return (contact & (speed > fast) & (mean > fast)).any(-1).mean(-1)
+
+
+def foot_height(joints, skeleton=HUMANML3D):
+  """Height of the lowest foot joint above the floor y = 0 in each frame, (..., T); below 0 it has sunk in."""
+  return np.asarray(joints, np.float64)[..., list(skeleton.left_feet + skeleton.right_feet), 1].min(-1)
+
+
+def floating(joints, skeleton=HUMANML3D):
+  """Mean height (...,) of the lowest foot joint above the floor; a jump counts too, so compare with real motion."""
+  return np.maximum(foot_height(joints, skeleton), 0).mean(-1)
+
+
+def penetration(joints):
+  """Mean depth (...,) of the lowest joint below the floor y = 0."""
+  return np.maximum(-np.asarray(joints, np.float64)[..., 1].min(-1), 0).mean(-1)
+
+
+def bone_drift(joints, skeleton=HUMANML3D):
+  """Mean over frames and bones (...,) of how far a bone is from its mean length in the clip."""
+  joints = np.asarray(joints, np.float64)
+  child = [j for j, parent in enumerate(skeleton.parents) if parent >= 0]
+  lengths = np.linalg.norm(joints[..., child, :] - joints[..., [skeleton.parents[j] for j in child], :], axis=-1)
+  return np.abs(lengths - lengths.mean(-2, keepdims=True)).mean((-2, -1))
+
+
+def acceleration(joints, fps=20.0):
+  """Mean acceleration of joints (...,), in their unit per second squared."""
+  return (np.linalg.norm(_differences(joints, 2), axis=-1) * fps**2).mean((-2, -1))
+
+
+def summary(joints, fps=20.0, skeleton=HUMANML3D):
+  """All of them for one motion (T, J, 3) -> {name: number}, in millimetres, seconds and shares."""
+  metres = np.asarray(joints, np.float64) * skeleton.unit
+  return {"skating_ratio": float(skating_ratio(metres, fps, skeleton)),
+          "floating_mm": float(1000 * floating(metres, skeleton)),
+          "penetration_mm": float(1000 * penetration(metres)),
+          "bone_drift_mm": float(1000 * bone_drift(metres, skeleton)),
+          "acceleration": float(acceleration(metres, fps)),
+          "jerk": float(jerk(metres).mean()), "peak_jerk": float(jerk(metres).max())}
+
+
+def _differences(joints, order):
+  joints = np.asarray(joints, np.float64)
+  if joints.ndim < 3 or joints.shape[-3] <= order:
+    raise ValueError(f"got joints of shape {joints.shape}, expected (..., frames, joints, 3) with {order + 1} frames "
+                     "or more")
+  return np.diff(joints, n=order, axis=-3)
+
+
+def _foot_steps(joints, fps, skeleton, low, window):
+  """Toes, left and right: speed of each step, whether they are low at both its ends, and the mean speed around it."""
+  joints = np.asarray(joints, np.float64)
+  toes = joints[..., [skeleton.left_feet[-1], skeleton.right_feet[-1]], :]
+  speed = np.linalg.norm(_differences(toes, 1)[..., [0, 2]], axis=-1) * fps
+  down = toes[..., 1] < low
+  return speed, down[..., :-1, :] & down[..., 1:, :], uniform_filter1d(speed, window, axis=-2, mode="constant")

@@ -1,0 +1,138 @@
+"""How the benchmarks turn motions into a row of numbers (facts: cmdm 6.2 and 6.3, cdamd 1.2 and 8.3).
+
+Evaluators have done their work here already, so the loops can be used and tested without a network. A pass is a list of
+`Batch`, made one at a time while motions are generated; `generation_scores` and `reconstruction_scores` read it at the
+end. Random draws come from a numpy generator, so a repeat is known by its key.
+"""
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+
+from motion_jax.metrics import scores
+from motion_jax.motion.features import layout_for, to_joints
+
+
+@dataclasses.dataclass(frozen=True)
+class Protocol:
+  """The choices of a benchmark's evaluation; the defaults are those of CMDM's released scripts."""
+  pool: int = 32                # candidates of R-precision: a batch
+  top_k: int = 3
+  lost_frames: int = 1          # Parity: the evaluator is told m - 1 frames (a predecessor lost one); 0 tells it m
+  diversity_draws: int = 300
+  few_draws: int = 100          # where there are no more samples than diversity_draws
+  multimodality_batches: int = 3
+  multimodality_motions: int = 30
+  multimodality_pairs: int = 10
+  repeats: int = 10
+
+
+class Batch(NamedTuple):
+  """What the evaluators make of one batch of matched texts, real motions and made ones: (B, E) each, rows alike.
+
+  clip_text and clip_made, of the CLIP-type evaluator, may be None; errors is a list of (T_i,) joint errors, or None.
+  """
+  text: np.ndarray
+  real: np.ndarray
+  made: np.ndarray
+  clip_text: np.ndarray | None = None
+  clip_made: np.ndarray | None = None
+  errors: list[np.ndarray] | None = None
+
+
+class Draws(NamedTuple):
+  """Rows for diversity, two draws for real motions and two for made ones."""
+  real: tuple[np.ndarray, np.ndarray]
+  made: tuple[np.ndarray, np.ndarray]
+
+
+def to_evaluator(features, stats, eval_stats):
+  """Normalized features of a model, (..., F), in the evaluator's normalization: each with its own mean and std.
+
+  stats, eval_stats: anything with `mean` and `std`, as `motion.stats.Stats`. Padded rows go the same way.
+  """
+  if np.shape(stats.mean) != np.shape(eval_stats.mean) or features.shape[-1] != len(stats.mean):
+    raise ValueError(f"got {features.shape[-1]} features per frame, statistics of {np.shape(stats.mean)} and "
+                     f"evaluation statistics of {np.shape(eval_stats.mean)}; they must be of one representation")
+  return (features * stats.std + stats.mean - eval_stats.mean) / eval_stats.std
+
+
+def evaluator_frames(num_frames, protocol):
+  """The lengths (B,) that the evaluator is told for motions of num_frames."""
+  return np.asarray(num_frames) - protocol.lost_frames
+
+
+def draw(rng, count, protocol) -> Draws:
+  """The rows that diversity compares among count real and as many made motions."""
+  size = protocol.diversity_draws if count > protocol.diversity_draws else protocol.few_draws
+  return Draws(scores.draw_pairs(rng, count, size), scores.draw_pairs(rng, count, size))
+
+
+def generation_scores(batches, protocol, draws) -> dict[str, float]:
+  """The text-to-motion row of one pass, with the real motions' numbers under "real_".
+
+  R-precision is counted inside each batch (each must have protocol.pool rows), the rest over all rows together.
+  """
+  batches = list(batches)
+  wrong = [len(batch.text) for batch in batches if len(batch.text) != protocol.pool]
+  if not batches or wrong:
+    raise ValueError(f"got {len(batches)} batches{f', one of {wrong[0]} rows' if wrong else ''}, the protocol needs "
+                     f"batches of {protocol.pool}; drop the last partial one, or take more samples")
+  join = lambda name: np.concatenate([getattr(batch, name) for batch in batches])
+  text, real, made = join("text"), join("real"), join("made")
+  row = {"fid": scores.fid(real, made), "diversity": scores.diversity(made, *draws.made),
+         "real_diversity": scores.diversity(real, *draws.real)}
+  for prefix, motion in (("", made), ("real_", real)):
+    found = scores.r_precision(text, motion, protocol.top_k, protocol.pool)
+    row |= {f"{prefix}top{k + 1}": float(share) for k, share in enumerate(found)}
+    row[f"{prefix}matching"] = scores.matching_score(text, motion)
+  if batches[0].clip_text is not None:
+    row["clip_score"] = scores.clip_score(join("clip_text"), join("clip_made"))
+  return row
+
+
+def reconstruction_scores(batches, protocol, draws) -> dict[str, float]:
+  """The same for an autoencoder, with joint errors: true ones, and the released code's number ("released_mpjpe").
+
+  Raises ValueError for a batch without joint errors.
+  """
+  batches = list(batches)
+  row = generation_scores(batches, protocol, draws)
+  if any(batch.errors is None for batch in batches):
+    raise ValueError("a batch has no joint errors; make them with reconstruction_errors")
+  errors = [error for batch in batches for error in batch.errors]
+  return row | {"mpjpe": scores.mpjpe(errors), "released_mpjpe": scores.released_mpjpe(errors, protocol.pool)}
+
+
+def reconstruction_errors(real, made, num_frames, alone=True, layout=None):
+  """Joint errors (T_i,) of each clip, roots at one place; real and made (B, T, F) are de-normalized features.
+
+  alone: every frame is rebuilt by itself, facing ahead, so that heading errors do not count. Parity: that is what the
+  released evaluation does, for it hands features over as (frames, 1, F). False rebuilds the whole motion.
+  """
+  layout = layout or layout_for(np.shape(real)[-1])
+  rebuild = lambda x: to_joints(x[:, None], layout)[:, 0] if alone else to_joints(x, layout)
+  clips = zip(np.asarray(real, np.float64), np.asarray(made, np.float64), num_frames)
+  return [scores.joint_errors(rebuild(a[:m]), rebuild(b[:m])) for a, b, m in clips]
+
+
+def multimodality_draws(rng, protocol):
+  """The pairs of generations that multimodality compares, the same for all texts."""
+  return scores.draw_pairs(rng, protocol.multimodality_motions, protocol.multimodality_pairs)
+
+
+def cut_item(features, double, start, stats, max_frames, start_again=0, unit=4):
+  """A clip as the benchmarks' loaders hand it on: cut, normalized, zero-padded -> ((max_frames, F), frames kept).
+
+  features (T, F). double: the coin fell on "double" (one time in three), a unit less is kept than the clip holds.
+  start, start_again: first frame of the cut, and of a second one where more than max_frames are left.
+  """
+  count = (len(features) // unit - bool(double)) * unit
+  if count < unit or not 0 <= start <= len(features) - count:
+    raise ValueError(f"got a clip of {len(features)} frames to be cut to {count} from frame {start}; it does not reach")
+  kept = features[start:start + count]
+  if count > max_frames:
+    kept = kept[start_again:start_again + max_frames]
+  out = np.zeros((max_frames, features.shape[1]), np.float32)
+  out[:len(kept)] = (kept - stats.mean) / stats.std
+  return out, len(kept)

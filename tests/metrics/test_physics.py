@@ -1,0 +1,91 @@
+"""Jerk, feet, floor and bones of motions whose answer is known."""
+import numpy as np
+import pytest
+
+from motion_jax.data import synthetic
+from motion_jax.metrics import physics
+from motion_jax.motion import rotations
+from motion_jax.motion.skeleton import HUMANML3D
+
+
+def still(frames=60):
+  """A standing body with its lowest joint on the floor."""
+  body = np.zeros((22, 3))
+  for joint, parent in enumerate(HUMANML3D.parents):
+    if parent >= 0:
+      body[joint] = body[parent] + HUMANML3D.offsets[joint]
+  body[:, 1] -= body[:, 1].min()
+  return np.repeat(body[None], frames, axis=0)
+
+
+def test_jerk_of_a_polynomial():
+  """x = a t^3 has the third difference 6 a; L1 over axes, the largest joint, per frame."""
+  t = np.arange(60.0)
+  joints = still()
+  joints[:, 5] += np.outer(t**3, [1e-4, -2e-4, 0]) + np.outer(t**2, [1, 1, 1])
+  joints[:, 6, 0] += 1e-4 * t**3
+  np.testing.assert_allclose(physics.jerk(joints), 6 * 3e-4, rtol=1e-6)
+  curve = physics.jerk_curve(np.stack([joints, still()]))
+  assert curve.shape == (57,)
+  assert physics.peak_jerk(curve) == pytest.approx(3 * 3e-4, rel=1e-6)
+  assert physics.area_under_jerk(curve, 1e-4) == pytest.approx(57 * 8e-4, rel=1e-6)
+  assert physics.area_under_jerk(physics.jerk_curve(still()[None])) == pytest.approx(57 * 0.033031363)
+
+
+def test_transitions_are_cut_around_the_borders():
+  motion = np.arange(200)
+  cut = physics.cut_transitions(motion, [30, 100, 170])
+  assert cut.shape == (3, 60) and cut[:, 0].tolist() == [0, 70, 140] and cut[1, 30] == 100
+  with pytest.raises(ValueError, match="border at frame 180 of 200"):
+    physics.cut_transitions(motion, [100, 180])
+
+
+def test_transition_distance_sees_the_pose_only():
+  joints = still(40)
+  joints[20:, 15] += [0, 0.22, 0]
+  found = physics.transition_distance(joints, [10, 20])
+  np.testing.assert_allclose(found, [0, 0.22 / 22], atol=1e-12)
+  angle = np.linspace(0, 5, 40)
+  angle[20:] += 1.0  # heading and place may jump
+  turned = rotations.rotate(rotations.about_axis(angle, "y")[:, None], joints)
+  turned += np.arange(40)[:, None, None] * [1, 0, 2]
+  np.testing.assert_allclose(physics.transition_distance(turned, [10, 20]), found, atol=1e-12)
+  with pytest.raises(ValueError, match="a motion of 40 frames"):
+    physics.transition_distance(joints, [40])
+
+
+def test_sliding_feet():
+  joints = still(41)
+  joints[..., 1] += 0.01
+  assert physics.skating_ratio(joints) == 0
+  joints[..., 0] += 0.05 * np.arange(41)[:, None]  # 1 m/s over the floor
+  assert physics.skating_ratio(joints) == 1.0
+  np.testing.assert_allclose(physics.foot_speed(joints)[2:-2], 1.0, rtol=1e-9)
+  assert physics.skating_ratio(joints, fast=2.0) == 0
+  assert physics.skating_ratio(joints + [0, 0.2, 0]) == 0  # in the air
+  assert physics.skating_ratio(np.stack([joints, still(41)])).tolist() == [1.0, 0]
+
+
+def test_floor_bones_and_acceleration():
+  joints = still(30)
+  assert physics.floating(joints) == physics.penetration(joints) == 0
+  assert physics.floating(joints + [0, 0.1, 0]) == pytest.approx(0.1)
+  assert physics.penetration(joints - [0, 0.1, 0]) == pytest.approx(0.1)
+  np.testing.assert_allclose(physics.foot_height(joints - [0, 0.1, 0]), -0.1)
+  assert physics.bone_drift(joints) == pytest.approx(0, abs=1e-12)
+  grows = joints.copy()
+  grows[::2, 15, 2] += 0.04  # head: one bone of 21, 2 cm from its mean
+  assert physics.bone_drift(grows) == pytest.approx(0.02 / 21)
+  falls = joints - 0.5 * 9.81 * (np.arange(30.0)[:, None, None] / 20) ** 2 * np.array([0, 1, 0])
+  assert physics.acceleration(falls, fps=20.0) == pytest.approx(9.81)
+  with pytest.raises(ValueError, match="4 frames or more"):
+    physics.jerk(joints[:3])
+
+
+def test_every_number_rises_with_noise():
+  joints = synthetic.synthetic_clips(num=1, num_frames=80)[0].joints.astype(np.float64)
+  calm = physics.summary(joints)
+  rough = physics.summary(joints + np.random.default_rng(0).normal(0, 0.02, joints.shape))
+  assert all(np.isfinite(list(calm.values())))
+  for name in ("bone_drift_mm", "acceleration", "jerk", "peak_jerk", "penetration_mm"):
+    assert rough[name] > calm[name], name

@@ -1,0 +1,138 @@
+"""The evaluation loops are the references', from normalized features to a row of numbers."""
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from motion_jax.metrics import protocol as P
+from motion_jax.metrics import scores
+from tests import fixtures
+from tests.golden import check, golden
+
+# The file's words: 1e-4 relative, recorded from float32 embeddings; ranks exact.
+RECORDED = {f"{loop}/top": (1e-12, 1e-12) for loop in ("ae", "dit")}
+RECORDED |= {f"{loop}/draws": (0, 0) for loop in ("ae", "dit", "mm")} | {"": (1e-5, 1e-10)}
+
+
+def stats(fixture, prefix=""):
+  return SimpleNamespace(mean=fixture[f"in/{prefix}mean"], std=fixture[f"in/{prefix}std"])
+
+
+class MadeUp:
+  """The recorder's linear evaluators."""
+
+  def __init__(self, fixture):
+    self.f = fixture
+
+  def motion(self, features, frames):
+    return np.stack([x[:m].mean(0) for x, m in zip(features, frames)]) @ self.f["in/w_motion"]
+
+  def clip_motion(self, features, frames):
+    mean = np.stack([x[:m].mean(0) for x, m in zip(features, frames)])
+    return mean @ self.f["in/w_clip"]
+
+
+@golden("protocol", bounds=RECORDED)
+def run_protocol(fixture, dtype):
+  c, evaluator = fixture.config, MadeUp(fixture)
+  protocol = P.Protocol(pool=c["batch"], multimodality_motions=c["generations"])
+  data, own = stats(fixture), stats(fixture, "eval_")
+  arrays = {name: fixture[f"in/{name}"].astype(np.float64) for name in ("gt", "rec", "gen")}
+  batches = {"ae": [], "dit": []}
+  for text, frames, gt, rec, gen in zip(fixture["in/text"], fixture["in/lengths"], *arrays.values()):
+    told = P.evaluator_frames(frames, protocol)
+    embed = lambda x, told=told: evaluator.motion(P.to_evaluator(x, data, own), told)
+    words, real = text @ fixture["in/w_text"], embed(gt)
+    meters = lambda x: x * data.std + data.mean
+    errors = P.reconstruction_errors(meters(gt), meters(rec), frames)
+    batches["ae"].append(P.Batch(words, real, embed(rec), errors=errors))
+    batches["dit"].append(P.Batch(words, real, embed(gen), text @ fixture["in/w_clip_text"],
+                                  evaluator.clip_motion(P.to_evaluator(gen, data, own), told)))
+  made, rows = {}, {}
+  for loop, score in (("ae", P.reconstruction_scores), ("dit", P.generation_scores)):
+    drawn = [fixture[f"out/{loop}/draws/{i}"] for i in range(4)]
+    rows[loop] = score(batches[loop], protocol, P.Draws((drawn[0], drawn[1]), (drawn[2], drawn[3])))
+    made |= {f"{loop}/draws/{i}": rows_ for i, rows_ in enumerate(drawn)}
+    made |= {f"{loop}/{name}": rows[loop][name] for name in ("fid", "diversity", "top1", "top2", "top3", "matching")}
+  made |= {"ae/mpjpe": rows["ae"]["released_mpjpe"], "dit/clip": rows["dit"]["clip_score"]}
+
+  count = protocol.multimodality_batches
+  generations = []
+  for frames, gen in zip(fixture["in/lengths"][:count], arrays["gen"][:count]):
+    told = P.evaluator_frames(frames, protocol)
+    generations.append(np.stack([evaluator.motion(P.to_evaluator(gen + offset, data, own), told)
+                                 for offset in fixture["in/offsets"]], axis=1))
+  made |= {f"mm/draws/{i}": fixture[f"out/mm/draws/{i}"] for i in range(6)}
+  made["mm/multimodality"] = scores.multimodality(np.concatenate(generations), made["mm/draws/4"], made["mm/draws/5"])
+  return made
+
+
+@pytest.mark.parametrize("name", ["cmdm/protocol"])
+def test_golden(name):
+  assert not check(fixtures.path(f"{name}.npz")).failures
+
+
+SMALL = P.Protocol(pool=8, diversity_draws=40, few_draws=10)
+
+
+def batches(count=4, noise=0.0, errors=True):
+  rng = np.random.default_rng(0)
+  made = []
+  for _ in range(count):
+    text = rng.normal(size=(SMALL.pool, 6))
+    real = text + 0.1 * rng.normal(size=text.shape)
+    made.append(P.Batch(text, real, real + noise * rng.normal(size=text.shape), text, real,
+                        [np.full(10, 0.25)] * SMALL.pool if errors else None))
+  return made
+
+
+def test_a_copy_of_the_data_scores_as_the_data():
+  row = P.reconstruction_scores(batches(), SMALL, P.draw(np.random.default_rng(1), 32, SMALL))
+  assert row["fid"] == pytest.approx(0, abs=1e-10) and row["top1"] == 1
+  for name in ("top1", "top2", "top3", "matching"):
+    assert row[name] == row[f"real_{name}"]
+  assert row["mpjpe"] == 0.25 and row["released_mpjpe"] == pytest.approx(0.25 * 10 / 8)
+  assert row["clip_score"] > 0.98
+
+
+def test_noise_makes_every_score_worse_and_batches_may_come_in_any_order():
+  draws = P.draw(np.random.default_rng(1), 32, SMALL)
+  calm, rough = (P.generation_scores(batches(noise=noise), SMALL, draws) for noise in (0.3, 3.0))
+  assert rough["fid"] > calm["fid"] and rough["matching"] > calm["matching"] and rough["top3"] < calm["top3"]
+  other = P.generation_scores(batches(noise=0.3)[::-1], SMALL, draws)
+  for name in ("fid", "top1", "top2", "top3", "matching", "clip_score"):
+    assert other[name] == pytest.approx(calm[name], rel=1e-9)
+
+
+def test_a_repeat_draws_the_same_rows():
+  one, two = (P.draw(np.random.default_rng((7, 3)), 300, P.Protocol()) for _ in range(2))
+  np.testing.assert_array_equal(np.concatenate(one), np.concatenate(two))
+  assert len(one.made[0]) == 100 and len(P.draw(np.random.default_rng(0), 301, P.Protocol()).made[0]) == 300
+  first, second = P.multimodality_draws(np.random.default_rng(0), P.Protocol())
+  assert len(first) == len(second) == 10 and max(first.max(), second.max()) < 30
+
+
+def test_errors_of_poses_alone_and_of_whole_motions():
+  """A wrong turn in frame 0 changes every later frame of the whole motion, and no pose by itself."""
+  real = np.zeros((1, 12, 67))
+  real[..., 4:] = np.random.default_rng(0).normal(size=63)
+  made = real.copy()
+  made[:, 0, 0] = 0.3
+  assert np.abs(P.reconstruction_errors(real, made, [12])[0]).max() == 0
+  whole = P.reconstruction_errors(real, made, [9], alone=False)[0]
+  assert whole.shape == (9,) and whole[0] == 0 and whole[1:].min() > 0.1
+
+
+def test_bad_input_is_told():
+  draws = P.draw(np.random.default_rng(1), 32, SMALL)
+  with pytest.raises(ValueError, match="one of 8 rows, the protocol needs batches of 32"):
+    P.generation_scores(batches(), P.Protocol(), draws)
+  with pytest.raises(ValueError, match="got 0 batches"):
+    P.generation_scores([], SMALL, draws)
+  with pytest.raises(ValueError, match="no joint errors"):
+    P.reconstruction_scores(batches(errors=False), SMALL, draws)
+  wide, narrow = (SimpleNamespace(mean=np.zeros(n), std=np.ones(n)) for n in (67, 66))
+  with pytest.raises(ValueError, match="one representation"):
+    P.to_evaluator(np.zeros((1, 4, 67)), wide, narrow)
+  with pytest.raises(ValueError, match="50 samples to draw 100"):
+    P.draw(np.random.default_rng(0), 50, P.Protocol())

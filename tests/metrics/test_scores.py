@@ -1,0 +1,167 @@
+"""Scores are the references' on recorded features, and what closed forms say they are."""
+import numpy as np
+import pytest
+import scipy.linalg
+
+from motion_jax.metrics import physics, scores
+from tests import fixtures
+from tests.golden import check, golden
+
+# The files' own words: counts and draws exact, the rest 1e-5, recorded in float32. Both recorded Frechet distances of
+# features in a subspace ("flat") are 1e-6 beside the one that follows from the singular values of the features; ours is
+# that to 1e-12.
+EXACT = (0, 0)
+RECORDED = {"top_k": EXACT, "diversity/first": EXACT, "diversity/second": EXACT, "mm/first": EXACT, "mm/second": EXACT,
+            "": (1e-5, 1e-10)}
+README = {"fid_few": (1e-3, 1e-3), "fid": (1e-6, 1e-6), "": (1e-5, 1e-10)}
+
+
+@golden("scores", bounds=RECORDED)
+def run_scores(fixture, dtype):
+  batches = list(zip(fixture["in/text"], fixture["in/motion"]))
+  made = {"top_k": np.stack([scores.hits(scores.distances(t, m)) for t, m in batches]),
+          "top_k_cosine": np.stack([scores.hits(scores.cosine_distances(t, m)) for t, m in batches]),
+          "matching": np.array([len(t) * scores.matching_score(t, m) for t, m in batches]),
+          "distances": scores.distances(*batches[0])}
+  for name, real in fixture.under("in/fid/real/").items():
+    value = scores.fid(real, fixture[f"in/fid/gen/{name}"])
+    made |= {f"fid/value/{name}": value, f"fid/exact/{name}": value}
+  for name, score in (("diversity", scores.diversity), ("mm", scores.multimodality)):
+    draws = fixture[f"out/{name}/first"], fixture[f"out/{name}/second"]
+    made |= {f"{name}/value": score(fixture[f"in/{name}/features"], *draws), f"{name}/first": draws[0],
+             f"{name}/second": draws[1]}
+  real, generated = fixture.under("in/joints/real/"), fixture.under("in/joints/made/")
+  errors = [scores.joint_errors(real[name], generated[name]) for name in sorted(real, key=int)]
+  made |= {f"mpjpe/frames/{i}": error for i, error in enumerate(errors)}
+  made |= {"mpjpe/true": scores.mpjpe(errors), "mpjpe/code": scores.released_mpjpe(errors, len(errors))}
+  joints = fixture["in/skate/motions"].transpose(0, 3, 1, 2)
+  made |= {"skate/ratio": physics.skating_ratio(joints),
+           "skate/speed": physics.foot_speed(joints).swapaxes(1, 2)}
+  return made
+
+
+@golden("metrics", bounds=README)
+def run_metrics(fixture, dtype):
+  text, real, fake = (fixture[f"in/{name}"] for name in ("text", "real", "fake"))
+  made = {"fid": scores.fid(real, fake), "fid_self": scores.fid(real, real),
+          "fid_few": scores.fid(real[:10], fake[:10]),
+          "diversity": scores.diversity(real, fixture["in/diversity_first"], fixture["in/diversity_second"]),
+          "multimodality": scores.multimodality(fixture["in/repeats"], fixture["in/multi_first"],
+                                                fixture["in/multi_second"]),
+          "mpjpe": scores.joint_errors(fixture["in/joints_a"], fixture["in/joints_b"])}
+  for name, motion in (("real", real), ("fake", fake)):
+    made |= {f"{name}/r_precision": scores.r_precision(text, motion), f"{name}/matching":
+             scores.matching_score(text, motion)}
+  return made
+
+
+@pytest.mark.parametrize("name", ["cmdm/scores", "cdamd/metrics"])
+def test_golden(name):
+  assert not check(fixtures.path(f"{name}.npz")).failures
+
+
+def draw(seed, *shape):
+  return np.random.default_rng(seed).normal(size=shape)
+
+
+def test_frechet_distance_of_gaussians_is_its_closed_form():
+  """Covariances with common axes: |m1 - m2|^2 + sum of (root1 - root2)^2, whatever their rank."""
+  axes = np.linalg.qr(draw(0, 6, 6))[0]
+  mean1, mean2 = draw(1, 6), draw(2, 6)
+  for spread1, spread2 in (([4, 3, 2, 1, 0.5, 0.1], [1, 2, 3, 4, 5, 6]), ([2, 1, 0, 0, 0, 0], [0, 0, 3, 1, 0, 0]),
+                           ([1e-9, 1, 1, 1, 1, 1e5], [1, 1e-9, 1, 1, 1e5, 1])):
+    one, two = (axes * np.square(spread) @ axes.T for spread in (spread1, spread2))
+    expected = np.square(mean1 - mean2).sum() + np.square(np.subtract(spread1, spread2)).sum()
+    assert scores.frechet_distance(mean1, one, mean2, two) == pytest.approx(expected, rel=1e-12)
+
+
+def test_frechet_distance_is_that_of_sqrtm_where_that_works():
+  for seed in range(3):
+    real, made = draw(seed, 60, 8) @ draw(9, 8, 8), draw(seed + 10, 50, 8) + 0.3
+    one, two = np.cov(real, rowvar=False), np.cov(made, rowvar=False)
+    apart = real.mean(0) - made.mean(0)
+    expected = apart @ apart + np.trace(one + two - 2 * scipy.linalg.sqrtm(one @ two).real)
+    assert scores.fid(real, made) == pytest.approx(expected, rel=1e-10)
+
+
+def test_fid_of_few_or_flat_features_is_that_of_the_data_itself():
+  """No covariance needed: the trace of the root is the sum of singular values of X Y^T."""
+  for count, width, rank in ((10, 24, 24), (200, 24, 5), (40, 8, 1)):
+    real, made = (draw(seed, count, rank) @ draw(seed + 1, rank, width) for seed in (0, 2))
+    x, y = ((a - a.mean(0)) / np.sqrt(count - 1) for a in (real, made))
+    expected = np.square(real.mean(0) - made.mean(0)).sum() + (x * x).sum() + (y * y).sum() - 2 * np.linalg.svd(
+        x @ y.T, compute_uv=False).sum()
+    assert scores.fid(real, made) == pytest.approx(expected, rel=1e-9)
+    assert scores.fid(real, real) == pytest.approx(0, abs=1e-9)
+
+
+def test_streaming_moments_are_those_of_the_whole():
+  features = draw(0, 101, 7) + 1e3
+  chunks = [scores.moments(chunk) for chunk in np.split(features, [1, 2, 40, 41, 90])]
+  total = chunks[0]
+  for chunk in chunks[1:]:
+    total = scores.merge(total, chunk)
+  whole = scores.moments(features)
+  assert total.count == 101
+  np.testing.assert_allclose(total.mean, whole.mean, rtol=1e-14)
+  np.testing.assert_allclose(total.covariance, np.cov(features, rowvar=False), rtol=1e-9, atol=1e-12)
+  assert scores.fid(total, draw(1, 50, 7)) == pytest.approx(scores.fid(features, draw(1, 50, 7)), rel=1e-12)
+
+
+def test_r_precision_of_a_perfect_a_random_and_a_collapsed_model():
+  text = draw(0, 3200, 16)
+  assert scores.r_precision(text, text + 1e-3 * draw(1, 3200, 16)).tolist() == [1, 1, 1]
+  expected = np.arange(1, 4) / 32
+  deviation = np.sqrt(expected * (1 - expected) / 3200)
+  assert (np.abs(scores.r_precision(text, draw(2, 3200, 16)) - expected) < 4 * deviation).all()
+  np.testing.assert_allclose(scores.r_precision(text, np.ones((3200, 16))), expected, rtol=1e-12)
+  assert scores.r_precision(text[:70], text[:70]).tolist() == [1, 1, 1]  # the last 6 are left out
+
+
+def test_order_inside_a_batch_does_not_matter():
+  text, motion, order = draw(0, 32, 5), draw(1, 32, 5), np.random.default_rng(2).permutation(32)
+  motion[3] = motion[7]  # ties too
+  for score in (scores.r_precision, scores.matching_score, scores.clip_score,
+                lambda t, m: list(scores.retrieval(scores.cosines(t, m)).values()),
+                lambda t, m: scores.hits(scores.cosine_distances(t, m), 10)):
+    np.testing.assert_allclose(score(text[order], motion[order]), score(text, motion), rtol=1e-12)
+  assert scores.fid(text[order], motion) == pytest.approx(scores.fid(text, motion), rel=1e-10)
+
+
+def test_retrieval():
+  similarity = np.eye(12)
+  assert set(scores.retrieval(similarity).values()) == {1.0}
+  found = scores.retrieval(np.roll(similarity, 1, axis=1) - 0.01 * np.arange(12))
+  assert found["r1"] == 0 and found["median_rank"] == 7.5  # one is above, and those to the left
+  assert found.keys() == {prefix + name for prefix in ("", "back_")
+                          for name in ("r1", "r2", "r3", "r5", "r10", "median_rank")}
+  flat = scores.retrieval(np.zeros((12, 12)))
+  assert flat["r3"] == pytest.approx(3 / 12) and flat["median_rank"] == 6.5
+
+
+def test_diversity_multimodality_and_interval():
+  first, second = scores.draw_pairs(np.random.default_rng(0), 40, 30)
+  assert len(set(first)) == len(set(second)) == 30
+  line = np.arange(40.0)[:, None] * np.array([0.6, 0.8])
+  assert scores.diversity(line, first, second) == pytest.approx(np.abs(first - second).mean())
+  repeats = line[:30].reshape(3, 10, 2)
+  assert scores.multimodality(repeats, np.array([0, 1]), np.array([9, 3])) == pytest.approx(5.5)
+  mean, half = scores.mean_and_interval([[1.0, 2.0], [3.0, 2.0]])
+  assert mean.tolist() == [2, 2] and half == pytest.approx([1.96 / np.sqrt(2), 0])
+
+
+@pytest.mark.parametrize("call, told", [
+    (lambda: scores.r_precision(draw(0, 20, 4), draw(1, 20, 4)), "needs a pool of 32"),
+    (lambda: scores.matching_score(draw(0, 5, 4), draw(1, 6, 4)), "expected matched pairs"),
+    (lambda: scores.fid(draw(0, 1, 4), draw(1, 6, 4)), "covariance needs 2"),
+    (lambda: scores.fid(draw(0, 9, 4), draw(1, 6, 5)), "two of the same evaluator"),
+    (lambda: scores.moments(np.diag([1, 1, np.nan])), "row 2 .* NaN"),
+    (lambda: scores.retrieval(draw(0, 3, 4)), r"expected \(N, N\)"),
+    (lambda: scores.retrieval(np.full((3, 3), np.nan)), "NaN"),
+    (lambda: scores.draw_pairs(np.random.default_rng(0), 50, 100), "50 samples to draw 100"),
+    (lambda: scores.multimodality(draw(0, 3, 4), [0], [1]), "texts, generations"),
+    (lambda: scores.joint_errors(draw(0, 5, 22, 3), draw(0, 6, 22, 3)), "the same frames"),
+])
+def test_bad_input_is_told(call, told):
+  with pytest.raises(ValueError, match=told):
+    call()

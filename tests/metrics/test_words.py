@@ -1,0 +1,118 @@
+"""Sentences become the references' word vectors; no file can make us run code."""
+import pickle
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from motion_jax.metrics import words
+from motion_jax.metrics.protocol import cut_item
+from tests import fixtures
+from tests.golden import check, golden
+
+ITEM = {"item": (1e-6, 1e-6), "motion": (1e-6, 1e-6), "": (0, 0)}
+
+
+@golden("word_vectors", bounds=ITEM)
+def run_word_vectors(fixture, dtype):
+  config = fixture.config
+  vectors = words.WordVectors(config["vocabulary"], fixture["in/vectors"])
+  stats = SimpleNamespace(mean=fixture["in/mean"], std=fixture["in/std"])
+  made = {}
+  for i, (arrays, item) in enumerate(zip(zip(*vectors(config["sentences"])), config["items"])):
+    made |= {f"{name}/{i}": array for name, array in zip(("words", "pos", "length"), arrays)}
+    _, coin, start, start_again = item
+    made[f"item/{i}"], made[f"m_length/{i}"] = cut_item(
+        fixture[f"in/motion/{i}"], coin == "double", start, stats, config["max_frames"], start_again)
+  return made
+
+
+@golden("text_assembly", bounds=ITEM)
+def run_text_assembly(fixture, dtype):
+  vectors = words.WordVectors(fixture["in/vocabulary"].tolist(), fixture["in/vectors"])
+  sentences = fixture["in/tokens"].tolist()
+  stats = SimpleNamespace(mean=fixture["in/mean"], std=fixture["in/std"])
+  items = [cut_item(fixture[f"in/motion{i}"], fixture[f"in/coin{i}"] == 2, int(fixture[f"in/start{i}"]), stats,
+                    fixture["out/motion"].shape[1]) for i in range(len(sentences))]
+  joined = ["_".join(f"{word}/{pos}" for word, pos in words.assemble(sentence)) for sentence in sentences]
+  made = dict(zip(("words", "tags", "sentence"), vectors(sentences)))
+  return made | {"motion": np.stack([x for x, _ in items]), "frames": np.array([n for _, n in items]),
+                 "joined": np.array(joined)}
+
+
+@pytest.mark.parametrize("name", ["cmdm/word_vectors", "cdamd/text_assembly"])
+def test_golden(name):
+  assert not check(fixtures.path(f"{name}.npz")).failures
+
+
+VOCABULARY = ["unk", "walk", "sos", "eos", "person"]
+
+
+def glove(folder):
+  """A folder as the benchmarks ship it: rows of the vectors are not in the order of the words."""
+  rows = {word: len(VOCABULARY) - 1 - i for i, word in enumerate(VOCABULARY)}
+  np.save(folder / "our_vab_data.npy", np.arange(20.0).reshape(5, 4))
+  (folder / "our_vab_words.pkl").write_bytes(pickle.dumps(VOCABULARY))
+  (folder / "our_vab_idx.pkl").write_bytes(pickle.dumps(rows))
+  return folder
+
+
+def test_a_glove_folder_is_converted_once(tmp_path):
+  read = words.load_words(glove(tmp_path))
+  np.testing.assert_array_equal(read(["walk/VERB"])[0][0, 1], [12, 13, 14, 15])
+  path = words.convert_glove(tmp_path)
+  for name in words.GLOVE_FILES:
+    (tmp_path / name).unlink()
+  for again in (words.load_words(path), words.load_words(tmp_path)):
+    np.testing.assert_array_equal(again.vectors, read.vectors)
+    assert again.rows == read.rows
+
+
+class Harm:
+  def __reduce__(self):
+    return print, ("this must never be run",)
+
+
+def test_harmful_and_broken_files_are_refused(tmp_path, capsys):
+  with pytest.raises(FileNotFoundError, match="our_vab_data.npy"):
+    words.load_words(tmp_path)
+  with pytest.raises(FileNotFoundError, match="no vocabulary"):
+    words.load_words(tmp_path / "none.npz")
+  glove(tmp_path)
+  for bad in (Harm(), {"a": Harm()}, np.ones(3)):
+    (tmp_path / "our_vab_idx.pkl").write_bytes(pickle.dumps(bad))
+    with pytest.raises(ValueError, match="our_vab_idx.pkl is no plain list or table"):
+      words.load_words(tmp_path)
+  assert not capsys.readouterr().out
+  (tmp_path / "our_vab_idx.pkl").write_bytes(pickle.dumps(VOCABULARY)[:9])
+  with pytest.raises(ValueError, match="fetch it again"):
+    words.load_words(tmp_path)
+  (tmp_path / "our_vab_idx.pkl").write_bytes(pickle.dumps({"walk": 99}))
+  with pytest.raises(ValueError, match="do not belong together"):
+    words.load_words(tmp_path)
+  (tmp_path / "our_vab.npz").write_bytes(b"no zip")
+  with pytest.raises(ValueError, match="is no vocabulary"):
+    words.load_words(tmp_path)
+
+
+def test_sentences():
+  vectors = words.WordVectors(VOCABULARY, np.eye(5))
+  line, tokens = "a/DET person/NOUN walk/VERB", ["a/DET", "person/NOUN", "walk/VERB"]
+  for one, other in zip(vectors([line]), vectors([tokens])):
+    np.testing.assert_array_equal(one, other)
+  rows, classes, lengths = vectors([line, "", " ".join(["walk/VERB"] * 30)], max_words=4)
+  assert lengths.tolist() == [5, 2, 6] and rows.shape == (3, 6, 5) and classes.shape == (3, 6, 15)
+  assert rows[0].argmax(-1).tolist() == [2, 0, 4, 1, 3, 0]
+  assert classes[0].argmax(-1).tolist() == [14, 14, 1, 12, 14, 14]
+  with pytest.raises(ValueError, match="'walks', expected lemma/POS"):
+    vectors(["walks"])
+  with pytest.raises(ValueError, match="lacks sos, eos, unk"):
+    words.WordVectors(["a"], np.zeros((1, 3)))
+  with pytest.raises(ValueError, match="row for each word"):
+    words.WordVectors(VOCABULARY, np.zeros((4, 3)))
+
+
+def test_a_clip_that_does_not_reach_is_told():
+  stats = SimpleNamespace(mean=np.zeros(2), std=np.ones(2))
+  with pytest.raises(ValueError, match="to be cut to 4 from frame 3"):
+    cut_item(np.zeros((6, 2)), False, 3, stats, 8)
