@@ -170,6 +170,16 @@ def generator_shapes(net):
   return jax.eval_shape(lambda: net.init(jax.random.key(0), x, text_emb, jnp.ones((1, 1, 1, 1), bool), jnp.zeros(())))
 
 
+def frozen_shapes(config):
+  """Shapes of what a generator's run keeps of its autoencoders, to check a file against."""
+  autoencoder = Autoencoder(**config.tokenizer)
+  channel = jax.ShapeDtypeStruct((autoencoder.latent_dim,), jnp.float32)
+  shapes = {"tokenizer": autoencoder_shapes(autoencoder), "latent_mean": channel, "latent_std": channel}
+  if config.loss.prior_levels:
+    shapes["prior"] = autoencoder_shapes(Autoencoder(**config.prior), config.quantizer)
+  return shapes
+
+
 class Draws(NamedTuple):
   """Random numbers of a training step for B motions of L latents, each with M rows at the diffusion head.
 

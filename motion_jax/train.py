@@ -30,9 +30,9 @@ class TrainState:
 def make_schedule(config, num_steps):
   """Learning rate by update: lr (it + 1) / (warmup + 1) while it < warmup (facts: cmdm 2.5), then by name.
 
-  "constant"; "step": times `gamma` at each of `boundaries`; "cosine": to 0 at num_steps; "half_cosine": the first half
-  of a cosine, to half the rate; "trapezoid": constant, then straight to 0 over the last `cooldown_steps`, so that a run
-  can be prolonged before it is cooled down.
+  "constant"; "step": times `gamma` at each of `boundaries`; "cosine": to `final_rate`, 0 if left out, at num_steps;
+  "half_cosine": the first half of a cosine, to half the rate; "trapezoid": constant, then straight to 0 over the last
+  `cooldown_steps`, so that a run can be prolonged before it is cooled down.
   """
   kind, peak, warmup = config.schedule, config.learning_rate, config.warmup_steps
 
@@ -42,7 +42,9 @@ def make_schedule(config, num_steps):
     if kind == "step":
       factor = config.gamma ** sum((step >= boundary).astype(jnp.float32) for boundary in config.boundaries)
     elif kind == "cosine":
-      factor = 0.5 * (1 + jnp.cos(jnp.pi * jnp.clip((step - warmup) / max(num_steps - warmup, 1), 0, 1)))
+      final = config.get("final_rate", 0.0) / peak
+      progress = jnp.clip((step - warmup) / max(num_steps - warmup, 1), 0, 1)
+      factor = final + (1 - final) * 0.5 * (1 + jnp.cos(jnp.pi * progress))
     elif kind == "half_cosine":
       factor = 0.5 * (1 + jnp.cos(0.5 * jnp.pi * jnp.clip(step / num_steps, 0, 1)))
     elif kind == "trapezoid":

@@ -36,7 +36,7 @@ def run_diffusion_sit(fixture, dtype):
   both = lambda scale: guided(predict, c, scale)
   half = len(c) // 2
   made = {"velocity": predict(given["x"], given["t"], c), "time_features": time_numbers(given["t"])}
-  made["guided"] = jnp.tile(both(4.0)(given["x"][:half], jnp.tile(given["t"][:half], 2)), (2, 1))
+  made["guided"] = jnp.tile(both(4.0)(given["x"][:half], given["t"]), (2, 1))
   target = given["data"] - given["loss_noise"]
   noisy = paths.add_noise(given["data"], given["loss_noise"], given["loss_t"])
   made["loss_rows"] = ((predict(noisy, given["loss_t"], c) - target) ** 2).mean(-1)

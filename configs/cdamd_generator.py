@@ -1,0 +1,93 @@
+"""CDAMD's masked transformer with its diffusion MLP, on latents of a trained autoencoder, with codes as a prior.
+
+  python launch.py --config configs/cdamd_generator.py --workdir runs/generator --config.data.folder=HumanML3D \
+      --config.frozen.tokenizer=runs/autoencoder --config.frozen.prior=runs/rvq --config.frozen.text=CLIP-FOLDER
+  ... --config configs/cdamd_generator.py:kit         21 joints, millimetres
+  ... --config configs/cdamd_generator.py:large       8 layers of width 1024, the paper's size as far as it can exist
+  ... --config configs/cdamd_generator.py:263         full features instead of coordinates (Table V); 67: essential ones
+  ... --config configs/cdamd_generator.py:mardm       the baseline: MARDM-SiT-XL; mardm_ddpm: MARDM-DDPM-XL
+  ... --config configs/cdamd_generator.py:small       the model for the archives: 10 M parameters
+  ... --config configs/cdamd_generator.py:tiny        two steps on formulas, seconds
+
+`full` is the released training command's size (facts: cdamd 10), 290,023,424 parameters. Ablations of the paper:
+
+  Table I   --config.loss.prior_levels=1 (first VQ), 2 (two VQ, the default: its best FID), 4 (all VQ)
+  Table IV  --config.loss.mask=dccm (the default), causal (CM), bcm
+  Table V   --config.loss.prior_levels=0 (without CMP); --config.loss.mask=causal (without DCCA)
+"""
+import ml_collections
+
+SIZES = ("kit", "large", "67", "263", "mardm", "mardm_ddpm", "full", "small", "tiny")
+
+
+def get_config(size="full"):
+  if size not in SIZES:
+    raise ValueError(f"got size {size!r}, expected {', '.join(SIZES[:-3])}, full, small or tiny")
+  config = ml_collections.ConfigDict()
+  config.stage = "cdamd.generator"
+  config.seed = 3407
+  config.frozen = dict(tokenizer="runs/autoencoder", prior="runs/rvq", text="clip-vit-base-patch32")
+  config.tokenizer = dict(features=66, latent_dim=512, width=512, num_halvings=2, dilations=(9, 3, 1), dropout=0.2)
+  config.prior = dict(features=66, latent_dim=512, width=512, num_halvings=2, dilations=(9, 3, 1), dropout=0.2)
+  config.quantizer = dict(num_levels=4, num_codes=512)
+  config.model = dict(
+      transformer=dict(kind="cdamd", latent_dim=512, width=512, depth=4, num_heads=8, ff_width=1024, text_dim=512,
+                       num_codes=1027, num_levels=4, max_length=200, dropout=0.2),
+      head=dict(width=1792, depth=16))
+  # copies: rows at the diffusion head for each masked latent. prior_drop: "batch", one draw for all, or "item".
+  config.loss = dict(mask="dccm", noise_rate=0.1, mask_rate=0.88, drop_rate=0.1, prior_levels=2, prior_drop_rate=0.7,
+                     prior_drop="batch", copies=4, diffusion="flow", ddpm_steps=50, unit_latents=False)
+  config.data = dict(name="humanml3d", folder="", folders=(), layout="coordinates", mode="benchmark", mirror=False,
+                     per_axis=False, batch_size=64, min_frames=40, max_frames=196, lengths=(196,), balance=0.0,
+                     vary_subject=0.0)
+  config.optimizer = dict(learning_rate=2e-4, schedule="cosine", final_rate=1e-6, boundaries=(), gamma=0.1,
+                          cooldown_steps=0, warmup_steps=2_000, beta1=0.9, beta2=0.99, weight_decay=1e-5, clip_norm=0.0,
+                          ema_decay=0.9999, skip_loss=0.0)
+  config.train = dict(num_steps=180_000, log_every=100, save_every=5_000)
+  # The benchmark's own: solver dopri5, revealed_only False.
+  config.sampler = dict(num_rounds=10, guidance_scale=4.0, order="random", mask="causal", solver="midpoint",
+                        num_steps=10, revealed_only=True)
+  if size == "kit":
+    config.tokenizer.features = config.prior.features = 63
+    config.data.update(layout="coordinates_kit", batch_size=16, min_frames=24)
+    config.sampler.guidance_scale = 2.0
+  elif size == "large":
+    config.model.transformer.update(width=1024, depth=8, ff_width=4096, dropout=0.1)
+  elif size in ("67", "263"):
+    config.tokenizer.features = config.prior.features = int(size)
+    config.data.layout = "essential" if size == "67" else "full"
+  elif size in ("mardm", "mardm_ddpm"):
+    config.frozen.prior = ""
+    config.model.transformer = dict(kind="mardm", latent_dim=512, width=1024, depth=1, num_heads=16, ff_width=4096,
+                                    text_dim=512, dropout=0.2)
+    config.loss.update(mask="bidirectional", prior_levels=0, diffusion="ddpm" if size == "mardm_ddpm" else "flow")
+    config.optimizer.update(schedule="step", boundaries=(50_000,))
+    config.sampler.update(num_rounds=18, guidance_scale=4.5, mask="bidirectional")
+    if size == "mardm_ddpm":
+      config.sampler.update(solver="ddpm", num_steps=50)
+  elif size == "small":
+    config.frozen.text = "words"
+    config.tokenizer.update(latent_dim=64, width=192, dropout=0.0)
+    config.prior.update(latent_dim=64, width=128, dropout=0.0)
+    config.quantizer.num_codes = 256
+    config.model.transformer.update(latent_dim=64, width=256, depth=4, num_heads=4, ff_width=512, text_dim=128,
+                                    num_codes=256, max_length=50, dropout=0.1)
+    config.model.head.update(width=384, depth=6)
+    config.loss.unit_latents = True
+    config.data.update(name="archive", mode="corrected", mirror=True, batch_size=32, min_frames=20,
+                       lengths=(72, 120, 196), balance=0.5, vary_subject=0.5)
+    config.optimizer.update(learning_rate=5e-4, schedule="trapezoid", warmup_steps=300, cooldown_steps=2_000,
+                            ema_decay=0.999, clip_norm=1.0)
+    config.train.update(num_steps=8_000, log_every=50, save_every=500)
+  elif size == "tiny":
+    config.frozen.update(tokenizer="fresh", prior="fresh", text="fresh")  # random weights: nothing to download
+    config.tokenizer.update(latent_dim=4, width=16)
+    config.prior.update(latent_dim=4, width=16)
+    config.quantizer.num_codes = 8
+    config.model.transformer.update(latent_dim=4, width=16, depth=1, num_heads=2, ff_width=16, text_dim=32, num_codes=8,
+                                    max_length=50)
+    config.model.head.update(width=16, depth=1)
+    config.data.update(name="synthetic", mode="corrected", batch_size=4)
+    config.optimizer.update(warmup_steps=1, schedule="constant")
+    config.train.update(num_steps=2, log_every=1, save_every=2)
+  return config.lock()

@@ -1,0 +1,346 @@
+"""The generator trains, generates and edits as the reference does; solving for the revealed latents changes nothing."""
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from ml_collections import ConfigDict
+
+from motion_jax import cdamd
+from motion_jax.convert import autoencoder_names, from_torch, mardm_names, masked_transformer_names, select
+from motion_jax.diffusion import masking
+from motion_jax.diffusion.rounds import most_revealed
+from motion_jax.nets.autoencoder import Autoencoder
+from motion_jax.nets.masks import padding_mask
+from tests import fixtures
+from tests.golden import check, golden
+from tests.nets.test_masked_transformer import SINES, cast, sizes_of
+
+LOSS = dict(mask="dccm", noise_rate=0.1, mask_rate=0.88, drop_rate=0.1, prior_drop_rate=0.0, prior_drop="batch",
+            prior_levels=2, copies=4, diffusion="flow", ddpm_steps=50)
+
+
+def generator(fixture, dtype, kind="cdamd"):
+  """-> (net, params, table of names) of a recorded transformer with its diffusion head."""
+  state = {name: array for name, array in fixture.params.items() if not name.startswith("ae.")}
+  head = fixture.meta["arguments"]["diffusion"]
+  transformer = sizes_of(fixture, state) | dict(kind=kind, dropout=0.0, dtype=dtype)
+  net = cdamd.make_generator(ConfigDict(dict(transformer=transformer, head=head | dict(dtype=dtype)),
+                                        convert_dict=False))
+  names = {"cdamd": masked_transformer_names, "mardm": mardm_names}[kind]
+  table = names(transformer["depth"], head["depth"])
+  return net, cast(from_torch(state, table), dtype), table
+
+
+def coordinates(fixture, dtype):
+  """-> (net, params) of the recorded autoencoder."""
+  sizes = fixture.meta["arguments"]["ae"]
+  net = Autoencoder(features=sizes["input_width"], latent_dim=sizes["output_emb_width"], width=sizes["width"],
+                    dtype=dtype)
+  return net, cast(from_torch(select(fixture.params, "ae."), autoencoder_names()), dtype)
+
+
+def to_torch(params, table):
+  """Our arrays under the reference's names and layouts."""
+  made = {}
+  for theirs, (ours, kind) in table.items():
+    node = params["params"]
+    for key in ours.split("/"):
+      node = node[key]
+    if kind == "array":
+      made[theirs] = node
+      continue
+    for leaf, array in node.items():
+      made[f"{theirs}.{'bias' if leaf == 'bias' else 'weight'}"] = array.T if leaf == "kernel" else array
+  return made
+
+
+# --- recorded runs -----------------------------------------------------------------------------------------------
+
+
+@golden("train_step", bounds={"grad_rows": (0, 0), "loss": (1e-6, SINES)})
+def run_train_step(fixture, dtype):
+  net, params, table = generator(fixture, dtype)
+  given = {name: jnp.asarray(array, None if array.dtype.kind == "i" else dtype)
+           for name, array in fixture.under("in/").items()}
+  real = padding_mask(given["lengths"], given["latents"].shape[1])
+  z1 = jnp.where(real[..., None], given["latents"], 0)
+  masked = np.asarray(masking.choose_masked(given["time_u"], given["order_u"], real))
+  places = np.broadcast_to(masked, (LOSS["copies"],) + masked.shape)
+  t, noise = np.zeros(places.shape, dtype), np.zeros(places.shape + z1.shape[2:], dtype)
+  t[places], noise[places] = fixture["in/diffusion_t"], fixture["in/diffusion_noise"]
+  draws = cdamd.Draws(given["time_u"], given["text_u"], jnp.ones(len(real)), given["order_u"], given["noise_u"],
+                      given["keep_u"], jnp.asarray(t), given["noise"], jnp.asarray(noise))
+  config = ConfigDict(LOSS | dict(drop_rate=fixture.meta["arguments"]["cond_drop_prob"]))
+
+  @jax.jit
+  @jax.value_and_grad
+  def loss(params):
+    sums, weight = cdamd.generator_loss(net, params, z1, real, given["text"][:, None], given["codes"], draws, config)
+    return sums["loss"] / weight
+
+  value, grads = loss(params)
+  rows = np.unique(fixture["in/codes"])  # only these of the table have a gradient at all
+  made = {"loss": value, "grad_rows/token_emb.weight": rows}
+  for name, array in to_torch(grads, table).items():
+    recorded = fixture[f"out/grad/{name}"]
+    if name == "token_emb.weight":
+      array = array[rows]
+    elif name.endswith("pos_emb"):
+      array = array[:, :recorded.shape[1]]
+    if np.abs(recorded).max() < 1e-7:  # biases of keys do nothing: both are rounding
+      assert np.abs(array).max() < 1e-7, name
+      array = recorded
+    made[f"grad/{name}"] = array
+  return made
+
+
+def recorded_draw(fixture, prefix, hidden, dtype):
+  """(draw, dense start noise (N, B, L, C)): what `make_draw` gives, from rows recorded for the hidden latents."""
+  starts = [fixture[f"in/{prefix}start{k}"] for k in range(len(hidden))]
+  dense = np.zeros(hidden.shape + starts[0].shape[1:], dtype)
+  for k, rows in enumerate(starts):
+    dense[k][hidden[k]] = rows
+  noise = [dense[:, None]]
+  steps = fixture.under(f"in/{prefix}step0/")
+  if steps:
+    later = np.zeros((len(hidden), len(steps)) + dense.shape[1:], dtype)
+    for k in range(len(hidden)):
+      for j in range(len(steps)):
+        later[k, j][hidden[k]] = fixture[f"in/{prefix}step{k}/{j}"][:hidden[k].sum()]
+    noise.append(later)
+  noise = jnp.asarray(np.concatenate(noise, axis=1))
+  return (lambda k, j: noise[k, j]), dense
+
+
+def run_rounds(fixture, dtype, net, params, latents, hidden, real, prefix="", **fields):
+  """The recorded loop -> outputs (latents after all rounds and at the end, counts, hidden, start noise)."""
+  draw, dense = recorded_draw(fixture, prefix, hidden, dtype)
+  plan = cdamd.make_plan(**fields)
+  text, scale = jnp.asarray(fixture["in/text"], dtype)[:, None], fixture.meta["arguments"]["scale"]
+  run = jax.jit(lambda params, z: cdamd.make_latents(net, plan, params, text, z, hidden, real, scale, draw))
+  made = run(params, latents)
+  return {"rounds": made, "latents": made[-1].swapaxes(1, 2), "masked": hidden, "counts": hidden.sum(-1),
+          **{f"start_dense{k}": array for k, array in enumerate(dense)}}
+
+
+def below(prefix, outputs, *names):
+  return {prefix + name: array for name, array in outputs.items() if not names or name in names}
+
+
+def generation(fixture, dtype, kind, **fields):
+  """-> (run(**fields), net of the autoencoder or None) for a recorded generation."""
+  net, params, _ = generator(fixture, dtype, kind)
+  order, lengths = fixture["in/order"], fixture["in/lengths"]
+  real = padding_mask(jnp.asarray(lengths), order.shape[1])
+  hidden = masking.hidden_table(np.where(real, order, np.inf),
+                                masking.hidden_counts(fixture.meta["arguments"]["rounds"], lengths))
+  latents = jnp.zeros(real.shape + (net.transformer.latent_dim,), dtype)
+  return functools.partial(run_rounds, fixture, dtype, net, params, latents, hidden, real, **fields)
+
+
+@golden("generate", bounds={"euler": (5e-5, 1e-5), "masked": (0, 0), "counts": (0, 0), "start_dense": (0, 0),
+                            "": (3e-2, 3e-2)})
+def run_generate(fixture, dtype):
+  run = generation(fixture, dtype, "cdamd")
+  autoencoder, params = coordinates(fixture, dtype)
+  made = run(solver="dopri5")
+  euler = below("euler/", run(solver="euler", num_steps=10), "latents", "rounds")
+  decode = jax.jit(lambda z: autoencoder.apply(params, z, method="decode"))
+  return made | euler | {"motion": decode(made["latents"].swapaxes(1, 2)),
+                         "euler/motion": decode(euler["euler/latents"].swapaxes(1, 2))}
+
+
+@golden("generate_mardm", bounds={"masked": (0, 0), "counts": (0, 0), "start_dense": (0, 0), "": (1e-2, 1e-2)})
+def run_generate_mardm(fixture, dtype):
+  return generation(fixture, dtype, "mardm")(solver="dopri5", mask="bidirectional")
+
+
+@golden("generate_mardm_ddpm", bounds={"masked": (0, 0), "counts": (0, 0), "start_dense": (0, 0), "": (1e-5, SINES)})
+def run_generate_mardm_ddpm(fixture, dtype):
+  return generation(fixture, dtype, "mardm")(solver="ddpm", num_steps=50, mask="bidirectional")
+
+
+@golden("edit", bounds={**{f"{task}/{name}": (0, 0) for task in (*masking.TASKS, "free")
+                           for name in ("edit_mask", "masked", "counts", "start_dense")},
+                        "encoded": (1e-5, 1e-10), "": (3e-2, 3e-2)})
+def run_edit(fixture, dtype):
+  net, params, _ = generator(fixture, dtype)
+  autoencoder, ae_params = coordinates(fixture, dtype)
+  num_rounds, frames = fixture.meta["arguments"]["rounds"], fixture["in/frames"]
+  x = jnp.asarray(fixture["in/motion"], dtype)
+  encoded = jax.jit(lambda x: autoencoder.apply(ae_params, x, method="encode"))(x)
+  decode = jax.jit(lambda z: autoencoder.apply(ae_params, z, method="decode"))
+  real = padding_mask(jnp.asarray(frames // 4), encoded.shape[1])
+  made = {"encoded": encoded.swapaxes(1, 2)}
+  for task in sorted({name.split("/")[0] for name in fixture.under("in/") if "/" in name}):
+    if task == "free":
+      edited, counts = np.asarray(real), masking.touch_up_counts(num_rounds, frames // 4)
+    else:
+      edited = masking.task_mask(task, frames, encoded.shape[1])
+      counts = masking.hidden_counts(num_rounds, edited.sum(-1))
+    hidden = masking.hidden_table(np.where(edited, fixture[f"in/{task}/order"], np.inf), counts)
+    latents = jnp.where(real[..., None], encoded, 0)
+    out = run_rounds(fixture, dtype, net, params, latents, hidden, real, f"{task}/", solver="dopri5")
+    kept = ~hidden[0]
+    np.testing.assert_array_equal(np.asarray(out["rounds"][-1])[kept], np.asarray(latents)[kept])  # bit for bit
+    made |= below(f"{task}/", out | {"edit_mask": edited, "motion": decode(out["latents"].swapaxes(1, 2))})
+  return made
+
+
+@pytest.mark.parametrize("name", ["train_step", "generate", "generate_mardm", "generate_mardm_ddpm", "edit"])
+def test_golden(name):
+  assert not check(fixtures.path(f"cdamd/{name}.npz")).failures
+
+
+# --- invariants of our own ---------------------------------------------------------------------------------------
+
+LENGTH, ROUNDS = 9, 5
+MODEL = ConfigDict(dict(transformer=dict(kind="cdamd", latent_dim=3, width=16, depth=1, num_heads=2, ff_width=16,
+                                         text_dim=6, num_codes=9, num_levels=2, max_length=16, dropout=0.0),
+                        head=dict(width=16, depth=1)))
+
+
+@functools.cache
+def small():
+  """A small generator whose layers are all random: zero gates would pass any test."""
+  net = cdamd.make_generator(MODEL)
+  leaves, tree = jax.tree.flatten(cdamd.generator_shapes(net))
+  draw = np.random.default_rng(0)
+  return net, tree.unflatten([jnp.asarray(0.3 * draw.normal(size=a.shape), a.dtype) for a in leaves])
+
+
+def make(lengths, length=LENGTH, order="random", seed=0, dtype=jnp.float32, revealed_only=True, **fields):
+  """-> (latents (B, L, C), hidden (N, B, L)) of our own draws; motion i has the key of i, wherever it stands."""
+  net, params = small()
+  keys = jax.vmap(lambda i: jax.random.fold_in(jax.random.key(seed), i))(jnp.arange(len(lengths)))
+  counts = masking.hidden_counts(ROUNDS, lengths)
+  hidden = masking.hidden_table(cdamd.draw_order(keys, lengths, length, order), counts)
+  plan = cdamd.make_plan(num_rows=most_revealed(counts) if revealed_only else None, **fields)
+  real = padding_mask(jnp.asarray(lengths), length)
+  text = jnp.asarray(np.random.default_rng(1).normal(size=(4, 1, 6))[:len(lengths)], dtype)
+  net = net if dtype == jnp.float32 else _wide()
+  made = _make(net, plan, length, cast(params, dtype), text, hidden, real, keys)
+  return np.asarray(made[-1]), hidden
+
+
+def _wide():
+  fields = MODEL.to_dict()
+  for part in fields.values():
+    part["dtype"] = jnp.float64
+  return cdamd.make_generator(ConfigDict(fields, convert_dict=False))
+
+
+@functools.partial(jax.jit, static_argnums=(0, 1, 2))
+def _make(net, plan, length, params, text, hidden, real, keys):
+  channels = net.transformer.latent_dim
+  latents = jnp.zeros((len(keys), length, channels), text.dtype)
+  return cdamd.make_latents(net, plan, params, text, latents, hidden, real, 3.0,
+                            cdamd.make_draw(keys, length, channels))
+
+
+@pytest.mark.parametrize("solver, mask", [("euler", "causal"), ("midpoint", "bcm"), ("ddpm", "dccm")])
+def test_solving_for_revealed_latents_changes_nothing(solver, mask):
+  """In float64 nothing but rounding is left; with steps of its own the solver would differ by its error."""
+  with jax.enable_x64(True):
+    run = functools.partial(make, [9, 6, 1], solver=solver, num_steps=3, mask=mask, dtype=jnp.float64)
+    few, hidden = run()
+    every, _ = run(revealed_only=False)
+  assert hidden.sum() > 2 * 16  # rows solved for without the trick, of 16 latents
+  np.testing.assert_allclose(few, every, rtol=0, atol=1e-12)
+  assert np.abs(few).max() > 0.1 and not few[1, 6:].any()
+
+
+def test_padding_and_batch_mates_are_invisible():
+  alone, _ = make([6], num_steps=2, length=6)
+  padded, _ = make([6, 9], num_steps=2)
+  np.testing.assert_allclose(padded[:1, :6], alone, atol=2e-5)
+
+
+def test_left_to_right_never_looks_ahead():
+  """Under the causal mask a motion's beginning does not depend on how long it goes on."""
+  short, hidden = make([9], num_steps=2, order="left_to_right")
+  first = masking.revealed_table(hidden)[:, 0].argmax(0)
+  assert (np.diff(first) >= 0).all()
+  with pytest.raises(ValueError, match="'middle'.*random or left_to_right"):
+    make([9], order="middle")
+
+
+def test_an_edit_changes_what_it_should():
+  """Kept latents stay to the bit, kept frames with paste; under BCM a hole sees its right side, causally not."""
+  net, params = small()
+  autoencoder = Autoencoder(features=6, latent_dim=3, width=8)
+  x = jnp.asarray(np.random.default_rng(2).normal(size=(1, 36, 6)), jnp.float32)
+  tokenizer = jax.jit(autoencoder.init)(jax.random.key(3), x)
+  frozen = {"tokenizer": tokenizer, "latent_mean": jnp.full(3, 0.1), "latent_std": jnp.full(3, 2.0)}
+  real, edited = jnp.ones((1, 9), bool), masking.task_mask("inpainting", [36], 9)
+  counts = masking.hidden_counts(ROUNDS, edited.sum(-1))
+  keys = jax.random.split(jax.random.key(0), 1)
+  hidden = masking.hidden_table(np.where(edited, cdamd.draw_order(keys, [9], 9), np.inf), counts)
+
+  @functools.partial(jax.jit, static_argnums=(1, 2))
+  def run(x, mask, paste):
+    plan = cdamd.make_plan(solver="euler", num_steps=2, mask=mask, num_rows=most_revealed(counts))
+    args = (jnp.ones((1, 1, 6)),)
+    draw = cdamd.make_draw(keys, 9, 3)
+    latents = cdamd.latents_of(autoencoder, frozen, x, real)
+    made = cdamd.make_latents(net, plan, params, *args, latents, hidden, real, 3.0, draw)[-1]
+    return latents, made, cdamd.edit(net, autoencoder, plan, params, frozen, x, *args, edited, hidden, real, 3.0, draw,
+                                     paste)
+
+  for mask in ("causal", "bcm"):
+    latents, made, y = run(x, mask, True)
+    np.testing.assert_array_equal(np.asarray(made)[~edited], np.asarray(latents)[~edited])
+    assert (np.abs(made - latents).max(-1) > 1e-3)[edited].all()
+    kept = np.repeat(~edited, 4, axis=1)
+    np.testing.assert_array_equal(np.asarray(y)[kept], np.asarray(x)[kept])
+    assert np.abs(run(x, mask, False)[2] - x).max(-1)[kept].min() > 0
+    other = run(x.at[:, 34:].add(1.0), mask, True)
+    moved = np.abs(other[1] - made).max(-1)[edited]
+    assert (moved > 1e-5).all() if mask == "bcm" else not moved.any()
+
+
+def test_all_rows_weighted_is_masked_rows_averaged():
+  """Also for DDPM; a batch with nothing masked has no loss, and not a number that is none."""
+  net, params = small()
+  keys = jax.random.split(jax.random.key(1), 3)
+  z1, codes = jax.random.normal(keys[0], (3, LENGTH, 3)), jax.random.randint(keys[1], (3, LENGTH, 2), 0, 9)
+  text, real = jnp.ones((3, 1, 6)), padding_mask(jnp.array([9, 5, 3]), LENGTH)
+  for diffusion in ("flow", "ddpm"):
+    config = ConfigDict(LOSS | dict(diffusion=diffusion, ddpm_steps=5, copies=2))
+    draws = cdamd.draw_step(keys[2], keys, LENGTH, 3, config)
+    run = jax.jit(lambda real, draws, config=config: cdamd.generator_loss(net, params, z1, real, text, codes, draws,
+                                                                          config))
+    sums, weight = run(real, draws)
+    masked = np.asarray(masking.choose_masked(draws.time_u, draws.order_u, real))
+    assert weight == 2 * masked.sum() and 0 < sums["loss"] / weight < 20
+    # Rows that are not masked may hold anything.
+    other = jnp.where(masked[None, ..., None], draws.diffusion_noise, 7.0)
+    np.testing.assert_allclose(run(real, draws._replace(diffusion_noise=other))[0]["loss"], sums["loss"], rtol=1e-6)
+    sums, weight = run(jnp.zeros_like(real), draws)
+    assert sums["loss"] / weight == 0
+
+
+def test_draws_do_not_depend_on_the_number_of_devices():
+  config = ConfigDict(LOSS)
+  keys = jax.random.split(jax.random.key(1), 4)
+  draw = lambda keys: cdamd.draw_step(jax.random.key(2), keys, LENGTH, 3, config)
+  whole, half = draw(keys), draw(keys[2:])
+  np.testing.assert_array_equal(whole.noise[2:], half.noise)
+  np.testing.assert_array_equal(whole.diffusion_noise[:, 2:], half.diffusion_noise)
+  np.testing.assert_array_equal(whole.prior_u[2:], half.prior_u)
+  assert len(np.unique(whole.prior_u)) == 1 and len(np.unique(whole.text_u)) == 4
+  config.prior_drop = "item"
+  assert len(np.unique(draw(keys).prior_u)) == 4
+
+
+def test_what_does_not_fit_is_told():
+  with pytest.raises(ValueError, match="'rk5'.*euler, heun, midpoint, rk4, dopri5, ddpm"):
+    cdamd.make_plan(solver="rk5")
+  with pytest.raises(ValueError, match="'dcc'.*dccm"):
+    cdamd.make_plan(mask="dcc")
+  with pytest.raises(ValueError, match="0 solver steps"):
+    cdamd.make_plan(num_steps=0)
+  with pytest.raises(ValueError, match="'vae'.*cdamd, mardm"):
+    cdamd.make_generator(ConfigDict(dict(transformer=dict(kind="vae"), head={})))
