@@ -66,7 +66,8 @@ def save_params(folder, params, dtype=np.float32, name=PARAMS):
   """Parameters as one flat safetensors file, keys joined by "/"."""
   flat = flax.traverse_util.flatten_dict(flax.core.unfreeze(params), sep="/")
   with atomic_path(pathlib.Path(folder) / name) as path:
-    save_file({key: np.asarray(value, dtype) for key, value in flat.items()}, path)
+    # In order: safetensors writes the bytes of a transposed view as they lie in memory.
+    save_file({key: np.asarray(value, dtype, order="C") for key, value in flat.items()}, path)
 
 
 def load_params(folder, like=None, name=PARAMS):

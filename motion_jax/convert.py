@@ -84,7 +84,7 @@ def load_checkpoint(path):
       for key, inner in value.items():
         collect(f"{prefix}/{key}" if prefix else str(key), inner)
     elif isinstance(value, torch.Tensor):
-      flat[prefix] = value.float().numpy()
+      flat[prefix] = value.float().contiguous().numpy()
 
   collect("", state)
   return flat, {str(key) for key in state} - {name.split("/")[0] for name in flat}
@@ -152,9 +152,10 @@ def causal_vae_names(num_halvings=2, depth=3, teacher=True, teacher_to_latent=Fa
 def autoencoder_names(num_halvings=2, depth=3):
   """AE of CDAMD and MARDM (facts: cdamd 2)."""
   last = 2 + num_halvings
-  table = {"encoder.model.0": ("encoder/conv_in/conv", "conv"), f"encoder.model.{last}": ("encoder/conv_out/conv", "conv"),
-           "decoder.model.0": ("decoder/conv_in/conv", "conv"), f"decoder.model.{last}": ("decoder/conv_mid/conv", "conv"),
-           f"decoder.model.{last + 2}": ("decoder/conv_out/conv", "conv")}
+  ends = {"encoder.model.0": "encoder/conv_in", f"encoder.model.{last}": "encoder/conv_out",
+          "decoder.model.0": "decoder/conv_in", f"decoder.model.{last}": "decoder/conv_mid",
+          f"decoder.model.{last + 2}": "decoder/conv_out"}
+  table = {theirs: (f"{ours}/conv", "conv") for theirs, ours in ends.items()}
   for i in range(num_halvings):
     table |= {f"encoder.model.{2 + i}.0": (f"encoder/down{i}/conv", "conv"),
               f"decoder.model.{2 + i}.2": (f"decoder/up{i}/conv", "conv")}
