@@ -1,9 +1,8 @@
-"""mj.load: a run folder, or the name of a model that ships, becomes a Model that generates and streams."""
-import dataclasses
+"""mj.load: a run folder, or the name of a model that ships, becomes a Model that generates, tells stories, streams."""
 import hashlib
 import pathlib
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -11,46 +10,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from motion_jax import checkpoint, cmdm, export
-from motion_jax.data.clip import Caption, Clip
+from motion_jax import checkpoint, cmdm, stories
 from motion_jax.diffusion import streaming
-from motion_jax.motion import rotations as rot
-from motion_jax.motion.features import root_path, to_joints
-from motion_jax.motion.polish import polish as planted
 from motion_jax.motion.stats import Stats, load_stats
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
+from motion_jax.results import Motion, Motions, captions_in_a_row, go_on, make_motions
+from motion_jax.streams import LiveStream
 from motion_jax.text.encoder import TextEncoder, load_text_encoder
 
 PRETRAINED = pathlib.Path(__file__).parent / "pretrained"
 MAX_SECONDS = 3600.0
 SCHEDULES = ("fss", "ar", "full")
-
-
-class Motion(Clip):
-  """A clip that knows how to write itself: `motion.save("wave.mp4")`, by extension."""
-
-  def save(self, path, **options):
-    """Writes npz, npy, bvh, glb, mp4, gif, html or png; returns the paths written."""
-    return export.save(self, path, **options)
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Motions:
-  """Generated motions: joints (B, T, J, 3), frame_mask (B, T) true where a motion is real; `motions[i]` is a Motion."""
-  joints: np.ndarray
-  frame_mask: np.ndarray
-  features: np.ndarray  # (B, T, F), not normalized
-  motions: tuple[Motion, ...]
-
-  def __len__(self):
-    return len(self.motions)
-
-  def __getitem__(self, index) -> Motion:
-    return self.motions[index]
-
-  def __iter__(self):
-    return iter(self.motions)
 
 
 def pretrained_names():
@@ -72,6 +43,28 @@ def load(name="cmdm-small", text=None) -> "Model":
   return Model(folder, config, load_text_encoder(text or config.frozen.text, level=level))
 
 
+class Compiled(NamedTuple):
+  """The functions of `cmdm` that a model runs, compiled on first use for each new shape."""
+  generate: Callable
+  generate_whole: Callable
+  chain_segment: Callable
+  extend: Callable
+  stream_step: Callable
+  encode: Callable
+  decode: Callable
+
+
+def _compile(dit, vae):
+  both, plan_and_size = (dit, vae), (0, 1)
+  return Compiled(
+      generate=jax.jit(partial(cmdm.generate, *both), static_argnums=plan_and_size),
+      generate_whole=jax.jit(partial(cmdm.generate_whole, *both), static_argnums=plan_and_size),
+      chain_segment=jax.jit(partial(cmdm.chain_segment, dit), static_argnums=plan_and_size),
+      extend=jax.jit(partial(cmdm.extend, dit), static_argnums=plan_and_size),
+      stream_step=jax.jit(partial(cmdm.stream_step, *both), static_argnums=(0, 1, 2)),
+      encode=jax.jit(partial(cmdm.encode_motion, vae)), decode=jax.jit(partial(cmdm.decode_latents, vae)))
+
+
 class Model:
   """CMDM ready to use: prompts in, motion out. Made by `load`."""
 
@@ -90,9 +83,7 @@ class Model:
     self.frozen = load_params(cmdm.frozen_shapes(self.vae), checkpoint.FROZEN)
     self.params = load_params(cmdm.denoiser_shapes(self.dit), checkpoint.PARAMS)
     self.context = config.data.max_frames // self.vae.frames_per_latent // self.dit.block * self.dit.block
-    self._generate = jax.jit(partial(cmdm.generate, self.dit, self.vae), static_argnums=(0, 1))
-    self._generate_whole = jax.jit(partial(cmdm.generate_whole, self.dit, self.vae), static_argnums=(0, 1))
-    self._stream_step = jax.jit(partial(cmdm.stream_step, self.dit, self.vae), static_argnums=(0, 1, 2))
+    self.compiled = _compile(self.dit, self.vae)
     self._lengths = None
 
   # --- what it is ------------------------------------------------------------------------------------------------
@@ -144,15 +135,16 @@ class Model:
 
   # --- motion ----------------------------------------------------------------------------------------------------
 
-  def generate(self, prompts, num_frames=None, *, seconds=None, rng=None, seeds=None, guidance_scale=None,
-               schedule="fss", num_steps=None, lag=None, polish=True) -> Motions:
+  def generate(self, prompts, num_frames=None, *, seconds=None, rng=None, seeds=None, polish=True, guidance_scale=None,
+               schedule="fss", num_steps=None, lag=None, solver="euler", context=None) -> Motions:
     """Motions for one prompt or several, of the given length each (one number or one per prompt).
 
     rng: a key, of which prompt i gets fold_in(rng, i), so that a motion does not depend on its batch-mates; or seeds,
     one integer per prompt. schedule: "fss" (frame-wise, `lag` steps between blocks), "ar" (block after block), "full"
-    (all at once). Without a length it is that of the nearest training captions. polish plants standing feet and takes
-    tremor away (`motion.polish`); features stay as they were made. Raises ValueError for an empty prompt
-    or a length that is not positive or over an hour.
+    (all at once). solver: "euler" or "heun". context: latents that a latent looks back on (the training length).
+    Without a length it is that of the nearest training captions. polish plants standing feet and takes tremor away
+    (`motion.polish`); features stay as they were made. Raises ValueError for an empty prompt or a length that is not
+    positive or over an hour.
     """
     prompts = [prompts] if isinstance(prompts, str) else list(prompts)
     if not prompts:
@@ -160,70 +152,114 @@ class Model:
     self.check_words(prompts)
     frames = self._frames(prompts, num_frames, seconds)
     keys, seeds = _keys(rng, seeds, len(prompts))
+    plan, scale, about = self._plan(guidance_scale, schedule, num_steps, lag, solver, context)
+    # Whole blocks are independent of what follows them; a few more of them spare a compilation for every new length.
+    blocks = -(-max(frames) // (plan.block * self.vae.frames_per_latent * 4)) * 4
+    run = self.compiled.generate if plan.lag else self.compiled.generate_whole
+    if not plan.lag:
+      plan = plan._replace(context=max(plan.context, blocks * plan.block))
+    made = run(plan.fitted(blocks), blocks, self.params, self.frozen, *self.encode_words(prompts), scale, keys)
+    captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
+    return make_motions(self, made, frames, captions, seeds, about, polish)
+
+  def story(self, segments, *, rng=None, seed=None, way="stream", polish=True, **sampling) -> Motion:
+    """One motion from several prompts in a row: [("a person walks", 4.0), ("he sits down", None), ...], in seconds.
+
+    None is the length of similar training clips. See `stories`; sampling: guidance_scale, schedule, num_steps, lag,
+    solver, context as in `generate`.
+    """
+    seeds = None if seed is None else [seed]
+    return self.stories([segments], rng=rng, seeds=seeds, way=way, polish=polish, **sampling)[0]
+
+  def stories(self, tales, *, rng=None, seeds=None, way="stream", polish=True, **sampling) -> Motions:
+    """Several `story`s in one batch, which none of them knows of. The captions of a motion say when each prompt plays.
+
+    way: "stream" changes the words from block to block of one run, in which the old prompt's last blocks and the new
+    one's first are denoised together; prompts then change on a grid of whole blocks (12 frames), to which lengths are
+    rounded, and the end is cut to the sum that was asked. "chain" is the released code's: one run per prompt behind the
+    last latent of the one before, lengths floored to whole latents (4 frames).
+    """
+    tales = [self._segments(tale) for tale in tales]
+    if not tales:
+      raise ValueError("got no story")
+    if way not in stories.WAYS:
+      raise ValueError(f"got way {way!r}, expected one of {', '.join(stories.WAYS)}")
+    keys, seeds = _keys(rng, seeds, len(tales))
+    plan, scale, about = self._plan(**sampling)
+    prompts, counts = ([list(part) for part in parts] for parts in zip(*(zip(*tale) for tale in tales)))
+    make = stories.stream if way == "stream" else stories.chain
+    made, totals, ends = make(self, plan, scale, prompts, counts, keys)
+    captions = [captions_in_a_row(*tale, self.fps) for tale in zip(prompts, ends)]
+    return make_motions(self, made, totals, captions, seeds, about | {"way": way}, polish)
+
+  def extend(self, clip, prompt, num_frames=None, *, seconds=None, past_prompt=None, rng=None, seed=None, way="stream",
+             num_past=None, polish=True, **sampling) -> Motion:
+    """Goes on from a motion that exists, a Clip of any source (`motion_jax.export.load` reads files): all of it, whole.
+
+    prompt: a sentence, or segments as for `story`. The clip's own frames come back as they were, resampled if its rate
+    is another, retargeted if its bones are; the new ones begin where it ends. past_prompt: what the clip shows (its
+    own caption, else the new prompt). way: "stream" keeps the clip's last num_past latents (as many as the context
+    holds) clean in the cache; "chain" is the released code's, 1 latent that is noised anew in every step.
+    """
+    if way not in stories.WAYS:
+      raise ValueError(f"got way {way!r}, expected one of {', '.join(stories.WAYS)}")
+    if num_past is not None and num_past < 1:
+      raise ValueError(f"got num_past {num_past}, expected 1 latent or more to go on from")
+    if isinstance(prompt, str):
+      self.check_words([prompt])
+      segments = [(prompt, self._frames([prompt], num_frames, seconds)[0])]
+    else:
+      segments = self._segments(prompt)
+    keys, seeds = _keys(rng, None if seed is None else [seed], 1)
+    plan, scale, about = self._plan(**sampling)
+    prompts, counts = ([*part] for part in zip(*segments))
+    past = stories.on_our_body(clip, self.fps, self.stats.layout.skeleton)
+    known = [caption.text for caption in clip.captions if caption.text.strip()]
+    past_prompt = past_prompt or (known[-1] if known else prompts[0])
+    new, ends = stories.extend(self, plan, scale, past, past_prompt, prompts, counts, keys, way, num_past, polish)
+    about |= dict(prompt=" | ".join(prompts), seed=seeds[0], way=way, polished=bool(polish), past_prompt=past_prompt)
+    return go_on(self, clip, past, new, captions_in_a_row(prompts, ends, self.fps), about)
+
+  def stream(self, prompt, *, rng=None, seed=None, num_frames=None, **sampling) -> LiveStream:
+    """Yields joints (n, J, 3) block after block, without end unless num_frames says so; memory stays flat.
+
+    `say` changes the words while it runs, see `LiveStream`. Driven by the very step that `generate` and `stories` run:
+    the same key gives the same motion, before polishing, which looks at whole clips.
+    """
+    self.check_words([prompt])
+    keys, _ = _keys(rng, None if seed is None else [seed], 1)
+    plan, scale, _ = self._plan(**sampling)
+    if not plan.lag:
+      raise ValueError("got schedule 'full': a stream runs by schedule 'fss' or 'ar'")
+    if num_frames is not None:
+      self._frames([prompt], num_frames, None)
+    return LiveStream(self, plan, scale, keys, prompt, num_frames)
+
+  def _plan(self, guidance_scale=None, schedule="fss", num_steps=None, lag=None, solver="euler", context=None):
+    """(plan for motions of any length, guidance scale, what a file says of both) from choices and defaults."""
     defaults = self.config.sampler
     scale = self._scale(guidance_scale)
     if schedule not in SCHEDULES:
       raise ValueError(f"got schedule {schedule!r}, expected one of {', '.join(SCHEDULES)}")
     num_steps = int(defaults.num_steps if num_steps is None else num_steps)
-    lag = {"fss": int(defaults.lag if lag is None else lag), "ar": num_steps, "full": 0}[schedule]
-    made = self._features(self._encode(prompts), keys, max(frames), scale, schedule, num_steps, lag)
-    features = self.stats.denormalize(np.asarray(made))
-    length = max(frames)
-    features = features[:, :length]
-    joints = to_joints(features, self.stats.layout)
-    if polish and self.stats.layout.kind == "full":
-      contacts = self.stats.layout["contacts"]
-      for i, count in enumerate(frames):
-        joints[i, :count] = planted(joints[i, :count], features[i, :count, contacts], self.stats.layout.skeleton)
-    mask = np.arange(length) < np.array(frames)[:, None]
-    made = tuple(
-        Motion(joints[i, :count], self.fps, (Caption(prompts[i]),), id=f"motion_{i}", source=self.id,
-               license=self.license, skeleton=self.stats.layout.skeleton, features=features[i, :count],
-               meta=dict(prompt=prompts[i], seed=seeds[i], guidance_scale=scale, model=self.id, schedule=schedule,
-                         num_steps=num_steps, lag=lag, polished=bool(polish)))
-        for i, count in enumerate(frames))
-    return Motions(joints * mask[..., None, None], mask, features * mask[..., None], made)
-
-  def _features(self, text, keys, num_frames, scale, schedule, num_steps, lag):
-    block = self.dit.block
-    blocks = -(-num_frames // (block * self.vae.frames_per_latent))
-    # Whole blocks are independent of what follows them; a few more of them spare a compilation for every new length.
-    blocks = -(-blocks // 4) * 4
-    guided = scale != 1.0
+    lag = {"fss": int(defaults.lag if lag is None else lag), "ar": num_steps, "full": 1}[schedule]
+    context = self.context if context is None else int(context)
+    plan = streaming.make_plan(num_steps, lag, self.dit.block, context, guided=scale != 1.0, solver=solver)
     if schedule == "full":
-      plan = streaming.make_plan(num_steps, 1, block, max(self.context, blocks * block), blocks)._replace(lag=0)
-      return self._generate_whole(plan, blocks, self.params, self.frozen, *text, scale, keys)
-    plan = streaming.make_plan(num_steps, lag, block, self.context, blocks, guided)
-    return self._generate(plan, blocks, self.params, self.frozen, *text, scale, keys)
+      plan = plan._replace(lag=0)
+    return plan, scale, dict(guidance_scale=scale, model=self.id, schedule=schedule, num_steps=num_steps, lag=plan.lag,
+                             solver=solver, context=context)
 
-  def stream(self, prompt, *, rng=None, seed=None, guidance_scale=None, num_frames=None) -> Iterator[np.ndarray]:
-    """Yields joints (n, J, 3) block after block, without end unless num_frames says so; memory stays flat.
-
-    Driven by the very step that `generate` runs: the same key gives the same motion, before polishing, which looks at
-    whole clips.
-    """
-    self.check_words([prompt])
-    keys, _ = _keys(rng, None if seed is None else [seed], 1)
-    defaults, scale = self.config.sampler, self._scale(guidance_scale)
-    if num_frames is not None:
-      self._frames([prompt], num_frames, None)
-    plan = streaming.make_plan(defaults.num_steps, defaults.lag, self.dit.block, self.context, guided=scale != 1.0)
-    constants = streaming.make_constants(self.dit, self.params, plan)
-    text = streaming.encode_text(self.dit, self.params, *self._encode([prompt]), plan.guided)
-    state = cmdm.init_stream(self.dit, self.vae, plan, self.frozen, keys)
-    given, past, at = 0, None, 0
-    while num_frames is None or given < num_frames:
-      unit = -(-plan.width // 2)  # two compiled widths: the start and the rest
-      active = min(-(-min(at + 1, plan.width) // unit) * unit, plan.width)
-      state, features, _ = self._stream_step(plan, active, at > plan.age, self.params, self.frozen, constants, text,
-                                             scale, keys, state)
-      at += 1
-      if at < plan.age:
-        continue
-      joints, past = _continue_path(self.stats.denormalize(np.asarray(features))[0], past, self.stats.layout)
-      joints = joints if num_frames is None else joints[:num_frames - given]
-      given += len(joints)
-      yield joints
+  def _segments(self, tale):
+    """[(prompt, frames)] of a story's [(prompt, seconds or None)]."""
+    if isinstance(tale, str) or not len(tale) or any(isinstance(part, str) or len(part) != 2 for part in tale):
+      raise ValueError(f"got the story {tale!r}, expected a list of (prompt, seconds or None)")
+    self.check_words([prompt for prompt, _ in tale])
+    frames = [self._frames([prompt], None, seconds)[0] for prompt, seconds in tale]
+    if sum(frames) > MAX_SECONDS * self.fps:
+      raise ValueError(f"got a story of {sum(frames) / self.fps:.0f} s, expected at most {MAX_SECONDS:.0f}; a stream "
+                       "has no end")
+    return list(zip([prompt for prompt, _ in tale], frames))
 
   def reconstruct(self, features):
     """Features (T, F) there and back through the tokenizer, T cut to whole latents."""
@@ -232,7 +268,7 @@ class Model:
     mean, _ = self.vae.apply(self.frozen["tokenizer"], jnp.asarray(x), method="encode")
     return self.stats.denormalize(np.asarray(self.vae.apply(self.frozen["tokenizer"], mean, method="decode")))[0]
 
-  def _encode(self, prompts):
+  def encode_words(self, prompts):
     """(text_emb, text_mask) padded to the width of everyday prompts, so that none of those waits for a compiler."""
     emb, mask = self.encoder(prompts)
     width = -(-max(emb.shape[1], self.config.data.max_words) // 8) * 8
@@ -254,25 +290,6 @@ class Model:
       if strange:
         warnings.warn(f"the model does not know {', '.join(repr(w) for w in strange)} in {prompt!r}; it may be ignored "
                       "or misunderstood", stacklevel=3)
-
-
-class _Path(NamedTuple):
-  """Where a stream has got to: the last row of features, its heading (4,) and its place (3,)."""
-  row: np.ndarray
-  heading: np.ndarray
-  place: np.ndarray
-
-
-def _continue_path(features, past, layout):
-  """Joints (n, J, 3) of the next rows of a stream (n, F), going on from where the last ones ended -> (joints, past)."""
-  rows = features if past is None else np.concatenate([past.row, features])
-  joints = to_joints(rows, layout).astype(np.float64)
-  heading, path = root_path(rows)
-  if past is not None:
-    joints = rot.rotate(rot.conjugate(past.heading), joints)[1:] + past.place
-    path = rot.rotate(rot.conjugate(past.heading), path) + past.place
-    heading = rot.multiply(heading, past.heading)
-  return joints.astype(np.float32), _Path(rows[-1:], heading[-1], path[-1] * [1, 0, 1])
 
 
 def _plain(config):

@@ -52,6 +52,10 @@ class Plan(NamedTuple):
     """Blocks in the cache."""
     return max(self.context // self.block - 1, 1)
 
+  def fitted(self, num_blocks) -> "Plan":
+    """The same plan with a window no wider than a motion of so many blocks."""
+    return self._replace(width=min(self.width, num_blocks))
+
 
 def make_plan(num_steps, lag, block, context, num_blocks=None, guided=True, solver="euler", captions=1) -> Plan:
   """A plan; with num_blocks the window is no wider than the motion. Raises ValueError for numbers out of range."""
@@ -62,9 +66,8 @@ def make_plan(num_steps, lag, block, context, num_blocks=None, guided=True, solv
     raise ValueError(f"got a context of {context} latents, expected whole blocks of {block}")
   if solver not in SOLVERS:
     raise ValueError(f"got solver {solver!r}, expected one of {', '.join(SOLVERS)}")
-  width = -(-num_steps // lag) + 1
-  width = min(width, num_blocks) if num_blocks else width
-  return Plan(num_steps, lag, block, context, width, guided, solver, captions)
+  plan = Plan(num_steps, lag, block, context, -(-num_steps // lag) + 1, guided, solver, captions)
+  return plan.fitted(num_blocks) if num_blocks else plan
 
 
 class Stream(NamedTuple):

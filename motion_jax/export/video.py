@@ -43,7 +43,8 @@ def frames(clip, size=(640, 480), **options):
   """Yields one (H, W, 3) uint8 image per frame of a clip. Options:
 
   camera: "follow" goes with the body, "fixed" sees the whole path, "auto" chooses. azimuth: degrees from which to look,
-  0 is in front of the body; 35 by default. caption: text below, the clip's first caption by default, "" for none.
+  0 is in front of the body; 35 by default. caption: text below, what the clip's captions say of the moment by default,
+  "" for none.
   colors: (3,), (T, 3) or (T, P, 3) values 0..1 that replace the colours of the P parts; a NaN keeps the part's own, so
   a mask becomes np.where(kept_mask[:, None], np.nan, (1, .6, .2)). path: draw the root's way on the ground.
   """
@@ -71,7 +72,7 @@ def _painter(clip, size, camera="auto", azimuth=None, caption=None, colors=None,
   figure = make_figure(clip)
   tints = _tints(figure, colors)
   cameras = _cameras(figure, clip.fps, size, camera, azimuth)
-  text = _caption(clip) if caption is None else caption
+  told = (lambda t: _caption(clip, t)) if caption is None else lambda t: caption
   way = figure.joints[:, 0] * [1, 0, 1] + [0, figure.floor, 0]
   still = all(np.array_equal(one.position, cameras[0].position) for one in cameras)
   backdrop = render.ground(cameras[0], size, figure.floor) if still else None
@@ -80,7 +81,7 @@ def _painter(clip, size, camera="auto", azimuth=None, caption=None, colors=None,
     near = slice(max(0, t - int(60 * clip.fps)), t + int(60 * clip.fps))  # nobody sees farther than a minute
     lines = [(_thin(way[near]), _PATH, 0.022, 0.45), (_thin(way[near.start:t + 1]), _TRAIL, 0.026, 0.9)] if path else ()
     image = render.draw(cameras[t], size, figure.floor, [_body(figure, t, tints)], lines, backdrop)
-    return _write_text(image, text, f"{t / clip.fps:.1f} s")
+    return _write_text(image, told(t), f"{t / clip.fps:.1f} s")
 
   return picture
 
@@ -171,8 +172,15 @@ def _tints(figure, colors):
   return np.where(np.isnan(colors), own, colors)
 
 
-def _caption(clip):
-  return clip.captions[0].text if clip.captions else ""
+def _caption(clip, t=None):
+  """What a clip's captions say of frame t, or of all of it: captions with times follow one another."""
+  timed = [caption for caption in clip.captions if caption.start or caption.end]
+  if t is None and len(timed) > 1:
+    return " | ".join(caption.text for caption in timed)
+  if t is not None:
+    timed = [caption for caption in timed if caption.start <= t / clip.fps < caption.end]
+  shown = timed or clip.captions
+  return shown[0].text if shown else ""
 
 
 def _thin(points):

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from motion_jax import cmdm
 from motion_jax.diffusion import guidance, samplers, streaming
 from motion_jax.diffusion.schedules import staircase, staircase_levels
 from motion_jax.nets.masks import block_causal_mask, padding_mask, sliding_mask
@@ -18,8 +19,8 @@ make_constants = jax.jit(streaming.make_constants, static_argnums=(0, 2))
 encode_text = jax.jit(streaming.encode_text, static_argnums=(0, 4))
 
 
-@functools.partial(jax.jit, static_argnums=0)
-def whole(dit, params, text_emb, text_mask, attn_mask, noise, times, scale):
+@functools.partial(jax.jit, static_argnums=(0, 8))
+def whole(dit, params, text_emb, text_mask, attn_mask, noise, times, scale, solver=samplers.euler):
   """The plain sampler: everything recomputed in every step, both branches with all their words."""
   twice = lambda a: jnp.concatenate([a, a]) if a.shape[0] > 1 or noise.shape[0] == 1 else a
 
@@ -27,7 +28,7 @@ def whole(dit, params, text_emb, text_mask, attn_mask, noise, times, scale):
     text = jnp.where(drop[:, None, None], 0, twice(text_emb))
     return dit.apply(params, x, jnp.broadcast_to(t, x.shape[:2]), text, twice(attn_mask), twice(text_mask))
 
-  return samplers.euler(guidance.guided(velocity, scale), noise, times)
+  return solver(guidance.guided(velocity, scale), noise, times)
 
 
 # --- recorded trajectories ---------------------------------------------------------------------------------------
@@ -103,20 +104,22 @@ def setting(num_steps, lag, block, context, num_blocks=None, batch=2, guided=Tru
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1, 7, 8))
-def fast(dit, plan, params, constants, text, scale, keys, num_blocks, buckets=1):
-  return streaming.sample(dit, plan, params, constants, text, scale, keys, num_blocks, buckets)
+def fast(dit, plan, params, constants, text, scale, keys, num_blocks, buckets=1, segment=None):
+  return streaming.sample(dit, plan, params, constants, text, scale, keys, num_blocks, buckets, segment)
 
 
-@functools.partial(jax.jit, static_argnums=(0, 1, 2, 3))
-def step(dit, plan, active, use_cache, params, constants, text, scale, keys, state):
-  return streaming.advance(dit, plan, active, use_cache, params, constants, text, scale, keys, state)
+step = jax.jit(streaming.advance, static_argnums=(0, 1, 2, 3))
 
 
-def streamed(dit, plan, params, constants, text, keys, num_blocks, scale=SCALE):
+def streamed(dit, plan, params, constants, text, keys, num_blocks, scale=SCALE, segment=None):
   """Block after block from a loop, as a live player would ask for them; -> (latents, state)."""
-  state, blocks = streaming.init_stream(dit, plan, keys), []
+  state, blocks, caption = streaming.init_stream(dit, plan, keys), [], None
   for at in range(plan.age + num_blocks - 1):
-    state, block, done = step(dit, plan, plan.width, at > plan.age, params, constants, text, scale, keys, state)
+    if segment is not None:
+      window = max(at - plan.age, 0) + np.arange(plan.width)
+      caption = jnp.asarray(segment[:, np.minimum(window, num_blocks - 1)])
+    state, block, done = step(dit, plan, plan.width, at > plan.age, params, constants, text, scale, keys, state,
+                              caption)
     if done:
       blocks.append(block)
   return jnp.concatenate(blocks, axis=1), state
@@ -154,6 +157,79 @@ def test_fast_is_plain_and_streaming_is_offline(name):
   endless = streaming.make_plan(num_steps, lag, block, context)
   live, _ = streamed(dit, endless, params, constants, text, keys, num_blocks)
   assert_close(live, made, 2e-6)
+
+
+# --- words that change on the way --------------------------------------------------------------------------------
+
+
+def told(dit, params, batch=2, count=5):
+  """Five captions for each motion, of different lengths: (text_emb, text_mask, keys and values)."""
+  text_emb = jax.random.normal(jax.random.key(7), (batch, count, 4, dit.text_dim))
+  text_mask = jnp.arange(4) < 1 + (jnp.arange(count)[:, None] + jnp.arange(batch)[:, None, None]) % 4
+  return text_emb, text_mask, encode_text(dit, params, text_emb, text_mask)
+
+
+@pytest.mark.parametrize("block, context, num_blocks", [(1, 4, 14), (3, 9, 9), (7, 14, 7)])
+def test_every_block_has_its_own_words(block, context, num_blocks):
+  """Cached = recomputed = streamed, past the cache, for two motions whose words change at different blocks."""
+  dit, plan, params, constants, _, _, keys = setting(6, 2, block, context, num_blocks)
+  text_emb, text_mask, text = told(dit, params)
+  segment = np.stack([np.sort(np.arange(num_blocks) % 5), np.arange(num_blocks) // 3]).astype(np.int32)
+  plan = plan._replace(captions=streaming.captions_seen(segment, plan.width))
+  assert plan.captions == {14: 2, 9: 4, 7: 4}[num_blocks]
+  made = fast(dit, plan, params, constants, text, SCALE, keys, num_blocks, 2, segment)
+
+  length = num_blocks * block
+  noise = jnp.concatenate([streaming.block_noise(keys, i, plan, 5) for i in range(num_blocks)], axis=1)
+  words, mask = cmdm.words_of_latents(text_emb, text_mask, jnp.repeat(segment, block, axis=1))
+  times = jnp.asarray(staircase(6, length, 2, block))
+  expected = whole(dit, params, words, mask, sliding_mask(length, block, context), noise, times, SCALE)
+  assert_close(made, expected, 1e-5)
+
+  endless = streaming.make_plan(6, 2, block, context)
+  live, _ = streamed(dit, endless, params, constants, text, keys, num_blocks, segment=segment)
+  assert_close(live, made, 2e-6)
+
+  # What is said later changes nothing before, and something after.
+  other = segment.copy()
+  other[:, num_blocks // 2:] = 4
+  later, _ = streamed(dit, endless, params, constants, text, keys, num_blocks, segment=other)
+  same = num_blocks // 2 * block
+  np.testing.assert_array_equal(live[0, :same], later[0, :same])
+  assert float(jnp.abs(live[:, same:] - later[:, same:]).max()) > 1e-3
+
+  # Alone, with its own captions only: as in the batch.
+  alone = encode_text(dit, params, text_emb[1:], text_mask[1:])
+  assert_close(fast(dit, plan, params, constants, alone, SCALE, keys[1:], num_blocks, 2, segment[1:]), made[1:], 2e-6)
+
+
+def test_one_caption_for_all_is_the_plain_run():
+  dit, plan, params, constants, text_emb, text_mask, keys = setting(6, 2, 3, 12, 4)
+  text = encode_text(dit, params, text_emb, text_mask)
+  twice = encode_text(dit, params, jnp.stack([text_emb] * 2, axis=1), jnp.stack([text_mask] * 2, axis=1))
+  segment = np.array([[0, 0, 1, 1], [0, 1, 1, 1]], np.int32)
+  plain = fast(dit, plan, params, constants, text, SCALE, keys, 4)
+  assert_close(fast(dit, plan._replace(captions=2), params, constants, twice, SCALE, keys, 4, 1, segment), plain, 2e-6)
+
+
+def test_captions_seen():
+  segment = np.array([[0, 0, 0, 1, 1, 2, 3, 4, 4, 4]])
+  assert [streaming.captions_seen(segment, width) for width in (1, 2, 3, 4, 10)] == [1, 2, 4, 4, 8]
+  assert streaming.captions_seen(np.zeros((2, 5), int), 3) == 1
+
+
+@pytest.mark.parametrize("lag", [2, 4])
+def test_heun_is_fast_too(lag):
+  dit, plan, params, constants, text_emb, text_mask, keys = setting(4, lag, 3, 6, 4)
+  plan = plan._replace(solver="heun")
+  text = encode_text(dit, params, text_emb, text_mask)
+  made = fast(dit, plan, params, constants, text, SCALE, keys, 4)
+  noise = jnp.concatenate([streaming.block_noise(keys, i, plan, 5) for i in range(4)], axis=1)
+  times = jnp.asarray(staircase(4, 12, lag, 3))
+  expected = whole(dit, params, text_emb, text_mask, sliding_mask(12, 3, 6), noise, times, SCALE, samplers.heun)
+  assert_close(made, expected, 1e-5)
+  euler = fast(dit, plan._replace(solver="euler"), params, constants, text, SCALE, keys, 4)
+  assert float(jnp.abs(euler - made).max()) > 1e-3
 
 
 @pytest.mark.parametrize("fields", [{"use_rope": False}, {"use_adaln": False}])
@@ -253,6 +329,7 @@ def test_segments_cover_all_that_has_begun(num_blocks, lag):
 
 def test_bad_plans_are_told():
   for bad, words in ((dict(lag=0), "lag 0"), (dict(lag=60), "lag <= num_steps"), (dict(num_steps=0), "num_steps 0"),
-                     (dict(context=10), "whole blocks of 3"), (dict(context=0), "whole blocks")):
+                     (dict(context=10), "whole blocks of 3"), (dict(context=0), "whole blocks"),
+                     (dict(solver="dopri"), "euler, heun")):
     with pytest.raises(ValueError, match=words):
       streaming.make_plan(**(dict(num_steps=50, lag=2, block=3, context=48) | bad))

@@ -12,6 +12,7 @@ from motion_jax import export
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.synthetic import synthetic_joints
 from motion_jax.export import render
+from motion_jax.export.video import _caption
 from motion_jax.motion.skeleton import KIT
 
 SIZE = (200, 160)
@@ -163,3 +164,12 @@ def test_a_failing_encoder_leaves_nothing(tmp_path, monkeypatch):
   with pytest.raises(RuntimeError, match="Unknown encoder.*try a .gif"):
     export.save(make(), tmp_path / "out" / "a.mp4", size=SIZE)
   assert not list((tmp_path / "out").iterdir())
+
+
+def test_captions_with_times_follow_one_another():
+  clip = make(num_frames=40)
+  told = clip.replace(captions=(Caption("walks", 0.0, 1.0), Caption("sits", 1.0, 2.0)))
+  assert [_caption(told, t) for t in (0, 19, 20, 39)] == ["walks", "walks", "sits", "sits"]
+  assert _caption(told) == "walks | sits"
+  about_all = clip.replace(captions=(Caption("one wording"), Caption("another")))
+  assert _caption(about_all, 7) == _caption(about_all) == "one wording"

@@ -1,0 +1,101 @@
+"""Timelines: sentences with a start, an end and body parts, as in the multi-track format of STMC and its MTT data.
+
+A text file; one interval a line, an empty line between timelines, seconds:
+
+  walking in a circle # 0.0 # 6.0 # legs
+  raising both hands in the air # 2.0 # 5.0 # right arm # left arm
+
+`single_track` turns one into prompts that follow each other, for models that take one caption at a time.
+"""
+import pathlib
+from typing import NamedTuple
+
+PARTS = ("head", "left arm", "right arm", "legs", "spine")
+_ALSO = {"neck": "head", "torso": "spine", "left hand": "left arm", "right hand": "right arm", "left leg": "legs",
+         "right leg": "legs"}
+
+
+class Interval(NamedTuple):
+  """A caption for the seconds start:end, about some parts of the body (none named: all of it)."""
+  text: str
+  start: float
+  end: float
+  parts: tuple[str, ...] = ()
+
+
+def read_timelines(path) -> list[list[Interval]]:
+  """All timelines of a file, each moved to begin at 0. Raises ValueError with the line that is wrong."""
+  path = pathlib.Path(path)
+  if not path.is_file():
+    raise FileNotFoundError(f"there is no timeline file {path}")
+  timelines, current = [], []
+  for number, line in enumerate(path.read_text(encoding="utf-8-sig").splitlines(), 1):
+    if line.strip():
+      current.append(_interval(line, f"{path} line {number}"))
+    elif current:
+      timelines.append(current)
+      current = []
+  timelines += [current] if current else []
+  if not timelines:
+    raise ValueError(f"{path} holds no timeline; a line is: caption # start # end # body parts, times in seconds")
+  return [_from_zero(timeline) for timeline in timelines]
+
+
+def is_timeline(text) -> bool:
+  """Whether the lines of a file look like a timeline: three fields at least, parted by #."""
+  lines = [line for line in text.splitlines() if line.strip()]
+  return bool(lines) and all(line.count("#") >= 2 for line in lines)
+
+
+def _interval(line, where):
+  text, *fields = (field.strip() for field in line.split("#"))
+  if len(fields) < 2 or not text:
+    raise ValueError(f"{where}: got {line.strip()!r}, expected: caption # start # end # body parts, times in seconds")
+  try:
+    start, end = map(float, fields[:2])
+  except ValueError:
+    raise ValueError(f"{where}: got the times {fields[0]!r} and {fields[1]!r}, expected seconds") from None
+  if not 0 <= start < end < float("inf"):
+    raise ValueError(f"{where}: got an interval from {start:g} to {end:g} s; an end comes after its start")
+  parts = []
+  for part in filter(None, fields[2:]):
+    part = _ALSO.get(part.lower(), part.lower())
+    if part not in PARTS:
+      raise ValueError(f"{where}: got the body part {part!r}, expected one of {', '.join([*PARTS, *_ALSO])}")
+    parts.append(part)
+  return Interval(text, start, end, tuple(dict.fromkeys(parts)))
+
+
+def _from_zero(timeline):
+  first = min(interval.start for interval in timeline)
+  return [interval._replace(start=interval.start - first, end=interval.end - first) for interval in timeline]
+
+
+def single_track(timeline, shortest=0.6) -> list[tuple[str, float]]:
+  """[(caption, seconds)], one after the other, that say what a timeline of overlapping intervals says.
+
+  Time is cut at every start and end. A piece's caption joins those of all intervals in it by "and", in the order in
+  which they start; body parts are not used, as the captions name them. Where nothing is said, what was said last goes
+  on. Pieces under `shortest` seconds are too short to be acted: they go to the longer neighbour. Equal neighbours are
+  one.
+  """
+  timeline = sorted(timeline, key=lambda interval: interval.start)
+  cuts = sorted({time for interval in timeline for time in (interval.start, interval.end)})
+  pieces = []
+  for start, end in zip(cuts[:-1], cuts[1:]):
+    said = [interval.text.rstrip(" .") for interval in timeline if interval.start < end and interval.end > start]
+    caption = " and ".join(dict.fromkeys(said)) or pieces[-1][0]
+    pieces.append((caption, end - start))
+  while len(pieces) > 1 and min(seconds for _, seconds in pieces) < shortest - 1e-9:
+    short = min(range(len(pieces)), key=lambda i: pieces[i][1])
+    sides = [i for i in (short - 1, short + 1) if 0 <= i < len(pieces)]
+    longer = max(sides, key=lambda i: pieces[i][1])
+    pieces[longer] = pieces[longer][0], pieces[longer][1] + pieces[short][1]
+    del pieces[short]
+  joined = pieces[:1]
+  for caption, seconds in pieces[1:]:
+    if caption == joined[-1][0]:
+      joined[-1] = caption, joined[-1][1] + seconds
+    else:
+      joined.append((caption, seconds))
+  return joined

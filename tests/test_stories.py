@@ -1,0 +1,180 @@
+"""Several prompts in one motion, offline and live, and motions that go on from a given one."""
+import numpy as np
+import pytest
+
+from motion_jax import cli, export, stories
+from motion_jax.data.clip import Caption, Clip
+from motion_jax.data.synthetic import synthetic_clips
+from motion_jax.model import load
+from motion_jax.motion import rotations as rot
+
+FAST = dict(num_steps=6, lag=2)
+TALE = [("a person walks", 1.2), ("a person waves", 1.3), ("a person sits", 0.7)]
+
+
+@pytest.fixture(scope="module")
+def model(tiny_run):
+  return load(tiny_run)
+
+
+@pytest.fixture(scope="module")
+def walk():
+  return synthetic_clips(0, 1, num_frames=50)[0]
+
+
+def test_borders_are_on_blocks_and_the_end_is_as_asked():
+  assert stories.borders([24, 26, 14], 12) == ([2, 2, 2], 64)  # ends at 24, 50 (nearest: 48), 64 (cut from 72)
+  assert stories.borders([4, 4, 40], 12) == ([1, 1, 2], 48)    # no segment is shorter than a block
+  assert stories.borders([4, 4, 4], 12) == ([1, 1, 1], 36)
+  assert stories.borders([100], 12) == ([9], 100)
+
+
+def test_a_story_is_one_motion_and_a_stream_tells_it_too(model):
+  whole = model.story(TALE, seed=2, polish=False, **FAST)
+  assert whole.num_frames == 64 and whole.features.shape == (64, 263)
+  assert whole.captions == (Caption("a person walks", 0.0, 1.2), Caption("a person waves", 1.2, 2.4),
+                            Caption("a person sits", 2.4, 3.2))
+  assert whole.meta["way"] == "stream" and whole.meta["seed"] == 2
+  stream = model.stream("a person walks", seed=2, num_frames=64, **FAST)
+  stream.say("a person waves", after=1.2)
+  stream.say("a person sits", after=2.4)
+  assert np.abs(np.concatenate(list(stream)) - whole.joints).max() < 1e-4
+  other = model.story([*TALE[:1], ("a person runs", 2.0)], seed=2, polish=False, **FAST).joints
+  assert np.abs(other[:24] - whole.joints[:24]).max() < 1e-5  # what comes later is not known before
+  assert np.abs(other[24:50] - whole.joints[24:50]).max() > 1e-4
+
+
+def test_a_story_does_not_know_its_batch_mates(model):
+  alone = model.story(TALE, seed=5, **FAST)
+  both = model.stories([[("a person runs", 4.0)], TALE], seeds=[1, 5], **FAST)
+  assert both.joints.shape[1] == 80 and both.frame_mask.sum(1).tolist() == [80, 64]
+  assert np.abs(both[1].joints - alone.joints).max() < 1e-4
+  run = model.generate("a person runs", num_frames=80, seeds=[1], **FAST)[0]
+  assert np.abs(both[0].joints - run.joints).max() < 1e-4 and both[0].captions == run.captions
+
+
+def test_the_released_way_chains_segments(model):
+  tale = [("a person walks", 0.65), ("a person waves", 1.0)]
+  alone = model.story(tale, seed=5, way="chain", **FAST)
+  assert alone.num_frames == 32 and alone.captions[1].start == pytest.approx(0.6)  # 13 frames are 3 latents
+  both = model.stories([[("a person runs", 2.0)], tale], seeds=[1, 5], way="chain", **FAST)
+  assert np.abs(both[1].joints - alone.joints).max() < 1e-4 and both[0].num_frames == 40
+  assert np.abs(model.story(tale, seed=5, **FAST).joints[:30] - alone.joints[:30]).max() > 1e-4
+
+
+def test_words_of_a_stream_change_when_they_are_said(model):
+  """Said after n blocks: the blocks that are under way keep their words, unless `after` is shorter."""
+  run = lambda after, prompt: _told(model, after, prompt)
+  plain, late, soon = run(None, "a person walks"), run(None, "a person jumps"), run(0, "a person jumps")
+  assert np.abs(plain[:60] - late[:60]).max() < 1e-6     # 3 given, 2 under way
+  assert np.abs(plain[60:] - late[60:]).max() > 1e-5
+  assert np.abs(plain[:36] - soon[:36]).max() < 1e-6 and np.abs(plain[36:60] - soon[36:60]).max() > 1e-5
+
+
+def _told(model, after, prompt):
+  stream, parts = model.stream("a person walks", seed=0, num_frames=96, **FAST), []
+  for part in stream:
+    parts.append(part)
+    if len(parts) == 3:
+      assert stream.delay == pytest.approx(1.2) and stream.block_seconds == pytest.approx(0.6)
+      stream.say(prompt, after)
+  return np.concatenate(parts)
+
+
+def test_a_stream_takes_any_number_of_words(model):
+  stream = model.stream("a person walks", seed=0, **FAST)
+  for i in range(7):  # more within one window than there is room for at first
+    stream.say(f"a person jumps {'very ' * i}high", after=0.6 * (i + 1))
+  parts = [next(stream) for _ in range(12)]
+  assert np.isfinite(parts).all()
+  for words, arguments in (("say what", ("",)), ("after -1", ("a person walks", -1)), ("after nan", ("walks", np.nan))):
+    with pytest.raises(ValueError, match=words):
+      stream.say(*arguments)
+
+
+def test_a_motion_goes_on(model, walk):
+  longer = model.extend(walk, "a person waves", seconds=2, seed=1, **FAST)
+  assert longer.num_frames == 90 and longer.meta["past_frames"] == 50
+  np.testing.assert_array_equal(longer.joints[:50], walk.joints)
+  assert longer.captions[-1] == Caption("a person waves", 2.5, 4.5)
+  # The first new frame is where the last old one would have gone; from then on no joint leaps.
+  assert np.abs(longer.joints[50] - longer.joints[49]).max() < 0.1
+  again = model.extend(walk, [("a person waves", 1.2), ("a person sits", 0.8)], seed=1, **FAST)
+  assert np.abs(again.joints[:74] - longer.joints[:74]).max() < 0.05 and again.num_frames == 90
+  assert [round(c.start, 2) for c in again.captions[-2:]] == [2.5, 3.7]
+  chained = model.extend(walk, "a person waves", seconds=2, seed=1, way="chain", **FAST)
+  np.testing.assert_array_equal(chained.joints[:50], walk.joints)
+  assert chained.num_frames == 90 and np.abs(chained.joints - longer.joints).max() > 1e-4
+
+
+def test_other_bodies_and_rates_are_fitted(model, walk, tmp_path):
+  big = Clip(np.repeat(walk.joints * 1.2, 2, axis=0), fps=40, id="big")
+  longer = model.extend(big, "a person walks", num_frames=12, seed=0, **FAST)
+  assert longer.fps == 20 and longer.num_frames == 62
+  assert np.abs(longer.joints[:50] - walk.joints).max() < 0.1  # the path too is scaled to the legs
+  export.save(walk, tmp_path / "walk.bvh")
+  from_file = model.extend(export.load(tmp_path / "walk.bvh"), "a person walks", num_frames=12, seed=0, **FAST)
+  assert from_file.num_frames == 62
+
+
+def test_a_generated_body_is_laid_over_the_given_one():
+  """The same motion, turned and moved, comes back to its place; a different one goes on without a leap."""
+  joints = synthetic_clips(1, 1, num_frames=60)[0].joints.astype(np.float64)
+  turn = rot.about_axis(np.array(1.1), "y")
+  shadow = rot.rotate(turn[None, None], joints) + [3.0, 0.1, -2.0]
+  np.testing.assert_allclose(stories._laid_over(shadow, joints[:40], 40), joints[40:], atol=1e-9)
+  wrong = shadow + 0.05 * np.sin(np.arange(66).reshape(22, 3))
+  after = stories._laid_over(wrong, joints[:40], 40)
+  assert np.abs(after[0] - joints[40]).max() < 0.01 and np.abs(after[15:] - joints[55:]).max() < 0.12
+
+
+@pytest.mark.parametrize("run, words", [
+    (lambda m, w: m.story([]), "list of"), (lambda m, w: m.story("a person walks"), "list of"),
+    (lambda m, w: m.story(["walks", "sits"]), "list of"), (lambda m, w: m.story([("", 2)]), "say what"),
+    (lambda m, w: m.story([("walks", 0)]), "length of 0"), (lambda m, w: m.story([("walks", 1)], way="x"), "way 'x'"),
+    (lambda m, w: m.story([("walks", 2000)] * 2), "4000 s"), (lambda m, w: m.stories([]), "no story"),
+    (lambda m, w: m.story([("walks", 1)], way="chain", solver="heun"), "heun"),
+    (lambda m, w: m.extend(w, ""), "say what"), (lambda m, w: m.extend(w, "walks", way="x"), "way 'x'"),
+    (lambda m, w: m.extend(w, "walks", seconds=1, num_past=0), "num_past 0"),
+    (lambda m, w: m.extend(w, "walks", seconds=1, schedule="full"), "fss"),
+    (lambda m, w: m.extend(w.replace(joints=w.joints[:2]), "walks", seconds=1), "2 frames"),
+    (lambda m, w: m.stream("walks", schedule="full"), "fss"),
+    (lambda m, w: m.stream("walks", context=7), "blocks of 3"),
+])
+def test_bad_stories_are_told(model, walk, run, words):
+  with pytest.raises(ValueError, match=words):
+    run(model, walk)
+
+
+# --- from the command line ---------------------------------------------------------------------------------------
+
+
+def test_stories_are_read_from_words_and_files(tmp_path):
+  assert cli.read_stories("a person walks: 4 | sits down |waves:2.5s") == [
+      [("a person walks", 4.0), ("sits down", None), ("waves", 2.5)]]
+  assert cli.read_stories("says: hello") == [[("says: hello", None)]]
+  (tmp_path / "s.csv").write_text("prompt,length\na person walks,40\na person sits,\n")
+  assert cli.read_stories(str(tmp_path / "s.csv")) == [[("a person walks", 2.0), ("a person sits", None)]]
+  (tmp_path / "s.txt").write_text("a person walks:3\na person sits\n")
+  assert cli.read_stories(str(tmp_path / "s.txt")) == [[("a person walks", 3.0), ("a person sits", None)]]
+  (tmp_path / "t.txt").write_text("walks # 0 # 4 # legs\nwaves # 2 # 4 # left arm\n\nsits # 0 # 3 # legs\n")
+  assert cli.read_stories(str(tmp_path / "t.txt")) == [[("walks", 2.0), ("walks and waves", 2.0)], [("sits", 3.0)]]
+
+
+def test_story_and_extend_commands(tiny_run, tmp_path, monkeypatch, capsys):
+  monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+  options = ["--model", str(tiny_run), "--steps", "6", "--seed", "2"]
+  out = tmp_path / "s.npz"
+  assert cli.main(["story", "a person walks:1.2 | a person waves:1.2", "--out", str(out), *options]) == 0
+  made = export.load(out)
+  assert made.num_frames == 48 and [c.start for c in made.captions] == [0.0, 1.2]
+  assert "1.2 to   2.4 s  a person waves" in capsys.readouterr().out
+  longer = tmp_path / "longer.npy"
+  assert cli.main(["extend", str(out), "--text", "a person sits", "--seconds", "0.6", "--out", str(longer),
+                   *options]) == 0
+  joints = np.load(longer, allow_pickle=False)
+  assert joints.shape == (60, 22, 3)
+  np.testing.assert_allclose(joints[:48], made.joints, atol=1e-6)
+  assert cli.main(["extend", str(out), "--text", "sits | waves", "--seconds", "1", "--out", str(longer), *options]) == 1
+  assert "colons" in capsys.readouterr().err
+  assert cli.main(["story", "missing.csv", "--out", str(out), *options]) == 1
