@@ -8,10 +8,10 @@ import numpy as np
 
 from motion_jax import checkpoint, train
 from motion_jax.motion import stats as stats_lib
-from motion_jax.recipes import cmdm
+from motion_jax.recipes import cdamd, cmdm
 from motion_jax.recipes.recipe import plain
 
-RECIPES = {**cmdm.RECIPES}
+RECIPES = {**cmdm.RECIPES, **cdamd.RECIPES}
 
 
 def run(config, workdir, resume=False, max_seconds=None):
@@ -60,8 +60,8 @@ def _started_from(stage, folder):
 
 
 def _check_same_run(config, before):
-  for part in ("stage", "seed", "model", "loss", "data", "optimizer"):
-    now, then = config[part], before.get(part)
+  for part in ("stage", "seed", "model", "quantizer", "loss", "data", "optimizer"):
+    now, then = config.get(part), before.get(part)
     now, then = (c.to_dict() if hasattr(c, "to_dict") else c for c in (now, then))
     if plain(now) != plain(then):
       raise ValueError(f"--resume with another {part}: the run has {then}, got {now}; start a new folder instead")

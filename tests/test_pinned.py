@@ -4,10 +4,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax import cmdm
+from motion_jax import cdamd, cmdm
 from motion_jax.data.batches import step_rng
 from motion_jax.diffusion.streaming import block_noise, make_plan
 from motion_jax.motion.features import get_layout
+from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.teacher import make_teacher
@@ -17,6 +18,11 @@ COUNTS = {
     ("part_tmr", "full"): 51_080_705, ("part_tmr", "small"): 482_753, ("part_tmr", "tiny"): 21_425,
     ("cmdm_tokenizer", "full"): 76_312_199, ("cmdm_tokenizer", "small"): 2_947_527, ("cmdm_tokenizer", "tiny"): 44_445,
     ("cmdm_denoiser", "full"): 38_697_024, ("cmdm_denoiser", "small"): 7_294_496, ("cmdm_denoiser", "tiny"): 10_036,
+    ("cdamd_autoencoder", "full"): 18_831_426, ("cdamd_autoencoder", "small"): 2_552_002,
+    ("cdamd_autoencoder", "tiny"): 23_926, ("cdamd_autoencoder", "kit"): 18_822_207,
+    ("cdamd_autoencoder", "67"): 18_834_499, ("cdamd_autoencoder", "263"): 19_436_807,
+    ("cdamd_rvq", "full"): 19_880_002, ("cdamd_rvq", "small"): 1_234_434, ("cdamd_rvq", "tiny"): 24_054,
+    ("cdamd_rvq", "kit"): 19_870_783, ("cdamd_rvq", "67"): 19_883_075, ("cdamd_rvq", "263"): 20_485_383,
 }
 
 
@@ -26,6 +32,9 @@ def _count(name, size):
     teacher = make_teacher(config.model, config.data.layout)
     x, hidden = jnp.zeros((1, 4, get_layout(config.data.layout).dim)), jnp.zeros((1, 768))
     shapes = jax.eval_shape(lambda: teacher.init(jax.random.key(0), x, hidden))
+  elif config.stage in ("cdamd.autoencoder", "cdamd.rvq"):  # of the codebooks the codes alone
+    shapes = cdamd.autoencoder_shapes(Autoencoder(**config.model), config.get("quantizer"))
+    shapes = shapes["params"], shapes.get("codebooks", {"codes": ()})["codes"]
   elif config.stage == "cmdm.tokenizer":
     shapes = cmdm.frozen_shapes(CausalVAE(**config.model))["tokenizer"]
   else:

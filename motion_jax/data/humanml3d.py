@@ -19,7 +19,7 @@ from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.mirror import mirror_clip
 from motion_jax.data.tagger import tag
 from motion_jax.motion.features import get_layout, layout_for, to_features, to_joints
-from motion_jax.motion.skeleton import HUMANML3D, SKELETONS
+from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.motion.stats import Stats, compute_stats, load_stats, save_stats
 
 SPLITS = ("train", "val", "test", "train_val", "all")
@@ -142,11 +142,11 @@ def text_items(folder, split="train", layout=None, min_frames=None, max_frames=2
   return [TextItem(clip.id, values(clip), tuple(c.text for c in clip.captions), clip.meta["tokens"]) for clip in clips]
 
 
-def folder_stats(folder, layout=None) -> Stats:
+def folder_stats(folder, layout=None, per_axis=False) -> Stats:
   """The folder's statistics, in its own layout or another one.
 
   Essential ones are the first columns of Mean.npy and Std.npy. Coordinates have Mean_abs.npy and Std_abs.npy where the
-  field's tools made them; else they are computed from the training joints.
+  field's tools made them; else they are computed from the training joints, per column or (per_axis) per axis.
   """
   folder = pathlib.Path(folder)
   own = get_layout(dataset_info(folder)["layout"])
@@ -158,7 +158,8 @@ def folder_stats(folder, layout=None) -> Stats:
   if all((folder / name).is_file() for name in ("Mean_abs.npy", "Std_abs.npy")):
     saved = [np.load(folder / name, allow_pickle=False).ravel() for name in ("Mean_abs.npy", "Std_abs.npy")]
     return Stats(*(np.resize(value, layout.dim).astype(np.float32) for value in saved), layout)  # 3 values are tiled
-  return compute_stats([clip.joints.reshape(clip.num_frames, -1) for clip in read_folder(folder, "train")], layout)
+  joints = [clip.joints.reshape(clip.num_frames, -1) for clip in read_folder(folder, "train")]
+  return compute_stats(joints, layout, per_axis)
 
 
 def _check_layout(folder, own, layout):
@@ -296,8 +297,8 @@ def _check_clips(clips, mirror):
   if not clips:
     raise ValueError("got no clips to write")
   names = {clip.skeleton.name for clip in clips}
-  if len(names) > 1 or names - set(SKELETONS):
-    raise ValueError(f"got clips on the skeletons {', '.join(sorted(names))}, expected one of {', '.join(SKELETONS)}")
+  if len(names) > 1 or names - set(MIN_FRAMES):
+    raise ValueError(f"got clips on the skeletons {', '.join(sorted(names))}, expected one of {', '.join(MIN_FRAMES)}")
   seen = set()
   for clip in clips:
     ids = {clip.id, "M" + clip.id} if mirror else {clip.id}

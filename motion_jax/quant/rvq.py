@@ -60,7 +60,7 @@ def train(codebooks, x, num_active, noise, decay=0.99, temperature=0.5, gain_onc
   books, indices, terms = [], [], []
   for level in range(num_levels):
     active = level < num_active
-    before = jax.tree.map(lambda a: a[level], codebooks)
+    before = vq.Codebook(*(field[level] for field in codebooks))
     frozen = jax.lax.stop_gradient(residual)
     book = vq.initialise(before, frozen, noise.start[level], axis_name)
     chosen = vq.sample(book.codes, frozen, noise.gumbel[level], temperature)
@@ -70,7 +70,7 @@ def train(codebooks, x, num_active, noise, decay=0.99, temperature=0.5, gain_onc
                                               (counts > 0).mean(dtype=x.dtype)]), 0.0))
     codes = jnp.where(active, codes, 0.0)
     residual, total = residual - codes, total + codes
-    books.append(jax.tree.map(lambda new, old: jnp.where(active, new, old), book, before))
+    books.append(vq.choose(active, book, before))
     indices.append(jnp.where(active, chosen, -1))
   # Parity: in the reference each level passes the gradient on, and so does the residual, so the encoder receives it
   # once per active level; gain_once is the textbook's straight-through estimator.

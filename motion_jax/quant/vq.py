@@ -41,6 +41,10 @@ def codebook_of(codes) -> Codebook:
   return Codebook(codes, codes.copy(), jnp.ones(codes.shape[:-1], codes.dtype), jnp.ones(codes.shape[:-2], bool))
 
 
+def choose(condition, book, other) -> Codebook:
+  return jax.tree.map(lambda a, b: jnp.where(condition, a, b), book, other)
+
+
 def squared_distances(codes, x):
   """codes (K, C), x (N, C) -> (N, K)."""
   product = jnp.einsum("nc,kc->nk", x, codes, precision=_EXACT)
@@ -79,7 +83,7 @@ def initialise(book, x, noise, axis_name=None) -> Codebook:
   """Codes are the first rows of x, each as if used once; a codebook that is initialised stays as it is."""
   rows = first_rows(x, len(book.codes), noise, axis_name)
   fresh = Codebook(rows, rows, jnp.ones_like(book.counts), jnp.ones_like(book.initialised))
-  return jax.tree.map(lambda new, old: jnp.where(book.initialised, old, new), fresh, book)
+  return choose(book.initialised, book, fresh)
 
 
 def usage_counts(indices, num_codes, dtype, axis_name=None):

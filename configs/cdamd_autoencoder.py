@@ -1,0 +1,50 @@
+"""CDAMD's deterministic autoencoder on absolute joint coordinates.
+
+  python launch.py --config configs/cdamd_autoencoder.py --workdir runs/autoencoder --config.data.folder=HumanML3D
+  ... --config configs/cdamd_autoencoder.py:kit       21 joints, millimetres
+  ... --config configs/cdamd_autoencoder.py:263       full features instead of coordinates (Table V); 67: essential ones
+  ... --config configs/cdamd_autoencoder.py:small     for the archives, a CPU's evening
+  ... --config configs/cdamd_autoencoder.py:tiny      two steps on formulas, seconds
+
+`full` is the released code's configuration (facts: cdamd 2, 10): 18.8 M parameters, 50 epochs.
+"""
+import ml_collections
+
+
+def get_config(size="full"):
+  config = ml_collections.ConfigDict()
+  config.stage = "cdamd.autoencoder"
+  config.seed = 3407
+  config.frozen = dict()
+  config.model = dict(features=66, latent_dim=512, width=512, num_halvings=2, dilations=(9, 3, 1), dropout=0.2)
+  # columns: those that count twice, 4 : 4 + 3 (J - 1). distance "l1" with position_weight 0 is the paper's loss.
+  config.loss = dict(distance="smooth_l1", position_weight=1.0, columns=(4, 67))
+  # per_axis: one mean and std for x, y and z each over all joints, instead of one per column.
+  config.data = dict(name="humanml3d", folder="", folders=(), layout="coordinates", mode="benchmark", mirror=False,
+                     per_axis=False, batch_size=256, window=64, stride=1)
+  config.optimizer = dict(learning_rate=2e-4, schedule="step", boundaries=(150_000, 250_000), gamma=0.05,
+                          cooldown_steps=0, warmup_steps=2_000, beta1=0.9, beta2=0.99, weight_decay=0.0, clip_norm=0.0,
+                          ema_decay=0.0, skip_loss=0.0)
+  config.train = dict(num_steps=350_000, log_every=100, save_every=5_000)
+  if size == "kit":
+    config.model.features = 63
+    config.loss.columns = (4, 64)
+    config.data.update(layout="coordinates_kit", batch_size=512)
+    config.optimizer.gamma = 0.1
+  elif size in ("67", "263"):
+    config.model.features = int(size)
+    config.data.layout = "essential" if size == "67" else "full"
+  elif size == "small":
+    config.model.update(latent_dim=64, width=192, dropout=0.0)  # a small model has no capacity to spare
+    config.data.update(name="archive", mode="corrected", mirror=True, batch_size=32, stride=4)
+    config.optimizer.update(learning_rate=6e-4, schedule="trapezoid", warmup_steps=200, cooldown_steps=2_000,
+                            clip_norm=1.0, ema_decay=0.999)
+    config.train.update(num_steps=6_000, log_every=50, save_every=1_000)
+  elif size == "tiny":
+    config.model.update(latent_dim=4, width=16)
+    config.data.update(name="synthetic", mode="corrected", batch_size=4)
+    config.optimizer.update(warmup_steps=1)
+    config.train.update(num_steps=2, log_every=1, save_every=2)
+  elif size != "full":
+    raise ValueError(f"got size {size!r}, expected kit, 67, 263, full, small or tiny")
+  return config.lock()

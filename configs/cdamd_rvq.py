@@ -1,0 +1,55 @@
+"""CDAMD's RVQ-VAE, whose codes are the motion prior of the masked transformer while it trains.
+
+  python launch.py --config configs/cdamd_rvq.py --workdir runs/rvq --config.data.folder=HumanML3D
+  ... --config configs/cdamd_rvq.py:kit       21 joints, millimetres
+  ... --config configs/cdamd_rvq.py:263       full features instead of coordinates (Table V); 67: essential ones
+  ... --config configs/cdamd_rvq.py:small     for the archives, a CPU's evening
+  ... --config configs/cdamd_rvq.py:tiny      two steps on formulas, seconds
+
+`full` is the released code's configuration (facts: cdamd 3, 10): 18.8 M parameters and 1.0 M numbers in the codebooks,
+on whole clips padded to 196 frames, 4,500 steps. With --config.data.window=64 it sees windows of the clips instead.
+"""
+import ml_collections
+
+
+def get_config(size="full"):
+  config = ml_collections.ConfigDict()
+  config.stage = "cdamd.rvq"
+  config.seed = 3407
+  config.frozen = dict()
+  config.model = dict(features=66, latent_dim=512, width=512, num_halvings=2, dilations=(9, 3, 1), dropout=0.2)
+  # drop_rate: quantize dropout, per batch. gain_once: straight-through gradient once, not once per active level.
+  config.quantizer = dict(num_levels=4, num_codes=512, decay=0.99, temperature=0.5, drop_rate=0.2, gain_once=False)
+  config.loss = dict(distance="smooth_l1", position_weight=0.1, columns=(4, 67), velocity_weight=0.1,
+                     commitment_weight=0.02)
+  # window 0: whole clips of min_frames to max_frames frames, padded with zeros.
+  config.data = dict(name="humanml3d", folder="", folders=(), layout="coordinates", mode="benchmark", mirror=False,
+                     per_axis=False, batch_size=256, window=0, stride=1, min_frames=40, max_frames=196)
+  config.optimizer = dict(learning_rate=2e-4, schedule="step", boundaries=(150_000, 250_000), gamma=0.05,
+                          cooldown_steps=0, warmup_steps=2_000, beta1=0.9, beta2=0.99, weight_decay=0.0, clip_norm=0.0,
+                          ema_decay=0.0, skip_loss=0.0)
+  config.train = dict(num_steps=4_500, log_every=50, save_every=500)
+  if size == "kit":
+    config.model.features = 63
+    config.loss.columns = (4, 64)
+    config.data.update(layout="coordinates_kit", min_frames=24)
+  elif size in ("67", "263"):
+    config.model.features = int(size)
+    config.data.layout = "essential" if size == "67" else "full"
+  elif size == "small":
+    config.model.update(latent_dim=64, width=128, dropout=0.0)
+    config.quantizer.update(num_codes=256)
+    # Windows: no arithmetic on padding, and no codes spent on it.
+    config.data.update(name="archive", mode="corrected", mirror=True, batch_size=32, window=64, stride=4)
+    config.optimizer.update(learning_rate=6e-4, schedule="trapezoid", warmup_steps=200, cooldown_steps=1_500,
+                            clip_norm=1.0)
+    config.train.update(num_steps=5_000, log_every=50, save_every=1_000)
+  elif size == "tiny":
+    config.model.update(latent_dim=4, width=16)
+    config.quantizer.update(num_codes=8)
+    config.data.update(name="synthetic", mode="corrected", batch_size=4, min_frames=20)
+    config.optimizer.update(warmup_steps=1)
+    config.train.update(num_steps=2, log_every=1, save_every=2)
+  elif size != "full":
+    raise ValueError(f"got size {size!r}, expected kit, 67, 263, full, small or tiny")
+  return config.lock()

@@ -1,0 +1,153 @@
+"""Recipes of CDAMD: how its two autoencoders and its generator are trained."""
+import jax
+import numpy as np
+
+from motion_jax import cdamd, checkpoint
+from motion_jax.data import batches, sources
+from motion_jax.data.captions import vary_subject
+from motion_jax.motion import stats as stats_lib
+from motion_jax.nets.autoencoder import Autoencoder
+from motion_jax.quant import vq
+from motion_jax.recipes.cmdm import caption_lengths, held_out, reconstruction_error, text_identity
+from motion_jax.recipes.recipe import Recipe, plain
+from motion_jax.text.encoder import load_text_encoder
+
+
+def autoencoder(config) -> Recipe:
+  data = sources.load_features(config.data, captioned=False)
+  net = Autoencoder(**config.model)
+  evaluate = _reconstruction(config, data.stats, net.apply)
+  return Recipe(cdamd.autoencoder_stage(config), _windows(config, data), {}, evaluate, data.stats, {})
+
+
+def rvq(config) -> Recipe:
+  """On windows or, where config.data.window is 0, on the whole padded clips of the text loader."""
+  net = Autoencoder(**config.model)
+  if config.data.window:
+    data = sources.load_features(config.data, captioned=False)
+    next_batch = _windows(config, data)
+  else:
+    data = sources.load_features(config.data)
+    items = batches.TextItems(data.features, data.captions, config.data.min_frames, config.data.max_frames,
+                              (config.data.max_frames,))
+
+    def next_batch(step):
+      batch = items.batch(config.data.batch_size, config.seed, step)
+      return {name: batch[name] for name in ("features", "index")}
+
+  def reconstruct(variables, x):
+    return cdamd.decode_codes(net, variables, cdamd.encode_codes(net, variables, x)[0])
+
+  evaluate = _reconstruction(config, data.stats, reconstruct)
+  return Recipe(cdamd.rvq_stage(config), next_batch, {}, evaluate, data.stats, {})
+
+
+def _windows(config, data):
+  windows = batches.Windows(data.features, config.data.window, config.data.stride)
+  return lambda step: windows.batch(config.data.batch_size, config.seed, step)
+
+
+def _reconstruction(config, stats, reconstruct):
+  """evaluate(variables): mean joint error of held-out clips in millimetres, each frame's root at the same place."""
+  validation = held_out(config, stats).features
+  compiled = jax.jit(reconstruct)
+
+  def evaluate(variables):
+    error = reconstruction_error(lambda x: compiled(variables, x), validation, stats)
+    return {"held_out_mm": round(error, 2)}
+
+  return evaluate
+
+
+def generator(config) -> Recipe:
+  """The masked transformer and its diffusion head, on latents of a trained autoencoder, with codes of a trained RVQ."""
+  net, tokenizer, stats = load_frozen(config.frozen.tokenizer, config.tokenizer, "cdamd.autoencoder", config)
+  frozen = {"tokenizer": tokenizer}
+  if config.loss.prior_levels:
+    _, frozen["prior"], others = load_frozen(config.frozen.prior, config.prior, "cdamd.rvq", config, config.quantizer)
+    if not np.allclose(stats.mean, others.mean, rtol=1e-3, atol=1e-3 * stats.std.max()) or not np.allclose(
+        stats.std, others.std, rtol=1e-2):
+      raise ValueError(f"{config.frozen.tokenizer} and {config.frozen.prior} were trained on other data: their "
+                       "statistics differ; train both on the same")
+  data = sources.load_features(config.data, stats=stats)
+  mean, std = np.zeros(net.latent_dim, np.float32), np.ones(net.latent_dim, np.float32)
+  if config.loss.unit_latents:
+    mean, std = latent_moments(net, tokenizer, data.features)
+  frozen |= {"latent_mean": mean, "latent_std": std}
+  encoder = load_text_encoder(config.frozen.text, level="sentence")
+  if encoder.dim != config.model.transformer.text_dim:
+    raise ValueError(f"text encoder {config.frozen.text!r} gives {encoder.dim} numbers a sentence, the model takes "
+                     f"model.transformer.text_dim = {config.model.transformer.text_dim}; make them agree")
+  batch_of = _captioned(config, data, encoder)
+  stage = cdamd.generator_stage(config)
+  files = {checkpoint.LENGTHS: caption_lengths(data), checkpoint.TEXT: text_identity(encoder)}
+  return Recipe(stage, batch_of, frozen, _held_out_loss(config, stage, frozen, data.stats, encoder), data.stats, files)
+
+
+def _captioned(config, data, encoder):
+  """next_batch(step) of padded clips with the sentence vectors of their captions."""
+  weights = batches.balance_weights(data.groups, config.data.balance) if config.data.balance else None
+  items = batches.TextItems(data.features, data.captions, config.data.min_frames, config.data.max_frames,
+                            tuple(config.data.lengths), weights=weights)
+
+  def next_batch(step):
+    batch = items.batch(min(config.data.batch_size, len(items)), config.seed, step)
+    rng = batches.step_rng(config.seed, 2, step)
+    said = [vary_subject(caption, rng, config.data.vary_subject) for caption in batch.pop("caption")]
+    return batch | {"text_emb": encoder(said)[0]}
+
+  return next_batch
+
+
+def _held_out_loss(config, stage, frozen, stats, encoder, num_batches=4):
+  """evaluate(params): the loss as the sampler sees the network (causal mask, prior and captions given, no dropout), on
+  the same few batches of held-out clips and the same noise every time."""
+  next_batch = _captioned(config, held_out(config, stats, captioned=True), encoder)
+  predict = jax.jit(stage.predict)
+
+  def evaluate(params):
+    parts = [predict(params, frozen, next_batch(i), jax.random.key(i)) for i in range(num_batches)]
+    loss, weight = (sum(float(part[name]) for part in parts) for name in ("loss", "weight"))
+    return {"held_out_loss": round(loss / weight, 5)}
+
+  return evaluate
+
+
+def load_frozen(folder, fields, stage, config, quantizer=None):
+  """(module, variables, stats) of a trained autoencoder or, with a quantizer section, RVQ-VAE; "fresh" makes an
+  untrained one for trying things out."""
+  net = Autoencoder(**plain(fields.to_dict()))
+  if folder == "fresh":
+    variables = jax.jit(net.init)(jax.random.key(0), np.zeros((1, net.frames_per_latent, net.features), np.float32))
+    if quantizer:
+      codes = jax.random.normal(jax.random.key(1), (quantizer.num_levels, quantizer.num_codes, net.latent_dim))
+      variables = {**variables, "codebooks": vq.codebook_of(codes)._asdict()}
+    return net, variables, sources.load_features(config.data).stats
+  run = checkpoint.load_config(folder)
+  if run.get("stage") != stage:
+    raise ValueError(f"{folder} holds a {run.get('stage')!r} run, expected one of stage {stage!r}")
+  theirs = Autoencoder(**plain(run.model.to_dict()))
+  if theirs.clone(dropout=0.0) != net.clone(dropout=0.0):  # frozen, it has none
+    raise ValueError(f"{folder} holds {plain(run.model.to_dict())}, this config says {plain(fields.to_dict())}; make "
+                     "them agree")
+  if quantizer and (run.quantizer.num_levels, run.quantizer.num_codes) != (quantizer.num_levels, quantizer.num_codes):
+    raise ValueError(f"{folder} has {run.quantizer.num_levels} levels of {run.quantizer.num_codes} codes, "
+                     f"config.quantizer says {quantizer.num_levels} of {quantizer.num_codes}; make them agree")
+  variables = checkpoint.load_params(folder, cdamd.autoencoder_shapes(net, quantizer))
+  return net, variables, stats_lib.load_stats(folder, config.data.layout)
+
+
+def latent_moments(net, variables, features, num_clips=512, length=192):
+  """Mean and std of latents, per channel (C,), over some training clips, padded as in training."""
+  encode = jax.jit(lambda x: net.apply(variables, x, method="encode"))
+  rows = []
+  for i in np.linspace(0, len(features) - 1, min(num_clips, len(features))).astype(int):
+    clip = features[i][:length]
+    padded = np.zeros((1, length, clip.shape[-1]), np.float32)
+    padded[0, :len(clip)] = clip
+    rows.append(np.asarray(encode(padded))[0, :len(clip) // net.frames_per_latent])
+  z = np.concatenate(rows)
+  return z.mean(0), z.std(0) + 1e-6
+
+
+RECIPES = {"cdamd.autoencoder": autoencoder, "cdamd.rvq": rvq, "cdamd.generator": generator}
