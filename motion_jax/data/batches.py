@@ -1,5 +1,6 @@
 """Batches: what is drawn, cut and padded is a pure function of (seed, step), so a resumed run sees the same data."""
 import dataclasses
+import functools
 
 import numpy as np
 
@@ -15,7 +16,13 @@ def epoch_indices(num_items, batch_size, seed, step):
   if not per_epoch:
     raise ValueError(f"got {num_items} items for batches of {batch_size}; lower data.batch_size or add data")
   epoch, place = divmod(step, per_epoch)
-  return step_rng(seed, 0, epoch).permutation(num_items)[place * batch_size:(place + 1) * batch_size]
+  return _epoch(num_items, seed, epoch)[place * batch_size:(place + 1) * batch_size]
+
+
+@functools.lru_cache(maxsize=2)
+def _epoch(num_items, seed, epoch):
+  """The order of an epoch; kept, for there may be millions of windows."""
+  return step_rng(seed, 0, epoch).permutation(num_items)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -52,6 +59,10 @@ class TextItems:
   offer, rising; a batch is drawn from the items of one of them, which saves the arithmetic of padding. One length pads
   everything to the same, as the reference does. `weights` (one per item) make the draw with replacement in proportion
   to them, for data with rare actions; without them and with one length every item comes once an epoch.
+
+  max_frames is the longest padded length. No item has more real frames than crop_frames, where these are given: whole
+  latents may not fill whole blocks (320 frames are 80 latents, padded to 27 blocks of 3: 324 frames; facts: cmdm 8).
+  keep_long cuts clips that are longer instead of leaving them out. coin is how often a unit less is taken.
   """
   features: list[np.ndarray]
   captions: list[list[str]]
@@ -60,17 +71,23 @@ class TextItems:
   lengths: tuple[int, ...] = (192,)
   unit: int = 4
   weights: np.ndarray | None = None
+  crop_frames: int = 0  # 0: max_frames
+  keep_long: bool = False
+  coin: float = 1 / 3
 
   def __post_init__(self):
+    if not 0 <= self.crop_frames <= self.max_frames or self.crop_frames % self.unit:
+      raise ValueError(f"got crop_frames {self.crop_frames}, expected a multiple of {self.unit} up to max_frames = "
+                       f"{self.max_frames}, or 0")
+    object.__setattr__(self, "longest", self.crop_frames or self.max_frames)
     if self.lengths[-1] != self.max_frames:
       raise ValueError(f"got padded lengths {self.lengths}, the last must be max_frames = {self.max_frames}")
     # Parity: "< 200" is the reference's upper limit for clips that are then cut to 192.
-    kept = [i for i, x in enumerate(self.features)
-            if self.min_frames <= len(x) < self.max_frames + 8 and self.captions[i]]
+    most = np.inf if self.keep_long else self.longest + 7
+    kept = [i for i, x in enumerate(self.features) if self.min_frames <= len(x) <= most and self.captions[i]]
     if not kept:
-      raise ValueError(f"none of {len(self.features)} clips has {self.min_frames} to {self.max_frames + 7} frames and "
-                       "a caption")
-    frames = np.array([min(len(self.features[i]), self.max_frames) for i in kept])
+      raise ValueError(f"none of {len(self.features)} clips has {self.min_frames} to {most} frames and a caption")
+    frames = np.array([min(len(self.features[i]), self.longest) for i in kept])
     object.__setattr__(self, "kept", np.array(kept))
     object.__setattr__(self, "bucket_of", np.searchsorted(self.lengths, frames))
 
@@ -95,8 +112,8 @@ class TextItems:
     for row, i in enumerate(chosen):
       clip = self.features[i]
       # Parity: one time in three a unit less than the clip holds, then a random place in the clip.
-      count = len(clip) // self.unit - (rng.random() < 1 / 3)
-      count = min(max(count, 1) * self.unit, self.max_frames)
+      count = len(clip) // self.unit - (rng.random() < self.coin)
+      count = min(max(count, 1) * self.unit, self.longest)
       start = rng.integers(len(clip) - count + 1)
       out[row, :count] = clip[start:start + count]
       num_frames[row] = count

@@ -1,4 +1,4 @@
-"""What is wrong with a data folder, and what to do about it: HumanML3D-layout folders and archives."""
+"""What is wrong with a data folder, and what to do about it: HumanML3D, SnapMoGen and BABEL folders, and archives."""
 import collections
 import dataclasses
 import hashlib
@@ -9,7 +9,7 @@ import textwrap
 import numpy as np
 import tqdm
 
-from motion_jax.data import checks, humanml3d
+from motion_jax.data import babel, checks, dataset_checks, humanml3d, snapmogen
 from motion_jax.data.archive import FPS, is_archive
 from motion_jax.motion.features import layout_for, to_joints
 from motion_jax.motion.skeleton import HUMANML3D
@@ -41,16 +41,21 @@ class Report:
 
 
 def examine(folder, progress=False) -> Report:
-  """Looks at every file of a HumanML3D-layout folder or an archive. Raises FileNotFoundError if folder is neither."""
+  """Looks at every file of a data folder or an archive. Raises FileNotFoundError if folder is of no kind known here."""
   folder = pathlib.Path(folder)
   found = _Findings()
   if is_archive(folder):
     facts = _examine_archive(folder, found, progress)
   elif folder.is_dir() and ((folder / "new_joint_vecs").is_dir() or (folder / "new_joints").is_dir()):
     facts = _examine_folder(folder, found, progress)
+  elif snapmogen.is_snapmogen(folder):
+    facts = dataset_checks.examine_snapmogen(folder, found, progress)
+  elif babel.is_babel(folder):
+    facts = dataset_checks.examine_babel(folder, found, progress)
   else:
-    raise FileNotFoundError(f"{folder} is no data folder: expected new_joint_vecs/ and texts/ (HumanML3D layout), or "
-                            "motions.npz and captions.jsonl (archive); motion-jax data build makes one")
+    raise FileNotFoundError(f"{folder} is no data folder: expected new_joint_vecs/ and texts/ (HumanML3D layout), "
+                            "renamed_feats/ (SnapMoGen), motions/ and train.json (BABEL), or motions.npz and "
+                            "captions.jsonl (archive); motion-jax data build makes one")
   return Report(str(folder), tuple(facts), found.sorted())
 
 

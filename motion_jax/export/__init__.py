@@ -14,10 +14,13 @@ from motion_jax.export.files import load, npy, npz
 from motion_jax.export.glb import glb
 from motion_jax.export.html import html
 from motion_jax.export.video import frame, frames, strip, video
+from motion_jax.motion.skeleton import HUMANML3D, SNAPMOGEN
+from motion_jax.motion.transfer import to_22
 
 WRITERS = {".npz": npz, ".npy": npy, ".bvh": bvh, ".glb": glb, ".mp4": video, ".gif": video, ".html": html,
            ".png": strip, ".jpg": strip}
 _TOGETHER = (html, strip)  # several clips share one file
+_ANY_FIGURE = (npz, npy)   # the others draw or store bodies of joints whose names they know
 
 
 def check_output(path) -> str:
@@ -56,12 +59,20 @@ def save(clip, path, **options) -> list[pathlib.Path]:
     raise ValueError(f"got no clip to write to {path}")
   path = pathlib.Path(check_output(path))
   write = WRITERS[path.suffix.lower()]
+  if write not in _ANY_FIGURE:
+    clips = [_with_22_joints(clip) for clip in clips]
   if len(clips) == 1:
     return [write(clips[0], path, **options)]
   if write in _TOGETHER:
     return [write(clips, path, **options)]
   digits = len(str(len(clips) - 1))
   return [write(one, path.with_stem(f"{path.stem}_{i:0{digits}d}"), **options) for i, one in enumerate(clips)]
+
+
+def _with_22_joints(clip):
+  if clip.skeleton is not SNAPMOGEN:
+    return clip
+  return clip.replace(joints=to_22(clip.joints), skeleton=HUMANML3D, features=None)
 
 
 __all__ = ["WRITERS", "bvh", "check_output", "frame", "frames", "glb", "html", "load", "npy", "npz", "save", "strip",

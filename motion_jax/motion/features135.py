@@ -42,9 +42,7 @@ def _yaw(root, mode):
   if mode == "corrected":
     ahead = rot.rotate(root, np.array([0.0, 0, 1]))
     return np.arctan2(ahead[0], -ahead[1])
-  root = np.where(root[0] < 0, -root, root)
-  sine = np.linalg.norm(root[1:])
-  return 2 * np.arctan2(sine, root[0]) * root[3] / max(sine, 1e-12)
+  return rot.to_vector(root)[2]
 
 
 def from_ours(joints, turned):

@@ -80,6 +80,15 @@ def from_vector(v):
   return xp.concatenate([xp.cos(angle / 2), v * scale], axis=-1)
 
 
+def to_vector(q):
+  """Quaternions (..., 4) to rotation vectors (..., 3), their angles 0 to pi."""
+  xp = namespace(q)
+  q = xp.where(q[..., :1] < 0, -q, q)
+  sine = xp.sqrt((q[..., 1:] ** 2).sum(-1, keepdims=True))
+  angle = 2 * xp.arctan2(sine, q[..., :1])
+  return q[..., 1:] * xp.where(sine < 1e-9, 2.0, angle / xp.where(sine < 1e-9, 1.0, sine))
+
+
 def best_turn(bones, shape):
   """Rotation matrices (T, 3, 3) that bring vectors shape (N, 3) nearest to bones (T, N, 3): least squares (Kabsch)."""
   u, _, vt = np.linalg.svd(np.einsum("tni,nj->tij", bones, shape))

@@ -129,8 +129,8 @@ SNAPMOGEN = _from_offsets(
     joints=("root", "spine1", "spine2", "spine3", "neck", "neck2", "head", "left_collar", "left_shoulder", "left_elbow",
             "left_wrist", "right_collar", "right_shoulder", "right_elbow", "right_wrist", "pelvis", "left_hip",
             "left_knee", "left_ankle", "left_foot", "right_hip", "right_knee", "right_ankle", "right_foot"),
-    chains=((0, 1, 2, 3, 4, 5, 6), (3, 7, 8, 9, 10), (3, 11, 12, 13, 14), (0, 15, 16, 17, 18, 19),
-            (15, 20, 21, 22, 23)),
+    chains=((0, 15, 20, 21, 22, 23), (15, 16, 17, 18, 19), (0, 1, 2, 3, 4, 5, 6), (3, 11, 12, 13, 14),
+            (3, 7, 8, 9, 10)),
     hips=(20, 16), shoulders=(11, 7), leg_bones=(17, 18), left_feet=(18, 19), right_feet=(22, 23),
     contact_threshold=0.11, fps=30.0, unit=0.01)
 

@@ -1,0 +1,218 @@
+"""SnapMoGen folders: what we write has the dataset's layout and is read back; BVH files become its features."""
+import json
+import shutil
+
+import ml_collections
+import numpy as np
+import pytest
+
+from motion_jax.data import snapmogen
+from motion_jax.data.clip import Caption
+from motion_jax.data.doctor import examine, format_report
+from motion_jax.data.snapmogen import Span, bvh_features, folder_stats, read_folder, read_ids, text_items, write_folder
+from motion_jax.data.sources import load_features
+from motion_jax.data.synthetic import synthetic_clips
+from motion_jax.motion import features296, inverse
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.features import to_features, to_joints
+from motion_jax.motion.skeleton import SNAPMOGEN, SNAPMOGEN_BVH
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+  out = tmp_path_factory.mktemp("data") / "SnapMoGen"
+  clips = synthetic_clips(0, 6, num_frames=140, skeleton=SNAPMOGEN)  # 209 frames at 30 a second
+  clips[0] = clips[0].replace(captions=(Caption("by a person."), Caption("by a machine.")), meta={"num_manual": 1})
+  more = (Caption("the second half", 2.0, 6.5), Caption("short", 0, 1.0))
+  clips[1] = clips[1].replace(captions=clips[1].captions + more)
+  return clips, write_folder(clips, out)
+
+
+def test_written_folder_has_the_dataset_s_layout(built):
+  clips, out = built
+  assert {p.name for p in out.iterdir()} == {"renamed_feats", "data_split_info", "meta_data", "all_caption_clean.json",
+                                             "dataset.json"}
+  assert {p.name for p in (out / "data_split_info").iterdir()} == {
+      f"{split}_{kind}.txt" for split in snapmogen.SPLITS for kind in ("fnames", "ids")}
+  assert (out / "data_split_info" / "test_fnames.txt").read_text() == "000004\n"
+  assert (out / "data_split_info" / "train_ids.txt").read_text().splitlines()[:4] == [
+      "000000#0#208", "000001#0#208", "000001#60#195", "000001#0#30"]
+  captions = json.loads((out / "all_caption_clean.json").read_text())
+  assert captions["000000#0#208"] == {"manual": ["by a person."], "gpt": ["by a machine."]}
+  assert captions["000001#60#195"] == {"manual": ["the second half"], "gpt": []}
+  features = np.load(out / "renamed_feats" / "000002.npy")
+  np.testing.assert_array_equal(features, to_features(clips[2].joints, "snapmogen"))
+  assert np.load(out / "meta_data" / "mean.npy").shape == (296,)
+  assert not [p for p in out.parent.iterdir() if p != out]
+
+
+def test_read_back(built):
+  clips, out = built
+  back = {clip.id: clip for clip in read_folder(out, "train")}
+  clip = back["000001#60#195"]
+  assert clip.captions == (Caption("the second half"),) and clip.num_frames == 135 and clip.fps == 30
+  np.testing.assert_array_equal(clip.features, to_features(clips[1].joints, "snapmogen")[60:195])
+  np.testing.assert_array_equal(clip.joints, to_joints(clip.features, "snapmogen"))
+  assert back["000000#0#208"].meta["num_manual"] == 1
+  assert [c.text for c in back["000000#0#208"].captions] == ["by a person.", "by a machine."]
+  again = write_folder([clip.replace(id=clip.id.replace("#", "-"), split="train") for clip in back.values()],
+                       out.parent / "again")
+  np.testing.assert_array_equal(np.load(again / "renamed_feats" / "000001-60-195.npy"), clip.features)
+  shutil.rmtree(again)
+
+
+def test_items_by_the_loader_s_rules(built):
+  _, out = built
+  items = {item.id: item for item in text_items(out, "train")}
+  assert set(items) == {"000000#0#208", "000001#0#208", "000001#60#195", "000002#0#208", "000005#0#208"}  # 128 or more
+  assert "000001#0#30" in {item.id for item in text_items(out, "train", whole=True)}
+  assert text_items(out, "val", "snapmogen_148")[0].features.shape == (208, 148)
+  assert read_ids(out, "test") == [Span("000004", 0, 208)]
+  with pytest.raises(ValueError, match="holds 'snapmogen' features"):
+    text_items(out, "train", "full")
+
+
+def test_statistics_are_the_dataset_s(built, tmp_path):
+  _, out = built
+  mean, std = (np.load(out / "meta_data" / f"{name}.npy") for name in ("mean", "std"))
+  stats = folder_stats(out, "snapmogen_148")
+  assert np.array_equal(stats.mean, mean[:148]) and np.array_equal(stats.std, std[:148])
+  (tmp_path / "meta_data").mkdir()
+  std[148] = 0
+  np.save(tmp_path / "meta_data" / "mean.npy", mean)
+  np.save(tmp_path / "meta_data" / "std.npy", std)
+  assert folder_stats(tmp_path).std[148] == 1
+  np.save(tmp_path / "meta_data" / "std.npy", std[:263])
+  with pytest.raises(ValueError, match=r"std.npy.*\(263,\), expected \(296,\)"):
+    folder_stats(tmp_path)
+
+
+def test_sources(built):
+  _, out = built
+  config = ml_collections.ConfigDict(dict(name="snapmogen", folder=str(out), layout="snapmogen", mode="benchmark"))
+  data = load_features(config)
+  assert len(data.features) == 5 and data.captions[0] == ["by a person.", "by a machine."]
+  assert np.abs(np.concatenate(data.features).mean()) < 0.5
+  assert len(load_features(config, captioned=False).features) == 6
+  config.folder = ""
+  with pytest.raises(ValueError, match="data.folder is empty"):
+    load_features(config)
+
+
+def test_bvh_files_become_features(tmp_path):
+  """A file in the dataset's form, with a joint more, at 60 frames a second: as if made from the joints."""
+  rng = np.random.default_rng(0)
+  frames = 41
+  local = rng.normal(size=(1, 24, 3)) * 0.2 + np.sin(np.linspace(0, 3, frames))[:, None, None] * 0.1
+  local[:, 15] = 0  # the pelvis is held
+  path = np.stack([np.linspace(0, 40, frames), np.full(frames, 50.0), np.zeros(frames)], -1)
+  (tmp_path / "a.bvh").write_text(_bvh(np.degrees(local), path, 1 / 60))
+  made = bvh_features(tmp_path / "a.bvh")
+  turn = lambda angle: rot.multiply(rot.about_axis(angle[..., 0], "x"), rot.multiply(
+      rot.about_axis(angle[..., 1], "y"), rot.about_axis(angle[..., 2], "z")))
+  turned = turn(local)
+  for joint in inverse.order(SNAPMOGEN)[1:]:
+    turned[:, joint] = rot.multiply(turned[:, SNAPMOGEN.parents[joint]], turned[:, joint])
+  joints = inverse.forward(path, turned, SNAPMOGEN)
+  expected = features296.extract(joints[1::2], turned[1::2])
+  assert made.shape == (19, 296) and made.dtype == np.float32
+  assert np.abs(made - expected).max() < 1e-4
+  (tmp_path / "b.bvh").write_text(_bvh(np.degrees(local), path, 1 / 24))
+  with pytest.raises(ValueError, match="24 frames a second, expected 30"):
+    bvh_features(tmp_path / "b.bvh")
+  (tmp_path / "c.bvh").write_text(_bvh(np.degrees(local), path, 1 / 60).replace("C_head", "C_hat"))
+  with pytest.raises(ValueError, match="no joint 'C_head_bind_JNT'"):
+    bvh_features(tmp_path / "c.bvh")
+
+
+def _bvh(degrees, path, seconds):
+  order, lines = [], ["HIERARCHY"]
+
+  def joint(j):
+    order.append(j)
+    kind = "ROOT" if j == 0 else "JOINT"
+    channels = "6 Xposition Yposition Zposition" if j == 0 else "3"
+    offset = " ".join(f"{x:.6f}" for x in SNAPMOGEN.offsets[j])
+    lines.extend([f"{kind} {SNAPMOGEN_BVH[j]}", "{", f"OFFSET {offset}",
+                  f"CHANNELS {channels} Xrotation Yrotation Zrotation"])
+    below = [k for k, parent in enumerate(SNAPMOGEN.parents) if parent == j]
+    for k in below:
+      joint(k)
+    if not below:
+      lines.extend(["End Site", "{", "OFFSET 0 1 0", "}"])
+    lines.append("}")
+
+  joint(0)
+  lines += ["MOTION", f"Frames: {len(path)}", f"Frame Time: {seconds:.8f}"]
+  for at, angles in zip(path, degrees):
+    lines.append(" ".join(f"{x:.9f}" for x in [*at, *angles[order].ravel()]))
+  return "\n".join(lines) + "\n"
+
+
+@pytest.fixture
+def copy(built, tmp_path):
+  return shutil.copytree(built[1], tmp_path / "copy")
+
+
+def test_missing_files_are_told(copy):
+  for name in ("meta_data/std.npy", "data_split_info/train_ids.txt", "all_caption_clean.json"):
+    (copy / name).rename(copy / "away")
+    with pytest.raises(FileNotFoundError, match=name.split("/")[-1]):
+      text_items(copy)
+      folder_stats(copy)
+    (copy / "away").rename(copy / name)
+  with pytest.raises(ValueError, match="expected one of train, val, test"):
+    text_items(copy, "all")
+
+
+def test_bad_recordings_are_left_out_or_told(copy):
+  path = copy / "renamed_feats" / "000000.npy"
+  features = np.load(path)
+  path.unlink()
+  with pytest.warns(UserWarning, match="left out 1 with no recording"):
+    assert len(text_items(copy)) == 4
+  features[3, 7] = np.nan
+  np.save(path, features)
+  with pytest.warns(UserWarning, match="left out 1 with NaN"):
+    assert len(text_items(copy)) == 4
+  np.save(path, features[6:50])
+  with pytest.warns(UserWarning, match="rows beyond the recording"):
+    text_items(copy)
+  np.save(path, features[:, :263])
+  with pytest.raises(ValueError, match=r"\(208, 263\), expected \(rows, 296\)"):
+    text_items(copy)
+  (copy / "data_split_info" / "train_ids.txt").write_text("000001#0#208\n000001#9\n")
+  with pytest.raises(ValueError, match="line 2: got '000001#9'"):
+    read_ids(copy)
+  (copy / "all_caption_clean.json").write_text("[]")
+  with pytest.raises(ValueError, match="no JSON object"):
+    text_items(copy)
+
+
+@pytest.mark.parametrize("change, words", [
+    (lambda clips: [], "no clips"),
+    (lambda clips: clips[:1] * 2, "occurs twice"),
+    (lambda clips: [clips[0].replace(id="a#b")], "without '#'"),
+    (lambda clips: [clips[0].replace(split="dev")], "split 'dev'"),
+    (lambda clips: synthetic_clips(0, 1), "expected 'snapmogen'"),
+])
+def test_clips_that_cannot_be_written_are_told(built, tmp_path, change, words):
+  with pytest.raises(ValueError, match=words):
+    write_folder(change(built[0]), tmp_path / "out")
+  assert not list(tmp_path.iterdir())
+
+
+def test_doctor(built, copy):
+  report = examine(built[1])
+  assert report.ok, format_report(report)
+  assert "SnapMoGen layout" in format_report(report) and "by a machine" in format_report(report)
+  features = np.load(copy / "renamed_feats" / "000000.npy")
+  features[5, 100] = np.nan
+  np.save(copy / "renamed_feats" / "000000.npy", features)
+  with (copy / "data_split_info" / "test_ids.txt").open("a") as file:
+    file.write("000002#0#208\n000003#0#999\nnobody#0#200\n")
+  np.save(copy / "meta_data" / "mean.npy", np.load(copy / "meta_data" / "mean.npy") + 100)
+  told = format_report(examine(copy))
+  for words in ("not healthy", "NaN or infinity: 000000", "ids without a recording: nobody", "recordings in two splits",
+                "end behind their recording: 000003#0#999", "ids without a caption", "mean.npy is not this data's"):
+    assert words in told, told
