@@ -32,7 +32,7 @@ def get_config(size="full"):
   config.quantizer = dict(num_levels=4, num_codes=512)
   config.model = dict(
       transformer=dict(kind="cdamd", latent_dim=512, width=512, depth=4, num_heads=8, ff_width=1024, text_dim=512,
-                       num_codes=1027, num_levels=4, max_length=200, dropout=0.2),
+                       text_scale=1.0, num_codes=1027, num_levels=4, max_length=200, dropout=0.2),
       head=dict(width=1792, depth=16))
   # copies: rows at the diffusion head for each masked latent. prior_drop: "batch", one draw for all, or "item".
   config.loss = dict(mask="dccm", noise_rate=0.1, mask_rate=0.88, drop_rate=0.1, prior_levels=2, prior_drop_rate=0.7,
@@ -59,7 +59,7 @@ def get_config(size="full"):
   elif size in ("mardm", "mardm_ddpm"):
     config.frozen.prior = ""
     config.model.transformer = dict(kind="mardm", latent_dim=512, width=1024, depth=1, num_heads=16, ff_width=4096,
-                                    text_dim=512, dropout=0.2)
+                                    text_dim=512, text_scale=1.0, dropout=0.2)
     config.loss.update(mask="bidirectional", prior_levels=0, diffusion="ddpm" if size == "mardm_ddpm" else "flow")
     config.optimizer.update(schedule="step", boundaries=(50_000,))
     config.sampler.update(num_rounds=18, guidance_scale=4.5, mask="bidirectional")
@@ -70,8 +70,8 @@ def get_config(size="full"):
     config.tokenizer.update(latent_dim=64, width=192, dropout=0.0)
     config.prior.update(latent_dim=64, width=128, dropout=0.0)
     config.quantizer.num_codes = 256
-    config.model.transformer.update(latent_dim=64, width=256, depth=4, num_heads=4, ff_width=512, text_dim=128,
-                                    num_codes=256, max_length=50, dropout=0.1)
+    config.model.transformer.update(latent_dim=64, width=256, depth=4, num_heads=4, ff_width=512, text_dim=384,
+                                    text_scale=20.0, num_codes=256, max_length=50, dropout=0.1)
     config.model.head.update(width=384, depth=6)
     config.loss.unit_latents = True
     config.data.update(name="archive", mode="corrected", mirror=True, batch_size=32, min_frames=20,

@@ -37,6 +37,7 @@ class Inputs(nn.Module):
   """What both transformers begin with: latents and words as tokens, and the latent that stands for a hidden one."""
   latent_dim: int
   width: int
+  text_scale: float
   dropout: float
   dtype: Any
 
@@ -54,7 +55,7 @@ class Inputs(nn.Module):
     return self.placed(self.x_in(x.astype(self.dtype)), deterministic)
 
   def words(self, text_emb):
-    return self.text_in(text_emb.astype(self.dtype))
+    return self.text_in(text_emb.astype(self.dtype) * self.text_scale)
 
   def hidden(self):
     """(1, 1, C): what a hidden latent is replaced by."""
@@ -105,6 +106,7 @@ class MaskedTransformer(nn.Module):
   num_heads: int = 8
   ff_width: int = 1024
   text_dim: int = 512
+  text_scale: float = 1.0  # sqrt(text_dim) for sentence vectors of length 1; CLIP's are ten times as long
   num_codes: int = 1027  # Parity: rows of the reference's table, of which 512 are used
   num_levels: int = 4
   max_length: int = 200
@@ -112,7 +114,7 @@ class MaskedTransformer(nn.Module):
   dtype: Any = jnp.float32
 
   def setup(self):
-    self.inputs = Inputs(self.latent_dim, self.width, self.dropout, self.dtype)
+    self.inputs = Inputs(self.latent_dim, self.width, self.text_scale, self.dropout, self.dtype)
     self.code_table = self.param("code_table", NORMAL, (self.num_codes, self.width))
     self.level_table = self.param("level_table", NORMAL, (self.num_levels, self.width))
     # Parity: the code adds learned positions to the sines, at their initial size of 1.
@@ -179,11 +181,12 @@ class GatedTransformer(nn.Module):
   num_heads: int = 16
   ff_width: int = 4096
   text_dim: int = 512
+  text_scale: float = 1.0
   dropout: float = 0.2
   dtype: Any = jnp.float32
 
   def setup(self):
-    self.inputs = Inputs(self.latent_dim, self.width, self.dropout, self.dtype)
+    self.inputs = Inputs(self.latent_dim, self.width, self.text_scale, self.dropout, self.dtype)
     self.blocks = [GatedBlock(self.num_heads, self.ff_width, self.dropout, self.dtype, name=f"block{i}")
                    for i in range(self.depth)]
 
