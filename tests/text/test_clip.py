@@ -1,4 +1,5 @@
 """Our CLIP text transformer gives the reference's numbers; no word sees a later one; every tensor is accounted for."""
+import flax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -18,7 +19,8 @@ def network(fixture):
 def run_clip_text(fixture, dtype):
   fields, state = network(fixture)
   model, params = clip.ClipText(**fields, dtype=dtype), clip.params_from_reference(state, fields, dtype)
-  run = jax.jit(lambda method, *args: model.apply({"params": params}, *args, method=method), static_argnums=0)
+  apply = jax.jit(model.apply, static_argnames="method")
+  run = lambda method, *args: apply({"params": params}, *args, method=method)
   ids, mask = jnp.asarray(fixture["in/input_ids"]), jnp.asarray(fixture["in/attention_mask"]) > 0
   made = {f"hidden/{i}": state for i, state in enumerate(run("hidden_states", ids, mask))}
   return made | {"last": run("__call__", ids, mask), "pooled": run("pooled", ids, mask),
@@ -81,3 +83,12 @@ def test_options_that_it_does_not_have():
   with pytest.raises(ValueError, match="swish"):
     clip.clip_fields({"model_type": "clip_text_model", "hidden_act": "swish"})
   assert clip.clip_fields({"model_type": "clip_text_model", "hidden_act": "gelu"})["activation"] == "gelu"
+
+
+def test_the_size_of_vit_b_32():
+  fields = clip.clip_fields({"model_type": "clip"})
+  shapes = jax.eval_shape(clip.ClipText(**fields).init, jax.random.key(0), jnp.zeros((1, 77), jnp.int32))["params"]
+  # CLIPTextModelWithProjection of openai/clip-vit-base-patch32, and of patch16, whose text half is as large.
+  assert sum(leaf.size for leaf in jax.tree.leaves(shapes)) == 63_165_952 + 512 * 512
+  flat = {path[:-1] for path in flax.traverse_util.flatten_dict(shapes)}
+  assert flat == set(clip.names(fields))

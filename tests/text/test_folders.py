@@ -79,16 +79,15 @@ def encoders(request, folders):
 def test_features_are_the_networks(encoders):
   words, sentences = encoders
   text_emb, text_mask = words(CAPTIONS)
+  apply = jax.jit(words.model.apply, static_argnames="method")
   for caption, row, mask, vector in zip(CAPTIONS, text_emb, text_mask, sentences(CAPTIONS)[0][:, 0]):
     ids = jnp.array([words.tokenizer.encode(caption).ids])
     real = jnp.ones(ids.shape, bool)
-    run = jax.jit(lambda method, *args: words.model.apply({"params": words.params}, *args, method=method),
-                  static_argnums=0)
-    last = run("__call__", ids, real)
+    last = apply({"params": words.params}, ids, real)
     np.testing.assert_allclose(row[mask], last[0], atol=2e-6)
     assert not row[~mask].any()
     if isinstance(words.model, clip.ClipText):
-      expected = run("sentence", ids, real)[0]
+      expected = apply({"params": words.params}, ids, real, method="sentence")[0]
       assert abs(np.linalg.norm(vector) - 1) > 0.01  # as it is, not at unit length
     else:
       expected = bert.mean_sentence(last, real, words._sentence.projection)[0]

@@ -1,4 +1,5 @@
 """Our T5 encoders give the reference's numbers, padding is invisible, every tensor is accounted for."""
+import flax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -21,9 +22,9 @@ def run_t5(fixture, dtype):
   fields, state = network(fixture)
   model, params = t5.T5Encoder(**fields, dtype=dtype), {"params": t5.params_from_reference(state, fields, dtype)}
   ids, mask = jnp.asarray(fixture["in/input_ids"]), jnp.asarray(fixture["in/attention_mask"]) > 0
-  run = jax.jit(lambda method, *args: model.apply(params, *args, method=method), static_argnums=0)
-  states = run("hidden_states", ids, mask)
-  last, projection = run("__call__", ids, mask), jnp.asarray(fixture["in/projection"], dtype)
+  apply = jax.jit(model.apply, static_argnames="method")
+  states = apply(params, ids, mask, method="hidden_states")
+  last, projection = apply(params, ids, mask), jnp.asarray(fixture["in/projection"], dtype)
   bias = model.apply(params, ids.shape[1], method="position_bias")[None]
   far = len(fixture["out/buckets"]) // 2
   buckets = t5.distance_buckets(np.arange(-far, far + 1), fields["num_buckets"], fields["max_distance"])
@@ -90,3 +91,14 @@ def test_options_that_it_does_not_have():
     t5.t5_fields({"model_type": "t5", "feed_forward_proj": "gated-swish"})
   with pytest.raises(ValueError, match="lacks"):
     t5.t5_fields({"model_type": "t5", "vocab_size": 3})
+
+
+@pytest.mark.parametrize("changes, count", [({"d_ff": 3072}, 109_628_544),
+                                            ({"d_ff": 2048, "feed_forward_proj": "gated-gelu"}, 109_628_544)])
+def test_the_sizes_of_base(changes, count):
+  base = dict(model_type="t5", vocab_size=32128, d_model=768, d_kv=64, num_layers=12, num_heads=12)
+  fields = t5.t5_fields(base | changes)
+  ids = jnp.zeros((1, 8), jnp.int32)
+  shapes = jax.eval_shape(t5.T5Encoder(**fields).init, jax.random.key(0), ids, ids == 0)["params"]
+  assert sum(leaf.size for leaf in jax.tree.leaves(shapes)) == count
+  assert {path[:-1] for path in flax.traverse_util.flatten_dict(shapes)} == set(t5.names(fields))
