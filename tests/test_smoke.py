@@ -109,8 +109,9 @@ def test_readme_python_runs(tmp_path, monkeypatch):
   monkeypatch.chdir(tmp_path)
   blocks = _readme_blocks("python")
   assert blocks
+  scope = {}  # read from top to bottom, as a person would
   for block in blocks:
-    exec(compile(block, "README.md", "exec"), {})
+    exec(compile(block, "README.md", "exec"), scope)
 
 
 def test_readme_names_files_that_exist():
