@@ -138,7 +138,8 @@ def rvq_stage(config, axis_name=DEVICES) -> Stage:
                             quantizer.gain_once, axis_name)
     y = _with_dropout(net, params, "decode", made.quantized, _item_keys(decoder_rng, batch))
     terms = rvq_terms(y, x, made.commitment, **config.loss)
-    terms |= {"perplexity": made.perplexity, "usage": made.usage, "dead": vq.num_dead(books).mean(dtype=x.dtype)}
+    dead = vq.num_dead(books).mean(dtype=x.dtype, where=books.initialised)
+    terms |= {"perplexity": made.perplexity, "usage": made.usage, "dead": dead}
     return jax.tree.map(lambda term: term * len(x), terms), float(len(x)), {"codebooks": books._asdict()}
 
   def predict(variables, frozen, batch, rng):
