@@ -45,8 +45,8 @@ def get_config(size="full"):
                           ema_decay=0.9999, skip_loss=0.0)
   config.train = dict(num_steps=180_000, log_every=100, save_every=5_000)
   # The benchmark's own: solver dopri5, revealed_only False.
-  config.sampler = dict(num_rounds=10, guidance_scale=4.0, order="random", mask="causal", solver="midpoint",
-                        num_steps=10, revealed_only=True)
+  config.sampler = dict(num_rounds=10, guidance_scale=4.0, order="random", mask="causal", edit_mask="bcm",
+                        solver="midpoint", num_steps=10, revealed_only=True)
   if size == "kit":
     config.tokenizer.features = config.prior.features = 63
     config.data.update(layout="coordinates_kit", batch_size=16, min_frames=24)
@@ -62,7 +62,7 @@ def get_config(size="full"):
                                     text_dim=512, text_scale=1.0, dropout=0.2)
     config.loss.update(mask="bidirectional", prior_levels=0, diffusion="ddpm" if size == "mardm_ddpm" else "flow")
     config.optimizer.update(schedule="step", boundaries=(50_000,))
-    config.sampler.update(num_rounds=18, guidance_scale=4.5, mask="bidirectional")
+    config.sampler.update(num_rounds=18, guidance_scale=4.5, mask="bidirectional", edit_mask="bidirectional")
     if size == "mardm_ddpm":
       config.sampler.update(solver="ddpm", num_steps=50)
   elif size == "small":

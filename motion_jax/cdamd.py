@@ -171,14 +171,10 @@ def generator_shapes(net):
   return jax.eval_shape(lambda: net.init(jax.random.key(0), x, text_emb, jnp.ones((1, 1, 1, 1), bool), jnp.zeros(())))
 
 
-def frozen_shapes(config):
-  """Shapes of what a generator's run keeps of its autoencoders, to check a file against."""
-  autoencoder = Autoencoder(**config.tokenizer)
+def frozen_shapes(autoencoder):
+  """Shapes of what making motion needs of a generator's frozen parts; training needs the prior, too."""
   channel = jax.ShapeDtypeStruct((autoencoder.latent_dim,), jnp.float32)
-  shapes = {"tokenizer": autoencoder_shapes(autoencoder), "latent_mean": channel, "latent_std": channel}
-  if config.loss.prior_levels:
-    shapes["prior"] = autoencoder_shapes(Autoencoder(**config.prior), config.quantizer)
-  return shapes
+  return {"tokenizer": autoencoder_shapes(autoencoder), "latent_mean": channel, "latent_std": channel}
 
 
 class Draws(NamedTuple):

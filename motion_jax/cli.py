@@ -65,6 +65,21 @@ def _parser():
   _making(extend, "extended.html")
   extend.set_defaults(run=_extend)
 
+  edit = commands.add_parser("edit", help="a motion in, the same one with parts of it made anew out (CDAMD models)")
+  edit.add_argument("file", help="an .npz, .npy or .bvh file")
+  edit.add_argument("--text", required=True, help="what the person does now")
+  part = edit.add_mutually_exclusive_group(required=True)
+  part.add_argument("--task", choices=("inpainting", "outpainting", "prefix", "suffix"),
+                    help="keep first and last quarter, the middle half, the first half, the second half")
+  part.add_argument("--edit", action="append", metavar="A:B",
+                    help="make this span anew: seconds (1.5s:3s), shares (25%%:0.5) or frames (30:60); may be repeated")
+  part.add_argument("--keep", action="append", metavar="A:B", help="keep this span, and make all else anew")
+  edit.add_argument("--no-paste", action="store_true", help="kept frames as the autoencoder gives them back, not as "
+                                                            "they came")
+  edit.add_argument("--fps", type=float, help="frame rate of an .npy file, which does not say it (20)")
+  _making(edit, "edited.html")
+  edit.set_defaults(run=_edit, model="cdamd-small")
+
   render = commands.add_parser("render", help="show any npz, npy or bvh file as mp4, gif, html, png, glb or bvh")
   render.add_argument("file")
   render.add_argument("--out", help="file to write (FILE with .html)")
@@ -130,12 +145,17 @@ def _making(parser, out):
   parser.add_argument("--num", type=int, default=1, help="motions of each, with seeds SEED, SEED + 1, ...")
   parser.add_argument("--seed", type=int, default=0)
   parser.add_argument("--guidance", type=float, help="how strictly the words are followed (3)")
-  parser.add_argument("--schedule", choices=("fss", "ar", "full"), default="fss",
-                      help="frame-wise sampling, block after block, or all at once")
-  parser.add_argument("--steps", type=int, help="sampling steps K (50)")
-  parser.add_argument("--lag", type=int, help="steps between the starts of two blocks, of schedule fss (2)")
-  parser.add_argument("--solver", choices=("euler", "heun"), default="euler")
-  parser.add_argument("--context", type=int, help="latents (4 frames each) looked back on; the training length (48)")
+  parser.add_argument("--steps", type=int, help="sampling steps K (50); of CDAMD, the solver's in each round (10)")
+  parser.add_argument("--solver", help="euler (CMDM's) or heun; of CDAMD also midpoint (its own), rk4 and dopri5")
+  cmdm = parser.add_argument_group("CMDM models")
+  cmdm.add_argument("--schedule", choices=("fss", "ar", "full"),
+                    help="frame-wise sampling (fss), block after block, or all at once")
+  cmdm.add_argument("--lag", type=int, help="steps between the starts of two blocks, of schedule fss (2)")
+  cmdm.add_argument("--context", type=int, help="latents (4 frames each) looked back on; the training length (48)")
+  cdamd = parser.add_argument_group("CDAMD models")
+  cdamd.add_argument("--rounds", type=int, help="rounds in which latents are made (10)")
+  cdamd.add_argument("--order", choices=("random", "left_to_right"), help="which latents are made first")
+  cdamd.add_argument("--mask", choices=("causal", "dccm", "bcm", "bidirectional"), help="what latents may look at")
   parser.add_argument("--raw", action="store_true", help="as the network made it: feet not planted, nothing smoothed")
   parser.add_argument("--model", default="cmdm-small", help="a run folder or the name of a model that ships")
   parser.add_argument("--out", default=out,
@@ -143,9 +163,18 @@ def _making(parser, out):
                            "wave.mp4,wave.bvh")
 
 
-def _sampling(args):
-  return dict(guidance_scale=args.guidance, schedule=args.schedule, num_steps=args.steps, lag=args.lag,
-              solver=args.solver, context=args.context)
+def _sampling(args, model):
+  """The choices given, for the kind of model that it is; a choice that is none of its kind's is an error."""
+  from motion_jax.cdamd_model import CdamdModel
+  ours, others = dict(schedule=args.schedule, lag=args.lag, context=args.context), dict(
+      rounds=args.rounds, order=args.order, mask=args.mask)
+  if isinstance(model, CdamdModel):
+    ours, others = others, ours
+  strange = [f"--{name}" for name, value in others.items() if value is not None]
+  if strange:
+    raise ValueError(f"got {', '.join(strange)} for the model {model.id}, which has no such choice")
+  given = dict(num_steps=args.steps, solver=args.solver, guidance_scale=args.guidance, **ours)
+  return {name: value for name, value in given.items() if value is not None}
 
 
 def _cache_compiled_code():
@@ -225,15 +254,25 @@ def _load_model(args):
 
 def _tell_model(model, args, what):
   import jax
-  print(f"{model.id}: {model.num_params / 1e6:.1f} M parameters on {jax.default_backend()}; {what}, schedule "
-        f"{args.schedule}, guidance {args.guidance or model.config.sampler.guidance_scale:g}, seed {args.seed}")
+  print(f"{model.id}: {model.num_params / 1e6:.1f} M parameters on {jax.default_backend()}; {what}, guidance "
+        f"{args.guidance or model.config.sampler.guidance_scale:g}, seed {args.seed}")
 
 
-def _write(model, motions, outputs, start):
+def _able(model, name):
+  """Raises ValueError unless this kind of model has a method of that name."""
+  if not hasattr(model, name):
+    raise ValueError(f"{model.id} has no {name!r}; give another kind of model by --model")
+
+
+def _write(model, motions, outputs, start, colors=None):
+  """colors (T, 3) of the bodies, where a file is a picture."""
   from motion_jax import export
   print(f"made in {time.time() - start:.1f} s")
   clips = [motion.replace(id=f"{pathlib.Path(outputs[0]).stem}_{i}") for i, motion in enumerate(motions)]
-  _tell_files([path for out in outputs for path in export.save(clips if len(clips) > 1 else clips[0], out)])
+  pictures = (".mp4", ".gif", ".png", ".jpg")
+  shown = lambda out: {"colors": colors} if colors is not None and out.lower().endswith(pictures) else {}
+  clips = clips if len(clips) > 1 else clips[0]
+  _tell_files([path for out in outputs for path in export.save(clips, out, **shown(out))])
   if model.license:
     print(model.license)
 
@@ -250,17 +289,18 @@ def _generate(args):
   frames = [count if count is not None else model.natural_frames(prompt) for prompt, count in zip(prompts, given)]
   _tell_model(model, args, f"{len(prompts)} motion(s) of {min(frames) / model.fps:.1f} to "
                            f"{max(frames) / model.fps:.1f} s")
-  motions = model.generate(prompts, frames, seeds=seeds, polish=not args.raw, **_sampling(args))
+  motions = model.generate(prompts, frames, seeds=seeds, polish=not args.raw, **_sampling(args, model))
   _write(model, motions, outputs, start)
 
 
 def _story(args):
   outputs = _outputs(args)
   start, model = time.time(), _load_model(args)
+  _able(model, "stories")
   tales = read_stories(args.story, model.fps)
   _tell_model(model, args, f"{len(tales) * args.num} motion(s) of {len(tales[0])} prompt(s) each")
   motions = model.stories([tale for tale in tales for _ in range(args.num)], way=args.way, polish=not args.raw,
-                          seeds=[args.seed + i for _ in tales for i in range(args.num)], **_sampling(args))
+                          seeds=[args.seed + i for _ in tales for i in range(args.num)], **_sampling(args, model))
   for caption in motions[0].captions if len(tales) == 1 else ():
     print(f"{caption.start:6.1f} to {caption.end:5.1f} s  {caption.text}")
   _write(model, motions, outputs, start)
@@ -270,6 +310,7 @@ def _extend(args):
   from motion_jax import export
   outputs, clip = _outputs(args), export.load(args.file, fps=args.fps)
   start, model = time.time(), _load_model(args)
+  _able(model, "extend")
   tale = read_stories(args.text, model.fps)[0]
   if args.seconds is not None:
     if len(tale) > 1:
@@ -277,8 +318,24 @@ def _extend(args):
     tale = [(tale[0][0], args.seconds)]
   _tell_model(model, args, f"{clip.seconds:.1f} s of {args.file} go on")
   motions = [model.extend(clip, tale, past_prompt=args.past_text, seed=args.seed + i, way=args.way,
-                          polish=not args.raw, **_sampling(args)) for i in range(args.num)]
+                          polish=not args.raw, **_sampling(args, model)) for i in range(args.num)]
   _write(model, motions, outputs, start)
+
+
+def _edit(args):
+  from motion_jax import export
+  from motion_jax.cdamd_model import colors_of, spans_of
+  outputs, clip = _outputs(args), export.load(args.file, fps=args.fps)
+  start, model = time.time(), _load_model(args)
+  _able(model, "edit")
+  _tell_model(model, args, f"{clip.seconds:.1f} s of {args.file} edited")
+  frames = round(clip.seconds * model.fps)
+  keep, change = (spans and spans_of(spans, frames, model.fps) for spans in (args.keep, args.edit))
+  motions = [model.edit(clip, args.text, args.task, keep=keep, change=change, seed=args.seed + i,
+                        paste=not args.no_paste, polish=False, **_sampling(args, model)) for i in range(args.num)]
+  for first, past in motions[0].meta["made"]:
+    print(f"made anew: {first / model.fps:.1f} to {past / model.fps:.1f} s")
+  _write(model, motions, outputs, start, colors=colors_of(motions[0]))
 
 
 def _tell_files(written):

@@ -1,8 +1,6 @@
 """mj.load: a run folder, or the name of a model that ships, becomes a Model that generates, tells stories, streams."""
-import hashlib
 import pathlib
-import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -11,16 +9,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from motion_jax import checkpoint, cmdm, stories
+from motion_jax.cdamd_model import CdamdModel
 from motion_jax.diffusion import streaming
-from motion_jax.motion.stats import Stats, load_stats
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
+from motion_jax.prompted import Prompted, keys_of, plain_fields
 from motion_jax.results import Motion, Motions, captions_in_a_row, go_on, make_motions
 from motion_jax.streams import LiveStream
 from motion_jax.text.encoder import TextEncoder, load_text_encoder
 
 PRETRAINED = pathlib.Path(__file__).parent / "pretrained"
-MAX_SECONDS = 3600.0
 SCHEDULES = ("fss", "ar", "full")
 
 
@@ -28,8 +26,8 @@ def pretrained_names():
   return sorted(path.parent.name for path in PRETRAINED.glob("*/config.json") if (path.parent / "Mean.npy").is_file())
 
 
-def load(name="cmdm-small", text=None) -> "Model":
-  """A run folder of a denoiser, or the name of a model that ships. text names another folder of the text encoder."""
+def load(name="cmdm-small", text=None) -> Prompted:
+  """A run folder of a denoiser or generator, or the name of a model that ships. text: another folder of the encoder."""
   folder = pathlib.Path(name)
   if not folder.is_dir() and (PRETRAINED / str(name)).is_dir():
     folder = PRETRAINED / str(name)
@@ -37,8 +35,11 @@ def load(name="cmdm-small", text=None) -> "Model":
     raise FileNotFoundError(f"found neither a run folder {str(name)!r} nor a model of that name; models that ship: "
                             f"{', '.join(pretrained_names()) or 'none'}")
   config = checkpoint.load_config(folder)
+  if config.get("stage") == "cdamd.generator":
+    return CdamdModel(folder, config, load_text_encoder(text or config.frozen.text, level="sentence"))
   if config.get("stage") != "cmdm.denoiser":
-    raise ValueError(f"{folder} holds a {config.get('stage')!r} run; generating needs the run of a cmdm.denoiser")
+    raise ValueError(f"{folder} holds a {config.get('stage')!r} run; generating needs the run of a cmdm.denoiser or a "
+                     "cdamd.generator")
   level = config.frozen.get("text_level", "words")  # older runs do not say
   return Model(folder, config, load_text_encoder(text or config.frozen.text, level=level))
 
@@ -65,73 +66,16 @@ def _compile(dit, vae):
       encode=jax.jit(partial(cmdm.encode_motion, vae)), decode=jax.jit(partial(cmdm.decode_latents, vae)))
 
 
-class Model:
+class Model(Prompted):
   """CMDM ready to use: prompts in, motion out. Made by `load`."""
 
   def __init__(self, folder, config, encoder: TextEncoder):
-    self.folder, self.config, self.encoder = pathlib.Path(folder), config, encoder
-    self.vae = CausalVAE(**_plain(config.tokenizer))
-    self.dit = CausalDiT(**_plain(config.model))
-    if encoder.dim != self.dit.text_dim:
-      raise ValueError(f"the text encoder gives {encoder.dim} numbers a word, the denoiser in {folder} was trained on "
-                       f"{self.dit.text_dim}; pass the encoder named {config.frozen.text!r} as text")
-    if checkpoint.load_fingerprint(folder) not in (None, encoder.fingerprint):
-      raise ValueError(f"{folder} was trained on another version of the text encoder {config.frozen.text!r}; pass the "
-                       "folder with the old one as text, or train the denoiser again")
-    self.stats: Stats = load_stats(folder, config.data.layout)
-    load_params = lambda like, name: jax.tree.map(jnp.asarray, checkpoint.load_params(folder, like, name))
-    self.frozen = load_params(cmdm.frozen_shapes(self.vae), checkpoint.FROZEN)
-    self.params = load_params(cmdm.denoiser_shapes(self.dit), checkpoint.PARAMS)
+    self.vae = CausalVAE(**plain_fields(config.tokenizer))
+    self.dit = CausalDiT(**plain_fields(config.model))
+    super().__init__(folder, config, encoder, self.dit.text_dim, self.vae.frames_per_latent,
+                     cmdm.frozen_shapes(self.vae), cmdm.denoiser_shapes(self.dit))
     self.context = config.data.max_frames // self.vae.frames_per_latent // self.dit.block * self.dit.block
     self.compiled = _compile(self.dit, self.vae)
-    self._lengths = None
-
-  # --- what it is ------------------------------------------------------------------------------------------------
-
-  @property
-  def fps(self) -> float:
-    return self.stats.layout.skeleton.fps
-
-  @property
-  def num_params(self) -> int:
-    return sum(x.size for x in jax.tree.leaves((self.params, self.frozen["tokenizer"])))
-
-  @property
-  def id(self) -> str:
-    """Folder name and a hash of the weights: what a file says about where its motion is from."""
-    digest = hashlib.sha256((self.folder / checkpoint.PARAMS).read_bytes()).hexdigest()[:12]
-    return f"{self.folder.name}@{digest}"
-
-  @property
-  def license(self) -> str:
-    path = self.folder / "LICENSE.txt"
-    return path.read_text().strip() if path.is_file() else ""
-
-  # --- lengths ---------------------------------------------------------------------------------------------------
-
-  def natural_frames(self, prompt) -> int:
-    """How long the clips of the nearest training captions are: an action generated much longer goes on by itself."""
-    if self._lengths is None:
-      table = checkpoint.load_lengths(self.folder)
-      if table is None:
-        return 120
-      self._lengths = self.encoder.sentence(table[0]), table[1]
-    known, frames = self._lengths
-    nearness = known @ self.encoder.sentence([prompt])[0]
-    nearest = np.argsort(-nearness, kind="stable")[:5]
-    return int(np.clip(np.median(frames[nearest]), 60, 196))
-
-  def _frames(self, prompts, num_frames, seconds):
-    if num_frames is not None and seconds is not None:
-      raise ValueError("got both num_frames and seconds; give one of them")
-    if num_frames is None:
-      num_frames = self.natural_frames if seconds is None else [float(s) * self.fps for s in _each(seconds, prompts)]
-    counts = [num_frames(p) for p in prompts] if callable(num_frames) else _each(num_frames, prompts)
-    for count in counts:
-      if not np.isfinite(count) or not self.vae.frames_per_latent <= count <= MAX_SECONDS * self.fps:
-        raise ValueError(f"got a length of {count:g} frames, expected {self.vae.frames_per_latent} to "
-                         f"{MAX_SECONDS * self.fps:.0f} ({MAX_SECONDS:.0f} s at {self.fps:g} frames a second)")
-    return [int(round(count)) for count in counts]
 
   # --- motion ----------------------------------------------------------------------------------------------------
 
@@ -150,8 +94,8 @@ class Model:
     if not prompts:
       raise ValueError("got no prompt")
     self.check_words(prompts)
-    frames = self._frames(prompts, num_frames, seconds)
-    keys, seeds = _keys(rng, seeds, len(prompts))
+    frames = self.frames_of(prompts, num_frames, seconds)
+    keys, seeds = keys_of(rng, seeds, len(prompts))
     plan, scale, about = self._plan(guidance_scale, schedule, num_steps, lag, solver, context)
     # Whole blocks are independent of what follows them; a few more of them spare a compilation for every new length.
     blocks = -(-max(frames) // (plan.block * self.vae.frames_per_latent * 4)) * 4
@@ -184,7 +128,7 @@ class Model:
       raise ValueError("got no story")
     if way not in stories.WAYS:
       raise ValueError(f"got way {way!r}, expected one of {', '.join(stories.WAYS)}")
-    keys, seeds = _keys(rng, seeds, len(tales))
+    keys, seeds = keys_of(rng, seeds, len(tales))
     plan, scale, about = self._plan(**sampling)
     prompts, counts = ([list(part) for part in parts] for parts in zip(*(zip(*tale) for tale in tales)))
     make = stories.stream if way == "stream" else stories.chain
@@ -207,10 +151,10 @@ class Model:
       raise ValueError(f"got num_past {num_past}, expected 1 latent or more to go on from")
     if isinstance(prompt, str):
       self.check_words([prompt])
-      segments = [(prompt, self._frames([prompt], num_frames, seconds)[0])]
+      segments = [(prompt, self.frames_of([prompt], num_frames, seconds)[0])]
     else:
       segments = self._segments(prompt)
-    keys, seeds = _keys(rng, None if seed is None else [seed], 1)
+    keys, seeds = keys_of(rng, None if seed is None else [seed], 1)
     plan, scale, about = self._plan(**sampling)
     prompts, counts = ([*part] for part in zip(*segments))
     past = stories.on_our_body(clip, self.fps, self.stats.layout.skeleton)
@@ -227,18 +171,18 @@ class Model:
     the same key gives the same motion, before polishing, which looks at whole clips.
     """
     self.check_words([prompt])
-    keys, _ = _keys(rng, None if seed is None else [seed], 1)
+    keys, _ = keys_of(rng, None if seed is None else [seed], 1)
     plan, scale, _ = self._plan(**sampling)
     if not plan.lag:
       raise ValueError("got schedule 'full': a stream runs by schedule 'fss' or 'ar'")
     if num_frames is not None:
-      self._frames([prompt], num_frames, None)
+      self.frames_of([prompt], num_frames, None)
     return LiveStream(self, plan, scale, keys, prompt, num_frames)
 
   def _plan(self, guidance_scale=None, schedule="fss", num_steps=None, lag=None, solver="euler", context=None):
     """(plan for motions of any length, guidance scale, what a file says of both) from choices and defaults."""
     defaults = self.config.sampler
-    scale = self._scale(guidance_scale)
+    scale = self.scale_of(guidance_scale)
     if schedule not in SCHEDULES:
       raise ValueError(f"got schedule {schedule!r}, expected one of {', '.join(SCHEDULES)}")
     num_steps = int(defaults.num_steps if num_steps is None else num_steps)
@@ -255,10 +199,10 @@ class Model:
     if isinstance(tale, str) or not len(tale) or any(isinstance(part, str) or len(part) != 2 for part in tale):
       raise ValueError(f"got the story {tale!r}, expected a list of (prompt, seconds or None)")
     self.check_words([prompt for prompt, _ in tale])
-    frames = [self._frames([prompt], None, seconds)[0] for prompt, seconds in tale]
-    if sum(frames) > MAX_SECONDS * self.fps:
-      raise ValueError(f"got a story of {sum(frames) / self.fps:.0f} s, expected at most {MAX_SECONDS:.0f}; a stream "
-                       "has no end")
+    frames = [self.frames_of([prompt], None, seconds)[0] for prompt, seconds in tale]
+    if sum(frames) > self.max_seconds * self.fps:
+      raise ValueError(f"got a story of {sum(frames) / self.fps:.0f} s, expected at most {self.max_seconds:.0f}; a "
+                       "stream has no end")
     return list(zip([prompt for prompt, _ in tale], frames))
 
   def reconstruct(self, features):
@@ -274,39 +218,3 @@ class Model:
     width = -(-max(emb.shape[1], self.config.data.max_words) // 8) * 8
     missing = width - emb.shape[1]
     return jnp.pad(emb, ((0, 0), (0, missing), (0, 0))), jnp.pad(mask, ((0, 0), (0, missing)))
-
-  def _scale(self, guidance_scale):
-    scale = self.config.sampler.guidance_scale if guidance_scale is None else float(guidance_scale)
-    if not np.isfinite(scale):
-      raise ValueError(f"got guidance_scale {scale}, expected a finite number such as 3")
-    return scale
-
-  def check_words(self, prompts):
-    """Raises ValueError for an empty prompt; warns of words that the model does not know."""
-    for prompt in prompts:
-      if not isinstance(prompt, str) or not prompt.strip():
-        raise ValueError(f"got the prompt {prompt!r}; say what the person does, as in \"a person waves\"")
-      strange = self.encoder.unfamiliar(prompt)
-      if strange:
-        warnings.warn(f"the model does not know {', '.join(repr(w) for w in strange)} in {prompt!r}; it may be ignored "
-                      "or misunderstood", stacklevel=3)
-
-
-def _plain(config):
-  return {k: tuple(v) if isinstance(v, list | tuple) else v for k, v in config.to_dict().items()}
-
-
-def _each(value, prompts):
-  values = list(value) if isinstance(value, Sequence | np.ndarray) else [value] * len(prompts)
-  if len(values) != len(prompts):
-    raise ValueError(f"got {len(values)} lengths for {len(prompts)} prompts; give one number or one per prompt")
-  return values
-
-
-def _keys(rng, seeds, count):
-  if seeds is not None:
-    if len(seeds) != count:
-      raise ValueError(f"got {len(seeds)} seeds for {count} motions")
-    return jnp.stack([jax.random.key(int(seed)) for seed in seeds]), [int(seed) for seed in seeds]
-  rng = jax.random.key(0) if rng is None else rng
-  return jax.vmap(lambda i: jax.random.fold_in(rng, i))(jnp.arange(count)), [None] * count

@@ -14,7 +14,8 @@ LAYERS = [
     ("motion", "nets", "quant", "diffusion", "stage"),
     ("data", "text", "metrics", "teacher", "cmdm", "cdamd"),
     ("train", "checkpoint", "convert", "export"),
-    ("recipes", "training", "retrieval", "model", "results", "stories", "streams", "released"),
+    ("recipes", "training", "retrieval", "prompted", "model", "cdamd_model", "results", "stories", "streams",
+     "released"),
     ("cli", "__init__"),
 ]
 CORE = {"absl", "chex", "flax", "jax", "ml_collections", "numpy", "optax", "orbax", "PIL", "safetensors", "scipy",

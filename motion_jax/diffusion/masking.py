@@ -145,16 +145,22 @@ def task_mask(task, num_frames, length, frames_per_latent=4):
   return inside(half, total) if task == "prefix" else inside(zero, half)
 
 
+def in_spans(spans, num_frames):
+  """(num_frames,): the frames inside of spans [(first, past), ...]."""
+  inside = np.zeros(num_frames, bool)
+  for first, past in spans:
+    if not 0 <= first < past <= num_frames:
+      raise ValueError(f"got the span {first}:{past} of a motion of {num_frames} frames; expected 0 <= first < past <= "
+                       f"{num_frames}")
+    inside[first:past] = True
+  return inside
+
+
 def kept_mask(spans, num_frames, length, frames_per_latent=4):
   """(L,): the latents to make anew when spans [(first, past), ...] of frames are kept, of a motion of num_frames.
 
   A latent is kept if all its frames are.
   """
-  kept = np.zeros(length * frames_per_latent, bool)
-  for first, past in spans:
-    if not 0 <= first < past <= num_frames:
-      raise ValueError(f"got the span {first}:{past} of a motion of {num_frames} frames; expected 0 <= first < past <= "
-                       f"{num_frames}")
-    kept[first:past] = True
-  edited = ~kept.reshape(length, frames_per_latent).all(-1)
-  return edited & (np.arange(length) < num_frames // frames_per_latent)
+  total = num_frames // frames_per_latent
+  kept = in_spans(spans, num_frames)[:total * frames_per_latent].reshape(total, frames_per_latent).all(-1)
+  return np.append(~kept, np.zeros(length - total, bool))

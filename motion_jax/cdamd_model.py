@@ -1,0 +1,182 @@
+"""CDAMD ready to use: motion from words, and new parts for a motion that exists."""
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from motion_jax import cdamd
+from motion_jax.data.clip import Caption
+from motion_jax.diffusion import masking
+from motion_jax.diffusion.rounds import most_revealed
+from motion_jax.motion.features import get_layout, to_features
+from motion_jax.nets.autoencoder import Autoencoder
+from motion_jax.nets.masks import padding_mask
+from motion_jax.prompted import Prompted, keys_of, plain_fields
+from motion_jax.results import Motion, Motions, captions_in_a_row, make_motions
+from motion_jax.stories import on_our_body
+
+BLUE, ORANGE = (0.25, 0.5, 0.9), (0.95, 0.55, 0.15)  # frames that were given, frames that were made
+
+
+class CdamdModel(Prompted):
+  """CDAMD or MARDM ready to use: prompts in, motion out; a motion in, the same one with new parts out."""
+
+  def __init__(self, folder, config, encoder):
+    self.autoencoder = Autoencoder(**plain_fields(config.tokenizer))
+    self.net = cdamd.make_generator(config.model)
+    self.max_seconds = config.data.max_frames / get_layout(config.data.layout).skeleton.fps
+    super().__init__(folder, config, encoder, self.net.transformer.text_dim, self.autoencoder.frames_per_latent,
+                     cdamd.frozen_shapes(self.autoencoder), cdamd.generator_shapes(self.net))
+    # All motions are padded to the training length, whose positions are known, and compiled once.
+    self.max_latents = config.data.max_frames // self.unit
+    self._generate = jax.jit(partial(_generate, self.net, self.autoencoder), static_argnums=0)
+    self._edit = jax.jit(partial(_edit, self.net, self.autoencoder), static_argnums=(0, 1))
+
+  def generate(self, prompts, num_frames=None, *, seconds=None, rng=None, seeds=None, polish=True, guidance_scale=None,
+               **sampling) -> Motions:
+    """Motions for one prompt or several, of the given length each (one number or one per prompt).
+
+    rng: a key, of which prompt i gets fold_in(rng, i); or seeds, one integer per prompt. With a solver of fixed steps a
+    motion does not depend on its batch-mates. Lengths are cut to whole latents (4 frames); without one it is that of
+    the nearest training captions. sampling, see `plan_of`. Raises ValueError for what cannot be made.
+    """
+    prompts = [prompts] if isinstance(prompts, str) else list(prompts)
+    if not prompts:
+      raise ValueError("got no prompt")
+    self.check_words(prompts)
+    frames = [count // self.unit * self.unit for count in self.frames_of(prompts, num_frames, seconds)]
+    keys, seeds = keys_of(rng, seeds, len(prompts))
+    lengths = np.array(frames) // self.unit
+    every = np.arange(self.max_latents) < lengths[:, None]
+    plan, hidden, scale, about = self._tables(keys, every, guidance_scale, **sampling)
+    made = self._generate(plan, self.params, self.frozen, self.encoder(prompts)[0], hidden, jnp.asarray(every), scale,
+                          keys)
+    captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
+    return make_motions(self, made, frames, captions, seeds, about, polish)
+
+  def edit(self, clip, prompt, task=None, *, keep=None, change=None, rng=None, seed=None, paste=True, polish=False,
+           guidance_scale=None, mask=None, **sampling) -> Motion:
+    """A motion that exists, a Clip of any source, with parts of it made anew as the words say.
+
+    Which parts: a task of `masking.TASKS`, or spans to keep or to change, [(0, 30), ...] in frames of this model
+    (`spans_of` reads "0:1.5s"). Latents of 4 frames are kept whole or not at all. Kept frames come back as they were
+    (paste), resampled if the clip's rate is another, retargeted if its bones are, cut to whole latents, and placed
+    where the model begins: the body at the origin, facing +z. mask: what new latents may look at, `nets.masks`; without
+    it config.sampler.edit_mask. meta["made"] lists the frames that are new.
+    """
+    self.check_words([prompt])
+    joints = on_our_body(clip, self.fps, self.stats.layout.skeleton)
+    features = to_features(np.concatenate([joints, 2 * joints[-1:] - joints[-2:-1]]), self.stats.layout,
+                           self.config.data.mode)
+    count = len(features) // self.unit * self.unit
+    if not self.unit <= count <= self.config.data.max_frames:
+      raise ValueError(f"got a motion of {len(features)} frames at {self.fps:g} frames a second, expected {self.unit} "
+                       f"to {self.config.data.max_frames}; cut a part out of it")
+    edited = self._edited(task, keep, change, count)
+    padded = np.zeros((1, self.max_latents * self.unit, features.shape[-1]), np.float32)
+    padded[0, :count] = self.stats.normalize(features[:count])
+    keys, seeds = keys_of(rng, None if seed is None else [seed], 1)
+    sampling["mask"] = mask or self.config.sampler.get("edit_mask", "bcm")
+    plan, hidden, scale, about = self._tables(keys, edited, guidance_scale, **sampling)
+    real = padding_mask(jnp.array([count // self.unit]), self.max_latents)
+    made = self._edit(plan, bool(paste), self.params, self.frozen, padded, self.encoder([prompt])[0], edited, hidden,
+                      real, scale, keys)
+    new = np.flatnonzero(np.repeat(edited[0], self.unit)[:count])
+    about |= dict(task=task or "spans", pasted=bool(paste), edited=clip.source or clip.id, made=_runs(new))
+    motion = make_motions(self, made, [count], [(Caption(prompt),)], seeds, about, polish)[0]
+    return motion.replace(id=clip.id, license=clip.license or self.license)
+
+  def plan_of(self, rounds=None, order=None, mask=None, solver=None, num_steps=None, revealed_only=None,
+              temperature=1.0):
+    """(Plan without rows, rounds, order, revealed_only): choices, and the config's where there is none.
+
+    rounds of sampling; order "random" or "left_to_right"; mask of `nets.masks`; solver "euler", "heun", "midpoint" or
+    "rk4" with num_steps, or "dopri5", or "ddpm"; revealed_only False solves for what the next round discards, too.
+    """
+    defaults = self.config.sampler
+    pick = lambda name, value: defaults[name] if value is None else value
+    plan = cdamd.make_plan(solver=pick("solver", solver), num_steps=int(pick("num_steps", num_steps)),
+                           mask=pick("mask", mask), ddpm_steps=self.config.loss.ddpm_steps,
+                           temperature=float(temperature))
+    if (plan.solver == "ddpm") != (self.config.loss.diffusion == "ddpm"):
+      raise ValueError(f"got solver {plan.solver!r} for a model that was trained by {self.config.loss.diffusion}")
+    return plan, int(pick("num_rounds", rounds)), pick("order", order), bool(pick("revealed_only", revealed_only))
+
+  def _tables(self, keys, editable, guidance_scale, **sampling):
+    """(Plan, hidden (N, B, L), guidance scale, what a file says of them) for latents editable (B, L)."""
+    scale = self.scale_of(guidance_scale)
+    plan, num_rounds, order, revealed_only = self.plan_of(**sampling)
+    lengths = editable.sum(-1)
+    order_of = cdamd.draw_order(keys, np.full(len(lengths), self.max_latents), self.max_latents, order)
+    counts = masking.hidden_counts(num_rounds, lengths)
+    hidden = masking.hidden_table(np.where(editable, order_of, np.inf), counts)
+    plan = plan._replace(guided=scale != 1.0, num_rows=most_revealed(counts) if revealed_only else None)
+    about = dict(guidance_scale=scale, model=self.id, rounds=num_rounds, order=order, mask=plan.mask,
+                 solver=plan.solver, num_steps=plan.num_steps)
+    return plan, hidden, scale, about
+
+  def _edited(self, task, keep, change, count):
+    if sum(choice is not None for choice in (task, keep, change)) != 1:
+      raise ValueError("say what to make anew by one of task, keep and change")
+    if task is not None:
+      edited = masking.task_mask(task, [count], self.max_latents, self.unit)
+    else:
+      if change is not None:
+        keep = _runs(np.flatnonzero(~masking.in_spans(change, count)))
+      edited = masking.kept_mask(keep, count, self.max_latents, self.unit)[None]
+    if not edited.any():
+      raise ValueError("everything is kept, so nothing can be made anew")
+    return edited
+
+
+def spans_of(texts, num_frames, fps):
+  """[(first, past)] in frames from texts "A:B", each side in seconds ("1.5s"), as a share ("0.25", "25%") or in frames
+  ("30"); an empty side is the end on that side."""
+  def place(text, empty):
+    text = text.strip()
+    try:
+      if not text:
+        return empty
+      if text.endswith("s"):
+        return round(float(text[:-1]) * fps)
+      if text.endswith("%"):
+        return round(float(text[:-1]) / 100 * num_frames)
+      return round(float(text) * num_frames) if "." in text else int(text)
+    except ValueError:
+      raise ValueError(f"got {text!r} in a span, expected seconds (1.5s), a share (0.25, 25%) or frames (30)") from None
+
+  spans = []
+  for text in texts:
+    first, colon, past = text.partition(":")
+    if not colon:
+      raise ValueError(f"got the span {text!r}, expected A:B as in 0:1.5s")
+    spans.append((place(first, 0), min(place(past, num_frames), num_frames)))
+  return spans
+
+
+def colors_of(motion):
+  """(T, 3): kept frames blue, new ones orange, for `motion.save(path, colors=...)`."""
+  colors = np.tile(np.array(BLUE), (len(motion.joints), 1))
+  for first, past in motion.meta["made"]:
+    colors[first:past] = ORANGE
+  return colors
+
+
+def _runs(frames):
+  """[[first, past], ...] of rising integers."""
+  pieces = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1)
+  return [[int(piece[0]), int(piece[-1]) + 1] for piece in pieces if len(piece)]
+
+
+def _draw(net, keys, real):
+  return cdamd.make_draw(keys, real.shape[1], net.transformer.latent_dim)
+
+
+def _generate(net, autoencoder, plan, params, frozen, text_emb, hidden, real, scale, keys):
+  return cdamd.generate(net, autoencoder, plan, params, frozen, text_emb, hidden, real, scale, _draw(net, keys, real))
+
+
+def _edit(net, autoencoder, plan, paste, params, frozen, features, text_emb, edited, hidden, real, scale, keys):
+  return cdamd.edit(net, autoencoder, plan, params, frozen, features, text_emb, edited, hidden, real, scale,
+                    _draw(net, keys, real), paste)

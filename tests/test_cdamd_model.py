@@ -1,0 +1,99 @@
+"""A generator's run folder is all it takes: prompts become motions, motions come back with new parts."""
+import numpy as np
+import pytest
+
+from motion_jax import cli, training
+from motion_jax.cdamd_model import colors_of, spans_of
+from motion_jax.data.synthetic import synthetic_clips
+from motion_jax.model import load
+from motion_jax.motion.features import to_joints
+from motion_jax.train import read_metrics
+from tests.conftest import load_config
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+  """A trained run folder, whose solver takes few steps."""
+  config = load_config("cdamd_generator", "tiny").unlock()
+  config.sampler.update(num_rounds=3, num_steps=1, solver="euler")
+  folder = tmp_path_factory.mktemp("generator")
+  training.run(config, folder)
+  return folder
+
+
+@pytest.fixture(scope="module")
+def model(run):
+  return load(run)
+
+
+@pytest.fixture(scope="module")
+def clip():
+  return next(clip for clip in synthetic_clips() if 60 <= clip.num_frames <= 190)
+
+
+def test_training_logs_a_held_out_loss(run):
+  rows = read_metrics(run)
+  assert all(np.isfinite(row[name]) for row in rows for name in ("loss", "held_out_loss") if name in row)
+  assert any("held_out_loss" in row for row in rows)
+
+
+def test_motions_know_where_they_are_from_and_not_their_batch_mates(model):
+  two = model.generate(["a person runs", "a person waves"], num_frames=[60, 42], seeds=[1, 5])
+  assert two.joints.shape == (2, 60, 22, 3) and two.frame_mask.sum(1).tolist() == [60, 40]
+  assert two[1].meta["mask"] == "causal" and two[1].meta["seed"] == 5 and two[1].source == model.id
+  alone = model.generate("a person waves", num_frames=40, seeds=[5])
+  np.testing.assert_allclose(alone[0].joints, two[1].joints, atol=1e-4)
+  other = model.generate("a person waves", num_frames=40, seeds=[6])
+  assert np.abs(other[0].joints - alone[0].joints).max() > 1e-4
+
+
+def test_an_edit_keeps_what_it_should(model, clip):
+  made = model.edit(clip, "a person waves", "inpainting", seed=0)
+  count = len(made.joints)
+  assert count % 4 == 0 and clip.num_frames - 4 < count <= clip.num_frames and made.id == clip.id
+  (first, past), = made.meta["made"]
+  assert first == int(0.25 * count) // 4 * 4 and past == count - first and made.meta["mask"] == "bcm"
+  other = model.edit(clip, "a person waves", "inpainting", seed=1)
+  np.testing.assert_array_equal(other.joints[:first], made.joints[:first])
+  np.testing.assert_array_equal(other.joints[past:], made.joints[past:])
+  assert np.abs(other.joints[first:past] - made.joints[first:past]).max() > 1e-4
+  colors = colors_of(made)
+  assert colors.shape == (count, 3) and len(np.unique(colors, axis=0)) == 2
+  assert np.allclose(to_joints(made.features, model.stats.layout), made.joints)
+
+
+def test_spans(model, clip):
+  assert spans_of(["0:1.5s", "25%:0.5", "90:"], 100, 20.0) == [(0, 30), (25, 50), (90, 100)]
+  kept = model.edit(clip, "a person waves", keep=[(0, 30)], seed=0)
+  changed = model.edit(clip, "a person waves", change=[(30, len(kept.joints))], seed=0)
+  np.testing.assert_array_equal(kept.joints, changed.joints)
+  assert kept.meta["made"][0][0] == 28  # a latent is kept if all its frames are
+  for arguments, words in ((dict(), "one of task, keep and change"), (dict(keep=[(0, 10_000)]), "span 0:10000"),
+                           (dict(task="prefix", keep=[(0, 8)]), "one of task")):
+    with pytest.raises(ValueError, match=words):
+      model.edit(clip, "a person waves", **arguments)
+  with pytest.raises(ValueError, match="expected A:B"):
+    spans_of(["30"], 100, 20.0)
+  with pytest.raises(ValueError, match="'soon'"):
+    spans_of(["soon:4s"], 100, 20.0)
+
+
+def test_what_cannot_be_made_is_told(model):
+  for arguments, words in ((dict(num_frames=500), "4 to 196"), (dict(num_frames=40, solver="ddpm"), "trained by flow"),
+                           (dict(num_frames=40, order="middle"), "random or left_to_right"),
+                           (dict(num_frames=40, mask="dcm"), "dccm")):
+    with pytest.raises(ValueError, match=words):
+      model.generate("a person walks", **arguments)
+
+
+def test_the_command_line(run, clip, tmp_path, monkeypatch, capsys):
+  monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+  np.save(tmp_path / "in.npy", clip.joints)
+  edit = ["edit", str(tmp_path / "in.npy"), "--text", "a person waves", "--model", str(run), "--out"]
+  assert cli.main([*edit, f"{tmp_path}/out.npz", "--edit", "1s:2s"]) == 0
+  assert "made anew: 1.0 to 2.0 s" in capsys.readouterr().out
+  assert (tmp_path / "out.npz").is_file()
+  assert cli.main([*edit, f"{tmp_path}/no.npz", "--task", "prefix", "--lag", "3"]) == 1
+  assert "--lag" in capsys.readouterr().err
+  assert cli.main(["story", "walks | waves", "--model", str(run), "--out", f"{tmp_path}/no.npz"]) == 1
+  assert "'stories'" in capsys.readouterr().err and not (tmp_path / "no.npz").exists()
