@@ -1,1 +1,1 @@
-"""Numbers about motion: empty until the evaluators."""
+"""Numbers about motion: evaluators and their words, scores, physics, and the loops that make a row of them."""

@@ -1,4 +1,6 @@
 """The evaluators are the references', see nothing of padding or of batch-mates, and tell wrong input."""
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -84,8 +86,9 @@ def run_evaluator(fixture, dtype):
   movement = jax.jit(lambda p: model.apply(p, motion, method="movements"))(params)
   made = {"movement": movement, "decoded": jax.jit(decoder.apply)(decoder_params, movement),
           "sorted_order": evaluators.falling_length(frames)}
+  apply = jax.jit(model.apply)
   for sort, prefix in ((False, ""), (True, "sorted_")):
-    text, moved = evaluators.co_embeddings(jax.jit(model.apply), params, words, classes, lengths, motion, frames, sort)
+    text, moved = evaluators.co_embeddings(apply, params, words, classes, lengths, motion, frames, sort)
     made |= {f"{prefix}text": text, f"{prefix}motion": moved}
   return made
 
@@ -115,6 +118,7 @@ def test_golden(name):
   assert not check(fixtures.path(f"{name}.npz")).failures
 
 
+@functools.cache
 def small():
   """A jitted T2M evaluator and its arguments: words, classes, lengths, motion, frames."""
   model = evaluators.T2MEvaluator(features=5, columns=7, movement_width=8, movement_dim=6, motion_width=9, text_width=7,
