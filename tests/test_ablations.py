@@ -21,7 +21,7 @@ def test_every_row_of_cmdms_tables_is_there():
   assert len(rows[8]) == 5 and len(rows[9]) == 2 and len(rows[10]) == 3 and len(rows[11]) == 3
 
 
-@pytest.mark.parametrize("row, stage", TRAINED, ids="-".join)
+@pytest.mark.parametrize("row, stage", TRAINED, ids=["-".join(pair) for pair in TRAINED])
 @pytest.mark.slow
 def test_rows_train_two_steps(row, stage, tmp_path):
   state = training.run(CMDM["get_config"](f"{row}/{stage}/tiny"), tmp_path)

@@ -35,7 +35,7 @@ def main():
     sizes[name] = sum(x.size for x in jax.tree.leaves(params))
   for name in ("Mean.npy", "Std.npy", checkpoint.LENGTHS):
     shutil.copyfile(args.run / name, args.out / name)
-  (args.out / checkpoint.TEXT).write_text(text_identity(load_text_encoder(config.frozen.text)))
+  (args.out / checkpoint.TEXT).write_text(text_identity(load_text_encoder(config.frozen.text, level=config.frozen.get("text_level", "words"))))
   plain = config.to_dict()
   plain["data"].update(folder="", folders=[])  # paths of the machine that trained it
   plain["frozen"].update(tokenizer="frozen.safetensors")

@@ -39,7 +39,8 @@ ROWS = {
     # Table 10: sizes; M is the default.
     **{f"size-{size}": (10, {"denoiser": {"model.size": size}}) for size in ("s", "l", "xl")},
     # Table 11: text encoders; words of DistilBERT are the default.
-    "text-clip-words": (11, {"denoiser": {"frozen.text": "openai/clip-vit-base-patch32", "model.text_dim": 512}}),
+    "text-clip-words": (11, {"denoiser": {"frozen.text": "openai/clip-vit-base-patch32", "model.text_dim": 512,
+                                          "data.max_words": 77}}),
     "text-clip-sentence": (11, {"denoiser": {"frozen.text": "openai/clip-vit-base-patch32", "model.text_dim": 512,
                                              "frozen.text_level": "sentence"}}),
     "text-sentence-t5": (11, {"denoiser": {"frozen.text": "sentence-transformers/sentence-t5-base",
@@ -90,7 +91,7 @@ def _change(config, path, value, size):
     config.model.update(num_heads=heads, depth=depth, width=width, ff_width=2 * width)
   elif field == "latent_dim":
     config[section].latent_dim = LATENTS[size][value]
-  elif path in ("frozen.text", "model.text_dim") and size != "full":
+  elif path in ("frozen.text", "model.text_dim", "data.max_words") and size != "full":
     pass
   else:
     config[section][field] = value

@@ -1,0 +1,141 @@
+"""Motions and sentences in one space: the contrast, N devices, and what is found with a trained teacher."""
+import json
+import os
+import subprocess
+import sys
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from motion_jax import cli, export, retrieval, teacher, training
+from motion_jax.data.clip import Clip
+from motion_jax.data.humanml3d import write_folder
+from motion_jax.data.synthetic import synthetic_clips
+from motion_jax.train import make_optimizer
+from tests.conftest import ROOT, load_config
+
+
+def test_contrast_of_orthogonal_pairs():
+  """Right pairs at cosine 1, all others at 0: log(1 + (B - 1) e^-scale) both ways."""
+  value, logits = teacher.info_nce(jnp.eye(4), jnp.eye(4), 2.0)
+  assert np.isclose(value, np.log(1 + 3 * np.exp(-2.0)), atol=1e-6)
+  assert np.allclose(logits, 2 * np.eye(4))
+
+
+def test_the_same_words_are_no_counter_example():
+  text = jnp.eye(4)[jnp.array([0, 0, 1, 2])]
+  same = (text @ text.T) > 0.5
+  counted, _ = teacher.info_nce(text, text, 20.0)
+  skipped, _ = teacher.info_nce(text, text, 20.0, same)
+  assert counted > 0.3 and skipped < 1e-6
+
+
+def test_rates_hold_parameters_still_or_slow_them():
+  config = load_config("part_tmr", "full").optimizer
+  tx = make_optimizer(config, 100)
+  params = {"motion": {"logit_scale": jnp.ones(()), "w": jnp.ones(2)}, "text": {"w": jnp.ones(2)}}
+  updates, _ = tx.update(jax.tree.map(jnp.ones_like, params), tx.init(params), params)
+  assert updates["motion"]["logit_scale"] == 0
+  assert np.allclose(updates["text"]["w"], 0.1 * updates["motion"]["w"]) and updates["motion"]["w"][0] < 0
+
+
+_DEVICES = """
+import json, sys
+import jax
+sys.path.insert(0, sys.argv[2])
+from motion_jax import training
+from motion_jax.train import read_metrics
+from tests.conftest import load_config
+config = load_config("part_tmr", "tiny").unlock()
+config.model.dropout = config.model.head_dropout = 0.0
+training.run(config, sys.argv[1])
+rows = [(row["loss"], row["grad_norm"]) for row in read_metrics(sys.argv[1]) if "loss" in row]
+print(json.dumps([jax.local_device_count(), rows]))
+"""
+
+
+@pytest.mark.slow
+def test_two_devices_contrast_the_whole_batch(tmp_path):
+  """Each sentence meets the motions of the other device too (dropout off: its masks fall on other rows).
+
+  Losses and gradients are compared: Adam's first step makes a whole step of a gradient that is rounding alone.
+  """
+  found = {}
+  for devices in (1, 2):
+    env = dict(os.environ, XLA_FLAGS=f"--xla_force_host_platform_device_count={devices}", JAX_PLATFORMS="cpu")
+    done = subprocess.run([sys.executable, "-c", _DEVICES, str(tmp_path / str(devices)), str(ROOT)], env=env, cwd=ROOT,
+                          capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    count, found[devices] = json.loads(done.stdout.splitlines()[-1])
+    assert count == devices
+  assert len(found[1]) == 2 and np.allclose(found[1], found[2], rtol=1e-3)
+
+
+@pytest.fixture(scope="module")
+def run_and_data(tmp_path_factory):
+  folder = tmp_path_factory.mktemp("teacher")
+  training.run(load_config("part_tmr", "tiny"), folder / "run")
+  write_folder(synthetic_clips(0, 8), folder / "data", mirror=False)
+  return folder / "run", folder / "data"
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path, monkeypatch):
+  monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+
+def test_vectors_are_of_unit_length_and_know_no_batch_mates(run_and_data):
+  retriever = retrieval.load(run_and_data[0])
+  features = [retriever.features_of(clip) for clip in synthetic_clips(0, 3)]
+  together = retriever.embed_motion(features)
+  assert np.allclose(np.linalg.norm(together, axis=-1), 1, atol=1e-5)
+  assert np.allclose(retriever.embed_motion(features[1:2])[0], together[1], atol=1e-5)
+  text = retriever.embed_text(["a person walks", "a person jumps up and down again and again"])
+  assert np.allclose(retriever.embed_text(["a person walks"])[0], text[0], atol=1e-5)
+
+
+def test_a_long_motion_is_the_mean_of_its_pieces(run_and_data):
+  retriever = retrieval.load(run_and_data[0])
+  x = np.concatenate([retriever.features_of(clip) for clip in synthetic_clips(0, 3)])[:128]
+  halves = retriever.embed_motion([x[:64], x[64:]]).sum(0)
+  assert np.allclose(retriever.embed_motion([x])[0], halves / np.linalg.norm(halves), atol=1e-5)
+
+
+def test_retrieve_from_the_command_line(run_and_data, tmp_path, capsys):
+  run, data = map(str, run_and_data)
+  ask = lambda *words: cli.main(["retrieve", *words, "--data", data, "--teacher", run])
+  out = tmp_path / "nearest.npz"
+  assert ask("a person walks", "--num", "3", "--out", str(out)) == 0
+  lines = capsys.readouterr().out.splitlines()
+  cosines = [float(line.split()[0]) for line in lines[1:4]]
+  assert "8 clips" in lines[0] and cosines == sorted(cosines, reverse=True)
+  nearest = export.load(out)
+  assert nearest.id == lines[1].split()[1] or nearest.num_frames > 8
+  assert list((tmp_path / "cache" / "motion_jax" / "vectors").glob("*.npy"))
+  assert ask(str(out)) == 0  # the other way: a motion in, captions out
+  assert len(capsys.readouterr().out.splitlines()) >= 3
+  assert ask() == 0
+  assert "text to motion: at 1 " in capsys.readouterr().out
+
+
+def test_mistakes_are_told(run_and_data, tmp_path, capsys, tiny_run):
+  run, data = map(str, run_and_data)
+  for words, told in (
+      (["a", "--data", str(tmp_path), "--teacher", run], "neither an archive"),
+      (["a", "--data", data, "--teacher", str(tmp_path / "none")], "neither a run folder"),
+      (["a", "--data", data, "--teacher", str(tiny_run)], "cmdm.teacher"),
+      ([" ", "--data", data, "--teacher", run], "empty sentence"),
+      (["a", "--num", "0", "--data", data, "--teacher", run], "1 or more"),
+      (["none.npz", "--data", data, "--teacher", run], "none.npz"),
+  ):
+    assert cli.main(["retrieve", *words]) == 1
+    assert told in capsys.readouterr().err
+
+
+def test_clips_without_captions_are_told(tmp_path):
+  clip = synthetic_clips(0, 1)[0]
+  write_folder([Clip(clip.joints, captions=clip.captions, id="a", split="train")], tmp_path / "data", mirror=False)
+  with pytest.raises(ValueError, match="no clip with a caption in split 'test'"):
+    retrieval.read_clips(tmp_path / "data", "test")
