@@ -10,11 +10,22 @@ import shutil
 import jax
 import numpy as np
 
-from motion_jax import checkpoint, cmdm
+from motion_jax import checkpoint, cmdm, teacher
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.recipes.cmdm import text_identity
 from motion_jax.text.encoder import load_text_encoder
+
+
+def shapes_of(config):
+  """{file: shapes of its parameters} of a run: a denoiser with its tokenizer, or a teacher."""
+  if config.stage == "cmdm.teacher":
+    module = teacher.make_teacher(config.model, config.data.layout)
+    return {checkpoint.PARAMS: teacher.teacher_shapes(module, config.text, config.data.layout)}
+  if config.stage == "cmdm.denoiser":
+    return {checkpoint.PARAMS: cmdm.denoiser_shapes(CausalDiT(**config.model)),
+            checkpoint.FROZEN: cmdm.frozen_shapes(CausalVAE(**config.tokenizer))}
+  raise ValueError(f"got a run of stage {config.stage!r}, expected a cmdm.denoiser or a cmdm.teacher")
 
 
 def main():
@@ -23,10 +34,9 @@ def main():
   parser.add_argument("out", type=pathlib.Path)
   args = parser.parse_args()
   config = checkpoint.load_config(args.run)
-  vae, dit = CausalVAE(**config.tokenizer), CausalDiT(**config.model)
   args.out.mkdir(parents=True, exist_ok=True)
   sizes = {}
-  for name, shapes in ((checkpoint.PARAMS, cmdm.denoiser_shapes(dit)), (checkpoint.FROZEN, cmdm.frozen_shapes(vae))):
+  for name, shapes in shapes_of(config).items():
     params = checkpoint.load_params(args.run, shapes, name)
     largest = max(float(np.abs(x).max()) for x in jax.tree.leaves(params))
     if not largest < 60_000:  # float16 ends at 65,504
@@ -34,11 +44,15 @@ def main():
     checkpoint.save_params(args.out, params, np.float16, name)
     sizes[name] = sum(x.size for x in jax.tree.leaves(params))
   for name in ("Mean.npy", "Std.npy", checkpoint.LENGTHS):
-    shutil.copyfile(args.run / name, args.out / name)
-  (args.out / checkpoint.TEXT).write_text(text_identity(load_text_encoder(config.frozen.text, level=config.frozen.get("text_level", "words"))))
+    if (args.run / name).is_file():
+      shutil.copyfile(args.run / name, args.out / name)
+  encoder = load_text_encoder(config.frozen.text, level=config.frozen.get("text_level", "words"))
+  (args.out / checkpoint.TEXT).write_text(text_identity(encoder))
   plain = config.to_dict()
   plain["data"].update(folder="", folders=[])  # paths of the machine that trained it
-  plain["frozen"].update(tokenizer="frozen.safetensors")
+  if "tokenizer" in plain["frozen"]:
+    plain["frozen"].update(tokenizer="frozen.safetensors")
+  plain["train"].pop("start", None)
   (args.out / checkpoint.CONFIG).write_text(json.dumps(plain, indent=1) + "\n")
   megabytes = sum(path.stat().st_size for path in args.out.iterdir()) / 1e6
   print(f"{args.out}: {sizes}, {megabytes:.1f} MB")
