@@ -44,12 +44,12 @@ def get_config(size="full"):
   config.train = dict(num_steps=9_100, log_every=50, save_every=182)
   if size == "small":
     config.frozen.text = "words"
-    config.model.update(width=64, depth=2, mlp_width=128, dim=64, pool="real", head_dropout=0.2)
+    config.model.update(width=64, depth=2, mlp_width=128, dim=64, pool="real", dropout=0.0, head_dropout=0.2)
     # Template captions repeat inside a batch; the same words cannot be a counter-example.
     config.loss.update(text_pool="mean", skip_same_caption=True)
     config.data.update(name="archive", mode="corrected", mirror=True, batch_size=64, max_frames=96, max_words=24)
     config.optimizer.update(learning_rate=1e-3, warmup_steps=100, schedule="cosine", ema_decay=0.995, clip_norm=1.0)
-    config.train.update(num_steps=2_500, log_every=50, save_every=500)
+    config.train.update(num_steps=850, log_every=50, save_every=250)
   elif size == "tiny":
     config.frozen.text = "fresh"
     config.model.update(width=16, depth=1, num_heads=2, mlp_width=16, dim=8)
