@@ -96,6 +96,16 @@ def test_columns_of_296():
   assert stands.all()
 
 
+def test_rotations_in_the_world_come_back_from_296():
+  """Up to the first frame's heading, which features do not keep."""
+  joints = _clips("snapmogen")[CURVE].joints.astype(np.float64)
+  turned = inverse.world_rotations(joints, SNAPMOGEN)
+  found = features296.to_turned(features296.extract(joints, turned, "corrected"))
+  offset = rot.multiply(found, rot.conjugate(turned[:-1]))  # the same turn about the vertical everywhere
+  assert np.abs(np.abs((offset * offset[:1, :1]).sum(-1)) - 1).max() < 1e-9
+  assert np.abs(offset[..., [1, 3]]).max() < 1e-6
+
+
 def test_the_two_ways_back_of_296():
   """The released recovery turns each step by the wrong one of two headings: where a path turns, it parts from it."""
   joints = _clips("snapmogen")[CURVE].joints
