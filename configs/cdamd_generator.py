@@ -26,7 +26,7 @@ def get_config(size="full"):
   config = ml_collections.ConfigDict()
   config.stage = "cdamd.generator"
   config.seed = 3407
-  config.frozen = dict(tokenizer="runs/autoencoder", prior="runs/rvq", text="clip-vit-base-patch32")
+  config.frozen = dict(tokenizer="runs/autoencoder", prior="runs/rvq", text="clip-vit-base-patch32", length="")
   config.tokenizer = dict(features=66, latent_dim=512, width=512, num_halvings=2, dilations=(9, 3, 1), dropout=0.2)
   config.prior = dict(features=66, latent_dim=512, width=512, num_halvings=2, dilations=(9, 3, 1), dropout=0.2)
   config.quantizer = dict(num_levels=4, num_codes=512)
@@ -40,6 +40,7 @@ def get_config(size="full"):
   config.data = dict(name="humanml3d", folder="", folders=(), layout="coordinates", mode="benchmark", mirror=False,
                      per_axis=False, batch_size=64, min_frames=40, max_frames=196, lengths=(196,), balance=0.0,
                      vary_subject=0.0)
+  # ema_decay 0 is the released code's of CDAMD; MARDM's is 0.9999.
   config.optimizer = dict(learning_rate=2e-4, schedule="cosine", final_rate=1e-6, boundaries=(), gamma=0.1,
                           cooldown_steps=0, warmup_steps=2_000, beta1=0.9, beta2=0.99, weight_decay=1e-5, clip_norm=0.0,
                           ema_decay=0.9999, skip_loss=0.0)

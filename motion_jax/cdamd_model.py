@@ -5,12 +5,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from motion_jax import cdamd
+from motion_jax import cdamd, lengths
 from motion_jax.data.clip import Caption
 from motion_jax.diffusion import masking
 from motion_jax.diffusion.rounds import most_revealed
 from motion_jax.motion.features import get_layout, to_features
 from motion_jax.nets.autoencoder import Autoencoder
+from motion_jax.nets.length_estimator import LengthEstimator
 from motion_jax.nets.masks import padding_mask
 from motion_jax.prompted import Prompted, keys_of, plain_fields
 from motion_jax.results import Motion, Motions, captions_in_a_row, make_motions
@@ -26,20 +27,31 @@ class CdamdModel(Prompted):
     self.autoencoder = Autoencoder(**plain_fields(config.tokenizer))
     self.net = cdamd.make_generator(config.model)
     self.max_seconds = config.data.max_frames / get_layout(config.data.layout).skeleton.fps
-    super().__init__(folder, config, encoder, self.net.transformer.text_dim, self.autoencoder.frames_per_latent,
-                     cdamd.frozen_shapes(self.autoencoder), cdamd.generator_shapes(self.net))
+    shapes, text_dim = cdamd.frozen_shapes(self.autoencoder), self.net.transformer.text_dim
+    self.length = LengthEstimator(**plain_fields(config.length)) if config.get("length") else None
+    if self.length:
+      shapes["length"] = lengths.length_shapes(self.length, text_dim)
+    super().__init__(folder, config, encoder, text_dim, self.autoencoder.frames_per_latent, shapes,
+                     cdamd.generator_shapes(self.net))
     # All motions are padded to the training length, whose positions are known, and compiled once.
     self.max_latents = config.data.max_frames // self.unit
     self._generate = jax.jit(partial(_generate, self.net, self.autoencoder), static_argnums=0)
     self._edit = jax.jit(partial(_edit, self.net, self.autoencoder), static_argnums=(0, 1))
+
+  def natural_frames(self, prompt) -> int:
+    """How long such motions are: what the length estimator says or, without one, the nearest training captions."""
+    if self.length is None:
+      return super().natural_frames(prompt)
+    logits = self.length.apply(self.frozen["length"], self.encoder([prompt])[0][:, 0])
+    return int(np.minimum(lengths.middle_frames(logits, self.unit), self.config.data.max_frames)[0])
 
   def generate(self, prompts, num_frames=None, *, seconds=None, rng=None, seeds=None, polish=True, guidance_scale=None,
                **sampling) -> Motions:
     """Motions for one prompt or several, of the given length each (one number or one per prompt).
 
     rng: a key, of which prompt i gets fold_in(rng, i); or seeds, one integer per prompt. With a solver of fixed steps a
-    motion does not depend on its batch-mates. Lengths are cut to whole latents (4 frames); without one it is that of
-    the nearest training captions. sampling, see `plan_of`. Raises ValueError for what cannot be made.
+    motion does not depend on its batch-mates. Lengths are cut to whole latents (4 frames); without one it is
+    `natural_frames`. sampling, see `plan_of`. Raises ValueError for what cannot be made.
     """
     prompts = [prompts] if isinstance(prompts, str) else list(prompts)
     if not prompts:
@@ -47,8 +59,7 @@ class CdamdModel(Prompted):
     self.check_words(prompts)
     frames = [count // self.unit * self.unit for count in self.frames_of(prompts, num_frames, seconds)]
     keys, seeds = keys_of(rng, seeds, len(prompts))
-    lengths = np.array(frames) // self.unit
-    every = np.arange(self.max_latents) < lengths[:, None]
+    every = np.arange(self.max_latents) < np.array(frames)[:, None] // self.unit
     plan, hidden, scale, about = self._tables(keys, every, guidance_scale, **sampling)
     made = self._generate(plan, self.params, self.frozen, self.encoder(prompts)[0], hidden, jnp.asarray(every), scale,
                           keys)
@@ -107,9 +118,8 @@ class CdamdModel(Prompted):
     """(Plan, hidden (N, B, L), guidance scale, what a file says of them) for latents editable (B, L)."""
     scale = self.scale_of(guidance_scale)
     plan, num_rounds, order, revealed_only = self.plan_of(**sampling)
-    lengths = editable.sum(-1)
-    order_of = cdamd.draw_order(keys, np.full(len(lengths), self.max_latents), self.max_latents, order)
-    counts = masking.hidden_counts(num_rounds, lengths)
+    order_of = cdamd.draw_order(keys, np.full(len(keys), self.max_latents), self.max_latents, order)
+    counts = masking.hidden_counts(num_rounds, editable.sum(-1))
     hidden = masking.hidden_table(np.where(editable, order_of, np.inf), counts)
     plan = plan._replace(guided=scale != 1.0, num_rows=most_revealed(counts) if revealed_only else None)
     about = dict(guidance_scale=scale, model=self.id, rounds=num_rounds, order=order, mask=plan.mask,

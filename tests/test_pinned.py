@@ -4,13 +4,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax import cdamd, cmdm
+from motion_jax import cdamd, cmdm, lengths
 from motion_jax.data.batches import step_rng
 from motion_jax.diffusion.streaming import block_noise, make_plan
 from motion_jax.motion.features import get_layout
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
+from motion_jax.nets.length_estimator import LengthEstimator
 from motion_jax.teacher import make_teacher
 from tests.conftest import ROOT, load_config
 
@@ -32,6 +33,7 @@ COUNTS = {
     ("cdamd_generator", "large"): 457_892_352, ("cdamd_generator", "67"): 290_023_424,
     ("cdamd_generator", "263"): 290_023_424, ("cdamd_generator", "mardm"): 290_816_512,
     ("cdamd_generator", "mardm_ddpm"): 290_816_512,
+    ("cdamd_length", "full"): 435_122, ("cdamd_length", "small"): 369_586, ("cdamd_length", "tiny"): 1_006,
 }
 
 
@@ -46,6 +48,8 @@ def _count(name, size):
     shapes = shapes["params"], shapes.get("codebooks", {"codes": ()})["codes"]
   elif config.stage == "cdamd.generator":
     shapes = cdamd.generator_shapes(cdamd.make_generator(config.model))
+  elif config.stage == "cdamd.length":  # of sentence vectors of CLIP, MiniLM and the encoder for tests
+    shapes = lengths.length_shapes(LengthEstimator(**config.model), {"full": 512, "small": 384, "tiny": 32}[size])
   elif config.stage == "cmdm.tokenizer":
     shapes = cmdm.frozen_shapes(CausalVAE(**config.model))["tokenizer"]
   else:

@@ -2,11 +2,12 @@
 import jax
 import numpy as np
 
-from motion_jax import cdamd, checkpoint
+from motion_jax import cdamd, checkpoint, lengths
 from motion_jax.data import batches, sources
 from motion_jax.data.captions import vary_subject
 from motion_jax.motion import stats as stats_lib
 from motion_jax.nets.autoencoder import Autoencoder
+from motion_jax.nets.length_estimator import LengthEstimator
 from motion_jax.quant import vq
 from motion_jax.recipes.cmdm import caption_lengths, held_out, reconstruction_error, text_identity
 from motion_jax.recipes.recipe import Recipe, plain
@@ -78,6 +79,9 @@ def generator(config) -> Recipe:
   if encoder.dim != config.model.transformer.text_dim:
     raise ValueError(f"text encoder {config.frozen.text!r} gives {encoder.dim} numbers a sentence, the model takes "
                      f"model.transformer.text_dim = {config.model.transformer.text_dim}; make them agree")
+  if config.frozen.get("length"):
+    with config.unlocked():  # what loading the run needs
+      config.length, frozen["length"] = load_length(config.frozen.length, encoder)
   batch_of = _captioned(config, data, encoder)
   stage = cdamd.generator_stage(config)
   files = {checkpoint.LENGTHS: caption_lengths(data), checkpoint.TEXT: text_identity(encoder)}
@@ -150,4 +154,35 @@ def latent_moments(net, variables, features, num_clips=512, length=192):
   return z.mean(0), z.std(0) + 1e-6
 
 
-RECIPES = {"cdamd.autoencoder": autoencoder, "cdamd.rvq": rvq, "cdamd.generator": generator}
+def length(config) -> Recipe:
+  """The length estimator, on captions and the lengths that crops of their clips have in training."""
+  data = sources.load_features(config.data)
+  encoder = load_text_encoder(config.frozen.text, level="sentence")
+  stage = lengths.length_stage(config)
+  next_batch = _captioned(config, data, encoder)
+  held = _captioned(config, held_out(config, data.stats, captioned=True), encoder)
+  without = lambda batch: {name: batch[name] for name in ("text_emb", "num_frames", "index")}
+  predict = jax.jit(stage.predict)
+
+  def evaluate(params):
+    parts = [predict(params, {}, without(held(i)), None) for i in range(4)]
+    count = sum(len(part["logits"]) for part in parts)
+    return {f"held_out_{name}": round(float(sum(part[name] for part in parts)) / count, 4)
+            for name in ("loss", "latents_off")}
+
+  return Recipe(stage, lambda step: without(next_batch(step)), {}, evaluate, data.stats,
+                {checkpoint.TEXT: text_identity(encoder)})
+
+
+def load_length(folder, encoder):
+  """(fields, parameters) of a trained length estimator that reads the sentence vectors of this encoder."""
+  run = checkpoint.load_config(folder)
+  if run.get("stage") != "cdamd.length":
+    raise ValueError(f"{folder} holds a {run.get('stage')!r} run, expected one of stage 'cdamd.length'")
+  if checkpoint.load_fingerprint(folder) != encoder.fingerprint:
+    raise ValueError(f"the length estimator in {folder} was trained on another text encoder than {encoder.name!r}")
+  fields = plain(run.model.to_dict())
+  return fields, checkpoint.load_params(folder, lengths.length_shapes(LengthEstimator(**fields), encoder.dim))
+
+
+RECIPES = {"cdamd.autoencoder": autoencoder, "cdamd.rvq": rvq, "cdamd.generator": generator, "cdamd.length": length}

@@ -47,7 +47,7 @@ def test_ties_are_pytorchs():
   for rounds in range(4, 65, 3):
     share = masking.hidden_shares(rounds)[2 * (rounds - 1) // 3]
     assert share != 0.5 and abs(share - 0.5) < 1e-7
-    down += [rounds] * (share < 0.5)
+    down += [rounds] * int(share < 0.5)
     odd = np.arange(3, 64, 2)
     counts = masking.hidden_counts(rounds, odd)[2 * (rounds - 1) // 3]
     np.testing.assert_array_equal(counts, odd // 2 + (share > 0.5))

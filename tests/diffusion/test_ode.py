@@ -1,0 +1,49 @@
+"""The adaptive solver keeps its tolerance, counts its evaluations, and looks at the rows that it is told to."""
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from motion_jax.diffusion.ode import dopri5
+from tests.diffusion.test_samplers import MEAN, STD, gaussian_velocity
+
+# On Gaussian data the flow carries x to MEAN + STD x; numbers of all sizes, for tolerances are relative.
+X = np.random.default_rng(0).normal(size=(6, 4)).astype(np.float32)
+
+
+def velocity(x, t):
+  return gaussian_velocity(x, jnp.broadcast_to(t, x.shape[:-1]))
+
+
+@functools.partial(jax.jit, static_argnames=("rtol", "atol", "max_steps"))
+def solve(x, rows=None, **tolerances):
+  return dopri5(velocity, x, rows, **tolerances)
+
+
+@pytest.mark.parametrize("rtol", [1e-2, 1e-5])
+def test_the_flow_is_solved_to_its_tolerance(rtol):
+  value, evaluations = solve(X, rtol=rtol, atol=1e-6)
+  error = np.abs(value - (MEAN + STD * X)).max()
+  assert error < 3 * rtol and (evaluations - 2) % 6 == 0
+  assert evaluations > solve(X, rtol=10 * rtol, atol=1e-6).num_evaluations or rtol > 1e-3
+
+
+def test_only_counted_rows_decide_the_steps():
+  rows = jnp.array([True, True, False, True, False, False])
+  value, evaluations = solve(X, rows)
+  wild = solve(jnp.where(rows[:, None], X, 1e3 * X), rows)
+  assert wild.num_evaluations == evaluations
+  np.testing.assert_array_equal(wild.value[rows], value[rows])
+
+
+def test_what_does_not_arrive_is_nan():
+  assert np.isnan(solve(X, max_steps=1, rtol=1e-6, atol=1e-9).value).all()
+  assert np.isnan(jax.jit(lambda x: dopri5(lambda x, t: x / 0, x))(X).value).all()
+
+
+def test_a_still_velocity_takes_great_steps():
+  value, evaluations = jax.jit(lambda x: dopri5(lambda x, t: 0 * x, x))(X)
+  np.testing.assert_array_equal(value, X)
+  assert evaluations < 2 + 6 * 10
