@@ -8,6 +8,7 @@ import pytest
 
 from motion_jax import cmdm
 from motion_jax.convert import causal_dit_names, from_torch
+from motion_jax.data.humanml3d import windows
 from motion_jax.diffusion.schedules import staircase, staircase_levels
 from motion_jax.motion import features as features_lib
 from motion_jax.nets.causal_dit import CausalDiT
@@ -44,10 +45,46 @@ def run_full_generate(fixture, dtype):
           "joints": jax.jit(features_lib.to_joints)(motion)}
 
 
-@golden.golden("joints", leave_out=("root_quaternion",))  # ours is not kept apart
+@golden.golden("joints")
 def run_joints(fixture, dtype):
   features = jnp.asarray(fixture["in/features"], dtype)
-  return {"joints": features_lib.to_joints(features), "root": features_lib.root_path(features)[1]}
+  heading, path = features_lib.root_path(features)
+  return {"joints": features_lib.to_joints(features), "root": path, "root_quaternion": heading}
+
+
+# The README's absolute bounds by block, in metres and, for KIT, in millimetres.
+BLOCKS = {"full": {"contacts": 0, "turn": 2e-5, "rotations": 1e-4, "": 2e-5},
+          "full_kit": {"contacts": 0, "turn": 5e-5, "rotations": 5e-4, "": 1e-2}}
+
+
+@golden.golden("features_humanml3d", bounds={"": (1e-4, 1e-10)})
+@golden.golden("features_kit", bounds={"": (1e-4, 1e-10)})
+def run_features(fixture, dtype):
+  """Clips to the uniform skeleton, to features, and back in two ways; blocks of features have bounds of their own."""
+  offsets, made = fixture["in/offsets"], {}
+  layout = features_lib.get_layout("full" if len(offsets) == 22 else "full_kit")
+  skeleton, bounds = layout.skeleton.with_offsets(offsets), BLOCKS[layout.name]
+  for name, joints in fixture.under("in/").items():
+    if not name.endswith("/joints"):
+      continue
+    clip, recorded = name.split("/")[0], fixture[f"out/{name.split('/')[0]}/features"]
+    canonical = features_lib.canonicalize(joints, skeleton)
+    features = features_lib.extract(canonical, skeleton)
+    for block, columns in layout.blocks.items():
+      worst = np.abs(features[:, columns] - recorded[:, columns]).max()
+      assert worst <= bounds.get(block, bounds[""]), f"{clip} {block} differs by {worst:.1e}"
+    made |= {f"{clip}/canonical": canonical, f"{clip}/features": features,
+             f"{clip}/recovered": features_lib.to_joints(recorded, layout),
+             f"{clip}/recovered_rotations": features_lib.rotations_to_joints(recorded, layout, offsets)}
+  return made
+
+
+@golden.golden("windows", bounds={"": (0, 0)})
+def run_windows(fixture, dtype):
+  """Clip k holds rows numbered 1000 k + row."""
+  rows = fixture["out/rows"]  # all windows have one length
+  found = windows(fixture["in/lengths"], rows[0])
+  return {"first": 1000 * found[:, 0] + found[:, 1], "rows": np.full(len(found), rows[0])}
 
 
 @golden.golden("bert")
@@ -61,6 +98,18 @@ def run_bert(fixture, dtype):
 
 def test_from_words_to_joints():
   assert not golden.check(fixtures.path("cmdm/full_generate.npz")).failures
+
+
+def test_every_recording_here_has_a_runner_of_its_own(capsys):
+  golden.import_runners()
+  assert not capsys.readouterr().err  # every module could be imported
+  files = [path for part in ("cmdm", "text", "cdamd", "motion") for path in fixtures.path(part).glob("*.npz")]
+  assert len(files) > 20 and not [path.stem for path in files if path.stem not in golden.RUNNERS]
+
+
+@pytest.mark.parametrize("name", ["motion/features_humanml3d", "motion/features_kit", "motion/joints", "data/windows"])
+def test_features_and_windows(name):
+  assert not golden.check(fixtures.path(f"{name}.npz")).failures
 
 
 def test_a_wrong_number_and_a_missing_one_are_seen(tmp_path, monkeypatch, capsys):
