@@ -2,6 +2,7 @@
 import jax
 import jax.numpy as jnp
 
+from motion_jax.metrics.evaluators import symmetric_cross_entropy
 from motion_jax.motion.features import get_layout
 from motion_jax.motion.parts import chain_columns, part_columns, whole_body
 from motion_jax.nets.masks import padding_mask
@@ -26,9 +27,7 @@ def info_nce(text, motion, scale, same=None):
   seen = logits
   if same is not None:
     seen = jnp.where(same & ~jnp.eye(len(logits), dtype=bool), jnp.finfo(logits.dtype).min, logits)
-  right = jnp.arange(len(logits))
-  ce = lambda rows: -jax.nn.log_softmax(rows, axis=-1)[right, right].mean()
-  return 0.5 * (ce(seen) + ce(seen.T)), logits
+  return symmetric_cross_entropy(seen), logits
 
 
 def make_teacher(fields, layout):
