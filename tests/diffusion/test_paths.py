@@ -61,7 +61,8 @@ def test_targets_weigh_times():
   x1, noise, t = arrays()
   mask = jnp.ones(t.shape, bool)
   velocity = lambda x, t: x1 - noise + 1.0
-  loss = {target: float(paths.forcing_loss(velocity, x1, mask, t, noise, target)[0]["loss"]) for target in paths.TARGETS}
+  loss = {target: float(paths.forcing_loss(velocity, x1, mask, t, noise, target)[0]["loss"])
+          for target in paths.TARGETS}
   t = np.asarray(t, np.float64)
   for target, expected in (("velocity", t.size), ("eps", (t ** 2).sum()), ("x1", ((1 - t) ** 2).sum())):
     assert loss[target] == pytest.approx(expected, rel=1e-4)
