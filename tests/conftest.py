@@ -1,8 +1,14 @@
 """What several tests share: a tiny trained run, made once."""
 import importlib.util
+import os
 import pathlib
 
 import pytest
+
+# Compiling is most of what these tests do; without the compiler's late optimizations it takes half the time, and
+# numbers differ by rounding only. Has to be said before jax is imported.
+os.environ["XLA_FLAGS"] = (os.environ.get("XLA_FLAGS", "") + " --xla_backend_optimization_level=0"
+                           " --xla_llvm_disable_expensive_passes=true").strip()
 
 from motion_jax import training
 
