@@ -125,14 +125,15 @@ def tokenizer_terms(vae, params, x, noise, kl_weight, root_weight, root_columns=
 def tokenizer_stage(config) -> Stage:
   """Trains the causal VAE on windows: batch["features"] (B, T, F), normalized.
 
-  With config.teacher, the fields of a teacher whose parameters are frozen["teacher"], its latents are aligned with it.
+  With config.frozen.teacher its latents are aligned with one: config.teacher holds its fields, frozen["teacher"] its
+  parameters.
 
   The sigma of the reconstruction loss belongs to a micro-batch, so the batch is cut into micro-batches of a fixed size,
   and the same ones arise on any number of devices.
   """
   vae = CausalVAE(**config.model)
   loss_config = config.loss
-  teacher = make_teacher(config.teacher, config.data.layout) if config.get("teacher") else None
+  teacher = make_teacher(config.teacher, config.data.layout) if config.frozen.get("teacher") else None
 
   def latent_shape(x):
     return x.shape[:-2] + (x.shape[-2] // 2 ** vae.num_halvings, vae.latent_dim)
