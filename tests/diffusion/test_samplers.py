@@ -25,14 +25,25 @@ def error(solver, num_steps, lag):
   return float(jnp.abs(FIXED_STEP[solver](gaussian_velocity, x0, times) - (MEAN + STD * x0)).max())
 
 
-@pytest.mark.parametrize("solver, order", [("euler", 1), ("heun", 2), ("midpoint", 2), ("rk4", 4)])
+@pytest.mark.parametrize("solver, order", [("euler", 1), ("heun", 2)])
 @pytest.mark.parametrize("lag", [0, 2, 7])
 def test_order(solver, order, lag):
   with jax.enable_x64(True):
     coarse, middle, fine = (error(solver, n, lag) for n in (20, 40, 80))
   for ratio in (coarse / middle, middle / fine):
     assert abs(ratio - 2 ** order) < 0.25 * 2 ** order
-  assert fine < {1: 3e-2, 2: 1e-3, 4: 1e-6}[order]
+  assert fine < {1: 3e-2, 2: 1e-3}[order]
+
+
+@pytest.mark.parametrize("solver, order", [("euler", 1), ("heun", 2), ("midpoint", 2), ("rk4", 4)])
+def test_order_on_a_growing_flow(solver, order):
+  """x' = (1 + t) x, x(1) = x(0) exp(3 / 2): no symmetry, which on Gaussian data lends midpoint a third order."""
+  x0 = np.array([[[0.3, -1.0]]])
+  with jax.enable_x64(True):
+    errors = [float(jnp.abs(FIXED_STEP[solver](lambda x, t: (1 + t[:, None]) * x, jnp.asarray(x0), jnp.linspace(
+        0, 1, n + 1)[:, None]) - x0 * np.exp(1.5)).max()) for n in (20, 40, 80)]
+  for ratio in (errors[0] / errors[1], errors[1] / errors[2]):
+    assert abs(ratio - 2 ** order) < 0.1 * 2 ** order
 
 
 def test_a_waiting_latent_does_not_move():
