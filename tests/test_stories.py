@@ -1,4 +1,5 @@
 """Several prompts in one motion, offline and live, and motions that go on from a given one."""
+import jax
 import numpy as np
 import pytest
 
@@ -14,7 +15,15 @@ TALE = [("a person walks", 1.2), ("a person waves", 1.3), ("a person sits", 0.7)
 
 @pytest.fixture(scope="module")
 def model(tiny_run):
-  return load(tiny_run)
+  return shaken(load(tiny_run))
+
+
+def shaken(model):
+  """The same model with random weights: gates that begin at 0 would let any mistake pass."""
+  leaves, tree = jax.tree.flatten(model.params)
+  keys = jax.random.split(jax.random.key(3), len(leaves))
+  model.params = tree.unflatten([a + 0.2 * jax.random.normal(key, a.shape) for key, a in zip(keys, leaves)])
+  return model
 
 
 @pytest.fixture(scope="module")
