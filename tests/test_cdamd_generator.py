@@ -314,7 +314,7 @@ def test_all_rows_weighted_is_masked_rows_averaged():
                                                                           config))
     sums, weight = run(real, draws)
     masked = np.asarray(masking.choose_masked(draws.time_u, draws.order_u, real))
-    assert weight == 2 * masked.sum() and 0 < sums["loss"] / weight < 20
+    assert weight == 2 * masked.sum() and 0 < sums["loss"] < np.inf
     # Rows that are not masked may hold anything.
     other = jnp.where(masked[None, ..., None], draws.diffusion_noise, 7.0)
     np.testing.assert_allclose(run(real, draws._replace(diffusion_noise=other))[0]["loss"], sums["loss"], rtol=1e-6)
