@@ -15,7 +15,7 @@ LAYERS = [
     ("data", "text", "metrics", "teacher", "cmdm", "cdamd", "lengths"),
     ("train", "checkpoint", "convert", "export"),
     ("recipes", "training", "retrieval", "prompted", "model", "cdamd_model", "results", "stories", "streams",
-     "released"),
+     "released", "evaluation"),
     ("cli", "__init__"),
 ]
 CORE = {"absl", "chex", "flax", "jax", "ml_collections", "numpy", "optax", "orbax", "PIL", "safetensors", "scipy",

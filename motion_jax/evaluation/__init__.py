@@ -1,0 +1,1 @@
+"""Judging models: evaluators, protocols, tables beside the papers, reports."""
