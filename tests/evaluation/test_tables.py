@@ -1,0 +1,142 @@
+"""The papers' numbers are those of the papers, and ours stand beside them rightly marked."""
+import csv
+import io
+
+import pytest
+
+from motion_jax.evaluation import tables
+
+
+def _result(**changes):
+  number = lambda mean, interval: {"mean": mean, "interval": interval, "values": [mean - 0.001, mean + 0.001]}
+  return {"protocol": "cmdm-259", "title": "HumanML3D, 259 columns", "metrics": ["top1", "fid", "clip_score"],
+          "row_order": ["real", "ours", "worse"],
+          "rows": {"real": {"top1": number(0.511, 0.003), "fid": number(0.0, 0.0), "clip_score": None},
+                   "ours": {"top1": number(0.590, 0.002), "fid": number(0.080, 0.002)},
+                   "worse": {"top1": number(0.550, 0.050), "fid": number(0.069, 0.0)}},
+          "paper": {"system": "cmdm", "table": "1", "row": "CMDM w/ FSS"}} | changes
+
+
+@pytest.mark.parametrize("key", tables.paper_tables(), ids="-".join)
+def test_every_table_is_whole(key):
+  table = tables.paper_table(*key)
+  assert set(table.metrics) <= set(tables.METRICS)
+  assert set(table.own) <= set(table.rows) and table.caption and "lines" in table.source
+  assert {name for names in table.groups.values() for name in names} <= set(table.rows)
+  for row in table.rows.values():
+    assert list(row) == list(table.metrics)
+    assert all(value is None or value["mean"] >= 0 and (value["interval"] or 0) >= 0 for value in row.values())
+    tops = [row[metric]["mean"] for metric in ("top1", "top2", "top3") if row.get(metric)]
+    assert tops == sorted(tops)
+  assert tables.markdown(tables.printed_table(*key)).count("\n| ") == len(table.rows) + 2
+
+
+def test_all_tables_are_there():
+  assert sorted(tables.paper_tables()) == sorted(
+      [("cdamd", str(i)) for i in range(1, 7)] + [("cmdm", str(i)) for i in (1, 2, *range(4, 12))]
+      + [("cmdm", name) for name in ("3-humanml3d", "3-snapmogen", "speed")])
+
+
+# Typed by hand from the facts pages (cmdm 6.6, cdamd 8.4), which were read from the papers by somebody else.
+SPOTS = [
+    ("cmdm", "1", "CMDM w/ FSS", {"top1": (0.588, 0.004), "top2": (0.778, 0.002), "top3": (0.860, 0.003),
+                                  "fid": (0.068, 0.003), "matching": (2.620, 0.010), "multimodality": (1.785, 0.074),
+                                  "clip_score": (0.685, 0.001)}),
+    ("cmdm", "1", "CMDM w/ AR", {"top1": (0.576, 0.003), "fid": (0.079, 0.003), "multimodality": (1.951, 0.086)}),
+    ("cmdm", "6", "CMDM w/ FSS", {"top1": (0.563, 0.004), "matching": (2.920, 0.007), "multimodality": (1.827, 0.094)}),
+    ("cmdm", "6", "CMDM w/ AR", {"top3": (0.838, 0.003), "fid": (0.085, 0.004), "matching": (2.987, 0.011)}),
+    ("cmdm", "2", "CMDM w/ FSS", {"top1": (0.831, 0.004), "fid": (14.451, 0.074), "clip_score": (0.702, 0.001)}),
+    ("cmdm", "2", "CMDM w/ AR", {"top2": (0.918, 0.004), "fid": (15.008, 0.074), "multimodality": (9.735, 0.186)}),
+    ("cmdm", "3-humanml3d", "CMDM", {"top3": (0.782, 0.003), "fid": (0.12, 0.04), "diversity": (9.44, 0.13),
+                                     "matching": (3.04, 0.01), "transition_fid": (1.66, 0.06),
+                                     "transition_diversity": (8.72, 0.10), "peak_jerk": (0.04, 0),
+                                     "auj": (0.42, 0.01)}),
+    ("cmdm", "3-humanml3d", "GT", {"top3": (0.796, 0.004), "transition_diversity": (9.54, 0.15), "auj": (0.07, 0)}),
+    ("cmdm", "3-snapmogen", "CMDM", {"fid": (32.49, 0.16), "peak_jerk": (2.54, 0.06), "auj": (70.35, 0.68)}),
+    ("cmdm", "5", "CMDM", {"top3": (0.711, 0.005), "transition_fid": (2.45, 0.05), "auj": (0.11, 0.01)}),
+    ("cmdm", "4", "w/ Full-Seq. Diff.", {"top1": (0.591, 0.004), "transition_fid": (1.96, 0.07), "auj": (0.72, 0.01)}),
+    ("cmdm", "4", "FSS K=20, L=10", {"fid": (0.103, 0.005), "auj": (0.43, 0.01)}),
+    ("cmdm", "7", "CMDM", {"crop_top1": (0.417, None), "tmr_m2m": (0.672, None), "transition_distance": (0.012, None)}),
+    ("cmdm", "8", "MAC-VAE 16, 1/8", {"reconstruction_fid": (0.024, None), "released_mpjpe": (0.101, None),
+                                      "top1": (0.561, None), "fid": (0.054, None), "matching": (2.709, None)}),
+    ("cmdm", "9", "TMR", {"top1": (0.580, None)}),
+    ("cmdm", "10", "XL", {"top1": (0.590, None), "fid": (0.042, None)}),
+    ("cmdm", "11", "CLIP sentence", {"top1": (0.527, None), "fid": (0.145, None)}),
+    ("cmdm", "speed", "CMDM w/ FSS", {"frames_per_second": (125, None), "next_token_ms": (30, None)}),
+    ("cdamd", "1", "CDAMD (first VQ)", {"fid": (0.082, 0.003), "top1": (0.522, 0.003), "top2": (0.708, 0.002),
+                                        "matching": (2.966, 0.010), "diversity": (9.680, 0.082)}),
+    ("cdamd", "1", "CDAMD (all VQ)", {"fid": (0.046, 0.002), "multimodality": (1.674, 0.058)}),
+    ("cdamd", "1", "MARDM-SiT-XL", {"fid": (0.156, 0.007), "top3": (0.780, 0.002), "multimodality": (2.353, 0.101)}),
+    ("cdamd", "2", "CDAMD", {"fid": (0.270, 0.020), "matching": (3.160, 0.027), "diversity": (11.902, 0.154)}),
+    ("cdamd", "3", "suffix: CDAMD", {"fid": (0.090, None), "top1": (0.541, None), "clip_score": (0.679, None)}),
+    ("cdamd", "3", "inpainting: CDAMD", {"fid": (0.103, None), "top3": (0.790, None), "matching": (3.049, None)}),
+    ("cdamd", "4", "BCM", {"fid": (0.154, None), "top3": (0.805, None), "clip_score": (0.683, None)}),
+    ("cdamd", "5", "w/o DCCA, 263 features", {"fid": (0.159, None), "matching": (3.256, None)}),
+    ("cdamd", "6", "CDAMD", {"preference": (0.398, None)}),
+]
+
+
+@pytest.mark.parametrize("system,table,row,expected", SPOTS, ids=lambda value: value if isinstance(value, str) else "")
+def test_numbers_are_the_papers(system, table, row, expected):
+  found = tables.paper_row(system, table, row)
+  assert {name: (found[name]["mean"], found[name]["interval"]) for name in expected} == expected
+
+
+def test_a_number_outside_both_intervals_is_marked():
+  lines = {line.name: line for line in tables.compare(_result()).lines}
+  assert list(lines) == ["real", "ours", "worse", "paper: CMDM w/ FSS", "paper: real"]
+  marks = {name: [cell.marked for cell in line.cells] for name, line in lines.items()}
+  # 0.590 and 0.588 are 0.002 apart, the paper's interval is 0.004; 0.080 and 0.068 are further than 0.003.
+  assert marks["ours"] == [False, True, False]
+  # 0.550 has an interval of its own that holds the paper's number; 0.069 has none, the paper's 0.003 holds it.
+  assert marks["worse"] == [False, False, False]
+  assert marks["real"] == [False, True, False]  # real against real is printed as 0.002
+  assert lines["paper: real"].cells[0] == tables.Cell("0.511", "0.003")
+
+
+def test_a_printed_number_without_interval_counts_to_its_last_digit():
+  paper = {"mean": 0.588, "interval": None, "digits": 3}
+  assert not tables.differs({"mean": 0.58849, "interval": None}, paper)
+  assert tables.differs({"mean": 0.5886, "interval": 0.0}, paper)
+
+
+def test_markdown_latex_csv():
+  shown = tables.markdown(_result())
+  assert "| ours               | 0.590 ± 0.002 | 0.080 ± 0.002* | –             |" in shown
+  assert "R@1 ↑" in shown and "FID ↓" in shown and "\\* differs from the paper's number" in shown
+  rows = list(csv.DictReader(io.StringIO(tables.csv(_result()))))
+  assert rows[1] == {"row": "ours", "kind": "ours", "top1": "0.590", "top1_interval": "0.002", "fid": "0.080",
+                     "fid_interval": "0.002", "clip_score": "", "clip_score_interval": ""}
+  text = tables.latex(_result(title="50 % of a_b & {c}"))
+  assert r"ours & $0.590^{\pm 0.002}$ & $0.080^{\pm 0.002}$* & -- \\" in text
+  assert r"50 \% of a\_b \& \{c\}" in text and text.count(r"\midrule") == 2
+
+
+def test_rows_of_ours_may_have_rows_of_the_paper_each():
+  paper = {"system": "cmdm", "table": "1", "row": {"ours": "CMDM w/ FSS", "worse": "CMDM w/ AR"}, "also": ["MARDM"]}
+  lines = {line.name: line for line in tables.compare(_result(paper=paper)).lines}
+  assert [name for name in lines if name.startswith("paper")] == [
+      "paper: CMDM w/ FSS", "paper: CMDM w/ AR", "paper: MARDM", "paper: real"]
+  assert lines["worse"].cells[1].marked  # 0.069 is not AR's 0.079
+
+
+def test_reconstruction_is_held_against_reconstruction():
+  made = {"fid": {"mean": 0.011, "interval": 0.0}, "released_mpjpe": {"mean": 0.077, "interval": 0.0}}
+  result = {"protocol": "reconstruction", "title": "", "metrics": ["fid", "released_mpjpe"], "row_order": ["ours"],
+            "rows": {"ours": made}, "paper": {"system": "cmdm", "table": "8", "row": "MAC-VAE 16, 1/4"}}
+  lines = tables.compare(result).lines
+  assert [cell.mean for cell in lines[-1].cells] == ["0.011", "0.077"] and not any(c.marked for c in lines[0].cells)
+
+
+def test_numbers_of_another_benchmark_stand_alone():
+  found = tables.compare(_result(paper=None))
+  assert [line.kind for line in found.lines] == ["real", "ours", "ours"]
+  assert not any(cell.marked for line in found.lines for cell in line.cells)
+  assert found.notes == ["Ours: mean ± 95 % interval of 2 repeats."]
+
+
+def test_what_is_not_there_is_told():
+  with pytest.raises(ValueError, match="got table 12 of 'cmdm', expected one of cdamd 1"):
+    tables.paper_row("cmdm", 12, "GT")
+  with pytest.raises(ValueError, match="got row 'Ours' of cdamd's table 2, expected one of MDM, MotionDiffuse"):
+    tables.paper_row("cdamd", 2, "Ours")
