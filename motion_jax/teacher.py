@@ -43,13 +43,17 @@ def make_teacher(fields, layout):
   raise ValueError(f"got teacher kind {kind!r}, expected part_tmr, tmr or motion_patches")
 
 
+def init_teacher(teacher, bert, layout, rng):
+  """Random parameters of a teacher: {"motion": ..., "text": ...}."""
+  motion_rng, text_rng = jax.random.split(rng)
+  x = jnp.zeros((1, 4, get_layout(layout).dim))
+  return {"motion": teacher.init(motion_rng, x, jnp.zeros((1, bert.width)))["params"],
+          "text": bert.init(text_rng, jnp.zeros((1, 1), jnp.int32), jnp.ones((1, 1), bool))["params"]}
+
+
 def teacher_shapes(teacher, text_fields, layout="full"):
   """Shapes of a teacher run's parameters, to check a file against."""
-  bert, layout = Bert(**text_fields), get_layout(layout)
-  init = lambda: {
-      "motion": teacher.init(jax.random.key(0), jnp.zeros((1, 4, layout.dim)), jnp.zeros((1, bert.width)))["params"],
-      "text": bert.init(jax.random.key(0), jnp.zeros((1, 1), jnp.int32), jnp.ones((1, 1), bool))["params"]}
-  return jax.eval_shape(init)
+  return jax.eval_shape(lambda: init_teacher(teacher, Bert(**text_fields), layout, jax.random.key(0)))
 
 
 def embed_text(teacher, bert, params, ids, text_mask, pool="first", deterministic=True, rngs=None):
@@ -80,10 +84,7 @@ def teacher_stage(config, axis_name="devices") -> Stage:
   whole = (lambda a: a) if axis_name is None else (lambda a: jax.lax.all_gather(a, axis_name, tiled=True))
 
   def init(batch, rng):
-    motion_rng, text_rng = jax.random.split(rng)
-    text = bert.init(text_rng, batch["ids"][:1], batch["text_mask"][:1])["params"]
-    hidden = jnp.zeros((1, bert.width))
-    return {"motion": teacher.init(motion_rng, batch["features"][:1], hidden)["params"], "text": text}
+    return init_teacher(teacher, bert, config.data.layout, rng)
 
   def loss(params, frozen, batch, step, rng):
     # Dropout masks differ from device to device, as the batch they fall on does.

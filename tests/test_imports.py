@@ -12,7 +12,7 @@ PACKAGE = ROOT / "motion_jax"
 # A file may import from its own layer's folder and from layers above it in this list.
 LAYERS = [
     ("motion", "nets", "quant", "diffusion", "stage"),
-    ("data", "text", "metrics", "teacher", "cmdm", "cdamd", "lengths"),
+    ("data", "text", "metrics", "teacher", "matching", "cmdm", "cdamd", "lengths"),
     ("train", "checkpoint", "convert", "export"),
     ("recipes", "training", "retrieval", "prompted", "model", "cdamd_model", "results", "stories", "streams",
      "released", "evaluation"),

@@ -48,22 +48,59 @@ class WordVectors:
 
     -> words (B, max_words + 2, D), classes one-hot (B, max_words + 2, 15), lengths (B,), which count sos and eos.
     """
-    padded = [assemble(sentence, max_words) for sentence in sentences]
-    lengths = np.array([min(len(_tokens(sentence)), max_words) + 2 for sentence in sentences])
+    padded, lengths = _padded(sentences, max_words)
     ids = np.array([[self.rows.get(word, self.rows["unk"]) for word, _ in tokens] for tokens in padded])
-    kinds = np.array([[CLASSES.index(self._kind(word, pos)) for word, pos in tokens] for tokens in padded])
-    return self.vectors[ids], np.eye(len(CLASSES), dtype=np.float32)[kinds], lengths
-
-  def _kind(self, word, pos):
-    if word not in self.rows:
-      return "OTHER"  # Parity: also a word of the special lists
-    special = next((name for name, words in SPECIAL.items() if word in words), None)
-    return special or (pos if pos in CLASSES else "OTHER")
+    # Parity: a word without a vector is of class OTHER, also one of the special lists.
+    return self.vectors[ids], _classes(padded, lambda word: word in self.rows), lengths
 
   def save(self, path):
     """Writes words and vectors as a plain .npz file."""
     with atomic_path(path) as temporary:
       np.savez(temporary, words=np.array(list(self.rows)), vectors=self.vectors)
+
+
+class WordFeatures:
+  """Words of our own text encoder in the place of a vocabulary, for data without GloVe files: called as `WordVectors`.
+
+  A word's vector is what the encoder says of it alone, at a length of sqrt(D); no word is unknown. encoder: a
+  `text.encoder.TextEncoder`.
+  """
+
+  def __init__(self, encoder):
+    self._encoder, self._vectors = encoder, {}
+    self.fingerprint = encoder.fingerprint
+    self.dim = self._vector("person").size
+
+  def _vector(self, word):
+    if word not in self._vectors:
+      vector = self._encoder.sentence([word])[0]
+      self._vectors[word] = (vector * np.sqrt(vector.size)).astype(np.float32)
+    return self._vectors[word]
+
+  def __call__(self, sentences, max_words=MAX_WORDS):
+    """As `WordVectors`; begin, end and filling are zeros."""
+    padded, lengths = _padded(sentences, max_words)
+    words = np.zeros((len(padded), max_words + 2, self.dim), np.float32)
+    for row, tokens, length in zip(words, padded, lengths):
+      for place in range(1, length - 1):
+        row[place] = self._vector(tokens[place][0])
+    return words, _classes(padded, lambda word: True), lengths
+
+
+def _padded(sentences, max_words):
+  padded = [assemble(sentence, max_words) for sentence in sentences]
+  return padded, np.array([min(len(_tokens(sentence)), max_words) + 2 for sentence in sentences])
+
+
+def _classes(padded, known):
+  kinds = np.array([[CLASSES.index(_kind(word, pos) if known(word) else "OTHER") for word, pos in tokens]
+                    for tokens in padded])
+  return np.eye(len(CLASSES), dtype=np.float32)[kinds]
+
+
+def _kind(word, pos):
+  special = next((name for name, words in SPECIAL.items() if word in words), None)
+  return special or (pos if pos in CLASSES else "OTHER")
 
 
 def assemble(sentence, max_words=MAX_WORDS):
