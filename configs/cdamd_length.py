@@ -2,6 +2,7 @@
 
   python launch.py --config configs/cdamd_length.py --workdir runs/length --config.data.folder=HumanML3D \
       --config.frozen.text=CLIP-FOLDER
+  ... --config configs/cdamd_length.py:kit        21 joints, 12.5 frames a second
   ... --config configs/cdamd_length.py:small      for the archives
   ... --config configs/cdamd_length.py:tiny       two steps on formulas, seconds
 
@@ -25,7 +26,9 @@ def get_config(size="full"):
                           warmup_steps=0, beta1=0.9, beta2=0.999, weight_decay=0.0, clip_norm=0.5, ema_decay=0.0,
                           skip_loss=0.0)
   config.train = dict(num_steps=108_000, log_every=100, save_every=5_000)
-  if size == "small":
+  if size == "kit":
+    config.data.update(layout="coordinates_kit", min_frames=24)
+  elif size == "small":
     config.frozen.text = "words"
     config.data.update(name="archive", mode="corrected", mirror=True, min_frames=20, balance=0.5, vary_subject=0.5)
     config.train.update(num_steps=3_000, save_every=1_000)
@@ -35,5 +38,5 @@ def get_config(size="full"):
     config.data.update(name="synthetic", mode="corrected", batch_size=4)
     config.train.update(num_steps=2, log_every=1, save_every=2)
   elif size != "full":
-    raise ValueError(f"got size {size!r}, expected full, small or tiny")
+    raise ValueError(f"got size {size!r}, expected kit, full, small or tiny")
   return config.lock()

@@ -36,6 +36,7 @@ def get_config(size="full"):
   elif size in ("67", "263"):
     config.model.features = int(size)
     config.data.layout = "essential" if size == "67" else "full"
+    config.loss.columns = (4, int(size))  # Parity: here the code takes all columns from 4 on, in the autoencoder 4:67
   elif size == "small":
     config.model.update(latent_dim=64, width=128, dropout=0.0)
     config.quantizer.update(num_codes=256)

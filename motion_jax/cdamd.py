@@ -296,9 +296,9 @@ def generator_stage(config) -> Stage:
     return generator_loss(net, params, z1, *rest, draws, config.loss, _item_keys(dropout_rng, batch))
 
   def predict(params, frozen, batch, rng):
-    """The loss in evaluation mode: causal mask, prior and captions given, no dropout; sums per motion."""
+    """The loss in evaluation mode: the sampler's mask, prior and captions given, no dropout; sums per motion."""
     z1, real_mask, text_emb, codes = inputs(frozen, batch)
-    fields = config.loss.to_dict() | dict(mask="causal", drop_rate=0.0, prior_drop_rate=0.0)
+    fields = config.loss.to_dict() | dict(mask=config.sampler.mask, drop_rate=0.0, prior_drop_rate=0.0)
     draws = draw_step(rng, _item_keys(rng, batch), *z1.shape[1:], config.loss)
     sums, weight = generator_loss(net, params, z1, real_mask, text_emb, codes, draws, ConfigDict(fields))
     return {**sums, "weight": weight}

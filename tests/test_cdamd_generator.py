@@ -13,6 +13,7 @@ from motion_jax.diffusion import masking
 from motion_jax.diffusion.rounds import most_revealed
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.masks import padding_mask
+from motion_jax.recipes import cdamd as recipe
 from tests import fixtures
 from tests.golden import check, golden
 from tests.nets.test_masked_transformer import cast, expected, sizes_of
@@ -320,6 +321,30 @@ def test_all_rows_weighted_is_masked_rows_averaged():
     np.testing.assert_allclose(run(real, draws._replace(diffusion_noise=other))[0]["loss"], sums["loss"], rtol=1e-6)
     sums, weight = run(jnp.zeros_like(real), draws)
     assert sums["loss"] / weight == 0
+
+
+def test_scaled_latents_are_undone_before_the_decoder():
+  net = Autoencoder(features=6, latent_dim=3, width=8)
+  x = jnp.asarray(np.random.default_rng(2).normal(size=(2, 16, 6)), jnp.float32)
+  tokenizer = jax.jit(net.init)(jax.random.key(3), x)
+  mean, std = recipe.latent_moments(net, tokenizer, list(np.asarray(x)), length=16)
+  real = padding_mask(jnp.array([4, 3]), 4)
+  run = jax.jit(lambda frozen: (lambda z: (z, cdamd.decode_latents(net, frozen, z)))(
+      cdamd.latents_of(net, frozen, x, real)))
+  plain, y = run({"tokenizer": tokenizer, "latent_mean": jnp.zeros(3), "latent_std": jnp.ones(3)})
+  scaled, same = run({"tokenizer": tokenizer, "latent_mean": mean, "latent_std": std})
+  np.testing.assert_allclose(plain, np.where(real[..., None], scaled * std + mean, 0), atol=1e-5)
+  np.testing.assert_allclose(y[0], same[0], atol=1e-5)
+  assert not scaled[1, 3].any() and np.abs(scaled - plain)[0].max() > 0.1
+
+
+def test_the_papers_reconstruction_loss_is_an_option():
+  """L1 alone (facts: cdamd 9, row 11); by default smooth L1, and once more over columns 4 on."""
+  x, y = jnp.zeros((1, 2, 8)), jnp.concatenate([jnp.full((1, 2, 4), 0.5), jnp.full((1, 2, 4), 3.0)], axis=-1)
+  terms = cdamd.autoencoder_terms(y, x, distance="l1", position_weight=0.0)
+  np.testing.assert_allclose(terms["loss"], 1.75)
+  terms = cdamd.autoencoder_terms(y, x)
+  np.testing.assert_allclose([terms["rec"], terms["positions"], terms["loss"]], [1.3125, 2.5, 3.8125])
 
 
 def test_draws_do_not_depend_on_the_number_of_devices():

@@ -34,6 +34,7 @@ COUNTS = {
     ("cdamd_generator", "263"): 290_023_424, ("cdamd_generator", "mardm"): 290_816_512,
     ("cdamd_generator", "mardm_ddpm"): 290_816_512,
     ("cdamd_length", "full"): 435_122, ("cdamd_length", "small"): 369_586, ("cdamd_length", "tiny"): 1_006,
+    ("cdamd_length", "kit"): 435_122,
 }
 
 
@@ -49,7 +50,7 @@ def _count(name, size):
   elif config.stage == "cdamd.generator":
     shapes = cdamd.generator_shapes(cdamd.make_generator(config.model))
   elif config.stage == "cdamd.length":  # of sentence vectors of CLIP, MiniLM and the encoder for tests
-    shapes = lengths.length_shapes(LengthEstimator(**config.model), {"full": 512, "small": 384, "tiny": 32}[size])
+    shapes = lengths.length_shapes(LengthEstimator(**config.model), {"small": 384, "tiny": 32}.get(size, 512))
   elif config.stage == "cmdm.tokenizer":
     shapes = cmdm.frozen_shapes(CausalVAE(**config.model))["tokenizer"]
   else:

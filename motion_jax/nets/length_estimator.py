@@ -5,6 +5,8 @@ import flax.linen as nn
 import jax
 import jax.numpy as jnp
 
+NORMAL = nn.initializers.normal(0.02)
+
 
 class LengthEstimator(nn.Module):
   """text (B, W) sentence vectors -> logits (B, num_classes); class k stands for k latents."""
@@ -17,12 +19,12 @@ class LengthEstimator(nn.Module):
   def __call__(self, text, deterministic=True):
     x = text
     for i in range(3):
-      x = nn.Dense(self.width >> i, dtype=self.dtype, name=f"layer{i}")(x)
+      x = nn.Dense(self.width >> i, kernel_init=NORMAL, dtype=self.dtype, name=f"layer{i}")(x)
       x = nn.LayerNorm(epsilon=1e-5, dtype=self.dtype, use_fast_variance=False, name=f"norm{i}")(x)
       x = nn.leaky_relu(x, 0.2)
       if i < 2:
         x = nn.Dropout(self.dropout, deterministic=deterministic)(x)
-    return nn.Dense(self.num_classes, dtype=self.dtype, name="out")(x)
+    return nn.Dense(self.num_classes, kernel_init=NORMAL, dtype=self.dtype, name="out")(x)
 
 
 def draw_num_frames(logits, rng, unit=4):

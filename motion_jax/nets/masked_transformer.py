@@ -109,14 +109,18 @@ class MaskedTransformer(nn.Module):
   text_scale: float = 1.0  # sqrt(text_dim) for sentence vectors of length 1; CLIP's are ten times as long
   num_codes: int = 1027  # Parity: rows of the reference's table, of which 512 are used
   num_levels: int = 4
+  separate_levels: bool = False  # a table for each level and their sum, instead of one for all and the mean
   max_length: int = 200
   dropout: float = 0.2
   dtype: Any = jnp.float32
 
   def setup(self):
     self.inputs = Inputs(self.latent_dim, self.width, self.text_scale, self.dropout, self.dtype)
-    self.code_table = self.param("code_table", NORMAL, (self.num_codes, self.width))
-    self.level_table = self.param("level_table", NORMAL, (self.num_levels, self.width))
+    if self.separate_levels:
+      self.code_table = self.param("code_table", NORMAL, (self.num_levels, self.num_codes, self.width))
+    else:
+      self.code_table = self.param("code_table", NORMAL, (self.num_codes, self.width))
+      self.level_table = self.param("level_table", NORMAL, (self.num_levels, self.width))
     # Parity: the code adds learned positions to the sines, at their initial size of 1.
     self.positions = self.param("positions", nn.initializers.normal(1.0), (1, self.max_length, self.width))
     self.blocks = [Block(self.num_heads, self.ff_width, self.dropout, self.dtype, name=f"block{i}")
@@ -127,6 +131,10 @@ class MaskedTransformer(nn.Module):
 
   def prior(self, codes):
     """Prior tokens (B, L, D). Several levels have a row of their own added and are averaged, one alone has not."""
+    # Parity: the paper does not say how levels are put together; this is the code's way, separate_levels the option.
+    if self.separate_levels:
+      codes = codes[..., None] if codes.ndim == 2 else codes
+      return self.code_table[jnp.arange(codes.shape[-1]), codes].sum(-2).astype(self.dtype)
     if codes.ndim == 2:
       return self.code_table[codes].astype(self.dtype)
     return (self.code_table[codes] + self.level_table[:codes.shape[-1]]).mean(-2).astype(self.dtype)

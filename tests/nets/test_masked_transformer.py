@@ -149,6 +149,19 @@ def test_one_level_has_no_row_of_its_own():
   assert float(jnp.abs(run(codes[..., 0]) - run(codes[..., :1])).max()) > 1e-3
 
 
+def test_levels_may_have_tables_of_their_own():
+  """Then a code means something else on another level, and what levels say is added (facts: cdamd 9, row 8)."""
+  net = MaskedTransformer(latent_dim=5, width=16, depth=1, num_heads=2, ff_width=24, text_dim=6, num_codes=9,
+                          num_levels=3, separate_levels=True)
+  x, text, codes = inputs()
+  params = jax.jit(net.init)(jax.random.key(0), x, text, no_mask(7), codes)
+  table = params["params"]["code_table"]
+  assert table.shape == (3, 9, 16) and "level_table" not in params["params"]
+  prior = lambda codes: net.apply(params, codes, method="prior")
+  np.testing.assert_allclose(prior(codes), table[0][codes[..., 0]] + table[1][codes[..., 1]], rtol=1e-6)
+  np.testing.assert_array_equal(prior(codes[..., 0]), table[0][codes[..., 0]])
+
+
 @pytest.mark.parametrize("kind", sorted(LATENT_MASKS))
 def test_latents_look_where_the_mask_lets_them(kind):
   """Two layers reach as far as the mask times itself; a changed latent or code touches these rows and no others."""
