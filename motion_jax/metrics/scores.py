@@ -19,17 +19,18 @@ def distances(a, b):
 
 def cosines(a, b):
   """Cosines (N, M) between the rows of a (N, E) and of b (M, E)."""
-  return _units(a) @ _units(b).T
+  return units(a) @ units(b).T
 
 
-def hits(away, top_k=3):
-  """How many rows of away (N, N) have their own column among the nearest 1, 2, .. top_k: expected counts (top_k,).
+def hits(away, top_k=3, own=None):
+  """How many rows of away (N, M) have their own column among the nearest 1, 2, .. top_k: expected counts (top_k,).
 
-  away holds distances, or similarities with a minus. Columns that are just as far share their places: a row whose own
-  column ties with others counts by its chance, so an evaluator that maps everything to one point scores k / N, whatever
-  the order of the batch. (Parity: the references sort, which puts ties by their place in the batch.)
+  own (N,): each row's column; None: row i's is i, and N = M. away holds distances, or similarities with a minus.
+  Columns that are just as far share their places: a row whose own column ties with others counts by its chance, so an
+  evaluator that maps everything to one point scores k / M, whatever the order of the batch. (Parity: the references
+  sort, which puts ties by their place in the batch.)
   """
-  nearer, tied = _places(away)
+  nearer, tied = _places(away, own)
   chance = (np.arange(1, top_k + 1) - nearer[:, None]) / tied[:, None]
   return np.clip(chance, 0, 1).sum(0)
 
@@ -61,7 +62,7 @@ def matching_score(text, motion):
 def clip_score(text, motion):
   """Mean cosine of matched pairs, neither clipped nor times 100."""
   text, motion = _pairs(text, motion)
-  return float((_units(text) * _units(motion)).sum(1).mean())
+  return float((units(text) * units(motion)).sum(1).mean())
 
 
 def retrieval(similarity):
@@ -204,16 +205,17 @@ def _pairs(text, motion):
   return text, motion
 
 
-def _units(x):
+def units(x):
+  """Rows (N, E) of length 1."""
   x = _rows(x)
   return x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-12)
 
 
-def _places(away):
-  """For each row of away (N, N): how many columns are nearer than its own, and how many just as near (itself too)."""
+def _places(away, own=None):
+  """For each row of away (N, M): how many columns are nearer than its own, and how many just as near (itself too)."""
   away = np.asarray(away, np.float64)
-  own = np.diagonal(away)[:, None]
-  return (away < own).sum(1), (away == own).sum(1)
+  distance = np.take_along_axis(away, np.arange(len(away))[:, None] if own is None else np.asarray(own)[:, None], 1)
+  return (away < distance).sum(1), (away == distance).sum(1)
 
 
 def _root(covariance):

@@ -1,0 +1,61 @@
+"""Embeddings that pass by in chunks, for data that does not fit into memory: FID and diversity at the end.
+
+  made = accumulate.start()
+  for chunk in chunks:
+    made = accumulate.add(made, chunk, rng)
+  scores.fid(real.moments, made.moments), accumulate.diversity(made)
+
+However the rows are cut into chunks, the same generator gives the same diversity, and FID the same to rounding.
+"""
+from typing import NamedTuple
+
+import numpy as np
+
+from motion_jax.metrics import scores
+
+
+class Passed(NamedTuple):
+  """What is kept of all rows so far: their moments, and two independent draws without replacement.
+
+  Every row is given two random keys; the rows of the lowest keys, in the keys' order, are a draw. keys (2, K) rising,
+  rows (2, K, E), K at most `size`.
+  """
+  size: int
+  moments: scores.Moments | None = None
+  keys: np.ndarray | None = None
+  rows: np.ndarray | None = None
+
+
+def start(size=300) -> Passed:
+  """Nothing seen yet; size rows are kept for each of the two draws of diversity."""
+  if size < 1:
+    raise ValueError(f"got a draw of {size} rows, expected 1 or more")
+  return Passed(size)
+
+
+def add(passed, features, rng) -> Passed:
+  """One more chunk of embeddings (N, E), of any length; rng: a numpy generator, the same one for all chunks."""
+  found = scores.moments(features)  # raises ValueError for a wrong shape, NaN or infinity
+  rows = np.broadcast_to(np.asarray(features, np.float64), (2, *np.shape(features)))
+  keys = rng.random((len(features), 2)).T  # two numbers a row, in the rows' order: chunks do not matter
+  if passed.moments is not None:
+    if rows.shape[-1] != passed.rows.shape[-1]:
+      raise ValueError(f"got embeddings of {rows.shape[-1]} numbers after others of {passed.rows.shape[-1]}; one "
+                       "evaluator makes them all")
+    found = scores.merge(passed.moments, found)
+    keys, rows = np.concatenate([passed.keys, keys], 1), np.concatenate([passed.rows, rows], 1)
+  lowest = np.argsort(keys, axis=1, kind="stable")[:, :passed.size]
+  return Passed(passed.size, found, np.take_along_axis(keys, lowest, 1),
+                np.take_along_axis(rows, lowest[..., None], 1))
+
+
+def diversity(passed, size=None) -> float:
+  """Mean distance between two independent draws of `size` rows without replacement (None: as many as were kept)."""
+  if passed.rows is None:
+    raise ValueError("no embeddings have passed by yet")
+  size = passed.rows.shape[1] if size is None else size
+  if not 1 <= size <= passed.rows.shape[1]:
+    raise ValueError(f"got a draw of {size} rows, {passed.rows.shape[1]} were kept; start with a larger size, or add "
+                     "more samples")
+  first, second = passed.rows[:, :size]
+  return float(np.linalg.norm(first - second, axis=1).mean())

@@ -1,0 +1,184 @@
+"""How well a long motion follows a list of captions, and how smoothly it goes from one to the next.
+
+FlowMDM's protocol (CVPR 2024), which CMDM's Tables 3, 4 and 5 use (facts: cmdm 6.4): a long motion is cut at the
+borders of its captions, each piece is judged like a clip; frames around each border are judged as transitions, against
+random crops of real motions, and by their jerk. Evaluators come in as `embed(list of motions) -> (N, E)`; a motion is
+any array with time first that `embed` understands (features or joints).
+"""
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+
+from motion_jax.metrics import physics, scores
+from motion_jax.motion.skeleton import HUMANML3D
+
+
+@dataclasses.dataclass(frozen=True)
+class LongHorizon:
+  """The choices of the protocol; the defaults are those for HumanML3D, `BABEL` holds the other ones."""
+  width: int = 60                 # frames of a transition, half on either side of the border
+  unit: int = 4                   # durations are cut to a multiple: neither paper nor FlowMDM says what else to do
+  shortest: int = 70              # real clips of so many frames make up the real side
+  longest: int = 200
+  top_k: int = 3
+  merge_captions: bool = True     # equal captions of one sequence count once in R-precision
+  pool: int = 32                  # candidates of the real row's R-precision; a made sequence is a pool by itself
+  diversity_draws: int = 300      # or all samples, where there are fewer
+  real_jerk: float | None = physics.REAL_JERK["humanml3d"]  # level that AUJ is measured from; None: the real crops' own
+
+
+BABEL = LongHorizon(width=30, unit=1, shortest=30, real_jerk=physics.REAL_JERK["babel"])
+
+
+class Sequence(NamedTuple):
+  """A long motion (T, ..) for `embed`, its joints (T, J, 3), and its S pieces: frames, captions, embedded texts (S, E).
+
+  The pieces' frames, cut to the protocol's unit, follow each other from frame 0.
+  """
+  motion: np.ndarray
+  joints: np.ndarray
+  frames: tuple[int, ...]
+  captions: tuple[str, ...]
+  text: np.ndarray
+
+
+class Reference(NamedTuple):
+  """The real side: Gaussians of clips and of transitions, the mean jerk curve of the crops, and the level of AUJ."""
+  pieces: scores.Moments
+  transitions: scores.Moments
+  curve: np.ndarray
+  level: float
+
+
+class Scores(NamedTuple):
+  """A row of numbers, {metric: number}, and the mean jerk curve (width - 3,) over its transitions."""
+  row: dict[str, float]
+  curve: np.ndarray
+
+
+def whole_units(frames, protocol):
+  """Durations cut to a multiple of the protocol's unit, as the model is asked for them."""
+  kept = [int(count) // protocol.unit * protocol.unit for count in frames]
+  if not kept or min(kept) <= 0:
+    raise ValueError(f"got durations {list(frames)}, expected {protocol.unit} frames or more each")
+  return kept
+
+
+def cut_pieces(motion, frames):
+  """motion (T, ..) cut at the borders: a list of arrays of so many frames, one after the other from frame 0."""
+  ends = np.cumsum(frames)
+  if ends[-1] > len(motion):
+    raise ValueError(f"got a motion of {len(motion)} frames and pieces of {ends[-1]} together; generate as many frames "
+                     "as the durations ask for")
+  return [motion[end - count:end] for end, count in zip(ends, frames)]
+
+
+def random_crops(motions, width, rng):
+  """Where to cut each motion of width frames or more: [(index, first frame)], one place each, drawn by rng."""
+  long_enough = [i for i, motion in enumerate(motions) if len(motion) >= width]
+  if not long_enough:
+    raise ValueError(f"none of {len(motions)} motions has the {width} frames of a transition")
+  return [(i, int(rng.integers(len(motions[i]) - width + 1))) for i in long_enough]
+
+
+def caption_hits(text, motion, captions, top_k=3, merge=True):
+  """Hits of R-precision among one sequence's own pieces, text and motion (S, E) -> (top_k,), out of S.
+
+  merge: of equal captions only the first piece takes part, in texts and in motions, and hits are scaled up to S. A
+  random embedding of U different captions so scores S k / U.
+  """
+  if not len(text) == len(motion) == len(captions):
+    raise ValueError(f"got {len(text)} texts, {len(motion)} pieces and {len(captions)} captions of one sequence")
+  kept = [i for i, caption in enumerate(captions) if not merge or caption not in captions[:i]]
+  away = scores.distances(np.asarray(text)[kept], np.asarray(motion)[kept])
+  return scores.hits(away, top_k) * (len(captions) / len(kept))
+
+
+def reference(motions, joints, embed, rng, protocol=LongHorizon()) -> Reference:
+  """The real side, from real clips (T, ..) and their joints (T, J, 3), as `embed` and physics read them.
+
+  Clips of protocol.shortest to longest frames count as pieces, a random crop of each that is long enough as transition.
+  """
+  pieces = [motion for motion in motions if protocol.shortest <= len(motion) <= protocol.longest]
+  if len(pieces) < 2:
+    raise ValueError(f"got {len(pieces)} real clips of {protocol.shortest} to {protocol.longest} frames, a Gaussian "
+                     "needs 2 or more")
+  crops, moving = _crops(motions, joints, rng, protocol)
+  curve = physics.jerk_curve(moving)
+  level = float(curve.mean()) if protocol.real_jerk is None else protocol.real_jerk
+  return Reference(scores.moments(embed(pieces)), scores.moments(embed(crops)), curve, level)
+
+
+def score(sequences, real, embed, rng, protocol=LongHorizon(), skeleton=HUMANML3D) -> Scores:
+  """The row of made `Sequence`s (any iterable: one is looked at at a time) against a `Reference`.
+
+  embed(list of motions) -> (N, E); rng: numpy generator for the draws of diversity. Metrics: top1 .. top3, matching,
+  fid, diversity of the pieces; transition_fid, transition_diversity, transition_distance, peak_jerk, auj of the
+  transitions.
+  """
+  pieces, transitions, away, found, count = [], [], [], np.zeros(protocol.top_k), 0
+  jerks, steps = [], []
+  for sequence in sequences:
+    frames = whole_units(sequence.frames, protocol)
+    borders = np.cumsum(frames)[:-1]
+    made = embed(cut_pieces(sequence.motion, frames))
+    found += caption_hits(sequence.text, made, sequence.captions, protocol.top_k, protocol.merge_captions)
+    away.append(np.linalg.norm(np.asarray(sequence.text, np.float64) - made, axis=1))
+    count += len(frames)
+    pieces.append(made)
+    if len(borders):
+      transitions.append(embed(list(physics.cut_transitions(sequence.motion, borders, protocol.width))))
+      jerks.append(physics.jerk(physics.cut_transitions(sequence.joints, borders, protocol.width)))
+      steps.append(physics.transition_distance(sequence.joints, borders, skeleton))
+  if not jerks:
+    raise ValueError("no sequence has two captions or more, so there are no transitions to score")
+  return _scores(found / count, away, np.concatenate(pieces), np.concatenate(transitions), np.concatenate(jerks), steps,
+                 real, rng, protocol)
+
+
+def real_row(motions, joints, captions, text, real, embed, rng, protocol=LongHorizon(), skeleton=HUMANML3D) -> Scores:
+  """The same numbers of real clips, their captions (N,) and embedded texts (N, E), in random order.
+
+  R-precision in pools of protocol.pool clips; transitions are random crops, their borders the middle frames. FID is 0
+  by definition where `real` was made of the same clips.
+  """
+  kept = [i for i, motion in enumerate(motions) if protocol.shortest <= len(motion) <= protocol.longest]
+  kept = [kept[i] for i in rng.permutation(len(kept))]
+  pools = [kept[i:i + protocol.pool] for i in range(0, len(kept) - protocol.pool + 1, protocol.pool)]
+  if not pools:
+    raise ValueError(f"got {len(kept)} real clips of {protocol.shortest} to {protocol.longest} frames, a pool needs "
+                     f"{protocol.pool}")
+  made = dict(zip(kept, embed([motions[i] for i in kept])))
+  text = np.asarray(text, np.float64)
+  found, away = np.zeros(protocol.top_k), []
+  for pool in pools:
+    motion = np.stack([made[i] for i in pool])
+    found += caption_hits(text[pool], motion, [captions[i] for i in pool], protocol.top_k, protocol.merge_captions)
+    away.append(np.linalg.norm(text[pool] - motion, axis=1))
+  crops, moving = _crops(motions, joints, rng, protocol)
+  steps = [physics.transition_distance(crop, [protocol.width // 2], skeleton) for crop in moving]
+  return _scores(found / (len(pools) * protocol.pool), away, np.stack(list(made.values())), embed(crops),
+                 physics.jerk(moving), steps, real, rng, protocol)
+
+
+def _crops(motions, joints, rng, protocol):
+  """Random crops of motions, as a list, and of their joints (N, width, J, 3), at the same frames."""
+  if [len(motion) for motion in motions] != [len(one) for one in joints]:
+    raise ValueError("motions and joints have different numbers of frames; cut both to the frames that they share")
+  places = random_crops(motions, protocol.width, rng)
+  return ([motions[i][start:start + protocol.width] for i, start in places],
+          np.stack([joints[i][start:start + protocol.width] for i, start in places]))
+
+
+def _scores(precision, away, pieces, transitions, jerks, steps, real, rng, protocol):
+  """Puts a row together: embeddings of pieces and transitions (N, E), jerks (N, width - 3), lists of distances."""
+  curve = jerks.mean(0)
+  row = {f"top{k + 1}": float(share) for k, share in enumerate(precision)}
+  row["matching"] = float(np.concatenate(away).mean())
+  for prefix, features, gaussian in (("", pieces, real.pieces), ("transition_", transitions, real.transitions)):
+    draws = scores.draw_pairs(rng, len(features), min(protocol.diversity_draws, len(features)))
+    row |= {f"{prefix}fid": scores.fid(gaussian, features), f"{prefix}diversity": scores.diversity(features, *draws)}
+  row |= {"transition_distance": float(np.concatenate(steps).mean()), "peak_jerk": physics.peak_jerk(curve),
+          "auj": physics.area_under_jerk(curve, real.level)}
+  return Scores(row, curve)

@@ -1,0 +1,157 @@
+"""How well motions keep to timelines: the scores of STMC's MTT benchmark (CVPR 2024), for one motion per timeline.
+
+Each interval of a timeline is cut out of the motion and compared, by an evaluator of motions and texts, with all texts
+of the data set (which is it?) and with a real motion of its own text. Realism: random crops of five seconds against the
+real motions, and how far the pose jumps at the borders. Definitions: github.com/nv-tlabs/stmc, mtt/stmc_metrics.py
+(facts: cmdm 6.4); where that code slips, a switch says so. Timelines are read by `data.timelines`.
+"""
+import dataclasses
+
+import numpy as np
+
+from motion_jax.metrics import physics, scores
+from motion_jax.motion.features import get_layout, to_features, to_joints
+from motion_jax.motion.skeleton import HUMANML3D
+
+
+@dataclasses.dataclass(frozen=True)
+class Mtt:
+  """The choices of the protocol. The defaults of the last three are slips of the released code, kept to compare with
+  printed numbers; `CORRECTED` is without them."""
+  fps: float = 20.0
+  top: tuple[int, ...] = (1, 3)
+  crops: int = 5                   # for FID+, of each motion
+  crop_seconds: float = 5.0
+  crop_seed: int = 0               # set anew for each motion
+  # Parity: crops begin before (number of features per frame) - (frames of a crop), for a size is taken from the wrong
+  # axis; None: anywhere in the motion.
+  crop_columns: int | None = 263
+  # Parity: the last inner border is dropped with the motion's end, which is out of reach already.
+  loses_last_border: bool = True
+  # Parity: of made motions the x coordinate is taken off, not the pelvis, and the root's path stays in.
+  slipped_axis: bool = True
+
+
+CORRECTED = Mtt(crop_columns=None, loses_last_border=False, slipped_axis=False)
+
+
+def frames_of(timeline, fps=20.0):
+  """First and last frame (N, 2) of each interval of a timeline, rounded down."""
+  return np.array([[int(fps * interval.start), int(fps * interval.end)] for interval in timeline])
+
+
+def crop_starts(num_frames, protocol=Mtt()):
+  """Where the random crops of a motion begin, the same for every model."""
+  width = _crop_frames(protocol)
+  room = num_frames if protocol.crop_columns is None else protocol.crop_columns
+  if room <= width:
+    raise ValueError(f"got a motion of {num_frames} frames, crops of {width} need more")
+  starts = np.random.RandomState(protocol.crop_seed).randint(0, room - width, protocol.crops)
+  if starts.max() >= num_frames - 1:
+    raise ValueError(f"got a motion of {num_frames} frames, a crop begins at {starts.max()}; generate the whole "
+                     "timeline, or set crop_columns=None")
+  return starts
+
+
+def borders_of(timeline, num_frames, protocol=Mtt()):
+  """The frames at which an interval starts or ends inside the motion."""
+  points = sorted({int(point) for point in frames_of(timeline, protocol.fps).ravel()})
+  inside = [point for point in points if point < num_frames]
+  if protocol.loses_last_border:
+    return inside[1:-1]
+  return [point for point in inside if point > 0]
+
+
+def released_steps(joints, borders):
+  """What the released code takes for the transition distance of made joints (T, 22, 3) -> (N,).
+
+  Parity: features are made of the joints and joints again with turns left out, and then each joint's x coordinate is
+  subtracted from all three: what is measured is how (0, y - x, z - x) changes, path of the root included.
+  """
+  layout = get_layout("full")
+  features = to_features(joints, layout)
+  features[:, layout["turn"]] = 0
+  local = np.asarray(to_joints(features, layout), np.float64)
+  local -= local[..., :1]
+  borders = np.asarray(borders, int)
+  return np.linalg.norm(local[borders] - local[borders - 1], axis=-1).mean(-1)
+
+
+def score(timelines, motions, joints, embed, texts, text_latents, real_latents, protocol=Mtt(), skeleton=HUMANML3D):
+  """The row of made motions, {"crop_top1", "crop_top3", "tmr_m2t", "tmr_m2m", "fid", "transition_distance"}.
+
+  timelines: lists of `data.timelines.Interval`; motions: one array (T, ..) each, as `embed(list of motions) -> (N, E)`
+  reads them (the benchmark's: 263 features and TMR); joints (T, J, 3), in metres. texts: the data set's different texts
+  (M,), text_latents and real_latents (M, E): each embedded, and a real motion of it. Shares and metres.
+  """
+  if not len(timelines) == len(motions) == len(joints) or not len(timelines):
+    raise ValueError(f"got {len(timelines)} timelines, {len(motions)} motions and {len(joints)} joints, expected one "
+                     "motion for each timeline")
+  number = _numbers(texts, text_latents, real_latents)
+  crops, pieces, own, steps = [], [], [], []
+  for timeline, motion, one in zip(timelines, motions, joints):
+    width = _crop_frames(protocol)
+    crops.append(embed([motion[start:start + width] for start in crop_starts(len(motion), protocol)]))
+    pieces.append(embed(_cut(timeline, motion, protocol)))
+    own += [number(interval.text) for interval in timeline]
+    borders = borders_of(timeline, len(motion), protocol)
+    if borders:
+      steps.append(released_steps(one, borders) if protocol.slipped_axis
+                   else physics.transition_distance(one, borders, skeleton))
+  if not steps:
+    raise ValueError("no timeline has a border inside, so there are no transitions to score")
+  return _row(np.concatenate(pieces), np.array(own), text_latents, real_latents, np.concatenate(crops), steps, protocol)
+
+
+def real_row(texts, text_latents, real_latents, joints, protocol=Mtt(), skeleton=HUMANML3D):
+  """The same numbers of the real motions, whose joints (T, J, 3) are looked at in their quarters.
+
+  By definition FID is 0 and the likeness of a motion to itself 1.
+  """
+  _numbers(texts, text_latents, real_latents)
+  steps = [physics.transition_distance(one, [quarter * len(one) // 4 for quarter in (1, 2, 3)], skeleton)
+           for one in joints]
+  return _row(real_latents, np.arange(len(texts)), text_latents, real_latents, real_latents, steps, protocol)
+
+
+def _row(pieces, own, text_latents, real_latents, crops, steps, protocol):
+  to_text, to_motion = scores.cosines(pieces, text_latents), scores.cosines(pieces, real_latents)
+  found = scores.hits(-to_text, max(protocol.top), own) / len(own)
+  row = {f"crop_top{k}": float(found[k - 1]) for k in protocol.top}
+  for name, cosines in (("tmr_m2t", to_text), ("tmr_m2m", to_motion)):
+    row[name] = float((cosines[np.arange(len(own)), own].mean() + 1) / 2)
+  # Gaussians of embeddings of length 1, for TMR's only their direction has a meaning.
+  row["fid"] = scores.fid(scores.units(real_latents), scores.units(crops))
+  row["transition_distance"] = float(np.concatenate(steps).mean())
+  return row
+
+
+def _numbers(texts, text_latents, real_latents):
+  """A function that gives a text's row, after the three were checked to belong together."""
+  if len(set(texts)) != len(texts):
+    twice = next(text for i, text in enumerate(texts) if text in texts[:i])
+    raise ValueError(f"the text {twice!r} is listed twice; retrieval needs different texts")
+  if not np.shape(text_latents) == np.shape(real_latents) or len(text_latents) != len(texts):
+    raise ValueError(f"got {len(texts)} texts, their embeddings of shape {np.shape(text_latents)} and real motions' of "
+                     f"{np.shape(real_latents)}; expected one row each")
+  rows = {text: i for i, text in enumerate(texts)}
+
+  def number(text):
+    if text not in rows:
+      raise ValueError(f"a timeline says {text!r}, which is not among the {len(rows)} texts of the data set")
+    return rows[text]
+  return number
+
+
+def _cut(timeline, motion, protocol):
+  pieces = []
+  for interval, (start, end) in zip(timeline, frames_of(timeline, protocol.fps)):
+    if start >= len(motion) - 1:
+      raise ValueError(f"{interval.text!r} begins at frame {start}, the motion has {len(motion)}; generate the whole "
+                       "timeline")
+    pieces.append(motion[start:end])
+  return pieces
+
+
+def _crop_frames(protocol):
+  return int(protocol.crop_seconds * protocol.fps)
