@@ -1,0 +1,69 @@
+"""The benchmarks' frozen evaluators, as their authors release them (names in facts: cmdm 9; cdamd 8)."""
+import jax
+import jax.numpy as jnp
+
+from motion_jax import checkpoint, convert
+from motion_jax.metrics.evaluators import ClipEvaluator, T2MEvaluator
+from motion_jax.motion.stats import load_stats
+from motion_jax.released.parts import Network, check_free, heads_of, network, read_part, stats_of, write
+
+T2M = ("movement_encoder", "motion_encoder", "text_encoder")
+
+
+def evaluator(path, num_heads=None) -> Network:
+  """A released evaluator: T2M's (259 or 67 numbers per frame) or MARDM's CLIP-type one, told by what the file holds."""
+  names = convert.load_state(path)
+  if any(name.startswith("contrast_model/") or name == "token_embedding.weight" for name in names):
+    return _clip_evaluator(path, num_heads)
+  what, part = "T2M evaluator", read_part(path, T2M, others=("movement_decoder",))
+  movement_width, features, _ = part.shape("movement_encoder/main.0.weight", what, 3)
+  fields = dict(features=features, columns=features + 4 if features in (259, 247) else features,  # less the contacts
+                movement_width=movement_width, movement_dim=part.shape("movement_encoder/main.3.weight", what, 3)[0],
+                motion_width=part.shape("motion_encoder/input_emb.weight", what, 2)[0],
+                text_width=part.shape("text_encoder/input_emb.weight", what, 2)[0],
+                dim=part.shape("motion_encoder/output_net.3.weight", what, 2)[0])
+  classes, words = part.shape("text_encoder/pos_emb.weight", what, 2)[::-1]
+  module = T2MEvaluator(**fields)
+  one = jnp.ones(1, jnp.int32)
+  shapes = jax.eval_shape(lambda: module.init(jax.random.key(0), jnp.zeros((1, 4, words)), jnp.zeros((1, 4, classes)),
+                                              one, jnp.zeros((1, 8, module.columns)), 8 * one))
+  return network(what, part, module, fields, shapes, convert.t2m_evaluator_names())
+
+
+def _clip_evaluator(path, num_heads):
+  what, part = "CLIP-type evaluator", read_part(path, ("contrast_model",))
+  width, features = part.shape("motion_encoder.embed_motion.weight", what, 2)
+  vocab_size, _ = part.shape("token_embedding.weight", what, 2)
+  depth = part.count(r"motion_encoder\.transformer\.layers\.(\d+)\.")
+  mlp_width, _ = part.shape("motion_encoder.transformer.layers.0.linear1.weight", what, 2)
+  fields = dict(features=features, columns=features, width=width, depth=depth, num_heads=heads_of(num_heads, width, 8),
+                mlp_width=mlp_width, dim=part.shape("out.weight", what, 2)[0], vocab_size=vocab_size,
+                max_words=part.shape("positional_embedding", what, 2)[0])
+  module = ClipEvaluator(**fields)
+  shapes = jax.eval_shape(lambda: module.init(jax.random.key(0), jnp.zeros((1, 4), jnp.int32),
+                                              jnp.zeros((1, 4, features)), jnp.ones(1, jnp.int32)))
+  return network(what, part, module, fields, shapes, convert.clip_evaluator_names(depth),
+                  convert.CLIP_EVALUATOR_IGNORED)
+
+
+def write_evaluator(out, file, stats, num_heads=None):
+  """The folder of a released evaluator -> the Networks. stats: its own statistics, not those of the training data."""
+  check_free(out)
+  made = evaluator(file, num_heads)
+  stage = "evaluator.clip" if isinstance(made.module, ClipEvaluator) else "evaluator.t2m"
+  columns = made.fields["columns"]
+  stats = stats_of(stats, columns, ("Mean.npy", "eval_mean.npy", f"eval_mean_{columns}.npy"))
+  config = dict(stage=stage, model=made.fields, data=dict(layout=stats.layout.name))
+  write(out, config, [made], made.params, stats)
+  return [made]
+
+
+def load_evaluator(folder):
+  """(module, params, stats) of a folder that write_evaluator wrote."""
+  config = checkpoint.load_config(folder)
+  kinds = {"evaluator.t2m": T2MEvaluator, "evaluator.clip": ClipEvaluator}
+  if config.get("stage") not in kinds:
+    raise ValueError(f"{folder} holds a {config.get('stage')!r} run, expected an evaluator's; motion-jax convert "
+                     "evaluator makes one")
+  params = jax.tree.map(jnp.asarray, checkpoint.load_params(folder))
+  return kinds[config.stage](**config.model), params, load_stats(folder, config.data.layout)
