@@ -98,9 +98,9 @@ def check_fits(params, like, what):
 
 
 def save_text(folder, name, text):
-  """A text file of a run folder, whole or not at all."""
+  """A file of a run folder, of text or bytes, whole or not at all."""
   with atomic_path(pathlib.Path(folder) / name) as path:
-    path.write_text(text, encoding="utf-8")
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
 
 
 def load_json(folder, name):

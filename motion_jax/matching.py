@@ -1,8 +1,175 @@
 """Evaluators and how they learn: motions and sentences by contrast, so that benchmarks can measure in their space.
 
-Facts: cdamd 8.1 (movement autoencoder, then matching), 8.2 (CLIP-type). Networks: `metrics.evaluators`.
+Three trainings on one page (facts: cdamd 8.1, 8.2): the movement autoencoder, whose encoder is then held still; motion
+and sentence encoders that are matched on top of it; the CLIP-type pair of transformers. Networks: `metrics.evaluators`.
 """
+import jax
+import jax.numpy as jnp
 import numpy as np
+
+from motion_jax.metrics.evaluators import ClipEvaluator, MovementDecoder, MovementEncoder, T2MEvaluator, unit
+from motion_jax.metrics.words import CLASSES
+from motion_jax.stage import DEVICES, Stage
+from motion_jax.teacher import info_nce
+
+_EPS = 1e-6  # Parity: PyTorch's pairwise distance adds it to each difference
+
+
+# --- movement autoencoder -----------------------------------------------------------------------------------------
+
+
+def movement_networks(fields):
+  """(encoder, decoder) of config.model: features, columns, width, dim, dropout."""
+  return (MovementEncoder(fields["width"], fields["dim"], fields["dropout"]),
+          MovementDecoder(fields["features"], fields["width"]))
+
+
+def movement_stage(config) -> Stage:
+  """Trains the movement encoder as half of an autoencoder. Batch: features (B, W, columns), index (B,).
+
+  L1 of what the first `features` columns become again, plus small weights that keep tokens small and slow.
+  """
+  encoder, decoder = movement_networks(config.model)
+  used = slice(0, config.model.features)
+
+  def init(batch, rng):
+    encoder_rng, decoder_rng = jax.random.split(rng)
+    x = batch["features"][:1, :, used]
+    tokens = jnp.zeros((1, x.shape[1] // 4, encoder.dim))
+    return {"encoder": encoder.init(encoder_rng, x)["params"], "decoder": decoder.init(decoder_rng, tokens)["params"]}
+
+  def errors(params, batch, rngs=None):
+    x = batch["features"][..., used]
+    tokens = encoder.apply({"params": params["encoder"]}, x, rngs is None, rngs=rngs)
+    made = decoder.apply({"params": params["decoder"]}, tokens)
+    sums = {"reconstruction": jnp.abs(made - x).mean(), "size": jnp.abs(tokens).mean(),
+            "change": jnp.abs(jnp.diff(tokens, axis=1)).mean()}
+    extra = config.loss.size * sums["size"] + config.loss.change * sums["change"]
+    return sums | {"loss": sums["reconstruction"] + extra}
+
+  def loss(params, frozen, batch, step, rng):
+    return errors(params, batch, {"dropout": jax.random.fold_in(rng, batch["index"][0])}), 1.0
+
+  return Stage(init, loss, lambda params, frozen, batch, rng: errors(params, batch))
+
+
+# --- matching -----------------------------------------------------------------------------------------------------
+
+
+def contrast(text, motion, shift, margin=10.0, same=None):
+  """Right pairs together, wrong ones `margin` apart: {"loss", "positive", "negative"} of text and motion (B, E).
+
+  mean(d+^2) + mean(max(0, margin - d-)^2), Euclidean; a text's wrong motion stands `shift` rows further on. same (B, B)
+  says which pairs mean the same and are no wrong ones; the original has no such filter.
+  """
+  rows = jnp.arange(len(text))
+  other = (rows + shift) % len(text)
+  distance = lambda a, b: jnp.sqrt(jnp.square(a - b + _EPS).sum(-1))
+  wrong = jnp.ones(len(text), bool) if same is None else ~same[rows, other]
+  positive = jnp.square(distance(text, motion)).mean()
+  too_near = jnp.square(jnp.maximum(margin - distance(text, motion[other]), 0))
+  negative = jnp.where(wrong, too_near, 0).sum() / jnp.maximum(wrong.sum(), 1)
+  return {"loss": positive + negative, "positive": positive, "negative": negative}
+
+
+def by_length(num_frames, *arrays):
+  """Rows by falling length. Parity: the original rotates the motions in this order, so that the wrong motion of a small
+  shift is of a like length; ties stand as they came, there as numpy's sort leaves them."""
+  order = jnp.argsort(-num_frames)
+  return [array[order] for array in arrays]
+
+
+def same_meaning(numbers):
+  """(B, B): which rows carry the same number."""
+  return numbers[:, None] == numbers[None]
+
+
+def t2m_shapes(net, word_dim):
+  """Shapes of a T2M evaluator's parameters, on words of so many numbers."""
+  return jax.eval_shape(lambda: init_t2m(net, word_dim, jax.random.key(0)))
+
+
+def init_t2m(net, word_dim, rng):
+  """Random parameters of a `T2MEvaluator` on words of so many numbers."""
+  one = jnp.ones(1, jnp.int32)
+  words, classes = jnp.zeros((1, 4, word_dim)), jnp.zeros((1, 4, len(CLASSES)))
+  return net.init(rng, words, classes, one, jnp.zeros((1, 8, net.columns)), 8 * one)
+
+
+def matching_stage(config, axis_name=DEVICES) -> Stage:
+  """Trains motion and sentence encoders of a `T2MEvaluator`; its movement encoder, in evaluation mode, is held still.
+
+  Batch: features (B, T, columns), num_frames (B,), words (B, S, W), classes (B, S, 15), lengths (B,), meaning (B,),
+  index (B,). The contrast is over the whole batch, what lies on other devices too; axis_name None: outside of a map.
+  loss.first_shift: the wrong motions stand first_shift .. B - 2 + first_shift rows on. Parity: 0, as in the original,
+  which one time in B - 1 pushes the right pairs apart.
+  """
+  net = T2MEvaluator(**config.model)
+  whole = _gather(axis_name)
+
+  def loss(params, frozen, batch, step, rng):
+    inner = params["params"]
+    held = {"params": inner | {"movement_encoder": jax.lax.stop_gradient(inner["movement_encoder"])}}
+    made = _embed(net, held, batch)
+    parts = (made["text"], made["motion"], batch["meaning"])
+    text, motion, meaning = by_length(whole(batch["num_frames"]), *map(whole, parts))
+    first = config.loss.first_shift
+    shift = jax.random.randint(rng, (), first, len(text) - 1 + first)
+    return contrast(text, motion, shift, config.loss.margin, same_meaning(meaning)), 1.0
+
+  def init(batch, rng):
+    return init_t2m(net, batch["words"].shape[-1], rng)
+
+  return Stage(init, loss, lambda params, frozen, batch, rng: _embed(net, params, batch))
+
+
+def _embed(net, params, batch):
+  given = (batch[name] for name in ("words", "classes", "lengths", "features", "num_frames"))
+  text, motion = net.apply(params, *given)
+  return {"text": text, "motion": motion}
+
+
+def _gather(axis_name):
+  return (lambda a: a) if axis_name is None else (lambda a: jax.lax.all_gather(a, axis_name, tiled=True))
+
+
+# --- CLIP-type ----------------------------------------------------------------------------------------------------
+
+
+def init_clip(net, rng):
+  """Random parameters of a `ClipEvaluator`, its tables too."""
+  return net.init(rng, jnp.zeros((1, net.max_words), jnp.int32), jnp.zeros((1, 4, net.columns)),
+                  jnp.full(1, 4, jnp.int32))
+
+
+def clip_stage(config, axis_name=DEVICES) -> Stage:
+  """Trains a `ClipEvaluator` by symmetric InfoNCE with a learned scale over the whole batch, of all devices.
+
+  Batch: features (B, T, columns), num_frames (B,), pieces (B, max_words), meaning (B,), index (B,). The tables of word
+  pieces come with `init` from a text encoder (`recipes`) and stay as they are.
+  """
+  net = ClipEvaluator(**config.model)
+  whole = _gather(axis_name)
+
+  def run(params, method, rng, *inputs):
+    rngs = None if rng is None else {"dropout": rng}
+    return unit(net.apply(params, *inputs, rng is None, method=method, rngs=rngs))
+
+  def embed(params, batch, text_rng=None, motion_rng=None):
+    return {"text": run(params, "text", text_rng, batch["pieces"]),
+            "motion": run(params, "motion", motion_rng, batch["features"], batch["num_frames"])}
+
+  def loss(params, frozen, batch, step, rng):
+    # Dropout masks differ from device to device, as the batch they fall on does.
+    made = embed(params, batch, *jax.random.split(jax.random.fold_in(rng, batch["index"][0])))
+    same = same_meaning(whole(batch["meaning"]))
+    scale = net.apply(params, method="scale")
+    value, logits = info_nce(whole(made["text"]), whole(made["motion"]), scale, same)
+    hit = (logits.argmax(1) == jnp.arange(len(logits))).mean()
+    return {"loss": value, "batch_recall": hit, "scale": scale}, 1.0
+
+  return Stage(lambda batch, rng: init_clip(net, rng), loss,
+               lambda params, frozen, batch, rng: embed(params, batch))
 
 
 def piece_tables(encoder):

@@ -61,15 +61,26 @@ def make_optimizer(config, num_steps):
   """AdamW as a config states it: betas, decay, gradient clipping by global norm (0 = none).
 
   config.rates, if there: {name: factor}, times which the parameters below that name learn; 0 holds them still.
+  config.clip_parts, if there: names of networks, each of which is clipped by the norm of its own gradient.
   """
   adamw = optax.adamw(make_schedule(config, num_steps), b1=config.beta1, b2=config.beta2,
                       weight_decay=config.weight_decay)
-  parts = [optax.clip_by_global_norm(config.clip_norm), adamw] if config.clip_norm else [adamw]
+  parts = [_clipping(config), adamw] if config.clip_norm else [adamw]
   rates = dict(config.get("rates", {}))
   if rates:
     parts.append(optax.stateless(lambda updates, _: jax.tree_util.tree_map_with_path(
         lambda path, update: update * _rate(path, rates), updates)))
   return optax.chain(*parts) if len(parts) > 1 else adamw
+
+
+def _clipping(config):
+  names = tuple(config.get("clip_parts", ()))
+  clip = optax.clip_by_global_norm(config.clip_norm)
+  if not names:
+    return clip
+  part = lambda path: next((key.key for key in path if getattr(key, "key", None) in names), "rest")
+  return optax.partition({name: clip for name in names} | {"rest": optax.identity()},
+                         lambda tree: jax.tree_util.tree_map_with_path(lambda path, _: part(path), tree))
 
 
 def _rate(path, rates):
@@ -158,7 +169,8 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
   next_batch(step) -> dict of arrays with "index" (B,), a pure function of the step. frozen: arrays that the loss reads
   and nobody changes. evaluate(params) -> dict of numbers, called on the averaged parameters at every save. The folder
   gets checkpoints/, params.safetensors (averaged if there is an average), metrics.jsonl and loss.png. max_seconds ends
-  a slice of a long run early; --resume goes on exactly where it ended.
+  a slice of a long run early; --resume goes on exactly where it ended. config.train.best, such as "min held_out_loss"
+  or "max r1", keeps in params.safetensors those for which that number of `evaluate` was best, not the last ones.
   """
   workdir = pathlib.Path(workdir)
   devices = jax.local_device_count()
@@ -176,8 +188,8 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
     if not resume:
       raise ValueError(f"{workdir} holds a run at step {saver.latest}; --resume continues it, or choose another folder")
     state = place(saver.restore(state), np.zeros(devices))
-    # The run may have ended between its checkpoint and this file.
-    checkpoint.save_params(workdir, variables_of(state, use_average))
+    if _is_best(config, workdir, saver.latest):  # the run may have ended between its checkpoint and this file
+      checkpoint.save_params(workdir, variables_of(state, use_average))
   elif resume and not checkpoint.is_fresh(workdir):
     raise FileNotFoundError(f"{workdir} has no checkpoint to resume from; start without --resume in an empty folder")
   checkpoint.trim_metrics(workdir, int(state.step))
@@ -203,7 +215,8 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
       numbers.update(evaluate(params))
       checkpoint.append_metrics(workdir, {"step": step, **numbers})
     saver.save(step, state)
-    checkpoint.save_params(workdir, params)
+    if _is_best(config, workdir, step):
+      checkpoint.save_params(workdir, params)
 
   with _Interrupt() as interrupt, tqdm(total=num_steps, initial=first, unit="step", dynamic_ncols=True) as bar:
     step = first
@@ -228,6 +241,17 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
   saver.close()
   checkpoint.draw_curve(workdir)
   return state
+
+
+def _is_best(config, workdir, step):
+  """Whether the parameters of this step are those to keep, by the number that config.train.best names, if any."""
+  if not config.train.get("best"):
+    return True
+  way, name = config.train.best.split()
+  found = {row["step"]: row[name] for row in read_metrics(workdir) if name in row and row["step"] <= step}
+  if step not in found:
+    raise ValueError(f"config.train.best names {name!r}, which the evaluation at step {step} did not give")
+  return found[step] == {"min": min, "max": max}[way](found.values())
 
 
 def read_metrics(workdir):

@@ -8,10 +8,10 @@ import numpy as np
 
 from motion_jax import checkpoint, train
 from motion_jax.motion import stats as stats_lib
-from motion_jax.recipes import cdamd, cmdm
+from motion_jax.recipes import cdamd, cmdm, evaluators
 from motion_jax.recipes.recipe import plain
 
-RECIPES = {**cmdm.RECIPES, **cdamd.RECIPES}
+RECIPES = {**cmdm.RECIPES, **cdamd.RECIPES, **evaluators.RECIPES}
 
 
 def run(config, workdir, resume=False, max_seconds=None):

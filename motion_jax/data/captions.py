@@ -1,4 +1,4 @@
-"""Captions said in other words: who moves is told in many ways that mean the same motion."""
+"""Captions said in other words: who moves is told in many ways, and sentences about one clip mean the same motion."""
 import re
 
 _SUBJECTS = ("a person", "someone", "the person", "a man", "the man", "a woman", "the woman", "a human", "somebody",
@@ -16,3 +16,23 @@ def vary_subject(caption, rng, rate):
   if chance >= rate or not found:
     return caption
   return f"{_SUBJECTS[place]} {caption[found.end():]}"
+
+
+def meanings(captions):
+  """{sentence: number} for lists of sentences, one list per clip: sentences that clips link carry the same number.
+
+  Where captions are made from templates, "someone bows" and "a person takes a bow" stand in the same clips; a contrast
+  between the two teaches nothing.
+  """
+  leader = {}
+
+  def find(sentence):
+    while leader.setdefault(sentence, sentence) != sentence:
+      sentence = leader[sentence]
+    return sentence
+
+  for row in captions:
+    for sentence in row:
+      leader[find(sentence)] = find(row[0])
+  numbers = {}
+  return {sentence: numbers.setdefault(find(sentence), len(numbers)) for sentence in leader}

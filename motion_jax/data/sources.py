@@ -19,13 +19,17 @@ from motion_jax.motion.stats import Stats, compute_stats
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FeatureSet:
-  """Clips of one split as normalized features (T_i, F), with their captions and a group (an action) each."""
+  """Clips of one split as normalized features (T_i, F), with their captions and a group (an action) each.
+
+  tokens: {caption: its tokens "lemma/POS"} where the data set's files hold them.
+  """
   features: list[np.ndarray]
   captions: list[list[str]]
   groups: list[str]
   ids: list[str]
   stats: Stats
   layout: FeatureLayout
+  tokens: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
 
 
 def load_clips(config):
@@ -69,7 +73,7 @@ def load_features(config, split="train", stats=None, captioned=True) -> FeatureS
   item of its own, and lengths are limited, unless captioned is False: the autoencoders see every whole clip once
   (facts: cmdm 1.3).
   """
-  layout = get_layout(config.layout)
+  layout, tokens = get_layout(config.layout), {}
   if config.name in _FOLDERS:
     if not config.folder:
       raise ValueError(f"data.folder is empty; give the folder of {config.name!r}, as in "
@@ -77,6 +81,8 @@ def load_features(config, split="train", stats=None, captioned=True) -> FeatureS
     items, own_stats = _FOLDERS[config.name](config, split, layout, captioned)
     features, captions = [item.features for item in items], [list(item.captions) for item in items]
     groups, ids = [item.id for item in items], [item.id for item in items]
+    for item in items:
+      tokens |= {c: words for c, words in zip(item.captions, getattr(item, "tokens", ())) if words}
     stats = own_stats() if stats is None else stats
     if not items:
       raise ValueError(f"{config.folder} has no clips for {config.name!r} in split {split!r}")
@@ -98,4 +104,5 @@ def load_features(config, split="train", stats=None, captioned=True) -> FeatureS
       ids.append(clip.id)
     if stats is None:
       stats = compute_stats(features, layout, config.get("per_axis", False))
-  return FeatureSet([stats.normalize(x) for x in features], captions, groups, ids, stats, layout)
+  return FeatureSet([stats.normalize(x) for x in features], captions, groups, ids, stats, layout,
+                    tokens)

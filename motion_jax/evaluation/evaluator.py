@@ -23,7 +23,7 @@ from motion_jax import teacher as teacher_lib
 from motion_jax.data.clip import Clip
 from motion_jax.data.tagger import tag
 from motion_jax.metrics.evaluators import ClipEvaluator, T2MEvaluator
-from motion_jax.metrics.words import CLASSES, CONVERTED, GLOVE_FILES, WordFeatures, load_words
+from motion_jax.metrics.words import CONVERTED, GLOVE_FILES, WordFeatures, load_words
 from motion_jax.model import PRETRAINED
 from motion_jax.motion.features import FeatureLayout, get_layout, to_features
 from motion_jax.motion.stats import Stats, load_stats
@@ -199,32 +199,25 @@ def _t2m(config, word_dim):
   net = T2MEvaluator(**plain(config.model.to_dict()))
   embed = jax.jit(lambda params, *words: net.apply(params, *words, method="text"))
 
-  def init(rng):
-    one = jnp.ones(1, jnp.int32)
-    return net.init(rng, jnp.zeros((1, 4, word_dim)), jnp.zeros((1, 4, len(CLASSES))), one,
-                    jnp.zeros((1, 8, net.columns)), 8 * one)
-
   def text(params, reader, captions, tokens):
     if reader.dim != word_dim:
       raise ValueError(f"the words given have vectors of {reader.dim} numbers, the evaluator was trained on {word_dim}")
     given = reader([tag(caption) for caption in captions] if tokens is None else tokens)
     return in_batches(functools.partial(embed, params), *given)
 
-  return init, lambda params, x, frames: net.apply(params, x, frames, method="motion"), text
+  return (functools.partial(matching.init_t2m, net, word_dim),
+          lambda params, x, frames: net.apply(params, x, frames, method="motion"), text)
 
 
 def _clip(config, _):
   net = ClipEvaluator(**plain(config.model.to_dict()))
   embed = jax.jit(lambda params, ids: net.apply(params, ids, method="text"))
 
-  def init(rng):
-    return net.init(rng, jnp.zeros((1, net.max_words), jnp.int32), jnp.zeros((1, 4, net.columns)),
-                    jnp.full(1, 4, jnp.int32))
-
   def text(params, reader, captions, tokens):
     return in_batches(functools.partial(embed, params), matching.piece_ids(reader, captions, net.max_words))
 
-  return init, lambda params, x, frames: net.apply(params, x, frames, method="motion"), text
+  return (functools.partial(matching.init_clip, net),
+          lambda params, x, frames: net.apply(params, x, frames, method="motion"), text)
 
 
 def _tmr(config, _):

@@ -4,6 +4,7 @@ Facts: cmdm 6.1, cdamd 1.2. A token is "lemma/POS", as the benchmarks' text file
 usual glove/our_vab_* files, two of which are pickles: they are read once, with a reader that knows lists, dicts, words
 and numbers only, and kept as an .npz file beside them.
 """
+import io
 import pathlib
 import pickle
 
@@ -56,7 +57,13 @@ class WordVectors:
   def save(self, path):
     """Writes words and vectors as a plain .npz file."""
     with atomic_path(path) as temporary:
-      np.savez(temporary, words=np.array(list(self.rows)), vectors=self.vectors)
+      temporary.write_bytes(self.to_bytes())
+
+  def to_bytes(self) -> bytes:
+    """The content of that file."""
+    content = io.BytesIO()
+    np.savez(content, words=np.array(list(self.rows)), vectors=self.vectors)
+    return content.getvalue()
 
 
 class WordFeatures:

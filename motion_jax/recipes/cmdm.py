@@ -195,12 +195,12 @@ def teacher(config) -> Recipe:
 
   stage = teacher_lib.teacher_stage(config)
   made = jax.jit(lambda params, batch: stage.predict(params, {}, batch, None))
-  held_out = one_clip_per_caption(config, data.stats)
+  single = one_clip_per_caption(held_out(config, data.stats, captioned=True), config.data.max_frames)
 
   def evaluate(params):
     """How often a caption finds its held-out clip, and the clip its caption (back), among one clip of each caption."""
-    parts = [made(params, tokenized(held_out.rows(rows, batches.step_rng(config.seed, 4))))
-             for rows in np.array_split(held_out.kept, max(1, len(held_out) // 64))]
+    parts = [made(params, tokenized(single.rows(rows, batches.step_rng(config.seed, 4))))
+             for rows in np.array_split(single.kept, max(1, len(single) // 64))]
     text, motion = (np.concatenate([part[name] for part in parts]) for name in ("text", "motion"))
     return {name: round(value, 4) for name, value in retrieval(text @ motion.T).items()}
 
@@ -224,13 +224,12 @@ def word_pieces(encoder, captions, length):
   return ids, text_mask
 
 
-def one_clip_per_caption(config, stats):
-  """The validation clips (those of training where there are none), one of each first caption."""
-  data = held_out(config, stats, captioned=True)
+def one_clip_per_caption(data, max_frames):
+  """Of a FeatureSet one clip for each first caption."""
   first = {captions[0]: i for i, captions in reversed(list(enumerate(data.captions))) if captions}
   chosen = sorted(first.values())
   return batches.CaptionedClips([data.features[i] for i in chosen], [data.captions[i][:1] for i in chosen],
-                                config.data.max_frames)
+                                max_frames)
 
 
 RECIPES = {"cmdm.teacher": teacher, "cmdm.tokenizer": tokenizer, "cmdm.denoiser": denoiser}

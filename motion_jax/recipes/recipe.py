@@ -10,14 +10,14 @@ class Recipe(NamedTuple):
   """A stage with all that it is trained on.
 
   next_batch(step) -> dict of arrays; frozen: arrays that the loss reads and nobody changes; evaluate(params) -> dict of
-  numbers, or None; stats of the features; files: {name: text} that the run folder keeps.
+  numbers, or None; stats of the features; files: {name: text or bytes} that the run folder keeps.
   """
   stage: Stage
   next_batch: Callable
   frozen: Any
   evaluate: Callable | None
   stats: Stats
-  files: dict[str, str]
+  files: dict[str, str | bytes]
 
 
 def plain(value):

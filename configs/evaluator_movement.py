@@ -1,0 +1,42 @@
+"""The benchmarks' evaluator, first half: an autoencoder whose encoder makes tokens of 4 frames.
+
+  python launch.py --config configs/evaluator_movement.py --workdir runs/movement --config.data.folder=HumanML3D
+  ... --config configs/evaluator_movement.py:66       absolute coordinates (CDAMD); 67: essential features; kit: KIT-ML
+  ... --config configs/evaluator_movement.py:small    coordinates, on the archives: what ships, minutes on a CPU
+  ... --config configs/evaluator_movement.py:tiny     two steps on formulas, seconds
+
+configs/evaluator_matching.py goes on from it. `full` is the original's (facts: cdamd 8.1): 259 of 263 features, 270
+epochs of about 18,700 steps.
+"""
+import ml_collections
+
+# Layout, numbers per frame, and those that the evaluator reads: full features without the contacts.
+DATA = {"full": ("full", 263, 259), "67": ("essential", 67, 67), "66": ("coordinates", 66, 66),
+        "kit": ("full_kit", 251, 247)}
+
+
+def get_config(size="full"):
+  layout, columns, features = DATA.get(size, DATA["66"])
+  config = ml_collections.ConfigDict()
+  config.stage = "evaluator.movement"
+  config.seed = 0
+  config.frozen = dict()
+  config.model = dict(features=features, columns=columns, width=512, dim=512, dropout=0.2)
+  config.loss = dict(size=0.001, change=0.001)  # weights of mean |token| and of mean |token - the one before|
+  config.data = dict(name="humanml3d", folder="", folders=(), layout=layout, mode="benchmark", mirror=False,
+                     per_axis=False, batch_size=128, window=40, stride=1)
+  config.optimizer = dict(learning_rate=1e-4, schedule="constant", cooldown_steps=0, warmup_steps=0, beta1=0.9,
+                          beta2=0.999, weight_decay=0.0, clip_norm=0.0, ema_decay=0.0, skip_loss=0.0)
+  config.train = dict(num_steps=270 * 18_700, log_every=100, save_every=18_700)
+  if size == "small":
+    config.model.update(width=128, dim=128, dropout=0.0)
+    config.data.update(name="archive", mode="corrected", mirror=True, batch_size=64, stride=4)
+    config.optimizer.update(learning_rate=1e-3, schedule="cosine", warmup_steps=100, clip_norm=1.0)
+    config.train.update(num_steps=3_000, log_every=50, save_every=1_000)
+  elif size == "tiny":
+    config.model.update(width=12, dim=12)
+    config.data.update(name="synthetic", mode="corrected", batch_size=4)
+    config.train.update(num_steps=2, log_every=1, save_every=2)
+  elif size not in DATA:
+    raise ValueError(f"got size {size!r}, expected 67, 66, kit, full, small or tiny")
+  return config.lock()
