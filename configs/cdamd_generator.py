@@ -6,7 +6,7 @@
   ... --config configs/cdamd_generator.py:large       8 layers of width 1024, the paper's size as far as it can exist
   ... --config configs/cdamd_generator.py:263         full features instead of coordinates (Table V); 67: essential ones
   ... --config configs/cdamd_generator.py:mardm       the baseline: MARDM-SiT-XL; mardm_ddpm: MARDM-DDPM-XL
-  ... --config configs/cdamd_generator.py:small       the model for the archives: 10 M parameters
+  ... --config configs/cdamd_generator.py:small       the model for the archives: 13 M parameters
   ... --config configs/cdamd_generator.py:tiny        two steps on formulas, seconds
 
 `full` is the released training command's size (facts: cdamd 10), 290,023,424 parameters. Ablations of the paper:
@@ -29,7 +29,8 @@ def get_config(size="full"):
   config = ml_collections.ConfigDict()
   config.stage = "cdamd.generator"
   config.seed = 3407
-  config.frozen = dict(tokenizer="runs/autoencoder", prior="runs/rvq", text="clip-vit-base-patch32", length="")
+  config.frozen = dict(tokenizer="runs/autoencoder", prior="runs/rvq", text="clip-vit-base-patch32",
+                       text_level="sentence", length="")
   config.tokenizer = dict(features=66, latent_dim=512, width=512, num_halvings=2, dilations=(9, 3, 1), dropout=0.2)
   config.prior = dict(features=66, latent_dim=512, width=512, num_halvings=2, dilations=(9, 3, 1), dropout=0.2)
   config.quantizer = dict(num_levels=4, num_codes=512)
@@ -38,12 +39,14 @@ def get_config(size="full"):
                        text_scale=1.0, num_codes=1027, num_levels=4, separate_levels=False, max_length=200,
                        dropout=0.2),
       head=dict(width=1792, depth=16))
-  # copies: rows at the diffusion head for each masked latent. prior_drop: "batch", one draw for all, or "item".
+  # frozen.text_level "words" puts the words of a caption behind its sentence vector, data.max_words of them.
+  # copies: rows at the diffusion head for each masked latent. prior_drop: "batch", one draw for all, or "item". mask:
+  # one of nets.masks, or several, of which each item draws one: "dccm+bcm".
   config.loss = dict(mask="dccm", noise_rate=0.1, mask_rate=0.88, drop_rate=0.1, prior_levels=2, prior_drop_rate=0.7,
                      prior_drop="batch", copies=4, diffusion="flow", ddpm_steps=50, unit_latents=False)
   config.data = dict(name="humanml3d", folder="", folders=(), layout="coordinates", mode="benchmark", mirror=False,
                      per_axis=False, batch_size=64, min_frames=40, max_frames=196, lengths=(196,), balance=0.0,
-                     vary_subject=0.0)
+                     vary_subject=0.0, max_words=77)
   # ema_decay 0 is the released code's of CDAMD; MARDM's is 0.9999.
   config.optimizer = dict(learning_rate=2e-4, schedule="cosine", final_rate=1e-6, boundaries=(), gamma=0.1,
                           cooldown_steps=0, warmup_steps=2_000, beta1=0.9, beta2=0.99, weight_decay=1e-5, clip_norm=0.0,
@@ -75,10 +78,11 @@ def get_config(size="full"):
     config.tokenizer.update(latent_dim=64, width=192, dropout=0.0)
     config.prior.update(latent_dim=64, width=128, dropout=0.0)
     config.quantizer.num_codes = 256
-    config.model.transformer.update(latent_dim=64, width=256, depth=4, num_heads=4, ff_width=512, text_dim=384,
-                                    text_scale=20.0, num_codes=256, max_length=50, dropout=0.1)
-    config.model.head.update(width=384, depth=6)
-    config.loss.unit_latents = True
+    config.model.transformer.update(latent_dim=64, width=256, depth=3, num_heads=4, ff_width=512, text_dim=384,
+                                    text_scale=20.0, num_codes=256, max_length=50, dropout=0.0)
+    config.model.head.update(width=400, depth=6)
+    # Both masks, so that one model can be asked by either: a hole sees its right side under BCM alone.
+    config.loss.update(mask="dccm+bcm", unit_latents=True, copies=1)
     config.data.update(name="archive", mode="corrected", mirror=True, batch_size=32, min_frames=20,
                        lengths=(72, 120, 196), balance=0.5, vary_subject=0.5)
     config.optimizer.update(learning_rate=5e-4, schedule="trapezoid", warmup_steps=300, cooldown_steps=2_000,

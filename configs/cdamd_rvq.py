@@ -40,11 +40,12 @@ def get_config(size="full"):
   elif size == "small":
     config.model.update(latent_dim=64, width=128, dropout=0.0)
     config.quantizer.update(num_codes=256)
+    config.loss.distance = "l1"  # as the autoencoder's
     # Windows: no arithmetic on padding, and no codes spent on it.
     config.data.update(name="archive", mode="corrected", mirror=True, batch_size=32, window=64, stride=4)
-    config.optimizer.update(learning_rate=6e-4, schedule="trapezoid", warmup_steps=200, cooldown_steps=1_500,
+    config.optimizer.update(learning_rate=6e-4, schedule="trapezoid", warmup_steps=200, cooldown_steps=1_000,
                             clip_norm=1.0)
-    config.train.update(num_steps=5_000, log_every=50, save_every=1_000)
+    config.train.update(num_steps=3_000, log_every=50, save_every=1_000)
   elif size == "tiny":
     config.model.update(latent_dim=4, width=16)
     config.quantizer.update(num_codes=8)

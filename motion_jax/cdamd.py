@@ -180,7 +180,7 @@ def frozen_shapes(autoencoder):
 class Draws(NamedTuple):
   """Random numbers of a training step for B motions of L latents, each with M rows at the diffusion head.
 
-  From [0, 1): time_u, text_u, prior_u (B,); order_u, noise_u, keep_u (B, L); t (M, B, L), for DDPM integer steps.
+  From [0, 1): time_u, text_u, prior_u, mask_u (B,); order_u, noise_u, keep_u (B, L); t (M, B, L), for DDPM integers.
   Normal: noise (B, L, C), diffusion_noise (M, B, L, C).
   """
   time_u: jax.Array
@@ -192,6 +192,7 @@ class Draws(NamedTuple):
   t: jax.Array
   noise: jax.Array
   diffusion_noise: jax.Array
+  mask_u: jax.Array | None = None  # only where several masks are trained
 
 
 def draw_step(rng, keys, length, channels, config) -> Draws:
@@ -199,23 +200,36 @@ def draw_step(rng, keys, length, channels, config) -> Draws:
   copies = config.copies
 
   def of_item(key):
-    time, text, prior, places, t, noise = jax.random.split(key, 6)
+    time, text, prior, places, t, noise, mask = jax.random.split(key, 7)
     normal = jax.random.normal(noise, (1 + copies, length, channels))
     if config.diffusion == "ddpm":
       t = jax.random.randint(t, (copies, length), 0, config.ddpm_steps)
     else:
       t = jax.random.uniform(t, (copies, length))
     one = lambda key: jax.random.uniform(key)
-    return Draws(one(time), one(text), one(prior), *jax.random.uniform(places, (3, length)), t, normal[0], normal[1:])
+    return Draws(one(time), one(text), one(prior), *jax.random.uniform(places, (3, length)), t, normal[0], normal[1:],
+                 one(mask))
 
-  axes = Draws(0, 0, 0, 0, 0, 0, 1, 0, 1)
+  axes = Draws(0, 0, 0, 0, 0, 0, 1, 0, 1, 0)
   draws = jax.vmap(of_item, out_axes=axes)(keys)
   if config.prior_drop == "batch":  # Parity: one draw for all; "item" is the option
     draws = draws._replace(prior_u=jnp.broadcast_to(jax.random.uniform(rng), draws.prior_u.shape))
   return draws
 
 
-def generator_loss(net, params, z1, real_mask, text_emb, codes, draws, config, dropout_keys=None):
+def trained_mask(kinds, known_mask, real_mask, mask_u=None):
+  """The mask (B, 1, L, L) of a training step; of several kinds, "dccm+bcm", each item draws one, mask_u (B,).
+
+  A model that was trained on several can be asked by any of them (one for generation, one for editing).
+  """
+  masks = jnp.stack([latent_mask(kind, known_mask, real_mask) for kind in kinds.split("+")])
+  if len(masks) == 1:
+    return masks[0]
+  chosen = jnp.floor(mask_u * len(masks)).astype(int)
+  return jnp.take_along_axis(masks, chosen[None, :, None, None, None], axis=0)[0]
+
+
+def generator_loss(net, params, z1, real_mask, text_emb, codes, draws, config, dropout_keys=None, text_mask=None):
   """(sums, weight) of one step: the diffusion loss of every masked latent, M times over (facts: cdamd 4.3, 5).
 
   z1 (B, L, C) clean latents, 0 at padding; codes (B, L) or (B, L, Q) of the prior, or None. dropout_keys (B,): trains
@@ -225,9 +239,9 @@ def generator_loss(net, params, z1, real_mask, text_emb, codes, draws, config, d
                             config.mask_rate)
   x = masking.corrupt(z1, made, draws.noise, net.apply(params, method="hidden"), real_mask)
   text_emb = jnp.where((draws.text_u < config.drop_rate)[:, None, None], 0.0, text_emb)
-  attn_mask = latent_mask(config.mask, real_mask & ~made.masked, real_mask)
+  attn_mask = trained_mask(config.mask, real_mask & ~made.masked, real_mask, draws.mask_u)
   prior_mask = None if codes is None else draws.prior_u >= config.prior_drop_rate
-  inputs = (x, text_emb, attn_mask, codes, prior_mask)
+  inputs = (x, text_emb, attn_mask, codes, prior_mask, text_mask)
   if dropout_keys is None:
     condition = net.apply(params, *inputs, method="condition")
   else:
@@ -273,7 +287,8 @@ def prior_codes(net, frozen, features, num_levels):
 def generator_stage(config) -> Stage:
   """Trains the masked transformer and its diffusion head on latents of the frozen autoencoder.
 
-  Batch: features (B, T, F) padded, num_frames (B,), text_emb (B, S, E), index (B,) place in the whole batch. frozen:
+  Batch: features (B, T, F) padded, num_frames (B,), text_emb (B, S, E), of which the first is the whole caption's,
+  text_mask (B, S) if S > 1, index (B,) place in the whole batch. frozen:
   tokenizer, latent_mean, latent_std (C,) and, if loss.prior_levels, prior: the RVQ-VAE's variables.
   """
   autoencoder, net = Autoencoder(**config.tokenizer), make_generator(config.model)
@@ -283,21 +298,23 @@ def generator_stage(config) -> Stage:
     length = batch["features"].shape[1] // autoencoder.frames_per_latent
     real_mask = padding_mask(batch["num_frames"] // autoencoder.frames_per_latent, length)
     codes = prior_codes(rvq_net, frozen, batch["features"], config.loss.prior_levels)
-    return latents_of(autoencoder, frozen, batch["features"], real_mask), real_mask, batch["text_emb"], codes
+    z1 = latents_of(autoencoder, frozen, batch["features"], real_mask)
+    return z1, real_mask, batch["text_emb"], codes, batch.get("text_mask")
 
   def init(batch, rng):
     x = jnp.zeros((1, 1, net.transformer.latent_dim))
     return net.init(rng, x, batch["text_emb"][:1], jnp.ones((1, 1, 1, 1), bool), jnp.zeros(()))
 
   def loss(params, frozen, batch, step, rng):
-    z1, *rest = inputs(frozen, batch)
+    z1, real_mask, text_emb, codes, text_mask = inputs(frozen, batch)
     draw_rng, dropout_rng, prior_rng = jax.random.split(rng, 3)
     draws = draw_step(prior_rng, _item_keys(draw_rng, batch), *z1.shape[1:], config.loss)
-    return generator_loss(net, params, z1, *rest, draws, config.loss, _item_keys(dropout_rng, batch))
+    return generator_loss(net, params, z1, real_mask, text_emb, codes, draws, config.loss,
+                          _item_keys(dropout_rng, batch), text_mask)
 
   def predict(params, frozen, batch, rng):
     """The loss in evaluation mode: the sampler's mask, prior and captions given, no dropout; sums per motion."""
-    z1, real_mask, text_emb, codes = inputs(frozen, batch)
+    z1, real_mask, text_emb, codes, text_mask = inputs(frozen, batch)
     fields = config.loss.to_dict() | dict(mask=config.sampler.mask, drop_rate=0.0, prior_drop_rate=0.0)
     draws = draw_step(rng, _item_keys(rng, batch), *z1.shape[1:], config.loss)
     sums, weight = generator_loss(net, params, z1, real_mask, text_emb, codes, draws, ConfigDict(fields))
@@ -358,18 +375,19 @@ def draw_order(keys, lengths, length, order="random"):
   return np.where(np.arange(length) < np.asarray(lengths)[:, None], numbers, np.inf)
 
 
-def make_latents(net, plan, params, text_emb, latents, hidden, real_mask, scale, draw):
+def make_latents(net, plan, params, text_emb, latents, hidden, real_mask, scale, draw, text_mask=None):
   """Latents after each round (N, B, L, C), the last the finished ones. Pure; net and plan are static.
 
-  text_emb (B, S, E); latents (B, L, C), of which those are kept that hidden (N, B, L) never names; real_mask (B, L);
-  scale () of the guidance; draw: see `make_draw`.
+  text_emb (B, S, E), text_mask (B, S) or None; latents (B, L, C), of which those are kept that hidden (N, B, L) never
+  names; real_mask (B, L); scale () of the guidance; draw: see `make_draw`.
   """
   twice = (lambda a: jnp.concatenate([a, a])) if plan.guided else lambda a: a
   words = jnp.concatenate([text_emb, 0 * text_emb]) if plan.guided else text_emb
 
   def condition(z, hidden):
     attn_mask = latent_mask(plan.mask, real_mask & ~hidden, real_mask)
-    return net.apply(params, twice(z), words, twice(attn_mask), method="condition")
+    words_mask = None if text_mask is None else twice(text_mask)
+    return net.apply(params, twice(z), words, twice(attn_mask), text_mask=words_mask, method="condition")
 
   def solve(condition, rows, fresh):
     predict = lambda x, t, *_: net.apply(params, x, t, condition, method="predict").astype(latents.dtype)
@@ -386,22 +404,22 @@ def make_latents(net, plan, params, text_emb, latents, hidden, real_mask, scale,
   return rounds.sample(condition, solve, draw, latents, hidden, net.apply(params, method="hidden"), plan.num_rows)
 
 
-def generate(net, autoencoder, plan, params, frozen, text_emb, hidden, real_mask, scale, draw):
+def generate(net, autoencoder, plan, params, frozen, text_emb, hidden, real_mask, scale, draw, text_mask=None):
   """Normalized features (B, 4 L, F) of new motions; hidden (N, B, L) of `masking.hidden_table`. Pure."""
   latents = jnp.zeros(real_mask.shape + (net.transformer.latent_dim,))
-  made = make_latents(net, plan, params, text_emb, latents, hidden, real_mask, scale, draw)[-1]
+  made = make_latents(net, plan, params, text_emb, latents, hidden, real_mask, scale, draw, text_mask)[-1]
   return decode_latents(autoencoder, frozen, made)
 
 
 def edit(net, autoencoder, plan, params, frozen, features, text_emb, edited, hidden, real_mask, scale, draw,
-         paste=False):
+         paste=False, text_mask=None):
   """Normalized features (B, 4 L, F): the given ones, of which the latents edited (B, L) are made anew. Pure.
 
   paste: put the frames of kept latents back as they came. They have been through the autoencoder otherwise.
   """
   # Parity: the released code decodes everything and pastes nothing back.
   latents = latents_of(autoencoder, frozen, features, real_mask)
-  made = make_latents(net, plan, params, text_emb, latents, hidden, real_mask, scale, draw)[-1]
+  made = make_latents(net, plan, params, text_emb, latents, hidden, real_mask, scale, draw, text_mask)[-1]
   y = decode_latents(autoencoder, frozen, made)
   if not paste:
     return y

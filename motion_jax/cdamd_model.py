@@ -1,4 +1,5 @@
 """CDAMD ready to use: motion from words, and new parts for a motion that exists."""
+import dataclasses
 from functools import partial
 
 import jax
@@ -61,22 +62,46 @@ class CdamdModel(Prompted):
     keys, seeds = keys_of(rng, seeds, len(prompts))
     every = np.arange(self.max_latents) < np.array(frames)[:, None] // self.unit
     plan, hidden, scale, about = self._tables(keys, every, guidance_scale, **sampling)
-    made = self._generate(plan, self.params, self.frozen, self.encoder(prompts)[0], hidden, jnp.asarray(every), scale,
-                          keys)
+    made = self._generate(plan, self.params, self.frozen, self._words(prompts), hidden, jnp.asarray(every), scale, keys)
     captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
     return make_motions(self, made, frames, captions, seeds, about, polish)
 
-  def edit(self, clip, prompt, task=None, *, keep=None, change=None, rng=None, seed=None, paste=True, polish=False,
-           guidance_scale=None, mask=None, **sampling) -> Motion:
-    """A motion that exists, a Clip of any source, with parts of it made anew as the words say.
+  def edit(self, clip, prompt, task=None, *, rng=None, seed=None, **choices) -> Motion:
+    """A motion that exists, a Clip of any source, with parts of it made anew as the words say; see `edits`."""
+    return self.edits([clip], [prompt], task, rng=rng, seeds=None if seed is None else [seed], **choices)[0]
+
+  def edits(self, clips, prompts, task=None, *, keep=None, change=None, rng=None, seeds=None, paste=True, polish=False,
+            guidance_scale=None, mask=None, **sampling) -> Motions:
+    """Clips with parts of them made anew, each as its prompt says, in one batch.
 
     Which parts: a task of `masking.TASKS`, or spans to keep or to change, [(0, 30), ...] in frames of this model
-    (`spans_of` reads "0:1.5s"). Latents of 4 frames are kept whole or not at all. Kept frames come back as they were
-    (paste), resampled if the clip's rate is another, retargeted if its bones are, cut to whole latents, and placed
-    where the model begins: the body at the origin, facing +z. mask: what new latents may look at, `nets.masks`; without
-    it config.sampler.edit_mask. meta["made"] lists the frames that are new.
+    (`spans_of` reads "0:1.5s"), the same in every clip. Latents of 4 frames are kept whole or not at all. Kept frames
+    come back as they were (paste), resampled if the clip's rate is another, retargeted if its bones are, cut to whole
+    latents, and placed where the model begins: the body at the origin, facing +z. mask: what new latents may look at,
+    `nets.masks`; without it config.sampler.edit_mask. meta["made"] lists the frames that are new.
     """
-    self.check_words([prompt])
+    # Parity: the released code pastes nothing back; paste=False is the benchmark's.
+    self.check_words(list(dict.fromkeys(prompts)))
+    if len(prompts) != len(clips) or not clips:
+      raise ValueError(f"got {len(prompts)} prompts for {len(clips)} clips; give one for each")
+    features, frames = zip(*(self._features_of(clip) for clip in clips))
+    edited = np.concatenate([self._edited(task, keep, change, count) for count in frames])
+    keys, seeds = keys_of(rng, seeds, len(clips))
+    sampling["mask"] = mask or self.config.sampler.get("edit_mask", "bcm")
+    plan, hidden, scale, about = self._tables(keys, edited, guidance_scale, **sampling)
+    real = padding_mask(jnp.array(frames) // self.unit, self.max_latents)
+    made = self._edit(plan, bool(paste), self.params, self.frozen, np.stack(features), self._words(prompts),
+                      edited, hidden, real, scale, keys)
+    about |= dict(task=task or "spans", pasted=bool(paste))
+    motions = make_motions(self, made, frames, [(Caption(prompt),) for prompt in prompts], seeds, about, polish)
+    new = [_runs(np.flatnonzero(np.repeat(row, self.unit)[:count])) for row, count in zip(edited, frames)]
+    named = [motion.replace(id=clip.id, license=clip.license or self.license,
+                            meta=motion.meta | dict(edited=clip.source or clip.id, made=runs))
+             for motion, clip, runs in zip(motions, clips, new)]
+    return dataclasses.replace(motions, motions=tuple(named))
+
+  def _features_of(self, clip):
+    """(normalized features (T, F) padded to the training length, frames): a clip on our body, in whole latents."""
     joints = on_our_body(clip, self.fps, self.stats.layout.skeleton)
     features = to_features(np.concatenate([joints, 2 * joints[-1:] - joints[-2:-1]]), self.stats.layout,
                            self.config.data.mode)
@@ -84,19 +109,9 @@ class CdamdModel(Prompted):
     if not self.unit <= count <= self.config.data.max_frames:
       raise ValueError(f"got a motion of {len(features)} frames at {self.fps:g} frames a second, expected {self.unit} "
                        f"to {self.config.data.max_frames}; cut a part out of it")
-    edited = self._edited(task, keep, change, count)
-    padded = np.zeros((1, self.max_latents * self.unit, features.shape[-1]), np.float32)
-    padded[0, :count] = self.stats.normalize(features[:count])
-    keys, seeds = keys_of(rng, None if seed is None else [seed], 1)
-    sampling["mask"] = mask or self.config.sampler.get("edit_mask", "bcm")
-    plan, hidden, scale, about = self._tables(keys, edited, guidance_scale, **sampling)
-    real = padding_mask(jnp.array([count // self.unit]), self.max_latents)
-    made = self._edit(plan, bool(paste), self.params, self.frozen, padded, self.encoder([prompt])[0], edited, hidden,
-                      real, scale, keys)
-    new = np.flatnonzero(np.repeat(edited[0], self.unit)[:count])
-    about |= dict(task=task or "spans", pasted=bool(paste), edited=clip.source or clip.id, made=_runs(new))
-    motion = make_motions(self, made, [count], [(Caption(prompt),)], seeds, about, polish)[0]
-    return motion.replace(id=clip.id, license=clip.license or self.license)
+    padded = np.zeros((self.max_latents * self.unit, features.shape[-1]), np.float32)
+    padded[:count] = self.stats.normalize(features[:count])
+    return padded, count
 
   def plan_of(self, rounds=None, order=None, mask=None, solver=None, num_steps=None, revealed_only=None,
               temperature=1.0):
@@ -107,12 +122,21 @@ class CdamdModel(Prompted):
     """
     defaults = self.config.sampler
     pick = lambda name, value: defaults[name] if value is None else value
+    flow = self.config.loss.diffusion != "ddpm"
+    if solver is None and (defaults.solver == "ddpm") == flow:  # trained with the other diffusion than its config's
+      solver, num_steps = ("midpoint", num_steps or 10) if flow else ("ddpm", num_steps or self.config.loss.ddpm_steps)
     plan = cdamd.make_plan(solver=pick("solver", solver), num_steps=int(pick("num_steps", num_steps)),
                            mask=pick("mask", mask), ddpm_steps=self.config.loss.ddpm_steps,
                            temperature=float(temperature))
     if (plan.solver == "ddpm") != (self.config.loss.diffusion == "ddpm"):
       raise ValueError(f"got solver {plan.solver!r} for a model that was trained by {self.config.loss.diffusion}")
     return plan, int(pick("num_rounds", rounds)), pick("order", order), bool(pick("revealed_only", revealed_only))
+
+  def _words(self, prompts):
+    """(text_emb, text_mask or None) as the model was trained: sentence vectors, or these and their words."""
+    if self.encoder.level == "sentence":
+      return self.encoder(prompts)[0], None
+    return self.encoder.sentence_and_words(prompts, pad_to=min(self.config.data.max_words, self.encoder.max_words))
 
   def _tables(self, keys, editable, guidance_scale, **sampling):
     """(Plan, hidden (N, B, L), guidance scale, what a file says of them) for latents editable (B, L)."""
@@ -121,12 +145,15 @@ class CdamdModel(Prompted):
     order_of = cdamd.draw_order(keys, np.full(len(keys), self.max_latents), self.max_latents, order)
     counts = masking.hidden_counts(num_rounds, editable.sum(-1))
     hidden = masking.hidden_table(np.where(editable, order_of, np.inf), counts)
-    plan = plan._replace(guided=scale != 1.0, num_rows=most_revealed(counts) if revealed_only else None)
+    # The same number of rows for every length, so that a model is compiled once.
+    most = most_revealed(masking.hidden_counts(num_rounds, np.arange(1, self.max_latents + 1)))
+    plan = plan._replace(guided=scale != 1.0, num_rows=most if revealed_only else None)
     about = dict(guidance_scale=scale, model=self.id, rounds=num_rounds, order=order, mask=plan.mask,
                  solver=plan.solver, num_steps=plan.num_steps)
     return plan, hidden, scale, about
 
   def _edited(self, task, keep, change, count):
+    """(1, L): the latents of a clip of count frames that are made anew."""
     if sum(choice is not None for choice in (task, keep, change)) != 1:
       raise ValueError("say what to make anew by one of task, keep and change")
     if task is not None:
@@ -183,10 +210,11 @@ def _draw(net, keys, real):
   return cdamd.make_draw(keys, real.shape[1], net.transformer.latent_dim)
 
 
-def _generate(net, autoencoder, plan, params, frozen, text_emb, hidden, real, scale, keys):
-  return cdamd.generate(net, autoencoder, plan, params, frozen, text_emb, hidden, real, scale, _draw(net, keys, real))
+def _generate(net, autoencoder, plan, params, frozen, words, hidden, real, scale, keys):
+  return cdamd.generate(net, autoencoder, plan, params, frozen, words[0], hidden, real, scale, _draw(net, keys, real),
+                        words[1])
 
 
-def _edit(net, autoencoder, plan, paste, params, frozen, features, text_emb, edited, hidden, real, scale, keys):
-  return cdamd.edit(net, autoencoder, plan, params, frozen, features, text_emb, edited, hidden, real, scale,
-                    _draw(net, keys, real), paste)
+def _edit(net, autoencoder, plan, paste, params, frozen, features, words, edited, hidden, real, scale, keys):
+  return cdamd.edit(net, autoencoder, plan, params, frozen, features, words[0], edited, hidden, real, scale,
+                    _draw(net, keys, real), paste, words[1])

@@ -36,7 +36,8 @@ def load(name="cmdm-small", text=None) -> Prompted:
                             f"{', '.join(pretrained_names()) or 'none'}")
   config = checkpoint.load_config(folder)
   if config.get("stage") == "cdamd.generator":
-    return CdamdModel(folder, config, load_text_encoder(text or config.frozen.text, level="sentence"))
+    level = config.frozen.get("text_level", "sentence")
+    return CdamdModel(folder, config, load_text_encoder(text or config.frozen.text, level=level))
   if config.get("stage") != "cmdm.denoiser":
     raise ValueError(f"{folder} holds a {config.get('stage')!r} run; generating needs the run of a cmdm.denoiser or a "
                      "cdamd.generator")

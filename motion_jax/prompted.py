@@ -1,4 +1,5 @@
 """What models that are ready to use have in common: prompts, lengths, seeds, and where a motion is from."""
+import functools
 import hashlib
 import pathlib
 import warnings
@@ -45,7 +46,7 @@ class Prompted:
   def num_params(self) -> int:
     return sum(x.size for x in jax.tree.leaves((self.params, self.frozen["tokenizer"])))
 
-  @property
+  @functools.cached_property
   def id(self) -> str:
     """Folder name and a hash of the weights: what a file says about where its motion is from."""
     digest = hashlib.sha256((self.folder / checkpoint.PARAMS).read_bytes()).hexdigest()[:12]

@@ -15,6 +15,7 @@ from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.masks import padding_mask
 from motion_jax.recipes import cdamd as recipe
 from tests import fixtures
+from tests.conftest import load_config
 from tests.golden import check, golden
 from tests.nets.test_masked_transformer import cast, expected, sizes_of
 
@@ -321,6 +322,25 @@ def test_all_rows_weighted_is_masked_rows_averaged():
     np.testing.assert_allclose(run(real, draws._replace(diffusion_noise=other))[0]["loss"], sums["loss"], rtol=1e-6)
     sums, weight = run(jnp.zeros_like(real), draws)
     assert sums["loss"] / weight == 0
+
+
+def test_an_item_draws_one_of_several_masks():
+  known, real = jax.random.bernoulli(jax.random.key(0), 0.5, (4, LENGTH)), padding_mask(jnp.array([9, 9, 5, 9]), LENGTH)
+  mixed = cdamd.trained_mask("dccm+bcm", known, real, jnp.array([0.0, 0.49, 0.5, 0.99]))
+  single = {kind: cdamd.trained_mask(kind, known, real) for kind in ("dccm", "bcm")}
+  for i, kind in enumerate(("dccm", "dccm", "bcm", "bcm")):
+    np.testing.assert_array_equal(mixed[i], single[kind][i])
+  assert (single["bcm"] != single["dccm"]).any()
+
+
+@pytest.mark.parametrize("changes, told", [
+    ({"model.transformer.latent_dim": 5}, "latent_dim = 5"), ({"quantizer.num_codes": 4000}, "num_codes = 4000"),
+    ({"loss.prior_levels": 5}, "prior_levels = 5"), ({"model.transformer.kind": "mardm"}, "no prior")])
+def test_sections_that_do_not_fit_are_told(changes, told):
+  config = load_config("cdamd_generator", "tiny")
+  config.update_from_flattened_dict(changes)
+  with pytest.raises(ValueError, match=told):
+    recipe.generator(config)
 
 
 def test_scaled_latents_are_undone_before_the_decoder():

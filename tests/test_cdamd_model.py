@@ -33,8 +33,9 @@ def clip():
 
 def test_training_logs_a_held_out_loss(run):
   rows = read_metrics(run)
-  assert all(np.isfinite(row[name]) for row in rows for name in ("loss", "held_out_loss") if name in row)
-  assert any("held_out_loss" in row for row in rows)
+  assert all(np.isfinite(row[name]) for row in rows for name in ("loss", "held_out_loss", "held_out_with_prior")
+             if name in row)
+  assert any("held_out_loss" in row and row["held_out_loss"] != row["held_out_with_prior"] for row in rows)
 
 
 def test_motions_know_where_they_are_from_and_not_their_batch_mates(model):
@@ -97,3 +98,25 @@ def test_the_command_line(run, clip, tmp_path, monkeypatch, capsys):
   assert "--lag" in capsys.readouterr().err
   assert cli.main(["story", "walks | waves", "--model", str(run), "--out", f"{tmp_path}/no.npz"]) == 1
   assert "'stories'" in capsys.readouterr().err and not (tmp_path / "no.npz").exists()
+
+
+def test_a_model_may_read_words_behind_the_sentence(tmp_path):
+  config = load_config("cdamd_generator", "tiny").unlock()
+  config.sampler.update(num_rounds=2, num_steps=1, solver="euler")
+  config.frozen.text_level = "words"
+  training.run(config, tmp_path)
+  loaded = load(tmp_path)
+  text_emb, text_mask = loaded._words(["a person runs", "runs"])
+  assert text_emb.shape == (2, 65, 32) and text_mask.sum(1).tolist()[0] > text_mask.sum(1).tolist()[1] > 2
+  one, other = (loaded.generate(prompt, 40, seeds=[1])[0].joints for prompt in ("a person runs", "a person jumps"))
+  assert np.isfinite(one).all() and np.abs(one - other).max() > 1e-5
+
+
+def test_clips_are_edited_together_as_they_are_alone(model):
+  clips = [clip for clip in synthetic_clips() if 60 <= clip.num_frames <= 190][:2]
+  both = model.edits(clips, ["a person waves", "a person runs"], "suffix", seeds=[1, 2])
+  alone = model.edit(clips[1], "a person runs", "suffix", seed=2)
+  np.testing.assert_allclose(alone.joints, both[1].joints, atol=1e-4)
+  assert both[1].meta["made"] == alone.meta["made"] and both[0].id == clips[0].id
+  with pytest.raises(ValueError, match="1 prompts for 2 clips"):
+    model.edits(clips, ["a person waves"], "suffix")

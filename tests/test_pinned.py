@@ -28,7 +28,7 @@ COUNTS = {
     ("cdamd_autoencoder", "67"): 18_834_499, ("cdamd_autoencoder", "263"): 19_436_807,
     ("cdamd_rvq", "full"): 19_880_002, ("cdamd_rvq", "small"): 1_234_434, ("cdamd_rvq", "tiny"): 24_054,
     ("cdamd_rvq", "kit"): 19_870_783, ("cdamd_rvq", "67"): 19_883_075, ("cdamd_rvq", "263"): 20_485_383,
-    ("cdamd_generator", "full"): 290_023_424, ("cdamd_generator", "small"): 10_060_928,
+    ("cdamd_generator", "full"): 290_023_424, ("cdamd_generator", "small"): 9_301_888,
     ("cdamd_generator", "tiny"): 12_696, ("cdamd_generator", "kit"): 290_023_424,
     ("cdamd_generator", "large"): 457_892_352, ("cdamd_generator", "67"): 290_023_424,
     ("cdamd_generator", "263"): 290_023_424, ("cdamd_generator", "mardm"): 290_816_512,

@@ -17,14 +17,19 @@ from motion_jax.export.mesh import make_skins, rest_joints
 _ASSETS = pathlib.Path(__file__).parent / "assets"
 
 
-def html(clip, path, title=None) -> pathlib.Path:
-  """Writes a page that plays one clip, or a list of clips side by side with a selector."""
+def html(clip, path, title=None, colors=None) -> pathlib.Path:
+  """Writes a page that plays one clip, or a list of clips side by side with a selector.
+
+  colors: (3,) or (T, 3) values 0..1 that replace the body's colours, for instance in frames that were made anew; NaN
+  keeps them.
+  """
   path = pathlib.Path(path)
   clips = [clip] if isinstance(clip, Clip) else list(clip)
   bodies, described = [], []
   for one in clips:
     figure = make_figure(one)
-    described.append(_describe(one, figure) | {"body": _body_of(bodies, one.skeleton, figure.pose.offsets)})
+    tints = {} if colors is None else {"tints": _tints(colors, one.num_frames)}
+    described.append(_describe(one, figure) | tints | {"body": _body_of(bodies, one.skeleton, figure.pose.offsets)})
   data = {"clips": described, "bodies": [body for _, _, body in bodies], "colors": COLORS}
   title = title or (clips[0].captions[0].text if clips[0].captions else clips[0].id)
   page = (_ASSETS / "viewer.html").read_text(encoding="utf-8")
@@ -47,6 +52,17 @@ def _describe(clip, figure):
           "joints": _base64(joints), "turned": _base64(np.round(figure.pose.turned * 32767).astype("<i2")),
           "low": _round(joints.min((0, 1))), "high": _round(joints.max((0, 1))), "start": _round(joints[0, 0, [0, 2]]),
           "ahead": _round(figure.ahead.mean(0)[[0, 2]])}
+
+
+def _tints(colors, num_frames):
+  """[{first, past, color}]: spans of frames in one colour."""
+  colors = np.asarray(colors, np.float64)
+  if colors.shape not in ((3,), (num_frames, 3)):
+    raise ValueError(f"got colors of shape {colors.shape}, expected (3,) or ({num_frames}, 3)")
+  colors = np.broadcast_to(colors, (num_frames, 3))
+  starts = np.flatnonzero(np.concatenate([[True], (np.diff(colors, axis=0) != 0).any(1)]))
+  return [{"first": int(first), "past": int(past), "color": _round(colors[first])}
+          for first, past in zip(starts, [*starts[1:], num_frames]) if not np.isnan(colors[first]).any()]
 
 
 def _body_of(bodies, skeleton, offsets):

@@ -44,6 +44,9 @@ def rvq(config) -> Recipe:
 
 
 def _windows(config, data):
+  unit = 2 ** config.model.num_halvings
+  if config.data.window % unit:
+    raise ValueError(f"got data.window = {config.data.window}, a latent has {unit} frames; take a multiple")
   windows = batches.Windows(data.features, config.data.window, config.data.stride)
   return lambda step: windows.batch(config.data.batch_size, config.seed, step)
 
@@ -62,6 +65,7 @@ def _reconstruction(config, stats, reconstruct):
 
 def generator(config) -> Recipe:
   """The masked transformer and its diffusion head, on latents of a trained autoencoder, with codes of a trained RVQ."""
+  _check_fields(config)
   net, tokenizer, stats = load_frozen(config.frozen.tokenizer, config.tokenizer, "cdamd.autoencoder", config)
   frozen = {"tokenizer": tokenizer}
   if config.loss.prior_levels:
@@ -75,7 +79,11 @@ def generator(config) -> Recipe:
   if config.loss.unit_latents:
     mean, std = latent_moments(net, tokenizer, data.features)
   frozen |= {"latent_mean": mean, "latent_std": std}
-  encoder = load_text_encoder(config.frozen.text, level="sentence")
+  level = config.frozen.get("text_level", "sentence")
+  encoder = load_text_encoder(config.frozen.text, level=level)
+  if config.frozen.get("length") and level != "sentence":
+    raise ValueError("the length estimator reads sentence vectors; leave frozen.length empty or set "
+                     "frozen.text_level = 'sentence'")
   if encoder.dim != config.model.transformer.text_dim:
     raise ValueError(f"text encoder {config.frozen.text!r} gives {encoder.dim} numbers a sentence, the model takes "
                      f"model.transformer.text_dim = {config.model.transformer.text_dim}; make them agree")
@@ -88,8 +96,26 @@ def generator(config) -> Recipe:
   return Recipe(stage, batch_of, frozen, _held_out_loss(config, stage, frozen, data.stats, encoder), data.stats, files)
 
 
+def _check_fields(config):
+  """Raises ValueError for sections that do not fit each other: jax would clamp a code that its table lacks."""
+  transformer, levels = config.model.transformer, config.loss.prior_levels
+  if transformer.latent_dim != config.tokenizer.latent_dim:
+    raise ValueError(f"got model.transformer.latent_dim = {transformer.latent_dim}, the tokenizer's latents have "
+                     f"{config.tokenizer.latent_dim} channels; make them agree")
+  if not levels:
+    return
+  if transformer.kind == "mardm":
+    raise ValueError(f"got loss.prior_levels = {levels}, MARDM's transformer has no prior; set it to 0")
+  if config.quantizer.num_codes > transformer.num_codes:
+    raise ValueError(f"got quantizer.num_codes = {config.quantizer.num_codes}, the transformer has a table of "
+                     f"model.transformer.num_codes = {transformer.num_codes}; make them agree")
+  if levels > min(config.quantizer.num_levels, transformer.num_levels):
+    raise ValueError(f"got loss.prior_levels = {levels}, the quantizer has {config.quantizer.num_levels} levels, the "
+                     f"transformer knows {transformer.num_levels}; take fewer")
+
+
 def _captioned(config, data, encoder):
-  """next_batch(step) of padded clips with the sentence vectors of their captions."""
+  """next_batch(step) of padded clips with the sentence vectors of their captions, or these and their words."""
   weights = batches.balance_weights(data.groups, config.data.balance) if config.data.balance else None
   items = batches.TextItems(data.features, data.captions, config.data.min_frames, config.data.max_frames,
                             tuple(config.data.lengths), weights=weights)
@@ -98,21 +124,25 @@ def _captioned(config, data, encoder):
     batch = items.batch(min(config.data.batch_size, len(items)), config.seed, step)
     rng = batches.step_rng(config.seed, 2, step)
     said = [vary_subject(caption, rng, config.data.vary_subject) for caption in batch.pop("caption")]
-    return batch | {"text_emb": encoder(said)[0]}
+    if encoder.level == "sentence":
+      return batch | {"text_emb": encoder(said)[0]}
+    text_emb, text_mask = encoder.sentence_and_words(said, pad_to=min(config.data.max_words, encoder.max_words))
+    return batch | {"text_emb": text_emb, "text_mask": text_mask}
 
   return next_batch
 
 
 def _held_out_loss(config, stage, frozen, stats, encoder, num_batches=4):
-  """evaluate(params): the loss as the sampler sees the network (causal mask, prior and captions given, no dropout), on
-  the same few batches of held-out clips and the same noise every time."""
+  """evaluate(params): the loss as the sampler sees the network (its mask, captions, no prior, no dropout) and with the
+  prior given, as the reference validates; on the same few batches of held-out clips and the same noise every time."""
   next_batch = _captioned(config, held_out(config, stats, captioned=True), encoder)
   predict = jax.jit(stage.predict)
 
   def evaluate(params):
     parts = [predict(params, frozen, next_batch(i), jax.random.key(i)) for i in range(num_batches)]
-    loss, weight = (sum(float(part[name]) for part in parts) for name in ("loss", "weight"))
-    return {"held_out_loss": round(loss / weight, 5)}
+    total = {name: sum(float(part[name]) for part in parts) for name in parts[0]}
+    names = {"loss": "held_out_loss", "with_prior": "held_out_with_prior"}
+    return {names[name]: round(value / total["weight"], 5) for name, value in total.items() if name in names}
 
   return evaluate
 

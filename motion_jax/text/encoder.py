@@ -79,6 +79,19 @@ class TextEncoder:
     """One unit vector per caption, (B, E), whatever the level: close captions mean the same."""
     return _unit(self._sentence.vectors(self._features(sentences)))
 
+  def sentence_and_words(self, sentences, pad_to=None):
+    """What the encoder says of whole captions in front of their words: text_emb (B, 1 + S, D), text_mask (B, 1 + S).
+
+    For an encoder of level "words" whose sentence vectors are as long as its words'.
+    """
+    words, mask = self(sentences, pad_to)
+    vectors = self._sentence.vectors(self._features(sentences))
+    vectors = _unit(vectors) if self._sentence.unit else vectors
+    if self.level != "words" or vectors.shape[-1] != words.shape[-1]:
+      raise ValueError(f"the encoder {self.name!r} (level {self.level!r}) gives {vectors.shape[-1]} numbers a caption, "
+                       f"{self.dim} a word; sentences before words need level 'words' and the same for both")
+    return np.concatenate([vectors[:, None], words], axis=1), np.concatenate([mask[:, :1], mask], axis=1)
+
   def word(self, sentence, word):
     """The feature (D,) of a word inside a sentence: the mean of its pieces. Raises ValueError if it is not there."""
     found = re.search(rf"(?<!\w){re.escape(word.lower())}(?!\w)", sentence.lower())

@@ -40,6 +40,16 @@ def test_page_holds_the_motion(tmp_path):
     assert one["captions"][0]["text"] == clip.captions[0].text
 
 
+def test_frames_may_have_colors_of_their_own(tmp_path):
+  colors = np.full((30, 3), np.nan)
+  colors[:10], colors[20:25] = (0.25, 0.5, 0.9), (0.9, 0.5, 0.1)
+  path, = export.save(make(), tmp_path / "a.html", colors=colors)
+  assert data_of(path)["clips"][0]["tints"] == [{"first": 0, "past": 10, "color": [0.25, 0.5, 0.9]},
+                                                {"first": 20, "past": 25, "color": [0.9, 0.5, 0.1]}]
+  with pytest.raises(ValueError, match=r"colors of shape \(29, 3\)"):
+    export.html(make(), tmp_path / "b.html", colors=colors[1:])
+
+
 def test_page_loads_nothing_from_anywhere(tmp_path):
   text = export.html(make(), tmp_path / "a.html").read_text(encoding="utf-8")
   shell = re.sub(r"<script>.*</script>", "", text, flags=re.S)

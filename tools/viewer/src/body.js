@@ -40,6 +40,8 @@ export class Body {
     this.next = new Quaternion();
     this.bones = body.rest.map(() => Object.assign(new Bone(), {matrixAutoUpdate: false}));
     this.group.add(...this.bones);
+    this.parts = [];
+    this.tint = null;
     const skeleton = new Skeleton(this.bones, body.rest.map((at) => new Matrix4().makeTranslation(-at[0], -at[1], -at[2])));
     geometries(body).forEach((geometry, i) => {
       const mesh = new SkinnedMesh(geometry, new MeshStandardMaterial({
@@ -48,6 +50,7 @@ export class Body {
       mesh.bind(skeleton, new Matrix4());
       mesh.castShadow = mesh.receiveShadow = true;
       mesh.frustumCulled = false;
+      this.parts.push({material: mesh.material, own: mesh.material.color.clone()});
       this.group.add(mesh);
     });
     this.way = this.path();
@@ -69,11 +72,24 @@ export class Body {
   }
 
   show(at) {
-    this.pose(Math.max(0, Math.min(at, this.frames - 1)));
+    const inside = Math.max(0, Math.min(at, this.frames - 1));
+    this.pose(inside);
+    this.paint(Math.floor(inside));
     this.bones.forEach((bone, j) => {
       bone.matrix.compose(this.positions[j], this.rotations[j], ONE);
       bone.matrixWorldNeedsUpdate = true;
     });
+  }
+
+  // Spans of frames may have a colour of their own, such as what was made anew in an edit.
+  paint(frame) {
+    const span = (this.clip.tints ?? []).find(({first, past}) => first <= frame && frame < past) ?? null;
+    if (span === this.tint) return;
+    this.tint = span;
+    for (const {material, own} of this.parts) {
+      if (span) material.color.setRGB(...span.color, SRGBColorSpace);
+      else material.color.copy(own);
+    }
   }
 
   root(target) {

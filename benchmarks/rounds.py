@@ -1,0 +1,86 @@
+"""What CDAMD's loop wastes: one clip at the released size, by the reference's loop and by ours, in one run.
+
+  python benchmarks/rounds.py                 6 seconds of motion, README size (290 M parameters): about ten minutes
+  python benchmarks/rounds.py --size small    the model that ships, in seconds
+
+The reference makes every latent that is still hidden in each of ten rounds and throws most of them away again; ours
+makes those that the round reveals. dopri5 chooses its own steps (rtol 1e-3, atol 1e-6), the others take --steps. The
+weights are random, as in facts: cdamd 11, so dopri5's number of steps is that of an untrained network. Times are of a
+compiled call, decoding included, the least of --repeats; ratios are to the first row.
+"""
+import argparse
+import os
+import platform
+import runpy
+import time
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from motion_jax import cdamd
+from motion_jax.diffusion import masking
+from motion_jax.diffusion.rounds import most_revealed
+from motion_jax.nets.autoencoder import Autoencoder
+from motion_jax.prompted import plain_fields
+
+CONFIGS = os.path.join(os.path.dirname(__file__), "..", "configs", "cdamd_generator.py")
+EVALUATIONS = {"euler": 1, "midpoint": 2, "heun": 2}  # of the network in a step
+FRAMES_PER_LATENT = 4
+
+
+def random_like(shapes, rng):
+  draw = np.random.default_rng(rng)
+  fill = lambda a: jnp.asarray(0.02 * draw.standard_normal(a.shape, np.float32))
+  return jax.tree.map(fill, shapes)
+
+
+def main():
+  parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+  parser.add_argument("--size", default="full", help="a size of configs/cdamd_generator.py; full is the README's")
+  parser.add_argument("--frames", type=int, default=120)
+  parser.add_argument("--steps", type=int, default=10)
+  parser.add_argument("--repeats", type=int, default=2)
+  args = parser.parse_args()
+  config = runpy.run_path(CONFIGS)["get_config"](args.size)
+  net, autoencoder = cdamd.make_generator(config.model), Autoencoder(**plain_fields(config.tokenizer))
+  params = random_like(cdamd.generator_shapes(net), 0)
+  frozen = {"tokenizer": random_like(cdamd.autoencoder_shapes(autoencoder), 1),
+            "latent_mean": jnp.zeros(autoencoder.latent_dim), "latent_std": jnp.ones(autoencoder.latent_dim)}
+  length, rounds = args.frames // FRAMES_PER_LATENT, config.sampler.num_rounds
+  counts = masking.hidden_counts(rounds, [length])
+  keys = jax.random.split(jax.random.key(0), 1)
+  hidden = masking.hidden_table(cdamd.draw_order(keys, [length], length), counts)
+  text = jnp.asarray(np.random.default_rng(2).standard_normal((1, 1, net.transformer.text_dim), np.float32))
+  real, few = jnp.ones((1, length), bool), most_revealed(counts)
+  num_params = sum(x.size for x in jax.tree.leaves(params))
+  print(f"{num_params:,} parameters, {args.frames} frames, {rounds} rounds, guidance "
+        f"{config.sampler.guidance_scale:g}; {jax.devices()[0].device_kind} ({platform.machine()}), "
+        f"{len(os.sched_getaffinity(0))} cores, load {os.getloadavg()[0]:.1f}, jax {jax.__version__}\n")
+  print("| latents solved for | solver | rows of a network evaluation x evaluations | seconds | processor s | ratio |")
+  print("| --- | --- | --- | --- | --- | --- |")
+  plans = [("all", "dopri5"), ("all", "midpoint"), ("all", "euler"), ("revealed", "dopri5"), ("revealed", "midpoint"),
+           ("revealed", "euler")]
+  first = None
+  for which, solver in plans:
+    plan = cdamd.make_plan(solver=solver, num_steps=args.steps, num_rows=few if which == "revealed" else None)
+    run = jax.jit(lambda params, frozen, plan=plan: cdamd.generate(
+        net, autoencoder, plan, params, frozen, text, hidden, real, config.sampler.guidance_scale,
+        cdamd.make_draw(keys, length, net.transformer.latent_dim)))
+    compiled = run.lower(params, frozen).compile()
+    times = []
+    for _ in range(args.repeats):
+      wall, busy = time.perf_counter(), time.process_time()
+      made = jax.block_until_ready(compiled(params, frozen))
+      times.append((time.perf_counter() - wall, time.process_time() - busy))
+    if not np.isfinite(made).all():
+      raise FloatingPointError(f"{solver} gave numbers that are none")
+    wall, busy = min(times)
+    first = first or wall
+    rows = 2 * (few if which == "revealed" else length)
+    asked = f"{rows} x {EVALUATIONS[solver] * args.steps} x {rounds}" if solver in EVALUATIONS else f"{rows} x its own"
+    print(f"| {which} | {solver} | {asked} | {wall:.2f} | {busy:.2f} | {first / wall:.1f} |", flush=True)
+
+
+if __name__ == "__main__":
+  main()
