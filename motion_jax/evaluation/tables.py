@@ -247,10 +247,19 @@ def _repeats_note(result):
   return f"Ours: mean ± 95 % interval of {count} repeats." if count > 1 else "Ours: one repeat, no interval."
 
 
-def heading(metric, arrows=ARROWS):
-  """"FID ↓": a metric's label and which way is better; → is better nearer to the real motions."""
-  known = METRICS.get(metric, Metric(metric.replace("_", " "), ""))
-  return f"{known.label} {arrows[known.better]}".strip()
+def label(metric) -> str:
+  """A metric's name in a table."""
+  return METRICS[metric].label if metric in METRICS else metric.replace("_", " ")
+
+
+def arrow(metric, arrows=ARROWS) -> str:
+  """Which way is better: "↑", "↓", "→" (nearer to the real motions), or ""."""
+  return arrows[METRICS[metric].better if metric in METRICS else ""]
+
+
+def heading(metric) -> str:
+  """"FID ↓": label and arrow."""
+  return f"{label(metric)} {arrow(metric)}".strip()
 
 
 def markdown(result) -> str:
@@ -268,7 +277,7 @@ def markdown(result) -> str:
 def latex(result) -> str:
   """The same as a LaTeX table environment (booktabs), intervals as superscripts."""
   found = result if isinstance(result, Comparison) else compare(result)
-  head = " & ".join(["", *(_escape(heading(metric, dict.fromkeys(ARROWS, ""))) + _latex_arrow(metric)
+  head = " & ".join(["", *(f"{_escape(label(metric))} {arrow(metric, _LATEX_ARROWS)}".strip()
                            for metric in found.metrics)])
   rows, before = [], None
   for line in found.lines:
@@ -296,11 +305,6 @@ def csv(result) -> str:
 
 def _plain(cell):
   return cell.mean + (f" ± {cell.interval}" if cell.interval else "") + ("*" if cell.marked else "")
-
-
-def _latex_arrow(metric):
-  arrow = _LATEX_ARROWS[METRICS[metric].better if metric in METRICS else ""]
-  return f" {arrow}" if arrow else ""
 
 
 def _latex_cell(cell):

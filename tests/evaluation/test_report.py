@@ -1,0 +1,193 @@
+"""The report page is whole, loads nothing, and shows what the results hold."""
+import html.parser
+import json
+import re
+import shutil
+import subprocess
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from motion_jax import export
+from motion_jax.data.clip import Caption, Clip
+from motion_jax.data.synthetic import synthetic_joints
+from motion_jax.evaluation import plots, report
+
+_BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
+EVIL = "</p><script>alert(1)</script> \"it's\" a & b"
+
+
+def number(mean, interval=0.01):
+  return {"mean": mean, "interval": interval, "values": [mean] * 20}
+
+
+def a_result(**changes):
+  """A made-up result with every part that a result may have, but no gallery."""
+  names = ("x", "y", "x_label", "y_label", "interval")
+  curve = lambda *values: dict(zip(names, (*values, None)))
+  frames = list(range(-28, 29))
+  return {
+      "protocol": "cmdm-259", "title": "HumanML3D, 259 columns", "metrics": ["top1", "fid", "diversity", "skating"],
+      "row_order": ["real", "ours", "ours, guidance 1"],
+      "rows": {"real": {"top1": number(0.511), "fid": number(0.002), "diversity": number(9.5), "skating": number(0.04)},
+               "ours": {"top1": number(0.587), "fid": number(0.123), "diversity": number(9.6), "skating": number(0.05)},
+               "ours, guidance 1": {"top1": number(0.481), "fid": number(0.3), "diversity": number(9.7)}},
+      "paper": {"system": "cmdm", "table": "1", "row": "CMDM w/ FSS"},
+      "sanity": {"real": {"top1": 0.511, "fid": 0.002}, "shuffled": {"top1": 0.03, "fid": 0.002}, "fid_noise": 51.5,
+                 "failures": []},
+      "controls": {"rows": {"real": {"top1": 0.511}}, "failures": ["top1 of frozen does not go down"], "expected": [
+          dict(control="noise", metric="top1", direction="down", real=0.511, values=[0.4, 0.2, 0.1], ok=True),
+          dict(control="frozen", metric="top1", direction="down", real=0.511, values=[0.6], ok=False)]},
+      "curves": {
+          "FID against guidance, CMDM": curve([1, 2, 4], [0.3, 0.1, 0.2], "guidance scale", "FID", [0.1, 0.02, 0.03]),
+          "FID against guidance, MARDM": curve([1, 2, 4], [0.4, None, 0.3], "guidance scale", "FID"),
+          "R@3 against noise": curve([0, 1, 3], [0.8, 0.6, 0.2], "noise on real joints, cm", "R@3"),
+          "Jerk across transitions, ours": curve(frames, [0.05] * 57, "frames from the border", "jerk"),
+          "Jerk across transitions, real": curve(frames, [0.033] * 57, "frames from the border", "jerk")},
+      "record": {"repeats": 20, "seed": 3467, "data": {"split": "test", "samples": 4384, "split_hash": "ab" * 32},
+                 "evaluators": [{"name": "t2m-259", "kind": "t2m", "hash": "cd" * 32}], "models": [{"row": "ours"}]},
+      "gallery": []} | changes
+
+
+def a_gallery(folder, caption="a person walks", kinds=("grid", "failure")):
+  (folder / "gallery").mkdir(parents=True)
+  entries = []
+  for kind in kinds:
+    entry = {"caption": caption, "kind": kind, "score": 3.25}
+    for side in ("real", "made"):
+      joints = synthetic_joints("walk", 8, np.random.default_rng(0)).astype(np.float32)
+      entry[side] = f"gallery/{kind}_{side}.npz"
+      export.save(Clip(joints, captions=(Caption(caption),)), folder / entry[side])
+    entries.append(entry)
+  return entries
+
+
+class Tags(html.parser.HTMLParser):
+  """Complains about tags that are not closed in the order in which they were opened."""
+  VOID = {"meta", "img", "br", "line", "circle", "polygon"}
+
+  def __init__(self, text):
+    super().__init__()
+    self.open, self.seen = [], []
+    self.feed(text)
+    assert not self.open, self.open
+
+  def handle_starttag(self, tag, attributes):
+    self.seen.append((tag, dict(attributes)))
+    if tag not in self.VOID:
+      self.open.append(tag)
+
+  def handle_startendtag(self, tag, attributes):
+    self.seen.append((tag, dict(attributes)))
+
+  def handle_endtag(self, tag):
+    assert self.open and self.open.pop() == tag, (tag, self.getpos())
+
+
+def test_page_is_whole_and_offline(tmp_path):
+  gallery = a_gallery(tmp_path, EVIL)
+  page = report.write([json.loads(json.dumps(a_result(gallery=gallery)))], tmp_path)
+  text = page.read_text(encoding="utf-8")
+  seen = Tags(text).seen
+  assert "alert(1)</script>" not in text and not any(tag in ("script", "link", "iframe") for tag, _ in seen)
+  links = [attributes["href"] for tag, attributes in seen if tag == "a"]
+  assert links == ["motions/r0_grid_00.html", "motions/r0_failure_00.html"]
+  assert all((tmp_path / link).is_file() for link in links)
+  images = [attributes["src"] for tag, attributes in seen if tag == "img"]
+  assert len(images) == 2 and all(image.startswith("data:image/jpeg;base64,") for image in images)
+  assert not re.search(r"@import|url\(|https?://(?!www\.w3\.org/2000/svg)", text)
+  assert "HumanML3D, 259 columns" in text and "4,384 samples of test" in text and "distance 3.25" in text
+
+
+def test_page_shows_the_numbers(tmp_path):
+  text = report.write(a_result(), tmp_path).read_text(encoding="utf-8")
+  # The tile, marked: 0.123 is not the paper's 0.068.
+  assert '<b>0.123<span class="mark">*</span></b><span>real 0.002<br>paper 0.068</span>' in text
+  assert "<td><b>0.587</b><small>±0.010</small></td>" in text, "the best of two rows of ours, within the interval"
+  assert '<tr class="paper"><th>paper: CMDM w/ FSS</th><td>0.588<small>±0.004</small></td>' in text
+  feet = text[text.index("Bodies and feet"):text.index("Sanity")]
+  assert "skating" in feet and "paper" not in feet and "FID" not in feet
+  assert "✗ top1 of frozen does not go down" in text and "tell real motions from shuffled captions" in text
+  assert '0.400 → 0.200 → 0.100 <span class="ok">↓✓</span>' in text and '0.600 <span class="bad">↓✗</span>' in text
+  charts = [ElementTree.fromstring(svg) for svg in re.findall(r'<svg class="chart".*?</svg>', text, re.S)]
+  assert [chart.get("aria-label") for chart in charts] == ["FID against guidance", "R@3 against noise",
+                                                           "Jerk across transitions"]
+  assert text.count('<ul class="legend">') == 2 and "abababababab" in text and "ab" * 8 not in text.split("<pre>")[0]
+
+
+def test_several_results_share_a_page(tmp_path):
+  a, b = tmp_path / "a", tmp_path / "b"
+  results = [a_result(gallery=a_gallery(a, kinds=("grid",))), a_result(title="Another", paper=None, controls=None)]
+  text = report.write(results, tmp_path, folders=[a, b]).read_text(encoding="utf-8")
+  Tags(text)
+  assert text.count("<h1>") == 1 and '<a href="#r1">Another</a>' in text and text.count("<h2>") == 2
+
+
+def test_a_result_of_rows_alone_is_enough(tmp_path):
+  bare = {name: a_result(paper=None)[name] for name in ("protocol", "rows", "row_order", "metrics")}
+  text = report.write(bare, tmp_path).read_text(encoding="utf-8")
+  Tags(text)
+  assert "<h3>Curves" not in text and "<h3>Record" not in text and not (tmp_path / "motions").exists()
+
+
+def test_bad_input(tmp_path):
+  with pytest.raises(ValueError, match="got no result"):
+    report.write([], tmp_path)
+  lost = a_result(gallery=[{"caption": "x", "kind": "grid", "score": 1.0, "real": "gallery/x.npz", "made": None}])
+  with pytest.raises(FileNotFoundError, match="names gallery/x.npz"):
+    report.write(lost, tmp_path)
+  assert not (tmp_path / "index.html").exists()
+  with pytest.raises(ValueError, match="got 2 folders for 1 results"):
+    report.write(a_result(), tmp_path, folders=["a", "b"])
+
+
+@pytest.mark.parametrize("low,high,count,expected", [
+    (0, 1, 5, [0, 0.2, 0.4, 0.6, 0.8, 1]), (1, 6, 6, [1, 2, 3, 4, 5, 6]), (-28, 28, 6, [-20, -10, 0, 10, 20]),
+    (0, 0.104, 5, [0, 0.02, 0.04, 0.06, 0.08, 0.1]), (3, 3, 5, [3, 3.5, 4, 4.5, 5, 5.5, 6])])
+def test_ticks_are_round(low, high, count, expected):
+  assert plots.ticks(low, high, count) == pytest.approx(expected)
+
+
+def test_lines_lie_where_the_axes_say():
+  """A line from the first to the last tick; its ends lie on the grid lines of 0 and 10."""
+  svg = plots.chart([plots.Series("a", [0, 10], [0, 10])], "x", "y")
+  tree = ElementTree.fromstring(svg)
+  find = lambda kind: [e for e in tree if e.get("class") == kind]
+  ticks = {(e.get("text-anchor"), e.text): e for e in find("tick")}
+  (x0, y0), (x1, y1) = [tuple(map(float, pair.split())) for pair in find("line s0")[0].get("d")[1:].split("L")]
+  assert x0 == pytest.approx(float(ticks["middle", "0"].get("x")), abs=0.1)
+  assert x1 == pytest.approx(float(ticks["middle", "10"].get("x")), abs=0.1)
+  assert y0 == pytest.approx(float(ticks["end", "0"].get("y")) - 4, abs=0.1)
+  assert y1 == pytest.approx(float(ticks["end", "10"].get("y")) - 4, abs=0.1)
+
+
+def test_a_band_is_as_wide_as_its_interval():
+  tree = ElementTree.fromstring(plots.chart([plots.Series("", [0, 1], [5, 5], [1, 2])], "x", "y"))
+  band = next(e for e in tree if e.get("class") == "band s0").get("points")
+  ys = [float(pair.split(",")[1]) for pair in band.split()]
+  assert (ys[2] - ys[1]) == pytest.approx(2 * (ys[3] - ys[0]), abs=0.3)
+
+
+def test_bad_curves():
+  with pytest.raises(ValueError, match="2 places, 1 values"):
+    plots.chart([plots.Series("a", [0, 1], [0])], "x", "y")
+  with pytest.raises(ValueError, match="every point is missing"):
+    plots.chart([plots.Series("a", [0, 1], [None, float("nan")])], "x", "y")
+  dot = plots.chart([plots.Series("a", [2], [7])], "x", "y")
+  assert dot.count("<circle") == 1
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not any(map(shutil.which, _BROWSERS)), reason="no Chromium here to open the page with")
+def test_page_looks_right_in_a_browser(tmp_path):
+  page = report.write(a_result(), tmp_path)
+  browser = next(filter(None, map(shutil.which, _BROWSERS)))
+  subprocess.run([browser, "--headless", "--no-sandbox", "--disable-gpu", "--window-size=1200,2200",
+                  f"--user-data-dir={tmp_path / 'profile'}", f"--screenshot={tmp_path / 'page.png'}", f"file://{page}"],
+                 capture_output=True, timeout=180, check=True)
+  picture = np.asarray(Image.open(tmp_path / "page.png").convert("RGB"), int)
+  near = lambda color: (np.abs(picture - np.array(color)).sum(-1) < 12).mean()
+  assert near((245, 246, 249)) > 0.1 and near((255, 255, 255)) > 0.3, "cards on a page"
+  assert 1e-4 < near((42, 111, 184)) < 0.01 and near((217, 98, 43)) > 1e-4, "two lines of the first chart"
