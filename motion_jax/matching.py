@@ -24,6 +24,14 @@ def movement_networks(fields):
           MovementDecoder(fields["features"], fields["width"]))
 
 
+def init_movement(fields, rng):
+  """Random parameters of both: {"encoder": ..., "decoder": ...}."""
+  encoder, decoder = movement_networks(fields)
+  encoder_rng, decoder_rng = jax.random.split(rng)
+  return {"encoder": encoder.init(encoder_rng, jnp.zeros((1, 8, fields["features"])))["params"],
+          "decoder": decoder.init(decoder_rng, jnp.zeros((1, 2, encoder.dim)))["params"]}
+
+
 def movement_stage(config) -> Stage:
   """Trains the movement encoder as half of an autoencoder. Batch: features (B, W, columns), index (B,).
 
@@ -31,12 +39,6 @@ def movement_stage(config) -> Stage:
   """
   encoder, decoder = movement_networks(config.model)
   used = slice(0, config.model.features)
-
-  def init(batch, rng):
-    encoder_rng, decoder_rng = jax.random.split(rng)
-    x = batch["features"][:1, :, used]
-    tokens = jnp.zeros((1, x.shape[1] // 4, encoder.dim))
-    return {"encoder": encoder.init(encoder_rng, x)["params"], "decoder": decoder.init(decoder_rng, tokens)["params"]}
 
   def errors(params, batch, rngs=None):
     x = batch["features"][..., used]
@@ -50,7 +52,8 @@ def movement_stage(config) -> Stage:
   def loss(params, frozen, batch, step, rng):
     return errors(params, batch, {"dropout": jax.random.fold_in(rng, batch["index"][0])}), 1.0
 
-  return Stage(init, loss, lambda params, frozen, batch, rng: errors(params, batch))
+  return Stage(lambda batch, rng: init_movement(config.model, rng), loss,
+               lambda params, frozen, batch, rng: errors(params, batch))
 
 
 # --- matching -----------------------------------------------------------------------------------------------------
@@ -76,7 +79,7 @@ def by_length(num_frames, *arrays):
   """Rows by falling length. Parity: the original rotates the motions in this order, so that the wrong motion of a small
   shift is of a like length; ties stand as they came, there as numpy's sort leaves them."""
   order = jnp.argsort(-num_frames)
-  return [array[order] for array in arrays]
+  return [jnp.asarray(array)[order] for array in arrays]
 
 
 def same_meaning(numbers):

@@ -4,9 +4,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax import cdamd, cmdm, lengths
+from motion_jax import cdamd, cmdm, lengths, matching
 from motion_jax.data.batches import step_rng
 from motion_jax.diffusion.streaming import block_noise, make_plan
+from motion_jax.metrics.evaluators import ClipEvaluator, T2MEvaluator
 from motion_jax.motion.features import get_layout
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.causal_dit import CausalDiT
@@ -34,6 +35,15 @@ COUNTS = {
     ("cdamd_generator", "263"): 290_023_424, ("cdamd_generator", "mardm"): 290_816_512,
     ("cdamd_generator", "mardm_ddpm"): 290_816_512,
     ("cdamd_length", "full"): 435_122, ("cdamd_length", "small"): 369_586, ("cdamd_length", "tiny"): 1_006,
+    ("evaluator_movement", "full"): 3_489_807, ("evaluator_movement", "67"): 2_640_399,
+    ("evaluator_movement", "66"): 2_636_168, ("evaluator_movement", "kit"): 3_434_559,
+    ("evaluator_movement", "small"): 220_040, ("evaluator_movement", "tiny"): 12_168,
+    ("evaluator_matching", "full"): 21_690_560, ("evaluator_matching", "67"): 21_297_344,
+    ("evaluator_matching", "66"): 21_295_296, ("evaluator_matching", "kit"): 21_665_984,
+    ("evaluator_matching", "small"): 951_552, ("evaluator_matching", "tiny"): 9_636,
+    ("evaluator_clip", "full"): 59_641_857, ("evaluator_clip", "67"): 59_543_553,
+    ("evaluator_clip", "66"): 59_543_041, ("evaluator_clip", "kit"): 59_635_713,
+    ("evaluator_clip", "small"): 1_407_489, ("evaluator_clip", "tiny"): 18_833,
     ("cdamd_length", "kit"): 435_122,
 }
 
@@ -51,6 +61,13 @@ def _count(name, size):
     shapes = cdamd.generator_shapes(cdamd.make_generator(config.model))
   elif config.stage == "cdamd.length":  # of sentence vectors of CLIP, MiniLM and the encoder for tests
     shapes = lengths.length_shapes(LengthEstimator(**config.model), {"small": 384, "tiny": 32}.get(size, 512))
+  elif config.stage == "evaluator.movement":
+    shapes = jax.eval_shape(lambda: matching.init_movement(config.model, jax.random.key(0)))
+  elif config.stage == "evaluator.matching":  # on words of GloVe and of the encoders that ship or are for tests
+    net = T2MEvaluator(**config.model)
+    shapes = matching.t2m_shapes(net, {"small": 128, "tiny": 32}.get(size, 300))
+  elif config.stage == "evaluator.clip":
+    shapes = jax.eval_shape(lambda: matching.init_clip(ClipEvaluator(**config.model), jax.random.key(0)))
   elif config.stage == "cmdm.tokenizer":
     shapes = cmdm.frozen_shapes(CausalVAE(**config.model))["tokenizer"]
   else:
