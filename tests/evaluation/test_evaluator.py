@@ -1,0 +1,131 @@
+"""An evaluator's vectors know neither padding nor batch-mates; what does not belong to it is told."""
+import numpy as np
+import pytest
+
+from motion_jax import checkpoint, training
+from motion_jax.data.synthetic import synthetic_clips
+from motion_jax.data.tagger import tag
+from motion_jax.evaluation.evaluator import fresh_evaluator, load_evaluator
+from motion_jax.metrics.words import CONVERTED, WordVectors
+from motion_jax.motion.stats import save_stats
+from tests.conftest import load_config
+
+CAPTIONS = ["a person walks forward", "someone waves the left hand", "he sits down"]
+
+
+@pytest.fixture(scope="module", params=["t2m", "clip", "tmr"])
+def evaluator(request):
+  return fresh_evaluator(request.param, "coordinates")
+
+
+def test_padding_and_batch_mates_do_not_matter(evaluator):
+  x = np.random.default_rng(0).normal(size=(3, 60, 66)).astype(np.float32)
+  frames = np.array([60, 40, 24])
+  for row, count in zip(x, frames):
+    row[count:] = 0
+  together = evaluator.embed_motion(x, frames)
+  assert together.shape == (3, evaluator.dim) and together.dtype == np.float32
+  np.testing.assert_array_equal(evaluator.embed_motion(x[::-1], frames[::-1]), together[::-1])
+  alone = evaluator.embed_motion(x[1:2, :40], frames[1:2])
+  np.testing.assert_allclose(alone[0], together[1], atol=1e-5)
+  assert np.abs(together[0] - together[1]).max() > 1e-3
+
+
+def test_sentences_know_no_batch_mates(evaluator):
+  together = evaluator.embed_text(CAPTIONS)
+  assert together.shape == (3, evaluator.dim) and np.abs(together[0] - together[1]).max() > 1e-3
+  np.testing.assert_allclose(evaluator.embed_text(CAPTIONS[1:2])[0], together[1], atol=1e-5)
+  lines = [" ".join(tag(caption)) for caption in CAPTIONS]
+  np.testing.assert_array_equal(evaluator.embed_text(CAPTIONS, lines), together)
+
+
+def test_features_are_those_of_its_layout(evaluator):
+  clip = synthetic_clips(0, 1)[0]
+  x = evaluator.features_of(clip)
+  assert x.shape == (clip.num_frames - 1, 66)
+  np.testing.assert_array_equal(evaluator.features_of(clip.joints), x)
+
+
+def test_wrong_input_is_told(evaluator):
+  x = np.zeros((2, 20, 66), np.float32)
+  for given, frames, told in (
+      (x[..., :63], [20, 8], "got 63 features per frame.*reads 66"), (x, [20, 3], "4 to 20"), (x, [24, 8], "4 to 20"),
+      (x, [20], r"expected \(B, T, F\)"), (x[0], [20, 20], r"expected \(B, T, F\)")):
+    with pytest.raises(ValueError, match=told):
+      evaluator.embed_motion(given, frames)
+  for captions, tokens, told in (([], None, "list of sentences"), ([3], None, "list of sentences"),
+                                 (["a"], ["a/DET", "b/NOUN"], "1 captions and 2 token lines")):
+    with pytest.raises(ValueError, match=told):
+      evaluator.embed_text(captions, tokens)
+
+
+def test_a_seed_says_which_evaluator():
+  one, same, other = (fresh_evaluator("t2m", "coordinates", seed) for seed in (0, 0, 1))
+  assert one.hash == same.hash != other.hash and len(one.hash) == 64
+  with pytest.raises(ValueError, match="t2m, clip or tmr"):
+    fresh_evaluator("classic")
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+  """A tiny matching run on a vocabulary of its own, which is gone when the evaluator is used."""
+  folder = tmp_path_factory.mktemp("runs")
+  words = ["sos", "eos", "unk", "person", "walk", "wave", "hand"]
+  vocabulary = WordVectors(words, np.random.default_rng(0).normal(size=(7, 5)))
+  vocabulary.save(folder / "words.npz")
+  config = load_config("evaluator_matching", "tiny").unlock()
+  config.frozen.glove = str(folder / "words.npz")
+  config.train.num_steps = 1
+  training.run(config, folder / "run")
+  (folder / "words.npz").unlink()
+  return folder / "run"
+
+
+def test_a_run_folder_is_all_it_takes(run):
+  evaluator = load_evaluator(run)
+  assert (evaluator.kind, evaluator.layout.name, evaluator.max_frames) == ("t2m", "coordinates", 96)
+  known, unknown, other = evaluator.embed_text(["a person walks", "a person zzz", "a person qqq"])
+  np.testing.assert_array_equal(unknown, other)
+  assert np.abs(known - unknown).max() > 1e-6
+  assert load_evaluator(run).hash == evaluator.hash
+
+
+def test_a_converted_folder_is_told_where_its_words_are(run, tmp_path):
+  """What `motion-jax convert evaluator` writes: a config without text, weights, statistics."""
+  evaluator, config = load_evaluator(run), checkpoint.load_config(run).copy_and_resolve_references().unlock()
+  config.stage, config.data = "evaluator.t2m", dict(layout="coordinates")
+  del config["frozen"]
+  checkpoint.save_config(tmp_path, config)
+  checkpoint.save_params(tmp_path, checkpoint.load_params(run))
+  save_stats(evaluator.stats, tmp_path)
+  converted = load_evaluator(tmp_path)
+  assert converted.hash == evaluator.hash and converted.max_frames == 196
+  with pytest.raises(FileNotFoundError, match="glove folder"):
+    converted.embed_text(CAPTIONS)
+  np.testing.assert_array_equal(load_evaluator(tmp_path, text=run / CONVERTED).embed_text(CAPTIONS),
+                                evaluator.embed_text(CAPTIONS))
+  with pytest.raises(ValueError, match="vectors of 32 numbers, the evaluator was trained on 5"):
+    load_evaluator(tmp_path, text="fresh").embed_text(CAPTIONS)
+
+
+def test_folders_that_are_no_evaluator_are_told(run, tmp_path, tiny_run):
+  with pytest.raises(FileNotFoundError, match="neither a folder.*those that ship"):
+    load_evaluator(tmp_path / "none")
+  with pytest.raises(ValueError, match="'cmdm.denoiser' run, expected an evaluator's"):
+    load_evaluator(tiny_run)
+  for file in (checkpoint.CONFIG, checkpoint.PARAMS, "Mean.npy", "Std.npy"):
+    (tmp_path / file).write_bytes((run / file).read_bytes())
+  (tmp_path / "Std.npy").unlink()
+  with pytest.raises(FileNotFoundError, match="has no Std.npy"):
+    load_evaluator(tmp_path)
+  for size, told in ((63, "another representation"), (3, "another representation")):
+    for name in ("Mean.npy", "Std.npy"):
+      np.save(tmp_path / name, np.ones(size, np.float32))
+    with pytest.raises(ValueError, match=told):
+      load_evaluator(tmp_path)
+  text = (tmp_path / checkpoint.CONFIG).read_text()
+  (tmp_path / checkpoint.CONFIG).write_text(text.replace('"layout": "coordinates"', '"layout": "coordinates_kit"'))
+  for name in ("Mean.npy", "Std.npy"):
+    np.save(tmp_path / name, np.ones(63, np.float32))
+  with pytest.raises(ValueError, match="reads 66 numbers per frame, its statistics"):
+    load_evaluator(tmp_path)

@@ -1,0 +1,193 @@
+"""Evaluators learn what the papers say: losses against plain numpy, N devices as one, the best weights are kept."""
+import jax
+import jax.numpy as jnp
+import ml_collections
+import numpy as np
+import optax
+import pytest
+
+from motion_jax import checkpoint, matching, train
+from motion_jax.data.captions import meanings
+from motion_jax.metrics.evaluators import ClipEvaluator, T2MEvaluator
+from motion_jax.stage import DEVICES, Stage
+from motion_jax.text.encoder import load_text_encoder
+from motion_jax.train import make_optimizer
+from tests.conftest import load_config
+
+
+def _numpy_contrast(text, motion, shift, margin, same):
+  count = len(text)
+  right = [np.sqrt(((text[i] - motion[i] + 1e-6) ** 2).sum()) ** 2 for i in range(count)]
+  wrong = [max(0, margin - np.sqrt(((text[i] - motion[(i + shift) % count] + 1e-6) ** 2).sum())) ** 2
+           for i in range(count) if not same[i, (i + shift) % count]]
+  return np.mean(right), np.mean(wrong) if wrong else 0.0
+
+
+@pytest.mark.parametrize("shift", [0, 1, 3])
+def test_contrast_is_the_formula(shift):
+  rng = np.random.default_rng(shift)
+  text, motion = 3 * rng.normal(size=(2, 5, 4))
+  same = np.eye(5, dtype=bool)
+  same[0, 3] = same[3, 0] = True
+  for filtered in (np.zeros((5, 5), bool), same):
+    positive, negative = _numpy_contrast(text, motion, shift, 10.0, filtered)
+    made = jax.jit(matching.contrast)(text, motion, shift, 10.0, filtered)
+    assert np.isclose(made["positive"], positive, rtol=1e-5) and np.isclose(made["negative"], negative, rtol=1e-5)
+    assert np.isclose(made["loss"], positive + negative, rtol=1e-5)
+
+
+def test_a_shift_of_nothing_takes_right_pairs_for_wrong_ones():
+  """The original's quirk: at distance 0 all of the margin is missing; those who mean the same are left out of it."""
+  same_place = jnp.ones((4, 3))
+  assert np.isclose(matching.contrast(same_place, same_place, 0)["negative"], 100, atol=1e-3)
+  assert matching.contrast(same_place, same_place, 0, same=jnp.eye(4, dtype=bool))["negative"] == 0
+
+
+def _matching_config(first_shift=0):
+  config = load_config("evaluator_matching", "tiny").unlock()
+  config.model.update(features=5, columns=7)
+  config.loss.first_shift = first_shift
+  return config
+
+
+def _matching_batch(count=4, equal=False):
+  rng = np.random.default_rng(1)
+  batch = {"features": rng.normal(size=(count, 16, 7)), "words": rng.normal(size=(count, 6, 10)),
+           "classes": np.eye(15)[rng.integers(15, size=(count, 6))]}
+  batch = {name: np.asarray(array, np.float32) for name, array in batch.items()}
+  return batch | {"num_frames": np.array([8, 16, 12, 16])[:count], "lengths": np.array([3, 6, 4, 5])[:count],
+                  "meaning": np.zeros(count, np.int32) if equal else np.arange(count, dtype=np.int32),
+                  "index": np.arange(count)}
+
+
+def _clip_config():
+  config = load_config("evaluator_clip", "tiny").unlock()
+  config.model.update(features=5, columns=5, width=8, vocab_size=9, max_words=4, dropout=0.0)
+  return config
+
+
+def _clip_batch():
+  pieces = np.array([[7, 1, 8, 0], [7, 8, 0, 0], [7, 2, 3, 8], [7, 1, 8, 0]])
+  features = np.random.default_rng(2).normal(size=(4, 12, 5)).astype(np.float32)
+  return {"features": features, "num_frames": np.array([12, 8, 4, 12]), "pieces": pieces,
+          "meaning": np.array([0, 1, 2, 0], np.int32), "index": np.arange(4)}
+
+
+@pytest.mark.parametrize("make, config, batch", [
+    (matching.matching_stage, _matching_config(), _matching_batch()),
+    (matching.clip_stage, _clip_config(), _clip_batch())], ids=["matching", "clip"])
+def test_two_devices_contrast_the_whole_batch(make, config, batch):
+  """Loss and gradient of two halves, each of which sees what lies on the other, are those of the whole."""
+  alone, mapped = make(config, axis_name=None), make(config)
+  params = jax.jit(alone.init)(batch, jax.random.key(0))
+
+  def divided(params):
+    halves = jax.tree.map(lambda a: a.reshape((2, 2) + a.shape[1:]), batch)
+    sums, weight = jax.vmap(lambda half: mapped.loss(params, {}, half, 0, jax.random.key(3)), axis_name=DEVICES,
+                            out_axes=0)(halves)
+    return (sums["loss"] / weight).mean()
+
+  whole = lambda params: alone.loss(params, {}, batch, 0, jax.random.key(3))[0]["loss"]
+  (one, grad), (two, grads) = (jax.jit(jax.value_and_grad(f))(params) for f in (whole, divided))
+  assert np.isclose(one, two, rtol=1e-5)
+  for a, b in zip(jax.tree.leaves(grad), jax.tree.leaves(grads), strict=True):
+    np.testing.assert_allclose(a, b, atol=1e-4 * max(1.0, float(jnp.abs(a).max())))
+
+
+def test_matching_is_the_contrast_by_falling_length_and_holds_the_movement_encoder_still():
+  config, batch = _matching_config(first_shift=1), _matching_batch()
+  stage = matching.matching_stage(config, axis_name=None)
+  params = jax.jit(stage.init)(batch, jax.random.key(0))
+  loss = lambda params, batch: stage.loss(params, {}, batch, 0, jax.random.key(5))[0]["loss"]
+  value, grads = jax.jit(jax.value_and_grad(loss))(params, batch)
+  made = jax.jit(lambda params: stage.predict(params, {}, batch, None))(params)
+  order = [1, 3, 2, 0]
+  text, motion = np.asarray(made["text"])[order], np.asarray(made["motion"])[order]
+  found = [sum(_numpy_contrast(text, motion, shift, 10.0, np.eye(4, dtype=bool))) for shift in (1, 2, 3)]
+  assert np.isclose(found, value, rtol=1e-4).any()
+  moves = {name for name, part in grads["params"].items() if any(np.abs(g).max() > 0 for g in jax.tree.leaves(part))}
+  assert moves == {"motion_encoder", "text_encoder"}
+  nothing_wrong = jax.jit(loss)(params, _matching_batch(equal=True))
+  assert np.isclose(nothing_wrong, ((text - motion + 1e-6) ** 2).sum(-1).mean(), rtol=1e-4)
+
+
+def test_first_shift_is_where_the_wrong_pairs_begin():
+  """With one text that is far from all motions but its own, a shift of 0 shows in the loss."""
+  draws = lambda first: {int(jax.random.randint(jax.random.key(i), (), first, 3 + first)) for i in range(40)}
+  assert draws(0) == {0, 1, 2} and draws(1) == {1, 2, 3}
+
+
+def test_movement_loss_is_the_formula():
+  config = load_config("evaluator_movement", "tiny").unlock()
+  config.model.update(features=5, columns=7, dropout=0.0)
+  stage = matching.movement_stage(config)
+  x = np.random.default_rng(0).normal(size=(3, 16, 7)).astype(np.float32)
+  batch = {"features": x, "index": np.arange(3)}
+  params = jax.jit(stage.init)(batch, jax.random.key(0))
+  (sums, weight) = jax.jit(lambda p: stage.loss(p, {}, batch, 0, jax.random.key(0)))(params)
+  encoder, decoder = matching.movement_networks(config.model)
+  tokens = np.asarray(jax.jit(encoder.apply)({"params": params["encoder"]}, x[..., :5]), np.float64)
+  made = np.asarray(jax.jit(decoder.apply)({"params": params["decoder"]}, tokens.astype(np.float32)), np.float64)
+  expected = (np.abs(made - x[..., :5]).mean() + 0.001 * np.abs(tokens).mean()
+              + 0.001 * np.abs(tokens[:, 1:] - tokens[:, :-1]).mean())
+  assert weight == 1 and np.isclose(sums["loss"], expected, rtol=1e-5)
+
+
+def test_each_network_is_clipped_alone():
+  config = load_config("evaluator_matching", "full").optimizer
+  config = ml_collections.ConfigDict(config.to_dict() | {"beta1": 0.0, "beta2": 0.0})
+  tree = {"params": {"motion_encoder": {"w": jnp.full(4, 100.0)}, "text_encoder": {"w": jnp.full(4, 0.1)}}}
+  clipped, _ = train._clipping(config).update(tree, train._clipping(config).init(tree))
+  assert np.isclose(optax.tree.norm(clipped["params"]["motion_encoder"]), 0.5)
+  np.testing.assert_array_equal(clipped["params"]["text_encoder"]["w"], np.full(4, np.float32(0.1)))
+  assert make_optimizer(config, 10).init(tree)
+
+
+def test_the_best_weights_are_kept(tmp_path):
+  """Also when a run is resumed: step 2 was the best of four."""
+  def run(num_steps, resume):
+    config = ml_collections.ConfigDict(dict(seed=0, optimizer=dict(
+        learning_rate=0.1, schedule="constant", warmup_steps=0, beta1=0.9, beta2=0.9, weight_decay=0.0, clip_norm=0.0,
+        ema_decay=0.0), train=dict(num_steps=num_steps, log_every=1, save_every=1, best="min held_out_loss")))
+    stage = Stage(lambda batch, rng: {"w": jnp.zeros(1)},
+                  lambda params, frozen, batch, step, rng: ({"loss": params["w"].sum() ** 2 - params["w"].sum()}, 1.0),
+                  None)
+    errors = iter([3.0, 1.0] if not resume else [2.0, 4.0])
+    seen = []
+
+    def evaluate(params):
+      seen.append(np.asarray(params["w"]))
+      return {"held_out_loss": next(errors)}
+
+    train.train(config, tmp_path, stage, lambda step: {"index": np.arange(1)}, resume=resume, evaluate=evaluate)
+    return seen
+
+  second = run(2, False)[1]
+  np.testing.assert_array_equal(checkpoint.load_params(tmp_path)["w"], second)
+  run(4, True)
+  np.testing.assert_array_equal(checkpoint.load_params(tmp_path)["w"], second)
+
+
+def test_sentences_that_clips_link_mean_the_same():
+  found = meanings([["a", "b"], ["b", "c"], ["d"], ["e", "d"]])
+  assert found["a"] == found["b"] == found["c"] != found["d"] == found["e"]
+
+
+def test_word_pieces_end_at_the_largest_id():
+  encoder = load_text_encoder("fresh")
+  tokens, positions = matching.piece_tables(encoder)
+  pieces = matching.piece_ids(encoder, ["a person walks", "walks " * 20], 8)
+  assert pieces.shape == (2, 8) and (pieces.max(1) == len(tokens) - 1).all()
+  assert pieces[0].argmax() == 4 and (pieces[0, 5:] == 0).all() and pieces[1].argmax() == 7
+  assert tokens.shape[1] == positions.shape[1] == encoder.dim
+  np.testing.assert_array_equal(tokens[-1], tokens[3])  # [SEP]
+
+
+def test_the_papers_networks_have_the_papers_sizes():
+  """Facts: cdamd 8.1, 8.2."""
+  count = lambda tree: sum(a.size for a in jax.tree.leaves(tree))
+  for size, movement in (("full", 1_842_688), ("67", 1_449_472), ("66", 1_447_424)):
+    shapes = matching.t2m_shapes(T2MEvaluator(**load_config("evaluator_matching", size).model), 300)["params"]
+    assert count(shapes["movement_encoder"]) == movement and count(shapes) == movement + 15_747_584 + 4_100_288
+  net = ClipEvaluator(**load_config("evaluator_clip", "66").model)
+  assert count(jax.eval_shape(lambda: matching.init_clip(net, jax.random.key(0)))) == 59_543_041
