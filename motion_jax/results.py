@@ -24,6 +24,7 @@ class Motions:
   frame_mask: np.ndarray
   features: np.ndarray  # (B, T, F), not normalized
   motions: tuple[Motion, ...]
+  decoded: np.ndarray | None = None  # (B, longer, F), also what the decoder made behind the end of each motion
 
   def __len__(self):
     return len(self.motions)
@@ -45,7 +46,8 @@ def captions_in_a_row(prompts, ends, fps):
 def make_motions(model, made, frames, captions, seeds, about, polish) -> Motions:
   """Motions of normalized features (B, T, F), of which motion i has its first frames[i]."""
   length, layout = max(frames), model.stats.layout
-  features = model.stats.denormalize(np.asarray(made))[:, :length]
+  decoded = model.stats.denormalize(np.asarray(made))
+  features = decoded[:, :length]
   joints = to_joints(features, layout)
   if polish and layout.kind == "full":
     for i, count in enumerate(frames):
@@ -56,7 +58,7 @@ def make_motions(model, made, frames, captions, seeds, about, polish) -> Motions
              skeleton=layout.skeleton, features=features[i, :count],
              meta=dict(prompt=" | ".join(c.text for c in captions[i]), seed=seeds[i], polished=bool(polish)) | about)
       for i, count in enumerate(frames))
-  return Motions(joints * mask[..., None, None], mask, features * mask[..., None], made)
+  return Motions(joints * mask[..., None, None], mask, features * mask[..., None], made, decoded)
 
 
 def go_on(model, clip, past, new, captions, about) -> Motion:

@@ -14,17 +14,18 @@ from motion_jax.data.clip import Caption, Clip
 FPS = 20.0
 _LICENSES = {"cmu": "CMU: free for all uses, not to be resold; mocap.cs.cmu.edu, funded by NSF EIA-0196217",
              "bandai": "CC BY-NC 4.0, (c) 2022 Bandai Namco Research Inc."}
-_TAGS = ("content", "style", "label", "subject", "whole", "spikes")
+_TAGS = ("clip", "content", "style", "label", "subject", "whole", "spikes")
 
 
 def is_archive(folder) -> bool:
   return all((pathlib.Path(folder) / name).is_file() for name in ("motions.npz", "captions.jsonl"))
 
 
-def read_archive(folder, split=None) -> list[Clip]:
+def read_archive(folder, split=None, faults=None) -> list[Clip]:
   """Every captioned piece of an archive as a Clip, in the order of the captions; split keeps one split only.
 
-  Raises FileNotFoundError for a missing file, ValueError for rows that name no clip or frames outside it.
+  faults: a list that takes (id, what is wrong) of pieces with NaN, which are then left out. Raises FileNotFoundError
+  for a missing file, ValueError for rows that name no clip or frames outside it, or, without faults, hold NaN.
   """
   folder = pathlib.Path(folder)
   if not is_archive(folder):
@@ -48,8 +49,12 @@ def read_archive(folder, split=None) -> list[Clip]:
         raise ValueError(f"captions.jsonl line {number}: frames {row['start']}:{row['end']} lie outside clip "
                          f"{row['clip']!r} of {end - first} frames")
       piece = slice(first + row["start"], first + row["end"])
+      joints = root[piece, None].astype(np.float32) + local[piece].astype(np.float32)
+      if faults is not None and not np.isfinite(joints).all():
+        faults.append((row["id"], "NaN"))
+        continue
       clips.append(Clip(
-          joints=root[piece, None].astype(np.float32) + local[piece].astype(np.float32), fps=FPS,
+          joints=joints, fps=FPS,
           captions=tuple(Caption(text) for text in row["text"]), id=row["id"], split=row["split"],
           source=folder.name, license=_LICENSES.get(folder.name, ""),
           meta={tag: row[tag] for tag in _TAGS if tag in row}))

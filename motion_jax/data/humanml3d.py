@@ -137,9 +137,14 @@ def text_items(folder, split="train", layout=None, min_frames=None, max_frames=2
   clips = read_folder(folder, split)
   if not whole:
     clips = select_items(clips, min_frames, max_frames)
-  values = lambda clip: (clip.joints.reshape(len(clip.joints), -1) if layout.kind == "coordinates"
-                         else clip.features[:, :layout.dim])
-  return [TextItem(clip.id, values(clip), tuple(c.text for c in clip.captions), clip.meta["tokens"]) for clip in clips]
+  return [as_item(clip, layout) for clip in clips]
+
+
+def as_item(clip, layout) -> TextItem:
+  """A clip that `read_folder` or `select_items` gave as an item in its own layout, or one that is a part of it."""
+  features = (clip.joints.reshape(len(clip.joints), -1) if layout.kind == "coordinates"
+              else clip.features[:, :layout.dim])
+  return TextItem(clip.id, features, tuple(c.text for c in clip.captions), clip.meta["tokens"])
 
 
 def folder_stats(folder, layout=None, per_axis=False) -> Stats:

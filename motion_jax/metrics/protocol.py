@@ -25,6 +25,7 @@ class Protocol:
   multimodality_motions: int = 30
   multimodality_pairs: int = 10
   repeats: int = 10
+  cosine: bool = False          # R-precision ranks by angle, not by Euclidean distance (SnapMoGen)
 
 
 class Batch(NamedTuple):
@@ -83,7 +84,8 @@ def generation_scores(batches, protocol, draws) -> dict[str, float]:
   row = {"fid": scores.fid(real, made), "diversity": scores.diversity(made, *draws.made),
          "real_diversity": scores.diversity(real, *draws.real)}
   for prefix, motion in (("", made), ("real_", real)):
-    found = scores.r_precision(text, motion, protocol.top_k, protocol.pool)
+    away = scores.cosine_distances if protocol.cosine else scores.distances
+    found = scores.r_precision(text, motion, protocol.top_k, protocol.pool, away)
     row |= {f"{prefix}top{k + 1}": float(share) for k, share in enumerate(found)}
     row[f"{prefix}matching"] = scores.matching_score(text, motion)
   if batches[0].clip_text is not None:

@@ -1,0 +1,76 @@
+"""Judges runs by a protocol: python eval.py --run runs/x --data DIR [--protocol NAME] [--controls] [--report OUT]"""
+import argparse
+import pathlib
+import sys
+
+
+def parse(argv=None):
+  parser = argparse.ArgumentParser(description="Judges trained models by a named protocol: real data first, then each "
+                                   "run; writes results.json, tables.md and tables.tex.")
+  add = parser.add_argument
+  add("--run", action="append", default=[], help="run folder, or a model that ships (cmdm-small); may be repeated")
+  add("--data", action="append", required=True, nargs="+", help="data folder; several make one test set")
+  add("--protocol", help="by default the one that fits the data and the first run; see evaluation/protocols.py")
+  add("--evaluator", help="folder or name of the evaluator; by default the protocol's")
+  add("--clip-evaluator", help="of the CLIP-type evaluator, or none")
+  add("--repeats", type=int, help="by default the protocol's, 10 or 20")
+  add("--seed", type=int)
+  add("--out", help="folder for results; by default eval/PROTOCOL in the run folder")
+  add("--guidance", type=float, nargs="+", default=[], help="guidance scales, a row for each")
+  add("--sampling", nargs="+", default=[], metavar="KEY=VALUE", help="such as schedule=ar num_steps=20, rounds=10")
+  add("--limit", type=int, help="use fewer samples, for a trial")
+  add("--controls", action="store_true", help="also damage real motions and see that every metric notices")
+  add("--no-multimodality", action="store_true", help="leave out the metric that takes most of the time")
+  add("--force", action="store_true", help="go on though real data does not look right")
+  add("--recompute", action="store_true", help="only from samples that exist: nothing is generated")
+  add("--report", metavar="OUT", help="folder for one HTML page of tables, curves and motions")
+  add("--devices", type=int, help="use so many devices; they change the time, not the numbers")
+  return parser.parse_args(argv)
+
+
+def value_of(text):
+  """A value of --sampling: a number, true or false, or a word."""
+  for kind in (int, float):
+    try:
+      return kind(text)
+    except ValueError:
+      pass
+  return {"true": True, "false": False}.get(text.lower(), text)
+
+
+def main(argv=None):
+  args = parse(argv)
+  pairs = [pair.partition("=") for pair in args.sampling]
+  wrong = [key for key, equals, _ in pairs if not equals]
+  if wrong:
+    sys.exit(f"eval.py: got --sampling {wrong[0]!r}, expected KEY=VALUE")
+  import jax
+
+  from motion_jax.evaluation import run, tables
+  devices = jax.local_devices()
+  if args.devices and args.devices > len(devices):
+    sys.exit(f"eval.py: got --devices {args.devices}, there are {len(devices)}")
+  folders = [folder for some in args.data for folder in some]
+  try:
+    protocol = run.protocols_lib.get_protocol(args.protocol or run.guess_protocol(args.run, folders))
+    out = pathlib.Path(args.out) if args.out else run.default_out(args.run, protocol)
+    result = run.evaluate(
+        args.run, folders, protocol, evaluator=args.evaluator, clip_evaluator=args.clip_evaluator, out=out,
+        repeats=args.repeats, seed=args.seed, guidance=args.guidance,
+        sampling={key: value_of(value) for key, _, value in pairs}, limit=args.limit, controls=args.controls,
+        multimodality=not args.no_multimodality, force=args.force, only_read=args.recompute,
+        devices=devices[:args.devices])
+    print(tables.markdown(result))
+    written = [out / name for name in ("results.json", "tables.md", "tables.tex")]
+    if args.report:
+      from motion_jax.evaluation import report
+      written.append(report.write([result], pathlib.Path(args.report), folder=out))
+  except (ValueError, FileNotFoundError, FloatingPointError) as error:
+    sys.exit(f"eval.py: {error}")
+  for failure in (result["controls"] or {}).get("failures", []):
+    print(f"control: {failure}")
+  print("wrote " + ", ".join(map(str, written)))
+
+
+if __name__ == "__main__":
+  main()

@@ -1,0 +1,92 @@
+"""Negative controls: real motions, damaged on purpose; every metric must move the way that says so.
+
+reversed runs backwards from the origin; frozen keeps the first pose; noise is added to every joint and frame, three
+levels of it; sliding moves the frozen pose over the ground, lifted and sunk move the motion off the floor.
+"""
+import numpy as np
+
+from motion_jax.evaluation.items import from_joints
+from motion_jax.evaluation.judge import NOISE, physics_of
+from motion_jax.motion.features import canonicalize, to_joints
+
+LEVELS = (0.01, 0.03, 0.1)  # metres, standard deviation of each coordinate
+SPEED, SHIFT = 1.0, 0.1     # metres a second; metres
+_WORSE = {"top1": -1, "top2": -1, "top3": -1, "matching": 1, "fid": 1, "clip_score": -1}
+# Which way a metric has to go, 1 up and -1 down; what a damage does not decide is not named.
+EXPECTED = {
+    "reversed": _WORSE,
+    "frozen": _WORSE | {"diversity": -1, "jerk": -1, "acceleration": -1},
+    "noise": _WORSE | {"multimodality": 1, "jerk": 1, "acceleration": 1, "bone_drift": 1, "penetration": 1},
+    "sliding": {"skating": 1}, "lifted": {"foot_height": 1}, "sunk": {"penetration": 1},
+}
+SLACK = 0.05  # share of a noise curve's way that it may go back between two levels
+CAPTIONS = 4  # whose motions make the controls' multimodality
+
+
+def check(judge, repeat=0) -> dict:
+  """Scores of each control in one pass, and whether every metric moved as it should.
+
+  -> {"rows": {control: scores}, "levels", "expected": [{"control", "metric", "direction", "real", "values", "ok"}],
+  "failures": [sentences]}. values: of each level for "noise".
+  """
+  reading, evaluator = judge.read(repeat), judge.evaluator
+  layout = evaluator.layout
+  joints = [np.asarray(to_joints(x, layout), np.float64)
+            for x in reading.drawn.cut(judge.items.of(evaluator))]
+  rng = judge.rng(repeat, NOISE)
+  noise = [rng.normal(size=x.shape) for x in joints]
+  real = judge.real_scores(repeat) | {"multimodality": 0.0}  # copies of one motion
+  rows = {"real": real}
+  names = [f"noise {100 * level:g} cm" for level in LEVELS]
+  for name, damage in _damages(layout.skeleton, evaluator.mode).items():
+    motions = [from_joints(damage(x), evaluator) for x in joints]
+    whole = name in ("reversed", "frozen")
+    rows[name] = judge.scores(repeat, motions, layout) if whole else physics_of(motions, reading.drawn.frames, layout)
+  for name, level in zip(names, LEVELS):
+    size = level / layout.skeleton.unit
+    rows[name] = judge.scores(repeat, [from_joints(x + size * n, evaluator) for x, n in zip(joints, noise)], layout)
+    rows[name]["multimodality"] = _multimodality(judge, repeat, joints, size)
+  expected = []
+  for control, directions in EXPECTED.items():
+    made = [rows[name] for name in names] if control == "noise" else [rows[control]]
+    for metric, direction in directions.items():
+      if metric in real and all(metric in row for row in made):
+        values = [row[metric] for row in made]
+        expected.append(dict(control=control, metric=metric, direction="up" if direction > 0 else "down",
+                             real=real[metric], values=values, ok=_moves(real[metric], values, direction)))
+  failures = [f"{one['metric']} of {one['control']} does not go {one['direction']}: real {one['real']:.4g}, then "
+              + ", ".join(f"{value:.4g}" for value in one["values"]) for one in expected if not one["ok"]]
+  return dict(rows=rows, levels=list(LEVELS), expected=expected, failures=failures)
+
+
+def curves(checked) -> dict:
+  """Scores against the level of noise."""
+  rows = [checked["rows"]["real"]] + [checked["rows"][f"noise {100 * level:g} cm"] for level in checked["levels"]]
+  return {f"{label} against noise": dict(
+      x=[0.0] + [100 * level for level in checked["levels"]], y=[row[metric] for row in rows],
+      interval=[0.0] * len(rows), x_label="noise on real joints, cm", y_label=label)
+      for metric, label in (("top3", "R@3"), ("fid", "FID"))}
+
+
+def _damages(skeleton, mode):
+  ground = np.array([1.0, 0.0, 0.0]) * SPEED / skeleton.fps / skeleton.unit
+  up = np.array([0.0, 1.0, 0.0]) * SHIFT / skeleton.unit
+  still = lambda x: np.repeat(x[:1], len(x), axis=0)
+  return {"reversed": lambda x: canonicalize(x[::-1], skeleton, mode), "frozen": still,
+          "sliding": lambda x: still(x) + np.arange(len(x))[:, None, None] * ground,
+          "lifted": lambda x: x + up, "sunk": lambda x: x - up}
+
+
+def _multimodality(judge, repeat, joints, size):
+  """Of a few real motions, each with noise drawn anew many times."""
+  rng, count = judge.rng(repeat, NOISE + 1), judge.protocol.multimodality_motions
+  made = [[from_joints(x + size * rng.normal(size=x.shape), judge.evaluator) for _ in range(count)]
+          for x in joints[:CAPTIONS]]
+  return judge.multimodality(repeat, made, judge.evaluator.layout)
+
+
+def _moves(real, values, direction):
+  """Whether the last value lies beyond the real one, and no step on the way goes back by more than a little."""
+  steps = direction * np.diff([real, *values])
+  total = steps.sum()
+  return bool(total > 0 and steps.min() >= -SLACK * total)

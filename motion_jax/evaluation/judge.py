@@ -1,0 +1,149 @@
+"""What the evaluators make of a pass: embeddings of texts, real motions and made ones, and the scores of a repeat."""
+import dataclasses
+
+import numpy as np
+
+from motion_jax.data.tagger import tag
+from motion_jax.evaluation import samples
+from motion_jax.evaluation.items import carry
+from motion_jax.metrics import physics, scores
+from motion_jax.metrics import protocol as protocol_lib
+from motion_jax.motion.features import to_joints
+
+# Streams of random numbers inside a (seed, repeat).
+AGAIN, DIVERSITY, MULTIMODALITY, NOISE = 1, 2, 3, 4
+PHYSICS = {"skating": "skating_ratio", "foot_height": "floating_mm", "penetration": "penetration_mm",
+           "bone_drift": "bone_drift_mm", "acceleration": "acceleration", "jerk": "jerk"}
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Reading:
+  """A pass and what the evaluators read in it; again: the real motions of another pass over the same items."""
+  drawn: samples.Pass
+  text: np.ndarray
+  real: np.ndarray
+  again: np.ndarray
+  clip_text: np.ndarray | None
+  clip_real: np.ndarray | None
+  physics: dict[str, float]
+  draws: protocol_lib.Draws
+
+
+class Judge:
+  """Evaluators over the items of a protocol; `read` gives a repeat's pass, `scores` the numbers of motions made for it.
+  """
+
+  def __init__(self, protocol, evaluator, clip_evaluator, items, seed, limit=None):
+    self.evaluator, self.clip_evaluator, self.items = evaluator, clip_evaluator, items
+    self.seed, self.limit = int(seed), limit
+    count = len(samples.draw_pass(items, protocol, seed, 0, limit))
+    if count < protocol.few_draws:  # a trial: no other protocol has so few samples
+      protocol = dataclasses.replace(protocol, few_draws=count)
+    self.protocol, self.count = protocol, count
+    self._texts, self._readings = {}, {}
+
+  def rng(self, repeat, stream):
+    return np.random.default_rng((self.seed, repeat, stream))
+
+  def read(self, repeat) -> Reading:
+    if repeat not in self._readings:
+      self._readings[repeat] = self._read(repeat)
+    return self._readings[repeat]
+
+  def _read(self, repeat):
+    drawn = samples.draw_pass(self.items, self.protocol, self.seed, repeat, self.limit)
+    again = samples.draw_pass(self.items, self.protocol, self.seed, repeat, stream=AGAIN, order=drawn.item)
+    real = drawn.cut(self.items.of(self.evaluator))
+    clip_text = clip_real = None
+    if self.clip_evaluator is not None:
+      clip_text = self.embed_text(self.clip_evaluator, drawn)
+      clip_real = self.embed(self.clip_evaluator, drawn.cut(self.items.of(self.clip_evaluator)), drawn.frames)
+    return Reading(
+        drawn, self.embed_text(self.evaluator, drawn), self.embed(self.evaluator, real, drawn.frames),
+        self.embed(self.evaluator, again.cut(self.items.of(self.evaluator)), again.frames), clip_text, clip_real,
+        physics_of(real, drawn.frames, self.evaluator.layout),
+        protocol_lib.draw(self.rng(repeat, DIVERSITY), len(drawn), self.protocol))
+
+  def embed_text(self, evaluator, drawn):
+    """Embeddings (N, E) of a pass's captions, each different one read once."""
+    known = self._texts.setdefault(id(evaluator), {})
+    pairs = list(zip(drawn.captions_of(self.items), drawn.tokens_of(self.items)))
+    new = [pair for pair in dict.fromkeys(pairs) if pair not in known]
+    if new:
+      captions = [caption for caption, _ in new]
+      tokens = [tokens or " ".join(tag(caption)) for caption, tokens in new] if evaluator.kind == "t2m" else None
+      known |= dict(zip(new, evaluator.embed_text(captions, tokens)))
+    return np.stack([known[pair] for pair in pairs])
+
+  def embed(self, evaluator, motions, frames):
+    """Embeddings (N, E) of motions, a list of (rows, F) as the evaluator reads them, told to have `frames` (N,).
+
+    Rows behind frames are kept where the protocol keeps them, up to its longest motion; the rest is zeros.
+    """
+    x = np.zeros((len(motions), self.protocol.max_frames, evaluator.layout.dim), np.float32)
+    for row, motion, count in zip(x, motions, frames):
+      evaluator.layout.check(motion)
+      kept = motion[:len(x[0]) if self.protocol.made_padding == "decoded" else count]
+      row[:len(kept)] = evaluator.stats.normalize(kept)
+    made = evaluator.embed_motion(x, protocol_lib.evaluator_frames(frames, self.protocol))
+    if not np.isfinite(made).all():
+      raise FloatingPointError(f"evaluator {evaluator.name!r} made NaN or infinity; check its weights and statistics")
+    return made
+
+  def carried(self, evaluator, motions, layout):
+    return [carry(motion, layout, evaluator) for motion in motions]
+
+  def batches(self, reading, made, clip_made=None, text=None, clip_text=None, real=None):
+    """Rows as `metrics.protocol` takes them, dealt in pools."""
+    parts = (reading.text if text is None else text, reading.real if real is None else real, made,
+             (reading.clip_text if clip_text is None else clip_text) if clip_made is not None else None, clip_made)
+    pool = self.protocol.pool
+    return [protocol_lib.Batch(*(None if part is None else part[i:i + pool] for part in parts))
+            for i in range(0, len(made), pool)]
+
+  def scores(self, repeat, motions, layout) -> dict[str, float]:
+    """The row of motions [(rows, F)] in a model's layout, one for each item of the repeat's pass, in its order."""
+    reading = self.read(repeat)
+    made = self.embed(self.evaluator, self.carried(self.evaluator, motions, layout), reading.drawn.frames)
+    clip_made = None
+    if self.clip_evaluator is not None:
+      clip_made = self.embed(self.clip_evaluator, self.carried(self.clip_evaluator, motions, layout),
+                             reading.drawn.frames)
+    row = protocol_lib.generation_scores(self.batches(reading, made, clip_made), self.protocol, reading.draws)
+    row = {name: value for name, value in row.items() if not name.startswith("real_")}
+    return row | physics_of(motions, reading.drawn.frames, layout)
+
+  def real_scores(self, repeat) -> dict[str, float]:
+    """The row of the real motions; their FID is that of another reading of the same items."""
+    reading = self.read(repeat)
+    row = protocol_lib.generation_scores(self.batches(reading, reading.again, reading.clip_real), self.protocol,
+                                         reading.draws)
+    own = {name.removeprefix("real_"): value for name, value in row.items() if name.startswith("real_")}
+    return own | {name: row[name] for name in ("fid", "clip_score") if name in row} | reading.physics
+
+  def shuffled_scores(self, repeat) -> dict[str, float]:
+    """The real motions with captions of other motions of their pool."""
+    reading, pool = self.read(repeat), self.protocol.pool
+    turned = lambda x: None if x is None else np.roll(x.reshape(-1, pool, x.shape[-1]), pool // 2, 1).reshape(x.shape)
+    row = protocol_lib.generation_scores(
+        self.batches(reading, reading.real, reading.clip_real, turned(reading.text), turned(reading.clip_text)),
+        self.protocol, reading.draws)
+    return {name: row[name] for name in row if name.startswith("top") or name in ("matching", "clip_score")}
+
+  def multimodality(self, repeat, generations, layout):
+    """generations: a list of captions' lists of motions [(rows, F)], with frames of the first items of the pass."""
+    frames = self.read(repeat).drawn.frames
+    flat = [motion for motions in generations for motion in motions]
+    told = np.repeat(frames[:len(generations)], len(generations[0]))
+    made = self.embed(self.evaluator, self.carried(self.evaluator, flat, layout), told)
+    pairs = protocol_lib.multimodality_draws(self.rng(repeat, MULTIMODALITY), self.protocol)
+    return scores.multimodality(made.reshape(len(generations), -1, made.shape[-1]), *pairs)
+
+
+def physics_of(motions, frames, layout):
+  """Means over motions [(rows, F)] of what `metrics.physics` says of each, lengths in metres."""
+  found = [physics.summary(to_joints(motion[:count], layout), layout.skeleton.fps, layout.skeleton)
+           for motion, count in zip(motions, frames)]
+  mean = lambda key: float(np.mean([one[key] for one in found])) / (1000 if key.endswith("_mm") else 1)
+  return {name: mean(key) for name, key in PHYSICS.items()}
+

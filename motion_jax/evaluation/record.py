@@ -1,0 +1,72 @@
+"""What lets anyone repeat a number: what was judged, by what, with which draws, on which code."""
+import dataclasses
+import importlib.metadata
+import pathlib
+import platform
+import subprocess
+
+import jax
+
+_PACKAGES = ("jax", "jaxlib", "flax", "numpy", "scipy", "safetensors", "tokenizers")
+
+
+def make_record(judge, folders, subjects, repeats, devices) -> dict:
+  """A JSON object; nothing in it depends on when or how fast an evaluation ran."""
+  protocol, items = judge.protocol, judge.items
+  words = sorted({caption for said in items.captions for caption in said})
+  return dict(
+      protocol=dataclasses.asdict(protocol) | {"repeats": repeats},
+      evaluators=[_evaluator(evaluator) for evaluator in (judge.evaluator, judge.clip_evaluator) if evaluator],
+      data=dict(folders=[pathlib.Path(folder).name for folder in folders], format=items.format, split=protocol.split,
+                split_hash=items.hash, items=len(items), samples=judge.count,
+                excluded=len(items.excluded), excluded_clips=[list(pair) for pair in items.excluded]),
+      models=[dict(row=subject.name, **subject.about, unknown_words=_unknown(subject.model, words))
+              for subject in subjects],
+      seed=judge.seed, repeats=repeats, limit=judge.limit, precision=_precision(),
+      device=_device(devices), versions=_versions(), code=_commit())
+
+
+def _evaluator(evaluator):
+  return dict(name=pathlib.Path(evaluator.name).name, kind=evaluator.kind, hash=evaluator.hash,
+              statistics=evaluator.stats.fingerprint, layout=evaluator.layout.name, mode=evaluator.mode,
+              dim=evaluator.dim)
+
+
+def _unknown(model, captions):
+  """Words of the captions that a model never met in training."""
+  encoder = getattr(model, "encoder", None)
+  return sorted({word for caption in captions for word in encoder.unfamiliar(caption)}) if encoder else []
+
+
+def _precision():
+  return dict(arrays="float64" if jax.config.jax_enable_x64 else "float32",
+              matmul=str(jax.config.jax_default_matmul_precision or "default"), scores="float64")
+
+
+def _device(devices):
+  return dict(backend=jax.default_backend(), kind=devices[0].device_kind, count=len(devices),
+              machine=platform.machine())
+
+
+def _versions():
+  found = {"python": platform.python_version()}
+  for name in (*_PACKAGES, "motion-jax"):
+    try:
+      found[name] = importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+      pass  # run from a checkout that is not installed
+  return found
+
+
+def _commit():
+  """The commit of the checkout that the code runs from, and whether files differ from it; None outside of one."""
+  folder = pathlib.Path(__file__).parent
+  ask = lambda *words: subprocess.run(["git", "-C", str(folder), *words], capture_output=True, text=True, timeout=30)
+  try:
+    commit = ask("rev-parse", "HEAD")
+    if commit.returncode:
+      return None
+    changed = ask("status", "--porcelain", "--untracked-files=no", "--", str(folder.parent))
+    return dict(commit=commit.stdout.strip(), changed=bool(changed.stdout.strip()))
+  except (OSError, subprocess.SubprocessError):
+    return None

@@ -1,0 +1,199 @@
+"""The motions of a pass: who is in it, and what a model makes of their captions, kept on disk.
+
+Every draw is a function of (seed, repeat), a motion's noise of (seed, repeat, item, copy): the same numbers come out
+alone or in a batch, on one device or several, at once or after a kill.
+
+A folder of samples: samples.json says what decides them, and rNNN_bNNN.npz hold a batch each: features (rows, F),
+float32, of all its motions one behind the other, in physical units, start (B + 1,) offsets, frames (B,), seeds (B,).
+Behind its frames a motion has up to TAIL rows more, what the decoder made there. Joints follow from features
+(`motion.features.to_joints`).
+"""
+import concurrent.futures
+import hashlib
+import json
+import pathlib
+import warnings
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from tqdm import tqdm
+
+from motion_jax.data.clip import atomic_path
+
+BATCH = 32  # motions made together, whatever the protocol's pool: one compiled function serves all
+TAIL = 4    # rows kept behind a motion's end: as far as an evaluator's last token reaches
+
+
+class Pass(NamedTuple):
+  """One reading of the test set, batch after batch: item, caption of it, first row and rows of the cut, (N,) each."""
+  item: np.ndarray
+  caption: np.ndarray
+  start: np.ndarray
+  frames: np.ndarray
+
+  def __len__(self):
+    return len(self.item)
+
+  def captions_of(self, items):
+    return [items.captions[i][c] for i, c in zip(self.item, self.caption)]
+
+  def tokens_of(self, items):
+    return [items.tokens[i][c] for i, c in zip(self.item, self.caption)]
+
+  def cut(self, features):
+    """The rows [(frames, F)] that the pass takes of features, a list for all items."""
+    return [features[i][s:s + m] for i, s, m in zip(self.item, self.start, self.frames)]
+
+
+class Jobs(NamedTuple):
+  """Motions to make: lists of captions, frames and seeds of one length."""
+  captions: list[str]
+  frames: list[int]
+  seeds: list[int]
+
+
+def draw_pass(items, protocol, seed, repeat, limit=None, stream=0, order=None) -> Pass:
+  """The pass of a repeat: whole batches of protocol.pool items.
+
+  limit: no more items than that, for a trial. stream 1 is another reading; order: of these items (N,), as they come.
+  Raises ValueError for fewer items than a pool.
+  """
+  rows, pool = items.rows, protocol.pool
+  rng = np.random.default_rng((seed, repeat, stream))
+  drawn = rng.permutation(len(rows)) if protocol.shuffle else np.arange(len(rows))
+  which, coin, where, again = rng.random((4, len(rows)))
+  num_captions = np.array([len(captions) for captions in items.captions])
+  caption = (which * num_captions).astype(int) if protocol.random_caption else np.zeros(len(rows), int)
+  # Parity: one time in three a unit less than the clip holds, so that each length occurs with two cuts.
+  units = rows // protocol.unit - (coin < 1 / 3 if protocol.coin else 0)
+  count = np.maximum(units, 1) * protocol.unit
+  start = (where * (rows - count + 1)).astype(int) if protocol.random_crop else np.zeros(len(rows), int)
+  long = count > protocol.max_frames
+  over = np.where(long, count - protocol.max_frames, 0)
+  start = start + ((again * (over + 1)).astype(int) if protocol.random_crop else 0)
+  frames = np.where(long, protocol.max_frames, count)
+  if order is not None:
+    return Pass(order, caption[order], start[order], frames[order])
+  total = min(len(rows), limit or len(rows)) // pool * pool
+  if not total:
+    raise ValueError(f"got {min(len(rows), limit or len(rows))} test items{' (--limit)' if limit else ''}, protocol "
+                     f"{protocol.name!r} compares {pool} at a time; take more samples")
+  order = drawn[:total]
+  if protocol.sort_by_caption:
+    words = np.array([len((items.tokens[i][caption[i]] or items.captions[i][caption[i]]).split()) for i in order])
+    order = np.concatenate([order[i:i + pool][np.argsort(-words[i:i + pool], kind="stable")]
+                            for i in range(0, total, pool)])
+  return Pass(order, caption[order], start[order], frames[order])
+
+
+def seed_of(seed, repeat, item, copy=0) -> int:
+  """The seed of one motion's noise."""
+  return int(np.random.SeedSequence((seed, repeat, item, copy)).generate_state(1)[0] >> 1)
+
+
+def jobs_of(items, drawn, seed, repeat, copy=None) -> Jobs:
+  """What is to be generated for a pass; copy (N,): which of several generations of an item, the first by default."""
+  copy = np.zeros(len(drawn), int) if copy is None else copy
+  seeds = [seed_of(seed, repeat, int(i), int(c)) for i, c in zip(drawn.item, copy)]
+  return Jobs(drawn.captions_of(items), drawn.frames.tolist(), seeds)
+
+
+class Store:
+  """A folder of samples of one model and choice of sampling.
+
+  about: what decides the samples; its hash names the folder, so that nothing is ever read that was made otherwise.
+  """
+
+  def __init__(self, folder, about):
+    self.about = about
+    self.key = hashlib.sha256(json.dumps(about, sort_keys=True).encode()).hexdigest()[:16]
+    self.folder = pathlib.Path(folder) / self.key
+
+  def path(self, name, batch):
+    return self.folder / f"{name}_b{batch:03d}.npz"
+
+  def read(self, name, batch, jobs):
+    """[(rows, F)] of a batch, or None where it is not there or not whole."""
+    try:
+      with np.load(self.path(name, batch), allow_pickle=False) as file:
+        if file["frames"].tolist() != jobs.frames or file["seeds"].tolist() != jobs.seeds:
+          return None
+        features, start = file["features"], file["start"]
+    except (OSError, ValueError, KeyError, EOFError):  # a file that a dying machine cut short
+      return None
+    return [features[a:b] for a, b in zip(start[:-1], start[1:])]
+
+  def write(self, name, batch, jobs, motions):
+    if not (self.folder / "samples.json").is_file():
+      with atomic_path(self.folder / "samples.json") as path:
+        path.write_text(json.dumps(self.about, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+    start = np.cumsum([0, *map(len, motions)])
+    with atomic_path(self.path(name, batch)) as path:
+      np.savez(path, features=np.concatenate(motions).astype(np.float32), start=start, frames=np.array(jobs.frames),
+               seeds=np.array(jobs.seeds))
+
+
+def sample(make, store, name, jobs, *, devices=None, only_read=False, bar=None) -> list[np.ndarray]:
+  """Features [(rows, F)] of all jobs, from the store or made and put there, batch by batch.
+
+  make(captions, frames, seeds) -> list of (rows, F), for BATCH motions at a time: jobs go by length, so that short ones
+  are not made at the size of the longest, and the last batch is filled up. Devices take whole batches in turn, so that
+  their number changes nothing. name: of the files, such as "r000". only_read: raise ValueError instead of making.
+  bar: a tqdm bar to move on by each motion.
+  """
+  order = np.argsort(np.array(jobs.frames), kind="stable")
+  parts = [order[i:i + BATCH] for i in range(0, len(order), BATCH)]
+  devices = devices or jax.local_devices()[:1]
+
+  def run(batch):
+    some = Jobs(*([part[i] for i in parts[batch]] for part in jobs))
+    motions = store.read(name, batch, some)
+    if motions is None:
+      if only_read:
+        raise ValueError(f"{store.path(name, batch)} is not there: these samples were never made, or another model, "
+                         "sampling or protocol is asked for; leave --recompute out to make them")
+      fill = BATCH - len(some.captions)
+      full = Jobs(*(part + part[-1:] * fill for part in some))
+      with jax.default_device(devices[batch % len(devices)]):
+        motions = [np.asarray(x, np.float32) for x in make(*full)[:len(some.captions)]]
+      for x, caption, seed in zip(motions, *some[::2]):
+        if not np.isfinite(x).all():
+          raise FloatingPointError(f"the model made NaN or infinity of {caption!r} (seed {seed}); check the run's "
+                                   "loss, or sample with less guidance")
+      store.write(name, batch, some, motions)
+    if bar is not None:
+      bar.update(len(motions))
+    return motions
+
+  made = [None] * len(order)
+  with warnings.catch_warnings():
+    warnings.filterwarnings("ignore", message="the model does not know")  # the record lists them once
+    for part, motions in zip(parts, _in_turn(run, len(parts), len(devices))):
+      for i, motion in zip(part, motions):
+        made[i] = motion
+  return made
+
+
+def _in_turn(run, count, workers):
+  if workers == 1:
+    yield from map(run, range(count))
+    return
+  pool = concurrent.futures.ThreadPoolExecutor(workers)
+  try:
+    yield from pool.map(run, range(count))
+  finally:
+    pool.shutdown(cancel_futures=True)  # an error in one batch leaves the rest undone
+
+
+def progress(total, what, shown=True):
+  return tqdm(total=total, desc=what, unit="motion", disable=not shown, leave=False)
+
+
+def generator_of(model, guidance_scale=None, sampling=None):
+  """make(captions, frames, seeds) of `sample` for a model that was loaded."""
+  def make(captions, frames, seeds):
+    made = model.generate(captions, list(frames), seeds=seeds, polish=False, guidance_scale=guidance_scale,
+                          **(sampling or {}))
+    return [x[:count + TAIL] for x, count in zip(made.decoded, frames)]
+  return make

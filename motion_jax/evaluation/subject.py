@@ -1,0 +1,89 @@
+"""A model that is judged, with the choices by which it is sampled and the place where its samples are kept."""
+import dataclasses
+import hashlib
+import pathlib
+from collections.abc import Callable
+from typing import Any
+
+from motion_jax import checkpoint, model
+from motion_jax.evaluation import samples
+from motion_jax.motion.features import to_features
+
+_PARTS = (checkpoint.CONFIG, checkpoint.PARAMS, checkpoint.FROZEN, "Mean.npy", "Std.npy")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Subject:
+  """name: of its row. hash: of its weights, statistics and config. guidance_scale None: the config's own. options:
+  what else goes to `generate`. folder: of its samples."""
+  name: str
+  model: Any
+  hash: str
+  folder: pathlib.Path
+  guidance_scale: float | None = None
+  options: dict = dataclasses.field(default_factory=dict)
+  devices: tuple = ()
+  only_read: bool = False
+  show: bool = True
+
+  @property
+  def reader(self):
+    """What `items.read_items` needs to make features of clips as the model knows them."""
+    return Reader(self.name, self.model.stats.layout, self.model.config.data.get("mode", "benchmark"))
+
+  @property
+  def about(self) -> dict:
+    """What a record says of it."""
+    scale = self.model.scale_of(self.guidance_scale) if hasattr(self.model, "scale_of") else None
+    return dict(model=self.model.folder.name, hash=self.hash, guidance_scale=scale, sampling=dict(self.options),
+                sampler=self.model.config.get("sampler", {}).to_dict() if self.model.config.get("sampler") else {},
+                parameters=getattr(self.model, "num_params", None), layout=self.model.stats.layout.name,
+                statistics=self.model.stats.fingerprint)
+
+  def store(self, judge, kind="generation") -> samples.Store:
+    """Where its samples for a judge's passes are kept."""
+    protocol, items = judge.protocol, judge.items
+    draw = {name: getattr(protocol, name) for name in (
+        "pool", "min_frames", "past_frames", "max_frames", "unit", "random_caption", "coin", "random_crop", "shuffle",
+        "sort_by_caption", "multimodality_shared")}
+    text = getattr(self.model, "encoder", None)
+    return samples.Store(self.folder, dict(
+        kind=kind, model=self.hash, text=text and text.fingerprint, guidance_scale=self.about["guidance_scale"],
+        sampling=dict(self.options), seed=judge.seed, limit=judge.limit, draw=draw, items=items.words_hash,
+        batch=samples.BATCH))
+
+  def sample(self, make: Callable, store, name, jobs, what):
+    with samples.progress(len(jobs.captions), f"{self.name}, {what}", self.show) as bar:
+      return samples.sample(make, store, name, jobs, devices=self.devices, only_read=self.only_read, bar=bar)
+
+  def generator(self):
+    return samples.generator_of(self.model, self.guidance_scale, self.options)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Reader:
+  """A representation that is not an evaluator's."""
+  name: str
+  layout: Any
+  mode: str
+
+  def features_of(self, clip):
+    if clip.features is not None and clip.features.shape[-1] == self.layout.dim:
+      return clip.features
+    return to_features(clip.joints, self.layout, self.mode)
+
+
+def folder_of(run) -> pathlib.Path:
+  """A run folder, or that of a model that ships."""
+  folder = pathlib.Path(run)
+  return folder if folder.is_dir() or not (model.PRETRAINED / str(run)).is_dir() else model.PRETRAINED / str(run)
+
+
+def hash_of(folder) -> str:
+  """sha256 of what decides the motions of a run folder."""
+  digest = hashlib.sha256()
+  for name in _PARTS:
+    path = pathlib.Path(folder) / name
+    if path.is_file():
+      digest.update(name.encode() + path.read_bytes())
+  return digest.hexdigest()
