@@ -48,16 +48,21 @@ class Network(NamedTuple):
   fields: dict
   params: Any
   part: Part
+  note: str = ""
 
   @property
   def num_params(self):
-    return sum(np.size(a) for a in jax.tree.leaves(self.params))
+    """Numbers out of the file; sums and counts of codebooks are ours."""
+    books = self.params.get("codebooks", {"codes": ()})["codes"]
+    return sum(np.size(a) for a in jax.tree.leaves((self.params.get("params", self.params), books)))
 
   def __str__(self):
-    fields = ", ".join(f"{name} {value}" for name, value in self.fields.items())
+    tell = lambda fields: ", ".join(f"{name} {f'({tell(value)})' if isinstance(value, dict) else value}"
+                                    for name, value in fields.items())
     source = self.part.source["file"] + (f" ({self.part.source['part']})" if self.part.source["part"] else "")
     left = f"\n  left aside: {', '.join(self.part.left)}" if self.part.left else ""
-    return f"{self.what}: {self.num_params:,} parameters from {source}\n  {fields}{left}"
+    note = f"\n  {self.note}" if self.note else ""
+    return f"{self.what}: {self.num_params:,} parameters from {source}\n  {tell(self.fields)}{left}{note}"
 
 
 # --- reading -----------------------------------------------------------------------------------------------------
