@@ -296,7 +296,8 @@ def _record(record):
     return ""
   facts = []
   for one in record.get("models") or ():
-    facts.append(("model", _join(one, ("row", "name", "hash", "checkpoint_hash", "guidance", "sampler"))))
+    facts.append(("model", _join(one, ("row", "model", "hash", "parameters", "layout", "guidance_scale", "sampler",
+                                        "sampling"))))
   for one in record.get("evaluators") or ():
     facts.append(("evaluator", _join(one, ("name", "kind", "layout", "hash", "statistics"))))
   facts.append(("data", _join(record.get("data"), ("folders", "format", "split", "samples", "split_hash", "excluded"))))
@@ -312,11 +313,13 @@ def _join(values, names):
   """"name value · name value" of a dictionary, hashes shortened; names None: all of it."""
   if not isinstance(values, dict):
     return values
-  chosen = values if names is None else {name: values[name] for name in names if values.get(name) is not None}
-  return " · ".join(f"{name} {_short(name, value)}" for name, value in chosen.items() if value is not None)
+  chosen = {name: values.get(name) for name in (values if names is None else names)}
+  return " · ".join(f"{name} {_short(name, value)}" for name, value in chosen.items() if value not in (None, {}, []))
 
 
 def _short(name, value):
+  if isinstance(value, dict):
+    return ", ".join(f"{key} {one}" for key, one in value.items())
   if isinstance(value, list):
     return ", ".join(map(str, value))
   return str(value)[:12] if "hash" in name or name in ("statistics", "commit") else value

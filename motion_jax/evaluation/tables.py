@@ -148,12 +148,12 @@ def compare(result) -> Comparison:
   """The rows of a result dictionary (evaluation.run), then the paper's.
 
   result["paper"] names the printed rows: {"system", "table", "row"}, row a name or {row of ours: printed row}; it may
-  name more to show under "also". None: the numbers stand alone.
+  name more to show under "also". Where the table has several rows of that name, as "suffix: CDAMD", a row "suffix: .."
+  of ours goes with it. None: the numbers stand alone.
   """
   metrics = list(result["metrics"])
   paper = result.get("paper")
-  printed, notes = ({}, []) if paper is None else _printed(result, paper)
-  partner = _partners(result, paper, printed)
+  partner, printed, notes = ({}, {}, []) if paper is None else _printed(result, paper)
   lines = []
   for name in result["row_order"]:
     kind = "real" if name == "real" else "ours"
@@ -180,34 +180,35 @@ def printed_table(system, table) -> Comparison:
 
 
 def _printed(result, paper):
-  """The paper's rows to show, {name: row}, the real one last, and what to say of them."""
+  """{row of ours: row of the paper}, the paper's rows to show, {name: row}, the real one last, and what to say of them.
+  """
   table = paper_table(paper["system"], paper["table"])
-  wanted = paper["row"]
-  names = list(dict.fromkeys(wanted.values() if isinstance(wanted, dict) else [wanted]))
-  names += [name for name in paper.get("also", ()) if name not in names]
-  rows = {name: paper_row(table.system, table.table, name) for name in names}
+  partner = _partners(result, paper["row"], table)
+  names = [*partner.values(), *paper.get("also", ())]
   if REAL in table.rows:
-    rows[REAL] = paper_row(table.system, table.table, REAL)
+    partner, names = partner | {"real": REAL}, [*(name for name in names if name != REAL), REAL]
+  rows = {name: paper_row(table.system, table.table, name) for name in names}
   if result["protocol"] == "reconstruction":  # "fid" is the tokenizer's here, which such tables call otherwise
     rows = {name: _reconstruction(row) for name, row in rows.items()}
   number = table.table.partition("-")[0]
   notes = [f"Rows of the paper: {table.system.upper()}, Table {number} ({table.title}); mean ± 95 % interval"
            f"{f' of {table.repeats} repeats' if table.repeats else ''}."]
-  return rows, notes + [f"Paper: {note}." for note in table.notes]
+  return partner, rows, notes + [f"Paper: {note}." for note in table.notes]
+
+
+def _partners(result, row, table):
+  if isinstance(row, dict):
+    return row
+  ours = [name for name in result["row_order"] if name != "real"]
+  if any(name.endswith(f": {row}") for name in table.rows):
+    parts = {name: f"{name.partition(': ')[0]}: {row}" for name in ours}
+    return {name: part for name, part in parts.items() if part in table.rows}
+  return dict.fromkeys(ours, row)
 
 
 def _reconstruction(row):
   kept = {name: value for name, value in row.items() if name in ("mpjpe", "released_mpjpe")}
   return kept | ({"fid": row["reconstruction_fid"]} if "reconstruction_fid" in row else {})
-
-
-def _partners(result, paper, printed):
-  """{row of ours: the paper's row that it is held against}."""
-  if paper is None:
-    return {}
-  wanted = paper["row"]
-  made = wanted if isinstance(wanted, dict) else {name: wanted for name in result["row_order"] if name != "real"}
-  return made | ({"real": REAL} if REAL in printed else {})
 
 
 def differs(ours, paper) -> bool:

@@ -120,6 +120,15 @@ def test_rows_of_ours_may_have_rows_of_the_paper_each():
   assert lines["worse"].cells[1].marked  # 0.069 is not AR's 0.079
 
 
+def test_parts_go_with_the_papers_parts():
+  value = {"top1": {"mean": 0.5, "interval": 0.0}}
+  result = _result(protocol="editing", metrics=["top1"], paper={"system": "cdamd", "table": "3", "row": "CDAMD"},
+                   rows={"suffix: small": value, "prefix: small": value}, row_order=["suffix: small", "prefix: small"])
+  lines = {line.name: line.cells[0].mean for line in tables.compare(result).lines}
+  assert lines == {"suffix: small": "0.500", "prefix: small": "0.500", "paper: suffix: CDAMD": "0.541",
+                   "paper: prefix: CDAMD": "0.490"}
+
+
 def test_reconstruction_is_held_against_reconstruction():
   made = {"fid": {"mean": 0.011, "interval": 0.0}, "released_mpjpe": {"mean": 0.077, "interval": 0.0}}
   result = {"protocol": "reconstruction", "title": "", "metrics": ["fid", "released_mpjpe"], "row_order": ["ours"],
