@@ -78,7 +78,7 @@ def skating_ratio(joints, fps=20.0, skeleton=HUMANML3D, low=0.05, fast=0.5, wind
 
 def foot_height(joints, skeleton=HUMANML3D):
   """Height of the lowest foot joint above the floor y = 0 in each frame, (..., T); below 0 it has sunk in."""
-  return np.asarray(joints, np.float64)[..., list(skeleton.left_feet + skeleton.right_feet), 1].min(-1)
+  return _of(skeleton, joints)[..., list(skeleton.left_feet + skeleton.right_feet), 1].min(-1)
 
 
 def floating(joints, skeleton=HUMANML3D):
@@ -88,12 +88,13 @@ def floating(joints, skeleton=HUMANML3D):
 
 def penetration(joints):
   """Mean depth (...,) of the lowest joint below the floor y = 0."""
-  return np.maximum(-np.asarray(joints, np.float64)[..., 1].min(-1), 0).mean(-1)
+  joints = _differences(joints, 0)
+  return np.maximum(-joints[..., 1].min(-1), 0).mean(-1)
 
 
 def bone_drift(joints, skeleton=HUMANML3D):
   """Mean over frames and bones (...,) of how far a bone is from its mean length in the clip."""
-  joints = np.asarray(joints, np.float64)
+  joints = _of(skeleton, joints)
   child = [j for j, parent in enumerate(skeleton.parents) if parent >= 0]
   lengths = np.linalg.norm(joints[..., child, :] - joints[..., [skeleton.parents[j] for j in child], :], axis=-1)
   return np.abs(lengths - lengths.mean(-2, keepdims=True)).mean((-2, -1))
@@ -115,9 +116,18 @@ def summary(joints, fps=20.0, skeleton=HUMANML3D):
           "jerk": float(jerk(metres).mean()), "peak_jerk": float(jerk(metres).max())}
 
 
+def _of(skeleton, joints):
+  """Joints in float64, after a look at whether they are this skeleton's."""
+  joints = _differences(joints, 0)
+  if joints.shape[-2] != skeleton.num_joints:
+    raise ValueError(f"got {joints.shape[-2]} joints, skeleton {skeleton.name!r} has {skeleton.num_joints}; name the "
+                     "skeleton that they are of")
+  return joints
+
+
 def _differences(joints, order):
   joints = np.asarray(joints, np.float64)
-  if joints.ndim < 3 or joints.shape[-3] <= order:
+  if joints.ndim < 3 or joints.shape[-3] <= order or joints.shape[-1] != 3:
     raise ValueError(f"got joints of shape {joints.shape}, expected (..., frames, joints, 3) with {order + 1} frames "
                      "or more")
   return np.diff(joints, n=order, axis=-3)
@@ -125,7 +135,7 @@ def _differences(joints, order):
 
 def _foot_steps(joints, fps, skeleton, low, window):
   """Toes, left and right: speed of each step, whether they are low at both its ends, and the mean speed around it."""
-  joints = np.asarray(joints, np.float64)
+  joints = _of(skeleton, joints)
   toes = joints[..., [skeleton.left_feet[-1], skeleton.right_feet[-1]], :]
   speed = np.linalg.norm(_differences(toes, 1)[..., [0, 2]], axis=-1) * fps
   down = toes[..., 1] < low

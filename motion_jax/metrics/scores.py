@@ -170,7 +170,7 @@ def joint_errors(real, made):
 
 def mpjpe(errors):
   """Mean per-joint position error over all frames of all clips; errors: a list of (T_i,) from `joint_errors`."""
-  return float(np.concatenate(errors).mean())
+  return float(np.concatenate(_some(errors)).mean())
 
 
 def released_mpjpe(errors, batch_size=32):
@@ -179,13 +179,19 @@ def released_mpjpe(errors, batch_size=32):
   Parity: the divisor should be the clips' own lengths, so this is `mpjpe` times mean length / batch size; it is here to
   be compared with printed numbers only (facts: cmdm 6.3).
   """
-  return float(sum(error.sum() for error in errors) / (len(errors) * batch_size))
+  return float(sum(error.sum() for error in _some(errors)) / (len(errors) * batch_size))
 
 
 def mean_and_interval(values):
   """Mean and half width of the 95 % interval over repeats (R, ...): 1.96 std / sqrt(R), population std."""
   values = np.asarray(values, np.float64)
   return values.mean(0), 1.96 * values.std(0) / np.sqrt(len(values))
+
+
+def _some(errors):
+  if not len(errors):
+    raise ValueError("got no joint errors, expected an array of each clip's frames")
+  return errors
 
 
 def _rows(x):

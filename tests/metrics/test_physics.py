@@ -89,3 +89,11 @@ def test_every_number_rises_with_noise():
   assert all(np.isfinite(list(calm.values())))
   for name in ("bone_drift_mm", "acceleration", "jerk", "peak_jerk", "penetration_mm"):
     assert rough[name] > calm[name], name
+
+
+@pytest.mark.parametrize("measure", [physics.foot_height, physics.bone_drift, physics.skating_ratio])
+def test_joints_of_another_skeleton_are_told(measure):
+  with pytest.raises(ValueError, match="got 24 joints, skeleton 'humanml3d' has 22"):
+    measure(np.zeros((10, 24, 3)))
+  with pytest.raises(ValueError, match=r"got joints of shape \(10, 66\)"):
+    measure(np.zeros((10, 66)))

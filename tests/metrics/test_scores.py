@@ -161,6 +161,8 @@ def test_diversity_multimodality_and_interval():
     (lambda: scores.draw_pairs(np.random.default_rng(0), 50, 100), "50 samples to draw 100"),
     (lambda: scores.multimodality(draw(0, 3, 4), [0], [1]), "texts, generations"),
     (lambda: scores.joint_errors(draw(0, 5, 22, 3), draw(0, 6, 22, 3)), "the same frames"),
+    (lambda: scores.mpjpe([]), "got no joint errors"),
+    (lambda: scores.released_mpjpe([]), "got no joint errors"),
 ])
 def test_bad_input_is_told(call, told):
   with pytest.raises(ValueError, match=told):
