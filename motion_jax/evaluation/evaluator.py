@@ -164,7 +164,20 @@ def fresh_evaluator(kind="t2m", layout="coordinates", seed=0) -> Evaluator:
   init, _, _ = _NETWORKS[kind](config, WordFeatures(encoder).dim)
   stats = Stats(np.zeros(layout.dim, np.float32), np.ones(layout.dim, np.float32), layout)
   reader = lambda: WordFeatures(encoder) if kind == "t2m" else encoder
-  return _assemble(f"fresh-{kind}", None, config, stats, jax.jit(init)(jax.random.key(seed)), reader)
+  return _assemble(f"fresh-{kind}", None, config, stats, _random_params(init, seed), reader)
+
+
+def _random_params(init, seed):
+  """Parameters of the right size to pass signals on; drawn by numpy, which needs no compilation."""
+  rng = np.random.default_rng(seed)
+
+  def draw(path, leaf):
+    if path[-1].key == "scale":
+      return jnp.ones(leaf.shape)
+    size = np.prod(leaf.shape[:-1]) ** -0.5 if path[-1].key in ("kernel", "w_in", "w_hidden") else 0.2
+    return jnp.asarray(rng.normal(0, size, leaf.shape), jnp.float32)
+
+  return jax.tree_util.tree_map_with_path(draw, jax.eval_shape(init, jax.random.key(0)))
 
 
 def _assemble(name, folder, config, stats, params, reader):

@@ -1,4 +1,5 @@
 """An evaluator's vectors know neither padding nor batch-mates; what does not belong to it is told."""
+import ml_collections
 import numpy as np
 import pytest
 
@@ -92,10 +93,9 @@ def test_a_run_folder_is_all_it_takes(run):
 
 def test_a_converted_folder_is_told_where_its_words_are(run, tmp_path):
   """What `motion-jax convert evaluator` writes: a config without text, weights, statistics."""
-  evaluator, config = load_evaluator(run), checkpoint.load_config(run).copy_and_resolve_references().unlock()
-  config.stage, config.data = "evaluator.t2m", dict(layout="coordinates")
-  del config["frozen"]
-  checkpoint.save_config(tmp_path, config)
+  evaluator, model = load_evaluator(run), checkpoint.load_config(run).model.to_dict()
+  config = dict(stage="evaluator.t2m", model=model, data=dict(layout="coordinates"))
+  checkpoint.save_config(tmp_path, ml_collections.ConfigDict(config))
   checkpoint.save_params(tmp_path, checkpoint.load_params(run))
   save_stats(evaluator.stats, tmp_path)
   converted = load_evaluator(tmp_path)
