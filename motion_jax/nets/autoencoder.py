@@ -25,8 +25,8 @@ class ConvStack(nn.Module):
     self.layers = self.make(self.features, self.width, self.out, self.num_halvings, self.dilations, self.dtype,
                             causal=False, dropout=self.dropout)
 
-  def __call__(self, x, deterministic=True):
-    return apply_layers(self.layers, x, deterministic)
+  def __call__(self, x, deterministic=True, real_mask=None):
+    return apply_layers(self.layers, x, deterministic, real_mask)
 
 
 class Autoencoder(nn.Module):
@@ -34,7 +34,12 @@ class Autoencoder(nn.Module):
 
   deterministic=False switches on the dropout of the residual branches, which needs rngs={"dropout": key}. Latents are
   not normalised. Frames past the last whole latent are not encoded.
+
+  hide_padding: with a real_mask, (B, T) of frames or (B, N) of latents, a clip is encoded and decoded as if it ended
+  where its padding begins. Without, padding is motion like any other: after training on windows, which have none, the
+  end of a padded clip comes back far worse than its middle.
   """
+  # Parity: the reference does not hide padding, from its encoder nor, as zero latents, from its decoder.
   # Parity: the paper says "3-layer"; these are the code's 2 halvings with 3 residual blocks each.
   features: int = 66
   latent_dim: int = 512
@@ -43,6 +48,7 @@ class Autoencoder(nn.Module):
   dilations: tuple[int, ...] = (9, 3, 1)  # in this order in both halves
   dropout: float = 0.2
   dtype: Any = jnp.float32
+  hide_padding: bool = False
 
   def setup(self):
     sizes = dict(width=self.width, num_halvings=self.num_halvings, dilations=tuple(self.dilations),
@@ -54,14 +60,14 @@ class Autoencoder(nn.Module):
   def frames_per_latent(self) -> int:
     return 2 ** self.num_halvings
 
-  def encode(self, x, deterministic=True):
+  def encode(self, x, deterministic=True, real_mask=None):
     if x.shape[1] < self.frames_per_latent:
       raise ValueError(f"got {x.shape[1]} frames, one latent needs {self.frames_per_latent}")
-    return self.encoder(x, deterministic)
+    return self.encoder(x, deterministic, real_mask if self.hide_padding else None)
 
-  def decode(self, z, deterministic=True):
+  def decode(self, z, deterministic=True, real_mask=None):
     """-> features (B, frames_per_latent N, F)."""
-    return self.decoder(z, deterministic)
+    return self.decoder(z, deterministic, real_mask if self.hide_padding else None)
 
   def __call__(self, x, deterministic=True):
     return self.decode(self.encode(x, deterministic), deterministic)

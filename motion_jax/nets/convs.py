@@ -92,14 +92,33 @@ def upsample_step(x, context):
   return jnp.repeat(x, 2, axis=1), context
 
 
-def apply_layers(layers, x, deterministic=True):
-  """Runs a whole clip through layers, causal or not."""
+def apply_layers(layers, x, deterministic=True, real_mask=None):
+  """Runs a whole clip through layers, causal or not.
+
+  real_mask (B, T), the first frames of each clip: what lies behind them is zero in front of every layer, as it is
+  behind a clip that ends there, so padding changes nothing.
+  """
+  x = zero_padding(x, real_mask)
   for layer in layers:
     if isinstance(layer, ResBlock):
       x = layer(x, deterministic)
     else:
       x = layer(x) if isinstance(layer, nn.Module) else layer(x, None)[0]
+    if real_mask is not None:
+      real_mask = at_rate(real_mask, x.shape[1])
+      x = zero_padding(x, real_mask)
   return x
+
+
+def zero_padding(x, real_mask):
+  return x if real_mask is None else jnp.where(real_mask[..., None], x, 0)
+
+
+def at_rate(real_mask, length):
+  """The mask (B, T) of what a layer made of those frames, (B, length): as it is, halved or doubled."""
+  if length > real_mask.shape[1]:
+    return jnp.repeat(real_mask, 2, axis=1)
+  return real_mask if length == real_mask.shape[1] else real_mask[:, 1::2]  # half a pair makes no frame
 
 
 def run_layers(layers, x, contexts):

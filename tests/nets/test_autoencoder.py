@@ -77,6 +77,33 @@ def test_it_looks_both_ways_and_no_further_than_its_layers(small):
   assert 50 - changed[0] < 30 and changed[-1] - 50 < 30
 
 
+def test_hidden_padding_is_no_padding(small):
+  """A clip is encoded and decoded as at its own length, whatever lies behind it; not so where padding is not hidden."""
+  net, params = small
+  x = jax.random.normal(jax.random.key(1), (3, 40, 7))
+  hiding = net.clone(hide_padding=True)
+  frames = jnp.array([16, 27, 40])
+  real = jnp.arange(40) < frames[:, None]
+  latents = jnp.arange(10) < frames[:, None] // 4
+
+  @jax.jit
+  def run(x):
+    z = hiding.apply(params, x, real_mask=real, method="encode")
+    return z, hiding.apply(params, z.at[:1, 4:].set(9.0), real_mask=latents, method="decode")
+
+  z, y = run(x)
+  for i, count in enumerate(frames.tolist()):
+    whole = count // 4
+    alone = jax.jit(lambda x: net.apply(params, x, method="encode"))(x[i:i + 1, :count])
+    np.testing.assert_allclose(z[i, :whole], alone[0], atol=1e-5)
+    assert not np.any(z[i, whole:]) and not np.any(y[i, 4 * whole:])
+    decoded = jax.jit(lambda z: net.apply(params, z, method="decode"))(alone)
+    np.testing.assert_allclose(y[i, :4 * whole], decoded[0], atol=1e-5)
+  np.testing.assert_array_equal(run(jnp.where(real[..., None], x, 7.0))[0], z)
+  shown = jax.jit(lambda x: net.apply(params, x, real_mask=real, method="encode"))(x)
+  assert np.abs(shown - z)[0, :4].max() > 1e-3 and np.allclose(shown[2], z[2], atol=1e-5)
+
+
 def test_dropout_acts_in_training_only_and_is_the_items_own(small):
   net, params = small
   x = jax.random.normal(jax.random.key(1), (4, 16, 7))
