@@ -6,7 +6,8 @@
 The reference makes every latent that is still hidden in each of ten rounds and throws most of them away again; ours
 makes those that the round reveals. dopri5 chooses its own steps (rtol 1e-3, atol 1e-6), the others take --steps. The
 weights are random, as in facts: cdamd 11, so dopri5's number of steps is that of an untrained network. Times are of a
-compiled call, decoding included, the least of --repeats; ratios are to the first row.
+compiled call, decoding included, the least of --repeats. Ratios are to the first row: of processor seconds on a CPU,
+which other work may share, of seconds elsewhere.
 """
 import argparse
 import os
@@ -76,10 +77,11 @@ def main():
     if not np.isfinite(made).all():
       raise FloatingPointError(f"{solver} gave numbers that are none")
     wall, busy = min(times)
-    first = first or wall
+    cost = busy if jax.default_backend() == "cpu" else wall
+    first = first or cost
     rows = 2 * (few if which == "revealed" else length)
     asked = f"{rows} x {EVALUATIONS[solver] * args.steps} x {rounds}" if solver in EVALUATIONS else f"{rows} x its own"
-    print(f"| {which} | {solver} | {asked} | {wall:.2f} | {busy:.2f} | {first / wall:.1f} |", flush=True)
+    print(f"| {which} | {solver} | {asked} | {wall:.2f} | {busy:.2f} | {first / cost:.1f} |", flush=True)
 
 
 if __name__ == "__main__":

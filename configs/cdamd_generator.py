@@ -31,14 +31,17 @@ def get_config(size="full"):
   config.seed = 3407
   config.frozen = dict(tokenizer="runs/autoencoder", prior="runs/rvq", text="clip-vit-base-patch32",
                        text_level="sentence", length="")
-  config.tokenizer = dict(features=66, latent_dim=512, width=512, num_halvings=2, dilations=(9, 3, 1), dropout=0.2)
-  config.prior = dict(features=66, latent_dim=512, width=512, num_halvings=2, dilations=(9, 3, 1), dropout=0.2)
+  config.tokenizer = dict(features=66, latent_dim=512, width=512, num_halvings=2, dilations=(9, 3, 1), dropout=0.2,
+                          hide_padding=False)
+  config.prior = dict(features=66, latent_dim=512, width=512, num_halvings=2, dilations=(9, 3, 1), dropout=0.2,
+                      hide_padding=False)
   config.quantizer = dict(num_levels=4, num_codes=512)
   config.model = dict(
       transformer=dict(kind="cdamd", latent_dim=512, width=512, depth=4, num_heads=8, ff_width=1024, text_dim=512,
                        text_scale=1.0, num_codes=1027, num_levels=4, separate_levels=False, max_length=200,
                        dropout=0.2),
       head=dict(width=1792, depth=16))
+  # hide_padding: clips end where they end, to the autoencoders; not so in the released code.
   # frozen.text_level "words" puts the words of a caption behind its sentence vector, data.max_words of them.
   # copies: rows at the diffusion head for each masked latent. prior_drop: "batch", one draw for all, or "item". mask:
   # one of nets.masks, or several, of which each item draws one: "dccm+bcm".
@@ -75,8 +78,8 @@ def get_config(size="full"):
       config.sampler.update(solver="ddpm", num_steps=50)
   elif size == "small":
     config.frozen.text = "words"
-    config.tokenizer.update(latent_dim=64, width=192, dropout=0.0)
-    config.prior.update(latent_dim=64, width=128, dropout=0.0)
+    config.tokenizer.update(latent_dim=64, width=192, dropout=0.0, hide_padding=True)
+    config.prior.update(latent_dim=64, width=128, dropout=0.0, hide_padding=True)
     config.quantizer.num_codes = 256
     config.model.transformer.update(latent_dim=64, width=256, depth=3, num_heads=4, ff_width=512, text_dim=384,
                                     text_scale=20.0, num_codes=256, max_length=50, dropout=0.0)

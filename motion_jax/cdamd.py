@@ -58,12 +58,12 @@ def rvq_terms(y, x, commitment, velocity_weight=0.1, commitment_weight=0.02, pos
 # --- autoencoders ------------------------------------------------------------------------------------------------
 
 
-def encode_codes(net, variables, x):
-  """Features (B, T, F) to code indices (B, L, Q) and the code vectors of each level (Q, B, L, C).
+def encode_codes(net, variables, x, real_mask=None):
+  """Features (B, T, F), of real_mask (B, T), to code indices (B, L, Q) and code vectors of each level (Q, B, L, C).
 
   The RVQ-VAE is an Autoencoder `net` with variables {"params", "codebooks"}, as its run folder holds them.
   """
-  return rvq.encode(variables["codebooks"]["codes"], net.apply(variables, x, method="encode"))
+  return rvq.encode(variables["codebooks"]["codes"], net.apply(variables, x, real_mask=real_mask, method="encode"))
 
 
 def decode_codes(net, variables, indices, num_levels=None):
@@ -262,24 +262,29 @@ def generator_loss(net, params, z1, real_mask, text_emb, codes, draws, config, d
   return {"loss": total}, jnp.maximum(made.masked.sum() * len(draws.t), jnp.finfo(total.dtype).tiny)
 
 
+def real_frames(autoencoder, real_mask):
+  """(B, T) of a mask of latents (B, L)."""
+  return jnp.repeat(real_mask, autoencoder.frames_per_latent, axis=1)
+
+
 def latents_of(autoencoder, frozen, features, real_mask):
   """Latents (B, L, C) as the generator knows them, zero at padding: of the frozen encoder, scaled if asked for."""
   # Parity: not scaled in the released code, where latent_mean is 0 and latent_std 1.
-  z1 = autoencoder.apply(frozen["tokenizer"], features, method="encode")
+  z1 = autoencoder.apply(frozen["tokenizer"], features, real_mask=real_frames(autoencoder, real_mask), method="encode")
   return jnp.where(real_mask[..., None], (z1 - frozen["latent_mean"]) / frozen["latent_std"], 0.0)
 
 
-def decode_latents(autoencoder, frozen, latents):
-  """Latents as the generator knows them (B, L, C) to normalized features (B, 4 L, F)."""
+def decode_latents(autoencoder, frozen, latents, real_mask):
+  """Latents as the generator knows them (B, L, C) to normalized features (B, 4 L, F); real_mask (B, L)."""
   z = latents * frozen["latent_std"] + frozen["latent_mean"]
-  return autoencoder.apply(frozen["tokenizer"], z, method="decode")
+  return autoencoder.apply(frozen["tokenizer"], z, real_mask=real_mask, method="decode")
 
 
-def prior_codes(net, frozen, features, num_levels):
+def prior_codes(net, frozen, features, real_mask, num_levels):
   """Codes of the first levels (B, L, Q), of one level (B, L), of none None."""
   if not num_levels:
     return None
-  codes = encode_codes(net, frozen["prior"], features)[0]
+  codes = encode_codes(net, frozen["prior"], features, real_frames(net, real_mask))[0]
   # Parity: one level alone comes without the row that tells levels apart.
   return codes[..., 0] if num_levels == 1 else codes[..., :num_levels]
 
@@ -297,7 +302,7 @@ def generator_stage(config) -> Stage:
   def inputs(frozen, batch):
     length = batch["features"].shape[1] // autoencoder.frames_per_latent
     real_mask = padding_mask(batch["num_frames"] // autoencoder.frames_per_latent, length)
-    codes = prior_codes(rvq_net, frozen, batch["features"], config.loss.prior_levels)
+    codes = prior_codes(rvq_net, frozen, batch["features"], real_mask, config.loss.prior_levels)
     z1 = latents_of(autoencoder, frozen, batch["features"], real_mask)
     return z1, real_mask, batch["text_emb"], codes, batch.get("text_mask")
 
@@ -313,12 +318,19 @@ def generator_stage(config) -> Stage:
                           _item_keys(dropout_rng, batch), text_mask)
 
   def predict(params, frozen, batch, rng):
-    """The loss in evaluation mode: the sampler's mask, prior and captions given, no dropout; sums per motion."""
+    """The loss with the sampler's mask, captions given, no dropout: sums over the masked latents, and their weight.
+
+    "loss" is without the prior, as motion is made; "with_prior" is the reference's validation, in which a latent to be
+    made sees its own code.
+    """
     z1, real_mask, text_emb, codes, text_mask = inputs(frozen, batch)
-    fields = config.loss.to_dict() | dict(mask=config.sampler.mask, drop_rate=0.0, prior_drop_rate=0.0)
+    fields = ConfigDict(config.loss.to_dict() | dict(mask=config.sampler.mask, drop_rate=0.0, prior_drop_rate=0.0))
     draws = draw_step(rng, _item_keys(rng, batch), *z1.shape[1:], config.loss)
-    sums, weight = generator_loss(net, params, z1, real_mask, text_emb, codes, draws, ConfigDict(fields))
-    return {**sums, "weight": weight}
+    measure = lambda codes: generator_loss(net, params, z1, real_mask, text_emb, codes, draws, fields,
+                                           text_mask=text_mask)
+    sums, weight = measure(None)
+    made = {"loss": sums["loss"], "weight": weight}
+    return made if codes is None else made | {"with_prior": measure(codes)[0]["loss"]}
 
   return Stage(init, loss, predict)
 
@@ -408,7 +420,7 @@ def generate(net, autoencoder, plan, params, frozen, text_emb, hidden, real_mask
   """Normalized features (B, 4 L, F) of new motions; hidden (N, B, L) of `masking.hidden_table`. Pure."""
   latents = jnp.zeros(real_mask.shape + (net.transformer.latent_dim,))
   made = make_latents(net, plan, params, text_emb, latents, hidden, real_mask, scale, draw, text_mask)[-1]
-  return decode_latents(autoencoder, frozen, made)
+  return decode_latents(autoencoder, frozen, made, real_mask)
 
 
 def edit(net, autoencoder, plan, params, frozen, features, text_emb, edited, hidden, real_mask, scale, draw,
@@ -420,7 +432,7 @@ def edit(net, autoencoder, plan, params, frozen, features, text_emb, edited, hid
   # Parity: the released code decodes everything and pastes nothing back.
   latents = latents_of(autoencoder, frozen, features, real_mask)
   made = make_latents(net, plan, params, text_emb, latents, hidden, real_mask, scale, draw, text_mask)[-1]
-  y = decode_latents(autoencoder, frozen, made)
+  y = decode_latents(autoencoder, frozen, made, real_mask)
   if not paste:
     return y
   kept = jnp.repeat(~edited & real_mask, autoencoder.frames_per_latent, axis=1)

@@ -282,7 +282,7 @@ def _write(model, motions, outputs, start, colors=None):
   from motion_jax import export
   print(f"made in {time.time() - start:.1f} s")
   clips = [motion.replace(id=f"{pathlib.Path(outputs[0]).stem}_{i}") for i, motion in enumerate(motions)]
-  pictures = (".mp4", ".gif", ".png", ".jpg")
+  pictures = (".mp4", ".gif", ".png", ".jpg", ".html")
   shown = lambda out: {"colors": colors} if colors is not None and out.lower().endswith(pictures) else {}
   clips = clips if len(clips) > 1 else clips[0]
   _tell_files([path for out in outputs for path in export.save(clips, out, **shown(out))])

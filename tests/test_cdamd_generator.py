@@ -349,7 +349,7 @@ def test_scaled_latents_are_undone_before_the_decoder():
   tokenizer = jax.jit(net.init)(jax.random.key(3), x)
   mean, std = recipe.latent_moments(net, tokenizer, list(np.asarray(x)), length=16)
   real = padding_mask(jnp.array([4, 3]), 4)
-  run = jax.jit(lambda frozen: (lambda z: (z, cdamd.decode_latents(net, frozen, z)))(
+  run = jax.jit(lambda frozen: (lambda z: (z, cdamd.decode_latents(net, frozen, z, real)))(
       cdamd.latents_of(net, frozen, x, real)))
   plain, y = run({"tokenizer": tokenizer, "latent_mean": jnp.zeros(3), "latent_std": jnp.ones(3)})
   scaled, same = run({"tokenizer": tokenizer, "latent_mean": mean, "latent_std": std})

@@ -1,4 +1,4 @@
-"""Copies what loading needs of a denoiser's run folder, in float16, to where models ship from.
+"""Copies what loading needs of a run folder, in float16, to where models ship from.
 
   python tools/export_model.py runs/denoiser motion_jax/pretrained/cmdm-small
 """
@@ -10,10 +10,15 @@ import shutil
 import jax
 import numpy as np
 
-from motion_jax import checkpoint, cmdm, teacher
+from motion_jax import cdamd, checkpoint, cmdm, lengths, matching, teacher
+from motion_jax.metrics.evaluators import ClipEvaluator, T2MEvaluator
+from motion_jax.metrics.words import WordFeatures
+from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
+from motion_jax.nets.length_estimator import LengthEstimator
 from motion_jax.recipes.cmdm import text_identity
+from motion_jax.recipes.recipe import plain
 from motion_jax.text.encoder import load_text_encoder
 
 
@@ -25,7 +30,19 @@ def shapes_of(config):
   if config.stage == "cmdm.denoiser":
     return {checkpoint.PARAMS: cmdm.denoiser_shapes(CausalDiT(**config.model)),
             checkpoint.FROZEN: cmdm.frozen_shapes(CausalVAE(**config.tokenizer))}
-  raise ValueError(f"got a run of stage {config.stage!r}, expected a cmdm.denoiser or a cmdm.teacher")
+  if config.stage == "cdamd.generator":
+    net = cdamd.make_generator(config.model)
+    frozen = cdamd.frozen_shapes(Autoencoder(**plain(config.tokenizer.to_dict())))
+    if config.get("length"):
+      frozen["length"] = lengths.length_shapes(LengthEstimator(**config.length), net.transformer.text_dim)
+    return {checkpoint.PARAMS: cdamd.generator_shapes(net), checkpoint.FROZEN: frozen}
+  if config.stage == "evaluator.matching":  # a vocabulary of others is not ours to ship
+    words = WordFeatures(load_text_encoder(config.frozen.text))
+    return {checkpoint.PARAMS: matching.t2m_shapes(T2MEvaluator(**config.model), words.dim)}
+  if config.stage == "evaluator.clip":
+    return {checkpoint.PARAMS: matching.clip_shapes(ClipEvaluator(**config.model))}
+  raise ValueError(f"got a run of stage {config.stage!r}, expected a cmdm.denoiser, a cmdm.teacher, a cdamd.generator, "
+                   "an evaluator.matching or an evaluator.clip")
 
 
 def main():
@@ -37,7 +54,9 @@ def main():
   args.out.mkdir(parents=True, exist_ok=True)
   sizes = {}
   for name, shapes in shapes_of(config).items():
-    params = checkpoint.load_params(args.run, shapes, name)
+    params = checkpoint.load_params(args.run, name=name)
+    params = {part: params[part] for part in shapes if part in params}  # less what only training needs
+    checkpoint.check_fits(params, shapes, f"{args.run / name} does not fit its config")
     largest = max(float(np.abs(x).max()) for x in jax.tree.leaves(params))
     if not largest < 60_000:  # float16 ends at 65,504
       raise ValueError(f"{name} holds {largest}, too large for float16")
@@ -46,14 +65,16 @@ def main():
   for name in ("Mean.npy", "Std.npy", checkpoint.LENGTHS):
     if (args.run / name).is_file():
       shutil.copyfile(args.run / name, args.out / name)
-  encoder = load_text_encoder(config.frozen.text, level=config.frozen.get("text_level", "words"))
+  default = "sentence" if config.stage == "cdamd.generator" else "words"
+  encoder = load_text_encoder(config.frozen.text, level=config.frozen.get("text_level", default))
   (args.out / checkpoint.TEXT).write_text(text_identity(encoder))
-  plain = config.to_dict()
-  plain["data"].update(folder="", folders=[])  # paths of the machine that trained it
-  if "tokenizer" in plain["frozen"]:
-    plain["frozen"].update(tokenizer="frozen.safetensors")
-  plain["train"].pop("start", None)
-  (args.out / checkpoint.CONFIG).write_text(json.dumps(plain, indent=1) + "\n")
+  fields = config.to_dict()
+  fields["data"].update(folder="", folders=[])  # paths of the machine that trained it
+  if "tokenizer" in fields["frozen"]:
+    fields["frozen"].update(tokenizer="frozen.safetensors")
+  fields["frozen"].update({part: "" for part in ("prior", "length", "movement") if part in fields["frozen"]})
+  fields["train"].pop("start", None)
+  (args.out / checkpoint.CONFIG).write_text(json.dumps(fields, indent=1) + "\n")
   megabytes = sum(path.stat().st_size for path in args.out.iterdir()) / 1e6
   print(f"{args.out}: {sizes}, {megabytes:.1f} MB")
 

@@ -161,7 +161,8 @@ def load_frozen(folder, fields, stage, config, quantizer=None):
   if run.get("stage") != stage:
     raise ValueError(f"{folder} holds a {run.get('stage')!r} run, expected one of stage {stage!r}")
   theirs = Autoencoder(**plain(run.model.to_dict()))
-  if theirs.clone(dropout=0.0) != net.clone(dropout=0.0):  # frozen, it has none
+  alike = dict(dropout=0.0, hide_padding=False)  # frozen, it has no dropout; windows have no padding
+  if theirs.clone(**alike) != net.clone(**alike):
     raise ValueError(f"{folder} holds {plain(run.model.to_dict())}, this config says {plain(fields.to_dict())}; make "
                      "them agree")
   if quantizer and (run.quantizer.num_levels, run.quantizer.num_codes) != (quantizer.num_levels, quantizer.num_codes):
@@ -173,13 +174,15 @@ def load_frozen(folder, fields, stage, config, quantizer=None):
 
 def latent_moments(net, variables, features, num_clips=512, length=192):
   """Mean and std of latents, per channel (C,), over some training clips, padded as in training."""
-  encode = jax.jit(lambda x: net.apply(variables, x, method="encode"))
+  encode = jax.jit(lambda x, real_mask: net.apply(variables, x, real_mask=real_mask, method="encode"))
   rows = []
   for i in np.linspace(0, len(features) - 1, min(num_clips, len(features))).astype(int):
     clip = features[i][:length]
     padded = np.zeros((1, length, clip.shape[-1]), np.float32)
     padded[0, :len(clip)] = clip
-    rows.append(np.asarray(encode(padded))[0, :len(clip) // net.frames_per_latent])
+    count = len(clip) // net.frames_per_latent
+    real_mask = np.arange(length)[None] < count * net.frames_per_latent
+    rows.append(np.asarray(encode(padded, real_mask))[0, :count])
   z = np.concatenate(rows)
   return z.mean(0), z.std(0) + 1e-6
 
