@@ -1,14 +1,19 @@
 """Evaluators and how they learn: motions and sentences by contrast, so that benchmarks can measure in their space.
 
-Three trainings on one page (facts: cdamd 8.1, 8.2): the movement autoencoder, whose encoder is then held still; motion
-and sentence encoders that are matched on top of it; the CLIP-type pair of transformers. Networks: `metrics.evaluators`.
+Four trainings on one page (facts: cdamd 8.1, 8.2, cmdm 6.5): the movement autoencoder, whose encoder is then held
+still; motion and sentence encoders that are matched on top of it; the CLIP-type pair of transformers; SnapMoGen's
+Gaussians.
+Networks: `metrics.evaluators`, `metrics.snap_evaluator`.
 """
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optax
 
 from motion_jax.metrics.evaluators import ClipEvaluator, MovementDecoder, MovementEncoder, T2MEvaluator, unit
+from motion_jax.metrics.snap_evaluator import GaussianDecoder, SnapEvaluator
 from motion_jax.metrics.words import CLASSES
+from motion_jax.nets.masks import padding_mask
 from motion_jax.stage import DEVICES, Stage
 from motion_jax.teacher import info_nce
 
@@ -145,6 +150,11 @@ def init_clip(net, rng):
                   jnp.full(1, 4, jnp.int32))
 
 
+def clip_shapes(net):
+  """Shapes of a `ClipEvaluator`'s parameters."""
+  return jax.eval_shape(lambda: init_clip(net, jax.random.key(0)))
+
+
 def clip_stage(config, axis_name=DEVICES) -> Stage:
   """Trains a `ClipEvaluator` by symmetric InfoNCE with a learned scale over the whole batch, of all devices.
 
@@ -175,6 +185,79 @@ def clip_stage(config, axis_name=DEVICES) -> Stage:
                lambda params, frozen, batch, rng: embed(params, batch))
 
 
+# --- SnapMoGen's --------------------------------------------------------------------------------------------------
+
+
+def gaussian_networks(fields):
+  """(evaluator, decoder) of config.model, the decoder as deep and wide as the encoders."""
+  net = SnapEvaluator(**fields)
+  return net, GaussianDecoder(net.features, net.depth, net.num_heads, net.mlp_width, net.dropout)
+
+
+def init_gaussian(fields, word_dim, rng):
+  """Random parameters {"params": the evaluator's, "decoder": ...} on words of so many numbers."""
+  net, decoder = gaussian_networks(fields)
+  net_rng, decoder_rng = jax.random.split(rng)
+  real_mask, frames = jnp.ones((1, 8), bool), jnp.full(1, 8, jnp.int32)
+  return {"params": net.init(net_rng, jnp.zeros((1, 8, word_dim)), real_mask, jnp.zeros((1, 8, net.columns)),
+                             frames)["params"],
+          "decoder": decoder.init(decoder_rng, jnp.zeros((1, net.width)), real_mask)["params"]}
+
+
+def divergence(a, b):
+  """Mean over (B, D) of KL(a || b) of Gaussians given as (mean, logvar)."""
+  (mean_a, log_a), (mean_b, log_b) = a, b
+  return 0.5 * (log_b - log_a + (jnp.exp(log_a) + jnp.square(mean_a - mean_b)) / jnp.exp(log_b) - 1).mean()
+
+
+def gaussian_stage(config, axis_name=DEVICES) -> Stage:
+  """Trains a `SnapEvaluator` as TMR is trained: either latent becomes the motion again, Gaussians of a pair are alike
+  and like the unit one, and latents of pairs stand out of the batch by their cosines.
+
+  Batch: features (B, T, columns), num_frames (B,), text_emb (B, S, W), text_mask (B, S), meaning (B,), index (B,).
+  Facts are silent on SnapMoGen's weights; config.loss has TMR's. Parity: padded frames count in the reconstruction, as
+  zeros that are met, which lowers the loss of short clips.
+  """
+  net, decoder = gaussian_networks(config.model)
+  whole = _gather(axis_name)
+
+  def encode(params, batch, text_rng=None, motion_rng=None):
+    def run(method, rng, *inputs):
+      rngs = None if rng is None else {"dropout": rng}
+      return net.apply({"params": params["params"]}, *inputs, rng is None, method=method, rngs=rngs)
+
+    return (run("text_gaussian", text_rng, batch["text_emb"], batch["text_mask"]),
+            run("motion_gaussian", motion_rng, batch["features"], batch["num_frames"]))
+
+  def loss(params, frozen, batch, step, rng):
+    # Noise and dropout differ from device to device, as the batch they fall on does.
+    keys = iter(jax.random.split(jax.random.fold_in(rng, batch["index"][0]), 6))
+    (_, *text), (_, *motion) = encode(params, batch, next(keys), next(keys))
+    draw = lambda mean, logvar: mean + jnp.exp(logvar / 2) * jax.random.normal(next(keys), mean.shape)
+    text_z, motion_z = draw(*text), draw(*motion)
+    target = batch["features"][..., :net.features]
+    real_mask = padding_mask(batch["num_frames"], target.shape[1])
+    rebuilt = [decoder.apply({"params": params["decoder"]}, z, real_mask, False, rngs={"dropout": next(keys)})
+               for z in (text_z, motion_z)]
+    unit_gaussian = [jnp.zeros_like(text_z)] * 2
+    sums = {"reconstruction": sum(optax.huber_loss(made, target).mean() for made in rebuilt),
+            "divergence": (divergence(text, unit_gaussian) + divergence(motion, unit_gaussian)
+                           + divergence(text, motion) + divergence(motion, text)),
+            "latent": optax.huber_loss(text_z, motion_z).mean(),
+            "contrast": info_nce(whole(unit(text_z)), whole(unit(motion_z)), 1 / config.loss.temperature,
+                                 same_meaning(whole(batch["meaning"])))[0]}
+    return sums | {"loss": sum(config.loss[name] * value for name, value in sums.items())}, 1.0
+
+  def predict(params, frozen, batch, rng):
+    (_, text, _), (_, motion, _) = encode(params, batch)
+    return {"text": text, "motion": motion}
+
+  return Stage(lambda batch, rng: init_gaussian(config.model, batch["text_emb"].shape[-1], rng), loss, predict)
+
+
+# --- word pieces --------------------------------------------------------------------------------------------------
+
+
 def piece_tables(encoder):
   """Token (V, W) and position (P, W) tables of a BERT- or CLIP-like text encoder, which the CLIP-type evaluator reads.
 
@@ -201,3 +284,15 @@ def piece_ids(encoder, captions, max_words):
 
 def _end(encoder):
   return encoder.tokenizer.encode("a").ids[-1]
+
+
+def hidden_states(encoder, captions, max_words):
+  """What a text encoder says of the words of sentences: (B, max_words, W) and their mask (B, max_words).
+
+  Parity: SnapMoGen's cuts the sentence before it is encoded, here its hidden states are cut.
+  """
+  text_emb, text_mask = encoder(captions)
+  size = min(text_mask.shape[1], max_words)
+  out = np.zeros((len(captions), max_words, text_emb.shape[-1]), np.float32), np.zeros((len(captions), max_words), bool)
+  out[0][:, :size], out[1][:, :size] = text_emb[:, :size], text_mask[:, :size]
+  return out

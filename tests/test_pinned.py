@@ -44,6 +44,8 @@ COUNTS = {
     ("evaluator_clip", "full"): 59_641_857, ("evaluator_clip", "67"): 59_543_553,
     ("evaluator_clip", "66"): 59_543_041, ("evaluator_clip", "kit"): 59_635_713,
     ("evaluator_clip", "small"): 1_407_489, ("evaluator_clip", "tiny"): 18_833,
+    ("evaluator_snapmogen", "full"): 14_818_708, ("evaluator_snapmogen", "small"): 249_300,
+    ("evaluator_snapmogen", "tiny"): 11_940,
     ("cdamd_length", "kit"): 435_122,
 }
 
@@ -66,8 +68,11 @@ def _count(name, size):
   elif config.stage == "evaluator.matching":  # on words of GloVe and of the encoders that ship or are for tests
     net = T2MEvaluator(**config.model)
     shapes = matching.t2m_shapes(net, {"small": 128, "tiny": 32}.get(size, 300))
+  elif config.stage == "evaluator.snapmogen":  # with the decoder that trains it
+    word_dim = {"full": 768, "small": 128, "tiny": 32}[size]
+    shapes = jax.eval_shape(lambda: matching.init_gaussian(config.model, word_dim, jax.random.key(0)))
   elif config.stage == "evaluator.clip":
-    shapes = jax.eval_shape(lambda: matching.init_clip(ClipEvaluator(**config.model), jax.random.key(0)))
+    shapes = matching.clip_shapes(ClipEvaluator(**config.model))
   elif config.stage == "cmdm.tokenizer":
     shapes = cmdm.frozen_shapes(CausalVAE(**config.model))["tokenizer"]
   else:

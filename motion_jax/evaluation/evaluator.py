@@ -3,9 +3,10 @@
   "t2m"        classic networks on tokens with their parts of speech: R-precision, matching, FID, diversity
   "clip"       transformers on word pieces: the CLIP score
   "tmr"        a motion-language teacher (`retrieval`): the timeline benchmark
+  "snapmogen"  SnapMoGen's Gaussians on its 148 numbers: its R-precision is by cosine, its FID of another vector
 
-Folders: runs of configs/evaluator_matching.py, configs/evaluator_clip.py and configs/part_tmr.py, and what `motion-jax
-convert evaluator` makes of released weights. Facts: cmdm 6.1, cdamd 8.1, 8.2.
+Folders: runs of configs/evaluator_matching.py, evaluator_clip.py, evaluator_snapmogen.py and part_tmr.py, and what
+`motion-jax convert evaluator` makes of released weights. Facts: cmdm 6.1, 6.5, cdamd 8.1, 8.2.
 """
 import dataclasses
 import functools
@@ -23,6 +24,7 @@ from motion_jax import teacher as teacher_lib
 from motion_jax.data.clip import Clip
 from motion_jax.data.tagger import tag
 from motion_jax.metrics.evaluators import ClipEvaluator, T2MEvaluator
+from motion_jax.metrics.snap_evaluator import SnapEvaluator
 from motion_jax.metrics.words import CONVERTED, GLOVE_FILES, WordFeatures, load_words
 from motion_jax.model import PRETRAINED
 from motion_jax.motion.features import FeatureLayout, get_layout, to_features
@@ -33,7 +35,8 @@ from motion_jax.recipes.recipe import plain
 from motion_jax.text.bert import Bert
 from motion_jax.text.encoder import load_text_encoder
 
-KINDS = {"evaluator.matching": "t2m", "evaluator.t2m": "t2m", "evaluator.clip": "clip", "cmdm.teacher": "tmr"}
+KINDS = {"evaluator.matching": "t2m", "evaluator.t2m": "t2m", "evaluator.clip": "clip", "cmdm.teacher": "tmr",
+         "evaluator.snapmogen": "snapmogen"}
 BATCH = 32  # rows embedded together; the last batch is filled up, so one compiled function serves all
 MAX_FRAMES = 196  # what released evaluators were trained on
 
@@ -56,6 +59,7 @@ class Evaluator:
   motion: Callable  # (x (B, T, F), num_frames (B,)) -> (B, E)
   text: Callable    # (captions, tokens) -> (N, E)
   unit: int = 4
+  seen: Callable | None = None  # as motion, for FID where that is taken of another vector
 
   @property
   def layout(self) -> FeatureLayout:
@@ -80,6 +84,13 @@ class Evaluator:
     motions to the longest of their batch only; the last token of the longest sees the edge where others see zeros.
     Raises ValueError for features of another representation, or a motion under `unit` frames.
     """
+    return self._embed(self.motion, x, num_frames)
+
+  def embed_for_fid(self, x, num_frames):
+    """What FID and diversity are taken of: `embed_motion`, but for SnapMoGen's what stands before its last layer."""
+    return self._embed(self.seen or self.motion, x, num_frames)
+
+  def _embed(self, apply, x, num_frames):
     x, num_frames = np.asarray(x, np.float32), np.asarray(num_frames)
     if x.ndim != 3 or num_frames.shape != x.shape[:1] or not len(x):
       raise ValueError(f"got motions of shape {x.shape} and frame counts of shape {num_frames.shape}, expected "
@@ -92,7 +103,7 @@ class Evaluator:
       raise ValueError(f"got motions of {num_frames.min()} to {num_frames.max()} frames in {x.shape[1]} rows, expected "
                        f"{self.unit} to {x.shape[1]}; leave shorter ones out")
     x = np.pad(x, ((0, 0), (0, max(self.max_frames - x.shape[1], 0)), (0, 0)))
-    return in_batches(self.motion, x, num_frames.astype(np.int32))
+    return in_batches(apply, x, num_frames.astype(np.int32))
 
   def embed_text(self, captions, tokens=None):
     """Sentences to (N, E) float32. tokens: their "lemma/POS" lines, as HumanML3D's text files hold them (kind "t2m";
@@ -158,10 +169,12 @@ def fresh_evaluator(kind="t2m", layout="coordinates", seed=0) -> Evaluator:
   elif kind == "tmr":
     config |= dict(stage="cmdm.teacher", text=bert_fields_of(encoder.model), loss=dict(text_pool="mean"), model=dict(
         kind="tmr", width=16, depth=1, num_heads=2, mlp_width=16, dim=16, pool="real"))
+  elif kind == "snapmogen":
+    config |= dict(stage="evaluator.snapmogen", model=columns | dict(width=16, depth=1, num_heads=2, mlp_width=16))
   else:
-    raise ValueError(f"got evaluator kind {kind!r}, expected t2m, clip or tmr")
+    raise ValueError(f"got evaluator kind {kind!r}, expected t2m, clip, tmr or snapmogen")
   config = ml_collections.FrozenConfigDict(config)
-  init, _, _ = _NETWORKS[kind](config, WordFeatures(encoder).dim)
+  init = _NETWORKS[kind](config, encoder.dim)[0]
   stats = Stats(np.zeros(layout.dim, np.float32), np.ones(layout.dim, np.float32), layout)
   reader = lambda: WordFeatures(encoder) if kind == "t2m" else encoder
   return _assemble(f"fresh-{kind}", None, config, stats, _random_params(init, seed), reader)
@@ -187,14 +200,25 @@ def _assemble(name, folder, config, stats, params, reader):
   if columns != stats.layout.dim:
     raise ValueError(f"{name}: the network reads {columns} numbers per frame, its statistics are of layout "
                      f"{stats.layout.name!r} with {stats.layout.dim}; restore the evaluator's own Mean.npy and Std.npy")
-  word_dim = params["params"]["text_encoder"]["classes"]["kernel"].shape[-1] if kind == "t2m" else 0
-  init, motion, text = _NETWORKS[kind](config, word_dim)
+  init, motion, text, *seen = _NETWORKS[kind](config, _word_dim(kind, params))
   checkpoint.check_fits(params, jax.eval_shape(init, jax.random.key(0)), f"{name}: the weights do not fit the config")
   motion = functools.partial(jax.jit(motion), params)
   dim = jax.eval_shape(motion, jnp.zeros((1, 8, columns)), jnp.full(1, 8)).shape[-1]
   return Evaluator(name, folder, kind, stats, dim, _hash(params, stats), int(config.data.get("max_frames", MAX_FRAMES)),
                    config.data.get("mode", "benchmark"), motion,
-                   lambda captions, tokens: text(params, reader(), captions, tokens))
+                   lambda captions, tokens: text(params, reader(), captions, tokens),
+                   seen=functools.partial(jax.jit(seen[0]), params) if seen else None)
+
+
+def _word_dim(kind, params):
+  """Numbers of a word that the weights were trained on, where a text encoder or vocabulary makes them."""
+  encoder = params["params"].get("text_encoder", {}) if "params" in params else {}
+  name = {"t2m": "classes", "snapmogen": "embed"}.get(kind)
+  if name is None:
+    return 0
+  if "kernel" not in encoder.get(name, {}):
+    raise ValueError(f"the weights do not fit an evaluator of kind {kind!r}: text_encoder/{name} is missing")
+  return encoder[name]["kernel"].shape[-1 if kind == "t2m" else 0]
 
 
 def _hash(params, stats):
@@ -205,7 +229,8 @@ def _hash(params, stats):
   return digest.hexdigest()
 
 
-# --- networks: (init(rng) -> params, motion(params, x, num_frames), text(params, reader, captions, tokens)) -------
+# --- networks: (init(rng) -> params, motion(params, x, num_frames), text(params, reader, captions, tokens)), and
+# seen(params, x, num_frames) where FID is taken of another vector -------------------------------------------------
 
 
 def _t2m(config, word_dim):
@@ -248,7 +273,22 @@ def _tmr(config, _):
   return lambda rng: teacher_lib.init_teacher(teacher, bert, config.data.layout, rng), motion, text
 
 
-_NETWORKS = {"t2m": _t2m, "clip": _clip, "tmr": _tmr}
+def _snapmogen(config, word_dim):
+  fields = plain(config.model.to_dict())
+  net = SnapEvaluator(**fields)
+  apply = lambda method: lambda params, *given: net.apply({"params": params["params"]}, *given, method=method)
+  embed = jax.jit(apply("text"))
+
+  def text(params, reader, captions, tokens):
+    if reader.dim != word_dim:
+      raise ValueError(f"the text encoder gives {reader.dim} numbers a word, the evaluator was trained on {word_dim}")
+    given = matching.hidden_states(reader, captions, config.data.max_words)
+    return in_batches(functools.partial(embed, params), *given)
+
+  return functools.partial(matching.init_gaussian, fields, word_dim), apply("motion"), text, apply("motion_seen")
+
+
+_NETWORKS = {"t2m": _t2m, "clip": _clip, "tmr": _tmr, "snapmogen": _snapmogen}
 
 
 # --- words --------------------------------------------------------------------------------------------------------

@@ -16,6 +16,7 @@ from motion_jax.recipes.cmdm import held_out, one_clip_per_caption, text_identit
 from motion_jax.recipes.recipe import Recipe, plain
 from motion_jax.text.encoder import load_text_encoder
 
+_RULES = ("unit", "coin", "crop_frames", "keep_long")  # of `batches.TextItems`
 NUM_VALIDATION = 8  # batches of the validation split that a loss is the mean of, the same every time
 
 
@@ -87,6 +88,19 @@ def clip(config) -> Recipe:
   return _recipe(config, stage, data, read, {checkpoint.TEXT: text_identity(encoder)}, scores.cosines)
 
 
+def gaussian(config) -> Recipe:
+  """SnapMoGen's evaluator, on hidden states of the frozen text encoder that config.frozen.text names."""
+  encoder = load_text_encoder(config.frozen.text)
+  data = sources.load_features(config.data)
+
+  def read(batch, data):
+    batch["text_emb"], batch["text_mask"] = matching.hidden_states(encoder, batch.pop("caption"), config.data.max_words)
+    return batch
+
+  stage = matching.gaussian_stage(config)
+  return _recipe(config, stage, data, read, {checkpoint.TEXT: text_identity(encoder)}, scores.cosines)
+
+
 def _recipe(config, stage, data, read, files, nearness, loss=None):
   """What matching and CLIP-type training share: clips with captions, and validation by loss and retrieval.
 
@@ -127,7 +141,7 @@ class _Items:
     rules = config.data
     self.data = data
     self.items = batches.TextItems(data.features, data.captions, rules.min_frames, rules.max_frames,
-                                   tuple(rules.lengths))
+                                   tuple(rules.lengths), **{name: rules[name] for name in _RULES if name in rules})
     if rules.same not in ("", "caption", "meaning"):
       raise ValueError(f"got data.same {rules.same!r}, expected '', caption or meaning")
     linked = data.captions if rules.same == "meaning" else [[caption] for row in data.captions for caption in row]
@@ -172,4 +186,5 @@ def load_vocabulary(config):
   return WordFeatures(encoder), {checkpoint.TEXT: text_identity(encoder)}
 
 
-RECIPES = {"evaluator.movement": movement, "evaluator.matching": match, "evaluator.clip": clip}
+RECIPES = {"evaluator.movement": movement, "evaluator.matching": match, "evaluator.clip": clip,
+           "evaluator.snapmogen": gaussian}

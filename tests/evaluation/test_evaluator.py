@@ -14,7 +14,7 @@ from tests.conftest import load_config
 CAPTIONS = ["a person walks forward", "someone waves the left hand", "he sits down"]
 
 
-@pytest.fixture(scope="module", params=["t2m", "clip", "tmr"])
+@pytest.fixture(scope="module", params=["t2m", "clip", "tmr", "snapmogen"])
 def evaluator(request):
   return fresh_evaluator(request.param, "coordinates")
 
@@ -63,7 +63,7 @@ def test_wrong_input_is_told(evaluator):
 def test_a_seed_says_which_evaluator():
   one, same, other = (fresh_evaluator("t2m", "coordinates", seed) for seed in (0, 0, 1))
   assert one.hash == same.hash != other.hash and len(one.hash) == 64
-  with pytest.raises(ValueError, match="t2m, clip or tmr"):
+  with pytest.raises(ValueError, match="t2m, clip, tmr or"):
     fresh_evaluator("classic")
 
 
