@@ -24,7 +24,7 @@ BLUE, ORANGE = (0.25, 0.5, 0.9), (0.95, 0.55, 0.15)  # frames that were given, f
 class CdamdModel(Prompted):
   """CDAMD or MARDM ready to use: prompts in, motion out; a motion in, the same one with new parts out."""
 
-  def __init__(self, folder, config, encoder):
+  def __init__(self, folder, config, encoder, raw=False):
     self.autoencoder = Autoencoder(**plain_fields(config.tokenizer))
     self.net = cdamd.make_generator(config.model)
     self.max_seconds = config.data.max_frames / get_layout(config.data.layout).skeleton.fps
@@ -33,7 +33,7 @@ class CdamdModel(Prompted):
     if self.length:
       shapes["length"] = lengths.length_shapes(self.length, text_dim)
     super().__init__(folder, config, encoder, text_dim, self.autoencoder.frames_per_latent, shapes,
-                     cdamd.generator_shapes(self.net))
+                     cdamd.generator_shapes(self.net), raw)
     # All motions are padded to the training length, whose positions are known, and compiled once.
     self.max_latents = config.data.max_frames // self.unit
     self._generate = jax.jit(partial(_generate, self.net, self.autoencoder), static_argnums=0)

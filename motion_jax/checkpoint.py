@@ -19,6 +19,7 @@ from safetensors.numpy import load_file, save_file
 from motion_jax.data.clip import atomic_path
 
 CONFIG, PARAMS, METRICS = "config.json", "params.safetensors", "metrics.jsonl"
+RAW = "raw.safetensors"        # the last weights as they are, where PARAMS holds their average
 FROZEN = "frozen.safetensors"  # what a stage was trained on top of: the denoiser's tokenizer
 LENGTHS = "captions.json"      # [caption, usual frames] rows of the training data
 TEXT = "text.json"             # name and fingerprint of the text encoder that a denoiser was trained on

@@ -26,8 +26,11 @@ def pretrained_names():
   return sorted(path.parent.name for path in PRETRAINED.glob("*/config.json") if (path.parent / "Mean.npy").is_file())
 
 
-def load(name="cmdm-small", text=None) -> Prompted:
-  """A run folder of a denoiser or generator, or the name of a model that ships. text: another folder of the encoder."""
+def load(name="cmdm-small", text=None, raw=False) -> Prompted:
+  """A run folder of a denoiser or generator, or the name of a model that ships.
+
+  text: another folder of the encoder. raw: the last weights of a run, not the average that it kept beside them.
+  """
   folder = pathlib.Path(name)
   if not folder.is_dir() and (PRETRAINED / str(name)).is_dir():
     folder = PRETRAINED / str(name)
@@ -37,12 +40,12 @@ def load(name="cmdm-small", text=None) -> Prompted:
   config = checkpoint.load_config(folder)
   if config.get("stage") == "cdamd.generator":
     level = config.frozen.get("text_level", "sentence")
-    return CdamdModel(folder, config, load_text_encoder(text or config.frozen.text, level=level))
+    return CdamdModel(folder, config, load_text_encoder(text or config.frozen.text, level=level), raw)
   if config.get("stage") != "cmdm.denoiser":
     raise ValueError(f"{folder} holds a {config.get('stage')!r} run; generating needs the run of a cmdm.denoiser or a "
                      "cdamd.generator")
   level = config.frozen.get("text_level", "words")  # older runs do not say
-  return Model(folder, config, load_text_encoder(text or config.frozen.text, level=level))
+  return Model(folder, config, load_text_encoder(text or config.frozen.text, level=level), raw)
 
 
 class Compiled(NamedTuple):
@@ -70,11 +73,11 @@ def _compile(dit, vae):
 class Model(Prompted):
   """CMDM ready to use: prompts in, motion out. Made by `load`."""
 
-  def __init__(self, folder, config, encoder: TextEncoder):
+  def __init__(self, folder, config, encoder: TextEncoder, raw=False):
     self.vae = CausalVAE(**plain_fields(config.tokenizer))
     self.dit = CausalDiT(**plain_fields(config.model))
     super().__init__(folder, config, encoder, self.dit.text_dim, self.vae.frames_per_latent,
-                     cmdm.frozen_shapes(self.vae), cmdm.denoiser_shapes(self.dit))
+                     cmdm.frozen_shapes(self.vae), cmdm.denoiser_shapes(self.dit), raw)
     self.context = config.data.max_frames // self.vae.frames_per_latent // self.dit.block * self.dit.block
     self.compiled = _compile(self.dit, self.vae)
 

@@ -18,10 +18,11 @@ class Prompted:
   """A run folder whose parameters make motion from words; the base of `model.Model` and `cdamd_model.CdamdModel`."""
   max_seconds = 3600.0
 
-  def __init__(self, folder, config, encoder: TextEncoder, text_dim, unit, frozen_shapes, shapes):
+  def __init__(self, folder, config, encoder: TextEncoder, text_dim, unit, frozen_shapes, shapes, raw=False):
     """text_dim: numbers that the network takes of a word or sentence; unit: frames of a latent; shapes of what the
-    folder must hold."""
+    folder must hold; raw: its last weights, not their average."""
     self.folder, self.config, self.encoder, self.unit = pathlib.Path(folder), config, encoder, unit
+    self.params_file = checkpoint.RAW if raw else checkpoint.PARAMS
     if encoder.dim != text_dim:
       raise ValueError(f"the text encoder gives {encoder.dim} numbers a {encoder.level.removesuffix('s')}, the model "
                        f"in {folder} was trained on {text_dim}; pass the encoder named {config.frozen.text!r} as text")
@@ -33,7 +34,7 @@ class Prompted:
     frozen = {name: frozen[name] for name in frozen_shapes if name in frozen}  # less what only training needs
     checkpoint.check_fits(frozen, frozen_shapes, f"{self.folder / checkpoint.FROZEN} does not fit its config")
     self.frozen = jax.tree.map(jnp.asarray, frozen)
-    self.params = jax.tree.map(jnp.asarray, checkpoint.load_params(folder, shapes))
+    self.params = jax.tree.map(jnp.asarray, checkpoint.load_params(folder, shapes, self.params_file))
     self._lengths = None
 
   # --- what it is ------------------------------------------------------------------------------------------------
@@ -49,7 +50,7 @@ class Prompted:
   @functools.cached_property
   def id(self) -> str:
     """Folder name and a hash of the weights: what a file says about where its motion is from."""
-    digest = hashlib.sha256((self.folder / checkpoint.PARAMS).read_bytes()).hexdigest()[:12]
+    digest = hashlib.sha256((self.folder / self.params_file).read_bytes()).hexdigest()[:12]
     return f"{self.folder.name}@{digest}"
 
   @property

@@ -184,12 +184,18 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
   state = place(state, np.zeros(devices))
   saver = checkpoint.Saver(workdir)
   use_average = optimizer.ema_decay > 0
+
+  def keep(state):
+    checkpoint.save_params(workdir, variables_of(state, use_average))
+    if use_average:  # references that have no average are judged without one
+      checkpoint.save_params(workdir, variables_of(state), name=checkpoint.RAW)
+
   if saver.latest is not None:
     if not resume:
       raise ValueError(f"{workdir} holds a run at step {saver.latest}; --resume continues it, or choose another folder")
     state = place(saver.restore(state), np.zeros(devices))
     if _is_best(config, workdir, saver.latest):  # the run may have ended between its checkpoint and this file
-      checkpoint.save_params(workdir, variables_of(state, use_average))
+      keep(state)
   elif resume and not checkpoint.is_fresh(workdir):
     raise FileNotFoundError(f"{workdir} has no checkpoint to resume from; start without --resume in an empty folder")
   checkpoint.trim_metrics(workdir, int(state.step))
@@ -216,7 +222,7 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
       checkpoint.append_metrics(workdir, {"step": step, **numbers})
     saver.save(step, state)
     if _is_best(config, workdir, step):
-      checkpoint.save_params(workdir, params)
+      keep(state)
 
   with _Interrupt() as interrupt, tqdm(total=num_steps, initial=first, unit="step", dynamic_ncols=True) as bar:
     step = first

@@ -64,6 +64,7 @@ def test_two_steps_and_two_more_are_four(tmp_path):
 def test_a_run_folder_holds_averaged_parameters_metrics_and_a_curve(tmp_path):
   state = train.train(_config(3), tmp_path, _stage(), _next_batch)
   assert _equal(checkpoint.load_params(tmp_path), state.ema_params)
+  assert _equal(checkpoint.load_params(tmp_path, name=checkpoint.RAW), state.params)
   assert not _equal(state.ema_params, state.params)
   rows = train.read_metrics(tmp_path)
   assert [row["step"] for row in rows] == [1, 2, 3] and all(row["loss"] > 0 for row in rows)

@@ -10,7 +10,7 @@ from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.length_estimator import LengthEstimator
 from motion_jax.quant import vq
 from motion_jax.recipes.cmdm import caption_lengths, held_out, reconstruction_error, text_identity
-from motion_jax.recipes.recipe import Recipe, plain
+from motion_jax.recipes.recipe import Recipe, plain, untrained
 from motion_jax.text.encoder import load_text_encoder
 
 
@@ -152,9 +152,10 @@ def load_frozen(folder, fields, stage, config, quantizer=None):
   untrained one for trying things out."""
   net = Autoencoder(**plain(fields.to_dict()))
   if folder == "fresh":
-    variables = jax.jit(net.init)(jax.random.key(0), np.zeros((1, net.frames_per_latent, net.features), np.float32))
+    variables = untrained(cdamd.autoencoder_shapes(net))
     if quantizer:
-      codes = jax.random.normal(jax.random.key(1), (quantizer.num_levels, quantizer.num_codes, net.latent_dim))
+      codes = np.random.default_rng(1).standard_normal(
+          (quantizer.num_levels, quantizer.num_codes, net.latent_dim), np.float32)
       variables = {**variables, "codebooks": vq.codebook_of(codes)._asdict()}
     return net, variables, sources.load_features(config.data).stats
   run = checkpoint.load_config(folder)

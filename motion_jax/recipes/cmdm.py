@@ -13,7 +13,7 @@ from motion_jax.metrics.scores import retrieval
 from motion_jax.motion import stats as stats_lib
 from motion_jax.motion.features import to_joints
 from motion_jax.nets.causal_vae import CausalVAE
-from motion_jax.recipes.recipe import Recipe, plain
+from motion_jax.recipes.recipe import Recipe, plain, untrained
 from motion_jax.text.encoder import load_text_encoder
 
 
@@ -61,7 +61,9 @@ def load_teacher(config, stats):
   with config.unlocked():
     config.teacher = fields  # with it the run folder says what its latents were aligned with
   if folder == "fresh":
-    return teacher.init(jax.random.key(0), np.zeros((1, 4, stats.layout.dim)), np.zeros((1, 8)))["params"]
+    shapes = jax.eval_shape(lambda: teacher.init(jax.random.key(0), np.zeros((1, 4, stats.layout.dim)),
+                                                 np.zeros((1, 8))))
+    return untrained(shapes["params"])
   params = checkpoint.load_params(folder)
   shapes = teacher_lib.teacher_shapes(teacher, run.text, run.data.layout)
   checkpoint.check_fits(params, shapes, f"the teacher in {folder} does not fit its config")
@@ -143,9 +145,7 @@ def load_tokenizer(folder, config):
   """(module, params, stats) of a trained tokenizer; "fresh" makes an untrained one for trying things out."""
   if folder == "fresh":
     vae = CausalVAE(**config.tokenizer)
-    x = np.zeros((1, 16, vae.features), np.float32)
-    params = vae.init(jax.random.key(0), x, np.zeros((1, 16 // vae.frames_per_latent, vae.latent_dim), np.float32))
-    return vae, params, sources.load_features(config.data).stats
+    return vae, untrained(cmdm.frozen_shapes(vae)["tokenizer"]), sources.load_features(config.data).stats
   run = checkpoint.load_config(folder)
   if run.get("stage") != "cmdm.tokenizer":
     raise ValueError(f"{folder} holds a {run.get('stage')!r} run, expected one of stage 'cmdm.tokenizer'")

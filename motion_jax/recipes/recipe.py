@@ -2,6 +2,9 @@
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import jax
+import numpy as np
+
 from motion_jax.motion.stats import Stats
 from motion_jax.stage import Stage
 
@@ -18,6 +21,20 @@ class Recipe(NamedTuple):
   evaluate: Callable | None
   stats: Stats
   files: dict[str, str | bytes]
+
+
+def untrained(shapes, seed=0):
+  """Random parameters of these shapes, for trying things out: products keep their size, nothing is compiled."""
+  draw = np.random.default_rng(seed)
+
+  def fill(path, leaf):
+    name = path[-1].key
+    if len(leaf.shape) < 2:
+      return np.full(leaf.shape, float(name == "scale"), np.float32)
+    fan_in = max(int(np.prod(leaf.shape[:-1])), 1)
+    return draw.standard_normal(leaf.shape, np.float32) / np.sqrt(np.float32(fan_in))
+
+  return jax.tree_util.tree_map_with_path(fill, shapes)
 
 
 def plain(value):
