@@ -20,7 +20,7 @@ from motion_jax.data.mirror import mirror_clip
 from motion_jax.data.tagger import tag
 from motion_jax.motion.features import get_layout, layout_for, to_features, to_joints
 from motion_jax.motion.skeleton import HUMANML3D
-from motion_jax.motion.stats import Stats, compute_stats, load_stats, save_stats
+from motion_jax.motion.stats import ABSOLUTE, Stats, compute_stats, load_stats, save_stats
 
 SPLITS = ("train", "val", "test", "train_val", "all")
 MIN_FRAMES = {"humanml3d": 40, "kit": 24}
@@ -151,7 +151,7 @@ def folder_stats(folder, layout=None, per_axis=False) -> Stats:
   """The folder's statistics, in its own layout or another one.
 
   Essential ones are the first columns of Mean.npy and Std.npy. Coordinates have Mean_abs.npy and Std_abs.npy where the
-  field's tools made them; else they are computed from the training joints, per column or (per_axis) per axis.
+  field's tools made them; else, or if they are asked for per axis, they are computed from the training joints.
   """
   folder = pathlib.Path(folder)
   own = get_layout(dataset_info(folder)["layout"])
@@ -160,9 +160,8 @@ def folder_stats(folder, layout=None, per_axis=False) -> Stats:
   if layout.kind != "coordinates":
     stats = load_stats(folder, own)
     return stats if layout is own else Stats(stats.mean[:layout.dim], stats.std[:layout.dim], layout)
-  if all((folder / name).is_file() for name in ("Mean_abs.npy", "Std_abs.npy")):
-    saved = [np.load(folder / name, allow_pickle=False).ravel() for name in ("Mean_abs.npy", "Std_abs.npy")]
-    return Stats(*(np.resize(value, layout.dim).astype(np.float32) for value in saved), layout)  # 3 values are tiled
+  if not per_axis and all((folder / name).is_file() for name in ABSOLUTE):
+    return load_stats(folder, layout, ABSOLUTE)
   joints = [clip.joints.reshape(clip.num_frames, -1) for clip in read_folder(folder, "train")]
   return compute_stats(joints, layout, per_axis)
 

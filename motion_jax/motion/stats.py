@@ -8,6 +8,8 @@ import numpy as np
 
 from motion_jax.motion.features import FeatureLayout, get_layout, layout_for
 
+ABSOLUTE = ("Mean_abs.npy", "Std_abs.npy")  # where the field's tools keep statistics of coordinates
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Stats:
@@ -74,16 +76,20 @@ def save_stats(stats, folder):
       whole.unlink(missing_ok=True)
 
 
-def load_stats(folder, layout=None) -> Stats:
-  """Reads Mean.npy and Std.npy; without a layout their length tells it."""
+def load_stats(folder, layout=None, names=("Mean.npy", "Std.npy")) -> Stats:
+  """Reads Mean.npy and Std.npy; without a layout their length tells it. Three numbers are one for each axis of
+  coordinates."""
   folder = pathlib.Path(folder)
   values = []
-  for name in ("Mean.npy", "Std.npy"):
+  for name in names:
     if not (folder / name).is_file():
       raise FileNotFoundError(f"{folder} has no {name}; expected the statistics that the data or the run was made with")
     try:
-      values.append(np.load(folder / name, allow_pickle=False).astype(np.float32))
+      values.append(np.load(folder / name, allow_pickle=False).astype(np.float32).ravel())
     except (ValueError, EOFError) as error:
       raise ValueError(f"{folder / name} is no whole array of numbers ({error}); restore it from the data or the run "
                        "that wrote it") from error
-  return Stats(*values, get_layout(layout) if layout else layout_for(values[0].shape[-1]))
+  layout = get_layout(layout) if layout else layout_for(values[0].shape[-1])
+  if layout.kind == "coordinates":
+    values = [np.tile(value, layout.dim // 3) if value.shape == (3,) else value for value in values]
+  return Stats(*values, layout)

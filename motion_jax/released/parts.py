@@ -14,7 +14,7 @@ import numpy as np
 
 from motion_jax import checkpoint, convert
 from motion_jax.motion.features import layout_for
-from motion_jax.motion.stats import Stats, save_stats
+from motion_jax.motion.stats import ABSOLUTE, load_stats, save_stats
 from motion_jax.recipes.cmdm import text_identity
 from motion_jax.text.encoder import load_text_encoder
 
@@ -127,25 +127,27 @@ def heads_of(given, width, known, flag="--heads"):
 def stats_of(folder, columns, means=("Mean.npy",)):
   """Mean and std of so many columns, from the first pair of files in a folder that has as many.
 
-  means: names of the files with means; for coordinates Mean_abs.npy comes first, whose numbers may be three, one for
-  each axis (facts: cdamd 1.3). Raises FileNotFoundError or ValueError.
+  means: names of the files with means; for coordinates Mean_abs.npy comes first (facts: cdamd 1.3). Raises
+  FileNotFoundError or ValueError.
   """
   folder, layout = pathlib.Path(folder), layout_for(columns)
-  means = ("Mean_abs.npy", *means) if layout.kind == "coordinates" else means
-  stds = tuple(mean.replace("Mean", "Std").replace("mean", "std") for mean in means)
-  for pair in zip(means, stds):
-    paths = [folder / name for name in pair]
-    if all(path.is_file() for path in paths):
-      try:
-        values = [np.load(path, allow_pickle=False).astype(np.float32).squeeze() for path in paths]
-      except (ValueError, EOFError) as error:
-        raise ValueError(f"{paths[0]} or {pair[1]} is no whole array of numbers ({error})") from error
-      if layout.kind == "coordinates":
-        values = [np.tile(value, columns // 3) if value.shape == (3,) else value for value in values]
-      if values[0].shape == (columns,):
-        return Stats(*values, layout)
+  pairs = [(mean, mean.replace("Mean", "Std").replace("mean", "std")) for mean in means]
+  if layout.kind == "coordinates":
+    pairs.insert(0, ABSOLUTE)
+  for names in pairs:
+    if all((folder / name).is_file() for name in names) and _fits(folder / names[0], layout):
+      return load_stats(folder, layout, names)
   raise FileNotFoundError(f"{folder} has no statistics of {columns} numbers, those of layout {layout.name!r}; expected "
-                          + ", or ".join(f"{mean} and {std}" for mean, std in zip(means, stds)))
+                          + ", or ".join(f"{mean} and {std}" for mean, std in pairs))
+
+
+def _fits(path, layout):
+  """Whether a file of means is of that layout; one that cannot be read is for `load_stats` to tell."""
+  try:
+    size = np.load(path, mmap_mode="r", allow_pickle=False).size
+  except (ValueError, EOFError):
+    return True
+  return size == layout.dim or size == 3 and layout.kind == "coordinates"
 
 
 def text_files(text, dim, what, usual, level="words"):

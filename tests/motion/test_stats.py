@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from motion_jax.motion.features import LAYOUTS
-from motion_jax.motion.stats import Stats, compute_stats, load_stats, save_stats
+from motion_jax.motion.stats import ABSOLUTE, Stats, compute_stats, load_stats, save_stats
 
 
 def _features(dim, seed=0):
@@ -26,6 +26,16 @@ def test_std_is_one_number_per_block(name):
 def test_coordinates_per_axis_have_three_numbers():
   stats = compute_stats(_features(66), "coordinates", per_axis=True)
   assert len(np.unique(stats.std)) == 3 and (stats.std.reshape(22, 3) == stats.std[:3]).all()
+
+
+def test_files_of_coordinates_may_hold_three_numbers(tmp_path):
+  for name, values in zip(ABSOLUTE, ([1, 2, 3], [4, 5, 6])):
+    np.save(tmp_path / name, np.array(values, np.float64))
+  stats = load_stats(tmp_path, "coordinates", ABSOLUTE)
+  assert np.array_equal(stats.mean, np.tile([1, 2, 3], 22)) and np.array_equal(stats.std, np.tile([4, 5, 6], 22))
+  np.save(tmp_path / ABSOLUTE[0], np.zeros(263))
+  with pytest.raises(ValueError, match="another representation"):
+    load_stats(tmp_path, "coordinates", ABSOLUTE)
 
 
 def test_normalize_and_back(tmp_path):
