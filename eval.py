@@ -64,7 +64,7 @@ def main(argv=None):
     written = [out / name for name in ("results.json", "tables.md", "tables.tex")]
     if args.report:
       from motion_jax.evaluation import report
-      written.append(report.write([result], pathlib.Path(args.report), folder=out))
+      written.append(report.write([result], pathlib.Path(args.report), folders=[out]))
   except (ValueError, FileNotFoundError, FloatingPointError) as error:
     sys.exit(f"eval.py: {error}")
   for failure in (result["controls"] or {}).get("failures", []):

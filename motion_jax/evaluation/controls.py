@@ -65,7 +65,7 @@ def curves(checked) -> dict:
   return {f"{label} against noise": dict(
       x=[0.0] + [100 * level for level in checked["levels"]], y=[row[metric] for row in rows],
       interval=[0.0] * len(rows), x_label="noise on real joints, cm", y_label=label)
-      for metric, label in (("top3", "R@3"), ("fid", "FID"))}
+      for metric, label in (("top3", "R@3"), ("fid", "FID")) if metric in rows[0]}
 
 
 def _damages(skeleton, mode):

@@ -3,10 +3,13 @@ import dataclasses
 
 import numpy as np
 
+from motion_jax import model
 from motion_jax.evaluation import samples
 from motion_jax.evaluation.judge import PHYSICS
 
 METRICS = ("top1", "top2", "top3", "fid", "matching", "diversity", "multimodality", "clip_score", *PHYSICS)
+
+load = model.load
 
 
 def real_rows(judge, repeat):

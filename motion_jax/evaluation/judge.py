@@ -41,6 +41,8 @@ class Judge:
       protocol = dataclasses.replace(protocol, few_draws=count)
     self.protocol, self.count = protocol, count
     self._texts, self._readings = {}, {}
+    self.curves = {}  # {name of a row: a curve of each repeat}, where a task draws one
+    self.kept = {}    # what a task wants to make only once
 
   def rng(self, repeat, stream):
     return np.random.default_rng((self.seed, repeat, stream))

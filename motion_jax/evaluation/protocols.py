@@ -10,7 +10,7 @@
   snapmogen        SnapMoGen                148                  text to motion, CMDM Table 2
   long-horizon     HumanML3D or archives    any                  32 prompts in a row, CMDM Table 3
   babel            BABEL                    135                  the same, CMDM Table 5
-  mtt              timelines                any, kind "tmr"      timelines, CMDM Table 7
+  mtt              timelines and clips      any, kind "tmr"      timelines, CMDM Table 7
   editing          any of the first four    any                  four editing tasks, CDAMD Table III
   reconstruction   any of the first four    any                  a tokenizer there and back, CMDM Table 8
 
@@ -64,17 +64,26 @@ class Benchmark(Protocol):
   poses_alone: bool = True               # joint errors of each frame by itself, heading 0
   # editing
   paste: bool = False                    # put the kept frames back as they came
+  edit_mask: str = "causal"              # Parity: what the released script samples with; --sampling mask=bcm is ours
   # stories and timelines
   sequences: int = 64
   segments: int = 32
   transition_frames: int = 60
+  timelines: str | None = None           # a file of them
+  released_slips: bool = True            # Parity: of STMC's script, see `metrics.timeline_scores.Mtt`
   real_jerk: str | None = "humanml3d"    # level of AUJ, a key of physics.REAL_JERK; None: of the real clips given
   paper: tuple[str, str, str] | None = None  # (system, table, row) to print beside
 
   def on(self, data_format):
-    """The protocol for data of a format: archives hold shorter clips, of up to 200 frames."""
-    changes = dict(min_frames=min(self.min_frames, 24), past_frames=201) if data_format == "archive" else {}
-    return dataclasses.replace(self, **changes) if self.task != "stories" else self
+    """The protocol for data of a format: archives hold shorter clips, of up to 200 frames, have evaluators that ship,
+    and compare with no paper."""
+    if data_format != "archive":
+      return self
+    changes = dict(evaluator=self.evaluator or "evaluator-small")
+    if self.task in ("generation", "reconstruction", "editing"):
+      changes |= dict(min_frames=min(self.min_frames, 24), past_frames=201, paper=None,
+                      clip_evaluator=self.clip_evaluator or "clip-evaluator-small")
+    return dataclasses.replace(self, **changes)
 
   @property
   def num_multimodality(self):
@@ -123,19 +132,21 @@ PROTOCOLS = {protocol.name: protocol for protocol in (
         paper=("cmdm", "2", "CMDM w/ FSS")),
     Benchmark(
         name="long-horizon", title="Long motions, 32 prompts in a row", facts="cmdm 6.4", task="stories",
-        formats=_ANY_GENERATION, seed=3407, lost_frames=0, repeats=10, min_frames=70, past_frames=201, coin=False,
+        formats=_ANY_GENERATION, seed=3407, lost_frames=0, repeats=10, min_frames=70, past_frames=201, max_frames=200,
+        coin=False,
         random_crop=False, paper=("cmdm", "3-humanml3d", "CMDM")),
     Benchmark(
         name="babel", title="Long motions, BABEL", facts="cmdm 6.4", task="stories", formats=("babel",),
         layouts=("babel",), split="val", seed=3407, lost_frames=0, repeats=10, min_frames=30, past_frames=201,
-        coin=False, random_crop=False, transition_frames=30, real_jerk="babel", paper=("cmdm", "5", "CMDM")),
+        max_frames=200, coin=False, random_crop=False, transition_frames=30, real_jerk="babel",
+        paper=("cmdm", "5", "CMDM")),
     Benchmark(
-        name="mtt", title="Timelines, MTT", facts="cmdm 6.4", task="timelines", formats=("timelines",), seed=3407,
-        lost_frames=0, repeats=1, paper=("cmdm", "7", "CMDM")),
+        name="mtt", title="Timelines, MTT", facts="cmdm 6.4", task="timelines", formats=_ANY_GENERATION,
+        seed=3407, lost_frames=0, repeats=1, max_frames=400, past_frames=401, paper=("cmdm", "7", "CMDM")),
     dataclasses.replace(
         _CDAMD, name="editing", title="Editing in time", facts="cdamd 7, 8.3; repeats: one in the released comment",
         task="editing", formats=_ANY_GENERATION, layouts=(), repeats=1,
-        paper=("cdamd", "3", "")),
+        paper=("cdamd", "3", "CDAMD")),
     dataclasses.replace(
         _CMDM, name="reconstruction", title="Reconstruction by the tokenizer", facts="cmdm 6.3",
         task="reconstruction", formats=_ANY_GENERATION, layouts=(), sampled_latents=True,

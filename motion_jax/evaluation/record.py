@@ -1,5 +1,6 @@
 """What lets anyone repeat a number: what was judged, by what, with which draws, on which code."""
 import dataclasses
+import hashlib
 import importlib.metadata
 import pathlib
 import platform
@@ -14,8 +15,9 @@ def make_record(judge, folders, subjects, repeats, devices) -> dict:
   """A JSON object; nothing in it depends on when or how fast an evaluation ran."""
   protocol, items = judge.protocol, judge.items
   words = sorted({caption for said in items.captions for caption in said})
+  timelines = protocol.timelines and hashlib.sha256(pathlib.Path(protocol.timelines).read_bytes()).hexdigest()
   return dict(
-      protocol=dataclasses.asdict(protocol) | {"repeats": repeats},
+      protocol=dataclasses.asdict(protocol) | {"repeats": repeats, "timelines": timelines},
       evaluators=[_evaluator(evaluator) for evaluator in (judge.evaluator, judge.clip_evaluator) if evaluator],
       data=dict(folders=[pathlib.Path(folder).name for folder in folders], format=items.format, split=protocol.split,
                 split_hash=items.hash, items=len(items), samples=judge.count,

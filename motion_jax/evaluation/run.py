@@ -14,7 +14,7 @@ from motion_jax import model as model_lib
 from motion_jax.data import humanml3d
 from motion_jax.data.clip import atomic_path
 from motion_jax.evaluation import controls as controls_lib
-from motion_jax.evaluation import gallery, generation, sanity, tables
+from motion_jax.evaluation import editing, gallery, generation, long_horizon, mtt, reconstruction, sanity, tables
 from motion_jax.evaluation import items as items_lib
 from motion_jax.evaluation import protocols as protocols_lib
 from motion_jax.evaluation import record as record_lib
@@ -24,7 +24,8 @@ from motion_jax.evaluation.subject import Subject, folder_of, hash_of
 from motion_jax.motion.features import get_layout
 from motion_jax.motion.skeleton import KIT
 
-_TASKS = {"generation": generation}
+_TASKS = {"generation": generation, "reconstruction": reconstruction, "editing": editing, "stories": long_horizon,
+          "timelines": mtt}
 _BY_LAYOUT = {"coordinates": "cdamd-66", "essential": "cmdm-67", "full": "cmdm-259"}
 
 
@@ -40,17 +41,26 @@ def evaluate(runs, folders, protocol=None, *, evaluator=None, clip_evaluator=Non
   -> result: rows {name: {metric: {"mean", "interval", "values"}}}, record, sanity, controls, curves, gallery.
   """
   start = Clock(show)
+  folders = list(folders)
+  files = [folders.pop(i) for i in reversed(range(len(folders))) if pathlib.Path(folders[i]).is_file()]
   protocol = protocols_lib.get_protocol(protocol or guess_protocol(runs, folders))
-  protocol = protocol.on(items_lib.format_of_all(folders)) if folders else protocol
+  if files:
+    protocol = dataclasses.replace(protocol, timelines=str(files[0]))
+  if protocol.task == "stories" and limit:
+    protocol, limit = dataclasses.replace(protocol, sequences=limit), None
+  protocol = protocol.on(items_lib.format_of_all(folders))
   protocol = protocol if multimodality else generation.without_multimodality(protocol)
   repeats, seed = repeats or protocol.repeats, protocol.seed if seed is None else int(seed)
   devices = tuple(devices or jax.local_devices())
   main, clip = _evaluators(protocol, evaluator, clip_evaluator)
   out = pathlib.Path(out) if out else default_out(runs, protocol)
   task = _TASKS[protocol.task]
-  subjects = _subjects(runs, out, guidance, sampling or {}, devices, only_read, show)
+  subjects = _subjects(task.load, runs, out, guidance, sampling or {}, devices, only_read, show)
+  readers = [reader for reader in (main, clip) if reader]
+  if task is not generation:
+    readers += [subject.reader for subject in subjects]
   with start.part("data"):
-    items = items_lib.read_items(folders, protocol, [reader for reader in (main, clip) if reader])
+    items = items_lib.read_items(folders, protocol, readers)
     start.say(f"{protocol.title}: {len(items)} items of split {protocol.split!r}"
               + (f", {len(items.excluded)} clips left out" if items.excluded else ""))
   judge = Judge(protocol, main, clip, items, seed, limit)
@@ -71,7 +81,7 @@ def evaluate(runs, folders, protocol=None, *, evaluator=None, clip_evaluator=Non
       row_order=["real"] + [name for name in rows if name not in ("real", "shuffled")],
       metrics=[name for name in task.METRICS if any(name in row for row in rows.values())],
       paper=_paper(protocol), record=record_lib.make_record(judge, folders, subjects, repeats, devices), sanity=found,
-      controls=checked, curves=_curves(rows, subjects, checked), gallery=[]))
+      controls=checked, curves=_curves(rows, subjects, checked) | _drawn(judge.curves), gallery=[]))
   if subjects and protocol.task == "generation":
     with start.part("gallery"):
       result["gallery"] = gallery.write(judge, subjects[0], out)
@@ -137,16 +147,16 @@ def _evaluators(protocol, evaluator, clip_evaluator):
   return load(main), None if clip in (None, "none") else load(clip)
 
 
-def _subjects(runs, out, guidance, options, devices, only_read, show):
+def _subjects(load, runs, out, guidance, options, devices, only_read, show):
   subjects, names = [], [pathlib.Path(folder_of(run)).name for run in runs]
   names = [name if names.count(name) == 1 else str(run) for name, run in zip(names, runs)]
   for name, run in zip(names, runs):
-    loaded = model_lib.load(run)
+    loaded = load(run)
     shipped = pathlib.Path(loaded.folder).parent == model_lib.PRETRAINED
     folder = (out if shipped else loaded.folder / "eval") / "samples"
     for scale in guidance or (None,):
       row = name if len(guidance) < 2 else f"{name}, guidance {scale:g}"
-      subjects.append(Subject(row, loaded, hash_of(loaded.folder), folder, scale, dict(options), devices, only_read,
+      subjects.append(Subject(row, loaded, hash_of(loaded), folder, scale, dict(options), devices, only_read,
                               show))
   return subjects
 
@@ -187,11 +197,25 @@ def _curves(rows, subjects, checked):
     own.sort(key=lambda subject: subject.guidance_scale)
     if own:
       for metric, label in (("fid", "FID"), ("top3", "R@3")):
+        if metric not in rows[own[0].name]:
+          continue
         found = [rows[subject.name][metric] for subject in own]
         curves[f"{label} against guidance, {name}"] = dict(
             x=[subject.guidance_scale for subject in own], y=[one["mean"] for one in found],
             interval=[one["interval"] for one in found], x_label="guidance scale", y_label=label)
   return curves | (controls_lib.curves(checked) if checked else {})
+
+
+def _drawn(curves):
+  """Jerk across transitions, mean over repeats, of the rows whose task draws it."""
+  made = {}
+  for name, rows in curves.items():
+    found = [interval(values) for values in np.transpose(rows)]
+    half = (len(found) - 1) / 2
+    made[f"jerk across transitions, {name}"] = dict(
+        x=[i - half for i in range(len(found))], y=[one["mean"] for one in found],
+        interval=[one["interval"] for one in found], x_label="frames from the border", y_label="jerk")
+  return made
 
 
 def _plain(value):

@@ -13,6 +13,7 @@ import hashlib
 import json
 import pathlib
 import warnings
+import zipfile
 from typing import NamedTuple
 
 import jax
@@ -47,10 +48,11 @@ class Pass(NamedTuple):
 
 
 class Jobs(NamedTuple):
-  """Motions to make: lists of captions, frames and seeds of one length."""
+  """Motions to make: lists of one length of captions, frames, seeds, and places in the pass."""
   captions: list[str]
   frames: list[int]
   seeds: list[int]
+  places: list[int]
 
 
 def draw_pass(items, protocol, seed, repeat, limit=None, stream=0, order=None) -> Pass:
@@ -96,7 +98,7 @@ def jobs_of(items, drawn, seed, repeat, copy=None) -> Jobs:
   """What is to be generated for a pass; copy (N,): which of several generations of an item, the first by default."""
   copy = np.zeros(len(drawn), int) if copy is None else copy
   seeds = [seed_of(seed, repeat, int(i), int(c)) for i, c in zip(drawn.item, copy)]
-  return Jobs(drawn.captions_of(items), drawn.frames.tolist(), seeds)
+  return Jobs(drawn.captions_of(items), drawn.frames.tolist(), seeds, list(range(len(seeds))))
 
 
 class Store:
@@ -120,7 +122,7 @@ class Store:
         if file["frames"].tolist() != jobs.frames or file["seeds"].tolist() != jobs.seeds:
           return None
         features, start = file["features"], file["start"]
-    except (OSError, ValueError, KeyError, EOFError):  # a file that a dying machine cut short
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):  # a file that a dying machine cut short
       return None
     return [features[a:b] for a, b in zip(start[:-1], start[1:])]
 
@@ -134,34 +136,35 @@ class Store:
                seeds=np.array(jobs.seeds))
 
 
-def sample(make, store, name, jobs, *, devices=None, only_read=False, bar=None) -> list[np.ndarray]:
+def sample(make, store, name, jobs, *, batch=None, devices=None, only_read=False, bar=None) -> list[np.ndarray]:
   """Features [(rows, F)] of all jobs, from the store or made and put there, batch by batch.
 
-  make(captions, frames, seeds) -> list of (rows, F), for BATCH motions at a time: jobs go by length, so that short ones
-  are not made at the size of the longest, and the last batch is filled up. Devices take whole batches in turn, so that
+  make(jobs) -> list of (rows, F), for `batch` motions at a time: jobs go by length, so that short ones are not made at
+  the size of the longest, and the last batch is filled up. Devices take whole batches in turn, so that
   their number changes nothing. name: of the files, such as "r000". only_read: raise ValueError instead of making.
   bar: a tqdm bar to move on by each motion.
   """
+  size = batch or BATCH
   order = np.argsort(np.array(jobs.frames), kind="stable")
-  parts = [order[i:i + BATCH] for i in range(0, len(order), BATCH)]
+  parts = [order[i:i + size] for i in range(0, len(order), size)]
   devices = devices or jax.local_devices()[:1]
 
-  def run(batch):
-    some = Jobs(*([part[i] for i in parts[batch]] for part in jobs))
-    motions = store.read(name, batch, some)
+  def run(number):
+    some = Jobs(*([part[i] for i in parts[number]] for part in jobs))
+    motions = store.read(name, number, some)
     if motions is None:
       if only_read:
-        raise ValueError(f"{store.path(name, batch)} is not there: these samples were never made, or another model, "
+        raise ValueError(f"{store.path(name, number)} is not there: these samples were never made, or another model, "
                          "sampling or protocol is asked for; leave --recompute out to make them")
-      fill = BATCH - len(some.captions)
+      fill = size - len(some.captions)
       full = Jobs(*(part + part[-1:] * fill for part in some))
-      with jax.default_device(devices[batch % len(devices)]):
-        motions = [np.asarray(x, np.float32) for x in make(*full)[:len(some.captions)]]
-      for x, caption, seed in zip(motions, *some[::2]):
+      with jax.default_device(devices[number % len(devices)]):
+        motions = [np.asarray(x, np.float32) for x in make(full)[:len(some.captions)]]
+      for x, caption, seed in zip(motions, some.captions, some.seeds):
         if not np.isfinite(x).all():
           raise FloatingPointError(f"the model made NaN or infinity of {caption!r} (seed {seed}); check the run's "
                                    "loss, or sample with less guidance")
-      store.write(name, batch, some, motions)
+      store.write(name, number, some, motions)
     if bar is not None:
       bar.update(len(motions))
     return motions
@@ -191,9 +194,9 @@ def progress(total, what, shown=True):
 
 
 def generator_of(model, guidance_scale=None, sampling=None):
-  """make(captions, frames, seeds) of `sample` for a model that was loaded."""
-  def make(captions, frames, seeds):
-    made = model.generate(captions, list(frames), seeds=seeds, polish=False, guidance_scale=guidance_scale,
+  """make(jobs) of `sample` for a model that was loaded."""
+  def make(jobs):
+    made = model.generate(jobs.captions, jobs.frames, seeds=jobs.seeds, polish=False, guidance_scale=guidance_scale,
                           **(sampling or {}))
-    return [x[:count + TAIL] for x, count in zip(made.decoded, frames)]
+    return [x[:count + TAIL] for x, count in zip(made.decoded, jobs.frames)]
   return make

@@ -9,7 +9,7 @@ from motion_jax import checkpoint, model
 from motion_jax.evaluation import samples
 from motion_jax.motion.features import to_features
 
-_PARTS = (checkpoint.CONFIG, checkpoint.PARAMS, checkpoint.FROZEN, "Mean.npy", "Std.npy")
+_PARTS = (checkpoint.CONFIG, checkpoint.FROZEN, "Mean.npy", "Std.npy")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -45,16 +45,18 @@ class Subject:
     protocol, items = judge.protocol, judge.items
     draw = {name: getattr(protocol, name) for name in (
         "pool", "min_frames", "past_frames", "max_frames", "unit", "random_caption", "coin", "random_crop", "shuffle",
-        "sort_by_caption", "multimodality_shared")}
+        "sort_by_caption", "multimodality_shared", "sequences", "segments")}
     text = getattr(self.model, "encoder", None)
     return samples.Store(self.folder, dict(
         kind=kind, model=self.hash, text=text and text.fingerprint, guidance_scale=self.about["guidance_scale"],
         sampling=dict(self.options), seed=judge.seed, limit=judge.limit, draw=draw, items=items.words_hash,
         batch=samples.BATCH))
 
-  def sample(self, make: Callable, store, name, jobs, what):
+  def sample(self, make: Callable, store, name, jobs, what, batch=None):
+    """`samples.sample` with a bar, on this subject's devices."""
     with samples.progress(len(jobs.captions), f"{self.name}, {what}", self.show) as bar:
-      return samples.sample(make, store, name, jobs, devices=self.devices, only_read=self.only_read, bar=bar)
+      return samples.sample(make, store, name, jobs, batch=batch, devices=self.devices, only_read=self.only_read,
+                            bar=bar)
 
   def generator(self):
     return samples.generator_of(self.model, self.guidance_scale, self.options)
@@ -79,10 +81,11 @@ def folder_of(run) -> pathlib.Path:
   return folder if folder.is_dir() or not (model.PRETRAINED / str(run)).is_dir() else model.PRETRAINED / str(run)
 
 
-def hash_of(folder) -> str:
-  """sha256 of what decides the motions of a run folder."""
+def hash_of(loaded) -> str:
+  """sha256 of what decides the motions of a model that was loaded from a run folder."""
+  folder, params = loaded.folder, getattr(loaded, "params_file", checkpoint.PARAMS)
   digest = hashlib.sha256()
-  for name in _PARTS:
+  for name in (*_PARTS, params):
     path = pathlib.Path(folder) / name
     if path.is_file():
       digest.update(name.encode() + path.read_bytes())

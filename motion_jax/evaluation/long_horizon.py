@@ -1,0 +1,145 @@
+"""Long motions: many captions in a row, judged piece by piece and at the borders (facts: cmdm 6.4).
+
+Which captions, and for how long, comes from the test items: `sequences` lists of `segments` items each, drawn once by
+the seed, the same in all repeats. (FlowMDM's own list is not part of its code; a list of one's own can be given.)
+"""
+import dataclasses
+
+import numpy as np
+
+from motion_jax import model, stories
+from motion_jax.evaluation import samples
+from motion_jax.evaluation.items import carry, from_joints
+from motion_jax.metrics import long_horizon, physics
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.features import facing, to_joints
+
+METRICS = ("top1", "top2", "top3", "fid", "matching", "diversity", "transition_fid", "transition_diversity",
+           "transition_distance", "peak_jerk", "auj")
+__all__ = ["METRICS", "load", "real_rows", "rows"]
+BATCH = 8  # long motions made together
+SEQUENCES, REFERENCE, SCORES = 11, 12, 13  # streams of random numbers
+
+
+def load(run):
+  """A model that tells stories. Raises ValueError for another one."""
+  loaded = model.load(run)
+  if not isinstance(loaded, model.Model):
+    raise ValueError(f"{run} holds a model of whole clips; long motions need the run of a cmdm.denoiser")
+  return loaded
+
+
+def real_rows(judge, repeat):
+  """The real clips, their random crops in the place of transitions."""
+  items, evaluator = judge.items, judge.evaluator
+  motions, joints = _real(judge)
+  caption = (judge.rng(repeat, REFERENCE).random(len(items)) * [len(said) for said in items.captions]).astype(int)
+  every = samples.Pass(np.arange(len(items)), caption, np.zeros(len(items), int), items.rows)
+  made = long_horizon.real_row(
+      motions, joints, every.captions_of(items), judge.embed_text(evaluator, every), _reference(judge, repeat),
+      _embed(judge), judge.rng(repeat, SCORES), _rules(judge.protocol), evaluator.layout.skeleton)
+  judge.curves.setdefault("real", []).append(made.curve)
+  return {"real": made.row}
+
+
+def rows(judge, subject, repeat):
+  """{"": scores} of a subject's long motions for a repeat."""
+  layout, drawn = subject.model.stats.layout, sequences(judge)
+  way = subject.options.get("way", "stream")
+  unit = subject.model.dit.block * subject.model.vae.frames_per_latent
+  frames = [_frames(row.frames, way, unit) for row in drawn]
+  jobs = samples.Jobs([" | ".join(row.captions_of(judge.items)) for row in drawn], [sum(part) for part in frames],
+                      [samples.seed_of(judge.seed, repeat, i) for i in range(len(drawn))], list(range(len(drawn))))
+  tales = [list(zip(row.captions_of(judge.items), (row.frames / subject.model.fps).tolist())) for row in drawn]
+  made = subject.sample(tell(subject, tales), subject.store(judge, "stories"), f"r{repeat:03d}", jobs,
+                        f"repeat {repeat + 1}", BATCH)
+
+  def told():
+    for motion, row, counts in zip(made, drawn, frames):
+      motion = motion[:sum(counts)]
+      joints = np.asarray(to_joints(motion, layout), np.float64)
+      by_joints = judge.evaluator.layout.kind == "coordinates"
+      yield long_horizon.Sequence(
+          joints if by_joints else carry(motion, layout, judge.evaluator), joints * layout.skeleton.unit, tuple(counts),
+          tuple(row.captions_of(judge.items)), judge.embed_text(judge.evaluator, row))
+
+  scored = long_horizon.score(told(), _reference(judge, repeat), _embed(judge), judge.rng(repeat, SCORES),
+                              _rules(judge.protocol), layout.skeleton)
+  judge.curves.setdefault(subject.name, []).append(scored.curve)
+  return {"": scored.row}
+
+
+def sequences(judge) -> list[samples.Pass]:
+  """The captions of each long motion, with their frames, cut to whole units."""
+  items, protocol = judge.items, judge.protocol
+  rng = judge.rng(0, SEQUENCES)
+  found = []
+  for _ in range(protocol.sequences):
+    again = len(items) < protocol.segments
+    item = rng.choice(len(items), protocol.segments, replace=again)
+    caption = (rng.random(protocol.segments) * [len(items.captions[i]) for i in item]).astype(int)
+    found.append(samples.Pass(item, caption, np.zeros(len(item), int),
+                              items.rows[item] // protocol.unit * protocol.unit))
+  return found
+
+
+def _frames(counts, way, unit):
+  """How long the pieces of a story come out: prompts change on a grid of whole blocks, or of latents."""
+  if way != "stream":
+    return [int(count) for count in counts]
+  blocks, total = stories.borders(counts, unit)
+  ends = np.minimum(np.cumsum(blocks) * unit, total)
+  return np.diff(ends, prepend=0).tolist()
+
+
+def tell(subject, tales):
+  """make(jobs) of `samples.sample`: the stories [(prompt, seconds)] at the jobs' places."""
+  def make(jobs):
+    made = subject.model.stories([tales[i] for i in jobs.places], seeds=jobs.seeds, polish=False,
+                                 guidance_scale=subject.guidance_scale, **subject.options)
+    return [motion.features for motion in made]
+  return make
+
+
+def _rules(protocol):
+  babel = protocol.real_jerk == "babel"
+  return dataclasses.replace(
+      long_horizon.BABEL if babel else long_horizon.LongHorizon(), width=protocol.transition_frames,
+      shortest=protocol.min_frames, longest=protocol.past_frames - 1, pool=protocol.pool,
+      unit=1 if babel else protocol.unit, diversity_draws=protocol.diversity_draws,
+      real_jerk=physics.REAL_JERK[protocol.real_jerk] if protocol.real_jerk else None)
+
+
+def _real(judge):
+  """Real motions as the evaluator reads them, pieces of joints where those are coordinates, and their joints."""
+  evaluator = judge.evaluator
+  features = judge.items.of(evaluator)
+  joints = [np.asarray(to_joints(x, evaluator.layout), np.float64) for x in features]
+  scale = evaluator.layout.skeleton.unit
+  return joints if evaluator.layout.kind == "coordinates" else features, [scale * x for x in joints]
+
+
+def _reference(judge, repeat):
+  key = "reference", repeat
+  if key not in judge.kept:
+    judge.kept[key] = long_horizon.reference(*_real(judge), _embed(judge), judge.rng(repeat, REFERENCE + 100),
+                                             _rules(judge.protocol))
+  return judge.kept[key]
+
+
+def _embed(judge):
+  """embed(motions) of `metrics.long_horizon`: joints are put at the origin first, features begin there anyway."""
+  evaluator = judge.evaluator
+
+  def embed(motions):
+    if evaluator.layout.kind == "coordinates":
+      motions = [from_joints(placed(x, evaluator.layout.skeleton), evaluator) for x in motions]
+    return judge.embed(evaluator, motions, np.array([len(x) for x in motions]))
+  return embed
+
+
+def placed(joints, skeleton):
+  """Joints (T, J, 3) moved so that the body begins over the origin, facing +z; its height and bones stay."""
+  joints = joints - joints[:1, :1] * [1, 0, 1]
+  ahead = facing(joints[:1], skeleton)
+  return rot.rotate(rot.between(ahead, np.array([[0.0, 0.0, 1.0]]))[:, None], joints)

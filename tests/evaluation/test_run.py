@@ -1,0 +1,221 @@
+"""Evaluation by a protocol: the same numbers every time, after a kill, on any number of devices; bad input is told."""
+import dataclasses
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from motion_jax.data import humanml3d
+from motion_jax.data.synthetic import synthetic_clips
+from motion_jax.evaluation import items as items_lib
+from motion_jax.evaluation import protocols, run, samples
+from motion_jax.evaluation.evaluator import fresh_evaluator
+from tests.conftest import ROOT
+
+SMALL = dataclasses.replace(
+    protocols.get_protocol("archives-66"), pool=4, diversity_draws=6, few_draws=4, multimodality_batches=1,
+    multimodality_motions=3, multimodality_pairs=2, multimodality_repeats=1, repeats=2, seed=5)
+
+
+def write_archive(folder, clips):
+  """Clips as an archive folder."""
+  folder.mkdir(parents=True)
+  start = np.cumsum([0] + [clip.num_frames for clip in clips])
+  joints = np.concatenate([clip.joints for clip in clips])
+  np.savez(folder / "motions.npz", names=np.array([clip.id for clip in clips]), start=start, root=joints[:, 0],
+           local=joints - joints[:, :1])
+  rows = [dict(id=clip.id, clip=clip.id, start=0, end=clip.num_frames, split=clip.split,
+               text=[caption.text for caption in clip.captions]) for clip in clips]
+  (folder / "captions.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+  return folder
+
+
+def make_clips(num=11, num_frames=49):
+  """Synthetic clips, all but two of them for test."""
+  return [clip.replace(split="train" if i < 2 else "test")
+          for i, clip in enumerate(synthetic_clips(seed=3, num=num, num_frames=num_frames))]
+
+
+@pytest.fixture(scope="module")
+def archive(tmp_path_factory):
+  return write_archive(tmp_path_factory.mktemp("data") / "synthetic", make_clips())
+
+
+@pytest.fixture(scope="module")
+def evaluators():
+  return dict(evaluator=fresh_evaluator("t2m"), clip_evaluator=fresh_evaluator("clip"))
+
+
+@pytest.fixture(scope="module")
+def judged(tiny_run, archive, evaluators, tmp_path_factory):
+  """(result, its folder) of a whole evaluation with controls."""
+  out = tmp_path_factory.mktemp("out")
+  made = run.evaluate([tiny_run], [archive], SMALL, out=out, force=True, controls=True, show=False,
+                      sampling=dict(num_steps=2), **evaluators)
+  return made, out
+
+
+def again(tiny_run, archive, evaluators, out, **options):
+  return run.evaluate([tiny_run], [archive], SMALL, out=out, force=True, controls=True, show=False,
+                      sampling=dict(num_steps=2), **evaluators, **options)
+
+
+def test_a_result_has_rows_intervals_and_a_record(judged, tiny_run):
+  result, out = judged
+  row = result["rows"][tiny_run.name]
+  assert result["row_order"] == ["real", tiny_run.name] and "shuffled" in result["rows"]
+  assert len(row["fid"]["values"]) == 2 and len(row["multimodality"]["values"]) == 1
+  assert row["fid"]["mean"] == pytest.approx(np.mean(row["fid"]["values"]))
+  assert row["fid"]["interval"] == pytest.approx(1.96 * np.std(row["fid"]["values"]) / np.sqrt(2))
+  assert set(result["metrics"]) <= set(row) and row["jerk"]["mean"] > 0
+  record = result["record"]
+  assert record["data"]["items"] == 9 and record["data"]["samples"] == 8 and record["data"]["excluded"] == 0
+  assert record["models"][0]["sampling"] == {"num_steps": 2} and len(record["models"][0]["hash"]) == 64
+  assert json.loads((out / "results.json").read_text()) == result
+  for name in ("tables.md", "tables.tex", "timings.json", *(entry["made"] for entry in result["gallery"])):
+    assert (out / name).is_file()
+
+
+def test_a_repeat_is_byte_identical_and_so_is_one_that_was_killed(judged, tiny_run, archive, evaluators, tmp_path):
+  """With all samples there, with some of them gone or cut short, with none: the same file."""
+  _, out = judged
+  before = (out / "results.json").read_bytes()
+  made = sorted((tiny_run / "eval" / "samples").rglob("*.npz"))
+  assert len(made) == 3  # two repeats, one multimodality
+  times = [path.stat().st_mtime_ns for path in made]
+  again(tiny_run, archive, evaluators, tmp_path / "a", only_read=True)
+  assert times == [path.stat().st_mtime_ns for path in made]
+  made[0].unlink()
+  made[1].write_bytes(made[1].read_bytes()[:100])
+  with pytest.raises(ValueError, match="is not there"):
+    again(tiny_run, archive, evaluators, tmp_path / "b", only_read=True)
+  again(tiny_run, archive, evaluators, tmp_path / "b")
+  for folder in "ab":
+    assert (tmp_path / folder / "results.json").read_bytes() == before
+
+
+def test_motions_do_not_depend_on_batches(judged, tiny_run, archive, evaluators, monkeypatch):
+  """Three motions at a time, the same numbers."""
+  result, out = judged
+  monkeypatch.setattr(samples, "BATCH", 3)
+  other = again(tiny_run, archive, evaluators, out.parent / "three")
+  for metric, one in result["rows"][tiny_run.name].items():
+    np.testing.assert_allclose(other["rows"][tiny_run.name][metric]["values"], one["values"], rtol=2e-3, atol=1e-4)
+
+
+def test_devices_give_the_same_table(judged, tiny_run, archive, tmp_path):
+  """Four simulated devices against the one of these tests."""
+  script = f"""
+import sys
+sys.path.insert(0, {str(ROOT)!r})
+import jax
+from motion_jax.evaluation import run
+from motion_jax.evaluation.evaluator import fresh_evaluator
+from tests.evaluation.test_run import SMALL
+assert len(jax.local_devices()) == 4
+run.hash_of = lambda loaded: "another"  # so that nothing is read that the one device made
+run.evaluate([{str(tiny_run)!r}], [{str(archive)!r}], SMALL, out={str(tmp_path)!r}, force=True, controls=True,
+             show=False, sampling=dict(num_steps=2), evaluator=fresh_evaluator("t2m"),
+             clip_evaluator=fresh_evaluator("clip"))
+"""
+  env = os.environ | {"XLA_FLAGS": os.environ["XLA_FLAGS"] + " --xla_force_host_platform_device_count=4"}
+  subprocess.run([sys.executable, "-c", script], check=True, env=env, cwd=ROOT)
+  assert (tmp_path / "tables.md").read_text() == (judged[1] / "tables.md").read_text()
+
+
+def test_physics_of_the_controls_moves_as_it_should(judged):
+  """What random evaluators cannot know is left to trained ones; jerk, skating and the like need none."""
+  checked = judged[0]["controls"]
+  own = ("jerk", "acceleration", "bone_drift", "penetration", "skating", "foot_height", "multimodality")
+  assert {one["metric"] for one in checked["expected"]} >= set(own)
+  assert all(one["ok"] for one in checked["expected"] if one["metric"] in own)
+  assert judged[0]["curves"]["FID against noise"]["x"] == [0.0, 1.0, 3.0, 10.0]
+
+
+def test_real_data_that_does_not_look_right_stops_it(tiny_run, archive, evaluators, tmp_path):
+  with pytest.raises(ValueError, match="does not look right on real data, so nothing was sampled(.|\n)*check that"):
+    run.evaluate([tiny_run], [archive], SMALL, out=tmp_path, show=False, **evaluators)
+  assert not (tmp_path / "results.json").exists()
+
+
+# --- passes ------------------------------------------------------------------------------------------------------
+
+
+def test_a_pass_follows_the_rules_of_items(archive, evaluators):
+  items = items_lib.read_items([archive], SMALL, list(evaluators.values()))
+  drawn = samples.draw_pass(items, SMALL, 0, 0)
+  assert len(drawn) == 8 and len(set(drawn.item)) == 8
+  assert set(drawn.frames) == {44, 48}  # rows 48: whole units, one less where the coin says so
+  assert all(len(x) == m for x, m in zip(drawn.cut(items.of(evaluators["evaluator"])), drawn.frames))
+  same, other = samples.draw_pass(items, SMALL, 0, 0), samples.draw_pass(items, SMALL, 0, 1)
+  assert all((a == b).all() for a, b in zip(drawn, same)) and (drawn.item != other.item).any()
+  words = [len(caption.split()) for caption in drawn.captions_of(items)]
+  assert all(words[i:i + 4] == sorted(words[i:i + 4], reverse=True) for i in (0, 4))
+  plain = dataclasses.replace(SMALL, coin=False, random_crop=False, random_caption=False, shuffle=False)
+  drawn = samples.draw_pass(items, plain, 0, 0, limit=5)
+  assert len(drawn) == 4 and (drawn.start == 0).all() and (drawn.frames == 48).all() and (drawn.caption == 0).all()
+  short = samples.draw_pass(items, dataclasses.replace(SMALL, max_frames=20), 0, 0)
+  assert (short.frames == 20).all() and short.start.max() > 4
+
+
+def test_every_protocol_names_its_numbers():
+  for name, protocol in protocols.PROTOCOLS.items():
+    assert protocol.name == name and protocol.facts and protocol.title and protocol.task in protocols.TASKS
+  assert protocols.get_protocol("cmdm-259").lost_frames == 1 and protocols.get_protocol("cmdm-259").max_frames == 192
+  assert protocols.get_protocol("t2m-263").num_multimodality == 100
+  with pytest.raises(ValueError, match="expected one of archives-66"):
+    protocols.get_protocol("nothing")
+
+
+# --- bad input ---------------------------------------------------------------------------------------------------
+
+
+def test_too_few_samples(tiny_run, archive, evaluators, tmp_path):
+  with pytest.raises(ValueError, match="got 9 test items, protocol 'archives-66' compares 32 at a time"):
+    run.evaluate([tiny_run], [archive], "archives-66", out=tmp_path, show=False, **evaluators)
+
+
+def test_an_evaluator_of_another_representation(tiny_run, archive, tmp_path):
+  with pytest.raises(ValueError, match=r"judged on coordinates features \(66 numbers a frame\), evaluator .* \(67\)"):
+    run.evaluate([tiny_run], [archive], SMALL, evaluator=fresh_evaluator("t2m", "essential"), clip_evaluator="none",
+                 out=tmp_path, show=False)
+
+
+def test_clips_of_test_in_train(tmp_path, evaluators):
+  clips = make_clips(6)
+  copied = write_archive(tmp_path / "copied", clips + [clips[-1].replace(id="other", split="train")])
+  with pytest.raises(ValueError, match="1 clips of split 'test' are in train, too, such as 000005"):
+    items_lib.read_items([copied], SMALL, list(evaluators.values()))
+
+
+def test_clips_with_nan_are_named_and_left_out(tmp_path, evaluators):
+  clips = make_clips(6)
+  folder = write_archive(tmp_path / "archive", clips)
+  with np.load(folder / "motions.npz") as file:
+    arrays = {name: file[name].copy() for name in file.files}
+  arrays["root"][arrays["start"][4] + 3] = np.nan
+  np.savez(folder / "motions.npz", **arrays)
+  items = items_lib.read_items([folder], SMALL, list(evaluators.values()))
+  assert items.excluded == [("000004", "NaN")] and items.ids == ["000002", "000003", "000005"]
+
+  out = tmp_path / "humanml3d"
+  humanml3d.write_folder(clips, out, mirror=False)
+  broken = np.load(out / "new_joint_vecs" / "000004.npy")
+  broken[7] = np.nan
+  np.save(out / "new_joint_vecs" / "000004.npy", broken)
+  protocol = dataclasses.replace(SMALL, formats=("humanml3d",))
+  items = items_lib.read_items([out], protocol, list(evaluators.values()))
+  assert items.excluded == [("000004", "NaN")] and items.ids == ["000002", "000003", "000005"]
+  assert all(len(x) == 48 for x in items.of(evaluators["evaluator"]))
+
+
+def test_folders_that_are_no_data(tmp_path, archive, tiny_run):
+  with pytest.raises(FileNotFoundError, match="is no data folder"):
+    run.evaluate([tiny_run], [tmp_path], "archives-66")
+  with pytest.raises(ValueError, match="takes data of humanml3d, .* is 'archive'"):
+    items_lib.read_items([archive], protocols.get_protocol("cdamd-66"), [fresh_evaluator("t2m")])
+  with pytest.raises(ValueError, match="no evaluator that ships"):
+    run.evaluate([tiny_run], [archive], "cdamd-66")

@@ -1,0 +1,121 @@
+"""Reconstruction, editing, long motions and timelines: small runs of each from data to rows."""
+import dataclasses
+
+import numpy as np
+import pytest
+
+from motion_jax import training
+from motion_jax.data.synthetic import synthetic_clips
+from motion_jax.evaluation import items as items_lib
+from motion_jax.evaluation import long_horizon, protocols, run, samples
+from motion_jax.evaluation.evaluator import fresh_evaluator
+from motion_jax.metrics import protocol as protocol_lib
+from motion_jax.motion.features import facing, get_layout, to_features, to_joints
+from tests.conftest import load_config
+from tests.evaluation.test_run import SMALL, make_clips, write_archive
+
+FEW = dict(pool=4, diversity_draws=6, few_draws=4, repeats=1, min_frames=24)
+
+
+def small(name, **changes):
+  return dataclasses.replace(protocols.get_protocol(name), **(FEW | changes))
+
+
+@pytest.fixture(scope="module")
+def archive(tmp_path_factory):
+  return write_archive(tmp_path_factory.mktemp("data") / "synthetic", make_clips())
+
+
+@pytest.fixture(scope="module")
+def evaluator():
+  return fresh_evaluator("t2m")
+
+
+def judged(runs, folders, protocol, evaluator, out, **options):
+  return run.evaluate(runs, folders, protocol, evaluator=evaluator, clip_evaluator="none", out=out, force=True,
+                      show=False, **options)
+
+
+def test_reconstruction(tiny_run, archive, evaluator, tmp_path):
+  result = judged([tiny_run], [archive], small("reconstruction"), evaluator, tmp_path)
+  row = {name: one["mean"] for name, one in result["rows"][tiny_run.name].items()}
+  assert {"mpjpe", "mpjpe_heading", "released_mpjpe", "fid"} <= set(result["metrics"]) and row["mpjpe"] > 0
+  # By the released code: metres, of sums over frames divided by the pool.
+  assert 40 < row["released_mpjpe"] * 4 / (row["mpjpe"] / 1000) < 50
+
+
+def test_editing(archive, evaluator, tmp_path):
+  """The edits of four tasks, with what was kept pasted back: then nothing but the new frames differs."""
+  folder = tmp_path / "generator"
+  config = load_config("cdamd_generator", "tiny").unlock()
+  config.sampler.update(num_rounds=3, num_steps=1, solver="euler")
+  training.run(config, folder)
+  result = judged([folder], [archive], small("editing", paste=True), evaluator, tmp_path / "out")
+  assert result["row_order"] == ["real", *(f"{task}: generator" for task in (
+      "inpainting", "outpainting", "prefix", "suffix"))]
+  store = next((folder / "eval" / "samples").glob("*/prefix_r000_b000.npz"))
+  with np.load(store) as file:
+    edited, count = file["features"][:file["start"][1]], int(file["frames"][0])
+  items = items_lib.read_items([archive], small("editing", layouts=()).on("archive"), [evaluator])
+  half = count // 2 // 4 * 4
+  kept = [np.abs(x[s:s + half] - edited[:half]).max() for x in items.of(evaluator) for s in range(len(x) - half + 1)]
+  assert min(kept) < 1e-4 and min(np.abs(x[:count] - edited[:count]).max() for x in items.of(evaluator)) > 1e-3
+
+
+def test_a_model_without_the_gift_is_told(tiny_run, archive, evaluator, tmp_path):
+  with pytest.raises(ValueError, match="editing needs the run of a cdamd.generator"):
+    judged([tiny_run], [archive], small("editing"), evaluator, tmp_path)
+
+
+def test_long_motions(tiny_run, archive, evaluator, tmp_path):
+  protocol = small("long-horizon", sequences=2, segments=3, transition_frames=20, real_jerk=None)
+  result = judged([tiny_run], [archive], protocol, evaluator, tmp_path, sampling=dict(num_steps=2))
+  for name in ("real", tiny_run.name):
+    assert set(long_horizon.METRICS) <= set(result["rows"][name])
+  assert result["rows"]["real"]["fid"]["mean"] == pytest.approx(0, abs=1e-6)
+  assert len(result["curves"][f"jerk across transitions, {tiny_run.name}"]["y"]) == 17
+
+
+def test_timelines(tiny_run, archive, evaluator, tmp_path):
+  clips = [clip for clip in make_clips() if clip.split == "test"]
+  first, second = clips[0].captions[0].text, clips[1].captions[0].text
+  path = tmp_path / "timelines.txt"
+  path.write_text(f"{first} # 0.0 # 3.0\n{second} # 3.0 # 7.0\n\n{second} # 0.0 # 4.0\n{first} # 4.0 # 8.0\n")
+  protocol = small("mtt", released_slips=False, layouts=())
+  result = judged([tiny_run], [path, archive], protocol, evaluator, tmp_path, sampling=dict(num_steps=2))
+  assert {"crop_top1", "tmr_m2t", "transition_distance"} <= set(result["rows"][tiny_run.name])
+  path.write_text("somebody juggles # 0.0 # 3.0\n")
+  with pytest.raises(ValueError, match="1 of 1 texts of the timelines are no caption of the data"):
+    judged([tiny_run], [path, archive], protocol, evaluator, tmp_path)
+
+
+# --- parts -------------------------------------------------------------------------------------------------------
+
+
+def test_a_cut_is_the_loaders_cut(archive, evaluator):
+  """`draw_pass` and `metrics.protocol.cut_item` follow the same rule."""
+  items = items_lib.read_items([archive], SMALL, [evaluator])
+  drawn = samples.draw_pass(items, SMALL, 0, 3)
+  for i, start, count, cut in zip(drawn.item, drawn.start, drawn.frames, drawn.cut(items.of(evaluator))):
+    x = items.of(evaluator)[i]
+    padded, kept = protocol_lib.cut_item(x, count < len(x) // 4 * 4, start, evaluator.stats, 196)
+    assert kept == count
+    np.testing.assert_allclose(padded[:kept], evaluator.stats.normalize(cut), atol=1e-6)
+
+
+@pytest.mark.parametrize("source, target", [("full", "coordinates"), ("full", "essential"), ("coordinates", "full")])
+def test_motions_go_from_one_representation_to_another(source, target):
+  clip = synthetic_clips(seed=1, num=3, num_frames=40)[2]
+  features = to_features(clip.joints, source, "corrected")
+  made = items_lib.carry(features, get_layout(source), fresh_evaluator("t2m", target))
+  assert made.shape == (39, get_layout(target).dim)
+  np.testing.assert_allclose(to_joints(made, target), to_joints(features, source), atol=2e-4)
+  with pytest.raises(ValueError, match="moves skeleton 'humanml3d', .* judges 'kit'"):
+    items_lib.carry(features, get_layout(source), fresh_evaluator("t2m", "coordinates_kit"))
+
+
+def test_pieces_are_placed_at_the_origin():
+  clip = synthetic_clips(seed=1, num=4, num_frames=60)[3]
+  piece = long_horizon.placed(np.asarray(clip.joints[30:], np.float64), clip.skeleton)
+  assert np.abs(piece[0, 0, [0, 2]]).max() < 1e-9 and piece[0, 0, 1] == pytest.approx(clip.joints[30, 0, 1])
+  np.testing.assert_allclose(facing(piece[:1], clip.skeleton), [[0, 0, 1]], atol=1e-6)
