@@ -9,6 +9,8 @@
 `full` is the original's (facts: cdamd 8.1): 21.7 M parameters with the movement encoder of
 configs/evaluator_movement.py, which is held still; 300 epochs; the weights of the best validation loss are kept.
 frozen.glove is the folder with the benchmark's our_vab_* files; empty, words are those of the encoder frozen.text.
+
+Expected of `small`, on val rows, 117 captions: 50 % at 1, 92 % at 3; 20 minutes on a third of a CPU core.
 """
 import ml_collections
 
@@ -40,13 +42,12 @@ def get_config(size="full"):
     config.data.min_frames = 24
     config.train.update(num_steps=300 * 150, save_every=150)
   elif size == "small":
-    config.frozen.movement = "runs/movement"
     config.model.update(movement_width=128, movement_dim=128, motion_width=192, text_width=128, dim=128)
     config.loss.first_shift = 1
     # Template captions repeat: a motion of the same meaning is no wrong one.
     config.data.update(name="archive", mode="corrected", mirror=True, min_frames=20, same="meaning")
     config.optimizer.update(learning_rate=1e-3, schedule="cosine", warmup_steps=100)
-    config.train.update(num_steps=3_000, save_every=250)
+    config.train.update(num_steps=2_500, save_every=250)
   elif size == "tiny":
     config.frozen.update(movement="fresh", text="fresh")
     config.model.update(movement_width=12, movement_dim=12, motion_width=12, text_width=12, dim=8)

@@ -32,7 +32,7 @@ def get_config(size="full"):
     config.model.update(width=128, dim=128, dropout=0.0)
     config.data.update(name="archive", mode="corrected", mirror=True, batch_size=64, stride=4)
     config.optimizer.update(learning_rate=1e-3, schedule="cosine", warmup_steps=100, clip_norm=1.0)
-    config.train.update(num_steps=3_000, log_every=50, save_every=1_000)
+    config.train.update(num_steps=1_200, log_every=50, save_every=600)
   elif size == "tiny":
     config.model.update(width=12, dim=12)
     config.data.update(name="synthetic", mode="corrected", batch_size=4)

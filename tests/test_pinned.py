@@ -40,7 +40,7 @@ COUNTS = {
     ("evaluator_movement", "small"): 220_040, ("evaluator_movement", "tiny"): 12_168,
     ("evaluator_matching", "full"): 21_690_560, ("evaluator_matching", "67"): 21_297_344,
     ("evaluator_matching", "66"): 21_295_296, ("evaluator_matching", "kit"): 21_665_984,
-    ("evaluator_matching", "small"): 951_552, ("evaluator_matching", "tiny"): 9_636,
+    ("evaluator_matching", "small"): 988_416, ("evaluator_matching", "tiny"): 9_636,
     ("evaluator_clip", "full"): 59_641_857, ("evaluator_clip", "67"): 59_543_553,
     ("evaluator_clip", "66"): 59_543_041, ("evaluator_clip", "kit"): 59_635_713,
     ("evaluator_clip", "small"): 1_407_489, ("evaluator_clip", "tiny"): 18_833,
@@ -67,7 +67,7 @@ def _count(name, size):
     shapes = jax.eval_shape(lambda: matching.init_movement(config.model, jax.random.key(0)))
   elif config.stage == "evaluator.matching":  # on words of GloVe and of the encoders that ship or are for tests
     net = T2MEvaluator(**config.model)
-    shapes = matching.t2m_shapes(net, {"small": 128, "tiny": 32}.get(size, 300))
+    shapes = matching.t2m_shapes(net, {"small": 384, "tiny": 32}.get(size, 300))
   elif config.stage == "evaluator.snapmogen":  # with the decoder that trains it
     word_dim = {"full": 768, "small": 128, "tiny": 32}[size]
     shapes = jax.eval_shape(lambda: matching.init_gaussian(config.model, word_dim, jax.random.key(0)))
