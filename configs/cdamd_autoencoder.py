@@ -22,7 +22,8 @@ def get_config(size="full"):
   # per_axis: one mean and std for x, y and z each over all joints, instead of one per column.
   config.data = dict(name="humanml3d", folder="", folders=(), layout="coordinates", mode="benchmark", mirror=False,
                      per_axis=False, batch_size=256, window=64, stride=1)
-  config.optimizer = dict(learning_rate=2e-4, schedule="step", boundaries=(150_000, 250_000), gamma=0.05,
+  # Parity: the reference counts 150,000 and 250,000 from the end of the warm-up.
+  config.optimizer = dict(learning_rate=2e-4, schedule="step", boundaries=(152_000, 252_000), gamma=0.05,
                           cooldown_steps=0, warmup_steps=2_000, beta1=0.9, beta2=0.99, weight_decay=0.0, clip_norm=0.0,
                           ema_decay=0.0, skip_loss=0.0)
   config.train = dict(num_steps=350_000, log_every=100, save_every=5_000)

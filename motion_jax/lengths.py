@@ -41,5 +41,6 @@ def length_shapes(net, text_dim):
 
 def middle_frames(logits, unit=4):
   """Frames (B,) of the median of what the estimator thinks likely, at least one latent of `unit` frames."""
+  # Parity: the reference draws a length; a length that is asked for twice should be the same.
   share = np.cumsum(np.asarray(jax.nn.softmax(logits)), axis=-1)
   return unit * np.maximum(np.argmax(share >= 0.5 * share[..., -1:], axis=-1), 1)

@@ -48,10 +48,11 @@ def make_motions(model, made, frames, captions, seeds, about, polish) -> Motions
   length, layout = max(frames), model.stats.layout
   decoded = model.stats.denormalize(np.asarray(made))
   features = decoded[:, :length]
-  joints = to_joints(features, layout)
-  if polish and layout.kind == "full":
+  joints = np.array(to_joints(features, layout))  # a copy: coordinates are their own joints
+  if polish and layout.kind in ("full", "essential", "coordinates"):  # bodies whose bones have one length
     for i, count in enumerate(frames):
-      joints[i, :count] = planted(joints[i, :count], features[i, :count, layout["contacts"]], layout.skeleton)
+      contacts = features[i, :count, layout["contacts"]] if layout.kind == "full" else None
+      joints[i, :count] = planted(joints[i, :count], contacts, layout.skeleton)
   mask = np.arange(length) < np.array(frames)[:, None]
   made = tuple(
       Motion(joints[i, :count], model.fps, captions[i], id=f"motion_{i}", source=model.id, license=model.license,

@@ -52,6 +52,13 @@ def test_motions_know_where_they_are_from_and_not_their_batch_mates(model):
   assert np.abs(other[0].joints - alone[0].joints).max() > 1e-4
 
 
+def test_polished_coordinates_have_canonical_bones(model):
+  raw, polished = (model.generate("a person waves", 40, seeds=[5], polish=polish)[0] for polish in (False, True))
+  np.testing.assert_array_equal(raw.features, polished.features)
+  lengths = lambda joints: np.linalg.norm(joints[:, 2] - joints[:, 0], axis=-1)
+  assert np.ptp(lengths(polished.joints)) < 1e-5 < np.ptp(lengths(raw.joints))
+
+
 def test_an_edit_keeps_what_it_should(model, clip):
   made = model.edit(clip, "a person waves", "inpainting", seed=0)
   count = len(made.joints)
