@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from motion_jax import cdamd
-from motion_jax.diffusion import masking
+from motion_jax.diffusion import draws, masking
 from motion_jax.diffusion.rounds import most_revealed
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.prompted import plain_fields
@@ -51,7 +51,7 @@ def main():
   length, rounds = args.frames // FRAMES_PER_LATENT, config.sampler.num_rounds
   counts = masking.hidden_counts(rounds, [length])
   keys = jax.random.split(jax.random.key(0), 1)
-  hidden = masking.hidden_table(cdamd.draw_order(keys, [length], length), counts)
+  hidden = masking.hidden_table(draws.draw_order(keys, [length], length), counts)
   text = jnp.asarray(np.random.default_rng(2).standard_normal((1, 1, net.transformer.text_dim), np.float32))
   real, few = jnp.ones((1, length), bool), most_revealed(counts)
   num_params = sum(x.size for x in jax.tree.leaves(params))
@@ -67,7 +67,7 @@ def main():
     plan = cdamd.make_plan(solver=solver, num_steps=args.steps, num_rows=few if which == "revealed" else None)
     run = jax.jit(lambda params, frozen, plan=plan: cdamd.generate(
         net, autoencoder, plan, params, frozen, text, hidden, real, config.sampler.guidance_scale,
-        cdamd.make_draw(keys, length, net.transformer.latent_dim)))
+        draws.make_draw(keys, length, net.transformer.latent_dim)))
     compiled = run.lower(params, frozen).compile()
     times = []
     for _ in range(args.repeats):

@@ -8,7 +8,7 @@ import numpy as np
 
 from motion_jax import cdamd, lengths
 from motion_jax.data.clip import Caption
-from motion_jax.diffusion import masking
+from motion_jax.diffusion import draws, masking
 from motion_jax.diffusion.rounds import most_revealed
 from motion_jax.motion.features import get_layout, to_features
 from motion_jax.nets.autoencoder import Autoencoder
@@ -142,7 +142,7 @@ class CdamdModel(Prompted):
     """(Plan, hidden (N, B, L), guidance scale, what a file says of them) for latents editable (B, L)."""
     scale = self.scale_of(guidance_scale)
     plan, num_rounds, order, revealed_only = self.plan_of(**sampling)
-    order_of = cdamd.draw_order(keys, np.full(len(keys), self.max_latents), self.max_latents, order)
+    order_of = draws.draw_order(keys, np.full(len(keys), self.max_latents), self.max_latents, order)
     counts = masking.hidden_counts(num_rounds, editable.sum(-1))
     hidden = masking.hidden_table(np.where(editable, order_of, np.inf), counts)
     # The same number of rows for every length, so that a model is compiled once.
@@ -207,7 +207,7 @@ def _runs(frames):
 
 
 def _draw(net, keys, real):
-  return cdamd.make_draw(keys, real.shape[1], net.transformer.latent_dim)
+  return draws.make_draw(keys, real.shape[1], net.transformer.latent_dim)
 
 
 def _generate(net, autoencoder, plan, params, frozen, words, hidden, real, scale, keys):

@@ -9,6 +9,7 @@ from ml_collections import ConfigDict
 
 from motion_jax import cdamd
 from motion_jax.convert import autoencoder_names, from_torch, mardm_names, masked_transformer_names, select
+from motion_jax.diffusion import draws as draws_lib
 from motion_jax.diffusion import masking
 from motion_jax.diffusion.rounds import most_revealed
 from motion_jax.nets.autoencoder import Autoencoder
@@ -74,7 +75,7 @@ def run_train_step(fixture, dtype):
   places = np.broadcast_to(masked, (LOSS["copies"],) + masked.shape)
   t, noise = np.zeros(places.shape, dtype), np.zeros(places.shape + z1.shape[2:], dtype)
   t[places], noise[places] = fixture["in/diffusion_t"], fixture["in/diffusion_noise"]
-  draws = cdamd.Draws(given["time_u"], given["text_u"], jnp.ones(len(real)), given["order_u"], given["noise_u"],
+  draws = draws_lib.Draws(given["time_u"], given["text_u"], jnp.ones(len(real)), given["order_u"], given["noise_u"],
                       given["keep_u"], jnp.asarray(t), given["noise"], jnp.asarray(noise))
   config = ConfigDict(LOSS | dict(drop_rate=fixture.meta["arguments"]["cond_drop_prob"]))
 
@@ -220,7 +221,7 @@ def make(lengths, length=LENGTH, order="random", seed=0, dtype=jnp.float32, reve
   net, params = small()
   keys = jax.vmap(lambda i: jax.random.fold_in(jax.random.key(seed), i))(jnp.arange(len(lengths)))
   counts = masking.hidden_counts(ROUNDS, lengths)
-  hidden = masking.hidden_table(cdamd.draw_order(keys, lengths, length, order), counts)
+  hidden = masking.hidden_table(draws_lib.draw_order(keys, lengths, length, order), counts)
   plan = cdamd.make_plan(num_rows=most_revealed(counts) if revealed_only else None, **fields)
   real = padding_mask(jnp.asarray(lengths), length)
   text = jnp.asarray(np.random.default_rng(1).normal(size=(4, 1, 6))[:len(lengths)], dtype)
@@ -241,7 +242,7 @@ def _make(net, plan, length, params, text, hidden, real, keys):
   channels = net.transformer.latent_dim
   latents = jnp.zeros((len(keys), length, channels), text.dtype)
   return cdamd.make_latents(net, plan, params, text, latents, hidden, real, 3.0,
-                            cdamd.make_draw(keys, length, channels))
+                            draws_lib.make_draw(keys, length, channels))
 
 
 @pytest.mark.parametrize("solver, mask", [("euler", "causal"), ("midpoint", "bcm"), ("ddpm", "dccm")])
@@ -282,9 +283,9 @@ def test_an_edit_changes_what_it_should():
   real, edited = jnp.ones((1, 9), bool), masking.task_mask("inpainting", [36], 9)
   counts = masking.hidden_counts(ROUNDS, edited.sum(-1))
   keys = jax.random.split(jax.random.key(0), 1)
-  hidden = masking.hidden_table(np.where(edited, cdamd.draw_order(keys, [9], 9), np.inf), counts)
+  hidden = masking.hidden_table(np.where(edited, draws_lib.draw_order(keys, [9], 9), np.inf), counts)
 
-  text, draw = jnp.ones((1, 1, 6)), cdamd.make_draw(keys, 9, 3)
+  text, draw = jnp.ones((1, 1, 6)), draws_lib.make_draw(keys, 9, 3)
   plan = cdamd.make_plan(solver="euler", num_steps=2, num_rows=most_revealed(counts))
   latents = jax.jit(lambda x: cdamd.latents_of(autoencoder, frozen, x, real))(x)
   run = jax.jit(lambda z, mask: cdamd.make_latents(net, plan._replace(mask=mask), params, text, z, hidden, real, 3.0,
@@ -311,7 +312,7 @@ def test_all_rows_weighted_is_masked_rows_averaged():
   text, real = jnp.ones((3, 1, 6)), padding_mask(jnp.array([9, 5, 3]), LENGTH)
   for diffusion in ("flow", "ddpm"):
     config = ConfigDict(LOSS | dict(diffusion=diffusion, ddpm_steps=5, copies=2))
-    draws = cdamd.draw_step(keys[2], keys, LENGTH, 3, config)
+    draws = draws_lib.draw_step(keys[2], keys, LENGTH, 3, config)
     run = jax.jit(lambda real, draws, config=config: cdamd.generator_loss(net, params, z1, real, text, codes, draws,
                                                                           config))
     sums, weight = run(real, draws)
@@ -370,7 +371,7 @@ def test_the_papers_reconstruction_loss_is_an_option():
 def test_draws_do_not_depend_on_the_number_of_devices():
   config = ConfigDict(LOSS)
   keys = jax.random.split(jax.random.key(1), 4)
-  draw = lambda keys: cdamd.draw_step(jax.random.key(2), keys, LENGTH, 3, config)
+  draw = lambda keys: draws_lib.draw_step(jax.random.key(2), keys, LENGTH, 3, config)
   whole, half = draw(keys), draw(keys[2:])
   np.testing.assert_array_equal(whole.noise[2:], half.noise)
   np.testing.assert_array_equal(whole.diffusion_noise[:, 2:], half.diffusion_noise)

@@ -16,7 +16,7 @@ LAYERS = [
     ("train", "checkpoint", "convert", "export"),
     ("recipes", "training", "retrieval", "prompted", "model", "cdamd_model", "results", "stories", "streams",
      "released", "evaluation"),
-    ("cli", "__init__"),
+    ("cli", "cli_convert", "__init__"),
 ]
 CORE = {"absl", "chex", "flax", "jax", "ml_collections", "numpy", "optax", "orbax", "PIL", "safetensors", "scipy",
         "tokenizers", "tqdm"}

@@ -5,7 +5,7 @@ import numpy as np
 
 from motion_jax import cdamd, model
 from motion_jax.cdamd_model import CdamdModel
-from motion_jax.diffusion import masking
+from motion_jax.diffusion import draws, masking
 from motion_jax.diffusion.rounds import most_revealed
 from motion_jax.evaluation import samples
 from motion_jax.evaluation.generation import METRICS as _GENERATION
@@ -17,9 +17,9 @@ METRICS = tuple(name for name in _GENERATION if name != "multimodality")
 __all__ = ["METRICS", "load", "real_rows", "rows"]
 
 
-def load(run):
+def load(run, raw=False):
   """A model that edits. Raises ValueError for another one."""
-  loaded = model.load(run)
+  loaded = model.load(run, raw=raw)
   if not isinstance(loaded, CdamdModel):
     raise ValueError(f"{run} holds a model that makes motion from its beginning on; editing needs the run of a "
                      "cdamd.generator")
@@ -56,7 +56,7 @@ def _editor(subject, protocol, real, task):
   def make(jobs):
     keys = jnp.stack([jax.random.key(seed) for seed in jobs.seeds])
     edited = masking.task_mask(task, jobs.frames, length, unit)
-    drawn = cdamd.draw_order(keys, np.full(len(keys), length), length, order)
+    drawn = draws.draw_order(keys, np.full(len(keys), length), length, order)
     hidden = masking.hidden_table(np.where(edited, drawn, np.inf), masking.hidden_counts(num_rounds, edited.sum(-1)))
     x = padded([real[i][:m] for i, m in zip(jobs.places, jobs.frames)], edited_by.stats, length * unit)
     mask = padding_mask(jnp.asarray(jobs.frames) // unit, length)
@@ -69,7 +69,7 @@ def _editor(subject, protocol, real, task):
 
 def _compiled(loaded, plan, paste):
   def run(params, frozen, x, text_emb, edited, hidden, real_mask, scale, keys):
-    draw = cdamd.make_draw(keys, length, loaded.net.transformer.latent_dim)
+    draw = draws.make_draw(keys, length, loaded.net.transformer.latent_dim)
     return cdamd.edit(loaded.net, loaded.autoencoder, plan, params, frozen, x, text_emb, edited, hidden, real_mask,
                       scale, draw, paste)
   length = loaded.max_latents
