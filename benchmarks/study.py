@@ -1,0 +1,311 @@
+"""The papers' ablations at small scale: every row trained alike, judged by our own benchmark, claims with verdicts.
+
+  python benchmarks/study.py --archives path/to/cmu path/to/bandai --out runs/study [--papers cmdm cdamd] [--seeds 3]
+      [--steps tokenizer=1500 denoiser=500 ...] [--only ROW ...] [--max_seconds N]
+  ... --part 0/2 in one shell, --part 1/2 in another: two processes share the work
+  ... --report                                        only writes study.json and study.md anew from what is there
+
+Rows: CMDM's Table 4 with its sampling rows, CDAMD's Tables I, IV, V and MARDM, by the configs of configs/ablations/.
+The same command goes on where it stopped; what is done is not done again. The folder holds PAPER/seedN/ROW/ with a run
+folder for each stage and scores.json; study.json and study.md are written after every row.
+
+Tokenizers and RVQ-VAEs are trained once per seed, and the rows of a seed share them. Once for all seeds would save
+some of the time, but then each tokenizer's luck would be in all seeds alike, and the intervals would not know of it:
+half of CMDM's claims are about tokenizers. The teacher is the one that ships.
+
+Judged are the averaged weights, nothing polished: texts of the test clips by `archives-66`, without multimodality; for
+CMDM also stories by the long-horizon protocol, shorter ones, with AUJ counted from the jerk of the archives' clips. The
+row of one level for all is sampled as it was trained, all frames at once. These numbers are our own benchmark's: never
+put them into a row of HumanML3D's.
+"""
+import argparse
+import contextlib
+import dataclasses
+import json
+import pathlib
+import shutil
+import sys
+import time
+
+import jax
+import study_plan
+import study_report
+from absl import logging
+
+from motion_jax import checkpoint, model, training
+from motion_jax.data import sources
+from motion_jax.evaluation import generation, items, long_horizon, protocols, run, sanity
+from motion_jax.evaluation.evaluator import load_evaluator, shipped_names
+from motion_jax.evaluation.judge import Judge
+from motion_jax.evaluation.subject import Subject, hash_of
+from motion_jax.train import read_metrics
+
+TRAINED, SETTINGS, REAL = "trained.json", "settings.json", "real.json"
+STORY_METRICS = ("transition_fid", "transition_diversity", "transition_distance", "peak_jerk", "auj")
+
+
+class Clock:
+  """Time that is left of a slice; without a limit there is always some."""
+
+  def __init__(self, seconds=None):
+    self.end = None if seconds is None else time.monotonic() + seconds
+
+  @property
+  def left(self):
+    return None if self.end is None else self.end - time.monotonic()
+
+  def check(self):
+    if self.end is not None and self.left <= 0:
+      raise Stopped
+
+
+class Stopped(Exception):
+  """Time is up, or someone asked to stop; everything is saved."""
+
+
+@contextlib.contextmanager
+def features_once():
+  """While it lasts, features of archives are made once for each representation and split, whoever asks for them."""
+  load, known = sources.load_features, {}
+
+  def load_once(config, split="train", stats=None, captioned=True):
+    if config.name != "archive":
+      return load(config, split, stats, captioned)
+    key = (tuple(config.folders), config.layout, config.mode, bool(config.get("mirror")), bool(config.get("per_axis")),
+           split)
+    mark = stats and stats.fingerprint
+    if (key, mark) not in known:
+      data = load(config, split, stats, captioned)
+      known[key, mark] = known[key, data.stats.fingerprint] = data
+    return known[key, mark]
+
+  sources.load_features = load_once
+  try:
+    yield
+  finally:
+    sources.load_features = load
+
+
+# --- judging -----------------------------------------------------------------------------------------------------
+
+
+class Bench:
+  """The test clips and evaluators, read once for all rows."""
+
+  def __init__(self, settings, force=False):
+    self.settings, self.force, self.judges = settings, force, {}
+
+  def judge(self, task) -> Judge:
+    """Of "texts" or of "stories"; raises ValueError where the evaluators do not look right on real clips."""
+    if task not in self.judges:
+      protocol = self._protocol(task).on("archive")
+      readers = [load_evaluator(self.settings.evaluator), self._clip() if task == "texts" else None]
+      found = items.read_items(self.settings.archives, protocol, [one for one in readers if one])
+      judge = Judge(protocol, *readers, found, protocol.seed, self.settings.samples if task == "texts" else None)
+      if task == "texts":
+        sanity.demand(sanity.look(judge), self.force)
+      self.judges[task] = judge
+    return self.judges[task]
+
+  def _protocol(self, task):
+    if task == "texts":
+      return generation.without_multimodality(protocols.get_protocol("archives-66"))
+    return dataclasses.replace(protocols.get_protocol("long-horizon"), sequences=self.settings.stories,
+                               segments=self.settings.segments, real_jerk=None)
+
+  def _clip(self):
+    name = self.settings.clip_evaluator
+    known = pathlib.Path(name).is_dir() or name in shipped_names()
+    if not known and name != "none":
+      print(f"no evaluator {name!r}: rows have no CLIP score")
+    return load_evaluator(name) if known else None
+
+  def real(self):
+    """{"texts", "stories": {metric: number}} of the real clips, in the places of the first repeat."""
+    return {task: _numbers([_TASKS[task].real_rows(self.judge(task), 0)["real"]], task) for task in _TASKS}
+
+  def scores(self, row, folder, clock):
+    """{metric: {"mean", "interval", "values"}} over repeats of a row, and what its samples depend on."""
+    loaded = model.load(folder)
+    subject = Subject(row.name, loaded, hash_of(loaded), folder / "eval" / "samples", None, row.sampling,
+                      tuple(jax.local_devices()), show=False)
+    found = {}
+    for task in ("texts", "stories") if row.paper == "cmdm" else ("texts",):
+      repeats = []
+      for repeat in range(self.settings.repeats):
+        clock.check()
+        repeats.append(_TASKS[task].rows(self.judge(task), subject, repeat)[""])
+      found |= _numbers(repeats, task)
+    return found, subject.about
+
+
+_TASKS = {"texts": generation, "stories": long_horizon}
+
+
+def _numbers(repeats, task):
+  names = STORY_METRICS if task == "stories" else list(repeats[0])
+  return {name: run.interval([one[name] for one in repeats]) for name in names}
+
+
+# --- training ----------------------------------------------------------------------------------------------------
+
+
+def train_run(one, settings, out, parts, clock):
+  """Trains a run to its last step, from where it is. Raises Stopped where time does not suffice."""
+  folder = out / one.folder
+  if (folder / TRAINED).is_file():
+    return
+  clock.check()
+  print(f"  {one.folder}: {settings.steps[one.stage]} steps", flush=True)
+  folder.mkdir(parents=True, exist_ok=True)
+  config, begin = study_plan.config_of(one, settings, out, parts), time.monotonic()
+  with open(folder / "log.txt", "a", encoding="utf-8") as log, contextlib.redirect_stdout(log):
+    state = training.run(config, folder, resume=True, max_seconds=clock.left)
+  if int(state.step) < config.train.num_steps:
+    raise Stopped
+  last = {name: value for line in read_metrics(folder) for name, value in line.items()}
+  write_json(folder, TRAINED, dict(folder=one.folder, steps=int(state.step), seconds=last["seconds"], last=last))
+  shutil.rmtree(folder / "checkpoints")  # three times the parameters, and of no more use
+  print(f"  {one.folder}: {time.monotonic() - begin:.0f} s, loss {last['loss']:.4g}", flush=True)
+
+
+def do_row(row, settings, out, bench, clock):
+  """Trains and judges a row, and writes its scores."""
+  parts = {}
+  for one in row.runs:
+    train_run(one, settings, out, parts, clock)
+    parts[one.stage] = one.folder
+  begin = time.monotonic()
+  scores, about = bench.scores(row, out / row.runs[-1].folder, clock)
+  runs = [checkpoint.load_json(out / one.folder, TRAINED) for one in row.runs]
+  path = out / row.scores
+  path.parent.mkdir(parents=True, exist_ok=True)
+  write_json(path.parent, path.name, dict(
+      paper=row.paper, row=row.name, seed=row.seed, scores=scores, model=about, runs=runs,
+      seconds=round(time.monotonic() - begin, 1)))
+  tell = {name: scores[name]["mean"] for name in ("top1", "fid", "auj") if name in scores}
+  print(f"  judged in {time.monotonic() - begin:.0f} s: " + ", ".join(f"{k} {v:.3f}" for k, v in tell.items()),
+        flush=True)
+
+
+def write_json(folder, name, content):
+  checkpoint.save_text(folder, name, json.dumps(content, indent=1) + "\n")
+
+
+# --- a study -----------------------------------------------------------------------------------------------------
+
+
+def run_study(settings, out, part=(0, 1), only=(), max_seconds=None, force=False):
+  """Does the rows of a part, and writes study.json and study.md after each. Returns whether all of them are done."""
+  rows = study_plan.plan(settings, part, only)
+  out, clock = pathlib.Path(out), Clock(max_seconds)
+  out.mkdir(parents=True, exist_ok=True)
+  keep_settings(settings, out)
+  bench, whole = Bench(settings, force), True
+  with features_once():
+    for number, row in enumerate(rows, 1):
+      name = f"[{number}/{len(rows)}] {row.paper} {row.name}, seed {row.seed}"
+      if (out / row.scores).is_file():
+        print(f"{name}: done before", flush=True)
+        continue
+      print(name, flush=True)
+      try:
+        if not (out / REAL).is_file():
+          clock.check()
+          write_json(out, REAL, bench.real())
+        do_row(row, settings, out, bench, clock)
+      except Stopped:
+        print("stopped and saved; the same command goes on from here", flush=True)
+        return False
+      except FloatingPointError as error:  # a row that cannot be trained or sampled is told, and tried again next time
+        print(f"  {error}", flush=True)
+        whole = False
+      write_report(out)
+  write_report(out)
+  return whole
+
+
+def keep_settings(settings, out):
+  """Writes the study's settings, or raises ValueError where the folder holds a study by others.
+
+  Papers and seeds may be added, archives may have moved.
+  """
+  asked = json.loads(json.dumps(dataclasses.asdict(settings)))
+  if (out / SETTINGS).is_file():
+    before = checkpoint.load_json(out, SETTINGS)
+    other = [name for name in asked if name not in ("papers", "seeds", "archives", "teacher")
+             and asked[name] != before.get(name)]
+    if other:
+      raise ValueError(f"{out} holds a study with " + ", ".join(f"{n} {before.get(n)!r}" for n in other)
+                       + ", asked for " + ", ".join(f"{asked[n]!r}" for n in other) + "; rows of one study are alike: "
+                       "take another --out")
+    asked |= dict(papers=[p for p in study_plan.PAPERS if p in asked["papers"] or p in before["papers"]],
+                  seeds=max(asked["seeds"], before["seeds"]))
+  write_json(out, SETTINGS, asked)
+
+
+def write_report(out):
+  """study.json and study.md from the rows that are done, by whichever process."""
+  found = [checkpoint.load_json(path.parent, path.name) for path in sorted(out.glob("*/seed*/*/scores.json"))]
+  real = checkpoint.load_json(out, REAL) if (out / REAL).is_file() else {}
+  study = study_report.summarize(checkpoint.load_json(out, SETTINGS), found, real)
+  write_json(out, "study.json", study)
+  checkpoint.save_text(out, "study.md", study_report.markdown(study))
+
+
+def parse(argv=None):
+  defaults = study_plan.Settings(())
+  parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+  add = parser.add_argument
+  add("--archives", nargs="+", required=True, help="folders of data.archive")
+  add("--out", required=True, help="folder of the study; the same one goes on")
+  add("--papers", nargs="+", default=defaults.papers, choices=study_plan.PAPERS)
+  add("--seeds", type=int, default=defaults.seeds)
+  add("--steps", nargs="+", default=[], metavar="STAGE=N", help=f"by default {defaults.steps}")
+  add("--size", default=defaults.size, choices=("full", "small", "tiny"), help="of the models")
+  add("--repeats", type=int, default=defaults.repeats, help="passes over the test clips for a row")
+  add("--samples", type=int, help="fewer test clips, for a trial")
+  add("--stories", type=int, default=defaults.stories)
+  add("--segments", type=int, default=defaults.segments, help="prompts of a story")
+  add("--teacher", default=defaults.teacher, help="folder of a teacher that was trained on these archives")
+  add("--evaluator", default=defaults.evaluator)
+  add("--clip_evaluator", default=defaults.clip_evaluator, help="or none")
+  add("--only", nargs="+", default=[], metavar="ROW")
+  add("--part", default="0/1", help="such as 0/2 and 1/2, with the same arguments otherwise")
+  add("--max_seconds", type=float, help="stop and save after so long")
+  add("--force", action="store_true", help="go on though evaluators do not look right on the real clips")
+  add("--report", action="store_true", help="train and judge nothing, write the report of what is there")
+  args = parser.parse_args(argv)
+  steps = dict(defaults.steps)
+  for text in args.steps:
+    stage, _, count = text.partition("=")
+    if stage not in steps or not count.isdigit() or not int(count):
+      raise ValueError(f"got --steps {text}, expected STAGE=N with a stage of {', '.join(steps)}")
+    steps[stage] = int(count)
+  index, slash, count = args.part.partition("/")
+  if not (index.isdigit() and slash and count.isdigit()):
+    raise ValueError(f"got --part {args.part}, expected one such as 0/2")
+  fields = {field.name: getattr(args, field.name) for field in dataclasses.fields(defaults) if field.name != "steps"}
+  fields |= dict(steps=steps, archives=tuple(args.archives), papers=tuple(args.papers))
+  return study_plan.Settings(**fields), args, (int(index), int(count))
+
+
+def main():
+  logging.set_verbosity(logging.WARNING)  # orbax tells every step of a save
+  try:
+    settings, args, part = parse()
+    out = pathlib.Path(args.out)
+    if args.report:
+      write_report(out)
+    else:
+      # Seeds and rows compile the same functions again.
+      jax.config.update("jax_compilation_cache_dir", str((out / "compiled").absolute()))
+      done = run_study(settings, out, part, args.only, args.max_seconds, args.force)
+      print("all rows of this part are done" if done else "some rows are missing; run the same command again")
+  except (ValueError, FileNotFoundError) as error:
+    sys.exit(f"study.py: {error}")
+  print(f"wrote {out}/study.md, study.json")
+
+
+if __name__ == "__main__":
+  main()
