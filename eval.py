@@ -23,6 +23,7 @@ def parse(argv=None):
   add("--no-multimodality", action="store_true", help="leave out the metric that takes most of the time")
   add("--force", action="store_true", help="go on though real data does not look right")
   add("--recompute", action="store_true", help="only from samples that exist: nothing is generated")
+  add("--raw", action="store_true", help="the last weights of a run, not the average kept beside them")
   add("--report", metavar="OUT", help="folder for one HTML page of tables, curves and motions")
   add("--devices", type=int, help="use so many devices; they change the time, not the numbers")
   return parser.parse_args(argv)
@@ -59,7 +60,7 @@ def main(argv=None):
         repeats=args.repeats, seed=args.seed, guidance=args.guidance,
         sampling={key: value_of(value) for key, _, value in pairs}, limit=args.limit, controls=args.controls,
         multimodality=not args.no_multimodality, force=args.force, only_read=args.recompute,
-        devices=devices[:args.devices])
+        raw=args.raw, devices=devices[:args.devices])
     print(tables.markdown(result))
     written = [out / name for name in ("results.json", "tables.md", "tables.tex")]
     if args.report:
@@ -67,6 +68,8 @@ def main(argv=None):
       written.append(report.write([result], pathlib.Path(args.report), folders=[out]))
   except (ValueError, FileNotFoundError, FloatingPointError) as error:
     sys.exit(f"eval.py: {error}")
+  except KeyboardInterrupt:
+    sys.exit("eval.py: stopped; the same command goes on with the samples that are made")
   for failure in (result["controls"] or {}).get("failures", []):
     print(f"control: {failure}")
   print("wrote " + ", ".join(map(str, written)))

@@ -12,6 +12,7 @@ from motion_jax.motion.features import to_joints
 
 # Streams of random numbers inside a (seed, repeat).
 AGAIN, DIVERSITY, MULTIMODALITY, NOISE = 1, 2, 3, 4
+CHUNK = 256  # motions that are padded together
 PHYSICS = {"skating": "skating_ratio", "foot_height": "floating_mm", "penetration": "penetration_mm",
            "bone_drift": "bone_drift_mm", "acceleration": "acceleration", "jerk": "jerk"}
 
@@ -82,12 +83,17 @@ class Judge:
 
     Rows behind frames are kept where the protocol keeps them, up to its longest motion; the rest is zeros.
     """
-    x = np.zeros((len(motions), self.protocol.max_frames, evaluator.layout.dim), np.float32)
-    for row, motion, count in zip(x, motions, frames):
-      evaluator.layout.check(motion)
-      kept = motion[:len(x[0]) if self.protocol.made_padding == "decoded" else count]
-      row[:len(kept)] = evaluator.stats.normalize(kept)
-    made = evaluator.embed_motion(x, protocol_lib.evaluator_frames(frames, self.protocol))
+    width, told = self.protocol.max_frames, protocol_lib.evaluator_frames(frames, self.protocol)
+    parts = []
+    for first in range(0, len(motions), CHUNK):
+      some = slice(first, first + CHUNK)
+      x = np.zeros((len(motions[some]), width, evaluator.layout.dim), np.float32)
+      for row, motion, count in zip(x, motions[some], frames[some]):
+        evaluator.layout.check(motion)
+        kept = motion[:width if self.protocol.made_padding == "decoded" else count]
+        row[:len(kept)] = evaluator.stats.normalize(kept)
+      parts.append(evaluator.embed_motion(x, told[some]))
+    made = np.concatenate(parts)
     if not np.isfinite(made).all():
       raise FloatingPointError(f"evaluator {evaluator.name!r} made NaN or infinity; check its weights and statistics")
     return made

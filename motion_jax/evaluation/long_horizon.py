@@ -21,9 +21,9 @@ BATCH = 8  # long motions made together
 SEQUENCES, REFERENCE, SCORES = 11, 12, 13  # streams of random numbers
 
 
-def load(run):
+def load(run, raw=False):
   """A model that tells stories. Raises ValueError for another one."""
-  loaded = model.load(run)
+  loaded = model.load(run, raw=raw)
   if not isinstance(loaded, model.Model):
     raise ValueError(f"{run} holds a model of whole clips; long motions need the run of a cmdm.denoiser")
   return loaded

@@ -5,6 +5,7 @@ import json
 import math
 import pathlib
 import time
+from functools import partial
 
 import jax
 import numpy as np
@@ -31,13 +32,14 @@ _BY_LAYOUT = {"coordinates": "cdamd-66", "essential": "cmdm-67", "full": "cmdm-2
 
 def evaluate(runs, folders, protocol=None, *, evaluator=None, clip_evaluator=None, out=None, repeats=None, seed=None,
              guidance=(), sampling=None, limit=None, controls=False, multimodality=True, force=False, only_read=False,
-             devices=None, show=True) -> dict:
+             raw=False, devices=None, show=True) -> dict:
   """Judges runs (folders, or names that ship) on data folders by a protocol, and writes results.json in `out`.
 
   evaluator, clip_evaluator: names, folders or `Evaluator`s, the protocol's by default; clip_evaluator "none": no CLIP
   score. guidance: scales, a row each; the models' own by default. sampling: what else `generate` takes. limit: samples
-  of a trial. controls: damaged real motions, too. force: go on though real data does not look right. only_read: from
-  samples that exist. devices: of jax; they change nothing but the time.
+  of a trial (of long-horizon: sequences). controls: damaged real motions, too. force: go on though real data does not
+  look right. only_read: from samples that exist. raw: the last weights of a run, not their average. devices: of jax;
+  they change nothing but the time.
   -> result: rows {name: {metric: {"mean", "interval", "values"}}}, record, sanity, controls, curves, gallery.
   """
   start = Clock(show)
@@ -55,7 +57,8 @@ def evaluate(runs, folders, protocol=None, *, evaluator=None, clip_evaluator=Non
   main, clip = _evaluators(protocol, evaluator, clip_evaluator)
   out = pathlib.Path(out) if out else default_out(runs, protocol)
   task = _TASKS[protocol.task]
-  subjects = _subjects(task.load, runs, out, guidance, sampling or {}, devices, only_read, show)
+  load = partial(task.load, raw=True) if raw else task.load
+  subjects = _subjects(load, runs, out, guidance, sampling or {}, devices, only_read, show)
   readers = [reader for reader in (main, clip) if reader]
   if task is not generation:
     readers += [subject.reader for subject in subjects]
@@ -67,10 +70,11 @@ def evaluate(runs, folders, protocol=None, *, evaluator=None, clip_evaluator=Non
   with start.part("real data"):
     found = sanity.look(judge)
     sanity.demand(found, force)
-    rows = _collect(lambda repeat: task.real_rows(judge, repeat), repeats)
+    rows = _collect(lambda repeat: task.real_rows(judge, repeat), repeats, protocol.population_std)
   for subject in subjects:
     with start.part(subject.name):
-      made = _collect(lambda repeat, subject=subject: task.rows(judge, subject, repeat), repeats)
+      made = _collect(lambda repeat, subject=subject: task.rows(judge, subject, repeat), repeats,
+                      protocol.population_std)
     rows |= {_row_name(subject.name, part): row for part, row in made.items()}
   checked = None
   if controls:
@@ -168,14 +172,15 @@ def _paper(protocol):
 # --- rows --------------------------------------------------------------------------------------------------------
 
 
-def _collect(of_repeat, repeats):
+def _collect(of_repeat, repeats, population):
   """{row: {metric: {"mean", "interval", "values"}}} of of_repeat(repeat) -> {row: {metric: number}}."""
   values = {}
   for repeat in range(repeats):
     for row, numbers in of_repeat(repeat).items():
       for metric, number in numbers.items():
         values.setdefault(row, {}).setdefault(metric, []).append(number)
-  return {row: {metric: interval(numbers) for metric, numbers in found.items()} for row, found in values.items()}
+  return {row: {metric: interval(numbers, population) for metric, numbers in found.items()}
+          for row, found in values.items()}
 
 
 def interval(values, population=True) -> dict:

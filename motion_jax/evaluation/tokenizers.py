@@ -36,8 +36,11 @@ class Tokenizer:
     return np.asarray(self._run(jnp.asarray(x), jnp.asarray(num_frames), keys))
 
 
-def load_tokenizer(run) -> Tokenizer:
-  """The tokenizer of a run folder, or of a model that ships. Raises ValueError for a run that has none."""
+def load_tokenizer(run, raw=False) -> Tokenizer:
+  """The tokenizer of a run folder, or of a model that ships. raw: as `model.load`, where the run is a tokenizer's own.
+
+  Raises ValueError for a run that has none.
+  """
   folder = folder_of(run)
   config = checkpoint.load_config(folder)
   stage = config.get("stage")
@@ -45,7 +48,7 @@ def load_tokenizer(run) -> Tokenizer:
     raise ValueError(f"{folder} holds a {stage!r} run, expected one with a tokenizer: {', '.join(STAGES)}")
   inside = stage in ("cmdm.denoiser", "cdamd.generator")
   fields = plain_fields(config.tokenizer if inside else config.model)
-  name = checkpoint.FROZEN if inside else checkpoint.PARAMS
+  name = checkpoint.FROZEN if inside else checkpoint.RAW if raw else checkpoint.PARAMS
   if stage.startswith("cmdm"):
     net = CausalVAE(**fields)
     shapes, run_it = cmdm.frozen_shapes(net)["tokenizer"], _vae
