@@ -1,4 +1,6 @@
 """Evaluators learn what the papers say: losses against plain numpy, N devices as one, the best weights are kept."""
+import contextlib
+
 import jax
 import jax.numpy as jnp
 import ml_collections
@@ -7,7 +9,11 @@ import optax
 import pytest
 
 from motion_jax import checkpoint, matching, train
+from motion_jax.data import sources
 from motion_jax.data.captions import meanings
+from motion_jax.data.humanml3d import write_folder
+from motion_jax.data.synthetic import synthetic_clips
+from motion_jax.data.tagger import tag
 from motion_jax.metrics.evaluators import ClipEvaluator, T2MEvaluator
 from motion_jax.stage import DEVICES, Stage
 from motion_jax.text.encoder import load_text_encoder
@@ -174,6 +180,23 @@ def test_the_best_weights_are_kept(tmp_path):
 def test_sentences_that_clips_link_mean_the_same():
   found = meanings([["a", "b"], ["b", "c"], ["d"], ["e", "d"]])
   assert found["a"] == found["b"] == found["c"] != found["d"] == found["e"]
+
+
+def test_tokens_are_those_of_the_files(tmp_path):
+  """A data set's own lemmas and parts of speech go before those that our tagger makes."""
+  folder = tmp_path / "data"
+  write_folder(synthetic_clips(0, 6), folder, mirror=False)
+  text = next((folder / "texts").glob("*.txt"))
+  lines = text.read_text().splitlines()
+  text.write_text("\n".join("#".join([line.split("#")[0], "odd/NOUN", *line.split("#")[2:]]) for line in lines) + "\n")
+  config = load_config("evaluator_matching", "66").unlock()
+  config.data.folder = str(folder)
+  tokens = {}
+  for split in ("train", "val", "test"):
+    with contextlib.suppress(ValueError):  # a split without clips
+      tokens |= sources.load_features(config.data, split).tokens
+  assert tokens[lines[0].split("#")[0]] == ("odd/NOUN",)
+  assert all(words in (("odd/NOUN",), tuple(tag(caption))) for caption, words in tokens.items())
 
 
 def test_word_pieces_end_at_the_largest_id():
