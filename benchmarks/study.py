@@ -163,10 +163,17 @@ def train_run(one, settings, out, parts, clock):
     state = training.run(config, folder, resume=True, max_seconds=clock.left)
   if int(state.step) < config.train.num_steps:
     raise Stopped
-  last = {name: value for line in read_metrics(folder) for name, value in line.items()}
-  write_json(folder, TRAINED, dict(folder=one.folder, steps=int(state.step), seconds=last["seconds"], last=last))
+  lines = read_metrics(folder)
+  last = {name: value for line in lines for name, value in line.items()}
+  write_json(folder, TRAINED, dict(folder=one.folder, steps=int(state.step), seconds=seconds_of(lines), last=last))
   shutil.rmtree(folder / "checkpoints")  # three times the parameters, and of no more use
   print(f"  {one.folder}: {time.monotonic() - begin:.0f} s, loss {last['loss']:.4g}", flush=True)
+
+
+def seconds_of(lines):
+  """How long a run took, by its metrics, whose clock starts anew in each slice."""
+  told = [line["seconds"] for line in lines if "seconds" in line]
+  return sum(time for time, after in zip(told, [*told[1:], 0]) if after < time)
 
 
 def do_row(row, settings, out, bench, clock):
@@ -262,7 +269,7 @@ def parse(argv=None):
   add("--papers", nargs="+", default=defaults.papers, choices=study_plan.PAPERS)
   add("--seeds", type=int, default=defaults.seeds)
   add("--steps", nargs="+", default=[], metavar="STAGE=N", help=f"by default {defaults.steps}")
-  add("--size", default=defaults.size, choices=("full", "small", "tiny"), help="of the models")
+  add("--size", default=defaults.size, choices=("small", "tiny"), help="of the models")
   add("--repeats", type=int, default=defaults.repeats, help="passes over the test clips for a row")
   add("--samples", type=int, help="fewer test clips, for a trial")
   add("--stories", type=int, default=defaults.stories)

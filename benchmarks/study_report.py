@@ -84,8 +84,8 @@ def judged(claim, rows) -> dict:
   What counts is the difference of the two rows in each seed, which share tokenizer, batches, captions and noise: the
   claim shows where its 95 % interval lies on the claimed side of 0, the opposite shows where it lies on the other.
   """
-  a, b = ({seed: found[claim.metric] for seed, found in rows.get(row, {}).items()
-           if found.get(claim.metric) is not None} for row in (claim.a, claim.b))
+  a, b = ({seed: found[claim.metric] for seed, found in rows.get(row, {}).items() if claim.metric in found}
+          for row in (claim.a, claim.b))
   seeds = sorted(a.keys() & b.keys())
   if not seeds:
     return dict(verdict=NOT_RUN, difference=None)
@@ -110,21 +110,27 @@ def summarize(settings, found, real) -> dict:
 
   settings: a dict; found: the contents of scores.json files; real: {task: scores of real motions}.
   """
-  rows = {}  # {paper: {row: {seed: content}}}
-  for one in found:
+  rows = {}  # {paper: {row: {seed: content}}}, in the order of the tables
+  for one in sorted(found, key=lambda one: (names_of(one["paper"]).index(one["row"]), one["seed"])):
     rows.setdefault(one["paper"], {}).setdefault(one["row"], {})[one["seed"]] = one
-  means = {paper: {row: {seed: {metric: value["mean"] for metric, value in one["scores"].items()}
-                         for seed, one in of.items()} for row, of in some.items()} for paper, some in rows.items()}
-  ordered = {paper: [row for row in names_of(paper) if row in means[paper]] for paper in means}
-  table = {paper: {row: {metric: over_seeds([one[metric] for one in of.values() if one.get(metric) is not None])
-                         for metric in next(iter(of.values())) if any(one.get(metric) is not None
-                                                                      for one in of.values())}
-                   for row in ordered[paper] for of in [means[paper][row]]} for paper in ordered}
-  claims = [claim._asdict() | {"paper": in_print(claim)} | judged(claim, means.get(claim.source[0], {}))
+  numbers = {paper: {row: {seed: _means(one) for seed, one in of.items()} for row, of in some.items()}
+             for paper, some in rows.items()}
+  table = {paper: {row: _row(of.values()) for row, of in some.items()} for paper, some in numbers.items()}
+  claims = [claim._asdict() | {"paper": in_print(claim)} | judged(claim, numbers.get(claim.source[0], {}))
             for claim in CLAIMS if claim.source[0] in settings["papers"]]
-  return dict(settings=settings, real=real, table=table, claims=claims,
-              rows={paper: {row: {str(seed): rows[paper][row][seed] for seed in sorted(rows[paper][row])}
-                            for row in ordered[paper]} for paper in ordered})
+  return dict(settings=settings, real=real, table=table, claims=claims, rows=rows)
+
+
+def _means(one):
+  """{metric: mean over repeats} of what is finite."""
+  return {metric: value["mean"] for metric, value in one["scores"].items()
+          if value["mean"] is not None and math.isfinite(value["mean"])}
+
+
+def _row(of_seeds):
+  of_seeds = list(of_seeds)
+  metrics = dict.fromkeys(metric for one in of_seeds for metric in one)
+  return {metric: over_seeds([one[metric] for one in of_seeds if metric in one]) for metric in metrics}
 
 
 # --- Markdown ----------------------------------------------------------------------------------------------------
@@ -185,25 +191,22 @@ def _claims(claims):
                  f"`{one['a']}` {one['way']} than `{one['b']}`", f"{a}, {b}",
                  _number(one["difference"], one["metric"]), one["verdict"]])
   return ["## The papers' claims", "",
-          "Ours: the first row less the second, mean over seeds ± half of the 95 % interval of the differences; rows of "
-          "a seed share what they do not differ in. A claim that does not show at this scale is a finding, not a "
+          "Ours: the first row less the second, mean over seeds ± half of the 95 % interval of the differences; rows "
+          "of a seed share all else. A claim that does not show at this scale is a finding, not a "
           f"failure. Of {len(tried)} claims {count[SHOWS]} show, {count[DOES_NOT]} do not, of {count[OPPOSITE]} the "
-          "opposite shows; by chance alone one in forty would show, and as many the other way.", "",
+          "opposite shows; if nothing made a difference, one in forty would show, and as many the other way.", "",
           *_grid(["claim", "table", "metric", "rows", "paper", "ours", "verdict"], body)]
 
 
 def _runs(rows):
   """Held-out numbers of what was trained, which tell whether a row was trained at all."""
   body, seen = [], set()
-  for paper, some in rows.items():
-    for of in some.values():
-      for seed, one in of.items():
-        for run in one["runs"]:
-          if run["folder"] not in seen:
-            seen.add(run["folder"])
-            last = ", ".join(f"{name} {value:.4g}" for name, value in run["last"].items()
-                             if name == "loss" or name.startswith("held_out"))
-            body.append([f"`{run['folder']}`", str(run["steps"]), last, f"{run['seconds'] / 60:.1f}"])
+  for run in (run for some in rows.values() for of in some.values() for one in of.values() for run in one["runs"]):
+    if run["folder"] not in seen:
+      seen.add(run["folder"])
+      last = ", ".join(f"{name} {value:.4g}" for name, value in run["last"].items()
+                       if name == "loss" or name.startswith("held_out"))
+      body.append([f"`{run['folder']}`", str(run["steps"]), last, f"{run['seconds'] / 60:.1f}"])
   return ["## What was trained", "", *_grid(["run", "steps", "at the end", "minutes"], body)]
 
 

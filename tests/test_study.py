@@ -1,0 +1,197 @@
+"""The study of the papers' ablations: what it plans, how it judges claims, that it goes on where it was stopped."""
+import importlib
+import json
+import sys
+
+import pytest
+
+from motion_jax.data.synthetic import synthetic_clips
+from motion_jax.evaluation import tables
+from tests.conftest import ROOT
+from tests.evaluation.test_run import write_archive
+
+sys.path.insert(0, str(ROOT / "benchmarks"))
+study, study_plan, study_report = (importlib.import_module(name) for name in ("study", "study_plan", "study_report"))
+SETTINGS = study_plan.Settings(("cmu", "bandai"))
+
+
+# --- plan --------------------------------------------------------------------------------------------------------
+
+
+def test_the_plan_holds_every_row_of_the_papers_tables_for_each_seed():
+  rows = study_plan.plan(SETTINGS)
+  names = {paper: [row.name for row in rows if (row.paper, row.seed) == (paper, 2)] for paper in study_plan.PAPERS}
+  assert set(names["cmdm"]) == {"default", "vae", "c-vae", "one-level", "no-adaln", "no-rope", "no-adaln-no-rope", "ar",
+                                "fss-50-1", "fss-50-5", "fss-50-10", "fss-20-1", "fss-20-5", "fss-20-10"}
+  assert set(names["cdamd"]) == {"default", "one-vq", "all-vq", "cm", "bcm", "no-prior", "263", "263-no-prior",
+                                 "263-no-dcca", "mardm"}
+  assert len(rows) == 3 * (14 + 10) and rows == study_plan.plan(SETTINGS)
+  for (paper, table), mapped in study_plan.TABLES.items():
+    printed = tables.paper_table(paper, table)
+    assert set(printed.own) <= set(mapped) <= set(printed.rows)
+
+
+@pytest.mark.parametrize("count", (1, 2, 3, 5))
+def test_parts_cover_the_plan_and_share_no_run(count):
+  parts = [study_plan.plan(SETTINGS, (index, count)) for index in range(count)]
+  assert sorted(row[:3] for part in parts for row in part) == sorted(row[:3] for row in study_plan.plan(SETTINGS))
+  runs = [{run for row in part for run in row.runs} for part in parts]
+  assert sum(map(len, runs)) == len(set().union(*runs))
+  work = [sum(SETTINGS.steps[run.stage] for run in some) for some in runs]
+  assert max(work) < 1.5 * min(work)
+
+
+def test_rows_of_sampling_and_of_a_seed_share_runs():
+  default, fss, one, vae = (study_plan.row_of("cmdm", name, 1) for name in ("default", "fss-20-5", "one-level", "vae"))
+  assert fss.runs == default.runs and fss.sampling == {"num_steps": 20, "lag": 5} and default.sampling == {}
+  assert one.runs[0] == default.runs[0] != vae.runs[0] and one.sampling == {"schedule": "full"}
+  assert default.runs[0].folder == "cmdm/seed1/default/tokenizer" and default.scores != fss.scores
+  stages = lambda name: [(run.row, run.stage) for run in study_plan.row_of("cdamd", name, 0).runs]
+  assert stages("263-no-dcca") == [("263", "autoencoder"), ("263", "rvq"), ("263-no-dcca", "generator")]
+  assert stages("no-prior") == [("default", "autoencoder"), ("no-prior", "generator")]
+
+
+def test_configs_of_all_runs_have_the_same_budget():
+  """Steps, batches and data are equal in a stage; frozen parts are the study's own."""
+  for size in ("small", "tiny"):
+    settings = study_plan.Settings(("cmu", "bandai"), size=size)
+    budgets = {}
+    for row in study_plan.plan(settings):
+      parts = {}
+      for run in row.runs:
+        config = study_plan.config_of(run, settings, "out", parts)
+        parts[run.stage] = run.folder
+        assert config.seed == row.seed and tuple(config.data.folders) == ("cmu", "bandai")
+        if run.stage in ("denoiser", "generator"):
+          assert config.frozen.tokenizer == f"out/{row.runs[0].folder}"
+          assert config.frozen.get("prior", "") == (f"out/{parts['rvq']}" if "rvq" in parts else "")
+        budgets.setdefault(run.stage, set()).add(json.dumps(
+            [config.train.to_dict(), config.data.batch_size, config.optimizer.to_dict()]))
+    assert {stage: len(found) for stage, found in budgets.items()} == dict.fromkeys(study_plan.STEPS, 1)
+  config = study_plan.config_of(study_plan.row_of("cmdm", "default", 0).runs[0], SETTINGS, "out", {})
+  assert (config.optimizer.warmup_steps, config.optimizer.cooldown_steps, config.loss.kl_ramp) == (100, 500, 176)
+  assert config.optimizer.ema_decay == pytest.approx(0.9934, abs=1e-4) and config.train.num_steps == 1500
+
+
+def test_bad_arguments_are_told():
+  common = ["--archives", "a", "--out", "b"]
+  with pytest.raises(ValueError, match="expected some of default"):
+    study_plan.plan(SETTINGS, only=["bcn"])
+  with pytest.raises(ValueError, match="expected 0/2 to 1/2"):
+    study_plan.plan(SETTINGS, (2, 2))
+  for wrong, told in ((["--steps", "tokeniser=3"], "a stage of tokenizer, denoiser"), (["--part", "1"], "such as 0/2")):
+    with pytest.raises(ValueError, match=told):
+      study.parse(common + wrong)
+  settings, _, part = study.parse([*common, "--steps", "rvq=7", "--part", "1/3", "--papers", "cdamd"])
+  assert settings.steps["rvq"] == 7 and settings.steps["generator"] == 500 and part == (1, 3)
+  assert settings.papers == ("cdamd",) and settings.archives == ("a",)
+
+
+# --- claims ------------------------------------------------------------------------------------------------------
+
+
+def test_claims_are_those_of_the_papers_own_numbers():
+  for claim in study_report.CLAIMS:
+    printed = study_report.in_print(claim)
+    a, b = printed["a"]["mean"], printed["b"]["mean"]
+    assert (a < b if claim.way == "lower" else a > b), claim
+
+
+def rows_of(**numbers):
+  return {row: {seed: {"fid": value} for seed, value in enumerate(values)} for row, values in numbers.items()}
+
+
+def test_verdicts_follow_the_interval_of_the_differences():
+  claim = study_report.Claim("a is better", ("cmdm", "4"), "fid", "a", "lower", "b")
+  verdict = lambda **numbers: study_report.judged(claim, rows_of(**numbers))["verdict"]
+  assert verdict(a=(1.0, 2.0, 3.0), b=(1.5, 2.6, 3.4)) == "shows"  # seeds differ more than rows do
+  assert verdict(a=(1.5, 2.6, 3.4), b=(1.0, 2.0, 3.0)) == "the opposite shows"
+  assert verdict(a=(1.0, 2.0, 3.0), b=(1.5, 1.6, 3.4)) == "does not show"
+  assert verdict(a=(1.0, 1.0), b=(1.0, 1.0)) == "does not show"
+  assert verdict(a=(1.0,), b=(1.5, 1.6)) == "no verdict: one seed"
+  assert verdict(a=(1.0,)) == "no verdict: not run"
+  higher = claim._replace(way="higher")
+  assert study_report.judged(higher, rows_of(a=(1.5, 2.6, 3.4), b=(1.0, 2.0, 3.0)))["verdict"] == "shows"
+
+
+def test_intervals_are_students():
+  found = study_report.over_seeds([1.0, 2.0, 3.0])
+  assert found["mean"] == 2 and found["interval"] == pytest.approx(4.30265 / 3**0.5, rel=1e-5)
+  assert study_report.over_seeds([1.0])["interval"] is None
+
+
+# --- the whole ---------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def settings(tmp_path_factory):
+  """A few formulas as an archive, and the least that can be trained and judged on it."""
+  # Of other lengths, for a walk by formula may be the same in train and test.
+  clips = [clip.replace(split=split, id=f"{split}_{clip.id}") for split, num, frames in (
+      ("train", 6, 68), ("val", 2, 72), ("test", 34, 74)) for clip in synthetic_clips(3, num, frames)]
+  folder = write_archive(tmp_path_factory.mktemp("data") / "synthetic", clips)
+  return study_plan.Settings((str(folder),), papers=("cmdm",), seeds=1, steps=dict.fromkeys(study_plan.STEPS, 3),
+                             size="tiny", stories=1, segments=3, clip_evaluator="none")
+
+
+def without_teacher(run, settings, out, parts, config_of=study_plan.config_of):
+  """The config of a run, less the alignment, which takes long to compile."""
+  config = config_of(run, settings, out, parts).unlock()
+  if "teacher" in config.frozen:
+    config.frozen.teacher, config.model.teacher_dim = "", 0
+  return config.lock()
+
+
+@pytest.mark.slow
+def test_two_rows_from_data_to_claims_with_stops_on_the_way(settings, tmp_path, monkeypatch, capsys):
+  monkeypatch.setattr(study_plan, "config_of", without_teacher)
+  go_on = lambda: study.run_study(settings, tmp_path, only=["default", "fss-20-5"], force=True)
+  run = tmp_path / "cmdm" / "seed0" / "default" / "tokenizer"
+  with monkeypatch.context() as patch:  # time is up after the first step
+    patch.setattr(study.Clock, "left", 0.0)
+    patch.setattr(study.Clock, "check", lambda clock: None)
+    assert not go_on()
+  assert (run / "params.safetensors").is_file() and not (run / "trained.json").exists()
+  score = study.Bench.scores
+
+  def scores(bench, row, folder, clock):  # killed before the second row is judged
+    if row.name != "default":
+      raise study.Stopped
+    return score(bench, row, folder, clock)
+
+  with monkeypatch.context() as patch:
+    patch.setattr(study.Bench, "scores", scores)
+    assert not go_on()
+  trained = json.loads((run / "trained.json").read_text())
+  assert trained["steps"] == 3 and not (run / "checkpoints").exists()
+  assert [json.loads(line)["step"] for line in (run / "metrics.jsonl").read_text().splitlines()
+          if "loss" in line] == [1, 2, 3]
+  first = (tmp_path / "cmdm/seed0/default/scores.json").read_bytes()
+  # What is trained is not trained again, what is judged is not judged again.
+  monkeypatch.setattr(study.training, "run", lambda *args, **options: pytest.fail("trained again"))
+  capsys.readouterr()
+  assert go_on()
+  assert "[1/2] cmdm default, seed 0: done before" in capsys.readouterr().out
+  assert (tmp_path / "cmdm/seed0/default/scores.json").read_bytes() == first
+  found = json.loads((tmp_path / "study.json").read_text())
+  assert set(found["table"]["cmdm"]) == {"default", "fss-20-5"} and {"texts", "stories"} == set(found["real"])
+  assert {"top1", "fid", "auj", "transition_fid", "peak_jerk"} <= set(found["table"]["cmdm"]["fss-20-5"])
+  assert {one["verdict"] for one in found["claims"]} == {"no verdict: not run"}
+  told = (tmp_path / "study.md").read_text()
+  assert "never a number of ours with one of the paper's" in told and "| FSS K=20, L=5 (`fss-20-5`) |" in told
+  assert "| 0.588 ± 0.004 |" in told
+  with pytest.raises(ValueError, match="take another --out"):
+    study.run_study(study_plan.Settings(settings.archives, size="tiny"), tmp_path)
+
+
+def test_features_are_made_once(settings, monkeypatch):
+  config = study_plan.config_of(study_plan.row_of("cdamd", "default", 0).runs[0], settings, "out", {})
+  calls, load = [], study.sources.load_features
+  monkeypatch.setattr(study.sources, "load_features", lambda *args: calls.append(args) or load(*args))
+  before = study.sources.load_features
+  with study.features_once():
+    data = study.sources.load_features(config.data)
+    assert study.sources.load_features(config.data, stats=data.stats) is data
+    val = study.sources.load_features(config.data, "val", data.stats)
+    assert study.sources.load_features(config.data, "val", data.stats, False) is val and val is not data
+  assert len(calls) == 2 and study.sources.load_features is before
