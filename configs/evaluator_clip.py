@@ -40,8 +40,8 @@ def get_config(size="67"):
                         dropout=0.0)
     config.data.update(name="archive", mode="corrected", mirror=True, batch_size=64, min_frames=20,
                        lengths=(64, 112, 196), same="meaning")
-    config.optimizer.update(learning_rate=1e-3, warmup_steps=100, ema_decay=0.99)
-    config.train.update(num_steps=1_500, save_every=150)
+    config.optimizer.update(learning_rate=1e-3, warmup_steps=50, ema_decay=0.98)
+    config.train.update(num_steps=450, save_every=75)
   elif size == "tiny":
     config.frozen.text = "fresh"
     config.model.update(width=32, depth=1, num_heads=2, mlp_width=16, dim=8, vocab_size=97, max_words=64)

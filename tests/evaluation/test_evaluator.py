@@ -6,7 +6,8 @@ import pytest
 from motion_jax import checkpoint, training
 from motion_jax.data.synthetic import synthetic_clips
 from motion_jax.data.tagger import tag
-from motion_jax.evaluation.evaluator import fresh_evaluator, load_evaluator
+from motion_jax.evaluation.evaluator import PRETRAINED, fresh_evaluator, load_evaluator, shipped_names
+from motion_jax.metrics.scores import cosines
 from motion_jax.metrics.words import CONVERTED, WordVectors
 from motion_jax.motion.stats import save_stats
 from tests.conftest import load_config
@@ -129,3 +130,17 @@ def test_folders_that_are_no_evaluator_are_told(run, tmp_path, tiny_run):
     np.save(tmp_path / name, np.ones(63, np.float32))
   with pytest.raises(ValueError, match="reads 66 numbers per frame, its statistics"):
     load_evaluator(tmp_path)
+
+
+def test_the_evaluators_that_ship():
+  """Small enough to ship, trained on our own words, and real enough to tell actions apart."""
+  folders = [PRETRAINED / name for name in ("evaluator-small", "clip-evaluator-small")]
+  assert {folder.name for folder in folders} <= set(shipped_names())
+  assert sum((folder / checkpoint.PARAMS).stat().st_size for folder in folders) < 8e6
+  for folder, kind in zip(folders, ("t2m", "clip")):
+    evaluator = load_evaluator(folder.name)
+    assert (evaluator.kind, evaluator.layout.name, evaluator.mode) == (kind, "coordinates", "corrected")
+    assert (folder / "LICENSE.txt").is_file() and (folder / "README.md").is_file()
+    text = evaluator.embed_text(["a person runs forward", "someone is running", "a person raises both hands"])
+    near, far = (cosines(text[:1], text[i:i + 1])[0, 0] for i in (1, 2))
+    assert near > far + 0.2
