@@ -218,4 +218,4 @@ def test_folders_that_are_no_data(tmp_path, archive, tiny_run):
   with pytest.raises(ValueError, match="takes data of humanml3d, .* is 'archive'"):
     items_lib.read_items([archive], protocols.get_protocol("cdamd-66"), [fresh_evaluator("t2m")])
   with pytest.raises(ValueError, match="no evaluator that ships"):
-    run.evaluate([tiny_run], [archive], "cdamd-66")
+    run._evaluators(protocols.get_protocol("cdamd-66"), None, None)
