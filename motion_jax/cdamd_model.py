@@ -145,8 +145,8 @@ class CdamdModel(Prompted):
     order_of = draws.draw_order(keys, np.full(len(keys), self.max_latents), self.max_latents, order)
     counts = masking.hidden_counts(num_rounds, editable.sum(-1))
     hidden = masking.hidden_table(np.where(editable, order_of, np.inf), counts)
-    # The same number of rows for every length, so that a model is compiled once.
-    most = most_revealed(masking.hidden_counts(num_rounds, np.arange(1, self.max_latents + 1)))
+    # Rounded up to even numbers, so that few lengths are compiled anew.
+    most = 2 * -(-most_revealed(counts) // 2)
     plan = plan._replace(guided=scale != 1.0, num_rows=most if revealed_only else None)
     about = dict(guidance_scale=scale, model=self.id, rounds=num_rounds, order=order, mask=plan.mask,
                  solver=plan.solver, num_steps=plan.num_steps)
