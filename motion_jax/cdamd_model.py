@@ -11,6 +11,7 @@ from motion_jax.data.clip import Caption
 from motion_jax.diffusion import draws, masking
 from motion_jax.diffusion.rounds import most_revealed
 from motion_jax.motion.features import get_layout, to_features
+from motion_jax.motion.joining import join
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.length_estimator import LengthEstimator
 from motion_jax.nets.masks import padding_mask
@@ -76,9 +77,10 @@ class CdamdModel(Prompted):
 
     Which parts: a task of `masking.TASKS`, or spans to keep or to change, [(0, 30), ...] in frames of this model
     (`spans_of` reads "0:1.5s"), the same in every clip. Latents of 4 frames are kept whole or not at all. Kept frames
-    come back as they were (paste), resampled if the clip's rate is another, retargeted if its bones are, cut to whole
-    latents, and placed where the model begins: the body at the origin, facing +z. mask: what new latents may look at,
-    `nets.masks`; without it config.sampler.edit_mask. meta["made"] lists the frames that are new.
+    come back as they were (paste; new coordinates are moved to meet them, see `motion.joining`), resampled if the
+    clip's rate is another, retargeted if its bones are, cut to whole latents, and placed where the model begins: the
+    body at the origin, facing +z. mask: what new latents may look at, `nets.masks`; without it
+    config.sampler.edit_mask. meta["made"] lists the frames that are new.
     """
     # Parity: the released code pastes nothing back; paste=False is the benchmark's.
     self.check_words(list(dict.fromkeys(prompts)))
@@ -90,8 +92,11 @@ class CdamdModel(Prompted):
     sampling["mask"] = mask or self.config.sampler.get("edit_mask", "bcm")
     plan, hidden, scale, about = self._tables(keys, edited, guidance_scale, **sampling)
     real = padding_mask(jnp.array(frames) // self.unit, self.max_latents)
-    made = self._edit(plan, bool(paste), self.params, self.frozen, np.stack(features), self._words(prompts),
+    features, joined = np.stack(features), paste and self.stats.layout.kind == "coordinates"
+    made = self._edit(plan, paste and not joined, self.params, self.frozen, features, self._words(prompts),
                       edited, hidden, real, scale, keys)
+    if joined:
+      made = self._joined(np.asarray(made), features, frames, ~np.repeat(edited, self.unit, axis=1))
     about |= dict(task=task or "spans", pasted=bool(paste))
     motions = make_motions(self, made, frames, [(Caption(prompt),) for prompt in prompts], seeds, about, polish)
     new = [_runs(np.flatnonzero(np.repeat(row, self.unit)[:count])) for row, count in zip(edited, frames)]
@@ -99,6 +104,15 @@ class CdamdModel(Prompted):
                             meta=motion.meta | dict(edited=clip.source or clip.id, made=runs))
              for motion, clip, runs in zip(motions, clips, new)]
     return dataclasses.replace(motions, motions=tuple(named))
+
+  def _joined(self, made, features, frames, kept):
+    """Normalized coordinates (B, T, F) with the kept frames as they came, and the new ones moved to meet them."""
+    y = np.array(made)
+    for row, given, count, mask in zip(y, features, frames, kept):
+      joints = [self.stats.denormalize(x[:count]).reshape(count, -1, 3) for x in (row, given)]
+      row[:count] = self.stats.normalize(join(*joints, mask[:count]).reshape(count, -1))
+      row[:count][mask[:count]] = given[:count][mask[:count]]
+    return y
 
   def _features_of(self, clip):
     """(normalized features (T, F) padded to the training length, frames): a clip on our body, in whole latents."""

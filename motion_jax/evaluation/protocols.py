@@ -79,9 +79,9 @@ class Benchmark(Protocol):
     and compare with no paper."""
     if data_format != "archive":
       return self
-    changes = dict(evaluator=self.evaluator or "evaluator-small")
+    changes = dict(evaluator=self.evaluator or "evaluator-small", paper=None)
     if self.task in ("generation", "reconstruction", "editing"):
-      changes |= dict(min_frames=min(self.min_frames, 24), past_frames=201, paper=None,
+      changes |= dict(min_frames=min(self.min_frames, 24), past_frames=201,
                       clip_evaluator=self.clip_evaluator or "clip-evaluator-small")
     return dataclasses.replace(self, **changes)
 

@@ -1,0 +1,49 @@
+"""Kept frames stay to the bit; new ones begin and end where their neighbours are."""
+import numpy as np
+import pytest
+
+from motion_jax.data.synthetic import synthetic_joints
+from motion_jax.motion.joining import join
+
+
+@pytest.fixture(scope="module")
+def given():
+  return synthetic_joints("walk", 80, np.random.default_rng(0)).astype(np.float32)
+
+
+def kept_of(*spans):
+  kept = np.zeros(80, bool)
+  for first, past in spans:
+    kept[first:past] = True
+  return kept
+
+
+@pytest.mark.parametrize("spans", [[(0, 40)], [(40, 80)], [(0, 20), (60, 80)], [(20, 60)], [(0, 39), (41, 80)]])
+def test_kept_frames_are_kept_and_borders_have_no_jump(given, spans):
+  """What was made is 0.2 m and a lean beside what was given; nothing of that is left at the borders."""
+  made = given + np.array([0.2, 0.0, -0.1]) + 0.05 * np.arange(22)[:, None] / 22
+  kept = kept_of(*spans)
+  joined = join(made, given, kept)
+  np.testing.assert_array_equal(joined[kept], given[kept])
+  steps, real = np.diff(joined, axis=0), np.diff(given, axis=0)
+  assert np.abs(steps - real).max() < 0.02, "a step of the pasted motion would be 0.2 m off"
+  assert np.abs(joined - made)[~kept].max() < 0.3
+
+
+def test_nothing_is_off_nothing_is_moved(given):
+  np.testing.assert_array_equal(join(given, given, kept_of((0, 30))), given)
+  made = given + 1.0
+  np.testing.assert_array_equal(join(made, given, kept_of()), made.astype(np.float32))
+
+
+def test_a_way_that_leads_elsewhere_is_not_bent_back(given):
+  """Behind a kept beginning the new path starts at its end and keeps its shape; its poses are its own in the end."""
+  made = given + np.array([0.3, 0.0, 0.3])
+  made[40:] += np.linspace(0, 1, 40)[:, None, None] * np.array([1.0, 0, 0])
+  joined = join(made, given, kept_of((0, 40)))
+  np.testing.assert_allclose(joined[60:] - made[60:], np.broadcast_to([-0.3, 0, -0.3], (20, 22, 3)), atol=1e-5)
+
+
+def test_shapes_are_checked(given):
+  with pytest.raises(ValueError, match="same frames"):
+    join(given[1:], given, kept_of())
