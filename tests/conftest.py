@@ -39,3 +39,10 @@ def tiny_run(tmp_path_factory):
   folder = tmp_path_factory.mktemp("runs") / "denoiser"
   training.run(load_config("cmdm_denoiser", "tiny"), folder)
   return folder
+
+
+@pytest.fixture
+def unjudged(monkeypatch):
+  """Where a test proves that a config trains: compiling its evaluation as well would double the time."""
+  for stage, recipe in training.RECIPES.items():
+    monkeypatch.setitem(training.RECIPES, stage, lambda config, recipe=recipe: recipe(config)._replace(evaluate=None))

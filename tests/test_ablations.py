@@ -26,13 +26,6 @@ def test_every_row_of_cmdms_tables_is_there():
   assert len(rows[8]) == 5 and len(rows[9]) == 2 and len(rows[10]) == 3 and len(rows[11]) == 3
 
 
-@pytest.fixture
-def unjudged(monkeypatch):
-  """What is proven here is that a row trains; compiling its evaluation as well would double the time."""
-  for stage, recipe in training.RECIPES.items():
-    monkeypatch.setitem(training.RECIPES, stage, lambda config, recipe=recipe: recipe(config)._replace(evaluate=None))
-
-
 @pytest.mark.parametrize("row, stage", TRAINED, ids=["-".join(pair) for pair in TRAINED])
 @pytest.mark.slow
 def test_rows_train_two_steps(row, stage, tmp_path, unjudged):

@@ -20,7 +20,7 @@ STAGES = ("part_tmr", "cmdm_tokenizer", "cmdm_denoiser")
 
 @pytest.mark.parametrize("dataset", DATASETS)
 @pytest.mark.parametrize("name", STAGES)
-def test_every_config_trains_two_steps(name, dataset, tmp_path):
+def test_every_config_trains_two_steps(name, dataset, tmp_path, unjudged):
   state = training.run(load_config(name, f"{dataset}_tiny"), tmp_path)
   assert int(state.step) == 2
   assert np.isfinite([row["loss"] for row in read_metrics(tmp_path) if "loss" in row]).all()
