@@ -1,7 +1,9 @@
 """The study of the papers' ablations: what it plans, how it judges claims, that it goes on where it was stopped."""
+import dataclasses
 import importlib
 import json
 import sys
+import types
 
 import pytest
 
@@ -134,54 +136,94 @@ def settings(tmp_path_factory):
                              size="tiny", stories=1, segments=3, clip_evaluator="none")
 
 
-def without_teacher(run, settings, out, parts, config_of=study_plan.config_of):
-  """The config of a run, less the alignment, which takes long to compile."""
+def test_a_study_goes_on_where_it_stopped(settings, tmp_path, monkeypatch, capsys):
+  """With training and judging put in place by stand-ins: what is asked of them, and what is not asked again."""
+  steps, trained, scored = {}, [], []
+
+  def train(config, folder, resume, max_seconds):
+    assert resume
+    count = steps[str(folder)] = min(steps.get(str(folder), 0) + 2, config.train.num_steps)  # two steps a slice
+    trained.append((folder.relative_to(tmp_path).as_posix(), count))
+    (folder / "checkpoints").mkdir(exist_ok=True)
+    with open(folder / "metrics.jsonl", "a") as file:
+      file.write(json.dumps(dict(step=count, loss=1.0, seconds=7.0 - count)) + "\n")
+    return types.SimpleNamespace(step=count)
+
+  def scores(bench, row, folder, clock):
+    scored.append(row.name)
+    if scored.count(row.name) == 1 and row.name == "no-adaln":
+      raise study.Stopped
+    if row.name == "no-rope":
+      raise FloatingPointError("the loss is nan")
+    return {"fid": dict(mean=0.1 * len(scored), interval=0.0, values=[])}, {}
+
+  monkeypatch.setattr(study.training, "run", train)
+  monkeypatch.setattr(study.Bench, "scores", scores)
+  monkeypatch.setattr(study.Bench, "real", lambda bench: {"texts": {"fid": dict(mean=0.01)}})
+  rows = ["default", "no-adaln", "no-rope", "fss-20-5"]
+  go_on = lambda: study.run_study(settings, tmp_path, only=rows)
+  for _ in range(4):  # three runs take two slices each; then the second row is stopped while it is judged
+    assert not go_on()
+  home = "cmdm/seed0/default"
+  assert trained == [(run, count) for run in (f"{home}/tokenizer", f"{home}/denoiser",
+                                                   "cmdm/seed0/no-adaln/denoiser") for count in (2, 3)]
+  assert scored == ["default", "no-adaln"]
+  told = json.loads((tmp_path / home / "tokenizer" / "trained.json").read_text())
+  assert (told["steps"], told["seconds"]) == (3, 9.0) and not (tmp_path / home / "tokenizer" / "checkpoints").exists()
+  for _ in range(2):
+    assert not go_on()
+  capsys.readouterr()
+  assert not go_on()  # one row cannot be judged; the others are not done again
+  out = capsys.readouterr().out
+  assert out.count("done before") == 3 and "the loss is nan" in out
+  assert scored == ["default", "no-adaln", "no-adaln", "no-rope", "fss-20-5", "no-rope"]
+  assert len(trained) == len(set(trained)) == 8
+  assert {path.parent.name for path in tmp_path.glob("cmdm/seed0/*/scores.json")} == {"default", "fss-20-5", "no-adaln"}
+  with pytest.raises(ValueError, match="take another --out"):
+    study.run_study(dataclasses.replace(settings, size="small"), tmp_path)
+  more = dataclasses.replace(settings, seeds=2, papers=("cdamd",))
+  study.keep_settings(more, tmp_path)
+  kept = json.loads((tmp_path / "settings.json").read_text())
+  assert kept["seeds"] == 2 and kept["papers"] == ["cmdm", "cdamd"]
+
+
+def test_time_that_is_up_stops_before_anything_begins(settings, tmp_path, monkeypatch):
+  monkeypatch.setattr(study.Bench, "real", lambda bench: pytest.fail("began"))
+  assert not study.run_study(settings, tmp_path, max_seconds=0)
+
+
+def least(run, settings, out, parts, config_of=study_plan.config_of):
+  """The config of a run with the least to compile: no alignment, one layer in a block of the tokenizer."""
   config = config_of(run, settings, out, parts).unlock()
+  (config.tokenizer if run.stage == "denoiser" else config.model).update(dilations=(1,), num_halvings=1)
   if "teacher" in config.frozen:
     config.frozen.teacher, config.model.teacher_dim = "", 0
   return config.lock()
 
 
 @pytest.mark.slow
-def test_two_rows_from_data_to_claims_with_stops_on_the_way(settings, tmp_path, monkeypatch, capsys):
-  monkeypatch.setattr(study_plan, "config_of", without_teacher)
-  go_on = lambda: study.run_study(settings, tmp_path, only=["default", "fss-20-5"], force=True)
-  run = tmp_path / "cmdm" / "seed0" / "default" / "tokenizer"
-  with monkeypatch.context() as patch:  # time is up after the first step
-    patch.setattr(study.Clock, "left", 0.0)
-    patch.setattr(study.Clock, "check", lambda clock: None)
-    assert not go_on()
-  assert (run / "params.safetensors").is_file() and not (run / "trained.json").exists()
-  score = study.Bench.scores
+def test_two_rows_from_data_to_claims(settings, tmp_path, monkeypatch):
+  """One row is trained and judged in earnest; stories, and the row that differs in sampling, take another's word."""
+  asked, judge = [], study.generation.rows
 
-  def scores(bench, row, folder, clock):  # killed before the second row is judged
-    if row.name != "default":
-      raise study.Stopped
-    return score(bench, row, folder, clock)
+  def texts(judge_, subject, repeat):
+    asked.append(subject.options)
+    return judge(judge_, subject, repeat) if not subject.options else {"": {"top1": 0.5, "fid": 1.0}}
 
-  with monkeypatch.context() as patch:
-    patch.setattr(study.Bench, "scores", scores)
-    assert not go_on()
-  trained = json.loads((run / "trained.json").read_text())
-  assert trained["steps"] == 3 and not (run / "checkpoints").exists()
-  assert [json.loads(line)["step"] for line in (run / "metrics.jsonl").read_text().splitlines()
-          if "loss" in line] == [1, 2, 3]
-  first = (tmp_path / "cmdm/seed0/default/scores.json").read_bytes()
-  # What is trained is not trained again, what is judged is not judged again.
-  monkeypatch.setattr(study.training, "run", lambda *args, **options: pytest.fail("trained again"))
-  capsys.readouterr()
-  assert go_on()
-  assert "[1/2] cmdm default, seed 0: done before" in capsys.readouterr().out
-  assert (tmp_path / "cmdm/seed0/default/scores.json").read_bytes() == first
+  monkeypatch.setattr(study_plan, "config_of", least)
+  monkeypatch.setattr(study.generation, "rows", texts)
+  monkeypatch.setattr(study.long_horizon, "rows", lambda judge, subject, repeat: {
+      "": dict.fromkeys(study.STORY_METRICS, 2.0)})
+  assert study.run_study(settings, tmp_path, only=["default", "fss-20-5"], force=True)
+  assert asked == [{}, {"num_steps": 20, "lag": 5}]
   found = json.loads((tmp_path / "study.json").read_text())
   assert set(found["table"]["cmdm"]) == {"default", "fss-20-5"} and {"texts", "stories"} == set(found["real"])
-  assert {"top1", "fid", "auj", "transition_fid", "peak_jerk"} <= set(found["table"]["cmdm"]["fss-20-5"])
+  assert {"top1", "fid", "matching", "auj", "transition_fid"} <= set(found["table"]["cmdm"]["default"])
+  assert 0 < found["real"]["stories"]["auj"]["mean"] < 10
   assert {one["verdict"] for one in found["claims"]} == {"no verdict: not run"}
   told = (tmp_path / "study.md").read_text()
-  assert "never a number of ours with one of the paper's" in told and "| FSS K=20, L=5 (`fss-20-5`) |" in told
-  assert "| 0.588 ± 0.004 |" in told
-  with pytest.raises(ValueError, match="take another --out"):
-    study.run_study(study_plan.Settings(settings.archives, size="tiny"), tmp_path)
+  assert "never a number of ours with one of the paper's" in told and "| FSS K=20, L=5 (`fss-20-5`) | 0.500 " in told
+  assert "| 0.588 ± 0.004 |" in told and "`cmdm/seed0/default/denoiser` | 3 |" in told
 
 
 def test_features_are_made_once(settings, monkeypatch):
