@@ -170,7 +170,7 @@ def _table(study, source, names):
     seeds = max((len(value["values"]) for value in found.values()), default=0)
     body.append([f"{name} (`{row}`)", *(_number(found.get(m), m) for m in metrics),
                  *(_number(paper_row[m], m) for m in metrics), str(seeds)])
-  return [f"## {paper.upper()}, Table {table}: {printed.title}", "", *_grid(head, body)]
+  return [f"## {paper.upper()}, rows of Table {table}", "", *_grid(head, body)]
 
 
 def _number(value, metric):
