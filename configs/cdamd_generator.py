@@ -88,9 +88,9 @@ def get_config(size="full"):
     config.loss.update(mask="dccm+bcm", unit_latents=True, copies=1)
     config.data.update(name="archive", mode="corrected", mirror=True, batch_size=32, min_frames=20,
                        lengths=(72, 120, 196), balance=0.5, vary_subject=0.5)
-    config.optimizer.update(learning_rate=5e-4, schedule="trapezoid", warmup_steps=300, cooldown_steps=2_000,
+    config.optimizer.update(learning_rate=7e-4, schedule="trapezoid", warmup_steps=300, cooldown_steps=900,
                             ema_decay=0.999, clip_norm=1.0)
-    config.train.update(num_steps=8_000, log_every=50, save_every=500)
+    config.train.update(num_steps=3_000, log_every=25, save_every=300)
   elif size == "tiny":
     config.frozen.update(tokenizer="fresh", prior="fresh", text="fresh")  # random weights: nothing to download
     config.tokenizer.update(latent_dim=4, width=16)
