@@ -91,6 +91,8 @@ def get_config(size="full"):
     config.optimizer.update(learning_rate=7e-4, schedule="trapezoid", warmup_steps=300, cooldown_steps=900,
                             ema_decay=0.999, clip_norm=1.0)
     config.train.update(num_steps=3_000, log_every=25, save_every=300)
+    # Measured on it (benchmarks/cdamd_choices.py): see the card of pretrained/cdamd-small.
+    config.sampler.update(order="left_to_right", guidance_scale=3.0)
   elif size == "tiny":
     config.frozen.update(tokenizer="fresh", prior="fresh", text="fresh")  # random weights: nothing to download
     config.tokenizer.update(latent_dim=4, width=16)
