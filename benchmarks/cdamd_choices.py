@@ -52,10 +52,12 @@ def qualities(retriever, captions, clips, embedded):
           f"{100 * np.mean([physics.skating_ratio(x) for x in joints]):.1f}")
 
 
-def compare(loaded, retriever, clips, choices, seeds, heads):
+def compare(loaded, retriever, clips, choices, seeds, heads, most):
   """One row for each choice of sampling; the first is what the others are compared with."""
   first = {clip.captions[0].text: clip for clip in reversed(clips)}
   captions = sorted(first)
+  captions = [captions[i] for i in np.linspace(0, len(captions) - 1, min(most, len(captions))).astype(int)]
+  print(f"\n{len(captions)} captions")
   embedded = retriever.embed_text(captions)
   print(f"\n| {' | '.join(heads)} | R@1 | R@3 | cosine | jerk | skating % | mm from the first | s a batch |")
   print("| --- " * (len(heads) + 7) + "|")
@@ -135,6 +137,7 @@ def main():
   parser.add_argument("--parts", nargs="+", default=PARTS, choices=PARTS)
   parser.add_argument("--guidance", type=float)
   parser.add_argument("--seeds", type=int, default=1)
+  parser.add_argument("--captions", type=int, default=1000, help="captions to generate from, at most (all)")
   parser.add_argument("--clips", type=int, default=64, help="test clips to edit (64)")
   args = parser.parse_args()
   loaded, retriever = model.load(args.model), retrieval.load(args.teacher)
@@ -145,11 +148,11 @@ def main():
   if "solvers" in args.parts:
     choices = [((solver, str(steps) if solver != "dopri5" else "its own"),
                 dict(solver=solver, num_steps=steps, guidance_scale=scale)) for solver, steps in SOLVERS]
-    compare(loaded, retriever, clips, choices, args.seeds, ("solver", "steps"))
+    compare(loaded, retriever, clips, choices, args.seeds, ("solver", "steps"), args.captions)
   if "masks" in args.parts:
     choices = [((mask, order), dict(mask=mask, order=order, guidance_scale=scale)) for mask in MASKS
                for order in ORDERS]
-    compare(loaded, retriever, clips, choices, args.seeds, ("mask", "order"))
+    compare(loaded, retriever, clips, choices, args.seeds, ("mask", "order"), args.captions)
   if "edits" in args.parts:
     every = np.linspace(0, len(clips) - 1, min(args.clips, len(clips))).astype(int)
     edits(loaded, retriever, [clips[i] for i in every], args.seeds)
