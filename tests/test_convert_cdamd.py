@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from motion_jax import cdamd, checkpoint, released
-from motion_jax.diffusion import masking
+from motion_jax.diffusion import draws, masking
 from motion_jax.model import load
 from motion_jax.motion.stats import load_stats
 from motion_jax.nets.post_norm import sinusoids
@@ -83,8 +83,8 @@ def generate(fixture, folder, monkeypatch, **choices):
   real, num_rounds = np.arange(order.shape[1]) < counts[:, None], fixture.meta["arguments"]["rounds"]
   hidden = masking.hidden_table(np.where(real, order, np.inf), masking.hidden_counts(num_rounds, counts))
   draw, _ = recorded_draw(fixture, "", hidden, np.float32)
-  monkeypatch.setattr(cdamd, "draw_order", lambda *_: order)
-  monkeypatch.setattr(cdamd, "make_draw", lambda *_: draw)
+  monkeypatch.setattr(draws, "draw_order", lambda *_: order)
+  monkeypatch.setattr(draws, "make_draw", lambda *_: draw)
   model = load(folder)
   model.encoder = Words(fixture["in/text"])
   with jax.default_matmul_precision("highest"):
