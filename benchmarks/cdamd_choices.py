@@ -124,7 +124,7 @@ def edits(loaded, retriever, clips, seeds):
 
 def real_motion(loaded, clip, motion):
   """The clip as the model is given it: on its body, at its place, in whole latents."""
-  features, count = loaded._features_of(clip)
+  features, count = loaded.padded_features(clip)
   joints = loaded.stats.denormalize(features[:count]).reshape(count, -1, 3)
   return Clip(joints, loaded.fps, clip.captions, id=clip.id, meta={"made": motion.meta["made"]})
 

@@ -86,7 +86,7 @@ class CdamdModel(Prompted):
     self.check_words(list(dict.fromkeys(prompts)))
     if len(prompts) != len(clips) or not clips:
       raise ValueError(f"got {len(prompts)} prompts for {len(clips)} clips; give one for each")
-    features, frames = zip(*(self._features_of(clip) for clip in clips))
+    features, frames = zip(*(self.padded_features(clip) for clip in clips))
     edited = np.concatenate([self._edited(task, keep, change, count) for count in frames])
     keys, seeds = keys_of(rng, seeds, len(clips))
     sampling["mask"] = mask or self.config.sampler.get("edit_mask", "bcm")
@@ -114,7 +114,7 @@ class CdamdModel(Prompted):
       row[:count][mask[:count]] = given[:count][mask[:count]]
     return y
 
-  def _features_of(self, clip):
+  def padded_features(self, clip):
     """(normalized features (T, F) padded to the training length, frames): a clip on our body, in whole latents."""
     joints = on_our_body(clip, self.fps, self.stats.layout.skeleton)
     features = to_features(np.concatenate([joints, 2 * joints[-1:] - joints[-2:-1]]), self.stats.layout,

@@ -26,18 +26,13 @@ def test_every_row_of_cmdms_tables_is_there():
   assert len(rows[8]) == 5 and len(rows[9]) == 2 and len(rows[10]) == 3 and len(rows[11]) == 3
 
 
-@pytest.mark.parametrize("row, stage", TRAINED, ids=["-".join(pair) for pair in TRAINED])
-@pytest.mark.slow
-def test_rows_train_two_steps(row, stage, tmp_path, unjudged):
-  state = training.run(CMDM["get_config"](f"{row}/{stage}/tiny"), tmp_path)
-  assert int(state.step) == 2
-  assert np.isfinite([line["loss"] for line in read_metrics(tmp_path) if "loss" in line]).all()
+BOTH = [(CMDM, *pair) for pair in TRAINED] + [(CDAMD, *pair) for pair in TRAINED_CDAMD]
 
 
-@pytest.mark.parametrize("row, stage", TRAINED_CDAMD, ids=["-".join(pair) for pair in TRAINED_CDAMD])
+@pytest.mark.parametrize("paper, row, stage", BOTH, ids=["-".join(pair) for pair in TRAINED + TRAINED_CDAMD])
 @pytest.mark.slow
-def test_cdamds_rows_train_two_steps(row, stage, tmp_path, unjudged):
-  state = training.run(CDAMD["get_config"](f"{row}/{stage}/tiny"), tmp_path)
+def test_rows_train_two_steps(paper, row, stage, tmp_path, unjudged):
+  state = training.run(paper["get_config"](f"{row}/{stage}/tiny"), tmp_path)
   assert int(state.step) == 2
   assert np.isfinite([line["loss"] for line in read_metrics(tmp_path) if "loss" in line]).all()
 

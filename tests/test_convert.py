@@ -12,6 +12,7 @@ from safetensors.numpy import load_file, save_file
 
 from motion_jax import checkpoint, cli, cmdm, convert, released
 from motion_jax.diffusion import streaming
+from motion_jax.evaluation.evaluator import load_evaluator
 from motion_jax.model import load
 from motion_jax.motion.features import get_layout
 from motion_jax.nets.causal_vae import CausalVAE
@@ -339,14 +340,14 @@ def test_the_evaluators(tmp_path):
   for name, content, heads, out in (("t2m", parts, [], "motion"), ("clip", clip, ["--heads", 4], "clip_motion")):
     path = save_nested(tmp_path / name, content, "safetensors")
     assert run("evaluator", path, "--stats", folder, "--out", tmp_path / f"{name}_run", *heads) == 0
-    module, params, stats = released.load_evaluator(tmp_path / f"{name}_run")
-    assert stats.layout.dim == 67 and (stats.std == 2).all()
-    made = jax.jit(lambda p, m=module: m.apply(p, motion, frames, method="motion"))(params)
+    evaluator = load_evaluator(tmp_path / f"{name}_run")
+    assert evaluator.layout.dim == 67 and (evaluator.stats.std == 2).all()
+    made = evaluator.motion(motion, frames)
     expected = fixture[f"out/plain/{out}"]
     assert np.abs(made - expected).max() / max(1, np.abs(expected).max()) < fixture.meta["tolerance"]
-  with pytest.raises(ValueError, match="expected an evaluator"):
+  with pytest.raises(ValueError, match="expected an evaluator's"):
     (tmp_path / "t2m_run" / "config.json").write_text('{"stage": "cmdm.denoiser"}')
-    released.load_evaluator(tmp_path / "t2m_run")
+    load_evaluator(tmp_path / "t2m_run")
 
 
 # --- real sizes --------------------------------------------------------------------------------------------------

@@ -8,8 +8,8 @@ import pytest
 
 from motion_jax import cdamd, checkpoint, released
 from motion_jax.diffusion import draws, masking
+from motion_jax.evaluation.evaluator import load_evaluator
 from motion_jax.model import load
-from motion_jax.motion.stats import load_stats
 from motion_jax.nets.post_norm import sinusoids
 from motion_jax.recipes import cdamd as recipe
 from tests import fixtures
@@ -250,7 +250,7 @@ def test_evaluators_on_coordinates(tmp_path):
   content["movement_decoder"] = split(fixture.params, "decoder.")[0]
   path = save_nested(tmp_path / "finest", content, "safetensors")
   assert run("evaluator", path, "--stats", statistics(tmp_path / "stats"), "--out", tmp_path / "run") == 0
-  module, params, stats = released.load_evaluator(tmp_path / "run")
-  assert module.features == module.columns == 66 and stats.fingerprint == load_stats(tmp_path / "run").fingerprint
-  made = jax.jit(lambda p: module.apply(p, fixture["in/motion"], fixture["in/frames"], method="motion"))(params)
+  evaluator = load_evaluator(tmp_path / "run")
+  assert evaluator.layout.name == "coordinates"
+  made = evaluator.motion(fixture["in/motion"], fixture["in/frames"])
   np.testing.assert_allclose(made, fixture["out/motion"], atol=1e-5)

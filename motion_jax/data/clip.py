@@ -3,6 +3,7 @@ import contextlib
 import dataclasses
 import os
 import pathlib
+import shutil
 import tempfile
 from typing import Any
 
@@ -87,3 +88,25 @@ def atomic_path(path):
     os.replace(name, path)
   finally:
     pathlib.Path(name).unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def atomic_folder(path):
+  """Yields a temporary neighbour of a folder that takes its place when the block ends well, and vanishes otherwise.
+
+  What lies at path then is gone: check before whether it may. Raises an error that names it if it cannot be written.
+  """
+  path = pathlib.Path(path).absolute()
+  try:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    folder = pathlib.Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
+  except OSError as error:
+    raise OSError(f"cannot write {path}: {error.strerror or error}; choose a folder that you may write to") from error
+  try:
+    yield folder
+    folder.chmod(0o755)  # mkdtemp's 0700 would keep it from other users
+    if path.exists():
+      shutil.rmtree(path)
+    folder.replace(path)
+  finally:
+    shutil.rmtree(folder, ignore_errors=True)

@@ -6,8 +6,6 @@ adds what the layout cannot say: rate, mode of the features, sources, licences.
 import contextlib
 import json
 import pathlib
-import shutil
-import tempfile
 import warnings
 from typing import NamedTuple
 
@@ -15,7 +13,7 @@ import numpy as np
 import tqdm
 
 from motion_jax.data.capture import resample
-from motion_jax.data.clip import Caption, Clip
+from motion_jax.data.clip import Caption, Clip, atomic_folder
 from motion_jax.data.mirror import mirror_clip
 from motion_jax.data.tagger import tag
 from motion_jax.motion.features import get_layout, layout_for, to_features, to_joints
@@ -282,19 +280,8 @@ def new_folder(out, overwrite=False):
     raise FileExistsError(f"{out} exists already; choose another name, or say overwrite")
   if out.exists() and any(out.iterdir() if out.is_dir() else [1]) and not (out / "dataset.json").is_file():
     raise FileExistsError(f"{out} is not a folder that this program made, so it is not overwritten")
-  try:
-    out.parent.mkdir(parents=True, exist_ok=True)
-    folder = pathlib.Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
-  except OSError as error:
-    raise OSError(f"cannot write {out}: {error.strerror or error}; choose a folder that you may write to") from error
-  try:
+  with atomic_folder(out) as folder:
     yield folder
-    folder.chmod(0o755)
-    if out.exists():
-      shutil.rmtree(out)
-    folder.replace(out)
-  finally:
-    shutil.rmtree(folder, ignore_errors=True)
 
 
 def _check_clips(clips, mirror):

@@ -12,6 +12,14 @@ from motion_jax.nets.masks import padding_mask
 from motion_jax.nets.post_norm import PostNormLayer, sinusoids
 
 
+def _through_layers(module, x, real_mask, deterministic):
+  for i in range(module.depth):
+    layer = PostNormLayer(module.num_heads, module.mlp_width, dropout=module.dropout, dtype=module.dtype,
+                          name=f"layer{i}")
+    x = layer(x, real_mask, deterministic)
+  return x
+
+
 class GaussianEncoder(nn.Module):
   """x (B, S, F), real_mask (B, S) -> (seen, mean, logvar), each (B, D): two tokens in front gather a sequence.
 
@@ -31,9 +39,7 @@ class GaussianEncoder(nn.Module):
     x = jnp.concatenate([jnp.broadcast_to(tokens, (len(x), *tokens.shape)), x], axis=1)
     x = nn.Dropout(self.dropout, deterministic=deterministic)(x + sinusoids(x.shape[1], self.width, x.dtype))
     real_mask = jnp.pad(real_mask, ((0, 0), (2, 0)), constant_values=True)
-    for i in range(self.depth):
-      x = PostNormLayer(self.num_heads, self.mlp_width, dropout=self.dropout, dtype=self.dtype, name=f"layer{i}")(
-          x, real_mask, deterministic)
+    x = _through_layers(self, x, real_mask, deterministic)
     dense = lambda name: nn.Dense(self.width, dtype=self.dtype, name=name)
     return x[:, 0], dense("mean")(x[:, 0]), dense("logvar")(x[:, 1])
 
@@ -54,9 +60,7 @@ class GaussianDecoder(nn.Module):
   def __call__(self, z, real_mask, deterministic=True):
     width = z.shape[-1]
     x = sinusoids(real_mask.shape[1], width, self.dtype) + nn.Dense(width, dtype=self.dtype, name="embed")(z)[:, None]
-    for i in range(self.depth):
-      x = PostNormLayer(self.num_heads, self.mlp_width, dropout=self.dropout, dtype=self.dtype, name=f"layer{i}")(
-          x, real_mask, deterministic)
+    x = _through_layers(self, x, real_mask, deterministic)
     return nn.Dense(self.features, dtype=self.dtype, name="out")(x) * real_mask[..., None]
 
 

@@ -2,9 +2,8 @@
 import jax
 import jax.numpy as jnp
 
-from motion_jax import checkpoint, convert
+from motion_jax import convert
 from motion_jax.metrics.evaluators import ClipEvaluator, T2MEvaluator
-from motion_jax.motion.stats import load_stats
 from motion_jax.released.parts import Network, check_free, heads_of, network, read_part, stats_of, write
 
 T2M = ("movement_encoder", "motion_encoder", "text_encoder")
@@ -56,14 +55,3 @@ def write_evaluator(out, file, stats, num_heads=None):
   config = dict(stage=stage, model=made.fields, data=dict(layout=stats.layout.name))
   write(out, config, [made], made.params, stats)
   return [made]
-
-
-def load_evaluator(folder):
-  """(module, params, stats) of a folder that write_evaluator wrote."""
-  config = checkpoint.load_config(folder)
-  kinds = {"evaluator.t2m": T2MEvaluator, "evaluator.clip": ClipEvaluator}
-  if config.get("stage") not in kinds:
-    raise ValueError(f"{folder} holds a {config.get('stage')!r} run, expected an evaluator's; motion-jax convert "
-                     "evaluator makes one")
-  params = jax.tree.map(jnp.asarray, checkpoint.load_params(folder))
-  return kinds[config.stage](**config.model), params, load_stats(folder, config.data.layout)

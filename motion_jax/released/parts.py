@@ -1,11 +1,7 @@
 """What every conversion needs: one network's tensors out of a file, and a folder that appears whole or not at all."""
-import contextlib
 import hashlib
-import os
 import pathlib
 import re
-import shutil
-import tempfile
 from typing import Any, NamedTuple
 
 import jax
@@ -13,6 +9,7 @@ import ml_collections
 import numpy as np
 
 from motion_jax import checkpoint, convert
+from motion_jax.data.clip import atomic_folder
 from motion_jax.motion.features import layout_for
 from motion_jax.motion.stats import ABSOLUTE, load_stats, save_stats
 from motion_jax.recipes.cmdm import text_identity
@@ -170,7 +167,7 @@ def text_files(text, dim, what, usual, level="words"):
 def write(out, config, networks, params, stats, frozen=None, files=None):
   """A run folder of converted networks, whole or not at all; its config names the files that they came from."""
   config |= dict(seed=0, converted={made.what: made.part.source for made in networks})
-  with _new_folder(out) as folder:
+  with atomic_folder(out) as folder:
     checkpoint.save_config(folder, ml_collections.ConfigDict(config))
     save_stats(stats, folder)
     checkpoint.save_params(folder, params)
@@ -185,20 +182,3 @@ def check_free(out):
   out = pathlib.Path(out)
   if out.is_file() or out.is_dir() and any(out.iterdir()):
     raise ValueError(f"{out} exists already; choose another --out, or remove it first")
-
-
-@contextlib.contextmanager
-def _new_folder(out):
-  """A folder under a temporary name that becomes `out` when the block ends well, and vanishes otherwise."""
-  out = pathlib.Path(out).absolute()
-  try:
-    out.parent.mkdir(parents=True, exist_ok=True)
-    made = pathlib.Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
-  except OSError as error:
-    raise OSError(f"cannot write {out}: {error.strerror or error}; choose a folder that you may write to") from error
-  try:
-    yield made
-    os.chmod(made, 0o755)
-    os.replace(made, out)
-  finally:
-    shutil.rmtree(made, ignore_errors=True)
