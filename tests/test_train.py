@@ -184,11 +184,14 @@ def test_a_write_cut_short_leaves_the_old_file(tmp_path, monkeypatch):
   checkpoint.save_text(tmp_path, "text.json", "old")
   before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
 
-  def full(*_, **__):
+  whole = pathlib.Path.write_bytes
+
+  def half(path, content):
+    whole(path, content[:1])
     raise OSError("no space left on device")
 
-  monkeypatch.setattr(np, "save", lambda path, values: pathlib.Path(path).write_bytes(b"half") and full())
-  monkeypatch.setattr(pathlib.Path, "write_text", full)
+  monkeypatch.setattr(np, "save", lambda path, values: half(pathlib.Path(path), b"half"))
+  monkeypatch.setattr(pathlib.Path, "write_bytes", half)
   for save in (lambda: save_stats(stats, tmp_path), lambda: checkpoint.save_text(tmp_path, "text.json", "new")):
     with pytest.raises(OSError, match="no space"):
       save()

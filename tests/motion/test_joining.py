@@ -52,6 +52,14 @@ def test_a_jump_at_the_border_is_taken_out(given):
   assert np.linalg.norm(steps - np.diff(given, axis=0), axis=-1).max() < 0.2
 
 
+def test_speed_goes_on_across_a_border(given):
+  """Kept frames move on, what the network makes of them and of what follows stands: the stop takes its time."""
+  moving = given[:1] + 0.05 * np.arange(80)[:, None, None] * np.array([0.0, 0, 1])
+  made = np.broadcast_to(moving[39], moving.shape)
+  steps = np.diff(join(made, moving, kept_of((0, 40)))[:, 0, 2])
+  assert abs(steps[39] - 0.05) < 0.01 and (np.diff(steps[39:55]) <= 1e-6).all() and abs(steps[60]) < 1e-6
+
+
 def test_shapes_are_checked(given):
   with pytest.raises(ValueError, match="same frames"):
     join(given[1:], given, kept_of())
