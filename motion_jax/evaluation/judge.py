@@ -19,13 +19,17 @@ PHYSICS = {"skating": "skating_ratio", "foot_height": "floating_mm", "penetratio
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Reading:
-  """A pass and what the evaluators read in it; again: the real motions of another pass over the same items."""
+  """A pass and what the evaluators read in it; again: the real motions of another pass over the same items.
+
+  real_seen, again_seen: what FID is taken of where that is another vector."""
   drawn: samples.Pass
   text: np.ndarray
   real: np.ndarray
   again: np.ndarray
   clip_text: np.ndarray | None
   clip_real: np.ndarray | None
+  real_seen: np.ndarray | None
+  again_seen: np.ndarray | None
   physics: dict[str, float]
   draws: protocol_lib.Draws
 
@@ -56,14 +60,15 @@ class Judge:
   def _read(self, repeat):
     drawn = samples.draw_pass(self.items, self.protocol, self.seed, repeat, self.limit)
     again = samples.draw_pass(self.items, self.protocol, self.seed, repeat, stream=AGAIN, order=drawn.item)
-    real = drawn.cut(self.items.of(self.evaluator))
+    real, repeated = (some.cut(self.items.of(self.evaluator)) for some in (drawn, again))
     clip_text = clip_real = None
     if self.clip_evaluator is not None:
       clip_text = self.embed_text(self.clip_evaluator, drawn)
       clip_real = self.embed(self.clip_evaluator, drawn.cut(self.items.of(self.clip_evaluator)), drawn.frames)
     return Reading(
         drawn, self.embed_text(self.evaluator, drawn), self.embed(self.evaluator, real, drawn.frames),
-        self.embed(self.evaluator, again.cut(self.items.of(self.evaluator)), again.frames), clip_text, clip_real,
+        self.embed(self.evaluator, repeated, again.frames), clip_text, clip_real,
+        self.embed_seen(real, drawn.frames), self.embed_seen(repeated, again.frames),
         physics_of(real, drawn.frames, self.evaluator.layout),
         protocol_lib.draw(self.rng(repeat, DIVERSITY), len(drawn), self.protocol))
 
@@ -78,11 +83,13 @@ class Judge:
       known |= dict(zip(new, evaluator.embed_text(captions, tokens)))
     return np.stack([known[pair] for pair in pairs])
 
-  def embed(self, evaluator, motions, frames):
+  def embed(self, evaluator, motions, frames, embed=None):
     """Embeddings (N, E) of motions, a list of (rows, F) as the evaluator reads them, told to have `frames` (N,).
 
-    Rows behind frames are kept where the protocol keeps them, up to its longest motion; the rest is zeros.
+    Rows behind frames are kept where the protocol keeps them, up to its longest motion; the rest is zeros. embed: one
+    of the evaluator's functions, embed_motion by default.
     """
+    embed = embed or evaluator.embed_motion
     width, told = self.protocol.max_frames, protocol_lib.evaluator_frames(frames, self.protocol)
     parts = []
     for first in range(0, len(motions), CHUNK):
@@ -92,19 +99,32 @@ class Judge:
         evaluator.layout.check(motion)
         kept = motion[:width if self.protocol.made_padding == "decoded" else count]
         row[:len(kept)] = evaluator.stats.normalize(kept)
-      parts.append(evaluator.embed_motion(x, told[some]))
+      parts.append(embed(x, told[some]))
     made = np.concatenate(parts)
     if not np.isfinite(made).all():
       raise FloatingPointError(f"evaluator {evaluator.name!r} made NaN or infinity; check its weights and statistics")
     return made
 
+  def embed_seen(self, motions, frames):
+    """What FID, diversity and multimodality are taken of, or None where that is what `embed` gives."""
+    one = self.evaluator
+    return None if one.seen is None else self.embed(one, motions, frames, one.embed_for_fid)
+
+  def embed_for_fid(self, motions, frames):
+    """Those, whichever way they are made."""
+    return self.embed(self.evaluator, motions, frames, self.evaluator.embed_for_fid)
+
   def carried(self, evaluator, motions, layout):
     return [carry(motion, layout, evaluator) for motion in motions]
 
-  def batches(self, reading, made, clip_made=None, text=None, clip_text=None, real=None):
+  def batches(self, reading, made, clip_made=None, made_seen=None, text=None, clip_text=None):
     """Rows as `metrics.protocol` takes them, dealt in pools."""
-    parts = (reading.text if text is None else text, reading.real if real is None else real, made,
-             (reading.clip_text if clip_text is None else clip_text) if clip_made is not None else None, clip_made)
+    text = reading.text if text is None else text
+    clip_text = reading.clip_text if clip_text is None else clip_text
+    if clip_made is None and self.protocol.cosine:  # the evaluator is of CLIP's type itself (facts: cmdm 6.5)
+      clip_text, clip_made = text, made
+    parts = protocol_lib.Batch(text, reading.real, made, clip_text if clip_made is not None else None, clip_made, None,
+                               reading.real_seen, made_seen)
     pool = self.protocol.pool
     return [protocol_lib.Batch(*(None if part is None else part[i:i + pool] for part in parts))
             for i in range(0, len(made), pool)]
@@ -112,20 +132,23 @@ class Judge:
   def scores(self, repeat, motions, layout) -> dict[str, float]:
     """The row of motions [(rows, F)] in a model's layout, one for each item of the repeat's pass, in its order."""
     reading = self.read(repeat)
-    made = self.embed(self.evaluator, self.carried(self.evaluator, motions, layout), reading.drawn.frames)
+    carried = self.carried(self.evaluator, motions, layout)
+    made = self.embed(self.evaluator, carried, reading.drawn.frames)
+    made_seen = self.embed_seen(carried, reading.drawn.frames)
     clip_made = None
     if self.clip_evaluator is not None:
       clip_made = self.embed(self.clip_evaluator, self.carried(self.clip_evaluator, motions, layout),
                              reading.drawn.frames)
-    row = protocol_lib.generation_scores(self.batches(reading, made, clip_made), self.protocol, reading.draws)
+    row = protocol_lib.generation_scores(self.batches(reading, made, clip_made, made_seen), self.protocol,
+                                         reading.draws)
     row = {name: value for name, value in row.items() if not name.startswith("real_")}
     return row | physics_of(motions, reading.drawn.frames, layout)
 
   def real_scores(self, repeat) -> dict[str, float]:
     """The row of the real motions; their FID is that of another reading of the same items."""
     reading = self.read(repeat)
-    row = protocol_lib.generation_scores(self.batches(reading, reading.again, reading.clip_real), self.protocol,
-                                         reading.draws)
+    row = protocol_lib.generation_scores(self.batches(
+        reading, reading.again, reading.clip_real, reading.again_seen), self.protocol, reading.draws)
     own = {name.removeprefix("real_"): value for name, value in row.items() if name.startswith("real_")}
     return own | {name: row[name] for name in ("fid", "clip_score") if name in row} | reading.physics
 
@@ -134,7 +157,8 @@ class Judge:
     reading, pool = self.read(repeat), self.protocol.pool
     turned = lambda x: None if x is None else np.roll(x.reshape(-1, pool, x.shape[-1]), pool // 2, 1).reshape(x.shape)
     row = protocol_lib.generation_scores(
-        self.batches(reading, reading.real, reading.clip_real, turned(reading.text), turned(reading.clip_text)),
+        self.batches(reading, reading.real, reading.clip_real, reading.real_seen, turned(reading.text),
+                     turned(reading.clip_text)),
         self.protocol, reading.draws)
     return {name: row[name] for name in row if name.startswith("top") or name in ("matching", "clip_score")}
 
@@ -143,7 +167,7 @@ class Judge:
     frames = self.read(repeat).drawn.frames
     flat = [motion for motions in generations for motion in motions]
     told = np.repeat(frames[:len(generations)], len(generations[0]))
-    made = self.embed(self.evaluator, self.carried(self.evaluator, flat, layout), told)
+    made = self.embed_for_fid(self.carried(self.evaluator, flat, layout), told)
     pairs = protocol_lib.multimodality_draws(self.rng(repeat, MULTIMODALITY), self.protocol)
     return scores.multimodality(made.reshape(len(generations), -1, made.shape[-1]), *pairs)
 

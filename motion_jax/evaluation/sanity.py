@@ -16,9 +16,9 @@ def look(judge, repeat=0) -> dict:
   real, shuffled = judge.real_scores(repeat), judge.shuffled_scores(repeat)
   reading, evaluator = judge.read(repeat), judge.evaluator
   x = judge.rng(repeat, NOISE).normal(size=(judge.count, judge.protocol.max_frames, evaluator.layout.dim))
-  noise = judge.embed(evaluator, [evaluator.stats.denormalize(row[:m]) for row, m in zip(x, reading.drawn.frames)],
-                      reading.drawn.frames)
-  fid_noise = scores.fid(reading.real, noise)
+  noise = judge.embed_for_fid([evaluator.stats.denormalize(row[:m]) for row, m in zip(x, reading.drawn.frames)],
+                              reading.drawn.frames)
+  fid_noise = scores.fid(reading.real if reading.real_seen is None else reading.real_seen, noise)
   top = f"top{judge.protocol.top_k}"
   chance = judge.protocol.top_k / judge.protocol.pool
   failures = [f"the real motions' {name} is not finite: look for NaN in the evaluator's weights or statistics"

@@ -32,6 +32,7 @@ class Batch(NamedTuple):
   """What the evaluators make of one batch of matched texts, real motions and made ones: (B, E) each, rows alike.
 
   clip_text and clip_made, of the CLIP-type evaluator, may be None; errors is a list of (T_i,) joint errors, or None.
+  real_seen, made_seen (B, S): what FID and diversity are taken of, where that is not `real` and `made`.
   """
   text: np.ndarray
   real: np.ndarray
@@ -39,6 +40,8 @@ class Batch(NamedTuple):
   clip_text: np.ndarray | None = None
   clip_made: np.ndarray | None = None
   errors: list[np.ndarray] | None = None
+  real_seen: np.ndarray | None = None
+  made_seen: np.ndarray | None = None
 
 
 class Draws(NamedTuple):
@@ -81,8 +84,10 @@ def generation_scores(batches, protocol, draws) -> dict[str, float]:
                      f"batches of {protocol.pool}; drop the last partial one, or take more samples")
   join = lambda name: np.concatenate([getattr(batch, name) for batch in batches])
   text, real, made = join("text"), join("real"), join("made")
-  row = {"fid": scores.fid(real, made), "diversity": scores.diversity(made, *draws.made),
-         "real_diversity": scores.diversity(real, *draws.real)}
+  seen = ("real_seen", "made_seen") if batches[0].made_seen is not None else ("real", "made")
+  real_seen, made_seen = map(join, seen)
+  row = {"fid": scores.fid(real_seen, made_seen), "diversity": scores.diversity(made_seen, *draws.made),
+         "real_diversity": scores.diversity(real_seen, *draws.real)}
   for prefix, motion in (("", made), ("real_", real)):
     away = scores.cosine_distances if protocol.cosine else scores.distances
     found = scores.r_precision(text, motion, protocol.top_k, protocol.pool, away)
