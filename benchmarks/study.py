@@ -269,7 +269,7 @@ def parse(argv=None):
   add("--papers", nargs="+", default=defaults.papers, choices=study_plan.PAPERS)
   add("--seeds", type=int, default=defaults.seeds)
   add("--steps", nargs="+", default=[], metavar="STAGE=N", help=f"by default {defaults.steps}")
-  add("--size", default=defaults.size, choices=("small", "tiny"), help="of the models")
+  add("--size", default=defaults.size, choices=("small", "mini", "tiny"), help="of the models")
   add("--repeats", type=int, default=defaults.repeats, help="passes over the test clips for a row")
   add("--samples", type=int, help="fewer test clips, for a trial")
   add("--stories", type=int, default=defaults.stories)

@@ -41,7 +41,7 @@ class Settings:
   papers: tuple[str, ...] = PAPERS
   seeds: int = 3
   steps: dict = dataclasses.field(default_factory=lambda: dict(STEPS))
-  size: str = "small"
+  size: str = "mini"
   repeats: int = 1
   samples: int | None = None
   stories: int = 16

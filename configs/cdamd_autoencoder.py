@@ -4,6 +4,7 @@
   ... --config configs/cdamd_autoencoder.py:kit       21 joints, millimetres
   ... --config configs/cdamd_autoencoder.py:263       full features instead of coordinates (Table V); 67: essential ones
   ... --config configs/cdamd_autoencoder.py:small     for the archives, a CPU's evening
+  ... --config configs/cdamd_autoencoder.py:mini      for studies of many runs (benchmarks/study.py), minutes each
   ... --config configs/cdamd_autoencoder.py:tiny      two steps on formulas, seconds
 
 `full` is the released code's configuration (facts: cdamd 2, 10): 18.8 M parameters, 50 epochs.
@@ -35,18 +36,22 @@ def get_config(size="full"):
   elif size in ("67", "263"):
     config.model.features = int(size)
     config.data.layout = "essential" if size == "67" else "full"
-  elif size == "small":
+  elif size in ("small", "mini"):
     config.model.update(latent_dim=64, width=192, dropout=0.0)  # a small model has no capacity to spare
     config.loss.distance = "l1"  # the paper's: squares of what is small beside a path of metres teach no pose
     config.data.update(name="archive", mode="corrected", mirror=True, batch_size=32, stride=4)
     config.optimizer.update(learning_rate=8e-4, schedule="trapezoid", warmup_steps=200, cooldown_steps=2_500,
                             clip_norm=1.0, ema_decay=0.999)
     config.train.update(num_steps=9_000, log_every=50, save_every=1_000)
+    if size == "mini":
+      config.model.update(width=128)
+      config.optimizer.update(learning_rate=1e-3, warmup_steps=50, cooldown_steps=300, ema_decay=0.99)
+      config.train.update(num_steps=900, save_every=450)
   elif size == "tiny":
     config.model.update(latent_dim=4, width=16)
     config.data.update(name="synthetic", mode="corrected", batch_size=4)
     config.optimizer.update(warmup_steps=1)
     config.train.update(num_steps=2, log_every=1, save_every=2)
   elif size != "full":
-    raise ValueError(f"got size {size!r}, expected kit, 67, 263, full, small or tiny")
+    raise ValueError(f"got size {size!r}, expected kit, 67, 263, full, small, mini or tiny")
   return config.lock()

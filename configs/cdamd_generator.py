@@ -7,6 +7,7 @@
   ... --config configs/cdamd_generator.py:263         full features instead of coordinates (Table V); 67: essential ones
   ... --config configs/cdamd_generator.py:mardm       the baseline: MARDM-SiT-XL; mardm_ddpm: MARDM-DDPM-XL
   ... --config configs/cdamd_generator.py:small       the model for the archives: 13 M parameters
+  ... --config configs/cdamd_generator.py:mini        for studies of many runs (benchmarks/study.py), minutes each
   ... --config configs/cdamd_generator.py:tiny        two steps on formulas, seconds
 
 `full` is the released training command's size (facts: cdamd 10), 290,023,424 parameters. Ablations of the paper:
@@ -20,12 +21,12 @@ falls at 20,000 steps, its guidance is 2.5. How levels are put together: --confi
 """
 import ml_collections
 
-SIZES = ("kit", "large", "67", "263", "mardm", "mardm_ddpm", "full", "small", "tiny")
+SIZES = ("kit", "large", "67", "263", "mardm", "mardm_ddpm", "full", "small", "mini", "tiny")
 
 
 def get_config(size="full"):
   if size not in SIZES:
-    raise ValueError(f"got size {size!r}, expected {', '.join(SIZES[:-3])}, full, small or tiny")
+    raise ValueError(f"got size {size!r}, expected {', '.join(SIZES[:-4])}, full, small, mini or tiny")
   config = ml_collections.ConfigDict()
   config.stage = "cdamd.generator"
   config.seed = 3407
@@ -76,7 +77,7 @@ def get_config(size="full"):
     config.sampler.update(num_rounds=18, guidance_scale=4.5, mask="bidirectional", edit_mask="bidirectional")
     if size == "mardm_ddpm":
       config.sampler.update(solver="ddpm", num_steps=50)
-  elif size == "small":
+  elif size in ("small", "mini"):
     config.frozen.text = "words"
     config.tokenizer.update(latent_dim=64, width=192, dropout=0.0, hide_padding=True)
     config.prior.update(latent_dim=64, width=128, dropout=0.0, hide_padding=True)
@@ -93,6 +94,14 @@ def get_config(size="full"):
     config.train.update(num_steps=3_000, log_every=25, save_every=300)
     # Measured on it (benchmarks/cdamd_choices.py): see the card of pretrained/cdamd-small.
     config.sampler.update(order="left_to_right", guidance_scale=3.0)
+    if size == "mini":
+      config.tokenizer.update(width=128)
+      config.prior.update(width=96)
+      config.model.transformer.update(width=128, depth=2, ff_width=256)
+      config.model.head.update(width=224, depth=4)
+      config.sampler.update(order="random")  # as the paper
+      config.optimizer.update(learning_rate=1e-3, warmup_steps=50, cooldown_steps=300, ema_decay=0.99)
+      config.train.update(num_steps=900, save_every=450)
   elif size == "tiny":
     config.frozen.update(tokenizer="fresh", prior="fresh", text="fresh")  # random weights: nothing to download
     config.tokenizer.update(latent_dim=4, width=16)

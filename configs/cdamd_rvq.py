@@ -4,6 +4,7 @@
   ... --config configs/cdamd_rvq.py:kit       21 joints, millimetres
   ... --config configs/cdamd_rvq.py:263       full features instead of coordinates (Table V); 67: essential ones
   ... --config configs/cdamd_rvq.py:small     for the archives, a CPU's evening
+  ... --config configs/cdamd_rvq.py:mini      for studies of many runs (benchmarks/study.py), minutes each
   ... --config configs/cdamd_rvq.py:tiny      two steps on formulas, seconds
 
 `full` is the released code's configuration (facts: cdamd 3, 10): 18.8 M parameters and 1.0 M numbers in the codebooks,
@@ -38,7 +39,7 @@ def get_config(size="full"):
     config.model.features = int(size)
     config.data.layout = "essential" if size == "67" else "full"
     config.loss.columns = (4, int(size))  # Parity: here the code takes all columns from 4 on, in the autoencoder 4:67
-  elif size == "small":
+  elif size in ("small", "mini"):
     config.model.update(latent_dim=64, width=128, dropout=0.0)
     config.quantizer.update(num_codes=256)
     config.loss.distance = "l1"  # as the autoencoder's
@@ -47,6 +48,10 @@ def get_config(size="full"):
     config.optimizer.update(learning_rate=6e-4, schedule="trapezoid", warmup_steps=200, cooldown_steps=1_000,
                             clip_norm=1.0)
     config.train.update(num_steps=3_000, log_every=50, save_every=1_000)
+    if size == "mini":
+      config.model.update(width=96)
+      config.optimizer.update(learning_rate=1e-3, warmup_steps=50, cooldown_steps=300)
+      config.train.update(num_steps=900, save_every=450)
   elif size == "tiny":
     config.model.update(latent_dim=4, width=16)
     config.quantizer.update(num_codes=8)
@@ -54,5 +59,5 @@ def get_config(size="full"):
     config.optimizer.update(warmup_steps=1)
     config.train.update(num_steps=2, log_every=1, save_every=2)
   elif size != "full":
-    raise ValueError(f"got size {size!r}, expected kit, 67, 263, full, small or tiny")
+    raise ValueError(f"got size {size!r}, expected kit, 67, 263, full, small, mini or tiny")
   return config.lock()

@@ -3,6 +3,7 @@
   python launch.py --config configs/cmdm_denoiser.py --workdir runs/denoiser --config.frozen.tokenizer=runs/tokenizer \
       --config.frozen.text=distilbert-base-uncased --config.data.folder=HumanML3D
   ... --config configs/cmdm_denoiser.py:small      the model that ships, on the archives
+  ... --config configs/cmdm_denoiser.py:mini       for studies of many runs (benchmarks/study.py), minutes each
   ... --config configs/cmdm_denoiser.py:tiny       two steps on formulas, seconds
 
 `full` is the released code's configuration (facts: cmdm 4.5), size M of the paper: 38.7 M parameters. S is width 512,
@@ -49,7 +50,7 @@ def get_config(size="full"):
                           ema_decay=0.9999, skip_loss=10.0)
   config.train = dict(start="", num_steps=190_000, log_every=100, save_every=5_000)
   config.sampler = dict(num_steps=50, lag=2, guidance_scale=3.0)
-  if size == "small":
+  if size in ("small", "mini"):
     config.frozen.text = "words"
     config.tokenizer.update(latent_dim=32, width=192)
     config.model.update(latent_dim=32, width=256, depth=6, num_heads=4, ff_width=512, text_dim=128)
@@ -59,6 +60,11 @@ def get_config(size="full"):
     config.optimizer.update(learning_rate=5e-4, schedule="trapezoid", warmup_steps=300, cooldown_steps=1_800,
                             ema_decay=0.999, clip_norm=1.0)
     config.train.update(num_steps=4_500, log_every=50, save_every=500)
+    if size == "mini":
+      config.tokenizer.update(width=128)
+      config.model.update(width=128, depth=4, ff_width=256)
+      config.optimizer.update(learning_rate=1e-3, warmup_steps=50, cooldown_steps=300, ema_decay=0.99)
+      config.train.update(num_steps=900, save_every=450)
   elif size == "tiny":
     config.frozen.update(tokenizer="fresh", text="fresh")  # random weights: nothing to download
     config.tokenizer.update(latent_dim=4, width=16)
@@ -67,5 +73,6 @@ def get_config(size="full"):
     config.optimizer.update(warmup_steps=1, schedule="constant")
     config.train.update(num_steps=2, log_every=1, save_every=2)
   elif size != "full":
-    raise ValueError(f"got size {size!r}, expected full, small or tiny, or one of {', '.join(DATASETS)} before it")
+    raise ValueError(f"got size {size!r}, expected full, small, mini or tiny, or one of "
+                     f"{', '.join(DATASETS)} before it")
   return config.lock()

@@ -3,6 +3,7 @@
   python launch.py --config configs/part_tmr.py ... first, then
   python launch.py --config configs/cmdm_tokenizer.py --workdir runs/tokenizer --config.data.folder=HumanML3D
   ... --config configs/cmdm_tokenizer.py:small     the tokenizer that ships, on the archives, a CPU's evening
+  ... --config configs/cmdm_tokenizer.py:mini      for studies of many runs (benchmarks/study.py), minutes each
   ... --config configs/cmdm_tokenizer.py:tiny      two steps on formulas, seconds
 
 `full` is the released code's configuration (facts: cmdm 2.5): 76.3 M parameters. Without a teacher
@@ -44,7 +45,7 @@ def get_config(size="full"):
                           cooldown_steps=0, warmup_steps=2_000, beta1=0.9, beta2=0.99, weight_decay=0.0, clip_norm=1.0,
                           ema_decay=0.0, skip_loss=0.0)
   config.train = dict(start="", num_steps=40_000, log_every=50, save_every=2_000)
-  if size == "small":
+  if size in ("small", "mini"):
     config.model.update(latent_dim=32, width=192, teacher_dim=64)
     # A heading or a step that is a little off adds up over a clip, and a small model has no capacity to spare.
     config.loss.update(micro_batch=32, kl_weight=0.5, kl_ramp=1_000, root_weight=10.0)
@@ -52,6 +53,11 @@ def get_config(size="full"):
     config.optimizer.update(learning_rate=6e-4, schedule="trapezoid", warmup_steps=200, cooldown_steps=2_500,
                             ema_decay=0.999)
     config.train.update(num_steps=8_500, log_every=50, save_every=1_000)
+    if size == "mini":
+      config.model.update(width=128)
+      config.loss.update(kl_ramp=100)
+      config.optimizer.update(learning_rate=1e-3, warmup_steps=50, cooldown_steps=300, ema_decay=0.99)
+      config.train.update(num_steps=900, save_every=450)
   elif size == "tiny":
     config.frozen.teacher = "fresh"  # random weights: nothing to train first
     config.teacher = dict(width=8, depth=1, num_heads=2, mlp_width=8, dim=6)
@@ -63,5 +69,6 @@ def get_config(size="full"):
     config.optimizer.update(warmup_steps=1)
     config.train.update(num_steps=2, log_every=1, save_every=2)
   elif size != "full":
-    raise ValueError(f"got size {size!r}, expected full, small or tiny, or one of {', '.join(DATASETS)} before it")
+    raise ValueError(f"got size {size!r}, expected full, small, mini or tiny, or one of "
+                     f"{', '.join(DATASETS)} before it")
   return config.lock()

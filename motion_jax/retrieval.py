@@ -154,7 +154,8 @@ def read_collection(retriever, folder, split=None) -> Collection:
   if path.is_file():
     vectors = np.load(path, allow_pickle=False)
   else:
-    features = [retriever.features_of(clip) for clip in tqdm(clips, desc="features", unit="clip", leave=False)]
+    bar = tqdm(clips, desc="features", unit="clip", leave=False, disable=None)
+    features = [retriever.features_of(clip) for clip in bar]
     vectors = retriever.embed_motion(features, progress=True)
     try:
       cache.mkdir(parents=True, exist_ok=True)

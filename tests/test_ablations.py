@@ -48,7 +48,7 @@ def test_cdamds_rows_are_those_of_its_tables():
 
 @pytest.mark.parametrize("row", CDAMD["ROWS"])
 def test_cdamds_rows_share_the_parts_of_their_representation(row):
-  for size in ("full", "small"):
+  for size in ("full", "small", "mini"):
     config = CDAMD["get_config"](f"{row}/generator/{size}")
     columns = config.tokenizer.features
     home = {66: "default", 263: "263", 67: "67"}[columns]
@@ -61,7 +61,7 @@ def test_cdamds_rows_share_the_parts_of_their_representation(row):
 
 @pytest.mark.parametrize("row", CMDM["ROWS"])
 def test_rows_at_full_and_small_size_say_where_their_parts_are(row):
-  for size in ("full", "small"):
+  for size in ("full", "small", "mini"):
     config = CMDM["get_config"](f"{row}/denoiser/{size}")
     _, changes = CMDM["ROWS"][row]
     assert config.frozen.tokenizer == f"runs/ablations/{row if 'tokenizer' in changes else 'default'}/tokenizer"
@@ -78,10 +78,10 @@ def test_sampling_rows_change_sampling_alone():
 
 def test_mistakes_are_told():
   for name, told in (("bcn", "expected one of default"), ("bcm/vae", "autoencoder, rvq, generator"),
-                     ("bcm/rvq/big", "full, small, tiny")):
+                     ("bcm/rvq/big", "full, small, mini, tiny")):
     with pytest.raises(ValueError, match=told):
       CDAMD["get_config"](name)
   for name, told in (("vea", "expected one of default"), ("vae/vae", "teacher, tokenizer, denoiser"),
-                     ("vae/tokenizer/big", "full, small or tiny")):
+                     ("vae/tokenizer/big", "full, small, mini or tiny")):
     with pytest.raises(ValueError, match=told):
       CMDM["get_config"](name)

@@ -55,7 +55,7 @@ def test_rows_of_sampling_and_of_a_seed_share_runs():
 
 def test_configs_of_all_runs_have_the_same_budget():
   """Steps, batches and data are equal in a stage; frozen parts are the study's own."""
-  for size in ("small", "tiny"):
+  for size in ("small", "mini", "tiny"):
     settings = study_plan.Settings(("cmu", "bandai"), size=size)
     budgets = {}
     for row in study_plan.plan(settings):
@@ -71,7 +71,7 @@ def test_configs_of_all_runs_have_the_same_budget():
             [config.train.to_dict(), config.data.batch_size, config.optimizer.to_dict()]))
     assert {stage: len(found) for stage, found in budgets.items()} == dict.fromkeys(study_plan.STEPS, 1)
   config = study_plan.config_of(study_plan.row_of("cmdm", "default", 0).runs[0], SETTINGS, "out", {})
-  assert (config.optimizer.warmup_steps, config.optimizer.cooldown_steps, config.loss.kl_ramp) == (100, 500, 176)
+  assert (config.optimizer.warmup_steps, config.optimizer.cooldown_steps, config.loss.kl_ramp) == (100, 500, 166)
   assert config.optimizer.ema_decay == pytest.approx(0.9934, abs=1e-4) and config.train.num_steps == 1500
 
 

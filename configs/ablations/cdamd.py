@@ -2,7 +2,7 @@
 
   python launch.py --config configs/ablations/cdamd.py:one-vq --workdir runs/ablations/one-vq/generator ...
   python launch.py --config configs/ablations/cdamd.py:263-no-prior/generator/small ...
-  ... --config configs/ablations/cdamd.py:263/autoencoder      sizes: full, small (the archives), tiny
+  ... --config configs/ablations/cdamd.py:263/autoencoder      sizes: full, small and mini (the archives), tiny
 
 ROW[/STAGE[/SIZE]]: the stage is autoencoder, rvq or generator (the default). Rows differ in the generator alone, but
 for the representation: those of 263 columns, and of 67, share the autoencoder and the RVQ-VAE of the row of that name.
@@ -39,6 +39,7 @@ COLUMNS = {"coordinates": 66, "full": 263, "essential": 67}
 # MARDM has no depth to spare: its one wide layer has about the parameters of the four narrow ones with cross-attention.
 MARDM = {"full": dict(width=1024, depth=1, num_heads=16, ff_width=4096),
          "small": dict(width=512, depth=1, num_heads=8, ff_width=2048),
+         "mini": dict(width=256, depth=1, num_heads=4, ff_width=1024),
          "tiny": dict(width=16, depth=1, num_heads=2, ff_width=16)}
 
 

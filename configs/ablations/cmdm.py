@@ -2,13 +2,13 @@
 
   python launch.py --config configs/ablations/cmdm.py:c-vae/tokenizer --workdir runs/ablations/c-vae/tokenizer ...
   python launch.py --config configs/ablations/cmdm.py:c-vae --workdir runs/ablations/c-vae/denoiser ...
-  ... --config configs/ablations/cmdm.py:c-vae/denoiser/small      sizes: full, small (the archives), tiny
+  ... --config configs/ablations/cmdm.py:c-vae/denoiser/small      sizes: full, small and mini (the archives), tiny
 
 ROW[/STAGE[/SIZE]]: the stage is teacher, tokenizer or denoiser (the default). A row that changes nothing of a stage
 gives the base config of it, and its denoiser looks for the tokenizer of the row that shares it. Rows of sampling (K
 steps, lag L) change config.sampler alone and need no training. Numbers of the paper stand in facts: cmdm 6.6.
 
-At size small the widths of Tables 8 and 10 are those of the small model: latents of 32, 16, 8 stand for 64, 32, 16, and
+At sizes small and mini the widths of Tables 8 and 10 are their own: latents of 32, 16, 8 stand for 64, 32, 16, and
 S, L, XL are as far from it as the paper's from M; the text encoders of Table 11 are the one that ships, by words or by
 sentence, for no others fit here.
 """
@@ -17,8 +17,10 @@ import runpy
 
 SIZES = {"full": {"s": (2, 4, 512), "l": (6, 12, 768), "xl": (8, 16, 1024)},
          "small": {"s": (2, 3, 192), "l": (6, 8, 384), "xl": (8, 10, 512)},
+         "mini": {"s": (2, 2, 96), "l": (6, 6, 192), "xl": (8, 8, 256)},
          "tiny": {"s": (1, 1, 8), "l": (2, 2, 24), "xl": (2, 2, 32)}}
-LATENTS = {"full": {64: 64, 32: 32, 16: 16}, "small": {64: 32, 32: 16, 16: 8}, "tiny": {64: 4, 32: 3, 16: 2}}
+LATENTS = {"full": {64: 64, 32: 32, 16: 16}, "small": {64: 32, 32: 16, 16: 8},
+           "mini": {64: 32, 32: 16, 16: 8}, "tiny": {64: 4, 32: 3, 16: 2}}
 
 # row -> (table, {stage: {field: value}}); a stage that several rows share is trained once.
 ROWS = {

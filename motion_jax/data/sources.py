@@ -93,7 +93,7 @@ def load_features(config, split="train", stats=None, captioned=True) -> FeatureS
     if config.get("mirror", False) and split == "train":
       clips += [mirror.mirror_clip(clip) for clip in clips]
     features, captions, groups, ids = [], [], [], []
-    for clip in tqdm(clips, desc=f"features of {split}", unit="clip", leave=False):
+    for clip in tqdm(clips, desc=f"features of {split}", unit="clip", leave=False, disable=None):
       if clip.num_frames < 8:
         continue
       if clip.skeleton is not layout.skeleton:

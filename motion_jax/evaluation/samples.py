@@ -190,7 +190,7 @@ def _in_turn(run, count, workers):
 
 
 def progress(total, what, shown=True):
-  return tqdm(total=total, desc=what, unit="motion", disable=not shown, leave=False)
+  return tqdm(total=total, desc=what, unit="motion", disable=None if shown else True, leave=False)
 
 
 def generator_of(model, guidance_scale=None, sampling=None):
