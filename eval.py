@@ -9,7 +9,7 @@ def parse(argv=None):
                                    "run; writes results.json, tables.md and tables.tex.")
   add = parser.add_argument
   add("--run", action="append", default=[], help="run folder, or a model that ships (cmdm-small); may be repeated")
-  add("--data", action="append", required=True, nargs="+", help="data folder; several make one test set")
+  add("--data", action="append", nargs="+", help="data folder; several make one test set")
   add("--protocol", help="by default the one that fits the data and the first run; see evaluation/protocols.py")
   add("--evaluator", help="folder or name of the evaluator; by default the protocol's")
   add("--clip-evaluator", help="of the CLIP-type evaluator, or none")
@@ -25,8 +25,15 @@ def parse(argv=None):
   add("--recompute", action="store_true", help="only from samples that exist: nothing is generated")
   add("--raw", action="store_true", help="the last weights of a run, not the average kept beside them")
   add("--report", metavar="OUT", help="folder for one HTML page of tables, curves and motions")
+  add("--beside", nargs="+", default=[], metavar="DIR", help="folders of earlier results, shown on the same page; "
+      "without --data the page is of these alone")
   add("--devices", type=int, help="use so many devices; they change the time, not the numbers")
-  return parser.parse_args(argv)
+  args = parser.parse_args(argv)
+  if not args.data and not args.beside:
+    parser.error("give --data, or with --report the folders of earlier results as --beside")
+  if args.beside and not args.report:
+    parser.error("--beside is for the page; give --report OUT, too")
+  return args
 
 
 def value_of(text):
@@ -47,7 +54,13 @@ def main(argv=None):
     sys.exit(f"eval.py: got --sampling {wrong[0]!r}, expected KEY=VALUE")
   import jax
 
-  from motion_jax.evaluation import run, tables
+  from motion_jax.evaluation import report, run, tables
+  if not args.data:
+    try:
+      print(f"wrote {report.write_folders(args.beside, args.report)}")
+    except (ValueError, FileNotFoundError) as error:
+      sys.exit(f"eval.py: {error}")
+    return
   devices = jax.local_devices()
   if args.devices and args.devices > len(devices):
     sys.exit(f"eval.py: got --devices {args.devices}, there are {len(devices)}")
@@ -64,8 +77,7 @@ def main(argv=None):
     print(tables.markdown(result))
     written = [out / name for name in ("results.json", "tables.md", "tables.tex")]
     if args.report:
-      from motion_jax.evaluation import report
-      written.append(report.write([result], pathlib.Path(args.report), folders=[out]))
+      written.append(report.write_folders([out, *args.beside], args.report))
   except (ValueError, FileNotFoundError, FloatingPointError) as error:
     sys.exit(f"eval.py: {error}")
   except KeyboardInterrupt:

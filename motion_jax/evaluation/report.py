@@ -12,7 +12,7 @@ import tempfile
 
 from PIL import Image
 
-from motion_jax import export
+from motion_jax import checkpoint, export
 from motion_jax.data.clip import Caption, atomic_path
 from motion_jax.evaluation import plots, tables
 
@@ -49,6 +49,18 @@ def write(results, out, folders=None) -> pathlib.Path:
   with atomic_path(out / "index.html") as path:
     path.write_text(text, encoding="utf-8")
   return out / "index.html"
+
+
+def write_folders(folders, out) -> pathlib.Path:
+  """`write` of the results that eval.py wrote in folders. Raises FileNotFoundError or ValueError for one without."""
+  folders = [pathlib.Path(folder) for folder in folders]
+  missing = [str(folder) for folder in folders if not (folder / "results.json").is_file()]
+  if missing:
+    raise FileNotFoundError(f"{', '.join(missing)}: no results.json there; expected the --out folder of an eval.py run")
+  results = [checkpoint.load_json(folder, "results.json") for folder in folders]
+  if len(results) > 1:  # several of one protocol have one title
+    results = [result | {"title": f"{folder.name}: {_title(result)}"} for folder, result in zip(folders, results)]
+  return write(results, out, folders)
 
 
 def _page(sections, results):

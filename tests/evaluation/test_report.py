@@ -2,6 +2,7 @@
 import html.parser
 import json
 import re
+import runpy
 import shutil
 import subprocess
 import xml.etree.ElementTree as ElementTree
@@ -14,6 +15,7 @@ from motion_jax import export
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.synthetic import synthetic_joints
 from motion_jax.evaluation import plots, report
+from tests.conftest import ROOT
 
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 EVIL = "</p><script>alert(1)</script> \"it's\" a & b"
@@ -124,6 +126,24 @@ def test_several_results_share_a_page(tmp_path):
   text = report.write(results, tmp_path, folders=[a, b]).read_text(encoding="utf-8")
   Tags(text)
   assert text.count("<h1>") == 1 and '<a href="#r1">Another</a>' in text and text.count("<h2>") == 2
+
+
+def test_folders_of_results_share_a_page(tmp_path, capsys):
+  folders = [tmp_path / name for name in ("fss", "ar")]
+  main = runpy.run_path(str(ROOT / "eval.py"))["main"]
+  for folder in folders:
+    folder.mkdir()
+    (folder / "results.json").write_text(json.dumps(a_result()))
+  main(["--beside", *map(str, folders), "--report", str(tmp_path / "page")])
+  text = (tmp_path / "page" / "index.html").read_text(encoding="utf-8")
+  assert str(tmp_path / "page" / "index.html") in capsys.readouterr().out
+  assert all(f'<a href="#r{i}">{folder.name}: ' in text for i, folder in enumerate(folders))
+  with pytest.raises(SystemExit, match="nowhere.*no results.json"):
+    main(["--beside", str(tmp_path / "nowhere"), "--report", str(tmp_path / "page")])
+  for wrong in (["--report", "x"], ["--beside", "x"]):
+    with pytest.raises(SystemExit):
+      main(wrong)
+    assert "give --" in capsys.readouterr().err
 
 
 def test_a_result_of_rows_alone_is_enough(tmp_path):
