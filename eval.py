@@ -18,6 +18,8 @@ def parse(argv=None):
   add("--out", help="folder for results; by default eval/PROTOCOL in the run folder")
   add("--guidance", type=float, nargs="+", default=[], help="guidance scales, a row for each")
   add("--sampling", nargs="+", default=[], metavar="KEY=VALUE", help="such as schedule=ar num_steps=20, rounds=10")
+  add("--vary", nargs="+", default=[], metavar="KEY=VALUE[,..]", help="choices of sampling, a row for each, such as "
+      "schedule=fss schedule=ar num_steps=20,lag=1")
   add("--limit", type=int, help="use fewer samples, for a trial")
   add("--controls", action="store_true", help="also damage real motions and see that every metric notices")
   add("--no-multimodality", action="store_true", help="leave out the metric that takes most of the time")
@@ -46,12 +48,21 @@ def value_of(text):
   return {"true": True, "false": False}.get(text.lower(), text)
 
 
-def main(argv=None):
-  args = parse(argv)
-  pairs = [pair.partition("=") for pair in args.sampling]
+def options_of(texts):
+  """{KEY: value} of texts KEY=VALUE."""
+  pairs = [text.partition("=") for text in texts]
   wrong = [key for key, equals, _ in pairs if not equals]
   if wrong:
-    sys.exit(f"eval.py: got --sampling {wrong[0]!r}, expected KEY=VALUE")
+    raise ValueError(f"got the choice of sampling {wrong[0]!r}, expected KEY=VALUE")
+  return {key: value_of(value) for key, _, value in pairs}
+
+
+def main(argv=None):
+  args = parse(argv)
+  try:
+    sampling, vary = options_of(args.sampling), [options_of(one.split(",")) for one in args.vary]
+  except ValueError as error:
+    sys.exit(f"eval.py: {error}")
   import jax
 
   from motion_jax.evaluation import report, run, tables
@@ -71,7 +82,7 @@ def main(argv=None):
     result = run.evaluate(
         args.run, folders, protocol, evaluator=args.evaluator, clip_evaluator=args.clip_evaluator, out=out,
         repeats=args.repeats, seed=args.seed, guidance=args.guidance,
-        sampling={key: value_of(value) for key, _, value in pairs}, limit=args.limit, controls=args.controls,
+        sampling=sampling, vary=vary, limit=args.limit, controls=args.controls,
         multimodality=not args.no_multimodality, force=args.force, only_read=args.recompute,
         raw=args.raw, devices=devices[:args.devices])
     print(tables.markdown(result))

@@ -80,6 +80,21 @@ def test_a_result_has_rows_intervals_and_a_record(judged, tiny_run):
     assert (out / name).is_file()
 
 
+def test_choices_of_sampling_are_rows(judged, tiny_run, archive, evaluators, tmp_path):
+  """One choice alone and among others: the same numbers, from the same samples."""
+  made = run.evaluate([tiny_run], [archive], SMALL, out=tmp_path, force=True, show=False, sampling=dict(num_steps=2),
+                      vary=[{}, dict(schedule="ar")], guidance=(1.0, 3.0), multimodality=False, **evaluators)
+  name = tiny_run.name
+  assert made["row_order"] == ["real", *(f"{name}{part}, guidance {scale}" for scale in (1, 3)
+                                         for part in ("", ", schedule ar"))]
+  rows = [made["rows"][row]["fid"]["values"] for row in made["row_order"][1:]]
+  assert [(one["guidance_scale"], one["sampling"]) for one in made["record"]["models"]] == [
+      (scale, {"num_steps": 2} | more) for scale in (1, 3) for more in ({}, {"schedule": "ar"})]
+  own = judged[0]["record"]["models"][0]["guidance_scale"]
+  assert own == 3.0 and rows[2] == judged[0]["rows"][name]["fid"]["values"]
+  assert [made["curves"][f"FID against guidance, {name}{part}"]["x"] for part in ("", ", schedule ar")] == [[1, 3]] * 2
+
+
 def content(folder):
   """results.json and the tables as text, less whether somebody is at work on the checkout."""
   return re.sub(r'"changed": \w+', "", "".join((folder / name).read_text() for name in (
