@@ -16,6 +16,7 @@ def parse(argv=None):
   add("--repeats", type=int, help="by default the protocol's, 10 or 20")
   add("--seed", type=int)
   add("--out", help="folder for results; by default eval/PROTOCOL in the run folder")
+  add("--samples", help="folder where motions are kept, for several evaluations to share")
   add("--guidance", type=float, nargs="+", default=[], help="guidance scales, a row for each")
   add("--sampling", nargs="+", default=[], metavar="KEY=VALUE", help="such as schedule=ar num_steps=20, rounds=10")
   add("--vary", nargs="+", default=[], metavar="KEY=VALUE[,..]", help="choices of sampling, a row for each, such as "
@@ -84,7 +85,7 @@ def main(argv=None):
         repeats=args.repeats, seed=args.seed, guidance=args.guidance,
         sampling=sampling, vary=vary, limit=args.limit, controls=args.controls,
         multimodality=not args.no_multimodality, force=args.force, only_read=args.recompute,
-        raw=args.raw, devices=devices[:args.devices])
+        raw=args.raw, devices=devices[:args.devices], samples=args.samples)
     print(tables.markdown(result))
     written = [out / name for name in ("results.json", "tables.md", "tables.tex")]
     if args.report:

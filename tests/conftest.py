@@ -1,5 +1,6 @@
 """What several tests share: a tiny trained run, made once."""
 import atexit
+import gc
 import importlib.util
 import os
 import pathlib
@@ -20,6 +21,8 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
   os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
   atexit.register(shutil.rmtree, os.environ["JAX_COMPILATION_CACHE_DIR"], ignore_errors=True)
 
+import jax
+
 from motion_jax import training
 
 ROOT = pathlib.Path(__file__).parents[1]
@@ -31,6 +34,17 @@ def load_config(name, size):
   module = importlib.util.module_from_spec(spec)
   spec.loader.exec_module(module)
   return module.get_config(size)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def few_maps():
+  """Compiled functions stay in memory, each with pieces of its own, of which Linux allows a process 65,530: a worker
+  that ran all tests would die of it, and hold 8 GB before."""
+  yield
+  maps = pathlib.Path("/proc/self/maps")
+  if maps.is_file() and maps.read_bytes().count(b"\n") > 15_000:
+    jax.clear_caches()
+    gc.collect()
 
 
 @pytest.fixture(scope="session")

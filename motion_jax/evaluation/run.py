@@ -33,14 +33,15 @@ _BY_LAYOUT = {"coordinates": "cdamd-66", "essential": "cmdm-67", "full": "cmdm-2
 
 def evaluate(runs, folders, protocol=None, *, evaluator=None, clip_evaluator=None, out=None, repeats=None, seed=None,
              guidance=(), sampling=None, vary=(), limit=None, controls=False, multimodality=True, force=False,
-             only_read=False, raw=False, devices=None, show=True) -> dict:
+             only_read=False, raw=False, devices=None, show=True, samples=None) -> dict:
   """Judges runs (folders, or names that ship) on data folders by a protocol, and writes results.json in `out`.
 
   evaluator, clip_evaluator: names, folders or `Evaluator`s, the protocol's by default; clip_evaluator "none": no CLIP
   score. guidance: scales, a row each; the models' own by default. sampling: what else `generate` takes; vary: changes
   of it, a row each. limit: samples of a trial (of long-horizon: sequences). controls: damaged real motions, too. force:
   go on though real data does not look right. only_read: from samples that exist. raw: the last weights of a run, not
-  their average. devices: of jax; they change nothing but the time.
+  their average. devices: of jax; they change nothing but the time. samples: folder where motions are kept, for several
+  evaluations to share; by default the run's, or of a model that ships `out`.
   -> result: rows {name: {metric: {"mean", "interval", "values"}}}, record, sanity, controls, curves, gallery.
   """
   start = Clock(show)
@@ -59,8 +60,8 @@ def evaluate(runs, folders, protocol=None, *, evaluator=None, clip_evaluator=Non
   out = pathlib.Path(out) if out else default_out(runs, protocol)
   task = _TASKS[protocol.task]
   load = partial(task.load, raw=True) if raw else task.load
-  subjects = _subjects(load, runs, out, guidance, [(sampling or {}) | one for one in vary or ({},)], devices, only_read,
-                       show)
+  choices = [(sampling or {}) | one for one in vary or ({},)]
+  subjects = _subjects(load, runs, out, samples, guidance, choices, devices, only_read, show)
   readers = [reader for reader in (main, clip) if reader]
   if task is not generation:
     readers += [subject.reader for subject in subjects]
@@ -153,14 +154,14 @@ def _evaluators(protocol, evaluator, clip_evaluator):
   return load(main), None if clip in (None, "none") else load(clip)
 
 
-def _subjects(load, runs, out, guidance, choices, devices, only_read, show):
+def _subjects(load, runs, out, home, guidance, choices, devices, only_read, show):
   subjects, names = [], [pathlib.Path(folder_of(run)).name for run in runs]
   names = [name if names.count(name) == 1 else str(run) for name, run in zip(names, runs)]
   varied = {key for one in choices for key in one if any(other.get(key) != one[key] for other in choices)}
   for name, run in zip(names, runs):
     loaded = load(run)
     shipped = pathlib.Path(loaded.folder).parent == model_lib.PRETRAINED
-    folder = (out if shipped else loaded.folder / "eval") / "samples"
+    folder = pathlib.Path(home) if home else (out if shipped else loaded.folder / "eval") / "samples"
     for scale, options in itertools.product(guidance or (None,), choices):
       row = name + "".join(f", {key} {value}" for key, value in options.items() if key in varied)
       if len(guidance) > 1:

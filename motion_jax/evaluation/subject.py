@@ -1,6 +1,7 @@
 """A model that is judged, with the choices by which it is sampled and the place where its samples are kept."""
 import dataclasses
 import hashlib
+import inspect
 import pathlib
 from collections.abc import Callable
 from typing import Any
@@ -49,8 +50,14 @@ class Subject:
     text = getattr(self.model, "encoder", None)
     return samples.Store(self.folder, dict(
         kind=kind, model=self.hash, text=text and text.fingerprint, guidance_scale=self.about["guidance_scale"],
-        sampling=dict(self.options), seed=judge.seed, limit=judge.limit, draw=draw, items=items.words_hash,
+        sampling=self._asked, seed=judge.seed, limit=judge.limit, draw=draw, items=items.words_hash,
         batch=samples.BATCH))
+
+  @property
+  def _asked(self):
+    """The options that are not what `generate` does anyway: the same samples, whether that was said or not."""
+    usual = inspect.signature(self.model.generate).parameters if hasattr(self.model, "generate") else {}
+    return {name: value for name, value in self.options.items() if name not in usual or usual[name].default != value}
 
   def sample(self, make: Callable, store, name, jobs, what, batch=None):
     """`samples.sample` with a bar, on this subject's devices."""
