@@ -228,6 +228,7 @@ def run_study(settings, out, part=(0, 1), only=(), max_seconds=None, force=False
         print(f"  {error}", flush=True)
         whole = False
       write_report(out)
+      jax.clear_caches()  # every row compiles functions of its own; a process that kept them all would run out of maps
   write_report(out)
   return whole
 
