@@ -42,7 +42,7 @@ def few_maps():
   that ran all tests would die of it, and hold 8 GB before."""
   yield
   maps = pathlib.Path("/proc/self/maps")
-  if maps.is_file() and maps.read_bytes().count(b"\n") > 15_000:
+  if maps.is_file() and maps.read_bytes().count(b"\n") > 8_000:
     jax.clear_caches()
     gc.collect()
 
