@@ -1,4 +1,6 @@
 """Editing: parts of real motions are made anew from their captions, four tasks (facts: cdamd 7)."""
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -67,7 +69,9 @@ def _editor(subject, protocol, real, task):
   return make
 
 
+@functools.lru_cache(maxsize=4)
 def _compiled(loaded, plan, paste):
+  """One function for all tasks and repeats: which latents are hidden is data."""
   def run(params, frozen, x, text_emb, edited, hidden, real_mask, scale, keys):
     draw = draws.make_draw(keys, length, loaded.net.transformer.latent_dim)
     return cdamd.edit(loaded.net, loaded.autoencoder, plan, params, frozen, x, text_emb, edited, hidden, real_mask,
