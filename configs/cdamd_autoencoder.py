@@ -48,7 +48,7 @@ def get_config(size="full"):
       config.optimizer.update(learning_rate=1e-3, warmup_steps=50, cooldown_steps=300, ema_decay=0.99)
       config.train.update(num_steps=900, save_every=450)
   elif size == "tiny":
-    config.model.update(latent_dim=4, width=16)
+    config.model.update(latent_dim=4, width=16, dilations=(1,))
     config.data.update(name="synthetic", mode="corrected", batch_size=4)
     config.optimizer.update(warmup_steps=1)
     config.train.update(num_steps=2, log_every=1, save_every=2)

@@ -104,8 +104,8 @@ def get_config(size="full"):
       config.train.update(num_steps=900, save_every=450)
   elif size == "tiny":
     config.frozen.update(tokenizer="fresh", prior="fresh", text="fresh")  # random weights: nothing to download
-    config.tokenizer.update(latent_dim=4, width=16)
-    config.prior.update(latent_dim=4, width=16)
+    config.tokenizer.update(latent_dim=4, width=16, dilations=(1,))
+    config.prior.update(latent_dim=4, width=16, dilations=(1,))
     config.quantizer.num_codes = 8
     config.model.transformer.update(latent_dim=4, width=16, depth=1, num_heads=2, ff_width=16, text_dim=32, num_codes=8,
                                     max_length=50)

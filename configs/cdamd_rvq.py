@@ -53,7 +53,7 @@ def get_config(size="full"):
       config.optimizer.update(learning_rate=1e-3, warmup_steps=50, cooldown_steps=300)
       config.train.update(num_steps=900, save_every=450)
   elif size == "tiny":
-    config.model.update(latent_dim=4, width=16)
+    config.model.update(latent_dim=4, width=16, dilations=(1,))
     config.quantizer.update(num_codes=8)
     config.data.update(name="synthetic", mode="corrected", batch_size=4, min_frames=20)
     config.optimizer.update(warmup_steps=1)

@@ -67,7 +67,7 @@ def get_config(size="full"):
       config.train.update(num_steps=900, save_every=450)
   elif size == "tiny":
     config.frozen.update(tokenizer="fresh", text="fresh")  # random weights: nothing to download
-    config.tokenizer.update(latent_dim=4, width=16)
+    config.tokenizer.update(latent_dim=4, width=16, dilations=(1,))
     config.model.update(latent_dim=4, width=16, depth=1, num_heads=2, ff_width=32, text_dim=32)
     config.data.update(name="synthetic", mode="corrected", batch_size=4, min_frames=min(40, config.data.min_frames))
     config.optimizer.update(warmup_steps=1, schedule="constant")

@@ -61,7 +61,7 @@ def get_config(size="full"):
   elif size == "tiny":
     config.frozen.teacher = "fresh"  # random weights: nothing to train first
     config.teacher = dict(width=8, depth=1, num_heads=2, mlp_width=8, dim=6)
-    config.model.update(latent_dim=4, width=16, teacher_dim=6)
+    config.model.update(latent_dim=4, width=16, dilations=(1,), teacher_dim=6)
     config.loss.update(micro_batch=2, kl_ramp=2)
     config.data.update(name="synthetic", mode="corrected", batch_size=4)
     if dataset == "kit":
