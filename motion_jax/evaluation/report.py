@@ -124,8 +124,9 @@ def _about(result):
 
 
 def _tiles(found):
-  """The first row of ours at a glance, with the real motions' and the paper's number under each."""
-  rows = {}
+  """The first row of ours at a glance, with the real motions' and the paper's number under each; its name where there
+  are others."""
+  rows, several = {}, sum(line.kind == "ours" for line in found.lines) > 1
   for line in found.lines:
     rows.setdefault(line.kind, line)
   if "ours" not in rows:
@@ -136,6 +137,7 @@ def _tiles(found):
     cell = rows["ours"].cells[at]
     others = [f"{name} {rows[kind].cells[at].mean}" for kind, name in (("real", "real"), ("paper", "paper"))
               if kind in rows and rows[kind].cells[at].mean != "–"]
+    others = [_text(rows["ours"].name)] * several + others
     tiles.append(f'<div class="tile"><span class="what">{_text(tables.heading(metric))}</span><b>{cell.mean}'
                  f"{_mark(cell)}</b><span>{'<br>'.join(others)}</span></div>")
   return f'<div class="tiles">{"".join(tiles)}</div>'

@@ -106,8 +106,8 @@ def test_page_is_whole_and_offline(tmp_path):
 
 def test_page_shows_the_numbers(tmp_path):
   text = report.write(a_result(), tmp_path).read_text(encoding="utf-8")
-  # The tile, marked: 0.123 is not the paper's 0.068.
-  assert '<b>0.123<span class="mark">*</span></b><span>real 0.002<br>paper 0.068</span>' in text
+  # The tile, marked, for 0.123 is not the paper's 0.068, and named, for there is another row.
+  assert '<b>0.123<span class="mark">*</span></b><span>ours<br>real 0.002<br>paper 0.068</span>' in text
   assert "<td><b>0.587</b><small>±0.010</small></td>" in text, "the best of two rows of ours, within the interval"
   assert '<tr class="paper"><th>paper: CMDM w/ FSS</th><td>0.588<small>±0.004</small></td>' in text
   feet = text[text.index("Bodies and feet"):text.index("Sanity")]
