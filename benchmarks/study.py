@@ -111,7 +111,7 @@ class Bench:
     if task == "texts":
       return generation.without_multimodality(protocols.get_protocol("archives-66"))
     return dataclasses.replace(protocols.get_protocol("long-horizon"), sequences=self.settings.stories,
-                               segments=self.settings.segments, real_jerk=None)
+                               segments=self.settings.segments, real_jerk=None, way="stream")
 
   def _clip(self):
     name = self.settings.clip_evaluator

@@ -20,7 +20,7 @@ def get_config(size="full"):
   config.loss = dict(reconstruction=1.0, divergence=1e-5, latent=1e-5, contrast=0.1, temperature=0.1)
   config.data = dict(name="snapmogen", folder="", folders=(), layout="snapmogen_148", mode="benchmark", mirror=False,
                      batch_size=128, min_frames=128, max_frames=320, lengths=(320,), unit=8, coin=0.0, max_words=120,
-                     same="caption")
+                     keep_long=True, same="caption")
   config.optimizer = dict(learning_rate=1e-4, schedule="constant", cooldown_steps=0, warmup_steps=2_000, beta1=0.9,
                           beta2=0.99, weight_decay=1e-5, clip_norm=1.0, ema_decay=0.0, skip_loss=0.0)
   config.train = dict(num_steps=50_000, log_every=50, save_every=1_000, best="max recall")

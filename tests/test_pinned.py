@@ -47,7 +47,8 @@ COUNTS = {
     ("evaluator_snapmogen", "full"): 14_818_708, ("evaluator_snapmogen", "small"): 249_300,
     ("evaluator_snapmogen", "tiny"): 11_940,
     ("cdamd_length", "kit"): 435_122,
-    ("cmdm_tokenizer", "mini"): 1_384_199, ("cmdm_denoiser", "mini"): 1_265_696,
+    ("evaluator_movement", "63"): 2_623_487, ("evaluator_matching", "63"): 21_289_152,
+    ("evaluator_clip", "63"): 59_541_505, ("cmdm_tokenizer", "mini"): 1_384_199, ("cmdm_denoiser", "mini"): 1_265_696,
     ("cdamd_autoencoder", "mini"): 1_168_898, ("cdamd_rvq", "mini"): 742_562, ("cdamd_generator", "mini"): 1_967_936,
 }
 

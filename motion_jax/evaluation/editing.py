@@ -30,7 +30,8 @@ def load(run, raw=False):
 
 def rows(judge, subject, repeat):
   """{task: scores} of all tasks: the same pass, edited in four ways, and judged whole."""
-  store = subject.store(judge, "editing, pasted" if judge.protocol.paste else "editing")
+  # Unlike what is generated from words alone, edits depend on the real motions.
+  store = subject.store(judge, f"editing{', pasted' * judge.protocol.paste} of {judge.items.hash}")
   drawn = judge.read(repeat).drawn
   real = drawn.cut(judge.items.of(subject.reader))
   jobs = samples.jobs_of(judge.items, drawn, judge.seed, repeat)
@@ -45,7 +46,8 @@ def rows(judge, subject, repeat):
 def _editor(subject, protocol, real, task):
   """make(jobs) of `samples.sample`: the motions at the jobs' places, edited."""
   edited_by = subject.model
-  options = {"mask": protocol.edit_mask} | dict(subject.options)
+  # Parity: the released script edits with the mask that it samples with; --sampling mask=bcm is ours.
+  options = {"mask": edited_by.config.sampler.mask} | dict(subject.options)
   plan, num_rounds, order, revealed_only = edited_by.plan_of(**options)
   scale = edited_by.scale_of(subject.guidance_scale)
   length, unit = edited_by.max_latents, edited_by.unit
@@ -62,7 +64,7 @@ def _editor(subject, protocol, real, task):
     hidden = masking.hidden_table(np.where(edited, drawn, np.inf), masking.hidden_counts(num_rounds, edited.sum(-1)))
     x = padded([real[i][:m] for i, m in zip(jobs.places, jobs.frames)], edited_by.stats, length * unit)
     mask = padding_mask(jnp.asarray(jobs.frames) // unit, length)
-    made = run(edited_by.params, edited_by.frozen, x, edited_by.encoder(jobs.captions)[0], edited, hidden, mask, scale,
+    made = run(edited_by.params, edited_by.frozen, x, edited_by.words_of(jobs.captions), edited, hidden, mask, scale,
                keys)
     made = edited_by.stats.denormalize(np.asarray(made))
     return [row[:m + samples.TAIL] for row, m in zip(made, jobs.frames)]
@@ -72,9 +74,9 @@ def _editor(subject, protocol, real, task):
 @functools.lru_cache(maxsize=4)
 def _compiled(loaded, plan, paste):
   """One function for all tasks and repeats: which latents are hidden is data."""
-  def run(params, frozen, x, text_emb, edited, hidden, real_mask, scale, keys):
+  def run(params, frozen, x, words, edited, hidden, real_mask, scale, keys):
     draw = draws.make_draw(keys, length, loaded.net.transformer.latent_dim)
-    return cdamd.edit(loaded.net, loaded.autoencoder, plan, params, frozen, x, text_emb, edited, hidden, real_mask,
-                      scale, draw, paste)
+    return cdamd.edit(loaded.net, loaded.autoencoder, plan, params, frozen, x, words[0], edited, hidden, real_mask,
+                      scale, draw, paste, words[1])
   length = loaded.max_latents
   return jax.jit(run)

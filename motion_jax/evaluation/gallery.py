@@ -16,7 +16,8 @@ def write(judge, subject, out, repeat=0) -> list[dict]:
   """gallery/*.npz in `out` -> [{"caption", "kind", "score", "real", "made"}]; score: distance of words and motion."""
   reading, layout = judge.read(repeat), subject.model.stats.layout
   motions = generation.sampled(judge, subject, repeat)
-  made = judge.embed(judge.evaluator, judge.carried(judge.evaluator, motions, layout), reading.drawn.frames)
+  made = judge.embed(judge.evaluator, judge.carried(judge.evaluator, motions, layout, reading.drawn.frames),
+                     reading.drawn.frames)
   away = np.linalg.norm(reading.text - made, axis=1)
   captions, real = reading.drawn.captions_of(judge.items), reading.drawn.cut(judge.items.of(judge.evaluator))
   worst = [int(i) for i in np.argsort(-away, kind="stable")]

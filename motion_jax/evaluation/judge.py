@@ -13,6 +13,7 @@ from motion_jax.motion.features import to_joints
 # Streams of random numbers inside a (seed, repeat).
 AGAIN, DIVERSITY, MULTIMODALITY, NOISE = 1, 2, 3, 4
 CHUNK = 256  # motions that are padded together
+WIDER = 16   # rows by which they grow where they have to, so that few sizes are compiled
 PHYSICS = {"skating": "skating_ratio", "foot_height": "floating_mm", "penetration": "penetration_mm",
            "bone_drift": "bone_drift_mm", "acceleration": "acceleration", "jerk": "jerk"}
 
@@ -90,7 +91,10 @@ class Judge:
     of the evaluator's functions, embed_motion by default.
     """
     embed = embed or evaluator.embed_motion
-    width, told = self.protocol.max_frames, protocol_lib.evaluator_frames(frames, self.protocol)
+    told = protocol_lib.evaluator_frames(frames, self.protocol)
+    # Pieces of long motions end on the model's own grid, some frames behind the longest clip.
+    width = self.protocol.max_frames
+    width += -(-max(int(np.max(frames)) - width, 0) // WIDER) * WIDER
     parts = []
     for first in range(0, len(motions), CHUNK):
       some = slice(first, first + CHUNK)
@@ -114,15 +118,26 @@ class Judge:
     """Those, whichever way they are made."""
     return self.embed(self.evaluator, motions, frames, self.evaluator.embed_for_fid)
 
-  def carried(self, evaluator, motions, layout):
-    return [carry(motion, layout, evaluator) for motion in motions]
+  def carried(self, evaluator, motions, layout, frames):
+    """Motions [(rows, F)] of a layout as an evaluator reads them [(rows, F')].
+
+    Features look around themselves (headings are smoothed over seconds), so those of the `frames` (N,) are made of
+    these alone: what a decoder put behind them is noise.
+    """
+    if layout is evaluator.layout or evaluator.layout.kind == "coordinates":  # where each frame stands for itself
+      return [carry(motion, layout, evaluator) for motion in motions]
+    carried = [carry(motion[:count], layout, evaluator) for motion, count in zip(motions, frames)]
+    if self.protocol.made_padding != "decoded":
+      return carried
+    return [np.concatenate([made, carry(motion, layout, evaluator)[count:]]) if len(motion) > count else made
+            for made, motion, count in zip(carried, motions, frames)]
 
   def batches(self, reading, made, clip_made=None, made_seen=None, text=None, clip_text=None):
     """Rows as `metrics.protocol` takes them, dealt in pools."""
     text = reading.text if text is None else text
     clip_text = reading.clip_text if clip_text is None else clip_text
-    if clip_made is None and self.protocol.cosine:  # the evaluator is of CLIP's type itself (facts: cmdm 6.5)
-      clip_text, clip_made = text, made
+    if self.protocol.cosine and clip_text is None:  # the evaluator is of CLIP's type itself (facts: cmdm 6.5)
+      clip_text, clip_made = text, made if clip_made is None else clip_made
     parts = protocol_lib.Batch(text, reading.real, made, clip_text if clip_made is not None else None, clip_made, None,
                                reading.real_seen, made_seen)
     pool = self.protocol.pool
@@ -132,13 +147,13 @@ class Judge:
   def scores(self, repeat, motions, layout) -> dict[str, float]:
     """The row of motions [(rows, F)] in a model's layout, one for each item of the repeat's pass, in its order."""
     reading = self.read(repeat)
-    carried = self.carried(self.evaluator, motions, layout)
+    carried = self.carried(self.evaluator, motions, layout, reading.drawn.frames)
     made = self.embed(self.evaluator, carried, reading.drawn.frames)
     made_seen = self.embed_seen(carried, reading.drawn.frames)
     clip_made = None
     if self.clip_evaluator is not None:
-      clip_made = self.embed(self.clip_evaluator, self.carried(self.clip_evaluator, motions, layout),
-                             reading.drawn.frames)
+      clip_made = self.embed(self.clip_evaluator, self.carried(
+          self.clip_evaluator, motions, layout, reading.drawn.frames), reading.drawn.frames)
     row = protocol_lib.generation_scores(self.batches(reading, made, clip_made, made_seen), self.protocol,
                                          reading.draws)
     row = {name: value for name, value in row.items() if not name.startswith("real_")}
@@ -147,8 +162,9 @@ class Judge:
   def real_scores(self, repeat) -> dict[str, float]:
     """The row of the real motions; their FID is that of another reading of the same items."""
     reading = self.read(repeat)
+    clip_real = reading.real if self.protocol.cosine and reading.clip_real is None else reading.clip_real
     row = protocol_lib.generation_scores(self.batches(
-        reading, reading.again, reading.clip_real, reading.again_seen), self.protocol, reading.draws)
+        reading, reading.again, clip_real, reading.again_seen), self.protocol, reading.draws)
     own = {name.removeprefix("real_"): value for name, value in row.items() if name.startswith("real_")}
     return own | {name: row[name] for name in ("fid", "clip_score") if name in row} | reading.physics
 
@@ -167,7 +183,7 @@ class Judge:
     frames = self.read(repeat).drawn.frames
     flat = [motion for motions in generations for motion in motions]
     told = np.repeat(frames[:len(generations)], len(generations[0]))
-    made = self.embed_for_fid(self.carried(self.evaluator, flat, layout), told)
+    made = self.embed_for_fid(self.carried(self.evaluator, flat, layout, told), told)
     pairs = protocol_lib.multimodality_draws(self.rng(repeat, MULTIMODALITY), self.protocol)
     return scores.multimodality(made.reshape(len(generations), -1, made.shape[-1]), *pairs)
 

@@ -1,7 +1,7 @@
 """Long motions: many captions in a row, judged piece by piece and at the borders (facts: cmdm 6.4).
 
 Which captions, and for how long, comes from the test items: `sequences` lists of `segments` items each, drawn once by
-the seed, the same in all repeats. (FlowMDM's own list is not part of its code; a list of one's own can be given.)
+the seed, the same in all repeats. (FlowMDM's own list is not part of its code.)
 """
 import dataclasses
 
@@ -11,8 +11,7 @@ from motion_jax import model, stories
 from motion_jax.evaluation import samples
 from motion_jax.evaluation.items import carry, from_joints
 from motion_jax.metrics import long_horizon, physics
-from motion_jax.motion import rotations as rot
-from motion_jax.motion.features import facing, to_joints
+from motion_jax.motion.features import to_joints
 
 METRICS = ("top1", "top2", "top3", "fid", "matching", "diversity", "transition_fid", "transition_diversity",
            "transition_distance", "peak_jerk", "auj")
@@ -45,13 +44,14 @@ def real_rows(judge, repeat):
 def rows(judge, subject, repeat):
   """{"": scores} of a subject's long motions for a repeat."""
   layout, drawn = subject.model.stats.layout, sequences(judge)
-  way = subject.options.get("way", "stream")
+  options = {"way": judge.protocol.way} | dict(subject.options)
+  way = options["way"]
   unit = subject.model.dit.block * subject.model.vae.frames_per_latent
   frames = [_frames(row.frames, way, unit) for row in drawn]
   jobs = samples.Jobs([" | ".join(row.captions_of(judge.items)) for row in drawn], [sum(part) for part in frames],
                       [samples.seed_of(judge.seed, repeat, i) for i in range(len(drawn))], list(range(len(drawn))))
   tales = [list(zip(row.captions_of(judge.items), (row.frames / subject.model.fps).tolist())) for row in drawn]
-  made = subject.sample(tell(subject, tales), subject.store(judge, "stories"), f"r{repeat:03d}", jobs,
+  made = subject.sample(tell(subject, tales, options), subject.store(judge, f"stories, {way}"), f"r{repeat:03d}", jobs,
                         f"repeat {repeat + 1}", BATCH)
 
   def told():
@@ -92,11 +92,11 @@ def _frames(counts, way, unit):
   return np.diff(ends, prepend=0).tolist()
 
 
-def tell(subject, tales):
-  """make(jobs) of `samples.sample`: the stories [(prompt, seconds)] at the jobs' places."""
+def tell(subject, tales, options):
+  """make(jobs) of `samples.sample`: the stories [(prompt, seconds)] at the jobs' places; options: of `stories`."""
   def make(jobs):
     made = subject.model.stories([tales[i] for i in jobs.places], seeds=jobs.seeds, polish=False,
-                                 guidance_scale=subject.guidance_scale, **subject.options)
+                                 guidance_scale=subject.guidance_scale, **options)
     return [motion.features for motion in made]
   return make
 
@@ -123,7 +123,7 @@ def _reference(judge, repeat):
   key = "reference", repeat
   if key not in judge.kept:
     judge.kept[key] = long_horizon.reference(*_real(judge), _embed(judge), judge.rng(repeat, REFERENCE + 100),
-                                             _rules(judge.protocol))
+                                             _rules(judge.protocol), judge.evaluator.layout.skeleton)
   return judge.kept[key]
 
 
@@ -133,13 +133,6 @@ def _embed(judge):
 
   def embed(motions):
     if evaluator.layout.kind == "coordinates":
-      motions = [from_joints(placed(x, evaluator.layout.skeleton), evaluator) for x in motions]
+      motions = [from_joints(long_horizon.placed(x, evaluator.layout.skeleton), evaluator) for x in motions]
     return judge.embed(evaluator, motions, np.array([len(x) for x in motions]))
   return embed
-
-
-def placed(joints, skeleton):
-  """Joints (T, J, 3) moved so that the body begins over the origin, facing +z; its height and bones stay."""
-  joints = joints - joints[:1, :1] * [1, 0, 1]
-  ahead = facing(joints[:1], skeleton)
-  return rot.rotate(rot.between(ahead, np.array([[0.0, 0.0, 1.0]]))[:, None], joints)

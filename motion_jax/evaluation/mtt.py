@@ -30,8 +30,9 @@ def rows(judge, subject, repeat):
   frames = [sum(round(seconds * subject.model.fps) for _, seconds in tale) for tale in tales]
   jobs = samples.Jobs([" | ".join(caption for caption, _ in tale) for tale in tales], frames,
                       [samples.seed_of(judge.seed, repeat, i) for i in range(len(tales))], list(range(len(tales))))
-  made = subject.sample(tell(subject, tales), subject.store(judge, f"timelines {tales}"), f"r{repeat:03d}", jobs,
-                        f"repeat {repeat + 1}", BATCH)
+  store = subject.store(judge, f"timelines {tales}")
+  made = subject.sample(tell(subject, tales, subject.options), store, f"r{repeat:03d}", jobs, f"repeat {repeat + 1}",
+                        BATCH)
   texts, _, text_latents, real_latents = _real(judge)
   embed = lambda motions: judge.embed(judge.evaluator, motions, np.array([len(x) for x in motions]))
   return {"": timeline_scores.score(
@@ -51,7 +52,7 @@ def _timelines(judge):
   if judge.protocol.timelines is None:
     raise ValueError("protocol 'mtt' needs a file of timelines: give it as one of --data, such as --data "
                      "timelines.txt HumanML3D")
-  return read_timelines(judge.protocol.timelines)[:judge.limit]
+  return read_timelines(judge.protocol.timelines)[:judge.protocol.sequences]
 
 
 def _real(judge):

@@ -38,10 +38,10 @@ def evaluate(runs, folders, protocol=None, *, evaluator=None, clip_evaluator=Non
 
   evaluator, clip_evaluator: names, folders or `Evaluator`s, the protocol's by default; clip_evaluator "none": no CLIP
   score. guidance: scales, a row each; the models' own by default. sampling: what else `generate` takes; vary: changes
-  of it, a row each. limit: samples of a trial (of long-horizon: sequences). controls: damaged real motions, too. force:
-  go on though real data does not look right. only_read: from samples that exist. raw: the last weights of a run, not
-  their average. devices: of jax; they change nothing but the time. samples: folder where motions are kept, for several
-  evaluations to share; by default the run's, or of a model that ships `out`.
+  of it, a row each. limit: samples of a trial; of long motions, sequences or timelines. controls: damaged real motions,
+  too. force: go on though real data does not look right. only_read: from samples that exist. raw: the last weights of a
+  run, not their average. devices: of jax; they change nothing but the time. samples: folder where motions are kept, for
+  several evaluations to share; by default the run's, or of a model that ships `out`.
   -> result: rows {name: {metric: {"mean", "interval", "values"}}}, record, sanity, controls, curves, gallery.
   """
   start = Clock(show)
@@ -50,7 +50,7 @@ def evaluate(runs, folders, protocol=None, *, evaluator=None, clip_evaluator=Non
   protocol = protocols_lib.get_protocol(protocol or guess_protocol(runs, folders))
   if files:
     protocol = dataclasses.replace(protocol, timelines=str(files[0]))
-  if protocol.task == "stories" and limit:
+  if protocol.task in ("stories", "timelines") and limit:
     protocol, limit = dataclasses.replace(protocol, sequences=limit), None
   protocol = protocol.on(items_lib.format_of_all(folders))
   protocol = protocol if multimodality else generation.without_multimodality(protocol)
@@ -87,8 +87,8 @@ def evaluate(runs, folders, protocol=None, *, evaluator=None, clip_evaluator=Non
       protocol=protocol.name, title=protocol.title, rows=rows,
       row_order=["real"] + [name for name in rows if name not in ("real", "shuffled")],
       metrics=[name for name in task.METRICS if any(name in row for row in rows.values())],
-      paper=_paper(protocol), record=record_lib.make_record(judge, folders, subjects, repeats, devices), sanity=found,
-      controls=checked, curves=_curves(rows, subjects, checked) | _drawn(judge.curves), gallery=[]))
+      paper=_paper(protocol, main), record=record_lib.make_record(judge, folders, subjects, repeats, devices),
+      sanity=found, controls=checked, curves=_curves(rows, subjects, checked) | _drawn(judge.curves), gallery=[]))
   if subjects and protocol.task == "generation":
     with start.part("gallery"):
       result["gallery"] = gallery.write(judge, subjects[0], out)
@@ -128,7 +128,10 @@ class Clock:
 
 def guess_protocol(runs, folders) -> str:
   """The protocol that fits data and model, by the format of the data and the layout of the first run."""
-  data_format = items_lib.format_of_all(folders)
+  data = [folder for folder in folders if not pathlib.Path(folder).is_file()]
+  if len(data) < len(folders):
+    return "mtt"  # a file of timelines
+  data_format = items_lib.format_of_all(data)
   if data_format != "humanml3d":
     return {"archive": "archives-66"}.get(data_format, data_format)
   name = (checkpoint.load_config(folder_of(runs[0])).data.layout if runs
@@ -170,8 +173,9 @@ def _subjects(load, runs, out, home, guidance, choices, devices, only_read, show
   return subjects
 
 
-def _paper(protocol):
-  return dict(zip(("system", "table", "row"), protocol.paper)) if protocol.paper else None
+def _paper(protocol, evaluator):
+  fits = protocol.paper_layout in (None, evaluator.layout.name)
+  return dict(zip(("system", "table", "row"), protocol.paper)) if protocol.paper and fits else None
 
 
 # --- rows --------------------------------------------------------------------------------------------------------

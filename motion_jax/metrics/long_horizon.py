@@ -11,6 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from motion_jax.metrics import physics, scores
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.features import facing
 from motion_jax.motion.skeleton import HUMANML3D
 
 
@@ -25,10 +27,13 @@ class LongHorizon:
   merge_captions: bool = True     # equal captions of one sequence count once in R-precision
   pool: int = 32                  # candidates of the real row's R-precision; a made sequence is a pool by itself
   diversity_draws: int = 300      # or all samples, where there are fewer
+  # Parity: FlowMDM makes joints of each transition's features alone, so that it begins over the origin, facing +z; jerk
+  # is summed over x, y and z and is not the same in other directions.
+  placed: bool = True
   real_jerk: float | None = physics.REAL_JERK["humanml3d"]  # level that AUJ is measured from; None: the real crops' own
 
 
-BABEL = LongHorizon(width=30, unit=1, shortest=30, real_jerk=physics.REAL_JERK["babel"])
+BABEL = LongHorizon(width=30, unit=1, shortest=30, placed=False, real_jerk=physics.REAL_JERK["babel"])
 
 
 class Sequence(NamedTuple):
@@ -95,7 +100,14 @@ def caption_hits(text, motion, captions, top_k=3, merge=True):
   return scores.hits(away, top_k) * (len(captions) / len(kept))
 
 
-def reference(motions, joints, embed, rng, protocol=LongHorizon()) -> Reference:
+def placed(joints, skeleton):
+  """Joints (T, J, 3) moved so that the body begins over the origin, facing +z; its height and bones stay."""
+  joints = joints - joints[:1, :1] * [1, 0, 1]
+  ahead = facing(joints[:1], skeleton)
+  return rot.rotate(rot.between(ahead, np.array([[0.0, 0.0, 1.0]]))[:, None], joints)
+
+
+def reference(motions, joints, embed, rng, protocol=LongHorizon(), skeleton=HUMANML3D) -> Reference:
   """The real side, from real clips (T, ..) and their joints (T, J, 3), as `embed` and physics read them.
 
   Clips of protocol.shortest to longest frames count as pieces, a random crop of each that is long enough as transition.
@@ -104,7 +116,7 @@ def reference(motions, joints, embed, rng, protocol=LongHorizon()) -> Reference:
   if len(pieces) < 2:
     raise ValueError(f"got {len(pieces)} real clips of {protocol.shortest} to {protocol.longest} frames, a Gaussian "
                      "needs 2 or more")
-  crops, moving = _crops(motions, joints, rng, protocol)
+  crops, moving = _crops(motions, joints, rng, protocol, skeleton)
   curve = physics.jerk_curve(moving)
   level = float(curve.mean()) if protocol.real_jerk is None else protocol.real_jerk
   return Reference(scores.moments(embed(pieces)), scores.moments(embed(crops)), curve, level)
@@ -129,7 +141,8 @@ def score(sequences, real, embed, rng, protocol=LongHorizon(), skeleton=HUMANML3
     pieces.append(made)
     if len(borders):
       transitions.append(embed(list(physics.cut_transitions(sequence.motion, borders, protocol.width))))
-      jerks.append(physics.jerk(physics.cut_transitions(sequence.joints, borders, protocol.width)))
+      moving = physics.cut_transitions(sequence.joints, borders, protocol.width)
+      jerks.append(physics.jerk(_placed(moving, protocol, skeleton)))
       steps.append(physics.transition_distance(sequence.joints, borders, skeleton))
   if not jerks:
     raise ValueError("no sequence has two captions or more, so there are no transitions to score")
@@ -156,19 +169,24 @@ def real_row(motions, joints, captions, text, real, embed, rng, protocol=LongHor
     motion = np.stack([made[i] for i in pool])
     found += caption_hits(text[pool], motion, [captions[i] for i in pool], protocol.top_k, protocol.merge_captions)
     away.append(np.linalg.norm(text[pool] - motion, axis=1))
-  crops, moving = _crops(motions, joints, rng, protocol)
+  crops, moving = _crops(motions, joints, rng, protocol, skeleton)
   steps = [physics.transition_distance(crop, [protocol.width // 2], skeleton) for crop in moving]
   return _scores(found / (len(pools) * protocol.pool), away, np.stack(list(made.values())), embed(crops),
                  physics.jerk(moving), steps, real, rng, protocol)
 
 
-def _crops(motions, joints, rng, protocol):
+def _placed(transitions, protocol, skeleton):
+  """Joints (N, width, J, 3) of transitions as their jerk is taken of."""
+  return np.stack([placed(one, skeleton) for one in transitions]) if protocol.placed else transitions
+
+
+def _crops(motions, joints, rng, protocol, skeleton):
   """Random crops of motions, as a list, and of their joints (N, width, J, 3), at the same frames."""
   if [len(motion) for motion in motions] != [len(one) for one in joints]:
     raise ValueError("motions and joints have different numbers of frames; cut both to the frames that they share")
   places = random_crops(motions, protocol.width, rng)
   return ([motions[i][start:start + protocol.width] for i, start in places],
-          np.stack([joints[i][start:start + protocol.width] for i, start in places]))
+          _placed(np.stack([joints[i][start:start + protocol.width] for i, start in places]), protocol, skeleton))
 
 
 def _scores(precision, away, pieces, transitions, jerks, steps, real, rng, protocol):

@@ -4,10 +4,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from motion_jax.evaluation import items, protocols, sanity
+from motion_jax.evaluation import items, protocols, run, sanity
 from motion_jax.evaluation.evaluator import fresh_evaluator
 from motion_jax.evaluation.judge import Judge
 from motion_jax.metrics import scores
+from motion_jax.motion.features import get_layout
 from tests.evaluation.test_run import make_clips, write_archive
 
 
@@ -52,3 +53,37 @@ def test_multimodality_is_of_the_same_vector(judge):
                          for x in flat]).reshape(2, 3, -1)
   apart = np.linalg.norm(seen[:, :, None] - seen[:, None], axis=-1)
   assert 0 < judge.multimodality(0, generations, evaluator.layout) <= apart.max() * 1.001
+
+
+def test_pieces_may_be_longer_than_clips(judge):
+  """Those of long motions end on the model's own grid."""
+  short = Judge(dataclasses.replace(judge.protocol, max_frames=40), judge.evaluator, None, judge.items, seed=1)
+  motions = judge.items.of(judge.evaluator)[:2]
+  frames = np.array([48, 30])
+  made = short.embed(judge.evaluator, [x[:m] for x, m in zip(motions, frames)], frames)
+  np.testing.assert_allclose(made, judge.embed(judge.evaluator, [x[:m] for x, m in zip(motions, frames)], frames),
+                             rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("padding", ["zeros", "decoded"])
+def test_what_is_behind_a_motion_does_not_reach_into_it(judge, padding):
+  """Headings are smoothed over seconds: features of a motion are made of its own frames alone."""
+  evaluator, layout = fresh_evaluator("t2m", "full"), get_layout("coordinates")
+  some = Judge(dataclasses.replace(judge.protocol, made_padding=padding), judge.evaluator, None, judge.items, seed=1)
+  motion = judge.items.of(judge.evaluator)[0]
+  count = len(motion) - 4
+  wild = np.concatenate([motion[:count], np.random.default_rng(0).normal(size=(4, 66)).astype(np.float32)])
+  made, other = some.carried(evaluator, [motion, wild], layout, [count, count])
+  np.testing.assert_array_equal(made[:count], other[:count])
+  assert len(made) == len(other) == count + 4 * (padding == "decoded")
+
+
+def test_the_real_row_of_a_cosine_is_of_the_clips_that_are_ranked(judge):
+  reading = judge.read(0)
+  assert judge.real_scores(0)["clip_score"] == pytest.approx(scores.clip_score(reading.text, reading.real))
+
+
+def test_numbers_stand_beside_the_papers_of_their_own_representation():
+  kit = protocols.get_protocol("kit")
+  assert run._paper(kit, fresh_evaluator("t2m", "coordinates_kit"))["table"] == "2"
+  assert run._paper(kit, fresh_evaluator("t2m", "full_kit")) is None

@@ -6,9 +6,11 @@ import pytest
 
 from motion_jax import training
 from motion_jax.data.synthetic import synthetic_clips
+from motion_jax.evaluation import editing, long_horizon, protocols, run, samples
 from motion_jax.evaluation import items as items_lib
-from motion_jax.evaluation import long_horizon, protocols, run, samples
 from motion_jax.evaluation.evaluator import fresh_evaluator
+from motion_jax.evaluation.subject import Subject
+from motion_jax.metrics import long_horizon as long_horizon_lib
 from motion_jax.metrics import protocol as protocol_lib
 from motion_jax.motion.features import facing, get_layout, to_features, to_joints
 from tests.conftest import load_config
@@ -62,6 +64,23 @@ def test_editing(archive, evaluator, tmp_path):
   assert min(kept) < 1e-4 and min(np.abs(x[:count] - edited[:count]).max() for x in items.of(evaluator)) > 1e-3
 
 
+@pytest.mark.parametrize("options, mask", [({}, "bidirectional"), ({"mask": "bcm"}, "bcm")])
+def test_a_model_edits_with_the_mask_that_it_samples_with(options, mask):
+  """MARDM's is not CDAMD's."""
+  class Model:
+    config = load_config("cdamd_generator", "mardm")
+    asked = None
+
+    def plan_of(self, **given):
+      self.asked = given
+      raise InterruptedError
+
+  subject = Subject("mardm", Model(), "", None, options=options)
+  with pytest.raises(InterruptedError):
+    editing._editor(subject, protocols.get_protocol("editing"), [], "prefix")
+  assert subject.model.asked == {"mask": mask}
+
+
 def test_a_model_without_the_gift_is_told(tiny_run, archive, evaluator, tmp_path):
   with pytest.raises(ValueError, match="editing needs the run of a cdamd.generator"):
     judged([tiny_run], [archive], small("editing"), evaluator, tmp_path)
@@ -84,6 +103,9 @@ def test_timelines(tiny_run, archive, evaluator, tmp_path):
   protocol = small("mtt", released_slips=False, layouts=())
   result = judged([tiny_run], [path, archive], protocol, evaluator, tmp_path, sampling=dict(num_steps=2))
   assert {"crop_top1", "tmr_m2t", "transition_distance"} <= set(result["rows"][tiny_run.name])
+  one = judged([tiny_run], [path, archive], protocol, evaluator, tmp_path / "one", limit=1, sampling=dict(num_steps=2))
+  assert one["rows"][tiny_run.name] != result["rows"][tiny_run.name]
+  assert run.guess_protocol([tiny_run], [path, archive]) == "mtt"
   path.write_text("somebody juggles # 0.0 # 3.0\n")
   with pytest.raises(ValueError, match="1 of 1 texts of the timelines are no caption of the data"):
     judged([tiny_run], [path, archive], protocol, evaluator, tmp_path)
@@ -116,6 +138,6 @@ def test_motions_go_from_one_representation_to_another(source, target):
 
 def test_pieces_are_placed_at_the_origin():
   clip = synthetic_clips(seed=1, num=4, num_frames=60)[3]
-  piece = long_horizon.placed(np.asarray(clip.joints[30:], np.float64), clip.skeleton)
+  piece = long_horizon_lib.placed(np.asarray(clip.joints[30:], np.float64), clip.skeleton)
   assert np.abs(piece[0, 0, [0, 2]]).max() < 1e-9 and piece[0, 0, 1] == pytest.approx(clip.joints[30, 0, 1])
   np.testing.assert_allclose(facing(piece[:1], clip.skeleton), [[0, 0, 1]], atol=1e-6)
