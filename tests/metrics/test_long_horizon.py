@@ -61,6 +61,20 @@ def test_a_random_sequence_scores_its_expectation():
   np.testing.assert_allclose(found.mean(0), np.array([1, 2, 3]) / 24, atol=0.014)
 
 
+def test_the_way_a_body_walks_does_not_change_its_jerk():
+  """Jerk is summed over x, y and z; transitions are turned to face +z first, as joints of their features alone do."""
+  rng = np.random.default_rng(2)
+  real = lh.reference(*_real(rng), _mean, rng, SMALL)
+  one = _sequence(rng, "abc", rng.normal(size=(3, 3)), cubic=1e-4)
+  turn = np.array([[1, 0, -1], [0, np.sqrt(2), 0], [1, 0, 1]]) / np.sqrt(2)
+  turned = one._replace(joints=one.joints @ turn.T)
+  jerks = lambda protocol: [lh.score([x], real, _mean, rng, protocol).curve for x in (one, turned)]
+  straight, oblique = jerks(SMALL)
+  np.testing.assert_allclose(oblique, straight, rtol=1e-6)
+  straight, oblique = jerks(dataclasses.replace(SMALL, placed=False))
+  np.testing.assert_allclose(oblique, np.sqrt(2) * straight, rtol=1e-6)
+
+
 def test_jerk_of_a_cubic():
   rng = np.random.default_rng(1)
   motions, joints = _real(rng)
