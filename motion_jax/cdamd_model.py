@@ -63,7 +63,7 @@ class CdamdModel(Prompted):
     keys, seeds = keys_of(rng, seeds, len(prompts))
     every = np.arange(self.max_latents) < np.array(frames)[:, None] // self.unit
     plan, hidden, scale, about = self._tables(keys, every, guidance_scale, **sampling)
-    words = self.words_of(prompts)
+    words = self.encode_words(prompts)
     made = self._generate(plan, self.params, self.frozen, words, hidden, jnp.asarray(every), scale, keys)
     captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
     return make_motions(self, made, frames, captions, seeds, about, polish)
@@ -94,7 +94,7 @@ class CdamdModel(Prompted):
     plan, hidden, scale, about = self._tables(keys, edited, guidance_scale, **sampling)
     real = padding_mask(jnp.array(frames) // self.unit, self.max_latents)
     features, joined = np.stack(features), paste and self.stats.layout.kind == "coordinates"
-    made = self._edit(plan, paste and not joined, self.params, self.frozen, features, self.words_of(prompts),
+    made = self._edit(plan, paste and not joined, self.params, self.frozen, features, self.encode_words(prompts),
                       edited, hidden, real, scale, keys)
     if joined:
       made = self._joined(np.asarray(made), features, frames, ~np.repeat(edited, self.unit, axis=1))
@@ -147,7 +147,7 @@ class CdamdModel(Prompted):
       raise ValueError(f"got solver {plan.solver!r} for a model that was trained by {self.config.loss.diffusion}")
     return plan, int(pick("num_rounds", rounds)), pick("order", order), bool(pick("revealed_only", revealed_only))
 
-  def words_of(self, prompts):
+  def encode_words(self, prompts):
     """(text_emb, text_mask or None) as the model was trained: sentence vectors, or these and their words."""
     if self.encoder.level == "sentence":
       return self.encoder(prompts)[0], None
