@@ -121,7 +121,7 @@ def test_a_model_may_read_words_behind_the_sentence(run, tmp_path):
   loaded = load(tmp_path)
   draw = np.random.default_rng(0)  # two steps leave the gates at 0, behind which words do nothing
   loaded.params = jax.tree.map(lambda a: a + 0.1 * draw.standard_normal(a.shape, np.float32), loaded.params)
-  text_emb, text_mask = loaded._words(["a person runs", "runs"])
+  text_emb, text_mask = loaded.encode_words(["a person runs", "runs"])
   assert text_emb.shape == (2, 65, 32) and text_mask.sum(1).tolist()[0] > text_mask.sum(1).tolist()[1] > 2
   one, other = (loaded.generate(prompt, 40, seeds=[1])[0].joints for prompt in ("a person runs", "a person jumps"))
   assert np.isfinite(one).all() and np.abs(one - other).max() > 1e-5

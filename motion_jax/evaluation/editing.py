@@ -64,8 +64,8 @@ def _editor(subject, protocol, real, task):
     hidden = masking.hidden_table(np.where(edited, drawn, np.inf), masking.hidden_counts(num_rounds, edited.sum(-1)))
     x = padded([real[i][:m] for i, m in zip(jobs.places, jobs.frames)], edited_by.stats, length * unit)
     mask = padding_mask(jnp.asarray(jobs.frames) // unit, length)
-    made = run(edited_by.params, edited_by.frozen, x, edited_by.encode_words(jobs.captions), edited, hidden, mask, scale,
-               keys)
+    words = edited_by.encode_words(jobs.captions)
+    made = run(edited_by.params, edited_by.frozen, x, words, edited, hidden, mask, scale, keys)
     made = edited_by.stats.denormalize(np.asarray(made))
     return [row[:m + samples.TAIL] for row, m in zip(made, jobs.frames)]
   return make
