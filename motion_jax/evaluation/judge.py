@@ -40,6 +40,8 @@ class Judge:
   """
 
   def __init__(self, protocol, evaluator, clip_evaluator, items, seed, limit=None):
+    if protocol.cosine and clip_evaluator is None:  # the evaluator is of CLIP's type itself (facts: cmdm 6.5)
+      clip_evaluator = evaluator
     self.evaluator, self.clip_evaluator, self.items = evaluator, clip_evaluator, items
     self.seed, self.limit = int(seed), limit
     count = len(samples.draw_pass(items, protocol, seed, 0, limit))
@@ -136,8 +138,6 @@ class Judge:
     """Rows as `metrics.protocol` takes them, dealt in pools."""
     text = reading.text if text is None else text
     clip_text = reading.clip_text if clip_text is None else clip_text
-    if self.protocol.cosine and clip_text is None:  # the evaluator is of CLIP's type itself (facts: cmdm 6.5)
-      clip_text, clip_made = text, made if clip_made is None else clip_made
     parts = protocol_lib.Batch(text, reading.real, made, clip_text if clip_made is not None else None, clip_made, None,
                                reading.real_seen, made_seen)
     pool = self.protocol.pool
@@ -162,9 +162,8 @@ class Judge:
   def real_scores(self, repeat) -> dict[str, float]:
     """The row of the real motions; their FID is that of another reading of the same items."""
     reading = self.read(repeat)
-    clip_real = reading.real if self.protocol.cosine and reading.clip_real is None else reading.clip_real
     row = protocol_lib.generation_scores(self.batches(
-        reading, reading.again, clip_real, reading.again_seen), self.protocol, reading.draws)
+        reading, reading.again, reading.clip_real, reading.again_seen), self.protocol, reading.draws)
     own = {name.removeprefix("real_"): value for name, value in row.items() if name.startswith("real_")}
     return own | {name: row[name] for name in ("fid", "clip_score") if name in row} | reading.physics
 

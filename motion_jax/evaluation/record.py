@@ -18,7 +18,7 @@ def make_record(judge, folders, subjects, repeats, devices) -> dict:
   timelines = protocol.timelines and hashlib.sha256(pathlib.Path(protocol.timelines).read_bytes()).hexdigest()
   return dict(
       protocol=dataclasses.asdict(protocol) | {"repeats": repeats, "timelines": timelines},
-      evaluators=[_evaluator(evaluator) for evaluator in (judge.evaluator, judge.clip_evaluator) if evaluator],
+      evaluators=[_evaluator(one) for one in dict.fromkeys((judge.evaluator, judge.clip_evaluator)) if one],
       data=dict(folders=[pathlib.Path(folder).name for folder in folders], format=items.format, split=protocol.split,
                 split_hash=items.hash, items=len(items), samples=judge.count,
                 excluded=len(items.excluded), excluded_clips=[list(pair) for pair in items.excluded]),
