@@ -144,7 +144,9 @@ def config_of(run, settings, out, parts):
   """The config of a run; parts: {stage: folder} of the runs before it.
 
   Steps, and all that is counted in them, are the study's: a fifteenth of them is warm-up, the last third cooldown, the
-  average looks back on about a tenth, a ramp of the KL term keeps its share. All else is the row's own.
+  average looks back on about a tenth, a ramp of the KL term keeps its share. Held-out clips are looked at, and the run
+  is saved, at the end alone (and where a slice of time ends): four times in so short a run were a seventh of it. All
+  else is the row's own.
   """
   config = ABLATIONS[run.paper]["get_config"](f"{run.row}/{run.stage}/{settings.size}").unlock()
   steps, own = settings.steps[run.stage], config.train.num_steps
@@ -155,7 +157,7 @@ def config_of(run, settings, out, parts):
     config.optimizer.ema_decay = steps / (steps + 10)
   if config.loss.get("kl_ramp"):
     config.loss.kl_ramp = max(1, config.loss.kl_ramp * steps // own)
-  config.train.update(num_steps=steps, log_every=max(1, min(50, steps // 10)), save_every=-(-steps // 4))
+  config.train.update(num_steps=steps, log_every=max(1, min(50, steps // 10)), save_every=steps)
   if config.frozen.get("teacher") and config.frozen.teacher != "fresh":
     config.frozen.teacher = settings.teacher
   for part, stage in (("tokenizer", "tokenizer"), ("tokenizer", "autoencoder"), ("prior", "rvq")):
