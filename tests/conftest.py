@@ -36,6 +36,12 @@ def load_config(name, size):
   return module.get_config(size)
 
 
+def devices_env(count):
+  """Environment of a process that sees `count` CPU devices, and imports from this checkout."""
+  flags = f"{os.environ['XLA_FLAGS']} --xla_force_host_platform_device_count={count}"
+  return os.environ | {"XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu", "PYTHONPATH": str(ROOT)}
+
+
 @pytest.fixture(autouse=True, scope="module")
 def few_maps():
   """Compiled functions stay in memory, each with pieces of its own, of which Linux allows a process 65,530: a worker

@@ -1,6 +1,5 @@
 """Motions and sentences in one space: the contrast, N devices, and what is found with a trained teacher."""
 import json
-import os
 import subprocess
 import sys
 
@@ -14,7 +13,7 @@ from motion_jax.data.clip import Clip
 from motion_jax.data.humanml3d import write_folder
 from motion_jax.data.synthetic import synthetic_clips
 from motion_jax.train import make_optimizer
-from tests.conftest import ROOT, load_config
+from tests.conftest import ROOT, devices_env, load_config
 
 
 def test_contrast_of_orthogonal_pairs():
@@ -44,12 +43,13 @@ def test_rates_hold_parameters_still_or_slow_them():
 _DEVICES = """
 import json, sys
 import jax
-sys.path.insert(0, sys.argv[2])
 from motion_jax import training
 from motion_jax.train import read_metrics
 from tests.conftest import load_config
 config = load_config("part_tmr", "tiny").unlock()
 config.model.dropout = config.model.head_dropout = 0.0
+recipe = training.RECIPES[config.stage]
+training.RECIPES[config.stage] = lambda config: recipe(config)._replace(evaluate=None)  # recall is not the question
 training.run(config, sys.argv[1])
 rows = [(row["loss"], row["grad_norm"]) for row in read_metrics(sys.argv[1]) if "loss" in row]
 print(json.dumps([jax.local_device_count(), rows]))
@@ -64,9 +64,8 @@ def test_two_devices_contrast_the_whole_batch(tmp_path):
   """
   found = {}
   for devices in (1, 2):
-    env = dict(os.environ, XLA_FLAGS=f"--xla_force_host_platform_device_count={devices}", JAX_PLATFORMS="cpu")
-    done = subprocess.run([sys.executable, "-c", _DEVICES, str(tmp_path / str(devices)), str(ROOT)], env=env, cwd=ROOT,
-                          capture_output=True, text=True, check=False)
+    done = subprocess.run([sys.executable, "-c", _DEVICES, str(tmp_path / str(devices))], env=devices_env(devices),
+                          cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
     count, found[devices] = json.loads(done.stdout.splitlines()[-1])
     assert count == devices

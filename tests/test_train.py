@@ -17,7 +17,7 @@ from motion_jax import checkpoint, train, training
 from motion_jax.motion.features import get_layout
 from motion_jax.motion.stats import Stats, save_stats
 from motion_jax.stage import Stage
-from tests.conftest import load_config
+from tests.conftest import devices_env, load_config
 
 
 def _stage():
@@ -226,7 +226,6 @@ def test_ctrl_c_saves_and_leaves(tmp_path):
 
 _DEVICES = """
 import json, sys, jax, numpy as np
-sys.path.insert(0, {root!r})
 from motion_jax import train
 from tests.test_train import _config, _next_batch, _stage
 state = train.train(_config(5), {folder!r}, _stage(), _next_batch)
@@ -236,12 +235,11 @@ print(json.dumps([jax.local_device_count(), np.asarray(state.params["w"]).tolist
 
 def test_four_devices_learn_what_one_learns(tmp_path):
   """The rows that count are spread unevenly over the devices."""
-  root = str(pathlib.Path(__file__).parents[1])
   results = []
   for devices in (1, 4):
-    code = _DEVICES.format(root=root, folder=str(tmp_path / str(devices)))
-    env = dict(os.environ, XLA_FLAGS=f"--xla_force_host_platform_device_count={devices}", JAX_PLATFORMS="cpu")
-    done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=False)
+    code = _DEVICES.format(folder=str(tmp_path / str(devices)))
+    done = subprocess.run([sys.executable, "-c", code], env=devices_env(devices), capture_output=True, text=True,
+                          check=False)
     assert done.returncode == 0, done.stderr
     count, w = json.loads(done.stdout.splitlines()[-1])
     assert count == devices

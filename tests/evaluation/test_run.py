@@ -1,7 +1,6 @@
 """Evaluation by a protocol: the same numbers every time, after a kill, on any number of devices; bad input is told."""
 import dataclasses
 import json
-import os
 import re
 import shutil
 import subprocess
@@ -15,7 +14,7 @@ from motion_jax.data.synthetic import synthetic_clips
 from motion_jax.evaluation import items as items_lib
 from motion_jax.evaluation import protocols, run, samples
 from motion_jax.evaluation.evaluator import fresh_evaluator
-from tests.conftest import ROOT
+from tests.conftest import ROOT, devices_env
 
 SMALL = dataclasses.replace(
     protocols.get_protocol("archives-66"), pool=4, diversity_draws=6, few_draws=4, multimodality_batches=1,
@@ -137,8 +136,6 @@ def test_motions_do_not_depend_on_batches(judged, tiny_run, archive, evaluators,
 def test_devices_give_the_same_table(judged, tiny_run, archive, tmp_path):
   """Four simulated devices against the one of these tests."""
   script = f"""
-import sys
-sys.path.insert(0, {str(ROOT)!r})
 import jax
 from motion_jax.evaluation import run
 from motion_jax.evaluation.evaluator import fresh_evaluator
@@ -149,8 +146,7 @@ run.evaluate([{str(tiny_run)!r}], [{str(archive)!r}], SMALL, out={str(tmp_path)!
              show=False, sampling=dict(num_steps=2), evaluator=fresh_evaluator("t2m"),
              clip_evaluator=fresh_evaluator("clip"))
 """
-  env = os.environ | {"XLA_FLAGS": os.environ["XLA_FLAGS"] + " --xla_force_host_platform_device_count=4"}
-  subprocess.run([sys.executable, "-c", script], check=True, env=env, cwd=ROOT)
+  subprocess.run([sys.executable, "-c", script], check=True, env=devices_env(4), cwd=ROOT)
   assert (tmp_path / "tables.md").read_text() == (judged[1] / "tables.md").read_text()
 
 

@@ -1,6 +1,5 @@
 """The residual quantizer is the reference's, in use and in training, and its codebooks are a checkpoint's."""
 import json
-import os
 import subprocess
 import sys
 
@@ -13,7 +12,7 @@ from motion_jax import cdamd, checkpoint, train
 from motion_jax.convert import autoencoder_names, from_torch, rvq_from_torch
 from motion_jax.quant import rvq, vq
 from tests import fixtures
-from tests.conftest import ROOT, load_config
+from tests.conftest import devices_env, load_config
 from tests.golden import check, golden
 from tests.nets.test_autoencoder import module
 
@@ -198,10 +197,8 @@ def test_two_devices_learn_the_codebook_of_one(tmp_path):
   """Also with fewer rows on all devices together (16) than codes: the noise of the tiling is the same."""
   results = []
   for devices in (1, 2):
-    env = dict(os.environ, XLA_FLAGS=f"--xla_force_host_platform_device_count={devices}", JAX_PLATFORMS="cpu",
-               PYTHONPATH=str(ROOT))
-    done = subprocess.run([sys.executable, "-c", _DEVICES, str(tmp_path / str(devices))], env=env, capture_output=True,
-                          text=True, check=False)
+    done = subprocess.run([sys.executable, "-c", _DEVICES, str(tmp_path / str(devices))], env=devices_env(devices),
+                          capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     count, *state = json.loads(done.stdout.splitlines()[-1])
     assert count == devices
