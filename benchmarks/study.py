@@ -3,15 +3,18 @@
   python benchmarks/study.py --archives path/to/cmu path/to/bandai --out runs/study [--papers cmdm cdamd] [--seeds 3]
       [--steps tokenizer=1500 denoiser=500 ...] [--only ROW ...] [--max_seconds N]
   ... --part 0/2 in one shell, --part 1/2 in another: two processes share the work
+  ... --again                                         judges anew what other code judged, from the motions that exist
   ... --report                                        only writes study.json and study.md anew from what is there
 
 Rows: CMDM's Table 4 with its sampling rows, CDAMD's Tables I, IV, V and MARDM, by the configs of configs/ablations/.
 The same command goes on where it stopped; what is done is not done again. The folder holds PAPER/seedN/ROW/ with a run
-folder for each stage and scores.json; study.json and study.md are written after every row.
+folder for each stage and scores.json, the record of the judging in it; study.json and study.md are written after every
+row. Other data, another teacher or other evaluators than the folder's rows were made with are refused.
 
 Tokenizers and RVQ-VAEs are trained once per seed, and the rows of a seed share them. Once for all seeds would save
 some of the time, but then each tokenizer's luck would be in all seeds alike, and the intervals would not know of it:
-half of CMDM's claims are about tokenizers. The teacher is the one that ships.
+half of CMDM's claims are about tokenizers. What is drawn of the test clips is a seed's own, too, for the same reason.
+The teacher is the one that ships.
 
 Judged are the averaged weights, nothing polished: texts of the test clips by `archives-66`, without multimodality; for
 CMDM also stories by the long-horizon protocol, shorter ones, with AUJ counted from the jerk of the archives' clips. The
@@ -21,6 +24,7 @@ put them into a row of HumanML3D's.
 import argparse
 import contextlib
 import dataclasses
+import hashlib
 import json
 import pathlib
 import shutil
@@ -34,13 +38,13 @@ from absl import logging
 
 from motion_jax import checkpoint, model, training
 from motion_jax.data import sources
-from motion_jax.evaluation import generation, items, long_horizon, protocols, run, sanity
+from motion_jax.evaluation import generation, items, long_horizon, protocols, record, run, sanity
 from motion_jax.evaluation.evaluator import load_evaluator, shipped_names
 from motion_jax.evaluation.judge import Judge
 from motion_jax.evaluation.subject import Subject, hash_of
 from motion_jax.train import read_metrics
 
-TRAINED, SETTINGS, REAL = "trained.json", "settings.json", "real.json"
+TRAINED, SETTINGS, REAL, TIME = "trained.json", "settings.json", "real.json", "time.json"
 STORY_METRICS = ("transition_fid", "transition_diversity", "transition_distance", "peak_jerk", "auj")
 
 
@@ -93,19 +97,28 @@ class Bench:
   """The test clips and evaluators, read once for all rows."""
 
   def __init__(self, settings, force=False):
-    self.settings, self.force, self.judges = settings, force, {}
+    self.settings, self.force, self.read, self.judges = settings, force, {}, {}
 
-  def judge(self, task) -> Judge:
-    """Of "texts" or of "stories"; raises ValueError where the evaluators do not look right on real clips."""
-    if task not in self.judges:
-      protocol = self._protocol(task).on("archive")
-      readers = [load_evaluator(self.settings.evaluator), self._clip() if task == "texts" else None]
-      found = items.read_items(self.settings.archives, protocol, [one for one in readers if one])
-      judge = Judge(protocol, *readers, found, protocol.seed, self.settings.samples if task == "texts" else None)
+  def judge(self, task, seed) -> Judge:
+    """Of "texts" or of "stories"; raises ValueError where the evaluators do not look right on real clips.
+
+    Each seed of the study has captions, cuts, noise and stories of its own, the same for all rows: intervals over
+    seeds know of that luck as well, and rows of a seed are still pairs.
+    """
+    if (task, seed) not in self.judges:
+      protocol, readers, found = self._read(task)
+      judge = Judge(protocol, *readers, found, protocol.seed + seed, self.settings.samples if task == "texts" else None)
       if task == "texts":
         sanity.demand(sanity.look(judge), self.force)
-      self.judges[task] = judge
-    return self.judges[task]
+      self.judges = {key: one for key, one in self.judges.items() if key[1] == seed} | {(task, seed): judge}
+    return self.judges[task, seed]
+
+  def _read(self, task):
+    if task not in self.read:
+      protocol = self._protocol(task).on("archive")
+      readers = [load_evaluator(self.settings.evaluator), self._clip() if task == "texts" else None]
+      self.read[task] = protocol, readers, items.read_items(self.settings.archives, protocol, [r for r in readers if r])
+    return self.read[task]
 
   def _protocol(self, task):
     if task == "texts":
@@ -121,11 +134,11 @@ class Bench:
     return load_evaluator(name) if known else None
 
   def real(self):
-    """{"texts", "stories": {metric: number}} of the real clips, in the places of the first repeat."""
-    return {task: _numbers([_TASKS[task].real_rows(self.judge(task), 0)["real"]], task) for task in _TASKS}
+    """{"texts", "stories": {metric: number}} of the real clips, in the places of the first seed's first repeat."""
+    return {task: _numbers([_TASKS[task].real_rows(self.judge(task, 0), 0)["real"]], task) for task in _TASKS}
 
   def scores(self, row, folder, clock):
-    """{metric: {"mean", "interval", "values"}} over repeats of a row, and what its samples depend on."""
+    """{metric: {"mean", "interval", "values"}} over repeats of a row, and the record of its texts."""
     loaded = model.load(folder)
     subject = Subject(row.name, loaded, hash_of(loaded), folder / "eval" / "samples", None, row.sampling,
                       tuple(jax.local_devices()), show=False)
@@ -134,9 +147,10 @@ class Bench:
       repeats = []
       for repeat in range(self.settings.repeats):
         clock.check()
-        repeats.append(_TASKS[task].rows(self.judge(task), subject, repeat)[""])
+        repeats.append(_TASKS[task].rows(self.judge(task, row.seed), subject, repeat)[""])
       found |= _numbers(repeats, task)
-    return found, subject.about
+    judge = self.judge("texts", row.seed)
+    return found, record.make_record(judge, self.settings.archives, [subject], self.settings.repeats, subject.devices)
 
 
 _TASKS = {"texts": generation, "stories": long_horizon}
@@ -150,77 +164,85 @@ def _numbers(repeats, task):
 # --- training ----------------------------------------------------------------------------------------------------
 
 
-def train_run(one, settings, out, parts, clock):
-  """Trains a run to its last step, from where it is. Raises Stopped where time does not suffice."""
+def train_run(one, settings, out, parts, clock, failed):
+  """Trains a run to its last step, from where it is. Raises Stopped where time does not suffice.
+
+  failed: runs that could not be trained, which no other row of this process tries again.
+  """
   folder = out / one.folder
   if (folder / TRAINED).is_file():
     return
+  if one in failed:
+    raise FloatingPointError(f"{one.folder} could not be trained")
   clock.check()
   print(f"  {one.folder}: {settings.steps[one.stage]} steps", flush=True)
   folder.mkdir(parents=True, exist_ok=True)
   config, begin = study_plan.config_of(one, settings, out, parts), time.monotonic()
-  with open(folder / "log.txt", "a", encoding="utf-8") as log, contextlib.redirect_stdout(log):
-    state = training.run(config, folder, resume=True, max_seconds=clock.left)
+  before = checkpoint.load_json(folder, TIME)["seconds"] if (folder / TIME).is_file() else 0.0
+  try:
+    with open(folder / "log.txt", "a", encoding="utf-8") as log, contextlib.redirect_stdout(log):
+      state = training.run(config, folder, resume=True, max_seconds=clock.left)
+  except FloatingPointError:
+    failed.add(one)
+    raise
+  seconds = round(before + time.monotonic() - begin, 1)
+  write_json(folder, TIME, dict(seconds=seconds))
   if int(state.step) < config.train.num_steps:
     raise Stopped
-  lines = read_metrics(folder)
-  last = {name: value for line in lines for name, value in line.items()}
-  write_json(folder, TRAINED, dict(folder=one.folder, steps=int(state.step), seconds=seconds_of(lines), last=last))
+  last = {name: value for line in read_metrics(folder) for name, value in line.items()}
+  write_json(folder, TRAINED, dict(folder=one.folder, steps=int(state.step), seconds=seconds, last=last))
   shutil.rmtree(folder / "checkpoints")  # three times the parameters, and of no more use
   print(f"  {one.folder}: {time.monotonic() - begin:.0f} s, loss {last['loss']:.4g}", flush=True)
 
 
-def seconds_of(lines):
-  """How long a run took, by its metrics, whose clock starts anew in each slice."""
-  told = [line["seconds"] for line in lines if "seconds" in line]
-  return sum(time for time, after in zip(told, [*told[1:], 0]) if after < time)
-
-
-def do_row(row, settings, out, bench, clock):
+def do_row(row, settings, out, bench, clock, failed):
   """Trains and judges a row, and writes its scores."""
   parts = {}
   for one in row.runs:
-    train_run(one, settings, out, parts, clock)
+    train_run(one, settings, out, parts, clock, failed)
     parts[one.stage] = one.folder
   begin = time.monotonic()
-  scores, about = bench.scores(row, out / row.runs[-1].folder, clock)
+  scores, told = bench.scores(row, out / row.runs[-1].folder, clock)
   runs = [checkpoint.load_json(out / one.folder, TRAINED) for one in row.runs]
   path = out / row.scores
   path.parent.mkdir(parents=True, exist_ok=True)
   write_json(path.parent, path.name, dict(
-      paper=row.paper, row=row.name, seed=row.seed, scores=scores, model=about, runs=runs,
-      seconds=round(time.monotonic() - begin, 1)))
+      paper=row.paper, row=row.name, seed=row.seed, scores=scores, runs=runs,
+      seconds=round(time.monotonic() - begin, 1), record=told))
   tell = {name: scores[name]["mean"] for name in ("top1", "fid", "auj") if name in scores}
   print(f"  judged in {time.monotonic() - begin:.0f} s: " + ", ".join(f"{k} {v:.3f}" for k, v in tell.items()),
         flush=True)
 
 
 def write_json(folder, name, content):
-  checkpoint.save_text(folder, name, json.dumps(content, indent=1) + "\n")
+  checkpoint.save_text(folder, name, json.dumps(run.plain(content), indent=1, allow_nan=False) + "\n")
 
 
 # --- a study -----------------------------------------------------------------------------------------------------
 
 
-def run_study(settings, out, part=(0, 1), only=(), max_seconds=None, force=False):
-  """Does the rows of a part, and writes study.json and study.md after each. Returns whether all of them are done."""
+def run_study(settings, out, part=(0, 1), only=(), max_seconds=None, force=False, again=False):
+  """Does the rows of a part, and writes study.json and study.md after each. Returns whether all of them are done.
+
+  again: rows that another commit judged are judged anew; their motions are kept.
+  """
   rows = study_plan.plan(settings, part, only)
   out, clock = pathlib.Path(out), Clock(max_seconds)
   out.mkdir(parents=True, exist_ok=True)
   keep_settings(settings, out)
-  bench, whole = Bench(settings, force), True
+  bench, whole, failed = Bench(settings, force), True, set()
   with features_once():
     for number, row in enumerate(rows, 1):
       name = f"[{number}/{len(rows)}] {row.paper} {row.name}, seed {row.seed}"
-      if (out / row.scores).is_file():
+      if (out / row.scores).is_file() and not (again and judged_by(out, row) != record.commit()):
         print(f"{name}: done before", flush=True)
         continue
       print(name, flush=True)
       try:
-        if not (out / REAL).is_file():
+        if not (out / REAL).is_file() or again:
           clock.check()
           write_json(out, REAL, bench.real())
-        do_row(row, settings, out, bench, clock)
+        do_row(row, settings, out, bench, clock, failed)
       except Stopped:
         print("stopped and saved; the same command goes on from here", flush=True)
         return False
@@ -233,14 +255,20 @@ def run_study(settings, out, part=(0, 1), only=(), max_seconds=None, force=False
   return whole
 
 
-def keep_settings(settings, out):
-  """Writes the study's settings, or raises ValueError where the folder holds a study by others.
+def judged_by(out, row):
+  """The commit that judged a row."""
+  path = out / row.scores
+  return checkpoint.load_json(path.parent, path.name).get("record", {}).get("code")
 
-  Papers and seeds may be added, archives may have moved.
+
+def keep_settings(settings, out):
+  """Writes the study's settings, with hashes of what they name, or raises ValueError where the folder holds a study by
+  others. Papers and seeds may be added, folders may have moved.
   """
-  asked = json.loads(json.dumps(dataclasses.asdict(settings)))
+  asked = json.loads(json.dumps(dataclasses.asdict(settings) | {"hashes": hashes_of(settings)}))
   if (out / SETTINGS).is_file():
     before = checkpoint.load_json(out, SETTINGS)
+    before.setdefault("hashes", asked["hashes"])
     other = [name for name in asked if name not in ("papers", "seeds", "archives", "teacher")
              and asked[name] != before.get(name)]
     if other:
@@ -250,6 +278,22 @@ def keep_settings(settings, out):
     asked |= dict(papers=[p for p in study_plan.PAPERS if p in asked["papers"] or p in before["papers"]],
                   seeds=max(asked["seeds"], before["seeds"]))
   write_json(out, SETTINGS, asked)
+
+
+def hashes_of(settings) -> dict:
+  """The beginnings of sha256 sums of the archives, in their order, the teacher and the evaluators."""
+  folders = {f"archive {i}": (folder, ("motions.npz", "captions.jsonl")) for i, folder in enumerate(settings.archives)}
+  folders["teacher"] = settings.teacher, (checkpoint.PARAMS, "Mean.npy", "Std.npy")
+  found = {}
+  for name, (folder, files) in folders.items():
+    digest = hashlib.sha256()
+    for path in (pathlib.Path(folder) / file for file in files):
+      digest.update(path.read_bytes() if path.is_file() else b"")
+    found[name] = digest.hexdigest()[:16]
+  for name in (settings.evaluator, settings.clip_evaluator):
+    if pathlib.Path(name).is_dir() or name in shipped_names():
+      found[name] = load_evaluator(name).hash[:16]
+  return found
 
 
 def write_report(out):
@@ -281,6 +325,7 @@ def parse(argv=None):
   add("--only", nargs="+", default=[], metavar="ROW")
   add("--part", default="0/1", help="such as 0/2 and 1/2, with the same arguments otherwise")
   add("--max_seconds", type=float, help="stop and save after so long")
+  add("--again", action="store_true", help="judge anew the rows that another commit judged, from their motions")
   add("--force", action="store_true", help="go on though evaluators do not look right on the real clips")
   add("--report", action="store_true", help="train and judge nothing, write the report of what is there")
   args = parser.parse_args(argv)
@@ -308,7 +353,7 @@ def main():
     else:
       # Seeds and rows compile the same functions again.
       jax.config.update("jax_compilation_cache_dir", str((out / "compiled").absolute()))
-      done = run_study(settings, out, part, args.only, args.max_seconds, args.force)
+      done = run_study(settings, out, part, args.only, args.max_seconds, args.force, args.again)
       print("all rows of this part are done" if done else "some rows are missing; run the same command again")
   except (ValueError, FileNotFoundError) as error:
     sys.exit(f"study.py: {error}")

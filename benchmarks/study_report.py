@@ -1,4 +1,5 @@
 """What a study says: rows with intervals over seeds, claims with verdicts, as JSON and as tables beside the papers'."""
+import collections
 import math
 from typing import NamedTuple
 
@@ -118,7 +119,12 @@ def summarize(settings, found, real) -> dict:
   table = {paper: {row: _row(of.values()) for row, of in some.items()} for paper, some in numbers.items()}
   claims = [claim._asdict() | {"paper": in_print(claim)} | judged(claim, numbers.get(claim.source[0], {}))
             for claim in CLAIMS if claim.source[0] in settings["papers"]]
-  return dict(settings=settings, real=real, table=table, claims=claims, rows=rows)
+  commits = collections.Counter(str((one.get("record") or {}).get("code")) for one in found)
+  rows = {paper: {row: {seed: {key: value for key, value in one.items() if key != "record"} for seed, one in of.items()}
+                  for row, of in some.items()} for paper, some in rows.items()}
+  record = next((one["record"] for one in reversed(found) if one.get("record")), None)
+  return dict(settings=settings, real=real, table=table, claims=claims, rows=rows, judged_by=dict(commits),
+              record=record)
 
 
 def _means(one):
@@ -152,7 +158,7 @@ def markdown(study) -> str:
   for source, names in TABLES.items():
     if any(row in study["table"].get(source[0], {}) for row in names.values()):
       parts += ["", *_table(study, source, names)]
-  parts += ["", *_claims(study["claims"]), "", *_runs(study["rows"])]
+  parts += ["", *_claims(study["claims"]), "", *_runs(study["rows"]), "", *_judged_by(study)]
   return "\n".join(parts) + "\n"
 
 
@@ -208,6 +214,14 @@ def _runs(rows):
                        if name == "loss" or name.startswith("held_out"))
       body.append([f"`{run['folder']}`", str(run["steps"]), last, f"{run['seconds'] / 60:.1f}"])
   return ["## What was trained", "", *_grid(["run", "steps", "at the end", "minutes"], body)]
+
+
+def _judged_by(study):
+  """Which code the numbers are of; the record of the last row is in study.json."""
+  lines = [f"- {count} rows by code {code}" for code, count in study["judged_by"].items()]
+  if len(lines) > 1:
+    lines.append("- **Not all by the same code: `study.py --again` judges anew what an older one judged.**")
+  return ["## What judged", "", *lines]
 
 
 def _grid(head, body):

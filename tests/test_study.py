@@ -1,6 +1,7 @@
 """The study of the papers' ablations: what it plans, how it judges claims, that it goes on where it was stopped."""
 import dataclasses
 import importlib
+import itertools
 import json
 import sys
 import types
@@ -146,7 +147,7 @@ def test_a_study_goes_on_where_it_stopped(settings, tmp_path, monkeypatch, capsy
     trained.append((folder.relative_to(tmp_path).as_posix(), count))
     (folder / "checkpoints").mkdir(exist_ok=True)
     with open(folder / "metrics.jsonl", "a") as file:
-      file.write(json.dumps(dict(step=count, loss=1.0, seconds=7.0 - count)) + "\n")
+      file.write(json.dumps(dict(step=count, loss=1.0)) + "\n")
     return types.SimpleNamespace(step=count)
 
   def scores(bench, row, folder, clock):
@@ -155,8 +156,10 @@ def test_a_study_goes_on_where_it_stopped(settings, tmp_path, monkeypatch, capsy
       raise study.Stopped
     if row.name == "no-rope":
       raise FloatingPointError("the loss is nan")
-    return {"fid": dict(mean=0.1 * len(scored), interval=0.0, values=[])}, {}
+    return {"fid": dict(mean=0.1 * len(scored), interval=0.0, values=[])}, {"code": judging[0]}
 
+  judging = [study.record.commit()]
+  monkeypatch.setattr(study.time, "monotonic", itertools.count().__next__)  # every look at the clock is a second
   monkeypatch.setattr(study.training, "run", train)
   monkeypatch.setattr(study.Bench, "scores", scores)
   monkeypatch.setattr(study.Bench, "real", lambda bench: {"texts": {"fid": dict(mean=0.01)}})
@@ -169,7 +172,7 @@ def test_a_study_goes_on_where_it_stopped(settings, tmp_path, monkeypatch, capsy
                                                    "cmdm/seed0/no-adaln/denoiser") for count in (2, 3)]
   assert scored == ["default", "no-adaln"]
   told = json.loads((tmp_path / home / "tokenizer" / "trained.json").read_text())
-  assert (told["steps"], told["seconds"]) == (3, 9.0) and not (tmp_path / home / "tokenizer" / "checkpoints").exists()
+  assert (told["steps"], told["seconds"]) == (3, 2.0) and not (tmp_path / home / "tokenizer" / "checkpoints").exists()
   for _ in range(2):
     assert not go_on()
   capsys.readouterr()
@@ -179,12 +182,33 @@ def test_a_study_goes_on_where_it_stopped(settings, tmp_path, monkeypatch, capsy
   assert scored == ["default", "no-adaln", "no-adaln", "no-rope", "fss-20-5", "no-rope"]
   assert len(trained) == len(set(trained)) == 8
   assert {path.parent.name for path in tmp_path.glob("cmdm/seed0/*/scores.json")} == {"default", "fss-20-5", "no-adaln"}
+  judging[0] = {"commit": "another"}
+  study.run_study(settings, tmp_path, only=rows, again=True)
+  assert scored[6:] == ["no-rope"]  # nothing was judged by other code
+  monkeypatch.setattr(study.record, "commit", lambda: judging[0])
+  study.run_study(settings, tmp_path, only=rows, again=True)
+  assert scored[7:] == ["default", "no-adaln", "no-rope", "fss-20-5"] and len(trained) == 8
   with pytest.raises(ValueError, match="take another --out"):
     study.run_study(dataclasses.replace(settings, size="small"), tmp_path)
+  with pytest.raises(ValueError, match="hashes.*take another --out"):
+    study.run_study(dataclasses.replace(settings, teacher=str(tmp_path)), tmp_path)
   more = dataclasses.replace(settings, seeds=2, papers=("cdamd",))
   study.keep_settings(more, tmp_path)
   kept = json.loads((tmp_path / "settings.json").read_text())
   assert kept["seeds"] == 2 and kept["papers"] == ["cmdm", "cdamd"]
+
+
+def test_a_run_that_cannot_be_trained_is_tried_once(settings, tmp_path, monkeypatch, capsys):
+  tried = []
+
+  def train(config, folder, resume, max_seconds):
+    tried.append(folder.name)
+    raise FloatingPointError("the loss is nan")
+
+  monkeypatch.setattr(study.training, "run", train)
+  monkeypatch.setattr(study.Bench, "real", lambda bench: {})
+  assert not study.run_study(settings, tmp_path, only=["default", "no-adaln"])
+  assert tried == ["tokenizer"] and "default/tokenizer could not be trained" in capsys.readouterr().out
 
 
 def test_time_that_is_up_stops_before_anything_begins(settings, tmp_path, monkeypatch):

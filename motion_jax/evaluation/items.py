@@ -17,14 +17,17 @@ from motion_jax.motion.features import extract, get_layout, to_features, to_join
 class Items:
   """Items of a split: ids, captions and their tokens (None: by rule), and features of each layout that is asked for.
 
-  features: {(layout's name, mode): [(T_i, F)]}, in physical units. excluded: [(id, why)] of clips that cannot be used.
+  marks: a hash of each motion as the data hold it. features: {(layout's name, mode): [(T_i, F)]}, in physical units.
+  excluded: [(id, why)] of clips that cannot be used. shared: ids that train has, too, where that was allowed.
   """
   format: str
   ids: list[str]
   captions: list[tuple[str, ...]]
   tokens: list[tuple]
+  marks: list[str]
   features: dict[tuple[str, str], list[np.ndarray]]
   excluded: list[tuple[str, str]]
+  shared: list[str] = dataclasses.field(default_factory=list)
 
   def __len__(self):
     return len(self.ids)
@@ -46,13 +49,9 @@ class Items:
 
   @property
   def hash(self) -> str:
-    """sha256 of ids, captions and motions: the split that a number is about."""
-    digest = hashlib.sha256()
-    for i, (name, captions) in enumerate(zip(self.ids, self.captions)):
-      digest.update("\n".join([name, *captions, ""]).encode())
-      for key in sorted(self.features):
-        digest.update(np.ascontiguousarray(self.features[key][i], np.float32).tobytes())
-    return digest.hexdigest()
+    """sha256 of ids, captions and motions as they are stored: the split that a number is about, whoever judges it."""
+    rows = ["\t".join([name, mark, *said]) for name, mark, said in zip(self.ids, self.marks, self.captions)]
+    return hashlib.sha256("\n".join(rows).encode()).hexdigest()
 
 
 def key_of(evaluator):
@@ -80,12 +79,13 @@ def format_of_all(folders) -> str:
   return next(iter(formats.values()))
 
 
-def read_items(folders, protocol, evaluators) -> Items:
+def read_items(folders, protocol, evaluators, allow_shared=False) -> Items:
   """The items of a protocol's split in all folders, for every evaluator.
 
   Clips that hold NaN, miss a file or make no features are left out and named in `excluded`; those out of the
-  protocol's range of lengths are no items. Raises ValueError where clips of the split are in train, too, or an
-  evaluator reads a representation that the data or the protocol does not have.
+  protocol's range of lengths are no items. Raises ValueError where clips of the split are in train, too (allow_shared
+  keeps them and names them in `shared`), or an evaluator reads a representation that the data or the protocol does not
+  have.
   """
   data_format = format_of_all(folders)
   if data_format not in protocol.formats:
@@ -96,7 +96,7 @@ def read_items(folders, protocol, evaluators) -> Items:
     raise ValueError(f"protocol {protocol.name!r} is judged on {' or '.join(protocol.layouts)} features "
                      f"({get_layout(protocol.layouts[0]).dim} numbers a frame), evaluator {main.name!r} reads "
                      f"{main.layout.name!r} ({main.layout.dim}); give another --evaluator or --protocol")
-  check_split(folders, data_format, protocol.split)
+  shared = check_split(folders, data_format, protocol.split, allow_shared)
   keys, excluded = list(dict.fromkeys(map(key_of, evaluators))), []
   modes = {key: next(e for e in evaluators if key_of(e) == key) for key in keys}
   rows = []
@@ -105,9 +105,14 @@ def read_items(folders, protocol, evaluators) -> Items:
   if not rows:
     raise ValueError(f"split {protocol.split!r} of {', '.join(map(str, folders))} has no clip of {protocol.min_frames} "
                      f"to {protocol.past_frames - 1} frames with a caption")
-  ids, captions, tokens, features = zip(*rows)
-  return Items(data_format, list(ids), list(captions), list(tokens),
-               {key: [row[key] for row in features] for key in keys}, excluded)
+  ids, captions, tokens, motions, features = zip(*rows)
+  return Items(data_format, list(ids), list(captions), list(tokens), list(map(_mark, motions)),
+               {key: [row[key] for row in features] for key in keys}, excluded, shared)
+
+
+def _mark(motion):
+  """sha256 of an array's numbers."""
+  return hashlib.sha256(np.ascontiguousarray(motion, np.float32).tobytes()).hexdigest()
 
 
 def _read_archive(folder, protocol, evaluators, excluded):
@@ -119,7 +124,7 @@ def _read_archive(folder, protocol, evaluators, excluded):
     except ValueError as error:
       excluded.append((clip.id, str(error)))
       continue
-    yield clip.id, tuple(c.text for c in clip.captions), (None,) * len(clip.captions), features
+    yield clip.id, tuple(c.text for c in clip.captions), (None,) * len(clip.captions), clip.joints, features
 
 
 def _read_humanml3d(folder, protocol, evaluators, excluded):
@@ -137,8 +142,8 @@ def _read_humanml3d(folder, protocol, evaluators, excluded):
   for clip in humanml3d.select_items(clips, protocol.min_frames, protocol.past_frames):
     item = humanml3d.as_item(clip, next(iter(layouts.values())))
     tokens = tuple(" ".join(words) or None for words in item.tokens)
-    yield clip.id, item.captions, tokens, {key: humanml3d.as_item(clip, layout).features
-                                           for key, layout in layouts.items()}
+    yield clip.id, item.captions, tokens, clip.features, {key: humanml3d.as_item(clip, layout).features
+                                                          for key, layout in layouts.items()}
 
 
 def _folder_layout(folder, own, evaluator):
@@ -162,7 +167,7 @@ def _read_snapmogen(folder, protocol, evaluators, excluded):
     if span.id not in items and span.end - span.start >= protocol.min_frames:
       excluded.append((span.id, "no recording or caption, or NaN"))
   for item in items.values():
-    yield item.id, item.captions, (None,) * len(item.captions), {
+    yield item.id, item.captions, (None,) * len(item.captions), item.features, {
         key: item.features[:, :evaluator.layout.dim] for key, evaluator in evaluators.items()}
 
 
@@ -176,7 +181,8 @@ def _read_babel(folder, protocol, evaluators, excluded):
     pieces = babel.pieces(folder, protocol.split, "segments", protocol.min_frames, protocol.past_frames - 1)
   excluded += [("recordings", str(warning.message)) for warning in caught]
   for piece in pieces:
-    yield piece.id, piece.captions, (None,) * len(piece.captions), dict.fromkeys(evaluators, piece.features)
+    yield (piece.id, piece.captions, (None,) * len(piece.captions), piece.features,
+           dict.fromkeys(evaluators, piece.features))
 
 
 _READERS = {"archive": _read_archive, "humanml3d": _read_humanml3d, "snapmogen": _read_snapmogen, "babel": _read_babel}
@@ -185,17 +191,40 @@ _READERS = {"archive": _read_archive, "humanml3d": _read_humanml3d, "snapmogen":
 # --- train and test apart ----------------------------------------------------------------------------------------
 
 
-def check_split(folders, data_format, split):
-  """Raises ValueError where a clip of the split is in train as well: by its name, mirrored or not, or its motion."""
+def check_split(folders, data_format, split, allow=False) -> list[str]:
+  """The clips of a split that are in train as well: by name, mirrored or not, by motion, or rows of one recording.
+
+  Raises ValueError where there are some and that is not allowed.
+  """
   tested, trained = {}, {}
   for folder in map(pathlib.Path, folders):
     tested |= _marks(folder, data_format, split)
     if split != "train":
       trained |= _marks(folder, data_format, "train")
-  both = sorted({tested[mark] for mark in tested.keys() & trained.keys()})
-  if both:
-    raise ValueError(f"{len(both)} clips of split {split!r} are in train, too, such as {', '.join(both[:3])}; numbers "
-                     "would be too good: take them out of one of the two, `motion-jax data doctor` lists equal motions")
+  both = {tested[mark] for mark in tested.keys() & trained.keys()}
+  if data_format == "snapmogen" and split != "train":
+    both |= set(_overlapping(folders, split))
+  if both and not allow:
+    raise ValueError(f"{len(both)} clips of split {split!r} are in train, too, such as {', '.join(sorted(both)[:3])}; "
+                     "numbers would be too good: take them out of one of the two, `motion-jax data doctor` lists equal "
+                     "motions, or say --allow-shared, which names them in the record")
+  return sorted(both)
+
+
+def _overlapping(folders, split):
+  """Spans of a split that have rows in common with one of train."""
+  for folder in map(pathlib.Path, folders):
+    train = {}
+    for span in _spans(folder, "train"):
+      train.setdefault(span.recording, []).append(span)
+    for span in _spans(folder, split):
+      if any(span.start < other.end and other.start < span.end for other in train.get(span.recording, ())):
+        yield span.id
+
+
+def _spans(folder, split):
+  there = (folder / "data_split_info" / f"{split}_ids.txt").is_file()
+  return snapmogen.read_ids(folder, split) if there else []
 
 
 def _marks(folder, data_format, split):
@@ -212,8 +241,6 @@ def _marks(folder, data_format, split):
       if path.is_file():
         with open(path, "rb") as file:  # the first frames and the size tell motions apart
           marks[hashlib.sha256(file.read(8192)).digest(), path.stat().st_size] = name
-  elif data_format == "snapmogen" and (folder / "data_split_info" / f"{split}_ids.txt").is_file():
-    marks = {(folder.name, span.recording): span.id for span in snapmogen.read_ids(folder, split)}
   elif data_format == "babel" and (folder / f"{split}.json").is_file():
     marks = {(folder.name, name): name for name in babel.read_annotations(folder, split)}
   return marks

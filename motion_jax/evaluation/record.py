@@ -25,7 +25,7 @@ def make_record(judge, folders, subjects, repeats, devices) -> dict:
       models=[dict(row=subject.name, **subject.about, unknown_words=_unknown(subject.model, words))
               for subject in subjects],
       seed=judge.seed, repeats=repeats, limit=judge.limit, precision=_precision(),
-      device=_device(devices), versions=_versions(), code=_commit())
+      device=_device(devices), versions=_versions(), code=commit())
 
 
 def _evaluator(evaluator):
@@ -60,7 +60,7 @@ def _versions():
   return found
 
 
-def _commit():
+def commit():
   """The commit of the checkout that the code runs from, and whether files differ from it; None outside of one."""
   folder = pathlib.Path(__file__).parent
   ask = lambda *words: subprocess.run(["git", "-C", str(folder), *words], capture_output=True, text=True, timeout=30)

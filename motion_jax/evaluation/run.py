@@ -83,7 +83,7 @@ def evaluate(runs, folders, protocol=None, *, evaluator=None, clip_evaluator=Non
   if controls:
     with start.part("controls"):
       checked = controls_lib.check(judge)
-  result = _plain(dict(
+  result = plain(dict(
       protocol=protocol.name, title=protocol.title, rows=rows,
       row_order=["real"] + [name for name in rows if name not in ("real", "shuffled")],
       metrics=[name for name in task.METRICS if any(name in row for row in rows.values())],
@@ -232,16 +232,16 @@ def _drawn(curves):
   return made
 
 
-def _plain(value):
+def plain(value):
   """Only what JSON knows: numbers that are not finite are null."""
   if isinstance(value, dict):
-    return {str(key): _plain(one) for key, one in value.items()}
+    return {str(key): plain(one) for key, one in value.items()}
   if isinstance(value, list | tuple):
-    return [_plain(one) for one in value]
+    return [plain(one) for one in value]
   if isinstance(value, np.generic):
     value = value.item()
   if isinstance(value, float) and not math.isfinite(value):
     return None
   if dataclasses.is_dataclass(value):
-    return _plain(dataclasses.asdict(value))
+    return plain(dataclasses.asdict(value))
   return value
