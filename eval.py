@@ -13,30 +13,44 @@ def parse(argv=None):
   add("--protocol", help="by default the one that fits the data and the first run; see evaluation/protocols.py")
   add("--evaluator", help="folder or name of the evaluator; by default the protocol's")
   add("--clip-evaluator", help="of the CLIP-type evaluator, or none")
-  add("--repeats", type=int, help="by default the protocol's, 10 or 20")
+  add("--repeats", type=positive, help="by default the protocol's, 10 or 20")
   add("--seed", type=int)
   add("--out", help="folder for results; by default eval/PROTOCOL in the run folder")
   add("--samples", help="folder where motions are kept, for several evaluations to share")
-  add("--guidance", type=float, nargs="+", default=[], help="guidance scales, a row for each")
-  add("--sampling", nargs="+", default=[], metavar="KEY=VALUE", help="such as schedule=ar num_steps=20, rounds=10")
-  add("--vary", nargs="+", default=[], metavar="KEY=VALUE[,..]", help="choices of sampling, a row for each, such as "
-      "schedule=fss schedule=ar num_steps=20,lag=1")
-  add("--limit", type=int, help="use fewer samples, for a trial")
-  add("--controls", action="store_true", help="also damage real motions and see that every metric notices")
+  add("--guidance", type=float, nargs="+", action="extend", default=[], help="guidance scales, a row for each")
+  add("--sampling", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help="such as schedule=ar "
+      "num_steps=20, rounds=10")
+  add("--vary", nargs="+", action="extend", default=[], metavar="KEY=VALUE[,..]", help="choices of sampling, a row for "
+      "each, such as schedule=fss schedule=ar num_steps=20,lag=1")
+  add("--motions", action="append", default=[], metavar="NAME=DIR", help="motions that another program made, a row for "
+      "each folder; may be repeated")
+  add("--ask", metavar="DIR", help="judge nothing, write what such a program has to make into DIR/prompts.jsonl")
+  add("--limit", type=positive, help="use fewer samples, for a trial")
+  add("--controls", action="store_true", help="also damage real motions and see that the metrics notice; the "
+      "exit status is 1 where one does not")
   add("--no-multimodality", action="store_true", help="leave out the metric that takes most of the time")
   add("--force", action="store_true", help="go on though real data does not look right")
-  add("--recompute", action="store_true", help="only from samples that exist: nothing is generated")
+  add("--allow-shared", action="store_true", help="judge test clips that train has, too, and name them in the record")
+  add("--recompute", action="store_true", help="only from samples that exist: nothing is generated (reconstructions "
+      "are made anew)")
   add("--raw", action="store_true", help="the last weights of a run, not the average kept beside them")
   add("--report", metavar="OUT", help="folder for one HTML page of tables, curves and motions")
-  add("--beside", nargs="+", default=[], metavar="DIR", help="folders of earlier results, shown on the same page; "
-      "without --data the page is of these alone")
-  add("--devices", type=int, help="use so many devices; they change the time, not the numbers")
+  add("--beside", nargs="+", action="extend", default=[], metavar="DIR", help="folders of earlier results, shown on "
+      "the same page; without --data the page is of these alone")
+  add("--devices", type=positive, help="use so many devices; they change the time, not the numbers")
   args = parser.parse_args(argv)
   if not args.data and not args.beside:
     parser.error("give --data, or with --report the folders of earlier results as --beside")
   if args.beside and not args.report:
     parser.error("--beside is for the page; give --report OUT, too")
   return args
+
+
+def positive(text):
+  """A whole number from 1 on."""
+  if not text.isdigit() or not int(text):
+    raise argparse.ArgumentTypeError(f"got {text!r}, expected a whole number from 1 on")
+  return int(text)
 
 
 def value_of(text):
@@ -58,10 +72,22 @@ def options_of(texts):
   return {key: value_of(value) for key, _, value in pairs}
 
 
+def pairs_of(texts):
+  """[(NAME, DIR)] of texts NAME=DIR."""
+  pairs = [text.partition("=") for text in texts]
+  names = [name for name, _, _ in pairs]
+  for name, equals, folder in pairs:
+    if not (name and equals and folder) or names.count(name) > 1 or name in ("real", "shuffled"):
+      raise ValueError(f"got --motions {name}{equals}{folder}, expected NAME=DIR, each with a name of its own other "
+                       "than real and shuffled")
+  return [(name, folder) for name, _, folder in pairs]
+
+
 def main(argv=None):
   args = parse(argv)
   try:
     sampling, vary = options_of(args.sampling), [options_of(one.split(",")) for one in args.vary]
+    motions = pairs_of(args.motions)
   except ValueError as error:
     sys.exit(f"eval.py: {error}")
   import jax
@@ -78,25 +104,32 @@ def main(argv=None):
     sys.exit(f"eval.py: got --devices {args.devices}, there are {len(devices)}")
   folders = [folder for some in args.data for folder in some]
   try:
+    if args.ask:
+      print("wrote", run.ask(folders, args.ask, args.protocol, evaluator=args.evaluator, repeats=args.repeats,
+                             seed=args.seed, limit=args.limit, multimodality=not args.no_multimodality,
+                             allow_shared=args.allow_shared))
+      return
     protocol = run.protocols_lib.get_protocol(args.protocol or run.guess_protocol(args.run, folders))
     out = pathlib.Path(args.out) if args.out else run.default_out(args.run, protocol)
     result = run.evaluate(
-        args.run, folders, protocol, evaluator=args.evaluator, clip_evaluator=args.clip_evaluator, out=out,
+        args.run, folders, protocol, evaluator=args.evaluator, clip_evaluator=args.clip_evaluator, out=args.out,
         repeats=args.repeats, seed=args.seed, guidance=args.guidance,
         sampling=sampling, vary=vary, limit=args.limit, controls=args.controls,
         multimodality=not args.no_multimodality, force=args.force, only_read=args.recompute,
-        raw=args.raw, devices=devices[:args.devices], samples=args.samples)
+        raw=args.raw, devices=devices[:args.devices], samples=args.samples, motions=motions,
+        allow_shared=args.allow_shared)
     print(tables.markdown(result))
-    written = [out / name for name in ("results.json", "tables.md", "tables.tex")]
+    written = [out / name for name in ("results.json", "tables.md", "tables.tex", "tables.csv")]
     if args.report:
       written.append(report.write_folders([out, *args.beside], args.report))
-  except (ValueError, FileNotFoundError, FloatingPointError) as error:
+  except (ValueError, OSError, FloatingPointError) as error:
     sys.exit(f"eval.py: {error}")
   except KeyboardInterrupt:
     sys.exit("eval.py: stopped; the same command goes on with the samples that are made")
-  for failure in (result["controls"] or {}).get("failures", []):
-    print(f"control: {failure}")
   print("wrote " + ", ".join(map(str, written)))
+  failures = (result["controls"] or {}).get("failures", [])
+  if failures:
+    sys.exit("\n".join(f"eval.py: control: {failure}" for failure in failures))
 
 
 if __name__ == "__main__":

@@ -38,7 +38,8 @@ from absl import logging
 
 from motion_jax import checkpoint, model, training
 from motion_jax.data import sources
-from motion_jax.evaluation import generation, items, long_horizon, protocols, record, run, sanity
+from motion_jax.evaluation import generation, items, long_horizon, protocols, record, sanity
+from motion_jax.evaluation import rows as rows_lib
 from motion_jax.evaluation.evaluator import load_evaluator, shipped_names
 from motion_jax.evaluation.judge import Judge
 from motion_jax.evaluation.subject import Subject, hash_of
@@ -158,7 +159,7 @@ _TASKS = {"texts": generation, "stories": long_horizon}
 
 def _numbers(repeats, task):
   names = STORY_METRICS if task == "stories" else list(repeats[0])
-  return {name: run.interval([one[name] for one in repeats]) for name in names}
+  return {name: rows_lib.interval([one[name] for one in repeats]) for name in names}
 
 
 # --- training ----------------------------------------------------------------------------------------------------
@@ -215,7 +216,7 @@ def do_row(row, settings, out, bench, clock, failed):
 
 
 def write_json(folder, name, content):
-  checkpoint.save_text(folder, name, json.dumps(run.plain(content), indent=1, allow_nan=False) + "\n")
+  checkpoint.save_text(folder, name, json.dumps(rows_lib.plain(content), indent=1, allow_nan=False) + "\n")
 
 
 # --- a study -----------------------------------------------------------------------------------------------------

@@ -3,7 +3,7 @@
   python launch.py --config configs/evaluator_clip.py --workdir runs/clip --config.data.folder=HumanML3D \
       --config.frozen.text=clip-vit-base-patch16
   ... --config configs/evaluator_clip.py:66       absolute coordinates (CDAMD); full: 259 of 263 features; kit: KIT-ML,
-                                                    63: its coordinates
+                                                  64: its essential features, 63: coordinates
   ... --config configs/evaluator_clip.py:small    on the archives, word pieces of the encoder that ships: what ships
   ... --config configs/evaluator_clip.py:tiny     two steps on formulas, seconds
 
@@ -14,7 +14,7 @@ of the best validation retrieval are kept.
 import ml_collections
 
 DATA = {"full": ("full", 263, 259), "67": ("essential", 67, 67), "66": ("coordinates", 66, 66),
-        "kit": ("full_kit", 251, 247), "63": ("coordinates_kit", 63, 63)}
+        "kit": ("full_kit", 251, 247), "64": ("essential_kit", 64, 64), "63": ("coordinates_kit", 63, 63)}
 
 
 def get_config(size="67"):
@@ -32,7 +32,7 @@ def get_config(size="67"):
   config.optimizer = dict(learning_rate=1e-4, schedule="cosine", cooldown_steps=0, warmup_steps=1_000, beta1=0.9,
                           beta2=0.999, weight_decay=0.01, clip_norm=1.0, ema_decay=0.0, skip_loss=0.0)
   config.train = dict(num_steps=150 * 191, log_every=50, save_every=955, best="max recall")
-  if size in ("kit", "63"):
+  if size in ("kit", "64", "63"):
     config.data.min_frames = 24
     config.train.update(num_steps=150 * 38, save_every=190)
   elif size == "small":
@@ -49,5 +49,5 @@ def get_config(size="67"):
     config.data.update(name="synthetic", mode="corrected", batch_size=4, max_frames=96, lengths=(96,), same="meaning")
     config.train.update(num_steps=2, log_every=1, save_every=2)
   elif size not in DATA:
-    raise ValueError(f"got size {size!r}, expected 67, 66, kit, 63, full, small or tiny")
+    raise ValueError(f"got size {size!r}, expected 67, 66, kit, 64, 63, full, small or tiny")
   return config.lock()

@@ -3,7 +3,7 @@
   python launch.py --config configs/evaluator_matching.py --workdir runs/evaluator --config.data.folder=HumanML3D \
       --config.frozen.movement=runs/movement --config.frozen.glove=glove
   ... --config configs/evaluator_matching.py:66       absolute coordinates (CDAMD); 67: essential features; kit: KIT-ML,
-                                                    63: its coordinates
+                                                    64: its essential features, 63: coordinates
   ... --config configs/evaluator_matching.py:small    on the archives, words of the encoder that ships: what ships
   ... --config configs/evaluator_matching.py:tiny     two steps on formulas, seconds
 
@@ -16,7 +16,7 @@ Expected of `small`, on val rows, 117 captions: 50 % at 1, 92 % at 3; 20 minutes
 import ml_collections
 
 DATA = {"full": ("full", 263, 259), "67": ("essential", 67, 67), "66": ("coordinates", 66, 66),
-        "kit": ("full_kit", 251, 247), "63": ("coordinates_kit", 63, 63)}
+        "kit": ("full_kit", 251, 247), "64": ("essential_kit", 64, 64), "63": ("coordinates_kit", 63, 63)}
 
 
 def get_config(size="full"):
@@ -39,7 +39,7 @@ def get_config(size="full"):
                           beta2=0.999, weight_decay=0.0, clip_norm=0.5, clip_parts=("motion_encoder", "text_encoder"),
                           ema_decay=0.0, skip_loss=0.0)
   config.train = dict(num_steps=300 * 765, log_every=50, save_every=765, best="min held_out_loss")
-  if size in ("kit", "63"):
+  if size in ("kit", "64", "63"):
     config.data.min_frames = 24
     config.train.update(num_steps=300 * 150, save_every=150)
   elif size == "small":
@@ -55,5 +55,5 @@ def get_config(size="full"):
     config.data.update(name="synthetic", mode="corrected", batch_size=4, max_frames=96, lengths=(96,), same="meaning")
     config.train.update(num_steps=2, log_every=1, save_every=2)
   elif size not in DATA:
-    raise ValueError(f"got size {size!r}, expected 67, 66, kit, 63, full, small or tiny")
+    raise ValueError(f"got size {size!r}, expected 67, 66, kit, 64, 63, full, small or tiny")
   return config.lock()

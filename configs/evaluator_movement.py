@@ -2,7 +2,7 @@
 
   python launch.py --config configs/evaluator_movement.py --workdir runs/movement --config.data.folder=HumanML3D
   ... --config configs/evaluator_movement.py:66       absolute coordinates (CDAMD); 67: essential features; kit: KIT-ML,
-                                                    63: its coordinates
+                                                    64: its essential features, 63: coordinates
   ... --config configs/evaluator_movement.py:small    coordinates, on the archives: what ships, minutes on a CPU
   ... --config configs/evaluator_movement.py:tiny     two steps on formulas, seconds
 
@@ -16,7 +16,7 @@ import ml_collections
 
 # Layout, numbers per frame, and those that the evaluator reads: full features without the contacts.
 DATA = {"full": ("full", 263, 259), "67": ("essential", 67, 67), "66": ("coordinates", 66, 66),
-        "kit": ("full_kit", 251, 247), "63": ("coordinates_kit", 63, 63)}
+        "kit": ("full_kit", 251, 247), "64": ("essential_kit", 64, 64), "63": ("coordinates_kit", 63, 63)}
 
 
 def get_config(size="full"):
@@ -32,7 +32,7 @@ def get_config(size="full"):
   config.optimizer = dict(learning_rate=1e-4, schedule="constant", cooldown_steps=0, warmup_steps=0, beta1=0.9,
                           beta2=0.999, weight_decay=0.0, clip_norm=0.0, ema_decay=0.0, skip_loss=0.0)
   config.train = dict(num_steps=270 * 18_700, log_every=100, save_every=18_700)
-  if size in ("kit", "63"):
+  if size in ("kit", "64", "63"):
     config.train.update(num_steps=270 * 2_000, save_every=2_000)
   elif size == "small":
     config.model.update(width=128, dim=128, dropout=0.0)
@@ -44,5 +44,5 @@ def get_config(size="full"):
     config.data.update(name="synthetic", mode="corrected", batch_size=4)
     config.train.update(num_steps=2, log_every=1, save_every=2)
   elif size not in DATA:
-    raise ValueError(f"got size {size!r}, expected 67, 66, kit, 63, full, small or tiny")
+    raise ValueError(f"got size {size!r}, expected 67, 66, kit, 64, 63, full, small or tiny")
   return config.lock()

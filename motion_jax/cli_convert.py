@@ -27,6 +27,8 @@ def add_to(commands):
   teacher.set_defaults(run=_convert_teacher)
   evaluator = convert.add_parser("evaluator", help="T2M's or MARDM's evaluator: text_mot_match, text_mot_match_clip")
   evaluator.add_argument("file", help="finest.tar")
+  evaluator.add_argument("--glove", metavar="FOLDER", help="our_vab_*, the words of T2M's evaluator: kept beside it")
+  evaluator.add_argument("--text", metavar="FOLDER", help="clip-vit-base-patch16: the word pieces of the CLIP-type one")
   evaluator.set_defaults(run=_convert_evaluator)
   for part, whose in ((released, "training data"), (cdamd, "training data (of coordinates Mean_abs.npy, Std_abs.npy)"),
                       (teacher, "training data"), (evaluator, "evaluator")):
@@ -62,7 +64,8 @@ def _convert_teacher(args):
 
 def _convert_evaluator(args):
   from motion_jax import released
-  _tell_converted(args, released.write_evaluator(args.out, args.file, args.stats, args.heads))
+  _tell_converted(args, released.write_evaluator(args.out, args.file, args.stats, args.heads, args.glove,
+                                                 args.text))
 
 
 def _tell_converted(args, networks):

@@ -100,7 +100,7 @@ class Model(Prompted):
     self.check_words(prompts)
     frames = self.frames_of(prompts, num_frames, seconds)
     keys, seeds = keys_of(rng, seeds, len(prompts))
-    plan, scale, about = self._plan(guidance_scale, schedule, num_steps, lag, solver, context)
+    plan, scale, about = self.plan_of(guidance_scale, schedule, num_steps, lag, solver, context)
     # Whole blocks are independent of what follows them; a few more of them spare a compilation for every new length.
     blocks = -(-max(frames) // (plan.block * self.vae.frames_per_latent * 4)) * 4
     run = self.compiled.generate if plan.lag else self.compiled.generate_whole
@@ -133,7 +133,7 @@ class Model(Prompted):
     if way not in stories.WAYS:
       raise ValueError(f"got way {way!r}, expected one of {', '.join(stories.WAYS)}")
     keys, seeds = keys_of(rng, seeds, len(tales))
-    plan, scale, about = self._plan(**sampling)
+    plan, scale, about = self.plan_of(**sampling)
     prompts, counts = ([list(part) for part in parts] for parts in zip(*(zip(*tale) for tale in tales)))
     make = stories.stream if way == "stream" else stories.chain
     made, totals, ends = make(self, plan, scale, prompts, counts, keys)
@@ -159,7 +159,7 @@ class Model(Prompted):
     else:
       segments = self._segments(prompt)
     keys, seeds = keys_of(rng, None if seed is None else [seed], 1)
-    plan, scale, about = self._plan(**sampling)
+    plan, scale, about = self.plan_of(**sampling)
     prompts, counts = ([*part] for part in zip(*segments))
     past = stories.on_our_body(clip, self.fps, self.stats.layout.skeleton)
     known = [caption.text for caption in clip.captions if caption.text.strip()]
@@ -176,15 +176,18 @@ class Model(Prompted):
     """
     self.check_words([prompt])
     keys, _ = keys_of(rng, None if seed is None else [seed], 1)
-    plan, scale, _ = self._plan(**sampling)
+    plan, scale, _ = self.plan_of(**sampling)
     if not plan.lag:
       raise ValueError("got schedule 'full': a stream runs by schedule 'fss' or 'ar'")
     if num_frames is not None:
       self.frames_of([prompt], num_frames, None)
     return LiveStream(self, plan, scale, keys, prompt, num_frames)
 
-  def _plan(self, guidance_scale=None, schedule="fss", num_steps=None, lag=None, solver="euler", context=None):
-    """(plan for motions of any length, guidance scale, what a file says of both) from choices and defaults."""
+  def plan_of(self, guidance_scale=None, schedule="fss", num_steps=None, lag=None, solver="euler", context=None):
+    """(plan for motions of any length, guidance scale, what a file says of both) from choices and defaults.
+
+    schedule "fss", "ar" or "full"; num_steps and lag of "fss"; solver "euler" or "heun"; context in latents.
+    """
     defaults = self.config.sampler
     scale = self.scale_of(guidance_scale)
     if schedule not in SCHEDULES:

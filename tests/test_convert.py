@@ -341,8 +341,21 @@ def test_the_evaluators(tmp_path):
     evaluator = load_evaluator(tmp_path / f"{name}_run")
     assert evaluator.layout.dim == 67 and (evaluator.stats.std == 2).all()
     made = evaluator.motion(motion, frames)
+    with pytest.raises(FileNotFoundError, match="--glove FOLDER" if name == "t2m" else "clip-vit-base-patch16"):
+      evaluator.embed_text(["a person walks"])
     expected = fixture[f"out/plain/{out}"]
     assert np.abs(made - expected).max() / max(1, np.abs(expected).max()) < fixture.meta["tolerance"]
+  # With the words that it was trained with it reads sentences; other ones are told.
+  width = fixture.params["text_encoder/pos_emb.weight"].shape[0]
+  given = lambda size: np.savez(tmp_path / "our_vab.npz", words=["sos", "eos", "unk", "walk"],
+                                vectors=np.ones((4, size), np.float32))
+  command = ["evaluator", tmp_path / "t2m.safetensors", "--stats", folder, "--out", tmp_path / "whole"]
+  given(width + 1)
+  assert run(*command, "--glove", tmp_path) != 0 and run(*command, "--text", "fresh") != 0
+  given(width)
+  assert run(*command, "--glove", tmp_path) == 0
+  evaluator = load_evaluator(tmp_path / "whole")
+  assert np.isfinite(evaluator.embed_text(["a person walks"])).all() and len(evaluator.words()) == 64
   with pytest.raises(ValueError, match="expected an evaluator's"):
     (tmp_path / "t2m_run" / "config.json").write_text('{"stage": "cmdm.denoiser"}')
     load_evaluator(tmp_path / "t2m_run")

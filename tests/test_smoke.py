@@ -1,6 +1,7 @@
 """A newcomer's first minutes work: every config trains two steps, the README says nothing that does not run."""
 import pathlib
 import re
+import runpy
 import shlex
 import subprocess
 import sys
@@ -94,7 +95,7 @@ def _readme_blocks(language):
 
 
 def test_readme_commands_exist():
-  """Every motion-jax command line of the README parses."""
+  """Every motion-jax and eval.py command line of the README parses."""
   lines = [line.strip() for block in _readme_blocks("bash") for line in block.replace("\\\n", " ").splitlines()]
   commands = [line.split("motion-jax ", 1)[1] for line in lines if "motion-jax " in line and "pip" not in line]
   assert commands
@@ -102,6 +103,8 @@ def test_readme_commands_exist():
     for part in command.split(" && "):
       words = shlex.split(part.split(" #")[0])
       assert cli._parser().parse_args(words[1:] if words[0] == "motion-jax" else words)
+  judging = [line.split("eval.py ", 1)[1] for line in lines if line.startswith("python eval.py ")]
+  assert judging and all(runpy.run_path(str(ROOT / "eval.py"))["parse"](shlex.split(line)) for line in judging)
 
 
 @pytest.mark.slow

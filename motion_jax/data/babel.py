@@ -132,12 +132,12 @@ def pairs(segments) -> list[tuple[Segment, Segment]]:
 
 
 def pieces(folder, split="train", kind="pairs", min_frames=MIN_FRAMES, max_frames=MAX_FRAMES, whole=False,
-           mode="benchmark") -> list[Piece]:
+           mode="benchmark", faults=None) -> list[Piece]:
   """Pairs of adjacent segments, single segments, or both, of min_frames to max_frames frames each.
 
   A pair's caption is "a, b", as TEACH has it; `segments` tells where the border is. whole: whole recordings instead, in
   pieces of max_frames with no caption, as autoencoders see them. Recordings that cannot be read are left out with one
-  warning that counts them.
+  warning that counts them, or named in `faults`, a list of (recording, why).
   """
   if kind not in KINDS:
     raise ValueError(f"got kind {kind!r}, expected one of {', '.join(KINDS)}")
@@ -160,7 +160,9 @@ def pieces(folder, split="train", kind="pairs", min_frames=MIN_FRAMES, max_frame
         parts += [(segment,) for segment in segments if segment.text != _BETWEEN]
     made += [_piece(name, recording, part, mode) for part in parts
              if min_frames <= part[-1].end - part[0].start <= max_frames]
-  if lost:
+  if faults is not None:
+    faults += [(name, str(error)) for name, error in lost]
+  elif lost:
     warnings.warn(f"{folder}: left out {len(lost)} recordings, the first {lost[0][0]}: {lost[0][1]}", stacklevel=2)
   return made
 

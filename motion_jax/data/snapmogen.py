@@ -74,11 +74,13 @@ def read_captions(folder) -> dict[str, tuple[tuple[str, ...], tuple[str, ...]]]:
     raise ValueError(f'{path} is no JSON object {{id: {{"manual": [...], "gpt": [...]}}}} ({error})') from None
 
 
-def text_items(folder, split="train", layout="snapmogen", min_frames=MIN_FRAMES, whole=False) -> list[TextItem]:
+def text_items(folder, split="train", layout="snapmogen", min_frames=MIN_FRAMES, whole=False,
+               faults=None) -> list[TextItem]:
   """The captioned spans of a split, of min_frames rows or more; whole: of any length, as autoencoders see them.
 
   Spans longer than 320 frames are cut by who draws from them. Layout "snapmogen_148" takes the evaluator's columns.
-  Spans whose recording is missing or holds NaN, and those without a caption, are left out with one warning.
+  Spans whose recording is missing or holds NaN, and those without a caption, are left out with one warning, or named in
+  `faults`, a list of (span, why).
   """
   layout = get_layout(layout)
   if layout.kind != "snapmogen":
@@ -97,7 +99,9 @@ def text_items(folder, split="train", layout="snapmogen", min_frames=MIN_FRAMES,
       lost[fault or ("rows beyond the recording" if span.end > len(features) else "no caption")].append(span.id)
       continue
     items.append(TextItem(span.id, features[span.start:span.end, :layout.dim], manual + machine, ()))
-  if lost:
+  if faults is not None:
+    faults += [(name, what) for what, names in lost.items() for name in names]
+  elif lost:
     told = "; ".join(f"{len(names)} with {what} ({', '.join(names[:3])})" for what, names in lost.items())
     warnings.warn(f"{folder}: left out {told}; motion-jax data doctor tells more", stacklevel=2)
   return items

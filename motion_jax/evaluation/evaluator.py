@@ -60,6 +60,7 @@ class Evaluator:
   text: Callable    # (captions, tokens) -> (N, E)
   unit: int = 4
   seen: Callable | None = None  # as motion, for FID where that is taken of another vector
+  words: Callable = lambda: None  # () -> fingerprint of what makes words into numbers
 
   @property
   def layout(self) -> FeatureLayout:
@@ -207,7 +208,8 @@ def _assemble(name, folder, config, stats, params, reader):
   return Evaluator(name, folder, kind, stats, dim, _hash(params, stats), int(config.data.get("max_frames", MAX_FRAMES)),
                    config.data.get("mode", "benchmark"), motion,
                    lambda captions, tokens: text(params, reader(), captions, tokens),
-                   seen=functools.partial(jax.jit(seen[0]), params) if seen else None)
+                   seen=functools.partial(jax.jit(seen[0]), params) if seen else None,
+                   words=lambda: reader().fingerprint)
 
 
 def _word_dim(kind, params):
@@ -303,8 +305,8 @@ def _reader(kind, folder, config, text):
       if place and (place.is_file() or any((place / file).is_file() for file in (*GLOVE_FILES, CONVERTED))):
         return load_words(place)
     if not (text or named):
-      raise FileNotFoundError(f"{folder} does not say what its words are; give load_evaluator(..., text=) the "
-                              f"benchmark's glove folder, or put the {CONVERTED} made of it into {folder}")
+      raise FileNotFoundError(f"{folder} does not say what its words are; convert it again with --glove FOLDER, the "
+                              "benchmark's word vectors, or give that folder as load_evaluator(..., text=)")
   encoder = load_text_encoder(text or named or "clip-vit-base-patch16")
   if checkpoint.load_fingerprint(folder) not in (None, encoder.fingerprint):
     raise ValueError(f"{folder} was trained on another version of the text encoder {named!r}; pass the folder with the "

@@ -34,9 +34,36 @@ def has_multimodality(protocol, repeat):
 
 def sampled(judge, subject, repeat):
   """The motions of a repeat [(rows, F)] in the order of its pass."""
+  name, jobs, _ = _first(judge, repeat)
+  return subject.sample(subject.generator(), subject.store(judge), name, jobs, f"repeat {repeat + 1}")
+
+
+def wanted(judge, repeat):
+  """All that a repeat wants made: [(name of the files, jobs, items (N,))]."""
+  found = [_first(judge, repeat)]
+  if has_multimodality(judge.protocol, repeat):
+    found.append(_many(judge, repeat))
+  return found
+
+
+def _first(judge, repeat):
   drawn = judge.read(repeat).drawn
   jobs = samples.jobs_of(judge.items, drawn, judge.seed, repeat, _copies(judge, repeat))
-  return subject.sample(subject.generator(), subject.store(judge), f"r{repeat:03d}", jobs, f"repeat {repeat + 1}")
+  return f"r{repeat:03d}", jobs, drawn.item
+
+
+def _many(judge, repeat):
+  """The other generations of the first captions."""
+  drawn, pairs = judge.read(repeat).drawn, _pairs(judge, repeat)
+  places, copies = (np.array(part) for part in zip(*pairs))
+  some = samples.Pass(*(part[places] for part in drawn))
+  return f"r{repeat:03d}_many", samples.jobs_of(judge.items, some, judge.seed, repeat, copies), some.item
+
+
+def _pairs(judge, repeat):
+  """(place in the pass, generation of it) of those."""
+  count, have = min(judge.protocol.num_multimodality, judge.count), _copies(judge, repeat)
+  return [(i, copy) for i in range(count) for copy in range(judge.protocol.multimodality_motions) if copy != have[i]]
 
 
 def _copies(judge, repeat):
@@ -50,18 +77,11 @@ def _copies(judge, repeat):
 
 def _generations(judge, subject, repeat, motions):
   """Lists of protocol.multimodality_motions generations of the first captions; `motions` holds one of each already."""
-  drawn, protocol = judge.read(repeat).drawn, judge.protocol
-  count = min(protocol.num_multimodality, len(drawn))
-  have = _copies(judge, repeat)
-  pairs = [(i, copy) for i in range(count) for copy in range(protocol.multimodality_motions) if copy != have[i]]
-  places, copies = (np.array(part) for part in zip(*pairs))
-  some = samples.Pass(*(part[places] for part in drawn))
-  jobs = samples.jobs_of(judge.items, some, judge.seed, repeat, copies)
-  store = subject.store(judge)
-  made = iter(subject.sample(subject.generator(), store, f"r{repeat:03d}_many", jobs,
-                             f"multimodality {repeat + 1}"))
+  protocol, have = judge.protocol, _copies(judge, repeat)
+  name, jobs, _ = _many(judge, repeat)
+  made = iter(subject.sample(subject.generator(), subject.store(judge), name, jobs, f"multimodality {repeat + 1}"))
   return [[motions[i] if copy == have[i] else next(made) for copy in range(protocol.multimodality_motions)]
-          for i in range(count)]
+          for i in range(min(protocol.num_multimodality, judge.count))]
 
 
 def without_multimodality(protocol):

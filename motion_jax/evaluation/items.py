@@ -160,13 +160,7 @@ def _read_snapmogen(folder, protocol, evaluators, excluded):
     if evaluator.layout.kind != "snapmogen":
       raise ValueError(f"{folder} holds 'snapmogen' features, evaluator {evaluator.name!r} reads "
                        f"{evaluator.layout.name!r}; choose the evaluator of the data's representation")
-  with warnings.catch_warnings():
-    warnings.simplefilter("ignore")
-    items = {item.id: item for item in snapmogen.text_items(folder, protocol.split, min_frames=protocol.min_frames)}
-  for span in snapmogen.read_ids(folder, protocol.split):
-    if span.id not in items and span.end - span.start >= protocol.min_frames:
-      excluded.append((span.id, "no recording or caption, or NaN"))
-  for item in items.values():
+  for item in snapmogen.text_items(folder, protocol.split, min_frames=protocol.min_frames, faults=excluded):
     yield item.id, item.captions, (None,) * len(item.captions), item.features, {
         key: item.features[:, :evaluator.layout.dim] for key, evaluator in evaluators.items()}
 
@@ -176,11 +170,8 @@ def _read_babel(folder, protocol, evaluators, excluded):
     if evaluator.layout.kind != "babel":
       raise ValueError(f"{folder} becomes 'babel' features, evaluator {evaluator.name!r} reads "
                        f"{evaluator.layout.name!r}; choose the evaluator of the data's representation")
-  with warnings.catch_warnings(record=True) as caught:
-    warnings.simplefilter("always")
-    pieces = babel.pieces(folder, protocol.split, "segments", protocol.min_frames, protocol.past_frames - 1)
-  excluded += [("recordings", str(warning.message)) for warning in caught]
-  for piece in pieces:
+  for piece in babel.pieces(folder, protocol.split, "segments", protocol.min_frames, protocol.past_frames - 1,
+                            faults=excluded):
     yield (piece.id, piece.captions, (None,) * len(piece.captions), piece.features,
            dict.fromkeys(evaluators, piece.features))
 

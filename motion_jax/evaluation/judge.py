@@ -12,6 +12,7 @@ from motion_jax.motion.features import to_joints
 
 # Streams of random numbers inside a (seed, repeat).
 AGAIN, DIVERSITY, MULTIMODALITY, NOISE = 1, 2, 3, 4
+SHUFFLE, HALVES = 6, 7
 CHUNK = 256  # motions that are padded together
 WIDER = 16   # rows by which they grow where they have to, so that few sizes are compiled
 PHYSICS = {"skating": "skating_ratio", "foot_height": "floating_mm", "penetration": "penetration_mm",
@@ -168,14 +169,26 @@ class Judge:
     return own | {name: row[name] for name in ("fid", "clip_score") if name in row} | reading.physics
 
   def shuffled_scores(self, repeat) -> dict[str, float]:
-    """The real motions with captions of other motions of their pool."""
+    """The real motions with the captions of their pool in any order: what an evaluator that knows nothing would say."""
     reading, pool = self.read(repeat), self.protocol.pool
-    turned = lambda x: None if x is None else np.roll(x.reshape(-1, pool, x.shape[-1]), pool // 2, 1).reshape(x.shape)
+    rng = self.rng(repeat, SHUFFLE)
+    order = np.concatenate([first + rng.permutation(pool) for first in range(0, self.count, pool)])
+    turned = lambda x: None if x is None else x[order]
     row = protocol_lib.generation_scores(
         self.batches(reading, reading.real, reading.clip_real, reading.real_seen, turned(reading.text),
                      turned(reading.clip_text)),
         self.protocol, reading.draws)
     return {name: row[name] for name in row if name.startswith("top") or name in ("matching", "clip_score")}
+
+  def fid_of_halves(self, repeat, draws=10) -> float:
+    """FID between two halves of the real motions that share none, the mean of some draws: how far apart two samples of
+    half the size lie that differ by nothing but luck. A model's FID below it is as good as the data can tell."""
+    reading, rng = self.read(repeat), self.rng(repeat, HALVES)
+    seen, half = reading.real if reading.real_seen is None else reading.real_seen, self.count // 2
+    if half < 2:
+      return float("nan")
+    orders = [rng.permutation(self.count) for _ in range(draws)]
+    return float(np.mean([scores.fid(seen[order[:half]], seen[order[half:2 * half]]) for order in orders]))
 
   def multimodality(self, repeat, generations, layout):
     """generations: a list of captions' lists of motions [(rows, F)], with frames of the first items of the pass."""

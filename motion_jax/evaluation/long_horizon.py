@@ -15,9 +15,9 @@ from motion_jax.motion.features import to_joints
 
 METRICS = ("top1", "top2", "top3", "fid", "matching", "diversity", "transition_fid", "transition_diversity",
            "transition_distance", "peak_jerk", "auj")
-__all__ = ["METRICS", "load", "real_rows", "rows"]
+__all__ = ["METRICS", "damaged", "load", "real_rows", "rows"]
 BATCH = 8  # long motions made together
-SEQUENCES, REFERENCE, SCORES = 11, 12, 13  # streams of random numbers
+SEQUENCES, REFERENCE, SCORES, SPLICES = 11, 12, 13, 14  # streams of random numbers
 
 
 def load(run, raw=False):
@@ -47,7 +47,7 @@ def rows(judge, subject, repeat):
   options = {"way": judge.protocol.way} | dict(subject.options)
   way = options["way"]
   unit = subject.model.dit.block * subject.model.vae.frames_per_latent
-  frames = [_frames(row.frames, way, unit) for row in drawn]
+  frames = [_frames(row.frames, way, unit, subject.model.vae.frames_per_latent) for row in drawn]
   jobs = samples.Jobs([" | ".join(row.captions_of(judge.items)) for row in drawn], [sum(part) for part in frames],
                       [samples.seed_of(judge.seed, repeat, i) for i in range(len(drawn))], list(range(len(drawn))))
   tales = [list(zip(row.captions_of(judge.items), (row.frames / subject.model.fps).tolist())) for row in drawn]
@@ -69,6 +69,21 @@ def rows(judge, subject, repeat):
   return {"": scored.row}
 
 
+def damaged(judge, repeat, joints):
+  """Controls of transitions: real ones, and "spliced", halves of two clips with nothing between them."""
+  evaluator, rules, rng = judge.evaluator, _rules(judge.protocol), judge.rng(repeat, SPLICES)
+  skeleton, (_, real) = evaluator.layout.skeleton, _real(judge)
+  crops = np.stack([real[i][start:start + rules.width] / skeleton.unit
+                    for i, start in long_horizon.random_crops(real, rules.width, rng)])
+  half, other = rules.width // 2, np.roll(crops, 1, axis=0)
+  last, first = crops[:, half - 1:half, :1], other[:, half:half + 1, :1]
+  spliced = np.concatenate([crops[:, :half], other[:, half:] + (last - first) * [1, 0, 1]], axis=1)
+  read = list if evaluator.layout.kind == "coordinates" else lambda x: [from_joints(one, evaluator) for one in x]
+  rows = {name: long_horizon.transition_row(read(x), x * skeleton.unit, _reference(judge, repeat), _embed(judge), rules,
+                                            skeleton) for name, x in (("real", crops), ("spliced", spliced))}
+  return rows, {"spliced": {"transition_fid": 1, "transition_distance": 1, "peak_jerk": 1, "auj": 1}}
+
+
 def sequences(judge) -> list[samples.Pass]:
   """The captions of each long motion, with their frames, cut to whole units."""
   items, protocol = judge.items, judge.protocol
@@ -83,10 +98,10 @@ def sequences(judge) -> list[samples.Pass]:
   return found
 
 
-def _frames(counts, way, unit):
+def _frames(counts, way, unit, latent):
   """How long the pieces of a story come out: prompts change on a grid of whole blocks, or of latents."""
   if way != "stream":
-    return [int(count) for count in counts]
+    return [max(1, int(count) // latent) * latent for count in counts]
   blocks, total = stories.borders(counts, unit)
   ends = np.minimum(np.cumsum(blocks) * unit, total)
   return np.diff(ends, prepend=0).tolist()

@@ -37,6 +37,7 @@ class Benchmark(Protocol):
   task: str = "generation"
   formats: tuple[str, ...] = ("humanml3d",)
   layouts: tuple[str, ...] = ()          # representations that the evaluator may read; none named: any
+  kinds: tuple[str, ...] = ("t2m",)      # of evaluators that its numbers are of, see `evaluation.evaluator`
   evaluator: str | None = None           # by default: a name that ships, or None where there is none
   clip_evaluator: str | None = None
   split: str = "test"
@@ -58,7 +59,7 @@ class Benchmark(Protocol):
   multimodality_repeats: int | None = None   # repeats that have it; None: all
   multimodality_shared: bool = False     # Parity: the other scores of these captions are of their last generation
   # statistics over repeats
-  population_std: bool = True            # of the interval, 1.96 std / sqrt(repeats)
+  population_std: bool = True            # of the interval, 1.96 std / sqrt(repeats); else Student's t
   # reconstruction
   sampled_latents: bool = False          # of a variational tokenizer: drawn, not its mean
   poses_alone: bool = True               # joint errors of each frame by itself, heading 0
@@ -74,13 +75,15 @@ class Benchmark(Protocol):
   way: str = "stream"                    # how long motions are told where --sampling does not say: "stream" or "chain"
   paper: tuple[str, str, str] | None = None  # (system, table, row) to print beside
   paper_layout: str | None = None        # where only an evaluator of this layout compares with it
+  note: str = ""                         # what has to be said under the table
 
   def on(self, data_format):
     """The protocol for data of a format: archives hold shorter clips, of up to 200 frames, have evaluators that ship,
     and compare with no paper."""
     if data_format != "archive":
       return self
-    changes = dict(evaluator=self.evaluator or "evaluator-small", paper=None)
+    ships = "part-tmr-small" if "tmr" in self.kinds else "evaluator-small"
+    changes = dict(evaluator=self.evaluator or ships, paper=None, population_std=False, note="")
     if self.task in ("generation", "reconstruction", "editing"):
       changes |= dict(min_frames=min(self.min_frames, 24), past_frames=201,
                       clip_evaluator=self.clip_evaluator or "clip-evaluator-small")
@@ -106,6 +109,8 @@ _CDAMD = Benchmark(
     # Parity: switched off in the released script; 96 captions of which the other scores see the last generation.
     multimodality_batches=3, multimodality_shared=True, paper=("cdamd", "1", "CDAMD (two VQ)"))
 
+_OWN_STORIES = ("Prompts in a row are drawn from the test items by the seed; the paper's list is FlowMDM's, which is "
+                "not part of its code: compare rows of ours")
 _ANY_GENERATION = ("archive", "humanml3d")
 
 PROTOCOLS = {protocol.name: protocol for protocol in (
@@ -130,7 +135,8 @@ PROTOCOLS = {protocol.name: protocol for protocol in (
         paper_layout="coordinates_kit"),
     Benchmark(
         name="snapmogen", title="Text to motion, SnapMoGen", facts="cmdm 6.5", formats=("snapmogen",),
-        layouts=("snapmogen_148", "snapmogen"), seed=3407, pool=100, lost_frames=0, repeats=10, min_frames=128,
+        layouts=("snapmogen_148", "snapmogen"), kinds=("snapmogen",), seed=3407, pool=100, lost_frames=0, repeats=10,
+        min_frames=128,
         # Parity: SnapMoGen repeats 20 times, the paper says 10; spans of any length, cut to 320.
         past_frames=10**9, max_frames=320, unit=8, coin=False, cosine=True, multimodality_batches=1,
         paper=("cmdm", "2", "CMDM w/ FSS")),
@@ -139,24 +145,25 @@ PROTOCOLS = {protocol.name: protocol for protocol in (
         formats=_ANY_GENERATION, seed=3407, lost_frames=0, repeats=10, min_frames=70, past_frames=201, max_frames=200,
         coin=False,
         # Parity: segment by segment, as the code behind the published numbers (facts: cmdm 5.6, 7 row 6).
-        random_crop=False, way="chain", paper=("cmdm", "3-humanml3d", "CMDM")),
+        random_crop=False, way="chain", paper=("cmdm", "3-humanml3d", "CMDM"), paper_layout="full", note=_OWN_STORIES),
     Benchmark(
         name="babel", title="Long motions, BABEL", facts="cmdm 6.4", task="stories", formats=("babel",),
-        layouts=("babel",), split="val", seed=3407, lost_frames=0, repeats=10, min_frames=30, past_frames=201,
+        layouts=("babel",), kinds=("tmr", "t2m"), split="val", seed=3407, lost_frames=0, repeats=10, min_frames=30,
+        past_frames=201,
         max_frames=200, coin=False, random_crop=False, transition_frames=30, real_jerk="babel",
-        way="chain", paper=("cmdm", "5", "CMDM")),
+        way="chain", paper=("cmdm", "5", "CMDM"), note=_OWN_STORIES),
     Benchmark(
-        name="mtt", title="Timelines, MTT", facts="cmdm 6.4", task="timelines", formats=_ANY_GENERATION,
+        name="mtt", title="Timelines, MTT", facts="cmdm 6.4", task="timelines", formats=_ANY_GENERATION, kinds=("tmr",),
         seed=3407, lost_frames=0, repeats=1, max_frames=400, past_frames=401, sequences=10**9,
         paper=("cmdm", "7", "CMDM")),
     dataclasses.replace(
         _CDAMD, name="editing", title="Editing in time", facts="cdamd 7, 8.3; repeats: one in the released comment",
         task="editing", formats=_ANY_GENERATION, layouts=(), repeats=1,
-        paper=("cdamd", "3", "CDAMD")),
+        paper=("cdamd", "3", "CDAMD"), paper_layout="coordinates"),
     dataclasses.replace(
         _CMDM, name="reconstruction", title="Reconstruction by the tokenizer", facts="cmdm 6.3",
         task="reconstruction", formats=_ANY_GENERATION, layouts=(), sampled_latents=True,
-        paper=("cmdm", "8", "MAC-VAE 64, 1/4")),
+        paper=("cmdm", "8", "MAC-VAE 64, 1/4"), paper_layout="full"),
 )}
 
 

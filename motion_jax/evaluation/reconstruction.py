@@ -10,7 +10,7 @@ from motion_jax.metrics import scores
 
 # mpjpe in millimetres, of poses without heading; mpjpe_heading of the whole motion; released_mpjpe as the code prints.
 METRICS = (*(name for name in _GENERATION if name != "multimodality"), "mpjpe", "mpjpe_heading", "released_mpjpe")
-__all__ = ["METRICS", "load", "real_rows", "rows"]
+__all__ = ["METRICS", "damaged", "load", "real_rows", "rows"]
 load = load_tokenizer
 
 
@@ -27,6 +27,16 @@ def rows(judge, subject, repeat):
   return {"": judge.scores(repeat, made, layout) | {
       "mpjpe": mm * scores.mpjpe(errors[True]), "mpjpe_heading": mm * scores.mpjpe(errors[False]),
       "released_mpjpe": scores.released_mpjpe(errors[protocol.poses_alone], protocol.pool)}}
+
+
+def damaged(judge, repeat, joints):
+  """Controls of joint errors: real motions against themselves with noise on every joint, {"real", "noise 1 cm", ..}."""
+  skeleton = judge.evaluator.layout.skeleton
+  errors = {name: [scores.joint_errors(a, b) for a, b in zip(joints["real"], noisy)]
+            for name, noisy in joints.items()}
+  rows = {name: {"mpjpe": 1000 * skeleton.unit * scores.mpjpe(some),
+                 "released_mpjpe": scores.released_mpjpe(some, judge.protocol.pool)} for name, some in errors.items()}
+  return rows, {"noise": {"mpjpe": 1, "released_mpjpe": 1}}
 
 
 def reconstructed(judge, subject, repeat, real):

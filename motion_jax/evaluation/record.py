@@ -1,5 +1,6 @@
 """What lets anyone repeat a number: what was judged, by what, with which draws, on which code."""
 import dataclasses
+import functools
 import hashlib
 import importlib.metadata
 import pathlib
@@ -20,16 +21,30 @@ def make_record(judge, folders, subjects, repeats, devices) -> dict:
       protocol=dataclasses.asdict(protocol) | {"repeats": repeats, "timelines": timelines},
       evaluators=[_evaluator(one) for one in dict.fromkeys((judge.evaluator, judge.clip_evaluator)) if one],
       data=dict(folders=[pathlib.Path(folder).name for folder in folders], format=items.format, split=protocol.split,
-                split_hash=items.hash, items=len(items), samples=judge.count,
+                split_hash=items.hash, items=len(items), samples=judge.count, shared_with_train=items.shared,
                 excluded=len(items.excluded), excluded_clips=[list(pair) for pair in items.excluded]),
-      models=[dict(row=subject.name, **subject.about, unknown_words=_unknown(subject.model, words))
-              for subject in subjects],
-      seed=judge.seed, repeats=repeats, limit=judge.limit, precision=_precision(),
+      models=[dict(row=subject.name, **subject.about, unknown_words=_unknown(subject.model, words),
+                   sampled_by=subject.sampled_by) for subject in subjects],
+      question=question(judge, subjects), seed=judge.seed, repeats=repeats, limit=judge.limit, precision=_precision(),
       device=_device(devices), versions=_versions(), code=commit())
 
 
+def question(judge, subjects) -> dict:
+  """What numbers are about: other answers to it are other results, however many repeats there are."""
+  return dict(protocol=judge.protocol.name, seed=judge.seed, limit=judge.limit, split=judge.items.hash,
+              sizes=[judge.protocol.sequences, judge.protocol.segments],
+              evaluators=[one.hash for one in (judge.evaluator, judge.clip_evaluator) if one],
+              models=[[one.name, one.about["hash"], one.about["guidance_scale"], one.about["sampling"]]
+                      for one in subjects])
+
+
+def maker(devices) -> dict:
+  """What motions are made by, beside model and choices: kept with samples."""
+  return dict(code=commit(), jax=importlib.metadata.version("jax"), device=devices[0].device_kind if devices else None)
+
+
 def _evaluator(evaluator):
-  return dict(name=pathlib.Path(evaluator.name).name, kind=evaluator.kind, hash=evaluator.hash,
+  return dict(name=pathlib.Path(evaluator.name).name, kind=evaluator.kind, hash=evaluator.hash, words=evaluator.words(),
               statistics=evaluator.stats.fingerprint, layout=evaluator.layout.name, mode=evaluator.mode,
               dim=evaluator.dim)
 
@@ -56,10 +71,11 @@ def _versions():
     try:
       found[name] = importlib.metadata.version(name)
     except importlib.metadata.PackageNotFoundError:
-      pass  # run from a checkout that is not installed
+      found[name] = "a checkout that is not installed"
   return found
 
 
+@functools.cache
 def commit():
   """The commit of the checkout that the code runs from, and whether files differ from it; None outside of one."""
   folder = pathlib.Path(__file__).parent

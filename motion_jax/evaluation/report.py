@@ -59,8 +59,18 @@ def write_folders(folders, out) -> pathlib.Path:
     raise FileNotFoundError(f"{', '.join(missing)}: no results.json there; expected the --out folder of an eval.py run")
   results = [checkpoint.load_json(folder, "results.json") for folder in folders]
   if len(results) > 1:  # several of one protocol have one title
-    results = [result | {"title": f"{folder.name}: {_title(result)}"} for folder, result in zip(folders, results)]
+    results = [result | {"title": f"{name}: {_title(result)}"} for name, result in zip(_apart(folders), results)]
   return write(results, out, folders)
+
+
+def _apart(folders):
+  """The last parts of paths, as many as tell all of them apart."""
+  parts = [folder.resolve().parts for folder in folders]
+  for count in range(1, max(map(len, parts)) + 1):
+    names = ["/".join(part[-count:]) for part in parts]
+    if len(set(names)) == len(names):
+      break
+  return names
 
 
 def _page(sections, results):
@@ -174,20 +184,28 @@ def _mark(cell):
 
 
 def _best(found):
-  """{(row, metric)}: the best number among several rows of ours, where it is alone at the top."""
-  ours = [line for line in found.lines if line.kind == "ours"]
+  """{(row, metric)}: the best number among several rows of ours, where it lies outside the interval of the next one.
+
+  Rows of a part, as "suffix: ..", are compared among themselves.
+  """
   real = next((line for line in found.lines if line.kind == "real"), None)
-  best = set()
-  for at, metric in enumerate(found.metrics):
-    better = tables.METRICS[metric].better if metric in tables.METRICS else ""
-    values = {line.name: float(line.cells[at].mean) for line in ours if line.cells[at].mean != "–"}
-    goal = real.cells[at].mean if real else "–"
-    if len(values) < 2 or not better or (better == "real" and goal == "–"):
-      continue
-    cost = {"up": lambda v: -v, "down": lambda v: v, "real": lambda v, goal=goal: abs(v - float(goal))}[better]
-    order = sorted(values, key=lambda name: cost(values[name]))
-    if cost(values[order[0]]) < cost(values[order[1]]):
-      best.add((order[0], metric))
+  parts, best = {}, set()
+  for line in found.lines:
+    if line.kind == "ours":
+      parts.setdefault(line.name.partition(": ")[0] if ": " in line.name else "", []).append(line)
+  for ours in parts.values():
+    for at, metric in enumerate(found.metrics):
+      better = tables.METRICS[metric].better if metric in tables.METRICS else ""
+      cells = {line.name: line.cells[at] for line in ours if line.cells[at].mean != "–"}
+      goal = real.cells[at].mean if real else "–"
+      if len(cells) < 2 or not better or (better == "real" and goal == "–"):
+        continue
+      cost = {"up": lambda v: -v, "down": lambda v: v, "real": lambda v, goal=goal: abs(v - float(goal))}[better]
+      costs = {name: cost(float(cell.mean)) for name, cell in cells.items()}
+      first, second = sorted(costs, key=costs.get)[:2]
+      width = max(float(cells[name].interval or 0) for name in (first, second))
+      if costs[second] - costs[first] > width:
+        best.add((first, metric))
   return best
 
 
@@ -211,7 +229,8 @@ def _sanity(found):
           for name, row in (("real motions", real), ("shuffled captions", shuffled))]
   verdict = _verdict(found.get("failures"), "The evaluators tell real motions from shuffled captions and from noise.")
   noise = found.get("fid_noise")
-  said = f'<p class="note">FID of noise against real motions: {_plain(noise)}.</p>' if noise is not None else ""
+  halves = f", of two halves of the real motions {_plain(found['fid_halves'])}" if found.get("fid_halves") else ""
+  said = f'<p class="note">FID of noise against real motions: {_plain(noise)}{halves}.</p>' if noise is not None else ""
   return "<h3>Sanity</h3>" + verdict + (_grid(_heads(metrics), rows) if metrics else "") + said
 
 
@@ -237,6 +256,8 @@ def _controls(found):
 def _moved(one):
   sign, ok = ("↑" if one["direction"] == "up" else "↓"), one["ok"]
   values = " → ".join(_plain(value) for value in one["values"])
+  if one.get("noticed"):
+    values += f' <small>from {100 * one["noticed"]:g} cm</small>'
   return f'{values} <span class="{"ok" if ok else "bad"}">{sign}{"✓" if ok else "✗"}</span>'
 
 
@@ -258,7 +279,7 @@ def _curves(curves):
   for name, curve in (curves or {}).items():
     title, _, line = name.partition(", ")
     charts.setdefault((title, curve["x_label"], curve["y_label"]), []).append(
-        plots.Series(line, curve["x"], curve["y"], curve.get("interval"), line.lower().startswith("real")))
+        plots.Series(line, curve["x"], curve["y"], curve.get("interval"), line == "real"))
   figures = [f'<figure class="card"><figcaption>{_text(title)}</figcaption>{plots.legend(series)}'
              f"{plots.chart(series, x_label, y_label, title)}</figure>"
              for (title, x_label, y_label), series in charts.items()]

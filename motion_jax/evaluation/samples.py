@@ -3,8 +3,9 @@
 Every draw is a function of (seed, repeat), a motion's noise of (seed, repeat, item, copy): the same numbers come out
 alone or in a batch, on one device or several, at once or after a kill.
 
-A folder of samples: samples.json says what decides them, and rNNN_bNNN.npz hold a batch each: features (rows, F),
-float32, of all its motions one behind the other, in physical units, start (B + 1,) offsets, frames (B,), seeds (B,).
+A folder of samples: samples.json says what decides them and which code made them, and rNNN_bNNN.npz hold a batch each:
+features (rows, F), float32, of all its motions one behind the other, in physical units, start (B + 1,) offsets,
+frames (B,), seeds (B,).
 Behind its frames a motion has up to TAIL rows more, what the decoder made there. Joints follow from features
 (`motion.features.to_joints`).
 """
@@ -20,6 +21,7 @@ import jax
 import numpy as np
 from tqdm import tqdm
 
+from motion_jax import checkpoint
 from motion_jax.data.clip import atomic_path
 
 BATCH = 32  # motions made together, whatever the protocol's pool: one compiled function serves all
@@ -105,10 +107,11 @@ class Store:
   """A folder of samples of one model and choice of sampling.
 
   about: what decides the samples; its hash names the folder, so that nothing is ever read that was made otherwise.
+  maker: code and machine, which should decide nothing; all that had a part in a folder are told in its samples.json.
   """
 
-  def __init__(self, folder, about):
-    self.about = about
+  def __init__(self, folder, about, maker=None):
+    self.about, self.maker = about, maker
     self.key = hashlib.sha256(json.dumps(about, sort_keys=True).encode()).hexdigest()[:16]
     self.folder = pathlib.Path(folder) / self.key
 
@@ -126,10 +129,18 @@ class Store:
       return None
     return [features[a:b] for a, b in zip(start[:-1], start[1:])]
 
+  @property
+  def makers(self) -> list[dict]:
+    """Who made what is there; [{}] where that was not kept."""
+    path = self.folder / "samples.json"
+    return checkpoint.load_json(self.folder, path.name).get("made_by", [{}]) if path.is_file() else []
+
   def write(self, name, batch, jobs, motions):
-    if not (self.folder / "samples.json").is_file():
+    makers = self.makers
+    if self.maker not in makers or not makers:
+      content = self.about | {"made_by": [*makers, self.maker]}
       with atomic_path(self.folder / "samples.json") as path:
-        path.write_text(json.dumps(self.about, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+        path.write_text(json.dumps(content, indent=1, sort_keys=True) + "\n", encoding="utf-8")
     start = np.cumsum([0, *map(len, motions)])
     with atomic_path(self.path(name, batch)) as path:
       np.savez(path, features=np.concatenate(motions).astype(np.float32), start=start, frames=np.array(jobs.frames),

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from motion_jax import checkpoint, model
-from motion_jax.evaluation import samples
+from motion_jax.evaluation import record, samples
 from motion_jax.motion.features import to_features
 
 _PARTS = (checkpoint.CONFIG, checkpoint.FROZEN, "Mean.npy", "Std.npy")
@@ -26,6 +26,7 @@ class Subject:
   devices: tuple = ()
   only_read: bool = False
   show: bool = True
+  used: list = dataclasses.field(default_factory=list)  # stores that it was given motions of
 
   @property
   def reader(self):
@@ -51,7 +52,15 @@ class Subject:
     return samples.Store(self.folder, dict(
         kind=kind, model=self.hash, text=text and text.fingerprint, guidance_scale=self.about["guidance_scale"],
         sampling=self._asked, seed=judge.seed, limit=judge.limit, draw=draw, items=items.words_hash,
-        batch=samples.BATCH))
+        batch=samples.BATCH), record.maker(self.devices))
+
+  @property
+  def sampled_by(self) -> list[dict]:
+    """What made the motions that it was given; see `record.maker`."""
+    found = []
+    for store in self.used:
+      found += [one for one in store.makers if one not in found]
+    return found
 
   @property
   def _asked(self):
@@ -61,6 +70,8 @@ class Subject:
 
   def sample(self, make: Callable, store, name, jobs, what, batch=None):
     """`samples.sample` with a bar, on this subject's devices."""
+    if all(store.folder != one.folder for one in self.used):
+      self.used.append(store)
     with samples.progress(len(jobs.captions), f"{self.name}, {what}", self.show) as bar:
       return samples.sample(make, store, name, jobs, batch=batch, devices=self.devices, only_read=self.only_read,
                             bar=bar)
@@ -80,6 +91,22 @@ class Reader:
     if clip.features is not None and clip.features.shape[-1] == self.layout.dim:
       return clip.features
     return to_features(clip.joints, self.layout, self.mode)
+
+
+def check_options(name, loaded, guidance, options):
+  """Raises ValueError where a model cannot be sampled by guidance scales and options, before anything is done."""
+  plan_of = getattr(loaded, "plan_of", None)
+  if plan_of is None:
+    if guidance or options:
+      raise ValueError(f"{name} is not sampled, so guidance and choices of sampling mean nothing to it; leave them out")
+    return
+  known = [key for key in inspect.signature(plan_of).parameters if key != "guidance_scale"]
+  known += ["way"] * hasattr(loaded, "stories")
+  wrong = [key for key in options if key not in known]
+  if wrong:
+    hint = "; --guidance takes scales" if wrong[0] == "guidance_scale" else ""
+    raise ValueError(f"got the choice of sampling {wrong[0]!r}, {name} knows {', '.join(known)}{hint}")
+  plan_of(**{key: value for key, value in options.items() if key != "way"})  # which raises for values that cannot be
 
 
 def folder_of(run) -> pathlib.Path:

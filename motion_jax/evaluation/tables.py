@@ -11,6 +11,8 @@ import json
 import pathlib
 from typing import NamedTuple
 
+from motion_jax.evaluation import notes as said
+
 REAL = "GT"  # the papers' name for the row of real motions
 
 
@@ -26,7 +28,7 @@ METRICS = {
     "fid": Metric("FID", "down"), "matching": Metric("MM-Dist", "down"), "multimodality": Metric("MModality", "up"),
     "diversity": Metric("Diversity", "real"), "clip_score": Metric("CLIP-score", "up"),
     "reconstruction_fid": Metric("rec. FID", "down"), "mpjpe": Metric("MPJPE", "down"),
-    "released_mpjpe": Metric("MPJPE (released code)", "down"),
+    "mpjpe_heading": Metric("MPJPE with heading", "down"), "released_mpjpe": Metric("MPJPE (released code)", "down"),
     "transition_fid": Metric("transition FID", "down"), "transition_diversity": Metric("transition Div.", "real"),
     "peak_jerk": Metric("PJ", "real", 4), "auj": Metric("AUJ", "down"),
     "transition_distance": Metric("transition dist.", "down", 4),
@@ -162,7 +164,7 @@ def compare(result) -> Comparison:
   for name, row in printed.items():
     kind = "paper real" if name == REAL else "paper"
     lines.append(Line(f"paper: {'real' if name == REAL else name}", kind, [_paper_cell(row.get(m)) for m in metrics]))
-  notes = [_repeats_note(result), *notes]
+  notes = [*said.of(result, label), *notes]
   if any(cell.marked for line in lines for cell in line.cells):
     notes.append("* differs from the paper's number by more than either 95 % interval.")
   return Comparison(result.get("title") or result["protocol"], metrics, lines, notes)
@@ -225,11 +227,10 @@ def _cell(metric, value, against):
   if value is None or value.get("mean") is None:
     return Cell("–")
   digits = METRICS[metric].digits if metric in METRICS else 3
-  known = against.get(metric)
-  interval = value.get("interval")
-  several = len(value.get("values") or (0, 0)) > 1
-  return Cell(f"{value['mean']:.{digits}f}", f"{interval:.{digits}f}" if interval is not None and several else "",
-              known is not None and differs(value, known))
+  known, interval = against.get(metric), value.get("interval")
+  compared = known is not None and (interval is not None or known["interval"] is not None)
+  return Cell(f"{value['mean']:.{digits}f}", f"{interval:.{digits}f}" if interval is not None else "",
+              compared and differs(value, known))
 
 
 def _paper_cell(value):
@@ -237,15 +238,6 @@ def _paper_cell(value):
     return Cell("–")
   show = lambda number: f"{number:.{value['digits']}f}"
   return Cell(show(value["mean"]), "" if value["interval"] is None else show(value["interval"]))
-
-
-def _repeats_note(result):
-  counts = {len(value["values"]) for row in result["rows"].values() for value in row.values()
-            if value and value.get("values")}
-  if not counts:
-    return "Ours: one number each."
-  count = max(counts)
-  return f"Ours: mean ± 95 % interval of {count} repeats." if count > 1 else "Ours: one repeat, no interval."
 
 
 def label(metric) -> str:
@@ -316,7 +308,8 @@ def _latex_cell(cell):
 
 
 _ESCAPES = str.maketrans({"\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "_": r"\_", "#": r"\#", "$": r"\$",
-                          "{": r"\{", "}": r"\}", "±": r"$\pm$", "–": "--", "→": r"$\rightarrow$"})
+                          "{": r"\{", "}": r"\}", "^": r"\^{}", "~": r"\~{}", "±": r"$\pm$", "–": "--",
+                          "→": r"$\rightarrow$"})
 
 
 def _escape(text):

@@ -175,6 +175,15 @@ def real_row(motions, joints, captions, text, real, embed, rng, protocol=LongHor
                  physics.jerk(moving), steps, real, rng, protocol)
 
 
+def transition_row(motions, joints, real, embed, protocol=LongHorizon(), skeleton=HUMANML3D) -> dict[str, float]:
+  """What is said of transitions alone: motions, a list of (width, ..), and their joints (N, width, J, 3)."""
+  curve = physics.jerk(_placed(joints, protocol, skeleton)).mean(0)
+  steps = [physics.transition_distance(one, [protocol.width // 2], skeleton) for one in joints]
+  return {"transition_fid": scores.fid(real.transitions, embed(motions)),
+          "transition_distance": float(np.concatenate(steps).mean()), "peak_jerk": physics.peak_jerk(curve),
+          "auj": physics.area_under_jerk(curve, real.level)}
+
+
 def _placed(transitions, protocol, skeleton):
   """Joints (N, width, J, 3) of transitions as their jerk is taken of."""
   return np.stack([placed(one, skeleton) for one in transitions]) if protocol.placed else transitions

@@ -4,6 +4,7 @@ Facts: cmdm 6.1, cdamd 1.2. A token is "lemma/POS", as the benchmarks' text file
 usual glove/our_vab_* files, two of which are pickles: they are read once, with a reader that knows lists, dicts, words
 and numbers only, and kept as an .npz file beside them.
 """
+import hashlib
 import io
 import pathlib
 import pickle
@@ -43,6 +44,11 @@ class WordVectors:
   @property
   def dim(self) -> int:
     return self.vectors.shape[1]
+
+  @property
+  def fingerprint(self) -> str:
+    """sha256 of words and vectors."""
+    return hashlib.sha256("\n".join(self.rows).encode() + self.vectors.tobytes()).hexdigest()
 
   def __call__(self, sentences, max_words=MAX_WORDS):
     """Evaluator input for sentences, each a list of tokens "lemma/POS" or a line of them.

@@ -2,9 +2,12 @@
 import jax
 import jax.numpy as jnp
 
-from motion_jax import convert
+from motion_jax import checkpoint, convert
 from motion_jax.metrics.evaluators import ClipEvaluator, T2MEvaluator
+from motion_jax.metrics.words import CONVERTED, load_words
+from motion_jax.recipes.cmdm import text_identity
 from motion_jax.released.parts import Network, check_free, heads_of, network, read_part, stats_of, write
+from motion_jax.text.encoder import load_text_encoder
 
 T2M = ("movement_encoder", "motion_encoder", "text_encoder")
 
@@ -45,13 +48,30 @@ def _clip_evaluator(path, num_heads):
                   convert.CLIP_EVALUATOR_IGNORED)
 
 
-def write_evaluator(out, file, stats, num_heads=None):
-  """The folder of a released evaluator -> the Networks. stats: its own statistics, not those of the training data."""
+def write_evaluator(out, file, stats, num_heads=None, glove=None, text=None):
+  """The folder of a released evaluator -> the Networks. stats: its own statistics, not those of the training data.
+
+  What its sentences are read with: glove, the benchmark's folder of word vectors, which is written beside the weights;
+  text, the folder of the CLIP that a CLIP-type evaluator was trained on, which is named in the config. Without them
+  `load_evaluator` has to be told.
+  """
   check_free(out)
   made = evaluator(file, num_heads)
-  stage = "evaluator.clip" if isinstance(made.module, ClipEvaluator) else "evaluator.t2m"
+  clip = isinstance(made.module, ClipEvaluator)
+  if (glove and clip) or (text and not clip):
+    raise ValueError(f"{file} is " + ("of CLIP's type, which reads word pieces: give --text" if clip else
+                                      "T2M's evaluator, which reads word vectors: give --glove") + " instead")
+  files, words = {}, load_words(glove) if glove else None
+  if words:
+    width = made.params["params"]["text_encoder"]["classes"]["kernel"].shape[-1]
+    if words.dim != width:
+      raise ValueError(f"{glove} has vectors of {words.dim} numbers, {file} was trained on {width}")
+    files[CONVERTED] = words.to_bytes()
   columns = made.fields["columns"]
   stats = stats_of(stats, columns, ("Mean.npy", "eval_mean.npy", f"eval_mean_{columns}.npy"))
-  config = dict(stage=stage, model=made.fields, data=dict(layout=stats.layout.name))
-  write(out, config, [made], made.params, stats)
+  config = dict(stage="evaluator.clip" if clip else "evaluator.t2m", model=made.fields,
+                data=dict(layout=stats.layout.name))
+  if text:
+    config["frozen"], files[checkpoint.TEXT] = dict(text=str(text)), text_identity(load_text_encoder(text))
+  write(out, config, [made], made.params, stats, files=files)
   return [made]

@@ -1,15 +1,20 @@
 """Which vector each score is taken of."""
 import dataclasses
+import types
 
 import numpy as np
 import pytest
 
-from motion_jax.evaluation import items, protocols, run, sanity
+from motion_jax.evaluation import controls, items, protocols, sanity
 from motion_jax.evaluation.evaluator import fresh_evaluator
 from motion_jax.evaluation.judge import Judge
 from motion_jax.metrics import scores
+from motion_jax.metrics.protocol import Draws
 from motion_jax.motion.features import get_layout
+from motion_jax.motion.stats import Stats
+from tests import fixtures
 from tests.evaluation.test_run import make_clips, write_archive
+from tests.golden import Fixture
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +90,101 @@ def test_the_real_row_of_a_cosine_is_of_the_clips_that_are_ranked(judge):
   assert cut.real_scores(0)["clip_score"] == pytest.approx(scores.clip_score(reading.text, reading.real)) != other
 
 
-def test_numbers_stand_beside_the_papers_of_their_own_representation():
-  kit = protocols.get_protocol("kit")
-  assert run._paper(kit, fresh_evaluator("t2m", "coordinates_kit"))["table"] == "2"
-  assert run._paper(kit, fresh_evaluator("t2m", "full_kit")) is None
+GOOD = dict(top1=0.5, top2=0.7, top3=0.99, matching=1.0, fid=0.01, clip_score=0.8)
+
+
+@pytest.mark.parametrize("real, halves, words", [
+    ({}, 0.02, None),
+    (dict(top3=0.8), 0.02, "real motions find their captions in 80.0 % (top3), shuffled ones in 60.0 %"),
+    (dict(matching=2.5), 0.02, "real motions are 2.5 from their captions and 2 from others"),
+    (dict(fid=90.0), 0.02, "FID of real against real motions is 90"),
+    ({}, 1e9, "of two halves of them 1e+09"),
+    (dict(clip_score=0.3), 0.02, "CLIP score of real motions is 0.300, of shuffled captions 0.400"),
+    (dict(top1=float("nan")), 0.02, "the real motions' top1 is not finite"),
+])
+def test_each_sign_of_a_wrong_evaluator_is_told(judge, monkeypatch, real, halves, words):
+  monkeypatch.setattr(judge, "real_scores", lambda repeat: GOOD | real)
+  monkeypatch.setattr(judge, "shuffled_scores", lambda repeat: dict(top3=0.6, matching=2.0, clip_score=0.4))
+  monkeypatch.setattr(judge, "fid_of_halves", lambda repeat: halves)
+  monkeypatch.setattr(sanity.scores, "fid", lambda *given: 100.0)
+  found = sanity.look(judge)["failures"]
+  assert (not found) if words is None else (len(found) == 1 and words in found[0])
+
+
+def test_real_numbers_unlike_the_papers_are_told(judge, monkeypatch):
+  paper = dataclasses.replace(judge.protocol, paper=("cmdm", "2", "CMDM w/ FSS"))
+  some = Judge(paper, judge.evaluator, None, judge.items, seed=1)
+  printed = {name: one["mean"] for name, one in sanity.tables.paper_row("cmdm", "2", "GT").items()}
+  assert not sanity._unlike_the_paper(some, GOOD | printed)
+  assert "R@3 of real motions is 0.400, the paper prints 0.9" in sanity._unlike_the_paper(some, GOOD | printed | {
+      "top3": 0.4})[0]
+
+
+def test_shuffled_captions_are_all_those_of_their_pools(judge):
+  """Any order, so that chance is what an evaluator that knows nothing has; none comes from another pool."""
+  asked, embed = [], judge.batches
+  judge.batches = lambda reading, *given, **more: asked.append(given[3]) or embed(reading, *given, **more)
+  try:
+    judge.shuffled_scores(0)
+  finally:
+    del judge.batches
+  text, turned = judge.read(0).text, asked[0]
+  for first in range(0, judge.count, 4):
+    pool = slice(first, first + 4)
+    assert sorted(map(tuple, text[pool])) == sorted(map(tuple, turned[pool]))
+  assert (text != turned).any()
+
+
+def test_halves_of_the_real_motions_share_none(judge, monkeypatch):
+  seen = []
+  monkeypatch.setattr("motion_jax.evaluation.judge.scores.fid", lambda a, b: seen.append((a, b)) or 1.0)
+  assert judge.fid_of_halves(0, draws=3) == 1.0 and len(seen) == 3
+  for a, b in seen:
+    assert len(a) == len(b) == 4 and not set(map(tuple, a)) & set(map(tuple, b))
+
+
+@pytest.mark.parametrize("values, ok, noticed", [
+    ([1.1, 2.0, 9.0], True, 0.03), ([0.99, 1.0, 9.0], True, 0.1), ([2.0, 3.0, 9.0], True, 0.01),
+    ([2.0, 1.5, 9.0], False, 0.01), ([0.5, 2.0, 9.0], False, 0.03), ([0.9, 0.8, 0.7], False, None)])
+def test_a_control_says_from_which_level_on_it_is_noticed(values, ok, noticed):
+  assert controls._moves(1.0, values, 1) is ok
+  assert controls._noticed(1.0, values, 1, controls.LEVELS) == noticed
+
+
+def test_controls_begin_at_the_same_cuts(judge):
+  """Nothing done to them: nothing between them and the real motions."""
+  checked = controls.check(judge)
+  assert checked["rows"]["real"]["fid"] == pytest.approx(0, abs=1e-6)
+  assert checked["rows"]["noise 10 cm"]["fid"] > 0
+
+
+def test_the_recorded_loop_comes_out_of_the_judge(monkeypatch):
+  """The released evaluation of text to motion, recorded with linear evaluators, by the code that eval.py runs."""
+  fixture = Fixture(fixtures.path("cmdm/protocol.npz"))
+  lengths, layout = fixture["in/lengths"].ravel(), get_layout("essential")
+  flat = {name: fixture[f"in/{name}"].reshape(-1, 8, 67) * fixture["in/std"] + fixture["in/mean"]
+          for name in ("gt", "gen")}
+  text = fixture["in/text"].reshape(len(lengths), -1)
+  stats = Stats(fixture["in/eval_mean"].astype(np.float32), fixture["in/eval_std"].astype(np.float32), layout)
+
+  def reader(motion, words):
+    mean = lambda x, frames: np.stack([row[:m].mean(0) for row, m in zip(x, frames)]) @ fixture[f"in/{motion}"]
+    return types.SimpleNamespace(
+        name=motion, kind="clip", layout=layout, mode="benchmark", stats=stats, seen=None, embed_motion=mean,
+        embed_for_fid=mean,
+        embed_text=lambda captions, tokens: text[[int(caption) for caption in captions]] @ fixture[f"in/{words}"])
+
+  protocol = dataclasses.replace(protocols.get_protocol("cmdm-67"), pool=8, min_frames=4, max_frames=8, coin=False,
+                                 shuffle=False, random_crop=False, sort_by_caption=False)
+  main, clip = reader("w_motion", "w_text"), reader("w_clip", "w_clip_text")
+  found = items.Items("humanml3d", [str(i) for i in range(len(text))], [(str(i),) for i in range(len(text))],
+                      [(None,)] * len(text), [""] * len(text),
+                      {("essential", "benchmark"): [x[:m] for x, m in zip(flat["gt"], lengths)]}, [])
+  monkeypatch.setattr("motion_jax.evaluation.judge.physics_of", lambda *given: {})
+  judge = Judge(protocol, main, clip, found, seed=0)
+  drawn = [fixture[f"out/dit/draws/{i}"] for i in range(4)]
+  judge._readings[0] = dataclasses.replace(judge.read(0), draws=Draws((drawn[0], drawn[1]), (drawn[2], drawn[3])))
+  row = judge.scores(0, list(flat["gen"]), layout)
+  for name, theirs in (("fid", "fid"), ("diversity", "diversity"), ("top1", "top1"), ("top2", "top2"),
+                       ("top3", "top3"), ("matching", "matching"), ("clip_score", "clip")):
+    np.testing.assert_allclose(row[name], fixture[f"out/dit/{theirs}"], rtol=1e-4, err_msg=name)

@@ -1,8 +1,10 @@
 """Evaluation by a protocol: the same numbers every time, after a kill, on any number of devices; bad input is told."""
 import dataclasses
+import importlib.util
 import json
 import re
 import shutil
+import signal
 import subprocess
 import sys
 
@@ -124,6 +126,90 @@ def test_a_repeat_is_byte_identical_and_so_is_one_that_was_killed(judged, tiny_r
     assert content(tmp_path / folder) == before
 
 
+def eval_py():
+  """eval.py as a module."""
+  spec = importlib.util.spec_from_file_location("eval_py", ROOT / "eval.py")
+  found = importlib.util.module_from_spec(spec)
+  spec.loader.exec_module(found)
+  return found
+
+
+def command():
+  """The same with the small protocol and random evaluators in the place of those that ship."""
+  run.protocols_lib.PROTOCOLS["archives-66"] = SMALL
+  run.load_evaluator = lambda name: fresh_evaluator("clip" if "clip" in name else "t2m")
+  return eval_py()
+
+
+def test_eval_py_killed_goes_on_to_the_same_table(judged, tiny_run, archive, tmp_path, monkeypatch, capsys):
+  """The command itself, dead in the middle of sampling: what is on disk is whole, the rest is made by the next one."""
+  arguments = ["--run", str(tiny_run), "--data", str(archive), "--force", "--controls", "--sampling", "num_steps=2",
+               "--samples", str(tmp_path / "samples"), "--out", str(tmp_path / "out"),
+               "--report", str(tmp_path / "page")]
+  script = f"""
+import os, signal
+from tests.evaluation.test_run import command, samples
+write = samples.Store.write
+samples.Store.write = lambda *args: (write(*args), os.kill(os.getpid(), signal.SIGKILL))
+command().main({arguments!r})
+"""
+  killed = subprocess.run([sys.executable, "-c", script], env=devices_env(1), cwd=ROOT, capture_output=True)
+  assert killed.returncode == -signal.SIGKILL, killed.stderr[-2000:]
+  left = sorted(path.name for path in (tmp_path / "samples").rglob("*.npz"))
+  assert left == ["r000_b000.npz"] and not (tmp_path / "out").exists()
+  monkeypatch.setitem(run.protocols_lib.PROTOCOLS, "archives-66", SMALL)  # what command() changes is undone
+  monkeypatch.setattr(run, "load_evaluator", None)
+  write, written = samples.Store.write, []
+  monkeypatch.setattr(samples.Store, "write", lambda *args: (written.append(args[1]), write(*args))[1])
+  with pytest.raises(SystemExit, match="eval.py: control: .* does not go"):  # random evaluators notice little
+    command().main(arguments)
+  assert written == ["r000_many", "r001"] and (tmp_path / "page" / "index.html").is_file()
+  assert content(tmp_path / "out") == content(judged[1]) and "wrote " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("arguments, words", [
+    (["--sampling", "nm_steps=2"], "got the choice of sampling 'nm_steps', .* knows schedule, num_steps, lag"),
+    (["--sampling", "guidance_scale=3"], "--guidance takes scales"),
+    (["--sampling", "schedule=random"], "got schedule 'random', expected one of fss"),
+    (["--vary", "lag"], "got the choice of sampling 'lag', expected KEY=VALUE"),
+    (["--motions", "real=somewhere"], "expected NAME=DIR, each with a name of its own other than real"),
+    (["--motions", "theirs=nowhere"], "nowhere holds no motions"),
+    (["--protocol", "reconstruction", "--guidance", "2"], "is not sampled, so guidance"),
+    (["--protocol", "mtt", "--evaluator", "some"], "of kind 't2m', protocol 'mtt' is about the space of kind tmr"),
+    (["--clip-evaluator", "other"], "got --clip-evaluator 'fresh-t2m' of kind 't2m'"),
+])
+def test_what_cannot_be_asked_is_told_before_anything_is_done(tiny_run, archive, monkeypatch, arguments, words):
+  monkeypatch.setitem(run.protocols_lib.PROTOCOLS, "archives-66", SMALL)
+  monkeypatch.setattr(run, "load_evaluator", None)
+  monkeypatch.setattr(run.sanity, "look", lambda judge: pytest.fail("began"))
+  with pytest.raises(SystemExit, match=f"eval.py: (.|\n)*{words}"):
+    command().main(["--run", str(tiny_run), "--data", str(archive), "--out", "nowhere", *arguments])
+
+
+@pytest.mark.parametrize("option", ["--repeats", "--limit", "--devices"])
+def test_counts_are_from_one_on(option, capsys):
+  with pytest.raises(SystemExit):
+    eval_py().parse(["--data", "somewhere", option, "0"])
+  assert "got '0', expected a whole number from 1 on" in capsys.readouterr().err
+
+
+def test_flags_may_be_repeated():
+  args = eval_py().parse(["--data", "a", "b", "--data", "c", "--guidance", "2", "--guidance", "3", "--vary", "lag=1",
+                          "--vary", "lag=2"])
+  assert args.guidance == [2, 3] and args.vary == ["lag=1", "lag=2"] and args.data == [["a", "b"], ["c"]]
+
+
+def test_a_result_is_not_lost_to_another_question(judged, tiny_run, archive, evaluators, tmp_path, monkeypatch):
+  monkeypatch.setattr(run, "default_out", lambda runs, protocol: judged[1])
+  with pytest.raises(ValueError, match="holds a result of another models, which would be lost; name a folder by --out"):
+    run.evaluate([tiny_run], [archive], SMALL, force=True, show=False, sampling=dict(num_steps=3), **evaluators)
+
+
+def test_rows_have_names_of_their_own(tmp_path):
+  runs = [str(tmp_path / name) for name in ("real", "a/denoiser", "b/denoiser", "c")]
+  assert run._names(runs) == [*runs[:3], "c"]
+
+
 def test_motions_do_not_depend_on_batches(judged, tiny_run, archive, evaluators, monkeypatch):
   """Three motions at a time, the same numbers."""
   result, out = judged
@@ -133,21 +219,59 @@ def test_motions_do_not_depend_on_batches(judged, tiny_run, archive, evaluators,
     np.testing.assert_allclose(other["rows"][tiny_run.name][metric]["values"], one["values"], rtol=2e-3, atol=1e-4)
 
 
-def test_devices_give_the_same_table(judged, tiny_run, archive, tmp_path):
-  """Four simulated devices against the one of these tests."""
+def test_devices_give_the_same_numbers(judged, tiny_run, archive, evaluators, tmp_path, monkeypatch):
+  """Batches of two on four simulated devices, all of which are used, against the one of these tests."""
   script = f"""
 import jax
-from motion_jax.evaluation import run
+from motion_jax.evaluation import run, samples
 from motion_jax.evaluation.evaluator import fresh_evaluator
 from tests.evaluation.test_run import SMALL
-assert len(jax.local_devices()) == 4
+samples.BATCH, used, write = 2, set(), samples.Store.write
+make_of = samples.generator_of
+def generator_of(model, *args):
+  def make(jobs):
+    made = make_of(model, *args)(jobs)
+    used.add(jax.numpy.zeros(1).devices().pop())  # the default device of this thread
+    return made
+  return make
+samples.generator_of = generator_of
 run.hash_of = lambda loaded: "another"  # so that nothing is read that the one device made
-run.evaluate([{str(tiny_run)!r}], [{str(archive)!r}], SMALL, out={str(tmp_path)!r}, force=True, controls=True,
+run.evaluate([{str(tiny_run)!r}], [{str(archive)!r}], SMALL, out={str(tmp_path / "four")!r}, force=True, controls=True,
              show=False, sampling=dict(num_steps=2), evaluator=fresh_evaluator("t2m"),
              clip_evaluator=fresh_evaluator("clip"))
+assert len(jax.local_devices()) == len(used) == 4, used
 """
   subprocess.run([sys.executable, "-c", script], check=True, env=devices_env(4), cwd=ROOT)
-  assert (tmp_path / "tables.md").read_text() == (judged[1] / "tables.md").read_text()
+  monkeypatch.setattr(samples, "BATCH", 2)
+  one = again(tiny_run, archive, evaluators, tmp_path / "one")
+  assert json.loads((tmp_path / "four" / "results.json").read_text())["rows"] == one["rows"]
+
+
+def test_motions_of_a_model_are_judged_the_same_from_files(judged, tiny_run, archive, evaluators, tmp_path):
+  """What is asked for is what a model of ours is asked for; its motions, given back, have its numbers."""
+  result, _ = judged
+  run.ask([archive], tmp_path / "made", SMALL, evaluator=evaluators["evaluator"])
+  lines = [json.loads(line) for line in (tmp_path / "made" / "prompts.jsonl").read_text().splitlines()]
+  assert len(lines) == 2 * 8 + 4 * 2 and lines[0].keys() == {"file", "caption", "frames", "fps", "seed", "id"}
+  stored = {}
+  for path in (tiny_run / "eval" / "samples").rglob("*.npz"):
+    with np.load(path) as file:
+      for seed, start, end in zip(file["seeds"].tolist(), file["start"], file["start"][1:]):
+        stored[seed] = file["features"][start:end]
+  for line in lines:
+    path = tmp_path / "made" / line["file"]
+    path.parent.mkdir(exist_ok=True)
+    assert len(stored[line["seed"]]) >= line["frames"]
+    np.save(path, stored[line["seed"]])
+  made = run.evaluate([], [archive], SMALL, out=tmp_path / "out", force=True, show=False, **evaluators,
+                      motions=[("theirs", tmp_path / "made")])
+  assert made["row_order"] == ["real", "theirs"] and made["record"]["models"][0]["layout"] == "full"
+  for metric, one in result["rows"][tiny_run.name].items():
+    assert made["rows"]["theirs"][metric]["values"] == one["values"], metric
+  (tmp_path / "made" / lines[3]["file"]).unlink()
+  with pytest.raises(FileNotFoundError, match="1 of 8 motions of theirs are not in .*r000/00003.npy"):
+    run.evaluate([], [archive], SMALL, out=tmp_path / "out", force=True, show=False, **evaluators,
+                 motions=[("theirs", tmp_path / "made")])
 
 
 def test_physics_of_the_controls_moves_as_it_should(judged):

@@ -39,11 +39,15 @@ def judged(runs, folders, protocol, evaluator, out, **options):
 
 
 def test_reconstruction(tiny_run, archive, evaluator, tmp_path):
-  result = judged([tiny_run], [archive], small("reconstruction"), evaluator, tmp_path)
+  result = judged([tiny_run], [archive], small("reconstruction"), evaluator, tmp_path, controls=True)
   row = {name: one["mean"] for name, one in result["rows"][tiny_run.name].items()}
   assert {"mpjpe", "mpjpe_heading", "released_mpjpe", "fid"} <= set(result["metrics"]) and row["mpjpe"] > 0
   # By the released code: metres, of sums over frames divided by the pool.
   assert 40 < row["released_mpjpe"] * 4 / (row["mpjpe"] / 1000) < 50
+  errors = [one for one in result["controls"]["expected"] if one["metric"].endswith("mpjpe")]
+  assert len(errors) == 2 and all(one["ok"] and one["real"] == 0 and one["noticed"] == 0.01 for one in errors)
+  # The mean length of a draw in three dimensions, against a root with noise of its own, which is one of 22 joints.
+  assert errors[0]["values"][0] == pytest.approx(10 * (2 * 8 / np.pi) ** 0.5 * 21 / 22, rel=0.02)
 
 
 def test_editing(archive, evaluator, tmp_path):
@@ -88,14 +92,25 @@ def test_a_model_without_the_gift_is_told(tiny_run, archive, evaluator, tmp_path
 
 def test_long_motions(tiny_run, archive, evaluator, tmp_path):
   protocol = small("long-horizon", sequences=2, segments=3, transition_frames=20, real_jerk=None)
-  result = judged([tiny_run], [archive], protocol, evaluator, tmp_path, sampling=dict(num_steps=2))
+  result = judged([tiny_run], [archive], protocol, evaluator, tmp_path, sampling=dict(num_steps=2), controls=True)
+  spliced = {one["metric"]: one["ok"] for one in result["controls"]["expected"] if one["control"] == "spliced"}
+  assert spliced == dict.fromkeys(("transition_fid", "transition_distance", "peak_jerk", "auj"), True)
   for name in ("real", tiny_run.name):
     assert set(long_horizon.METRICS) <= set(result["rows"][name])
   assert result["rows"]["real"]["fid"]["mean"] == pytest.approx(0, abs=1e-6)
   assert len(result["curves"][f"jerk across transitions, {tiny_run.name}"]["y"]) == 17
 
 
-def test_timelines(tiny_run, archive, evaluator, tmp_path):
+@pytest.mark.parametrize("way, unit, latent, expected", [
+    ("chain", 24, 8, [96, 64, 8]), ("chain", 12, 4, [100, 64, 4]), ("stream", 12, 4, None)])
+def test_pieces_are_as_long_as_the_model_makes_them(way, unit, latent, expected):
+  """Latents of 8 frames are whole, too: a model told for 100 frames makes 96."""
+  made = long_horizon._frames(np.array([100, 64, 6]), way, unit, latent)
+  assert made == expected if expected else sum(made) == 170
+
+
+def test_timelines(tiny_run, archive, tmp_path):
+  evaluator = fresh_evaluator("tmr")
   clips = [clip for clip in make_clips() if clip.split == "test"]
   first, second = clips[0].captions[0].text, clips[1].captions[0].text
   path = tmp_path / "timelines.txt"
