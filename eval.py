@@ -9,7 +9,8 @@ def parse(argv=None):
                                    "run; writes results.json, tables.md and tables.tex.")
   add = parser.add_argument
   add("--run", action="append", default=[], help="run folder, or a model that ships (cmdm-small); may be repeated")
-  add("--data", action="append", nargs="+", help="data folder; several make one test set")
+  add("--data", action="append", nargs="+", help="data folder; several make one test set. A file of timelines (mtt) "
+      "or of FlowMDM's stories (.json: long-horizon, babel) goes with them")
   add("--protocol", help="by default the one that fits the data and the first run; see evaluation/protocols.py")
   add("--evaluator", help="folder or name of the evaluator; by default the protocol's")
   add("--clip-evaluator", help="of the CLIP-type evaluator, or none")

@@ -24,7 +24,7 @@ judge multimodality --run cmdm-small --run cdamd-small --repeats 1
 judge schedules --run cmdm-small --vary schedule=fss schedule=ar schedule=full num_steps=20,lag=1 --repeats "$few" \
   --no-multimodality
 judge guidance --run cmdm-small --run cdamd-small --guidance 1 2 3 4 6 --repeats "$few" --no-multimodality
-judge reconstruction --run cmdm-small --run cdamd-small --protocol reconstruction --repeats "$repeats"
+judge reconstruction --run cmdm-small --run cdamd-small --protocol reconstruction --repeats "$repeats" --controls
 judge editing --run cdamd-small --protocol editing --vary mask=causal mask=bcm --repeats "$few"
-judge long --run cmdm-small --protocol long-horizon --repeats "$few" --limit 16
-python eval.py --beside "$out"/{main,schedules,guidance,reconstruction,editing,long} --report "$out/report"
+judge long --run cmdm-small --protocol long-horizon --vary way=stream way=chain --repeats "$few" --limit 16 --controls
+python eval.py --beside "$out"/{main,multimodality,schedules,guidance,reconstruction,editing,long} --report "$out/report"

@@ -6,7 +6,11 @@ A text file; one interval a line, an empty line between timelines, seconds:
   raising both hands in the air # 2.0 # 5.0 # right arm # left arm
 
 `single_track` turns one into prompts that follow each other, for models that take one caption at a time.
+
+`read_stories` reads prompts that follow each other anyway, as FlowMDM's evaluation lists them: JSON, [{"id": "0",
+"lengths": [frames, ..], "text": [caption, ..]}, ..].
 """
+import json
 import pathlib
 from typing import NamedTuple
 
@@ -39,6 +43,25 @@ def read_timelines(path) -> list[list[Interval]]:
   if not timelines:
     raise ValueError(f"{path} holds no timeline; a line is: caption # start # end # body parts, times in seconds")
   return [_from_zero(timeline) for timeline in timelines]
+
+
+def read_stories(path) -> list[list[tuple[str, int]]]:
+  """[[(caption, frames), ..], ..] of a file of stories, in the order of their ids. Raises ValueError for another file.
+  """
+  path = pathlib.Path(path)
+  expected = 'expected a list of {"id", "lengths": [frames, ..], "text": [caption, ..]}, as many lengths as texts'
+  try:
+    content = json.loads(path.read_text(encoding="utf-8"))
+    stories = [list(zip(one["text"], map(int, one["lengths"]), strict=True))
+               for one in sorted(content, key=lambda one: int(one["id"]))]
+  except (json.JSONDecodeError, UnicodeDecodeError, KeyError, TypeError, ValueError) as error:
+    raise ValueError(f"{path} is no file of stories ({error}); {expected}") from None
+  bad = [i for i, story in enumerate(stories) if len(story) < 2 or any(
+      not isinstance(text, str) or not text.strip() or frames < 1 for text, frames in story)]
+  if bad or not stories:
+    raise ValueError(f"{path}: " + (f"story {bad[0]} of {len(stories)} has an empty caption, a length under 1 or no "
+                                    "second prompt" if bad else "no story") + f"; {expected}")
+  return stories
 
 
 def is_timeline(text) -> bool:

@@ -77,9 +77,12 @@ class Judge:
         protocol_lib.draw(self.rng(repeat, DIVERSITY), len(drawn), self.protocol))
 
   def embed_text(self, evaluator, drawn):
-    """Embeddings (N, E) of a pass's captions, each different one read once."""
-    known = self._texts.setdefault(id(evaluator), {})
-    pairs = list(zip(drawn.captions_of(self.items), drawn.tokens_of(self.items)))
+    """Embeddings (N, E) of a pass's captions."""
+    return self.embed_captions(evaluator, drawn.captions_of(self.items), drawn.tokens_of(self.items))
+
+  def embed_captions(self, evaluator, captions, tokens):
+    """Embeddings (N, E) of captions, each different one read once; tokens as data hold them, None by rule."""
+    known, pairs = self._texts.setdefault(id(evaluator), {}), list(zip(captions, tokens))
     new = [pair for pair in dict.fromkeys(pairs) if pair not in known]
     if new:
       captions = [caption for caption, _ in new]

@@ -1,13 +1,18 @@
 """Long motions: many captions in a row, judged piece by piece and at the borders (facts: cmdm 6.4).
 
-Which captions, and for how long, comes from the test items: `sequences` lists of `segments` items each, drawn once by
-the seed, the same in all repeats. (FlowMDM's own list is not part of its code.)
+Which captions, and for how long, comes from a file of stories (FlowMDM's own list is one, given out apart from its
+code), or else from the test items: `sequences` lists of `segments` items each, drawn once by the seed, the same in all
+repeats.
 """
 import dataclasses
+import hashlib
+import pathlib
+from typing import NamedTuple
 
 import numpy as np
 
 from motion_jax import model, stories
+from motion_jax.data.timelines import read_stories
 from motion_jax.evaluation import samples
 from motion_jax.evaluation.items import carry, from_joints
 from motion_jax.metrics import long_horizon, physics
@@ -47,23 +52,23 @@ def rows(judge, subject, repeat):
   options = {"way": judge.protocol.way} | dict(subject.options)
   way = options["way"]
   unit = subject.model.dit.block * subject.model.vae.frames_per_latent
-  frames = [_frames(row.frames, way, unit, subject.model.vae.frames_per_latent) for row in drawn]
-  jobs = samples.Jobs([" | ".join(row.captions_of(judge.items)) for row in drawn], [sum(part) for part in frames],
+  frames = [_frames(tale.frames, way, unit, subject.model.vae.frames_per_latent) for tale in drawn]
+  jobs = samples.Jobs([" | ".join(tale.captions) for tale in drawn], [sum(part) for part in frames],
                       [samples.seed_of(judge.seed, repeat, i) for i in range(len(drawn))], list(range(len(drawn))))
-  tales = [list(zip(row.captions_of(judge.items), (row.frames / subject.model.fps).tolist())) for row in drawn]
-  made = subject.sample(tell(subject, tales, options), subject.store(judge, f"stories, {way}"), f"r{repeat:03d}", jobs,
-                        f"repeat {repeat + 1}", BATCH)
+  told = [list(zip(tale.captions, (tale.frames / subject.model.fps).tolist())) for tale in drawn]
+  made = subject.sample(tell(subject, told, options), subject.store(judge, f"stories, {way}{_file(judge)}"),
+                        f"r{repeat:03d}", jobs, f"repeat {repeat + 1}", BATCH)
 
-  def told():
-    for motion, row, counts in zip(made, drawn, frames):
+  def pieces():
+    for motion, tale, counts in zip(made, drawn, frames):
       motion = motion[:sum(counts)]
       joints = np.asarray(to_joints(motion, layout), np.float64)
       by_joints = judge.evaluator.layout.kind == "coordinates"
       yield long_horizon.Sequence(
           joints if by_joints else carry(motion, layout, judge.evaluator), joints * layout.skeleton.unit, tuple(counts),
-          tuple(row.captions_of(judge.items)), judge.embed_text(judge.evaluator, row))
+          tuple(tale.captions), judge.embed_captions(judge.evaluator, tale.captions, tale.tokens))
 
-  scored = long_horizon.score(told(), _reference(judge, repeat), _embed(judge), judge.rng(repeat, SCORES),
+  scored = long_horizon.score(pieces(), _reference(judge, repeat), _embed(judge), judge.rng(repeat, SCORES),
                               _rules(judge.protocol), layout.skeleton)
   judge.curves.setdefault(subject.name, []).append(scored.curve)
   return {"": scored.row}
@@ -84,18 +89,36 @@ def damaged(judge, repeat, joints):
   return rows, {"spliced": {"transition_fid": 1, "transition_distance": 1, "peak_jerk": 1, "auj": 1}}
 
 
-def sequences(judge) -> list[samples.Pass]:
-  """The captions of each long motion, with their frames, cut to whole units."""
+class Tale(NamedTuple):
+  """The captions of a long motion, their tokens (None: by rule), and the frames that each is asked for (N,)."""
+  captions: list[str]
+  tokens: list
+  frames: np.ndarray
+
+
+def sequences(judge) -> list[Tale]:
+  """What is to be told, lengths cut to whole units."""
   items, protocol = judge.items, judge.protocol
+  if protocol.timelines:
+    return [Tale([text for text, _ in story], [None] * len(story),
+                 np.maximum([frames for _, frames in story], protocol.unit) // protocol.unit * protocol.unit)
+            for story in read_stories(protocol.timelines)[:protocol.sequences]]
   rng = judge.rng(0, SEQUENCES)
   found = []
   for _ in range(protocol.sequences):
     again = len(items) < protocol.segments
     item = rng.choice(len(items), protocol.segments, replace=again)
     caption = (rng.random(protocol.segments) * [len(items.captions[i]) for i in item]).astype(int)
-    found.append(samples.Pass(item, caption, np.zeros(len(item), int),
-                              items.rows[item] // protocol.unit * protocol.unit))
+    drawn = samples.Pass(item, caption, np.zeros(len(item), int), items.rows[item])
+    found.append(Tale(drawn.captions_of(items), drawn.tokens_of(items),
+                      drawn.frames // protocol.unit * protocol.unit))
   return found
+
+
+def _file(judge):
+  """What tells samples of a file's stories from others."""
+  path = judge.protocol.timelines
+  return f" of {hashlib.sha256(pathlib.Path(path).read_bytes()).hexdigest()}" if path else ""
 
 
 def _frames(counts, way, unit, latent):

@@ -69,7 +69,7 @@ class Benchmark(Protocol):
   sequences: int = 64                    # or timelines, at the most
   segments: int = 32
   transition_frames: int = 60
-  timelines: str | None = None           # a file of them
+  timelines: str | None = None           # a file of them, or of stories
   released_slips: bool = True            # Parity: of STMC's script, see `metrics.timeline_scores.Mtt`
   real_jerk: str | None = "humanml3d"    # level of AUJ, a key of physics.REAL_JERK; None: of the real clips given
   way: str = "stream"                    # how long motions are told where --sampling does not say: "stream" or "chain"
@@ -109,8 +109,8 @@ _CDAMD = Benchmark(
     # Parity: switched off in the released script; 96 captions of which the other scores see the last generation.
     multimodality_batches=3, multimodality_shared=True, paper=("cdamd", "1", "CDAMD (two VQ)"))
 
-_OWN_STORIES = ("Prompts in a row are drawn from the test items by the seed; the paper's list is FlowMDM's, which is "
-                "not part of its code: compare rows of ours")
+_OWN_STORIES = ("Prompts in a row are drawn from the test items by the seed; the paper's are FlowMDM's list, which "
+                "--data takes as a .json file: without it compare rows of ours alone")
 _ANY_GENERATION = ("archive", "humanml3d")
 
 PROTOCOLS = {protocol.name: protocol for protocol in (

@@ -152,12 +152,16 @@ class Clock:
 
 
 def _what(runs, folders, protocol, limit, multimodality):
-  """(data folders, protocol for them, limit of samples) of what was asked; a file among the folders is of timelines."""
+  """(data folders, protocol for them, limit of samples) of what was asked; a file among the folders is of timelines
+  or stories."""
   folders = list(folders)
   files = [folders.pop(i) for i in reversed(range(len(folders))) if pathlib.Path(folders[i]).is_file()]
   protocol = protocols_lib.get_protocol(protocol or guess_protocol(runs, [*folders, *files]))
   if files:
-    protocol = dataclasses.replace(protocol, timelines=str(files[0]))
+    if protocol.task not in ("stories", "timelines"):
+      raise ValueError(f"{files[0]} is a file, protocol {protocol.name!r} takes data folders alone; stories go with "
+                       "long-horizon and babel, timelines with mtt")
+    protocol = dataclasses.replace(protocol, timelines=str(files[0]), note="")
   if protocol.task in ("stories", "timelines") and limit:
     protocol, limit = dataclasses.replace(protocol, sequences=limit), None
   protocol = protocol.on(items_lib.format_of_all(folders))
@@ -187,8 +191,11 @@ def _check_out(out, question):
 def guess_protocol(runs, folders) -> str:
   """The protocol that fits data and model, by the format of the data and the layout of the first run."""
   data = [folder for folder in folders if not pathlib.Path(folder).is_file()]
-  if len(data) < len(folders):
-    return "mtt"  # a file of timelines
+  files = [folder for folder in folders if folder not in data]
+  if files and pathlib.Path(files[0]).suffix == ".json":  # of stories
+    return "babel" if items_lib.format_of_all(data) == "babel" else "long-horizon"
+  if files:
+    return "mtt"
   data_format = items_lib.format_of_all(data)
   if data_format != "humanml3d":
     return {"archive": "archives-66"}.get(data_format, data_format)

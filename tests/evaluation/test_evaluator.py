@@ -101,7 +101,7 @@ def test_a_converted_folder_is_told_where_its_words_are(run, tmp_path):
   save_stats(evaluator.stats, tmp_path)
   converted = load_evaluator(tmp_path)
   assert converted.hash == evaluator.hash and converted.max_frames == 196
-  with pytest.raises(FileNotFoundError, match="glove folder"):
+  with pytest.raises(FileNotFoundError, match="--glove FOLDER"):
     converted.embed_text(CAPTIONS)
   np.testing.assert_array_equal(load_evaluator(tmp_path, text=run / CONVERTED).embed_text(CAPTIONS),
                                 evaluator.embed_text(CAPTIONS))

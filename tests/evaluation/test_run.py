@@ -14,7 +14,7 @@ import pytest
 from motion_jax.data import humanml3d
 from motion_jax.data.synthetic import synthetic_clips
 from motion_jax.evaluation import items as items_lib
-from motion_jax.evaluation import protocols, run, samples
+from motion_jax.evaluation import protocols, rows, run, samples
 from motion_jax.evaluation.evaluator import fresh_evaluator
 from tests.conftest import ROOT, devices_env
 
@@ -72,7 +72,8 @@ def test_a_result_has_rows_intervals_and_a_record(judged, tiny_run):
   assert result["row_order"] == ["real", tiny_run.name] and "shuffled" in result["rows"]
   assert len(row["fid"]["values"]) == 2 and len(row["multimodality"]["values"]) == 1
   assert row["fid"]["mean"] == pytest.approx(np.mean(row["fid"]["values"]))
-  assert row["fid"]["interval"] == pytest.approx(1.96 * np.std(row["fid"]["values"]) / np.sqrt(2))
+  assert row["fid"]["interval"] == pytest.approx(12.7062 * np.std(row["fid"]["values"], ddof=1) / np.sqrt(2), rel=1e-5)
+  assert row["multimodality"]["interval"] is None
   assert set(result["metrics"]) <= set(row) and row["jerk"]["mean"] > 0
   record = result["record"]
   assert record["data"]["items"] == 9 and record["data"]["samples"] == 8 and record["data"]["excluded"] == 0
@@ -203,6 +204,12 @@ def test_a_result_is_not_lost_to_another_question(judged, tiny_run, archive, eva
   monkeypatch.setattr(run, "default_out", lambda runs, protocol: judged[1])
   with pytest.raises(ValueError, match="holds a result of another models, which would be lost; name a folder by --out"):
     run.evaluate([tiny_run], [archive], SMALL, force=True, show=False, sampling=dict(num_steps=3), **evaluators)
+
+
+def test_intervals_of_a_papers_protocol_are_the_papers():
+  values = [1.0, 2.0, 4.0]
+  assert rows.interval(values)["interval"] == pytest.approx(1.96 * np.std(values) / 3**0.5)
+  assert rows.interval(values, False)["interval"] == pytest.approx(4.30265 * np.std(values, ddof=1) / 3**0.5)
 
 
 def test_rows_have_names_of_their_own(tmp_path):

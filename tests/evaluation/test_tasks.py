@@ -1,14 +1,17 @@
 """Reconstruction, editing, long motions and timelines: small runs of each from data to rows."""
 import dataclasses
+import json
 
 import numpy as np
 import pytest
 
 from motion_jax import training
 from motion_jax.data.synthetic import synthetic_clips
+from motion_jax.data.timelines import read_stories
 from motion_jax.evaluation import editing, long_horizon, protocols, run, samples
 from motion_jax.evaluation import items as items_lib
 from motion_jax.evaluation.evaluator import fresh_evaluator
+from motion_jax.evaluation.judge import Judge
 from motion_jax.evaluation.subject import Subject
 from motion_jax.metrics import long_horizon as long_horizon_lib
 from motion_jax.metrics import protocol as protocol_lib
@@ -99,6 +102,33 @@ def test_long_motions(tiny_run, archive, evaluator, tmp_path):
     assert set(long_horizon.METRICS) <= set(result["rows"][name])
   assert result["rows"]["real"]["fid"]["mean"] == pytest.approx(0, abs=1e-6)
   assert len(result["curves"][f"jerk across transitions, {tiny_run.name}"]["y"]) == 17
+
+
+def test_stories_of_a_file(archive, evaluator, tmp_path):
+  """FlowMDM's list: its captions and lengths, in the order of its ids, cut to whole units."""
+  path = tmp_path / "stories.json"
+  path.write_text(json.dumps([dict(id="10", lengths=[70, 64, 33], text=["c", "d", "e"]),
+                              dict(id="2", lengths=[101, 80], text=["a person walks", "b"], scenario="long")]))
+  folders, protocol, _ = run._what([], [str(path), archive], None, None, True)
+  assert protocol.name == "long-horizon" and protocol.note == "" and folders == [archive]
+  judge = Judge(dataclasses.replace(protocol, pool=4, min_frames=24), evaluator, None, items_lib.read_items(
+      folders, dataclasses.replace(protocol, min_frames=24), [evaluator]), seed=0)
+  first, second = long_horizon.sequences(judge)
+  assert first.captions == ["a person walks", "b"] and first.frames.tolist() == [100, 80]
+  assert second.captions == ["c", "d", "e"] and second.frames.tolist() == [68, 64, 32]
+  assert len(long_horizon._file(judge)) == 68
+  with pytest.raises(ValueError, match="is a file, protocol 'archives-66' takes data folders alone"):
+    run._what([], [str(path), archive], "archives-66", None, True)
+
+
+@pytest.mark.parametrize("content", ["[]", "{}", "walks # 0 # 1", '[{"id": 0, "lengths": [1], "text": ["a", "b"]}]',
+                                     '[{"id": 0, "lengths": [20, 0], "text": ["a", "b"]}]',
+                                     '[{"id": 0, "lengths": [20, 20], "text": ["a", " "]}]'])
+def test_a_file_that_holds_no_stories_is_told(tmp_path, content):
+  path = tmp_path / "stories.json"
+  path.write_text(content)
+  with pytest.raises(ValueError, match=r"stories.json.*expected a list of \{\"id\", \"lengths\""):
+    read_stories(path)
 
 
 @pytest.mark.parametrize("way, unit, latent, expected", [
