@@ -13,7 +13,7 @@ COUNT = 6  # of either kind
 
 
 def write(judge, subject, out, repeat=0) -> list[dict]:
-  """gallery/*.npz in `out` -> [{"caption", "kind", "score", "real", "made"}]; score: distance of words and motion."""
+  """gallery/*.npz in `out` -> [{"caption", "kind", "score", "row", "real", "made"}]; score: from words to motion."""
   reading, layout = judge.read(repeat), subject.model.stats.layout
   motions = generation.sampled(judge, subject, repeat)
   made = judge.embed(judge.evaluator, judge.carried(judge.evaluator, motions, layout, reading.drawn.frames),
@@ -25,7 +25,7 @@ def write(judge, subject, out, repeat=0) -> list[dict]:
   shown += [("failure", i) for i in _different(worst, captions)]
   entries = []
   for number, (kind, i) in enumerate(shown):
-    entry = dict(caption=captions[i], kind=kind, score=float(away[i]))
+    entry = dict(caption=captions[i], kind=kind, score=float(away[i]), row=subject.name)
     for side, features, form in (("real", real[i], judge.evaluator.layout), ("made", motions[i], layout)):
       name = f"gallery/{kind}_{number:02d}_{side}.npz"
       joints = np.asarray(to_joints(features[:reading.drawn.frames[i]], form), np.float32)

@@ -47,14 +47,14 @@ def wanted(judge, repeat):
 
 
 def _first(judge, repeat):
-  drawn = judge.read(repeat).drawn
+  drawn = judge.drawn(repeat)
   jobs = samples.jobs_of(judge.items, drawn, judge.seed, repeat, _copies(judge, repeat))
   return f"r{repeat:03d}", jobs, drawn.item
 
 
 def _many(judge, repeat):
   """The other generations of the first captions."""
-  drawn, pairs = judge.read(repeat).drawn, _pairs(judge, repeat)
+  drawn, pairs = judge.drawn(repeat), _pairs(judge, repeat)
   places, copies = (np.array(part) for part in zip(*pairs))
   some = samples.Pass(*(part[places] for part in drawn))
   return f"r{repeat:03d}_many", samples.jobs_of(judge.items, some, judge.seed, repeat, copies), some.item

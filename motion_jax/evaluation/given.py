@@ -65,7 +65,7 @@ class Given:
     paths = [self.folder / _file(name, place) for place in range(len(jobs.frames))]
     missing = [path for path in paths if not path.is_file()]
     if missing:
-      raise FileNotFoundError(f"{len(missing)} of {len(paths)} motions of {name} are not in {self.folder}, such as "
+      raise FileNotFoundError(f"{len(missing)} of {len(paths)} motions of {self.name!r} are not in {self.folder}, such as "
                               f"{missing[0].relative_to(self.folder)}; eval.py --ask DIR says what is to be made")
     return [_read(path, count, self.model.stats.layout) for path, count in zip(paths, jobs.frames)]
 

@@ -56,13 +56,17 @@ class Judge:
   def rng(self, repeat, stream):
     return np.random.default_rng((self.seed, repeat, stream))
 
+  def drawn(self, repeat) -> samples.Pass:
+    """Who is in a repeat's pass."""
+    return samples.draw_pass(self.items, self.protocol, self.seed, repeat, self.limit)
+
   def read(self, repeat) -> Reading:
     if repeat not in self._readings:
       self._readings[repeat] = self._read(repeat)
     return self._readings[repeat]
 
   def _read(self, repeat):
-    drawn = samples.draw_pass(self.items, self.protocol, self.seed, repeat, self.limit)
+    drawn = self.drawn(repeat)
     again = samples.draw_pass(self.items, self.protocol, self.seed, repeat, stream=AGAIN, order=drawn.item)
     real, repeated = (some.cut(self.items.of(self.evaluator)) for some in (drawn, again))
     clip_text = clip_real = None

@@ -302,6 +302,8 @@ def _gallery(kind, entries, folder, pages, stem):
                  f'<img src="{_strip(list(clips.values()))}" alt="{_text(entry["caption"])}">{labels}</div>'
                  f'<a href="motions/{name}">▶ play side by side</a></div>')
   title, said = _TITLES[kind]
+  rows = dict.fromkeys(entry["row"] for entry in entries if entry.get("row"))
+  said += f" Generated: {_text(', '.join(rows))}." if rows else ""
   return f'<h3>{title}</h3><p class="note">{said}</p><div class="pairs">{"".join(pairs)}</div>'
 
 

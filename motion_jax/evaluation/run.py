@@ -86,7 +86,7 @@ def evaluate(runs, folders, protocol=None, *, evaluator=None, clip_evaluator=Non
   for subject in subjects:
     with start.part(subject.name):
       made = rows_lib.collect(lambda repeat, subject=subject: task.rows(judge, subject, repeat), repeats,
-                      protocol.population_std)
+                              protocol.population_std)
     rows |= {rows_lib.row_name(subject.name, part): row for part, row in made.items()}
     made_by |= {rows_lib.row_name(subject.name, part): (subject, part) for part in made}
   checked = None

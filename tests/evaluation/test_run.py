@@ -55,15 +55,16 @@ def evaluators():
 @pytest.fixture(scope="module")
 def judged(tiny_run, archive, evaluators, tmp_path_factory):
   """(result, its folder) of a whole evaluation with controls."""
-  out = tmp_path_factory.mktemp("out")
-  made = run.evaluate([tiny_run], [archive], SMALL, out=out, force=True, controls=True, show=False,
-                      sampling=dict(num_steps=2), **evaluators)
-  return made, out
+  home = tmp_path_factory.mktemp("judged")
+  made = run.evaluate([tiny_run], [archive], SMALL, out=home / "out", force=True, controls=True, show=False,
+                      sampling=dict(num_steps=2), samples=home / "samples", **evaluators)
+  return made, home / "out"
 
 
-def again(tiny_run, archive, evaluators, out, **options):
-  return run.evaluate([tiny_run], [archive], SMALL, out=out, force=True, controls=True, show=False,
-                      sampling=dict(num_steps=2), **evaluators, **options)
+def again(judged, tiny_run, archive, evaluators, out, **options):
+  """The same once more, from the same samples."""
+  return run.evaluate([tiny_run], [archive], SMALL, out=out, force=True, show=False, sampling=dict(num_steps=2),
+                      **{"samples": judged[1].parent / "samples", "controls": True} | evaluators | options)
 
 
 def test_a_result_has_rows_intervals_and_a_record(judged, tiny_run):
@@ -85,7 +86,7 @@ def test_a_result_has_rows_intervals_and_a_record(judged, tiny_run):
 
 def test_choices_of_sampling_are_rows(judged, tiny_run, archive, evaluators, tmp_path):
   """One choice alone and among others: the same numbers, from the same samples."""
-  shared = shutil.copytree(tiny_run / "eval" / "samples", tmp_path / "samples")
+  shared = shutil.copytree(judged[1].parent / "samples", tmp_path / "samples")
   before = set(shared.iterdir())
   made = run.evaluate([tiny_run], [archive], SMALL, out=tmp_path, force=True, show=False, sampling=dict(num_steps=2),
                       vary=[dict(schedule="fss"), dict(schedule="ar")], guidance=(1.0, 3.0), multimodality=False,
@@ -113,16 +114,16 @@ def test_a_repeat_is_byte_identical_and_so_is_one_that_was_killed(judged, tiny_r
   """With all samples there, with some of them gone or cut short, with none: the same file."""
   _, out = judged
   before = content(out)
-  made = sorted((tiny_run / "eval" / "samples").rglob("*.npz"))
+  made = sorted((judged[1].parent / "samples").rglob("*.npz"))
   assert len(made) == 3  # two repeats, one multimodality
   times = [path.stat().st_mtime_ns for path in made]
-  again(tiny_run, archive, evaluators, tmp_path / "a", only_read=True)
+  again(judged, tiny_run, archive, evaluators, tmp_path / "a", only_read=True)
   assert times == [path.stat().st_mtime_ns for path in made]
   made[0].unlink()
   made[1].write_bytes(made[1].read_bytes()[:100])
   with pytest.raises(ValueError, match="is not there"):
-    again(tiny_run, archive, evaluators, tmp_path / "b", only_read=True)
-  again(tiny_run, archive, evaluators, tmp_path / "b")
+    again(judged, tiny_run, archive, evaluators, tmp_path / "b", only_read=True)
+  again(judged, tiny_run, archive, evaluators, tmp_path / "b")
   for folder in "ab":
     assert content(tmp_path / folder) == before
 
@@ -144,8 +145,8 @@ def command():
 
 def test_eval_py_killed_goes_on_to_the_same_table(judged, tiny_run, archive, tmp_path, monkeypatch, capsys):
   """The command itself, dead in the middle of sampling: what is on disk is whole, the rest is made by the next one."""
-  arguments = ["--run", str(tiny_run), "--data", str(archive), "--force", "--controls", "--sampling", "num_steps=2",
-               "--samples", str(tmp_path / "samples"), "--out", str(tmp_path / "out"),
+  arguments = ["--run", str(tiny_run), "--data", str(archive), "--force", "--sampling", "num_steps=2",
+               "--no-multimodality", "--samples", str(tmp_path / "samples"), "--out", str(tmp_path / "out"),
                "--report", str(tmp_path / "page")]
   script = f"""
 import os, signal
@@ -162,10 +163,16 @@ command().main({arguments!r})
   monkeypatch.setattr(run, "load_evaluator", None)
   write, written = samples.Store.write, []
   monkeypatch.setattr(samples.Store, "write", lambda *args: (written.append(args[1]), write(*args))[1])
-  with pytest.raises(SystemExit, match="eval.py: control: .* does not go"):  # random evaluators notice little
-    command().main(arguments)
-  assert written == ["r000_many", "r001"] and (tmp_path / "page" / "index.html").is_file()
-  assert content(tmp_path / "out") == content(judged[1]) and "wrote " in capsys.readouterr().out
+  command().main(arguments)
+  assert written == ["r001"] and (tmp_path / "page" / "index.html").is_file()
+  made = json.loads((tmp_path / "out" / "results.json").read_text())["rows"][tiny_run.name]
+  assert made.items() == {name: one for name, one in judged[0]["rows"][tiny_run.name].items()
+                          if name != "multimodality"}.items()
+  assert "wrote " in capsys.readouterr().out
+  # Random evaluators notice little, and the command says so at its end.
+  monkeypatch.setattr(run, "evaluate", lambda *given, **more: judged[0])
+  with pytest.raises(SystemExit, match="eval.py: control: .* does not go"):
+    command().main(arguments[:-2])
 
 
 @pytest.mark.parametrize("arguments, words", [
@@ -221,7 +228,7 @@ def test_motions_do_not_depend_on_batches(judged, tiny_run, archive, evaluators,
   """Three motions at a time, the same numbers."""
   result, out = judged
   monkeypatch.setattr(samples, "BATCH", 3)
-  other = again(tiny_run, archive, evaluators, out.parent / "three")
+  other = again(judged, tiny_run, archive, evaluators, out.parent / "three")
   for metric, one in result["rows"][tiny_run.name].items():
     np.testing.assert_allclose(other["rows"][tiny_run.name][metric]["values"], one["values"], rtol=2e-3, atol=1e-4)
 
@@ -233,24 +240,22 @@ import jax
 from motion_jax.evaluation import run, samples
 from motion_jax.evaluation.evaluator import fresh_evaluator
 from tests.evaluation.test_run import SMALL
-samples.BATCH, used, write = 2, set(), samples.Store.write
-make_of = samples.generator_of
+used, make_of = set(), samples.generator_of
 def generator_of(model, *args):
   def make(jobs):
-    made = make_of(model, *args)(jobs)
     used.add(jax.numpy.zeros(1).devices().pop())  # the default device of this thread
-    return made
+    return make_of(model, *args)(jobs)
   return make
-samples.generator_of = generator_of
-run.hash_of = lambda loaded: "another"  # so that nothing is read that the one device made
-run.evaluate([{str(tiny_run)!r}], [{str(archive)!r}], SMALL, out={str(tmp_path / "four")!r}, force=True, controls=True,
-             show=False, sampling=dict(num_steps=2), evaluator=fresh_evaluator("t2m"),
-             clip_evaluator=fresh_evaluator("clip"))
+samples.BATCH, samples.generator_of = 2, generator_of
+run.evaluate([{str(tiny_run)!r}], [{str(archive)!r}], SMALL, out={str(tmp_path / "four")!r}, force=True, show=False,
+             samples={str(tmp_path / "samples")!r}, multimodality=False, sampling=dict(num_steps=2), repeats=1,
+             evaluator=fresh_evaluator("t2m"), clip_evaluator="none")
 assert len(jax.local_devices()) == len(used) == 4, used
 """
   subprocess.run([sys.executable, "-c", script], check=True, env=devices_env(4), cwd=ROOT)
   monkeypatch.setattr(samples, "BATCH", 2)
-  one = again(tiny_run, archive, evaluators, tmp_path / "one")
+  one = again(judged, tiny_run, archive, evaluators, tmp_path / "one", repeats=1, controls=False, multimodality=False,
+              clip_evaluator="none", samples=tmp_path / "one")
   assert json.loads((tmp_path / "four" / "results.json").read_text())["rows"] == one["rows"]
 
 
@@ -261,7 +266,7 @@ def test_motions_of_a_model_are_judged_the_same_from_files(judged, tiny_run, arc
   lines = [json.loads(line) for line in (tmp_path / "made" / "prompts.jsonl").read_text().splitlines()]
   assert len(lines) == 2 * 8 + 4 * 2 and lines[0].keys() == {"file", "caption", "frames", "fps", "seed", "id"}
   stored = {}
-  for path in (tiny_run / "eval" / "samples").rglob("*.npz"):
+  for path in (judged[1].parent / "samples").rglob("*.npz"):
     with np.load(path) as file:
       for seed, start, end in zip(file["seeds"].tolist(), file["start"], file["start"][1:]):
         stored[seed] = file["features"][start:end]
@@ -276,7 +281,7 @@ def test_motions_of_a_model_are_judged_the_same_from_files(judged, tiny_run, arc
   for metric, one in result["rows"][tiny_run.name].items():
     assert made["rows"]["theirs"][metric]["values"] == one["values"], metric
   (tmp_path / "made" / lines[3]["file"]).unlink()
-  with pytest.raises(FileNotFoundError, match="1 of 8 motions of theirs are not in .*r000/00003.npy"):
+  with pytest.raises(FileNotFoundError, match="1 of 8 motions of 'theirs' are not in .*r000/00003.npy"):
     run.evaluate([], [archive], SMALL, out=tmp_path / "out", force=True, show=False, **evaluators,
                  motions=[("theirs", tmp_path / "made")])
 
