@@ -65,8 +65,8 @@ class Given:
     paths = [self.folder / _file(name, place) for place in range(len(jobs.frames))]
     missing = [path for path in paths if not path.is_file()]
     if missing:
-      raise FileNotFoundError(f"{len(missing)} of {len(paths)} motions of {self.name!r} are not in {self.folder}, such as "
-                              f"{missing[0].relative_to(self.folder)}; eval.py --ask DIR says what is to be made")
+      raise FileNotFoundError(f"{len(missing)} of {len(paths)} motions of {self.name!r} are not in {self.folder}, such "
+                              f"as {missing[0].relative_to(self.folder)}; eval.py --ask DIR says what is to be made")
     return [_read(path, count, self.model.stats.layout) for path, count in zip(paths, jobs.frames)]
 
 
