@@ -19,17 +19,18 @@ EXPECTED = {
     "noise": _WORSE | {"multimodality": 1, "jerk": 1, "acceleration": 1, "bone_drift": 1, "penetration": 1},
     "sliding": {"skating": 1}, "lifted": {"foot_height": 1}, "sunk": {"penetration": 1},
 }
-SLACK = 0.02  # share of a noise curve's way that it may go back between two levels; below it nothing is noticed
+SLACK = 0.02  # share of a noise curve's way that is nothing: by so much it may go back between two levels
 CAPTIONS = 4  # whose motions make the controls' multimodality
 
 
-def check(judge, task=None, repeat=0) -> dict:
+def check(judge, task=None, repeat=0, spread=None) -> dict:
   """Scores of each control in one pass, and whether every metric moved as it should.
 
   -> {"rows": {control: scores}, "levels", "expected": [{"control", "metric", "direction", "real", "values", "ok",
   "noticed"}], "failures": [sentences]}. "real" are the same cuts with nothing done to them. values: of each level for
   "noise"; noticed: the least level from which on a metric says so, else None. task: a module of a task, whose
-  `damaged` has controls for its own metrics.
+  `damaged` has controls for its own metrics. spread: {metric: std of real motions over repeats}; a step of that size is
+  nothing either.
   """
   reading, evaluator = judge.read(repeat), judge.evaluator
   layout = evaluator.layout
@@ -62,11 +63,11 @@ def check(judge, task=None, repeat=0) -> dict:
     made = [rows[name] for name in names] if control == "noise" else [rows[control]]
     for metric, direction in directions.items():
       if metric in real and all(metric in row for row in made):
-        values = [row[metric] for row in made]
+        values, own = [row[metric] for row in made], (spread or {}).get(metric, 0.0)
         expected.append(dict(
             control=control, metric=metric, direction="up" if direction > 0 else "down", real=real[metric],
-            values=values, ok=_moves(real[metric], values, direction),
-            noticed=_noticed(real[metric], values, direction, LEVELS) if control == "noise" else None))
+            values=values, ok=_moves(real[metric], values, direction, own),
+            noticed=_noticed(real[metric], values, direction, own) if control == "noise" else None))
   failures = [f"{one['metric']} of {one['control']} does not go {one['direction']}: real {one['real']:.4g}, then "
               + ", ".join(f"{value:.4g}" for value in one["values"]) for one in expected if not one["ok"]]
   return dict(rows=rows, levels=list(LEVELS), expected=expected, failures=failures)
@@ -98,15 +99,15 @@ def _multimodality(judge, repeat, joints, size):
   return judge.multimodality(repeat, made, judge.evaluator.layout)
 
 
-def _moves(real, values, direction):
-  """Whether the last value lies beyond the real one, and no step on the way goes back by more than a little."""
+def _moves(real, values, direction, spread=0.0):
+  """Whether the last value lies beyond the real one, and no step on the way goes back by more than nothing."""
   steps = direction * np.diff([real, *values])
   total = steps.sum()
-  return bool(total > 0 and steps.min() >= -SLACK * total)
+  return bool(total > 0 and steps.min() >= -max(SLACK * total, spread))
 
 
-def _noticed(real, values, direction, levels):
-  """The least level from which on all values lie beyond the real one by more than a little of the whole way."""
+def _noticed(real, values, direction, spread=0.0):
+  """The least level from which on all values lie beyond the real one by more than nothing."""
   away = direction * (np.array(values) - real)
-  far = away > SLACK * away[-1]
-  return next((level for i, level in enumerate(levels) if away[-1] > 0 and far[i:].all()), None)
+  far = away > max(SLACK * away[-1], spread)
+  return next((level for i, level in enumerate(LEVELS) if far[i:].all()), None)

@@ -33,6 +33,11 @@ def interval(values, population=True) -> dict:
   return dict(mean=float(values.mean()), interval=half, values=values.tolist())
 
 
+def spread(row) -> dict:
+  """{metric: std over repeats} of a row, where it has several."""
+  return {metric: float(np.std(one["values"], ddof=1)) for metric, one in row.items() if len(one["values"]) > 1}
+
+
 def row_name(name, part):
   return f"{part}: {name}" if part else name
 

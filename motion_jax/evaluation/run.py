@@ -92,7 +92,7 @@ def evaluate(runs, folders, protocol=None, *, evaluator=None, clip_evaluator=Non
   checked = None
   if controls:
     with start.part("controls"):
-      checked = controls_lib.check(judge, task)
+      checked = controls_lib.check(judge, task, spread=rows_lib.spread(rows["real"]))
   result = rows_lib.plain(dict(
       protocol=protocol.name, title=protocol.title, rows=rows, row_order=["real", *made_by],
       metrics=[name for name in task.METRICS if any(name in row for row in rows.values())],

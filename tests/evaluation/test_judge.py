@@ -149,7 +149,14 @@ def test_halves_of_the_real_motions_share_none(judge, monkeypatch):
     ([2.0, 1.5, 9.0], False, 0.01), ([0.5, 2.0, 9.0], False, 0.03), ([0.9, 0.8, 0.7], False, None)])
 def test_a_control_says_from_which_level_on_it_is_noticed(values, ok, noticed):
   assert controls._moves(1.0, values, 1) is ok
-  assert controls._noticed(1.0, values, 1, controls.LEVELS) == noticed
+  assert controls._noticed(1.0, values, 1) == noticed
+
+
+def test_what_real_motions_do_from_repeat_to_repeat_is_nothing():
+  """One clip of 320 more than before is no step back, and no notice."""
+  values = [0.7156, 0.7125, 0.6031]
+  assert not controls._moves(0.7125, values, -1) and controls._moves(0.7125, values, -1, 0.02)
+  assert controls._noticed(0.7125, [0.7, 0.69, 0.6], -1, 0.02) == 0.03
 
 
 def test_controls_begin_at_the_same_cuts(judge):
