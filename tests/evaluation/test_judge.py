@@ -103,6 +103,7 @@ GOOD = dict(top1=0.5, top2=0.7, top3=0.99, matching=1.0, fid=0.01, clip_score=0.
     (dict(top1=float("nan")), 0.02, "the real motions' top1 is not finite"),
 ])
 def test_each_sign_of_a_wrong_evaluator_is_told(judge, monkeypatch, real, halves, words):
+  judge.read(0)
   monkeypatch.setattr(judge, "protocol", dataclasses.replace(judge.protocol, pool=32))
   monkeypatch.setattr(judge, "real_scores", lambda repeat: GOOD | real)
   monkeypatch.setattr(judge, "shuffled_scores", lambda repeat: dict(top3=0.6, matching=2.0, clip_score=0.4))
