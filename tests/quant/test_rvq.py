@@ -186,7 +186,7 @@ from tests.quant.test_rvq import _config, _next_batch
 flat = lambda tree: np.concatenate([np.ravel(a) for a in jax.tree.leaves(tree)]).tolist()
 made = []
 for num_codes in (8, 24):
-  config = _config(3, num_codes=num_codes)
+  config = _config(3, num_codes=num_codes, num_levels=2)
   state = train.train(config, f"{sys.argv[1]}/{num_codes}", cdamd.rvq_stage(config), _next_batch)
   made += [flat(state.extra), flat(state.params)]
 print(json.dumps([jax.local_device_count(), *made]))
