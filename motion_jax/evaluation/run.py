@@ -66,7 +66,8 @@ def evaluate(runs, folders, protocol=None, *, evaluator=None, clip_evaluator=Non
   task = _TASKS[protocol.task]
   load = partial(task.load, raw=True) if raw else task.load
   choices = [(sampling or {}) | one for one in vary or ({},)]
-  subjects = _subjects(load, runs, out, samples, guidance, choices, devices, only_read, show)
+  more = ("way",) if protocol.task in ("stories", "timelines") else ()
+  subjects = _subjects(load, runs, out, samples, guidance, choices, more, devices, only_read, show)
   if motions and task is not generation:
     raise ValueError(f"motions of other programs are judged as text to motion, protocol {protocol.name!r} is not; name "
                      "another --protocol")
@@ -235,14 +236,14 @@ def _evaluator(one, kinds, protocol, option):
   return found
 
 
-def _subjects(load, runs, out, home, guidance, choices, devices, only_read, show):
+def _subjects(load, runs, out, home, guidance, choices, more, devices, only_read, show):
   subjects, varied = [], {key for one in choices for key in one if any(other.get(key) != one[key] for other in choices)}
   for name, run in zip(_names(runs), runs):
     loaded = load(run)
     shipped = pathlib.Path(loaded.folder).parent == model_lib.PRETRAINED
     folder = pathlib.Path(home) if home else (out if shipped else loaded.folder / "eval") / "samples"
     for scale, options in itertools.product(guidance or (None,), choices):
-      check_options(name, loaded, guidance, options)
+      check_options(name, loaded, guidance, options, more)
       row = name + "".join(f", {key} {value}" for key, value in options.items() if key in varied)
       if len(guidance) > 1:
         row += f", guidance {scale:g}"

@@ -93,20 +93,21 @@ class Reader:
     return to_features(clip.joints, self.layout, self.mode)
 
 
-def check_options(name, loaded, guidance, options):
-  """Raises ValueError where a model cannot be sampled by guidance scales and options, before anything is done."""
+def check_options(name, loaded, guidance, options, more=()):
+  """Raises ValueError where a model cannot be sampled by guidance scales and options, before anything is done; more:
+  options that a task has beside those of `plan_of`."""
   plan_of = getattr(loaded, "plan_of", None)
   if plan_of is None:
     if guidance or options:
       raise ValueError(f"{name} is not sampled, so guidance and choices of sampling mean nothing to it; leave them out")
     return
   known = [key for key in inspect.signature(plan_of).parameters if key != "guidance_scale"]
-  known += ["way"] * hasattr(loaded, "stories")
+  known += more
   wrong = [key for key in options if key not in known]
   if wrong:
     hint = "; --guidance takes scales" if wrong[0] == "guidance_scale" else ""
     raise ValueError(f"got the choice of sampling {wrong[0]!r}, {name} knows {', '.join(known)}{hint}")
-  plan_of(**{key: value for key, value in options.items() if key != "way"})  # which raises for values that cannot be
+  plan_of(**{key: value for key, value in options.items() if key not in more})  # which raises for values that cannot be
 
 
 def folder_of(run) -> pathlib.Path:

@@ -178,6 +178,7 @@ command().main({arguments!r})
 @pytest.mark.parametrize("arguments, words", [
     (["--sampling", "nm_steps=2"], "got the choice of sampling 'nm_steps', .* knows schedule, num_steps, lag"),
     (["--sampling", "guidance_scale=3"], "--guidance takes scales"),
+    (["--sampling", "way=chain"], "got the choice of sampling 'way'"),
     (["--sampling", "schedule=random"], "got schedule 'random', expected one of fss"),
     (["--vary", "lag"], "got the choice of sampling 'lag', expected KEY=VALUE"),
     (["--motions", "real=somewhere"], "expected NAME=DIR, each with a name of its own other than real"),
