@@ -12,7 +12,7 @@ from motion_jax.evaluation import editing, long_horizon, protocols, run, samples
 from motion_jax.evaluation import items as items_lib
 from motion_jax.evaluation.evaluator import fresh_evaluator
 from motion_jax.evaluation.judge import Judge
-from motion_jax.evaluation.subject import Subject
+from motion_jax.evaluation.subject import Subject, check_options
 from motion_jax.metrics import long_horizon as long_horizon_lib
 from motion_jax.metrics import protocol as protocol_lib
 from motion_jax.motion.features import facing, get_layout, to_features, to_joints
@@ -129,6 +129,18 @@ def test_a_file_that_holds_no_stories_is_told(tmp_path, content):
   path.write_text(content)
   with pytest.raises(ValueError, match=r"stories.json.*expected a list of \{\"id\", \"lengths\""):
     read_stories(path)
+
+
+def test_the_way_of_telling_is_a_choice_of_stories_alone():
+  class Model:
+    def plan_of(self, guidance_scale=None, num_steps=None):
+      return num_steps
+
+  check_options("m", Model(), (), dict(way="chain", num_steps=3), ("way",))
+  with pytest.raises(ValueError, match="got the choice of sampling 'way', m knows num_steps"):
+    check_options("m", Model(), (), dict(way="chain"))
+  with pytest.raises(ValueError, match="is not sampled"):
+    check_options("m", object(), (2.0,), {})
 
 
 @pytest.mark.parametrize("way, unit, latent, expected", [
