@@ -198,6 +198,18 @@ def test_a_study_goes_on_where_it_stopped(settings, tmp_path, monkeypatch, capsy
   assert kept["seeds"] == 2 and kept["papers"] == ["cmdm", "cdamd"]
 
 
+def test_each_seed_draws_the_test_clips_anew(settings, monkeypatch):
+  """Its captions, cuts and stories are a seed's own, and those of all its rows."""
+  monkeypatch.setattr(study.sanity, "look", lambda judge: dict(failures=[]))
+  bench = study.Bench(settings)
+  texts, stories = bench.judge("texts", 0), bench.judge("stories", 0)
+  assert bench.judge("texts", 0) is texts
+  other, others = bench.judge("texts", 1), bench.judge("stories", 1)
+  assert other.items is texts.items and (other.drawn(0).item != texts.drawn(0).item).any()
+  told = [[tale.captions for tale in study.long_horizon.sequences(judge)] for judge in (stories, others)]
+  assert told[0] != told[1]
+
+
 def test_a_run_that_cannot_be_trained_is_tried_once(settings, tmp_path, monkeypatch, capsys):
   tried = []
 

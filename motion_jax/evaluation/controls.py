@@ -38,36 +38,31 @@ def check(judge, task=None, repeat=0, spread=None) -> dict:
             for x in reading.drawn.cut(judge.items.of(evaluator))]
   rng = judge.rng(repeat, NOISE)
   noise = [rng.normal(size=x.shape) for x in joints]
-  real = judge.scores(repeat, [from_joints(x, evaluator) for x in joints], layout)
-  real["multimodality"] = 0.0  # copies of one motion
-  rows = {"real": real}
   names = [f"noise {100 * level:g} cm" for level in LEVELS]
+  levels = {"real": joints} | {name: [x + level / layout.skeleton.unit * n for x, n in zip(joints, noise)]
+                               for name, level in zip(names, LEVELS)}
+  rows = {name: judge.scores(repeat, [from_joints(x, evaluator) for x in some], layout)
+          for name, some in levels.items()}
+  for name, level in zip(levels, (0.0, *LEVELS)):  # of nothing, copies of one motion
+    rows[name]["multimodality"] = _multimodality(judge, repeat, joints, level / layout.skeleton.unit) if level else 0.0
   for name, damage in _damages(layout.skeleton, evaluator.mode).items():
     motions = [from_joints(damage(x), evaluator) for x in joints]
     whole = name in ("reversed", "frozen")
     rows[name] = judge.scores(repeat, motions, layout) if whole else physics_of(motions, reading.drawn.frames, layout)
-  for name, level in zip(names, LEVELS):
-    size = level / layout.skeleton.unit
-    rows[name] = judge.scores(repeat, [from_joints(x + size * n, evaluator) for x, n in zip(joints, noise)], layout)
-    rows[name]["multimodality"] = _multimodality(judge, repeat, joints, size)
-  wanted = dict(EXPECTED)
+  wanted = EXPECTED
   if hasattr(task, "damaged"):
-    more, own = task.damaged(judge, repeat, {"real": joints} | {
-        name: [x + level / layout.skeleton.unit * n for x, n in zip(joints, noise)]
-        for name, level in zip(names, LEVELS)})
     both = lambda a, b: {name: a.get(name, {}) | b.get(name, {}) for name in dict.fromkeys([*a, *b])}
-    rows, wanted = both(rows, more), both(wanted, own)
-    real = rows["real"]
-  expected = []
+    rows, wanted = map(both, (rows, wanted), task.damaged(judge, repeat, levels))
+  real, expected = rows["real"], []
   for control, directions in wanted.items():
     made = [rows[name] for name in names] if control == "noise" else [rows[control]]
     for metric, direction in directions.items():
       if metric in real and all(metric in row for row in made):
-        values, own = [row[metric] for row in made], (spread or {}).get(metric, 0.0)
+        values, nothing = [row[metric] for row in made], (spread or {}).get(metric, 0.0)
         expected.append(dict(
             control=control, metric=metric, direction="up" if direction > 0 else "down", real=real[metric],
-            values=values, ok=_moves(real[metric], values, direction, own),
-            noticed=_noticed(real[metric], values, direction, own) if control == "noise" else None))
+            values=values, ok=_moves(real[metric], values, direction, nothing),
+            noticed=_noticed(real[metric], values, direction, nothing) if control == "noise" else None))
   failures = [f"{one['metric']} of {one['control']} does not go {one['direction']}: real {one['real']:.4g}, then "
               + ", ".join(f"{value:.4g}" for value in one["values"]) for one in expected if not one["ok"]]
   return dict(rows=rows, levels=list(LEVELS), expected=expected, failures=failures)

@@ -160,7 +160,8 @@ def _read_snapmogen(folder, protocol, evaluators, excluded):
     if evaluator.layout.kind != "snapmogen":
       raise ValueError(f"{folder} holds 'snapmogen' features, evaluator {evaluator.name!r} reads "
                        f"{evaluator.layout.name!r}; choose the evaluator of the data's representation")
-  for item in snapmogen.text_items(folder, protocol.split, min_frames=protocol.min_frames, faults=excluded):
+  items = snapmogen.text_items(folder, protocol.split, min_frames=protocol.min_frames, faults=excluded)
+  for item in {item.id: item for item in items}.values():  # a split may name a span twice
     yield item.id, item.captions, (None,) * len(item.captions), item.features, {
         key: item.features[:, :evaluator.layout.dim] for key, evaluator in evaluators.items()}
 

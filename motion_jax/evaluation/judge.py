@@ -189,7 +189,8 @@ class Judge:
 
   def fid_of_halves(self, repeat, draws=10) -> float:
     """FID between two halves of the real motions that share none, the mean of some draws: how far apart two samples of
-    half the size lie that differ by nothing but luck. A model's FID below it is as good as the data can tell."""
+    half the size lie that differ by nothing but luck. A model that is given the real captions and lengths may lie
+    nearer."""
     reading, rng = self.read(repeat), self.rng(repeat, HALVES)
     seen, half = reading.real if reading.real_seen is None else reading.real_seen, self.count // 2
     if half < 2:

@@ -135,6 +135,9 @@ def test_missing_and_bad_files_are_told(built, tmp_path):
   with pytest.raises(ValueError, match="expected one of train, val"):
     pieces(copy, "test")
   (copy / "motions" / "000001.npz").unlink()
+  faults = []
+  pieces(copy, "train", faults=faults)
+  assert [name for name, _ in faults] == ["000001"] and "there is no file" in faults[0][1]
   with pytest.warns(UserWarning, match="left out 1 recordings, the first 000001: there is no file"):
     assert not pieces(copy)
   (copy / "train.json").write_text('{"a": 3}')

@@ -12,6 +12,7 @@ from motion_jax.data.doctor import examine, format_report
 from motion_jax.data.snapmogen import Span, bvh_features, folder_stats, read_folder, read_ids, text_items, write_folder
 from motion_jax.data.sources import load_features
 from motion_jax.data.synthetic import synthetic_clips
+from motion_jax.evaluation.items import check_split
 from motion_jax.motion import features296, inverse
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.features import to_features, to_joints
@@ -70,6 +71,33 @@ def test_items_by_the_loader_s_rules(built):
   assert read_ids(out, "test") == [Span("000004", 0, 208)]
   with pytest.raises(ValueError, match="holds 'snapmogen' features"):
     text_items(out, "train", "full")
+
+
+def test_what_is_left_out_may_be_asked_for_by_name(built, tmp_path, recwarn):
+  copy = shutil.copytree(built[1], tmp_path / "copy")
+  (copy / "renamed_feats" / "000002.npy").unlink()
+  broken = np.load(copy / "renamed_feats" / "000005.npy")
+  broken[3] = np.nan
+  np.save(copy / "renamed_feats" / "000005.npy", broken)
+  faults = []
+  assert {item.id for item in text_items(copy, "train", faults=faults)} == {
+      "000000#0#208", "000001#0#208", "000001#60#195"}
+  assert faults == [("000002#0#208", "no recording"), ("000005#0#208", "NaN")] and not recwarn
+
+
+def test_spans_of_test_that_share_rows_with_train_are_found(built, tmp_path):
+  """A recording may be cut between the splits, its rows may not be in both."""
+  copy = shutil.copytree(built[1], tmp_path / "copy")
+  ids = copy / "data_split_info" / "test_ids.txt"
+  before = ids.read_text()
+  train = copy / "data_split_info" / "train_ids.txt"
+  train.write_text(train.read_text() + "000004#0#40\n")
+  ids.write_text("000004#40#208\n")
+  assert check_split([copy], "snapmogen", "test") == []
+  ids.write_text(before)
+  with pytest.raises(ValueError, match="1 clips of split 'test' are in train, too, such as 000004#0#208"):
+    check_split([copy], "snapmogen", "test")
+  assert check_split([copy], "snapmogen", "test", allow=True) == ["000004#0#208"]
 
 
 def test_statistics_are_the_dataset_s(built, tmp_path):

@@ -14,7 +14,7 @@ from PIL import Image
 from motion_jax import export
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.synthetic import synthetic_joints
-from motion_jax.evaluation import plots, report
+from motion_jax.evaluation import plots, report, tables
 from tests.conftest import ROOT
 
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
@@ -104,11 +104,26 @@ def test_page_is_whole_and_offline(tmp_path):
   assert "HumanML3D, 259 columns" in text and "4,384 samples of test" in text and "distance 3.25" in text
 
 
+def test_only_what_is_apart_is_bold():
+  """Rows nearer than an interval are a tie; parts are compared among themselves."""
+  rows = {f"{part}: {name}": {"fid": number(value, width)} for part, name, value, width in (
+      ("prefix", "a", 0.30, 0.01), ("prefix", "b", 0.25, 0.06), ("suffix", "a", 0.20, 0.01),
+      ("suffix", "b", 0.10, 0.05))}
+  found = tables.compare(a_result(rows=rows, row_order=list(rows), metrics=["fid"], paper=None))
+  assert report._best(found) == {("suffix: b", "fid")}
+
+
+def test_folders_of_one_name_are_told_apart(tmp_path):
+  folders = [tmp_path / name for name in ("a/eval/t2m", "b/eval/t2m", "b/eval/kit")]
+  assert report._apart(folders) == ["a/eval/t2m", "b/eval/t2m", "b/eval/kit"]
+  assert report._apart(folders[1:]) == ["t2m", "kit"]
+
+
 def test_page_shows_the_numbers(tmp_path):
   text = report.write(a_result(), tmp_path).read_text(encoding="utf-8")
   # The tile, marked, for 0.123 is not the paper's 0.068, and named, for there is another row.
   assert '<b>0.123<span class="mark">*</span></b><span>ours<br>real 0.002<br>paper 0.068</span>' in text
-  assert "<td><b>0.587</b><small>±0.010</small></td>" in text, "the best of two rows of ours, within the interval"
+  assert "<td><b>0.587</b><small>±0.010</small></td>" in text, "the best of two rows of ours, outside the interval"
   assert '<tr class="paper"><th>paper: CMDM w/ FSS</th><td>0.588<small>±0.004</small></td>' in text
   feet = text[text.index("Bodies and feet"):text.index("Sanity")]
   assert "skating" in feet and "paper" not in feet and "FID" not in feet

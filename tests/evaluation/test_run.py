@@ -350,6 +350,32 @@ def test_clips_of_test_in_train(tmp_path, evaluators):
   copied = write_archive(tmp_path / "copied", clips + [clips[-1].replace(id="other", split="train")])
   with pytest.raises(ValueError, match="1 clips of split 'test' are in train, too, such as 000005"):
     items_lib.read_items([copied], SMALL, list(evaluators.values()))
+  items = items_lib.read_items([copied], SMALL, list(evaluators.values()), allow_shared=True)
+  assert items.shared == ["000005"] and "000005" in items.ids
+
+
+def test_the_split_is_the_same_whoever_judges_it(archive, evaluators, tmp_path):
+  """Its hash is of what is stored: other evaluators leave it, another motion or caption does not."""
+  read = lambda folder, *readers: items_lib.read_items([folder], SMALL, readers).hash
+  first = read(archive, evaluators["evaluator"])
+  assert first == read(archive, fresh_evaluator("clip"), fresh_evaluator("t2m", "full"))
+  clips = make_clips()
+  other = clips[:-1] + [clips[-1].replace(joints=clips[-1].joints * np.float32(1.001))]
+  assert first != read(write_archive(tmp_path / "a" / archive.name, other), evaluators["evaluator"])
+  said = clips[:-1] + [clips[-1].replace(captions=clips[0].captions)]
+  assert first != read(write_archive(tmp_path / "b" / archive.name, said), evaluators["evaluator"])
+  assert first == read(write_archive(tmp_path / "c" / archive.name, clips), evaluators["evaluator"])
+
+
+def test_samples_know_all_code_that_made_them(tmp_path):
+  jobs = samples.Jobs(["a"], [4], [1], [0])
+  for commit in ("old", "old", "new"):
+    samples.Store(tmp_path, dict(a=1), dict(code=commit)).write(f"r{commit}", 0, jobs, [np.zeros((4, 2))])
+  store = samples.Store(tmp_path, dict(a=1), dict(code="newest"))
+  assert store.makers == [dict(code="old"), dict(code="new")] and store.read("rold", 0, jobs) is not None
+  path = store.folder / "samples.json"
+  path.write_text(json.dumps(store.about))  # as an older version wrote it
+  assert store.makers == [{}] and samples.Store(tmp_path, dict(a=2)).makers == []
 
 
 def test_clips_with_nan_are_named_and_left_out(tmp_path, evaluators):
