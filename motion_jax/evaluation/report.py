@@ -29,8 +29,9 @@ _TITLES = {"grid": ("Motions", "Real next to generated, same caption."),
 def write(results, out, folders=None) -> pathlib.Path:
   """Writes out/index.html (and out/motions/) from result dictionaries (evaluation.run); returns the page's path.
 
-  folders: where each result's gallery files lie, to which their paths are relative; None: in out. Raises ValueError for
-  no result, FileNotFoundError for a gallery file that is missing.
+  folders: where each result's gallery files lie, to which their paths are relative; None: in out. A result that came
+  without all of them has no pictures, and the page says so. Raises ValueError for no result, FileNotFoundError for a
+  gallery of which a part is missing.
   """
   results = [results] if isinstance(results, dict) else list(results)
   if not results:
@@ -105,9 +106,13 @@ def _section(name, result, folder, pages):
   found = tables.compare(result)
   parts = [_tiles(found), _tables(found),
            _sanity(result.get("sanity")), _controls(result.get("controls")), _curves(result.get("curves"))]
+  shown = result.get("gallery") or ()
+  if shown and not any((folder / one[side]).is_file() for one in shown for side in _SIDES if one.get(side)):
+    # Results are shared and committed without the motions, whose licence may forbid it.
+    parts.append('<p class="note">results.json came without its gallery folder: no motions to show.</p>')
+    shown = ()
   for kind in _TITLES:
-    parts.append(_gallery(kind, [one for one in result.get("gallery") or () if one["kind"] == kind], folder, pages,
-                          f"{name}_{kind}"))
+    parts.append(_gallery(kind, [one for one in shown if one["kind"] == kind], folder, pages, f"{name}_{kind}"))
   parts.append(_record(result.get("record")))
   return "\n".join(part for part in parts if part)
 

@@ -168,12 +168,22 @@ def test_a_result_of_rows_alone_is_enough(tmp_path):
   assert "<h3>Curves" not in text and "<h3>Record" not in text and not (tmp_path / "motions").exists()
 
 
+def test_results_that_came_without_their_motions(tmp_path):
+  result = a_result(gallery=a_gallery(tmp_path / "there"))
+  text = report.write(result, tmp_path / "page", folders=[tmp_path / "elsewhere"]).read_text(encoding="utf-8")
+  Tags(text)
+  assert "came without its gallery" in text and "<h3>Motions" not in text and "<h3>Failures" not in text
+  text = report.write(result, tmp_path / "page", folders=[tmp_path / "there"]).read_text(encoding="utf-8")
+  assert "came without" not in text and "<h3>Motions" in text and "<h3>Failures" in text
+
+
 def test_bad_input(tmp_path):
   with pytest.raises(ValueError, match="got no result"):
     report.write([], tmp_path)
-  lost = a_result(gallery=[{"caption": "x", "kind": "grid", "score": 1.0, "real": "gallery/x.npz", "made": None}])
-  with pytest.raises(FileNotFoundError, match="names gallery/x.npz"):
-    report.write(lost, tmp_path)
+  lost = a_result(gallery=a_gallery(tmp_path / "run"))
+  (tmp_path / "run" / "gallery" / "failure_made.npz").unlink()
+  with pytest.raises(FileNotFoundError, match="names gallery/failure_made.npz"):
+    report.write(lost, tmp_path, folders=[tmp_path / "run"])
   assert not (tmp_path / "index.html").exists()
   with pytest.raises(ValueError, match="got 2 folders for 1 results"):
     report.write(a_result(), tmp_path, folders=["a", "b"])
