@@ -4,7 +4,7 @@ import math
 from typing import NamedTuple
 
 WIDTH, HEIGHT = 460, 290
-_LEFT, _RIGHT, _TOP, _BOTTOM = 58, 16, 14, 46
+_LEFT, _RIGHT, _TOP, _BOTTOM = 66, 16, 14, 46
 _DOTS = 16  # a line of more points than this is drawn without dots
 
 
