@@ -145,7 +145,8 @@ def _row(of_seeds):
 def markdown(study) -> str:
   """study.md."""
   settings = study["settings"]
-  steps = ", ".join(f"{stage} {count}" for stage, count in settings["steps"].items())
+  trained = {run["folder"].rpartition("/")[2] for run in _all_runs(study["rows"])} or settings["steps"]
+  steps = ", ".join(f"{stage} {count}" for stage, count in settings["steps"].items() if stage in trained)
   parts = [
       "# The papers' ablations at small scale", "",
       "**Numbers under \"ours\" are of our own benchmark (CMU and Bandai archives, our evaluators, models of the size "
@@ -207,13 +208,17 @@ def _claims(claims):
 def _runs(rows):
   """Held-out numbers of what was trained, which tell whether a row was trained at all."""
   body, seen = [], set()
-  for run in (run for some in rows.values() for of in some.values() for one in of.values() for run in one["runs"]):
+  for run in _all_runs(rows):
     if run["folder"] not in seen:
       seen.add(run["folder"])
       last = ", ".join(f"{name} {value:.4g}" for name, value in run["last"].items()
                        if name == "loss" or name.startswith("held_out"))
       body.append([f"`{run['folder']}`", str(run["steps"]), last, f"{run['seconds'] / 60:.1f}"])
   return ["## What was trained", "", *_grid(["run", "steps", "at the end", "minutes"], body)]
+
+
+def _all_runs(rows):
+  return [run for some in rows.values() for of in some.values() for one in of.values() for run in one["runs"]]
 
 
 def _judged_by(study):

@@ -259,6 +259,7 @@ def test_two_rows_from_data_to_claims(settings, tmp_path, monkeypatch):
   assert {one["verdict"] for one in found["claims"]} == {"no verdict: not run"}
   told = (tmp_path / "study.md").read_text()
   assert "never a number of ours with one of the paper's" in told and "| FSS K=20, L=5 (`fss-20-5`) | 0.500 " in told
+  assert "has the same steps (tokenizer 3, denoiser 3), data" in told  # nothing of what was not trained
   assert "| 0.588 ± 0.004 |" in told and "`cmdm/seed0/default/denoiser` | 3 |" in told
 
 
