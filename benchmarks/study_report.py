@@ -1,6 +1,7 @@
 """What a study says: rows with intervals over seeds, claims with verdicts, as JSON and as tables beside the papers'."""
 import collections
 import math
+import pathlib
 from typing import NamedTuple
 
 import numpy as np
@@ -109,8 +110,11 @@ def in_print(claim) -> dict:
 def summarize(settings, found, real) -> dict:
   """All that a study found, as plain values.
 
-  settings: a dict; found: the contents of scores.json files; real: {task: scores of real motions}.
+  settings: a dict; found: the contents of scores.json files; real: {task: scores of real motions}. Of folders only the
+  names are told: their contents are known by hash, and where they lay is nobody's business.
   """
+  settings = settings | dict(archives=[pathlib.Path(folder).name for folder in settings["archives"]],
+                             teacher=pathlib.Path(settings["teacher"]).name)
   rows = {}  # {paper: {row: {seed: content}}}, in the order of the tables
   for one in sorted(found, key=lambda one: (names_of(one["paper"]).index(one["row"]), one["seed"])):
     rows.setdefault(one["paper"], {}).setdefault(one["row"], {})[one["seed"]] = one

@@ -257,6 +257,8 @@ def test_two_rows_from_data_to_claims(settings, tmp_path, monkeypatch):
   assert {"top1", "fid", "matching", "auj", "transition_fid"} <= set(found["table"]["cmdm"]["default"])
   assert 0 < found["real"]["stories"]["auj"]["mean"] < 10
   assert {one["verdict"] for one in found["claims"]} == {"no verdict: not run"}
+  assert found["settings"]["archives"] == ["synthetic"] and found["settings"]["teacher"] == "part-tmr-small"
+  assert str(study_plan.ROOT) not in (tmp_path / "study.json").read_text()
   told = (tmp_path / "study.md").read_text()
   assert "never a number of ours with one of the paper's" in told and "| FSS K=20, L=5 (`fss-20-5`) | 0.500 " in told
   assert "has the same steps (tokenizer 3, denoiser 3), data" in told  # nothing of what was not trained

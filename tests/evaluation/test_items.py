@@ -1,0 +1,83 @@
+"""What is judged: passes over a split, its hash, clips that are left out, and whose samples are on disk."""
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from motion_jax.data import humanml3d
+from motion_jax.evaluation import items as items_lib
+from motion_jax.evaluation import samples
+from motion_jax.evaluation.evaluator import fresh_evaluator
+from tests.evaluation.test_run import SMALL, make_clips, write_archive
+
+
+def test_a_pass_follows_the_rules_of_items(archive, evaluators):
+  items = items_lib.read_items([archive], SMALL, list(evaluators.values()))
+  drawn = samples.draw_pass(items, SMALL, 0, 0)
+  assert len(drawn) == 8 and len(set(drawn.item)) == 8
+  assert set(drawn.frames) == {44, 48}  # rows 48: whole units, one less where the coin says so
+  assert all(len(x) == m for x, m in zip(drawn.cut(items.of(evaluators["evaluator"])), drawn.frames))
+  same, other = samples.draw_pass(items, SMALL, 0, 0), samples.draw_pass(items, SMALL, 0, 1)
+  assert all((a == b).all() for a, b in zip(drawn, same)) and (drawn.item != other.item).any()
+  words = [len(caption.split()) for caption in drawn.captions_of(items)]
+  assert all(words[i:i + 4] == sorted(words[i:i + 4], reverse=True) for i in (0, 4))
+  plain = dataclasses.replace(SMALL, coin=False, random_crop=False, random_caption=False, shuffle=False)
+  drawn = samples.draw_pass(items, plain, 0, 0, limit=5)
+  assert len(drawn) == 4 and (drawn.start == 0).all() and (drawn.frames == 48).all() and (drawn.caption == 0).all()
+  short = samples.draw_pass(items, dataclasses.replace(SMALL, max_frames=20), 0, 0)
+  assert (short.frames == 20).all() and short.start.max() > 4
+
+
+def test_clips_of_test_in_train(tmp_path, evaluators):
+  clips = make_clips(6)
+  copied = write_archive(tmp_path / "copied", clips + [clips[-1].replace(id="other", split="train")])
+  with pytest.raises(ValueError, match="1 clips of split 'test' are in train, too, such as 000005"):
+    items_lib.read_items([copied], SMALL, list(evaluators.values()))
+  items = items_lib.read_items([copied], SMALL, list(evaluators.values()), allow_shared=True)
+  assert items.shared == ["000005"] and "000005" in items.ids
+
+
+def test_the_split_is_the_same_whoever_judges_it(archive, evaluators, tmp_path):
+  """Its hash is of what is stored: other evaluators leave it, another motion or caption does not."""
+  read = lambda folder, *readers: items_lib.read_items([folder], SMALL, readers).hash
+  first = read(archive, evaluators["evaluator"])
+  assert first == read(archive, fresh_evaluator("clip"), fresh_evaluator("t2m", "full"))
+  clips = make_clips()
+  other = clips[:-1] + [clips[-1].replace(joints=clips[-1].joints * np.float32(1.001))]
+  assert first != read(write_archive(tmp_path / "a" / archive.name, other), evaluators["evaluator"])
+  said = clips[:-1] + [clips[-1].replace(captions=clips[0].captions)]
+  assert first != read(write_archive(tmp_path / "b" / archive.name, said), evaluators["evaluator"])
+  assert first == read(write_archive(tmp_path / "c" / archive.name, clips), evaluators["evaluator"])
+
+
+def test_samples_know_all_code_that_made_them(tmp_path):
+  jobs = samples.Jobs(["a"], [4], [1], [0])
+  for commit in ("old", "old", "new"):
+    samples.Store(tmp_path, dict(a=1), dict(code=commit)).write(f"r{commit}", 0, jobs, [np.zeros((4, 2))])
+  store = samples.Store(tmp_path, dict(a=1), dict(code="newest"))
+  assert store.makers == [dict(code="old"), dict(code="new")] and store.read("rold", 0, jobs) is not None
+  path = store.folder / "samples.json"
+  path.write_text(json.dumps(store.about))  # as an older version wrote it
+  assert store.makers == [{}] and samples.Store(tmp_path, dict(a=2)).makers == []
+
+
+def test_clips_with_nan_are_named_and_left_out(tmp_path, evaluators):
+  clips = make_clips(6)
+  folder = write_archive(tmp_path / "archive", clips)
+  with np.load(folder / "motions.npz") as file:
+    arrays = {name: file[name].copy() for name in file.files}
+  arrays["root"][arrays["start"][4] + 3] = np.nan
+  np.savez(folder / "motions.npz", **arrays)
+  items = items_lib.read_items([folder], SMALL, list(evaluators.values()))
+  assert items.excluded == [("000004", "NaN")] and items.ids == ["000002", "000003", "000005"]
+
+  out = tmp_path / "humanml3d"
+  humanml3d.write_folder(clips, out, mirror=False)
+  broken = np.load(out / "new_joint_vecs" / "000004.npy")
+  broken[7] = np.nan
+  np.save(out / "new_joint_vecs" / "000004.npy", broken)
+  protocol = dataclasses.replace(SMALL, formats=("humanml3d",))
+  items = items_lib.read_items([out], protocol, list(evaluators.values()))
+  assert items.excluded == [("000004", "NaN")] and items.ids == ["000002", "000003", "000005"]
+  assert all(len(x) == 48 for x in items.of(evaluators["evaluator"]))
