@@ -1,9 +1,10 @@
 """What a model hands back: motions that know their captions, and write themselves by extension."""
 import dataclasses
+from html import escape
 
 import numpy as np
 
-from motion_jax import export
+from motion_jax import export, timing
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.motion.features import to_joints
 from motion_jax.motion.polish import polish as planted
@@ -15,6 +16,10 @@ class Motion(Clip):
   def save(self, path, **options):
     """Writes npz, npy, bvh, glb, mp4, gif, html or png; returns the paths written."""
     return export.save(self, path, **options)
+
+  def _repr_html_(self):
+    """What a notebook shows: the viewer of `motion.save("wave.html")`, with all that it needs inside."""
+    return _framed(self)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -35,6 +40,24 @@ class Motions:
   def __iter__(self):
     return iter(self.motions)
 
+  def __repr__(self):
+    shown = [repr(motion) for motion in self.motions[:8]]
+    more = [f"... {len(self) - 8} more"] if len(self) > 8 else []
+    return f"Motions({len(self)}:\n  " + "\n  ".join(shown + more) + ")"
+
+  def _repr_html_(self):
+    """What a notebook shows: one viewer with a selector."""
+    return _framed(self.motions[:_SHOWN])
+
+
+_SHOWN = 16  # motions that a notebook's viewer holds
+
+
+def _framed(clips):
+  """A viewer page as an element of another page, in a frame of its own: nothing is loaded, nothing else is touched."""
+  return (f'<iframe srcdoc="{escape(export.page(clips))}" width="100%" height="480" style="border:0" '
+          'sandbox="allow-scripts"></iframe>')
+
 
 def captions_in_a_row(prompts, ends, fps):
   """Captions of segments that end at the given frames; a single one is about all of its clip."""
@@ -46,13 +69,16 @@ def captions_in_a_row(prompts, ends, fps):
 def make_motions(model, made, frames, captions, seeds, about, polish) -> Motions:
   """Motions of normalized features (B, T, F), of which motion i has its first frames[i]."""
   length, layout = max(frames), model.stats.layout
-  decoded = model.stats.denormalize(np.asarray(made))
+  with timing.part("sample and decode"):
+    made = np.asarray(made)  # the wait for what runs
+  decoded = model.stats.denormalize(made)
   features = decoded[:, :length]
   joints = np.array(to_joints(features, layout))  # a copy: coordinates are their own joints
   if polish and layout.kind in ("full", "essential", "coordinates"):  # bodies whose bones have one length
-    for i, count in enumerate(frames):
-      contacts = features[i, :count, layout["contacts"]] if layout.kind == "full" else None
-      joints[i, :count] = planted(joints[i, :count], contacts, layout.skeleton)
+    with timing.part("cleanup"):
+      for i, count in enumerate(frames):
+        contacts = features[i, :count, layout["contacts"]] if layout.kind == "full" else None
+        joints[i, :count] = planted(joints[i, :count], contacts, layout.skeleton)
   mask = np.arange(length) < np.array(frames)[:, None]
   made = tuple(
       Motion(joints[i, :count], model.fps, captions[i], id=f"motion_{i}", source=model.id, license=model.license,

@@ -1,0 +1,8 @@
+"""What somebody meant who mistyped a name."""
+import difflib
+
+
+def did_you_mean(name, known) -> str:
+  """"; did you mean X?" for the known name that is most like a mistyped one, "" where none is."""
+  near = difflib.get_close_matches(str(name), [str(one) for one in known], 1, 0.6)
+  return f"; did you mean {near[0]}?" if near else ""

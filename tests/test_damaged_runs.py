@@ -1,0 +1,115 @@
+"""A damaged run folder, whatever is damaged in it, is one line that names the file."""
+import json
+import shutil
+
+import flax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from motion_jax import checkpoint
+from motion_jax import model as model_lib
+from motion_jax.errors import InputError
+from motion_jax.text.encoder import load_text_encoder
+from motion_jax.train import read_metrics
+from tests.fuzz_kinds import healthy, put
+
+
+@pytest.fixture
+def run(tmp_path):
+  put(tmp_path / "run", healthy("run"))
+  return tmp_path / "run"
+
+
+def _change(folder, path, value):
+  config = json.loads((folder / "config.json").read_text())
+  section = config
+  *parents, last = path.split(".")
+  for name in parents:
+    section = section[name]
+  if value is None:
+    del section[last]
+  else:
+    section[last] = value
+  (folder / "config.json").write_text(json.dumps(config))
+
+
+@pytest.mark.parametrize("path, value, words", [
+    ("model", None, "config.json"), ("model", 7, "config.json"), ("model.width", "wide", "config.json"),
+    ("model.width", 10**9, "got model.width 1e"), ("model.depth", 10**6, "got model.depth 1e"),
+    ("tokenizer.num_halvings", 40, "got tokenizer.num_halvings 40"), ("tokenizer.dilations", 3, "config.json"),
+    ("model.colour", "red", "config.json"), ("sampler", None, "got sampler.num_steps None"),
+    ("sampler.num_steps", 10**9, "got sampler.num_steps 1000000000"), ("sampler.lag", "2", "got sampler.lag 2"),
+    ("sampler.guidance_scale", float("nan"), "got sampler.guidance_scale nan"), ("data.layout", "fulll", "fulll"),
+    ("data.layout", ["full"], "config.json"), ("frozen.text", 5, "config.json"), ("frozen", None, "config.json"),
+    ("data.max_frames", 0, "got data.max_frames 0"), ("data", [1], "got data.max_frames None")])
+def test_a_config_of_wrong_types_is_one_line(run, path, value, words):
+  _change(run, path, value)
+  with pytest.raises(ValueError) as error:
+    model_lib.load(run)
+  text = str(error.value)
+  assert isinstance(error.value, InputError) and words in text and str(run) in text and "\n" not in text
+
+
+@pytest.mark.parametrize("name", ["params.safetensors", "frozen.safetensors", "Mean.npy", "Std.npy", "config.json",
+                                  "text.json"])
+@pytest.mark.parametrize("damage", [lambda data: data[:len(data) // 2], lambda data: b"", lambda data: b"\xff" * 40,
+                                    lambda data: data[:9] + b"\xf1" + data[10:]])
+def test_a_damaged_file_is_named(run, name, damage):
+  (run / name).write_bytes(damage((run / name).read_bytes()))
+  with pytest.raises(InputError, match=name) as error:
+    model_lib.load(run)
+  assert "\n" not in str(error.value)
+
+
+def test_names_that_make_no_tree(run):
+  from safetensors.numpy import save_file
+  save_file({"a": np.zeros(1), "a/b": np.zeros(1)}, run / "params.safetensors")
+  with pytest.raises(InputError, match="params.safetensors"):
+    model_lib.load(run)
+
+
+@pytest.mark.parametrize("text", ["[]", '[["", 40]]', '[["walks", "x"]]', '[["walks", 1e400]]', '[["walks", -3]]', "{"])
+def test_usual_lengths_that_are_none(run, text):
+  (run / "captions.json").write_text(text)
+  with pytest.raises(InputError, match="captions.json"):
+    checkpoint.load_lengths(run)
+
+
+def test_a_damaged_log_names_its_line(tmp_path):
+  (tmp_path / "metrics.jsonl").write_text('{"step": 1, "loss": 2}\n{"step": 2, "lo')
+  with pytest.raises(InputError, match="metrics.jsonl line 2"):
+    read_metrics(tmp_path)
+
+
+def test_a_licence_that_is_no_text_keeps_nobody_from_a_motion(run):
+  (run / "LICENSE.txt").write_bytes(b"free \xff\xfe")
+  assert model_lib.load(run).license.startswith("free")
+
+
+def test_known_words_that_are_no_text_are_named(tmp_path):
+  put(tmp_path / "words", healthy("words") | {"known_words.txt": b"walk\0run"})
+  with pytest.raises(InputError, match="known_words.txt"):
+    load_text_encoder(tmp_path / "words")
+
+
+@flax.struct.dataclass
+class _State:
+  step: jnp.ndarray
+  params: dict
+
+
+def test_a_damaged_checkpoint_is_named(tmp_path):
+  state = _State(jnp.ones((), jnp.int32), {"a": jnp.ones((300, 7))})
+  saver = checkpoint.Saver(tmp_path)
+  saver.save(1, state)
+  assert (saver.restore(state).params["a"] == 1).all()
+  saver.close()
+  for path in sorted((tmp_path / "checkpoints" / "1").rglob("*")):
+    if path.is_file() and "metadata" not in path.name.lower():
+      path.write_bytes(path.read_bytes()[:5])
+  saver = checkpoint.Saver(tmp_path)
+  with pytest.raises(InputError, match="checkpoints/1 .*remove it to go on from the state before it"):
+    saver.restore(state)
+  saver.close()
+  shutil.rmtree(tmp_path / "checkpoints")
