@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from motion_jax.motion import plausibility
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.pose import Pose, to_pose
 from motion_jax.motion.skeleton import Skeleton
@@ -37,23 +38,66 @@ class Figure(NamedTuple):
   a: np.ndarray       # (T, P, 3)
   b: np.ndarray       # (T, P, 3)
   ahead: np.ndarray   # (T, 3) unit vectors on the ground: where the pelvis faces
-  floor: float        # height of the ground
+  floor: float        # height of the ground: 0, unless the recording plainly has its own elsewhere
+
+
+_SOLE = 0.06  # metres (of the person above) by which a foot's balls may be raised: soles, and toes that roll off
+_AT_ZERO = (-0.1, 0.25)  # metres: a body whose lowest point is outside has its ground elsewhere
 
 
 def make_figure(clip) -> Figure:
-  """Poses the mannequin on every frame of a Clip."""
+  """Poses the mannequin on every frame of a Clip, its soles as thick as its feet stand high."""
   skeleton = clip.skeleton
   joints = np.asarray(clip.joints, np.float64) * skeleton.unit
   pose = to_pose(joints, skeleton, clip.fps)
-  parts = make_parts(skeleton, pose.offsets)
-  frames = pose.turned[:, [part.frame for part in parts]]
-  a, b = (joints[:, [getattr(part, end) for part in parts]]
-          + rot.rotate(frames, np.array([getattr(part, end + "_offset") for part in parts])[None]) for end in "ab")
+  parts = _shod(make_parts(skeleton, pose.offsets), joints, pose.turned, skeleton)
+  a, b = (_balls(parts, end, joints, pose.turned) for end in "ab")
   ahead = rot.rotate(pose.turned[:, 0], np.array([0.0, 0.0, 1.0])) * [1, 0, 1]
   ahead = ahead / np.maximum(np.linalg.norm(ahead, axis=-1, keepdims=True), 1e-9)
   radius_a, radius_b = (np.array([getattr(part, end + "_radius") for part in parts]) for end in "ab")
   lowest = np.minimum(a[..., 1] - radius_a, b[..., 1] - radius_b).min(1)
-  return Figure(joints, pose, parts, a, b, ahead, float(np.quantile(lowest, 0.1)))
+  stands = float(np.quantile(lowest, 0.1))
+  floor = 0.0 if _AT_ZERO[0] < stands < _AT_ZERO[1] else stands
+  return Figure(joints, pose, parts, a, b, ahead, floor)
+
+
+def _balls(parts, end, joints, turned):
+  """Centres (T, P, 3) of the parts' balls a or b."""
+  offsets = np.array([getattr(part, end + "_offset") for part in parts])
+  return joints[:, [getattr(part, end) for part in parts]] + rot.rotate(turned[:, [p.frame for p in parts]],
+                                                                        offsets[None])
+
+
+def _shod(parts, joints, turned, skeleton):
+  """The parts with the balls of the feet raised until they stand on y = 0, none further than a sole is thick.
+
+  Where the toe joint is above the ground differs: HumanML3D's rule, and so a model's motion, puts the lowest joint of a
+  clip on y = 0, in a capture it stands up to 5 cm high. The sole makes up for it, so that the mesh touches the ground
+  that the joints have, and nothing has to move the motion or the ground.
+  """
+  raised = {}
+  feet = {j for j, name in enumerate(skeleton.joints) if name.endswith(("ankle", "foot", "heel"))}
+  for end in "ab":
+    low = _balls(parts, end, joints, turned)[..., 1] - [getattr(part, end + "_radius") for part in parts]
+    for number, part in enumerate(parts):
+      if getattr(part, end) in feet and part.frame in feet:
+        # Left and right alike; a tiptoe now and then may sink by what 2 % of the frames do.
+        kind = (end, part.a_radius, part.b_radius, part.b_offset[1:])
+        raised.setdefault(kind, []).append((number, low[:, number]))
+  parts = list(parts)
+  size = _size(skeleton, np.linalg.norm(joints - joints[:, np.maximum(skeleton.parents, 0)], axis=-1).mean(0))
+  for (end, *_), members in raised.items():
+    sunk = -np.quantile(np.concatenate([heights for _, heights in members]), 0.02)
+    lift = float(np.clip(sunk, 0, _SOLE * size))
+    for number, _ in members:
+      x, y, z = getattr(parts[number], end + "_offset")
+      parts[number] = parts[number]._replace(**{end + "_offset": (x, y + lift, z)})
+  return tuple(parts)
+
+
+def _size(skeleton, lengths):
+  """How large a body with bones of lengths (J,), metres, is against the person of `_LEG`."""
+  return max(0.2, float(lengths[list(skeleton.leg_bones)].sum()) / _LEG)
 
 
 def make_parts(skeleton: Skeleton, offsets) -> tuple[Part, ...]:
@@ -61,7 +105,8 @@ def make_parts(skeleton: Skeleton, offsets) -> tuple[Part, ...]:
   names, parents = skeleton.joints, skeleton.parents
   index = {name: j for j, name in enumerate(names)}
   lengths = np.linalg.norm(offsets, axis=-1)
-  s = max(0.2, float(lengths[list(skeleton.leg_bones)].sum()) / _LEG)
+  plausibility.check_bones(lengths, skeleton)
+  s = _size(skeleton, lengths)
   parts = []
 
   def add(a, b, a_radius, b_radius, group, a_offset=(0, 0, 0), b_offset=(0, 0, 0), frame=None):

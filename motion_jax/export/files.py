@@ -1,17 +1,20 @@
 """Clips as plain arrays: .npz with all that is known of a motion, .npy with its joints; and the way back."""
 import json
 import pathlib
-import zipfile
 
 import numpy as np
 
+from motion_jax.data.asf import AMC_FPS, read_amc
 from motion_jax.data.bvh import read_bvh
-from motion_jax.data.capture import to_clip
+from motion_jax.data.capture import to_clip, with_rate
 from motion_jax.data.clip import Caption, Clip, atomic_path
+from motion_jax.errors import InputError
+from motion_jax.input_files import load_npy, load_npz, npz_names, parse_json
+from motion_jax.motion import plausibility
 from motion_jax.motion.features import LAYOUTS, get_layout, layout_for, to_joints
 from motion_jax.motion.skeleton import HUMANML3D, SKELETONS
 
-LOADABLE = (".npz", ".npy", ".bvh")
+LOADABLE = (".npz", ".npy", ".bvh", ".amc")
 
 
 def npz(clip, path) -> pathlib.Path:
@@ -44,74 +47,122 @@ def npy(clip, path) -> pathlib.Path:
   return path
 
 
-def load(path, fps=None) -> Clip:
-  """Reads .npz (as `npz` writes, or with a "joints" or "features" key), .npy or .bvh into a Clip.
+def load(path, fps=None, unit="auto", up=None) -> Clip:
+  """Reads .npz (as `npz` writes, or with a "joints" or "features" key), .npy, .bvh or .amc (its .asf beside it).
 
-  A .npy holds joints (T, 22, 3) or (T, 21, 3), or features (T, F) of a known layout such as HumanML3D's 263. fps
-  replaces the rate that the file states (a .bvh is resampled to it); a .npy states none and gets its skeleton's.
-  Raises FileNotFoundError, or ValueError for an unknown extension, a cut file, NaN, or a shape that is no motion.
+  A .npy holds joints (T, 22, 3) or (T, 21, 3), or features (T, F) of a known layout such as HumanML3D's 263. fps: the
+  frames of the file are so many a second, whatever it states; a .npy states none and gets its skeleton's, an .amc 120.
+  Nothing is resampled. unit: of joints, "m", "cm", "mm", "in" or "ft"; "auto" tells it by the bones. up: the file's
+  upward axis, "y", "z" or "x"; without one y, and of .bvh and .amc what heads show.
+
+  Raises FileNotFoundError, or ValueError for an unknown extension, a cut file, NaN, a shape that is no motion, or
+  joints that are no person's (`motion.plausibility`).
   """
   path = pathlib.Path(path)
-  read = {".npz": _load_npz, ".npy": _load_npy, ".bvh": _load_bvh}.get(path.suffix.lower())
+  read = {".npz": _load_npz, ".npy": _load_npy, ".bvh": _load_bvh, ".amc": _load_amc}.get(path.suffix.lower())
   if read is None:
     raise ValueError(f"got {path.name!r}, expected a file that ends in {', '.join(LOADABLE)}")
   if not path.is_file():
     raise FileNotFoundError(f"there is no file {path}")
-  if fps is not None and not fps > 0:
-    raise ValueError(f"got {fps} frames per second, expected a positive number")
+  plausibility.check_rate(fps, str(path))
   try:
-    return read(path, fps)
-  except (zipfile.BadZipFile, EOFError, OSError) as error:
-    raise ValueError(f"{path} cannot be read: {error}; it may be cut, write or download it again") from None
+    with np.errstate(over="ignore", invalid="ignore"):  # what gets infinite is told of
+      clip = read(path, fps, unit, up)
   except ValueError as error:
-    raise error if str(path) in str(error) else ValueError(f"{path}: {error}") from None
+    raise error if str(path) in str(error) else InputError(f"{path}: {error}") from None
+  plausibility.check(clip.joints, clip.skeleton, clip.fps, str(path))
+  return clip
 
 
-def _load_npz(path, fps):
-  with np.load(path, allow_pickle=False) as file:
-    arrays = {key: file[key] for key in file.files}
-  text = lambda key, default: str(arrays[key]) if key in arrays else default
-  about, meta, captions = (_from_json(text(key, default)) for key, default in
-                           (("about", "{}"), ("meta", "{}"), ("captions", "[]")))
-  if not captions and text("prompt", ""):
-    captions = [[text("prompt", ""), 0.0, 0.0]]
-  skeleton = SKELETONS.get(text("skeleton", HUMANML3D.name))
-  if skeleton is None:
-    raise ValueError(f"got skeleton {text('skeleton', '')!r}, expected one of {', '.join(SKELETONS)}")
-  features = arrays.get("features")
+def _load_npz(path, fps, unit, up):
+  arrays = load_npz(path, ("joints", "features", "fps", "seed"),
+                    ("skeleton", "prompt", "captions", "about", "meta", "model_id"))
+  if "joints" not in arrays and "features" not in arrays:
+    raise InputError(f"{path} holds {', '.join(npz_names(path)[:8]) or 'nothing'}, expected a key joints (T, 22, 3) or "
+                     "features")
+  about, meta, rows = (_from_json(arrays, key, kind) for key, kind in (("about", dict), ("meta", dict),
+                                                                       ("captions", list)))
+  prompt = _text(arrays, "prompt")
+  captions = [_caption(row) for row in rows] or ([Caption(prompt)] if prompt else [])
+  name = _text(arrays, "skeleton") or HUMANML3D.name
+  if name not in SKELETONS:
+    raise InputError(f"got skeleton {name[:60]!r}, expected one of {', '.join(SKELETONS)}")
+  skeleton, features = SKELETONS[name], arrays.get("features")
   if "joints" in arrays:
     joints = arrays["joints"]
     skeleton = skeleton if "skeleton" in arrays else _skeleton_of(joints)
-  elif features is not None:
-    joints, skeleton = _from_features(features)
+    if features is not None and (features.ndim != 2 or not np.isfinite(features).all()):
+      raise InputError(f"got features of shape {features.shape}, expected (frames, F), all finite; write it again")
+    joints = plausibility.to_unit(joints, skeleton, unit, up or "y", str(path))
   else:
-    raise ValueError(f"it holds {', '.join(sorted(arrays)) or 'nothing'}, expected a key joints (T, 22, 3) or features")
-  for key, name in (("seed", "seed"), ("model_id", "model")):
-    if key in arrays and name not in meta:
-      meta[name] = arrays[key].item()
-  rate = fps or float(arrays.get("fps", skeleton.fps))
+    joints, skeleton = _from_features(features)
+  if "model_id" in arrays:
+    meta.setdefault("model", _text(arrays, "model_id"))
+  if "seed" in arrays:
+    meta.setdefault("seed", _number(arrays, "seed"))
+  rate = fps or (_number(arrays, "fps") if "fps" in arrays else skeleton.fps)
+  plausibility.check_rate(rate, str(path))
   about = {key: value for key, value in about.items() if key in ("id", "split", "source", "license")}
-  return Clip(joints=joints.astype(np.float32), fps=rate, captions=tuple(Caption(*row) for row in captions),
-              skeleton=skeleton, features=features, meta=meta, **({"id": path.stem} | about))
+  if not all(isinstance(value, str) for value in about.values()):
+    raise InputError("its key about holds no texts; write the file again")
+  return Clip(joints=joints.astype(np.float32), fps=rate, captions=tuple(captions), skeleton=skeleton,
+              features=features, meta=meta, **({"id": path.stem} | about))
 
 
-def _load_npy(path, fps):
-  array = np.load(path, allow_pickle=False)
-  if array.dtype.kind not in "fiu":
-    raise ValueError(f"it holds {array.dtype} values, expected numbers")
+def _text(arrays, key) -> str:
+  """A string that an array holds, "" where there is none."""
+  array = arrays.get(key, np.array(""))
+  if array.size != 1:
+    raise InputError(f"its key {key} holds {array.size} texts, expected one; write the file again")
+  value = array.item()
+  return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+
+
+def _number(arrays, key):
+  if arrays[key].size != 1:
+    raise InputError(f"its key {key} holds {arrays[key].size} numbers, expected one; write the file again")
+  return arrays[key].item()
+
+
+def _from_json(arrays, key, kind):
+  text = _text(arrays, key)
+  value = parse_json(text, f"its key {key},") if text else kind()
+  if not isinstance(value, kind):
+    raise InputError(f"its key {key} holds JSON of another kind than {kind.__name__}; write the file again")
+  return value
+
+
+def _caption(row):
+  number = lambda value: isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < np.inf
+  if not isinstance(row, list) or len(row) != 3 or not isinstance(row[0], str) or not all(map(number, row[1:])):
+    raise InputError(f"got the caption {str(row)[:60]}, expected [text, start, end] with seconds; write the file again")
+  return Caption(*row)
+
+
+def _load_npy(path, fps, unit, up):
+  array = load_npy(path)
   features = None
   if array.ndim == 2:
     joints, skeleton = _from_features(array)
     features = array.astype(np.float32)
   else:
-    joints, skeleton = array, _skeleton_of(array)
+    skeleton = _skeleton_of(array)
+    joints = plausibility.to_unit(array, skeleton, unit, up or "y", str(path))
   return Clip(joints=joints.astype(np.float32), fps=fps or skeleton.fps, id=path.stem, source=path.name,
               skeleton=skeleton, features=features)
 
 
-def _load_bvh(path, fps):
-  capture = read_bvh(path)
-  return to_clip(capture, path, fps=fps or capture.fps)
+def _load_bvh(path, fps, unit, up):
+  return _as_clip(with_rate(read_bvh(path), fps), path, unit, up)
+
+
+def _load_amc(path, fps, unit, up):
+  return _as_clip(read_amc(path, fps=fps or AMC_FPS), path, unit, up)
+
+
+def _as_clip(capture, path, unit, up):
+  """The frames of a capture as they are."""
+  return to_clip(capture, path, fps=capture.fps, unit=unit, up=up or "auto")
 
 
 def _skeleton_of(joints):
@@ -132,13 +183,6 @@ def _from_features(features):
   if len(bad):
     raise ValueError(f"{len(bad)} of {len(features)} frames hold NaN or infinity, the first is frame {bad[0]}")
   return to_joints(features.astype(np.float32), layout), layout.skeleton
-
-
-def _from_json(text):
-  try:
-    return json.loads(text)
-  except json.JSONDecodeError as error:
-    raise ValueError(f"its metadata is no JSON ({error})") from None
 
 
 def _plain(value):

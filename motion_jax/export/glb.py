@@ -1,6 +1,7 @@
 """GLB (binary glTF 2.0): the mannequin as a skinned, animated mesh that opens in any 3-D program or browser.
 
-Numpy and JSON only. The bind pose is the T-pose of `motion.pose`; joints turn about it, the root also moves.
+Numpy and JSON only. The bind pose is the T-pose of `motion.pose`; joints turn about it, the root also moves. The soles
+reach down to y = 0, however high the clip's toe joints stand (`export.body`).
 """
 import json
 import pathlib
@@ -9,9 +10,8 @@ import struct
 import numpy as np
 
 from motion_jax.data.clip import atomic_path
-from motion_jax.export.body import COLORS, make_parts
+from motion_jax.export.body import COLORS, make_figure
 from motion_jax.export.mesh import make_skins, rest_joints
-from motion_jax.motion.pose import to_pose
 
 _FLOAT, _SHORT, _BYTE = 5126, 5123, 5121
 
@@ -20,9 +20,10 @@ def glb(clip, path) -> pathlib.Path:
   """Writes a clip as a .glb: nodes named like the joints, one skin, one animation at the clip's rate, metres, y up."""
   path = pathlib.Path(path)
   skeleton = clip.skeleton
-  pose = to_pose(np.asarray(clip.joints, np.float64) * skeleton.unit, skeleton, clip.fps)
+  figure = make_figure(clip)
+  pose = figure.pose
   rest = rest_joints(pose.offsets, skeleton)
-  skins = make_skins(make_parts(skeleton, pose.offsets), rest, skeleton)
+  skins = make_skins(figure.parts, rest, skeleton)
   buffer = _Buffer()
   materials = [_material(skin.group, COLORS[skin.group]) for skin in skins]
   meshes = [_primitive(buffer, skin, number) for number, skin in enumerate(skins)]

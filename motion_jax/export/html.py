@@ -11,7 +11,7 @@ import re
 import numpy as np
 
 from motion_jax.data.clip import Clip, atomic_path
-from motion_jax.export.body import COLORS, make_figure, make_parts
+from motion_jax.export.body import COLORS, make_figure
 from motion_jax.export.mesh import make_skins, rest_joints
 
 _ASSETS = pathlib.Path(__file__).parent / "assets"
@@ -24,22 +24,27 @@ def html(clip, path, title=None, colors=None) -> pathlib.Path:
   keeps them.
   """
   path = pathlib.Path(path)
+  text = html_page(clip, title, colors)
+  with atomic_path(path) as temporary:
+    temporary.write_text(text, encoding="utf-8")
+  return path
+
+
+def html_page(clip, title=None, colors=None) -> str:
+  """The page that `html` writes."""
   clips = [clip] if isinstance(clip, Clip) else list(clip)
   bodies, described = [], []
   for one in clips:
     figure = make_figure(one)
     tints = {} if colors is None else {"tints": _tints(colors, one.num_frames)}
-    described.append(_describe(one, figure) | tints | {"body": _body_of(bodies, one.skeleton, figure.pose.offsets)})
-  data = {"clips": described, "bodies": [body for _, _, body in bodies], "colors": COLORS}
+    described.append(_describe(one, figure) | tints | {"body": _body_of(bodies, one.skeleton, figure)})
+  data = {"clips": described, "bodies": [body for *_, body in bodies], "colors": COLORS}
   title = title or (clips[0].captions[0].text if clips[0].captions else clips[0].id)
   page = (_ASSETS / "viewer.html").read_text(encoding="utf-8")
   # A "<" in a caption must not end the script element: in JSON it may be written as \u003c.
   values = {"@TITLE@": html_lib.escape(title), "@DATA@": json.dumps(data, ensure_ascii=False).replace("<", "\\u003c"),
             "@VIEWER@": (_ASSETS / "viewer.js").read_text(encoding="utf-8")}
-  text = re.sub("|".join(values), lambda found: values[found[0]], page)  # one pass: values are not searched again
-  with atomic_path(path) as temporary:
-    temporary.write_text(text, encoding="utf-8")
-  return path
+  return re.sub("|".join(values), lambda found: values[found[0]], page)  # one pass: values are not searched again
 
 
 def _describe(clip, figure):
@@ -65,22 +70,25 @@ def _tints(colors, num_frames):
           for first, past in zip(starts, [*starts[1:], num_frames]) if not np.isnan(colors[first]).any()]
 
 
-def _body_of(bodies, skeleton, offsets):
-  """The number of the body (skeleton, offsets, JSON) that fits offsets (J, 3), appended to bodies if there is none.
+def _body_of(bodies, skeleton, figure):
+  """The number of the body (skeleton, offsets, flesh, JSON) that fits a figure, appended to bodies if there is none.
 
-  Clips whose bones differ by less than a centimetre share a skin: its joints are moved to where they belong anyway.
+  Clips whose bones differ by less than a centimetre share a skin, its joints are moved to where they belong anyway;
+  but not those whose soles differ by more than it is worth.
   """
-  for number, (other, known, _) in enumerate(bodies):
-    if other is skeleton and np.abs(known - offsets).max() < 0.01:
+  offsets = figure.pose.offsets
+  flesh = np.array([(*part.a_offset, *part.b_offset) for part in figure.parts])
+  for number, (other, known, covered, _) in enumerate(bodies):
+    if other is skeleton and np.abs(known - offsets).max() < 0.01 and np.abs(covered - flesh).max() < 0.01:
       return number
   rest = rest_joints(offsets, skeleton)
-  skins = make_skins(make_parts(skeleton, offsets), rest, skeleton)
+  skins = make_skins(figure.parts, rest, skeleton)
   reach = float(max(np.abs(skin.points).max() for skin in skins))
   described = [{"group": skin.group, "points": _base64(np.round(skin.points / reach * 32767).astype("<i2")),
                 "normals": _base64(np.round(skin.normals * 127).astype("i1")),
                 "joints": _base64(skin.joints.astype("u1")), "weights": _base64(skin.weights.astype("u1")),
                 "triangles": _base64(skin.triangles.astype("<u2"))} for skin in skins]
-  bodies.append((skeleton, offsets, {"rest": [_round(at) for at in rest], "reach": reach, "skins": described}))
+  bodies.append((skeleton, offsets, flesh, {"rest": [_round(at) for at in rest], "reach": reach, "skins": described}))
   return len(bodies) - 1
 
 

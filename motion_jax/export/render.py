@@ -44,12 +44,24 @@ def _to_camera(camera, points):
   return offset @ camera.right, offset @ camera.up, -(offset @ camera.back)
 
 
-def draw(camera, size, floor, bodies, lines=(), backdrop=None) -> np.ndarray:
+def tones(background=None):
+  """Colours (3,) of sky, ground and its lines, 0..1; background: the sky's, from which the others differ a little."""
+  if background is None:
+    return _SKY, _GROUND, _LINE
+  sky = np.asarray(background, np.float32)
+  if sky.mean() > 0.4:
+    return sky, sky * (_GROUND / _SKY), sky * (_LINE / _SKY)
+  lighter = lambda share: sky + (1 - sky) * np.float32(share)
+  return sky, lighter(0.06), lighter(0.2)
+
+
+def draw(camera, size, floor, bodies, lines=(), backdrop=None, background=None) -> np.ndarray:
   """One image. bodies: (a (P, 3), b (P, 3), a_radius (P,), b_radius (P,), colors (P, 3) 0..1), one tuple for each.
 
   lines: (points (N, 3), color (3,), width in metres, opacity) on the ground. backdrop: what `ground` gave, if known.
+  background: colour of the sky, see `tones`.
   """
-  image = ground(camera, size, floor) if backdrop is None else backdrop.copy()
+  image = ground(camera, size, floor, background) if backdrop is None else backdrop.copy()
   for points, color, width, opacity in lines:
     mask = _line_mask(camera, size, points, width)
     for view, cover in _patch(mask):
@@ -70,9 +82,10 @@ def _patch(mask):
     yield (slice(y0, y1), slice(x0, x1)), values[..., None] * np.float32(1 / 255)
 
 
-def ground(camera, size, floor):
+def ground(camera, size, floor, background=None):
   """Sky above, grid below, (H, W, 3) float32; lines every half metre that fade into the distance."""
   width, height = size
+  sky, earth, line_color = tones(background)
   x = (np.arange(width, dtype=np.float32) + 0.5 - width / 2) / (camera.focal * height)
   y = (height / 2 - np.arange(height, dtype=np.float32) - 0.5) / (camera.focal * height)
   up, right, back = (v.astype(np.float32) for v in (camera.up, camera.right, camera.back))
@@ -83,7 +96,7 @@ def ground(camera, size, floor):
   image = np.empty((height, width, 3), np.float32)
   seen = np.isfinite(depth) & (depth < 200)
   fade_rows = np.exp(-np.maximum(depth - 1.2 * abs(camera.position[1]) - 4, 0) / 7)
-  image[:] = _SKY
+  image[:] = sky
   if not seen.any():
     return image
   d, yy = depth[seen][:, None], y[seen][:, None]
@@ -99,8 +112,8 @@ def ground(camera, size, floor):
       line = (half / away + 0.5) - gap * (step / away)
       np.maximum(cover, np.minimum(line, np.minimum(1, 2 * half / away)) * np.float32(weight), out=cover)
   fade = fade_rows[seen][:, None].astype(np.float32)
-  rows = _SKY + (_GROUND - _SKY) * fade
-  image[seen] = rows[:, None] + (cover * fade)[..., None] * (_LINE - _GROUND)
+  rows = sky + (earth - sky) * fade
+  image[seen] = rows[:, None] + (cover * fade)[..., None] * (line_color - earth)
   return image
 
 

@@ -12,39 +12,91 @@ import subprocess
 import textwrap
 
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
-from scipy.ndimage import gaussian_filter1d
+from PIL import Image, ImageColor, ImageDraw, ImageFont
 
+from motion_jax import progress, stopping
+from motion_jax.data.capture import resample
 from motion_jax.data.clip import Clip, atomic_path
-from motion_jax.export import render
+from motion_jax.errors import EncoderError, InputError
+from motion_jax.export import gif, render
 from motion_jax.export.body import default_colors, make_figure
+from motion_jax.nearest import did_you_mean
 
-INK = (52, 56, 66)
+INK, _PALE_INK = (52, 56, 66), (225, 228, 235)
+VIEWS = {"front": (0, 13), "side": (90, 13), "top": (0, 89), "three-quarter": (35, 13)}  # azimuth, elevation, degrees
+_MOST, _LEAST = 4096, 16  # pixels of a side
 _PATH, _TRAIL = (0.55, 0.60, 0.72), (0.95, 0.52, 0.25)
 
 
-def video(clip, path, size=(640, 480), **options) -> pathlib.Path:
+def video(clip, path, size=(640, 480), fps=None, **options) -> pathlib.Path:
   """Writes a film of a clip as .mp4 or .gif, at the clip's own speed. Options are those of `frames`.
 
-  Raises ValueError for another extension, RuntimeError where no mp4 encoder is to be had.
+  fps: frames a second of the film, the clip's own by default; the motion stays as fast as it is. Raises ValueError for
+  another extension, RuntimeError where no mp4 encoder is to be had.
   """
   path = pathlib.Path(path)
   write = {".mp4": _write_mp4, ".gif": _write_gif}.get(path.suffix.lower())
   if write is None:
-    raise ValueError(f"got {path.name!r}, a film is .mp4 or .gif")
+    raise InputError(f"got {path.name!r}, a film is .mp4 or .gif")
+  check_film(size, fps, options.get("camera", "auto"), options.get("background"))
   size = (size[0] + size[0] % 2, size[1] + size[1] % 2)  # mp4 has no odd sizes
-  encoder = find_ffmpeg() if write is _write_mp4 else None  # before minutes of work
+  if fps is not None:
+    clip, options["colors"] = _at_rate(clip, fps, options.get("colors"))
+  if write is _write_mp4:
+    how = find_ffmpeg()  # before minutes of work
+  else:  # one palette from four moments: a palette per frame would flicker
+    picture, moments = _painter(clip, size, **options), np.linspace(0, clip.num_frames - 1, 4).round().astype(int)
+    how = gif.common_palette([picture(t) for t in moments])
   with atomic_path(path) as temporary:
-    write(temporary, frames(clip, size=size, **options), size, clip.fps, encoder)
+    images = progress.each(frames(clip, size=size, **options), path.name, clip.num_frames, "frame")
+    write(temporary, images, size, clip.fps, how)
   return path
+
+
+def check_film(size=(640, 480), fps=None, camera="auto", background=None):
+  """Raises InputError for what no film can have."""
+  if len(size) != 2 or not all(isinstance(side, int | np.integer) and _LEAST <= side <= _MOST for side in size):
+    raise InputError(f"got a film of size {'x'.join(map(str, size))}, expected WIDTHxHEIGHT in pixels, each side from "
+                     f"{_LEAST} to {_MOST}, such as 720x720")
+  if fps is not None and not 1 <= fps <= 240:
+    raise InputError(f"got a film of {fps:g} frames a second, expected 1 to 240")
+  if camera not in ("auto", "follow", "fixed", *VIEWS):
+    raise InputError(f"got camera {camera!r}, expected auto, follow, fixed or one of {', '.join(VIEWS)}"
+                     f"{did_you_mean(camera, ('auto', 'follow', 'fixed', *VIEWS))}")
+  if background is not None:
+    color_of(background)
+
+
+def color_of(background):
+  """A colour (3,) 0..1 from three such numbers, or from words as in HTML: white, #102030, rgb(10, 20, 30)."""
+  if isinstance(background, str):
+    try:
+      return np.array(ImageColor.getrgb(background)[:3], np.float32) / 255
+    except ValueError:
+      raise InputError(f"got the background {background!r}, expected a colour such as white or #203040"
+                       f"{did_you_mean(background, ImageColor.colormap)}") from None
+  color = np.asarray(background, np.float32)
+  if color.shape != (3,) or not ((color >= 0) & (color <= 1)).all():
+    raise InputError(f"got the background {background!r}, expected a colour's name or three numbers 0..1")
+  return color
+
+
+def _at_rate(clip, fps, colors):
+  """(the clip at another rate, colours (T, 3) of its frames), as fast as before."""
+  joints = resample(np.asarray(clip.joints, np.float64), clip.fps, fps)
+  if colors is not None and np.ndim(colors) > 1:
+    at = np.minimum(np.round(np.arange(len(joints)) * clip.fps / fps).astype(int), clip.num_frames - 1)
+    colors = np.asarray(colors)[at]
+  return clip.replace(joints=joints.astype(np.float32), fps=float(fps), features=None), colors
 
 
 def frames(clip, size=(640, 480), **options):
   """Yields one (H, W, 3) uint8 image per frame of a clip. Options:
 
-  camera: "follow" goes with the body, "fixed" sees the whole path, "auto" chooses. azimuth: degrees from which to look,
-  0 is in front of the body; 35 by default. caption: text below, what the clip's captions say of the moment by default,
-  "" for none.
+  camera: "follow" goes with the body, "fixed" sees the whole path, "auto" chooses; "front", "side", "top" and
+  "three-quarter" say from where to look, and choose so. azimuth: degrees from which to look, 0 is in front of the body;
+  35 by default. background: a colour, such as "white" or "#203040". caption: text below, what the clip's captions say
+  of the moment by default, "" for none.
   colors: (3,), (T, 3) or (T, P, 3) values 0..1 that replace the colours of the P parts; a NaN keeps the part's own, so
   a mask becomes np.where(kept_mask[:, None], np.nan, (1, .6, .2)). path: draw the root's way on the ground.
   """
@@ -67,21 +119,25 @@ def frame(clip, t=0, size=(640, 480), **options) -> np.ndarray:
   return _painter(clip, size, **options)(t % clip.num_frames)
 
 
-def _painter(clip, size, camera="auto", azimuth=None, caption=None, colors=None, path=True):
+def _painter(clip, size, camera="auto", azimuth=None, caption=None, colors=None, path=True, background=None):
   """A function of t that draws frame t."""
+  check_film(size, None, camera, background)
+  background = None if background is None else color_of(background)
   figure = make_figure(clip)
   tints = _tints(figure, colors)
   cameras = _cameras(figure, clip.fps, size, camera, azimuth)
+  ink = INK if background is None or background.mean() > 0.4 else _PALE_INK
   told = (lambda t: _caption(clip, t)) if caption is None else lambda t: caption
   way = figure.joints[:, 0] * [1, 0, 1] + [0, figure.floor, 0]
   still = all(np.array_equal(one.position, cameras[0].position) for one in cameras)
-  backdrop = render.ground(cameras[0], size, figure.floor) if still else None
+  backdrop = render.ground(cameras[0], size, figure.floor, background) if still else None
 
   def picture(t):
     near = slice(max(0, t - int(60 * clip.fps)), t + int(60 * clip.fps))  # nobody sees farther than a minute
     lines = [(_thin(way[near]), _PATH, 0.022, 0.45), (_thin(way[near.start:t + 1]), _TRAIL, 0.026, 0.9)] if path else ()
-    image = render.draw(cameras[t], size, figure.floor, [_body(figure, t, tints)], lines, backdrop)
-    return _write_text(image, told(t), f"{t / clip.fps:.1f} s")
+    image = render.draw(cameras[t], size, figure.floor, [_body(figure, t, tints)], lines, backdrop,
+                        background)
+    return _write_text(image, told(t), f"{t / clip.fps:.1f} s", ink)
 
   return picture
 
@@ -208,14 +264,15 @@ def _azimuth(figure, azimuth, default):
 
 def _cameras(figure, fps, size, mode, azimuth):
   """One camera per frame."""
-  if mode not in ("auto", "follow", "fixed"):
-    raise ValueError(f"got camera {mode!r}, expected auto, follow or fixed")
+  from scipy.ndimage import gaussian_filter1d
+  view, elevation = VIEWS.get(mode, (35, 13))
+  mode = "auto" if mode in VIEWS else mode
   joints, num_frames = np.concatenate([figure.joints, figure.a, figure.b], axis=1), len(figure.joints)
   root, tall = joints[:, 0], _height(figure)
   low, high = joints.min((0, 1)), joints.max((0, 1))
   if mode == "auto":
     mode = "follow" if np.linalg.norm((root.max(0) - root.min(0))[[0, 2]]) > 2.2 else "fixed"
-  angle, elevation, focal = _azimuth(figure, azimuth, 35), np.radians(13), 1.75
+  angle, elevation, focal = _azimuth(figure, azimuth, view), np.radians(elevation), 1.75
   if mode == "fixed":
     target = (low + high) / 2
     around = joints.reshape(-1, 3)
@@ -242,19 +299,19 @@ def _fit_text(text, font, width):
   return "\n".join(textwrap.wrap(text, chars, max_lines=2, placeholder=" …"))
 
 
-def _write_text(image, caption, clock):
+def _write_text(image, caption, clock, ink=INK):
   height, width = image.shape[:2]
   picture = Image.fromarray(image)
   pen, font = ImageDraw.Draw(picture), ImageFont.load_default(max(11, height // 25))
   if caption:
     text = _fit_text(caption, font, width * 0.92)
-    pen.multiline_text((width / 2, height * 0.965), text, INK, font, anchor="md", align="center")
-  pen.text((width * 0.975, height * 0.03), clock, INK, ImageFont.load_default(max(10, height // 32)), anchor="ra")
+    pen.multiline_text((width / 2, height * 0.965), text, ink, font, anchor="md", align="center")
+  pen.text((width * 0.975, height * 0.03), clock, ink, ImageFont.load_default(max(10, height // 32)), anchor="ra")
   return np.asarray(picture)
 
 
 def find_ffmpeg() -> str:
-  """The path of an ffmpeg program; RuntimeError with what to do where there is none."""
+  """The path of an ffmpeg program; EncoderError with what to do where there is none."""
   program = shutil.which("ffmpeg")
   if program:
     return program
@@ -262,15 +319,16 @@ def find_ffmpeg() -> str:
     import imageio_ffmpeg
     return imageio_ffmpeg.get_ffmpeg_exe()
   except (ImportError, RuntimeError):
-    raise RuntimeError("no mp4 encoder here: install one with pip install \"motion-jax[video]\", or write a .gif or an "
-                       ".html page instead, which need none") from None
+    raise EncoderError("no mp4 encoder here: install one with pip install \"motion-jax[video]\", or write a .gif or "
+                       "an .html page instead, which need none") from None
 
 
 def _write_mp4(path, images, size, fps, program):
   command = [program, "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{size[0]}x{size[1]}",
              "-r", f"{fps:.6g}", "-i", "-", "-an", "-c:v", "libx264", "-preset", "veryfast", "-crf", "18",
              "-pix_fmt", "yuv420p", "-movflags", "+faststart", str(path)]
-  with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+  with (subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process,
+        stopping.undone_by(lambda: (process.kill(), process.wait()))):
     try:
       with contextlib.suppress(BrokenPipeError):  # ffmpeg gave up: its own words follow
         for image in images:
@@ -280,18 +338,8 @@ def _write_mp4(path, images, size, fps, program):
       process.kill()
       raise
   if process.returncode:
-    raise RuntimeError(f"{program} failed: {message.decode(errors='replace').strip()[-300:]}; try a .gif instead")
+    raise EncoderError(f"{program} failed: {message.decode(errors='replace').strip()[-300:]}; try a .gif instead")
 
 
-def _write_gif(path, images, size, fps, _):
-  images = [Image.fromarray(image) for image in images]
-  # One palette from four moments: a palette per frame would flicker.
-  sample = Image.new("RGB", (size[0], size[1] * 4))
-  for row, at in enumerate(np.linspace(0, len(images) - 1, 4).round().astype(int)):
-    sample.paste(images[at], (0, size[1] * row))
-  palette = sample.quantize(255, method=Image.Quantize.MEDIANCUT)
-  images = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
-  # A gif counts hundredths of a second; rounding the sums keeps the whole at its right length.
-  ends = np.round(np.arange(1, len(images) + 1) / fps * 100).astype(int) * 10
-  durations = np.maximum(np.diff(ends, prepend=0), 20).tolist()
-  images[0].save(path, save_all=True, append_images=images[1:], duration=durations, loop=0, optimize=False, disposal=1)
+def _write_gif(path, images, size, fps, palette):
+  gif.write(path, images, fps, palette)

@@ -20,7 +20,6 @@ Two modes make full features from joints:
 import dataclasses
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
 
 from motion_jax.motion import features135, features272, features296, inverse
 from motion_jax.motion import rotations as rot
@@ -112,6 +111,7 @@ def facing(joints, skeleton=HUMANML3D, smooth=0.0, benchmark_sign=False):
 
   smooth is the sigma in frames of a Gaussian over time. benchmark_sign takes the hips with the wrong sign.
   """
+  from scipy.ndimage import gaussian_filter1d
   (right_hip, left_hip), (right_shoulder, left_shoulder) = skeleton.hips, skeleton.shoulders
   across_hips = joints[:, right_hip] - joints[:, left_hip]
   across = (-across_hips if benchmark_sign else across_hips) + joints[:, right_shoulder] - joints[:, left_shoulder]

@@ -16,7 +16,6 @@ which the reference writes 2 pi too large or too small in the row where the sour
 smoothing of the heading, which there depends a little on where the source faces. Both come back to joints exactly.
 """
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.skeleton import SNAPMOGEN
@@ -57,6 +56,7 @@ def floor(heights):
 
 def _heading(joints, mode):
   """Quaternions (T, 4) that turn the facing direction of each frame to +z."""
+  from scipy.ndimage import gaussian_filter1d
   (right_hip, left_hip), (right_shoulder, left_shoulder) = SNAPMOGEN.hips, SNAPMOGEN.shoulders
   across = joints[:, left_shoulder] - joints[:, right_shoulder] + joints[:, left_hip] - joints[:, right_hip]
   # Parity: the reference divides by the sum of absolute components, not by the length: frames then weigh differently in

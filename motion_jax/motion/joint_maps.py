@@ -10,6 +10,7 @@ import numpy as np
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.numerals import named, shortened
 
 
 class Made(NamedTuple):
@@ -162,15 +163,15 @@ def map_joints(names, positions, mapping=None, turned=None, skeleton=HUMANML3D):
   elif label in TABLES:
     table = TABLES[label]
   else:
-    raise ValueError(f"got mapping {label!r}, expected one of {', '.join(TABLES)}, or a dict of joint names")
+    raise ValueError(f"got mapping {shortened(label)!r}, expected one of {', '.join(TABLES)}, or a dict of joint names")
   unmapped = [joint for joint in skeleton.joints if joint not in table]
   foreign = [joint for joint in table if joint not in skeleton.joints]
   missing = sorted({name for joint in skeleton.joints for name in _needs(table.get(joint, [])) if name not in source})
   if unmapped or foreign or missing:
-    what = [f"{text} {', '.join(found)}" for text, found in (
+    what = [f"{text} {named(found)}" for text, found in (
         ("the mapping does not tell", unmapped), (f"skeleton {skeleton.name!r} has no", foreign),
         (f"mapping {label!r} needs the joints", missing)) if found]
-    raise ValueError(f"{'; '.join(what)}; the file has {', '.join(names)}. Give a mapping "
+    raise ValueError(f"{'; '.join(what)}; the file has {named(names)}. Give a mapping "
                      "{our joint: their joint, or a list to average}")
   joints = [_place(source, table[joint]) for joint in skeleton.joints]
   return np.stack(joints, axis=1), label

@@ -4,8 +4,6 @@ A network's joints are right to a few millimetres, frame by frame; the eye sees 
 Nothing here changes what the motion does. Whole clips, numpy, float64.
 """
 import numpy as np
-from scipy.linalg import solveh_banded
-from scipy.ndimage import gaussian_filter1d
 
 from motion_jax.motion.retarget import bend_leg, firmness, with_lengths
 from motion_jax.motion.skeleton import HUMANML3D
@@ -21,6 +19,7 @@ def polish(joints, contacts=None, skeleton=HUMANML3D):
   contacts (T, 4): how surely ankle and toes stand, left then right, 0..1 (the contact columns of full features);
   without them slow and low feet are taken to stand.
   """
+  from scipy.ndimage import gaussian_filter1d
   joints = np.asarray(joints, np.float64)
   if len(joints) < 3:
     return joints.astype(np.float32)
@@ -50,6 +49,7 @@ def _plant(path, stands):
 
   The move e solves min sum stands |step of (path + e)|^2 + ease |step of e|^2 + pull |e|^2.
   """
+  from scipy.linalg import solveh_banded
   move = np.zeros_like(path)
   both = stands + _EASE
   diagonal = _PULL + np.append(both, 0) + np.append(0, both)

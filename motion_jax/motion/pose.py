@@ -8,7 +8,6 @@ possible from its parent. Turns change smoothly in time and any number of whole 
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.skeleton import HUMANML3D
@@ -22,6 +21,7 @@ _REST = {
 # An easy pose of the bone below the joint, opposite to which no limb can point: the turn from there is never ambiguous.
 _EASY = {"shoulder": (0.45, -0.55, 0.7), "hip": (0.1, -0.85, 0.5)}
 _HINGES = {"shoulder": (0, -1, 0), "hip": (1, 0, 0)}  # axis of elbow and knee in the T-pose, again for the left side
+_LONGEST = 100_000  # frames: more than an hour at 20 a second, a gigabyte
 _SECONDS = 0.12  # how far apart in time the turns of a limb are alike
 
 
@@ -41,6 +41,9 @@ def to_pose(joints, skeleton=HUMANML3D, fps=20.0) -> Pose:
   with several children (pelvis, chest) has one rotation for all of them: what its bones bend against each other, which
   is nothing in most captures, is left in `shifts`. float64.
   """
+  if len(joints) > _LONGEST:
+    raise ValueError(f"got {len(joints):,} frames to draw or to turn into angles, expected at most {_LONGEST:,}; cut "
+                     "the motion in parts, .npz and .npy hold any length")
   joints = np.asarray(joints, np.float64)
   parents, children = skeleton.parents, _children(skeleton)
   lengths = np.linalg.norm(joints - joints[:, np.maximum(parents, 0)], axis=-1).mean(0)
@@ -178,6 +181,7 @@ def _swing(turn, rest, bone):
 
 def _hinge_turn(joint, bones, offsets, above, children, skeleton, fps):
   """The turn (T, 4) of a shoulder or hip: its bone exact, the axis of elbow or knee where bending shows it."""
+  from scipy.ndimage import gaussian_filter1d
   side, kind = _kind(skeleton.joints[joint])
   child = children[joint][0]
   mirror = np.array([side, 1, 1])

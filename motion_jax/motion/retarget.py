@@ -4,7 +4,6 @@
 letting the feet slide; `mirror` swaps left and right. numpy, float64, whole clips at once.
 """
 import numpy as np
-from scipy.linalg import solveh_banded
 
 from motion_jax.motion.skeleton import HUMANML3D
 
@@ -103,6 +102,7 @@ def _foot_move(source, result, leg, unit):
   min sum a |step of e|^2 + b |step of (e + g)|^2 + c |e + g / 2|^2, where g is how much further the toes reach, a and b
   say how firmly ankle and toes stand in the source, and the small c keeps the foot from drifting away.
   """
+  from scipy.linalg import solveh_banded
   ankle, toes = leg[2], leg[-1]
   reach = (result[:, toes] - result[:, ankle]) - (source[:, toes] - source[:, ankle])
   move = -reach

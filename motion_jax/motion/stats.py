@@ -6,6 +6,8 @@ import pathlib
 
 import numpy as np
 
+from motion_jax.errors import InputError
+from motion_jax.input_files import load_npy
 from motion_jax.motion.features import FeatureLayout, get_layout, layout_for
 
 ABSOLUTE = ("Mean_abs.npy", "Std_abs.npy")  # where the field's tools keep statistics of coordinates
@@ -22,12 +24,12 @@ class Stats:
     for name in ("mean", "std"):
       value = getattr(self, name)
       if np.shape(value) != (self.layout.dim,):
-        raise ValueError(f"got a {name} of shape {np.shape(value)}, layout {self.layout.name!r} needs "
+        raise InputError(f"got a {name} of shape {np.shape(value)}, layout {self.layout.name!r} needs "
                          f"({self.layout.dim},); these statistics belong to another representation")
       if not np.isfinite(value).all():
-        raise ValueError(f"the {name} holds NaN or infinity; compute the statistics again without the bad clips")
+        raise InputError(f"the {name} holds NaN or infinity; compute the statistics again without the bad clips")
     if not (self.std > 0).all():
-      raise ValueError(f"the std is not positive in column {int(np.argmin(self.std))}; a constant column needs std 1")
+      raise InputError(f"the std is not positive in column {int(np.argmin(self.std))}; a constant column needs std 1")
 
   def normalize(self, features):
     return (features - self.mean) / self.std
@@ -41,11 +43,12 @@ class Stats:
     return hashlib.sha256(self.mean.tobytes() + self.std.tobytes()).hexdigest()[:12]
 
 
-def compute_stats(features, layout, per_axis=False) -> Stats:
+def compute_stats(features, layout, per_axis=False, per_column=False) -> Stats:
   """Statistics over all frames of a list of (T, F) arrays, or of one (N, F) array.
 
-  Full and essential features: the std is averaged inside each block (facts: cmdm 1.2). Coordinates: per column, or with
-  per_axis one mean and std for x, y and z over all joints (facts: cdamd 1.3).
+  Full and essential features: the std is averaged inside each block (facts: cmdm 1.2), or with per_column each has its
+  own, as TMR has it (facts: cmdm 3.5). Coordinates: per column, or with per_axis one mean and std for x, y and z over
+  all joints (facts: cdamd 1.3).
   """
   layout = get_layout(layout)
   frames = np.concatenate(features, dtype=np.float64) if isinstance(features, list | tuple) else (
@@ -57,10 +60,11 @@ def compute_stats(features, layout, per_axis=False) -> Stats:
     mean, std = np.tile(axes.mean(0), copies), np.tile(axes.std(0), copies)
   else:
     mean, std = frames.mean(0), frames.std(0)
-    if layout.kind != "coordinates":
+    if layout.kind != "coordinates" and not per_column:
       for block in layout.blocks.values():
         std[block] = std[block].mean()
-  std = np.where(std < 1e-8, 1.0, std)  # a column that never moves stays as it is
+  # A column that never moves stays as it is; on its own it may move by the rounding of float32.
+  std = np.where(std < (1e-5 if per_column else 1e-8), 1.0, std)
   return Stats(mean.astype(np.float32), std.astype(np.float32), layout)
 
 
@@ -84,11 +88,7 @@ def load_stats(folder, layout=None, names=("Mean.npy", "Std.npy")) -> Stats:
   for name in names:
     if not (folder / name).is_file():
       raise FileNotFoundError(f"{folder} has no {name}; expected the statistics that the data or the run was made with")
-    try:
-      values.append(np.load(folder / name, allow_pickle=False).astype(np.float32).ravel())
-    except (ValueError, EOFError) as error:
-      raise ValueError(f"{folder / name} is no whole array of numbers ({error}); restore it from the data or the run "
-                       "that wrote it") from error
+    values.append(load_npy(folder / name).astype(np.float32).ravel())
   layout = get_layout(layout) if layout else layout_for(values[0].shape[-1])
   if layout.kind == "coordinates":
     values = [np.tile(value, layout.dim // 3) if value.shape == (3,) else value for value in values]

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from motion_jax import export
-from motion_jax.data.clip import Caption, Clip
-from motion_jax.data.synthetic import synthetic_clips
+from motion_jax.data.clip import Caption
+from motion_jax.data.synthetic import on_skeleton, synthetic_clips
 from motion_jax.motion.features import to_features
 from motion_jax.motion.skeleton import KIT
 
@@ -36,7 +36,7 @@ def test_npz_keeps_everything(clip, tmp_path):
 
 
 def test_npz_of_the_other_skeleton(tmp_path):
-  clip = Clip(joints=np.zeros((3, 21, 3), np.float32), fps=12.5, skeleton=KIT)
+  clip = on_skeleton(synthetic_clips(num=2, num_frames=20)[1], KIT)
   assert export.load(export.npz(clip, tmp_path / "kit.npz")).skeleton is KIT
 
 

@@ -12,6 +12,8 @@ from PIL import Image
 from motion_jax import export
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.synthetic import synthetic_joints
+from motion_jax.export.body import make_figure
+from motion_jax.export.mesh import make_skins
 
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 
@@ -38,6 +40,20 @@ def test_page_holds_the_motion(tmp_path):
     assert len(turned) == clip.num_frames
     np.testing.assert_allclose(np.linalg.norm(turned / 32767, axis=-1), 1, atol=1e-3)
     assert one["captions"][0]["text"] == clip.captions[0].text
+
+
+def test_the_page_draws_the_figure_where_the_glb_has_it(tmp_path):
+  """The ground is y = 0, not lowered to hide feet that sink, and the skin is that of the .glb."""
+  low = make("stand")
+  high = low.replace(joints=low.joints + np.array([0, 0.045 - low.joints[..., 1].min(), 0], np.float32))
+  data = data_of(export.html([low, high, low], tmp_path / "a.html"))
+  assert [clip["floor"] for clip in data["clips"]] == [0, 0, 0]
+  assert [clip["body"] for clip in data["clips"]] == [0, 1, 0], "soles of another thickness are another skin"
+  for clip, body in zip((low, high), data["bodies"]):
+    skins = make_skins(make_figure(clip).parts, np.array(body["rest"]), clip.skeleton)
+    for skin, one in zip(skins, body["skins"]):
+      points = np.frombuffer(base64.b64decode(one["points"]), "<i2").reshape(-1, 3) / 32767 * body["reach"]
+      np.testing.assert_allclose(points, skin.points, atol=2e-4)
 
 
 def test_frames_may_have_colors_of_their_own(tmp_path):

@@ -129,7 +129,7 @@ def test_long_captions_are_cut_to_two_lines():
 
 def test_bad_options(tmp_path):
   clip = make()
-  with pytest.raises(ValueError, match="'above', expected auto, follow or fixed"):
+  with pytest.raises(ValueError, match="'above', expected auto, follow, fixed or one of front"):
     export.frame(clip, 0, SIZE, camera="above")
   with pytest.raises(ValueError, match="frames 0 to 11"):
     export.frame(clip, 12, SIZE)

@@ -132,6 +132,15 @@ def test_columns_of_272():
   assert positions[..., 1].min() == 0
 
 
+def test_later_turns_of_272_are_multiplied_from_the_left():
+  """Turns about the vertical commute; those that a network tilts do not, as a quarter about x, then one about y."""
+  quarters = rot.to_matrix(np.stack([rot.about_axis(np.array(np.pi / 2), axis) for axis in "xy"]))
+  for path in (features272._products(quarters), features272._products(jnp.asarray(quarters))):
+    np.testing.assert_allclose(path[1], quarters[1] @ quarters[0], atol=1e-6)
+    # The quarter about x takes z to -y, which the one about y leaves there.
+    np.testing.assert_allclose(np.asarray(path[1]) @ [0, 0, 1], [0, -1, 0], atol=1e-6)
+
+
 def test_columns_of_135():
   clip = _clips("babel")[WALK]
   joints = clip.joints.astype(np.float64)

@@ -1,0 +1,210 @@
+"""Could this be a person moving? Checked where motion comes in, whatever file or program it came from.
+
+Bones tell the unit: their lengths are a human's, in metres, centimetres, millimetres, inches or feet, and stay so over
+time. A body of another size, a joint far away, a jump across the room or a rate that no camera has is refused with one
+sentence that names file, frame and joint; what is odd but can be worked with is a warning. numpy, float64.
+"""
+import warnings
+
+import numpy as np
+
+from motion_jax.errors import InputError
+from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.numerals import FRAME_RATES
+
+UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}  # metres
+_NAMES = {"m": "metres", "cm": "centimetres", "mm": "millimetres", "in": "inches", "ft": "feet"}
+AXES = {"y": [0, 1, 2], "z": [1, 2, 0], "x": [2, 0, 1]}  # which of a file's axes become ours, by the one that is up
+_SIZES = 0.25, 2.5      # of a body, in skeletons: a baby, a giant of a game
+_LONGEST = 1.5          # metres that a bone may measure
+_OTHER_ORDER = 0.9      # median |log| by which bones may differ from the skeleton's, sizes apart; a person's: 0.2
+_ODD_ORDER = 0.45    # by which they are told to differ, and tell no unit
+_STRETCH = 0.3          # metres by which a bone may change before it is told
+_FARTHEST = 100_000     # metres from the origin; float32 counts in centimetres there
+_COUNTABLE = 1e15       # from there on a number counts as infinite: its square would be
+_STEP, _SPEED = 3.0, 150.0  # metres in one frame and metres a second that a root may not both exceed
+_JUMP = 1.0             # metres in one frame that are told, where they are faster than
+_FAST = 20.0            # metres a second
+
+
+def check(joints, skeleton=HUMANML3D, fps=None, name="motion"):
+  """Raises ValueError, which begins with name, unless joints (T, J, 3) in the skeleton's unit may be a person's.
+
+  Warns of what is odd: joints in another order, bones that change their length, jumps. fps: frames a second, if known.
+  """
+  lengths, oddness, metres = _checked(joints, skeleton, fps, name)
+  _tell_jumps(metres, skeleton, fps, name)
+  if oddness > _ODD_ORDER:
+    warnings.warn(f"{name}: bone lengths are unlike a person's; are the joints in the order "
+                  f"{', '.join(skeleton.joints[:4])}, ...?", stacklevel=2)
+    return
+  stretch = np.percentile(lengths, 99, axis=0) - np.percentile(lengths, 1, axis=0)
+  if stretch.max() > _STRETCH:
+    bone = int(stretch.argmax())
+    warnings.warn(f"{name}: the bone to {skeleton.joints[bone + 1]} changes its length by {stretch[bone]:.2f} m",
+                  stacklevel=2)
+
+
+def _checked(joints, skeleton, fps, name):
+  """(bone lengths (T, J - 1), their oddness, joints in metres) of what is not refused."""
+  check_rate(fps, name)
+  joints = _array(joints, skeleton, name)
+  metres = joints * skeleton.unit
+  lengths = _lengths(metres, skeleton)
+  size, oddness = _size(lengths, skeleton)
+  worst = lengths.max()
+  if worst > _LONGEST and (size <= _SIZES[1] or np.median(lengths.max(0)) < worst / 100):
+    frame, bone = np.argwhere(lengths > max(_LONGEST, worst / 2))[0]  # its own bone, not those that hang on it
+    joint = bone + 1
+    raise InputError(f"{name}: frame {frame}: {skeleton.joints[joint]} is {_far(lengths[frame, bone])} from "
+                     f"{skeleton.joints[skeleton.parents[joint]]}, expected a bone under {_LONGEST:g} m; a joint got "
+                     "lost: cut the frame away or repair the file")
+  usual = _SIZES[0] <= size <= _SIZES[1]
+  if oddness > (_OTHER_ORDER if usual else _ODD_ORDER):
+    raise InputError(f"{name}: the bones fit no person's: joints in another order or of another skeleton; expected "
+                     f"{', '.join(skeleton.joints)}")
+  if not usual:
+    guess = told_unit(joints, skeleton)
+    hint = (f"they fit a body in {_NAMES[guess]}: {_how_to_scale(guess, skeleton)}" if guess and UNITS[guess] !=
+            skeleton.unit else "no usual unit makes them a person's; scale them to metres")
+    raise InputError(f"{name}: bones are {size:.3g} times as long as a person's; {hint}")
+  _check_path(metres, skeleton, fps, name)
+  return lengths, oddness, metres
+
+
+def fault(joints, skeleton=HUMANML3D, fps=None, name="motion") -> str:
+  """What `check` would refuse, in its words; "" for nothing. Warns of nothing."""
+  try:
+    _checked(joints, skeleton, fps, name)
+  except ValueError as error:
+    return str(error)
+  return ""
+
+
+def check_bones(lengths, skeleton=HUMANML3D):
+  """Raises ValueError for bones of lengths (J,), metres, on which no mannequin can be hung: its skin would be endless.
+  """
+  joint = int(np.argmax(lengths))
+  if not lengths[joint] <= _LONGEST:
+    raise InputError(f"the bone to {skeleton.joints[joint]} is {_far(lengths[joint])} long, expected at most "
+                     f"{_LONGEST:g} m to draw a body; are the joints in metres?")
+
+
+def check_rate(fps, name="motion"):
+  """Raises ValueError unless fps is None or a rate of frames that motion may have."""
+  low, high = FRAME_RATES
+  if fps is not None and not low <= fps <= high:
+    raise InputError(f"{name}: got {fps:g} frames per second, expected {low} to {high}; give another by --fps (fps=)")
+
+
+def to_unit(joints, skeleton=HUMANML3D, unit="auto", up="y", name="motion"):
+  """Joints (T, J, 3) of any unit and upward axis in the skeleton's unit with y up; warns if it had to be told.
+
+  unit: "auto" asks the bones; "m", "cm", "mm", "in" or "ft" says it. up: "y", "z" or "x". Raises ValueError for an
+  unknown unit, or bones that fit none.
+  """
+  if unit != "auto" and unit not in UNITS:
+    raise InputError(f"got unit {unit!r}, expected auto, {', '.join(UNITS)}")
+  if up not in AXES:
+    raise InputError(f"got up {up!r}, expected {', '.join(AXES)}")
+  joints = _array(joints, skeleton, name)
+  if up != "y":
+    joints = joints[..., AXES[up]]
+  elif _stands_along_z(joints, skeleton):
+    warnings.warn(f"{name}: the body lies, or stands along z; --up z (up=\"z\") turns files whose upward axis is z",
+                  stacklevel=2)
+  if unit == "auto":
+    told = told_unit(joints, skeleton)
+    if told is None or np.isclose(UNITS[told], skeleton.unit):
+      return joints  # as it should be, or `check` says what is wrong
+    warnings.warn(f"{name}: by its bones it is in {_NAMES[told]}; --unit (unit=) says it, where that is wrong",
+                  stacklevel=2)
+    unit = told
+  scale = UNITS[unit] / skeleton.unit
+  return joints if np.isclose(scale, 1) else joints * scale
+
+
+def told_unit(joints, skeleton=HUMANML3D):
+  """The unit in which joints (T, J, 3) make a body nearest to the skeleton's size; None if none is near."""
+  size, oddness = _size(_lengths(np.asarray(joints, np.float64), skeleton), skeleton)
+  if not 0 < size < np.inf or oddness > _ODD_ORDER:
+    return None
+  unit = min(UNITS, key=lambda name: abs(np.log(size * UNITS[name])))
+  return unit if _SIZES[0] <= size * UNITS[unit] <= _SIZES[1] else None
+
+
+def _lengths(joints, skeleton):
+  """Lengths (T, J - 1) of the bones that end in joints 1, 2, ..."""
+  parents = np.array(skeleton.parents[1:])
+  with np.errstate(over="ignore", invalid="ignore"):
+    return np.linalg.norm(joints[:, 1:] - joints[:, parents], axis=-1)
+
+
+def _size(lengths, skeleton):
+  """(bones of a body in metres relative to the skeleton's, by the median bone; median |log| of what differs)."""
+  own = skeleton.bone_lengths[1:] * skeleton.unit
+  ratio = np.median(lengths, axis=0)[own > 1e-6] / own[own > 1e-6]
+  size = float(np.median(ratio))
+  if not 0 < size < np.inf:
+    return size, 0.0
+  return size, float(np.median(np.abs(np.log(np.maximum(ratio / size, 1e-9)))))
+
+
+def _array(joints, skeleton, name):
+  """float64 joints (T, J, 3), T > 0, all finite."""
+  joints = np.asarray(joints)
+  if joints.ndim != 3 or joints.shape[1:] != (skeleton.num_joints, 3) or not len(joints):
+    raise InputError(f"{name}: got joints of shape {joints.shape}, expected (frames, {skeleton.num_joints}, 3)")
+  if joints.dtype.kind not in "fiu":
+    raise InputError(f"{name}: got joints of type {joints.dtype}, expected numbers")
+  finite = (np.abs(joints) < _COUNTABLE).all(-1)
+  if not finite.all():
+    frame, joint = np.argwhere(~finite)[0]
+    raise InputError(f"{name}: {(~finite.all(1)).sum()} of {len(joints)} frames hold NaN or infinity, the first is "
+                     f"frame {frame}, {skeleton.joints[joint]}; cut them away or repair the file")
+  return joints.astype(np.float64)
+
+
+def _check_path(metres, skeleton, fps, name):
+  """Raises ValueError for a body too far away or a root that jumps."""
+  far = np.abs(metres).max((1, 2))
+  if far.max() > _FARTHEST:
+    raise InputError(f"{name}: frame {far.argmax()} is {_far(far.max())} from the origin, expected at most "
+                     f"{_FARTHEST / 1000:g} km; take the place of the first frame off all of them")
+  if len(metres) < 2:
+    return
+  rate, root = fps or skeleton.fps, np.linalg.norm(np.diff(metres[:, 0], axis=0), axis=-1)
+  if ((root > _STEP) & (root * rate > _SPEED)).any():
+    frame = int(root.argmax())
+    raise InputError(f"{name}: frame {frame + 1}: {skeleton.joints[0]} has moved {_far(root[frame])} since the frame "
+                     f"before, {root[frame] * rate:,.0f} m/s; cut the frames away, or give the right rate by --fps")
+
+
+def _tell_jumps(metres, skeleton, fps, name):
+  step = np.linalg.norm(np.diff(metres, axis=0), axis=-1)  # (T - 1, J)
+  jumps = (step > _JUMP) & (step * (fps or skeleton.fps) > _FAST)
+  if jumps.any():
+    frame, joint = np.argwhere(jumps)[0]
+    warnings.warn(f"{name}: joints jump over {_JUMP:g} m in {int(jumps.any(1).sum())} frame(s), the first is frame "
+                  f"{frame + 1}, {skeleton.joints[joint]}", stacklevel=3)
+
+
+def _stands_along_z(joints, skeleton):
+  """Whether the neck is above the feet along z, mostly, and not along y."""
+  feet = list(skeleton.left_feet + skeleton.right_feet)
+  top = skeleton.joints.index("neck")
+  rise = np.median(joints[:, top] - joints[:, feet].mean(1), axis=0)
+  return bool(rise[2] > 3 * np.abs(rise[:2]).max())
+
+
+def _how_to_scale(guess, skeleton):
+  to = next(name for name, metres in UNITS.items() if metres == skeleton.unit)
+  return (f"--unit {guess} (unit={guess!r}) says so to a reader, in Python multiply joints by "
+          f"{UNITS[guess] / UNITS[to]:g}")
+
+
+def _far(metres):
+  return f"{metres / 1000:,.0f} km" if metres >= 10_000 else f"{metres:,.3g} m"
+
+
+__all__ = ["AXES", "UNITS", "check", "check_bones", "check_rate", "fault", "to_unit", "told_unit"]

@@ -1,0 +1,125 @@
+"""How films look: cameras, sizes, backgrounds, rates, parts; by flags, each checked before anything is made."""
+import argparse
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from motion_jax import cli, progress
+from motion_jax.data.synthetic import synthetic_clips
+from motion_jax.export import frame, npz, video
+
+SIZE = (96, 72)
+
+
+@pytest.fixture(scope="module")
+def walk():
+  return synthetic_clips(0, 2, num_frames=30)[1]
+
+
+def _body(image):
+  """Pixels (N, 2) where the orange right or the blue left limbs are."""
+  red, blue = (image[..., i].astype(int) for i in (0, 2))
+  return np.argwhere(np.abs(red - blue) > 45)
+
+
+def test_cameras_look_from_where_they_say(walk):
+  views = {camera: frame(walk, 15, SIZE, camera=camera, path=False, caption="") for camera in
+           ("front", "side", "top", "three-quarter", "auto")}
+  assert (views["three-quarter"] == views["auto"]).all()  # of old
+  images = list(views.values())[:4]
+  assert all((a != b).any() for i, a in enumerate(images) for b in images[:i])
+  height = {camera: np.ptp(_body(image)[:, 0]) for camera, image in views.items()}
+  assert height["top"] < 0.7 * height["front"]  # from above a standing body is short
+  # From the front the person's right (orange) is on the left of the picture.
+  red, blue = (np.argwhere(sign * (views["front"][..., 0].astype(int) - views["front"][..., 2]) > 45)[:, 1].mean()
+               for sign in (1, -1))
+  assert red < blue
+
+
+def test_backgrounds(walk):
+  dark, white = (frame(walk, 0, SIZE, background=color) for color in ("#102030", "white"))
+  assert np.abs(dark[2, 2].astype(int) - (16, 32, 48)).max() <= 1 and (white[2, 2] == 255).all()
+  assert (frame(walk, 0, SIZE, background=(1.0, 1.0, 1.0)) == white).all()
+
+
+def test_a_film_at_another_rate_lasts_as_long(walk, tmp_path):
+  for fps in (None, 10):
+    video(walk, tmp_path / f"{fps}.gif", SIZE, fps=fps, colors=np.tile([1.0, 0, 0], (30, 1)))
+  with Image.open(tmp_path / "None.gif") as ours, Image.open(tmp_path / "10.gif") as slow:
+    assert (ours.n_frames, slow.n_frames) == (30, 15) and ours.size == SIZE
+
+
+@pytest.mark.parametrize("options, words", [
+    (dict(camera="frnt"), "did you mean front?"), (dict(background="wite"), "did you mean white?"),
+    (dict(background=(2, 0, 0)), "0..1"), (dict(size=(5, 5)), "WIDTHxHEIGHT"), (dict(size=(10**6, 100)), "4096"),
+    (dict(fps=1e9), "1 to 240"), (dict(fps=float("nan")), "1 to 240"),
+])
+def test_what_no_film_can_have(walk, tmp_path, options, words):
+  with pytest.raises(ValueError, match="got"):
+    try:
+      video(walk, tmp_path / "a.gif", **options)
+    except ValueError as error:
+      assert words in str(error)
+      raise
+  assert not any(tmp_path.iterdir())
+
+
+def test_flags_of_render(walk, tmp_path, capsys):
+  npz(walk, tmp_path / "a.npz")
+  render = lambda *flags: cli.main(["render", str(tmp_path / "a.npz"), *flags])
+  out = str(tmp_path / "a.gif")
+  assert render("--out", out, "--size", "64x48", "--camera", "top", "--background", "black", "--film-fps", "10",
+                "--trim", "0.5s:1s") == 0
+  with Image.open(out) as film:
+    assert film.size == (64, 48) and film.n_frames == 5
+  (tmp_path / "a.gif").unlink()
+  for flags, words in ((("--size", "big"), "WIDTHxHEIGHT"), (("--camera", "tpo"), "did you mean top?"),
+                       (("--background", "nocolor"), "expected a colour"),
+                       (("--trim", "3s:1s"), "A before B"), (("--trim", "1"), "expected A:B")):
+    assert render("--out", out, *flags) == 1
+    said = capsys.readouterr().err
+    assert words in said and len(said.splitlines()) == 1
+  with pytest.raises(SystemExit) as ended:
+    render("--out", out, "--film-fps", "0")
+  assert ended.value.code == 2 and "--film-fps: got '0', expected a number from 1 to 240" in capsys.readouterr().err
+  assert not (tmp_path / "a.gif").exists()
+  assert render("--out", str(tmp_path / "part.npz"), "--trim", "10:20") == 0  # of every kind of file
+  with np.load(tmp_path / "part.npz", allow_pickle=False) as part:
+    assert part["joints"].shape == (10, 22, 3)
+
+
+def test_bars_only_on_a_terminal(walk, tmp_path, monkeypatch, capsys):
+  progress.show()
+  video(walk, tmp_path / "a.gif", SIZE)
+  assert capsys.readouterr().err == ""
+  monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
+  progress.show()
+  try:
+    video(walk, tmp_path / "a.gif", SIZE)
+  finally:
+    monkeypatch.undo()
+    progress.show()
+  assert "a.gif" in (said := capsys.readouterr().err) and "30" in said
+
+
+def _actions(parser):
+  for action in parser._actions:
+    if isinstance(action, argparse._SubParsersAction):
+      yield from ((parser, choice) for choice in action._choices_actions)
+      for sub in action.choices.values():
+        yield from _actions(sub)
+    else:
+      yield parser, action
+
+
+def test_every_argument_has_a_help_text():
+  found = list(_actions(cli._parser()))
+  assert len(found) > 100
+  assert [f"{parser.prog}: {action.dest}" for parser, action in found if not action.help] == []
+
+
+def test_version(capsys):
+  with pytest.raises(SystemExit) as done:
+    cli.main(["--version"])
+  assert done.value.code == 0 and capsys.readouterr().out.startswith("motion-jax 0.")

@@ -1,0 +1,55 @@
+"""GIF films: the pictures come back with their times, and memory holds one of them at a time."""
+import weakref
+
+import numpy as np
+from PIL import Image
+
+from motion_jax.export import gif
+
+
+def pictures(num, size=(30, 40)):
+  """A square that walks over a shaded ground, and stands still in between."""
+  ground = np.zeros((*size, 3), np.uint8)
+  ground[..., 1] = np.linspace(60, 220, size[1]).astype(np.uint8)
+  for t in range(num):
+    image = ground.copy()
+    image[8:16, t // 2 % 30:t // 2 % 30 + 8] = (250, 40, 40)
+    yield image
+
+
+def test_pictures_come_back(tmp_path):
+  images = list(pictures(9))
+  palette = gif.common_palette(images[::4])
+  gif.write(tmp_path / "a.gif", iter(images), 30, palette)
+  with Image.open(tmp_path / "a.gif") as film:
+    assert (film.n_frames, film.size, film.info["loop"]) == (9, (40, 30), 0)
+    durations = []
+    for t, image in enumerate(images):
+      film.seek(t)
+      expected = Image.fromarray(image).quantize(palette=palette, dither=Image.Dither.NONE).convert("RGB")
+      np.testing.assert_array_equal(np.asarray(film.convert("RGB")), np.asarray(expected))
+      durations.append(film.info["duration"])
+  assert sum(durations) == 300 and set(durations) == {30, 40}  # 9 frames at 30 a second
+
+
+def test_a_long_film_holds_few_pictures(tmp_path):
+  alive, most = set(), 0
+
+  def watched():
+    nonlocal most
+    for number, image in enumerate(pictures(60)):
+      alive.add(number)
+      weakref.finalize(image, alive.discard, number)
+      most = max(most, len(alive))
+      yield image
+
+  gif.write(tmp_path / "a.gif", watched(), 20, gif.common_palette(list(pictures(2))))
+  assert most <= 3
+
+
+def test_a_still_film_is_small(tmp_path):
+  images = [next(pictures(1))] * 50
+  gif.write(tmp_path / "a.gif", images, 20, gif.common_palette(images[:1]))
+  one = tmp_path / "b.gif"
+  gif.write(one, images[:1], 20, gif.common_palette(images[:1]))
+  assert (tmp_path / "a.gif").stat().st_size < one.stat().st_size + 50 * 40

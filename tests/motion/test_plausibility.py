@@ -1,0 +1,135 @@
+"""Whether joints could be a person's: their unit is told by their bones, what is no body is refused in one line."""
+import warnings
+
+import numpy as np
+import pytest
+
+from motion_jax import export, stories
+from motion_jax.data import humanml3d
+from motion_jax.data.synthetic import synthetic_clips
+from motion_jax.export import bvh
+from motion_jax.motion import plausibility
+from motion_jax.motion.pose import to_pose
+from motion_jax.motion.skeleton import HUMANML3D
+
+
+@pytest.fixture(scope="module")
+def joints():
+  return synthetic_clips(num=2, num_frames=24)[1].joints.astype(np.float64)
+
+
+@pytest.mark.parametrize("unit, metres", [("cm", 0.01), ("mm", 0.001), ("in", 0.0254), ("ft", 0.3048)])
+@pytest.mark.parametrize("size", [0.8, 1.15])
+def test_units_are_told_by_bones(joints, tmp_path, unit, metres, size):
+  np.save(tmp_path / "a.npy", joints * size / metres)
+  with pytest.warns(UserWarning, match=f"a.npy: by its bones it is in {plausibility._NAMES[unit]}"):
+    told = export.load(tmp_path / "a.npy")
+  np.testing.assert_allclose(told.joints, joints * size, atol=1e-5)
+  np.savez(tmp_path / "a.npz", joints=joints * size / metres)
+  with warnings.catch_warnings():
+    warnings.simplefilter("error")
+    said = export.load(tmp_path / "a.npz", unit=unit)
+  np.testing.assert_allclose(said.joints, joints * size, atol=1e-5)
+
+
+@pytest.mark.parametrize("size", [0.4, 1.0, 1.6])
+def test_metres_stay_to_the_bit(joints, tmp_path, size):
+  np.save(tmp_path / "a.npy", (joints * size).astype(np.float32))
+  with warnings.catch_warnings():
+    warnings.simplefilter("error")
+    np.testing.assert_array_equal(export.load(tmp_path / "a.npy").joints, (joints * size).astype(np.float32))
+
+
+def test_z_up(joints, tmp_path):
+  np.save(tmp_path / "z.npy", joints[..., [2, 0, 1]])
+  with pytest.warns(UserWarning, match="--up z"):
+    export.load(tmp_path / "z.npy")
+  np.testing.assert_allclose(export.load(tmp_path / "z.npy", up="z").joints, joints, atol=1e-6)
+  bvh(synthetic_clips(num=2, num_frames=24)[1], tmp_path / "a.bvh")
+  with pytest.raises(ValueError, match="bones are 100 times .* in centimetres"):
+    export.load(tmp_path / "a.bvh", unit="m")
+
+
+def test_a_rate_of_files_is_said_not_resampled(joints, tmp_path):
+  bvh(synthetic_clips(num=2, num_frames=24)[1], tmp_path / "a.bvh")
+  for name in ("a.bvh", "a.npy", "a.npz"):
+    np.save(tmp_path / "a.npy", joints)
+    np.savez(tmp_path / "a.npz", joints=joints, fps=20.0)
+    clip = export.load(tmp_path / name, fps=60)
+    assert clip.fps == 60 and clip.num_frames == 24
+    np.testing.assert_allclose(clip.joints, export.load(tmp_path / name).joints)
+
+
+def _at(joints, where, value):
+  changed = joints.copy()
+  changed[where] = value
+  return changed
+
+
+@pytest.mark.parametrize("damage, message", [
+    (lambda j: _at(j, (7, 7), (0, 0, 3e4)), "frame 7: left_ankle is 30 km from left_knee"),
+    (lambda j: _at(j, (slice(None), 7), (0, 0, 3e4)), "frame 0: left_ankle is 30 km"),
+    (lambda j: j * 0.0117, "bones are 0.01.* times as long as a person's; no usual unit"),
+    (lambda j: j * 0, "bones are 0 times"),
+    (lambda j: j * 1e300, "24 of 24 frames hold NaN or infinity"),
+    (lambda j: _at(j, (3, 20), np.nan), "frame 3, left_wrist"),
+    (lambda j: j + 1e6, "1,000 km from the origin"),
+    (lambda j: _at(j, slice(9, None), j[9:] + 40), "frame 9: pelvis has moved 69.* m since"),
+    (lambda j: j[:, np.random.default_rng(0).permutation(22)], "bones fit no person's: joints in another order"),
+])
+def test_what_is_no_person(joints, tmp_path, damage, message):
+  np.save(tmp_path / "bad.npy", damage(joints))
+  with pytest.raises(ValueError, match=message) as error:
+    export.load(tmp_path / "bad.npy")
+  assert str(tmp_path / "bad.npy") in str(error.value) and "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("fps", [np.inf, np.nan, 0, -1, 1e-310, 1e9])
+def test_rates_that_no_camera_has(joints, tmp_path, fps):
+  np.savez(tmp_path / "a.npz", joints=joints, fps=fps)
+  with pytest.raises(ValueError, match="frames per second, expected 1 to 1000"):
+    export.load(tmp_path / "a.npz")
+  with pytest.raises(ValueError, match="frames per second, expected 1 to 1000"):
+    export.load(tmp_path / "a.npz", fps=fps)
+
+
+def test_odd_bodies_are_told(joints):
+  stretched = joints.copy()
+  stretched[12:, 20] = stretched[12:, 18] + (stretched[12:, 20] - stretched[12:, 18]) * 2.6
+  with pytest.warns(UserWarning, match="the bone to left_wrist changes its length by 0.4"):
+    plausibility.check(stretched, HUMANML3D, 20.0)
+  with pytest.warns(UserWarning, match="jump over 1 m in 1 frame"):
+    plausibility.check(_at(joints, slice(9, None), joints[9:] + (1.2, 0, 0)), HUMANML3D, 20.0)
+
+
+def test_other_readers_ask_the_same(joints, tmp_path):
+  """BVH, ASF/AMC: the joint that got lost is named with file and frame."""
+  bvh(synthetic_clips(num=2, num_frames=24)[1], tmp_path / "a.bvh")
+  lines = (tmp_path / "a.bvh").read_text().splitlines()
+  row = lines[-5].split()
+  lines[-5] = " ".join(["900000000"] + row[1:])
+  (tmp_path / "a.bvh").write_text("\n".join(lines))
+  with pytest.raises(ValueError, match="a.bvh: frame 19 is .* from the origin"):
+    export.load(tmp_path / "a.bvh")
+
+
+def test_doors_of_python_ask_too(tmp_path):
+  """What is made in memory comes in by no file: models that go on from a clip, figures, folders of features."""
+  clips = synthetic_clips(num=3, num_frames=48)
+  big = clips[1].replace(joints=clips[1].joints * 100)
+  with pytest.raises(ValueError, match="clip '.*': bones are 100 times .* in centimetres"):
+    stories.on_our_body(big, 20.0, HUMANML3D)
+  for name in ("a.glb", "a.html", "a.png"):
+    with pytest.raises(ValueError, match="the bone to left_ankle is 4.* m long, expected at most 1.5 m to draw"):
+      export.save(big, tmp_path / name)
+  assert not list(tmp_path.iterdir())
+  humanml3d.write_folder(clips, tmp_path / "data", mirror=False)
+  path = tmp_path / "data" / "new_joints" / f"{clips[1].id}.npy"
+  np.save(path, np.load(path) * 100)
+  with pytest.warns(UserWarning, match=f"left out 1 with joints that are no person's .{clips[1].id}."):
+    assert len(humanml3d.read_folder(tmp_path / "data")) == 2
+
+
+def test_the_longest_motion_that_is_drawn(joints):
+  with pytest.raises(ValueError, match="200,000 frames .*expected at most 100,000"):
+    to_pose(np.broadcast_to(joints[:1], (200_000, 22, 3)))
