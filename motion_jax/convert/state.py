@@ -4,8 +4,8 @@ import re
 
 import flax
 import numpy as np
-from safetensors import SafetensorError
-from safetensors.numpy import load_file
+
+from motion_jax.input_files import load_safetensors
 
 
 def _split(leaf, parts, turn):
@@ -32,6 +32,12 @@ _KINDS = {
                                        ("bias_ih", "b_in", None), ("bias_hh", "b_hidden", None))},
     "attention_in": {"in_proj_weight": _split("kernel", _QKV, np.transpose),
                      "in_proj_bias": _split("bias", _QKV, lambda b: b)},
+    "qkv_in": {"in_proj_weight": _split("kernel", "qkv", np.transpose),
+               "in_proj_bias": _split("bias", "qkv", lambda b: b)},
+    "qkv": {"weight": _split("kernel", "qkv", np.transpose), "bias": _split("bias", "qkv", lambda b: b)},
+    "patches": {"weight": ("kernel", lambda w: w.reshape(len(w), -1).T), "bias": ("bias", None)},
+    "first": {"": ("", lambda a: a.squeeze(0))},
+    "first_row": {"": ("", lambda a: a.squeeze((0, 1)))},
 }
 
 
@@ -49,10 +55,7 @@ def load_checkpoint(path):
   if not path.is_file():
     raise FileNotFoundError(f"there is no checkpoint {path}")
   if path.suffix == ".safetensors":
-    try:
-      return load_file(path), set()
-    except SafetensorError as error:
-      raise ValueError(f"{path} is no whole safetensors file ({error}); fetch it again") from error
+    return load_safetensors(path, advice="it is no whole safetensors file: fetch it again"), set()
   try:
     import torch
   except ImportError as error:

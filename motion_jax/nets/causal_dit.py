@@ -17,7 +17,7 @@ SIZES = {"S": dict(num_heads=2, depth=4, width=512), "M": dict(num_heads=4, dept
 
 
 def size(name, **fields):
-  """Fields of a size of the paper's Table 8; feed-forward 2 D is what its parameter counts mean."""
+  """Fields of a size of the paper's Table 10; feed-forward 2 D is what its parameter counts mean."""
   if name not in SIZES:
     raise ValueError(f"got size {name!r}, expected one of {', '.join(SIZES)}")
   return SIZES[name] | dict(ff_width=2 * SIZES[name]["width"]) | fields
@@ -96,7 +96,8 @@ class Block(nn.Module):
 
 
 class CausalDiT(nn.Module):
-  """Velocity of latents x (B, L, C) at times t (B, L) under a caption, 0 = noise, 1 = clean.
+  """Velocity of latents x (B, L, C) at times t (B, L) under a caption, 0 = noise, 1 = clean; predicts="ddpm": the noise
+  of the paper's levels instead (`diffusion.ddpm_forcing`).
 
   t may also be (B, L / n), one time for n neighbours; it is spread after the modulation, which saves its arithmetic.
   """
@@ -109,14 +110,15 @@ class CausalDiT(nn.Module):
   block: int = 3
   use_rope: bool = True
   use_adaln: bool = True  # False: the time embedding is added to the tokens instead (ablation)
-  predicts: str = "velocity"  # what the network itself gives; eps and x1 are turned into the velocity
+  predicts: str = "velocity"  # what the network itself gives; eps and x1 are turned into the velocity, ddpm's noise not
+  time_scale: float = 1.0  # times which t is embedded; 1000 where it stands for a DDPM's levels
   dtype: Any = jnp.float32
 
   # Parity: blocks of 3 latents that see one another, the RMS norm of queries and keys, a feed-forward of 2 D and no
   # norm before the output are the code's; the paper has a mask per latent (block = 1) and says nothing of the rest.
   def setup(self):
-    if self.predicts not in ("velocity", "eps", "x1"):
-      raise ValueError(f"got predicts {self.predicts!r}, expected velocity, eps or x1")
+    if self.predicts not in ("velocity", "eps", "x1", "ddpm"):
+      raise ValueError(f"got predicts {self.predicts!r}, expected velocity, eps, x1 or ddpm")
     xavier = dict(kernel_init=nn.initializers.xavier_uniform(), dtype=self.dtype)
     normal = dict(kernel_init=nn.initializers.normal(0.02), dtype=self.dtype)
     self.x_in, self.text_in = nn.Dense(self.width, **xavier), nn.Dense(self.width, **xavier)
@@ -127,6 +129,7 @@ class CausalDiT(nn.Module):
 
   def level(self, t):
     """Time embedding (..., D) of t (...)."""
+    t = t if self.time_scale == 1 else t * self.time_scale
     return self.time_out(nn.silu(self.time_in(time_numbers(t))))
 
   def modulation(self, t):
@@ -174,7 +177,7 @@ class CausalDiT(nn.Module):
 
     It has no bound where eps (t = 0) or x1 (t = 1) is known from x alone; divisors are floored at a sampler's step.
     """
-    if self.predicts == "velocity":
+    if self.predicts in ("velocity", "ddpm"):
       return y
     x, t = x.astype(y.dtype), t[..., None].astype(y.dtype)
     if self.predicts == "eps":

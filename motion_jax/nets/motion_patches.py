@@ -1,71 +1,99 @@
-"""MotionPatches: a body's chains over time cut into square patches, seen by a small vision transformer.
+"""MotionPatches: a motion as an image, time downwards and the body's chains side by side, seen by a vision transformer.
 
-A teacher of CMDM's Table 9 (MotionPatches, Yu et al., CVPR 2024: chains resampled to 16 points, patches of 16 frames).
+Yu, Tanaka, Fujiwara: "Exploring Vision Transformers for 3D Human Motion-Language Models with Motion Patches", CVPR 2024
+(facts: cmdm 3.6). A teacher of CMDM's Table 9.
 """
 import flax.linen as nn
 import jax.numpy as jnp
 import numpy as np
 
 from motion_jax.nets.part_tmr import Teacher
-from motion_jax.nets.post_norm import ACTIVATIONS, sinusoids
+from motion_jax.nets.vit import ViT
 
 
 def resample(num_joints, num_points):
-  """Weights (num_points, num_joints) that put points at equal steps along a chain, between its joints."""
-  place = np.linspace(0, num_joints - 1, num_points)
+  """Weights (num_points, num_joints) that put points along a chain of joints, linear between neighbours.
+
+  Point i lies at (i + 1/2) num_joints / num_points - 1/2, held at both ends, as an image is resized by pixel centres.
+  """
+  place = (np.arange(num_points) + 0.5) * num_joints / num_points - 0.5
+  place = np.clip(place, 0, num_joints - 1)
   return np.maximum(1 - np.abs(place[:, None] - np.arange(num_joints)), 0)
 
 
+def kit_frames(num_rows):
+  """Which frame at 12.5 a second each of num_rows image rows at 20 shows: of every 12 frames 20 rows are made."""
+  row = np.arange(num_rows)
+  return 12 * (row // 20) + (0.625 * (row % 20)).astype(int)
+
+
 class MotionPatches(Teacher):
-  """A vision transformer on patches (points of a chain) x (frames), one token per chain and stretch of frames.
+  """A vision transformer on an image of (3 axes, num_rows frames, num_points for each chain), cut into square patches.
 
   chains: for each chain its joints, each as three columns of the normalized features, -1 where a coordinate is 0 by
-  definition (`motion.parts.chain_columns`). A frame's feature is the mean over chains of the tokens of its stretch.
+  definition (`motion.parts.chain_columns`); the layout "coordinates" gives the published image. A shorter clip has
+  zeros behind it, and the network sees them: there is no mask. A longer one is cut. upsample: KIT's 12.5 frames a
+  second are shown at 20 (`kit_frames`).
+
+  Parity: a clip's vector is of the mean over all patch tokens, then a norm, then the head. A frame's feature, which the
+  paper does not define, is the same of the tokens of its row of patches (facts: cmdm 3.7). dropout and pool of the
+  other teachers have no meaning here.
   """
   chains: tuple[tuple[tuple[int, int, int], ...], ...] = ()
   num_points: int = 16
   patch: int = 16
+  num_rows: int = 224
+  upsample: bool = False
 
   def make_encoder(self):
-    dense = lambda size, name: nn.Dense(size, dtype=self.dtype, name=name)
-    norm = lambda name: nn.LayerNorm(dtype=self.dtype, use_fast_variance=False, name=name)
-    self.embed = dense(self.width, "patch_embed")
-    self.token = self.param("token", nn.initializers.normal(0.02), (self.width,))
-    self.chain_position = self.param("chain_position", nn.initializers.normal(0.02), (len(self.chains), self.width))
-    self.norms = [(norm(f"norm{i}_attn"), norm(f"norm{i}_mlp")) for i in range(self.depth)]
-    self.attention = [nn.MultiHeadDotProductAttention(
-        self.num_heads, dtype=self.dtype, dropout_rate=self.dropout, name=f"attn{i}") for i in range(self.depth)]
-    self.mlps = [(dense(self.mlp_width, f"mlp{i}_in"), dense(self.width, f"mlp{i}_out")) for i in range(self.depth)]
-    self.norm = norm("norm")
-    self.drop = nn.Dropout(self.dropout)
+    if self.num_rows % self.patch or self.num_points % self.patch:
+      raise ValueError(f"got an image of {self.num_rows} rows and {self.num_points} points a chain, expected multiples "
+                       f"of the patch's {self.patch}")
+    self.vit = ViT(self.width, self.depth, self.num_heads, self.mlp_width, self.dtype)
+    self.fc_norm = nn.LayerNorm(epsilon=1e-6, dtype=self.dtype, use_fast_variance=False)
 
-  def patches(self, x):
-    """Features (B, T, F) -> (B, stretches, chains, patch * num_points * 3); the last stretch is filled with zeros."""
-    x = jnp.pad(x, ((0, 0), (0, -x.shape[1] % self.patch), (0, 1)))  # the last column is the 0 that -1 points to
-    made = []
-    for chain in self.chains:
-      points = x[..., np.array(chain)]  # (B, T, joints, 3)
-      points = jnp.einsum("pj,btjc->btpc", jnp.asarray(resample(len(chain), self.num_points), x.dtype), points)
-      made.append(points.reshape(x.shape[0], -1, self.patch * self.num_points * 3))
-    return jnp.stack(made, axis=2)
+  @property
+  def grid(self):
+    """Patches downwards and across."""
+    return self.num_rows // self.patch, len(self.chains) * self.num_points // self.patch
 
-  def encode_motion(self, x, frame_mask, deterministic):
-    batch, frames = x.shape[:2]
-    if frame_mask is not None:  # what lies behind a clip must not leak through a patch that is half of it
-      x = jnp.where(frame_mask[..., None], x, 0.0)
-    tokens = self.embed(self.patches(x))
-    stretches, chains = tokens.shape[1:3]
-    tokens = tokens + sinusoids(stretches, self.width, tokens.dtype)[:, None] + self.chain_position.astype(tokens.dtype)
-    first = jnp.broadcast_to(self.token.astype(tokens.dtype), (batch, 1, self.width))
-    y = self.drop(jnp.concatenate([first, tokens.reshape(batch, -1, self.width)], axis=1), deterministic)
-    mask = None
+  @property
+  def max_frames(self):
+    """The most frames of a clip that the image shows."""
+    return int(kit_frames(self.num_rows)[-1]) + 1 if self.upsample else self.num_rows
+
+  def image(self, x, frame_mask=None):
+    """Features (B, T, F) -> (B, 3, num_rows, chains * num_points); what is not real is 0."""
     if frame_mask is not None:
-      real = jnp.repeat(frame_mask[:, ::self.patch], chains, axis=1)  # a stretch is real if it begins inside the clip
-      mask = jnp.pad(real, ((0, 0), (1, 0)), constant_values=True)[:, None, None]
-    for (norm_attn, norm_mlp), attention, (mlp_in, mlp_out) in zip(self.norms, self.attention, self.mlps):
-      z = norm_attn(y)
-      y = y + self.drop(attention(z, mask=mask, deterministic=deterministic), deterministic)
-      y = y + self.drop(mlp_out(ACTIVATIONS["gelu"](mlp_in(norm_mlp(y)))), deterministic)
-    y = self.norm(y)
-    hidden = y[:, 1:].reshape(batch, stretches, chains, self.width).mean(2)
-    return jnp.repeat(hidden, self.patch, axis=1)[:, :frames], y[:, 0]
+      x = jnp.where(frame_mask[..., None], x, 0.0)
+    x = x[:, :self.max_frames]
+    x = jnp.pad(x, ((0, 0), (0, self.max_frames - x.shape[1]), (0, 1)))  # the last column is the 0 that -1 points to
+    if self.upsample:
+      x = x[:, kit_frames(self.num_rows)]
+    points = [jnp.einsum("pj,btjc->bctp", jnp.asarray(resample(len(chain), self.num_points), x.dtype),
+                         x[..., np.array(chain)]) for chain in self.chains]
+    return jnp.concatenate(points, axis=-1)
+
+  def tokens(self, x, frame_mask=None):
+    """Tokens (B, 1 + patches, D) of the last block, class token first, patches row by row."""
+    image = self.image(x, frame_mask)
+    rows, columns = self.grid
+    patches = image.reshape(len(x), 3, rows, self.patch, columns, self.patch).transpose(0, 2, 4, 1, 3, 5)
+    return self.vit(patches.reshape(len(x), rows * columns, -1))  # a patch: axis slow, then frame, then point
+
+  def features(self, x, frame_mask=None):
+    """The normalized mean over patch tokens (B, D). The class token takes part in attention alone."""
+    return self.fc_norm(self.tokens(x, frame_mask)[:, 1:].mean(1))
+
+  def hidden(self, x, frame_mask=None, deterministic=True):
+    """For each frame what its row of patches shows, before the head: (B, T, D)."""
+    rows = self.tokens(x, frame_mask)[:, 1:].reshape(len(x), *self.grid, -1).mean(2)
+    shown = kit_frames(self.num_rows) if self.upsample else np.arange(self.num_rows)
+    first = np.searchsorted(shown, np.arange(min(x.shape[1], self.max_frames)))  # the first image row of each frame
+    if x.shape[1] > self.max_frames:
+      raise ValueError(f"got {x.shape[1]} frames, the image shows {self.max_frames}; cut the motion into pieces")
+    return self.fc_norm(rows)[:, first // self.patch]
+
+  def clip(self, x, frame_mask=None, deterministic=True):
+    """One vector per motion (B, E), not of unit length."""
+    return self.motion_projection(self.features(x, frame_mask), deterministic)

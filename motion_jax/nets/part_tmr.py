@@ -111,8 +111,7 @@ class Teacher(nn.Module):
 class PartTMR(Teacher):
   """A transformer per body part; its frame outputs are averaged over the parts.
 
-  parts: ((name, columns), ...) of the normalized features, from `motion.parts`; one part that holds the whole body is
-  TMR.
+  parts: ((name, columns), ...) of the normalized features, from `motion.parts`; there may be one for the whole body.
   """
   parts: tuple[tuple[str, tuple[int, ...]], ...] = ()
 

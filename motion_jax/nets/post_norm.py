@@ -18,8 +18,8 @@ class PostNormLayer(nn.Module):
   """Self-attention over all real rows, then a feed-forward part; each is added and then normalized.
 
   BERT's layer, and with eps 1e-5 PyTorch's TransformerEncoderLayer. Shapes: x (B, S, D), key_mask (B, S) True = real,
-  or None -> (B, S, D). dropout acts on attention weights, inside the feed-forward part and on both branches, where
-  `deterministic` is False; it then draws from the "dropout" rng.
+  or None, bias (H, S, S) or None is added to the scores -> (B, S, D). dropout acts on attention weights, inside the
+  feed-forward part and on both branches, where `deterministic` is False; it then draws from the "dropout" rng.
   """
   num_heads: int
   mlp_width: int
@@ -29,7 +29,7 @@ class PostNormLayer(nn.Module):
   dtype: Any = jnp.float32
 
   @nn.compact
-  def __call__(self, x, key_mask=None, deterministic=True):
+  def __call__(self, x, key_mask=None, deterministic=True, bias=None):
     batch, length, width = x.shape
     dense = lambda size, name: nn.Dense(size, dtype=self.dtype, name=name)
     norm = lambda name: nn.LayerNorm(epsilon=self.eps, dtype=self.dtype, use_fast_variance=False, name=name)
@@ -39,6 +39,8 @@ class PostNormLayer(nn.Module):
     query, key, value = (heads(dense(width, name)(x)) for name in ("query", "key", "value"))
     scores = jnp.einsum("bqhd,bkhd->bhqk", query, key) / np.sqrt(width // self.num_heads)
     scores = scores.astype(jnp.promote_types(jnp.float32, scores.dtype))  # softmax in float32 or better
+    if bias is not None:
+      scores = scores + bias
     if key_mask is not None:
       scores = jnp.where(key_mask[:, None, None, :], scores, jnp.finfo(scores.dtype).min)
     weights = drop(jax.nn.softmax(scores, axis=-1).astype(self.dtype))

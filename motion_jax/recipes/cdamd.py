@@ -47,7 +47,8 @@ def _windows(config, data):
   unit = 2 ** config.model.num_halvings
   if config.data.window % unit:
     raise ValueError(f"got data.window = {config.data.window}, a latent has {unit} frames; take a multiple")
-  windows = batches.Windows(data.features, config.data.window, config.data.stride)
+  windows = batches.Windows(data.features, config.data.window, config.data.stride,
+                            config.data.get("released_windows", False))
   return lambda step: windows.batch(config.data.batch_size, config.seed, step)
 
 
@@ -116,6 +117,7 @@ def _check_fields(config):
 
 def _captioned(config, data, encoder):
   """next_batch(step) of padded clips with the sentence vectors of their captions, or these and their words."""
+  encoder.check(caption for captions in data.captions for caption in captions)
   weights = batches.balance_weights(data.groups, config.data.balance) if config.data.balance else None
   items = batches.TextItems(data.features, data.captions, config.data.min_frames, config.data.max_frames,
                             tuple(config.data.lengths), weights=weights)
@@ -126,7 +128,7 @@ def _captioned(config, data, encoder):
     said = [vary_subject(caption, rng, config.data.vary_subject) for caption in batch.pop("caption")]
     if encoder.level == "sentence":
       return batch | {"text_emb": encoder(said)[0]}
-    text_emb, text_mask = encoder.sentence_and_words(said, pad_to=min(config.data.max_words, encoder.max_words))
+    text_emb, text_mask = encoder.sentence_and_words(said, at_least=min(config.data.max_words, encoder.max_words))
     return batch | {"text_emb": text_emb, "text_mask": text_mask}
 
   return next_batch

@@ -5,16 +5,21 @@ import json
 import jax
 import numpy as np
 
-from motion_jax import checkpoint, cmdm
+from motion_jax import checkpoint, cmdm, tmr
 from motion_jax import teacher as teacher_lib
 from motion_jax.data import batches, sources
 from motion_jax.data.captions import vary_subject
 from motion_jax.metrics.scores import retrieval
 from motion_jax.motion import stats as stats_lib
 from motion_jax.motion.features import to_joints
-from motion_jax.nets.causal_vae import CausalVAE
+from motion_jax.nets.causal_vae import CausalVAE, sample_latent
+from motion_jax.recipes import teachers
 from motion_jax.recipes.recipe import Recipe, plain, untrained
+from motion_jax.recipes.validation import reconstruction_fid
+from motion_jax.text import bert
 from motion_jax.text.encoder import load_text_encoder
+
+FRESH_TEXT = bert.bert_fields(dict(model_type="distilbert", vocab_size=4, dim=8, n_layers=1, n_heads=1, hidden_dim=8))
 
 
 def tokenizer(config) -> Recipe:
@@ -24,50 +29,73 @@ def tokenizer(config) -> Recipe:
   vae = CausalVAE(**config.model)
   reconstruct = jax.jit(lambda params, x: vae.apply(params, vae.apply(params, x, method="encode")[0], method="decode"))
 
+  drawn = jax.jit(lambda params, x, key: draw(vae, params, x, key))
+  fid = None
+  if config.frozen.get("evaluator"):
+    fid = reconstruction_fid(config.frozen.evaluator, validation, data.stats)
+
   def evaluate(params):
-    return {"held_out_mm": round(reconstruction_error(lambda x: reconstruct(params, x), validation, data.stats), 2)}
+    found = {"held_out_mm": round(reconstruction_error(lambda x: reconstruct(params, x), validation, data.stats), 2)}
+    if fid is not None:  # Parity: of drawn latents, as the released evaluation has it; the same draws at every save
+      key = jax.random.key(config.seed)
+      found["held_out_fid"] = round(fid(lambda x, i: drawn(params, x, jax.random.fold_in(key, i))), 5)
+    return found
 
   def next_batch(step):
     return windows.batch(config.data.batch_size, config.seed, step)
 
   frozen = {}
   if config.frozen.get("teacher"):
-    frozen["teacher"] = load_teacher(config, data.stats)
+    frozen["teacher"], view = load_teacher(config, data.stats)
+    if view is not None:
+      frozen["teacher_view"] = view
   return Recipe(cmdm.tokenizer_stage(config), next_batch, frozen, evaluate, data.stats, {})
 
 
-def load_teacher(config, stats):
-  """Parameters of the teacher's motion side from a run folder ("fresh": untrained), its fields put into config.teacher.
+def draw(vae, params, x, key):
+  """Motions x (B, T, F) there and back by a latent that is drawn, not its mean."""
+  mean, logvar = vae.apply(params, x, method="encode")
+  z = sample_latent(mean, logvar, jax.random.normal(key, mean.shape))
+  return vae.apply(params, z, method="decode")
 
-  Raises ValueError where its features are not those that the tokenizer is given.
+
+def load_teacher(config, stats):
+  """(parameters of the teacher's motion side, `teachers.view_of` it) from a run folder ("fresh": untrained); its fields
+  are put into config.teacher, and where its weights came from into config.taught_by.
+
+  Raises ValueError where it cannot read the features that the tokenizer is given.
   """
   folder = config.frozen.teacher
   if folder == "fresh":
-    fields = dict(config.teacher)
+    fields, said = dict(config.teacher), {"weights": "untrained"}
+    own = fields.get("layout", stats.layout.name)
+    view = None if own == stats.layout.name else teachers.view_of(stats, teachers.plain_stats(own), folder)
   else:
     run = checkpoint.load_config(folder)
     if run.get("stage") != "cmdm.teacher":
       raise ValueError(f"{folder} holds a {run.get('stage')!r} run, expected one of stage 'cmdm.teacher'")
-    fields = run.model.to_dict()
+    fields, said = run.model.to_dict(), run.get("origin", {})
+    said = {"kind": fields.get("kind", "part_tmr"), **said}
     theirs = stats_lib.load_stats(folder, run.data.layout)
-    if theirs.layout != stats.layout or (np.abs(theirs.mean - stats.mean) > 0.01 * stats.std).any() or not np.allclose(
-        theirs.std, stats.std, rtol=0.01):
-      raise ValueError(f"the teacher in {folder} was trained on features of other statistics than the data given here; "
-                       "train it on the same data")
+    view = teachers.view_of(stats, theirs, folder)
+    if theirs.layout != stats.layout:
+      fields["layout"] = theirs.layout.name
+  with config.unlocked():
+    config.taught_by = said
   teacher = teacher_lib.make_teacher(fields, config.data.layout)
   if teacher.dim != config.model.teacher_dim:
     raise ValueError(f"the teacher gives {teacher.dim} numbers a frame, config.model.teacher_dim is "
                      f"{config.model.teacher_dim}; make them agree")
   with config.unlocked():
     config.teacher = fields  # with it the run folder says what its latents were aligned with
+  own_layout = fields.get("layout", config.data.layout)
   if folder == "fresh":
-    shapes = jax.eval_shape(lambda: teacher.init(jax.random.key(0), np.zeros((1, 4, stats.layout.dim)),
-                                                 np.zeros((1, 8))))
-    return untrained(shapes["params"])
+    shapes = teacher_lib.teacher_shapes(teacher, FRESH_TEXT, own_layout)
+    return teacher_lib.motion_side(teacher, untrained({"motion": shapes["motion"]})), view
   params = checkpoint.load_params(folder)
-  shapes = teacher_lib.teacher_shapes(teacher, run.text, run.data.layout)
+  shapes = teacher_lib.teacher_shapes(teacher, run.text, own_layout)
   checkpoint.check_fits(params, shapes, f"the teacher in {folder} does not fit its config")
-  return params["motion"]
+  return teacher_lib.motion_side(teacher, params), view
 
 
 def held_out(config, stats, captioned=False):
@@ -109,13 +137,15 @@ def denoiser(config) -> Recipe:
   items = batches.TextItems(data.features, data.captions, config.data.min_frames, config.data.max_frames,
                             tuple(config.data.lengths), weights=weights, **rules)
   encoder = load_text_encoder(config.frozen.text, level=config.frozen.get("text_level", "words"))
+  encoder.check(caption for captions in data.captions for caption in captions)
   words = config.data.max_words
 
   def next_batch(step):
     batch = items.batch(config.data.batch_size, config.seed, step)
     rng = batches.step_rng(config.seed, 2, step)
     said = [vary_subject(caption, rng, config.data.vary_subject) for caption in batch.pop("caption")]
-    batch["text_emb"], batch["text_mask"] = encoder(said, pad_to=words)
+    # Parity: the reference cuts no caption. Batches with long ones are padded further, to one of a few widths.
+    batch["text_emb"], batch["text_mask"] = encoder(said, at_least=words)
     return batch
 
   if config.loss.unit_latents:
@@ -142,7 +172,10 @@ def caption_lengths(data):
 
 
 def load_tokenizer(folder, config):
-  """(module, params, stats) of a trained tokenizer; "fresh" makes an untrained one for trying things out."""
+  """(module, params, stats) of a trained tokenizer; "fresh" makes an untrained one for trying things out.
+
+  What it was aligned with is put into config.taught_by.
+  """
   if folder == "fresh":
     vae = CausalVAE(**config.tokenizer)
     return vae, untrained(cmdm.frozen_shapes(vae)["tokenizer"]), sources.load_features(config.data).stats
@@ -157,6 +190,9 @@ def load_tokenizer(folder, config):
                      f"{plain(config.tokenizer.to_dict())}; make them agree")
   params = checkpoint.load_params(folder, cmdm.frozen_shapes(theirs)["tokenizer"])
   params["params"].pop("align", None)
+  if run.get("taught_by"):
+    with config.unlocked():  # so that a record of the generator can say it
+      config.taught_by = run.taught_by.to_dict()
   return vae, params, stats_lib.load_stats(folder, config.data.layout)
 
 
@@ -178,50 +214,53 @@ def latent_moments(vae, params, features, num_clips=512, length=192):
 
 
 def teacher(config) -> Recipe:
-  """The motion-language teacher; its text transformer starts as the encoder config.frozen.text and learns on."""
+  """A motion-language teacher; its text transformer starts as the encoder config.frozen.text and learns on, but for a
+  TMR's, which stays as it is."""
   encoder = load_text_encoder(config.frozen.text)
+  frozen_text = config.model.get("kind") == "tmr"
   with config.unlocked():  # what loading the run needs
-    config.text = bert_fields_of(encoder.model)
+    config.text = {"width": encoder.dim} if frozen_text else bert_fields_of(encoder.model)
+  space = teacher_lib.make_space(config)
+  given, said = teachers.origin(config, space.net)
+  with config.unlocked():
+    config.origin = said
   data = sources.load_features(config.data, captioned=True)
   clips = batches.CaptionedClips(data.features, data.captions, config.data.max_frames)
-  words = config.data.max_words
-
-  def tokenized(batch):
-    batch["ids"], batch["text_mask"] = word_pieces(encoder, batch.pop("caption"), words)
-    return batch
+  encoder.check(caption for captions in data.captions for caption in captions)
+  read = teachers.reader(config, space, encoder)
 
   def next_batch(step):
-    return tokenized(clips.batch(config.data.batch_size, config.seed, step))
+    batch = clips.batch(config.data.batch_size, config.seed, step)
+    return batch | read(batch.pop("caption"))
 
-  stage = teacher_lib.teacher_stage(config)
+  stage = tmr.tmr_stage(config, space) if frozen_text else teacher_lib.teacher_stage(config)
   made = jax.jit(lambda params, batch: stage.predict(params, {}, batch, None))
   single = one_clip_per_caption(held_out(config, data.stats, captioned=True), config.data.max_frames)
 
   def evaluate(params):
     """How often a caption finds its held-out clip, and the clip its caption (back), among one clip of each caption."""
-    parts = [made(params, tokenized(single.rows(rows, batches.step_rng(config.seed, 4))))
-             for rows in np.array_split(single.kept, max(1, len(single) // 64))]
+    parts = []
+    for rows in np.array_split(single.kept, max(1, len(single) // 64)):
+      batch = single.rows(rows, batches.step_rng(config.seed, 4))
+      parts.append(made(params, batch | space.read(encoder, batch.pop("caption"))))
     text, motion = (np.concatenate([part[name] for part in parts]) for name in ("text", "motion"))
     return {name: round(value, 4) for name, value in retrieval(text @ motion.T).items()}
 
   own = stage.init
-  stage = stage._replace(init=lambda batch, rng: {**own(batch, rng), "text": encoder.params})
-  return Recipe(stage, next_batch, {}, evaluate, data.stats, {checkpoint.TEXT: text_identity(encoder)})
+
+  def init(batch, rng):
+    params = own(batch, rng)
+    params["motion"] = {**params["motion"], **given}
+    return params if frozen_text else {**params, "text": encoder.params}
+
+  return Recipe(stage._replace(init=init), next_batch, {}, evaluate, data.stats,
+                {checkpoint.TEXT: text_identity(encoder)})
 
 
 def bert_fields_of(model):
   """The fields of a `Bert` module, as plain values."""
   return {field.name: getattr(model, field.name) for field in dataclasses.fields(model)
           if field.name not in ("dtype", "parent", "name")}
-
-
-def word_pieces(encoder, captions, length):
-  """Word pieces of captions: ids (B, length), cut if longer, and text_mask (B, length)."""
-  ids, text_mask = np.zeros((len(captions), length), np.int32), np.zeros((len(captions), length), bool)
-  for row, caption in enumerate(captions):
-    pieces = encoder.tokenizer.encode(caption).ids[:length]
-    ids[row, :len(pieces)], text_mask[row, :len(pieces)] = pieces, True
-  return ids, text_mask
 
 
 def one_clip_per_caption(data, max_frames):

@@ -4,7 +4,7 @@ import re
 import ml_collections
 import numpy as np
 
-from motion_jax import cdamd, checkpoint, convert, lengths
+from motion_jax import cdamd, checkpoint, convert, lengths, paper_rows
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.length_estimator import LengthEstimator
 from motion_jax.nets.masked_transformer import SIZES, GatedTransformer
@@ -203,5 +203,11 @@ def _generator_config(tokenizer, gen, layout, diffusion):
     sampler |= dict(num_rounds=18, guidance_scale=2.5 if kit else 4.5, mask=mask, edit_mask=mask)
   sampler |= dict(solver="ddpm", num_steps=50) if ddpm else dict(solver="midpoint", num_steps=10)
   data = dict(layout=layout.name, mode="benchmark", min_frames=24 if kit else 40, max_frames=196)
-  return dict(stage="cdamd.generator", tokenizer=tokenizer.fields, model=gen.fields, data=data,
-              loss=dict(mask=mask, diffusion=diffusion, ddpm_steps=50), sampler=sampler | dict(revealed_only=True))
+  config = dict(stage="cdamd.generator", tokenizer=tokenizer.fields, model=gen.fields, data=data,
+                loss=dict(mask=mask, diffusion=diffusion, ddpm_steps=50), sampler=sampler | dict(revealed_only=True))
+  # With how many levels of the prior a CDAMD was trained its tensors do not tell, so not its row either.
+  transformer, rows = gen.fields["transformer"], {}
+  if transformer["kind"] == "mardm" and (transformer["width"], transformer["depth"]) == (1024, 1):
+    rows = {"essential": {"cmdm 6": "MARDM-DDPM" if ddpm else "MARDM-SiT"},
+            "coordinates": {} if ddpm else {"cdamd 1": "MARDM-SiT-XL", "cdamd 3": "MARDM"}}.get(layout.name, {})
+  return config | dict(paper_row=paper_rows.claim(config, rows))

@@ -1,24 +1,21 @@
-"""CMDM's released weights: tokenizer, denoiser, teacher (names in facts: cmdm 9)."""
-import re
+"""CMDM's released weights: tokenizer and denoiser (names in facts: cmdm 9)."""
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
-from motion_jax import checkpoint, cmdm, convert
+from motion_jax import checkpoint, cmdm, convert, paper_rows
 from motion_jax.motion.features import layout_for
 from motion_jax.motion.stats import load_stats
 from motion_jax.nets.causal_dit import SIZES, CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
-from motion_jax.recipes.cmdm import bert_fields_of, text_identity
 from motion_jax.released.parts import Network, check_free, heads_of, network, read_part, text_files, write
-from motion_jax.teacher import make_teacher
-from motion_jax.text.encoder import load_text_encoder
 
 # (width, depth) -> heads: the paper's sizes, and the code's dit_large.
 HEADS = {(size["width"], size["depth"]): size["num_heads"] for size in SIZES.values()} | {(512, 20): 4}
 WEIGHTS = {"ema": "ema_model", "model": "model"}
 TEXT = "distilbert-base-uncased"
+# The model whose numbers the paper prints; what is converted of other sizes is in none of its rows.
+PAPERS_VAE = dict(features=263, latent_dim=64, width=1024, num_halvings=2, dilations=(9, 3, 1), teacher_dim=256)
+PAPERS_DIT = dict(latent_dim=64, width=512, depth=8, num_heads=4, ff_width=1024, block=3, text_dim=768)
 
 
 def tokenizer(path) -> Network:
@@ -60,40 +57,6 @@ def denoiser(path, weights="ema", num_heads=None, block=3) -> Network:
   return network(what, part, dit, fields, cmdm.denoiser_shapes(dit), convert.causal_dit_names(depth))
 
 
-def teacher(path, layout, num_heads=None, text_fields=None) -> Network:
-  """A released Part-TMR with its text transformer; params are {"motion": ..., "text": ...}.
-
-  text_fields: of its `Bert`; without them, DistilBERT's sizes.
-  """
-  what, part = "teacher", read_part(path)
-  stack = "motion_encoder.seqTransEncoder_Root.layers"
-  width, _ = part.shape("motion_encoder.skel_embedding_Root.weight", what, 2)
-  depth = part.count(re.escape(stack) + r"\.(\d+)\.")
-  fields = dict(kind="part_tmr", width=width, depth=depth, num_heads=heads_of(num_heads, width, 4),
-                mlp_width=part.shape(f"{stack}.0.linear1.weight", what, 2)[0],
-                dim=part.shape("motion_projection.projection.weight", what, 2)[0], dropout=0.1, head_dropout=0.5,
-                pool="all")
-  text_fields = text_fields or _distilbert_fields(part)
-  module = make_teacher(fields, layout)
-  shapes = jax.eval_shape(lambda: module.init(jax.random.key(0), jnp.zeros((1, 4, layout.dim)),
-                                              jnp.zeros((1, text_fields["width"]))))
-  params = convert.part_tmr_from_torch(part.state, text_fields, depth)
-  checkpoint.check_fits(params["motion"], shapes["params"], f"{part.source['file']} does not fit a {what}")
-  return Network(what, module, fields | {"text": text_fields}, params, part)
-
-
-def _distilbert_fields(part):
-  what, prefix = "Part-TMR with DistilBERT", "text_encoder.text_model."
-  vocab_size, width = part.shape(f"{prefix}embeddings.word_embeddings.weight", what, 2)
-  if width != 768:
-    raise ValueError(f"the teacher's text transformer has width {width}, DistilBERT has 768; the tensors do not tell "
-                     "its number of heads, give the folder that it started from with --text")
-  return dict(vocab_size=vocab_size, width=width, num_heads=12,
-              num_layers=part.count(re.escape(prefix) + r"transformer\.layer\.(\d+)\."),
-              mlp_width=part.shape(f"{prefix}transformer.layer.0.ffn.lin1.weight", what, 2)[0],
-              max_positions=part.shape(f"{prefix}embeddings.position_embeddings.weight", what, 2)[0])
-
-
 def write_cmdm(out, tokenizer_file, stats, denoiser_file=None, text=None, weights="ema", num_heads=None, block=3):
   """The run folder of a released CMDM; without a denoiser, that of its tokenizer -> the Networks.
 
@@ -106,6 +69,8 @@ def write_cmdm(out, tokenizer_file, stats, denoiser_file=None, text=None, weight
   stats = load_stats(stats, layout)
   if denoiser_file is None:
     config = dict(stage="cmdm.tokenizer", model=vae.fields, frozen={}, data=dict(layout=layout.name))
+    rows = {table: paper_rows.CMDM[table] for table in ("cmdm 8", "cmdm 9")} if vae.fields == PAPERS_VAE else {}
+    config["paper_row"] = paper_rows.claim(config, rows)
     write(out, config, [vae], vae.params, stats)
     return [vae]
   dit = denoiser(denoiser_file, weights, num_heads, block)
@@ -117,22 +82,9 @@ def write_cmdm(out, tokenizer_file, stats, denoiser_file=None, text=None, weight
                 frozen=dict(text=str(text or TEXT), tokenizer=checkpoint.FROZEN),
                 data=dict(layout=layout.name, max_frames=192, max_words=64),
                 sampler=dict(num_steps=50, lag=2, guidance_scale=3.0))  # facts: cmdm 8, inference
+  own = vae.fields == PAPERS_VAE and dit.fields == PAPERS_DIT
+  config["paper_row"] = paper_rows.claim(config, paper_rows.CMDM if own else {})
   zeros = np.zeros(vae.fields["latent_dim"], np.float32)  # Parity: released latents are not scaled
   frozen = {"tokenizer": vae.params, "latent_mean": zeros, "latent_std": zeros + 1}
   write(out, config, [vae, dit], dit.params, stats, frozen, files)
   return [vae, dit]
-
-
-def write_teacher(out, file, stats, text=None, num_heads=None):
-  """The run folder of a released Part-TMR -> the Networks. text: folder of the text encoder that it started from,
-  whose word pieces it reads; its own weights are those of the file."""
-  check_free(out)
-  stats = load_stats(stats)
-  encoder = None if text is None else load_text_encoder(text)
-  made = teacher(file, stats.layout, num_heads, encoder and bert_fields_of(encoder.model))
-  fields = dict(made.fields)
-  config = dict(stage="cmdm.teacher", text=fields.pop("text"), model=fields, frozen=dict(text=str(text or TEXT)),
-                loss=dict(text_pool="first"), data=dict(layout=stats.layout.name, max_frames=196, max_words=77))
-  files = {checkpoint.TEXT: text_identity(encoder)} if encoder else {}
-  write(out, config, [made], made.params, stats, files=files)
-  return [made]

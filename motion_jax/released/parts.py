@@ -1,5 +1,6 @@
 """What every conversion needs: one network's tensors out of a file, and a folder that appears whole or not at all."""
 import hashlib
+import math
 import pathlib
 import re
 from typing import Any, NamedTuple
@@ -10,6 +11,8 @@ import numpy as np
 
 from motion_jax import checkpoint, convert
 from motion_jax.data.clip import atomic_folder
+from motion_jax.errors import InputError
+from motion_jax.input_files import npy_shape
 from motion_jax.motion.features import layout_for
 from motion_jax.motion.stats import ABSOLUTE, load_stats, save_stats
 from motion_jax.recipes.cmdm import text_identity
@@ -141,8 +144,8 @@ def stats_of(folder, columns, means=("Mean.npy",)):
 def _fits(path, layout):
   """Whether a file of means is of that layout; one that cannot be read is for `load_stats` to tell."""
   try:
-    size = np.load(path, mmap_mode="r", allow_pickle=False).size
-  except (ValueError, EOFError):
+    size = math.prod(npy_shape(path))
+  except InputError:
     return True
   return size == layout.dim or size == 3 and layout.kind == "coordinates"
 

@@ -286,7 +286,7 @@ def test_an_unknown_size_is_told():
 
 
 def test_an_unknown_prediction_is_told():
-  with pytest.raises(ValueError, match="'v'.*velocity, eps or x1"):
+  with pytest.raises(ValueError, match="'v'.*velocity, eps, x1 or ddpm"):
     small(predicts="v")
 
 

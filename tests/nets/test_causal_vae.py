@@ -7,7 +7,7 @@ import pytest
 
 from motion_jax import cmdm
 from motion_jax.convert import causal_vae_names, from_torch
-from motion_jax.nets.causal_vae import CausalVAE, sample_latent
+from motion_jax.nets.causal_vae import CausalVAE, _mean_logvar, sample_latent
 from tests import fixtures
 from tests.golden import check, golden
 
@@ -162,6 +162,12 @@ def test_parameter_counts():
       lambda: CausalVAE(teacher_dim=256, **sizes).init(
           jax.random.key(0), jnp.zeros((1, 64, sizes.get("features", 263))), jnp.zeros((1, 16, 64))))))
   assert count() == 76_312_199 and count(features=67) == 75_107_779
+
+
+def test_a_log_variance_stays_in_its_bounds():
+  """Wide enough to do nothing to a sound network; a wild one is kept from infinities (facts: cmdm 2.2)."""
+  mean, logvar = _mean_logvar(jnp.array([[1.0, -500, 80, -80], [2.0, 3, 4, -5]]))
+  assert mean.tolist() == [[1, -500], [2, 3]] and logvar.tolist() == [[20, -30], [4, -5]]
 
 
 def test_too_few_frames_are_told():

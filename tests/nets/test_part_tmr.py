@@ -7,8 +7,7 @@ import pytest
 
 from motion_jax import teacher as teacher_lib
 from motion_jax.convert import TMR_PARTS, part_tmr_from_torch, part_tmr_names
-from motion_jax.motion.parts import chain_columns, part_columns, whole_body
-from motion_jax.nets.motion_patches import MotionPatches, resample
+from motion_jax.motion.parts import part_columns, whole_body
 from motion_jax.nets.part_tmr import PartTMR
 from motion_jax.text.bert import Bert, bert_fields
 from tests import fixtures
@@ -69,10 +68,7 @@ def test_golden():
 
 def _small(pool="real", parts=None):
   fields = dict(width=8, depth=1, num_heads=2, mlp_width=8, dim=4, pool=pool)
-  if parts == "patches":
-    teacher = MotionPatches(chains=chain_columns("full"), patch=4, num_points=3, **fields)
-  else:
-    teacher = PartTMR(parts=parts or part_columns("full"), **fields)
+  teacher = PartTMR(parts=parts or part_columns("full"), **fields)
   x = jax.random.normal(jax.random.key(0), (2, 12, 263))
   return teacher, jax.jit(teacher.init)(jax.random.key(1), x, jnp.zeros((2, 6))), x
 
@@ -86,9 +82,9 @@ def test_parameter_count_is_the_references():
   assert count({k: v for k, v in shapes["motion"].items() if k.endswith(("leg", "arm", "root", "bone"))}) == 50_619_904
 
 
-@pytest.mark.parametrize("pool, parts", [("real", None), ("token", None), ("real", "patches"), ("token", "patches")])
-def test_padding_is_invisible_where_the_pool_says_so(pool, parts):
-  teacher, params, x = _small(pool, parts)
+@pytest.mark.parametrize("pool", ["real", "token"])
+def test_padding_is_invisible_where_the_pool_says_so(pool):
+  teacher, params, x = _small(pool)
   clip = jax.jit(lambda x, mask: teacher.apply(params, x, mask, method="clip"))
   mask = jnp.arange(12) < jnp.array([[12], [7]])
   short = clip(x[1:, :7], jnp.ones((1, 7), bool))
@@ -103,9 +99,8 @@ def test_the_released_pool_sees_padding():
   assert not np.allclose(clip(x), clip(x.at[:, 7:].set(0.0)), atol=1e-3)
 
 
-@pytest.mark.parametrize("parts", [None, "patches"])
-def test_the_teacher_looks_both_ways(parts):
-  teacher, params, x = _small(parts=parts)
+def test_the_teacher_looks_both_ways():
+  teacher, params, x = _small()
   frames = jax.jit(lambda x: teacher.apply(params, x, method="frames"))
   changed = np.abs(frames(x.at[:, -1].add(5.0)) - frames(x)).max((0, 2))
   assert (changed > 0).all()
@@ -115,13 +110,6 @@ def test_a_teacher_without_parts_is_one_part():
   teacher, params, x = _small(parts=whole_body("full"))
   assert teacher.apply(params, x, method="split")["body"].shape == x.shape
   assert sum(name.startswith("motion_") for name in params["params"]) == 2  # the body and the head
-
-
-def test_points_lie_along_a_chain():
-  """3 joints at 0, 1, 2 resampled to 5 points: 0, 0.5, 1, 1.5, 2."""
-  assert np.allclose(resample(3, 5) @ [0.0, 1.0, 2.0], [0, 0.5, 1, 1.5, 2])
-  assert chain_columns("full")[0][:2] == ((-1, 3, -1), (7, 8, 9))  # the pelvis's height, the right hip
-  assert chain_columns("coordinates")[0][0] == (0, 1, 2)
 
 
 def test_a_wrong_pool_is_told():

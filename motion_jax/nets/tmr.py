@@ -1,0 +1,150 @@
+"""TMR: a Gaussian for a motion and one for a sentence in the same space, and a decoder from there back to motion.
+
+Petrovich, Black, Varol: "TMR: Text-to-Motion Retrieval Using Contrastive 3D Human Motion Synthesis", ICCV 2023; layers
+and sizes are those of Mathux/TMR (facts: cmdm 3.5). A teacher of CMDM's Table 9.
+"""
+from typing import Any
+
+import flax.linen as nn
+import jax.numpy as jnp
+
+from motion_jax.nets.attention import Attention
+from motion_jax.nets.post_norm import ACTIVATIONS, PostNormLayer, sinusoids
+
+
+class GaussianTokens(nn.Module):
+  """A bidirectional transformer behind two learned tokens: x (B, T, F), mask (B, T) True = real or None
+  -> mean (B, D), logvar (B, D) of the two tokens, and the rows of the frames (B, T, D).
+  """
+  width: int
+  depth: int
+  num_heads: int
+  mlp_width: int
+  dropout: float = 0.1
+  dtype: Any = jnp.float32
+
+  @nn.compact
+  def __call__(self, x, mask=None, deterministic=True):
+    x = nn.Dense(self.width, dtype=self.dtype, name="embed")(x)
+    tokens = self.param("tokens", nn.initializers.normal(1.0), (2, self.width)).astype(self.dtype)
+    x = jnp.concatenate([jnp.broadcast_to(tokens, (len(x), *tokens.shape)), x], axis=1)
+    x = x + sinusoids(x.shape[1], self.width, x.dtype)  # the tokens have positions 0 and 1, frame f has f + 2
+    x = nn.Dropout(self.dropout, deterministic=deterministic)(x)
+    if mask is not None:
+      mask = jnp.pad(mask, ((0, 0), (2, 0)), constant_values=True)
+    for i in range(self.depth):
+      layer = PostNormLayer(self.num_heads, self.mlp_width, dropout=self.dropout, dtype=self.dtype, name=f"layer{i}")
+      x = layer(x, mask, deterministic)
+    return x[:, 0], x[:, 1], x[:, 2:]
+
+
+class DecoderLayer(nn.Module):
+  """PyTorch's TransformerDecoderLayer: attention to real rows, attention to a memory (B, M, D), feed-forward part; each
+  is added and then normalized. x (B, T, D), attn_mask (B, 1, 1, T)."""
+  num_heads: int
+  mlp_width: int
+  dropout: float = 0.1
+  dtype: Any = jnp.float32
+
+  @nn.compact
+  def __call__(self, x, memory, attn_mask, deterministic=True):
+    width = x.shape[-1]
+    attention = lambda name: Attention(width, self.num_heads, self.dtype, normalize=False, dropout=self.dropout,
+                                       name=name)
+    norm = lambda name: nn.LayerNorm(epsilon=1e-5, dtype=self.dtype, use_fast_variance=False, name=name)
+    dense = lambda size, name: nn.Dense(size, dtype=self.dtype, name=name)
+    drop = lambda y: nn.Dropout(self.dropout, deterministic=deterministic)(y)
+    y = attention("self_attn")(x, attn_mask=attn_mask, deterministic=deterministic)
+    x = norm("attn_norm")(x + drop(y))
+    x = norm("cross_norm")(x + drop(attention("cross_attn")(x, memory, deterministic=deterministic)))
+    y = drop(ACTIVATIONS["gelu"](dense(self.mlp_width, "mlp_in")(x)))
+    return norm("mlp_norm")(x + drop(dense(width, "mlp_out")(y)))
+
+
+class LatentDecoder(nn.Module):
+  """z (B, D), frame_mask (B, T) -> motions (B, T, F), zeros where not real. Queries are the positions alone."""
+  features: int
+  depth: int
+  num_heads: int
+  mlp_width: int
+  dropout: float = 0.1
+  dtype: Any = jnp.float32
+
+  @nn.compact
+  def __call__(self, z, frame_mask, deterministic=True):
+    x = jnp.broadcast_to(sinusoids(frame_mask.shape[1], z.shape[-1], self.dtype), (*frame_mask.shape, z.shape[-1]))
+    x = nn.Dropout(self.dropout, deterministic=deterministic)(x)
+    for i in range(self.depth):
+      layer = DecoderLayer(self.num_heads, self.mlp_width, self.dropout, self.dtype, name=f"layer{i}")
+      # One key, so its weight is 1: queries and keys of the attention to z change nothing and never learn.
+      x = layer(x, z[:, None], frame_mask[:, None, None, :], deterministic)
+    return jnp.where(frame_mask[..., None], nn.Dense(self.features, dtype=self.dtype, name="out")(x), 0.0)
+
+
+class TMR(nn.Module):
+  """Both encoders and the decoder. x (B, T, features) normalized, frame_mask (B, T), text_emb (B, S, W) hidden states
+  of a frozen text transformer, text_mask (B, S); True = real.
+
+  pool says which vector of a motion is compared with sentences: "token", the mean of its Gaussian, as TMR has it, or
+  "real", the mean of the rows of its real frames. As a teacher it gives those rows, and in TMR as published no loss
+  ever touches them: CMDM does not say how TMR gives a feature per frame; "real" trains it as Part-TMR was changed for
+  the same purpose (facts: cmdm 3.7).
+  """
+  features: int = 263
+  width: int = 256
+  depth: int = 6
+  num_heads: int = 4
+  mlp_width: int = 1024
+  dropout: float = 0.1
+  pool: str = "token"
+  dtype: Any = jnp.float32
+
+  @property
+  def dim(self):
+    """Numbers of a frame's feature and of a motion's vector."""
+    return self.width
+
+  def setup(self):
+    if self.pool not in ("token", "real"):
+      raise ValueError(f"got pool {self.pool!r} for a TMR, expected token or real")
+    sizes = self.depth, self.num_heads, self.mlp_width, self.dropout, self.dtype
+    self.motion_encoder = GaussianTokens(self.width, *sizes)
+    self.text_encoder = GaussianTokens(self.width, *sizes)
+    self.motion_decoder = LatentDecoder(self.features, *sizes)
+
+  def motion_gaussian(self, x, frame_mask=None, deterministic=True):
+    """-> mean (B, D), logvar (B, D), rows (B, T, D)."""
+    return self.motion_encoder(x, frame_mask, deterministic)
+
+  def text_gaussian(self, text_emb, text_mask=None, deterministic=True):
+    """-> mean (B, D), logvar (B, D), rows (B, S, D)."""
+    return self.text_encoder(text_emb, text_mask, deterministic)
+
+  def decode(self, z, frame_mask, deterministic=True):
+    """A latent of either side (B, D) -> normalized features (B, T, features)."""
+    return self.motion_decoder(z, frame_mask, deterministic)
+
+  def frames(self, x, frame_mask=None, deterministic=True):
+    """What the tokenizer is aligned with: a feature per frame (B, T, D)."""
+    return self.motion_encoder(x, frame_mask, deterministic)[2]
+
+  def clip(self, x, frame_mask=None, deterministic=True):
+    """One vector per motion (B, D), not of unit length."""
+    mean, _, rows = self.motion_encoder(x, frame_mask, deterministic)
+    return mean if self.pool == "token" else mean_rows(rows, frame_mask)
+
+  def text(self, text_emb, text_mask=None, deterministic=True):
+    """One vector per sentence (B, D), not of unit length."""
+    return self.text_encoder(text_emb, text_mask, deterministic)[0]
+
+  def __call__(self, x, frame_mask, text_emb, text_mask):
+    z = self.text(text_emb, text_mask)
+    return self.clip(x, frame_mask), z, self.decode(z, frame_mask)
+
+
+def mean_rows(rows, mask=None):
+  """The mean of the real rows: (B, T, D), (B, T) or None -> (B, D)."""
+  if mask is None:
+    return rows.mean(1)
+  weight = mask[..., None].astype(rows.dtype)
+  return (rows * weight).sum(1) / jnp.maximum(weight.sum(1), 1)

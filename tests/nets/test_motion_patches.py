@@ -1,0 +1,161 @@
+"""MotionPatches is the reference's: the image of a motion, its vision transformer, heads and contrast."""
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from motion_jax import teacher as teacher_lib
+from motion_jax.convert import motion_patches_from_torch, motion_patches_names
+from motion_jax.motion.parts import chain_columns
+from motion_jax.nets.motion_patches import MotionPatches, kit_frames, resample
+from motion_jax.nets.vit import resize_positions
+from motion_jax.text.bert import Bert, bert_fields
+from tests import fixtures
+from tests.golden import check, golden
+from tests.nets.naming import by_reference
+
+
+def network(fixture, dtype):
+  sizes = fixture.config
+  fields = bert_fields({"model_type": "distilbert", **sizes["text"]})
+  width = sizes["width"]
+  net = MotionPatches(width, sizes["layers"], sizes["heads"], 4 * width, sizes["projection"], num_rows=sizes["image"],
+                      chains=chain_columns("coordinates"), dtype=dtype)
+  params = motion_patches_from_torch(fixture.params, fields, sizes["layers"])
+  return net, Bert(**fields, dtype=dtype), jax.tree.map(lambda a: jnp.asarray(a, dtype), params)
+
+
+def clips_of(fixture, dtype):
+  """The recorded joints, normalized, cut from frame 0 and padded: (B, T, 66) and frames (B,)."""
+  frames = fixture.config["frames"]
+  joints = (fixture["in/joints"].astype(np.float64) - fixture["in/mean"]) / fixture["in/std"]
+  longest = min(max(frames), fixture.config["image"])
+  x = np.zeros((len(frames), longest, 66))
+  for row, clip in zip(x, np.split(joints.reshape(len(joints), -1), np.cumsum(frames)[:-1])):
+    row[:len(clip)] = clip[:longest]
+  return jnp.asarray(x, dtype), jnp.minimum(jnp.asarray(frames), longest)
+
+
+@golden("motion_patches", bounds={"grad/": (1e-5, 1e-9), "": (1e-5, 1e-10)})
+def run_motion_patches(fixture, dtype):
+  net, bert, params = network(fixture, dtype)
+  x, frames = clips_of(fixture, dtype)
+  mask = jnp.arange(x.shape[1]) < frames[:, None]
+  ids, text_mask = jnp.asarray(fixture["in/input_ids"]), jnp.asarray(fixture["in/attention_mask"], bool)
+  apply = lambda motion, method, *inputs: net.apply({"params": motion}, *inputs, method=method)
+
+  def loss(motion, params):
+    params = {**params, "motion": motion}
+    made = {"motion_unit": teacher_lib.embed_motion(net, params, x, mask),
+            "text_unit": teacher_lib.embed_text(net, bert, params, ids, text_mask)}
+    value, made["logits"] = teacher_lib.info_nce(made["text_unit"], made["motion_unit"], apply(motion, "scale"))
+    return value, {**made, "loss": value}
+
+  @jax.jit
+  def run(params):
+    motion = params["motion"]
+    (_, made), grads = jax.value_and_grad(loss, has_aux=True)(motion, params)
+    made["text_hidden"] = bert.apply({"params": params["text"]}, ids, text_mask)
+    made |= {"tokens": apply(motion, "tokens", x, mask), "motion_features": apply(motion, "features", x, mask),
+             "motion_embedding": apply(motion, "clip", x, mask),
+             "text_embedding": apply(motion, "text_head", made["text_hidden"][:, 0])}
+    image = apply(motion, "image", x, mask)
+    made |= {f"image/{i}": image[i] for i in fixture.config["shown"]}
+    return made | {f"grad/{name}": a for name, a in by_reference(grads, motion_patches_names(net.depth)).items()}
+
+  made = run(params)
+  kit = (fixture["in/kit/joints"].astype(np.float64) - fixture["in/kit/mean"]) / fixture["in/kit/std"]
+  rows = fixture["out/kit/image"].shape[1]
+  wide = MotionPatches(chains=chain_columns("coordinates_kit"), upsample=True, dtype=dtype)
+  image = wide.apply({"params": {"logit_scale": jnp.zeros(())}}, jnp.asarray(kit.reshape(1, len(kit), -1), dtype),
+                     method="image")[0]
+  assert not image[:, rows:].any()  # padding begins where the recorded image, which has none, ends
+  table = jnp.asarray(fixture["in/pos_square"][0], dtype)
+  made |= {"kit/image": image[:, :rows], "pos_resized": resize_positions(table, (14, 14), (14, 5))[None]}
+  return made
+
+
+def test_golden():
+  assert not check(fixtures.path("cmdm/motion_patches.npz")).failures
+
+
+def test_parameter_count_is_the_references():
+  """152,591,105 with DistilBERT's 66,362,880, both heads and the temperature (facts: cmdm 3.6)."""
+  text = bert_fields(dict(model_type="distilbert", vocab_size=30522, dim=768, n_layers=6, n_heads=12, hidden_dim=3072))
+  net = teacher_lib.make_teacher(dict(kind="motion_patches", width=768, depth=12, num_heads=12, mlp_width=3072),
+                                 "coordinates")
+  shapes = teacher_lib.teacher_shapes(net, text, "coordinates")
+  count = lambda tree: sum(a.size for a in jax.tree.leaves(tree))
+  assert count(shapes) == 152_591_105
+  assert count((shapes["motion"]["vit"], shapes["motion"]["fc_norm"])) == 85_701_888
+
+
+@pytest.fixture(scope="module")
+def small():
+  net = MotionPatches(8, 1, 2, 8, 4, chains=chain_columns("coordinates"), num_rows=32, patch=8, num_points=8)
+  x = jax.random.normal(jax.random.key(0), (2, 32, 66))
+  return net, net.init(jax.random.key(1), x, jnp.zeros((2, 6))), x
+
+
+def test_padding_is_invisible(small):
+  """A short clip is an image with zeros below it, whatever its array holds there and however long that is."""
+  net, params, x = small
+  clip = jax.jit(lambda x, count: net.apply(params, x, jnp.arange(x.shape[1]) < count[:, None], method="clip"))
+  short = clip(x[1:, :13], jnp.array([13]))[0]
+  assert np.allclose(clip(x, jnp.array([32, 13]))[1], short, atol=1e-5)
+  assert not np.allclose(clip(x, jnp.array([32, 20]))[1], short, atol=1e-4)
+
+
+def test_a_frame_has_the_feature_of_its_row_of_patches(small):
+  """The head of the normalized mean over a row's chains; all frames of a row share it, and the teacher looks both ways.
+  """
+  net, params, x = small
+  frames = lambda x: net.apply(params, x, method="frames")
+  made = frames(x[:, :24])
+  assert made.shape == (2, 24, net.dim)
+  assert (made.reshape(2, 3, 8, -1) == made.reshape(2, 3, 8, -1)[:, :, :1]).all()
+  padded = net.apply(params, jnp.pad(x[:, :24], ((0, 0), (0, 8), (0, 0))), method="frames")
+  assert np.allclose(padded[:, :24], made, atol=1e-6)  # the rest of the image is zeros, as in training
+  changed = np.abs(frames(x.at[:, -1].add(5.0)) - frames(x)).max((0, 2))
+  assert (changed > 0).all()
+  with pytest.raises(ValueError, match="40 frames, the image shows 32"):
+    frames(jnp.zeros((1, 40, 66)))
+
+
+def test_points_lie_along_a_chain():
+  """5 joints to 16 points: (i + 1/2) 5/16 - 1/2, held at the first and the last joint."""
+  found = resample(5, 16) @ np.arange(5.0)
+  expected = np.clip((np.arange(16) + 0.5) * 5 / 16 - 0.5, 0, 4)
+  assert np.allclose(found, expected) and found[0] == 0 and found[-1] == 4
+  assert np.allclose(resample(5, 16).sum(1), 1)
+  assert chain_columns("coordinates")[0][:2] == ((0, 1, 2), (6, 7, 8))  # the pelvis, the right hip
+  assert chain_columns("full")[0][:2] == ((-1, 3, -1), (7, 8, 9))       # of the pelvis the height alone
+
+
+def test_kit_is_shown_at_20_frames_a_second():
+  shown = kit_frames(224)
+  assert shown[:20].tolist() == [0, 0, 1, 1, 2, 3, 3, 4, 5, 5, 6, 6, 7, 8, 8, 9, 10, 10, 11, 11]
+  assert shown[20] == 12 and MotionPatches(upsample=True).max_frames == shown[-1] + 1 == 134
+  net = MotionPatches(8, 1, 2, 8, 4, chains=chain_columns("coordinates_kit"), num_rows=40, patch=8, num_points=8,
+                      upsample=True)
+  x = jax.random.normal(jax.random.key(0), (1, 24, 63))
+  params = net.init(jax.random.key(1), x, jnp.zeros((1, 6)))
+  rows = np.asarray(net.apply(params, x, method="frames")[0])
+  # Frames 0 to 4 fill image rows 0 to 7, the first row of patches; frame 5 begins in the second.
+  assert (rows[:5] == rows[0]).all() and not np.allclose(rows[5], rows[0])
+
+
+def test_positions_are_resized_as_an_image():
+  """A grid that is linear in time stays so where the new grid is as high; the class row stays as it is."""
+  table = np.concatenate([[[7.0, 7.0]], np.stack([np.repeat(np.arange(6.0), 6), np.ones(36)], 1)])
+  resized = np.asarray(resize_positions(table, (6, 6), (6, 2)))
+  assert resized.shape == (13, 2) and (resized[0] == 7).all()
+  assert np.allclose(resized[1:, 0], np.repeat(np.arange(6.0), 2), atol=1e-5) and np.allclose(resized[1:, 1], 1)
+  with pytest.raises(ValueError, match="37 positions for a grid of 5 x 5"):
+    resize_positions(table, (5, 5), (6, 2))
+
+
+def test_a_wrong_image_is_told():
+  with pytest.raises(ValueError, match="multiples of the patch's 16"):
+    MotionPatches(num_rows=60, chains=chain_columns("coordinates")).init(jax.random.key(0), jnp.zeros((1, 8, 66)),
+                                                                         jnp.zeros((1, 6)))

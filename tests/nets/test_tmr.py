@@ -1,0 +1,178 @@
+"""TMR is the reference's: Gaussians, decoder, each loss term, what is filtered, retrieval; padding changes nothing."""
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from motion_jax import tmr
+from motion_jax.convert import from_torch, tmr_names
+from motion_jax.metrics import scores
+from motion_jax.nets.tmr import TMR
+from tests import fixtures
+from tests.golden import check, golden
+from tests.nets.naming import by_reference
+
+
+def network(fixture, dtype):
+  sizes = fixture.config
+  net = TMR(sizes["nfeats"], sizes["latent"], sizes["layers"], sizes["heads"], sizes["ff"], dtype=dtype)
+  params = from_torch(fixture.params, tmr_names(sizes["layers"]))["params"]
+  return net, jax.tree.map(lambda a: jnp.asarray(a, dtype), params)
+
+
+@golden("tmr", bounds={"grad/": (1e-5, 1e-9), "retrieval/": (0, 0), "filtered": (0, 0), "": (1e-5, 1e-10)})
+def run_tmr(fixture, dtype):
+  (net, params), sizes = network(fixture, dtype), fixture.config
+  given = {name: jnp.asarray(array, dtype if array.dtype.kind == "f" else None)
+           for name, array in fixture.under("in/").items()}
+  batch = dict(features=given["motion"], num_frames=jnp.asarray(sizes["frames"]), text_emb=given["text"],
+               text_mask=given["text_mask"], sentence=given["sentence"])
+  noise = given["noise_text"], given["noise_motion"]
+  apply = lambda params, method, *inputs: net.apply({"params": params}, *inputs, method=method)
+  terms = lambda params, batch=batch: tmr.tmr_terms(net, params, batch, noise, sizes["lmd"], sizes["temperature"],
+                                                    sizes["threshold_selfsim"])
+  names, kinds = tmr_names(sizes["layers"]), ("recons", "kl", "latent", "contrastive", "loss")
+
+  @jax.jit
+  def run(params):
+    text = apply(params, "text_gaussian", given["text"], given["text_mask"])[:2]
+    motion = apply(params, "motion_gaussian", given["motion"], given["motion_mask"])[:2]
+    text_z, motion_z = tmr.sample(text, noise[0]), tmr.sample(motion, noise[1])
+    # All at once, and gradients too: compiling is what takes the time here.
+    decoded = apply(params, "decode", jnp.concatenate([text_z, motion_z, text[0]]),
+                    jnp.tile(given["motion_mask"], (3, 1)))
+    cosines = lambda a, b: tmr.unit(a) @ tmr.unit(b).T
+    made = {"text_mu": text[0], "text_logvar": text[1], "motion_mu": motion[0], "motion_logvar": motion[1],
+            "text_latent": text_z, "motion_latent": motion_z,
+            "motion_latent_fact": tmr.sample(motion, noise[1], sizes["fact"]),
+            "similarity": cosines(text[0], motion[0]), "loss_similarity": cosines(text_z, motion_z),
+            "filtered": tmr.near_texts(given["sentence"], sizes["threshold_selfsim"]),
+            "loss/contrastive_unfiltered": tmr.info_nce(tmr.unit(text_z), tmr.unit(motion_z),
+                                                        1 / sizes["temperature"])[0]}
+    made |= dict(zip(("decoded_text", "decoded_motion", "decoded_text_mean"), jnp.split(decoded, 3)))
+    made["score"] = made["similarity"] / 2 + 0.5
+
+    def listed(params):
+      values = terms(params)
+      return jnp.stack([values[name] for name in kinds]), values
+
+    _, pull, values = jax.vjp(listed, params, has_aux=True)
+    made |= {f"loss/{name}": values[name] for name in kinds}
+    grads = jax.vmap(lambda seed: pull(seed)[0])(jnp.eye(len(kinds), dtype=dtype))
+    return made, grads
+
+  made, grads = run(params)
+  for i, term in enumerate(kinds):
+    prefix = "grad/" if term == "loss" else f"term_grad/{term}/"
+    made |= {prefix + name: a for name, a in by_reference(jax.tree.map(lambda a, i=i: a[i], grads), names).items()}
+  similarity, sentence = (fixture[f"in/retrieval/{name}"].astype(np.float64) for name in ("sims", "sentence"))
+  near = sentence @ sentence.T > 2 * sizes["threshold"] - 1
+  for name, same in (("plain", None), ("threshold", near)):
+    ways = [scores.mean_ranks(way, same) for way in (similarity, similarity.T)]
+    found = scores.retrieval_by_rank(similarity, same)
+    made[f"retrieval/{name}_ranks"] = np.stack(ways)
+    percent = [value if "rank" in key else round(100 * value, 2) for key, value in found.items()]
+    made[f"retrieval/{name}"] = np.array(percent)
+  return made
+
+
+def test_golden():
+  assert not check(fixtures.path("cmdm/tmr.npz")).failures
+
+
+def test_parameter_count_is_the_references():
+  """4,806,656 + 4,935,936 + 6,388,231 with words of 768 numbers (facts: cmdm 3.5)."""
+  shapes = jax.eval_shape(lambda: TMR().init(jax.random.key(0), jnp.zeros((1, 4, 263)), jnp.ones((1, 4), bool),
+                                             jnp.zeros((1, 1, 768)), jnp.ones((1, 1), bool))["params"])
+  counts = {part: sum(a.size for a in jax.tree.leaves(tree)) for part, tree in shapes.items()}
+  assert counts == {"motion_encoder": 4_806_656, "text_encoder": 4_935_936, "motion_decoder": 6_388_231}
+
+
+@pytest.fixture(scope="module", params=["token", "real"])
+def small(request):
+  net = TMR(6, 8, 1, 2, 8, dropout=0.0, pool=request.param)
+  draw = np.random.default_rng(0).normal
+  batch = dict(features=jnp.asarray(draw(size=(3, 12, 6)), jnp.float32), num_frames=jnp.array([9, 4, 7]),
+               text_emb=jnp.asarray(draw(size=(3, 6, 5)), jnp.float32),
+               text_mask=jnp.arange(6) < jnp.array([[6], [2], [4]]), sentence=jnp.eye(3))
+  mask = jnp.arange(12) < batch["num_frames"][:, None]
+  params = net.init(jax.random.key(0), batch["features"], mask, batch["text_emb"], batch["text_mask"])["params"]
+  noise = tuple(jnp.asarray(draw(size=(2, 3, 8)), jnp.float32))
+  terms = lambda batch: tmr.tmr_terms(net, params, batch, noise, dict(recons=1, kl=1, latent=1, contrastive=1))
+  return net, params, batch, jax.jit(terms)
+
+
+def test_padding_is_invisible(small):
+  """What lies behind a clip or a sentence, and how far arrays are padded, changes no vector and no loss term."""
+  net, params, batch, terms = small
+  other = dict(batch, features=jnp.where((jnp.arange(12) < batch["num_frames"][:, None])[..., None],
+                                         batch["features"], 7.0),
+               text_emb=jnp.where(batch["text_mask"][..., None], batch["text_emb"], -5.0))
+  longer = dict(other, features=jnp.pad(other["features"], ((0, 0), (0, 5), (0, 0)), constant_values=3.0),
+                text_emb=jnp.pad(other["text_emb"], ((0, 0), (0, 3), (0, 0)), constant_values=2.0),
+                text_mask=jnp.pad(batch["text_mask"], ((0, 0), (0, 3))))
+  expected = terms(batch)
+  for changed in (other, longer):
+    for name, value in terms(changed).items():
+      assert np.isclose(value, expected[name], rtol=2e-5, atol=1e-6), name
+  clip = lambda x, count: net.apply({"params": params}, x, jnp.arange(x.shape[1])[None] < count, method="clip")
+  x = batch["features"][1:2]
+  assert np.allclose(clip(x.at[:, 4:].set(9.0), 4), clip(x[:, :4], 4), atol=1e-5)
+  assert not np.allclose(clip(x, 12), clip(x, 4), atol=1e-3)
+
+
+def test_frames_are_touched_by_the_contrast_only_where_the_pool_says_so(small):
+  """In TMR as published nothing but the two tokens reaches a loss (facts: cmdm 3.7)."""
+  net, params, batch, _ = small
+  frame_mask = jnp.arange(12) < batch["num_frames"][:, None]
+  x = batch["features"]
+  _, _, rows = net.apply({"params": params}, x, frame_mask, method="motion_gaussian")
+  vector = net.apply({"params": params}, x, frame_mask, method="clip")
+  mean = (rows * frame_mask[..., None]).sum(1) / batch["num_frames"][:, None]
+  assert np.allclose(vector, mean, atol=1e-5) == (net.pool == "real")
+  assert net.apply({"params": params}, x, method="frames").shape == (3, 12, net.dim)
+
+
+def test_kl_of_known_gaussians():
+  """KL(N(m, s^2) || N(n, t^2)) = log(t / s) + (s^2 + (m - n)^2) / (2 t^2) - 1/2."""
+  (m, s), (n, t) = (0.3, 0.7), (-1.1, 1.9)
+  gaussian = lambda mean, std: (jnp.full((2, 3), mean), jnp.full((2, 3), 2 * np.log(std)))
+  expected = np.log(t / s) + (s ** 2 + (m - n) ** 2) / (2 * t ** 2) - 0.5
+  assert np.isclose(tmr.divergence(gaussian(m, s), gaussian(n, t)), expected, rtol=1e-6)
+  to_unit = 0.5 * (s ** 2 + m ** 2 - 1) - np.log(s)
+  assert np.isclose(tmr.divergence(gaussian(m, s), gaussian(0.0, 1.0)), to_unit, rtol=1e-6)
+  assert np.isclose(tmr.divergence(gaussian(m, s), gaussian(m, s)), 0, atol=1e-7)
+
+
+def test_near_texts_are_no_counter_examples():
+  """A threshold of 0.8 is a cosine of 0.6: above it a pair is left out, both ways, and below it counts."""
+  turn = lambda cosine: [cosine, np.sqrt(1 - cosine ** 2), 0.0]
+  sentence = jnp.array([[1.0, 0, 0], turn(0.61), turn(0.59), [0, 0, 1.0]])
+  left_out = np.asarray(tmr.near_texts(sentence, 0.8))
+  near = 0.61 * 0.59 + np.sqrt((1 - 0.61 ** 2) * (1 - 0.59 ** 2))
+  assert near > 0.6  # the second and third are also near each other
+  expected = np.zeros((4, 4), bool)
+  expected[0, 1] = expected[1, 0] = expected[1, 2] = expected[2, 1] = True
+  assert np.array_equal(left_out, expected)
+  draw = np.random.default_rng(1)
+  text, motion = (tmr.unit(jnp.asarray(draw.normal(size=(4, 5)), jnp.float32)) for _ in range(2))
+  logits = np.asarray(text @ motion.T, np.float64) / 0.1
+  total = 0.0
+  for i in range(4):  # by hand: sums over those that count, along rows and along columns
+    counts = ~expected[i]
+    total += 2 * logits[i, i] - np.log(np.exp(logits[i, counts]).sum()) - np.log(np.exp(logits[counts, i]).sum())
+  found = tmr.info_nce(text, motion, 10.0, jnp.asarray(left_out))[0]
+  assert np.isclose(found, -total / 8, rtol=1e-5)
+  assert found < tmr.info_nce(text, motion, 10.0)[0] - 1e-3
+
+
+def test_a_latent_becomes_motion_and_padding_zeros(small):
+  net, params, batch, _ = small
+  mask = jnp.arange(12) < batch["num_frames"][:, None]
+  made = net.apply({"params": params}, jnp.ones((3, 8)), mask, method="decode")
+  assert (np.asarray(made)[~np.asarray(mask)] == 0).all() and (np.abs(made).sum(-1)[mask] > 0).all()
+
+
+def test_a_wrong_pool_is_told():
+  with pytest.raises(ValueError, match="expected token or real"):
+    TMR(pool="all").init(jax.random.key(0), jnp.zeros((1, 4, 263)), None, jnp.zeros((1, 1, 4)), None)
