@@ -2,17 +2,28 @@
 
   python launch.py --config configs/cdamd_autoencoder.py --workdir runs/autoencoder --config.data.folder=HumanML3D
   ... --config configs/cdamd_autoencoder.py:kit       21 joints, millimetres
-  ... --config configs/cdamd_autoencoder.py:263       full features instead of coordinates (Table V); 67: essential ones
+  ... --config configs/cdamd_autoencoder.py:263       full features instead of coordinates (Table V); 67: essential
+                                                      ones, MARDM's own, and 64: those of KIT
   ... --config configs/cdamd_autoencoder.py:small     for the archives, a CPU's evening
+  ... --config configs/cdamd_autoencoder.py:laptop    your own data in an afternoon, docs/your-own-data.md
   ... --config configs/cdamd_autoencoder.py:mini      for studies of many runs (benchmarks/study.py), minutes each
   ... --config configs/cdamd_autoencoder.py:tiny      two steps on formulas, seconds
+
+A size may stand behind the data, as in configs/cdamd_autoencoder.py:kit_tiny.
 
 `full` is the released code's configuration (facts: cdamd 2, 10): 18.8 M parameters, 50 epochs.
 """
 import ml_collections
 
+# Columns, layout, and the columns that count twice.
+DATA = {"kit": (63, "coordinates_kit", (4, 64)), "64": (64, "essential_kit", (4, 64)),
+        "67": (67, "essential", (4, 67)), "263": (263, "full", (4, 67))}
+
 
 def get_config(size="full"):
+  data, _, own_size = size.partition("_")
+  if data in DATA:
+    size = own_size or "full"
   config = ml_collections.ConfigDict()
   config.stage = "cdamd.autoencoder"
   config.seed = 3407
@@ -28,30 +39,31 @@ def get_config(size="full"):
                           cooldown_steps=0, warmup_steps=2_000, beta1=0.9, beta2=0.99, weight_decay=0.0, clip_norm=0.0,
                           ema_decay=0.0, skip_loss=0.0)
   config.train = dict(num_steps=350_000, log_every=100, save_every=5_000)
-  if size == "kit":
-    config.model.features = 63
-    config.loss.columns = (4, 64)
-    config.data.update(layout="coordinates_kit", batch_size=512)
+  if data in DATA:
+    config.model.features, config.data.layout, config.loss.columns = DATA[data]
+  if data in ("kit", "64"):
+    config.data.batch_size = 512
     config.optimizer.gamma = 0.1
-  elif size in ("67", "263"):
-    config.model.features = int(size)
-    config.data.layout = "essential" if size == "67" else "full"
-  elif size in ("small", "mini"):
+  if size in ("small", "mini", "laptop"):
     config.model.update(latent_dim=64, width=192, dropout=0.0)  # a small model has no capacity to spare
     config.loss.distance = "l1"  # the paper's: squares of what is small beside a path of metres teach no pose
     config.data.update(name="archive", mode="corrected", mirror=True, batch_size=32, stride=4)
     config.optimizer.update(learning_rate=8e-4, schedule="trapezoid", warmup_steps=200, cooldown_steps=2_500,
                             clip_norm=1.0, ema_decay=0.999)
     config.train.update(num_steps=9_000, log_every=50, save_every=1_000)
-    if size == "mini":
+    if size in ("mini", "laptop"):
       config.model.update(width=128)
       config.optimizer.update(learning_rate=1e-3, warmup_steps=50, cooldown_steps=300, ema_decay=0.99)
       config.train.update(num_steps=900, save_every=450)
+    if size == "laptop":
+      config.optimizer.update(cooldown_steps=900, ema_decay=0.995)
+      config.train.update(num_steps=3_000, log_every=10, save_every=500)
   elif size == "tiny":
     config.model.update(latent_dim=4, width=16, dilations=(1,))
     config.data.update(name="synthetic", mode="corrected", batch_size=4)
     config.optimizer.update(warmup_steps=1)
     config.train.update(num_steps=2, log_every=1, save_every=2)
   elif size != "full":
-    raise ValueError(f"got size {size!r}, expected kit, 67, 263, full, small, mini or tiny")
+    raise ValueError(f"got size {size!r}, expected full, small, laptop, mini or tiny, or one of "
+                     f"{', '.join(DATA)} before it")
   return config.lock()

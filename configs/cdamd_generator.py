@@ -5,28 +5,43 @@
   ... --config configs/cdamd_generator.py:kit         21 joints, millimetres
   ... --config configs/cdamd_generator.py:large       8 layers of width 1024, the paper's size as far as it can exist
   ... --config configs/cdamd_generator.py:263         full features instead of coordinates (Table V); 67: essential ones
-  ... --config configs/cdamd_generator.py:mardm       the baseline: MARDM-SiT-XL; mardm_ddpm: MARDM-DDPM-XL
+  ... --config configs/cdamd_generator.py:mardm       the baseline on coordinates, MARDM-SiT-XL; mardm_ddpm: DDPM-XL
+  ... --config configs/cdamd_generator.py:mardm_67    MARDM on its own 67 columns, mardm_kit on KIT's 64
   ... --config configs/cdamd_generator.py:small       the model for the archives: 13 M parameters
+  ... --config configs/cdamd_generator.py:laptop      your own data in an afternoon, docs/your-own-data.md
   ... --config configs/cdamd_generator.py:mini        for studies of many runs (benchmarks/study.py), minutes each
   ... --config configs/cdamd_generator.py:tiny        two steps on formulas, seconds
 
-`full` is the released training command's size (facts: cdamd 10), 290,023,424 parameters. Ablations of the paper:
+Words are joined by "_": mardm, ddpm, one of the data (kit, 67, 263) and a size, as in mardm_ddpm_67 or kit_tiny.
+
+`full` is the released training command's size (facts: cdamd 10), 290,023,424 parameters. Ablations of the paper, each
+with a name in configs/ablations/cdamd.py:
 
   Table I   --config.loss.prior_levels=1 (first VQ), 2 (two VQ, the default: its best FID), 4 (all VQ)
   Table IV  --config.loss.mask=dccm (the default), causal (CM), bcm
   Table V   --config.loss.prior_levels=0 (without CMP); --config.loss.mask=causal (without DCCA)
 
-MARDM's own data are the 67 columns: --config.tokenizer.features=67 --config.data.layout=essential. On KIT its rate
-falls at 20,000 steps, its guidance is 2.5. How levels are put together: --config.model.transformer.separate_levels.
+How levels are put together: --config.model.transformer.separate_levels.
 """
 import ml_collections
 
-SIZES = ("kit", "large", "67", "263", "mardm", "mardm_ddpm", "full", "small", "mini", "tiny")
+from motion_jax import paper_rows
+
+SIZES = ("large", "full", "small", "laptop", "mini", "tiny")
+DATA = {"kit": (63, "coordinates_kit"), "67": (67, "essential"), "263": (263, "full")}
+# MARDM has no depth to spare: its one wide layer has about the parameters of the four narrow ones with cross-attention.
+MARDM = {"full": dict(width=1024, depth=1, num_heads=16, ff_width=4096),
+         "small": dict(width=512, depth=1, num_heads=8, ff_width=2048),
+         "mini": dict(width=256, depth=1, num_heads=4, ff_width=1024),
+         "tiny": dict(width=16, depth=1, num_heads=2, ff_width=16)}
+# Rows of the papers' tables, by what a name says beside its size. Those of essential features are MARDM's own.
+PRINTED = {"": paper_rows.CDAMD, "kit": {"cdamd 2": "CDAMD"},
+           "mardm": {"cdamd 1": "MARDM-SiT-XL", "cdamd 3": "MARDM"},
+           "mardm_67": {"cmdm 6": "MARDM-SiT"}, "mardm_ddpm_67": {"cmdm 6": "MARDM-DDPM"}}
 
 
-def get_config(size="full"):
-  if size not in SIZES:
-    raise ValueError(f"got size {size!r}, expected {', '.join(SIZES[:-4])}, full, small, mini or tiny")
+def get_config(name="full"):
+  size, data, mardm, ddpm = _words_of(name)
   config = ml_collections.ConfigDict()
   config.stage = "cdamd.generator"
   config.seed = 3407
@@ -59,25 +74,9 @@ def get_config(size="full"):
   # The benchmark's own: solver dopri5, revealed_only False.
   config.sampler = dict(num_rounds=10, guidance_scale=4.0, order="random", mask="causal", edit_mask="bcm",
                         solver="midpoint", num_steps=10, revealed_only=True)
-  if size == "kit":
-    config.tokenizer.features = config.prior.features = 63
-    config.data.update(layout="coordinates_kit", batch_size=16, min_frames=24)
-    config.sampler.guidance_scale = 2.0
-  elif size == "large":
+  if size == "large":
     config.model.transformer.update(width=1024, depth=8, ff_width=4096, dropout=0.1)
-  elif size in ("67", "263"):
-    config.tokenizer.features = config.prior.features = int(size)
-    config.data.layout = "essential" if size == "67" else "full"
-  elif size in ("mardm", "mardm_ddpm"):
-    config.frozen.prior = ""
-    config.model.transformer = dict(kind="mardm", latent_dim=512, width=1024, depth=1, num_heads=16, ff_width=4096,
-                                    text_dim=512, text_scale=1.0, dropout=0.2)
-    config.loss.update(mask="bidirectional", prior_levels=0, diffusion="ddpm" if size == "mardm_ddpm" else "flow")
-    config.optimizer.update(schedule="step", boundaries=(50_000,))
-    config.sampler.update(num_rounds=18, guidance_scale=4.5, mask="bidirectional", edit_mask="bidirectional")
-    if size == "mardm_ddpm":
-      config.sampler.update(solver="ddpm", num_steps=50)
-  elif size in ("small", "mini"):
+  elif size in ("small", "mini", "laptop"):
     config.frozen.text = "words"
     config.tokenizer.update(latent_dim=64, width=192, dropout=0.0, hide_padding=True)
     config.prior.update(latent_dim=64, width=128, dropout=0.0, hide_padding=True)
@@ -94,7 +93,7 @@ def get_config(size="full"):
     config.train.update(num_steps=3_000, log_every=25, save_every=300)
     # Measured on it (benchmarks/cdamd_choices.py): see the card of pretrained/cdamd-small.
     config.sampler.update(order="left_to_right", guidance_scale=3.0)
-    if size == "mini":
+    if size in ("mini", "laptop"):
       config.tokenizer.update(width=128)
       config.prior.update(width=96)
       config.model.transformer.update(width=128, depth=2, ff_width=256)
@@ -102,6 +101,9 @@ def get_config(size="full"):
       config.sampler.update(order="random")  # as the paper
       config.optimizer.update(learning_rate=1e-3, warmup_steps=50, cooldown_steps=300, ema_decay=0.99)
       config.train.update(num_steps=900, save_every=450)
+    if size == "laptop":
+      config.optimizer.update(cooldown_steps=900, ema_decay=0.995)
+      config.train.update(num_steps=3_000, log_every=10, save_every=500)
   elif size == "tiny":
     config.frozen.update(tokenizer="fresh", prior="fresh", text="fresh")  # random weights: nothing to download
     config.tokenizer.update(latent_dim=4, width=16, dilations=(1,))
@@ -113,4 +115,45 @@ def get_config(size="full"):
     config.data.update(name="synthetic", mode="corrected", batch_size=4)
     config.optimizer.update(warmup_steps=1, schedule="constant")
     config.train.update(num_steps=2, log_every=1, save_every=2)
-  return config.lock()
+  if data:
+    config.tokenizer.features = config.prior.features = DATA[data][0]
+    config.data.layout = DATA[data][1]
+  if data == "kit":
+    config.data.update(min_frames=24, batch_size=16 if size == "full" else config.data.batch_size)
+    config.sampler.guidance_scale = 2.0
+  if mardm:
+    _make_mardm(config, size, data, ddpm)
+  what = "_".join(["mardm"] * mardm + ["ddpm"] * ddpm + [data] * bool(data))
+  return paper_rows.named(config, PRINTED.get(what, {}), exact=size == "full").lock()
+
+
+def _make_mardm(config, size, data, ddpm):
+  """MARDM as it is published (facts: cdamd 4.5), at the size, on the data and by the text of the config."""
+  kept = {key: config.model.transformer[key] for key in ("latent_dim", "text_dim", "text_scale", "dropout")}
+  config.model.transformer = dict(kind="mardm", **kept, **MARDM[size])
+  config.frozen.prior = ""
+  config.loss.update(mask="bidirectional", prior_levels=0)
+  # The rate falls at the same place of the whole of training, whatever its length.
+  falls = (20_000 if data == "kit" else 50_000) / 180_000
+  config.optimizer.update(schedule="step", boundaries=(max(1, round(falls * config.train.num_steps)),))
+  config.sampler.update(num_rounds=18, guidance_scale=2.5 if data == "kit" else 4.5, order="random",
+                        mask="bidirectional", edit_mask="bidirectional")
+  if ddpm:
+    config.loss.diffusion = "ddpm"
+    config.sampler.update(solver="ddpm", num_steps=50)
+  if data == "kit":  # MARDM's own representation there
+    config.tokenizer.features = config.prior.features = 64
+    config.data.layout = "essential_kit"
+
+
+def _words_of(name):
+  """(size, data or "", whether MARDM, whether with DDPM) of a name such as "mardm_ddpm_67" or "kit_tiny"."""
+  words = name.split("_")
+  sizes, data = [word for word in words if word in SIZES], [word for word in words if word in DATA]
+  mardm, ddpm = words.count("mardm"), words.count("ddpm")
+  size = sizes[0] if sizes else "full"
+  if max(map(words.count, words)) > 1 or len(sizes) > 1 or len(data) > 1 or ddpm > mardm or (
+      len(sizes) + len(data) + mardm + ddpm < len(words)) or (mardm and size not in MARDM):
+    raise ValueError(f"got size {name!r}, expected {', '.join(SIZES[:-1])} or {SIZES[-1]}, with mardm or mardm_ddpm "
+                     f"and one of {', '.join(DATA)} before it where wanted, as in mardm_67 or kit_tiny")
+  return size, data[0] if data else "", bool(mardm), bool(ddpm)

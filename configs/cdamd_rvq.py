@@ -4,16 +4,26 @@
   ... --config configs/cdamd_rvq.py:kit       21 joints, millimetres
   ... --config configs/cdamd_rvq.py:263       full features instead of coordinates (Table V); 67: essential ones
   ... --config configs/cdamd_rvq.py:small     for the archives, a CPU's evening
+  ... --config configs/cdamd_rvq.py:laptop    your own data in an afternoon, docs/your-own-data.md
   ... --config configs/cdamd_rvq.py:mini      for studies of many runs (benchmarks/study.py), minutes each
   ... --config configs/cdamd_rvq.py:tiny      two steps on formulas, seconds
+
+A size may stand behind the data, as in configs/cdamd_rvq.py:kit_tiny.
 
 `full` is the released code's configuration (facts: cdamd 3, 10): 18.8 M parameters and 1.0 M numbers in the codebooks,
 on whole clips padded to 196 frames, 4,500 steps. With --config.data.window=64 it sees windows of the clips instead.
 """
 import ml_collections
 
+# Columns, layout, and the columns that count twice.
+# Parity: here the code takes all columns from 4 on, in the autoencoder 4:67.
+DATA = {"kit": (63, "coordinates_kit", (4, 64)), "67": (67, "essential", (4, 67)), "263": (263, "full", (4, 263))}
+
 
 def get_config(size="full"):
+  data, _, own_size = size.partition("_")
+  if data in DATA:
+    size = own_size or "full"
   config = ml_collections.ConfigDict()
   config.stage = "cdamd.rvq"
   config.seed = 3407
@@ -31,15 +41,11 @@ def get_config(size="full"):
                           cooldown_steps=0, warmup_steps=2_000, beta1=0.9, beta2=0.99, weight_decay=0.0, clip_norm=0.0,
                           ema_decay=0.0, skip_loss=0.0)
   config.train = dict(num_steps=4_500, log_every=50, save_every=500)
-  if size == "kit":
-    config.model.features = 63
-    config.loss.columns = (4, 64)
-    config.data.update(layout="coordinates_kit", min_frames=24)
-  elif size in ("67", "263"):
-    config.model.features = int(size)
-    config.data.layout = "essential" if size == "67" else "full"
-    config.loss.columns = (4, int(size))  # Parity: here the code takes all columns from 4 on, in the autoencoder 4:67
-  elif size in ("small", "mini"):
+  if data in DATA:
+    config.model.features, config.data.layout, config.loss.columns = DATA[data]
+  if data == "kit":
+    config.data.min_frames = 24
+  if size in ("small", "mini", "laptop"):
     config.model.update(latent_dim=64, width=128, dropout=0.0)
     config.quantizer.update(num_codes=256)
     config.loss.distance = "l1"  # as the autoencoder's
@@ -48,10 +54,13 @@ def get_config(size="full"):
     config.optimizer.update(learning_rate=6e-4, schedule="trapezoid", warmup_steps=200, cooldown_steps=1_000,
                             clip_norm=1.0)
     config.train.update(num_steps=3_000, log_every=50, save_every=1_000)
-    if size == "mini":
+    if size in ("mini", "laptop"):
       config.model.update(width=96)
       config.optimizer.update(learning_rate=1e-3, warmup_steps=50, cooldown_steps=300)
       config.train.update(num_steps=900, save_every=450)
+    if size == "laptop":
+      config.optimizer.update(cooldown_steps=600, ema_decay=0.995)
+      config.train.update(num_steps=2_000, log_every=10, save_every=500)
   elif size == "tiny":
     config.model.update(latent_dim=4, width=16, dilations=(1,))
     config.quantizer.update(num_codes=8)
@@ -59,5 +68,6 @@ def get_config(size="full"):
     config.optimizer.update(warmup_steps=1)
     config.train.update(num_steps=2, log_every=1, save_every=2)
   elif size != "full":
-    raise ValueError(f"got size {size!r}, expected kit, 67, 263, full, small, mini or tiny")
+    raise ValueError(f"got size {size!r}, expected full, small, laptop, mini or tiny, or one of "
+                     f"{', '.join(DATA)} before it")
   return config.lock()

@@ -3,6 +3,7 @@
   python launch.py --config configs/cmdm_denoiser.py --workdir runs/denoiser --config.frozen.tokenizer=runs/tokenizer \
       --config.frozen.text=distilbert-base-uncased --config.data.folder=HumanML3D
   ... --config configs/cmdm_denoiser.py:small      the model that ships, on the archives
+  ... --config configs/cmdm_denoiser.py:laptop     your own data in an afternoon, docs/your-own-data.md
   ... --config configs/cmdm_denoiser.py:mini       for studies of many runs (benchmarks/study.py), minutes each
   ... --config configs/cmdm_denoiser.py:tiny       two steps on formulas, seconds
 
@@ -16,6 +17,8 @@ configs/cmdm_denoiser.py:snapmogen_tiny, with a tokenizer of the same data.
 """
 import ml_collections
 
+from motion_jax import paper_rows
+
 # Numbers a frame and what the data section says (facts: cmdm 8, a table that is ours by analogy for all but the first).
 # 320 frames are 80 latents, 200 are 50: padded to whole blocks of 3, 81 and 51.
 DATASETS = {
@@ -26,6 +29,9 @@ DATASETS = {
     "babel": (135, dict(name="babel", layout="babel", kind="pairs", min_frames=30, crop_frames=200, max_frames=204,
                         lengths=(204,), coin=0.0)),
 }
+# The rows of the paper's tables that each data set's model is in.
+PRINTED = {"": paper_rows.CMDM, "essential": {"cmdm 6": "CMDM w/ FSS"}, "kit": {},
+           "snapmogen": {"cmdm 2": "CMDM w/ FSS", "cmdm 3-snapmogen": "CMDM"}, "babel": {"cmdm 5": "CMDM"}}
 
 
 def get_config(size="full"):
@@ -49,8 +55,9 @@ def get_config(size="full"):
                           warmup_steps=2_000, beta1=0.9, beta2=0.99, weight_decay=1e-5, clip_norm=0.0,
                           ema_decay=0.9999, skip_loss=10.0)
   config.train = dict(start="", num_steps=190_000, log_every=100, save_every=5_000)
-  config.sampler = dict(num_steps=50, lag=2, guidance_scale=3.0)
-  if size in ("small", "mini"):
+  # schedule: "fss" (frame-wise, `lag` steps between blocks), "ar" (block after block) or "full" (all frames at once).
+  config.sampler = dict(schedule="fss", num_steps=50, lag=2, guidance_scale=3.0)
+  if size in ("small", "mini", "laptop"):
     config.frozen.text = "words"
     config.tokenizer.update(latent_dim=32, width=192)
     config.model.update(latent_dim=32, width=256, depth=6, num_heads=4, ff_width=512, text_dim=128)
@@ -60,11 +67,14 @@ def get_config(size="full"):
     config.optimizer.update(learning_rate=5e-4, schedule="trapezoid", warmup_steps=300, cooldown_steps=1_800,
                             ema_decay=0.999, clip_norm=1.0)
     config.train.update(num_steps=4_500, log_every=50, save_every=500)
-    if size == "mini":
+    if size in ("mini", "laptop"):
       config.tokenizer.update(width=128)
       config.model.update(width=128, depth=4, ff_width=256)
       config.optimizer.update(learning_rate=1e-3, warmup_steps=50, cooldown_steps=300, ema_decay=0.99)
       config.train.update(num_steps=900, save_every=450)
+    if size == "laptop":
+      config.optimizer.update(cooldown_steps=1_200, ema_decay=0.995)
+      config.train.update(num_steps=4_000, log_every=10, save_every=500)
   elif size == "tiny":
     config.frozen.update(tokenizer="fresh", text="fresh")  # random weights: nothing to download
     config.tokenizer.update(latent_dim=4, width=16, dilations=(1,))
@@ -73,6 +83,7 @@ def get_config(size="full"):
     config.optimizer.update(warmup_steps=1, schedule="constant")
     config.train.update(num_steps=2, log_every=1, save_every=2)
   elif size != "full":
-    raise ValueError(f"got size {size!r}, expected full, small, mini or tiny, or one of "
+    raise ValueError(f"got size {size!r}, expected full, small, laptop, mini or tiny, or one of "
                      f"{', '.join(DATASETS)} before it")
-  return config.lock()
+  rows = PRINTED[dataset if dataset in DATASETS else ""]
+  return paper_rows.named(config, rows, exact=size == "full").lock()

@@ -3,17 +3,19 @@
   python launch.py --config configs/part_tmr.py ... first, then
   python launch.py --config configs/cmdm_tokenizer.py --workdir runs/tokenizer --config.data.folder=HumanML3D
   ... --config configs/cmdm_tokenizer.py:small     the tokenizer that ships, on the archives, a CPU's evening
+  ... --config configs/cmdm_tokenizer.py:laptop    your own data in an afternoon, docs/your-own-data.md
   ... --config configs/cmdm_tokenizer.py:mini      for studies of many runs (benchmarks/study.py), minutes each
   ... --config configs/cmdm_tokenizer.py:tiny      two steps on formulas, seconds
 
 `full` is the released code's configuration (facts: cmdm 2.5): 76.3 M parameters. Without a teacher
-(--config.frozen.teacher= --config.model.teacher_dim=0) it is the causal VAE of the paper's Table 4, and with
---config.model.causal=False its plain one.
+(configs/ablations/cmdm.py:c-vae/tokenizer) it is the causal VAE of the paper's Table 4; its plain one is vae/tokenizer.
 
 Other data: essential (HumanML3D's first 67 numbers), kit, snapmogen, babel, and with _small or _tiny behind, as in
 configs/cmdm_tokenizer.py:snapmogen_tiny. They need a teacher of the same data.
 """
 import ml_collections
+
+from motion_jax import paper_rows
 
 # Numbers a frame and what the data section says (facts: cmdm 8, a table that is ours by analogy for all but the first).
 DATASETS = {
@@ -31,7 +33,8 @@ def get_config(size="full"):
   config = ml_collections.ConfigDict()
   config.stage = "cmdm.tokenizer"
   config.seed = 5427
-  config.frozen = dict(teacher="runs/teacher")  # the run folder of configs/part_tmr.py; "": no alignment
+  # teacher: the run folder of configs/part_tmr.py; "": no alignment. evaluator: by which validation chooses weights.
+  config.frozen = dict(teacher="runs/teacher", evaluator="")
   config.teacher = dict()                       # its fields; the run takes them from there
   config.model = dict(features=263, latent_dim=64, width=1024, num_halvings=2, dilations=(9, 3, 1), teacher_dim=256,
                       causal=True)
@@ -44,20 +47,25 @@ def get_config(size="full"):
   config.optimizer = dict(learning_rate=2e-4, schedule="step", boundaries=(150_000, 250_000), gamma=0.1,
                           cooldown_steps=0, warmup_steps=2_000, beta1=0.9, beta2=0.99, weight_decay=0.0, clip_norm=1.0,
                           ema_decay=0.0, skip_loss=0.0)
-  config.train = dict(start="", num_steps=40_000, log_every=50, save_every=2_000)
-  if size in ("small", "mini"):
+  # best: the weights of the lowest reconstruction FID of held-out clips are kept, as the reference keeps them, where
+  # frozen.evaluator names the evaluator (of 263 features), else those of the smallest joint error.
+  config.train = dict(start="", num_steps=40_000, log_every=50, save_every=2_000, best="min held_out_fid|held_out_mm")
+  if size in ("small", "mini", "laptop"):
     config.model.update(latent_dim=32, width=192, teacher_dim=64)
     # A heading or a step that is a little off adds up over a clip, and a small model has no capacity to spare.
     config.loss.update(micro_batch=32, kl_weight=0.5, kl_ramp=1_000, root_weight=10.0)
     config.data.update(name="archive", mode="corrected", mirror=True, batch_size=32)
     config.optimizer.update(learning_rate=6e-4, schedule="trapezoid", warmup_steps=200, cooldown_steps=2_500,
                             ema_decay=0.999)
-    config.train.update(num_steps=8_500, log_every=50, save_every=1_000)
-    if size == "mini":
+    config.train.update(num_steps=8_500, log_every=50, save_every=1_000, best="")
+    if size in ("mini", "laptop"):
       config.model.update(width=128)
       config.loss.update(kl_ramp=100)
       config.optimizer.update(learning_rate=1e-3, warmup_steps=50, cooldown_steps=300, ema_decay=0.99)
       config.train.update(num_steps=900, save_every=450)
+    if size == "laptop":
+      config.optimizer.update(cooldown_steps=900, ema_decay=0.995)
+      config.train.update(num_steps=3_000, log_every=10, save_every=500)
   elif size == "tiny":
     config.frozen.teacher = "fresh"  # random weights: nothing to train first
     config.teacher = dict(width=8, depth=1, num_heads=2, mlp_width=8, dim=6)
@@ -67,8 +75,9 @@ def get_config(size="full"):
     if dataset == "kit":
       config.data.window = 32  # 12.5 frames a second
     config.optimizer.update(warmup_steps=1)
-    config.train.update(num_steps=2, log_every=1, save_every=2)
+    config.train.update(num_steps=2, log_every=1, save_every=2, best="")
   elif size != "full":
-    raise ValueError(f"got size {size!r}, expected full, small, mini or tiny, or one of "
+    raise ValueError(f"got size {size!r}, expected full, small, laptop, mini or tiny, or one of "
                      f"{', '.join(DATASETS)} before it")
-  return config.lock()
+  rows = {} if dataset in DATASETS else {"cmdm 8": paper_rows.CMDM["cmdm 8"], "cmdm 9": paper_rows.CMDM["cmdm 9"]}
+  return paper_rows.named(config, rows, exact=size == "full").lock()

@@ -5,6 +5,7 @@
   ... --config configs/evaluator_clip.py:66       absolute coordinates (CDAMD); full: 259 of 263 features; kit: KIT-ML,
                                                   64: its essential features, 63: coordinates
   ... --config configs/evaluator_clip.py:small    on the archives, word pieces of the encoder that ships: what ships
+  ... --config configs/evaluator_clip.py:laptop   your own data in an afternoon, docs/your-own-data.md
   ... --config configs/evaluator_clip.py:tiny     two steps on formulas, seconds
 
 `67` is MARDM's network (facts: cdamd 8.2): 59.5 M parameters, 34.2 M without CLIP's table of word pieces, which is held
@@ -35,7 +36,7 @@ def get_config(size="67"):
   if size in ("kit", "64", "63"):
     config.data.min_frames = 24
     config.train.update(num_steps=150 * 38, save_every=190)
-  elif size == "small":
+  elif size in ("small", "laptop"):
     config.frozen.text = "words"
     config.model.update(width=128, depth=2, num_heads=4, mlp_width=256, dim=128, vocab_size=6_502, max_words=24,
                         dropout=0.0)
@@ -43,11 +44,13 @@ def get_config(size="67"):
                        lengths=(64, 112, 196), same="meaning")
     config.optimizer.update(learning_rate=1e-3, warmup_steps=50, ema_decay=0.98)
     config.train.update(num_steps=450, save_every=75)
+    if size == "laptop":
+      config.train.update(num_steps=300, log_every=10, save_every=75)
   elif size == "tiny":
     config.frozen.text = "fresh"
     config.model.update(width=32, depth=1, num_heads=2, mlp_width=16, dim=8, vocab_size=97, max_words=64)
     config.data.update(name="synthetic", mode="corrected", batch_size=4, max_frames=96, lengths=(96,), same="meaning")
     config.train.update(num_steps=2, log_every=1, save_every=2)
   elif size not in DATA:
-    raise ValueError(f"got size {size!r}, expected 67, 66, kit, 64, 63, full, small or tiny")
+    raise ValueError(f"got size {size!r}, expected 67, 66, kit, 64, 63, full, small, laptop or tiny")
   return config.lock()

@@ -5,6 +5,7 @@
   ... --config configs/evaluator_matching.py:66       absolute coordinates (CDAMD); 67: essential features; kit: KIT-ML,
                                                     64: its essential features, 63: coordinates
   ... --config configs/evaluator_matching.py:small    on the archives, words of the encoder that ships: what ships
+  ... --config configs/evaluator_matching.py:laptop   your own data in an afternoon, docs/your-own-data.md
   ... --config configs/evaluator_matching.py:tiny     two steps on formulas, seconds
 
 `full` is the original's (facts: cdamd 8.1): 21.7 M parameters with the movement encoder of
@@ -42,18 +43,20 @@ def get_config(size="full"):
   if size in ("kit", "64", "63"):
     config.data.min_frames = 24
     config.train.update(num_steps=300 * 150, save_every=150)
-  elif size == "small":
+  elif size in ("small", "laptop"):
     config.model.update(movement_width=128, movement_dim=128, motion_width=192, text_width=128, dim=128)
     config.loss.first_shift = 1
     # Template captions repeat: a motion of the same meaning is no wrong one.
     config.data.update(name="archive", mode="corrected", mirror=True, min_frames=20, same="meaning")
     config.optimizer.update(learning_rate=1e-3, schedule="cosine", warmup_steps=100)
     config.train.update(num_steps=2_500, save_every=250)
+    if size == "laptop":
+      config.train.update(num_steps=1_500, log_every=10, save_every=250)
   elif size == "tiny":
     config.frozen.update(movement="fresh", text="fresh")
     config.model.update(movement_width=12, movement_dim=12, motion_width=12, text_width=12, dim=8)
     config.data.update(name="synthetic", mode="corrected", batch_size=4, max_frames=96, lengths=(96,), same="meaning")
     config.train.update(num_steps=2, log_every=1, save_every=2)
   elif size not in DATA:
-    raise ValueError(f"got size {size!r}, expected 67, 66, kit, 64, 63, full, small or tiny")
+    raise ValueError(f"got size {size!r}, expected 67, 66, kit, 64, 63, full, small, laptop or tiny")
   return config.lock()

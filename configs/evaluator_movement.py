@@ -4,6 +4,7 @@
   ... --config configs/evaluator_movement.py:66       absolute coordinates (CDAMD); 67: essential features; kit: KIT-ML,
                                                     64: its essential features, 63: coordinates
   ... --config configs/evaluator_movement.py:small    coordinates, on the archives: what ships, minutes on a CPU
+  ... --config configs/evaluator_movement.py:laptop   your own data in an afternoon, docs/your-own-data.md
   ... --config configs/evaluator_movement.py:tiny     two steps on formulas, seconds
 
 configs/evaluator_matching.py goes on from it. `full` is the original's (facts: cdamd 8.1): 259 of 263 features, 270
@@ -34,15 +35,17 @@ def get_config(size="full"):
   config.train = dict(num_steps=270 * 18_700, log_every=100, save_every=18_700)
   if size in ("kit", "64", "63"):
     config.train.update(num_steps=270 * 2_000, save_every=2_000)
-  elif size == "small":
+  elif size in ("small", "laptop"):
     config.model.update(width=128, dim=128, dropout=0.0)
     config.data.update(name="archive", mode="corrected", mirror=True, batch_size=64, stride=4)
     config.optimizer.update(learning_rate=1e-3, schedule="cosine", warmup_steps=100, clip_norm=1.0)
     config.train.update(num_steps=1_200, log_every=50, save_every=600)
+    if size == "laptop":
+      config.train.update(num_steps=1_000, log_every=10, save_every=500)
   elif size == "tiny":
     config.model.update(width=12, dim=12)
     config.data.update(name="synthetic", mode="corrected", batch_size=4)
     config.train.update(num_steps=2, log_every=1, save_every=2)
   elif size not in DATA:
-    raise ValueError(f"got size {size!r}, expected 67, 66, kit, 64, 63, full, small or tiny")
+    raise ValueError(f"got size {size!r}, expected 67, 66, kit, 64, 63, full, small, laptop or tiny")
   return config.lock()

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from ml_collections import ConfigDict
 
+from motion_jax import shapes
 from motion_jax.diffusion import ddpm, guidance, masking, ode, paths, rounds, samplers
 from motion_jax.diffusion.draws import draw_step
 from motion_jax.nets.autoencoder import Autoencoder
@@ -23,11 +24,13 @@ from motion_jax.stage import DEVICES, Stage
 
 def smooth_l1(prediction, target):
   """Mean of d^2 / 2 where the difference d is below 1, of |d| - 1/2 elsewhere."""
+  shapes.check(prediction=(prediction, "BTF"), target=(target, "BTF"))
   distance = jnp.abs(prediction - target)
   return jnp.where(distance < 1, distance ** 2 / 2, distance - 0.5).mean()
 
 
 def l1(prediction, target):
+  shapes.check(prediction=(prediction, "BTF"), target=(target, "BTF"))
   return jnp.abs(prediction - target).mean()
 
 
@@ -47,7 +50,8 @@ def autoencoder_terms(y, x, distance="smooth_l1", position_weight=1.0, columns=(
 
 def rvq_terms(y, x, commitment, velocity_weight=0.1, commitment_weight=0.02, position_weight=0.1, **reconstruction):
   """The same for the RVQ-VAE, with the error of frame differences and the distance of latents to their codes."""
-  # Parity: the paper's eq. (10) has a codebook loss; the code moves the codebooks by running means instead.
+  # Parity: the paper's eq. (10) has a codebook loss, which `rvq.learn` gives; the code moves the codebooks by running
+  # means instead.
   terms = autoencoder_terms(y, x, position_weight=position_weight, **reconstruction)
   terms["velocity"] = ((jnp.diff(y.astype(x.dtype), axis=1) - jnp.diff(x, axis=1)) ** 2).mean()
   terms["commitment"] = commitment
@@ -121,6 +125,8 @@ def rvq_stage(config, axis_name=DEVICES) -> Stage:
   """
   # Parity: padding takes part in the loss and in the codebooks, as in the released code; windows have none.
   net, quantizer = Autoencoder(**config.model), config.quantizer
+  if quantizer.get("learn", "means") == "gradient":
+    return _rvq_by_gradient(net, config, axis_name)
 
   def init(batch, rng):
     return net.init(rng, batch["features"][:1])
@@ -149,6 +155,35 @@ def rvq_stage(config, axis_name=DEVICES) -> Stage:
   return Stage(init, loss, predict, init_extra)
 
 
+def _rvq_by_gradient(net, config, axis_name):
+  """`rvq_stage` by the paper's equations 8 to 10: nearest codes, which are parameters and learn by a loss of theirs."""
+  quantizer = config.quantizer
+
+  def init(batch, rng):
+    net_rng, code_rng = jax.random.split(rng)
+    params = net.init(net_rng, batch["features"][:1])
+    latents = net.apply(params, batch["features"], method="encode")
+    book = vq.codebook_of(rvq.first_codes(latents, quantizer.num_levels, quantizer.num_codes, code_rng))
+    # In the collection of the other way, so that a run folder is read alike; all of it floats, which gradients need.
+    return {**params, "codebooks": jax.tree.map(lambda a: a.astype(latents.dtype), book._asdict())}
+
+  def loss(params, frozen, batch, step, rng):
+    x, codes = batch["features"], params["codebooks"]["codes"]
+    encoder_rng, decoder_rng, active_rng = jax.random.split(rng, 3)
+    latents = _with_dropout(net, params, "encode", x, _item_keys(encoder_rng, batch))
+    num_active = rvq.draw_active(active_rng, quantizer.num_levels, quantizer.drop_rate)
+    made, codebook = rvq.learn(codes, latents, num_active, axis_name)
+    y = _with_dropout(net, params, "decode", made.quantized, _item_keys(decoder_rng, batch))
+    terms = rvq_terms(y, x, made.commitment, **config.loss)
+    terms |= {"loss": terms["loss"] + codebook, "codebook": codebook, "perplexity": made.perplexity,
+              "usage": made.usage}
+    return jax.tree.map(lambda term: term * len(x), terms), float(len(x))
+
+  def predict(variables, frozen, batch, rng):
+    indices, _ = encode_codes(net, variables, batch["features"])
+    return {"features": decode_codes(net, variables, indices), "indices": indices}
+
+  return Stage(init, loss, predict)
 
 
 # --- generator: losses -------------------------------------------------------------------------------------------
@@ -196,7 +231,7 @@ def generator_loss(net, params, z1, real_mask, text_emb, codes, draws, config, d
   with dropout. All rows are computed and the masked ones summed, so that shapes do not depend on the draw.
   """
   made = masking.corruption(draws.time_u, draws.order_u, draws.noise_u, draws.keep_u, real_mask, config.noise_rate,
-                            config.mask_rate)
+                            config.mask_rate, config.get("mask_draw", "count"))
   x = masking.corrupt(z1, made, draws.noise, net.apply(params, method="hidden"), real_mask)
   text_emb = jnp.where((draws.text_u < config.drop_rate)[:, None, None], 0.0, text_emb)
   attn_mask = trained_mask(config.mask, real_mask & ~made.masked, real_mask, draws.mask_u)

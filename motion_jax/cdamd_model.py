@@ -2,11 +2,10 @@
 import dataclasses
 from functools import partial
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
-from motion_jax import cdamd, lengths
+from motion_jax import cache, cdamd, checkpoint, lengths
 from motion_jax.data.clip import Caption
 from motion_jax.diffusion import draws, masking
 from motion_jax.diffusion.rounds import most_revealed
@@ -15,6 +14,7 @@ from motion_jax.motion.joining import join
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.length_estimator import LengthEstimator
 from motion_jax.nets.masks import padding_mask
+from motion_jax.numerals import SECONDS, STEPS, NumberError, checked, real, whole
 from motion_jax.prompted import Prompted, keys_of, plain_fields
 from motion_jax.results import Motion, Motions, captions_in_a_row, make_motions
 from motion_jax.stories import on_our_body
@@ -26,19 +26,22 @@ class CdamdModel(Prompted):
   """CDAMD or MARDM ready to use: prompts in, motion out; a motion in, the same one with new parts out."""
 
   def __init__(self, folder, config, encoder, raw=False):
+    checkpoint.demand(config, folder, data__max_frames=(1, 100_000), sampler__guidance_scale=(-1e3, 1e3))
     self.autoencoder = Autoencoder(**plain_fields(config.tokenizer))
     self.net = cdamd.make_generator(config.model)
     self.max_seconds = config.data.max_frames / get_layout(config.data.layout).skeleton.fps
-    shapes, text_dim = cdamd.frozen_shapes(self.autoencoder), self.net.transformer.text_dim
+    shapes = cache.kept_shapes("cdamd.frozen", self.autoencoder, lambda: cdamd.frozen_shapes(self.autoencoder))
+    text_dim = self.net.transformer.text_dim
     self.length = LengthEstimator(**plain_fields(config.length)) if config.get("length") else None
     if self.length:
       shapes["length"] = lengths.length_shapes(self.length, text_dim)
     super().__init__(folder, config, encoder, text_dim, self.autoencoder.frames_per_latent, shapes,
-                     cdamd.generator_shapes(self.net), raw)
+                     cache.kept_shapes("cdamd.generator", self.net, lambda: cdamd.generator_shapes(self.net)), raw)
     # All motions are padded to the training length, whose positions are known, and compiled once.
     self.max_latents = config.data.max_frames // self.unit
-    self._generate = jax.jit(partial(_generate, self.net, self.autoencoder), static_argnums=0)
-    self._edit = jax.jit(partial(_edit, self.net, self.autoencoder), static_argnums=(0, 1))
+    modules = self.net, self.autoencoder
+    self._generate = cache.Program("cdamd.generate", partial(_generate, *modules), 1, modules)
+    self._edit = cache.Program("cdamd.edit", partial(_edit, *modules), 2, modules)
 
   def natural_frames(self, prompt) -> int:
     """How long such motions are: what the length estimator says or, without one, the nearest training captions."""
@@ -55,10 +58,7 @@ class CdamdModel(Prompted):
     motion does not depend on its batch-mates. Lengths are cut to whole latents (4 frames); without one it is
     `natural_frames`. sampling, see `plan_of`. Raises ValueError for what cannot be made.
     """
-    prompts = [prompts] if isinstance(prompts, str) else list(prompts)
-    if not prompts:
-      raise ValueError("got no prompt")
-    self.check_words(prompts)
+    prompts = self.prompts_of(prompts)
     frames = [count // self.unit * self.unit for count in self.frames_of(prompts, num_frames, seconds)]
     keys, seeds = keys_of(rng, seeds, len(prompts))
     every = np.arange(self.max_latents) < np.array(frames)[:, None] // self.unit
@@ -140,18 +140,19 @@ class CdamdModel(Prompted):
     flow = self.config.loss.diffusion != "ddpm"
     if solver is None and (defaults.solver == "ddpm") == flow:  # trained with the other diffusion than its config's
       solver, num_steps = ("midpoint", num_steps or 10) if flow else ("ddpm", num_steps or self.config.loss.ddpm_steps)
-    plan = cdamd.make_plan(solver=pick("solver", solver), num_steps=int(pick("num_steps", num_steps)),
-                           mask=pick("mask", mask), ddpm_steps=self.config.loss.ddpm_steps,
-                           temperature=float(temperature))
+    rounds = checked(pick("num_rounds", rounds), *STEPS, "rounds")
+    num_steps = checked(pick("num_steps", num_steps), *STEPS, "num_steps")
+    plan = cdamd.make_plan(solver=pick("solver", solver), num_steps=num_steps, mask=pick("mask", mask),
+                           ddpm_steps=self.config.loss.ddpm_steps, temperature=float(temperature))
     if (plan.solver == "ddpm") != (self.config.loss.diffusion == "ddpm"):
       raise ValueError(f"got solver {plan.solver!r} for a model that was trained by {self.config.loss.diffusion}")
-    return plan, int(pick("num_rounds", rounds)), pick("order", order), bool(pick("revealed_only", revealed_only))
+    return plan, rounds, pick("order", order), bool(pick("revealed_only", revealed_only))
 
   def encode_words(self, prompts):
     """(text_emb, text_mask or None) as the model was trained: sentence vectors, or these and their words."""
     if self.encoder.level == "sentence":
       return self.encoder(prompts)[0], None
-    return self.encoder.sentence_and_words(prompts, pad_to=min(self.config.data.max_words, self.encoder.max_words))
+    return self.encoder.sentence_and_words(prompts, at_least=min(self.config.data.max_words, self.encoder.max_words))
 
   def _tables(self, keys, editable, guidance_scale, **sampling):
     """(Plan, hidden (N, B, L), guidance scale, what a file says of them) for latents editable (B, L)."""
@@ -191,12 +192,12 @@ def spans_of(texts, num_frames, fps):
       if not text:
         return empty
       if text.endswith("s"):
-        return round(float(text[:-1]) * fps)
+        return round(real(*SECONDS)(text[:-1]) * fps)
       if text.endswith("%"):
-        return round(float(text[:-1]) / 100 * num_frames)
-      return round(float(text) * num_frames) if "." in text else int(text)
-    except ValueError:
-      raise ValueError(f"got {text!r} in a span, expected seconds (1.5s), a share (0.25, 25%) or frames (30)") from None
+        return round(real(0, 100)(text[:-1]) / 100 * num_frames)
+      return round(real(0, 1)(text) * num_frames) if "." in text else whole(0, 10**9)(text)
+    except NumberError as error:
+      raise ValueError(f"in a span: {error}; a side is seconds (1.5s), a share (0.25, 25%) or frames (30)") from None
 
   spans = []
   for text in texts:

@@ -8,13 +8,15 @@ from typing import Any, NamedTuple
 import flax
 import jax
 import jax.numpy as jnp
+import optax
 
-from motion_jax.diffusion import continuation, guidance, paths, samplers, schedules, streaming
+from motion_jax import shapes
+from motion_jax.diffusion import continuation, ddpm_forcing, guidance, paths, samplers, schedules, streaming
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE, sample_latent
 from motion_jax.nets.masks import block_causal_mask, padding_mask, sliding_mask
 from motion_jax.stage import Stage
-from motion_jax.teacher import frame_features, make_teacher
+from motion_jax.teacher import as_seen, frame_features, make_teacher
 
 # --- losses of the tokenizer -------------------------------------------------------------------------------------
 
@@ -25,11 +27,23 @@ def gaussian_nll(prediction, target):
   s = log sqrt(mean squared error), softly floored at -6; gradients flow through it (facts: cmdm 2.3).
   """
   # Parity: the paper says "standard reconstruction loss"; this likelihood, summed, is the released code's.
+  shapes.check(prediction=(prediction, "BTF"), target=(target, "BTF"))
   square = (prediction - target) ** 2
   log_sigma = jnp.log(jnp.maximum(jnp.sqrt(square.mean()), 1e-8))
   log_sigma = -6 + jax.nn.softplus(log_sigma + 6)
   # The constant per element is multiplied, not added up: a long float32 sum of equal numbers drifts.
   return square.sum() / (2 * jnp.exp(2 * log_sigma)) + square.size * (log_sigma + 0.5 * jnp.log(2 * jnp.pi))
+
+
+def smooth_l1(prediction, target):
+  """Reconstruction by SmoothL1 (beta 1), summed over frames and features, averaged over the batch.
+
+  So it weighs against a KL divergence that is summed and averaged alike, as in a VAE's bound.
+  """
+  return optax.huber_loss(prediction, target).sum() / prediction.shape[0]
+
+
+RECONSTRUCTIONS = {"gaussian": gaussian_nll, "smooth_l1": smooth_l1}
 
 
 def kl_to_standard_normal(mean, logvar):
@@ -44,13 +58,41 @@ def align_terms(student, teacher, cos_margin=0.5, distance_margin=0.25):
   makes cosines between latents of one window those between the teacher's features, to within distance_margin.
   """
   # Parity: the paper writes the second over unprojected latents and the whole set; the code's is inside a window.
-  unit = lambda a: a / jnp.maximum(jnp.linalg.norm(a, axis=-1, keepdims=True), 1e-6)
-  student, teacher = unit(student), unit(teacher)
+  student, teacher = _unit(student), _unit(teacher)
   cosine = (student * teacher).sum(-1)
-  among = lambda a: jnp.einsum("bie,bje->bij", a, a)
   mcos = jax.nn.relu(1 - cos_margin - cosine).mean()
-  mdms = jax.nn.relu(jnp.abs(among(student) - among(teacher)) - distance_margin).mean()
-  return mcos, mdms
+  return mcos, _distance_term(student, teacher, distance_margin)
+
+
+def _unit(a):
+  return a / jnp.maximum(jnp.linalg.norm(a, axis=-1, keepdims=True), 1e-6)
+
+
+def _distance_term(student, teacher, margin):
+  """Mean of what cosines among unit rows (B, N, E) and (B, N, E') of a window differ by beyond the margin."""
+  among = lambda a: jnp.einsum("bie,bje->bij", a, a)
+  return jax.nn.relu(jnp.abs(among(student) - among(teacher)) - margin).mean()
+
+
+def set_distances(latents, teacher, margin=0.25):
+  """The marginal distance-matrix loss of the paper's equation 6: latents (B, N, C) as they are, not projected, and the
+  teacher's features (B, N, E), in pairs over all windows of the micro-batch, (B N)^2 of them."""
+  rows = lambda a: _unit(a.reshape(1, -1, a.shape[-1]))
+  return _distance_term(rows(latents), rows(teacher), margin)
+
+
+DISTANCE_PAIRS = ("window", "set")
+
+
+def align_loss(vae, params, z, teacher, distance_pairs="window"):
+  """(mcos, mdms) of latents z (B, N, C) and the teacher's features (B, N, E) at each.
+
+  distance_pairs: whose cosines the second compares, "window" (`align_terms`) or "set" (`set_distances`).
+  """
+  if distance_pairs not in DISTANCE_PAIRS:
+    raise ValueError(f"got loss.distance_pairs {distance_pairs!r}, expected one of {', '.join(DISTANCE_PAIRS)}")
+  mcos, mdms = align_terms(*vae.apply(params, z, teacher, method="aligned"))
+  return mcos, mdms if distance_pairs == "window" else set_distances(z, teacher)
 
 
 def pool_teacher(features, num_latents):
@@ -63,23 +105,29 @@ def pool_teacher(features, num_latents):
   return features.reshape(batch, num_latents, -1, dim).mean(2)
 
 
-def align_ratio(vae, params, x, noise, teacher):
+LAST_LAYERS = {"convolution": ("encoder", "conv_out", "conv", "kernel"), "linear": ("encoder", "head", "kernel")}
+
+
+def align_ratio(vae, params, x, noise, teacher, reconstruction="gaussian", distance_pairs="window",
+                last_layer="convolution"):
   """|d rec / d W| / |d align / d W| at W, the encoder's last convolution, and both norms (facts: cmdm 2.4).
+
+  last_layer "linear": at the linear layer behind it.
 
   Constants to the gradient. Neither derivative goes deeper than W, so that rec costs one pass back through the decoder,
   without its parameters' gradients; the forward pass is the loss's own and compiled once.
   """
   # Parity: the paper says "the final layer of the encoder"; the code takes the last convolution, not the linear layer.
   params, x, teacher = jax.lax.stop_gradient((params, x, teacher))
-  path = ("params", "encoder", "conv_out", "conv", "kernel")
+  path = ("params", *LAST_LAYERS[last_layer])
   flat = flax.traverse_util.flatten_dict(params)
 
   def of_kernel(kernel):
     changed = flax.traverse_util.unflatten_dict({**flat, path: kernel})
     y, mean, logvar = vae.apply(changed, x, noise)
     z = sample_latent(mean, logvar, noise)
-    align = sum(align_terms(*vae.apply(changed, z, teacher, method="aligned")))
-    return gaussian_nll(y.astype(x.dtype), x), align
+    align = sum(align_loss(vae, changed, z, teacher, distance_pairs))
+    return RECONSTRUCTIONS[reconstruction](y.astype(x.dtype), x), align
 
   (rec, align), pull = jax.vjp(of_kernel, flat[path])
   norms = [jnp.linalg.norm(pull(seeds)[0]) for seeds in ((jnp.ones_like(rec), jnp.zeros_like(align)),
@@ -89,31 +137,37 @@ def align_ratio(vae, params, x, noise, teacher):
 
 
 def align_factor(step, config, num_steps):
-  """Factor of the alignment term: from config.align to a tenth of it, linearly, after the ramp of the KL term."""
+  """Factor of the alignment term: from config.align to a tenth of it, linearly, after the ramp of the KL term.
+
+  config.align_fall says by which share of it instead of 0.9; 0 keeps it.
+  """
   progress = jnp.clip((step - config.kl_ramp) / max(num_steps - config.kl_ramp, 1), 0, 1)
-  return config.align * (1 - 0.9 * progress)
+  return config.align * (1 - config.get("align_fall", 0.9) * progress)
 
 
 def tokenizer_terms(vae, params, x, noise, kl_weight, root_weight, root_columns=slice(0, 4), teacher=None,
-                    align_weight=0.0, adaptive=True):
+                    align_weight=0.0, adaptive=True, reconstruction="gaussian", **alignment):
   """Loss terms of one micro-batch x (B, T, F): a dict with rec, root, kl and their weighted sum, loss.
 
   With teacher (B, N, E), its features at each latent, also mcos, mdms, their sum align, and the weight that it gets:
-  align_weight times the ratio of gradients, or plain if not adaptive.
+  align_weight times the ratio of gradients, or plain if not adaptive. alignment: distance_pairs, last_layer of
+  `align_ratio`.
   """
   # Parity: the root term is the code's alone, and its KL weight is 0.01 with a ramp, the paper's 1.0; both are fields.
   y, mean, logvar = vae.apply(params, x, noise)
   y = y.astype(x.dtype)
-  terms = {"rec": gaussian_nll(y, x), "root": gaussian_nll(y[..., root_columns], x[..., root_columns]),
+  measure = RECONSTRUCTIONS[reconstruction]
+  terms = {"rec": measure(y, x), "root": measure(y[..., root_columns], x[..., root_columns]),
            "kl": kl_to_standard_normal(mean, logvar), "mse": ((y - x) ** 2).mean()}
   terms["loss"] = terms["rec"] + kl_weight * terms["kl"] + root_weight * terms["root"]
   if teacher is not None:
-    sides = vae.apply(params, sample_latent(mean, logvar, noise), teacher, method="aligned")
-    terms["mcos"], terms["mdms"] = align_terms(*sides)
+    z = sample_latent(mean, logvar, noise)
+    terms["mcos"], terms["mdms"] = align_loss(vae, params, z, teacher, alignment.get("distance_pairs", "window"))
     terms["align"] = terms["mcos"] + terms["mdms"]
     ratio = 1.0
     if adaptive:
-      ratio, terms["grad_rec"], terms["grad_align"] = align_ratio(vae, params, x, noise, teacher)
+      ratio, terms["grad_rec"], terms["grad_align"] = align_ratio(vae, params, x, noise, teacher,
+                                                                        reconstruction, **alignment)
     terms["align_weight"] = jnp.asarray(align_weight * ratio, x.dtype)
     terms["loss"] += terms["align_weight"] * terms["align"]
   return terms
@@ -126,7 +180,7 @@ def tokenizer_stage(config) -> Stage:
   """Trains the causal VAE on windows: batch["features"] (B, T, F), normalized.
 
   With config.frozen.teacher its latents are aligned with one: config.teacher holds its fields, frozen["teacher"] its
-  parameters.
+  parameters, and frozen["teacher_view"] both statistics, if it reads another layout or other statistics than these.
 
   The sigma of the reconstruction loss belongs to a micro-batch, so the batch is cut into micro-batches of a fixed size,
   and the same ones arise on any number of devices.
@@ -134,6 +188,8 @@ def tokenizer_stage(config) -> Stage:
   vae = CausalVAE(**config.model)
   loss_config = config.loss
   teacher = make_teacher(config.teacher, config.data.layout) if config.frozen.get("teacher") else None
+  layout = config.data.layout
+  own_layout = config.get("teacher", {}).get("layout", layout)
 
   def latent_shape(x):
     return x.shape[:-2] + (x.shape[-2] // 2 ** vae.num_halvings, vae.latent_dim)
@@ -155,10 +211,13 @@ def tokenizer_stage(config) -> Stage:
     split = lambda a: a.reshape((-1, size) + a.shape[1:])
     guides = [None] * (x.shape[0] // size)
     if teacher is not None:
-      guides = split(pool_teacher(frame_features(teacher, frozen["teacher"], x), noise.shape[1]))
+      seen = as_seen(x, frozen["teacher_view"], layout, own_layout) if "teacher_view" in frozen else x
+      guides = split(pool_teacher(frame_features(teacher, frozen["teacher"], seen), noise.shape[1]))
     align_weight = align_factor(step, loss_config, config.train.num_steps) if teacher is not None else 0.0
+    paper = {name: loss_config[name] for name in ("reconstruction", "distance_pairs", "last_layer")
+             if name in loss_config}
     terms = [tokenizer_terms(vae, params, a, e, kl_weight, loss_config.root_weight, teacher=g,
-                             align_weight=align_weight, adaptive=loss_config.get("adaptive_align", True))
+                             align_weight=align_weight, adaptive=loss_config.get("adaptive_align", True), **paper)
              for a, e, g in zip(split(x), split(noise), guides)]
     return jax.tree.map(lambda *parts: sum(parts), *terms), float(len(terms))
 
@@ -193,11 +252,15 @@ def denoiser_stage(config) -> Stage:
   def inputs(frozen, batch, rng):
     encode_rng, level_rng, noise_rng, drop_rng = jax.random.split(rng, 4)
     keys = lambda key: jax.vmap(lambda i: jax.random.fold_in(key, i))(batch["index"])
-    z1 = encode_latents(vae, frozen, batch["features"], keys(encode_rng))
+    if config.loss.get("mean_latents", False):  # Parity: the paper's algorithm 1 says E(x), the code draws
+      z1 = encode_motion(vae, frozen, batch["features"])
+    else:
+      z1 = encode_latents(vae, frozen, batch["features"], keys(encode_rng))
     latent_mask = padding_mask(batch["num_frames"] // vae.frames_per_latent, z1.shape[1])
     z1 = jnp.where(latent_mask[..., None], z1, 0.0)
     # Parity: the code draws one time per block of 3 latents, the paper one per latent; level_block says which.
-    t = jax.vmap(lambda key: paths.forcing_times(key, 1, z1.shape[1], level_block)[0])(keys(level_rng))
+    draw = (ddpm_forcing if dit.predicts == "ddpm" else paths).forcing_times
+    t = jax.vmap(lambda key: draw(key, 1, z1.shape[1], level_block)[0])(keys(level_rng))
     noise = jax.vmap(lambda key: jax.random.normal(key, z1.shape[1:]))(keys(noise_rng))
     drop = jax.vmap(lambda key: jax.random.bernoulli(key, config.loss.drop_rate))(keys(drop_rng))
     # Parity: the code zeroes the word features and keeps the mask; it also leaves the text encoder's dropout on while
@@ -217,13 +280,18 @@ def denoiser_stage(config) -> Stage:
     # Equal times inside a block are modulated once.
     shared = block if block > 1 and level_block % block == 0 and z1.shape[1] % block == 0 else 1
     velocity = lambda x, t: dit.apply(params, x, t[:, ::shared], text_emb, attn_mask, batch["text_mask"])
+    if dit.predicts == "ddpm":
+      # Parity: the paper's algorithm 1; the code, and our default, learn the velocity of a straight path.
+      return ddpm_forcing.forcing_loss(velocity, z1, latent_mask, t, noise)
     return paths.forcing_loss(velocity, z1, latent_mask, t, noise, config.loss.get("target", dit.predicts))
 
   def predict(params, frozen, batch, rng):
     z1, latent_mask, t, noise, text_emb = inputs(frozen, batch, rng)
     attn_mask = block_causal_mask(z1.shape[1], block) & latent_mask[:, None, None, :]
-    x = paths.add_noise(z1, noise, t)
-    return {"velocity": dit.apply(params, x, t, text_emb, attn_mask, batch["text_mask"]), "target": z1 - noise}
+    ddpm = dit.predicts == "ddpm"
+    x = (ddpm_forcing if ddpm else paths).add_noise(z1, noise, t)
+    return {"velocity": dit.apply(params, x, t, text_emb, attn_mask, batch["text_mask"]),
+            "target": noise if ddpm else z1 - noise}
 
   return Stage(init, loss, predict)
 
@@ -283,6 +351,12 @@ def generate_whole(dit, vae, plan, num_blocks, params, frozen, text_emb, text_ma
     text_emb, text_mask = words_of_latents(text_emb, text_mask, jnp.repeat(segment, plan.block, axis=1))
   attn_mask = sliding_mask(length, plan.block, plan.context)
   velocity = plain_velocity(dit, params, text_emb, text_mask, attn_mask, scale, plan.guided)
+  if plan.solver in ddpm_forcing.SOLVERS:
+    # Parity: algorithm 2 of the paper, whose steps draw fresh noise; the code's, and our default, are Euler's.
+    levels = schedules.staircase_levels(plan.num_steps, length, plan.lag, plan.block)
+    steps, blocks = ddpm_forcing.make_steps(plan.num_steps, plan.solver), jnp.arange(num_blocks)
+    fresh = lambda now: streaming.fresh_noise(keys, blocks, now[::plan.block], plan, dit.latent_dim)
+    return decode_latents(vae, frozen, ddpm_forcing.sample(velocity, noise, levels, steps, fresh))
   times = jnp.asarray(schedules.staircase(plan.num_steps, length, plan.lag, plan.block))
   return decode_latents(vae, frozen, samplers.SOLVERS[plan.solver](velocity, noise, times))
 

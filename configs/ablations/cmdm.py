@@ -6,7 +6,8 @@
 
 ROW[/STAGE[/SIZE]]: the stage is teacher, tokenizer or denoiser (the default). A row that changes nothing of a stage
 gives the base config of it, and its denoiser looks for the tokenizer of the row that shares it. Rows of sampling (K
-steps, lag L) change config.sampler alone and need no training. Numbers of the paper stand in facts: cmdm 6.6.
+steps, lag L) change config.sampler alone and need no training. config.paper_row names the printed
+rows, whose numbers stand in evaluation/paper_tables (facts: cmdm 6.6).
 
 At sizes small and mini the widths of Tables 8 and 10 are their own: latents of 32, 16, 8 stand for 64, 32, 16, and
 S, L, XL are as far from it as the paper's from M; the text encoders of Table 11 are the one that ships, by words or by
@@ -15,6 +16,8 @@ sentence, for no others fit here.
 import pathlib
 import runpy
 
+from motion_jax import paper_rows
+
 SIZES = {"full": {"s": (2, 4, 512), "l": (6, 12, 768), "xl": (8, 16, 1024)},
          "small": {"s": (2, 3, 192), "l": (6, 8, 384), "xl": (8, 10, 512)},
          "mini": {"s": (2, 2, 96), "l": (6, 6, 192), "xl": (8, 8, 256)},
@@ -22,58 +25,68 @@ SIZES = {"full": {"s": (2, 4, 512), "l": (6, 12, 768), "xl": (8, 16, 1024)},
 LATENTS = {"full": {64: 64, 32: 32, 16: 16}, "small": {64: 32, 32: 16, 16: 8},
            "mini": {64: 32, 32: 16, 16: 8}, "tiny": {64: 4, 32: 3, 16: 2}}
 
-# row -> (table, {stage: {field: value}}); a stage that several rows share is trained once.
+# row -> ({table: its printed row there}, {stage: {field: value}}); a stage that several rows share is trained once.
 ROWS = {
-    "default": (4, {}),
-    # Table 4 and 9: tokenizers.
-    "vae": (4, {"tokenizer": {"frozen.teacher": "", "model.teacher_dim": 0, "model.causal": False},
-                "denoiser": {"tokenizer.causal": False}}),
-    "c-vae": (4, {"tokenizer": {"frozen.teacher": "", "model.teacher_dim": 0}}),
-    # Table 4: the denoiser.
-    "one-level": (4, {"denoiser": {"loss.level_block": 0}}),
-    "no-adaln": (4, {"denoiser": {"model.use_adaln": False}}),
-    "no-rope": (4, {"denoiser": {"model.use_rope": False}}),
-    "no-adaln-no-rope": (4, {"denoiser": {"model.use_adaln": False, "model.use_rope": False}}),
-    # Table 9: teachers.
-    "teacher-tmr": (9, {"teacher": {"model.kind": "tmr", "model.pool": "token"}, "tokenizer": {}}),
-    "teacher-motion-patches": (9, {"teacher": {"model.kind": "motion_patches", "model.pool": "token"},
-                                   "tokenizer": {}}),
+    "default": ({table.removeprefix("cmdm "): row for table, row in paper_rows.CMDM.items()}, {}),
+    # Table 4, 8 and 9: tokenizers.
+    "vae": ({"4": "VAE w/o MA", "8": "VAE 64, 1/4", "9": "VAE"},
+            {"tokenizer": {"frozen.teacher": "", "model.teacher_dim": 0, "model.causal": False},
+             "denoiser": {"tokenizer.causal": False}}),
+    "c-vae": ({"4": "C-VAE w/o MA", "8": "C-VAE 64, 1/4", "9": "C-VAE"},
+              {"tokenizer": {"frozen.teacher": "", "model.teacher_dim": 0}}),
+    # Table 4: the denoiser. One level for the whole sequence is sampled as it is trained, all frames at once.
+    "one-level": ({"4": "w/ Full-Seq. Diff."}, {"denoiser": {"loss.level_block": 0, "sampler.schedule": "full"}}),
+    "no-adaln": ({"4": "w/o adaLN"}, {"denoiser": {"model.use_adaln": False}}),
+    "no-rope": ({"4": "w/o ROPE"}, {"denoiser": {"model.use_rope": False}}),
+    "no-adaln-no-rope": ({"4": "w/o adaLN + ROPE"},
+                         {"denoiser": {"model.use_adaln": False, "model.use_rope": False}}),
+    # Table 9: teachers, with base configs of their own. Features of frames are what teaches, and no loss of the
+    # published TMR touches its: here their mean is what captions are compared with (facts: cmdm 3.7).
+    "teacher-tmr": ({"9": "TMR"}, {"teacher": {"model.pool": "real"}, "tokenizer": {}}),
+    "teacher-motion-patches": ({"9": "MotionPatches"}, {"teacher": {}, "tokenizer": {}}),
     # Table 10: sizes; M is the default.
-    **{f"size-{size}": (10, {"denoiser": {"model.size": size}}) for size in ("s", "l", "xl")},
+    **{f"size-{size}": ({"10": size.upper()}, {"denoiser": {"model.size": size}}) for size in ("s", "l", "xl")},
     # Table 11: text encoders; words of DistilBERT are the default.
-    "text-clip-words": (11, {"denoiser": {"frozen.text": "openai/clip-vit-base-patch32", "model.text_dim": 512,
-                                          "data.max_words": 77}}),
-    "text-clip-sentence": (11, {"denoiser": {"frozen.text": "openai/clip-vit-base-patch32", "model.text_dim": 512,
-                                             "frozen.text_level": "sentence"}}),
-    "text-sentence-t5": (11, {"denoiser": {"frozen.text": "sentence-transformers/sentence-t5-base",
-                                           "model.text_dim": 768, "frozen.text_level": "sentence"}}),
-    # Facts: cmdm 7, rows 1 and 2: what the network gives, and a level per latent as the paper's text has it.
-    "predict-eps": (None, {"denoiser": {"model.predicts": "eps"}}),
-    "predict-x1": (None, {"denoiser": {"model.predicts": "x1"}}),
-    "block-1": (None, {"denoiser": {"model.block": 1, "loss.level_block": 1}}),
+    "text-clip-words": ({"11": "CLIP words"},
+                        {"denoiser": {"frozen.text": "openai/clip-vit-base-patch32", "model.text_dim": 512,
+                                      "data.max_words": 77}}),
+    "text-clip-sentence": ({"11": "CLIP sentence"},
+                           {"denoiser": {"frozen.text": "openai/clip-vit-base-patch32", "model.text_dim": 512,
+                                         "frozen.text_level": "sentence"}}),
+    "text-sentence-t5": ({"11": "Sentence-T5"},
+                         {"denoiser": {"frozen.text": "sentence-transformers/sentence-t5-base", "model.text_dim": 768,
+                                       "frozen.text_level": "sentence"}}),
+    # In no table (facts: cmdm 7, rows 1 and 2): what the network gives, and a level per latent as the text has it.
+    "predict-eps": ({}, {"denoiser": {"model.predicts": "eps"}}),
+    "predict-x1": ({}, {"denoiser": {"model.predicts": "x1"}}),
+    "block-1": ({}, {"denoiser": {"model.block": 1, "loss.level_block": 1}}),
 }
 # Table 8: latent size and rate; 64 at 1/4 is the default.
 for _latent, _rate in ((32, 4), (16, 4), (64, 8), (32, 8), (16, 8)):
   _halvings = 2 if _rate == 4 else 3
-  ROWS[f"latent-{_latent}-{_rate}"] = (8, {
+  ROWS[f"latent-{_latent}-{_rate}"] = ({"8": f"MAC-VAE {_latent}, 1/{_rate}"}, {
       "tokenizer": {"model.latent_dim": _latent, "model.num_halvings": _halvings},
       "denoiser": {"tokenizer.latent_dim": _latent, "tokenizer.num_halvings": _halvings, "model.latent_dim": _latent}})
 # Table 4: frame-wise sampling with K steps and lag L; K50 L2 is the default. AR is L = K.
-for _steps, _lag in ((50, 1), (50, 5), (50, 10), (20, 1), (20, 5), (20, 10), (50, 50)):
-  ROWS[f"fss-{_steps}-{_lag}" if _lag < _steps else "ar"] = (4, {"denoiser": {"sampler.num_steps": _steps,
-                                                                            "sampler.lag": _lag}})
+for _steps, _lag in ((50, 1), (50, 5), (50, 10), (20, 1), (20, 5), (20, 10)):
+  ROWS[f"fss-{_steps}-{_lag}"] = ({"4": f"FSS K={_steps}, L={_lag}"},
+                                  {"denoiser": {"sampler.num_steps": _steps, "sampler.lag": _lag}})
+ROWS["ar"] = ({"1": "CMDM w/ AR", "4": "w/o FSS", "6": "CMDM w/ AR", "speed": "CMDM w/ AR"},
+              {"denoiser": {"sampler.num_steps": 50, "sampler.lag": 50}})
 BASES = {"teacher": "part_tmr", "tokenizer": "cmdm_tokenizer", "denoiser": "cmdm_denoiser"}
+TEACHERS = {"teacher-tmr": "tmr", "teacher-motion-patches": "motion_patches"}
 
 
 def get_config(name="default"):
+  if name.startswith("paper"):
+    return runpy.run_path(str(pathlib.Path(__file__).with_name("cmdm_paper.py")))["get_config"](name)
   row, stage, size = (name.split("/") + ["denoiser", "full"][name.count("/"):])[:3]
   if row not in ROWS:
     raise ValueError(f"got row {row!r}, expected one of {', '.join(ROWS)}")
   if stage not in BASES:
     raise ValueError(f"got stage {stage!r}, expected one of {', '.join(BASES)}")
-  base = runpy.run_path(str(pathlib.Path(__file__).parents[1] / f"{BASES[stage]}.py"))
-  config = base["get_config"](size).unlock()
-  changes = ROWS[row][1]
+  config = _base(TEACHERS.get(row, BASES[stage]) if stage == "teacher" else BASES[stage], size)
+  printed, changes = ROWS[row]
   # Tiny runs keep untrained frozen parts, which need no other run.
   if size != "tiny":
     home = lambda part: f"runs/ablations/{row if part in changes else 'default'}/{part}"
@@ -81,9 +94,20 @@ def get_config(name="default"):
       config.frozen.teacher = home("teacher")
     elif stage == "denoiser":
       config.frozen.tokenizer = home("tokenizer")
+  elif stage == "tokenizer" and row in TEACHERS:  # so is its teacher, but of the row's kind
+    teacher = _base(TEACHERS[row], size)
+    fields = teacher.model.to_dict()
+    config.teacher = dict(fields, layout=teacher.data.layout)
+    config.model.teacher_dim = fields.get("dim", fields["width"])
   for path, value in changes.get(stage, {}).items():
     _change(config, path, value, size)
-  return config.lock()
+  rows = {f"cmdm {table}": name for table, name in printed.items()}
+  return paper_rows.named(config, rows, exact=size == "full").lock()
+
+
+def _base(name, size):
+  """A base config, unlocked."""
+  return runpy.run_path(str(pathlib.Path(__file__).parents[1] / f"{name}.py"))["get_config"](size).unlock()
 
 
 def _change(config, path, value, size):

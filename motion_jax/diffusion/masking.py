@@ -20,23 +20,33 @@ class Corruption(NamedTuple):
   replaced: jnp.ndarray
 
 
-def choose_masked(time_u, order_u, real_mask):
+MASK_DRAWS = ("count", "latent")
+
+
+def choose_masked(time_u, order_u, real_mask, mask_draw="count"):
   """(B, L) which latents carry loss: a random number of them, cosine-distributed, at random places.
 
   Draws from [0, 1): time_u (B,), order_u (B, L). The number is counted on the padded length and places in the padding
-  are left out, so a short motion keeps the same expected share and may get none.
+  are left out, so a short motion keeps the same expected share and may get none. mask_draw "latent": each latent by
+  itself with that share for its probability, and the number is what comes of it.
   """
-  length = real_mask.shape[1]
-  count = jnp.maximum(1, jnp.round(length * jnp.cos(time_u * math.pi * 0.5)))
+  # Parity: the paper has a binary mask m_t under a cosine schedule; that a number is drawn is the code's.
+  if mask_draw not in MASK_DRAWS:
+    raise ValueError(f"got loss.mask_draw {mask_draw!r}, expected one of {', '.join(MASK_DRAWS)}")
+  length, share = real_mask.shape[1], jnp.cos(time_u * math.pi * 0.5)
+  if mask_draw == "latent":
+    return (order_u < share[:, None]) & real_mask
+  count = jnp.maximum(1, jnp.round(length * share))
   places = jnp.argsort(order_u, axis=-1)  # a random permutation; its own ranks would do as well
   return (places < count[:, None]) & real_mask
 
 
-def corruption(time_u, order_u, noise_u, keep_u, real_mask, noise_rate=0.1, mask_rate=0.88) -> Corruption:
+def corruption(time_u, order_u, noise_u, keep_u, real_mask, noise_rate=0.1, mask_rate=0.88,
+               mask_draw="count") -> Corruption:
   """Of the latents that carry loss a share noise_rate gets noise, of the rest a share mask_rate the mask latent, and
   what is left stays as it is. noise_u, keep_u (B, L): draws from [0, 1)."""
   # Parity: the paper says 10 % and 88 %; one after the other as in the code they are 10, 79.2 and 10.8 % kept.
-  masked = choose_masked(time_u, order_u, real_mask)
+  masked = choose_masked(time_u, order_u, real_mask, mask_draw)
   noised = masked & (noise_u < noise_rate)
   return Corruption(masked, noised, masked & ~noised & (keep_u < mask_rate))
 

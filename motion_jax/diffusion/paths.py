@@ -5,6 +5,8 @@ x_t = t x1 + (1 - t) eps, velocity v = x1 - eps (facts: cmdm 4.4). Times t (B, L
 import jax
 import jax.numpy as jnp
 
+from motion_jax import shapes
+
 
 def add_noise(x1, noise, t):
   t = t[..., None]
@@ -51,6 +53,7 @@ def forcing_loss(velocity, x1, latent_mask, t, noise, target="velocity"):
   summed over real latents, averaged over channels; weight is the number of real latents.
   """
   # Parity: the paper's equations learn the noise of a DDPM schedule; the code, and we, the velocity of this path.
+  shapes.check(x1=(x1, "BLC"), noise=(noise, "BLC"), latent_mask=(latent_mask, "BL"), t=(t, "BL"))
   x = add_noise(x1, noise, t)
   asked = TARGETS[target]
   difference = asked(x, velocity(x, t), t) - asked(x, x1 - noise, t)

@@ -26,6 +26,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from motion_jax.diffusion import ddpm_forcing
 from motion_jax.diffusion.guidance import combine
 from motion_jax.diffusion.samplers import SOLVERS
 from motion_jax.diffusion.schedules import time_of_level
@@ -64,8 +65,8 @@ def make_plan(num_steps, lag, block, context, num_blocks=None, guided=True, solv
                      "autoregressive)")
   if block < 1 or context < block or context % block:
     raise ValueError(f"got a context of {context} latents, expected whole blocks of {block}")
-  if solver not in SOLVERS:
-    raise ValueError(f"got solver {solver!r}, expected one of {', '.join(SOLVERS)}")
+  if solver not in (*SOLVERS, *ddpm_forcing.SOLVERS):
+    raise ValueError(f"got solver {solver!r}, expected one of {', '.join((*SOLVERS, *ddpm_forcing.SOLVERS))}")
   plan = Plan(num_steps, lag, block, context, -(-num_steps // lag) + 1, guided, solver, captions)
   return plan.fitted(num_blocks) if num_blocks else plan
 
@@ -79,12 +80,17 @@ class Stream(NamedTuple):
 
 
 class Constants(NamedTuple):
-  """What the time alone decides: times (num_steps + 1,) and modulation (depth, num_steps + 1, 6, D)."""
+  """What the time alone decides: times (num_steps + 1,) and modulation (depth, num_steps + 1, 6, D); of a DDPM also
+  how to go from each to the next."""
   times: jax.Array
   modulation: jax.Array
+  steps: ddpm_forcing.Steps | None = None
 
 
 def make_constants(dit, params, plan) -> Constants:
+  if plan.solver in ddpm_forcing.SOLVERS:
+    steps = ddpm_forcing.make_steps(plan.num_steps, plan.solver)
+    return Constants(steps.times, dit.apply(params, steps.times, method="modulation"), steps)
   times = jnp.asarray(time_of_level(range(plan.num_steps + 1), plan.num_steps))
   return Constants(times, dit.apply(params, times, method="modulation"))
 
@@ -102,6 +108,17 @@ def block_noise(keys, index, plan, channels):
   """Noise (B, block, C) of block `index`: a function of each motion's key and the block's place in it, nothing else."""
   draw = lambda key: jax.random.normal(jax.random.fold_in(key, index), (plan.block, channels))
   return jax.vmap(draw)(keys)
+
+
+def fresh_noise(keys, blocks, levels, plan, channels):
+  """Noise (B, W * block, C) that a DDPM's step adds to each of W blocks: of each motion's key, the block's index (W,)
+  and the step (W,) that it takes, and of nothing else."""
+  def draw(key, index, level):
+    key = jax.random.fold_in(key, 2**31 - 1)  # no block has this index, so its first noise is another
+    return jax.random.normal(jax.random.fold_in(jax.random.fold_in(key, index), level), (plan.block, channels))
+
+  noise = jax.vmap(lambda key: jax.vmap(lambda index, level: draw(key, index, level))(blocks, levels))(keys)
+  return noise.reshape(len(keys), -1, channels)
 
 
 def init_stream(dit, plan, keys) -> Stream:
@@ -173,6 +190,13 @@ def advance(dit, plan, active, use_cache, params, constants, text, scale, keys, 
     now = jnp.clip(level + i, 0, plan.num_steps)
     then = jnp.clip(level + i + 1, 0, plan.num_steps)
     velocity, new = velocity_at(latents, now)
+    if constants.steps is not None:  # the network says noise
+      fresh = 0.0
+      if plan.solver == "ancestral":
+        fresh = fresh_noise(keys, blocks, now, plan, dit.latent_dim).astype(latents.dtype)
+      spread = lambda a: jnp.repeat(a, size)
+      moved = ddpm_forcing.step(constants.steps, latents, velocity, spread(now), spread(then), fresh)
+      return moved, jax.tree.map(lambda a: a[:, :size], new)
     step = jnp.repeat(constants.times[then] - constants.times[now], size)[:, None]
     if plan.solver == "heun":
       velocity = (velocity + velocity_at(latents + step * velocity, then)[0]) / 2

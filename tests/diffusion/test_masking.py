@@ -17,7 +17,9 @@ def run_corruption(fixture, dtype):
   made = masking.corruption(draws["time_u"], draws["order_u"], draws["noise_u"], draws["keep_u"], real)
   x = masking.corrupt(latents, made, draws["noise"], jnp.asarray(fixture.params["mask_latent"], dtype), real)
   clean = np.where(np.asarray(real)[..., None], latents, 0)
-  rows = np.concatenate([clean[np.asarray(made.masked)]] * 4)  # copy-major, as the batch is repeated
+  masked = clean[np.asarray(made.masked)]
+  copies = len(fixture["out/target_rows"]) // len(masked)
+  rows = np.concatenate([masked] * copies)  # copy-major, as the batch is repeated
   return made._asdict() | {"input": x, "target_rows": rows}
 
 

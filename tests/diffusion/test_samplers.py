@@ -46,6 +46,12 @@ def test_order_on_a_growing_flow(solver, order):
     assert abs(ratio - 2 ** order) < 0.1 * 2 ** order
 
 
+def test_euler_goes_by_where_a_step_begins():
+  """x' = t in two steps: 0.5 * 0 + 0.5 * 0.5, where the ends of the steps would give 0.75 at the same order."""
+  x = euler(lambda x, t: jnp.broadcast_to(t[:, None], x.shape), jnp.zeros((1, 1, 1)), jnp.array([[0.0], [0.5], [1.0]]))
+  np.testing.assert_allclose(x, 0.25, rtol=1e-6)
+
+
 def test_a_waiting_latent_does_not_move():
   times = jnp.asarray(staircase(4, 3, 4))
   x = euler(lambda x, t: jnp.ones_like(x), jnp.zeros((1, 3, 2)), times[:5])

@@ -1,0 +1,74 @@
+"""CMDM as its paper writes it, where the released code does otherwise: a row for each difference, and one for all.
+
+  python launch.py --config configs/ablations/cmdm_paper.py:paper-ddpm --workdir runs/ablations/paper-ddpm/denoiser ...
+  python launch.py --config configs/ablations/cmdm_paper.py:paper-distances/tokenizer ...
+  ... --config configs/ablations/cmdm_paper.py:paper-ddpm/denoiser/small     sizes: full, small and mini, tiny
+
+ROW[/STAGE[/SIZE]] as in configs/ablations/cmdm.py, which knows these rows, too; a stage that a row does not change is
+that of its row "default". Which sentence of the paper each row follows, and where we had to choose a reading:
+docs/papers/paper-and-code.md. None of these rows was printed: the paper's numbers are those of the released code.
+"""
+import pathlib
+import runpy
+
+from motion_jax import paper_rows
+
+FRAMES = {"model.block": 1, "loss.level_block": 1}
+DDPM = {"model.predicts": "ddpm", "model.time_scale": 1000.0, "sampler.solver": "ancestral"}
+RECONSTRUCTION = {"loss.reconstruction": "smooth_l1", "loss.root_weight": 0.0}
+KL = {"loss.kl_weight": 1.0, "loss.kl_ramp": 0}
+WEIGHT = {"loss.align": 1.0, "loss.align_fall": 0.0, "loss.last_layer": "linear"}
+DISTANCES = {"loss.distance_pairs": "set"}
+MEANS = {"loss.mean_latents": True}
+# 50 epochs of 23,384 clips: 80,000 batches of 128 windows, 9,500 of 128 clips.
+OPTIMIZER = {"optimizer.learning_rate": 1e-4, "optimizer.schedule": "cosine", "optimizer.warmup_steps": 0,
+             "optimizer.clip_norm": 1.0, "data.batch_size": 128}
+OPTIMIZERS = {"tokenizer": OPTIMIZER | {"train.num_steps": 80_000},
+              "denoiser": OPTIMIZER | {"optimizer.skip_loss": 0.0, "train.num_steps": 9_500}}
+TEACHER = {"model.pool": "real"}
+
+ROWS = {  # row -> {stage: {field: value}}
+    "paper": {"teacher": TEACHER,
+              "tokenizer": RECONSTRUCTION | KL | WEIGHT | DISTANCES | OPTIMIZERS["tokenizer"],
+              "denoiser": FRAMES | DDPM | MEANS | OPTIMIZERS["denoiser"]},
+    # the denoiser
+    "paper-frames": {"denoiser": FRAMES},
+    "paper-ddpm": {"denoiser": DDPM},
+    "paper-mean-latents": {"denoiser": MEANS},
+    "paper-ar": {"denoiser": FRAMES | {"sampler.lag": 50}},
+    # the tokenizer
+    "paper-reconstruction": {"tokenizer": RECONSTRUCTION},
+    "paper-kl": {"tokenizer": KL},
+    "paper-weight": {"tokenizer": WEIGHT},
+    "paper-distances": {"tokenizer": DISTANCES},
+    "paper-teacher": {"teacher": TEACHER, "tokenizer": {}},
+    # both
+    "paper-optimizer": OPTIMIZERS,
+}
+BASES = {"teacher": "part_tmr", "tokenizer": "cmdm_tokenizer", "denoiser": "cmdm_denoiser"}
+SIZES = ("full", "small", "mini", "tiny")
+# Numbers of the full size alone: smaller ones train at a rate, in batches and for as long as suits them.
+OF_FULL = ("optimizer.learning_rate", "optimizer.warmup_steps", "data.batch_size", "train.num_steps")
+
+
+def get_config(name="paper"):
+  row, stage, size = (name.split("/") + ["denoiser", "full"][name.count("/"):])[:3]
+  for what, given, known in (("row", row, ROWS), ("stage", stage, BASES), ("size", size, SIZES)):
+    if given not in known:
+      raise ValueError(f"got {what} {given!r}, expected one of {', '.join(known)}")
+  base = runpy.run_path(str(pathlib.Path(__file__).parents[1] / f"{BASES[stage]}.py"))
+  config = base["get_config"](size).unlock()
+  changes = ROWS[row]
+  if size != "tiny":  # tiny runs keep untrained frozen parts, which need no other run
+    home = lambda part: f"runs/ablations/{row if part in changes else 'default'}/{part}"
+    if stage == "tokenizer":
+      config.frozen.teacher = home("teacher")
+    elif stage == "denoiser":
+      config.frozen.tokenizer = home("tokenizer")
+  for path, value in changes.get(stage, {}).items():
+    if size == "full" or path not in OF_FULL:
+      section, field = path.split(".")
+      config[section][field] = value
+  if "paper_row" in config:
+    paper_rows.named(config, {})
+  return config.lock()

@@ -1,0 +1,289 @@
+"""Where the papers say other than their code: each option is its formula, in numbers."""
+import runpy
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from ml_collections import ConfigDict
+
+import motion_jax as mj
+from motion_jax import cdamd, cmdm, training
+from motion_jax.data.synthetic import synthetic_clips
+from motion_jax.diffusion import masking
+from motion_jax.nets.causal_vae import CausalVAE, sample_latent
+from motion_jax.quant import rvq
+from motion_jax.stage import DEVICES
+from motion_jax.train import read_metrics
+from tests.conftest import ROOT, load_config
+
+RNG = np.random.default_rng(0)
+
+
+def test_smooth_l1_is_summed_over_a_window():
+  y, x = RNG.normal(size=(2, 3, 8, 5)).astype(np.float32) * 2
+  distance = np.abs(y - x)
+  expected = np.where(distance < 1, distance ** 2 / 2, distance - 0.5).sum((1, 2)).mean()
+  np.testing.assert_allclose(cmdm.smooth_l1(jnp.asarray(y), jnp.asarray(x)), expected, rtol=1e-6)
+
+
+def _cosine(a, b):
+  return a @ b / np.linalg.norm(a) / np.linalg.norm(b)
+
+
+def test_distances_over_the_whole_set():
+  """Equation 6 as it is written: latents of all windows as they are, N^2 pairs."""
+  z, teacher = RNG.normal(size=(2, 3, 4)).astype(np.float32), RNG.normal(size=(2, 3, 6)).astype(np.float32)
+  rows, guides = z.reshape(6, 4), teacher.reshape(6, 6)
+  pairs = [max(abs(_cosine(rows[i], rows[j]) - _cosine(guides[i], guides[j])) - 0.25, 0)
+           for i in range(6) for j in range(6)]
+  np.testing.assert_allclose(cmdm.set_distances(jnp.asarray(z), jnp.asarray(teacher)), sum(pairs) / 36, rtol=1e-5)
+  inside = [pairs[6 * i + j] for i in range(6) for j in range(6) if i // 3 == j // 3]
+  assert abs(sum(inside) / 18 - sum(pairs) / 36) > 1e-3  # not what a window alone gives
+
+
+@pytest.fixture(scope="module")
+def tokenizer():
+  vae = CausalVAE(features=7, latent_dim=3, width=8, dilations=(1,), teacher_dim=5)
+  x, noise, teacher = (jnp.asarray(RNG.normal(size=size), jnp.float32) for size in ((2, 8, 7), (2, 2, 3), (2, 2, 5)))
+  return vae, jax.jit(vae.init)(jax.random.key(0), x, noise), x, noise, teacher
+
+
+def test_the_tokenizers_loss_is_put_together_as_the_config_says(tokenizer):
+  """lambda at the linear layer: norms of what reaches the matrix that gives mean and log-variance."""
+  vae, params, x, noise, teacher = tokenizer
+  paper = dict(reconstruction="smooth_l1", distance_pairs="set", last_layer="linear")
+  terms = jax.jit(lambda params: cmdm.tokenizer_terms(vae, params, x, noise, 1.0, 0.0, teacher=teacher,
+                                                      align_weight=1.0, **paper))(params)
+  y, mean, logvar = vae.apply(params, x, noise)
+  z = sample_latent(mean, logvar, noise)
+  rec, mdms = cmdm.smooth_l1(y, x), cmdm.set_distances(z, teacher)
+  mcos = cmdm.align_terms(vae.apply(params, z, method="project"), teacher)[0]
+  for name, value in dict(rec=rec, mdms=mdms, mcos=mcos, align=mcos + mdms).items():
+    np.testing.assert_allclose(terms[name], value, rtol=1e-5)
+
+  def at_the_layer(which):
+    def of(kernel):
+      encoder = params["params"]["encoder"]
+      head = {**encoder["head"], "kernel": kernel}
+      changed = {"params": {**params["params"], "encoder": {**encoder, "head": head}}}
+      y, mean, logvar = vae.apply(changed, x, noise)
+      z = sample_latent(mean, logvar, noise)
+      if which == "rec":
+        return cmdm.smooth_l1(y, x)
+      return sum(cmdm.align_loss(vae, changed, z, teacher, "set"))
+
+    return np.linalg.norm(jax.jit(jax.grad(of))(params["params"]["encoder"]["head"]["kernel"]))
+
+  ratio = at_the_layer("rec") / at_the_layer("align")
+  np.testing.assert_allclose(terms["align_weight"], ratio, rtol=1e-4)
+  total = terms["rec"] + terms["kl"] + ratio * terms["align"]
+  np.testing.assert_allclose(terms["loss"], total, rtol=1e-5)
+  with pytest.raises(ValueError, match="'sets', expected one of window, set"):
+    cmdm.align_loss(vae, params, z, teacher, "sets")
+
+
+def test_the_factor_of_the_alignment_may_stay():
+  config = lambda fall: ConfigDict(dict(align=0.5, kl_ramp=0, align_fall=fall))
+  factor = lambda fall, step: float(cmdm.align_factor(step, config(fall), 100))
+  assert [factor(0.0, step) for step in (0, 50, 100)] == [0.5, 0.5, 0.5]
+  assert factor(0.5, 100) == pytest.approx(0.25) and factor(0.9, 50) == pytest.approx(0.275)
+
+
+def _denoiser(**changes):
+  config = load_config("cmdm_denoiser", "tiny").unlock()
+  for path, value in changes.items():
+    section, field = path.split("__")
+    config[section][field] = value
+  stage = cmdm.denoiser_stage(config)
+  batch = {"features": jnp.asarray(RNG.normal(size=(2, 24, 263)), jnp.float32), "num_frames": jnp.array([24, 16]),
+           "text_emb": jnp.zeros((2, 3, 32)), "text_mask": jnp.ones((2, 3), bool), "index": jnp.arange(2)}
+  return config, stage, batch
+
+
+def test_latents_of_training_may_be_means():
+  config, stage, batch = _denoiser(loss__mean_latents=True)
+  vae = CausalVAE(**config.tokenizer)
+  frozen = {"tokenizer": jax.jit(vae.init)(jax.random.key(1), batch["features"][:1], jnp.zeros((1, 6, 4))),
+            "latent_mean": jnp.full(4, 0.5), "latent_std": jnp.full(4, 2.0)}
+  params, rng = stage.init(batch, jax.random.key(2)), jax.random.key(3)
+  target = jax.jit(stage.predict)(params, frozen, batch, rng)["target"]
+  noise_rng = jax.random.split(rng, 4)[2]
+  noise = jnp.stack([jax.random.normal(jax.random.fold_in(noise_rng, i), (6, 4)) for i in range(2)])
+  mean, _ = vae.apply(frozen["tokenizer"], batch["features"], method="encode")
+  np.testing.assert_allclose((target + noise)[0], (mean[0] - 0.5) / 2, atol=1e-5)
+  _, sampled, _ = _denoiser()
+  drawn = jax.jit(sampled.predict)(params, frozen, batch, rng)["target"]
+  assert np.abs(drawn - target)[0].max() > 1e-3
+
+
+def test_the_denoiser_learns_noise_at_levels_of_its_own():
+  """A network that says 0, as a fresh one does, is off by the noise itself: 1 on average, at any level."""
+  config, stage, batch = _denoiser(model__predicts="ddpm", model__time_scale=1000.0, model__block=1,
+                                   loss__level_block=1)
+  vae = CausalVAE(**config.tokenizer)
+  frozen = {"tokenizer": jax.jit(vae.init)(jax.random.key(1), batch["features"][:1], jnp.zeros((1, 6, 4))),
+            "latent_mean": jnp.zeros(4), "latent_std": jnp.ones(4)}
+  params, rng = stage.init(batch, jax.random.key(2)), jax.random.key(3)
+  sums, weight = jax.jit(stage.loss)(params, frozen, batch, 0, rng)
+  noise_rng = jax.random.split(rng, 4)[2]
+  noise = jnp.stack([jax.random.normal(jax.random.fold_in(noise_rng, i), (6, 4)) for i in range(2)])
+  expected = (noise[0] ** 2).mean(-1).sum() + (noise[1, :4] ** 2).mean(-1).sum()
+  assert weight == 10
+  np.testing.assert_allclose(sums["loss"], expected, rtol=1e-5)
+  made = jax.jit(stage.predict)(params, frozen, batch, rng)
+  np.testing.assert_allclose(made["target"], noise, atol=1e-6)
+
+
+# --- CDAMD ---------------------------------------------------------------------------------------------------------
+
+
+def test_each_latent_may_be_masked_by_itself():
+  """With the probability that the schedule gives the motion, whatever its neighbours and its length."""
+  rng = np.random.default_rng(0)
+  time_u, order_u = rng.random(4000).astype(np.float32), rng.random((4000, 8)).astype(np.float32)
+  real = np.arange(8) < np.where(np.arange(4000) % 2, 8, 3)[:, None]
+  masked = np.asarray(masking.choose_masked(time_u, order_u, real, "latent"))
+  np.testing.assert_array_equal(masked, (order_u < np.cos(time_u * np.pi / 2)[:, None]) & real)
+  share = masked[real].mean()
+  assert abs(share - 2 / np.pi) < 0.02
+  late = (time_u > 0.6) & (time_u < 0.7)  # a binomial number of a share of about 0.52, not one number for all
+  counts = masked[late & real.all(1)].sum(1)
+  assert len(set(counts.tolist())) > 5
+  assert not (np.asarray(masking.choose_masked(time_u, order_u, real)) == masked).all()
+  with pytest.raises(ValueError, match="'each', expected one of count, latent"):
+    masking.choose_masked(time_u, order_u, real, "each")
+
+
+def test_codes_may_learn_by_equation_10():
+  codes = RNG.normal(size=(2, 4, 3)).astype(np.float32)
+  x = RNG.normal(size=(2, 5, 3)).astype(np.float32)
+  rows, residual, total, losses, picked = x.reshape(-1, 3), x.reshape(-1, 3), 0, [], []
+  for book in codes:
+    chosen = ((residual[:, None] - book) ** 2).sum(-1).argmin(1)
+    losses.append(((residual - book[chosen]) ** 2).mean())
+    picked.append((residual, chosen))
+    residual, total = residual - book[chosen], total + book[chosen]
+  made, codebook = rvq.learn(jnp.asarray(codes), jnp.asarray(x), 2)
+  np.testing.assert_allclose(made.quantized.reshape(-1, 3), total, atol=1e-6)
+  np.testing.assert_array_equal(made.indices.reshape(-1, 2).T, [chosen for _, chosen in picked])
+  np.testing.assert_allclose([made.commitment, codebook], np.mean(losses), rtol=1e-5)
+  # To codes: their way to the mean of what chose them; to latents: once straight through, and the commitment.
+  grad = jax.grad(lambda codes: rvq.learn(codes, jnp.asarray(x), 2)[1])(jnp.asarray(codes))
+  expected = np.zeros_like(codes)
+  for level, (left, chosen) in enumerate(picked):
+    np.add.at(expected[level], chosen, 2 * (codes[level][chosen] - left) / rows.size / 2)
+  np.testing.assert_allclose(grad, expected, atol=1e-6)
+  through = jax.grad(lambda x: (3 * rvq.learn(jnp.asarray(codes), x, 2)[0].quantized).sum())(jnp.asarray(x))
+  np.testing.assert_allclose(through, 3.0)
+  one, _ = rvq.learn(jnp.asarray(codes), jnp.asarray(x), 1)
+  assert (one.indices[..., 1] == -1).all()
+  np.testing.assert_allclose(one.commitment, losses[0], rtol=1e-5)
+
+
+def test_codes_begin_at_the_first_rows():
+  x = RNG.normal(size=(2, 4, 3)).astype(np.float32)
+  codes = rvq.first_codes(jnp.asarray(x), 2, 5, jax.random.key(0))
+  rows = x.reshape(-1, 3)
+  np.testing.assert_array_equal(codes[0], rows[:5])
+  np.testing.assert_allclose(codes[1][:5], 0, atol=1e-6)  # which name themselves, and leave nothing over
+
+
+def test_an_rvq_that_learns_by_gradient_trains_its_codes():
+  config = load_config("cdamd_rvq", "tiny").unlock()
+  config.quantizer.learn = "gradient"
+  stage = cdamd.rvq_stage(config, axis_name=None)
+  batch = {"features": jnp.asarray(RNG.normal(size=(2, 16, 66)), jnp.float32), "index": jnp.arange(2)}
+  params = jax.jit(stage.init)(batch, jax.random.key(0))
+  assert stage.init_extra is None and params["codebooks"]["codes"].shape == (4, 8, 4)
+  grads = jax.jit(jax.grad(lambda params: stage.loss(params, {}, batch, 0, jax.random.key(1))[0]["loss"]))(params)
+  assert np.abs(grads["codebooks"]["codes"]).max() > 0 and not np.any(grads["codebooks"]["counts"])
+  assert stage.predict(params, {}, batch, None)["features"].shape == (2, 16, 66)
+
+
+# --- configs -------------------------------------------------------------------------------------------------------
+
+PAGE = ROOT / "docs" / "papers" / "paper-and-code.md"
+PAPERS = {name: runpy.run_path(str(ROOT / "configs" / "ablations" / f"{name}_paper.py")) for name in ("cmdm", "cdamd")}
+LAST = {"cmdm": "denoiser", "cdamd": "generator"}  # the stages that make motion
+ROWS = [(paper, row, stage) for paper, config in PAPERS.items() for row, stages in config["ROWS"].items()
+        for stage, changes in stages.items() if changes]
+
+
+def _name(case):
+  return "-".join(case)
+
+
+def _config(paper, row, stage, size="tiny"):
+  """As launch.py finds it, by the file of the paper's tables."""
+  path = ROOT / "configs" / "ablations" / f"{paper}.py"
+  return runpy.run_path(str(path))["get_config"](f"{row}/{stage}/{size}")
+
+
+def _made(paper, folder):
+  """Motions of a run that makes them."""
+  model = mj.load(folder)
+  if paper == "cmdm":
+    return [model.generate("a person walks", num_frames=24, seeds=[1], num_steps=4, lag=2)[0].joints]
+  clip = synthetic_clips(0, 1, num_frames=60)[0]
+  return [model.edit(clip, "a person waves", "prefix", seed=1, rounds=2, num_steps=2).joints]
+
+
+@pytest.mark.parametrize("case", [case for case in ROWS if case[1] == "paper" and case[2] != "teacher"], ids=_name)
+def test_the_papers_own_side_trains_and_makes_motion(case, tmp_path, unjudged):
+  """All differences at once; the frozen parts are untrained."""
+  paper, row, stage = case
+  assert int(training.run(_config(*case), tmp_path).step) == 2
+  assert np.isfinite([line["loss"] for line in read_metrics(tmp_path) if "loss" in line]).all()
+  if stage == LAST[paper]:
+    assert all(np.isfinite(joints).all() for joints in _made(paper, tmp_path))
+
+
+@pytest.mark.parametrize("case", [case for case in ROWS if case[1] != "paper"], ids=_name)
+def test_each_difference_is_in_its_config_and_has_a_gradient(case):
+  """Traced, not compiled, which is what takes time."""
+  paper, row, stage = case
+  config, changes = _config(*case), PAPERS[paper]["ROWS"][row][stage]
+  for path, value in changes.items():
+    section, field = path.split(".")
+    if path not in PAPERS[paper].get("OF_FULL", ()) and section != "transformer":
+      assert config[section][field] == value, path
+  if all(path.startswith(("sampler.", "optimizer.")) or path in PAPERS[paper].get("OF_FULL", ()) for path in changes):
+    return  # learns as the default
+  recipe = training.RECIPES[config.stage](config)
+  batch, key = recipe.next_batch(0), jax.random.key(0)
+  params = jax.eval_shape(recipe.stage.init, batch, key)
+  extra = [] if recipe.stage.init_extra is None else [jax.eval_shape(recipe.stage.init_extra, batch, key)]
+  loss = lambda params: recipe.stage.loss(params, recipe.frozen, batch, 0, key, *extra)[0]["loss"]
+  grads = jax.eval_shape(jax.vmap(jax.grad(loss), None, axis_size=1, axis_name=DEVICES), params)
+  assert jax.tree.map(lambda a: a.shape[1:], grads) == jax.tree.map(jnp.shape, params)
+
+
+@pytest.mark.parametrize("case", ROWS, ids=_name)
+def test_configs_of_all_sizes_are_whole(case):
+  for size in ("full", "small", "mini"):
+    config = _config(*case, size)
+    assert config.is_locked and config.stage == f"{case[0]}.{case[2]}"
+  with pytest.raises(ValueError, match="expected one of"):
+    _config(case[0], "paper-nothing", case[2])
+
+
+def test_what_a_config_gives_it_gives_by_its_papers_numbers():
+  full = lambda stage: PAPERS["cmdm"]["get_config"](f"paper/{stage}")
+  tokenizer, denoiser = full("tokenizer"), full("denoiser")
+  for config in (tokenizer, denoiser):
+    assert config.optimizer.learning_rate == 1e-4 and config.optimizer.schedule == "cosine"
+    assert config.optimizer.clip_norm == 1.0 and config.data.batch_size == 128
+  assert tokenizer.loss.kl_weight == 1.0 and tokenizer.data.batch_size % tokenizer.loss.micro_batch == 0
+  assert denoiser.model.predicts == "ddpm" and denoiser.model.block == denoiser.loss.level_block == 1
+  assert denoiser.frozen.tokenizer == "runs/ablations/paper/tokenizer"
+  generator = PAPERS["cdamd"]["get_config"]("paper")
+  assert 0.9 * generator.loss.mask_rate == pytest.approx(0.88) and generator.model.transformer.depth == 8
+
+
+def test_the_page_names_every_config():
+  page = PAGE.read_text(encoding="utf-8")
+  for paper, config in PAPERS.items():
+    part = page.split("## CMDM")[1].split("## CDAMD")[paper == "cdamd"]
+    missing = [row for row in config["ROWS"] if f"`{row}`" not in part]
+    assert not missing, missing

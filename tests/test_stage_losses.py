@@ -1,0 +1,175 @@
+"""What a training step draws and weighs: dropped captions, times of blocks, ramps. Values, not only that it runs."""
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from motion_jax import cdamd, cmdm
+from tests.conftest import load_config
+
+BATCH, FRAMES, WORDS = 64, 24, 3
+
+
+def batch_of(features, text_dim=5):
+  rng = np.random.default_rng(0)
+  normal = lambda *shape: jnp.asarray(rng.normal(size=shape), jnp.float32)
+  return {"features": normal(BATCH, FRAMES, features), "num_frames": jnp.full(BATCH, FRAMES),
+          "text_emb": normal(BATCH, WORDS, text_dim), "text_mask": jnp.ones((BATCH, WORDS), bool),
+          "index": jnp.arange(BATCH)}
+
+
+def tiny(name, **loss):
+  config = load_config(name, "tiny").unlock()
+  config.loss.update(loss)
+  return config
+
+
+def text_of_the_denoiser(monkeypatch, rate):
+  """words(rng) -> text_emb that the denoiser's loss shows its network, whose place this function takes."""
+  config = tiny("cmdm_denoiser", drop_rate=rate)
+  stage, batch = cmdm.denoiser_stage(config), batch_of(config.tokenizer.features)
+  seen = []
+
+  def apply(self, params, x, t, text_emb, attn_mask, text_mask):
+    seen.append(text_emb)
+    return jnp.zeros_like(x)
+
+  monkeypatch.setattr(cmdm.CausalDiT, "apply", apply)
+  monkeypatch.setattr(cmdm, "encode_latents", lambda vae, frozen, x, keys: x[:, ::4, :config.model.latent_dim])
+
+  return jax.jit(lambda rng: (stage.loss({}, {}, batch, 0, rng), seen[-1])[1]), np.asarray(batch["text_emb"])
+
+
+def text_of_the_generator(monkeypatch, rate):
+  config = tiny("cdamd_generator", drop_rate=rate, prior_levels=0, copies=1)
+  stage, batch = cdamd.generator_stage(config), batch_of(config.tokenizer.features)
+  batch["text_emb"] = batch["text_emb"][:, :1]  # a caption in one vector, which is all the condition that there is here
+  seen = []
+
+  def apply(self, params, x=None, text=None, *rest, method=None, **_):
+    if method == "hidden":
+      return jnp.zeros((1, 1, config.model.transformer.latent_dim))
+    if method == "condition":
+      return jnp.broadcast_to(text, (*x.shape[:2], text.shape[-1]))
+    seen.append(rest[0][0, :, :1])  # x, t, condition (copies, B, L, E)
+    return jnp.zeros_like(x)
+
+  monkeypatch.setattr(cdamd.Generator, "apply", apply)
+  monkeypatch.setattr(cdamd, "latents_of", lambda net, frozen, x, mask: x[:, ::4, :4])
+
+  return jax.jit(lambda rng: (stage.loss({}, {}, batch, 0, rng), seen[-1])[1]), np.asarray(batch["text_emb"])
+
+
+@pytest.mark.parametrize("words_of", [text_of_the_denoiser, text_of_the_generator])
+def test_captions_are_dropped_as_often_as_the_config_says(words_of, monkeypatch):
+  """A dropped caption is zeros, another as it came; who loses it is another draw for every item and every step."""
+  words, given = words_of(monkeypatch, 0.25)
+  drawn = []
+  for step in range(12):
+    shown = np.asarray(words(jax.random.key(step)))
+    drawn.append((shown == 0).all((1, 2)))
+    np.testing.assert_array_equal(shown, np.where(drawn[-1][:, None, None], 0, given))
+  share, deviation = np.mean(drawn), np.sqrt(0.25 * 0.75 / np.size(drawn))
+  assert abs(share - 0.25) < 4 * deviation
+  # Neither a whole batch at once nor the same ones every time.
+  assert np.ptp(np.mean(drawn, 1)) < 0.4 and np.mean(drawn, 0).max() < 1 and np.any(drawn, 0).mean() > 0.8
+  for rate in (0.0, 1.0):
+    words, given = words_of(monkeypatch, rate)
+    np.testing.assert_array_equal(words(jax.random.key(0)), (1 - rate) * given)
+
+
+def test_padding_is_no_key_of_the_denoiser(monkeypatch):
+  """The mask that the loss shows its network: block-causal, less the latents behind a motion's end."""
+  config = tiny("cmdm_denoiser")
+  stage, batch = cmdm.denoiser_stage(config), batch_of(config.tokenizer.features)
+  batch["num_frames"] = jnp.asarray([24, 16, 8, 12] * (BATCH // 4))
+  seen = []
+  monkeypatch.setattr(cmdm.CausalDiT, "apply", lambda self, params, x, t, text, mask, words: seen.append(mask) or x)
+  monkeypatch.setattr(cmdm, "encode_latents", lambda vae, frozen, x, keys: x[:, ::4, :4])
+  stage.loss({}, {}, batch, 0, jax.random.key(0))
+  place = np.arange(6)
+  causal = place[None] // 3 <= place[:, None] // 3
+  assert seen[-1].shape == (BATCH, 1, 6, 6)  # a mask that all shared would hide no clip's padding
+  for mask, frames in zip(np.asarray(seen[-1])[:4, 0], (24, 16, 8, 12)):
+    np.testing.assert_array_equal(mask, causal & (place < frames // 4))
+
+
+def test_latents_are_scaled_by_the_runs_own_statistics(monkeypatch):
+  """A draw of the encoder, less latent_mean, over latent_std: (2 - 0.5) / 0.25 where the variance is e^-30."""
+  gaussian = jnp.full((2, 3, 4), 2.0), jnp.full((2, 3, 4), -30.0)
+  monkeypatch.setattr(cmdm.CausalVAE, "apply", lambda *_, method: gaussian)
+  frozen = {"tokenizer": {}, "latent_mean": jnp.full(4, 0.5), "latent_std": jnp.full(4, 0.25)}
+  made = cmdm.encode_latents(cmdm.CausalVAE(), frozen, None, jax.random.split(jax.random.key(0), 2))
+  np.testing.assert_allclose(made, 6.0, atol=1e-3)
+
+
+@pytest.mark.parametrize("rate", [0.0, 0.7, 1.0])
+def test_the_prior_is_dropped_as_often_as_the_config_says(rate, monkeypatch):
+  config = tiny("cdamd_generator", prior_levels=1, prior_drop="item", prior_drop_rate=rate, copies=1)
+  stage, batch, seen = cdamd.generator_stage(config), batch_of(config.tokenizer.features), []
+
+  def apply(self, params, x=None, text=None, mask=None, codes=None, prior_mask=None, *rest, method=None, **_):
+    if method == "hidden":
+      return jnp.zeros((1, 1, 4))
+    if method == "condition":
+      return jnp.zeros((*x.shape[:2], 1)) + prior_mask
+    seen.append(mask[0, :, 0, 0])  # x, t, condition (copies, B, L, E): whether an item kept its codes
+    return jnp.zeros_like(x)
+
+  monkeypatch.setattr(cdamd.Generator, "apply", apply)
+  monkeypatch.setattr(cdamd, "latents_of", lambda net, frozen, x, mask: x[:, ::4, :4])
+  monkeypatch.setattr(cdamd, "prior_codes", lambda *_: jnp.zeros((BATCH, 6), int))
+  keep = jax.jit(lambda rng: (stage.loss({}, {}, batch, 0, rng), seen[-1])[1])
+  share = np.mean([np.asarray(keep(jax.random.key(step))) for step in range(8)])
+  assert abs(share - (1 - rate)) <= 4 * np.sqrt(rate * (1 - rate) / (8 * BATCH))
+
+
+@pytest.mark.parametrize("level_block, blocks", [(None, [0, 0, 0, 1, 1, 1]), (3, [0, 0, 0, 1, 1, 1]),
+                                                 (1, [0, 1, 2, 3, 4, 5]), (2, [0, 0, 1, 1, 2, 2]), (0, [0] * 6)])
+def test_latents_of_a_level_block_share_their_time(level_block, blocks, monkeypatch):
+  """Of one motion all blocks differ, and all motions differ; without the field it is the network's own block of 3."""
+  config = tiny("cmdm_denoiser")
+  del config.loss["level_block"]
+  if level_block is not None:
+    config.loss.level_block = level_block
+  stage, batch = cmdm.denoiser_stage(config), batch_of(config.tokenizer.features)
+  monkeypatch.setattr(cmdm, "encode_latents", lambda vae, frozen, x, keys: x[:, ::4, :4])
+  # The network is told one time for neighbours where it can be, and spreads it.
+  monkeypatch.setattr(cmdm.CausalDiT, "apply", lambda self, params, x, t, *rest: jnp.repeat(t, 6 // t.shape[1], axis=1))
+  seen = lambda velocity, x1, latent_mask, t, noise, target: ({"loss": 0.0, "t": t, "told": velocity(x1, t)}, 1.0)
+  monkeypatch.setattr(cmdm.paths, "forcing_loss", seen)
+  sums, _ = stage.loss({}, {}, batch, 0, jax.random.key(0))
+  np.testing.assert_array_equal(sums["told"], sums["t"])
+  t = np.asarray(sums["t"])
+  np.testing.assert_array_equal(t, t[:, [blocks.index(block) for block in blocks]])
+  assert len(np.unique(t)) == BATCH * len(set(blocks))
+
+
+def tokenizer_weights(monkeypatch, num_steps=0, **loss):
+  """-> weights(step): those that the tokenizer's loss gives KL, root and alignment, beside its one micro-batch."""
+  config = tiny("cmdm_tokenizer", micro_batch=4, **loss)
+  config.train.num_steps = num_steps
+  stage, batch = cmdm.tokenizer_stage(config), {"features": jnp.zeros((4, 8, 263)), "index": jnp.arange(4)}
+
+  def terms(vae, params, x, noise, kl_weight, root_weight, teacher, align_weight, adaptive):
+    return {"loss": 0.0, "kl": kl_weight, "root": root_weight, "align": align_weight, "adaptive": adaptive}
+
+  monkeypatch.setattr(cmdm, "tokenizer_terms", terms)
+  monkeypatch.setattr(cmdm, "frame_features", lambda teacher, params, x: x)
+  return lambda step: stage.loss({}, {"teacher": {}}, batch, jnp.asarray(step), jax.random.key(0))[0]
+
+
+@pytest.mark.parametrize("kl_ramp, shares", [(100, {0: 0, 25: 0.25, 99: 0.99, 100: 1, 5000: 1}), (0, {0: 1, 9: 1})])
+def test_the_kl_term_comes_in_along_its_ramp(kl_ramp, shares, monkeypatch):
+  weights = tokenizer_weights(monkeypatch, kl_weight=0.7, kl_ramp=kl_ramp, root_weight=0.3)
+  for step, share in shares.items():
+    found = weights(step)
+    assert float(found["kl"]) == pytest.approx(0.7 * share, rel=1e-6) and found["root"] == 0.3
+
+
+def test_alignment_falls_to_a_tenth_after_the_ramp(monkeypatch):
+  """Whole while the KL term comes in, then linearly, at the end a tenth; never less."""
+  weights = tokenizer_weights(monkeypatch, 12_000, align=0.4, kl_ramp=2_000)
+  for step, share in ((0, 1), (2_000, 1), (4_500, 0.775), (7_000, 0.55), (12_000, 0.1), (20_000, 0.1)):
+    assert float(weights(step)["align"]) == pytest.approx(0.4 * share, rel=1e-6), step
+  assert weights(0)["adaptive"] and not tokenizer_weights(monkeypatch, adaptive_align=False)(0)["adaptive"]
