@@ -10,28 +10,23 @@ import jax.numpy as jnp
 import numpy as np
 from tokenizers import Tokenizer, models, normalizers, pre_tokenizers, processors
 
+from motion_jax import cache, text_files
+from motion_jax.errors import InputError
 from motion_jax.text import bert, folder, hub
+from motion_jax.text.vocabulary import FUNCTION_WORDS, forms
 
 SHIPPED = pathlib.Path(__file__).parents[1] / "pretrained"
 LEVELS = ("words", "sentence")
 FAMILIAR = 0.65  # cosine to the nearest known word from which on an unseen word counts as understood
 
-# Words that carry no movement of their own: never worth a warning.
-FUNCTION_WORDS = frozenset(
-    "a about after again all also an and another any are as at be been before being both but by can could did do does "
-    "done each either else every few for from had has have having he her hers herself him himself his how i if in into "
-    "is it its itself just let like many may me might more most much must my myself no nor not of off on once one only "
-    "onto or other our out over own per please quite same shall she should so some something somewhat such than that "
-    "the their theirs them themselves then there these they this those though through till to too toward towards "
-    "until up us very was we were what when where which while who whom whose why will with within without would you "
-    "your s t re ll d m ve".split())
 
-
-@functools.partial(jax.jit, static_argnums=0)
-def _hidden(model, params, ids, text_mask):
+def _run(model, params, ids, text_mask):
   # A caption must give the same features on every device, so no shortcuts in the products.
   with jax.default_matmul_precision("highest"):
     return model.apply({"params": params}, ids, text_mask)
+
+
+_hidden = cache.Program("hidden", _run, 1)
 
 
 class TextEncoder:
@@ -55,12 +50,13 @@ class TextEncoder:
       if self._sentence.projection is not None:
         self.dim = len(self._sentence.projection)
 
-  def __call__(self, sentences, pad_to=None):
+  def __call__(self, sentences, pad_to=None, at_least=None):
     """Features of captions: text_emb (B, S, D) float32 and text_mask (B, S), True = a real word piece.
 
-    S is the longest caption's number of word pieces, or `pad_to`; at level "sentence" it is always 1. A caption's
-    features do not depend on the others, nor on S. Raises ValueError for an empty or too long caption; CLIP cuts a long
-    one, as its authors do, and warns.
+    S is the longest caption's number of word pieces, or `pad_to`, or with `at_least` that or a power of two times it
+    (`padded_length`); at level "sentence" it is always 1. A caption's features do not depend on the others, nor on S.
+    Raises ValueError for an empty caption and for one that the encoder has no positions for; CLIP cuts a long one, as
+    its authors do, and warns.
     """
     features = self._features(sentences)
     if self.level == "sentence":
@@ -68,8 +64,8 @@ class TextEncoder:
       return (_unit(vectors) if self._sentence.unit else vectors)[:, None], np.ones((len(features), 1), bool)
     longest = max(len(f) for f in features)
     if pad_to is not None and pad_to < longest:
-      raise ValueError(f"got pad_to={pad_to}, the longest caption has {longest} word pieces")
-    length = pad_to or longest
+      raise InputError(f"got pad_to={pad_to}, the longest caption has {longest} word pieces")
+    length = pad_to or (padded_length(longest, at_least, self.max_words) if at_least else longest)
     text_emb = np.zeros((len(features), length, self.dim), np.float32)
     for row, feature in zip(text_emb, features):
       row[:len(feature)] = feature
@@ -79,18 +75,40 @@ class TextEncoder:
     """One unit vector per caption, (B, E), whatever the level: close captions mean the same."""
     return _unit(self._sentence.vectors(self._features(sentences)))
 
-  def sentence_and_words(self, sentences, pad_to=None):
+  def sentence_and_words(self, sentences, at_least=None):
     """What the encoder says of whole captions in front of their words: text_emb (B, 1 + S, D), text_mask (B, 1 + S).
 
-    For an encoder of level "words" whose sentence vectors are as long as its words'.
+    For an encoder of level "words" whose sentence vectors are as long as its words'. at_least: as in `__call__`.
     """
-    words, mask = self(sentences, pad_to)
+    words, mask = self(sentences, at_least=at_least)
     vectors = self._sentence.vectors(self._features(sentences))
     vectors = _unit(vectors) if self._sentence.unit else vectors
     if self.level != "words" or vectors.shape[-1] != words.shape[-1]:
-      raise ValueError(f"the encoder {self.name!r} (level {self.level!r}) gives {vectors.shape[-1]} numbers a caption, "
+      raise InputError(f"the encoder {self.name!r} (level {self.level!r}) gives {vectors.shape[-1]} numbers a caption, "
                        f"{self.dim} a word; sentences before words need level 'words' and the same for both")
     return np.concatenate([vectors[:, None], words], axis=1), np.concatenate([mask[:, :1], mask], axis=1)
+
+  def pieces(self, sentences, at_least):
+    """Word pieces of captions, for a network that learns to read them: ids (B, S), text_mask (B, S).
+
+    S is at_least or a power of two times it. Raises ValueError for a caption that there are no positions for.
+    """
+    encodings = [self._ids(sentence) for sentence in sentences]
+    return _pad(encodings, padded_length(max(map(len, encodings)), at_least, self.max_words))
+
+  def check(self, captions):
+    """Raises one ValueError if there are captions that this encoder cannot read whole, before any is read."""
+    if self._truncates:
+      return
+    captions = list(dict.fromkeys(captions))
+    counts = [len(found.ids) for i in range(0, len(captions), 4096)
+              for found in self.tokenizer.encode_batch(captions[i:i + 4096])]
+    long = [i for i, count in enumerate(counts) if count > self.max_words]
+    if long:
+      worst = max(long, key=counts.__getitem__)
+      raise InputError(f"{len(long)} of {len(captions)} captions are longer than the {self.max_words} word pieces that "
+                       f"the text encoder {self.name!r} takes; the longest has {counts[worst]}: "
+                       f"{captions[worst][:60]!r}... Shorten them, or take an encoder with more positions")
 
   def word(self, sentence, word):
     """The feature (D,) of a word inside a sentence: the mean of its pieces. Raises ValueError if it is not there."""
@@ -98,7 +116,7 @@ class TextEncoder:
     offsets = self._encode(sentence).offsets
     rows = [i for i, (a, b) in enumerate(offsets) if found and a < b and found.start() <= a and b <= found.end()]
     if not rows:
-      raise ValueError(f"got the word {word!r}, which is not in {sentence!r}")
+      raise InputError(f"got the word {word!r}, which is not in {sentence!r}")
     return self._features([sentence])[0][rows].mean(0)
 
   def unfamiliar(self, sentence):
@@ -112,14 +130,18 @@ class TextEncoder:
     found = {}
     for word in re.findall(r"[^\W\d_]+", sentence):
       lower = word.lower()
-      if lower not in FUNCTION_WORDS and not _forms(lower) & self._known_forms and not self._near_a_known(lower):
+      if lower not in FUNCTION_WORDS and not forms(lower) & self._known_forms and not self._near_a_known(lower):
         found[word] = None
-    strange = [c for c in sentence if "[UNK]" in self._encode(c).tokens and not c.isalpha()]  # emoji and the like
-    return list(found) + list(dict.fromkeys(strange))
+    return list(found) + self.unreadable(sentence)
+
+  def unreadable(self, sentence):
+    """Characters of a sentence that the encoder has no piece for and that are no letters: emoji and the like."""
+    strange = [c for c in sentence if "[UNK]" in self._encode(c).tokens and not c.isalpha()]
+    return list(dict.fromkeys(strange))
 
   @functools.cached_property
   def _known_forms(self):
-    return frozenset().union(*(_forms(word) for word in self.known_words))
+    return frozenset().union(*(forms(word) for word in self.known_words))
 
   @functools.cached_property
   def _known_vectors(self):
@@ -138,7 +160,7 @@ class TextEncoder:
     if "[UNK]" in pieces or not pieces or len(pieces) > self.max_words - 2:
       return False
     # A word spelled from scraps (sw ##ive ##ls) lands anywhere, so it must begin with a known word (sneak ##ily).
-    if len(pieces) > 1 and (len(pieces[0]) < 4 or not _forms(pieces[0]) & self._known_forms):
+    if len(pieces) > 1 and (len(pieces[0]) < 4 or not forms(pieces[0]) & self._known_forms):
       return False
     return self.nearness(word) >= FAMILIAR
 
@@ -151,23 +173,15 @@ class TextEncoder:
       sentences = [sentences]
     sentences = list(sentences)
     if not sentences:
-      raise ValueError("got no caption, expected at least one, such as 'a person walks'")
+      raise InputError("got no caption, expected at least one, such as 'a person walks'")
     return [self._feature(sentence) for sentence in sentences]
 
   def _feature(self, sentence):
     if not isinstance(sentence, str):
-      raise ValueError(f"got a caption of type {type(sentence).__name__}, expected a string")
+      raise InputError(f"got a caption of type {type(sentence).__name__}, expected a string")
     if sentence in self._cache:
       return self._cache[sentence]
-    ids = self._encode(sentence).ids
-    if not sentence.strip() or len(ids) <= self._num_special:
-      raise ValueError(f"got the empty caption {sentence!r}; say what the person does, such as 'a person walks'")
-    if len(ids) > self.max_words and self._truncates:
-      warnings.warn(f"CLIP reads {self.max_words} word pieces of the {len(ids)} of {sentence[:60]!r}...", stacklevel=4)
-      ids = ids[:self.max_words - 1] + ids[-1:]
-    if len(ids) > self.max_words:
-      raise ValueError(f"got a caption of {len(ids)} word pieces, this encoder takes {self.max_words}; shorten it or "
-                       f"split it into several: {sentence[:60]!r}...")
+    ids = self._ids(sentence)
     # One caption at a time, in lengths of 8: few compilations, and a caption never feels its batch-mates.
     padded = min(-(-len(ids) // 8) * 8, self.model.max_positions)
     hidden = np.asarray(_hidden(self.model, self.params, *_pad([ids], padded)))[0, :len(ids)].copy()
@@ -176,6 +190,32 @@ class TextEncoder:
       self._cache.pop(next(iter(self._cache)))
     self._cache[sentence] = hidden
     return hidden
+
+  def _ids(self, sentence):
+    """The word pieces of a caption, special ones included."""
+    ids = self._encode(sentence).ids
+    if not sentence.strip() or len(ids) <= self._num_special:
+      raise InputError(f"got the empty caption {sentence!r}; say what the person does, such as 'a person walks'")
+    if len(ids) > self.max_words and self._truncates:
+      warnings.warn(f"CLIP reads {self.max_words} word pieces of the {len(ids)} of {sentence[:60]!r}...", stacklevel=5)
+      ids = ids[:self.max_words - 1] + ids[-1:]
+    if len(ids) > self.max_words:
+      raise InputError(f"got a caption of {len(ids)} word pieces, this encoder takes {self.max_words}; shorten it or "
+                       f"split it into several: {sentence[:60]!r}...")
+    return ids
+
+
+def padded_length(length, first, limit):
+  """How many word pieces a batch is padded to whose longest caption has `length`: `first`, or twice that, four times...
+
+  Few lengths, so that few are compiled; none over `limit`, where `first` and the captions leave it room.
+
+    first 24, limit 64:   1 to 24 -> 24   25 to 48 -> 48   49 to 64 -> 64
+  """
+  padded = first
+  while padded < length:
+    padded *= 2
+  return max(min(padded, limit), length, first)
 
 
 def _unit(vectors):
@@ -189,19 +229,6 @@ def _pad(encodings, length):
   return ids, np.arange(length) < np.array([len(e) for e in encodings])[:, None]
 
 
-def _forms(word):
-  """The word and what is left of it without its English endings: walking, walked, walks -> walk."""
-  forms = {word}
-  for ending, instead in (("ies", "y"), ("es", ""), ("s", ""), ("ied", "y"), ("ed", ""), ("ed", "e"), ("d", ""),
-                          ("ing", ""), ("ing", "e"), ("ily", "y"), ("ly", ""), ("er", ""), ("er", "e"), ("est", "")):
-    if word.endswith(ending) and len(word) - len(ending) >= 3:
-      stem = word[:len(word) - len(ending)] + instead
-      forms.add(stem)
-      if len(stem) > 3 and stem[-1] == stem[-2]:
-        forms.add(stem[:-1])
-  return forms
-
-
 def load_text_encoder(name_or_folder="words", max_words=None, level="words"):
   """The frozen encoder of that name or in that folder.
 
@@ -209,7 +236,7 @@ def load_text_encoder(name_or_folder="words", max_words=None, level="words"):
   a folder in Hugging Face layout, or a name of `hub.REVISIONS` (with the extra `hub` and a network it is fetched at a
   pinned revision; "owner/name@revision" fetches another). A folder holds config.json, model.safetensors and
 
-  - BERT, MiniLM, DistilBERT: tokenizer.json. A sentence is the mean of its words at unit length.
+  - BERT, MiniLM, DistilBERT, MPNet: tokenizer.json. A sentence is the mean of its words at unit length.
   - CLIP, whole or its text half: tokenizer.json, or vocab.json and merges.txt. A sentence is the end token's feature,
     projected, not at unit length. Long captions are cut at 77 word pieces.
   - T5 1.0 and 1.1: tokenizer.json; for Sentence-T5 also 2_Dense/model.safetensors. A sentence is the mean of its words,
@@ -219,16 +246,16 @@ def load_text_encoder(name_or_folder="words", max_words=None, level="words"):
   pieces. Raises FileNotFoundError or ValueError that say what to give.
   """
   if max_words is not None and max_words < 3:
-    raise ValueError(f"got max_words={max_words}, expected at least 3: a word and the two special pieces")
+    raise InputError(f"got max_words={max_words}, expected at least 3: a word and the two special pieces")
   if level not in LEVELS:
-    raise ValueError(f"got the text level {level!r}, expected one of {', '.join(LEVELS)}")
+    raise InputError(f"got the text level {level!r}, expected one of {', '.join(LEVELS)}")
   name = str(name_or_folder)
   if name == "fresh":
     return TextEncoder(_fresh(), name, max_words=max_words, level=level)
   place = SHIPPED / "words" if name == "words" else hub.find(name_or_folder)
   known = place / "known_words.txt"
   return TextEncoder(folder.read(place, name, level), name, max_words=max_words, level=level,
-                     known_words=known.read_text(encoding="utf-8").split() if known.is_file() else ())
+                     known_words=text_files.read_text(known).split() if known.is_file() else ())
 
 
 def _fresh(seed=0):
@@ -247,6 +274,10 @@ def _fresh(seed=0):
   params = jax.tree_util.tree_map_with_path(
       lambda path, leaf: np.ones(leaf.shape, np.float32) if path[-1].key == "scale"
       else rng.normal(0, 1.0 if path[-1].key == "embedding" else 0.2, leaf.shape).astype(np.float32), shapes)
+  # Positions for long captions, too; drawn behind the rest, so that short ones are read as ever.
+  more = rng.normal(0, 1.0, (512 - fields["max_positions"], fields["width"])).astype(np.float32)
+  params["positions"]["embedding"] = np.concatenate([params["positions"]["embedding"], more])
+  fields["max_positions"] = 512
   digest = hashlib.sha256(tokenizer.to_str().encode())
   for leaf in jax.tree.leaves(params):
     digest.update(leaf.tobytes())

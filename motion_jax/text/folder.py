@@ -1,14 +1,14 @@
 """A folder in Hugging Face layout to the parts of a text encoder: module, parameters, tokenizer, sentence vector."""
 import hashlib
-import json
 import re
 from typing import Any, NamedTuple
 
 import numpy as np
-from safetensors import SafetensorError, safe_open
 from tokenizers import AddedToken, Regex, Tokenizer, models, normalizers, pre_tokenizers, processors
 
-from motion_jax.text import bert, clip, t5
+from motion_jax.errors import InputError, reading
+from motion_jax.input_files import load_safetensors, read_json
+from motion_jax.text import bert, clip, hugging_face, mpnet, t5
 
 CONFIG, WEIGHTS, TOKENIZER = "config.json", "model.safetensors", "tokenizer.json"
 CLIP_TOKENIZER = ("vocab.json", "merges.txt")
@@ -18,6 +18,7 @@ KINDS = {
     "distilbert": (bert.bert_fields, bert.Bert, bert.params_from_reference, r"cls\.|vocab_"),
     "clip": (clip.clip_fields, clip.ClipText, clip.params_from_reference, clip.IGNORED),
     "clip_text_model": (clip.clip_fields, clip.ClipText, clip.params_from_reference, clip.IGNORED),
+    "mpnet": (mpnet.mpnet_fields, mpnet.MPNet, mpnet.params_from_reference, r"lm_head\."),
     "t5": (t5.t5_fields, t5.T5Encoder, t5.params_from_reference, t5.IGNORED),
 }
 
@@ -55,26 +56,27 @@ def read(folder, name, level="words"):
   files = _check_files(folder, name, kind)
   to_fields, module, to_params, ignored = KINDS[kind]
   try:
-    config = json.loads((folder / CONFIG).read_text(encoding="utf-8"))
-    fields = to_fields(config)
-    state = _weights(folder / WEIGHTS, ignored)
-    if kind == "clip_text_model" and "text_projection.weight" not in state:
-      fields["projection_dim"] = 0
-    params = to_params(state, fields)
-    sentence = _sentence(folder, state, fields, kind, level)
-    tokenizer = _tokenizer(folder, kind)
-  except (ValueError, SafetensorError) as error:
-    raise ValueError(f"text encoder {name!r} cannot be read from {folder}: {error}") from error
+    with reading("one of its files", "they are damaged or not of one model: fetch them again"):
+      config = read_json(folder / CONFIG)
+      fields = _fields(folder, to_fields, config)
+      state = _weights(folder / WEIGHTS, ignored)
+      if kind == "clip_text_model" and "text_projection.weight" not in state:
+        fields["projection_dim"] = 0
+      params = to_params(state, fields)
+      sentence = _sentence(folder, state, fields, kind, level)
+      tokenizer = _tokenizer(folder, kind, files)
+  except InputError as error:
+    raise InputError(f"text encoder {name!r} cannot be read from {folder}: {error}") from error
   if tokenizer.get_vocab_size() > fields["vocab_size"]:
-    raise ValueError(f"text encoder {name!r}: the tokenizer has {tokenizer.get_vocab_size()} word pieces, the weights "
+    raise InputError(f"text encoder {name!r}: the tokenizer has {tokenizer.get_vocab_size()} word pieces, the weights "
                      f"have {fields['vocab_size']}; both must come from one model")
   tokenizer.no_padding()
   tokenizer.no_truncation()
-  if kind not in ("bert", "distilbert"):
+  if kind not in ("bert", "distilbert", "mpnet"):
     end = fields.get("end_id") if kind != "t5" else config.get("eos_token_id", 1)
     ids = tokenizer.encode("a").ids
     if ids[-1] != (max(ids) if end is None else end):
-      raise ValueError(f"text encoder {name!r}: the tokenizer ends a sentence with piece {ids[-1]}, config.json says "
+      raise InputError(f"text encoder {name!r}: the tokenizer ends a sentence with piece {ids[-1]}, config.json says "
                        f"{end}; both must come from one model")
   digest = hashlib.sha256()
   for file in files[1:]:
@@ -84,15 +86,26 @@ def read(folder, name, level="words"):
   return Parts(module(**fields), params, tokenizer, digest.hexdigest(), sentence, kind.startswith("clip"))
 
 
+def _fields(folder, to_fields, config):
+  """The fields of a kind's module; what config.json lacks may be a default that transformers knows."""
+  try:
+    return to_fields(config)
+  except ValueError:
+    whole = hugging_face.whole_config(folder, config)
+    if whole.keys() == config.keys():
+      raise
+    return to_fields(whole)
+
+
 def _kind(folder, name):
   if not (folder / CONFIG).is_file():
     return "bert"  # what is missing is told for the most common kind
   try:
-    kind = json.loads((folder / CONFIG).read_text(encoding="utf-8")).get("model_type", "bert")
-  except (ValueError, AttributeError) as error:
-    raise ValueError(f"text encoder {name!r}: {folder / CONFIG} is no JSON object ({error}); fetch it again") from error
-  if kind not in KINDS:
-    raise ValueError(f"text encoder {name!r}: {folder / CONFIG} is of model_type {kind!r}, expected one of "
+    kind = read_json(folder / CONFIG, advice="fetch it again").get("model_type", "bert")
+  except InputError as error:
+    raise InputError(f"text encoder {name!r}: {error}") from error
+  if not isinstance(kind, str) or kind not in KINDS:
+    raise InputError(f"text encoder {name!r}: {folder / CONFIG} is of model_type {str(kind)[:60]!r}, expected one of "
                      f"{', '.join(KINDS)}")
   return kind
 
@@ -103,6 +116,8 @@ def _check_files(folder, name, kind):
   tokenizer = [TOKENIZER]
   if kind.startswith("clip") and not has(TOKENIZER) and any(map(has, CLIP_TOKENIZER)):
     tokenizer = list(CLIP_TOKENIZER)
+  if not has(TOKENIZER) and hugging_face.old_tokenizer(folder, kind):
+    tokenizer = [hugging_face.old_tokenizer(folder, kind)]
   files = [CONFIG, WEIGHTS, *tokenizer]
   if kind == "t5" and (folder / DENSE).is_dir():
     files.append(f"{DENSE}/{WEIGHTS}")
@@ -110,23 +125,24 @@ def _check_files(folder, name, kind):
   if not missing:
     return files
   advice = ["give 'words' (it ships with this package) or a folder that holds config.json, model.safetensors and "
-            "tokenizer.json of a BERT, MiniLM, DistilBERT, CLIP or T5 model, as Hugging Face lays it out"]
+            "tokenizer.json of a BERT, MiniLM, DistilBERT, MPNet, CLIP or T5 model, as Hugging Face lays it out"]
   for file in missing:
     pickled = file.replace(WEIGHTS, "pytorch_model.bin")
     if pickled != file and has(pickled):
       advice.append(f"pytorch_model.bin is not opened here; with motion-jax[convert] installed, convert it once: "
                     f"python -c \"from motion_jax.convert import load_state; from safetensors.numpy import save_file; "
                     f"save_file(load_state('{folder / pickled}'), '{folder / file}')\"")
-  if TOKENIZER in missing and has("spiece.model"):
-    advice.append("spiece.model is not read here; save tokenizer.json beside it (transformers' AutoTokenizer writes it "
-                  "with save_pretrained; that of sentence-transformers/sentence-t5-base has T5's own vocabulary)")
+  old = hugging_face.OLD_TOKENIZERS.get(kind)
+  if TOKENIZER in missing and old and has(old):
+    advice.append(f"{old} is not read here without transformers: pip install 'motion-jax[convert]', or save "
+                  "tokenizer.json beside it (AutoTokenizer writes it with save_pretrained; that of "
+                  "sentence-transformers/sentence-t5-base has T5's own vocabulary)")
   raise FileNotFoundError(f"text encoder {name!r}: {folder} lacks {', '.join(missing)}; {'; '.join(advice)}")
 
 
 def _weights(path, ignored=None):
   """{name: array} of a safetensors file, without the halves of the network that are not for text."""
-  with safe_open(str(path), "numpy") as file:
-    return {name: file.get_tensor(name) for name in file.keys() if not (ignored and re.match(ignored, name))}
+  return load_safetensors(path, lambda name: not (ignored and re.match(ignored, name)), advice="fetch it again")
 
 
 def _sentence(folder, state, fields, kind, level):
@@ -134,7 +150,7 @@ def _sentence(folder, state, fields, kind, level):
   float32 = lambda array: None if array is None else np.asarray(array, np.float32)
   if kind.startswith("clip"):
     if level == "sentence" and not fields["projection_dim"]:
-      raise ValueError("it has no text_projection, so no sentence feature; give a CLIPModel or a "
+      raise InputError("it has no text_projection, so no sentence feature; give a CLIPModel or a "
                        "CLIPTextModelWithProjection, or use level 'words'")
     # Parity: CDAMD takes this feature as it is, not at unit length, and in half precision; ours is float32.
     return Sentence("last", float32(state.get("text_projection.weight")), unit=False)
@@ -145,19 +161,21 @@ def _sentence(folder, state, fields, kind, level):
 
 def _dense(folder, width):
   """The matrix (E, D) of Sentence-T5's last layer, which has neither offset nor activation."""
-  config = json.loads((folder / CONFIG).read_text(encoding="utf-8")) if (folder / CONFIG).is_file() else {}
+  config = read_json(folder / CONFIG) if (folder / CONFIG).is_file() else {}
   activation = config.get("activation_function", "Identity").split(".")[-1]
   state = _weights(folder / WEIGHTS)
   if set(state) != {"linear.weight"} or activation != "Identity":
-    raise ValueError(f"{folder} holds {', '.join(sorted(state))} with activation {activation!r}, expected "
+    raise InputError(f"{folder} holds {', '.join(sorted(state))} with activation {activation!r}, expected "
                      "linear.weight alone and the identity")
   if state["linear.weight"].ndim != 2 or state["linear.weight"].shape[1] != width:
-    raise ValueError(f"linear.weight of {folder} has shape {state['linear.weight'].shape}, expected (any, {width})")
+    raise InputError(f"linear.weight of {folder} has shape {state['linear.weight'].shape}, expected (any, {width})")
   return np.asarray(state["linear.weight"], np.float32)
 
 
-def _tokenizer(folder, kind):
+def _tokenizer(folder, kind, files):
   file = folder / TOKENIZER
+  if hugging_face.OLD_TOKENIZERS.get(kind) in files:
+    return hugging_face.tokenizer(folder)
   try:
     if file.is_file():
       return Tokenizer.from_file(str(file))
@@ -165,7 +183,7 @@ def _tokenizer(folder, kind):
   except Exception as error:  # the tokenizers library raises bare Exception
     if type(error) is not Exception:
       raise
-    raise ValueError(f"{file if file.is_file() else folder} is not a tokenizer: {error}") from error
+    raise InputError(f"{file if file.is_file() else folder} is not a tokenizer: {error}") from error
 
 
 def clip_tokenizer(vocab, merges, start="<|startoftext|>", end="<|endoftext|>"):
@@ -173,7 +191,7 @@ def clip_tokenizer(vocab, merges, start="<|startoftext|>", end="<|endoftext|>"):
   tokenizer = Tokenizer(models.BPE.from_file(str(vocab), str(merges), unk_token=end, end_of_word_suffix="</w>"))
   ids = {token: tokenizer.token_to_id(token) for token in (start, end)}
   if None in ids.values():
-    raise ValueError(f"{vocab} lacks {start} or {end}; expected the vocabulary of CLIP")
+    raise InputError(f"{vocab} lacks {start} or {end}; expected the vocabulary of CLIP")
   tokenizer.add_special_tokens([AddedToken(token, special=True) for token in ids])
   tokenizer.normalizer = normalizers.Sequence(
       [normalizers.NFC(), normalizers.Replace(Regex(r"\s+"), " "), normalizers.Lowercase()])

@@ -6,6 +6,7 @@ import re
 REVISIONS = {
     "distilbert/distilbert-base-uncased": "12040accade4e8a0f71eabdb258fecc2e7e948be",
     "sentence-transformers/all-MiniLM-L6-v2": "1110a243fdf4706b3f48f1d95db1a4f5529b4d41",
+    "sentence-transformers/all-mpnet-base-v2": "e8c3b32edf5434bc2275fc9bab85f82640a19130",
     "sentence-transformers/sentence-t5-base": "fc5d4628481afbbaaacd7af6bb07cf9d3865f781",
     # The hub's own conversion to safetensors; the main branch has pytorch_model.bin only.
     "openai/clip-vit-base-patch32": "c237dc49a33fc61debc9276459120b7eac67e7ef",
@@ -33,7 +34,7 @@ def find(name_or_folder):
               match and match["name"])
   revision = match and (match["revision"] or REVISIONS.get(name))
   hint = ("give 'words' (it ships with this package) or a folder as Hugging Face lays it out, with config.json, "
-          "model.safetensors and tokenizer.json of a BERT, MiniLM, DistilBERT, CLIP or T5 model")
+          "model.safetensors and tokenizer.json of a BERT, MiniLM, DistilBERT, MPNet, CLIP or T5 model")
   if not revision or "/" not in name:
     also = f"{name}@REVISION with the 40 digits of a commit, or " if match and "/" in name else ""
     raise FileNotFoundError(f"text encoder {text!r} is not a folder, nor one of the names {', '.join(REVISIONS)}; "

@@ -5,6 +5,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from motion_jax import cache
+
 # kind -> ((our leaf, PyTorch's), ...); a kernel is PyTorch's weight, transposed.
 LEAVES = {
     "embed": (("embedding", "weight"),),
@@ -21,8 +23,8 @@ def params_from_names(state, table, model, ignored="", dtype=np.float32):
   table: our path as a tuple -> (PyTorch name without .weight or .bias, kind); ignored: a pattern of names that belong
   to other parts of the file. Raises ValueError that lists what is missing, unknown or misshapen.
   """
-  shapes = jax.eval_shape(lambda: model.init(jax.random.key(0), jnp.zeros((1, 1), jnp.int32),
-                                             jnp.ones((1, 1), bool)))["params"]
+  shapes = cache.kept_shapes("text", model, lambda: jax.eval_shape(lambda: model.init(
+      jax.random.key(0), jnp.zeros((1, 1), jnp.int32), jnp.ones((1, 1), bool)))["params"])
   leaves = {f"{theirs}.{leaf}": (path, ours)
             for path, (theirs, kind) in table.items() for ours, leaf in LEAVES[kind]}
   unknown = sorted(name for name in state.keys() - leaves.keys() if not (ignored and re.match(ignored, name)))

@@ -8,7 +8,7 @@ import pytest
 from safetensors.numpy import save_file
 from tokenizers import Tokenizer, models, pre_tokenizers, processors
 
-from motion_jax.text import bert, clip, t5
+from motion_jax.text import bert, clip, hugging_face, t5
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.text.folder import clip_tokenizer
 from tests import fixtures
@@ -133,7 +133,8 @@ def test_long_captions(folders):
       load_text_encoder(folders[name])(["  "])
 
 
-def test_missing_files_are_listed(tmp_path):
+def test_missing_files_are_listed(tmp_path, monkeypatch):
+  monkeypatch.setattr(hugging_face, "installed", lambda: False)
   write_json(tmp_path / "config.json", {"model_type": "t5"})
   (tmp_path / "2_Dense").mkdir()
   for name in ("pytorch_model.bin", "spiece.model", "2_Dense/pytorch_model.bin"):

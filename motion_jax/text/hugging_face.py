@@ -1,0 +1,44 @@
+"""What Hugging Face's transformers reads and this package does not, where it is installed (pip install
+"motion-jax[convert]"): tokenizers in their older files, and what a config.json leaves to its model type's defaults.
+
+A folder that is whole (config.json, model.safetensors, tokenizer.json) needs none of it, and is read the same with it.
+Nothing is fetched, and no code of a folder is run.
+"""
+import importlib.util
+
+from motion_jax.errors import InputError, reason
+
+OLD_TOKENIZERS = {"bert": "vocab.txt", "distilbert": "vocab.txt", "t5": "spiece.model"}  # by model_type
+LOCAL = dict(local_files_only=True, trust_remote_code=False)
+
+
+def installed() -> bool:
+  return importlib.util.find_spec("transformers") is not None
+
+
+def old_tokenizer(folder, kind):
+  """Name of the older tokenizer file of a folder that can be read here, or None."""
+  name = OLD_TOKENIZERS.get(kind)
+  return name if name and (folder / name).is_file() and installed() else None
+
+
+def tokenizer(folder):
+  """A `tokenizers.Tokenizer` from whatever files of one a folder holds; raises InputError where they hold none."""
+  import transformers
+  try:
+    return transformers.AutoTokenizer.from_pretrained(str(folder), **LOCAL).backend_tokenizer
+  except Exception as error:  # each kind of tokenizer raises what its own parser does
+    raise InputError(f"transformers cannot make a tokenizer of {folder} ({reason(error)}); save tokenizer.json beside "
+                     "it, on a machine where AutoTokenizer reads it, with save_pretrained") from error
+
+
+def whole_config(folder, config):
+  """The fields of config.json with the defaults of its model type for those left out; as they are without transformers.
+  """
+  if not installed():
+    return config
+  import transformers
+  try:
+    return transformers.AutoConfig.from_pretrained(str(folder), **LOCAL).to_dict() | config
+  except Exception as error:  # such as a number where a name belongs
+    raise InputError(f"{folder / 'config.json'} is no config that transformers reads ({reason(error)})") from error

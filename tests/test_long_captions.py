@@ -1,0 +1,209 @@
+"""A caption of a hundred words trains, generates, streams, edits and is judged like one of five."""
+import dataclasses
+
+import jax
+import numpy as np
+import pytest
+
+import motion_jax as mj
+from motion_jax import training
+from motion_jax.data.clip import Caption
+from motion_jax.data.humanml3d import write_folder
+from motion_jax.data.synthetic import synthetic_clips
+from motion_jax.evaluation import protocols, run
+from motion_jax.evaluation.evaluator import fresh_evaluator
+from motion_jax.recipes import cdamd as cdamd_recipes
+from motion_jax.recipes import cmdm as cmdm_recipes
+from motion_jax.text.encoder import load_text_encoder, padded_length
+from tests.conftest import load_config
+
+# As long as the longest of HumanML3D: a hundred words and marks.
+LONG = "someone walks forward and then turns left and walks, then turns right and runs and jumps and sits, " * 5
+LONG = LONG[:-2] + "."
+FAST = dict(num_steps=4, lag=2)
+
+
+def test_lengths_that_batches_are_padded_to():
+  made = [padded_length(count, 24, 512) for count in (1, 24, 25, 48, 49, 97, 200, 400, 512)]
+  assert made == [24, 24, 48, 48, 96, 192, 384, 512, 512]
+  assert padded_length(60, 24, 64) == 64 and padded_length(3, 77, 64) == 77  # never shorter than asked for
+
+
+def test_padding_does_not_change_what_is_said():
+  encoder = load_text_encoder("fresh")
+  alone, mask = encoder(["someone walks"], at_least=24)
+  assert alone.shape == (1, 24, 32) and mask.sum() == 4
+  both, both_mask = encoder(["someone walks", LONG], at_least=24)
+  assert both.shape == (2, 192, 32) and both_mask.sum(1).tolist() == [4, 102]
+  assert (both[0, :24] == alone[0]).all() and (encoder([LONG])[0][0] == both[1, :102]).all()
+  ids, real = encoder.pieces([LONG, "someone walks"], 24)
+  assert ids.shape == (2, 192) and real.sum(1).tolist() == [102, 4] and ids[0, 101] == ids[1, 3] == 3  # [SEP] is kept
+  front, front_mask = encoder.sentence_and_words(["someone walks", LONG], at_least=64)
+  assert front.shape == (2, 129, 32) and (front[:, 1:] == both[:, :128]).all() and front_mask.sum() == 108
+
+
+def test_captions_beyond_the_encoder_are_told_before_training(tmp_path):
+  encoder = load_text_encoder("words")
+  encoder.check(["a person walks", "a person waves"])
+  with pytest.raises(ValueError, match=r"2 of 3 captions .* the 64 word pieces .* the longest has \d+: 'some"):
+    encoder.check([LONG, "a person walks", LONG + " a person walks", LONG])
+  with pytest.raises(ValueError, match="caption of 102 word pieces, this encoder takes 64"):
+    encoder.pieces([LONG], 24)
+  write_folder(_clips(), tmp_path / "data")
+  config = _on(tmp_path / "data", "cmdm_denoiser", {"frozen.text": "words"})
+  with pytest.raises(ValueError, match="2 of 10 captions"):
+    cmdm_recipes.denoiser(config)
+
+
+def _clips():
+  """Six clips, one of whose captions is long."""
+  clips = synthetic_clips(0, 6, num_frames=50)
+  clips = [clip.replace(split="test" if i > 3 else "train") for i, clip in enumerate(clips)]
+  return [clip.replace(captions=(Caption(LONG),)) if i in (1, 4) else clip for i, clip in enumerate(clips)]
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+  """A folder of HumanML3D's layout."""
+  out = tmp_path_factory.mktemp("data") / "set"
+  write_folder(_clips(), out)
+  return out
+
+
+def _on(folder, name, changes=None, size="tiny"):
+  config = load_config(name, size).unlock()
+  config.data.update(name="humanml3d", folder=str(folder), batch_size=4)
+  for path, value in (changes or {}).items():
+    section, field = path.split(".")
+    config[section][field] = value
+  return config
+
+
+@pytest.fixture(scope="module")
+def trained(data, tmp_path_factory):
+  """(folder, config, last state) of a denoiser after four steps."""
+  folder = tmp_path_factory.mktemp("runs") / "denoiser"
+  config = _on(data, "cmdm_denoiser", {"train.num_steps": 4, "train.save_every": 4})
+  return folder, config, training.run(config, folder)
+
+
+def test_batches_are_padded_as_their_captions_need(trained):
+  """To few widths, and to the same ones however often a step is asked for: so a resumed run goes on exactly."""
+  _, config, state = trained
+  batches, again = ([cmdm_recipes.denoiser(config).next_batch(step) for step in range(6)] for _ in range(2))
+  assert int(state.step) == 4 and {batch["text_emb"].shape[1] for batch in batches[:4]} == {64, 128}
+  assert max(batch["text_mask"].sum(1).max() for batch in batches) > 100
+  for one, other in zip(batches, again):
+    assert all(np.array_equal(one[name], other[name]) for name in one)
+
+
+def test_the_loss_does_not_see_the_padding_nor_who_shares_a_device(trained):
+  _, config, state = trained
+  recipe = cmdm_recipes.denoiser(config)
+  draw = np.random.default_rng(0)  # after a few steps words are hardly heard
+  params = jax.tree.map(lambda a: a + 0.1 * draw.standard_normal(a.shape, np.float32), state.params)
+  batch = next(batch for batch in map(recipe.next_batch, range(6)) if batch["text_emb"].shape[1] == 128)
+  loss = jax.jit(lambda batch: recipe.stage.loss(params, recipe.frozen, batch, 0, jax.random.key(0)))
+  sums, weight = loss(batch)
+  pad = lambda a: np.pad(a, ((0, 0), (0, 128)) + ((0, 0),) * (a.ndim - 2))
+  wider, _ = loss(batch | {name: pad(batch[name]) for name in ("text_emb", "text_mask")})
+  np.testing.assert_allclose(wider["loss"], sums["loss"], rtol=1e-5)
+  halves = [loss({name: value[rows] for name, value in batch.items()}) for rows in (slice(0, 2), slice(2, 4))]
+  np.testing.assert_allclose(sum(part["loss"] for part, _ in halves), sums["loss"], rtol=1e-5)
+  assert sum(count for _, count in halves) == weight
+  heard, _ = loss(batch | {"text_emb": batch["text_emb"] * (np.arange(128) < 64)[None, :, None]})
+  assert abs(float(heard["loss"] - sums["loss"])) > 1e-4  # the words behind the sixty-fourth are
+
+
+@pytest.fixture(scope="module")
+def model(tiny_run):
+  """A model that listens: two steps leave the gates at 0."""
+  loaded = mj.load(tiny_run)
+  draw = np.random.default_rng(0)
+  loaded.params = jax.tree.map(lambda a: a + 0.1 * draw.standard_normal(a.shape, np.float32), loaded.params)
+  return loaded
+
+
+def test_a_motion_does_not_know_how_its_words_were_padded(model):
+  make = lambda prompts, seeds: model.generate(prompts, num_frames=48, seeds=seeds, polish=False, **FAST)
+  alone, long_alone = make("someone walks", [5])[0], make(LONG, [1])[0]
+  both = make([LONG, "someone walks"], [1, 5])
+  assert np.abs(both[1].joints - alone.joints).max() < 1e-5
+  assert np.abs(both[0].joints - long_alone.joints).max() < 1e-5
+  cut = " ".join(LONG.split()[:50])
+  assert np.abs(make(cut, [1])[0].joints - long_alone.joints).max() > 1e-4  # the end of the caption counts
+  assert both[0].captions[0].text == LONG
+
+
+def test_everyday_captions_are_padded_as_ever(model):
+  """24 for the model that ships: the shapes, and so the bits, that it has always run with."""
+  assert model.encode_words(["someone walks"])[0].shape == (1, 64, 32)
+  shipped = mj.load("cmdm-small")
+  shape = lambda prompt: shipped.encode_words([prompt])[0].shape
+  assert shape("a person walks") == (1, 24, 128) and shape("a person walks and " * 7 + "waves") == (1, 48, 128)
+
+
+def test_a_stream_takes_a_long_prompt_on_the_way(model):
+  """What was said before goes on as if nothing longer had come, and it is the story of both."""
+  def told(prompt):
+    stream, parts = model.stream("someone walks", seed=0, num_frames=96, **FAST), []
+    for part in stream:
+      parts.append(part)
+      if len(parts) == 3 and prompt:
+        stream.say(prompt)
+    return np.concatenate(parts)
+
+  plain, long = told(None), told(LONG)
+  # Three blocks were given, a fourth was under way.
+  assert np.abs(plain[:48] - long[:48]).max() < 1e-6 and np.abs(plain[48:] - long[48:]).max() > 1e-5
+  tale = model.story([("someone walks", 2.4), (LONG, 2.4)], seed=0, polish=False, **FAST)
+  assert np.abs(tale.joints - long).max() < 1e-4
+
+
+def test_few_prompts_compile_anew(model):
+  """Prompts of 70 to 120 word pieces, and streams that go from short to long and back: two widths."""
+  count = lambda run: (run(), model.compiled.generate.jitted._cache_size())[1]
+  words = LONG.split()
+  make = lambda size: model.generate(" ".join(words[:size]), num_frames=48, seeds=[0], **FAST)
+  first = count(lambda: make(66))
+  assert count(lambda: [make(size) for size in (70, 80, 90)]) == first
+  stream = model.stream("someone walks", seed=0, **FAST)
+
+  def compiled(prompt):
+    stream.say(prompt)
+    assert np.isfinite([next(stream) for _ in range(4)]).all()
+    return model.compiled.stream_step.jitted._cache_size()
+
+  compiled("someone runs"), compiled(LONG)
+  settled = compiled("someone runs")
+  assert compiled(LONG[:400]) == settled and compiled("someone sits") == settled
+
+
+def test_cdamd_learns_from_long_captions(data):
+  """Behind a sentence its words, however many; what it then makes of them: `test_cdamd_model`."""
+  recipe = cdamd_recipes.generator(_on(data, "cdamd_generator", {"frozen.text_level": "words"}))
+  batches = [recipe.next_batch(step) for step in range(6)]
+  assert {batch["text_emb"].shape[1] for batch in batches} == {78, 155}
+  params = jax.eval_shape(recipe.stage.init, batches[0], jax.random.key(0))
+  for batch in batches[:2]:
+    loss = lambda params, batch=batch: recipe.stage.loss(params, recipe.frozen, batch, 0, jax.random.key(0))[0]["loss"]
+    assert jax.eval_shape(jax.grad(loss), params) == params
+
+
+def test_long_captions_are_judged(trained, data, tmp_path):
+  protocol = dataclasses.replace(
+      protocols.get_protocol("t2m-263"), pool=2, diversity_draws=2, few_draws=2, multimodality_captions=0, repeats=1)
+  made = run.evaluate([trained[0]], [data], protocol, out=tmp_path / "out", force=True, show=False,
+                      sampling=FAST, evaluator=fresh_evaluator("t2m", "full"), clip_evaluator=None)
+  assert np.isfinite(made["rows"]["denoiser"]["fid"]["mean"])
+  judge = fresh_evaluator("tmr", "full")
+  text = judge.embed_text([LONG, "someone walks"])
+  assert np.abs(text[0] - judge.embed_text([LONG.rsplit(" ", 3)[0]])[0]).max() > 1e-5  # its last words count
+  np.testing.assert_allclose(text[1], judge.embed_text(["someone walks"])[0], atol=1e-6)
+
+
+def test_a_teacher_learns_from_long_captions(data):
+  next_batch = cmdm_recipes.teacher(_on(data, "part_tmr")).next_batch
+  batches = [next_batch(step) for step in range(4)]
+  assert {batch["ids"].shape[1] for batch in batches} >= {192} and max(
+      batch["text_mask"].sum(1).max() for batch in batches) == 102
