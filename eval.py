@@ -1,11 +1,14 @@
 """Judges runs by a protocol: python eval.py --run runs/x --data DIR [--protocol NAME] [--controls] [--report OUT]"""
-import argparse
 import pathlib
 import sys
 
+from motion_jax import stopping
+from motion_jax.cli.parser import Parser
+from motion_jax.numerals import GUIDANCE, SEEDS, NumberError, is_number, real, whole
+
 
 def parse(argv=None):
-  parser = argparse.ArgumentParser(description="Judges trained models by a named protocol: real data first, then each "
+  parser = Parser(prog="eval.py", description="Judges trained models by a named protocol: real data first, then each "
                                    "run; writes results.json, tables.md and tables.tex.")
   add = parser.add_argument
   add("--run", action="append", default=[], help="run folder, or a model that ships (cmdm-small); may be repeated")
@@ -14,11 +17,12 @@ def parse(argv=None):
   add("--protocol", help="by default the one that fits the data and the first run; see evaluation/protocols.py")
   add("--evaluator", help="folder or name of the evaluator; by default the protocol's")
   add("--clip-evaluator", help="of the CLIP-type evaluator, or none")
-  add("--repeats", type=positive, help="by default the protocol's, 10 or 20")
-  add("--seed", type=int)
+  add("--repeats", type=whole(1, 1000), help="by default the protocol's, 10 or 20")
+  add("--seed", type=whole(*SEEDS), help="of all draws; by default the protocol's")
   add("--out", help="folder for results; by default eval/PROTOCOL in the run folder")
   add("--samples", help="folder where motions are kept, for several evaluations to share")
-  add("--guidance", type=float, nargs="+", action="extend", default=[], help="guidance scales, a row for each")
+  add("--guidance", type=real(*GUIDANCE), nargs="+", action="extend", default=[],
+      help="guidance scales, a row for each")
   add("--sampling", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help="such as schedule=ar "
       "num_steps=20, rounds=10")
   add("--vary", nargs="+", action="extend", default=[], metavar="KEY=VALUE[,..]", help="choices of sampling, a row for "
@@ -26,7 +30,7 @@ def parse(argv=None):
   add("--motions", action="append", default=[], metavar="NAME=DIR", help="motions that another program made, a row for "
       "each folder; may be repeated")
   add("--ask", metavar="DIR", help="judge nothing, write what such a program has to make into DIR/prompts.jsonl")
-  add("--limit", type=positive, help="use fewer samples, for a trial")
+  add("--limit", type=whole(1, 1_000_000), help="use fewer samples, for a trial")
   add("--controls", action="store_true", help="also damage real motions and see that the metrics notice; the "
       "exit status is 1 where one does not")
   add("--no-multimodality", action="store_true", help="leave out the metric that takes most of the time")
@@ -38,8 +42,12 @@ def parse(argv=None):
   add("--report", metavar="OUT", help="folder for one HTML page of tables, curves and motions")
   add("--beside", nargs="+", action="extend", default=[], metavar="DIR", help="folders of earlier results, shown on "
       "the same page; without --data the page is of these alone")
-  add("--devices", type=positive, help="use so many devices; they change the time, not the numbers")
+  add("--printed", nargs="*", metavar="TABLE", help="judge nothing, print what the papers' tables print: one, such as "
+      "cmdm 4 or cdamd 6, or all")
+  add("--devices", type=whole(1, 4096), help="use so many devices; they change the time, not the numbers")
   args = parser.parse_args(argv)
+  if args.printed is not None:
+    return args
   if not args.data and not args.beside:
     parser.error("give --data, or with --report the folders of earlier results as --beside")
   if args.beside and not args.report:
@@ -47,20 +55,15 @@ def parse(argv=None):
   return args
 
 
-def positive(text):
-  """A whole number from 1 on."""
-  if not text.isdigit() or not int(text):
-    raise argparse.ArgumentTypeError(f"got {text!r}, expected a whole number from 1 on")
-  return int(text)
-
-
 def value_of(text):
   """A value of --sampling: a number, true or false, or a word."""
-  for kind in (int, float):
+  for read in (whole(), real()):
     try:
-      return kind(text)
-    except ValueError:
-      pass
+      return read(text)
+    except NumberError as error:
+      wrong = error
+  if is_number(text):
+    raise ValueError(f"in a choice of sampling: {wrong}")
   return {"true": True, "false": False}.get(text.lower(), text)
 
 
@@ -84,6 +87,14 @@ def pairs_of(texts):
   return [(name, folder) for name, _, folder in pairs]
 
 
+def printed(tables, name):
+  """What the papers' tables print, as Markdown: of one, name [system, table], or of all."""
+  if len(name) not in (0, 2):
+    raise ValueError(f"got --printed {' '.join(name)}, expected a paper and a table such as cmdm 4, or nothing for all")
+  keys = [name] if name else tables.paper_tables()
+  return "\n".join(tables.markdown(tables.printed_table(*key)) for key in keys)
+
+
 def main(argv=None):
   args = parse(argv)
   try:
@@ -94,6 +105,12 @@ def main(argv=None):
   import jax
 
   from motion_jax.evaluation import report, run, tables
+  if args.printed is not None:
+    try:
+      print(printed(tables, args.printed))
+    except ValueError as error:
+      sys.exit(f"eval.py: {error}")
+    return
   if not args.data:
     try:
       print(f"wrote {report.write_folders(args.beside, args.report)}")
@@ -123,10 +140,10 @@ def main(argv=None):
     written = [out / name for name in ("results.json", "tables.md", "tables.tex", "tables.csv")]
     if args.report:
       written.append(report.write_folders([out, *args.beside], args.report))
+  except BrokenPipeError:
+    raise
   except (ValueError, OSError, FloatingPointError) as error:
     sys.exit(f"eval.py: {error}")
-  except KeyboardInterrupt:
-    sys.exit("eval.py: stopped; the same command goes on with the samples that are made")
   print("wrote " + ", ".join(map(str, written)))
   failures = (result["controls"] or {}).get("failures", [])
   if failures:
@@ -134,4 +151,10 @@ def main(argv=None):
 
 
 if __name__ == "__main__":
-  main()
+  with stopping.at_once("eval.py", "stopped; the same command goes on with the samples that are made"):
+    try:
+      main()
+      status = stopping.flush()
+    except BrokenPipeError:
+      status = stopping.pipe_closed()
+    sys.exit(status)

@@ -30,9 +30,8 @@ from motion_jax.model import PRETRAINED
 from motion_jax.motion.features import FeatureLayout, get_layout, to_features
 from motion_jax.motion.stats import Stats, load_stats
 from motion_jax.nets.masks import padding_mask
-from motion_jax.recipes.cmdm import bert_fields_of, word_pieces
+from motion_jax.recipes.cmdm import bert_fields_of
 from motion_jax.recipes.recipe import plain
-from motion_jax.text.bert import Bert
 from motion_jax.text.encoder import load_text_encoder
 
 KINDS = {"evaluator.matching": "t2m", "evaluator.t2m": "t2m", "evaluator.clip": "clip", "cmdm.teacher": "tmr",
@@ -143,10 +142,11 @@ def load_evaluator(name="evaluator-small", text=None) -> Evaluator:
   if config.get("stage") not in KINDS:
     raise ValueError(f"{folder} holds a {config.get('stage')!r} run, expected an evaluator's: {', '.join(KINDS)}")
   kind = KINDS[config.stage]
-  stats = load_stats(folder, config.data.layout)
-  params = jax.tree.map(jnp.asarray, checkpoint.load_params(folder))
   reader = functools.cache(lambda: _reader(kind, folder, config, text))
-  return _assemble(folder.name, folder, config, stats, params, reader)
+  with checkpoint.building(folder):
+    stats = load_stats(folder, config.data.layout)
+    params = jax.tree.map(jnp.asarray, checkpoint.load_params(folder))
+    return _assemble(folder.name, folder, config, stats, params, reader)
 
 
 def shipped_names():
@@ -169,7 +169,7 @@ def fresh_evaluator(kind="t2m", layout="coordinates", seed=0) -> Evaluator:
         vocab_size=len(matching.piece_tables(encoder)[0])))
   elif kind == "tmr":
     config |= dict(stage="cmdm.teacher", text=bert_fields_of(encoder.model), loss=dict(text_pool="mean"), model=dict(
-        kind="tmr", width=16, depth=1, num_heads=2, mlp_width=16, dim=16, pool="real"))
+        kind="whole_body", width=16, depth=1, num_heads=2, mlp_width=16, dim=16, pool="real"))
   elif kind == "snapmogen":
     config |= dict(stage="evaluator.snapmogen", model=columns | dict(width=16, depth=1, num_heads=2, mlp_width=16))
   else:
@@ -261,18 +261,18 @@ def _clip(config, _):
 
 
 def _tmr(config, _):
-  fields = plain(config.text.to_dict())
-  teacher, bert = teacher_lib.make_teacher(plain(config.model.to_dict()), config.data.layout), Bert(**fields)
-  embed = jax.jit(lambda params, ids, mask: teacher_lib.embed_text(teacher, bert, params, ids, mask,
-                                                                   config.loss.text_pool))
+  space = teacher_lib.make_space(config)
+  embed = jax.jit(space.text)
 
   def motion(params, x, frames):
-    return teacher_lib.embed_motion(teacher, params, x, padding_mask(frames, x.shape[1]))
+    return space.motion(params, x, padding_mask(frames, x.shape[1]))
 
   def text(params, reader, captions, tokens):
-    return in_batches(functools.partial(embed, params), *word_pieces(reader, captions, config.data.max_words))
+    parts = [captions[i:i + BATCH] for i in range(0, len(captions), BATCH)]  # word features of all would not fit
+    return np.concatenate([in_batches(functools.partial(embed, params), *space.read(reader, part).values())
+                           for part in parts])
 
-  return lambda rng: teacher_lib.init_teacher(teacher, bert, config.data.layout, rng), motion, text
+  return space.init, motion, text
 
 
 def _snapmogen(config, word_dim):

@@ -15,7 +15,9 @@ import numpy as np
 
 from motion_jax.data.clip import atomic_path
 from motion_jax.evaluation import generation, samples
+from motion_jax.input_files import load_npy, npy_shape
 from motion_jax.metrics.long_horizon import placed
+from motion_jax.motion import plausibility
 from motion_jax.motion.features import LAYOUTS, get_layout, layout_for
 
 PROMPTS = "prompts.jsonl"
@@ -77,8 +79,8 @@ def load_given(name, folder, evaluator) -> Given:
   if not paths:
     raise FileNotFoundError(f"{folder} holds no motions: expected files such as {_file('r000', 0)}; eval.py --ask DIR "
                             "says what is to be made")
-  shape = np.load(paths[0], allow_pickle=False, mmap_mode="r").shape
-  layout = _joint_layout(evaluator) if len(shape) == 3 else layout_for(shape[-1])
+  shape = npy_shape(paths[0])
+  layout = _joint_layout(evaluator) if len(shape) == 3 else layout_for(shape[-1] if shape else 0)
   digest = hashlib.sha256()
   for path in paths:
     digest.update(str(path.relative_to(folder)).encode() + path.read_bytes())
@@ -97,7 +99,7 @@ def _joint_layout(evaluator):
 
 def _read(path, count, layout):
   """(count or a few more, F): as many rows as were asked for, and what an evaluator may look at behind them."""
-  x = np.load(path, allow_pickle=False)
+  x = load_npy(path)
   joints = layout.kind == "coordinates" and x.ndim == 3 and x.shape[1:] == (layout.dim // 3, 3)
   if not joints and x.shape[1:] != (layout.dim,):
     raise ValueError(f"{path}: got an array of shape {x.shape}, expected (frames, {layout.dim}) as in the first file"
@@ -107,4 +109,6 @@ def _read(path, count, layout):
   x = np.asarray(x, np.float32)[:count + samples.TAIL]
   if not np.isfinite(x).all():
     raise ValueError(f"{path} holds NaN or infinity; a motion that was not made cannot be judged")
+  if x.ndim == 3:
+    plausibility.check(x, layout.skeleton, name=str(path))
   return x if x.ndim == 2 else placed(x, layout.skeleton).reshape(len(x), -1).astype(np.float32)

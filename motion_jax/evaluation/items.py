@@ -9,7 +9,7 @@ import warnings
 
 import numpy as np
 
-from motion_jax.data import archive, babel, humanml3d, snapmogen
+from motion_jax.data import archive, babel, humanml3d, snapmogen, sources
 from motion_jax.motion.features import extract, get_layout, to_features, to_joints
 
 
@@ -60,15 +60,7 @@ def key_of(evaluator):
 
 def format_of(folder) -> str:
   """"archive", "humanml3d", "snapmogen" or "babel". Raises FileNotFoundError for a folder that is none."""
-  folder = pathlib.Path(folder)
-  known = {"archive": archive.is_archive(folder), "humanml3d": (folder / "new_joint_vecs").is_dir(),
-           "snapmogen": snapmogen.is_snapmogen(folder), "babel": babel.is_babel(folder)}
-  found = [name for name, is_one in known.items() if is_one]
-  if not found:
-    raise FileNotFoundError(f"{folder} is no data folder: expected an archive (motions.npz, captions.jsonl), "
-                            "HumanML3D's or KIT-ML's (new_joint_vecs, texts), SnapMoGen's (renamed_feats) or BABEL's "
-                            "(motions, val.json)")
-  return found[0]
+  return sources.kind_of(folder)
 
 
 def format_of_all(folders) -> str:
@@ -102,6 +94,9 @@ def read_items(folders, protocol, evaluators, allow_shared=False) -> Items:
   rows = []
   for folder in folders:
     rows += _READERS[data_format](pathlib.Path(folder), protocol, modes, excluded)
+  if not rows and protocol.recorded:
+    raise ValueError(f"split {protocol.split!r} of {', '.join(map(str, folders))} has no recording with more than "
+                     f"{protocol.recorded} captioned motions in a row")
   if not rows:
     raise ValueError(f"split {protocol.split!r} of {', '.join(map(str, folders))} has no clip of {protocol.min_frames} "
                      f"to {protocol.past_frames - 1} frames with a caption")
@@ -160,7 +155,11 @@ def _read_snapmogen(folder, protocol, evaluators, excluded):
     if evaluator.layout.kind != "snapmogen":
       raise ValueError(f"{folder} holds 'snapmogen' features, evaluator {evaluator.name!r} reads "
                        f"{evaluator.layout.name!r}; choose the evaluator of the data's representation")
-  items = snapmogen.text_items(folder, protocol.split, min_frames=protocol.min_frames, faults=excluded)
+  if protocol.recorded:
+    told = snapmogen.recordings(folder, protocol.split, protocol.recorded, protocol.min_frames, faults=excluded)
+    items = [item for pieces in told for item in pieces]
+  else:
+    items = snapmogen.text_items(folder, protocol.split, min_frames=protocol.min_frames, faults=excluded)
   for item in {item.id: item for item in items}.values():  # a split may name a span twice
     yield item.id, item.captions, (None,) * len(item.captions), item.features, {
         key: item.features[:, :evaluator.layout.dim] for key, evaluator in evaluators.items()}

@@ -2,7 +2,8 @@
 
 Which captions, and for how long, comes from a file of stories (FlowMDM's own list is one, given out apart from its
 code), or else from the test items: `sequences` lists of `segments` items each, drawn once by the seed, the same in all
-repeats.
+repeats. Of SnapMoGen's recordings (`Benchmark.recorded`) it is what they show, one motion after the other; a repeat
+draws one of each motion's captions, and real transitions are those at the recordings' own borders.
 """
 import dataclasses
 import hashlib
@@ -16,7 +17,7 @@ from motion_jax.data.timelines import read_stories
 from motion_jax.evaluation import samples
 from motion_jax.evaluation.items import carry, from_joints
 from motion_jax.metrics import long_horizon, physics
-from motion_jax.motion.features import to_joints
+from motion_jax.motion.features import get_layout, to_joints
 
 METRICS = ("top1", "top2", "top3", "fid", "matching", "diversity", "transition_fid", "transition_diversity",
            "transition_distance", "peak_jerk", "auj")
@@ -36,6 +37,11 @@ def load(run, raw=False):
 def real_rows(judge, repeat):
   """The real clips, their random crops in the place of transitions."""
   items, evaluator = judge.items, judge.evaluator
+  if judge.protocol.recorded:
+    rules = dataclasses.replace(_rules(judge.protocol), unit=1)
+    made = long_horizon.score(_recorded(judge, repeat), _reference(judge, repeat), *_scoring(judge, repeat, rules))
+    judge.curves.setdefault("real", []).append(made.curve)
+    return {"real": made.row}
   motions, joints = _real(judge)
   caption = (judge.rng(repeat, REFERENCE).random(len(items)) * [len(said) for said in items.captions]).astype(int)
   every = samples.Pass(np.arange(len(items)), caption, np.zeros(len(items), int), items.rows)
@@ -48,7 +54,7 @@ def real_rows(judge, repeat):
 
 def rows(judge, subject, repeat):
   """{"": scores} of a subject's long motions for a repeat."""
-  layout, drawn = subject.model.stats.layout, sequences(judge)
+  layout, drawn = subject.model.stats.layout, sequences(judge, repeat)
   options = {"way": judge.protocol.way} | dict(subject.options)
   way = options["way"]
   unit = subject.model.dit.block * subject.model.vae.frames_per_latent
@@ -68,8 +74,7 @@ def rows(judge, subject, repeat):
           joints if by_joints else carry(motion, layout, judge.evaluator), joints * layout.skeleton.unit, tuple(counts),
           tuple(tale.captions), judge.embed_captions(judge.evaluator, tale.captions, tale.tokens))
 
-  scored = long_horizon.score(pieces(), _reference(judge, repeat), _embed(judge), judge.rng(repeat, SCORES),
-                              _rules(judge.protocol), layout.skeleton)
+  scored = long_horizon.score(pieces(), _reference(judge, repeat), *_scoring(judge, repeat, _rules(judge.protocol)))
   judge.curves.setdefault(subject.name, []).append(scored.curve)
   return {"": scored.row}
 
@@ -96,9 +101,16 @@ class Tale(NamedTuple):
   frames: np.ndarray
 
 
-def sequences(judge) -> list[Tale]:
+def sequences(judge, repeat=0) -> list[Tale]:
   """What is to be told, lengths cut to whole units."""
   items, protocol = judge.items, judge.protocol
+  if protocol.recorded:
+    told = []
+    for at, rng in zip(_chosen(judge), judge.rng(repeat, SEQUENCES).spawn(protocol.sequences)):
+      caption = (rng.random(len(at)) * [len(items.captions[i]) for i in at]).astype(int)
+      told.append(Tale([items.captions[i][c] for i, c in zip(at, caption)], [None] * len(at),
+                       items.rows[at] // protocol.unit * protocol.unit))
+    return told
   if protocol.timelines:
     return [Tale([text for text, _ in story], [None] * len(story),
                  np.maximum([frames for _, frames in story], protocol.unit) // protocol.unit * protocol.unit)
@@ -113,6 +125,39 @@ def sequences(judge) -> list[Tale]:
     found.append(Tale(drawn.captions_of(items), drawn.tokens_of(items),
                       drawn.frames // protocol.unit * protocol.unit))
   return found
+
+
+def _chosen(judge):
+  """[items of a recording, in its order] of the recordings that are told: all, or as many as wanted, by the seed."""
+  if "recordings" not in judge.kept:
+    found, wanted = {}, judge.protocol.sequences
+    for i, name in enumerate(judge.items.ids):
+      found.setdefault(name.rsplit("#", 2)[0], []).append(i)
+    found = [np.array(at) for at in found.values()]
+    order = judge.rng(0, SEQUENCES).permutation(len(found))[:wanted]
+    judge.kept["recordings"] = [found[i] for i in sorted(order)]
+    if len(found) < wanted:
+      judge.kept.setdefault("notes", []).append(
+          f"Of {len(found)} recordings, where the protocol wants {wanted}: there are no more")
+  return judge.kept["recordings"]
+
+
+def _recorded(judge, repeat):
+  """The recordings as `Sequence`s, with the captions that the repeat draws."""
+  items, evaluator, layout = judge.items, judge.evaluator, get_layout(judge.protocol.joints_layout)
+  seen, features = items.of(evaluator), items.features[layout.name, evaluator.mode]
+  for at, tale in zip(_chosen(judge), sequences(judge, repeat)):
+    joints = np.asarray(to_joints(np.concatenate([features[i] for i in at]), layout), np.float64)
+    yield long_horizon.Sequence(
+        np.concatenate([seen[i] for i in at]), joints * layout.skeleton.unit, tuple(map(int, items.rows[at])),
+        tuple(tale.captions), judge.embed_captions(evaluator, tale.captions, tale.tokens))
+
+
+def _scoring(judge, repeat, rules):
+  """What `metrics.long_horizon.score` is told beside motions and their reference."""
+  two = judge.evaluator.seen is not None
+  return (_embed(judge, seen=True), judge.rng(repeat, SCORES), rules, judge.evaluator.layout.skeleton,
+          _embed(judge) if two else None)
 
 
 def _file(judge):
@@ -144,7 +189,8 @@ def _rules(protocol):
   return dataclasses.replace(
       long_horizon.BABEL if babel else long_horizon.LongHorizon(), width=protocol.transition_frames,
       shortest=protocol.min_frames, longest=protocol.past_frames - 1, pool=protocol.pool,
-      unit=1 if babel else protocol.unit, diversity_draws=protocol.diversity_draws,
+      unit=1 if babel else protocol.unit, diversity_draws=protocol.diversity_draws, cosine=protocol.cosine,
+      jerk_scale=1 / protocol.jerk_unit,
       real_jerk=physics.REAL_JERK[protocol.real_jerk] if protocol.real_jerk else None)
 
 
@@ -159,18 +205,25 @@ def _real(judge):
 
 def _reference(judge, repeat):
   key = "reference", repeat
-  if key not in judge.kept:
+  if judge.protocol.recorded:
+    key = "reference"  # the same in all repeats
+    if key not in judge.kept:
+      judge.kept[key] = long_horizon.reference_of(_recorded(judge, 0), _embed(judge, seen=True), _rules(judge.protocol),
+                                                  judge.evaluator.layout.skeleton)
+  elif key not in judge.kept:
     judge.kept[key] = long_horizon.reference(*_real(judge), _embed(judge), judge.rng(repeat, REFERENCE + 100),
                                              _rules(judge.protocol), judge.evaluator.layout.skeleton)
   return judge.kept[key]
 
 
-def _embed(judge):
-  """embed(motions) of `metrics.long_horizon`: joints are put at the origin first, features begin there anyway."""
+def _embed(judge, seen=False):
+  """embed(motions) of `metrics.long_horizon`: joints are put at the origin first, features begin there anyway. seen:
+  what FID and diversity are taken of, where that is another vector."""
   evaluator = judge.evaluator
 
   def embed(motions):
     if evaluator.layout.kind == "coordinates":
       motions = [from_joints(long_horizon.placed(x, evaluator.layout.skeleton), evaluator) for x in motions]
-    return judge.embed(evaluator, motions, np.array([len(x) for x in motions]))
+    return judge.embed(evaluator, motions, np.array([len(x) for x in motions]),
+                       evaluator.embed_for_fid if seen and evaluator.seen is not None else None)
   return embed

@@ -2,6 +2,7 @@
 
   name             data                     evaluator reads      what is judged
   archives-66      archives (our own)       66 coordinates       text to motion, on motion capture that anyone may fetch
+  own-66           a `data build` folder    66 coordinates       text to motion, on your own data
   cmdm-259         HumanML3D                263 (259 of them)    text to motion, CMDM Table 1
   cmdm-67          HumanML3D                67                   text to motion, CMDM Table 6
   cdamd-66         HumanML3D                66 coordinates       text to motion, CDAMD Tables I, IV, V
@@ -9,16 +10,18 @@
   kit              KIT-ML                   63, 64 or 251        text to motion, CDAMD Table II
   snapmogen        SnapMoGen                148                  text to motion, CMDM Table 2
   long-horizon     HumanML3D or archives    any                  32 prompts in a row, CMDM Table 3
-  babel            BABEL                    135                  the same, CMDM Table 5
+  snapmogen-long   SnapMoGen                148                  recordings' own motions in a row, CMDM Table 3
+  babel            BABEL                    135                  prompts in a row, CMDM Table 5
   mtt              timelines and clips      any, kind "tmr"      timelines, CMDM Table 7
   editing          any of the first four    any                  four editing tasks, CDAMD Table III
   reconstruction   any of the first four    any                  a tokenizer there and back, CMDM Table 8
 
-Numbers of `archives-66` are our own benchmark's: they compare with nothing on HumanML3D.
+Numbers of `archives-66` and `own-66` are our own benchmark's: they compare with nothing on HumanML3D.
 """
 import dataclasses
 
 from motion_jax.metrics.protocol import Protocol
+from motion_jax.nearest import did_you_mean
 
 TASKS = ("generation", "reconstruction", "editing", "stories", "timelines")
 
@@ -71,6 +74,9 @@ class Benchmark(Protocol):
   transition_frames: int = 60
   timelines: str | None = None           # a file of them, or of stories
   released_slips: bool = True            # Parity: of STMC's script, see `metrics.timeline_scores.Mtt`
+  recorded: int = 0                      # stories are those of recordings that show more than so many motions in a row
+  joints_layout: str = ""                # where real joints are of other features than the evaluator's
+  jerk_unit: float = 1.0                 # of jerk, in metres: 0.01 is centimetres
   real_jerk: str | None = "humanml3d"    # level of AUJ, a key of physics.REAL_JERK; None: of the real clips given
   way: str = "stream"                    # how long motions are told where --sampling does not say: "stream" or "chain"
   paper: tuple[str, str, str] | None = None  # (system, table, row) to print beside
@@ -90,6 +96,13 @@ class Benchmark(Protocol):
     elif self.task == "stories":  # the model's own way, and AUJ from the clips' own level
       changes |= dict(way="stream", real_jerk=None)
     return dataclasses.replace(self, **changes)
+
+  def of_few(self, count):
+    """The protocol for so many items: fewer candidates at a time where one's own data has no 32 test clips."""
+    if self.name != "own-66" or count >= self.pool or count <= self.top_k:
+      return self
+    return dataclasses.replace(self, pool=count, note=f"Only {count} test clips: R-precision is among {count}, not "
+                                                      f"{self.pool}, and every number is uncertain")
 
   @property
   def num_multimodality(self):
@@ -111,6 +124,9 @@ _CDAMD = Benchmark(
 
 _OWN_STORIES = ("Prompts in a row are drawn from the test items by the seed; the paper's are FlowMDM's list, which "
                 "--data takes as a .json file: without it compare rows of ours alone")
+_RECORDINGS = ("What motions in a row are is our reading of \"over five continuous motions\": none overlaps, at most a "
+               "second lies between two; the real side is the recordings themselves, R-precision is of one recording's "
+               "own captions, jerk is in centimetres")
 _ANY_GENERATION = ("archive", "humanml3d")
 
 PROTOCOLS = {protocol.name: protocol for protocol in (
@@ -120,6 +136,12 @@ PROTOCOLS = {protocol.name: protocol for protocol in (
         formats=("archive",), evaluator="evaluator-small", clip_evaluator="clip-evaluator-small",
         multimodality_batches=1, multimodality_motions=20, multimodality_repeats=5,
         multimodality_shared=False, paper=None),
+    dataclasses.replace(
+        _CDAMD, name="own-66", title="Text to motion, your own data, joint coordinates",
+        facts="archives-66 on a folder of `motion-jax data build`: numbers compare among your own models",
+        min_frames=24, past_frames=201, population_std=False, repeats=4, evaluator="evaluator-small",
+        clip_evaluator="clip-evaluator-small", multimodality_batches=1, multimodality_motions=20,
+        multimodality_repeats=1, multimodality_shared=False, paper=None),
     _CMDM,
     dataclasses.replace(
         _CMDM, name="cmdm-67", title="Text to motion, HumanML3D, 67 features", layouts=("essential",),
@@ -147,6 +169,14 @@ PROTOCOLS = {protocol.name: protocol for protocol in (
         # Parity: segment by segment, as the code behind the published numbers (facts: cmdm 5.6, 7 row 6).
         random_crop=False, way="chain", paper=("cmdm", "3-humanml3d", "CMDM"), paper_layout="full", note=_OWN_STORIES),
     Benchmark(
+        name="snapmogen-long", title="Long motions, SnapMoGen's recordings", facts="cmdm 6.4, 6.5", task="stories",
+        formats=("snapmogen",), layouts=("snapmogen_148", "snapmogen"), kinds=("snapmogen",), seed=3407, lost_frames=0,
+        repeats=10, min_frames=60, past_frames=10**9, max_frames=320, coin=False, random_crop=False, cosine=True,
+        # Parity: the printed AUJ fits HumanML3D's level in numbers of centimetres: that of real motions, 45.16 under a
+        # peak of 1.11, is far from 0, and FlowMDM's, whose motions stand still, is lower.
+        sequences=128, recorded=5, joints_layout="snapmogen", jerk_unit=0.01, way="chain",
+        paper=("cmdm", "3-snapmogen", "CMDM"), note=_RECORDINGS),
+    Benchmark(
         name="babel", title="Long motions, BABEL", facts="cmdm 6.4", task="stories", formats=("babel",),
         layouts=("babel",), kinds=("tmr", "t2m"), split="val", seed=3407, lost_frames=0, repeats=10, min_frames=30,
         past_frames=201,
@@ -172,5 +202,5 @@ def get_protocol(name) -> Benchmark:
   if isinstance(name, Benchmark):
     return name
   if name not in PROTOCOLS:
-    raise ValueError(f"got protocol {name!r}, expected one of {', '.join(PROTOCOLS)}")
+    raise ValueError(f"got protocol {name!r}, expected one of {', '.join(PROTOCOLS)}{did_you_mean(name, PROTOCOLS)}")
   return PROTOCOLS[name]

@@ -50,9 +50,9 @@ def _evaluator(evaluator):
 
 
 def _unknown(model, captions):
-  """Words of the captions that a model never met in training."""
-  encoder = getattr(model, "encoder", None)
-  return sorted({word for caption in captions for word in encoder.unfamiliar(caption)}) if encoder else []
+  """Words of the captions that a model never met in training; none of one that reads no words."""
+  unknown = getattr(model, "unknown_words", lambda caption: ())
+  return sorted({word for caption in captions for word in unknown(caption)})
 
 
 def _precision():

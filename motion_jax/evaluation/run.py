@@ -33,9 +33,10 @@ from motion_jax.evaluation import rows as rows_lib
 from motion_jax.evaluation.evaluator import Evaluator, load_evaluator
 from motion_jax.evaluation.given import load_given
 from motion_jax.evaluation.judge import Judge
-from motion_jax.evaluation.subject import Subject, check_options, folder_of, hash_of
+from motion_jax.evaluation.subject import Reader, Subject, check_options, folder_of, hash_of
 from motion_jax.motion.features import get_layout
-from motion_jax.motion.skeleton import KIT
+from motion_jax.motion.skeleton import HUMANML3D, KIT
+from motion_jax.prompted import Prompted
 
 _TASKS = {"generation": generation, "reconstruction": reconstruction, "editing": editing, "stories": long_horizon,
           "timelines": mtt}
@@ -58,7 +59,9 @@ def evaluate(runs, folders, protocol=None, *, evaluator=None, clip_evaluator=Non
   -> result: rows {name: {metric: {"mean", "interval", "values"}}}, record, sanity, controls, curves, gallery.
   """
   start, devices = Clock(show), tuple(devices or jax.local_devices())
+  whole = limit is None
   folders, protocol, limit = _what(runs, folders, protocol, limit, multimodality)
+  whole &= protocol.task != "stories" or bool(protocol.timelines or protocol.recorded)  # not stories of our own
   repeats = protocol.repeats if repeats is None else repeats
   main, clip = _evaluators(protocol, evaluator, clip_evaluator)
   default = out is None
@@ -73,6 +76,7 @@ def evaluate(runs, folders, protocol=None, *, evaluator=None, clip_evaluator=Non
                      "another --protocol")
   with start.part("data"):
     items = _items(folders, protocol, main, clip, subjects if task is not generation else (), allow_shared, start)
+  protocol = protocol.of_few(len(items))
   judge = Judge(protocol, main, clip, items, protocol.seed if seed is None else int(seed), limit)
   subjects += [load_given(name, folder, main) for name, folder in motions]
   if default:
@@ -97,7 +101,8 @@ def evaluate(runs, folders, protocol=None, *, evaluator=None, clip_evaluator=Non
   result = rows_lib.plain(dict(
       protocol=protocol.name, title=protocol.title, rows=rows, row_order=["real", *made_by],
       metrics=[name for name in task.METRICS if any(name in row for row in rows.values())],
-      paper=printed.paper_of(protocol, main, made_by), notes=[protocol.note] if protocol.note else [],
+      paper=printed.paper_of(protocol, main, made_by, whole),
+      notes=[note for note in (protocol.note, *judge.kept.get("notes", ())) if note],
       record=record_lib.make_record(judge, folders, subjects, repeats, devices), sanity=found, controls=checked,
       curves=rows_lib.curves_of(rows, subjects, checked) | rows_lib.drawn(judge.curves, protocol.population_std),
       gallery=[]))
@@ -117,6 +122,7 @@ def ask(folders, out, protocol=None, *, evaluator=None, repeats=None, seed=None,
     raise ValueError(f"protocol {protocol.name!r} is not text to motion; name another --protocol")
   main, _ = _evaluators(protocol, evaluator, "none")
   items = _items(folders, protocol, main, None, (), allow_shared)
+  protocol = protocol.of_few(len(items))
   judge = Judge(protocol, main, None, items, protocol.seed if seed is None else int(seed), limit)
   return given.ask(judge, out, protocol.repeats if repeats is None else repeats)
 
@@ -172,6 +178,8 @@ def _what(runs, folders, protocol, limit, multimodality):
 def _items(folders, protocol, main, clip, subjects, allow_shared, clock=None):
   """The test items for evaluators, and for what is done to real motions."""
   readers = [reader for reader in (main, clip) if reader] + [subject.reader for subject in subjects]
+  if protocol.joints_layout:
+    readers.append(Reader("joints", get_layout(protocol.joints_layout), main.mode))
   items = items_lib.read_items(folders, protocol, readers, allow_shared)
   if clock:
     clock.say(f"{protocol.title}: {len(items)} items of split {protocol.split!r}"
@@ -198,6 +206,10 @@ def guess_protocol(runs, folders) -> str:
   if files:
     return "mtt"
   data_format = items_lib.format_of_all(data)
+  own = lambda folder: (pathlib.Path(folder) / "dataset.json").is_file() and get_layout(
+      humanml3d.dataset_info(folder)["layout"]).skeleton is HUMANML3D
+  if data_format == "humanml3d" and all(map(own, data)):
+    return "own-66"  # a folder of `motion-jax data build` is no benchmark of a paper's
   if data_format != "humanml3d":
     return {"archive": "archives-66"}.get(data_format, data_format)
   name = (checkpoint.load_config(folder_of(runs[0])).data.layout if runs
@@ -240,6 +252,8 @@ def _subjects(load, runs, out, home, guidance, choices, more, devices, only_read
   subjects, varied = [], {key for one in choices for key in one if any(other.get(key) != one[key] for other in choices)}
   for name, run in zip(_names(runs), runs):
     loaded = load(run)
+    if isinstance(loaded, Prompted):
+      loaded.tells_unknown_words = False  # the record lists them once
     shipped = pathlib.Path(loaded.folder).parent == model_lib.PRETRAINED
     folder = pathlib.Path(home) if home else (out if shipped else loaded.folder / "eval") / "samples"
     for scale, options in itertools.product(guidance or (None,), choices):

@@ -13,8 +13,6 @@ import concurrent.futures
 import hashlib
 import json
 import pathlib
-import warnings
-import zipfile
 from typing import NamedTuple
 
 import jax
@@ -23,6 +21,8 @@ from tqdm import tqdm
 
 from motion_jax import checkpoint
 from motion_jax.data.clip import atomic_path
+from motion_jax.errors import InputError
+from motion_jax.input_files import load_npz
 
 BATCH = 32  # motions made together, whatever the protocol's pool: one compiled function serves all
 TAIL = 4    # rows kept behind a motion's end: as far as an evaluator's last token reaches
@@ -120,14 +120,14 @@ class Store:
 
   def read(self, name, batch, jobs):
     """[(rows, F)] of a batch, or None where it is not there or not whole."""
+    keys = ("features", "start", "frames", "seeds")
     try:
-      with np.load(self.path(name, batch), allow_pickle=False) as file:
-        if file["frames"].tolist() != jobs.frames or file["seeds"].tolist() != jobs.seeds:
-          return None
-        features, start = file["features"], file["start"]
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):  # a file that a dying machine cut short
+      file = load_npz(self.path(name, batch), keys, required=keys)
+    except (OSError, InputError):  # a file that a dying machine cut short
       return None
-    return [features[a:b] for a, b in zip(start[:-1], start[1:])]
+    if file["frames"].tolist() != jobs.frames or file["seeds"].tolist() != jobs.seeds:
+      return None
+    return [file["features"][a:b] for a, b in zip(file["start"][:-1], file["start"][1:])]
 
   @property
   def makers(self) -> list[dict]:
@@ -181,11 +181,9 @@ def sample(make, store, name, jobs, *, batch=None, devices=None, only_read=False
     return motions
 
   made = [None] * len(order)
-  with warnings.catch_warnings():
-    warnings.filterwarnings("ignore", message="the model does not know")  # the record lists them once
-    for part, motions in zip(parts, _in_turn(run, len(parts), len(devices))):
-      for i, motion in zip(part, motions):
-        made[i] = motion
+  for part, motions in zip(parts, _in_turn(run, len(parts), len(devices))):
+    for i, motion in zip(part, motions):
+      made[i] = motion
   return made
 
 

@@ -37,10 +37,11 @@ class Subject:
   def about(self) -> dict:
     """What a record says of it."""
     scale = self.model.scale_of(self.guidance_scale) if hasattr(self.model, "scale_of") else None
+    taught = self.model.config.get("taught_by")
     return dict(model=self.model.folder.name, hash=self.hash, guidance_scale=scale, sampling=dict(self.options),
                 sampler=self.model.config.get("sampler", {}).to_dict() if self.model.config.get("sampler") else {},
                 parameters=getattr(self.model, "num_params", None), layout=self.model.stats.layout.name,
-                statistics=self.model.stats.fingerprint)
+                statistics=self.model.stats.fingerprint, **({"taught_by": taught.to_dict()} if taught else {}))
 
   def store(self, judge, kind="generation") -> samples.Store:
     """Where its samples for a judge's passes are kept."""
@@ -66,7 +67,9 @@ class Subject:
   def _asked(self):
     """The options that are not what `generate` does anyway: the same samples, whether that was said or not."""
     usual = inspect.signature(self.model.generate).parameters if hasattr(self.model, "generate") else {}
-    return {name: value for name, value in self.options.items() if name not in usual or usual[name].default != value}
+    own = {"schedule": (self.model.config.get("sampler") or {}).get("schedule", "fss")}
+    return {name: value for name, value in self.options.items()
+            if (name not in usual or usual[name].default != value) and own.get(name) != value}
 
   def sample(self, make: Callable, store, name, jobs, what, batch=None):
     """`samples.sample` with a bar, on this subject's devices."""

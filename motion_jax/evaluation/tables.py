@@ -49,15 +49,17 @@ _LATEX_ARROWS = {"up": r"$\uparrow$", "down": r"$\downarrow$", "real": r"$\right
 class PaperTable:
   """One printed table; rows: {row name: {metric: {"mean", "interval" or None, "digits" as printed}}}, None unprinted.
 
-  own names the paper's own models among the rows, groups the kinds of the others. Numbers are in our units: where the
-  paper prints percent or centimetres, `unit` says so. source tells the table and the lines of its text.
+  own names the paper's own models among the rows, groups the kinds of the others. protocols: {benchmark whose numbers
+  the table prints: {metric there: metric here}}, none where no benchmark of ours measures them. Numbers are in our
+  units: where the paper prints percent or centimetres, `unit` says so. source tells the table and the lines of its
+  text.
   """
   system: str
   table: str
   title: str
   caption: str
   dataset: str
-  protocol: str
+  protocols: dict
   repeats: int | None
   source: str
   metrics: tuple[str, ...]
@@ -67,6 +69,16 @@ class PaperTable:
   unit: dict = dataclasses.field(default_factory=dict)
   groups: dict = dataclasses.field(default_factory=dict)
   details: dict = dataclasses.field(default_factory=dict)
+
+  @property
+  def judged(self) -> bool:
+    """Whether a benchmark of ours measures what it prints."""
+    return bool(self.protocols)
+
+  def row_for(self, row, protocol) -> dict[str, dict]:
+    """The numbers of a row that a protocol gives, too, {metric there: number}; of another protocol all of them."""
+    names = self.protocols.get(protocol) or {metric: metric for metric in self.metrics}
+    return {there: self.rows[row][here] for there, here in names.items() if self.rows[row][here] is not None}
 
 
 @functools.cache
@@ -111,6 +123,11 @@ def _read(path):
     if len(cells) != len(data["metrics"]):
       raise ValueError(f"{path.name}, row {name!r}: got {len(cells)} numbers for {len(data['metrics'])} metrics")
     rows[name] = {metric: _number(cell, scale.get(metric, 1)) for metric, cell in zip(data["metrics"], cells)}
+  protocols = data.pop("protocols", None)
+  if protocols is None:
+    protocols = {data.pop("protocol"): data["metrics"]}
+  data["protocols"] = {name: one if isinstance(one, dict) else {metric: metric for metric in one}
+                       for name, one in protocols.items()}
   lists = {key: tuple(data[key]) for key in ("metrics", "own", "notes") if key in data}
   return PaperTable(**data | lists, rows=rows)
 
@@ -149,17 +166,18 @@ class Comparison(NamedTuple):
 def compare(result) -> Comparison:
   """The rows of a result dictionary (evaluation.run), then the paper's.
 
-  result["paper"] names the printed rows: {"system", "table", "row"}, row a name or {row of ours: printed row}; it may
-  name more to show under "also". Where the table has several rows of that name, as "suffix: CDAMD", a row "suffix: .."
-  of ours goes with it. None: the numbers stand alone.
+  result["paper"] names the printed rows: {"system", "table", "row", "also", "unmarked"}. row: a name, or {row of ours:
+  name or [{"system", "table", "row"}, ..]}; what is shown besides is under "also", names of that table or [system,
+  table, name]. Rows of ours under "unmarked" are shown beside theirs and not held against them. Where the table has
+  several rows of a name, as "suffix: CDAMD", a row "suffix: .." of ours goes with it. None: the numbers stand alone.
   """
   metrics = list(result["metrics"])
   paper = result.get("paper")
-  partner, printed, notes = ({}, {}, []) if paper is None else _printed(result, paper)
+  against, printed, notes = ({}, {}, []) if paper is None else _printed(result, paper)
   lines = []
   for name in result["row_order"]:
     kind = "real" if name == "real" else "ours"
-    cells = [_cell(metric, result["rows"][name].get(metric), printed.get(partner.get(name), {})) for metric in metrics]
+    cells = [_cell(metric, result["rows"][name].get(metric), against.get(name, {})) for metric in metrics]
     lines.append(Line(name, kind, cells))
   for name, row in printed.items():
     kind = "paper real" if name == REAL else "paper"
@@ -182,35 +200,83 @@ def printed_table(system, table) -> Comparison:
 
 
 def _printed(result, paper):
-  """{row of ours: row of the paper}, the paper's rows to show, {name: row}, the real one last, and what to say of them.
-  """
-  table = paper_table(paper["system"], paper["table"])
-  partner = _partners(result, paper["row"], table)
-  names = [*partner.values(), *paper.get("also", ())]
-  if REAL in table.rows:
-    partner, names = partner | {"real": REAL}, [*(name for name in names if name != REAL), REAL]
-  rows = {name: paper_row(table.system, table.table, name) for name in names}
-  if result["protocol"] == "reconstruction":  # "fid" is the tokenizer's here, which such tables call otherwise
-    rows = {name: _reconstruction(row) for name, row in rows.items()}
-  number = table.table.partition("-")[0]
-  notes = [f"Rows of the paper: {table.system.upper()}, Table {number} ({table.title}); mean ± 95 % interval"
-           f"{f' of {table.repeats} repeats' if table.repeats else ''}."]
-  return partner, rows, notes + [f"Paper: {note}." for note in table.notes]
+  """({row of ours: numbers of the paper that it is held against}, the paper's rows to show, {name: row}, the real one
+  last, and what to say of them)."""
+  own = paper["system"], str(paper["table"])
+  partners, unmarked = _partners(result, paper["row"], paper_table(*own)), set(paper.get("unmarked", ()))
+  also = [(*own, one) if isinstance(one, str) else tuple(one) for one in paper.get("also", ())]
+  elsewhere = [one for one in also if not paper_table(*one[:2]).judged]
+  wanted = [one for some in partners.values() for one in some] + [one for one in also if one not in elsewhere]
+  shown, repeated = {}, []
+  for key in dict.fromkeys(wanted):
+    numbers = paper_table(*key[:2]).row_for(key[2], result["protocol"])
+    same = key[:2] != own and any(_repeats(numbers, other) for other in shown.values())
+    repeated += [key] * same
+    shown |= {} if same else {key: numbers}
+  against = {}
+  for name, keys in partners.items():
+    if name not in unmarked:
+      for key in reversed(keys):  # the first one counts most
+        against[name] = against.get(name, {}) | paper_table(*key[:2]).row_for(key[2], result["protocol"])
+  real = {}
+  if REAL in paper_table(*own).rows:
+    real = {REAL: paper_table(*own).row_for(REAL, result["protocol"])}
+    against |= {"real": real[REAL]} if "real" not in unmarked else {}
+  name_of = lambda key: key[2] if key[:2] == own else f"{key[2]} ({_table_name(key, own)})"
+  rows = {name_of(key): numbers for key, numbers in shown.items() if key[2] != REAL} | real
+  notes = []
+  for key in dict.fromkeys([*(key[:2] for key in shown), *([own] if real else [])]):
+    notes += _said_of(paper_table(*key))
+  if repeated:
+    notes.append(f"In print, too, with the same numbers: {', '.join(map(name_of, repeated))}.")
+  for key in elsewhere:
+    notes.append(f"In print of this model, too: {_in_words(key)}.")
+  names = [name for name in partners if name in unmarked]
+  if names:
+    notes.append("Not the paper's model as it was printed, or not its whole test set, so never marked: "
+                 f"{', '.join(names)}.")
+  return against, rows, notes
 
 
-def _partners(result, row, table):
+def _table_name(key, own=("", "")):
+  system = "" if key[0] == own[0] else f"{key[0].upper()} "
+  number = key[1].partition("-")[0]
+  return f"{system}Table {number}" if number.isdigit() else f"{system}{number}"
+
+
+def _said_of(table):
+  """How a table's rows are introduced."""
+  repeats = f"mean ± 95 % interval of {table.repeats} repeats" if table.repeats else "as printed"
+  name = _table_name((table.system, table.table), (table.system,))
+  return [f"Rows of the paper: {table.system.upper()}, {name} ({table.title}); {repeats}.",
+          *(f"Paper: {note}." for note in table.notes)]
+
+
+def _in_words(key):
+  """A row of a table that no benchmark of ours measures, as a clause."""
+  table = paper_table(*key[:2])
+  numbers = (f"{label(metric)} {_paper_cell(value).mean}" for metric, value in table.rows[key[2]].items() if value)
+  return f"{key[2]}, {', '.join(numbers)} ({key[0].upper()}, {_table_name(key, key)}: {table.title})"
+
+
+def _repeats(numbers, others):
+  """Whether numbers are all among others, but for intervals that only one of them gives."""
+  return all(metric in others and value["mean"] == others[metric]["mean"] and (
+      None in (value["interval"], others[metric]["interval"]) or value["interval"] == others[metric]["interval"])
+             for metric, value in numbers.items())
+
+
+def _partners(result, row, table) -> dict[str, list]:
+  """{row of ours: [(system, table, row of the paper), ..]}"""
+  key = table.system, table.table
   if isinstance(row, dict):
-    return row
+    return {name: [(*key, one)] if isinstance(one, str) else [(each["system"], each["table"], each["row"])
+                                                              for each in one] for name, one in row.items()}
   ours = [name for name in result["row_order"] if name != "real"]
   if any(name.endswith(f": {row}") for name in table.rows):
     parts = {name: f"{name.partition(': ')[0]}: {row}" for name in ours}
-    return {name: part for name, part in parts.items() if part in table.rows}
-  return dict.fromkeys(ours, row)
-
-
-def _reconstruction(row):
-  kept = {name: value for name, value in row.items() if name in ("mpjpe", "released_mpjpe")}
-  return kept | ({"fid": row["reconstruction_fid"]} if "reconstruction_fid" in row else {})
+    return {name: [(*key, part)] for name, part in parts.items() if part in table.rows}
+  return {name: [(*key, row)] for name in ours}
 
 
 def differs(ours, paper) -> bool:

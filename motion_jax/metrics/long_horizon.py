@@ -31,6 +31,8 @@ class LongHorizon:
   # is summed over x, y and z and is not the same in other directions.
   placed: bool = True
   real_jerk: float | None = physics.REAL_JERK["humanml3d"]  # level that AUJ is measured from; None: the real crops' own
+  jerk_scale: float = 1.0         # times the jerk of joints in metres: 100 is centimetres
+  cosine: bool = False            # R-precision ranks by angle, not by Euclidean distance (SnapMoGen)
 
 
 BABEL = LongHorizon(width=30, unit=1, shortest=30, placed=False, real_jerk=physics.REAL_JERK["babel"])
@@ -87,16 +89,17 @@ def random_crops(motions, width, rng):
   return [(i, int(rng.integers(len(motions[i]) - width + 1))) for i in long_enough]
 
 
-def caption_hits(text, motion, captions, top_k=3, merge=True):
+def caption_hits(text, motion, captions, top_k=3, merge=True, cosine=False):
   """Hits of R-precision among one sequence's own pieces, text and motion (S, E) -> (top_k,), out of S.
 
   merge: of equal captions only the first piece takes part, in texts and in motions, and hits are scaled up to S. A
-  random embedding of U different captions so scores S k / U.
+  random embedding of U different captions so scores S k / U. cosine: ranked by angle.
   """
   if not len(text) == len(motion) == len(captions):
     raise ValueError(f"got {len(text)} texts, {len(motion)} pieces and {len(captions)} captions of one sequence")
   kept = [i for i, caption in enumerate(captions) if not merge or caption not in captions[:i]]
-  away = scores.distances(np.asarray(text)[kept], np.asarray(motion)[kept])
+  measure = scores.cosine_distances if cosine else scores.distances
+  away = measure(np.asarray(text)[kept], np.asarray(motion)[kept])
   return scores.hits(away, top_k) * (len(captions) / len(kept))
 
 
@@ -105,6 +108,19 @@ def placed(joints, skeleton):
   joints = joints - joints[:1, :1] * [1, 0, 1]
   ahead = facing(joints[:1], skeleton)
   return rot.rotate(rot.between(ahead, np.array([[0.0, 0.0, 1.0]]))[:, None], joints)
+
+
+def reference_of(sequences, embed, protocol=LongHorizon(), skeleton=HUMANML3D) -> Reference:
+  """The real side where real motions are as long as the made ones, with borders of their own: of real `Sequence`s."""
+  pieces, crops, moving = [], [], []
+  for sequence in sequences:
+    borders = np.cumsum(sequence.frames)[:-1]
+    pieces.append(embed(cut_pieces(sequence.motion, sequence.frames)))
+    crops.append(embed(list(physics.cut_transitions(sequence.motion, borders, protocol.width))))
+    moving.append(_placed(physics.cut_transitions(sequence.joints, borders, protocol.width), protocol, skeleton))
+  curve = protocol.jerk_scale * physics.jerk_curve(np.concatenate(moving))
+  level = float(curve.mean()) if protocol.real_jerk is None else protocol.real_jerk
+  return Reference(scores.moments(np.concatenate(pieces)), scores.moments(np.concatenate(crops)), curve, level)
 
 
 def reference(motions, joints, embed, rng, protocol=LongHorizon(), skeleton=HUMANML3D) -> Reference:
@@ -117,28 +133,31 @@ def reference(motions, joints, embed, rng, protocol=LongHorizon(), skeleton=HUMA
     raise ValueError(f"got {len(pieces)} real clips of {protocol.shortest} to {protocol.longest} frames, a Gaussian "
                      "needs 2 or more")
   crops, moving = _crops(motions, joints, rng, protocol, skeleton)
-  curve = physics.jerk_curve(moving)
+  curve = protocol.jerk_scale * physics.jerk_curve(moving)
   level = float(curve.mean()) if protocol.real_jerk is None else protocol.real_jerk
   return Reference(scores.moments(embed(pieces)), scores.moments(embed(crops)), curve, level)
 
 
-def score(sequences, real, embed, rng, protocol=LongHorizon(), skeleton=HUMANML3D) -> Scores:
+def score(sequences, real, embed, rng, protocol=LongHorizon(), skeleton=HUMANML3D, embed_text_space=None) -> Scores:
   """The row of made `Sequence`s (any iterable: one is looked at at a time) against a `Reference`.
 
-  embed(list of motions) -> (N, E); rng: numpy generator for the draws of diversity. Metrics: top1 .. top3, matching,
-  fid, diversity of the pieces; transition_fid, transition_diversity, transition_distance, peak_jerk, auj of the
-  transitions.
+  embed(list of motions) -> (N, E); rng: numpy generator for the draws of diversity. embed_text_space: what is held
+  against texts, where FID is of another vector. Metrics: top1 .. top3, matching, fid, diversity of the pieces;
+  transition_fid, transition_diversity, transition_distance, peak_jerk, auj of the transitions.
   """
+  beside_text = embed_text_space or embed
   pieces, transitions, away, found, count = [], [], [], np.zeros(protocol.top_k), 0
   jerks, steps = [], []
   for sequence in sequences:
     frames = whole_units(sequence.frames, protocol)
     borders = np.cumsum(frames)[:-1]
-    made = embed(cut_pieces(sequence.motion, frames))
-    found += caption_hits(sequence.text, made, sequence.captions, protocol.top_k, protocol.merge_captions)
+    cut = cut_pieces(sequence.motion, frames)
+    made = beside_text(cut)
+    found += caption_hits(sequence.text, made, sequence.captions, protocol.top_k, protocol.merge_captions,
+                          protocol.cosine)
     away.append(np.linalg.norm(np.asarray(sequence.text, np.float64) - made, axis=1))
     count += len(frames)
-    pieces.append(made)
+    pieces.append(made if beside_text is embed else embed(cut))
     if len(borders):
       transitions.append(embed(list(physics.cut_transitions(sequence.motion, borders, protocol.width))))
       moving = physics.cut_transitions(sequence.joints, borders, protocol.width)
@@ -167,7 +186,8 @@ def real_row(motions, joints, captions, text, real, embed, rng, protocol=LongHor
   found, away = np.zeros(protocol.top_k), []
   for pool in pools:
     motion = np.stack([made[i] for i in pool])
-    found += caption_hits(text[pool], motion, [captions[i] for i in pool], protocol.top_k, protocol.merge_captions)
+    found += caption_hits(text[pool], motion, [captions[i] for i in pool], protocol.top_k, protocol.merge_captions,
+                          protocol.cosine)
     away.append(np.linalg.norm(text[pool] - motion, axis=1))
   crops, moving = _crops(motions, joints, rng, protocol, skeleton)
   steps = [physics.transition_distance(crop, [protocol.width // 2], skeleton) for crop in moving]
@@ -177,7 +197,7 @@ def real_row(motions, joints, captions, text, real, embed, rng, protocol=LongHor
 
 def transition_row(motions, joints, real, embed, protocol=LongHorizon(), skeleton=HUMANML3D) -> dict[str, float]:
   """What is said of transitions alone: motions, a list of (width, ..), and their joints (N, width, J, 3)."""
-  curve = physics.jerk(_placed(joints, protocol, skeleton)).mean(0)
+  curve = protocol.jerk_scale * physics.jerk(_placed(joints, protocol, skeleton)).mean(0)
   steps = [physics.transition_distance(one, [protocol.width // 2], skeleton) for one in joints]
   return {"transition_fid": scores.fid(real.transitions, embed(motions)),
           "transition_distance": float(np.concatenate(steps).mean()), "peak_jerk": physics.peak_jerk(curve),
@@ -200,7 +220,7 @@ def _crops(motions, joints, rng, protocol, skeleton):
 
 def _scores(precision, away, pieces, transitions, jerks, steps, real, rng, protocol):
   """Puts a row together: embeddings of pieces and transitions (N, E), jerks (N, width - 3), lists of distances."""
-  curve = jerks.mean(0)
+  curve = protocol.jerk_scale * jerks.mean(0)
   row = {f"top{k + 1}": float(share) for k, share in enumerate(precision)}
   row["matching"] = float(np.concatenate(away).mean())
   for prefix, features, gaussian in (("", pieces, real.pieces), ("transition_", transitions, real.transitions)):

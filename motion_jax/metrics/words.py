@@ -12,6 +12,7 @@ import pickle
 import numpy as np
 
 from motion_jax.data.clip import atomic_path
+from motion_jax.input_files import load_npy, load_npz
 
 CLASSES = ("VERB", "NOUN", "DET", "ADP", "NUM", "AUX", "PRON", "ADJ", "ADV",
            "Loc_VIP", "Body_VIP", "Obj_VIP", "Act_VIP", "Desc_VIP", "OTHER")
@@ -138,9 +139,9 @@ def load_words(path) -> WordVectors:
   if not path.is_file():
     raise FileNotFoundError(f"there is no vocabulary {path}; give a folder that holds {', '.join(GLOVE_FILES)}")
   try:
-    with np.load(path, allow_pickle=False) as file:
-      return WordVectors(file["words"].tolist(), file["vectors"])
-  except (KeyError, ValueError, OSError) as error:
+    file = load_npz(path, ("vectors",), ("words",), required=("words", "vectors"))
+    return WordVectors(file["words"].tolist(), file["vectors"])
+  except (ValueError, TypeError) as error:
     raise ValueError(f"{path} is no vocabulary ({error}); make it with "
                      "motion_jax.metrics.words.convert_glove") from error
 
@@ -157,10 +158,7 @@ def _read_glove(folder):
   if missing:
     raise FileNotFoundError(f"{folder} lacks {', '.join(missing)}; expected the benchmark's glove folder, or the file "
                             f"{CONVERTED} made of it")
-  try:
-    vectors = np.load(folder / GLOVE_FILES[0], allow_pickle=False)
-  except (ValueError, EOFError) as error:
-    raise ValueError(f"{folder / GLOVE_FILES[0]} is no whole array of numbers ({error}); fetch it again") from error
+  vectors = load_npy(folder / GLOVE_FILES[0])
   words, rows = (_unpickle(folder / name) for name in GLOVE_FILES[1:])
   if not isinstance(words, list) or not isinstance(rows, dict) or not all(
       isinstance(word, str) and isinstance(rows.get(word), int) and 0 <= rows[word] < len(vectors) for word in words):

@@ -4,6 +4,7 @@ import types
 import numpy as np
 import pytest
 
+from motion_jax.data.synthetic import synthetic_clips
 from motion_jax.evaluation import given
 from motion_jax.evaluation.evaluator import fresh_evaluator
 from motion_jax.motion.features import get_layout, to_joints
@@ -15,8 +16,7 @@ def evaluator():
 
 
 def test_joints_may_lie_anywhere(tmp_path, evaluator):
-  rng, layout = np.random.default_rng(0), get_layout("coordinates")
-  joints = rng.normal(size=(20, 22, 3)).astype(np.float32)
+  layout, joints = get_layout("coordinates"), synthetic_clips(num=2, num_frames=20)[1].joints + np.float32(0.5)
   turned = joints[..., [2, 1, 0]] * [1, 1, -1] + [3, 0, -2]
   read = []
   for name, x in (("a", joints), ("b", turned)):
@@ -42,3 +42,12 @@ def test_what_cannot_be_judged_is_told(tmp_path, evaluator, x, words):
   subject = given.load_given("a", tmp_path, evaluator)
   with pytest.raises(ValueError, match=words):
     subject.sample(None, None, "r000", types.SimpleNamespace(frames=[12, 12]), "")
+
+
+def test_joints_of_another_unit_are_refused(tmp_path, evaluator):
+  joints = synthetic_clips(num=2, num_frames=20)[1].joints
+  (tmp_path / "r000").mkdir()
+  np.save(tmp_path / "r000" / "00000.npy", joints * 100)
+  subject = given.load_given("a", tmp_path, evaluator)
+  with pytest.raises(ValueError, match="00000.npy: bones are .* times as long .* in centimetres"):
+    subject.sample(None, None, "r000", types.SimpleNamespace(frames=[12]), "")

@@ -1,44 +1,157 @@
 """Numbers stand beside the paper's of their own representation, model and sampling, and notes say what is off."""
+import runpy
 import types
 
 import pytest
 
+from motion_jax import checkpoint, paper_rows
+from motion_jax.diffusion import masking
 from motion_jax.evaluation import notes, printed, protocols, tables
 from motion_jax.evaluation.evaluator import fresh_evaluator
-from tests.conftest import load_config
+from tests.conftest import ROOT, load_config
+
+NAMES = {"cmdm": "cmdm_denoiser", "tokenizer": "cmdm_tokenizer", "cdamd": "cdamd_generator", "mardm": "cdamd_generator"}
 
 
-def subject(stage, options=None, **changes):
-  config = load_config({"cmdm": "cmdm_denoiser", "tokenizer": "cmdm_tokenizer"}.get(stage, "cdamd_generator"),
-                       stage if stage.startswith("mardm") else "full").unlock()
+def subject(name, options=None, scale=None, **changes):
+  """A model of a config such as "cmdm", "cmdm:small" or "ablations/cdamd:cm", changed and sampled by options."""
+  file, _, size = name.partition(":")
+  config = load_config(NAMES.get(file, file), size or ("mardm" if file == "mardm" else "full")).unlock()
   for path, value in changes.items():
     section, field = path.split("__")
     config[section][field] = value
-  return types.SimpleNamespace(model=types.SimpleNamespace(config=config), options=options or {})
+  return types.SimpleNamespace(model=types.SimpleNamespace(config=config), options=options or {}, guidance_scale=scale)
 
 
-@pytest.mark.parametrize("key, one, part, row", [
-    (("cmdm", "1"), subject("cmdm"), "", "CMDM w/ FSS"),
-    (("cmdm", "1"), subject("cmdm", dict(schedule="ar")), "", "CMDM w/ AR"),
-    (("cmdm", "1"), subject("cmdm", dict(schedule="full")), "", None),
-    (("cmdm", "3-humanml3d"), subject("cmdm"), "", "CMDM"),
-    (("cmdm", "1"), subject("cdamd"), "", None),
-    (("cdamd", "1"), subject("cdamd"), "", "CDAMD (two VQ)"),
-    (("cdamd", "1"), subject("cdamd", loss__prior_levels=1), "", "CDAMD (first VQ)"),
-    (("cdamd", "1"), subject("cdamd", loss__prior_levels=3), "", None),
-    (("cdamd", "1"), subject("mardm"), "", "MARDM-SiT-XL"),
-    (("cdamd", "1"), subject("mardm_ddpm"), "", None),
-    (("cdamd", "1"), subject("cmdm"), "", None),
-    (("cdamd", "3"), subject("cdamd"), "suffix", "suffix: CDAMD"),
-    (("cdamd", "3"), subject("mardm"), "suffix", "suffix: MARDM"),
-    (("cmdm", "6"), subject("mardm"), "", "MARDM-SiT"),
-    (("cmdm", "8"), subject("tokenizer"), "", "MAC-VAE 64, 1/4"),
-    (("cmdm", "8"), subject("tokenizer", model__teacher_dim=0, model__causal=False), "", "VAE 64, 1/4"),
-    (("cmdm", "8"), subject("tokenizer", model__latent_dim=16, model__num_halvings=3), "", "MAC-VAE 16, 1/8"),
-    (("cmdm", "8"), subject("cmdm"), "", None),
+ABLATION = "ablations/cmdm:{}/{}"
+
+
+@pytest.mark.parametrize("protocol, one, part, rows", [
+    ("cmdm-259", subject("cmdm"), "", ["1 CMDM w/ FSS", "4 CMDM", "8 MAC-VAE 64, 1/4", "9 Part-TMR", "10 M",
+                                        "11 DistilBERT words"]),
+    ("cmdm-259", subject("cmdm", dict(schedule="ar")), "", ["1 CMDM w/ AR", "4 w/o FSS"]),
+    ("cmdm-259", subject("cmdm", dict(num_steps=20, lag=5)), "", ["4 FSS K=20, L=5"]),
+    ("cmdm-259", subject("cmdm", dict(num_steps=20, lag=7)), "", []),
+    ("cmdm-259", subject("cmdm", dict(schedule="full")), "", []),
+    ("cmdm-259", subject("cmdm", dict(schedule="fss", num_steps=50, lag=2), scale=3.0), "", ["1 CMDM w/ FSS"]),
+    ("cmdm-259", subject("cmdm", scale=2.0), "", []),
+    ("cmdm-259", subject("cmdm", dict(solver="heun")), "", []),
+    ("cmdm-259", subject(ABLATION.format("no-adaln", "denoiser")), "", ["4 w/o adaLN"]),
+    ("cmdm-259", subject(ABLATION.format("no-adaln", "denoiser"), dict(schedule="ar")), "", []),
+    ("cmdm-259", subject(ABLATION.format("one-level", "denoiser")), "", ["4 w/ Full-Seq. Diff."]),
+    ("cmdm-259", subject(ABLATION.format("one-level", "denoiser"), dict(schedule="fss")), "", []),
+    ("cmdm-259", subject(ABLATION.format("ar", "denoiser")), "", ["1 CMDM w/ AR", "4 w/o FSS"]),
+    ("cmdm-259", subject(ABLATION.format("vae", "denoiser")), "", ["4 VAE w/o MA", "8 VAE 64, 1/4", "9 VAE"]),
+    ("cmdm-259", subject(ABLATION.format("size-xl", "denoiser")), "", ["10 XL"]),
+    ("cmdm-259", subject("cdamd"), "", []),
+    ("cmdm-67", subject("cmdm"), "", ["6 CMDM w/ FSS"]),
+    ("cmdm-67", subject("cdamd:mardm_67"), "", ["6 MARDM-SiT"]),
+    ("cmdm-67", subject("mardm"), "", []),  # of coordinates, where the paper's has 67 columns
+    ("long-horizon", subject("cmdm"), "", ["3-humanml3d CMDM", "4 CMDM"]),
+    ("long-horizon", subject("cmdm", dict(way="stream")), "", []),
+    ("long-horizon", subject(ABLATION.format("fss-50-10", "denoiser")), "", ["4 FSS K=50, L=10"]),
+    ("babel", subject("cmdm:babel"), "", ["5 CMDM"]),
+    ("snapmogen", subject("cmdm:snapmogen", dict(schedule="ar")), "", ["2 CMDM w/ AR"]),
+    ("snapmogen-long", subject("cmdm:snapmogen"), "", ["3-snapmogen CMDM"]),
+    ("reconstruction", subject("tokenizer"), "", ["8 MAC-VAE 64, 1/4", "9 Part-TMR"]),
+    ("reconstruction", subject(ABLATION.format("latent-16-8", "tokenizer")), "", ["8 MAC-VAE 16, 1/8"]),
+    ("reconstruction", subject(ABLATION.format("teacher-tmr", "tokenizer")), "", ["9 TMR"]),
+    ("cdamd-66", subject("cdamd"), "", ["1 CDAMD (two VQ)"]),
+    ("cdamd-66", subject("cdamd", dict(solver="dopri5", revealed_only=False)), "", ["1 CDAMD (two VQ)"]),
+    ("cdamd-66", subject("cdamd", dict(rounds=18)), "", []),
+    ("cdamd-66", subject("ablations/cdamd:one-vq"), "", ["1 CDAMD (first VQ)", "4 DCCM", "5 CDAMD"]),
+    ("cdamd-66", subject("ablations/cdamd:cm"), "", ["4 CM", "5 w/o DCCA"]),
+    ("cdamd-66", subject("ablations/cdamd:263-no-prior"), "", ["5 w/o CMP, 263 features"]),
+    ("cdamd-66", subject("ablations/cdamd:67"), "", []),
+    ("cdamd-66", subject("mardm"), "", ["1 MARDM-SiT-XL"]),
+    ("cdamd-66", subject("cdamd:mardm_ddpm"), "", []),
+    ("cdamd-66", subject("cmdm"), "", []),
+    ("editing", subject("cdamd"), "suffix", ["3 suffix: CDAMD"]),
+    ("editing", subject("mardm"), "prefix", ["3 prefix: MARDM"]),
 ])
-def test_a_row_goes_with_its_like(key, one, part, row):
-  assert printed.printed_row(tables.paper_table(*key), one, part) == row
+def test_a_row_goes_with_its_like(protocol, one, part, rows):
+  found, _ = printed.printed_rows(protocols.get_protocol(protocol), one, part)
+  assert [" ".join(row[1:]) for row in found][:len(rows)] == rows and (rows or not found)
+
+
+# Whose numbers the papers print beside their own: models of others, as they are, and real motions.
+BASELINES = {"GT", "T2M-GPT", "MMM", "MoMask", "MoMask++", "MDM", "MDM-50Step", "MDM-50Steps", "MDM-SMPL",
+             "MDM-SMPL w/ DiffCollage", "MDM-SMPL w/ STMC", "MLD", "MLD V2", "MotionLCM V2", "StableMoFusion",
+             "EnergyMoGen", "SALAD", "MotionDiffuse", "ReMoDiffuse", "BAMM", "ACMDM-S-PS22", "FlowMDM",
+             "MotionStreamer", "MARDM"}
+BASELINES |= {f"{task}: BAMM" for task in masking.TASKS}
+
+
+def every_model():
+  """(name, subject) of all configs that are judged, at full size, and of all that the papers do with them."""
+  for file in ("cmdm_denoiser", "cmdm_tokenizer", "cdamd_generator"):
+    sizes = ("full", "essential", "kit", "snapmogen", "babel") if "cmdm" in file else (
+        "full", "kit", "67", "263", "mardm", "mardm_ddpm", "mardm_67", "mardm_ddpm_67", "mardm_kit")
+    for size in sizes:
+      for options in (None, dict(schedule="ar")) if file == "cmdm_denoiser" else (None,):
+        yield f"{file}:{size} {options or ''}", subject(f"{file}:{size}", options)
+  for paper, stages in (("cmdm", ("tokenizer", "denoiser")), ("cdamd", ("generator",))):
+    rows = runpy.run_path(str(ROOT / "configs" / "ablations" / f"{paper}.py"))["ROWS"]
+    yield from ((f"{row}/{stage}", subject(f"ablations/{paper}:{row}/{stage}")) for row in rows for stage in stages)
+
+
+def layout_of(protocol):
+  return protocol.paper_layout or (protocol.layouts or ("full",))[0]
+
+
+def test_every_printed_row_is_reached_and_shown():
+  """All configs, all protocols that print beside a paper: each row of both papers stands under some table of ours, but
+  for the named baselines; and none of them without being an own one, or named by the config."""
+  shown, unknown = {}, []
+  for name, one in every_model():
+    rows = paper_rows.rows_of(one.model.config)
+    unknown += [(name, key, row) for key, row in rows.items() if not any(
+        known.endswith(row) for known in tables.paper_table(*key.split(" ", 1)).rows)]
+    assert not rows or paper_rows.is_exact(one.model.config), name
+    for protocol in protocols.PROTOCOLS.values():
+      if protocol.paper is None:
+        continue
+      parts = masking.TASKS if protocol.task == "editing" else ("",)
+      ours = {f"{part}: {name}" if part else name: (one, part) for part in parts}
+      paper = printed.paper_of(protocol, types.SimpleNamespace(layout=types.SimpleNamespace(name=layout_of(protocol))),
+                               ours)
+      found = [tuple(each.values()) for partners in paper["row"].values() for each in partners]
+      found += [tuple(each) for each in paper["also"] if not isinstance(each, str)]
+      if found:
+        result = {"protocol": protocol.name, "metrics": [], "rows": {key: {} for key in ours}, "row_order": list(ours),
+                  "paper": paper}
+        text = tables.markdown(result)
+        for key in found:
+          assert key[2] in text, (name, protocol.name, key)
+          shown.setdefault(key, set()).add(name)
+  assert not unknown
+  every = {(*key, row) for key, table in tables.paper_tables().items() for row in table.rows}
+  left = {key for key in every - shown.keys() if key[2] not in BASELINES}
+  assert not left, sorted(left)
+  assert {key[2] for key in every - shown.keys()} == BASELINES  # and every name of the list is needed
+
+
+def test_only_the_config_itself_judged_as_the_table_was_is_marked():
+  evaluator = types.SimpleNamespace(layout=types.SimpleNamespace(name="full"))
+  marked = lambda one, whole=True: not printed.paper_of(
+      protocols.get_protocol("cmdm-259"), evaluator, {"a": (one, "")}, whole)["unmarked"]
+  assert marked(subject("cmdm")) and marked(subject("cmdm", dict(schedule="ar")))
+  assert not marked(subject("cmdm"), whole=False)
+  assert not marked(subject("cmdm:small")) and not marked(subject("cmdm", model__width=256))
+  assert not marked(subject("cmdm", loss__level_block=1))
+  one = subject("cmdm", dict(schedule="ar"), data__folder="else")
+  one.model.config.train.num_steps = 3  # what was learned less is still that model
+  assert marked(one)
+  assert marked(subject("cmdm", sampler__guidance_scale=3.0))
+
+
+def test_a_run_folder_keeps_its_claim(tmp_path):
+  for name in ("cmdm", "cdamd", "tokenizer", "ablations/cdamd:bcm"):
+    config = subject(name).model.config
+    checkpoint.save_config(tmp_path, config)
+    loaded = checkpoint.load_config(tmp_path)
+    assert paper_rows.is_exact(loaded) and paper_rows.rows_of(loaded) == paper_rows.rows_of(config)
+  assert paper_rows.rows_of({}) == {} and not paper_rows.is_exact({})  # a run of an older version claims nothing
 
 
 def test_only_an_evaluator_of_the_papers_representation_compares():
@@ -47,7 +160,10 @@ def test_only_an_evaluator_of_the_papers_representation_compares():
   assert paper("kit", "coordinates_kit", {})["table"] == "2" and paper("kit", "full_kit", {}) is None
   assert paper("editing", "full", {}) is None and paper("long-horizon", "coordinates", {}) is None
   found = paper("cdamd-66", "coordinates", {"a": (subject("mardm"), ""), "b": (subject("cmdm"), "")})
-  assert found["row"] == {"a": "MARDM-SiT-XL"} and found["also"] == ["CDAMD (two VQ)"]
+  assert found["row"] == {"a": [dict(system="cdamd", table="1", row="MARDM-SiT-XL")]}
+  assert found["also"] == ["CDAMD (two VQ)", ["cmdm", "speed", "CMDM w/ FSS"]] and found["unmarked"] == []
+  small = paper("cdamd-66", "coordinates", {"a": (subject("cdamd:small"), "")})
+  assert small["unmarked"] == ["a"] and small["also"] == ["CDAMD (two VQ)"]  # nobody was asked about a small one
 
 
 def test_what_has_to_be_said():

@@ -188,7 +188,7 @@ def test_what_cannot_be_asked_is_told_before_anything_is_done(tiny_run, archive,
 def test_counts_are_from_one_on(option, capsys):
   with pytest.raises(SystemExit):
     eval_py().parse(["--data", "somewhere", option, "0"])
-  assert "got '0', expected a whole number from 1 on" in capsys.readouterr().err
+  assert "got '0', expected a whole number from 1 to " in capsys.readouterr().err
 
 
 def test_flags_may_be_repeated():

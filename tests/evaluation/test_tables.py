@@ -1,10 +1,12 @@
 """The papers' numbers are those of the papers, and ours stand beside them rightly marked."""
 import csv
 import io
+import runpy
 
 import pytest
 
 from motion_jax.evaluation import tables
+from tests.conftest import ROOT
 
 
 def _result(**changes):
@@ -149,3 +151,12 @@ def test_what_is_not_there_is_told():
     tables.paper_row("cmdm", 12, "GT")
   with pytest.raises(ValueError, match="got row 'Ours' of cdamd's table 2, expected one of MDM, MotionDiffuse"):
     tables.paper_row("cdamd", 2, "Ours")
+
+
+def test_every_printed_table_can_be_read_at_the_command_line(capsys):
+  for name, told in ((["cdamd", "6"], "| CDAMD  | 0.398"), (["cmdm", "speed"], "| CMDM w/ FSS    | 125"), ([], "XL")):
+    runpy.run_path(str(ROOT / "eval.py"))["main"](["--printed", *name])
+    out = capsys.readouterr().out
+    assert told in out and out.count("### ") == (1 if name else len(tables.paper_tables()))
+  with pytest.raises(SystemExit, match="got table '12' of 'cmdm'"):
+    runpy.run_path(str(ROOT / "eval.py"))["main"](["--printed", "cmdm", "12"])

@@ -63,6 +63,9 @@ def test_sliding_feet():
   np.testing.assert_allclose(physics.foot_speed(joints)[2:-2], 1.0, rtol=1e-9)
   assert physics.skating_ratio(joints, fast=2.0) == 0
   assert physics.skating_ratio(joints + [0, 0.2, 0]) == 0  # in the air
+  lifted = joints.copy()
+  lifted[21:, :, 1] += 0.2  # 20 of 40 steps are low at both ends; the one that lifts off does not count
+  assert physics.skating_ratio(lifted) == 0.5
   assert physics.skating_ratio(np.stack([joints, still(41)])).tolist() == [1.0, 0]
 
 

@@ -1,9 +1,11 @@
 """The evaluation loops are the references', from normalized features to a row of numbers."""
+import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from motion_jax.evaluation.protocols import PROTOCOLS
 from motion_jax.metrics import protocol as P
 from motion_jax.metrics import scores
 from tests import fixtures
@@ -102,6 +104,20 @@ def test_noise_makes_every_score_worse_and_batches_may_come_in_any_order():
   other = P.generation_scores(batches(noise=0.3)[::-1], SMALL, draws)
   for name in ("fid", "top1", "top2", "top3", "matching", "clip_score"):
     assert other[name] == pytest.approx(calm[name], rel=1e-9)
+
+
+def test_r_precision_is_by_distance_or_by_angle_as_the_protocol_says():
+  """Motions in their texts' directions, all but one far out: by angle each is its text's nearest, by distance the near
+  one is everybody's."""
+  text = np.eye(SMALL.pool)
+  motion = text * np.array([0.1] + [10] * (SMALL.pool - 1))[:, None]
+  draws = P.draw(np.random.default_rng(1), 32, SMALL)
+  for prefix, batch in (("", P.Batch(text, text, motion)), ("real_", P.Batch(text, motion, text))):
+    by_angle = P.generation_scores([batch] * 4, dataclasses.replace(SMALL, cosine=True), draws)
+    by_distance = P.generation_scores([batch] * 4, SMALL, draws)
+    assert by_angle[f"{prefix}top1"] == 1 and by_distance[f"{prefix}top1"] == 1 / SMALL.pool
+  # Of all benchmarks only SnapMoGen's rank by angle (facts: cmdm 6.5).
+  assert [name for name, protocol in PROTOCOLS.items() if protocol.cosine] == ["snapmogen", "snapmogen-long"]
 
 
 def test_a_repeat_draws_the_same_rows():

@@ -1,0 +1,137 @@
+"""Long motions of SnapMoGen: real recordings tell what is made, and are what it is held against, in centimetres."""
+import dataclasses
+import types
+
+import numpy as np
+import pytest
+
+from motion_jax.data.clip import Caption
+from motion_jax.data.snapmogen import GAP, Span, in_a_row, recordings, write_folder
+from motion_jax.data.synthetic import synthetic_clips
+from motion_jax.evaluation import items as items_lib
+from motion_jax.evaluation import long_horizon, protocols, run
+from motion_jax.evaluation.evaluator import fresh_evaluator
+from motion_jax.evaluation.judge import Judge
+from motion_jax.metrics import long_horizon as long_horizon_lib
+from motion_jax.metrics import physics
+from motion_jax.motion.features import get_layout, to_joints
+from motion_jax.motion.skeleton import SNAPMOGEN
+
+ROWS, PIECES = 64, 6  # of a recording
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+  """Two recordings of six motions in a row, one of five, one of six that overlap."""
+  clips = synthetic_clips(1, 4, num_frames=268, skeleton=SNAPMOGEN)  # 401 rows at 30 a second
+  spans = {i: [(ROWS * k, ROWS * (k + 1)) for k in range(PIECES - (i == 2))] for i in range(3)}
+  spans[3] = [(50 * k, 50 * k + ROWS) for k in range(PIECES)]
+  made = [clip.replace(split="test", captions=tuple(
+      Caption(f"motion {k} of {clip.id}", start / 30, end / 30) for k, (start, end) in enumerate(spans[i])))
+      for i, clip in enumerate(clips)]
+  return write_folder(made, tmp_path_factory.mktemp("data") / "SnapMoGen")
+
+
+@pytest.fixture(scope="module")
+def judge(folder):
+  protocol = dataclasses.replace(protocols.get_protocol("snapmogen-long"), pool=4, diversity_draws=6, few_draws=4,
+                                 transition_frames=20)
+  evaluator = fresh_evaluator("snapmogen", "snapmogen_148")
+  return Judge(protocol, evaluator, None, run._items([folder], protocol, evaluator, None, (), False), seed=0)
+
+
+def test_motions_in_a_row_are_the_longest_chain_without_overlap():
+  spans = [Span("a", *ends) for ends in ((0, 90), (90, 200), (100, 130), (200 + GAP, 300), (301 + GAP, 400), (0, 90),
+                                         (260, 500))]
+  assert [span[1:] for span in in_a_row(spans)] == [(0, 90), (90, 200), (230, 300)]
+  assert [span[1:] for span in in_a_row(spans, gap=GAP + 1)] == [(0, 90), (90, 200), (230, 300), (331, 400)]
+  assert [span[1:] for span in in_a_row(spans, gap=0)] == [(0, 90), (90, 200)] and in_a_row([]) == []
+
+
+def test_only_recordings_of_more_than_five_motions_are_told(folder):
+  found = recordings(folder)
+  assert [[item.id for item in pieces] for pieces in found] == [
+      [f"00000{i}#{ROWS * k}#{ROWS * (k + 1)}" for k in range(PIECES)] for i in range(2)]
+  whole = np.load(folder / "renamed_feats" / "000001.npy")
+  np.testing.assert_array_equal(np.concatenate([item.features for item in found[1]]), whole[:ROWS * PIECES])
+  assert len(recordings(folder, more_than=4)) == 3 and recordings(folder, shortest=ROWS + 1) == []
+  assert [len(pieces) for pieces in recordings(folder, more_than=2)] == [6, 6, 5]  # of the fourth no two
+
+
+def test_a_piece_reaches_to_where_the_next_begins(tmp_path):
+  clip = synthetic_clips(1, 1, num_frames=140, skeleton=SNAPMOGEN)[0]
+  clip = clip.replace(split="test", captions=(Caption("a", 0.0, 2.0), Caption("b", 2.5, 4.0), Caption("c", 4.0, 6.0)))
+  (pieces,) = recordings(write_folder([clip], tmp_path / "one"), more_than=2)
+  assert [item.id.split("#", 1)[1] for item in pieces] == ["0#75", "75#120", "120#180"]
+  assert [item.captions for item in pieces] == [("a",), ("b",), ("c",)]
+
+
+class Recorder:
+  """A model that makes what was recorded, or `changed` of it."""
+  dit, vae, fps = types.SimpleNamespace(block=3), types.SimpleNamespace(frames_per_latent=4), 30.0
+  stats = types.SimpleNamespace(layout=get_layout("snapmogen"))
+
+  def __init__(self, folder, changed=lambda x: x):
+    self.made = [changed(np.concatenate([item.features for item in pieces])) for pieces in recordings(folder)]
+    self.asked = []
+
+  def stories(self, tales, seeds, polish, guidance_scale, way):
+    self.asked += tales
+    return [types.SimpleNamespace(features=made) for made in self.made[:len(tales)]]
+
+
+def subject_of(model):
+  sample = lambda make, store, name, jobs, what, batch: make(jobs)
+  return types.SimpleNamespace(model=model, options={}, sample=sample, store=lambda judge, kind: None, name="it",
+                               guidance_scale=None)
+
+
+def test_what_was_recorded_has_the_real_row(folder, judge):
+  real = long_horizon.real_rows(judge, 0)["real"]
+  model = Recorder(folder)
+  made = long_horizon.rows(judge, subject_of(model), 0)[""]
+  assert set(real) == set(made) == set(long_horizon.METRICS)
+  for name in long_horizon.METRICS:
+    assert made[name] == pytest.approx(real[name], rel=1e-4, abs=1e-4), name
+  assert real["fid"] == pytest.approx(0, abs=1e-7) and real["transition_fid"] == pytest.approx(0, abs=1e-7)
+  told = [[caption for caption, _ in tale] for tale in model.asked]
+  assert told == [[f"motion {k} of 00000{i}" for k in range(PIECES)] for i in range(2)]
+  assert [seconds for _, seconds in model.asked[0]] == pytest.approx([ROWS / 30] * PIECES)
+  other = long_horizon.rows(judge, subject_of(Recorder(folder, lambda x: x[::-1])), 0)[""]
+  assert other["fid"] > 1e-6 and other["transition_fid"] > 1e-6  # of an evaluator that has learned nothing
+
+
+def test_jerk_is_in_centimetres_from_the_level_that_the_paper_has(folder, judge):
+  row = long_horizon.real_rows(judge, 0)["real"]
+  jerks = []
+  for pieces in recordings(folder):
+    joints = np.float64(to_joints(np.concatenate([item.features for item in pieces]), "snapmogen"))  # centimetres
+    cut = physics.cut_transitions(joints, ROWS * np.arange(1, PIECES), 20)
+    jerks += [physics.jerk(long_horizon_lib.placed(one, SNAPMOGEN)) for one in cut]
+  curve = np.mean(jerks, 0)
+  assert row["peak_jerk"] == pytest.approx(curve.max(), rel=1e-5)
+  assert row["auj"] == pytest.approx(np.abs(curve - physics.REAL_JERK["humanml3d"]).sum(), rel=1e-5)
+
+
+def test_words_are_ranked_by_angle(judge):
+  """SnapMoGen's own R-precision: a motion twice as far out is as near to its words."""
+  text = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0], [-1.0, 0.2]])
+  motion = text * np.array([[9.0], [0.1], [5.0], [2.0]])
+  hits = lambda cosine: long_horizon_lib.caption_hits(text, motion, list("abcd"), 1, cosine=cosine)
+  assert hits(True).tolist() == [4] and hits(False).tolist() != [4]
+  assert long_horizon._rules(judge.protocol).cosine and long_horizon._rules(judge.protocol).jerk_scale == 100
+
+
+def test_as_many_recordings_as_the_paper_has_or_all(judge):
+  assert protocols.get_protocol("snapmogen-long").sequences == 128
+  assert len(long_horizon._chosen(judge)) == 2
+  assert judge.kept["notes"] == ["Of 2 recordings, where the protocol wants 128: there are no more"]
+  one = Judge(dataclasses.replace(judge.protocol, sequences=1), judge.evaluator, None, judge.items, seed=0)
+  (kept,) = long_horizon._chosen(one)
+  assert kept.tolist() in ([*range(PIECES)], [*range(PIECES, 2 * PIECES)]) and "notes" not in one.kept
+
+
+def test_a_folder_without_such_recordings_is_told(folder):
+  protocol = dataclasses.replace(protocols.get_protocol("snapmogen-long"), recorded=7)
+  with pytest.raises(ValueError, match="no recording with more than 7 captioned motions in a row"):
+    items_lib.read_items([folder], protocol, [fresh_evaluator("snapmogen", "snapmogen_148")])
