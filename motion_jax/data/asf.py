@@ -7,13 +7,18 @@ import pathlib
 
 import numpy as np
 
-from motion_jax.data.capture import Capture, to_clip
+from motion_jax import text_files
+from motion_jax.data.capture import Capture, check_size, to_clip
+from motion_jax.errors import InputError
 from motion_jax.motion import rotations as rot
+from motion_jax.numerals import named, shortened
 
+AMC_FPS = 120.0  # CMU's; AMC files do not say
+_WITH_VALUE = ("axis", "name", "order", "direction", "length", "position", "orientation")
 _DOFS = ("rx", "ry", "rz", "tx", "ty", "tz", "l")
 
 
-def read_amc(path, skeleton=None, fps=120.0) -> Capture:
+def read_amc(path, skeleton=None, fps=AMC_FPS) -> Capture:
   """Reads an AMC file and its ASF skeleton; forward kinematics in float64, positions in metres if the ASF says inches.
 
   skeleton is the ASF file; None looks for one beside the AMC file: the same name, or the part before "_" (02_01.amc has
@@ -36,25 +41,26 @@ def read_amc(path, skeleton=None, fps=120.0) -> Capture:
       _check_whole(path, number, frames, current, expected, bones.names)
       current = {}
       frames.append(current)
+      check_size(path, 2 * len(frames), len(bones.names))  # read bone by bone it takes twice the memory
     else:
       if current is None:
-        raise ValueError(f"{path} line {number}: got {words[0]!r}, expected the number of a frame")
+        raise InputError(f"{path} line {number}: got {shortened(words[0])!r}, expected the number of a frame")
       if words[0] not in index:
-        raise ValueError(f"{path} line {number}: bone {words[0]!r} is not in {skeleton.name}, which has "
-                         f"{', '.join(bones.names)}; give the skeleton that belongs to this file")
+        raise InputError(f"{path} line {number}: bone {shortened(words[0])!r} is not in {skeleton.name}, which has "
+                         f"{named(bones.names)}; give the skeleton that belongs to this file")
       bone = index[words[0]]
       current[bone] = _numbers(path, number, words[1:], len(bones.dofs[bone]))
   if not frames:
-    raise ValueError(f"{path}: no frame in it; the file is cut or no AMC file")
+    raise InputError(f"{path}: no frame in it; the file is cut or no AMC file")
   _check_whole(path, len(lines), frames, current, expected, bones.names)
   positions, rotations, turned = _pose(bones, frames, 1.0 if not degrees else np.pi / 180)
   offsets = bones.directions * bones.lengths[:, None] * bones.unit
   return Capture(bones.names, bones.parents, offsets, bones.dofs, float(fps), positions, rotations, turned)
 
 
-def amc_clip(path, skeleton=None, source_fps=120.0, **options):
+def amc_clip(path, skeleton=None, source_fps=None, **options):
   """An AMC file as a Clip: `read_amc` and `capture.to_clip`, whose options these are."""
-  return to_clip(read_amc(path, skeleton, source_fps), path, **options)
+  return to_clip(read_amc(path, skeleton, source_fps or AMC_FPS), path, **options)
 
 
 class _Bones:
@@ -76,6 +82,8 @@ def read_asf(path) -> _Bones:
     if not words:
       continue
     key = words[0].lower()
+    if key in _WITH_VALUE and len(words) < 2 and section in (":root", ":bonedata"):
+      raise InputError(f"{path} line {number}: {key} without a value; the file is cut or damaged")
     if key.startswith(":"):
       section = key
     elif section == ":units" and key == "length":
@@ -86,9 +94,9 @@ def read_asf(path) -> _Bones:
       bones.degrees = words[1:] != ["rad"]
     elif section == ":root":
       if key == "order":
-        bones.dofs[0] = tuple(word.lower() for word in words[1:])
+        bones.dofs[0] = _dofs(path, number, words[1:])
       elif key == "axis":
-        bones.root_axis = words[1]
+        bones.root_axis = _axes(path, number, words[1])
       elif key in ("position", "orientation"):
         setattr(bones, key, _numbers(path, number, words[1:], 3))
     elif section == ":bonedata":
@@ -104,22 +112,34 @@ def read_asf(path) -> _Bones:
       elif bone is not None and key == "length":
         bone["length"] = _numbers(path, number, words[1:], 1)[0]
       elif bone is not None and key == "axis":
-        bone["axis"] = _numbers(path, number, words[1:4], 3), (words[4] if len(words) > 4 else "XYZ")
+        bone["axis"] = _numbers(path, number, words[1:4], 3), _axes(path, number, words[4] if len(words) > 4 else "XYZ")
       elif bone is not None and key == "dof":
-        bone["dof"] = tuple(word.lower() for word in words[1:])
-        if set(bone["dof"]) - set(_DOFS):
-          raise ValueError(f"{path} line {number}: got dof {' '.join(words[1:])}, expected some of {', '.join(_DOFS)}")
+        bone["dof"] = _dofs(path, number, words[1:])
     elif section == ":hierarchy" and key not in ("begin", "end"):
       parents |= {child: words[0] for child in words[1:]}
   if section != ":hierarchy" or len(bones.names) < 2:
-    raise ValueError(f"{path} line {len(lines)}: no bones or no hierarchy up to here; the file is cut or no ASF file")
+    raise InputError(f"{path} line {len(lines)}: no bones or no hierarchy up to here; the file is cut or no ASF file")
   return _in_order(path, bones, parents)
+
+
+def _dofs(path, number, words):
+  dofs = tuple(word.lower() for word in words)
+  if set(dofs) - set(_DOFS) or len(set(dofs)) < len(dofs):
+    raise InputError(f"{path} line {number}: got the channels {shortened(' '.join(words))}, expected some of "
+                     f"{', '.join(_DOFS)}")
+  return dofs
+
+
+def _axes(path, number, text):
+  if sorted(text.upper()) != ["X", "Y", "Z"]:
+    raise InputError(f"{path} line {number}: got the axes {shortened(text)!r}, expected X, Y and Z in some order")
+  return text.upper()
 
 
 def _add_bone(path, number, bones, bone):
   missing = [key for key in ("name", "direction", "length") if key not in (bone or {})]
   if missing:
-    raise ValueError(f"{path} line {number}: a bone ends without its {', '.join(missing)}")
+    raise InputError(f"{path} line {number}: a bone ends without its {', '.join(missing)}")
   bones.names.append(bone["name"])
   bones.dofs.append(bone["dof"])
   bones.directions.append(bone["direction"])
@@ -130,13 +150,15 @@ def _add_bone(path, number, bones, bone):
 def _in_order(path, bones, parents):
   """Sorts bones so that parents come first, and turns their lists into arrays."""
   unknown = [name for name in bones.names[1:] if parents.get(name) not in bones.names]
+  if "root" in parents:
+    raise InputError(f"{path}: the hierarchy gives the root a parent, {shortened(parents['root'])!r}")
   if unknown:
-    raise ValueError(f"{path}: the hierarchy gives no parent that exists to {', '.join(unknown)}; the file is cut")
+    raise InputError(f"{path}: the hierarchy gives no parent that exists to {named(unknown, 5)}; the file is cut")
   order = [0]
   while len(order) < len(bones.names):
     more = [i for i, name in enumerate(bones.names) if i not in order and bones.names.index(parents.get(name)) in order]
     if not more:
-      raise ValueError(f"{path}: the hierarchy goes round in a circle")
+      raise InputError(f"{path}: the hierarchy goes round in a circle")
     order += more
   names = [bones.names[i] for i in order]
   bones.parents = tuple(names.index(parents[name]) if name in parents else -1 for name in names)
@@ -199,24 +221,22 @@ def _find_skeleton(path):
 
 
 def _lines(path):
-  if not path.is_file():
-    raise FileNotFoundError(f"there is no file {path}")
-  return path.read_text(encoding="utf-8", errors="replace").splitlines()
+  return text_files.read_lines(path, "file", text_files.LARGEST_MOTION)
 
 
 def _check_whole(path, number, frames, current, expected, names):
   if current is not None and (missing := expected - set(current)):
-    raise ValueError(f"{path} line {number}: frame {len(frames)} lacks {', '.join(names[i] for i in sorted(missing))}; "
-                     "the file is cut")
+    lacks = named([names[i] for i in sorted(missing)], 5)
+    raise InputError(f"{path} line {number}: frame {len(frames)} lacks {lacks}; the file is cut")
 
 
 def _numbers(path, number, words, count):
   try:
     values = np.array(words, np.float64)
   except ValueError:
-    raise ValueError(f"{path} line {number}: {' '.join(words)[:60]!r} are not all numbers") from None
+    raise InputError(f"{path} line {number}: {' '.join(words)[:60]!r} are not all numbers") from None
   if len(values) != count:
-    raise ValueError(f"{path} line {number}: got {len(values)} numbers, expected {count}; the file is cut or damaged")
+    raise InputError(f"{path} line {number}: got {len(values)} numbers, expected {count}; the file is cut or damaged")
   if not np.isfinite(values).all():
-    raise ValueError(f"{path} line {number}: NaN or infinity among the numbers")
+    raise InputError(f"{path} line {number}: NaN or infinity among the numbers")
   return values

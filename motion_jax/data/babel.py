@@ -19,11 +19,14 @@ import numpy as np
 
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.humanml3d import new_folder
+from motion_jax.errors import InputError, reading
+from motion_jax.input_files import load_npz, read_json
 from motion_jax.motion import features135, inverse
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.features import to_joints
 from motion_jax.motion.skeleton import SMPL
 from motion_jax.motion.stats import Stats, compute_stats, load_stats, save_stats
+from motion_jax.numerals import shortened
 
 SPLITS = ("train", "val")
 FPS = SMPL.fps
@@ -66,11 +69,11 @@ def read_annotations(folder, split="train") -> dict:
   if not path.is_file():
     raise FileNotFoundError(f"there is no file {path}; a BABEL folder has train.json, val.json (the annotations of "
                             "babel.is.tue.mpg.de) and motions/SID.npz")
-  try:
-    table = json.loads(path.read_text(encoding="utf-8"))
-    return {str(name): dict(entry) for name, entry in table.items()}
-  except (json.JSONDecodeError, AttributeError, TypeError, ValueError) as error:
-    raise ValueError(f"{path} is no JSON object of BABEL annotations ({error})") from None
+  table = read_json(path)
+  strange = next((name for name, entry in table.items() if not isinstance(entry, dict)), None)
+  if strange is not None:
+    raise InputError(f"{path} is no JSON object of BABEL annotations: {shortened(strange)!r} holds no object")
+  return table
 
 
 def read_recording(path) -> Recording:
@@ -78,21 +81,22 @@ def read_recording(path) -> Recording:
   path = pathlib.Path(path)
   if not path.is_file():
     raise FileNotFoundError(f"there is no file {path}; expected SMPL poses and trans, as AMASS files hold them")
-  with np.load(path, allow_pickle=False) as file:
-    rates = [name for name in ("fps", "mocap_framerate", "mocap_frame_rate") if name in file.files]
-    missing = [name for name in ("poses", "trans") if name not in file.files]
-    if missing or not rates:
-      raise ValueError(f"{path} has no {missing[0] if missing else 'fps'}, it has {', '.join(file.files)}; expected "
-                       "poses, trans and fps (or AMASS's mocap_framerate)")
-    poses, translation, fps = (np.asarray(file[name], np.float64) for name in ("poses", "trans", rates[0]))
-  poses = poses.reshape(len(poses), -1)
-  if poses.shape[1] < 66 or translation.shape != (len(poses), 3) or not len(poses):
+  rates = ("fps", "mocap_framerate", "mocap_frame_rate")
+  file = load_npz(path, ("poses", "trans", *rates), required=("poses", "trans"))
+  rate = next((name for name in rates if name in file), None)
+  if rate is None:
+    raise InputError(f"{path} has no fps; expected poses, trans and fps (or AMASS's mocap_framerate)")
+  poses, translation, fps = (np.asarray(file[name], np.float64) for name in ("poses", "trans", rate))
+  if fps.size != 1:
+    raise InputError(f"{path}: got a rate of shape {fps.shape}, expected one number of frames a second")
+  poses, fps = poses.reshape(len(poses) if poses.ndim else 0, -1) if poses.size else poses[None], float(fps.item())
+  if poses.ndim != 2 or poses.shape[1] < 66 or translation.shape != (len(poses), 3) or not len(poses):
     raise ValueError(f"{path}: got poses {poses.shape} and trans {translation.shape}, expected (T, 66 or more) and "
                      "(T, 3)")
   if not (np.isfinite(poses).all() and np.isfinite(translation).all()):
     raise ValueError(f"{path} holds NaN or infinity")
-  if fps < FPS * 0.99:
-    raise ValueError(f"{path} has {float(fps):g} frames a second, expected {FPS:g} or more")
+  if not FPS * 0.99 <= fps < np.inf:
+    raise ValueError(f"{path} has {fps:g} frames a second, expected {FPS:g} or more")
   if fps > FPS * 1.01:
     frames = np.linspace(0, len(poses) - 1, num=int(len(poses) * FPS / fps), dtype=int)
     poses, translation = poses[frames], translation[frames]
@@ -100,14 +104,19 @@ def read_recording(path) -> Recording:
 
 
 def read_segments(annotation, num_frames) -> list[Segment]:
-  """The labelled segments of a recording, sorted; of those with equal frames the last label counts."""
-  labels = (annotation.get("frame_ann") or {}).get("labels") or ()
+  """The labelled segments of a recording, sorted; of those with equal frames the last label counts.
+
+  Raises InputError for labels that are none.
+  """
   found = {}
-  for label in labels:
-    text = label.get("proc_label") or label.get("raw_label") or ""
-    start, end = int(label["start_t"] * FPS), min(num_frames, int(label["end_t"] * FPS))
-    if text and start < end:
-      found[start, end] = text
+  with reading("frame_ann", 'expected {"labels": [{"proc_label": words, "start_t": seconds, "end_t": seconds}, ...]}'):
+    for label in (annotation.get("frame_ann") or {}).get("labels") or ():
+      text = label.get("proc_label") or label.get("raw_label") or ""
+      start, end = int(label["start_t"] * FPS), min(num_frames, int(label["end_t"] * FPS))
+      if not isinstance(text, str) or start < 0:
+        raise InputError(f"frame_ann: got the label {str(label)[:80]}, expected words and seconds from 0 on")
+      if text and start < end:
+        found[start, end] = text
   return [Segment(text, start, end) for (start, end), text in sorted(found.items())]
 
 
@@ -143,10 +152,11 @@ def pieces(folder, split="train", kind="pairs", min_frames=MIN_FRAMES, max_frame
     raise ValueError(f"got kind {kind!r}, expected one of {', '.join(KINDS)}")
   folder, made, lost = pathlib.Path(folder), [], []
   for name, annotation in sorted(read_annotations(folder, split).items()):
-    if not whole and not (annotation.get("frame_ann") or {}).get("labels"):
+    if not whole and not annotation.get("frame_ann"):
       continue
     try:
       recording = read_recording(folder / "motions" / f"{name}.npz")
+      segments = [] if whole else read_segments(annotation, len(recording.translation))
     except (ValueError, FileNotFoundError) as error:
       lost.append((name, error))
       continue
@@ -154,7 +164,6 @@ def pieces(folder, split="train", kind="pairs", min_frames=MIN_FRAMES, max_frame
       frames = range(0, len(recording.translation), max_frames)
       parts = [(Segment("", start, min(start + max_frames, len(recording.translation))),) for start in frames]
     else:
-      segments = read_segments(annotation, len(recording.translation))
       parts = pairs(segments) if kind in ("pairs", "both") else []
       if kind in ("segments", "both"):
         parts += [(segment,) for segment in segments if segment.text != _BETWEEN]

@@ -1,6 +1,7 @@
 """Batches: what is drawn, cut and padded is a pure function of (seed, step), so a resumed run sees the same data."""
 import dataclasses
 import functools
+import warnings
 
 import numpy as np
 
@@ -11,10 +12,19 @@ def step_rng(seed, *path):
 
 
 def epoch_indices(num_items, batch_size, seed, step):
-  """Indices (batch_size,) of a batch when every item comes once an epoch, the last partial batch dropped."""
+  """Indices (batch_size,) of a batch when every item comes once an epoch, the last partial batch dropped.
+
+  Of fewer items than a batch some come more than once in it, each as often as another, or once more.
+  """
+  if not num_items:
+    raise ValueError(f"got no items for batches of {batch_size}; add data")
   per_epoch = num_items // batch_size
   if not per_epoch:
-    raise ValueError(f"got {num_items} items for batches of {batch_size}; lower data.batch_size or add data")
+    warnings.warn(f"{num_items} items are fewer than a batch of {batch_size}: each step sees some of them twice; lower "
+                  "data.batch_size or add data", stacklevel=2)
+    passes = range(step * batch_size // num_items, ((step + 1) * batch_size - 1) // num_items + 1)
+    rows = np.concatenate([_epoch(num_items, seed, epoch) for epoch in passes])
+    return rows[step * batch_size % num_items:][:batch_size]
   epoch, place = divmod(step, per_epoch)
   return _epoch(num_items, seed, epoch)[place * batch_size:(place + 1) * batch_size]
 
@@ -25,21 +35,40 @@ def _epoch(num_items, seed, epoch):
   return step_rng(seed, 0, epoch).permutation(num_items)
 
 
+def window_starts(lengths, window, stride, released=False):
+  """Where the windows of clips of so many rows begin: (N, 2), the clip's number and the window's first row.
+
+  Clips shorter than the window are left out. released: the list of CDAMD's and MARDM's released loader, as many as rows
+  beyond the first window (facts: cdamd 1.2), every stride-th of it.
+  """
+  if released:
+    # Parity: its last possible start is never used, a clip of just the window's rows gives nothing, and the first start
+    # of a clip is there because item 0 and the steps between clips fall on it.
+    kept = np.flatnonzero(np.asarray(lengths) >= window)
+    ends = np.cumsum(np.concatenate([[0], np.asarray(lengths)[kept] - window]))
+    items = np.arange(ends[-1])[::stride]
+    clip = np.maximum(np.searchsorted(ends, items) - 1, 0)
+    return np.stack([kept[clip], np.where(items > 0, items - ends[clip] - 1, 0)], axis=1)
+  starts = [(i, s) for i, length in enumerate(lengths) for s in range(0, length - window + 1, stride)]
+  return np.array(starts, int).reshape(-1, 2)
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Windows:
   """Windows of a fixed number of frames from clips, for the autoencoders (facts: cmdm 1.3).
 
-  features: list of normalized (T_i, F); clips shorter than the window are left out.
+  features: list of normalized (T_i, F); clips shorter than the window are left out. released: see `window_starts`.
   """
   features: list[np.ndarray]
   window: int = 64
   stride: int = 10
+  released: bool = False
 
   def __post_init__(self):
-    starts = [(i, s) for i, x in enumerate(self.features) for s in range(0, len(x) - self.window + 1, self.stride)]
-    if not starts:
+    starts = window_starts([len(x) for x in self.features], self.window, self.stride, self.released)
+    if not len(starts):
       raise ValueError(f"none of {len(self.features)} clips has the {self.window} frames of a window")
-    object.__setattr__(self, "starts", np.array(starts))
+    object.__setattr__(self, "starts", starts)
 
   def __len__(self):
     return len(self.starts)

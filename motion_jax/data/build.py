@@ -1,33 +1,38 @@
 """Any source to a HumanML3D-layout folder: an archive, or motion-capture files and a table of captions."""
-import csv
 import hashlib
-import json
 import math
 import pathlib
 
 import numpy as np
 import tqdm
 
+from motion_jax import text_files
 from motion_jax.data import humanml3d
 from motion_jax.data.archive import is_archive, read_archive
 from motion_jax.data.asf import amc_clip
 from motion_jax.data.bvh import bvh_clip
 from motion_jax.data.clip import Caption
+from motion_jax.errors import InputError
+from motion_jax.input_files import json_row, read_json
+from motion_jax.numerals import SECONDS, NumberError, named, real
 
 READERS = {".bvh": bvh_clip, ".amc": amc_clip}
 LONGEST = 200  # frames; the field's loaders leave longer clips out
 _COLUMNS = ("file", "caption", "start", "end", "split", "source", "license")
+_SECONDS = real(*SECONDS, unit="seconds")
+_ENOUGH = 5  # recordings from which on each split gets one
 _SPLITS = (("train", 0.80), ("val", 0.85), ("test", 1.0))  # HumanML3D's shares
 
 
 def build(source, out, captions=None, mapping=None, mode="corrected", mirror=True, fps=None, overwrite=False,
-          progress=True) -> str:
+          progress=True, source_fps=None) -> str:
   """Makes folder out of a source and returns a summary to print.
 
   source: an archive (motions.npz, captions.jsonl), or a folder of BVH or AMC files (in sub-folders too) with a table of
   captions (CSV, TSV, JSONL; None: captions.* in the source). mapping: a table's name, a JSON file or a dict {our joint:
-  theirs}. Clips of more than 200 frames are cut into equal pieces; clips without a split get one from a hash of their
-  name, 80 % train, 5 % val, 15 % test. Nothing is left in out if anything fails.
+  theirs}. fps: of the folder (20); source_fps: the captured files' frames are so many a second, whatever they state
+  (.amc files state nothing: 120). Clips of more than 200 frames are cut into equal pieces; clips without a split get
+  one from a hash of their name, 80 % train, 5 % val, 15 % test. Nothing is left in out if anything fails.
   """
   source = pathlib.Path(source)
   if not source.is_dir():
@@ -38,15 +43,15 @@ def build(source, out, captions=None, mapping=None, mode="corrected", mirror=Tru
   if is_archive(source):
     clips, left_out = read_archive(source), []
   else:
-    clips, left_out = read_captures(source, captions, mapping, fps or 20.0, progress)
+    clips, left_out = read_captures(source, captions, mapping, fps or 20.0, progress, source_fps)
   if not clips:
-    raise ValueError(f"{source} gives no clip")
+    raise InputError(f"{source} gives no clip")
   clips = with_splits([piece for clip in clips for piece in pieces(clip)])
   info = humanml3d.write_folder(clips, out, mode, mirror, fps, overwrite, progress)
   return summary(out, info, left_out)
 
 
-def read_captures(folder, captions=None, mapping=None, fps=20.0, progress=False):
+def read_captures(folder, captions=None, mapping=None, fps=20.0, progress=False, source_fps=None):
   """Clips of the captured files in a folder that the table of captions names, and the files that it does not name."""
   folder = pathlib.Path(folder)
   files = {path.relative_to(folder).as_posix(): path for path in sorted(folder.rglob("*"))
@@ -67,17 +72,17 @@ def read_captures(folder, captions=None, mapping=None, fps=20.0, progress=False)
     else:
       rows.setdefault(name, []).append(row)
   if unknown:
-    raise ValueError(f"the captions name {len(unknown)} files that {folder} lacks, the first are "
-                     f"{', '.join(unknown[:3])}; it has {', '.join(list(files)[:3])}, ...")
+    raise InputError(f"the captions name {len(unknown)} files that {folder} lacks, the first are "
+                     f"{named(unknown, 3)}; it has {', '.join(list(files)[:3])}, ...")
   mapping = read_mapping(mapping)
   clips = []
   for name, own in tqdm.tqdm(rows.items(), desc="files", unit="file", disable=not progress):
     splits = {row["split"] for row in own if row["split"]}
     if len(splits) > 1:
-      raise ValueError(f"the captions put {name} into the splits {', '.join(sorted(splits))}; expected one")
+      raise InputError(f"the captions put {name} into the splits {named(sorted(splits), 5)}; expected one")
     first = own[0]
     clips.append(READERS[files[name].suffix.lower()](
-        files[name], mapping=mapping, fps=fps, id=_id(name), split="".join(splits),
+        files[name], mapping=mapping, fps=fps, source_fps=source_fps, id=_id(name), split="".join(splits),
         captions=tuple(Caption(row["caption"], row["start"], row["end"]) for row in own),
         source=first["source"] or folder.resolve().name, license=first["license"]))
   return clips, sorted(set(files) - set(rows))
@@ -87,31 +92,33 @@ def read_captions(path) -> list[dict]:
   """Rows of a CSV, TSV or JSONL table with the columns file and caption, and, if wanted, start and end (seconds),
   split, source, license. Raises ValueError with the line."""
   path = pathlib.Path(path)
-  if not path.is_file():
-    raise FileNotFoundError(f"there is no captions file {path}")
-  text = path.read_text(encoding="utf-8-sig")
   suffix = path.suffix.lower()
   if suffix == ".jsonl":
-    raw = [(number, _json(path, number, line)) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
+    lines = text_files.read_lines(path, "captions file")
+    raw = [(number, json_row(line, path, number)) for number, line in enumerate(lines, 1) if line.strip()]
   elif suffix in (".csv", ".tsv"):
-    reader = csv.DictReader(text.splitlines(), delimiter="\t" if suffix == ".tsv" else ",")
-    raw = [(reader.line_num, row) for row in reader]
+    header, *rows = text_files.read_table(path, _has_columns, "captions file") or [text_files.Row(1, [])]
+    names = [name.lower() for name in header.cells]
+    if not _has_columns([header]):
+      raise InputError(f"{path} line {header.line}: got the columns {named(names, 10) or 'none'}, expected "
+                       f"{', '.join(_COLUMNS[:2])} and perhaps {', '.join(_COLUMNS[2:])}")
+    raw = [(row.line, dict(zip(names, row.cells + [""] * len(names)))) for row in rows]
   else:
-    raise ValueError(f"got captions in {path.name}, expected a .csv, .tsv or .jsonl file with the columns "
+    raise InputError(f"got captions in {path.name}, expected a .csv, .tsv or .jsonl file with the columns "
                      f"{', '.join(_COLUMNS[:2])} and perhaps {', '.join(_COLUMNS[2:])}")
   rows = []
   for number, row in raw:
-    row = {str(key).strip().lower(): value for key, value in row.items() if key is not None}
+    row = {key.strip().lower(): value for key, value in row.items()}
     if not str(row.get("file") or "").strip() or not str(row.get("caption") or "").strip():
-      raise ValueError(f"{path} line {number}: no file or no caption; the columns are {', '.join(row)}, expected "
+      raise InputError(f"{path} line {number}: no file or no caption; the columns are {named(row, 10)}, expected "
                        f"{', '.join(_COLUMNS[:2])} and perhaps {', '.join(_COLUMNS[2:])}")
     try:
-      times = {key: float(row.get(key) or 0) for key in ("start", "end")}
-    except (TypeError, ValueError):
-      raise ValueError(f"{path} line {number}: start {row.get('start')!r} or end {row.get('end')!r} is no number of "
-                       "seconds") from None
+      # Where columns are parted by semicolons, Excel writes decimals with a comma.
+      times = {key: _SECONDS(str(row.get(key) or 0).replace(",", ".")) for key in ("start", "end")}
+    except NumberError as error:
+      raise InputError(f"{path} line {number}: in start or end: {error}") from None
     if times["start"] < 0 or (any(times.values()) and not times["start"] < times["end"]):
-      raise ValueError(f"{path} line {number}: the span {times['start']} to {times['end']} s is empty")
+      raise InputError(f"{path} line {number}: the span {times['start']} to {times['end']} s is empty")
     rows.append({key: str(row.get(key) or "").strip() for key in _COLUMNS} | times)
   return rows
 
@@ -123,11 +130,11 @@ def read_mapping(mapping):
   path = pathlib.Path(mapping)
   if not path.is_file():
     raise FileNotFoundError(f"there is no mapping file {path}")
-  value = _json(path, 1, path.read_text(encoding="utf-8"))
+  value = read_json(path, advice="expected {our joint: their joint or a list of them}")
   names = lambda entry: isinstance(entry, str) or (isinstance(entry, list) and entry and all(map(names, entry)))
   bad = [joint for joint, entry in value.items() if not names(entry)]
   if bad:
-    raise ValueError(f"{path}: {', '.join(bad)} should be a joint's name or a list of names")
+    raise InputError(f"{path}: {named(bad, 10)} should be a joint's name or a list of names")
   return value
 
 
@@ -156,13 +163,26 @@ def pieces(clip, longest=LONGEST):
 def with_splits(clips):
   """Clips that lack a split get one from a hash of their name (of the whole clip's, so pieces stay together)."""
   def split_of(clip):
-    digest = hashlib.sha256(clip.meta.get("of", clip.id).encode()).digest()
+    digest = hashlib.sha256(_recording(clip).encode()).digest()
     place = int.from_bytes(digest[:8], "big") / 2**64
     return next(name for name, end in _SPLITS if place < end)
   chosen = [clip.split or split_of(clip) for clip in clips]
   if "train" not in chosen:  # a handful of clips: the hash may leave nothing to learn from
     chosen = [clip.split or "train" for clip in clips]
+  names = sorted({_recording(clip) for clip in clips}, key=lambda name: hashlib.sha256(name.encode()).digest())
+  if len(names) >= _ENOUGH and not any(clip.split for clip in clips):
+    # A few dozen: the hash may leave nothing to watch the training by, or to judge what came of it.
+    for split in ("val", "test"):
+      if split not in chosen:
+        of_train = [name for name in names if all(
+            was == "train" for clip, was in zip(clips, chosen) if _recording(clip) == name)]
+        chosen = [split if _recording(clip) == of_train[0] else was for clip, was in zip(clips, chosen)]
   return [clip.replace(split=split) for clip, split in zip(clips, chosen)]
+
+
+def _recording(clip):
+  """The name of the whole clip that this one is a piece of."""
+  return clip.meta.get("of", clip.id)
 
 
 def summary(out, info, left_out=()) -> str:
@@ -192,11 +212,5 @@ def _id(name):
   return "_".join("_".join(name.rsplit(".", 1)[0].split("/")).split())
 
 
-def _json(path, number, text):
-  try:
-    value = json.loads(text)
-  except json.JSONDecodeError as error:
-    raise ValueError(f"{path} line {number + error.lineno - 1}: no valid JSON ({error.msg})") from None
-  if not isinstance(value, dict):
-    raise ValueError(f"{path} line {number}: expected a JSON object")
-  return value
+def _has_columns(rows):
+  return bool(rows) and set(_COLUMNS[:2]) <= {name.lower() for name in rows[0].cells}

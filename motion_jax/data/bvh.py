@@ -8,10 +8,15 @@ import pathlib
 
 import numpy as np
 
-from motion_jax.data.capture import Capture, forward_kinematics, to_clip
+from motion_jax import text_files
+from motion_jax.data import capture
+from motion_jax.data.capture import Capture, forward_kinematics, to_clip, with_rate
 from motion_jax.data.clip import Clip
+from motion_jax.errors import InputError
 from motion_jax.motion import rotations as rot
+from motion_jax.numerals import FRAME_RATES, NumberError, shortened, whole
 
+_COUNTS = tuple("0123456")
 _CHANNELS = tuple(axis + kind for kind in ("position", "rotation") for axis in "XYZ")
 
 
@@ -23,17 +28,20 @@ def read_bvh(path) -> Capture:
   path = pathlib.Path(path)
   if not path.is_file():
     raise FileNotFoundError(f"there is no file {path}; expected a BVH file")
-  lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+  lines = text_files.read_lines(path, "BVH file", text_files.LARGEST_MOTION)
   names, parents, offsets, channels, motion = _read_hierarchy(path, lines)
-  values, fps = _read_motion(path, lines, motion, sum(map(len, channels)))
+  values, fps = _read_motion(path, lines, motion, sum(map(len, channels)), len(names))
   local, rotations = _local(values, offsets, channels)
   positions, turned = forward_kinematics(parents, local, rotations)
   return Capture(tuple(names), tuple(parents), np.array(offsets), tuple(channels), fps, positions, rotations, turned)
 
 
-def bvh_clip(path, mapping=None, fps=20.0, **options) -> Clip:
-  """A BVH file as a Clip of 22 joints: `read_bvh` and `capture.to_clip`, whose options these are."""
-  return to_clip(read_bvh(path), path, mapping, fps, **options)
+def bvh_clip(path, mapping=None, fps=20.0, source_fps=None, **options) -> Clip:
+  """A BVH file as a Clip of 22 joints: `read_bvh` and `capture.to_clip`, whose options these are.
+
+  source_fps: its frames are so many a second, whatever the file states.
+  """
+  return to_clip(with_rate(read_bvh(path), source_fps), path, mapping, fps, **options)
 
 
 def _read_hierarchy(path, lines):
@@ -49,12 +57,13 @@ def _read_hierarchy(path, lines):
         seen = True
       elif key == "MOTION":
         if open_joints or pending is not None:
-          raise ValueError(f"{path} line {number}: MOTION comes before {names[-1]!r} is closed; the skeleton is cut")
+          raise InputError(f"{path} line {number}: MOTION comes before {shortened(names[-1])!r} is closed; the "
+                           "skeleton is cut")
         if not names:
-          raise ValueError(f"{path} line {number}: no ROOT before MOTION; this is no BVH file")
+          raise InputError(f"{path} line {number}: no ROOT before MOTION; this is no BVH file")
         return names, parents, offsets, channels, number
       elif not seen:
-        raise ValueError(f"{path} line {number}: got {line.strip()[:40]!r}, expected HIERARCHY; this is no BVH file")
+        raise InputError(f"{path} line {number}: got {line.strip()[:40]!r}, expected HIERARCHY; this is no BVH file")
       elif key in ("ROOT", "JOINT", "END"):
         label = " ".join(words).split("{")[0].strip()
         words = words[len(label.split()):]
@@ -72,19 +81,19 @@ def _read_hierarchy(path, lines):
         offsets[open_joints[-1]] = _numbers(path, number, words[:3], 3)
         words = words[3:]
       elif key == "CHANNELS" and open_joints:
-        count = int(words[0]) if words and words[0].isdigit() else -1
+        count = int(words[0]) if words and words[0] in _COUNTS else -1
         own = tuple(name[:1].upper() + name[1:].lower() for name in words[1:1 + count])
         if len(own) != count or any(name not in _CHANNELS for name in own):
-          raise ValueError(f"{path} line {number}: got {' '.join(words)!r}, expected a count and as many of "
+          raise InputError(f"{path} line {number}: got {shortened(' '.join(words))!r}, expected a count and as many of "
                            f"{', '.join(_CHANNELS)}")
         channels[open_joints[-1]] = own
         words = words[1 + count:]
       else:
-        raise ValueError(f"{path} line {number}: {word!r} has no place here in a BVH skeleton")
-  raise ValueError(f"{path} line {len(lines)}: the file ends before MOTION; it is cut or no BVH file")
+        raise InputError(f"{path} line {number}: {shortened(word)!r} has no place here in a BVH skeleton")
+  raise InputError(f"{path} line {len(lines)}: the file ends before MOTION; it is cut or no BVH file")
 
 
-def _read_motion(path, lines, at, width):
+def _read_motion(path, lines, at, width, num_joints):
   """Channel values (T, width) and frames per second, from the lines after MOTION."""
   head = [(number, line) for number, line in enumerate(lines[at:], at + 1) if line.strip()]
   fields = {}
@@ -92,17 +101,22 @@ def _read_motion(path, lines, at, width):
     name, _, value = line.partition(":")
     fields[name.strip().lower()] = (number, value.strip())
   if not {"frames", "frame time"} <= set(fields):
-    raise ValueError(f"{path} line {at + 1}: expected 'Frames: N' and 'Frame Time: seconds' after MOTION; "
+    raise InputError(f"{path} line {at + 1}: expected 'Frames: N' and 'Frame Time: seconds' after MOTION; "
                      "the file is cut")
   number, text = fields["frames"]
-  if not text.isdigit() or not int(text):
-    raise ValueError(f"{path} line {number}: got {text!r} frames, expected a positive whole number")
+  try:
+    num_frames = whole(1, unit="frames")(text)
+  except NumberError as error:
+    raise InputError(f"{path} line {number}: {error}") from None
   seconds = _numbers(path, fields["frame time"][0], fields["frame time"][1].split(), 1)[0]
-  if not seconds > 0:
-    raise ValueError(f"{path} line {fields['frame time'][0]}: got a frame time of {seconds} s, expected more than 0")
-  rows, num_frames = head[2:], int(text)
+  slowest, fastest = FRAME_RATES
+  if not 0.99 / fastest <= seconds <= 1.01 / slowest:
+    raise InputError(f"{path} line {fields['frame time'][0]}: got a frame time of {seconds:g} s, expected "
+                     f"{1 / fastest:g} to {1 / slowest:g}")
+  rows = head[2:]
   if len(rows) < num_frames:
-    raise ValueError(f"{path} line {len(lines)}: the file ends after {len(rows)} of {num_frames} frames; it is cut")
+    raise InputError(f"{path} line {len(lines)}: the file ends after {len(rows)} of {num_frames} frames; it is cut")
+  capture.check_size(path, num_frames, num_joints)
   values = np.empty((num_frames, width))
   for row, (number, line) in zip(values, rows):
     row[:] = _numbers(path, number, line.split(), width)
@@ -112,13 +126,13 @@ def _read_motion(path, lines, at, width):
 
 def _numbers(path, number, words, count):
   if len(words) != count:
-    raise ValueError(f"{path} line {number}: got {len(words)} numbers, expected {count}; the file is cut or damaged")
+    raise InputError(f"{path} line {number}: got {len(words)} numbers, expected {count}; the file is cut or damaged")
   try:
     values = np.array(words, np.float64)
   except ValueError:
-    raise ValueError(f"{path} line {number}: {' '.join(words)[:60]!r} are not all numbers") from None
+    raise InputError(f"{path} line {number}: {' '.join(words)[:60]!r} are not all numbers") from None
   if not np.isfinite(values).all():
-    raise ValueError(f"{path} line {number}: number {int(np.argmin(np.isfinite(values))) + 1} is NaN or infinite")
+    raise InputError(f"{path} line {number}: number {int(np.argmin(np.isfinite(values))) + 1} is NaN or infinite")
   return values
 
 

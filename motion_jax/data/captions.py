@@ -1,7 +1,7 @@
 """Captions said in other words: who moves is told in many ways, and sentences about one clip mean the same motion."""
 import re
 
-_SUBJECTS = ("a person", "someone", "the person", "a man", "the man", "a woman", "the woman", "a human", "somebody",
+SUBJECTS = ("a person", "someone", "the person", "a man", "the man", "a woman", "the woman", "a human", "somebody",
              "he", "she", "a figure")
 _KNOWN = re.compile(r"^(a person|someone|the person|a man|the man|a woman|the woman|somebody)\s+", re.IGNORECASE)
 
@@ -11,11 +11,11 @@ def vary_subject(caption, rng, rate):
 
   rng is a numpy generator; two numbers are drawn whatever the caption, so that draws stay in step.
   """
-  chance, place = rng.random(), int(rng.integers(len(_SUBJECTS)))
+  chance, place = rng.random(), int(rng.integers(len(SUBJECTS)))
   found = _KNOWN.match(caption)
   if chance >= rate or not found:
     return caption
-  return f"{_SUBJECTS[place]} {caption[found.end():]}"
+  return f"{SUBJECTS[place]} {caption[found.end():]}"
 
 
 def meanings(captions):

@@ -1,17 +1,20 @@
 """What BVH and ASF/AMC files have in common: named joints that move, and the way from there to a Clip."""
 import dataclasses
 import pathlib
+import warnings
 
 import numpy as np
 
 from motion_jax.data.clip import Clip
+from motion_jax.errors import InputError
+from motion_jax.motion import plausibility
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.joint_maps import map_joints
 from motion_jax.motion.retarget import leg_scale
 from motion_jax.motion.skeleton import HUMANML3D
 
-_UNITS = {"metres": 1.0, "decimetres": 0.1, "CMU units": 0.0254 / 0.45, "inches": 0.0254, "centimetres": 0.01,
-          "millimetres": 0.001}
+_MOST = 8_000_000  # frames times joints: a gigabyte
+_UNITS = (*plausibility.UNITS.values(), 0.1, 0.0254 / 0.45)  # and decimetres, and CMU's
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -31,24 +34,45 @@ class Capture:
     return len(self.positions)
 
 
-def to_clip(capture, path, mapping=None, fps=20.0, unit=None, up="auto", skip_pose=None, **about) -> Clip:
+def check_size(path, num_frames, num_joints):
+  """Raises ValueError for a capture that memory might not hold."""
+  if num_frames * num_joints > _MOST:
+    raise InputError(f"{path}: got {num_frames:,} frames of {num_joints:,} joints, expected at most "
+                     f"{_MOST // num_joints:,} frames of so many; cut it in parts")
+
+
+def with_rate(capture, fps) -> Capture:
+  """The same frames at another rate than the file states, with a warning where that differs; None changes nothing."""
+  if fps is None:
+    return capture
+  if abs(capture.fps - fps) > 0.01 * fps:
+    warnings.warn(f"a file states {capture.fps:g} frames a second, taken as {fps:g}: the motion runs at another speed "
+                  "(--resample of data build changes the rate alone)", stacklevel=2)
+  return dataclasses.replace(capture, fps=fps)
+
+
+def to_clip(capture, path, mapping=None, fps=20.0, unit="auto", up="auto", skip_pose=None, **about) -> Clip:
   """A Capture as a Clip of 22 joints: metres, y up, frame k at k / fps seconds, with the file's own proportions.
 
-  mapping: see `joint_maps.map_joints`; None finds the table. unit: metres per unit of the file, None tells it by the
-  leg. up: "x", "y", "z" or "auto". skip_pose: leave out a pose set before the motion; None does so when there is one.
-  about (captions, id, split, ...) goes to the Clip.
+  mapping: see `joint_maps.map_joints`; None finds the table. unit: of the file, "m", "cm", "mm", "in", "ft" or metres
+  per unit; "auto" tells it by the leg. up: "x", "y", "z" or "auto". skip_pose: leave out a pose set before the motion;
+  None does so when there is one. about (captions, id, split, ...) goes to the Clip. Raises ValueError for joints that
+  are no person's (`motion.plausibility`), or rates that no camera has.
   """
-  if not fps > 0:
-    raise ValueError(f"got {fps} frames per second, expected a positive number")
   path = pathlib.Path(path)
+  for rate in (capture.fps, fps):
+    plausibility.check_rate(rate, str(path))
   if skip_pose or (skip_pose is None and starts_with_a_pose(capture)):
     capture = without_pose(capture)
   try:
     joints, table = map_joints(capture.names, capture.positions, mapping, capture.turned)
+    metres = _metres(joints, unit)
+    joints = _turn_up(joints, up)
   except ValueError as error:
-    raise ValueError(f"{path}: {error}") from None
-  metres = unit or _unit(joints)
-  joints = resample(_turn_up(joints, up) * metres, capture.fps, fps)
+    raise InputError(f"{path}: {error}") from None
+  joints = joints * metres
+  plausibility.check(joints, fps=capture.fps, name=str(path))
+  joints = resample(joints, capture.fps, fps)
   meta = {"file": path.name, "mapping": table, "unit": metres, "source_fps": round(capture.fps, 4)}
   about = {"id": path.stem, "source": path.name} | about
   return Clip(joints=joints.astype(np.float32), fps=fps, meta=meta | about.pop("meta", {}), **about)
@@ -108,10 +132,16 @@ def _angles(q):
   return np.degrees(2 * np.arccos(np.clip(np.abs(q[..., 0]), 0, 1)))
 
 
-def _unit(joints):
-  """Metres per unit: the usual unit that makes the leg nearest to an adult's."""
+def _metres(joints, unit):
+  """Metres per unit, as said, or of the usual unit that makes the leg nearest to an adult's."""
+  if isinstance(unit, str) and unit != "auto":
+    if unit not in plausibility.UNITS:
+      raise InputError(f"got unit {unit!r}, expected auto, {', '.join(plausibility.UNITS)}")
+    return plausibility.UNITS[unit]
+  if unit not in ("auto", None):
+    return unit
   scale = leg_scale(joints)
-  return min(_UNITS.values(), key=lambda unit: abs(np.log(unit / scale)))
+  return min(_UNITS, key=lambda unit: abs(np.log(unit / scale)))
 
 
 def _turn_up(joints, up):
@@ -121,6 +151,6 @@ def _turn_up(joints, up):
     rise = np.median(joints[:, 12] - joints[:, feet].mean(1), axis=0)
     # A clip of somebody lying down says nothing: then the file is taken to be y up, as most are.
     up = "xyz"[int(np.abs(rise).argmax())] if np.abs(rise).max() > 2 * np.abs(rise[1]) else "y"
-  if up not in ("x", "y", "z"):
-    raise ValueError(f"got up {up!r}, expected x, y, z or auto")
-  return joints[..., {"y": [0, 1, 2], "z": [1, 2, 0], "x": [2, 0, 1]}[up]]
+  if up not in plausibility.AXES:
+    raise InputError(f"got up {up!r}, expected x, y, z or auto")
+  return joints[..., plausibility.AXES[up]]

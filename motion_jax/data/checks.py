@@ -2,6 +2,9 @@
 import numpy as np
 
 from motion_jax.data import humanml3d
+from motion_jax.errors import InputError
+from motion_jax.input_files import load_npy
+from motion_jax.motion import plausibility
 from motion_jax.motion.features import bone_lengths, facing
 from motion_jax.motion.retarget import floor_height
 from motion_jax.motion.skeleton import HUMANML3D
@@ -13,12 +16,17 @@ _EVALUATOR_STD = (0.00051467, 0.00067693, 0.00612082, 0.12255538, 0.30038649, 0.
 
 def load(path, found):
   try:
-    return np.load(path, allow_pickle=False)
-  except (ValueError, OSError, EOFError) as error:
+    return load_npy(path)
+  except (InputError, OSError) as error:
     if found:
       found.add("error", "files that cannot be read", "copy them again",
-                f"{path.parent.name}/{path.name} ({error})"[:90])
+                f"{path.parent.name}/{path.name} ({told(error, path)})"[:120])
     return None
+
+
+def told(error, path):
+  """What an error says behind the path that it begins with."""
+  return str(error).removeprefix(str(path)).lstrip(":/ ")
 
 
 def compare_joints(saved, recovered, layout, name, found):
@@ -35,9 +43,9 @@ def compare_joints(saved, recovered, layout, name, found):
 def check_texts(path, name, seconds, found):
   try:
     lines = humanml3d.read_texts(path)
-  except (ValueError, UnicodeDecodeError) as error:
+  except ValueError as error:
     found.add("error", "text files that cannot be read", "each line is caption#tokens#start#end",
-              f"{name} ({error})"[:90])
+              f"{name} ({told(error, path)})"[:120])
     return
   if not any(line.caption for line in lines):
     found.add("error", "text files without a caption", "write one, or remove the ids", name)
@@ -121,8 +129,14 @@ class Body:
     self.floors, self.slides, self.heights, self.backwards = [], [], [], []
 
   def check(self, name, joints):
-    """joints (T, J, 3) in the skeleton's unit."""
+    """joints (T, J, 3) in the skeleton's unit; a single frame tells of no motion."""
+    if len(joints) < 2:
+      return
     skeleton, add = self.skeleton, self.found.add
+    fault = plausibility.fault(joints, skeleton, name=name)
+    if fault:
+      add("error", "joints that are no person's", "cut the frames away, scale the source to metres, or remove the clip",
+          fault[:120])
     joints = joints.astype(np.float64)
     lengths = bone_lengths(joints, skeleton)[:, 1:] * skeleton.unit
     if lengths.std(0).max() > 0.01:

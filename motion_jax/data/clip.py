@@ -1,6 +1,7 @@
 """One record of motion, whatever file it came from."""
 import contextlib
 import dataclasses
+import functools
 import os
 import pathlib
 import shutil
@@ -9,6 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from motion_jax import stopping
+from motion_jax.errors import InputError
+from motion_jax.motion.plausibility import check_rate
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
 
 
@@ -54,8 +58,7 @@ class Clip:
     if len(bad):
       raise ValueError(f"clip {self.id!r}: {len(bad)} of {shape[0]} frames hold NaN or infinity, the first is frame "
                        f"{bad[0]}; cut them away or repair the file")
-    if not self.fps > 0:
-      raise ValueError(f"clip {self.id!r}: got {self.fps} frames per second, expected a positive number")
+    check_rate(self.fps, f"clip {self.id!r}")
 
   @property
   def num_frames(self) -> int:
@@ -67,6 +70,24 @@ class Clip:
 
   def replace(self, **changes) -> "Clip":
     return dataclasses.replace(self, **changes)
+
+  def cut(self, first, past) -> "Clip":
+    """The frames first:past, with the captions of those seconds. Raises InputError where there are none."""
+    if not 0 <= first < past <= self.num_frames:
+      raise InputError(f"clip {self.id!r}: got the frames {first} to {past}, expected at least one of the "
+                       f"{self.num_frames} that there are")
+    start, end = first / self.fps, past / self.fps
+    captions = tuple(c if not c.start and not c.end else Caption(c.text, max(c.start, start) - start,
+                                                                 min(c.end, end) - start)
+                     for c in self.captions if (not c.start and not c.end) or (c.start < end and c.end > start))
+    features = None if self.features is None else self.features[first:past]
+    return self.replace(joints=self.joints[first:past], features=features, captions=captions)
+
+  def __repr__(self):
+    said = " | ".join(caption.text for caption in self.captions)
+    said = f", {said if len(said) <= 60 else said[:59] + '…'!r}" if said else ""
+    return (f"{type(self).__name__}({self.id!r}: {self.num_frames} frames, {self.seconds:.1f} s at {self.fps:g} a "
+            f"second, {self.skeleton.num_joints} joints{said})")
 
 
 @contextlib.contextmanager
@@ -82,12 +103,14 @@ def atomic_path(path):
   except OSError as error:
     raise OSError(f"cannot write {path}: {error.strerror or error}; choose a folder that you may write to") from error
   os.close(handle)
-  try:
-    yield pathlib.Path(name)
-    os.chmod(name, 0o644)  # mkstemp's 0600 would keep the file from other users
-    os.replace(name, path)
-  finally:
-    pathlib.Path(name).unlink(missing_ok=True)
+  vanish = functools.partial(pathlib.Path(name).unlink, missing_ok=True)
+  with stopping.undone_by(vanish):
+    try:
+      yield pathlib.Path(name)
+      os.chmod(name, 0o644)  # mkstemp's 0600 would keep the file from other users
+      os.replace(name, path)
+    finally:
+      vanish()
 
 
 @contextlib.contextmanager
@@ -102,11 +125,22 @@ def atomic_folder(path):
     folder = pathlib.Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
   except OSError as error:
     raise OSError(f"cannot write {path}: {error.strerror or error}; choose a folder that you may write to") from error
-  try:
-    yield folder
-    folder.chmod(0o755)  # mkdtemp's 0700 would keep it from other users
-    if path.exists():
-      shutil.rmtree(path)
-    folder.replace(path)
-  finally:
-    shutil.rmtree(folder, ignore_errors=True)
+  old = folder.with_name(folder.name + "-old")
+
+  def vanish():
+    if old.exists() and not path.exists():  # stopped between the two renamings
+      old.replace(path)
+    for temporary in (folder, old):
+      if temporary.exists():
+        shutil.rmtree(temporary)
+
+  with stopping.undone_by(vanish):
+    try:
+      yield folder
+      folder.chmod(0o755)  # mkdtemp's 0700 would keep it from other users
+      if path.exists():
+        path.replace(old)
+      folder.replace(path)
+    finally:
+      with contextlib.suppress(OSError):
+        vanish()

@@ -26,12 +26,13 @@ def examine_snapmogen(folder, found, progress):
       found.add("error" if split == "train" else "warning", f"no data_split_info/{split}_ids.txt",
                 "restore it: ids NAME#start#end, one a line")
     except ValueError as error:
-      found.add("error", "split files that cannot be read", "each line is NAME#start#end", f"{split} ({error})"[-90:])
+      found.add("error", "split files that cannot be read", "each line is NAME#start#end",
+                f"{split} ({checks.told(error, folder)})"[:120])
   try:
     captions = snapmogen.read_captions(folder)
   except (FileNotFoundError, ValueError) as error:
     found.add("error", "no captions", 'all_caption_clean.json is {id: {"manual": [...], "gpt": [...]}}',
-              str(error)[-60:])
+              checks.told(error, folder)[:120])
   found.add_all("error", "recordings in two splits", _LEAK, sorted(n for n, splits in names.items() if len(splits) > 1))
   found.add_all("error", "ids without a recording", "restore renamed_feats/NAME.npy, or remove the ids",
                 sorted(set(names) - set(files)))
@@ -80,7 +81,7 @@ def _snapmogen_stats(folder, own, found):
     stats = snapmogen.folder_stats(folder)
   except (FileNotFoundError, ValueError) as error:
     found.add("error", "no statistics, or not these features'", "restore meta_data/mean.npy and std.npy",
-              str(error)[-90:])
+              checks.told(error, folder)[:120])
     return
   off = np.abs(stats.mean - own.mean) / np.maximum(own.std, stats.std)
   if off.max() > 1:
@@ -97,7 +98,7 @@ def examine_babel(folder, found, progress):
       table = babel.read_annotations(folder, split)
     except (FileNotFoundError, ValueError) as error:
       found.add("error" if split == "train" else "warning", f"no {split}.json", "BABEL's annotations of the split",
-                str(error)[-60:])
+                checks.told(error, folder)[:120])
       continue
     num_pairs = num_segments = num_frames = 0
     for name, annotation in tqdm.tqdm(sorted(table.items()), desc=split, unit="recording", disable=not progress):
@@ -108,9 +109,9 @@ def examine_babel(folder, found, progress):
       except FileNotFoundError:
         found.add("error", "annotations without a motion", "restore motions/SID.npz from AMASS", name)
         continue
-      except (ValueError, KeyError, TypeError, OSError, EOFError) as error:
+      except (ValueError, OSError) as error:
         found.add("error", "motions or labels that cannot be read", "poses, trans and fps, as AMASS files have them",
-                  f"{name} ({error})"[:90])
+                  f"{name} ({checks.told(error, folder)})"[:120])
         continue
       num_frames += len(recording.translation)
       num_segments, num_pairs = num_segments + len(segments), num_pairs + len(babel.pairs(segments))
@@ -130,5 +131,5 @@ def examine_babel(folder, found, progress):
       found.add("note", "no Mean.npy and Std.npy", "fine: they are computed from the training recordings")
   except (FileNotFoundError, ValueError) as error:
     found.add("error", "statistics that do not fit", "delete Mean.npy and Std.npy to have them computed",
-              str(error)[-90:])
+              checks.told(error, folder)[:120])
   return facts + body.facts()

@@ -2,7 +2,6 @@
 import collections
 import dataclasses
 import hashlib
-import json
 import pathlib
 import textwrap
 
@@ -10,13 +9,18 @@ import numpy as np
 import tqdm
 
 from motion_jax.data import babel, checks, dataset_checks, humanml3d, snapmogen
-from motion_jax.data.archive import FPS, is_archive
+from motion_jax.data.archive import FPS, is_archive, read_motions, read_row
+from motion_jax.errors import InputError
+from motion_jax.input_files import json_row
 from motion_jax.motion.features import layout_for, to_joints
 from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.text_files import read_lines
 
 LEVELS = ("error", "warning", "note")
 # Clips whose official features hold NaN.
 KNOWN_BAD = ("007975", "M007975")
+
+
 @dataclasses.dataclass(frozen=True)
 class Finding:
   """One kind of fault: how bad, what, how often, where for example, what to do."""
@@ -45,17 +49,19 @@ def examine(folder, progress=False) -> Report:
   folder = pathlib.Path(folder)
   found = _Findings()
   if is_archive(folder):
-    facts = _examine_archive(folder, found, progress)
+    look = _examine_archive
   elif folder.is_dir() and ((folder / "new_joint_vecs").is_dir() or (folder / "new_joints").is_dir()):
-    facts = _examine_folder(folder, found, progress)
+    look = _examine_folder
   elif snapmogen.is_snapmogen(folder):
-    facts = dataset_checks.examine_snapmogen(folder, found, progress)
+    look = dataset_checks.examine_snapmogen
   elif babel.is_babel(folder):
-    facts = dataset_checks.examine_babel(folder, found, progress)
+    look = dataset_checks.examine_babel
   else:
     raise FileNotFoundError(f"{folder} is no data folder: expected new_joint_vecs/ and texts/ (HumanML3D layout), "
                             "renamed_feats/ (SnapMoGen), motions/ and train.json (BABEL), or motions.npz and "
                             "captions.jsonl (archive); motion-jax data build makes one")
+  with np.errstate(all="ignore"):  # numbers may be of any size here, and are told about
+    facts = look(folder, found, progress)
   return Report(str(folder), tuple(facts), found.sorted())
 
 
@@ -125,7 +131,12 @@ def _examine_folder(folder, found, progress):
   layout = _layout(folder, sorted(vectors), found)
   if layout is None:
     return [("format", "HumanML3D layout"), ("clips", str(len(vectors)))]
-  info = humanml3d.dataset_info(folder)
+  try:
+    info = humanml3d.dataset_info(folder)
+  except ValueError as error:
+    found.add("error", f"dataset.json cannot be used ({checks.told(error, folder / 'dataset.json')})",
+              "build again, or remove it where the folder is HumanML3D's or KIT-ML's own")
+    return [("format", "HumanML3D layout"), ("clips", str(len(vectors)))]
   body = checks.Body(found, layout.skeleton)
   rows, sums, hashes = [], humanml3d.RunningStats(layout), collections.defaultdict(list)
   for name in tqdm.tqdm(sorted(vectors), desc="clips", unit="clip", disable=not progress):
@@ -166,7 +177,7 @@ def _examine_folder(folder, found, progress):
     checks.check_stats(folder, layout, sums.stats(), found)
   if abs(info["fps"] - layout.skeleton.fps) > 1e-6:
     found.add("warning", f"{info['fps']:g} frames a second, {layout.skeleton.name} has {layout.skeleton.fps:g}",
-              "other tools take the usual rate for granted; build again with --fps")
+              "other tools take the usual rate for granted; build again with --resample")
   seconds = sum(rows) / info["fps"]
   return [("format", f"HumanML3D layout, {layout.name} features ({layout.dim}), {info['mode']} mode"),
           ("clips", f"{len(vectors)} ({sum(name.startswith('M') for name in vectors)} mirrored), "
@@ -223,76 +234,72 @@ def _layout(folder, names, found):
 def _examine_archive(folder, found, progress):
   facts = [("format", "archive (motions.npz, captions.jsonl)")]
   try:
-    arrays = dict(np.load(folder / "motions.npz", allow_pickle=False))
-  except (ValueError, OSError, EOFError) as error:
-    found.add("error", f"motions.npz cannot be read ({error})", "copy it again")
+    motions = read_motions(folder)
+  except (InputError, OSError) as error:
+    found.add("error", f"motions.npz: {checks.told(error, folder / 'motions.npz')}",
+              "copy it again, or write it with names (N,), start (N + 1,), root (frames, 3), local (frames, 22, 3)")
     return facts
-  missing = {"names", "start", "root", "local"} - set(arrays)
-  if missing:
-    found.add("error", f"motions.npz lacks {', '.join(sorted(missing))}", "copy it again")
-    return facts
-  names = [str(name) for name in arrays["names"]]
-  start, root, local = (arrays[key] for key in ("start", "root", "local"))
-  if len(start) != len(names) + 1 or start[-1] != len(root) or root.shape[1:] != (3,) or (
-      local.shape != (len(root), HUMANML3D.num_joints, 3)):
-    found.add("error", f"arrays do not fit together: {len(names)} names, start {start.shape}, root {root.shape}, local "
-              f"{local.shape}", "expected start (names + 1,), root (frames, 3), local (frames, 22, 3)")
-    return facts
+  names = list(motions.spans)
   body, hashes = checks.Body(found, HUMANML3D, canonical=False), collections.defaultdict(list)
-  for index in tqdm.trange(len(names), desc="clips", unit="clip", disable=not progress):
-    part = slice(int(start[index]), int(start[index + 1]))
-    joints = root[part, None].astype(np.float32) + local[part].astype(np.float32)
-    if part.stop <= part.start:
-      found.add("error", "clips of no frames", "remove them", names[index])
+  for name in tqdm.tqdm(names, desc="clips", unit="clip", disable=not progress):
+    joints = motions.joints(name)
+    if not len(joints):
+      found.add("error", "clips of no frames", "remove them", name)
     elif not np.isfinite(joints).all():
-      found.add("error", "clips with NaN or infinity", "remove them, or repair the source", names[index])
+      found.add("error", "clips with NaN or infinity", "remove them, or repair the source", name)
     else:
-      hashes[hashlib.sha1(joints.tobytes()).hexdigest()].append(names[index])
+      hashes[hashlib.sha1(joints.tobytes()).hexdigest()].append(name)
       if len(joints) > 1:
-        body.check(names[index], joints)
+        body.check(name, joints)
   body.tell()
-  length = {name: int(start[i + 1] - start[i]) for i, name in enumerate(names)}
-  rows, where = _check_rows(folder / "captions.jsonl", length, found)
+  rows, where = _check_rows(folder / "captions.jsonl", motions, found)
   splits = {split: [clip for clip, own in where.items() if split in own] for split in ("train", "val", "test")}
   checks.tell_duplicates(hashes, splits, found)
   found.add_all("warning", "clips without a caption", "write rows for them in captions.jsonl",
                 sorted(set(names) - set(where)))
   counts = collections.Counter(row.get("split") for row in rows)
-  hours = len(root) / FPS / 3600
-  return facts + [("clips", f"{len(names)}, {len(root)} frames, {hours:.2f} hours at {FPS:g} frames a second"),
+  hours = len(motions.root) / FPS / 3600
+  return facts + [("clips", f"{len(names)}, {len(motions.root)} frames, {hours:.2f} hours at {FPS:g} frames a second"),
                   ("pieces", f"{len(rows)}, " + ", ".join(f"{split} {count}" for split, count in counts.items())),
                   *body.facts()]
 
 
-def _check_rows(path, length, found):
+_ROW_FAULTS = (("is not in motions.npz", "captions of clips that are not there"),
+               ("lie outside", "captions of frames outside their clip"))
+
+
+def _check_rows(path, motions, found):
   """Rows of captions.jsonl that can be used, and the splits of each clip."""
   rows, where, seen = [], collections.defaultdict(set), set()
-  for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
-    try:
-      row = json.loads(line)
-      name, first, last = row["clip"], row["start"], row["end"]
-    except (json.JSONDecodeError, KeyError, TypeError) as error:
-      found.add("error", "rows of captions.jsonl that cannot be read", "each is a JSON object with id, clip, start, "
-                "end, text, split", f"line {number} ({type(error).__name__} {error})"[:80])
+  try:
+    lines = read_lines(path)
+  except InputError as error:
+    found.add("error", f"captions.jsonl: {checks.told(error, path)}", "save it as UTF-8 text")
+    return rows, where
+  for number, line in enumerate(lines, 1):
+    if not line.strip():
       continue
-    if name not in length:
-      found.add("error", "captions of clips that are not there", "remove the rows", f"line {number} ({name})")
-    elif not 0 <= first < last <= length[name]:
-      found.add("error", "captions of frames outside their clip", "correct start and end", f"line {number} ({name})")
-    else:
-      rows.append(row)
-    if not [text for text in row.get("text") or () if text.strip()]:
+    try:
+      row = json_row(line, path, number)
+      row = read_row(row, motions, f"{path} line {number}")
+    except InputError as error:
+      what = next((what for words, what in _ROW_FAULTS if words in str(error)), "rows of captions.jsonl that cannot be "
+                  "read")
+      found.add("error", what, "each is a JSON object with id, clip, start, end, text, split; correct or remove it",
+                checks.told(error, path)[:120])
+      continue
+    rows.append(row)
+    name = row["clip"]
+    if not any(text.strip() for text in row["text"]):
       found.add("error", "rows without a caption", "write one, or remove the row", f"line {number} ({name})")
-    if row.get("id") in seen:
-      found.add("error", "ids that occur twice", "name them differently", row.get("id"))
-    seen.add(row.get("id"))
-    where[name].add(row.get("split"))
-    if row.get("split") not in ("train", "val", "test"):
-      found.add("error", "rows in no split", "split is train, val or test", f"line {number} ({row.get('split')!r})")
+    if row["id"] in seen:
+      found.add("error", "ids that occur twice", "name them differently", row["id"])
+    seen.add(row["id"])
+    where[name].add(row["split"])
+    if row["split"] not in ("train", "val", "test"):
+      found.add("error", "rows in no split", "split is train, val or test", f"line {number} ({row['split']!r})")
     if row.get("spikes"):
-      found.add("note", "pieces with tracking faults (spikes)", "leave them out of training if few", row.get("id"))
+      found.add("note", "pieces with tracking faults (spikes)", "leave them out of training if few", row["id"])
   found.add_all("error", "clips with pieces in two splits", "results on test or val would be too good: keep a clip in "
                 "one split", sorted(name for name, own in where.items() if len(own) > 1))
   return rows, where
-
-

@@ -16,12 +16,18 @@ from motion_jax.data.capture import resample
 from motion_jax.data.clip import Caption, Clip, atomic_folder
 from motion_jax.data.mirror import mirror_clip
 from motion_jax.data.tagger import tag
+from motion_jax.errors import InputError
+from motion_jax.input_files import load_npy, npy_shape, read_json
+from motion_jax.motion import plausibility
 from motion_jax.motion.features import get_layout, layout_for, to_features, to_joints
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.motion.stats import ABSOLUTE, Stats, compute_stats, load_stats, save_stats
+from motion_jax.numerals import SECONDS, NumberError, real, shortened
+from motion_jax.text_files import read_lines
 
 SPLITS = ("train", "val", "test", "train_val", "all")
 MIN_FRAMES = {"humanml3d": 40, "kit": 24}
+_SECONDS = real(*SECONDS, unit="seconds")
 _TAG_FPS = 20  # Parity: time tags are seconds times 20 for KIT too, whose rate is 12.5
 
 
@@ -36,18 +42,21 @@ class TextLine(NamedTuple):
 def read_texts(path) -> list[TextLine]:
   """Reads caption#tokens#start#end lines; a tag that is NaN or missing counts as 0."""
   lines = []
-  for number, line in enumerate(pathlib.Path(path).read_text(encoding="utf-8").splitlines(), 1):
+  for number, line in enumerate(read_lines(path), 1):
     if not line.strip():
       continue
     parts = line.strip().split("#")
     try:
-      start, end = (float(part) if part else 0.0 for part in (parts[2:4] + ["", ""])[:2])
-    except ValueError:
-      raise ValueError(f"{path} line {number}: time tags {parts[2:4]} are no numbers; expected "
-                       "caption#tokens#start#end") from None
+      start, end = (_tag(part) for part in (parts[2:4] + ["", ""])[:2])
+    except NumberError as error:
+      raise ValueError(f"{path} line {number}: in a time tag: {error}; expected caption#tokens#start#end") from None
     lines.append(TextLine(parts[0].strip(), tuple(parts[1].split()) if len(parts) > 1 else (),
-                          0.0 if np.isnan(start) else start, 0.0 if np.isnan(end) else end))
+                          start, end))
   return lines
+
+
+def _tag(text):
+  return 0.0 if text.strip().lower() in ("", "nan") else _SECONDS(text)
 
 
 def read_ids(folder, split="all") -> list[str]:
@@ -55,7 +64,7 @@ def read_ids(folder, split="all") -> list[str]:
   folder = pathlib.Path(folder)
   path = folder / f"{split}.txt"
   if path.is_file():
-    return path.read_text(encoding="utf-8").split()
+    return [name for line in read_lines(path) for name in line.split()]
   found = [name for name in ("train", "val", "test") if (folder / f"{name}.txt").is_file()]
   if split != "all" or not found:
     raise FileNotFoundError(f"{folder} has no {split}.txt; expected one id per line in it")
@@ -66,14 +75,42 @@ def dataset_info(folder) -> dict:
   """What dataset.json says, with what can be told without one: layout, skeleton, fps, mode."""
   folder = pathlib.Path(folder)
   path = folder / "dataset.json"
-  info = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+  info = read_json(path, advice="restore it, or remove it where the folder is HumanML3D's or KIT-ML's own") if (
+      path.is_file()) else {}
   if "layout" not in info:
     sample = next(iter(sorted((folder / "new_joint_vecs").glob("*.npy"))), None)
     if sample is None:
       raise FileNotFoundError(f"{folder} has no new_joint_vecs/*.npy; expected a HumanML3D or KIT-ML folder")
-    info["layout"] = layout_for(np.load(sample, mmap_mode="r", allow_pickle=False).shape[-1]).name
+    info["layout"] = layout_for((npy_shape(sample) or (0,))[-1]).name
+  if not isinstance(info["layout"], str):
+    raise InputError(f"{path}: got layout {str(info['layout'])[:60]!r}, expected a name such as 'full'")
   skeleton = get_layout(info["layout"]).skeleton
-  return {"skeleton": skeleton.name, "fps": skeleton.fps, "mode": "benchmark", "source": folder.name} | info
+  info = {"skeleton": skeleton.name, "fps": skeleton.fps, "mode": "benchmark", "source": folder.name, "license": "",
+          "clips": {}} | info
+  _check_info(info, path)
+  return info
+
+
+def _check_info(info, path):
+  """Raises InputError for entries of dataset.json of a type that no folder has."""
+  for key, kind, called in (("source", str, "text"), ("license", str, "text"), ("mode", str, "text"),
+                            ("clips", dict, "an object")):
+    if not isinstance(info[key], kind):
+      raise InputError(f"{path}: got {key} {str(info[key])[:60]!r}, expected {called}")
+  if isinstance(info["fps"], bool) or not isinstance(info["fps"], int | float) or not 0 < info["fps"] <= 1000:
+    raise InputError(f"{path}: got fps {str(info['fps'])[:60]!r}, expected the frames of a second")
+  strange = next((name for name, origin in info["clips"].items() if not isinstance(origin, dict)), None)
+  if strange is not None:
+    raise InputError(f"{path}: clip {shortened(strange)!r} holds no object with source and license")
+
+
+def has_mirrored(folder) -> bool:
+  """Whether a folder holds mirrored copies, "M" before the id, as HumanML3D has and `data build` makes."""
+  try:
+    ids = set(read_ids(folder))
+  except FileNotFoundError:
+    return False
+  return any("M" + name in ids for name in ids)
 
 
 def read_folder(folder, split="all") -> list[Clip]:
@@ -89,30 +126,41 @@ def read_folder(folder, split="all") -> list[Clip]:
   for name in ("train", "val", "test"):
     if (folder / f"{name}.txt").is_file():
       member |= {clip: name for clip in read_ids(folder, name)}
-  clips, lost = [], {"no motion": [], "no text": [], "NaN": []}
+  clips, lost = [], {"no motion": [], "no text": [], "NaN": [], "joints that are no person's": []}
   for name in read_ids(folder, split):
     vectors, texts = folder / "new_joint_vecs" / f"{name}.npy", folder / "texts" / f"{name}.txt"
     if not vectors.is_file() or not texts.is_file():
       lost["no text" if vectors.is_file() else "no motion"].append(name)
       continue
-    features = np.load(vectors, allow_pickle=False).astype(np.float32)
+    features = load_npy(vectors).astype(np.float32)
     if features.ndim != 2 or not len(features) or not np.isfinite(features).all():
       lost["NaN"].append(name)
       continue
     layout.check(features)
     saved = folder / "new_joints" / f"{name}.npy"
-    joints = np.load(saved, allow_pickle=False) if saved.is_file() else to_joints(features, layout)
+    joints = _saved_joints(saved, layout) if saved.is_file() else to_joints(features, layout)
+    if plausibility.fault(joints, layout.skeleton, info["fps"]):
+      lost["joints that are no person's"].append(name)
+      continue
     lines = read_texts(texts)
     origin = info.get("clips", {}).get(name, {})
     clips.append(Clip(
-        joints=joints.reshape((-1, layout.skeleton.num_joints, 3)), fps=info["fps"], features=features, id=name,
+        joints=joints, fps=info["fps"], features=features, id=name,
         captions=tuple(Caption(line.caption, line.start, line.end) for line in lines), split=member.get(name, ""),
-        source=origin.get("source", info["source"]), license=origin.get("license", info.get("license", "")),
+        source=str(origin.get("source", info["source"])), license=str(origin.get("license", info["license"])),
         skeleton=layout.skeleton, meta={"tokens": tuple(line.tokens for line in lines), "mode": info["mode"]}))
   if any(lost.values()):
     told = "; ".join(f"{len(names)} with {what} ({', '.join(names[:3])})" for what, names in lost.items() if names)
     warnings.warn(f"{folder}: left out {told}; motion-jax data doctor tells more", stacklevel=2)
   return clips
+
+
+def _saved_joints(path, layout):
+  joints, num = load_npy(path), layout.skeleton.num_joints
+  if joints.size % (num * 3) or not joints.size:
+    raise InputError(f"{path}: got joints of shape {joints.shape}, expected (frames, {num}, 3); make new_joints again "
+                     "from the features")
+  return joints.reshape((-1, num, 3))
 
 
 class TextItem(NamedTuple):
@@ -205,20 +253,6 @@ def select_items(clips, min_frames=None, max_frames=200) -> list[Clip]:
 def _item(clip, name, features, joints, captions):
   return clip.replace(id=name, features=features, joints=joints, captions=tuple(Caption(c.text) for c, _ in captions),
                       meta=clip.meta | {"tokens": tuple(words for _, words in captions)})
-
-
-def windows(lengths, window=64) -> np.ndarray:
-  """The autoencoders' windows (facts: cdamd 1.2), (N, 2): index of the clip and first row; N = sum of (rows - window).
-
-  Clips shorter than the window are left out. Parity: the last possible start is never used, a clip of just the window's
-  rows gives nothing, and the first start of a clip is there because item 0 and the steps between clips fall on it.
-  """
-  kept = np.flatnonzero(np.asarray(lengths) >= window)
-  ends = np.cumsum(np.concatenate([[0], np.asarray(lengths)[kept] - window]))
-  items = np.arange(ends[-1])
-  clip = np.maximum(np.searchsorted(ends, items) - 1, 0)
-  start = np.where(items > 0, items - ends[clip] - 1, 0)
-  return np.stack([kept[clip], start], axis=1)
 
 
 def write_folder(clips, out, mode="corrected", mirror=True, fps=None, overwrite=False, progress=False,

@@ -12,6 +12,7 @@ Facts: cdamd 1.7, cmdm 6.5; the layout of huggingface.co/datasets/Ericguo5513/Sn
 import collections
 import json
 import pathlib
+import re
 import warnings
 from typing import NamedTuple
 
@@ -21,14 +22,21 @@ from motion_jax.data.bvh import read_bvh
 from motion_jax.data.capture import resample
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.humanml3d import RunningStats, TextItem, new_folder
+from motion_jax.errors import InputError
+from motion_jax.input_files import load_npy, read_json
 from motion_jax.motion import features296
 from motion_jax.motion.features import get_layout, to_features, to_joints
 from motion_jax.motion.skeleton import SNAPMOGEN, SNAPMOGEN_BVH
 from motion_jax.motion.stats import Stats
+from motion_jax.numerals import shortened
+from motion_jax.text_files import read_lines
 
 SPLITS = ("train", "val", "test")
 MIN_FRAMES, MAX_FRAMES = 128, 320
 FPS = SNAPMOGEN.fps
+
+
+GAP = 30  # rows, a second, that may lie between two motions in a row
 
 
 class Span(NamedTuple):
@@ -53,13 +61,15 @@ def read_ids(folder, split="train") -> list[Span]:
   path = pathlib.Path(folder) / "data_split_info" / f"{split}_ids.txt"
   _need(path, "ids NAME#start#end, one a line")
   spans = []
-  for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+  for number, line in enumerate(read_lines(path), 1):
     if not line.strip():
       continue
     parts = line.strip().rsplit("#", 2)
-    if len(parts) != 3 or not (parts[1].isdigit() and parts[2].isdigit()) or not int(parts[1]) < int(parts[2]):
-      raise ValueError(f"{path} line {number}: got {line.strip()!r}, expected NAME#start#end with start before end")
-    spans.append(Span(parts[0], int(parts[1]), int(parts[2])))
+    numbers = [int(part) for part in parts[1:] if re.fullmatch("[0-9]{1,9}", part)]
+    if len(numbers) != 2 or not numbers[0] < numbers[1]:
+      raise InputError(f"{path} line {number}: got {shortened(line.strip())!r}, expected NAME#start#end with start "
+                       "before end")
+    spans.append(Span(parts[0], *numbers))
   return spans
 
 
@@ -67,11 +77,13 @@ def read_captions(folder) -> dict[str, tuple[tuple[str, ...], tuple[str, ...]]]:
   """Captions by id: those people wrote, and those a machine wrote."""
   path = pathlib.Path(folder) / "all_caption_clean.json"
   _need(path, 'a JSON object {id: {"manual": [...], "gpt": [...]}}')
-  try:
-    table = json.loads(path.read_text(encoding="utf-8"))
-    return {name: (tuple(entry.get("manual", ())), tuple(entry.get("gpt", ()))) for name, entry in table.items()}
-  except (json.JSONDecodeError, AttributeError, TypeError) as error:
-    raise ValueError(f'{path} is no JSON object {{id: {{"manual": [...], "gpt": [...]}}}} ({error})') from None
+  table = {}
+  for name, entry in read_json(path).items():
+    lists = [entry.get(kind, []) for kind in ("manual", "gpt")] if isinstance(entry, dict) else [None]
+    if not all(isinstance(one, list) and all(isinstance(text, str) for text in one) for one in lists):
+      raise InputError(f'{path}: {shortened(name)!r} holds no object {{"manual": [captions], "gpt": [captions]}}')
+    table[name] = tuple(map(tuple, lists))
+  return table
 
 
 def text_items(folder, split="train", layout="snapmogen", min_frames=MIN_FRAMES, whole=False,
@@ -107,12 +119,43 @@ def text_items(folder, split="train", layout="snapmogen", min_frames=MIN_FRAMES,
   return items
 
 
+def in_a_row(spans, gap=GAP) -> list[Span]:
+  """The most spans of one recording that follow each other: none overlaps, at most `gap` rows lie between two."""
+  spans, chains = sorted(set(spans), key=lambda span: (span.start, span.end)), []
+  for i, span in enumerate(spans):
+    before = [chain for chain, last in zip(chains, spans[:i]) if 0 <= span.start - last.end <= gap]
+    chains.append([*max(before, key=len, default=()), span])
+  return max(chains, key=len, default=[])
+
+
+def recordings(folder, split="test", more_than=5, shortest=1, gap=GAP, faults=None) -> list[list[TextItem]]:
+  """Recordings that show more than so many captioned motions in a row: a list of each one's pieces, 296 features.
+
+  A piece reaches to where the next one begins, so that pieces put one behind the other are the recording itself; its id
+  is "NAME#start#end" of these rows. Spans of fewer than `shortest` rows are passed over. faults: as for `text_items`.
+  """
+  found = {}
+  for item in text_items(folder, split, min_frames=shortest, faults=faults):
+    name, start, end = item.id.rsplit("#", 2)
+    found.setdefault(name, {})[Span(name, int(start), int(end))] = item
+  kept = []
+  for name, items in found.items():
+    chain = in_a_row(items, gap)
+    if len(chain) <= more_than:
+      continue
+    features, _ = _read_recording(folder, name)
+    ends = [span.start for span in chain[1:]] + [chain[-1].end]
+    kept.append([items[span]._replace(id=Span(name, span.start, end).id, features=features[span.start:end])
+                 for span, end in zip(chain, ends)])
+  return kept
+
+
 def _read_recording(folder, name):
   """(features, "") or (None, what is wrong)."""
   path = pathlib.Path(folder) / "renamed_feats" / f"{name}.npy"
   if not path.is_file():
     return None, "no recording"
-  features = np.load(path, allow_pickle=False)
+  features = load_npy(path)
   if features.ndim != 2 or features.shape[1] != 296:
     raise ValueError(f"{path}: got features of shape {features.shape}, expected (rows, 296); they belong to another "
                      "representation")
@@ -136,7 +179,7 @@ def folder_stats(folder, layout="snapmogen") -> Stats:
   for name in ("mean", "std"):
     path = pathlib.Path(folder) / "meta_data" / f"{name}.npy"
     _need(path, "the dataset's statistics, (296,)")
-    value = np.load(path, allow_pickle=False).astype(np.float32).ravel()
+    value = load_npy(path).astype(np.float32).ravel()
     if value.shape != (296,):
       raise ValueError(f"{path}: got shape {value.shape}, expected (296,); these statistics belong to another "
                        "representation")

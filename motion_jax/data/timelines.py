@@ -10,13 +10,17 @@ A text file; one interval a line, an empty line between timelines, seconds:
 `read_stories` reads prompts that follow each other anyway, as FlowMDM's evaluation lists them: JSON, [{"id": "0",
 "lengths": [frames, ..], "text": [caption, ..]}, ..].
 """
-import json
-import pathlib
 from typing import NamedTuple
+
+from motion_jax.errors import InputError, reason
+from motion_jax.input_files import read_json
+from motion_jax.numerals import SECONDS, NumberError, real, shortened
+from motion_jax.text_files import lines_of, read_lines
 
 PARTS = ("head", "left arm", "right arm", "legs", "spine")
 _ALSO = {"neck": "head", "torso": "spine", "left hand": "left arm", "right hand": "right arm", "left leg": "legs",
          "right leg": "legs"}
+_SECONDS = real(*SECONDS, unit="seconds")
 
 
 class Interval(NamedTuple):
@@ -29,11 +33,8 @@ class Interval(NamedTuple):
 
 def read_timelines(path) -> list[list[Interval]]:
   """All timelines of a file, each moved to begin at 0. Raises ValueError with the line that is wrong."""
-  path = pathlib.Path(path)
-  if not path.is_file():
-    raise FileNotFoundError(f"there is no timeline file {path}")
   timelines, current = [], []
-  for number, line in enumerate(path.read_text(encoding="utf-8-sig").splitlines(), 1):
+  for number, line in enumerate(read_lines(path), 1):
     if line.strip():
       current.append(_interval(line, f"{path} line {number}"))
     elif current:
@@ -41,50 +42,50 @@ def read_timelines(path) -> list[list[Interval]]:
       current = []
   timelines += [current] if current else []
   if not timelines:
-    raise ValueError(f"{path} holds no timeline; a line is: caption # start # end # body parts, times in seconds")
+    raise InputError(f"{path} holds no timeline; a line is: caption # start # end # body parts, times in seconds")
   return [_from_zero(timeline) for timeline in timelines]
 
 
 def read_stories(path) -> list[list[tuple[str, int]]]:
   """[[(caption, frames), ..], ..] of a file of stories, in the order of their ids. Raises ValueError for another file.
   """
-  path = pathlib.Path(path)
   expected = 'expected a list of {"id", "lengths": [frames, ..], "text": [caption, ..]}, as many lengths as texts'
+  content = read_json(path, list, advice=expected)
   try:
-    content = json.loads(path.read_text(encoding="utf-8"))
     stories = [list(zip(one["text"], map(int, one["lengths"]), strict=True))
                for one in sorted(content, key=lambda one: int(one["id"]))]
-  except (json.JSONDecodeError, UnicodeDecodeError, KeyError, TypeError, ValueError) as error:
-    raise ValueError(f"{path} is no file of stories ({error}); {expected}") from None
+  except (KeyError, TypeError, ValueError, OverflowError) as error:
+    raise InputError(f"{path} is no file of stories ({reason(error)}); {expected}") from None
   bad = [i for i, story in enumerate(stories) if len(story) < 2 or any(
       not isinstance(text, str) or not text.strip() or frames < 1 for text, frames in story)]
   if bad or not stories:
-    raise ValueError(f"{path}: " + (f"story {bad[0]} of {len(stories)} has an empty caption, a length under 1 or no "
+    raise InputError(f"{path}: " + (f"story {bad[0]} of {len(stories)} has an empty caption, a length under 1 or no "
                                     "second prompt" if bad else "no story") + f"; {expected}")
   return stories
 
 
 def is_timeline(text) -> bool:
   """Whether the lines of a file look like a timeline: three fields at least, parted by #."""
-  lines = [line for line in text.splitlines() if line.strip()]
+  lines = [line for line in lines_of(text) if line.strip()]
   return bool(lines) and all(line.count("#") >= 2 for line in lines)
 
 
 def _interval(line, where):
   text, *fields = (field.strip() for field in line.split("#"))
   if len(fields) < 2 or not text:
-    raise ValueError(f"{where}: got {line.strip()!r}, expected: caption # start # end # body parts, times in seconds")
+    raise InputError(f"{where}: got {shortened(line.strip())!r}, expected: caption # start # end # body parts, times "
+                     "in seconds")
   try:
-    start, end = map(float, fields[:2])
-  except ValueError:
-    raise ValueError(f"{where}: got the times {fields[0]!r} and {fields[1]!r}, expected seconds") from None
-  if not 0 <= start < end < float("inf"):
-    raise ValueError(f"{where}: got an interval from {start:g} to {end:g} s; an end comes after its start")
+    start, end = map(_SECONDS, fields[:2])
+  except NumberError as error:
+    raise InputError(f"{where}: in a time: {error}") from None
+  if not start < end:
+    raise InputError(f"{where}: got an interval from {start:g} to {end:g} s; an end comes after its start")
   parts = []
   for part in filter(None, fields[2:]):
     part = _ALSO.get(part.lower(), part.lower())
     if part not in PARTS:
-      raise ValueError(f"{where}: got the body part {part!r}, expected one of {', '.join([*PARTS, *_ALSO])}")
+      raise InputError(f"{where}: got the body part {shortened(part)!r}, expected one of {', '.join([*PARTS, *_ALSO])}")
     parts.append(part)
   return Interval(text, start, end, tuple(dict.fromkeys(parts)))
 

@@ -104,7 +104,7 @@ def test_own_mapping_and_rate(folder):
     ("07.asf", lambda t: t[:t.index(":hierarchy")], "no hierarchy"),
     ("07.asf", lambda t: t.replace("    length 2\n", ""), "line 18: a bone ends without its length"),
     ("07.asf", lambda t: t.replace("    arm hand\n", ""), "no parent that exists to hand"),
-    ("07.asf", lambda t: t.replace("dof rx ry rz", "dof rx ry qq"), "line 17: got dof"),
+    ("07.asf", lambda t: t.replace("dof rx ry rz", "dof rx ry qq"), "line 17: got the channels"),
 ])
 def test_damaged_files(folder, name, change, message):
   path = folder / name
@@ -117,3 +117,10 @@ def test_missing_skeleton(tmp_path):
   (tmp_path / "08_01.amc").write_text(AMC)
   with pytest.raises(FileNotFoundError, match="08_01.asf or 08.asf"):
     read_amc(tmp_path / "08_01.amc")
+
+
+def test_messages_stay_short(folder):
+  (folder / "07_01.amc").write_text("x" * 9000 + " 1 2 3\n")
+  with pytest.raises(ValueError, match="line 1: got 'xxx.*…', expected the number of a frame") as error:
+    read_amc(folder / "07_01.amc")
+  assert len(str(error.value)) < 300

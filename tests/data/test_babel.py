@@ -100,7 +100,7 @@ def test_faster_motions_are_thinned(built, tmp_path):
   with pytest.raises(ValueError, match=r"poses \(149, 63\)"):
     read_recording(tmp_path / "c.npz")
   np.savez(tmp_path / "d.npz", poses=poses, fps=30.0)
-  with pytest.raises(ValueError, match="has no trans, it has poses, fps"):
+  with pytest.raises(ValueError, match="lacks trans; it holds fps, poses"):
     read_recording(tmp_path / "d.npz")
   np.savez(tmp_path / "e.npz", poses=poses * np.nan, trans=trans, fps=30.0)
   with pytest.raises(ValueError, match="NaN"):

@@ -2,7 +2,7 @@
 import numpy as np
 import pytest
 
-from motion_jax.data.batches import TextItems, Windows, balance_weights, epoch_indices
+from motion_jax.data.batches import CaptionedClips, TextItems, Windows, balance_weights, epoch_indices
 
 
 def _clips(lengths):
@@ -14,6 +14,17 @@ def _clips(lengths):
 def test_windows_cover_clips_at_their_stride():
   windows = Windows(_clips([63, 64, 100]), window=64, stride=10)
   assert windows.starts.tolist() == [[1, 0], [2, 0], [2, 10], [2, 20], [2, 30]]
+
+
+def test_the_released_list_of_windows():
+  """As many as rows beyond the first window: clip 1 of 4 rows gives none, of clip 2 the last start is never used."""
+  clips = _clips([3, 4, 7, 4, 6])
+  windows = Windows(clips, window=4, stride=1, released=True)
+  assert windows.starts.tolist() == [[1, 0], [2, 0], [2, 1], [2, 2], [4, 0]]
+  assert Windows(clips, window=4, stride=1).starts.tolist() == [
+      [1, 0], [2, 0], [2, 1], [2, 2], [2, 3], [3, 0], [4, 0], [4, 1], [4, 2]]
+  with pytest.raises(ValueError, match="none of 1 clips has the 4 frames"):
+    Windows(_clips([4]), window=4, stride=1, released=True)
 
 
 def test_an_epoch_meets_every_item_once_and_the_next_in_another_order():
@@ -40,6 +51,39 @@ def test_text_batches_are_pure_and_follow_the_item_rules(options):
       assert (x[count:] == 0).all()
 
 
+@pytest.mark.parametrize("coin", [1 / 3, 0.0, 1.0, 0.8])
+def test_the_coin_takes_a_unit_less_as_often_as_it_says(coin):
+  """Of 102 frames, 25 units of 4: 100 are taken, or by the coin 96, from any of the places where they fit."""
+  items = TextItems(_clips([102] * 8), [["a"]] * 8, **({} if coin == 1 / 3 else {"coin": coin}))
+  counts, starts = [], {100: set(), 96: set()}
+  for step in range(120):
+    batch = items.batch(8, 5, step)
+    counts += batch["num_frames"].tolist()
+    for x, count in zip(batch["features"], batch["num_frames"]):
+      starts[int(count)].add(round(1000 * float(x[0, 0]) % 1000))
+  share, deviation = np.mean(np.equal(counts, 96)), np.sqrt(coin * (1 - coin) / len(counts))
+  assert set(counts) <= {96, 100} and abs(share - coin) <= 4 * deviation
+  assert starts[96] == (set(range(7)) if coin else set()) and starts[100] == (set(range(3)) if coin < 1 else set())
+
+
+def test_lengths_are_drawn_as_often_as_there_are_clips_of_them():
+  """Two padded lengths, eight clips in the shorter and two in the longer: batches come in that proportion."""
+  items = TextItems(_clips([60] * 8 + [150] * 2), [["a"]] * 10, lengths=(60, 192), coin=0.0)
+  share = np.mean([items.batch(2, 0, step)["features"].shape[1] == 60 for step in range(400)])
+  assert abs(share - 0.8) < 4 * np.sqrt(0.8 * 0.2 / 400)
+
+
+def test_long_clips_are_cut_at_any_place_for_the_teacher():
+  items = CaptionedClips(_clips([14, 6]), [["a"], ["b"]], max_frames=10)
+  starts = set()
+  for step in range(60):
+    batch = items.batch(2, 3, step)
+    for x, count, caption in zip(batch["features"], batch["num_frames"], batch["caption"]):
+      assert count == (10 if caption == "a" else 6) and (x[count:] == 0).all()
+      starts |= {round(1000 * float(x[0, 0]))} if caption == "a" else set()
+  assert starts == {0, 1, 2, 3, 4}
+
+
 def test_other_seeds_give_other_batches():
   items = TextItems(_clips([100] * 50), [["a"]] * 50)
   assert (items.batch(8, 0, 0)["features"] != items.batch(8, 1, 0)["features"]).any()
@@ -56,8 +100,16 @@ def test_balance_weights():
     (lambda: TextItems(_clips([10]), [["a"]]), "40 to 199"),
     (lambda: TextItems(_clips([100]), [[]]), "caption"),
     (lambda: TextItems(_clips([100]), [["a"]], lengths=(96,)), "max_frames"),
-    (lambda: epoch_indices(3, 4, 0, 0), "lower data.batch_size"),
+    (lambda: epoch_indices(0, 4, 0, 0), "add data"),
 ])
 def test_bad_input_is_told(call, words):
   with pytest.raises(ValueError, match=words):
     call()
+
+
+def test_fewer_items_than_a_batch_are_drawn_evenly():
+  with pytest.warns(UserWarning, match="3 items are fewer than a batch of 8"):
+    batches = [epoch_indices(3, 8, 0, step) for step in range(6)]
+  assert all(len(batch) == 8 and np.bincount(batch, minlength=3).min() >= 2 for batch in batches)
+  assert np.bincount(np.concatenate(batches)).tolist() == [16, 16, 16]
+  np.testing.assert_array_equal(epoch_indices(3, 8, 0, 4), batches[4])

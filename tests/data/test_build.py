@@ -92,8 +92,8 @@ def test_a_damaged_file_leaves_nothing_behind(captures, tmp_path):
 
 @pytest.mark.parametrize("name, text, message", [
     ("a.csv", "file,caption\nx.bvh,\n", "line 2: no file or no caption"),
-    ("a.csv", "name,words\nx.bvh,walks\n", "the columns are name, words"),
-    ("a.tsv", "file\tcaption\tstart\nx.bvh\twalks\tsoon\n", "start 'soon'"),
+    ("a.csv", "name,words\nx.bvh,walks\n", "got the columns name, words"),
+    ("a.tsv", "file\tcaption\tstart\nx.bvh\twalks\tsoon\n", "in start or end: got 'soon'"),
     ("a.csv", "file,caption,start,end\nx.bvh,walks,3,2\n", "3.0 to 2.0 s is empty"),
     ("a.jsonl", '{"file": "x", "caption": "walks"}\n{"file"\n', "line 2: no valid JSON"),
     ("a.txt", "x walks", "expected a .csv, .tsv or .jsonl"),

@@ -85,6 +85,8 @@ BLOCKS = np.repeat([1 / 25, 1, 1, 1 / 25], [4, 63, 192, 4])
      "feet over 8 cm below"),
     (lambda f: _vectors(f, "000000", lambda x: _set(x, np.s_[:, 1], 0.05)), "warning", "feet that slide"),
     (lambda f: _vectors(f, "000001", lambda x: _set(x, np.s_[30, 13], 2.0)), "warning", "bones that change"),
+    (lambda f: _vectors(f, "000001", lambda x: _set(x, np.s_[:, 4:67], 100 * x[:, 4:67])), "error",
+     "joints that are no person's"),
     (lambda f: _vectors(f, "000001", lambda x: _set(x, np.s_[:, 4:67], 1.1 * x[:, 4:67])), "warning",
      "bones over 2 cm"),
     (lambda f: shutil.copy(f / "new_joint_vecs" / "000001.npy", f / "new_joint_vecs" / "000004.npy"), "error",

@@ -16,7 +16,6 @@ from motion_jax.data.humanml3d import (
   read_texts,
   select_items,
   text_items,
-  windows,
   write_folder,
 )
 from motion_jax.data.sources import load_features
@@ -28,13 +27,6 @@ from motion_jax.motion.stats import compute_stats, load_stats
 FIXTURES = pathlib.Path(__file__).parent.parent / "fixtures" / "data"
 
 
-def test_windows_are_the_reference_s():
-  """Golden: AEDataset of neu-vi/MARDM at 443313b, rows numbered 1000 * clip + row."""
-  golden = np.load(FIXTURES / "windows.npz", allow_pickle=False)
-  result = windows(golden["in/lengths"])
-  np.testing.assert_array_equal(1000 * result[:, 0] + result[:, 1], golden["out/first"])
-
-
 def test_text_lines(tmp_path):
   path = tmp_path / "a.txt"
   path.write_text("a man walks.#a/DET man/NOUN walk/VERB#0.0#0.0\n\nhe jumps#he/PRON jump/VERB#1.5#nan\nbare\n")
@@ -42,7 +34,7 @@ def test_text_lines(tmp_path):
   assert [line.caption for line in lines] == ["a man walks.", "he jumps", "bare"]
   assert lines[0].tokens == ("a/DET", "man/NOUN", "walk/VERB") and (lines[1].start, lines[1].end) == (1.5, 0.0)
   path.write_text("walks#x#soon#later\n")
-  with pytest.raises(ValueError, match="line 1: time tags"):
+  with pytest.raises(ValueError, match="line 1: in a time tag"):
     read_texts(path)
 
 

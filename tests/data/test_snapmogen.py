@@ -213,7 +213,7 @@ def test_bad_recordings_are_left_out_or_told(copy):
   with pytest.raises(ValueError, match="line 2: got '000001#9'"):
     read_ids(copy)
   (copy / "all_caption_clean.json").write_text("[]")
-  with pytest.raises(ValueError, match="no JSON object"):
+  with pytest.raises(ValueError, match="holds a JSON list, expected an object"):
     text_items(copy)
 
 

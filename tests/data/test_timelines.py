@@ -33,8 +33,9 @@ def test_gaps_and_crumbs_go_to_a_neighbour():
 
 
 @pytest.mark.parametrize("line, words", [
-    ("walking", "caption # start # end"), ("walk # 0 # x # legs", "expected seconds"), ("walk # 3 # 2", "after its"),
-    ("walk # 0 # 2 # tail", "'tail'"), ("# 0 # 2", "caption"), ("", "no timeline"), ("walk # 0 # inf", "after its")])
+    ("walking", "caption # start # end"), ("walk # 0 # x # legs", "expected a number of seconds"),
+    ("walk # 3 # 2", "after its"), ("walk # 0 # 2 # tail", "'tail'"), ("# 0 # 2", "caption"), ("", "no timeline"),
+    ("walk # 0 # inf", "got 'inf'")])
 def test_wrong_lines_are_told(tmp_path, line, words):
   (tmp_path / "t.txt").write_text(line + "\n")
   with pytest.raises(ValueError, match=words):
