@@ -22,3 +22,7 @@ def __getattr__(name):
   if name in _MODULES:
     return importlib.import_module(f"motion_jax.{name}")
   raise AttributeError(f"motion_jax has no {name!r}; it has {', '.join(__all__)}")
+
+
+def __dir__():
+  return sorted([*__all__, "__version__"])

@@ -1,4 +1,5 @@
 """motion-jax convert: the authors' PyTorch weights become run folders."""
+from motion_jax.numerals import whole
 
 
 def add_to(commands):
@@ -9,7 +10,7 @@ def add_to(commands):
   released.add_argument("--tokenizer", required=True, metavar="FILE", help="net_best_fid.tar of the MAC-VAE")
   released.add_argument("--denoiser", metavar="FILE", help="latest.tar of the Causal-DiT")
   released.add_argument("--weights", choices=("ema", "model"), default="ema", help="averaged weights, or the last ones")
-  released.add_argument("--block", type=int, default=3, help="latents that share a noise level (3)")
+  released.add_argument("--block", type=whole(1, 1000), default=3, help="latents that share a noise level (3)")
   released.set_defaults(run=_convert_cmdm)
   cdamd = convert.add_parser("cdamd", aliases=["mardm"], help="CDAMD's or MARDM's autoencoder and generator; without a "
                                                               "generator, the run of the autoencoder or RVQ-VAE")
@@ -22,8 +23,8 @@ def add_to(commands):
   cdamd.add_argument("--diffusion", choices=("flow", "ddpm"), default="flow",
                      help="how the DiffMLPs were trained: SiT-XL (flow) or DDPM-XL, whose tensors look the same")
   cdamd.set_defaults(run=_convert_cdamd)
-  teacher = convert.add_parser("teacher", help="Part-TMR, the motion-language teacher")
-  teacher.add_argument("file", help="best_model.pt")
+  teacher = convert.add_parser("teacher", help="Part-TMR, TMR or MotionPatches, motion-language teachers")
+  teacher.add_argument("file", help="best_model.pt; of TMR its checkpoint, or the folder of its three parts")
   teacher.set_defaults(run=_convert_teacher)
   evaluator = convert.add_parser("evaluator", help="T2M's or MARDM's evaluator: text_mot_match, text_mot_match_clip")
   evaluator.add_argument("file", help="finest.tar")
@@ -34,7 +35,7 @@ def add_to(commands):
                       (teacher, "training data"), (evaluator, "evaluator")):
     part.add_argument("--stats", required=True, metavar="FOLDER",
                       help=f"Mean.npy and Std.npy of the {whose}, which checkpoints do not hold")
-    part.add_argument("--heads", type=int, help="attention heads, where the size is none of the papers'")
+    part.add_argument("--heads", type=whole(1, 1024), help="attention heads, where the size is none of the papers'")
     part.add_argument("--out", required=True, metavar="FOLDER", help="new folder to write")
   for part, name in ((released, "distilbert-base-uncased"), (cdamd, "clip-vit-base-patch32"),
                      (teacher, "distilbert-base-uncased")):

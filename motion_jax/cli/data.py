@@ -1,0 +1,39 @@
+"""motion-jax data: training data made and checked."""
+from motion_jax.numerals import FRAME_RATES, real
+
+
+def add_to(commands):
+  """Adds this sub-command to those of `motion-jax`."""
+  data = commands.add_parser("data", help="make and check training data").add_subparsers(
+      dest="data_command", required=True, metavar="COMMAND")
+  build = data.add_parser("build", help="an archive or a folder of BVH or ASF/AMC files -> a HumanML3D-layout folder")
+  build.add_argument("source", help="folder to read: an archive, or BVH or ASF/AMC files, in sub-folders too")
+  build.add_argument("out", help="folder to write")
+  build.add_argument("--captions", help="CSV, TSV or JSONL: file, caption[, start, end, split]")
+  build.add_argument("--mapping", help="JSON: {our joint: their joint or a list of them}")
+  build.add_argument("--mode", choices=("corrected", "benchmark"), default="corrected",
+                     help="features as they should be, or with the slips of the published benchmark")
+  build.add_argument("--fps", type=real(*FRAME_RATES), metavar="F",
+                     help="the captured files' frames are F a second, whatever they state (.amc state nothing: 120)")
+  build.add_argument("--resample", type=real(*FRAME_RATES), metavar="F", help="frames a second of the new folder (20)")
+  build.add_argument("--no-mirror", action="store_true", help="leave mirrored copies out")
+  build.add_argument("--overwrite", action="store_true", help="replace the folder if it is there already")
+  build.set_defaults(run=_build)
+  doctor = data.add_parser("doctor", help="what is wrong with a data folder, and what to do")
+  doctor.add_argument("folder", help="an archive or a HumanML3D-layout folder")
+  doctor.set_defaults(run=_doctor)
+
+
+def _build(args):
+  from motion_jax.data import build
+  print(build.build(args.source, args.out, captions=args.captions, mapping=args.mapping, mode=args.mode,
+                    mirror=not args.no_mirror, fps=args.resample, source_fps=args.fps,
+                    overwrite=args.overwrite))
+  print(f"check it: motion-jax data doctor {args.out}")
+
+
+def _doctor(args):
+  from motion_jax.data import doctor
+  report = doctor.examine(args.folder)
+  print(doctor.format_report(report))
+  return 0 if report.ok else 1

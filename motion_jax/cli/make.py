@@ -1,0 +1,258 @@
+"""motion-jax generate, story, extend and edit: the commands that make motion."""
+import pathlib
+import time
+
+from motion_jax import progress, timing
+from motion_jax.cli import shared
+from motion_jax.cli.prompts import read_prompts, read_stories
+from motion_jax.errors import InputError
+from motion_jax.numerals import CONTEXT, GUIDANCE, MOTIONS, SEEDS, STEPS, real, whole
+
+_AT_ONCE = 16_000      # frames, of all motions that are made in one batch, and
+_MOST_FRAMES = 400_000  # of all that one run makes
+LENGTH = real(above=0, high=3600, unit="seconds")
+
+
+def add_to(commands):
+  """Adds these sub-commands to those of `motion-jax`."""
+  generate = commands.add_parser("generate", help="a sentence in, a moving body out")
+  generate.add_argument("prompt",
+                        help="a sentence, or a .txt (one prompt a line) or .csv (prompt,length in frames) file")
+  length = generate.add_mutually_exclusive_group()
+  length.add_argument("--seconds", type=LENGTH, help="length; without one, that of similar training clips")
+  length.add_argument("--frames", type=whole(1, 72_000), help="length in frames")
+  _making(generate, "motion.html")
+  generate.set_defaults(run=_generate)
+
+  story = commands.add_parser("story", help="several sentences in a row, one motion out")
+  story.add_argument("story", help="\"a person walks:4 | a person waves | ...\", with or without seconds behind "
+                                   "colons; a .csv (prompt,length in frames), a .txt (a prompt a line, as above) or a "
+                                   ".txt of timelines (caption # start # end # body parts)")
+  story.add_argument("--way", choices=("stream", "chain"), default="stream",
+                     help="words change within one run, or one run per sentence as in the released code")
+  _making(story, "story.html")
+  story.set_defaults(run=_story)
+
+  extend = commands.add_parser("extend", help="a motion in, the same motion going on as the words say out")
+  extend.add_argument("file", help="an .npz, .npy, .bvh or .amc file")
+  extend.add_argument("--text", required=True, help="what happens next; several sentences as for story")
+  extend.add_argument("--seconds", type=LENGTH, help="length of what is new, of a single sentence")
+  extend.add_argument("--past-text", help="what the file shows; its own caption, else the new text")
+  extend.add_argument("--way", choices=("stream", "chain"), default="stream",
+                      help="the past kept clean in the cache, or one latent of it noised anew as in the released code")
+  shared.add_reading(extend)
+  _making(extend, "extended.html")
+  extend.set_defaults(run=_extend)
+
+  edit = commands.add_parser("edit", help="a motion in, the same one with parts of it made anew out (CDAMD models)")
+  edit.add_argument("file", help="an .npz, .npy, .bvh or .amc file")
+  edit.add_argument("--text", required=True, help="what the person does now")
+  part = edit.add_mutually_exclusive_group(required=True)
+  part.add_argument("--task", choices=("inpainting", "outpainting", "prefix", "suffix"),
+                    help="keep first and last quarter, the middle half, the first half, the second half")
+  part.add_argument("--edit", action="append", metavar="A:B",
+                    help="make this span anew: seconds (1.5s:3s), shares (25%%:0.5) or frames (30:60); may be repeated")
+  part.add_argument("--keep", action="append", metavar="A:B", help="keep this span, and make all else anew")
+  edit.add_argument("--no-paste", action="store_true", help="kept frames as the autoencoder gives them back, not as "
+                                                            "they came")
+  shared.add_reading(edit)
+  _making(edit, "edited.html")
+  edit.set_defaults(run=_edit, model="cdamd-small")
+
+
+def _making(parser, out):
+  """Options of all commands that make motion."""
+  parser.add_argument("--num", type=whole(*MOTIONS), default=1, help="motions of each, with seeds SEED, SEED + 1, ...")
+  parser.add_argument("--seed", type=whole(*SEEDS), default=0, help="the same seed, the same motion (0)")
+  parser.add_argument("--guidance", type=real(*GUIDANCE), help="how strictly the words are followed (3)")
+  parser.add_argument("--steps", type=whole(*STEPS),
+                      help="sampling steps K (50); of CDAMD, the solver's in each round (10)")
+  parser.add_argument("--solver", help="euler (CMDM's) or heun; ancestral or ddim where it learned a DDPM's noise; of "
+                      "CDAMD also midpoint (its own), rk4 and dopri5")
+  cmdm = parser.add_argument_group("CMDM models")
+  cmdm.add_argument("--schedule", choices=("fss", "ar", "full"),
+                    help="frame-wise sampling (fss), block after block, or all at once")
+  cmdm.add_argument("--lag", type=whole(*STEPS), help="steps between the starts of two blocks, of schedule fss (2)")
+  cmdm.add_argument("--context", type=whole(*CONTEXT),
+                    help="latents (4 frames each) looked back on; the training length (48)")
+  cdamd = parser.add_argument_group("CDAMD models")
+  cdamd.add_argument("--rounds", type=whole(*STEPS), help="rounds in which latents are made (10)")
+  cdamd.add_argument("--order", choices=("random", "left_to_right"), help="which latents are made first")
+  cdamd.add_argument("--mask", choices=("causal", "dccm", "bcm", "bidirectional"), help="what latents may look at")
+  parser.add_argument("--raw", action="store_true", help="as the network made it: feet not planted, nothing smoothed")
+  parser.add_argument("--model", default="cmdm-small", help="a run folder or the name of a model that ships")
+  parser.add_argument("--out", default=out,
+                      help="file to write: .npz .npy .bvh .glb .mp4 .gif .html .png; repeat kinds with commas, as in "
+                           "wave.mp4,wave.bvh")
+  shared.add_bvh_unit(parser)
+  shared.add_film(parser, "in films and pictures")
+  parser.add_argument("--timings", action="store_true", help="say at the end where the time went")
+
+
+def _generate(args):
+  outputs, rows = _outputs(args), read_prompts(args.prompt)
+  _check_count(len(rows), args)
+  start, model = time.time(), _load_model(args)
+  prompts = [prompt for prompt, _ in rows for _ in range(args.num)]
+  seeds = [args.seed + i for _ in rows for i in range(args.num)]
+  given = [frames for _, frames in rows for _ in range(args.num)]
+  if args.seconds is not None or args.frames is not None:
+    given = [args.frames if args.frames is not None else args.seconds * model.fps] * len(prompts)
+  with timing.part("text"):
+    model.check_words(list(dict.fromkeys(prompts)))
+    frames = [count if count is not None else model.natural_frames(prompt)
+              for prompt, count in zip(prompts, given)]
+  _tell_model(model, args, f"{len(prompts)} motion(s) of {min(frames) / model.fps:.1f} to "
+                           f"{max(frames) / model.fps:.1f} s")
+  motions = []
+  for piece in progress.each(_pieces(frames, model), "making motions", unit="batch"):
+    motions += model.generate(prompts[piece], frames[piece], seeds=seeds[piece], polish=not args.raw,
+                              **_sampling(args, model))
+  _write(args, model, motions, outputs, start)
+
+
+def _story(args):
+  outputs = _outputs(args)
+  start, model = time.time(), _load_model(args)
+  _able(model, "stories")
+  tales = read_stories(args.story, model.fps)
+  _check_count(len(tales), args)
+  model.check_words(list(dict.fromkeys(prompt for tale in tales for prompt, _ in tale)))
+  _tell_model(model, args, f"{len(tales) * args.num} motion(s) of {len(tales[0])} prompt(s) each")
+  tales = [tale for tale in tales for _ in range(args.num)]
+  seeds = [args.seed + i for _ in range(len(tales) // args.num) for i in range(args.num)]
+  motions = []
+  for piece in _pieces([_length(model, tale) for tale in tales], model):
+    motions += model.stories(tales[piece], way=args.way, polish=not args.raw, seeds=seeds[piece],
+                             **_sampling(args, model))
+  for caption in motions[0].captions if len(tales) == args.num else ():
+    print(f"{caption.start:6.1f} to {caption.end:5.1f} s  {caption.text}")
+  _write(args, model, motions, outputs, start)
+
+
+def _extend(args):
+  outputs, clip = _outputs(args), shared.read_motion(args.file, args)
+  start, model = time.time(), _load_model(args)
+  _able(model, "extend")
+  tale = read_stories(args.text, model.fps)[0]
+  if args.seconds is not None:
+    if len(tale) > 1:
+      raise InputError("got --seconds for several sentences; write them behind colons, as in \"walks:4 | sits:3\"")
+    tale = [(tale[0][0], args.seconds)]
+  model.check_words([prompt for prompt, _ in tale])
+  _pieces([clip.seconds * model.fps + _length(model, tale)] * args.num, model)
+  _tell_model(model, args, f"{clip.seconds:.1f} s of {args.file} go on")
+  motions = [model.extend(clip, tale, past_prompt=args.past_text, seed=args.seed + i, way=args.way,
+                          polish=not args.raw, **_sampling(args, model))
+             for i in progress.each(range(args.num), "making motions", unit="motion")]
+  _write(args, model, motions, outputs, start)
+
+
+def _edit(args):
+  from motion_jax.cdamd_model import colors_of, spans_of
+  outputs, clip = _outputs(args), shared.read_motion(args.file, args)
+  start, model = time.time(), _load_model(args)
+  _able(model, "edit")
+  _tell_model(model, args, f"{clip.seconds:.1f} s of {args.file} edited")
+  frames = round(clip.seconds * model.fps)
+  _pieces([frames] * args.num, model)
+  keep, change = (spans and spans_of(spans, frames, model.fps) for spans in (args.keep, args.edit))
+  motions = [model.edit(clip, args.text, args.task, keep=keep, change=change, seed=args.seed + i,
+                        paste=not args.no_paste, polish=False, **_sampling(args, model))
+             for i in progress.each(range(args.num), "making motions", unit="motion")]
+  for first, past in motions[0].meta["made"]:
+    print(f"made anew: {first / model.fps:.1f} to {past / model.fps:.1f} s")
+  _write(args, model, motions, outputs, start, colors=colors_of(motions[0]))
+
+
+def _check_count(rows, args):
+  """Raises ValueError for more motions than one command makes, before lists of them are written."""
+  if rows * args.num > MOTIONS[1]:
+    raise InputError(f"got {rows:,} prompts with --num {args.num:,}, {rows * args.num:,} motions; expected at most "
+                     f"{MOTIONS[1]:,} in one run")
+
+
+def _pieces(frames, model):
+  """Slices of motions of so many frames each that are made at once: memory does not grow with their number.
+
+  Raises ValueError where all together are more than one run holds.
+  """
+  total = float(sum(frames))
+  if not total <= _MOST_FRAMES:
+    raise InputError(f"got {len(frames):,} motion(s) of {total / model.fps / 3600:.3g} hours together, expected at "
+                     f"most {_MOST_FRAMES / model.fps / 3600:.1f} in one run; make fewer, then more by --seed")
+  size = max(1, int(_AT_ONCE // max(frames)))
+  return [slice(first, first + size) for first in range(0, len(frames), size)]
+
+
+def _length(model, tale):
+  """Frames of a story [(prompt, seconds or None)], about."""
+  return sum(model.natural_frames(prompt) if seconds is None else seconds * model.fps for prompt, seconds in tale)
+
+
+def _sampling(args, model):
+  """The choices given, for the kind of model that it is; a choice that is none of its kind's is an error."""
+  from motion_jax.cdamd_model import CdamdModel
+  ours, others = dict(schedule=args.schedule, lag=args.lag, context=args.context), dict(
+      rounds=args.rounds, order=args.order, mask=args.mask)
+  if isinstance(model, CdamdModel):
+    ours, others = others, ours
+  strange = [f"--{name}" for name, value in others.items() if value is not None]
+  if strange:
+    raise InputError(f"got {', '.join(strange)} for the model {model.id}, which has no such choice")
+  given = dict(num_steps=args.steps, solver=args.solver, guidance_scale=args.guidance, **ours)
+  return {name: value for name, value in given.items() if value is not None}
+
+
+def _outputs(args):
+  """The files to write, checked before minutes of work."""
+  from motion_jax.export import check_output
+  shared.film_options(args)
+  return [check_output(part) for part in args.out.split(",")]
+
+
+def _load_model(args):
+  if args.timings:
+    timing.start()
+  with timing.part("imports"):
+    shared.cache_compiled_code()
+    from motion_jax import model as model_lib
+  with timing.part("model"):
+    model = model_lib.load(args.model)
+  shared.import_ahead("scipy.ndimage", "scipy.linalg")  # for cleanup and files: while the program is being read
+  return model
+
+
+def _tell_model(model, args, what):
+  import jax
+  print(f"{model.id}: {model.num_params / 1e6:.1f} M parameters on {jax.default_backend()}; {what}, guidance "
+        f"{args.guidance or model.config.sampler.guidance_scale:g}, seed {args.seed}")
+
+
+def _able(model, name):
+  """Raises ValueError unless this kind of model has a method of that name."""
+  if not hasattr(model, name):
+    raise InputError(f"{model.id} has no {name!r}; give another kind of model by --model")
+
+
+def _write(args, model, motions, outputs, start, colors=None):
+  """colors (T, 3) of the bodies, where a file is a picture."""
+  print(f"made in {time.time() - start:.1f} s")
+  clips = [motion.replace(id=f"{pathlib.Path(outputs[0]).stem}_{i}") for i, motion in enumerate(motions)]
+  with timing.part("files"):
+    written = [path for out in outputs for path in _write_one(args, clips, out, colors)]
+  shared.tell_files(written)
+  if model.license:
+    print(model.license)
+  if args.timings:
+    print(timing.report())
+
+
+def _write_one(args, clips, out, colors):
+  from motion_jax import export
+  options = shared.bvh_options(args, out) | (shared.film_options(args) if out.lower().endswith(shared.FILMS) else {})
+  if out.lower().endswith((*shared.FILMS, ".png", ".jpg", ".html")):
+    if colors is not None:
+      options["colors"] = colors[shared.span_of(args, clips[0])]
+    clips = [shared.trimmed(args, clip) for clip in clips]
+  return export.save(clips, out, **options)

@@ -1,0 +1,108 @@
+"""What several commands need."""
+import importlib
+import threading
+
+from motion_jax.errors import InputError
+from motion_jax.numerals import FRAME_RATES, real
+
+BVH_UNITS = {"cm": "centimetres", "m": "metres"}
+FILMS = (".mp4", ".gif")
+MOTION_FILES = (".npz", ".npy", ".bvh", ".amc")
+
+
+def add_reading(parser):
+  """Options of all commands that read a motion file."""
+  parser.add_argument("--fps", type=real(*FRAME_RATES), metavar="F",
+                      help="the file's frames are F a second, whatever it states (an .npy states nothing: 20; an .amc "
+                           "nothing: 120)")
+  parser.add_argument("--unit", choices=("auto", "m", "cm", "mm", "in", "ft"), default="auto",
+                      help="unit of the joints; auto tells it by the bones")
+  parser.add_argument("--up", choices=("y", "z"), help="the file's upward axis (y; of .bvh and .amc what heads show)")
+
+
+def read_motion(path, args):
+  """The Clip of a motion file, read as the options say."""
+  from motion_jax import export
+  return export.load(path, fps=args.fps, unit=args.unit, up=args.up)
+
+
+def cache_compiled_code():
+  """Traced and compiled functions stay on disk, so that the second run of a command waits for neither."""
+  from motion_jax import cache
+  cache.keep_in_user_cache()
+
+
+def import_ahead(*names):
+  """Imports modules beside what else is going on; who needs one before it is there waits for it as ever."""
+  threading.Thread(target=lambda: [importlib.import_module(name) for name in names], daemon=True).start()
+
+
+def add_bvh_unit(parser):
+  """The flag that says in which unit .bvh files are written."""
+  parser.add_argument("--bvh-unit", choices=tuple(BVH_UNITS), default="cm",
+                      help="unit of .bvh files: cm (most programs expect it; in Blender import with scale 0.01) or m")
+
+
+def bvh_options(args, out):
+  """The options of `export.save` that belong to a .bvh file."""
+  return {"unit": BVH_UNITS[args.bvh_unit]} if out.lower().endswith(".bvh") else {}
+
+
+def add_film(parser, what):
+  """The flags that say how films look; what: which files --trim is about."""
+  film = parser.add_argument_group("films (.mp4, .gif)")
+  film.add_argument("--size", metavar="WxH", help="pixels of a picture, width x height (640x480)")
+  film.add_argument("--camera", default="auto", help="from where to look: front, side, top or three-quarter; follow "
+                    "goes with the body, fixed sees the whole path, auto (the default) chooses")
+  film.add_argument("--background", metavar="COLOR", help="colour behind the body: white, black, '#203040' ... (pale "
+                    "grey)")
+  film.add_argument("--film-fps", type=real(1, 240), metavar="N",
+                    help="pictures a second; the motion stays as fast as it is")
+  parser.add_argument("--trim", metavar="A:B", help=f"show only this part, {what}: seconds (1.5s:3s), shares "
+                      "(25%%:0.5) or frames (30:60); an empty side is that end")
+
+
+def film_options(args):
+  """The options of `export.save` that belong to a film, checked before minutes of work."""
+  from motion_jax.export.video import check_film
+  found = {"camera": args.camera}
+  if args.size is not None:
+    width, cross, height = args.size.lower().partition("x")
+    if not (cross and width.isdecimal() and height.isdecimal()):
+      raise InputError(f"got --size {args.size}, expected WIDTHxHEIGHT in pixels, such as 720x720")
+    found["size"] = (int(width), int(height))
+  if args.background is not None:
+    found["background"] = args.background
+  if args.film_fps is not None:
+    found["fps"] = args.film_fps
+  check_film(**found)
+  return found
+
+
+def span_of(args, clip) -> slice:
+  """The frames of a clip that --trim names; all of them without."""
+  if args.trim is None:
+    return slice(0, clip.num_frames)
+  from motion_jax.cdamd_model import spans_of
+  first, past = spans_of([args.trim], clip.num_frames, clip.fps)[0]
+  if not 0 <= first < past:
+    raise InputError(f"got --trim {args.trim} for a motion of {clip.seconds:.1f} s, expected A:B with A before B and "
+                     "within it, such as 0.5s:2s")
+  return slice(first, past)
+
+
+def trimmed(args, clip):
+  """The part of a clip that --trim names."""
+  if args.trim is None:
+    return clip
+  part = span_of(args, clip)
+  return clip.cut(part.start, part.stop)
+
+
+def tell_files(written):
+  print("wrote " + ", ".join(map(str, written)))
+  first = str(written[0])
+  if first.endswith(".html"):
+    print(f"open {first} in a browser; no network is needed")
+  elif first.endswith((".npz", ".npy", ".bvh")):
+    print(f"see it: motion-jax render {first}")
