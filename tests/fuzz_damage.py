@@ -1,0 +1,325 @@
+"""Ways to damage a file: bytes anywhere, tokens of a text, values of a JSON tree, arrays of a .npy or .npz file.
+
+Each takes a numpy generator and a file's bytes and gives other bytes; the same generator state gives the same damage.
+"""
+import io
+import json
+import zipfile
+import zlib
+
+import numpy as np
+
+WORDS = ("", "nan", "inf", "-inf", "1e308", "-1e308", "1e-310", "-1", "0", "0.0", "1", "99999999999999999999",
+         "4294967296",
+         "²", "１２", "٣", "1_0", "0x10", "None", "true", "{", "}", "[", "]", '"', "'", ",", ";", ":", "#", "|", "/",
+         "..",
+         "\\", "\t", "\r", "\n", "\n\n", "\0", "\x1b[31m", "\ufeff", "\u2028", "é", "🙂", "\ud800", "a" * 300, "%s",
+         "{0}",
+         "$(true)", "--help", "-", "ROOT", "MOTION", "JOINT x", ":hierarchy", "begin", "end", "walk", "a person")
+NUMBERS = (0, -1, 1, 2, 3, 7, 0.5, 1e-300, 1e300, 2**31, 2**63, 10**30, -(10**12), float("nan"), float("inf"), 1000,
+           65536)
+VALUES = (None, True, False, "", "x", "a person walks", [], {}, [[]], {"a": 1}, [1, 2], ["x"], *NUMBERS)
+SHAPES = ((), (0,), (1,), (3,), (22, 3), (0, 22, 3), (1, 22, 3), (2, 22, 3), (9, 22, 3), (9, 21, 3), (9, 3, 22), (9,
+                                                                                                                  66),
+          (9, 67), (9, 263), (1, 263), (0, 263), (9, 251), (1, 1, 22, 3), (9, 22, 3, 1), (9, 22), (9, 135), (9, 272))
+
+
+def pick(rng, options):
+  return options[int(rng.integers(len(options)))]
+
+
+def encode(text):
+  return text.encode("utf-8", "surrogatepass")
+
+
+# --- any file ----------------------------------------------------------------------------------------------------
+
+
+def damage_bytes(rng, data):
+  """Flips, cuts, doubles, inserts or overwrites bytes in one to four places."""
+  data = bytearray(data)
+  for _ in range(int(rng.integers(1, 5))):
+    at, size = int(rng.integers(len(data) + 1)), int(2 ** rng.uniform(0, 10))
+    if rng.random() < 0.3:  # headers and directories are at the ends
+      at = int(rng.integers(min(len(data) + 1,
+                                256))) if rng.random() < 0.5 else max(len(data) - int(rng.integers(256)), 0)
+    how = int(rng.integers(8))
+    if how == 0 and len(data):
+      data[min(at, len(data) - 1)] ^= 1 << int(rng.integers(8))
+    elif how == 1:
+      del data[at:]
+    elif how == 2:
+      del data[at:at + size]
+    elif how == 3:
+      data[at:at] = rng.bytes(size)
+    elif how == 4:
+      data[at:at + size] = rng.bytes(min(size, max(len(data) - at, 0)))
+    elif how == 5:
+      data[at:at] = data[at:at + size]
+    elif how == 6:
+      data[at:at + size] = bytes([pick(rng, (0, 255, 32, 48))]) * min(size, max(len(data) - at, 0))
+    elif len(data):
+      data[min(at, len(data) - 1)] = int(rng.integers(256))
+  return bytes(data)
+
+
+def other_file(rng, data):
+  """Something else altogether under the same name."""
+  return pick(rng, (b"", b"\n", b"\0" * 100, b"PK\x03\x04", b"PK\x05\x06" + b"\0" * 18, b"\x93NUMPY",
+                    b"\x93NUMPY\x01\0v\0{",
+                    b"\x80\x04\x95\x05\0\0\0\0\0\0\0]\x94.", b"{}", b"[]", b"null", b"1", b'"x"', b"[" * 100_000,
+                    b'{"a":' * 5_000, b"1" * 5_000, b"\xff\xfe\0\xd8", data[:len(data) // 2], data + data,
+                    b"\n".join(data.split(b"\n")[::-1])))
+
+
+# --- texts -------------------------------------------------------------------------------------------------------
+
+
+def damage_text(rng, data):
+  """Other words, lines in other places, another encoding."""
+  text = data.decode("utf-8", "replace")
+  lines = text.split("\n")
+  for _ in range(int(rng.integers(1, 4))):
+    # Half of the time near the top, where few lines say much.
+    most = min(len(lines), 80) if rng.random() < 0.5 else len(lines)
+    at, how = int(rng.integers(most)) if most else 0, int(rng.integers(9))
+    if how == 0:
+      del lines[at:at + 1]
+    elif how == 1:
+      lines.insert(at, pick(rng, lines) if lines else "")
+    elif how == 2:
+      lines = lines[:at]
+    elif how == 3:
+      lines.insert(at, pick(rng, WORDS))
+    elif lines:
+      lines[at] = _other_words(rng, lines[at])
+    lines = lines or [""]
+  text = pick(rng, ("\n", "\n", "\n", "\n", "\r\n", "\r")).join(lines)
+  chance = rng.random()
+  if chance < 0.05:
+    return text.encode("utf-16", "replace")
+  if chance < 0.10:
+    return text.encode("cp1252", "replace")
+  if chance < 0.15:
+    return b"\xef\xbb\xbf" + encode(text)
+  return encode(text)
+
+
+def _other_words(rng, line):
+  parted = pick(rng, (" ", " ", ",", "#", ":", "|", "\t", ";"))
+  words = line.split(parted)
+  at, how = int(rng.integers(len(words))), int(rng.integers(5))
+  if how == 0:
+    words[at] = pick(rng, WORDS)
+  elif how == 1:
+    words.insert(at, pick(rng, WORDS))
+  elif how == 2:
+    del words[at]
+  elif how == 3:
+    words[at] = words[at][:int(rng.integers(len(words[at]) + 1))] + pick(rng, WORDS)
+  else:
+    words[at] = words[at] * int(rng.integers(2, 5))
+  return parted.join(words)
+
+
+# --- JSON --------------------------------------------------------------------------------------------------------
+
+
+def damage_json(rng, data):
+  """Values of another kind, keys that are missing or new, in one to three places of the tree (or of a line of it)."""
+  lines = data.decode("utf-8", "replace").split("\n")
+  at = int(rng.integers(len(lines))) if lines[0].strip().endswith("}") and len(lines) > 1 else None
+  try:
+    tree = json.loads(data if at is None else lines[at])
+  except (ValueError, RecursionError):
+    return damage_text(rng, data)
+  for _ in range(int(rng.integers(1, 4))):
+    tree = _other_value(rng, tree)
+  text = json.dumps(tree)
+  if at is not None:
+    lines[at] = text
+    text = "\n".join(lines)
+  return text.encode()
+
+
+def _other_value(rng, tree):
+  if isinstance(tree, dict | list) and tree and rng.random() < 0.9:
+    key = pick(rng, list(tree) if isinstance(tree, dict) else range(len(tree)))
+    chance = rng.random()
+    if chance < 0.15:
+      del tree[key]
+    elif chance < 0.2 and isinstance(tree, dict):
+      tree[pick(rng, WORDS[:50]).encode("utf-8", "replace").decode()] = tree[key]
+    elif chance < 0.25 and isinstance(tree, list):
+      tree.append(tree[key])
+    else:
+      tree[key] = _other_value(rng, tree[key])
+    return tree
+  if isinstance(tree, int | float) and not isinstance(tree, bool) and rng.random() < 0.7:
+    return pick(rng, NUMBERS)
+  return pick(rng, VALUES)
+
+
+# --- arrays ------------------------------------------------------------------------------------------------------
+
+
+def damage_npy(rng, data):
+  """An array of other numbers, another shape or type, a header that lies, or damaged bytes."""
+  chance = rng.random()
+  if chance < 0.3:
+    return damage_bytes(rng, data)
+  if chance < 0.35:
+    return other_file(rng, data)
+  try:
+    array = np.load(io.BytesIO(data), allow_pickle=False)
+  except Exception:
+    return damage_bytes(rng, data)
+  if chance < 0.5:
+    return lying_npy(rng, data)
+  return npy_bytes(other_array(rng, array))
+
+
+def npy_bytes(array):
+  file = io.BytesIO()
+  np.save(file, array, allow_pickle=True)
+  return file.getvalue()
+
+
+def lying_npy(rng, data):
+  """A header that says what the file does not hold."""
+  shape = pick(rng, ("(10, 22, 3)", "(1000000000000, 22, 3)", "(99999999999999999999,)", "(-1, 22, 3)", "(0, 10**9)",
+                     "()",
+                     "(4, 22, 3L)", "10", "'x'", "(1.5, 22, 3)", "(" * 200, "(2147483648, 2147483648, 2)",
+                     "(0, 99999999999)", "(True, 22, 3)", "((3,),)", "(22, 3", "(5, 22, 3,)"))
+  descr = pick(rng, ("'<f4'", "'<f4'", "'|O'", "'<U99999999'", "'|V0'", "'<U0'", "'>f8'", "'<c16'", "'<M8[s]'", "'zz'",
+                     "7",
+                     "[('a', '<f4')]", "('<f4', (9999999,))", "None", "'" + "f4," * 99 + "'", "lambda: 0"))
+  order = pick(rng, ("False", "False", "True", "2", "'x'"))
+  text = f"{{'descr': {descr}, 'fortran_order': {order}, 'shape': {shape}, }}".encode("latin1")
+  start = b"\x93NUMPY" + bytes([pick(rng, (1, 1, 1, 2, 3, 9)), 0])
+  return start + len(text).to_bytes(2 if start[6] < 2 else 4, "little") + text + data[-int(rng.integers(1, 4000)):]
+
+
+def other_array(rng, array):
+  how = int(rng.integers(9))
+  if how == 0:
+    array = np.zeros(pick(rng, SHAPES), pick(rng, ("f4", "f8", "i4", "f2")))
+  elif how == 1:
+    array = array.astype(pick(rng, ("f2", "f8", "i1", "u8", ">f4", "?", "c8", "U8", "S4",
+                                    "O"))) if array.dtype.kind in (
+        "fiub") else np.zeros(3)
+  elif how in (2, 3) and array.size and array.dtype.kind in "fiu":
+    array = array.copy()
+    values = (0, -1, 1e-300, 1e30, 1e300, 40.0, np.nan, np.inf) if array.dtype.kind == "f" else (0, -1, 1, 100)
+    with np.errstate(all="ignore"):
+      array.reshape(-1)[rng.integers(array.size, size=int(rng.integers(1, 6)))] = pick(rng, values)
+  elif how == 4 and array.ndim:
+    array = array[:int(rng.integers(len(array) + 1))]
+  elif how == 5 and array.dtype.kind in "fiu":
+    with np.errstate(all="ignore"):
+      array = array * np.asarray(pick(rng, (1000.0, 100.0, 0.0, -1.0, 1e-30, 1e30, np.nan)), np.float32)
+  elif how == 6 and array.ndim > 1:
+    array = array.reshape(len(array), -1) if rng.random() < 0.5 else np.swapaxes(array, 0, -1)
+  elif how == 7 and array.ndim:
+    array = np.repeat(array, int(rng.integers(2, 40)), axis=0)
+  else:
+    array = np.asarray(array)[None] if rng.random() < 0.5 else np.asfortranarray(array)
+  return array
+
+
+def damage_npz(rng, data):
+  """Members that are missing, new, other or damaged; a bomb; damaged bytes of the archive."""
+  chance = rng.random()
+  if chance < 0.35:
+    return damage_bytes(rng, data)
+  if chance < 0.40:
+    return other_file(rng, data)
+  try:
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+      members = {name: archive.read(name) for name in archive.namelist()}
+  except Exception:
+    return damage_bytes(rng, data)
+  for _ in range(int(rng.integers(1, 3))):
+    name = pick(rng, list(members) or ["joints.npy"])
+    how = int(rng.integers(8))
+    if how == 0:
+      members.pop(name, None)
+    elif how == 1:
+      members[pick(rng, ("joints.npy", "features.npy", "x", "../../up.npy", "fps.npy",
+                         "names.npy"))] = members.get(name, b"")
+    elif how == 2:
+      members[name] = bomb_of(rng)
+    elif how == 3:
+      members[name] = npy_bytes(np.array(pick(rng, ("", "x", "[]", "{}", "[[1]]", '{"id": 5}', "nan", "[" * 20_000))))
+    elif how == 4:
+      members[name] = npy_bytes(np.array(pick(rng, NUMBERS[:6])))
+    else:
+      members[name] = damage_npy(rng, members.get(name, b""))
+  file = io.BytesIO()
+  with zipfile.ZipFile(file, "w", pick(rng, (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_DEFLATED,
+                                             zipfile.ZIP_BZIP2))) as archive:
+    for name, content in members.items():
+      archive.writestr(name, content)
+  return file.getvalue()
+
+
+_BOMB = {}  # the packed bytes of a bomb and their checksum
+
+
+def bomb_of(rng):
+  """A .npy of zeros that compresses to a thousandth: 64 MiB inside the archive of a case, 3 GB where it only lies."""
+  count = 1 << 24
+  header = f"{{'descr': '<f4', 'fortran_order': False, 'shape': ({pick(rng, (count, 3 * 10**8))},), }}".encode()
+  return b"\x93NUMPY\x01\0" + len(header).to_bytes(2, "little") + header + bytes(4 * (1 << 20))
+
+
+def deflated_bomb(members, size=3 << 28):
+  """A .npz whose every member unpacks to about `size` zero bytes, a thousand times its own, as joints of a motion.
+
+  Made without ever holding it: one packed block of zeros, again and again.
+  """
+  block = 1 << 24
+  count = size // block
+  rows = (count * block - 128) // 264  # numpy's header takes 128 bytes, a frame of 22 joints 264
+  header = f"{{'descr': '<f4', 'fortran_order': False, 'shape': ({rows}, 22, 3), }}".encode().ljust(118)
+  start = b"\x93NUMPY\x01\0" + len(header).to_bytes(2, "little") + header
+  if size not in _BOMB:
+    packer = zlib.compressobj(9, zlib.DEFLATED, -15)
+    packed = [packer.compress(start) + packer.flush(zlib.Z_FULL_FLUSH)]
+    again = packer.compress(bytes(block)) + packer.flush(zlib.Z_FULL_FLUSH)
+    crc = zlib.crc32(start)
+    for _ in range(count):
+      crc = zlib.crc32(bytes(block), crc)
+    _BOMB[size] = b"".join([*packed, again * count, packer.flush()]), crc
+  size_of = len(start) + count * block
+  file = io.BytesIO()
+  packed, crc = _BOMB[size]
+  central = b""
+  for name in members:
+    fields = [20, 0, 8, 0, 0x21, *(value for value in (crc, len(packed), size_of)), len(name), 0]
+    sizes = b"".join(value.to_bytes(n, "little") for value, n in zip(fields, (2, 2, 2, 2, 2, 4, 4, 4, 2, 2)))
+    where = file.tell()
+    file.write(b"PK\x03\x04" + sizes + name.encode() + packed)
+    central += (b"PK\x01\x02\x14\0" + sizes + bytes(2 + 2 + 2 + 4) + where.to_bytes(4, "little") + name.encode())
+  at = file.tell()
+  file.write(central + b"PK\x05\x06" + bytes(4) + 2 * len(members).to_bytes(2, "little")
+             + len(central).to_bytes(4, "little") + at.to_bytes(4, "little") + bytes(2))
+  return file.getvalue()
+
+
+# --- by name -----------------------------------------------------------------------------------------------------
+
+
+def damage(rng, name, data):
+  """Damage that fits the kind of file, and now and then one that does not."""
+  if rng.random() < 0.05:
+    return other_file(rng, data)
+  if name.endswith(".npz"):
+    return damage_npz(rng, data)
+  if name.endswith(".npy"):
+    return damage_npy(rng, data)
+  if name.endswith(".safetensors"):
+    return damage_bytes(rng, data)
+  if name.endswith((".json", ".jsonl")):
+    return damage_json(rng, data) if rng.random() < 0.7 else damage_text(rng, data)
+  return damage_text(rng, data) if rng.random() < 0.8 else damage_bytes(rng, data)

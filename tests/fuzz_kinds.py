@@ -1,0 +1,406 @@
+"""What the fuzzer tries: healthy inputs of every kind, damaged, and the command or function that then reads them.
+
+A kind is a function (rng, folder) -> Case: it writes damaged input into the folder and says what to run there. Networks
+are tiny and sample nothing: what is tried is all that happens before and after.
+"""
+import functools
+import json
+import pathlib
+import tempfile
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from motion_jax import checkpoint, cmdm, export
+from motion_jax import model as model_lib
+from motion_jax.cli import main
+from motion_jax.data import babel, humanml3d, snapmogen, timelines
+from motion_jax.data.archive import read_archive
+from motion_jax.data.synthetic import on_skeleton, synthetic_clips
+from motion_jax.evaluation import evaluator as evaluator_lib
+from motion_jax.motion.features import to_features
+from motion_jax.motion.skeleton import SMPL, SNAPMOGEN
+from motion_jax.nets.causal_dit import CausalDiT
+from motion_jax.nets.causal_vae import CausalVAE
+from motion_jax.prompted import plain_fields
+from motion_jax.recipes.recipe import untrained
+from motion_jax.text.encoder import load_text_encoder
+from tests.conftest import load_config
+from tests.data.test_build import write_archive
+from tests.fuzz_damage import NUMBERS, WORDS, damage, damage_text, deflated_bomb, encode, pick
+
+
+class Case(NamedTuple):
+  """call() is what is tried, inside its folder; what it may write lies in the sub-folder out."""
+  what: str
+  call: Callable
+
+
+def command(*arguments):
+  """A case that is a command line."""
+  arguments = [str(argument) for argument in arguments]
+  return Case("motion-jax " + " ".join(map(repr, arguments)), lambda: main(arguments))
+
+
+# --- healthy inputs, made once in each process ---------------------------------------------------------------------
+
+
+@functools.cache
+def healthy(name) -> dict[str, bytes]:
+  """The files of a healthy input by their path."""
+  with tempfile.TemporaryDirectory() as folder:
+    folder = pathlib.Path(folder)
+    _MAKERS[name](folder)
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in sorted(folder.rglob("*"))
+            if path.is_file()}
+
+
+def _clips(num=5, frames=48, skeleton=None):
+  clips = synthetic_clips(0, num, num_frames=frames)
+  return [on_skeleton(clip, skeleton) for clip in clips] if skeleton else clips
+
+
+def _motion(folder):
+  clip = _clips(1, 20)[0]
+  features = to_features(clip.joints, "full", "corrected")
+  for name in ("a.npz", "a.npy", "a.bvh"):
+    export.save(clip.replace(features=features, meta={"seed": 3, "model": "x"}), folder / name)
+  np.save(folder / "features.npy", features)
+
+
+_ASF = """:version 1.10
+:name man
+:units
+  mass 1.0
+  length 0.45
+  angle deg
+:root
+  order TX TY TZ RX RY RZ
+  axis XYZ
+  position 0 0 0
+  orientation 0 0 0
+:bonedata
+"""
+_BONES = {  # name: (parent, direction, length)
+    "lhipjoint": ("root", (0.6, -0.8, 0), 2.5), "lfemur": ("lhipjoint", (0.3, -0.95, 0), 7), "ltibia": (
+        "lfemur", (0.3, -0.95, 0), 7), "lfoot": ("ltibia", (0, -0.3, 0.95), 2), "ltoes": ("lfoot", (0, 0, 1), 1),
+    "lowerback": ("root", (0, 1, 0), 2), "upperback": ("lowerback", (0, 1, 0), 2), "thorax": ("upperback", (0, 1, 0),
+                                                                                              2),
+    "lowerneck": ("thorax", (0, 1, 0), 1.5), "upperneck": ("lowerneck", (0, 1, 0), 1.5), "head": ("upperneck", (0, 1,
+                                                                                                                0),
+                                                                                                1.5),
+    "lclavicle": ("thorax", (0.9, 0.4, 0), 3.5), "lhumerus": ("lclavicle", (1, 0, 0), 5), "lradius": (
+        "lhumerus", (1, 0, 0), 3), "lwrist": ("lradius", (1, 0, 0), 2), "lhand": ("lwrist", (1, 0, 0), 1)}
+
+
+def _acclaim(folder):
+  bones = dict(_BONES)
+  for name, (parent, (x, y, z), length) in _BONES.items():
+    if name.startswith("l") and not name.startswith("lower"):
+      up = parent if parent in ("root", "thorax") else "r" + parent[1:]
+      bones["r" + name[1:]] = (up, (-x, y, z), length)
+  lines = [_ASF]
+  for number, (name, (_, direction, length)) in enumerate(bones.items(), 1):
+    lines.append(f"  begin\n    id {number}\n    name {name}\n    direction {' '.join(map(str, direction))}\n"
+                 f"    length {length}\n    axis 0 0 0 XYZ\n    dof rx ry rz\n  end\n")
+  lines.append(":hierarchy\n  begin\n" + "".join(f"    {parent} {name}\n" for name, (parent, *_) in bones.items())
+               + "  end\n")
+  (folder / "02.asf").write_text("".join(lines))
+  rng, rows = np.random.default_rng(0), [":FULLY-SPECIFIED\n:DEGREES"]
+  for frame in range(1, 61):
+    rows.append(f"{frame}\nroot 0 17 {frame / 10} 0 0 0")
+    rows += [f"{name} " + " ".join(f"{angle:.3f}" for angle in rng.normal(0, 2, 3)) for name in bones]
+  (folder / "02_01.amc").write_text("\n".join(rows) + "\n")
+  (folder / "captions.csv").write_text("file,caption,start,end,split\n02_01.amc,a person walks,,,train\n")
+
+
+def _captures(folder):
+  rows = ["file,caption,start,end,split,source,license"]
+  for i, clip in enumerate(_clips(2, 24)):
+    export.bvh(clip, folder / f"c{i}.bvh")
+    rows.append(f'c{i}.bvh,"{clip.captions[0].text}, slowly",0,{i},{clip.split},lab,CC0')
+  (folder / "captions.csv").write_text("\n".join(rows) + "\n")
+  (folder / "map.json").write_text(json.dumps({joint: joint for joint in clip.skeleton.joints}))
+
+
+def _run(folder):
+  """A run folder as training leaves it, with weights that were never trained."""
+  config = load_config("cmdm_denoiser", "tiny")
+  vae, dit = CausalVAE(**plain_fields(config.tokenizer)), CausalDiT(**plain_fields(config.model))
+  checkpoint.save_config(folder, config)
+  checkpoint.save_params(folder, untrained(cmdm.denoiser_shapes(dit)))
+  checkpoint.save_params(folder, untrained(cmdm.frozen_shapes(vae)), name=checkpoint.FROZEN)
+  shipped = model_lib.PRETRAINED / "cmdm-small"
+  for name in ("Mean.npy", "Std.npy"):
+    (folder / name).write_bytes((shipped / name).read_bytes())
+  rows = [["a person walks", 90], ["someone jumps", 60], ["a person sits", 120]]
+  checkpoint.save_text(folder, checkpoint.LENGTHS, json.dumps(rows))
+  checkpoint.save_text(folder, checkpoint.TEXT, json.dumps({"name": "fresh",
+                                                            "fingerprint": load_text_encoder("fresh").fingerprint}))
+
+
+def _shipped(name):
+  def make(folder):
+    for path in (model_lib.PRETRAINED / name).iterdir():
+      (folder / path.name).write_bytes(path.read_bytes())
+  return make
+
+
+def _humanml3d(folder):
+  humanml3d.write_folder(_clips(), folder / "set", mirror=False)
+
+
+_MAKERS = {
+    "motion": _motion, "acclaim": _acclaim, "captures": _captures, "run": _run,
+    "archive": lambda folder: write_archive(folder / "set", 5, 40), "humanml3d": _humanml3d,
+    "snapmogen": lambda folder: snapmogen.write_folder(_clips(3, 60, SNAPMOGEN), folder / "set"),
+    "babel": lambda folder: babel.write_folder([clip.replace(split="train") for clip in _clips(3, 60, SMPL)],
+                                               folder / "set"),
+    "evaluator": _shipped("clip-evaluator-small"), "words": _shipped("words")}
+
+
+def put(folder, files):
+  for name, content in files.items():
+    path = folder / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(content)
+
+
+def damaged(rng, files, names=None) -> dict[str, bytes]:
+  """Files of which one or two (of those with these endings) are damaged, or gone."""
+  files = dict(files)
+  for _ in range(1 + (rng.random() < 0.2)):
+    name = pick(rng, [name for name in files if names is None or name.endswith(names)] or list(files))
+    if rng.random() < 0.03 and names is None:
+      del files[name]
+    else:
+      files[name] = damage(rng, name, files[name])
+    if not files:
+      break
+  return files
+
+
+# --- files that hold a motion --------------------------------------------------------------------------------------
+
+
+def _render(ending):
+  def kind(rng, folder):
+    name = "features.npy" if ending == ".npy" and rng.random() < 0.4 else f"a{ending}"
+    data = healthy("motion")[name]
+    if ending == ".npz" and rng.random() < 0.01:
+      data = deflated_bomb(["joints.npy"])
+    else:
+      data = damage(rng, name, data)
+    put(folder, {f"in{ending}": data})
+    rate = ("--fps", pick(rng, (20, 30, 12.5, "nan", 1e9))) if rng.random() < 0.1 else ()
+    return command("render", f"in{ending}", "--out", "out/made" + pick(rng, (".npz", ".npy", ".bvh", ".glb")), *rate)
+  return kind
+
+
+def _build_from(name, endings):
+  def kind(rng, folder):
+    files = damaged(rng, healthy(name), endings)
+    put(folder / "in", files)
+    mapping = ("--mapping", "in/map.json") if "map.json" in files and rng.random() < 0.4 else ()
+    return command("data", "build", "in", "out/set", *mapping, *(["--no-mirror"] if rng.random() < 0.5 else []))
+  return kind
+
+
+def captions(rng, folder):
+  """Tables of captions beside healthy files, in all their formats."""
+  files = dict(healthy("captures"))
+  table, suffix = files.pop("captions.csv").decode(), pick(rng, (".csv", ".csv", ".tsv", ".jsonl"))
+  if suffix == ".tsv":
+    table = table.replace(",", "\t")
+  if suffix == ".jsonl":
+    table = "".join(json.dumps({"file": f"c{i}.bvh", "caption": "walks", "start": 0,
+                                "end": i}) + "\n" for i in range(2))
+  if rng.random() < 0.2:
+    table = table.replace(",", ";")
+  files["captions" + suffix] = damage(rng, "captions" + suffix, table.encode())
+  put(folder / "in", files)
+  return command("data", "build", "in", "out/set", "--no-mirror")
+
+
+# --- words ---------------------------------------------------------------------------------------------------------
+
+_PROMPTS = "prompt,length\n\"a person walks, then runs\",24\na person waves,\nsomeone jumps,40\n"
+_STORY = "a person walks:4 | a person waves:2s | someone sits"
+_TIMELINES = ("walking in a circle # 0.0 # 6.0 # legs\nraising both hands # 2.0 # 5.0 # right arm # left arm\n\n"
+              "a person sits # 1.0 # 3.0 # spine\n")
+
+
+def _argument(text):
+  """As a shell would pass it: no null character, bytes that are no UTF-8 as surrogates."""
+  return encode(text).replace(b"\0", b"").decode("utf-8", "surrogateescape")
+
+
+def _lengths(rng):
+  if rng.random() < 0.5:
+    return ("--frames", "24")
+  return (pick(rng, ("--frames", "--seconds")), pick(rng, (*map(str, NUMBERS), "3", "x", "", "2s", "1e3")))
+
+
+def prompts(rng, folder):
+  put(folder, {f"run/{name}": content for name, content in healthy("run").items()})
+  if rng.random() < 0.4:
+    text = damage_text(rng, b"a person walks and then turns left").decode("utf-8", "replace")
+    given = _argument(text if not text.startswith("-") else " " + text)
+  else:
+    given = "in" + pick(rng, (".csv", ".txt"))
+    text = _PROMPTS if given.endswith(".csv") else _PROMPTS.replace(",", " ").replace('"', "")
+    put(folder, {given: damage(rng, given, text.encode())})
+  return command("generate", given, *_lengths(rng), "--model", "run", "--out", "out/a.npy")
+
+
+def stories(rng, folder):
+  put(folder, {f"run/{name}": content for name, content in healthy("run").items()})
+  given = pick(rng, ("", "in.csv", "in.txt", "in.txt"))
+  if given:
+    text = _PROMPTS if given.endswith(".csv") else pick(rng, (_TIMELINES, "a person walks:4\na person sits\n"))
+    put(folder, {given: damage(rng, given, text.encode())})
+  else:
+    given = " " + _argument(damage_text(rng, _STORY.encode()).decode("utf-8", "replace"))
+  return command("story", given, "--way", pick(rng, ("stream", "chain")), "--model", "run", "--out", "out/a.npy")
+
+
+def timeline_files(rng, folder):
+  """Timelines and stories as evaluation reads them."""
+  if rng.random() < 0.5:
+    put(folder, {"in.txt": damage(rng, "in.txt", _TIMELINES.encode())})
+    return Case("read_timelines", lambda: [timelines.single_track(one) for one in timelines.read_timelines("in.txt")])
+  tales = [{"id": str(i), "lengths": [40, 60], "text": ["walks", "sits"]} for i in range(3)]
+  put(folder, {"in.json": damage(rng, "in.json", json.dumps(tales).encode())})
+  return Case("read_stories", lambda: timelines.read_stories("in.json"))
+
+
+# --- folders -------------------------------------------------------------------------------------------------------
+
+
+def runs(rng, folder):
+  put(folder / "run", damaged(rng, healthy("run")))
+  return command("generate", "a person walks", "--frames", "24", "--model", "run", "--out", "out/a.npy")
+
+
+def evaluators(rng, folder):
+  put(folder / "run", damaged(rng, healthy("evaluator")))
+  return Case("load_evaluator", lambda: evaluator_lib.load_evaluator("run"))
+
+
+def words(rng, folder):
+  put(folder / "words", damaged(rng, healthy("words"), pick(rng, (None, "config.json", "tokenizer.json",
+                                                                  ".safetensors"))))
+  level = pick(rng, ("words", "sentence"))
+  return Case("load_text_encoder", lambda: load_text_encoder(pathlib.Path("words").absolute(), level=level))
+
+
+def _data(name, reads):
+  def kind(rng, folder):
+    put(folder, damaged(rng, healthy(name)))
+    if (name == "archive" and rng.random() < 0.01):
+      put(folder / "set", {"motions.npz": deflated_bomb(["names.npy", "root.npy", "local.npy", "start.npy"])})
+    if rng.random() < 0.6:
+      return command("data", "doctor", "set")
+    return pick(rng, reads)
+  return kind
+
+
+_READS = {
+    "archive": (Case("read_archive", lambda: read_archive("set")), command("data", "build", "set", "out/made"),
+                Case("read_archive(train, faults)", lambda: read_archive("set", "train", []))),
+    "humanml3d": (Case("read_folder", lambda: humanml3d.read_folder("set", "all")),
+                  Case("text_items", lambda: humanml3d.text_items("set", "train", min_frames=4)),
+                  Case("folder_stats", lambda: humanml3d.folder_stats("set"))),
+    "snapmogen": (Case("read_folder", lambda: snapmogen.read_folder("set")),
+                  Case("folder_stats", lambda: snapmogen.folder_stats("set"))),
+    "babel": (Case("pieces", lambda: babel.pieces("set", "train", "both")),
+              Case("folder_stats", lambda: babel.folder_stats("set")))}
+
+
+# --- command lines -------------------------------------------------------------------------------------------------
+
+_FLAGS = ("--num", "--seed", "--guidance", "--steps", "--solver", "--schedule", "--lag", "--context", "--frames",
+          "--seconds",
+          "--rounds", "--order", "--mask", "--raw", "--fps", "--unit", "--up", "--way", "--text", "--past-text",
+          "--out",
+          "--model", "--split", "--mode", "--mapping", "--captions", "--overwrite", "--no-mirror", "--data",
+          "--teacher",
+          "--edit", "--keep", "--task", "--help", "--version", "--what")
+_GIVEN = ("euler", "heun", "fss", "ar", "full", "stream", "chain", "run", "in.npz", "in.npy", "in.bvh", "set",
+          "out/a.npz",
+          "out/b.bvh,out/c.npy", "out", "out/x/y/z.npy", "/", "a.docx", "train", "1:2", "0.5s:1s", "50%:",
+          "a person walks",
+          "walks:2 | sits:1", "cmdm-small", "m", "cm", "y", "z", *map(str, NUMBERS),
+          *(word for word in WORDS if "\0" not in word))
+
+
+def commands(rng, folder):
+  """Sub-commands with flags and values that fit, or do not."""
+  motion = healthy("motion")
+  put(folder, {f"in{ending}": motion[f"a{ending}"] for ending in (".npz", ".npy", ".bvh")}
+      | {f"run/{name}": content for name, content in healthy("run").items()} | healthy("archive"))
+  start = pick(rng, (["generate", "a person walks", "--frames", "24"], ["story", _STORY], ["render", "in.npz"],
+                     ["extend", "in.npz", "--text", "sits"], ["extend", "in.bvh", "--text", "walks:2 | sits"],
+                     ["data", "build", "set", "out/made"], ["data", "doctor", "set"], ["models"],
+                     ["edit", "in.npz", "--text", "waves", "--task", "prefix"], ["data"], ["convert", "cmdm"], []))
+  made = start[0] in ("generate", "story", "extend", "edit", "render") if start else False
+  if made:
+    start = [*start, "--out", "out/a" + pick(rng, (".npz", ".npy", ".bvh"))]
+  if made and start[0] != "render":
+    start += ["--model", "run"]
+  for _ in range(int(rng.integers(0, 4))):
+    chance = rng.random()
+    if chance < 0.75:
+      start.append(pick(rng, _FLAGS))
+    if chance < 0.9:
+      start.append(_argument(pick(rng, _GIVEN)))
+    elif start:
+      del start[int(rng.integers(len(start)))]
+  # What ships takes seconds to load, and a page, a film or the copy of one minutes to write: not here.
+  heavy = {"cmdm-small", "cdamd-small", "/", "retrieve"}
+  start = [word for word in start if word not in heavy]
+  if start and start[0] in ("generate", "story", "extend", "edit") and "--out" not in start:
+    start += ["--out", "out/a.npy"]
+  if start and start[0] in ("generate", "story", "extend", "edit") and "run" not in start:
+    start += ["--model", "run"]
+  return command(*start)
+
+
+# name: (share of the cases, kind)
+KINDS = {
+    "bvh": (14, _render(".bvh")), "asf": (6, _build_from("acclaim", ".asf")), "amc": (6, _build_from("acclaim",
+                                                                                                     ".amc")),
+    "npz": (14, _render(".npz")), "npy": (14, _render(".npy")), "captions": (6, captions),
+    "captures": (3, _build_from("captures", None)), "prompts": (6, prompts), "stories": (5, stories),
+    "timelines": (4, timeline_files), "runs": (4, runs), "evaluators": (1, evaluators), "words": (1, words),
+    "archives": (6, _data("archive", _READS["archive"])), "humanml3d": (4, _data("humanml3d", _READS["humanml3d"])),
+    "snapmogen": (2, _data("snapmogen", _READS["snapmogen"])), "babel": (2, _data("babel", _READS["babel"])),
+    "commands": (8, commands)}
+
+
+# --- networks that sample nothing ----------------------------------------------------------------------------------
+
+
+def stub_networks():
+  """From here on, in this process, models make zeros (a body that stands) where they would sample."""
+  def compiled(dit, vae):
+    unit = vae.frames_per_latent
+
+    def motion(plan, num_blocks, params, frozen, emb, mask, scale, keys, segment=None):
+      return np.zeros((len(keys), num_blocks * plan.block * unit, vae.features), np.float32)
+
+    def latents(plan, length, params, emb, mask, scale, lengths, past, keys):
+      return np.zeros((len(keys), length - past.shape[1], dit.latent_dim), np.float32)
+
+    def longer(plan, num_blocks, params, emb, mask, scale, keys, past, count, segment, past_segment):
+      return np.zeros((1, num_blocks * plan.block, dit.latent_dim), np.float32)
+
+    return model_lib.Compiled(
+        generate=motion, generate_whole=motion, chain_segment=latents, extend=longer, stream_step=None,
+        encode=lambda frozen, x: np.zeros((len(x), x.shape[1] // unit, dit.latent_dim), np.float32),
+        decode=lambda frozen, z: np.zeros((len(z), z.shape[1] * unit, vae.features), np.float32))
+
+  model_lib._compile = compiled
+  for name in ("denoiser_shapes", "frozen_shapes"):  # of the same few networks, again and again
+    setattr(cmdm, name, functools.lru_cache(50)(getattr(cmdm, name)))

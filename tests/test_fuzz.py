@@ -1,0 +1,49 @@
+"""A few hundred of the fuzzer's cases, always the same ones; `python -m tests.fuzz --cases 10000` runs many more."""
+import pathlib
+
+import numpy as np
+import pytest
+
+from motion_jax import cli
+from tests import fuzz, fuzz_kinds
+from tests.fuzz_damage import damage
+
+
+@pytest.mark.slow
+def test_damaged_inputs_are_refused_in_one_line():
+  table, failures = fuzz.run(fuzz.plan(300, seed=1), workers=1)
+  assert sum(row[result] for row in table.values() for result in fuzz.RESULTS) == 300
+  assert set(table) == set(fuzz_kinds.KINDS)
+  told = "\n\n".join(f"{':'.join(map(str, case))} {outcome.result}\n{outcome.told}" for case, outcome in failures)
+  assert not failures, f"{fuzz.format_table(table)}\n{told}"
+  assert all(sum(row[result] for row in table.values()) for result in ("accepted", "refused"))
+
+
+def test_a_case_is_the_same_again(tmp_path):
+  for name in "ab":
+    fuzz_kinds.KINDS["npz"][1](np.random.default_rng((7, 7)), tmp_path / name)
+  (first,), (second,) = (list((tmp_path / name).iterdir()) for name in "ab")
+  assert first.read_bytes() == second.read_bytes() != fuzz_kinds.healthy("motion")["a.npz"]
+  assert fuzz.plan(50, 3) == fuzz.plan(50, 3) and fuzz.plan(50, 3, ["npz"])[4] == ("npz", 3, 4)
+
+
+def test_damage_changes_what_it_is_given():
+  files = fuzz_kinds.healthy("motion")
+  changed = sum(damage(np.random.default_rng(i), name, data) != data for i in range(40) for name, data in files.items())
+  assert changed > 0.8 * 40 * len(files)
+
+
+@pytest.mark.parametrize("result, misdeed", [
+    ("traceback", lambda: {}["x"]), ("not our words", lambda: int("x")), ("not our words",
+                                                                          lambda: np.zeros(3).reshape(2)),
+    ("over 2 GB", lambda: np.zeros(400_000_000, np.uint8).fill(1)),
+    ("half-written", lambda: (pathlib.Path("out/a.npy").write_bytes(b"1"), cli.main(["render", "nothing.npy"]))),
+    ("half-written", lambda: pathlib.Path("out/.a-x1.npy").write_bytes(b"1")),
+    ("refused", lambda: cli.main(["render", "nothing.npy"])), ("refused", lambda: cli.main(["render"])),
+    ("accepted", lambda: None)])
+def test_the_fuzzer_sees_what_it_looks_for(tmp_path, monkeypatch, result, misdeed):
+  fuzz._reset_peak()
+  monkeypatch.setattr(fuzz, "GIGABYTES", fuzz._peak() / 1000 + 0.25)  # a little more than there is, not two more
+  monkeypatch.setitem(fuzz_kinds.KINDS, "bad", (1, lambda rng, folder: fuzz_kinds.Case("bad", misdeed)))
+  outcome = fuzz.run_case("bad", 0, 0, tmp_path / "case")
+  assert outcome.result == result, outcome

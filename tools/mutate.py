@@ -1,0 +1,168 @@
+"""Breaks important lines one at a time and sees whether a test notices: python tools/mutate.py [NAME ...]
+
+`tools/mutations.py` lists what is broken: a file, a piece of it that stands there exactly once, what takes its place,
+and the tests that ought to notice. The tree is copied to a temporary folder, where the tests are run once as it is
+(they must pass, or they could not tell anything) and then once for each mutation. Printed is a table in Markdown:
+killed, by which test; survived; or what went wrong. The exit status is 1 if one survived, 2 if nothing could be told.
+
+  python tools/mutate.py                 all of them, some minutes
+  python tools/mutate.py ema kl-ramp     some, by name
+  python tools/mutate.py --check         only that every piece and every test is there
+"""
+import argparse
+import os
+import pathlib
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from typing import NamedTuple
+
+ROOT = pathlib.Path(__file__).parents[1]
+COPIED = ("motion_jax", "tests", "configs", "tools", "benchmarks", "launch.py", "eval.py", "pyproject.toml")
+LIMIT = 600  # seconds for the tests of one mutation: one that never ends is noticed, too
+
+
+class Mutation(NamedTuple):
+  """snippet stands exactly once in file; tests are pytest's names, such as tests/test_train.py::test_the_loss_falls.
+
+  reason: why nothing need notice, for one that is known to survive.
+  """
+  name: str
+  file: str
+  snippet: str
+  replacement: str
+  tests: tuple[str, ...]
+  reason: str = ""
+
+
+def problems(mutations, root=ROOT):
+  """What is wrong with a list of mutations, one line each: none of them would say what it seems to say."""
+  found = []
+  names = [m.name for m in mutations]
+  found += [f"{name}: the name is given {names.count(name)} times" for name in sorted(set(names))
+            if names.count(name) > 1]
+  for m in mutations:
+    path = pathlib.Path(root) / m.file
+    count = path.read_text(encoding="utf-8").count(m.snippet) if path.is_file() else None
+    if count != 1:
+      where = f"there is no {m.file}" if count is None else f"{m.file} has it {count} times, expected once"
+      found.append(f"{m.name}: {where}: {m.snippet!r}; bring the list up to date with the code")
+    elif m.snippet == m.replacement:
+      found.append(f"{m.name}: the replacement is the piece itself")
+    if not m.tests:
+      found.append(f"{m.name}: no test is named that ought to notice")
+    for test in m.tests:
+      file, _, function = test.partition("::")
+      source = pathlib.Path(root) / file
+      if not source.is_file() or function and not re.search(rf"^def {function.split('[')[0]}\(", source.read_text(
+          encoding="utf-8"), re.MULTILINE):
+        found.append(f"{m.name}: there is no test {test}")
+  return found
+
+
+def copy_tree(root, folder):
+  """The parts of a tree that tests need, in a new folder."""
+  for name in COPIED:
+    source = pathlib.Path(root) / name
+    if source.is_dir():
+      shutil.copytree(source, folder / name, ignore=shutil.ignore_patterns("__pycache__", "*.pyc"))
+    elif source.is_file():
+      shutil.copy2(source, folder / name)
+
+
+def run_tests(folder, tests, limit=LIMIT):
+  """(exit status of pytest or None if it did not end, its output), from a folder and against the code in it."""
+  environment = os.environ | {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1", "JAX_PLATFORMS": "cpu"}
+  command = [sys.executable, "-m", "pytest", "-q", "-x", "--no-header", "-p", "no:cacheprovider", *tests]
+  try:
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=limit,
+                          check=False)
+  except subprocess.TimeoutExpired:
+    return None, f"no end within {limit} s"
+  return done.returncode, done.stdout + done.stderr
+
+
+def judge(status, output):
+  """(killed, survived or broken; by what) of one run of pytest."""
+  failed = re.search(r"^(?:FAILED|ERROR) \S*?([\w-]+\.py(?:::\S+)?)", output, re.MULTILINE)
+  if status is None:
+    return "killed", output
+  if status == 0:
+    return "survived", ""
+  if status in (1, 2, 4) and failed:  # 2 and 4: the module could not even be imported
+    return "killed", failed[1].replace(".py::", ": ").split("[")[0]
+  return "broken", " ".join(output.split()[-12:])
+
+
+def table_row(mutation, verdict, by, seconds):
+  code = lambda text: f"`{' '.join(text.split())}`".replace("|", "\\|")
+  verdict = f"survived: {mutation.reason}" if verdict == "survived" and mutation.reason else verdict
+  return (f"| {mutation.name} | {mutation.file.removeprefix('motion_jax/')} | {code(mutation.snippet)} | "
+          f"{code(mutation.replacement)} | {verdict}{f', {by}' if by else ''} | {seconds:.0f} |")
+
+
+def run(mutations, root=ROOT, out=print, limit=LIMIT, baseline=True):
+  """Prints the table -> {name: verdict}. Raises ValueError for a list that does not fit the tree, RuntimeError where
+  the tests fail without any mutation, which baseline=False does not try."""
+  wrong = problems(mutations, root)
+  if wrong:
+    raise ValueError("\n".join(wrong))
+  with tempfile.TemporaryDirectory() as folder:
+    folder = pathlib.Path(folder)
+    copy_tree(root, folder)
+    if baseline and (tried := run_tests(folder, sorted({t for m in mutations for t in m.tests}), 6 * limit))[0] != 0:
+      raise RuntimeError(f"the tests fail without any mutation, so they tell nothing:\n{tried[1][-3000:]}")
+    out("| name | file | the line | broken to | noticed | s |\n| --- | --- | --- | --- | --- | --- |")
+    verdicts = {}
+    for m in mutations:
+      path = folder / m.file
+      whole, began = path.read_text(encoding="utf-8"), time.time()
+      try:
+        path.write_text(whole.replace(m.snippet, m.replacement), encoding="utf-8")
+        verdicts[m.name], by = judge(*run_tests(folder, m.tests, limit))
+      finally:
+        path.write_text(whole, encoding="utf-8")
+      out(table_row(m, verdicts[m.name], by, time.time() - began))
+    return verdicts
+
+
+def main(argv=None):
+  parser = argparse.ArgumentParser(description="Breaks important lines one at a time; says which tests notice.")
+  parser.add_argument("names", nargs="*", help="mutations to run; all if left out")
+  parser.add_argument("--check", action="store_true", help="only check the list against the tree")
+  parser.add_argument("--passed", action="store_true", help="the tests are known to pass as the tree is: do not try")
+  parser.add_argument("--list", type=pathlib.Path, help="another file with MUTATIONS (default: tools/mutations.py)")
+  args = parser.parse_args(argv)
+  mutations = load_list(args.list or ROOT / "tools" / "mutations.py")
+  unknown = set(args.names) - {m.name for m in mutations}
+  if unknown:
+    parser.error(f"got {', '.join(sorted(unknown))}; the list has {', '.join(m.name for m in mutations)}")
+  chosen = [m for m in mutations if m.name in args.names or not args.names]
+  try:
+    if args.check:
+      wrong = problems(chosen)
+      print("\n".join(wrong) or f"{len(chosen)} mutations fit the tree")
+      return 2 if wrong else 0
+    verdicts = list(run(chosen, out=lambda line: print(line, flush=True), baseline=not args.passed).values())
+  except (ValueError, RuntimeError) as error:
+    print(error, file=sys.stderr)
+    return 2
+  print(f"\n{verdicts.count('killed')} of {len(verdicts)} were noticed")
+  known = sum(bool(m.reason) for m in chosen)
+  if "broken" in verdicts:
+    return 2
+  return 1 if verdicts.count("survived") > known else 0
+
+
+def load_list(path):
+  """MUTATIONS of a Python file, each a tuple of Mutation's fields."""
+  names = {}
+  exec(compile(pathlib.Path(path).read_text(encoding="utf-8"), str(path), "exec"), names)
+  return [Mutation(*row) for row in names["MUTATIONS"]]
+
+
+if __name__ == "__main__":
+  raise SystemExit(main())
