@@ -21,6 +21,7 @@ import jax
 import jax.numpy as jnp
 
 from motion_jax.diffusion import guidance, samplers, schedules, streaming
+from motion_jax.evaluation import tables
 from motion_jax.nets import causal_dit
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.masks import sliding_mask
@@ -176,6 +177,7 @@ def main():
           print(measure(size, block, schedule, tokens, args), flush=True)
   peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1e3 if sys.platform != "darwin" else 1e6)
   print(f"peak memory of this process {peak:.0f} MB")
+  print("\nPrinted, of another machine:\n" + tables.markdown(tables.printed_table("cmdm", "speed")))
 
 
 if __name__ == "__main__":

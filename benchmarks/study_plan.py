@@ -97,14 +97,12 @@ def row_of(paper, name, seed) -> Row:
     of_denoiser = changes.get("denoiser", {})
     asked = {path.partition(".")[2]: value for path, value in of_denoiser.items() if path.startswith("sampler.")}
     trained = "default" if asked and len(asked) == len(of_denoiser) else name
-    if "loss.level_block" in of_denoiser:  # one level for the whole sequence is sampled as it was trained
-      asked = {"schedule": "full"}
     parts = [("tokenizer", tokenizer), ("denoiser", trained)]
   else:
-    layout, changes = ABLATIONS["cdamd"]["ROWS"][name][1:]
+    layout = ABLATIONS["cdamd"]["ROWS"][name][1]
     home, asked = ABLATIONS["cdamd"]["HOMES"][layout], {}
     parts = [("autoencoder", home), ("rvq", home), ("generator", name)]
-    if changes.get("loss.prior_levels") == 0:
+    if not ABLATIONS["cdamd"]["get_config"](name).loss.prior_levels:
       del parts[1]
   return Row(paper, name, seed, tuple(Run(paper, row, stage, seed) for stage, row in parts), asked)
 
@@ -144,15 +142,17 @@ def config_of(run, settings, out, parts):
   """The config of a run; parts: {stage: folder} of the runs before it.
 
   Steps, and all that is counted in them, are the study's: a fifteenth of them is warm-up, the last third cooldown, the
-  average looks back on about a tenth, a ramp of the KL term keeps its share. Held-out clips are looked at, and the run
-  is saved, at the end alone (and where a slice of time ends): four times in so short a run were a seventh of it. All
-  else is the row's own.
+  average looks back on about a tenth, a ramp of the KL term keeps its share, a rate that falls in steps (MARDM's) falls
+  in the same places of the whole. Held-out clips are looked at, and the run is saved, at the end alone (and where a
+  slice of time ends): four times in so short a run were a seventh of it. All else is the row's own.
   """
   config = ABLATIONS[run.paper]["get_config"](f"{run.row}/{run.stage}/{settings.size}").unlock()
   steps, own = settings.steps[run.stage], config.train.num_steps
   config.seed = run.seed
   config.data.update(name="archive", folders=tuple(settings.archives))
   config.optimizer.update(warmup_steps=steps // 15, cooldown_steps=steps // 3)
+  if config.optimizer.schedule == "step":
+    config.optimizer.boundaries = tuple(max(1, round(one * steps / own)) for one in config.optimizer.boundaries)
   if config.optimizer.ema_decay:
     config.optimizer.ema_decay = steps / (steps + 10)
   if config.loss.get("kl_ramp"):

@@ -160,6 +160,7 @@ def markdown(study) -> str:
       f"{settings['seeds']} seeds, of which each trains tokenizers of its own, ± half of the 95 % interval over seeds "
       f"(Student's t); {settings['repeats']} pass(es) over the test clips and {settings['stories']} stories of "
       f"{settings['segments']} prompts a seed. Real motions: one number each."]
+  parts += [line for note in study.get("notes", ()) for line in ("", f"**{note}**")]
   for source, names in TABLES.items():
     if any(row in study["table"].get(source[0], {}) for row in names.values()):
       parts += ["", *_table(study, source, names)]

@@ -11,15 +11,16 @@ import flax
 import jax
 import ml_collections
 import numpy as np
-import orbax.checkpoint as ocp
 from PIL import Image, ImageDraw
-from safetensors import SafetensorError
-from safetensors.numpy import load_file, save_file
+from safetensors.numpy import save_file
 
 from motion_jax.data.clip import atomic_path
+from motion_jax.errors import InputError, reading
+from motion_jax.input_files import load_safetensors, read_json, read_json_lines
 
 CONFIG, PARAMS, METRICS = "config.json", "params.safetensors", "metrics.jsonl"
 RAW = "raw.safetensors"        # the last weights as they are, where PARAMS holds their average
+LAST = "last.safetensors"      # the weights of the last save, where PARAMS holds those that validation chose
 FROZEN = "frozen.safetensors"  # what a stage was trained on top of: the denoiser's tokenizer
 LENGTHS = "captions.json"      # [caption, usual frames] rows of the training data
 TEXT = "text.json"             # name and fingerprint of the text encoder that a denoiser was trained on
@@ -29,6 +30,8 @@ class Saver:
   """Keeps the newest two training states of a run; a save cut short is ignored when the run goes on."""
 
   def __init__(self, workdir):
+    import orbax.checkpoint as ocp  # here: who only uses a model need not wait for it
+    self._ocp = ocp
     options = ocp.CheckpointManagerOptions(max_to_keep=2, create=True)
     self._manager = ocp.CheckpointManager(pathlib.Path(workdir).absolute() / "checkpoints", options=options)
 
@@ -38,13 +41,16 @@ class Saver:
 
   def save(self, step, state):
     if step != self.latest:
-      self._manager.save(step, args=ocp.args.StandardSave(_fields(state)))
+      self._manager.save(step, args=self._ocp.args.StandardSave(_fields(state)))
       self._manager.wait_until_finished()  # the state's buffers are donated to the next step
 
   def restore(self, like):
     """The newest state, in the shapes and types of `like`."""
-    target = jax.tree.map(ocp.utils.to_shape_dtype_struct, _fields(like))
-    return like.replace(**self._manager.restore(self.latest, args=ocp.args.StandardRestore(target)))
+    target = jax.tree.map(self._ocp.utils.to_shape_dtype_struct, _fields(like))
+    folder = pathlib.Path(self._manager.directory) / str(self.latest)
+    with reading(folder, "it is damaged, or of another network: remove it to go on from the state before it, or start "
+                 "a new run"):
+      return like.replace(**self._manager.restore(self.latest, args=self._ocp.args.StandardRestore(target)))
 
   def close(self):
     self._manager.close()
@@ -76,12 +82,9 @@ def load_params(folder, like=None, name=PARAMS):
   path = pathlib.Path(folder) / name
   if not path.is_file():
     raise FileNotFoundError(f"{folder} has no {name}; a run folder holds {CONFIG}, Mean.npy, Std.npy and {name}")
-  try:
-    flat = {key: value.astype(np.float32) for key, value in load_file(path).items()}
-  except SafetensorError as error:
-    raise ValueError(f"{path} is no whole safetensors file ({error}); copy it again from the run that wrote it") from (
-        error)
-  params = flax.traverse_util.unflatten_dict(flat, sep="/")
+  flat = load_safetensors(path, advice="it is no whole safetensors file: copy it again from the run that wrote it")
+  with reading(path, "the names in it do not make a tree: copy it again from the run that wrote it"):
+    params = flax.traverse_util.unflatten_dict(flat, sep="/")
   if like is not None:
     check_fits(params, like, f"{path} does not fit its config")
   return params
@@ -95,7 +98,7 @@ def check_fits(params, like, what):
            for key in sorted(flat.keys() | expected.keys())
            if key not in flat or key not in expected or flat[key].shape != expected[key].shape]
   if wrong:
-    raise ValueError(f"{what}: " + "; ".join(wrong[:5]) + (f" and {len(wrong) - 5} more" if len(wrong) > 5 else ""))
+    raise InputError(f"{what}: " + "; ".join(wrong[:5]) + (f" and {len(wrong) - 5} more" if len(wrong) > 5 else ""))
 
 
 def save_text(folder, name, text):
@@ -104,15 +107,12 @@ def save_text(folder, name, text):
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
 
 
-def load_json(folder, name):
-  """A JSON file of a run folder; raises FileNotFoundError or ValueError that say what to do."""
+def load_json(folder, name, kind=dict):
+  """A JSON file of a run folder; raises FileNotFoundError or InputError that say what to do."""
   path = pathlib.Path(folder) / name
   if not path.is_file():
     raise FileNotFoundError(f"{folder} has no {name}; expected a run folder, written by launch.py")
-  try:
-    return json.loads(path.read_text(encoding="utf-8"))
-  except ValueError as error:  # not JSON, or not even text
-    raise ValueError(f"{path} is not valid JSON ({error}); restore it from the run that wrote it") from error
+  return read_json(path, kind, advice="restore it from the run that wrote it")
 
 
 def load_fingerprint(folder):
@@ -120,8 +120,8 @@ def load_fingerprint(folder):
   if not (pathlib.Path(folder) / TEXT).is_file():
     return None
   content = load_json(folder, TEXT)
-  if not isinstance(content, dict) or not isinstance(content.get("fingerprint"), str):
-    raise ValueError(f"{pathlib.Path(folder) / TEXT} lacks the fingerprint of a text encoder; restore it from the run "
+  if not isinstance(content.get("fingerprint"), str):
+    raise InputError(f"{pathlib.Path(folder) / TEXT} lacks the fingerprint of a text encoder; restore it from the run "
                      "that wrote it")
   return content["fingerprint"]
 
@@ -131,11 +131,10 @@ def load_lengths(folder):
   path = pathlib.Path(folder) / LENGTHS
   if not path.is_file():
     return None
-  rows = load_json(folder, LENGTHS)
-  if not isinstance(rows, list) or not rows or not all(
-      isinstance(row, list) and len(row) == 2 and isinstance(row[0], str) and isinstance(row[1], int | float)
-      for row in rows):
-    raise ValueError(f"{path} does not hold rows [caption, frames]; restore it from the run that wrote it")
+  rows = load_json(folder, LENGTHS, list)
+  if not rows or not all(isinstance(row, list) and len(row) == 2 and isinstance(row[0], str) and row[0].strip()
+                         and isinstance(row[1], int | float) and 0 < row[1] < 1e9 for row in rows):
+    raise InputError(f"{path} does not hold rows [caption, frames]; restore it from the run that wrote it")
   return [row[0] for row in rows], np.array([row[1] for row in rows])
 
 
@@ -145,10 +144,47 @@ def save_config(folder, config):
 
 def load_config(folder) -> ml_collections.FrozenConfigDict:
   config = load_json(folder, CONFIG)
-  if not isinstance(config, dict):
-    raise ValueError(f"{pathlib.Path(folder) / CONFIG} does not hold the fields of a config; restore it from the run "
-                     "that wrote it")
-  return ml_collections.FrozenConfigDict(config)
+  path = pathlib.Path(folder) / CONFIG
+  for section in _NETWORKS:
+    _check_sizes(config.get(section), path, section)
+  with reading(path, "restore it from the run that wrote it"):
+    return ml_collections.FrozenConfigDict(config)
+
+
+_NETWORKS = ("model", "tokenizer", "quantizer", "text", "length")  # sections of a config that describe a network
+_MOST = {"depth": 100, "num_layers": 100, "num_levels": 100, "num_halvings": 8}  # what is gone through one by one
+
+
+def _check_sizes(value, path, name):
+  """Raises InputError for sizes that no network has: a damaged digit would fill the memory, or never come to an end."""
+  if isinstance(value, dict):
+    for key, inner in value.items():
+      _check_sizes(inner, path, f"{name}.{key}")
+  elif isinstance(value, list):
+    for inner in value:
+      _check_sizes(inner, path, name)
+  elif isinstance(value, int | float):
+    most = _MOST.get(name.rpartition(".")[2], 1_000_000)
+    if not -most <= value <= most:
+      raise InputError(f"{path}: got {name} {value:.6g}, expected at most {most}; restore it from the run that wrote "
+                       "it")
+
+
+def building(folder):
+  """For the block that makes networks by a run's config: what they stumble over is the config's fault."""
+  return reading(pathlib.Path(folder) / CONFIG, "it does not describe a network that its weights belong to: restore it "
+                 "from the run that wrote it")
+
+
+def demand(config, folder, **ranges):
+  """Raises InputError unless config holds a number for each name "section__field", in its range (least, most)."""
+  for name, (least, most) in ranges.items():
+    value = config
+    for part in name.split("__"):
+      value = value.get(part) if hasattr(value, "get") else None
+    if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
+      raise InputError(f"{pathlib.Path(folder) / CONFIG}: got {name.replace('__', '.')} {str(value)[:60]}, expected a "
+                       f"number from {least} to {most}; restore it from the run that wrote it")
 
 
 def trim_metrics(folder, last):
@@ -183,7 +219,7 @@ def draw_curve(folder, size=(900, 420)):
   folder = pathlib.Path(folder)
   if not (folder / METRICS).is_file():
     return
-  rows = [json.loads(line) for line in (folder / METRICS).read_text().splitlines()]
+  rows = [row for _, row in read_json_lines(folder / METRICS)]
   points = [(row["step"], row["loss"]) for row in rows if np.isfinite(row.get("loss", np.nan))]
   if not points:
     return

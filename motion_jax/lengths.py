@@ -2,7 +2,6 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optax
 
 from motion_jax.nets.length_estimator import LengthEstimator
 from motion_jax.stage import Stage
@@ -29,6 +28,7 @@ def length_stage(config) -> Stage:
 
 
 def _sums(logits, num_latents):
+  import optax  # only training needs it
   losses = optax.softmax_cross_entropy_with_integer_labels(logits, jnp.minimum(num_latents, logits.shape[-1] - 1))
   off = jnp.abs(jnp.argmax(logits, -1) - num_latents)
   return {"loss": losses.sum(), "latents_off": off.sum().astype(losses.dtype)}

@@ -16,6 +16,7 @@ from motion_jax.metrics.words import CLASSES
 from motion_jax.nets.masks import padding_mask
 from motion_jax.stage import DEVICES, Stage
 from motion_jax.teacher import info_nce
+from motion_jax.tmr import divergence
 
 _EPS = 1e-6  # Parity: PyTorch's pairwise distance adds it to each difference
 
@@ -202,12 +203,6 @@ def init_gaussian(fields, word_dim, rng):
   return {"params": net.init(net_rng, jnp.zeros((1, 8, word_dim)), real_mask, jnp.zeros((1, 8, net.columns)),
                              frames)["params"],
           "decoder": decoder.init(decoder_rng, jnp.zeros((1, net.width)), real_mask)["params"]}
-
-
-def divergence(a, b):
-  """Mean over (B, D) of KL(a || b) of Gaussians given as (mean, logvar)."""
-  (mean_a, log_a), (mean_b, log_b) = a, b
-  return 0.5 * (log_b - log_a + (jnp.exp(log_a) + jnp.square(mean_a - mean_b)) / jnp.exp(log_b) - 1).mean()
 
 
 def gaussian_stage(config, axis_name=DEVICES) -> Stage:

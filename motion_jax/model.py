@@ -1,18 +1,19 @@
 """mj.load: a run folder, or the name of a model that ships, becomes a Model that generates, tells stories, streams."""
+import os
 import pathlib
 from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
-from motion_jax import checkpoint, cmdm, stories
+from motion_jax import cache, checkpoint, cmdm, stories, timing
 from motion_jax.cdamd_model import CdamdModel
-from motion_jax.diffusion import streaming
+from motion_jax.diffusion import ddpm_forcing, samplers, streaming
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
+from motion_jax.numerals import CONTEXT, STEPS, checked
 from motion_jax.prompted import Prompted, keys_of, plain_fields
 from motion_jax.results import Motion, Motions, captions_in_a_row, go_on, make_motions
 from motion_jax.streams import LiveStream
@@ -31,6 +32,9 @@ def load(name="cmdm-small", text=None, raw=False) -> Prompted:
 
   text: another folder of the encoder. raw: the last weights of a run, not the average that it kept beside them.
   """
+  if not isinstance(name, str | os.PathLike):
+    raise TypeError(f"got {name!r} ({type(name).__name__}) to load, expected a run folder or the name of a model that "
+                    f"ships: {', '.join(pretrained_names())}")
   folder = pathlib.Path(name)
   if not folder.is_dir() and (PRETRAINED / str(name)).is_dir():
     folder = PRETRAINED / str(name)
@@ -38,14 +42,14 @@ def load(name="cmdm-small", text=None, raw=False) -> Prompted:
     raise FileNotFoundError(f"found neither a run folder {str(name)!r} nor a model of that name; models that ship: "
                             f"{', '.join(pretrained_names()) or 'none'}")
   config = checkpoint.load_config(folder)
-  if config.get("stage") == "cdamd.generator":
-    level = config.frozen.get("text_level", "sentence")
-    return CdamdModel(folder, config, load_text_encoder(text or config.frozen.text, level=level), raw)
-  if config.get("stage") != "cmdm.denoiser":
+  kinds = {"cdamd.generator": (CdamdModel, "sentence"), "cmdm.denoiser": (Model, "words")}
+  if config.get("stage") not in kinds:
     raise ValueError(f"{folder} holds a {config.get('stage')!r} run; generating needs the run of a cmdm.denoiser or a "
                      "cdamd.generator")
-  level = config.frozen.get("text_level", "words")  # older runs do not say
-  return Model(folder, config, load_text_encoder(text or config.frozen.text, level=level), raw)
+  kind, level = kinds[config.stage]
+  with checkpoint.building(folder):
+    level = config.frozen.get("text_level", level)  # older runs do not say
+    return kind(folder, config, load_text_encoder(text or config.frozen.text, level=level), raw)
 
 
 class Compiled(NamedTuple):
@@ -60,53 +64,55 @@ class Compiled(NamedTuple):
 
 
 def _compile(dit, vae):
-  both, plan_and_size = (dit, vae), (0, 1)
+  program = lambda fn, num_static, *modules: cache.Program(fn.__name__, partial(fn, *modules), num_static, modules)
   return Compiled(
-      generate=jax.jit(partial(cmdm.generate, *both), static_argnums=plan_and_size),
-      generate_whole=jax.jit(partial(cmdm.generate_whole, *both), static_argnums=plan_and_size),
-      chain_segment=jax.jit(partial(cmdm.chain_segment, dit), static_argnums=plan_and_size),
-      extend=jax.jit(partial(cmdm.extend, dit), static_argnums=plan_and_size),
-      stream_step=jax.jit(partial(cmdm.stream_step, *both), static_argnums=(0, 1, 2)),
-      encode=jax.jit(partial(cmdm.encode_motion, vae)), decode=jax.jit(partial(cmdm.decode_latents, vae)))
+      generate=program(cmdm.generate, 2, dit, vae), generate_whole=program(cmdm.generate_whole, 2, dit, vae),
+      chain_segment=program(cmdm.chain_segment, 2, dit), extend=program(cmdm.extend, 2, dit),
+      stream_step=program(cmdm.stream_step, 3, dit, vae),
+      encode=program(cmdm.encode_motion, 0, vae), decode=program(cmdm.decode_latents, 0, vae))
 
 
 class Model(Prompted):
   """CMDM ready to use: prompts in, motion out. Made by `load`."""
 
   def __init__(self, folder, config, encoder: TextEncoder, raw=False):
+    checkpoint.demand(config, folder, data__max_frames=(1, 100_000), data__max_words=(1, 10_000),
+                      sampler__num_steps=(1, 10_000), sampler__lag=(1, 10_000), sampler__guidance_scale=(-1e3, 1e3))
     self.vae = CausalVAE(**plain_fields(config.tokenizer))
     self.dit = CausalDiT(**plain_fields(config.model))
     super().__init__(folder, config, encoder, self.dit.text_dim, self.vae.frames_per_latent,
-                     cmdm.frozen_shapes(self.vae), cmdm.denoiser_shapes(self.dit), raw)
+                     cache.kept_shapes("cmdm.frozen", self.vae, lambda: cmdm.frozen_shapes(self.vae)),
+                     cache.kept_shapes("cmdm.denoiser", self.dit, lambda: cmdm.denoiser_shapes(self.dit)), raw)
     self.context = config.data.max_frames // self.vae.frames_per_latent // self.dit.block * self.dit.block
     self.compiled = _compile(self.dit, self.vae)
 
   # --- motion ----------------------------------------------------------------------------------------------------
 
   def generate(self, prompts, num_frames=None, *, seconds=None, rng=None, seeds=None, polish=True, guidance_scale=None,
-               schedule="fss", num_steps=None, lag=None, solver="euler", context=None) -> Motions:
+               schedule=None, num_steps=None, lag=None, solver=None, context=None) -> Motions:
     """Motions for one prompt or several, of the given length each (one number or one per prompt).
 
     rng: a key, of which prompt i gets fold_in(rng, i), so that a motion does not depend on its batch-mates; or seeds,
     one integer per prompt. schedule: "fss" (frame-wise, `lag` steps between blocks), "ar" (block after block), "full"
-    (all at once). solver: "euler" or "heun". context: latents that a latent looks back on (the training length).
+    (all at once); by default the model's own. solver: "euler" or "heun"; of a model with a DDPM's noise "ancestral" or
+    "ddim". context: latents that a latent looks back on (the training length).
     Without a length it is that of the nearest training captions. polish plants standing feet and takes tremor away
     (`motion.polish`); features stay as they were made. Raises ValueError for an empty prompt or a length that is not
     positive or over an hour.
     """
-    prompts = [prompts] if isinstance(prompts, str) else list(prompts)
-    if not prompts:
-      raise ValueError("got no prompt")
-    self.check_words(prompts)
+    prompts = self.prompts_of(prompts)
     frames = self.frames_of(prompts, num_frames, seconds)
     keys, seeds = keys_of(rng, seeds, len(prompts))
     plan, scale, about = self.plan_of(guidance_scale, schedule, num_steps, lag, solver, context)
     # Whole blocks are independent of what follows them; a few more of them spare a compilation for every new length.
     blocks = -(-max(frames) // (plan.block * self.vae.frames_per_latent * 4)) * 4
+    plan = plan._replace(context=min(plan.context, max(self.context, blocks * plan.block)))  # no more than there is
     run = self.compiled.generate if plan.lag else self.compiled.generate_whole
     if not plan.lag:
       plan = plan._replace(context=max(plan.context, blocks * plan.block))
-    made = run(plan.fitted(blocks), blocks, self.params, self.frozen, *self.encode_words(prompts), scale, keys)
+    with timing.part("text"):
+      words = self.encode_words(prompts)
+    made = run(plan.fitted(blocks), blocks, self.params, self.frozen, *words, scale, keys)
     captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
     return make_motions(self, made, frames, captions, seeds, about, polish)
 
@@ -183,18 +189,26 @@ class Model(Prompted):
       self.frames_of([prompt], num_frames, None)
     return LiveStream(self, plan, scale, keys, prompt, num_frames)
 
-  def plan_of(self, guidance_scale=None, schedule="fss", num_steps=None, lag=None, solver="euler", context=None):
-    """(plan for motions of any length, guidance scale, what a file says of both) from choices and defaults.
+  def plan_of(self, guidance_scale=None, schedule=None, num_steps=None, lag=None, solver=None, context=None):
+    """(plan for motions of any length, guidance scale, what a file says of both) from choices and the config's own.
 
-    schedule "fss", "ar" or "full"; num_steps and lag of "fss"; solver "euler" or "heun"; context in latents.
+    schedule "fss", "ar" or "full"; num_steps and lag of "fss"; solver "euler" or "heun", or "ancestral" or "ddim" where
+    the model was trained on a DDPM's noise; context in latents.
     """
     defaults = self.config.sampler
     scale = self.scale_of(guidance_scale)
+    schedule = defaults.get("schedule", "fss") if schedule is None else schedule  # older runs do not say
     if schedule not in SCHEDULES:
       raise ValueError(f"got schedule {schedule!r}, expected one of {', '.join(SCHEDULES)}")
-    num_steps = int(defaults.num_steps if num_steps is None else num_steps)
-    lag = {"fss": int(defaults.lag if lag is None else lag), "ar": num_steps, "full": 1}[schedule]
-    context = self.context if context is None else int(context)
+    known = ddpm_forcing.SOLVERS if self.dit.predicts == "ddpm" else tuple(samplers.SOLVERS)
+    solver = solver or defaults.get("solver", known[0])
+    if solver not in known:
+      raise ValueError(f"got solver {solver!r}, this model knows {', '.join(known)}: it was trained to predict "
+                       f"{'the noise of a DDPM' if self.dit.predicts == 'ddpm' else 'a velocity'}")
+    num_steps = checked(defaults.num_steps if num_steps is None else num_steps, *STEPS, "num_steps")
+    lag = defaults.lag if lag is None else checked(lag, *STEPS, "lag")
+    lag = {"fss": int(lag), "ar": num_steps, "full": 1}[schedule]
+    context = self.context if context is None else checked(context, *CONTEXT, "context", "latents")
     plan = streaming.make_plan(num_steps, lag, self.dit.block, context, guided=scale != 1.0, solver=solver)
     if schedule == "full":
       plan = plan._replace(lag=0)
@@ -220,8 +234,11 @@ class Model(Prompted):
     return self.stats.denormalize(np.asarray(self.vae.apply(self.frozen["tokenizer"], mean, method="decode")))[0]
 
   def encode_words(self, prompts):
-    """(text_emb, text_mask) padded to the width of everyday prompts, so that none of those waits for a compiler."""
-    emb, mask = self.encoder(prompts)
-    width = -(-max(emb.shape[1], self.config.data.max_words) // 8) * 8
-    missing = width - emb.shape[1]
-    return jnp.pad(emb, ((0, 0), (0, missing), (0, 0))), jnp.pad(mask, ((0, 0), (0, missing)))
+    """(text_emb, text_mask) padded to the width of everyday prompts, so that none of those waits for a compiler.
+
+    Longer ones are padded to twice that, four times, ...: each width is compiled once.
+    """
+    everyday = -(-self.config.data.max_words // 8) * 8
+    emb, mask = self.encoder(prompts, at_least=everyday)
+    missing = max(everyday - emb.shape[1], 0)  # of a sentence, which is one row
+    return np.pad(emb, ((0, 0), (0, missing), (0, 0))), np.pad(mask, ((0, 0), (0, missing)))

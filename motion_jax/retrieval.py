@@ -1,8 +1,8 @@
 """Finds motions by words, and words by motions, with a trained teacher: `motion-jax retrieve`."""
 import dataclasses
-import functools
 import hashlib
-import os
+import io
+import json
 import pathlib
 
 import jax
@@ -10,18 +10,17 @@ import jax.numpy as jnp
 import numpy as np
 from tqdm import tqdm
 
-from motion_jax import checkpoint
+from motion_jax import cache, checkpoint
 from motion_jax import teacher as teacher_lib
 from motion_jax.data import archive, humanml3d
-from motion_jax.data.clip import Clip, atomic_path
-from motion_jax.metrics.scores import retrieval
+from motion_jax.data.clip import Clip
+from motion_jax.metrics.scores import retrieval, retrieval_by_rank
 from motion_jax.model import PRETRAINED
+from motion_jax.motion import plausibility
 from motion_jax.motion.features import to_features
 from motion_jax.motion.stats import load_stats
 from motion_jax.nets.masks import padding_mask
-from motion_jax.recipes.cmdm import word_pieces
 from motion_jax.recipes.recipe import plain
-from motion_jax.text.bert import Bert
 from motion_jax.text.encoder import load_text_encoder
 
 BATCH = 64  # motions embedded together; the last batch is filled up, so one compiled function serves all
@@ -33,25 +32,33 @@ class Retriever:
   def __init__(self, folder, config):
     self.folder, self.config = pathlib.Path(folder), config
     self.stats = load_stats(folder, config.data.layout)
-    self.teacher = teacher_lib.make_teacher(plain(config.model.to_dict()), config.data.layout)
-    self.bert = Bert(**plain(config.text.to_dict()))
-    shapes = teacher_lib.teacher_shapes(self.teacher, plain(config.text.to_dict()), config.data.layout)
+    self.space = space = teacher_lib.make_space(config)
+    # What decides the functions of a space, and so may share what was traced of them.
+    about = (space.net, plain(config.text.to_dict()), config.data.layout, config.get("loss", {}).get("text_pool"))
+    shapes = cache.kept_shapes("teacher", about, lambda: jax.eval_shape(space.init, jax.random.key(0)))
     self.params = jax.tree.map(jnp.asarray, checkpoint.load_params(folder, shapes))
-    self.encoder = load_text_encoder(config.frozen.text)  # for its tokenizer; the weights are the run's own
-    self._text = jax.jit(lambda params, ids, mask: teacher_lib.embed_text(
-        self.teacher, self.bert, params, ids, mask, config.loss.text_pool))
-    self._motion = jax.jit(functools.partial(teacher_lib.embed_motion, self.teacher))
+    # For its tokenizer: the weights are the run's own, but for a TMR, whose text transformer is frozen.
+    self.encoder = load_text_encoder(config.frozen.text)
+    if "text" not in self.params and checkpoint.load_fingerprint(folder) not in (None, self.encoder.fingerprint):
+      raise ValueError(f"{folder} was trained on another version of the text encoder {config.frozen.text!r}; give the "
+                       "one that it was trained on")
+    self._text = cache.Program("teacher.text", space.text, about=about)
+    self._motion = cache.Program("teacher.motion", space.motion, about=(space.net,))
 
   @property
   def fingerprint(self):
-    return hashlib.sha256((self.folder / checkpoint.PARAMS).read_bytes()).hexdigest()
+    """A digest of the weights and of what says how they are used."""
+    digest = hashlib.sha256()
+    for name in (checkpoint.PARAMS, checkpoint.CONFIG, "Mean.npy", "Std.npy"):
+      digest.update(hashlib.sha256((self.folder / name).read_bytes()).digest())
+    return digest.hexdigest()
 
   def embed_text(self, sentences):
-    """Unit vectors (B, E); a sentence longer than the teacher was trained on is cut."""
-    ids, text_mask = word_pieces(self.encoder, list(sentences), self.config.data.max_words)
-    made = [self._text(self.params, *_filled((ids[i:i + BATCH], text_mask[i:i + BATCH])))
-            for i in range(0, len(ids), BATCH)]
-    return np.concatenate(made)[:len(ids)]
+    """Unit vectors (B, E). Raises ValueError for an empty sentence or one longer than the teacher has positions for."""
+    sentences = list(sentences)
+    made = [self._text(self.params, *_filled(self.space.read(self.encoder, sentences[i:i + BATCH]).values()))
+            for i in range(0, len(sentences), BATCH)]
+    return np.concatenate(made)[:len(sentences)]
 
   def embed_motion(self, features, progress=False):
     """Unit vectors (B, E) of motions, a list of (T, F) features that are not normalized.
@@ -80,6 +87,7 @@ class Retriever:
     """The features (T, F) of a clip that this teacher reads."""
     if clip.features is not None and clip.features.shape[-1] == self.stats.layout.dim:
       return clip.features
+    plausibility.check(clip.joints, clip.skeleton, clip.fps, f"clip {clip.id!r}")
     return to_features(clip.joints, self.stats.layout, self.config.data.mode)
 
 
@@ -94,16 +102,22 @@ def load(name="part-tmr-small") -> Retriever:
   config = checkpoint.load_config(folder)
   if config.get("stage") != "cmdm.teacher":
     raise ValueError(f"{folder} holds a {config.get('stage')!r} run; retrieving needs the run of a cmdm.teacher")
-  return Retriever(folder, config)
+  with checkpoint.building(folder):
+    return Retriever(folder, config)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Collection:
-  """Clips that can be searched: a name, captions, a length in seconds and a unit vector for each."""
+  """Clips that can be searched: a name, captions, a length in seconds and a unit vector for each.
+
+  words: all different captions, in order; word_vectors: a unit vector for each of them.
+  """
   ids: list[str]
   captions: list[list[str]]
   seconds: np.ndarray
   vectors: np.ndarray
+  words: list[str]
+  word_vectors: np.ndarray
 
   def __len__(self):
     return len(self.ids)
@@ -113,18 +127,32 @@ class Collection:
     similarity = self.vectors @ vector
     return [(float(similarity[i]), int(i)) for i in np.argsort(-similarity, kind="stable")[:num]]
 
-  def nearest_captions(self, vector, retriever, num=5):
+  def nearest_captions(self, vector, num=5):
     """[(similarity, caption)] of all different captions, best first."""
-    captions = sorted({caption for row in self.captions for caption in row})
-    similarity = retriever.embed_text(captions) @ vector
-    return [(float(similarity[i]), captions[i]) for i in np.argsort(-similarity, kind="stable")[:num]]
+    similarity = self.word_vectors @ vector
+    return [(float(similarity[i]), self.words[i]) for i in np.argsort(-similarity, kind="stable")[:num]]
 
-  def scores(self, retriever):
+  def scores(self):
     """(number of clips, `metrics.scores.retrieval` of them) among one clip of each first caption."""
+    chosen, similarity = self._first_captions()
+    return len(chosen), retrieval(similarity)
+
+  def near_scores(self, retriever, threshold=0.95):
+    """The same by TMR's protocol in which a clip counts whose caption says nearly the same: its sentence vector has a
+    cosine over 2 * threshold - 1. None if the teacher's config names no encoder of sentences (frozen.sentence)."""
+    if not retriever.config.frozen.get("sentence"):
+      return None
+    chosen, similarity = self._first_captions()
+    encoder = load_text_encoder(retriever.config.frozen.sentence, level="sentence")
+    vectors = encoder.sentence([self.captions[i][0] for i in chosen])
+    return retrieval_by_rank(similarity, (vectors @ vectors.T > 2 * threshold - 1) | np.eye(len(chosen), dtype=bool))
+
+  def _first_captions(self):
+    """One clip of each first caption, and cosines of those captions (rows) to those clips."""
     first = {row[0]: i for i, row in reversed(list(enumerate(self.captions))) if row}
-    chosen = sorted(first.values())
-    text = retriever.embed_text([self.captions[i][0] for i in chosen])
-    return len(chosen), retrieval(text @ self.vectors[chosen].T)
+    chosen, place = sorted(first.values()), {words: i for i, words in enumerate(self.words)}
+    text = self.word_vectors[[place[self.captions[i][0]] for i in chosen]]
+    return chosen, text @ self.vectors[chosen].T
 
 
 def read_clips(folder, split=None) -> list[Clip]:
@@ -144,27 +172,55 @@ def read_clips(folder, split=None) -> list[Clip]:
 
 
 def read_collection(retriever, folder, split=None) -> Collection:
-  """The clips of a folder with their vectors, which are kept in the user's cache for the next question."""
+  """The clips of a folder with their vectors, by an index in the user's cache once it has been made.
+
+  The index belongs to what lies in the folder, to the teacher's weights and to this code: another one, or one that is
+  damaged, is made anew.
+  """
+  key = cache.key_of("index", data_fingerprint(folder), split, retriever.fingerprint)
+  kept = cache.read("indices", key, cache.user_folder())
+  if kept is not None:
+    return _from_bytes(kept)
   clips = read_clips(folder, split)
-  digest = hashlib.sha256(retriever.fingerprint.encode())
-  for clip in clips:
-    digest.update(clip.id.encode() + np.ascontiguousarray(clip.joints[::10]).tobytes())
-  cache = pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache") / "motion_jax" / "vectors"
-  path = cache / f"{digest.hexdigest()[:32]}.npy"
-  if path.is_file():
-    vectors = np.load(path, allow_pickle=False)
-  else:
-    bar = tqdm(clips, desc="features", unit="clip", leave=False, disable=None)
-    features = [retriever.features_of(clip) for clip in bar]
-    vectors = retriever.embed_motion(features, progress=True)
-    try:
-      cache.mkdir(parents=True, exist_ok=True)
-      with atomic_path(path) as temporary, open(temporary, "wb") as file:
-        np.save(file, vectors, allow_pickle=False)
-    except OSError:
-      pass  # a read-only home costs time, not the answer
-  return Collection([clip.id for clip in clips], [[caption.text for caption in clip.captions] for clip in clips],
-                    np.array([clip.seconds for clip in clips]), vectors)
+  features = [retriever.features_of(clip) for clip in tqdm(clips, desc="features", unit="clip", leave=False,
+                                                           disable=None)]
+  captions = [[caption.text for caption in clip.captions] for clip in clips]
+  words = sorted({caption for row in captions for caption in row})
+  collection = Collection([clip.id for clip in clips], captions, np.array([clip.seconds for clip in clips]),
+                          retriever.embed_motion(features, progress=True), words, retriever.embed_text(words))
+  cache.write("indices", key, _to_bytes(collection), cache.user_folder())
+  return collection
+
+
+def data_fingerprint(folder) -> str:
+  """A digest of what lies in a data folder: the bytes of an archive; else names, sizes and times of the files."""
+  folder = pathlib.Path(folder)
+  digest = hashlib.sha256()
+  if archive.is_archive(folder):
+    digest.update(folder.resolve().name.encode())  # which its clips name as their source
+    for name in ("motions.npz", "captions.jsonl"):
+      with open(folder / name, "rb") as file:
+        digest.update(hashlib.file_digest(file, "sha256").digest())
+    return digest.hexdigest()
+  for path in sorted(path for kind in ("*.txt", "*.json", "*.npy", "new_*/*.npy", "texts/*.txt")
+                     for path in folder.glob(kind)):
+    about = path.stat()
+    digest.update(f"{path.relative_to(folder)} {about.st_size} {about.st_mtime_ns}\n".encode())
+  return digest.hexdigest()
+
+
+def _to_bytes(collection):
+  arrays = {name: getattr(collection, name) for name in ("seconds", "vectors", "word_vectors")}
+  words = json.dumps({name: getattr(collection, name) for name in ("ids", "captions", "words")})
+  stream = io.BytesIO()
+  np.savez(stream, **arrays, text=np.frombuffer(words.encode(), np.uint8))
+  return stream.getvalue()
+
+
+def _from_bytes(payload):
+  with np.load(io.BytesIO(payload), allow_pickle=False) as arrays:
+    arrays = dict(arrays)
+  return Collection(**json.loads(arrays.pop("text").tobytes()), **arrays)
 
 
 def _filled(arrays):

@@ -8,6 +8,7 @@ import numpy as np
 
 from motion_jax.data.capture import resample
 from motion_jax.diffusion import streaming
+from motion_jax.motion import plausibility
 from motion_jax.motion.features import bone_lengths, to_features, to_joints
 from motion_jax.motion.polish import polish as planted
 from motion_jax.motion.retarget import retarget
@@ -60,6 +61,7 @@ def stream(model, plan, scale, prompts, frames, keys):
   blocks, totals = zip(*(borders(counts, unit) for counts in frames))
   num_blocks = -(-max(map(sum, blocks)) // _BUCKET) * _BUCKET
   segment = _segments(blocks, num_blocks)
+  plan = plan._replace(context=min(plan.context, max(model.context, num_blocks * plan.block)))
   plan = plan.fitted(num_blocks)._replace(captions=streaming.captions_seen(segment, plan.fitted(num_blocks).width))
   run = model.compiled.generate if plan.lag else model.compiled.generate_whole
   features = run(plan, num_blocks, model.params, model.frozen, *captions_of(model, prompts), scale, keys,
@@ -118,6 +120,7 @@ def on_our_body(clip, fps, skeleton):
   """
   if clip.skeleton is not skeleton:
     raise ValueError(f"clip {clip.id!r} has the skeleton {clip.skeleton.name!r}, the model moves {skeleton.name!r}")
+  plausibility.check(clip.joints, clip.skeleton, clip.fps, f"clip {clip.id!r}")
   joints = np.asarray(clip.joints, np.float64)
   if abs(clip.fps - fps) > 1e-3:
     joints = resample(joints, clip.fps, fps)

@@ -33,6 +33,11 @@ class LiveStream:
     self._bank = [prompt] * _CAPTIONS
     self._encode()
 
+  def __repr__(self):
+    said = self._bank[self._script[-1][1]]
+    return (f"LiveStream({said!r}: {self._frames} frames so far, {self.block_seconds:g} s a block, "
+            f"{self._model.folder.name})")
+
   @property
   def block_seconds(self) -> float:
     return self._plan.block * self._model.vae.frames_per_latent / self._model.fps

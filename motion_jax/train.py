@@ -1,7 +1,7 @@
 """The training loop: one pure step, pmapped over the devices, around any Stage."""
-import json
+import contextlib
 import pathlib
-import signal
+import sys
 import threading
 import time
 from typing import Any
@@ -13,7 +13,8 @@ import numpy as np
 import optax
 from tqdm import tqdm
 
-from motion_jax import checkpoint
+from motion_jax import checkpoint, stopping
+from motion_jax.input_files import read_json_lines
 from motion_jax.stage import DEVICES
 
 
@@ -141,36 +142,62 @@ def shard(batch, num_devices):
   return {k: np.reshape(v, (num_devices, size // num_devices) + np.shape(v)[1:]) for k, v in batch.items()}
 
 
-class _Interrupt:
-  """Turns the first Ctrl-C or SIGTERM into a flag, so that a run stops between two steps."""
+class _Progress:
+  """A line about a run, often at first and then once a minute: step, loss, samples a second, time left."""
 
-  def __init__(self):
-    self.raised = False
+  def __init__(self, first, num_steps, batch_size):
+    self.first, self.num_steps, self.batch_size = first, num_steps, batch_size
+    self.began = self.told = time.monotonic()
+    self.warm = None  # when the first step was done, which waits for the compiler
+    self._patience = threading.Event()
+    if first < num_steps:
+      threading.Thread(target=self._wait, daemon=True).start()
 
-  def __enter__(self):
-    self.before = {}
-    if threading.current_thread() is threading.main_thread():
-      for number in (signal.SIGINT, signal.SIGTERM):
-        self.before[number] = signal.signal(number, self._note)
-    return self
+  def _wait(self, every=5):
+    """Says every few seconds that the first step is being compiled, until it is done."""
+    while not self._patience.wait(every):
+      print(f"step {self.first} of {self.num_steps}: compiling the first step, "
+            f"{time.monotonic() - self.began:.0f} s so far", flush=True)
 
-  def _note(self, number, frame):
-    self.raised = True
-    signal.signal(number, self.before[number])  # a second one ends the program at once
+  def close(self):
+    self._patience.set()
 
-  def __exit__(self, *_):
-    for number, handler in self.before.items():
-      signal.signal(number, handler)
+  def line(self, step, metrics) -> str | None:
+    """What to say after this step, or None where something was said just now."""
+    now, done = time.monotonic(), step - self.first
+    often = 5 if now - self.began < 60 else 60
+    if done > 2 and now - self.told < often and step < self.num_steps:
+      return None
+    said = f"step {step} of {self.num_steps}: loss {float(metrics['loss']):.4g}"  # waits until the step is done
+    now = self.told = time.monotonic()
+    if self.warm is None:
+      self.close()
+      self.warm = now
+      return f"{said}, the first step took {now - self.began:.0f} s, most of it for the compiler"
+    rate = (done - 1) / max(now - self.warm, 1e-6)
+    return f"{said}, {rate * self.batch_size:.1f} samples/s, {duration((self.num_steps - step) / rate)} left"
 
 
-def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluate=None, max_seconds=None):
+def duration(seconds) -> str:
+  """12 s, 3 min, 2 h 05 min."""
+  minutes = round(seconds / 60)
+  if seconds < 90:
+    return f"{seconds:.0f} s"
+  return f"{minutes} min" if minutes < 60 else f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluate=None, max_seconds=None,
+          stop=None):
   """Trains a stage in a run folder; returns the last TrainState.
 
   next_batch(step) -> dict of arrays with "index" (B,), a pure function of the step. frozen: arrays that the loss reads
   and nobody changes. evaluate(params) -> dict of numbers, called on the averaged parameters at every save. The folder
   gets checkpoints/, params.safetensors (averaged if there is an average), metrics.jsonl and loss.png. max_seconds ends
-  a slice of a long run early; --resume goes on exactly where it ended. config.train.best, such as "min held_out_loss"
-  or "max r1", keeps in params.safetensors those for which that number of `evaluate` was best, not the last ones.
+  a slice of a long run early; --resume goes on exactly where it ended; a signal does so, too, which
+  stop (a `stopping.Stop`) then tells. config.train.best, such as "min held_out_loss"
+  or "max r1", keeps in params.safetensors those for which that number of `evaluate` was best at a save, the later one
+  of equals; the last ones are in last.safetensors then. "min held_out_fid|held_out_mm" takes the first number that
+  `evaluate` gives. A slice that ends between two saves chooses nothing, so that slices make no difference.
   """
   workdir = pathlib.Path(workdir)
   devices = jax.local_device_count()
@@ -178,7 +205,8 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
   tx = make_optimizer(optimizer, num_steps)
   rng = jax.random.key(config.seed)
   init_rng = jax.random.fold_in(rng, 2**31 - 1)  # no step folds in this number
-  state = jax.jit(lambda batch, key: init_state(stage, tx, batch, key))(next_batch(0), init_rng)
+  example = next_batch(0)
+  state = jax.jit(lambda batch, key: init_state(stage, tx, batch, key))(example, init_rng)
   # Placed as the step places it, so that the step is compiled once and not again for its own output.
   place = jax.pmap(lambda state, _: state, DEVICES, in_axes=(None, 0), out_axes=None)
   state = place(state, np.zeros(devices))
@@ -221,15 +249,22 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
       numbers.update(evaluate(params))
       checkpoint.append_metrics(workdir, {"step": step, **numbers})
     saver.save(step, state)
-    if _is_best(config, workdir, step):
+    if config.train.get("best"):
+      checkpoint.save_params(workdir, params, name=checkpoint.LAST)
+    if _is_best(config, workdir, step) or not (workdir / checkpoint.PARAMS).is_file():  # something is there at any time
       keep(state)
 
-  with _Interrupt() as interrupt, tqdm(total=num_steps, initial=first, unit="step", dynamic_ncols=True) as bar:
+  progress = _Progress(first, num_steps, len(example["index"]))
+  bar = tqdm(total=num_steps, initial=first, unit="step", dynamic_ncols=True, disable=None)
+  with contextlib.closing(progress), (stop or stopping.Stop()) as interrupt, bar:
     step = first
     while step < num_steps:
       state, metrics = train_step(state, frozen, shard(next_batch(step), devices), rng)
       step += 1
       logged.append(metrics)
+      if line := progress.line(step, metrics):
+        tqdm.write(line)
+        sys.stdout.flush()
       if step % config.train.log_every == 0 or step == num_steps:
         check_finite(step)
         means = {k: float(np.mean([float(m[k]) for m in logged])) for k in logged[0]}
@@ -253,14 +288,18 @@ def _is_best(config, workdir, step):
   """Whether the parameters of this step are those to keep, by the number that config.train.best names, if any."""
   if not config.train.get("best"):
     return True
-  way, name = config.train.best.split()
-  found = {row["step"]: row[name] for row in read_metrics(workdir) if name in row and row["step"] <= step}
-  if step not in found:
-    raise ValueError(f"config.train.best names {name!r}, which the evaluation at step {step} did not give")
-  return found[step] == {"min": min, "max": max}[way](found.values())
+  way, _, names = config.train.best.partition(" ")
+  rows = [row for row in read_metrics(workdir) if row["step"] <= step]
+  given = [name for name in names.split("|") if any(name in row for row in rows if row["step"] == step)]
+  if not given:
+    raise ValueError(f"config.train.best names {names!r}, which the evaluation at step {step} did not give")
+  every = {row["step"]: row[given[0]] for row in rows if given[0] in row}
+  saves = {at: value for at, value in every.items()
+           if at % config.train.save_every == 0 or at == config.train.num_steps}
+  return step in saves and saves[step] == {"min": min, "max": max}[way](saves.values())
 
 
 def read_metrics(workdir):
   """The rows of metrics.jsonl, as dicts."""
   path = pathlib.Path(workdir) / "metrics.jsonl"
-  return [json.loads(line) for line in path.read_text().splitlines()] if path.is_file() else []
+  return [row for _, row in read_json_lines(path)] if path.is_file() else []

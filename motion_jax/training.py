@@ -6,38 +6,44 @@ import flax
 import jax
 import numpy as np
 
-from motion_jax import checkpoint, train
+from motion_jax import checkpoint, lock, train
+from motion_jax.data import sources
 from motion_jax.motion import stats as stats_lib
+from motion_jax.nearest import did_you_mean
 from motion_jax.recipes import cdamd, cmdm, evaluators
 from motion_jax.recipes.recipe import plain
 
 RECIPES = {**cmdm.RECIPES, **cdamd.RECIPES, **evaluators.RECIPES}
 
 
-def run(config, workdir, resume=False, max_seconds=None):
+def run(config, workdir, resume=False, max_seconds=None, stop=None):
   """Trains the stage that config.stage names in the folder workdir. Raises ValueError for a config that cannot run."""
   if config.stage not in RECIPES:
-    raise ValueError(f"got stage {config.stage!r}, expected one of {', '.join(RECIPES)}")
+    raise ValueError(f"got stage {config.stage!r}, expected one of {', '.join(RECIPES)}"
+                     f"{did_you_mean(config.stage, RECIPES)}")
   workdir = pathlib.Path(workdir)
+  told = sources.recognize(config)
   print(f"{config.stage} in {workdir} on {jax.local_device_count()} {jax.default_backend()} device(s)\n{config}")
+  print(told or "data: being read", flush=True)
   if resume and (workdir / checkpoint.CONFIG).is_file():
     _check_same_run(config, checkpoint.load_config(workdir))
   stage, next_batch, frozen, evaluate, stats, files = RECIPES[config.stage](config)
   if config.train.get("start"):
     stage = _started_from(stage, config.train.start)
   workdir.mkdir(parents=True, exist_ok=True)
-  if not resume and not checkpoint.is_fresh(workdir):
-    raise ValueError(f"{workdir} holds a run already; --resume continues it, or choose another folder")
-  if resume and not checkpoint.is_fresh(workdir):
-    frozen = _as_before(workdir, stats, frozen, files)
-  checkpoint.save_config(workdir, config)
-  stats_lib.save_stats(stats, workdir)
-  if frozen:  # a run folder is all that loading needs
-    checkpoint.save_params(workdir, frozen, name=checkpoint.FROZEN)
-  for name, text in files.items():
-    checkpoint.save_text(workdir, name, text)
-  state = train.train(config, workdir, stage, next_batch, frozen, resume, evaluate, max_seconds)
-  print(f"wrote {workdir}/params.safetensors, metrics.jsonl, loss.png at step {int(state.step)}")
+  with lock.locked(workdir):
+    if not resume and not checkpoint.is_fresh(workdir):
+      raise ValueError(f"{workdir} holds a run already; --resume continues it, or choose another folder")
+    if resume and not checkpoint.is_fresh(workdir):
+      frozen = _as_before(workdir, stats, frozen, files)
+    checkpoint.save_config(workdir, config)
+    stats_lib.save_stats(stats, workdir)
+    if frozen:  # a run folder is all that loading needs
+      checkpoint.save_params(workdir, frozen, name=checkpoint.FROZEN)
+    for name, text in files.items():
+      checkpoint.save_text(workdir, name, text)
+    state = train.train(config, workdir, stage, next_batch, frozen, resume, evaluate, max_seconds, stop)
+    print(f"wrote {workdir}/params.safetensors, metrics.jsonl, loss.png at step {int(state.step)}")
   return state
 
 
@@ -79,7 +85,7 @@ def _as_before(workdir, stats, frozen, files):
   if not frozen:
     return frozen
   own = checkpoint.load_params(workdir, frozen, name=checkpoint.FROZEN)
-  for part in ("tokenizer", "teacher"):
+  for part in ("tokenizer", "teacher", "teacher_view"):
     same = jax.tree.map(lambda a, b: np.allclose(a, b, rtol=1e-5, atol=1e-6), own.get(part), frozen.get(part))
     if not all(jax.tree.leaves(same)):
       raise ValueError(f"--resume with another {part} than {workdir} began with; its features mean something else, "

@@ -5,6 +5,7 @@ import importlib.util
 import os
 import pathlib
 import shutil
+import signal
 import tempfile
 
 import pytest
@@ -23,9 +24,30 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
 
 import jax
 
-from motion_jax import training
+from motion_jax import cache, training
 
 ROOT = pathlib.Path(__file__).parents[1]
+
+
+def pytest_addoption(parser):
+  parser.addoption("--torch", action="store_true",
+                   help="run the tests that need torch and transformers, and no others; without this option they are "
+                   "skipped where these are not installed")
+
+
+def pytest_collection_modifyitems(config, items):
+  """Tests marked `torch` need the extra `convert`: skipped without it, and alone in the run that is about them."""
+  absent = [name for name in ("torch", "transformers") if importlib.util.find_spec(name) is None]
+  wanted = config.getoption("--torch")
+  if wanted and absent:
+    raise pytest.UsageError(f"--torch, but {' and '.join(absent)} not installed: pip install 'motion-jax[convert]'")
+  if wanted:
+    config.hook.pytest_deselected(items=[item for item in items if not item.get_closest_marker("torch")])
+    items[:] = [item for item in items if item.get_closest_marker("torch")]
+  elif absent:
+    for item in items:
+      if item.get_closest_marker("torch"):
+        item.add_marker(pytest.mark.skip(reason="needs torch and transformers; .ci/run runs it where they are"))
 
 
 def load_config(name, size):
@@ -40,6 +62,24 @@ def devices_env(count):
   """Environment of a process that sees `count` CPU devices, and imports from this checkout."""
   flags = f"{os.environ['XLA_FLAGS']} --xla_force_host_platform_device_count={count}"
   return os.environ | {"XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu", "PYTHONPATH": str(ROOT)}
+
+
+@pytest.fixture(autouse=True)
+def no_cache_folder(monkeypatch):
+  """What a test of the command line keeps on disk ends with it."""
+  monkeypatch.setattr(cache, "_folder", None)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def signals_are_heard():
+  """A shell's background job ignores Ctrl-C, one of nohup hangups, and so would the programs that tests start."""
+  ignored = {number for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+             if signal.getsignal(number) == signal.SIG_IGN}
+  for number in ignored:
+    signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
+  yield
+  for number in ignored:
+    signal.signal(number, signal.SIG_IGN)
 
 
 @pytest.fixture(autouse=True, scope="module")

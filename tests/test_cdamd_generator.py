@@ -72,7 +72,8 @@ def run_train_step(fixture, dtype):
   real = padding_mask(given["lengths"], given["latents"].shape[1])
   z1 = jnp.where(real[..., None], given["latents"], 0)
   masked = np.asarray(masking.choose_masked(given["time_u"], given["order_u"], real))
-  places = np.broadcast_to(masked, (LOSS["copies"],) + masked.shape)
+  copies = len(fixture["in/diffusion_t"]) // masked.sum()
+  places = np.broadcast_to(masked, (copies,) + masked.shape)
   t, noise = np.zeros(places.shape, dtype), np.zeros(places.shape + z1.shape[2:], dtype)
   t[places], noise[places] = fixture["in/diffusion_t"], fixture["in/diffusion_noise"]
   draws = draws_lib.Draws(given["time_u"], given["text_u"], jnp.ones(len(real)), given["order_u"], given["noise_u"],

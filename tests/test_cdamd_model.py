@@ -111,7 +111,7 @@ def test_the_command_line(run, clip, tmp_path, monkeypatch, capsys):
   assert "'stories'" in capsys.readouterr().err and not (tmp_path / "no.npz").exists()
 
 
-def test_a_model_may_read_words_behind_the_sentence(run, tmp_path):
+def test_a_model_may_read_words_behind_the_sentence(run, clip, tmp_path):
   """The transformer is the same; a run that was trained on words says so in its config."""
   for name in ("params.safetensors", "frozen.safetensors", "Mean.npy", "Std.npy"):
     shutil.copy(run / name, tmp_path / name)
@@ -122,9 +122,14 @@ def test_a_model_may_read_words_behind_the_sentence(run, tmp_path):
   draw = np.random.default_rng(0)  # two steps leave the gates at 0, behind which words do nothing
   loaded.params = jax.tree.map(lambda a: a + 0.1 * draw.standard_normal(a.shape, np.float32), loaded.params)
   text_emb, text_mask = loaded.encode_words(["a person runs", "runs"])
-  assert text_emb.shape == (2, 65, 32) and text_mask.sum(1).tolist()[0] > text_mask.sum(1).tolist()[1] > 2
+  assert text_emb.shape == (2, 78, 32) and text_mask.sum(1).tolist()[0] > text_mask.sum(1).tolist()[1] > 2
   one, other = (loaded.generate(prompt, 40, seeds=[1])[0].joints for prompt in ("a person runs", "a person jumps"))
   assert np.isfinite(one).all() and np.abs(one - other).max() > 1e-5
+  long = ", ".join(["someone walks forward and then turns left"] * 12)  # more than everyday captions are padded to
+  assert loaded.encode_words([long])[0].shape == (1, 155, 32)
+  both = loaded.edits([clip, clip], [long, "a person runs"], "prefix", seeds=[1, 1])
+  alone = loaded.edit(clip, long, "prefix", seed=1)
+  assert np.abs(both[0].joints - alone.joints).max() < 1e-4 and np.abs(both[0].joints - both[1].joints).max() > 1e-5
 
 
 def test_clips_are_edited_together_as_they_are_alone(model):

@@ -3,8 +3,10 @@ import numpy as np
 import pytest
 
 from motion_jax import cli
+from motion_jax.cli import make
 from motion_jax.data.synthetic import synthetic_clips
 from motion_jax.export import bvh
+from motion_jax.model import Model
 
 
 @pytest.fixture()
@@ -12,7 +14,10 @@ def generate(tiny_run, tmp_path, monkeypatch):
   monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
 
   def run(*arguments):
-    return cli.main(["generate", *map(str, arguments), "--model", str(tiny_run)])
+    try:
+      return cli.main(["generate", *map(str, arguments), "--model", str(tiny_run)])
+    except SystemExit as stopped:  # arguments that are none
+      return stopped.code
 
   return run
 
@@ -39,6 +44,43 @@ def test_num_gives_seeds_in_turn(generate, tmp_path):
   assert np.allclose(np.load(tmp_path / "m_1.npy"), np.load(tmp_path / "alone.npy"), atol=1e-5)
 
 
+def test_bvh_in_the_unit_that_is_asked(tmp_path):
+  clip = synthetic_clips(num=1, num_frames=12)[0]
+  bvh(clip, tmp_path / "clip.bvh")
+  for unit, hip_to_knee in (("cm", 37.0), ("m", 0.37)):
+    assert cli.main(["render", str(tmp_path / "clip.bvh"), "--out", str(tmp_path / f"{unit}.bvh"),
+                     "--bvh-unit", unit]) == 0
+    lines = (tmp_path / f"{unit}.bvh").read_text().splitlines()
+    knee = next(i for i, line in enumerate(lines) if line.strip() == "JOINT left_knee")
+    length = np.linalg.norm([float(number) for number in lines[knee + 2].split()[1:]])
+    assert length == pytest.approx(hip_to_knee, rel=0.1)
+    assert cli.main(["render", str(tmp_path / f"{unit}.bvh"), "--out", str(tmp_path / f"{unit}.npy")]) == 0
+    assert np.abs(np.load(tmp_path / f"{unit}.npy") - clip.joints).max() < 2e-3, "metres again, read from either"
+
+
+def test_many_motions_are_made_in_pieces(generate, tmp_path, monkeypatch):
+  generate("a person waves", "--frames", 20, "--num", 3, "--out", tmp_path / "whole.npy")
+  monkeypatch.setattr(make, "_AT_ONCE", 40)
+  seen, one_batch = [], Model.generate
+  monkeypatch.setattr(Model, "generate", lambda self, prompts, *args, **options: seen.append(len(prompts)) or one_batch(
+      self, prompts, *args, **options))
+  generate("a person waves", "--frames", 20, "--num", 3, "--out", tmp_path / "parts.npy")
+  assert seen == [2, 1]
+  for i in range(3):
+    assert np.allclose(np.load(tmp_path / f"parts_{i}.npy"), np.load(tmp_path / f"whole_{i}.npy"), atol=1e-5)
+
+
+def test_more_than_one_run_holds_is_refused(generate, tmp_path, capsys):
+  assert generate("a person waves", "--seconds", 3600, "--num", 6, "--out", tmp_path / "a.npz") == 1
+  assert "6 motion(s) of 6 hours together, expected at most 5.6 in one run" in capsys.readouterr().err
+  (tmp_path / "p.txt").write_text("walks\nruns\n" * 10)
+  assert generate(tmp_path / "p.txt", "--num", 10_000, "--out", tmp_path / "a.npz") == 1
+  assert "20 prompts with --num 10,000, 200,000 motions; expected at most 10,000" in capsys.readouterr().err
+  (tmp_path / "p.txt").write_text("walks\n" * 10_001)
+  assert generate(tmp_path / "p.txt", "--out", tmp_path / "a.npz") == 1
+  assert "10,001 prompts, expected 1 to 10,000" in capsys.readouterr().err
+
+
 def test_prompt_files(generate, tmp_path):
   (tmp_path / "p.csv").write_text('prompt,length\n"a person walks, then runs",24\na person waves,\n')
   assert cli.read_prompts(str(tmp_path / "p.csv")) == [("a person walks, then runs", 24), ("a person waves", None)]
@@ -49,17 +91,21 @@ def test_prompt_files(generate, tmp_path):
 
 @pytest.mark.parametrize("arguments, words", [
     (["", "--frames", "20"], "say what the person does"),
-    (["a person walks", "--frames", "0"], "length of 0"),
-    (["a person walks", "--seconds", "-3"], "length of -60"),
+    (["a person walks", "--frames", "0"], "--frames: got '0', expected a whole number from 1 to 72,000"),
+    (["a person walks", "--frames", "2"], "length of 2"),
+    (["a person walks", "--seconds", "-3"], "--seconds: got '-3', expected a number of seconds over 0, up to 3,600"),
     (["a person walks", "--seconds", "1e9"], "expected"),
-    (["a person walks", "--num", "0"], "--num 0"),
+    (["a person walks", "--num", "0"], "--num: got '0'"),
+    (["a person walks", "--num", "1000000000"], "--num: got '1000000000', expected a whole number from 1 to 10,000"),
+    (["a person walks", "--context", "100000000000000000000"], "expected a whole number from 1 to 18,000"),
+    (["a person walks", "--steps", "4294967295"], "expected a whole number from 1 to 1,000"),
     (["a person walks", "--out", "walk.docx"], "docx"),
     (["a person walks", "--out", "walk"], "walk"),
     (["missing.csv"], "no prompt file"),
 ])
 def test_errors_are_one_line_and_leave_nothing(generate, tmp_path, monkeypatch, capsys, arguments, words):
   monkeypatch.chdir(tmp_path)
-  assert generate(*arguments) == 1
+  assert generate(*arguments) in (1, 2)
   said = capsys.readouterr().err.strip()
   assert words in said and len(said.splitlines()) == 1
   assert [path.name for path in tmp_path.iterdir() if path.name != "cache"] == []
@@ -104,3 +150,21 @@ def test_data_build_and_doctor(tmp_path, capsys):
   assert cli.main(["data", "doctor", str(out)]) == 1
   assert "NaN" in capsys.readouterr().out
   assert cli.main(["data", "build", str(source), str(out), "--captions", str(tmp_path / "captions.csv")]) == 1
+
+
+@pytest.mark.parametrize("error, told", [
+    (ValueError("a sentence of ours"), "a sentence of ours"), (OSError("no place"), "no place"),
+    (MemoryError("Unable to allocate"), "more memory than there is"),
+    (RuntimeError("RESOURCE_EXHAUSTED: Out of memory"), "more memory than there is")])
+def test_what_the_user_can_mend_is_one_line(monkeypatch, capsys, error, told):
+  monkeypatch.setattr("motion_jax.export.load", lambda *_, **__: (_ for _ in ()).throw(error))
+  assert cli.main(["render", "a.npy", "--out", "a.npz"]) == 1
+  said = capsys.readouterr().err
+  assert told in said and len(said.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize("error", [KeyError("x"), TypeError("x"), RuntimeError("x"), ZeroDivisionError()])
+def test_what_is_the_programs_fault_keeps_its_traceback(monkeypatch, error):
+  monkeypatch.setattr("motion_jax.export.load", lambda *_, **__: (_ for _ in ()).throw(error))
+  with pytest.raises(type(error)):
+    cli.main(["render", "a.npy", "--out", "a.npz"])

@@ -93,10 +93,13 @@ def test_attention_in_one_matrix_is_taken_apart():
 # --- run folders out of released checkpoints ---------------------------------------------------------------------
 
 
+KINDS = ["safetensors", pytest.param("torch", marks=pytest.mark.torch)]
+
+
 def save_nested(path, content, kind):
   """A checkpoint {entry: state dict or value}, by torch, or as safetensors with the tensors alone."""
   if kind == "torch":
-    torch = pytest.importorskip("torch")
+    import torch
     turn = lambda value: ({name: turn(inner) for name, inner in value.items()} if isinstance(value, dict) else
                           torch.from_numpy(np.array(value)) if isinstance(value, np.ndarray) else value)
     torch.save(turn(content), path.with_suffix(".tar"))
@@ -113,7 +116,7 @@ def save_nested(path, content, kind):
 
 def training_state(state):
   """What torch's optimizer and scheduler of the released script put into a checkpoint, after a step."""
-  torch = pytest.importorskip("torch")
+  import torch
   params = [torch.nn.Parameter(torch.from_numpy(np.array(array))) for array in state.values()]
   optimizer = torch.optim.AdamW(params, betas=(0.9, 0.99), lr=2e-4, weight_decay=1e-5)
   scheduler = torch.optim.lr_scheduler.MultiStepLR(optimizer, milestones=[50_000], gamma=0.1)
@@ -166,7 +169,7 @@ def run(*arguments, **flags):
   return cli.main(["convert", *map(str, arguments), *(str(part) for flag in flags.items() for part in flag)])
 
 
-@pytest.mark.parametrize("kind", ["safetensors", "torch"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_released_weights_make_the_recorded_motion(tmp_path, monkeypatch, capsys, kind):
   """The whole way of a user: two files by the command line to a folder, the folder to motion."""
   fixture, flags = cmdm_files(tmp_path, kind)
@@ -235,7 +238,6 @@ WRONG = [
     (lambda vae, dit: dit.clear(), {}, "holds no tensor"),
     (None, {"--heads": 5}, "5 heads for width 32"),
     (None, {"--heads": None}, "--heads"),
-    (None, {"--block": 0}, "--block 0"),
     (None, {"--tokenizer": "--denoiser"}, "expected ae"),
     (None, {"--denoiser": "--tokenizer"}, "expected ema_model"),
     (None, {"--denoiser": "nothing.tar"}, "no checkpoint"),
@@ -252,6 +254,16 @@ def test_a_wrong_file_or_flag_is_one_line_and_leaves_nothing(tmp_path, capsys, c
   assert run("cmdm", "--out", tmp_path / "run", **{f: value for f, value in flags.items() if value is not None}) == 1
   told = capsys.readouterr().err.splitlines()
   assert len(told) == 1 and words in told[0], told
+  assert set(tmp_path.iterdir()) == before
+
+
+def test_a_number_out_of_bounds_is_one_line_and_leaves_nothing(tmp_path, capsys):
+  _, flags = cmdm_files(tmp_path, "safetensors")
+  before = set(tmp_path.iterdir())
+  with pytest.raises(SystemExit) as ended:
+    run("cmdm", "--out", tmp_path / "run", **flags | {"--block": 0})
+  told = capsys.readouterr().err.splitlines()
+  assert ended.value.code == 2 and len(told) == 1 and "--block: got '0', expected a whole number from 1" in told[0]
   assert set(tmp_path.iterdir()) == before
 
 
@@ -276,8 +288,9 @@ class Foreign:
     return eval, ("open('ran', 'w').close()",)
 
 
+@pytest.mark.torch
 def test_a_checkpoint_with_code_is_refused_and_not_run(tmp_path, monkeypatch):
-  torch = pytest.importorskip("torch")
+  import torch
   monkeypatch.chdir(tmp_path)
   torch.save({"ae": {"weight": torch.ones(2)}, "args": Foreign()}, "code.tar")
   with pytest.raises(ValueError, match="code.tar holds a .*eval.*refused"):
@@ -295,12 +308,13 @@ def test_a_checkpoint_with_code_is_refused_and_not_run(tmp_path, monkeypatch):
   assert plain == {"ep"} and loaded["ae/weight"].dtype == np.float32
 
 
-def test_the_teacher(tmp_path):
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_teacher(tmp_path, kind):
   """A run folder of it is what `config.frozen.teacher` and `retrieve` read."""
   fixture = Fixture(fixtures.path("cmdm/part_tmr.npz"))
   sizes = fixture.config
   tables = {name: np.ones((5, 1, sizes["width"]), np.float32) for name in fixture.meta["skipped_state"]}
-  path = save_nested(tmp_path / "best_model", fixture.params | tables, "safetensors")
+  path = save_nested(tmp_path / "best_model", fixture.params | tables, kind)
   stats = stats_folder(tmp_path / "stats", np.zeros(263), np.ones(263))
   with pytest.raises(ValueError, match="give the folder that it started from with --text"):
     released.write_teacher(tmp_path / "run", path, stats)
@@ -312,7 +326,7 @@ def test_the_teacher(tmp_path):
   text = text_folder(tmp_path / "text", 20, heads=4)
   state = {name: a for name, a in state.items() if not name.startswith("text_encoder")} | {
       f"text_encoder.text_model.{name}": a for name, a in load_file(text / "model.safetensors").items()}
-  path = save_nested(tmp_path / "teacher", state, "safetensors")
+  path = save_nested(tmp_path / "teacher", state, kind)
   assert run("teacher", path, "--stats", stats, "--text", text, "--out", tmp_path / "run") == 0
   config = checkpoint.load_config(tmp_path / "run")
   module = make_teacher(config.model.to_dict(), config.data.layout)
@@ -323,7 +337,8 @@ def test_the_teacher(tmp_path):
   assert config.stage == "cmdm.teacher" and config.text.num_heads == 4 and params["text"]["words"]["embedding"].any()
 
 
-def test_the_evaluators(tmp_path):
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_evaluators(tmp_path, kind):
   fixture = Fixture(fixtures.path("cmdm/evaluators_67.npz"))
   parts = {part: {name[len(part) + 1:]: a for name, a in fixture.params.items() if name.startswith(f"{part}/")}
            for part in ("movement_encoder", "motion_encoder", "text_encoder", "contrast_model")}
@@ -336,7 +351,7 @@ def test_the_evaluators(tmp_path):
   np.save(folder / "eval_std.npy", np.ones(263, np.float32))
   motion, frames = jnp.asarray(fixture["in/motions"]), jnp.asarray(fixture["in/m_lens"])
   for name, content, heads, out in (("t2m", parts, [], "motion"), ("clip", clip, ["--heads", 4], "clip_motion")):
-    path = save_nested(tmp_path / name, content, "safetensors")
+    path = save_nested(tmp_path / name, content, kind)
     assert run("evaluator", path, "--stats", folder, "--out", tmp_path / f"{name}_run", *heads) == 0
     evaluator = load_evaluator(tmp_path / f"{name}_run")
     assert evaluator.layout.dim == 67 and (evaluator.stats.std == 2).all()
@@ -349,7 +364,7 @@ def test_the_evaluators(tmp_path):
   width = fixture.params["text_encoder/pos_emb.weight"].shape[0]
   given = lambda size: np.savez(tmp_path / "our_vab.npz", words=["sos", "eos", "unk", "walk"],
                                 vectors=np.ones((4, size), np.float32))
-  command = ["evaluator", tmp_path / "t2m.safetensors", "--stats", folder, "--out", tmp_path / "whole"]
+  command = ["evaluator", path.with_stem("t2m"), "--stats", folder, "--out", tmp_path / "whole"]
   given(width + 1)
   assert run(*command, "--glove", tmp_path) != 0 and run(*command, "--text", "fresh") != 0
   given(width)

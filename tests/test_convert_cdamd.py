@@ -16,7 +16,7 @@ from tests import fixtures
 from tests.conftest import load_config
 from tests.golden import Fixture
 from tests.test_cdamd_generator import coordinates, recorded_draw
-from tests.test_convert import run, save_nested, text_folder, training_state
+from tests.test_convert import KINDS, run, save_nested, text_folder, training_state
 
 
 def recorded(name):
@@ -101,7 +101,7 @@ def assert_same(made, motion, fixture, stats, bound):
     assert difference < bound
 
 
-@pytest.mark.parametrize("kind", ["safetensors", "torch"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_released_cdamd_makes_the_recorded_motion(tmp_path, monkeypatch, capsys, kind):
   """The whole way of a user: four files by the command line to a folder, the folder to motion."""
   fixture, flags = files(tmp_path, kind)

@@ -1,5 +1,4 @@
 """The released names at the released sizes: every parameter is counted, and the whole generates."""
-import importlib.util
 import re
 
 import numpy as np
@@ -9,7 +8,7 @@ from motion_jax import released
 from motion_jax.model import load
 from tests import fixtures
 from tests.golden import Fixture
-from tests.test_convert import save_nested, stats_folder, text_folder
+from tests.test_convert import KINDS, save_nested, stats_folder, text_folder
 
 LAYER = re.compile(r"(blocks|layers|layer)\.(\d+)\.")
 
@@ -28,13 +27,9 @@ def enlarged(state, sizes, depth=1):
   return made
 
 
-def kind_here():
-  return "torch" if importlib.util.find_spec("torch") else "safetensors"
-
-
 @pytest.mark.slow
-def test_full_size(tmp_path):
-  kind = kind_here()
+@pytest.mark.parametrize("kind", KINDS)
+def test_full_size(tmp_path, kind):
   fixture = Fixture(fixtures.path("cmdm/full_generate.npz"))
   vae, dit = ({name[4:]: a for name, a in fixture.params.items() if name.startswith(f"{part}/")}
               for part in ("vae", "dit"))
@@ -52,7 +47,8 @@ def test_full_size(tmp_path):
 
 
 @pytest.mark.slow
-def test_full_size_teacher(tmp_path):
+@pytest.mark.parametrize("kind", KINDS)
+def test_full_size_teacher(tmp_path, kind):
   fixture = Fixture(fixtures.path("cmdm/part_tmr.npz"))
   prefix = "text_encoder.text_model."
   motion = {name: a for name, a in fixture.params.items() if not name.startswith(prefix)}
@@ -62,7 +58,7 @@ def test_full_size_teacher(tmp_path):
       f"{embed}word_embeddings.weight": np.zeros((30522, 768), np.float32),
       f"{embed}position_embeddings.weight": np.zeros((512, 768), np.float32)}
   motion = enlarged(motion, {24: 512, 40: 1024, 16: 256, 72: 1536, 20: 768}, depth=4)
-  path = save_nested(tmp_path / "best_model", motion | text, kind_here())
+  path = save_nested(tmp_path / "best_model", motion | text, kind)
   stats = stats_folder(tmp_path / "stats", np.zeros(263), np.ones(263))
   made = released.write_teacher(tmp_path / "teacher", path, stats)[0]
   assert made.num_params == 117_443_585  # facts: cmdm 3.2, DistilBERT and temperature included

@@ -8,7 +8,7 @@ import pytest
 
 from motion_jax import cmdm
 from motion_jax.convert import causal_dit_names, from_torch
-from motion_jax.data.humanml3d import windows
+from motion_jax.data.batches import Windows
 from motion_jax.diffusion.schedules import staircase, staircase_levels
 from motion_jax.motion import features as features_lib
 from motion_jax.nets.causal_dit import CausalDiT
@@ -48,8 +48,9 @@ def run_full_generate(fixture, dtype):
 @golden.golden("joints")
 def run_joints(fixture, dtype):
   features = jnp.asarray(fixture["in/features"], dtype)
-  heading, path = features_lib.root_path(features)
-  return {"joints": features_lib.to_joints(features), "root": path, "root_quaternion": heading}
+  layout = features_lib.layout_for(features.shape[-1])  # 263 columns, or the first 67 of them; KIT's 251, 64
+  heading, path = features_lib.root_path(features, layout)
+  return {"joints": features_lib.to_joints(features, layout), "root": path, "root_quaternion": heading}
 
 
 # The README's absolute bounds by block, in metres and, for KIT, in millimetres.
@@ -81,10 +82,13 @@ def run_features(fixture, dtype):
 
 @golden.golden("windows", bounds={"": (0, 0)})
 def run_windows(fixture, dtype):
-  """Clip k holds rows numbered 1000 k + row."""
-  rows = fixture["out/rows"]  # all windows have one length
-  found = windows(fixture["in/lengths"], rows[0])
-  return {"first": 1000 * found[:, 0] + found[:, 1], "rows": np.full(len(found), rows[0])}
+  """Clip k holds rows numbered 1000 k + row; what comes back is read off the batches that training gets."""
+  clips = [1000 * k + np.arange(length)[:, None] for k, length in enumerate(fixture["in/lengths"])]
+  windows = Windows(clips, fixture.meta["arguments"]["window_size"], stride=1, released=True)
+  size = len(windows)
+  rows = windows.batch(size, 0, 0)["features"][..., 0]
+  assert (np.diff(rows, axis=1) == 1).all() and sorted(rows[:, 0]) == sorted(windows.starts @ [1000, 1])
+  return {"first": windows.starts @ [1000, 1], "rows": np.full(size, rows.shape[1])}
 
 
 @golden.golden("bert")
@@ -105,6 +109,37 @@ def test_every_recording_here_has_a_runner_of_its_own(capsys):
   assert not capsys.readouterr().err  # every module could be imported
   files = [path for part in ("cmdm", "text", "cdamd", "motion") for path in fixtures.path(part).glob("*.npz")]
   assert len(files) > 20 and not [path.stem for path in files if path.stem not in golden.RUNNERS]
+
+
+def altered(name, path, change):
+  """A copy of a recording, change(arrays, meta) applied."""
+  fixture = golden.Fixture(fixtures.path(name))
+  change(fixture.arrays, fixture.meta)
+  np.savez(path, meta=np.array(json.dumps(fixture.meta)), **fixture.arrays)
+  return golden.check(path).failures
+
+
+def test_joints_of_the_first_67_columns_are_those_of_all(tmp_path):
+  def first(arrays, meta):
+    arrays["in/features"] = arrays["in/features"][..., :67]
+
+  assert not altered("motion/joints.npz", tmp_path / "joints.npz", first)
+  wrong = altered("motion/joints.npz", tmp_path / "joints_67.npz", lambda arrays, meta: first(arrays, meta) or arrays[
+      "out/root"].__iadd__(0.01))
+  assert wrong and "root differs" in wrong[0]
+
+
+def test_scores_of_few_samples_are_of_as_many_as_the_file_says(tmp_path):
+  """The singular values of the features themselves, no covariance (as in tests/metrics/test_scores.py)."""
+  def eight(arrays, meta):
+    real, fake = (arrays[f"in/{name}"][:8].astype(float) for name in ("real", "fake"))
+    x, y = ((a - a.mean(0)) / np.sqrt(7) for a in (real, fake))
+    arrays["out/fid_few"] = np.square(real.mean(0) - fake.mean(0)).sum() + (x * x).sum() + (y * y).sum() - (
+        2 * np.linalg.svd(x @ y.T, compute_uv=False).sum())
+    meta["arrays"]["out/fid_few"]["what"] = "first 8 samples: rank-deficient covariance"
+
+  golden.import_runners()
+  assert not altered("cdamd/metrics.npz", tmp_path / "metrics.npz", eight)
 
 
 @pytest.mark.parametrize("name", ["motion/features_humanml3d", "motion/features_kit", "motion/joints", "data/windows"])

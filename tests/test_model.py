@@ -1,5 +1,6 @@
 """A run folder is all it takes; a motion depends on its prompt, length and seed, not on its neighbours."""
 import json
+import re
 import shutil
 import warnings
 
@@ -9,7 +10,7 @@ import pytest
 
 import motion_jax as mj
 from motion_jax import training
-from motion_jax.model import load
+from motion_jax.model import PRETRAINED, load
 from motion_jax.motion.features import bone_lengths, to_joints
 from motion_jax.motion.skeleton import HUMANML3D
 from tests.conftest import load_config
@@ -91,10 +92,17 @@ def test_reconstruct(model):
     (dict(prompts=["walk", "run"], num_frames=[20]), "1 lengths for 2"),
     (dict(prompts="walk", num_frames=20, seeds=[1, 2]), "2 seeds for 1"),
     (dict(prompts="walk", num_frames=20, schedule="pyramid"), "fss, ar, full"),
-    (dict(prompts="walk", num_frames=20, guidance_scale=float("inf")), "finite"),
+    (dict(prompts="walk", num_frames=20, guidance_scale=float("inf")), "from -100 to 100"),
     (dict(prompts="walk", num_frames=20, lag=99), "lag 99"),
     (dict(prompts="walk", num_frames=20, lag=0), "lag 0"),
     (dict(prompts="walk", num_frames=20, num_steps=0), "num_steps 0"),
+    (dict(prompts="walk", num_frames=20, num_steps=4294967295), "num_steps 4294967295, expected .* 1 to 1,000"),
+    (dict(prompts="walk", num_frames=20, context=10**20), "context 1000.*, expected .* from 1 to 18,000"),
+    (dict(prompts="walk", num_frames=20, seeds=[2**40]), "seed 1099511627776, expected"),
+    (dict(prompts="walk", num_frames=10**400), "length of inf frames"),
+    (dict(prompts="walk", seconds=1e308), "length of inf frames"),
+    (dict(prompts="wal\udcff", num_frames=20), "no UTF-8 text"),
+    (dict(prompts="walk " * 5000, num_frames=20), "prompt of 25,000 characters, expected at most 5,000"),
 ])
 def test_bad_input_is_told(model, arguments, words):
   with pytest.raises(ValueError, match=words):
@@ -136,7 +144,7 @@ def test_broken_run_folders_are_told(tiny_run, tmp_path):
   with pytest.raises(ValueError, match="another version of the text encoder"):
     load(copy)
   (copy / "config.json").write_text("{")
-  with pytest.raises(ValueError, match="not valid JSON"):
+  with pytest.raises(ValueError, match="no valid JSON"):
     load(copy)
 
 
@@ -152,9 +160,42 @@ def test_top_level_names():
     mj.generate  # noqa: B018
 
 
-def test_a_strange_word_is_named(model, monkeypatch):
-  monkeypatch.setattr(model.encoder, "unfamiliar", lambda prompt: ["flibbertigibbet"])
+def notes_of(act, *args, **options):
+  """What is warned of while act(...) runs."""
   with warnings.catch_warnings(record=True) as caught:
     warnings.simplefilter("always")
-    model.generate("a flibbertigibbet walks", num_frames=12, seeds=[0])
-  assert any("flibbertigibbet" in str(w.message) for w in caught)
+    act(*args, **options)
+  return [str(warning.message) for warning in caught]
+
+
+def test_a_strange_word_is_named(model):
+  notes = notes_of(model.generate, "a flibbertigibbet walks", num_frames=12, seeds=[0])
+  assert len(notes) == 1 and "'flibbertigibbet'" in notes[0] and "the nearest of them is '" in notes[0]
+
+
+def test_the_shipped_model_says_what_it_never_learned():
+  """Words that its text encoder knows well, but that stand in no caption of its training; and what it will do."""
+  with open(PRETRAINED / "cmdm-small" / "captions.json") as file:
+    said = {row[0] for row in json.load(file)}
+  shipped = load("cmdm-small")
+  for prompt, word in (("a zombie walks", "zombie"), ("a person does a backflip", "backflip"),
+                       ("a person climbs a table", "table")):
+    assert shipped.encoder.unfamiliar(prompt) == []
+    note, = notes_of(shipped.check_words, [prompt])
+    assert f"know {word!r} in" in note and re.search("nearest of them is '(.*)'$", note)[1] in said
+  assert not notes_of(shipped.check_words, [
+      "a person walks", "someone is walking", "a WOMAN walked, then ran 3 times and sat down quickly!"])
+  assert len(notes_of(shipped.check_words, [f"zz{letter} walks" for letter in "abcdefgh"])) == 6
+  # The length of the nearest captions, as before there were notes.
+  assert shipped.natural_frames("a person waves") == int(np.median(
+      [frames for _, frames in shipped.nearest_captions("a person waves", 5)]))
+
+
+def test_without_captions_the_text_encoder_is_asked(tiny_run, tmp_path):
+  shutil.copytree(tiny_run, tmp_path / "run")
+  (tmp_path / "run" / "captions.json").unlink()
+  older = load(tmp_path / "run")
+  assert older.nearest_captions("a person walks") == [] and older.natural_frames("a person walks") == 120
+  older.encoder.unfamiliar = lambda prompt: ["flibbertigibbet"]
+  note, = notes_of(older.check_words, ["a flibbertigibbet walks"])
+  assert note.endswith("it may be ignored or misunderstood")

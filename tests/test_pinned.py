@@ -8,16 +8,17 @@ from motion_jax import cdamd, cmdm, lengths, matching
 from motion_jax.data.batches import step_rng
 from motion_jax.diffusion.streaming import block_noise, make_plan
 from motion_jax.metrics.evaluators import ClipEvaluator, T2MEvaluator
-from motion_jax.motion.features import get_layout
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.nets.length_estimator import LengthEstimator
-from motion_jax.teacher import make_teacher
+from motion_jax.teacher import make_teacher, teacher_shapes
+from motion_jax.text.bert import bert_fields
 from tests.conftest import ROOT, load_config
 
 COUNTS = {
     ("part_tmr", "full"): 51_080_705, ("part_tmr", "small"): 482_753, ("part_tmr", "tiny"): 21_425,
+    ("part_tmr", "mini"): 120_737,
     ("cmdm_tokenizer", "full"): 76_312_199, ("cmdm_tokenizer", "small"): 2_947_527, ("cmdm_tokenizer", "tiny"): 35_997,
     ("cmdm_denoiser", "full"): 38_697_024, ("cmdm_denoiser", "small"): 7_294_496, ("cmdm_denoiser", "tiny"): 10_036,
     ("part_tmr", "essential"): 50_971_137, ("part_tmr", "kit"): 51_074_561, ("part_tmr", "snapmogen"): 51_103_745,
@@ -33,7 +34,8 @@ COUNTS = {
     ("cdamd_generator", "tiny"): 12_696, ("cdamd_generator", "kit"): 290_023_424,
     ("cdamd_generator", "large"): 457_892_352, ("cdamd_generator", "67"): 290_023_424,
     ("cdamd_generator", "263"): 290_023_424, ("cdamd_generator", "mardm"): 290_816_512,
-    ("cdamd_generator", "mardm_ddpm"): 290_816_512,
+    ("cdamd_generator", "mardm_ddpm"): 290_816_512, ("cdamd_generator", "mardm_67"): 290_816_512,
+    ("cdamd_generator", "mardm_kit"): 290_816_512, ("cdamd_autoencoder", "64"): 18_825_280,
     ("cdamd_length", "full"): 435_122, ("cdamd_length", "small"): 369_586, ("cdamd_length", "tiny"): 1_006,
     ("evaluator_movement", "full"): 3_489_807, ("evaluator_movement", "67"): 2_640_399,
     ("evaluator_movement", "66"): 2_636_168, ("evaluator_movement", "kit"): 3_434_559,
@@ -49,16 +51,24 @@ COUNTS = {
     ("cdamd_length", "kit"): 435_122,
     ("evaluator_movement", "63"): 2_623_487, ("evaluator_matching", "63"): 21_289_152,
     ("evaluator_clip", "63"): 59_541_505, ("cmdm_tokenizer", "mini"): 1_384_199, ("cmdm_denoiser", "mini"): 1_265_696,
+    ("tmr", "full"): 16_130_823, ("tmr", "small"): 317_831, ("tmr", "mini"): 200_647, ("tmr", "tiny"): 12_359,
+    ("tmr", "kit"): 16_124_667, ("motion_patches", "full"): 86_228_225, ("motion_patches", "small"): 365_441,
+    ("motion_patches", "mini"): 180_289, ("motion_patches", "tiny"): 20_849, ("motion_patches", "kit"): 86_228_225,
     ("cdamd_autoencoder", "mini"): 1_168_898, ("cdamd_rvq", "mini"): 742_562, ("cdamd_generator", "mini"): 1_967_936,
+    # laptop: as mini where there is one, else as small, with other numbers of steps.
+    ("cmdm_tokenizer", "laptop"): 1_384_199, ("cmdm_denoiser", "laptop"): 1_265_696, ("part_tmr", "laptop"): 482_753,
+    ("cdamd_autoencoder", "laptop"): 1_168_898, ("cdamd_rvq", "laptop"): 742_562,
+    ("cdamd_generator", "laptop"): 1_967_936, ("evaluator_movement", "laptop"): 220_040,
+    ("evaluator_clip", "laptop"): 1_407_489,
 }
 
 
 def _count(name, size):
   config = load_config(name, size)
   if config.stage == "cmdm.teacher":  # less its text transformer, whose size is frozen.text's
+    words = bert_fields(dict(model_type="distilbert", vocab_size=4, dim=768, n_layers=0, n_heads=1, hidden_dim=4))
     teacher = make_teacher(config.model, config.data.layout)
-    x, hidden = jnp.zeros((1, 4, get_layout(config.data.layout).dim)), jnp.zeros((1, 768))
-    shapes = jax.eval_shape(lambda: teacher.init(jax.random.key(0), x, hidden))
+    shapes = teacher_shapes(teacher, words, config.data.layout)["motion"]
   elif config.stage in ("cdamd.autoencoder", "cdamd.rvq"):  # of the codebooks the codes alone
     shapes = cdamd.autoencoder_shapes(Autoencoder(**config.model), config.get("quantizer"))
     shapes = shapes["params"], shapes.get("codebooks", {"codes": ()})["codes"]

@@ -32,6 +32,8 @@ def test_the_plan_holds_every_row_of_the_papers_tables_for_each_seed():
   for (paper, table), mapped in study_plan.TABLES.items():
     printed = tables.paper_table(paper, table)
     assert set(printed.own) <= set(mapped) <= set(printed.rows)
+    rows = study_plan.ABLATIONS[paper]["ROWS"]
+    assert {name: rows[row][0].get(table) for name, row in mapped.items()} == {name: name for name in mapped}
 
 
 @pytest.mark.parametrize("count", (1, 2, 3, 5))
@@ -68,9 +70,16 @@ def test_configs_of_all_runs_have_the_same_budget():
         if run.stage in ("denoiser", "generator"):
           assert config.frozen.tokenizer == f"out/{row.runs[0].folder}"
           assert config.frozen.get("prior", "") == (f"out/{parts['rvq']}" if "rvq" in parts else "")
+        optimizer = config.optimizer.to_dict()
+        falls = [optimizer.pop(name) for name in ("schedule", "boundaries")]
+        if (run.row, run.stage) != ("mardm", "generator"):
+          budgets.setdefault(f"falls of {run.stage}", set()).add(json.dumps(falls))
+        else:  # the rate falls at 50,000 of 180,000 steps
+          assert falls[0] == "step" and (falls[1] == (139,) or size == "tiny")
         budgets.setdefault(run.stage, set()).add(json.dumps(
-            [config.train.to_dict(), config.data.batch_size, config.optimizer.to_dict()]))
-    assert {stage: len(found) for stage, found in budgets.items()} == dict.fromkeys(study_plan.STEPS, 1)
+            [config.train.to_dict(), config.data.batch_size, optimizer]))
+    assert set(budgets) == {name for stage in study_plan.STEPS for name in (stage, f"falls of {stage}")}
+    assert {len(found) for found in budgets.values()} == {1}
   config = study_plan.config_of(study_plan.row_of("cmdm", "default", 0).runs[0], SETTINGS, "out", {})
   assert (config.optimizer.warmup_steps, config.optimizer.cooldown_steps, config.loss.kl_ramp) == (100, 500, 166)
   assert config.optimizer.ema_decay == pytest.approx(0.9934, abs=1e-4) and config.train.num_steps == 1500
@@ -115,6 +124,14 @@ def test_verdicts_follow_the_interval_of_the_differences():
   assert verdict(a=(1.0,)) == "no verdict: not run"
   higher = claim._replace(way="higher")
   assert study_report.judged(higher, rows_of(a=(1.5, 2.6, 3.4), b=(1.0, 2.0, 3.0)))["verdict"] == "shows"
+
+
+def test_what_has_to_be_said_of_a_row_stands_above_the_tables():
+  study = study_report.summarize(dict(dataclasses.asdict(SETTINGS)), [], {})
+  plain = study_report.markdown(study)
+  told = study_report.markdown(study | dict(notes=["the row is of another machine"]))
+  assert told.replace("\n**the row is of another machine**\n", "") == plain
+  assert told.index("**the row is") < told.index("## The papers' claims")
 
 
 def test_intervals_are_students():

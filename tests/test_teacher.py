@@ -1,5 +1,6 @@
 """Motions and sentences in one space: the contrast, N devices, and what is found with a trained teacher."""
 import json
+import shutil
 import subprocess
 import sys
 
@@ -12,6 +13,7 @@ from motion_jax import cli, export, retrieval, teacher, training
 from motion_jax.data.clip import Clip
 from motion_jax.data.humanml3d import write_folder
 from motion_jax.data.synthetic import synthetic_clips
+from motion_jax.metrics.evaluators import symmetric_cross_entropy
 from motion_jax.train import make_optimizer
 from tests.conftest import ROOT, devices_env, load_config
 
@@ -46,8 +48,10 @@ import jax
 from motion_jax import training
 from motion_jax.train import read_metrics
 from tests.conftest import load_config
-config = load_config("part_tmr", "tiny").unlock()
-config.model.update(kind="tmr", dropout=0.0, head_dropout=0.0)  # one part compiles faster than six
+config = load_config(sys.argv[2], "tiny").unlock()
+config.model.dropout = 0.0
+if sys.argv[2] == "part_tmr":
+  config.model.update(kind="whole_body", head_dropout=0.0)  # one part compiles faster than six
 recipe = training.RECIPES[config.stage]
 training.RECIPES[config.stage] = lambda config: recipe(config)._replace(evaluate=None)  # recall is not the question
 training.run(config, sys.argv[1])
@@ -56,15 +60,17 @@ print(json.dumps([jax.local_device_count(), rows]))
 """
 
 
+@pytest.mark.parametrize("name", ["part_tmr", "tmr"])
 @pytest.mark.slow
-def test_two_devices_contrast_the_whole_batch(tmp_path):
-  """Each sentence meets the motions of the other device too (dropout off: its masks fall on other rows).
+def test_two_devices_contrast_the_whole_batch(tmp_path, name):
+  """Each sentence meets the motions of the other device too (dropout off: its masks fall on other rows), and a TMR's
+  noise is that of a pair's place in the whole batch.
 
   Losses and gradients are compared: Adam's first step makes a whole step of a gradient that is rounding alone.
   """
   found = {}
   for devices in (1, 2):
-    done = subprocess.run([sys.executable, "-c", _DEVICES, str(tmp_path / str(devices))], env=devices_env(devices),
+    done = subprocess.run([sys.executable, "-c", _DEVICES, tmp_path / str(devices), name], env=devices_env(devices),
                           cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
     count, found[devices] = json.loads(done.stdout.splitlines()[-1])
@@ -112,11 +118,36 @@ def test_retrieve_from_the_command_line(run_and_data, tmp_path, capsys):
   assert "8 clips" in lines[0] and cosines == sorted(cosines, reverse=True)
   nearest = export.load(out)
   assert nearest.id == lines[1].split()[1] or nearest.num_frames > 8
-  assert list((tmp_path / "cache" / "motion_jax" / "vectors").glob("*.npy"))
+  index, = (tmp_path / "cache" / "motion_jax" / "indices").iterdir()
   assert ask(str(out)) == 0  # the other way: a motion in, captions out
   assert len(capsys.readouterr().out.splitlines()) >= 3
   assert ask() == 0
-  assert "text to motion: at 1 " in capsys.readouterr().out
+  recall = capsys.readouterr().out
+  assert "text to motion: at 1 " in recall
+
+  # From the index nothing is read or embedded again; a damaged one is made anew, to the same bytes.
+  whole = index.read_bytes()
+  with pytest.MonkeyPatch.context() as patch:
+    patch.setattr(retrieval, "read_clips", None)
+    assert ask() == 0
+    assert capsys.readouterr().out == recall
+  index.write_bytes(whole[:-5] + b"trash")
+  assert ask() == 0
+  assert capsys.readouterr().out == recall and index.read_bytes() == whole
+
+
+def test_the_index_belongs_to_data_teacher_and_split(run_and_data, tmp_path):
+  data = shutil.copytree(run_and_data[1], tmp_path / "data")
+  before = retrieval.data_fingerprint(data)
+  assert retrieval.data_fingerprint(data) == before
+  text = next((data / "texts").glob("*.txt"))
+  text.write_text(text.read_text().replace("person", "robot"))
+  assert retrieval.data_fingerprint(data) != before
+  run = shutil.copytree(run_and_data[0], tmp_path / "run")
+  one = retrieval.load(run).fingerprint
+  mean = np.load(run / "Mean.npy")
+  np.save(run / "Mean.npy", mean + 1)
+  assert retrieval.load(run).fingerprint != one
 
 
 def test_mistakes_are_told(run_and_data, tmp_path, capsys, tiny_run):
@@ -126,11 +157,13 @@ def test_mistakes_are_told(run_and_data, tmp_path, capsys, tiny_run):
       (["a", "--data", data, "--teacher", str(tmp_path / "none")], "neither a run folder"),
       (["a", "--data", data, "--teacher", str(tiny_run)], "cmdm.teacher"),
       ([" ", "--data", data, "--teacher", run], "empty sentence"),
-      (["a", "--num", "0", "--data", data, "--teacher", run], "1 or more"),
       (["none.npz", "--data", data, "--teacher", run], "none.npz"),
   ):
     assert cli.main(["retrieve", *words]) == 1
     assert told in capsys.readouterr().err
+  with pytest.raises(SystemExit):
+    cli.main(["retrieve", "a", "--num", "0", "--data", data, "--teacher", run])
+  assert "--num: got '0', expected a whole number from 1 to 10,000" in capsys.readouterr().err
 
 
 def test_clips_without_captions_are_told(tmp_path):
@@ -138,3 +171,11 @@ def test_clips_without_captions_are_told(tmp_path):
   write_folder([Clip(clip.joints, captions=clip.captions, id="a", split="train")], tmp_path / "data", mirror=False)
   with pytest.raises(ValueError, match="no clip with a caption in split 'test'"):
     retrieval.read_clips(tmp_path / "data", "test")
+
+
+def test_contrast_counts_both_ways():
+  """Rows that find their columns and columns that find their rows are not the same where logits are not symmetric."""
+  logits = np.array([[2.0, 0, 1], [5, 1, 0], [4, 2, 2]])
+  ways = [-np.mean(np.diag(a) - np.log(np.exp(a).sum(1))) for a in (logits, logits.T)]
+  assert abs(ways[0] - ways[1]) > 0.1
+  np.testing.assert_allclose(symmetric_cross_entropy(jnp.asarray(logits)), np.mean(ways), rtol=1e-5)

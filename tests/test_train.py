@@ -71,6 +71,59 @@ def test_a_run_folder_holds_averaged_parameters_metrics_and_a_curve(tmp_path):
   assert (tmp_path / "loss.png").stat().st_size > 0
 
 
+@pytest.mark.parametrize("decay", [0.9, 0.0])
+def test_the_average_keeps_its_decay_of_what_was(decay):
+  """After one step decay * start + (1 - decay) * new; a decay of 0.9 exchanged with its rest would follow the last."""
+  stage, batch = _stage(), _next_batch(0)
+  tx = train.make_optimizer(_config(4).optimizer, 4)
+  state = train.init_state(stage, tx, batch, jax.random.key(0))
+  start = np.asarray(state.params["w"])
+  step = train.make_train_step(stage, tx, decay)
+  state, _ = step(state, {}, train.shard(batch, jax.local_device_count()), jax.random.key(1))
+  once = np.asarray(state.params["w"])
+  assert np.abs(once - start).min() > 1e-3
+  np.testing.assert_allclose(state.ema_params["w"], decay * start + (1 - decay) * once, rtol=1e-5)
+  average = np.asarray(state.ema_params["w"])
+  state, _ = step(state, {}, train.shard(_next_batch(1), jax.local_device_count()), jax.random.key(1))
+  np.testing.assert_allclose(state.ema_params["w"], decay * average + (1 - decay) * np.asarray(state.params["w"]),
+                             rtol=1e-5)
+
+
+def test_every_step_has_noise_of_its_own():
+  """The same batch, weights and key: only the step's number differs, and with it what is drawn."""
+  stage, batch = _stage(), _next_batch(0)
+  tx = train.make_optimizer(_config(4, learning_rate=0.0).optimizer, 4)
+  state = train.init_state(stage, tx, batch, jax.random.key(0))
+  step, losses = train.make_train_step(stage, tx, 0.0), []
+  for _ in range(3):
+    state, metrics = step(state, {}, train.shard(batch, jax.local_device_count()), jax.random.key(1))
+    losses.append(float(metrics["loss"]))
+  assert len(set(losses)) == 3 and np.ptp(losses) < 0.1 * losses[0]
+
+
+def test_the_best_is_the_smallest_or_the_largest(tmp_path):
+  for step, error in ((2, 3.0), (4, 1.0), (6, 2.0)):
+    checkpoint.append_metrics(tmp_path, {"step": step, "error": error})
+  config = _config(6)
+  for best, steps in (("", [2, 4, 6]), ("min error", [2, 4]), ("max error", [2])):
+    config.train.best = best
+    assert [step for step in (2, 4, 6) if train._is_best(config, tmp_path, step)] == steps, best
+  config.train.best = "min missing"
+  with pytest.raises(ValueError, match="'missing', which the evaluation at step 4 did not give"):
+    train._is_best(config, tmp_path, 4)
+
+
+def test_parameters_come_back_as_they_were_whatever_lies_in_memory(tmp_path):
+  """A transposed view and a cut one: a file that takes their bytes as they lie would hold other numbers."""
+  whole = np.arange(12, dtype=np.float32).reshape(3, 4)
+  half = whole.astype(np.float16)
+  checkpoint.save_params(tmp_path, {"params": {"turned": whole.T, "cut": whole[:, 1:3], "half": half}})
+  loaded = checkpoint.load_params(tmp_path)["params"]
+  np.testing.assert_array_equal(loaded["turned"], whole.T)
+  np.testing.assert_array_equal(loaded["cut"], whole[:, 1:3])
+  np.testing.assert_array_equal(loaded["half"], whole)
+
+
 def test_the_loss_falls(tmp_path):
   train.train(_config(60, learning_rate=0.2), tmp_path, _stage(), _next_batch)
   rows = train.read_metrics(tmp_path)
@@ -249,8 +302,50 @@ def test_four_devices_learn_what_one_learns(tmp_path):
 
 @pytest.mark.parametrize("kind, expected", [
     ("constant", [0.5, 1, 1, 1]), ("step", [0.5, 1, 0.1, 0.01]), ("trapezoid", [0.5, 1, 1, 0.5]),
+    # From the warm-up's end at step 1 to a fifth at step 4; a quarter turn, to a half at step 4.
+    ("cosine", [0.5, 1, 0.2 + 0.8 * 0.75, 0.2 + 0.8 * 0.25]),
+    ("half_cosine", [0.5, 0.5 + 0.5 * np.cos(np.pi / 8), 0.5 + 0.5 * np.cos(np.pi / 4),
+                     0.5 + 0.5 * np.cos(3 * np.pi / 8)]),
 ])
 def test_schedules(kind, expected):
-  config = _config(4, schedule=kind, learning_rate=1.0, boundaries=(2, 3), gamma=0.1, cooldown_steps=2).optimizer
+  config = _config(4, schedule=kind, learning_rate=1.0, boundaries=(2, 3), gamma=0.1, cooldown_steps=2,
+                   final_rate=0.2).optimizer
   values = [float(train.make_schedule(config, 4)(jnp.asarray(step))) for step in range(4)]
   assert np.allclose(values, expected)
+
+
+def drifting(folder, values, num_steps=None, resume=False, slices=None, best="min held_out_loss"):
+  """Trains a number that grows by about 0.1 a step; `values` {step: held-out number}, saved at every second step."""
+  config = ml_collections.ConfigDict(dict(seed=0, optimizer=dict(
+      learning_rate=0.1, schedule="constant", warmup_steps=0, beta1=0.9, beta2=0.9, weight_decay=0.0, clip_norm=0.0,
+      ema_decay=0.0), train=dict(num_steps=num_steps or max(values), log_every=1, save_every=2, best=best)))
+  stage = Stage(lambda batch, rng: {"w": jnp.zeros(1)},
+                lambda params, frozen, batch, step, rng: ({"loss": -params["w"].sum()}, 1.0), None)
+  evaluate = lambda params: {"held_out_loss": values[int(np.rint(10 * np.asarray(params["w"])[0]))], "r1": 0.5}
+  train.train(config, folder, stage, lambda step: {"index": np.arange(1)}, resume=resume, evaluate=evaluate,
+              max_seconds=slices)
+  return [int(np.rint(10 * checkpoint.load_params(folder, name=name)["w"][0])) for name in (
+      checkpoint.PARAMS, checkpoint.LAST)]
+
+
+def test_the_best_weights_lie_beside_the_last(tmp_path):
+  assert drifting(tmp_path, {2: 3.0, 4: 1.0, 6: 2.0}) == [4, 6]
+
+
+def test_slices_of_a_run_choose_the_same_weights(tmp_path):
+  """A slice that ends at step 1, 3, 5, .. looks at the held-out number, which counts at a save alone."""
+  values = {1: 0.1, 2: 3.0, 3: 0.2, 4: 1.0, 5: 0.3, 6: 2.0}
+  for step in range(1, 7):
+    kept = drifting(tmp_path, values, 6, resume=step > 1, slices=-1.0)
+    assert kept == [{1: 1, 2: 2, 3: 2}.get(step, 4), step]
+  whole = tmp_path / "whole"
+  assert drifting(whole, values) == [4, 6]
+  for name in (checkpoint.PARAMS, checkpoint.LAST):
+    assert (tmp_path / name).read_bytes() == (whole / name).read_bytes()
+
+
+def test_of_several_numbers_the_first_that_is_given_chooses(tmp_path):
+  assert drifting(tmp_path / "a", {2: 3.0, 4: 1.0, 6: 2.0}, best="min held_out_fid|held_out_loss") == [4, 6]
+  assert drifting(tmp_path / "b", {2: 3.0, 4: 1.0, 6: 2.0}, best="max r1|held_out_loss") == [6, 6]  # all are equal
+  with pytest.raises(ValueError, match="names 'fid', which the evaluation at step 2 did not give"):
+    drifting(tmp_path / "c", {2: 1.0}, best="min fid")

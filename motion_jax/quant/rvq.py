@@ -7,6 +7,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from motion_jax import shapes
 from motion_jax.quant import vq
 
 
@@ -81,8 +82,44 @@ def train(codebooks, x, num_active, noise, decay=0.99, temperature=0.5, gain_onc
   return made, jax.tree.map(lambda *levels: jnp.stack(levels), *books)
 
 
+def learn(codes, x, num_active, axis_name=None):
+  """Quantizes x (B, L, C) by the nearest of codes (Q, K, C), to which a gradient goes -> (Quantized, codebook ()).
+
+  codebook: mean squared distance of the codes to the residuals that chose them, ||sg(z) - e||^2 of CDAMD's equation 10,
+  as the commitment is ||z - sg(e)||^2; both means over active levels. Straight through once.
+  """
+  rows = x.reshape(-1, x.shape[-1])
+  residual, total = rows, jnp.zeros_like(rows)
+  still, indices, terms = jax.lax.stop_gradient, [], []
+  for level, book in enumerate(codes):
+    active = level < num_active
+    chosen = vq.nearest(still(book), still(residual))
+    vectors = book[chosen]
+    _, counts = vq.usage_counts(chosen, len(book), x.dtype, axis_name)
+    terms.append(jnp.where(active, jnp.stack([
+        ((residual - still(vectors)) ** 2).mean(), vq.perplexity(counts), (counts > 0).mean(dtype=x.dtype),
+        ((still(residual) - vectors) ** 2).mean()]), 0.0))
+    vectors = jnp.where(active, still(vectors), 0.0)
+    residual, total = residual - vectors, total + vectors
+    indices.append(jnp.where(active, chosen, -1))
+  *numbers, codebook = sum(terms) / num_active
+  quantized = (total + rows - still(rows)).reshape(x.shape)
+  indices = jnp.stack(indices, -1).reshape(x.shape[:-1] + (len(codes),))
+  return Quantized(quantized, indices, *numbers), codebook
+
+
+def first_codes(x, num_levels, num_codes, rng):
+  """Codes (Q, K, C) to begin with: the first rows of what each level has to name of x (B, L, C), as `train` begins."""
+  residual, codes = x.reshape(-1, x.shape[-1]), []
+  for key in jax.random.split(rng, num_levels):
+    codes.append(vq.first_rows(residual, num_codes, jax.random.normal(key, (num_codes, x.shape[-1]))))
+    residual = residual - codes[-1][vq.nearest(codes[-1], residual)]
+  return jnp.stack(codes)
+
+
 def encode(codes, x):
   """Nearest codes, level by level: codes (Q, K, C), x (B, L, C) -> indices (B, L, Q), code vectors (Q, B, L, C)."""
+  shapes.check(codes=(codes, "QKC"), x=(x, "BLC"))
   residual, indices, vectors = x.reshape(-1, x.shape[-1]), [], []
   for level in codes:
     chosen = vq.nearest(level, residual)

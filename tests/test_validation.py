@@ -1,0 +1,41 @@
+"""Weights of the tokenizer are chosen by what an evaluator sees of held-out motions, there and back."""
+import jax
+import numpy as np
+import pytest
+
+from motion_jax.data import sources
+from motion_jax.data.batches import step_rng
+from motion_jax.recipes import cmdm
+from motion_jax.recipes.validation import reconstruction_fid
+from tests.conftest import load_config
+
+
+@pytest.fixture(scope="module")
+def config():
+  config = load_config("cmdm_tokenizer", "tiny").unlock()
+  config.frozen.update(teacher="", evaluator="evaluator-small")
+  config.model.update(teacher_dim=0)
+  return config
+
+
+def test_fid_is_none_for_what_comes_back_and_grows_with_the_error(config):
+  data = sources.load_features(config.data, captioned=False)
+  fid = reconstruction_fid("evaluator-small", data.features[:6], data.stats)
+  asked = []
+  assert fid(lambda x, i: asked.append((x.shape, i)) or x) == pytest.approx(0, abs=1e-4)
+  assert asked == [((1, 192, 263), i) for i in range(6)]
+  noise = step_rng(0, 1, 2).standard_normal((1, 192, 263)).astype(np.float32)
+  little, much = (fid(lambda x, i, size=size: x + size * noise) for size in (0.1, 1.0))
+  assert 1e-4 < little < much
+  with pytest.raises(ValueError, match="got 1 held-out clips to compare with 'evaluator-small'"):
+    reconstruction_fid("evaluator-small", data.features[:1], data.stats)
+
+
+def test_the_tokenizers_recipe_gives_it(config):
+  recipe = cmdm.tokenizer(config)
+  params = recipe.stage.init(recipe.next_batch(0), jax.random.key(0))
+  found = recipe.evaluate(params)
+  assert set(found) == {"held_out_mm", "held_out_fid"} and found["held_out_fid"] > 0
+  assert recipe.evaluate(params) == found  # the same draws at every save
+  config.frozen.evaluator = ""
+  assert set(cmdm.tokenizer(config).evaluate(params)) == {"held_out_mm"}
