@@ -2,9 +2,9 @@
 import pathlib
 import sys
 
-from motion_jax import stopping
 from motion_jax.cli.parser import Parser
-from motion_jax.numerals import GUIDANCE, SEEDS, NumberError, is_number, real, whole
+from motion_jax.inputs.numerals import GUIDANCE, SEEDS, NumberError, is_number, real, whole
+from motion_jax.runtime import stopping
 
 
 def parse(argv=None):
@@ -104,7 +104,9 @@ def main(argv=None):
     sys.exit(f"eval.py: {error}")
   import jax
 
-  from motion_jax.evaluation import report, run, tables
+  from motion_jax.evaluation import run
+  from motion_jax.evaluation.report import page as report
+  from motion_jax.evaluation.report import tables
   if args.printed is not None:
     try:
       print(printed(tables, args.printed))

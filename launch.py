@@ -5,7 +5,8 @@ import sys
 from absl import app, flags, logging
 from ml_collections import config_flags
 
-from motion_jax import overrides, stopping
+from motion_jax.inputs import overrides
+from motion_jax.runtime import stopping
 
 _CONFIG = config_flags.DEFINE_config_file("config", None, "Experiment, as configs/X.py or configs/X.py:tiny.")
 _WORKDIR = flags.DEFINE_string("workdir", None, "Run folder: made if need be; holds all that loading needs.")
@@ -33,7 +34,8 @@ def main(argv):
   logging.set_verbosity(logging.WARNING)  # orbax tells every step of a save
   stop = stopping.Stop()
   try:
-    from motion_jax import cache, training  # seconds of imports, which a mistyped command does not wait for
+    from motion_jax import fit as training
+    from motion_jax.runtime import cache
     cache.keep_in_user_cache()  # a run that goes on does not wait for the compiler again
     training.run(_CONFIG.value, pathlib.Path(_WORKDIR.value), resume=_RESUME.value, max_seconds=_SECONDS.value,
                  stop=stop)

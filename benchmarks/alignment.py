@@ -13,11 +13,11 @@ import argparse
 import jax
 import numpy as np
 
-from motion_jax import model, retrieval
-from motion_jax.data.archive import read_archive
+from motion_jax import loading, retrieval
+from motion_jax.data.datasets.archive import read_archive
 from motion_jax.metrics import physics, scores
 from motion_jax.motion.features import to_joints
-from motion_jax.recipes.cmdm import reconstruction_error
+from motion_jax.training.setup import reconstruction_error
 
 FRAMES = 96  # of every generated motion: one compiled function
 STORY = (6, 4.0)  # prompts, seconds each
@@ -96,7 +96,7 @@ def main():
   row = recall(retriever, captions, [retriever.features_of(first[caption]) for caption in captions])
   print_row("real", "-", row, curve, level)
   for name in args.models:
-    loaded = model.load(name)
+    loaded = loading.load(name)
     rows = [recall(retriever, captions, generated(loaded, captions, seed)) for seed in range(args.seeds)]
     made = physics.jerk_curve(borders(loaded, captions, args.stories))
     print_row(name, f"{reconstruction(loaded, features):.1f}", np.mean(rows, axis=0), made, level)

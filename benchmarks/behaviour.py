@@ -10,7 +10,7 @@ import pathlib
 
 import numpy as np
 
-from motion_jax import export, model
+from motion_jax import export, loading
 from motion_jax.motion.features import facing
 from motion_jax.motion.skeleton import HUMANML3D
 
@@ -122,7 +122,7 @@ def main():
   parser.add_argument("--guidance", type=float)
   parser.add_argument("--pictures", help="folder for a strip of each prompt's first seed")
   args = parser.parse_args()
-  loaded = model.load(args.model)
+  loaded = loading.load(args.model)
   print(f"{loaded.id}, {args.seeds} seeds\n")
   print(f"{'prompt':34} {'pass':>6}  {'median':>7}  measure: values")
   passed = total = 0

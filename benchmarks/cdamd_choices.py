@@ -14,11 +14,11 @@ import time
 
 import numpy as np
 
-from motion_jax import model, retrieval
-from motion_jax.data.archive import read_archive
+from motion_jax import loading, retrieval
 from motion_jax.data.clip import Clip
-from motion_jax.diffusion.masking import TASKS
+from motion_jax.data.datasets.archive import read_archive
 from motion_jax.metrics import physics, scores
+from motion_jax.models.cdamd.mask_schedule import TASKS
 
 FRAMES, BATCH = 96, 32
 SOLVERS = (("dopri5", 1), ("euler", 5), ("euler", 10), ("euler", 20), ("midpoint", 5), ("midpoint", 10), ("heun", 5),
@@ -140,7 +140,7 @@ def main():
   parser.add_argument("--captions", type=int, default=1000, help="captions to generate from, at most (all)")
   parser.add_argument("--clips", type=int, default=64, help="test clips to edit (64)")
   args = parser.parse_args()
-  loaded, retriever = model.load(args.model), retrieval.load(args.teacher)
+  loaded, retriever = loading.load(args.model), retrieval.load(args.teacher)
   clips = [clip for folder in args.archives for clip in read_archive(folder, "test")]
   clips = [clip for clip in clips if 40 <= clip.num_frames <= loaded.config.data.max_frames]
   scale = loaded.scale_of(args.guidance)

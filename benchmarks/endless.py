@@ -15,8 +15,9 @@ import time
 import jax
 import numpy as np
 
-from motion_jax import export, model
-from motion_jax.data.clip import Caption, Clip, atomic_path
+from motion_jax import export, loading
+from motion_jax.data.clip import Caption, Clip
+from motion_jax.runtime.atomic import atomic_path
 
 PROMPTS = ("a person walks forward", "a person waves with the right hand", "a person walks in a circle",
            "a person jumps up and down", "a person runs forward", "a person sits down", "a person stands up",
@@ -45,7 +46,7 @@ def measures(joints, fps):
 
 
 def run(args):
-  made = model.load(args.model)
+  made = loading.load(args.model)
   stream = made.stream(PROMPTS[0], seed=args.seed, lag=args.lag)
   fps, out = made.fps, pathlib.Path(args.out)
   lengths = [made.natural_frames(prompt) / fps for prompt in PROMPTS]

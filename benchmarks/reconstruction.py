@@ -10,8 +10,8 @@ import argparse
 
 import numpy as np
 
-from motion_jax import model
-from motion_jax.data.archive import read_archive
+from motion_jax import loading
+from motion_jax.data.datasets.archive import read_archive
 from motion_jax.motion.features import canonicalize, extract, to_features, to_joints
 
 
@@ -32,7 +32,7 @@ def main():
   parser.add_argument("--model", default="cmdm-small")
   parser.add_argument("--clips", type=int, default=150, help="clips per archive and split, evenly spread")
   args = parser.parse_args()
-  loaded = model.load(args.model)
+  loaded = loading.load(args.model)
   print(f"{loaded.id}; millimetres\n\n{'archive':10} {'split':6} {'clips':>5} {'with heading':>13} {'per frame':>10} "
         f"{'root at end':>12} {'path':>7}")
   trips = []

@@ -20,8 +20,9 @@ import time
 import jax
 import jax.numpy as jnp
 
-from motion_jax.diffusion import guidance, samplers, schedules, streaming
-from motion_jax.evaluation import tables
+from motion_jax.diffusion import guidance, samplers, schedules
+from motion_jax.evaluation.report import tables
+from motion_jax.models.cmdm import streaming
 from motion_jax.nets import causal_dit
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.masks import sliding_mask

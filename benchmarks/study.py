@@ -36,14 +36,20 @@ import study_plan
 import study_report
 from absl import logging
 
-from motion_jax import checkpoint, model, training
+from motion_jax import fit as training
+from motion_jax import loading
 from motion_jax.data import sources
-from motion_jax.evaluation import generation, items, long_horizon, protocols, record, sanity
-from motion_jax.evaluation import rows as rows_lib
-from motion_jax.evaluation.evaluator import load_evaluator, shipped_names
+from motion_jax.evaluation import aggregates as rows_lib
+from motion_jax.evaluation import protocols
+from motion_jax.evaluation import provenance as record
+from motion_jax.evaluation import test_set as items
+from motion_jax.evaluation.candidates import Subject, hash_of
+from motion_jax.evaluation.checks import sanity
 from motion_jax.evaluation.judge import Judge
-from motion_jax.evaluation.subject import Subject, hash_of
-from motion_jax.train import read_metrics
+from motion_jax.evaluation.tasks import generation, long_horizon
+from motion_jax.evaluators.evaluator import load_evaluator, shipped_names
+from motion_jax.training import checkpoint
+from motion_jax.training.loop import read_metrics
 
 TRAINED, SETTINGS, REAL, TIME = "trained.json", "settings.json", "real.json", "time.json"
 STORY_METRICS = ("transition_fid", "transition_diversity", "transition_distance", "peak_jerk", "auj")
@@ -140,7 +146,7 @@ class Bench:
 
   def scores(self, row, folder, clock):
     """{metric: {"mean", "interval", "values"}} over repeats of a row, and the record of its texts."""
-    loaded = model.load(folder)
+    loaded = loading.load(folder)
     subject = Subject(row.name, loaded, hash_of(loaded), folder / "eval" / "samples", None, row.sampling,
                       tuple(jax.local_devices()), show=False)
     found = {}

@@ -8,7 +8,7 @@ import pathlib
 import runpy
 from typing import NamedTuple
 
-from motion_jax.model import PRETRAINED
+from motion_jax.runs import PRETRAINED
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 ABLATIONS = {paper: runpy.run_path(str(ROOT / "configs" / "ablations" / f"{paper}.py")) for paper in ("cmdm", "cdamd")}

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import t as student
 from study_plan import TABLES, names_of
 
-from motion_jax.evaluation import tables
+from motion_jax.evaluation.report import tables
 
 SHOWS, DOES_NOT, OPPOSITE = "shows", "does not show", "the opposite shows"
 ONE_SEED, NOT_RUN = "no verdict: one seed", "no verdict: not run"

@@ -9,9 +9,10 @@ import importlib
 
 __version__ = "0.1.0"
 
-_NAMES = {"load": "motion_jax.model", "Model": "motion_jax.model", "Motion": "motion_jax.model",
+_NAMES = {"load": "motion_jax.loading", "Model": "motion_jax.models.cmdm.model", "Motion": "motion_jax.models.results",
           "Clip": "motion_jax.data.clip", "Caption": "motion_jax.data.clip"}
-_MODULES = ("cmdm", "data", "diffusion", "export", "motion", "nets", "quant", "text")
+_MODULES = {"cdamd": "motion_jax.models.cdamd", "cmdm": "motion_jax.models.cmdm"} | {
+    name: f"motion_jax.{name}" for name in ("data", "diffusion", "export", "models", "motion", "nets", "quant", "text")}
 __all__ = [*_NAMES, *_MODULES]
 
 
@@ -20,7 +21,7 @@ def __getattr__(name):
   if name in _NAMES:
     return getattr(importlib.import_module(_NAMES[name]), name)
   if name in _MODULES:
-    return importlib.import_module(f"motion_jax.{name}")
+    return importlib.import_module(_MODULES[name])
   raise AttributeError(f"motion_jax has no {name!r}; it has {', '.join(__all__)}")
 
 

@@ -10,18 +10,19 @@ import jax.numpy as jnp
 import numpy as np
 from tqdm import tqdm
 
-from motion_jax import cache, checkpoint
-from motion_jax import teacher as teacher_lib
-from motion_jax.data import archive, humanml3d
 from motion_jax.data.clip import Clip
+from motion_jax.data.datasets import archive, humanml3d
 from motion_jax.metrics.scores import retrieval, retrieval_by_rank
-from motion_jax.model import PRETRAINED
+from motion_jax.models.cmdm import teacher as teacher_lib
 from motion_jax.motion import plausibility
 from motion_jax.motion.features import to_features
 from motion_jax.motion.stats import load_stats
 from motion_jax.nets.masks import padding_mask
-from motion_jax.recipes.recipe import plain
+from motion_jax.runs import PRETRAINED
+from motion_jax.runtime import cache
 from motion_jax.text.encoder import load_text_encoder
+from motion_jax.training import checkpoint
+from motion_jax.training.setup import plain
 
 BATCH = 64  # motions embedded together; the last batch is filled up, so one compiled function serves all
 

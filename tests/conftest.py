@@ -24,7 +24,8 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
 
 import jax
 
-from motion_jax import cache, training
+from motion_jax import fit as training
+from motion_jax.runtime import cache
 
 ROOT = pathlib.Path(__file__).parents[1]
 

@@ -12,20 +12,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from motion_jax import checkpoint, cmdm, export
-from motion_jax import model as model_lib
+from motion_jax import export
 from motion_jax.cli import main
-from motion_jax.data import babel, humanml3d, snapmogen, timelines
-from motion_jax.data.archive import read_archive
-from motion_jax.data.synthetic import on_skeleton, synthetic_clips
-from motion_jax.evaluation import evaluator as evaluator_lib
+from motion_jax.data import timelines
+from motion_jax.data.datasets import babel, humanml3d, snapmogen
+from motion_jax.data.datasets.archive import read_archive
+from motion_jax.data.datasets.synthetic import on_skeleton, synthetic_clips
+from motion_jax.evaluators import evaluator as evaluator_lib
+from motion_jax.models import cmdm
+from motion_jax.models.base import plain_fields
+from motion_jax.models.cmdm import model as model_lib
 from motion_jax.motion.features import to_features
 from motion_jax.motion.skeleton import SMPL, SNAPMOGEN
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
-from motion_jax.prompted import plain_fields
-from motion_jax.recipes.recipe import untrained
+from motion_jax.runs import PRETRAINED
 from motion_jax.text.encoder import load_text_encoder
+from motion_jax.training import checkpoint
+from motion_jax.training.setup import untrained
 from tests.conftest import load_config
 from tests.data.test_build import write_archive
 from tests.fuzz_damage import NUMBERS, WORDS, damage, damage_text, deflated_bomb, encode, pick
@@ -131,7 +135,7 @@ def _run(folder):
   checkpoint.save_config(folder, config)
   checkpoint.save_params(folder, untrained(cmdm.denoiser_shapes(dit)))
   checkpoint.save_params(folder, untrained(cmdm.frozen_shapes(vae)), name=checkpoint.FROZEN)
-  shipped = model_lib.PRETRAINED / "cmdm-small"
+  shipped = PRETRAINED / "cmdm-small"
   for name in ("Mean.npy", "Std.npy"):
     (folder / name).write_bytes((shipped / name).read_bytes())
   rows = [["a person walks", 90], ["someone jumps", 60], ["a person sits", 120]]
@@ -142,7 +146,7 @@ def _run(folder):
 
 def _shipped(name):
   def make(folder):
-    for path in (model_lib.PRETRAINED / name).iterdir():
+    for path in (PRETRAINED / name).iterdir():
       (folder / path.name).write_bytes(path.read_bytes())
   return make
 

@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax import cache, cli, export, timing
+from motion_jax import cli, export
+from motion_jax.runtime import cache, timing
 from tests.conftest import ROOT, devices_env
 
 
@@ -101,8 +102,8 @@ def test_a_folder_that_cannot_be_written_costs_time_only(tmp_path, monkeypatch):
 
 def test_generating_from_the_cache_gives_the_same_bits(tiny_run, tmp_path, monkeypatch, capsys):
   """Without a cache, making it, and from it: one motion, bit for bit."""
-  from motion_jax import model
-  plain = model.load(tiny_run).generate("a person walks", 20, seeds=[5])[0]
+  from motion_jax import loading
+  plain = loading.load(tiny_run).generate("a person walks", 20, seeds=[5])[0]
   monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
   for name in ("first", "second"):
     assert cli.main(["generate", "a person walks", "--frames", "20", "--seed", "5", "--model", str(tiny_run), "--out",
@@ -131,8 +132,8 @@ def test_parts_of_time_add_up(monkeypatch):
 
 
 def test_using_a_model_imports_nothing_that_only_training_needs():
-  code = "import sys, json, motion_jax.model; print(json.dumps([n for n in sys.argv[1:] if n in sys.modules]))"
-  names = ["orbax.checkpoint", "scipy.ndimage", "scipy.linalg", "motion_jax.train", "torch"]
+  code = "import sys, json, motion_jax.loading; print(json.dumps([n for n in sys.argv[1:] if n in sys.modules]))"
+  names = ["orbax.checkpoint", "scipy.ndimage", "scipy.linalg", "motion_jax.training.loop", "torch"]
   done = subprocess.run([sys.executable, "-c", code, *names], capture_output=True, text=True, env=devices_env(1),
                         cwd=ROOT, check=True)
   assert json.loads(done.stdout) == []

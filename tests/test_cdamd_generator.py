@@ -7,14 +7,15 @@ import numpy as np
 import pytest
 from ml_collections import ConfigDict
 
-from motion_jax import cdamd
-from motion_jax.convert import autoencoder_names, from_torch, mardm_names, masked_transformer_names, select
-from motion_jax.diffusion import draws as draws_lib
-from motion_jax.diffusion import masking
-from motion_jax.diffusion.rounds import most_revealed
+from motion_jax.convert.state import from_torch, select
+from motion_jax.models import cdamd
+from motion_jax.models.cdamd import draws as draws_lib
+from motion_jax.models.cdamd import mask_schedule as masking
+from motion_jax.models.cdamd import setup as recipe
+from motion_jax.models.cdamd.unmasking import most_revealed
+from motion_jax.models.cdamd.weight_names import autoencoder_names, mardm_names, masked_transformer_names
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.masks import padding_mask
-from motion_jax.recipes import cdamd as recipe
 from tests import fixtures
 from tests.conftest import load_config
 from tests.golden import check, golden

@@ -6,12 +6,13 @@ import jax
 import numpy as np
 import pytest
 
-from motion_jax import cli, training
-from motion_jax.cdamd_model import colors_of, spans_of
-from motion_jax.data.synthetic import synthetic_clips
-from motion_jax.model import load
+from motion_jax import cli
+from motion_jax import fit as training
+from motion_jax.data.datasets.synthetic import synthetic_clips
+from motion_jax.loading import load
+from motion_jax.models.cdamd.model import colors_of, spans_of
 from motion_jax.motion.features import to_joints
-from motion_jax.train import read_metrics
+from motion_jax.training.loop import read_metrics
 from tests.conftest import load_config
 
 

@@ -4,9 +4,9 @@ import pytest
 
 from motion_jax import cli
 from motion_jax.cli import make
-from motion_jax.data.synthetic import synthetic_clips
+from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.export import bvh
-from motion_jax.model import Model
+from motion_jax.models.cmdm.model import Model
 
 
 @pytest.fixture()

@@ -8,16 +8,21 @@ import numpy as np
 import pytest
 from safetensors.numpy import load_file, save_file
 
-from motion_jax import checkpoint, cli, cmdm, convert, released
-from motion_jax.diffusion import streaming
-from motion_jax.evaluation.evaluator import load_evaluator
-from motion_jax.model import load
+from motion_jax import cli
+from motion_jax.convert.parts import read_part
+from motion_jax.convert.state import from_torch, load_checkpoint, load_state, post_norm_names, select
+from motion_jax.evaluators.evaluator import load_evaluator
+from motion_jax.loading import load
+from motion_jax.models import cmdm
+from motion_jax.models.cmdm import streaming
+from motion_jax.models.cmdm.teacher import make_teacher
+from motion_jax.models.cmdm.teacher_weights import teacher, write_teacher
 from motion_jax.motion.features import get_layout
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.nets.post_norm import PostNormLayer
-from motion_jax.teacher import make_teacher
 from motion_jax.text import bert
 from motion_jax.text.encoder import load_text_encoder
+from motion_jax.training import checkpoint
 from tests import fixtures
 from tests.golden import Fixture
 from tests.nets.test_causal_dit import captions
@@ -33,7 +38,7 @@ def state():
 
 def test_layouts_are_turned():
   theirs = state()
-  params = convert.from_torch(theirs, TABLE)["params"]
+  params = from_torch(theirs, TABLE)["params"]
   np.testing.assert_allclose(params["first"]["kernel"], theirs["net.0.weight"].T, rtol=1e-6)
   assert params["norm"]["scale"].shape == (3,) and params["first"]["kernel"].dtype == np.float32
   assert params["deep"]["conv"]["kernel"].shape == (3, 4, 5)  # (kernel, in, out)
@@ -41,34 +46,34 @@ def test_layouts_are_turned():
 
 def test_no_tensor_is_left_over_and_none_made_up():
   with pytest.raises(ValueError, match=r"missing 1 \(net.0.bias\), unknown 0"):
-    convert.from_torch({name: array for name, array in state().items() if name != "net.0.bias"}, TABLE)
+    from_torch({name: array for name, array in state().items() if name != "net.0.bias"}, TABLE)
   with pytest.raises(ValueError, match=r"missing 0 \(\), unknown 1 \(pe\)"):
-    convert.from_torch(state() | {"pe": np.zeros(4)}, TABLE)
-  assert convert.from_torch(state() | {"pe": np.zeros(4)}, TABLE, ignore=("pe",))
+    from_torch(state() | {"pe": np.zeros(4)}, TABLE)
+  assert from_torch(state() | {"pe": np.zeros(4)}, TABLE, ignore=("pe",))
 
 
 def test_files(tmp_path, monkeypatch):
   arrays = {name: array.astype(np.float32) for name, array in state().items()}
   save_file(arrays, tmp_path / "weights.safetensors")
-  loaded = convert.load_state(tmp_path / "weights.safetensors")
+  loaded = load_state(tmp_path / "weights.safetensors")
   assert loaded.keys() == arrays.keys()
   np.testing.assert_array_equal(loaded["conv.weight"], arrays["conv.weight"])
   (tmp_path / "cut.safetensors").write_bytes((tmp_path / "weights.safetensors").read_bytes()[:100])
   with pytest.raises(ValueError, match="no whole safetensors file"):
-    convert.load_state(tmp_path / "cut.safetensors")
+    load_state(tmp_path / "cut.safetensors")
   with pytest.raises(FileNotFoundError, match="no checkpoint"):
-    convert.load_state(tmp_path / "nothing.tar")
+    load_state(tmp_path / "nothing.tar")
   (tmp_path / "latest.tar").write_bytes(b"not read without torch")
   monkeypatch.setitem(sys.modules, "torch", None)
   with pytest.raises(ValueError, match="needs torch"):
-    convert.load_state(tmp_path / "latest.tar")
+    load_state(tmp_path / "latest.tar")
 
 
 def test_a_part_of_a_checkpoint():
   nested = {f"ema_model/{name}": array for name, array in state().items()} | {"it": np.zeros(1)}
-  assert convert.select(nested, "ema_model/").keys() == state().keys()
+  assert select(nested, "ema_model/").keys() == state().keys()
   with pytest.raises(ValueError, match="nothing under 'ae/'.*ema_model"):
-    convert.select(nested, "ae/")
+    select(nested, "ae/")
 
 
 def test_attention_in_one_matrix_is_taken_apart():
@@ -78,8 +83,8 @@ def test_attention_in_one_matrix_is_taken_apart():
            "self_attn.out_proj.bias": (4,), "linear1.weight": (6, 4), "linear1.bias": (6,), "linear2.weight": (4, 6),
            "linear2.bias": (4,), "norm1.weight": (4,), "norm1.bias": (4,), "norm2.weight": (4,), "norm2.bias": (4,)}
   theirs = {f"layers.0.{name}": draw(size=size) for name, size in sizes.items()}
-  made = convert.from_torch(theirs | {"hidden": np.ones(3)},
-                            convert.post_norm_names("layers.0", "layer0") | {"hidden": ("hidden", "array")})["params"]
+  made = from_torch(theirs | {"hidden": np.ones(3)},
+                            post_norm_names("layers.0", "layer0") | {"hidden": ("hidden", "array")})["params"]
   assert made["hidden"].shape == (3,)
   for i, name in enumerate(("query", "key", "value")):
     stacked = theirs["layers.0.self_attn.in_proj_weight"], theirs["layers.0.self_attn.in_proj_bias"]
@@ -278,9 +283,9 @@ def test_what_lies_there_is_kept(tmp_path, capsys):
 def test_another_kind_of_checkpoint_is_told(tmp_path):
   path = save_nested(tmp_path / "x", {"ae": state(), "discriminator": state()}, "safetensors")
   with pytest.raises(ValueError, match="holds ae, discriminator.*another kind"):
-    released.read_part(path, ("ae",))
+    read_part(path, ("ae",))
   path = save_nested(tmp_path / "y", {f"module.{name}": array for name, array in state().items()}, "safetensors")
-  assert released.read_part(path, ("ae",)).state.keys() == state().keys()
+  assert read_part(path, ("ae",)).state.keys() == state().keys()
 
 
 class Foreign:
@@ -294,17 +299,17 @@ def test_a_checkpoint_with_code_is_refused_and_not_run(tmp_path, monkeypatch):
   monkeypatch.chdir(tmp_path)
   torch.save({"ae": {"weight": torch.ones(2)}, "args": Foreign()}, "code.tar")
   with pytest.raises(ValueError, match="code.tar holds a .*eval.*refused"):
-    convert.load_state("code.tar")
+    load_state("code.tar")
   assert not (tmp_path / "ran").exists()
   torch.save({"ae": {"weight": torch.ones(2, dtype=torch.float64)}, "ep": 3}, "fine.tar")
   (tmp_path / "cut.tar").write_bytes((tmp_path / "fine.tar").read_bytes()[:-200])
   with pytest.raises(ValueError, match="no whole PyTorch checkpoint") as told:
-    convert.load_state("cut.tar")
+    load_state("cut.tar")
   assert "\n" not in str(told.value)
   torch.save(torch.ones(3), "bare.tar")
   with pytest.raises(ValueError, match="holds a Tensor, expected a dict"):
-    convert.load_state("bare.tar")
-  loaded, plain = convert.load_checkpoint("fine.tar")
+    load_state("bare.tar")
+  loaded, plain = load_checkpoint("fine.tar")
   assert plain == {"ep"} and loaded["ae/weight"].dtype == np.float32
 
 
@@ -317,9 +322,9 @@ def test_the_teacher(tmp_path, kind):
   path = save_nested(tmp_path / "best_model", fixture.params | tables, kind)
   stats = stats_folder(tmp_path / "stats", np.zeros(263), np.ones(263))
   with pytest.raises(ValueError, match="give the folder that it started from with --text"):
-    released.write_teacher(tmp_path / "run", path, stats)
+    write_teacher(tmp_path / "run", path, stats)
   fields = bert.bert_fields({"model_type": "distilbert", **sizes["text"]})
-  network = released.teacher(path, get_layout("full"), text_fields=fields)
+  network = teacher(path, get_layout("full"), text_fields=fields)
   state = dict(fixture.params)
   assert network.num_params == sum(array.size for array in state.values())
 

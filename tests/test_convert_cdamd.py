@@ -6,12 +6,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax import cdamd, checkpoint, released
-from motion_jax.diffusion import draws, masking
-from motion_jax.evaluation.evaluator import load_evaluator
-from motion_jax.model import load
+from motion_jax.convert.parts import stats_of
+from motion_jax.evaluators.evaluator import load_evaluator
+from motion_jax.loading import load
+from motion_jax.models import cdamd
+from motion_jax.models.cdamd import draws
+from motion_jax.models.cdamd import mask_schedule as masking
+from motion_jax.models.cdamd import setup as recipe
+from motion_jax.models.cdamd.weights import generator, write_cdamd
 from motion_jax.nets.post_norm import sinusoids
-from motion_jax.recipes import cdamd as recipe
+from motion_jax.training import checkpoint
 from tests import fixtures
 from tests.conftest import load_config
 from tests.golden import Fixture
@@ -167,7 +171,7 @@ def test_an_autoencoder_and_an_rvq_vae_alone(tmp_path):
   assert variables["codebooks"]["initialised"].all() and (variables["codebooks"]["counts"] == 1).all()
   config.tokenizer.update(latent_dim=8, width=16)
   _, variables, theirs = recipe.load_frozen(tmp_path / "ae", config.tokenizer, "cdamd.autoencoder", config)
-  assert own.fingerprint == theirs.fingerprint == released.parts.stats_of(stats, 66).fingerprint
+  assert own.fingerprint == theirs.fingerprint == stats_of(stats, 66).fingerprint
   assert checkpoint.load_config(tmp_path / "ae").data.layout == "coordinates"
 
 
@@ -218,29 +222,29 @@ def test_a_prior_must_fit(tmp_path):
       {f"quantizer.layers.{q}.codebook": np.ones((1100, 12), np.float32) for q in range(4)}))
   given = dict(tokenizer_file=flags["--tokenizer"], stats=flags["--stats"], rvq_file=flags["--rvq"], num_heads=4)
   with pytest.raises(ValueError, match="1100 codes, the generator's table 1027 rows"):
-    released.write_cdamd(tmp_path / "run", generator_file=flags["--generator"], **given)
+    write_cdamd(tmp_path / "run", generator_file=flags["--generator"], **given)
   mardm = save_nested(tmp_path / "mardm", {"mardm": recorded("generate_mardm").params}, "safetensors")
   with pytest.raises(ValueError, match="no prior"):
-    released.write_cdamd(tmp_path / "run", generator_file=mardm, weights="model", **given)
+    write_cdamd(tmp_path / "run", generator_file=mardm, weights="model", **given)
 
 
 def test_clips_own_weights_are_left_aside(tmp_path):
   def change(parts):
     parts["transformer"]["clip_model.logit_scale"] = np.ones(1, np.float32)
   _, flags = files(tmp_path, change=change)
-  made = released.generator(flags["--generator"], num_heads=4)
+  made = generator(flags["--generator"], num_heads=4)
   assert "clip_model (1 tensors)" in str(made)
 
 
 def test_statistics_of_coordinates_may_be_three_numbers(tmp_path):
   folder = statistics(tmp_path / "stats", 3)
-  stats = released.parts.stats_of(folder, 66)
+  stats = stats_of(folder, 66)
   assert stats.layout.name == "coordinates"
   np.testing.assert_array_equal(stats.mean, np.tile(np.load(folder / "Mean_abs.npy"), 22))
   statistics(folder, 67, "")
-  assert released.parts.stats_of(folder, 67).layout.name == "essential"
+  assert stats_of(folder, 67).layout.name == "essential"
   with pytest.raises(FileNotFoundError, match="no statistics of 63 numbers.*Mean_abs.npy and Std_abs.npy, or Mean.npy"):
-    released.parts.stats_of(tmp_path, 63)
+    stats_of(tmp_path, 63)
 
 
 def test_evaluators_on_coordinates(tmp_path):

@@ -4,8 +4,9 @@ import re
 import numpy as np
 import pytest
 
-from motion_jax import released
-from motion_jax.model import load
+from motion_jax.loading import load
+from motion_jax.models.cmdm.teacher_weights import write_teacher
+from motion_jax.models.cmdm.weights import write_cmdm
 from tests import fixtures
 from tests.golden import Fixture
 from tests.test_convert import KINDS, save_nested, stats_folder, text_folder
@@ -36,7 +37,7 @@ def test_full_size(tmp_path, kind):
   vae = enlarged(vae, {8: 64, 24: 1024, 12: 256, 16: 128})
   dit = enlarged(dit, {8: 64, 32: 512, 64: 1024, 20: 768, 192: 3072}, depth=8)
   stats = stats_folder(tmp_path / "stats", np.zeros(263), np.ones(263))
-  networks = released.write_cmdm(
+  networks = write_cmdm(
       tmp_path / "run", save_nested(tmp_path / "net_best_fid", {"ae": vae, "ep": 49}, kind), stats,
       save_nested(tmp_path / "latest", {"ema_model": dit, "total_it": 9}, kind), text_folder(tmp_path / "text", 768))
   assert [network.num_params for network in networks] == [76_312_199, 38_697_024]  # facts: cmdm 2.1, 4.1
@@ -60,5 +61,5 @@ def test_full_size_teacher(tmp_path, kind):
   motion = enlarged(motion, {24: 512, 40: 1024, 16: 256, 72: 1536, 20: 768}, depth=4)
   path = save_nested(tmp_path / "best_model", motion | text, kind)
   stats = stats_folder(tmp_path / "stats", np.zeros(263), np.ones(263))
-  made = released.write_teacher(tmp_path / "teacher", path, stats)[0]
+  made = write_teacher(tmp_path / "teacher", path, stats)[0]
   assert made.num_params == 117_443_585  # facts: cmdm 3.2, DistilBERT and temperature included

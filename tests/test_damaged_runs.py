@@ -7,11 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax import checkpoint
-from motion_jax import model as model_lib
-from motion_jax.errors import InputError
+from motion_jax import loading
+from motion_jax.inputs.errors import InputError
 from motion_jax.text.encoder import load_text_encoder
-from motion_jax.train import read_metrics
+from motion_jax.training import checkpoint
+from motion_jax.training.loop import read_metrics
 from tests.fuzz_kinds import healthy, put
 
 
@@ -46,7 +46,7 @@ def _change(folder, path, value):
 def test_a_config_of_wrong_types_is_one_line(run, path, value, words):
   _change(run, path, value)
   with pytest.raises(ValueError) as error:
-    model_lib.load(run)
+    loading.load(run)
   text = str(error.value)
   assert isinstance(error.value, InputError) and words in text and str(run) in text and "\n" not in text
 
@@ -58,7 +58,7 @@ def test_a_config_of_wrong_types_is_one_line(run, path, value, words):
 def test_a_damaged_file_is_named(run, name, damage):
   (run / name).write_bytes(damage((run / name).read_bytes()))
   with pytest.raises(InputError, match=name) as error:
-    model_lib.load(run)
+    loading.load(run)
   assert "\n" not in str(error.value)
 
 
@@ -66,7 +66,7 @@ def test_names_that_make_no_tree(run):
   from safetensors.numpy import save_file
   save_file({"a": np.zeros(1), "a/b": np.zeros(1)}, run / "params.safetensors")
   with pytest.raises(InputError, match="params.safetensors"):
-    model_lib.load(run)
+    loading.load(run)
 
 
 @pytest.mark.parametrize("text", ["[]", '[["", 40]]', '[["walks", "x"]]', '[["walks", 1e400]]', '[["walks", -3]]', "{"])
@@ -84,7 +84,7 @@ def test_a_damaged_log_names_its_line(tmp_path):
 
 def test_a_licence_that_is_no_text_keeps_nobody_from_a_motion(run):
   (run / "LICENSE.txt").write_bytes(b"free \xff\xfe")
-  assert model_lib.load(run).license.startswith("free")
+  assert loading.load(run).license.startswith("free")
 
 
 def test_known_words_that_are_no_text_are_named(tmp_path):

@@ -4,14 +4,16 @@ import importlib.util
 import numpy as np
 import pytest
 
-from motion_jax import export, teacher, training
+from motion_jax import export
+from motion_jax import fit as training
 from motion_jax.data.batches import TextItems
+from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.data.sources import load_features
-from motion_jax.data.synthetic import synthetic_clips
+from motion_jax.models.cmdm import teacher
+from motion_jax.models.cmdm.live import _continue_path
 from motion_jax.motion import features as F
 from motion_jax.motion.skeleton import SNAPMOGEN
-from motion_jax.streams import _continue_path
-from motion_jax.train import read_metrics
+from motion_jax.training.loop import read_metrics
 from tests.conftest import ROOT, load_config
 
 DATASETS = ("essential", "kit", "snapmogen", "babel")

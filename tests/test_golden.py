@@ -6,10 +6,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax import cmdm
-from motion_jax.convert import causal_dit_names, from_torch
+from motion_jax.convert.state import from_torch
 from motion_jax.data.batches import Windows
 from motion_jax.diffusion.schedules import staircase, staircase_levels
+from motion_jax.models import cmdm
+from motion_jax.models.cmdm.weight_names import causal_dit_names
 from motion_jax.motion import features as features_lib
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.masks import block_causal_mask, padding_mask

@@ -11,13 +11,13 @@ ROOT = pathlib.Path(__file__).parents[1]
 PACKAGE = ROOT / "motion_jax"
 # A file may import from its own layer's folder and from layers above it in this list.
 LAYERS = [
-    # How bad input is read and told, where time goes, how a program ends and shows how far it is.
-    ("errors", "numerals", "text_files", "input_files", "shapes", "timing", "stopping", "nearest", "progress"),
-    ("motion", "nets", "quant", "diffusion", "stage", "paper_rows"),
-    ("cache", "data", "text", "metrics", "teacher", "tmr", "matching", "cmdm", "cdamd", "lengths"),
-    ("train", "checkpoint", "lock", "convert", "export"),
-    ("recipes", "training", "overrides", "retrieval", "prompted", "model", "cdamd_model", "results", "stories",
-     "streams", "released", "evaluation"),
+    ("inputs", "runtime", "shapes"),
+    ("motion", "nets", "quant", "diffusion", "paper_rows"),
+    ("data", "text", "metrics"),
+    ("convert", "export", "runs", "training"),
+    ("models", "evaluators"),
+    ("loading", "fit", "retrieval"),
+    ("evaluation",),
     ("cli", "__init__"),
 ]
 CORE = {"absl", "chex", "flatbuffers", "flax", "jax", "ml_collections", "numpy", "optax", "orbax", "PIL", "safetensors",

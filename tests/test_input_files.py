@@ -10,10 +10,19 @@ import pytest
 from safetensors.numpy import save_file
 
 from motion_jax import export
-from motion_jax.data import archive, doctor
-from motion_jax.data.archive import read_archive
-from motion_jax.errors import InputError, reading
-from motion_jax.input_files import load_npy, load_npz, load_safetensors, npy_shape, npz_names, parse_json, read_json
+from motion_jax.data import doctor
+from motion_jax.data.datasets import archive
+from motion_jax.data.datasets.archive import read_archive
+from motion_jax.inputs.errors import InputError, reading
+from motion_jax.inputs.input_files import (
+  load_npy,
+  load_npz,
+  load_safetensors,
+  npy_shape,
+  npz_names,
+  parse_json,
+  read_json,
+)
 from tests.data.test_build import write_archive
 from tests.fuzz_damage import deflated_bomb
 

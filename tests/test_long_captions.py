@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 import motion_jax as mj
-from motion_jax import training
+from motion_jax import fit as training
 from motion_jax.data.clip import Caption
-from motion_jax.data.humanml3d import write_folder
-from motion_jax.data.synthetic import synthetic_clips
+from motion_jax.data.datasets.humanml3d import write_folder
+from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.evaluation import protocols, run
-from motion_jax.evaluation.evaluator import fresh_evaluator
-from motion_jax.recipes import cdamd as cdamd_recipes
-from motion_jax.recipes import cmdm as cmdm_recipes
+from motion_jax.evaluators.evaluator import fresh_evaluator
+from motion_jax.models.cdamd import setup as cdamd_recipes
+from motion_jax.models.cmdm import setup as cmdm_recipes
 from motion_jax.text.encoder import load_text_encoder, padded_length
 from tests.conftest import load_config
 

@@ -8,16 +8,18 @@ import numpy as np
 import optax
 import pytest
 
-from motion_jax import checkpoint, matching, train
 from motion_jax.data import sources
 from motion_jax.data.captions import meanings
-from motion_jax.data.humanml3d import write_folder
-from motion_jax.data.synthetic import synthetic_clips
+from motion_jax.data.datasets.humanml3d import write_folder
+from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.data.tagger import tag
-from motion_jax.metrics.evaluators import ClipEvaluator, T2MEvaluator
-from motion_jax.stage import DEVICES, Stage
+from motion_jax.evaluators import stages as matching
+from motion_jax.evaluators.networks import ClipEvaluator, T2MEvaluator
 from motion_jax.text.encoder import load_text_encoder
-from motion_jax.train import make_optimizer
+from motion_jax.training import checkpoint
+from motion_jax.training import loop as train
+from motion_jax.training.loop import make_optimizer
+from motion_jax.training.stage import DEVICES, Stage
 from tests.conftest import load_config
 
 

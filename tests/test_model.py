@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 import motion_jax as mj
-from motion_jax import training
-from motion_jax.model import PRETRAINED, load
+from motion_jax import fit as training
+from motion_jax.loading import load
 from motion_jax.motion.features import bone_lengths, to_joints
 from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.runs import PRETRAINED
 from tests.conftest import load_config
 
 

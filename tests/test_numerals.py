@@ -6,7 +6,7 @@ import pathlib
 import pytest
 
 from motion_jax import cli
-from motion_jax.numerals import NumberError, checked, real, whole
+from motion_jax.inputs.numerals import NumberError, checked, real, whole
 
 ROOT = pathlib.Path(__file__).parents[1]
 NO_NUMBERS = ("nan", "inf", "-inf", "1e400", "-1e400", "٣", "²", "1_000", "0x10", "", "ten", "1,5", "9" * 5000, "--")

@@ -5,7 +5,7 @@ import sys
 import pytest
 
 import eval as eval_py
-from motion_jax import overrides
+from motion_jax.inputs import overrides
 from tests.conftest import ROOT, devices_env
 
 TINY = f"{ROOT}/configs/cmdm_tokenizer.py:tiny"

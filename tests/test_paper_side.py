@@ -8,13 +8,14 @@ import pytest
 from ml_collections import ConfigDict
 
 import motion_jax as mj
-from motion_jax import cdamd, cmdm, training
-from motion_jax.data.synthetic import synthetic_clips
-from motion_jax.diffusion import masking
+from motion_jax import fit as training
+from motion_jax.data.datasets.synthetic import synthetic_clips
+from motion_jax.models import cdamd, cmdm
+from motion_jax.models.cdamd import mask_schedule as masking
 from motion_jax.nets.causal_vae import CausalVAE, sample_latent
 from motion_jax.quant import rvq
-from motion_jax.stage import DEVICES
-from motion_jax.train import read_metrics
+from motion_jax.training.loop import read_metrics
+from motion_jax.training.stage import DEVICES
 from tests.conftest import ROOT, load_config
 
 RNG = np.random.default_rng(0)

@@ -4,15 +4,17 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax import cdamd, cmdm, lengths, matching
 from motion_jax.data.batches import step_rng
-from motion_jax.diffusion.streaming import block_noise, make_plan
-from motion_jax.metrics.evaluators import ClipEvaluator, T2MEvaluator
+from motion_jax.evaluators import stages as matching
+from motion_jax.evaluators.networks import ClipEvaluator, T2MEvaluator
+from motion_jax.models import cdamd, cmdm
+from motion_jax.models.cdamd import length as lengths
+from motion_jax.models.cmdm.streaming import block_noise, make_plan
+from motion_jax.models.cmdm.teacher import make_teacher, teacher_shapes
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.nets.length_estimator import LengthEstimator
-from motion_jax.teacher import make_teacher, teacher_shapes
 from motion_jax.text.bert import bert_fields
 from tests.conftest import ROOT, load_config
 

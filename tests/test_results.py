@@ -5,9 +5,9 @@ import pytest
 
 import motion_jax as mj
 from motion_jax.data.clip import Caption, Clip
-from motion_jax.data.synthetic import synthetic_clips
-from motion_jax.model import load
-from motion_jax.results import Motion, Motions
+from motion_jax.data.datasets.synthetic import synthetic_clips
+from motion_jax.loading import load
+from motion_jax.models.results import Motion, Motions
 
 
 @pytest.fixture(scope="module")

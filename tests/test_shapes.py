@@ -4,8 +4,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax import cdamd, cmdm, shapes, teacher
+from motion_jax import shapes
 from motion_jax.diffusion import paths
+from motion_jax.models import cdamd, cmdm
+from motion_jax.models.cmdm import teacher
 from motion_jax.quant import rvq
 
 X, REAL, T = jnp.ones((2, 6, 4)), jnp.ones((2, 6), bool), jnp.ones((2, 6))

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax import cdamd, cmdm
+from motion_jax.models import cdamd, cmdm
 from tests.conftest import load_config
 
 BATCH, FRAMES, WORDS = 64, 24, 3
@@ -34,8 +34,8 @@ def text_of_the_denoiser(monkeypatch, rate):
     seen.append(text_emb)
     return jnp.zeros_like(x)
 
-  monkeypatch.setattr(cmdm.CausalDiT, "apply", apply)
-  monkeypatch.setattr(cmdm, "encode_latents", lambda vae, frozen, x, keys: x[:, ::4, :config.model.latent_dim])
+  monkeypatch.setattr(cmdm.stages.CausalDiT, "apply", apply)
+  monkeypatch.setattr(cmdm.stages, "encode_latents", lambda vae, frozen, x, keys: x[:, ::4, :config.model.latent_dim])
 
   return jax.jit(lambda rng: (stage.loss({}, {}, batch, 0, rng), seen[-1])[1]), np.asarray(batch["text_emb"])
 
@@ -54,8 +54,8 @@ def text_of_the_generator(monkeypatch, rate):
     seen.append(rest[0][0, :, :1])  # x, t, condition (copies, B, L, E)
     return jnp.zeros_like(x)
 
-  monkeypatch.setattr(cdamd.Generator, "apply", apply)
-  monkeypatch.setattr(cdamd, "latents_of", lambda net, frozen, x, mask: x[:, ::4, :4])
+  monkeypatch.setattr(cdamd.stages.Generator, "apply", apply)
+  monkeypatch.setattr(cdamd.stages, "latents_of", lambda net, frozen, x, mask: x[:, ::4, :4])
 
   return jax.jit(lambda rng: (stage.loss({}, {}, batch, 0, rng), seen[-1])[1]), np.asarray(batch["text_emb"])
 
@@ -84,8 +84,9 @@ def test_padding_is_no_key_of_the_denoiser(monkeypatch):
   stage, batch = cmdm.denoiser_stage(config), batch_of(config.tokenizer.features)
   batch["num_frames"] = jnp.asarray([24, 16, 8, 12] * (BATCH // 4))
   seen = []
-  monkeypatch.setattr(cmdm.CausalDiT, "apply", lambda self, params, x, t, text, mask, words: seen.append(mask) or x)
-  monkeypatch.setattr(cmdm, "encode_latents", lambda vae, frozen, x, keys: x[:, ::4, :4])
+  monkeypatch.setattr(cmdm.stages.CausalDiT, "apply",
+                      lambda self, params, x, t, text, mask, words: seen.append(mask) or x)
+  monkeypatch.setattr(cmdm.stages, "encode_latents", lambda vae, frozen, x, keys: x[:, ::4, :4])
   stage.loss({}, {}, batch, 0, jax.random.key(0))
   place = np.arange(6)
   causal = place[None] // 3 <= place[:, None] // 3
@@ -97,9 +98,9 @@ def test_padding_is_no_key_of_the_denoiser(monkeypatch):
 def test_latents_are_scaled_by_the_runs_own_statistics(monkeypatch):
   """A draw of the encoder, less latent_mean, over latent_std: (2 - 0.5) / 0.25 where the variance is e^-30."""
   gaussian = jnp.full((2, 3, 4), 2.0), jnp.full((2, 3, 4), -30.0)
-  monkeypatch.setattr(cmdm.CausalVAE, "apply", lambda *_, method: gaussian)
+  monkeypatch.setattr(cmdm.stages.CausalVAE, "apply", lambda *_, method: gaussian)
   frozen = {"tokenizer": {}, "latent_mean": jnp.full(4, 0.5), "latent_std": jnp.full(4, 0.25)}
-  made = cmdm.encode_latents(cmdm.CausalVAE(), frozen, None, jax.random.split(jax.random.key(0), 2))
+  made = cmdm.encode_latents(cmdm.stages.CausalVAE(), frozen, None, jax.random.split(jax.random.key(0), 2))
   np.testing.assert_allclose(made, 6.0, atol=1e-3)
 
 
@@ -116,9 +117,9 @@ def test_the_prior_is_dropped_as_often_as_the_config_says(rate, monkeypatch):
     seen.append(mask[0, :, 0, 0])  # x, t, condition (copies, B, L, E): whether an item kept its codes
     return jnp.zeros_like(x)
 
-  monkeypatch.setattr(cdamd.Generator, "apply", apply)
-  monkeypatch.setattr(cdamd, "latents_of", lambda net, frozen, x, mask: x[:, ::4, :4])
-  monkeypatch.setattr(cdamd, "prior_codes", lambda *_: jnp.zeros((BATCH, 6), int))
+  monkeypatch.setattr(cdamd.stages.Generator, "apply", apply)
+  monkeypatch.setattr(cdamd.stages, "latents_of", lambda net, frozen, x, mask: x[:, ::4, :4])
+  monkeypatch.setattr(cdamd.stages, "prior_codes", lambda *_: jnp.zeros((BATCH, 6), int))
   keep = jax.jit(lambda rng: (stage.loss({}, {}, batch, 0, rng), seen[-1])[1])
   share = np.mean([np.asarray(keep(jax.random.key(step))) for step in range(8)])
   assert abs(share - (1 - rate)) <= 4 * np.sqrt(rate * (1 - rate) / (8 * BATCH))
@@ -133,11 +134,12 @@ def test_latents_of_a_level_block_share_their_time(level_block, blocks, monkeypa
   if level_block is not None:
     config.loss.level_block = level_block
   stage, batch = cmdm.denoiser_stage(config), batch_of(config.tokenizer.features)
-  monkeypatch.setattr(cmdm, "encode_latents", lambda vae, frozen, x, keys: x[:, ::4, :4])
+  monkeypatch.setattr(cmdm.stages, "encode_latents", lambda vae, frozen, x, keys: x[:, ::4, :4])
   # The network is told one time for neighbours where it can be, and spreads it.
-  monkeypatch.setattr(cmdm.CausalDiT, "apply", lambda self, params, x, t, *rest: jnp.repeat(t, 6 // t.shape[1], axis=1))
+  monkeypatch.setattr(cmdm.stages.CausalDiT, "apply",
+                      lambda self, params, x, t, *rest: jnp.repeat(t, 6 // t.shape[1], axis=1))
   seen = lambda velocity, x1, latent_mask, t, noise, target: ({"loss": 0.0, "t": t, "told": velocity(x1, t)}, 1.0)
-  monkeypatch.setattr(cmdm.paths, "forcing_loss", seen)
+  monkeypatch.setattr(cmdm.stages.paths, "forcing_loss", seen)
   sums, _ = stage.loss({}, {}, batch, 0, jax.random.key(0))
   np.testing.assert_array_equal(sums["told"], sums["t"])
   t = np.asarray(sums["t"])
@@ -154,8 +156,8 @@ def tokenizer_weights(monkeypatch, num_steps=0, **loss):
   def terms(vae, params, x, noise, kl_weight, root_weight, teacher, align_weight, adaptive):
     return {"loss": 0.0, "kl": kl_weight, "root": root_weight, "align": align_weight, "adaptive": adaptive}
 
-  monkeypatch.setattr(cmdm, "tokenizer_terms", terms)
-  monkeypatch.setattr(cmdm, "frame_features", lambda teacher, params, x: x)
+  monkeypatch.setattr(cmdm.stages, "tokenizer_terms", terms)
+  monkeypatch.setattr(cmdm.stages, "frame_features", lambda teacher, params, x: x)
   return lambda step: stage.loss({}, {"teacher": {}}, batch, jnp.asarray(step), jax.random.key(0))[0]
 
 

@@ -10,8 +10,9 @@ import time
 
 import pytest
 
-from motion_jax import lock, stopping, train
-from motion_jax.data.clip import atomic_folder, atomic_path
+from motion_jax.runtime import lock, stopping
+from motion_jax.runtime.atomic import atomic_folder, atomic_path
+from motion_jax.training import loop as train
 from tests.conftest import ROOT, devices_env
 from tests.test_train import _config, _next_batch, _stage
 

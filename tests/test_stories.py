@@ -3,10 +3,11 @@ import jax
 import numpy as np
 import pytest
 
-from motion_jax import cli, export, stories
+from motion_jax import cli, export
 from motion_jax.data.clip import Caption, Clip
-from motion_jax.data.synthetic import synthetic_clips
-from motion_jax.model import load
+from motion_jax.data.datasets.synthetic import synthetic_clips
+from motion_jax.loading import load
+from motion_jax.models.cmdm import multi_prompt as stories
 from motion_jax.motion import rotations as rot
 
 FAST = dict(num_steps=6, lag=2)

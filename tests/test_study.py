@@ -8,8 +8,8 @@ import types
 
 import pytest
 
-from motion_jax.data.synthetic import synthetic_clips
-from motion_jax.evaluation import tables
+from motion_jax.data.datasets.synthetic import synthetic_clips
+from motion_jax.evaluation.report import tables
 from tests.conftest import ROOT
 from tests.evaluation.test_run import write_archive
 

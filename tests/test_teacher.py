@@ -9,12 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax import cli, export, retrieval, teacher, training
+from motion_jax import cli, export, retrieval
+from motion_jax import fit as training
 from motion_jax.data.clip import Clip
-from motion_jax.data.humanml3d import write_folder
-from motion_jax.data.synthetic import synthetic_clips
-from motion_jax.metrics.evaluators import symmetric_cross_entropy
-from motion_jax.train import make_optimizer
+from motion_jax.data.datasets.humanml3d import write_folder
+from motion_jax.data.datasets.synthetic import synthetic_clips
+from motion_jax.evaluators.networks import symmetric_cross_entropy
+from motion_jax.models.cmdm import teacher
+from motion_jax.training.loop import make_optimizer
 from tests.conftest import ROOT, devices_env, load_config
 
 

@@ -9,20 +9,24 @@ import numpy as np
 import pytest
 from safetensors.numpy import load_file, save_file
 
-from motion_jax import checkpoint, cli, cmdm, released, retrieval, training
-from motion_jax import teacher as teacher_lib
-from motion_jax.convert import vit_from_torch
-from motion_jax.data.humanml3d import write_folder
-from motion_jax.data.synthetic import synthetic_clips
-from motion_jax.evaluation.evaluator import load_evaluator
-from motion_jax.evaluation.subject import Subject
+from motion_jax import cli, retrieval
+from motion_jax import fit as training
+from motion_jax.data.datasets.humanml3d import write_folder
+from motion_jax.data.datasets.synthetic import synthetic_clips
+from motion_jax.evaluation.candidates import Subject
+from motion_jax.evaluators.evaluator import load_evaluator
 from motion_jax.metrics import scores
+from motion_jax.models import cmdm
+from motion_jax.models.cmdm import setup as recipes
+from motion_jax.models.cmdm import teacher as teacher_lib
+from motion_jax.models.cmdm import teacher_setup as teachers
+from motion_jax.models.cmdm.teacher_weight_names import vit_from_torch
+from motion_jax.models.cmdm.teacher_weights import teacher
 from motion_jax.motion.features import get_layout, to_features
 from motion_jax.motion.stats import Stats, compute_stats, save_stats
 from motion_jax.nets.causal_vae import CausalVAE
-from motion_jax.recipes import cmdm as recipes
-from motion_jax.recipes import teachers
-from motion_jax.recipes.recipe import untrained
+from motion_jax.training import checkpoint
+from motion_jax.training.setup import untrained
 from tests import fixtures
 from tests.conftest import load_config
 from tests.golden import Fixture
@@ -276,7 +280,7 @@ def test_files_that_are_no_teacher_are_told(tmp_path, capsys):
   assert cli.main(["convert", "teacher", str(path), "--stats", str(stats), "--out", str(tmp_path / "run")]) == 1
   assert "is no Part-TMR, TMR or MotionPatches; it holds weight" in capsys.readouterr().err
   with pytest.raises(FileNotFoundError, match="has no motion_encoder.pt"):
-    released.teacher(tmp_path, get_layout("full"))
+    teacher(tmp_path, get_layout("full"))
 
 
 def test_captions_that_say_the_same_are_read_with_their_sentence():

@@ -2,10 +2,12 @@
 import numpy as np
 import pytest
 
-from motion_jax import cli, text_files
-from motion_jax.data import build, humanml3d, timelines
-from motion_jax.data.synthetic import synthetic_clips
+from motion_jax import cli
+from motion_jax.data import build, timelines
+from motion_jax.data.datasets import humanml3d
+from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.export import bvh
+from motion_jax.inputs import text_files
 
 SENTENCE = "eine Übung – “langsam”"
 

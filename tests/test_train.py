@@ -13,10 +13,12 @@ import ml_collections
 import numpy as np
 import pytest
 
-from motion_jax import checkpoint, train, training
+from motion_jax import fit as training
 from motion_jax.motion.features import get_layout
 from motion_jax.motion.stats import Stats, save_stats
-from motion_jax.stage import Stage
+from motion_jax.training import checkpoint
+from motion_jax.training import loop as train
+from motion_jax.training.stage import Stage
 from tests.conftest import devices_env, load_config
 
 

@@ -5,8 +5,8 @@ import pytest
 
 from motion_jax.data import sources
 from motion_jax.data.batches import step_rng
-from motion_jax.recipes import cmdm
-from motion_jax.recipes.validation import reconstruction_fid
+from motion_jax.evaluators.validation import reconstruction_fid
+from motion_jax.models.cmdm import setup as cmdm
 from tests.conftest import load_config
 
 

@@ -5,10 +5,12 @@ import shlex
 
 import pytest
 
-from motion_jax import cli, export, training
-from motion_jax.data import build, humanml3d, sources
+from motion_jax import cli, export
+from motion_jax import fit as training
+from motion_jax.data import build, sources
 from motion_jax.data.clip import Caption
-from motion_jax.data.synthetic import synthetic_clips
+from motion_jax.data.datasets import humanml3d
+from motion_jax.data.datasets.synthetic import synthetic_clips
 from tests.conftest import ROOT, load_config
 
 PAGE = (ROOT / "docs" / "your-own-data.md").read_text(encoding="utf-8")
@@ -161,5 +163,5 @@ def test_each_split_gets_a_recording_of_a_few():
 
 
 def test_time_left_in_words():
-  from motion_jax.train import duration
+  from motion_jax.training.loop import duration
   assert [duration(seconds) for seconds in (3.2, 100, 3_000, 7_500)] == ["3 s", "2 min", "50 min", "2 h 05 min"]

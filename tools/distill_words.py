@@ -25,7 +25,7 @@ import tqdm
 from safetensors.numpy import load_file, save_file
 from tokenizers import Tokenizer
 
-from motion_jax.data.clip import atomic_path
+from motion_jax.runtime.atomic import atomic_path
 from motion_jax.text import bert
 
 FIELDS = dict(width=128, num_layers=3, num_heads=4, mlp_width=512, max_positions=64)

@@ -10,16 +10,19 @@ import shutil
 import jax
 import numpy as np
 
-from motion_jax import cdamd, checkpoint, cmdm, lengths, matching, teacher
-from motion_jax.metrics.evaluators import ClipEvaluator, T2MEvaluator
-from motion_jax.metrics.words import WordFeatures
+from motion_jax.evaluators import stages as matching
+from motion_jax.evaluators.networks import ClipEvaluator, T2MEvaluator
+from motion_jax.evaluators.words import WordFeatures
+from motion_jax.models import cdamd, cmdm
+from motion_jax.models.cdamd import length as lengths
+from motion_jax.models.cmdm import teacher
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.nets.length_estimator import LengthEstimator
-from motion_jax.recipes.cmdm import text_identity
-from motion_jax.recipes.recipe import plain
 from motion_jax.text.encoder import load_text_encoder
+from motion_jax.training import checkpoint
+from motion_jax.training.setup import plain, text_identity
 
 
 def shapes_of(config):

@@ -6,10 +6,10 @@ import sys
 import warnings
 
 import motion_jax
-from motion_jax import progress, stopping
 from motion_jax.cli import convert, data, make, retrieve, show
 from motion_jax.cli.parser import Parser
 from motion_jax.cli.prompts import read_prompts, read_stories
+from motion_jax.runtime import progress, stopping
 
 __all__ = ["main", "read_prompts", "read_stories"]
 

@@ -1,5 +1,5 @@
 """motion-jax convert: the authors' PyTorch weights become run folders."""
-from motion_jax.numerals import whole
+from motion_jax.inputs.numerals import whole
 
 
 def add_to(commands):
@@ -43,30 +43,29 @@ def add_to(commands):
 
 
 def _convert_cmdm(args):
-  from motion_jax import released
-  _tell_converted(args, released.write_cmdm(args.out, args.tokenizer, args.stats, args.denoiser, args.text,
-                                            args.weights, args.heads, args.block))
+  from motion_jax.models.cmdm.weights import write_cmdm
+  _tell_converted(args, write_cmdm(args.out, args.tokenizer, args.stats, args.denoiser, args.text,
+                                 args.weights, args.heads, args.block))
   if args.denoiser:
     print(f"try it: motion-jax generate \"a person waves\" --model {args.out}")
 
 
 def _convert_cdamd(args):
-  from motion_jax import released
-  _tell_converted(args, released.write_cdamd(args.out, args.tokenizer, args.stats, args.generator, args.rvq,
-                                             args.length, args.text, args.weights, args.heads, args.diffusion))
+  from motion_jax.models.cdamd.weights import write_cdamd
+  _tell_converted(args, write_cdamd(args.out, args.tokenizer, args.stats, args.generator, args.rvq,
+                                  args.length, args.text, args.weights, args.heads, args.diffusion))
   if args.generator:
     print(f"try it: motion-jax generate \"a person waves\" --model {args.out}")
 
 
 def _convert_teacher(args):
-  from motion_jax import released
-  _tell_converted(args, released.write_teacher(args.out, args.file, args.stats, args.text, args.heads))
+  from motion_jax.models.cmdm.teacher_weights import write_teacher
+  _tell_converted(args, write_teacher(args.out, args.file, args.stats, args.text, args.heads))
 
 
 def _convert_evaluator(args):
-  from motion_jax import released
-  _tell_converted(args, released.write_evaluator(args.out, args.file, args.stats, args.heads, args.glove,
-                                                 args.text))
+  from motion_jax.evaluators.weights import write_evaluator
+  _tell_converted(args, write_evaluator(args.out, args.file, args.stats, args.heads, args.glove, args.text))
 
 
 def _tell_converted(args, networks):

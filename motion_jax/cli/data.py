@@ -1,5 +1,5 @@
 """motion-jax data: training data made and checked."""
-from motion_jax.numerals import FRAME_RATES, real
+from motion_jax.inputs.numerals import FRAME_RATES, real
 
 
 def add_to(commands):

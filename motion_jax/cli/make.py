@@ -2,11 +2,11 @@
 import pathlib
 import time
 
-from motion_jax import progress, timing
 from motion_jax.cli import shared
 from motion_jax.cli.prompts import read_prompts, read_stories
-from motion_jax.errors import InputError
-from motion_jax.numerals import CONTEXT, GUIDANCE, MOTIONS, SEEDS, STEPS, real, whole
+from motion_jax.inputs.errors import InputError
+from motion_jax.inputs.numerals import CONTEXT, GUIDANCE, MOTIONS, SEEDS, STEPS, real, whole
+from motion_jax.runtime import progress, timing
 
 _AT_ONCE = 16_000      # frames, of all motions that are made in one batch, and
 _MOST_FRAMES = 400_000  # of all that one run makes
@@ -149,7 +149,7 @@ def _extend(args):
 
 
 def _edit(args):
-  from motion_jax.cdamd_model import colors_of, spans_of
+  from motion_jax.models.cdamd.model import colors_of, spans_of
   outputs, clip = _outputs(args), shared.read_motion(args.file, args)
   start, model = time.time(), _load_model(args)
   _able(model, "edit")
@@ -192,7 +192,7 @@ def _length(model, tale):
 
 def _sampling(args, model):
   """The choices given, for the kind of model that it is; a choice that is none of its kind's is an error."""
-  from motion_jax.cdamd_model import CdamdModel
+  from motion_jax.models.cdamd.model import CdamdModel
   ours, others = dict(schedule=args.schedule, lag=args.lag, context=args.context), dict(
       rounds=args.rounds, order=args.order, mask=args.mask)
   if isinstance(model, CdamdModel):
@@ -216,9 +216,9 @@ def _load_model(args):
     timing.start()
   with timing.part("imports"):
     shared.cache_compiled_code()
-    from motion_jax import model as model_lib
+    from motion_jax import loading
   with timing.part("model"):
-    model = model_lib.load(args.model)
+    model = loading.load(args.model)
   shared.import_ahead("scipy.ndimage", "scipy.linalg")  # for cleanup and files: while the program is being read
   return model
 

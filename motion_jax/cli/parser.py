@@ -2,7 +2,7 @@
 import argparse
 import re
 
-from motion_jax.nearest import did_you_mean
+from motion_jax.inputs.nearest import did_you_mean
 
 
 class Parser(argparse.ArgumentParser):

@@ -1,8 +1,8 @@
 """Prompts and stories as the command line takes them: sentences, and files of them."""
 import pathlib
 
-from motion_jax.errors import InputError
-from motion_jax.numerals import MOTIONS, NumberError, is_number, real, shortened, whole
+from motion_jax.inputs.errors import InputError
+from motion_jax.inputs.numerals import MOTIONS, NumberError, is_number, real, shortened, whole
 
 _HEADERS = ("prompt", "text", "caption")
 _FRAMES = whole(1, 72_000, "frames")
@@ -14,7 +14,7 @@ def read_prompts(text):
   path = pathlib.Path(text)
   if path.suffix.lower() not in (".txt", ".csv"):
     return [(text, None)]
-  from motion_jax import text_files
+  from motion_jax.inputs import text_files
   if not path.is_file():
     raise FileNotFoundError(f"there is no prompt file {text}; a sentence is given in quotes")
   if path.suffix.lower() == ".txt":
@@ -55,8 +55,8 @@ def _prompt_and_frames(path, row):
 
 def read_stories(text, fps=20.0):
   """[[(prompt, seconds or None)]]: stories from prompts parted by |, or from a file, see `motion-jax story --help`."""
-  from motion_jax import text_files
   from motion_jax.data import timelines
+  from motion_jax.inputs import text_files
   path = pathlib.Path(text)
   if path.suffix.lower() == ".txt" and path.is_file() and timelines.is_timeline(text_files.read_text(path)):
     return [timelines.single_track(timeline) for timeline in timelines.read_timelines(path)]

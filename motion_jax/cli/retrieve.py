@@ -1,6 +1,6 @@
 """motion-jax retrieve: clips by words, captions by motion."""
 from motion_jax.cli import shared
-from motion_jax.numerals import MOTIONS, whole
+from motion_jax.inputs.numerals import MOTIONS, whole
 
 
 def add_to(commands):

@@ -2,8 +2,8 @@
 import importlib
 import threading
 
-from motion_jax.errors import InputError
-from motion_jax.numerals import FRAME_RATES, real
+from motion_jax.inputs.errors import InputError
+from motion_jax.inputs.numerals import FRAME_RATES, real
 
 BVH_UNITS = {"cm": "centimetres", "m": "metres"}
 FILMS = (".mp4", ".gif")
@@ -28,7 +28,7 @@ def read_motion(path, args):
 
 def cache_compiled_code():
   """Traced and compiled functions stay on disk, so that the second run of a command waits for neither."""
-  from motion_jax import cache
+  from motion_jax.runtime import cache
   cache.keep_in_user_cache()
 
 
@@ -83,7 +83,7 @@ def span_of(args, clip) -> slice:
   """The frames of a clip that --trim names; all of them without."""
   if args.trim is None:
     return slice(0, clip.num_frames)
-  from motion_jax.cdamd_model import spans_of
+  from motion_jax.models.cdamd.model import spans_of
   first, past = spans_of([args.trim], clip.num_frames, clip.fps)[0]
   if not 0 <= first < past:
     raise InputError(f"got --trim {args.trim} for a motion of {clip.seconds:.1f} s, expected A:B with A before B and "

@@ -40,6 +40,6 @@ def _render(args):
 
 
 def _models(args):
-  from motion_jax import model as model_lib
-  for name in model_lib.pretrained_names():
-    print(f"{name}\t{model_lib.PRETRAINED / name / 'README.md'}")
+  from motion_jax.runs import PRETRAINED, pretrained_names
+  for name in pretrained_names():
+    print(f"{name}\t{PRETRAINED / name / 'README.md'}")

@@ -5,7 +5,7 @@ import re
 import flax
 import numpy as np
 
-from motion_jax.input_files import load_safetensors
+from motion_jax.inputs.input_files import load_safetensors
 
 
 def _split(leaf, parts, turn):

@@ -6,15 +6,15 @@ import pathlib
 import numpy as np
 import tqdm
 
-from motion_jax import text_files
-from motion_jax.data import humanml3d
-from motion_jax.data.archive import is_archive, read_archive
-from motion_jax.data.asf import amc_clip
-from motion_jax.data.bvh import bvh_clip
 from motion_jax.data.clip import Caption
-from motion_jax.errors import InputError
-from motion_jax.input_files import json_row, read_json
-from motion_jax.numerals import SECONDS, NumberError, named, real
+from motion_jax.data.datasets import humanml3d
+from motion_jax.data.datasets.archive import is_archive, read_archive
+from motion_jax.data.mocap.asf import amc_clip
+from motion_jax.data.mocap.bvh import bvh_clip
+from motion_jax.inputs import text_files
+from motion_jax.inputs.errors import InputError
+from motion_jax.inputs.input_files import json_row, read_json
+from motion_jax.inputs.numerals import SECONDS, NumberError, named, real
 
 READERS = {".bvh": bvh_clip, ".amc": amc_clip}
 LONGEST = 200  # frames; the field's loaders leave longer clips out

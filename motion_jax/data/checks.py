@@ -1,9 +1,9 @@
 """Single checks of `doctor`: of a motion, its texts, its statistics. Each tells what it finds to `found.add`."""
 import numpy as np
 
-from motion_jax.data import humanml3d
-from motion_jax.errors import InputError
-from motion_jax.input_files import load_npy
+from motion_jax.data.datasets import humanml3d
+from motion_jax.inputs.errors import InputError
+from motion_jax.inputs.input_files import load_npy
 from motion_jax.motion import plausibility
 from motion_jax.motion.features import bone_lengths, facing
 from motion_jax.motion.retarget import floor_height

@@ -6,7 +6,8 @@ import pathlib
 import numpy as np
 import tqdm
 
-from motion_jax.data import babel, checks, humanml3d, snapmogen
+from motion_jax.data import checks
+from motion_jax.data.datasets import babel, humanml3d, snapmogen
 from motion_jax.motion.features import get_layout, to_joints
 
 _LEAK = "results on test or val would be too good: keep each recording in one split"
@@ -50,7 +51,7 @@ def examine_snapmogen(folder, found, progress):
       continue
     if features.ndim != 2 or features.shape[1] != layout.dim or len(features) < 2:
       found.add("error", f"features that are not (2 rows or more, {layout.dim})", "make them again from the BVH file "
-                "(motion_jax.data.snapmogen.bvh_features)", f"{name} {features.shape}")
+                "(motion_jax.data.datasets.snapmogen.bvh_features)", f"{name} {features.shape}")
     elif not np.isfinite(features).all():
       found.add("error", "features with NaN or infinity", "make them again, or remove their ids", name)
     else:

@@ -8,13 +8,14 @@ import textwrap
 import numpy as np
 import tqdm
 
-from motion_jax.data import babel, checks, dataset_checks, humanml3d, snapmogen
-from motion_jax.data.archive import FPS, is_archive, read_motions, read_row
-from motion_jax.errors import InputError
-from motion_jax.input_files import json_row
+from motion_jax.data import checks, dataset_checks
+from motion_jax.data.datasets import babel, humanml3d, snapmogen
+from motion_jax.data.datasets.archive import FPS, is_archive, read_motions, read_row
+from motion_jax.inputs.errors import InputError
+from motion_jax.inputs.input_files import json_row
+from motion_jax.inputs.text_files import read_lines
 from motion_jax.motion.features import layout_for, to_joints
 from motion_jax.motion.skeleton import HUMANML3D
-from motion_jax.text_files import read_lines
 
 LEVELS = ("error", "warning", "note")
 # Clips whose official features hold NaN.

@@ -13,12 +13,13 @@ import types
 
 import numpy as np
 
-from motion_jax.data.clip import atomic_path
-from motion_jax.evaluation import generation, samples
-from motion_jax.input_files import load_npy, npy_shape
+from motion_jax.evaluation import samples
+from motion_jax.evaluation.tasks import generation
+from motion_jax.inputs.input_files import load_npy, npy_shape
 from motion_jax.metrics.long_horizon import placed
 from motion_jax.motion import plausibility
 from motion_jax.motion.features import LAYOUTS, get_layout, layout_for
+from motion_jax.runtime.atomic import atomic_path
 
 PROMPTS = "prompts.jsonl"
 

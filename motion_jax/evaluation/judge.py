@@ -5,7 +5,7 @@ import numpy as np
 
 from motion_jax.data.tagger import tag
 from motion_jax.evaluation import samples
-from motion_jax.evaluation.items import carry
+from motion_jax.evaluators.reading import carry
 from motion_jax.metrics import physics, scores
 from motion_jax.metrics import protocol as protocol_lib
 from motion_jax.motion.features import to_joints

@@ -20,8 +20,8 @@ Numbers of `archives-66` and `own-66` are our own benchmark's: they compare with
 """
 import dataclasses
 
+from motion_jax.inputs.nearest import did_you_mean
 from motion_jax.metrics.protocol import Protocol
-from motion_jax.nearest import did_you_mean
 
 TASKS = ("generation", "reconstruction", "editing", "stories", "timelines")
 

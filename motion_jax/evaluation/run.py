@@ -9,34 +9,27 @@ from functools import partial
 
 import jax
 
-from motion_jax import checkpoint
-from motion_jax import model as model_lib
-from motion_jax.data import humanml3d
-from motion_jax.data.clip import atomic_path
-from motion_jax.evaluation import controls as controls_lib
-from motion_jax.evaluation import (
-  editing,
-  gallery,
-  generation,
-  given,
-  long_horizon,
-  mtt,
-  printed,
-  reconstruction,
-  sanity,
-  tables,
-)
-from motion_jax.evaluation import items as items_lib
+from motion_jax.data.datasets import humanml3d
+from motion_jax.evaluation import aggregates as rows_lib
+from motion_jax.evaluation import given
 from motion_jax.evaluation import protocols as protocols_lib
-from motion_jax.evaluation import record as record_lib
-from motion_jax.evaluation import rows as rows_lib
-from motion_jax.evaluation.evaluator import Evaluator, load_evaluator
+from motion_jax.evaluation import provenance as record_lib
+from motion_jax.evaluation import test_set as items_lib
+from motion_jax.evaluation.candidates import Reader, Subject, check_options, folder_of, hash_of
+from motion_jax.evaluation.checks import controls as controls_lib
+from motion_jax.evaluation.checks import sanity
 from motion_jax.evaluation.given import load_given
 from motion_jax.evaluation.judge import Judge
-from motion_jax.evaluation.subject import Reader, Subject, check_options, folder_of, hash_of
+from motion_jax.evaluation.report import gallery, printed, tables
+from motion_jax.evaluation.tasks import editing, generation, long_horizon, reconstruction
+from motion_jax.evaluation.tasks import timelines as mtt
+from motion_jax.evaluators.evaluator import Evaluator, load_evaluator
+from motion_jax.models.base import Prompted
 from motion_jax.motion.features import get_layout
 from motion_jax.motion.skeleton import HUMANML3D, KIT
-from motion_jax.prompted import Prompted
+from motion_jax.runs import PRETRAINED
+from motion_jax.runtime.atomic import atomic_path
+from motion_jax.training import checkpoint
 
 _TASKS = {"generation": generation, "reconstruction": reconstruction, "editing": editing, "stories": long_horizon,
           "timelines": mtt}
@@ -221,7 +214,7 @@ def guess_protocol(runs, folders) -> str:
 def default_out(runs, protocol) -> pathlib.Path:
   """eval/PROTOCOL in the folder of the first run; of a model that ships, below the working directory."""
   folder = folder_of(runs[0]) if runs else pathlib.Path("real")
-  inside = folder.parent != model_lib.PRETRAINED and runs
+  inside = folder.parent != PRETRAINED and runs
   return folder / "eval" / protocol.name if inside else pathlib.Path("eval") / folder.name / protocol.name
 
 
@@ -254,7 +247,7 @@ def _subjects(load, runs, out, home, guidance, choices, more, devices, only_read
     loaded = load(run)
     if isinstance(loaded, Prompted):
       loaded.tells_unknown_words = False  # the record lists them once
-    shipped = pathlib.Path(loaded.folder).parent == model_lib.PRETRAINED
+    shipped = pathlib.Path(loaded.folder).parent == PRETRAINED
     folder = pathlib.Path(home) if home else (out if shipped else loaded.folder / "eval") / "samples"
     for scale, options in itertools.product(guidance or (None,), choices):
       check_options(name, loaded, guidance, options, more)

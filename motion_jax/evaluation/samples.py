@@ -19,10 +19,10 @@ import jax
 import numpy as np
 from tqdm import tqdm
 
-from motion_jax import checkpoint
-from motion_jax.data.clip import atomic_path
-from motion_jax.errors import InputError
-from motion_jax.input_files import load_npz
+from motion_jax.inputs.errors import InputError
+from motion_jax.inputs.input_files import load_npz
+from motion_jax.runtime.atomic import atomic_path
+from motion_jax.training import checkpoint
 
 BATCH = 32  # motions made together, whatever the protocol's pool: one compiled function serves all
 TAIL = 4    # rows kept behind a motion's end: as far as an evaluator's last token reaches

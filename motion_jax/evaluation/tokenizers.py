@@ -8,13 +8,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from motion_jax import cdamd, checkpoint, cmdm
-from motion_jax.evaluation.subject import folder_of
+from motion_jax.evaluation.candidates import folder_of
+from motion_jax.models import cdamd, cmdm
+from motion_jax.models.base import plain_fields
 from motion_jax.motion.stats import Stats, load_stats
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.causal_vae import CausalVAE, sample_latent
 from motion_jax.nets.masks import padding_mask
-from motion_jax.prompted import plain_fields
+from motion_jax.training import checkpoint
 
 STAGES = ("cmdm.tokenizer", "cmdm.denoiser", "cdamd.autoencoder", "cdamd.rvq", "cdamd.generator")
 

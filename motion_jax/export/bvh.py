@@ -9,9 +9,9 @@ import pathlib
 
 import numpy as np
 
-from motion_jax.data.clip import atomic_path
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.pose import to_pose
+from motion_jax.runtime.atomic import atomic_path
 
 _UNITS = {"centimetres": 100.0, "metres": 1.0}
 _ORDERS = ("YXZ", *("".join(order) for order in itertools.permutations("XYZ") if order != ("Y", "X", "Z")))

@@ -4,15 +4,16 @@ import pathlib
 
 import numpy as np
 
-from motion_jax.data.asf import AMC_FPS, read_amc
-from motion_jax.data.bvh import read_bvh
-from motion_jax.data.capture import to_clip, with_rate
-from motion_jax.data.clip import Caption, Clip, atomic_path
-from motion_jax.errors import InputError
-from motion_jax.input_files import load_npy, load_npz, npz_names, parse_json
+from motion_jax.data.clip import Caption, Clip
+from motion_jax.data.mocap.asf import AMC_FPS, read_amc
+from motion_jax.data.mocap.bvh import read_bvh
+from motion_jax.data.mocap.capture import to_clip, with_rate
+from motion_jax.inputs.errors import InputError
+from motion_jax.inputs.input_files import load_npy, load_npz, npz_names, parse_json
 from motion_jax.motion import plausibility
 from motion_jax.motion.features import LAYOUTS, get_layout, layout_for, to_joints
 from motion_jax.motion.skeleton import HUMANML3D, SKELETONS
+from motion_jax.runtime.atomic import atomic_path
 
 LOADABLE = (".npz", ".npy", ".bvh", ".amc")
 

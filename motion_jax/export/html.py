@@ -10,9 +10,10 @@ import re
 
 import numpy as np
 
-from motion_jax.data.clip import Clip, atomic_path
+from motion_jax.data.clip import Clip
 from motion_jax.export.body import COLORS, make_figure
 from motion_jax.export.mesh import make_skins, rest_joints
+from motion_jax.runtime.atomic import atomic_path
 
 _ASSETS = pathlib.Path(__file__).parent / "assets"
 

@@ -14,13 +14,14 @@ import textwrap
 import numpy as np
 from PIL import Image, ImageColor, ImageDraw, ImageFont
 
-from motion_jax import progress, stopping
-from motion_jax.data.capture import resample
-from motion_jax.data.clip import Clip, atomic_path
-from motion_jax.errors import EncoderError, InputError
+from motion_jax.data.clip import Clip
+from motion_jax.data.mocap.capture import resample
 from motion_jax.export import gif, render
 from motion_jax.export.body import default_colors, make_figure
-from motion_jax.nearest import did_you_mean
+from motion_jax.inputs.errors import EncoderError, InputError
+from motion_jax.inputs.nearest import did_you_mean
+from motion_jax.runtime import progress, stopping
+from motion_jax.runtime.atomic import atomic_path
 
 INK, _PALE_INK = (52, 56, 66), (225, 228, 235)
 VIEWS = {"front": (0, 13), "side": (90, 13), "top": (0, 89), "three-quarter": (35, 13)}  # azimuth, elevation, degrees

@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from motion_jax.inputs.numerals import named, shortened
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.skeleton import HUMANML3D
-from motion_jax.numerals import named, shortened
 
 
 class Made(NamedTuple):

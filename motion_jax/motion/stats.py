@@ -6,8 +6,8 @@ import pathlib
 
 import numpy as np
 
-from motion_jax.errors import InputError
-from motion_jax.input_files import load_npy
+from motion_jax.inputs.errors import InputError
+from motion_jax.inputs.input_files import load_npy
 from motion_jax.motion.features import FeatureLayout, get_layout, layout_for
 
 ABSOLUTE = ("Mean_abs.npy", "Std_abs.npy")  # where the field's tools keep statistics of coordinates

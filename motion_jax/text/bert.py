@@ -3,6 +3,7 @@
 All three are one network: learned positions, post-norm blocks, exact GELU. DistilBERT has no token types and no pooler;
 only the names of its weights differ. Sections 4.3 of cmdm-facts and golden/text say how CMDM uses it.
 """
+import dataclasses
 import re
 from typing import Any
 
@@ -168,3 +169,9 @@ def params_to_reference(params, fields, names=None):
       array = np.asarray(node[ours])
       state[f"{theirs}.{leaf}"] = array.T if ours == "kernel" else array
   return state
+
+
+def bert_fields_of(model):
+  """The fields of a `Bert` module, as plain values."""
+  return {field.name: getattr(model, field.name) for field in dataclasses.fields(model)
+          if field.name not in ("dtype", "parent", "name")}

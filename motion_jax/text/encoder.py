@@ -10,8 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from tokenizers import Tokenizer, models, normalizers, pre_tokenizers, processors
 
-from motion_jax import cache, text_files
-from motion_jax.errors import InputError
+from motion_jax.inputs import text_files
+from motion_jax.inputs.errors import InputError
+from motion_jax.runtime import cache
 from motion_jax.text import bert, folder, hub
 from motion_jax.text.vocabulary import FUNCTION_WORDS, forms
 

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from tokenizers import AddedToken, Regex, Tokenizer, models, normalizers, pre_tokenizers, processors
 
-from motion_jax.errors import InputError, reading
-from motion_jax.input_files import load_safetensors, read_json
+from motion_jax.inputs.errors import InputError, reading
+from motion_jax.inputs.input_files import load_safetensors, read_json
 from motion_jax.text import bert, clip, hugging_face, mpnet, t5
 
 CONFIG, WEIGHTS, TOKENIZER = "config.json", "model.safetensors", "tokenizer.json"

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from motion_jax.data.asf import amc_clip, read_amc
+from motion_jax.data.mocap.asf import amc_clip, read_amc
 
 ASF = """:version 1.10
 :units

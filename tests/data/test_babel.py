@@ -6,12 +6,20 @@ import ml_collections
 import numpy as np
 import pytest
 
-from motion_jax.data import babel
-from motion_jax.data.babel import Segment, folder_stats, pairs, pieces, read_folder, read_recording, write_folder
 from motion_jax.data.clip import Caption
+from motion_jax.data.datasets import babel
+from motion_jax.data.datasets.babel import (
+  Segment,
+  folder_stats,
+  pairs,
+  pieces,
+  read_folder,
+  read_recording,
+  write_folder,
+)
+from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.data.doctor import examine, format_report
 from motion_jax.data.sources import load_features
-from motion_jax.data.synthetic import synthetic_clips
 from motion_jax.motion.features import to_features, to_joints
 from motion_jax.motion.skeleton import SMPL
 

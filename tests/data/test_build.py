@@ -6,8 +6,8 @@ import pytest
 
 from motion_jax.data.build import build, pieces, read_captions, read_mapping, with_splits
 from motion_jax.data.clip import Caption
-from motion_jax.data.humanml3d import read_folder, read_ids
-from motion_jax.data.synthetic import synthetic_clips, synthetic_joints
+from motion_jax.data.datasets.humanml3d import read_folder, read_ids
+from motion_jax.data.datasets.synthetic import synthetic_clips, synthetic_joints
 from motion_jax.motion.skeleton import HUMANML3D
 from tests.data.test_bvh import write_bvh
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from motion_jax.data import doctor
-from motion_jax.data.humanml3d import write_folder
-from motion_jax.data.synthetic import synthetic_clips
+from motion_jax.data.datasets.humanml3d import write_folder
+from motion_jax.data.datasets.synthetic import synthetic_clips
 from tests.data.test_build import write_archive
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from motion_jax.data.clip import Caption, Clip
-from motion_jax.data.humanml3d import (
+from motion_jax.data.datasets.humanml3d import (
   folder_stats,
   format_texts,
   read_folder,
@@ -18,8 +18,8 @@ from motion_jax.data.humanml3d import (
   text_items,
   write_folder,
 )
+from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.data.sources import load_features
-from motion_jax.data.synthetic import synthetic_clips
 from motion_jax.motion.features import to_features, to_joints
 from motion_jax.motion.skeleton import KIT
 from motion_jax.motion.stats import compute_stats, load_stats

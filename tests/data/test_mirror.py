@@ -2,8 +2,8 @@
 import numpy as np
 import pytest
 
+from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.data.mirror import mirror_caption, mirror_clip
-from motion_jax.data.synthetic import synthetic_clips
 from motion_jax.data.tagger import tag
 
 

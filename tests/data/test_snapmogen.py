@@ -6,13 +6,21 @@ import ml_collections
 import numpy as np
 import pytest
 
-from motion_jax.data import snapmogen
 from motion_jax.data.clip import Caption
+from motion_jax.data.datasets import snapmogen
+from motion_jax.data.datasets.snapmogen import (
+  Span,
+  bvh_features,
+  folder_stats,
+  read_folder,
+  read_ids,
+  text_items,
+  write_folder,
+)
+from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.data.doctor import examine, format_report
-from motion_jax.data.snapmogen import Span, bvh_features, folder_stats, read_folder, read_ids, text_items, write_folder
 from motion_jax.data.sources import load_features
-from motion_jax.data.synthetic import synthetic_clips
-from motion_jax.evaluation.items import check_split
+from motion_jax.evaluation.test_set import check_split
 from motion_jax.motion import features296, inverse
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.features import to_features, to_joints

@@ -6,9 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax import cmdm
-from motion_jax.diffusion import continuation, samplers, streaming
+from motion_jax.diffusion import samplers
 from motion_jax.diffusion.schedules import staircase, staircase_levels
+from motion_jax.models import cmdm
+from motion_jax.models.cmdm import continuation, streaming
 from motion_jax.nets.masks import padding_mask, sliding_mask
 from tests import fixtures
 from tests.diffusion.test_streaming import SCALE, assert_close, encode_text, fast, setting, step

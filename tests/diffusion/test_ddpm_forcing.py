@@ -4,8 +4,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax.diffusion import ddpm, ddpm_forcing, guidance, streaming
+from motion_jax.diffusion import ddpm, guidance
 from motion_jax.diffusion.schedules import staircase_levels
+from motion_jax.models.cmdm import ddpm_forcing, streaming
 from motion_jax.nets.masks import sliding_mask
 from tests.diffusion.test_streaming import SCALE, assert_close, encode_text, fast, make_constants, setting, streamed
 

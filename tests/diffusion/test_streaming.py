@@ -6,9 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax import cmdm
-from motion_jax.diffusion import guidance, samplers, streaming
+from motion_jax.diffusion import guidance, samplers
 from motion_jax.diffusion.schedules import staircase, staircase_levels
+from motion_jax.models import cmdm
+from motion_jax.models.cmdm import streaming
 from motion_jax.nets.masks import block_causal_mask, padding_mask, sliding_mask
 from tests import fixtures
 from tests.golden import Fixture, check, golden

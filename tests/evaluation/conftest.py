@@ -1,7 +1,7 @@
 """What tests of evaluations share: formulas as an archive, and evaluators with random weights."""
 import pytest
 
-from motion_jax.evaluation.evaluator import fresh_evaluator
+from motion_jax.evaluators.evaluator import fresh_evaluator
 
 
 @pytest.fixture(scope="module")

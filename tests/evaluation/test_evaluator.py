@@ -3,13 +3,14 @@ import ml_collections
 import numpy as np
 import pytest
 
-from motion_jax import checkpoint, training
-from motion_jax.data.synthetic import synthetic_clips
+from motion_jax import fit as training
+from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.data.tagger import tag
-from motion_jax.evaluation.evaluator import PRETRAINED, fresh_evaluator, load_evaluator, shipped_names
+from motion_jax.evaluators.evaluator import PRETRAINED, fresh_evaluator, load_evaluator, shipped_names
+from motion_jax.evaluators.words import CONVERTED, WordVectors
 from motion_jax.metrics.scores import cosines
-from motion_jax.metrics.words import CONVERTED, WordVectors
 from motion_jax.motion.stats import save_stats
+from motion_jax.training import checkpoint
 from tests.conftest import load_config
 
 CAPTIONS = ["a person walks forward", "someone waves the left hand", "he sits down"]

@@ -4,9 +4,9 @@ import types
 import numpy as np
 import pytest
 
-from motion_jax.data.synthetic import synthetic_clips
+from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.evaluation import given
-from motion_jax.evaluation.evaluator import fresh_evaluator
+from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_jax.motion.features import get_layout, to_joints
 
 

@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from motion_jax.data import humanml3d
-from motion_jax.evaluation import items as items_lib
+from motion_jax.data.datasets import humanml3d
 from motion_jax.evaluation import samples
-from motion_jax.evaluation.evaluator import fresh_evaluator
+from motion_jax.evaluation import test_set as items_lib
+from motion_jax.evaluators.evaluator import fresh_evaluator
 from tests.evaluation.test_run import SMALL, make_clips, write_archive
 
 

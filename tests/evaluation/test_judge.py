@@ -5,9 +5,11 @@ import types
 import numpy as np
 import pytest
 
-from motion_jax.evaluation import controls, items, protocols, sanity
-from motion_jax.evaluation.evaluator import fresh_evaluator
+from motion_jax.evaluation import protocols
+from motion_jax.evaluation import test_set as items
+from motion_jax.evaluation.checks import controls, sanity
 from motion_jax.evaluation.judge import Judge
+from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_jax.metrics import scores
 from motion_jax.metrics.protocol import Draws
 from motion_jax.motion.features import get_layout

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from motion_jax.data.clip import Caption
-from motion_jax.data.snapmogen import GAP, Span, in_a_row, recordings, write_folder
-from motion_jax.data.synthetic import synthetic_clips
-from motion_jax.evaluation import items as items_lib
-from motion_jax.evaluation import long_horizon, protocols, run
-from motion_jax.evaluation.evaluator import fresh_evaluator
+from motion_jax.data.datasets.snapmogen import GAP, Span, in_a_row, recordings, write_folder
+from motion_jax.data.datasets.synthetic import synthetic_clips
+from motion_jax.evaluation import protocols, run
+from motion_jax.evaluation import test_set as items_lib
 from motion_jax.evaluation.judge import Judge
+from motion_jax.evaluation.tasks import long_horizon
+from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_jax.metrics import long_horizon as long_horizon_lib
 from motion_jax.metrics import physics
 from motion_jax.motion.features import get_layout, to_joints

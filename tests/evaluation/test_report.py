@@ -13,8 +13,9 @@ from PIL import Image
 
 from motion_jax import export
 from motion_jax.data.clip import Caption, Clip
-from motion_jax.data.synthetic import synthetic_joints
-from motion_jax.evaluation import plots, report, tables
+from motion_jax.data.datasets.synthetic import synthetic_joints
+from motion_jax.evaluation.report import page as report
+from motion_jax.evaluation.report import plots, tables
 from tests.conftest import ROOT
 
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")

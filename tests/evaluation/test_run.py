@@ -11,10 +11,11 @@ import sys
 import numpy as np
 import pytest
 
-from motion_jax.data.synthetic import synthetic_clips
-from motion_jax.evaluation import items as items_lib
-from motion_jax.evaluation import protocols, rows, run, samples
-from motion_jax.evaluation.evaluator import fresh_evaluator
+from motion_jax.data.datasets.synthetic import synthetic_clips
+from motion_jax.evaluation import aggregates as rows
+from motion_jax.evaluation import protocols, run, samples
+from motion_jax.evaluation import test_set as items_lib
+from motion_jax.evaluators.evaluator import fresh_evaluator
 from tests.conftest import ROOT, devices_env
 
 SMALL = dataclasses.replace(

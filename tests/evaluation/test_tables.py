@@ -5,7 +5,7 @@ import runpy
 
 import pytest
 
-from motion_jax.evaluation import tables
+from motion_jax.evaluation.report import tables
 from tests.conftest import ROOT
 
 

@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from motion_jax import export
 from motion_jax.data.clip import Clip
-from motion_jax.data.synthetic import synthetic_joints
+from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.export.bvh import euler
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.skeleton import HUMANML3D

@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from motion_jax import cli, progress
-from motion_jax.data.synthetic import synthetic_clips
+from motion_jax import cli
+from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.export import frame, npz, video
+from motion_jax.runtime import progress
 
 SIZE = (96, 72)
 

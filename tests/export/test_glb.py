@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from motion_jax import export
 from motion_jax.data.clip import Caption, Clip
-from motion_jax.data.synthetic import synthetic_joints
+from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.export.body import make_figure
 from motion_jax.motion.skeleton import HUMANML3D, KIT
 

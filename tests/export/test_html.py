@@ -11,7 +11,7 @@ from PIL import Image
 
 from motion_jax import export
 from motion_jax.data.clip import Caption, Clip
-from motion_jax.data.synthetic import synthetic_joints
+from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.export.body import make_figure
 from motion_jax.export.mesh import make_skins
 

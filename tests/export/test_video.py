@@ -10,7 +10,7 @@ from PIL import Image
 
 from motion_jax import export
 from motion_jax.data.clip import Caption, Clip
-from motion_jax.data.synthetic import synthetic_joints
+from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.export import render
 from motion_jax.export.video import _caption
 from motion_jax.motion.skeleton import KIT

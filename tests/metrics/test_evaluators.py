@@ -6,8 +6,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax import convert
-from motion_jax.metrics import evaluators
+from motion_jax.convert.state import from_torch
+from motion_jax.evaluators import networks as evaluators
+from motion_jax.evaluators.weight_names import (
+  CLIP_EVALUATOR_IGNORED,
+  clip_evaluator_names,
+  movement_decoder_names,
+  t2m_evaluator_names,
+)
+from motion_jax.models.cdamd.weight_names import length_estimator_names
 from motion_jax.nets.length_estimator import LengthEstimator, draw_num_frames
 from tests import fixtures
 from tests.golden import check, golden
@@ -33,8 +40,8 @@ def clip_evaluator(state, sizes, features, columns, dtype):
   model = evaluators.ClipEvaluator(features, columns, sizes["width"], sizes["layers"], sizes["heads"], sizes["ff"],
                                    state["out.bias"].size, sizes.get("vocab", sizes.get("tokens")), sizes["context"],
                                    dtype=dtype)
-  names = convert.clip_evaluator_names(sizes["layers"])
-  return model, cast(convert.from_torch(state, names, convert.CLIP_EVALUATOR_IGNORED), dtype)
+  names = clip_evaluator_names(sizes["layers"])
+  return model, cast(from_torch(state, names, CLIP_EVALUATOR_IGNORED), dtype)
 
 
 def contrast(model, params, text, motion):
@@ -51,7 +58,7 @@ def run_evaluators(fixture, dtype):
   model = evaluators.T2MEvaluator(c["feature_dim"], c["columns"], c["hidden"], c["movement"], c["hidden"],
                                   c["text_hidden"], c["coemb"], dtype=dtype)
   state = part(fixture, ("movement_encoder/", "motion_encoder/", "text_encoder/"))
-  params = cast(convert.from_torch(state, convert.t2m_evaluator_names()), dtype)
+  params = cast(from_torch(state, t2m_evaluator_names()), dtype)
   words, classes, motion, lengths, frames = given(fixture, dtype, "words", "pos", "motions", "cap_lens", "m_lens")
   apply = jax.jit(model.apply)
   text, moved = evaluators.co_embeddings(apply, params, words, classes, lengths, motion, frames)
@@ -77,11 +84,11 @@ def run_evaluator(fixture, dtype):
   pose = sizes["dim_pose"]
   model = evaluators.T2MEvaluator(pose, pose, sizes["movement_hidden"], sizes["movement_latent"],
                                   sizes["motion_hidden"], sizes["text_hidden"], sizes["coembedding"], dtype=dtype)
-  names = convert.t2m_evaluator_names("movement.", "motion.", "text.")
-  params = cast(convert.from_torch(part(fixture, ("movement.", "motion.", "text.")), names), dtype)
+  names = t2m_evaluator_names("movement.", "motion.", "text.")
+  params = cast(from_torch(part(fixture, ("movement.", "motion.", "text.")), names), dtype)
   decoder = evaluators.MovementDecoder(pose, sizes["movement_hidden"], dtype=dtype)
-  names = convert.movement_decoder_names("decoder.")
-  decoder_params = cast(convert.from_torch(part(fixture, "decoder."), names), dtype)
+  names = movement_decoder_names("decoder.")
+  decoder_params = cast(from_torch(part(fixture, "decoder."), names), dtype)
   words, classes, motion, lengths, frames = given(fixture, dtype, "words", "tags", "motion", "sentence", "frames")
   movement = jax.jit(lambda p: model.apply(p, motion, method="movements"))(params)
   made = {"movement": movement, "decoded": jax.jit(decoder.apply)(decoder_params, movement),
@@ -107,7 +114,7 @@ def run_evaluator_clip(fixture, dtype):
 @golden("length_estimator", bounds=BY_README)
 def run_length_estimator(fixture, dtype):
   model = LengthEstimator(fixture.meta["arguments"]["output_size"], len(fixture.params["output.0.bias"]), dtype=dtype)
-  params = cast(convert.from_torch(fixture.params, convert.length_estimator_names()), dtype)
+  params = cast(from_torch(fixture.params, length_estimator_names()), dtype)
   logits = jax.jit(model.apply)(params, *given(fixture, dtype, "text"))
   return {"logits": logits, "probabilities": jax.nn.softmax(logits)}
 

@@ -2,7 +2,7 @@
 import numpy as np
 import pytest
 
-from motion_jax.data import synthetic
+from motion_jax.data.datasets import synthetic
 from motion_jax.metrics import physics
 from motion_jax.motion import rotations
 from motion_jax.motion.skeleton import HUMANML3D

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from motion_jax.metrics import words
+from motion_jax.evaluators import words
 from motion_jax.metrics.protocol import cut_item
 from tests import fixtures
 from tests.golden import check, golden

@@ -2,8 +2,8 @@
 import numpy as np
 import pytest
 
-from motion_jax.data.synthetic import synthetic_joints
-from motion_jax.motion.joining import join
+from motion_jax.data.datasets.synthetic import synthetic_joints
+from motion_jax.motion.blending import join
 
 
 @pytest.fixture(scope="module")

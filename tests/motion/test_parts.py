@@ -1,8 +1,8 @@
 """Which columns a body part has."""
 import pytest
 
+from motion_jax.motion.body_parts import PARTS, part_columns, whole_body
 from motion_jax.motion.features import LAYOUTS
-from motion_jax.motion.parts import PARTS, part_columns, whole_body
 
 
 def _sizes(layout):

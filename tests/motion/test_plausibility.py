@@ -4,10 +4,11 @@ import warnings
 import numpy as np
 import pytest
 
-from motion_jax import export, stories
-from motion_jax.data import humanml3d
-from motion_jax.data.synthetic import synthetic_clips
+from motion_jax import export
+from motion_jax.data.datasets import humanml3d
+from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.export import bvh
+from motion_jax.models.cmdm import multi_prompt as stories
 from motion_jax.motion import plausibility
 from motion_jax.motion.pose import to_pose
 from motion_jax.motion.skeleton import HUMANML3D

@@ -2,9 +2,9 @@
 import numpy as np
 import pytest
 
-from motion_jax.data.synthetic import synthetic_clips
+from motion_jax.data.datasets.synthetic import synthetic_clips
+from motion_jax.motion.cleanup import polish
 from motion_jax.motion.features import bone_lengths, extract
-from motion_jax.motion.polish import polish
 from motion_jax.motion.skeleton import HUMANML3D
 
 

@@ -2,7 +2,7 @@
 import numpy as np
 import pytest
 
-from motion_jax.data.synthetic import ACTIONS, synthetic_joints
+from motion_jax.data.datasets.synthetic import ACTIONS, synthetic_joints
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.pose import pose_to_joints, t_pose, to_pose
 from motion_jax.motion.skeleton import HUMANML3D, KIT

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax.data.synthetic import synthetic_clips
+from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.motion import features as F
 from motion_jax.motion import features135, features272, features296, inverse
 from motion_jax.motion import rotations as rot

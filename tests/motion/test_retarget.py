@@ -2,7 +2,7 @@
 import numpy as np
 import pytest
 
-from motion_jax.data.synthetic import ACTIONS, synthetic_clips, synthetic_joints
+from motion_jax.data.datasets.synthetic import ACTIONS, synthetic_clips, synthetic_joints
 from motion_jax.motion.retarget import floor_height, leg_scale, mirror, retarget
 from motion_jax.motion.skeleton import HUMANML3D, KIT
 

@@ -4,8 +4,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax import cdamd
-from motion_jax.convert import autoencoder_names, from_torch
+from motion_jax.convert.state import from_torch
+from motion_jax.models import cdamd
+from motion_jax.models.cdamd.weight_names import autoencoder_names
 from motion_jax.nets.autoencoder import Autoencoder
 from tests import fixtures
 from tests.golden import check, golden
@@ -108,7 +109,7 @@ def test_dropout_acts_in_training_only_and_is_the_items_own(small):
   net, params = small
   x = jax.random.normal(jax.random.key(1), (4, 16, 7))
   keys = jax.random.split(jax.random.key(2), 4)
-  train = jax.jit(lambda x, keys: cdamd._with_dropout(net, params, "__call__", x, keys))
+  train = jax.jit(lambda x, keys: cdamd.stages._with_dropout(net, params, "__call__", x, keys))
   both = train(x, keys)
   assert np.allclose(both[2:], train(x[2:], keys[2:]), atol=1e-5)
   still = jax.jit(net.apply)(params, x)

@@ -6,8 +6,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax.convert import causal_dit_names, from_torch
+from motion_jax.convert.state import from_torch
 from motion_jax.diffusion import guidance, paths
+from motion_jax.models.cmdm.weight_names import causal_dit_names
 from motion_jax.nets import causal_dit
 from motion_jax.nets.attention import rotary
 from motion_jax.nets.causal_dit import CausalDiT

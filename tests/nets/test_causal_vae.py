@@ -5,8 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax import cmdm
-from motion_jax.convert import causal_vae_names, from_torch
+from motion_jax.convert.state import from_torch
+from motion_jax.models import cmdm
+from motion_jax.models.cmdm.weight_names import causal_vae_names
 from motion_jax.nets.causal_vae import CausalVAE, _mean_logvar, sample_latent
 from tests import fixtures
 from tests.golden import check, golden

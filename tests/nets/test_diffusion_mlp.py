@@ -6,8 +6,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax.convert import diffusion_mlp_names, from_torch
+from motion_jax.convert.state import from_torch
 from motion_jax.diffusion import ddpm, guidance, ode, paths, samplers
+from motion_jax.models.cdamd.weight_names import diffusion_mlp_names
 from motion_jax.nets.causal_dit import time_numbers
 from motion_jax.nets.diffusion_mlp import DiffusionMLP
 from tests import fixtures

@@ -6,7 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax.convert import from_torch, mardm_names, masked_transformer_names
+from motion_jax.convert.state import from_torch
+from motion_jax.models.cdamd.weight_names import mardm_names, masked_transformer_names
 from motion_jax.nets.diffusion_mlp import DiffusionMLP, Generator
 from motion_jax.nets.masked_transformer import GatedTransformer, MaskedTransformer, size
 from motion_jax.nets.masks import LATENT_MASKS, latent_mask, padding_mask

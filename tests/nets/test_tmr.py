@@ -4,9 +4,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax import tmr
-from motion_jax.convert import from_torch, tmr_names
+from motion_jax.convert.state import from_torch
 from motion_jax.metrics import scores
+from motion_jax.models.cmdm import tmr_stage as tmr
+from motion_jax.models.cmdm.teacher_weight_names import tmr_names
 from motion_jax.nets.tmr import TMR
 from tests import fixtures
 from tests.golden import check, golden

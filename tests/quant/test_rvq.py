@@ -8,9 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax import cdamd, checkpoint, train
-from motion_jax.convert import autoencoder_names, from_torch, rvq_from_torch
+from motion_jax.convert.state import from_torch
+from motion_jax.models import cdamd
+from motion_jax.models.cdamd.weight_names import autoencoder_names, rvq_from_torch
+from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.quant import rvq, vq
+from motion_jax.training import checkpoint
+from motion_jax.training import loop as train
 from tests import fixtures
 from tests.conftest import devices_env, load_config
 from tests.golden import check, golden
@@ -172,7 +176,7 @@ def test_codebooks_are_part_of_the_checkpoint_and_of_the_file(tmp_path):
   train.train(_config(2), tmp_path / "parts", stage, _next_batch)
   parts = train.train(_config(4), tmp_path / "parts", stage, _next_batch, resume=True)
   assert _equal(whole, parts) and parts.extra["codebooks"]["initialised"].any()
-  net = cdamd.Autoencoder(**_config(2).model)
+  net = Autoencoder(**_config(2).model)
   file = checkpoint.load_params(tmp_path / "whole", cdamd.autoencoder_shapes(net, _config(2).quantizer))
   assert np.array_equal(file["codebooks"]["codes"], whole.extra["codebooks"]["codes"])
   rows = train.read_metrics(tmp_path / "whole")

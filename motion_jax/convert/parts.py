@@ -1,0 +1,188 @@
+"""What every conversion needs: one network's tensors out of a file, and a folder that appears whole or not at all."""
+import hashlib
+import math
+import pathlib
+import re
+from typing import Any, NamedTuple
+
+import jax
+import ml_collections
+import numpy as np
+
+from motion_jax.convert.state import from_torch, load_checkpoint, select
+from motion_jax.inputs.errors import InputError
+from motion_jax.inputs.input_files import npy_shape
+from motion_jax.motion.features import layout_for
+from motion_jax.motion.stats import ABSOLUTE, load_stats, save_stats
+from motion_jax.runtime.atomic import atomic_folder
+from motion_jax.text.encoder import load_text_encoder
+from motion_jax.training import checkpoint
+from motion_jax.training.setup import text_identity
+
+# What a checkpoint holds for going on with its training only, as the field's training scripts name it.
+TRAINING_ONLY = re.compile(r"(opt|optim|optimizer|scheduler|lr_scheduler|scaler)(_.*)?$")
+
+
+class Part(NamedTuple):
+  """Tensors of one network out of a checkpoint, {reference's name: array}."""
+  state: dict
+  source: dict           # file, part, sha256
+  left: tuple[str, ...]  # entries that were left aside on purpose
+
+  def shape(self, name, what, dims):
+    """Shape of a tensor that every `what` has; an error says what the file holds instead."""
+    if name not in self.state or self.state[name].ndim != dims:
+      got = f"of shape {self.state[name].shape}" if name in self.state else "missing"
+      raise ValueError(f"{self.source['file']} is no {what}: {name} is {got}; it holds "
+                       f"{', '.join(sorted(self.state)[:4])}, ...")
+    return self.state[name].shape
+
+  def count(self, pattern):
+    """How many different numbers stand at the group of a pattern of names."""
+    return len({match[1] for name in self.state if (match := re.match(pattern, name))})
+
+
+class Network(NamedTuple):
+  """A converted network: its module, the module's fields, and its parameters as the run folder keeps them."""
+  what: str
+  module: Any
+  fields: dict
+  params: Any
+  part: Part
+  note: str = ""
+
+  @property
+  def num_params(self):
+    """Numbers out of the file; sums and counts of codebooks are ours."""
+    books = self.params.get("codebooks", {"codes": ()})["codes"]
+    return sum(np.size(a) for a in jax.tree.leaves((self.params.get("params", self.params), books)))
+
+  def __str__(self):
+    tell = lambda fields: ", ".join(f"{name} {f'({tell(value)})' if isinstance(value, dict) else value}"
+                                    for name, value in fields.items())
+    source = self.part.source["file"] + (f" ({self.part.source['part']})" if self.part.source["part"] else "")
+    left = f"\n  left aside: {', '.join(self.part.left)}" if self.part.left else ""
+    note = f"\n  {self.note}" if self.note else ""
+    return f"{self.what}: {self.num_params:,} parameters from {source}\n  {tell(self.fields)}{left}{note}"
+
+
+# --- reading -----------------------------------------------------------------------------------------------------
+
+
+def read_part(path, wanted=(), others=(), choices=()):
+  """One network's tensors out of a checkpoint -> Part.
+
+  wanted: the entries that hold it ("ae"; three for an evaluator, whose names then keep theirs, "text_encoder/..."),
+  none for a bare state dict; a file whose names are not nested is a bare one. choices: names for the one entry that is
+  wanted, of which the first counts that is there. others: entries of its kind to leave aside. Entries that only
+  training needs are left aside too; any other is an error.
+  """
+  state, plain = load_checkpoint(path)
+  if not state:
+    raise ValueError(f"{path} holds no tensor" + (f", only {', '.join(sorted(plain))}" if plain else ""))
+  nested = any("/" in name for name in state)
+  left = set(plain)
+  tops = {name.split("/")[0] for name in state}
+  if nested and choices:
+    wanted = tuple(name for name in choices if name in tops)[:1] or tuple(choices[:1])
+  if nested and wanted:
+    left |= {top for top in tops if top in others or TRAINING_ONLY.match(top)} - set(wanted)
+    absent, unknown = set(wanted) - tops, sorted(tops - left - set(wanted))
+    if absent or unknown:
+      raise ValueError(f"{path} holds {', '.join(sorted(tops | plain))}; expected {', '.join(wanted)} and nothing else "
+                       "but what training needs; this is another kind of checkpoint")
+    state = {name: array for name, array in state.items() if name.split("/")[0] in wanted}
+    if len(wanted) == 1:
+      state = select(state, f"{wanted[0]}/")
+  # Data-parallel and compiled modules prefix every name alike.
+  for prefix in ("module.", "_orig_mod."):
+    if state and all(name.startswith(prefix) for name in state):
+      state = {name.removeprefix(prefix): array for name, array in state.items()}
+  broken = [name for name, array in state.items() if not np.isfinite(array).all()]
+  if broken:
+    raise ValueError(f"{path}: {broken[0]} holds NaN or infinity; fetch the file again")
+  with open(path, "rb") as file:
+    digest = hashlib.file_digest(file, "sha256").hexdigest()
+  part = ", ".join(wanted) if nested else ""
+  return Part(state, dict(file=pathlib.Path(path).name, part=part, sha256=digest), tuple(sorted(left)))
+
+
+def network(what, part, module, fields, shapes, table, ignore=()):
+  """A Network whose parameters are those of the part under the names of a table, every tensor accounted for."""
+  params = from_torch(part.state, table, ignore)
+  checkpoint.check_fits(params, shapes, f"{part.source['file']} does not fit a {what}")
+  return Network(what, module, fields, params, part)
+
+
+def heads_of(given, width, known, flag="--heads"):
+  """The number of heads, which no tensor tells: as given, or the known one."""
+  heads = known if given is None else given
+  if heads is None:
+    raise ValueError(f"the tensors do not tell the number of attention heads, and width {width} is none of the known "
+                     f"sizes; give it with {flag}")
+  if heads < 1 or width % heads:
+    raise ValueError(f"got {heads} heads for width {width}, expected a number that divides it")
+  return heads
+
+
+def stats_of(folder, columns, means=("Mean.npy",)):
+  """Mean and std of so many columns, from the first pair of files in a folder that has as many.
+
+  means: names of the files with means; for coordinates Mean_abs.npy comes first (facts: cdamd 1.3). Raises
+  FileNotFoundError or ValueError.
+  """
+  folder, layout = pathlib.Path(folder), layout_for(columns)
+  pairs = [(mean, mean.replace("Mean", "Std").replace("mean", "std")) for mean in means]
+  if layout.kind == "coordinates":
+    pairs.insert(0, ABSOLUTE)
+  for names in pairs:
+    if all((folder / name).is_file() for name in names) and _fits(folder / names[0], layout):
+      return load_stats(folder, layout, names)
+  raise FileNotFoundError(f"{folder} has no statistics of {columns} numbers, those of layout {layout.name!r}; expected "
+                          + ", or ".join(f"{mean} and {std}" for mean, std in pairs))
+
+
+def _fits(path, layout):
+  """Whether a file of means is of that layout; one that cannot be read is for `load_stats` to tell."""
+  try:
+    size = math.prod(npy_shape(path))
+  except InputError:
+    return True
+  return size == layout.dim or size == 3 and layout.kind == "coordinates"
+
+
+def text_files(text, dim, what, usual, level="words"):
+  """{file: content} by which a run knows the text encoder in the folder `text`, {} if that is None.
+
+  Raises ValueError unless it gives the `dim` numbers that a `what` was trained on; usual: what it mostly was.
+  """
+  if text is None:
+    return {}
+  encoder = load_text_encoder(text, level=level)
+  if encoder.dim != dim:
+    raise ValueError(f"the text encoder {text} gives {encoder.dim} numbers a {level.removesuffix('s')}, the {what} was "
+                     f"trained on {dim}; give --text the encoder that it was trained on ({usual})")
+  return {checkpoint.TEXT: text_identity(encoder)}
+
+
+# --- writing -----------------------------------------------------------------------------------------------------
+
+
+def write(out, config, networks, params, stats, frozen=None, files=None):
+  """A run folder of converted networks, whole or not at all; its config names the files that they came from."""
+  config |= dict(seed=0, converted={made.what: made.part.source for made in networks})
+  with atomic_folder(out) as folder:
+    checkpoint.save_config(folder, ml_collections.ConfigDict(config))
+    save_stats(stats, folder)
+    checkpoint.save_params(folder, params)
+    if frozen:
+      checkpoint.save_params(folder, frozen, name=checkpoint.FROZEN)
+    for name, content in (files or {}).items():
+      checkpoint.save_text(folder, name, content)
+
+
+def check_free(out):
+  """Raises ValueError if something lies where the folder `out` is to be written."""
+  out = pathlib.Path(out)
+  if out.is_file() or out.is_dir() and any(out.iterdir()):
+    raise ValueError(f"{out} exists already; choose another --out, or remove it first")

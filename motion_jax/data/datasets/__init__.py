@@ -1,0 +1,1 @@
+"""Data folders of the field, a file for each format."""

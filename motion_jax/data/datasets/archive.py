@@ -1,0 +1,119 @@
+"""Archives: one `motions.npz` with the joints of many clips and one `captions.jsonl` with sentences about them.
+
+motions.npz: names (N,), start (N + 1,) frame offsets, root (frames, 3) metres, local (frames, 22, 3) joints less the
+pelvis; 20 frames a second, 22 joints in HumanML3D's order. captions.jsonl, a row per piece of a clip: id, clip, start,
+end (frames in the clip), text (a list of sentences, or one), split, and optionally content, style, label.
+"""
+import collections
+import pathlib
+from typing import NamedTuple
+
+import numpy as np
+
+from motion_jax.data.clip import Caption, Clip
+from motion_jax.inputs.errors import InputError
+from motion_jax.inputs.input_files import load_npz, read_json_lines
+from motion_jax.motion import plausibility
+from motion_jax.motion.skeleton import HUMANML3D
+
+FPS = 20.0
+_LICENSES = {"cmu": "CMU: free for all uses, not to be resold; mocap.cs.cmu.edu, funded by NSF EIA-0196217",
+             "bandai": "CC BY-NC 4.0, (c) 2022 Bandai Namco Research Inc."}
+_TAGS = ("clip", "content", "style", "label", "subject", "whole", "spikes")
+
+
+def is_archive(folder) -> bool:
+  return all((pathlib.Path(folder) / name).is_file() for name in ("motions.npz", "captions.jsonl"))
+
+
+def read_archive(folder, split=None, faults=None) -> list[Clip]:
+  """Every captioned piece of an archive as a Clip, in the order of the captions; split keeps one split only.
+
+  faults: a list that takes (id, what is wrong) of pieces with NaN or joints that are no person's, which are then left
+  out. Raises FileNotFoundError for a missing file, InputError with the line for rows that lack a key, name no clip or
+  frames outside it, or, without faults, a piece with faults.
+  """
+  arrays, path = read_motions(folder), pathlib.Path(folder) / "captions.jsonl"
+  clips = []
+  for number, row in read_json_lines(path):
+    row = read_row(row, arrays, f"{path} line {number}")
+    if split and row["split"] != split:
+      continue
+    joints = arrays.joints(row["clip"], row["start"], row["end"])
+    fault = plausibility.fault(joints, fps=FPS, name=f"{path} line {number}: clip {row['clip']!r}")
+    if fault and faults is None:
+      raise InputError(fault)
+    if fault:
+      faults.append((row["id"], "joints that are no person's" if np.isfinite(joints).all() else "NaN"))
+      continue
+    clips.append(Clip(
+        joints=joints, fps=FPS, captions=tuple(Caption(text) for text in row["text"]), id=row["id"],
+        split=row["split"], source=path.parent.name, license=_LICENSES.get(path.parent.name, ""),
+        meta={tag: row[tag] for tag in _TAGS if tag in row}))
+  return clips
+
+
+class Motions(NamedTuple):
+  """motions.npz: first frame and the frame behind the last of each clip by name; root (N, 3), local (N, 22, 3)."""
+  spans: dict[str, tuple[int, int]]
+  root: np.ndarray
+  local: np.ndarray
+
+  def length(self, name) -> int:
+    return self.spans[name][1] - self.spans[name][0]
+
+  def joints(self, name, start=0, end=None):
+    """Frames start:end of a clip, (T, 22, 3) float32."""
+    first, past = self.spans[name]
+    piece = slice(first + start, past if end is None else first + end)
+    with np.errstate(over="ignore", invalid="ignore"):  # who asks looks for infinity
+      return self.root[piece, None].astype(np.float32) + self.local[piece].astype(np.float32)
+
+
+def read_motions(folder) -> Motions:
+  """The motions of an archive. Raises FileNotFoundError, or InputError for arrays that are damaged or do not fit."""
+  folder = pathlib.Path(folder)
+  if not is_archive(folder):
+    raise FileNotFoundError(f"{folder} is no archive: expected motions.npz and captions.jsonl in it")
+  path = folder / "motions.npz"
+  arrays = load_npz(path, ("start", "root", "local"), ("names",), required=("names", "start", "root", "local"))
+  names, start, root, local = (arrays[key] for key in ("names", "start", "root", "local"))
+  if names.ndim != 1 or start.shape != (len(names) + 1,) or root.ndim != 2 or root.shape[1] != 3 or (
+      local.shape != (len(root), HUMANML3D.num_joints, 3)):
+    raise InputError(f"{path}: arrays do not fit together: names {names.shape}, start {start.shape}, root "
+                     f"{root.shape}, local {local.shape}; expected (N,), (N + 1,), (frames, 3), (frames, 22, 3)")
+  borders = start.astype(np.float64)
+  if not np.isfinite(borders).all() or borders[0] != 0 or borders[-1] != len(root) or (np.diff(borders) < 0).any() or (
+      borders % 1).any():
+    raise InputError(f"{path}: arrays do not fit together: start should rise from 0 to {len(root)}, the frames that "
+                     "there are; copy the archive again")
+  names = [name.decode("utf-8", "replace") if isinstance(name, bytes) else str(name) for name in names.tolist()]
+  if len(set(names)) < len(names):
+    twice = next(name for name, count in collections.Counter(names).items() if count > 1)
+    raise InputError(f"{path}: the name {twice[:60]!r} occurs twice")
+  borders = borders.astype(int).tolist()
+  return Motions(dict(zip(names, zip(borders[:-1], borders[1:]))), root, local)
+
+
+def read_row(row, motions, where) -> dict:
+  """A row of captions.jsonl as it should be: a text that is a string is a list of one.
+
+  Raises InputError, begun by `where`, for keys that are missing or of another type, and for what the motions lack.
+  """
+  missing = [key for key in ("id", "clip", "start", "end", "text", "split") if key not in row]
+  if missing:
+    raise InputError(f"{where}: the row lacks {', '.join(missing)}; expected id, clip, start, end, text and split")
+  row = row | {"text": [row["text"]] if isinstance(row["text"], str) else row["text"]}
+  for key, kind, called in (("id", str, "text"), ("clip", str, "text"), ("split", str, "text"),
+                            ("start", int, "a whole number"), ("end", int, "a whole number"),
+                            ("text", list, "a sentence or a list of them")):
+    if not isinstance(row[key], kind) or isinstance(row[key], bool) or key == "text" and not all(
+        isinstance(text, str) for text in row["text"]):
+      raise InputError(f"{where}: got {key} {str(row[key])[:60]!r}, expected {called}")
+  if row["clip"] not in motions.spans:
+    raise InputError(f"{where}: clip {row['clip'][:60]!r} is not in motions.npz")
+  length = motions.length(row["clip"])
+  if not 0 <= row["start"] < row["end"] <= length:
+    raise InputError(f"{where}: frames {row['start']}:{row['end']} lie outside clip {row['clip'][:60]!r} of {length} "
+                     "frames")
+  return row

@@ -1,0 +1,249 @@
+"""BABEL in FlowMDM's form, read and written: SMPL motions with labelled seconds, and pairs of adjacent segments.
+
+  train.json, val.json   BABEL's own annotations: {SID: {"frame_ann": {"labels": [{"proc_label", "start_t", "end_t"}]}}}
+  motions/SID.npz        poses (T, 66 or more) SMPL rotation vectors, trans (T, 3) metres, z up, and the rate: what
+                         AMASS files hold (mocap_framerate or mocap_frame_rate) or fps
+  Mean.npy, Std.npy      (135,) statistics; without them they are computed from the training pieces
+
+Motions become 135 features (`motion.features135`) piece by piece, each turned by its own first frame. Evaluation is on
+"val": BABEL's test labels are not public. Facts: cmdm 6.4, 8; the rules are those of BarqueroGerman/FlowMDM
+(data_loaders/amass/babel_flowmdm.py), whose own data files are pickles, which this library does not open: copy poses,
+trans and rate of each entry to motions/SID.npz. Spelling of labels is not corrected, as theirs is.
+"""
+import json
+import pathlib
+import warnings
+from typing import NamedTuple
+
+import numpy as np
+
+from motion_jax.data.clip import Caption, Clip
+from motion_jax.data.datasets.humanml3d import new_folder
+from motion_jax.inputs.errors import InputError, reading
+from motion_jax.inputs.input_files import load_npz, read_json
+from motion_jax.inputs.numerals import shortened
+from motion_jax.motion import features135, inverse
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.features import to_joints
+from motion_jax.motion.skeleton import SMPL
+from motion_jax.motion.stats import Stats, compute_stats, load_stats, save_stats
+
+SPLITS = ("train", "val")
+FPS = SMPL.fps
+MIN_FRAMES, MAX_FRAMES = 30, 200
+KINDS = ("pairs", "segments", "both")
+_BETWEEN = "transition"  # a label that tells of no action
+
+
+class Segment(NamedTuple):
+  """What happens in frames start:end of a recording."""
+  text: str
+  start: int
+  end: int
+
+
+class Piece(NamedTuple):
+  """What a loader draws: features (T, 135), captions of all of it, the segments it is made of, by its own frames."""
+  id: str
+  features: np.ndarray
+  captions: tuple[str, ...]
+  tokens: tuple[tuple[str, ...], ...]
+  segments: tuple[Segment, ...]
+
+
+class Recording(NamedTuple):
+  rotations: np.ndarray    # (T, 22, 4) quaternions relative to the parents
+  translation: np.ndarray  # (T, 3) metres, z up
+
+
+def is_babel(folder) -> bool:
+  folder = pathlib.Path(folder)
+  return (folder / "motions").is_dir() and any((folder / f"{split}.json").is_file() for split in SPLITS)
+
+
+def read_annotations(folder, split="train") -> dict:
+  """BABEL's annotations of a split by id."""
+  path = pathlib.Path(folder) / f"{split}.json"
+  if split not in SPLITS:
+    raise ValueError(f"got split {split!r}, expected one of {', '.join(SPLITS)}")
+  if not path.is_file():
+    raise FileNotFoundError(f"there is no file {path}; a BABEL folder has train.json, val.json (the annotations of "
+                            "babel.is.tue.mpg.de) and motions/SID.npz")
+  table = read_json(path)
+  strange = next((name for name, entry in table.items() if not isinstance(entry, dict)), None)
+  if strange is not None:
+    raise InputError(f"{path} is no JSON object of BABEL annotations: {shortened(strange)!r} holds no object")
+  return table
+
+
+def read_recording(path) -> Recording:
+  """A motion file at 30 frames a second; faster ones are thinned as FlowMDM does, slower ones are an error."""
+  path = pathlib.Path(path)
+  if not path.is_file():
+    raise FileNotFoundError(f"there is no file {path}; expected SMPL poses and trans, as AMASS files hold them")
+  rates = ("fps", "mocap_framerate", "mocap_frame_rate")
+  file = load_npz(path, ("poses", "trans", *rates), required=("poses", "trans"))
+  rate = next((name for name in rates if name in file), None)
+  if rate is None:
+    raise InputError(f"{path} has no fps; expected poses, trans and fps (or AMASS's mocap_framerate)")
+  poses, translation, fps = (np.asarray(file[name], np.float64) for name in ("poses", "trans", rate))
+  if fps.size != 1:
+    raise InputError(f"{path}: got a rate of shape {fps.shape}, expected one number of frames a second")
+  poses, fps = poses.reshape(len(poses) if poses.ndim else 0, -1) if poses.size else poses[None], float(fps.item())
+  if poses.ndim != 2 or poses.shape[1] < 66 or translation.shape != (len(poses), 3) or not len(poses):
+    raise ValueError(f"{path}: got poses {poses.shape} and trans {translation.shape}, expected (T, 66 or more) and "
+                     "(T, 3)")
+  if not (np.isfinite(poses).all() and np.isfinite(translation).all()):
+    raise ValueError(f"{path} holds NaN or infinity")
+  if not FPS * 0.99 <= fps < np.inf:
+    raise ValueError(f"{path} has {fps:g} frames a second, expected {FPS:g} or more")
+  if fps > FPS * 1.01:
+    frames = np.linspace(0, len(poses) - 1, num=int(len(poses) * FPS / fps), dtype=int)
+    poses, translation = poses[frames], translation[frames]
+  return Recording(rot.from_vector(poses[:, :66].reshape(-1, 22, 3)), translation)
+
+
+def read_segments(annotation, num_frames) -> list[Segment]:
+  """The labelled segments of a recording, sorted; of those with equal frames the last label counts.
+
+  Raises InputError for labels that are none.
+  """
+  found = {}
+  with reading("frame_ann", 'expected {"labels": [{"proc_label": words, "start_t": seconds, "end_t": seconds}, ...]}'):
+    for label in (annotation.get("frame_ann") or {}).get("labels") or ():
+      text = label.get("proc_label") or label.get("raw_label") or ""
+      start, end = int(label["start_t"] * FPS), min(num_frames, int(label["end_t"] * FPS))
+      if not isinstance(text, str) or start < 0:
+        raise InputError(f"frame_ann: got the label {str(label)[:80]}, expected words and seconds from 0 on")
+      if text and start < end:
+        found[start, end] = text
+  return [Segment(text, start, end) for (start, end), text in sorted(found.items())]
+
+
+def pairs(segments) -> list[tuple[Segment, Segment]]:
+  """Adjacent segments, made to touch: the second begins where the first ends.
+
+  Segment b follows a if it begins inside a and ends after it; or if a transition begins inside a, and b inside it. The
+  frames that both claim, or the transition between them, are halved.
+  """
+  follows = lambda a, b: a.start < b.start <= a.end < b.end
+  acts = [segment for segment in segments if segment.text != _BETWEEN]
+  bridges = [segment for segment in segments if segment.text == _BETWEEN and segment.start > 0]
+  found = {}
+  for a in acts:
+    for b in acts:
+      if follows(a, b) or any(follows(a, t) and follows(t, b) for t in bridges):
+        # Parity: as FlowMDM's process_actions, whose ends are inclusive.
+        border = a.end + (b.start - a.end) // 2 + 1
+        if a.start < border < b.end:
+          found[a.start, b.end, border] = a._replace(end=border), b._replace(start=border)
+  return [found[key] for key in sorted(found)]
+
+
+def pieces(folder, split="train", kind="pairs", min_frames=MIN_FRAMES, max_frames=MAX_FRAMES, whole=False,
+           mode="benchmark", faults=None) -> list[Piece]:
+  """Pairs of adjacent segments, single segments, or both, of min_frames to max_frames frames each.
+
+  A pair's caption is "a, b", as TEACH has it; `segments` tells where the border is. whole: whole recordings instead, in
+  pieces of max_frames with no caption, as autoencoders see them. Recordings that cannot be read are left out with one
+  warning that counts them, or named in `faults`, a list of (recording, why).
+  """
+  if kind not in KINDS:
+    raise ValueError(f"got kind {kind!r}, expected one of {', '.join(KINDS)}")
+  folder, made, lost = pathlib.Path(folder), [], []
+  for name, annotation in sorted(read_annotations(folder, split).items()):
+    if not whole and not annotation.get("frame_ann"):
+      continue
+    try:
+      recording = read_recording(folder / "motions" / f"{name}.npz")
+      segments = [] if whole else read_segments(annotation, len(recording.translation))
+    except (ValueError, FileNotFoundError) as error:
+      lost.append((name, error))
+      continue
+    if whole:
+      frames = range(0, len(recording.translation), max_frames)
+      parts = [(Segment("", start, min(start + max_frames, len(recording.translation))),) for start in frames]
+    else:
+      parts = pairs(segments) if kind in ("pairs", "both") else []
+      if kind in ("segments", "both"):
+        parts += [(segment,) for segment in segments if segment.text != _BETWEEN]
+    made += [_piece(name, recording, part, mode) for part in parts
+             if min_frames <= part[-1].end - part[0].start <= max_frames]
+  if faults is not None:
+    faults += [(name, str(error)) for name, error in lost]
+  elif lost:
+    warnings.warn(f"{folder}: left out {len(lost)} recordings, the first {lost[0][0]}: {lost[0][1]}", stacklevel=2)
+  return made
+
+
+def _piece(name, recording, part, mode):
+  first, last = part[0].start, part[-1].end
+  features = features135.extract(recording.rotations[first:last], recording.translation[first:last], mode)
+  text = ", ".join(segment.text for segment in part)
+  own = tuple(segment._replace(start=segment.start - first, end=segment.end - first) for segment in part)
+  return Piece(f"{name}#{first}#{last}", features.astype(np.float32), (text,) if text else (), (), own)
+
+
+def read_folder(folder, split="train", kind="segments", **rules) -> list[Clip]:
+  """Pieces as clips of 22 joints on an adult's bones; a pair has one caption for each of its segments' seconds."""
+  return [Clip(joints=to_joints(piece.features, "babel"), fps=FPS, id=piece.id, split=split, source="BABEL",
+               captions=_captions(piece.segments), skeleton=SMPL, features=piece.features)
+          for piece in pieces(folder, split, kind, **rules)]
+
+
+def _captions(segments):
+  if len(segments) == 1:
+    return (Caption(segments[0].text),)
+  return tuple(Caption(segment.text, segment.start / FPS, segment.end / FPS) for segment in segments)
+
+
+def folder_stats(folder, mode="benchmark") -> Stats:
+  """Mean.npy and Std.npy of the folder; without them those of the training recordings, the std by block."""
+  if (pathlib.Path(folder) / "Mean.npy").is_file():
+    return load_stats(folder, "babel")
+  return compute_stats([piece.features for piece in pieces(folder, whole=True, min_frames=2, mode=mode)], "babel")
+
+
+def write_folder(clips, out, overwrite=False) -> pathlib.Path:
+  """Writes clips of 22 SMPL joints, 30 frames a second, as a BABEL folder: poses from positions, captions as labels.
+
+  A caption without seconds is a label of the whole clip. A clip without a split goes to train. Statistics are over the
+  training recordings. The folder appears when all is done.
+  """
+  clips = list(clips)
+  _check_clips(clips)
+  tables = {split: {} for split in SPLITS}
+  with new_folder(out, overwrite) as folder:
+    (folder / "motions").mkdir()
+    for clip in clips:
+      joints = clip.joints.astype(np.float64)
+      rotations, translation = features135.from_ours(joints, inverse.world_rotations(joints, SMPL))
+      np.savez(folder / "motions" / f"{clip.id}.npz", poses=rot.to_vector(rotations).reshape(len(joints), -1),
+               trans=translation, fps=np.float64(clip.fps))
+      labels = [{"proc_label": c.text, "raw_label": c.text, "start_t": c.start, "end_t": c.end or clip.seconds}
+                for c in clip.captions]
+      tables[clip.split or "train"][clip.id] = {"babel_sid": clip.id, "dur": clip.seconds,
+                                                "frame_ann": {"labels": labels} if labels else None}
+    for split, table in tables.items():
+      (folder / f"{split}.json").write_text(json.dumps(table, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    about = {"format": "BABEL", "layout": "babel", "fps": FPS, "num_clips": len(clips)}
+    (folder / "dataset.json").write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
+    if tables["train"]:
+      save_stats(folder_stats(folder), folder)
+  return pathlib.Path(out)
+
+
+def _check_clips(clips):
+  if not clips:
+    raise ValueError("got no clips to write")
+  seen = set()
+  for clip in clips:
+    if clip.skeleton is not SMPL or clip.fps != FPS:
+      raise ValueError(f"clip {clip.id!r} is on skeleton {clip.skeleton.name!r} at {clip.fps:g} frames a second, "
+                       "expected 'smpl' at 30; data.datasets.synthetic.on_skeleton brings HumanML3D's joints there")
+    if clip.id in seen or "/" in clip.id or len(clip.id.split()) != 1:
+      raise ValueError(f"id {clip.id!r} occurs twice, or cannot be a file name; ids name motion files")
+    if clip.split not in ("", *SPLITS):
+      raise ValueError(f"clip {clip.id!r} is in split {clip.split!r}, expected train or val")
+    seen.add(clip.id)
+

@@ -1,0 +1,375 @@
+"""HumanML3D and KIT-ML folders, read and written: new_joint_vecs, new_joints, texts, splits, Mean and Std.
+
+Facts: cdamd 1.1, 1.2, cmdm 1.3. A folder that we write can be read by the field's other tools; `dataset.json` beside it
+adds what the layout cannot say: rate, mode of the features, sources, licences.
+"""
+import contextlib
+import json
+import pathlib
+import warnings
+from typing import NamedTuple
+
+import numpy as np
+import tqdm
+
+from motion_jax.data.clip import Caption, Clip
+from motion_jax.data.mirror import mirror_clip
+from motion_jax.data.mocap.capture import resample
+from motion_jax.data.tagger import tag
+from motion_jax.inputs.errors import InputError
+from motion_jax.inputs.input_files import load_npy, npy_shape, read_json
+from motion_jax.inputs.numerals import SECONDS, NumberError, real, shortened
+from motion_jax.inputs.text_files import read_lines
+from motion_jax.motion import plausibility
+from motion_jax.motion.features import get_layout, layout_for, to_features, to_joints
+from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.motion.stats import ABSOLUTE, Stats, compute_stats, load_stats, save_stats
+from motion_jax.runtime.atomic import atomic_folder
+
+SPLITS = ("train", "val", "test", "train_val", "all")
+MIN_FRAMES = {"humanml3d": 40, "kit": 24}
+_SECONDS = real(*SECONDS, unit="seconds")
+_TAG_FPS = 20  # Parity: time tags are seconds times 20 for KIT too, whose rate is 12.5
+
+
+class TextLine(NamedTuple):
+  """A line of a text file: caption, its tokens "lemma/POS", and the seconds it is about (0, 0: all)."""
+  caption: str
+  tokens: tuple[str, ...] = ()
+  start: float = 0.0
+  end: float = 0.0
+
+
+def read_texts(path) -> list[TextLine]:
+  """Reads caption#tokens#start#end lines; a tag that is NaN or missing counts as 0."""
+  lines = []
+  for number, line in enumerate(read_lines(path), 1):
+    if not line.strip():
+      continue
+    parts = line.strip().split("#")
+    try:
+      start, end = (_tag(part) for part in (parts[2:4] + ["", ""])[:2])
+    except NumberError as error:
+      raise ValueError(f"{path} line {number}: in a time tag: {error}; expected caption#tokens#start#end") from None
+    lines.append(TextLine(parts[0].strip(), tuple(parts[1].split()) if len(parts) > 1 else (),
+                          start, end))
+  return lines
+
+
+def _tag(text):
+  return 0.0 if text.strip().lower() in ("", "nan") else _SECONDS(text)
+
+
+def read_ids(folder, split="all") -> list[str]:
+  """The ids of a split file; without an all.txt, those of all the other split files."""
+  folder = pathlib.Path(folder)
+  path = folder / f"{split}.txt"
+  if path.is_file():
+    return [name for line in read_lines(path) for name in line.split()]
+  found = [name for name in ("train", "val", "test") if (folder / f"{name}.txt").is_file()]
+  if split != "all" or not found:
+    raise FileNotFoundError(f"{folder} has no {split}.txt; expected one id per line in it")
+  return [name for part in found for name in read_ids(folder, part)]
+
+
+def dataset_info(folder) -> dict:
+  """What dataset.json says, with what can be told without one: layout, skeleton, fps, mode."""
+  folder = pathlib.Path(folder)
+  path = folder / "dataset.json"
+  info = read_json(path, advice="restore it, or remove it where the folder is HumanML3D's or KIT-ML's own") if (
+      path.is_file()) else {}
+  if "layout" not in info:
+    sample = next(iter(sorted((folder / "new_joint_vecs").glob("*.npy"))), None)
+    if sample is None:
+      raise FileNotFoundError(f"{folder} has no new_joint_vecs/*.npy; expected a HumanML3D or KIT-ML folder")
+    info["layout"] = layout_for((npy_shape(sample) or (0,))[-1]).name
+  if not isinstance(info["layout"], str):
+    raise InputError(f"{path}: got layout {str(info['layout'])[:60]!r}, expected a name such as 'full'")
+  skeleton = get_layout(info["layout"]).skeleton
+  info = {"skeleton": skeleton.name, "fps": skeleton.fps, "mode": "benchmark", "source": folder.name, "license": "",
+          "clips": {}} | info
+  _check_info(info, path)
+  return info
+
+
+def _check_info(info, path):
+  """Raises InputError for entries of dataset.json of a type that no folder has."""
+  for key, kind, called in (("source", str, "text"), ("license", str, "text"), ("mode", str, "text"),
+                            ("clips", dict, "an object")):
+    if not isinstance(info[key], kind):
+      raise InputError(f"{path}: got {key} {str(info[key])[:60]!r}, expected {called}")
+  if isinstance(info["fps"], bool) or not isinstance(info["fps"], int | float) or not 0 < info["fps"] <= 1000:
+    raise InputError(f"{path}: got fps {str(info['fps'])[:60]!r}, expected the frames of a second")
+  strange = next((name for name, origin in info["clips"].items() if not isinstance(origin, dict)), None)
+  if strange is not None:
+    raise InputError(f"{path}: clip {shortened(strange)!r} holds no object with source and license")
+
+
+def has_mirrored(folder) -> bool:
+  """Whether a folder holds mirrored copies, "M" before the id, as HumanML3D has and `data build` makes."""
+  try:
+    ids = set(read_ids(folder))
+  except FileNotFoundError:
+    return False
+  return any("M" + name in ids for name in ids)
+
+
+def read_folder(folder, split="all") -> list[Clip]:
+  """Clips of a split with features, joints, captions and their spans; meta["tokens"] has the tokens of each caption.
+
+  Motions that are missing, hold NaN, or have no text are left out, as the field's loaders do, with one warning that
+  counts them. Raises FileNotFoundError for a folder or a split file that is not there.
+  """
+  folder = pathlib.Path(folder)
+  info = dataset_info(folder)
+  layout = get_layout(info["layout"])
+  member = {}
+  for name in ("train", "val", "test"):
+    if (folder / f"{name}.txt").is_file():
+      member |= {clip: name for clip in read_ids(folder, name)}
+  clips, lost = [], {"no motion": [], "no text": [], "NaN": [], "joints that are no person's": []}
+  for name in read_ids(folder, split):
+    vectors, texts = folder / "new_joint_vecs" / f"{name}.npy", folder / "texts" / f"{name}.txt"
+    if not vectors.is_file() or not texts.is_file():
+      lost["no text" if vectors.is_file() else "no motion"].append(name)
+      continue
+    features = load_npy(vectors).astype(np.float32)
+    if features.ndim != 2 or not len(features) or not np.isfinite(features).all():
+      lost["NaN"].append(name)
+      continue
+    layout.check(features)
+    saved = folder / "new_joints" / f"{name}.npy"
+    joints = _saved_joints(saved, layout) if saved.is_file() else to_joints(features, layout)
+    if plausibility.fault(joints, layout.skeleton, info["fps"]):
+      lost["joints that are no person's"].append(name)
+      continue
+    lines = read_texts(texts)
+    origin = info.get("clips", {}).get(name, {})
+    clips.append(Clip(
+        joints=joints, fps=info["fps"], features=features, id=name,
+        captions=tuple(Caption(line.caption, line.start, line.end) for line in lines), split=member.get(name, ""),
+        source=str(origin.get("source", info["source"])), license=str(origin.get("license", info["license"])),
+        skeleton=layout.skeleton, meta={"tokens": tuple(line.tokens for line in lines), "mode": info["mode"]}))
+  if any(lost.values()):
+    told = "; ".join(f"{len(names)} with {what} ({', '.join(names[:3])})" for what, names in lost.items() if names)
+    warnings.warn(f"{folder}: left out {told}; motion-jax data doctor tells more", stacklevel=2)
+  return clips
+
+
+def _saved_joints(path, layout):
+  joints, num = load_npy(path), layout.skeleton.num_joints
+  if joints.size % (num * 3) or not joints.size:
+    raise InputError(f"{path}: got joints of shape {joints.shape}, expected (frames, {num}, 3); make new_joints again "
+                     "from the features")
+  return joints.reshape((-1, num, 3))
+
+
+class TextItem(NamedTuple):
+  """What a text-to-motion loader draws: features (T, F), captions for all of them, tokens of each caption."""
+  id: str
+  features: np.ndarray
+  captions: tuple[str, ...]
+  tokens: tuple[tuple[str, ...], ...]
+
+
+def text_items(folder, split="train", layout=None, min_frames=None, max_frames=200, whole=False) -> list[TextItem]:
+  """The items of a folder's split by the loaders' rules (`select_items`), in the folder's layout or another one.
+
+  whole: all whole clips instead, of any length, each with all its captions, as autoencoders see them. Essential
+  features are the first columns of full ones, coordinates the joints.
+  """
+  own = get_layout(dataset_info(folder)["layout"])
+  layout = get_layout(layout or own)
+  _check_layout(folder, own, layout)
+  clips = read_folder(folder, split)
+  if not whole:
+    clips = select_items(clips, min_frames, max_frames)
+  return [as_item(clip, layout) for clip in clips]
+
+
+def as_item(clip, layout) -> TextItem:
+  """A clip that `read_folder` or `select_items` gave as an item in its own layout, or one that is a part of it."""
+  features = (clip.joints.reshape(len(clip.joints), -1) if layout.kind == "coordinates"
+              else clip.features[:, :layout.dim])
+  return TextItem(clip.id, features, tuple(c.text for c in clip.captions), clip.meta["tokens"])
+
+
+def folder_stats(folder, layout=None, per_axis=False) -> Stats:
+  """The folder's statistics, in its own layout or another one.
+
+  Essential ones are the first columns of Mean.npy and Std.npy. Coordinates have Mean_abs.npy and Std_abs.npy where the
+  field's tools made them; else, or if they are asked for per axis, they are computed from the training joints.
+  """
+  folder = pathlib.Path(folder)
+  own = get_layout(dataset_info(folder)["layout"])
+  layout = get_layout(layout or own)
+  _check_layout(folder, own, layout)
+  if layout.kind != "coordinates":
+    stats = load_stats(folder, own)
+    return stats if layout is own else Stats(stats.mean[:layout.dim], stats.std[:layout.dim], layout)
+  if not per_axis and all((folder / name).is_file() for name in ABSOLUTE):
+    return load_stats(folder, layout, ABSOLUTE)
+  joints = [clip.joints.reshape(clip.num_frames, -1) for clip in read_folder(folder, "train")]
+  return compute_stats(joints, layout, per_axis)
+
+
+def _check_layout(folder, own, layout):
+  if layout.skeleton is not own.skeleton or (layout.kind == "full" and own.kind != "full"):
+    raise ValueError(f"{folder} holds {own.name!r} features, asked for {layout.name!r}; choose a layout of skeleton "
+                     f"{own.skeleton.name!r}")
+
+
+def select_items(clips, min_frames=None, max_frames=200) -> list[Clip]:
+  """The items that text-to-motion loaders train on: each clip with its whole-clip captions, each time tag by itself.
+
+  Kept are those of min_frames <= rows < max_frames (min_frames: 40, KIT 24); a clip out of range takes its pieces with
+  it. A piece is rows int(start * 20):int(end * 20), named with a letter before the id ("A_000123"; the reference draws
+  the letter at random). The clips need features.
+  """
+  items = []
+  for clip in clips:
+    if clip.features is None:
+      raise ValueError(f"clip {clip.id!r} has no features; make them with motion_jax.motion.features.to_features")
+    least = MIN_FRAMES[clip.skeleton.name] if min_frames is None else min_frames
+    if not least <= len(clip.features) < max_frames:
+      continue
+    tokens = clip.meta.get("tokens", ((),) * len(clip.captions))
+    whole = []
+    pieces = 0
+    for caption, words in zip(clip.captions, tokens):
+      if caption.start == 0.0 and caption.end == 0.0:
+        whole.append((caption, words))
+        continue
+      rows = slice(int(caption.start * _TAG_FPS), int(caption.end * _TAG_FPS))
+      features = clip.features[rows]
+      if least <= len(features) < max_frames:
+        letter = chr(ord("A") + pieces % 26) * (1 + pieces // 26)
+        items.append(_item(clip, f"{letter}_{clip.id}", features, clip.joints[rows], [(caption, words)]))
+        pieces += 1
+    if whole:
+      items.append(_item(clip, clip.id, clip.features, clip.joints, whole))
+  return items
+
+
+def _item(clip, name, features, joints, captions):
+  return clip.replace(id=name, features=features, joints=joints, captions=tuple(Caption(c.text) for c, _ in captions),
+                      meta=clip.meta | {"tokens": tuple(words for _, words in captions)})
+
+
+def write_folder(clips, out, mode="corrected", mirror=True, fps=None, overwrite=False, progress=False,
+                 info=None) -> dict:
+  """Writes clips as a HumanML3D-layout folder (KIT's for its skeleton) and returns what dataset.json then holds.
+
+  Clips go to the skeleton's rate (or fps), are made canonical and become full features (`mode` as in `to_features`),
+  joints are recovered from these, T - 1 rows of T frames. With mirror each clip is there again as "M" + id. A clip
+  without a split goes to train. Mean and Std are over all files, the std by block. The folder appears when all is done.
+  Raises FileExistsError for a folder that exists, ValueError for ids that occur twice or clips of two skeletons.
+  """
+  clips = list(clips)
+  _check_clips(clips, mirror)
+  skeleton = clips[0].skeleton
+  layout = get_layout("full" if skeleton is HUMANML3D else f"full_{skeleton.name}")
+  fps = fps or skeleton.fps
+  count, lengths, origins = RunningStats(layout), [], {}
+  members = {split: [] for split in SPLITS}
+  with new_folder(out, overwrite) as folder:
+    for name in ("new_joints", "new_joint_vecs", "texts"):
+      (folder / name).mkdir()
+    for clip in tqdm.tqdm(clips, desc="clips", unit="clip", disable=not progress):
+      split = clip.split or "train"
+      for one in (clip, mirror_clip(clip)) if mirror else (clip,):
+        joints = resample(one.joints.astype(np.float64), one.fps, fps) if one.fps != fps else one.joints
+        if len(joints) < 2:
+          raise ValueError(f"clip {clip.id!r} has {len(joints)} frame at {fps:g} frames a second, expected 2 or more")
+        features = to_features(joints, layout, mode)
+        np.save(folder / "new_joint_vecs" / f"{one.id}.npy", features)
+        np.save(folder / "new_joints" / f"{one.id}.npy", to_joints(features, layout))
+        (folder / "texts" / f"{one.id}.txt").write_text(format_texts(one), encoding="utf-8")
+        count.add(features)
+        lengths.append(len(features))
+        origins[one.id] = {"source": clip.source, "license": clip.license}
+        for member in (split, "all") + (("train_val",) if split in ("train", "val") else ()):
+          members[member].append(one.id)
+    for split, ids in members.items():
+      (folder / f"{split}.txt").write_text("".join(f"{name}\n" for name in ids), encoding="utf-8")
+    save_stats(count.stats(), folder)
+    about = _describe(layout, fps, mode, members, lengths, origins) | (info or {})
+    (folder / "dataset.json").write_text(json.dumps(about, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+  return about
+
+
+def format_texts(clip) -> str:
+  """Captions of a clip as lines caption#tokens#start#end; a "#" inside a caption becomes a blank."""
+  lines = []
+  for caption in clip.captions:
+    text = " ".join(caption.text.replace("#", " ").split())
+    lines.append(f"{text}#{' '.join(tag(text))}#{float(caption.start)}#{float(caption.end)}\n")
+  return "".join(lines)
+
+
+@contextlib.contextmanager
+def new_folder(out, overwrite=False):
+  """Yields a temporary neighbour of folder out that takes its place if the block ends well, else vanishes."""
+  out = pathlib.Path(out)
+  if out.exists() and not overwrite:
+    raise FileExistsError(f"{out} exists already; choose another name, or say overwrite")
+  if out.exists() and any(out.iterdir() if out.is_dir() else [1]) and not (out / "dataset.json").is_file():
+    raise FileExistsError(f"{out} is not a folder that this program made, so it is not overwritten")
+  with atomic_folder(out) as folder:
+    yield folder
+
+
+def _check_clips(clips, mirror):
+  if not clips:
+    raise ValueError("got no clips to write")
+  names = {clip.skeleton.name for clip in clips}
+  if len(names) > 1 or names - set(MIN_FRAMES):
+    raise ValueError(f"got clips on the skeletons {', '.join(sorted(names))}, expected one of {', '.join(MIN_FRAMES)}")
+  seen = set()
+  for clip in clips:
+    ids = {clip.id, "M" + clip.id} if mirror else {clip.id}
+    if ids & seen:
+      raise ValueError(f"id {clip.id!r} occurs twice (or is the mirrored name of another clip); ids name files")
+    if "/" in clip.id or clip.id != clip.id.strip() or len(clip.id.split()) != 1:
+      raise ValueError(f"id {clip.id!r} cannot be a file name and a line of a split file; use letters, digits, _ and -")
+    if clip.split not in ("", "train", "val", "test"):
+      raise ValueError(f"clip {clip.id!r} is in split {clip.split!r}, expected train, val or test")
+    seen |= ids
+
+
+def _describe(layout, fps, mode, members, lengths, origins):
+  sources = {}
+  for origin in origins.values():
+    entry = sources.setdefault(origin["source"], {"clips": 0, "license": origin["license"]})
+    entry["clips"] += 1
+  return {"format": "HumanML3D", "layout": layout.name, "skeleton": layout.skeleton.name, "fps": fps, "mode": mode,
+          "num_clips": len(lengths), "num_frames": int(sum(lengths)), "shortest": min(lengths), "longest": max(lengths),
+          "splits": {split: len(members[split]) for split in ("train", "val", "test")},
+          "source": ", ".join(sorted(sources)), "sources": sources,
+          "license": "; ".join(sorted({entry["license"] for entry in sources.values() if entry["license"]})),
+          "clips": origins if len(sources) > 1 else {},
+          "tokens": "by rule (motion_jax.data.tagger), not by the parser of the official files"}
+
+
+class RunningStats:
+  """Mean and std of features that pass by one clip at a time; sums are float64, shifted by the first clip's mean."""
+
+  def __init__(self, layout):
+    self.layout, self.num, self.shift = layout, 0, None
+
+  def add(self, features):
+    features = features.astype(np.float64)
+    if self.shift is None:
+      self.shift = features.mean(0)
+      self.sum, self.squares = np.zeros(self.layout.dim), np.zeros(self.layout.dim)
+    self.num += len(features)
+    self.sum += (features - self.shift).sum(0)
+    self.squares += ((features - self.shift) ** 2).sum(0)
+
+  def stats(self) -> Stats:
+    mean = self.sum / self.num
+    std = np.sqrt(np.maximum(self.squares / self.num - mean**2, 0))
+    for block in self.layout.blocks.values():
+      std[block] = std[block].mean()
+    std = np.where(std < 1e-8, 1.0, std)
+    return Stats((mean + self.shift).astype(np.float32), std.astype(np.float32), self.layout)

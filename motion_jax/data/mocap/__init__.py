@@ -1,0 +1,1 @@
+"""Motion capture files: BVH, ASF and AMC."""

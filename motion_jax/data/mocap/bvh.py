@@ -1,0 +1,153 @@
+"""BVH motion capture files: a skeleton of offsets, then one line of channel values per frame.
+
+Any channel order per joint; position channels on any joint take the place of its OFFSET, axis by axis (the Bandai files
+have them everywhere). End Sites become joints named after their parent with "_end", for some figures keep their toes
+there.
+"""
+import pathlib
+
+import numpy as np
+
+from motion_jax.data.clip import Clip
+from motion_jax.data.mocap import capture
+from motion_jax.data.mocap.capture import Capture, forward_kinematics, to_clip, with_rate
+from motion_jax.inputs import text_files
+from motion_jax.inputs.errors import InputError
+from motion_jax.inputs.numerals import FRAME_RATES, NumberError, shortened, whole
+from motion_jax.motion import rotations as rot
+
+_COUNTS = tuple("0123456")
+_CHANNELS = tuple(axis + kind for kind in ("position", "rotation") for axis in "XYZ")
+
+
+def read_bvh(path) -> Capture:
+  """Reads a BVH file and runs its forward kinematics, float64.
+
+  Raises FileNotFoundError, or ValueError with the line for a file that is cut, has a wrong count of numbers, or NaN.
+  """
+  path = pathlib.Path(path)
+  if not path.is_file():
+    raise FileNotFoundError(f"there is no file {path}; expected a BVH file")
+  lines = text_files.read_lines(path, "BVH file", text_files.LARGEST_MOTION)
+  names, parents, offsets, channels, motion = _read_hierarchy(path, lines)
+  values, fps = _read_motion(path, lines, motion, sum(map(len, channels)), len(names))
+  local, rotations = _local(values, offsets, channels)
+  positions, turned = forward_kinematics(parents, local, rotations)
+  return Capture(tuple(names), tuple(parents), np.array(offsets), tuple(channels), fps, positions, rotations, turned)
+
+
+def bvh_clip(path, mapping=None, fps=20.0, source_fps=None, **options) -> Clip:
+  """A BVH file as a Clip of 22 joints: `read_bvh` and `capture.to_clip`, whose options these are.
+
+  source_fps: its frames are so many a second, whatever the file states.
+  """
+  return to_clip(with_rate(read_bvh(path), source_fps), path, mapping, fps, **options)
+
+
+def _read_hierarchy(path, lines):
+  """names, parents, offsets, channels, and the index of the line MOTION."""
+  names, parents, offsets, channels = [], [], [], []
+  open_joints, pending, seen = [], None, False
+  for number, line in enumerate(lines, 1):
+    words = line.replace("{", " { ").replace("}", " } ").split()
+    while words:
+      word = words.pop(0)
+      key = word.upper()
+      if key == "HIERARCHY":
+        seen = True
+      elif key == "MOTION":
+        if open_joints or pending is not None:
+          raise InputError(f"{path} line {number}: MOTION comes before {shortened(names[-1])!r} is closed; the "
+                           "skeleton is cut")
+        if not names:
+          raise InputError(f"{path} line {number}: no ROOT before MOTION; this is no BVH file")
+        return names, parents, offsets, channels, number
+      elif not seen:
+        raise InputError(f"{path} line {number}: got {line.strip()[:40]!r}, expected HIERARCHY; this is no BVH file")
+      elif key in ("ROOT", "JOINT", "END"):
+        label = " ".join(words).split("{")[0].strip()
+        words = words[len(label.split()):]
+        parents.append(open_joints[-1] if open_joints else -1)
+        names.append(f"{names[parents[-1]]}_end" if key == "END" else label.split(":")[-1])
+        offsets.append(np.zeros(3))
+        channels.append(())
+        pending = len(names) - 1
+      elif word == "{" and pending is not None:
+        open_joints.append(pending)
+        pending = None
+      elif word == "}" and open_joints:
+        open_joints.pop()
+      elif key == "OFFSET" and open_joints:
+        offsets[open_joints[-1]] = _numbers(path, number, words[:3], 3)
+        words = words[3:]
+      elif key == "CHANNELS" and open_joints:
+        count = int(words[0]) if words and words[0] in _COUNTS else -1
+        own = tuple(name[:1].upper() + name[1:].lower() for name in words[1:1 + count])
+        if len(own) != count or any(name not in _CHANNELS for name in own):
+          raise InputError(f"{path} line {number}: got {shortened(' '.join(words))!r}, expected a count and as many of "
+                           f"{', '.join(_CHANNELS)}")
+        channels[open_joints[-1]] = own
+        words = words[1 + count:]
+      else:
+        raise InputError(f"{path} line {number}: {shortened(word)!r} has no place here in a BVH skeleton")
+  raise InputError(f"{path} line {len(lines)}: the file ends before MOTION; it is cut or no BVH file")
+
+
+def _read_motion(path, lines, at, width, num_joints):
+  """Channel values (T, width) and frames per second, from the lines after MOTION."""
+  head = [(number, line) for number, line in enumerate(lines[at:], at + 1) if line.strip()]
+  fields = {}
+  for number, line in head[:2]:
+    name, _, value = line.partition(":")
+    fields[name.strip().lower()] = (number, value.strip())
+  if not {"frames", "frame time"} <= set(fields):
+    raise InputError(f"{path} line {at + 1}: expected 'Frames: N' and 'Frame Time: seconds' after MOTION; "
+                     "the file is cut")
+  number, text = fields["frames"]
+  try:
+    num_frames = whole(1, unit="frames")(text)
+  except NumberError as error:
+    raise InputError(f"{path} line {number}: {error}") from None
+  seconds = _numbers(path, fields["frame time"][0], fields["frame time"][1].split(), 1)[0]
+  slowest, fastest = FRAME_RATES
+  if not 0.99 / fastest <= seconds <= 1.01 / slowest:
+    raise InputError(f"{path} line {fields['frame time'][0]}: got a frame time of {seconds:g} s, expected "
+                     f"{1 / fastest:g} to {1 / slowest:g}")
+  rows = head[2:]
+  if len(rows) < num_frames:
+    raise InputError(f"{path} line {len(lines)}: the file ends after {len(rows)} of {num_frames} frames; it is cut")
+  capture.check_size(path, num_frames, num_joints)
+  values = np.empty((num_frames, width))
+  for row, (number, line) in zip(values, rows):
+    row[:] = _numbers(path, number, line.split(), width)
+  fps = 1 / seconds
+  return values, round(fps) if abs(fps - round(fps)) < 0.01 else fps  # files write 0.0333333 for a thirtieth
+
+
+def _numbers(path, number, words, count):
+  if len(words) != count:
+    raise InputError(f"{path} line {number}: got {len(words)} numbers, expected {count}; the file is cut or damaged")
+  try:
+    values = np.array(words, np.float64)
+  except ValueError:
+    raise InputError(f"{path} line {number}: {' '.join(words)[:60]!r} are not all numbers") from None
+  if not np.isfinite(values).all():
+    raise InputError(f"{path} line {number}: number {int(np.argmin(np.isfinite(values))) + 1} is NaN or infinite")
+  return values
+
+
+def _local(values, offsets, channels):
+  """Positions (T, N, 3) and rotations (T, N, 4) relative to the parents; rotations multiply in channel order."""
+  local = np.tile(np.array(offsets), (len(values), 1, 1))
+  rotations = np.zeros(local.shape[:2] + (4,))
+  rotations[..., 0] = 1
+  column = 0
+  for joint, own in enumerate(channels):
+    for name in own:
+      value, axis = values[:, column], name[0].lower()
+      column += 1
+      if name.endswith("position"):
+        local[:, joint, "xyz".index(axis)] = value
+      else:
+        rotations[:, joint] = rot.multiply(rotations[:, joint], rot.about_axis(np.radians(value), axis))
+  return local, rotations

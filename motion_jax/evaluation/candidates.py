@@ -1,0 +1,132 @@
+"""A model that is judged, with the choices by which it is sampled and the place where its samples are kept."""
+import dataclasses
+import hashlib
+import inspect
+import pathlib
+from collections.abc import Callable
+from typing import Any
+
+from motion_jax.evaluation import provenance as record
+from motion_jax.evaluation import samples
+from motion_jax.motion.features import to_features
+from motion_jax.runs import PRETRAINED
+from motion_jax.training import checkpoint
+
+_PARTS = (checkpoint.CONFIG, checkpoint.FROZEN, "Mean.npy", "Std.npy")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Subject:
+  """name: of its row. hash: of its weights, statistics and config. guidance_scale None: the config's own. options:
+  what else goes to `generate`. folder: of its samples."""
+  name: str
+  model: Any
+  hash: str
+  folder: pathlib.Path
+  guidance_scale: float | None = None
+  options: dict = dataclasses.field(default_factory=dict)
+  devices: tuple = ()
+  only_read: bool = False
+  show: bool = True
+  used: list = dataclasses.field(default_factory=list)  # stores that it was given motions of
+
+  @property
+  def reader(self):
+    """What `items.read_items` needs to make features of clips as the model knows them."""
+    return Reader(self.name, self.model.stats.layout, self.model.config.data.get("mode", "benchmark"))
+
+  @property
+  def about(self) -> dict:
+    """What a record says of it."""
+    scale = self.model.scale_of(self.guidance_scale) if hasattr(self.model, "scale_of") else None
+    taught = self.model.config.get("taught_by")
+    return dict(model=self.model.folder.name, hash=self.hash, guidance_scale=scale, sampling=dict(self.options),
+                sampler=self.model.config.get("sampler", {}).to_dict() if self.model.config.get("sampler") else {},
+                parameters=getattr(self.model, "num_params", None), layout=self.model.stats.layout.name,
+                statistics=self.model.stats.fingerprint, **({"taught_by": taught.to_dict()} if taught else {}))
+
+  def store(self, judge, kind="generation") -> samples.Store:
+    """Where its samples for a judge's passes are kept."""
+    protocol, items = judge.protocol, judge.items
+    draw = {name: getattr(protocol, name) for name in (
+        "pool", "min_frames", "past_frames", "max_frames", "unit", "random_caption", "coin", "random_crop", "shuffle",
+        "sort_by_caption", "multimodality_shared", "sequences", "segments")}
+    text = getattr(self.model, "encoder", None)
+    return samples.Store(self.folder, dict(
+        kind=kind, model=self.hash, text=text and text.fingerprint, guidance_scale=self.about["guidance_scale"],
+        sampling=self._asked, seed=judge.seed, limit=judge.limit, draw=draw, items=items.words_hash,
+        batch=samples.BATCH), record.maker(self.devices))
+
+  @property
+  def sampled_by(self) -> list[dict]:
+    """What made the motions that it was given; see `record.maker`."""
+    found = []
+    for store in self.used:
+      found += [one for one in store.makers if one not in found]
+    return found
+
+  @property
+  def _asked(self):
+    """The options that are not what `generate` does anyway: the same samples, whether that was said or not."""
+    usual = inspect.signature(self.model.generate).parameters if hasattr(self.model, "generate") else {}
+    own = {"schedule": (self.model.config.get("sampler") or {}).get("schedule", "fss")}
+    return {name: value for name, value in self.options.items()
+            if (name not in usual or usual[name].default != value) and own.get(name) != value}
+
+  def sample(self, make: Callable, store, name, jobs, what, batch=None):
+    """`samples.sample` with a bar, on this subject's devices."""
+    if all(store.folder != one.folder for one in self.used):
+      self.used.append(store)
+    with samples.progress(len(jobs.captions), f"{self.name}, {what}", self.show) as bar:
+      return samples.sample(make, store, name, jobs, batch=batch, devices=self.devices, only_read=self.only_read,
+                            bar=bar)
+
+  def generator(self):
+    return samples.generator_of(self.model, self.guidance_scale, self.options)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Reader:
+  """A representation that is not an evaluator's."""
+  name: str
+  layout: Any
+  mode: str
+
+  def features_of(self, clip):
+    if clip.features is not None and clip.features.shape[-1] == self.layout.dim:
+      return clip.features
+    return to_features(clip.joints, self.layout, self.mode)
+
+
+def check_options(name, loaded, guidance, options, more=()):
+  """Raises ValueError where a model cannot be sampled by guidance scales and options, before anything is done; more:
+  options that a task has beside those of `plan_of`."""
+  plan_of = getattr(loaded, "plan_of", None)
+  if plan_of is None:
+    if guidance or options:
+      raise ValueError(f"{name} is not sampled, so guidance and choices of sampling mean nothing to it; leave them out")
+    return
+  known = [key for key in inspect.signature(plan_of).parameters if key != "guidance_scale"]
+  known += more
+  wrong = [key for key in options if key not in known]
+  if wrong:
+    hint = "; --guidance takes scales" if wrong[0] == "guidance_scale" else ""
+    raise ValueError(f"got the choice of sampling {wrong[0]!r}, {name} knows {', '.join(known)}{hint}")
+  plan_of(**{key: value for key, value in options.items() if key not in more})  # which raises for values that cannot be
+
+
+def folder_of(run) -> pathlib.Path:
+  """A run folder, or that of a model that ships."""
+  folder = pathlib.Path(run)
+  return folder if folder.is_dir() or not (PRETRAINED / str(run)).is_dir() else PRETRAINED / str(run)
+
+
+def hash_of(loaded) -> str:
+  """sha256 of what decides the motions of a model that was loaded from a run folder."""
+  folder, params = loaded.folder, getattr(loaded, "params_file", checkpoint.PARAMS)
+  digest = hashlib.sha256()
+  for name in (*_PARTS, params):
+    path = pathlib.Path(folder) / name
+    if path.is_file():
+      digest.update(name.encode() + path.read_bytes())
+  return digest.hexdigest()

@@ -1,0 +1,1 @@
+"""Whether an evaluation can be trusted: real data look right, damaged motions score worse."""

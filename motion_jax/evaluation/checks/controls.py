@@ -1,0 +1,108 @@
+"""Negative controls: real motions, damaged on purpose; every metric must move the way that says so.
+
+reversed runs backwards from the origin; frozen keeps the first pose; noise is added to every joint and frame, three
+levels of it; sliding moves the frozen pose over the ground, lifted and sunk move the motion off the floor.
+"""
+import numpy as np
+
+from motion_jax.evaluation.judge import NOISE, physics_of
+from motion_jax.evaluators.reading import from_joints
+from motion_jax.motion.features import canonicalize, to_joints
+
+LEVELS = (0.01, 0.03, 0.1)  # metres, standard deviation of each coordinate
+SPEED, SHIFT = 1.0, 0.1     # metres a second; metres
+_WORSE = {"top1": -1, "top2": -1, "top3": -1, "matching": 1, "fid": 1, "clip_score": -1}
+# Which way a metric has to go, 1 up and -1 down; what a damage does not decide is not named.
+EXPECTED = {
+    "reversed": _WORSE,
+    "frozen": _WORSE | {"diversity": -1, "jerk": -1, "acceleration": -1},
+    "noise": _WORSE | {"multimodality": 1, "jerk": 1, "acceleration": 1, "bone_drift": 1, "penetration": 1},
+    "sliding": {"skating": 1}, "lifted": {"foot_height": 1}, "sunk": {"penetration": 1},
+}
+SLACK = 0.02  # share of a noise curve's way that is nothing: by so much it may go back between two levels
+CAPTIONS = 4  # whose motions make the controls' multimodality
+
+
+def check(judge, task=None, repeat=0, spread=None) -> dict:
+  """Scores of each control in one pass, and whether every metric moved as it should.
+
+  -> {"rows": {control: scores}, "levels", "expected": [{"control", "metric", "direction", "real", "values", "ok",
+  "noticed"}], "failures": [sentences]}. "real" are the same cuts with nothing done to them. values: of each level for
+  "noise"; noticed: the least level from which on a metric says so, else None. task: a module of a task, whose
+  `damaged` has controls for its own metrics. spread: {metric: std of real motions over repeats}; a step of that size is
+  nothing either.
+  """
+  reading, evaluator = judge.read(repeat), judge.evaluator
+  layout = evaluator.layout
+  joints = [np.asarray(to_joints(x, layout), np.float64)
+            for x in reading.drawn.cut(judge.items.of(evaluator))]
+  rng = judge.rng(repeat, NOISE)
+  noise = [rng.normal(size=x.shape) for x in joints]
+  names = [f"noise {100 * level:g} cm" for level in LEVELS]
+  levels = {"real": joints} | {name: [x + level / layout.skeleton.unit * n for x, n in zip(joints, noise)]
+                               for name, level in zip(names, LEVELS)}
+  rows = {name: judge.scores(repeat, [from_joints(x, evaluator) for x in some], layout)
+          for name, some in levels.items()}
+  for name, level in zip(levels, (0.0, *LEVELS)):  # of nothing, copies of one motion
+    rows[name]["multimodality"] = _multimodality(judge, repeat, joints, level / layout.skeleton.unit) if level else 0.0
+  for name, damage in _damages(layout.skeleton, evaluator.mode).items():
+    motions = [from_joints(damage(x), evaluator) for x in joints]
+    whole = name in ("reversed", "frozen")
+    rows[name] = judge.scores(repeat, motions, layout) if whole else physics_of(motions, reading.drawn.frames, layout)
+  wanted = EXPECTED
+  if hasattr(task, "damaged"):
+    both = lambda a, b: {name: a.get(name, {}) | b.get(name, {}) for name in dict.fromkeys([*a, *b])}
+    rows, wanted = map(both, (rows, wanted), task.damaged(judge, repeat, levels))
+  real, expected = rows["real"], []
+  for control, directions in wanted.items():
+    made = [rows[name] for name in names] if control == "noise" else [rows[control]]
+    for metric, direction in directions.items():
+      if metric in real and all(metric in row for row in made):
+        values, nothing = [row[metric] for row in made], (spread or {}).get(metric, 0.0)
+        expected.append(dict(
+            control=control, metric=metric, direction="up" if direction > 0 else "down", real=real[metric],
+            values=values, ok=_moves(real[metric], values, direction, nothing),
+            noticed=_noticed(real[metric], values, direction, nothing) if control == "noise" else None))
+  failures = [f"{one['metric']} of {one['control']} does not go {one['direction']}: real {one['real']:.4g}, then "
+              + ", ".join(f"{value:.4g}" for value in one["values"]) for one in expected if not one["ok"]]
+  return dict(rows=rows, levels=list(LEVELS), expected=expected, failures=failures)
+
+
+def curves(checked) -> dict:
+  """Scores against the level of noise."""
+  rows = [checked["rows"]["real"]] + [checked["rows"][f"noise {100 * level:g} cm"] for level in checked["levels"]]
+  return {f"{label} against noise": dict(
+      x=[0.0] + [100 * level for level in checked["levels"]], y=[row[metric] for row in rows],
+      interval=[0.0] * len(rows), x_label="noise on real joints, cm", y_label=label)
+      for metric, label in (("top3", "R@3"), ("fid", "FID")) if metric in rows[0]}
+
+
+def _damages(skeleton, mode):
+  ground = np.array([1.0, 0.0, 0.0]) * SPEED / skeleton.fps / skeleton.unit
+  up = np.array([0.0, 1.0, 0.0]) * SHIFT / skeleton.unit
+  still = lambda x: np.repeat(x[:1], len(x), axis=0)
+  return {"reversed": lambda x: canonicalize(x[::-1], skeleton, mode), "frozen": still,
+          "sliding": lambda x: still(x) + np.arange(len(x))[:, None, None] * ground,
+          "lifted": lambda x: x + up, "sunk": lambda x: x - up}
+
+
+def _multimodality(judge, repeat, joints, size):
+  """Of a few real motions, each with noise drawn anew many times."""
+  rng, count = judge.rng(repeat, NOISE + 1), judge.protocol.multimodality_motions
+  made = [[from_joints(x + size * rng.normal(size=x.shape), judge.evaluator) for _ in range(count)]
+          for x in joints[:CAPTIONS]]
+  return judge.multimodality(repeat, made, judge.evaluator.layout)
+
+
+def _moves(real, values, direction, spread=0.0):
+  """Whether the last value lies beyond the real one, and no step on the way goes back by more than nothing."""
+  steps = direction * np.diff([real, *values])
+  total = steps.sum()
+  return bool(total > 0 and steps.min() >= -max(SLACK * total, spread))
+
+
+def _noticed(real, values, direction, spread=0.0):
+  """The least level from which on all values lie beyond the real one by more than nothing."""
+  away = direction * (np.array(values) - real)
+  far = away > max(SLACK * away[-1], spread)
+  return next((level for i, level in enumerate(LEVELS) if far[i:].all()), None)

@@ -1,0 +1,74 @@
+"""Before anything is sampled: do the evaluators tell real motions from noise, and right captions from wrong ones?"""
+import math
+
+from motion_jax.evaluation.judge import NOISE
+from motion_jax.evaluation.report import tables
+from motion_jax.metrics import scores
+
+MARGIN = 1.5     # real R-precision over that of shuffled captions
+SMALL = 0.25     # share of the FID of noise that two halves of the real motions may be apart
+NEAR = 0.1       # share by which R-precision and matching of real motions may be off the printed ones
+
+
+def look(judge, repeat=0) -> dict:
+  """What the evaluators say of real motions, of wrong captions and of noise in one pass, and what is wrong with it.
+
+  -> {"real", "shuffled": scores, "fid_noise", "fid_halves", "failures": [sentences], "warnings": [sentences]}.
+  """
+  real, shuffled = judge.real_scores(repeat), judge.shuffled_scores(repeat)
+  reading, evaluator = judge.read(repeat), judge.evaluator
+  rng, size = judge.rng(repeat, NOISE), evaluator.layout.dim
+  noise = judge.embed_for_fid([evaluator.stats.denormalize(rng.normal(size=(m, size))) for m in reading.drawn.frames],
+                              reading.drawn.frames)
+  fid_halves = judge.fid_of_halves(repeat)
+  fid_noise = scores.fid(reading.real if reading.real_seen is None else reading.real_seen, noise)
+  top = f"top{judge.protocol.top_k}"
+  chance = judge.protocol.top_k / judge.protocol.pool
+  failures = [f"the real motions' {name} is not finite: look for NaN in the evaluator's weights or statistics"
+              for name, value in real.items() if not math.isfinite(value)]
+  if not real[top] > MARGIN * max(shuffled[top], chance):
+    failures.append(f"real motions find their captions in {100 * real[top]:.1f} % ({top}), shuffled ones in "
+                    f"{100 * shuffled[top]:.1f} %, chance is {100 * chance:.1f} %: check that the evaluator was "
+                    "trained on this representation and these captions, and that its text input (vocabulary, tokens) "
+                    "is the one it was trained with")
+  if not real["matching"] < shuffled["matching"]:
+    failures.append(f"real motions are {real['matching']:.3g} from their captions and {shuffled['matching']:.3g} from "
+                    "others': check that captions belong to their motions")
+  if not max(real["fid"], fid_halves) < SMALL * fid_noise:
+    failures.append(f"FID of real against real motions is {real['fid']:.3g}, of two halves of them {fid_halves:.3g}, "
+                    f"of real against noise {fid_noise:.3g}: check that the statistics are the evaluator's own, and "
+                    "that there are enough samples")
+  if "clip_score" in real and not real["clip_score"] > shuffled["clip_score"]:
+    failures.append(f"CLIP score of real motions is {real['clip_score']:.3f}, of shuffled captions "
+                    f"{shuffled['clip_score']:.3f}: check the CLIP evaluator's weights and word pieces")
+  return dict(real=real, shuffled=shuffled, fid_noise=fid_noise, fid_halves=fid_halves, failures=failures,
+              warnings=_unlike_the_paper(judge, real) + _few(judge))
+
+
+def _unlike_the_paper(judge, real):
+  """Real motions are the same for everyone: other numbers than the printed ones mean another evaluator or split."""
+  protocol, found = judge.protocol, []
+  if protocol.paper is None or protocol.paper_layout not in (None, judge.evaluator.layout.name):
+    return found
+  if tables.REAL in tables.paper_table(*protocol.paper[:2]).rows:
+    printed = tables.paper_row(*protocol.paper[:2], tables.REAL)
+    for metric in ("top1", "top3", "matching"):
+      if metric in printed and abs(real[metric] - printed[metric]["mean"]) > NEAR * printed[metric]["mean"]:
+        found.append(f"{tables.label(metric)} of real motions is {real[metric]:.3f}, the paper prints "
+                     f"{printed[metric]['mean']:.3f}: another evaluator, split or preparation of the data than the "
+                     "paper's, so that rows of ours and of the paper do not compare")
+  return found
+
+
+def _few(judge):
+  count, dim = judge.count, judge.evaluator.dim
+  return [] if count > dim else [
+      f"{count} motions cannot tell the covariance of vectors of {dim} numbers: FID is far above that of many motions, "
+      "and compares at this count alone"]
+
+
+def demand(found, force=False):
+  """Raises ValueError where `look` found something wrong, unless it is forced."""
+  if found["failures"] and not force:
+    raise ValueError("the evaluation does not look right on real data, so nothing was sampled:\n- "
+                     + "\n- ".join(found["failures"]) + "\n--force goes on all the same and keeps this in the record")

@@ -1,0 +1,72 @@
+"""Which rows of the papers' tables stand beside a model of ours: those that its config names, sampled as they were.
+
+A number is marked only against a row of the same kind and protocol: the config is the one that was named for the row,
+sampled the same way, judged by that table's own protocol on all of the test split.
+"""
+from motion_jax import paper_rows
+from motion_jax.evaluation.report import tables
+
+# What a row becomes where the same model is sampled otherwise: {row as trained: {(steps, lag): row}}.
+_AR, _LAGS = (50, 50), {(steps, lag): f"FSS K={steps}, L={lag}" for steps in (50, 20) for lag in (1, 5, 10)}
+_RESAMPLED = {"CMDM w/ FSS": {_AR: "CMDM w/ AR"}, "CMDM": {_AR: "w/o FSS"} | _LAGS}
+
+
+def paper_of(protocol, evaluator, rows, whole=True) -> dict | None:
+  """What `tables.compare` needs to know of a protocol's paper, or None where the numbers stand alone.
+
+  rows: {row of ours: (subject, part)}; whole: of the protocol's own test set, not some of it
+  for a trial, nor other stories. What goes with no printed row
+  stands beside the protocol's own one, and nothing of it is marked.
+  """
+  if protocol.paper is None or protocol.paper_layout not in (None, evaluator.layout.name):
+    return None
+  system, table, row = protocol.paper
+  found, also, beside = {}, [row] if row in tables.paper_table(system, table).rows else [], []
+  for name, (subject, part) in rows.items():
+    partners, others = printed_rows(protocol, subject, part)
+    exact = paper_rows.is_exact(subject.model.config)
+    if partners:
+      found[name] = [dict(system=one[0], table=one[1], row=one[2]) for one in partners]
+      beside += [name] * (not (whole and exact))
+    also += [one for one in others if exact and one not in also]
+  return dict(system=system, table=table, row=found, also=also, unmarked=beside + ["real"] * (not whole))
+
+
+def printed_rows(protocol, subject, part=""):
+  """([(system, table, row)] that a subject's numbers (or those of a part of what it does) go with, those that print of
+  the same model what this protocol does not measure)."""
+  config, options = subject.model.config, dict(subject.options)
+  named = _as_sampled(paper_rows.rows_of(config), config, options, getattr(subject, "guidance_scale", None))
+  if options.get("way", protocol.way) != protocol.way:
+    named = {}
+  here, elsewhere = [], []
+  for key, row in named.items():
+    table = tables.paper_table(*key.split(" ", 1))
+    name = f"{part}: {row}" if part and f"{part}: {row}" in table.rows else row
+    if protocol.name in table.protocols and name in table.rows:
+      here.append((table.system, table.table, name))
+    elif not table.judged:
+      elsewhere.append([table.system, table.table, name])
+  number = lambda name: int(name.partition("-")[0]) if name[0].isdigit() else 0
+  return sorted(here, key=lambda one: (one[:2] != protocol.paper[:2], number(one[1]))), elsewhere
+
+
+def _as_sampled(rows, config, options, guidance_scale):
+  """The rows of a config as it is sampled by options and a guidance scale: other ones, or none, where that is another
+  way than its own."""
+  own = paper_rows.sampling_of(config)
+  asked = paper_rows.sampling_of(config, options | dict(guidance_scale=guidance_scale))
+  others = {name: options.get(name) for name in ("context", "temperature") if options.get(name) is not None}
+  if asked == own and not others and options.get("solver") in (None, *_SOLVERS.get(config.get("stage"), ())):
+    return rows
+  # Only how many steps, and how far apart blocks begin, may differ: as the papers' own models were tried.
+  free = ("schedule", "num_steps", "lag")
+  if others or any(asked[name] != own[name] for name in asked if name not in free) or asked.get("schedule") == "full":
+    return {}
+  key = asked.get("num_steps"), asked.get("lag")
+  found = {table: _RESAMPLED.get(row, {}).get(key) for table, row in rows.items()}
+  return {table: row for table, row in found.items() if row and row in tables.paper_table(*table.split(" ", 1)).rows}
+
+
+# How exactly CDAMD's equation is solved is no row of its own; CMDM's solver is (facts: cmdm 7, row 5).
+_SOLVERS = {"cmdm.denoiser": ("euler",), "cdamd.generator": ("dopri5", "euler", "heun", "midpoint", "rk4", "ddpm")}

@@ -1,0 +1,1 @@
+"""What a protocol asks of a model: generation, reconstruction, editing, long horizon, timelines."""

@@ -1,0 +1,43 @@
+"""By what trained stages are chosen: numbers of held-out motions as an evaluator sees them."""
+import numpy as np
+
+from motion_jax.evaluators.reading import carry
+from motion_jax.metrics import scores
+
+LENGTH, LOST, CHUNK = 192, 1, 64  # frames of a clip; those that an evaluator is not told of (facts: cmdm 6.2); clips
+
+
+def reconstruction_fid(evaluator, features, stats):
+  """fid(reconstruct) of held-out clips, normalized features [(T, F)], against themselves: reconstruct(x (1, LENGTH, F),
+  i) gives clip i back.
+
+  evaluator: a folder or a name that ships. Clips are cut to LENGTH frames and to whole groups of four, padded with
+  zeros (facts: cmdm 6.3). Raises ValueError where the evaluator judges another body.
+  """
+  from motion_jax.evaluators.evaluator import load_evaluator
+  judge = load_evaluator(evaluator)
+  clips = [clip[:min(len(clip), LENGTH) // 4 * 4] for clip in features]
+  clips = [clip for clip in clips if len(clip) >= judge.unit + LOST]
+  if len(clips) < 2:
+    raise ValueError(f"got {len(clips)} held-out clips to compare with {judge.name!r}, a Gaussian needs 2 or more")
+
+  def embed(motions):
+    read = [judge.stats.normalize(carry(stats.denormalize(x), stats.layout, judge)) for x in motions]
+    frames = np.array([len(x) for x in read])
+    rows = np.zeros((len(read), LENGTH, judge.layout.dim), np.float32)
+    for row, x in zip(rows, read):
+      row[:len(x)] = x
+    return np.concatenate([judge.embed_for_fid(rows[i:i + CHUNK], frames[i:i + CHUNK] - LOST)
+                           for i in range(0, len(rows), CHUNK)])
+
+  real = scores.moments(embed(clips))
+
+  def fid(reconstruct):
+    made = []
+    for i, clip in enumerate(clips):
+      x = np.zeros((1, LENGTH, clip.shape[1]), np.float32)
+      x[0, :len(clip)] = clip
+      made.append(np.asarray(reconstruct(x, i))[0, :len(clip)])
+    return float(scores.fid(real, embed(made)))
+
+  return fid

@@ -1,0 +1,240 @@
+"""What models that are ready to use have in common: prompts, lengths, seeds, and where a motion is from."""
+import functools
+import hashlib
+import operator
+import pathlib
+import warnings
+from collections.abc import Iterable, Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from motion_jax.data.captions import SUBJECTS
+from motion_jax.inputs.errors import InputError
+from motion_jax.inputs.numerals import GUIDANCE, SEEDS, as_float, checked, shortened
+from motion_jax.inputs.text_files import is_text
+from motion_jax.motion.stats import Stats, load_stats
+from motion_jax.runtime import cache
+from motion_jax.text.encoder import TextEncoder
+from motion_jax.text.vocabulary import Vocabulary
+from motion_jax.training import checkpoint
+
+_LONGEST_PROMPT = 5000  # characters: ten times the longest caption of the data sets
+
+
+class Prompted:
+  """A run folder whose parameters make motion from words; the base of `model.Model` and `cdamd_model.CdamdModel`."""
+  max_seconds = 3600.0
+  tells_unknown_words = True  # False where nobody would read the warnings
+
+  def __init__(self, folder, config, encoder: TextEncoder, text_dim, unit, frozen_shapes, shapes, raw=False):
+    """text_dim: numbers that the network takes of a word or sentence; unit: frames of a latent; shapes of what the
+    folder must hold; raw: its last weights, not their average."""
+    self.folder, self.config, self.encoder, self.unit = pathlib.Path(folder), config, encoder, unit
+    self.params_file = checkpoint.RAW if raw else checkpoint.PARAMS
+    if encoder.dim != text_dim:
+      raise InputError(f"the text encoder gives {encoder.dim} numbers a {encoder.level.removesuffix('s')}, the model "
+                       f"in {folder} was trained on {text_dim}; pass the encoder named {config.frozen.text!r} as text")
+    if checkpoint.load_fingerprint(folder) not in (None, encoder.fingerprint):
+      raise InputError(f"{folder} was trained on another version of the text encoder {config.frozen.text!r}; pass the "
+                       "folder with the old one as text, or train the model again")
+    self.stats: Stats = load_stats(folder, config.data.layout)
+    frozen = checkpoint.load_params(folder, name=checkpoint.FROZEN)
+    frozen = {name: frozen[name] for name in frozen_shapes if name in frozen}  # less what only training needs
+    checkpoint.check_fits(frozen, frozen_shapes, f"{self.folder / checkpoint.FROZEN} does not fit its config")
+    self.frozen = jax.tree.map(jnp.asarray, frozen)
+    self.params = jax.tree.map(jnp.asarray, checkpoint.load_params(folder, shapes, self.params_file))
+
+  def __repr__(self):
+    return (f"{type(self).__name__}({self.folder.name!r}: {self.num_params / 1e6:.1f} M parameters, "
+            f"{self.stats.layout.name} features, {self.fps:g} frames a second)")
+
+  # --- what it is ------------------------------------------------------------------------------------------------
+
+  @property
+  def fps(self) -> float:
+    return self.stats.layout.skeleton.fps
+
+  @property
+  def num_params(self) -> int:
+    return sum(x.size for x in jax.tree.leaves((self.params, self.frozen["tokenizer"])))
+
+  @functools.cached_property
+  def id(self) -> str:
+    """Folder name and a hash of the weights: what a file says about where its motion is from."""
+    digest = hashlib.sha256((self.folder / self.params_file).read_bytes()).hexdigest()[:12]
+    return f"{self.folder.name}@{digest}"
+
+  @property
+  def license(self) -> str:
+    path = self.folder / "LICENSE.txt"
+    return path.read_text(encoding="utf-8", errors="replace").strip() if path.is_file() else ""
+
+  # --- lengths ---------------------------------------------------------------------------------------------------
+
+  def natural_frames(self, prompt) -> int:
+    """How long the clips of the nearest training captions are: an action generated much longer goes on by itself."""
+    nearest = self.nearest_captions(prompt, 5)
+    return int(np.clip(np.median([frames for _, frames in nearest]), 60, 196)) if nearest else 120
+
+  # --- what it learned from ----------------------------------------------------------------------------------------
+
+  @functools.cached_property
+  def _learned(self):
+    """(Vocabulary, usual frames) of the captions that it learned from; None where its folder does not keep them."""
+    table = checkpoint.load_lengths(self.folder)
+    subjects = SUBJECTS if self.config.data.get("vary_subject") else ()  # training said these, too
+    return table and (Vocabulary(table[0], subjects), table[1])
+
+  @functools.cached_property
+  def _caption_vectors(self):
+    captions = self._learned[0].captions
+    key = cache.key_of("sentences", self.encoder.fingerprint, *captions)
+    return cache.kept_array("sentences", key, lambda: self.encoder.sentence(captions))
+
+  def nearest_captions(self, prompt, num=1):
+    """[(caption, usual frames)] of the training captions that mean nearly the same, the nearest first.
+
+    As the text encoder sees it: of a large training set it is asked only about those that share words with the prompt.
+    None where the folder does not keep the captions.
+    """
+    if self._learned is None:
+      return []
+    vocabulary, frames = self._learned
+    rows = vocabulary.candidates(prompt)
+    known = (self._caption_vectors if len(rows) == len(vocabulary.captions) else
+             self.encoder.sentence([vocabulary.captions[row] for row in rows]))
+    nearness = known @ self.encoder.sentence([prompt])[0]
+    nearest = [rows[i] for i in np.argsort(-nearness, kind="stable")[:num]]
+    return [(vocabulary.captions[row], frames[row]) for row in nearest]
+
+  def frames_of(self, prompts, num_frames, seconds):
+    """Lengths in frames, one per prompt: as given (one for all or one each), or those of similar training clips."""
+    if num_frames is not None and seconds is not None:
+      raise InputError("got both num_frames and seconds; give one of them")
+    if num_frames is None:
+      num_frames = self.natural_frames if seconds is None else [as_float(s) * self.fps for s in _numbers(
+          each(seconds, prompts), "seconds", "a number such as 6.0, or one per prompt")]
+    counts = [num_frames(p) for p in prompts] if callable(num_frames) else each(num_frames, prompts)
+    _numbers(counts, "num_frames", "a number of frames such as 120, or one per prompt")
+    for count in counts:
+      if not self.unit <= as_float(count) <= self.max_seconds * self.fps:
+        raise InputError(f"got a length of {as_float(count):g} frames, expected {self.unit} to "
+                         f"{self.max_seconds * self.fps:.0f} ({self.max_seconds:g} s at {self.fps:g} frames a second)")
+    return [int(round(count)) for count in counts]
+
+  # --- arguments ---------------------------------------------------------------------------------------------------
+
+  def scale_of(self, guidance_scale):
+    """The guidance scale, the config's if None is given."""
+    if guidance_scale is None:
+      return self.config.sampler.guidance_scale
+    _numbers([guidance_scale], "guidance_scale", "a number such as 3")
+    return checked(guidance_scale, *GUIDANCE, "guidance_scale", kind=float)
+
+  def prompts_of(self, prompts):
+    """A list of prompts from one or several, checked as `check_words` does. Raises TypeError for what is no text."""
+    if not isinstance(prompts, str) and (isinstance(prompts, bytes | dict) or not isinstance(prompts, Iterable)):
+      raise TypeError(f"got {_told(prompts)} as prompts, expected a sentence such as \"a person waves\", or a "
+                      "list of them")
+    prompts = [prompts] if isinstance(prompts, str) else list(prompts)
+    if not prompts:
+      raise InputError("got no prompt; say what the person does, as in \"a person waves\"")
+    self.check_words(prompts)
+    return prompts
+
+  def check_words(self, prompts):
+    """Raises ValueError for an empty prompt; warns of words that stand in no caption that the model learned from.
+
+    The warning says what it will do instead: the nearest caption that it knows.
+    """
+    strange = {}
+    for prompt in prompts:
+      if not isinstance(prompt, str) or not prompt.strip():
+        raise InputError(f"got the prompt {prompt!r}; say what the person does, as in \"a person waves\"")
+      if not is_text(prompt):
+        raise InputError(f"got the prompt {ascii(shortened(prompt))}, which holds bytes that are no UTF-8 text")
+      if len(prompt) > _LONGEST_PROMPT:
+        raise InputError(f"got a prompt of {len(prompt):,} characters, expected at most {_LONGEST_PROMPT:,}; a story "
+                         "tells several sentences one after the other")
+      words = self.unknown_words(prompt) if self.tells_unknown_words else ()
+      if words:
+        strange[prompt] = ", ".join(map(repr, words[:_NAMED])) + (" ..." if len(words) > _NAMED else "")
+    for prompt, words in list(strange.items())[:_NAMED]:
+      nearest = self.nearest_captions(prompt)
+      instead = (f"no caption that {self.folder.name} learned from says so; the nearest of them is "
+                 f"{_shortened(nearest[0][0])}" if nearest else "it may be ignored or misunderstood")
+      warnings.warn(f"the model does not know {words} in {_shortened(prompt)}: {instead}", stacklevel=3)
+    if len(strange) > _NAMED:
+      warnings.warn(f"the model does not know some words of {len(strange) - _NAMED} prompts more", stacklevel=3)
+
+  def unknown_words(self, prompt):
+    """Words that the model has not learned from, and signs that its encoder cannot read; the encoder's own judgement
+    where the folder does not keep the captions."""
+    if self._learned is None:
+      return self.encoder.unfamiliar(prompt)
+    return self._learned[0].missing(prompt) + self.encoder.unreadable(prompt)
+
+
+_NAMED = 5  # words of a prompt, and prompts of a call, that a warning names
+
+
+def _shortened(text):
+  return repr(text if len(text) <= 120 else text[:119] + "…")
+
+
+def plain_fields(config):
+  """A config section as fields of a module: lists become tuples, which can be hashed."""
+  return {k: tuple(v) if isinstance(v, list | tuple) else v for k, v in config.to_dict().items()}
+
+
+def _told(value):
+  """A value and its type, for an error."""
+  text = repr(value)
+  return f"{text if len(text) <= 60 else text[:59] + '…'} ({type(value).__name__})"
+
+
+def _numbers(values, name, expected):
+  """The values; raises TypeError unless all are numbers."""
+  for value in values:
+    try:
+      if isinstance(value, str | bytes | bool):
+        raise TypeError
+      float(value)
+    except OverflowError:
+      pass  # far too large a number, but one
+    except (TypeError, ValueError):
+      raise TypeError(f"got {_told(value)} as {name}, expected {expected}") from None
+  return values
+
+
+def each(value, prompts):
+  several = isinstance(value, Sequence | np.ndarray) and not isinstance(value, str | bytes)
+  values = list(value) if several else [value] * len(prompts)
+  if len(values) != len(prompts):
+    raise InputError(f"got {len(values)} lengths for {len(prompts)} prompts; give one number or one per prompt")
+  return values
+
+
+def keys_of(rng, seeds, count):
+  """(keys (count,), seeds or Nones): of seeds, or of a key that is folded with each motion's place."""
+  if seeds is not None:
+    if isinstance(seeds, str | bytes) or not isinstance(seeds, Iterable):
+      raise TypeError(f"got {_told(seeds)} as seeds, expected one integer per motion, as in seeds=[5]")
+    seeds = list(seeds)
+    for seed in seeds:
+      try:
+        operator.index(seed)
+      except TypeError:
+        raise TypeError(f"got the seed {_told(seed)}, expected an integer") from None
+    if len(seeds) != count:
+      raise InputError(f"got {len(seeds)} seeds for {count} motions")
+    seeds = [checked(seed, -SEEDS[1], SEEDS[1], "seed") for seed in seeds]
+    return jnp.stack([jax.random.key(seed) for seed in seeds]), seeds
+  rng = jax.random.key(0) if rng is None else rng
+  is_array = isinstance(rng, jax.Array | np.ndarray)
+  if not (is_array and (jax.dtypes.issubdtype(rng.dtype, jax.dtypes.prng_key) and rng.shape == ()
+                        or rng.dtype == np.uint32 and rng.ndim == 1)):
+    raise TypeError(f"got {_told(rng)} as rng, expected a key such as jax.random.key(5)")
+  return jax.vmap(lambda i: jax.random.fold_in(rng, i))(jnp.arange(count)), [None] * count

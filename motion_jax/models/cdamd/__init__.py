@@ -1,0 +1,61 @@
+"""CDAMD on a page: "Coordinate-based Dual-constrained Autoregressive Motion Generation".
+
+An autoencoder turns joint coordinates into latents, four frames each; a residual VQ-VAE turns them into codes, the
+prior that constrains attention in training. A masked transformer reads the latents that are known, and a small
+diffusion network makes the hidden ones, some more in every decoding iteration. What is known may be an existing motion:
+so parts of it are edited.
+
+  features (B, T, F) -> latents_of -> latents (B, T / 4, C) -> generate, edit -> decode_latents -> features
+
+losses         of autoencoder, RVQ-VAE and generator
+stages         what is trained, as pure functions
+setup          a config becomes a stage with its data
+mask_schedule  which latents are hidden, in training and in each decoding iteration
+unmasking      the loop over decoding iterations; `draws` its random numbers
+sampling       generating; `editing` makes parts of a motion anew
+model          ready to use; `length` estimates how long a motion should be
+weights        the authors' PyTorch files
+
+Numbers follow the released code; where the paper differs a comment starts with "Parity".
+"""
+from motion_jax.models.cdamd.editing import (
+  edit,
+)
+from motion_jax.models.cdamd.losses import (
+  DISTANCES,
+  autoencoder_terms,
+  generator_loss,
+  l1,
+  rvq_terms,
+  smooth_l1,
+  trained_mask,
+)
+from motion_jax.models.cdamd.sampling import (
+  Plan,
+  generate,
+  make_latents,
+  make_plan,
+)
+from motion_jax.models.cdamd.stages import (
+  autoencoder_shapes,
+  autoencoder_stage,
+  decode_codes,
+  decode_latents,
+  empty_codebooks,
+  encode_codes,
+  frozen_shapes,
+  generator_shapes,
+  generator_stage,
+  latents_of,
+  make_generator,
+  prior_codes,
+  real_frames,
+  rvq_stage,
+)
+
+__all__ = [
+  "DISTANCES", "Plan", "autoencoder_shapes", "autoencoder_stage", "autoencoder_terms", "decode_codes",
+  "decode_latents", "edit", "empty_codebooks", "encode_codes", "frozen_shapes", "generate", "generator_loss",
+  "generator_shapes", "generator_stage", "l1", "latents_of", "make_generator", "make_latents", "make_plan",
+  "prior_codes", "real_frames", "rvq_stage", "rvq_terms", "smooth_l1", "trained_mask",
+]

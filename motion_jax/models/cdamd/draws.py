@@ -1,0 +1,76 @@
+"""The random numbers of CDAMD, as functions of keys: of a training step, and of making motion.
+
+An item's numbers depend on its own key alone, so they are the same in any batch and on any number of devices.
+"""
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from motion_jax.models.cdamd import mask_schedule as masking
+
+
+class Draws(NamedTuple):
+  """Random numbers of a training step for B motions of L latents, each with M rows at the diffusion head.
+
+  From [0, 1): time_u, text_u, prior_u, mask_u (B,); order_u, noise_u, keep_u (B, L); t (M, B, L), for DDPM integers.
+  Normal: noise (B, L, C), diffusion_noise (M, B, L, C).
+  """
+  time_u: jax.Array
+  text_u: jax.Array
+  prior_u: jax.Array
+  order_u: jax.Array
+  noise_u: jax.Array
+  keep_u: jax.Array
+  t: jax.Array
+  noise: jax.Array
+  diffusion_noise: jax.Array
+  mask_u: jax.Array | None = None  # only where several masks are trained
+
+
+def draw_step(rng, keys, length, channels, config) -> Draws:
+  """keys (B,): one per item, so that draws are the same on any number of devices; rng: the same on all of them."""
+  copies = config.copies
+
+  def of_item(key):
+    time, text, prior, places, t, noise, mask = jax.random.split(key, 7)
+    normal = jax.random.normal(noise, (1 + copies, length, channels))
+    if config.diffusion == "ddpm":
+      t = jax.random.randint(t, (copies, length), 0, config.ddpm_steps)
+    else:
+      t = jax.random.uniform(t, (copies, length))
+    one = lambda key: jax.random.uniform(key)
+    return Draws(one(time), one(text), one(prior), *jax.random.uniform(places, (3, length)), t, normal[0], normal[1:],
+                 one(mask))
+
+  axes = Draws(0, 0, 0, 0, 0, 0, 1, 0, 1, 0)
+  draws = jax.vmap(of_item, out_axes=axes)(keys)
+  if config.prior_drop == "batch":  # Parity: one draw for all; "item" is the option
+    draws = draws._replace(prior_u=jnp.broadcast_to(jax.random.uniform(rng), draws.prior_u.shape))
+  return draws
+
+
+def make_draw(keys, length, channels):
+  """draw(k, j) for `make_latents`: noise (B, L, C) that depends on a motion's key, round, step and place, nothing
+  else, so neither padding nor batch-mates change it. keys (B,)."""
+  fold = jax.random.fold_in
+
+  def draw(k, j):
+    of_place = lambda key, place: jax.random.normal(fold(fold(fold(key, k), j), place), (channels,))
+    return jax.vmap(lambda key: jax.vmap(lambda place: of_place(key, place))(jnp.arange(length)))(keys)
+
+  return draw
+
+
+def draw_order(keys, lengths, length, order="random"):
+  """(B, L) numpy: in which order latents are made, last ones smallest; infinity at padding. keys (B,), lengths (B,)."""
+  # Parity: the paper fills from left to right; the code, and our default, at random.
+  if order == "left_to_right":
+    numbers = np.broadcast_to(masking.left_to_right(length), (len(lengths), length))
+  elif order == "random":
+    of_place = lambda key, place: jax.random.uniform(jax.random.fold_in(jax.random.fold_in(key, 2**31 - 1), place))
+    numbers = jax.vmap(lambda key: jax.vmap(lambda place: of_place(key, place))(jnp.arange(length)))(keys)
+  else:
+    raise ValueError(f"got order {order!r}, expected random or left_to_right")
+  return np.where(np.arange(length) < np.asarray(lengths)[:, None], numbers, np.inf)

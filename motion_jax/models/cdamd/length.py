@@ -1,0 +1,46 @@
+"""How long a motion should be: training and asking MARDM's length estimator (facts: cdamd 6)."""
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from motion_jax.nets.length_estimator import LengthEstimator
+from motion_jax.training.stage import Stage
+
+
+def length_stage(config) -> Stage:
+  """Trains the estimator: batch["text_emb"] (B, 1, E) sentence vectors, num_frames (B,), index (B,)."""
+  net = LengthEstimator(**config.model)
+
+  def init(batch, rng):
+    return net.init(rng, batch["text_emb"][:1, 0])
+
+  def loss(params, frozen, batch, step, rng):
+    keys = jax.vmap(lambda i: jax.random.fold_in(rng, i))(batch["index"])
+    logits = jax.vmap(lambda x, key: net.apply(params, x[None], False, rngs={"dropout": key})[0])(
+        batch["text_emb"][:, 0], keys)
+    return _sums(logits, batch["num_frames"] // config.data.unit), float(len(logits))
+
+  def predict(params, frozen, batch, rng):
+    logits = net.apply(params, batch["text_emb"][:, 0])
+    return {"logits": logits, **_sums(logits, batch["num_frames"] // config.data.unit)}
+
+  return Stage(init, loss, predict)
+
+
+def _sums(logits, num_latents):
+  import optax  # only training needs it
+  losses = optax.softmax_cross_entropy_with_integer_labels(logits, jnp.minimum(num_latents, logits.shape[-1] - 1))
+  off = jnp.abs(jnp.argmax(logits, -1) - num_latents)
+  return {"loss": losses.sum(), "latents_off": off.sum().astype(losses.dtype)}
+
+
+def length_shapes(net, text_dim):
+  """Shapes of the estimator's parameters, to check a file against."""
+  return jax.eval_shape(lambda: net.init(jax.random.key(0), jnp.zeros((1, text_dim))))
+
+
+def middle_frames(logits, unit=4):
+  """Frames (B,) of the median of what the estimator thinks likely, at least one latent of `unit` frames."""
+  # Parity: the reference draws a length; a length that is asked for twice should be the same.
+  share = np.cumsum(np.asarray(jax.nn.softmax(logits)), axis=-1)
+  return unit * np.maximum(np.argmax(share >= 0.5 * share[..., -1:], axis=-1), 1)

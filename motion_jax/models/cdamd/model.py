@@ -1,0 +1,240 @@
+"""CDAMD ready to use: motion from words, and new parts for a motion that exists."""
+import dataclasses
+from functools import partial
+
+import jax.numpy as jnp
+import numpy as np
+
+from motion_jax.data.clip import Caption
+from motion_jax.inputs.numerals import SECONDS, STEPS, NumberError, checked, real, whole
+from motion_jax.models import cdamd
+from motion_jax.models.base import Prompted, keys_of, plain_fields
+from motion_jax.models.cdamd import draws
+from motion_jax.models.cdamd import length as lengths
+from motion_jax.models.cdamd import mask_schedule as masking
+from motion_jax.models.cdamd.unmasking import most_revealed
+from motion_jax.models.known_motion import on_our_body
+from motion_jax.models.results import Motion, Motions, captions_in_a_row, make_motions
+from motion_jax.motion.blending import join
+from motion_jax.motion.features import get_layout, to_features
+from motion_jax.nets.autoencoder import Autoencoder
+from motion_jax.nets.length_estimator import LengthEstimator
+from motion_jax.nets.masks import padding_mask
+from motion_jax.runtime import cache
+from motion_jax.training import checkpoint
+
+BLUE, ORANGE = (0.25, 0.5, 0.9), (0.95, 0.55, 0.15)  # frames that were given, frames that were made
+
+
+class CdamdModel(Prompted):
+  """CDAMD or MARDM ready to use: prompts in, motion out; a motion in, the same one with new parts out."""
+
+  def __init__(self, folder, config, encoder, raw=False):
+    checkpoint.demand(config, folder, data__max_frames=(1, 100_000), sampler__guidance_scale=(-1e3, 1e3))
+    self.autoencoder = Autoencoder(**plain_fields(config.tokenizer))
+    self.net = cdamd.make_generator(config.model)
+    self.max_seconds = config.data.max_frames / get_layout(config.data.layout).skeleton.fps
+    shapes = cache.kept_shapes("cdamd.frozen", self.autoencoder, lambda: cdamd.frozen_shapes(self.autoencoder))
+    text_dim = self.net.transformer.text_dim
+    self.length = LengthEstimator(**plain_fields(config.length)) if config.get("length") else None
+    if self.length:
+      shapes["length"] = lengths.length_shapes(self.length, text_dim)
+    super().__init__(folder, config, encoder, text_dim, self.autoencoder.frames_per_latent, shapes,
+                     cache.kept_shapes("cdamd.generator", self.net, lambda: cdamd.generator_shapes(self.net)), raw)
+    # All motions are padded to the training length, whose positions are known, and compiled once.
+    self.max_latents = config.data.max_frames // self.unit
+    modules = self.net, self.autoencoder
+    self._generate = cache.Program("cdamd.generate", partial(_generate, *modules), 1, modules)
+    self._edit = cache.Program("cdamd.edit", partial(_edit, *modules), 2, modules)
+
+  def natural_frames(self, prompt) -> int:
+    """How long such motions are: what the length estimator says or, without one, the nearest training captions."""
+    if self.length is None:
+      return super().natural_frames(prompt)
+    logits = self.length.apply(self.frozen["length"], self.encoder([prompt])[0][:, 0])
+    return int(np.minimum(lengths.middle_frames(logits, self.unit), self.config.data.max_frames)[0])
+
+  def generate(self, prompts, num_frames=None, *, seconds=None, rng=None, seeds=None, polish=True, guidance_scale=None,
+               **sampling) -> Motions:
+    """Motions for one prompt or several, of the given length each (one number or one per prompt).
+
+    rng: a key, of which prompt i gets fold_in(rng, i); or seeds, one integer per prompt. With a solver of fixed steps a
+    motion does not depend on its batch-mates. Lengths are cut to whole latents (4 frames); without one it is
+    `natural_frames`. sampling, see `plan_of`. Raises ValueError for what cannot be made.
+    """
+    prompts = self.prompts_of(prompts)
+    frames = [count // self.unit * self.unit for count in self.frames_of(prompts, num_frames, seconds)]
+    keys, seeds = keys_of(rng, seeds, len(prompts))
+    every = np.arange(self.max_latents) < np.array(frames)[:, None] // self.unit
+    plan, hidden, scale, about = self._tables(keys, every, guidance_scale, **sampling)
+    words = self.encode_words(prompts)
+    made = self._generate(plan, self.params, self.frozen, words, hidden, jnp.asarray(every), scale, keys)
+    captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
+    return make_motions(self, made, frames, captions, seeds, about, polish)
+
+  def edit(self, clip, prompt, task=None, *, rng=None, seed=None, **choices) -> Motion:
+    """A motion that exists, a Clip of any source, with parts of it made anew as the words say; see `edits`."""
+    return self.edits([clip], [prompt], task, rng=rng, seeds=None if seed is None else [seed], **choices)[0]
+
+  def edits(self, clips, prompts, task=None, *, keep=None, change=None, rng=None, seeds=None, paste=True, polish=False,
+            guidance_scale=None, mask=None, **sampling) -> Motions:
+    """Clips with parts of them made anew, each as its prompt says, in one batch.
+
+    Which parts: a task of `masking.TASKS`, or spans to keep or to change, [(0, 30), ...] in frames of this model
+    (`spans_of` reads "0:1.5s"), the same in every clip. Latents of 4 frames are kept whole or not at all. Kept frames
+    come back as they were (paste; new coordinates are moved to meet them, see `motion.joining`), resampled if the
+    clip's rate is another, retargeted if its bones are, cut to whole latents, and placed where the model begins: the
+    body at the origin, facing +z. mask: what new latents may look at, `nets.masks`; without it
+    config.sampler.edit_mask. meta["made"] lists the frames that are new.
+    """
+    # Parity: the released code pastes nothing back; paste=False is the benchmark's.
+    self.check_words(list(dict.fromkeys(prompts)))
+    if len(prompts) != len(clips) or not clips:
+      raise ValueError(f"got {len(prompts)} prompts for {len(clips)} clips; give one for each")
+    features, frames = zip(*(self.padded_features(clip) for clip in clips))
+    edited = np.concatenate([self._edited(task, keep, change, count) for count in frames])
+    keys, seeds = keys_of(rng, seeds, len(clips))
+    sampling["mask"] = mask or self.config.sampler.get("edit_mask", "bcm")
+    plan, hidden, scale, about = self._tables(keys, edited, guidance_scale, **sampling)
+    real = padding_mask(jnp.array(frames) // self.unit, self.max_latents)
+    features, joined = np.stack(features), paste and self.stats.layout.kind == "coordinates"
+    made = self._edit(plan, paste and not joined, self.params, self.frozen, features, self.encode_words(prompts),
+                      edited, hidden, real, scale, keys)
+    if joined:
+      made = self._joined(np.asarray(made), features, frames, ~np.repeat(edited, self.unit, axis=1))
+    about |= dict(task=task or "spans", pasted=bool(paste))
+    motions = make_motions(self, made, frames, [(Caption(prompt),) for prompt in prompts], seeds, about, polish)
+    new = [_runs(np.flatnonzero(np.repeat(row, self.unit)[:count])) for row, count in zip(edited, frames)]
+    named = [motion.replace(id=clip.id, license=clip.license or self.license,
+                            meta=motion.meta | dict(edited=clip.source or clip.id, made=runs))
+             for motion, clip, runs in zip(motions, clips, new)]
+    return dataclasses.replace(motions, motions=tuple(named))
+
+  def _joined(self, made, features, frames, kept):
+    """Normalized coordinates (B, T, F) with the kept frames as they came, and the new ones moved to meet them."""
+    y = np.array(made)
+    for row, given, count, mask in zip(y, features, frames, kept):
+      joints = [self.stats.denormalize(x[:count]).reshape(count, -1, 3) for x in (row, given)]
+      row[:count] = self.stats.normalize(join(*joints, mask[:count]).reshape(count, -1))
+      row[:count][mask[:count]] = given[:count][mask[:count]]
+    return y
+
+  def padded_features(self, clip):
+    """(normalized features (T, F) padded to the training length, frames): a clip on our body, in whole latents."""
+    joints = on_our_body(clip, self.fps, self.stats.layout.skeleton)
+    features = to_features(np.concatenate([joints, 2 * joints[-1:] - joints[-2:-1]]), self.stats.layout,
+                           self.config.data.mode)
+    count = len(features) // self.unit * self.unit
+    if not self.unit <= count <= self.config.data.max_frames:
+      raise ValueError(f"got a motion of {len(features)} frames at {self.fps:g} frames a second, expected {self.unit} "
+                       f"to {self.config.data.max_frames}; cut a part out of it")
+    padded = np.zeros((self.max_latents * self.unit, features.shape[-1]), np.float32)
+    padded[:count] = self.stats.normalize(features[:count])
+    return padded, count
+
+  def plan_of(self, rounds=None, order=None, mask=None, solver=None, num_steps=None, revealed_only=None,
+              temperature=1.0):
+    """(Plan without rows, rounds, order, revealed_only): choices, and the config's where there is none.
+
+    rounds of sampling; order "random" or "left_to_right"; mask of `nets.masks`; solver "euler", "heun", "midpoint" or
+    "rk4" with num_steps, or "dopri5", or "ddpm"; revealed_only False solves for what the next round discards, too.
+    """
+    defaults = self.config.sampler
+    pick = lambda name, value: defaults[name] if value is None else value
+    flow = self.config.loss.diffusion != "ddpm"
+    if solver is None and (defaults.solver == "ddpm") == flow:  # trained with the other diffusion than its config's
+      solver, num_steps = ("midpoint", num_steps or 10) if flow else ("ddpm", num_steps or self.config.loss.ddpm_steps)
+    rounds = checked(pick("num_rounds", rounds), *STEPS, "rounds")
+    num_steps = checked(pick("num_steps", num_steps), *STEPS, "num_steps")
+    plan = cdamd.make_plan(solver=pick("solver", solver), num_steps=num_steps, mask=pick("mask", mask),
+                           ddpm_steps=self.config.loss.ddpm_steps, temperature=float(temperature))
+    if (plan.solver == "ddpm") != (self.config.loss.diffusion == "ddpm"):
+      raise ValueError(f"got solver {plan.solver!r} for a model that was trained by {self.config.loss.diffusion}")
+    return plan, rounds, pick("order", order), bool(pick("revealed_only", revealed_only))
+
+  def encode_words(self, prompts):
+    """(text_emb, text_mask or None) as the model was trained: sentence vectors, or these and their words."""
+    if self.encoder.level == "sentence":
+      return self.encoder(prompts)[0], None
+    return self.encoder.sentence_and_words(prompts, at_least=min(self.config.data.max_words, self.encoder.max_words))
+
+  def _tables(self, keys, editable, guidance_scale, **sampling):
+    """(Plan, hidden (N, B, L), guidance scale, what a file says of them) for latents editable (B, L)."""
+    scale = self.scale_of(guidance_scale)
+    plan, num_rounds, order, revealed_only = self.plan_of(**sampling)
+    order_of = draws.draw_order(keys, np.full(len(keys), self.max_latents), self.max_latents, order)
+    counts = masking.hidden_counts(num_rounds, editable.sum(-1))
+    hidden = masking.hidden_table(np.where(editable, order_of, np.inf), counts)
+    # Rounded up to even numbers, so that few lengths are compiled anew.
+    most = 2 * -(-most_revealed(counts) // 2)
+    plan = plan._replace(guided=scale != 1.0, num_rows=most if revealed_only else None)
+    about = dict(guidance_scale=scale, model=self.id, rounds=num_rounds, order=order, mask=plan.mask,
+                 solver=plan.solver, num_steps=plan.num_steps)
+    return plan, hidden, scale, about
+
+  def _edited(self, task, keep, change, count):
+    """(1, L): the latents of a clip of count frames that are made anew."""
+    if sum(choice is not None for choice in (task, keep, change)) != 1:
+      raise ValueError("say what to make anew by one of task, keep and change")
+    if task is not None:
+      edited = masking.task_mask(task, [count], self.max_latents, self.unit)
+    else:
+      if change is not None:
+        keep = _runs(np.flatnonzero(~masking.in_spans(change, count)))
+      edited = masking.kept_mask(keep, count, self.max_latents, self.unit)[None]
+    if not edited.any():
+      raise ValueError("everything is kept, so nothing can be made anew")
+    return edited
+
+
+def spans_of(texts, num_frames, fps):
+  """[(first, past)] in frames from texts "A:B", each side in seconds ("1.5s"), as a share ("0.25", "25%") or in frames
+  ("30"); an empty side is the end on that side."""
+  def place(text, empty):
+    text = text.strip()
+    try:
+      if not text:
+        return empty
+      if text.endswith("s"):
+        return round(real(*SECONDS)(text[:-1]) * fps)
+      if text.endswith("%"):
+        return round(real(0, 100)(text[:-1]) / 100 * num_frames)
+      return round(real(0, 1)(text) * num_frames) if "." in text else whole(0, 10**9)(text)
+    except NumberError as error:
+      raise ValueError(f"in a span: {error}; a side is seconds (1.5s), a share (0.25, 25%) or frames (30)") from None
+
+  spans = []
+  for text in texts:
+    first, colon, past = text.partition(":")
+    if not colon:
+      raise ValueError(f"got the span {text!r}, expected A:B as in 0:1.5s")
+    spans.append((place(first, 0), min(place(past, num_frames), num_frames)))
+  return spans
+
+
+def colors_of(motion):
+  """(T, 3): kept frames blue, new ones orange, for `motion.save(path, colors=...)`."""
+  colors = np.tile(np.array(BLUE), (len(motion.joints), 1))
+  for first, past in motion.meta["made"]:
+    colors[first:past] = ORANGE
+  return colors
+
+
+def _runs(frames):
+  """[[first, past], ...] of rising integers."""
+  pieces = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1)
+  return [[int(piece[0]), int(piece[-1]) + 1] for piece in pieces if len(piece)]
+
+
+def _draw(net, keys, real):
+  return draws.make_draw(keys, real.shape[1], net.transformer.latent_dim)
+
+
+def _generate(net, autoencoder, plan, params, frozen, words, hidden, real, scale, keys):
+  return cdamd.generate(net, autoencoder, plan, params, frozen, words[0], hidden, real, scale, _draw(net, keys, real),
+                        words[1])
+
+
+def _edit(net, autoencoder, plan, paste, params, frozen, features, words, edited, hidden, real, scale, keys):
+  return cdamd.edit(net, autoencoder, plan, params, frozen, features, words[0], edited, hidden, real, scale,
+                    _draw(net, keys, real), paste, words[1])

@@ -1,0 +1,69 @@
+"""Motion from CDAMD's generator: in each decoding iteration the diffusion head makes some of the hidden latents."""
+from typing import NamedTuple
+
+import jax.numpy as jnp
+
+from motion_jax.diffusion import ddpm, guidance, ode, samplers
+from motion_jax.models.cdamd import unmasking as rounds
+from motion_jax.models.cdamd.stages import decode_latents
+from motion_jax.nets.masks import LATENT_MASKS, latent_mask
+
+
+class Plan(NamedTuple):
+  """The choices that shapes and loops depend on; hashable, so that jit can specialize on it."""
+  solver: str = "midpoint"     # of samplers.FIXED_STEP, or "dopri5", or "ddpm"
+  num_steps: int = 10          # of the solver; dopri5 chooses its own
+  mask: str = "causal"
+  guided: bool = True
+  num_rows: int | None = None  # rounds.most_revealed, or None: solve for every hidden latent as the reference does
+  ddpm_steps: int = 50         # of training
+  temperature: float = 1.0     # of the DDPM's noise; flows have none
+
+
+def make_plan(**fields) -> Plan:
+  """A Plan; raises ValueError for a solver, mask or number that does not exist."""
+  plan = Plan(**fields)
+  solvers = (*samplers.FIXED_STEP, "dopri5", "ddpm")
+  if plan.solver not in solvers:
+    raise ValueError(f"got solver {plan.solver!r}, expected one of {', '.join(solvers)}")
+  if plan.mask not in LATENT_MASKS:
+    raise ValueError(f"got mask {plan.mask!r}, expected one of {', '.join(LATENT_MASKS)}")
+  if plan.num_steps < 1:
+    raise ValueError(f"got {plan.num_steps} solver steps, expected at least 1")
+  return plan
+
+
+def make_latents(net, plan, params, text_emb, latents, hidden, real_mask, scale, draw, text_mask=None):
+  """Latents after each round (N, B, L, C), the last the finished ones. Pure; net and plan are static.
+
+  text_emb (B, S, E), text_mask (B, S) or None; latents (B, L, C), of which those are kept that hidden (N, B, L) never
+  names; real_mask (B, L); scale () of the guidance; draw: see `diffusion.draws.make_draw`.
+  """
+  twice = (lambda a: jnp.concatenate([a, a])) if plan.guided else lambda a: a
+  words = jnp.concatenate([text_emb, 0 * text_emb]) if plan.guided else text_emb
+
+  def condition(z, hidden):
+    attn_mask = latent_mask(plan.mask, real_mask & ~hidden, real_mask)
+    words_mask = None if text_mask is None else twice(text_mask)
+    return net.apply(params, twice(z), words, twice(attn_mask), text_mask=words_mask, method="condition")
+
+  def solve(condition, rows, fresh):
+    predict = lambda x, t, *_: net.apply(params, x, t, condition, method="predict").astype(latents.dtype)
+    predict = guidance.guided(predict, scale) if plan.guided else predict
+    noise = fresh(0).astype(latents.dtype)
+    if plan.solver == "ddpm":
+      schedule = ddpm.respace(ddpm.cosine_schedule(plan.ddpm_steps), min(plan.num_steps, plan.ddpm_steps))
+      return ddpm.ancestral(predict, schedule, noise, lambda m: fresh(m + 1).astype(latents.dtype), plan.temperature)
+    if plan.solver == "dopri5":
+      return ode.dopri5(predict, noise, rows).value
+    times = jnp.linspace(0, 1, plan.num_steps + 1, dtype=latents.dtype)[:, None]
+    return samplers.FIXED_STEP[plan.solver](predict, noise, times)
+
+  return rounds.sample(condition, solve, draw, latents, hidden, net.apply(params, method="hidden"), plan.num_rows)
+
+
+def generate(net, autoencoder, plan, params, frozen, text_emb, hidden, real_mask, scale, draw, text_mask=None):
+  """Normalized features (B, 4 L, F) of new motions; hidden (N, B, L) of `masking.hidden_table`. Pure."""
+  latents = jnp.zeros(real_mask.shape + (net.transformer.latent_dim,))
+  made = make_latents(net, plan, params, text_emb, latents, hidden, real_mask, scale, draw, text_mask)[-1]
+  return decode_latents(autoencoder, frozen, made, real_mask)

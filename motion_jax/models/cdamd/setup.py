@@ -1,0 +1,233 @@
+"""Recipes of CDAMD: how its two autoencoders and its generator are trained."""
+import jax
+import numpy as np
+
+from motion_jax.data import batches, sources
+from motion_jax.data.captions import vary_subject
+from motion_jax.models import cdamd
+from motion_jax.models.cdamd import length as lengths
+from motion_jax.motion import stats as stats_lib
+from motion_jax.nets.autoencoder import Autoencoder
+from motion_jax.nets.length_estimator import LengthEstimator
+from motion_jax.quant import vq
+from motion_jax.text.encoder import load_text_encoder
+from motion_jax.training import checkpoint
+from motion_jax.training.setup import (
+  Recipe,
+  caption_lengths,
+  held_out,
+  plain,
+  reconstruction_error,
+  text_identity,
+  untrained,
+)
+
+
+def autoencoder(config) -> Recipe:
+  data = sources.load_features(config.data, captioned=False)
+  net = Autoencoder(**config.model)
+  evaluate = _reconstruction(config, data.stats, net.apply)
+  return Recipe(cdamd.autoencoder_stage(config), _windows(config, data), {}, evaluate, data.stats, {})
+
+
+def rvq(config) -> Recipe:
+  """On windows or, where config.data.window is 0, on the whole padded clips of the text loader."""
+  net = Autoencoder(**config.model)
+  if config.data.window:
+    data = sources.load_features(config.data, captioned=False)
+    next_batch = _windows(config, data)
+  else:
+    data = sources.load_features(config.data)
+    items = batches.TextItems(data.features, data.captions, config.data.min_frames, config.data.max_frames,
+                              (config.data.max_frames,))
+
+    def next_batch(step):
+      batch = items.batch(config.data.batch_size, config.seed, step)
+      return {name: batch[name] for name in ("features", "index")}
+
+  def reconstruct(variables, x):
+    return cdamd.decode_codes(net, variables, cdamd.encode_codes(net, variables, x)[0])
+
+  evaluate = _reconstruction(config, data.stats, reconstruct)
+  return Recipe(cdamd.rvq_stage(config), next_batch, {}, evaluate, data.stats, {})
+
+
+def _windows(config, data):
+  unit = 2 ** config.model.num_halvings
+  if config.data.window % unit:
+    raise ValueError(f"got data.window = {config.data.window}, a latent has {unit} frames; take a multiple")
+  windows = batches.Windows(data.features, config.data.window, config.data.stride,
+                            config.data.get("released_windows", False))
+  return lambda step: windows.batch(config.data.batch_size, config.seed, step)
+
+
+def _reconstruction(config, stats, reconstruct):
+  """evaluate(variables): mean joint error of held-out clips in millimetres, each frame's root at the same place."""
+  validation = held_out(config, stats).features
+  compiled = jax.jit(reconstruct)
+
+  def evaluate(variables):
+    error = reconstruction_error(lambda x: compiled(variables, x), validation, stats)
+    return {"held_out_mm": round(error, 2)}
+
+  return evaluate
+
+
+def generator(config) -> Recipe:
+  """The masked transformer and its diffusion head, on latents of a trained autoencoder, with codes of a trained RVQ."""
+  _check_fields(config)
+  net, tokenizer, stats = load_frozen(config.frozen.tokenizer, config.tokenizer, "cdamd.autoencoder", config)
+  frozen = {"tokenizer": tokenizer}
+  if config.loss.prior_levels:
+    _, frozen["prior"], others = load_frozen(config.frozen.prior, config.prior, "cdamd.rvq", config, config.quantizer)
+    if not np.allclose(stats.mean, others.mean, rtol=1e-3, atol=1e-3 * stats.std.max()) or not np.allclose(
+        stats.std, others.std, rtol=1e-2):
+      raise ValueError(f"{config.frozen.tokenizer} and {config.frozen.prior} were trained on other data: their "
+                       "statistics differ; train both on the same")
+  data = sources.load_features(config.data, stats=stats)
+  mean, std = np.zeros(net.latent_dim, np.float32), np.ones(net.latent_dim, np.float32)
+  if config.loss.unit_latents:
+    mean, std = latent_moments(net, tokenizer, data.features)
+  frozen |= {"latent_mean": mean, "latent_std": std}
+  level = config.frozen.get("text_level", "sentence")
+  encoder = load_text_encoder(config.frozen.text, level=level)
+  if config.frozen.get("length") and level != "sentence":
+    raise ValueError("the length estimator reads sentence vectors; leave frozen.length empty or set "
+                     "frozen.text_level = 'sentence'")
+  if encoder.dim != config.model.transformer.text_dim:
+    raise ValueError(f"text encoder {config.frozen.text!r} gives {encoder.dim} numbers a sentence, the model takes "
+                     f"model.transformer.text_dim = {config.model.transformer.text_dim}; make them agree")
+  if config.frozen.get("length"):
+    with config.unlocked():  # what loading the run needs
+      config.length, frozen["length"] = load_length(config.frozen.length, encoder)
+  batch_of = _captioned(config, data, encoder)
+  stage = cdamd.generator_stage(config)
+  files = {checkpoint.LENGTHS: caption_lengths(data), checkpoint.TEXT: text_identity(encoder)}
+  return Recipe(stage, batch_of, frozen, _held_out_loss(config, stage, frozen, data.stats, encoder), data.stats, files)
+
+
+def _check_fields(config):
+  """Raises ValueError for sections that do not fit each other: jax would clamp a code that its table lacks."""
+  transformer, levels = config.model.transformer, config.loss.prior_levels
+  if transformer.latent_dim != config.tokenizer.latent_dim:
+    raise ValueError(f"got model.transformer.latent_dim = {transformer.latent_dim}, the tokenizer's latents have "
+                     f"{config.tokenizer.latent_dim} channels; make them agree")
+  if not levels:
+    return
+  if transformer.kind == "mardm":
+    raise ValueError(f"got loss.prior_levels = {levels}, MARDM's transformer has no prior; set it to 0")
+  if config.quantizer.num_codes > transformer.num_codes:
+    raise ValueError(f"got quantizer.num_codes = {config.quantizer.num_codes}, the transformer has a table of "
+                     f"model.transformer.num_codes = {transformer.num_codes}; make them agree")
+  if levels > min(config.quantizer.num_levels, transformer.num_levels):
+    raise ValueError(f"got loss.prior_levels = {levels}, the quantizer has {config.quantizer.num_levels} levels, the "
+                     f"transformer knows {transformer.num_levels}; take fewer")
+
+
+def _captioned(config, data, encoder):
+  """next_batch(step) of padded clips with the sentence vectors of their captions, or these and their words."""
+  encoder.check(caption for captions in data.captions for caption in captions)
+  weights = batches.balance_weights(data.groups, config.data.balance) if config.data.balance else None
+  items = batches.TextItems(data.features, data.captions, config.data.min_frames, config.data.max_frames,
+                            tuple(config.data.lengths), weights=weights)
+
+  def next_batch(step):
+    batch = items.batch(min(config.data.batch_size, len(items)), config.seed, step)
+    rng = batches.step_rng(config.seed, 2, step)
+    said = [vary_subject(caption, rng, config.data.vary_subject) for caption in batch.pop("caption")]
+    if encoder.level == "sentence":
+      return batch | {"text_emb": encoder(said)[0]}
+    text_emb, text_mask = encoder.sentence_and_words(said, at_least=min(config.data.max_words, encoder.max_words))
+    return batch | {"text_emb": text_emb, "text_mask": text_mask}
+
+  return next_batch
+
+
+def _held_out_loss(config, stage, frozen, stats, encoder, num_batches=4):
+  """evaluate(params): the loss as the sampler sees the network (its mask, captions, no prior, no dropout) and with the
+  prior given, as the reference validates; on the same few batches of held-out clips and the same noise every time."""
+  next_batch = _captioned(config, held_out(config, stats, captioned=True), encoder)
+  predict = jax.jit(stage.predict)
+
+  def evaluate(params):
+    parts = [predict(params, frozen, next_batch(i), jax.random.key(i)) for i in range(num_batches)]
+    total = {name: sum(float(part[name]) for part in parts) for name in parts[0]}
+    names = {"loss": "held_out_loss", "with_prior": "held_out_with_prior"}
+    return {names[name]: round(value / total["weight"], 5) for name, value in total.items() if name in names}
+
+  return evaluate
+
+
+def load_frozen(folder, fields, stage, config, quantizer=None):
+  """(module, variables, stats) of a trained autoencoder or, with a quantizer section, RVQ-VAE; "fresh" makes an
+  untrained one for trying things out."""
+  net = Autoencoder(**plain(fields.to_dict()))
+  if folder == "fresh":
+    variables = untrained(cdamd.autoencoder_shapes(net))
+    if quantizer:
+      codes = np.random.default_rng(1).standard_normal(
+          (quantizer.num_levels, quantizer.num_codes, net.latent_dim), np.float32)
+      variables = {**variables, "codebooks": vq.codebook_of(codes)._asdict()}
+    return net, variables, sources.load_features(config.data).stats
+  run = checkpoint.load_config(folder)
+  if run.get("stage") != stage:
+    raise ValueError(f"{folder} holds a {run.get('stage')!r} run, expected one of stage {stage!r}")
+  theirs = Autoencoder(**plain(run.model.to_dict()))
+  alike = dict(dropout=0.0, hide_padding=False)  # frozen, it has no dropout; windows have no padding
+  if theirs.clone(**alike) != net.clone(**alike):
+    raise ValueError(f"{folder} holds {plain(run.model.to_dict())}, this config says {plain(fields.to_dict())}; make "
+                     "them agree")
+  if quantizer and (run.quantizer.num_levels, run.quantizer.num_codes) != (quantizer.num_levels, quantizer.num_codes):
+    raise ValueError(f"{folder} has {run.quantizer.num_levels} levels of {run.quantizer.num_codes} codes, "
+                     f"config.quantizer says {quantizer.num_levels} of {quantizer.num_codes}; make them agree")
+  variables = checkpoint.load_params(folder, cdamd.autoencoder_shapes(net, quantizer))
+  return net, variables, stats_lib.load_stats(folder, config.data.layout)
+
+
+def latent_moments(net, variables, features, num_clips=512, length=192):
+  """Mean and std of latents, per channel (C,), over some training clips, padded as in training."""
+  encode = jax.jit(lambda x, real_mask: net.apply(variables, x, real_mask=real_mask, method="encode"))
+  rows = []
+  for i in np.linspace(0, len(features) - 1, min(num_clips, len(features))).astype(int):
+    clip = features[i][:length]
+    padded = np.zeros((1, length, clip.shape[-1]), np.float32)
+    padded[0, :len(clip)] = clip
+    count = len(clip) // net.frames_per_latent
+    real_mask = np.arange(length)[None] < count * net.frames_per_latent
+    rows.append(np.asarray(encode(padded, real_mask))[0, :count])
+  z = np.concatenate(rows)
+  return z.mean(0), z.std(0) + 1e-6
+
+
+def length(config) -> Recipe:
+  """The length estimator, on captions and the lengths that crops of their clips have in training."""
+  data = sources.load_features(config.data)
+  encoder = load_text_encoder(config.frozen.text, level="sentence")
+  stage = lengths.length_stage(config)
+  next_batch = _captioned(config, data, encoder)
+  held = _captioned(config, held_out(config, data.stats, captioned=True), encoder)
+  without = lambda batch: {name: batch[name] for name in ("text_emb", "num_frames", "index")}
+  predict = jax.jit(stage.predict)
+
+  def evaluate(params):
+    parts = [predict(params, {}, without(held(i)), None) for i in range(4)]
+    count = sum(len(part["logits"]) for part in parts)
+    return {f"held_out_{name}": round(float(sum(part[name] for part in parts)) / count, 4)
+            for name in ("loss", "latents_off")}
+
+  return Recipe(stage, lambda step: without(next_batch(step)), {}, evaluate, data.stats,
+                {checkpoint.TEXT: text_identity(encoder)})
+
+
+def load_length(folder, encoder):
+  """(fields, parameters) of a trained length estimator that reads the sentence vectors of this encoder."""
+  run = checkpoint.load_config(folder)
+  if run.get("stage") != "cdamd.length":
+    raise ValueError(f"{folder} holds a {run.get('stage')!r} run, expected one of stage 'cdamd.length'")
+  if checkpoint.load_fingerprint(folder) != encoder.fingerprint:
+    raise ValueError(f"the length estimator in {folder} was trained on another text encoder than {encoder.name!r}")
+  fields = plain(run.model.to_dict())
+  return fields, checkpoint.load_params(folder, lengths.length_shapes(LengthEstimator(**fields), encoder.dim))
+
+
+RECIPES = {"cdamd.autoencoder": autoencoder, "cdamd.rvq": rvq, "cdamd.generator": generator, "cdamd.length": length}

@@ -1,0 +1,234 @@
+"""What CDAMD trains, as pure functions: the autoencoder, the RVQ-VAE, and the masked transformer on their latents."""
+
+import jax
+import jax.numpy as jnp
+from ml_collections import ConfigDict
+
+from motion_jax.models.cdamd.draws import draw_step
+from motion_jax.models.cdamd.losses import autoencoder_terms, generator_loss, rvq_terms
+from motion_jax.nets.autoencoder import Autoencoder
+from motion_jax.nets.diffusion_mlp import DiffusionMLP, Generator
+from motion_jax.nets.masked_transformer import TRANSFORMERS
+from motion_jax.nets.masks import padding_mask
+from motion_jax.quant import rvq, vq
+from motion_jax.training.stage import DEVICES, Stage
+
+
+def encode_codes(net, variables, x, real_mask=None):
+  """Features (B, T, F), of real_mask (B, T), to code indices (B, L, Q) and code vectors of each level (Q, B, L, C).
+
+  The RVQ-VAE is an Autoencoder `net` with variables {"params", "codebooks"}, as its run folder holds them.
+  """
+  return rvq.encode(variables["codebooks"]["codes"], net.apply(variables, x, real_mask=real_mask, method="encode"))
+
+
+def decode_codes(net, variables, indices, num_levels=None):
+  """Code indices (B, L, Q) to features (B, T, F), from the first num_levels levels only if that is given."""
+  return net.apply(variables, rvq.decode(variables["codebooks"]["codes"], indices, num_levels), method="decode")
+
+
+def empty_codebooks(net, quantizer):
+  """The RVQ-VAE's collection "codebooks" before training: a dict of the fields of `vq.Codebook`, each (Q, ...)."""
+  book = vq.empty_codebook(quantizer.num_codes, net.latent_dim, (quantizer.num_levels,))
+  return {"codebooks": book._asdict()}
+
+
+def autoencoder_shapes(net, quantizer=None):
+  """Shapes of the variables of an autoencoder or, with a quantizer section, an RVQ-VAE, to check a file against."""
+  x = jnp.zeros((1, net.frames_per_latent, net.features))
+  codebooks = (lambda: empty_codebooks(net, quantizer)) if quantizer else dict
+  return jax.eval_shape(lambda: {**net.init(jax.random.key(0), x), **codebooks()})
+
+
+def _item_keys(rng, batch):
+  """One key per item, by its place in the whole batch: the same noise on one device as on many."""
+  return jax.vmap(lambda i: jax.random.fold_in(rng, i))(batch["index"])
+
+
+def _with_dropout(net, params, method, x, keys):
+  run = lambda item, key: net.apply(params, item[None], False, method=method, rngs={"dropout": key})[0]
+  return jax.vmap(run)(x, keys)
+
+
+def autoencoder_stage(config) -> Stage:
+  """Trains the deterministic autoencoder on windows: batch["features"] (B, T, F), normalized."""
+  net = Autoencoder(**config.model)
+
+  def init(batch, rng):
+    return net.init(rng, batch["features"][:1])
+
+  def loss(params, frozen, batch, step, rng):
+    x = batch["features"]
+    terms = autoencoder_terms(_with_dropout(net, params, "__call__", x, _item_keys(rng, batch)), x, **config.loss)
+    return jax.tree.map(lambda term: term * len(x), terms), float(len(x))
+
+  def predict(params, frozen, batch, rng):
+    latents = net.apply(params, batch["features"], method="encode")
+    return {"features": net.apply(params, latents, method="decode"), "latents": latents}
+
+  return Stage(init, loss, predict)
+
+
+def rvq_stage(config, axis_name=DEVICES) -> Stage:
+  """Trains the RVQ-VAE: batch["features"] (B, T, F), normalized, windows or whole clips padded with zeros.
+
+  The codebooks learn without a gradient, so they are the stage's extra state. axis_name: None to run the loss on one
+  device outside of the training loop.
+  """
+  # Parity: padding takes part in the loss and in the codebooks, as in the released code; windows have none.
+  net, quantizer = Autoencoder(**config.model), config.quantizer
+  if quantizer.get("learn", "means") == "gradient":
+    return _rvq_by_gradient(net, config, axis_name)
+
+  def init(batch, rng):
+    return net.init(rng, batch["features"][:1])
+
+  def init_extra(batch, rng):
+    return empty_codebooks(net, quantizer)
+
+  def loss(params, frozen, batch, step, rng, extra):
+    x, books = batch["features"], vq.Codebook(**extra["codebooks"])
+    encoder_rng, decoder_rng, code_rng, tile_rng, active_rng = jax.random.split(rng, 5)
+    latents = _with_dropout(net, params, "encode", x, _item_keys(encoder_rng, batch))
+    noise = rvq.draw_noise(tile_rng, _item_keys(code_rng, batch), latents.shape[1], books)
+    num_active = rvq.draw_active(active_rng, quantizer.num_levels, quantizer.drop_rate)
+    made, books = rvq.train(books, latents, num_active, noise, quantizer.decay, quantizer.temperature,
+                            quantizer.gain_once, axis_name)
+    y = _with_dropout(net, params, "decode", made.quantized, _item_keys(decoder_rng, batch))
+    terms = rvq_terms(y, x, made.commitment, **config.loss)
+    dead = vq.num_dead(books).mean(dtype=x.dtype, where=books.initialised)
+    terms |= {"perplexity": made.perplexity, "usage": made.usage, "dead": dead}
+    return jax.tree.map(lambda term: term * len(x), terms), float(len(x)), {"codebooks": books._asdict()}
+
+  def predict(variables, frozen, batch, rng):
+    indices, _ = encode_codes(net, variables, batch["features"])
+    return {"features": decode_codes(net, variables, indices), "indices": indices}
+
+  return Stage(init, loss, predict, init_extra)
+
+
+def _rvq_by_gradient(net, config, axis_name):
+  """`rvq_stage` by the paper's equations 8 to 10: nearest codes, which are parameters and learn by a loss of theirs."""
+  quantizer = config.quantizer
+
+  def init(batch, rng):
+    net_rng, code_rng = jax.random.split(rng)
+    params = net.init(net_rng, batch["features"][:1])
+    latents = net.apply(params, batch["features"], method="encode")
+    book = vq.codebook_of(rvq.first_codes(latents, quantizer.num_levels, quantizer.num_codes, code_rng))
+    # In the collection of the other way, so that a run folder is read alike; all of it floats, which gradients need.
+    return {**params, "codebooks": jax.tree.map(lambda a: a.astype(latents.dtype), book._asdict())}
+
+  def loss(params, frozen, batch, step, rng):
+    x, codes = batch["features"], params["codebooks"]["codes"]
+    encoder_rng, decoder_rng, active_rng = jax.random.split(rng, 3)
+    latents = _with_dropout(net, params, "encode", x, _item_keys(encoder_rng, batch))
+    num_active = rvq.draw_active(active_rng, quantizer.num_levels, quantizer.drop_rate)
+    made, codebook = rvq.learn(codes, latents, num_active, axis_name)
+    y = _with_dropout(net, params, "decode", made.quantized, _item_keys(decoder_rng, batch))
+    terms = rvq_terms(y, x, made.commitment, **config.loss)
+    terms |= {"loss": terms["loss"] + codebook, "codebook": codebook, "perplexity": made.perplexity,
+              "usage": made.usage}
+    return jax.tree.map(lambda term: term * len(x), terms), float(len(x))
+
+  def predict(variables, frozen, batch, rng):
+    indices, _ = encode_codes(net, variables, batch["features"])
+    return {"features": decode_codes(net, variables, indices), "indices": indices}
+
+  return Stage(init, loss, predict)
+
+
+def make_generator(config) -> Generator:
+  """The module of a model section: transformer (kind "cdamd" or "mardm", and fields), head (fields)."""
+  fields = dict(config.transformer)
+  kind = fields.pop("kind")
+  if kind not in TRANSFORMERS:
+    raise ValueError(f"got transformer kind {kind!r}, expected one of {', '.join(TRANSFORMERS)}")
+  transformer = TRANSFORMERS[kind](**fields)
+  return Generator(transformer, DiffusionMLP(latent_dim=transformer.latent_dim, **config.head))
+
+
+def generator_shapes(net):
+  """Shapes of the generator's parameters, to check a file against."""
+  transformer = net.transformer
+  x, text_emb = jnp.zeros((1, 1, transformer.latent_dim)), jnp.zeros((1, 1, transformer.text_dim))
+  return jax.eval_shape(lambda: net.init(jax.random.key(0), x, text_emb, jnp.ones((1, 1, 1, 1), bool), jnp.zeros(())))
+
+
+def frozen_shapes(autoencoder):
+  """Shapes of what making motion needs of a generator's frozen parts; training needs the prior, too."""
+  channel = jax.ShapeDtypeStruct((autoencoder.latent_dim,), jnp.float32)
+  return {"tokenizer": autoencoder_shapes(autoencoder), "latent_mean": channel, "latent_std": channel}
+
+
+def real_frames(autoencoder, real_mask):
+  """(B, T) of a mask of latents (B, L)."""
+  return jnp.repeat(real_mask, autoencoder.frames_per_latent, axis=1)
+
+
+def latents_of(autoencoder, frozen, features, real_mask):
+  """Latents (B, L, C) as the generator knows them, zero at padding: of the frozen encoder, scaled if asked for."""
+  # Parity: not scaled in the released code, where latent_mean is 0 and latent_std 1.
+  z1 = autoencoder.apply(frozen["tokenizer"], features, real_mask=real_frames(autoencoder, real_mask), method="encode")
+  return jnp.where(real_mask[..., None], (z1 - frozen["latent_mean"]) / frozen["latent_std"], 0.0)
+
+
+def decode_latents(autoencoder, frozen, latents, real_mask):
+  """Latents as the generator knows them (B, L, C) to normalized features (B, 4 L, F); real_mask (B, L)."""
+  z = latents * frozen["latent_std"] + frozen["latent_mean"]
+  return autoencoder.apply(frozen["tokenizer"], z, real_mask=real_mask, method="decode")
+
+
+def prior_codes(net, frozen, features, real_mask, num_levels):
+  """Codes of the first levels (B, L, Q), of one level (B, L), of none None."""
+  if not num_levels:
+    return None
+  codes = encode_codes(net, frozen["prior"], features, real_frames(net, real_mask))[0]
+  # Parity: one level alone comes without the row that tells levels apart.
+  return codes[..., 0] if num_levels == 1 else codes[..., :num_levels]
+
+
+def generator_stage(config) -> Stage:
+  """Trains the masked transformer and its diffusion head on latents of the frozen autoencoder.
+
+  Batch: features (B, T, F) padded, num_frames (B,), text_emb (B, S, E), of which the first is the whole caption's,
+  text_mask (B, S) if S > 1, index (B,) place in the whole batch. frozen:
+  tokenizer, latent_mean, latent_std (C,) and, if loss.prior_levels, prior: the RVQ-VAE's variables.
+  """
+  autoencoder, net = Autoencoder(**config.tokenizer), make_generator(config.model)
+  rvq_net = Autoencoder(**config.prior) if config.loss.prior_levels else None
+
+  def inputs(frozen, batch):
+    length = batch["features"].shape[1] // autoencoder.frames_per_latent
+    real_mask = padding_mask(batch["num_frames"] // autoencoder.frames_per_latent, length)
+    codes = prior_codes(rvq_net, frozen, batch["features"], real_mask, config.loss.prior_levels)
+    z1 = latents_of(autoencoder, frozen, batch["features"], real_mask)
+    return z1, real_mask, batch["text_emb"], codes, batch.get("text_mask")
+
+  def init(batch, rng):
+    x = jnp.zeros((1, 1, net.transformer.latent_dim))
+    return net.init(rng, x, batch["text_emb"][:1], jnp.ones((1, 1, 1, 1), bool), jnp.zeros(()))
+
+  def loss(params, frozen, batch, step, rng):
+    z1, real_mask, text_emb, codes, text_mask = inputs(frozen, batch)
+    draw_rng, dropout_rng, prior_rng = jax.random.split(rng, 3)
+    draws = draw_step(prior_rng, _item_keys(draw_rng, batch), *z1.shape[1:], config.loss)
+    return generator_loss(net, params, z1, real_mask, text_emb, codes, draws, config.loss,
+                          _item_keys(dropout_rng, batch), text_mask)
+
+  def predict(params, frozen, batch, rng):
+    """The loss with the sampler's mask, captions given, no dropout: sums over the masked latents, and their weight.
+
+    "loss" is without the prior, as motion is made; "with_prior" is the reference's validation, in which a latent to be
+    made sees its own code.
+    """
+    z1, real_mask, text_emb, codes, text_mask = inputs(frozen, batch)
+    fields = ConfigDict(config.loss.to_dict() | dict(mask=config.sampler.mask, drop_rate=0.0, prior_drop_rate=0.0))
+    draws = draw_step(rng, _item_keys(rng, batch), *z1.shape[1:], config.loss)
+    measure = lambda codes: generator_loss(net, params, z1, real_mask, text_emb, codes, draws, fields,
+                                           text_mask=text_mask)
+    sums, weight = measure(None)
+    made = {"loss": sums["loss"], "weight": weight}
+    return made if codes is None else made | {"with_prior": measure(codes)[0]["loss"]}
+
+  return Stage(init, loss, predict)

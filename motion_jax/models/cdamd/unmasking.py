@@ -1,0 +1,50 @@
+"""Sampling in rounds: hidden latents are made, and all but a few of them hidden again, until none is left.
+
+The tables of `masking` say which latents each round finds hidden. What a round makes of a latent that the next round
+hides again is lost, so it suffices to solve for the others: the same motion from the same noise, as a solver with fixed
+steps treats every row alone, at a sixth of the cost.
+"""
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from motion_jax.models.cdamd import mask_schedule as masking
+
+
+def most_revealed(counts):
+  """The most latents that one round of counts (N, B) leaves unhidden in one motion: rows that its solver needs."""
+  return int(-np.diff(counts, axis=0, append=0).min())
+
+
+def sample(condition, solve, draw, latents, hidden, mask_latent, num_rows=None):
+  """Latents after each round (N, B, L, C), the last ones those of the motion.
+
+  condition(z (B, L, C), hidden (B, L)) -> (G B, L, H), G branches of guidance one after the other. solve(condition
+  (G B, R, H), rows (B, R), fresh) -> (B, R, C), where fresh(j) is the j-th noise (B, R, C) that it needs and rows say
+  which of its results are wanted. draw(k, j) -> that noise (B, L, C) for all latents in round k. Both integers may be
+  traced. latents (B, L, C): what is never hidden stays as it is there, to the bit. hidden (N, B, L). num_rows, see
+  `most_revealed`: solve only for the latents that the round reveals; None solves for all that are hidden, as the
+  reference does.
+  """
+  num_rounds, batch, length = hidden.shape
+  wanted = hidden if num_rows is None else masking.revealed_table(hidden)
+  row = jnp.arange(batch)[:, None]
+
+  def make(z, k, hidden, wanted):
+    z = jnp.where(hidden[..., None], mask_latent.astype(z.dtype), z)
+    # The wanted places first, in order; of a motion with fewer of them others follow, whose results are dropped.
+    places = jnp.argsort(~wanted, axis=-1, stable=True)[:, :num_rows] if num_rows is not None else (
+        jnp.broadcast_to(jnp.arange(length), (batch, length)))
+    rows = wanted[row, places]
+    conditions = condition(z, hidden)
+    branches = conditions.shape[0] // batch
+    conditions = jnp.take_along_axis(conditions, jnp.tile(places, (branches, 1))[..., None], axis=1)
+    made = solve(conditions, rows, lambda j: draw(k, j)[row, places]).astype(z.dtype)
+    return z.at[row, places].set(jnp.where(rows[..., None], made, z[row, places]))
+
+  def one_round(z, given):
+    k, hidden, wanted = given
+    z = jax.lax.cond(wanted.any(), make, lambda z, *_: z, z, k, hidden, wanted)
+    return z, z
+
+  return jax.lax.scan(one_round, latents, (jnp.arange(num_rounds), jnp.asarray(hidden), jnp.asarray(wanted)))[1]

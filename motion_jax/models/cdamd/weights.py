@@ -1,0 +1,223 @@
+"""CDAMD's and MARDM's released weights: autoencoder, RVQ-VAE, generator, length estimator (facts: cdamd 2 to 6)."""
+import re
+
+import ml_collections
+import numpy as np
+
+from motion_jax import paper_rows
+from motion_jax.convert.parts import Network, check_free, heads_of, network, read_part, stats_of, text_files, write
+from motion_jax.models import cdamd
+from motion_jax.models.cdamd import length as lengths
+from motion_jax.models.cdamd.weight_names import (
+  autoencoder_names,
+  length_estimator_names,
+  mardm_names,
+  masked_transformer_names,
+  rvq_from_torch,
+)
+from motion_jax.nets.autoencoder import Autoencoder
+from motion_jax.nets.length_estimator import LengthEstimator
+from motion_jax.nets.masked_transformer import SIZES, GatedTransformer
+from motion_jax.nets.post_norm import sinusoids
+from motion_jax.training import checkpoint
+
+# (width, depth) -> heads. Not of the paper's own size, which has none that divide it.
+HEADS = {(size["width"], size["depth"]): size["num_heads"] for name, size in SIZES.items() if name != "large"} | {
+    (GatedTransformer.width, GatedTransformer.depth): GatedTransformer.num_heads}
+# Entries of a generator's file, the one to take first; CDAMD's files know no average.
+WEIGHTS = {"ema": ("ema_mardm", "t2m_transformer", "trans"), "model": ("mardm", "t2m_transformer", "trans")}
+TEXT = "clip-vit-base-patch32"
+POSITIONS = "position_enc.pe"
+DIFFUSIONS = ("flow", "ddpm")
+
+
+def _layers(part, what):
+  """Fields of an `Autoencoder`. Growth of the dilations, 3, is the released code's; no tensor tells it."""
+  width, features, _ = part.shape("encoder.model.0.weight", what, 3)
+  halvings = part.count(r"encoder\.model\.(\d+)\.0\.weight")
+  latent_dim, *_ = part.shape(f"encoder.model.{2 + halvings}.weight", what, 3)
+  depth = part.count(r"encoder\.model\.2\.1\.model\.(\d+)\.conv1\.weight")
+  return dict(features=features, latent_dim=latent_dim, width=width, num_halvings=halvings,
+              dilations=tuple(3 ** b for b in reversed(range(depth))), dropout=0.2)
+
+
+def autoencoder(path) -> Network:
+  """A released AE, "ae" of latest.tar or net_best_fid.tar."""
+  what, part = "autoencoder", read_part(path, ("ae",))
+  fields = _layers(part, what)
+  net = Autoencoder(**fields)
+  table = autoencoder_names(net.num_halvings, len(net.dilations))
+  return network(what, part, net, fields, cdamd.autoencoder_shapes(net), table)
+
+
+def rvq(path) -> Network:
+  """A released RVQ-VAE, "vq_model" (or "net") of latest.tar or net_best_fid.tar; params are {"params", "codebooks"}.
+
+  Files hold the codes and neither their running sums nor counts: training goes on as if each was used once.
+  """
+  what, part = "RVQ-VAE", read_part(path, choices=("vq_model", "net"))
+  fields = _layers(part, what)
+  num_levels = max(part.count(r"quantizer\.layers\.(\d+)\.codebook"), 1)
+  shapes = [part.shape(f"quantizer.layers.{level}.codebook", what, 2) for level in range(num_levels)]
+  if len(set(shapes)) > 1 or shapes[0][1] != fields["latent_dim"]:
+    raise ValueError(f"{part.source['file']} does not fit an {what}: its codebooks have the shapes {shapes}, expected "
+                     f"the same for all, with codes of {fields['latent_dim']} numbers as latents")
+  quantizer = dict(num_levels=num_levels, num_codes=shapes[0][0])
+  net = Autoencoder(**fields)
+  params = rvq_from_torch(part.state, num_levels, net.num_halvings, len(net.dilations))
+  expected = cdamd.autoencoder_shapes(net, ml_collections.ConfigDict(quantizer))
+  checkpoint.check_fits(params, expected, f"{part.source['file']} does not fit an {what}")
+  return Network(what, net, fields | quantizer, params, part)
+
+
+def generator(path, weights="ema", num_heads=None) -> Network:
+  """A released masked transformer with its diffusion MLP, CDAMD's or MARDM's, told by what the file holds.
+
+  CDAMD: "t2m_transformer" (or "trans") of latest.tar. MARDM: "ema_mardm" (what is evaluated) or "mardm" of latest.tar.
+  Fields are a model section: transformer, head. num_heads: without it, that of the known size of this width and depth.
+  """
+  if weights not in WEIGHTS:
+    raise ValueError(f"got weights {weights!r}, expected one of {', '.join(WEIGHTS)}")
+  part = read_part(path, choices=WEIGHTS[weights], others=sum(WEIGHTS.values(), ()))
+  clip = [name for name in part.state if name.startswith("clip_model.")]
+  if clip:  # the text encoder's folder holds it
+    part = part._replace(state={name: array for name, array in part.state.items() if name not in clip},
+                         left=(*part.left, f"clip_model ({len(clip)} tensors)"))
+  kind = "mardm" if any(name.startswith("MARTransformer.") for name in part.state) else "cdamd"
+  what = {"mardm": "MARDM generator", "cdamd": "CDAMD generator"}[kind]
+  stack, widening = {"mardm": ("MARTransformer.", "mlp.fc1"), "cdamd": ("seqTransEncoder.layers.", "ff.0")}[kind]
+  width, latent_dim = part.shape("input_process.poseEmbedding.weight", what, 2)
+  depth = part.count(re.escape(stack) + r"(\d+)\.")
+  transformer = dict(kind=kind, latent_dim=latent_dim, width=width, depth=depth,
+                     num_heads=heads_of(num_heads, width, HEADS.get((width, depth))),
+                     ff_width=part.shape(f"{stack}0.{widening}.weight", what, 2)[0],
+                     text_dim=part.shape("cond_emb.weight", what, 2)[1], dropout=0.2)
+  if kind == "cdamd":
+    transformer |= dict(num_codes=part.shape("token_emb.weight", what, 2)[0],
+                        num_levels=part.shape("codebook_type_emb.weight", what, 2)[0],
+                        max_length=part.shape("seqTransEncoder.pos_emb", what, 3)[1])
+  head = dict(width=part.shape("DiffMLPs.net.input_proj.weight", what, 2)[0],
+              depth=part.count(r"DiffMLPs\.net\.res_blocks\.(\d+)\."))
+  fields = dict(transformer=transformer, head=head)
+  net = cdamd.make_generator(ml_collections.ConfigDict(fields))
+  names = mardm_names if kind == "mardm" else masked_transformer_names
+  _check_positions(part, width)
+  return network(what, part, net, fields, cdamd.generator_shapes(net), names(depth, head["depth"]), (POSITIONS,))
+
+
+def _check_positions(part, width):
+  """The table of fixed positions is a formula here; raises ValueError if the file's is another one."""
+  if POSITIONS in part.state:
+    table = np.asarray(part.state[POSITIONS]).reshape(-1, width)[:200]
+    if np.abs(table - sinusoids(len(table), width)).max() > 1e-3:
+      raise ValueError(f"{part.source['file']} has positions {POSITIONS} other than sines and cosines of base 10000")
+
+
+def length_estimator(path) -> Network:
+  """MARDM's length estimator, "estimator" of finest.tar or latest.tar."""
+  what, part = "length estimator", read_part(path, choices=("estimator", "length_estimator"))
+  width, text_dim = part.shape("output.0.weight", what, 2)
+  net = LengthEstimator(num_classes=part.shape("output.11.weight", what, 2)[0], width=width)
+  fields = dict(num_classes=net.num_classes, width=width, dropout=0.2)
+  return network(what, part, net, fields, lengths.length_shapes(net, text_dim), length_estimator_names())
+
+
+# --- writing -----------------------------------------------------------------------------------------------------
+
+
+def write_cdamd(out, tokenizer_file, stats, generator_file=None, rvq_file=None, length_file=None, text=None,
+                weights="ema", num_heads=None, diffusion="flow"):
+  """The run folder of a released CDAMD or MARDM -> the Networks.
+
+  Without a generator it is that of the autoencoder or, of an RVQ-VAE's file alone (tokenizer_file None), of that.
+  stats: a folder with the statistics of the training data, which checkpoints do not hold. diffusion: "ddpm" for MARDM's
+  other variant, whose tensors look the same. text: folder of the text encoder; without one the run names CLIP ViT-B/32,
+  and loading says where to put it.
+  """
+  check_free(out)
+  if diffusion not in DIFFUSIONS:
+    raise ValueError(f"got diffusion {diffusion!r}, expected one of {', '.join(DIFFUSIONS)}")
+  if generator_file is None and (length_file is not None or (tokenizer_file is None) == (rvq_file is None)):
+    raise ValueError("give a tokenizer and a generator, with an RVQ-VAE and a length estimator if there are; or a "
+                     "tokenizer alone, or an RVQ-VAE alone")
+  if generator_file is None:
+    return _write_tokenizer(out, autoencoder(tokenizer_file) if rvq_file is None else rvq(rvq_file), stats)
+  if tokenizer_file is None:
+    raise ValueError("a generator makes latents; give the file of the tokenizer that makes motion of them, too")
+
+  made = autoencoder(tokenizer_file)
+  stats = stats_of(stats, made.fields["features"])
+  gen = generator(generator_file, weights, num_heads)
+  transformer = gen.fields["transformer"]
+  if transformer["latent_dim"] != made.fields["latent_dim"]:
+    raise ValueError(f"the generator makes latents of {transformer['latent_dim']} numbers, those of the tokenizer have "
+                     f"{made.fields['latent_dim']}; they are of different trainings")
+  zeros = np.zeros(made.fields["latent_dim"], np.float32)  # Parity: released latents are not scaled
+  frozen = {"tokenizer": made.params, "latent_mean": zeros, "latent_std": zeros + 1}
+  networks = [made, gen]
+  config = _generator_config(made, gen, stats.layout, diffusion)
+  if rvq_file is not None:
+    prior = rvq(rvq_file)
+    _check_prior(prior, made, transformer)
+    frozen["prior"] = prior.params
+    quantizer = {name: prior.fields.pop(name) for name in ("num_levels", "num_codes")}
+    config |= dict(prior=prior.fields, quantizer=quantizer)
+    networks.append(prior._replace(fields=prior.fields | quantizer))
+    if quantizer["num_codes"] < transformer["num_codes"]:  # Parity: the reference's table is longer than its codebook
+      networks[1] = gen._replace(note=f"token_emb: rows {quantizer['num_codes']} to {transformer['num_codes'] - 1} are "
+                                      "kept and belong to no code")
+  if length_file is not None:
+    estimator = length_estimator(length_file)
+    _, text_dim = estimator.part.shape("output.0.weight", estimator.what, 2)
+    if text_dim != transformer["text_dim"]:
+      raise ValueError(f"the length estimator reads {text_dim} numbers a sentence, the generator "
+                       f"{transformer['text_dim']}; they are of different trainings")
+    frozen["length"], config["length"] = estimator.params, estimator.fields
+    networks.append(estimator)
+  files = text_files(text, transformer["text_dim"], "generator", f"{TEXT} has 512", level="sentence")
+  config["frozen"] = dict(text=str(text or TEXT), tokenizer=checkpoint.FROZEN)
+  write(out, config, networks, gen.params, stats, frozen, files)
+  return networks
+
+
+def _write_tokenizer(out, made, stats):
+  stats = stats_of(stats, made.fields["features"])
+  fields, config = dict(made.fields), dict(frozen={}, data=dict(layout=stats.layout.name))
+  if made.what == "RVQ-VAE":
+    quantizer = {name: fields.pop(name) for name in ("num_levels", "num_codes")}
+    config |= dict(stage="cdamd.rvq", quantizer=quantizer)
+  else:
+    config |= dict(stage="cdamd.autoencoder")
+  write(out, config | dict(model=fields), [made], made.params, stats)
+  return [made]
+
+
+def _check_prior(prior, tokenizer, transformer):
+  if transformer["kind"] == "mardm":
+    raise ValueError("MARDM's generator has no prior; leave the RVQ-VAE out")
+  if prior.fields["features"] != tokenizer.fields["features"]:
+    raise ValueError(f"the RVQ-VAE takes {prior.fields['features']} numbers a frame, the tokenizer "
+                     f"{tokenizer.fields['features']}; they are of different trainings")
+  if prior.fields["num_codes"] > transformer["num_codes"]:
+    raise ValueError(f"the RVQ-VAE has {prior.fields['num_codes']} codes, the generator's table "
+                     f"{transformer['num_codes']} rows; they are of different trainings")
+
+
+def _generator_config(tokenizer, gen, layout, diffusion):
+  """What generating needs to know beside the sizes: the released evaluations' choices (facts: cdamd 6, 10)."""
+  kit, ddpm = layout.skeleton.name == "kit", diffusion == "ddpm"
+  sampler = dict(num_rounds=10, guidance_scale=2.0 if kit else 4.0, order="random", mask="causal", edit_mask="bcm")
+  mask = "dccm"
+  if gen.fields["transformer"]["kind"] == "mardm":
+    mask = "bidirectional"
+    sampler |= dict(num_rounds=18, guidance_scale=2.5 if kit else 4.5, mask=mask, edit_mask=mask)
+  sampler |= dict(solver="ddpm", num_steps=50) if ddpm else dict(solver="midpoint", num_steps=10)
+  data = dict(layout=layout.name, mode="benchmark", min_frames=24 if kit else 40, max_frames=196)
+  config = dict(stage="cdamd.generator", tokenizer=tokenizer.fields, model=gen.fields, data=data,
+                loss=dict(mask=mask, diffusion=diffusion, ddpm_steps=50), sampler=sampler | dict(revealed_only=True))
+  # With how many levels of the prior a CDAMD was trained its tensors do not tell, so not its row either.
+  transformer, rows = gen.fields["transformer"], {}
+  if transformer["kind"] == "mardm" and (transformer["width"], transformer["depth"]) == (1024, 1):
+    rows = {"essential": {"cmdm 6": "MARDM-DDPM" if ddpm else "MARDM-SiT"},
+            "coordinates": {} if ddpm else {"cdamd 1": "MARDM-SiT-XL", "cdamd 3": "MARDM"}}.get(layout.name, {})
+  return config | dict(paper_row=paper_rows.claim(config, rows))

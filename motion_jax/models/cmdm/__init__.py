@@ -1,0 +1,63 @@
+"""CMDM on a page: "Causal Motion Diffusion Models for Autoregressive Motion Generation".
+
+A causal VAE turns motion into latents, four frames each, which see no later frame; it may be aligned with a
+motion-language teacher (`teacher`, `tmr_stage`). A causal diffusion transformer learns to denoise latents that each
+have a noise level of their own. Frame-wise sampling cleans them one after the other, a few steps apart, so that motion
+streams out while it is made.
+
+  features (B, T, F) -> encode_motion -> latents (B, T / 4, C) -> generate -> decode_latents -> features
+
+losses        of the tokenizer
+stages        what is trained, as pure functions
+setup         a config becomes a stage with its data; `teacher_setup` that of the teachers
+streaming     the frame-wise sampler: one step that offline and live sampling share
+sampling      generating and going on, by that step or by the plain loop that it is tested against
+model         ready to use; `multi_prompt` tells several prompts in a row, `live` never ends
+weights       the authors' PyTorch files
+
+Numbers follow the released code; where the paper differs a comment starts with "Parity".
+"""
+from motion_jax.models.cmdm.losses import (
+  DISTANCE_PAIRS,
+  LAST_LAYERS,
+  RECONSTRUCTIONS,
+  align_factor,
+  align_loss,
+  align_ratio,
+  align_terms,
+  gaussian_nll,
+  kl_to_standard_normal,
+  pool_teacher,
+  set_distances,
+  smooth_l1,
+  tokenizer_terms,
+)
+from motion_jax.models.cmdm.sampling import (
+  MotionStream,
+  chain_segment,
+  chained,
+  extend,
+  generate,
+  generate_whole,
+  init_stream,
+  plain_velocity,
+  stream_step,
+  words_of_latents,
+)
+from motion_jax.models.cmdm.stages import (
+  decode_latents,
+  denoiser_shapes,
+  denoiser_stage,
+  encode_latents,
+  encode_motion,
+  frozen_shapes,
+  tokenizer_stage,
+)
+
+__all__ = [
+  "DISTANCE_PAIRS", "LAST_LAYERS", "MotionStream", "RECONSTRUCTIONS", "align_factor", "align_loss", "align_ratio",
+  "align_terms", "chain_segment", "chained", "decode_latents", "denoiser_shapes", "denoiser_stage", "encode_latents",
+  "encode_motion", "extend", "frozen_shapes", "gaussian_nll", "generate", "generate_whole", "init_stream",
+  "kl_to_standard_normal", "plain_velocity", "pool_teacher", "set_distances", "smooth_l1", "stream_step",
+  "tokenizer_stage", "tokenizer_terms", "words_of_latents",
+]

@@ -1,0 +1,135 @@
+"""A motion that never ends: block after block from one step, with words that may change on the way."""
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from motion_jax.models import cmdm
+from motion_jax.models.cmdm import streaming
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.features import root_path, to_joints
+
+_CAPTIONS = 4  # different captions that a window may show before its step is compiled anew, for twice as many
+
+
+class LiveStream:
+  """Yields joints (n, J, 3) block after block; `say` changes what the person does. Made by `Model.stream`.
+
+    stream = model.stream("a person walks", seed=1)
+    for joints in stream:
+      if time_to_rest:
+        stream.say("a person sits down")
+
+  Memory and time per block do not grow. Every block keeps the words that it was begun with, so a stream of changing
+  words is `Model.story`, block by block.
+  """
+
+  def __init__(self, model, plan, scale, keys, prompt, num_frames=None):
+    self._model, self._plan, self._scale, self._keys, self._num_frames = model, plan, scale, keys, num_frames
+    self._constants = streaming.make_constants(model.dit, model.params, plan)
+    self._state = cmdm.init_stream(model.dit, model.vae, plan, model.frozen, keys)
+    self._advances, self._frames, self._path = 0, 0, None
+    self._script = [(0, 0)]  # (block, slot): from that block on the caption of that slot
+    self._bank = [prompt] * _CAPTIONS
+    self._encode()
+
+  def __repr__(self):
+    said = self._bank[self._script[-1][1]]
+    return (f"LiveStream({said!r}: {self._frames} frames so far, {self.block_seconds:g} s a block, "
+            f"{self._model.folder.name})")
+
+  @property
+  def block_seconds(self) -> float:
+    return self._plan.block * self._model.vae.frames_per_latent / self._model.fps
+
+  @property
+  def delay(self) -> float:
+    """Seconds of motion that are under way already: when words said now begin to count, unless `after` says so."""
+    return (self._advances - self._blocks) * self.block_seconds
+
+  @property
+  def _blocks(self):
+    """Blocks that have been given."""
+    return max(self._advances - self._plan.age + 1, 0)
+
+  def say(self, prompt, after=None):
+    """From now on, other words.
+
+    They count for the blocks that have not begun, `delay` seconds from now; a larger lag makes the delay shorter.
+    after: seconds from now instead. If those are fewer, blocks that are under way change words in the midst of their
+    denoising, the less the cleaner they are already; if more, the words wait.
+    """
+    self._model.check_words([prompt])
+    first = self._advances
+    if after is not None:
+      if not np.isfinite(after) or after < 0:
+        raise ValueError(f"got words that count after {after} s, expected 0 or more seconds from now")
+      first = self._blocks + int(np.ceil(after / self.block_seconds - 1e-9))
+    self._script = [entry for entry in self._script if entry[0] < first]
+    oldest = max(self._advances - self._plan.age, 0)  # what older blocks were told matters no more
+    while len(self._script) > 1 and self._script[1][0] <= oldest:
+      del self._script[0]
+    used = {slot for _, slot in self._script}
+    free = next((slot for slot in range(len(self._bank)) if slot not in used), None)
+    if free is None:
+      free = len(self._bank)
+      self._bank += [prompt] * len(self._bank)
+    self._bank[free] = prompt
+    self._script.append((first, free))
+    self._encode()
+
+  def _encode(self):
+    emb, mask = self._model.encode_words(self._bank)
+    self._text = streaming.encode_text(self._model.dit, self._model.params, emb[None], mask[None], self._plan.guided)
+
+  def _captions(self, active):
+    """The slots (1, active) of the window's blocks."""
+    blocks = max(self._advances - self._plan.age, 0) + np.arange(active)
+    starts, slots = (np.array(column) for column in zip(*self._script))
+    return jnp.asarray(slots[np.maximum(np.searchsorted(starts, blocks, side="right") - 1, 0)][None], jnp.int32)
+
+  def __iter__(self):
+    return self
+
+  def __next__(self) -> np.ndarray:
+    if self._num_frames is not None and self._frames >= self._num_frames:
+      raise StopIteration
+    done = False
+    while not done:
+      plan, unit = self._plan, -(-self._plan.width // 2)  # two compiled widths: the start and the rest
+      active = min(-(-min(self._advances + 1, plan.width) // unit) * unit, plan.width)
+      self._state, features, done = self._model.compiled.stream_step(
+          plan, active, self._advances > plan.age, self._model.params, self._model.frozen, self._constants, self._text,
+          self._scale, self._keys, self._state, self._captions(active))
+      self._advances += 1
+      done = self._advances >= plan.age
+    features = self._model.stats.denormalize(np.asarray(features))[0]
+    joints, self._path = _continue_path(features, self._path, self._model.stats.layout)
+    if self._num_frames is not None:
+      joints = joints[:self._num_frames - self._frames]
+    self._frames += len(joints)
+    return joints
+
+
+class _Path(NamedTuple):
+  """Where a stream has got to: the last row of features, its heading (4,) and its place (3,)."""
+  row: np.ndarray
+  heading: np.ndarray
+  place: np.ndarray
+
+
+def _continue_path(features, past, layout):
+  """Joints (n, J, 3) of the next rows of a stream (n, F), going on from where the last ones ended -> (joints, past).
+
+  Heading and place are summed in float64: after an hour's walk they are as exact as at the start.
+  """
+  rows = features if past is None else np.concatenate([past.row, features])
+  joints = to_joints(rows, layout).astype(np.float64)
+  heading, path = root_path(rows, layout)
+  if past is not None:
+    # Seen from the row that old and new rows share: in some layouts a row tells of the step that led to it.
+    place, turn = path[0] * [1, 0, 1], rot.multiply(rot.conjugate(past.heading), heading[0])
+    joints = rot.rotate(turn, joints - place)[1:] + past.place
+    path = rot.rotate(turn, path - place) + past.place
+    heading = rot.multiply(rot.multiply(heading, rot.conjugate(heading[0])), past.heading)
+  return joints.astype(np.float32), _Path(rows[-1:], heading[-1], path[-1] * [1, 0, 1])

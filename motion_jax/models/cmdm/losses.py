@@ -1,0 +1,161 @@
+"""Losses of CMDM's tokenizer: reconstruction, the KL divergence, and alignment with a motion-language teacher."""
+
+import flax
+import jax
+import jax.numpy as jnp
+import optax
+
+from motion_jax import shapes
+from motion_jax.nets.causal_vae import sample_latent
+
+
+def gaussian_nll(prediction, target):
+  """Reconstruction under a Gaussian whose one sigma is the best for this batch; summed over all elements.
+
+  s = log sqrt(mean squared error), softly floored at -6; gradients flow through it (facts: cmdm 2.3).
+  """
+  # Parity: the paper says "standard reconstruction loss"; this likelihood, summed, is the released code's.
+  shapes.check(prediction=(prediction, "BTF"), target=(target, "BTF"))
+  square = (prediction - target) ** 2
+  log_sigma = jnp.log(jnp.maximum(jnp.sqrt(square.mean()), 1e-8))
+  log_sigma = -6 + jax.nn.softplus(log_sigma + 6)
+  # The constant per element is multiplied, not added up: a long float32 sum of equal numbers drifts.
+  return square.sum() / (2 * jnp.exp(2 * log_sigma)) + square.size * (log_sigma + 0.5 * jnp.log(2 * jnp.pi))
+
+
+def smooth_l1(prediction, target):
+  """Reconstruction by SmoothL1 (beta 1), summed over frames and features, averaged over the batch.
+
+  So it weighs against a KL divergence that is summed and averaged alike, as in a VAE's bound.
+  """
+  return optax.huber_loss(prediction, target).sum() / prediction.shape[0]
+
+
+RECONSTRUCTIONS = {"gaussian": gaussian_nll, "smooth_l1": smooth_l1}
+
+
+def kl_to_standard_normal(mean, logvar):
+  """KL divergence to N(0, I), summed over latents and channels, averaged over the batch."""
+  return -0.5 * (1 + logvar - mean ** 2 - jnp.exp(logvar)).sum((1, 2)).mean()
+
+
+def align_terms(student, teacher, cos_margin=0.5, distance_margin=0.25):
+  """Marginal cosine and marginal distance-matrix losses between (B, N, E) and (B, N, E) (facts: cmdm 2.4).
+
+  The first pulls each latent towards its teacher's direction until their cosine is over 1 - cos_margin, the second
+  makes cosines between latents of one window those between the teacher's features, to within distance_margin.
+  """
+  # Parity: the paper writes the second over unprojected latents and the whole set; the code's is inside a window.
+  student, teacher = _unit(student), _unit(teacher)
+  cosine = (student * teacher).sum(-1)
+  mcos = jax.nn.relu(1 - cos_margin - cosine).mean()
+  return mcos, _distance_term(student, teacher, distance_margin)
+
+
+def _unit(a):
+  return a / jnp.maximum(jnp.linalg.norm(a, axis=-1, keepdims=True), 1e-6)
+
+
+def _distance_term(student, teacher, margin):
+  """Mean of what cosines among unit rows (B, N, E) and (B, N, E') of a window differ by beyond the margin."""
+  among = lambda a: jnp.einsum("bie,bje->bij", a, a)
+  return jax.nn.relu(jnp.abs(among(student) - among(teacher)) - margin).mean()
+
+
+def set_distances(latents, teacher, margin=0.25):
+  """The marginal distance-matrix loss of the paper's equation 6: latents (B, N, C) as they are, not projected, and the
+  teacher's features (B, N, E), in pairs over all windows of the micro-batch, (B N)^2 of them."""
+  rows = lambda a: _unit(a.reshape(1, -1, a.shape[-1]))
+  return _distance_term(rows(latents), rows(teacher), margin)
+
+
+DISTANCE_PAIRS = ("window", "set")
+
+
+def align_loss(vae, params, z, teacher, distance_pairs="window"):
+  """(mcos, mdms) of latents z (B, N, C) and the teacher's features (B, N, E) at each.
+
+  distance_pairs: whose cosines the second compares, "window" (`align_terms`) or "set" (`set_distances`).
+  """
+  if distance_pairs not in DISTANCE_PAIRS:
+    raise ValueError(f"got loss.distance_pairs {distance_pairs!r}, expected one of {', '.join(DISTANCE_PAIRS)}")
+  mcos, mdms = align_terms(*vae.apply(params, z, teacher, method="aligned"))
+  return mcos, mdms if distance_pairs == "window" else set_distances(z, teacher)
+
+
+def pool_teacher(features, num_latents):
+  """The teacher's frame features (B, T, E) -> their mean over each latent's frames (B, N, E)."""
+  batch, frames, dim = features.shape
+  if frames % num_latents:
+    # Parity: the code lets the term vanish without a word.
+    raise ValueError(f"got windows of {frames} frames for {num_latents} latents; data.window must be a multiple of the "
+                     "frames of a latent")
+  return features.reshape(batch, num_latents, -1, dim).mean(2)
+
+
+LAST_LAYERS = {"convolution": ("encoder", "conv_out", "conv", "kernel"), "linear": ("encoder", "head", "kernel")}
+
+
+def align_ratio(vae, params, x, noise, teacher, reconstruction="gaussian", distance_pairs="window",
+                last_layer="convolution"):
+  """|d rec / d W| / |d align / d W| at W, the encoder's last convolution, and both norms (facts: cmdm 2.4).
+
+  last_layer "linear": at the linear layer behind it.
+
+  Constants to the gradient. Neither derivative goes deeper than W, so that rec costs one pass back through the decoder,
+  without its parameters' gradients; the forward pass is the loss's own and compiled once.
+  """
+  # Parity: the paper says "the final layer of the encoder"; the code takes the last convolution, not the linear layer.
+  params, x, teacher = jax.lax.stop_gradient((params, x, teacher))
+  path = ("params", *LAST_LAYERS[last_layer])
+  flat = flax.traverse_util.flatten_dict(params)
+
+  def of_kernel(kernel):
+    changed = flax.traverse_util.unflatten_dict({**flat, path: kernel})
+    y, mean, logvar = vae.apply(changed, x, noise)
+    z = sample_latent(mean, logvar, noise)
+    align = sum(align_loss(vae, changed, z, teacher, distance_pairs))
+    return RECONSTRUCTIONS[reconstruction](y.astype(x.dtype), x), align
+
+  (rec, align), pull = jax.vjp(of_kernel, flat[path])
+  norms = [jnp.linalg.norm(pull(seeds)[0]) for seeds in ((jnp.ones_like(rec), jnp.zeros_like(align)),
+                                                         (jnp.zeros_like(rec), jnp.ones_like(align)))]
+  ratio = jnp.clip(norms[0] / jnp.maximum(norms[1], 1e-4), 0, 1e4)
+  return jax.lax.stop_gradient((ratio, *norms))
+
+
+def align_factor(step, config, num_steps):
+  """Factor of the alignment term: from config.align to a tenth of it, linearly, after the ramp of the KL term.
+
+  config.align_fall says by which share of it instead of 0.9; 0 keeps it.
+  """
+  progress = jnp.clip((step - config.kl_ramp) / max(num_steps - config.kl_ramp, 1), 0, 1)
+  return config.align * (1 - config.get("align_fall", 0.9) * progress)
+
+
+def tokenizer_terms(vae, params, x, noise, kl_weight, root_weight, root_columns=slice(0, 4), teacher=None,
+                    align_weight=0.0, adaptive=True, reconstruction="gaussian", **alignment):
+  """Loss terms of one micro-batch x (B, T, F): a dict with rec, root, kl and their weighted sum, loss.
+
+  With teacher (B, N, E), its features at each latent, also mcos, mdms, their sum align, and the weight that it gets:
+  align_weight times the ratio of gradients, or plain if not adaptive. alignment: distance_pairs, last_layer of
+  `align_ratio`.
+  """
+  # Parity: the root term is the code's alone, and its KL weight is 0.01 with a ramp, the paper's 1.0; both are fields.
+  y, mean, logvar = vae.apply(params, x, noise)
+  y = y.astype(x.dtype)
+  measure = RECONSTRUCTIONS[reconstruction]
+  terms = {"rec": measure(y, x), "root": measure(y[..., root_columns], x[..., root_columns]),
+           "kl": kl_to_standard_normal(mean, logvar), "mse": ((y - x) ** 2).mean()}
+  terms["loss"] = terms["rec"] + kl_weight * terms["kl"] + root_weight * terms["root"]
+  if teacher is not None:
+    z = sample_latent(mean, logvar, noise)
+    terms["mcos"], terms["mdms"] = align_loss(vae, params, z, teacher, alignment.get("distance_pairs", "window"))
+    terms["align"] = terms["mcos"] + terms["mdms"]
+    ratio = 1.0
+    if adaptive:
+      ratio, terms["grad_rec"], terms["grad_align"] = align_ratio(vae, params, x, noise, teacher,
+                                                                        reconstruction, **alignment)
+    terms["align_weight"] = jnp.asarray(align_weight * ratio, x.dtype)
+    terms["loss"] += terms["align_weight"] * terms["align"]
+  return terms

@@ -1,0 +1,215 @@
+"""CMDM ready to use: motion from words, several prompts in a row, a motion that goes on, and live streams."""
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from motion_jax.diffusion import samplers
+from motion_jax.inputs.numerals import CONTEXT, STEPS, checked
+from motion_jax.models import cmdm
+from motion_jax.models.base import Prompted, keys_of, plain_fields
+from motion_jax.models.cmdm import ddpm_forcing, streaming
+from motion_jax.models.cmdm import multi_prompt as stories
+from motion_jax.models.cmdm.live import LiveStream
+from motion_jax.models.results import Motion, Motions, captions_in_a_row, go_on, make_motions
+from motion_jax.nets.causal_dit import CausalDiT
+from motion_jax.nets.causal_vae import CausalVAE
+from motion_jax.runtime import cache, timing
+from motion_jax.text.encoder import TextEncoder
+from motion_jax.training import checkpoint
+
+SCHEDULES = ("fss", "ar", "full")
+
+
+class Compiled(NamedTuple):
+  """The functions of `cmdm` that a model runs, compiled on first use for each new shape."""
+  generate: Callable
+  generate_whole: Callable
+  chain_segment: Callable
+  extend: Callable
+  stream_step: Callable
+  encode: Callable
+  decode: Callable
+
+
+def _compile(dit, vae):
+  program = lambda fn, num_static, *modules: cache.Program(fn.__name__, partial(fn, *modules), num_static, modules)
+  return Compiled(
+      generate=program(cmdm.generate, 2, dit, vae), generate_whole=program(cmdm.generate_whole, 2, dit, vae),
+      chain_segment=program(cmdm.chain_segment, 2, dit), extend=program(cmdm.extend, 2, dit),
+      stream_step=program(cmdm.stream_step, 3, dit, vae),
+      encode=program(cmdm.encode_motion, 0, vae), decode=program(cmdm.decode_latents, 0, vae))
+
+
+class Model(Prompted):
+  """CMDM ready to use: prompts in, motion out. Made by `load`."""
+
+  def __init__(self, folder, config, encoder: TextEncoder, raw=False):
+    checkpoint.demand(config, folder, data__max_frames=(1, 100_000), data__max_words=(1, 10_000),
+                      sampler__num_steps=(1, 10_000), sampler__lag=(1, 10_000), sampler__guidance_scale=(-1e3, 1e3))
+    self.vae = CausalVAE(**plain_fields(config.tokenizer))
+    self.dit = CausalDiT(**plain_fields(config.model))
+    super().__init__(folder, config, encoder, self.dit.text_dim, self.vae.frames_per_latent,
+                     cache.kept_shapes("cmdm.frozen", self.vae, lambda: cmdm.frozen_shapes(self.vae)),
+                     cache.kept_shapes("cmdm.denoiser", self.dit, lambda: cmdm.denoiser_shapes(self.dit)), raw)
+    self.context = config.data.max_frames // self.vae.frames_per_latent // self.dit.block * self.dit.block
+    self.compiled = _compile(self.dit, self.vae)
+
+  # --- motion ----------------------------------------------------------------------------------------------------
+
+  def generate(self, prompts, num_frames=None, *, seconds=None, rng=None, seeds=None, polish=True, guidance_scale=None,
+               schedule=None, num_steps=None, lag=None, solver=None, context=None) -> Motions:
+    """Motions for one prompt or several, of the given length each (one number or one per prompt).
+
+    rng: a key, of which prompt i gets fold_in(rng, i), so that a motion does not depend on its batch-mates; or seeds,
+    one integer per prompt. schedule: "fss" (frame-wise, `lag` steps between blocks), "ar" (block after block), "full"
+    (all at once); by default the model's own. solver: "euler" or "heun"; of a model with a DDPM's noise "ancestral" or
+    "ddim". context: latents that a latent looks back on (the training length).
+    Without a length it is that of the nearest training captions. polish plants standing feet and takes tremor away
+    (`motion.polish`); features stay as they were made. Raises ValueError for an empty prompt or a length that is not
+    positive or over an hour.
+    """
+    prompts = self.prompts_of(prompts)
+    frames = self.frames_of(prompts, num_frames, seconds)
+    keys, seeds = keys_of(rng, seeds, len(prompts))
+    plan, scale, about = self.plan_of(guidance_scale, schedule, num_steps, lag, solver, context)
+    # Whole blocks are independent of what follows them; a few more of them spare a compilation for every new length.
+    blocks = -(-max(frames) // (plan.block * self.vae.frames_per_latent * 4)) * 4
+    plan = plan._replace(context=min(plan.context, max(self.context, blocks * plan.block)))  # no more than there is
+    run = self.compiled.generate if plan.lag else self.compiled.generate_whole
+    if not plan.lag:
+      plan = plan._replace(context=max(plan.context, blocks * plan.block))
+    with timing.part("text"):
+      words = self.encode_words(prompts)
+    made = run(plan.fitted(blocks), blocks, self.params, self.frozen, *words, scale, keys)
+    captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
+    return make_motions(self, made, frames, captions, seeds, about, polish)
+
+  def story(self, segments, *, rng=None, seed=None, way="stream", polish=True, **sampling) -> Motion:
+    """One motion from several prompts in a row: [("a person walks", 4.0), ("he sits down", None), ...], in seconds.
+
+    None is the length of similar training clips. See `stories`; sampling: guidance_scale, schedule, num_steps, lag,
+    solver, context as in `generate`.
+    """
+    seeds = None if seed is None else [seed]
+    return self.stories([segments], rng=rng, seeds=seeds, way=way, polish=polish, **sampling)[0]
+
+  def stories(self, tales, *, rng=None, seeds=None, way="stream", polish=True, **sampling) -> Motions:
+    """Several `story`s in one batch, which none of them knows of. The captions of a motion say when each prompt plays.
+
+    way: "stream" changes the words from block to block of one run, in which the old prompt's last blocks and the new
+    one's first are denoised together; prompts then change on a grid of whole blocks (12 frames), to which lengths are
+    rounded, and the end is cut to the sum that was asked. "chain" is the released code's: one run per prompt behind the
+    last latent of the one before, lengths floored to whole latents (4 frames).
+    """
+    tales = [self._segments(tale) for tale in tales]
+    if not tales:
+      raise ValueError("got no story")
+    if way not in stories.WAYS:
+      raise ValueError(f"got way {way!r}, expected one of {', '.join(stories.WAYS)}")
+    keys, seeds = keys_of(rng, seeds, len(tales))
+    plan, scale, about = self.plan_of(**sampling)
+    prompts, counts = ([list(part) for part in parts] for parts in zip(*(zip(*tale) for tale in tales)))
+    make = stories.stream if way == "stream" else stories.chain
+    made, totals, ends = make(self, plan, scale, prompts, counts, keys)
+    captions = [captions_in_a_row(*tale, self.fps) for tale in zip(prompts, ends)]
+    return make_motions(self, made, totals, captions, seeds, about | {"way": way}, polish)
+
+  def extend(self, clip, prompt, num_frames=None, *, seconds=None, past_prompt=None, rng=None, seed=None, way="stream",
+             num_past=None, polish=True, **sampling) -> Motion:
+    """Goes on from a motion that exists, a Clip of any source (`motion_jax.export.load` reads files): all of it, whole.
+
+    prompt: a sentence, or segments as for `story`. The clip's own frames come back as they were, resampled if its rate
+    is another, retargeted if its bones are; the new ones begin where it ends. past_prompt: what the clip shows (its
+    own caption, else the new prompt). way: "stream" keeps the clip's last num_past latents (as many as the context
+    holds) clean in the cache; "chain" is the released code's, 1 latent that is noised anew in every step.
+    """
+    if way not in stories.WAYS:
+      raise ValueError(f"got way {way!r}, expected one of {', '.join(stories.WAYS)}")
+    if num_past is not None and num_past < 1:
+      raise ValueError(f"got num_past {num_past}, expected 1 latent or more to go on from")
+    if isinstance(prompt, str):
+      self.check_words([prompt])
+      segments = [(prompt, self.frames_of([prompt], num_frames, seconds)[0])]
+    else:
+      segments = self._segments(prompt)
+    keys, seeds = keys_of(rng, None if seed is None else [seed], 1)
+    plan, scale, about = self.plan_of(**sampling)
+    prompts, counts = ([*part] for part in zip(*segments))
+    past = stories.on_our_body(clip, self.fps, self.stats.layout.skeleton)
+    known = [caption.text for caption in clip.captions if caption.text.strip()]
+    past_prompt = past_prompt or (known[-1] if known else prompts[0])
+    new, ends = stories.extend(self, plan, scale, past, past_prompt, prompts, counts, keys, way, num_past, polish)
+    about |= dict(prompt=" | ".join(prompts), seed=seeds[0], way=way, polished=bool(polish), past_prompt=past_prompt)
+    return go_on(self, clip, past, new, captions_in_a_row(prompts, ends, self.fps), about)
+
+  def stream(self, prompt, *, rng=None, seed=None, num_frames=None, **sampling) -> LiveStream:
+    """Yields joints (n, J, 3) block after block, without end unless num_frames says so; memory stays flat.
+
+    `say` changes the words while it runs, see `LiveStream`. Driven by the very step that `generate` and `stories` run:
+    the same key gives the same motion, before polishing, which looks at whole clips.
+    """
+    self.check_words([prompt])
+    keys, _ = keys_of(rng, None if seed is None else [seed], 1)
+    plan, scale, _ = self.plan_of(**sampling)
+    if not plan.lag:
+      raise ValueError("got schedule 'full': a stream runs by schedule 'fss' or 'ar'")
+    if num_frames is not None:
+      self.frames_of([prompt], num_frames, None)
+    return LiveStream(self, plan, scale, keys, prompt, num_frames)
+
+  def plan_of(self, guidance_scale=None, schedule=None, num_steps=None, lag=None, solver=None, context=None):
+    """(plan for motions of any length, guidance scale, what a file says of both) from choices and the config's own.
+
+    schedule "fss", "ar" or "full"; num_steps and lag of "fss"; solver "euler" or "heun", or "ancestral" or "ddim" where
+    the model was trained on a DDPM's noise; context in latents.
+    """
+    defaults = self.config.sampler
+    scale = self.scale_of(guidance_scale)
+    schedule = defaults.get("schedule", "fss") if schedule is None else schedule  # older runs do not say
+    if schedule not in SCHEDULES:
+      raise ValueError(f"got schedule {schedule!r}, expected one of {', '.join(SCHEDULES)}")
+    known = ddpm_forcing.SOLVERS if self.dit.predicts == "ddpm" else tuple(samplers.SOLVERS)
+    solver = solver or defaults.get("solver", known[0])
+    if solver not in known:
+      raise ValueError(f"got solver {solver!r}, this model knows {', '.join(known)}: it was trained to predict "
+                       f"{'the noise of a DDPM' if self.dit.predicts == 'ddpm' else 'a velocity'}")
+    num_steps = checked(defaults.num_steps if num_steps is None else num_steps, *STEPS, "num_steps")
+    lag = defaults.lag if lag is None else checked(lag, *STEPS, "lag")
+    lag = {"fss": int(lag), "ar": num_steps, "full": 1}[schedule]
+    context = self.context if context is None else checked(context, *CONTEXT, "context", "latents")
+    plan = streaming.make_plan(num_steps, lag, self.dit.block, context, guided=scale != 1.0, solver=solver)
+    if schedule == "full":
+      plan = plan._replace(lag=0)
+    return plan, scale, dict(guidance_scale=scale, model=self.id, schedule=schedule, num_steps=num_steps, lag=plan.lag,
+                             solver=solver, context=context)
+
+  def _segments(self, tale):
+    """[(prompt, frames)] of a story's [(prompt, seconds or None)]."""
+    if isinstance(tale, str) or not len(tale) or any(isinstance(part, str) or len(part) != 2 for part in tale):
+      raise ValueError(f"got the story {tale!r}, expected a list of (prompt, seconds or None)")
+    self.check_words([prompt for prompt, _ in tale])
+    frames = [self.frames_of([prompt], None, seconds)[0] for prompt, seconds in tale]
+    if sum(frames) > self.max_seconds * self.fps:
+      raise ValueError(f"got a story of {sum(frames) / self.fps:.0f} s, expected at most {self.max_seconds:.0f}; a "
+                       "stream has no end")
+    return list(zip([prompt for prompt, _ in tale], frames))
+
+  def reconstruct(self, features):
+    """Features (T, F) there and back through the tokenizer, T cut to whole latents."""
+    unit = self.vae.frames_per_latent
+    x = self.stats.normalize(np.asarray(features))[None, :len(features) // unit * unit]
+    mean, _ = self.vae.apply(self.frozen["tokenizer"], jnp.asarray(x), method="encode")
+    return self.stats.denormalize(np.asarray(self.vae.apply(self.frozen["tokenizer"], mean, method="decode")))[0]
+
+  def encode_words(self, prompts):
+    """(text_emb, text_mask) padded to the width of everyday prompts, so that none of those waits for a compiler.
+
+    Longer ones are padded to twice that, four times, ...: each width is compiled once.
+    """
+    everyday = -(-self.config.data.max_words // 8) * 8
+    emb, mask = self.encoder(prompts, at_least=everyday)
+    missing = max(everyday - emb.shape[1], 0)  # of a sentence, which is one row
+    return np.pad(emb, ((0, 0), (0, missing), (0, 0))), np.pad(mask, ((0, 0), (0, missing)))

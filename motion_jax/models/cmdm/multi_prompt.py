@@ -1,0 +1,169 @@
+"""Motions that are more than one sentence: several prompts in a row, or a motion that goes on from an existing one.
+
+Both run on whole clips; `streams` is the live form. Prompts change on a grid of blocks (3 latents, 12 frames, 0.6 s).
+"""
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from motion_jax.models.cmdm import streaming
+from motion_jax.motion.cleanup import polish as planted
+from motion_jax.motion.features import to_features, to_joints
+
+WAYS = ("stream", "chain")
+_BUCKET = 4         # blocks; lengths are rounded up to it, so that not every length waits for a compiler
+_FADE = 12          # frames over which a generated body comes away from where the given one ended
+_ALIGN = 6          # frames of the past by which the two are laid over each other
+
+
+def borders(frames, unit):
+  """(blocks that each segment has, total frames): ends rounded to the nearest block, at least one block each.
+
+  The last segment's blocks reach the total, which is cut to what was asked.
+  """
+  ends = np.cumsum(frames) / unit
+  made, blocks = 0, []
+  for end in ends[:-1]:
+    blocks.append(max(int(np.floor(end + 0.5)) - made, 1))
+    made += blocks[-1]
+  blocks.append(max(int(np.ceil(ends[-1] - 1e-9)) - made, 1))
+  total = int(sum(frames))
+  return blocks, total if total > (sum(blocks) - 1) * unit else sum(blocks) * unit
+
+
+def captions_of(model, stories):
+  """Words of all captions of each story: text_emb (B, G, S, E), text_mask (B, G, S), G a power of two."""
+  count = 1 << (max(map(len, stories)) - 1).bit_length()
+  padded = [list(story) + [story[-1]] * (count - len(story)) for story in stories]
+  names = list(dict.fromkeys(prompt for story in padded for prompt in story))
+  emb, mask = model.encode_words(names)
+  index = jnp.asarray([[names.index(prompt) for prompt in story] for story in padded])
+  return emb[index], mask[index]
+
+
+def _segments(blocks, num_blocks):
+  """(B, num_blocks): which segment each block is in; what is beyond a story is its last segment's."""
+  rows = [np.repeat(np.arange(len(counts)), counts) for counts in blocks]
+  return np.stack([np.pad(row, (0, num_blocks - len(row)), mode="edge") for row in rows]).astype(np.int32)
+
+
+def stream(model, plan, scale, prompts, frames, keys):
+  """Stories in one run whose text changes from block to block: features, frames and ends of each.
+
+  prompts, frames: lists of lists, a story each. -> (normalized features (B, T, F), total frames per story, lists of the
+  frames at which segments end).
+  """
+  unit = plan.block * model.vae.frames_per_latent
+  blocks, totals = zip(*(borders(counts, unit) for counts in frames))
+  num_blocks = -(-max(map(sum, blocks)) // _BUCKET) * _BUCKET
+  segment = _segments(blocks, num_blocks)
+  plan = plan._replace(context=min(plan.context, max(model.context, num_blocks * plan.block)))
+  plan = plan.fitted(num_blocks)._replace(captions=streaming.captions_seen(segment, plan.fitted(num_blocks).width))
+  run = model.compiled.generate if plan.lag else model.compiled.generate_whole
+  features = run(plan, num_blocks, model.params, model.frozen, *captions_of(model, prompts), scale, keys,
+                 jnp.asarray(segment))
+  ends = [np.minimum(np.cumsum(counts) * unit, total).tolist() for counts, total in zip(blocks, totals)]
+  return features, totals, ends
+
+
+def chain(model, plan, scale, prompts, frames, keys, num_past=1):
+  """Stories as the released code makes them, segment by segment: see `stream` for what comes and goes.
+
+  Each segment is sampled by itself behind the last num_past latents of the one before, which are noised anew in every
+  step, with its own caption only; all latents are decoded in one pass (facts: cmdm 5.6).
+  """
+  unit = model.vae.frames_per_latent
+  counts = [[max(1, int(number) // unit) for number in story] for story in frames]
+  made = [np.concatenate(parts) for parts in _chained(model, plan, scale, prompts, counts, [[] for _ in counts], keys,
+                                                      num_past)]
+  longest = -(-max(map(len, made)) // 12) * 12
+  latents = np.stack([np.pad(z, ((0, longest - len(z)), (0, 0))) for z in made])
+  ends = [(np.cumsum(story) * unit).tolist() for story in counts]
+  return model.compiled.decode(model.frozen, latents), [story[-1] for story in ends], ends
+
+
+def _chained(model, plan, scale, prompts, counts, made, keys, num_past):
+  """Lists of latents (N, C), one per segment of each story, behind those that are in `made` already."""
+  if plan.solver != "euler":
+    raise ValueError(f"got solver {plan.solver!r}: the chained way noises afresh in every step and knows only euler")
+  emb, mask = captions_of(model, prompts)
+  made = [list(parts) for parts in made]
+  for i in range(max(map(len, counts))):
+    lengths = np.array([story[i] if i < len(story) else 1 for story in counts])  # a story that has ended idles
+    given = num_past if made[0] else 0
+    longest = -(-int(lengths.max()) // (_BUCKET * plan.block)) * _BUCKET * plan.block
+    past = [np.concatenate(parts)[-given:] if given else np.zeros((0, model.dit.latent_dim), np.float32)
+            for parts in made]
+    if min(map(len, past)) < given:
+      raise ValueError(f"got a first segment of {min(map(len, past))} latents, the next one looks at {given}")
+    at = min(i, emb.shape[1] - 1)
+    segment_keys = jax.vmap(lambda key, i=i: jax.random.fold_in(key, i))(keys)
+    latents = model.compiled.chain_segment(plan, given + longest, model.params, emb[:, at], mask[:, at], scale,
+                                           jnp.asarray(lengths), np.stack(past), segment_keys)
+    for parts, row, story in zip(made, np.asarray(latents), counts):
+      if i < len(story):
+        parts.append(row[:story[i]])
+  return made
+
+
+# --- going on from a motion that exists --------------------------------------------------------------------------
+
+
+def encode_past(model, joints, count):
+  """Clean latents (1, P, C) of the last frames of joints (T, J, 3), as many as there are up to `count`."""
+  unit = model.vae.frames_per_latent
+  if len(joints) < max(unit, 3):
+    raise ValueError(f"got a motion of {len(joints)} frames, expected {max(unit, 3)} or more to go on from")
+  # A row of features looks one frame ahead: the body is taken to go on as it does for one frame more.
+  ahead = np.concatenate([joints, 2 * joints[-1:] - joints[-2:-1]])
+  features = model.stats.normalize(to_features(ahead, model.stats.layout, model.config.data.mode))
+  count = min(count, len(features) // unit)
+  return model.compiled.encode(model.frozen, jnp.asarray(features[None, -count * unit:]))
+
+
+def extend(model, plan, scale, joints, past_prompt, prompts, frames, keys, way="stream", num_past=None, polish=True):
+  """What comes after joints (T, J, 3): (joints (N, J, 3) in the same place, frames at which segments end).
+
+  The new latents are decoded behind those of the past, laid over the given body where it ended, and what is left of a
+  difference there (the tokenizer's error, millimetres to centimetres) fades over 12 frames.
+  """
+  if not plan.lag:
+    raise ValueError("got schedule 'full': a motion goes on by schedule 'fss' or 'ar'")
+  known, unit = encode_past(model, joints, plan.context), model.vae.frames_per_latent
+  past = known[:, -(num_past or (plan.context if way == "stream" else 1)):]
+  given = past.shape[1]
+  if way == "stream":
+    blocks, total = borders(frames, plan.block * unit)
+    num_blocks, old = -(-sum(blocks) // _BUCKET) * _BUCKET, -(-given // (_BUCKET * plan.block)) * _BUCKET
+    segment = _segments([blocks], num_blocks) + 1  # caption 0 is the past's
+    plan = plan.fitted(num_blocks)
+    plan = plan._replace(captions=streaming.captions_seen(segment, plan.width))
+    padded = jnp.pad(past, ((0, 0), (old * plan.block - given, 0), (0, 0)))
+    text = captions_of(model, [[past_prompt, *prompts]])
+    new = model.compiled.extend(plan, num_blocks, model.params, *text, scale, keys, padded, given,
+                                jnp.asarray(segment), jnp.zeros((1, old), jnp.int32))
+    ends = np.minimum(np.cumsum(blocks) * plan.block * unit, total)
+  else:
+    counts = [max(1, int(number) // unit) for number in frames]
+    parts = _chained(model, plan, scale, [prompts], [counts], [[np.asarray(past[0])]], keys, given)[0]
+    new, ends = np.concatenate(parts[1:])[None], np.cumsum(counts) * unit
+  whole = model.compiled.decode(model.frozen, jnp.concatenate([known, jnp.asarray(new)], axis=1))
+  border = known.shape[1] * unit
+  features = model.stats.denormalize(np.asarray(whole))[0, :border + int(ends[-1])]
+  shadow = to_joints(features, model.stats.layout)
+  if polish and model.stats.layout.kind == "full":
+    shadow = planted(shadow, features[:, model.stats.layout["contacts"]], model.stats.layout.skeleton)
+  return _laid_over(shadow.astype(np.float64), joints, border).astype(np.float32), ends.tolist()
+
+
+def _laid_over(shadow, joints, count):
+  """The frames of shadow after its first `count`, which repeat the end of joints, moved to go on from there."""
+  near = min(_ALIGN, count)
+  ours, theirs = shadow[count - near:count], joints[-near:]
+  centre, aim = ours.mean((0, 1)), theirs.mean((0, 1))
+  a, b = ((body - middle)[..., [0, 2]].reshape(-1, 2) for body, middle in ((ours, centre), (theirs, aim)))
+  angle = np.arctan2((a[:, 1] * b[:, 0] - a[:, 0] * b[:, 1]).sum(), (a * b).sum())  # about y, from z to x
+  turn = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
+  moved = (shadow[count - 1:] - centre) @ turn.T + aim
+  fade = (1 + np.cos(np.pi * np.clip(np.arange(len(moved)) / _FADE, 0, 1))) / 2
+  return (moved + fade[:, None, None] * (joints[-1] - moved[0]))[1:]

@@ -1,0 +1,131 @@
+"""Motion from CMDM's denoiser: frame-wise sampling, the plain loop it is tested against, and a stream's step."""
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from motion_jax.diffusion import guidance, samplers, schedules
+from motion_jax.models.cmdm import continuation, ddpm_forcing, streaming
+from motion_jax.models.cmdm.stages import decode_latents
+from motion_jax.nets.masks import padding_mask, sliding_mask
+
+
+def generate(dit, vae, plan, num_blocks, params, frozen, text_emb, text_mask, scale, keys, segment=None):
+  """Normalized features (B, frames, F) of num_blocks blocks, by frame-wise sampling (lag < num_steps) or block after
+  block (lag = num_steps). keys (B,): one per motion. Pure; dit, vae, plan and num_blocks are static.
+
+  With segment (B, num_blocks), text_emb (B, G, S, E) and text_mask (B, G, S) are G captions a motion, and segment says
+  which of them each block has; plan.captions is that of `streaming.captions_seen`.
+  """
+  constants = streaming.make_constants(dit, params, plan)
+  text = streaming.encode_text(dit, params, text_emb, text_mask, plan.guided)
+  latents = streaming.sample(dit, plan, params, constants, text, scale, keys, num_blocks, segment=segment)
+  return decode_latents(vae, frozen, latents)
+
+
+def generate_whole(dit, vae, plan, num_blocks, params, frozen, text_emb, text_mask, scale, keys, segment=None):
+  """The same by the plain loop over all latents at once; a plan of lag 0 cleans them all together.
+
+  What `generate` is tested against, and the full-sequence schedule of the paper's ablation.
+  """
+  length = num_blocks * plan.block
+  noise = jnp.concatenate([streaming.block_noise(keys, i, plan, dit.latent_dim) for i in range(num_blocks)], axis=1)
+  if segment is not None:
+    text_emb, text_mask = words_of_latents(text_emb, text_mask, jnp.repeat(segment, plan.block, axis=1))
+  attn_mask = sliding_mask(length, plan.block, plan.context)
+  velocity = plain_velocity(dit, params, text_emb, text_mask, attn_mask, scale, plan.guided)
+  if plan.solver in ddpm_forcing.SOLVERS:
+    # Parity: algorithm 2 of the paper, whose steps draw fresh noise; the code's, and our default, are Euler's.
+    levels = schedules.staircase_levels(plan.num_steps, length, plan.lag, plan.block)
+    steps, blocks = ddpm_forcing.make_steps(plan.num_steps, plan.solver), jnp.arange(num_blocks)
+    fresh = lambda now: streaming.fresh_noise(keys, blocks, now[::plan.block], plan, dit.latent_dim)
+    return decode_latents(vae, frozen, ddpm_forcing.sample(velocity, noise, levels, steps, fresh))
+  times = jnp.asarray(schedules.staircase(plan.num_steps, length, plan.lag, plan.block))
+  return decode_latents(vae, frozen, samplers.SOLVERS[plan.solver](velocity, noise, times))
+
+
+def words_of_latents(text_emb, text_mask, segment):
+  """Words (B, G * S, E) and mask (B, L, G * S) that show each latent its own of G captions; segment (B, L)."""
+  batch, count, words, _ = text_emb.shape
+  mask = text_mask[:, None] & (segment[:, :, None, None] == jnp.arange(count)[:, None])
+  return text_emb.reshape(batch, count * words, -1), mask.reshape(mask.shape[:2] + (-1,))
+
+
+def plain_velocity(dit, params, text_emb, text_mask, attn_mask, scale, guided=True):
+  """velocity(x, t (L,)) of the network as it is, everything computed anew in every call."""
+  def velocity(x, t, drop):
+    twice = lambda a: jnp.concatenate([a, a]) if drop.shape[0] > a.shape[0] > 1 else a
+    emb = jnp.where(drop[:, None, None], 0.0, jnp.concatenate([text_emb] * (drop.shape[0] // text_emb.shape[0])))
+    mask = jnp.concatenate([text_mask] * (drop.shape[0] // text_mask.shape[0]))
+    return dit.apply(params, x, jnp.broadcast_to(t, x.shape[:2]), emb, twice(attn_mask), mask)
+
+  if guided:
+    return guidance.guided(velocity, scale)
+  return lambda x, t: velocity(x, t, jnp.zeros(x.shape[0], bool))
+
+
+def chained(dit, plan, params, text_emb, text_mask, scale, lengths, past, noise, fresh, times=None):
+  """New latents (B, N, C) behind a past (B, P, C) as the released code makes them: plain recompute, past re-noised.
+
+  noise (B, P + N, C) and fresh(m) alike: see `continuation.renoised`; lengths (B,) of the new latents, those beyond
+  mean nothing. P = 0 is the first segment of a chain, an ordinary run. Positions start anew in every segment, and
+  blocks count from the window's start.
+  """
+  length, given = noise.shape[1], past.shape[1]
+  if times is None:
+    times = jnp.asarray(schedules.staircase(plan.num_steps, length, plan.lag, plan.block))
+  context = plan.context + -(-given // plan.block) * plan.block  # the past comes on top, 1 + 48 in the code
+  attn_mask = sliding_mask(length, plan.block, context) & padding_mask(given + lengths, length)[:, None, None, :]
+  velocity = plain_velocity(dit, params, text_emb, text_mask, attn_mask, scale, plan.guided)
+  if not given:
+    return samplers.euler(velocity, noise, times)
+  return continuation.renoised(velocity, noise, times, past, fresh)[:, given:]
+
+
+def chain_segment(dit, plan, length, params, text_emb, text_mask, scale, lengths, past, keys):
+  """`chained` for a window of `length`, past included; its noise belongs to a motion's key and a latent's place."""
+  def fresh(m):
+    keys_now = jax.vmap(lambda key: jax.random.fold_in(key, m))(keys)
+    blocks = [streaming.block_noise(keys_now, i, plan, dit.latent_dim) for i in range(-(-length // plan.block))]
+    return jnp.concatenate(blocks, axis=1)[:, :length]
+
+  return chained(dit, plan, params, text_emb, text_mask, scale, lengths, past, fresh(0), lambda m: fresh(m + 1))
+
+
+def extend(dit, plan, num_blocks, params, text_emb, text_mask, scale, keys, past, count, segment, past_segment):
+  """Clean latents (B, num_blocks * block, C) that go on from the last `count` of past (B, P, C), itself clean.
+
+  The past is kept at t = 1 in the cache. text_emb (B, G, S, E), text_mask (B, G, S); segment (B, num_blocks) and
+  past_segment (B, P / block) say which caption each block has.
+  """
+  # Parity: the paper's clean past in the context (equation 12); `chained` is what the code does instead.
+  constants = streaming.make_constants(dit, params, plan)
+  text = streaming.encode_text(dit, params, text_emb, text_mask, plan.guided)
+  state = streaming.prime(dit, plan, params, constants, text, past, count, streaming.init_stream(dit, plan, keys),
+                          past_segment)
+  return streaming.sample(dit, plan, params, constants, text, scale, keys, num_blocks, segment=segment, state=state)
+
+
+class MotionStream(NamedTuple):
+  """State of a stream of motion: latents in denoising, and the decoder's memory."""
+  latents: streaming.Stream
+  decoder: Any
+
+
+def init_stream(dit, vae, plan, frozen, keys) -> MotionStream:
+  decoder = vae.apply(frozen["tokenizer"], keys.shape[0], method="init_decode_state")
+  return MotionStream(streaming.init_stream(dit, plan, keys), decoder)
+
+
+def stream_step(dit, vae, plan, active, use_cache, params, frozen, constants, text, scale, keys, state, caption=None):
+  """One block further -> (state, normalized features (B, frames of a block, F), done), the step of `generate`.
+
+  caption (B, active): which of the captions in text the blocks of the window have, see `streaming.advance`. Until done
+  is true the features mean nothing and the decoder has not moved.
+  """
+  latents, block, done = streaming.advance(dit, plan, active, use_cache, params, constants, text, scale, keys,
+                                           state.latents, caption)
+  z = block * frozen["latent_std"] + frozen["latent_mean"]
+  features, decoder = vae.apply(frozen["tokenizer"], z, state.decoder, method="decode_step")
+  decoder = jax.tree.map(lambda new, old: jnp.where(done, new, old), decoder, state.decoder)
+  return MotionStream(latents, decoder), features, done

@@ -1,0 +1,227 @@
+"""Recipes of CMDM: how its teacher, its tokenizer and its denoiser are trained."""
+
+import jax
+import numpy as np
+
+from motion_jax.data import batches, sources
+from motion_jax.data.captions import vary_subject
+from motion_jax.evaluators.validation import reconstruction_fid
+from motion_jax.metrics.scores import retrieval
+from motion_jax.models import cmdm
+from motion_jax.models.cmdm import teacher as teacher_lib
+from motion_jax.models.cmdm import teacher_setup as teachers
+from motion_jax.models.cmdm import tmr_stage as tmr
+from motion_jax.motion import stats as stats_lib
+from motion_jax.nets.causal_vae import CausalVAE, sample_latent
+from motion_jax.text import bert
+from motion_jax.text.bert import bert_fields_of
+from motion_jax.text.encoder import load_text_encoder
+from motion_jax.training import checkpoint
+from motion_jax.training.setup import (
+  Recipe,
+  caption_lengths,
+  held_out,
+  one_clip_per_caption,
+  plain,
+  reconstruction_error,
+  text_identity,
+  untrained,
+)
+
+FRESH_TEXT = bert.bert_fields(dict(model_type="distilbert", vocab_size=4, dim=8, n_layers=1, n_heads=1, hidden_dim=8))
+
+
+def tokenizer(config) -> Recipe:
+  data = sources.load_features(config.data, captioned=False)
+  windows = batches.Windows(data.features, config.data.window, config.data.stride)
+  validation = held_out(config, data.stats).features
+  vae = CausalVAE(**config.model)
+  reconstruct = jax.jit(lambda params, x: vae.apply(params, vae.apply(params, x, method="encode")[0], method="decode"))
+
+  drawn = jax.jit(lambda params, x, key: draw(vae, params, x, key))
+  fid = None
+  if config.frozen.get("evaluator"):
+    fid = reconstruction_fid(config.frozen.evaluator, validation, data.stats)
+
+  def evaluate(params):
+    found = {"held_out_mm": round(reconstruction_error(lambda x: reconstruct(params, x), validation, data.stats), 2)}
+    if fid is not None:  # Parity: of drawn latents, as the released evaluation has it; the same draws at every save
+      key = jax.random.key(config.seed)
+      found["held_out_fid"] = round(fid(lambda x, i: drawn(params, x, jax.random.fold_in(key, i))), 5)
+    return found
+
+  def next_batch(step):
+    return windows.batch(config.data.batch_size, config.seed, step)
+
+  frozen = {}
+  if config.frozen.get("teacher"):
+    frozen["teacher"], view = load_teacher(config, data.stats)
+    if view is not None:
+      frozen["teacher_view"] = view
+  return Recipe(cmdm.tokenizer_stage(config), next_batch, frozen, evaluate, data.stats, {})
+
+
+def draw(vae, params, x, key):
+  """Motions x (B, T, F) there and back by a latent that is drawn, not its mean."""
+  mean, logvar = vae.apply(params, x, method="encode")
+  z = sample_latent(mean, logvar, jax.random.normal(key, mean.shape))
+  return vae.apply(params, z, method="decode")
+
+
+def load_teacher(config, stats):
+  """(parameters of the teacher's motion side, `teachers.view_of` it) from a run folder ("fresh": untrained); its fields
+  are put into config.teacher, and where its weights came from into config.taught_by.
+
+  Raises ValueError where it cannot read the features that the tokenizer is given.
+  """
+  folder = config.frozen.teacher
+  if folder == "fresh":
+    fields, said = dict(config.teacher), {"weights": "untrained"}
+    own = fields.get("layout", stats.layout.name)
+    view = None if own == stats.layout.name else teachers.view_of(stats, teachers.plain_stats(own), folder)
+  else:
+    run = checkpoint.load_config(folder)
+    if run.get("stage") != "cmdm.teacher":
+      raise ValueError(f"{folder} holds a {run.get('stage')!r} run, expected one of stage 'cmdm.teacher'")
+    fields, said = run.model.to_dict(), run.get("origin", {})
+    said = {"kind": fields.get("kind", "part_tmr"), **said}
+    theirs = stats_lib.load_stats(folder, run.data.layout)
+    view = teachers.view_of(stats, theirs, folder)
+    if theirs.layout != stats.layout:
+      fields["layout"] = theirs.layout.name
+  with config.unlocked():
+    config.taught_by = said
+  teacher = teacher_lib.make_teacher(fields, config.data.layout)
+  if teacher.dim != config.model.teacher_dim:
+    raise ValueError(f"the teacher gives {teacher.dim} numbers a frame, config.model.teacher_dim is "
+                     f"{config.model.teacher_dim}; make them agree")
+  with config.unlocked():
+    config.teacher = fields  # with it the run folder says what its latents were aligned with
+  own_layout = fields.get("layout", config.data.layout)
+  if folder == "fresh":
+    shapes = teacher_lib.teacher_shapes(teacher, FRESH_TEXT, own_layout)
+    return teacher_lib.motion_side(teacher, untrained({"motion": shapes["motion"]})), view
+  params = checkpoint.load_params(folder)
+  shapes = teacher_lib.teacher_shapes(teacher, run.text, own_layout)
+  checkpoint.check_fits(params, shapes, f"the teacher in {folder} does not fit its config")
+  return teacher_lib.motion_side(teacher, params), view
+
+
+def denoiser(config) -> Recipe:
+  folder = config.frozen.tokenizer
+  vae, params, stats = load_tokenizer(folder, config)
+  data = sources.load_features(config.data, stats=stats)
+  weights = None
+  if config.data.balance:
+    weights = batches.balance_weights(data.groups, config.data.balance)
+  rules = {name: config.data[name] for name in ("crop_frames", "keep_long", "coin") if name in config.data}
+  items = batches.TextItems(data.features, data.captions, config.data.min_frames, config.data.max_frames,
+                            tuple(config.data.lengths), weights=weights, **rules)
+  encoder = load_text_encoder(config.frozen.text, level=config.frozen.get("text_level", "words"))
+  encoder.check(caption for captions in data.captions for caption in captions)
+  words = config.data.max_words
+
+  def next_batch(step):
+    batch = items.batch(config.data.batch_size, config.seed, step)
+    rng = batches.step_rng(config.seed, 2, step)
+    said = [vary_subject(caption, rng, config.data.vary_subject) for caption in batch.pop("caption")]
+    # Parity: the reference cuts no caption. Batches with long ones are padded further, to one of a few widths.
+    batch["text_emb"], batch["text_mask"] = encoder(said, at_least=words)
+    return batch
+
+  if config.loss.unit_latents:
+    mean, std = latent_moments(vae, params, data.features)
+  else:
+    mean, std = np.zeros(vae.latent_dim, np.float32), np.ones(vae.latent_dim, np.float32)
+  frozen = {"tokenizer": params, "latent_mean": mean, "latent_std": std}
+  files = {checkpoint.LENGTHS: caption_lengths(data), checkpoint.TEXT: text_identity(encoder)}
+  return Recipe(cmdm.denoiser_stage(config), next_batch, frozen, None, data.stats, files)
+
+
+def load_tokenizer(folder, config):
+  """(module, params, stats) of a trained tokenizer; "fresh" makes an untrained one for trying things out.
+
+  What it was aligned with is put into config.taught_by.
+  """
+  if folder == "fresh":
+    vae = CausalVAE(**config.tokenizer)
+    return vae, untrained(cmdm.frozen_shapes(vae)["tokenizer"]), sources.load_features(config.data).stats
+  run = checkpoint.load_config(folder)
+  if run.get("stage") != "cmdm.tokenizer":
+    raise ValueError(f"{folder} holds a {run.get('stage')!r} run, expected one of stage 'cmdm.tokenizer'")
+  theirs = CausalVAE(**plain(run.model.to_dict()))
+  vae = CausalVAE(**plain(config.tokenizer.to_dict()))
+  # What it was aligned with plays no part any more.
+  if theirs.clone(teacher_dim=0, teacher_to_latent=False) != vae:
+    raise ValueError(f"the tokenizer in {folder} is {plain(run.model.to_dict())}, config.tokenizer says "
+                     f"{plain(config.tokenizer.to_dict())}; make them agree")
+  params = checkpoint.load_params(folder, cmdm.frozen_shapes(theirs)["tokenizer"])
+  params["params"].pop("align", None)
+  if run.get("taught_by"):
+    with config.unlocked():  # so that a record of the generator can say it
+      config.taught_by = run.taught_by.to_dict()
+  return vae, params, stats_lib.load_stats(folder, config.data.layout)
+
+
+def latent_moments(vae, params, features, num_clips=512, length=192):
+  """Mean and std of sampled latents, per channel (C,), over some training clips."""
+  encode = jax.jit(lambda x: vae.apply(params, x, method="encode"))
+  means, variances = [], []
+  for i in np.linspace(0, len(features) - 1, min(num_clips, len(features))).astype(int):
+    clip = features[i][:length]
+    padded = np.zeros((1, length, clip.shape[-1]), np.float32)
+    padded[0, :len(clip)] = clip
+    mean, logvar = encode(padded)
+    rows = len(clip) // vae.frames_per_latent
+    means.append(np.asarray(mean)[0, :rows])
+    variances.append(np.exp(np.asarray(logvar)[0, :rows]))
+  z, variance = np.concatenate(means), np.concatenate(variances)
+  # Of the samples, not of the means: a channel that the encoder leaves to the prior is then not blown up to size 1.
+  return z.mean(0), np.sqrt(z.var(0) + variance.mean(0)).astype(np.float32)
+
+
+def teacher(config) -> Recipe:
+  """A motion-language teacher; its text transformer starts as the encoder config.frozen.text and learns on, but for a
+  TMR's, which stays as it is."""
+  encoder = load_text_encoder(config.frozen.text)
+  frozen_text = config.model.get("kind") == "tmr"
+  with config.unlocked():  # what loading the run needs
+    config.text = {"width": encoder.dim} if frozen_text else bert_fields_of(encoder.model)
+  space = teacher_lib.make_space(config)
+  given, said = teachers.origin(config, space.net)
+  with config.unlocked():
+    config.origin = said
+  data = sources.load_features(config.data, captioned=True)
+  clips = batches.CaptionedClips(data.features, data.captions, config.data.max_frames)
+  encoder.check(caption for captions in data.captions for caption in captions)
+  read = teachers.reader(config, space, encoder)
+
+  def next_batch(step):
+    batch = clips.batch(config.data.batch_size, config.seed, step)
+    return batch | read(batch.pop("caption"))
+
+  stage = tmr.tmr_stage(config, space) if frozen_text else teacher_lib.teacher_stage(config)
+  made = jax.jit(lambda params, batch: stage.predict(params, {}, batch, None))
+  single = one_clip_per_caption(held_out(config, data.stats, captioned=True), config.data.max_frames)
+
+  def evaluate(params):
+    """How often a caption finds its held-out clip, and the clip its caption (back), among one clip of each caption."""
+    parts = []
+    for rows in np.array_split(single.kept, max(1, len(single) // 64)):
+      batch = single.rows(rows, batches.step_rng(config.seed, 4))
+      parts.append(made(params, batch | space.read(encoder, batch.pop("caption"))))
+    text, motion = (np.concatenate([part[name] for part in parts]) for name in ("text", "motion"))
+    return {name: round(value, 4) for name, value in retrieval(text @ motion.T).items()}
+
+  own = stage.init
+
+  def init(batch, rng):
+    params = own(batch, rng)
+    params["motion"] = {**params["motion"], **given}
+    return params if frozen_text else {**params, "text": encoder.params}
+
+  return Recipe(stage._replace(init=init), next_batch, {}, evaluate, data.stats,
+                {checkpoint.TEXT: text_identity(encoder)})
+
+
+RECIPES = {"cmdm.teacher": teacher, "cmdm.tokenizer": tokenizer, "cmdm.denoiser": denoiser}

@@ -1,0 +1,161 @@
+"""What CMDM trains, as pure functions: the causal tokenizer and, on its latents, the causal denoiser."""
+
+import jax
+import jax.numpy as jnp
+
+from motion_jax.diffusion import paths
+from motion_jax.models.cmdm import ddpm_forcing
+from motion_jax.models.cmdm.losses import align_factor, pool_teacher, tokenizer_terms
+from motion_jax.models.cmdm.teacher import as_seen, frame_features, make_teacher
+from motion_jax.nets.causal_dit import CausalDiT
+from motion_jax.nets.causal_vae import CausalVAE, sample_latent
+from motion_jax.nets.masks import block_causal_mask, padding_mask
+from motion_jax.training.stage import Stage
+
+
+def tokenizer_stage(config) -> Stage:
+  """Trains the causal VAE on windows: batch["features"] (B, T, F), normalized.
+
+  With config.frozen.teacher its latents are aligned with one: config.teacher holds its fields, frozen["teacher"] its
+  parameters, and frozen["teacher_view"] both statistics, if it reads another layout or other statistics than these.
+
+  The sigma of the reconstruction loss belongs to a micro-batch, so the batch is cut into micro-batches of a fixed size,
+  and the same ones arise on any number of devices.
+  """
+  vae = CausalVAE(**config.model)
+  loss_config = config.loss
+  teacher = make_teacher(config.teacher, config.data.layout) if config.frozen.get("teacher") else None
+  layout = config.data.layout
+  own_layout = config.get("teacher", {}).get("layout", layout)
+
+  def latent_shape(x):
+    return x.shape[:-2] + (x.shape[-2] // 2 ** vae.num_halvings, vae.latent_dim)
+
+  def init(batch, rng):
+    x = batch["features"][:1]
+    return vae.init(rng, x, jnp.zeros(latent_shape(x)))
+
+  def loss(params, frozen, batch, step, rng):
+    x = batch["features"]
+    size = min(loss_config.micro_batch, config.data.batch_size)
+    if x.shape[0] % size:
+      raise ValueError(f"got {x.shape[0]} windows on a device, expected a multiple of loss.micro_batch = {size}; "
+                       "change data.batch_size, loss.micro_batch or the number of devices")
+    # One key per window, by its place in the whole batch: the same noise on one device as on many.
+    keys = jax.vmap(lambda i: jax.random.fold_in(rng, i))(batch["index"])
+    noise = jax.vmap(lambda key: jax.random.normal(key, latent_shape(x)[1:]))(keys)
+    kl_weight = loss_config.kl_weight * (jnp.minimum(1.0, step / loss_config.kl_ramp) if loss_config.kl_ramp else 1.0)
+    split = lambda a: a.reshape((-1, size) + a.shape[1:])
+    guides = [None] * (x.shape[0] // size)
+    if teacher is not None:
+      seen = as_seen(x, frozen["teacher_view"], layout, own_layout) if "teacher_view" in frozen else x
+      guides = split(pool_teacher(frame_features(teacher, frozen["teacher"], seen), noise.shape[1]))
+    align_weight = align_factor(step, loss_config, config.train.num_steps) if teacher is not None else 0.0
+    paper = {name: loss_config[name] for name in ("reconstruction", "distance_pairs", "last_layer")
+             if name in loss_config}
+    terms = [tokenizer_terms(vae, params, a, e, kl_weight, loss_config.root_weight, teacher=g,
+                             align_weight=align_weight, adaptive=loss_config.get("adaptive_align", True), **paper)
+             for a, e, g in zip(split(x), split(noise), guides)]
+    return jax.tree.map(lambda *parts: sum(parts), *terms), float(len(terms))
+
+  def predict(params, frozen, batch, rng):
+    mean, logvar = vae.apply(params, batch["features"], method="encode")
+    return {"features": vae.apply(params, mean, method="decode"), "mean": mean, "logvar": logvar}
+
+  return Stage(init, loss, predict)
+
+
+def encode_latents(vae, frozen, features, rng_keys):
+  """Latents (B, N, C) to diffuse: a draw of the frozen encoder per clip, scaled to unit variance if asked.
+
+  frozen: params of the tokenizer and latent_mean, latent_std (C,), which are 0 and 1 in the released code
+  (Parity: latents are sampled, not means, and not scaled; scaling is an option, facts cmdm 7 row 16).
+  """
+  mean, logvar = vae.apply(frozen["tokenizer"], features, method="encode")
+  noise = jax.vmap(lambda key: jax.random.normal(key, mean.shape[1:]))(rng_keys)
+  return (sample_latent(mean, logvar, noise) - frozen["latent_mean"]) / frozen["latent_std"]
+
+
+def encode_motion(vae, frozen, features):
+  """Normalized features (B, T, F) to the latents that the denoiser knows, the encoder's means (B, T / 4, C)."""
+  # Parity: training samples latents, as the code does; what is to be kept of a given motion is its mean.
+  mean, _ = vae.apply(frozen["tokenizer"], features, method="encode")
+  return (mean - frozen["latent_mean"]) / frozen["latent_std"]
+
+
+def decode_latents(vae, frozen, latents):
+  """Latents as the denoiser knows them (B, N, C) to normalized features (B, 4 N, F)."""
+  z = latents * frozen["latent_std"] + frozen["latent_mean"]
+  return vae.apply(frozen["tokenizer"], z, method="decode")
+
+
+def denoiser_stage(config) -> Stage:
+  """Trains the causal diffusion transformer by diffusion forcing on latents of the frozen tokenizer.
+
+  Batch: features (B, T, F), num_frames (B,), text_emb (B, S, E), text_mask (B, S), index (B,) place in the whole batch.
+  """
+  vae = CausalVAE(**config.tokenizer)
+  dit = CausalDiT(**config.model)
+  block = dit.block
+  level_block = config.loss.get("level_block", block)
+
+  def inputs(frozen, batch, rng):
+    encode_rng, level_rng, noise_rng, drop_rng = jax.random.split(rng, 4)
+    keys = lambda key: jax.vmap(lambda i: jax.random.fold_in(key, i))(batch["index"])
+    if config.loss.get("mean_latents", False):  # Parity: the paper's algorithm 1 says E(x), the code draws
+      z1 = encode_motion(vae, frozen, batch["features"])
+    else:
+      z1 = encode_latents(vae, frozen, batch["features"], keys(encode_rng))
+    latent_mask = padding_mask(batch["num_frames"] // vae.frames_per_latent, z1.shape[1])
+    z1 = jnp.where(latent_mask[..., None], z1, 0.0)
+    # Parity: the code draws one time per block of 3 latents, the paper one per latent; level_block says which.
+    draw = (ddpm_forcing if dit.predicts == "ddpm" else paths).forcing_times
+    t = jax.vmap(lambda key: draw(key, 1, z1.shape[1], level_block)[0])(keys(level_rng))
+    noise = jax.vmap(lambda key: jax.random.normal(key, z1.shape[1:]))(keys(noise_rng))
+    drop = jax.vmap(lambda key: jax.random.bernoulli(key, config.loss.drop_rate))(keys(drop_rng))
+    # Parity: the code zeroes the word features and keeps the mask; it also leaves the text encoder's dropout on while
+    # training; ours is off, as the paper's frozen encoder has it, so that features can be cached.
+    text_emb = jnp.where(drop[:, None, None], 0.0, batch["text_emb"])
+    return z1, latent_mask, t, noise, text_emb
+
+  def init(batch, rng):
+    length = batch["features"].shape[1] // vae.frames_per_latent
+    x = jnp.zeros((1, length, vae.latent_dim))
+    return dit.init(rng, x, jnp.zeros((1, length)), batch["text_emb"][:1], block_causal_mask(length, block),
+                    batch["text_mask"][:1])
+
+  def loss(params, frozen, batch, step, rng):
+    z1, latent_mask, t, noise, text_emb = inputs(frozen, batch, rng)
+    attn_mask = block_causal_mask(z1.shape[1], block) & latent_mask[:, None, None, :]
+    # Equal times inside a block are modulated once.
+    shared = block if block > 1 and level_block % block == 0 and z1.shape[1] % block == 0 else 1
+    velocity = lambda x, t: dit.apply(params, x, t[:, ::shared], text_emb, attn_mask, batch["text_mask"])
+    if dit.predicts == "ddpm":
+      # Parity: the paper's algorithm 1; the code, and our default, learn the velocity of a straight path.
+      return ddpm_forcing.forcing_loss(velocity, z1, latent_mask, t, noise)
+    return paths.forcing_loss(velocity, z1, latent_mask, t, noise, config.loss.get("target", dit.predicts))
+
+  def predict(params, frozen, batch, rng):
+    z1, latent_mask, t, noise, text_emb = inputs(frozen, batch, rng)
+    attn_mask = block_causal_mask(z1.shape[1], block) & latent_mask[:, None, None, :]
+    ddpm = dit.predicts == "ddpm"
+    x = (ddpm_forcing if ddpm else paths).add_noise(z1, noise, t)
+    return {"velocity": dit.apply(params, x, t, text_emb, attn_mask, batch["text_mask"]),
+            "target": noise if ddpm else z1 - noise}
+
+  return Stage(init, loss, predict)
+
+
+def denoiser_shapes(dit):
+  """Shapes of the denoiser's parameters, to check a file against."""
+  mask = jnp.ones((1, 1), bool)
+  return jax.eval_shape(lambda: dit.init(jax.random.key(0), jnp.zeros((1, dit.block, dit.latent_dim)), jnp.zeros(
+      (1, dit.block)), jnp.zeros((1, 1, dit.text_dim)), block_causal_mask(dit.block, dit.block), mask))
+
+
+def frozen_shapes(vae):
+  """Shapes of what the denoiser's run keeps of its tokenizer."""
+  x, noise = jnp.zeros((1, vae.frames_per_latent, vae.features)), jnp.zeros((1, 1, vae.latent_dim))
+  params = jax.eval_shape(lambda: vae.init(jax.random.key(0), x, noise))
+  channel = jax.ShapeDtypeStruct((vae.latent_dim,), jnp.float32)
+  return {"tokenizer": params, "latent_mean": channel, "latent_std": channel}

@@ -1,0 +1,99 @@
+"""What a model hands back: motions that know their captions, and write themselves by extension."""
+import dataclasses
+from html import escape
+
+import numpy as np
+
+from motion_jax import export
+from motion_jax.data.clip import Caption, Clip
+from motion_jax.motion.cleanup import polish as planted
+from motion_jax.motion.features import to_joints
+from motion_jax.runtime import timing
+
+
+class Motion(Clip):
+  """A clip that knows how to write itself: `motion.save("wave.mp4")`, by extension."""
+
+  def save(self, path, **options):
+    """Writes npz, npy, bvh, glb, mp4, gif, html or png; returns the paths written."""
+    return export.save(self, path, **options)
+
+  def _repr_html_(self):
+    """What a notebook shows: the viewer of `motion.save("wave.html")`, with all that it needs inside."""
+    return _framed(self)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Motions:
+  """Generated motions: joints (B, T, J, 3), frame_mask (B, T) true where a motion is real; `motions[i]` is a Motion."""
+  joints: np.ndarray
+  frame_mask: np.ndarray
+  features: np.ndarray  # (B, T, F), not normalized
+  motions: tuple[Motion, ...]
+  decoded: np.ndarray | None = None  # (B, longer, F), also what the decoder made behind the end of each motion
+
+  def __len__(self):
+    return len(self.motions)
+
+  def __getitem__(self, index) -> Motion:
+    return self.motions[index]
+
+  def __iter__(self):
+    return iter(self.motions)
+
+  def __repr__(self):
+    shown = [repr(motion) for motion in self.motions[:8]]
+    more = [f"... {len(self) - 8} more"] if len(self) > 8 else []
+    return f"Motions({len(self)}:\n  " + "\n  ".join(shown + more) + ")"
+
+  def _repr_html_(self):
+    """What a notebook shows: one viewer with a selector."""
+    return _framed(self.motions[:_SHOWN])
+
+
+_SHOWN = 16  # motions that a notebook's viewer holds
+
+
+def _framed(clips):
+  """A viewer page as an element of another page, in a frame of its own: nothing is loaded, nothing else is touched."""
+  return (f'<iframe srcdoc="{escape(export.page(clips))}" width="100%" height="480" style="border:0" '
+          'sandbox="allow-scripts"></iframe>')
+
+
+def captions_in_a_row(prompts, ends, fps):
+  """Captions of segments that end at the given frames; a single one is about all of its clip."""
+  if len(prompts) == 1:
+    return (Caption(prompts[0]),)
+  return tuple(Caption(prompt, start / fps, end / fps) for prompt, start, end in zip(prompts, [0, *ends[:-1]], ends))
+
+
+def make_motions(model, made, frames, captions, seeds, about, polish) -> Motions:
+  """Motions of normalized features (B, T, F), of which motion i has its first frames[i]."""
+  length, layout = max(frames), model.stats.layout
+  with timing.part("sample and decode"):
+    made = np.asarray(made)  # the wait for what runs
+  decoded = model.stats.denormalize(made)
+  features = decoded[:, :length]
+  joints = np.array(to_joints(features, layout))  # a copy: coordinates are their own joints
+  if polish and layout.kind in ("full", "essential", "coordinates"):  # bodies whose bones have one length
+    with timing.part("cleanup"):
+      for i, count in enumerate(frames):
+        contacts = features[i, :count, layout["contacts"]] if layout.kind == "full" else None
+        joints[i, :count] = planted(joints[i, :count], contacts, layout.skeleton)
+  mask = np.arange(length) < np.array(frames)[:, None]
+  made = tuple(
+      Motion(joints[i, :count], model.fps, captions[i], id=f"motion_{i}", source=model.id, license=model.license,
+             skeleton=layout.skeleton, features=features[i, :count],
+             meta=dict(prompt=" | ".join(c.text for c in captions[i]), seed=seeds[i], polished=bool(polish)) | about)
+      for i, count in enumerate(frames))
+  return Motions(joints * mask[..., None, None], mask, features * mask[..., None], made, decoded)
+
+
+def go_on(model, clip, past, new, captions, about) -> Motion:
+  """One Motion of a clip's joints (T, J, 3) and new ones behind them, with the captions of both."""
+  border, end = len(past) / model.fps, (len(past) + len(new)) / model.fps
+  before = tuple(c if c.start or c.end else Caption(c.text, 0.0, border) for c in clip.captions)
+  after = tuple(Caption(c.text, c.start + border, c.end + border if c.end else end) for c in captions)
+  return Motion(np.concatenate([past.astype(np.float32), new]), model.fps, before + after, id=clip.id,
+                source=f"{clip.source or clip.id}, then {model.id}", license=clip.license or model.license,
+                skeleton=model.stats.layout.skeleton, meta=about | {"past_frames": len(past)})

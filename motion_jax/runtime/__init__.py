@@ -1,0 +1,1 @@
+"""What a running program needs: kept programs, times, progress, a folder's lock, how it ends."""

@@ -1,0 +1,1 @@
+"""Training for any method: the stage that a method offers, its set-up, the loop, checkpoints."""

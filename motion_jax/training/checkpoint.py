@@ -1,0 +1,244 @@
+"""A run folder: config.json, Mean.npy and Std.npy, params.safetensors, metrics.jsonl, checkpoints/.
+
+What is needed to use a model lies in plain files that any tool reads; what is needed to go on training lies in
+checkpoints/, written by orbax.
+"""
+import dataclasses
+import json
+import pathlib
+
+import flax
+import jax
+import ml_collections
+import numpy as np
+from PIL import Image, ImageDraw
+from safetensors.numpy import save_file
+
+from motion_jax.inputs.errors import InputError, reading
+from motion_jax.inputs.input_files import load_safetensors, read_json, read_json_lines
+from motion_jax.runtime.atomic import atomic_path
+
+CONFIG, PARAMS, METRICS = "config.json", "params.safetensors", "metrics.jsonl"
+RAW = "raw.safetensors"        # the last weights as they are, where PARAMS holds their average
+LAST = "last.safetensors"      # the weights of the last save, where PARAMS holds those that validation chose
+FROZEN = "frozen.safetensors"  # what a stage was trained on top of: the denoiser's tokenizer
+LENGTHS = "captions.json"      # [caption, usual frames] rows of the training data
+TEXT = "text.json"             # name and fingerprint of the text encoder that a denoiser was trained on
+
+
+class Saver:
+  """Keeps the newest two training states of a run; a save cut short is ignored when the run goes on."""
+
+  def __init__(self, workdir):
+    import orbax.checkpoint as ocp  # here: who only uses a model need not wait for it
+    self._ocp = ocp
+    options = ocp.CheckpointManagerOptions(max_to_keep=2, create=True)
+    self._manager = ocp.CheckpointManager(pathlib.Path(workdir).absolute() / "checkpoints", options=options)
+
+  @property
+  def latest(self):
+    return self._manager.latest_step()
+
+  def save(self, step, state):
+    if step != self.latest:
+      self._manager.save(step, args=self._ocp.args.StandardSave(_fields(state)))
+      self._manager.wait_until_finished()  # the state's buffers are donated to the next step
+
+  def restore(self, like):
+    """The newest state, in the shapes and types of `like`."""
+    target = jax.tree.map(self._ocp.utils.to_shape_dtype_struct, _fields(like))
+    folder = pathlib.Path(self._manager.directory) / str(self.latest)
+    with reading(folder, "it is damaged, or of another network: remove it to go on from the state before it, or start "
+                 "a new run"):
+      return like.replace(**self._manager.restore(self.latest, args=self._ocp.args.StandardRestore(target)))
+
+  def close(self):
+    self._manager.close()
+
+
+def _fields(state):
+  """The fields of a training state that are there: a run older than a field that it has no use for goes on."""
+  return {field.name: getattr(state, field.name) for field in dataclasses.fields(state)
+          if getattr(state, field.name) is not None}
+
+
+def is_fresh(workdir):
+  """True while a run folder holds no training that could be lost: a run that ended before its first save is fresh."""
+  folder = pathlib.Path(workdir)
+  saved = [path for path in folder.glob("checkpoints/*") if path.name.isdigit()]
+  return not saved and not (folder / PARAMS).exists()
+
+
+def save_params(folder, params, dtype=np.float32, name=PARAMS):
+  """Parameters as one flat safetensors file, keys joined by "/"."""
+  flat = flax.traverse_util.flatten_dict(flax.core.unfreeze(params), sep="/")
+  with atomic_path(pathlib.Path(folder) / name) as path:
+    # In order: safetensors writes the bytes of a transposed view as they lie in memory.
+    save_file({key: np.asarray(value, dtype, order="C") for key, value in flat.items()}, path)
+
+
+def load_params(folder, like=None, name=PARAMS):
+  """Reads what save_params wrote, as float32 arrays. With `like` (arrays or shapes) every name and shape must agree."""
+  path = pathlib.Path(folder) / name
+  if not path.is_file():
+    raise FileNotFoundError(f"{folder} has no {name}; a run folder holds {CONFIG}, Mean.npy, Std.npy and {name}")
+  flat = load_safetensors(path, advice="it is no whole safetensors file: copy it again from the run that wrote it")
+  with reading(path, "the names in it do not make a tree: copy it again from the run that wrote it"):
+    params = flax.traverse_util.unflatten_dict(flat, sep="/")
+  if like is not None:
+    check_fits(params, like, f"{path} does not fit its config")
+  return params
+
+
+def check_fits(params, like, what):
+  """Raises ValueError, begun by `what`, unless names and shapes of params are those of `like` (arrays or shapes)."""
+  flat, expected = (flax.traverse_util.flatten_dict(flax.core.unfreeze(tree), sep="/") for tree in (params, like))
+  wrong = [f"{key}: {flat[key].shape if key in flat else 'missing'} instead of "
+           f"{expected[key].shape if key in expected else 'nothing'}"
+           for key in sorted(flat.keys() | expected.keys())
+           if key not in flat or key not in expected or flat[key].shape != expected[key].shape]
+  if wrong:
+    raise InputError(f"{what}: " + "; ".join(wrong[:5]) + (f" and {len(wrong) - 5} more" if len(wrong) > 5 else ""))
+
+
+def save_text(folder, name, text):
+  """A file of a run folder, of text or bytes, whole or not at all."""
+  with atomic_path(pathlib.Path(folder) / name) as path:
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+
+
+def load_json(folder, name, kind=dict):
+  """A JSON file of a run folder; raises FileNotFoundError or InputError that say what to do."""
+  path = pathlib.Path(folder) / name
+  if not path.is_file():
+    raise FileNotFoundError(f"{folder} has no {name}; expected a run folder, written by launch.py")
+  return read_json(path, kind, advice="restore it from the run that wrote it")
+
+
+def load_fingerprint(folder):
+  """Fingerprint of the text encoder that a run was trained on, or None where it does not say."""
+  if not (pathlib.Path(folder) / TEXT).is_file():
+    return None
+  content = load_json(folder, TEXT)
+  if not isinstance(content.get("fingerprint"), str):
+    raise InputError(f"{pathlib.Path(folder) / TEXT} lacks the fingerprint of a text encoder; restore it from the run "
+                     "that wrote it")
+  return content["fingerprint"]
+
+
+def load_lengths(folder):
+  """(captions, usual frames) of the training data, or None where a run does not keep them."""
+  path = pathlib.Path(folder) / LENGTHS
+  if not path.is_file():
+    return None
+  rows = load_json(folder, LENGTHS, list)
+  if not rows or not all(isinstance(row, list) and len(row) == 2 and isinstance(row[0], str) and row[0].strip()
+                         and isinstance(row[1], int | float) and 0 < row[1] < 1e9 for row in rows):
+    raise InputError(f"{path} does not hold rows [caption, frames]; restore it from the run that wrote it")
+  return [row[0] for row in rows], np.array([row[1] for row in rows])
+
+
+def save_config(folder, config):
+  save_text(folder, CONFIG, json.dumps(config.to_dict(), indent=1) + "\n")
+
+
+def load_config(folder) -> ml_collections.FrozenConfigDict:
+  config = load_json(folder, CONFIG)
+  path = pathlib.Path(folder) / CONFIG
+  for section in _NETWORKS:
+    _check_sizes(config.get(section), path, section)
+  with reading(path, "restore it from the run that wrote it"):
+    return ml_collections.FrozenConfigDict(config)
+
+
+_NETWORKS = ("model", "tokenizer", "quantizer", "text", "length")  # sections of a config that describe a network
+_MOST = {"depth": 100, "num_layers": 100, "num_levels": 100, "num_halvings": 8}  # what is gone through one by one
+
+
+def _check_sizes(value, path, name):
+  """Raises InputError for sizes that no network has: a damaged digit would fill the memory, or never come to an end."""
+  if isinstance(value, dict):
+    for key, inner in value.items():
+      _check_sizes(inner, path, f"{name}.{key}")
+  elif isinstance(value, list):
+    for inner in value:
+      _check_sizes(inner, path, name)
+  elif isinstance(value, int | float):
+    most = _MOST.get(name.rpartition(".")[2], 1_000_000)
+    if not -most <= value <= most:
+      raise InputError(f"{path}: got {name} {value:.6g}, expected at most {most}; restore it from the run that wrote "
+                       "it")
+
+
+def building(folder):
+  """For the block that makes networks by a run's config: what they stumble over is the config's fault."""
+  return reading(pathlib.Path(folder) / CONFIG, "it does not describe a network that its weights belong to: restore it "
+                 "from the run that wrote it")
+
+
+def demand(config, folder, **ranges):
+  """Raises InputError unless config holds a number for each name "section__field", in its range (least, most)."""
+  for name, (least, most) in ranges.items():
+    value = config
+    for part in name.split("__"):
+      value = value.get(part) if hasattr(value, "get") else None
+    if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
+      raise InputError(f"{pathlib.Path(folder) / CONFIG}: got {name.replace('__', '.')} {str(value)[:60]}, expected a "
+                       f"number from {least} to {most}; restore it from the run that wrote it")
+
+
+def trim_metrics(folder, last):
+  """Drops the rows of metrics.jsonl after step `last`: a run that goes on from there writes them again.
+
+  A line cut short, by a machine that went down, goes too.
+  """
+  path = pathlib.Path(folder) / METRICS
+  if not path.is_file():
+    return
+  lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+  kept = [line for line in lines if _step_of(line) <= last]
+  if len(kept) < len(lines):
+    save_text(folder, METRICS, "".join(line + "\n" for line in kept))
+
+
+def _step_of(line):
+  try:
+    return json.loads(line)["step"]
+  except (ValueError, KeyError, TypeError):
+    return np.inf
+
+
+def append_metrics(folder, row):
+  with open(pathlib.Path(folder) / METRICS, "a", encoding="utf-8") as file:
+    file.write(json.dumps({key: float(f"{value:.6g}") if isinstance(value, float) else value
+                           for key, value in row.items()}) + "\n")
+
+
+def draw_curve(folder, size=(900, 420)):
+  """loss.png: the loss over the steps, on a logarithmic axis where all values are positive."""
+  folder = pathlib.Path(folder)
+  if not (folder / METRICS).is_file():
+    return
+  rows = [row for _, row in read_json_lines(folder / METRICS)]
+  points = [(row["step"], row["loss"]) for row in rows if np.isfinite(row.get("loss", np.nan))]
+  if not points:
+    return
+  steps, losses = np.array(points, float).T
+  # Sums of log-densities may be negative: then the axis is linear.
+  logarithmic = losses.min() > 0
+  values = np.log10(losses) if logarithmic else losses
+  low, high = values.min(), max(values.max(), values.min() + 1e-6)
+  width, height, margin = *size, 60
+  image = Image.new("RGB", size, "white")
+  draw = ImageDraw.Draw(image)
+  draw.rectangle((margin, 20, width - 20, height - 40), outline=(200, 200, 200))
+  x = margin + (steps - steps[0]) / max(steps[-1] - steps[0], 1) * (width - 20 - margin)
+  y = 20 + (high - values) / (high - low) * (height - 60)
+  draw.line(list(zip(x, y)) if len(x) > 1 else [(x[0], y[0]), (x[0] + 1, y[0])], fill=(40, 90, 200), width=2)
+  for value in (low, high):
+    label = f"{10 ** value if logarithmic else value:.4g}"
+    draw.text((4, 14 + (high - value) / (high - low) * (height - 60)), label, fill="black")
+  draw.text((margin, height - 34), f"step {steps[0]:.0f}", fill="black")
+  draw.text((width - 110, height - 34), f"step {steps[-1]:.0f}", fill="black")
+  with atomic_path(folder / "loss.png") as path:
+    image.save(path)
