@@ -49,7 +49,7 @@ from motion_jax.evaluation.judge import Judge
 from motion_jax.evaluation.tasks import generation, long_horizon
 from motion_jax.evaluators.evaluator import load_evaluator, shipped_names
 from motion_jax.training import checkpoint
-from motion_jax.training.loop import read_metrics
+from motion_jax.training.metrics import read_metrics
 
 TRAINED, SETTINGS, REAL, TIME = "trained.json", "settings.json", "real.json", "time.json"
 STORY_METRICS = ("transition_fid", "transition_diversity", "transition_distance", "peak_jerk", "auj")

@@ -9,7 +9,7 @@ from motion_jax import fit as training
 from motion_jax.models.cmdm import model
 from motion_jax.models.cmdm.teacher import make_teacher
 from motion_jax.nets.causal_dit import CausalDiT
-from motion_jax.training.loop import read_metrics
+from motion_jax.training.metrics import read_metrics
 from tests.conftest import ROOT, load_config
 
 CMDM = runpy.run_path(str(ROOT / "configs" / "ablations" / "cmdm.py"))

@@ -11,7 +11,7 @@ from motion_jax import loading
 from motion_jax.inputs.errors import InputError
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
-from motion_jax.training.loop import read_metrics
+from motion_jax.training.metrics import read_metrics
 from tests.fuzz_kinds import healthy, put
 
 

@@ -13,7 +13,7 @@ from motion_jax.models.cmdm import teacher
 from motion_jax.models.cmdm.live import _continue_path
 from motion_jax.motion import features as F
 from motion_jax.motion.skeleton import SNAPMOGEN
-from motion_jax.training.loop import read_metrics
+from motion_jax.training.metrics import read_metrics
 from tests.conftest import ROOT, load_config
 
 DATASETS = ("essential", "kit", "snapmogen", "babel")

@@ -11,6 +11,7 @@ import pytest
 import motion_jax as mj
 from motion_jax import fit as training
 from motion_jax.loading import load
+from motion_jax.models.base import Prompted
 from motion_jax.motion.features import bone_lengths, to_joints
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.runs import PRETRAINED
@@ -190,6 +191,21 @@ def test_the_shipped_model_says_what_it_never_learned():
   # The length of the nearest captions, as before there were notes.
   assert shipped.natural_frames("a person waves") == int(np.median(
       [frames for _, frames in shipped.nearest_captions("a person waves", 5)]))
+
+
+@pytest.mark.parametrize("fps", (12.5, 20.0, 30.0))
+def test_natural_lengths_are_seconds_whatever_the_rate(fps):
+  """3 to 9.8 seconds, 6 where no caption is known: 60 to 196 and 120 frames at 20 a second."""
+  class AtAnotherRate(Prompted):
+    def __init__(self, frames):
+      self.frames = frames
+
+    def nearest_captions(self, prompt, num=1):
+      return [("a person walks", frames) for frames in self.frames]
+
+  AtAnotherRate.fps = fps
+  lengths = [AtAnotherRate(frames).natural_frames("a person walks") for frames in ([1], [10**4], [], [40, 100, 150])]
+  assert lengths == [int(3 * fps), int(9.8 * fps), round(6 * fps), 100]
 
 
 def test_without_captions_the_text_encoder_is_asked(tiny_run, tmp_path):

@@ -14,7 +14,7 @@ from motion_jax.models import cdamd, cmdm
 from motion_jax.models.cdamd import mask_schedule as masking
 from motion_jax.nets.causal_vae import CausalVAE, sample_latent
 from motion_jax.quant import rvq
-from motion_jax.training.loop import read_metrics
+from motion_jax.training.metrics import read_metrics
 from motion_jax.training.stage import DEVICES
 from tests.conftest import ROOT, load_config
 

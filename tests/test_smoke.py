@@ -13,7 +13,7 @@ import pytest
 from motion_jax import cli
 from motion_jax import fit as training
 from motion_jax.training import checkpoint
-from motion_jax.training.loop import read_metrics
+from motion_jax.training.metrics import read_metrics
 from tests.conftest import ROOT, load_config
 
 CONFIGS = sorted(path.stem for path in (ROOT / "configs").glob("*.py"))

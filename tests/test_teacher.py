@@ -47,8 +47,8 @@ def test_rates_hold_parameters_still_or_slow_them():
 _DEVICES = """
 import json, sys
 import jax
-from motion_jax import training
-from motion_jax.train import read_metrics
+from motion_jax import fit as training
+from motion_jax.training.metrics import read_metrics
 from tests.conftest import load_config
 config = load_config(sys.argv[2], "tiny").unlock()
 config.model.dropout = 0.0

@@ -18,6 +18,7 @@ from motion_jax.motion.features import get_layout
 from motion_jax.motion.stats import Stats, save_stats
 from motion_jax.training import checkpoint
 from motion_jax.training import loop as train
+from motion_jax.training.metrics import append_metrics, read_metrics
 from motion_jax.training.stage import Stage
 from tests.conftest import devices_env, load_config
 
@@ -68,7 +69,7 @@ def test_a_run_folder_holds_averaged_parameters_metrics_and_a_curve(tmp_path):
   assert _equal(checkpoint.load_params(tmp_path), state.ema_params)
   assert _equal(checkpoint.load_params(tmp_path, name=checkpoint.RAW), state.params)
   assert not _equal(state.ema_params, state.params)
-  rows = train.read_metrics(tmp_path)
+  rows = read_metrics(tmp_path)
   assert [row["step"] for row in rows] == [1, 2, 3] and all(row["loss"] > 0 for row in rows)
   assert (tmp_path / "loss.png").stat().st_size > 0
 
@@ -105,7 +106,7 @@ def test_every_step_has_noise_of_its_own():
 
 def test_the_best_is_the_smallest_or_the_largest(tmp_path):
   for step, error in ((2, 3.0), (4, 1.0), (6, 2.0)):
-    checkpoint.append_metrics(tmp_path, {"step": step, "error": error})
+    append_metrics(tmp_path, {"step": step, "error": error})
   config = _config(6)
   for best, steps in (("", [2, 4, 6]), ("min error", [2, 4]), ("max error", [2])):
     config.train.best = best
@@ -128,7 +129,7 @@ def test_parameters_come_back_as_they_were_whatever_lies_in_memory(tmp_path):
 
 def test_the_loss_falls(tmp_path):
   train.train(_config(60, learning_rate=0.2), tmp_path, _stage(), _next_batch)
-  rows = train.read_metrics(tmp_path)
+  rows = read_metrics(tmp_path)
   assert rows[-1]["loss"] < 0.05 * rows[0]["loss"]
 
 
@@ -170,7 +171,7 @@ def test_what_is_no_number_is_never_saved(tmp_path):
     train.train(_config(8), tmp_path / "slice", _stage(), lambda step: bad(2), max_seconds=0)
   assert checkpoint.is_fresh(tmp_path / "slice")
   skipping = train.train(_config(4, skip_loss=10.0), tmp_path / "skip", stage, _next_batch)
-  assert np.isfinite(skipping.params["w"]).all() and train.read_metrics(tmp_path / "skip")[2]["skipped"] == 1
+  assert np.isfinite(skipping.params["w"]).all() and read_metrics(tmp_path / "skip")[2]["skipped"] == 1
 
 
 def _killed(step):
@@ -188,7 +189,7 @@ def test_a_killed_run_goes_on_as_if_it_had_not_been(tmp_path):
   (folder / "params.safetensors").unlink()  # the end may come between checkpoint and parameters
   parts = train.train(_config(4), folder, _stage(), _next_batch, resume=True)
   assert _equal(whole, parts)
-  assert [row["step"] for row in train.read_metrics(folder)] == [1, 2, 3, 4]
+  assert [row["step"] for row in read_metrics(folder)] == [1, 2, 3, 4]
   assert _equal(checkpoint.load_params(folder), whole.ema_params)
 
 
@@ -196,9 +197,9 @@ def test_a_killed_run_goes_on_as_if_it_had_not_been(tmp_path):
 def test_a_run_killed_before_its_first_save_starts_anew(tmp_path, resume):
   with pytest.raises(MemoryError):
     train.train(_config(4), tmp_path, _stage(), lambda step: _next_batch(step) if step < 1 else _killed(step))
-  assert len(train.read_metrics(tmp_path)) == 1 and checkpoint.is_fresh(tmp_path)
+  assert len(read_metrics(tmp_path)) == 1 and checkpoint.is_fresh(tmp_path)
   state = train.train(_config(2), tmp_path, _stage(), _next_batch, resume=resume)
-  assert int(state.step) == 2 and [row["step"] for row in train.read_metrics(tmp_path)] == [1, 2]
+  assert int(state.step) == 2 and [row["step"] for row in read_metrics(tmp_path)] == [1, 2]
 
 
 def test_a_run_is_resumed_only_with_its_own_settings():
@@ -258,7 +259,7 @@ def test_a_batch_with_a_wild_loss_is_skipped(tmp_path):
   train.train(_config(2, skip_loss=1e3), tmp_path / "a", _stage(), _next_batch)
   two = train.train(_config(3, skip_loss=1e3), tmp_path / "b", _stage(), wild)
   assert _equal(two.params, train.train(_config(2, skip_loss=1e3), tmp_path / "c", _stage(), _next_batch).params)
-  assert int(two.step) == 3 and train.read_metrics(tmp_path / "b")[-1]["skipped"] == 1
+  assert int(two.step) == 3 and read_metrics(tmp_path / "b")[-1]["skipped"] == 1
 
 
 def test_a_slice_stops_in_time_and_goes_on(tmp_path):
@@ -281,7 +282,7 @@ def test_ctrl_c_saves_and_leaves(tmp_path):
 
 _DEVICES = """
 import json, sys, jax, numpy as np
-from motion_jax import train
+from motion_jax.training import loop as train
 from tests.test_train import _config, _next_batch, _stage
 state = train.train(_config(5), {folder!r}, _stage(), _next_batch)
 print(json.dumps([jax.local_device_count(), np.asarray(state.params["w"]).tolist()]))

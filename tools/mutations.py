@@ -158,7 +158,7 @@ MUTATIONS = (
      '(metrics["loss"] <= skip_loss)', (f"{TRAIN}::test_what_is_no_number_is_never_saved",)),
     ("best-way", "motion_jax/training/loop.py", '{"min": min, "max": max}', '{"min": max, "max": min}',
      (f"{TRAIN}::test_the_best_is_the_smallest_or_the_largest",)),
-    ("trimmed-metrics", "motion_jax/training/checkpoint.py", "if _step_of(line) <= last]", "if _step_of(line) < last]",
+    ("trimmed-metrics", "motion_jax/training/metrics.py", "if _step_of(line) <= last]", "if _step_of(line) < last]",
      (f"{TRAIN}::test_a_killed_run_goes_on_as_if_it_had_not_been",)),
     ("wrong-shape", "motion_jax/training/checkpoint.py", " or flat[key].shape != expected[key].shape]", "]",
      ("tests/test_model.py::test_broken_run_folders_are_told",)),

@@ -20,6 +20,7 @@ from motion_jax.text.encoder import TextEncoder
 from motion_jax.text.vocabulary import Vocabulary
 from motion_jax.training import checkpoint
 
+_SHORTEST, _USUAL, _LONGEST = 3.0, 6.0, 9.8  # seconds of a motion whose length nobody says
 _LONGEST_PROMPT = 5000  # characters: ten times the longest caption of the data sets
 
 
@@ -76,7 +77,9 @@ class Prompted:
   def natural_frames(self, prompt) -> int:
     """How long the clips of the nearest training captions are: an action generated much longer goes on by itself."""
     nearest = self.nearest_captions(prompt, 5)
-    return int(np.clip(np.median([frames for _, frames in nearest]), 60, 196)) if nearest else 120
+    if not nearest:
+      return round(_USUAL * self.fps)
+    return int(np.clip(np.median([frames for _, frames in nearest]), _SHORTEST * self.fps, _LONGEST * self.fps))
 
   # --- what it learned from ----------------------------------------------------------------------------------------
 

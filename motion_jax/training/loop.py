@@ -13,9 +13,9 @@ import numpy as np
 import optax
 from tqdm import tqdm
 
-from motion_jax.inputs.input_files import read_json_lines
 from motion_jax.runtime import stopping
 from motion_jax.training import checkpoint
+from motion_jax.training.metrics import append_metrics, draw_curve, read_metrics, trim_metrics
 from motion_jax.training.stage import DEVICES
 
 
@@ -227,7 +227,7 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
       keep(state)
   elif resume and not checkpoint.is_fresh(workdir):
     raise FileNotFoundError(f"{workdir} has no checkpoint to resume from; start without --resume in an empty folder")
-  checkpoint.trim_metrics(workdir, int(state.step))
+  trim_metrics(workdir, int(state.step))
   frozen = jax.tree.map(jnp.asarray, frozen or {})
   train_step = make_train_step(stage, tx, optimizer.ema_decay, optimizer.get("skip_loss", 0.0))
   start = began = time.time()
@@ -248,7 +248,7 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
     params = variables_of(state, use_average)
     if evaluate is not None:
       numbers.update(evaluate(params))
-      checkpoint.append_metrics(workdir, {"step": step, **numbers})
+      append_metrics(workdir, {"step": step, **numbers})
     saver.save(step, state)
     if config.train.get("best"):
       checkpoint.save_params(workdir, params, name=checkpoint.LAST)
@@ -270,7 +270,7 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
         check_finite(step)
         means = {k: float(np.mean([float(m[k]) for m in logged])) for k in logged[0]}
         logged.clear()
-        checkpoint.append_metrics(workdir, {"step": step, "seconds": round(time.time() - began, 1), **means})
+        append_metrics(workdir, {"step": step, "seconds": round(time.time() - began, 1), **means})
         bar.set_postfix({k: f"{v:.4g}" for k, v in means.items() if k in ("loss", "mse")} |
                         {k: f"{v:.4g}" for k, v in numbers.items()})
       bar.update(1)
@@ -281,7 +281,7 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
         tqdm.write(f"stopped and saved at step {step}; --resume goes on from there")
         break
   saver.close()
-  checkpoint.draw_curve(workdir)
+  draw_curve(workdir)
   return state
 
 
@@ -298,9 +298,3 @@ def _is_best(config, workdir, step):
   saves = {at: value for at, value in every.items()
            if at % config.train.save_every == 0 or at == config.train.num_steps}
   return step in saves and saves[step] == {"min": min, "max": max}[way](saves.values())
-
-
-def read_metrics(workdir):
-  """The rows of metrics.jsonl, as dicts."""
-  path = pathlib.Path(workdir) / "metrics.jsonl"
-  return [row for _, row in read_json_lines(path)] if path.is_file() else []

@@ -15,6 +15,7 @@ from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.quant import rvq, vq
 from motion_jax.training import checkpoint
 from motion_jax.training import loop as train
+from motion_jax.training.metrics import read_metrics
 from tests import fixtures
 from tests.conftest import devices_env, load_config
 from tests.golden import check, golden
@@ -179,13 +180,14 @@ def test_codebooks_are_part_of_the_checkpoint_and_of_the_file(tmp_path):
   net = Autoencoder(**_config(2).model)
   file = checkpoint.load_params(tmp_path / "whole", cdamd.autoencoder_shapes(net, _config(2).quantizer))
   assert np.array_equal(file["codebooks"]["codes"], whole.extra["codebooks"]["codes"])
-  rows = train.read_metrics(tmp_path / "whole")
+  rows = read_metrics(tmp_path / "whole")
   assert all(1 <= row["perplexity"] <= 8 and 0 < row["usage"] <= 1 for row in rows)
 
 
 _DEVICES = """
 import json, sys, jax, numpy as np
-from motion_jax import cdamd, train
+from motion_jax.models import cdamd
+from motion_jax.training import loop as train
 from tests.quant.test_rvq import _config, _next_batch
 flat = lambda tree: np.concatenate([np.ravel(a) for a in jax.tree.leaves(tree)]).tolist()
 made = []
