@@ -8,7 +8,7 @@ from motion_jax import export
 from motion_jax.data.datasets import humanml3d
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.export import bvh
-from motion_jax.models.cmdm import multi_prompt as stories
+from motion_jax.models.known_motion import on_our_body
 from motion_jax.motion import plausibility
 from motion_jax.motion.pose import to_pose
 from motion_jax.motion.skeleton import HUMANML3D
@@ -119,7 +119,7 @@ def test_doors_of_python_ask_too(tmp_path):
   clips = synthetic_clips(num=3, num_frames=48)
   big = clips[1].replace(joints=clips[1].joints * 100)
   with pytest.raises(ValueError, match="clip '.*': bones are 100 times .* in centimetres"):
-    stories.on_our_body(big, 20.0, HUMANML3D)
+    on_our_body(big, 20.0, HUMANML3D)
   for name in ("a.glb", "a.html", "a.png"):
     with pytest.raises(ValueError, match="the bone to left_ankle is 4.* m long, expected at most 1.5 m to draw"):
       export.save(big, tmp_path / name)

@@ -13,6 +13,7 @@ from motion_jax.models.base import Prompted, keys_of, plain_fields
 from motion_jax.models.cmdm import ddpm_forcing, streaming
 from motion_jax.models.cmdm import multi_prompt as stories
 from motion_jax.models.cmdm.live import LiveStream
+from motion_jax.models.known_motion import on_our_body
 from motion_jax.models.results import Motion, Motions, captions_in_a_row, go_on, make_motions
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
@@ -138,7 +139,7 @@ class Model(Prompted):
     keys, seeds = keys_of(rng, None if seed is None else [seed], 1)
     plan, scale, about = self.plan_of(**sampling)
     prompts, counts = ([*part] for part in zip(*segments))
-    past = stories.on_our_body(clip, self.fps, self.stats.layout.skeleton)
+    past = on_our_body(clip, self.fps, self.stats.layout.skeleton)
     known = [caption.text for caption in clip.captions if caption.text.strip()]
     past_prompt = past_prompt or (known[-1] if known else prompts[0])
     new, ends = stories.extend(self, plan, scale, past, past_prompt, prompts, counts, keys, way, num_past, polish)
