@@ -5,8 +5,8 @@
 
 Reconstruction in millimetres (root-aligned, heading summed up); retrieval of generated motion by the teacher's own
 recall, one motion for each caption of the test clips and seed, among all of them; jerk around the borders of long
-motions with six prompts each (PJ, AUJ: facts cmdm 6.4; 30 frames on either side, against the mean of real clips), as
-the network made them. The row "real" is the test clips themselves.
+motions with six prompts each (PJ, AUJ: docs/papers/cmdm.md#long-horizon; 30 frames on either side, against the mean of
+real clips), as the network made them. The row "real" is the test clips themselves.
 """
 import argparse
 

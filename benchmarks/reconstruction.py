@@ -2,9 +2,10 @@
 
   python benchmarks/reconstruction.py --archives path/to/cmu path/to/bandai [--model cmdm-small] [--clips 150]
 
-Columns: with heading and path summed up from the features, joints root-aligned (facts: cmdm 6.3); per frame, heading
-and path taken from the real features, so that no error adds up; root = distance of the two paths at their end. The last
-table says what the representation itself loses: joints -> features -> joints, and features -> joints -> features.
+Columns: with heading and path summed up from the features, joints root-aligned (docs/papers/cmdm.md#reconstruction);
+per frame, heading and path taken from the real features, so that no error adds up; root = distance of the two paths at
+their end. The last table says what the representation itself loses: joints -> features -> joints, and features ->
+joints -> features.
 """
 import argparse
 

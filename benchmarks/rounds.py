@@ -5,9 +5,9 @@
 
 The reference makes every latent that is still hidden in each of ten rounds and throws most of them away again; ours
 makes those that the round reveals. dopri5 chooses its own steps (rtol 1e-3, atol 1e-6), the others take --steps. The
-weights are random, as in facts: cdamd 11, so dopri5's number of steps is that of an untrained network. Times are of a
-compiled call, decoding included, the least of --repeats. Ratios are to the first row: of processor seconds on a CPU,
-which other work may share, of seconds elsewhere.
+weights are random, as in docs/papers/cdamd.md#timings, so dopri5's number of steps is that of an untrained network.
+Times are of a compiled call, decoding included, the least of --repeats. Ratios are to the first row: of processor
+seconds on a CPU, which other work may share, of seconds elsewhere.
 """
 import argparse
 import os

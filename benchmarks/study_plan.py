@@ -14,7 +14,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[1]
 ABLATIONS = {paper: runpy.run_path(str(ROOT / "configs" / "ablations" / f"{paper}.py")) for paper in ("cmdm", "cdamd")}
 
 # (paper, printed table) -> {printed row: row of configs/ablations}. "no-dcca" of Table V is "cm" of Table IV, and the
-# paper's CDAMD is its model with one VQ level in both (facts: cdamd 8.4).
+# paper's CDAMD is its model with one VQ level in both (docs/papers/cdamd.md#printed-numbers).
 TABLES = {
     ("cmdm", "4"): {
         "CMDM": "default", "VAE w/o MA": "vae", "C-VAE w/o MA": "c-vae", "w/ Full-Seq. Diff.": "one-level",

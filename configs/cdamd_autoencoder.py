@@ -11,7 +11,7 @@
 
 A size may stand behind the data, as in configs/cdamd_autoencoder.py:kit_tiny.
 
-`full` is the released code's configuration (facts: cdamd 2, 10): 18.8 M parameters, 50 epochs.
+`full` is the released code's configuration (docs/papers/cdamd.md#autoencoder, #sizes): 18.8 M parameters, 50 epochs.
 """
 import ml_collections
 

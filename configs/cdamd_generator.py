@@ -14,8 +14,8 @@
 
 Words are joined by "_": mardm, ddpm, one of the data (kit, 67, 263) and a size, as in mardm_ddpm_67 or kit_tiny.
 
-`full` is the released training command's size (facts: cdamd 10), 290,023,424 parameters. Ablations of the paper, each
-with a name in configs/ablations/cdamd.py:
+`full` is the released training command's size (docs/papers/cdamd.md#sizes), 290,023,424 parameters. Ablations of the
+paper, each with a name in configs/ablations/cdamd.py:
 
   Table I   --config.loss.prior_levels=1 (first VQ), 2 (two VQ, the default: its best FID), 4 (all VQ)
   Table IV  --config.loss.mask=dccm (the default), causal (CM), bcm
@@ -128,7 +128,7 @@ def get_config(name="full"):
 
 
 def _make_mardm(config, size, data, ddpm):
-  """MARDM as it is published (facts: cdamd 4.5), at the size, on the data and by the text of the config."""
+  """MARDM as it is published (docs/papers/cdamd.md#mardm), at the size, on the data and by the text of the config."""
   kept = {key: config.model.transformer[key] for key in ("latent_dim", "text_dim", "text_scale", "dropout")}
   config.model.transformer = dict(kind="mardm", **kept, **MARDM[size])
   config.frozen.prior = ""

@@ -7,8 +7,8 @@
   ... --config configs/cdamd_length.py:laptop     your own data in an afternoon, docs/your-own-data.md
   ... --config configs/cdamd_length.py:tiny       two steps on formulas, seconds; kit_tiny: of KIT's body
 
-`full` is the released code's configuration (facts: cdamd 6): 435,122 parameters, 300 epochs. A generator takes it by
---config.frozen.length=runs/length.
+`full` is the released code's configuration (docs/papers/cdamd.md#length): 435,122 parameters, 300 epochs. A generator
+takes it by --config.frozen.length=runs/length.
 """
 import ml_collections
 

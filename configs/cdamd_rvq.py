@@ -10,8 +10,9 @@
 
 A size may stand behind the data, as in configs/cdamd_rvq.py:kit_tiny.
 
-`full` is the released code's configuration (facts: cdamd 3, 10): 18.8 M parameters and 1.0 M numbers in the codebooks,
-on whole clips padded to 196 frames, 4,500 steps. With --config.data.window=64 it sees windows of the clips instead.
+`full` is the released code's configuration (docs/papers/cdamd.md#rvq, #sizes): 18.8 M parameters and 1.0 M numbers in
+the codebooks, on whole clips padded to 196 frames, 4,500 steps. With --config.data.window=64 it sees windows of the
+clips instead.
 """
 import ml_collections
 

@@ -7,10 +7,10 @@
   ... --config configs/cmdm_denoiser.py:mini       for studies of many runs (benchmarks/study.py), minutes each
   ... --config configs/cmdm_denoiser.py:tiny       two steps on formulas, seconds
 
-`full` is the released code's configuration (facts: cmdm 4.5), size M of the paper: 38.7 M parameters. S is width 512,
-depth 4, 2 heads; L 768, 12, 6; XL 1024, 16, 8. `frozen.text` is a folder in Hugging Face layout, a published name, or
-"words", the small encoder that ships; `frozen.text_level` says whether a caption is a row per word piece ("words") or
-one row in all ("sentence").
+`full` is the released code's configuration (docs/papers/cmdm.md#denoiser-training), size M of the paper: 38.7 M
+parameters. S is width 512, depth 4, 2 heads; L 768, 12, 6; XL 1024, 16, 8. `frozen.text` is a folder in Hugging Face
+layout, a published name, or "words", the small encoder that ships; `frozen.text_level` says whether a caption is a row
+per word piece ("words") or one row in all ("sentence").
 
 Other data: essential (HumanML3D's first 67 numbers), kit, snapmogen, babel, and with _small or _tiny behind, as in
 configs/cmdm_denoiser.py:snapmogen_tiny, with a tokenizer of the same data.
@@ -19,8 +19,8 @@ import ml_collections
 
 from motion_jax import paper_rows
 
-# Numbers a frame and what the data section says (facts: cmdm 8, a table that is ours by analogy for all but the first).
-# 320 frames are 80 latents, 200 are 50: padded to whole blocks of 3, 81 and 51.
+# Numbers a frame and what the data section says (docs/papers/cmdm.md#data-sets, a table that is ours by analogy for all
+# but the first). 320 frames are 80 latents, 200 are 50: padded to whole blocks of 3, 81 and 51.
 DATASETS = {
     "essential": (67, dict(layout="essential")),
     "kit": (251, dict(layout="full_kit", min_frames=24)),

@@ -7,8 +7,9 @@
   ... --config configs/cmdm_tokenizer.py:mini      for studies of many runs (benchmarks/study.py), minutes each
   ... --config configs/cmdm_tokenizer.py:tiny      two steps on formulas, seconds
 
-`full` is the released code's configuration (facts: cmdm 2.5): 76.3 M parameters. Without a teacher
-(configs/ablations/cmdm.py:c-vae/tokenizer) it is the causal VAE of the paper's Table 4; its plain one is vae/tokenizer.
+`full` is the released code's configuration (docs/papers/cmdm.md#tokenizer-training): 76.3 M parameters. Without a
+teacher (configs/ablations/cmdm.py:c-vae/tokenizer) it is the causal VAE of the paper's Table 4; its plain one is
+vae/tokenizer.
 
 Other data: essential (HumanML3D's first 67 numbers), kit, snapmogen, babel, and with _small or _tiny behind, as in
 configs/cmdm_tokenizer.py:snapmogen_tiny. They need a teacher of the same data.
@@ -17,7 +18,8 @@ import ml_collections
 
 from motion_jax import paper_rows
 
-# Numbers a frame and what the data section says (facts: cmdm 8, a table that is ours by analogy for all but the first).
+# Numbers a frame and what the data section says (docs/papers/cmdm.md#data-sets, a table that is ours by analogy for all
+# but the first).
 DATASETS = {
     "essential": (67, dict(layout="essential")),
     "kit": (251, dict(layout="full_kit")),

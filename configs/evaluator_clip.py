@@ -8,9 +8,9 @@
   ... --config configs/evaluator_clip.py:laptop   your own data in an afternoon, docs/your-own-data.md
   ... --config configs/evaluator_clip.py:tiny     two steps on formulas, seconds
 
-`67` is MARDM's network (facts: cdamd 8.2): 59.5 M parameters, 34.2 M without CLIP's table of word pieces, which is held
-still. How it was trained is published nowhere; optimizer, batch and number of steps (150 epochs) are ours. The weights
-of the best validation retrieval are kept.
+`67` is MARDM's network (docs/papers/cdamd.md#clip-evaluator): 59.5 M parameters, 34.2 M without CLIP's table of word
+pieces, which is held still. How it was trained is published nowhere; optimizer, batch and number of steps (150 epochs)
+are ours. The weights of the best validation retrieval are kept.
 """
 import ml_collections
 

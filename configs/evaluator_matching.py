@@ -8,7 +8,7 @@
   ... --config configs/evaluator_matching.py:laptop   your own data in an afternoon, docs/your-own-data.md
   ... --config configs/evaluator_matching.py:tiny     two steps on formulas, seconds
 
-`full` is the original's (facts: cdamd 8.1): 21.7 M parameters with the movement encoder of
+`full` is the original's (docs/papers/cdamd.md#matching-evaluator): 21.7 M parameters with the movement encoder of
 configs/evaluator_movement.py, which is held still; 300 epochs; the weights of the best validation loss are kept.
 frozen.glove is the folder with the benchmark's our_vab_* files; empty, words are those of the encoder frozen.text.
 

@@ -7,8 +7,9 @@
   ... --config configs/evaluator_movement.py:laptop   your own data in an afternoon, docs/your-own-data.md
   ... --config configs/evaluator_movement.py:tiny     two steps on formulas, seconds
 
-configs/evaluator_matching.py goes on from it. `full` is the original's (facts: cdamd 8.1): 259 of 263 features, 270
-epochs of about 18,700 steps; KIT-ML has about 2,000 in each (both from clips and their lengths: count yours).
+configs/evaluator_matching.py goes on from it. `full` is the original's (docs/papers/cdamd.md#matching-evaluator): 259
+of 263 features, 270 epochs of about 18,700 steps; KIT-ML has about 2,000 in each (both from clips and their lengths:
+count yours).
 
 Statistics are the data's own. The original's std of heading, root and contacts is divided by 5 (CMDM's by 25), which
 weighs them more; released weights bring theirs.

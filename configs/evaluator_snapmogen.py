@@ -4,9 +4,9 @@
   ... --config configs/evaluator_snapmogen.py:small   narrow, with the text encoder that ships: hours on a CPU
   ... --config configs/evaluator_snapmogen.py:tiny    two steps on formulas, seconds
 
-Network, features 0:148 and text (T5 v1.1 base, 120 tokens) are SnapMoGen's (facts: cmdm 6.5). Of its training the
-facts say nothing; losses are TMR's, optimizer and number of steps ours. The weights of the best validation retrieval
-are kept.
+Network, features 0:148 and text (T5 v1.1 base, 120 tokens) are SnapMoGen's (docs/papers/cmdm.md#snapmogen). Losses and
+their weights are SnapMoGen's, which are TMR's; optimizer and number of steps are ours. The weights of the best
+validation retrieval are kept.
 """
 import ml_collections
 

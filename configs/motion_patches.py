@@ -6,9 +6,10 @@
   ... --config configs/motion_patches.py:mini      the same in minutes
   ... --config configs/motion_patches.py:tiny      two steps on formulas, seconds
 
-`full` is the published configuration (facts: cmdm 3.6): 152.6 M parameters with DistilBERT. frozen.vit is a folder with
-the model.safetensors of an ImageNet ViT-B/16, under timm's names or Hugging Face's; left empty, the ViT starts from
-random weights. The run's config.json says which, under "origin". The weights of the best validation recall are kept.
+`full` is the published configuration (docs/papers/cmdm.md#motionpatches): 152.6 M parameters with DistilBERT.
+frozen.vit is a folder with the model.safetensors of an ImageNet ViT-B/16, under timm's names or Hugging Face's; left
+empty, the ViT starts from random weights. The run's config.json says which, under "origin". The weights of the best
+validation recall are kept.
 
 Other data: kit, and kit_small, kit_tiny.
 """

@@ -7,16 +7,16 @@
   ... --config configs/part_tmr.py:mini      a smaller one, for tokenizers of size mini
   ... --config configs/part_tmr.py:tiny      two steps on formulas, seconds
 
-`full` is the released code's configuration (facts: cmdm 3): 117.4 M parameters with DistilBERT. model.kind "whole_body"
-sees the body as one part; the other teachers of the paper's Table 9 are configs/tmr.py and configs/motion_patches.py.
-Recall on the validation split is printed at every save.
+`full` is the released code's configuration (docs/papers/cmdm.md#part-tmr): 117.4 M parameters with DistilBERT.
+model.kind "whole_body" sees the body as one part; the other teachers of the paper's Table 9 are configs/tmr.py and
+configs/motion_patches.py. Recall on the validation split is printed at every save.
 
 Other data: essential (HumanML3D's first 67 numbers), kit, snapmogen, babel, and with _small or _tiny behind, as in
 configs/part_tmr.py:snapmogen_tiny.
 """
 import ml_collections
 
-# What the data section says (facts: cmdm 8).
+# What the data section says (docs/papers/cmdm.md#items).
 DATASETS = {
     "essential": dict(layout="essential"),
     "kit": dict(layout="full_kit"),

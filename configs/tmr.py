@@ -6,11 +6,11 @@
   ... --config configs/tmr.py:mini      the same in minutes
   ... --config configs/tmr.py:tiny      two steps on formulas, seconds
 
-`full` is the published configuration (facts: cmdm 3.5): 16.1 M parameters beside the frozen DistilBERT, 500 epochs, the
-last weights. model.pool "token" compares the motion's Gaussian with the caption's, as published; "real" compares the
-mean of the rows of its frames instead, which is what a teacher of frames needs: configs/ablations/cmdm.py:teacher-tmr.
-loss.threshold: captions with a cosine over 2 * threshold - 1 are no counter-examples, by the sentence vectors of
-frozen.sentence.
+`full` is the published configuration (docs/papers/cmdm.md#tmr): 16.1 M parameters beside the frozen DistilBERT, 500
+epochs, the last weights. model.pool "token" compares the motion's Gaussian with the caption's, as published; "real"
+compares the mean of the rows of its frames instead, which is what a teacher of frames needs:
+configs/ablations/cmdm.py:teacher-tmr. loss.threshold: captions with a cosine over 2 * threshold - 1 are no
+counter-examples, by the sentence vectors of frozen.sentence.
 
 Other data: kit, and kit_small, kit_tiny.
 """

@@ -4,7 +4,7 @@ A config is named for what it is when its file made it:
 
   return named(config, {"cmdm 4": "w/o adaLN"}).lock()
 
-{"SYSTEM TABLE": row}, as `evaluation/paper_tables/` has them. Whoever changes the model, its loss or its sampler
+{"SYSTEM TABLE": row}, as `evaluation/report/paper_tables/` has them. Whoever changes the model, its loss or its sampler
 afterwards still has a model beside that row, but not that row again: its numbers are shown there and never marked.
 """
 import hashlib
@@ -20,8 +20,8 @@ _SAMPLER = {"cmdm": ("schedule", "num_steps", "lag", "guidance_scale"),
 CMDM = {"cmdm 1": "CMDM w/ FSS", "cmdm 3-humanml3d": "CMDM", "cmdm 4": "CMDM", "cmdm 6": "CMDM w/ FSS",
         "cmdm 7": "CMDM", "cmdm 8": "MAC-VAE 64, 1/4", "cmdm 9": "Part-TMR", "cmdm 10": "M",
         "cmdm 11": "DistilBERT words", "cmdm speed": "CMDM w/ FSS"}
-# Tables III and VI do not say how many VQ levels their CDAMD has; IV and V repeat the first row of I (facts: cdamd
-# 8.4).
+# Tables III and VI do not say how many VQ levels their CDAMD has; IV and V repeat the first row of I
+# (docs/papers/cdamd.md#printed-numbers).
 CDAMD = {"cdamd 1": "CDAMD (two VQ)", "cdamd 3": "CDAMD", "cdamd 6": "CDAMD"}
 
 

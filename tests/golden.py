@@ -25,7 +25,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-FLOAT64_BOUND = 1e-10  # what numpy, written from the facts, stays far below (2e-15)
+FLOAT64_BOUND = 1e-10  # what numpy, written from docs/papers, stays far below (2e-15)
 GRADIENT_BOUND = 1e-5  # relative; recorded in float32 only
 RUNNERS = {}
 WIDTH = 24  # of a name in the table

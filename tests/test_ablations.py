@@ -53,7 +53,10 @@ def test_cdamds_rows_are_those_of_its_tables():
 
 
 def test_mardm_is_decoded_guided_and_cooled_as_published():
-  """18 decoding iterations, guidance 4.5, a tenth of the rate from 50,000 of 180,000 updates on (facts: cdamd 4.5)."""
+  """18 decoding iterations, guidance 4.5, a tenth of the rate from 50,000 of 180,000 updates on.
+
+  Source: docs/papers/cdamd.md#mardm.
+  """
   full, small, mini = (CDAMD["get_config"](f"mardm/generator/{size}") for size in ("full", "small", "mini"))
   for config in (full, small, mini):
     assert (config.sampler.num_rounds, config.sampler.guidance_scale) == (18, 4.5)
@@ -181,7 +184,9 @@ def test_mistakes_are_told():
 
 
 def test_teacher_and_tokenizer_are_chosen_as_the_references_choose():
-  """By the motions that find their caption, and by reconstruction FID (facts: cmdm 2.5, 3.3); small ones as they were.
+  """By the motions that find their caption, and by reconstruction FID; small ones as they were.
+
+  Source: docs/papers/cmdm.md#tokenizer-training, #teacher-training.
   """
   teacher, tokenizer = load_config("part_tmr", "full"), load_config("cmdm_tokenizer", "full")
   assert teacher.train.best == "max back_r1" and tokenizer.train.best == "min held_out_fid|held_out_mm"

@@ -362,7 +362,7 @@ def test_scaled_latents_are_undone_before_the_decoder():
 
 
 def test_the_papers_reconstruction_loss_is_an_option():
-  """L1 alone (facts: cdamd 9, row 11); by default smooth L1, and once more over columns 4 on."""
+  """L1 alone (CDAMD eq. 7); by default smooth L1, and once more over columns 4 on."""
   x, y = jnp.zeros((1, 2, 8)), jnp.concatenate([jnp.full((1, 2, 4), 0.5), jnp.full((1, 2, 4), 3.0)], axis=-1)
   terms = cdamd.autoencoder_terms(y, x, distance="l1", position_weight=0.0)
   np.testing.assert_allclose(terms["loss"], 1.75)

@@ -40,7 +40,8 @@ def test_full_size(tmp_path, kind):
   networks = write_cmdm(
       tmp_path / "run", save_nested(tmp_path / "net_best_fid", {"ae": vae, "ep": 49}, kind), stats,
       save_nested(tmp_path / "latest", {"ema_model": dit, "total_it": 9}, kind), text_folder(tmp_path / "text", 768))
-  assert [network.num_params for network in networks] == [76_312_199, 38_697_024]  # facts: cmdm 2.1, 4.1
+  # docs/papers/cmdm.md#tokenizer, #causal-dit
+  assert [network.num_params for network in networks] == [76_312_199, 38_697_024]
   assert networks[1].fields["num_heads"] == 4
   model = load(tmp_path / "run")
   motion = model.generate("a person walks", num_frames=24, seeds=[0], num_steps=2, polish=False)[0]
@@ -62,4 +63,4 @@ def test_full_size_teacher(tmp_path, kind):
   path = save_nested(tmp_path / "best_model", motion | text, kind)
   stats = stats_folder(tmp_path / "stats", np.zeros(263), np.ones(263))
   made = write_teacher(tmp_path / "teacher", path, stats)[0]
-  assert made.num_params == 117_443_585  # facts: cmdm 3.2, DistilBERT and temperature included
+  assert made.num_params == 117_443_585  # docs/papers/cmdm.md#part-tmr, DistilBERT and temperature included

@@ -212,7 +212,7 @@ def test_word_pieces_end_at_the_largest_id():
 
 
 def test_the_papers_networks_have_the_papers_sizes():
-  """Facts: cdamd 8.1, 8.2."""
+  """Source: docs/papers/cdamd.md#matching-evaluator, #clip-evaluator."""
   count = lambda tree: sum(a.size for a in jax.tree.leaves(tree))
   for size, movement in (("full", 1_842_688), ("67", 1_449_472), ("66", 1_447_424)):
     shapes = matching.t2m_shapes(T2MEvaluator(**load_config("evaluator_matching", size).model), 300)["params"]

@@ -7,7 +7,7 @@ import pytest
 
 ROOT = pathlib.Path(__file__).parents[1]
 PAGES = sorted((ROOT / "docs" / "papers").glob("*.md"))
-TEXT = {".py", ".md", ".sh", ".toml", ".html", ".js", ".css"}
+TEXT = {".py", ".md", ".sh", ".toml", ".json", ".html", ".css"}
 
 
 def _files():
@@ -31,9 +31,19 @@ def anchors(text):
 
 
 def dead_citations(text, pages):
-  """Citations "cmdm.md#heading" in a text whose page or heading does not exist. pages: anchors by a page's name."""
-  cited = re.findall(r"\b([\w-]+\.md)#([\w-]+)", text)
-  return [f"{page}#{anchor}" for page, anchor in cited if page in pages and anchor not in pages[page]]
+  """Citations "docs/papers/PAGE.md#heading, #heading" of a text whose page or heading does not exist.
+
+  pages: anchors by a page's name.
+  """
+  cited = re.findall(r"docs/papers/([\w-]+\.md)((?:(?:,\s+|\s+and\s+|;\s+)?#[\w-]+)*)", re.sub(r"\n *# +", "\n", text))
+  return [page + anchor for page, headings in cited for anchor in re.findall(r"#[\w-]+", headings) or [""]
+          if page not in pages or anchor and anchor[1:] not in pages[page]]
+
+
+def private_citations(text):
+  """Citations of notes outside the repository, such as "(facts: cmdm 2.4)" or "cdamd-facts 4.1"."""
+  pattern = r"\bfacts\b[\s:=\"'#]*\b(?:cmdm|cdamd|control|quality)\b|\b(?:cmdm|cdamd|control|quality)-facts\b|\(facts:"
+  return [" ".join(found.split()) for found in re.findall(pattern, text, re.IGNORECASE)]
 
 
 PAGE_ANCHORS = {page.name: anchors(page.read_text()) for page in PAGES}
@@ -42,14 +52,30 @@ PAGE_ANCHORS = {page.name: anchors(page.read_text()) for page in PAGES}
 def test_anchors_are_those_of_github():
   text = "# A page\n## Frame-wise sampling (FSS)\n```\n# no heading\n```\n### Text\n### Text\n"
   assert anchors(text) == {"a-page", "frame-wise-sampling-fss", "text", "text-1"}
-  assert dead_citations("docs/papers/a.md#text, a.md#texts, b.md#c", {"a.md": {"text"}}) == ["a.md#texts"]
+
+
+def test_a_dead_citation_is_found():
+  text = "docs/papers/a.md#text, #texts, docs/papers/a.md#text and #tail; docs/papers/b.md. docs/papers/a.md,\n  # #end"
+  assert dead_citations(text, {"a.md": {"text"}}) == ["a.md#texts", "a.md#tail", "b.md", "a.md#end"]
+  text = "(facts: x), Facts:\n  # cmdm 2.4, cdamd-facts 4.1, facts=\"cmdm 6.3\"; the facts: none"
+  assert private_citations(text) == ["(facts:", "Facts: # cmdm", "cdamd-facts", "facts=\"cmdm"]
+
+
+def _found(search, *arguments):
+  """What a search finds in the repository's files, by file."""
+  return {str(path.relative_to(ROOT)): found for path in _files() if path != pathlib.Path(__file__)
+          if (found := search(path.read_text(), *arguments))}
 
 
 def test_every_cited_heading_exists():
   assert {"cmdm.md", "cdamd.md", "paper-and-code.md"} <= set(PAGE_ANCHORS)
-  dead = {str(path.relative_to(ROOT)): found for path in _files() if path != pathlib.Path(__file__)
-          if (found := dead_citations(path.read_text(), PAGE_ANCHORS))}
-  assert not dead, f"no such heading in docs/papers: {dead}"
+  dead = _found(dead_citations, PAGE_ANCHORS)
+  assert not dead, f"no such page or heading in docs/papers: {dead}"
+
+
+def test_sources_lie_in_the_repository():
+  private = _found(private_citations)
+  assert not private, f"cite the paper's equation or a heading of docs/papers instead: {private}"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

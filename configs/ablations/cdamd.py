@@ -6,7 +6,7 @@
 
 ROW[/STAGE[/SIZE]]: the stage is autoencoder, rvq or generator (the default). Rows differ in the generator alone, but
 for the representation: those of 263 columns, and of 67, share the autoencoder and the RVQ-VAE of the row of that name.
-Numbers of the paper stand in facts: cdamd 8.4.
+Numbers of the paper stand in docs/papers/cdamd.md#printed-numbers.
 """
 import pathlib
 import runpy
@@ -14,8 +14,8 @@ import runpy
 from motion_jax import paper_rows
 
 # row -> ({table: its printed row there}, representation, {field of the generator: value}); the default has two VQ
-# levels and DCCM. The first row of Table I is that of the other masks, and of the parts that are left out (facts: cdamd
-# 8.4), so these have one level, too; which one Tables III and VI mean is not said.
+# levels and DCCM. The first row of Table I is that of the other masks, and of the parts that are left out
+# (docs/papers/cdamd.md#printed-numbers), so these have one level, too; which one Tables III and VI mean is not said.
 _ONE = {"1": "CDAMD (first VQ)", "3": "CDAMD", "4": "DCCM", "5": "CDAMD", "6": "CDAMD"}
 ROWS = {
     "default": ({table.removeprefix("cdamd "): row for table, row in paper_rows.CDAMD.items()}, "coordinates", {}),
@@ -32,7 +32,7 @@ ROWS = {
     "67": ({}, "essential", {"loss.prior_levels": 1}),
     # The baseline of all tables, as configs/cdamd_generator.py has it.
     "mardm": ({"1": "MARDM-SiT-XL", "3": "MARDM"}, "coordinates", {}),
-    # Our reading of facts: cdamd 9, rows 3, 4, 9.
+    # Our reading of the paper: docs/papers/paper-and-code.md#cdamd.
     "same-mask": ({}, "coordinates", {"sampler.mask": "dccm"}),
     "left-to-right": ({}, "coordinates", {"sampler.order": "left_to_right"}),
     "prior-per-item": ({}, "coordinates", {"loss.prior_drop": "item"}),

@@ -7,7 +7,7 @@
 ROW[/STAGE[/SIZE]]: the stage is teacher, tokenizer or denoiser (the default). A row that changes nothing of a stage
 gives the base config of it, and its denoiser looks for the tokenizer of the row that shares it. Rows of sampling (K
 steps, lag L) change config.sampler alone and need no training. config.paper_row names the printed
-rows, whose numbers stand in evaluation/paper_tables (facts: cmdm 6.6).
+rows, whose numbers stand in evaluation/report/paper_tables (docs/papers/cmdm.md#printed-numbers).
 
 At sizes small and mini the widths of Tables 8 and 10 are their own: latents of 32, 16, 8 stand for 64, 32, 16, and
 S, L, XL are as far from it as the paper's from M; the text encoders of Table 11 are the one that ships, by words or by
@@ -41,7 +41,8 @@ ROWS = {
     "no-adaln-no-rope": ({"4": "w/o adaLN + ROPE"},
                          {"denoiser": {"model.use_adaln": False, "model.use_rope": False}}),
     # Table 9: teachers, with base configs of their own. Features of frames are what teaches, and no loss of the
-    # published TMR touches its: here their mean is what captions are compared with (facts: cmdm 3.7).
+    # published TMR touches its: here their mean is what captions are compared with
+    # (docs/papers/cmdm.md#frame-features).
     "teacher-tmr": ({"9": "TMR"}, {"teacher": {"model.pool": "real"}, "tokenizer": {}}),
     "teacher-motion-patches": ({"9": "MotionPatches"}, {"teacher": {}, "tokenizer": {}}),
     # Table 10: sizes; M is the default.
@@ -56,7 +57,7 @@ ROWS = {
     "text-sentence-t5": ({"11": "Sentence-T5"},
                          {"denoiser": {"frozen.text": "sentence-transformers/sentence-t5-base", "model.text_dim": 768,
                                        "frozen.text_level": "sentence"}}),
-    # In no table (facts: cmdm 7, rows 1 and 2): what the network gives, and a level per latent as the text has it.
+    # In no table (docs/papers/paper-and-code.md#cmdm): what the network gives, and a level per latent as in the text.
     "predict-eps": ({}, {"denoiser": {"model.predicts": "eps"}}),
     "predict-x1": ({}, {"denoiser": {"model.predicts": "x1"}}),
     "block-1": ({}, {"denoiser": {"model.block": 1, "loss.level_block": 1}}),

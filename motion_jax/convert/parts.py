@@ -128,8 +128,8 @@ def heads_of(given, width, known, flag="--heads"):
 def stats_of(folder, columns, means=("Mean.npy",)):
   """Mean and std of so many columns, from the first pair of files in a folder that has as many.
 
-  means: names of the files with means; for coordinates Mean_abs.npy comes first (facts: cdamd 1.3). Raises
-  FileNotFoundError or ValueError.
+  means: names of the files with means; for coordinates Mean_abs.npy comes first (docs/papers/cdamd.md#representations).
+  Raises FileNotFoundError or ValueError.
   """
   folder, layout = pathlib.Path(folder), layout_for(columns)
   pairs = [(mean, mean.replace("Mean", "Std").replace("mean", "std")) for mean in means]

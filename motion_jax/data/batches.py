@@ -39,7 +39,7 @@ def window_starts(lengths, window, stride, released=False):
   """Where the windows of clips of so many rows begin: (N, 2), the clip's number and the window's first row.
 
   Clips shorter than the window are left out. released: the list of CDAMD's and MARDM's released loader, as many as rows
-  beyond the first window (facts: cdamd 1.2), every stride-th of it.
+  beyond the first window (docs/papers/cdamd.md#items), every stride-th of it.
   """
   if released:
     # Parity: its last possible start is never used, a clip of just the window's rows gives nothing, and the first start
@@ -55,7 +55,7 @@ def window_starts(lengths, window, stride, released=False):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Windows:
-  """Windows of a fixed number of frames from clips, for the autoencoders (facts: cmdm 1.3).
+  """Windows of a fixed number of frames from clips, for the autoencoders (docs/papers/cmdm.md#items).
 
   features: list of normalized (T_i, F); clips shorter than the window are left out. released: see `window_starts`.
   """
@@ -82,7 +82,7 @@ class Windows:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class TextItems:
-  """Clips with captions, for the generators (facts: cmdm 1.3, cdamd 1.2).
+  """Clips with captions, for the generators (docs/papers/cmdm.md#items, docs/papers/cdamd.md#items).
 
   features: list of normalized (T_i, F), captions: a list of captions for each. `lengths` are the padded frame counts on
   offer, rising; a batch is drawn from the items of one of them, which saves the arithmetic of padding. One length pads
@@ -90,8 +90,9 @@ class TextItems:
   to them, for data with rare actions; without them and with one length every item comes once an epoch.
 
   max_frames is the longest padded length. No item has more real frames than crop_frames, where these are given: whole
-  latents may not fill whole blocks (320 frames are 80 latents, padded to 27 blocks of 3: 324 frames; facts: cmdm 8).
-  keep_long cuts clips that are longer instead of leaving them out. coin is how often a unit less is taken.
+  latents may not fill whole blocks (320 frames are 80 latents, padded to 27 blocks of 3: 324 frames;
+  docs/papers/cmdm.md#data-sets). keep_long cuts clips that are longer instead of leaving them out. coin is how often a
+  unit less is taken.
   """
   features: list[np.ndarray]
   captions: list[list[str]]
@@ -158,7 +159,10 @@ def balance_weights(groups, power):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CaptionedClips:
-  """Whole clips with a caption, for the teacher (facts: cmdm 1.3): any length, padded with zeros or cut at random."""
+  """Whole clips with a caption, for the teacher: any length, padded with zeros or cut at random.
+
+  Source: docs/papers/cmdm.md#items.
+  """
   features: list[np.ndarray]
   captions: list[list[str]]
   max_frames: int = 196

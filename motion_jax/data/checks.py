@@ -9,7 +9,7 @@ from motion_jax.motion.features import bone_lengths, facing
 from motion_jax.motion.retarget import floor_height
 from motion_jax.motion.skeleton import HUMANML3D
 
-# Std of the official HumanML3D statistics by block, and the height's mean (facts: cmdm 1.2).
+# Std of the official HumanML3D statistics by block, and the height's mean (docs/papers/cmdm.md#statistics).
 _OFFICIAL_STD = (0.012826, 0.016927, 0.153766, 0.122244, 0.299692, 0.019470, 0.355933)
 _EVALUATOR_STD = (0.00051467, 0.00067693, 0.00612082, 0.12255538, 0.30038649, 0.01954057, 0.01409494)
 

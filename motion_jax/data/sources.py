@@ -148,7 +148,7 @@ def load_features(config, split="train", stats=None, captioned=True) -> FeatureS
   Archives and synthetic clips become features here (config.mode), on the layout's skeleton and at its rate, mirrored
   too if config.mirror. Folders of data sets hold them already, or say how they are cut: there each captioned part is an
   item of its own, and lengths are limited, unless captioned is False: the autoencoders see every whole clip once
-  (facts: cmdm 1.3).
+  (docs/papers/cmdm.md#items).
   """
   layout, tokens = get_layout(config.layout), {}
   if config.name in _FOLDERS:

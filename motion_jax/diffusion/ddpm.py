@@ -1,4 +1,4 @@
-"""Diffusion in discrete steps, noise predicted, as MARDM's DDPM variant does it (facts: cdamd 5).
+"""Diffusion in discrete steps, noise predicted, as MARDM's DDPM variant does it (docs/papers/cdamd.md#diffusion-mlp).
 
 Steps count upwards in noise, 0 being the cleanest, the other way round than the times elsewhere in this package: they
 are indices of the tables below, and what enters the network.

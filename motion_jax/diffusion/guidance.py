@@ -3,7 +3,10 @@ import jax.numpy as jnp
 
 
 def combine(with_text, without, scale):
-  """without + scale (with_text - without) (facts: cmdm 5.2); scale 1 is the model itself, 0 ignores the words."""
+  """without + scale (with_text - without); scale 1 is the model itself, 0 ignores the words.
+
+  Source: docs/papers/cmdm.md#guidance, docs/papers/cdamd.md#guidance.
+  """
   return without + scale * (with_text - without)
 
 

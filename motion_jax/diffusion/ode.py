@@ -2,7 +2,7 @@
 
 Dormand and Prince's fifth-order method. Why not a library: diffrax and jax.experimental.ode have the same tableau but
 other initial steps, other controllers and another norm, so they stop elsewhere and take another number of evaluations;
-the reference's result carries its own step sizes to 1e-3. Facts: cdamd 5.
+the reference's result carries its own step sizes to 1e-3. Source: docs/papers/cdamd.md#diffusion-mlp.
 """
 from typing import NamedTuple
 

@@ -1,6 +1,7 @@
 """The straight path from noise (t = 0) to data (t = 1), what can be predicted along it, and the forcing loss.
 
-x_t = t x1 + (1 - t) eps, velocity v = x1 - eps (facts: cmdm 4.4). Times t (B, L) go with arrays (B, L, C).
+x_t = t x1 + (1 - t) eps, velocity v = x1 - eps (docs/papers/cmdm.md#denoiser-loss).
+Times t (B, L) go with arrays (B, L, C).
 """
 import jax
 import jax.numpy as jnp

@@ -27,7 +27,7 @@ def staircase_levels(num_steps, length, lag, block=1):
 
 
 def staircase(num_steps, length, lag, block=1):
-  """Frame-wise sampling as times (N + 1, L), float32 (facts: cmdm 5.1)."""
+  """Frame-wise sampling (CMDM eq. 13; docs/papers/cmdm.md#fss) as times (N + 1, L), float32."""
   return time_of_level(staircase_levels(num_steps, length, lag, block), num_steps)
 
 

@@ -41,7 +41,8 @@ class Judge:
   """
 
   def __init__(self, protocol, evaluator, clip_evaluator, items, seed, limit=None):
-    if protocol.cosine and clip_evaluator is None:  # the evaluator is of CLIP's type itself (facts: cmdm 6.5)
+    # The evaluator is of CLIP's type itself (docs/papers/cmdm.md#snapmogen).
+    if protocol.cosine and clip_evaluator is None:
       clip_evaluator = evaluator
     self.evaluator, self.clip_evaluator, self.items = evaluator, clip_evaluator, items
     self.seed, self.limit = int(seed), limit

@@ -36,7 +36,7 @@ class Benchmark(Protocol):
   """
   name: str = ""
   title: str = ""
-  facts: str = ""                        # where the numbers are from: sections of the design notes
+  source: str = ""                       # where its rules are from
   task: str = "generation"
   formats: tuple[str, ...] = ("humanml3d",)
   layouts: tuple[str, ...] = ()          # representations that the evaluator may read; none named: any
@@ -111,14 +111,15 @@ class Benchmark(Protocol):
 
 
 _CMDM = Benchmark(
-    name="cmdm-259", title="Text to motion, HumanML3D, 263 features", facts="cmdm 1.3, 6.2",
+    name="cmdm-259", title="Text to motion, HumanML3D, 263 features", source="docs/papers/cmdm.md#items, #protocol",
     layouts=("full",), seed=3467, max_frames=192, lost_frames=1, repeats=10,
     # Parity: generated motions are padded to the longest of their batch; with a frame lost no token reads that far.
     paper=("cmdm", "1", "CMDM w/ FSS"))
 
 _CDAMD = Benchmark(
-    name="cdamd-66", title="Text to motion, HumanML3D, joint coordinates", facts="cdamd 1.2, 8.3", seed=3407,
-    layouts=("coordinates",), lost_frames=0, repeats=20, made_padding="decoded",
+    name="cdamd-66", title="Text to motion, HumanML3D, joint coordinates",
+    source="docs/papers/cdamd.md#items, #metrics", seed=3407, layouts=("coordinates",), lost_frames=0, repeats=20,
+    made_padding="decoded",
     # Parity: switched off in the released script; 96 captions of which the other scores see the last generation.
     multimodality_batches=3, multimodality_shared=True, paper=("cdamd", "1", "CDAMD (two VQ)"))
 
@@ -132,13 +133,13 @@ _ANY_GENERATION = ("archive", "humanml3d")
 PROTOCOLS = {protocol.name: protocol for protocol in (
     dataclasses.replace(
         _CDAMD, name="archives-66", title="Text to motion, CMU and Bandai archives, joint coordinates",
-        facts="our own benchmark: cdamd-66's rules on archives, clips from 24 rows; multimodality in 5 of 20 repeats",
+        source="our own benchmark: cdamd-66's rules on archives, clips from 24 rows; multimodality in 5 of 20 repeats",
         formats=("archive",), evaluator="evaluator-small", clip_evaluator="clip-evaluator-small",
         multimodality_batches=1, multimodality_motions=20, multimodality_repeats=5,
         multimodality_shared=False, paper=None),
     dataclasses.replace(
         _CDAMD, name="own-66", title="Text to motion, your own data, joint coordinates",
-        facts="archives-66 on a folder of `motion-jax data build`: numbers compare among your own models",
+        source="archives-66 on a folder of `motion-jax data build`: numbers compare among your own models",
         min_frames=24, past_frames=201, population_std=False, repeats=4, evaluator="evaluator-small",
         clip_evaluator="clip-evaluator-small", multimodality_batches=1, multimodality_motions=20,
         multimodality_repeats=1, multimodality_shared=False, paper=None),
@@ -149,27 +150,29 @@ PROTOCOLS = {protocol.name: protocol for protocol in (
     _CDAMD,
     Benchmark(
         name="t2m-263", title="Text to motion, HumanML3D, protocol of T2M", seed=3407, layouts=("full",),
-        facts="cmdm 6.1, cdamd 1.2, 8.3 (EricGuo5513/text-to-motion: no frame lost, 20 repeats, 100 captions)",
+        source="docs/papers/cmdm.md#evaluators, docs/papers/cdamd.md#items, #metrics (EricGuo5513/text-to-motion: no "
+               "frame lost, 20 repeats, 100 captions)",
         lost_frames=0, repeats=20, multimodality_captions=100),
     dataclasses.replace(
-        _CDAMD, name="kit", title="Text to motion, KIT", facts="cdamd 1.2, 8.3, 10", min_frames=24,
+        _CDAMD, name="kit", title="Text to motion, KIT", source="docs/papers/cdamd.md#items, #metrics", min_frames=24,
         layouts=("coordinates_kit", "essential_kit", "full_kit"), paper=("cdamd", "2", "CDAMD"),
         paper_layout="coordinates_kit"),
     Benchmark(
-        name="snapmogen", title="Text to motion, SnapMoGen", facts="cmdm 6.5", formats=("snapmogen",),
-        layouts=("snapmogen_148", "snapmogen"), kinds=("snapmogen",), seed=3407, pool=100, lost_frames=0, repeats=10,
-        min_frames=128,
+        name="snapmogen", title="Text to motion, SnapMoGen", source="docs/papers/cmdm.md#snapmogen",
+        formats=("snapmogen",), layouts=("snapmogen_148", "snapmogen"), kinds=("snapmogen",), seed=3407, pool=100,
+        lost_frames=0, repeats=10, min_frames=128,
         # Parity: SnapMoGen repeats 20 times, the paper says 10; spans of any length, cut to 320.
         past_frames=10**9, max_frames=320, unit=8, coin=False, cosine=True, multimodality_batches=1,
         paper=("cmdm", "2", "CMDM w/ FSS")),
     Benchmark(
-        name="long-horizon", title="Long motions, 32 prompts in a row", facts="cmdm 6.4", task="stories",
-        formats=_ANY_GENERATION, seed=3407, lost_frames=0, repeats=10, min_frames=70, past_frames=201, max_frames=200,
-        coin=False,
-        # Parity: segment by segment, as the code behind the published numbers (facts: cmdm 5.6, 7 row 6).
+        name="long-horizon", title="Long motions, 32 prompts in a row", source="docs/papers/cmdm.md#long-horizon",
+        task="stories", formats=_ANY_GENERATION, seed=3407, lost_frames=0, repeats=10, min_frames=70, past_frames=201,
+        max_frames=200, coin=False,
+        # Parity: segment by segment, as the code behind the published numbers (docs/papers/cmdm.md#multi-prompt).
         random_crop=False, way="chain", paper=("cmdm", "3-humanml3d", "CMDM"), paper_layout="full", note=_OWN_STORIES),
     Benchmark(
-        name="snapmogen-long", title="Long motions, SnapMoGen's recordings", facts="cmdm 6.4, 6.5", task="stories",
+        name="snapmogen-long", title="Long motions, SnapMoGen's recordings",
+        source="docs/papers/cmdm.md#long-horizon, #snapmogen", task="stories",
         formats=("snapmogen",), layouts=("snapmogen_148", "snapmogen"), kinds=("snapmogen",), seed=3407, lost_frames=0,
         repeats=10, min_frames=60, past_frames=10**9, max_frames=320, coin=False, random_crop=False, cosine=True,
         # Parity: the printed AUJ fits HumanML3D's level in numbers of centimetres: that of real motions, 45.16 under a
@@ -177,23 +180,23 @@ PROTOCOLS = {protocol.name: protocol for protocol in (
         sequences=128, recorded=5, joints_layout="snapmogen", jerk_unit=0.01, way="chain",
         paper=("cmdm", "3-snapmogen", "CMDM"), note=_RECORDINGS),
     Benchmark(
-        name="babel", title="Long motions, BABEL", facts="cmdm 6.4", task="stories", formats=("babel",),
-        layouts=("babel",), kinds=("tmr", "t2m"), split="val", seed=3407, lost_frames=0, repeats=10, min_frames=30,
-        past_frames=201,
-        max_frames=200, coin=False, random_crop=False, transition_frames=30, real_jerk="babel",
-        way="chain", paper=("cmdm", "5", "CMDM"), note=_OWN_STORIES),
+        name="babel", title="Long motions, BABEL", source="docs/papers/cmdm.md#long-horizon", task="stories",
+        formats=("babel",), layouts=("babel",), kinds=("tmr", "t2m"), split="val", seed=3407, lost_frames=0, repeats=10,
+        min_frames=30, past_frames=201, max_frames=200, coin=False, random_crop=False, transition_frames=30,
+        real_jerk="babel", way="chain", paper=("cmdm", "5", "CMDM"), note=_OWN_STORIES),
     Benchmark(
-        name="mtt", title="Timelines, MTT", facts="cmdm 6.4", task="timelines", formats=_ANY_GENERATION, kinds=("tmr",),
-        seed=3407, lost_frames=0, repeats=1, max_frames=400, past_frames=401, sequences=10**9,
-        paper=("cmdm", "7", "CMDM")),
+        name="mtt", title="Timelines, MTT", source="docs/papers/cmdm.md#long-horizon", task="timelines",
+        formats=_ANY_GENERATION, kinds=("tmr",), seed=3407, lost_frames=0, repeats=1, max_frames=400,
+        past_frames=401, sequences=10**9, paper=("cmdm", "7", "CMDM")),
     dataclasses.replace(
-        _CDAMD, name="editing", title="Editing in time", facts="cdamd 7, 8.3; repeats: one in the released comment",
+        _CDAMD, name="editing", title="Editing in time",
+        source="docs/papers/cdamd.md#editing, #metrics; repeats: one in the released comment",
         task="editing", formats=_ANY_GENERATION, layouts=(), repeats=1,
         paper=("cdamd", "3", "CDAMD"), paper_layout="coordinates"),
     dataclasses.replace(
-        _CMDM, name="reconstruction", title="Reconstruction by the tokenizer", facts="cmdm 6.3",
-        task="reconstruction", formats=_ANY_GENERATION, layouts=(), sampled_latents=True,
-        paper=("cmdm", "8", "MAC-VAE 64, 1/4"), paper_layout="full"),
+        _CMDM, name="reconstruction", title="Reconstruction by the tokenizer",
+        source="docs/papers/cmdm.md#reconstruction", task="reconstruction", formats=_ANY_GENERATION, layouts=(),
+        sampled_latents=True, paper=("cmdm", "8", "MAC-VAE 64, 1/4"), paper_layout="full"),
 )}
 
 

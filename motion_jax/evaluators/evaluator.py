@@ -6,7 +6,8 @@
   "snapmogen"  SnapMoGen's Gaussians on its 148 numbers: its R-precision is by cosine, its FID of another vector
 
 Folders: runs of configs/evaluator_matching.py, evaluator_clip.py, evaluator_snapmogen.py and part_tmr.py, and what
-`motion-jax convert evaluator` makes of released weights. Facts: cmdm 6.1, 6.5, cdamd 8.1, 8.2.
+`motion-jax convert evaluator` makes of released weights. Source: docs/papers/cmdm.md#evaluators, #snapmogen,
+docs/papers/cdamd.md#matching-evaluator, #clip-evaluator.
 """
 import dataclasses
 import functools

@@ -1,4 +1,6 @@
-"""The benchmarks' frozen networks, which put motions and sentences into one space (facts: cmdm 6.1, cdamd 8.1 and 8.2).
+"""The benchmarks' frozen networks, which put motions and sentences into one space.
+
+Source: docs/papers/cmdm.md#evaluators, docs/papers/cdamd.md#matching-evaluator, #clip-evaluator.
 
 `T2MEvaluator` (Guo et al.): movement tokens, recurrent encoders; its embeddings give R-precision, matching, FID and
 diversity. `ClipEvaluator` (MARDM): transformers; it gives the CLIP score. Pair embeddings of one kind only.

@@ -1,4 +1,6 @@
-"""SnapMoGen's evaluator: a Gaussian per motion and per sentence in one space of directions (facts: cmdm 6.5).
+"""SnapMoGen's evaluator: a Gaussian per motion and per sentence in one space of directions.
+
+Source: docs/papers/cmdm.md#snapmogen.
 
 Motions are the first 148 of 296 features, sentences the hidden states of a frozen text encoder (T5 v1.1 base). Pairs
 are compared by the cosine of their means; FID looks at what stands before the last linear layer.
@@ -47,7 +49,8 @@ class GaussianEncoder(nn.Module):
 class GaussianDecoder(nn.Module):
   """z (B, D), real_mask (B, T) -> motions (B, T, F), zeros where not real: it trains the encoders, as TMR's does.
 
-  Facts are silent on its layers; here the latent is added to the positions that the encoder's kind of layers reads.
+  SnapMoGen's own attends to the latent (docs/papers/cmdm.md#snapmogen); here it is added to the positions that the
+  encoder's kind of layers reads.
   """
   features: int
   depth: int = 6

@@ -1,9 +1,9 @@
 """Evaluators and how they learn: motions and sentences by contrast, so that benchmarks can measure in their space.
 
-Four trainings on one page (facts: cdamd 8.1, 8.2, cmdm 6.5): the movement autoencoder, whose encoder is then held
-still; motion and sentence encoders that are matched on top of it; the CLIP-type pair of transformers; SnapMoGen's
-Gaussians.
-Networks: `metrics.evaluators`, `metrics.snap_evaluator`.
+Four trainings on one page (docs/papers/cdamd.md#matching-evaluator, #clip-evaluator, docs/papers/cmdm.md#snapmogen):
+the movement autoencoder, whose encoder is then held still; motion and sentence encoders that are matched on top of it;
+the CLIP-type pair of transformers; SnapMoGen's Gaussians.
+Networks: `evaluators.networks`, `evaluators.snapmogen_network`.
 """
 import jax
 import jax.numpy as jnp
@@ -210,8 +210,8 @@ def gaussian_stage(config, axis_name=DEVICES) -> Stage:
   and like the unit one, and latents of pairs stand out of the batch by their cosines.
 
   Batch: features (B, T, columns), num_frames (B,), text_emb (B, S, W), text_mask (B, S), meaning (B,), index (B,).
-  Facts are silent on SnapMoGen's weights; config.loss has TMR's. Parity: padded frames count in the reconstruction, as
-  zeros that are met, which lowers the loss of short clips.
+  SnapMoGen's weights of the losses are TMR's (docs/papers/cmdm.md#snapmogen). Parity: padded frames count in the
+  reconstruction, as zeros that are met, which lowers the loss of short clips.
   """
   net, decoder = gaussian_networks(config.model)
   whole = _gather(axis_name)

@@ -4,7 +4,8 @@ import numpy as np
 from motion_jax.evaluators.reading import carry
 from motion_jax.metrics import scores
 
-LENGTH, LOST, CHUNK = 192, 1, 64  # frames of a clip; those that an evaluator is not told of (facts: cmdm 6.2); clips
+# Frames of a clip; those that an evaluator is not told of (docs/papers/cmdm.md#protocol); clips at a time.
+LENGTH, LOST, CHUNK = 192, 1, 64
 
 
 def reconstruction_fid(evaluator, features, stats):
@@ -12,7 +13,7 @@ def reconstruction_fid(evaluator, features, stats):
   i) gives clip i back.
 
   evaluator: a folder or a name that ships. Clips are cut to LENGTH frames and to whole groups of four, padded with
-  zeros (facts: cmdm 6.3). Raises ValueError where the evaluator judges another body.
+  zeros (docs/papers/cmdm.md#reconstruction). Raises ValueError where the evaluator judges another body.
   """
   from motion_jax.evaluators.evaluator import load_evaluator
   judge = load_evaluator(evaluator)

@@ -1,4 +1,4 @@
-"""Names of the benchmarks' evaluators and of MARDM's length estimator (facts: cmdm 9)."""
+"""Names of the benchmarks' evaluators (docs/papers/cmdm.md#checkpoint-names) and of MARDM's length estimator."""
 from motion_jax.convert.state import post_norm_names
 
 
@@ -9,7 +9,7 @@ def _sequence_names(theirs, ours):
 
 
 def t2m_evaluator_names(movement="movement_encoder/", motion="motion_encoder/", text="text_encoder/"):
-  """The T2M evaluator (facts: cmdm 9), whose file holds three networks; the arguments are their prefixes."""
+  """The T2M evaluator, whose file holds three networks; the arguments are their prefixes."""
   ours = "movement_encoder"
   table = {f"{movement}main.0": (f"{ours}/conv0", "conv"), f"{movement}main.3": (f"{ours}/conv1", "conv"),
            f"{movement}out_net": (f"{ours}/out", "dense"), f"{text}pos_emb": ("text_encoder/classes", "dense")}

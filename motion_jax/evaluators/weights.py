@@ -1,4 +1,7 @@
-"""The benchmarks' frozen evaluators, as their authors release them (names in facts: cmdm 9; cdamd 8)."""
+"""The benchmarks' frozen evaluators, as their authors release them.
+
+Source: docs/papers/cmdm.md#checkpoint-names, docs/papers/cdamd.md#evaluation.
+"""
 import jax
 import jax.numpy as jnp
 

@@ -1,8 +1,8 @@
 """What the classic evaluators read of a sentence: a vector and a class for each of its words.
 
-Facts: cmdm 6.1, cdamd 1.2. A token is "lemma/POS", as the benchmarks' text files hold them. The vectors come from the
-usual glove/our_vab_* files, two of which are pickles: they are read once, with a reader that knows lists, dicts, words
-and numbers only, and kept as an .npz file beside them.
+Source: docs/papers/cdamd.md#words. A token is "lemma/POS", as the benchmarks' text files hold them. The vectors come
+from the usual glove/our_vab_* files, two of which are pickles: they are read once, with a reader that knows lists,
+dicts, words and numbers only, and kept as an .npz file beside them.
 """
 import hashlib
 import io

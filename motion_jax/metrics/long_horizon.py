@@ -1,9 +1,9 @@
 """How well a long motion follows a list of captions, and how smoothly it goes from one to the next.
 
-FlowMDM's protocol (CVPR 2024), which CMDM's Tables 3, 4 and 5 use (facts: cmdm 6.4): a long motion is cut at the
-borders of its captions, each piece is judged like a clip; frames around each border are judged as transitions, against
-random crops of real motions, and by their jerk. Evaluators come in as `embed(list of motions) -> (N, E)`; a motion is
-any array with time first that `embed` understands (features or joints).
+FlowMDM's protocol (CVPR 2024), which CMDM's Tables 3, 4 and 5 use (docs/papers/cmdm.md#long-horizon): a long motion is
+cut at the borders of its captions, each piece is judged like a clip; frames around each border are judged as
+transitions, against random crops of real motions, and by their jerk. Evaluators come in as `embed(list of motions) ->
+(N, E)`; a motion is any array with time first that `embed` understands (features or joints).
 """
 import dataclasses
 from typing import NamedTuple

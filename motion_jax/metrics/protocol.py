@@ -1,4 +1,6 @@
-"""How the benchmarks turn motions into a row of numbers (facts: cmdm 6.2 and 6.3, cdamd 1.2 and 8.3).
+"""How the benchmarks turn motions into a row of numbers.
+
+Source: docs/papers/cmdm.md#protocol, #reconstruction, docs/papers/cdamd.md#items, #metrics.
 
 Evaluators have done their work here already, so the loops can be used and tested without a network. A pass is a list of
 `Batch`, made one at a time while motions are generated; `generation_scores` and `reconstruction_scores` read it at the

@@ -1,7 +1,7 @@
 """The benchmarks' scores as pure functions: numpy arrays in, numbers out, all sums in float64.
 
 Embeddings are rows of (N, E) arrays, row i of texts belonging to row i of motions. Random draws are arguments, so that
-a number can be repeated. Definitions: facts cmdm 6.2 and 6.3, cdamd 8.3.
+a number can be repeated. Definitions: docs/papers/cmdm.md#protocol, #reconstruction, docs/papers/cdamd.md#metrics.
 """
 from typing import NamedTuple
 
@@ -89,7 +89,7 @@ def mean_ranks(similarity, same=None):
   """The rank of its own column for each row of similarity (N, N), from 0, (N,); of ties the mean of their places.
 
   same (N, N): columns that are as good an answer to a row; the nearest of them counts, as in TMR's protocol with a
-  threshold on the captions' similarity (facts: cmdm 3.5).
+  threshold on the captions' similarity (docs/papers/cmdm.md#tmr).
   """
   away = -np.asarray(similarity, np.float64)
   own = np.diagonal(away) if same is None else np.where(same, away, np.inf).min(1)
@@ -201,7 +201,7 @@ def released_mpjpe(errors, batch_size=32):
   """The number that the released code calls MPJPE: sums over frames, divided by clips and once more by the batch size.
 
   Parity: the divisor should be the clips' own lengths, so this is `mpjpe` times mean length / batch size; it is here to
-  be compared with printed numbers only (facts: cmdm 6.3).
+  be compared with printed numbers only (docs/papers/cmdm.md#reconstruction).
   """
   return float(sum(error.sum() for error in _some(errors)) / (len(errors) * batch_size))
 

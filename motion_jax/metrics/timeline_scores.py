@@ -3,7 +3,7 @@
 Each interval of a timeline is cut out of the motion and compared, by an evaluator of motions and texts, with all texts
 of the data set (which is it?) and with a real motion of its own text. Realism: random crops of five seconds against the
 real motions, and how far the pose jumps at the borders. Definitions: github.com/nv-tlabs/stmc, mtt/stmc_metrics.py
-(facts: cmdm 6.4); where that code slips, a switch says so. Timelines are read by `data.timelines`.
+(docs/papers/cmdm.md#long-horizon); where that code slips, a switch says so. Timelines are read by `data.timelines`.
 """
 import dataclasses
 

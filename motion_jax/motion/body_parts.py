@@ -1,4 +1,4 @@
-"""A body in six parts: which columns of a feature vector belong to which (facts: cmdm 3.1)."""
+"""A body in six parts: which columns of a feature vector belong to which (docs/papers/cmdm.md#part-tmr)."""
 import numpy as np
 
 from motion_jax.motion.features import get_layout

@@ -11,9 +11,9 @@ made here from joints has the plainest ones (`inverse`); the modules make featur
 Two modes make full features from joints:
 
 - "benchmark" follows HumanML3D's `motion_representation.ipynb` bug for bug, so that numbers compare with the
-  literature (facts: cdamd 1.5): hips and shoulders enter the heading with opposite signs; the heading of frame 0 is
-  overwritten by the identity; the turn has the wrong sign in a row where the heading passes 180 degrees; an arm's first
-  rotation is relative to the root.
+  literature (docs/papers/cdamd.md#features): hips and shoulders enter the heading with opposite signs; the heading of
+  frame 0 is overwritten by the identity; the turn has the wrong sign in a row where the heading passes 180 degrees; an
+  arm's first rotation is relative to the root.
 - "corrected" is right: equal signs, frame 0 turned to +z by its smoothed heading (so nothing needs overwriting), turns
   by the wrapped angle, an arm's first rotation relative to the spine. Joints come back exactly.
 """
@@ -44,7 +44,10 @@ class FeatureLayout:
 
   @property
   def root(self) -> slice:
-    """The columns that the tokenizer's root loss looks at: turn, step and height of most layouts (facts: cmdm 8)."""
+    """The columns that the tokenizer's root loss looks at: turn, step and height of most layouts.
+
+    Source: docs/papers/cmdm.md#data-sets.
+    """
     return slice(0, 4)
 
   def __getitem__(self, name) -> slice:
@@ -278,7 +281,7 @@ def root_path(features, layout="full"):
 
 
 def to_joints(features, layout="full"):
-  """Features (..., T, F) to joints (..., T, J, 3) from the position columns (facts: cdamd 1.5, recover).
+  """Features (..., T, F) to joints (..., T, J, 3) from the position columns (docs/papers/cdamd.md#features).
 
   A pure function: numpy in, float32 numpy out; jax arrays and tracers stay jax.
   """

@@ -1,4 +1,6 @@
-"""MotionStreamer's features: 272 numbers a frame, 22 SMPL joints, 30 frames a second, metres (facts: cdamd 1.7).
+"""MotionStreamer's features: 272 numbers a frame, 22 SMPL joints, 30 frames a second, metres.
+
+Source: docs/papers/cdamd.md#motionstreamer-features.
 
   columns   block          row t of T, made of frames t - 1 and t
   0:2       root_velocity  x and z of the root's step from the frame before, turned by that frame's heading; row 0: 0

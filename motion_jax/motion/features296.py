@@ -1,4 +1,6 @@
-"""SnapMoGen's features: 296 numbers a frame, 24 joints, 30 frames a second, centimetres (facts: cdamd 1.7, cmdm 1.1).
+"""SnapMoGen's features: 296 numbers a frame, 24 joints, 30 frames a second, centimetres.
+
+Source: docs/papers/cdamd.md#snapmogen-features.
 
   columns   block          row t, made of frames t and t + 1
   0         turn           radians that the heading turns until the next frame (the full angle, not half of it)

@@ -46,9 +46,9 @@ class Stats:
 def compute_stats(features, layout, per_axis=False, per_column=False) -> Stats:
   """Statistics over all frames of a list of (T, F) arrays, or of one (N, F) array.
 
-  Full and essential features: the std is averaged inside each block (facts: cmdm 1.2), or with per_column each has its
-  own, as TMR has it (facts: cmdm 3.5). Coordinates: per column, or with per_axis one mean and std for x, y and z over
-  all joints (facts: cdamd 1.3).
+  Full and essential features: the std is averaged inside each block (docs/papers/cmdm.md#statistics), or with
+  per_column each has its own, as TMR has it (docs/papers/cmdm.md#tmr). Coordinates: per column, or with per_axis one
+  mean and std for x, y and z over all joints (docs/papers/cdamd.md#representations).
   """
   layout = get_layout(layout)
   frames = np.concatenate(features, dtype=np.float64) if isinstance(features, list | tuple) else (

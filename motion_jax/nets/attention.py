@@ -42,10 +42,10 @@ def rotary(x, positions, base=10_000.0):
 class Attention(nn.Module):
   """Multi-head attention in three steps: `queries`, `keys_values`, `attend`.
 
-  Queries and keys are RMS-normalized over the whole width before the heads are split (facts: cmdm 4.1); not so with
-  normalize=False. `rotary` turns them between the steps, so that a cache can hold keys that are not tied to a position
-  yet. dropout acts on the weights where `deterministic` is False, from the "dropout" rng. Shapes: x (B, L, D); q, k, v
-  (B, L, H, D / H); attn_mask (B or 1, 1, L, S).
+  Queries and keys are RMS-normalized over the whole width before the heads are split (docs/papers/cmdm.md#causal-dit);
+  not so with normalize=False. `rotary` turns them between the steps, so that a cache can hold keys that are not tied to
+  a position yet. dropout acts on the weights where `deterministic` is False, from the "dropout" rng.
+  Shapes: x (B, L, D); q, k, v (B, L, H, D / H); attn_mask (B or 1, 1, L, S).
   """
   width: int
   num_heads: int

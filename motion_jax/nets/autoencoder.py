@@ -1,4 +1,6 @@
-"""Autoencoder of CDAMD and MARDM: coordinates to latents and back, looking both ways in time (facts: cdamd 2).
+"""Autoencoder of CDAMD and MARDM: coordinates to latents and back, looking both ways in time.
+
+Source: docs/papers/cdamd.md#autoencoder.
 
 Its RVQ-VAE has the same layers with weights of its own; there the latents are exchanged for codes in between.
 """

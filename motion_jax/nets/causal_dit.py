@@ -1,4 +1,6 @@
-"""CMDM's Causal-DiT: a denoiser in which every latent frame carries its own noise level (facts: cmdm 4.1-4.2).
+"""CMDM's Causal-DiT: a denoiser in which every latent frame carries its own noise level.
+
+Source: docs/papers/cmdm.md#causal-dit, #masks.
 
 The whole network is `__call__`. The sampler uses the same layers in pieces, because most of what they compute does not
 change from step to step: `modulation` depends on the noise level only, `text_keys_values` on the caption only, and keys
@@ -36,7 +38,7 @@ class Text(NamedTuple):
   the latents of one motion have words of their own.
 
   null (1, 1, D), if there, is the layer's whole output for a dropped caption: its words are all alike, so attention to
-  them is a constant (facts: cmdm 4.3). A batch of 2 B then means B latents with their captions and B without.
+  them is a constant (docs/papers/cmdm.md#text). A batch of 2 B then means B latents with their captions and B without.
   """
   k: jnp.ndarray
   v: jnp.ndarray
@@ -144,7 +146,7 @@ class CausalDiT(nn.Module):
   def text_keys_values(self, text_emb, text_mask, with_null=False):
     """Keys and values of the words for all layers, from text_emb (B, S, E) and text_mask (B, S).
 
-    with_null adds the constants for latents without a caption: its word features are 0 (facts: cmdm 4.3).
+    with_null adds the constants for latents without a caption: its word features are 0 (docs/papers/cmdm.md#text).
     """
     words = self.text_in(text_emb.astype(self.dtype))
     null_word = self.text_in(jnp.zeros((1, 1, self.text_dim), self.dtype)) if with_null else None

@@ -1,4 +1,4 @@
-"""MAC-VAE of CMDM: features to causal latents and back (facts: cmdm 2.1).
+"""MAC-VAE of CMDM: features to causal latents and back (docs/papers/cmdm.md#tokenizer).
 
 Latent j depends on frames <= 4 j + 3 and frame f on latents <= f // 4, exactly: all convolutions look left only.
 

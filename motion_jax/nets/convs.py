@@ -34,7 +34,7 @@ class CausalConv(nn.Module):
 
   @property
   def context(self) -> int:
-    """Frames of the past that an output needs (facts: cmdm 2.1)."""
+    """Frames of the past that an output needs (docs/papers/cmdm.md#tokenizer)."""
     return (self.kernel - 1) * self.dilation + 1 - self.stride
 
   def init_context(self, batch):

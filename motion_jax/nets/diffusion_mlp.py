@@ -1,4 +1,6 @@
-"""The diffusion head of one token: from noise to a latent, given the transformer's condition (facts: cdamd 5).
+"""The diffusion head of one token: from noise to a latent, given the transformer's condition.
+
+Source: docs/papers/cdamd.md#diffusion-mlp.
 
 It knows no neighbours. The same network serves both ways of training: as a flow it gives the velocity at times in
 [0, 1], as DDPM the noise at steps 0, 1, 2, ...

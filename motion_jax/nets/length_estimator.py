@@ -1,4 +1,4 @@
-"""MARDM's length estimator: how long the motion of a sentence is likely to be (facts: cdamd 9, row 27)."""
+"""MARDM's length estimator: how long the motion of a sentence is likely to be (docs/papers/cdamd.md#length)."""
 from typing import Any
 
 import flax.linen as nn

@@ -1,7 +1,7 @@
 """Masked transformers: from latents, some of them hidden, and a caption to a condition for every latent's diffusion.
 
-CDAMD's and, as its baseline, MARDM's (facts: cdamd 4). Both give (B, L, D), the residual stream of their last block,
-to `nets.diffusion_mlp`, which makes a latent of each row.
+CDAMD's and, as its baseline, MARDM's (docs/papers/cdamd.md#masked-transformer). Both give (B, L, D), the residual
+stream of their last block, to `nets.diffusion_mlp`, which makes a latent of each row.
 """
 from typing import Any
 
@@ -19,7 +19,7 @@ SIZES = {"readme": dict(width=512, depth=4, num_heads=8, ff_width=1024, dropout=
 
 
 def size(name, **fields):
-  """Fields of a size of CDAMD's transformer (facts: cdamd 9, row 1).
+  """Fields of a size of CDAMD's transformer (docs/papers/cdamd.md#sizes).
 
   Parity: the paper's (8 layers of width 1024 with 6 heads) cannot exist; "readme" is the released training command,
   "options" its options' defaults, "large" the paper's with 8 heads.
@@ -182,7 +182,10 @@ class GatedBlock(nn.Module):
 
 
 class GatedTransformer(nn.Module):
-  """MARDM's (facts: cdamd 4.5), called like `MaskedTransformer`; it has no prior and takes the first word's vector."""
+  """MARDM's, called like `MaskedTransformer`; it has no prior and takes the first word's vector.
+
+  Source: docs/papers/cdamd.md#mardm.
+  """
   latent_dim: int = 512
   width: int = 1024
   depth: int = 1

@@ -46,7 +46,7 @@ def padding_mask(lengths, max_length):
   return jnp.arange(max_length)[None, :] < lengths[:, None]
 
 
-# --- which latents may look at which while some are known and others are to be generated (facts: cdamd 4.4) ---------
+# --- which latents may look at which: some are known, others are to be generated (docs/papers/cdamd.md#masks) -----
 #
 # known_mask (B, L): True = a condition, given and real; the others are to be generated (or padding). The drawings have
 # 6 positions, known 0, 2 and 4; rows are queries.

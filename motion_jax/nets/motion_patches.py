@@ -1,7 +1,7 @@
 """MotionPatches: a motion as an image, time downwards and the body's chains side by side, seen by a vision transformer.
 
 Yu, Tanaka, Fujiwara: "Exploring Vision Transformers for 3D Human Motion-Language Models with Motion Patches", CVPR 2024
-(facts: cmdm 3.6). A teacher of CMDM's Table 9.
+(docs/papers/cmdm.md#motionpatches). A teacher of CMDM's Table 9.
 """
 import flax.linen as nn
 import jax.numpy as jnp
@@ -36,8 +36,8 @@ class MotionPatches(Teacher):
   second are shown at 20 (`kit_frames`).
 
   Parity: a clip's vector is of the mean over all patch tokens, then a norm, then the head. A frame's feature, which the
-  paper does not define, is the same of the tokens of its row of patches (facts: cmdm 3.7). dropout and pool of the
-  other teachers have no meaning here.
+  paper does not define, is the same of the tokens of its row of patches (docs/papers/cmdm.md#frame-features). dropout
+  and pool of the other teachers have no meaning here.
   """
   chains: tuple[tuple[tuple[int, int, int], ...], ...] = ()
   num_points: int = 16

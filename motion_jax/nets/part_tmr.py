@@ -1,4 +1,7 @@
-"""Part-TMR, the motion-language teacher of CMDM: a transformer per body part, a feature per frame (facts: cmdm 3.2)."""
+"""Part-TMR, the motion-language teacher of CMDM: a transformer per body part, a feature per frame.
+
+Source: docs/papers/cmdm.md#part-tmr.
+"""
 import math
 from typing import Any
 

@@ -1,7 +1,7 @@
 """TMR: a Gaussian for a motion and one for a sentence in the same space, and a decoder from there back to motion.
 
 Petrovich, Black, Varol: "TMR: Text-to-Motion Retrieval Using Contrastive 3D Human Motion Synthesis", ICCV 2023; layers
-and sizes are those of Mathux/TMR (facts: cmdm 3.5). A teacher of CMDM's Table 9.
+and sizes are those of Mathux/TMR (docs/papers/cmdm.md#tmr). A teacher of CMDM's Table 9.
 """
 from typing import Any
 
@@ -88,7 +88,7 @@ class TMR(nn.Module):
   pool says which vector of a motion is compared with sentences: "token", the mean of its Gaussian, as TMR has it, or
   "real", the mean of the rows of its real frames. As a teacher it gives those rows, and in TMR as published no loss
   ever touches them: CMDM does not say how TMR gives a feature per frame; "real" trains it as Part-TMR was changed for
-  the same purpose (facts: cmdm 3.7).
+  the same purpose (docs/papers/cmdm.md#frame-features).
   """
   features: int = 263
   width: int = 256

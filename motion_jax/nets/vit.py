@@ -47,7 +47,7 @@ def resize_positions(table, grid, new_grid):
   """A table of learned positions (1 + h w, D), its class row first, for a grid (h, w) of patches, on another grid.
 
   The grid is resized as an image, by a bicubic filter (Keys, a = -1/2) that is widened where the new grid is coarser,
-  as timm does with ImageNet weights (facts: cmdm 3.6). The class row stays.
+  as timm does with ImageNet weights (docs/papers/cmdm.md#motionpatches). The class row stays.
   """
   if table.shape[0] != 1 + grid[0] * grid[1]:
     raise ValueError(f"got a table of {table.shape[0]} positions for a grid of {grid[0]} x {grid[1]} patches, expected "

@@ -1,4 +1,6 @@
-"""Residual quantization: each level names what the levels before it left over (facts: cdamd 3).
+"""Residual quantization: each level names what the levels before it left over.
+
+Source: CDAMD eq. 8, 9; docs/papers/cdamd.md#rvq.
 
 A stack of Q levels is one `vq.Codebook` with a leading axis (Q, ...). Pure functions: state in, state out.
 """

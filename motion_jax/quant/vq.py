@@ -1,4 +1,6 @@
-"""One codebook: every vector becomes the code near it, and the codes follow the vectors (facts: cdamd 3).
+"""One codebook: every vector becomes the code near it, and the codes follow the vectors.
+
+Source: CDAMD eq. 8; docs/papers/cdamd.md#rvq.
 
 No gradient reaches a code. A codebook is state that a training step takes and returns: running sums and counts of the
 vectors that chose each code. With `axis_name` these are summed over devices, so that N devices learn what one learns.

@@ -1,7 +1,7 @@
 """BERT, MiniLM and DistilBERT: word pieces in, one feature vector per word piece out.
 
 All three are one network: learned positions, post-norm blocks, exact GELU. DistilBERT has no token types and no pooler;
-only the names of its weights differ. Sections 4.3 of cmdm-facts and golden/text say how CMDM uses it.
+only the names of its weights differ. How CMDM uses it: docs/papers/cmdm.md#text.
 """
 import dataclasses
 import re

@@ -1,7 +1,7 @@
 """The text half of CLIP: word pieces in, one feature per word piece or one per sentence out.
 
-A causal pre-norm transformer; the sentence is what its end token has gathered. Golden numbers: golden/text; how CDAMD
-uses it: cdamd-facts 4.1.
+A causal pre-norm transformer; the sentence is what its end token has gathered. How CDAMD uses it:
+docs/papers/cdamd.md#transformer.
 """
 from typing import Any
 

@@ -1,4 +1,6 @@
-"""MPNet, by whose sentence vectors (all-mpnet-base-v2) TMR tells which captions say nearly the same (facts: cmdm 3.5).
+"""MPNet, by whose sentence vectors (all-mpnet-base-v2) TMR tells which captions say nearly the same.
+
+Source: docs/papers/cmdm.md#tmr.
 
 BERT's layers with learned positions that begin at 2, and T5's learned bias by the distance of two words, one table for
 all layers. Formulas and names are those of transformers' modeling_mpnet.py (5.23).

@@ -1,7 +1,7 @@
 """T5's encoder, versions 1.0 and 1.1, and the sentence vector that Sentence-T5 makes of it.
 
 No positions are added: a learned bias that depends on the distance of two words shifts the attention scores, which are
-not scaled. Norms have no mean and no offset, linear layers no offset. Golden numbers: golden/text.
+not scaled. Norms have no mean and no offset, linear layers no offset. Recorded numbers: tests/fixtures/text.
 """
 import math
 from typing import Any

@@ -30,7 +30,7 @@ class TrainState:
 
 
 def make_schedule(config, num_steps):
-  """Learning rate by update: lr (it + 1) / (warmup + 1) while it < warmup (facts: cmdm 2.5), then by name.
+  """Learning rate by update: lr (it + 1) / (warmup + 1) while it < warmup, as both papers' code, then by name.
 
   "constant"; "step": times `gamma` at each of `boundaries`; "cosine": to `final_rate`, 0 if left out, at num_steps;
   "half_cosine": the first half of a cosine, to half the rate; "trapezoid": constant, then straight to 0 over the last

@@ -59,8 +59,8 @@ def held_out(config, stats, captioned=False):
 def reconstruction_error(reconstruct, features, stats, length=192):
   """Mean distance in millimetres of joints before and after reconstruct(x (1, length, F)), both root-aligned.
 
-  Heading and path are those that the features sum up to (facts: cmdm 6.3, "with heading"). Clips are padded to one
-  length, so that one compiled function serves all.
+  Heading and path are those that the features sum up to (docs/papers/cmdm.md#reconstruction, "with heading"). Clips are
+  padded to one length, so that one compiled function serves all.
   """
   total = count = 0
   for clip in features:

@@ -20,7 +20,7 @@ def known_noise(schedule):
 
 
 def test_the_schedule():
-  """Measured on the reference (facts: cdamd 5)."""
+  """Measured on the reference (docs/papers/cdamd.md#diffusion-mlp)."""
   schedule = ddpm.cosine_schedule(50)
   np.testing.assert_allclose(schedule.betas[[0, 1, 24, 49]], [0.00174751, 0.00368895, 0.05935366, 0.999], atol=5e-9)
   np.testing.assert_allclose(schedule.alphas_cumprod[[0, 24]], [0.998252, 0.493844], atol=5e-7)

@@ -57,7 +57,7 @@ def test_ties_are_pytorchs():
 
 
 def test_counts():
-  """Measured on the reference (facts: cdamd 6)."""
+  """Measured on the reference (docs/papers/cdamd.md#generation)."""
   assert masking.hidden_counts(10, [30])[:, 0].tolist() == [30, 30, 28, 26, 23, 19, 15, 10, 5, 1]
   assert masking.hidden_counts(10, [49])[:, 0].tolist() == [49, 48, 46, 42, 38, 31, 24, 17, 9, 1]
   assert masking.hidden_counts(18, [30, 49]).sum(0).tolist() == [341, 557]

@@ -40,7 +40,10 @@ def test_forcing_times(length, block, draws):
 
 
 def test_loss_counts_real_latents_only():
-  """Sum over real latents of the mean over channels; two halves of a batch add up to the whole (facts: cmdm 4.4)."""
+  """Sum over real latents of the mean over channels; two halves of a batch add up to the whole.
+
+  Source: docs/papers/cmdm.md#denoiser-loss.
+  """
   x1, noise, t = arrays()
   mask = jnp.arange(6) < jnp.array([[4], [6]])
   velocity = lambda x, t: x * t[..., None]

@@ -59,7 +59,7 @@ def test_a_waiting_latent_does_not_move():
 
 
 def test_guidance():
-  """Scale 1 is the model itself, 0 the one without words, 3 goes beyond (facts: cmdm 5.2)."""
+  """Scale 1 is the model itself, 0 the one without words, 3 goes beyond (docs/papers/cmdm.md#guidance)."""
   with_text, without = jnp.array([[1.0, 2.0]]), jnp.array([[0.5, -1.0]])
   np.testing.assert_array_equal(guidance.combine(with_text, without, 1.0), with_text)
   np.testing.assert_array_equal(guidance.combine(with_text, without, 0.0), without)

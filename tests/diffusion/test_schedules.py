@@ -21,8 +21,8 @@ def test_golden():
   assert not check(fixtures.path("cmdm/schedules.npz")).failures
 
 
-def test_the_facts_own_numbers():
-  """4 blocks, K = 50, L = 2: 57 rows; row 7 and the last three (facts: cmdm 10)."""
+def test_a_table_written_out():
+  """4 blocks, K = 50, L = 2: 57 rows; row 7 and the last three (docs/papers/cmdm.md#fss)."""
   k = 50 - staircase_levels(50, 4, 2)
   assert len(k) == 57
   assert k[7].tolist() == [43, 45, 47, 49]
@@ -33,7 +33,7 @@ def test_the_facts_own_numbers():
     (30, 3, 2, 68), (30, 1, 2, 108), (48, 3, 2, 80), (48, 1, 2, 144), (30, 3, 50, 500), (30, 1, 50, 1500),
     (48, 3, 50, 800), (48, 1, 50, 2400), (30, 3, 0, 50)])
 def test_evaluations(length, block, lag, evaluations):
-  """Table of facts: cmdm 5.1; lag 50 is autoregressive, lag 0 all at once."""
+  """Table of docs/papers/cmdm.md#fss; lag 50 is autoregressive, lag 0 all at once."""
   assert len(staircase(50, length, lag, block)) - 1 == evaluations
 
 

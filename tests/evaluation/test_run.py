@@ -297,7 +297,7 @@ def test_real_data_that_does_not_look_right_stops_it(tiny_run, archive, evaluato
 
 def test_every_protocol_names_its_numbers():
   for name, protocol in protocols.PROTOCOLS.items():
-    assert protocol.name == name and protocol.facts and protocol.title and protocol.task in protocols.TASKS
+    assert protocol.name == name and protocol.source and protocol.title and protocol.task in protocols.TASKS
   assert protocols.get_protocol("cmdm-259").lost_frames == 1 and protocols.get_protocol("cmdm-259").max_frames == 192
   assert protocols.get_protocol("t2m-263").num_multimodality == 100
   with pytest.raises(ValueError, match="expected one of archives-66"):

@@ -39,7 +39,7 @@ def test_all_tables_are_there():
       + [("cmdm", name) for name in ("3-humanml3d", "3-snapmogen", "speed")])
 
 
-# Typed by hand from the facts pages (cmdm 6.6, cdamd 8.4), which were read from the papers by somebody else.
+# Typed by hand from tables that somebody else had read from the papers.
 SPOTS = [
     ("cmdm", "1", "CMDM w/ FSS", {"top1": (0.588, 0.004), "top2": (0.778, 0.002), "top3": (0.860, 0.003),
                                   "fid": (0.068, 0.003), "matching": (2.620, 0.010), "multimodality": (1.785, 0.074),

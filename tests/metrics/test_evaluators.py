@@ -19,7 +19,7 @@ from motion_jax.nets.length_estimator import LengthEstimator, draw_num_frames
 from tests import fixtures
 from tests.golden import check, golden
 
-BY_README = {"": (1e-5, 1e-10)}  # golden/cdamd names its tolerances in a table
+BY_README = {"": (1e-5, 1e-10)}  # the recorder named tolerances in a table, not in the files
 
 
 def cast(params, dtype):
@@ -191,7 +191,7 @@ def test_clip_evaluator_sees_no_padding_and_leaves_its_tables_alone():
 
 
 def test_parameter_counts():
-  """Facts: cmdm 6.1, cdamd 8.1, 8.2 and 10."""
+  """Source: docs/papers/cmdm.md#evaluators, docs/papers/cdamd.md#matching-evaluator, #clip-evaluator, #sizes."""
   def counts(model, *shapes):
     inputs = [jax.ShapeDtypeStruct(shape, kind) for shape, kind in shapes]
     shapes = jax.eval_shape(model.init, jax.random.key(0), *inputs)["params"]

@@ -116,7 +116,7 @@ def test_r_precision_is_by_distance_or_by_angle_as_the_protocol_says():
     by_angle = P.generation_scores([batch] * 4, dataclasses.replace(SMALL, cosine=True), draws)
     by_distance = P.generation_scores([batch] * 4, SMALL, draws)
     assert by_angle[f"{prefix}top1"] == 1 and by_distance[f"{prefix}top1"] == 1 / SMALL.pool
-  # Of all benchmarks only SnapMoGen's rank by angle (facts: cmdm 6.5).
+  # Of all benchmarks only SnapMoGen's rank by angle (docs/papers/cmdm.md#snapmogen).
   assert [name for name, protocol in PROTOCOLS.items() if protocol.cosine] == ["snapmogen", "snapmogen-long"]
 
 

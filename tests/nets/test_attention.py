@@ -15,7 +15,10 @@ def test_rms_norm_in_numpy():
 
 
 def test_rotary_turns_adjacent_pairs():
-  """Channel pair (2 i, 2 i + 1) is a complex number times exp(i pos 10000^(-2 i / K)) (facts: cmdm 4.1)."""
+  """Channel pair (2 i, 2 i + 1) is a complex number times exp(i pos 10000^(-2 i / K)).
+
+  Source: docs/papers/cmdm.md#causal-dit.
+  """
   x = np.random.default_rng(1).normal(size=(5, 2, 8))
   turn = np.exp(1j * np.arange(5)[:, None] * 10_000.0 ** (-2 * np.arange(4) / 8))
   expected = (x[..., 0::2] + 1j * x[..., 1::2]) * turn[:, None]

@@ -58,7 +58,7 @@ def small():
 
 
 def test_lengths(small):
-  """L = floor(floor(T / 2) / 2), and 4 L frames come back (facts: cdamd 2)."""
+  """L = floor(floor(T / 2) / 2), and 4 L frames come back (docs/papers/cdamd.md#autoencoder)."""
   net, params = small
   for frames, latents in ((196, 49), (64, 16), (43, 10), (6, 1), (4, 1)):
     z = jax.eval_shape(lambda: net.apply(params, jnp.zeros((2, frames, 7)), method="encode"))  # noqa: B023

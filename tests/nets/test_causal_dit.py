@@ -174,7 +174,7 @@ def test_padding_and_batch_mates_are_invisible():
 
 
 def test_a_fresh_network_is_silent():
-  """So the loss at the start is mean(v^2) = 1 + mean(z1^2) in expectation (facts: cmdm 10)."""
+  """So the loss at the start is mean(v^2) = 1 + mean(z1^2) in expectation (docs/papers/cmdm.md#checks)."""
   dit, _ = small()
   x, t, text, text_mask = inputs(batch=64)
   params = jax.jit(init, static_argnums=0)(dit, jax.random.key(0), x, t, text, text_mask)
@@ -195,7 +195,10 @@ def test_one_time_per_block_is_one_per_latent():
 
 
 def test_a_dropped_caption_is_one_constant_per_layer():
-  """Its words are all equal, so their number does not matter and attention to them is constant (facts: cmdm 4.3)."""
+  """Its words are all equal, so their number does not matter and attention to them is constant.
+
+  Source: docs/papers/cmdm.md#text.
+  """
   dit, params = small()
   x, t, text, text_mask = inputs()
   mask = block_causal_mask(9, 3)
@@ -253,7 +256,7 @@ def test_predictions_become_velocities(predicts):
 
 @pytest.mark.parametrize("name, count", [("S", 19_775_552), ("M", 38_697_024), ("L", 129_091_648), ("XL", 304_599_104)])
 def test_parameter_counts(name, count):
-  """Measured on the reference, feed-forward 2 D (facts: cmdm 4.1)."""
+  """Measured on the reference, feed-forward 2 D (docs/papers/cmdm.md#causal-dit)."""
   dit = CausalDiT(**causal_dit.size(name))
   shapes = jax.eval_shape(lambda: dit.init(jax.random.key(0), jnp.zeros((1, 3, 64)), jnp.zeros((1, 3)),
                                            jnp.zeros((1, 2, 768)), block_causal_mask(3, 3), jnp.ones((1, 2), bool)))
@@ -261,7 +264,10 @@ def test_parameter_counts(name, count):
 
 
 def test_initialisation():
-  """Xavier uniform, zero bias, time network normal 0.02, modulation and output zero (facts: cmdm 4.1)."""
+  """Xavier uniform, zero bias, time network normal 0.02, modulation and output zero.
+
+  Source: docs/papers/cmdm.md#causal-dit.
+  """
   dit = CausalDiT(latent_dim=5, width=128, depth=1, num_heads=2, ff_width=256, text_dim=7)
   x, t, text, text_mask = inputs()
   params = jax.jit(init, static_argnums=0)(dit, jax.random.key(0), x, t, text, text_mask)["params"]

@@ -129,7 +129,7 @@ def test_no_latent_sees_a_later_frame_and_no_frame_a_later_latent():
 
 
 def test_receptive_fields():
-  """176 frames for the encoder, 45 latents for the decoder (facts: cmdm 2.1)."""
+  """176 frames for the encoder, 45 latents for the decoder (docs/papers/cmdm.md#tokenizer)."""
   vae, params, _ = _small()
   x = jnp.zeros((1, 240, 7))
   encode = lambda x: vae.apply(params, x, method="encode")[0][0, -1].sum()
@@ -166,7 +166,10 @@ def test_parameter_counts():
 
 
 def test_a_log_variance_stays_in_its_bounds():
-  """Wide enough to do nothing to a sound network; a wild one is kept from infinities (facts: cmdm 2.2)."""
+  """Wide enough to do nothing to a sound network; a wild one is kept from infinities.
+
+  Source: docs/papers/cmdm.md#tokenizer.
+  """
   mean, logvar = _mean_logvar(jnp.array([[1.0, -500, 80, -80], [2.0, 3, 4, -5]]))
   assert mean.tolist() == [[1, -500], [2, 3]] and logvar.tolist() == [[20, -30], [4, -5]]
 

@@ -104,7 +104,7 @@ def test_golden(name):
 
 @pytest.mark.parametrize("width, total", [(1024, 270_875_648), (512, 269_958_144)])
 def test_parameter_counts(width, total):
-  """Measured on the reference (facts: cdamd 10)."""
+  """Measured on the reference (docs/papers/cdamd.md#sizes)."""
   shapes = jax.eval_shape(lambda: DiffusionMLP().init(jax.random.key(0), jnp.zeros((1, 512)), jnp.zeros(1),
                                                       jnp.zeros((1, width))))["params"]
   size = lambda tree: sum(a.size for a in jax.tree.leaves(tree))

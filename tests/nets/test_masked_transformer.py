@@ -121,7 +121,7 @@ def count(fields, kind=MaskedTransformer, head=None):
     ("readme", 290_023_424 - 269_958_144, 290_023_424), ("large", 457_892_352 - 270_875_648, 457_892_352),
     ("options", None, 293_456_768)])
 def test_parameter_counts(name, transformer, whole):
-  """Measured on the reference (facts: cdamd 10)."""
+  """Measured on the reference (docs/papers/cdamd.md#sizes)."""
   if transformer:
     assert count(size(name)) == transformer
   assert count(size(name), head=DiffusionMLP()) == whole
@@ -151,7 +151,10 @@ def test_one_level_has_no_row_of_its_own():
 
 
 def test_levels_may_have_tables_of_their_own():
-  """Then a code means something else on another level, and what levels say is added (facts: cdamd 9, row 8)."""
+  """Then a code means something else on another level, and what levels say is added.
+
+  Source: docs/papers/cdamd.md#transformer.
+  """
   net = MaskedTransformer(latent_dim=5, width=16, depth=1, num_heads=2, ff_width=24, text_dim=6, num_codes=9,
                           num_levels=3, separate_levels=True)
   x, text, codes = inputs()

@@ -71,7 +71,7 @@ KNOWN, REAL = jnp.array([[1, 0, 1, 0, 1, 0]], bool), jnp.array([[1, 1, 1, 1, 1, 
 
 
 def test_cdamd_masks():
-  """The example of the facts (cdamd 4.4): known 0, 2 and 4, to be generated 1 and 3, padding 5."""
+  """The example of docs/papers/cdamd.md#masks: known 0, 2 and 4, to be generated 1 and 3, padding 5."""
   for kind, drawing in (("dccm", "1.1.1. 11.... 1.1.1. 1111.. 1.1.1. 11111."), ("causal", "1..... 11.... 111... 1111.. "
                         "11111. 11111."), ("bcm", "1.1.1. 111.1. 1.1.1. 11111. 1.1.1. 11111."),
                         ("bidirectional", " ".join(["11111."] * 6))):

@@ -80,7 +80,7 @@ def test_golden():
 
 
 def test_parameter_count_is_the_references():
-  """152,591,105 with DistilBERT's 66,362,880, both heads and the temperature (facts: cmdm 3.6)."""
+  """152,591,105 with DistilBERT's 66,362,880, both heads and the temperature (docs/papers/cmdm.md#motionpatches)."""
   text = bert_fields(dict(model_type="distilbert", vocab_size=30522, dim=768, n_layers=6, n_heads=12, hidden_dim=3072))
   net = teacher_lib.make_teacher(dict(kind="motion_patches", width=768, depth=12, num_heads=12, mlp_width=3072),
                                  "coordinates")

@@ -74,7 +74,7 @@ def _small(pool="real", parts=None):
 
 
 def test_parameter_count_is_the_references():
-  """117,443,585 with DistilBERT's 66,362,880 (facts: cmdm 3.2)."""
+  """117,443,585 with DistilBERT's 66,362,880 (docs/papers/cmdm.md#part-tmr)."""
   text = bert_fields(dict(model_type="distilbert", vocab_size=30522, dim=768, n_layers=6, n_heads=12, hidden_dim=3072))
   shapes = teacher_lib.teacher_shapes(PartTMR(parts=part_columns("full")), text)
   count = lambda tree: sum(a.size for a in jax.tree.leaves(tree))

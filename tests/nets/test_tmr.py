@@ -82,7 +82,7 @@ def test_golden():
 
 
 def test_parameter_count_is_the_references():
-  """4,806,656 + 4,935,936 + 6,388,231 with words of 768 numbers (facts: cmdm 3.5)."""
+  """4,806,656 + 4,935,936 + 6,388,231 with words of 768 numbers (docs/papers/cmdm.md#tmr)."""
   shapes = jax.eval_shape(lambda: TMR().init(jax.random.key(0), jnp.zeros((1, 4, 263)), jnp.ones((1, 4), bool),
                                              jnp.zeros((1, 1, 768)), jnp.ones((1, 1), bool))["params"])
   counts = {part: sum(a.size for a in jax.tree.leaves(tree)) for part, tree in shapes.items()}
@@ -123,7 +123,7 @@ def test_padding_is_invisible(small):
 
 
 def test_frames_are_touched_by_the_contrast_only_where_the_pool_says_so(small):
-  """In TMR as published nothing but the two tokens reaches a loss (facts: cmdm 3.7)."""
+  """In TMR as published nothing but the two tokens reaches a loss (docs/papers/cmdm.md#frame-features)."""
   net, params, batch, _ = small
   frame_mask = jnp.arange(12) < batch["num_frames"][:, None]
   x = batch["features"]

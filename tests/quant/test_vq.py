@@ -19,7 +19,10 @@ def test_assignment():
 
 @pytest.mark.parametrize("rows", [16, 37, 64])
 def test_a_code_used_exactly_once_at_the_first_step_is_alive(rows):
-  """0.99 + 0.01 is 1 in float32; compilers that contract or reorder may make it 0.99999994 (facts: cdamd 3)."""
+  """0.99 + 0.01 is 1 in float32; compilers that contract or reorder may make it 0.99999994.
+
+  Source: docs/papers/cdamd.md#rvq.
+  """
   x = jax.random.normal(jax.random.key(rows), (rows, 5))
 
   @jax.jit

@@ -6,9 +6,10 @@
   Mean.npy, Std.npy      (135,) statistics; without them they are computed from the training pieces
 
 Motions become 135 features (`motion.features135`) piece by piece, each turned by its own first frame. Evaluation is on
-"val": BABEL's test labels are not public. Facts: cmdm 6.4, 8; the rules are those of BarqueroGerman/FlowMDM
-(data_loaders/amass/babel_flowmdm.py), whose own data files are pickles, which this library does not open: copy poses,
-trans and rate of each entry to motions/SID.npz. Spelling of labels is not corrected, as theirs is.
+"val": BABEL's test labels are not public. Source: docs/papers/cmdm.md#long-horizon, #data-sets; the rules are those of
+BarqueroGerman/FlowMDM (data_loaders/amass/babel_flowmdm.py), whose own data files are pickles, which this library does
+not open: copy poses, trans and rate of each entry to motions/SID.npz. Spelling of labels is not corrected, as theirs
+is.
 """
 import json
 import pathlib

@@ -1,7 +1,7 @@
 """HumanML3D and KIT-ML folders, read and written: new_joint_vecs, new_joints, texts, splits, Mean and Std.
 
-Facts: cdamd 1.1, 1.2, cmdm 1.3. A folder that we write can be read by the field's other tools; `dataset.json` beside it
-adds what the layout cannot say: rate, mode of the features, sources, licences.
+Source: docs/papers/cdamd.md#humanml3d, #items. A folder that we write can be read by the field's other tools;
+`dataset.json` beside it adds what the layout cannot say: rate, mode of the features, sources, licences.
 """
 import contextlib
 import json

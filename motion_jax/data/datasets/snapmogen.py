@@ -6,8 +6,8 @@
   all_caption_clean.json                       {id: {"manual": [captions], "gpt": [captions of a machine]}}
   meta_data/mean.npy, std.npy                  (296,) statistics
 
-Facts: cdamd 1.7, cmdm 6.5; the layout of huggingface.co/datasets/Ericguo5513/SnapMoGen and of its loaders
-(snap-research/SnapMoGen, dataset/dataset.py).
+Source: docs/papers/cdamd.md#snapmogen-features, docs/papers/cmdm.md#snapmogen; the layout of
+huggingface.co/datasets/Ericguo5513/SnapMoGen and of its loaders (snap-research/SnapMoGen, dataset/dataset.py).
 """
 import collections
 import json

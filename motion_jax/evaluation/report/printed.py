@@ -68,5 +68,5 @@ def _as_sampled(rows, config, options, guidance_scale):
   return {table: row for table, row in found.items() if row and row in tables.paper_table(*table.split(" ", 1)).rows}
 
 
-# How exactly CDAMD's equation is solved is no row of its own; CMDM's solver is (facts: cmdm 7, row 5).
+# How exactly CDAMD's equation is solved is no row of its own; CMDM's solver is (docs/papers/cmdm.md#fss).
 _SOLVERS = {"cmdm.denoiser": ("euler",), "cdamd.generator": ("dopri5", "euler", "heun", "midpoint", "rk4", "ddpm")}

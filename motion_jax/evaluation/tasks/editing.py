@@ -1,4 +1,4 @@
-"""Editing: parts of real motions are made anew from their captions, four tasks (facts: cdamd 7)."""
+"""Editing: parts of real motions are made anew from their captions, four tasks (docs/papers/cdamd.md#editing)."""
 import functools
 
 import jax

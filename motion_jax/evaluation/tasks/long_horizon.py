@@ -1,4 +1,4 @@
-"""Long motions: many captions in a row, judged piece by piece and at the borders (facts: cmdm 6.4).
+"""Long motions: many captions in a row, judged piece by piece and at the borders (docs/papers/cmdm.md#long-horizon).
 
 Which captions, and for how long, comes from a file of stories (FlowMDM's own list is one, given out apart from its
 code), or else from the test items: `sequences` lists of `segments` items each, drawn once by the seed, the same in all

@@ -1,4 +1,4 @@
-"""How long a motion should be: training and asking MARDM's length estimator (facts: cdamd 6)."""
+"""How long a motion should be: training and asking MARDM's length estimator (docs/papers/cdamd.md#length)."""
 import jax
 import jax.numpy as jnp
 import numpy as np

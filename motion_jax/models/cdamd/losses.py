@@ -59,7 +59,9 @@ def trained_mask(kinds, known_mask, real_mask, mask_u=None):
 
 
 def generator_loss(net, params, z1, real_mask, text_emb, codes, draws, config, dropout_keys=None, text_mask=None):
-  """(sums, weight) of one step: the diffusion loss of every masked latent, M times over (facts: cdamd 4.3, 5).
+  """(sums, weight) of one step: the diffusion loss of every masked latent, M times over.
+
+  Source: docs/papers/cdamd.md#training-step, #diffusion-mlp.
 
   z1 (B, L, C) clean latents, 0 at padding; codes (B, L) or (B, L, Q) of the prior, or None. dropout_keys (B,): trains
   with dropout. All rows are computed and the masked ones summed, so that shapes do not depend on the draw.

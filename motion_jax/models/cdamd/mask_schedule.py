@@ -1,8 +1,9 @@
 """Which latents are hidden in training, and which are made anew in each round of sampling: tables, and no network.
 
-Training hides some of a motion's latents behind noise or a learned vector (facts: cdamd 4.3). Sampling begins with all
-of them hidden; in each round those that are still hidden are made, and all but a few of the newly made ones are hidden
-again (facts: cdamd 6). Editing is sampling in which only the edited latents are ever hidden (facts: cdamd 7).
+Training hides some of a motion's latents behind noise or a learned vector (docs/papers/cdamd.md#training-step).
+Sampling begins with all of them hidden; in each round those that are still hidden are made, and all but a few of the
+newly made ones are hidden again (docs/papers/cdamd.md#generation). Editing is sampling in which only the edited latents
+are ever hidden (docs/papers/cdamd.md#editing).
 """
 import math
 from typing import NamedTuple

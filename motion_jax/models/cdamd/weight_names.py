@@ -7,7 +7,7 @@ from motion_jax.quant.vq import codebook_of
 
 
 def autoencoder_names(num_halvings=2, depth=3):
-  """AE of CDAMD and MARDM (facts: cdamd 2)."""
+  """AE of CDAMD and MARDM (docs/papers/cdamd.md#autoencoder)."""
   last = 2 + num_halvings
   ends = {"encoder.model.0": "encoder/conv_in", f"encoder.model.{last}": "encoder/conv_out",
           "decoder.model.0": "decoder/conv_in", f"decoder.model.{last}": "decoder/conv_mid",
@@ -25,7 +25,7 @@ def autoencoder_names(num_halvings=2, depth=3):
 
 
 def rvq_names(num_levels=4, num_halvings=2, depth=3):
-  """RVQ-VAE of CDAMD (facts: cdamd 3), the codes of level q under codes/q."""
+  """RVQ-VAE of CDAMD (docs/papers/cdamd.md#rvq), the codes of level q under codes/q."""
   levels = {f"quantizer.layers.{q}.codebook": (f"codes/{q}", "array") for q in range(num_levels)}
   return autoencoder_names(num_halvings, depth) | levels
 
@@ -43,7 +43,7 @@ def _below(table, theirs, ours):
 
 
 def diffusion_mlp_names(depth, prefix="net.", ours=""):
-  """The diffusion head of CDAMD and MARDM (facts: cdamd 5), below `prefix` there and `ours` here."""
+  """CDAMD's and MARDM's diffusion head (docs/papers/cdamd.md#diffusion-mlp), below `prefix` there and `ours` here."""
   table = {"time_embed.mlp.0": ("time_in", "dense"), "time_embed.mlp.2": ("time_out", "dense"),
            "cond_embed": ("condition_in", "dense"), "input_proj": ("x_in", "dense"),
            "final_layer.linear": ("out", "dense"), "final_layer.adaLN_modulation.1": ("film", "dense")}
@@ -65,7 +65,10 @@ def _generator_names(table, head_depth):
 
 
 def masked_transformer_names(depth, head_depth=None):
-  """CDAMD's transformer (facts: cdamd 4); with head_depth, layers of the diffusion head, the whole generator."""
+  """CDAMD's transformer; with head_depth, layers of the diffusion head, the whole generator.
+
+  Source: docs/papers/cdamd.md#masked-transformer.
+  """
   table = {"token_emb.weight": ("code_table", "array"), "codebook_type_emb.weight": ("level_table", "array"),
            "seqTransEncoder.pos_emb": ("positions", "array")}
   for i in range(depth):
@@ -79,7 +82,7 @@ def masked_transformer_names(depth, head_depth=None):
 
 
 def mardm_names(depth, head_depth=None):
-  """MARDM's transformer (facts: cdamd 4.5), alone or with its diffusion head."""
+  """MARDM's transformer (docs/papers/cdamd.md#mardm), alone or with its diffusion head."""
   table = {}
   for i in range(depth):
     theirs, ours = f"MARTransformer.{i}", f"block{i}"

@@ -1,4 +1,4 @@
-"""CDAMD's and MARDM's released weights: autoencoder, RVQ-VAE, generator, length estimator (facts: cdamd 2 to 6)."""
+"""CDAMD's and MARDM's released weights: autoencoder, RVQ-VAE, generator, length estimator (docs/papers/cdamd.md)."""
 import re
 
 import ml_collections
@@ -204,7 +204,10 @@ def _check_prior(prior, tokenizer, transformer):
 
 
 def _generator_config(tokenizer, gen, layout, diffusion):
-  """What generating needs to know beside the sizes: the released evaluations' choices (facts: cdamd 6, 10)."""
+  """What generating needs to know beside the sizes: the released evaluations' choices.
+
+  Source: docs/papers/cdamd.md#generation.
+  """
   kit, ddpm = layout.skeleton.name == "kit", diffusion == "ddpm"
   sampler = dict(num_rounds=10, guidance_scale=2.0 if kit else 4.0, order="random", mask="causal", edit_mask="bcm")
   mask = "dccm"

@@ -1,8 +1,9 @@
 """Going on from clean latents as the released code does: past and future are noised afresh in every step.
 
 A window holds P past latents and N new ones, blocks counted from its start. A step guesses the clean window, puts the
-given past in its place, and goes to the next level with new noise (facts: cmdm 5.5). So the sampler is stochastic, and
-the network never sees the past clean before the end; our own way, a cache of the clean past, is `streaming.prime`.
+given past in its place, and goes to the next level with new noise (docs/papers/cmdm.md#continuation). So the sampler is
+stochastic, and the network never sees the past clean before the end; our own way, a cache of the clean past, is
+`streaming.prime`.
 """
 import jax
 import jax.numpy as jnp

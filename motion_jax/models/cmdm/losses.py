@@ -12,7 +12,8 @@ from motion_jax.nets.causal_vae import sample_latent
 def gaussian_nll(prediction, target):
   """Reconstruction under a Gaussian whose one sigma is the best for this batch; summed over all elements.
 
-  s = log sqrt(mean squared error), softly floored at -6; gradients flow through it (facts: cmdm 2.3).
+  s = log sqrt(mean squared error), softly floored at -6; gradients flow through it
+  (docs/papers/cmdm.md#tokenizer-loss).
   """
   # Parity: the paper says "standard reconstruction loss"; this likelihood, summed, is the released code's.
   shapes.check(prediction=(prediction, "BTF"), target=(target, "BTF"))
@@ -40,7 +41,7 @@ def kl_to_standard_normal(mean, logvar):
 
 
 def align_terms(student, teacher, cos_margin=0.5, distance_margin=0.25):
-  """Marginal cosine and marginal distance-matrix losses between (B, N, E) and (B, N, E) (facts: cmdm 2.4).
+  """Marginal cosine and marginal distance-matrix losses between (B, N, E) and (B, N, E) (CMDM eq. 3 to 6).
 
   The first pulls each latent towards its teacher's direction until their cosine is over 1 - cos_margin, the second
   makes cosines between latents of one window those between the teacher's features, to within distance_margin.
@@ -98,7 +99,9 @@ LAST_LAYERS = {"convolution": ("encoder", "conv_out", "conv", "kernel"), "linear
 
 def align_ratio(vae, params, x, noise, teacher, reconstruction="gaussian", distance_pairs="window",
                 last_layer="convolution"):
-  """|d rec / d W| / |d align / d W| at W, the encoder's last convolution, and both norms (facts: cmdm 2.4).
+  """|d rec / d W| / |d align / d W| at W, the encoder's last convolution, and both norms.
+
+  Source: docs/papers/cmdm.md#alignment.
 
   last_layer "linear": at the linear layer behind it.
 

@@ -70,7 +70,7 @@ def chain(model, plan, scale, prompts, frames, keys, num_past=1):
   """Stories as the released code makes them, segment by segment: see `stream` for what comes and goes.
 
   Each segment is sampled by itself behind the last num_past latents of the one before, which are noised anew in every
-  step, with its own caption only; all latents are decoded in one pass (facts: cmdm 5.6).
+  step, with its own caption only; all latents are decoded in one pass (docs/papers/cmdm.md#multi-prompt).
   """
   unit = model.vae.frames_per_latent
   counts = [[max(1, int(number) // unit) for number in story] for story in frames]

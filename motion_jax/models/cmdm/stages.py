@@ -69,7 +69,7 @@ def encode_latents(vae, frozen, features, rng_keys):
   """Latents (B, N, C) to diffuse: a draw of the frozen encoder per clip, scaled to unit variance if asked.
 
   frozen: params of the tokenizer and latent_mean, latent_std (C,), which are 0 and 1 in the released code
-  (Parity: latents are sampled, not means, and not scaled; scaling is an option, facts cmdm 7 row 16).
+  (Parity: latents are sampled, not means, and not scaled; scaling is an option, docs/papers/cmdm.md#latents).
   """
   mean, logvar = vae.apply(frozen["tokenizer"], features, method="encode")
   noise = jax.vmap(lambda key: jax.random.normal(key, mean.shape[1:]))(rng_keys)

@@ -2,7 +2,7 @@
 
 One pure step, `advance`, carries the window through `lag` Euler iterations, after which one more block of latents is
 clean. Offline sampling is `lax.scan` over it, streaming calls it once a block: they cannot differ. What makes it cheap
-changes no number (facts: cmdm 5.3):
+changes no number (docs/papers/cmdm.md#cache):
 
 - A block at age A = ceil(num_steps / lag) advances is clean. It stays in the window for one advance more, at t = 1, so
   that its final keys and values are known; then they go to a ring cache and the block is never computed again.

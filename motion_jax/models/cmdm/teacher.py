@@ -1,4 +1,4 @@
-"""Motion-language teachers of CMDM: motions and sentences in one space (facts: cmdm 3).
+"""Motion-language teachers of CMDM: motions and sentences in one space (docs/papers/cmdm.md#part-tmr).
 
   kind            network                                        sentences by                     training
   part_tmr        a transformer per body part                    a text transformer that learns   `teacher_stage`
@@ -216,5 +216,8 @@ def motion_side(teacher, params):
 
 
 def frame_features(teacher, params, x):
-  """The frozen teacher's feature of every frame (B, T, E) of windows without padding (facts: cmdm 3.4)."""
+  """The frozen teacher's feature of every frame (B, T, E) of windows without padding.
+
+  Source: docs/papers/cmdm.md#teacher-features.
+  """
   return teacher.apply({"params": params}, x, method="frames")

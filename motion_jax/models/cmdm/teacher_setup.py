@@ -40,8 +40,8 @@ def imagenet(folder, net: MotionPatches):
   """(parameters of net.vit, what a record says of them) from a folder with the model.safetensors of a ViT.
 
   Names are timm's (vit_base_patch16_224.augreg_in21k) or Hugging Face's ViT; positions are resized to the image's grid.
-  The head and the last norm are left out: no layer of MotionPatches is theirs (facts: cmdm 3.6). Raises
-  FileNotFoundError or ValueError where there is no such file or it is of another size.
+  The head and the last norm are left out: no layer of MotionPatches is theirs (docs/papers/cmdm.md#motionpatches).
+  Raises FileNotFoundError or ValueError where there is no such file or it is of another size.
   """
   path = pathlib.Path(folder) / WEIGHTS if pathlib.Path(folder).is_dir() else pathlib.Path(folder)
   if path.suffix != ".safetensors" or not path.is_file():

@@ -1,4 +1,7 @@
-"""Names of the teachers of CMDM's Table 9 (facts: cmdm 9), and of vision transformers of timm and Hugging Face."""
+"""Names of the teachers of CMDM's Table 9, and of vision transformers of timm and Hugging Face.
+
+Source: docs/papers/cmdm.md#checkpoint-names.
+"""
 from motion_jax.convert.state import from_torch, post_norm_names, select
 from motion_jax.text import bert
 

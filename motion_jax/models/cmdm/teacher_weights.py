@@ -1,4 +1,4 @@
-"""Released weights of motion-language teachers: Part-TMR, TMR, MotionPatches (names in facts: cmdm 9)."""
+"""Released weights of motion-language teachers: Part-TMR, TMR, MotionPatches (docs/papers/cmdm.md#checkpoint-names)."""
 import math
 import pathlib
 import re

@@ -1,5 +1,5 @@
 """How TMR is trained: Gaussians of a pair alike and like the unit one, either latent becomes the motion again, and
-pairs stand out of the batch, but for captions that say nearly the same (facts: cmdm 3.5).
+pairs stand out of the batch, but for captions that say nearly the same (docs/papers/cmdm.md#tmr).
 
 The network is `nets.tmr`; what the loss terms share with other trainings is here.
 """

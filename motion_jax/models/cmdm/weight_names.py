@@ -1,10 +1,10 @@
-"""Names of CMDM's released weights: tokenizer, denoiser, teacher (facts: cmdm 9)."""
+"""Names of CMDM's released weights: tokenizer, denoiser, teacher (docs/papers/cmdm.md#checkpoint-names)."""
 from motion_jax.convert.state import from_torch, post_norm_names, select
 from motion_jax.text import bert
 
 
 def causal_vae_names(num_halvings=2, depth=3, teacher=True, teacher_to_latent=False):
-  """MAC-VAE (facts: cmdm 9). teacher: the state holds the alignment projection, of either direction."""
+  """MAC-VAE. teacher: the state holds the alignment projection, of either direction."""
   table = {"encoder.model.0.conv": ("encoder/conv_in/conv", "conv"), "encoder.proj": ("encoder/head", "dense"),
            f"encoder.model.{2 + num_halvings}.conv": ("encoder/conv_out/conv", "conv"),
            "decode_proj": ("decoder/head", "dense"), "decoder.model.0.conv": ("decoder/conv_in/conv", "conv"),
@@ -24,7 +24,7 @@ def causal_vae_names(num_halvings=2, depth=3, teacher=True, teacher_to_latent=Fa
 
 
 def causal_dit_names(depth):
-  """Causal-DiT (facts: cmdm 9)."""
+  """Causal-DiT (docs/papers/cmdm.md#checkpoint-names)."""
   table = {"t_embedder.mlp.0": ("time_in", "dense"), "t_embedder.mlp.2": ("time_out", "dense"),
            "x_embedder": ("x_in", "dense"), "y_embedder": ("text_in", "dense"), "final_layer": ("out", "dense")}
   for i in range(depth):
@@ -42,7 +42,7 @@ TMR_PARTS = {"Root": "root", "R_Leg": "right_leg", "L_Leg": "left_leg", "Backbon
 
 
 def part_tmr_names(depth=4):
-  """Part-TMR less its text transformer (facts: cmdm 9)."""
+  """Part-TMR less its text transformer (docs/papers/cmdm.md#checkpoint-names)."""
   table = {"logit_scale": ("logit_scale", "array")}
   for theirs, ours in TMR_PARTS.items():
     table |= {f"motion_encoder.emb_token_{theirs}": (f"motion_{ours}/token", "array"),

@@ -1,4 +1,4 @@
-"""CMDM's released weights: tokenizer and denoiser (names in facts: cmdm 9)."""
+"""CMDM's released weights: tokenizer and denoiser (docs/papers/cmdm.md#checkpoint-names)."""
 
 import numpy as np
 
@@ -84,7 +84,7 @@ def write_cmdm(out, tokenizer_file, stats, denoiser_file=None, text=None, weight
   config = dict(stage="cmdm.denoiser", tokenizer=vae.fields, model=dit.fields,
                 frozen=dict(text=str(text or TEXT), tokenizer=checkpoint.FROZEN),
                 data=dict(layout=layout.name, max_frames=192, max_words=64),
-                sampler=dict(num_steps=50, lag=2, guidance_scale=3.0))  # facts: cmdm 8, inference
+                sampler=dict(num_steps=50, lag=2, guidance_scale=3.0))  # docs/papers/cmdm.md#fss, #guidance
   own = vae.fields == PAPERS_VAE and dit.fields == PAPERS_DIT
   config["paper_row"] = paper_rows.claim(config, paper_rows.CMDM if own else {})
   zeros = np.zeros(vae.fields["latent_dim"], np.float32)  # Parity: released latents are not scaled
