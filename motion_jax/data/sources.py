@@ -4,7 +4,7 @@
   humanml3d     HumanML3D's or KIT-ML's         full, essential, coordinates     KIT: full_kit, essential_kit, ...
   snapmogen     SnapMoGen's                     snapmogen, snapmogen_148
   babel         BABEL's, FlowMDM's form         babel                            kind: pairs, segments, both
-  archive       folders of `data.archive`       any                              mode, mirror
+  archive       folders of `data.datasets.archive`       any                              mode, mirror
   synthetic     none                            any                              mode, mirror, num_clips
 
 A folder is looked at before it is read (`recognize`): one that `motion-jax data build` made works with a config for

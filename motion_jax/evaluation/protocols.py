@@ -40,7 +40,7 @@ class Benchmark(Protocol):
   task: str = "generation"
   formats: tuple[str, ...] = ("humanml3d",)
   layouts: tuple[str, ...] = ()          # representations that the evaluator may read; none named: any
-  kinds: tuple[str, ...] = ("t2m",)      # of evaluators that its numbers are of, see `evaluation.evaluator`
+  kinds: tuple[str, ...] = ("t2m",)      # of evaluators that its numbers are of, see `evaluators.evaluator`
   evaluator: str | None = None           # by default: a name that ships, or None where there is none
   clip_evaluator: str | None = None
   split: str = "test"

@@ -1,6 +1,7 @@
 """The test items of a data folder as evaluators read them, with what was left out, and whether train has them too.
 
-A folder's format is told by its files: an archive (`data.archive`), HumanML3D's or KIT-ML's, SnapMoGen's or BABEL's.
+A folder's format is told by its files: an archive (`data.datasets.archive`), HumanML3D's or KIT-ML's, SnapMoGen's or
+BABEL's.
 """
 import dataclasses
 import hashlib

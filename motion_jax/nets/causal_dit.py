@@ -99,7 +99,7 @@ class Block(nn.Module):
 
 class CausalDiT(nn.Module):
   """Velocity of latents x (B, L, C) at times t (B, L) under a caption, 0 = noise, 1 = clean; predicts="ddpm": the noise
-  of the paper's levels instead (`diffusion.ddpm_forcing`).
+  of the paper's levels instead (`models.cmdm.ddpm_forcing`).
 
   t may also be (B, L / n), one time for n neighbours; it is spread after the modulation, which saves its arithmetic.
   """

@@ -31,7 +31,7 @@ class MotionPatches(Teacher):
   """A vision transformer on an image of (3 axes, num_rows frames, num_points for each chain), cut into square patches.
 
   chains: for each chain its joints, each as three columns of the normalized features, -1 where a coordinate is 0 by
-  definition (`motion.parts.chain_columns`); the layout "coordinates" gives the published image. A shorter clip has
+  definition (`motion.body_parts.chain_columns`); the layout "coordinates" gives the published image. A shorter clip has
   zeros behind it, and the network sees them: there is no mask. A longer one is cut. upsample: KIT's 12.5 frames a
   second are shown at 20 (`kit_frames`).
 

@@ -114,7 +114,8 @@ class Teacher(nn.Module):
 class PartTMR(Teacher):
   """A transformer per body part; its frame outputs are averaged over the parts.
 
-  parts: ((name, columns), ...) of the normalized features, from `motion.parts`; there may be one for the whole body.
+  parts: ((name, columns), ...) of the normalized features, from `motion.body_parts`; there may be one for the whole
+  body.
   """
   parts: tuple[tuple[str, tuple[int, ...]], ...] = ()
 

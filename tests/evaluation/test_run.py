@@ -229,7 +229,7 @@ def test_devices_give_the_same_numbers(judged, tiny_run, archive, evaluators, tm
   script = f"""
 import jax
 from motion_jax.evaluation import run, samples
-from motion_jax.evaluation.evaluator import fresh_evaluator
+from motion_jax.evaluators.evaluator import fresh_evaluator
 from tests.evaluation.test_run import SMALL
 used, make_of = set(), samples.generator_of
 def generator_of(model, *args):

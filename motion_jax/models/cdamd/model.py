@@ -82,7 +82,7 @@ class CdamdModel(Prompted):
 
     Which parts: a task of `masking.TASKS`, or spans to keep or to change, [(0, 30), ...] in frames of this model
     (`spans_of` reads "0:1.5s"), the same in every clip. Latents of 4 frames are kept whole or not at all. Kept frames
-    come back as they were (paste; new coordinates are moved to meet them, see `motion.joining`), resampled if the
+    come back as they were (paste; new coordinates are moved to meet them, see `motion.blending`), resampled if the
     clip's rate is another, retargeted if its bones are, cut to whole latents, and placed where the model begins: the
     body at the origin, facing +z. mask: what new latents may look at, `nets.masks`; without it
     config.sampler.edit_mask. meta["made"] lists the frames that are new.

@@ -37,7 +37,7 @@ def make_latents(net, plan, params, text_emb, latents, hidden, real_mask, scale,
   """Latents after each round (N, B, L, C), the last the finished ones. Pure; net and plan are static.
 
   text_emb (B, S, E), text_mask (B, S) or None; latents (B, L, C), of which those are kept that hidden (N, B, L) never
-  names; real_mask (B, L); scale () of the guidance; draw: see `diffusion.draws.make_draw`.
+  names; real_mask (B, L); scale () of the guidance; draw: see `draws.make_draw`.
   """
   twice = (lambda a: jnp.concatenate([a, a])) if plan.guided else lambda a: a
   words = jnp.concatenate([text_emb, 0 * text_emb]) if plan.guided else text_emb

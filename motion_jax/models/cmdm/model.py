@@ -69,7 +69,7 @@ class Model(Prompted):
     (all at once); by default the model's own. solver: "euler" or "heun"; of a model with a DDPM's noise "ancestral" or
     "ddim". context: latents that a latent looks back on (the training length).
     Without a length it is that of the nearest training captions. polish plants standing feet and takes tremor away
-    (`motion.polish`); features stay as they were made. Raises ValueError for an empty prompt or a length that is not
+    (`motion.cleanup`); features stay as they were made. Raises ValueError for an empty prompt or a length that is not
     positive or over an hour.
     """
     prompts = self.prompts_of(prompts)
