@@ -16,7 +16,7 @@ sampling       generating; `editing` makes parts of a motion anew
 model          ready to use; `length` estimates how long a motion should be
 weights        the authors' PyTorch files
 
-Numbers follow the released code; where the paper differs a comment starts with "Parity".
+Numbers follow the released code (docs/papers/cdamd.md); where the paper differs a comment starts with "Parity".
 """
 from motion_jax.models.cdamd.editing import (
   edit,

@@ -15,7 +15,7 @@ sampling      generating and going on, by that step or by the plain loop that it
 model         ready to use; `multi_prompt` tells several prompts in a row, `live` never ends
 weights       the authors' PyTorch files
 
-Numbers follow the released code; where the paper differs a comment starts with "Parity".
+Numbers follow the released code (docs/papers/cmdm.md); where the paper differs a comment starts with "Parity".
 """
 from motion_jax.models.cmdm.losses import (
   DISTANCE_PAIRS,
