@@ -18,8 +18,8 @@ from tests.test_train import _config, _next_batch, _stage
 
 _HALF = """
 import os, pathlib, signal, sys
-from motion_jax import stopping
-from motion_jax.data.clip import atomic_folder, atomic_path
+from motion_jax.runtime import stopping
+from motion_jax.runtime.atomic import atomic_folder, atomic_path
 folder = pathlib.Path(sys.argv[1])
 with stopping.at_once("program"), atomic_path(folder / "a.gif") as file, atomic_folder(folder / "data") as data:
   file.write_text("half")
