@@ -25,6 +25,7 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
 import jax
 
 from motion_jax import fit as training
+from motion_jax.inputs import config_files
 from motion_jax.runtime import cache
 
 ROOT = pathlib.Path(__file__).parents[1]
@@ -52,11 +53,8 @@ def pytest_collection_modifyitems(config, items):
 
 
 def load_config(name, size):
-  """configs/NAME.py's config of a size, as launch.py would read it."""
-  spec = importlib.util.spec_from_file_location(name, ROOT / "configs" / f"{name}.py")
-  module = importlib.util.module_from_spec(spec)
-  spec.loader.exec_module(module)
-  return module.get_config(size)
+  """configs/NAME.py's config of a size, as `motion-jax train` reads it."""
+  return config_files.load(f"{name}:{size}")
 
 
 def devices_env(count):

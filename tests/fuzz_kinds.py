@@ -266,7 +266,7 @@ def stories(rng, folder):
     put(folder, {given: damage(rng, given, text.encode())})
   else:
     given = " " + _argument(damage_text(rng, _STORY.encode()).decode("utf-8", "replace"))
-  return command("story", given, "--way", pick(rng, ("stream", "chain")), "--model", "run", "--out", "out/a.npy")
+  return command("multi-prompt", given, "--way", pick(rng, ("stream", "chain")), "--model", "run", "--out", "out/a.npy")
 
 
 def timeline_files(rng, folder):
@@ -326,7 +326,7 @@ _READS = {
 
 _FLAGS = ("--num", "--seed", "--guidance", "--steps", "--solver", "--schedule", "--lag", "--context", "--frames",
           "--seconds",
-          "--rounds", "--order", "--mask", "--raw", "--fps", "--unit", "--up", "--way", "--text", "--past-text",
+          "--rounds", "--order", "--mask", "--no-cleanup", "--fps", "--unit", "--up", "--way", "--text", "--past-text",
           "--out",
           "--model", "--split", "--mode", "--mapping", "--captions", "--overwrite", "--no-mirror", "--data",
           "--teacher",
@@ -344,11 +344,11 @@ def commands(rng, folder):
   motion = healthy("motion")
   put(folder, {f"in{ending}": motion[f"a{ending}"] for ending in (".npz", ".npy", ".bvh")}
       | {f"run/{name}": content for name, content in healthy("run").items()} | healthy("archive"))
-  start = pick(rng, (["generate", "a person walks", "--frames", "24"], ["story", _STORY], ["render", "in.npz"],
+  start = pick(rng, (["generate", "a person walks", "--frames", "24"], ["multi-prompt", _STORY], ["render", "in.npz"],
                      ["extend", "in.npz", "--text", "sits"], ["extend", "in.bvh", "--text", "walks:2 | sits"],
                      ["data", "build", "set", "out/made"], ["data", "doctor", "set"], ["models"],
                      ["edit", "in.npz", "--text", "waves", "--task", "prefix"], ["data"], ["convert", "cmdm"], []))
-  made = start[0] in ("generate", "story", "extend", "edit", "render") if start else False
+  made = start[0] in ("generate", "multi-prompt", "extend", "edit", "render") if start else False
   if made:
     start = [*start, "--out", "out/a" + pick(rng, (".npz", ".npy", ".bvh"))]
   if made and start[0] != "render":
@@ -364,9 +364,9 @@ def commands(rng, folder):
   # What ships takes seconds to load, and a page, a film or the copy of one minutes to write: not here.
   heavy = {"cmdm-small", "cdamd-small", "/", "retrieve"}
   start = [word for word in start if word not in heavy]
-  if start and start[0] in ("generate", "story", "extend", "edit") and "--out" not in start:
+  if start and start[0] in ("generate", "multi-prompt", "extend", "edit") and "--out" not in start:
     start += ["--out", "out/a.npy"]
-  if start and start[0] in ("generate", "story", "extend", "edit") and "run" not in start:
+  if start and start[0] in ("generate", "multi-prompt", "extend", "edit") and "run" not in start:
     start += ["--model", "run"]
   return command(*start)
 

@@ -108,7 +108,7 @@ def test_the_command_line(run, clip, tmp_path, monkeypatch, capsys):
   assert (tmp_path / "out.npz").is_file()
   assert cli.main([*edit, f"{tmp_path}/no.npz", "--task", "prefix", "--lag", "3"]) == 1
   assert "--lag" in capsys.readouterr().err
-  assert cli.main(["story", "walks | waves", "--model", str(run), "--out", f"{tmp_path}/no.npz"]) == 1
+  assert cli.main(["multi-prompt", "walks | waves", "--model", str(run), "--out", f"{tmp_path}/no.npz"]) == 1
   assert "'stories'" in capsys.readouterr().err and not (tmp_path / "no.npz").exists()
 
 

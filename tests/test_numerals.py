@@ -1,11 +1,11 @@
 """Numbers on the command line: each flag that takes one refuses what is no number, not finite or beyond all bounds."""
 import argparse
-import importlib.util
 import pathlib
 
 import pytest
 
 from motion_jax import cli
+from motion_jax.cli import evaluate
 from motion_jax.inputs.numerals import NumberError, checked, real, whole
 
 ROOT = pathlib.Path(__file__).parents[1]
@@ -72,18 +72,15 @@ def test_numbers_from_python(value):
     checked(value, 1, 1000, "num_steps")
 
 
-def test_eval_py_has_readers_too():
-  spec = importlib.util.spec_from_file_location("eval_script", ROOT / "eval.py")
-  module = importlib.util.module_from_spec(spec)
-  spec.loader.exec_module(module)
+def test_evaluate_has_readers_too():
   for flag in ("--repeats", "--seed", "--limit", "--devices", "--guidance"):
     for text in NO_NUMBERS[:-1]:
       with pytest.raises(SystemExit):
-        module.parse(["--data", "x", f"{flag}={text}"])
-  args = module.parse(["--data", "x", "--guidance", "1", "2.5", "--seed", "3", "--repeats", "20"])
-  assert (args.guidance, args.seed, args.repeats) == ([1, 2.5], 3, 20)
+        cli.parse(["evaluate", "--data", "x", f"{flag}={text}"])
+  args = cli.parse(["evaluate", "--data", "x", "--guidance", "1", "2.5", "--seed", "3", "--repeats", "20"])
+  assert (args.guidance, args.seed, args.replications) == ([1, 2.5], 3, 20)
   with pytest.raises(ValueError, match="KEY=VALUE"):
-    module.options_of(["schedule"])
+    evaluate.options_of(["schedule"])
   for text in ("nan", "inf", "1e400", "٣"):
     with pytest.raises(ValueError, match="expected a number"):
-      module.options_of([f"num_steps={text}"])
+      evaluate.options_of([f"num_steps={text}"])

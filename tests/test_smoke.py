@@ -1,7 +1,6 @@
 """A newcomer's first minutes work: every config trains two steps, the README says nothing that does not run."""
 import pathlib
 import re
-import runpy
 import shlex
 import subprocess
 import sys
@@ -12,11 +11,12 @@ import pytest
 
 from motion_jax import cli
 from motion_jax import fit as training
+from motion_jax.inputs import config_files
 from motion_jax.training import checkpoint
 from motion_jax.training.metrics import read_metrics
 from tests.conftest import ROOT, load_config
 
-CONFIGS = sorted(path.stem for path in (ROOT / "configs").glob("*.py"))
+CONFIGS = [name for name in config_files.names() if "/" not in name]
 
 
 @pytest.mark.parametrize("name", CONFIGS)
@@ -97,16 +97,18 @@ def _readme_blocks(language):
 
 
 def test_readme_commands_exist():
-  """Every motion-jax and eval.py command line of the README parses."""
+  """Every motion-jax, launch.py and eval.py command line of the README parses."""
   lines = [line.strip() for block in _readme_blocks("bash") for line in block.replace("\\\n", " ").splitlines()]
   commands = [line.split("motion-jax ", 1)[1] for line in lines if "motion-jax " in line and "pip" not in line]
   assert commands
   for command in commands:
     for part in command.split(" && "):
       words = shlex.split(part.split(" #")[0])
-      assert cli._parser().parse_args(words[1:] if words[0] == "motion-jax" else words)
-  judging = [line.split("eval.py ", 1)[1] for line in lines if line.startswith("python eval.py ")]
-  assert judging and all(runpy.run_path(str(ROOT / "eval.py"))["parse"](shlex.split(line)) for line in judging)
+      assert cli.parse(words[1:] if words[0] == "motion-jax" else words)
+  for script, command in (("launch.py", "train"), ("eval.py", "evaluate")):
+    for line in lines:
+      if line.startswith(f"python {script} "):
+        assert cli.parse(shlex.split(line.split(" #")[0])[2:], command, script)
 
 
 @pytest.mark.slow

@@ -187,4 +187,4 @@ def test_story_and_extend_commands(tiny_run, tmp_path, monkeypatch, capsys):
   np.testing.assert_allclose(joints[:48], made.joints, atol=1e-6)
   assert cli.main(["extend", str(out), "--text", "sits | waves", "--seconds", "1", "--out", str(longer), *options]) == 1
   assert "colons" in capsys.readouterr().err
-  assert cli.main(["story", "missing.csv", "--out", str(out), *options]) == 1
+  assert cli.main(["multi-prompt", "missing.csv", "--out", str(out), *options]) == 1

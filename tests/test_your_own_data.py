@@ -1,12 +1,10 @@
 """docs/your-own-data.md: its commands, in its order, from BVH files to a page and a table, in tiny sizes."""
-import importlib.util
 import re
 import shlex
 
 import pytest
 
 from motion_jax import cli, export
-from motion_jax import fit as training
 from motion_jax.data import build, sources
 from motion_jax.data.clip import Caption
 from motion_jax.data.datasets import humanml3d
@@ -45,22 +43,15 @@ def write_captures(folder, count=20):
 
 
 def launch(words):
-  """What launch.py does with these words, at the sizes of TINY."""
-  flags = dict(word.removeprefix("--").split("=", 1) for word in words if "=" in word)
-  path, workdir = (words[words.index(f"--{name}") + 1] for name in ("config", "workdir"))
-  name, size = re.fullmatch(r"configs/(\w+)\.py:(\w+)", path).groups()
-  config = load_config(name, size)
+  """`motion-jax train` with these words, at the sizes of TINY."""
+  name = words[words.index("--config") + 1].partition(":")[0]
   sizes = TINY[name] | {"train.num_steps": 2, "train.save_every": 2, "data.batch_size": 4}
-  config.update_from_flattened_dict(sizes | {key.removeprefix("config."): value for key, value in flags.items()})
-  training.run(config, workdir)
+  assert cli.main(["train", *words, *(f"--config.{key}={value}" for key, value in sizes.items())]) == 0
 
 
 def evaluate(words):
-  spec = importlib.util.spec_from_file_location("own_eval", ROOT / "eval.py")
-  module = importlib.util.module_from_spec(spec)
-  spec.loader.exec_module(module)
-  words = ["1" if before == "--repeats" else word for before, word in zip(["", *words], words)]
-  module.main([*words, "--force"])  # two steps of training convince no evaluator
+  words = ["1" if before == "--replications" else word for before, word in zip(["", *words], words)]
+  assert cli.main(["evaluate", *words, "--force"]) == 0  # two steps of training convince no evaluator
 
 
 @pytest.mark.slow
@@ -70,17 +61,17 @@ def test_the_page_from_files_to_a_table(tmp_path, monkeypatch, capsys):
   write_captures(tmp_path / "my_bvh")
   ran = []
   for words in commands():
-    if words[:2] == ["python", "launch.py"]:
+    if words[:2] == ["motion-jax", "train"]:
       launch(words[2:])
-    elif words[:2] == ["python", "eval.py"]:
+    elif words[:2] == ["motion-jax", "evaluate"]:
       evaluate(words[2:])
     else:
       assert words[0] == "motion-jax", f"the page has a command that no test runs: {words}"
       more = ["--steps", "2", "--lag", "1", "--num", "1"] if words[1] == "generate" else []
       assert cli.main([*words[1:], *more]) == 0, words
-    ran.append(words[1] if words[0] == "motion-jax" else words[1].removesuffix(".py"))
-  assert ran == ["data", "data", "launch", "launch", "launch", "generate", "retrieve", "eval", "launch", "launch",
-                 "eval"]
+    ran.append(words[1])
+  assert ran == ["data", "data", "train", "train", "train", "generate", "retrieve", "evaluate", "train", "train",
+                 "evaluate"]
   printed = capsys.readouterr().out
   assert "its mirrored copies are used, no more are made" in printed
   assert re.search(r"step 2 of 2: loss \S+, \S+ samples/s, 0 s left", printed)
@@ -90,7 +81,7 @@ def test_the_page_from_files_to_a_table(tmp_path, monkeypatch, capsys):
 
 
 def test_the_page_names_configs_and_sizes_that_exist():
-  named = re.findall(r"configs/(\w+)\.py:(\w+)", PAGE)
+  named = re.findall(r"--config (\w+):(\w+)", PAGE)
   assert {"part_tmr", "cmdm_tokenizer", "cmdm_denoiser", "cdamd_generator", "evaluator_matching"} <= set(dict(named))
   for name, size in named:
     config = load_config(name, size)

@@ -6,29 +6,50 @@ import sys
 import warnings
 
 import motion_jax
-from motion_jax.cli import convert, data, make, retrieve, show
+from motion_jax.cli import convert, data, evaluate, make, retrieve, show, train
 from motion_jax.cli.parser import Parser
 from motion_jax.cli.prompts import read_prompts, read_stories
 from motion_jax.runtime import progress, stopping
 
-__all__ = ["main", "read_prompts", "read_stories"]
+__all__ = ["main", "parse", "read_prompts", "read_stories"]
+
+_OLDER_NAMES = {"story": "multi-prompt"}
 
 # What this package raises itself. What a library stumbles over is translated where that happens (`errors.reading`), so
 # any other error is a fault of the program, and a traceback says where.
 KNOWN_ERRORS = (ValueError, OSError, FloatingPointError)
 
 
-def main(argv=None):
-  """Runs a sub-command; returns the exit status. An error that the user can mend is one line, not a traceback."""
-  with stopping.at_once("motion-jax"):
+def main(argv=None, command=None, program=None):
+  """Runs a sub-command; returns the exit status. An error that the user can mend is one line, not a traceback.
+
+  command: the arguments are those of this sub-command alone, for the script `program` that is it and no other.
+  """
+  with stopping.at_once(program or "motion-jax"):
     try:
-      status = _run(_parser().parse_args(argv))
+      args = parse(argv, command, program)
+      status = _run(args)
     except BrokenPipeError:
       return stopping.pipe_closed()
     except SystemExit:  # --help and mistakes in the arguments
       stopping.flush()
       raise
     return stopping.flush() or status
+
+
+def parse(argv=None, command=None, program=None):
+  """The arguments that `main` is given, read; mistakes in them end the program with one line."""
+  parser, argv = _parser(), list(sys.argv[1:] if argv is None else argv)
+  if command is not None:
+    parser = _commands_of(parser)[command]
+    parser.prog = program
+    parser.set_defaults(command=command)
+  elif argv and argv[0] in _OLDER_NAMES:
+    print(f"note: motion-jax {argv[0]} is called motion-jax {_OLDER_NAMES[argv[0]]}", file=sys.stderr)
+    argv[0] = _OLDER_NAMES[argv[0]]
+  args = parser.parse_args(argv)
+  args.program = program or f"motion-jax {args.command}"
+  return args
 
 
 def _run(args):
@@ -46,13 +67,12 @@ def _run(args):
   except BrokenPipeError:
     raise
   except KNOWN_ERRORS as error:
-    print(f"motion-jax {args.command}: {error}", file=sys.stderr)
+    print(f"{args.program}: {error}", file=sys.stderr)
     return 1
   except Exception as error:
     if not _out_of_memory(error):
       raise
-    print(f"motion-jax {args.command}: this takes more memory than there is; ask for fewer or shorter motions",
-          file=sys.stderr)
+    print(f"{args.program}: this takes more memory than there is; ask for fewer or shorter motions", file=sys.stderr)
     return 1
 
 
@@ -66,6 +86,11 @@ def _parser():
   parser.add_argument("--version", action="version", version=f"motion-jax {motion_jax.__version__}",
                       help="the version of this program")
   commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-  for group in (make, show, data, convert, retrieve):
+  for group in (make, show, data, train, evaluate, convert, retrieve):
     group.add_to(commands)
   return parser
+
+
+def _commands_of(parser):
+  """{name: its parser} of the sub-commands."""
+  return next(action.choices for action in parser._actions if action.dest == "command")

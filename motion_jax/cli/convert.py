@@ -29,7 +29,8 @@ def add_to(commands):
   evaluator = convert.add_parser("evaluator", help="T2M's or MARDM's evaluator: text_mot_match, text_mot_match_clip")
   evaluator.add_argument("file", help="finest.tar")
   evaluator.add_argument("--glove", metavar="FOLDER", help="our_vab_*, the words of T2M's evaluator: kept beside it")
-  evaluator.add_argument("--text", metavar="FOLDER", help="clip-vit-base-patch16: the word pieces of the CLIP-type one")
+  evaluator.add_argument("--text-encoder", metavar="FOLDER",
+                         help="clip-vit-base-patch16: the word pieces of the CLIP-type one")
   evaluator.set_defaults(run=_convert_evaluator)
   for part, whose in ((released, "training data"), (cdamd, "training data (of coordinates Mean_abs.npy, Std_abs.npy)"),
                       (teacher, "training data"), (evaluator, "evaluator")):
@@ -37,14 +38,15 @@ def add_to(commands):
                       help=f"Mean.npy and Std.npy of the {whose}, which checkpoints do not hold")
     part.add_argument("--heads", type=whole(1, 1024), help="attention heads, where the size is none of the papers'")
     part.add_argument("--out", required=True, metavar="FOLDER", help="new folder to write")
+    part.older_spellings = {"--text": "--text-encoder"}
   for part, name in ((released, "distilbert-base-uncased"), (cdamd, "clip-vit-base-patch32"),
                      (teacher, "distilbert-base-uncased")):
-    part.add_argument("--text", metavar="FOLDER", help=f"{name}, as Hugging Face lays it out")
+    part.add_argument("--text-encoder", metavar="FOLDER", help=f"{name}, as Hugging Face lays it out")
 
 
 def _convert_cmdm(args):
   from motion_jax.models.cmdm.weights import write_cmdm
-  _tell_converted(args, write_cmdm(args.out, args.tokenizer, args.stats, args.denoiser, args.text,
+  _tell_converted(args, write_cmdm(args.out, args.tokenizer, args.stats, args.denoiser, args.text_encoder,
                                  args.weights, args.heads, args.block))
   if args.denoiser:
     print(f"try it: motion-jax generate \"a person waves\" --model {args.out}")
@@ -53,19 +55,19 @@ def _convert_cmdm(args):
 def _convert_cdamd(args):
   from motion_jax.models.cdamd.weights import write_cdamd
   _tell_converted(args, write_cdamd(args.out, args.tokenizer, args.stats, args.generator, args.rvq,
-                                  args.length, args.text, args.weights, args.heads, args.diffusion))
+                                  args.length, args.text_encoder, args.weights, args.heads, args.diffusion))
   if args.generator:
     print(f"try it: motion-jax generate \"a person waves\" --model {args.out}")
 
 
 def _convert_teacher(args):
   from motion_jax.models.cmdm.teacher_weights import write_teacher
-  _tell_converted(args, write_teacher(args.out, args.file, args.stats, args.text, args.heads))
+  _tell_converted(args, write_teacher(args.out, args.file, args.stats, args.text_encoder, args.heads))
 
 
 def _convert_evaluator(args):
   from motion_jax.evaluators.weights import write_evaluator
-  _tell_converted(args, write_evaluator(args.out, args.file, args.stats, args.heads, args.glove, args.text))
+  _tell_converted(args, write_evaluator(args.out, args.file, args.stats, args.heads, args.glove, args.text_encoder))
 
 
 def _tell_converted(args, networks):

@@ -1,4 +1,4 @@
-"""motion-jax generate, story, extend and edit: the commands that make motion."""
+"""motion-jax generate, multi-prompt, extend and edit: the commands that make motion."""
 import pathlib
 import time
 
@@ -24,18 +24,18 @@ def add_to(commands):
   _making(generate, "motion.html")
   generate.set_defaults(run=_generate)
 
-  story = commands.add_parser("story", help="several sentences in a row, one motion out")
-  story.add_argument("story", help="\"a person walks:4 | a person waves | ...\", with or without seconds behind "
-                                   "colons; a .csv (prompt,length in frames), a .txt (a prompt a line, as above) or a "
-                                   ".txt of timelines (caption # start # end # body parts)")
-  story.add_argument("--way", choices=("stream", "chain"), default="stream",
-                     help="words change within one run, or one run per sentence as in the released code")
-  _making(story, "story.html")
-  story.set_defaults(run=_story)
+  several = commands.add_parser("multi-prompt", help="several sentences in a row, one motion out")
+  several.add_argument("prompts", help="\"a person walks:4 | a person waves | ...\", with or without seconds behind "
+                       "colons; a .csv (prompt,length in frames), a .txt (a prompt a line, as above) or a .txt of "
+                       "timelines (caption # start # end # body parts)")
+  several.add_argument("--way", choices=("stream", "chain"), default="stream",
+                       help="words change within one run, or one run per sentence as in the released code")
+  _making(several, "multi_prompt.html")
+  several.set_defaults(run=_multi_prompt)
 
   extend = commands.add_parser("extend", help="a motion in, the same motion going on as the words say out")
   extend.add_argument("file", help="an .npz, .npy, .bvh or .amc file")
-  extend.add_argument("--text", required=True, help="what happens next; several sentences as for story")
+  extend.add_argument("--text", required=True, help="what happens next; several sentences as for multi-prompt")
   extend.add_argument("--seconds", type=LENGTH, help="length of what is new, of a single sentence")
   extend.add_argument("--past-text", help="what the file shows; its own caption, else the new text")
   extend.add_argument("--way", choices=("stream", "chain"), default="stream",
@@ -62,6 +62,7 @@ def add_to(commands):
 
 def _making(parser, out):
   """Options of all commands that make motion."""
+  parser.older_spellings = {"--raw": "--no-cleanup"}
   parser.add_argument("--num", type=whole(*MOTIONS), default=1, help="motions of each, with seeds SEED, SEED + 1, ...")
   parser.add_argument("--seed", type=whole(*SEEDS), default=0, help="the same seed, the same motion (0)")
   parser.add_argument("--guidance", type=real(*GUIDANCE), help="how strictly the words are followed (3)")
@@ -79,7 +80,8 @@ def _making(parser, out):
   cdamd.add_argument("--rounds", type=whole(*STEPS), help="rounds in which latents are made (10)")
   cdamd.add_argument("--order", choices=("random", "left_to_right"), help="which latents are made first")
   cdamd.add_argument("--mask", choices=("causal", "dccm", "bcm", "bidirectional"), help="what latents may look at")
-  parser.add_argument("--raw", action="store_true", help="as the network made it: feet not planted, nothing smoothed")
+  parser.add_argument("--no-cleanup", action="store_true",
+                      help="without foot-skate cleanup and smoothing: as the network made it")
   parser.add_argument("--model", default="cmdm-small", help="a run folder or the name of a model that ships")
   parser.add_argument("--out", default=out,
                       help="file to write: .npz .npy .bvh .glb .mp4 .gif .html .png; repeat kinds with commas, as in "
@@ -106,26 +108,26 @@ def _generate(args):
                            f"{max(frames) / model.fps:.1f} s")
   motions = []
   for piece in progress.each(_pieces(frames, model), "making motions", unit="batch"):
-    motions += model.generate(prompts[piece], frames[piece], seeds=seeds[piece], polish=not args.raw,
+    motions += model.generate(prompts[piece], frames[piece], seeds=seeds[piece], polish=not args.no_cleanup,
                               **_sampling(args, model))
   _write(args, model, motions, outputs, start)
 
 
-def _story(args):
+def _multi_prompt(args):
   outputs = _outputs(args)
   start, model = time.time(), _load_model(args)
   _able(model, "stories")
-  tales = read_stories(args.story, model.fps)
-  _check_count(len(tales), args)
-  model.check_words(list(dict.fromkeys(prompt for tale in tales for prompt, _ in tale)))
-  _tell_model(model, args, f"{len(tales) * args.num} motion(s) of {len(tales[0])} prompt(s) each")
-  tales = [tale for tale in tales for _ in range(args.num)]
-  seeds = [args.seed + i for _ in range(len(tales) // args.num) for i in range(args.num)]
+  sequences = read_stories(args.prompts, model.fps)
+  _check_count(len(sequences), args)
+  model.check_words(list(dict.fromkeys(prompt for one in sequences for prompt, _ in one)))
+  _tell_model(model, args, f"{len(sequences) * args.num} motion(s) of {len(sequences[0])} prompt(s) each")
+  sequences = [one for one in sequences for _ in range(args.num)]
+  seeds = [args.seed + i for _ in range(len(sequences) // args.num) for i in range(args.num)]
   motions = []
-  for piece in _pieces([_length(model, tale) for tale in tales], model):
-    motions += model.stories(tales[piece], way=args.way, polish=not args.raw, seeds=seeds[piece],
+  for piece in _pieces([_length(model, one) for one in sequences], model):
+    motions += model.stories(sequences[piece], way=args.way, polish=not args.no_cleanup, seeds=seeds[piece],
                              **_sampling(args, model))
-  for caption in motions[0].captions if len(tales) == args.num else ():
+  for caption in motions[0].captions if len(sequences) == args.num else ():
     print(f"{caption.start:6.1f} to {caption.end:5.1f} s  {caption.text}")
   _write(args, model, motions, outputs, start)
 
@@ -134,16 +136,16 @@ def _extend(args):
   outputs, clip = _outputs(args), shared.read_motion(args.file, args)
   start, model = time.time(), _load_model(args)
   _able(model, "extend")
-  tale = read_stories(args.text, model.fps)[0]
+  segments = read_stories(args.text, model.fps)[0]
   if args.seconds is not None:
-    if len(tale) > 1:
+    if len(segments) > 1:
       raise InputError("got --seconds for several sentences; write them behind colons, as in \"walks:4 | sits:3\"")
-    tale = [(tale[0][0], args.seconds)]
-  model.check_words([prompt for prompt, _ in tale])
-  _pieces([clip.seconds * model.fps + _length(model, tale)] * args.num, model)
+    segments = [(segments[0][0], args.seconds)]
+  model.check_words([prompt for prompt, _ in segments])
+  _pieces([clip.seconds * model.fps + _length(model, segments)] * args.num, model)
   _tell_model(model, args, f"{clip.seconds:.1f} s of {args.file} go on")
-  motions = [model.extend(clip, tale, past_prompt=args.past_text, seed=args.seed + i, way=args.way,
-                          polish=not args.raw, **_sampling(args, model))
+  motions = [model.extend(clip, segments, past_prompt=args.past_text, seed=args.seed + i, way=args.way,
+                          polish=not args.no_cleanup, **_sampling(args, model))
              for i in progress.each(range(args.num), "making motions", unit="motion")]
   _write(args, model, motions, outputs, start)
 
@@ -185,9 +187,9 @@ def _pieces(frames, model):
   return [slice(first, first + size) for first in range(0, len(frames), size)]
 
 
-def _length(model, tale):
-  """Frames of a story [(prompt, seconds or None)], about."""
-  return sum(model.natural_frames(prompt) if seconds is None else seconds * model.fps for prompt, seconds in tale)
+def _length(model, segments):
+  """Frames of segments [(prompt, seconds or None)], about."""
+  return sum(model.natural_frames(prompt) if seconds is None else seconds * model.fps for prompt, seconds in segments)
 
 
 def _sampling(args, model):
@@ -225,8 +227,9 @@ def _load_model(args):
 
 def _tell_model(model, args, what):
   import jax
-  print(f"{model.id}: {model.num_params / 1e6:.1f} M parameters on {jax.default_backend()}; {what}, guidance "
-        f"{args.guidance or model.config.sampler.guidance_scale:g}, seed {args.seed}")
+  guidance = model.config.sampler.guidance_scale if args.guidance is None else args.guidance
+  print(f"{model.id}: {model.num_params / 1e6:.1f} M parameters on {jax.default_backend()}; {what}, "
+        f"guidance {guidance:g}, seed {args.seed}")
 
 
 def _able(model, name):

@@ -6,7 +6,33 @@ from motion_jax.inputs.nearest import did_you_mean
 
 
 class Parser(argparse.ArgumentParser):
-  """argparse's parser whose errors are one line."""
+  """argparse's parser whose errors are one line.
+
+  --two_words is --two-words, and older_spellings {flag or --flag=value: what it is called} are understood, but stand in
+  no help. A command whose defaults have `overrides` finds there all --config.KEY=VALUE, and what is no flag.
+  """
+  older_spellings = {}
+
+  def parse_args(self, args=None, namespace=None):
+    found, rest = self.parse_known_args(args, namespace)
+    takes_overrides = hasattr(found, "overrides")
+    strange = [one for one in rest if not takes_overrides or (
+        one.startswith("--") and not one.startswith(("--config.", "--noconfig.")))]
+    if strange:
+      self.error(f"unrecognized arguments: {' '.join(strange)}")
+    if takes_overrides:
+      found.overrides = rest
+    return found
+
+  def parse_known_args(self, args=None, namespace=None):
+    return super().parse_known_args(args if args is None else list(map(self._as_called, args)), namespace)
+
+  def _as_called(self, argument):
+    name, equals, value = argument.partition("=")
+    if argument in self.older_spellings or not name.startswith("-"):
+      return self.older_spellings.get(argument, argument)
+    called = self.older_spellings.get(name, "--" + name.lstrip("-").replace("_", "-"))
+    return called + equals + value if called.partition("=")[0] in self._option_string_actions else argument
 
   def error(self, message):
     strange = re.match(r"unrecognized arguments: (\S+)", message)

@@ -1,35 +1,31 @@
-"""A config file and what a command line changes of it, read for launch.py: mistakes are told in one line."""
+"""What a command line changes of a config: --config.SECTION.FIELD=VALUE, with mistakes told in one line."""
 import difflib
-import importlib.util
-import pathlib
 
 import ml_collections
+from absl import flags
+from ml_collections import config_flags
 
 from motion_jax.inputs.errors import InputError
 
 
-def config_of(name):
-  """The config that FILE or FILE:SIZE names. Raises InputError or FileNotFoundError that say what is wrong with it."""
-  name = str(name)
-  file, _, size = name.partition(":")
-  path = pathlib.Path(file)
-  if not path.is_file():
-    shipped = sorted(map(str, path.parent.glob("*.py"))) or sorted(map(str, pathlib.Path("configs").glob("*.py")))
-    near = difflib.get_close_matches(path.name, [pathlib.Path(one).name for one in shipped], 1, 0.5)
-    hint = f"; did you mean {next(one for one in shipped if pathlib.Path(one).name == near[0])}?" if near else (
-        "; it is given as configs/NAME.py or configs/NAME.py:SIZE")
-    raise FileNotFoundError(f"there is no config file {file!r}{hint}")
-  if path.suffix != ".py":
-    raise InputError(f"got the config file {file!r}, expected Python with a function get_config(size), as in configs/")
+def applied(arguments, config):
+  """The config, locked, with the fields that --config.KEY=VALUE among arguments name; nothing else may be there."""
+  check(arguments, config)
+  values = flags.FlagValues()
+  config_flags.DEFINE_config_dict("config", config, flag_values=values, sys_argv=["", *arguments])
   try:
-    spec = importlib.util.spec_from_file_location("config", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    get_config = module.get_config
-  except Exception as error:  # whatever a file that is no config does
-    raise InputError(f"{file} is no config file ({type(error).__name__}: {error}); expected Python with a function "
-                     "get_config(size)") from error
-  return get_config(size) if size else get_config()
+    stray = values(["", *arguments])[1:]
+  except (flags.Error, ValueError, AttributeError, KeyError, TypeError) as error:
+    raise InputError(" ".join(str(error).split())) from error
+  if stray:
+    raise InputError(f"got the stray arguments {' '.join(stray)}; fields of the config are set by "
+                     "--config.SECTION.FIELD=VALUE")
+  return values.config
+
+
+def names_any(arguments, *fields) -> bool:
+  """Whether the arguments set one of these fields."""
+  return any(one.lstrip("-").partition("=")[0] == f"config.{field}" for one in arguments for field in fields)
 
 
 def check(arguments, config):
@@ -47,7 +43,9 @@ def check(arguments, config):
     if isinstance(fields[key], ml_collections.ConfigDict):
       inside = [f"--config.{name}" for name in fields if name.startswith(key + ".")]
       raise InputError(f"got --config.{key}, which is a section; set its fields, such as {' '.join(inside[:3])}")
-    _check_value(key, value if equals else following, fields[key])
+    if not equals:  # --config.flag alone is true
+      value = None if isinstance(fields[key], bool) and str(following).startswith("--") else following
+    _check_value(key, value, fields[key])
 
 
 def _fields(config, prefix=""):
@@ -80,13 +78,3 @@ def _check_value(key, text, usual):
     fits = False
   if not fits:
     raise InputError(f"got --config.{key}={text}, expected {kinds[kind]} such as {usual}")
-
-
-def value_of(flag, arguments):
-  """What --FLAG VALUE or --FLAG=VALUE says among arguments, the last one, or None."""
-  found = None
-  for argument, following in zip(arguments, [*arguments[1:], None]):
-    name, equals, value = argument.partition("=")
-    if name in (f"--{flag}", f"-{flag}"):
-      found = value if equals else following
-  return found

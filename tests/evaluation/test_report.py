@@ -2,7 +2,6 @@
 import html.parser
 import json
 import re
-import runpy
 import shutil
 import subprocess
 import xml.etree.ElementTree as ElementTree
@@ -11,12 +10,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from motion_jax import export
+from motion_jax import cli, export
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.evaluation.report import page as report
 from motion_jax.evaluation.report import plots, tables
-from tests.conftest import ROOT
 
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 EVIL = "</p><script>alert(1)</script> \"it's\" a & b"
@@ -146,19 +144,17 @@ def test_several_results_share_a_page(tmp_path):
 
 def test_folders_of_results_share_a_page(tmp_path, capsys):
   folders = [tmp_path / name for name in ("fss", "ar")]
-  main = runpy.run_path(str(ROOT / "eval.py"))["main"]
   for folder in folders:
     folder.mkdir()
     (folder / "results.json").write_text(json.dumps(a_result()))
-  main(["--beside", *map(str, folders), "--report", str(tmp_path / "page")])
+  assert cli.main(["evaluate", "--beside", *map(str, folders), "--report", str(tmp_path / "page")]) == 0
   text = (tmp_path / "page" / "index.html").read_text(encoding="utf-8")
   assert str(tmp_path / "page" / "index.html") in capsys.readouterr().out
   assert all(f'<a href="#r{i}">{folder.name}: ' in text for i, folder in enumerate(folders))
-  with pytest.raises(SystemExit, match="nowhere.*no results.json"):
-    main(["--beside", str(tmp_path / "nowhere"), "--report", str(tmp_path / "page")])
+  assert cli.main(["evaluate", "--beside", str(tmp_path / "nowhere"), "--report", str(tmp_path / "page")]) == 1
+  assert re.search("nowhere.*no results.json", capsys.readouterr().err)
   for wrong in (["--report", "x"], ["--beside", "x"]):
-    with pytest.raises(SystemExit):
-      main(wrong)
+    assert cli.main(["evaluate", *wrong]) == 1
     assert "give --" in capsys.readouterr().err
 
 

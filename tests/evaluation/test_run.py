@@ -1,6 +1,5 @@
 """Evaluation by a protocol: the same numbers every time, after a kill, on any number of devices; bad input is told."""
 import dataclasses
-import importlib.util
 import json
 import re
 import shutil
@@ -11,6 +10,7 @@ import sys
 import numpy as np
 import pytest
 
+from motion_jax import cli
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.evaluation import aggregates as rows
 from motion_jax.evaluation import protocols, run, samples
@@ -118,19 +118,11 @@ def test_a_repeat_is_byte_identical_and_so_is_one_that_was_killed(judged, tiny_r
     assert content(tmp_path / folder) == before
 
 
-def eval_py():
-  """eval.py as a module."""
-  spec = importlib.util.spec_from_file_location("eval_py", ROOT / "eval.py")
-  found = importlib.util.module_from_spec(spec)
-  spec.loader.exec_module(found)
-  return found
-
-
-def command():
-  """The same with the small protocol and random evaluators in the place of those that ship."""
+def command(arguments):
+  """What eval.py does, with the small protocol and random evaluators in the place of those that ship."""
   run.protocols_lib.PROTOCOLS["archives-66"] = SMALL
   run.load_evaluator = lambda name: fresh_evaluator("clip" if "clip" in name else "t2m")
-  return eval_py()
+  return cli.main(arguments, "evaluate", "eval.py")
 
 
 def test_eval_py_killed_goes_on_to_the_same_table(judged, tiny_run, archive, tmp_path, monkeypatch, capsys):
@@ -143,7 +135,7 @@ import os, signal
 from tests.evaluation.test_run import command, samples
 write = samples.Store.write
 samples.Store.write = lambda *args: (write(*args), os.kill(os.getpid(), signal.SIGKILL))
-command().main({arguments!r})
+command({arguments!r})
 """
   killed = subprocess.run([sys.executable, "-c", script], env=devices_env(1), cwd=ROOT, capture_output=True)
   assert killed.returncode == -signal.SIGKILL, killed.stderr[-2000:]
@@ -153,7 +145,7 @@ command().main({arguments!r})
   monkeypatch.setattr(run, "load_evaluator", None)
   write, written = samples.Store.write, []
   monkeypatch.setattr(samples.Store, "write", lambda *args: (written.append(args[1]), write(*args))[1])
-  command().main(arguments)
+  assert command(arguments) == 0
   assert written == ["r001"] and (tmp_path / "page" / "index.html").is_file()
   made = json.loads((tmp_path / "out" / "results.json").read_text())["rows"][tiny_run.name]
   assert made.items() == {name: one for name, one in judged[0]["rows"][tiny_run.name].items()
@@ -161,8 +153,8 @@ command().main({arguments!r})
   assert "wrote " in capsys.readouterr().out
   # Random evaluators notice little, and the command says so at its end.
   monkeypatch.setattr(run, "evaluate", lambda *given, **more: judged[0])
-  with pytest.raises(SystemExit, match="eval.py: control: .* does not go"):
-    command().main(arguments[:-2])
+  assert command(arguments[:-2]) == 1
+  assert re.search("eval.py: control: .* does not go", capsys.readouterr().err)
 
 
 @pytest.mark.parametrize("arguments, words", [
@@ -177,24 +169,24 @@ command().main({arguments!r})
     (["--protocol", "mtt", "--evaluator", "some"], "of kind 't2m', protocol 'mtt' is about the space of kind tmr"),
     (["--clip-evaluator", "other"], "got --clip-evaluator 'fresh-t2m' of kind 't2m'"),
 ])
-def test_what_cannot_be_asked_is_told_before_anything_is_done(tiny_run, archive, monkeypatch, arguments, words):
+def test_what_cannot_be_asked_is_told_before_anything_is_done(tiny_run, archive, monkeypatch, capsys, arguments, words):
   monkeypatch.setitem(run.protocols_lib.PROTOCOLS, "archives-66", SMALL)
   monkeypatch.setattr(run, "load_evaluator", None)
   monkeypatch.setattr(run.sanity, "look", lambda judge: pytest.fail("began"))
-  with pytest.raises(SystemExit, match=f"eval.py: (.|\n)*{words}"):
-    command().main(["--run", str(tiny_run), "--data", str(archive), "--out", "nowhere", *arguments])
+  assert command(["--run", str(tiny_run), "--data", str(archive), "--out", "nowhere", *arguments]) == 1
+  assert re.search(f"eval.py: (.|\n)*{words}", capsys.readouterr().err)
 
 
 @pytest.mark.parametrize("option", ["--repeats", "--limit", "--devices"])
 def test_counts_are_from_one_on(option, capsys):
   with pytest.raises(SystemExit):
-    eval_py().parse(["--data", "somewhere", option, "0"])
+    cli.parse(["evaluate", "--data", "somewhere", option, "0"])
   assert "got '0', expected a whole number from 1 to " in capsys.readouterr().err
 
 
 def test_flags_may_be_repeated():
-  args = eval_py().parse(["--data", "a", "b", "--data", "c", "--guidance", "2", "--guidance", "3", "--vary", "lag=1",
-                          "--vary", "lag=2"])
+  args = cli.parse(["evaluate", "--data", "a", "b", "--data", "c", "--guidance", "2", "--guidance", "3",
+                    "--vary", "lag=1", "--vary", "lag=2"])
   assert args.guidance == [2, 3] and args.vary == ["lag=1", "lag=2"] and args.data == [["a", "b"], ["c"]]
 
 

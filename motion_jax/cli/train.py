@@ -1,0 +1,52 @@
+"""motion-jax train: a stage of a paper, from a config to a run folder."""
+import argparse
+import pathlib
+
+from motion_jax.cli import shared
+from motion_jax.inputs import config_files
+from motion_jax.inputs.errors import InputError
+from motion_jax.inputs.numerals import real
+
+
+def add_to(commands):
+  """Adds this sub-command to those of `motion-jax`."""
+  train = commands.add_parser(
+      "train", help="a config and data in, a trained run folder out",
+      description="Trains one stage of a paper. Any field of the config is set by --config.SECTION.FIELD=VALUE, such "
+                  "as --config.data.batch_size=32.",
+      epilog=f"Configs that ship: {', '.join(config_files.names())}. Sizes: tiny (two steps, seconds), mini, laptop, "
+             "small, and without one the paper's; docs/configs.md has them all.")
+  add = train.add_argument
+  add("--config", required=True, metavar="NAME[:SIZE]",
+      help="the experiment, such as cmdm_denoiser:tiny: one that ships, or a Python file with get_config(size)")
+  add("--workdir", required=True, metavar="FOLDER", help="run folder: made if need be; holds all that loading needs")
+  add("--data", nargs="+", metavar="DIR", help="data folders, read together; short for --config.data.folders")
+  add("--resume", action=argparse.BooleanOptionalAction, default=False,
+      help="go on with the run in the folder, exactly where it stopped")
+  add("--max-seconds", type=real(above=0, high=1e9, unit="seconds"), metavar="S",
+      help="stop and save after so long: one slice of a long run")
+  train.older_spellings = {"--noresume": "--no-resume"} | {
+      f"--resume={text}": flag for flag, texts in (("--resume", "true True 1"), ("--no-resume", "false False 0"))
+      for text in texts.split()}
+  train.set_defaults(run=_train, overrides=[])
+
+
+def _train(args):
+  from motion_jax.inputs import overrides
+  config = config_files.load(args.config)
+  if args.data:
+    if overrides.names_any(args.overrides, "data.folder", "data.folders"):
+      raise InputError("got --data and --config.data.folder; give one of them")
+    with config.unlocked():
+      config.data.folders = tuple(args.data)
+  config = overrides.applied(args.overrides, config)
+
+  from absl import logging
+
+  from motion_jax import fit
+  from motion_jax.runtime import stopping
+  logging.set_verbosity(logging.WARNING)  # orbax tells every step of a save
+  shared.cache_compiled_code()  # a run that goes on does not wait for the compiler again
+  stop = stopping.Stop()
+  fit.run(config, pathlib.Path(args.workdir), resume=args.resume, max_seconds=args.max_seconds, stop=stop)
+  return stop.status
