@@ -13,7 +13,7 @@ A size may stand behind the data, as in configs/cdamd_autoencoder.py:kit_tiny.
 
 `full` is the released code's configuration (docs/papers/cdamd.md#autoencoder, #sizes): 18.8 M parameters, 50 epochs.
 """
-import ml_collections
+from motion_jax.configs import common
 
 # Columns, layout, and the columns that count twice.
 DATA = {"kit": (63, "coordinates_kit", (4, 64)), "64": (64, "essential_kit", (4, 64)),
@@ -21,25 +21,19 @@ DATA = {"kit": (63, "coordinates_kit", (4, 64)), "64": (64, "essential_kit", (4,
 
 
 def get_config(size="full"):
-  data, _, own_size = size.partition("_")
-  if data in DATA:
-    size = own_size or "full"
-  config = ml_collections.ConfigDict()
-  config.stage = "cdamd.autoencoder"
-  config.seed = 3407
+  data, size = common.data_and_size(size, DATA, ("full", "small", "laptop", "mini", "tiny"))
+  config = common.experiment("cdamd.autoencoder", seed=3407)
   config.frozen = dict()
   config.model = dict(features=66, latent_dim=512, width=512, num_halvings=2, dilations=(9, 3, 1), dropout=0.2)
   # columns: those that count twice, 4 : 4 + 3 (J - 1). distance "l1" with position_weight 0 is the paper's loss.
   config.loss = dict(distance="smooth_l1", position_weight=1.0, columns=(4, 67))
   # per_axis: one mean and std for x, y and z each over all joints, instead of one per column.
-  config.data = dict(name="humanml3d", folder="", folders=(), layout="coordinates", mode="benchmark", mirror=False,
-                     per_axis=False, batch_size=256, window=64, stride=1)
+  config.data = common.data(layout="coordinates", per_axis=False, batch_size=256, window=64, stride=1)
   # Parity: the reference counts 150,000 and 250,000 from the end of the warm-up.
-  config.optimizer = dict(learning_rate=2e-4, schedule="step", boundaries=(152_000, 252_000), gamma=0.05,
-                          cooldown_steps=0, warmup_steps=2_000, beta1=0.9, beta2=0.99, weight_decay=0.0, clip_norm=0.0,
-                          ema_decay=0.0, skip_loss=0.0)
+  config.optimizer = common.optimizer(learning_rate=2e-4, schedule="step", boundaries=(152_000, 252_000), gamma=0.05,
+                                      warmup_steps=2_000, beta2=0.99)
   config.train = dict(num_steps=350_000, log_every=100, save_every=5_000)
-  if data in DATA:
+  if data:
     config.model.features, config.data.layout, config.loss.columns = DATA[data]
   if data in ("kit", "64"):
     config.data.batch_size = 512
@@ -47,7 +41,7 @@ def get_config(size="full"):
   if size in ("small", "mini", "laptop"):
     config.model.update(latent_dim=64, width=192, dropout=0.0)  # a small model has no capacity to spare
     config.loss.distance = "l1"  # the paper's: squares of what is small beside a path of metres teach no pose
-    config.data.update(name="archive", mode="corrected", mirror=True, batch_size=32, stride=4)
+    common.archives(config, batch_size=32, stride=4)
     config.optimizer.update(learning_rate=8e-4, schedule="trapezoid", warmup_steps=200, cooldown_steps=2_500,
                             clip_norm=1.0, ema_decay=0.999)
     config.train.update(num_steps=9_000, log_every=50, save_every=1_000)
@@ -60,10 +54,6 @@ def get_config(size="full"):
       config.train.update(num_steps=3_000, log_every=10, save_every=500)
   elif size == "tiny":
     config.model.update(latent_dim=4, width=16, dilations=(1,))
-    config.data.update(name="synthetic", mode="corrected", batch_size=4)
+    common.tiny(config)
     config.optimizer.update(warmup_steps=1)
-    config.train.update(num_steps=2, log_every=1, save_every=2)
-  elif size != "full":
-    raise ValueError(f"got size {size!r}, expected full, small, laptop, mini or tiny, or one of "
-                     f"{', '.join(DATA)} before it")
   return config.lock()

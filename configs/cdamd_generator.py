@@ -23,9 +23,8 @@ paper, each with a name in configs/ablations/cdamd.py:
 
 How levels are put together: --config.model.transformer.separate_levels.
 """
-import ml_collections
-
 from motion_jax import paper_rows
+from motion_jax.configs import common
 
 SIZES = ("large", "full", "small", "laptop", "mini", "tiny")
 DATA = {"kit": (63, "coordinates_kit"), "67": (67, "essential"), "263": (263, "full")}
@@ -42,9 +41,7 @@ PRINTED = {"": paper_rows.CDAMD, "kit": {"cdamd 2": "CDAMD"},
 
 def get_config(name="full"):
   size, data, mardm, ddpm = _words_of(name)
-  config = ml_collections.ConfigDict()
-  config.stage = "cdamd.generator"
-  config.seed = 3407
+  config = common.experiment("cdamd.generator", seed=3407)
   config.frozen = dict(tokenizer="runs/autoencoder", prior="runs/rvq", text="clip-vit-base-patch32",
                        text_level="sentence", length="")
   config.tokenizer = dict(features=66, latent_dim=512, width=512, num_halvings=2, dilations=(9, 3, 1), dropout=0.2,
@@ -63,13 +60,11 @@ def get_config(name="full"):
   # one of nets.masks, or several, of which each item draws one: "dccm+bcm".
   config.loss = dict(mask="dccm", noise_rate=0.1, mask_rate=0.88, drop_rate=0.1, prior_levels=2, prior_drop_rate=0.7,
                      prior_drop="batch", copies=4, diffusion="flow", ddpm_steps=50, unit_latents=False)
-  config.data = dict(name="humanml3d", folder="", folders=(), layout="coordinates", mode="benchmark", mirror=False,
-                     per_axis=False, batch_size=64, min_frames=40, max_frames=196, lengths=(196,), balance=0.0,
-                     vary_subject=0.0, max_words=77)
+  config.data = common.data(layout="coordinates", per_axis=False, batch_size=64, min_frames=40, max_frames=196,
+                            lengths=(196,), balance=0.0, vary_subject=0.0, max_words=77)
   # ema_decay 0 is the released code's of CDAMD; MARDM's is 0.9999.
-  config.optimizer = dict(learning_rate=2e-4, schedule="cosine", final_rate=1e-6, boundaries=(), gamma=0.1,
-                          cooldown_steps=0, warmup_steps=2_000, beta1=0.9, beta2=0.99, weight_decay=1e-5, clip_norm=0.0,
-                          ema_decay=0.9999, skip_loss=0.0)
+  config.optimizer = common.optimizer(learning_rate=2e-4, schedule="cosine", final_rate=1e-6, boundaries=(), gamma=0.1,
+                                      warmup_steps=2_000, beta2=0.99, weight_decay=1e-5, ema_decay=0.9999)
   config.train = dict(num_steps=180_000, log_every=100, save_every=5_000)
   # The benchmark's own: solver dopri5, revealed_only False.
   config.sampler = dict(num_rounds=10, guidance_scale=4.0, order="random", mask="causal", edit_mask="bcm",
@@ -86,7 +81,7 @@ def get_config(name="full"):
     config.model.head.update(width=400, depth=6)
     # Both masks, so that one model can be asked by either: a hole sees its right side under BCM alone.
     config.loss.update(mask="dccm+bcm", unit_latents=True, copies=1)
-    config.data.update(name="archive", mode="corrected", mirror=True, batch_size=32, min_frames=20,
+    common.archives(config, batch_size=32, min_frames=20,
                        lengths=(72, 120, 196), balance=0.5, vary_subject=0.5)
     config.optimizer.update(learning_rate=7e-4, schedule="trapezoid", warmup_steps=300, cooldown_steps=900,
                             ema_decay=0.999, clip_norm=1.0)
@@ -112,9 +107,8 @@ def get_config(name="full"):
     config.model.transformer.update(latent_dim=4, width=16, depth=1, num_heads=2, ff_width=16, text_dim=32, num_codes=8,
                                     max_length=50)
     config.model.head.update(width=16, depth=1)
-    config.data.update(name="synthetic", mode="corrected", batch_size=4)
+    common.tiny(config)
     config.optimizer.update(warmup_steps=1, schedule="constant")
-    config.train.update(num_steps=2, log_every=1, save_every=2)
   if data:
     config.tokenizer.features = config.prior.features = DATA[data][0]
     config.data.layout = DATA[data][1]

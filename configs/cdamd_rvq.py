@@ -14,7 +14,7 @@ A size may stand behind the data, as in configs/cdamd_rvq.py:kit_tiny.
 the codebooks, on whole clips padded to 196 frames, 4,500 steps. With --config.data.window=64 it sees windows of the
 clips instead.
 """
-import ml_collections
+from motion_jax.configs import common
 
 # Columns, layout, and the columns that count twice.
 # Parity: here the code takes all columns from 4 on, in the autoencoder 4:67.
@@ -22,12 +22,8 @@ DATA = {"kit": (63, "coordinates_kit", (4, 64)), "67": (67, "essential", (4, 67)
 
 
 def get_config(size="full"):
-  data, _, own_size = size.partition("_")
-  if data in DATA:
-    size = own_size or "full"
-  config = ml_collections.ConfigDict()
-  config.stage = "cdamd.rvq"
-  config.seed = 3407
+  data, size = common.data_and_size(size, DATA, ("full", "small", "laptop", "mini", "tiny"))
+  config = common.experiment("cdamd.rvq", seed=3407)
   config.frozen = dict()
   config.model = dict(features=66, latent_dim=512, width=512, num_halvings=2, dilations=(9, 3, 1), dropout=0.2)
   # drop_rate: quantize dropout, per batch. gain_once: straight-through gradient once, not once per active level.
@@ -35,14 +31,13 @@ def get_config(size="full"):
   config.loss = dict(distance="smooth_l1", position_weight=0.1, columns=(4, 67), velocity_weight=0.1,
                      commitment_weight=0.02)
   # window 0: whole clips of min_frames to max_frames frames, padded with zeros.
-  config.data = dict(name="humanml3d", folder="", folders=(), layout="coordinates", mode="benchmark", mirror=False,
-                     per_axis=False, batch_size=256, window=0, stride=1, min_frames=40, max_frames=196)
+  config.data = common.data(layout="coordinates", per_axis=False, batch_size=256, window=0, stride=1, min_frames=40,
+                            max_frames=196)
   # Parity: the reference counts 150,000 and 250,000 from the end of the warm-up.
-  config.optimizer = dict(learning_rate=2e-4, schedule="step", boundaries=(152_000, 252_000), gamma=0.05,
-                          cooldown_steps=0, warmup_steps=2_000, beta1=0.9, beta2=0.99, weight_decay=0.0, clip_norm=0.0,
-                          ema_decay=0.0, skip_loss=0.0)
+  config.optimizer = common.optimizer(learning_rate=2e-4, schedule="step", boundaries=(152_000, 252_000), gamma=0.05,
+                                      warmup_steps=2_000, beta2=0.99)
   config.train = dict(num_steps=4_500, log_every=50, save_every=500)
-  if data in DATA:
+  if data:
     config.model.features, config.data.layout, config.loss.columns = DATA[data]
   if data == "kit":
     config.data.min_frames = 24
@@ -51,7 +46,7 @@ def get_config(size="full"):
     config.quantizer.update(num_codes=256)
     config.loss.distance = "l1"  # as the autoencoder's
     # Windows: no arithmetic on padding, and no codes spent on it.
-    config.data.update(name="archive", mode="corrected", mirror=True, batch_size=32, window=64, stride=4)
+    common.archives(config, batch_size=32, window=64, stride=4)
     config.optimizer.update(learning_rate=6e-4, schedule="trapezoid", warmup_steps=200, cooldown_steps=1_000,
                             clip_norm=1.0)
     config.train.update(num_steps=3_000, log_every=50, save_every=1_000)
@@ -65,10 +60,6 @@ def get_config(size="full"):
   elif size == "tiny":
     config.model.update(latent_dim=4, width=16, dilations=(1,))
     config.quantizer.update(num_codes=8)
-    config.data.update(name="synthetic", mode="corrected", batch_size=4, min_frames=20)
+    common.tiny(config, min_frames=20)
     config.optimizer.update(warmup_steps=1)
-    config.train.update(num_steps=2, log_every=1, save_every=2)
-  elif size != "full":
-    raise ValueError(f"got size {size!r}, expected full, small, laptop, mini or tiny, or one of "
-                     f"{', '.join(DATA)} before it")
   return config.lock()

@@ -15,9 +15,8 @@ per word piece ("words") or one row in all ("sentence").
 Other data: essential (HumanML3D's first 67 numbers), kit, snapmogen, babel, and with _small or _tiny behind, as in
 configs/cmdm_denoiser.py:snapmogen_tiny, with a tokenizer of the same data.
 """
-import ml_collections
-
 from motion_jax import paper_rows
+from motion_jax.configs import common
 
 # Numbers a frame and what the data section says (docs/papers/cmdm.md#data-sets, a table that is ours by analogy for all
 # but the first). 320 frames are 80 latents, 200 are 50: padded to whole blocks of 3, 81 and 51.
@@ -35,25 +34,20 @@ PRINTED = {"": paper_rows.CMDM, "essential": {"cmdm 6": "CMDM w/ FSS"}, "kit": {
 
 
 def get_config(size="full"):
-  dataset, _, own_size = size.partition("_")
-  if dataset in DATASETS:
-    size = own_size or "full"
-  config = ml_collections.ConfigDict()
-  config.stage = "cmdm.denoiser"
-  config.seed = 5427
+  dataset, size = common.data_and_size(size, DATASETS, ("full", "small", "laptop", "mini", "tiny"))
+  config = common.experiment("cmdm.denoiser", seed=5427)
   config.frozen = dict(tokenizer="runs/tokenizer", text="distilbert-base-uncased", text_level="words")
   config.tokenizer = dict(features=263, latent_dim=64, width=1024, num_halvings=2, dilations=(9, 3, 1), causal=True)
   config.model = dict(latent_dim=64, width=512, depth=8, num_heads=4, ff_width=1024, block=3, text_dim=768)
   config.loss = dict(drop_rate=0.1, unit_latents=False, level_block=3)
-  config.data = dict(name="humanml3d", folder="", folders=(), layout="full", mode="benchmark", mirror=False,
-                     batch_size=64, min_frames=40, max_frames=192, lengths=(192,), max_words=64, balance=0.0,
-                     vary_subject=0.0)
-  if dataset in DATASETS:
+  config.data = common.data(layout="full", batch_size=64, min_frames=40, max_frames=192, lengths=(192,), max_words=64,
+                            balance=0.0, vary_subject=0.0)
+  if dataset:
     config.tokenizer.features, data = DATASETS[dataset]
     config.data.update(data)
-  config.optimizer = dict(learning_rate=2e-4, schedule="step", boundaries=(50_000,), gamma=0.1, cooldown_steps=0,
-                          warmup_steps=2_000, beta1=0.9, beta2=0.99, weight_decay=1e-5, clip_norm=0.0,
-                          ema_decay=0.9999, skip_loss=10.0)
+  config.optimizer = common.optimizer(learning_rate=2e-4, schedule="step", boundaries=(50_000,), gamma=0.1,
+                                      warmup_steps=2_000, beta2=0.99, weight_decay=1e-5, ema_decay=0.9999,
+                                      skip_loss=10.0)
   config.train = dict(start="", num_steps=190_000, log_every=100, save_every=5_000)
   # schedule: "fss" (frame-wise, `lag` steps between blocks), "ar" (block after block) or "full" (all frames at once).
   config.sampler = dict(schedule="fss", num_steps=50, lag=2, guidance_scale=3.0)
@@ -62,7 +56,7 @@ def get_config(size="full"):
     config.tokenizer.update(latent_dim=32, width=192)
     config.model.update(latent_dim=32, width=256, depth=6, num_heads=4, ff_width=512, text_dim=128)
     config.loss.update(unit_latents=True)
-    config.data.update(name="archive", mode="corrected", mirror=True, min_frames=20, batch_size=32,
+    common.archives(config, min_frames=20, batch_size=32,
                        lengths=(72, 120, config.data.max_frames), max_words=24, balance=0.5, vary_subject=0.5)
     config.optimizer.update(learning_rate=5e-4, schedule="trapezoid", warmup_steps=300, cooldown_steps=1_800,
                             ema_decay=0.999, clip_norm=1.0)
@@ -79,11 +73,7 @@ def get_config(size="full"):
     config.frozen.update(tokenizer="fresh", text="fresh")  # random weights: nothing to download
     config.tokenizer.update(latent_dim=4, width=16, dilations=(1,))
     config.model.update(latent_dim=4, width=16, depth=1, num_heads=2, ff_width=32, text_dim=32)
-    config.data.update(name="synthetic", mode="corrected", batch_size=4, min_frames=min(40, config.data.min_frames))
+    common.tiny(config, min_frames=min(40, config.data.min_frames))
     config.optimizer.update(warmup_steps=1, schedule="constant")
-    config.train.update(num_steps=2, log_every=1, save_every=2)
-  elif size != "full":
-    raise ValueError(f"got size {size!r}, expected full, small, laptop, mini or tiny, or one of "
-                     f"{', '.join(DATASETS)} before it")
-  rows = PRINTED[dataset if dataset in DATASETS else ""]
+  rows = PRINTED[dataset]
   return paper_rows.named(config, rows, exact=size == "full").lock()

@@ -14,9 +14,8 @@ vae/tokenizer.
 Other data: essential (HumanML3D's first 67 numbers), kit, snapmogen, babel, and with _small or _tiny behind, as in
 configs/cmdm_tokenizer.py:snapmogen_tiny. They need a teacher of the same data.
 """
-import ml_collections
-
 from motion_jax import paper_rows
+from motion_jax.configs import common
 
 # Numbers a frame and what the data section says (docs/papers/cmdm.md#data-sets, a table that is ours by analogy for all
 # but the first).
@@ -29,26 +28,20 @@ DATASETS = {
 
 
 def get_config(size="full"):
-  dataset, _, own_size = size.partition("_")
-  if dataset in DATASETS:
-    size = own_size or "full"
-  config = ml_collections.ConfigDict()
-  config.stage = "cmdm.tokenizer"
-  config.seed = 5427
+  dataset, size = common.data_and_size(size, DATASETS, ("full", "small", "laptop", "mini", "tiny"))
+  config = common.experiment("cmdm.tokenizer", seed=5427)
   # teacher: the run folder of configs/part_tmr.py; "": no alignment. evaluator: by which validation chooses weights.
   config.frozen = dict(teacher="runs/teacher", evaluator="")
   config.teacher = dict()                       # its fields; the run takes them from there
   config.model = dict(features=263, latent_dim=64, width=1024, num_halvings=2, dilations=(9, 3, 1), teacher_dim=256,
                       causal=True)
   config.loss = dict(kl_weight=0.01, kl_ramp=2_000, root_weight=0.05, micro_batch=128, align=0.1, adaptive_align=True)
-  config.data = dict(name="humanml3d", folder="", folders=(), layout="full", mode="benchmark", mirror=False,
-                     batch_size=256, window=64, stride=10)
-  if dataset in DATASETS:
+  config.data = common.data(layout="full", batch_size=256, window=64, stride=10)
+  if dataset:
     config.model.features, data = DATASETS[dataset]
     config.data.update(data)
-  config.optimizer = dict(learning_rate=2e-4, schedule="step", boundaries=(150_000, 250_000), gamma=0.1,
-                          cooldown_steps=0, warmup_steps=2_000, beta1=0.9, beta2=0.99, weight_decay=0.0, clip_norm=1.0,
-                          ema_decay=0.0, skip_loss=0.0)
+  config.optimizer = common.optimizer(learning_rate=2e-4, schedule="step", boundaries=(150_000, 250_000), gamma=0.1,
+                                      warmup_steps=2_000, beta2=0.99, clip_norm=1.0)
   # best: the weights of the lowest reconstruction FID of held-out clips are kept, as the reference keeps them, where
   # frozen.evaluator names the evaluator (of 263 features), else those of the smallest joint error.
   config.train = dict(start="", num_steps=40_000, log_every=50, save_every=2_000, best="min held_out_fid|held_out_mm")
@@ -56,7 +49,7 @@ def get_config(size="full"):
     config.model.update(latent_dim=32, width=192, teacher_dim=64)
     # A heading or a step that is a little off adds up over a clip, and a small model has no capacity to spare.
     config.loss.update(micro_batch=32, kl_weight=0.5, kl_ramp=1_000, root_weight=10.0)
-    config.data.update(name="archive", mode="corrected", mirror=True, batch_size=32)
+    common.archives(config, batch_size=32)
     config.optimizer.update(learning_rate=6e-4, schedule="trapezoid", warmup_steps=200, cooldown_steps=2_500,
                             ema_decay=0.999)
     config.train.update(num_steps=8_500, log_every=50, save_every=1_000, best="")
@@ -73,13 +66,10 @@ def get_config(size="full"):
     config.teacher = dict(width=8, depth=1, num_heads=2, mlp_width=8, dim=6)
     config.model.update(latent_dim=4, width=16, dilations=(1,), teacher_dim=6)
     config.loss.update(micro_batch=2, kl_ramp=2)
-    config.data.update(name="synthetic", mode="corrected", batch_size=4)
+    common.tiny(config)
     if dataset == "kit":
       config.data.window = 32  # 12.5 frames a second
     config.optimizer.update(warmup_steps=1)
-    config.train.update(num_steps=2, log_every=1, save_every=2, best="")
-  elif size != "full":
-    raise ValueError(f"got size {size!r}, expected full, small, laptop, mini or tiny, or one of "
-                     f"{', '.join(DATASETS)} before it")
-  rows = {} if dataset in DATASETS else {"cmdm 8": paper_rows.CMDM["cmdm 8"], "cmdm 9": paper_rows.CMDM["cmdm 9"]}
+    config.train.best = ""
+  rows = {} if dataset else {"cmdm 8": paper_rows.CMDM["cmdm 8"], "cmdm 9": paper_rows.CMDM["cmdm 9"]}
   return paper_rows.named(config, rows, exact=size == "full").lock()

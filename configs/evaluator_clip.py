@@ -12,35 +12,30 @@
 pieces, which is held still. How it was trained is published nowhere; optimizer, batch and number of steps (150 epochs)
 are ours. The weights of the best validation retrieval are kept.
 """
-import ml_collections
-
-DATA = {"full": ("full", 263, 259), "67": ("essential", 67, 67), "66": ("coordinates", 66, 66),
-        "kit": ("full_kit", 251, 247), "64": ("essential_kit", 64, 64), "63": ("coordinates_kit", 63, 63)}
+from motion_jax.configs import common
 
 
 def get_config(size="67"):
-  layout, columns, features = DATA.get(size, DATA["66"])
-  config = ml_collections.ConfigDict()
-  config.stage = "evaluator.clip"
-  config.seed = 0
+  size, layout, columns, features = common.evaluated_size(size)
+  config = common.experiment("evaluator.clip", seed=0)
   config.frozen = dict(text="clip-vit-base-patch16")  # whose word pieces and tables are read
   config.model = dict(features=features, columns=columns, width=512, depth=8, num_heads=8, mlp_width=1024, dim=512,
                       vocab_size=49_408, max_words=77, dropout=0.2)
   config.loss = dict()
   # same: as in configs/evaluator_matching.py.
-  config.data = dict(name="humanml3d", folder="", folders=(), layout=layout, mode="benchmark", mirror=False,
-                     per_axis=False, batch_size=128, min_frames=40, max_frames=196, lengths=(196,), same="caption")
-  config.optimizer = dict(learning_rate=1e-4, schedule="cosine", cooldown_steps=0, warmup_steps=1_000, beta1=0.9,
-                          beta2=0.999, weight_decay=0.01, clip_norm=1.0, ema_decay=0.0, skip_loss=0.0)
+  config.data = common.data(layout=layout, per_axis=False, batch_size=128, min_frames=40, max_frames=196,
+                            lengths=(196,), same="caption")
+  config.optimizer = common.optimizer(learning_rate=1e-4, schedule="cosine", warmup_steps=1_000, weight_decay=0.01,
+                                      clip_norm=1.0)
   config.train = dict(num_steps=150 * 191, log_every=50, save_every=955, best="max recall")
-  if size in ("kit", "64", "63"):
+  if size in common.KIT_EVALUATED:
     config.data.min_frames = 24
     config.train.update(num_steps=150 * 38, save_every=190)
   elif size in ("small", "laptop"):
     config.frozen.text = "words"
     config.model.update(width=128, depth=2, num_heads=4, mlp_width=256, dim=128, vocab_size=6_502, max_words=24,
                         dropout=0.0)
-    config.data.update(name="archive", mode="corrected", mirror=True, batch_size=64, min_frames=20,
+    common.archives(config, batch_size=64, min_frames=20,
                        lengths=(64, 112, 196), same="meaning")
     config.optimizer.update(learning_rate=1e-3, warmup_steps=50, ema_decay=0.98)
     config.train.update(num_steps=450, save_every=75)
@@ -49,8 +44,5 @@ def get_config(size="67"):
   elif size == "tiny":
     config.frozen.text = "fresh"
     config.model.update(width=32, depth=1, num_heads=2, mlp_width=16, dim=8, vocab_size=97, max_words=64)
-    config.data.update(name="synthetic", mode="corrected", batch_size=4, max_frames=96, lengths=(96,), same="meaning")
-    config.train.update(num_steps=2, log_every=1, save_every=2)
-  elif size not in DATA:
-    raise ValueError(f"got size {size!r}, expected 67, 66, kit, 64, 63, full, small, laptop or tiny")
+    common.tiny(config, max_frames=96, lengths=(96,), same="meaning")
   return config.lock()

@@ -14,17 +14,12 @@ frozen.glove is the folder with the benchmark's our_vab_* files; empty, words ar
 
 Expected of `small`, on val rows, 117 captions: 50 % at 1, 92 % at 3; 20 minutes on a third of a CPU core.
 """
-import ml_collections
-
-DATA = {"full": ("full", 263, 259), "67": ("essential", 67, 67), "66": ("coordinates", 66, 66),
-        "kit": ("full_kit", 251, 247), "64": ("essential_kit", 64, 64), "63": ("coordinates_kit", 63, 63)}
+from motion_jax.configs import common
 
 
 def get_config(size="full"):
-  layout, columns, features = DATA.get(size, DATA["66"])
-  config = ml_collections.ConfigDict()
-  config.stage = "evaluator.matching"
-  config.seed = 0
+  size, layout, columns, features = common.evaluated_size(size)
+  config = common.experiment("evaluator.matching", seed=0)
   config.frozen = dict(movement="runs/movement", glove="", text="words")
   config.model = dict(features=features, columns=columns, movement_width=512, movement_dim=512, motion_width=1024,
                       text_width=512, dim=512)
@@ -32,22 +27,19 @@ def get_config(size="full"):
   config.loss = dict(margin=10.0, first_shift=0)
   # same: "" every other row is a wrong one, "caption" not those of the same words, "meaning" not those either whose
   # words stand with the same clips.
-  config.data = dict(name="humanml3d", folder="", folders=(), layout=layout, mode="benchmark", mirror=False,
-                     per_axis=False, batch_size=32, min_frames=40, max_frames=196, lengths=(196,), max_words=20,
-                     same="")
+  config.data = common.data(layout=layout, per_axis=False, batch_size=32, min_frames=40, max_frames=196, lengths=(196,),
+                            max_words=20, same="")
   # clip_parts: each is clipped by the norm of its own gradient.
-  config.optimizer = dict(learning_rate=1e-4, schedule="constant", cooldown_steps=0, warmup_steps=0, beta1=0.9,
-                          beta2=0.999, weight_decay=0.0, clip_norm=0.5, clip_parts=("motion_encoder", "text_encoder"),
-                          ema_decay=0.0, skip_loss=0.0)
+  config.optimizer = common.optimizer(learning_rate=1e-4, clip_norm=0.5, clip_parts=("motion_encoder", "text_encoder"))
   config.train = dict(num_steps=300 * 765, log_every=50, save_every=765, best="min held_out_loss")
-  if size in ("kit", "64", "63"):
+  if size in common.KIT_EVALUATED:
     config.data.min_frames = 24
     config.train.update(num_steps=300 * 150, save_every=150)
   elif size in ("small", "laptop"):
     config.model.update(movement_width=128, movement_dim=128, motion_width=192, text_width=128, dim=128)
     config.loss.first_shift = 1
     # Template captions repeat: a motion of the same meaning is no wrong one.
-    config.data.update(name="archive", mode="corrected", mirror=True, min_frames=20, same="meaning")
+    common.archives(config, min_frames=20, same="meaning")
     config.optimizer.update(learning_rate=1e-3, schedule="cosine", warmup_steps=100)
     config.train.update(num_steps=2_500, save_every=250)
     if size == "laptop":
@@ -55,8 +47,5 @@ def get_config(size="full"):
   elif size == "tiny":
     config.frozen.update(movement="fresh", text="fresh")
     config.model.update(movement_width=12, movement_dim=12, motion_width=12, text_width=12, dim=8)
-    config.data.update(name="synthetic", mode="corrected", batch_size=4, max_frames=96, lengths=(96,), same="meaning")
-    config.train.update(num_steps=2, log_every=1, save_every=2)
-  elif size not in DATA:
-    raise ValueError(f"got size {size!r}, expected 67, 66, kit, 64, 63, full, small, laptop or tiny")
+    common.tiny(config, max_frames=96, lengths=(96,), same="meaning")
   return config.lock()

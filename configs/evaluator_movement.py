@@ -14,39 +14,28 @@ count yours).
 Statistics are the data's own. The original's std of heading, root and contacts is divided by 5 (CMDM's by 25), which
 weighs them more; released weights bring theirs.
 """
-import ml_collections
-
-# Layout, numbers per frame, and those that the evaluator reads: full features without the contacts.
-DATA = {"full": ("full", 263, 259), "67": ("essential", 67, 67), "66": ("coordinates", 66, 66),
-        "kit": ("full_kit", 251, 247), "64": ("essential_kit", 64, 64), "63": ("coordinates_kit", 63, 63)}
+from motion_jax.configs import common
 
 
 def get_config(size="full"):
-  layout, columns, features = DATA.get(size, DATA["66"])
-  config = ml_collections.ConfigDict()
-  config.stage = "evaluator.movement"
-  config.seed = 0
+  size, layout, columns, features = common.evaluated_size(size)
+  config = common.experiment("evaluator.movement", seed=0)
   config.frozen = dict()
   config.model = dict(features=features, columns=columns, width=512, dim=512, dropout=0.2)
   config.loss = dict(size=0.001, change=0.001)  # weights of mean |token| and of mean |token - the one before|
-  config.data = dict(name="humanml3d", folder="", folders=(), layout=layout, mode="benchmark", mirror=False,
-                     per_axis=False, batch_size=128, window=40, stride=1)
-  config.optimizer = dict(learning_rate=1e-4, schedule="constant", cooldown_steps=0, warmup_steps=0, beta1=0.9,
-                          beta2=0.999, weight_decay=0.0, clip_norm=0.0, ema_decay=0.0, skip_loss=0.0)
+  config.data = common.data(layout=layout, per_axis=False, batch_size=128, window=40, stride=1)
+  config.optimizer = common.optimizer(learning_rate=1e-4)
   config.train = dict(num_steps=270 * 18_700, log_every=100, save_every=18_700)
-  if size in ("kit", "64", "63"):
+  if size in common.KIT_EVALUATED:
     config.train.update(num_steps=270 * 2_000, save_every=2_000)
   elif size in ("small", "laptop"):
     config.model.update(width=128, dim=128, dropout=0.0)
-    config.data.update(name="archive", mode="corrected", mirror=True, batch_size=64, stride=4)
+    common.archives(config, batch_size=64, stride=4)
     config.optimizer.update(learning_rate=1e-3, schedule="cosine", warmup_steps=100, clip_norm=1.0)
     config.train.update(num_steps=1_200, log_every=50, save_every=600)
     if size == "laptop":
       config.train.update(num_steps=1_000, log_every=10, save_every=500)
   elif size == "tiny":
     config.model.update(width=12, dim=12)
-    config.data.update(name="synthetic", mode="corrected", batch_size=4)
-    config.train.update(num_steps=2, log_every=1, save_every=2)
-  elif size not in DATA:
-    raise ValueError(f"got size {size!r}, expected 67, 66, kit, 64, 63, full, small, laptop or tiny")
+    common.tiny(config)
   return config.lock()

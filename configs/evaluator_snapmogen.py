@@ -8,21 +8,20 @@ Network, features 0:148 and text (T5 v1.1 base, 120 tokens) are SnapMoGen's (doc
 their weights are SnapMoGen's, which are TMR's; optimizer and number of steps are ours. The weights of the best
 validation retrieval are kept.
 """
-import ml_collections
+from motion_jax.configs import common
 
 
 def get_config(size="full"):
-  config = ml_collections.ConfigDict()
-  config.stage = "evaluator.snapmogen"
-  config.seed = 0
+  _, size = common.data_and_size(size, (), ("full", "small", "tiny"))
+  config = common.experiment("evaluator.snapmogen", seed=0)
   config.frozen = dict(text="google/t5-v1_1-base")
   config.model = dict(features=148, columns=148, width=256, depth=6, num_heads=4, mlp_width=1024, dropout=0.1)
   config.loss = dict(reconstruction=1.0, divergence=1e-5, latent=1e-5, contrast=0.1, temperature=0.1)
-  config.data = dict(name="snapmogen", folder="", folders=(), layout="snapmogen_148", mode="benchmark", mirror=False,
-                     batch_size=128, min_frames=128, max_frames=320, lengths=(320,), unit=8, coin=0.0, max_words=120,
+  config.data = common.data(name="snapmogen", layout="snapmogen_148", batch_size=128, min_frames=128, max_frames=320,
+                            lengths=(320,), unit=8, coin=0.0, max_words=120,
                      keep_long=True, same="caption")
-  config.optimizer = dict(learning_rate=1e-4, schedule="constant", cooldown_steps=0, warmup_steps=2_000, beta1=0.9,
-                          beta2=0.99, weight_decay=1e-5, clip_norm=1.0, ema_decay=0.0, skip_loss=0.0)
+  config.optimizer = common.optimizer(learning_rate=1e-4, warmup_steps=2_000, beta2=0.99, weight_decay=1e-5,
+                                      clip_norm=1.0)
   config.train = dict(num_steps=50_000, log_every=50, save_every=1_000, best="max recall")
   if size == "small":
     config.frozen.text = "words"
@@ -32,8 +31,5 @@ def get_config(size="full"):
   elif size == "tiny":
     config.frozen.text = "fresh"
     config.model.update(width=16, depth=1, num_heads=2, mlp_width=16)
-    config.data.update(name="synthetic", mode="corrected", batch_size=4, min_frames=40, max_frames=160, lengths=(160,))
-    config.train.update(num_steps=2, log_every=1, save_every=2)
-  elif size != "full":
-    raise ValueError(f"got size {size!r}, expected full, small or tiny")
+    common.tiny(config, min_frames=40, max_frames=160, lengths=(160,))
   return config.lock()

@@ -13,28 +13,22 @@ validation recall are kept.
 
 Other data: kit, and kit_small, kit_tiny.
 """
-import ml_collections
+from motion_jax.configs import common
 
 
 def get_config(size="full"):
-  dataset, _, own_size = size.partition("_")
-  if dataset == "kit":
-    size = own_size or "full"
-  config = ml_collections.ConfigDict()
-  config.stage = "cmdm.teacher"
-  config.seed = 42
+  dataset, size = common.data_and_size(size, ("kit",), ("full", "small", "mini", "tiny"))
+  config = common.experiment("cmdm.teacher", seed=42)
   config.frozen = dict(text="distilbert-base-uncased", vit="")  # where both transformers start from; they are trained
   config.text = dict()  # fields of the text transformer; the run fills them in from frozen.text
   config.model = dict(kind="motion_patches", width=768, depth=12, num_heads=12, mlp_width=3072, dim=256,
                       head_dropout=0.5, num_rows=224, upsample=False)
   config.loss = dict(text_pool="first", skip_same_caption=False)
   # per_column: each joint and axis has its own mean and std. Parity: of training, the original's are of all splits.
-  config.data = dict(name="humanml3d", folder="", folders=(), layout="coordinates", mode="benchmark", mirror=False,
-                     batch_size=128, max_frames=224, max_words=128, per_column=True)
+  config.data = common.data(layout="coordinates", batch_size=128, max_frames=224, max_words=128, per_column=True)
   # rates: times the learning rate, for all parameters below a name.
-  config.optimizer = dict(learning_rate=1e-4, schedule="half_cosine", boundaries=(), gamma=0.1, cooldown_steps=0,
-                          warmup_steps=0, beta1=0.9, beta2=0.999, weight_decay=0.0, clip_norm=0.0, ema_decay=0.0,
-                          skip_loss=0.0, rates=dict(text=0.1, logit_scale=0.0))
+  config.optimizer = common.optimizer(learning_rate=1e-4, schedule="half_cosine", boundaries=(), gamma=0.1,
+                                      rates=dict(text=0.1, logit_scale=0.0))
   # Parity: the original keeps the epoch that is best on the test split; ours is chosen by validation.
   config.train = dict(num_steps=9_100, log_every=50, save_every=182, best="max back_r1")
   if dataset == "kit":
@@ -46,26 +40,20 @@ def get_config(size="full"):
   if size in ("small", "mini"):
     config.frozen.text = "words"
     config.model.update(width=96, depth=3, num_heads=4, mlp_width=192, dim=64, head_dropout=0.2, num_rows=96)
-    # Template captions repeat inside a batch; the same words cannot be a counter-example.
-    config.loss.update(text_pool="mean", skip_same_caption=True)
-    config.data.update(name="archive", mode="corrected", mirror=True, batch_size=64, max_frames=96, max_words=24)
-    config.optimizer.update(learning_rate=1e-3, warmup_steps=100, schedule="cosine", ema_decay=0.995, clip_norm=1.0)
+    common.same_words_are_no_counter_examples(config)
+    common.small_teacher(config, max_words=24)
     config.optimizer.rates.text = 0.1
     config.train.update(num_steps=1_000, save_every=250)
     if dataset == "kit":
       config.data.max_frames = 58  # what 96 rows show
     if size == "mini":
       config.model.update(depth=2, width=64, mlp_width=128)
-      config.data.batch_size = 32
-      config.optimizer.update(warmup_steps=20, ema_decay=0.98)
-      config.train.update(num_steps=400, log_every=20, save_every=200)
+      common.mini_teacher(config)
   elif size == "tiny":
     config.frozen.text = "fresh"
     config.model.update(width=16, depth=1, num_heads=2, mlp_width=16, dim=8, num_rows=64)
-    config.data.update(name="synthetic", mode="corrected", batch_size=4, max_frames=64, max_words=24)
+    common.tiny(config, max_frames=64, max_words=24)
     if dataset == "kit":
       config.data.max_frames = 38  # what 64 rows show
-    config.train.update(num_steps=2, log_every=1, save_every=2, best="")
-  elif size != "full":
-    raise ValueError(f"got size {size!r}, expected full, small, mini or tiny, or kit before it")
+    config.train.best = ""
   return config.lock()

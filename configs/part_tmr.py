@@ -14,7 +14,7 @@ configs/motion_patches.py. Recall on the validation split is printed at every sa
 Other data: essential (HumanML3D's first 67 numbers), kit, snapmogen, babel, and with _small or _tiny behind, as in
 configs/part_tmr.py:snapmogen_tiny.
 """
-import ml_collections
+from motion_jax.configs import common
 
 # What the data section says (docs/papers/cmdm.md#items).
 DATASETS = {
@@ -26,34 +26,26 @@ DATASETS = {
 
 
 def get_config(size="full"):
-  dataset, _, own_size = size.partition("_")
-  if dataset in DATASETS:
-    size = own_size or "full"
-  config = ml_collections.ConfigDict()
-  config.stage = "cmdm.teacher"
-  config.seed = 5427
+  dataset, size = common.data_and_size(size, DATASETS, ("full", "small", "laptop", "mini", "tiny"))
+  config = common.experiment("cmdm.teacher", seed=5427)
   config.frozen = dict(text="distilbert-base-uncased")  # where the text transformer starts from; it is trained
   config.text = dict()  # fields of the text transformer; the run fills them in from frozen.text
   config.model = dict(kind="part_tmr", width=512, depth=4, num_heads=4, mlp_width=1024, dim=256, dropout=0.1,
                       head_dropout=0.5, pool="all")
   config.loss = dict(text_pool="first", skip_same_caption=False)
-  config.data = dict(name="humanml3d", folder="", folders=(), layout="full", mode="benchmark", mirror=False,
-                     batch_size=128, max_frames=196, max_words=77)
+  config.data = common.data(layout="full", batch_size=128, max_frames=196, max_words=77)
   config.data.update(DATASETS.get(dataset, {}))
   # rates: times the learning rate, for all parameters below a name.
-  config.optimizer = dict(learning_rate=1e-4, schedule="half_cosine", boundaries=(), gamma=0.1, cooldown_steps=0,
-                          warmup_steps=0, beta1=0.9, beta2=0.999, weight_decay=0.0, clip_norm=0.0, ema_decay=0.0,
-                          skip_loss=0.0, rates=dict(text=0.1, logit_scale=0.0))
+  config.optimizer = common.optimizer(learning_rate=1e-4, schedule="half_cosine", boundaries=(), gamma=0.1,
+                                      rates=dict(text=0.1, logit_scale=0.0))
   # best: the weights by which most motions find their caption first, on held-out clips. Parity: the reference looks at
   # the test split for it, which nothing here is chosen by.
   config.train = dict(num_steps=9_100, log_every=50, save_every=182, best="max back_r1")
   if size in ("small", "mini", "laptop"):
     config.frozen.text = "words"
     config.model.update(width=64, depth=2, mlp_width=128, dim=64, pool="real", dropout=0.0, head_dropout=0.2)
-    # Template captions repeat inside a batch; the same words cannot be a counter-example.
-    config.loss.update(text_pool="mean", skip_same_caption=True)
-    config.data.update(name="archive", mode="corrected", mirror=True, batch_size=64, max_frames=96, max_words=24)
-    config.optimizer.update(learning_rate=1e-3, warmup_steps=100, schedule="cosine", ema_decay=0.995, clip_norm=1.0)
+    common.same_words_are_no_counter_examples(config)
+    common.small_teacher(config, max_words=24)
     config.train.update(num_steps=850, log_every=50, save_every=250, best="")
     if size == "laptop":
       config.train.update(num_steps=500, log_every=10, save_every=250)
@@ -64,9 +56,6 @@ def get_config(size="full"):
   elif size == "tiny":
     config.frozen.text = "fresh"
     config.model.update(width=16, depth=1, num_heads=2, mlp_width=16, dim=8)
-    config.data.update(name="synthetic", mode="corrected", batch_size=4, max_frames=64, max_words=24)
-    config.train.update(num_steps=2, log_every=1, save_every=2, best="")
-  elif size != "full":
-    raise ValueError(f"got size {size!r}, expected full, small, laptop, mini or tiny, or one of "
-                     f"{', '.join(DATASETS)} before it")
+    common.tiny(config, max_frames=64, max_words=24)
+    config.train.best = ""
   return config.lock()

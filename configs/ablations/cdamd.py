@@ -8,10 +8,9 @@ ROW[/STAGE[/SIZE]]: the stage is autoencoder, rvq or generator (the default). Ro
 for the representation: those of 263 columns, and of 67, share the autoencoder and the RVQ-VAE of the row of that name.
 Numbers of the paper stand in docs/papers/cdamd.md#printed-numbers.
 """
-import pathlib
-import runpy
-
 from motion_jax import paper_rows
+from motion_jax.configs import cdamd_autoencoder, cdamd_generator, cdamd_rvq, common
+from motion_jax.configs.ablations import cdamd_paper
 
 # row -> ({table: its printed row there}, representation, {field of the generator: value}); the default has two VQ
 # levels and DCCM. The first row of Table I is that of the other masks, and of the parts that are left out
@@ -30,14 +29,15 @@ ROWS = {
     "263-no-prior": ({"5": "w/o CMP, 263 features"}, "full", {"loss.prior_levels": 0}),
     "263-no-dcca": ({"5": "w/o DCCA, 263 features"}, "full", {"loss.prior_levels": 1, "loss.mask": "causal"}),
     "67": ({}, "essential", {"loss.prior_levels": 1}),
-    # The baseline of all tables, as configs/cdamd_generator.py has it.
-    "mardm": ({"1": "MARDM-SiT-XL", "3": "MARDM"}, "coordinates", {}),
+    # The baseline of all tables is cdamd_generator:mardm; here is only where its autoencoder lies.
+    "mardm": ({table.removeprefix("cdamd "): row for table, row in cdamd_generator.PRINTED["mardm"].items()},
+              "coordinates", {}),
     # Our reading of the paper: docs/papers/paper-and-code.md#cdamd.
     "same-mask": ({}, "coordinates", {"sampler.mask": "dccm"}),
     "left-to-right": ({}, "coordinates", {"sampler.order": "left_to_right"}),
     "prior-per-item": ({}, "coordinates", {"loss.prior_drop": "item"}),
 }
-BASES = {"autoencoder": "cdamd_autoencoder", "rvq": "cdamd_rvq", "generator": "cdamd_generator"}
+BASES = {"autoencoder": cdamd_autoencoder, "rvq": cdamd_rvq, "generator": cdamd_generator}
 HOMES = {"coordinates": "default", "full": "263", "essential": "67"}
 COLUMNS = {"coordinates": 66, "full": 263, "essential": 67}
 SIZES = ("full", "small", "mini", "tiny")
@@ -45,17 +45,10 @@ SIZES = ("full", "small", "mini", "tiny")
 
 def get_config(name="default"):
   if name.startswith("paper"):
-    return runpy.run_path(str(pathlib.Path(__file__).with_name("cdamd_paper.py")))["get_config"](name)
-  row, stage, size = (name.split("/") + ["generator", "full"][name.count("/"):])[:3]
-  if row not in ROWS:
-    raise ValueError(f"got row {row!r}, expected one of {', '.join(ROWS)}")
-  if stage not in BASES:
-    raise ValueError(f"got stage {stage!r}, expected one of {', '.join(BASES)}")
-  if size not in SIZES:
-    raise ValueError(f"got size {size!r}, expected one of {', '.join(SIZES)}")
+    return cdamd_paper.get_config(name)
+  row, stage, size = common.row_stage_size(name, ROWS, BASES, SIZES)
   printed, layout, changes = ROWS[row]
-  base = runpy.run_path(str(pathlib.Path(__file__).parents[1] / f"{BASES[stage]}.py"))
-  config = base["get_config"](f"mardm_{size}" if (row, stage) == ("mardm", "generator") else size).unlock()
+  config = BASES[stage].get_config(f"mardm_{size}" if (row, stage) == ("mardm", "generator") else size).unlock()
   config.data.layout = layout
   parts = ("tokenizer", "prior") if stage == "generator" else ("model",)
   for part in parts:
@@ -66,12 +59,10 @@ def get_config(name="default"):
       config.frozen.update(tokenizer=f"{home}/autoencoder", prior=f"{home}/rvq")
     if row != "mardm":
       config.loss.mask = "dccm"  # the small model that ships knows two masks, the paper's rows one each
-    for path, value in changes.items():
-      section, field = path.split(".")
-      config[section][field] = value
+    common.set_fields(config, changes)
     if not config.loss.prior_levels:
       config.frozen.prior = ""
   elif stage == "rvq" and size == "full" and layout != "coordinates":
-    config.loss.columns = base["DATA"][str(COLUMNS[layout])][2]
+    config.loss.columns = cdamd_rvq.DATA[str(COLUMNS[layout])][2]
   rows = {f"cdamd {table}": name for table, name in printed.items()}
   return paper_rows.named(config, rows, exact=size == "full").lock()

@@ -8,10 +8,7 @@ ROW[/STAGE[/SIZE]] as in configs/ablations/cdamd.py, which knows these rows, too
 that of its row "default". Which sentence of the paper each row follows, and where we had to choose a reading:
 docs/papers/paper-and-code.md. None of these rows was printed: the paper's numbers are those of the released code.
 """
-import pathlib
-import runpy
-
-from motion_jax import paper_rows
+from motion_jax.configs import cdamd_autoencoder, cdamd_generator, cdamd_rvq, common
 
 # Of masked latents 10 % noise and 88 % [MASK]: 88 of the 90 that are left.
 CORRUPTION = {"loss.mask_rate": 0.88 / 0.9}
@@ -47,32 +44,23 @@ ROWS = {  # row -> {stage: {field: value}}
     "paper-reconstruction": {"autoencoder": RECONSTRUCTION},
     "paper-codes": {"rvq": CODES},
 }
-BASES = {"autoencoder": "cdamd_autoencoder", "rvq": "cdamd_rvq", "generator": "cdamd_generator"}
+BASES = {"autoencoder": cdamd_autoencoder, "rvq": cdamd_rvq, "generator": cdamd_generator}
 SIZES = ("full", "small", "mini", "tiny")
 
 
 def get_config(name="paper"):
-  row, stage, size = (name.split("/") + ["generator", "full"][name.count("/"):])[:3]
-  for what, given, known in (("row", row, ROWS), ("stage", stage, BASES), ("size", size, SIZES)):
-    if given not in known:
-      raise ValueError(f"got {what} {given!r}, expected one of {', '.join(known)}")
-  base = runpy.run_path(str(pathlib.Path(__file__).parents[1] / f"{BASES[stage]}.py"))
-  config = base["get_config"](size).unlock()
-  changes = ROWS[row]
+  row, stage, size = common.row_stage_size(name, ROWS, BASES, SIZES)
+  config, changes = BASES[stage].get_config(size).unlock(), ROWS[row]
+  fields = dict(changes.get(stage, {}))
   if stage == "generator":
     if size != "tiny":  # tiny runs keep untrained frozen parts, which need no other run
-      for part, field in (("autoencoder", "tokenizer"), ("rvq", "prior")):
-        config.frozen[field] = f"runs/ablations/{row if part in changes else 'default'}/{part}"
+      common.take_parts(config, row, changes, {"autoencoder": "tokenizer", "rvq": "prior"})
     config.loss.mask = "dccm"  # the small model that ships knows two masks, a row one
-  for path, value in changes.get(stage, {}).items():
-    section, field = path.split(".")
-    if section == "transformer":
-      if size == "full":  # smaller ones have a size that suits them
-        config.model.transformer[field] = value
-    elif path != "frozen.text_level" or size in ("full", "tiny"):
-      # The encoder that ships, of the sizes between, has sentence vectors longer than its words', which cannot stand in
-      # one row.
-      config[section][field] = value
-  if "paper_row" in config:
-    paper_rows.named(config, {})
-  return config.lock()
+    network = {path.partition(".")[2]: fields.pop(path) for path in list(fields) if path.startswith("transformer.")}
+    if size == "full":  # smaller ones have a size that suits them
+      config.model.transformer.update(network)
+    if size not in ("full", "tiny"):
+      # The encoder that ships has sentence vectors longer than its words', which cannot stand in one row.
+      fields.pop("frozen.text_level", None)
+  common.set_fields(config, fields)
+  return common.as_the_paper_writes(config)

@@ -13,10 +13,9 @@ At sizes small and mini the widths of Tables 8 and 10 are their own: latents of 
 S, L, XL are as far from it as the paper's from M; the text encoders of Table 11 are the one that ships, by words or by
 sentence, for no others fit here.
 """
-import pathlib
-import runpy
-
 from motion_jax import paper_rows
+from motion_jax.configs import cmdm_denoiser, cmdm_tokenizer, common, motion_patches, part_tmr, tmr
+from motion_jax.configs.ablations import cmdm_paper
 
 SIZES = {"full": {"s": (2, 4, 512), "l": (6, 12, 768), "xl": (8, 16, 1024)},
          "small": {"s": (2, 3, 192), "l": (6, 8, 384), "xl": (8, 10, 512)},
@@ -74,29 +73,24 @@ for _steps, _lag in ((50, 1), (50, 5), (50, 10), (20, 1), (20, 5), (20, 10)):
                                   {"denoiser": {"sampler.num_steps": _steps, "sampler.lag": _lag}})
 ROWS["ar"] = ({"1": "CMDM w/ AR", "4": "w/o FSS", "6": "CMDM w/ AR", "speed": "CMDM w/ AR"},
               {"denoiser": {"sampler.num_steps": 50, "sampler.lag": 50}})
-BASES = {"teacher": "part_tmr", "tokenizer": "cmdm_tokenizer", "denoiser": "cmdm_denoiser"}
-TEACHERS = {"teacher-tmr": "tmr", "teacher-motion-patches": "motion_patches"}
+BASES = {"teacher": part_tmr, "tokenizer": cmdm_tokenizer, "denoiser": cmdm_denoiser}
+TEACHERS = {"teacher-tmr": tmr, "teacher-motion-patches": motion_patches}
+
+PARTS = cmdm_paper.PARTS
 
 
 def get_config(name="default"):
   if name.startswith("paper"):
-    return runpy.run_path(str(pathlib.Path(__file__).with_name("cmdm_paper.py")))["get_config"](name)
-  row, stage, size = (name.split("/") + ["denoiser", "full"][name.count("/"):])[:3]
-  if row not in ROWS:
-    raise ValueError(f"got row {row!r}, expected one of {', '.join(ROWS)}")
-  if stage not in BASES:
-    raise ValueError(f"got stage {stage!r}, expected one of {', '.join(BASES)}")
-  config = _base(TEACHERS.get(row, BASES[stage]) if stage == "teacher" else BASES[stage], size)
+    return cmdm_paper.get_config(name)
+  row, stage, size = common.row_stage_size(name, ROWS, BASES)
+  base = TEACHERS.get(row, part_tmr) if stage == "teacher" else BASES[stage]
+  config = base.get_config(size).unlock()
   printed, changes = ROWS[row]
   # Tiny runs keep untrained frozen parts, which need no other run.
   if size != "tiny":
-    home = lambda part: f"runs/ablations/{row if part in changes else 'default'}/{part}"
-    if stage == "tokenizer":
-      config.frozen.teacher = home("teacher")
-    elif stage == "denoiser":
-      config.frozen.tokenizer = home("tokenizer")
+    common.take_parts(config, row, changes, PARTS[stage])
   elif stage == "tokenizer" and row in TEACHERS:  # so is its teacher, but of the row's kind
-    teacher = _base(TEACHERS[row], size)
+    teacher = TEACHERS[row].get_config(size)
     fields = teacher.model.to_dict()
     config.teacher = dict(fields, layout=teacher.data.layout)
     config.model.teacher_dim = fields.get("dim", fields["width"])
@@ -104,11 +98,6 @@ def get_config(name="default"):
     _change(config, path, value, size)
   rows = {f"cmdm {table}": name for table, name in printed.items()}
   return paper_rows.named(config, rows, exact=size == "full").lock()
-
-
-def _base(name, size):
-  """A base config, unlocked."""
-  return runpy.run_path(str(pathlib.Path(__file__).parents[1] / f"{name}.py"))["get_config"](size).unlock()
 
 
 def _change(config, path, value, size):

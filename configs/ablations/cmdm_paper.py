@@ -8,10 +8,7 @@ ROW[/STAGE[/SIZE]] as in configs/ablations/cmdm.py, which knows these rows, too;
 that of its row "default". Which sentence of the paper each row follows, and where we had to choose a reading:
 docs/papers/paper-and-code.md. None of these rows was printed: the paper's numbers are those of the released code.
 """
-import pathlib
-import runpy
-
-from motion_jax import paper_rows
+from motion_jax.configs import cmdm_denoiser, cmdm_tokenizer, common, part_tmr
 
 FRAMES = {"model.block": 1, "loss.level_block": 1}
 DDPM = {"model.predicts": "ddpm", "model.time_scale": 1000.0, "sampler.solver": "ancestral"}
@@ -45,30 +42,19 @@ ROWS = {  # row -> {stage: {field: value}}
     # both
     "paper-optimizer": OPTIMIZERS,
 }
-BASES = {"teacher": "part_tmr", "tokenizer": "cmdm_tokenizer", "denoiser": "cmdm_denoiser"}
+BASES = {"teacher": part_tmr, "tokenizer": cmdm_tokenizer, "denoiser": cmdm_denoiser}
+# The runs that a stage takes its frozen parts from: {stage: {theirs: field of config.frozen}}.
+PARTS = {"teacher": {}, "tokenizer": {"teacher": "teacher"}, "denoiser": {"tokenizer": "tokenizer"}}
 SIZES = ("full", "small", "mini", "tiny")
 # Numbers of the full size alone: smaller ones train at a rate, in batches and for as long as suits them.
 OF_FULL = ("optimizer.learning_rate", "optimizer.warmup_steps", "data.batch_size", "train.num_steps")
 
 
 def get_config(name="paper"):
-  row, stage, size = (name.split("/") + ["denoiser", "full"][name.count("/"):])[:3]
-  for what, given, known in (("row", row, ROWS), ("stage", stage, BASES), ("size", size, SIZES)):
-    if given not in known:
-      raise ValueError(f"got {what} {given!r}, expected one of {', '.join(known)}")
-  base = runpy.run_path(str(pathlib.Path(__file__).parents[1] / f"{BASES[stage]}.py"))
-  config = base["get_config"](size).unlock()
-  changes = ROWS[row]
+  row, stage, size = common.row_stage_size(name, ROWS, BASES, SIZES)
+  config, changes = BASES[stage].get_config(size).unlock(), ROWS[row]
   if size != "tiny":  # tiny runs keep untrained frozen parts, which need no other run
-    home = lambda part: f"runs/ablations/{row if part in changes else 'default'}/{part}"
-    if stage == "tokenizer":
-      config.frozen.teacher = home("teacher")
-    elif stage == "denoiser":
-      config.frozen.tokenizer = home("tokenizer")
-  for path, value in changes.get(stage, {}).items():
-    if size == "full" or path not in OF_FULL:
-      section, field = path.split(".")
-      config[section][field] = value
-  if "paper_row" in config:
-    paper_rows.named(config, {})
-  return config.lock()
+    common.take_parts(config, row, changes, PARTS[stage])
+  common.set_fields(config, {path: value for path, value in changes.get(stage, {}).items()
+                             if size == "full" or path not in OF_FULL})
+  return common.as_the_paper_writes(config)

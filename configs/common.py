@@ -1,0 +1,110 @@
+"""What the experiments share: names of sizes, fields that all have, the archives' settings, rows of ablation tables.
+
+How a size is written, [DATA_]SIZE, and what each size is for: docs/configs.md.
+"""
+import ml_collections
+
+from motion_jax import paper_rows
+
+# What evaluators read: {name: (layout, its numbers a frame, how many of them are read)}. Full features are read without
+# the contacts at their end.
+EVALUATED = {"full": ("full", 263, 259), "67": ("essential", 67, 67), "66": ("coordinates", 66, 66),
+             "kit": ("full_kit", 251, 247), "64": ("essential_kit", 64, 64), "63": ("coordinates_kit", 63, 63)}
+KIT_EVALUATED = ("kit", "64", "63")
+
+
+def experiment(stage, seed):
+  """A config that names its stage, and nothing else yet."""
+  config = ml_collections.ConfigDict()
+  config.stage, config.seed = stage, seed
+  return config
+
+
+def data_and_size(name, data, sizes):
+  """(data, size) of a name DATA, SIZE or DATA_SIZE; data is "" and size "full" where they are left out."""
+  first, _, rest = name.partition("_")
+  found = (first, rest or "full") if first in data else ("", name)
+  if found[1] not in sizes:
+    raise ValueError(f"got size {name!r}, expected {', '.join(sizes[:-1])} or {sizes[-1]}"
+                     + (f", or one of {', '.join(data)} before it" if data else ""))
+  return found
+
+
+def evaluated_size(name):
+  """(size, layout, its numbers a frame, how many are read) of an evaluator's name; small ones read coordinates."""
+  names = ("67", "66", "kit", "64", "63", "full", "small", "laptop", "tiny")
+  if name not in names:
+    raise ValueError(f"got size {name!r}, expected {', '.join(names[:-1])} or {names[-1]}")
+  return name, *EVALUATED.get(name, EVALUATED["66"])
+
+
+def data(**fields):
+  """The section `data` on HumanML3D; folder or folders say where it lies."""
+  return dict(name="humanml3d", folder="", folders=(), mode="benchmark", mirror=False) | fields
+
+
+def optimizer(learning_rate, **fields):
+  """The section `optimizer`: Adam at a constant rate, where fields do not say otherwise."""
+  return dict(learning_rate=learning_rate, schedule="constant", cooldown_steps=0, warmup_steps=0, beta1=0.9,
+              beta2=0.999, weight_decay=0.0, clip_norm=0.0, ema_decay=0.0, skip_loss=0.0) | fields
+
+
+def archives(config, **fields):
+  """Data of the small sizes: archives of motion capture, each clip mirrored too."""
+  config.data.update(name="archive", mode="corrected", mirror=True, **fields)
+
+
+def tiny(config, **fields):
+  """Two steps on procedural motion: nothing to download, seconds on a laptop."""
+  config.data.update(name="synthetic", mode="corrected", batch_size=4, **fields)
+  config.train.update(num_steps=2, log_every=1, save_every=2)
+
+
+def small_teacher(config, **fields):
+  """What all motion-language teachers have on the archives."""
+  archives(config, batch_size=64, max_frames=96, **fields)
+  config.optimizer.update(learning_rate=1e-3, warmup_steps=100, schedule="cosine", ema_decay=0.995, clip_norm=1.0)
+
+
+def mini_teacher(config):
+  """What the teachers of the paper's Table 9 have at the size mini."""
+  config.data.batch_size = 32
+  config.optimizer.update(warmup_steps=20, ema_decay=0.98)
+  config.train.update(num_steps=400, log_every=20, save_every=200)
+
+
+def same_words_are_no_counter_examples(config):
+  """Template captions repeat inside a batch; the same words cannot be a counter-example."""
+  config.loss.update(text_pool="mean", skip_same_caption=True)
+
+
+# --- rows of ablation tables ---------------------------------------------------------------------------------------
+
+
+def row_stage_size(name, rows, stages, sizes=None):
+  """(row, stage, size) of ROW[/STAGE[/SIZE]]: the last stage, and full, where they are left out."""
+  row, stage, size = (name.split("/") + [list(stages)[-1], "full"][name.count("/"):])[:3]
+  for what, given, known in (("row", row, rows), ("stage", stage, stages), ("size", size, sizes)):
+    if known is not None and given not in known:
+      raise ValueError(f"got {what} {given!r}, expected one of {', '.join(known)}")
+  return row, stage, size
+
+
+def take_parts(config, row, changes, parts):
+  """Frozen parts, {stage: field of config.frozen}, from where the run of the row, or of the default, lies."""
+  for part, field in parts.items():
+    config.frozen[field] = f"runs/ablations/{row if part in changes else 'default'}/{part}"
+
+
+def set_fields(config, fields):
+  """fields: {SECTION.FIELD: value}."""
+  for path, value in fields.items():
+    section, field = path.split(".")
+    config[section][field] = value
+
+
+def as_the_paper_writes(config):
+  """The config, locked, without a printed row: the papers' numbers are those of their released code."""
+  if "paper_row" in config:
+    paper_rows.named(config, {})
+  return config.lock()
