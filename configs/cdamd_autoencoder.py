@@ -1,17 +1,17 @@
 """CDAMD's deterministic autoencoder on absolute joint coordinates.
 
-  python launch.py --config configs/cdamd_autoencoder.py --workdir runs/autoencoder --config.data.folder=HumanML3D
-  ... --config configs/cdamd_autoencoder.py:kit       21 joints, millimetres
-  ... --config configs/cdamd_autoencoder.py:263       full features instead of coordinates (Table V); 67: essential
-                                                      ones, MARDM's own, and 64: those of KIT
-  ... --config configs/cdamd_autoencoder.py:small     for the archives, a CPU's evening
-  ... --config configs/cdamd_autoencoder.py:laptop    your own data in an afternoon, docs/your-own-data.md
-  ... --config configs/cdamd_autoencoder.py:mini      for studies of many runs (benchmarks/study.py), minutes each
-  ... --config configs/cdamd_autoencoder.py:tiny      two steps on formulas, seconds
+  motion-jax train --config cdamd_autoencoder --workdir runs/autoencoder --data HumanML3D
+  ... --config cdamd_autoencoder:small     the size that ships, on archives; also laptop, mini, tiny
+  ... --config cdamd_autoencoder:263       full features instead of coordinates (Table V); 67: essential ones, MARDM's
+                                           own, and 64: those of KIT; kit: KIT's 21 joints, in millimetres; as in
+                                           kit_tiny with a size behind
 
-A size may stand behind the data, as in configs/cdamd_autoencoder.py:kit_tiny.
+How sizes are written: docs/configs.md. `full` is the released code's configuration
+(docs/papers/cdamd.md#autoencoder, #sizes): 18.8 M parameters, 50 epochs.
 
-`full` is the released code's configuration (docs/papers/cdamd.md#autoencoder, #sizes): 18.8 M parameters, 50 epochs.
+Expected: `full` has not been run. `small`: 38 minutes of one shared core of an AMD EPYC; 36.4 mm of joint error on
+held-out windows (pretrained/cdamd-small/README.md). `mini`, cut to 500 steps: 92 to 94 mm, one to two minutes
+(docs/benchmark/study_cdamd.md).
 """
 from motion_jax.configs import common
 

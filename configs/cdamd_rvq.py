@@ -1,18 +1,16 @@
 """CDAMD's RVQ-VAE, whose codes are the motion prior of the masked transformer while it trains.
 
-  python launch.py --config configs/cdamd_rvq.py --workdir runs/rvq --config.data.folder=HumanML3D
-  ... --config configs/cdamd_rvq.py:kit       21 joints, millimetres
-  ... --config configs/cdamd_rvq.py:263       full features instead of coordinates (Table V); 67: essential ones
-  ... --config configs/cdamd_rvq.py:small     for the archives, a CPU's evening
-  ... --config configs/cdamd_rvq.py:laptop    your own data in an afternoon, docs/your-own-data.md
-  ... --config configs/cdamd_rvq.py:mini      for studies of many runs (benchmarks/study.py), minutes each
-  ... --config configs/cdamd_rvq.py:tiny      two steps on formulas, seconds
+  motion-jax train --config cdamd_rvq --workdir runs/rvq --data HumanML3D
+  ... --config cdamd_rvq:small     the size behind what ships, on archives; also laptop, mini, tiny
+  ... --config cdamd_rvq:263       full features instead of coordinates (Table V); 67: essential ones; kit: KIT's 21
+                                   joints, in millimetres; as in kit_tiny with a size behind
 
-A size may stand behind the data, as in configs/cdamd_rvq.py:kit_tiny.
+How sizes are written: docs/configs.md. `full` is the released code's configuration (docs/papers/cdamd.md#rvq, #sizes):
+18.8 M parameters and 1.0 M numbers in the codebooks, on whole clips padded to 196 frames, 4,500 steps. With
+--config.data.window=64 it sees windows of the clips instead.
 
-`full` is the released code's configuration (docs/papers/cdamd.md#rvq, #sizes): 18.8 M parameters and 1.0 M numbers in
-the codebooks, on whole clips padded to 196 frames, 4,500 steps. With --config.data.window=64 it sees windows of the
-clips instead.
+Expected: `full` has not been run. `small`: 8 minutes of one shared core of an AMD EPYC; its error was not recorded.
+`mini`, cut to 250 steps: 119 to 138 mm held out, under a minute (docs/benchmark/study_cdamd.md).
 """
 from motion_jax.configs import common
 

@@ -1,18 +1,19 @@
 """The benchmarks' evaluator, first half: an autoencoder whose encoder makes tokens of 4 frames.
 
-  python launch.py --config configs/evaluator_movement.py --workdir runs/movement --config.data.folder=HumanML3D
-  ... --config configs/evaluator_movement.py:66       absolute coordinates (CDAMD); 67: essential features; kit: KIT-ML,
-                                                    64: its essential features, 63: coordinates
-  ... --config configs/evaluator_movement.py:small    coordinates, on the archives: what ships, minutes on a CPU
-  ... --config configs/evaluator_movement.py:laptop   your own data in an afternoon, docs/your-own-data.md
-  ... --config configs/evaluator_movement.py:tiny     two steps on formulas, seconds
+  motion-jax train --config evaluator_movement --workdir runs/movement --data HumanML3D
+  ... --config evaluator_movement:66        absolute coordinates (CDAMD); 67: essential features; kit: KIT-ML, 64: its
+                                            essential features, 63: coordinates
+  ... --config evaluator_movement:small     the one that ships: coordinates, on archives; also laptop, tiny
 
-configs/evaluator_matching.py goes on from it. `full` is the original's (docs/papers/cdamd.md#matching-evaluator): 259
-of 263 features, 270 epochs of about 18,700 steps; KIT-ML has about 2,000 in each (both from clips and their lengths:
-count yours).
+How sizes are written: docs/configs.md. evaluator_matching goes on from it. `full` is the original's
+(docs/papers/cdamd.md#matching-evaluator): 259 of 263 features, 270 epochs of about 18,700 steps; KIT-ML has about 2,000
+in each (both from clips and their lengths: count yours).
 
 Statistics are the data's own. The original's std of heading, root and contacts is divided by 5 (CMDM's by 25), which
 weighs them more; released weights bring theirs.
+
+Expected: `full` has not been run. `small`: 9.5 minutes on a third of a shared core; what comes of it is
+evaluator_matching's to say.
 """
 from motion_jax.configs import common
 

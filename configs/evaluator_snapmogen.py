@@ -1,12 +1,13 @@
 """SnapMoGen's evaluator: a Gaussian for every motion and sentence, trained as TMR is.
 
-  python launch.py --config configs/evaluator_snapmogen.py --workdir runs/snap --config.data.folder=SnapMoGen
-  ... --config configs/evaluator_snapmogen.py:small   narrow, with the text encoder that ships: hours on a CPU
-  ... --config configs/evaluator_snapmogen.py:tiny    two steps on formulas, seconds
+  motion-jax train --config evaluator_snapmogen --workdir runs/snap --data SnapMoGen
+  ... --config evaluator_snapmogen:small   narrow, with the text encoder that ships; also tiny
 
-Network, features 0:148 and text (T5 v1.1 base, 120 tokens) are SnapMoGen's (docs/papers/cmdm.md#snapmogen). Losses and
-their weights are SnapMoGen's, which are TMR's; optimizer and number of steps are ours. The weights of the best
-validation retrieval are kept.
+How sizes are written: docs/configs.md. Network, features 0:148 and text (T5 v1.1 base, 120 tokens) are SnapMoGen's
+(docs/papers/cmdm.md#snapmogen). Losses and their weights are SnapMoGen's, which are TMR's; optimizer and number of
+steps are ours. The weights of the best validation retrieval are kept.
+
+Expected: no number of it has been recorded; `tiny` alone is run, by the tests.
 """
 from motion_jax.configs import common
 

@@ -1,17 +1,15 @@
 """MotionPatches, an image-transformer teacher: joints as an image, a vision transformer, captions by contrast.
 
-  python launch.py --config configs/motion_patches.py --workdir runs/motion_patches --config.data.folder=HumanML3D \
+  motion-jax train --config motion_patches --workdir runs/motion_patches --data HumanML3D \
       --config.frozen.text=distilbert-base-uncased --config.frozen.vit=path/to/vit_base_patch16_224.augreg_in21k
-  ... --config configs/motion_patches.py:small     on the archives, with the text encoder that ships
-  ... --config configs/motion_patches.py:mini      the same in minutes
-  ... --config configs/motion_patches.py:tiny      two steps on formulas, seconds
+  ... --config motion_patches:small     on archives, with the text encoder that ships; also mini, tiny, and kit, ...
 
-`full` is the published configuration (docs/papers/cmdm.md#motionpatches): 152.6 M parameters with DistilBERT.
-frozen.vit is a folder with the model.safetensors of an ImageNet ViT-B/16, under timm's names or Hugging Face's; left
-empty, the ViT starts from random weights. The run's config.json says which, under "origin". The weights of the best
-validation recall are kept.
+How sizes are written: docs/configs.md. `full` is the published configuration (docs/papers/cmdm.md#motionpatches):
+152.6 M parameters with DistilBERT. frozen.vit is a folder with the model.safetensors of an ImageNet ViT-B/16, under
+timm's names or Hugging Face's; left empty, the ViT starts from random weights. The run's config.json says which, under
+"origin". The weights of the best validation recall are kept.
 
-Other data: kit, and kit_small, kit_tiny.
+Expected: no number of it has been recorded; `tiny` alone is run, by the tests.
 """
 from motion_jax.configs import common
 

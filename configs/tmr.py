@@ -1,18 +1,15 @@
 """TMR, a whole-body teacher: Gaussians of motions and captions in one space, and a decoder back to motion.
 
-  python launch.py --config configs/tmr.py --workdir runs/tmr --config.data.folder=HumanML3D \
-      --config.frozen.text=distilbert-base-uncased
-  ... --config configs/tmr.py:small     on the archives, with the text encoder that ships
-  ... --config configs/tmr.py:mini      the same in minutes
-  ... --config configs/tmr.py:tiny      two steps on formulas, seconds
+  motion-jax train --config tmr --workdir runs/tmr --data HumanML3D --config.frozen.text=distilbert-base-uncased
+  ... --config tmr:small     on archives, with the text encoder that ships; also mini, tiny, and kit, kit_small, ...
 
-`full` is the published configuration (docs/papers/cmdm.md#tmr): 16.1 M parameters beside the frozen DistilBERT, 500
-epochs, the last weights. model.pool "token" compares the motion's Gaussian with the caption's, as published; "real"
-compares the mean of the rows of its frames instead, which is what a teacher of frames needs:
-configs/ablations/cmdm.py:teacher-tmr. loss.threshold: captions with a cosine over 2 * threshold - 1 are no
+How sizes are written: docs/configs.md. `full` is the published configuration (docs/papers/cmdm.md#tmr): 16.1 M
+parameters beside the frozen DistilBERT, 500 epochs, the last weights. model.pool "token" compares the motion's Gaussian
+with the caption's, as published; "real" compares the mean of the rows of its frames instead, which is what a teacher of
+frames needs: ablations/cmdm:teacher-tmr/teacher. loss.threshold: captions with a cosine over 2 * threshold - 1 are no
 counter-examples, by the sentence vectors of frozen.sentence.
 
-Other data: kit, and kit_small, kit_tiny.
+Expected: no number of it has been recorded; `tiny` alone is run, by the tests.
 """
 from motion_jax.configs import common
 

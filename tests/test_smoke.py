@@ -1,5 +1,4 @@
 """A newcomer's first minutes work: every config trains two steps, the README says nothing that does not run."""
-import pathlib
 import re
 import shlex
 import subprocess
@@ -11,10 +10,11 @@ import pytest
 
 from motion_jax import cli
 from motion_jax import fit as training
-from motion_jax.inputs import config_files
+from motion_jax.inputs import config_files, overrides
 from motion_jax.training import checkpoint
 from motion_jax.training.metrics import read_metrics
 from tests.conftest import ROOT, load_config
+from tests.test_sources import anchors
 
 CONFIGS = [name for name in config_files.names() if "/" not in name]
 
@@ -91,38 +91,61 @@ def test_launch_py(tmp_path):
   assert done.returncode != 0 and "num_stepz" in done.stderr
 
 
-def _readme_blocks(language):
-  text = (ROOT / "README.md").read_text()
-  return re.findall(rf"```{language}\n(.*?)```", text, flags=re.DOTALL)
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 
-def test_readme_commands_exist():
-  """Every motion-jax, launch.py and eval.py command line of the README parses."""
-  lines = [line.strip() for block in _readme_blocks("bash") for line in block.replace("\\\n", " ").splitlines()]
-  commands = [line.split("motion-jax ", 1)[1] for line in lines if "motion-jax " in line and "pip" not in line]
-  assert commands
-  for command in commands:
-    for part in command.split(" && "):
-      words = shlex.split(part.split(" #")[0])
-      assert cli.parse(words[1:] if words[0] == "motion-jax" else words)
-  for script, command in (("launch.py", "train"), ("eval.py", "evaluate")):
-    for line in lines:
-      if line.startswith(f"python {script} "):
-        assert cli.parse(shlex.split(line.split(" #")[0])[2:], command, script)
+def _name(page):
+  return page.stem
+
+
+def _blocks(page, language):
+  return re.findall(rf"```{language}\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+
+
+def _commands(page):
+  """The words of each command of a page that is one of ours."""
+  for block in _blocks(page, "bash"):
+    for line in block.replace("\\\n", " ").splitlines():
+      for part in line.split(" && "):
+        words = shlex.split(part, comments=True)
+        if words and (words[0].endswith("motion-jax") or words[:1] == ["python"] and words[1].endswith(".py")):
+          yield words[1:] if words[0] == "python" else ["motion-jax", *words[1:]]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=_name)
+def test_commands_of_the_pages_exist(page):
+  """Every command line of ours in the README and the pages of docs/ parses, and its config has the fields it names."""
+  of_scripts = {"launch.py": "train", "eval.py": "evaluate"}
+  found = [words for words in _commands(page) if words[0] in ("motion-jax", *of_scripts)]
+  assert found or page.stem not in ("command-line", "training", "evaluation", "data") and page != ROOT / "README.md"
+  for program, *words in found:
+    args = cli.parse(words, of_scripts.get(program), program) if program in of_scripts else cli.parse(words)
+    if args.command == "train":
+      assert overrides.applied(args.overrides, config_files.load(args.config)).stage
+  for words in _commands(page):
+    assert words[0] == "motion-jax" or (ROOT / words[0]).is_file(), words
 
 
 @pytest.mark.slow
-def test_readme_python_runs(tmp_path, monkeypatch):
+@pytest.mark.parametrize("page", [page for page in PAGES if _blocks(page, "python")], ids=_name)
+def test_python_of_the_pages_runs(page, tmp_path, monkeypatch):
   monkeypatch.chdir(tmp_path)
-  blocks = _readme_blocks("python")
-  assert blocks
   scope = {}  # read from top to bottom, as a person would
-  for block in blocks:
-    exec(compile(block, "README.md", "exec"), scope)
+  for block in _blocks(page, "python"):
+    exec(compile(block, page.name, "exec"), scope)
 
 
-def test_readme_names_files_that_exist():
-  text = (ROOT / "README.md").read_text()
-  for name in re.findall(r"\]\(([\w./-]+)\)", text) + re.findall(r'src="([\w./-]+)"', text):
-    if not name.startswith("http"):
-      assert pathlib.Path(ROOT / name).exists(), name
+@pytest.mark.parametrize("page", PAGES, ids=_name)
+def test_links_of_the_pages_lead_somewhere(page):
+  text = page.read_text(encoding="utf-8")
+  for name, heading in re.findall(r"\]\(([\w./-]*)(#[\w-]+)?\)", text):
+    target = page.parent / name if name else page
+    assert target.exists(), name
+    assert not heading or heading[1:] in anchors(target.read_text(encoding="utf-8")), name + heading
+
+
+def test_the_readme_is_short_and_the_docs_have_an_index():
+  assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) < 200
+  index = (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
+  missing = [page.name for page in PAGES[1:] if page.name != "README.md" and f"]({page.name})" not in index]
+  assert not missing

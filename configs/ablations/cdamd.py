@@ -1,12 +1,15 @@
 """Every row of CDAMD's ablation tables, each as a small change of the base configs, and the baseline it falls out of.
 
-  python launch.py --config configs/ablations/cdamd.py:one-vq --workdir runs/ablations/one-vq/generator ...
-  python launch.py --config configs/ablations/cdamd.py:263-no-prior/generator/small ...
-  ... --config configs/ablations/cdamd.py:263/autoencoder      sizes: full, small and mini (the archives), tiny
+  motion-jax train --config ablations/cdamd:one-vq --workdir runs/ablations/one-vq/generator ...
+  motion-jax train --config ablations/cdamd:263-no-prior/generator/small ...
+  ... --config ablations/cdamd:263/autoencoder      sizes: full, small and mini (the archives), tiny
 
 ROW[/STAGE[/SIZE]]: the stage is autoencoder, rvq or generator (the default). Rows differ in the generator alone, but
 for the representation: those of 263 columns, and of 67, share the autoencoder and the RVQ-VAE of the row of that name.
 Numbers of the paper stand in docs/papers/cdamd.md#printed-numbers.
+
+Expected: at full size no row has been run. At size mini, cut to 250 to 500 steps, those of benchmarks/study.py
+have, with their numbers in docs/benchmark/study_cdamd.md.
 """
 from motion_jax import paper_rows
 from motion_jax.configs import cdamd_autoencoder, cdamd_generator, cdamd_rvq, common

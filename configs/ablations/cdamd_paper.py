@@ -1,12 +1,14 @@
 """CDAMD as its paper writes it, where the released code does otherwise: a row for each difference, and one for all.
 
-  python launch.py --config configs/ablations/cdamd_paper.py:paper-order --workdir runs/ablations/paper-order/generator
-  python launch.py --config configs/ablations/cdamd_paper.py:paper-reconstruction/autoencoder ...
-  ... --config configs/ablations/cdamd_paper.py:paper-order/generator/small     sizes: full, small and mini, tiny
+  motion-jax train --config ablations/cdamd_paper:paper-order --workdir runs/ablations/paper-order/generator
+  motion-jax train --config ablations/cdamd_paper:paper-reconstruction/autoencoder ...
+  ... --config ablations/cdamd_paper:paper-order/generator/small     sizes: full, small and mini, tiny
 
-ROW[/STAGE[/SIZE]] as in configs/ablations/cdamd.py, which knows these rows, too; a stage that a row does not change is
-that of its row "default". Which sentence of the paper each row follows, and where we had to choose a reading:
+ROW[/STAGE[/SIZE]] as in ablations/cdamd, which knows these rows, too; a stage that a row does not change is that of its
+row "default". Which sentence of the paper each row follows, and where we had to choose a reading:
 docs/papers/paper-and-code.md. None of these rows was printed: the paper's numbers are those of the released code.
+
+Expected: no number of these rows has been recorded; `tiny` alone is run, by the tests.
 """
 from motion_jax.configs import cdamd_autoencoder, cdamd_generator, cdamd_rvq, common
 

@@ -1,8 +1,8 @@
 """Every row of CMDM's ablation tables, each as a small change of the base configs.
 
-  python launch.py --config configs/ablations/cmdm.py:c-vae/tokenizer --workdir runs/ablations/c-vae/tokenizer ...
-  python launch.py --config configs/ablations/cmdm.py:c-vae --workdir runs/ablations/c-vae/denoiser ...
-  ... --config configs/ablations/cmdm.py:c-vae/denoiser/small      sizes: full, small and mini (the archives), tiny
+  motion-jax train --config ablations/cmdm:c-vae/tokenizer --workdir runs/ablations/c-vae/tokenizer ...
+  motion-jax train --config ablations/cmdm:c-vae --workdir runs/ablations/c-vae/denoiser ...
+  ... --config ablations/cmdm:c-vae/denoiser/small      sizes: full, small and mini (the archives), tiny
 
 ROW[/STAGE[/SIZE]]: the stage is teacher, tokenizer or denoiser (the default). A row that changes nothing of a stage
 gives the base config of it, and its denoiser looks for the tokenizer of the row that shares it. Rows of sampling (K
@@ -12,6 +12,9 @@ rows, whose numbers stand in evaluation/report/paper_tables (docs/papers/cmdm.md
 At sizes small and mini the widths of Tables 8 and 10 are their own: latents of 32, 16, 8 stand for 64, 32, 16, and
 S, L, XL are as far from it as the paper's from M; the text encoders of Table 11 are the one that ships, by words or by
 sentence, for no others fit here.
+
+Expected: at full size no row has been run. At size mini, cut to 300 steps, those of benchmarks/study.py have, with
+their numbers in docs/benchmark/study_cmdm.md.
 """
 from motion_jax import paper_rows
 from motion_jax.configs import cmdm_denoiser, cmdm_tokenizer, common, motion_patches, part_tmr, tmr

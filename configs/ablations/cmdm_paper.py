@@ -1,12 +1,14 @@
 """CMDM as its paper writes it, where the released code does otherwise: a row for each difference, and one for all.
 
-  python launch.py --config configs/ablations/cmdm_paper.py:paper-ddpm --workdir runs/ablations/paper-ddpm/denoiser ...
-  python launch.py --config configs/ablations/cmdm_paper.py:paper-distances/tokenizer ...
-  ... --config configs/ablations/cmdm_paper.py:paper-ddpm/denoiser/small     sizes: full, small and mini, tiny
+  motion-jax train --config ablations/cmdm_paper:paper-ddpm --workdir runs/ablations/paper-ddpm/denoiser ...
+  motion-jax train --config ablations/cmdm_paper:paper-distances/tokenizer ...
+  ... --config ablations/cmdm_paper:paper-ddpm/denoiser/small     sizes: full, small and mini, tiny
 
-ROW[/STAGE[/SIZE]] as in configs/ablations/cmdm.py, which knows these rows, too; a stage that a row does not change is
-that of its row "default". Which sentence of the paper each row follows, and where we had to choose a reading:
+ROW[/STAGE[/SIZE]] as in ablations/cmdm, which knows these rows, too; a stage that a row does not change is that of its
+row "default". Which sentence of the paper each row follows, and where we had to choose a reading:
 docs/papers/paper-and-code.md. None of these rows was printed: the paper's numbers are those of the released code.
+
+Expected: no number of these rows has been recorded; `tiny` alone is run, by the tests.
 """
 from motion_jax.configs import cmdm_denoiser, cmdm_tokenizer, common, part_tmr
 
