@@ -1,4 +1,4 @@
-"""From a config to a trained run folder: joins a recipe, the loop and the folder. What launch.py calls."""
+"""From a config to a trained run folder: joins a recipe, the loop and the folder. What `motion-jax train` calls."""
 import json
 import pathlib
 

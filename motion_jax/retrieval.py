@@ -99,7 +99,7 @@ def load(name="part-tmr-small") -> Retriever:
     folder = PRETRAINED / str(name)
   if not folder.is_dir():
     raise FileNotFoundError(f"found neither a run folder {str(name)!r} nor a teacher of that name that ships; train "
-                            "one with configs/part_tmr.py")
+                            "one with motion-jax train --config part_tmr")
   config = checkpoint.load_config(folder)
   if config.get("stage") != "cmdm.teacher":
     raise ValueError(f"{folder} holds a {config.get('stage')!r} run; retrieving needs the run of a cmdm.teacher")

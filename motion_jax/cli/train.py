@@ -20,7 +20,8 @@ def add_to(commands):
   add("--config", required=True, metavar="NAME[:SIZE]",
       help="the experiment, such as cmdm_denoiser:tiny: one that ships, or a Python file with get_config(size)")
   add("--workdir", required=True, metavar="FOLDER", help="run folder: made if need be; holds all that loading needs")
-  add("--data", nargs="+", metavar="DIR", help="data folders, read together; short for --config.data.folders")
+  add("--data", nargs="+", metavar="DIR",
+      help="data folder, or several that are read together; short for --config.data.folder")
   add("--resume", action=argparse.BooleanOptionalAction, default=False,
       help="go on with the run in the folder, exactly where it stopped")
   add("--max-seconds", type=real(above=0, high=1e9, unit="seconds"), metavar="S",
@@ -38,7 +39,8 @@ def _train(args):
     if overrides.names_any(args.overrides, "data.folder", "data.folders"):
       raise InputError("got --data and --config.data.folder; give one of them")
     with config.unlocked():
-      config.data.folders = tuple(args.data)
+      one = len(args.data) == 1
+      config.data.update(folder=args.data[0] if one else "", folders=() if one else tuple(args.data))
   config = overrides.applied(args.overrides, config)
 
   from absl import logging

@@ -77,7 +77,7 @@ def recognize(config):
   strange = [(folder, kind) for folder, kind in zip(folders, kinds) if kind not in ("archive", "humanml3d")]
   if strange:
     raise InputError("{} is {} data; its own size of the config reads it, as in "
-                     "configs/cmdm_denoiser.py:snapmogen".format(*strange[0]))
+                     "--config cmdm_denoiser:snapmogen".format(*strange[0]))
   with config.unlocked():
     if kinds != ["humanml3d"]:
       data.update(name="archive", folder="", folders=folders)

@@ -69,7 +69,8 @@ class Given:
     missing = [path for path in paths if not path.is_file()]
     if missing:
       raise FileNotFoundError(f"{len(missing)} of {len(paths)} motions of {self.name!r} are not in {self.folder}, such "
-                              f"as {missing[0].relative_to(self.folder)}; eval.py --ask DIR says what is to be made")
+                              f"as {missing[0].relative_to(self.folder)}; motion-jax evaluate --ask DIR "
+                              "says what is to be made")
     return [_read(path, count, self.model.stats.layout) for path, count in zip(paths, jobs.frames)]
 
 
@@ -78,8 +79,8 @@ def load_given(name, folder, evaluator) -> Given:
   folder = pathlib.Path(folder)
   paths = sorted(folder.glob("r[0-9][0-9][0-9]*/*.npy"))
   if not paths:
-    raise FileNotFoundError(f"{folder} holds no motions: expected files such as {_file('r000', 0)}; eval.py --ask DIR "
-                            "says what is to be made")
+    raise FileNotFoundError(f"{folder} holds no motions: expected files such as {_file('r000', 0)}; motion-jax "
+                            "evaluate --ask DIR says what is to be made")
   shape = npy_shape(paths[0])
   layout = _joint_layout(evaluator) if len(shape) == 3 else layout_for(shape[-1] if shape else 0)
   digest = hashlib.sha256()

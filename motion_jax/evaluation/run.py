@@ -218,16 +218,16 @@ def default_out(runs, protocol) -> pathlib.Path:
   return folder / "eval" / protocol.name if inside else pathlib.Path("eval") / folder.name / protocol.name
 
 
-_TRAINS = {"t2m": "configs/evaluator_matching.py", "tmr": "configs/part_tmr.py",
-           "snapmogen": "configs/evaluator_snapmogen.py", "clip": "configs/evaluator_clip.py"}
+_TRAINS = {"t2m": "evaluator_matching", "tmr": "part_tmr",
+           "snapmogen": "evaluator_snapmogen", "clip": "evaluator_clip"}
 
 
 def _evaluators(protocol, evaluator, clip_evaluator):
   main, clip = evaluator or protocol.evaluator, clip_evaluator or protocol.clip_evaluator
   if main is None:
-    raise ValueError(f"protocol {protocol.name!r} has no evaluator that ships: give --evaluator FOLDER, trained with "
-                     f"{_TRAINS[protocol.kinds[0]]}, or converted from released weights by `motion-jax convert "
-                     "evaluator`")
+    raise ValueError(f"protocol {protocol.name!r} has no evaluator that ships: give --evaluator FOLDER, trained by "
+                     f"`motion-jax train --config {_TRAINS[protocol.kinds[0]]}`, or converted from released weights "
+                     "by `motion-jax convert evaluator`")
   return _evaluator(main, protocol.kinds, protocol, "--evaluator"), (
       None if clip in (None, "none") else _evaluator(clip, ("clip",), protocol, "--clip-evaluator"))
 

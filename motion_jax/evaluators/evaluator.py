@@ -5,7 +5,7 @@
   "tmr"        a motion-language teacher (`retrieval`): the timeline benchmark
   "snapmogen"  SnapMoGen's Gaussians on its 148 numbers: its R-precision is by cosine, its FID of another vector
 
-Folders: runs of configs/evaluator_matching.py, evaluator_clip.py, evaluator_snapmogen.py and part_tmr.py, and what
+Folders: runs of the configs evaluator_matching, evaluator_clip, evaluator_snapmogen and part_tmr, and what
 `motion-jax convert evaluator` makes of released weights. Source: docs/papers/cmdm.md#evaluators, #snapmogen,
 docs/papers/cdamd.md#matching-evaluator, #clip-evaluator.
 """
@@ -138,8 +138,8 @@ def load_evaluator(name="evaluator-small", text=None) -> Evaluator:
     folder = PRETRAINED / str(name)
   if not folder.is_dir():
     raise FileNotFoundError(f"found neither a folder {str(name)!r} nor an evaluator of that name; those that ship: "
-                            f"{', '.join(shipped_names()) or 'none'}; configs/evaluator_matching.py trains one, "
-                            "`motion-jax convert evaluator` takes released weights")
+                            f"{', '.join(shipped_names()) or 'none'}; motion-jax train --config "
+                            "evaluator_matching trains one, `motion-jax convert evaluator` takes released weights")
   config = checkpoint.load_config(folder)
   if config.get("stage") not in KINDS:
     raise ValueError(f"{folder} holds a {config.get('stage')!r} run, expected an evaluator's: {', '.join(KINDS)}")

@@ -1,6 +1,6 @@
 """How a program ends when it is told to: cleaned up, with one line, and with the exit status that shells expect.
 
-The programs `motion-jax`, launch.py and eval.py use this; the library itself leaves signals alone.
+The command line uses this; the library itself leaves signals alone.
 """
 import contextlib
 import os

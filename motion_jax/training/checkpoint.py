@@ -110,7 +110,7 @@ def load_json(folder, name, kind=dict):
   """A JSON file of a run folder; raises FileNotFoundError or InputError that say what to do."""
   path = pathlib.Path(folder) / name
   if not path.is_file():
-    raise FileNotFoundError(f"{folder} has no {name}; expected a run folder, written by launch.py")
+    raise FileNotFoundError(f"{folder} has no {name}; expected a run folder, written by motion-jax train")
   return read_json(path, kind, advice="restore it from the run that wrote it")
 
 

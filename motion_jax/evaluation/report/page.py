@@ -37,7 +37,7 @@ def write(results, out, folders=None) -> pathlib.Path:
   """
   results = [results] if isinstance(results, dict) else list(results)
   if not results:
-    raise ValueError("got no result to report; eval.py writes results.json")
+    raise ValueError("got no result to report; motion-jax evaluate writes results.json")
   out = pathlib.Path(out)
   folders = [out] * len(results) if folders is None else [pathlib.Path(folder) for folder in folders]
   if len(folders) != len(results):
@@ -55,11 +55,15 @@ def write(results, out, folders=None) -> pathlib.Path:
 
 
 def write_folders(folders, out) -> pathlib.Path:
-  """`write` of the results that eval.py wrote in folders. Raises FileNotFoundError or ValueError for one without."""
+  """`write` of the results that `motion-jax evaluate` wrote in folders.
+
+  Raises FileNotFoundError or ValueError for one without.
+  """
   folders = [pathlib.Path(folder) for folder in folders]
   missing = [str(folder) for folder in folders if not (folder / "results.json").is_file()]
   if missing:
-    raise FileNotFoundError(f"{', '.join(missing)}: no results.json there; expected the --out folder of an eval.py run")
+    raise FileNotFoundError(f"{', '.join(missing)}: no results.json there; expected the --out folder of "
+                            "motion-jax evaluate")
   results = [checkpoint.load_json(folder, "results.json") for folder in folders]
   if len(results) > 1:  # several of one protocol have one title
     results = [result | {"title": f"{name}: {_title(result)}"} for name, result in zip(_apart(folders), results)]
