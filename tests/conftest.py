@@ -1,12 +1,11 @@
 """What several tests share: a tiny trained run, made once."""
-import atexit
+import collections
 import gc
+import importlib.metadata
 import importlib.util
 import os
 import pathlib
-import shutil
 import signal
-import tempfile
 
 import pytest
 
@@ -15,26 +14,51 @@ import pytest
 os.environ["XLA_FLAGS"] = (os.environ.get("XLA_FLAGS", "") + " --xla_backend_optimization_level=0"
                            " --xla_llvm_disable_expensive_passes=true").strip()
 
-# What one test has compiled no other compiles again, nor another worker of xdist, which inherits these variables.
+# What one test has compiled no other compiles again, nor another worker of xdist, nor the next run of the tests.
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-  os.environ["JAX_COMPILATION_CACHE_DIR"] = tempfile.mkdtemp(prefix="motion_jax_tests_")
-  os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.2"
+  os.environ["JAX_COMPILATION_CACHE_DIR"] = os.path.join(
+      os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "motion_jax", "tests",
+      "jax-" + importlib.metadata.version("jax"))
+  os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.05"
   os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
-  atexit.register(shutil.rmtree, os.environ["JAX_COMPILATION_CACHE_DIR"], ignore_errors=True)
 
 import jax
 
 from motion_jax import fit as training
 from motion_jax.inputs import config_files
 from motion_jax.runtime import cache
+from motion_jax.training import loop
 
 ROOT = pathlib.Path(__file__).parents[1]
+KEPT = 1_000_000_000  # bytes of compiled programs, of all versions of jax together; those unused for longest go first
 
 
 def pytest_addoption(parser):
   parser.addoption("--torch", action="store_true",
                    help="run the tests that need torch and transformers, and no others; without this option they are "
                    "skipped where these are not installed")
+
+
+def pytest_configure(config):
+  """Keeps the compiled programs of the tests below KEPT bytes, once a run and not once a worker."""
+  if hasattr(config, "workerinput"):
+    return
+  used = lambda path: max(path.stat().st_atime, path.stat().st_mtime)
+  total = 0
+  for path in sorted((cache.user_folder() / "tests").glob("jax-*/*"), key=used, reverse=True):
+    total += path.stat().st_size
+    if total > KEPT:
+      path.unlink(missing_ok=True)
+
+
+def pytest_terminal_summary(terminalreporter):
+  """How long the tests marked `slow` and the others took, workers side by side added up."""
+  took = collections.Counter()
+  for reports in terminalreporter.stats.values():
+    for report in reports:
+      if isinstance(report, pytest.TestReport):
+        took["slow" if "slow" in report.keywords else "quick"] += report.duration
+  terminalreporter.write_line(f"workers' time: quick tests {took['quick']:.0f} s, slow tests {took['slow']:.0f} s")
 
 
 def pytest_collection_modifyitems(config, items):
@@ -55,6 +79,20 @@ def pytest_collection_modifyitems(config, items):
 def load_config(name, size):
   """configs/NAME.py's config of a size, as `motion-jax train` reads it."""
   return config_files.load(f"{name}:{size}")
+
+
+def traced_step(config):
+  """Traces what a config trains, down to the updated parameters, and compiles nothing: sizes, fields and frozen parts
+  fit together, and a step gives back a state of the shapes that it took."""
+  stage, next_batch, frozen, *_ = training.RECIPES[config.stage](config)
+  tx = loop.make_optimizer(config.optimizer, config.train.num_steps)
+  batch, rng = next_batch(0), jax.random.key(0)
+  state = jax.eval_shape(lambda batch, rng: loop.init_state(stage, tx, batch, rng), batch, rng)
+  step = loop.make_train_step(stage, tx, config.optimizer.ema_decay, config.optimizer.get("skip_loss", 0.0))
+  after, metrics = jax.eval_shape(step, state, frozen or {}, loop.shard(batch, jax.local_device_count()), rng)
+  like = lambda tree: jax.tree.map(lambda leaf: (leaf.shape, leaf.dtype), tree)
+  assert like(after) == like(state)
+  assert metrics["loss"].shape == () and metrics["grad_norm"].shape == ()
 
 
 def devices_env(count):

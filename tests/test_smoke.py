@@ -39,7 +39,7 @@ def test_full_and_small_configs_are_whole_and_locked(name):
     load_config(name, "huge")
 
 
-def test_resume_through_the_stage_is_exact(tmp_path):
+def test_resume_through_the_stage_is_exact(tmp_path, unjudged):
   """Data order, noise, optimizer and average all go on: 2 + 2 steps are 4, bit for bit."""
   config = load_config("cmdm_tokenizer", "tiny").unlock()
   config.optimizer.ema_decay = 0.5
@@ -50,7 +50,7 @@ def test_resume_through_the_stage_is_exact(tmp_path):
   assert all(np.array_equal(a, b) for a, b in zip(jax.tree.leaves(parts), jax.tree.leaves(whole), strict=True))
 
 
-def test_resume_with_another_model_is_told(tmp_path):
+def test_resume_with_another_model_is_told(tmp_path, unjudged):
   config = load_config("cmdm_tokenizer", "tiny").unlock()
   training.run(config, tmp_path)
   config.model.width = 32
@@ -58,7 +58,7 @@ def test_resume_with_another_model_is_told(tmp_path):
     training.run(config, tmp_path, resume=True)
 
 
-def test_resume_on_other_ground_is_told(tmp_path):
+def test_resume_on_other_ground_is_told(tmp_path, unjudged):
   """Statistics, tokenizer and weights of a run are its own: exchanged or damaged, they are not silently taken over."""
   config = load_config("cmdm_denoiser", "tiny")
   training.run(config, tmp_path)
@@ -126,8 +126,9 @@ def test_commands_of_the_pages_exist(page):
     assert words[0] == "motion-jax" or (ROOT / words[0]).is_file(), words
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("page", [page for page in PAGES if _blocks(page, "python")], ids=_name)
+@pytest.mark.parametrize("page", [
+    pytest.param(page, marks=[] if page.name == "README.md" else pytest.mark.slow)
+    for page in PAGES if _blocks(page, "python")], ids=_name)
 def test_python_of_the_pages_runs(page, tmp_path, monkeypatch):
   monkeypatch.chdir(tmp_path)
   scope = {}  # read from top to bottom, as a person would

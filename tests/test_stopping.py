@@ -119,7 +119,6 @@ def test_a_training_tells_by_what_it_was_stopped(tmp_path, number):
   assert stopping.Stop().status == 0
 
 
-@pytest.mark.slow
 def test_launch_py_stopped_by_a_signal(tmp_path):
   """The command itself: saved, nothing locked, and a status that is not 0; and a second launch meanwhile is refused."""
   command = [sys.executable, str(ROOT / "launch.py"), f"--config={ROOT}/configs/cmdm_tokenizer.py:tiny",

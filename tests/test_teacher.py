@@ -62,8 +62,7 @@ print(json.dumps([jax.local_device_count(), rows]))
 """
 
 
-@pytest.mark.parametrize("name", ["part_tmr", "tmr"])
-@pytest.mark.slow
+@pytest.mark.parametrize("name", ["part_tmr", pytest.param("tmr", marks=pytest.mark.slow)])
 def test_two_devices_contrast_the_whole_batch(tmp_path, name):
   """Each sentence meets the motions of the other device too (dropout off: its masks fall on other rows), and a TMR's
   noise is that of a pair's place in the whole batch.

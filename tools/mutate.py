@@ -76,7 +76,7 @@ def copy_tree(root, folder):
 def run_tests(folder, tests, limit=LIMIT):
   """(exit status of pytest or None if it did not end, its output), from a folder and against the code in it."""
   environment = os.environ | {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1", "JAX_PLATFORMS": "cpu"}
-  command = [sys.executable, "-m", "pytest", "-q", "-x", "--no-header", "-p", "no:cacheprovider", *tests]
+  command = [sys.executable, "-m", "pytest", "-q", "-x", "--no-header", "-p", "no:cacheprovider", "-m", "", *tests]
   try:
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=limit,
                           check=False)

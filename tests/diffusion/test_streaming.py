@@ -57,7 +57,7 @@ def test_golden():
 
 
 @pytest.mark.parametrize("name", ["fss", "ar", "fss_block1", "fss_partial", "one_block"])
-@pytest.mark.parametrize("kind", ["float32", "float64"])
+@pytest.mark.parametrize("kind", [pytest.param("float32", marks=pytest.mark.slow), "float64"])
 def test_golden_fast(name, kind, monkeypatch):
   """The recorded results again, by window and cache; whole blocks, since it makes no others."""
   fixture = Fixture(fixtures.path("cmdm/sampling.npz"))
@@ -135,9 +135,12 @@ PLANS = {  # num_steps, lag, block, context, num_blocks
     "frame-wise": (6, 2, 3, 48, 5), "shorter than the window": (8, 2, 3, 48, 2), "one block": (4, 2, 3, 48, 1),
     "past the cache, lag does not divide": (7, 3, 3, 9, 9), "context of one block": (4, 2, 1, 1, 6),
     "autoregressive past the cache": (4, 4, 1, 3, 9)}
+# Recorded trajectories are frame-wise and autoregressive, and a cache that is passed has a plan of its own.
+REPEATED = {"frame-wise", "autoregressive past the cache"}
 
 
-@pytest.mark.parametrize("name", PLANS)
+@pytest.mark.parametrize("name", [
+    pytest.param(name, marks=pytest.mark.slow) if name in REPEATED else name for name in PLANS])
 def test_fast_is_plain_and_streaming_is_offline(name):
   num_steps, lag, block, context, num_blocks = PLANS[name]
   dit, plan, params, constants, text_emb, text_mask, keys = setting(num_steps, lag, block, context, num_blocks)
@@ -170,7 +173,8 @@ def told(dit, params, batch=2, count=5):
   return text_emb, text_mask, encode_text(dit, params, text_emb, text_mask)
 
 
-@pytest.mark.parametrize("block, context, num_blocks", [(1, 4, 14), (3, 9, 9), (7, 14, 7)])
+@pytest.mark.parametrize("block, context, num_blocks", [
+    (3, 9, 9), *(pytest.param(*sizes, marks=pytest.mark.slow) for sizes in ((1, 4, 14), (7, 14, 7)))])
 def test_every_block_has_its_own_words(block, context, num_blocks):
   """Cached = recomputed = streamed, past the cache, for two motions whose words change at different blocks."""
   dit, plan, params, constants, _, _, keys = setting(6, 2, block, context, num_blocks)
@@ -219,7 +223,7 @@ def test_captions_seen():
   assert streaming.captions_seen(np.zeros((2, 5), int), 3) == 1
 
 
-@pytest.mark.parametrize("lag", [2, 4])
+@pytest.mark.parametrize("lag", [2, pytest.param(4, marks=pytest.mark.slow)])
 def test_heun_is_fast_too(lag):
   dit, plan, params, constants, text_emb, text_mask, keys = setting(4, lag, 3, 6, 4)
   plan = plan._replace(solver="heun")

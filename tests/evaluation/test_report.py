@@ -222,7 +222,6 @@ def test_bad_curves():
   assert dot.count("<circle") == 1
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(not any(map(shutil.which, _BROWSERS)), reason="no Chromium here to open the page with")
 def test_page_looks_right_in_a_browser(tmp_path):
   page = report.write(a_result(), tmp_path)

@@ -82,7 +82,6 @@ def test_captions_cannot_break_the_page(tmp_path):
   assert "alert(1)</script>" not in path.read_text(encoding="utf-8")
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(not any(map(shutil.which, _BROWSERS)), reason="no Chromium here to open the page with")
 def test_page_plays_in_a_browser(tmp_path):
   path, = export.save([make("walk"), make("wave_left")], tmp_path / "a.html")
