@@ -56,9 +56,8 @@ def borders(loaded, captions, count):
 
 def reconstruction(loaded, features):
   """Millimetres between features (a list of (T, F)) and what the tokenizer gives back."""
-  apply = lambda x, method: loaded.vae.apply(loaded.frozen["tokenizer"], x, method=method)
-  back = jax.jit(lambda x: apply(apply(x, "encode")[0], "decode"))
-  return reconstruction_error(back, [loaded.stats.normalize(x) for x in features], loaded.stats)
+  features = [loaded.stats.normalize(x) for x in features]
+  return reconstruction_error(jax.jit(loaded.codec.reconstruct), features, loaded.stats)
 
 
 def print_row(name, mm, row, curve, level):

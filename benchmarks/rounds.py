@@ -19,6 +19,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from motion_jax.latents import AutoencoderCodec
 from motion_jax.models import cdamd
 from motion_jax.models.base import plain_fields
 from motion_jax.models.cdamd import draws
@@ -47,8 +48,7 @@ def main():
   config = runpy.run_path(CONFIGS)["get_config"](args.size)
   net, autoencoder = cdamd.make_generator(config.model), Autoencoder(**plain_fields(config.tokenizer))
   params = random_like(cdamd.generator_shapes(net), 0)
-  frozen = {"tokenizer": random_like(cdamd.autoencoder_shapes(autoencoder), 1),
-            "latent_mean": jnp.zeros(autoencoder.latent_dim), "latent_std": jnp.ones(autoencoder.latent_dim)}
+  codec = AutoencoderCodec(autoencoder, random_like(cdamd.autoencoder_shapes(autoencoder), 1)).unscaled()
   length, rounds = args.frames // FRAMES_PER_LATENT, config.sampler.num_rounds
   counts = masking.hidden_counts(rounds, [length])
   keys = jax.random.split(jax.random.key(0), 1)
@@ -66,14 +66,14 @@ def main():
   first = None
   for which, solver in plans:
     plan = cdamd.make_plan(solver=solver, num_steps=args.steps, num_rows=few if which == "revealed" else None)
-    run = jax.jit(lambda params, frozen, plan=plan: cdamd.generate(
-        net, autoencoder, plan, params, frozen, text, hidden, real, config.sampler.guidance_scale,
+    run = jax.jit(lambda params, codec, plan=plan: cdamd.generate(
+        net, plan, params, codec, text, hidden, real, config.sampler.guidance_scale,
         draws.make_draw(keys, length, net.transformer.latent_dim)))
-    compiled = run.lower(params, frozen).compile()
+    compiled = run.lower(params, codec).compile()
     times = []
     for _ in range(args.repeats):
       wall, busy = time.perf_counter(), time.process_time()
-      made = jax.block_until_ready(compiled(params, frozen))
+      made = jax.block_until_ready(compiled(params, codec))
       times.append((time.perf_counter() - wall, time.process_time() - busy))
     if not np.isfinite(made).all():
       raise FloatingPointError(f"{solver} gave numbers that are none")

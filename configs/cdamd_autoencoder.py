@@ -28,11 +28,12 @@ def get_config(size="full"):
   # columns: those that count twice, 4 : 4 + 3 (J - 1). distance "l1" with position_weight 0 is the paper's loss.
   config.loss = dict(distance="smooth_l1", position_weight=1.0, columns=(4, 67))
   # per_axis: one mean and std for x, y and z each over all joints, instead of one per column.
-  config.data = common.data(layout="coordinates", per_axis=False, batch_size=256, window=64, stride=1)
+  config.data = common.data(layout="coordinates", per_axis=False, batch_size=256, window=64, stride=1,
+                            released_windows=False)
   # Parity: the reference counts 150,000 and 250,000 from the end of the warm-up.
   config.optimizer = common.optimizer(learning_rate=2e-4, schedule="step", boundaries=(152_000, 252_000), gamma=0.05,
                                       warmup_steps=2_000, beta2=0.99)
-  config.train = dict(num_steps=350_000, log_every=100, save_every=5_000)
+  config.train = common.train(num_steps=350_000, log_every=100, save_every=5_000)
   if data:
     config.model.features, config.data.layout, config.loss.columns = DATA[data]
   if data in ("kit", "64"):

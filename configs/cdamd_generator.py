@@ -46,6 +46,7 @@ def get_config(name="full"):
   config = common.experiment("cdamd.generator", seed=3407)
   config.frozen = dict(tokenizer="runs/autoencoder", prior="runs/rvq", text="clip-vit-base-patch32",
                        text_level="sentence", length="")
+  config.length = dict()  # fields of the length estimator; the run takes them from frozen.length
   config.tokenizer = dict(features=66, latent_dim=512, width=512, num_halvings=2, dilations=(9, 3, 1), dropout=0.2,
                           hide_padding=False)
   config.prior = dict(features=66, latent_dim=512, width=512, num_halvings=2, dilations=(9, 3, 1), dropout=0.2,
@@ -60,14 +61,15 @@ def get_config(name="full"):
   # frozen.text_level "words" puts the words of a caption behind its sentence vector, data.max_words of them.
   # copies: rows at the diffusion head for each masked latent. prior_drop: "batch", one draw for all, or "item". mask:
   # one of nets.masks, or several, of which each item draws one: "dccm+bcm".
-  config.loss = dict(mask="dccm", noise_rate=0.1, mask_rate=0.88, drop_rate=0.1, prior_levels=2, prior_drop_rate=0.7,
-                     prior_drop="batch", copies=4, diffusion="flow", ddpm_steps=50, unit_latents=False)
+  config.loss = dict(mask="dccm", noise_rate=0.1, mask_rate=0.88, drop_rate=0.1, mask_draw="count",
+                     prior_levels=2, prior_drop_rate=0.7, prior_drop="batch", copies=4, diffusion="flow", ddpm_steps=50,
+                     unit_latents=False)
   config.data = common.data(layout="coordinates", per_axis=False, batch_size=64, min_frames=40, max_frames=196,
                             lengths=(196,), balance=0.0, vary_subject=0.0, max_words=77)
   # ema_decay 0 is the released code's of CDAMD; MARDM's is 0.9999.
   config.optimizer = common.optimizer(learning_rate=2e-4, schedule="cosine", final_rate=1e-6, boundaries=(), gamma=0.1,
                                       warmup_steps=2_000, beta2=0.99, weight_decay=1e-5, ema_decay=0.9999)
-  config.train = dict(num_steps=180_000, log_every=100, save_every=5_000)
+  config.train = common.train(num_steps=180_000, log_every=100, save_every=5_000)
   # The benchmark's own: solver dopri5, revealed_only False.
   config.sampler = dict(num_rounds=10, guidance_scale=4.0, order="random", mask="causal", edit_mask="bcm",
                         solver="midpoint", num_steps=10, revealed_only=True)

@@ -25,16 +25,18 @@ def get_config(size="full"):
   config.frozen = dict()
   config.model = dict(features=66, latent_dim=512, width=512, num_halvings=2, dilations=(9, 3, 1), dropout=0.2)
   # drop_rate: quantize dropout, per batch. gain_once: straight-through gradient once, not once per active level.
-  config.quantizer = dict(num_levels=4, num_codes=512, decay=0.99, temperature=0.5, drop_rate=0.2, gain_once=False)
+  # learn: codebooks by running "means" or, as the paper has it, by "gradient".
+  config.quantizer = dict(num_levels=4, num_codes=512, decay=0.99, temperature=0.5, drop_rate=0.2, gain_once=False,
+                          learn="means")
   config.loss = dict(distance="smooth_l1", position_weight=0.1, columns=(4, 67), velocity_weight=0.1,
                      commitment_weight=0.02)
   # window 0: whole clips of min_frames to max_frames frames, padded with zeros.
-  config.data = common.data(layout="coordinates", per_axis=False, batch_size=256, window=0, stride=1, min_frames=40,
-                            max_frames=196)
+  config.data = common.data(layout="coordinates", per_axis=False, batch_size=256, window=0, stride=1,
+                            released_windows=False, min_frames=40, max_frames=196)
   # Parity: the reference counts 150,000 and 250,000 from the end of the warm-up.
   config.optimizer = common.optimizer(learning_rate=2e-4, schedule="step", boundaries=(152_000, 252_000), gamma=0.05,
                                       warmup_steps=2_000, beta2=0.99)
-  config.train = dict(num_steps=4_500, log_every=50, save_every=500)
+  config.train = common.train(num_steps=4_500, log_every=50, save_every=500)
   if data:
     config.model.features, config.data.layout, config.loss.columns = DATA[data]
   if data == "kit":

@@ -38,20 +38,21 @@ def get_config(size="full"):
   dataset, size = common.data_and_size(size, DATASETS, ("full", "small", "laptop", "mini", "tiny"))
   config = common.experiment("cmdm.denoiser", seed=5427)
   config.frozen = dict(tokenizer="runs/tokenizer", text="distilbert-base-uncased", text_level="words")
+  config.taught_by = dict()  # what the tokenizer was aligned with; the run takes it from there
   config.tokenizer = dict(features=263, latent_dim=64, width=1024, num_halvings=2, dilations=(9, 3, 1), causal=True)
   config.model = dict(latent_dim=64, width=512, depth=8, num_heads=4, ff_width=1024, block=3, text_dim=768)
-  config.loss = dict(drop_rate=0.1, unit_latents=False, level_block=3)
-  config.data = common.data(layout="full", batch_size=64, min_frames=40, max_frames=192, lengths=(192,), max_words=64,
-                            balance=0.0, vary_subject=0.0)
+  config.loss = dict(drop_rate=0.1, unit_latents=False, level_block=3, mean_latents=False)
+  config.data = common.captioned_data(layout="full", batch_size=64, min_frames=40, max_frames=192, lengths=(192,),
+                                      max_words=64, balance=0.0, vary_subject=0.0)
   if dataset:
     config.tokenizer.features, data = DATASETS[dataset]
     config.data.update(data)
   config.optimizer = common.optimizer(learning_rate=2e-4, schedule="step", boundaries=(50_000,), gamma=0.1,
                                       warmup_steps=2_000, beta2=0.99, weight_decay=1e-5, ema_decay=0.9999,
                                       skip_loss=10.0)
-  config.train = dict(start="", num_steps=190_000, log_every=100, save_every=5_000)
+  config.train = common.train(num_steps=190_000, log_every=100, save_every=5_000)
   # schedule: "fss" (frame-wise, `lag` steps between blocks), "ar" (block after block) or "full" (all frames at once).
-  config.sampler = dict(schedule="fss", num_steps=50, lag=2, guidance_scale=3.0)
+  config.sampler = dict(schedule="fss", solver="euler", num_steps=50, lag=2, guidance_scale=3.0)
   if size in ("small", "mini", "laptop"):
     config.frozen.text = "words"
     config.tokenizer.update(latent_dim=32, width=192)

@@ -32,10 +32,13 @@ def get_config(size="full"):
   config = common.experiment("cmdm.tokenizer", seed=5427)
   # teacher: the run folder of configs/part_tmr.py; "": no alignment. evaluator: by which validation chooses weights.
   config.frozen = dict(teacher="runs/teacher", evaluator="")
-  config.teacher = dict()                       # its fields; the run takes them from there
+  config.teacher = dict()    # its fields; the run takes them from there
+  config.taught_by = dict()  # where its weights came from, too
   config.model = dict(features=263, latent_dim=64, width=1024, num_halvings=2, dilations=(9, 3, 1), teacher_dim=256,
                       causal=True)
-  config.loss = dict(kl_weight=0.01, kl_ramp=2_000, root_weight=0.05, micro_batch=128, align=0.1, adaptive_align=True)
+  # align falls by the share align_fall of it. Other choices of the last fields: configs/ablations/cmdm_paper.py.
+  config.loss = dict(kl_weight=0.01, kl_ramp=2_000, root_weight=0.05, micro_batch=128, align=0.1, align_fall=0.9,
+                     adaptive_align=True, reconstruction="gaussian", distance_pairs="window", last_layer="convolution")
   config.data = common.data(layout="full", batch_size=256, window=64, stride=10)
   if dataset:
     config.model.features, data = DATASETS[dataset]
@@ -44,7 +47,7 @@ def get_config(size="full"):
                                       warmup_steps=2_000, beta2=0.99, clip_norm=1.0)
   # best: the weights of the lowest reconstruction FID of held-out clips are kept, as the reference keeps them, where
   # frozen.evaluator names the evaluator (of 263 features), else those of the smallest joint error.
-  config.train = dict(start="", num_steps=40_000, log_every=50, save_every=2_000, best="min held_out_fid|held_out_mm")
+  config.train = common.train(num_steps=40_000, log_every=50, save_every=2_000, best="min held_out_fid|held_out_mm")
   if size in ("small", "mini", "laptop"):
     config.model.update(latent_dim=32, width=192, teacher_dim=64)
     # A heading or a step that is a little off adds up over a clip, and a small model has no capacity to spare.

@@ -43,10 +43,24 @@ def data(**fields):
   return dict(name="humanml3d", folder="", folders=(), mode="benchmark", mirror=False) | fields
 
 
+def captioned_data(**fields):
+  """The section `data` of clips that are cut and padded for training with captions: fields of `data.batches.TextItems`.
+
+  coin: how often a clip loses a unit of its frames; crop_frames: the most that it keeps, 0 for data.max_frames.
+  """
+  return data(unit=4, crop_frames=0, keep_long=False, coin=1 / 3) | fields
+
+
 def optimizer(learning_rate, **fields):
   """The section `optimizer`: Adam at a constant rate, where fields do not say otherwise."""
   return dict(learning_rate=learning_rate, schedule="constant", cooldown_steps=0, warmup_steps=0, beta1=0.9,
-              beta2=0.999, weight_decay=0.0, clip_norm=0.0, ema_decay=0.0, skip_loss=0.0) | fields
+              beta2=0.999, weight_decay=0.0, clip_norm=0.0, ema_decay=0.0, skip_loss=0.0, final_rate=0.0, rates={},
+              clip_parts=()) | fields
+
+
+def train(num_steps, log_every, save_every, **fields):
+  """The section `train`: from random weights, keeping the last ones, where fields do not say otherwise."""
+  return dict(start="", num_steps=num_steps, log_every=log_every, save_every=save_every, best="") | fields
 
 
 def archives(config, **fields):

@@ -26,11 +26,11 @@ def get_config(size="67"):
                       vocab_size=49_408, max_words=77, dropout=0.2)
   config.loss = dict()
   # same: as in configs/evaluator_matching.py.
-  config.data = common.data(layout=layout, per_axis=False, batch_size=128, min_frames=40, max_frames=196,
-                            lengths=(196,), same="caption")
+  config.data = common.captioned_data(layout=layout, per_axis=False, batch_size=128, min_frames=40, max_frames=196,
+                                      lengths=(196,), same="caption")
   config.optimizer = common.optimizer(learning_rate=1e-4, schedule="cosine", warmup_steps=1_000, weight_decay=0.01,
                                       clip_norm=1.0)
-  config.train = dict(num_steps=150 * 191, log_every=50, save_every=955, best="max recall")
+  config.train = common.train(num_steps=150 * 191, log_every=50, save_every=955, best="max recall")
   if size in common.KIT_EVALUATED:
     config.data.min_frames = 24
     config.train.update(num_steps=150 * 38, save_every=190)

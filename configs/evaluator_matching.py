@@ -28,11 +28,11 @@ def get_config(size="full"):
   config.loss = dict(margin=10.0, first_shift=0)
   # same: "" every other row is a wrong one, "caption" not those of the same words, "meaning" not those either whose
   # words stand with the same clips.
-  config.data = common.data(layout=layout, per_axis=False, batch_size=32, min_frames=40, max_frames=196, lengths=(196,),
-                            max_words=20, same="")
+  config.data = common.captioned_data(layout=layout, per_axis=False, batch_size=32, min_frames=40, max_frames=196,
+                                      lengths=(196,), max_words=20, same="")
   # clip_parts: each is clipped by the norm of its own gradient.
   config.optimizer = common.optimizer(learning_rate=1e-4, clip_norm=0.5, clip_parts=("motion_encoder", "text_encoder"))
-  config.train = dict(num_steps=300 * 765, log_every=50, save_every=765, best="min held_out_loss")
+  config.train = common.train(num_steps=300 * 765, log_every=50, save_every=765, best="min held_out_loss")
   if size in common.KIT_EVALUATED:
     config.data.min_frames = 24
     config.train.update(num_steps=300 * 150, save_every=150)

@@ -26,7 +26,7 @@ def get_config(size="full"):
   config.loss = dict(size=0.001, change=0.001)  # weights of mean |token| and of mean |token - the one before|
   config.data = common.data(layout=layout, per_axis=False, batch_size=128, window=40, stride=1)
   config.optimizer = common.optimizer(learning_rate=1e-4)
-  config.train = dict(num_steps=270 * 18_700, log_every=100, save_every=18_700)
+  config.train = common.train(num_steps=270 * 18_700, log_every=100, save_every=18_700)
   if size in common.KIT_EVALUATED:
     config.train.update(num_steps=270 * 2_000, save_every=2_000)
   elif size in ("small", "laptop"):

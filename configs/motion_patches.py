@@ -17,7 +17,9 @@ from motion_jax.configs import common
 def get_config(size="full"):
   dataset, size = common.data_and_size(size, ("kit",), ("full", "small", "mini", "tiny"))
   config = common.experiment("cmdm.teacher", seed=42)
-  config.frozen = dict(text="distilbert-base-uncased", vit="")  # where both transformers start from; they are trained
+  # text, vit: where both transformers start from; they are trained. sentence: as in configs/tmr.py.
+  config.frozen = dict(text="distilbert-base-uncased", sentence="", vit="")
+  config.origin = dict()  # where the weights came from that it started with; the run fills it in
   config.text = dict()  # fields of the text transformer; the run fills them in from frozen.text
   config.model = dict(kind="motion_patches", width=768, depth=12, num_heads=12, mlp_width=3072, dim=256,
                       head_dropout=0.5, num_rows=224, upsample=False)
@@ -28,7 +30,7 @@ def get_config(size="full"):
   config.optimizer = common.optimizer(learning_rate=1e-4, schedule="half_cosine", boundaries=(), gamma=0.1,
                                       rates=dict(text=0.1, logit_scale=0.0))
   # Parity: the original keeps the epoch that is best on the test split; ours is chosen by validation.
-  config.train = dict(num_steps=9_100, log_every=50, save_every=182, best="max back_r1")
+  config.train = common.train(num_steps=9_100, log_every=50, save_every=182, best="max back_r1")
   if dataset == "kit":
     config.model.update(head_dropout=0.0, upsample=True)
     config.data.update(layout="coordinates_kit", max_frames=134)

@@ -28,7 +28,9 @@ DATASETS = {
 def get_config(size="full"):
   dataset, size = common.data_and_size(size, DATASETS, ("full", "small", "laptop", "mini", "tiny"))
   config = common.experiment("cmdm.teacher", seed=5427)
-  config.frozen = dict(text="distilbert-base-uncased")  # where the text transformer starts from; it is trained
+  # text: where the text transformer starts from; it is trained. sentence, vit: of other kinds of teachers.
+  config.frozen = dict(text="distilbert-base-uncased", sentence="", vit="")
+  config.origin = dict()  # where the weights came from that it started with; the run fills it in
   config.text = dict()  # fields of the text transformer; the run fills them in from frozen.text
   config.model = dict(kind="part_tmr", width=512, depth=4, num_heads=4, mlp_width=1024, dim=256, dropout=0.1,
                       head_dropout=0.5, pool="all")
@@ -40,7 +42,7 @@ def get_config(size="full"):
                                       rates=dict(text=0.1, logit_scale=0.0))
   # best: the weights by which most motions find their caption first, on held-out clips. Parity: the reference looks at
   # the test split for it, which nothing here is chosen by.
-  config.train = dict(num_steps=9_100, log_every=50, save_every=182, best="max back_r1")
+  config.train = common.train(num_steps=9_100, log_every=50, save_every=182, best="max back_r1")
   if size in ("small", "mini", "laptop"):
     config.frozen.text = "words"
     config.model.update(width=64, depth=2, mlp_width=128, dim=64, pool="real", dropout=0.0, head_dropout=0.2)

@@ -18,14 +18,15 @@ def get_config(size="full"):
   dataset, size = common.data_and_size(size, ("kit",), ("full", "small", "mini", "tiny"))
   config = common.experiment("cmdm.teacher", seed=1234)
   # text: whose words are read; it stays as it is. sentence: whose sentence vectors say which captions are alike.
-  config.frozen = dict(text="distilbert-base-uncased", sentence="sentence-transformers/all-mpnet-base-v2")
+  config.frozen = dict(text="distilbert-base-uncased", sentence="sentence-transformers/all-mpnet-base-v2", vit="")
+  config.origin = dict()  # where the weights came from that it started with; the run fills it in
   config.text = dict()  # the run fills in how wide a word is
   config.model = dict(kind="tmr", width=256, depth=6, num_heads=4, mlp_width=1024, dropout=0.1, pool="token")
   config.loss = dict(recons=1.0, kl=1e-5, latent=1e-5, contrastive=0.1, temperature=0.1, threshold=0.8)
   # per_column: each number has its own std, not its block's; captions are not cut, whatever their length.
   config.data = common.data(layout="full", batch_size=32, max_frames=200, per_column=True)
   config.optimizer = common.optimizer(learning_rate=1e-4, boundaries=(), gamma=0.1, weight_decay=0.01)
-  config.train = dict(num_steps=380_000, log_every=50, save_every=7_600)
+  config.train = common.train(num_steps=380_000, log_every=50, save_every=7_600)
   if dataset == "kit":
     config.data.update(layout="full_kit", max_frames=125)
     config.train.update(num_steps=75_000, save_every=1_500)

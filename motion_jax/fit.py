@@ -6,6 +6,7 @@ import flax
 import jax
 import numpy as np
 
+from motion_jax import runs
 from motion_jax.data import sources
 from motion_jax.evaluators import setup as evaluators
 from motion_jax.inputs.nearest import did_you_mean
@@ -22,6 +23,7 @@ RECIPES = {**cmdm.RECIPES, **cdamd.RECIPES, **evaluators.RECIPES}
 
 def run(config, workdir, resume=False, max_seconds=None, stop=None):
   """Trains the stage that config.stage names in the folder workdir. Raises ValueError for a config that cannot run."""
+  config = runs.upgrade(config)  # of a config file of one's own, which may be older than some fields
   if config.stage not in RECIPES:
     raise ValueError(f"got stage {config.stage!r}, expected one of {', '.join(RECIPES)}"
                      f"{did_you_mean(config.stage, RECIPES)}")
@@ -30,9 +32,9 @@ def run(config, workdir, resume=False, max_seconds=None, stop=None):
   print(f"{config.stage} in {workdir} on {jax.local_device_count()} {jax.default_backend()} device(s)\n{config}")
   print(told or "data: being read", flush=True)
   if resume and (workdir / checkpoint.CONFIG).is_file():
-    _check_same_run(config, checkpoint.load_config(workdir))
+    _check_same_run(config, runs.open(workdir).config)
   stage, next_batch, frozen, evaluate, stats, files = RECIPES[config.stage](config)
-  if config.train.get("start"):
+  if config.train.start:
     stage = _started_from(stage, config.train.start)
   workdir.mkdir(parents=True, exist_ok=True)
   with lock.locked(workdir):

@@ -10,15 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 from tqdm import tqdm
 
+from motion_jax import runs
 from motion_jax.data.clip import Clip
 from motion_jax.data.datasets import archive, humanml3d
 from motion_jax.metrics.scores import retrieval, retrieval_by_rank
 from motion_jax.models.cmdm import teacher as teacher_lib
 from motion_jax.motion import plausibility
 from motion_jax.motion.features import to_features
-from motion_jax.motion.stats import load_stats
 from motion_jax.nets.masks import padding_mask
-from motion_jax.runs import PRETRAINED
 from motion_jax.runtime import cache
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
@@ -30,19 +29,18 @@ BATCH = 64  # motions embedded together; the last batch is filled up, so one com
 class Retriever:
   """A trained teacher: sentences and motions in, unit vectors in one space out. Made by `load`."""
 
-  def __init__(self, folder, config):
-    self.folder, self.config = pathlib.Path(folder), config
-    self.stats = load_stats(folder, config.data.layout)
+  def __init__(self, run: runs.Run):
+    self.folder, self.config, self.stats = run.folder, run.config, run.stats
+    config = run.config
     self.space = space = teacher_lib.make_space(config)
     # What decides the functions of a space, and so may share what was traced of them.
-    about = (space.net, plain(config.text.to_dict()), config.data.layout, config.get("loss", {}).get("text_pool"))
+    about = (space.net, plain(config.text.to_dict()), config.data.layout, plain(config.loss.to_dict()))
     shapes = cache.kept_shapes("teacher", about, lambda: jax.eval_shape(space.init, jax.random.key(0)))
-    self.params = jax.tree.map(jnp.asarray, checkpoint.load_params(folder, shapes))
+    self.params = jax.tree.map(jnp.asarray, run.params(shapes))
     # For its tokenizer: the weights are the run's own, but for a TMR, whose text transformer is frozen.
     self.encoder = load_text_encoder(config.frozen.text)
-    if "text" not in self.params and checkpoint.load_fingerprint(folder) not in (None, self.encoder.fingerprint):
-      raise ValueError(f"{folder} was trained on another version of the text encoder {config.frozen.text!r}; give the "
-                       "one that it was trained on")
+    if "text" not in self.params:
+      run.check_encoder(self.encoder)
     self._text = cache.Program("teacher.text", space.text, about=about)
     self._motion = cache.Program("teacher.motion", space.motion, about=(space.net,))
 
@@ -94,17 +92,9 @@ class Retriever:
 
 def load(name="part-tmr-small") -> Retriever:
   """A teacher from its run folder or from those that ship."""
-  folder = pathlib.Path(name)
-  if not folder.is_dir():
-    folder = PRETRAINED / str(name)
-  if not folder.is_dir():
-    raise FileNotFoundError(f"found neither a run folder {str(name)!r} nor a teacher of that name that ships; train "
-                            "one with motion-jax train --config part_tmr")
-  config = checkpoint.load_config(folder)
-  if config.get("stage") != "cmdm.teacher":
-    raise ValueError(f"{folder} holds a {config.get('stage')!r} run; retrieving needs the run of a cmdm.teacher")
-  with checkpoint.building(folder):
-    return Retriever(folder, config)
+  run = runs.open(name, "cmdm.teacher")
+  with checkpoint.building(run.folder):
+    return Retriever(run)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -141,7 +131,7 @@ class Collection:
   def near_scores(self, retriever, threshold=0.95):
     """The same by TMR's protocol in which a clip counts whose caption says nearly the same: its sentence vector has a
     cosine over 2 * threshold - 1. None if the teacher's config names no encoder of sentences (frozen.sentence)."""
-    if not retriever.config.frozen.get("sentence"):
+    if not retriever.config.frozen.sentence:
       return None
     chosen, similarity = self._first_captions()
     encoder = load_text_encoder(retriever.config.frozen.sentence, level="sentence")

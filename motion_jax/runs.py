@@ -1,9 +1,159 @@
-"""Run folders, and where those of the models that ship lie."""
+"""Run folders: found by path or by the name of one that ships, checked, opened.
+
+`open` is the one door to a folder that training or `motion-jax convert` wrote: whoever needs a model, a tokenizer, a
+teacher or an evaluator says of which stage the run must be. What it finds is brought up to date by `upgrade`, so that
+all other code reads a config's fields plainly.
+"""
+import copy
+import dataclasses
+import functools
+import os
 import pathlib
+
+import ml_collections
+
+from motion_jax import paper_rows
+from motion_jax.inputs.errors import InputError, reading
+from motion_jax.inputs.nearest import did_you_mean
+from motion_jax.motion.features import get_layout
+from motion_jax.motion.stats import Stats, load_stats
+from motion_jax.training import checkpoint
 
 PRETRAINED = pathlib.Path(__file__).parent / "pretrained"
 
 
-def pretrained_names():
-  """Names of the models that ship, less evaluators' tables of words."""
-  return sorted(path.parent.name for path in PRETRAINED.glob("*/config.json") if (path.parent / "Mean.npy").is_file())
+@dataclasses.dataclass(frozen=True)
+class Run:
+  """A run folder with its config, brought up to date; statistics and weights are read when they are asked for.
+
+  raw: its last weights, where others (an average, or those that validation chose) are kept beside them.
+  """
+  folder: pathlib.Path
+  config: ml_collections.FrozenConfigDict
+  raw: bool = False
+
+  @property
+  def stage(self) -> str:
+    return self.config.stage
+
+  @property
+  def params_file(self) -> str:
+    return checkpoint.RAW if self.raw else checkpoint.PARAMS
+
+  @functools.cached_property
+  def stats(self) -> Stats:
+    """Mean and std of the features that it was trained on."""
+    return load_stats(self.folder, self.config.data.layout)
+
+  @functools.cached_property
+  def fingerprint(self) -> str | None:
+    """That of the text encoder which it was trained on; None where the folder does not say."""
+    return checkpoint.load_fingerprint(self.folder)
+
+  def params(self, like=None):
+    """Its weights; with `like` (arrays or shapes) every name and shape must agree."""
+    return checkpoint.load_params(self.folder, like, self.params_file)
+
+  def frozen(self, like=None):
+    """What it was trained on top of; with `like` only the parts that stand in it, in these very shapes."""
+    parts = checkpoint.load_params(self.folder, name=checkpoint.FROZEN)
+    if like is not None:
+      parts = {name: parts[name] for name in like if name in parts}
+      checkpoint.check_fits(parts, like, f"{self.folder / checkpoint.FROZEN} does not fit its config")
+    return parts
+
+  def check_encoder(self, encoder):
+    """Raises InputError for a text encoder whose features are not those that the run was trained on."""
+    if self.fingerprint not in (None, encoder.fingerprint):
+      raise InputError(f"{self.folder} was trained on another version of the text encoder "
+                       f"{self.config.frozen.get('text', encoder.name)!r} than {encoder.name!r} is; pass the folder "
+                       "with the old one as text, or train the run again")
+
+
+def find(name, stage=None) -> pathlib.Path:
+  """The folder of a run: `name` itself, or where the run of that name lies that ships with this package.
+
+  stage: of those that are named where there is none, see `open`. Raises TypeError or FileNotFoundError.
+  """
+  if not isinstance(name, str | os.PathLike):
+    raise TypeError(f"got {name!r} ({type(name).__name__}) to load, expected a run folder or the name of one that "
+                    f"ships: {', '.join(shipped_names(stage))}")
+  for folder in (pathlib.Path(name), PRETRAINED / name):
+    if folder.is_dir():
+      return folder
+  shipped = shipped_names(stage)
+  raise FileNotFoundError(f"found neither a run folder {str(name)!r} nor one of that name that ships: "
+                          f"{', '.join(shipped) or 'of this kind none does'}{did_you_mean(name, shipped)}")
+
+
+def open(name, stage=None, raw=False) -> Run:
+  """The run of a folder, or of a name that ships. stage: the one, or those, that its config may name.
+
+  Raises FileNotFoundError where there is no run, InputError for one of another stage or with a damaged config.
+  """
+  folder = find(name, stage)
+  config = checkpoint.load_config(folder)
+  found, wanted = config.get("stage"), _stages(stage)
+  if found is None or wanted and found not in wanted:
+    raise InputError(f"{folder} holds a {found!r} run, expected one of stage {' or '.join(wanted) or 'any kind'}")
+  with reading(folder / checkpoint.CONFIG, "restore it from the run that wrote it"):
+    return Run(folder, upgrade(config), raw)
+
+
+_TEXT_ITEMS = {"data.unit": 4, "data.crop_frames": 0, "data.keep_long": False, "data.coin": 1 / 3}
+_EVALUATOR = {"frozen.text": "", "data.max_frames": 196,
+              "model.columns": lambda config: get_layout(config["data"]["layout"]).dim}
+_CAPTIONED_EVALUATOR = _EVALUATOR | _TEXT_ITEMS
+# What a config means that does not name a field, because it is older than the field, or was written by `convert`.
+_LEFT_OUT = {
+    "": {"data.mode": "benchmark", "optimizer.skip_loss": 0.0, "optimizer.final_rate": 0.0, "optimizer.rates": {},
+         "optimizer.clip_parts": (), "train.start": "", "train.best": ""},
+    "cmdm.teacher": {"model.kind": "part_tmr", "frozen.sentence": "", "frozen.vit": "", "origin": {}},
+    "cmdm.tokenizer": {"frozen.teacher": "", "frozen.evaluator": "", "teacher": {}, "taught_by": {},
+                       "loss.adaptive_align": True, "loss.align_fall": 0.9, "loss.reconstruction": "gaussian",
+                       "loss.distance_pairs": "window", "loss.last_layer": "convolution"},
+    "cmdm.denoiser": _TEXT_ITEMS | {
+        "frozen.text_level": "words", "taught_by": {}, "loss.mean_latents": False,
+        "loss.level_block": lambda config: config["model"].get("block", 3), "data.vary_subject": 0.0,
+        "sampler.schedule": "fss",
+        "sampler.solver": lambda config: "ancestral" if config["model"].get("predicts") == "ddpm" else "euler"},
+    "cdamd.autoencoder": {"data.released_windows": False},
+    "cdamd.rvq": {"data.released_windows": False, "quantizer.learn": "means"},
+    "cdamd.generator": {"frozen.text_level": "sentence", "frozen.length": "", "length": {}, "loss.mask_draw": "count",
+                        "data.vary_subject": 0.0, "sampler.edit_mask": "bcm"},
+    "cdamd.length": {"data.vary_subject": 0.0},
+    "evaluator.movement": {},
+    "evaluator.matching": _CAPTIONED_EVALUATOR | {"frozen.glove": ""},
+    "evaluator.t2m": _EVALUATOR,
+    "evaluator.clip": _CAPTIONED_EVALUATOR,
+    "evaluator.snapmogen": _CAPTIONED_EVALUATOR,
+}
+
+
+def upgrade(config):
+  """A config with every field that its stage reads: what one of an older version leaves out is what it meant then.
+
+  A new ConfigDict, frozen or locked as the given one. A model that was named for a printed row stays that row's.
+  """
+  told, exact = config.to_dict(), paper_rows.is_exact(config)
+  for path, value in {**_LEFT_OUT[""], **_LEFT_OUT.get(told.get("stage"), {})}.items():
+    section, _, field = path.rpartition(".")
+    place = told.setdefault(section, {}) if section else told
+    if isinstance(place, dict) and field not in place:
+      place[field] = value(told) if callable(value) else copy.deepcopy(value)
+  if exact:
+    told["paper_row"]["config"] = paper_rows.digest_of(told)
+  new = type(config)(told)
+  return new.lock() if config.is_locked else new
+
+
+def shipped_names(stage=None):
+  """Names of the runs that ship, those of these stages if any are given."""
+  names = sorted(path.parent.name for path in PRETRAINED.glob("*/config.json")
+                 if (path.parent / "Mean.npy").is_file())  # less the tables of words
+  wanted = _stages(stage)
+  return [name for name in names if not wanted or checkpoint.load_config(PRETRAINED / name).get("stage") in wanted]
+
+
+def _stages(stage):
+  return (stage,) if isinstance(stage, str) else tuple(stage or ())

@@ -388,11 +388,9 @@ KINDS = {
 
 def stub_networks():
   """From here on, in this process, models make zeros (a body that stands) where they would sample."""
-  def compiled(dit, vae):
-    unit = vae.frames_per_latent
-
-    def motion(plan, num_blocks, params, frozen, emb, mask, scale, keys, segment=None):
-      return np.zeros((len(keys), num_blocks * plan.block * unit, vae.features), np.float32)
+  def compiled(dit):
+    def motion(plan, num_blocks, params, codec, emb, mask, scale, keys, segment=None):
+      return still(codec, len(keys), num_blocks * plan.block)
 
     def latents(plan, length, params, emb, mask, scale, lengths, past, keys):
       return np.zeros((len(keys), length - past.shape[1], dit.latent_dim), np.float32)
@@ -402,8 +400,11 @@ def stub_networks():
 
     return model_lib.Compiled(
         generate=motion, generate_whole=motion, chain_segment=latents, extend=longer, stream_step=None,
-        encode=lambda frozen, x: np.zeros((len(x), x.shape[1] // unit, dit.latent_dim), np.float32),
-        decode=lambda frozen, z: np.zeros((len(z), z.shape[1] * unit, vae.features), np.float32))
+        encode=lambda codec, x: np.zeros((len(x), x.shape[1] // codec.frames_per_latent, dit.latent_dim), np.float32),
+        decode=lambda codec, z: still(codec, *z.shape[:2]))
+
+  def still(codec, count, length):
+    return np.zeros((count, length * codec.frames_per_latent, codec.net.features), np.float32)
 
   model_lib._compile = compiled
   for name in ("denoiser_shapes", "frozen_shapes"):  # of the same few networks, again and again

@@ -8,6 +8,7 @@ import pytest
 from ml_collections import ConfigDict
 
 from motion_jax.convert.state import from_torch, select
+from motion_jax.latents import AutoencoderCodec
 from motion_jax.models import cdamd
 from motion_jax.models.cdamd import draws as draws_lib
 from motion_jax.models.cdamd import mask_schedule as masking
@@ -23,8 +24,8 @@ from tests.nets.test_masked_transformer import cast, expected, sizes_of
 
 DOPRI5 = 1e-9  # in float64; in float32 its steps follow rounding, and the result follows the steps (note 1 of README)
 
-LOSS = dict(mask="dccm", noise_rate=0.1, mask_rate=0.88, drop_rate=0.1, prior_drop_rate=0.0, prior_drop="batch",
-            prior_levels=2, copies=4, diffusion="flow", ddpm_steps=50)
+LOSS = dict(mask="dccm", noise_rate=0.1, mask_rate=0.88, mask_draw="count", drop_rate=0.1, prior_drop_rate=0.0,
+            prior_drop="batch", prior_levels=2, copies=4, diffusion="flow", ddpm_steps=50)
 
 
 def generator(fixture, dtype, kind="cdamd"):
@@ -281,7 +282,7 @@ def test_an_edit_changes_what_it_should():
   autoencoder = Autoencoder(features=6, latent_dim=3, width=8)
   x = jnp.asarray(np.random.default_rng(2).normal(size=(1, 36, 6)), jnp.float32)
   tokenizer = jax.jit(autoencoder.init)(jax.random.key(3), x)
-  frozen = {"tokenizer": tokenizer, "latent_mean": jnp.full(3, 0.1), "latent_std": jnp.full(3, 2.0)}
+  codec = AutoencoderCodec(autoencoder, tokenizer, jnp.full(3, 0.1), jnp.full(3, 2.0))
   real, edited = jnp.ones((1, 9), bool), masking.task_mask("inpainting", [36], 9)
   counts = masking.hidden_counts(ROUNDS, edited.sum(-1))
   keys = jax.random.split(jax.random.key(0), 1)
@@ -289,7 +290,7 @@ def test_an_edit_changes_what_it_should():
 
   text, draw = jnp.ones((1, 1, 6)), draws_lib.make_draw(keys, 9, 3)
   plan = cdamd.make_plan(solver="euler", num_steps=2, num_rows=most_revealed(counts))
-  latents = jax.jit(lambda x: cdamd.latents_of(autoencoder, frozen, x, real))(x)
+  latents = jax.jit(lambda x: codec.encode(x, real))(x)
   run = jax.jit(lambda z, mask: cdamd.make_latents(net, plan._replace(mask=mask), params, text, z, hidden, real, 3.0,
                                                    draw)[-1], static_argnums=1)
   for mask in ("causal", "bcm"):
@@ -300,8 +301,8 @@ def test_an_edit_changes_what_it_should():
     assert (moved > 1e-5).all() if mask == "bcm" else not moved.any()
 
   kept = np.repeat(~edited, 4, axis=1)
-  run = jax.jit(lambda x, paste: cdamd.edit(net, autoencoder, plan, params, frozen, x, text, edited, hidden, real, 3.0,
-                                            draw, paste), static_argnums=1)
+  run = jax.jit(lambda x, paste: cdamd.edit(net, plan, params, codec, x, text, edited, hidden, real, 3.0, draw, paste),
+                static_argnums=1)
   np.testing.assert_array_equal(np.asarray(run(x, True))[kept], np.asarray(x)[kept])
   assert np.abs(run(x, False) - x).max(-1)[kept].min() > 0
 
@@ -350,13 +351,13 @@ def test_scaled_latents_are_undone_before_the_decoder():
   net = Autoencoder(features=6, latent_dim=3, width=8)
   x = jnp.asarray(np.random.default_rng(2).normal(size=(2, 16, 6)), jnp.float32)
   tokenizer = jax.jit(net.init)(jax.random.key(3), x)
-  mean, std = recipe.latent_moments(net, tokenizer, list(np.asarray(x)), length=16)
+  codec = AutoencoderCodec(net, tokenizer)
+  fitted = codec.fitted(list(np.asarray(x)), length=16)
   real = padding_mask(jnp.array([4, 3]), 4)
-  run = jax.jit(lambda frozen: (lambda z: (z, cdamd.decode_latents(net, frozen, z, real)))(
-      cdamd.latents_of(net, frozen, x, real)))
-  plain, y = run({"tokenizer": tokenizer, "latent_mean": jnp.zeros(3), "latent_std": jnp.ones(3)})
-  scaled, same = run({"tokenizer": tokenizer, "latent_mean": mean, "latent_std": std})
-  np.testing.assert_allclose(plain, np.where(real[..., None], scaled * std + mean, 0), atol=1e-5)
+  run = jax.jit(lambda codec: (lambda z: (z, codec.decode(z, real)))(codec.encode(x, real)))
+  plain, y = run(codec.unscaled())
+  scaled, same = run(fitted)
+  np.testing.assert_allclose(plain, np.where(real[..., None], scaled * fitted.std + fitted.mean, 0), atol=1e-5)
   np.testing.assert_allclose(y[0], same[0], atol=1e-5)
   assert not scaled[1, 3].any() and np.abs(scaled - plain)[0].max() > 0.1
 

@@ -376,6 +376,6 @@ def test_the_evaluators(tmp_path, kind):
   assert run(*command, "--glove", tmp_path) == 0
   evaluator = load_evaluator(tmp_path / "whole")
   assert np.isfinite(evaluator.embed_text(["a person walks"])).all() and len(evaluator.words()) == 64
-  with pytest.raises(ValueError, match="expected an evaluator's"):
+  with pytest.raises(ValueError, match="expected one of stage evaluator.matching"):
     (tmp_path / "t2m_run" / "config.json").write_text('{"stage": "cmdm.denoiser"}')
     load_evaluator(tmp_path / "t2m_run")

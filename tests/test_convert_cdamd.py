@@ -8,8 +8,8 @@ import pytest
 
 from motion_jax.convert.parts import stats_of
 from motion_jax.evaluators.evaluator import load_evaluator
+from motion_jax.latents import RvqCodec
 from motion_jax.loading import load
-from motion_jax.models import cdamd
 from motion_jax.models.cdamd import draws
 from motion_jax.models.cdamd import mask_schedule as masking
 from motion_jax.models.cdamd import setup as recipe
@@ -166,7 +166,7 @@ def test_an_autoencoder_and_an_rvq_vae_alone(tmp_path):
   config.quantizer.num_codes = 16
   net, variables, own = recipe.load_frozen(tmp_path / "rvq", config.prior, "cdamd.rvq", config, config.quantizer)
   recording = recorded("rvq_eval")
-  indices, _ = jax.jit(lambda variables, x: cdamd.encode_codes(net, variables, x))(variables, recording["in/motion"])
+  indices, _ = jax.jit(lambda variables, x: RvqCodec(net, variables).encode(x))(variables, recording["in/motion"])
   np.testing.assert_array_equal(indices, recording["out/index"])
   assert variables["codebooks"]["initialised"].all() and (variables["codebooks"]["counts"] == 1).all()
   config.tokenizer.update(latent_dim=8, width=16)

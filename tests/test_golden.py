@@ -9,7 +9,7 @@ import pytest
 from motion_jax.convert.state import from_torch
 from motion_jax.data.batches import Windows
 from motion_jax.diffusion.schedules import staircase, staircase_levels
-from motion_jax.models import cmdm
+from motion_jax.latents import VaeCodec
 from motion_jax.models.cmdm.weight_names import causal_dit_names
 from motion_jax.motion import features as features_lib
 from motion_jax.nets.causal_dit import CausalDiT
@@ -39,8 +39,7 @@ def run_full_generate(fixture, dtype):
   mask = block_causal_mask(length, 3) & padding_mask(fixture["in/frames"] // 4, length)[:, None, None, :]
   latents = whole(dit, params, *captions(fixture, dtype), mask, noise, jnp.asarray(times, dtype),
                   fixture.config["scale"])
-  frozen = {"tokenizer": vae_params, "latent_mean": 0.0, "latent_std": 1.0}
-  features = jax.jit(lambda z: cmdm.decode_latents(vae, frozen, z))(latents)
+  features = jax.jit(VaeCodec(vae, vae_params).decode)(latents)
   motion = features * jnp.asarray(fixture["in/std"], dtype) + jnp.asarray(fixture["in/mean"], dtype)
   return {"latents": latents, "features": features, "denormalised": motion,
           "joints": jax.jit(features_lib.to_joints)(motion)}

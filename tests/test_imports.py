@@ -13,7 +13,7 @@ PACKAGE = ROOT / "motion_jax"
 LAYERS = [
     ("configs", "inputs", "runtime", "shapes"),
     ("motion", "nets", "quant", "diffusion", "paper_rows"),
-    ("data", "text", "metrics"),
+    ("data", "text", "metrics", "latents"),
     ("convert", "export", "runs", "training"),
     ("models", "evaluators"),
     ("loading", "fit", "retrieval"),

@@ -4,10 +4,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from motion_jax import latents, runs
 from motion_jax.models import cdamd, cmdm
 from tests.conftest import load_config
 
 BATCH, FRAMES, WORDS = 64, 24, 3
+FROZEN = {"tokenizer": {}, "latent_mean": 0.0, "latent_std": 1.0, "prior": {}}
 
 
 def batch_of(features, text_dim=5):
@@ -35,9 +37,9 @@ def text_of_the_denoiser(monkeypatch, rate):
     return jnp.zeros_like(x)
 
   monkeypatch.setattr(cmdm.stages.CausalDiT, "apply", apply)
-  monkeypatch.setattr(cmdm.stages, "encode_latents", lambda vae, frozen, x, keys: x[:, ::4, :config.model.latent_dim])
+  monkeypatch.setattr(latents.VaeCodec, "sample", lambda self, x, keys: x[:, ::4, :config.model.latent_dim])
 
-  return jax.jit(lambda rng: (stage.loss({}, {}, batch, 0, rng), seen[-1])[1]), np.asarray(batch["text_emb"])
+  return jax.jit(lambda rng: (stage.loss({}, FROZEN, batch, 0, rng), seen[-1])[1]), np.asarray(batch["text_emb"])
 
 
 def text_of_the_generator(monkeypatch, rate):
@@ -55,9 +57,9 @@ def text_of_the_generator(monkeypatch, rate):
     return jnp.zeros_like(x)
 
   monkeypatch.setattr(cdamd.stages.Generator, "apply", apply)
-  monkeypatch.setattr(cdamd.stages, "latents_of", lambda net, frozen, x, mask: x[:, ::4, :4])
+  monkeypatch.setattr(latents.AutoencoderCodec, "encode", lambda self, x, mask: x[:, ::4, :4])
 
-  return jax.jit(lambda rng: (stage.loss({}, {}, batch, 0, rng), seen[-1])[1]), np.asarray(batch["text_emb"])
+  return jax.jit(lambda rng: (stage.loss({}, FROZEN, batch, 0, rng), seen[-1])[1]), np.asarray(batch["text_emb"])
 
 
 @pytest.mark.parametrize("words_of", [text_of_the_denoiser, text_of_the_generator])
@@ -86,8 +88,8 @@ def test_padding_is_no_key_of_the_denoiser(monkeypatch):
   seen = []
   monkeypatch.setattr(cmdm.stages.CausalDiT, "apply",
                       lambda self, params, x, t, text, mask, words: seen.append(mask) or x)
-  monkeypatch.setattr(cmdm.stages, "encode_latents", lambda vae, frozen, x, keys: x[:, ::4, :4])
-  stage.loss({}, {}, batch, 0, jax.random.key(0))
+  monkeypatch.setattr(latents.VaeCodec, "sample", lambda self, x, keys: x[:, ::4, :4])
+  stage.loss({}, FROZEN, batch, 0, jax.random.key(0))
   place = np.arange(6)
   causal = place[None] // 3 <= place[:, None] // 3
   assert seen[-1].shape == (BATCH, 1, 6, 6)  # a mask that all shared would hide no clip's padding
@@ -100,7 +102,8 @@ def test_latents_are_scaled_by_the_runs_own_statistics(monkeypatch):
   gaussian = jnp.full((2, 3, 4), 2.0), jnp.full((2, 3, 4), -30.0)
   monkeypatch.setattr(cmdm.stages.CausalVAE, "apply", lambda *_, method: gaussian)
   frozen = {"tokenizer": {}, "latent_mean": jnp.full(4, 0.5), "latent_std": jnp.full(4, 0.25)}
-  made = cmdm.encode_latents(cmdm.stages.CausalVAE(), frozen, None, jax.random.split(jax.random.key(0), 2))
+  codec = latents.VaeCodec.of(cmdm.stages.CausalVAE(), frozen)
+  made = codec.sample(None, jax.random.split(jax.random.key(0), 2))
   np.testing.assert_allclose(made, 6.0, atol=1e-3)
 
 
@@ -118,9 +121,9 @@ def test_the_prior_is_dropped_as_often_as_the_config_says(rate, monkeypatch):
     return jnp.zeros_like(x)
 
   monkeypatch.setattr(cdamd.stages.Generator, "apply", apply)
-  monkeypatch.setattr(cdamd.stages, "latents_of", lambda net, frozen, x, mask: x[:, ::4, :4])
+  monkeypatch.setattr(latents.AutoencoderCodec, "encode", lambda self, x, mask: x[:, ::4, :4])
   monkeypatch.setattr(cdamd.stages, "prior_codes", lambda *_: jnp.zeros((BATCH, 6), int))
-  keep = jax.jit(lambda rng: (stage.loss({}, {}, batch, 0, rng), seen[-1])[1])
+  keep = jax.jit(lambda rng: (stage.loss({}, FROZEN, batch, 0, rng), seen[-1])[1])
   share = np.mean([np.asarray(keep(jax.random.key(step))) for step in range(8)])
   assert abs(share - (1 - rate)) <= 4 * np.sqrt(rate * (1 - rate) / (8 * BATCH))
 
@@ -128,19 +131,21 @@ def test_the_prior_is_dropped_as_often_as_the_config_says(rate, monkeypatch):
 @pytest.mark.parametrize("level_block, blocks", [(None, [0, 0, 0, 1, 1, 1]), (3, [0, 0, 0, 1, 1, 1]),
                                                  (1, [0, 1, 2, 3, 4, 5]), (2, [0, 0, 1, 1, 2, 2]), (0, [0] * 6)])
 def test_latents_of_a_level_block_share_their_time(level_block, blocks, monkeypatch):
-  """Of one motion all blocks differ, and all motions differ; without the field it is the network's own block of 3."""
+  """Of one motion all blocks differ, and all motions differ; in a config that is older than the field it is the
+  network's own block of 3."""
   config = tiny("cmdm_denoiser")
   del config.loss["level_block"]
   if level_block is not None:
     config.loss.level_block = level_block
+  config = runs.upgrade(config)
   stage, batch = cmdm.denoiser_stage(config), batch_of(config.tokenizer.features)
-  monkeypatch.setattr(cmdm.stages, "encode_latents", lambda vae, frozen, x, keys: x[:, ::4, :4])
+  monkeypatch.setattr(latents.VaeCodec, "sample", lambda self, x, keys: x[:, ::4, :4])
   # The network is told one time for neighbours where it can be, and spreads it.
   monkeypatch.setattr(cmdm.stages.CausalDiT, "apply",
                       lambda self, params, x, t, *rest: jnp.repeat(t, 6 // t.shape[1], axis=1))
   seen = lambda velocity, x1, latent_mask, t, noise, target: ({"loss": 0.0, "t": t, "told": velocity(x1, t)}, 1.0)
   monkeypatch.setattr(cmdm.stages.paths, "forcing_loss", seen)
-  sums, _ = stage.loss({}, {}, batch, 0, jax.random.key(0))
+  sums, _ = stage.loss({}, FROZEN, batch, 0, jax.random.key(0))
   np.testing.assert_array_equal(sums["told"], sums["t"])
   t = np.asarray(sums["t"])
   np.testing.assert_array_equal(t, t[:, [blocks.index(block) for block in blocks]])
@@ -153,7 +158,7 @@ def tokenizer_weights(monkeypatch, num_steps=0, **loss):
   config.train.num_steps = num_steps
   stage, batch = cmdm.tokenizer_stage(config), {"features": jnp.zeros((4, 8, 263)), "index": jnp.arange(4)}
 
-  def terms(vae, params, x, noise, kl_weight, root_weight, teacher, align_weight, adaptive):
+  def terms(vae, params, x, noise, kl_weight, root_weight, teacher, align_weight, adaptive, **choices):
     return {"loss": 0.0, "kl": kl_weight, "root": root_weight, "align": align_weight, "adaptive": adaptive}
 
   monkeypatch.setattr(cmdm.stages, "tokenizer_terms", terms)

@@ -48,8 +48,9 @@ def _config(num_steps, **optimizer):
   config = ml_collections.ConfigDict()
   config.seed = 0
   config.optimizer = dict(learning_rate=1e-2, schedule="constant", warmup_steps=1, cooldown_steps=0, beta1=0.9,
-                          beta2=0.99, weight_decay=0.0, clip_norm=1.0, ema_decay=0.9, skip_loss=0.0) | optimizer
-  config.train = dict(num_steps=num_steps, log_every=1, save_every=2)
+                          beta2=0.99, weight_decay=0.0, clip_norm=1.0, ema_decay=0.9, skip_loss=0.0, final_rate=0.0,
+                          rates={}, clip_parts=()) | optimizer
+  config.train = dict(num_steps=num_steps, log_every=1, save_every=2, best="")
   return config
 
 
@@ -321,7 +322,8 @@ def drifting(folder, values, num_steps=None, resume=False, slices=None, best="mi
   """Trains a number that grows by about 0.1 a step; `values` {step: held-out number}, saved at every second step."""
   config = ml_collections.ConfigDict(dict(seed=0, optimizer=dict(
       learning_rate=0.1, schedule="constant", warmup_steps=0, beta1=0.9, beta2=0.9, weight_decay=0.0, clip_norm=0.0,
-      ema_decay=0.0), train=dict(num_steps=num_steps or max(values), log_every=1, save_every=2, best=best)))
+      ema_decay=0.0, skip_loss=0.0, rates={}),
+      train=dict(num_steps=num_steps or max(values), log_every=1, save_every=2, best=best)))
   stage = Stage(lambda batch, rng: {"w": jnp.zeros(1)},
                 lambda params, frozen, batch, step, rng: ({"loss": -params["w"].sum()}, 1.0), None)
   evaluate = lambda params: {"held_out_loss": values[int(np.rint(10 * np.asarray(params["w"])[0]))], "r1": 0.5}

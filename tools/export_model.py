@@ -10,6 +10,7 @@ import shutil
 import jax
 import numpy as np
 
+from motion_jax import runs
 from motion_jax.evaluators import stages as matching
 from motion_jax.evaluators.networks import ClipEvaluator, T2MEvaluator
 from motion_jax.evaluators.words import WordFeatures
@@ -36,7 +37,7 @@ def shapes_of(config):
   if config.stage == "cdamd.generator":
     net = cdamd.make_generator(config.model)
     frozen = cdamd.frozen_shapes(Autoencoder(**plain(config.tokenizer.to_dict())))
-    if config.get("length"):
+    if config.length:
       frozen["length"] = lengths.length_shapes(LengthEstimator(**config.length), net.transformer.text_dim)
     return {checkpoint.PARAMS: cdamd.generator_shapes(net), checkpoint.FROZEN: frozen}
   if config.stage == "evaluator.matching":  # a vocabulary of others is not ours to ship
@@ -53,7 +54,8 @@ def main():
   parser.add_argument("run", type=pathlib.Path)
   parser.add_argument("out", type=pathlib.Path)
   args = parser.parse_args()
-  config = checkpoint.load_config(args.run)
+  run = runs.open(args.run)
+  config = run.config
   args.out.mkdir(parents=True, exist_ok=True)
   sizes = {}
   for name, shapes in shapes_of(config).items():
@@ -68,15 +70,14 @@ def main():
   for name in ("Mean.npy", "Std.npy", checkpoint.LENGTHS):
     if (args.run / name).is_file():
       shutil.copyfile(args.run / name, args.out / name)
-  default = "sentence" if config.stage == "cdamd.generator" else "words"
-  encoder = load_text_encoder(config.frozen.text, level=config.frozen.get("text_level", default))
+  encoder = load_text_encoder(config.frozen.text, level=config.frozen.get("text_level", "words"))
   (args.out / checkpoint.TEXT).write_text(text_identity(encoder))
   fields = config.to_dict()
   fields["data"].update(folder="", folders=[])  # paths of the machine that trained it
   if "tokenizer" in fields["frozen"]:
     fields["frozen"].update(tokenizer="frozen.safetensors")
   fields["frozen"].update({part: "" for part in ("prior", "length", "movement") if part in fields["frozen"]})
-  fields["train"].pop("start", None)
+  fields["train"].update(start="")
   (args.out / checkpoint.CONFIG).write_text(json.dumps(fields, indent=1) + "\n")
   megabytes = sum(path.stat().st_size for path in args.out.iterdir()) / 1e6
   print(f"{args.out}: {sizes}, {megabytes:.1f} MB")

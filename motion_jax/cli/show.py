@@ -40,6 +40,6 @@ def _render(args):
 
 
 def _models(args):
-  from motion_jax.runs import PRETRAINED, pretrained_names
-  for name in pretrained_names():
+  from motion_jax.runs import PRETRAINED, shipped_names
+  for name in shipped_names():
     print(f"{name}\t{PRETRAINED / name / 'README.md'}")

@@ -9,7 +9,6 @@ from typing import Any
 from motion_jax.evaluation import provenance as record
 from motion_jax.evaluation import samples
 from motion_jax.motion.features import to_features
-from motion_jax.runs import PRETRAINED
 from motion_jax.training import checkpoint
 
 _PARTS = (checkpoint.CONFIG, checkpoint.FROZEN, "Mean.npy", "Std.npy")
@@ -33,7 +32,7 @@ class Subject:
   @property
   def reader(self):
     """What `items.read_items` needs to make features of clips as the model knows them."""
-    return Reader(self.name, self.model.stats.layout, self.model.config.data.get("mode", "benchmark"))
+    return Reader(self.name, self.model.stats.layout, self.model.config.data.mode)
 
   @property
   def about(self) -> dict:
@@ -113,12 +112,6 @@ def check_options(name, loaded, guidance, options, more=()):
     hint = "; --guidance takes scales" if wrong[0] == "guidance_scale" else ""
     raise ValueError(f"got the choice of sampling {wrong[0]!r}, {name} knows {', '.join(known)}{hint}")
   plan_of(**{key: value for key, value in options.items() if key not in more})  # which raises for values that cannot be
-
-
-def folder_of(run) -> pathlib.Path:
-  """A run folder, or that of a model that ships."""
-  folder = pathlib.Path(run)
-  return folder if folder.is_dir() or not (PRETRAINED / str(run)).is_dir() else PRETRAINED / str(run)
 
 
 def hash_of(loaded) -> str:

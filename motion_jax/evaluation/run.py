@@ -15,7 +15,7 @@ from motion_jax.evaluation import given
 from motion_jax.evaluation import protocols as protocols_lib
 from motion_jax.evaluation import provenance as record_lib
 from motion_jax.evaluation import test_set as items_lib
-from motion_jax.evaluation.candidates import Reader, Subject, check_options, folder_of, hash_of
+from motion_jax.evaluation.candidates import Reader, Subject, check_options, hash_of
 from motion_jax.evaluation.checks import controls as controls_lib
 from motion_jax.evaluation.checks import sanity
 from motion_jax.evaluation.given import load_given
@@ -27,7 +27,7 @@ from motion_jax.evaluators.evaluator import Evaluator, load_evaluator
 from motion_jax.models.base import Prompted
 from motion_jax.motion.features import get_layout
 from motion_jax.motion.skeleton import HUMANML3D, KIT
-from motion_jax.runs import PRETRAINED
+from motion_jax.runs import PRETRAINED, find
 from motion_jax.runtime.atomic import atomic_path
 from motion_jax.training import checkpoint
 
@@ -205,7 +205,7 @@ def guess_protocol(runs, folders) -> str:
     return "own-66"  # a folder of `motion-jax data build` is no benchmark of a paper's
   if data_format != "humanml3d":
     return {"archive": "archives-66"}.get(data_format, data_format)
-  name = (checkpoint.load_config(folder_of(runs[0])).data.layout if runs
+  name = (checkpoint.load_config(find(runs[0])).data.layout if runs
           else humanml3d.dataset_info(folders[0])["layout"])
   layout = get_layout(name)
   return "kit" if layout.skeleton is KIT else _BY_LAYOUT.get(layout.kind, "cmdm-259")
@@ -213,7 +213,7 @@ def guess_protocol(runs, folders) -> str:
 
 def default_out(runs, protocol) -> pathlib.Path:
   """eval/PROTOCOL in the folder of the first run; of a model that ships, below the working directory."""
-  folder = folder_of(runs[0]) if runs else pathlib.Path("real")
+  folder = find(runs[0]) if runs else pathlib.Path("real")
   inside = folder.parent != PRETRAINED and runs
   return folder / "eval" / protocol.name if inside else pathlib.Path("eval") / folder.name / protocol.name
 
@@ -260,6 +260,6 @@ def _subjects(load, runs, out, home, guidance, choices, more, devices, only_read
 
 def _names(runs):
   """The last part of each run's path, or the path where that is another's too or means something else in a result."""
-  names = [folder_of(run).resolve().name for run in runs]
+  names = [find(run).resolve().name for run in runs]
   return [name if names.count(name) == 1 and name not in ("real", "shuffled") else str(run)
           for name, run in zip(names, runs)]

@@ -8,12 +8,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from motion_jax.evaluation.candidates import folder_of
+from motion_jax import runs
+from motion_jax.latents import TOKENIZER, AutoencoderCodec, RvqCodec, VaeCodec
 from motion_jax.models import cdamd, cmdm
 from motion_jax.models.base import plain_fields
-from motion_jax.motion.stats import Stats, load_stats
+from motion_jax.motion.stats import Stats
 from motion_jax.nets.autoencoder import Autoencoder
-from motion_jax.nets.causal_vae import CausalVAE, sample_latent
+from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.nets.masks import padding_mask
 from motion_jax.training import checkpoint
 
@@ -42,48 +43,30 @@ def load_tokenizer(run, raw=False) -> Tokenizer:
 
   Raises ValueError for a run that has none.
   """
-  folder = folder_of(run)
-  config = checkpoint.load_config(folder)
-  stage = config.get("stage")
-  if stage not in STAGES:
-    raise ValueError(f"{folder} holds a {stage!r} run, expected one with a tokenizer: {', '.join(STAGES)}")
+  run = runs.open(run, STAGES, raw)
+  config, stage = run.config, run.stage
   inside = stage in ("cmdm.denoiser", "cdamd.generator")
   fields = plain_fields(config.tokenizer if inside else config.model)
-  name = checkpoint.FROZEN if inside else checkpoint.RAW if raw else checkpoint.PARAMS
+  name = checkpoint.FROZEN if inside else run.params_file
+  net = (CausalVAE if stage.startswith("cmdm") else Autoencoder)(**fields)
   if stage.startswith("cmdm"):
-    net = CausalVAE(**fields)
-    shapes, run_it = cmdm.frozen_shapes(net)["tokenizer"], _vae
+    codec, shapes = VaeCodec, cmdm.frozen_shapes(net)[TOKENIZER]
+  elif stage == "cdamd.rvq":
+    codec, shapes = RvqCodec, cdamd.autoencoder_shapes(net, config.quantizer)
   else:
-    net, run_it = Autoencoder(**fields), _codes if stage == "cdamd.rvq" else _plain
-    shapes = cdamd.autoencoder_shapes(net, config.get("quantizer") if stage == "cdamd.rvq" else None)
-  params = checkpoint.load_params(folder, name=name)
-  params = params["tokenizer"] if inside else params
-  checkpoint.check_fits(params, shapes, f"{folder / name} does not fit its config")
+    codec, shapes = AutoencoderCodec, cdamd.autoencoder_shapes(net)
+  params = run.frozen({TOKENIZER: shapes})[TOKENIZER] if inside else run.params(shapes)
   params = jax.tree.map(jnp.asarray, params)
-  return Tokenizer(folder, config, load_stats(folder, config.data.layout),
-                   sum(leaf.size for leaf in jax.tree.leaves(params)), name, jax.jit(partial(run_it, net, params)))
+  return Tokenizer(run.folder, config, run.stats, sum(leaf.size for leaf in jax.tree.leaves(params)), name,
+                   jax.jit(partial(_there_and_back, codec(net, params))))
 
 
-def _vae(net, params, x, num_frames, keys):
-  # Parity: the released evaluation draws latents; rows of padding are encoded and decoded like all others.
-  mean, logvar = net.apply(params, x, method="encode")
-  if keys is not None:
-    noise = jax.vmap(lambda key: jax.random.normal(key, mean.shape[1:]))(keys)
-    mean = sample_latent(mean, logvar, noise)
-  return net.apply(params, mean, method="decode")
-
-
-def _plain(net, params, x, num_frames, keys):
-  frames, latents = _masks(net, x, num_frames)
-  z = net.apply(params, x, real_mask=frames, method="encode")
-  return net.apply(params, z, real_mask=latents, method="decode")
-
-
-def _codes(net, params, x, num_frames, keys):
-  indices, _ = cdamd.encode_codes(net, params, x, _masks(net, x, num_frames)[0])
-  return cdamd.decode_codes(net, params, indices)
-
-
-def _masks(net, x, num_frames):
-  unit = net.frames_per_latent
-  return padding_mask(num_frames, x.shape[1]), padding_mask(num_frames // unit, x.shape[1] // unit)
+def _there_and_back(codec, x, num_frames, keys):
+  if isinstance(codec, VaeCodec):
+    # Parity: the released evaluation draws latents; rows of padding are encoded and decoded like all others.
+    return codec.reconstruct(x, keys)
+  unit = codec.frames_per_latent
+  frame_mask = padding_mask(num_frames, x.shape[1])
+  if isinstance(codec, RvqCodec):
+    return codec.reconstruct(x, frame_mask)
+  return codec.reconstruct(x, frame_mask, padding_mask(num_frames // unit, x.shape[1] // unit))

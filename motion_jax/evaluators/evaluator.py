@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import ml_collections
 import numpy as np
 
+from motion_jax import runs
 from motion_jax.data.clip import Clip
 from motion_jax.data.tagger import tag
 from motion_jax.evaluators import stages as matching
@@ -28,9 +29,8 @@ from motion_jax.evaluators.snapmogen_network import SnapEvaluator
 from motion_jax.evaluators.words import CONVERTED, GLOVE_FILES, WordFeatures, load_words
 from motion_jax.models.cmdm import teacher as teacher_lib
 from motion_jax.motion.features import FeatureLayout, get_layout, to_features
-from motion_jax.motion.stats import Stats, load_stats
+from motion_jax.motion.stats import Stats
 from motion_jax.nets.masks import padding_mask
-from motion_jax.runs import PRETRAINED
 from motion_jax.text.bert import bert_fields_of
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
@@ -133,28 +133,16 @@ def load_evaluator(name="evaluator-small", text=None) -> Evaluator:
   CLIP folder (kind "clip"); for a run, another folder of its text encoder. Raises FileNotFoundError or ValueError for a
   folder that is no evaluator, lacks statistics or has those of another representation.
   """
-  folder = pathlib.Path(name)
-  if not folder.is_dir():
-    folder = PRETRAINED / str(name)
-  if not folder.is_dir():
-    raise FileNotFoundError(f"found neither a folder {str(name)!r} nor an evaluator of that name; those that ship: "
-                            f"{', '.join(shipped_names()) or 'none'}; motion-jax train --config "
-                            "evaluator_matching trains one, `motion-jax convert evaluator` takes released weights")
-  config = checkpoint.load_config(folder)
-  if config.get("stage") not in KINDS:
-    raise ValueError(f"{folder} holds a {config.get('stage')!r} run, expected an evaluator's: {', '.join(KINDS)}")
-  kind = KINDS[config.stage]
-  reader = functools.cache(lambda: _reader(kind, folder, config, text))
-  with checkpoint.building(folder):
-    stats = load_stats(folder, config.data.layout)
-    params = jax.tree.map(jnp.asarray, checkpoint.load_params(folder))
-    return _assemble(folder.name, folder, config, stats, params, reader)
+  run = runs.open(name, tuple(KINDS))
+  reader = functools.cache(lambda: _reader(run, text))
+  with checkpoint.building(run.folder):
+    params = jax.tree.map(jnp.asarray, run.params())
+    return _assemble(run.folder.name, run.folder, run.config, run.stats, params, reader)
 
 
 def shipped_names():
   """Names of the evaluators that ship."""
-  configs = sorted(PRETRAINED.glob("*/config.json"))
-  return [path.parent.name for path in configs if checkpoint.load_config(path.parent).get("stage") in KINDS]
+  return runs.shipped_names(tuple(KINDS))
 
 
 def fresh_evaluator(kind="t2m", layout="coordinates", seed=0) -> Evaluator:
@@ -207,8 +195,8 @@ def _assemble(name, folder, config, stats, params, reader):
   checkpoint.check_fits(params, jax.eval_shape(init, jax.random.key(0)), f"{name}: the weights do not fit the config")
   motion = functools.partial(jax.jit(motion), params)
   dim = jax.eval_shape(motion, jnp.zeros((1, 8, columns)), jnp.full(1, 8)).shape[-1]
-  return Evaluator(name, folder, kind, stats, dim, _hash(params, stats), int(config.data.get("max_frames", MAX_FRAMES)),
-                   config.data.get("mode", "benchmark"), motion,
+  return Evaluator(name, folder, kind, stats, dim, _hash(params, stats), int(config.data.max_frames),
+                   config.data.mode, motion,
                    lambda captions, tokens: text(params, reader(), captions, tokens),
                    seen=functools.partial(jax.jit(seen[0]), params) if seen else None,
                    words=lambda: reader().fingerprint)
@@ -298,9 +286,9 @@ _NETWORKS = {"t2m": _t2m, "clip": _clip, "tmr": _tmr, "snapmogen": _snapmogen}
 # --- words --------------------------------------------------------------------------------------------------------
 
 
-def _reader(kind, folder, config, text):
+def _reader(run, text):
   """What makes words into the network's input: a vocabulary, or a text encoder."""
-  named = config.get("frozen", {}).get("text")
+  kind, folder, named = KINDS[run.stage], run.folder, run.config.frozen.text
   given = pathlib.Path(text) if text else None
   if kind == "t2m":
     for place in (given, folder):  # a vocabulary that lies in the folder is the evaluator's own
@@ -310,7 +298,5 @@ def _reader(kind, folder, config, text):
       raise FileNotFoundError(f"{folder} does not say what its words are; convert it again with --glove FOLDER, the "
                               "benchmark's word vectors, or give that folder as load_evaluator(..., text=)")
   encoder = load_text_encoder(text or named or "clip-vit-base-patch16")
-  if checkpoint.load_fingerprint(folder) not in (None, encoder.fingerprint):
-    raise ValueError(f"{folder} was trained on another version of the text encoder {named!r}; pass the folder with the "
-                     "old one as text")
+  run.check_encoder(encoder)
   return WordFeatures(encoder) if kind == "t2m" else encoder

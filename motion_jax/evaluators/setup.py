@@ -4,6 +4,7 @@ import functools
 import jax
 import numpy as np
 
+from motion_jax import runs
 from motion_jax.data import batches, sources
 from motion_jax.data.captions import meanings
 from motion_jax.data.tagger import tag
@@ -141,7 +142,7 @@ class _Items:
     rules = config.data
     self.data = data
     self.items = batches.TextItems(data.features, data.captions, rules.min_frames, rules.max_frames,
-                                   tuple(rules.lengths), **{name: rules[name] for name in _RULES if name in rules})
+                                   tuple(rules.lengths), **{name: rules[name] for name in _RULES})
     if rules.same not in ("", "caption", "meaning"):
       raise ValueError(f"got data.same {rules.same!r}, expected '', caption or meaning")
     linked = data.captions if rules.same == "meaning" else [[caption] for row in data.captions for caption in row]
@@ -163,15 +164,13 @@ def load_movement(config):
   folder = config.frozen.movement
   if folder == "fresh":
     return None, None
-  run = checkpoint.load_config(folder)
-  if run.get("stage") != "evaluator.movement":
-    raise ValueError(f"{folder} holds a {run.get('stage')!r} run, expected one of stage 'evaluator.movement'")
-  theirs, ours = run.model, config.model
+  run = runs.open(folder, "evaluator.movement")
+  theirs, ours = run.config.model, config.model
   if (theirs.features, theirs.columns, theirs.width, theirs.dim) != (
       ours.features, ours.columns, ours.movement_width, ours.movement_dim):
     raise ValueError(f"the movement encoder in {folder} is {plain(theirs.to_dict())}, which does not fit model "
                      f"{plain(ours.to_dict())}; make them agree")
-  params = checkpoint.load_params(folder)["encoder"]
+  params = run.params()["encoder"]
   shapes = matching.t2m_shapes(T2MEvaluator(**ours), 1)["params"]["movement_encoder"]
   checkpoint.check_fits(params, shapes, f"the movement encoder in {folder} does not fit its config")
   return params, stats_lib.load_stats(folder, config.data.layout)
@@ -179,7 +178,7 @@ def load_movement(config):
 
 def load_vocabulary(config):
   """(words, files of the run folder): GloVe's of config.frozen.glove if it is given, else of our own text encoder."""
-  if config.frozen.get("glove"):
+  if config.frozen.glove:
     words = load_words(config.frozen.glove)
     return words, {CONVERTED: words.to_bytes()}
   encoder = load_text_encoder(config.frozen.text)

@@ -2,7 +2,6 @@
 import functools
 import hashlib
 import operator
-import pathlib
 import warnings
 from collections.abc import Iterable, Sequence
 
@@ -14,7 +13,8 @@ from motion_jax.data.captions import SUBJECTS
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.numerals import GUIDANCE, SEEDS, as_float, checked, shortened
 from motion_jax.inputs.text_files import is_text
-from motion_jax.motion.stats import Stats, load_stats
+from motion_jax.motion.stats import Stats
+from motion_jax.runs import Run
 from motion_jax.runtime import cache
 from motion_jax.text.encoder import TextEncoder
 from motion_jax.text.vocabulary import Vocabulary
@@ -29,23 +29,19 @@ class Prompted:
   max_seconds = 3600.0
   tells_unknown_words = True  # False where nobody would read the warnings
 
-  def __init__(self, folder, config, encoder: TextEncoder, text_dim, unit, frozen_shapes, shapes, raw=False):
+  def __init__(self, run: Run, encoder: TextEncoder, text_dim, unit, frozen_shapes, shapes):
     """text_dim: numbers that the network takes of a word or sentence; unit: frames of a latent; shapes of what the
-    folder must hold; raw: its last weights, not their average."""
-    self.folder, self.config, self.encoder, self.unit = pathlib.Path(folder), config, encoder, unit
-    self.params_file = checkpoint.RAW if raw else checkpoint.PARAMS
+    folder must hold."""
+    self.folder, self.config, self.encoder, self.unit = run.folder, run.config, encoder, unit
+    self.params_file = run.params_file
     if encoder.dim != text_dim:
       raise InputError(f"the text encoder gives {encoder.dim} numbers a {encoder.level.removesuffix('s')}, the model "
-                       f"in {folder} was trained on {text_dim}; pass the encoder named {config.frozen.text!r} as text")
-    if checkpoint.load_fingerprint(folder) not in (None, encoder.fingerprint):
-      raise InputError(f"{folder} was trained on another version of the text encoder {config.frozen.text!r}; pass the "
-                       "folder with the old one as text, or train the model again")
-    self.stats: Stats = load_stats(folder, config.data.layout)
-    frozen = checkpoint.load_params(folder, name=checkpoint.FROZEN)
-    frozen = {name: frozen[name] for name in frozen_shapes if name in frozen}  # less what only training needs
-    checkpoint.check_fits(frozen, frozen_shapes, f"{self.folder / checkpoint.FROZEN} does not fit its config")
-    self.frozen = jax.tree.map(jnp.asarray, frozen)
-    self.params = jax.tree.map(jnp.asarray, checkpoint.load_params(folder, shapes, self.params_file))
+                       f"in {run.folder} was trained on {text_dim}; pass the encoder named {run.config.frozen.text!r} "
+                       "as text")
+    run.check_encoder(encoder)
+    self.stats: Stats = run.stats
+    self.frozen = jax.tree.map(jnp.asarray, run.frozen(frozen_shapes))
+    self.params = jax.tree.map(jnp.asarray, run.params(shapes))
 
   def __repr__(self):
     return (f"{type(self).__name__}({self.folder.name!r}: {self.num_params / 1e6:.1f} M parameters, "
@@ -59,7 +55,7 @@ class Prompted:
 
   @property
   def num_params(self) -> int:
-    return sum(x.size for x in jax.tree.leaves((self.params, self.frozen["tokenizer"])))
+    return sum(x.size for x in jax.tree.leaves((self.params, self.codec.params)))
 
   @functools.cached_property
   def id(self) -> str:
@@ -87,7 +83,7 @@ class Prompted:
   def _learned(self):
     """(Vocabulary, usual frames) of the captions that it learned from; None where its folder does not keep them."""
     table = checkpoint.load_lengths(self.folder)
-    subjects = SUBJECTS if self.config.data.get("vary_subject") else ()  # training said these, too
+    subjects = SUBJECTS if self.config.data.vary_subject else ()  # training said these, too
     return table and (Vocabulary(table[0], subjects), table[1])
 
   @functools.cached_property

@@ -144,19 +144,19 @@ class Program:
     if found not in self._loaded:
       with timing.part("program"):
         key = key_of(self.name, *self.about, *map(repr, static), tree, shapes, options, jax.default_backend())
-        self._loaded[found] = self._load(key, static, arrays)
-    return self._loaded[found](*arrays)
+        self._loaded[found] = self._load(key, static, tree, leaves)
+    return self._loaded[found](*leaves)
 
-  def _load(self, key, static, arrays):
-    """The program of that key, traced and kept if it is not there."""
-    plain = lambda *arrays: self.jitted(*static, *arrays)
+  def _load(self, key, static, tree, leaves):
+    """The program of that key, a function of the leaves alone, traced and kept if it is not there."""
+    plain = lambda *leaves: self.jitted(*static, *jax.tree.unflatten(tree, leaves))
     from jax import export
     payload = read("programs", key)
     try:
       if payload is None:
-        payload = bytes(export.export(jax.jit(plain))(*arrays).serialize())
+        payload = bytes(export.export(jax.jit(plain))(*leaves).serialize())
         write("programs", key, payload)
       # Also the first time through what was kept: then compiled code is found again by the second.
-      return jax.jit(export.deserialize(bytearray(payload)).call).lower(*arrays).compile()
+      return jax.jit(export.deserialize(bytearray(payload)).call).lower(*leaves).compile()
     except (ValueError, TypeError, NotImplementedError, ImportError):
       return plain  # a device whose calls cannot be kept: slower to start, the same motion

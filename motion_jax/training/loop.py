@@ -32,7 +32,7 @@ class TrainState:
 def make_schedule(config, num_steps):
   """Learning rate by update: lr (it + 1) / (warmup + 1) while it < warmup, as both papers' code, then by name.
 
-  "constant"; "step": times `gamma` at each of `boundaries`; "cosine": to `final_rate`, 0 if left out, at num_steps;
+  "constant"; "step": times `gamma` at each of `boundaries`; "cosine": to `final_rate` at num_steps;
   "half_cosine": the first half of a cosine, to half the rate; "trapezoid": constant, then straight to 0 over the last
   `cooldown_steps`, so that a run can be prolonged before it is cooled down.
   """
@@ -44,7 +44,7 @@ def make_schedule(config, num_steps):
     if kind == "step":
       factor = config.gamma ** sum((step >= boundary).astype(jnp.float32) for boundary in config.boundaries)
     elif kind == "cosine":
-      final = config.get("final_rate", 0.0) / peak
+      final = config.final_rate / peak
       progress = jnp.clip((step - warmup) / max(num_steps - warmup, 1), 0, 1)
       factor = final + (1 - final) * 0.5 * (1 + jnp.cos(jnp.pi * progress))
     elif kind == "half_cosine":
@@ -62,13 +62,13 @@ def make_schedule(config, num_steps):
 def make_optimizer(config, num_steps):
   """AdamW as a config states it: betas, decay, gradient clipping by global norm (0 = none).
 
-  config.rates, if there: {name: factor}, times which the parameters below that name learn; 0 holds them still.
-  config.clip_parts, if there: names of networks, each of which is clipped by the norm of its own gradient.
+  config.rates: {name: factor}, times which the parameters below that name learn; 0 holds them still.
+  config.clip_parts: names of networks, each of which is clipped by the norm of its own gradient.
   """
   adamw = optax.adamw(make_schedule(config, num_steps), b1=config.beta1, b2=config.beta2,
                       weight_decay=config.weight_decay)
   parts = [_clipping(config), adamw] if config.clip_norm else [adamw]
-  rates = dict(config.get("rates", {}))
+  rates = dict(config.rates)
   if rates:
     parts.append(optax.stateless(lambda updates, _: jax.tree_util.tree_map_with_path(
         lambda path, update: update * _rate(path, rates), updates)))
@@ -76,7 +76,7 @@ def make_optimizer(config, num_steps):
 
 
 def _clipping(config):
-  names = tuple(config.get("clip_parts", ()))
+  names = tuple(config.clip_parts)
   clip = optax.clip_by_global_norm(config.clip_norm)
   if not names:
     return clip
@@ -229,7 +229,7 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
     raise FileNotFoundError(f"{workdir} has no checkpoint to resume from; start without --resume in an empty folder")
   trim_metrics(workdir, int(state.step))
   frozen = jax.tree.map(jnp.asarray, frozen or {})
-  train_step = make_train_step(stage, tx, optimizer.ema_decay, optimizer.get("skip_loss", 0.0))
+  train_step = make_train_step(stage, tx, optimizer.ema_decay, optimizer.skip_loss)
   start = began = time.time()
   first = int(state.step)
   numbers = {}
@@ -238,7 +238,7 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
   def check_finite(step):
     """Neither logged nor saved is what came of a step without a finite loss and gradient."""
     bad = [m for m in logged if not np.isfinite([float(m["loss"]), float(m["grad_norm"])]).all()]
-    if bad and not optimizer.get("skip_loss", 0.0):  # which leaves such steps out
+    if bad and not optimizer.skip_loss:  # which leaves such steps out
       raise FloatingPointError(f"the loss is {float(bad[0]['loss'])}, its gradient {float(bad[0]['grad_norm'])} near "
                                f"step {step}; the last good state is step {saver.latest}. Try a lower "
                                "optimizer.learning_rate, and `motion-jax data doctor`")
@@ -250,7 +250,7 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
       numbers.update(evaluate(params))
       append_metrics(workdir, {"step": step, **numbers})
     saver.save(step, state)
-    if config.train.get("best"):
+    if config.train.best:
       checkpoint.save_params(workdir, params, name=checkpoint.LAST)
     if _is_best(config, workdir, step) or not (workdir / checkpoint.PARAMS).is_file():  # something is there at any time
       keep(state)
@@ -287,7 +287,7 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
 
 def _is_best(config, workdir, step):
   """Whether the parameters of this step are those to keep, by the number that config.train.best names, if any."""
-  if not config.train.get("best"):
+  if not config.train.best:
     return True
   way, _, names = config.train.best.partition(" ")
   rows = [row for row in read_metrics(workdir) if row["step"] <= step]

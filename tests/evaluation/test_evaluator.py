@@ -6,10 +6,11 @@ import pytest
 from motion_jax import fit as training
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.data.tagger import tag
-from motion_jax.evaluators.evaluator import PRETRAINED, fresh_evaluator, load_evaluator, shipped_names
+from motion_jax.evaluators.evaluator import fresh_evaluator, load_evaluator, shipped_names
 from motion_jax.evaluators.words import CONVERTED, WordVectors
 from motion_jax.metrics.scores import cosines
 from motion_jax.motion.stats import save_stats
+from motion_jax.runs import PRETRAINED
 from motion_jax.training import checkpoint
 from tests.conftest import load_config
 
@@ -111,9 +112,9 @@ def test_a_converted_folder_is_told_where_its_words_are(run, tmp_path):
 
 
 def test_folders_that_are_no_evaluator_are_told(run, tmp_path):
-  with pytest.raises(FileNotFoundError, match="neither a folder.*those that ship"):
+  with pytest.raises(FileNotFoundError, match="neither a run folder.*that ships: clip-evaluator-small"):
     load_evaluator(tmp_path / "none")
-  with pytest.raises(ValueError, match="'cmdm.denoiser' run, expected an evaluator's"):
+  with pytest.raises(ValueError, match="'cmdm.denoiser' run, expected one of stage evaluator.matching"):
     load_evaluator(PRETRAINED / "cmdm-small")
   for file in (checkpoint.CONFIG, checkpoint.PARAMS, "Mean.npy", "Std.npy"):
     (tmp_path / file).write_bytes((run / file).read_bytes())

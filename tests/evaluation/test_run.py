@@ -1,6 +1,7 @@
 """Evaluation by a protocol: the same numbers every time, after a kill, on any number of devices; bad input is told."""
 import dataclasses
 import json
+import pathlib
 import re
 import shutil
 import signal
@@ -204,6 +205,8 @@ def test_intervals_of_a_papers_protocol_are_the_papers():
 
 def test_rows_have_names_of_their_own(tmp_path):
   runs = [str(tmp_path / name) for name in ("real", "a/denoiser", "b/denoiser", "c")]
+  for one in runs:
+    pathlib.Path(one).mkdir(parents=True)
   assert run._names(runs) == [*runs[:3], "c"]
 
 

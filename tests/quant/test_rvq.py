@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from motion_jax.convert.state import from_torch
+from motion_jax.latents import RvqCodec
 from motion_jax.models import cdamd
 from motion_jax.models.cdamd.weight_names import autoencoder_names, rvq_from_torch
 from motion_jax.nets.autoencoder import Autoencoder
@@ -33,13 +34,14 @@ def run_rvq_eval(fixture, dtype):
   @jax.jit
   def run(x):
     latents = net.apply(variables, x, method="encode")
-    indices, codes = cdamd.encode_codes(net, variables, x)
-    y = cdamd.decode_codes(net, variables, indices)
+    codec = RvqCodec(net, variables)
+    indices, codes = codec.encode(x)
+    y = codec.decode(indices)
     residuals = latents - jnp.concatenate([jnp.zeros_like(codes[:1]), jnp.cumsum(codes, axis=0)[:-1]])
     terms = cdamd.rvq_terms(y, x[:, :y.shape[1]], ((residuals - codes) ** 2).mean())
     turned = lambda a: a.swapaxes(-1, -2)
     return {"encoder": turned(latents), "index": indices, "codes": turned(codes), "sum": turned(codes.sum(0)),
-            "decoded": y, "forward": y, "decoded_two_levels": cdamd.decode_codes(net, variables, indices, 2),
+            "decoded": y, "forward": y, "decoded_two_levels": codec.decode(indices, 2),
             "loss": jnp.stack([terms[k] for k in ("loss", "rec", "velocity", "positions", "commitment")]),
             "perplexity": rvq.perplexities(indices, sizes["nb_code"]).mean()}
 

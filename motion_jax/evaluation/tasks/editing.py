@@ -67,7 +67,7 @@ def _editor(subject, protocol, real, task):
     x = padded([real[i][:m] for i, m in zip(jobs.places, jobs.frames)], edited_by.stats, length * unit)
     mask = padding_mask(jnp.asarray(jobs.frames) // unit, length)
     words = edited_by.encode_words(jobs.captions)
-    made = run(edited_by.params, edited_by.frozen, x, words, edited, hidden, mask, scale, keys)
+    made = run(edited_by.params, edited_by.codec, x, words, edited, hidden, mask, scale, keys)
     made = edited_by.stats.denormalize(np.asarray(made))
     return [row[:m + samples.TAIL] for row, m in zip(made, jobs.frames)]
   return make
@@ -76,9 +76,9 @@ def _editor(subject, protocol, real, task):
 @functools.lru_cache(maxsize=4)
 def _compiled(loaded, plan, paste):
   """One function for all tasks and repeats: which latents are hidden is data."""
-  def run(params, frozen, x, words, edited, hidden, real_mask, scale, keys):
+  def run(params, codec, x, words, edited, hidden, real_mask, scale, keys):
     draw = draws.make_draw(keys, length, loaded.net.transformer.latent_dim)
-    return cdamd.edit(loaded.net, loaded.autoencoder, plan, params, frozen, x, words[0], edited, hidden, real_mask,
-                      scale, draw, paste, words[1])
+    return cdamd.edit(loaded.net, plan, params, codec, x, words[0], edited, hidden, real_mask, scale, draw, paste,
+                      words[1])
   length = loaded.max_latents
   return jax.jit(run)

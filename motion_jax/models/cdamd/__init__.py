@@ -5,7 +5,7 @@ prior that constrains attention in training. A masked transformer reads the late
 diffusion network makes the hidden ones, some more in every decoding iteration. What is known may be an existing motion:
 so parts of it are edited.
 
-  features (B, T, F) -> latents_of -> latents (B, T / 4, C) -> generate, edit -> decode_latents -> features
+  features (B, T, F) -> encode -> latents (B, T / 4, C) -> generate, edit -> decode -> features
 
 losses         of autoencoder, RVQ-VAE and generator
 stages         what is trained, as pure functions
@@ -39,23 +39,18 @@ from motion_jax.models.cdamd.sampling import (
 from motion_jax.models.cdamd.stages import (
   autoencoder_shapes,
   autoencoder_stage,
-  decode_codes,
-  decode_latents,
   empty_codebooks,
-  encode_codes,
   frozen_shapes,
   generator_shapes,
   generator_stage,
-  latents_of,
   make_generator,
   prior_codes,
-  real_frames,
   rvq_stage,
 )
 
 __all__ = [
-  "DISTANCES", "Plan", "autoencoder_shapes", "autoencoder_stage", "autoencoder_terms", "decode_codes",
-  "decode_latents", "edit", "empty_codebooks", "encode_codes", "frozen_shapes", "generate", "generator_loss",
-  "generator_shapes", "generator_stage", "l1", "latents_of", "make_generator", "make_latents", "make_plan",
-  "prior_codes", "real_frames", "rvq_stage", "rvq_terms", "smooth_l1", "trained_mask",
+  "DISTANCES", "Plan", "autoencoder_shapes", "autoencoder_stage", "autoencoder_terms",
+  "edit", "empty_codebooks", "frozen_shapes", "generate", "generator_loss",
+  "generator_shapes", "generator_stage", "l1", "make_generator", "make_latents", "make_plan",
+  "prior_codes", "rvq_stage", "rvq_terms", "smooth_l1", "trained_mask",
 ]

@@ -67,7 +67,7 @@ def generator_loss(net, params, z1, real_mask, text_emb, codes, draws, config, d
   with dropout. All rows are computed and the masked ones summed, so that shapes do not depend on the draw.
   """
   made = masking.corruption(draws.time_u, draws.order_u, draws.noise_u, draws.keep_u, real_mask, config.noise_rate,
-                            config.mask_rate, config.get("mask_draw", "count"))
+                            config.mask_rate, config.mask_draw)
   x = masking.corrupt(z1, made, draws.noise, net.apply(params, method="hidden"), real_mask)
   text_emb = jnp.where((draws.text_u < config.drop_rate)[:, None, None], 0.0, text_emb)
   attn_mask = trained_mask(config.mask, real_mask & ~made.masked, real_mask, draws.mask_u)

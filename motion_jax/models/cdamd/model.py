@@ -7,6 +7,7 @@ import numpy as np
 
 from motion_jax.data.clip import Caption
 from motion_jax.inputs.numerals import SECONDS, STEPS, NumberError, checked, real, whole
+from motion_jax.latents import AutoencoderCodec
 from motion_jax.models import cdamd
 from motion_jax.models.base import Prompted, keys_of, plain_fields
 from motion_jax.models.cdamd import draws
@@ -20,6 +21,7 @@ from motion_jax.motion.features import get_layout, to_features
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.length_estimator import LengthEstimator
 from motion_jax.nets.masks import padding_mask
+from motion_jax.runs import Run
 from motion_jax.runtime import cache
 from motion_jax.training import checkpoint
 
@@ -29,23 +31,24 @@ BLUE, ORANGE = (0.25, 0.5, 0.9), (0.95, 0.55, 0.15)  # frames that were given, f
 class CdamdModel(Prompted):
   """CDAMD or MARDM ready to use: prompts in, motion out; a motion in, the same one with new parts out."""
 
-  def __init__(self, folder, config, encoder, raw=False):
-    checkpoint.demand(config, folder, data__max_frames=(1, 100_000), sampler__guidance_scale=(-1e3, 1e3))
+  def __init__(self, run: Run, encoder):
+    config = run.config
+    checkpoint.demand(config, run.folder, data__max_frames=(1, 100_000), sampler__guidance_scale=(-1e3, 1e3))
     self.autoencoder = Autoencoder(**plain_fields(config.tokenizer))
     self.net = cdamd.make_generator(config.model)
     self.max_seconds = config.data.max_frames / get_layout(config.data.layout).skeleton.fps
     shapes = cache.kept_shapes("cdamd.frozen", self.autoencoder, lambda: cdamd.frozen_shapes(self.autoencoder))
     text_dim = self.net.transformer.text_dim
-    self.length = LengthEstimator(**plain_fields(config.length)) if config.get("length") else None
+    self.length = LengthEstimator(**plain_fields(config.length)) if config.length else None
     if self.length:
       shapes["length"] = lengths.length_shapes(self.length, text_dim)
-    super().__init__(folder, config, encoder, text_dim, self.autoencoder.frames_per_latent, shapes,
-                     cache.kept_shapes("cdamd.generator", self.net, lambda: cdamd.generator_shapes(self.net)), raw)
+    super().__init__(run, encoder, text_dim, self.autoencoder.frames_per_latent, shapes,
+                     cache.kept_shapes("cdamd.generator", self.net, lambda: cdamd.generator_shapes(self.net)))
     # All motions are padded to the training length, whose positions are known, and compiled once.
     self.max_latents = config.data.max_frames // self.unit
-    modules = self.net, self.autoencoder
-    self._generate = cache.Program("cdamd.generate", partial(_generate, *modules), 1, modules)
-    self._edit = cache.Program("cdamd.edit", partial(_edit, *modules), 2, modules)
+    self.codec = AutoencoderCodec.of(self.autoencoder, self.frozen)
+    self._generate = cache.Program("cdamd.generate", partial(_generate, self.net), 1, (self.net,))
+    self._edit = cache.Program("cdamd.edit", partial(_edit, self.net), 2, (self.net,))
 
   def natural_frames(self, prompt) -> int:
     """How long such motions are: what the length estimator says or, without one, the nearest training captions."""
@@ -68,7 +71,7 @@ class CdamdModel(Prompted):
     every = np.arange(self.max_latents) < np.array(frames)[:, None] // self.unit
     plan, hidden, scale, about = self._tables(keys, every, guidance_scale, **sampling)
     words = self.encode_words(prompts)
-    made = self._generate(plan, self.params, self.frozen, words, hidden, jnp.asarray(every), scale, keys)
+    made = self._generate(plan, self.params, self.codec, words, hidden, jnp.asarray(every), scale, keys)
     captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
     return make_motions(self, made, frames, captions, seeds, about, polish)
 
@@ -94,11 +97,11 @@ class CdamdModel(Prompted):
     features, frames = zip(*(self.padded_features(clip) for clip in clips))
     edited = np.concatenate([self._edited(task, keep, change, count) for count in frames])
     keys, seeds = keys_of(rng, seeds, len(clips))
-    sampling["mask"] = mask or self.config.sampler.get("edit_mask", "bcm")
+    sampling["mask"] = mask or self.config.sampler.edit_mask
     plan, hidden, scale, about = self._tables(keys, edited, guidance_scale, **sampling)
     real = padding_mask(jnp.array(frames) // self.unit, self.max_latents)
     features, joined = np.stack(features), paste and self.stats.layout.kind == "coordinates"
-    made = self._edit(plan, paste and not joined, self.params, self.frozen, features, self.encode_words(prompts),
+    made = self._edit(plan, paste and not joined, self.params, self.codec, features, self.encode_words(prompts),
                       edited, hidden, real, scale, keys)
     if joined:
       made = self._joined(np.asarray(made), features, frames, ~np.repeat(edited, self.unit, axis=1))
@@ -230,11 +233,10 @@ def _draw(net, keys, real):
   return draws.make_draw(keys, real.shape[1], net.transformer.latent_dim)
 
 
-def _generate(net, autoencoder, plan, params, frozen, words, hidden, real, scale, keys):
-  return cdamd.generate(net, autoencoder, plan, params, frozen, words[0], hidden, real, scale, _draw(net, keys, real),
-                        words[1])
+def _generate(net, plan, params, codec, words, hidden, real, scale, keys):
+  return cdamd.generate(net, plan, params, codec, words[0], hidden, real, scale, _draw(net, keys, real), words[1])
 
 
-def _edit(net, autoencoder, plan, paste, params, frozen, features, words, edited, hidden, real, scale, keys):
-  return cdamd.edit(net, autoencoder, plan, params, frozen, features, words[0], edited, hidden, real, scale,
+def _edit(net, plan, paste, params, codec, features, words, edited, hidden, real, scale, keys):
+  return cdamd.edit(net, plan, params, codec, features, words[0], edited, hidden, real, scale,
                     _draw(net, keys, real), paste, words[1])

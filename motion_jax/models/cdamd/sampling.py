@@ -5,7 +5,6 @@ import jax.numpy as jnp
 
 from motion_jax.diffusion import ddpm, guidance, ode, samplers
 from motion_jax.models.cdamd import unmasking as rounds
-from motion_jax.models.cdamd.stages import decode_latents
 from motion_jax.nets.masks import LATENT_MASKS, latent_mask
 
 
@@ -62,8 +61,8 @@ def make_latents(net, plan, params, text_emb, latents, hidden, real_mask, scale,
   return rounds.sample(condition, solve, draw, latents, hidden, net.apply(params, method="hidden"), plan.num_rows)
 
 
-def generate(net, autoencoder, plan, params, frozen, text_emb, hidden, real_mask, scale, draw, text_mask=None):
+def generate(net, plan, params, codec, text_emb, hidden, real_mask, scale, draw, text_mask=None):
   """Normalized features (B, 4 L, F) of new motions; hidden (N, B, L) of `masking.hidden_table`. Pure."""
   latents = jnp.zeros(real_mask.shape + (net.transformer.latent_dim,))
   made = make_latents(net, plan, params, text_emb, latents, hidden, real_mask, scale, draw, text_mask)[-1]
-  return decode_latents(autoencoder, frozen, made, real_mask)
+  return codec.decode(made, real_mask)

@@ -2,8 +2,10 @@
 import jax
 import numpy as np
 
+from motion_jax import runs
 from motion_jax.data import batches, sources
 from motion_jax.data.captions import vary_subject
+from motion_jax.latents import AutoencoderCodec, RvqCodec
 from motion_jax.models import cdamd
 from motion_jax.models.cdamd import length as lengths
 from motion_jax.motion import stats as stats_lib
@@ -46,7 +48,7 @@ def rvq(config) -> Recipe:
       return {name: batch[name] for name in ("features", "index")}
 
   def reconstruct(variables, x):
-    return cdamd.decode_codes(net, variables, cdamd.encode_codes(net, variables, x)[0])
+    return RvqCodec(net, variables).reconstruct(x)
 
   evaluate = _reconstruction(config, data.stats, reconstruct)
   return Recipe(cdamd.rvq_stage(config), next_batch, {}, evaluate, data.stats, {})
@@ -57,7 +59,7 @@ def _windows(config, data):
   if config.data.window % unit:
     raise ValueError(f"got data.window = {config.data.window}, a latent has {unit} frames; take a multiple")
   windows = batches.Windows(data.features, config.data.window, config.data.stride,
-                            config.data.get("released_windows", False))
+                            config.data.released_windows)
   return lambda step: windows.batch(config.data.batch_size, config.seed, step)
 
 
@@ -77,7 +79,7 @@ def generator(config) -> Recipe:
   """The masked transformer and its diffusion head, on latents of a trained autoencoder, with codes of a trained RVQ."""
   _check_fields(config)
   net, tokenizer, stats = load_frozen(config.frozen.tokenizer, config.tokenizer, "cdamd.autoencoder", config)
-  frozen = {"tokenizer": tokenizer}
+  codec, frozen = AutoencoderCodec(net, tokenizer), {}
   if config.loss.prior_levels:
     _, frozen["prior"], others = load_frozen(config.frozen.prior, config.prior, "cdamd.rvq", config, config.quantizer)
     if not np.allclose(stats.mean, others.mean, rtol=1e-3, atol=1e-3 * stats.std.max()) or not np.allclose(
@@ -85,19 +87,17 @@ def generator(config) -> Recipe:
       raise ValueError(f"{config.frozen.tokenizer} and {config.frozen.prior} were trained on other data: their "
                        "statistics differ; train both on the same")
   data = sources.load_features(config.data, stats=stats)
-  mean, std = np.zeros(net.latent_dim, np.float32), np.ones(net.latent_dim, np.float32)
-  if config.loss.unit_latents:
-    mean, std = latent_moments(net, tokenizer, data.features)
-  frozen |= {"latent_mean": mean, "latent_std": std}
-  level = config.frozen.get("text_level", "sentence")
+  codec = codec.fitted(data.features) if config.loss.unit_latents else codec.unscaled()
+  frozen |= codec.parts
+  level = config.frozen.text_level
   encoder = load_text_encoder(config.frozen.text, level=level)
-  if config.frozen.get("length") and level != "sentence":
+  if config.frozen.length and level != "sentence":
     raise ValueError("the length estimator reads sentence vectors; leave frozen.length empty or set "
                      "frozen.text_level = 'sentence'")
   if encoder.dim != config.model.transformer.text_dim:
     raise ValueError(f"text encoder {config.frozen.text!r} gives {encoder.dim} numbers a sentence, the model takes "
                      f"model.transformer.text_dim = {config.model.transformer.text_dim}; make them agree")
-  if config.frozen.get("length"):
+  if config.frozen.length:
     with config.unlocked():  # what loading the run needs
       config.length, frozen["length"] = load_length(config.frozen.length, encoder)
   batch_of = _captioned(config, data, encoder)
@@ -169,34 +169,18 @@ def load_frozen(folder, fields, stage, config, quantizer=None):
           (quantizer.num_levels, quantizer.num_codes, net.latent_dim), np.float32)
       variables = {**variables, "codebooks": vq.codebook_of(codes)._asdict()}
     return net, variables, sources.load_features(config.data).stats
-  run = checkpoint.load_config(folder)
-  if run.get("stage") != stage:
-    raise ValueError(f"{folder} holds a {run.get('stage')!r} run, expected one of stage {stage!r}")
-  theirs = Autoencoder(**plain(run.model.to_dict()))
+  run = runs.open(folder, stage)
+  theirs = Autoencoder(**plain(run.config.model.to_dict()))
   alike = dict(dropout=0.0, hide_padding=False)  # frozen, it has no dropout; windows have no padding
   if theirs.clone(**alike) != net.clone(**alike):
-    raise ValueError(f"{folder} holds {plain(run.model.to_dict())}, this config says {plain(fields.to_dict())}; make "
-                     "them agree")
-  if quantizer and (run.quantizer.num_levels, run.quantizer.num_codes) != (quantizer.num_levels, quantizer.num_codes):
-    raise ValueError(f"{folder} has {run.quantizer.num_levels} levels of {run.quantizer.num_codes} codes, "
-                     f"config.quantizer says {quantizer.num_levels} of {quantizer.num_codes}; make them agree")
-  variables = checkpoint.load_params(folder, cdamd.autoencoder_shapes(net, quantizer))
+    raise ValueError(f"{folder} holds {plain(run.config.model.to_dict())}, this config says "
+                     f"{plain(fields.to_dict())}; make them agree")
+  own = run.config.get("quantizer")
+  if quantizer and (own.num_levels, own.num_codes) != (quantizer.num_levels, quantizer.num_codes):
+    raise ValueError(f"{folder} has {own.num_levels} levels of {own.num_codes} codes, config.quantizer says "
+                     f"{quantizer.num_levels} of {quantizer.num_codes}; make them agree")
+  variables = run.params(cdamd.autoencoder_shapes(net, quantizer))
   return net, variables, stats_lib.load_stats(folder, config.data.layout)
-
-
-def latent_moments(net, variables, features, num_clips=512, length=192):
-  """Mean and std of latents, per channel (C,), over some training clips, padded as in training."""
-  encode = jax.jit(lambda x, real_mask: net.apply(variables, x, real_mask=real_mask, method="encode"))
-  rows = []
-  for i in np.linspace(0, len(features) - 1, min(num_clips, len(features))).astype(int):
-    clip = features[i][:length]
-    padded = np.zeros((1, length, clip.shape[-1]), np.float32)
-    padded[0, :len(clip)] = clip
-    count = len(clip) // net.frames_per_latent
-    real_mask = np.arange(length)[None] < count * net.frames_per_latent
-    rows.append(np.asarray(encode(padded, real_mask))[0, :count])
-  z = np.concatenate(rows)
-  return z.mean(0), z.std(0) + 1e-6
 
 
 def length(config) -> Recipe:
@@ -221,13 +205,10 @@ def length(config) -> Recipe:
 
 def load_length(folder, encoder):
   """(fields, parameters) of a trained length estimator that reads the sentence vectors of this encoder."""
-  run = checkpoint.load_config(folder)
-  if run.get("stage") != "cdamd.length":
-    raise ValueError(f"{folder} holds a {run.get('stage')!r} run, expected one of stage 'cdamd.length'")
-  if checkpoint.load_fingerprint(folder) != encoder.fingerprint:
-    raise ValueError(f"the length estimator in {folder} was trained on another text encoder than {encoder.name!r}")
-  fields = plain(run.model.to_dict())
-  return fields, checkpoint.load_params(folder, lengths.length_shapes(LengthEstimator(**fields), encoder.dim))
+  run = runs.open(folder, "cdamd.length")
+  run.check_encoder(encoder)
+  fields = plain(run.config.model.to_dict())
+  return fields, run.params(lengths.length_shapes(LengthEstimator(**fields), encoder.dim))
 
 
 RECIPES = {"cdamd.autoencoder": autoencoder, "cdamd.rvq": rvq, "cdamd.generator": generator, "cdamd.length": length}

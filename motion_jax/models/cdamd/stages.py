@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 from ml_collections import ConfigDict
 
+from motion_jax.latents import AutoencoderCodec, RvqCodec
 from motion_jax.models.cdamd.draws import draw_step
 from motion_jax.models.cdamd.losses import autoencoder_terms, generator_loss, rvq_terms
 from motion_jax.nets.autoencoder import Autoencoder
@@ -12,19 +13,6 @@ from motion_jax.nets.masked_transformer import TRANSFORMERS
 from motion_jax.nets.masks import padding_mask
 from motion_jax.quant import rvq, vq
 from motion_jax.training.stage import DEVICES, Stage
-
-
-def encode_codes(net, variables, x, real_mask=None):
-  """Features (B, T, F), of real_mask (B, T), to code indices (B, L, Q) and code vectors of each level (Q, B, L, C).
-
-  The RVQ-VAE is an Autoencoder `net` with variables {"params", "codebooks"}, as its run folder holds them.
-  """
-  return rvq.encode(variables["codebooks"]["codes"], net.apply(variables, x, real_mask=real_mask, method="encode"))
-
-
-def decode_codes(net, variables, indices, num_levels=None):
-  """Code indices (B, L, Q) to features (B, T, F), from the first num_levels levels only if that is given."""
-  return net.apply(variables, rvq.decode(variables["codebooks"]["codes"], indices, num_levels), method="decode")
 
 
 def empty_codebooks(net, quantizer):
@@ -77,7 +65,7 @@ def rvq_stage(config, axis_name=DEVICES) -> Stage:
   """
   # Parity: padding takes part in the loss and in the codebooks, as in the released code; windows have none.
   net, quantizer = Autoencoder(**config.model), config.quantizer
-  if quantizer.get("learn", "means") == "gradient":
+  if quantizer.learn == "gradient":
     return _rvq_by_gradient(net, config, axis_name)
 
   def init(batch, rng):
@@ -101,8 +89,9 @@ def rvq_stage(config, axis_name=DEVICES) -> Stage:
     return jax.tree.map(lambda term: term * len(x), terms), float(len(x)), {"codebooks": books._asdict()}
 
   def predict(variables, frozen, batch, rng):
-    indices, _ = encode_codes(net, variables, batch["features"])
-    return {"features": decode_codes(net, variables, indices), "indices": indices}
+    codec = RvqCodec(net, variables)
+    indices, _ = codec.encode(batch["features"])
+    return {"features": codec.decode(indices), "indices": indices}
 
   return Stage(init, loss, predict, init_extra)
 
@@ -132,8 +121,9 @@ def _rvq_by_gradient(net, config, axis_name):
     return jax.tree.map(lambda term: term * len(x), terms), float(len(x))
 
   def predict(variables, frozen, batch, rng):
-    indices, _ = encode_codes(net, variables, batch["features"])
-    return {"features": decode_codes(net, variables, indices), "indices": indices}
+    codec = RvqCodec(net, variables)
+    indices, _ = codec.encode(batch["features"])
+    return {"features": codec.decode(indices), "indices": indices}
 
   return Stage(init, loss, predict)
 
@@ -158,32 +148,12 @@ def generator_shapes(net):
 def frozen_shapes(autoencoder):
   """Shapes of what making motion needs of a generator's frozen parts; training needs the prior, too."""
   channel = jax.ShapeDtypeStruct((autoencoder.latent_dim,), jnp.float32)
-  return {"tokenizer": autoencoder_shapes(autoencoder), "latent_mean": channel, "latent_std": channel}
+  return AutoencoderCodec(autoencoder, autoencoder_shapes(autoencoder), channel, channel).parts
 
 
-def real_frames(autoencoder, real_mask):
-  """(B, T) of a mask of latents (B, L)."""
-  return jnp.repeat(real_mask, autoencoder.frames_per_latent, axis=1)
-
-
-def latents_of(autoencoder, frozen, features, real_mask):
-  """Latents (B, L, C) as the generator knows them, zero at padding: of the frozen encoder, scaled if asked for."""
-  # Parity: not scaled in the released code, where latent_mean is 0 and latent_std 1.
-  z1 = autoencoder.apply(frozen["tokenizer"], features, real_mask=real_frames(autoencoder, real_mask), method="encode")
-  return jnp.where(real_mask[..., None], (z1 - frozen["latent_mean"]) / frozen["latent_std"], 0.0)
-
-
-def decode_latents(autoencoder, frozen, latents, real_mask):
-  """Latents as the generator knows them (B, L, C) to normalized features (B, 4 L, F); real_mask (B, L)."""
-  z = latents * frozen["latent_std"] + frozen["latent_mean"]
-  return autoencoder.apply(frozen["tokenizer"], z, real_mask=real_mask, method="decode")
-
-
-def prior_codes(net, frozen, features, real_mask, num_levels):
-  """Codes of the first levels (B, L, Q), of one level (B, L), of none None."""
-  if not num_levels:
-    return None
-  codes = encode_codes(net, frozen["prior"], features, real_frames(net, real_mask))[0]
+def prior_codes(prior, features, real_mask, num_levels):
+  """Codes of the first levels (B, L, Q) by the codec of an RVQ-VAE, of one level (B, L)."""
+  codes = prior.encode(features, prior.real_frames(real_mask))[0]
   # Parity: one level alone comes without the row that tells levels apart.
   return codes[..., 0] if num_levels == 1 else codes[..., :num_levels]
 
@@ -193,7 +163,7 @@ def generator_stage(config) -> Stage:
 
   Batch: features (B, T, F) padded, num_frames (B,), text_emb (B, S, E), of which the first is the whole caption's,
   text_mask (B, S) if S > 1, index (B,) place in the whole batch. frozen:
-  tokenizer, latent_mean, latent_std (C,) and, if loss.prior_levels, prior: the RVQ-VAE's variables.
+  the parts of the autoencoder's codec and, if loss.prior_levels, prior: the RVQ-VAE's variables.
   """
   autoencoder, net = Autoencoder(**config.tokenizer), make_generator(config.model)
   rvq_net = Autoencoder(**config.prior) if config.loss.prior_levels else None
@@ -201,8 +171,12 @@ def generator_stage(config) -> Stage:
   def inputs(frozen, batch):
     length = batch["features"].shape[1] // autoencoder.frames_per_latent
     real_mask = padding_mask(batch["num_frames"] // autoencoder.frames_per_latent, length)
-    codes = prior_codes(rvq_net, frozen, batch["features"], real_mask, config.loss.prior_levels)
-    z1 = latents_of(autoencoder, frozen, batch["features"], real_mask)
+    codec, codes = AutoencoderCodec.of(autoencoder, frozen), None
+    if rvq_net:
+      prior = RvqCodec(rvq_net, frozen["prior"])
+      codes = prior_codes(prior, batch["features"], real_mask, config.loss.prior_levels)
+    # Parity: not scaled in the released code, where the codec's mean is 0 and its std 1.
+    z1 = codec.encode(batch["features"], real_mask)
     return z1, real_mask, batch["text_emb"], codes, batch.get("text_mask")
 
   def init(batch, rng):

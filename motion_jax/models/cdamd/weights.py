@@ -6,6 +6,7 @@ import numpy as np
 
 from motion_jax import paper_rows
 from motion_jax.convert.parts import Network, check_free, heads_of, network, read_part, stats_of, text_files, write
+from motion_jax.latents import AutoencoderCodec
 from motion_jax.models import cdamd
 from motion_jax.models.cdamd import length as lengths
 from motion_jax.models.cdamd.weight_names import (
@@ -152,8 +153,7 @@ def write_cdamd(out, tokenizer_file, stats, generator_file=None, rvq_file=None, 
   if transformer["latent_dim"] != made.fields["latent_dim"]:
     raise ValueError(f"the generator makes latents of {transformer['latent_dim']} numbers, those of the tokenizer have "
                      f"{made.fields['latent_dim']}; they are of different trainings")
-  zeros = np.zeros(made.fields["latent_dim"], np.float32)  # Parity: released latents are not scaled
-  frozen = {"tokenizer": made.params, "latent_mean": zeros, "latent_std": zeros + 1}
+  frozen = AutoencoderCodec(made.module, made.params).unscaled().parts  # Parity: released latents are not scaled
   networks = [made, gen]
   config = _generator_config(made, gen, stats.layout, diffusion)
   if rvq_file is not None:

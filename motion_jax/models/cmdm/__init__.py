@@ -5,7 +5,7 @@ motion-language teacher (`teacher`, `tmr_stage`). A causal diffusion transformer
 have a noise level of their own. Frame-wise sampling cleans them one after the other, a few steps apart, so that motion
 streams out while it is made.
 
-  features (B, T, F) -> encode_motion -> latents (B, T / 4, C) -> generate -> decode_latents -> features
+  features (B, T, F) -> encode -> latents (B, T / 4, C) -> generate -> decode -> features
 
 losses        of the tokenizer
 stages        what is trained, as pure functions
@@ -45,19 +45,16 @@ from motion_jax.models.cmdm.sampling import (
   words_of_latents,
 )
 from motion_jax.models.cmdm.stages import (
-  decode_latents,
   denoiser_shapes,
   denoiser_stage,
-  encode_latents,
-  encode_motion,
   frozen_shapes,
   tokenizer_stage,
 )
 
 __all__ = [
   "DISTANCE_PAIRS", "LAST_LAYERS", "MotionStream", "RECONSTRUCTIONS", "align_factor", "align_loss", "align_ratio",
-  "align_terms", "chain_segment", "chained", "decode_latents", "denoiser_shapes", "denoiser_stage", "encode_latents",
-  "encode_motion", "extend", "frozen_shapes", "gaussian_nll", "generate", "generate_whole", "init_stream",
+  "align_terms", "chain_segment", "chained", "denoiser_shapes", "denoiser_stage", "extend",
+  "frozen_shapes", "gaussian_nll", "generate", "generate_whole", "init_stream",
   "kl_to_standard_normal", "plain_velocity", "pool_teacher", "set_distances", "smooth_l1", "stream_step",
   "tokenizer_stage", "tokenizer_terms", "words_of_latents",
 ]

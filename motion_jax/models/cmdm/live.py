@@ -27,7 +27,7 @@ class LiveStream:
   def __init__(self, model, plan, scale, keys, prompt, num_frames=None):
     self._model, self._plan, self._scale, self._keys, self._num_frames = model, plan, scale, keys, num_frames
     self._constants = streaming.make_constants(model.dit, model.params, plan)
-    self._state = cmdm.init_stream(model.dit, model.vae, plan, model.frozen, keys)
+    self._state = cmdm.init_stream(model.dit, plan, model.codec, keys)
     self._advances, self._frames, self._path = 0, 0, None
     self._script = [(0, 0)]  # (block, slot): from that block on the caption of that slot
     self._bank = [prompt] * _CAPTIONS
@@ -99,7 +99,7 @@ class LiveStream:
       plan, unit = self._plan, -(-self._plan.width // 2)  # two compiled widths: the start and the rest
       active = min(-(-min(self._advances + 1, plan.width) // unit) * unit, plan.width)
       self._state, features, done = self._model.compiled.stream_step(
-          plan, active, self._advances > plan.age, self._model.params, self._model.frozen, self._constants, self._text,
+          plan, active, self._advances > plan.age, self._model.params, self._model.codec, self._constants, self._text,
           self._scale, self._keys, self._state, self._captions(active))
       self._advances += 1
       done = self._advances >= plan.age

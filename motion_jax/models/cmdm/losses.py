@@ -128,12 +128,10 @@ def align_ratio(vae, params, x, noise, teacher, reconstruction="gaussian", dista
 
 
 def align_factor(step, config, num_steps):
-  """Factor of the alignment term: from config.align to a tenth of it, linearly, after the ramp of the KL term.
-
-  config.align_fall says by which share of it instead of 0.9; 0 keeps it.
-  """
+  """Factor of the alignment term: config.align, which falls linearly, after the ramp of the KL term, by the share
+  config.align_fall of it: 0.9 leaves a tenth."""
   progress = jnp.clip((step - config.kl_ramp) / max(num_steps - config.kl_ramp, 1), 0, 1)
-  return config.align * (1 - config.get("align_fall", 0.9) * progress)
+  return config.align * (1 - config.align_fall * progress)
 
 
 def tokenizer_terms(vae, params, x, noise, kl_weight, root_weight, root_columns=slice(0, 4), teacher=None,

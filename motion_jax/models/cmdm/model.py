@@ -8,6 +8,7 @@ import numpy as np
 
 from motion_jax.diffusion import samplers
 from motion_jax.inputs.numerals import CONTEXT, STEPS, checked
+from motion_jax.latents import VaeCodec
 from motion_jax.models import cmdm
 from motion_jax.models.base import Prompted, keys_of, plain_fields
 from motion_jax.models.cmdm import ddpm_forcing, streaming
@@ -17,6 +18,7 @@ from motion_jax.models.known_motion import on_our_body
 from motion_jax.models.results import Motion, Motions, captions_in_a_row, go_on, make_motions
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
+from motion_jax.runs import Run
 from motion_jax.runtime import cache, timing
 from motion_jax.text.encoder import TextEncoder
 from motion_jax.training import checkpoint
@@ -35,28 +37,30 @@ class Compiled(NamedTuple):
   decode: Callable
 
 
-def _compile(dit, vae):
+def _compile(dit):
   program = lambda fn, num_static, *modules: cache.Program(fn.__name__, partial(fn, *modules), num_static, modules)
   return Compiled(
-      generate=program(cmdm.generate, 2, dit, vae), generate_whole=program(cmdm.generate_whole, 2, dit, vae),
+      generate=program(cmdm.generate, 2, dit), generate_whole=program(cmdm.generate_whole, 2, dit),
       chain_segment=program(cmdm.chain_segment, 2, dit), extend=program(cmdm.extend, 2, dit),
-      stream_step=program(cmdm.stream_step, 3, dit, vae),
-      encode=program(cmdm.encode_motion, 0, vae), decode=program(cmdm.decode_latents, 0, vae))
+      stream_step=program(cmdm.stream_step, 3, dit),
+      encode=program(VaeCodec.encode, 0), decode=program(VaeCodec.decode, 0))
 
 
 class Model(Prompted):
   """CMDM ready to use: prompts in, motion out. Made by `load`."""
 
-  def __init__(self, folder, config, encoder: TextEncoder, raw=False):
-    checkpoint.demand(config, folder, data__max_frames=(1, 100_000), data__max_words=(1, 10_000),
+  def __init__(self, run: Run, encoder: TextEncoder):
+    config = run.config
+    checkpoint.demand(config, run.folder, data__max_frames=(1, 100_000), data__max_words=(1, 10_000),
                       sampler__num_steps=(1, 10_000), sampler__lag=(1, 10_000), sampler__guidance_scale=(-1e3, 1e3))
     self.vae = CausalVAE(**plain_fields(config.tokenizer))
     self.dit = CausalDiT(**plain_fields(config.model))
-    super().__init__(folder, config, encoder, self.dit.text_dim, self.vae.frames_per_latent,
+    super().__init__(run, encoder, self.dit.text_dim, self.vae.frames_per_latent,
                      cache.kept_shapes("cmdm.frozen", self.vae, lambda: cmdm.frozen_shapes(self.vae)),
-                     cache.kept_shapes("cmdm.denoiser", self.dit, lambda: cmdm.denoiser_shapes(self.dit)), raw)
+                     cache.kept_shapes("cmdm.denoiser", self.dit, lambda: cmdm.denoiser_shapes(self.dit)))
+    self.codec = VaeCodec.of(self.vae, self.frozen)
     self.context = config.data.max_frames // self.vae.frames_per_latent // self.dit.block * self.dit.block
-    self.compiled = _compile(self.dit, self.vae)
+    self.compiled = _compile(self.dit)
 
   # --- motion ----------------------------------------------------------------------------------------------------
 
@@ -84,7 +88,7 @@ class Model(Prompted):
       plan = plan._replace(context=max(plan.context, blocks * plan.block))
     with timing.part("text"):
       words = self.encode_words(prompts)
-    made = run(plan.fitted(blocks), blocks, self.params, self.frozen, *words, scale, keys)
+    made = run(plan.fitted(blocks), blocks, self.params, self.codec, *words, scale, keys)
     captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
     return make_motions(self, made, frames, captions, seeds, about, polish)
 
@@ -169,11 +173,11 @@ class Model(Prompted):
     """
     defaults = self.config.sampler
     scale = self.scale_of(guidance_scale)
-    schedule = defaults.get("schedule", "fss") if schedule is None else schedule  # older runs do not say
+    schedule = defaults.schedule if schedule is None else schedule
     if schedule not in SCHEDULES:
       raise ValueError(f"got schedule {schedule!r}, expected one of {', '.join(SCHEDULES)}")
     known = ddpm_forcing.SOLVERS if self.dit.predicts == "ddpm" else tuple(samplers.SOLVERS)
-    solver = solver or defaults.get("solver", known[0])
+    solver = solver or defaults.solver
     if solver not in known:
       raise ValueError(f"got solver {solver!r}, this model knows {', '.join(known)}: it was trained to predict "
                        f"{'the noise of a DDPM' if self.dit.predicts == 'ddpm' else 'a velocity'}")
@@ -202,8 +206,7 @@ class Model(Prompted):
     """Features (T, F) there and back through the tokenizer, T cut to whole latents."""
     unit = self.vae.frames_per_latent
     x = self.stats.normalize(np.asarray(features))[None, :len(features) // unit * unit]
-    mean, _ = self.vae.apply(self.frozen["tokenizer"], jnp.asarray(x), method="encode")
-    return self.stats.denormalize(np.asarray(self.vae.apply(self.frozen["tokenizer"], mean, method="decode")))[0]
+    return self.stats.denormalize(np.asarray(self.codec.reconstruct(jnp.asarray(x))))[0]
 
   def encode_words(self, prompts):
     """(text_emb, text_mask) padded to the width of everyday prompts, so that none of those waits for a compiler.

@@ -60,7 +60,7 @@ def stream(model, plan, scale, prompts, frames, keys):
   plan = plan._replace(context=min(plan.context, max(model.context, num_blocks * plan.block)))
   plan = plan.fitted(num_blocks)._replace(captions=streaming.captions_seen(segment, plan.fitted(num_blocks).width))
   run = model.compiled.generate if plan.lag else model.compiled.generate_whole
-  features = run(plan, num_blocks, model.params, model.frozen, *captions_of(model, prompts), scale, keys,
+  features = run(plan, num_blocks, model.params, model.codec, *captions_of(model, prompts), scale, keys,
                  jnp.asarray(segment))
   ends = [np.minimum(np.cumsum(counts) * unit, total).tolist() for counts, total in zip(blocks, totals)]
   return features, totals, ends
@@ -79,7 +79,7 @@ def chain(model, plan, scale, prompts, frames, keys, num_past=1):
   longest = -(-max(map(len, made)) // 12) * 12
   latents = np.stack([np.pad(z, ((0, longest - len(z)), (0, 0))) for z in made])
   ends = [(np.cumsum(story) * unit).tolist() for story in counts]
-  return model.compiled.decode(model.frozen, latents), [story[-1] for story in ends], ends
+  return model.compiled.decode(model.codec, latents), [story[-1] for story in ends], ends
 
 
 def _chained(model, plan, scale, prompts, counts, made, keys, num_past):
@@ -118,7 +118,7 @@ def encode_past(model, joints, count):
   ahead = np.concatenate([joints, 2 * joints[-1:] - joints[-2:-1]])
   features = model.stats.normalize(to_features(ahead, model.stats.layout, model.config.data.mode))
   count = min(count, len(features) // unit)
-  return model.compiled.encode(model.frozen, jnp.asarray(features[None, -count * unit:]))
+  return model.compiled.encode(model.codec, jnp.asarray(features[None, -count * unit:]))
 
 
 def extend(model, plan, scale, joints, past_prompt, prompts, frames, keys, way="stream", num_past=None, polish=True):
@@ -147,7 +147,7 @@ def extend(model, plan, scale, joints, past_prompt, prompts, frames, keys, way="
     counts = [max(1, int(number) // unit) for number in frames]
     parts = _chained(model, plan, scale, [prompts], [counts], [[np.asarray(past[0])]], keys, given)[0]
     new, ends = np.concatenate(parts[1:])[None], np.cumsum(counts) * unit
-  whole = model.compiled.decode(model.frozen, jnp.concatenate([known, jnp.asarray(new)], axis=1))
+  whole = model.compiled.decode(model.codec, jnp.concatenate([known, jnp.asarray(new)], axis=1))
   border = known.shape[1] * unit
   features = model.stats.denormalize(np.asarray(whole))[0, :border + int(ends[-1])]
   shadow = to_joints(features, model.stats.layout)

@@ -6,13 +6,12 @@ import jax.numpy as jnp
 
 from motion_jax.diffusion import guidance, samplers, schedules
 from motion_jax.models.cmdm import continuation, ddpm_forcing, streaming
-from motion_jax.models.cmdm.stages import decode_latents
 from motion_jax.nets.masks import padding_mask, sliding_mask
 
 
-def generate(dit, vae, plan, num_blocks, params, frozen, text_emb, text_mask, scale, keys, segment=None):
+def generate(dit, plan, num_blocks, params, codec, text_emb, text_mask, scale, keys, segment=None):
   """Normalized features (B, frames, F) of num_blocks blocks, by frame-wise sampling (lag < num_steps) or block after
-  block (lag = num_steps). keys (B,): one per motion. Pure; dit, vae, plan and num_blocks are static.
+  block (lag = num_steps). keys (B,): one per motion. Pure; dit, plan and num_blocks are static.
 
   With segment (B, num_blocks), text_emb (B, G, S, E) and text_mask (B, G, S) are G captions a motion, and segment says
   which of them each block has; plan.captions is that of `streaming.captions_seen`.
@@ -20,10 +19,10 @@ def generate(dit, vae, plan, num_blocks, params, frozen, text_emb, text_mask, sc
   constants = streaming.make_constants(dit, params, plan)
   text = streaming.encode_text(dit, params, text_emb, text_mask, plan.guided)
   latents = streaming.sample(dit, plan, params, constants, text, scale, keys, num_blocks, segment=segment)
-  return decode_latents(vae, frozen, latents)
+  return codec.decode(latents)
 
 
-def generate_whole(dit, vae, plan, num_blocks, params, frozen, text_emb, text_mask, scale, keys, segment=None):
+def generate_whole(dit, plan, num_blocks, params, codec, text_emb, text_mask, scale, keys, segment=None):
   """The same by the plain loop over all latents at once; a plan of lag 0 cleans them all together.
 
   What `generate` is tested against, and the full-sequence schedule of the paper's ablation.
@@ -39,9 +38,9 @@ def generate_whole(dit, vae, plan, num_blocks, params, frozen, text_emb, text_ma
     levels = schedules.staircase_levels(plan.num_steps, length, plan.lag, plan.block)
     steps, blocks = ddpm_forcing.make_steps(plan.num_steps, plan.solver), jnp.arange(num_blocks)
     fresh = lambda now: streaming.fresh_noise(keys, blocks, now[::plan.block], plan, dit.latent_dim)
-    return decode_latents(vae, frozen, ddpm_forcing.sample(velocity, noise, levels, steps, fresh))
+    return codec.decode(ddpm_forcing.sample(velocity, noise, levels, steps, fresh))
   times = jnp.asarray(schedules.staircase(plan.num_steps, length, plan.lag, plan.block))
-  return decode_latents(vae, frozen, samplers.SOLVERS[plan.solver](velocity, noise, times))
+  return codec.decode(samplers.SOLVERS[plan.solver](velocity, noise, times))
 
 
 def words_of_latents(text_emb, text_mask, segment):
@@ -112,12 +111,11 @@ class MotionStream(NamedTuple):
   decoder: Any
 
 
-def init_stream(dit, vae, plan, frozen, keys) -> MotionStream:
-  decoder = vae.apply(frozen["tokenizer"], keys.shape[0], method="init_decode_state")
-  return MotionStream(streaming.init_stream(dit, plan, keys), decoder)
+def init_stream(dit, plan, codec, keys) -> MotionStream:
+  return MotionStream(streaming.init_stream(dit, plan, keys), codec.init_decode_state(keys.shape[0]))
 
 
-def stream_step(dit, vae, plan, active, use_cache, params, frozen, constants, text, scale, keys, state, caption=None):
+def stream_step(dit, plan, active, use_cache, params, codec, constants, text, scale, keys, state, caption=None):
   """One block further -> (state, normalized features (B, frames of a block, F), done), the step of `generate`.
 
   caption (B, active): which of the captions in text the blocks of the window have, see `streaming.advance`. Until done
@@ -125,7 +123,6 @@ def stream_step(dit, vae, plan, active, use_cache, params, frozen, constants, te
   """
   latents, block, done = streaming.advance(dit, plan, active, use_cache, params, constants, text, scale, keys,
                                            state.latents, caption)
-  z = block * frozen["latent_std"] + frozen["latent_mean"]
-  features, decoder = vae.apply(frozen["tokenizer"], z, state.decoder, method="decode_step")
+  features, decoder = codec.decode_step(block, state.decoder)
   decoder = jax.tree.map(lambda new, old: jnp.where(done, new, old), decoder, state.decoder)
   return MotionStream(latents, decoder), features, done

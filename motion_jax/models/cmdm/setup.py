@@ -3,9 +3,11 @@
 import jax
 import numpy as np
 
+from motion_jax import runs
 from motion_jax.data import batches, sources
 from motion_jax.data.captions import vary_subject
 from motion_jax.evaluators.validation import reconstruction_fid
+from motion_jax.latents import TOKENIZER, VaeCodec
 from motion_jax.metrics.scores import retrieval
 from motion_jax.models import cmdm
 from motion_jax.models.cmdm import teacher as teacher_lib
@@ -36,11 +38,10 @@ def tokenizer(config) -> Recipe:
   windows = batches.Windows(data.features, config.data.window, config.data.stride)
   validation = held_out(config, data.stats).features
   vae = CausalVAE(**config.model)
-  reconstruct = jax.jit(lambda params, x: vae.apply(params, vae.apply(params, x, method="encode")[0], method="decode"))
-
+  reconstruct = jax.jit(lambda params, x: VaeCodec(vae, params).reconstruct(x))
   drawn = jax.jit(lambda params, x, key: draw(vae, params, x, key))
   fid = None
-  if config.frozen.get("evaluator"):
+  if config.frozen.evaluator:
     fid = reconstruction_fid(config.frozen.evaluator, validation, data.stats)
 
   def evaluate(params):
@@ -54,7 +55,7 @@ def tokenizer(config) -> Recipe:
     return windows.batch(config.data.batch_size, config.seed, step)
 
   frozen = {}
-  if config.frozen.get("teacher"):
+  if config.frozen.teacher:
     frozen["teacher"], view = load_teacher(config, data.stats)
     if view is not None:
       frozen["teacher_view"] = view
@@ -80,15 +81,12 @@ def load_teacher(config, stats):
     own = fields.get("layout", stats.layout.name)
     view = None if own == stats.layout.name else teachers.view_of(stats, teachers.plain_stats(own), folder)
   else:
-    run = checkpoint.load_config(folder)
-    if run.get("stage") != "cmdm.teacher":
-      raise ValueError(f"{folder} holds a {run.get('stage')!r} run, expected one of stage 'cmdm.teacher'")
-    fields, said = run.model.to_dict(), run.get("origin", {})
-    said = {"kind": fields.get("kind", "part_tmr"), **said}
-    theirs = stats_lib.load_stats(folder, run.data.layout)
-    view = teachers.view_of(stats, theirs, folder)
-    if theirs.layout != stats.layout:
-      fields["layout"] = theirs.layout.name
+    run = runs.open(folder, "cmdm.teacher")
+    fields, said = run.config.model.to_dict(), run.config.origin.to_dict()
+    said = {"kind": fields["kind"], **said}
+    view = teachers.view_of(stats, run.stats, folder)
+    if run.stats.layout != stats.layout:
+      fields["layout"] = run.stats.layout.name
   with config.unlocked():
     config.taught_by = said
   teacher = teacher_lib.make_teacher(fields, config.data.layout)
@@ -101,8 +99,8 @@ def load_teacher(config, stats):
   if folder == "fresh":
     shapes = teacher_lib.teacher_shapes(teacher, FRESH_TEXT, own_layout)
     return teacher_lib.motion_side(teacher, untrained({"motion": shapes["motion"]})), view
-  params = checkpoint.load_params(folder)
-  shapes = teacher_lib.teacher_shapes(teacher, run.text, own_layout)
+  params = run.params()
+  shapes = teacher_lib.teacher_shapes(teacher, run.config.text, own_layout)
   checkpoint.check_fits(params, shapes, f"the teacher in {folder} does not fit its config")
   return teacher_lib.motion_side(teacher, params), view
 
@@ -114,10 +112,10 @@ def denoiser(config) -> Recipe:
   weights = None
   if config.data.balance:
     weights = batches.balance_weights(data.groups, config.data.balance)
-  rules = {name: config.data[name] for name in ("crop_frames", "keep_long", "coin") if name in config.data}
+  rules = {name: config.data[name] for name in ("unit", "crop_frames", "keep_long", "coin")}
   items = batches.TextItems(data.features, data.captions, config.data.min_frames, config.data.max_frames,
                             tuple(config.data.lengths), weights=weights, **rules)
-  encoder = load_text_encoder(config.frozen.text, level=config.frozen.get("text_level", "words"))
+  encoder = load_text_encoder(config.frozen.text, level=config.frozen.text_level)
   encoder.check(caption for captions in data.captions for caption in captions)
   words = config.data.max_words
 
@@ -129,13 +127,10 @@ def denoiser(config) -> Recipe:
     batch["text_emb"], batch["text_mask"] = encoder(said, at_least=words)
     return batch
 
-  if config.loss.unit_latents:
-    mean, std = latent_moments(vae, params, data.features)
-  else:
-    mean, std = np.zeros(vae.latent_dim, np.float32), np.ones(vae.latent_dim, np.float32)
-  frozen = {"tokenizer": params, "latent_mean": mean, "latent_std": std}
+  codec = VaeCodec(vae, params)
+  codec = codec.fitted(data.features) if config.loss.unit_latents else codec.unscaled()
   files = {checkpoint.LENGTHS: caption_lengths(data), checkpoint.TEXT: text_identity(encoder)}
-  return Recipe(cmdm.denoiser_stage(config), next_batch, frozen, None, data.stats, files)
+  return Recipe(cmdm.denoiser_stage(config), next_batch, codec.parts, None, data.stats, files)
 
 
 def load_tokenizer(folder, config):
@@ -145,46 +140,27 @@ def load_tokenizer(folder, config):
   """
   if folder == "fresh":
     vae = CausalVAE(**config.tokenizer)
-    return vae, untrained(cmdm.frozen_shapes(vae)["tokenizer"]), sources.load_features(config.data).stats
-  run = checkpoint.load_config(folder)
-  if run.get("stage") != "cmdm.tokenizer":
-    raise ValueError(f"{folder} holds a {run.get('stage')!r} run, expected one of stage 'cmdm.tokenizer'")
-  theirs = CausalVAE(**plain(run.model.to_dict()))
+    return vae, untrained(cmdm.frozen_shapes(vae)[TOKENIZER]), sources.load_features(config.data).stats
+  run = runs.open(folder, "cmdm.tokenizer")
+  theirs = CausalVAE(**plain(run.config.model.to_dict()))
   vae = CausalVAE(**plain(config.tokenizer.to_dict()))
   # What it was aligned with plays no part any more.
   if theirs.clone(teacher_dim=0, teacher_to_latent=False) != vae:
-    raise ValueError(f"the tokenizer in {folder} is {plain(run.model.to_dict())}, config.tokenizer says "
+    raise ValueError(f"the tokenizer in {folder} is {plain(run.config.model.to_dict())}, config.tokenizer says "
                      f"{plain(config.tokenizer.to_dict())}; make them agree")
-  params = checkpoint.load_params(folder, cmdm.frozen_shapes(theirs)["tokenizer"])
+  params = run.params(cmdm.frozen_shapes(theirs)[TOKENIZER])
   params["params"].pop("align", None)
-  if run.get("taught_by"):
+  if run.config.taught_by:
     with config.unlocked():  # so that a record of the generator can say it
-      config.taught_by = run.taught_by.to_dict()
+      config.taught_by = run.config.taught_by.to_dict()
   return vae, params, stats_lib.load_stats(folder, config.data.layout)
-
-
-def latent_moments(vae, params, features, num_clips=512, length=192):
-  """Mean and std of sampled latents, per channel (C,), over some training clips."""
-  encode = jax.jit(lambda x: vae.apply(params, x, method="encode"))
-  means, variances = [], []
-  for i in np.linspace(0, len(features) - 1, min(num_clips, len(features))).astype(int):
-    clip = features[i][:length]
-    padded = np.zeros((1, length, clip.shape[-1]), np.float32)
-    padded[0, :len(clip)] = clip
-    mean, logvar = encode(padded)
-    rows = len(clip) // vae.frames_per_latent
-    means.append(np.asarray(mean)[0, :rows])
-    variances.append(np.exp(np.asarray(logvar)[0, :rows]))
-  z, variance = np.concatenate(means), np.concatenate(variances)
-  # Of the samples, not of the means: a channel that the encoder leaves to the prior is then not blown up to size 1.
-  return z.mean(0), np.sqrt(z.var(0) + variance.mean(0)).astype(np.float32)
 
 
 def teacher(config) -> Recipe:
   """A motion-language teacher; its text transformer starts as the encoder config.frozen.text and learns on, but for a
   TMR's, which stays as it is."""
   encoder = load_text_encoder(config.frozen.text)
-  frozen_text = config.model.get("kind") == "tmr"
+  frozen_text = config.model.kind == "tmr"
   with config.unlocked():  # what loading the run needs
     config.text = {"width": encoder.dim} if frozen_text else bert_fields_of(encoder.model)
   space = teacher_lib.make_space(config)

@@ -4,11 +4,12 @@ import jax
 import jax.numpy as jnp
 
 from motion_jax.diffusion import paths
+from motion_jax.latents import VaeCodec
 from motion_jax.models.cmdm import ddpm_forcing
 from motion_jax.models.cmdm.losses import align_factor, pool_teacher, tokenizer_terms
 from motion_jax.models.cmdm.teacher import as_seen, frame_features, make_teacher
 from motion_jax.nets.causal_dit import CausalDiT
-from motion_jax.nets.causal_vae import CausalVAE, sample_latent
+from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.nets.masks import block_causal_mask, padding_mask
 from motion_jax.training.stage import Stage
 
@@ -24,9 +25,9 @@ def tokenizer_stage(config) -> Stage:
   """
   vae = CausalVAE(**config.model)
   loss_config = config.loss
-  teacher = make_teacher(config.teacher, config.data.layout) if config.frozen.get("teacher") else None
+  teacher = make_teacher(config.teacher, config.data.layout) if config.frozen.teacher else None
   layout = config.data.layout
-  own_layout = config.get("teacher", {}).get("layout", layout)
+  own_layout = config.teacher.get("layout", layout)
 
   def latent_shape(x):
     return x.shape[:-2] + (x.shape[-2] // 2 ** vae.num_halvings, vae.latent_dim)
@@ -51,10 +52,9 @@ def tokenizer_stage(config) -> Stage:
       seen = as_seen(x, frozen["teacher_view"], layout, own_layout) if "teacher_view" in frozen else x
       guides = split(pool_teacher(frame_features(teacher, frozen["teacher"], seen), noise.shape[1]))
     align_weight = align_factor(step, loss_config, config.train.num_steps) if teacher is not None else 0.0
-    paper = {name: loss_config[name] for name in ("reconstruction", "distance_pairs", "last_layer")
-             if name in loss_config}
+    choices = {name: loss_config[name] for name in ("reconstruction", "distance_pairs", "last_layer")}
     terms = [tokenizer_terms(vae, params, a, e, kl_weight, loss_config.root_weight, teacher=g,
-                             align_weight=align_weight, adaptive=loss_config.get("adaptive_align", True), **paper)
+                             align_weight=align_weight, adaptive=loss_config.adaptive_align, **choices)
              for a, e, g in zip(split(x), split(noise), guides)]
     return jax.tree.map(lambda *parts: sum(parts), *terms), float(len(terms))
 
@@ -65,30 +65,6 @@ def tokenizer_stage(config) -> Stage:
   return Stage(init, loss, predict)
 
 
-def encode_latents(vae, frozen, features, rng_keys):
-  """Latents (B, N, C) to diffuse: a draw of the frozen encoder per clip, scaled to unit variance if asked.
-
-  frozen: params of the tokenizer and latent_mean, latent_std (C,), which are 0 and 1 in the released code
-  (Parity: latents are sampled, not means, and not scaled; scaling is an option, docs/papers/cmdm.md#latents).
-  """
-  mean, logvar = vae.apply(frozen["tokenizer"], features, method="encode")
-  noise = jax.vmap(lambda key: jax.random.normal(key, mean.shape[1:]))(rng_keys)
-  return (sample_latent(mean, logvar, noise) - frozen["latent_mean"]) / frozen["latent_std"]
-
-
-def encode_motion(vae, frozen, features):
-  """Normalized features (B, T, F) to the latents that the denoiser knows, the encoder's means (B, T / 4, C)."""
-  # Parity: training samples latents, as the code does; what is to be kept of a given motion is its mean.
-  mean, _ = vae.apply(frozen["tokenizer"], features, method="encode")
-  return (mean - frozen["latent_mean"]) / frozen["latent_std"]
-
-
-def decode_latents(vae, frozen, latents):
-  """Latents as the denoiser knows them (B, N, C) to normalized features (B, 4 N, F)."""
-  z = latents * frozen["latent_std"] + frozen["latent_mean"]
-  return vae.apply(frozen["tokenizer"], z, method="decode")
-
-
 def denoiser_stage(config) -> Stage:
   """Trains the causal diffusion transformer by diffusion forcing on latents of the frozen tokenizer.
 
@@ -97,15 +73,16 @@ def denoiser_stage(config) -> Stage:
   vae = CausalVAE(**config.tokenizer)
   dit = CausalDiT(**config.model)
   block = dit.block
-  level_block = config.loss.get("level_block", block)
+  level_block = config.loss.level_block
 
   def inputs(frozen, batch, rng):
     encode_rng, level_rng, noise_rng, drop_rng = jax.random.split(rng, 4)
     keys = lambda key: jax.vmap(lambda i: jax.random.fold_in(key, i))(batch["index"])
-    if config.loss.get("mean_latents", False):  # Parity: the paper's algorithm 1 says E(x), the code draws
-      z1 = encode_motion(vae, frozen, batch["features"])
-    else:
-      z1 = encode_latents(vae, frozen, batch["features"], keys(encode_rng))
+    codec = VaeCodec.of(vae, frozen)
+    if config.loss.mean_latents:  # Parity: the paper's algorithm 1 says E(x), the code draws
+      z1 = codec.encode(batch["features"])
+    else:  # Parity: not scaled in the released code, where the codec's mean is 0 and its std 1
+      z1 = codec.sample(batch["features"], keys(encode_rng))
     latent_mask = padding_mask(batch["num_frames"] // vae.frames_per_latent, z1.shape[1])
     z1 = jnp.where(latent_mask[..., None], z1, 0.0)
     # Parity: the code draws one time per block of 3 latents, the paper one per latent; level_block says which.
@@ -133,7 +110,7 @@ def denoiser_stage(config) -> Stage:
     if dit.predicts == "ddpm":
       # Parity: the paper's algorithm 1; the code, and our default, learn the velocity of a straight path.
       return ddpm_forcing.forcing_loss(velocity, z1, latent_mask, t, noise)
-    return paths.forcing_loss(velocity, z1, latent_mask, t, noise, config.loss.get("target", dit.predicts))
+    return paths.forcing_loss(velocity, z1, latent_mask, t, noise, dit.predicts)
 
   def predict(params, frozen, batch, rng):
     z1, latent_mask, t, noise, text_emb = inputs(frozen, batch, rng)
@@ -158,4 +135,4 @@ def frozen_shapes(vae):
   x, noise = jnp.zeros((1, vae.frames_per_latent, vae.features)), jnp.zeros((1, 1, vae.latent_dim))
   params = jax.eval_shape(lambda: vae.init(jax.random.key(0), x, noise))
   channel = jax.ShapeDtypeStruct((vae.latent_dim,), jnp.float32)
-  return {"tokenizer": params, "latent_mean": channel, "latent_std": channel}
+  return VaeCodec(vae, params, channel, channel).parts

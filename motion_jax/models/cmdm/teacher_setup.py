@@ -26,7 +26,7 @@ def reader(config, space, encoder):
   "" leaves no pair out.
   """
   near = None
-  if isinstance(space.net, TMR) and config.frozen.get("sentence"):
+  if isinstance(space.net, TMR) and config.frozen.sentence:
     near = load_text_encoder(config.frozen.sentence, level="sentence")
 
   def read(captions):
@@ -70,7 +70,7 @@ def origin(config, net):
   said = {"text": config.frozen.text}
   if not isinstance(net, MotionPatches):
     return {}, said
-  if not config.frozen.get("vit"):
+  if not config.frozen.vit:
     return {}, said | {"vit": {"weights": "random"}}
   params, vit = imagenet(config.frozen.vit, net)
   return {"vit": params}, said | {"vit": vit}

@@ -1,9 +1,8 @@
 """CMDM's released weights: tokenizer and denoiser (docs/papers/cmdm.md#checkpoint-names)."""
 
-import numpy as np
-
 from motion_jax import paper_rows
 from motion_jax.convert.parts import Network, check_free, heads_of, network, read_part, text_files, write
+from motion_jax.latents import TOKENIZER, VaeCodec
 from motion_jax.models import cmdm
 from motion_jax.models.cmdm.weight_names import causal_dit_names, causal_vae_names
 from motion_jax.motion.features import layout_for
@@ -37,7 +36,7 @@ def tokenizer(path) -> Network:
     fields |= dict(teacher_dim=part.shape("linear_proj_z.weight", what, 2)[0])
   vae = CausalVAE(**fields)
   table = causal_vae_names(halvings, depth, bool(vae.teacher_dim), reversed_too)
-  return network(what, part, vae, fields, cmdm.frozen_shapes(vae)["tokenizer"], table)
+  return network(what, part, vae, fields, cmdm.frozen_shapes(vae)[TOKENIZER], table)
 
 
 def denoiser(path, weights="ema", num_heads=None, block=3) -> Network:
@@ -87,7 +86,6 @@ def write_cmdm(out, tokenizer_file, stats, denoiser_file=None, text=None, weight
                 sampler=dict(num_steps=50, lag=2, guidance_scale=3.0))  # docs/papers/cmdm.md#fss, #guidance
   own = vae.fields == PAPERS_VAE and dit.fields == PAPERS_DIT
   config["paper_row"] = paper_rows.claim(config, paper_rows.CMDM if own else {})
-  zeros = np.zeros(vae.fields["latent_dim"], np.float32)  # Parity: released latents are not scaled
-  frozen = {"tokenizer": vae.params, "latent_mean": zeros, "latent_std": zeros + 1}
+  frozen = VaeCodec(vae.module, vae.params).unscaled().parts  # Parity: released latents are not scaled
   write(out, config, [vae, dit], dit.params, stats, frozen, files)
   return [vae, dit]

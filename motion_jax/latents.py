@@ -1,0 +1,166 @@
+"""Tokenizers as what is built on them uses them: a codec turns features into latents and back.
+
+A codec holds a network, its parameters and the scale of its latents as one pytree, whose network is static: it goes
+through jit, grad and pmap as any array does. Latents are those that a generator knows: `(z - mean) / std` of what the
+encoder gives. In files a codec is `tokenizer`, `latent_mean` and `latent_std` (`parts`).
+"""
+from typing import Any
+
+import flax.struct
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from motion_jax.nets.causal_vae import sample_latent
+from motion_jax.quant import rvq
+
+TOKENIZER, MEAN, STD = "tokenizer", "latent_mean", "latent_std"  # the names of its parts in a file
+
+
+@flax.struct.dataclass
+class LatentCodec:
+  """A trained tokenizer: features (B, T, F), normalized, <-> latents (B, L, C), T = L * frames_per_latent.
+
+  net: the module, static; params: its variables; mean, std (C,): of the latents, 0 and 1 where they are not scaled.
+  """
+  net: Any = flax.struct.field(pytree_node=False)
+  params: Any
+  mean: Any = 0.0
+  std: Any = 1.0
+
+  @classmethod
+  def of(cls, net, parts):
+    """The codec whose `parts` these are, or that stand among others in what a generator was trained on."""
+    return cls(net, parts[TOKENIZER], parts[MEAN], parts[STD])
+
+  @property
+  def parts(self) -> dict:
+    """What a run folder keeps of it, by the names in the file."""
+    return {TOKENIZER: self.params, MEAN: self.mean, STD: self.std}
+
+  @property
+  def frames_per_latent(self) -> int:
+    return self.net.frames_per_latent
+
+  def unscaled(self):
+    """The same codec with the encoder's own latents."""
+    return self.replace(mean=np.zeros(self.net.latent_dim, np.float32), std=np.ones(self.net.latent_dim, np.float32))
+
+  def scale(self, z):
+    return (z - self.mean) / self.std
+
+  def unscale(self, latents):
+    return latents * self.std + self.mean
+
+  def real_frames(self, real_mask):
+    """(B, T) of a mask of latents (B, L)."""
+    return jnp.repeat(real_mask, self.frames_per_latent, axis=1)
+
+  def _clips(self, features, num_clips, length):
+    """Some clips of features, a list of (T, F), padded with zeros: ((1, length, F), whole latents) of each."""
+    for i in np.linspace(0, len(features) - 1, min(num_clips, len(features))).astype(int):
+      clip = features[i][:length]
+      padded = np.zeros((1, length, clip.shape[-1]), np.float32)
+      padded[0, :len(clip)] = clip
+      yield padded, len(clip) // self.frames_per_latent
+
+
+@flax.struct.dataclass
+class VaeCodec(LatentCodec):
+  """Of a variational autoencoder that looks back only (`nets.causal_vae`): its encoder gives a distribution."""
+
+  def _distribution(self, features):
+    return self.net.apply(self.params, features, method="encode")
+
+  def _draw(self, features, keys):
+    mean, logvar = self._distribution(features)
+    noise = jax.vmap(lambda key: jax.random.normal(key, mean.shape[1:]))(keys)
+    return sample_latent(mean, logvar, noise)
+
+  def encode(self, features):
+    """Features to latents, the encoder's means."""
+    return self.scale(self._distribution(features)[0])
+
+  def sample(self, features, keys):
+    """Features to latents drawn by keys (B,), one per clip."""
+    return self.scale(self._draw(features, keys))
+
+  def decode(self, latents):
+    return self.net.apply(self.params, self.unscale(latents), method="decode")
+
+  def init_decode_state(self, batch_size):
+    """What the decoder remembers of a stream of latents that has not begun."""
+    return self.net.apply(self.params, batch_size, method="init_decode_state")
+
+  def decode_step(self, latents, state):
+    """(features, state) of the next latents of a stream: those that `decode` gives of all latents at once."""
+    return self.net.apply(self.params, self.unscale(latents), state, method="decode_step")
+
+  def reconstruct(self, features, keys=None):
+    """Features there and back, by the means or, with keys (B,), by latents that are drawn."""
+    z = self._distribution(features)[0] if keys is None else self._draw(features, keys)
+    return self.net.apply(self.params, z, method="decode")
+
+  def fitted(self, features, num_clips=512, length=192):
+    """The codec whose sampled latents have mean 0 and variance 1 over some training clips, a list of (T, F)."""
+    distribution = jax.jit(self._distribution)
+    means, variances = [], []
+    for padded, count in self._clips(features, num_clips, length):
+      mean, logvar = distribution(padded)
+      means.append(np.asarray(mean)[0, :count])
+      variances.append(np.exp(np.asarray(logvar)[0, :count]))
+    z, variance = np.concatenate(means), np.concatenate(variances)
+    # Of the samples, not of the means: a channel that the encoder leaves to the prior is then not blown up to size 1.
+    return self.replace(mean=z.mean(0), std=np.sqrt(z.var(0) + variance.mean(0)).astype(np.float32))
+
+
+@flax.struct.dataclass
+class AutoencoderCodec(LatentCodec):
+  """Of a deterministic autoencoder that looks both ways (`nets.autoencoder`): it is told where clips end.
+
+  real_mask (B, L): the latents that are no padding.
+  """
+
+  def encode(self, features, real_mask):
+    """Features to latents, zero at padding."""
+    z = self.net.apply(self.params, features, real_mask=self.real_frames(real_mask), method="encode")
+    return jnp.where(real_mask[..., None], self.scale(z), 0.0)
+
+  def decode(self, latents, real_mask):
+    return self.net.apply(self.params, self.unscale(latents), real_mask=real_mask, method="decode")
+
+  def reconstruct(self, features, frame_mask, real_mask):
+    """Features there and back; frame_mask (B, T): the frames that are no padding."""
+    z = self.net.apply(self.params, features, real_mask=frame_mask, method="encode")
+    return self.net.apply(self.params, z, real_mask=real_mask, method="decode")
+
+  def fitted(self, features, num_clips=512, length=192):
+    """The codec whose latents have mean 0 and variance 1 over some training clips, a list of (T, F)."""
+    encode = jax.jit(lambda x, real_mask: self.net.apply(self.params, x, real_mask=real_mask, method="encode"))
+    rows = []
+    for padded, count in self._clips(features, num_clips, length):
+      frame_mask = np.arange(length)[None] < count * self.frames_per_latent
+      rows.append(np.asarray(encode(padded, frame_mask))[0, :count])
+    z = np.concatenate(rows)
+    return self.replace(mean=z.mean(0), std=z.std(0) + 1e-6)
+
+
+@flax.struct.dataclass
+class RvqCodec(LatentCodec):
+  """Of an RVQ-VAE: an autoencoder whose latents are codes of residual levels. params: {"params", "codebooks"}."""
+
+  @property
+  def _codes(self):
+    return self.params["codebooks"]["codes"]
+
+  def encode(self, features, frame_mask=None):
+    """Features, of frame_mask (B, T), to code indices (B, L, Q) and code vectors of each level (Q, B, L, C)."""
+    return rvq.encode(self._codes, self.net.apply(self.params, features, real_mask=frame_mask, method="encode"))
+
+  def decode(self, indices, num_levels=None):
+    """Code indices (B, L, Q) to features, from the first num_levels levels only if that is given."""
+    return self.net.apply(self.params, rvq.decode(self._codes, indices, num_levels), method="decode")
+
+  def reconstruct(self, features, frame_mask=None):
+    """Features there and back through their codes."""
+    return self.decode(self.encode(features, frame_mask)[0])

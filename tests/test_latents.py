@@ -1,0 +1,89 @@
+"""A codec is its network, weights and scale in one: it goes through jit and files, and what it scales it undoes."""
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from motion_jax.latents import AutoencoderCodec, RvqCodec, VaeCodec
+from motion_jax.nets.autoencoder import Autoencoder
+from motion_jax.nets.causal_vae import CausalVAE
+from motion_jax.nets.masks import padding_mask
+from motion_jax.quant import vq
+from motion_jax.training import checkpoint
+from motion_jax.training.setup import untrained
+
+X = jnp.asarray(np.random.default_rng(0).normal(size=(2, 24, 6)), jnp.float32)
+MEAN, STD = jnp.array([0.5, -1.0, 0.0]), jnp.array([2.0, 0.5, 1.0])
+
+
+@pytest.fixture(scope="module")
+def vae():
+  net = CausalVAE(features=6, latent_dim=3, width=8, dilations=(1,))
+  shapes = jax.eval_shape(lambda: net.init(jax.random.key(0), X[:1], jnp.zeros((1, 6, 3))))
+  return VaeCodec(net, untrained(shapes), MEAN, STD)
+
+
+@pytest.fixture(scope="module")
+def autoencoder():
+  net = Autoencoder(features=6, latent_dim=3, width=8, dilations=(1,))
+  return AutoencoderCodec(net, untrained(jax.eval_shape(lambda: net.init(jax.random.key(0), X))), MEAN, STD)
+
+
+def test_a_codec_is_one_argument_of_a_compiled_function(vae):
+  decode = jax.jit(VaeCodec.decode)
+  z = jnp.ones((1, 2, 3))
+  assert decode(vae, z).shape == (1, 8, 6)
+  assert np.abs(decode(vae.replace(mean=MEAN + 1), z) - decode(vae, z)).max() > 1e-3 and decode._cache_size() == 1
+  gradient = jax.grad(lambda codec: (codec.decode(z) ** 2).sum())(vae)
+  assert gradient.net == vae.net and np.abs(gradient.std).min() > 0  # the scale takes part, the network does not
+
+
+def test_a_codec_comes_back_from_its_file(vae, tmp_path):
+  checkpoint.save_params(tmp_path, vae.parts | {"prior": {"w": np.ones(2)}}, name=checkpoint.FROZEN)
+  found = checkpoint.load_params(tmp_path, name=checkpoint.FROZEN)
+  assert set(found) == {"tokenizer", "latent_mean", "latent_std", "prior"}
+  jax.tree.map(np.testing.assert_array_equal, VaeCodec.of(vae.net, found), vae)
+
+
+def test_scaled_latents_are_those_of_the_encoder_moved_and_stretched(vae):
+  plain, keys = vae.unscaled(), jax.random.split(jax.random.key(0), 2)
+  for encode in (lambda codec: codec.encode(X), lambda codec: codec.sample(X, keys)):
+    np.testing.assert_allclose(encode(vae) * STD + MEAN, encode(plain), atol=1e-5)
+  assert np.abs(vae.sample(X, keys) - vae.encode(X)).max() > 1e-2
+  np.testing.assert_allclose(vae.decode(vae.encode(X)), vae.reconstruct(X), atol=1e-4)
+  np.testing.assert_allclose(vae.decode(vae.sample(X, keys)), vae.reconstruct(X, keys), atol=1e-4)
+
+
+def test_a_stream_of_latents_decodes_as_the_whole(vae):
+  z, state, parts = vae.encode(X), vae.init_decode_state(2), []
+  for block in jnp.split(z, 3, axis=1):
+    features, state = vae.decode_step(block, state)
+    parts.append(features)
+  np.testing.assert_allclose(jnp.concatenate(parts, axis=1), vae.decode(z), atol=1e-5)
+
+
+def test_fitted_latents_have_mean_0_and_variance_1(vae, autoencoder):
+  clips = list(np.random.default_rng(1).normal(size=(16, 26, 6)).astype(np.float32))  # half a latent at the end
+  real = jnp.ones((16, 6), bool)
+  z = np.asarray(autoencoder.fitted(clips, length=24).encode(jnp.stack(clips)[:, :24], real)).reshape(-1, 3)
+  np.testing.assert_allclose([z.mean(0), z.std(0)], [[0] * 3, [1] * 3], atol=1e-4)
+  fitted = vae.fitted(clips, length=24)
+  drawn = [fitted.sample(jnp.stack(clips)[:, :24], jax.random.split(jax.random.key(i), 16)) for i in range(8)]
+  z = np.asarray(jnp.concatenate(drawn)).reshape(-1, 3)
+  np.testing.assert_allclose([z.mean(0), z.std(0)], [[0] * 3, [1] * 3], atol=0.15)
+
+
+def test_padding_has_no_latents(autoencoder):
+  real = padding_mask(jnp.array([6, 4]), 6)
+  z = autoencoder.encode(X, real)
+  assert z.shape == (2, 6, 3) and not z[1, 4:].any() and z[1, :4].all()
+  assert autoencoder.real_frames(real).sum(-1).tolist() == [24, 16]
+
+
+def test_codes_there_and_back(autoencoder):
+  books = vq.codebook_of(np.random.default_rng(2).normal(size=(2, 8, 3)).astype(np.float32))
+  codec = RvqCodec(autoencoder.net, {**autoencoder.params, "codebooks": books._asdict()})
+  indices, codes = codec.encode(X)
+  assert indices.shape == (2, 6, 2) and codes.shape == (2, 2, 6, 3) and codec.decode(indices).shape == X.shape
+  np.testing.assert_array_equal(codec.reconstruct(X), codec.decode(indices))
+  assert np.abs(codec.decode(indices, 1) - codec.decode(indices)).max() > 1e-3

@@ -1,0 +1,101 @@
+"""A run folder is found and opened in one place; one older than some fields of its config means what it meant."""
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from motion_jax import fit, loading, paper_rows, runs
+from motion_jax.inputs.errors import InputError
+from motion_jax.training import checkpoint
+from tests.conftest import ROOT, load_config
+
+CONFIGS = sorted(path.stem for path in (ROOT / "configs").glob("*.py") if path.stem not in ("common", "__init__"))
+
+
+def strip(config):
+  """The dict of a config without the fields that say what `runs.upgrade` takes for granted."""
+  told = config.to_dict()
+  for path in {**runs._LEFT_OUT[""], **runs._LEFT_OUT[config.stage]}:
+    section, _, field = path.rpartition(".")
+    place = told[section] if section else told
+    value = place.pop(field)
+    new = runs.upgrade(type(config)(told)).to_dict()
+    if (new[section] if section else new)[field] != value:  # the config's own choice
+      place[field] = value
+  return told
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+def test_config_files_name_every_field_that_is_read(name):
+  for size in ("full", "tiny"):
+    config = load_config(name, size)
+    assert config.to_dict() == runs.upgrade(config).to_dict()
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+def test_an_older_config_means_the_same_and_keeps_its_printed_row(name):
+  config = load_config(name, "full")
+  old = type(config)(strip(config))
+  old.paper_row = paper_rows.claim(old, {"cmdm 4": "CMDM"})  # it was named by the fields that it has
+  told = old.to_dict()
+  new = runs.upgrade(old.lock())
+  assert new.is_locked and old.to_dict() == told and runs.upgrade(new) == new
+  assert new.to_dict() | {"paper_row": None} == config.to_dict() | {"paper_row": None}
+  assert paper_rows.is_exact(old) and paper_rows.is_exact(new)
+
+
+def test_a_model_that_was_changed_after_it_was_named_stays_beside_its_row():
+  config = load_config("cmdm_denoiser", "full").unlock()
+  config.model.width = 64
+  assert not paper_rows.is_exact(config) and not paper_rows.is_exact(runs.upgrade(config))
+
+
+@pytest.fixture(scope="module")
+def old_run(tiny_run, tmp_path_factory):
+  """The folder of a run as it would be, had its config been written before any of the later fields was there."""
+  folder = tmp_path_factory.mktemp("old") / "denoiser"
+  shutil.copytree(tiny_run, folder)
+  config = checkpoint.load_config(folder)
+  (folder / "config.json").write_text(json.dumps(strip(config)))
+  return folder
+
+
+def test_an_older_run_makes_the_same_motion(tiny_run, old_run):
+  made = [loading.load(folder).generate("a person walks", 24, seeds=[3], num_steps=2, lag=1, guidance_scale=1.0)
+          for folder in (tiny_run, old_run)]
+  np.testing.assert_array_equal(*(motions[0].features for motions in made))
+
+
+def test_an_older_run_goes_on(old_run, tmp_path, capsys):
+  folder = shutil.copytree(old_run, tmp_path / "run")
+  config = load_config("cmdm_denoiser", "tiny").unlock()
+  config.train.num_steps = 3
+  fit.run(config.lock(), folder, resume=True)
+  assert "at step 3" in capsys.readouterr().out
+  config.unlock().loss.level_block = 1
+  with pytest.raises(ValueError, match="--resume with another loss"):
+    fit.run(config.lock(), folder, resume=True)
+
+
+def test_runs_that_ship_open_by_name_and_by_folder():
+  assert {"cmdm-small", "cdamd-small"} <= set(runs.shipped_names())
+  for name in runs.shipped_names():
+    run = runs.open(name)
+    assert run.folder == runs.find(run.folder) == runs.PRETRAINED / name
+    assert run.stage == run.config.stage and len(run.stats.mean) == run.stats.layout.dim and run.params()
+    assert run.config == runs.upgrade(run.config)
+
+
+def test_what_is_no_run_or_another_one_is_told(tmp_path):
+  with pytest.raises(FileNotFoundError, match=r"neither a run folder 'cmdm-smal' nor .* did you mean cmdm-small\?"):
+    runs.open("cmdm-smal")
+  with pytest.raises(FileNotFoundError, match="that ships: part-tmr-small"):
+    runs.open(tmp_path / "none", "cmdm.teacher")
+  with pytest.raises(TypeError, match=r"got 3 \(int\) to load, expected a run folder"):
+    runs.open(3)
+  with pytest.raises(InputError, match="cmdm-small holds a 'cmdm.denoiser' run, expected one of stage cmdm.teacher"):
+    runs.open("cmdm-small", "cmdm.teacher")
+  (tmp_path / "config.json").write_text("{}")
+  with pytest.raises(InputError, match="holds a None run"):
+    runs.open(tmp_path)
