@@ -16,7 +16,7 @@ import numpy as np
 from motion_jax import loading, retrieval
 from motion_jax.data.datasets.archive import read_archive
 from motion_jax.metrics import physics, scores
-from motion_jax.motion.features import to_joints
+from motion_jax.motion.representations import to_joints
 from motion_jax.training.setup import reconstruction_error
 
 FRAMES = 96  # of every generated motion: one compiled function

@@ -11,8 +11,7 @@ import pathlib
 import numpy as np
 
 from motion_jax import export, loading
-from motion_jax.motion.features import facing
-from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.motion.skeleton import HUMANML3D, facing
 
 JOINT = {name: index for index, name in enumerate(HUMANML3D.joints)}
 

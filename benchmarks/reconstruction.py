@@ -13,7 +13,7 @@ import numpy as np
 
 from motion_jax import loading
 from motion_jax.data.datasets.archive import read_archive
-from motion_jax.motion.features import canonicalize, extract, to_features, to_joints
+from motion_jax.motion.representations import canonicalize, extract, to_features, to_joints
 
 
 def errors(loaded, features):

@@ -16,7 +16,7 @@ from motion_jax.data.datasets import archive, humanml3d
 from motion_jax.metrics.scores import retrieval, retrieval_by_rank
 from motion_jax.models.cmdm import teacher as teacher_lib
 from motion_jax.motion import plausibility
-from motion_jax.motion.features import to_features
+from motion_jax.motion.representations import to_features
 from motion_jax.nets.masks import padding_mask
 from motion_jax.runtime import cache
 from motion_jax.text.encoder import load_text_encoder

@@ -22,7 +22,7 @@ from motion_jax.evaluators import evaluator as evaluator_lib
 from motion_jax.models import cmdm
 from motion_jax.models.base import plain_fields
 from motion_jax.models.cmdm import model as model_lib
-from motion_jax.motion.features import to_features
+from motion_jax.motion.representations import to_features
 from motion_jax.motion.skeleton import SMPL, SNAPMOGEN
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE

@@ -11,7 +11,7 @@ from motion_jax import fit as training
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.loading import load
 from motion_jax.models.cdamd.model import colors_of, spans_of
-from motion_jax.motion.features import to_joints
+from motion_jax.motion.representations import to_joints
 from motion_jax.training.metrics import read_metrics
 from tests.conftest import load_config
 

@@ -17,7 +17,7 @@ from motion_jax.models import cmdm
 from motion_jax.models.cmdm import streaming
 from motion_jax.models.cmdm.teacher import make_teacher
 from motion_jax.models.cmdm.teacher_weights import teacher, write_teacher
-from motion_jax.motion.features import get_layout
+from motion_jax.motion.representations import get_layout
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.nets.post_norm import PostNormLayer
 from motion_jax.text import bert

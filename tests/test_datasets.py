@@ -11,7 +11,7 @@ from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.data.sources import load_features
 from motion_jax.models.cmdm import teacher
 from motion_jax.models.cmdm.live import _continue_path
-from motion_jax.motion import features as F
+from motion_jax.motion import representations as F
 from motion_jax.motion.skeleton import SNAPMOGEN
 from motion_jax.training.metrics import read_metrics
 from tests.conftest import ROOT, load_config

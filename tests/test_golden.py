@@ -11,7 +11,7 @@ from motion_jax.data.batches import Windows
 from motion_jax.diffusion.schedules import staircase, staircase_levels
 from motion_jax.latents import VaeCodec
 from motion_jax.models.cmdm.weight_names import causal_dit_names
-from motion_jax.motion import features as features_lib
+from motion_jax.motion import representations as features_lib
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.masks import block_causal_mask, padding_mask
 from motion_jax.text.bert import bert_fields

@@ -12,8 +12,8 @@ import motion_jax as mj
 from motion_jax import fit as training
 from motion_jax.loading import load
 from motion_jax.models.base import Prompted
-from motion_jax.motion.features import bone_lengths, to_joints
-from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.motion.representations import to_joints
+from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
 from motion_jax.runs import PRETRAINED
 from tests.conftest import load_config
 

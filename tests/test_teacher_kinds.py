@@ -22,7 +22,7 @@ from motion_jax.models.cmdm import teacher as teacher_lib
 from motion_jax.models.cmdm import teacher_setup as teachers
 from motion_jax.models.cmdm.teacher_weight_names import vit_from_torch
 from motion_jax.models.cmdm.teacher_weights import teacher
-from motion_jax.motion.features import get_layout, to_features
+from motion_jax.motion.representations import get_layout, to_features
 from motion_jax.motion.stats import Stats, compute_stats, save_stats
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.training import checkpoint

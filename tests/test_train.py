@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from motion_jax import fit as training
-from motion_jax.motion.features import get_layout
+from motion_jax.motion.representations import get_layout
 from motion_jax.motion.stats import Stats, save_stats
 from motion_jax.training import checkpoint
 from motion_jax.training import loop as train

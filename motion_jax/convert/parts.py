@@ -12,7 +12,7 @@ import numpy as np
 from motion_jax.convert.state import from_torch, load_checkpoint, select
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.input_files import npy_shape
-from motion_jax.motion.features import layout_for
+from motion_jax.motion.representations import layout_for
 from motion_jax.motion.stats import ABSOLUTE, load_stats, save_stats
 from motion_jax.runtime.atomic import atomic_folder
 from motion_jax.text.encoder import load_text_encoder

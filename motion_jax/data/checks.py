@@ -5,9 +5,8 @@ from motion_jax.data.datasets import humanml3d
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.input_files import load_npy
 from motion_jax.motion import plausibility
-from motion_jax.motion.features import bone_lengths, facing
 from motion_jax.motion.retarget import floor_height
-from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.motion.skeleton import HUMANML3D, bone_lengths, facing
 
 # Std of the official HumanML3D statistics by block, and the height's mean (docs/papers/cmdm.md#statistics).
 _OFFICIAL_STD = (0.012826, 0.016927, 0.153766, 0.122244, 0.299692, 0.019470, 0.355933)

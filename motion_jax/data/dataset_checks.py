@@ -8,7 +8,7 @@ import tqdm
 
 from motion_jax.data import checks
 from motion_jax.data.datasets import babel, humanml3d, snapmogen
-from motion_jax.motion.features import get_layout, to_joints
+from motion_jax.motion.representations import get_layout, to_joints
 
 _LEAK = "results on test or val would be too good: keep each recording in one split"
 
@@ -117,7 +117,7 @@ def examine_babel(folder, found, progress):
       num_frames += len(recording.translation)
       num_segments, num_pairs = num_segments + len(segments), num_pairs + len(babel.pairs(segments))
       if len(recording.translation) > 1:
-        features = babel.features135.extract(recording.rotations, recording.translation, "corrected")
+        features = babel.from_rotations(recording.rotations, recording.translation, "corrected")
         body.check(name, to_joints(features.astype(np.float32), layout))
     facts.append((split, f"{len(table)} recordings, {num_frames / babel.FPS / 3600:.2f} hours, {num_segments} labels, "
                   f"{num_pairs} pairs of adjacent ones"))

@@ -14,7 +14,7 @@ from motion_jax.data.datasets.archive import FPS, is_archive, read_motions, read
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.input_files import json_row
 from motion_jax.inputs.text_files import read_lines
-from motion_jax.motion.features import layout_for, to_joints
+from motion_jax.motion.representations import layout_for, to_joints
 from motion_jax.motion.skeleton import HUMANML3D
 
 LEVELS = ("error", "warning", "note")
@@ -121,7 +121,7 @@ def _examine_folder(folder, found, progress):
   found.add_all("warning", "motions in no split", "add their ids to train.txt, val.txt or test.txt",
                 sorted(vectors - listed))
   found.add_all("warning", "motions without joints", "make new_joints/ID.npy from the features "
-                "(motion_jax.motion.features.to_joints)", sorted(vectors - joints) if joints else ())
+                "(motion_jax.motion.representations.to_joints)", sorted(vectors - joints) if joints else ())
   found.add_all("warning", "mirrored clips without their original", "add the original, or remove the mirrored clip",
                 sorted(name for name in vectors if name.startswith("M") and name[1:] not in vectors
                        and not (folder / "dataset.json").is_file()))

@@ -19,7 +19,7 @@ from tqdm import tqdm
 from motion_jax.data import mirror
 from motion_jax.data.datasets import archive, babel, humanml3d, snapmogen, synthetic
 from motion_jax.inputs.errors import InputError
-from motion_jax.motion.features import FeatureLayout, get_layout, to_features
+from motion_jax.motion.representations import FeatureLayout, get_layout, to_features
 from motion_jax.motion.stats import Stats, compute_stats
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from motion_jax.evaluation import provenance as record
 from motion_jax.evaluation import samples
-from motion_jax.motion.features import to_features
+from motion_jax.motion.representations import to_features
 from motion_jax.training import checkpoint
 
 _PARTS = (checkpoint.CONFIG, checkpoint.FROZEN, "Mean.npy", "Std.npy")

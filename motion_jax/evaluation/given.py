@@ -18,7 +18,7 @@ from motion_jax.evaluation.tasks import generation
 from motion_jax.inputs.input_files import load_npy, npy_shape
 from motion_jax.metrics.long_horizon import placed
 from motion_jax.motion import plausibility
-from motion_jax.motion.features import LAYOUTS, get_layout, layout_for
+from motion_jax.motion.representations import LAYOUTS, get_layout, layout_for
 from motion_jax.runtime.atomic import atomic_path
 
 PROMPTS = "prompts.jsonl"

@@ -8,7 +8,7 @@ from motion_jax.evaluation import samples
 from motion_jax.evaluators.reading import carry
 from motion_jax.metrics import physics, scores
 from motion_jax.metrics import protocol as protocol_lib
-from motion_jax.motion.features import to_joints
+from motion_jax.motion.representations import to_joints
 
 # Streams of random numbers inside a (seed, repeat).
 AGAIN, DIVERSITY, MULTIMODALITY, NOISE = 1, 2, 3, 4

@@ -25,7 +25,7 @@ from motion_jax.evaluation.tasks import editing, generation, long_horizon, recon
 from motion_jax.evaluation.tasks import timelines as mtt
 from motion_jax.evaluators.evaluator import Evaluator, load_evaluator
 from motion_jax.models.base import Prompted
-from motion_jax.motion.features import get_layout
+from motion_jax.motion.representations import get_layout
 from motion_jax.motion.skeleton import HUMANML3D, KIT
 from motion_jax.runs import PRETRAINED, find
 from motion_jax.runtime.atomic import atomic_path

@@ -7,7 +7,7 @@ A folder of samples: samples.json says what decides them and which code made the
 features (rows, F), float32, of all its motions one behind the other, in physical units, start (B + 1,) offsets,
 frames (B,), seeds (B,).
 Behind its frames a motion has up to TAIL rows more, what the decoder made there. Joints follow from features
-(`motion.features.to_joints`).
+(`motion.representations.to_joints`).
 """
 import concurrent.futures
 import hashlib

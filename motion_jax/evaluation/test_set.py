@@ -12,7 +12,7 @@ import numpy as np
 
 from motion_jax.data import sources
 from motion_jax.data.datasets import archive, babel, humanml3d, snapmogen
-from motion_jax.motion.features import get_layout
+from motion_jax.motion.representations import get_layout
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

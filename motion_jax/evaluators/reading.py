@@ -1,7 +1,7 @@
 """Motion of one representation as an evaluator of another reads it."""
 import numpy as np
 
-from motion_jax.motion.features import extract, to_features, to_joints
+from motion_jax.motion.representations import extract, to_features, to_joints
 
 
 def carry(features, layout, evaluator):

@@ -11,7 +11,7 @@ from motion_jax.data.mocap.capture import to_clip, with_rate
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.input_files import load_npy, load_npz, npz_names, parse_json
 from motion_jax.motion import plausibility
-from motion_jax.motion.features import LAYOUTS, get_layout, layout_for, to_joints
+from motion_jax.motion.representations import LAYOUTS, get_layout, layout_for, to_joints
 from motion_jax.motion.skeleton import HUMANML3D, SKELETONS
 from motion_jax.runtime.atomic import atomic_path
 

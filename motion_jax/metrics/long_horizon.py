@@ -12,8 +12,7 @@ import numpy as np
 
 from motion_jax.metrics import physics, scores
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.features import facing
-from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.motion.skeleton import HUMANML3D, facing
 
 
 @dataclasses.dataclass(frozen=True)

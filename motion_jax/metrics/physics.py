@@ -6,8 +6,7 @@ so print the real data's number beside.
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from motion_jax.motion.features import facing
-from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.motion.skeleton import HUMANML3D, facing
 
 # Mean jerk of real transitions, the level that AUJ is measured from (FlowMDM's; docs/papers/cmdm.md#long-horizon).
 REAL_JERK = {"humanml3d": 0.033031363, "babel": 0.016383045}

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from motion_jax.metrics import scores
-from motion_jax.motion.features import layout_for, to_joints
+from motion_jax.motion.representations import layout_for, to_joints
 
 
 @dataclasses.dataclass(frozen=True)

@@ -10,7 +10,7 @@ import dataclasses
 import numpy as np
 
 from motion_jax.metrics import physics, scores
-from motion_jax.motion.features import get_layout, to_features, to_joints
+from motion_jax.motion.representations import get_layout, to_features, to_joints
 from motion_jax.motion.skeleton import HUMANML3D
 
 

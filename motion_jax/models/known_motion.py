@@ -4,8 +4,8 @@ import numpy as np
 
 from motion_jax.data.mocap.capture import resample
 from motion_jax.motion import plausibility
-from motion_jax.motion.features import bone_lengths
 from motion_jax.motion.retarget import retarget
+from motion_jax.motion.skeleton import bone_lengths
 
 _OTHER_BONES = 5e-3  # metres that a body's bones may differ from the skeleton's before it is retargeted
 

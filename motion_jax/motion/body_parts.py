@@ -1,7 +1,7 @@
 """A body in six parts: which columns of a feature vector belong to which (docs/papers/cmdm.md#part-tmr)."""
 import numpy as np
 
-from motion_jax.motion.features import get_layout
+from motion_jax.motion.representations import get_layout
 
 PARTS = ("root", "right_leg", "left_leg", "backbone", "right_arm", "left_arm")
 

@@ -1,10 +1,12 @@
-"""Skeletons: which joints there are, how they hang together, how long the bones are.
+"""Skeletons: which joints there are, how they hang together, how long the bones are, where the body faces.
 
 Axes: y up, +z ahead, +x to the body's left.
 """
 import dataclasses
 
 import numpy as np
+
+from motion_jax.motion import rotations as rot
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -143,3 +145,24 @@ SNAPMOGEN_BVH = ("ROOT",) + tuple(f"{name}_bind_JNT" for name in (
     "R_legUpper0001", "R_legLower0001", "R_foot0001", "R_foot0002"))
 
 SKELETONS = {skeleton.name: skeleton for skeleton in (HUMANML3D, KIT, SMPL, SNAPMOGEN)}
+
+
+def bone_lengths(joints, skeleton):
+  """Lengths (T, J) of the bones that end at each joint; the root's is 0."""
+  parents = np.maximum(skeleton.parents, 0)
+  return np.linalg.norm(joints - joints[:, parents], axis=-1)
+
+
+def facing(joints, skeleton=HUMANML3D, smooth=0.0, benchmark_sign=False):
+  """Where the body faces: unit vectors (T, 3) in the ground plane, from the lines through hips and shoulders.
+
+  smooth is the sigma in frames of a Gaussian over time. benchmark_sign takes the hips with the wrong sign.
+  """
+  from scipy.ndimage import gaussian_filter1d
+  (right_hip, left_hip), (right_shoulder, left_shoulder) = skeleton.hips, skeleton.shoulders
+  across_hips = joints[:, right_hip] - joints[:, left_hip]
+  across = (-across_hips if benchmark_sign else across_hips) + joints[:, right_shoulder] - joints[:, left_shoulder]
+  ahead = np.cross([0.0, 1.0, 0.0], rot.unit(across))
+  if smooth:
+    ahead = gaussian_filter1d(ahead, smooth, axis=0, mode="nearest")
+  return rot.unit(ahead)

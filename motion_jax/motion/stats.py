@@ -8,7 +8,7 @@ import numpy as np
 
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.input_files import load_npy
-from motion_jax.motion.features import FeatureLayout, get_layout, layout_for
+from motion_jax.motion.representations import FeatureLayout, get_layout, layout_for
 
 ABSOLUTE = ("Mean_abs.npy", "Std_abs.npy")  # where the field's tools keep statistics of coordinates
 

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 from motion_jax.data import batches, sources
-from motion_jax.motion.features import to_joints
+from motion_jax.motion.representations import to_joints
 from motion_jax.motion.stats import Stats
 from motion_jax.training.stage import Stage
 

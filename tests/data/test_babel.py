@@ -20,7 +20,7 @@ from motion_jax.data.datasets.babel import (
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.data.doctor import examine, format_report
 from motion_jax.data.sources import load_features
-from motion_jax.motion.features import to_features, to_joints
+from motion_jax.motion.representations import to_features, to_joints
 from motion_jax.motion.skeleton import SMPL
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from motion_jax.data import sources
-from motion_jax.motion.features import to_joints
+from motion_jax.motion.representations import to_joints
 
 
 def _data(**fields):

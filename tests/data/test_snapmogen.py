@@ -21,9 +21,10 @@ from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.data.doctor import examine, format_report
 from motion_jax.data.sources import load_features
 from motion_jax.evaluation.test_set import check_split
-from motion_jax.motion import features296, inverse
+from motion_jax.motion import inverse
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.features import to_features, to_joints
+from motion_jax.motion.representations import to_features, to_joints
+from motion_jax.motion.representations.snapmogen import from_rotations
 from motion_jax.motion.skeleton import SNAPMOGEN, SNAPMOGEN_BVH
 
 
@@ -150,7 +151,7 @@ def test_bvh_files_become_features(tmp_path):
   for joint in inverse.order(SNAPMOGEN)[1:]:
     turned[:, joint] = rot.multiply(turned[:, SNAPMOGEN.parents[joint]], turned[:, joint])
   joints = inverse.forward(path, turned, SNAPMOGEN)
-  expected = features296.extract(joints[1::2], turned[1::2])
+  expected = from_rotations(joints[1::2], turned[1::2])
   assert made.shape == (19, 296) and made.dtype == np.float32
   assert np.abs(made - expected).max() < 1e-4
   (tmp_path / "b.bvh").write_text(_bvh(np.degrees(local), path, 1 / 24))

@@ -7,7 +7,7 @@ import pytest
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.evaluation import given
 from motion_jax.evaluators.evaluator import fresh_evaluator
-from motion_jax.motion.features import get_layout, to_joints
+from motion_jax.motion.representations import get_layout, to_joints
 
 
 @pytest.fixture(scope="module")

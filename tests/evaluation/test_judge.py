@@ -12,7 +12,7 @@ from motion_jax.evaluation.judge import Judge
 from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_jax.metrics import scores
 from motion_jax.metrics.protocol import Draws
-from motion_jax.motion.features import get_layout
+from motion_jax.motion.representations import get_layout
 from motion_jax.motion.stats import Stats
 from tests import fixtures
 from tests.evaluation.test_run import make_clips, write_archive

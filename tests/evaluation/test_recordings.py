@@ -15,7 +15,7 @@ from motion_jax.evaluation.tasks import long_horizon
 from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_jax.metrics import long_horizon as long_horizon_lib
 from motion_jax.metrics import physics
-from motion_jax.motion.features import get_layout, to_joints
+from motion_jax.motion.representations import get_layout, to_joints
 from motion_jax.motion.skeleton import SNAPMOGEN
 
 ROWS, PIECES = 64, 6  # of a recording

@@ -17,7 +17,8 @@ from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_jax.evaluators.reading import carry
 from motion_jax.metrics import long_horizon as long_horizon_lib
 from motion_jax.metrics import protocol as protocol_lib
-from motion_jax.motion.features import facing, get_layout, to_features, to_joints
+from motion_jax.motion.representations import get_layout, to_features, to_joints
+from motion_jax.motion.skeleton import facing
 from tests.conftest import load_config
 from tests.evaluation.test_run import SMALL, make_clips, write_archive
 

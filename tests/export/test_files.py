@@ -7,7 +7,7 @@ import pytest
 from motion_jax import export
 from motion_jax.data.clip import Caption
 from motion_jax.data.datasets.synthetic import on_skeleton, synthetic_clips
-from motion_jax.motion.features import to_features
+from motion_jax.motion.representations import to_features
 from motion_jax.motion.skeleton import KIT
 
 

@@ -8,7 +8,7 @@ from motion_jax.data.timelines import Interval
 from motion_jax.metrics import scores
 from motion_jax.metrics import timeline_scores as ts
 from motion_jax.motion import rotations
-from motion_jax.motion.features import to_features
+from motion_jax.motion.representations import to_features
 from tests.metrics.test_physics import still
 
 FIXED = dataclasses.replace(ts.CORRECTED, crop_seconds=1.0)

@@ -2,7 +2,7 @@
 import pytest
 
 from motion_jax.motion.body_parts import PARTS, part_columns, whole_body
-from motion_jax.motion.features import LAYOUTS
+from motion_jax.motion.representations import LAYOUTS
 
 
 def _sizes(layout):

@@ -4,8 +4,8 @@ import pytest
 
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.motion.cleanup import polish
-from motion_jax.motion.features import bone_lengths, extract
-from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.motion.representations import extract
+from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
 
 
 def _slide(joints, contacts):

@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from motion_jax.data.datasets.synthetic import synthetic_clips
-from motion_jax.motion import features as F
-from motion_jax.motion import features135, features272, features296, inverse
+from motion_jax.motion import inverse
+from motion_jax.motion import representations as F
 from motion_jax.motion import rotations as rot
+from motion_jax.motion.representations import babel, motionstreamer, snapmogen
 from motion_jax.motion.skeleton import HUMANML3D, SMPL, SNAPMOGEN, SNAPMOGEN_BVH
 from motion_jax.motion.stats import compute_stats
 from motion_jax.motion.transfer import from_22, to_22
@@ -100,7 +101,7 @@ def test_rotations_in_the_world_come_back_from_296():
   """Up to the first frame's heading, which features do not keep."""
   joints = _clips("snapmogen")[CURVE].joints.astype(np.float64)
   turned = inverse.world_rotations(joints, SNAPMOGEN)
-  found = features296.to_turned(features296.extract(joints, turned, "corrected"))
+  found = F.get_layout("snapmogen").world_rotations(snapmogen.from_rotations(joints, turned, "corrected"))
   offset = rot.multiply(found, rot.conjugate(turned[:-1]))  # the same turn about the vertical everywhere
   assert np.abs(np.abs((offset * offset[:1, :1]).sum(-1)) - 1).max() < 1e-9
   assert np.abs(offset[..., [1, 3]]).max() < 1e-6
@@ -110,24 +111,25 @@ def test_the_two_ways_back_of_296():
   """The released recovery turns each step by the wrong one of two headings: where a path turns, it parts from it."""
   joints = _clips("snapmogen")[CURVE].joints
   x = F.to_features(joints, "snapmogen")
-  ours, theirs = features296.to_joints(x), features296.to_joints(x, reference=True)
+  layout = F.get_layout("snapmogen")
+  ours, theirs = layout.recover(x), layout.recover(x, reference=True)
   assert 0.5 < np.abs(ours - theirs).max() < 5
   walk = F.to_features(_clips("snapmogen")[WALK].joints, "snapmogen")
-  assert np.abs(features296.to_joints(walk) - features296.to_joints(walk, reference=True)).max() < 0.01
+  assert np.abs(layout.recover(walk) - layout.recover(walk, reference=True)).max() < 0.01
 
 
 def test_columns_of_272():
   clip = _clips("motionstreamer")[CURVE]
   joints = clip.joints.astype(np.float64)
   turned = inverse.world_rotations(joints, SMPL)
-  x = features272.extract(joints, inverse.relative(turned, SMPL))
+  x = motionstreamer.from_rotations(joints, inverse.relative(turned, SMPL))
   layout = F.get_layout("motionstreamer")
   assert (x[0, :2] == 0).all() and (x[0, 2:8] == [1, 0, 0, 0, 1, 0]).all() and (x[0, layout["velocities"]] == 0).all()
   assert np.abs(x[:, [3, 5, 7]]).max() < 1e-12 and np.abs(x[:, 6] - 1).max() < 1e-12  # turns about the vertical alone
   assert (x[:, 4] * x[:, 4] + x[:, 2] * x[:, 2]).std() < 1e-12
   positions = x[:, layout["positions"]].reshape(-1, 22, 3)
   assert np.allclose(np.diff(positions, axis=0), x[1:, layout["velocities"]].reshape(-1, 22, 3))
-  root = features272.matrix_from_rows(x[:, layout["rotations"]].reshape(-1, 22, 6))[:, 0]
+  root = motionstreamer.matrix_from_rows(x[:, layout["rotations"]].reshape(-1, 22, 6))[:, 0]
   assert np.abs(root[:, 0, 2]).max() < 1e-12 and (root[:, 2, 2] > 0.9).all()  # its front has no sideways part
   assert positions[..., 1].min() == 0
 
@@ -135,7 +137,7 @@ def test_columns_of_272():
 def test_later_turns_of_272_are_multiplied_from_the_left():
   """Turns about the vertical commute; those that a network tilts do not, as a quarter about x, then one about y."""
   quarters = rot.to_matrix(np.stack([rot.about_axis(np.array(np.pi / 2), axis) for axis in "xy"]))
-  for path in (features272._products(quarters), features272._products(jnp.asarray(quarters))):
+  for path in (motionstreamer._products(quarters), motionstreamer._products(jnp.asarray(quarters))):
     np.testing.assert_allclose(path[1], quarters[1] @ quarters[0], atol=1e-6)
     # The quarter about x takes z to -y, which the one about y leaves there.
     np.testing.assert_allclose(np.asarray(path[1]) @ [0, 0, 1], [0, -1, 0], atol=1e-6)
@@ -144,21 +146,21 @@ def test_later_turns_of_272_are_multiplied_from_the_left():
 def test_columns_of_135():
   clip = _clips("babel")[WALK]
   joints = clip.joints.astype(np.float64)
-  rotations, translation = features135.from_ours(joints, inverse.world_rotations(joints, SMPL))
-  x = features135.extract(rotations, translation, "corrected")
+  rotations, translation = babel.from_ours(joints, inverse.world_rotations(joints, SMPL))
+  x = babel.from_rotations(rotations, translation, "corrected")
   assert np.allclose(x[:, 0], joints[:, 0, 1]) and (x[0, 1:3] == 0).all()
   assert np.allclose(x[1:, 1], -np.diff(joints[:, 0, 2]), atol=1e-3)  # ahead is -x
   rows = x[:, 3:9].reshape(-1, 2, 3)
   assert rows[:, 0, 2].max() < -0.9 and rows[:, 1, 0].max() < -0.9  # front to -x, left to -y, as FlowMDM's own means
-  assert np.allclose(x[:, 9:].reshape(-1, 21, 6), features272.to_rows(rotations[:, 1:]))
+  assert np.allclose(x[:, 9:].reshape(-1, 21, 6), motionstreamer.to_rows(rotations[:, 1:]))
 
 
 def test_the_reference_s_heading_of_135():
   """Closed form: upright in AMASS (90 degrees about x) and turned by 90 is (1, 1, 1) / sqrt 3 by 120 degrees."""
   upright = rot.multiply(rot.about_axis(np.array(np.pi / 2), "z"), rot.about_axis(np.array(np.pi / 2), "x"))
-  assert np.isclose(features135._yaw(upright, "benchmark"), 2 * np.pi / 3 / np.sqrt(3))
-  assert np.isclose(features135._yaw(-upright, "benchmark"), 2 * np.pi / 3 / np.sqrt(3))
-  assert np.isclose(features135._yaw(upright, "corrected"), np.pi / 2)
+  assert np.isclose(babel._yaw(upright, "benchmark"), 2 * np.pi / 3 / np.sqrt(3))
+  assert np.isclose(babel._yaw(-upright, "benchmark"), 2 * np.pi / 3 / np.sqrt(3))
+  assert np.isclose(babel._yaw(upright, "corrected"), np.pi / 2)
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -2,7 +2,7 @@
 import numpy as np
 import pytest
 
-from motion_jax.motion.features import LAYOUTS
+from motion_jax.motion.representations import LAYOUTS
 from motion_jax.motion.stats import ABSOLUTE, Stats, compute_stats, load_stats, save_stats
 
 

@@ -5,11 +5,11 @@
                          AMASS files hold (mocap_framerate or mocap_frame_rate) or fps
   Mean.npy, Std.npy      (135,) statistics; without them they are computed from the training pieces
 
-Motions become 135 features (`motion.features135`) piece by piece, each turned by its own first frame. Evaluation is on
-"val": BABEL's test labels are not public. Source: docs/papers/cmdm.md#long-horizon, #data-sets; the rules are those of
-BarqueroGerman/FlowMDM (data_loaders/amass/babel_flowmdm.py), whose own data files are pickles, which this library does
-not open: copy poses, trans and rate of each entry to motions/SID.npz. Spelling of labels is not corrected, as theirs
-is.
+Motions become 135 features (`motion.representations.babel`) piece by piece, each turned by its own first frame.
+Evaluation is on "val": BABEL's test labels are not public. Source: docs/papers/cmdm.md#long-horizon, #data-sets; the
+rules are those of BarqueroGerman/FlowMDM (data_loaders/amass/babel_flowmdm.py), whose own data files are pickles, which
+this library does not open: copy poses, trans and rate of each entry to motions/SID.npz. Spelling of labels is not
+corrected, as theirs is.
 """
 import json
 import pathlib
@@ -23,9 +23,10 @@ from motion_jax.data.datasets.humanml3d import new_folder
 from motion_jax.inputs.errors import InputError, reading
 from motion_jax.inputs.input_files import load_npz, read_json
 from motion_jax.inputs.numerals import shortened
-from motion_jax.motion import features135, inverse
+from motion_jax.motion import inverse
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.features import to_joints
+from motion_jax.motion.representations import to_joints
+from motion_jax.motion.representations.babel import from_ours, from_rotations
 from motion_jax.motion.skeleton import SMPL
 from motion_jax.motion.stats import Stats, compute_stats, load_stats, save_stats
 
@@ -179,7 +180,7 @@ def pieces(folder, split="train", kind="pairs", min_frames=MIN_FRAMES, max_frame
 
 def _piece(name, recording, part, mode):
   first, last = part[0].start, part[-1].end
-  features = features135.extract(recording.rotations[first:last], recording.translation[first:last], mode)
+  features = from_rotations(recording.rotations[first:last], recording.translation[first:last], mode)
   text = ", ".join(segment.text for segment in part)
   own = tuple(segment._replace(start=segment.start - first, end=segment.end - first) for segment in part)
   return Piece(f"{name}#{first}#{last}", features.astype(np.float32), (text,) if text else (), (), own)
@@ -218,7 +219,7 @@ def write_folder(clips, out, overwrite=False) -> pathlib.Path:
     (folder / "motions").mkdir()
     for clip in clips:
       joints = clip.joints.astype(np.float64)
-      rotations, translation = features135.from_ours(joints, inverse.world_rotations(joints, SMPL))
+      rotations, translation = from_ours(joints, inverse.world_rotations(joints, SMPL))
       np.savez(folder / "motions" / f"{clip.id}.npz", poses=rot.to_vector(rotations).reshape(len(joints), -1),
                trans=translation, fps=np.float64(clip.fps))
       labels = [{"proc_label": c.text, "raw_label": c.text, "start_t": c.start, "end_t": c.end or clip.seconds}

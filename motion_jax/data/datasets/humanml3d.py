@@ -21,7 +21,7 @@ from motion_jax.inputs.input_files import load_npy, npy_shape, read_json
 from motion_jax.inputs.numerals import SECONDS, NumberError, real, shortened
 from motion_jax.inputs.text_files import read_lines
 from motion_jax.motion import plausibility
-from motion_jax.motion.features import get_layout, layout_for, to_features, to_joints
+from motion_jax.motion.representations import get_layout, layout_for, to_features, to_joints
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.motion.stats import ABSOLUTE, Stats, compute_stats, load_stats, save_stats
 from motion_jax.runtime.atomic import atomic_folder
@@ -229,7 +229,8 @@ def select_items(clips, min_frames=None, max_frames=200) -> list[Clip]:
   items = []
   for clip in clips:
     if clip.features is None:
-      raise ValueError(f"clip {clip.id!r} has no features; make them with motion_jax.motion.features.to_features")
+      raise ValueError(f"clip {clip.id!r} has no features; make them with "
+                       "motion_jax.motion.representations.to_features")
     least = MIN_FRAMES[clip.skeleton.name] if min_frames is None else min_frames
     if not least <= len(clip.features) < max_frames:
       continue

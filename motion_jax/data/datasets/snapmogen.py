@@ -26,8 +26,8 @@ from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.input_files import load_npy, read_json
 from motion_jax.inputs.numerals import shortened
 from motion_jax.inputs.text_files import read_lines
-from motion_jax.motion import features296
-from motion_jax.motion.features import get_layout, to_features, to_joints
+from motion_jax.motion.representations import get_layout, to_features, to_joints
+from motion_jax.motion.representations.snapmogen import from_rotations
 from motion_jax.motion.skeleton import SNAPMOGEN, SNAPMOGEN_BVH
 from motion_jax.motion.stats import Stats
 
@@ -206,7 +206,7 @@ def bvh_features(path, mode="benchmark", drop_first=True):
   if len(frames) < 2:
     raise ValueError(f"{path} has {len(frames)} frames to use, expected 2 or more")
   joints, turned = capture.positions[frames][:, order], capture.turned[frames][:, order]
-  return features296.extract(joints, turned, mode).astype(np.float32)
+  return from_rotations(joints, turned, mode).astype(np.float32)
 
 
 def write_folder(clips, out, mode="benchmark", overwrite=False) -> pathlib.Path:

@@ -7,7 +7,7 @@ import numpy as np
 
 from motion_jax.evaluation.judge import NOISE, physics_of
 from motion_jax.evaluators.reading import from_joints
-from motion_jax.motion.features import canonicalize, to_joints
+from motion_jax.motion.representations import canonicalize, to_joints
 
 LEVELS = (0.01, 0.03, 0.1)  # metres, standard deviation of each coordinate
 SPEED, SHIFT = 1.0, 0.1     # metres a second; metres

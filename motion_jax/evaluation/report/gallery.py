@@ -7,7 +7,7 @@ import numpy as np
 from motion_jax import export
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.evaluation.tasks import generation
-from motion_jax.motion.features import to_joints
+from motion_jax.motion.representations import to_joints
 
 COUNT = 6  # of either kind
 

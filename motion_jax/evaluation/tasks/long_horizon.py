@@ -19,7 +19,7 @@ from motion_jax.evaluators.reading import carry, from_joints
 from motion_jax.metrics import long_horizon, physics
 from motion_jax.models.cmdm import model
 from motion_jax.models.cmdm import multi_prompt as stories
-from motion_jax.motion.features import get_layout, to_joints
+from motion_jax.motion.representations import get_layout, to_joints
 
 METRICS = ("top1", "top2", "top3", "fid", "matching", "diversity", "transition_fid", "transition_diversity",
            "transition_distance", "peak_jerk", "auj")

@@ -9,7 +9,7 @@ from motion_jax.evaluation import samples
 from motion_jax.evaluation.tasks.long_horizon import BATCH, load, tell
 from motion_jax.evaluators.reading import carry
 from motion_jax.metrics import timeline_scores
-from motion_jax.motion.features import to_joints
+from motion_jax.motion.representations import to_joints
 
 METRICS = ("crop_top1", "crop_top3", "tmr_m2t", "tmr_m2m", "fid", "transition_distance")
 __all__ = ["METRICS", "load", "real_rows", "rows"]

@@ -17,7 +17,7 @@ from motion_jax.models.cdamd.unmasking import most_revealed
 from motion_jax.models.known_motion import on_our_body
 from motion_jax.models.results import Motion, Motions, captions_in_a_row, make_motions
 from motion_jax.motion.blending import join
-from motion_jax.motion.features import get_layout, to_features
+from motion_jax.motion.representations import get_layout, to_features
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.length_estimator import LengthEstimator
 from motion_jax.nets.masks import padding_mask

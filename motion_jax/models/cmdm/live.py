@@ -7,7 +7,7 @@ import numpy as np
 from motion_jax.models import cmdm
 from motion_jax.models.cmdm import streaming
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.features import root_path, to_joints
+from motion_jax.motion.representations import root_path, to_joints
 
 _CAPTIONS = 4  # different captions that a window may show before its step is compiled anew, for twice as many
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from motion_jax.models.cmdm import streaming
 from motion_jax.motion.cleanup import polish as planted
-from motion_jax.motion.features import to_features, to_joints
+from motion_jax.motion.representations import to_features, to_joints
 
 WAYS = ("stream", "chain")
 _BUCKET = 4         # blocks; lengths are rounded up to it, so that not every length waits for a compiler

@@ -19,7 +19,7 @@ import numpy as np
 from motion_jax import shapes
 from motion_jax.evaluators.networks import symmetric_cross_entropy
 from motion_jax.motion.body_parts import chain_columns, part_columns, whole_body
-from motion_jax.motion.features import get_layout, to_joints
+from motion_jax.motion.representations import get_layout, to_joints
 from motion_jax.nets.masks import padding_mask
 from motion_jax.nets.motion_patches import MotionPatches
 from motion_jax.nets.part_tmr import PartTMR

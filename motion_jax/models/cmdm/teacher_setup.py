@@ -9,7 +9,7 @@ from motion_jax.convert.state import load_state
 from motion_jax.inputs.input_files import read_json
 from motion_jax.models.cmdm import teacher as teacher_lib
 from motion_jax.models.cmdm.teacher_weight_names import vit_from_torch
-from motion_jax.motion.features import get_layout
+from motion_jax.motion.representations import get_layout
 from motion_jax.motion.stats import Stats
 from motion_jax.nets.motion_patches import MotionPatches
 from motion_jax.nets.tmr import TMR

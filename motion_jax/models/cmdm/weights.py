@@ -5,7 +5,7 @@ from motion_jax.convert.parts import Network, check_free, heads_of, network, rea
 from motion_jax.latents import TOKENIZER, VaeCodec
 from motion_jax.models import cmdm
 from motion_jax.models.cmdm.weight_names import causal_dit_names, causal_vae_names
-from motion_jax.motion.features import layout_for
+from motion_jax.motion.representations import layout_for
 from motion_jax.motion.stats import load_stats
 from motion_jax.nets.causal_dit import SIZES, CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE

@@ -16,13 +16,46 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from motion_jax.motion import inverse
 from motion_jax.motion import rotations as rot
+from motion_jax.motion.representations.base import GROUND, ROTATION, VECTOR, Block, Representation
 from motion_jax.motion.skeleton import SMPL
 
-BLOCKS = {"root_velocity": 2, "turn": 6, "positions": 66, "velocities": 66, "rotations": 132}
+
+class MotionStreamer(Representation):
+
+  def extract(self, joints, mode):
+    """With the plainest rotations that these joints allow; `from_rotations` takes those of a file."""
+    return from_rotations(joints, inverse.relative(inverse.world_rotations(joints, SMPL), SMPL))
+
+  def root_path(self, features):
+    xp = rot.namespace(features)
+    if xp is np:
+      features = features.astype(np.float64)
+    heading = rot.from_matrix(_products(matrix_from_rows(features[..., self["turn"]])))
+    step = xp.stack([features[..., 0], xp.zeros_like(features[..., 0]), features[..., 1]], axis=-1)
+    turned = rot.rotate(rot.conjugate(heading[..., :-1, :]), step[..., 1:, :])
+    path = xp.cumsum(xp.concatenate([step[..., :1, :], turned], axis=-2), axis=-2)
+    return heading, xp.stack([path[..., 0], features[..., 9], path[..., 2]], axis=-1)
+
+  def recover(self, features):
+    """Joints from the position columns."""
+    xp = rot.namespace(features)
+    heading, root = self.root_path(features)
+    local = features[..., self["positions"]].reshape(features.shape[:-1] + (22, 3))
+    around = xp.stack([root[..., 0], xp.zeros_like(root[..., 0]), root[..., 2]], axis=-1)
+    joints = rot.rotate(rot.conjugate(heading)[..., None, :], local) + around[..., None, :]
+    return joints.astype(np.float32) if xp is np else joints
+
+  def rotations_to_joints(self, features, offsets=None, mode="benchmark"):
+    self.check(features)
+    heading, root = self.root_path(features)
+    local = matrix_from_rows(features[..., self["rotations"]].reshape(features.shape[:-1] + (22, 6)))
+    base = rot.to_matrix(rot.conjugate(heading)) @ local[..., 0, :, :]
+    return smpl_joints(root, base, local, offsets)
 
 
-def extract(joints, rotations):
+def from_rotations(joints, rotations):
   """Features (T, 272), float64, of joints (T, 22, 3) in metres, y up, and rotations relative to the parents,
   quaternions (T, 22, 4), the root's in the world. Neither place nor heading of the first frame matters."""
   root = rot.to_matrix(rotations[:, 0])
@@ -48,18 +81,6 @@ def matrix_from_rows(d):
   return rot.matrix_from_6d(d).swapaxes(-1, -2)
 
 
-def root_path(features):
-  """Heading quaternions (..., T, 4) and root positions (..., T, 3) that features (..., T, 272) tell."""
-  xp = rot.namespace(features)
-  if xp is np:
-    features = features.astype(np.float64)
-  heading = rot.from_matrix(_products(matrix_from_rows(features[..., 2:8])))
-  step = xp.stack([features[..., 0], xp.zeros_like(features[..., 0]), features[..., 1]], axis=-1)
-  turned = rot.rotate(rot.conjugate(heading[..., :-1, :]), step[..., 1:, :])
-  path = xp.cumsum(xp.concatenate([step[..., :1, :], turned], axis=-2), axis=-2)
-  return heading, xp.stack([path[..., 0], features[..., 9], path[..., 2]], axis=-1)
-
-
 def _products(turns):
   """Matrices (..., T, 3, 3): each the product of all turns up to it, the latest on the left."""
   # Parity: as the reference multiplies them, whole matrices; what a network tilts, stays tilted.
@@ -73,24 +94,6 @@ def _products(turns):
   return result
 
 
-def to_joints(features):
-  """Features (..., T, 272) to joints (..., T, 22, 3) from the position columns."""
-  xp = rot.namespace(features)
-  heading, root = root_path(features)
-  local = features[..., 8:74].reshape(features.shape[:-1] + (22, 3))
-  around = xp.stack([root[..., 0], xp.zeros_like(root[..., 0]), root[..., 2]], axis=-1)
-  joints = rot.rotate(rot.conjugate(heading)[..., None, :], local) + around[..., None, :]
-  return joints.astype(np.float32) if xp is np else joints
-
-
-def rotations_to_joints(features, offsets=None):
-  """Features (..., T, 272) to joints (..., T, 22, 3) by forward kinematics; offsets (22, 3): an adult's, `SMPL`."""
-  heading, root = root_path(features)
-  local = matrix_from_rows(features[..., 140:272].reshape(features.shape[:-1] + (22, 6)))
-  base = rot.to_matrix(rot.conjugate(heading)) @ local[..., 0, :, :]
-  return smpl_joints(root, base, local, offsets)
-
-
 def smpl_joints(root, base, local, offsets=None):
   """Forward kinematics of SMPL's tree: root (..., T, 3), its rotation base (..., T, 3, 3), rotations relative to the
   parents local (..., T, 22, 3, 3), of which the first is not used -> joints (..., T, 22, 3)."""
@@ -102,3 +105,8 @@ def smpl_joints(root, base, local, offsets=None):
     turned.append(turned[parent] @ local[..., joint, :, :])
   joints = xp.stack(joints, axis=-2)
   return joints.astype(np.float32) if xp is np else joints
+
+_ALL = tuple(range(22))
+MOTIONSTREAMER = MotionStreamer("motionstreamer", SMPL, {
+    "root_velocity": Block(GROUND), "turn": Block(ROTATION), "positions": Block(VECTOR, _ALL),
+    "velocities": Block(VECTOR, _ALL), "rotations": Block(ROTATION, _ALL)})

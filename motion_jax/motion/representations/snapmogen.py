@@ -19,17 +19,66 @@ smoothing of the heading, which there depends a little on where the source faces
 """
 import numpy as np
 
+from motion_jax.motion import inverse
 from motion_jax.motion import rotations as rot
+from motion_jax.motion.representations.base import GROUND, ROTATION, VECTOR, Block, Representation
 from motion_jax.motion.skeleton import SNAPMOGEN
 
-BLOCKS = {"turn": 1, "root_velocity": 2, "root_height": 1, "rotations": 6 * 24, "positions": 3 * 24,
-          "velocities": 3 * 24, "contacts": 4}
-NUM_EVALUATED = 148  # columns that the evaluator sees
 _SMOOTH = 5.0                       # sigma of the heading, frames
 _STAND_HEIGHT = np.array([9.0, 4.0])  # centimetres under which ankle and toes can stand
 
 
-def extract(joints, turned, mode="benchmark"):
+class SnapMoGen(Representation):
+  """All 296 columns, or the evaluator's 148."""
+
+  def extract(self, joints, mode):
+    """With the plainest rotations that these joints allow; `from_rotations` takes those of a file."""
+    return from_rotations(joints, inverse.world_rotations(joints, SNAPMOGEN), mode)
+
+  def root_path(self, features, reference=False):
+    """Heading quaternions (..., T, 4) and root positions (..., T, 3) that the first four columns tell.
+
+    reference: as the released code recovers them, which turns a step by the heading that it ends with, though
+    extraction took the other; a walk along a curve then comes back turned by about one frame's turn.
+    """
+    xp = rot.namespace(features)
+    if xp is np:
+      features = features.astype(np.float64)
+    late = lambda a: xp.concatenate([xp.zeros_like(a[..., :1, :]), a[..., :-1, :]], axis=-2)
+    heading = rot.about_axis(xp.cumsum(late(features[..., :1])[..., 0], axis=-1), "y")
+    step = xp.stack([features[..., 1], xp.zeros_like(features[..., 1]), features[..., 2]], axis=-1)
+    if reference:
+      path = xp.cumsum(rot.rotate(rot.conjugate(heading), late(step)), axis=-2)
+    else:
+      path = late(xp.cumsum(rot.rotate(rot.conjugate(heading), step), axis=-2))
+    return heading, xp.stack([path[..., 0], features[..., 3], path[..., 2]], axis=-1)
+
+  def recover(self, features, reference=False):
+    """Joints from the position columns; from 148 columns by the rotations."""
+    if "positions" not in self.blocks:
+      return self.rotations_to_joints(features, reference=reference)
+    local = features[..., self["positions"]].reshape(features.shape[:-1] + (24, 3))
+    return _place(local, *self.root_path(features, reference))
+
+  def rotations_to_joints(self, features, offsets=None, mode="benchmark", reference=False):
+    self.check(features)
+    xp = rot.namespace(features)
+    heading, root = self.root_path(features, reference)
+    turned = rot.matrix_from_6d(features[..., self["rotations"]].reshape(features.shape[:-1] + (24, 6)))
+    offsets = xp.asarray(SNAPMOGEN.offsets if offsets is None else offsets, root.dtype)
+    local = [root * xp.asarray([0, 1, 0], root.dtype)]
+    for joint, parent in enumerate(SNAPMOGEN.parents[1:], 1):
+      local.append(local[parent] + turned[..., parent, :, :] @ offsets[joint])
+    return _place(xp.stack(local, axis=-2), heading, root)
+
+  def world_rotations(self, features):
+    """World rotations (..., T, 24, 4) that features tell, for a BVH file."""
+    turned = rot.matrix_from_6d(features[..., self["rotations"]].reshape(features.shape[:-1] + (24, 6)))
+    heading, _ = self.root_path(features)
+    return rot.multiply(rot.conjugate(heading)[..., None, :], rot.from_matrix(turned))
+
+
+def from_rotations(joints, turned, mode="benchmark"):
   """Features (T - 1, 296), float64, of joints (T, 24, 3) in centimetres and their world rotations, quaternions
   (T, 24, 4). Neither place nor heading of the first frame matters."""
   feet = list(SNAPMOGEN.left_feet + SNAPMOGEN.right_feet)
@@ -71,55 +120,17 @@ def _heading(joints, mode):
   return rot.between(ahead, np.broadcast_to([0.0, 0.0, 1.0], ahead.shape))
 
 
-def root_path(features, reference=False):
-  """Heading quaternions (..., T, 4) and root positions (..., T, 3) that the first four columns tell.
-
-  reference: as the released code recovers them, which turns a step by the heading that it ends with, though extraction
-  took the other; a walk along a curve then comes back turned by about one frame's turn.
-  """
-  xp = rot.namespace(features)
-  if xp is np:
-    features = features.astype(np.float64)
-  late = lambda a: xp.concatenate([xp.zeros_like(a[..., :1, :]), a[..., :-1, :]], axis=-2)
-  heading = rot.about_axis(xp.cumsum(late(features[..., :1])[..., 0], axis=-1), "y")
-  step = xp.stack([features[..., 1], xp.zeros_like(features[..., 1]), features[..., 2]], axis=-1)
-  if reference:
-    path = xp.cumsum(rot.rotate(rot.conjugate(heading), late(step)), axis=-2)
-  else:
-    path = late(xp.cumsum(rot.rotate(rot.conjugate(heading), step), axis=-2))
-  return heading, xp.stack([path[..., 0], features[..., 3], path[..., 2]], axis=-1)
-
-
-def to_joints(features, reference=False):
-  """Features (..., T, 296) to joints (..., T, 24, 3) from the position columns; from 148 columns by the rotations."""
-  if features.shape[-1] == NUM_EVALUATED:
-    return rotations_to_joints(features, reference=reference)
-  local = features[..., 148:220].reshape(features.shape[:-1] + (24, 3))
-  return _place(local, *root_path(features, reference))
-
-
-def rotations_to_joints(features, offsets=None, reference=False):
-  """Features (..., T, 296 or 148) to joints (..., T, 24, 3) by forward kinematics; offsets (24, 3): SnapMoGen's own."""
-  xp = rot.namespace(features)
-  heading, root = root_path(features, reference)
-  turned = rot.matrix_from_6d(features[..., 4:148].reshape(features.shape[:-1] + (24, 6)))
-  offsets = xp.asarray(SNAPMOGEN.offsets if offsets is None else offsets, root.dtype)
-  local = [root * xp.asarray([0, 1, 0], root.dtype)]
-  for joint, parent in enumerate(SNAPMOGEN.parents[1:], 1):
-    local.append(local[parent] + turned[..., parent, :, :] @ offsets[joint])
-  return _place(xp.stack(local, axis=-2), heading, root)
-
-
-def to_turned(features, reference=False):
-  """World rotations (..., T, 24, 4) that features (..., T, 296 or 148) tell, for a BVH file."""
-  turned = rot.matrix_from_6d(features[..., 4:148].reshape(features.shape[:-1] + (24, 6)))
-  heading, _ = root_path(features, reference)
-  return rot.multiply(rot.conjugate(heading)[..., None, :], rot.from_matrix(turned))
-
-
 def _place(local, heading, root):
   """Joints without heading and path get both."""
   xp = rot.namespace(local, root)
   around = root * xp.asarray([1, 0, 1], root.dtype)
   joints = rot.rotate(rot.conjugate(heading)[..., None, :], local) + around[..., None, :]
   return joints.astype(np.float32) if xp is np else joints
+
+_ALL = tuple(range(24))
+_EVALUATED = {"turn": Block((-1,)), "root_velocity": Block(GROUND), "root_height": Block((1,)),
+              "rotations": Block(ROTATION, _ALL)}
+SNAPMOGEN_296 = SnapMoGen("snapmogen", SNAPMOGEN, _EVALUATED | {
+    "positions": Block(VECTOR, _ALL), "velocities": Block(VECTOR, _ALL),
+    "contacts": Block((1,), SNAPMOGEN.left_feet + SNAPMOGEN.right_feet)})
+SNAPMOGEN_148 = SnapMoGen("snapmogen_148", SNAPMOGEN, _EVALUATED)

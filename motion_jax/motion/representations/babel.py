@@ -18,16 +18,49 @@ yaw of the body's front.
 import numpy as np
 
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.features272 import matrix_from_rows, smpl_joints, to_rows
-from motion_jax.motion.inverse import relative
+from motion_jax.motion.inverse import relative, world_rotations
+from motion_jax.motion.representations.base import ROTATION, Block, Representation
+from motion_jax.motion.representations.motionstreamer import matrix_from_rows, smpl_joints, to_rows
 from motion_jax.motion.skeleton import SMPL
 
-BLOCKS = {"root_height": 1, "root_velocity": 2, "root_rotation": 6, "rotations": 126}
 # From the features' axes (z up, the first frame faces -x) to ours (y up, the first frame faces +z).
 _TO_OURS = np.array([[0.0, -1, 0], [0, 0, 1], [-1, 0, 0]])
 
 
-def extract(rotations, translation, mode="benchmark"):
+class Babel(Representation):
+
+  def extract(self, joints, mode):
+    """With the plainest rotations that these joints allow; `from_rotations` takes SMPL's own."""
+    return from_rotations(*from_ours(joints, world_rotations(joints, SMPL)), mode)
+
+  def root_path(self, features):
+    """Headings are all the same, since nothing is turned frame by frame; positions are y up."""
+    xp = rot.namespace(features)
+    if xp is np:
+      features = features.astype(np.float64)
+    path = xp.cumsum(features[..., self["root_velocity"]], axis=-2)
+    path = path - path[..., :1, :]
+    root = xp.stack([-path[..., 1], features[..., 0], -path[..., 0]], axis=-1)
+    heading = xp.broadcast_to(xp.asarray([1.0, 0, 0, 0], root.dtype), root.shape[:-1] + (4,))
+    return heading, root
+
+  def recover(self, features):
+    return self.rotations_to_joints(features)
+
+  def rotations_to_joints(self, features, offsets=None, mode="benchmark"):
+    """Joints, y up, the first frame facing +z.
+
+    offsets (22, 3): those of an adult, `SMPL`. The pelvis is put at the height of SMPL's translation, which lies some
+    3 cm lower (the body model adds its rest place).
+    """
+    self.check(features)
+    _, root = self.root_path(features)
+    xp = rot.namespace(features)
+    local = matrix_from_rows(features[..., 3:].reshape(features.shape[:-1] + (22, 6)))
+    return smpl_joints(root, xp.asarray(_TO_OURS, root.dtype) @ local[..., 0, :, :], local, offsets)
+
+
+def from_rotations(rotations, translation, mode="benchmark"):
   """Features (T, 135), float64, of SMPL's rotations relative to the parents, quaternions (T, 22, 4), and its
   translation (T, 3), metres, z up as in AMASS files."""
   root = rot.conjugate(rot.about_axis(_yaw(rotations[0, 0], mode) + np.pi / 2, "z"))
@@ -50,27 +83,7 @@ def from_ours(joints, turned):
   upright = rot.from_matrix(_TO_OURS.T)
   return relative(rot.multiply(upright, turned), SMPL), rot.rotate(upright, joints[:, 0])
 
-
-def root_path(features):
-  """Heading quaternions (..., T, 4), all the same since nothing is turned frame by frame, and root positions
-  (..., T, 3), y up, that features (..., T, 135) tell."""
-  xp = rot.namespace(features)
-  if xp is np:
-    features = features.astype(np.float64)
-  path = xp.cumsum(features[..., 1:3], axis=-2)
-  path = path - path[..., :1, :]
-  root = xp.stack([-path[..., 1], features[..., 0], -path[..., 0]], axis=-1)
-  heading = xp.broadcast_to(xp.asarray([1.0, 0, 0, 0], root.dtype), root.shape[:-1] + (4,))
-  return heading, root
-
-
-def to_joints(features, offsets=None):
-  """Features (..., T, 135) to joints (..., T, 22, 3), y up, the first frame facing +z.
-
-  offsets (22, 3): those of an adult, `SMPL`. The pelvis is put at the height of SMPL's translation, which lies some
-  3 cm lower (the body model adds its rest place).
-  """
-  _, root = root_path(features)
-  xp = rot.namespace(features)
-  local = matrix_from_rows(features[..., 3:].reshape(features.shape[:-1] + (22, 6)))
-  return smpl_joints(root, xp.asarray(_TO_OURS, root.dtype) @ local[..., 0, :, :], local, offsets)
+# Here left is -y: a mirror turns y of the world and, of the body before its rotation, x.
+BABEL = Babel("babel", SMPL, {
+    "root_height": Block((1,)), "root_velocity": Block((1, -1)), "root_rotation": Block((-1, 1, 1, 1, -1, -1)),
+    "rotations": Block(ROTATION, tuple(range(1, 22)))})

@@ -1,0 +1,72 @@
+"""Representations of motion: what a network sees of a body in one frame, and the way back to joints.
+
+  name                    numbers    joints         file
+  full, essential         263, 67    22, HumanML3D  humanml3d
+  full_kit, essential_kit 251, 64    21, KIT        humanml3d
+  coordinates, ..._kit    66, 63     22, 21         coordinates
+  snapmogen, ..._148      296, 148   24, SnapMoGen  snapmogen
+  motionstreamer          272        22, SMPL       motionstreamer
+  babel                   135        22, SMPL       babel
+
+The last three hold rotations that joints do not tell: what is made here from joints has the plainest ones
+(`motion.inverse`); their files make features of data that has them.
+
+A further representation is a file with a subclass of `Representation` and an entry of `LAYOUTS`. It is asked for by
+name: `get_layout("full").to_joints(features)`, or `to_joints(features, "full")`.
+"""
+from motion_jax.motion.representations.babel import BABEL
+from motion_jax.motion.representations.base import MODES, Block, Representation
+from motion_jax.motion.representations.coordinates import COORDINATES, COORDINATES_KIT
+from motion_jax.motion.representations.humanml3d import ESSENTIAL, ESSENTIAL_KIT, FULL, FULL_KIT, canonicalize, extract
+from motion_jax.motion.representations.motionstreamer import MOTIONSTREAMER
+from motion_jax.motion.representations.snapmogen import SNAPMOGEN_148, SNAPMOGEN_296
+
+LAYOUTS = {layout.name: layout for layout in (
+    FULL, ESSENTIAL, COORDINATES, FULL_KIT, ESSENTIAL_KIT, COORDINATES_KIT, SNAPMOGEN_296, SNAPMOGEN_148,
+    MOTIONSTREAMER, BABEL)}
+FeatureLayout = Representation
+
+
+def get_layout(layout) -> Representation:
+  """A representation from its name; a representation passes through."""
+  if isinstance(layout, Representation):
+    return layout
+  if layout not in LAYOUTS:
+    raise ValueError(f"got layout {layout!r}, expected one of {', '.join(LAYOUTS)}")
+  return LAYOUTS[layout]
+
+
+def layout_for(num_features) -> Representation:
+  """The representation with so many numbers per frame."""
+  for layout in LAYOUTS.values():
+    if layout.dim == num_features:
+      return layout
+  known = ", ".join(f"{layout.dim} ({layout.name})" for layout in LAYOUTS.values())
+  raise ValueError(f"got {num_features} features per frame; known sizes are {known}")
+
+
+def to_features(joints, layout="full", mode="benchmark"):
+  """Joints (T, J, 3) to features (T - 1, F), float32, of a layout: `Representation.from_joints`.
+
+  "motionstreamer" and "babel" make T rows, not T - 1.
+  """
+  return get_layout(layout).from_joints(joints, mode)
+
+
+def to_joints(features, layout="full"):
+  """Features (..., T, F) of a layout to joints (..., T, J, 3): `Representation.to_joints`."""
+  return get_layout(layout).to_joints(features)
+
+
+def root_path(features, layout="full"):
+  """Heading quaternions (..., T, 4) and root positions (..., T, 3): `Representation.root_path`."""
+  return get_layout(layout).root_path(features)
+
+
+def rotations_to_joints(features, layout="full", offsets=None, mode="benchmark"):
+  """Joints (..., T, J, 3) from the rotation columns: `Representation.rotations_to_joints`."""
+  return get_layout(layout).rotations_to_joints(features, offsets, mode)
+
+
+__all__ = ["LAYOUTS", "MODES", "Block", "FeatureLayout", "Representation", "canonicalize", "extract", "get_layout",
+           "layout_for", "root_path", "rotations_to_joints", "to_features", "to_joints"]

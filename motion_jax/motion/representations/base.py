@@ -1,0 +1,208 @@
+"""What a representation of motion is: named blocks of numbers a frame, made of joints and turned back into them."""
+import dataclasses
+import functools
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.skeleton import Skeleton
+
+MODES = ("benchmark", "corrected")
+# What a mirror does to the numbers of a row: it turns x, which points to the left.
+VECTOR = (-1, 1, 1)                  # x, y, z
+GROUND = (-1, 1)                     # x, z
+ROTATION = (1, -1, -1, -1, 1, 1)     # the first two columns, or rows, of a rotation's matrix
+
+
+class Block(NamedTuple):
+  """Columns of one meaning: one row of numbers of the whole body, or a row for each of `joints`.
+
+  signs: -1 for the numbers of a row that change their sign in a mirror, 1 for the others.
+  """
+  signs: tuple[int, ...]
+  joints: tuple[int, ...] = ()
+
+  @property
+  def size(self) -> int:
+    return len(self.signs) * max(len(self.joints), 1)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Representation:
+  """Features (..., T, F) of a motion: what each column means, and the way from joints (..., T, J, 3) and back.
+
+  `layout["positions"]` is the slice of columns of a block. A subclass writes `extract`, `recover` and `root_path`, and
+  `rotations_to_joints` where it has rotations; what it makes of numpy arrays is numpy, of jax arrays jax, also inside
+  jit. Users call `from_joints` and `to_joints`, which check what comes.
+  """
+  name: str
+  skeleton: Skeleton
+  parts: dict[str, Block]  # in the order of the columns
+
+  # What a root loss looks at: turn, step and height in most (docs/papers/cmdm.md#data-sets).
+  root: ClassVar[slice] = slice(0, 4)
+  are_joints: ClassVar[bool] = False         # the features are the joints themselves, in the world
+  std_by_block: ClassVar[bool] = True        # statistics have one std per block, as the field makes them
+  has_fixed_bones: ClassVar[bool] = False    # all motions are on bones of one length: the skeleton's
+
+  @functools.cached_property
+  def blocks(self) -> dict[str, slice]:
+    ends = np.cumsum([block.size for block in self.parts.values()]).tolist()
+    return {name: slice(end - block.size, end) for (name, block), end in zip(self.parts.items(), ends)}
+
+  @functools.cached_property
+  def dim(self) -> int:
+    return sum(block.size for block in self.parts.values())
+
+  @property
+  def kind(self) -> str:
+    return self.name.split("_")[0]
+
+  @property
+  def fps(self) -> float:
+    return self.skeleton.fps
+
+  def __getitem__(self, name) -> slice:
+    if name not in self.blocks:
+      raise KeyError(f"layout {self.name!r} has no block {name!r}; it has {', '.join(self.blocks)}")
+    return self.blocks[name]
+
+  def check(self, features):
+    if features.shape[-1] != self.dim:
+      raise ValueError(f"got {features.shape[-1]} features per frame, layout {self.name!r} has {self.dim}; "
+                       "joints become features with motion_jax.motion.representations.to_features(joints)")
+
+  # --- joints and features ---------------------------------------------------------------------------------------
+
+  def from_joints(self, joints, mode="benchmark"):
+    """Joints (T, J, 3) in the skeleton's unit to features (T - 1 or T, F), float32; a row that looks ahead needs a
+    frame more.
+
+    Raises ValueError for a wrong shape, numbers that are not finite, or a body without a direction: bones of no length,
+    hips and shoulders in one point or on a vertical.
+    """
+    joints = check_joints(joints, self.skeleton, mode)
+    with np.errstate(invalid="ignore", divide="ignore"):
+      features = self.extract(joints, mode).astype(np.float32)
+    if not np.isfinite(features).all():
+      raise ValueError(f"no features in row {np.argwhere(~np.isfinite(features))[0, 0]}: a bone has no length, or hips "
+                       "and shoulders do not tell where the body faces; check the joint mapping or cut these frames "
+                       "away")
+    return features[:, :self.dim]
+
+  def from_joints_in_place(self, joints, mode="benchmark"):
+    """Features (T, F), float32, a row for every frame, of joints (T, J, 3) that begin at the origin, facing +z.
+
+    The body is taken to go on as it does for one frame more. Bones and place stay where a representation allows it.
+    """
+    return self.from_joints(one_ahead(joints), mode)[:len(joints)]
+
+  def to_joints(self, features):
+    """Features (..., T, F) to joints (..., T, J, 3). numpy gives float32; jax arrays and tracers stay jax."""
+    features = rot.namespace(features).asarray(features)
+    self.check(features)
+    return self.recover(features)
+
+  def rotations_to_joints(self, features, offsets=None, mode="benchmark"):
+    """Features (..., T, F) to joints (..., T, J, 3) from the rotation columns, by forward kinematics.
+
+    offsets (J, 3) are the skeleton's own by default; mode is the one that the features were made with.
+    """
+    raise ValueError(f"layout {self.name!r} holds no rotations; its joints come from to_joints")
+
+  def root_path(self, features):
+    """Heading quaternions (..., T, 4), which turn the body to +z, and root positions (..., T, 3).
+
+    numpy input is summed in float64, jax input in its own type.
+    """
+    raise NotImplementedError(f"{type(self).__name__} does not tell its root's path")
+
+  def extract(self, joints, mode):
+    """Joints (T, J, 3), finite, float64, to features (T - 1 or T, F); columns beyond `dim` are cut off."""
+    raise NotImplementedError(f"{type(self).__name__} makes no features of joints")
+
+  def recover(self, features):
+    """Features (..., T, F) of the right size to joints."""
+    raise NotImplementedError(f"{type(self).__name__} makes no joints of features")
+
+  # --- the same motion, seen otherwise ---------------------------------------------------------------------------
+
+  def contacts(self, features):
+    """Which feet stand, (..., T, 4): left ankle and toes, right ankle and toes; None where features do not say it."""
+    return features[..., self.blocks["contacts"]] if "contacts" in self.blocks else None
+
+  def mirror(self, features):
+    """Features of the motion in a mirror: left is right, a turn goes the other way."""
+    order, signs = self._mirrored
+    return features[..., order] * signs.astype(features.dtype)
+
+  @functools.cached_property
+  def _mirrored(self):
+    """Of each column: the one whose number it gets in a mirror, and the sign of that."""
+    order, signs = [], []
+    for name, block in self.parts.items():
+      size = len(block.signs)
+      rows = [block.joints.index(self.skeleton.mirror[joint]) for joint in block.joints] or [0]
+      order += [self.blocks[name].start + row * size + i for row in rows for i in range(size)]
+      signs += block.signs * len(rows)
+    return np.array(order), np.array(signs)
+
+  def columns_of(self, other) -> slice | None:
+    """The columns here that are all of another representation; None where it is no part of this one."""
+    same = type(other) is type(self) and other.skeleton is self.skeleton
+    first = list(self.parts.items())[:len(other.parts)]
+    return slice(0, other.dim) if same and first == list(other.parts.items()) else None
+
+  def narrows_to(self, other) -> bool:
+    """Whether `narrow_to` can give the other one: it is a part of this one, or the joints of the same body."""
+    return self.columns_of(other) is not None or other.are_joints and other.skeleton is self.skeleton
+
+  def narrow_to(self, features, other, joints=None):
+    """Features (..., T, F) as another representation that tells no more: a cut of the columns, or the joints.
+
+    joints (..., T, J, 3): those of these features, where they are at hand. Raises ValueError where the other one holds
+    what is not here.
+    """
+    if other is self:
+      return features
+    if not self.narrows_to(other):
+      raise ValueError(f"layout {self.name!r} does not hold what layout {other.name!r} needs; make features of the "
+                       "joints anew with motion_jax.motion.representations.to_features(joints, layout)")
+    columns = self.columns_of(other)
+    if columns is not None:
+      return features[..., columns]
+    joints = self.to_joints(features) if joints is None else joints
+    return joints.reshape(joints.shape[:-2] + (other.dim,))
+
+  def convert(self, features, other, mode="benchmark"):
+    """Features (T, F) of motion that begins at the origin, as another representation of the same body has them, a row
+    for each row: narrowed where that is enough, else by the joints. Raises ValueError where the bodies differ."""
+    if other.skeleton is not self.skeleton:
+      raise ValueError(f"layout {self.name!r} moves skeleton {self.skeleton.name!r}, layout {other.name!r} moves "
+                       f"{other.skeleton.name!r}; choose two of one skeleton")
+    if self.narrows_to(other):
+      return self.narrow_to(features, other)
+    return other.from_joints_in_place(self.to_joints(features), mode)
+
+
+def check_joints(joints, skeleton, mode="benchmark"):
+  """Joints (T, J, 3) as float64. Raises ValueError for another shape, less than 2 frames, or what is not finite."""
+  check_mode(mode)
+  joints = np.asarray(joints, np.float64)
+  if joints.ndim != 3 or joints.shape[1:] != (skeleton.num_joints, 3) or len(joints) < 2:
+    raise ValueError(f"got joints of shape {joints.shape}, expected (at least 2 frames, {skeleton.num_joints}, 3)")
+  if not np.isfinite(joints).all():
+    raise ValueError(f"joints hold NaN or infinity, first in frame {np.argwhere(~np.isfinite(joints))[0, 0]}")
+  return joints
+
+
+def check_mode(mode):
+  if mode not in MODES:
+    raise ValueError(f"got mode {mode!r}, expected one of {', '.join(MODES)}")
+
+
+def one_ahead(joints):
+  """Joints (T, J, 3) with one more frame, float64: the body goes on as in its last step."""
+  joints = np.asarray(joints, np.float64)
+  return np.concatenate([joints, 2 * joints[-1:] - joints[-2:-1]])

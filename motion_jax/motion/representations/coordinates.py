@@ -1,0 +1,45 @@
+"""Coordinates: the joints themselves, 66 numbers a frame, KIT's 63.
+
+Made of joints, they are those that the full features of the same skeleton give back: on its bones, from the origin,
+facing +z, a row less than frames. Each frame stands for itself.
+"""
+import dataclasses
+
+import numpy as np
+
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.representations.base import VECTOR, Block, Representation
+from motion_jax.motion.representations.humanml3d import FULL, FULL_KIT, HumanML3D
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Coordinates(Representation):
+  """Joints as features. full: the representation that brings joints onto the skeleton's bones and to the origin."""
+  full: HumanML3D
+
+  are_joints = True
+  std_by_block = False
+  has_fixed_bones = True
+
+  def extract(self, joints, mode):
+    made = self.full.to_joints(self.full.from_joints(joints, mode))
+    return made.reshape(len(made), -1)
+
+  def from_joints_in_place(self, joints, mode="benchmark"):
+    return np.reshape(joints, (len(joints), -1)).astype(np.float32)
+
+  def recover(self, features):
+    return features.reshape(features.shape[:-1] + (self.skeleton.num_joints, 3))
+
+  def root_path(self, features):
+    xp = rot.namespace(features)
+    joints = self.to_joints(features.astype(np.float64) if xp is np else features)
+    (right_hip, left_hip), (right_shoulder, left_shoulder) = self.skeleton.hips, self.skeleton.shoulders
+    left = joints[..., left_hip, :] - joints[..., right_hip, :] + (
+        joints[..., left_shoulder, :] - joints[..., right_shoulder, :])
+    return rot.about_axis(xp.arctan2(left[..., 2], left[..., 0]), "y"), joints[..., 0, :]
+
+
+COORDINATES, COORDINATES_KIT = (
+    Coordinates(name, full.skeleton, {"coordinates": Block(VECTOR, tuple(range(full.skeleton.num_joints)))}, full)
+    for name, full in (("coordinates", FULL), ("coordinates_kit", FULL_KIT)))

@@ -1,0 +1,185 @@
+"""HumanML3D's features and KIT's: 263 and 251 numbers a frame, or the first 67 and 64 of them.
+
+They describe a frame in the frame of reference of the body (J joints: 22 in metres at 20 frames a second, KIT's 21 in
+millimetres at 12.5):
+
+  block          numbers      row t, made of frames t and t + 1
+  turn           1            half the angle in radians that the heading turns until the next frame
+  root_velocity  2            x and z of the root's step to the next frame, turned by that frame's heading
+  root_height    1            over the floor
+  positions      3 (J - 1)    the root's x and z and the heading taken out
+  rotations      6 (J - 1)    of each bone from its rest direction, relative to the bone before; first two columns
+  velocities     3 J          the step to the next frame, with the heading taken out
+  contacts       4            left ankle, left toes, right ankle, right toes stand: 0 or 1
+
+"essential" features, which CMDM and MARDM learn, end before the rotations.
+
+Two modes make full features from joints:
+
+- "benchmark" follows HumanML3D's `motion_representation.ipynb` bug for bug, so that numbers compare with the
+  literature (docs/papers/cdamd.md#features): hips and shoulders enter the heading with opposite signs; the heading of
+  frame 0 is overwritten by the identity; the turn has the wrong sign in a row where the heading passes 180 degrees; an
+  arm's first rotation is relative to the root.
+- "corrected" is right: equal signs, frame 0 turned to +z by its smoothed heading (so nothing needs overwriting), turns
+  by the wrapped angle, an arm's first rotation relative to the spine. Joints come back exactly.
+"""
+import numpy as np
+
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.representations import base
+from motion_jax.motion.representations.base import GROUND, ROTATION, VECTOR, Block
+from motion_jax.motion.retarget import retarget
+from motion_jax.motion.skeleton import HUMANML3D, KIT, bone_lengths, facing
+
+_AHEAD = np.array([0.0, 0.0, 1.0])
+
+
+class HumanML3D(base.Representation):
+  """Full features, or the essential ones, their first blocks."""
+  has_fixed_bones = True
+
+  def extract(self, joints, mode):
+    return extract(canonicalize(joints, self.skeleton, mode), self.skeleton, mode)
+
+  def from_joints_in_place(self, joints, mode="benchmark"):
+    return extract(base.one_ahead(joints), self.skeleton, mode)[:, :self.dim].astype(np.float32)
+
+  def root_path(self, features):
+    xp = rot.namespace(features)
+    if xp is np:
+      features = features.astype(np.float64)
+    late = lambda a: xp.concatenate([xp.zeros_like(a[..., :1]), a[..., :-1]], axis=-1)  # a value acts one frame on
+    angle = xp.cumsum(late(features[..., 0]), axis=-1)
+    heading = rot.about_axis(2 * angle, "y")
+    zero = xp.zeros_like(angle)
+    step = xp.stack([late(features[..., 1]), zero, late(features[..., 2])], axis=-1)
+    path = xp.cumsum(rot.rotate(rot.conjugate(heading), step), axis=-2)
+    return heading, xp.stack([path[..., 0], features[..., 3], path[..., 2]], axis=-1)
+
+  def recover(self, features):
+    """Joints from the position columns (docs/papers/cdamd.md#features)."""
+    xp = rot.namespace(features)
+    heading, root = self.root_path(features)
+    local = features[..., self["positions"]].reshape(features.shape[:-1] + (self.skeleton.num_joints - 1, 3))
+    turned = rot.rotate(rot.conjugate(heading)[..., None, :], local)
+    around = xp.stack([root[..., 0], xp.zeros_like(root[..., 0]), root[..., 2]], axis=-1)
+    joints = xp.concatenate([root[..., None, :], turned + around[..., None, :]], axis=-2)
+    return joints.astype(np.float32) if xp is np else joints
+
+  def rotations_to_joints(self, features, offsets=None, mode="benchmark"):
+    base.check_mode(mode)
+    self.check(features)
+    skeleton = self.skeleton
+    offsets = skeleton.offsets if offsets is None else np.asarray(offsets, np.float64)
+    xp = rot.namespace(features)
+    heading, root = self.root_path(features)
+    local = rot.matrix_from_6d(features[..., self["rotations"]].reshape(features.shape[:-1] + (-1, 6)))
+    start = rot.to_matrix(heading)  # local rotations were made relative to it, see _inverse_kinematics
+    turned, joints = {0: start}, {0: root}
+    for chain in skeleton.chains:
+      before = start if mode == "benchmark" else turned[chain[0]]
+      for parent, joint in zip(chain[:-1], chain[1:]):
+        before = turned[joint] = before @ local[..., joint - 1, :, :]
+        joints[joint] = joints[parent] + before @ xp.asarray(offsets[joint], root.dtype)
+    return xp.stack([joints[j] for j in range(skeleton.num_joints)], axis=-2)
+
+
+def _heading(joints, skeleton, mode, smooth):
+  """Quaternions (T, 4) that turn the facing direction of each frame to +z."""
+  ahead = facing(joints, skeleton, 20.0 if smooth else 0.0, benchmark_sign=mode == "benchmark")
+  if mode == "corrected":
+    return rot.about_axis(-np.unwrap(np.arctan2(ahead[:, 0], ahead[:, 2])), "y")
+  heading = rot.between(ahead, np.broadcast_to(_AHEAD, ahead.shape))
+  heading[0] = (1, 0, 0, 0)  # Parity: the reference overwrites the first frame
+  return heading
+
+
+def _inverse_kinematics(joints, heading, skeleton, mode):
+  """Local rotations (T, J, 4): each bone's turn from its rest direction, relative to the bone before it."""
+  turned = {0: heading}
+  local = np.zeros(joints.shape[:2] + (4,))
+  local[:, 0] = heading
+  for chain in skeleton.chains:
+    # Parity: in the reference also the arm chains, which begin at the spine, start from the root's rotation.
+    before = heading if mode == "benchmark" else turned[chain[0]]
+    for parent, joint in zip(chain[:-1], chain[1:]):
+      bone = rot.unit(joints[:, joint] - joints[:, parent])
+      turned[joint] = rot.between(np.broadcast_to(skeleton.rest_directions[joint], bone.shape), bone)
+      local[:, joint] = rot.multiply(rot.conjugate(before), turned[joint])
+      before = turned[joint]
+  return local
+
+
+def canonicalize(joints, skeleton=HUMANML3D, mode="benchmark"):
+  """Joints (T, J, 3) onto the skeleton's bone lengths, on the floor, starting at the origin and facing +z. float64.
+
+  Benchmark mode keeps bone directions, scales the root path by the length of one leg in frame 0, and puts the lowest
+  point of the clip on the floor. Corrected mode leaves bones to `retarget`, which also keeps feet where they stood and
+  finds the floor under them, and faces +z with the smoothed heading; a body that has the skeleton's bones already
+  (to 2 mm) keeps its height, so that a piece cut out of a leap stays in the air.
+  """
+  joints = base.check_joints(joints, skeleton, mode)
+  if mode == "benchmark":
+    joints = _keep_directions(joints, skeleton)
+    joints[..., 1] -= joints[..., 1].min()
+  elif np.abs(bone_lengths(joints, skeleton) - skeleton.bone_lengths).max() * skeleton.unit > 2e-3:
+    joints = retarget(joints, skeleton)
+  joints = joints - joints[0, 0] * [1, 0, 1]
+  ahead = facing(joints, skeleton, 20.0 if mode == "corrected" else 0.0)[:1]
+  return rot.rotate(rot.between(ahead, _AHEAD[None])[:, None], joints)
+
+
+def _keep_directions(joints, skeleton):
+  legs = list(skeleton.leg_bones)
+  scale = skeleton.bone_lengths[legs].sum() / bone_lengths(joints[:1], skeleton)[0, legs].sum()
+  result = np.empty_like(joints)
+  result[:, 0] = joints[:, 0] * scale
+  for joint, parent in _bones(skeleton):
+    direction = rot.unit(joints[:, joint] - joints[:, parent])
+    result[:, joint] = result[:, parent] + direction * skeleton.bone_lengths[joint]
+  return result
+
+
+def _bones(skeleton):
+  """(joint, parent) pairs in an order that meets every parent before its children."""
+  return [(joint, parent) for chain in skeleton.chains for parent, joint in zip(chain[:-1], chain[1:])]
+
+
+def extract(joints, skeleton=HUMANML3D, mode="benchmark"):
+  """Full features (T - 1, 12 J - 1), float64, of joints that are canonical already; row t looks at frames t, t + 1.
+
+  Corrected features lose the absolute heading; `canonicalize` makes it 0.
+  """
+  base.check_mode(mode)
+  joints = np.asarray(joints, np.float64)
+  heading = _heading(joints, skeleton, mode, smooth=True)
+  local = _inverse_kinematics(joints, heading, skeleton, mode)
+  now, step = heading[:-1], np.diff(joints, axis=0)
+  turn = rot.multiply(heading[1:], rot.conjugate(now))
+  if mode == "benchmark":
+    half_turn = np.arcsin(np.clip(turn[:, 2], -1, 1))
+  else:
+    half_turn = np.arctan2(turn[:, 2] * np.sign(turn[:, 0]), np.abs(turn[:, 0]))
+  root_step = rot.rotate(heading[1:], step[:, 0])[:, [0, 2]]
+  centred = joints[:-1, 1:] - joints[:-1, :1] * [1, 0, 1]
+  positions = rot.rotate(now[:, None], centred)
+  velocities = rot.rotate(now[:, None], step)
+  feet = list(skeleton.left_feet + skeleton.right_feet)
+  contacts = (step[:, feet] ** 2).sum(-1) < skeleton.contact_threshold
+  rows = (half_turn, root_step, joints[:-1, 0, 1], positions, rot.to_6d(local[:-1, 1:]), velocities, contacts)
+  return np.concatenate([np.reshape(row, (len(step), -1)) for row in rows], axis=1)
+
+
+def _parts(skeleton, full):
+  body = tuple(range(1, skeleton.num_joints))
+  parts = {"turn": Block((-1,)), "root_velocity": Block(GROUND), "root_height": Block((1,)),
+           "positions": Block(VECTOR, body)}
+  return parts if not full else parts | {
+      "rotations": Block(ROTATION, body), "velocities": Block(VECTOR, (0, *body)),
+      "contacts": Block((1,), skeleton.left_feet + skeleton.right_feet)}
+
+
+FULL, FULL_KIT = (HumanML3D(name, skeleton, _parts(skeleton, True))
+                  for name, skeleton in (("full", HUMANML3D), ("full_kit", KIT)))
+ESSENTIAL, ESSENTIAL_KIT = (HumanML3D(name, skeleton, _parts(skeleton, False))
+                            for name, skeleton in (("essential", HUMANML3D), ("essential_kit", KIT)))
