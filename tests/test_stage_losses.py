@@ -158,7 +158,7 @@ def tokenizer_weights(monkeypatch, num_steps=0, **loss):
   config.train.num_steps = num_steps
   stage, batch = cmdm.tokenizer_stage(config), {"features": jnp.zeros((4, 8, 263)), "index": jnp.arange(4)}
 
-  def terms(vae, params, x, noise, kl_weight, root_weight, teacher, align_weight, adaptive, **choices):
+  def terms(vae, params, x, noise, kl_weight, root_weight, root_columns, teacher, align_weight, adaptive, **choices):
     return {"loss": 0.0, "kl": kl_weight, "root": root_weight, "align": align_weight, "adaptive": adaptive}
 
   monkeypatch.setattr(cmdm.stages, "tokenizer_terms", terms)

@@ -133,7 +133,7 @@ def stats_of(folder, columns, means=("Mean.npy",)):
   """
   folder, layout = pathlib.Path(folder), layout_for(columns)
   pairs = [(mean, mean.replace("Mean", "Std").replace("mean", "std")) for mean in means]
-  if layout.kind == "coordinates":
+  if layout.are_joints:
     pairs.insert(0, ABSOLUTE)
   for names in pairs:
     if all((folder / name).is_file() for name in names) and _fits(folder / names[0], layout):
@@ -148,7 +148,7 @@ def _fits(path, layout):
     size = math.prod(npy_shape(path))
   except InputError:
     return True
-  return size == layout.dim or size == 3 and layout.kind == "coordinates"
+  return size == layout.dim or size == 3 and layout.are_joints
 
 
 def text_files(text, dim, what, usual, level="words"):

@@ -85,7 +85,7 @@ def recognize(config):
     data.update(name="humanml3d", folder=str(folders[0]), folders=())
     info = humanml3d.dataset_info(folders[0])
     told = f"data: {folders[0]}, a HumanML3D-layout folder ({info['mode']} features)"
-    if get_layout(data.layout).kind != "coordinates" and "mode" in data and data.mode != info["mode"]:
+    if not get_layout(data.layout).are_joints and "mode" in data and data.mode != info["mode"]:
       if (pathlib.Path(folders[0]) / "dataset.json").is_file():  # ours: the folder knows how its features were made
         data.mode = info["mode"]
     if data.get("mirror", False):

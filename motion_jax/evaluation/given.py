@@ -18,7 +18,7 @@ from motion_jax.evaluation.tasks import generation
 from motion_jax.inputs.input_files import load_npy, npy_shape
 from motion_jax.metrics.long_horizon import placed
 from motion_jax.motion import plausibility
-from motion_jax.motion.representations import LAYOUTS, get_layout, layout_for
+from motion_jax.motion.representations import LAYOUTS, layout_for
 from motion_jax.runtime.atomic import atomic_path
 
 PROMPTS = "prompts.jsonl"
@@ -92,20 +92,20 @@ def load_given(name, folder, evaluator) -> Given:
 
 def _joint_layout(evaluator):
   own = [layout for layout in LAYOUTS.values()
-         if layout.kind == "coordinates" and layout.skeleton is evaluator.layout.skeleton]
+         if layout.are_joints and layout.skeleton is evaluator.layout.skeleton]
   if not own:
     raise ValueError(f"evaluator {evaluator.name!r} reads {evaluator.layout.name!r} features, which joints alone do "
                      "not give; write features instead")
-  return get_layout(own[0].name)
+  return own[0]
 
 
 def _read(path, count, layout):
   """(count or a few more, F): as many rows as were asked for, and what an evaluator may look at behind them."""
   x = load_npy(path)
-  joints = layout.kind == "coordinates" and x.ndim == 3 and x.shape[1:] == (layout.dim // 3, 3)
+  joints = layout.are_joints and x.ndim == 3 and x.shape[1:] == (layout.dim // 3, 3)
   if not joints and x.shape[1:] != (layout.dim,):
     raise ValueError(f"{path}: got an array of shape {x.shape}, expected (frames, {layout.dim}) as in the first file"
-                     + (f", or joints (frames, {layout.dim // 3}, 3)" if layout.kind == "coordinates" else ""))
+                     + (f", or joints (frames, {layout.dim // 3}, 3)" if layout.are_joints else ""))
   if len(x) < count:
     raise ValueError(f"{path}: got {len(x)} frames, {count} were asked for; frames in {PROMPTS} count")
   x = np.asarray(x, np.float32)[:count + samples.TAIL]

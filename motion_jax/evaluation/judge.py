@@ -5,7 +5,6 @@ import numpy as np
 
 from motion_jax.data.tagger import tag
 from motion_jax.evaluation import samples
-from motion_jax.evaluators.reading import carry
 from motion_jax.metrics import physics, scores
 from motion_jax.metrics import protocol as protocol_lib
 from motion_jax.motion.representations import to_joints
@@ -135,12 +134,13 @@ class Judge:
     Features look around themselves (headings are smoothed over seconds), so those of the `frames` (N,) are made of
     these alone: what a decoder put behind them is noise.
     """
-    if layout is evaluator.layout or evaluator.layout.kind == "coordinates":  # where each frame stands for itself
-      return [carry(motion, layout, evaluator) for motion in motions]
-    carried = [carry(motion[:count], layout, evaluator) for motion, count in zip(motions, frames)]
+    carry = lambda motion: layout.convert(motion, evaluator.layout, evaluator.mode)
+    if layout.narrows_to(evaluator.layout):  # each frame stands for itself
+      return [carry(motion) for motion in motions]
+    carried = [carry(motion[:count]) for motion, count in zip(motions, frames)]
     if self.protocol.made_padding != "decoded":
       return carried
-    return [np.concatenate([made, carry(motion, layout, evaluator)[count:]]) if len(motion) > count else made
+    return [np.concatenate([made, carry(motion)[count:]]) if len(motion) > count else made
             for made, motion, count in zip(carried, motions, frames)]
 
   def batches(self, reading, made, clip_made=None, made_seen=None, text=None, clip_text=None):

@@ -208,7 +208,7 @@ def guess_protocol(runs, folders) -> str:
   name = (checkpoint.load_config(find(runs[0])).data.layout if runs
           else humanml3d.dataset_info(folders[0])["layout"])
   layout = get_layout(name)
-  return "kit" if layout.skeleton is KIT else _BY_LAYOUT.get(layout.kind, "cmdm-259")
+  return "kit" if layout.skeleton is KIT else _BY_LAYOUT.get(layout.name, "cmdm-259")
 
 
 def default_out(runs, protocol) -> pathlib.Path:

@@ -145,16 +145,16 @@ def _read_humanml3d(folder, protocol, evaluators, excluded):
 
 def _folder_layout(folder, own, evaluator):
   layout = evaluator.layout
-  if layout.skeleton is not own.skeleton or layout.kind not in ("full", "essential", "coordinates") or (
-      layout.kind == "full" and own.kind != "full"):
+  if not own.narrows_to(layout):
     raise ValueError(f"{folder} holds {own.name!r} features ({own.dim} numbers a frame), evaluator {evaluator.name!r} "
                      f"reads {layout.name!r} ({layout.dim}); choose the evaluator of the data's representation")
   return layout
 
 
 def _read_snapmogen(folder, protocol, evaluators, excluded):
+  own = get_layout("snapmogen")
   for evaluator in evaluators.values():
-    if evaluator.layout.kind != "snapmogen":
+    if not own.narrows_to(evaluator.layout):
       raise ValueError(f"{folder} holds 'snapmogen' features, evaluator {evaluator.name!r} reads "
                        f"{evaluator.layout.name!r}; choose the evaluator of the data's representation")
   if protocol.recorded:
@@ -164,12 +164,12 @@ def _read_snapmogen(folder, protocol, evaluators, excluded):
     items = snapmogen.text_items(folder, protocol.split, min_frames=protocol.min_frames, faults=excluded)
   for item in {item.id: item for item in items}.values():  # a split may name a span twice
     yield item.id, item.captions, (None,) * len(item.captions), item.features, {
-        key: item.features[:, :evaluator.layout.dim] for key, evaluator in evaluators.items()}
+        key: own.narrow_to(item.features, evaluator.layout) for key, evaluator in evaluators.items()}
 
 
 def _read_babel(folder, protocol, evaluators, excluded):
   for evaluator in evaluators.values():
-    if evaluator.layout.kind != "babel":
+    if not get_layout("babel").narrows_to(evaluator.layout):
       raise ValueError(f"{folder} becomes 'babel' features, evaluator {evaluator.name!r} reads "
                        f"{evaluator.layout.name!r}; choose the evaluator of the data's representation")
   for piece in babel.pieces(folder, protocol.split, "segments", protocol.min_frames, protocol.past_frames - 1,

@@ -28,7 +28,7 @@ from motion_jax.evaluators.networks import ClipEvaluator, T2MEvaluator
 from motion_jax.evaluators.snapmogen_network import SnapEvaluator
 from motion_jax.evaluators.words import CONVERTED, GLOVE_FILES, WordFeatures, load_words
 from motion_jax.models.cmdm import teacher as teacher_lib
-from motion_jax.motion.representations import FeatureLayout, get_layout, to_features
+from motion_jax.motion.representations import Representation, get_layout, to_features
 from motion_jax.motion.stats import Stats
 from motion_jax.nets.masks import padding_mask
 from motion_jax.text.bert import bert_fields_of
@@ -64,7 +64,7 @@ class Evaluator:
   words: Callable = lambda: None  # () -> fingerprint of what makes words into numbers
 
   @property
-  def layout(self) -> FeatureLayout:
+  def layout(self) -> Representation:
     return self.stats.layout
 
   def features_of(self, motion):

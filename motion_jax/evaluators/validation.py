@@ -1,7 +1,6 @@
 """By what trained stages are chosen: numbers of held-out motions as an evaluator sees them."""
 import numpy as np
 
-from motion_jax.evaluators.reading import carry
 from motion_jax.metrics import scores
 
 # Frames of a clip; those that an evaluator is not told of (docs/papers/cmdm.md#protocol); clips at a time.
@@ -23,7 +22,8 @@ def reconstruction_fid(evaluator, features, stats):
     raise ValueError(f"got {len(clips)} held-out clips to compare with {judge.name!r}, a Gaussian needs 2 or more")
 
   def embed(motions):
-    read = [judge.stats.normalize(carry(stats.denormalize(x), stats.layout, judge)) for x in motions]
+    read = [stats.layout.convert(stats.denormalize(x), judge.layout, judge.mode) for x in motions]
+    read = [judge.stats.normalize(x) for x in read]
     frames = np.array([len(x) for x in read])
     rows = np.zeros((len(read), LENGTH, judge.layout.dim), np.float32)
     for row, x in zip(rows, read):

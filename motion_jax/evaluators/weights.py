@@ -10,6 +10,7 @@ from motion_jax.convert.state import load_state
 from motion_jax.evaluators.networks import ClipEvaluator, T2MEvaluator
 from motion_jax.evaluators.weight_names import CLIP_EVALUATOR_IGNORED, clip_evaluator_names, t2m_evaluator_names
 from motion_jax.evaluators.words import CONVERTED, load_words
+from motion_jax.motion.representations import LAYOUTS
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
 from motion_jax.training.setup import text_identity
@@ -24,7 +25,9 @@ def evaluator(path, num_heads=None) -> Network:
     return _clip_evaluator(path, num_heads)
   what, part = "T2M evaluator", read_part(path, T2M, others=("movement_decoder",))
   movement_width, features, _ = part.shape("movement_encoder/main.0.weight", what, 3)
-  fields = dict(features=features, columns=features + 4 if features in (259, 247) else features,  # less the contacts
+  # 259 of 263 and 247 of 251: it reads full features without their contacts.
+  with_contacts = {layout["contacts"].start: layout.dim for layout in LAYOUTS.values() if "contacts" in layout.blocks}
+  fields = dict(features=features, columns=with_contacts.get(features, features),
                 movement_width=movement_width, movement_dim=part.shape("movement_encoder/main.3.weight", what, 3)[0],
                 motion_width=part.shape("motion_encoder/input_emb.weight", what, 2)[0],
                 text_width=part.shape("text_encoder/input_emb.weight", what, 2)[0],

@@ -75,11 +75,10 @@ def make_motions(model, made, frames, captions, seeds, about, polish) -> Motions
   decoded = model.stats.denormalize(made)
   features = decoded[:, :length]
   joints = np.array(to_joints(features, layout))  # a copy: coordinates are their own joints
-  if polish and layout.kind in ("full", "essential", "coordinates"):  # bodies whose bones have one length
+  if polish and layout.has_fixed_bones:
     with timing.part("cleanup"):
       for i, count in enumerate(frames):
-        contacts = features[i, :count, layout["contacts"]] if layout.kind == "full" else None
-        joints[i, :count] = planted(joints[i, :count], contacts, layout.skeleton)
+        joints[i, :count] = planted(joints[i, :count], layout.contacts(features[i, :count]), layout.skeleton)
   mask = np.arange(length) < np.array(frames)[:, None]
   made = tuple(
       Motion(joints[i, :count], model.fps, captions[i], id=f"motion_{i}", source=model.id, license=model.license,

@@ -8,7 +8,7 @@ import numpy as np
 
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.input_files import load_npy
-from motion_jax.motion.representations import FeatureLayout, get_layout, layout_for
+from motion_jax.motion.representations import Representation, get_layout, layout_for
 
 ABSOLUTE = ("Mean_abs.npy", "Std_abs.npy")  # where the field's tools keep statistics of coordinates
 
@@ -18,7 +18,7 @@ class Stats:
   """mean and std, float32 (F,), of features in a layout."""
   mean: np.ndarray
   std: np.ndarray
-  layout: FeatureLayout
+  layout: Representation
 
   def __post_init__(self):
     for name in ("mean", "std"):
@@ -54,13 +54,13 @@ def compute_stats(features, layout, per_axis=False, per_column=False) -> Stats:
   frames = np.concatenate(features, dtype=np.float64) if isinstance(features, list | tuple) else (
       np.asarray(features, np.float64))
   layout.check(frames)
-  if per_axis and layout.kind == "coordinates":
+  if per_axis and layout.are_joints:
     axes = frames.reshape(-1, 3)
     copies = layout.dim // 3
     mean, std = np.tile(axes.mean(0), copies), np.tile(axes.std(0), copies)
   else:
     mean, std = frames.mean(0), frames.std(0)
-    if layout.kind != "coordinates" and not per_column:
+    if layout.std_by_block and not per_column:
       for block in layout.blocks.values():
         std[block] = std[block].mean()
   # A column that never moves stays as it is; on its own it may move by the rounding of float32.
@@ -90,6 +90,6 @@ def load_stats(folder, layout=None, names=("Mean.npy", "Std.npy")) -> Stats:
       raise FileNotFoundError(f"{folder} has no {name}; expected the statistics that the data or the run was made with")
     values.append(load_npy(folder / name).astype(np.float32).ravel())
   layout = get_layout(layout) if layout else layout_for(values[0].shape[-1])
-  if layout.kind == "coordinates":
+  if layout.are_joints:
     values = [np.tile(value, layout.dim // 3) if value.shape == (3,) else value for value in values]
   return Stats(*values, layout)

@@ -14,7 +14,6 @@ from motion_jax.evaluation.candidates import Subject, check_options
 from motion_jax.evaluation.judge import Judge
 from motion_jax.evaluation.tasks import editing, long_horizon
 from motion_jax.evaluators.evaluator import fresh_evaluator
-from motion_jax.evaluators.reading import carry
 from motion_jax.metrics import long_horizon as long_horizon_lib
 from motion_jax.metrics import protocol as protocol_lib
 from motion_jax.motion.representations import get_layout, to_features, to_joints
@@ -189,11 +188,11 @@ def test_a_cut_is_the_loaders_cut(archive, evaluator):
 def test_motions_go_from_one_representation_to_another(source, target):
   clip = synthetic_clips(seed=1, num=3, num_frames=40)[2]
   features = to_features(clip.joints, source, "corrected")
-  made = carry(features, get_layout(source), fresh_evaluator("t2m", target))
+  made = get_layout(source).convert(features, get_layout(target), "corrected")
   assert made.shape == (39, get_layout(target).dim)
   np.testing.assert_allclose(to_joints(made, target), to_joints(features, source), atol=2e-4)
-  with pytest.raises(ValueError, match="moves skeleton 'humanml3d', .* judges 'kit'"):
-    carry(features, get_layout(source), fresh_evaluator("t2m", "coordinates_kit"))
+  with pytest.raises(ValueError, match="moves skeleton 'humanml3d', .* moves 'kit'.*--evaluator"):
+    get_layout(source).convert(features, get_layout("coordinates_kit"))
 
 
 def test_pieces_are_placed_at_the_origin():

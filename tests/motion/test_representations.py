@@ -9,7 +9,7 @@ from motion_jax.motion import inverse
 from motion_jax.motion import representations as F
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.representations import babel, motionstreamer, snapmogen
-from motion_jax.motion.skeleton import HUMANML3D, SMPL, SNAPMOGEN, SNAPMOGEN_BVH
+from motion_jax.motion.skeleton import HUMANML3D, SMPL, SNAPMOGEN, SNAPMOGEN_BVH, facing
 from motion_jax.motion.stats import compute_stats
 from motion_jax.motion.transfer import from_22, to_22
 
@@ -26,7 +26,7 @@ def _turned(joints, angle, shift=(3.0, 0, -2.0)):
 
 
 def _ahead(joints, skeleton):
-  return F.facing(joints.astype(np.float64), skeleton)[0]
+  return facing(joints.astype(np.float64), skeleton)[0]
 
 
 @pytest.mark.parametrize("mode", F.MODES)

@@ -18,7 +18,7 @@ def test_std_is_one_number_per_block(name):
   assert np.allclose(stats.mean, features.mean(0), atol=1e-6)
   for block in layout.blocks.values():
     expected = features.std(0)[block]
-    if layout.kind != "coordinates":
+    if layout.std_by_block:
       expected = np.full_like(expected, expected.mean())
     assert np.allclose(stats.std[block], expected, rtol=1e-6)
 

@@ -189,8 +189,7 @@ def text_items(folder, split="train", layout=None, min_frames=None, max_frames=2
 
 def as_item(clip, layout) -> TextItem:
   """A clip that `read_folder` or `select_items` gave as an item in its own layout, or one that is a part of it."""
-  features = (clip.joints.reshape(len(clip.joints), -1) if layout.kind == "coordinates"
-              else clip.features[:, :layout.dim])
+  features = layout_for(clip.features.shape[-1]).narrow_to(clip.features, layout, clip.joints)
   return TextItem(clip.id, features, tuple(c.text for c in clip.captions), clip.meta["tokens"])
 
 
@@ -204,9 +203,9 @@ def folder_stats(folder, layout=None, per_axis=False) -> Stats:
   own = get_layout(dataset_info(folder)["layout"])
   layout = get_layout(layout or own)
   _check_layout(folder, own, layout)
-  if layout.kind != "coordinates":
-    stats = load_stats(folder, own)
-    return stats if layout is own else Stats(stats.mean[:layout.dim], stats.std[:layout.dim], layout)
+  if not layout.are_joints:
+    stats, columns = load_stats(folder, own), own.columns_of(layout)
+    return Stats(stats.mean[columns], stats.std[columns], layout)
   if not per_axis and all((folder / name).is_file() for name in ABSOLUTE):
     return load_stats(folder, layout, ABSOLUTE)
   joints = [clip.joints.reshape(clip.num_frames, -1) for clip in read_folder(folder, "train")]
@@ -214,7 +213,7 @@ def folder_stats(folder, layout=None, per_axis=False) -> Stats:
 
 
 def _check_layout(folder, own, layout):
-  if layout.skeleton is not own.skeleton or (layout.kind == "full" and own.kind != "full"):
+  if not own.narrows_to(layout):
     raise ValueError(f"{folder} holds {own.name!r} features, asked for {layout.name!r}; choose a layout of skeleton "
                      f"{own.skeleton.name!r}")
 

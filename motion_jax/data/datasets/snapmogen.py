@@ -95,7 +95,7 @@ def text_items(folder, split="train", layout="snapmogen", min_frames=MIN_FRAMES,
   `faults`, a list of (span, why).
   """
   layout = get_layout(layout)
-  if layout.kind != "snapmogen":
+  if not get_layout("snapmogen").narrows_to(layout):
     raise ValueError(f"{folder} holds 'snapmogen' features, asked for {layout.name!r}; choose snapmogen or "
                      "snapmogen_148")
   captions, recordings = read_captions(folder), {}
@@ -183,7 +183,7 @@ def folder_stats(folder, layout="snapmogen") -> Stats:
     if value.shape != (296,):
       raise ValueError(f"{path}: got shape {value.shape}, expected (296,); these statistics belong to another "
                        "representation")
-    values.append(value[:layout.dim])
+    values.append(value[get_layout("snapmogen").columns_of(layout)])
   return Stats(values[0], np.where(np.abs(values[1]) < 1e-8, np.float32(1), values[1]), layout)
 
 

@@ -6,7 +6,6 @@ levels of it; sliding moves the frozen pose over the ground, lifted and sunk mov
 import numpy as np
 
 from motion_jax.evaluation.judge import NOISE, physics_of
-from motion_jax.evaluators.reading import from_joints
 from motion_jax.motion.representations import canonicalize, to_joints
 
 LEVELS = (0.01, 0.03, 0.1)  # metres, standard deviation of each coordinate
@@ -41,12 +40,12 @@ def check(judge, task=None, repeat=0, spread=None) -> dict:
   names = [f"noise {100 * level:g} cm" for level in LEVELS]
   levels = {"real": joints} | {name: [x + level / layout.skeleton.unit * n for x, n in zip(joints, noise)]
                                for name, level in zip(names, LEVELS)}
-  rows = {name: judge.scores(repeat, [from_joints(x, evaluator) for x in some], layout)
+  rows = {name: judge.scores(repeat, [layout.from_joints_in_place(x, evaluator.mode) for x in some], layout)
           for name, some in levels.items()}
   for name, level in zip(levels, (0.0, *LEVELS)):  # of nothing, copies of one motion
     rows[name]["multimodality"] = _multimodality(judge, repeat, joints, level / layout.skeleton.unit) if level else 0.0
   for name, damage in _damages(layout.skeleton, evaluator.mode).items():
-    motions = [from_joints(damage(x), evaluator) for x in joints]
+    motions = [layout.from_joints_in_place(damage(x), evaluator.mode) for x in joints]
     whole = name in ("reversed", "frozen")
     rows[name] = judge.scores(repeat, motions, layout) if whole else physics_of(motions, reading.drawn.frames, layout)
   wanted = EXPECTED
@@ -89,9 +88,10 @@ def _damages(skeleton, mode):
 def _multimodality(judge, repeat, joints, size):
   """Of a few real motions, each with noise drawn anew many times."""
   rng, count = judge.rng(repeat, NOISE + 1), judge.protocol.multimodality_motions
-  made = [[from_joints(x + size * rng.normal(size=x.shape), judge.evaluator) for _ in range(count)]
+  layout, mode = judge.evaluator.layout, judge.evaluator.mode
+  made = [[layout.from_joints_in_place(x + size * rng.normal(size=x.shape), mode) for _ in range(count)]
           for x in joints[:CAPTIONS]]
-  return judge.multimodality(repeat, made, judge.evaluator.layout)
+  return judge.multimodality(repeat, made, layout)
 
 
 def _moves(real, values, direction, spread=0.0):

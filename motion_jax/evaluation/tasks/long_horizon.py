@@ -15,7 +15,6 @@ import numpy as np
 from motion_jax import loading
 from motion_jax.data.timelines import read_stories
 from motion_jax.evaluation import samples
-from motion_jax.evaluators.reading import carry, from_joints
 from motion_jax.metrics import long_horizon, physics
 from motion_jax.models.cmdm import model
 from motion_jax.models.cmdm import multi_prompt as stories
@@ -71,10 +70,10 @@ def rows(judge, subject, repeat):
     for motion, tale, counts in zip(made, drawn, frames):
       motion = motion[:sum(counts)]
       joints = np.asarray(to_joints(motion, layout), np.float64)
-      by_joints = judge.evaluator.layout.kind == "coordinates"
+      seen, mode = judge.evaluator.layout, judge.evaluator.mode
       yield long_horizon.Sequence(
-          joints if by_joints else carry(motion, layout, judge.evaluator), joints * layout.skeleton.unit, tuple(counts),
-          tuple(tale.captions), judge.embed_captions(judge.evaluator, tale.captions, tale.tokens))
+          joints if seen.are_joints else layout.convert(motion, seen, mode), joints * layout.skeleton.unit,
+          tuple(counts), tuple(tale.captions), judge.embed_captions(judge.evaluator, tale.captions, tale.tokens))
 
   scored = long_horizon.score(pieces(), _reference(judge, repeat), *_scoring(judge, repeat, _rules(judge.protocol)))
   judge.curves.setdefault(subject.name, []).append(scored.curve)
@@ -90,7 +89,8 @@ def damaged(judge, repeat, joints):
   half, other = rules.width // 2, np.roll(crops, 1, axis=0)
   last, first = crops[:, half - 1:half, :1], other[:, half:half + 1, :1]
   spliced = np.concatenate([crops[:, :half], other[:, half:] + (last - first) * [1, 0, 1]], axis=1)
-  read = list if evaluator.layout.kind == "coordinates" else lambda x: [from_joints(one, evaluator) for one in x]
+  read = list if evaluator.layout.are_joints else (
+      lambda x: [evaluator.layout.from_joints_in_place(one, evaluator.mode) for one in x])
   rows = {name: long_horizon.transition_row(read(x), x * skeleton.unit, _reference(judge, repeat), _embed(judge), rules,
                                             skeleton) for name, x in (("real", crops), ("spliced", spliced))}
   return rows, {"spliced": {"transition_fid": 1, "transition_distance": 1, "peak_jerk": 1, "auj": 1}}
@@ -202,7 +202,7 @@ def _real(judge):
   features = judge.items.of(evaluator)
   joints = [np.asarray(to_joints(x, evaluator.layout), np.float64) for x in features]
   scale = evaluator.layout.skeleton.unit
-  return joints if evaluator.layout.kind == "coordinates" else features, [scale * x for x in joints]
+  return joints if evaluator.layout.are_joints else features, [scale * x for x in joints]
 
 
 def _reference(judge, repeat):
@@ -224,8 +224,9 @@ def _embed(judge, seen=False):
   evaluator = judge.evaluator
 
   def embed(motions):
-    if evaluator.layout.kind == "coordinates":
-      motions = [from_joints(long_horizon.placed(x, evaluator.layout.skeleton), evaluator) for x in motions]
+    layout = evaluator.layout
+    if layout.are_joints:
+      motions = [layout.from_joints_in_place(long_horizon.placed(x, layout.skeleton)) for x in motions]
     return judge.embed(evaluator, motions, np.array([len(x) for x in motions]),
                        evaluator.embed_for_fid if seen and evaluator.seen is not None else None)
   return embed

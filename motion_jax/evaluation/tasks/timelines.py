@@ -7,7 +7,6 @@ import numpy as np
 from motion_jax.data.timelines import read_timelines, single_track
 from motion_jax.evaluation import samples
 from motion_jax.evaluation.tasks.long_horizon import BATCH, load, tell
-from motion_jax.evaluators.reading import carry
 from motion_jax.metrics import timeline_scores
 from motion_jax.motion.representations import to_joints
 
@@ -34,9 +33,10 @@ def rows(judge, subject, repeat):
   made = subject.sample(tell(subject, tales, subject.options), store, f"r{repeat:03d}", jobs, f"repeat {repeat + 1}",
                         BATCH)
   texts, _, text_latents, real_latents = _real(judge)
+  seen, mode = judge.evaluator.layout, judge.evaluator.mode
   embed = lambda motions: judge.embed(judge.evaluator, motions, np.array([len(x) for x in motions]))
   return {"": timeline_scores.score(
-      timelines, [carry(x, layout, judge.evaluator) for x in made], [_metres(x, layout) for x in made], embed, texts,
+      timelines, [layout.convert(x, seen, mode) for x in made], [_metres(x, layout) for x in made], embed, texts,
       text_latents, real_latents, _rules(judge), layout.skeleton)}
 
 

@@ -100,7 +100,7 @@ class CdamdModel(Prompted):
     sampling["mask"] = mask or self.config.sampler.edit_mask
     plan, hidden, scale, about = self._tables(keys, edited, guidance_scale, **sampling)
     real = padding_mask(jnp.array(frames) // self.unit, self.max_latents)
-    features, joined = np.stack(features), paste and self.stats.layout.kind == "coordinates"
+    features, joined = np.stack(features), paste and self.stats.layout.are_joints
     made = self._edit(plan, paste and not joined, self.params, self.codec, features, self.encode_words(prompts),
                       edited, hidden, real, scale, keys)
     if joined:

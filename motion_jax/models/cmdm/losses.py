@@ -134,13 +134,13 @@ def align_factor(step, config, num_steps):
   return config.align * (1 - config.align_fall * progress)
 
 
-def tokenizer_terms(vae, params, x, noise, kl_weight, root_weight, root_columns=slice(0, 4), teacher=None,
+def tokenizer_terms(vae, params, x, noise, kl_weight, root_weight, *, root_columns, teacher=None,
                     align_weight=0.0, adaptive=True, reconstruction="gaussian", **alignment):
   """Loss terms of one micro-batch x (B, T, F): a dict with rec, root, kl and their weighted sum, loss.
 
-  With teacher (B, N, E), its features at each latent, also mcos, mdms, their sum align, and the weight that it gets:
-  align_weight times the ratio of gradients, or plain if not adaptive. alignment: distance_pairs, last_layer of
-  `align_ratio`.
+  root_columns: `root` of the features' representation. With teacher (B, N, E), its features at each latent, also mcos,
+  mdms, their sum align, and the weight that it gets: align_weight times the ratio of gradients, or plain if not
+  adaptive. alignment: distance_pairs, last_layer of `align_ratio`.
   """
   # Parity: the root term is the code's alone, and its KL weight is 0.01 with a ramp, the paper's 1.0; both are fields.
   y, mean, logvar = vae.apply(params, x, noise)

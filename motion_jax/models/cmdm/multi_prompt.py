@@ -151,8 +151,9 @@ def extend(model, plan, scale, joints, past_prompt, prompts, frames, keys, way="
   border = known.shape[1] * unit
   features = model.stats.denormalize(np.asarray(whole))[0, :border + int(ends[-1])]
   shadow = to_joints(features, model.stats.layout)
-  if polish and model.stats.layout.kind == "full":
-    shadow = planted(shadow, features[:, model.stats.layout["contacts"]], model.stats.layout.skeleton)
+  contacts = model.stats.layout.contacts(features)
+  if polish and model.stats.layout.has_fixed_bones and contacts is not None:
+    shadow = planted(shadow, contacts, model.stats.layout.skeleton)
   return _laid_over(shadow.astype(np.float64), joints, border).astype(np.float32), ends.tolist()
 
 

@@ -8,6 +8,7 @@ from motion_jax.latents import VaeCodec
 from motion_jax.models.cmdm import ddpm_forcing
 from motion_jax.models.cmdm.losses import align_factor, pool_teacher, tokenizer_terms
 from motion_jax.models.cmdm.teacher import as_seen, frame_features, make_teacher
+from motion_jax.motion.representations import get_layout
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.nets.masks import block_causal_mask, padding_mask
@@ -28,6 +29,7 @@ def tokenizer_stage(config) -> Stage:
   teacher = make_teacher(config.teacher, config.data.layout) if config.frozen.teacher else None
   layout = config.data.layout
   own_layout = config.teacher.get("layout", layout)
+  root_columns = get_layout(layout).root
 
   def latent_shape(x):
     return x.shape[:-2] + (x.shape[-2] // 2 ** vae.num_halvings, vae.latent_dim)
@@ -53,8 +55,8 @@ def tokenizer_stage(config) -> Stage:
       guides = split(pool_teacher(frame_features(teacher, frozen["teacher"], seen), noise.shape[1]))
     align_weight = align_factor(step, loss_config, config.train.num_steps) if teacher is not None else 0.0
     choices = {name: loss_config[name] for name in ("reconstruction", "distance_pairs", "last_layer")}
-    terms = [tokenizer_terms(vae, params, a, e, kl_weight, loss_config.root_weight, teacher=g,
-                             align_weight=align_weight, adaptive=loss_config.adaptive_align, **choices)
+    terms = [tokenizer_terms(vae, params, a, e, kl_weight, loss_config.root_weight, root_columns=root_columns,
+                             teacher=g, align_weight=align_weight, adaptive=loss_config.adaptive_align, **choices)
              for a, e, g in zip(split(x), split(noise), guides)]
     return jax.tree.map(lambda *parts: sum(parts), *terms), float(len(terms))
 

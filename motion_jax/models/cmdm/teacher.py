@@ -19,7 +19,7 @@ import numpy as np
 from motion_jax import shapes
 from motion_jax.evaluators.networks import symmetric_cross_entropy
 from motion_jax.motion.body_parts import chain_columns, part_columns, whole_body
-from motion_jax.motion.representations import get_layout, to_joints
+from motion_jax.motion.representations import get_layout
 from motion_jax.nets.masks import padding_mask
 from motion_jax.nets.motion_patches import MotionPatches
 from motion_jax.nets.part_tmr import PartTMR
@@ -189,12 +189,12 @@ def teacher_stage(config, axis_name="devices") -> Stage:
 
 
 def check_readable(layout, own_layout):
-  """Raises ValueError where windows in `layout` do not hold what a teacher of own_layout reads: the same layout, or
-  coordinates of the same joints."""
+  """Raises ValueError where windows in `layout` do not hold what a teacher of own_layout reads."""
   ours, theirs = get_layout(layout), get_layout(own_layout)
-  if theirs != ours and not (theirs.kind == "coordinates" and theirs.skeleton is ours.skeleton):
+  if not ours.narrows_to(theirs):
     raise ValueError(f"a teacher of layout {theirs.name!r} cannot read windows of layout {ours.name!r}, only those of "
-                     "its own layout or, if that is coordinates, of one with the same joints; train it on such data")
+                     "its own layout, one that it is a part of or, if it is coordinates, one with the same joints; "
+                     "train it on such data")
 
 
 def as_seen(x, view, layout, own_layout):
@@ -204,8 +204,7 @@ def as_seen(x, view, layout, own_layout):
   at the origin, facing +z.
   """
   x = x * view["std"] + view["mean"]
-  if own_layout != layout:
-    x = to_joints(x, layout).reshape(*x.shape[:2], -1)
+  x = get_layout(layout).narrow_to(x, get_layout(own_layout))
   return (x - view["own_mean"]) / view["own_std"]
 
 

@@ -56,10 +56,6 @@ class Representation:
     return sum(block.size for block in self.parts.values())
 
   @property
-  def kind(self) -> str:
-    return self.name.split("_")[0]
-
-  @property
   def fps(self) -> float:
     return self.skeleton.fps
 
@@ -67,6 +63,15 @@ class Representation:
     if name not in self.blocks:
       raise KeyError(f"layout {self.name!r} has no block {name!r}; it has {', '.join(self.blocks)}")
     return self.blocks[name]
+
+  def columns(self, name, joint=None) -> tuple[int, ...]:
+    """The columns of a block, or of one joint in it; () for a joint that it has no row for."""
+    block, start = self.parts[name], self[name].start
+    if joint is None:
+      return tuple(range(start, start + block.size))
+    size = len(block.signs)
+    first = start + size * block.joints.index(joint) if joint in block.joints else None
+    return () if first is None else tuple(range(first, first + size))
 
   def check(self, features):
     if features.shape[-1] != self.dim:
@@ -180,7 +185,7 @@ class Representation:
     for each row: narrowed where that is enough, else by the joints. Raises ValueError where the bodies differ."""
     if other.skeleton is not self.skeleton:
       raise ValueError(f"layout {self.name!r} moves skeleton {self.skeleton.name!r}, layout {other.name!r} moves "
-                       f"{other.skeleton.name!r}; choose two of one skeleton")
+                       f"{other.skeleton.name!r}; choose two of one skeleton, in an evaluation another --evaluator")
     if self.narrows_to(other):
       return self.narrow_to(features, other)
     return other.from_joints_in_place(self.to_joints(features), mode)

@@ -1,0 +1,215 @@
+"""What every representation promises, and a further one that is a class and an entry of the registry."""
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from motion_jax import export
+from motion_jax.data.clip import Clip
+from motion_jax.data.datasets.synthetic import synthetic_clips
+from motion_jax.models.results import Motion
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.representations import LAYOUTS, get_layout, layout_for, to_features, to_joints
+from motion_jax.motion.representations.base import MODES, VECTOR, Block, Representation
+from motion_jax.motion.retarget import mirror
+from motion_jax.motion.skeleton import HUMANML3D, facing
+from motion_jax.motion.stats import compute_stats, load_stats, save_stats
+
+WALK, CURVE, TURN = 1, 3, 5
+
+
+@pytest.fixture(params=LAYOUTS)
+def layout(request):
+  return LAYOUTS[request.param]
+
+
+def _joints(layout, index=CURVE):
+  return synthetic_clips(0, 6, skeleton=layout.skeleton)[index].joints
+
+
+def _moved(joints, angle=2.9):
+  return rot.rotate(rot.about_axis(np.array(angle), "y"), joints.astype(np.float64)) + [3.0, 0, -2.0]
+
+
+def _metres(layout, difference):
+  return np.abs(difference).max() * layout.skeleton.unit
+
+
+# The benchmark's features break where a heading passes 180 degrees.
+@pytest.mark.parametrize("mode, index", [(mode, index) for mode in MODES for index in (WALK, CURVE)]
+                         + [("corrected", TURN)])
+def test_joints_become_features_and_joints_again(layout, mode, index):
+  """A second time nothing changes: what the first one left out (bones, the place of the start) is left out already."""
+  made = layout.to_joints(layout.from_joints(_joints(layout, index), mode))
+  assert made.dtype == np.float32 and made.shape[1:] == (layout.skeleton.num_joints, 3)
+  again = layout.to_joints(layout.from_joints(made, mode))
+  rows = max(len(again) - 81, 1)  # the heading of the last second is smoothed with other frames
+  size = lambda joints: np.linalg.norm(joints[:, 1:] - joints[:1, :1], axis=-1)  # seen from where the root began
+  assert _metres(layout, size(again)[:rows] - size(made)[:rows]) < 2e-3
+
+
+def test_features_of_a_row_per_frame(layout):
+  """Joints in their place become as many rows, which tell of the same body."""
+  joints = layout.to_joints(layout.from_joints(_joints(layout), "corrected"))
+  features = layout.from_joints_in_place(joints, "corrected")
+  assert features.shape == (len(joints), layout.dim) and features.dtype == np.float32
+  assert _metres(layout, layout.to_joints(features)[:1, :, 1] - joints[:1, :, 1]) < 0.03
+
+
+def test_a_mirror_changes_sides_and_two_change_nothing(layout):
+  features = layout.from_joints(_joints(layout, TURN), "corrected")
+  seen = layout.mirror(features)
+  assert seen.dtype == features.dtype and np.array_equal(layout.mirror(seen), features)
+  expected = mirror(layout.to_joints(features), layout.skeleton)
+  assert _metres(layout, layout.to_joints(seen) - expected) < 1e-3
+  assert _metres(layout, layout.root_path(seen)[1] - layout.root_path(features)[1] * [-1, 1, 1]) < 1e-5
+  assert np.abs(seen - features).max() > 0.1  # a motion that is not its own mirror image
+
+
+def test_features_of_a_mirrored_body_are_the_mirrored_features(layout):
+  """So every block, rotations and contacts too, has the right signs and sides."""
+  clip = mirror(_joints(layout), layout.skeleton)
+  if layout.has_fixed_bones:  # bones of left and right differ by millimetres: nothing may bring them to one length
+    joints = layout.to_joints(layout.from_joints(_joints(layout), "corrected"))
+    one, other = (layout.from_joints_in_place(x, "corrected") for x in (joints, mirror(joints, layout.skeleton)))
+  else:
+    one, other = layout.from_joints(_joints(layout), "corrected"), layout.from_joints(clip, "corrected")
+  same = np.isclose(layout.mirror(one), other, atol=2e-3 / min(layout.skeleton.unit * 100, 1))
+  assert same.mean(0).min() > 0.98, sorted({name for name, block in layout.blocks.items() if not same[:, block].all()})
+
+
+def test_the_mirror_is_there_for_jax(layout):
+  features = layout.from_joints(_joints(layout), "corrected")
+  inside = jax.jit(layout.mirror)(jnp.asarray(features))
+  assert np.array_equal(inside, layout.mirror(features))
+
+
+def test_what_is_narrowed_is_a_cut(layout):
+  features = layout.from_joints(_joints(layout), "corrected")
+  for other in LAYOUTS.values():
+    columns = layout.columns_of(other)
+    if columns is not None:
+      assert np.array_equal(layout.narrow_to(features, other), features[:, columns])
+      assert other.blocks == {name: layout.blocks[name] for name in other.blocks}
+    elif layout.narrows_to(other):
+      made = layout.narrow_to(features, other)
+      assert np.array_equal(other.to_joints(made), layout.to_joints(features))
+      assert np.array_equal(layout.narrow_to(features, other, layout.to_joints(features)), made)
+    else:
+      with pytest.raises(ValueError, match=f"layout '{layout.name}' does not hold what layout '{other.name}' needs"):
+        layout.narrow_to(features, other)
+  assert layout.narrow_to(features, layout) is features
+
+
+def test_which_narrow_to_which():
+  found = {(one.name, other.name) for one in LAYOUTS.values() for other in LAYOUTS.values()
+           if one is not other and one.narrows_to(other)}
+  of = lambda end: {("full" + end, "essential" + end), ("full" + end, "coordinates" + end),
+                    ("essential" + end, "coordinates" + end)}
+  assert found == of("") | of("_kit") | {("snapmogen", "snapmogen_148")}
+
+
+def test_the_path_of_the_root_is_that_of_joint_0(layout):
+  features = layout.from_joints(_joints(layout, TURN), "corrected")
+  heading, path = layout.root_path(features)
+  assert heading.shape == (len(features), 4) and np.abs(np.linalg.norm(heading, axis=-1) - 1).max() < 1e-6
+  assert _metres(layout, path - layout.to_joints(features)[:, 0]) < 1e-4
+  inside = jax.jit(layout.root_path)(jnp.asarray(features))
+  assert _metres(layout, np.asarray(inside[1]) - path) < 1e-3
+
+
+def test_the_heading_turns_the_body_ahead(layout):
+  features = layout.from_joints(_joints(layout), "corrected")
+  joints, heading = layout.to_joints(features).astype(np.float64), layout.root_path(features)[0]
+  if layout.name == "babel":  # nothing is turned frame by frame
+    assert (heading == [1, 0, 0, 0]).all()
+  else:
+    assert facing(rot.rotate(heading[:, None], joints), layout.skeleton)[:, 2].min() > 0.9
+
+
+def test_contacts_are_those_of_the_feet(layout):
+  features = layout.from_joints(_joints(layout, 0))  # somebody stands
+  contacts = layout.contacts(features)
+  assert (contacts is None) == ("contacts" not in layout.blocks)
+  if contacts is not None:
+    assert contacts.shape == (len(features), 4) and contacts.all()
+    feet = layout.skeleton.left_feet + layout.skeleton.right_feet
+    assert tuple(layout.columns("contacts", foot)[0] for foot in feet) == layout.columns("contacts")
+
+
+def test_walking_north_is_walking_east(layout):
+  joints = _joints(layout, WALK)
+  one, other = layout.from_joints(joints, "corrected"), layout.from_joints(_moved(joints), "corrected")
+  assert np.abs(one - other).max() < 1e-4 / min(layout.skeleton.unit * 100, 1)
+
+
+def test_blocks_cover_all_columns_once(layout):
+  assert [i for name in layout.parts for i in layout.columns(name)] == list(range(layout.dim))
+  assert layout.fps == layout.skeleton.fps and layout_for(layout.dim) is layout and get_layout(layout) is layout
+
+
+# --- a further representation -------------------------------------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class FromRoot(Representation):
+  """Where the root is, and every other joint as seen from it: nothing is turned, nothing is scaled."""
+
+  def extract(self, joints, mode):
+    return np.concatenate([joints[:, 0], (joints[:, 1:] - joints[:, :1]).reshape(len(joints), -1)], axis=1)
+
+  def root_path(self, features):
+    xp = rot.namespace(features)
+    root = features[..., self["place"]]
+    return xp.broadcast_to(xp.asarray([1.0, 0, 0, 0], root.dtype), root.shape[:-1] + (4,)), root
+
+  def recover(self, features):
+    xp = rot.namespace(features)
+    _, root = self.root_path(features)
+    body = features[..., self["body"]].reshape(features.shape[:-1] + (21, 3))
+    return xp.concatenate([root[..., None, :], body + root[..., None, :]], axis=-2)
+
+
+@pytest.fixture
+def tiny(monkeypatch):
+  made = FromRoot("from_root", HUMANML3D, {"place": Block(VECTOR), "body": Block(VECTOR, tuple(range(1, 22)))})
+  monkeypatch.setitem(LAYOUTS, made.name, made)
+  return made
+
+
+def test_a_further_representation_is_a_class_and_an_entry(tiny, tmp_path):
+  """Statistics, joints, a mirror, the coordinates of the same body, and files: nothing else knows of it."""
+  clip = synthetic_clips(0, 6)[CURVE]
+  features = to_features(clip.joints, "from_root")
+  assert features.shape == (clip.num_frames, 66)
+  np.testing.assert_allclose(to_joints(features, "from_root"), clip.joints, atol=1e-5)
+  np.testing.assert_allclose(tiny.to_joints(tiny.mirror(features)), mirror(clip.joints), atol=1e-5)
+  assert np.array_equal(tiny.narrow_to(features, get_layout("coordinates")),
+                        to_joints(features, "from_root").reshape(-1, 66))
+  assert tiny.convert(features, get_layout("full"), "corrected").shape == (clip.num_frames, 263)
+
+  stats = compute_stats([features], "from_root")
+  assert len(np.unique(stats.std)) == 2  # one per block
+  save_stats(stats, tmp_path)
+  loaded = load_stats(tmp_path, "from_root")
+  assert loaded.layout is tiny
+  joints = jax.jit(tiny.to_joints)(jnp.asarray(loaded.denormalize(loaded.normalize(features))))
+  np.testing.assert_allclose(joints, clip.joints, atol=1e-3)
+
+  motion = Motion(np.asarray(joints), tiny.fps, clip.captions, id="tiny", skeleton=tiny.skeleton, features=features)
+  written = motion.save(tmp_path / "walk.bvh")
+  assert written and all(path.stat().st_size for path in written)
+  export.save(Clip(joints=np.asarray(joints), fps=tiny.fps), tmp_path / "walk.npz")
+  assert (tmp_path / "walk.npz").is_file()
+
+
+def test_a_representation_without_a_way_back_says_so():
+  empty = Representation("empty", HUMANML3D, {"root": Block(VECTOR)})
+  for call in (lambda: empty.to_joints(np.zeros((4, 3))), lambda: empty.root_path(np.zeros((4, 3))),
+               lambda: empty.from_joints(np.zeros((4, 22, 3)))):
+    with pytest.raises(NotImplementedError, match="Representation "):
+      call()
+  with pytest.raises(ValueError, match="holds no rotations"):
+    empty.rotations_to_joints(np.zeros((4, 3)))
