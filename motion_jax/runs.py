@@ -15,7 +15,7 @@ import ml_collections
 from motion_jax import paper_rows
 from motion_jax.inputs.errors import InputError, reading
 from motion_jax.inputs.nearest import did_you_mean
-from motion_jax.motion.features import get_layout
+from motion_jax.motion.representations import get_layout
 from motion_jax.motion.stats import Stats, load_stats
 from motion_jax.training import checkpoint
 
