@@ -28,6 +28,7 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
 import jax
 
 from motion_jax import fit as training
+from motion_jax import runs
 from motion_jax.inputs import config_files
 from motion_jax.runtime import cache
 from motion_jax.training import loop
@@ -87,6 +88,7 @@ def load_config(name, size):
 def traced_step(config):
   """Traces what a config trains, down to the updated parameters, and compiles nothing: sizes, fields and frozen parts
   fit together, and a step gives back a state of the shapes that it took."""
+  config = runs.upgrade(config)
   stage, next_batch, frozen, *_ = training.RECIPES[config.stage](config)
   tx = loop.make_optimizer(config.optimizer, config.train.num_steps)
   batch, rng = next_batch(0), jax.random.key(0)
