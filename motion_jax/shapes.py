@@ -1,5 +1,15 @@
-"""Shapes of arrays at the doors of pure functions: wrong ones would broadcast and give a number that means nothing."""
+"""Shapes of arrays: in annotations, which tests check, and at the doors of functions whose mistakes would stay unseen.
+
+Annotations name dimensions, `x: Float[Array, "b l c"]`: b batch, t frames, l latents, j joints, f features, d width,
+c latent channels, h heads, k channels of a head or codes, s tokens, q levels, n steps; *lead is any number of them, #b
+is b or 1. Within one call a letter is one length. Only tests have them checked (`tests/conftest.py`), no user pays.
+"""
 import chex
+import jax
+import numpy as np
+
+Whole = int | np.integer
+Array = jax.Array | np.ndarray  # of annotations; numpy's arrays are welcome wherever JAX's are
 
 
 def check(**arrays):

@@ -26,14 +26,22 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
   os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
 
 import jax
+import jaxtyping
 
-from motion_jax import fit as training
-from motion_jax import runs
-from motion_jax.inputs import config_files
-from motion_jax.runtime import cache
-from motion_jax.training import loop
+import tests.typechecker
 
 ROOT = pathlib.Path(__file__).parents[1]
+# The shapes that annotations state are checked wherever a test calls these rooms, or compiles a call of them. Has to be
+# said before they are imported.
+CHECKED = ["motion_jax.nets", "motion_jax.quant.vq"]
+jaxtyping.install_import_hook(CHECKED, f"{tests.typechecker.__name__}.check")
+
+from motion_jax import fit as training  # noqa: E402
+from motion_jax import runs  # noqa: E402
+from motion_jax.inputs import config_files  # noqa: E402
+from motion_jax.runtime import cache  # noqa: E402
+from motion_jax.training import loop  # noqa: E402
+
 KEPT = 1_000_000_000  # bytes of compiled programs, of all versions of jax together; those unused for longest go first
 
 

@@ -1,6 +1,11 @@
-"""Arrays that do not belong together are told at the door, where they would broadcast in silence."""
+"""Arrays that do not belong together are told at the door, where they would broadcast in silence; annotations say what
+fits, and tests check them."""
+import ast
+import tomllib
+
 import jax
 import jax.numpy as jnp
+import jaxtyping
 import numpy as np
 import pytest
 
@@ -8,9 +13,19 @@ from motion_jax import shapes
 from motion_jax.diffusion import paths
 from motion_jax.models import cdamd, cmdm
 from motion_jax.models.cmdm import teacher
-from motion_jax.quant import rvq
+from motion_jax.quant import rvq, vq
+from tests.conftest import ROOT
 
+ROOMS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["mypy"]["packages"]
+PATHS = sorted(path for room in ROOMS for path in ROOT.glob(room.replace(".", "/") + "*")
+               for path in (path.rglob("*.py") if path.is_dir() else [path]))
 X, REAL, T = jnp.ones((2, 6, 4)), jnp.ones((2, 6), bool), jnp.ones((2, 6))
+
+
+@pytest.fixture
+def as_users_run(monkeypatch):
+  """The annotations of a call are checked in tests alone; these are about what a user is told."""
+  monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
 
 
 @pytest.mark.parametrize("call, told", [
@@ -22,14 +37,40 @@ X, REAL, T = jnp.ones((2, 6, 4)), jnp.ones((2, 6), bool), jnp.ones((2, 6))
     (lambda: cdamd.smooth_l1(X[0], X), r"prediction of shape \(6, 4\)"),
     (lambda: teacher.info_nce(jnp.ones((3, 4)), jnp.ones((2, 4)), 1.0), r"motion of shape \(2, 4\).*B = 3, E = 4"),
     (lambda: rvq.encode(jnp.ones((3, 5, 2)), X), r"x of shape \(2, 6, 4\), expected \(B, L, C\), C = 2")])
-def test_what_would_broadcast_is_told(call, told):
+def test_what_would_broadcast_is_told(call, told, as_users_run):
   with pytest.raises(ValueError, match=told) as error:
     call()
   assert "\n" not in str(error.value)
 
 
-def test_shapes_that_fit_pass_also_inside_of_jit():
+def test_shapes_that_fit_pass_also_inside_of_jit(as_users_run):
   shapes.check(x=(X, "BLC"), t=(X[..., 0], "BL"), table=(np.ones((4, 4)), "CC"))
   assert jax.jit(lambda x: cdamd.l1(x, x + 1))(X) == 1
   with pytest.raises(ValueError, match=r"table of shape \(4, 3\)"):
     shapes.check(x=(X, "BLC"), table=(np.ones((4, 3)), "CC"))
+
+
+def test_annotated_shapes_are_checked_in_tests():
+  good, bad = jnp.ones((3, 4)), jnp.ones((3, 5))
+  vq.nearest(good, good)
+  with pytest.raises(jaxtyping.TypeCheckError, match="x"):
+    vq.nearest(good, bad)
+  with pytest.raises(jaxtyping.TypeCheckError):
+    jax.jit(vq.nearest)(good, bad)
+
+
+@pytest.mark.parametrize("path", PATHS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_functions_state_their_types(path):
+  for node in _functions(ast.parse(path.read_text())):
+    given = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs, node.args.vararg, node.args.kwarg]
+    untyped = [arg.arg for arg in given if arg and not arg.annotation and arg.arg not in ("self", "cls")]
+    assert not untyped and node.returns, f"{path}:{node.lineno} {node.name}: types of {untyped or 'the result'}"
+
+
+def _functions(tree):
+  """Functions and methods, less those inside of another function, whose types a reader sees around them."""
+  for node in tree.body:
+    if isinstance(node, ast.FunctionDef):
+      yield node
+    elif isinstance(node, ast.ClassDef):
+      yield from _functions(node)

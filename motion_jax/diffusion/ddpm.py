@@ -3,30 +3,35 @@
 Steps count upwards in noise, 0 being the cleanest, the other way round than the times elsewhere in this package: they
 are indices of the tables below, and what enters the network.
 """
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float, Int
 
+from motion_jax.shapes import Array
+
+Table = Float[np.ndarray, " n"]
 
 class Schedule(NamedTuple):
   """Tables (N,) in float64: the variance that each step adds, what is left of the data, and how to go one step back.
 
   steps are the steps of the training schedule that these are; the network is told those.
   """
-  steps: np.ndarray
-  betas: np.ndarray
-  alphas_cumprod: np.ndarray
-  sqrt_recip_alphas_cumprod: np.ndarray
-  sqrt_recipm1_alphas_cumprod: np.ndarray
-  posterior_variance: np.ndarray
-  posterior_log_variance_clipped: np.ndarray
-  posterior_mean_coef1: np.ndarray
-  posterior_mean_coef2: np.ndarray
+  steps: Int[np.ndarray, " n"]
+  betas: Table
+  alphas_cumprod: Table
+  sqrt_recip_alphas_cumprod: Table
+  sqrt_recipm1_alphas_cumprod: Table
+  posterior_variance: Table
+  posterior_log_variance_clipped: Table
+  posterior_mean_coef1: Table
+  posterior_mean_coef2: Table
 
 
-def schedule_of(betas, steps=None) -> Schedule:
+def schedule_of(betas: Table, steps: Int[np.ndarray, " n"] | None = None) -> Schedule:
   """All tables from the variances betas (N,)."""
   betas = np.asarray(betas, np.float64)
   kept = np.cumprod(1 - betas)
@@ -39,7 +44,7 @@ def schedule_of(betas, steps=None) -> Schedule:
                   (1 - before) * np.sqrt(1 - betas) / (1 - kept))
 
 
-def cosine_schedule(num_steps=50) -> Schedule:
+def cosine_schedule(num_steps: int = 50) -> Schedule:
   """The squared-cosine schedule, its variances capped at 0.999."""
   # Parity: 50 steps in training too, where most use 1000.
   left = lambda s: np.cos((s + 0.008) / 1.008 * np.pi / 2) ** 2
@@ -47,7 +52,7 @@ def cosine_schedule(num_steps=50) -> Schedule:
   return schedule_of(np.minimum(1 - left((index + 1) / num_steps) / left(index / num_steps), 0.999))
 
 
-def respace(schedule, num_steps) -> Schedule:
+def respace(schedule: Schedule, num_steps: int) -> Schedule:
   """A schedule of num_steps of the given one's steps, evenly spread, its first and last among them."""
   total = len(schedule.betas)
   if not 1 <= num_steps <= total:
@@ -57,20 +62,24 @@ def respace(schedule, num_steps) -> Schedule:
   return schedule_of(1 - kept / np.append(1.0, kept[:-1]), schedule.steps[chosen])
 
 
-def add_noise(schedule, x1, noise, step):
+def add_noise(schedule: Schedule, x1: Float[Array, "*lead c"], noise: Float[Array, "*lead c"],
+              step: Int[Array, "*#lead"]) -> Float[Array, "*lead c"]:
   """Data x1 (..., C) as it is after `step` (...)."""
   kept = schedule.alphas_cumprod
   of_data, of_noise = (jnp.asarray(np.sqrt(a), x1.dtype)[step][..., None] for a in (kept, 1 - kept))
   return of_data * x1 + of_noise * noise
 
 
-def loss_rows(predict, schedule, x1, step, noise):
+def loss_rows(predict: Callable, schedule: Schedule, x1: Float[Array, "*lead c"], step: Int[Array, "*lead"],
+              noise: Float[Array, "*lead c"]) -> Float[Array, "*lead"]:
   """Squared error of the predicted noise, averaged over channels: (...) for x1 (..., C), step (...)."""
   predicted = predict(add_noise(schedule, x1, noise, step), jnp.asarray(schedule.steps)[step])
   return ((predicted - noise) ** 2).mean(-1)
 
 
-def step_back(schedule, x, predicted, index, noise, temperature=1.0):
+def step_back(schedule: Schedule, x: Float[Array, "*lead c"], predicted: Float[Array, "*lead c"],
+              index: int | Int[Array, ""], noise: Float[Array, "*lead c"], temperature: float = 1.0
+              ) -> Float[Array, "*lead c"]:
   """One ancestral step from table row `index` () to the one before, given the predicted noise; row 0 adds none."""
   row = lambda table: jnp.asarray(table, x.dtype)[index]
   x1 = row(schedule.sqrt_recip_alphas_cumprod) * x - row(schedule.sqrt_recipm1_alphas_cumprod) * predicted
@@ -79,7 +88,8 @@ def step_back(schedule, x, predicted, index, noise, temperature=1.0):
   return mean + jnp.where(index > 0, std * temperature, 0.0) * noise
 
 
-def ancestral(predict, schedule, x, fresh, temperature=1.0):
+def ancestral(predict: Callable, schedule: Schedule, x: Float[Array, "*lead c"], fresh: Callable,
+              temperature: float = 1.0) -> Float[Array, "*lead c"]:
   """Carries noise x (..., C) to data; predict(x, step ()) -> noise (..., C); fresh(m) is the noise of the m-th step
   back, m a traced integer from 0."""
   last = len(schedule.betas) - 1

@@ -4,11 +4,15 @@ Dormand and Prince's fifth-order method. Why not a library: diffrax and jax.expe
 other initial steps, other controllers and another norm, so they stop elsewhere and take another number of evaluations;
 the reference's result carries its own step sizes to 1e-3. Source: docs/papers/cdamd.md#diffusion-mlp.
 """
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from motion_jax.shapes import Array
 
 NODES = (1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0)
 STAGES = (
@@ -29,8 +33,8 @@ ORDER, SAFETY, FASTEST, SLOWEST = 5, 0.9, 10.0, 0.2
 
 class Solution(NamedTuple):
   """Value at the end, and how often the velocity was asked for."""
-  value: jax.Array
-  num_evaluations: jax.Array
+  value: Float[Array, "*lead c"]
+  num_evaluations: Int[Array, ""]
 
 
 class _State(NamedTuple):
@@ -43,7 +47,9 @@ class _State(NamedTuple):
   num_evaluations: jax.Array
 
 
-def dopri5(velocity, x, rows=None, start=0.0, end=1.0, rtol=1e-3, atol=1e-6, max_steps=10_000) -> Solution:
+def dopri5(velocity: Callable, x: Float[Array, "*lead c"], rows: Bool[Array, "*lead"] | None = None,
+           start: float = 0.0, end: float = 1.0, rtol: float = 1e-3, atol: float = 1e-6, max_steps: int = 10_000
+           ) -> Solution:
   """Carries x along velocity(x, t), t a scalar, from start to end, by steps that keep the error estimate small.
 
   All rows share one step size, so a row's result depends a little on its batch-mates. rows, if given, like x less its
@@ -53,7 +59,7 @@ def dopri5(velocity, x, rows=None, start=0.0, end=1.0, rtol=1e-3, atol=1e-6, max
   # In the reference times are float64 and values float32; without float64 here times are float32, which moves them by
   # about 1e-7 and matters only if a step ends within that of the last time.
   precise = jax.dtypes.canonicalize_dtype(np.float64)
-  start, end = jnp.asarray(start, precise), jnp.asarray(end, precise)
+  first, last = jnp.asarray(start, precise), jnp.asarray(end, precise)
   call = lambda x, t: velocity(x, t.astype(x.dtype)).astype(x.dtype)
   weight = jnp.ones(x.shape[:-1], x.dtype) if rows is None else rows.astype(x.dtype)
   total = jnp.maximum(weight.sum(), 1) * x.shape[-1]
@@ -66,7 +72,7 @@ def dopri5(velocity, x, rows=None, start=0.0, end=1.0, rtol=1e-3, atol=1e-6, max
     size, slope = norm(x / scale), norm(v / scale)
     tiny = (size < 1e-5) | (slope < 1e-5)
     probe = jnp.where(tiny, 1e-6, 0.01 * size / jnp.where(tiny, 1, slope)).astype(x.dtype)
-    bend = norm((call(x + probe * v, start + probe.astype(precise)) - v) / scale) / probe
+    bend = norm((call(x + probe * v, first + probe.astype(precise)) - v) / scale) / probe
     flat = (slope <= 1e-15) & (bend <= 1e-15)
     width = jnp.where(flat, jnp.maximum(1e-6, probe * 1e-3),
                       (0.01 / jnp.where(flat, 1, jnp.maximum(slope, bend))) ** (1 / ORDER))
@@ -93,17 +99,19 @@ def dopri5(velocity, x, rows=None, start=0.0, end=1.0, rtol=1e-3, atol=1e-6, max
                   state.num_evaluations + 6)
 
   def unfinished(state):
-    return (state.time < end) & (state.num_evaluations < 2 + 6 * max_steps) & jnp.isfinite(state.step)
+    return (state.time < last) & (state.num_evaluations < 2 + 6 * max_steps) & jnp.isfinite(state.step)
 
-  v = call(x, start)
-  state = _State(x, v, start, start, first_step(x, v), jnp.zeros((5,) + x.shape, x.dtype), jnp.asarray(2, jnp.int32))
+  v = call(x, first)
+  state = _State(jnp.asarray(x), v, first, first, first_step(x, v), jnp.zeros((5,) + x.shape, x.dtype),
+                 jnp.asarray(2, jnp.int32))
   state = jax.lax.while_loop(unfinished, try_step, state)
-  place = ((end - state.start) / (state.time - state.start)).astype(x.dtype)
+  place = ((last - state.start) / (state.time - state.start)).astype(x.dtype)
   value = sum(c * place ** i for i, c in enumerate(state.curve))
-  return Solution(jnp.where(state.time < end, jnp.nan, value), state.num_evaluations)
+  return Solution(jnp.where(state.time < last, jnp.nan, value), state.num_evaluations)
 
 
-def _quartic(x0, x1, middle, v0, v1, width):
+def _quartic(x0: Float[Array, "*dims"], x1: Float[Array, "*dims"], middle: Float[Array, "*dims"],
+             v0: Float[Array, "*dims"], v1: Float[Array, "*dims"], width: Float[Array, ""]) -> Float[Array, "5 *dims"]:
   """Coefficients (5, ...) of the quartic through three values with the slopes at both ends; constant one first."""
   a = 2 * width * (v1 - v0) - 8 * (x1 + x0) + 16 * middle
   b = width * (5 * v0 - 3 * v1) + 18 * x0 + 14 * x1 - 32 * middle

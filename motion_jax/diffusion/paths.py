@@ -3,36 +3,33 @@
 x_t = t x1 + (1 - t) eps, velocity v = x1 - eps (docs/papers/cmdm.md#denoiser-loss).
 Times t (B, L) go with arrays (B, L, C).
 """
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
+from jaxtyping import Bool, Float, Int, Key
 
 from motion_jax import shapes
+from motion_jax.shapes import Array
 
 
-def add_noise(x1, noise, t):
+def add_noise(x1: Float[Array, "*#lead c"], noise: Float[Array, "*#lead c"], t: Float[Array, "*#lead"]
+              ) -> Float[Array, "*all c"]:
   t = t[..., None]
   return t * x1 + (1 - t) * noise
 
 
-def velocity_to_x1(x, velocity, t):
+def velocity_to_x1(x: Float[Array, "*lead c"], velocity: Float[Array, "*lead c"], t: Float[Array, "*#lead"]
+                   ) -> Float[Array, "*lead c"]:
   return x + (1 - t[..., None]) * velocity
 
 
-def velocity_to_noise(x, velocity, t):
+def velocity_to_noise(x: Float[Array, "*lead c"], velocity: Float[Array, "*lead c"], t: Float[Array, "*#lead"]
+                      ) -> Float[Array, "*lead c"]:
   return x - t[..., None] * velocity
 
 
-def x1_to_velocity(x, x1, t, eps=1e-5):
-  """Undefined at t = 1, where x is x1 already; the distance left is floored at eps."""
-  return (x1 - x) / jnp.maximum(1 - t[..., None], eps)
-
-
-def noise_to_velocity(x, noise, t, eps=1e-5):
-  """Undefined at t = 0, where x is the noise already; the distance gone is floored at eps."""
-  return (x - noise) / jnp.maximum(t[..., None], eps)
-
-
-def forcing_times(rng, batch, length, block):
+def forcing_times(rng: Key[Array, ""], batch: int, length: int, block: int) -> Float[Array, "{batch} {length}"]:
   """Diffusion forcing: t (B, L) uniform in [0, 1), one draw per block of latents, independent of its neighbours.
 
   block = 0 draws one time for the whole sequence (ordinary diffusion). A length off the block ends in a shorter one.
@@ -46,7 +43,9 @@ def forcing_times(rng, batch, length, block):
 TARGETS = {"velocity": lambda x, velocity, t: velocity, "eps": velocity_to_noise, "x1": velocity_to_x1}
 
 
-def forcing_loss(velocity, x1, latent_mask, t, noise, target="velocity"):
+def forcing_loss(velocity: Callable, x1: Float[Array, "b l c"], latent_mask: Bool[Array, "b l"],
+                 t: Float[Array, "b l"], noise: Float[Array, "b l c"], target: str = "velocity"
+                 ) -> tuple[dict[str, Float[Array, ""]], Int[Array, ""]]:
   """Mean squared error of the target over real latents, as (sums, weight) to be added up over devices.
 
   velocity(x, t) -> (B, L, C); x1, noise (B, L, C); latent_mask, t (B, L). target is one of TARGETS: the error of the

@@ -2,10 +2,15 @@
 
 Which latent is cleaned when is the only thing in which full-sequence, frame-wise and autoregressive sampling differ.
 """
+from collections.abc import Sequence
+
 import numpy as np
+from jaxtyping import Float, Int
+
+from motion_jax.shapes import Whole
 
 
-def staircase_levels(num_steps, length, lag, block=1):
+def staircase_levels(num_steps: Whole, length: Whole, lag: Whole, block: Whole = 1) -> Int[np.ndarray, "n {length}"]:
   """Steps that latents have made, (N + 1, L) integers 0..num_steps: block j starts j * lag steps late.
 
   lag 0 is all at once, lag num_steps is autoregressive. N = num_steps + lag (blocks - 1); with num_steps 4, lag 2:
@@ -26,11 +31,11 @@ def staircase_levels(num_steps, length, lag, block=1):
   return np.clip(step - lag * (np.arange(length) // block), 0, num_steps)
 
 
-def staircase(num_steps, length, lag, block=1):
+def staircase(num_steps: Whole, length: Whole, lag: Whole, block: Whole = 1) -> Float[np.ndarray, "n {length}"]:
   """Frame-wise sampling (CMDM eq. 13; docs/papers/cmdm.md#fss) as times (N + 1, L), float32."""
   return time_of_level(staircase_levels(num_steps, length, lag, block), num_steps)
 
 
-def time_of_level(level, num_steps):
+def time_of_level(level: Int[np.ndarray, "*dims"] | Sequence[int], num_steps: Whole) -> Float[np.ndarray, "..."]:
   """Time after `level` of num_steps steps; formed as 1 - k / K like the reference's, to the last bit."""
   return (1 - (num_steps - np.asarray(level)) / num_steps).astype(np.float32)

@@ -5,12 +5,17 @@ pelvis by its hip and spine bones, the chest by the neck and collar bones, the s
 thighs so that elbows and knees bend like hinges (a straight leg goes by its foot); every other joint turns as little as
 possible from its parent. Turns change smoothly in time and any number of whole turns of the body is followed.
 """
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float, Num
 
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.motion.skeleton import HUMANML3D, Skeleton
+from motion_jax.shapes import Array
+
+Tree = list[list[int]]  # the children of each joint
 
 # Where each kind of bone points in the T-pose; x is for the left side and is mirrored for the right.
 _REST = {
@@ -27,14 +32,14 @@ _SECONDS = 0.12  # how far apart in time the turns of a limb are alike
 
 class Pose(NamedTuple):
   """A moving skeleton, in the unit of the joints that it was made of."""
-  offsets: np.ndarray    # (J, 3) from the parent, in the T-pose; the root's is zero
-  shifts: np.ndarray     # (T, J, 3) further than the offset; only below pelvis and chest, only where these bend
-  root: np.ndarray       # (T, 3) position of the root
-  rotations: np.ndarray  # (T, J, 4) quaternions (w, x, y, z) relative to the parent; signs continuous in time
-  turned: np.ndarray     # (T, J, 4) the same in the world
+  offsets: Float[np.ndarray, "j 3"]      # from the parent, in the T-pose; the root's is zero
+  shifts: Float[np.ndarray, "t j 3"]     # further than the offset; only below pelvis and chest, only where these bend
+  root: Float[np.ndarray, "t 3"]         # position of the root
+  rotations: Float[np.ndarray, "t j 4"]  # quaternions (w, x, y, z) relative to the parent; signs continuous in time
+  turned: Float[np.ndarray, "t j 4"]     # the same in the world
 
 
-def to_pose(joints, skeleton=HUMANML3D, fps=20.0) -> Pose:
+def to_pose(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, fps: float = 20.0) -> Pose:
   """Joints (T, J, 3) to the rotations of a T-pose skeleton with the clip's own mean bone lengths.
 
   Every bone keeps its direction, so `pose_to_joints` gives the joints back where bone lengths are constant. A joint
@@ -49,7 +54,7 @@ def to_pose(joints, skeleton=HUMANML3D, fps=20.0) -> Pose:
   lengths = np.linalg.norm(joints - joints[:, np.maximum(parents, 0)], axis=-1).mean(0)
   offsets = t_pose(skeleton, lengths)
   bones = joints - joints[:, np.maximum(parents, 0)]
-  turned = [None] * skeleton.num_joints
+  turned: list = [None] * skeleton.num_joints
   shifts = np.zeros_like(joints)
   for joint in _order(skeleton):
     if len(members := children[joint]) > 1:
@@ -86,7 +91,7 @@ def to_pose(joints, skeleton=HUMANML3D, fps=20.0) -> Pose:
   return Pose(offsets, shifts, joints[:, 0].copy(), local, world)
 
 
-def pose_to_joints(pose, skeleton=HUMANML3D):
+def pose_to_joints(pose: Pose, skeleton: Skeleton = HUMANML3D) -> Float[np.ndarray, "t j 3"]:
   """Forward kinematics: joints (T, J, 3) of a pose."""
   joints, turned = np.empty(pose.rotations.shape[:2] + (3,)), pose.rotations.copy()
   joints[:, 0] = pose.root
@@ -97,7 +102,7 @@ def pose_to_joints(pose, skeleton=HUMANML3D):
   return joints
 
 
-def t_pose(skeleton=HUMANML3D, lengths=None):
+def t_pose(skeleton: Skeleton = HUMANML3D, lengths: Float[np.ndarray, " j"] | None = None) -> Float[np.ndarray, "j 3"]:
   """Offsets (J, 3) from the parent in a T-pose: facing +z, arms along x, legs down. lengths (J,): the skeleton's."""
   lengths = skeleton.bone_lengths if lengths is None else lengths
   offsets = np.zeros((skeleton.num_joints, 3))
@@ -107,22 +112,22 @@ def t_pose(skeleton=HUMANML3D, lengths=None):
   return offsets
 
 
-def _kind(name):
+def _kind(name: str) -> tuple[int, str]:
   """+1 for left, -1 for right, 1 otherwise, and the name without its side."""
   side, _, rest = name.partition("_")
   return {"left": (1, rest), "right": (-1, rest)}.get(side, (1, name))
 
 
-def _children(skeleton):
+def _children(skeleton: Skeleton) -> Tree:
   return [[k for k, parent in enumerate(skeleton.parents) if parent == j] for j in range(skeleton.num_joints)]
 
 
-def _ancestors(joint, parents):
+def _ancestors(joint: int, parents: Sequence[int]) -> Iterator[int]:
   while (joint := parents[joint]) >= 0:
     yield joint
 
 
-def _order(skeleton):
+def _order(skeleton: Skeleton) -> list[int]:
   """Joints, parents before children."""
   children, order = _children(skeleton), [0]
   for joint in order:
@@ -130,7 +135,7 @@ def _order(skeleton):
   return order
 
 
-def _next_branch(joint, children):
+def _next_branch(joint: int, children: Tree) -> tuple[int, int] | None:
   """(the next joint with several children, bones to there) down an unbranched chain; None if it only ends."""
   steps = 0
   while len(children[joint]) == 1:
@@ -138,7 +143,8 @@ def _next_branch(joint, children):
   return (joint, steps) if children[joint] else None
 
 
-def _fit(bones, members, skeleton):
+def _fit(bones: Float[np.ndarray, "t j 3"], members: list[int], skeleton: Skeleton
+         ) -> tuple[Float[np.ndarray, "t 4"], Float[np.ndarray, "c 3"]]:
   """The turn (T, 4) of a joint with several children and their offsets (C, 3), by least squares.
 
   First a frame from the line between the left and the right child and the remaining one, then the mean shape in that
@@ -157,7 +163,8 @@ def _fit(bones, members, skeleton):
   return rot.from_matrix(frame), shape
 
 
-def _safe_unit(v, fallback):
+def _safe_unit(v: Float[np.ndarray, "t 3"], fallback: Sequence[float] | Float[np.ndarray, "3"]
+               ) -> Float[np.ndarray, "t 3"]:
   """Unit vectors; one of no length takes the nearest earlier direction, or the fallback."""
   length = np.linalg.norm(v, axis=-1)
   good = length > 1e-9
@@ -168,7 +175,8 @@ def _safe_unit(v, fallback):
   return result
 
 
-def _swing(turn, rest, bone):
+def _swing(turn: Float[np.ndarray, "t 4"], rest: Float[np.ndarray, "3"], bone: Float[np.ndarray, "t 3"]
+           ) -> Float[np.ndarray, "t 4"]:
   """The least further turn after `turn` (T, 4) that brings rest (3,) onto the direction of bone (T, 3)."""
   if np.linalg.norm(rest) < 1e-9:
     return turn
@@ -179,7 +187,9 @@ def _swing(turn, rest, bone):
   return rot.multiply(rot.between(now, goal), turn)
 
 
-def _hinge_turn(joint, bones, offsets, above, children, skeleton, fps):
+def _hinge_turn(joint: int, bones: Float[np.ndarray, "t j 3"], offsets: Float[np.ndarray, "j 3"],
+                above: Float[np.ndarray, "t 4"], children: Tree, skeleton: Skeleton, fps: float
+                ) -> Float[np.ndarray, "t 4"]:
   """The turn (T, 4) of a shoulder or hip: its bone exact, the axis of elbow or knee where bending shows it."""
   from scipy.ndimage import gaussian_filter1d
   side, kind = _kind(skeleton.joints[joint])
@@ -202,7 +212,8 @@ def _hinge_turn(joint, bones, offsets, above, children, skeleton, fps):
   return rot.multiply(turn, np.concatenate([np.cos(twist / 2)[:, None], np.sin(twist / 2)[:, None] * rest], axis=-1))
 
 
-def _angle_evidence(turn, bone, axis, normal):
+def _angle_evidence(turn: Float[np.ndarray, "t 4"], bone: Float[np.ndarray, "t 3"], axis: Float[np.ndarray, "3"],
+                    normal: Float[np.ndarray, "t 3"]) -> Float[np.ndarray, "t 2"]:
   """Cosine and sine (T, 2) of the angle about the bone from the hinge axis to the normal, times the square of the
   normal's length: a limb that hardly bends hardly says where its hinge is."""
   before = rot.rotate(turn, axis)

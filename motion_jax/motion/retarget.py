@@ -3,16 +3,21 @@
 `joint_maps.map_joints` picks joints out of a file by name; `retarget` gives them canonical bone lengths without
 letting the feet slide; `mirror` swaps left and right. numpy, float64, whole clips at once.
 """
-import numpy as np
+from collections.abc import Sequence
 
-from motion_jax.motion.skeleton import HUMANML3D
+import numpy as np
+from jaxtyping import Float, Num
+
+from motion_jax.motion.skeleton import HUMANML3D, Skeleton
+from motion_jax.shapes import Array
 
 _FLOOR_PERCENTILE = 5     # of the lower foot's height over the clip: a tracking spike does not lift the clip
 _SOFT_REACH = 0.985       # from this part of a straight leg on, a knee resists being straighter than the source's
 _KNEE_BIAS = 0.005        # metres ahead that a straight leg's knee is taken to bend
 
 
-def retarget(joints, skeleton=HUMANML3D, feet=True):
+def retarget(joints: Num[Array, "*shape"], skeleton: Skeleton = HUMANML3D, feet: bool = True
+             ) -> Float[np.ndarray, "t j 3"]:
   """Brings joints (T, J, 3) of any proportions to the skeleton's bone lengths, feet standing where they stood. float64.
 
   Bone directions stay; the path is scaled by the ratio of leg lengths (both legs, median over the clip). With `feet`
@@ -44,7 +49,7 @@ def retarget(joints, skeleton=HUMANML3D, feet=True):
   return result
 
 
-def leg_scale(joints, skeleton=HUMANML3D):
+def leg_scale(joints: Float[Array, "t j 3"], skeleton: Skeleton = HUMANML3D) -> float:
   """How many times longer the skeleton's legs (thigh and shin, both) are than those of joints (T, J, 3)."""
   own, length = 0.0, 0.0
   for chain in skeleton.chains[:2]:
@@ -56,18 +61,19 @@ def leg_scale(joints, skeleton=HUMANML3D):
   return length / own
 
 
-def floor_height(joints, skeleton=HUMANML3D):
+def floor_height(joints: Float[Array, "t j 3"], skeleton: Skeleton = HUMANML3D) -> float | np.floating:
   """The height at which the feet of joints (T, J, 3) stand: the lower foot in its lowest frames, spikes aside."""
   feet = list(skeleton.left_feet + skeleton.right_feet)
   return np.percentile(joints[:, feet, 1].min(1), _FLOOR_PERCENTILE)
 
 
-def mirror(joints, skeleton=HUMANML3D):
+def mirror(joints: Num[Array, "*lead j 3"], skeleton: Skeleton = HUMANML3D) -> Num[np.ndarray, "*lead j 3"]:
   """The motion in a mirror: joints (..., J, 3) with x negated, left and right joints exchanged."""
   return np.asarray(joints)[..., list(skeleton.mirror), :] * np.array([-1, 1, 1], np.asarray(joints).dtype)
 
 
-def bend(start, end, side, upper, lower):
+def bend(start: Float[np.ndarray, "t 3"], end: Float[np.ndarray, "t 3"], side: Float[np.ndarray, "t 3"], upper: float,
+         lower: float) -> Float[np.ndarray, "t 3"]:
   """The middle joint (T, 3) of a limb from start to end whose bones are upper and lower long, bent towards side.
 
   All (T, 3); ends farther apart than the limb is long are the caller's to avoid.
@@ -81,7 +87,7 @@ def bend(start, end, side, upper, lower):
   return start + upper * (cosine * line / np.maximum(distance, 1e-9) + sine * side)
 
 
-def with_lengths(source, skeleton):
+def with_lengths(source: Float[np.ndarray, "t j 3"], skeleton: Skeleton) -> Float[np.ndarray, "t j 3"]:
   """The source's bone directions with the skeleton's lengths, from the source's root."""
   result = source.copy()
   for chain in skeleton.chains:
@@ -95,7 +101,8 @@ def with_lengths(source, skeleton):
   return result
 
 
-def _foot_move(source, result, leg, unit):
+def _foot_move(source: Float[np.ndarray, "t j 3"], result: Float[np.ndarray, "t j 3"], leg: Sequence[int], unit: float
+               ) -> Float[np.ndarray, "t 3"]:
   """How an ankle should differ from the scaled source's, (T, 3), so that neither ankle nor toes slide on the floor.
 
   A foot of another length cannot keep both. In height the toes are kept. On the ground the difference e solves
@@ -121,7 +128,7 @@ def _foot_move(source, result, leg, unit):
   return move
 
 
-def firmness(path, unit):
+def firmness(path: Float[np.ndarray, "t 3"], unit: float) -> Float[np.ndarray, " t-1"]:
   """How firmly a joint (T, 3) stands during each step (T - 1,): 1 when slow and low, near 0.02 in the air."""
   speed = np.linalg.norm(np.diff(path, axis=0), axis=-1) * unit
   height = (path[:, 1] - np.percentile(path[:, 1], _FLOOR_PERCENTILE)) * unit
@@ -129,7 +136,8 @@ def firmness(path, unit):
   return 0.02 + low / (1 + (speed / 0.02) ** 2)
 
 
-def bend_leg(source, result, leg, move, skeleton):
+def bend_leg(source: Float[np.ndarray, "t j 3"], result: Float[np.ndarray, "t j 3"], leg: Sequence[int],
+             move: Float[np.ndarray, "t 3"], skeleton: Skeleton) -> None:
   """Moves knee, ankle and all below so that the ankle is at source + move, as far as the leg reaches. In place."""
   hip, knee, ankle = leg[:3]
   thigh, shin = skeleton.bone_lengths[knee], skeleton.bone_lengths[ankle]
@@ -150,18 +158,19 @@ def bend_leg(source, result, leg, move, skeleton):
     result[:, joint] = result[:, ankle] + offset
 
 
-def _soft_limit(distance, start, reach):
+def _soft_limit(distance: Float[np.ndarray, " t"], start: Float[np.ndarray, " t"], reach: float
+                ) -> Float[np.ndarray, " t"]:
   """distance up to start, then ever slower towards reach, without a kink."""
   over = np.maximum(distance - start, 0)
   return np.minimum(distance, start) + (reach - start) * -np.expm1(-over / (reach - start))
 
 
-def _across(v, line):
+def _across(v: Float[np.ndarray, "t 3"], line: Float[np.ndarray, "t 3"]) -> Float[np.ndarray, "t 3"]:
   """The part of v (T, 3) at right angles to line (T, 3)."""
   return v - line * ((v * line).sum(-1, keepdims=True) / np.maximum((line * line).sum(-1, keepdims=True), 1e-12))
 
 
-def _ahead(joints, skeleton):
+def _ahead(joints: Float[np.ndarray, "t j 3"], skeleton: Skeleton) -> Float[np.ndarray, "t 3"]:
   """Where the pelvis faces (T, 3): from the hips' line and the trunk, so also for a body that lies down."""
   right, left = (joints[:, hip] for hip in skeleton.hips)
   spine = joints[:, skeleton.chains[2][1]] - (left + right) / 2

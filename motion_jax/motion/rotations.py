@@ -3,24 +3,29 @@
 `multiply(p, q)` turns by q first. Every function takes numpy or jax arrays of any leading shape and returns the same
 kind; what it computes is float64 if the input is.
 """
+from typing import Any, TypeVar
+
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float, Num
+
+A = TypeVar("A", jax.Array, np.ndarray)  # numpy in, numpy out
 
 
-def namespace(*arrays):
+def namespace(*arrays: Any) -> Any:
   """jax.numpy if any array is a jax array (or tracer), else numpy."""
   return jnp if any(isinstance(a, jax.Array) for a in arrays) else np
 
 
-def unit(v, eps=0.0):
+def unit(v: Float[A, "*lead k"], eps: float = 0.0) -> Float[A, "*lead k"]:
   """Scales vectors (..., K) to length 1. With eps > 0 a zero vector stays zero."""
   xp = namespace(v)
   length = xp.sqrt((v * v).sum(-1, keepdims=True))
   return v / (xp.maximum(length, eps) if eps else length)
 
 
-def multiply(p, q):
+def multiply(p: Float[A, "*#lead 4"], q: Float[A, "*#lead 4"]) -> Float[A, "*lead 4"]:
   """Hamilton product p q of quaternions (..., 4): turns by q, then by p."""
   xp = namespace(p, q)
   pw, pv, qw, qv = p[..., :1], p[..., 1:], q[..., :1], q[..., 1:]
@@ -28,13 +33,13 @@ def multiply(p, q):
   return xp.concatenate([w, pw * qv + qw * pv + xp.cross(pv, qv)], axis=-1)
 
 
-def conjugate(q):
+def conjugate(q: Float[A, "*lead 4"]) -> Float[A, "*lead 4"]:
   """The inverse of unit quaternions (..., 4)."""
   xp = namespace(q)
   return xp.concatenate([q[..., :1], -q[..., 1:]], axis=-1)
 
 
-def rotate(q, v):
+def rotate(q: Float[A, "*#lead 4"], v: Num[A, "*#lead 3"]) -> Float[A, "*lead 3"]:
   """Turns vectors v (..., 3) by unit quaternions q (..., 4); the leading shapes broadcast."""
   xp = namespace(q, v)
   shape = jnp.broadcast_shapes(q.shape[:-1], v.shape[:-1])
@@ -44,7 +49,7 @@ def rotate(q, v):
   return v + 2 * (w * cross + xp.cross(u, cross))
 
 
-def between(a, b):
+def between(a: Float[A, "*#lead 3"], b: Float[A, "*#lead 3"]) -> Float[A, "*lead 4"]:
   """The smallest turn from direction a to direction b, (..., 3) each: normalized [|a||b| + a.b, a x b], so w >= 0.
 
   Opposite directions have many smallest turns; the one taken is about the vertical, as far as that is across a, so that
@@ -62,7 +67,7 @@ def between(a, b):
   return unit(xp.concatenate([xp.where(opposite, 0, w), xp.where(opposite, across, axis)], axis=-1))
 
 
-def about_axis(angle, axis):
+def about_axis(angle: float | Float[A, "*lead"], axis: str) -> Float[A, "*lead 4"]:
   """Quaternions (..., 4) that turn by angle (...) radians about a coordinate axis "x", "y" or "z"."""
   xp = namespace(angle)
   zero, half = xp.zeros_like(angle), angle / 2
@@ -71,7 +76,7 @@ def about_axis(angle, axis):
   return xp.stack(parts, axis=-1)
 
 
-def from_vector(v):
+def from_vector(v: Float[A, "*lead 3"]) -> Float[A, "*lead 4"]:
   """Rotation vectors (..., 3), axis times angle in radians as SMPL's poses are, to quaternions (..., 4)."""
   xp = namespace(v)
   angle = xp.sqrt((v * v).sum(-1, keepdims=True))
@@ -80,7 +85,7 @@ def from_vector(v):
   return xp.concatenate([xp.cos(angle / 2), v * scale], axis=-1)
 
 
-def to_vector(q):
+def to_vector(q: Float[A, "*lead 4"]) -> Float[A, "*lead 3"]:
   """Quaternions (..., 4) to rotation vectors (..., 3), their angles 0 to pi."""
   xp = namespace(q)
   q = xp.where(q[..., :1] < 0, -q, q)
@@ -89,7 +94,7 @@ def to_vector(q):
   return q[..., 1:] * xp.where(sine < 1e-9, 2.0, angle / xp.where(sine < 1e-9, 1.0, sine))
 
 
-def best_turn(bones, shape):
+def best_turn(bones: Float[np.ndarray, "t n 3"], shape: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "t 3 3"]:
   """Rotation matrices (T, 3, 3) that bring vectors shape (N, 3) nearest to bones (T, N, 3): least squares (Kabsch)."""
   u, _, vt = np.linalg.svd(np.einsum("tni,nj->tij", bones, shape))
   flip = np.ones((len(bones), 3))
@@ -97,7 +102,7 @@ def best_turn(bones, shape):
   return (u * flip[:, None]) @ vt
 
 
-def to_matrix(q):
+def to_matrix(q: Float[A, "*lead 4"]) -> Float[A, "*lead 3 3"]:
   """Unit quaternions (..., 4) to matrices (..., 3, 3)."""
   xp = namespace(q)
   w, x, y, z = (q[..., i] for i in range(4))
@@ -107,7 +112,7 @@ def to_matrix(q):
   return xp.stack(rows, axis=-1).reshape(q.shape[:-1] + (3, 3))
 
 
-def from_matrix(m):
+def from_matrix(m: Float[A, "*lead 3 3"]) -> Float[A, "*lead 4"]:
   """Rotation matrices (..., 3, 3) to unit quaternions (..., 4) with w >= 0.
 
   Each of the four components is the safest to divide by somewhere; the largest is taken, so no angle is special.
@@ -126,14 +131,14 @@ def from_matrix(m):
   return xp.where(q[..., :1] < 0, -q, q)
 
 
-def to_6d(q):
+def to_6d(q: Float[A, "*lead 4"]) -> Float[A, "*lead 6"]:
   """Quaternions (..., 4) to the first column, then the second column of their matrix, (..., 6)."""
   xp = namespace(q)
   m = to_matrix(q)
   return xp.concatenate([m[..., :, 0], m[..., :, 1]], axis=-1)
 
 
-def matrix_from_6d(d):
+def matrix_from_6d(d: Float[A, "*lead 6"]) -> Float[A, "*lead 3 3"]:
   """Two columns (..., 6), not necessarily orthonormal, to matrices (..., 3, 3): z = x cross y_raw, y = z cross x."""
   xp = namespace(d)
   x = unit(d[..., :3])
@@ -141,14 +146,15 @@ def matrix_from_6d(d):
   return xp.stack([x, xp.cross(z, x), z], axis=-1)
 
 
-def continuous(q):
+def continuous(q: Float[np.ndarray, "t *lead 4"]) -> Float[np.ndarray, "t *lead 4"]:
   """Picks signs of quaternions (T, ..., 4) so that none jumps to its negative from one frame to the next."""
   dots = (q[1:] * q[:-1]).sum(-1)
   signs = np.cumprod(np.where(dots < 0, -1.0, 1.0), axis=0)
   return np.concatenate([q[:1], q[1:] * signs[..., None]])
 
 
-def slerp(p, q, weight):
+def slerp(p: Float[A, "*#lead 4"], q: Float[A, "*#lead 4"], weight: float | Float[A, "*#lead"]
+          ) -> Float[A, "*lead 4"]:
   """Between unit quaternions p and q (..., 4) on the shorter arc; weight (...) is 0 at p and 1 at q."""
   xp = namespace(p, q)
   dot = (p * q).sum(-1, keepdims=True)

@@ -3,8 +3,11 @@
 Axes: y up, +z ahead, +x to the body's left.
 """
 import dataclasses
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Num
 
 from motion_jax.motion import rotations as rot
 
@@ -20,8 +23,8 @@ class Skeleton:
   name: str
   joints: tuple[str, ...]
   chains: tuple[tuple[int, ...], ...]
-  rest_directions: np.ndarray  # (J, 3) unit vectors, the root's is zero
-  bone_lengths: np.ndarray     # (J,), the root's is zero
+  rest_directions: Float[np.ndarray, "j 3"]  # unit vectors, the root's is zero
+  bone_lengths: Float[np.ndarray, " j"]      # the root's is zero
   hips: tuple[int, int]        # right, left
   shoulders: tuple[int, int]   # right, left
   leg_bones: tuple[int, int]   # thigh and shin of one leg: they set the scale of a person
@@ -50,11 +53,11 @@ class Skeleton:
     return tuple(self.joints.index(swap(name)) for name in self.joints)
 
   @property
-  def offsets(self) -> np.ndarray:
-    """Joint minus parent in the rest pose, (J, 3), in the skeleton's unit."""
+  def offsets(self) -> Float[np.ndarray, "j 3"]:
+    """Joint minus parent in the rest pose, in the skeleton's unit."""
     return self.rest_directions * self.bone_lengths[:, None]
 
-  def with_offsets(self, offsets) -> "Skeleton":
+  def with_offsets(self, offsets: Num[np.ndarray, "j 3"]) -> "Skeleton":
     """The same tree with other bone lengths, those of offsets (J, 3)."""
     return dataclasses.replace(self, bone_lengths=np.linalg.norm(np.asarray(offsets, np.float64), axis=-1))
 
@@ -63,7 +66,7 @@ _AXES = {"0": (0, 0, 0), "+x": (1, 0, 0), "-x": (-1, 0, 0), "+y": (0, 1, 0), "-y
          "+z": (0, 0, 1), "-z": (0, 0, -1)}
 
 
-def _directions(text):
+def _directions(text: str) -> Float[np.ndarray, "j 3"]:
   return np.array([_AXES[axis] for axis in text.split()], np.float64)
 
 
@@ -99,11 +102,11 @@ KIT = Skeleton(
 
 
 
-def _from_offsets(offsets, **fields):
+def _from_offsets(offsets: Sequence[tuple[float, float, float]], **fields: Any) -> Skeleton:
   """A skeleton by the vectors (J, 3) from each joint's parent at rest, for data whose rotations start from there."""
-  offsets = np.array(offsets, np.float64)
-  lengths = np.linalg.norm(offsets, axis=-1)
-  return Skeleton(rest_directions=offsets / np.maximum(lengths, 1e-12)[:, None], bone_lengths=lengths, **fields)
+  vectors = np.array(offsets, np.float64)
+  lengths = np.linalg.norm(vectors, axis=-1)
+  return Skeleton(rest_directions=vectors / np.maximum(lengths, 1e-12)[:, None], bone_lengths=lengths, **fields)
 
 
 # SMPL's 22 body joints in its own T-pose, from which the rotations of 272 and 135 features turn (MotionStreamer,

@@ -4,17 +4,19 @@ Every bone turns as its like does on the first figure, from a T-pose that both s
 Feet may slide a little where proportions differ: `retarget` is the way to 22 joints where that matters.
 """
 import numpy as np
+from jaxtyping import Float, Num
 
 from motion_jax.motion import inverse
 from motion_jax.motion.pose import t_pose, to_pose
-from motion_jax.motion.skeleton import HUMANML3D, SMPL, SNAPMOGEN
+from motion_jax.motion.skeleton import HUMANML3D, SMPL, SNAPMOGEN, Skeleton
+from motion_jax.shapes import Array
 
 # Joints of other figures that turn as a joint of another name does.
 _LIKE = {"root": "pelvis", "torso_low": "spine1", "torso_high": "spine3", "neck2": "neck", "left_heel": "left_ankle",
          "right_heel": "right_ankle"}
 
 
-def from_22(joints, target, fps=20.0):
+def from_22(joints: Num[Array, "t 22 3"], target: Skeleton, fps: float = 20.0) -> Float[np.ndarray, "t j 3"]:
   """Joints (T, 22, 3), metres, to joints (T, J, 3) of the skeleton target in its own unit, on the floor. float64."""
   joints = np.asarray(joints, np.float64)
   pose = to_pose(joints, HUMANML3D, fps)
@@ -27,7 +29,7 @@ def from_22(joints, target, fps=20.0):
   return moved
 
 
-def to_22(joints, source=SNAPMOGEN):
+def to_22(joints: Num[Array, "*lead j 3"], source: Skeleton = SNAPMOGEN) -> Float[np.ndarray, "*lead 22 3"]:
   """Joints (..., 24, 3) of SnapMoGen, centimetres, to the 22 joints (..., 22, 3) of like names, metres.
 
   What draws or stores bodies knows those 22; the second neck joint and the second root go.
@@ -36,7 +38,7 @@ def to_22(joints, source=SNAPMOGEN):
   return np.asarray(joints)[..., number, :] * source.unit
 
 
-def _at_rest(skeleton):
+def _at_rest(skeleton: Skeleton) -> Skeleton:
   """The skeleton with the T-pose of `pose` as its rest; KIT's rest directions are no pose of a body."""
   offsets = t_pose(skeleton)
   return inverse.with_rest(skeleton, offsets)

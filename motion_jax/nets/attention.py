@@ -1,4 +1,5 @@
 """Attention with normalized queries and keys and rotary positions, in pieces that a key-value cache can use."""
+import functools
 import math
 from collections.abc import Callable
 from typing import Any
@@ -6,9 +7,12 @@ from typing import Any
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
+from jaxtyping import Bool, Float, Num
+
+from motion_jax.shapes import Array
 
 
-def wide(dtype):
+def wide(dtype: Any) -> Any:
   """The type in which norms, angles and softmax are computed: float32 at least."""
   return jnp.promote_types(dtype, jnp.float32)
 
@@ -19,14 +23,15 @@ class RMSNorm(nn.Module):
   dtype: Any = jnp.float32
 
   @nn.compact
-  def __call__(self, x):
+  def __call__(self, x: Float[Array, "*lead d"]) -> Float[Array, "*lead d"]:
     scale = self.param("scale", nn.initializers.ones, (x.shape[-1],))
     y = x.astype(wide(self.dtype))
     y = y * jax.lax.rsqrt((y * y).mean(-1, keepdims=True) + self.eps)
     return (y * scale).astype(self.dtype)
 
 
-def rotary(x, positions, base=10_000.0):
+def rotary(x: Float[Array, "*lead l h k"], positions: Num[Array, "*#lead l"], base: float = 10_000.0
+           ) -> Float[Array, "*lead l h k"]:
   """Turns adjacent pairs of channels by position * base^(-2 i / K): x (..., L, H, K), positions (L,) or (..., L).
 
   Scores then depend on differences of positions only, so positions may be shifted all together.
@@ -37,6 +42,30 @@ def rotary(x, positions, base=10_000.0):
   even, odd = x[..., 0::2], x[..., 1::2]
   turned = jnp.stack([even * cos - odd * sin, even * sin + odd * cos], axis=-1)
   return turned.reshape(x.shape).astype(x.dtype)
+
+
+def dot_product_attention(q: Float[Array, "b l h k"], k: Float[Array, "b s h k"], v: Float[Array, "b s h k"],
+                          attn_mask: Bool[Array, "#b #h #l s"] | None = None,
+                          bias: Float[Array, "#b h l s"] | None = None, scaled: bool = True,
+                          drop: Callable[[jax.Array], jax.Array] | None = None) -> Float[Array, "b l h k"]:
+  """softmax(q k^T / sqrt(K) + bias) v: the attention of every network here.
+
+  attn_mask True = may attend; a row that may attend to nothing is finite. scaled=False leaves sqrt(K) out, as T5 does.
+  drop acts on the weights.
+  """
+  if drop is None and q.dtype in (jnp.bfloat16, jnp.float16):
+    return jax.nn.dot_product_attention(q, k, v, None if bias is None else bias.astype(q.dtype), attn_mask,
+                                        scale=None if scaled else 1.0)
+  # JAX's own takes a softmax in float32 whatever the type, so float64 would not be float64, and has no dropout; it
+  # multiplies scores by 1 / sqrt(K) where this divides, so float32 would differ in the last bit.
+  scores = jnp.einsum("blhk,bshk->bhls", q, k, preferred_element_type=wide(q.dtype))
+  scores = scores / math.sqrt(q.shape[-1]) if scaled else scores
+  if bias is not None:
+    scores = scores + bias
+  if attn_mask is not None:
+    scores = jnp.where(attn_mask, scores, jnp.finfo(scores.dtype).min)
+  weights = jax.nn.softmax(scores, axis=-1).astype(q.dtype)
+  return jnp.einsum("bhls,bshk->blhk", weights if drop is None else drop(weights), v)
 
 
 class Attention(nn.Module):
@@ -54,7 +83,7 @@ class Attention(nn.Module):
   dropout: float = 0.0
   kernel_init: Callable = nn.initializers.xavier_uniform()
 
-  def setup(self):
+  def setup(self) -> None:
     if self.width % self.num_heads:
       raise ValueError(f"got width {self.width} for {self.num_heads} heads, expected a multiple")
     dense = lambda: nn.Dense(self.width, kernel_init=self.kernel_init, dtype=self.dtype)
@@ -63,25 +92,24 @@ class Attention(nn.Module):
     self.norm_q, self.norm_k = norm(), norm()
     self.drop = nn.Dropout(self.dropout)
 
-  def _heads(self, x):
+  def _heads(self, x: Float[Array, "b l d"]) -> Float[Array, "b l h k"]:
     return x.reshape(x.shape[:-1] + (self.num_heads, self.width // self.num_heads))
 
-  def queries(self, x):
+  def queries(self, x: Float[Array, "b l d"]) -> Float[Array, "b l h k"]:
     return self._heads(self.norm_q(self.q(x)))
 
-  def keys_values(self, x):
+  def keys_values(self, x: Float[Array, "b s d"]) -> tuple[Float[Array, "b s h k"], Float[Array, "b s h k"]]:
     return self._heads(self.norm_k(self.k(x))), self._heads(self.v(x))
 
-  def attend(self, q, k, v, attn_mask=None, deterministic=True):
-    scores = jnp.einsum("bqhd,bkhd->bhqk", q, k, preferred_element_type=wide(self.dtype))
-    scores = scores / math.sqrt(q.shape[-1])
-    if attn_mask is not None:
-      scores = jnp.where(attn_mask, scores, jnp.finfo(scores.dtype).min)
-    weights = self.drop(jax.nn.softmax(scores, axis=-1).astype(self.dtype), deterministic=deterministic)
-    y = jnp.einsum("bhqk,bkhd->bqhd", weights, v)
+  def attend(self, q: Float[Array, "b l h k"], k: Float[Array, "b s h k"], v: Float[Array, "b s h k"],
+             attn_mask: Bool[Array, "#b 1 #l s"] | None = None, deterministic: bool = True) -> Float[Array, "b l d"]:
+    drop = None if deterministic or not self.dropout else functools.partial(self.drop, deterministic=False)
+    y = dot_product_attention(q, k, v, attn_mask, drop=drop)
     return self.o(y.reshape(y.shape[:-2] + (self.width,)))
 
-  def __call__(self, x, context=None, attn_mask=None, positions=None, deterministic=True):
+  def __call__(self, x: Float[Array, "b l d"], context: Float[Array, "b s d"] | None = None,
+               attn_mask: Bool[Array, "#b 1 #l s"] | None = None, positions: Num[Array, "*#b l"] | None = None,
+               deterministic: bool = True) -> Float[Array, "b l d"]:
     """Self-attention, or cross-attention to a context (B, S, D)."""
     q, (k, v) = self.queries(x), self.keys_values(x if context is None else context)
     if positions is not None:

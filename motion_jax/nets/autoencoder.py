@@ -4,17 +4,20 @@ Source: docs/papers/cdamd.md#autoencoder.
 
 Its RVQ-VAE has the same layers with weights of its own; there the latents are exchanged for codes in between.
 """
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import flax.linen as nn
 import jax.numpy as jnp
+from jaxtyping import Bool, Float
 
 from motion_jax.nets.convs import apply_layers, doubling_layers, halving_layers
+from motion_jax.shapes import Array
 
 
 class ConvStack(nn.Module):
   """One half of an autoencoder: the layers that `make(features, width, out, ...)` lists, one after the other."""
-  make: Any  # halving_layers or doubling_layers
+  make: Callable  # halving_layers or doubling_layers
   features: int
   width: int
   out: int
@@ -23,11 +26,12 @@ class ConvStack(nn.Module):
   dropout: float
   dtype: Any
 
-  def setup(self):
+  def setup(self) -> None:
     self.layers = self.make(self.features, self.width, self.out, self.num_halvings, self.dilations, self.dtype,
                             causal=False, dropout=self.dropout)
 
-  def __call__(self, x, deterministic=True, real_mask=None):
+  def __call__(self, x: Float[Array, "b t f"], deterministic: bool = True,
+               real_mask: Bool[Array, "b t"] | None = None) -> Float[Array, "b l c"]:
     return apply_layers(self.layers, x, deterministic, real_mask)
 
 
@@ -47,12 +51,12 @@ class Autoencoder(nn.Module):
   latent_dim: int = 512
   width: int = 512
   num_halvings: int = 2
-  dilations: tuple[int, ...] = (9, 3, 1)  # in this order in both halves
+  dilations: Sequence[int] = (9, 3, 1)  # in this order in both halves
   dropout: float = 0.2
   dtype: Any = jnp.float32
   hide_padding: bool = False
 
-  def setup(self):
+  def setup(self) -> None:
     sizes = dict(width=self.width, num_halvings=self.num_halvings, dilations=tuple(self.dilations),
                  dropout=self.dropout, dtype=self.dtype)
     self.encoder = ConvStack(halving_layers, features=self.features, out=self.latent_dim, **sizes)
@@ -62,14 +66,16 @@ class Autoencoder(nn.Module):
   def frames_per_latent(self) -> int:
     return 2 ** self.num_halvings
 
-  def encode(self, x, deterministic=True, real_mask=None):
+  def encode(self, x: Float[Array, "b t f"], deterministic: bool = True,
+             real_mask: Bool[Array, "b t"] | None = None) -> Float[Array, "b l c"]:
     if x.shape[1] < self.frames_per_latent:
       raise ValueError(f"got {x.shape[1]} frames, one latent needs {self.frames_per_latent}")
     return self.encoder(x, deterministic, real_mask if self.hide_padding else None)
 
-  def decode(self, z, deterministic=True, real_mask=None):
+  def decode(self, z: Float[Array, "b l c"], deterministic: bool = True,
+             real_mask: Bool[Array, "b l"] | None = None) -> Float[Array, "b t f"]:
     """-> features (B, frames_per_latent N, F)."""
     return self.decoder(z, deterministic, real_mask if self.hide_padding else None)
 
-  def __call__(self, x, deterministic=True):
+  def __call__(self, x: Float[Array, "b t f"], deterministic: bool = True) -> Float[Array, "b t2 f"]:
     return self.decode(self.encode(x, deterministic), deterministic)

@@ -10,22 +10,24 @@ from typing import Any, NamedTuple
 
 import flax.linen as nn
 import jax.numpy as jnp
+from jaxtyping import Bool, Float, Num
 
 from motion_jax.nets.attention import Attention, rotary, wide
+from motion_jax.shapes import Array
 
 PREDICTION_FLOOR = 0.02  # one of the default 50 sampling steps
 SIZES = {"S": dict(num_heads=2, depth=4, width=512), "M": dict(num_heads=4, depth=8, width=512),
          "L": dict(num_heads=6, depth=12, width=768), "XL": dict(num_heads=8, depth=16, width=1024)}
 
 
-def size(name, **fields):
+def size(name: str, **fields: Any) -> dict[str, Any]:
   """Fields of a size of the paper's Table 10; feed-forward 2 D is what its parameter counts mean."""
   if name not in SIZES:
     raise ValueError(f"got size {name!r}, expected one of {', '.join(SIZES)}")
   return SIZES[name] | dict(ff_width=2 * SIZES[name]["width"]) | fields
 
 
-def time_numbers(t, count=256):
+def time_numbers(t: Num[Array, "*lead"], count: int = 256) -> Float[Array, "*lead {count}"]:
   """cos and sin of raw t in [0, 1] at count / 2 frequencies, (...,) -> (..., count); cosine first."""
   # Parity: the code embeds raw t, not t * 1000 as most diffusion transformers do.
   half = count // 2
@@ -40,10 +42,14 @@ class Text(NamedTuple):
   null (1, 1, D), if there, is the layer's whole output for a dropped caption: its words are all alike, so attention to
   them is a constant (docs/papers/cmdm.md#text). A batch of 2 B then means B latents with their captions and B without.
   """
-  k: jnp.ndarray
-  v: jnp.ndarray
-  mask: jnp.ndarray
-  null: jnp.ndarray | None = None
+  k: Float[Array, "b s h k"]
+  v: Float[Array, "b s h k"]
+  mask: Bool[Array, "b *l s"]
+  null: Float[Array, "1 1 d"] | None = None
+
+
+# Of one layer: keys and values of latents.
+KeysValues = tuple[Float[Array, "b _ h k"], Float[Array, "b _ h k"]]
 
 
 class Block(nn.Module):
@@ -53,8 +59,8 @@ class Block(nn.Module):
   ff_width: int
   dtype: Any
 
-  def setup(self):
-    xavier = dict(kernel_init=nn.initializers.xavier_uniform(), dtype=self.dtype)
+  def setup(self) -> None:
+    xavier: dict[str, Any] = dict(kernel_init=nn.initializers.xavier_uniform(), dtype=self.dtype)
     norm = lambda affine: nn.LayerNorm(epsilon=1e-6, use_scale=affine, use_bias=affine, dtype=self.dtype)
     self.film = nn.Dense(6 * self.width, kernel_init=nn.initializers.zeros, dtype=self.dtype)
     self.norm1, self.norm2, self.norm3 = norm(False), norm(True), norm(False)
@@ -62,19 +68,21 @@ class Block(nn.Module):
     self.cross_attn = Attention(self.width, self.num_heads, self.dtype)
     self.ff_in, self.ff_out = nn.Dense(self.ff_width, **xavier), nn.Dense(self.width, **xavier)
 
-  def modulation(self, level):
+  def modulation(self, level: Float[Array, "*lead d"]) -> Float[Array, "*lead 6 d"]:
     """level (..., D) -> (..., 6, D): shift, scale, gate of attention, then of the feed-forward."""
     film = self.film(nn.silu(level))
     return film.reshape(film.shape[:-1] + (6, self.width))
 
-  def text(self, words, mask, null_word=None):
+  def text(self, words: Float[Array, "b s d"], mask: Bool[Array, "b *l _"],
+           null_word: Float[Array, "1 1 d"] | None = None) -> Text:
     null = None if null_word is None else self.cross_attn(null_word, null_word)
     return Text(*self.cross_attn.keys_values(words), mask, null)
 
-  def _modulated(self, x, modulation, shift):
+  def _modulated(self, x: Float[Array, "b l d"], modulation: Float[Array, "#b l 6 d"], shift: int
+                 ) -> Float[Array, "b l d"]:
     return modulation[..., shift + 1, :] * x + modulation[..., shift, :] + x
 
-  def _to_words(self, x, text):
+  def _to_words(self, x: Float[Array, "b l d"], text: Text) -> Float[Array, "b l d"]:
     batch = text.k.shape[0]
     y = self.cross_attn.queries(self.norm2(x[:batch]))
     mask = text.mask[:, None] if text.mask.ndim == 3 else text.mask[:, None, None, :]
@@ -83,7 +91,9 @@ class Block(nn.Module):
       return y
     return jnp.concatenate([y, jnp.broadcast_to(text.null, y.shape)])
 
-  def step(self, x, modulation, text, attn_mask, positions, past=None):
+  def step(self, x: Float[Array, "b l d"], modulation: Float[Array, "#b l 6 d"], text: Text,
+           attn_mask: Bool[Array, "#b 1 l s"], positions: Num[Array, "*#b l"], past: KeysValues | None = None
+           ) -> tuple[Float[Array, "b l d"], KeysValues]:
     """-> (x, (k, v)) with the keys and values of x, keys not turned; past (k, v), keys turned, stand before them."""
     y = self._modulated(self.norm1(x), modulation, 0)
     q, (k, v) = self.self_attn.queries(y), self.self_attn.keys_values(y)
@@ -118,23 +128,23 @@ class CausalDiT(nn.Module):
 
   # Parity: blocks of 3 latents that see one another, the RMS norm of queries and keys, a feed-forward of 2 D and no
   # norm before the output are the code's; the paper has a mask per latent (block = 1) and says nothing of the rest.
-  def setup(self):
+  def setup(self) -> None:
     if self.predicts not in ("velocity", "eps", "x1", "ddpm"):
       raise ValueError(f"got predicts {self.predicts!r}, expected velocity, eps, x1 or ddpm")
-    xavier = dict(kernel_init=nn.initializers.xavier_uniform(), dtype=self.dtype)
-    normal = dict(kernel_init=nn.initializers.normal(0.02), dtype=self.dtype)
+    xavier: dict[str, Any] = dict(kernel_init=nn.initializers.xavier_uniform(), dtype=self.dtype)
+    normal: dict[str, Any] = dict(kernel_init=nn.initializers.normal(0.02), dtype=self.dtype)
     self.x_in, self.text_in = nn.Dense(self.width, **xavier), nn.Dense(self.width, **xavier)
     self.time_in, self.time_out = nn.Dense(self.width, **normal), nn.Dense(self.width, **normal)
     self.blocks = [Block(self.width, self.num_heads, self.ff_width, self.dtype, name=f"block{i}")
                    for i in range(self.depth)]
     self.out = nn.Dense(self.latent_dim, kernel_init=nn.initializers.zeros, dtype=self.dtype)
 
-  def level(self, t):
+  def level(self, t: Float[Array, "*lead"]) -> Float[Array, "*lead d"]:
     """Time embedding (..., D) of t (...)."""
     t = t if self.time_scale == 1 else t * self.time_scale
     return self.time_out(nn.silu(self.time_in(time_numbers(t))))
 
-  def modulation(self, t):
+  def modulation(self, t: Float[Array, "*lead"]) -> Float[Array, "depth *lead 6 d"]:
     """Everything that depends on t alone, for all layers: (depth, ..., 6, D)."""
     level = self.level(t)
     if not self.use_adaln:
@@ -143,7 +153,8 @@ class CausalDiT(nn.Module):
       return jnp.stack([plain] * self.depth)
     return jnp.stack([block.modulation(level) for block in self.blocks])
 
-  def text_keys_values(self, text_emb, text_mask, with_null=False):
+  def text_keys_values(self, text_emb: Float[Array, "b s e"], text_mask: Bool[Array, "b *l"], with_null: bool = False
+                       ) -> tuple[Text, ...]:
     """Keys and values of the words for all layers, from text_emb (B, S, E) and text_mask (B, S).
 
     with_null adds the constants for latents without a caption: its word features are 0 (docs/papers/cmdm.md#text).
@@ -152,12 +163,14 @@ class CausalDiT(nn.Module):
     null_word = self.text_in(jnp.zeros((1, 1, self.text_dim), self.dtype)) if with_null else None
     return tuple(block.text(words, text_mask, null_word) for block in self.blocks)
 
-  def turn_keys(self, cache, positions):
+  def turn_keys(self, cache: tuple[KeysValues, ...], positions: Num[Array, " p"]) -> tuple[KeysValues, ...]:
     """Cached (k, v) of all layers with the keys turned to positions (P,), as `window` takes them."""
     positions = positions if self.use_rope else jnp.zeros_like(positions)
     return tuple((rotary(k, positions), v) for k, v in cache)
 
-  def window(self, x, t, modulation, text, attn_mask, positions, past=None):
+  def window(self, x: Float[Array, "b w c"], t: Float[Array, "b w"], modulation: Float[Array, "depth #b w 6 d"],
+             text: tuple[Text, ...], attn_mask: Bool[Array, "#b 1 w s"], positions: Num[Array, "*#b w"],
+             past: tuple[KeysValues, ...] | None = None) -> tuple[Float[Array, "b w c"], tuple[KeysValues, ...]]:
     """Velocity of a window of latents and its keys and values: x (B, W, C), modulation (depth, B or 1, W, 6, D).
 
     text: of text_keys_values. positions (W,) or (B, W). past: per layer (k, v) (B, P, H, K), keys turned, that stand
@@ -174,7 +187,8 @@ class CausalDiT(nn.Module):
       new.append(keys_values)
     return self._to_velocity(self.out(x), latents, t), tuple(new)
 
-  def _to_velocity(self, y, x, t):
+  def _to_velocity(self, y: Float[Array, "b l c"], x: Float[Array, "b l c"], t: Float[Array, "b l"]
+                   ) -> Float[Array, "b l c"]:
     """The velocity (x1 - eps) that a prediction means at x = t x1 + (1 - t) eps.
 
     It has no bound where eps (t = 0) or x1 (t = 1) is known from x alone; divisors are floored at a sampler's step.
@@ -186,7 +200,8 @@ class CausalDiT(nn.Module):
       return (x - y) / jnp.maximum(t, PREDICTION_FLOOR)
     return (y - x) / jnp.maximum(1 - t, PREDICTION_FLOOR)
 
-  def __call__(self, x, t, text_emb, attn_mask, text_mask):
+  def __call__(self, x: Float[Array, "b l c"], t: Float[Array, "b m"], text_emb: Float[Array, "b s e"],
+               attn_mask: Bool[Array, "#b 1 l l"], text_mask: Bool[Array, "b *m s"]) -> Float[Array, "b l c"]:
     """x (B, L, C), t (B, L) or (B, L / n), text_emb (B, S, E), attn_mask (B or 1, 1, L, L), text_mask (B, S)
     or (B, L, S)."""
     length = x.shape[1]

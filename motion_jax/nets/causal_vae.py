@@ -5,12 +5,15 @@ Latent j depends on frames <= 4 j + 3 and frame f on latents <= f // 4, exactly:
 Parity: the paper counts 7 causal convolutions and 2 residual blocks in each half; these are the code's layers, whose
 parameters are those of the released weights.
 """
+from collections.abc import Sequence
 from typing import Any
 
 import flax.linen as nn
 import jax.numpy as jnp
+from jaxtyping import Float
 
 from motion_jax.nets.convs import (
+  Contexts,
   apply_layers,
   doubling_layers,
   halving_layers,
@@ -18,6 +21,9 @@ from motion_jax.nets.convs import (
   run_layers,
   uniform_fan_in,
 )
+from motion_jax.shapes import Array
+
+Gaussian = tuple[Float[Array, "b l c"], Float[Array, "b l c"]]  # mean and log-variance of latents
 
 
 class Encoder(nn.Module):
@@ -30,7 +36,7 @@ class Encoder(nn.Module):
   dtype: Any
   causal: bool = True
 
-  def setup(self):
+  def setup(self) -> None:
     width = self.width
     # The last of them, conv_out, is W_enc of the alignment weight.
     self.layers = halving_layers(self.features, width, width, self.num_halvings, self.dilations, self.dtype,
@@ -38,14 +44,14 @@ class Encoder(nn.Module):
     init = uniform_fan_in(width)
     self.head = nn.Dense(2 * self.latent_dim, kernel_init=init, bias_init=init, dtype=self.dtype)
 
-  def init_state(self, batch):
+  def init_state(self, batch: int) -> Contexts:
     return init_contexts(self.layers, batch)
 
-  def step(self, x, state):
+  def step(self, x: Float[Array, "b n f"], state: Contexts) -> tuple[Float[Array, "b l c2"], Contexts]:
     x, state = run_layers(self.layers, x, state)
     return self.head(x), state
 
-  def __call__(self, x):
+  def __call__(self, x: Float[Array, "b t f"]) -> Float[Array, "b l c2"]:
     return self.head(apply_layers(self.layers, x))
 
 
@@ -59,20 +65,20 @@ class Decoder(nn.Module):
   dtype: Any
   causal: bool = True
 
-  def setup(self):
+  def setup(self) -> None:
     width = self.width
     init = uniform_fan_in(self.latent_dim)
     self.head = nn.Dense(width, kernel_init=init, bias_init=init, dtype=self.dtype)
     self.layers = doubling_layers(width, width, self.features, self.num_halvings, self.dilations, self.dtype,
                                   self.causal)
 
-  def init_state(self, batch):
+  def init_state(self, batch: int) -> Contexts:
     return init_contexts(self.layers, batch)
 
-  def step(self, z, state):
+  def step(self, z: Float[Array, "b l c"], state: Contexts) -> tuple[Float[Array, "b n f"], Contexts]:
     return run_layers(self.layers, self.head(z), state)
 
-  def __call__(self, z):
+  def __call__(self, z: Float[Array, "b l c"]) -> Float[Array, "b t f"]:
     return apply_layers(self.layers, self.head(z))
 
 
@@ -87,20 +93,22 @@ class CausalVAE(nn.Module):
   latent_dim: int = 64
   width: int = 1024
   num_halvings: int = 2
-  dilations: tuple[int, ...] = (9, 3, 1)  # in this order in both halves
+  dilations: Sequence[int] = (9, 3, 1)  # in this order in both halves
   teacher_dim: int = 0                    # 256 adds the alignment projection (training only)
   teacher_to_latent: bool = False         # the other projection: the teacher's features into latent space
   causal: bool = True
   dtype: Any = jnp.float32
 
-  def setup(self):
-    sizes = dict(features=self.features, latent_dim=self.latent_dim, width=self.width, num_halvings=self.num_halvings,
-                 dilations=tuple(self.dilations), dtype=self.dtype, causal=self.causal)
+  def setup(self) -> None:
+    sizes: dict[str, Any] = dict(
+        features=self.features, latent_dim=self.latent_dim, width=self.width, num_halvings=self.num_halvings,
+        dilations=tuple(self.dilations), dtype=self.dtype, causal=self.causal)
     self.encoder = Encoder(**sizes)
     self.decoder = Decoder(**sizes)
     if self.teacher_dim:
-      sizes = (self.latent_dim, self.teacher_dim)
-      fan_in, out = sizes[::-1] if self.teacher_to_latent else sizes
+      fan_in, out = self.latent_dim, self.teacher_dim
+      if self.teacher_to_latent:
+        fan_in, out = out, fan_in
       init = uniform_fan_in(fan_in)
       self.align = nn.Dense(out, kernel_init=init, bias_init=init, dtype=self.dtype)
 
@@ -108,45 +116,47 @@ class CausalVAE(nn.Module):
   def frames_per_latent(self) -> int:
     return 2 ** self.num_halvings
 
-  def init_encode_state(self, batch):
+  def init_encode_state(self, batch: int) -> Contexts:
     self._check_causal()
     return self.encoder.init_state(batch)
 
-  def init_decode_state(self, batch):
+  def init_decode_state(self, batch: int) -> Contexts:
     self._check_causal()
     return self.decoder.init_state(batch)
 
-  def encode_step(self, x, state):
+  def encode_step(self, x: Float[Array, "b n f"], state: Contexts) -> tuple[Gaussian, Contexts]:
     """-> ((mean, logvar) (B, n // frames_per_latent, C) each, state); the log-variance is clipped to [-30, 20]."""
     y, state = self.encoder.step(x, state)
     return _mean_logvar(y), state
 
-  def decode_step(self, z, state):
+  def decode_step(self, z: Float[Array, "b l c"], state: Contexts) -> tuple[Float[Array, "b n f"], Contexts]:
     """-> (features (B, frames_per_latent n, F), state)."""
     return self.decoder.step(z, state)
 
-  def encode(self, x):
+  def encode(self, x: Float[Array, "b t f"]) -> Gaussian:
     if x.shape[1] < self.frames_per_latent:
       raise ValueError(f"got {x.shape[1]} frames, one latent needs {self.frames_per_latent}")
     return _mean_logvar(self.encoder(x))
 
-  def decode(self, z):
+  def decode(self, z: Float[Array, "b l c"]) -> Float[Array, "b t f"]:
     return self.decoder(z)
 
-  def aligned(self, z, teacher):
+  def aligned(self, z: Float[Array, "b l c"], teacher: Float[Array, "b l e"]
+              ) -> tuple[Float[Array, "b l a"], Float[Array, "b l a"]]:
     """Latents and the teacher's features, both (B, N, ...), in the space where they are compared."""
     return (z, self.align(teacher)) if self.teacher_to_latent else (self.align(z), teacher)
 
-  def project(self, z):
+  def project(self, z: Float[Array, "b l c"]) -> Float[Array, "b l e"]:
     """Latents as the teacher would see them, (B, N, teacher_dim)."""
     return self.align(z)
 
-  def _check_causal(self):
+  def _check_causal(self) -> None:
     if not self.causal:
       raise ValueError("this tokenizer looks ahead (causal=False), so nothing can be streamed through it; train one "
                        "with model.causal=True")
 
-  def __call__(self, x, noise):
+  def __call__(self, x: Float[Array, "b t f"], noise: Float[Array, "b l c"]
+               ) -> tuple[Float[Array, "b t2 f"], Float[Array, "b l c"], Float[Array, "b l c"]]:
     """noise (B, N, C) -> (reconstruction, mean, logvar); the latent used is mean + exp(logvar / 2) noise."""
     mean, logvar = self.encode(x)
     z = sample_latent(mean, logvar, noise)
@@ -155,12 +165,13 @@ class CausalVAE(nn.Module):
     return self.decode(z), mean, logvar
 
 
-def sample_latent(mean, logvar, noise):
+def sample_latent(mean: Float[Array, "*lead c"], logvar: Float[Array, "*lead c"], noise: Float[Array, "*lead c"]
+                  ) -> Float[Array, "*lead c"]:
   """Reparameterisation: a draw from the normal distribution that the encoder names."""
   return mean + jnp.exp(logvar / 2) * noise
 
 
-def _mean_logvar(y):
+def _mean_logvar(y: Float[Array, "*lead c2"]) -> tuple[Float[Array, "*lead c"], Float[Array, "*lead c"]]:
   """The two halves of the encoder's output; the log-variance is clipped to [-30, 20]."""
   mean, logvar = jnp.split(y, 2, axis=-1)
   return mean, jnp.clip(logvar, -30, 20)

@@ -6,14 +6,21 @@ and offline cannot differ. With causal=False the same zeros lie half before and 
 then.
 """
 import math
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
+from jaxtyping import Bool, Float
+
+from motion_jax.shapes import Array
+
+Layer = Callable  # a module that can also `step` on a stream, or a function (x, context) -> (x, context)
+Contexts = tuple[Float[Array, "b _ _"] | None, ...]  # of a stack of layers; functions have none
 
 
-def uniform_fan_in(fan_in):
+def uniform_fan_in(fan_in: int) -> Callable[..., jax.Array]:
   """PyTorch's default for weights and biases: uniform in +-1/sqrt(fan_in)."""
   bound = 1 / math.sqrt(fan_in)
   return lambda key, shape, dtype=jnp.float32: jax.random.uniform(key, shape, dtype, -bound, bound)
@@ -37,11 +44,12 @@ class CausalConv(nn.Module):
     """Frames of the past that an output needs (docs/papers/cmdm.md#tokenizer)."""
     return (self.kernel - 1) * self.dilation + 1 - self.stride
 
-  def init_context(self, batch):
+  def init_context(self, batch: int) -> Float[Array, "{batch} context c"]:
     return jnp.zeros((batch, self.context, self.in_features), self.dtype)
 
   @nn.compact
-  def step(self, x, context):
+  def step(self, x: Float[Array, "b n c"], context: Float[Array, "b p c"]
+           ) -> tuple[Float[Array, "b m d"], Float[Array, "b _ c"]]:
     """x (B, n, in), n a multiple of the stride unless the stream ends here -> (y (B, n // stride, out), context)."""
     init = uniform_fan_in(self.in_features * self.kernel)
     x = jnp.concatenate([context, x.astype(self.dtype)], axis=1)
@@ -49,7 +57,7 @@ class CausalConv(nn.Module):
                 padding="VALID", kernel_init=init, bias_init=init, dtype=self.dtype, name="conv")(x)
     return y, x[:, x.shape[1] - self.context:]
 
-  def __call__(self, x):
+  def __call__(self, x: Float[Array, "b t c"]) -> Float[Array, "b n d"]:
     context = self.init_context(x.shape[0])
     if not self.causal:
       context, after = jnp.split(context, 2, axis=1)
@@ -65,34 +73,36 @@ class ResBlock(nn.Module):
   causal: bool = True
   dropout: float = 0.0
 
-  def setup(self):
+  def setup(self) -> None:
     init = uniform_fan_in(self.width)
     self.conv = CausalConv(self.width, self.width, 3, dilation=self.dilation, dtype=self.dtype, causal=self.causal)
     self.pointwise = nn.Dense(self.width, kernel_init=init, bias_init=init, dtype=self.dtype)
     self.drop = nn.Dropout(self.dropout)
 
-  def init_context(self, batch):
+  def init_context(self, batch: int) -> Float[Array, "{batch} context c"]:
     return self.conv.init_context(batch)
 
-  def step(self, x, context):
+  def step(self, x: Float[Array, "b n d"], context: Float[Array, "b p d"]
+           ) -> tuple[Float[Array, "b n d"], Float[Array, "b p d"]]:
     y, context = self.conv.step(nn.relu(x), context)
     return x + self.pointwise(nn.relu(y)), context
 
-  def __call__(self, x, deterministic=True):
+  def __call__(self, x: Float[Array, "b t d"], deterministic: bool = True) -> Float[Array, "b t d"]:
     y = self.pointwise(nn.relu(self.conv(nn.relu(x))))
     return x + self.drop(y, deterministic)
 
 
-def relu_step(x, context):
+def relu_step(x: Float[Array, "b n d"], context: None) -> tuple[Float[Array, "b n d"], None]:
   return nn.relu(x), context
 
 
-def upsample_step(x, context):
+def upsample_step(x: Float[Array, "b n d"], context: None) -> tuple[Float[Array, "b 2*n d"], None]:
   """Every frame twice."""
   return jnp.repeat(x, 2, axis=1), context
 
 
-def apply_layers(layers, x, deterministic=True, real_mask=None):
+def apply_layers(layers: Sequence[Layer], x: Float[Array, "b t c"], deterministic: bool = True,
+                 real_mask: Bool[Array, "b t"] | None = None) -> Float[Array, "b n d"]:
   """Runs a whole clip through layers, causal or not.
 
   real_mask (B, T), the first frames of each clip: what lies behind them is zero in front of every layer, as it is
@@ -110,18 +120,19 @@ def apply_layers(layers, x, deterministic=True, real_mask=None):
   return x
 
 
-def zero_padding(x, real_mask):
+def zero_padding(x: Float[Array, "b t c"], real_mask: Bool[Array, "b t"] | None) -> Float[Array, "b t c"]:
   return x if real_mask is None else jnp.where(real_mask[..., None], x, 0)
 
 
-def at_rate(real_mask, length):
+def at_rate(real_mask: Bool[Array, "b t"], length: int) -> Bool[Array, "b {length}"]:
   """The mask (B, T) of what a layer made of those frames, (B, length): as it is, halved or doubled."""
   if length > real_mask.shape[1]:
     return jnp.repeat(real_mask, 2, axis=1)
   return real_mask if length == real_mask.shape[1] else real_mask[:, 1::2]  # half a pair makes no frame
 
 
-def run_layers(layers, x, contexts):
+def run_layers(layers: Sequence[Layer], x: Float[Array, "b n c"], contexts: Contexts
+               ) -> tuple[Float[Array, "b m d"], Contexts]:
   """Runs (x, context) steps one after the other; plain functions carry no context, so theirs is None."""
   after = []
   for layer, context in zip(layers, contexts, strict=True):
@@ -130,29 +141,32 @@ def run_layers(layers, x, contexts):
   return x, tuple(after)
 
 
-def init_contexts(layers, batch):
+def init_contexts(layers: Sequence[Layer], batch: int) -> Contexts:
   return tuple(layer.init_context(batch) if hasattr(layer, "init_context") else None for layer in layers)
 
 
-def res_stack(width, dilations, name, dtype=jnp.float32, causal=True, dropout=0.0):
+def res_stack(width: int, dilations: Sequence[int], name: str, dtype: Any = jnp.float32, causal: bool = True,
+              dropout: float = 0.0) -> list[Layer]:
   return [ResBlock(width, dilation, dtype, causal, dropout, name=f"{name}_block{b}")
           for b, dilation in enumerate(dilations)]
 
 
-def halving_layers(features, width, out, num_halvings, dilations, dtype=jnp.float32, causal=True, dropout=0.0):
+def halving_layers(features: int, width: int, out: int, num_halvings: int, dilations: Sequence[int],
+                   dtype: Any = jnp.float32, causal: bool = True, dropout: float = 0.0) -> list[Layer]:
   """Layers of an encoder, to be made in a module's setup: (B, T, features) -> (B, T // 2**num_halvings, out)."""
-  conv = dict(dtype=dtype, causal=causal)
-  layers = [CausalConv(features, width, 3, **conv, name="conv_in"), relu_step]
+  conv: dict[str, Any] = dict(dtype=dtype, causal=causal)
+  layers: list[Layer] = [CausalConv(features, width, 3, **conv, name="conv_in"), relu_step]
   for i in range(num_halvings):
     layers += [CausalConv(width, width, 4, stride=2, **conv, name=f"down{i}")]
     layers += res_stack(width, dilations, f"stack{i}", **conv, dropout=dropout)
   return layers + [CausalConv(width, out, 3, **conv, name="conv_out")]
 
 
-def doubling_layers(features, width, out, num_halvings, dilations, dtype=jnp.float32, causal=True, dropout=0.0):
+def doubling_layers(features: int, width: int, out: int, num_halvings: int, dilations: Sequence[int],
+                    dtype: Any = jnp.float32, causal: bool = True, dropout: float = 0.0) -> list[Layer]:
   """Layers of a decoder, to be made in a module's setup: (B, N, features) -> (B, 2**num_halvings N, out)."""
-  conv = dict(dtype=dtype, causal=causal)
-  layers = [CausalConv(features, width, 3, **conv, name="conv_in"), relu_step]
+  conv: dict[str, Any] = dict(dtype=dtype, causal=causal)
+  layers: list[Layer] = [CausalConv(features, width, 3, **conv, name="conv_in"), relu_step]
   for i in range(num_halvings):
     layers += res_stack(width, dilations, f"stack{i}", **conv, dropout=dropout)
     layers += [upsample_step, CausalConv(width, width, 3, **conv, name=f"up{i}")]

@@ -9,10 +9,12 @@ from typing import Any
 
 import flax.linen as nn
 import jax.numpy as jnp
+from jaxtyping import Bool, Float, Int, Num
 
 from motion_jax.nets.attention import wide
 from motion_jax.nets.causal_dit import time_numbers
 from motion_jax.nets.masked_transformer import plain_norm
+from motion_jax.shapes import Array
 
 XAVIER = nn.initializers.xavier_uniform()
 
@@ -22,7 +24,7 @@ class ResBlock(nn.Module):
   dtype: Any
 
   @nn.compact
-  def __call__(self, x, y):
+  def __call__(self, x: Float[Array, "*lead d"], y: Float[Array, "*lead d"]) -> Float[Array, "*lead d"]:
     width = x.shape[-1]
     film = nn.Dense(3 * width, kernel_init=nn.initializers.zeros, dtype=self.dtype, name="film")(nn.silu(y))
     shift, scale, gate = jnp.split(film, 3, axis=-1)
@@ -39,7 +41,8 @@ class DiffusionMLP(nn.Module):
   dtype: Any = jnp.float32
 
   @nn.compact
-  def __call__(self, x, t, condition):
+  def __call__(self, x: Float[Array, "*lead c"], t: Num[Array, "*#lead"], condition: Float[Array, "*#lead h"]
+               ) -> Float[Array, "*lead c"]:
     dense = lambda size, name, init=XAVIER: nn.Dense(size, kernel_init=init, dtype=self.dtype, name=name)
     normal = nn.initializers.normal(0.02)
     # Parity: raw t in [0, 1] enters the sinusoids of the flow, not t * 1000.
@@ -63,16 +66,18 @@ class Generator(nn.Module):
   transformer: Any
   head: Any
 
-  def condition(self, *args, **named):
+  def condition(self, *args: Any, **named: Any) -> Float[Array, "b l h"]:
     return self.transformer(*args, **named)
 
-  def predict(self, x, t, condition):
+  def predict(self, x: Float[Array, "*lead c"], t: Num[Array, "*#lead"], condition: Float[Array, "*#lead h"]
+              ) -> Float[Array, "*lead c"]:
     return self.head(x, t, condition)
 
-  def hidden(self):
+  def hidden(self) -> Float[Array, "1 1 c"]:
     return self.transformer.hidden()
 
-  def __call__(self, x, text_emb, attn_mask, t, codes=None):
+  def __call__(self, x: Float[Array, "b l c"], text_emb: Float[Array, "b s e"], attn_mask: Bool[Array, "#b 1 l l"],
+               t: Num[Array, "*#lead"], codes: Int[Array, "b l *q"] | None = None) -> Float[Array, "b l c"]:
     """Touches every parameter, for init."""
     self.hidden()
     return self.head(x, t, self.transformer(x, text_emb, attn_mask, codes))

@@ -2,8 +2,10 @@
 from typing import Any
 
 import flax.linen as nn
-import jax
 import jax.numpy as jnp
+from jaxtyping import Float
+
+from motion_jax.shapes import Array
 
 NORMAL = nn.initializers.normal(0.02)
 
@@ -16,7 +18,7 @@ class LengthEstimator(nn.Module):
   dtype: Any = jnp.float32
 
   @nn.compact
-  def __call__(self, text, deterministic=True):
+  def __call__(self, text: Float[Array, "b w"], deterministic: bool = True) -> Float[Array, "b classes"]:
     x = text
     for i in range(3):
       x = nn.Dense(self.width >> i, kernel_init=NORMAL, dtype=self.dtype, name=f"layer{i}")(x)
@@ -25,8 +27,3 @@ class LengthEstimator(nn.Module):
       if i < 2:
         x = nn.Dropout(self.dropout, deterministic=deterministic)(x)
     return nn.Dense(self.num_classes, kernel_init=NORMAL, dtype=self.dtype, name="out")(x)
-
-
-def draw_num_frames(logits, rng, unit=4):
-  """Frames (B,) drawn from what the estimator thinks likely, never 0."""
-  return unit * jnp.maximum(jax.random.categorical(rng, logits), 1)

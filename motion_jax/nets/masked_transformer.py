@@ -7,10 +7,12 @@ from typing import Any
 
 import flax.linen as nn
 import jax.numpy as jnp
+from jaxtyping import Bool, Float, Int
 
 from motion_jax.nets.attention import Attention
 from motion_jax.nets.masks import with_text
 from motion_jax.nets.post_norm import sinusoids
+from motion_jax.shapes import Array
 
 NORMAL = nn.initializers.normal(0.02)
 SIZES = {"readme": dict(width=512, depth=4, num_heads=8, ff_width=1024, dropout=0.2),
@@ -18,7 +20,7 @@ SIZES = {"readme": dict(width=512, depth=4, num_heads=8, ff_width=1024, dropout=
          "options": dict(width=384, depth=8, num_heads=6, ff_width=1024, dropout=0.2)}
 
 
-def size(name, **fields):
+def size(name: str, **fields: Any) -> dict[str, Any]:
   """Fields of a size of CDAMD's transformer (docs/papers/cdamd.md#sizes).
 
   Parity: the paper's (8 layers of width 1024 with 6 heads) cannot exist; "readme" is the released training command,
@@ -29,7 +31,7 @@ def size(name, **fields):
   return SIZES[name] | fields
 
 
-def plain_norm(eps, dtype):
+def plain_norm(eps: float, dtype: Any) -> nn.LayerNorm:
   return nn.LayerNorm(epsilon=eps, use_scale=False, use_bias=False, dtype=dtype, use_fast_variance=False)
 
 
@@ -41,23 +43,23 @@ class Inputs(nn.Module):
   dropout: float
   dtype: Any
 
-  def setup(self):
+  def setup(self) -> None:
     self.mask_latent = self.param("mask_latent", nn.initializers.zeros, (1, 1, self.latent_dim))
     self.x_in = nn.Dense(self.width, kernel_init=NORMAL, dtype=self.dtype)
     self.text_in = nn.Dense(self.width, kernel_init=NORMAL, dtype=self.dtype)
     self.drop = nn.Dropout(self.dropout)
 
-  def placed(self, tokens, deterministic):
+  def placed(self, tokens: Float[Array, "b l d"], deterministic: bool) -> Float[Array, "b l d"]:
     """Tokens (B, L, D) with their fixed positions, then dropout."""
-    return self.drop(tokens + sinusoids(*tokens.shape[1:], self.dtype), deterministic=deterministic)
+    return self.drop(tokens + sinusoids(tokens.shape[1], tokens.shape[2], self.dtype), deterministic=deterministic)
 
-  def latents(self, x, deterministic):
+  def latents(self, x: Float[Array, "b l c"], deterministic: bool) -> Float[Array, "b l d"]:
     return self.placed(self.x_in(x.astype(self.dtype)), deterministic)
 
-  def words(self, text_emb):
+  def words(self, text_emb: Float[Array, "b s e"]) -> Float[Array, "b s d"]:
     return self.text_in(text_emb.astype(self.dtype) * self.text_scale)
 
-  def hidden(self):
+  def hidden(self) -> Float[Array, "1 1 c"]:
     """(1, 1, C): what a hidden latent is replaced by."""
     return self.mask_latent
 
@@ -73,7 +75,9 @@ class Block(nn.Module):
   dtype: Any
 
   @nn.compact
-  def __call__(self, x, cond, text, attn_mask, cross_mask, deterministic=True):
+  def __call__(self, x: Float[Array, "b l d"], cond: Float[Array, "b s d"], text: Float[Array, "b 1 d"],
+               attn_mask: Bool[Array, "#b 1 l l"], cross_mask: Bool[Array, "b 1 l s"], deterministic: bool = True
+               ) -> Float[Array, "b l d"]:
     width = x.shape[-1]
     dense = lambda size, name: nn.Dense(size, kernel_init=NORMAL, dtype=self.dtype, name=name)
     drop = lambda y: nn.Dropout(self.dropout)(y, deterministic=deterministic)
@@ -114,7 +118,7 @@ class MaskedTransformer(nn.Module):
   dropout: float = 0.2
   dtype: Any = jnp.float32
 
-  def setup(self):
+  def setup(self) -> None:
     self.inputs = Inputs(self.latent_dim, self.width, self.text_scale, self.dropout, self.dtype)
     if self.separate_levels:
       self.code_table = self.param("code_table", NORMAL, (self.num_levels, self.num_codes, self.width))
@@ -126,10 +130,10 @@ class MaskedTransformer(nn.Module):
     self.blocks = [Block(self.num_heads, self.ff_width, self.dropout, self.dtype, name=f"block{i}")
                    for i in range(self.depth)]
 
-  def hidden(self):
+  def hidden(self) -> Float[Array, "1 1 c"]:
     return self.inputs.hidden()
 
-  def prior(self, codes):
+  def prior(self, codes: Int[Array, "b l *q"]) -> Float[Array, "b l d"]:
     """Prior tokens (B, L, D). Several levels have a row of their own added and are averaged, one alone has not."""
     # Parity: the paper does not say how levels are put together; this is the code's way, separate_levels the option.
     if self.separate_levels:
@@ -139,14 +143,16 @@ class MaskedTransformer(nn.Module):
       return self.code_table[codes].astype(self.dtype)
     return (self.code_table[codes] + self.level_table[:codes.shape[-1]]).mean(-2).astype(self.dtype)
 
-  def __call__(self, x, text_emb, attn_mask, codes=None, prior_mask=None, text_mask=None, deterministic=True):
+  def __call__(self, x: Float[Array, "b l c"], text_emb: Float[Array, "b s e"], attn_mask: Bool[Array, "#b 1 l l"],
+               codes: Int[Array, "b l *q"] | None = None, prior_mask: Bool[Array, " b"] | None = None,
+               text_mask: Bool[Array, "b s"] | None = None, deterministic: bool = True) -> Float[Array, "b l d"]:
     batch, length = x.shape[:2]
     if length > self.max_length:
       raise ValueError(f"got {length} latents, this transformer has positions for {self.max_length}")
     if text_mask is None:
       text_mask = jnp.ones(text_emb.shape[:2], bool)
     cond = words = self.inputs.words(text_emb)
-    prior_columns = jnp.zeros((batch, 1, length, 0), bool)
+    prior_columns: Array = jnp.zeros((batch, 1, length, 0), bool)
     if codes is not None:
       cond = jnp.concatenate([words, self.inputs.placed(self.prior(codes), deterministic)], axis=1)
       prior_columns = attn_mask
@@ -167,7 +173,8 @@ class GatedBlock(nn.Module):
   dtype: Any
 
   @nn.compact
-  def __call__(self, x, text, attn_mask, deterministic=True):
+  def __call__(self, x: Float[Array, "b l d"], text: Float[Array, "b 1 d"], attn_mask: Bool[Array, "#b 1 l l"],
+               deterministic: bool = True) -> Float[Array, "b l d"]:
     width = x.shape[-1]
     dense = lambda size, name: nn.Dense(size, kernel_init=NORMAL, dtype=self.dtype, name=name)
     film = nn.Dense(6 * width, kernel_init=nn.initializers.zeros, dtype=self.dtype, name="film")(nn.silu(text))
@@ -196,15 +203,17 @@ class GatedTransformer(nn.Module):
   dropout: float = 0.2
   dtype: Any = jnp.float32
 
-  def setup(self):
+  def setup(self) -> None:
     self.inputs = Inputs(self.latent_dim, self.width, self.text_scale, self.dropout, self.dtype)
     self.blocks = [GatedBlock(self.num_heads, self.ff_width, self.dropout, self.dtype, name=f"block{i}")
                    for i in range(self.depth)]
 
-  def hidden(self):
+  def hidden(self) -> Float[Array, "1 1 c"]:
     return self.inputs.hidden()
 
-  def __call__(self, x, text_emb, attn_mask, codes=None, prior_mask=None, text_mask=None, deterministic=True):
+  def __call__(self, x: Float[Array, "b l c"], text_emb: Float[Array, "b s e"], attn_mask: Bool[Array, "#b 1 l l"],
+               codes: Int[Array, "b l *q"] | None = None, prior_mask: Bool[Array, " b"] | None = None,
+               text_mask: Bool[Array, "b s"] | None = None, deterministic: bool = True) -> Float[Array, "b l d"]:
     if codes is not None:
       raise ValueError("got codes, MARDM's transformer has no prior; set loss.prior_levels = 0")
     text = self.inputs.words(text_emb[:, :1])

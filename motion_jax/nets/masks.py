@@ -1,8 +1,11 @@
 """Attention masks as explicit boolean arrays: True = may attend."""
 import jax.numpy as jnp
+from jaxtyping import Bool, Int
+
+from motion_jax.shapes import Array, Whole
 
 
-def block_causal_mask(length, block=1):
+def block_causal_mask(length: Whole, block: Whole | None = 1) -> Bool[Array, "1 1 {length} {length}"]:
   """(1, 1, L, L): a query sees all earlier blocks and its whole own block, in both directions.
 
   length 6, block 3      length 4, block 1      block 0: everything
@@ -19,7 +22,7 @@ def block_causal_mask(length, block=1):
   return (place[None, :] <= place[:, None])[None, None]
 
 
-def sliding_mask(length, block, context):
+def sliding_mask(length: Whole, block: Whole, context: Whole) -> Bool[Array, "1 1 {length} {length}"]:
   """(1, 1, L, L): block-causal, and no block more than context tokens back counting its own: constant cost per token.
 
   length 6, block 1, context 3      block 2, context 4
@@ -37,7 +40,7 @@ def sliding_mask(length, block, context):
   return block_causal_mask(length, block) & near[None, None]
 
 
-def padding_mask(lengths, max_length):
+def padding_mask(lengths: Int[Array, " b"], max_length: Whole) -> Bool[Array, "b {max_length}"]:
   """(B, L): True where position < lengths (B,).
 
   lengths (2, 4), L 4:   1 1 . .
@@ -52,7 +55,7 @@ def padding_mask(lengths, max_length):
 # 6 positions, known 0, 2 and 4; rows are queries.
 
 
-def dual_causal_mask(known_mask):
+def dual_causal_mask(known_mask: Bool[Array, "b l"]) -> Bool[Array, "b 1 l l"]:
   """(B, 1, L, L), DCCM: a known latent sees all known ones, one to be generated sees the past, known or not.
 
     1 . 1 . 1 .
@@ -67,7 +70,7 @@ def dual_causal_mask(known_mask):
   return jnp.where(query, key, block_causal_mask(known_mask.shape[1]))
 
 
-def known_or_past_mask(known_mask):
+def known_or_past_mask(known_mask: Bool[Array, "b l"]) -> Bool[Array, "b 1 l l"]:
   """(B, 1, L, L), BAMM's bidirectional causal mask: like DCCM, and one to be generated also sees all known ones.
 
     1 . 1 . 1 .
@@ -88,7 +91,7 @@ LATENT_MASKS = {
 }
 
 
-def latent_mask(kind, known_mask, real_mask):
+def latent_mask(kind: str, known_mask: Bool[Array, "b l"], real_mask: Bool[Array, "b l"]) -> Bool[Array, "b 1 l l"]:
   """(B, 1, L, L): the mask of that name less the keys that are padding, real_mask (B, L) False.
 
   No row is empty as long as position 0 is real: a real query sees itself, a padded one sees position 0. DCCM with
@@ -106,7 +109,7 @@ def latent_mask(kind, known_mask, real_mask):
   return LATENT_MASKS[kind](known_mask & real_mask) & real_mask[:, None, None, :]
 
 
-def with_text(attn_mask, text_mask):
+def with_text(attn_mask: Bool[Array, "#b 1 l k"], text_mask: Bool[Array, "b s"]) -> Bool[Array, "b 1 l s+k"]:
   """(B, 1, L, S + L): columns for words in front, text_mask (B, S), which every query sees; for cross-attention to
   words and one prior token per latent.
 

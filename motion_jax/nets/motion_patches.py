@@ -3,15 +3,19 @@
 Yu, Tanaka, Fujiwara: "Exploring Vision Transformers for 3D Human Motion-Language Models with Motion Patches", CVPR 2024
 (docs/papers/cmdm.md#motionpatches). A teacher of CMDM's Table 9.
 """
+from collections.abc import Sequence
+
 import flax.linen as nn
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from motion_jax.nets.part_tmr import Teacher
 from motion_jax.nets.vit import ViT
+from motion_jax.shapes import Array
 
 
-def resample(num_joints, num_points):
+def resample(num_joints: int, num_points: int) -> Float[np.ndarray, "{num_points} {num_joints}"]:
   """Weights (num_points, num_joints) that put points along a chain of joints, linear between neighbours.
 
   Point i lies at (i + 1/2) num_joints / num_points - 1/2, held at both ends, as an image is resized by pixel centres.
@@ -21,7 +25,7 @@ def resample(num_joints, num_points):
   return np.maximum(1 - np.abs(place[:, None] - np.arange(num_joints)), 0)
 
 
-def kit_frames(num_rows):
+def kit_frames(num_rows: int) -> Int[np.ndarray, "{num_rows}"]:
   """Which frame at 12.5 a second each of num_rows image rows at 20 shows: of every 12 frames 20 rows are made."""
   row = np.arange(num_rows)
   return 12 * (row // 20) + (0.625 * (row % 20)).astype(int)
@@ -39,13 +43,13 @@ class MotionPatches(Teacher):
   paper does not define, is the same of the tokens of its row of patches (docs/papers/cmdm.md#frame-features). dropout
   and pool of the other teachers have no meaning here.
   """
-  chains: tuple[tuple[tuple[int, int, int], ...], ...] = ()
+  chains: Sequence[Sequence[Sequence[int]]] = ()
   num_points: int = 16
   patch: int = 16
   num_rows: int = 224
   upsample: bool = False
 
-  def make_encoder(self):
+  def make_encoder(self) -> None:
     if self.num_rows % self.patch or self.num_points % self.patch:
       raise ValueError(f"got an image of {self.num_rows} rows and {self.num_points} points a chain, expected multiples "
                        f"of the patch's {self.patch}")
@@ -53,16 +57,17 @@ class MotionPatches(Teacher):
     self.fc_norm = nn.LayerNorm(epsilon=1e-6, dtype=self.dtype, use_fast_variance=False)
 
   @property
-  def grid(self):
+  def grid(self) -> tuple[int, int]:
     """Patches downwards and across."""
     return self.num_rows // self.patch, len(self.chains) * self.num_points // self.patch
 
   @property
-  def max_frames(self):
+  def max_frames(self) -> int:
     """The most frames of a clip that the image shows."""
     return int(kit_frames(self.num_rows)[-1]) + 1 if self.upsample else self.num_rows
 
-  def image(self, x, frame_mask=None):
+  def image(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"] | None = None
+            ) -> Float[Array, "b 3 rows points"]:
     """Features (B, T, F) -> (B, 3, num_rows, chains * num_points); what is not real is 0."""
     if frame_mask is not None:
       x = jnp.where(frame_mask[..., None], x, 0.0)
@@ -74,18 +79,19 @@ class MotionPatches(Teacher):
                          x[..., np.array(chain)]) for chain in self.chains]
     return jnp.concatenate(points, axis=-1)
 
-  def tokens(self, x, frame_mask=None):
+  def tokens(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"] | None = None) -> Float[Array, "b n d"]:
     """Tokens (B, 1 + patches, D) of the last block, class token first, patches row by row."""
     image = self.image(x, frame_mask)
     rows, columns = self.grid
     patches = image.reshape(len(x), 3, rows, self.patch, columns, self.patch).transpose(0, 2, 4, 1, 3, 5)
     return self.vit(patches.reshape(len(x), rows * columns, -1))  # a patch: axis slow, then frame, then point
 
-  def features(self, x, frame_mask=None):
+  def features(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"] | None = None) -> Float[Array, "b d"]:
     """The normalized mean over patch tokens (B, D). The class token takes part in attention alone."""
     return self.fc_norm(self.tokens(x, frame_mask)[:, 1:].mean(1))
 
-  def hidden(self, x, frame_mask=None, deterministic=True):
+  def hidden(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"] | None = None, deterministic: bool = True
+             ) -> Float[Array, "b t d"]:
     """For each frame what its row of patches shows, before the head: (B, T, D)."""
     rows = self.tokens(x, frame_mask)[:, 1:].reshape(len(x), *self.grid, -1).mean(2)
     shown = kit_frames(self.num_rows) if self.upsample else np.arange(self.num_rows)
@@ -94,6 +100,7 @@ class MotionPatches(Teacher):
       raise ValueError(f"got {x.shape[1]} frames, the image shows {self.max_frames}; cut the motion into pieces")
     return self.fc_norm(rows)[:, first // self.patch]
 
-  def clip(self, x, frame_mask=None, deterministic=True):
+  def clip(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"] | None = None, deterministic: bool = True
+           ) -> Float[Array, "b e"]:
     """One vector per motion (B, E), not of unit length."""
     return self.motion_projection(self.features(x, frame_mask), deterministic)

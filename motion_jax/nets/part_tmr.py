@@ -2,15 +2,20 @@
 
 Source: docs/papers/cmdm.md#part-tmr.
 """
+import functools
 import math
+import operator
+from collections.abc import Sequence
 from typing import Any
 
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Bool, Float
 
 from motion_jax.nets.post_norm import PostNormLayer, sinusoids
+from motion_jax.shapes import Array
 
 
 class PartEncoder(nn.Module):
@@ -23,7 +28,8 @@ class PartEncoder(nn.Module):
   dtype: Any = jnp.float32
 
   @nn.compact
-  def __call__(self, x, frame_mask=None, deterministic=True):
+  def __call__(self, x: Float[Array, "b t n"], frame_mask: Bool[Array, "#b t"] | None = None, deterministic: bool = True
+               ) -> tuple[Float[Array, "b t d"], Float[Array, "b d"]]:
     x = nn.Dense(self.width, dtype=self.dtype, name="embed")(x)
     token = self.param("token", nn.initializers.normal(1.0), (self.width,)).astype(self.dtype)
     x = jnp.concatenate([jnp.broadcast_to(token, x[:, :1].shape), x], axis=1)
@@ -44,7 +50,7 @@ class ProjectionHead(nn.Module):
   dtype: Any = jnp.float32
 
   @nn.compact
-  def __call__(self, x, deterministic=True):
+  def __call__(self, x: Float[Array, "*lead d"], deterministic: bool = True) -> Float[Array, "*lead e"]:
     p = nn.Dense(self.dim, dtype=self.dtype, name="projection")(x)
     y = nn.Dense(self.dim, dtype=self.dtype, name="fc")(jax.nn.gelu(p, approximate=False))
     y = nn.Dropout(self.dropout, deterministic=deterministic)(y)
@@ -68,7 +74,7 @@ class Teacher(nn.Module):
   pool: str = "all"  # Parity: "all" averages padded frames too, as the code does; "real" does not; "token" is TMR's
   dtype: Any = jnp.float32
 
-  def setup(self):
+  def setup(self) -> None:
     if self.pool not in ("all", "real", "token"):
       raise ValueError(f"got pool {self.pool!r}, expected all, real or token")
     self.make_encoder()
@@ -77,19 +83,23 @@ class Teacher(nn.Module):
     # Parity: fixed at 1 / 0.07 in the code, for no optimizer holds it; `optimizer.rates` says whether it learns here.
     self.logit_scale = self.param("logit_scale", nn.initializers.constant(math.log(1 / 0.07)), ())
 
-  def encode(self, x, frame_mask, deterministic):
+  def encode(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "#b t"] | None, deterministic: bool
+             ) -> tuple[Float[Array, "b t d"], Float[Array, "b d"]]:
     # Parity: the code has no padding mask, so padded frames are seen; "all" keeps that.
     return self.encode_motion(x, None if self.pool == "all" else frame_mask, deterministic)
 
-  def hidden(self, x, frame_mask=None, deterministic=True):
+  def hidden(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "#b t"] | None = None, deterministic: bool = True
+             ) -> Float[Array, "b t d"]:
     """Frame outputs (B, T, D) before the head."""
     return self.encode(x, frame_mask, deterministic)[0]
 
-  def frames(self, x, frame_mask=None, deterministic=True):
+  def frames(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "#b t"] | None = None, deterministic: bool = True
+             ) -> Float[Array, "b t e"]:
     """What the tokenizer is aligned with: a feature per frame (B, T, E)."""
     return self.motion_projection(self.hidden(x, frame_mask, deterministic), deterministic)
 
-  def clip(self, x, frame_mask=None, deterministic=True):
+  def clip(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "#b t"] | None = None, deterministic: bool = True
+           ) -> Float[Array, "b e"]:
     """One vector per motion (B, E), not normalized."""
     hidden, token = self.encode(x, frame_mask, deterministic)
     if self.pool == "token":
@@ -100,14 +110,15 @@ class Teacher(nn.Module):
     weight = frame_mask[..., None].astype(features.dtype)
     return (features * weight).sum(1) / jnp.maximum(weight.sum(1), 1)
 
-  def text_head(self, hidden, deterministic=True):
+  def text_head(self, hidden: Float[Array, "b w"], deterministic: bool = True) -> Float[Array, "b e"]:
     return self.text_projection(hidden, deterministic)
 
-  def scale(self):
+  def scale(self) -> Float[Array, ""]:
     """What cosines are multiplied by: the inverse temperature."""
     return jnp.exp(self.logit_scale)
 
-  def __call__(self, x, text_hidden):
+  def __call__(self, x: Float[Array, "b t f"], text_hidden: Float[Array, "b w"]
+               ) -> tuple[Float[Array, "b e"], Float[Array, "b e"], Float[Array, ""]]:
     return self.clip(x), self.text_head(text_hidden), self.scale()
 
 
@@ -117,17 +128,19 @@ class PartTMR(Teacher):
   parts: ((name, columns), ...) of the normalized features, from `motion.body_parts`; there may be one for the whole
   body.
   """
-  parts: tuple[tuple[str, tuple[int, ...]], ...] = ()
+  parts: Sequence[Sequence] = ()
 
-  def make_encoder(self):
+  def make_encoder(self) -> None:
     self.encoders = [PartEncoder(self.width, self.depth, self.num_heads, self.mlp_width, self.dropout, self.dtype,
                                  name=f"motion_{name}") for name, _ in self.parts]
 
-  def split(self, x):
+  def split(self, x: Float[Array, "b t f"]) -> dict[str, Float[Array, "b t _"]]:
     """Features (B, T, F) -> {part: its columns (B, T, n)}."""
     return {name: x[..., np.array(columns)] for name, columns in self.parts}
 
-  def encode_motion(self, x, frame_mask, deterministic):
+  def encode_motion(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "#b t"] | None, deterministic: bool
+                    ) -> tuple[Float[Array, "b t d"], Float[Array, "b d"]]:
     streams = self.split(x)
     made = [encoder(streams[name], frame_mask, deterministic) for encoder, (name, _) in zip(self.encoders, self.parts)]
-    return sum(frames for frames, _ in made) / len(made), sum(token for _, token in made) / len(made)
+    frames, token = (functools.reduce(operator.add, rows) / len(made) for rows in zip(*made))
+    return frames, token

@@ -4,7 +4,10 @@ from typing import Any
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
-import numpy as np
+from jaxtyping import Bool, Float
+
+from motion_jax.nets.attention import dot_product_attention
+from motion_jax.shapes import Array
 
 ACTIVATIONS = {
     "gelu": lambda x: jax.nn.gelu(x, approximate=False),
@@ -29,28 +32,24 @@ class PostNormLayer(nn.Module):
   dtype: Any = jnp.float32
 
   @nn.compact
-  def __call__(self, x, key_mask=None, deterministic=True, bias=None):
-    batch, length, width = x.shape
+  def __call__(self, x: Float[Array, "b s d"], key_mask: Bool[Array, "#b s"] | None = None, deterministic: bool = True,
+               bias: Float[Array, "h s s"] | None = None) -> Float[Array, "b s d"]:
+    width = x.shape[-1]
     dense = lambda size, name: nn.Dense(size, dtype=self.dtype, name=name)
     norm = lambda name: nn.LayerNorm(epsilon=self.eps, dtype=self.dtype, use_fast_variance=False, name=name)
     drop = lambda y: nn.Dropout(self.dropout, deterministic=deterministic)(y)
-    heads = lambda y: y.reshape(batch, length, self.num_heads, width // self.num_heads)
+    heads = lambda y: y.reshape(*y.shape[:-1], self.num_heads, width // self.num_heads)
 
     query, key, value = (heads(dense(width, name)(x)) for name in ("query", "key", "value"))
-    scores = jnp.einsum("bqhd,bkhd->bhqk", query, key) / np.sqrt(width // self.num_heads)
-    scores = scores.astype(jnp.promote_types(jnp.float32, scores.dtype))  # softmax in float32 or better
-    if bias is not None:
-      scores = scores + bias
-    if key_mask is not None:
-      scores = jnp.where(key_mask[:, None, None, :], scores, jnp.finfo(scores.dtype).min)
-    weights = drop(jax.nn.softmax(scores, axis=-1).astype(self.dtype))
-    mixed = jnp.einsum("bhqk,bkhd->bqhd", weights, value).reshape(batch, length, width)
-    x = norm("attn_norm")(x + drop(dense(width, "out")(mixed)))
+    mixed = dot_product_attention(query, key, value, None if key_mask is None else key_mask[:, None, None, :],
+                                  None if bias is None else bias[None],
+                                  drop=None if deterministic or not self.dropout else drop)
+    x = norm("attn_norm")(x + drop(dense(width, "out")(mixed.reshape(x.shape))))
     y = drop(ACTIVATIONS[self.activation](dense(self.mlp_width, "mlp_in")(x)))
     return norm("mlp_norm")(x + drop(dense(width, "mlp_out")(y)))
 
 
-def sinusoids(length, width, dtype=jnp.float32):
+def sinusoids(length: int, width: int, dtype: Any = jnp.float32) -> Float[Array, "{length} {width}"]:
   """The fixed positions (length, width): even columns sine, odd columns cosine, base 10000."""
   rate = 10_000.0 ** (-jnp.arange(0, width, 2, dtype=dtype) / width)
   angle = jnp.arange(length, dtype=dtype)[:, None] * rate

@@ -7,9 +7,13 @@ from typing import Any
 
 import flax.linen as nn
 import jax.numpy as jnp
+from jaxtyping import Bool, Float
 
 from motion_jax.nets.attention import Attention
 from motion_jax.nets.post_norm import ACTIVATIONS, PostNormLayer, sinusoids
+from motion_jax.shapes import Array
+
+Rows = tuple[Float[Array, "b d"], Float[Array, "b d"], Float[Array, "b t d"]]  # mean, log-variance, rows
 
 
 class GaussianTokens(nn.Module):
@@ -24,7 +28,8 @@ class GaussianTokens(nn.Module):
   dtype: Any = jnp.float32
 
   @nn.compact
-  def __call__(self, x, mask=None, deterministic=True):
+  def __call__(self, x: Float[Array, "b t f"], mask: Bool[Array, "b t"] | None = None, deterministic: bool = True
+               ) -> Rows:
     x = nn.Dense(self.width, dtype=self.dtype, name="embed")(x)
     tokens = self.param("tokens", nn.initializers.normal(1.0), (2, self.width)).astype(self.dtype)
     x = jnp.concatenate([jnp.broadcast_to(tokens, (len(x), *tokens.shape)), x], axis=1)
@@ -47,7 +52,8 @@ class DecoderLayer(nn.Module):
   dtype: Any = jnp.float32
 
   @nn.compact
-  def __call__(self, x, memory, attn_mask, deterministic=True):
+  def __call__(self, x: Float[Array, "b t d"], memory: Float[Array, "b m d"], attn_mask: Bool[Array, "b 1 1 t"],
+               deterministic: bool = True) -> Float[Array, "b t d"]:
     width = x.shape[-1]
     attention = lambda name: Attention(width, self.num_heads, self.dtype, normalize=False, dropout=self.dropout,
                                        name=name)
@@ -71,8 +77,10 @@ class LatentDecoder(nn.Module):
   dtype: Any = jnp.float32
 
   @nn.compact
-  def __call__(self, z, frame_mask, deterministic=True):
-    x = jnp.broadcast_to(sinusoids(frame_mask.shape[1], z.shape[-1], self.dtype), (*frame_mask.shape, z.shape[-1]))
+  def __call__(self, z: Float[Array, "b d"], frame_mask: Bool[Array, "b t"], deterministic: bool = True
+               ) -> Float[Array, "b t f"]:
+    places = sinusoids(frame_mask.shape[1], z.shape[-1], self.dtype)
+    x: Array = jnp.broadcast_to(places, (*frame_mask.shape, z.shape[-1]))
     x = nn.Dropout(self.dropout, deterministic=deterministic)(x)
     for i in range(self.depth):
       layer = DecoderLayer(self.num_heads, self.mlp_width, self.dropout, self.dtype, name=f"layer{i}")
@@ -100,11 +108,11 @@ class TMR(nn.Module):
   dtype: Any = jnp.float32
 
   @property
-  def dim(self):
+  def dim(self) -> int:
     """Numbers of a frame's feature and of a motion's vector."""
     return self.width
 
-  def setup(self):
+  def setup(self) -> None:
     if self.pool not in ("token", "real"):
       raise ValueError(f"got pool {self.pool!r} for a TMR, expected token or real")
     sizes = self.depth, self.num_heads, self.mlp_width, self.dropout, self.dtype
@@ -112,37 +120,44 @@ class TMR(nn.Module):
     self.text_encoder = GaussianTokens(self.width, *sizes)
     self.motion_decoder = LatentDecoder(self.features, *sizes)
 
-  def motion_gaussian(self, x, frame_mask=None, deterministic=True):
+  def motion_gaussian(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"] | None = None,
+                      deterministic: bool = True) -> Rows:
     """-> mean (B, D), logvar (B, D), rows (B, T, D)."""
     return self.motion_encoder(x, frame_mask, deterministic)
 
-  def text_gaussian(self, text_emb, text_mask=None, deterministic=True):
+  def text_gaussian(self, text_emb: Float[Array, "b t w"], text_mask: Bool[Array, "b t"] | None = None,
+                    deterministic: bool = True) -> Rows:
     """-> mean (B, D), logvar (B, D), rows (B, S, D)."""
     return self.text_encoder(text_emb, text_mask, deterministic)
 
-  def decode(self, z, frame_mask, deterministic=True):
+  def decode(self, z: Float[Array, "b d"], frame_mask: Bool[Array, "b t"], deterministic: bool = True
+             ) -> Float[Array, "b t f"]:
     """A latent of either side (B, D) -> normalized features (B, T, features)."""
     return self.motion_decoder(z, frame_mask, deterministic)
 
-  def frames(self, x, frame_mask=None, deterministic=True):
+  def frames(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"] | None = None, deterministic: bool = True
+             ) -> Float[Array, "b t d"]:
     """What the tokenizer is aligned with: a feature per frame (B, T, D)."""
     return self.motion_encoder(x, frame_mask, deterministic)[2]
 
-  def clip(self, x, frame_mask=None, deterministic=True):
+  def clip(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"] | None = None, deterministic: bool = True
+           ) -> Float[Array, "b d"]:
     """One vector per motion (B, D), not of unit length."""
     mean, _, rows = self.motion_encoder(x, frame_mask, deterministic)
     return mean if self.pool == "token" else mean_rows(rows, frame_mask)
 
-  def text(self, text_emb, text_mask=None, deterministic=True):
+  def text(self, text_emb: Float[Array, "b s w"], text_mask: Bool[Array, "b s"] | None = None,
+           deterministic: bool = True) -> Float[Array, "b d"]:
     """One vector per sentence (B, D), not of unit length."""
     return self.text_encoder(text_emb, text_mask, deterministic)[0]
 
-  def __call__(self, x, frame_mask, text_emb, text_mask):
+  def __call__(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"], text_emb: Float[Array, "b s w"],
+               text_mask: Bool[Array, "b s"]) -> tuple[Float[Array, "b d"], Float[Array, "b d"], Float[Array, "b t f"]]:
     z = self.text(text_emb, text_mask)
     return self.clip(x, frame_mask), z, self.decode(z, frame_mask)
 
 
-def mean_rows(rows, mask=None):
+def mean_rows(rows: Float[Array, "b t d"], mask: Bool[Array, "b t"] | None = None) -> Float[Array, "b d"]:
   """The mean of the real rows: (B, T, D), (B, T) or None -> (B, D)."""
   if mask is None:
     return rows.mean(1)

@@ -4,9 +4,11 @@ from typing import Any
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
+from jaxtyping import Float
 
 from motion_jax.nets.attention import Attention
 from motion_jax.nets.post_norm import ACTIVATIONS
+from motion_jax.shapes import Array
 
 
 class ViTBlock(nn.Module):
@@ -16,7 +18,7 @@ class ViTBlock(nn.Module):
   dtype: Any = jnp.float32
 
   @nn.compact
-  def __call__(self, x):
+  def __call__(self, x: Float[Array, "b n d"]) -> Float[Array, "b n d"]:
     norm = lambda name: nn.LayerNorm(epsilon=1e-6, dtype=self.dtype, use_fast_variance=False, name=name)
     dense = lambda size, name: nn.Dense(size, dtype=self.dtype, name=name)
     x = x + Attention(x.shape[-1], self.num_heads, self.dtype, normalize=False, name="attn")(norm("attn_norm")(x))
@@ -33,7 +35,7 @@ class ViT(nn.Module):
   dtype: Any = jnp.float32
 
   @nn.compact
-  def __call__(self, patches):
+  def __call__(self, patches: Float[Array, "b n p"]) -> Float[Array, "b n+1 d"]:
     x = nn.Dense(self.width, dtype=self.dtype, name="patch_embed")(patches)
     token = self.param("token", nn.initializers.normal(0.02), (self.width,)).astype(self.dtype)
     positions = self.param("positions", nn.initializers.normal(0.02), (1 + patches.shape[1], self.width))
@@ -43,7 +45,8 @@ class ViT(nn.Module):
     return x
 
 
-def resize_positions(table, grid, new_grid):
+def resize_positions(table: Float[Array, "n d"], grid: tuple[int, int], new_grid: tuple[int, int]
+                     ) -> Float[Array, "m d"]:
   """A table of learned positions (1 + h w, D), its class row first, for a grid (h, w) of patches, on another grid.
 
   The grid is resized as an image, by a bicubic filter (Keys, a = -1/2) that is widened where the new grid is coarser,

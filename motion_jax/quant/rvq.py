@@ -8,17 +8,19 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Float, Int, Key
 
 from motion_jax import shapes
 from motion_jax.quant import vq
+from motion_jax.shapes import Array
 
 
 class Noise(NamedTuple):
   """Draws of one training step: gumbel (Q, N, K) for the rows of this device; start and replace (Q, K, C), the same on
   all devices, for when there are fewer rows than codes."""
-  gumbel: jax.Array
-  start: jax.Array
-  replace: jax.Array
+  gumbel: Float[Array, "q n k"]
+  start: Float[Array, "q k c"]
+  replace: Float[Array, "q k c"]
 
 
 class Quantized(NamedTuple):
@@ -28,14 +30,14 @@ class Quantized(NamedTuple):
   mean squared distance of residuals to their codes; perplexity () and usage () (share of the codes that were chosen):
   over the rows of all devices. The last three are means over the active levels.
   """
-  quantized: jax.Array
-  indices: jax.Array
-  commitment: jax.Array
-  perplexity: jax.Array
-  usage: jax.Array
+  quantized: Float[Array, "b l c"]
+  indices: Int[Array, "b l q"]
+  commitment: Float[Array, ""]
+  perplexity: Float[Array, ""]
+  usage: Float[Array, ""]
 
 
-def draw_noise(rng, item_keys, num_rows, codebooks) -> Noise:
+def draw_noise(rng: Key[Array, ""], item_keys: Key[Array, " b"], num_rows: int, codebooks: vq.Codebook) -> Noise:
   """Noise for num_rows rows of each item; item_keys (B,), one per item, make it the same on any number of devices."""
   levels, num_codes, dim = codebooks.codes.shape
   gumbel = jax.vmap(lambda key: jax.random.gumbel(key, (levels, num_rows, num_codes)))(item_keys)
@@ -44,14 +46,16 @@ def draw_noise(rng, item_keys, num_rows, codebooks) -> Noise:
   return Noise(gumbel, start, replace)
 
 
-def draw_active(rng, num_levels, drop_rate):
+def draw_active(rng: Key[Array, ""], num_levels: int, drop_rate: float) -> Int[Array, ""]:
   """Quantize dropout: how many levels a step uses. All of them, or with drop_rate 1 to all alike."""
   drop_rng, count_rng = jax.random.split(rng)
   count = jax.random.randint(count_rng, (), 1, num_levels + 1)
   return jnp.where(jax.random.bernoulli(drop_rng, drop_rate), count, num_levels)
 
 
-def train(codebooks, x, num_active, noise, decay=0.99, temperature=0.5, gain_once=False, axis_name=None):
+def train(codebooks: vq.Codebook, x: Float[Array, "b l c"], num_active: int | Int[Array, ""], noise: Noise,
+          decay: float = 0.99, temperature: float = 0.5, gain_once: bool = False, axis_name: str | None = None
+          ) -> tuple[Quantized, vq.Codebook]:
   """Quantizes x (B, L, C) by sampled codes and moves the codebooks -> (Quantized, codebooks).
 
   num_active (): levels in use, the others neither quantize nor learn. All gradients go to x: straight through from
@@ -80,11 +84,12 @@ def train(codebooks, x, num_active, noise, decay=0.99, temperature=0.5, gain_onc
   gain = 1 if gain_once else num_active
   quantized = jax.lax.stop_gradient(total) + gain * (rows - jax.lax.stop_gradient(rows))
   made = Quantized(quantized.reshape(x.shape), jnp.stack(indices, -1).reshape(x.shape[:-1] + (num_levels,)),
-                   *(sum(terms) / num_active))
+                   *(sum(terms[1:], terms[0]) / num_active))
   return made, jax.tree.map(lambda *levels: jnp.stack(levels), *books)
 
 
-def learn(codes, x, num_active, axis_name=None):
+def learn(codes: Float[Array, "q k c"], x: Float[Array, "b l c"], num_active: int | Int[Array, ""],
+          axis_name: str | None = None) -> tuple[Quantized, Float[Array, ""]]:
   """Quantizes x (B, L, C) by the nearest of codes (Q, K, C), to which a gradient goes -> (Quantized, codebook ()).
 
   codebook: mean squared distance of the codes to the residuals that chose them, ||sg(z) - e||^2 of CDAMD's equation 10,
@@ -104,13 +109,13 @@ def learn(codes, x, num_active, axis_name=None):
     vectors = jnp.where(active, still(vectors), 0.0)
     residual, total = residual - vectors, total + vectors
     indices.append(jnp.where(active, chosen, -1))
-  *numbers, codebook = sum(terms) / num_active
+  *numbers, codebook = sum(terms[1:], terms[0]) / num_active
   quantized = (total + rows - still(rows)).reshape(x.shape)
-  indices = jnp.stack(indices, -1).reshape(x.shape[:-1] + (len(codes),))
-  return Quantized(quantized, indices, *numbers), codebook
+  return Quantized(quantized, jnp.stack(indices, -1).reshape(x.shape[:-1] + (len(codes),)), *numbers), codebook
 
 
-def first_codes(x, num_levels, num_codes, rng):
+def first_codes(x: Float[Array, "b l c"], num_levels: int, num_codes: int, rng: Key[Array, ""]
+                ) -> Float[Array, "{num_levels} {num_codes} c"]:
   """Codes (Q, K, C) to begin with: the first rows of what each level has to name of x (B, L, C), as `train` begins."""
   residual, codes = x.reshape(-1, x.shape[-1]), []
   for key in jax.random.split(rng, num_levels):
@@ -119,7 +124,8 @@ def first_codes(x, num_levels, num_codes, rng):
   return jnp.stack(codes)
 
 
-def encode(codes, x):
+def encode(codes: Float[Array, "q k c"], x: Float[Array, "b l c"]
+           ) -> tuple[Int[Array, "b l q"], Float[Array, "q b l c"]]:
   """Nearest codes, level by level: codes (Q, K, C), x (B, L, C) -> indices (B, L, Q), code vectors (Q, B, L, C)."""
   shapes.check(codes=(codes, "QKC"), x=(x, "BLC"))
   residual, indices, vectors = x.reshape(-1, x.shape[-1]), [], []
@@ -132,7 +138,8 @@ def encode(codes, x):
           jnp.stack(vectors).reshape((len(codes),) + x.shape))
 
 
-def decode(codes, indices, num_levels=None):
+def decode(codes: Float[Array, "q k c"], indices: Int[Array, "b l q2"], num_levels: int | None = None
+           ) -> Float[Array, "b l c"]:
   """Sum (B, L, C) of the code vectors that indices (B, L, Q) name, of the first num_levels only if that is given.
 
   -1 names nothing.
@@ -142,10 +149,4 @@ def decode(codes, indices, num_levels=None):
     raise ValueError(f"got num_levels = {used} for {len(codes)} codebooks and indices of {indices.shape[-1]} levels; "
                      "expected at least 1 and at most as many as both")
   named = lambda level: jnp.where(indices[..., level, None] >= 0, codes[level][indices[..., level]], 0.0)
-  return sum(named(level) for level in range(used))
-
-
-def perplexities(indices, num_codes):
-  """Perplexity (Q,) of each level of indices (..., Q)."""
-  levels = indices.reshape(-1, indices.shape[-1]).T
-  return jnp.stack([vq.perplexity(vq.usage_counts(level, num_codes, float)[1]) for level in levels])
+  return sum((named(level) for level in range(1, used)), named(0))

@@ -5,10 +5,15 @@ Source: CDAMD eq. 8; docs/papers/cdamd.md#rvq.
 No gradient reaches a code. A codebook is state that a training step takes and returns: running sums and counts of the
 vectors that chose each code. With `axis_name` these are summed over devices, so that N devices learn what one learns.
 """
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from motion_jax.shapes import Array
 
 # Counts that are 1 but for the last bit: 0.99 + 0.01 may round to the number below 1 where a compiler contracts or
 # reorders, and a code used exactly once would then be reset.
@@ -21,20 +26,20 @@ class Codebook(NamedTuple):
 
   Several levels are one Codebook of arrays with a leading axis (Q, ...).
   """
-  codes: jax.Array
-  sums: jax.Array
-  counts: jax.Array
-  initialised: jax.Array
+  codes: Float[Array, "*q k c"]
+  sums: Float[Array, "*q k c"]
+  counts: Float[Array, "*q k"]
+  initialised: Bool[Array, "*q"]
 
 
-def empty_codebook(num_codes, dim, levels=(), dtype=jnp.float32) -> Codebook:
+def empty_codebook(num_codes: int, dim: int, levels: Sequence[int] = (), dtype: Any = jnp.float32) -> Codebook:
   """All zero; the first call of `train` fills it. levels: leading shape, (Q,) for a stack."""
   codes = jnp.zeros(tuple(levels) + (num_codes, dim), dtype)
   # Two arrays, not one twice: donated buffers may not be shared.
   return Codebook(codes, jnp.zeros_like(codes), jnp.zeros(codes.shape[:-1], dtype), jnp.zeros(tuple(levels), bool))
 
 
-def codebook_of(codes) -> Codebook:
+def codebook_of(codes: Float[Array, "*q k c"]) -> Codebook:
   """A Codebook that goes on from codes (..., K, C) alone, each as if used once.
 
   Parity: released checkpoints hold nothing else; the reference starts anew from them, by its first batch.
@@ -43,33 +48,35 @@ def codebook_of(codes) -> Codebook:
   return Codebook(codes, codes.copy(), jnp.ones(codes.shape[:-1], codes.dtype), jnp.ones(codes.shape[:-2], bool))
 
 
-def choose(condition, book, other) -> Codebook:
+def choose(condition: bool | np.bool_ | Bool[Array, ""], book: Codebook, other: Codebook) -> Codebook:
   return jax.tree.map(lambda a, b: jnp.where(condition, a, b), book, other)
 
 
-def squared_distances(codes, x):
+def squared_distances(codes: Float[Array, "k c"], x: Float[Array, "n c"]) -> Float[Array, "n k"]:
   """codes (K, C), x (N, C) -> (N, K)."""
   product = jnp.einsum("nc,kc->nk", x, codes, precision=_EXACT)
   return (x ** 2).sum(-1, keepdims=True) - 2 * product + (codes ** 2).sum(-1)
 
 
-def nearest(codes, x):
+def nearest(codes: Float[Array, "k c"], x: Float[Array, "n c"]) -> Int[Array, " n"]:
   """Indices (N,) of the nearest codes."""
   return jnp.argmin(squared_distances(codes, x), axis=-1)
 
 
-def sample(codes, x, gumbel, temperature=0.5):
+def sample(codes: Float[Array, "k c"], x: Float[Array, "n c"], gumbel: Float[Array, "n k"], temperature: float = 0.5
+           ) -> Int[Array, " n"]:
   """Indices (N,) drawn in proportion to exp(-distance / temperature), by Gumbel noise (N, K)."""
   return jnp.argmax(gumbel - squared_distances(codes, x) / temperature, axis=-1)
 
 
-def perplexity(counts):
+def perplexity(counts: Float[Array, " k"]) -> Float[Array, ""]:
   """exp of the entropy of counts (K,): the number of codes in use if all were used alike."""
   p = counts / counts.sum()
   return jnp.exp(-(p * jnp.log(p + 1e-7)).sum())
 
 
-def first_rows(x, num_rows, noise, axis_name=None):
+def first_rows(x: Float[Array, "n c"], num_rows: int, noise: Float[Array, "_ c"], axis_name: str | None = None
+               ) -> Float[Array, "{num_rows} c"]:
   """The first rows (num_rows, C) of x (N, C), all devices in line; fewer are repeated, with noise (num_rows, C) times
   0.01 / sqrt(C) on all."""
   rows = x[:num_rows]
@@ -81,21 +88,24 @@ def first_rows(x, num_rows, noise, axis_name=None):
   return jnp.tile(rows, (copies, 1))[:num_rows] + noise * (0.01 / x.shape[-1] ** 0.5)
 
 
-def initialise(book, x, noise, axis_name=None) -> Codebook:
+def initialise(book: Codebook, x: Float[Array, "n c"], noise: Float[Array, "k c"], axis_name: str | None = None
+               ) -> Codebook:
   """Codes are the first rows of x, each as if used once; a codebook that is initialised stays as it is."""
   rows = first_rows(x, len(book.codes), noise, axis_name)
   fresh = Codebook(rows, rows, jnp.ones_like(book.counts), jnp.ones_like(book.initialised))
   return choose(book.initialised, book, fresh)
 
 
-def usage_counts(indices, num_codes, dtype, axis_name=None):
+def usage_counts(indices: Int[Array, " n"], num_codes: int, dtype: Any, axis_name: str | None = None
+                 ) -> tuple[Float[Array, "n {num_codes}"], Float[Array, "{num_codes}"]]:
   """How many of indices (N,) name each code: one-hot rows (N, K) and their sums (K,) over all devices."""
   chosen = jax.nn.one_hot(indices, num_codes, dtype=dtype)
   counts = chosen.sum(0)
   return chosen, counts if axis_name is None else jax.lax.psum(counts, axis_name)
 
 
-def update(book, x, indices, noise, decay=0.99, axis_name=None):
+def update(book: Codebook, x: Float[Array, "n c"], indices: Int[Array, " n"], noise: Float[Array, "k c"],
+           decay: float = 0.99, axis_name: str | None = None) -> tuple[Codebook, Float[Array, " k"]]:
   """Moves the codes towards the x (N, C) that chose them -> (Codebook, counts (K,) of this batch).
 
   A code whose running count is below 1 is dead and takes row k of the batch; its sum and count go on, so that it is
@@ -113,6 +123,6 @@ def update(book, x, indices, noise, decay=0.99, axis_name=None):
   return book._replace(codes=codes, sums=new_sums, counts=new_counts), counts
 
 
-def num_dead(book):
+def num_dead(book: Codebook) -> Int[Array, "*q"]:
   """Codes below the reset threshold, (...)."""
   return (book.counts < _ALIVE).sum(-1)

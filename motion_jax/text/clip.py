@@ -10,8 +10,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from motion_jax.nets.attention import dot_product_attention
 from motion_jax.nets.post_norm import ACTIVATIONS
-from motion_jax.text.attend import attend
 from motion_jax.text.names import params_from_names
 
 CLIP_ACTIVATIONS = ACTIVATIONS | {"quick_gelu": lambda x: x * jax.nn.sigmoid(1.702 * x)}
@@ -34,9 +34,10 @@ class ClipLayer(nn.Module):
     dense = lambda size, name: nn.Dense(size, dtype=self.dtype, name=name)
     norm = lambda name: nn.LayerNorm(epsilon=self.eps, dtype=self.dtype, use_fast_variance=False, name=name)
     y = norm("attn_norm")(x)
-    query, key, value = (dense(width, name)(y) for name in ("query", "key", "value"))
-    y = attend(query, key, value, self.num_heads, 1 / np.sqrt(width // self.num_heads), attn_mask)
-    x = x + dense(width, "out")(y)
+    heads = lambda y: y.reshape(*y.shape[:-1], self.num_heads, width // self.num_heads)
+    query, key, value = (heads(dense(width, name)(y)) for name in ("query", "key", "value"))
+    y = dot_product_attention(query, key, value, attn_mask)
+    x = x + dense(width, "out")(y.reshape(x.shape))
     y = CLIP_ACTIVATIONS[self.activation](dense(self.mlp_width, "mlp_in")(norm("mlp_norm")(x)))
     return x + dense(width, "mlp_out")(y)
 

@@ -11,9 +11,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from motion_jax.nets.attention import RMSNorm
+from motion_jax.nets.attention import RMSNorm, dot_product_attention
 from motion_jax.nets.post_norm import ACTIVATIONS
-from motion_jax.text.attend import attend
 from motion_jax.text.names import params_from_names
 
 T5_ACTIVATIONS = ACTIVATIONS | {"silu": jax.nn.silu}
@@ -53,9 +52,10 @@ class T5Layer(nn.Module):
     dense = lambda size, name: nn.Dense(size, use_bias=False, dtype=self.dtype, name=name)
     norm = lambda name: RMSNorm(self.eps, self.dtype, name=name)
     y = norm("attn_norm")(x)
-    query, key, value = (dense(self.num_heads * self.head_width, name)(y) for name in ("query", "key", "value"))
-    y = attend(query, key, value, self.num_heads, attn_mask=key_mask[:, None, None, :], bias=bias)
-    x = x + dense(width, "out")(y)
+    heads = lambda y: y.reshape(*y.shape[:-1], self.num_heads, self.head_width)
+    query, key, value = (heads(dense(self.num_heads * self.head_width, name)(y)) for name in ("query", "key", "value"))
+    y = dot_product_attention(query, key, value, key_mask[:, None, None, :], bias[None], scaled=False)
+    x = x + dense(width, "out")(y.reshape(*y.shape[:-2], -1))
     y = norm("mlp_norm")(x)
     gate = T5_ACTIVATIONS[self.activation](dense(self.mlp_width, "mlp_in")(y))
     if self.gated:

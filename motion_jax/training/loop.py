@@ -37,26 +37,24 @@ def make_schedule(config, num_steps):
   `cooldown_steps`, so that a run can be prolonged before it is cooled down.
   """
   kind, peak, warmup = config.schedule, config.learning_rate, config.warmup_steps
-
-  def schedule(step):
-    step = jnp.asarray(step, jnp.float32)
-    factor = jnp.ones(())
-    if kind == "step":
-      factor = config.gamma ** sum((step >= boundary).astype(jnp.float32) for boundary in config.boundaries)
-    elif kind == "cosine":
-      final = config.final_rate / peak
-      progress = jnp.clip((step - warmup) / max(num_steps - warmup, 1), 0, 1)
-      factor = final + (1 - final) * 0.5 * (1 + jnp.cos(jnp.pi * progress))
-    elif kind == "half_cosine":
-      factor = 0.5 * (1 + jnp.cos(0.5 * jnp.pi * jnp.clip(step / num_steps, 0, 1)))
-    elif kind == "trapezoid":
-      factor = jnp.clip((num_steps - step) / max(config.cooldown_steps, 1), 0, 1)
-    elif kind != "constant":
-      raise ValueError(f"got optimizer.schedule {kind!r}, expected constant, step, cosine, "
-                       "half_cosine or trapezoid")
-    return peak * factor * jnp.minimum(1.0, (step + 1) / (warmup + 1))
-
-  return schedule
+  if kind == "constant":
+    factor = optax.constant_schedule(1.0)
+  elif kind == "step":
+    factor = optax.piecewise_constant_schedule(1.0, {boundary: config.gamma for boundary in config.boundaries})
+  elif kind == "cosine":
+    cosine = optax.cosine_decay_schedule(1.0, max(num_steps - warmup, 1), config.final_rate / peak)
+    factor = lambda step: cosine(jnp.maximum(step - warmup, 0))
+  elif kind == "half_cosine":
+    cosine = optax.cosine_decay_schedule(1.0, 2 * num_steps)
+    factor = lambda step: cosine(jnp.minimum(step, num_steps))
+  elif kind == "trapezoid":  # of a run shorter than its cool-down what is left of the slope
+    cooldown = max(config.cooldown_steps, 1)
+    factor = optax.linear_schedule(min(num_steps / cooldown, 1.0), 0.0, min(cooldown, num_steps),
+                                   max(num_steps - cooldown, 0))
+  else:
+    raise ValueError(f"got optimizer.schedule {kind!r}, expected constant, step, cosine, half_cosine or trapezoid")
+  begin = optax.linear_schedule(1 / (warmup + 1), 1.0, warmup) if warmup else optax.constant_schedule(1.0)
+  return lambda step: peak * factor(step) * begin(step)
 
 
 def make_optimizer(config, num_steps):

@@ -18,16 +18,12 @@ def test_conversions_undo_one_another():
   x, velocity = paths.add_noise(x1, noise, t), x1 - noise
   np.testing.assert_allclose(paths.velocity_to_x1(x, velocity, t), x1, atol=1e-5)
   np.testing.assert_allclose(paths.velocity_to_noise(x, velocity, t), noise, atol=1e-5)
-  np.testing.assert_allclose(paths.x1_to_velocity(x, x1, t), velocity, atol=1e-4)
-  np.testing.assert_allclose(paths.noise_to_velocity(x, noise, t), velocity, atol=1e-4)
 
 
 def test_ends_of_the_path():
   x1, noise, t = arrays()
   np.testing.assert_array_equal(paths.add_noise(x1, noise, jnp.zeros_like(t)), noise)
   np.testing.assert_array_equal(paths.add_noise(x1, noise, jnp.ones_like(t)), x1)
-  for convert, end in ((paths.x1_to_velocity, 1.0), (paths.noise_to_velocity, 0.0)):
-    assert bool(jnp.isfinite(convert(x1, noise, jnp.full_like(t, end))).all())
 
 
 @pytest.mark.parametrize("length, block, draws", [(12, 3, 4), (12, 1, 12), (11, 3, 4), (12, 0, 1)])

@@ -1,5 +1,4 @@
 """Losses of CDAMD: of its autoencoder, its RVQ-VAE, and the diffusion loss of masked latents."""
-
 import jax
 import jax.numpy as jnp
 
@@ -12,8 +11,8 @@ from motion_jax.nets.masks import latent_mask
 def smooth_l1(prediction, target):
   """Mean of d^2 / 2 where the difference d is below 1, of |d| - 1/2 elsewhere."""
   shapes.check(prediction=(prediction, "BTF"), target=(target, "BTF"))
-  distance = jnp.abs(prediction - target)
-  return jnp.where(distance < 1, distance ** 2 / 2, distance - 0.5).mean()
+  import optax  # only training needs it
+  return optax.huber_loss(prediction, target).mean()
 
 
 def l1(prediction, target):

@@ -87,15 +87,6 @@ def hidden_counts(num_rounds, lengths):
   return np.maximum(1, np.round(hidden_shares(num_rounds)[:, None] * lengths)).astype(np.int64)
 
 
-def touch_up_counts(num_rounds, lengths, share=0.16):
-  """(N, B): the same few latents in every round, what the reference does when it is told to edit no part.
-
-  Parity: it draws an order anew each round, of latents that the round before left, so it never comes to others.
-  """
-  count = np.maximum(1, np.round(np.float32(share) * np.asarray(lengths, np.float32))).astype(np.int64)
-  return np.broadcast_to(count, (num_rounds,) + count.shape)
-
-
 def hidden_table(order, counts):
   """(N, B, L): which latents each round finds hidden, those with the smallest numbers in order (B, L).
 
