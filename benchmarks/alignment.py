@@ -49,7 +49,7 @@ def borders(loaded, captions, count):
   rng = np.random.default_rng(0)
   prompts, seconds = STORY
   tales = [[(captions[j], seconds) for j in rng.choice(len(captions), prompts, replace=False)] for _ in range(count)]
-  made = loaded.stories(tales, seeds=list(range(count)), polish=False)
+  made = loaded.multi_prompts(tales, seeds=list(range(count)), polish=False)
   cuts = lambda motion: [round(caption.start * loaded.fps) for caption in motion.captions[1:]]
   return np.concatenate([physics.cut_transitions(to_joints(motion.features), cuts(motion)) for motion in made])
 

@@ -143,7 +143,7 @@ def main():
   loaded, retriever = loading.load(args.model), retrieval.load(args.teacher)
   clips = [clip for folder in args.archives for clip in read_archive(folder, "test")]
   clips = [clip for clip in clips if 40 <= clip.num_frames <= loaded.config.data.max_frames]
-  scale = loaded.scale_of(args.guidance)
+  scale = loaded.sampling(guidance_scale=args.guidance).guidance_scale
   print(f"{loaded.id}: {len(clips)} test clips, guidance {scale:g}, {args.seeds} seed(s), {FRAMES} frames")
   if "solvers" in args.parts:
     choices = [((solver, str(steps) if solver != "dopri5" else "its own"),

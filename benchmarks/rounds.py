@@ -67,8 +67,8 @@ def main():
   for which, solver in plans:
     plan = cdamd.make_plan(solver=solver, num_steps=args.steps, num_rows=few if which == "revealed" else None)
     run = jax.jit(lambda params, codec, plan=plan: cdamd.generate(
-        net, plan, params, codec, text, hidden, real, config.sampler.guidance_scale,
-        draws.make_draw(keys, length, net.transformer.latent_dim)))
+        net, plan, params, codec, text_emb=text, hidden=hidden, real_mask=real, scale=config.sampler.guidance_scale,
+        draw=draws.make_draw(keys, length, net.transformer.latent_dim)))
     compiled = run.lower(params, codec).compile()
     times = []
     for _ in range(args.repeats):

@@ -58,9 +58,8 @@ def plain_sampler(dit, context, scale):
 
 def fast_sampler(dit, plan, num_blocks, scale):
   def sample(params, text_emb, text_mask, keys):
-    constants = streaming.make_constants(dit, params, plan)
-    text = streaming.encode_text(dit, params, text_emb, text_mask, plan.guided)
-    return streaming.sample(dit, plan, params, constants, text, scale, keys, num_blocks)
+    sampler = streaming.bind(dit, plan, params, text_emb=text_emb, text_mask=text_mask, scale=scale, keys=keys)
+    return sampler.sample(num_blocks)
   return jax.jit(sample)
 
 
@@ -84,22 +83,22 @@ def compile_(function, *args):
 
 def stream_times(dit, plan, params, text_emb, text_mask, keys, scale, num_further):
   """Seconds to the first block of a stream, and the median between further ones, once compiled."""
-  constants = jax.jit(streaming.make_constants, static_argnums=(0, 2))(dit, params, plan)
-  text = jax.jit(streaming.encode_text, static_argnums=(0, 4))(dit, params, text_emb, text_mask, plan.guided)
-  steps = {}
+  bind = jax.jit(lambda params, text_emb, text_mask, keys: streaming.bind(
+      dit, plan, params, text_emb=text_emb, text_mask=text_mask, scale=scale, keys=keys))
+  sampler, steps = bind(params, text_emb, text_mask, keys), {}
 
   def step(state, at):
     unit = -(-plan.width // 2)  # the widths of `streaming.segments`
     active = min(-(-min(at + 1, plan.width) // unit) * unit, plan.width)
     kind = active, at > plan.age
     if kind not in steps:
-      run = functools.partial(streaming.advance, dit, plan, *kind)
-      steps[kind] = jax.jit(run).lower(params, constants, text, scale, keys, state).compile()
-    return steps[kind](params, constants, text, scale, keys, state)
+      run = functools.partial(streaming.Sampler.step, active=kind[0], use_cache=kind[1])
+      steps[kind] = jax.jit(run).lower(sampler, state).compile()
+    return steps[kind](sampler, state)
 
-  init = jax.jit(streaming.init_stream, static_argnums=(0, 1))
+  init = jax.jit(streaming.Sampler.init)
   for warm in (True, False):
-    start, state, times = time.perf_counter(), init(dit, plan, keys), []
+    start, state, times = time.perf_counter(), init(sampler), []
     for at in range(plan.age + (3 if warm else num_further)):
       state, block, done = step(state, at)
       jax.block_until_ready(block)

@@ -9,7 +9,7 @@ import importlib
 
 __version__ = "0.1.0"
 
-_NAMES = {"load": "motion_jax.loading", "Model": "motion_jax.models.cmdm.model", "Motion": "motion_jax.models.results",
+_NAMES = {"load": "motion_jax.loading", "Model": "motion_jax.models.base", "Motion": "motion_jax.models.results",
           "Clip": "motion_jax.data.clip", "Caption": "motion_jax.data.clip"}
 _MODULES = {"cdamd": "motion_jax.models.cdamd", "cmdm": "motion_jax.models.cmdm"} | {
     name: f"motion_jax.{name}" for name in ("data", "diffusion", "export", "models", "motion", "nets", "quant", "text")}

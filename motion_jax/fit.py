@@ -1,4 +1,4 @@
-"""From a config to a trained run folder: joins a recipe, the loop and the folder. What `motion-jax train` calls."""
+"""From a config to a trained run folder: a training set-up, the loop and the folder. What `motion-jax train` calls."""
 import json
 import pathlib
 
@@ -10,30 +10,32 @@ from motion_jax import runs
 from motion_jax.data import sources
 from motion_jax.evaluators import setup as evaluators
 from motion_jax.inputs.nearest import did_you_mean
-from motion_jax.models.cdamd import setup as cdamd
-from motion_jax.models.cmdm import setup as cmdm
+from motion_jax.models import registry
 from motion_jax.motion import stats as stats_lib
 from motion_jax.runtime import lock
 from motion_jax.training import checkpoint
 from motion_jax.training import loop as train
 from motion_jax.training.setup import plain
 
-RECIPES = {**cmdm.RECIPES, **cdamd.RECIPES, **evaluators.RECIPES}
+
+def setups() -> dict:
+  """{stage: function(config) -> TrainingSetup} of all that can be trained."""
+  return registry.setups() | evaluators.SETUPS
 
 
 def run(config, workdir, resume=False, max_seconds=None, stop=None):
   """Trains the stage that config.stage names in the folder workdir. Raises ValueError for a config that cannot run."""
-  config = runs.upgrade(config)  # of a config file of one's own, which may be older than some fields
-  if config.stage not in RECIPES:
-    raise ValueError(f"got stage {config.stage!r}, expected one of {', '.join(RECIPES)}"
-                     f"{did_you_mean(config.stage, RECIPES)}")
+  known = setups()
+  if config.stage not in known:
+    raise ValueError(f"got stage {config.stage!r}, expected one of {', '.join(known)}"
+                     f"{did_you_mean(config.stage, known)}")
   workdir = pathlib.Path(workdir)
-  told = sources.recognize(config)
+  config, told = resolve(config)
   print(f"{config.stage} in {workdir} on {jax.local_device_count()} {jax.default_backend()} device(s)\n{config}")
   print(told or "data: being read", flush=True)
   if resume and (workdir / checkpoint.CONFIG).is_file():
     _check_same_run(config, runs.open(workdir).config)
-  stage, next_batch, frozen, evaluate, stats, files = RECIPES[config.stage](config)
+  stage, next_batch, frozen, evaluate, stats, files = known[config.stage](config)
   if config.train.start:
     stage = _started_from(stage, config.train.start)
   workdir.mkdir(parents=True, exist_ok=True)
@@ -51,6 +53,20 @@ def run(config, workdir, resume=False, max_seconds=None, stop=None):
     state = train.train(config, workdir, stage, next_batch, frozen, resume, evaluate, max_seconds, stop)
     print(f"wrote {workdir}/params.safetensors, metrics.jsonl, loss.png at step {int(state.step)}")
   return state
+
+
+def resolve(config):
+  """(a copy of a config with all that training reads and its run folder records, what to tell of its data).
+
+  First it is brought up to date, for a file of one's own may be older than some fields. A config as it is written
+  leaves open what its folders are and how large the frozen parts are that it names: here they are looked at, and
+  nowhere else is a config changed.
+  """
+  found = runs.upgrade(config).copy_and_resolve_references().unlock()
+  told = sources.recognize(found)
+  for name, value in registry.resolved().get(config.stage, lambda config: {})(found).items():
+    found[name] = value
+  return found.lock(), told
 
 
 def _started_from(stage, folder):

@@ -37,7 +37,6 @@ CHECKED = ["motion_jax.nets", "motion_jax.quant.vq"]
 jaxtyping.install_import_hook(CHECKED, f"{tests.typechecker.__name__}.check")
 
 from motion_jax import fit as training  # noqa: E402
-from motion_jax import runs  # noqa: E402
 from motion_jax.inputs import config_files  # noqa: E402
 from motion_jax.runtime import cache  # noqa: E402
 from motion_jax.training import loop  # noqa: E402
@@ -96,8 +95,8 @@ def load_config(name, size):
 def traced_step(config):
   """Traces what a config trains, down to the updated parameters, and compiles nothing: sizes, fields and frozen parts
   fit together, and a step gives back a state of the shapes that it took."""
-  config = runs.upgrade(config)
-  stage, next_batch, frozen, *_ = training.RECIPES[config.stage](config)
+  config, _ = training.resolve(config)
+  stage, next_batch, frozen, *_ = training.setups()[config.stage](config)
   tx = loop.make_optimizer(config.optimizer, config.train.num_steps)
   batch, rng = next_batch(0), jax.random.key(0)
   state = jax.eval_shape(lambda batch, rng: loop.init_state(stage, tx, batch, rng), batch, rng)
@@ -154,5 +153,6 @@ def tiny_run(tmp_path_factory):
 @pytest.fixture
 def unjudged(monkeypatch):
   """Where a test proves that a config trains: compiling its evaluation as well would double the time."""
-  for stage, recipe in training.RECIPES.items():
-    monkeypatch.setitem(training.RECIPES, stage, lambda config, recipe=recipe: recipe(config)._replace(evaluate=None))
+  without = lambda setup: lambda config: setup(config)._replace(evaluate=None)
+  known = {stage: without(setup) for stage, setup in training.setups().items()}
+  monkeypatch.setattr(training, "setups", lambda: known)

@@ -389,13 +389,13 @@ KINDS = {
 def stub_networks():
   """From here on, in this process, models make zeros (a body that stands) where they would sample."""
   def compiled(dit):
-    def motion(plan, num_blocks, params, codec, emb, mask, scale, keys, segment=None):
+    def motion(plan, num_blocks, params, codec, *, keys, **given):
       return still(codec, len(keys), num_blocks * plan.block)
 
-    def latents(plan, length, params, emb, mask, scale, lengths, past, keys):
+    def latents(plan, length, params, *, past, keys, **given):
       return np.zeros((len(keys), length - past.shape[1], dit.latent_dim), np.float32)
 
-    def longer(plan, num_blocks, params, emb, mask, scale, keys, past, count, segment, past_segment):
+    def longer(plan, num_blocks, params, **given):
       return np.zeros((1, num_blocks * plan.block, dit.latent_dim), np.float32)
 
     return model_lib.Compiled(

@@ -1,14 +1,12 @@
 """Every row of the papers' ablation tables has a config that trains."""
 import runpy
-import types
 
 import numpy as np
 import pytest
 
 from motion_jax import fit as training
-from motion_jax.models.cmdm import model
+from motion_jax.models.cmdm.options import CmdmSampling
 from motion_jax.models.cmdm.teacher import make_teacher
-from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.training.metrics import read_metrics
 from tests.conftest import ROOT, load_config, traced_step
 
@@ -166,14 +164,10 @@ def test_one_level_for_all_is_sampled_as_it_is_trained():
   """Without a choice at the command line: all frames at once, each with the same level."""
   config = CMDM["get_config"]("one-level/denoiser/tiny")
   assert (config.loss.level_block, config.sampler.schedule) == (0, "full")
-  told = types.SimpleNamespace(config=config, scale_of=lambda scale: 3.0, context=48, id="one-level",
-                               dit=CausalDiT(**config.model))
-  plan, _, about = model.Model.plan_of(told)
-  assert plan.lag == 0 and about["schedule"] == "full"
-  plan, _, about = model.Model.plan_of(told, schedule="fss")
-  assert plan.lag == 2 and about["schedule"] == "fss"
-  told.config = load_config("cmdm_denoiser", "tiny")
-  assert model.Model.plan_of(told)[0].lag == 2
+  chosen = lambda config, **choices: CmdmSampling(**choices).resolved(config, context=48).about()
+  assert (chosen(config)["schedule"], chosen(config)["lag"]) == ("full", 0)
+  assert (chosen(config, schedule="fss")["schedule"], chosen(config, schedule="fss")["lag"]) == ("fss", 2)
+  assert chosen(load_config("cmdm_denoiser", "tiny"))["lag"] == 2
 
 
 def test_a_study_of_size_mini_can_train_its_own_teacher():

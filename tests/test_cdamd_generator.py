@@ -12,7 +12,7 @@ from motion_jax.latents import AutoencoderCodec
 from motion_jax.models import cdamd
 from motion_jax.models.cdamd import draws as draws_lib
 from motion_jax.models.cdamd import mask_schedule as masking
-from motion_jax.models.cdamd import setup as recipe
+from motion_jax.models.cdamd import setup as setups
 from motion_jax.models.cdamd.unmasking import most_revealed
 from motion_jax.models.cdamd.weight_names import autoencoder_names, mardm_names, masked_transformer_names
 from motion_jax.nets.autoencoder import Autoencoder
@@ -127,7 +127,8 @@ def run_rounds(fixture, dtype, net, params, latents, hidden, real, prefix="", **
   draw, dense = recorded_draw(fixture, prefix, hidden, dtype)
   plan = cdamd.make_plan(**fields)
   text, scale = jnp.asarray(fixture["in/text"], dtype)[:, None], fixture.meta["arguments"]["scale"]
-  run = jax.jit(lambda params, z: cdamd.make_latents(net, plan, params, text, z, hidden, real, scale, draw))
+  run = jax.jit(lambda params, z: cdamd.make_latents(net, plan, params, z, text_emb=text, hidden=hidden,
+                                                          real_mask=real, scale=scale, draw=draw))
   made = run(params, latents)
   return {"rounds": made, "latents": made[-1].swapaxes(1, 2), "masked": hidden, "counts": hidden.sum(-1),
           **{f"start_dense{k}": array for k, array in enumerate(dense)}}
@@ -253,8 +254,8 @@ def _wide():
 def _make(net, plan, length, params, text, hidden, real, keys):
   channels = net.transformer.latent_dim
   latents = jnp.zeros((len(keys), length, channels), text.dtype)
-  return cdamd.make_latents(net, plan, params, text, latents, hidden, real, 3.0,
-                            draws_lib.make_draw(keys, length, channels))
+  return cdamd.make_latents(net, plan, params, latents, text_emb=text, hidden=hidden, real_mask=real, scale=3.0,
+                            draw=draws_lib.make_draw(keys, length, channels))
 
 
 @pytest.mark.parametrize("solver, mask", [("euler", "causal"), ("midpoint", "bcm"), ("ddpm", "dccm")])
@@ -300,8 +301,9 @@ def test_an_edit_changes_what_it_should():
   text, draw = jnp.ones((1, 1, 6)), draws_lib.make_draw(keys, 9, 3)
   plan = cdamd.make_plan(solver="euler", num_steps=2, num_rows=most_revealed(counts))
   latents = jax.jit(lambda x: codec.encode(x, real))(x)
-  run = jax.jit(lambda z, mask: cdamd.make_latents(net, plan._replace(mask=mask), params, text, z, hidden, real, 3.0,
-                                                   draw)[-1], static_argnums=1)
+  run = jax.jit(lambda z, mask: cdamd.make_latents(
+      net, plan._replace(mask=mask), params, z, text_emb=text, hidden=hidden, real_mask=real, scale=3.0,
+      draw=draw)[-1], static_argnums=1)
   for mask in ("causal", "bcm"):
     made = np.asarray(run(latents, mask))
     np.testing.assert_array_equal(made[~edited], np.asarray(latents)[~edited])
@@ -310,8 +312,9 @@ def test_an_edit_changes_what_it_should():
     assert (moved > 1e-5).all() if mask == "bcm" else not moved.any()
 
   kept = np.repeat(~edited, 4, axis=1)
-  run = jax.jit(lambda x, paste: cdamd.edit(net, plan, params, codec, x, text, edited, hidden, real, 3.0, draw, paste),
-                static_argnums=1)
+  run = jax.jit(lambda x, paste: cdamd.edit(
+      net, plan, params, codec, x, text_emb=text, edited=edited, hidden=hidden, real_mask=real, scale=3.0, draw=draw,
+      paste=paste), static_argnums=1)
   np.testing.assert_array_equal(np.asarray(run(x, True))[kept], np.asarray(x)[kept])
   assert np.abs(run(x, False) - x).max(-1)[kept].min() > 0
 
@@ -353,7 +356,7 @@ def test_sections_that_do_not_fit_are_told(changes, told):
   config = load_config("cdamd_generator", "tiny")
   config.update_from_flattened_dict(changes)
   with pytest.raises(ValueError, match=told):
-    recipe.generator(config)
+    setups.generator(config)
 
 
 def test_scaled_latents_are_undone_before_the_decoder():

@@ -9,8 +9,9 @@ import pytest
 from motion_jax import cli
 from motion_jax import fit as training
 from motion_jax.data.datasets.synthetic import synthetic_clips
+from motion_jax.inputs.spans import spans_of
 from motion_jax.loading import load
-from motion_jax.models.cdamd.model import colors_of, spans_of
+from motion_jax.models.results import colors_of
 from motion_jax.motion.representations import to_joints
 from motion_jax.training.metrics import read_metrics
 from tests.conftest import load_config
@@ -109,7 +110,7 @@ def test_the_command_line(run, clip, tmp_path, monkeypatch, capsys):
   assert cli.main([*edit, f"{tmp_path}/no.npz", "--task", "prefix", "--lag", "3"]) == 1
   assert "--lag" in capsys.readouterr().err
   assert cli.main(["multi-prompt", "walks | waves", "--model", str(run), "--out", f"{tmp_path}/no.npz"]) == 1
-  assert "'stories'" in capsys.readouterr().err and not (tmp_path / "no.npz").exists()
+  assert "'multi_prompt'" in capsys.readouterr().err and not (tmp_path / "no.npz").exists()
 
 
 def test_a_model_may_read_words_behind_the_sentence(run, clip, tmp_path):

@@ -6,7 +6,7 @@ from motion_jax import cli
 from motion_jax.cli import make
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.export import bvh
-from motion_jax.models.cmdm.model import Model
+from motion_jax.models.cmdm.model import CmdmModel
 
 
 @pytest.fixture()
@@ -61,9 +61,9 @@ def test_bvh_in_the_unit_that_is_asked(tmp_path):
 def test_many_motions_are_made_in_pieces(generate, tmp_path, monkeypatch):
   generate("a person waves", "--frames", 20, "--num", 3, "--out", tmp_path / "whole.npy")
   monkeypatch.setattr(make, "_AT_ONCE", 40)
-  seen, one_batch = [], Model.generate
-  monkeypatch.setattr(Model, "generate", lambda self, prompts, *args, **options: seen.append(len(prompts)) or one_batch(
-      self, prompts, *args, **options))
+  seen, one_batch = [], CmdmModel.generate
+  monkeypatch.setattr(CmdmModel, "generate", lambda self, prompts, *args, **options: seen.append(
+      len(prompts)) or one_batch(self, prompts, *args, **options))
   generate("a person waves", "--frames", 20, "--num", 3, "--out", tmp_path / "parts.npy")
   assert seen == [2, 1]
   for i in range(3):

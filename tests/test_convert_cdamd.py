@@ -12,7 +12,7 @@ from motion_jax.latents import RvqCodec
 from motion_jax.loading import load
 from motion_jax.models.cdamd import draws
 from motion_jax.models.cdamd import mask_schedule as masking
-from motion_jax.models.cdamd import setup as recipe
+from motion_jax.models.cdamd import setup as setups
 from motion_jax.models.cdamd.weights import generator, write_cdamd
 from motion_jax.nets.post_norm import sinusoids
 from motion_jax.training import checkpoint
@@ -164,13 +164,13 @@ def test_an_autoencoder_and_an_rvq_vae_alone(tmp_path):
   config = load_config("cdamd_generator", "full").unlock()
   config.prior.update(latent_dim=12, width=16)
   config.quantizer.num_codes = 16
-  net, variables, own = recipe.load_frozen(tmp_path / "rvq", config.prior, "cdamd.rvq", config, config.quantizer)
+  net, variables, own = setups.load_frozen(tmp_path / "rvq", config.prior, "cdamd.rvq", config, config.quantizer)
   recording = recorded("rvq_eval")
   indices, _ = jax.jit(lambda variables, x: RvqCodec(net, variables).encode(x))(variables, recording["in/motion"])
   np.testing.assert_array_equal(indices, recording["out/index"])
   assert variables["codebooks"]["initialised"].all() and (variables["codebooks"]["counts"] == 1).all()
   config.tokenizer.update(latent_dim=8, width=16)
-  _, variables, theirs = recipe.load_frozen(tmp_path / "ae", config.tokenizer, "cdamd.autoencoder", config)
+  _, variables, theirs = setups.load_frozen(tmp_path / "ae", config.tokenizer, "cdamd.autoencoder", config)
   assert own.fingerprint == theirs.fingerprint == stats_of(stats, 66).fingerprint
   assert checkpoint.load_config(tmp_path / "ae").data.layout == "coordinates"
 

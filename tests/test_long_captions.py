@@ -12,8 +12,8 @@ from motion_jax.data.datasets.humanml3d import write_folder
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.evaluation import protocols, run
 from motion_jax.evaluators.evaluator import fresh_evaluator
-from motion_jax.models.cdamd import setup as cdamd_recipes
-from motion_jax.models.cmdm import setup as cmdm_recipes
+from motion_jax.models.cdamd import setup as cdamd_setups
+from motion_jax.models.cmdm import setup as cmdm_setups
 from motion_jax.text.encoder import load_text_encoder, padded_length
 from tests.conftest import load_config
 
@@ -52,7 +52,7 @@ def test_captions_beyond_the_encoder_are_told_before_training(tmp_path):
   write_folder(_clips(), tmp_path / "data")
   config = _on(tmp_path / "data", "cmdm_denoiser", {"frozen.text": "words"})
   with pytest.raises(ValueError, match="2 of 10 captions"):
-    cmdm_recipes.denoiser(config)
+    cmdm_setups.denoiser(config)
 
 
 def _clips():
@@ -90,7 +90,7 @@ def trained(data, tmp_path_factory):
 def test_batches_are_padded_as_their_captions_need(trained):
   """To few widths, and to the same ones however often a step is asked for: so a resumed run goes on exactly."""
   _, config, state = trained
-  batches, again = ([cmdm_recipes.denoiser(config).next_batch(step) for step in range(6)] for _ in range(2))
+  batches, again = ([cmdm_setups.denoiser(config).next_batch(step) for step in range(6)] for _ in range(2))
   assert int(state.step) == 4 and {batch["text_emb"].shape[1] for batch in batches[:4]} == {64, 128}
   assert max(batch["text_mask"].sum(1).max() for batch in batches) > 100
   for one, other in zip(batches, again):
@@ -99,11 +99,11 @@ def test_batches_are_padded_as_their_captions_need(trained):
 
 def test_the_loss_does_not_see_the_padding_nor_who_shares_a_device(trained):
   _, config, state = trained
-  recipe = cmdm_recipes.denoiser(config)
+  setup = cmdm_setups.denoiser(config)
   draw = np.random.default_rng(0)  # after a few steps words are hardly heard
   params = jax.tree.map(lambda a: a + 0.1 * draw.standard_normal(a.shape, np.float32), state.params)
-  batch = next(batch for batch in map(recipe.next_batch, range(6)) if batch["text_emb"].shape[1] == 128)
-  loss = jax.jit(lambda batch: recipe.stage.loss(params, recipe.frozen, batch, 0, jax.random.key(0)))
+  batch = next(batch for batch in map(setup.next_batch, range(6)) if batch["text_emb"].shape[1] == 128)
+  loss = jax.jit(lambda batch: setup.stage.loss(params, setup.frozen, batch, 0, jax.random.key(0)))
   sums, weight = loss(batch)
   pad = lambda a: np.pad(a, ((0, 0), (0, 128)) + ((0, 0),) * (a.ndim - 2))
   wider, _ = loss(batch | {name: pad(batch[name]) for name in ("text_emb", "text_mask")})
@@ -156,7 +156,7 @@ def test_a_stream_takes_a_long_prompt_on_the_way(model):
   plain, long = told(None), told(LONG)
   # Three blocks were given, a fourth was under way.
   assert np.abs(plain[:48] - long[:48]).max() < 1e-6 and np.abs(plain[48:] - long[48:]).max() > 1e-5
-  tale = model.story([("someone walks", 2.4), (LONG, 2.4)], seed=0, polish=False, **FAST)
+  tale = model.multi_prompt([("someone walks", 2.4), (LONG, 2.4)], seed=0, polish=False, **FAST)
   assert np.abs(tale.joints - long).max() < 1e-4
 
 
@@ -181,12 +181,12 @@ def test_few_prompts_compile_anew(model):
 
 def test_cdamd_learns_from_long_captions(data):
   """Behind a sentence its words, however many; what it then makes of them: `test_cdamd_model`."""
-  recipe = cdamd_recipes.generator(_on(data, "cdamd_generator", {"frozen.text_level": "words"}))
-  batches = [recipe.next_batch(step) for step in range(6)]
+  setup = cdamd_setups.generator(_on(data, "cdamd_generator", {"frozen.text_level": "words"}))
+  batches = [setup.next_batch(step) for step in range(6)]
   assert {batch["text_emb"].shape[1] for batch in batches} == {78, 155}
-  params = jax.eval_shape(recipe.stage.init, batches[0], jax.random.key(0))
+  params = jax.eval_shape(setup.stage.init, batches[0], jax.random.key(0))
   for batch in batches[:2]:
-    loss = lambda params, batch=batch: recipe.stage.loss(params, recipe.frozen, batch, 0, jax.random.key(0))[0]["loss"]
+    loss = lambda params, batch=batch: setup.stage.loss(params, setup.frozen, batch, 0, jax.random.key(0))[0]["loss"]
     assert jax.eval_shape(jax.grad(loss), params) == params
 
 
@@ -203,7 +203,7 @@ def test_long_captions_are_judged(trained, data, tmp_path):
 
 
 def test_a_teacher_learns_from_long_captions(data):
-  next_batch = cmdm_recipes.teacher(_on(data, "part_tmr")).next_batch
+  next_batch = cmdm_setups.teacher(training.resolve(_on(data, "part_tmr"))[0]).next_batch
   batches = [next_batch(step) for step in range(4)]
   assert {batch["ids"].shape[1] for batch in batches} >= {192} and max(
       batch["text_mask"].sum(1).max() for batch in batches) == 102

@@ -11,7 +11,7 @@ import pytest
 import motion_jax as mj
 from motion_jax import fit as training
 from motion_jax.loading import load
-from motion_jax.models.base import Prompted
+from motion_jax.models.base import TextToMotionModel
 from motion_jax.motion.representations import to_joints
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
 from motion_jax.runs import PRETRAINED
@@ -196,7 +196,7 @@ def test_the_shipped_model_says_what_it_never_learned():
 @pytest.mark.parametrize("fps", (12.5, 20.0, 30.0))
 def test_natural_lengths_are_seconds_whatever_the_rate(fps):
   """3 to 9.8 seconds, 6 where no caption is known: 60 to 196 and 120 frames at 20 a second."""
-  class AtAnotherRate(Prompted):
+  class AtAnotherRate(TextToMotionModel):
     def __init__(self, frames):
       self.frames = frames
 

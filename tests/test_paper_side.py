@@ -252,11 +252,11 @@ def test_each_difference_is_in_its_config_and_has_a_gradient(case):
       assert config[section][field] == value, path
   if all(path.startswith(("sampler.", "optimizer.")) or path in PAPERS[paper].get("OF_FULL", ()) for path in changes):
     return  # learns as the default
-  recipe = training.RECIPES[config.stage](config)
-  batch, key = recipe.next_batch(0), jax.random.key(0)
-  params = jax.eval_shape(recipe.stage.init, batch, key)
-  extra = [] if recipe.stage.init_extra is None else [jax.eval_shape(recipe.stage.init_extra, batch, key)]
-  loss = lambda params: recipe.stage.loss(params, recipe.frozen, batch, 0, key, *extra)[0]["loss"]
+  setup = training.setups()[config.stage](config)
+  batch, key = setup.next_batch(0), jax.random.key(0)
+  params = jax.eval_shape(setup.stage.init, batch, key)
+  extra = [] if setup.stage.init_extra is None else [jax.eval_shape(setup.stage.init_extra, batch, key)]
+  loss = lambda params: setup.stage.loss(params, setup.frozen, batch, 0, key, *extra)[0]["loss"]
   grads = jax.eval_shape(jax.vmap(jax.grad(loss), None, axis_size=1, axis_name=DEVICES), params)
   assert jax.tree.map(lambda a: a.shape[1:], grads) == jax.tree.map(jnp.shape, params)
 

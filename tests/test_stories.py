@@ -40,7 +40,7 @@ def test_borders_are_on_blocks_and_the_end_is_as_asked():
 
 
 def test_a_story_is_one_motion_and_a_stream_tells_it_too(model):
-  whole = model.story(TALE, seed=2, polish=False, **FAST)
+  whole = model.multi_prompt(TALE, seed=2, polish=False, **FAST)
   assert whole.num_frames == 64 and whole.features.shape == (64, 263)
   assert whole.captions == (Caption("a person walks", 0.0, 1.2), Caption("a person waves", 1.2, 2.4),
                             Caption("a person sits", 2.4, 3.2))
@@ -49,14 +49,16 @@ def test_a_story_is_one_motion_and_a_stream_tells_it_too(model):
   stream.say("a person waves", after=1.2)
   stream.say("a person sits", after=2.4)
   assert np.abs(np.concatenate(list(stream)) - whole.joints).max() < 1e-4
-  other = model.story([*TALE[:1], ("a person runs", 2.0)], seed=2, polish=False, **FAST).joints
+  with pytest.warns(FutureWarning, match="story is called multi_prompt; the old name goes on working"):
+    assert np.array_equal(model.story(TALE, seed=2, polish=False, **FAST).joints, whole.joints)
+  other = model.multi_prompt([*TALE[:1], ("a person runs", 2.0)], seed=2, polish=False, **FAST).joints
   assert np.abs(other[:24] - whole.joints[:24]).max() < 1e-5  # what comes later is not known before
   assert np.abs(other[24:50] - whole.joints[24:50]).max() > 1e-4
 
 
 def test_a_story_does_not_know_its_batch_mates(model):
-  alone = model.story(TALE, seed=5, **FAST)
-  both = model.stories([[("a person runs", 4.0)], TALE], seeds=[1, 5], **FAST)
+  alone = model.multi_prompt(TALE, seed=5, **FAST)
+  both = model.multi_prompts([[("a person runs", 4.0)], TALE], seeds=[1, 5], **FAST)
   assert both.joints.shape[1] == 80 and both.frame_mask.sum(1).tolist() == [80, 64]
   assert np.abs(both[1].joints - alone.joints).max() < 1e-4
   run = model.generate("a person runs", num_frames=80, seeds=[1], **FAST)[0]
@@ -65,11 +67,11 @@ def test_a_story_does_not_know_its_batch_mates(model):
 
 def test_the_released_way_chains_segments(model):
   tale = [("a person walks", 0.65), ("a person waves", 1.0)]
-  alone = model.story(tale, seed=5, way="chain", **FAST)
+  alone = model.multi_prompt(tale, seed=5, way="chain", **FAST)
   assert alone.num_frames == 32 and alone.captions[1].start == pytest.approx(0.6)  # 13 frames are 3 latents
-  both = model.stories([[("a person runs", 2.0)], tale], seeds=[1, 5], way="chain", **FAST)
+  both = model.multi_prompts([[("a person runs", 2.0)], tale], seeds=[1, 5], way="chain", **FAST)
   assert np.abs(both[1].joints - alone.joints).max() < 1e-4 and both[0].num_frames == 40
-  assert np.abs(model.story(tale, seed=5, **FAST).joints[:30] - alone.joints[:30]).max() > 1e-4
+  assert np.abs(model.multi_prompt(tale, seed=5, **FAST).joints[:30] - alone.joints[:30]).max() > 1e-4
 
 
 def test_words_of_a_stream_change_when_they_are_said(model):
@@ -139,11 +141,13 @@ def test_a_generated_body_is_laid_over_the_given_one():
 
 
 @pytest.mark.parametrize("run, words", [
-    (lambda m, w: m.story([]), "list of"), (lambda m, w: m.story("a person walks"), "list of"),
-    (lambda m, w: m.story(["walks", "sits"]), "list of"), (lambda m, w: m.story([("", 2)]), "say what"),
-    (lambda m, w: m.story([("walks", 0)]), "length of 0"), (lambda m, w: m.story([("walks", 1)], way="x"), "way 'x'"),
-    (lambda m, w: m.story([("walks", 2000)] * 2), "4000 s"), (lambda m, w: m.stories([]), "no story"),
-    (lambda m, w: m.story([("walks", 1)], way="chain", solver="heun"), "heun"),
+    (lambda m, w: m.multi_prompt([]), "list of"), (lambda m, w: m.multi_prompt("a person walks"), "list of"),
+    (lambda m, w: m.multi_prompt(["walks", "sits"]), "list of"), (lambda m, w: m.multi_prompt([("", 2)]), "say what"),
+    (lambda m, w: m.multi_prompt([("walks", 0)]), "length of 0"),
+    (lambda m, w: m.multi_prompt([("walks", 1)], way="x"), "way 'x'"),
+    (lambda m, w: m.multi_prompt([("walks", 2000)] * 2), "4000 s"),
+    (lambda m, w: m.multi_prompts([]), "no prompts"),
+    (lambda m, w: m.multi_prompt([("walks", 1)], way="chain", solver="heun"), "heun"),
     (lambda m, w: m.extend(w, ""), "say what"), (lambda m, w: m.extend(w, "walks", way="x"), "way 'x'"),
     (lambda m, w: m.extend(w, "walks", seconds=1, num_past=0), "num_past 0"),
     (lambda m, w: m.extend(w, "walks", seconds=1, schedule="full"), "fss"),
@@ -175,7 +179,7 @@ def test_story_and_extend_commands(tiny_run, tmp_path, monkeypatch, capsys):
   monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
   options = ["--model", str(tiny_run), "--steps", "6", "--seed", "2"]
   out = tmp_path / "s.npz"
-  assert cli.main(["story", "a person walks:1.2 | a person waves:1.2", "--out", str(out), *options]) == 0
+  assert cli.main(["multi-prompt", "a person walks:1.2 | a person waves:1.2", "--out", str(out), *options]) == 0
   made = export.load(out)
   assert made.num_frames == 48 and [c.start for c in made.captions] == [0.0, 1.2]
   assert "1.2 to   2.4 s  a person waves" in capsys.readouterr().out

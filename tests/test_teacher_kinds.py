@@ -17,7 +17,7 @@ from motion_jax.evaluation.candidates import Subject
 from motion_jax.evaluators.evaluator import load_evaluator
 from motion_jax.metrics import scores
 from motion_jax.models import cmdm
-from motion_jax.models.cmdm import setup as recipes
+from motion_jax.models.cmdm import setup as setups
 from motion_jax.models.cmdm import teacher as teacher_lib
 from motion_jax.models.cmdm import teacher_setup as teachers
 from motion_jax.models.cmdm.teacher_weight_names import vit_from_torch
@@ -62,25 +62,26 @@ def test_a_tokenizer_is_taught_by_it(teacher_run):
   """What the tokenizer's run keeps: the motion side alone, the teacher's fields, both statistics where they differ."""
   config = load_config("cmdm_tokenizer", "tiny").unlock()
   config.frozen.teacher, config.model.teacher_dim = str(teacher_run), 8
-  recipe = recipes.tokenizer(config)
+  config, _ = training.resolve(config)
+  setup = setups.tokenizer(config)
   own = checkpoint.load_params(teacher_run)["motion"]
-  view = recipe.frozen["teacher_view"]
+  view = setup.frozen["teacher_view"]
   assert np.array_equal(view["own_mean"], np.load(teacher_run / "Mean.npy"))
-  assert np.array_equal(view["std"], recipe.stats.std)
+  assert np.array_equal(view["std"], setup.stats.std)
   if config.teacher.kind == "tmr":
-    assert set(recipe.frozen["teacher"]) == {"motion_encoder"} and view["own_std"].shape == (263,)
+    assert set(setup.frozen["teacher"]) == {"motion_encoder"} and view["own_std"].shape == (263,)
     assert config.taught_by.to_dict() == {"kind": "tmr", "text": "fresh"}
   else:
-    assert set(recipe.frozen["teacher"]) == set(own) and config.teacher.layout == "coordinates"
+    assert set(setup.frozen["teacher"]) == set(own) and config.teacher.layout == "coordinates"
     assert config.taught_by.vit.to_dict() == {"weights": "random"}
   stage = cmdm.tokenizer_stage(config)
-  batch = recipe.next_batch(0)
-  sums = jax.eval_shape(lambda batch, rng: stage.loss(stage.init(batch, rng), recipe.frozen, batch, 0, rng)[0], batch,
+  batch = setup.next_batch(0)
+  sums = jax.eval_shape(lambda batch, rng: stage.loss(stage.init(batch, rng), setup.frozen, batch, 0, rng)[0], batch,
                         jax.random.key(0))
   assert {"mcos", "mdms", "align_weight"} <= set(sums)
-  config.model.teacher_dim = 6
+  config.unlock().model.teacher_dim = 6
   with pytest.raises(ValueError, match="gives 8 numbers a frame, config.model.teacher_dim is 6"):
-    recipes.tokenizer(config)
+    setups.tokenizer(config)
 
 
 def test_the_record_of_a_generator_says_what_its_tokenizer_was_taught_by(tmp_path):
@@ -91,9 +92,10 @@ def test_the_record_of_a_generator_says_what_its_tokenizer_was_taught_by(tmp_pat
       stage="cmdm.tokenizer", model=config.tokenizer.to_dict(), taught_by=said, data=dict(layout="full"))))
   checkpoint.save_params(tmp_path, untrained(shapes))
   save_stats(stats, tmp_path)
-  recipes.load_tokenizer(tmp_path, config)
+  config.frozen.tokenizer = str(tmp_path)
+  config = training.resolve(config)[0].unlock()
   assert config.taught_by.to_dict() == said
-  model = types.SimpleNamespace(folder=tmp_path, config=config, stats=stats)
+  model = types.SimpleNamespace(folder=tmp_path, config=config, stats=stats, num_params=0, can=lambda ability: False)
   about = lambda: Subject("row", model, "hash", tmp_path).about
   assert about()["taught_by"] == said
   del config.taught_by
@@ -185,8 +187,9 @@ def test_a_vision_transformer_starts_from_a_folder(tmp_path):
   (folder / "config.json").write_text(json.dumps({"architecture": "vit_tiny_patch16_224"}))
   config = load_config("motion_patches", "tiny").unlock()
   config.frozen.vit = str(folder)
-  recipe = recipes.teacher(config)
-  params = recipe.stage.init(recipe.next_batch(0), jax.random.key(0))["motion"]
+  config, _ = training.resolve(config)
+  setup = setups.teacher(config)
+  params = setup.stage.init(setup.next_batch(0), jax.random.key(0))["motion"]
   assert np.array_equal(params["vit"]["block0"]["mlp_in"]["kernel"], state["blocks.0.mlp.fc1.weight"].T)
   assert params["vit"]["positions"].shape == (1 + 4 * 5, width)
   assert np.array_equal(params["vit"]["positions"][0], state["pos_embed"][0, 0])
@@ -284,10 +287,10 @@ def test_files_that_are_no_teacher_are_told(tmp_path, capsys):
 
 
 def test_captions_that_say_the_same_are_read_with_their_sentence():
-  config = load_config("tmr", "tiny").unlock()
-  recipe = recipes.teacher(config)
-  batch = recipe.next_batch(0)
+  config = training.resolve(load_config("tmr", "tiny"))[0].unlock()
+  setup = setups.teacher(config)
+  batch = setup.next_batch(0)
   assert batch["sentence"].shape[0] == 4 and np.allclose(np.linalg.norm(batch["sentence"], axis=-1), 1, atol=1e-5)
   assert batch["text_emb"].shape[1] % 32 == 0 and config.text.to_dict() == {"width": batch["text_emb"].shape[-1]}
   config.frozen.sentence = ""
-  assert "sentence" not in recipes.teacher(config).next_batch(0)
+  assert "sentence" not in setups.teacher(config).next_batch(0)

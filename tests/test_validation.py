@@ -31,11 +31,11 @@ def test_fid_is_none_for_what_comes_back_and_grows_with_the_error(config):
     reconstruction_fid("evaluator-small", data.features[:1], data.stats)
 
 
-def test_the_tokenizers_recipe_gives_it(config):
-  recipe = cmdm.tokenizer(config)
-  params = recipe.stage.init(recipe.next_batch(0), jax.random.key(0))
-  found = recipe.evaluate(params)
+def test_the_tokenizers_setup_gives_it(config):
+  setup = cmdm.tokenizer(config)
+  params = setup.stage.init(setup.next_batch(0), jax.random.key(0))
+  found = setup.evaluate(params)
   assert set(found) == {"held_out_mm", "held_out_fid"} and found["held_out_fid"] > 0
-  assert recipe.evaluate(params) == found  # the same draws at every save
+  assert setup.evaluate(params) == found  # the same draws at every save
   config.frozen.evaluator = ""
   assert set(cmdm.tokenizer(config).evaluate(params)) == {"held_out_mm"}

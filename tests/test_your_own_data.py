@@ -4,7 +4,7 @@ import shlex
 
 import pytest
 
-from motion_jax import cli, export
+from motion_jax import cli, export, fit
 from motion_jax.data import build, sources
 from motion_jax.data.clip import Caption
 from motion_jax.data.datasets import humanml3d
@@ -99,26 +99,27 @@ def mine(tmp_path_factory):
 
 def data_of(size="small", **changes):
   config = load_config("cmdm_denoiser", size)
+  config.frozen.tokenizer = "fresh"
   config.update_from_flattened_dict({f"data.{name}": value for name, value in changes.items()})
   return config
 
 
 def test_a_folder_is_recognized_and_its_mirrored_copies_are_not_doubled(mine):
   config = data_of(folder=str(mine))
-  told = sources.recognize(config)
+  config, told = fit.resolve(config)
   assert "mirrored copies are used, no more are made" in told
   assert (config.data.name, config.data.mode, config.data.mirror) == ("humanml3d", "corrected", False)
   found = sources.load_features(config.data)
   train = (mine / "train.txt").read_text().split()
   assert sorted(found.ids) == sorted(train) and any(name.startswith("M") for name in found.ids)
-  again = data_of(folders=(str(mine),))
-  sources.recognize(again)
+  again, _ = fit.resolve(data_of(folders=(str(mine),)))
   assert again.data.to_dict() == config.data.to_dict(), "folders with one name is the same"
 
 
 def test_a_folder_beside_others_is_read_clip_by_clip_without_its_mirrored_copies(mine):
   config = data_of(folders=(str(mine), str(mine)))
-  assert "2 folders" in sources.recognize(config)
+  config, told = fit.resolve(config)
+  assert "2 folders" in told
   ids = [clip.id for clip in sources.load_clips(config.data)]
   assert len(ids) == 12 and not any(name.startswith("M") for name in ids)
   assert config.data.mirror, "they are made anew, for all folders alike"
@@ -128,9 +129,11 @@ def test_recognition_leaves_alone_what_is_none_of_its_business(mine):
   synthetic = data_of("tiny")
   assert sources.recognize(synthetic) == "" and synthetic.data.name == "synthetic"
   assert sources.recognize(data_of()) == ""
-  full = data_of("full", folder=str(mine))
-  sources.recognize(full)
+  given = data_of("full", folder=str(mine))
+  before = given.to_json()
+  full, _ = fit.resolve(given)
   assert full.data.mode == "corrected", "the folder says how its features were made"
+  assert given.to_json() == before != full.to_json(), "what was given stays as it was"
 
 
 def test_what_is_no_data_folder_is_told(tmp_path, mine):

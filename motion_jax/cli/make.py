@@ -5,7 +5,9 @@ import time
 from motion_jax.cli import shared
 from motion_jax.cli.prompts import read_prompts, read_stories
 from motion_jax.inputs.errors import InputError
-from motion_jax.inputs.numerals import CONTEXT, GUIDANCE, MOTIONS, SEEDS, STEPS, real, whole
+from motion_jax.inputs.numerals import MOTIONS, SEEDS, real, whole
+from motion_jax.models import registry
+from motion_jax.models.options import flag_of
 from motion_jax.runtime import progress, timing
 
 _AT_ONCE = 16_000      # frames, of all motions that are made in one batch, and
@@ -65,21 +67,12 @@ def _making(parser, out):
   parser.older_spellings = {"--raw": "--no-cleanup"}
   parser.add_argument("--num", type=whole(*MOTIONS), default=1, help="motions of each, with seeds SEED, SEED + 1, ...")
   parser.add_argument("--seed", type=whole(*SEEDS), default=0, help="the same seed, the same motion (0)")
-  parser.add_argument("--guidance", type=real(*GUIDANCE), help="how strictly the words are followed (3)")
-  parser.add_argument("--steps", type=whole(*STEPS),
-                      help="sampling steps K (50); of CDAMD, the solver's in each round (10)")
-  parser.add_argument("--solver", help="euler (CMDM's) or heun; ancestral or ddim where it learned a DDPM's noise; of "
-                      "CDAMD also midpoint (its own), rk4 and dopri5")
-  cmdm = parser.add_argument_group("CMDM models")
-  cmdm.add_argument("--schedule", choices=("fss", "ar", "full"),
-                    help="frame-wise sampling (fss), block after block, or all at once")
-  cmdm.add_argument("--lag", type=whole(*STEPS), help="steps between the starts of two blocks, of schedule fss (2)")
-  cmdm.add_argument("--context", type=whole(*CONTEXT),
-                    help="latents (4 frames each) looked back on; the training length (48)")
-  cdamd = parser.add_argument_group("CDAMD models")
-  cdamd.add_argument("--rounds", type=whole(*STEPS), help="rounds in which latents are made (10)")
-  cdamd.add_argument("--order", choices=("random", "left_to_right"), help="which latents are made first")
-  cdamd.add_argument("--mask", choices=("causal", "dccm", "bcm", "bidirectional"), help="what latents may look at")
+  for flag, methods in _choices().items():
+    known = next(iter(methods.values()))
+    said = list(dict.fromkeys(one.help for one in methods.values()))
+    told = said[0] if len(said) == 1 else "; ".join(f"{method.upper()}: {one.help}" for method, one in methods.items())
+    here = _group(parser, next(iter(methods))) if len(methods) == 1 < len(registry.METHODS) else parser
+    here.add_argument(f"--{flag}", type=known.read, choices=known.choices, help=told)
   parser.add_argument("--no-cleanup", action="store_true",
                       help="without foot-skate cleanup and smoothing: as the network made it")
   parser.add_argument("--model", default="cmdm-small", help="a run folder or the name of a model that ships")
@@ -89,6 +82,21 @@ def _making(parser, out):
   shared.add_bvh_unit(parser)
   shared.add_film(parser, "in films and pictures")
   parser.add_argument("--timings", action="store_true", help="say at the end where the time went")
+
+
+def _choices():
+  """{flag: {method: what is known of the choice}} of all choices of sampling that a command line may make."""
+  found = {}
+  for method, options in registry.options().items():
+    for name, known in options.described().items():
+      found.setdefault(flag_of(name, known), {})[method] = known
+  return found
+
+
+def _group(parser, method):
+  title = f"{method.upper()} models"
+  return next((group for group in parser._action_groups if group.title == title), None) or (
+      parser.add_argument_group(title))
 
 
 def _generate(args):
@@ -116,7 +124,7 @@ def _generate(args):
 def _multi_prompt(args):
   outputs = _outputs(args)
   start, model = time.time(), _load_model(args)
-  _able(model, "stories")
+  _able(model, "multi_prompt")
   sequences = read_stories(args.prompts, model.fps)
   _check_count(len(sequences), args)
   model.check_words(list(dict.fromkeys(prompt for one in sequences for prompt, _ in one)))
@@ -125,8 +133,8 @@ def _multi_prompt(args):
   seeds = [args.seed + i for _ in range(len(sequences) // args.num) for i in range(args.num)]
   motions = []
   for piece in _pieces([_length(model, one) for one in sequences], model):
-    motions += model.stories(sequences[piece], way=args.way, polish=not args.no_cleanup, seeds=seeds[piece],
-                             **_sampling(args, model))
+    motions += model.multi_prompts(sequences[piece], way=args.way, polish=not args.no_cleanup, seeds=seeds[piece],
+                                  **_sampling(args, model))
   for caption in motions[0].captions if len(sequences) == args.num else ():
     print(f"{caption.start:6.1f} to {caption.end:5.1f} s  {caption.text}")
   _write(args, model, motions, outputs, start)
@@ -151,7 +159,8 @@ def _extend(args):
 
 
 def _edit(args):
-  from motion_jax.models.cdamd.model import colors_of, spans_of
+  from motion_jax.inputs.spans import spans_of
+  from motion_jax.models.results import colors_of
   outputs, clip = _outputs(args), shared.read_motion(args.file, args)
   start, model = time.time(), _load_model(args)
   _able(model, "edit")
@@ -193,17 +202,14 @@ def _length(model, segments):
 
 
 def _sampling(args, model):
-  """The choices given, for the kind of model that it is; a choice that is none of its kind's is an error."""
-  from motion_jax.models.cdamd.model import CdamdModel
-  ours, others = dict(schedule=args.schedule, lag=args.lag, context=args.context), dict(
-      rounds=args.rounds, order=args.order, mask=args.mask)
-  if isinstance(model, CdamdModel):
-    ours, others = others, ours
-  strange = [f"--{name}" for name, value in others.items() if value is not None]
+  """The choices given, by the names that the model knows; a choice that is none of its method's is an error."""
+  given = {flag: getattr(args, flag.replace("-", "_")) for flag in _choices()}
+  given = {flag: value for flag, value in given.items() if value is not None}
+  ours = {flag_of(name, known): name for name, known in model.options.described().items()}
+  strange = [f"--{flag}" for flag in given if flag not in ours]
   if strange:
     raise InputError(f"got {', '.join(strange)} for the model {model.id}, which has no such choice")
-  given = dict(num_steps=args.steps, solver=args.solver, guidance_scale=args.guidance, **ours)
-  return {name: value for name, value in given.items() if value is not None}
+  return {ours[flag]: value for flag, value in given.items()}
 
 
 def _outputs(args):
@@ -227,14 +233,13 @@ def _load_model(args):
 
 def _tell_model(model, args, what):
   import jax
-  guidance = model.config.sampler.guidance_scale if args.guidance is None else args.guidance
-  print(f"{model.id}: {model.num_params / 1e6:.1f} M parameters on {jax.default_backend()}; {what}, "
-        f"guidance {guidance:g}, seed {args.seed}")
+  print(f"{model.id}: {model.num_params / 1e6:.1f} M parameters on {jax.default_backend()}; {what}, guidance "
+        f"{model.sampling(**_sampling(args, model)).guidance_scale:g}, seed {args.seed}")
 
 
 def _able(model, name):
-  """Raises ValueError unless this kind of model has a method of that name."""
-  if not hasattr(model, name):
+  """Raises ValueError unless this kind of model can do it."""
+  if not model.can(name):
     raise InputError(f"{model.id} has no {name!r}; give another kind of model by --model")
 
 

@@ -83,7 +83,7 @@ def span_of(args, clip) -> slice:
   """The frames of a clip that --trim names; all of them without."""
   if args.trim is None:
     return slice(0, clip.num_frames)
-  from motion_jax.models.cdamd.model import spans_of
+  from motion_jax.inputs.spans import spans_of
   first, past = spans_of([args.trim], clip.num_frames, clip.fps)[0]
   if not 0 <= first < past:
     raise InputError(f"got --trim {args.trim} for a motion of {clip.seconds:.1f} s, expected A:B with A before B and "

@@ -61,6 +61,7 @@ def kind_of(folder) -> str:
 def recognize(config):
   """Puts into a config's data section what its folders are, and returns what to tell of that, or "".
 
+  config: a copy that is not locked, as `fit.resolve` makes it: nobody's own config is changed.
   data.name and data.folder or data.folders are made to agree with what lies there: "humanml3d" for one folder in that
   layout, with data.mode as its features are, "archive" for archives and for several folders. Folders that do not exist
   are left for the reader to name; other kinds of data are what they are said to be.
@@ -78,20 +79,19 @@ def recognize(config):
   if strange:
     raise InputError("{} is {} data; its own size of the config reads it, as in "
                      "--config cmdm_denoiser:snapmogen".format(*strange[0]))
-  with config.unlocked():
-    if kinds != ["humanml3d"]:
-      data.update(name="archive", folder="", folders=folders)
-      return "" if set(kinds) == {"archive"} else f"data: {len(folders)} folders, read clip by clip"
-    data.update(name="humanml3d", folder=str(folders[0]), folders=())
-    info = humanml3d.dataset_info(folders[0])
-    told = f"data: {folders[0]}, a HumanML3D-layout folder ({info['mode']} features)"
-    if not get_layout(data.layout).are_joints and "mode" in data and data.mode != info["mode"]:
-      if (pathlib.Path(folders[0]) / "dataset.json").is_file():  # ours: the folder knows how its features were made
-        data.mode = info["mode"]
-    if data.get("mirror", False):
-      data.mirror = False
-      told += "; its mirrored copies are used, no more are made" if humanml3d.has_mirrored(folders[0]) else (
-          "; it has no mirrored copies (`motion-jax data build` makes them unless --no-mirror)")
+  if kinds != ["humanml3d"]:
+    data.update(name="archive", folder="", folders=folders)
+    return "" if set(kinds) == {"archive"} else f"data: {len(folders)} folders, read clip by clip"
+  data.update(name="humanml3d", folder=str(folders[0]), folders=())
+  info = humanml3d.dataset_info(folders[0])
+  told = f"data: {folders[0]}, a HumanML3D-layout folder ({info['mode']} features)"
+  if not get_layout(data.layout).are_joints and "mode" in data and data.mode != info["mode"]:
+    if (pathlib.Path(folders[0]) / "dataset.json").is_file():  # ours: the folder knows how its features were made
+      data.mode = info["mode"]
+  if data.get("mirror", False):
+    data.mirror = False
+    told += "; its mirrored copies are used, no more are made" if humanml3d.has_mirrored(folders[0]) else (
+        "; it has no mirrored copies (`motion-jax data build` makes them unless --no-mirror)")
   return told
 
 

@@ -1,13 +1,15 @@
 """A model that is judged, with the choices by which it is sampled and the place where its samples are kept."""
 import dataclasses
 import hashlib
-import inspect
 import pathlib
 from collections.abc import Callable
 from typing import Any
 
+from motion_jax import loading
 from motion_jax.evaluation import provenance as record
 from motion_jax.evaluation import samples
+from motion_jax.models import registry
+from motion_jax.models.base import ABILITIES
 from motion_jax.motion.representations import to_features
 from motion_jax.training import checkpoint
 
@@ -37,11 +39,12 @@ class Subject:
   @property
   def about(self) -> dict:
     """What a record says of it."""
-    scale = self.model.scale_of(self.guidance_scale) if hasattr(self.model, "scale_of") else None
+    sampled = self.model.can("generate")
+    scale = self.model.sampling(guidance_scale=self.guidance_scale).guidance_scale if sampled else None
     taught = self.model.config.get("taught_by")
     return dict(model=self.model.folder.name, hash=self.hash, guidance_scale=scale, sampling=dict(self.options),
                 sampler=self.model.config.get("sampler", {}).to_dict() if self.model.config.get("sampler") else {},
-                parameters=getattr(self.model, "num_params", None), layout=self.model.stats.layout.name,
+                parameters=self.model.num_params, layout=self.model.stats.layout.name,
                 statistics=self.model.stats.fingerprint, **({"taught_by": taught.to_dict()} if taught else {}))
 
   def store(self, judge, kind="generation") -> samples.Store:
@@ -50,9 +53,9 @@ class Subject:
     draw = {name: getattr(protocol, name) for name in (
         "pool", "min_frames", "past_frames", "max_frames", "unit", "random_caption", "coin", "random_crop", "shuffle",
         "sort_by_caption", "multimodality_shared", "sequences", "segments")}
-    text = getattr(self.model, "encoder", None)
+    text = self.model.encoder.fingerprint if self.model.can("generate") else None
     return samples.Store(self.folder, dict(
-        kind=kind, model=self.hash, text=text and text.fingerprint, guidance_scale=self.about["guidance_scale"],
+        kind=kind, model=self.hash, text=text, guidance_scale=self.about["guidance_scale"],
         sampling=self._asked, seed=judge.seed, limit=judge.limit, draw=draw, items=items.words_hash,
         batch=samples.BATCH), record.maker(self.devices))
 
@@ -66,11 +69,9 @@ class Subject:
 
   @property
   def _asked(self):
-    """The options that are not what `generate` does anyway: the same samples, whether that was said or not."""
-    usual = inspect.signature(self.model.generate).parameters if hasattr(self.model, "generate") else {}
-    own = {"schedule": (self.model.config.get("sampler") or {}).get("schedule", "fss")}
-    return {name: value for name, value in self.options.items()
-            if (name not in usual or usual[name].default != value) and own.get(name) != value}
+    """The options that are not what the model does anyway: the same samples, whether that was said or not."""
+    usual = dataclasses.asdict(self.model.sampling()) if self.model.can("generate") else {}
+    return {name: value for name, value in self.options.items() if value is not None and usual.get(name) != value}
 
   def sample(self, make: Callable, store, name, jobs, what, batch=None):
     """`samples.sample` with a bar, on this subject's devices."""
@@ -99,19 +100,27 @@ class Reader:
 
 def check_options(name, loaded, guidance, options, more=()):
   """Raises ValueError where a model cannot be sampled by guidance scales and options, before anything is done; more:
-  options that a task has beside those of `plan_of`."""
-  plan_of = getattr(loaded, "plan_of", None)
-  if plan_of is None:
+  options that a task has beside those of the method."""
+  if not loaded.can("generate"):
     if guidance or options:
       raise ValueError(f"{name} is not sampled, so guidance and choices of sampling mean nothing to it; leave them out")
     return
-  known = [key for key in inspect.signature(plan_of).parameters if key != "guidance_scale"]
-  known += more
+  known = [key for key in loaded.options.described() if key != "guidance_scale"] + list(more)
   wrong = [key for key in options if key not in known]
   if wrong:
     hint = "; --guidance takes scales" if wrong[0] == "guidance_scale" else ""
     raise ValueError(f"got the choice of sampling {wrong[0]!r}, {name} knows {', '.join(known)}{hint}")
-  plan_of(**{key: value for key, value in options.items() if key not in more})  # which raises for values that cannot be
+  for scale in guidance or (None,):  # which raises for values that cannot be
+    loaded.sampling(guidance_scale=scale, **{key: value for key, value in options.items() if key not in more})
+
+
+def load_able(run, ability, raw=False):
+  """The model of a run that has an ability of `models.base.ABILITIES`. Raises ValueError for another one."""
+  loaded = loading.load(run, raw=raw)
+  if not loaded.can(ability):
+    raise ValueError(f"{run} holds a model that has no {ability!r} ({ABILITIES[ability]}); this protocol needs the run "
+                     f"of a {' or a '.join(registry.model_stages(ability))}")
+  return loaded
 
 
 def hash_of(loaded) -> str:

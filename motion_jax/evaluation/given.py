@@ -17,6 +17,7 @@ from motion_jax.evaluation import samples
 from motion_jax.evaluation.tasks import generation
 from motion_jax.inputs.input_files import load_npy, npy_shape
 from motion_jax.metrics.long_horizon import placed
+from motion_jax.models.base import Able
 from motion_jax.motion import plausibility
 from motion_jax.motion.representations import LAYOUTS, layout_for
 from motion_jax.runtime.atomic import atomic_path
@@ -42,11 +43,19 @@ def _file(name, place):
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
+class Unsampled(Able):
+  """What is asked of a model, of motions that are there already: it can do nothing."""
+  stats: types.SimpleNamespace  # layout, fingerprint
+  folder: pathlib.Path
+  config: dict = dataclasses.field(default_factory=dict)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
 class Given:
   """A folder of such motions, in the place of a `subject.Subject`. Made by `load_given`."""
   name: str
   folder: pathlib.Path
-  model: types.SimpleNamespace  # what else is asked of a model: stats.layout, config
+  model: "Unsampled"
   hash: str
   guidance_scale: float | None = None
   options: dict = dataclasses.field(default_factory=dict)
@@ -87,7 +96,7 @@ def load_given(name, folder, evaluator) -> Given:
   for path in paths:
     digest.update(str(path.relative_to(folder)).encode() + path.read_bytes())
   stats = types.SimpleNamespace(layout=layout, fingerprint=None)
-  return Given(name, folder, types.SimpleNamespace(stats=stats, config={}, folder=folder), digest.hexdigest())
+  return Given(name, folder, Unsampled(stats, folder), digest.hexdigest())
 
 
 def _joint_layout(evaluator):

@@ -51,8 +51,8 @@ def _evaluator(evaluator):
 
 def _unknown(model, captions):
   """Words of the captions that a model never met in training; none of one that reads no words."""
-  unknown = getattr(model, "unknown_words", lambda caption: ())
-  return sorted({word for caption in captions for word in unknown(caption)})
+  return sorted({word for caption in captions for word in model.unknown_words(caption)}) if model.can(
+      "generate") else []
 
 
 def _precision():

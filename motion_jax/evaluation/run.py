@@ -24,7 +24,6 @@ from motion_jax.evaluation.report import gallery, printed, tables
 from motion_jax.evaluation.tasks import editing, generation, long_horizon, reconstruction
 from motion_jax.evaluation.tasks import timelines as mtt
 from motion_jax.evaluators.evaluator import Evaluator, load_evaluator
-from motion_jax.models.base import Prompted
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.skeleton import HUMANML3D, KIT
 from motion_jax.runs import PRETRAINED, find
@@ -245,7 +244,7 @@ def _subjects(load, runs, out, home, guidance, choices, more, devices, only_read
   subjects, varied = [], {key for one in choices for key in one if any(other.get(key) != one[key] for other in choices)}
   for name, run in zip(_names(runs), runs):
     loaded = load(run)
-    if isinstance(loaded, Prompted):
+    if loaded.can("generate"):
       loaded.tells_unknown_words = False  # the record lists them once
     shipped = pathlib.Path(loaded.folder).parent == PRETRAINED
     folder = pathlib.Path(home) if home else (out if shipped else loaded.folder / "eval") / "samples"

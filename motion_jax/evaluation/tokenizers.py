@@ -2,7 +2,7 @@
 import dataclasses
 import pathlib
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +11,7 @@ import numpy as np
 from motion_jax import runs
 from motion_jax.latents import TOKENIZER, AutoencoderCodec, RvqCodec, VaeCodec
 from motion_jax.models import cdamd, cmdm
-from motion_jax.models.base import plain_fields
+from motion_jax.models.base import Able, plain_fields
 from motion_jax.motion.stats import Stats
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.causal_vae import CausalVAE
@@ -22,7 +22,7 @@ STAGES = ("cmdm.tokenizer", "cmdm.denoiser", "cdamd.autoencoder", "cdamd.rvq", "
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Tokenizer:
+class Tokenizer(Able):
   """Made by `load_tokenizer`; what an evaluation asks of a model, less words."""
   folder: pathlib.Path
   config: Any
@@ -30,6 +30,7 @@ class Tokenizer:
   num_params: int
   params_file: str
   _run: Any
+  abilities: ClassVar = ("round_trip",)
 
   def round_trip(self, x, num_frames, seeds=None):
     """Normalized features x (B, T, F), padded with zeros, there and back. seeds (B,): of latents that are drawn; None

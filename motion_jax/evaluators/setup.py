@@ -1,4 +1,4 @@
-"""Recipes of the evaluators: how the networks that benchmarks measure with are trained."""
+"""Training set-ups of the evaluators: how the networks that benchmarks measure with are trained."""
 import functools
 
 import jax
@@ -15,13 +15,13 @@ from motion_jax.metrics import scores
 from motion_jax.motion import stats as stats_lib
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
-from motion_jax.training.setup import Recipe, held_out, one_clip_per_caption, plain, text_identity
+from motion_jax.training.setup import TrainingSetup, held_out, one_clip_per_caption, plain, text_identity
 
 _RULES = ("unit", "coin", "crop_frames", "keep_long")  # of `batches.TextItems`
 NUM_VALIDATION = 8  # batches of the validation split that a loss is the mean of, the same every time
 
 
-def movement(config) -> Recipe:
+def movement(config) -> TrainingSetup:
   """The movement autoencoder, on windows of whole clips."""
   data = sources.load_features(config.data, captioned=False)
   windows = lambda features: batches.Windows(features, config.data.window, config.data.stride)
@@ -35,10 +35,10 @@ def movement(config) -> Recipe:
     return {"held_out_loss": round(float(np.mean([row["loss"] for row in found])), 5)}
 
   next_batch = lambda step: train.batch(config.data.batch_size, config.seed, step)
-  return Recipe(stage, next_batch, {}, evaluate, data.stats, {})
+  return TrainingSetup(stage, next_batch, {}, evaluate, data.stats, {})
 
 
-def match(config) -> Recipe:
+def match(config) -> TrainingSetup:
   """Motion and sentence encoders on a trained movement encoder; words of a GloVe vocabulary or of our own encoder."""
   encoder, stats = load_movement(config)
   data = sources.load_features(config.data, stats=stats)
@@ -64,10 +64,10 @@ def match(config) -> Recipe:
     return float(np.mean(found))
 
   nearness = lambda text, motion: -scores.distances(text, motion)
-  return _recipe(config, stage._replace(init=init), data, read, files, nearness, loss)
+  return _captioned_setup(config, stage._replace(init=init), data, read, files, nearness, loss)
 
 
-def clip(config) -> Recipe:
+def clip(config) -> TrainingSetup:
   """The CLIP-type evaluator; its tables of word pieces are those of the text encoder that config.frozen.text names."""
   encoder = load_text_encoder(config.frozen.text)
   tokens, positions = matching.piece_tables(encoder)
@@ -86,10 +86,10 @@ def clip(config) -> Recipe:
     return batch
 
   stage = stage._replace(init=lambda batch, rng: {"params": own(batch, rng)["params"] | tables})
-  return _recipe(config, stage, data, read, {checkpoint.TEXT: text_identity(encoder)}, scores.cosines)
+  return _captioned_setup(config, stage, data, read, {checkpoint.TEXT: text_identity(encoder)}, scores.cosines)
 
 
-def gaussian(config) -> Recipe:
+def gaussian(config) -> TrainingSetup:
   """SnapMoGen's evaluator, on hidden states of the frozen text encoder that config.frozen.text names."""
   encoder = load_text_encoder(config.frozen.text)
   data = sources.load_features(config.data)
@@ -99,10 +99,10 @@ def gaussian(config) -> Recipe:
     return batch
 
   stage = matching.gaussian_stage(config)
-  return _recipe(config, stage, data, read, {checkpoint.TEXT: text_identity(encoder)}, scores.cosines)
+  return _captioned_setup(config, stage, data, read, {checkpoint.TEXT: text_identity(encoder)}, scores.cosines)
 
 
-def _recipe(config, stage, data, read, files, nearness, loss=None):
+def _captioned_setup(config, stage, data, read, files, nearness, loss=None):
   """What matching and CLIP-type training share: clips with captions, and validation by loss and retrieval.
 
   read(batch, data) puts the sentences into the batch as the network reads them. nearness(text, motion) (N, N).
@@ -129,7 +129,7 @@ def _recipe(config, stage, data, read, files, nearness, loss=None):
     return {name: round(float(value), 4) for name, value in found.items()}
 
   next_batch = lambda step: read(train.batch(config.data.batch_size, config.seed, step), data)
-  return Recipe(stage, next_batch, {}, evaluate, data.stats, files)
+  return TrainingSetup(stage, next_batch, {}, evaluate, data.stats, files)
 
 
 class _Items:
@@ -185,5 +185,5 @@ def load_vocabulary(config):
   return WordFeatures(encoder), {checkpoint.TEXT: text_identity(encoder)}
 
 
-RECIPES = {"evaluator.movement": movement, "evaluator.matching": match, "evaluator.clip": clip,
+SETUPS = {"evaluator.movement": movement, "evaluator.matching": match, "evaluator.clip": clip,
            "evaluator.snapmogen": gaussian}

@@ -117,3 +117,23 @@ def checked(value, low, high, name, unit="", kind=int):
     raise InputError(f"got {name} {said}, expected a {'whole ' if kind is int else ''}number"
                      f"{f' of {unit}' if unit else ''}{bounds(low, high)}")
   return kind(number)
+
+
+def demand_numbers(values, name, expected):
+  """The values, where all of them are numbers. Raises TypeError, which names the argument and what was expected."""
+  for value in values:
+    try:
+      if isinstance(value, str | bytes | bool):
+        raise TypeError
+      float(value)
+    except OverflowError:
+      pass  # far too large a number, but one
+    except (TypeError, ValueError):
+      raise TypeError(f"got {told(value)} as {name}, expected {expected}") from None
+  return values
+
+
+def told(value):
+  """A value and its type, for an error."""
+  text = repr(value)
+  return f"{text if len(text) <= 60 else text[:59] + '…'} ({type(value).__name__})"

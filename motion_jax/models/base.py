@@ -11,8 +11,9 @@ import numpy as np
 
 from motion_jax.data.captions import SUBJECTS
 from motion_jax.inputs.errors import InputError
-from motion_jax.inputs.numerals import GUIDANCE, SEEDS, as_float, checked, shortened
+from motion_jax.inputs.numerals import SEEDS, as_float, checked, demand_numbers, shortened, told
 from motion_jax.inputs.text_files import is_text
+from motion_jax.models.options import SamplingOptions
 from motion_jax.motion.stats import Stats
 from motion_jax.runs import Run
 from motion_jax.runtime import cache
@@ -24,8 +25,37 @@ _SHORTEST, _USUAL, _LONGEST = 3.0, 6.0, 9.8  # seconds of a motion whose length 
 _LONGEST_PROMPT = 5000  # characters: ten times the longest caption of the data sets
 
 
-class Prompted:
-  """A run folder whose parameters make motion from words; the base of `model.Model` and `cdamd_model.CdamdModel`."""
+# What a model may be able to do, each a method of its name; `can` says whether a model is.
+ABILITIES = {
+    "generate": "motion from words",
+    "stream": "motion without end, block after block",
+    "multi_prompt": "several prompts in a row, one motion",
+    "extend": "a motion that exists goes on",
+    "edit": "parts of a motion that exists made anew",
+    "reconstruct": "a motion through the tokenizer and back",
+    "round_trip": "padded motions through the tokenizer and back",
+}
+
+
+class Able:
+  """Something that says what it can do: `can("edit")`. Models, and what is judged in the place of one."""
+  abilities = ()  # of ABILITIES
+
+  def can(self, ability) -> bool:
+    """Whether it has this ability, one of `ABILITIES`. Raises ValueError for a word that is none."""
+    if ability not in ABILITIES:
+      raise InputError(f"got the ability {ability!r}, expected one of {', '.join(ABILITIES)}")
+    return ability in self.abilities
+
+
+class TextToMotionModel(Able):
+  """A run folder whose parameters make motion from words: the base of every method's model, and what `load` gives.
+
+  A method's class says what else it `can` do, and names the `SamplingOptions` by which it is sampled.
+  """
+  abilities = ("generate",)
+  options = SamplingOptions
+  codec = None  # of the latents that it makes, where it makes latents
   max_seconds = 3600.0
   tells_unknown_words = True  # False where nobody would read the warnings
 
@@ -40,7 +70,7 @@ class Prompted:
                        "as text")
     run.check_encoder(encoder)
     self.stats: Stats = run.stats
-    self.frozen = jax.tree.map(jnp.asarray, run.frozen(frozen_shapes))
+    self.frozen = jax.tree.map(jnp.asarray, run.frozen(frozen_shapes) if frozen_shapes else {})
     self.params = jax.tree.map(jnp.asarray, run.params(shapes))
 
   def __repr__(self):
@@ -55,7 +85,7 @@ class Prompted:
 
   @property
   def num_params(self) -> int:
-    return sum(x.size for x in jax.tree.leaves((self.params, self.codec.params)))
+    return sum(x.size for x in jax.tree.leaves((self.params, self.codec.params if self.codec else {})))
 
   @functools.cached_property
   def id(self) -> str:
@@ -113,10 +143,10 @@ class Prompted:
     if num_frames is not None and seconds is not None:
       raise InputError("got both num_frames and seconds; give one of them")
     if num_frames is None:
-      num_frames = self.natural_frames if seconds is None else [as_float(s) * self.fps for s in _numbers(
+      num_frames = self.natural_frames if seconds is None else [as_float(s) * self.fps for s in demand_numbers(
           each(seconds, prompts), "seconds", "a number such as 6.0, or one per prompt")]
     counts = [num_frames(p) for p in prompts] if callable(num_frames) else each(num_frames, prompts)
-    _numbers(counts, "num_frames", "a number of frames such as 120, or one per prompt")
+    demand_numbers(counts, "num_frames", "a number of frames such as 120, or one per prompt")
     for count in counts:
       if not self.unit <= as_float(count) <= self.max_seconds * self.fps:
         raise InputError(f"got a length of {as_float(count):g} frames, expected {self.unit} to "
@@ -125,17 +155,25 @@ class Prompted:
 
   # --- arguments ---------------------------------------------------------------------------------------------------
 
-  def scale_of(self, guidance_scale):
-    """The guidance scale, the config's if None is given."""
-    if guidance_scale is None:
-      return self.config.sampler.guidance_scale
-    _numbers([guidance_scale], "guidance_scale", "a number such as 3")
-    return checked(guidance_scale, *GUIDANCE, "guidance_scale", kind=float)
+  def sampling(self, **choices) -> SamplingOptions:
+    """All choices of sampling: those given, the rest as the run's config has them.
+
+    Raises TypeError for a choice that this method does not have, ValueError for a value that cannot be.
+    """
+    known = self.options.described()
+    for name in choices:
+      if name not in known:
+        raise TypeError(f"got the choice of sampling {name!r}, {self.folder.name} knows {', '.join(known)}")
+    return self.options(**choices).resolved(self.config, **self.usual_sampling())
+
+  def usual_sampling(self) -> dict:
+    """Choices that follow from the networks where neither caller nor config makes them."""
+    return {}
 
   def prompts_of(self, prompts):
     """A list of prompts from one or several, checked as `check_words` does. Raises TypeError for what is no text."""
     if not isinstance(prompts, str) and (isinstance(prompts, bytes | dict) or not isinstance(prompts, Iterable)):
-      raise TypeError(f"got {_told(prompts)} as prompts, expected a sentence such as \"a person waves\", or a "
+      raise TypeError(f"got {told(prompts)} as prompts, expected a sentence such as \"a person waves\", or a "
                       "list of them")
     prompts = [prompts] if isinstance(prompts, str) else list(prompts)
     if not prompts:
@@ -155,8 +193,8 @@ class Prompted:
       if not is_text(prompt):
         raise InputError(f"got the prompt {ascii(shortened(prompt))}, which holds bytes that are no UTF-8 text")
       if len(prompt) > _LONGEST_PROMPT:
-        raise InputError(f"got a prompt of {len(prompt):,} characters, expected at most {_LONGEST_PROMPT:,}; a story "
-                         "tells several sentences one after the other")
+        raise InputError(f"got a prompt of {len(prompt):,} characters, expected at most {_LONGEST_PROMPT:,}; "
+                         "multi_prompt takes several sentences one after the other")
       words = self.unknown_words(prompt) if self.tells_unknown_words else ()
       if words:
         strange[prompt] = ", ".join(map(repr, words[:_NAMED])) + (" ..." if len(words) > _NAMED else "")
@@ -176,6 +214,7 @@ class Prompted:
     return self._learned[0].missing(prompt) + self.encoder.unreadable(prompt)
 
 
+Model = TextToMotionModel  # its public name, `motion_jax.Model`
 _NAMED = 5  # words of a prompt, and prompts of a call, that a warning names
 
 
@@ -186,26 +225,6 @@ def _shortened(text):
 def plain_fields(config):
   """A config section as fields of a module: lists become tuples, which can be hashed."""
   return {k: tuple(v) if isinstance(v, list | tuple) else v for k, v in config.to_dict().items()}
-
-
-def _told(value):
-  """A value and its type, for an error."""
-  text = repr(value)
-  return f"{text if len(text) <= 60 else text[:59] + '…'} ({type(value).__name__})"
-
-
-def _numbers(values, name, expected):
-  """The values; raises TypeError unless all are numbers."""
-  for value in values:
-    try:
-      if isinstance(value, str | bytes | bool):
-        raise TypeError
-      float(value)
-    except OverflowError:
-      pass  # far too large a number, but one
-    except (TypeError, ValueError):
-      raise TypeError(f"got {_told(value)} as {name}, expected {expected}") from None
-  return values
 
 
 def each(value, prompts):
@@ -220,13 +239,13 @@ def keys_of(rng, seeds, count):
   """(keys (count,), seeds or Nones): of seeds, or of a key that is folded with each motion's place."""
   if seeds is not None:
     if isinstance(seeds, str | bytes) or not isinstance(seeds, Iterable):
-      raise TypeError(f"got {_told(seeds)} as seeds, expected one integer per motion, as in seeds=[5]")
+      raise TypeError(f"got {told(seeds)} as seeds, expected one integer per motion, as in seeds=[5]")
     seeds = list(seeds)
     for seed in seeds:
       try:
         operator.index(seed)
       except TypeError:
-        raise TypeError(f"got the seed {_told(seed)}, expected an integer") from None
+        raise TypeError(f"got the seed {told(seed)}, expected an integer") from None
     if len(seeds) != count:
       raise InputError(f"got {len(seeds)} seeds for {count} motions")
     seeds = [checked(seed, -SEEDS[1], SEEDS[1], "seed") for seed in seeds]
@@ -235,5 +254,5 @@ def keys_of(rng, seeds, count):
   is_array = isinstance(rng, jax.Array | np.ndarray)
   if not (is_array and (jax.dtypes.issubdtype(rng.dtype, jax.dtypes.prng_key) and rng.shape == ()
                         or rng.dtype == np.uint32 and rng.ndim == 1)):
-    raise TypeError(f"got {_told(rng)} as rng, expected a key such as jax.random.key(5)")
+    raise TypeError(f"got {told(rng)} as rng, expected a key such as jax.random.key(5)")
   return jax.vmap(lambda i: jax.random.fold_in(rng, i))(jnp.arange(count)), [None] * count

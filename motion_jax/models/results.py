@@ -60,6 +60,17 @@ def _framed(clips):
           'sandbox="allow-scripts"></iframe>')
 
 
+BLUE, ORANGE = (0.25, 0.5, 0.9), (0.95, 0.55, 0.15)  # frames that were given, frames that were made
+
+
+def colors_of(motion):
+  """(T, 3): kept frames blue, new ones orange, for `motion.save(path, colors=...)`."""
+  colors = np.tile(np.array(BLUE), (len(motion.joints), 1))
+  for first, past in motion.meta["made"]:
+    colors[first:past] = ORANGE
+  return colors
+
+
 def captions_in_a_row(prompts, ends, fps):
   """Captions of segments that end at the given frames; a single one is about all of its clip."""
   if len(prompts) == 1:

@@ -124,8 +124,8 @@ def kept_shapes(name, module, make):
 class Program:
   """A jitted function whose traced program is kept: a second process neither traces nor lowers what the first did.
 
-  fn(*static, *arrays) with `num_static` hashable choices first; about: what else fn depends on, such as modules that it
-  closes over, by their repr. Without a cache folder it is `jax.jit` and nothing else.
+  fn(*static, *arrays, **arrays) with `num_static` hashable choices first; about: what else fn depends on, such as
+  modules that it closes over, by their repr. Without a cache folder it is `jax.jit` and nothing else.
   """
 
   def __init__(self, name, fn, num_static=0, about=()):
@@ -133,10 +133,10 @@ class Program:
     self.jitted = jax.jit(fn, static_argnums=tuple(range(num_static)))
     self._loaded = {}
 
-  def __call__(self, *args):
+  def __call__(self, *args, **named):
     if _folder is None:
-      return self.jitted(*args)
-    static, arrays = args[:self.num_static], args[self.num_static:]
+      return self.jitted(*args, **named)
+    static, arrays = args[:self.num_static], (args[self.num_static:], named)
     leaves, tree = jax.tree.flatten(arrays)
     shapes = tuple(repr(jax.typeof(leaf)) for leaf in leaves)
     options = tuple(str(getattr(jax.config, name, None)) for name in _OPTIONS)
@@ -149,7 +149,10 @@ class Program:
 
   def _load(self, key, static, tree, leaves):
     """The program of that key, a function of the leaves alone, traced and kept if it is not there."""
-    plain = lambda *leaves: self.jitted(*static, *jax.tree.unflatten(tree, leaves))
+    def plain(*leaves):
+      arrays, named = jax.tree.unflatten(tree, leaves)
+      return self.jitted(*static, *arrays, **named)
+
     from jax import export
     payload = read("programs", key)
     try:

@@ -13,7 +13,7 @@ from motion_jax.motion.stats import Stats
 from motion_jax.training.stage import Stage
 
 
-class Recipe(NamedTuple):
+class TrainingSetup(NamedTuple):
   """A stage with all that it is trained on.
 
   next_batch(step) -> dict of arrays; frozen: arrays that the loss reads and nobody changes; evaluate(params) -> dict of

@@ -17,7 +17,7 @@ from tests.golden import check, golden
 from tests.nets.test_causal_dit import captions, network
 
 chained = jax.jit(cmdm.chained, static_argnums=(0, 1))
-prime = jax.jit(streaming.prime, static_argnums=(0, 1))
+prefill = jax.jit(streaming.Sampler.prefill)
 
 
 @functools.partial(jax.jit, static_argnums=0)
@@ -50,7 +50,8 @@ def run_continuation(fixture, dtype):
     for m in range(len(times) - 1):
       before = states[-1] if states else x
       states.append(one_step(dit, params, *text, mask, config["scale"], before, times[m], times[m + 1], past, fresh[m]))
-    final = chained(dit, plan, params, *text, config["scale"], lengths, past, x, Replay(fresh), times)
+    final = chained(dit, plan, params, text_emb=text[0], text_mask=text[1], scale=config["scale"], lengths=lengths,
+                    past=past, noise=x, fresh=Replay(fresh), times=times)
     made |= {f"levels/{name}": times[:-1], f"states/{name}": jnp.stack(states), f"final/{name}": final}
 
   for name, story in config["longs"].items():
@@ -58,10 +59,11 @@ def run_continuation(fixture, dtype):
     for i, frames in enumerate(story["frames"]):
       noise = array(f"in/segment_noise/{name}/{i}")
       batch, past = noise.shape[0], noise[:, :0] if latents is None else latents[:, -story["past"]:]
-      text = (jnp.concatenate([a[i:i + 1]] * batch) for a in (caption_emb, caption_mask))
+      text_emb, text_mask = (jnp.concatenate([a[i:i + 1]] * batch) for a in (caption_emb, caption_mask))
       lengths = jnp.full(batch, max(1, frames // 4))
       fresh = Replay(array(f"in/segment_fresh/{name}/{i}")) if i else None
-      new = chained(dit, plan, params, *text, config["scale"], lengths, past, noise, fresh, times_of(noise.shape[1]))
+      new = chained(dit, plan, params, text_emb=text_emb, text_mask=text_mask, scale=config["scale"], lengths=lengths,
+                    past=past, noise=noise, fresh=fresh, times=times_of(noise.shape[1]))
       latents = new if latents is None else jnp.concatenate([latents, new], axis=1)
     made[f"long/{name}"] = latents
   return made
@@ -109,13 +111,12 @@ def whole_after(dit, params, text_emb, text_mask, attn_mask, past, noise, times,
 def test_a_clean_past_is_kept_exactly(given, context, num_blocks):
   """Cached = recomputed, for pasts of whole blocks and not, shorter and longer than the cache."""
   dit, plan, params, constants, text_emb, text_mask, keys = setting(6, 2, 3, context, num_blocks)
-  text = encode_text(dit, params, text_emb, text_mask)
+  sampler = streaming.Sampler(dit, plan, params, constants, encode_text(dit, params, text_emb, text_mask), SCALE, keys)
   past = jax.random.normal(jax.random.key(5), (2, given, 5))
   front = -given % 3
   padded = jnp.pad(past, ((0, 0), (front, 0), (0, 0)), constant_values=9.0)  # garbage that nobody may see
-  state = prime(dit, plan, params, constants, text, padded, given, streaming.init_stream(dit, plan, keys))
-  made = jax.jit(lambda state: streaming.sample(dit, plan, params, constants, text, SCALE, keys, num_blocks,
-                                                state=state))(state)
+  state = prefill(sampler, sampler.init(), past=padded, count=given)
+  made = jax.jit(lambda state: sampler.sample(num_blocks, state=state))(state)
 
   length = 3 * num_blocks
   noise = jnp.concatenate([streaming.block_noise(keys, i, plan, 5) for i in range(num_blocks)], axis=1)
@@ -124,29 +125,28 @@ def test_a_clean_past_is_kept_exactly(given, context, num_blocks):
   times = jnp.asarray(staircase(6, length, 2, 3))
   expected = whole_after(dit, params, text_emb, text_mask, mask, padded, noise, times, SCALE)
   assert_close(made, expected, 1e-5)
-  alone = fast(dit, plan, params, constants, text, SCALE, keys, num_blocks)
+  alone = fast(dit, plan, params, constants, sampler.text, SCALE, keys, num_blocks)
   assert float(jnp.abs(alone - made).max()) > 1e-2  # the past matters
 
 
 def test_a_stream_goes_on_from_its_own_past():
-  """A run that is cut and primed with its own clean latents equals the uncut one: autoregressive, so that no block is
-  under way at the cut."""
+  """A run that is cut and prefilled with its own clean latents equals the uncut one: autoregressive, so that no block
+  is under way at the cut."""
   dit, plan, params, constants, text_emb, text_mask, keys = setting(4, 4, 3, 12)
-  text = encode_text(dit, params, text_emb, text_mask)
-  run = lambda state, count: live(dit, plan, params, constants, text, keys, state, count)
-  whole, _ = run(streaming.init_stream(dit, plan, keys), 5)
-  state = prime(dit, plan, params, constants, text, whole[:, :9], 9, streaming.init_stream(dit, plan, keys))
+  sampler = streaming.Sampler(dit, plan, params, constants, encode_text(dit, params, text_emb, text_mask), SCALE, keys)
+  run = lambda state, count: live(sampler, state, count)
+  whole, _ = run(sampler.init(), 5)
+  state = prefill(sampler, sampler.init(), past=whole[:, :9], count=9)
   late = [streaming.block_noise(keys, i, plan, 5) for i in (3, 4)]
   state = state._replace(latents=jnp.concatenate(late, axis=1))
   rest, _ = run(state, 2)
   assert_close(rest, whole[:, 9:], 1e-5)
 
 
-def live(dit, plan, params, constants, text, keys, state, num_blocks):
-  blocks, primed = [], int(state.past) > 0
+def live(sampler, state, num_blocks):
+  plan, blocks, prefilled = sampler.plan, [], int(state.past) > 0
   for at in range(plan.age + num_blocks - 1):
-    state, block, done = step(dit, plan, plan.width, primed or at > plan.age, params, constants, text, SCALE, keys,
-                              state)
+    state, block, done = step(sampler, state, active=plan.width, use_cache=prefilled or at > plan.age)
     if done:
       blocks.append(block)
   return jnp.concatenate(blocks, axis=1), state
@@ -160,8 +160,9 @@ def test_padding_of_a_chain_is_invisible():
   for length in (8, 14):
     draw = lambda m, length=length: jnp.concatenate(
         [streaming.block_noise(keys, 100 * m + i, plan, 5) for i in range(5)], axis=1)[:, :length]
-    made = jax.jit(lambda noise, draw=draw: cmdm.chained(dit, plan, params, text_emb, text_mask, SCALE, jnp.array(
-        [7, 4]), past, noise, lambda m: draw(m + 1)))(draw(0))
+    made = jax.jit(lambda noise, draw=draw: cmdm.chained(
+        dit, plan, params, text_emb=text_emb, text_mask=text_mask, scale=SCALE, lengths=jnp.array([7, 4]), past=past,
+        noise=noise, fresh=lambda m: draw(m + 1)))(draw(0))
     results.append(np.asarray(made))
   np.testing.assert_allclose(results[0][0, :7], results[1][0, :7], atol=2e-6)
   np.testing.assert_allclose(results[0][1, :4], results[1][1, :4], atol=2e-6)
@@ -169,7 +170,6 @@ def test_padding_of_a_chain_is_invisible():
 
 def test_bad_pasts_are_told():
   dit, plan, params, constants, text_emb, text_mask, keys = setting(4, 2, 3, 12)
-  text = encode_text(dit, params, text_emb, text_mask)
+  sampler = streaming.Sampler(dit, plan, params, constants, encode_text(dit, params, text_emb, text_mask), SCALE, keys)
   with pytest.raises(ValueError, match="whole blocks of 3"):
-    streaming.prime(dit, plan, params, constants, text, jnp.zeros((2, 4, 5)), 4,
-                    streaming.init_stream(dit, plan, keys))
+    sampler.prefill(sampler.init(), past=jnp.zeros((2, 4, 5)), count=4)

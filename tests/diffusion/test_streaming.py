@@ -77,8 +77,8 @@ def test_golden_fast(name, kind, monkeypatch):
       times = jnp.asarray(1 - np.arange(num_steps, -1, -1) / num_steps)
       constants = streaming.Constants(times, dit.apply(params, times, method="modulation"))
     keys = jnp.stack([jax.random.key(0)] * len(noise))
-    made = jax.jit(lambda: streaming.sample(dit, plan, params, constants, text, fixture.config["scale"], keys,
-                                            num_blocks))()
+    sampler = streaming.Sampler(dit, plan, params, constants, text, fixture.config["scale"], keys)
+    made = jax.jit(lambda: sampler.sample(num_blocks))()
   expected = fixture[f"{'out64' if kind == 'float64' else 'out'}/final/{name}"]
   compared = 0
   for sample, count in enumerate(fixture[f"in/lengths/{name}"]):
@@ -106,21 +106,22 @@ def setting(num_steps, lag, block, context, num_blocks=None, batch=2, guided=Tru
 
 @functools.partial(jax.jit, static_argnums=(0, 1, 7, 8))
 def fast(dit, plan, params, constants, text, scale, keys, num_blocks, buckets=1, segment=None):
-  return streaming.sample(dit, plan, params, constants, text, scale, keys, num_blocks, buckets, segment)
+  sampler = streaming.Sampler(dit, plan, params, constants, text, scale, keys)
+  return sampler.sample(num_blocks, buckets=buckets, segment=segment)
 
 
-step = jax.jit(streaming.advance, static_argnums=(0, 1, 2, 3))
+step = jax.jit(streaming.Sampler.step, static_argnames=("active", "use_cache"))
 
 
 def streamed(dit, plan, params, constants, text, keys, num_blocks, scale=SCALE, segment=None):
   """Block after block from a loop, as a live player would ask for them; -> (latents, state)."""
-  state, blocks, caption = streaming.init_stream(dit, plan, keys), [], None
+  sampler = streaming.Sampler(dit, plan, params, constants, text, scale, keys)
+  state, blocks, caption = sampler.init(), [], None
   for at in range(plan.age + num_blocks - 1):
     if segment is not None:
       window = max(at - plan.age, 0) + np.arange(plan.width)
       caption = jnp.asarray(segment[:, np.minimum(window, num_blocks - 1)])
-    state, block, done = step(dit, plan, plan.width, at > plan.age, params, constants, text, scale, keys, state,
-                              caption)
+    state, block, done = step(sampler, state, active=plan.width, use_cache=at > plan.age, caption=caption)
     if done:
       blocks.append(block)
   return jnp.concatenate(blocks, axis=1), state
@@ -281,7 +282,8 @@ def test_an_endless_stream_stays_as_it_is(monkeypatch):
   """Shapes do not grow, nothing compiles anew, and hour 1000 is computed to the bit as minute one."""
   dit, plan, params, constants, text_emb, text_mask, keys = setting(6, 2, 3, 12)
   text = encode_text(dit, params, text_emb, text_mask)
-  start = jax.tree.map(jnp.shape, streaming.init_stream(dit, plan, keys))
+  sampler = streaming.Sampler(dit, plan, params, constants, text, SCALE, keys)
+  start = jax.tree.map(jnp.shape, sampler.init())
   _, state = streamed(dit, plan, params, constants, text, keys, 12)
   compiled = step._cache_size()
   _, state = streamed(dit, plan, params, constants, text, keys, 40)
@@ -289,7 +291,7 @@ def test_an_endless_stream_stays_as_it_is(monkeypatch):
   assert bool(jnp.isfinite(state.latents).all())
 
   late = state._replace(advance=state.advance + plan.ring * 100_000)
-  run = lambda state: step(dit, plan, plan.width, True, params, constants, text, SCALE, keys, state)[:2]
+  run = lambda state: step(sampler, state, active=plan.width, use_cache=True)[:2]
   (now, block), (then, late_block) = run(state), run(late)
   np.testing.assert_array_equal(block, late_block)
   jax.tree.map(np.testing.assert_array_equal, now.cache, then.cache)

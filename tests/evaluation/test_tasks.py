@@ -16,6 +16,8 @@ from motion_jax.evaluation.tasks import editing, long_horizon
 from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_jax.metrics import long_horizon as long_horizon_lib
 from motion_jax.metrics import protocol as protocol_lib
+from motion_jax.models.base import Able
+from motion_jax.models.cmdm.options import CmdmSampling
 from motion_jax.motion.representations import get_layout, to_features, to_joints
 from motion_jax.motion.skeleton import facing
 from tests.conftest import load_config
@@ -80,18 +82,18 @@ def test_a_model_edits_with_the_mask_that_it_samples_with(options, mask):
     config = load_config("cdamd_generator", "mardm")
     asked = None
 
-    def plan_of(self, **given):
+    def edits(self, clips, prompts, task, **given):
       self.asked = given
       raise InterruptedError
 
   subject = Subject("mardm", Model(), "", None, options=options)
   with pytest.raises(InterruptedError):
-    editing._editor(subject, protocols.get_protocol("editing"), [], "prefix")
-  assert subject.model.asked == {"mask": mask}
+    editing.editor(subject, protocols.get_protocol("editing"), [], "prefix")(samples.Jobs([], [], [], []))
+  assert subject.model.asked["mask"] == mask
 
 
 def test_a_model_without_the_gift_is_told(tiny_run, archive, evaluator, tmp_path):
-  with pytest.raises(ValueError, match="editing needs the run of a cdamd.generator"):
+  with pytest.raises(ValueError, match="has no 'edit' .* needs the run of a cdamd.generator"):
     judged([tiny_run], [archive], small("editing"), evaluator, tmp_path)
 
 
@@ -134,15 +136,17 @@ def test_a_file_that_holds_no_stories_is_told(tmp_path, content):
 
 
 def test_the_way_of_telling_is_a_choice_of_stories_alone():
-  class Model:
-    def plan_of(self, guidance_scale=None, num_steps=None):
-      return num_steps
+  class Model(Able):
+    abilities, options = ("generate",), CmdmSampling
+
+    def sampling(self, **choices):
+      return CmdmSampling(**choices)
 
   check_options("m", Model(), (), dict(way="chain", num_steps=3), ("way",))
-  with pytest.raises(ValueError, match="got the choice of sampling 'way', m knows num_steps"):
+  with pytest.raises(ValueError, match="got the choice of sampling 'way', m knows schedule, num_steps"):
     check_options("m", Model(), (), dict(way="chain"))
   with pytest.raises(ValueError, match="is not sampled"):
-    check_options("m", object(), (2.0,), {})
+    check_options("m", Able(), (2.0,), {})
 
 
 @pytest.mark.parametrize("way, unit, latent, expected", [

@@ -12,12 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from motion_jax import loading
 from motion_jax.data.timelines import read_stories
 from motion_jax.evaluation import samples
+from motion_jax.evaluation.candidates import load_able
 from motion_jax.metrics import long_horizon, physics
-from motion_jax.models.cmdm import model
-from motion_jax.models.cmdm import multi_prompt as stories
+from motion_jax.models.cmdm import multi_prompt
 from motion_jax.motion.representations import get_layout, to_joints
 
 METRICS = ("top1", "top2", "top3", "fid", "matching", "diversity", "transition_fid", "transition_diversity",
@@ -28,11 +27,8 @@ SEQUENCES, REFERENCE, SCORES, SPLICES = 11, 12, 13, 14  # streams of random numb
 
 
 def load(run, raw=False):
-  """A model that tells stories. Raises ValueError for another one."""
-  loaded = loading.load(run, raw=raw)
-  if not isinstance(loaded, model.Model):
-    raise ValueError(f"{run} holds a model of whole clips; long motions need the run of a cmdm.denoiser")
-  return loaded
+  """A model that makes motions of several prompts. Raises ValueError for another one."""
+  return load_able(run, "multi_prompt", raw)
 
 
 def real_rows(judge, repeat):
@@ -172,15 +168,16 @@ def _frames(counts, way, unit, latent):
   """How long the pieces of a story come out: prompts change on a grid of whole blocks, or of latents."""
   if way != "stream":
     return [max(1, int(count) // latent) * latent for count in counts]
-  blocks, total = stories.borders(counts, unit)
+  blocks, total = multi_prompt.borders(counts, unit)
   ends = np.minimum(np.cumsum(blocks) * unit, total)
   return np.diff(ends, prepend=0).tolist()
 
 
 def tell(subject, tales, options):
-  """make(jobs) of `samples.sample`: the stories [(prompt, seconds)] at the jobs' places; options: of `stories`."""
+  """make(jobs) of `samples.sample`: motions of the [(prompt, seconds)] at the jobs' places; options: of
+  `multi_prompts`."""
   def make(jobs):
-    made = subject.model.stories([tales[i] for i in jobs.places], seeds=jobs.seeds, polish=False,
+    made = subject.model.multi_prompts([tales[i] for i in jobs.places], seeds=jobs.seeds, polish=False,
                                  guidance_scale=subject.guidance_scale, **options)
     return [motion.features for motion in made]
   return make

@@ -18,39 +18,21 @@ weights        the authors' PyTorch files
 
 Numbers follow the released code (docs/papers/cdamd.md); where the paper differs a comment starts with "Parity".
 """
-from motion_jax.models.cdamd.editing import (
-  edit,
-)
-from motion_jax.models.cdamd.losses import (
-  DISTANCES,
-  autoencoder_terms,
-  generator_loss,
-  l1,
-  rvq_terms,
-  smooth_l1,
-  trained_mask,
-)
-from motion_jax.models.cdamd.sampling import (
-  Plan,
-  generate,
-  make_latents,
-  make_plan,
-)
-from motion_jax.models.cdamd.stages import (
-  autoencoder_shapes,
-  autoencoder_stage,
-  empty_codebooks,
-  frozen_shapes,
-  generator_shapes,
-  generator_stage,
-  make_generator,
-  prior_codes,
-  rvq_stage,
-)
+from motion_jax.runtime import lazy
 
-__all__ = [
-  "DISTANCES", "Plan", "autoencoder_shapes", "autoencoder_stage", "autoencoder_terms",
-  "edit", "empty_codebooks", "frozen_shapes", "generate", "generator_loss",
-  "generator_shapes", "generator_stage", "l1", "make_generator", "make_latents", "make_plan",
-  "prior_codes", "rvq_stage", "rvq_terms", "smooth_l1", "trained_mask",
-]
+_WHERE = lazy.names({
+    "editing": "edit",
+    "losses": "DISTANCES autoencoder_terms generator_loss l1 rvq_terms smooth_l1 trained_mask",
+    "sampling": "Plan generate make_latents make_plan",
+    "stages": "autoencoder_shapes autoencoder_stage empty_codebooks frozen_shapes generator_shapes generator_stage "
+              "make_generator prior_codes rvq_stage",
+})
+__all__ = sorted(_WHERE)
+
+
+def __getattr__(name):
+  return lazy.find(__name__, _WHERE, name)
+
+
+def __dir__():
+  return __all__

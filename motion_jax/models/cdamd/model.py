@@ -6,13 +6,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from motion_jax.data.clip import Caption
-from motion_jax.inputs.numerals import SECONDS, STEPS, NumberError, checked, real, whole
 from motion_jax.latents import AutoencoderCodec
 from motion_jax.models import cdamd
-from motion_jax.models.base import Prompted, keys_of, plain_fields
+from motion_jax.models.base import TextToMotionModel, keys_of, plain_fields
 from motion_jax.models.cdamd import draws
 from motion_jax.models.cdamd import length as lengths
 from motion_jax.models.cdamd import mask_schedule as masking
+from motion_jax.models.cdamd.options import CdamdSampling
 from motion_jax.models.cdamd.unmasking import most_revealed
 from motion_jax.models.known_motion import on_our_body
 from motion_jax.models.results import Motion, Motions, captions_in_a_row, make_motions
@@ -25,11 +25,11 @@ from motion_jax.runs import Run
 from motion_jax.runtime import cache
 from motion_jax.training import checkpoint
 
-BLUE, ORANGE = (0.25, 0.5, 0.9), (0.95, 0.55, 0.15)  # frames that were given, frames that were made
 
-
-class CdamdModel(Prompted):
+class CdamdModel(TextToMotionModel):
   """CDAMD or MARDM ready to use: prompts in, motion out; a motion in, the same one with new parts out."""
+  abilities = ("generate", "edit")
+  options = CdamdSampling
 
   def __init__(self, run: Run, encoder):
     config = run.config
@@ -57,21 +57,22 @@ class CdamdModel(Prompted):
     logits = self.length.apply(self.frozen["length"], self.encoder([prompt])[0][:, 0])
     return int(np.minimum(lengths.middle_frames(logits, self.unit), self.config.data.max_frames)[0])
 
-  def generate(self, prompts, num_frames=None, *, seconds=None, rng=None, seeds=None, polish=True, guidance_scale=None,
+  def generate(self, prompts, num_frames=None, *, seconds=None, rng=None, seeds=None, polish=True,
                **sampling) -> Motions:
     """Motions for one prompt or several, of the given length each (one number or one per prompt).
 
     rng: a key, of which prompt i gets fold_in(rng, i); or seeds, one integer per prompt. With a solver of fixed steps a
     motion does not depend on its batch-mates. Lengths are cut to whole latents (4 frames); without one it is
-    `natural_frames`. sampling, see `plan_of`. Raises ValueError for what cannot be made.
+    `natural_frames`. sampling: choices of `CdamdSampling`. Raises ValueError for what cannot be made.
     """
     prompts = self.prompts_of(prompts)
     frames = [count // self.unit * self.unit for count in self.frames_of(prompts, num_frames, seconds)]
     keys, seeds = keys_of(rng, seeds, len(prompts))
     every = np.arange(self.max_latents) < np.array(frames)[:, None] // self.unit
-    plan, hidden, scale, about = self._tables(keys, every, guidance_scale, **sampling)
-    words = self.encode_words(prompts)
-    made = self._generate(plan, self.params, self.codec, words, hidden, jnp.asarray(every), scale, keys)
+    plan, hidden, scale, about = self._tables(keys, every, **sampling)
+    text_emb, text_mask = self.encode_words(prompts)
+    made = self._generate(plan, self.params, self.codec, text_emb=text_emb, text_mask=text_mask, hidden=hidden,
+                          real_mask=jnp.asarray(every), scale=scale, keys=keys)
     captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
     return make_motions(self, made, frames, captions, seeds, about, polish)
 
@@ -80,14 +81,16 @@ class CdamdModel(Prompted):
     return self.edits([clip], [prompt], task, rng=rng, seeds=None if seed is None else [seed], **choices)[0]
 
   def edits(self, clips, prompts, task=None, *, keep=None, change=None, rng=None, seeds=None, paste=True, polish=False,
-            guidance_scale=None, mask=None, **sampling) -> Motions:
+            mask=None, **sampling) -> Motions:
     """Clips with parts of them made anew, each as its prompt says, in one batch.
 
-    Which parts: a task of `masking.TASKS`, or spans to keep or to change, [(0, 30), ...] in frames of this model
-    (`spans_of` reads "0:1.5s"), the same in every clip. Latents of 4 frames are kept whole or not at all. Kept frames
-    come back as they were (paste; new coordinates are moved to meet them, see `motion.blending`), resampled if the
-    clip's rate is another, retargeted if its bones are, cut to whole latents, and placed where the model begins: the
-    body at the origin, facing +z. mask: what new latents may look at, `nets.masks`; without it
+    clips: of any source, or arrays of features (T, F) as this model knows them, not normalized, which are taken as they
+    are.
+    Which parts: a task of `mask_schedule.TASKS`, or spans to keep or to change, [(0, 30), ...] in frames of this model
+    (`inputs.spans.spans_of` reads "0:1.5s"), the same in every clip. Latents of 4 frames are kept whole or not at all.
+    Kept frames come back as they were (paste; new coordinates are moved to meet them, see `motion.blending`), resampled
+    if the clip's rate is another, retargeted if its bones are, cut to whole latents, and placed where the model begins:
+    the body at the origin, facing +z. mask: what new latents may look at, `nets.masks`; without it
     config.sampler.edit_mask. meta["made"] lists the frames that are new.
     """
     # Parity: the released code pastes nothing back; paste=False is the benchmark's.
@@ -98,17 +101,19 @@ class CdamdModel(Prompted):
     edited = np.concatenate([self._edited(task, keep, change, count) for count in frames])
     keys, seeds = keys_of(rng, seeds, len(clips))
     sampling["mask"] = mask or self.config.sampler.edit_mask
-    plan, hidden, scale, about = self._tables(keys, edited, guidance_scale, **sampling)
+    plan, hidden, scale, about = self._tables(keys, edited, **sampling)
     real = padding_mask(jnp.array(frames) // self.unit, self.max_latents)
     features, joined = np.stack(features), paste and self.stats.layout.are_joints
-    made = self._edit(plan, paste and not joined, self.params, self.codec, features, self.encode_words(prompts),
-                      edited, hidden, real, scale, keys)
+    text_emb, text_mask = self.encode_words(prompts)
+    made = self._edit(plan, paste and not joined, self.params, self.codec, features, text_emb=text_emb,
+                      text_mask=text_mask, edited=edited, hidden=hidden, real_mask=real, scale=scale, keys=keys)
     if joined:
       made = self._joined(np.asarray(made), features, frames, ~np.repeat(edited, self.unit, axis=1))
     about |= dict(task=task or "spans", pasted=bool(paste))
     motions = make_motions(self, made, frames, [(Caption(prompt),) for prompt in prompts], seeds, about, polish)
     new = [_runs(np.flatnonzero(np.repeat(row, self.unit)[:count])) for row, count in zip(edited, frames)]
-    named = [motion.replace(id=clip.id, license=clip.license or self.license,
+    named = [motion.replace(meta=motion.meta | dict(edited="features", made=runs)) if isinstance(clip, np.ndarray) else
+             motion.replace(id=clip.id, license=clip.license or self.license,
                             meta=motion.meta | dict(edited=clip.source or clip.id, made=runs))
              for motion, clip, runs in zip(motions, clips, new)]
     return dataclasses.replace(motions, motions=tuple(named))
@@ -123,10 +128,9 @@ class CdamdModel(Prompted):
     return y
 
   def padded_features(self, clip):
-    """(normalized features (T, F) padded to the training length, frames): a clip on our body, in whole latents."""
-    joints = on_our_body(clip, self.fps, self.stats.layout.skeleton)
-    features = to_features(np.concatenate([joints, 2 * joints[-1:] - joints[-2:-1]]), self.stats.layout,
-                           self.config.data.mode)
+    """(normalized features (T, F) padded to the training length, frames): a clip on our body, or features (T, F) as
+    they are, in whole latents."""
+    features = self._features(clip)
     count = len(features) // self.unit * self.unit
     if not self.unit <= count <= self.config.data.max_frames:
       raise ValueError(f"got a motion of {len(features)} frames at {self.fps:g} frames a second, expected {self.unit} "
@@ -135,25 +139,16 @@ class CdamdModel(Prompted):
     padded[:count] = self.stats.normalize(features[:count])
     return padded, count
 
-  def plan_of(self, rounds=None, order=None, mask=None, solver=None, num_steps=None, revealed_only=None,
-              temperature=1.0):
-    """(Plan without rows, rounds, order, revealed_only): choices, and the config's where there is none.
-
-    rounds of sampling; order "random" or "left_to_right"; mask of `nets.masks`; solver "euler", "heun", "midpoint" or
-    "rk4" with num_steps, or "dopri5", or "ddpm"; revealed_only False solves for what the next round discards, too.
-    """
-    defaults = self.config.sampler
-    pick = lambda name, value: defaults[name] if value is None else value
-    flow = self.config.loss.diffusion != "ddpm"
-    if solver is None and (defaults.solver == "ddpm") == flow:  # trained with the other diffusion than its config's
-      solver, num_steps = ("midpoint", num_steps or 10) if flow else ("ddpm", num_steps or self.config.loss.ddpm_steps)
-    rounds = checked(pick("num_rounds", rounds), *STEPS, "rounds")
-    num_steps = checked(pick("num_steps", num_steps), *STEPS, "num_steps")
-    plan = cdamd.make_plan(solver=pick("solver", solver), num_steps=num_steps, mask=pick("mask", mask),
-                           ddpm_steps=self.config.loss.ddpm_steps, temperature=float(temperature))
-    if (plan.solver == "ddpm") != (self.config.loss.diffusion == "ddpm"):
-      raise ValueError(f"got solver {plan.solver!r} for a model that was trained by {self.config.loss.diffusion}")
-    return plan, rounds, pick("order", order), bool(pick("revealed_only", revealed_only))
+  def _features(self, clip):
+    """Features (T, F), not normalized, of a clip, or of such an array itself."""
+    layout = self.stats.layout
+    if isinstance(clip, np.ndarray):
+      if clip.ndim != 2 or clip.shape[-1] != layout.dim:
+        raise ValueError(f"got features of shape {clip.shape}, {self.folder.name} reads {layout.name!r} features "
+                         f"(frames, {layout.dim}); give such, or a Clip")
+      return clip
+    joints = on_our_body(clip, self.fps, layout.skeleton)
+    return to_features(np.concatenate([joints, 2 * joints[-1:] - joints[-2:-1]]), layout, self.config.data.mode)
 
   def encode_words(self, prompts):
     """(text_emb, text_mask or None) as the model was trained: sentence vectors, or these and their words."""
@@ -161,19 +156,18 @@ class CdamdModel(Prompted):
       return self.encoder(prompts)[0], None
     return self.encoder.sentence_and_words(prompts, at_least=min(self.config.data.max_words, self.encoder.max_words))
 
-  def _tables(self, keys, editable, guidance_scale, **sampling):
+  def _tables(self, keys, editable, **sampling):
     """(Plan, hidden (N, B, L), guidance scale, what a file says of them) for latents editable (B, L)."""
-    scale = self.scale_of(guidance_scale)
-    plan, num_rounds, order, revealed_only = self.plan_of(**sampling)
-    order_of = draws.draw_order(keys, np.full(len(keys), self.max_latents), self.max_latents, order)
-    counts = masking.hidden_counts(num_rounds, editable.sum(-1))
+    chosen = self.sampling(**sampling)
+    order_of = draws.draw_order(keys, np.full(len(keys), self.max_latents), self.max_latents, chosen.order)
+    counts = masking.hidden_counts(chosen.rounds, editable.sum(-1))
     hidden = masking.hidden_table(np.where(editable, order_of, np.inf), counts)
     # Rounded up to even numbers, so that few lengths are compiled anew.
     most = 2 * -(-most_revealed(counts) // 2)
-    plan = plan._replace(guided=scale != 1.0, num_rows=most if revealed_only else None)
-    about = dict(guidance_scale=scale, model=self.id, rounds=num_rounds, order=order, mask=plan.mask,
-                 solver=plan.solver, num_steps=plan.num_steps)
-    return plan, hidden, scale, about
+    plan = cdamd.make_plan(solver=chosen.solver, num_steps=chosen.num_steps, mask=chosen.mask,
+                           guided=chosen.guidance_scale != 1.0, num_rows=most if chosen.revealed_only else None,
+                           ddpm_steps=self.config.loss.ddpm_steps, temperature=chosen.temperature)
+    return plan, hidden, chosen.guidance_scale, chosen.about() | dict(model=self.id)
 
   def _edited(self, task, keep, change, count):
     """(1, L): the latents of a clip of count frames that are made anew."""
@@ -190,37 +184,7 @@ class CdamdModel(Prompted):
     return edited
 
 
-def spans_of(texts, num_frames, fps):
-  """[(first, past)] in frames from texts "A:B", each side in seconds ("1.5s"), as a share ("0.25", "25%") or in frames
-  ("30"); an empty side is the end on that side."""
-  def place(text, empty):
-    text = text.strip()
-    try:
-      if not text:
-        return empty
-      if text.endswith("s"):
-        return round(real(*SECONDS)(text[:-1]) * fps)
-      if text.endswith("%"):
-        return round(real(0, 100)(text[:-1]) / 100 * num_frames)
-      return round(real(0, 1)(text) * num_frames) if "." in text else whole(0, 10**9)(text)
-    except NumberError as error:
-      raise ValueError(f"in a span: {error}; a side is seconds (1.5s), a share (0.25, 25%) or frames (30)") from None
-
-  spans = []
-  for text in texts:
-    first, colon, past = text.partition(":")
-    if not colon:
-      raise ValueError(f"got the span {text!r}, expected A:B as in 0:1.5s")
-    spans.append((place(first, 0), min(place(past, num_frames), num_frames)))
-  return spans
-
-
-def colors_of(motion):
-  """(T, 3): kept frames blue, new ones orange, for `motion.save(path, colors=...)`."""
-  colors = np.tile(np.array(BLUE), (len(motion.joints), 1))
-  for first, past in motion.meta["made"]:
-    colors[first:past] = ORANGE
-  return colors
+MODELS = {"cdamd.generator": CdamdModel}
 
 
 def _runs(frames):
@@ -233,10 +197,10 @@ def _draw(net, keys, real):
   return draws.make_draw(keys, real.shape[1], net.transformer.latent_dim)
 
 
-def _generate(net, plan, params, codec, words, hidden, real, scale, keys):
-  return cdamd.generate(net, plan, params, codec, words[0], hidden, real, scale, _draw(net, keys, real), words[1])
+def _generate(net, plan, params, codec, *, keys, real_mask, **given):
+  return cdamd.generate(net, plan, params, codec, real_mask=real_mask, draw=_draw(net, keys, real_mask), **given)
 
 
-def _edit(net, plan, paste, params, codec, features, words, edited, hidden, real, scale, keys):
-  return cdamd.edit(net, plan, params, codec, features, words[0], edited, hidden, real, scale,
-                    _draw(net, keys, real), paste, words[1])
+def _edit(net, plan, paste, params, codec, features, *, keys, real_mask, **given):
+  return cdamd.edit(net, plan, params, codec, features, real_mask=real_mask, paste=paste,
+                    draw=_draw(net, keys, real_mask), **given)

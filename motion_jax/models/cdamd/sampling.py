@@ -32,7 +32,7 @@ def make_plan(**fields) -> Plan:
   return plan
 
 
-def make_latents(net, plan, params, text_emb, latents, hidden, real_mask, scale, draw, text_mask=None):
+def make_latents(net, plan, params, latents, *, text_emb, hidden, real_mask, scale, draw, text_mask=None):
   """Latents after each round (N, B, L, C), the last the finished ones. Pure; net and plan are static.
 
   text_emb (B, S, E), text_mask (B, S) or None; latents (B, L, C), of which those are kept that hidden (N, B, L) never
@@ -61,8 +61,9 @@ def make_latents(net, plan, params, text_emb, latents, hidden, real_mask, scale,
   return rounds.sample(condition, solve, draw, latents, hidden, net.apply(params, method="hidden"), plan.num_rows)
 
 
-def generate(net, plan, params, codec, text_emb, hidden, real_mask, scale, draw, text_mask=None):
-  """Normalized features (B, 4 L, F) of new motions; hidden (N, B, L) of `masking.hidden_table`. Pure."""
+def generate(net, plan, params, codec, *, real_mask, **given):
+  """Normalized features (B, 4 L, F) of new motions; given: hidden (N, B, L) of `masking.hidden_table`, and what else
+  `make_latents` takes. Pure."""
   latents = jnp.zeros(real_mask.shape + (net.transformer.latent_dim,))
-  made = make_latents(net, plan, params, text_emb, latents, hidden, real_mask, scale, draw, text_mask)[-1]
+  made = make_latents(net, plan, params, latents, real_mask=real_mask, **given)[-1]
   return codec.decode(made, real_mask)

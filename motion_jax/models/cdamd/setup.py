@@ -1,4 +1,4 @@
-"""Recipes of CDAMD: how its two autoencoders and its generator are trained."""
+"""Training set-ups of CDAMD: how its two autoencoders and its generator are trained."""
 import jax
 import numpy as np
 
@@ -15,7 +15,7 @@ from motion_jax.quant import vq
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
 from motion_jax.training.setup import (
-  Recipe,
+  TrainingSetup,
   caption_lengths,
   held_out,
   plain,
@@ -25,14 +25,14 @@ from motion_jax.training.setup import (
 )
 
 
-def autoencoder(config) -> Recipe:
+def autoencoder(config) -> TrainingSetup:
   data = sources.load_features(config.data, captioned=False)
   net = Autoencoder(**config.model)
   evaluate = _reconstruction(config, data.stats, net.apply)
-  return Recipe(cdamd.autoencoder_stage(config), _windows(config, data), {}, evaluate, data.stats, {})
+  return TrainingSetup(cdamd.autoencoder_stage(config), _windows(config, data), {}, evaluate, data.stats, {})
 
 
-def rvq(config) -> Recipe:
+def rvq(config) -> TrainingSetup:
   """On windows or, where config.data.window is 0, on the whole padded clips of the text loader."""
   net = Autoencoder(**config.model)
   if config.data.window:
@@ -51,7 +51,7 @@ def rvq(config) -> Recipe:
     return RvqCodec(net, variables).reconstruct(x)
 
   evaluate = _reconstruction(config, data.stats, reconstruct)
-  return Recipe(cdamd.rvq_stage(config), next_batch, {}, evaluate, data.stats, {})
+  return TrainingSetup(cdamd.rvq_stage(config), next_batch, {}, evaluate, data.stats, {})
 
 
 def _windows(config, data):
@@ -75,7 +75,7 @@ def _reconstruction(config, stats, reconstruct):
   return evaluate
 
 
-def generator(config) -> Recipe:
+def generator(config) -> TrainingSetup:
   """The masked transformer and its diffusion head, on latents of a trained autoencoder, with codes of a trained RVQ."""
   _check_fields(config)
   net, tokenizer, stats = load_frozen(config.frozen.tokenizer, config.tokenizer, "cdamd.autoencoder", config)
@@ -98,12 +98,12 @@ def generator(config) -> Recipe:
     raise ValueError(f"text encoder {config.frozen.text!r} gives {encoder.dim} numbers a sentence, the model takes "
                      f"model.transformer.text_dim = {config.model.transformer.text_dim}; make them agree")
   if config.frozen.length:
-    with config.unlocked():  # what loading the run needs
-      config.length, frozen["length"] = load_length(config.frozen.length, encoder)
+    frozen["length"] = load_length(config.frozen.length, encoder)
   batch_of = _captioned(config, data, encoder)
   stage = cdamd.generator_stage(config)
   files = {checkpoint.LENGTHS: caption_lengths(data), checkpoint.TEXT: text_identity(encoder)}
-  return Recipe(stage, batch_of, frozen, _held_out_loss(config, stage, frozen, data.stats, encoder), data.stats, files)
+  evaluate = _held_out_loss(config, stage, frozen, data.stats, encoder)
+  return TrainingSetup(stage, batch_of, frozen, evaluate, data.stats, files)
 
 
 def _check_fields(config):
@@ -183,7 +183,7 @@ def load_frozen(folder, fields, stage, config, quantizer=None):
   return net, variables, stats_lib.load_stats(folder, config.data.layout)
 
 
-def length(config) -> Recipe:
+def length(config) -> TrainingSetup:
   """The length estimator, on captions and the lengths that crops of their clips have in training."""
   data = sources.load_features(config.data)
   encoder = load_text_encoder(config.frozen.text, level="sentence")
@@ -199,16 +199,23 @@ def length(config) -> Recipe:
     return {f"held_out_{name}": round(float(sum(part[name] for part in parts)) / count, 4)
             for name in ("loss", "latents_off")}
 
-  return Recipe(stage, lambda step: without(next_batch(step)), {}, evaluate, data.stats,
+  return TrainingSetup(stage, lambda step: without(next_batch(step)), {}, evaluate, data.stats,
                 {checkpoint.TEXT: text_identity(encoder)})
 
 
+def generator_fields(config) -> dict:
+  """What loading the generator's run needs: the sizes of its length estimator, where it has one."""
+  if not config.frozen.length:
+    return {}
+  return {"length": plain(runs.open(config.frozen.length, "cdamd.length").config.model.to_dict())}
+
+
 def load_length(folder, encoder):
-  """(fields, parameters) of a trained length estimator that reads the sentence vectors of this encoder."""
+  """Parameters of a trained length estimator that reads the sentence vectors of this encoder."""
   run = runs.open(folder, "cdamd.length")
   run.check_encoder(encoder)
-  fields = plain(run.config.model.to_dict())
-  return fields, run.params(lengths.length_shapes(LengthEstimator(**fields), encoder.dim))
+  return run.params(lengths.length_shapes(LengthEstimator(**plain(run.config.model.to_dict())), encoder.dim))
 
 
-RECIPES = {"cdamd.autoencoder": autoencoder, "cdamd.rvq": rvq, "cdamd.generator": generator, "cdamd.length": length}
+RESOLVED = {"cdamd.generator": generator_fields}
+SETUPS = {"cdamd.autoencoder": autoencoder, "cdamd.rvq": rvq, "cdamd.generator": generator, "cdamd.length": length}

@@ -17,44 +17,21 @@ weights       the authors' PyTorch files
 
 Numbers follow the released code (docs/papers/cmdm.md); where the paper differs a comment starts with "Parity".
 """
-from motion_jax.models.cmdm.losses import (
-  DISTANCE_PAIRS,
-  LAST_LAYERS,
-  RECONSTRUCTIONS,
-  align_factor,
-  align_loss,
-  align_ratio,
-  align_terms,
-  gaussian_nll,
-  kl_to_standard_normal,
-  pool_teacher,
-  set_distances,
-  smooth_l1,
-  tokenizer_terms,
-)
-from motion_jax.models.cmdm.sampling import (
-  MotionStream,
-  chain_segment,
-  chained,
-  extend,
-  generate,
-  generate_whole,
-  init_stream,
-  plain_velocity,
-  stream_step,
-  words_of_latents,
-)
-from motion_jax.models.cmdm.stages import (
-  denoiser_shapes,
-  denoiser_stage,
-  frozen_shapes,
-  tokenizer_stage,
-)
+from motion_jax.runtime import lazy
 
-__all__ = [
-  "DISTANCE_PAIRS", "LAST_LAYERS", "MotionStream", "RECONSTRUCTIONS", "align_factor", "align_loss", "align_ratio",
-  "align_terms", "chain_segment", "chained", "denoiser_shapes", "denoiser_stage", "extend",
-  "frozen_shapes", "gaussian_nll", "generate", "generate_whole", "init_stream",
-  "kl_to_standard_normal", "plain_velocity", "pool_teacher", "set_distances", "smooth_l1", "stream_step",
-  "tokenizer_stage", "tokenizer_terms", "words_of_latents",
-]
+_WHERE = lazy.names({
+    "losses": "DISTANCE_PAIRS LAST_LAYERS RECONSTRUCTIONS align_factor align_loss align_ratio align_terms "
+              "gaussian_nll kl_to_standard_normal pool_teacher set_distances smooth_l1 tokenizer_terms",
+    "sampling": "MotionStream chain_segment chained extend generate generate_whole init_stream plain_velocity "
+                "stream_step words_of_latents",
+    "stages": "denoiser_shapes denoiser_stage frozen_shapes tokenizer_stage",
+})
+__all__ = sorted(_WHERE)
+
+
+def __getattr__(name):
+  return lazy.find(__name__, _WHERE, name)
+
+
+def __dir__():
+  return __all__

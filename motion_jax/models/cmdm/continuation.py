@@ -3,7 +3,7 @@
 A window holds P past latents and N new ones, blocks counted from its start. A step guesses the clean window, puts the
 given past in its place, and goes to the next level with new noise (docs/papers/cmdm.md#continuation). So the sampler is
 stochastic, and the network never sees the past clean before the end; our own way, a cache of the clean past, is
-`streaming.prime`.
+`streaming.Sampler.prefill`.
 """
 import jax
 import jax.numpy as jnp

@@ -13,7 +13,7 @@ _CAPTIONS = 4  # different captions that a window may show before its step is co
 
 
 class LiveStream:
-  """Yields joints (n, J, 3) block after block; `say` changes what the person does. Made by `Model.stream`.
+  """Yields joints (n, J, 3) block after block; `say` changes what the person does. Made by `CmdmModel.stream`.
 
     stream = model.stream("a person walks", seed=1)
     for joints in stream:
@@ -21,13 +21,14 @@ class LiveStream:
         stream.say("a person sits down")
 
   Memory and time per block do not grow. Every block keeps the words that it was begun with, so a stream of changing
-  words is `Model.story`, block by block.
+  words is `CmdmModel.multi_prompt`, block by block.
   """
 
   def __init__(self, model, plan, scale, keys, prompt, num_frames=None):
-    self._model, self._plan, self._scale, self._keys, self._num_frames = model, plan, scale, keys, num_frames
-    self._constants = streaming.make_constants(model.dit, model.params, plan)
-    self._state = cmdm.init_stream(model.dit, plan, model.codec, keys)
+    self._model, self._plan, self._num_frames = model, plan, num_frames
+    constants = streaming.make_constants(model.dit, model.params, plan)
+    self._sampler = streaming.Sampler(model.dit, plan, model.params, constants, None, scale, keys)
+    self._state = cmdm.init_stream(model.codec, self._sampler)
     self._advances, self._frames, self._path = 0, 0, None
     self._script = [(0, 0)]  # (block, slot): from that block on the caption of that slot
     self._bank = [prompt] * _CAPTIONS
@@ -80,7 +81,8 @@ class LiveStream:
 
   def _encode(self):
     emb, mask = self._model.encode_words(self._bank)
-    self._text = streaming.encode_text(self._model.dit, self._model.params, emb[None], mask[None], self._plan.guided)
+    text = streaming.encode_text(self._model.dit, self._model.params, emb[None], mask[None], self._plan.guided)
+    self._sampler = self._sampler.replace(text=text)
 
   def _captions(self, active):
     """The slots (1, active) of the window's blocks."""
@@ -99,8 +101,7 @@ class LiveStream:
       plan, unit = self._plan, -(-self._plan.width // 2)  # two compiled widths: the start and the rest
       active = min(-(-min(self._advances + 1, plan.width) // unit) * unit, plan.width)
       self._state, features, done = self._model.compiled.stream_step(
-          plan, active, self._advances > plan.age, self._model.params, self._model.codec, self._constants, self._text,
-          self._scale, self._keys, self._state, self._captions(active))
+          active, self._advances > plan.age, self._model.codec, self._sampler, self._state, self._captions(active))
       self._advances += 1
       done = self._advances >= plan.age
     features = self._model.stats.denormalize(np.asarray(features))[0]

@@ -1,4 +1,5 @@
 """CMDM ready to use: motion from words, several prompts in a row, a motion that goes on, and live streams."""
+import warnings
 from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
@@ -6,14 +7,13 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from motion_jax.diffusion import samplers
-from motion_jax.inputs.numerals import CONTEXT, STEPS, checked
 from motion_jax.latents import VaeCodec
 from motion_jax.models import cmdm
-from motion_jax.models.base import Prompted, keys_of, plain_fields
-from motion_jax.models.cmdm import ddpm_forcing, streaming
-from motion_jax.models.cmdm import multi_prompt as stories
+from motion_jax.models.base import TextToMotionModel, keys_of, plain_fields
+from motion_jax.models.cmdm import multi_prompt as multi
+from motion_jax.models.cmdm import streaming
 from motion_jax.models.cmdm.live import LiveStream
+from motion_jax.models.cmdm.options import CmdmSampling
 from motion_jax.models.known_motion import on_our_body
 from motion_jax.models.results import Motion, Motions, captions_in_a_row, go_on, make_motions
 from motion_jax.nets.causal_dit import CausalDiT
@@ -22,8 +22,6 @@ from motion_jax.runs import Run
 from motion_jax.runtime import cache, timing
 from motion_jax.text.encoder import TextEncoder
 from motion_jax.training import checkpoint
-
-SCHEDULES = ("fss", "ar", "full")
 
 
 class Compiled(NamedTuple):
@@ -42,12 +40,14 @@ def _compile(dit):
   return Compiled(
       generate=program(cmdm.generate, 2, dit), generate_whole=program(cmdm.generate_whole, 2, dit),
       chain_segment=program(cmdm.chain_segment, 2, dit), extend=program(cmdm.extend, 2, dit),
-      stream_step=program(cmdm.stream_step, 3, dit),
+      stream_step=program(cmdm.stream_step, 2),
       encode=program(VaeCodec.encode, 0), decode=program(VaeCodec.decode, 0))
 
 
-class Model(Prompted):
+class CmdmModel(TextToMotionModel):
   """CMDM ready to use: prompts in, motion out. Made by `load`."""
+  abilities = ("generate", "stream", "multi_prompt", "extend", "reconstruct")
+  options = CmdmSampling
 
   def __init__(self, run: Run, encoder: TextEncoder):
     config = run.config
@@ -64,22 +64,20 @@ class Model(Prompted):
 
   # --- motion ----------------------------------------------------------------------------------------------------
 
-  def generate(self, prompts, num_frames=None, *, seconds=None, rng=None, seeds=None, polish=True, guidance_scale=None,
-               schedule=None, num_steps=None, lag=None, solver=None, context=None) -> Motions:
+  def generate(self, prompts, num_frames=None, *, seconds=None, rng=None, seeds=None, polish=True,
+               **sampling) -> Motions:
     """Motions for one prompt or several, of the given length each (one number or one per prompt).
 
     rng: a key, of which prompt i gets fold_in(rng, i), so that a motion does not depend on its batch-mates; or seeds,
-    one integer per prompt. schedule: "fss" (frame-wise, `lag` steps between blocks), "ar" (block after block), "full"
-    (all at once); by default the model's own. solver: "euler" or "heun"; of a model with a DDPM's noise "ancestral" or
-    "ddim". context: latents that a latent looks back on (the training length).
-    Without a length it is that of the nearest training captions. polish plants standing feet and takes tremor away
-    (`motion.cleanup`); features stay as they were made. Raises ValueError for an empty prompt or a length that is not
-    positive or over an hour.
+    one integer per prompt. sampling: guidance_scale, schedule, num_steps, lag, solver, context of `CmdmSampling`; by
+    default the model's own. Without a length it is that of the nearest training captions. polish plants standing feet
+    and takes tremor away (`motion.cleanup`); features stay as they were made. Raises ValueError for an empty prompt or
+    a length that is not positive or over an hour.
     """
     prompts = self.prompts_of(prompts)
     frames = self.frames_of(prompts, num_frames, seconds)
     keys, seeds = keys_of(rng, seeds, len(prompts))
-    plan, scale, about = self.plan_of(guidance_scale, schedule, num_steps, lag, solver, context)
+    plan, scale, about = self.plan_of(**sampling)
     # Whole blocks are independent of what follows them; a few more of them spare a compilation for every new length.
     blocks = -(-max(frames) // (plan.block * self.vae.frames_per_latent * 4)) * 4
     plan = plan._replace(context=min(plan.context, max(self.context, blocks * plan.block)))  # no more than there is
@@ -87,52 +85,63 @@ class Model(Prompted):
     if not plan.lag:
       plan = plan._replace(context=max(plan.context, blocks * plan.block))
     with timing.part("text"):
-      words = self.encode_words(prompts)
-    made = run(plan.fitted(blocks), blocks, self.params, self.codec, *words, scale, keys)
+      text_emb, text_mask = self.encode_words(prompts)
+    made = run(plan.fitted(blocks), blocks, self.params, self.codec, text_emb=text_emb, text_mask=text_mask,
+               scale=scale, keys=keys)
     captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
     return make_motions(self, made, frames, captions, seeds, about, polish)
 
-  def story(self, segments, *, rng=None, seed=None, way="stream", polish=True, **sampling) -> Motion:
+  def multi_prompt(self, segments, *, rng=None, seed=None, way="stream", polish=True, **sampling) -> Motion:
     """One motion from several prompts in a row: [("a person walks", 4.0), ("he sits down", None), ...], in seconds.
 
-    None is the length of similar training clips. See `stories`; sampling: guidance_scale, schedule, num_steps, lag,
-    solver, context as in `generate`.
+    None is the length of similar training clips. See `multi_prompts`; sampling: choices of `CmdmSampling`.
     """
     seeds = None if seed is None else [seed]
-    return self.stories([segments], rng=rng, seeds=seeds, way=way, polish=polish, **sampling)[0]
+    return self.multi_prompts([segments], rng=rng, seeds=seeds, way=way, polish=polish, **sampling)[0]
 
-  def stories(self, tales, *, rng=None, seeds=None, way="stream", polish=True, **sampling) -> Motions:
-    """Several `story`s in one batch, which none of them knows of. The captions of a motion say when each prompt plays.
+  def multi_prompts(self, lists, *, rng=None, seeds=None, way="stream", polish=True, **sampling) -> Motions:
+    """A motion as of `multi_prompt` for each of several lists of segments, in one batch, of which none of them knows.
+    The captions of a motion say when each prompt plays.
 
     way: "stream" changes the words from block to block of one run, in which the old prompt's last blocks and the new
     one's first are denoised together; prompts then change on a grid of whole blocks (12 frames), to which lengths are
     rounded, and the end is cut to the sum that was asked. "chain" is the released code's: one run per prompt behind the
     last latent of the one before, lengths floored to whole latents (4 frames).
     """
-    tales = [self._segments(tale) for tale in tales]
-    if not tales:
-      raise ValueError("got no story")
-    if way not in stories.WAYS:
-      raise ValueError(f"got way {way!r}, expected one of {', '.join(stories.WAYS)}")
-    keys, seeds = keys_of(rng, seeds, len(tales))
+    lists = [self._segments(segments) for segments in lists]
+    if not lists:
+      raise ValueError("got no prompts, expected a list of (prompt, seconds or None) for each motion")
+    if way not in multi.WAYS:
+      raise ValueError(f"got way {way!r}, expected one of {', '.join(multi.WAYS)}")
+    keys, seeds = keys_of(rng, seeds, len(lists))
     plan, scale, about = self.plan_of(**sampling)
-    prompts, counts = ([list(part) for part in parts] for parts in zip(*(zip(*tale) for tale in tales)))
-    make = stories.stream if way == "stream" else stories.chain
+    prompts, counts = ([list(part) for part in parts] for parts in zip(*(zip(*segments) for segments in lists)))
+    make = multi.stream if way == "stream" else multi.chain
     made, totals, ends = make(self, plan, scale, prompts, counts, keys)
-    captions = [captions_in_a_row(*tale, self.fps) for tale in zip(prompts, ends)]
+    captions = [captions_in_a_row(*row, self.fps) for row in zip(prompts, ends)]
     return make_motions(self, made, totals, captions, seeds, about | {"way": way}, polish)
+
+  def story(self, segments, **choices) -> Motion:
+    """The former name of `multi_prompt`."""
+    _say_renamed("story", "multi_prompt")
+    return self.multi_prompt(segments, **choices)
+
+  def stories(self, tales, **choices) -> Motions:
+    """The former name of `multi_prompts`."""
+    _say_renamed("stories", "multi_prompts")
+    return self.multi_prompts(tales, **choices)
 
   def extend(self, clip, prompt, num_frames=None, *, seconds=None, past_prompt=None, rng=None, seed=None, way="stream",
              num_past=None, polish=True, **sampling) -> Motion:
     """Goes on from a motion that exists, a Clip of any source (`motion_jax.export.load` reads files): all of it, whole.
 
-    prompt: a sentence, or segments as for `story`. The clip's own frames come back as they were, resampled if its rate
-    is another, retargeted if its bones are; the new ones begin where it ends. past_prompt: what the clip shows (its
-    own caption, else the new prompt). way: "stream" keeps the clip's last num_past latents (as many as the context
+    prompt: a sentence, or segments as for `multi_prompt`. The clip's own frames come back as they were, resampled if
+    its rate is another, retargeted if its bones are; the new ones begin where it ends. past_prompt: what the clip shows
+    (its own caption, else the new prompt). way: "stream" keeps the clip's last num_past latents (as many as the context
     holds) clean in the cache; "chain" is the released code's, 1 latent that is noised anew in every step.
     """
-    if way not in stories.WAYS:
-      raise ValueError(f"got way {way!r}, expected one of {', '.join(stories.WAYS)}")
+    if way not in multi.WAYS:
+      raise ValueError(f"got way {way!r}, expected one of {', '.join(multi.WAYS)}")
     if num_past is not None and num_past < 1:
       raise ValueError(f"got num_past {num_past}, expected 1 latent or more to go on from")
     if isinstance(prompt, str):
@@ -146,15 +155,15 @@ class Model(Prompted):
     past = on_our_body(clip, self.fps, self.stats.layout.skeleton)
     known = [caption.text for caption in clip.captions if caption.text.strip()]
     past_prompt = past_prompt or (known[-1] if known else prompts[0])
-    new, ends = stories.extend(self, plan, scale, past, past_prompt, prompts, counts, keys, way, num_past, polish)
+    new, ends = multi.extend(self, plan, scale, past, past_prompt, prompts, counts, keys, way, num_past, polish)
     about |= dict(prompt=" | ".join(prompts), seed=seeds[0], way=way, polished=bool(polish), past_prompt=past_prompt)
     return go_on(self, clip, past, new, captions_in_a_row(prompts, ends, self.fps), about)
 
   def stream(self, prompt, *, rng=None, seed=None, num_frames=None, **sampling) -> LiveStream:
     """Yields joints (n, J, 3) block after block, without end unless num_frames says so; memory stays flat.
 
-    `say` changes the words while it runs, see `LiveStream`. Driven by the very step that `generate` and `stories` run:
-    the same key gives the same motion, before polishing, which looks at whole clips.
+    `say` changes the words while it runs, see `LiveStream`. Driven by the very step that `generate` and `multi_prompts`
+    run: the same key gives the same motion, before polishing, which looks at whole clips.
     """
     self.check_words([prompt])
     keys, _ = keys_of(rng, None if seed is None else [seed], 1)
@@ -165,42 +174,28 @@ class Model(Prompted):
       self.frames_of([prompt], num_frames, None)
     return LiveStream(self, plan, scale, keys, prompt, num_frames)
 
-  def plan_of(self, guidance_scale=None, schedule=None, num_steps=None, lag=None, solver=None, context=None):
-    """(plan for motions of any length, guidance scale, what a file says of both) from choices and the config's own.
+  def usual_sampling(self):
+    return dict(context=self.context)
 
-    schedule "fss", "ar" or "full"; num_steps and lag of "fss"; solver "euler" or "heun", or "ancestral" or "ddim" where
-    the model was trained on a DDPM's noise; context in latents.
-    """
-    defaults = self.config.sampler
-    scale = self.scale_of(guidance_scale)
-    schedule = defaults.schedule if schedule is None else schedule
-    if schedule not in SCHEDULES:
-      raise ValueError(f"got schedule {schedule!r}, expected one of {', '.join(SCHEDULES)}")
-    known = ddpm_forcing.SOLVERS if self.dit.predicts == "ddpm" else tuple(samplers.SOLVERS)
-    solver = solver or defaults.solver
-    if solver not in known:
-      raise ValueError(f"got solver {solver!r}, this model knows {', '.join(known)}: it was trained to predict "
-                       f"{'the noise of a DDPM' if self.dit.predicts == 'ddpm' else 'a velocity'}")
-    num_steps = checked(defaults.num_steps if num_steps is None else num_steps, *STEPS, "num_steps")
-    lag = defaults.lag if lag is None else checked(lag, *STEPS, "lag")
-    lag = {"fss": int(lag), "ar": num_steps, "full": 1}[schedule]
-    context = self.context if context is None else checked(context, *CONTEXT, "context", "latents")
-    plan = streaming.make_plan(num_steps, lag, self.dit.block, context, guided=scale != 1.0, solver=solver)
-    if schedule == "full":
-      plan = plan._replace(lag=0)
-    return plan, scale, dict(guidance_scale=scale, model=self.id, schedule=schedule, num_steps=num_steps, lag=plan.lag,
-                             solver=solver, context=context)
+  def plan_of(self, **sampling):
+    """(plan for motions of any length, guidance scale, what a file says of both) of choices of `CmdmSampling`."""
+    chosen = self.sampling(**sampling)
+    guided = chosen.guidance_scale != 1.0
+    plan = streaming.make_plan(chosen.num_steps, chosen.steps_apart or 1, self.dit.block, chosen.context, guided=guided,
+                               solver=chosen.solver)
+    plan = plan._replace(lag=chosen.steps_apart)
+    return plan, chosen.guidance_scale, chosen.about() | dict(model=self.id)
 
-  def _segments(self, tale):
-    """[(prompt, frames)] of a story's [(prompt, seconds or None)]."""
-    if isinstance(tale, str) or not len(tale) or any(isinstance(part, str) or len(part) != 2 for part in tale):
-      raise ValueError(f"got the story {tale!r}, expected a list of (prompt, seconds or None)")
-    self.check_words([prompt for prompt, _ in tale])
-    frames = [self.frames_of([prompt], None, seconds)[0] for prompt, seconds in tale]
+  def _segments(self, given):
+    """[(prompt, frames)] of the [(prompt, seconds or None)] of one motion."""
+    if isinstance(given, str) or not len(given) or any(isinstance(part, str) or len(part) != 2 for part in given):
+      raise ValueError(f"got the prompts {given!r}, expected a list of (prompt, seconds or None)")
+    self.check_words([prompt for prompt, _ in given])
+    frames = [self.frames_of([prompt], None, seconds)[0] for prompt, seconds in given]
     if sum(frames) > self.max_seconds * self.fps:
-      raise ValueError(f"got a story of {sum(frames) / self.fps:.0f} s, expected at most {self.max_seconds:.0f}; a "
+      raise ValueError(f"got prompts for {sum(frames) / self.fps:.0f} s, expected at most {self.max_seconds:.0f}; a "
                        "stream has no end")
-    return list(zip([prompt for prompt, _ in tale], frames))
+    return list(zip([prompt for prompt, _ in given], frames))
 
   def reconstruct(self, features):
     """Features (T, F) there and back through the tokenizer, T cut to whole latents."""
@@ -217,3 +212,10 @@ class Model(Prompted):
     emb, mask = self.encoder(prompts, at_least=everyday)
     missing = max(everyday - emb.shape[1], 0)  # of a sentence, which is one row
     return np.pad(emb, ((0, 0), (0, missing), (0, 0))), np.pad(mask, ((0, 0), (0, missing)))
+
+
+def _say_renamed(old, new):
+  warnings.warn(f"{old} is called {new}; the old name goes on working", FutureWarning, stacklevel=3)
+
+
+MODELS = {"cmdm.denoiser": CmdmModel}

@@ -32,7 +32,7 @@ def borders(frames, unit):
 
 
 def captions_of(model, stories):
-  """Words of all captions of each story: text_emb (B, G, S, E), text_mask (B, G, S), G a power of two."""
+  """Words of all captions of each motion: text_emb (B, G, S, E), text_mask (B, G, S), G a power of two."""
   count = 1 << (max(map(len, stories)) - 1).bit_length()
   padded = [list(story) + [story[-1]] * (count - len(story)) for story in stories]
   names = list(dict.fromkeys(prompt for story in padded for prompt in story))
@@ -60,8 +60,9 @@ def stream(model, plan, scale, prompts, frames, keys):
   plan = plan._replace(context=min(plan.context, max(model.context, num_blocks * plan.block)))
   plan = plan.fitted(num_blocks)._replace(captions=streaming.captions_seen(segment, plan.fitted(num_blocks).width))
   run = model.compiled.generate if plan.lag else model.compiled.generate_whole
-  features = run(plan, num_blocks, model.params, model.codec, *captions_of(model, prompts), scale, keys,
-                 jnp.asarray(segment))
+  text_emb, text_mask = captions_of(model, prompts)
+  features = run(plan, num_blocks, model.params, model.codec, text_emb=text_emb, text_mask=text_mask, scale=scale,
+                 keys=keys, segment=jnp.asarray(segment))
   ends = [np.minimum(np.cumsum(counts) * unit, total).tolist() for counts, total in zip(blocks, totals)]
   return features, totals, ends
 
@@ -86,7 +87,7 @@ def _chained(model, plan, scale, prompts, counts, made, keys, num_past):
   """Lists of latents (N, C), one per segment of each story, behind those that are in `made` already."""
   if plan.solver != "euler":
     raise ValueError(f"got solver {plan.solver!r}: the chained way noises afresh in every step and knows only euler")
-  emb, mask = captions_of(model, prompts)
+  text_emb, text_mask = captions_of(model, prompts)
   made = [list(parts) for parts in made]
   for i in range(max(map(len, counts))):
     lengths = np.array([story[i] if i < len(story) else 1 for story in counts])  # a story that has ended idles
@@ -96,10 +97,11 @@ def _chained(model, plan, scale, prompts, counts, made, keys, num_past):
             for parts in made]
     if min(map(len, past)) < given:
       raise ValueError(f"got a first segment of {min(map(len, past))} latents, the next one looks at {given}")
-    at = min(i, emb.shape[1] - 1)
+    at = min(i, text_mask.shape[1] - 1)
     segment_keys = jax.vmap(lambda key, i=i: jax.random.fold_in(key, i))(keys)
-    latents = model.compiled.chain_segment(plan, given + longest, model.params, emb[:, at], mask[:, at], scale,
-                                           jnp.asarray(lengths), np.stack(past), segment_keys)
+    latents = model.compiled.chain_segment(
+        plan, given + longest, model.params, text_emb=text_emb[:, at], text_mask=text_mask[:, at], scale=scale,
+        lengths=jnp.asarray(lengths), past=np.stack(past), keys=segment_keys)
     for parts, row, story in zip(made, np.asarray(latents), counts):
       if i < len(story):
         parts.append(row[:story[i]])
@@ -139,9 +141,10 @@ def extend(model, plan, scale, joints, past_prompt, prompts, frames, keys, way="
     plan = plan.fitted(num_blocks)
     plan = plan._replace(captions=streaming.captions_seen(segment, plan.width))
     padded = jnp.pad(past, ((0, 0), (old * plan.block - given, 0), (0, 0)))
-    text = captions_of(model, [[past_prompt, *prompts]])
-    new = model.compiled.extend(plan, num_blocks, model.params, *text, scale, keys, padded, given,
-                                jnp.asarray(segment), jnp.zeros((1, old), jnp.int32))
+    text_emb, text_mask = captions_of(model, [[past_prompt, *prompts]])
+    new = model.compiled.extend(
+        plan, num_blocks, model.params, text_emb=text_emb, text_mask=text_mask, scale=scale, keys=keys, past=padded,
+        count=given, segment=jnp.asarray(segment), past_segment=jnp.zeros((1, old), jnp.int32))
     ends = np.minimum(np.cumsum(blocks) * plan.block * unit, total)
   else:
     counts = [max(1, int(number) // unit) for number in frames]

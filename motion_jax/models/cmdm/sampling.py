@@ -9,20 +9,18 @@ from motion_jax.models.cmdm import continuation, ddpm_forcing, streaming
 from motion_jax.nets.masks import padding_mask, sliding_mask
 
 
-def generate(dit, plan, num_blocks, params, codec, text_emb, text_mask, scale, keys, segment=None):
+def generate(dit, plan, num_blocks, params, codec, *, text_emb, text_mask, scale, keys, segment=None):
   """Normalized features (B, frames, F) of num_blocks blocks, by frame-wise sampling (lag < num_steps) or block after
   block (lag = num_steps). keys (B,): one per motion. Pure; dit, plan and num_blocks are static.
 
   With segment (B, num_blocks), text_emb (B, G, S, E) and text_mask (B, G, S) are G captions a motion, and segment says
   which of them each block has; plan.captions is that of `streaming.captions_seen`.
   """
-  constants = streaming.make_constants(dit, params, plan)
-  text = streaming.encode_text(dit, params, text_emb, text_mask, plan.guided)
-  latents = streaming.sample(dit, plan, params, constants, text, scale, keys, num_blocks, segment=segment)
-  return codec.decode(latents)
+  sampler = streaming.bind(dit, plan, params, text_emb=text_emb, text_mask=text_mask, scale=scale, keys=keys)
+  return codec.decode(sampler.sample(num_blocks, segment=segment))
 
 
-def generate_whole(dit, plan, num_blocks, params, codec, text_emb, text_mask, scale, keys, segment=None):
+def generate_whole(dit, plan, num_blocks, params, codec, *, text_emb, text_mask, scale, keys, segment=None):
   """The same by the plain loop over all latents at once; a plan of lag 0 cleans them all together.
 
   What `generate` is tested against, and the full-sequence schedule of the paper's ablation.
@@ -63,7 +61,7 @@ def plain_velocity(dit, params, text_emb, text_mask, attn_mask, scale, guided=Tr
   return lambda x, t: velocity(x, t, jnp.zeros(x.shape[0], bool))
 
 
-def chained(dit, plan, params, text_emb, text_mask, scale, lengths, past, noise, fresh, times=None):
+def chained(dit, plan, params, *, text_emb, text_mask, scale, lengths, past, noise, fresh, times=None):
   """New latents (B, N, C) behind a past (B, P, C) as the released code makes them: plain recompute, past re-noised.
 
   noise (B, P + N, C) and fresh(m) alike: see `continuation.renoised`; lengths (B,) of the new latents, those beyond
@@ -81,28 +79,27 @@ def chained(dit, plan, params, text_emb, text_mask, scale, lengths, past, noise,
   return continuation.renoised(velocity, noise, times, past, fresh)[:, given:]
 
 
-def chain_segment(dit, plan, length, params, text_emb, text_mask, scale, lengths, past, keys):
+def chain_segment(dit, plan, length, params, *, text_emb, text_mask, scale, lengths, past, keys):
   """`chained` for a window of `length`, past included; its noise belongs to a motion's key and a latent's place."""
   def fresh(m):
     keys_now = jax.vmap(lambda key: jax.random.fold_in(key, m))(keys)
     blocks = [streaming.block_noise(keys_now, i, plan, dit.latent_dim) for i in range(-(-length // plan.block))]
     return jnp.concatenate(blocks, axis=1)[:, :length]
 
-  return chained(dit, plan, params, text_emb, text_mask, scale, lengths, past, fresh(0), lambda m: fresh(m + 1))
+  return chained(dit, plan, params, text_emb=text_emb, text_mask=text_mask, scale=scale, lengths=lengths, past=past,
+                 noise=fresh(0), fresh=lambda m: fresh(m + 1))
 
 
-def extend(dit, plan, num_blocks, params, text_emb, text_mask, scale, keys, past, count, segment, past_segment):
+def extend(dit, plan, num_blocks, params, *, text_emb, text_mask, scale, keys, past, count, segment, past_segment):
   """Clean latents (B, num_blocks * block, C) that go on from the last `count` of past (B, P, C), itself clean.
 
   The past is kept at t = 1 in the cache. text_emb (B, G, S, E), text_mask (B, G, S); segment (B, num_blocks) and
   past_segment (B, P / block) say which caption each block has.
   """
   # Parity: the paper's clean past in the context (equation 12); `chained` is what the code does instead.
-  constants = streaming.make_constants(dit, params, plan)
-  text = streaming.encode_text(dit, params, text_emb, text_mask, plan.guided)
-  state = streaming.prime(dit, plan, params, constants, text, past, count, streaming.init_stream(dit, plan, keys),
-                          past_segment)
-  return streaming.sample(dit, plan, params, constants, text, scale, keys, num_blocks, segment=segment, state=state)
+  sampler = streaming.bind(dit, plan, params, text_emb=text_emb, text_mask=text_mask, scale=scale, keys=keys)
+  state = sampler.prefill(sampler.init(), past=past, count=count, caption=past_segment)
+  return sampler.sample(num_blocks, segment=segment, state=state)
 
 
 class MotionStream(NamedTuple):
@@ -111,18 +108,17 @@ class MotionStream(NamedTuple):
   decoder: Any
 
 
-def init_stream(dit, plan, codec, keys) -> MotionStream:
-  return MotionStream(streaming.init_stream(dit, plan, keys), codec.init_decode_state(keys.shape[0]))
+def init_stream(codec, sampler: streaming.Sampler) -> MotionStream:
+  return MotionStream(sampler.init(), codec.init_decode_state(len(sampler.keys)))
 
 
-def stream_step(dit, plan, active, use_cache, params, codec, constants, text, scale, keys, state, caption=None):
+def stream_step(active, use_cache, codec, sampler: streaming.Sampler, state, caption=None):
   """One block further -> (state, normalized features (B, frames of a block, F), done), the step of `generate`.
 
-  caption (B, active): which of the captions in text the blocks of the window have, see `streaming.advance`. Until done
-  is true the features mean nothing and the decoder has not moved.
+  active, use_cache, and caption (B, active), which of the sampler's captions the blocks of the window have: see
+  `streaming.Sampler.step`. Until done is true the features mean nothing and the decoder has not moved.
   """
-  latents, block, done = streaming.advance(dit, plan, active, use_cache, params, constants, text, scale, keys,
-                                           state.latents, caption)
+  latents, block, done = sampler.step(state.latents, active=active, use_cache=use_cache, caption=caption)
   features, decoder = codec.decode_step(block, state.decoder)
   decoder = jax.tree.map(lambda new, old: jnp.where(done, new, old), decoder, state.decoder)
   return MotionStream(latents, decoder), features, done

@@ -1,4 +1,4 @@
-"""Recipes of CMDM: how its teacher, its tokenizer and its denoiser are trained."""
+"""Training set-ups of CMDM: how its teacher, its tokenizer and its denoiser are trained."""
 
 import jax
 import numpy as np
@@ -14,13 +14,14 @@ from motion_jax.models.cmdm import teacher as teacher_lib
 from motion_jax.models.cmdm import teacher_setup as teachers
 from motion_jax.models.cmdm import tmr_stage as tmr
 from motion_jax.motion import stats as stats_lib
+from motion_jax.motion.representations import get_layout
 from motion_jax.nets.causal_vae import CausalVAE, sample_latent
 from motion_jax.text import bert
 from motion_jax.text.bert import bert_fields_of
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
 from motion_jax.training.setup import (
-  Recipe,
+  TrainingSetup,
   caption_lengths,
   held_out,
   one_clip_per_caption,
@@ -33,7 +34,7 @@ from motion_jax.training.setup import (
 FRESH_TEXT = bert.bert_fields(dict(model_type="distilbert", vocab_size=4, dim=8, n_layers=1, n_heads=1, hidden_dim=8))
 
 
-def tokenizer(config) -> Recipe:
+def tokenizer(config) -> TrainingSetup:
   data = sources.load_features(config.data, captioned=False)
   windows = batches.Windows(data.features, config.data.window, config.data.stride)
   validation = held_out(config, data.stats).features
@@ -59,7 +60,7 @@ def tokenizer(config) -> Recipe:
     frozen["teacher"], view = load_teacher(config, data.stats)
     if view is not None:
       frozen["teacher_view"] = view
-  return Recipe(cmdm.tokenizer_stage(config), next_batch, frozen, evaluate, data.stats, {})
+  return TrainingSetup(cmdm.tokenizer_stage(config), next_batch, frozen, evaluate, data.stats, {})
 
 
 def draw(vae, params, x, key):
@@ -71,31 +72,22 @@ def draw(vae, params, x, key):
 
 def load_teacher(config, stats):
   """(parameters of the teacher's motion side, `teachers.view_of` it) from a run folder ("fresh": untrained); its fields
-  are put into config.teacher, and where its weights came from into config.taught_by.
+  are those of config.teacher, see `tokenizer_fields`.
 
   Raises ValueError where it cannot read the features that the tokenizer is given.
   """
-  folder = config.frozen.teacher
+  folder, fields = config.frozen.teacher, config.teacher.to_dict()
+  own_layout = fields.get("layout", config.data.layout)
   if folder == "fresh":
-    fields, said = dict(config.teacher), {"weights": "untrained"}
-    own = fields.get("layout", stats.layout.name)
-    view = None if own == stats.layout.name else teachers.view_of(stats, teachers.plain_stats(own), folder)
+    own = teachers.plain_stats(own_layout)
+    view = None if own_layout == stats.layout.name else teachers.view_of(stats, own, folder)
   else:
     run = runs.open(folder, "cmdm.teacher")
-    fields, said = run.config.model.to_dict(), run.config.origin.to_dict()
-    said = {"kind": fields["kind"], **said}
     view = teachers.view_of(stats, run.stats, folder)
-    if run.stats.layout != stats.layout:
-      fields["layout"] = run.stats.layout.name
-  with config.unlocked():
-    config.taught_by = said
   teacher = teacher_lib.make_teacher(fields, config.data.layout)
   if teacher.dim != config.model.teacher_dim:
     raise ValueError(f"the teacher gives {teacher.dim} numbers a frame, config.model.teacher_dim is "
                      f"{config.model.teacher_dim}; make them agree")
-  with config.unlocked():
-    config.teacher = fields  # with it the run folder says what its latents were aligned with
-  own_layout = fields.get("layout", config.data.layout)
   if folder == "fresh":
     shapes = teacher_lib.teacher_shapes(teacher, FRESH_TEXT, own_layout)
     return teacher_lib.motion_side(teacher, untrained({"motion": shapes["motion"]})), view
@@ -105,7 +97,29 @@ def load_teacher(config, stats):
   return teacher_lib.motion_side(teacher, params), view
 
 
-def denoiser(config) -> Recipe:
+def tokenizer_fields(config) -> dict:
+  """With these a tokenizer's run folder says what its latents were aligned with: the fields of the teacher, and where
+  the weights of that came from."""
+  if not config.frozen.teacher:
+    return {}
+  if config.frozen.teacher == "fresh":
+    return {"taught_by": {"weights": "untrained"}}
+  run = runs.open(config.frozen.teacher, "cmdm.teacher").config
+  fields = run.model.to_dict()
+  if get_layout(run.data.layout) != get_layout(config.data.layout):
+    fields["layout"] = get_layout(run.data.layout).name
+  return {"teacher": fields, "taught_by": {"kind": fields["kind"], **run.origin.to_dict()}}
+
+
+def denoiser_fields(config) -> dict:
+  """What its tokenizer was aligned with, so that a record of the generator can say it."""
+  if config.frozen.tokenizer == "fresh":
+    return {}
+  taught = runs.open(config.frozen.tokenizer, "cmdm.tokenizer").config.taught_by
+  return {"taught_by": taught.to_dict()} if taught else {}
+
+
+def denoiser(config) -> TrainingSetup:
   folder = config.frozen.tokenizer
   vae, params, stats = load_tokenizer(folder, config)
   data = sources.load_features(config.data, stats=stats)
@@ -130,14 +144,11 @@ def denoiser(config) -> Recipe:
   codec = VaeCodec(vae, params)
   codec = codec.fitted(data.features) if config.loss.unit_latents else codec.unscaled()
   files = {checkpoint.LENGTHS: caption_lengths(data), checkpoint.TEXT: text_identity(encoder)}
-  return Recipe(cmdm.denoiser_stage(config), next_batch, codec.parts, None, data.stats, files)
+  return TrainingSetup(cmdm.denoiser_stage(config), next_batch, codec.parts, None, data.stats, files)
 
 
 def load_tokenizer(folder, config):
-  """(module, params, stats) of a trained tokenizer; "fresh" makes an untrained one for trying things out.
-
-  What it was aligned with is put into config.taught_by.
-  """
+  """(module, params, stats) of a trained tokenizer; "fresh" makes an untrained one for trying things out."""
   if folder == "fresh":
     vae = CausalVAE(**config.tokenizer)
     return vae, untrained(cmdm.frozen_shapes(vae)[TOKENIZER]), sources.load_features(config.data).stats
@@ -150,23 +161,24 @@ def load_tokenizer(folder, config):
                      f"{plain(config.tokenizer.to_dict())}; make them agree")
   params = run.params(cmdm.frozen_shapes(theirs)[TOKENIZER])
   params["params"].pop("align", None)
-  if run.config.taught_by:
-    with config.unlocked():  # so that a record of the generator can say it
-      config.taught_by = run.config.taught_by.to_dict()
   return vae, params, stats_lib.load_stats(folder, config.data.layout)
 
 
-def teacher(config) -> Recipe:
+def teacher_fields(config) -> dict:
+  """What loading the teacher's run needs: the sizes of its text transformer, and where its weights came from."""
+  encoder = load_text_encoder(config.frozen.text)
+  net = teacher_lib.make_teacher(config.model, config.data.layout)
+  return {"text": {"width": encoder.dim} if config.model.kind == "tmr" else bert_fields_of(encoder.model),
+          "origin": teachers.origin(config, net)[1]}
+
+
+def teacher(config) -> TrainingSetup:
   """A motion-language teacher; its text transformer starts as the encoder config.frozen.text and learns on, but for a
   TMR's, which stays as it is."""
   encoder = load_text_encoder(config.frozen.text)
   frozen_text = config.model.kind == "tmr"
-  with config.unlocked():  # what loading the run needs
-    config.text = {"width": encoder.dim} if frozen_text else bert_fields_of(encoder.model)
   space = teacher_lib.make_space(config)
-  given, said = teachers.origin(config, space.net)
-  with config.unlocked():
-    config.origin = said
+  given, _ = teachers.origin(config, space.net)
   data = sources.load_features(config.data, captioned=True)
   clips = batches.CaptionedClips(data.features, data.captions, config.data.max_frames)
   encoder.check(caption for captions in data.captions for caption in captions)
@@ -196,8 +208,9 @@ def teacher(config) -> Recipe:
     params["motion"] = {**params["motion"], **given}
     return params if frozen_text else {**params, "text": encoder.params}
 
-  return Recipe(stage._replace(init=init), next_batch, {}, evaluate, data.stats,
+  return TrainingSetup(stage._replace(init=init), next_batch, {}, evaluate, data.stats,
                 {checkpoint.TEXT: text_identity(encoder)})
 
 
-RECIPES = {"cmdm.teacher": teacher, "cmdm.tokenizer": tokenizer, "cmdm.denoiser": denoiser}
+RESOLVED = {"cmdm.teacher": teacher_fields, "cmdm.tokenizer": tokenizer_fields, "cmdm.denoiser": denoiser_fields}
+SETUPS = {"cmdm.teacher": teacher, "cmdm.tokenizer": tokenizer, "cmdm.denoiser": denoiser}

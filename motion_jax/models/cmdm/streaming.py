@@ -1,8 +1,8 @@
 """Frame-wise sampling at constant cost: a window of latents in denoising, a cache of those that are done.
 
-One pure step, `advance`, carries the window through `lag` Euler iterations, after which one more block of latents is
-clean. Offline sampling is `lax.scan` over it, streaming calls it once a block: they cannot differ. What makes it cheap
-changes no number (docs/papers/cmdm.md#cache):
+One pure step, `Sampler.step`, carries the window through `lag` Euler iterations, after which one more block of latents
+is clean. Offline sampling is `lax.scan` over it, streaming calls it once a block: they cannot differ. What makes it
+cheap changes no number (docs/papers/cmdm.md#cache):
 
 - A block at age A = ceil(num_steps / lag) advances is clean. It stays in the window for one advance more, at t = 1, so
   that its final keys and values are known; then they go to a ring cache and the block is never computed again.
@@ -22,6 +22,7 @@ block 2      o o * .
 """
 from typing import Any, NamedTuple
 
+import flax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -76,7 +77,7 @@ class Stream(NamedTuple):
   advance: jax.Array  # () how many advances are done
   latents: jax.Array  # (B, width * block, C), the window
   cache: Any          # per layer (k, v), (rows, ring * block, H, K), keys unturned
-  past: jax.Array     # () how many latents were given before the first block, see `prime`
+  past: jax.Array     # () how many latents were given before the first block, see `Sampler.prefill`
 
 
 class Constants(NamedTuple):
@@ -119,102 +120,6 @@ def fresh_noise(keys, blocks, levels, plan, channels):
 
   noise = jax.vmap(lambda key: jax.vmap(lambda index, level: draw(key, index, level))(blocks, levels))(keys)
   return noise.reshape(len(keys), -1, channels)
-
-
-def init_stream(dit, plan, keys) -> Stream:
-  """The state before the first advance, for motions of keys (B,)."""
-  noise = [block_noise(keys, index, plan, dit.latent_dim) for index in range(plan.width)]
-  rows = keys.shape[0] * (2 if plan.guided else 1)
-  shape = (rows, plan.ring * plan.block, dit.num_heads, dit.width // dit.num_heads)
-  empty = jnp.zeros(shape, dit.dtype)
-  cache = tuple((empty, empty) for _ in range(dit.depth))
-  return Stream(jnp.zeros((), jnp.int32), jnp.concatenate(noise, axis=1), cache, jnp.zeros((), jnp.int32))
-
-
-def prime(dit, plan, params, constants, text, past, count, state, caption=None) -> Stream:
-  """A fresh state with clean latents behind it: the motion goes on from the last `count` of past (B, P, C).
-
-  P is whole blocks, and the past ends where block 0 begins; what stands before its last `count` latents is ignored.
-  One pass at t = 1 fills the cache with what these latents would have left there. caption (B, P / block): which of the
-  captions in text each block of the past was made with.
-  """
-  size, length = plan.block, past.shape[1]
-  if length % size:
-    raise ValueError(f"got a past of {length} latents, expected whole blocks of {size}; pad it in front")
-  blocks, real = jnp.arange(length // size), jnp.arange(length) >= length - count
-  attn_mask = _window_mask(blocks, blocks, plan) & real
-  x = jnp.concatenate([past, past]) if plan.guided else past
-  modulation = constants.modulation[:, -1][:, None, None]
-  _, new = dit.apply(params, x, jnp.ones(x.shape[:2], constants.times.dtype), modulation,
-                     _words_of_blocks(text, caption, size), attn_mask, jnp.arange(length), method="window")
-  kept = plan.ring * size
-  fill = lambda ring, new: jnp.pad(new[:, -kept:], ((0, 0), (max(kept - length, 0), 0), (0, 0), (0, 0))).astype(
-      ring.dtype)
-  return state._replace(cache=jax.tree.map(fill, state.cache, new), past=jnp.asarray(count, jnp.int32))
-
-
-def advance(dit, plan, active, use_cache, params, constants, text, scale, keys, state, caption=None):
-  """One block further: (state, block (B, block, C), done) where done says that the block is a clean one.
-
-  The first plan.age - 1 advances give none. active: slots of the window that are computed, counted from its oldest
-  block; all begun blocks must be among them. use_cache = False is for advances before anything is in the cache.
-  caption (B, active): which of the G captions in text each of these blocks is made with; None where there is one.
-  """
-  size, age = plan.block, plan.age
-  # Parity: the paper has this cache, the code recomputes everything; the results agree to rounding.
-  base = jnp.maximum(state.advance - age, 0)  # the oldest block of the window
-  blocks = base + jnp.arange(active)
-  level = (state.advance - blocks) * plan.lag  # iterations that each block has behind it; negative: not begun
-  within = jnp.arange(active * size)
-  past, attn_mask = None, _window_mask(blocks, blocks, plan)
-  text = _words_of_blocks(text, caption, size)
-  if use_cache:
-    slots = jnp.arange(plan.ring)
-    held = base - 1 - (base - 1 - slots) % plan.ring  # the block that a slot of the ring holds; negative: none yet
-    positions = jnp.repeat((held - base) * size, size) + jnp.tile(jnp.arange(size), plan.ring)
-    past = dit.apply(params, state.cache, positions, method="turn_keys")
-    real = positions + base * size >= -state.past
-    attn_mask = jnp.concatenate([_window_mask(blocks, held, plan) & real, attn_mask], axis=-1)
-
-  def velocity_at(latents, now):
-    t = jnp.repeat(constants.times[now], size)
-    modulation = jnp.repeat(constants.modulation[:, now], size, axis=1)[:, None]
-    x = jnp.concatenate([latents, latents]) if plan.guided else latents
-    velocity, new = dit.apply(params, x, jnp.broadcast_to(t, x.shape[:2]), modulation, text, attn_mask, within, past,
-                              method="window")
-    if plan.guided:
-      velocity = combine(*jnp.split(velocity, 2), scale)
-    return velocity.astype(latents.dtype), new
-
-  def iteration(latents, i):
-    now = jnp.clip(level + i, 0, plan.num_steps)
-    then = jnp.clip(level + i + 1, 0, plan.num_steps)
-    velocity, new = velocity_at(latents, now)
-    if constants.steps is not None:  # the network says noise
-      fresh = 0.0
-      if plan.solver == "ancestral":
-        fresh = fresh_noise(keys, blocks, now, plan, dit.latent_dim).astype(latents.dtype)
-      spread = lambda a: jnp.repeat(a, size)
-      moved = ddpm_forcing.step(constants.steps, latents, velocity, spread(now), spread(then), fresh)
-      return moved, jax.tree.map(lambda a: a[:, :size], new)
-    step = jnp.repeat(constants.times[then] - constants.times[now], size)[:, None]
-    if plan.solver == "heun":
-      velocity = (velocity + velocity_at(latents + step * velocity, then)[0]) / 2
-    return latents + step * velocity, jax.tree.map(lambda a: a[:, :size], new)
-
-  window, oldest = jax.lax.scan(iteration, state.latents[:, :active * size], jnp.arange(plan.lag))
-  latents = state.latents.at[:, :active * size].set(window)
-  finished = jnp.maximum(state.advance - age + 1, 0)  # the block that became clean in this advance
-  block = jax.lax.dynamic_slice_in_dim(latents, (finished - base) * size, size, axis=1)
-
-  # The window moves on once its oldest block has been computed at t = 1.
-  moves = state.advance >= age
-  cache = jax.tree.map(
-      lambda ring, new: jnp.where(moves, jax.lax.dynamic_update_slice_in_dim(
-          ring, new[-1].astype(ring.dtype), base % plan.ring * size, axis=1), ring), state.cache, oldest)
-  noise = block_noise(keys, base + plan.width, plan, dit.latent_dim).astype(latents.dtype)
-  latents = jnp.where(moves, jnp.concatenate([latents[:, size:], noise], axis=1), latents)
-  return Stream(state.advance + 1, latents, cache, state.past), block, state.advance >= age - 1
 
 
 def _words_of_blocks(text, caption, size):
@@ -281,21 +186,139 @@ def window_captions(plan, text, segment, base, active):
   return tuple(map(cut, text)), ids - ids[:, :1]
 
 
-def sample(dit, plan, params, constants, text, scale, keys, num_blocks, buckets=2, segment=None, state=None):
-  """Clean latents (B, num_blocks * block, C), all in one trace: `lax.scan` over `advance`.
+@flax.struct.dataclass
+class Sampler:
+  """Frame-wise sampling of B motions, bound to all that stays the same from step to step. Made by `bind`.
 
-  segment: see `window_captions`. state: one of `prime`, to go on from a past; a fresh one if left out.
+  dit, plan: network and choices, static. params of the network; constants: `make_constants`; text: `encode_text`;
+  scale: of guidance; keys (B,): one per motion. A pytree: a jitted function takes it as one argument.
   """
-  runs, blocks = segments(plan, num_blocks, buckets, state is not None), []
-  state = init_stream(dit, plan, keys) if state is None else state
-  for count, active, use_cache in runs:
+  dit: Any = flax.struct.field(pytree_node=False)
+  plan: Plan = flax.struct.field(pytree_node=False)
+  params: Any
+  constants: Constants
+  text: Any
+  scale: Any
+  keys: jax.Array
 
-    def body(state, _, active=active, use_cache=use_cache):
-      words, caption = window_captions(plan, text, segment, jnp.maximum(state.advance - plan.age, 0), active)
-      state, block, _ = advance(dit, plan, active, use_cache, params, constants, words, scale, keys, state, caption)
-      return state, block
+  def init(self) -> Stream:
+    """The state before the first step."""
+    dit, plan, keys = self.dit, self.plan, self.keys
+    noise = [block_noise(keys, index, plan, dit.latent_dim) for index in range(plan.width)]
+    rows = keys.shape[0] * (2 if plan.guided else 1)
+    shape = (rows, plan.ring * plan.block, dit.num_heads, dit.width // dit.num_heads)
+    empty = jnp.zeros(shape, dit.dtype)
+    cache = tuple((empty, empty) for _ in range(dit.depth))
+    return Stream(jnp.zeros((), jnp.int32), jnp.concatenate(noise, axis=1), cache, jnp.zeros((), jnp.int32))
 
-    state, made = jax.lax.scan(body, state, None, length=count)
-    blocks.append(made)
-  made = jnp.concatenate(blocks)[plan.age - 1:]  # (num_blocks, B, block, C)
-  return jnp.moveaxis(made, 0, 1).reshape(keys.shape[0], num_blocks * plan.block, dit.latent_dim)
+  def prefill(self, state, *, past, count, caption=None) -> Stream:
+    """A fresh state with clean latents behind it: the motion goes on from the last `count` of past (B, P, C).
+
+    P is whole blocks, and the past ends where block 0 begins; what stands before its last `count` latents is ignored.
+    One pass at t = 1 fills the cache with what these latents would have left there. caption (B, P / block): which of
+    the captions in text each block of the past was made with.
+    """
+    plan, size, length = self.plan, self.plan.block, past.shape[1]
+    if length % size:
+      raise ValueError(f"got a past of {length} latents, expected whole blocks of {size}; pad it in front")
+    blocks, real = jnp.arange(length // size), jnp.arange(length) >= length - count
+    attn_mask = _window_mask(blocks, blocks, plan) & real
+    x = jnp.concatenate([past, past]) if plan.guided else past
+    modulation = self.constants.modulation[:, -1][:, None, None]
+    _, new = self.dit.apply(self.params, x, jnp.ones(x.shape[:2], self.constants.times.dtype), modulation,
+                            _words_of_blocks(self.text, caption, size), attn_mask, jnp.arange(length), method="window")
+    kept = plan.ring * size
+    fill = lambda ring, new: jnp.pad(new[:, -kept:], ((0, 0), (max(kept - length, 0), 0), (0, 0), (0, 0))).astype(
+        ring.dtype)
+    return state._replace(cache=jax.tree.map(fill, state.cache, new), past=jnp.asarray(count, jnp.int32))
+
+  def step(self, state, *, active, use_cache, caption=None):
+    """One block further: (state, block (B, block, C), done) where done says that the block is a clean one.
+
+    The first plan.age - 1 steps give none. active: slots of the window that are computed, counted from its oldest
+    block; all begun blocks must be among them. use_cache = False is for advances before anything is in the cache.
+    caption (B, active): which of the G captions in text each of these blocks is made with; None where there is one.
+    """
+    dit, plan, params, constants, scale, keys = (
+        self.dit, self.plan, self.params, self.constants, self.scale, self.keys)
+    size, age = plan.block, plan.age
+    # Parity: the paper has this cache, the code recomputes everything; the results agree to rounding.
+    base = jnp.maximum(state.advance - age, 0)  # the oldest block of the window
+    blocks = base + jnp.arange(active)
+    level = (state.advance - blocks) * plan.lag  # iterations that each block has behind it; negative: not begun
+    within = jnp.arange(active * size)
+    past, attn_mask = None, _window_mask(blocks, blocks, plan)
+    text = _words_of_blocks(self.text, caption, size)
+    if use_cache:
+      slots = jnp.arange(plan.ring)
+      held = base - 1 - (base - 1 - slots) % plan.ring  # the block that a slot of the ring holds; negative: none yet
+      positions = jnp.repeat((held - base) * size, size) + jnp.tile(jnp.arange(size), plan.ring)
+      past = dit.apply(params, state.cache, positions, method="turn_keys")
+      real = positions + base * size >= -state.past
+      attn_mask = jnp.concatenate([_window_mask(blocks, held, plan) & real, attn_mask], axis=-1)
+
+    def velocity_at(latents, now):
+      t = jnp.repeat(constants.times[now], size)
+      modulation = jnp.repeat(constants.modulation[:, now], size, axis=1)[:, None]
+      x = jnp.concatenate([latents, latents]) if plan.guided else latents
+      velocity, new = dit.apply(params, x, jnp.broadcast_to(t, x.shape[:2]), modulation, text, attn_mask, within, past,
+                                method="window")
+      if plan.guided:
+        velocity = combine(*jnp.split(velocity, 2), scale)
+      return velocity.astype(latents.dtype), new
+
+    def iteration(latents, i):
+      now = jnp.clip(level + i, 0, plan.num_steps)
+      then = jnp.clip(level + i + 1, 0, plan.num_steps)
+      velocity, new = velocity_at(latents, now)
+      if constants.steps is not None:  # the network says noise
+        fresh = 0.0
+        if plan.solver == "ancestral":
+          fresh = fresh_noise(keys, blocks, now, plan, dit.latent_dim).astype(latents.dtype)
+        spread = lambda a: jnp.repeat(a, size)
+        moved = ddpm_forcing.step(constants.steps, latents, velocity, spread(now), spread(then), fresh)
+        return moved, jax.tree.map(lambda a: a[:, :size], new)
+      step = jnp.repeat(constants.times[then] - constants.times[now], size)[:, None]
+      if plan.solver == "heun":
+        velocity = (velocity + velocity_at(latents + step * velocity, then)[0]) / 2
+      return latents + step * velocity, jax.tree.map(lambda a: a[:, :size], new)
+
+    window, oldest = jax.lax.scan(iteration, state.latents[:, :active * size], jnp.arange(plan.lag))
+    latents = state.latents.at[:, :active * size].set(window)
+    finished = jnp.maximum(state.advance - age + 1, 0)  # the block that became clean in this advance
+    block = jax.lax.dynamic_slice_in_dim(latents, (finished - base) * size, size, axis=1)
+
+    # The window moves on once its oldest block has been computed at t = 1.
+    moves = state.advance >= age
+    cache = jax.tree.map(
+        lambda ring, new: jnp.where(moves, jax.lax.dynamic_update_slice_in_dim(
+            ring, new[-1].astype(ring.dtype), base % plan.ring * size, axis=1), ring), state.cache, oldest)
+    noise = block_noise(keys, base + plan.width, plan, dit.latent_dim).astype(latents.dtype)
+    latents = jnp.where(moves, jnp.concatenate([latents[:, size:], noise], axis=1), latents)
+    return Stream(state.advance + 1, latents, cache, state.past), block, state.advance >= age - 1
+
+  def sample(self, num_blocks, *, buckets=2, segment=None, state=None):
+    """Clean latents (B, num_blocks * block, C), all in one trace: `lax.scan` over `step`.
+
+    segment: see `window_captions`. state: one of `prefill`, to go on from a past; a fresh one if left out.
+    """
+    plan = self.plan
+    runs, blocks = segments(plan, num_blocks, buckets, state is not None), []
+    state = self.init() if state is None else state
+    for count, active, use_cache in runs:
+
+      def body(state, _, active=active, use_cache=use_cache):
+        words, caption = window_captions(plan, self.text, segment, jnp.maximum(state.advance - plan.age, 0), active)
+        state, block, _ = self.replace(text=words).step(state, active=active, use_cache=use_cache, caption=caption)
+        return state, block
+
+      state, made = jax.lax.scan(body, state, None, length=count)
+      blocks.append(made)
+    made = jnp.concatenate(blocks)[plan.age - 1:]  # (num_blocks, B, block, C)
+    return jnp.moveaxis(made, 0, 1).reshape(len(self.keys), num_blocks * plan.block, self.dit.latent_dim)
+
+
+def bind(dit, plan, params, *, text_emb, text_mask, scale, keys) -> Sampler:
+  """A sampler for captions text_emb (B, S, E), text_mask (B, S), or G of them a motion, see `encode_text`."""
+  return Sampler(dit, plan, params, make_constants(dit, params, plan),
+                 encode_text(dit, params, text_emb, text_mask, plan.guided), scale, keys)

@@ -1,0 +1,39 @@
+"""How a CDAMD model is sampled."""
+import dataclasses
+
+from motion_jax.inputs.errors import InputError
+from motion_jax.inputs.numerals import STEPS
+from motion_jax.models.options import SamplingOptions, choice, number, switch
+
+ORDERS = ("random", "left_to_right")
+MASKS = ("causal", "dccm", "bcm", "bidirectional")
+SOLVERS = ("euler", "heun", "midpoint", "rk4", "dopri5", "ddpm")
+
+
+@dataclasses.dataclass(frozen=True)
+class CdamdSampling(SamplingOptions):
+  """Choices of unmasking, and of the diffusion head that makes what is unmasked."""
+  rounds: int | None = number("decoding iterations, in each of which some latents are made (10)", STEPS,
+                              key="num_rounds")
+  order: str | None = choice("which latents are made first", ORDERS)
+  mask: str | None = choice("what latents may look at", MASKS)
+  solver: str | None = choice("midpoint (its own), euler, heun, rk4 or dopri5; ddpm where it learned a DDPM's noise",
+                              SOLVERS, listed=False)
+  num_steps: int | None = number("steps of the solver in each decoding iteration (10)", STEPS, flag="steps")
+  revealed_only: bool | None = switch("solve only for the latents that an iteration unmasks; false solves for those "
+                                      "that are hidden again, too, as the reference does")
+  temperature: float | None = number("size of the noise that a DDPM's steps add (1)", (0, 100), float, usual=1.0)
+
+  def resolved(self, config, **usual):
+    """As of any method; a model that was trained by the other diffusion than its config samples by takes its own."""
+    ddpm = config.loss.diffusion == "ddpm"
+    if self.solver is None and (config.sampler.solver == "ddpm") != ddpm:
+      usual = (dict(solver="ddpm", num_steps=config.loss.ddpm_steps) if ddpm else
+               dict(solver="midpoint", num_steps=10)) | usual
+    found = super().resolved(config, **usual)
+    if (found.solver == "ddpm") != ddpm:
+      raise InputError(f"got solver {found.solver!r} for a model that was trained by {config.loss.diffusion}")
+    return found
+
+
+OPTIONS = CdamdSampling

@@ -1,0 +1,42 @@
+"""How a CMDM model is sampled."""
+import dataclasses
+
+from motion_jax.inputs.errors import InputError
+from motion_jax.inputs.numerals import CONTEXT, STEPS
+from motion_jax.models.options import SamplingOptions, choice, number
+
+SCHEDULES = ("fss", "ar", "full")
+SOLVERS = {"flow": ("euler", "heun"), "ddpm": ("ancestral", "ddim")}  # by what the network learned to predict
+
+
+@dataclasses.dataclass(frozen=True)
+class CmdmSampling(SamplingOptions):
+  """Choices of frame-wise sampling."""
+  schedule: str | None = choice("frame-wise sampling (fss), block after block (ar), or all at once (full)", SCHEDULES,
+                                usual="fss")
+  num_steps: int | None = number("sampling steps K (50)", STEPS, flag="steps")
+  lag: int | None = number("steps between the starts of two blocks, of schedule fss (2)", STEPS)
+  solver: str | None = choice("euler (its own) or heun; ancestral or ddim where it learned a DDPM's noise",
+                              (*SOLVERS["flow"], *SOLVERS["ddpm"]), listed=False)
+  context: int | None = number("latents (4 frames each) looked back on; the training length (48)", CONTEXT,
+                               unit="latents")
+
+  def resolved(self, config, **usual):
+    learned = "ddpm" if config.model.get("predicts") == "ddpm" else "flow"
+    known = SOLVERS[learned]
+    found = super().resolved(config, **{"solver": config.sampler.get("solver") or known[0]} | usual)
+    if found.solver not in known:
+      raise InputError(f"got solver {found.solver!r}, this model knows {', '.join(known)}: it was trained to predict "
+                       f"{'the noise of a DDPM' if learned == 'ddpm' else 'a velocity'}")
+    return found
+
+  @property
+  def steps_apart(self) -> int:
+    """Steps between the starts of two blocks: the lag, all steps of "ar", none of "full"."""
+    return {"fss": self.lag, "ar": self.num_steps, "full": 0}[self.schedule]
+
+  def about(self):
+    return super().about() | dict(lag=self.steps_apart)
+
+
+OPTIONS = CmdmSampling

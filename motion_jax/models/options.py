@@ -1,0 +1,122 @@
+"""How a model is sampled: the choices of a method, described once for Python, the command line, evaluation and records.
+
+Each method has one frozen dataclass of its choices, a field each, that says what the choice is about, what is allowed
+and where its usual value comes from:
+
+  @dataclasses.dataclass(frozen=True)
+  class TinySampling(SamplingOptions):
+    num_steps: int | None = number("steps of the sampler", STEPS, flag="steps")
+    order: str | None = choice("which latents are made first", ("random", "left_to_right"))
+
+None means "as the run was trained to be sampled", its config.sampler; `resolved` puts that in. Nothing here imports
+jax, so that `motion-jax generate --help` answers at once.
+"""
+import dataclasses
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from motion_jax.inputs.errors import InputError
+from motion_jax.inputs.numerals import GUIDANCE, NumberError, bounds, checked, demand_numbers, real, whole
+
+
+class Description(NamedTuple):
+  """What is known of a choice.
+
+  check(value, name) -> value, or InputError; read: a command line's text becomes the value; choices: all that are
+  allowed, where they can be listed; flag: on the command line, less "--"; key: in config.sampler; usual: where the
+  config does not say; allowed: words for a table.
+  """
+  help: str
+  check: Callable
+  read: Callable
+  allowed: str
+  choices: tuple | None = None
+  flag: str | None = None
+  key: str | None = None
+  usual: Any = None
+
+
+def number(help, limits, kind=int, unit="", **more):
+  """A choice that is a number from limits[0] to limits[1], whole or, of kind float, any."""
+  def check(value, name):
+    if kind is float:
+      demand_numbers([value], name, "a number such as 3")
+    return checked(value, *limits, name, unit, kind)
+
+  read = whole(*limits) if kind is int else real(*limits)
+  return _field(Description(help, check, read, f"number{bounds(*limits)}", **more))
+
+
+def choice(help, choices, listed=True, **more):
+  """A choice among words; listed False: which of them hold is the model's to say, so the command line takes any."""
+  def check(value, name):
+    if value not in choices:
+      allowed = " or ".join(choices) if len(choices) == 2 else f"one of {', '.join(choices)}"
+      raise InputError(f"got {name} {value!r}, expected {allowed}")
+    return value
+
+  return _field(Description(help, check, str, ", ".join(choices), choices if listed else None, **more))
+
+
+def switch(help, **more):
+  """A choice between true and false."""
+  def check(value, name):
+    if value not in (True, False):
+      raise InputError(f"got {name} {value!r}, expected true or false")
+    return bool(value)
+
+  def read(text):
+    if text.lower() not in ("true", "false"):
+      raise NumberError(f"got {text!r}, expected true or false")
+    return text.lower() == "true"
+
+  return _field(Description(help, check, read, "true, false", **more))
+
+
+def _field(description):
+  return dataclasses.field(default=None, metadata={"choice": description})
+
+
+@dataclasses.dataclass(frozen=True)
+class SamplingOptions:
+  """The choices that every method has; those of one method are a subclass. Hashable, so that jit can depend on them."""
+  guidance_scale: float | None = number("how strictly the words are followed (3)", GUIDANCE, float, flag="guidance")
+
+  def __post_init__(self):
+    for name, description in self.described().items():
+      value = getattr(self, name)
+      if value is not None:
+        object.__setattr__(self, name, description.check(value, name))
+
+  @classmethod
+  def described(cls) -> dict[str, Description]:
+    """{name: what is known of it} of all choices."""
+    return {field.name: field.metadata["choice"] for field in dataclasses.fields(cls)}
+
+  def resolved(self, config, **usual):
+    """The same with every choice made: what is None comes from usual, else from a run's config, else the method's own.
+
+    Subclasses override it to check what depends on several choices, or on the model.
+    """
+    found = {}
+    for name, description in self.described().items():
+      if getattr(self, name) is None:
+        own = usual[name] if name in usual else config.sampler.get(description.key or name, description.usual)
+        found[name] = own
+    return dataclasses.replace(self, **found)
+
+  def about(self) -> dict:
+    """What a file or a record says of how a motion was sampled."""
+    return dataclasses.asdict(self)
+
+
+def flag_of(name, known: Description) -> str:
+  """What a choice is called on the command line, less "--"."""
+  return known.flag or name.replace("_", "-")
+
+
+def table(options: type[SamplingOptions]) -> str:
+  """The choices of a method as a table in Markdown, for the docs."""
+  rows = [f"| `{name}` | `--{flag_of(name, known)}` | {known.allowed} | {known.help} |"
+          for name, known in options.described().items()]
+  return "\n".join(["| choice | command line | allowed | what it is |", "|---|---|---|---|", *rows]) + "\n"

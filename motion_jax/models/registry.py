@@ -1,0 +1,46 @@
+"""Which methods there are. A further one is a folder with these files, and one line here:
+
+  setup.py     SETUPS {stage: function(config) -> TrainingSetup}, and RESOLVED {stage: function(config) -> {field:
+               value}}, what a config takes over from the runs of its frozen parts; it may be empty
+  model.py     MODELS {stage: class}, subclasses of `models.base.TextToMotionModel` that runs of these stages become
+  options.py   OPTIONS, its `SamplingOptions`, in a file that imports no jax: the command line reads it for --help
+
+Stages are called "METHOD.PART", as "cmdm.denoiser": so a run's config says which folder knows it.
+"""
+import importlib
+
+METHODS = {
+    "cmdm": "motion_jax.models.cmdm",
+    "cdamd": "motion_jax.models.cdamd",
+}
+
+
+def model_of(stage):
+  """The class of models that a run of this stage becomes, or None: nothing that makes motion from words."""
+  method = str(stage).partition(".")[0]
+  return _of(method, "model").MODELS.get(stage) if method in METHODS else None
+
+
+def model_stages(ability="generate") -> list[str]:
+  """The stages whose runs become models with an ability of `base.ABILITIES`."""
+  return [stage for method in METHODS for stage, model in _of(method, "model").MODELS.items()
+          if ability in model.abilities]
+
+
+def setups() -> dict:
+  """{stage: function(config) -> TrainingSetup} of all methods."""
+  return {stage: setup for method in METHODS for stage, setup in _of(method, "setup").SETUPS.items()}
+
+
+def resolved() -> dict:
+  """{stage: function(config) -> {field: value}} of all methods: what configs take over from runs that they name."""
+  return {stage: fields for method in METHODS for stage, fields in _of(method, "setup").RESOLVED.items()}
+
+
+def options() -> dict:
+  """{method: its class of `SamplingOptions`}; imports no jax."""
+  return {method: _of(method, "options").OPTIONS for method in METHODS}
+
+
+def _of(method, part):
+  return importlib.import_module(f"{METHODS[method]}.{part}")
