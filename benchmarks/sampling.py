@@ -3,7 +3,7 @@
   python benchmarks/sampling.py                              shipped size and the paper's M, 6 seconds of motion
   python benchmarks/sampling.py --sizes small --blocks 3 --tokens 30,150 --schedules fss
 
-Columns: plain = whole recompute in every step, two guidance passes; fast = `streaming.sample`, the same numbers; first
+Columns: plain = whole recompute in every step, two guidance passes; fast = `streaming.Sampler`, the same numbers; first
 and next = seconds until a stream has its first block, and between blocks after that; memory = working memory that the
 compiled plain and fast samplers ask for beside the weights. Latents only, four frames each; weights are random, which
 changes no time. Where the plain loop is long, --max-plain of its steps are timed and scaled (marked *).
