@@ -74,29 +74,6 @@ class Stopped(Exception):
   """Time is up, or someone asked to stop; everything is saved."""
 
 
-@contextlib.contextmanager
-def features_once():
-  """While it lasts, features of archives are made once for each representation and split, whoever asks for them."""
-  load, known = sources.load_features, {}
-
-  def load_once(config, split="train", stats=None, captioned=True):
-    if config.name != "archive":
-      return load(config, split, stats, captioned)
-    key = (tuple(config.folders), config.layout, config.mode, bool(config.get("mirror")), bool(config.get("per_axis")),
-           split)
-    mark = stats and stats.fingerprint
-    if (key, mark) not in known:
-      data = load(config, split, stats, captioned)
-      known[key, mark] = known[key, data.stats.fingerprint] = data
-    return known[key, mark]
-
-  sources.load_features = load_once
-  try:
-    yield
-  finally:
-    sources.load_features = load
-
-
 # --- judging -----------------------------------------------------------------------------------------------------
 
 
@@ -238,7 +215,7 @@ def run_study(settings, out, part=(0, 1), only=(), max_seconds=None, force=False
   out.mkdir(parents=True, exist_ok=True)
   keep_settings(settings, out)
   bench, whole, failed = Bench(settings, force), True, set()
-  with features_once():
+  with sources.keep_features():
     for number, row in enumerate(rows, 1):
       name = f"[{number}/{len(rows)}] {row.paper} {row.name}, seed {row.seed}"
       if (out / row.scores).is_file() and not (again and judged_by(out, row) != record.commit()):
@@ -316,7 +293,7 @@ def parse(argv=None):
   defaults = study_plan.Settings(())
   parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
   add = parser.add_argument
-  add("--archives", nargs="+", required=True, help="folders of data.archive")
+  add("--archives", nargs="+", required=True, help="folders of motion_jax.data.datasets.archive")
   add("--out", required=True, help="folder of the study; the same one goes on")
   add("--papers", nargs="+", default=defaults.papers, choices=study_plan.PAPERS)
   add("--seeds", type=int, default=defaults.seeds)

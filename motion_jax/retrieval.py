@@ -3,7 +3,6 @@ import dataclasses
 import hashlib
 import io
 import json
-import pathlib
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +11,8 @@ from tqdm import tqdm
 
 from motion_jax import runs
 from motion_jax.data.clip import Clip
-from motion_jax.data.datasets import archive, humanml3d
+from motion_jax.data.datasets.base import SHORTEST
+from motion_jax.data.datasets.registry import dataset_of
 from motion_jax.metrics.scores import retrieval, retrieval_by_rank
 from motion_jax.models.cmdm import teacher as teacher_lib
 from motion_jax.motion import plausibility
@@ -147,16 +147,9 @@ class Collection:
 
 
 def read_clips(folder, split=None) -> list[Clip]:
-  """The captioned clips of an archive or a HumanML3D-layout folder."""
-  folder = pathlib.Path(folder)
-  if archive.is_archive(folder):
-    clips = archive.read_archive(folder, split)
-  elif (folder / "new_joint_vecs").is_dir():
-    clips = humanml3d.read_folder(folder, split or "all")
-  else:
-    raise FileNotFoundError(f"{folder} is neither an archive (motions.npz, captions.jsonl) nor a HumanML3D-layout "
-                            "folder (new_joint_vecs, texts); `motion-jax data build` makes one")
-  clips = [clip for clip in clips if clip.num_frames >= 8 and clip.captions]
+  """The captioned clips of a data folder."""
+  clips = dataset_of(folder).clips(folder, split)
+  clips = [clip for clip in clips if clip.num_frames >= SHORTEST and clip.captions]
   if not clips:
     raise ValueError(f"{folder} has no clip with a caption" + (f" in split {split!r}" if split else ""))
   return clips
@@ -168,7 +161,7 @@ def read_collection(retriever, folder, split=None) -> Collection:
   The index belongs to what lies in the folder, to the teacher's weights and to this code: another one, or one that is
   damaged, is made anew.
   """
-  key = cache.key_of("index", data_fingerprint(folder), split, retriever.fingerprint)
+  key = cache.key_of("index", dataset_of(folder).fingerprint(folder), split, retriever.fingerprint)
   kept = cache.read("indices", key, cache.user_folder())
   if kept is not None:
     return _from_bytes(kept)
@@ -181,23 +174,6 @@ def read_collection(retriever, folder, split=None) -> Collection:
                           retriever.embed_motion(features, progress=True), words, retriever.embed_text(words))
   cache.write("indices", key, _to_bytes(collection), cache.user_folder())
   return collection
-
-
-def data_fingerprint(folder) -> str:
-  """A digest of what lies in a data folder: the bytes of an archive; else names, sizes and times of the files."""
-  folder = pathlib.Path(folder)
-  digest = hashlib.sha256()
-  if archive.is_archive(folder):
-    digest.update(folder.resolve().name.encode())  # which its clips name as their source
-    for name in ("motions.npz", "captions.jsonl"):
-      with open(folder / name, "rb") as file:
-        digest.update(hashlib.file_digest(file, "sha256").digest())
-    return digest.hexdigest()
-  for path in sorted(path for kind in ("*.txt", "*.json", "*.npy", "new_*/*.npy", "texts/*.txt")
-                     for path in folder.glob(kind)):
-    about = path.stat()
-    digest.update(f"{path.relative_to(folder)} {about.st_size} {about.st_mtime_ns}\n".encode())
-  return digest.hexdigest()
 
 
 def _to_bytes(collection):

@@ -284,12 +284,13 @@ def test_two_rows_from_data_to_claims(settings, tmp_path, monkeypatch):
 
 def test_features_are_made_once(settings, monkeypatch):
   config = study_plan.config_of(study_plan.row_of("cdamd", "default", 0).runs[0], settings, "out", {})
-  calls, load = [], study.sources.load_features
-  monkeypatch.setattr(study.sources, "load_features", lambda *args: calls.append(args) or load(*args))
-  before = study.sources.load_features
-  with study.features_once():
+  calls, make = [], study.sources.clip_items
+  monkeypatch.setattr(study.sources, "clip_items", lambda *args: calls.append(args) or make(*args))
+  with study.sources.keep_features():
     data = study.sources.load_features(config.data)
     assert study.sources.load_features(config.data, stats=data.stats) is data
     val = study.sources.load_features(config.data, "val", data.stats)
     assert study.sources.load_features(config.data, "val", data.stats, False) is val and val is not data
-  assert len(calls) == 2 and study.sources.load_features is before
+  assert len(calls) == 2
+  again = study.sources.load_features(config.data)
+  assert again is not data and len(calls) == 3, "only while it lasts"

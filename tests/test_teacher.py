@@ -13,6 +13,7 @@ from motion_jax import cli, export, retrieval
 from motion_jax import fit as training
 from motion_jax.data.clip import Clip
 from motion_jax.data.datasets.humanml3d import write_folder
+from motion_jax.data.datasets.registry import dataset_of
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.evaluators.networks import symmetric_cross_entropy
 from motion_jax.models.cmdm import teacher
@@ -139,11 +140,11 @@ def test_retrieve_from_the_command_line(run_and_data, tmp_path, capsys):
 
 def test_the_index_belongs_to_data_teacher_and_split(run_and_data, tmp_path):
   data = shutil.copytree(run_and_data[1], tmp_path / "data")
-  before = retrieval.data_fingerprint(data)
-  assert retrieval.data_fingerprint(data) == before
+  before = dataset_of(data).fingerprint(data)
+  assert dataset_of(data).fingerprint(data) == before
   text = next((data / "texts").glob("*.txt"))
   text.write_text(text.read_text().replace("person", "robot"))
-  assert retrieval.data_fingerprint(data) != before
+  assert dataset_of(data).fingerprint(data) != before
   run = shutil.copytree(run_and_data[0], tmp_path / "run")
   one = retrieval.load(run).fingerprint
   mean = np.load(run / "Mean.npy")
@@ -154,7 +155,7 @@ def test_the_index_belongs_to_data_teacher_and_split(run_and_data, tmp_path):
 def test_mistakes_are_told(run_and_data, tmp_path, capsys, tiny_run):
   run, data = map(str, run_and_data)
   for words, told in (
-      (["a", "--data", str(tmp_path), "--teacher", run], "neither an archive"),
+      (["a", "--data", str(tmp_path), "--teacher", run], "is no data folder"),
       (["a", "--data", data, "--teacher", str(tmp_path / "none")], "neither a run folder"),
       (["a", "--data", data, "--teacher", str(tiny_run)], "cmdm.teacher"),
       ([" ", "--data", data, "--teacher", run], "empty sentence"),

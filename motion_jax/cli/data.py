@@ -20,7 +20,7 @@ def add_to(commands):
   build.add_argument("--overwrite", action="store_true", help="replace the folder if it is there already")
   build.set_defaults(run=_build)
   doctor = data.add_parser("doctor", help="what is wrong with a data folder, and what to do")
-  doctor.add_argument("folder", help="an archive or a HumanML3D-layout folder")
+  doctor.add_argument("folder", help="a data folder of any data set that is known")
   doctor.set_defaults(run=_doctor)
 
 

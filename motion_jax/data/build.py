@@ -8,7 +8,7 @@ import tqdm
 
 from motion_jax.data.clip import Caption
 from motion_jax.data.datasets import humanml3d
-from motion_jax.data.datasets.archive import is_archive, read_archive
+from motion_jax.data.datasets.registry import find_dataset
 from motion_jax.data.mocap.asf import amc_clip
 from motion_jax.data.mocap.bvh import bvh_clip
 from motion_jax.inputs import text_files
@@ -28,11 +28,12 @@ def build(source, out, captions=None, mapping=None, mode="corrected", mirror=Tru
           progress=True, source_fps=None) -> str:
   """Makes folder out of a source and returns a summary to print.
 
-  source: an archive (motions.npz, captions.jsonl), or a folder of BVH or AMC files (in sub-folders too) with a table of
-  captions (CSV, TSV, JSONL; None: captions.* in the source). mapping: a table's name, a JSON file or a dict {our joint:
-  theirs}. fps: of the folder (20); source_fps: the captured files' frames are so many a second, whatever they state
-  (.amc files state nothing: 120). Clips of more than 200 frames are cut into equal pieces; clips without a split get
-  one from a hash of their name, 80 % train, 5 % val, 15 % test. Nothing is left in out if anything fails.
+  source: a data folder, such as an archive (motions.npz, captions.jsonl), or a folder of BVH or AMC files (in
+  sub-folders too) with a table of captions (CSV, TSV, JSONL; None: captions.* in the source). mapping: a table's
+  name, a JSON file or a dict {our joint: theirs}. fps: of the folder (20); source_fps: the captured files' frames are
+  so many a second, whatever they state (.amc files state nothing: 120). Clips of more than 200 frames are cut into
+  equal pieces; clips without a split get one from a hash of their name, 80 % train, 5 % val, 15 % test. Nothing is
+  left in out if anything fails.
   """
   source = pathlib.Path(source)
   if not source.is_dir():
@@ -40,8 +41,9 @@ def build(source, out, captions=None, mapping=None, mode="corrected", mirror=Tru
                             f"{', '.join(READERS)} files")
   if pathlib.Path(out).exists() and not overwrite:
     raise FileExistsError(f"{out} exists already; choose another name, or say overwrite")
-  if is_archive(source):
-    clips, left_out = read_archive(source), []
+  dataset = find_dataset(source)
+  if dataset is not None:
+    clips, left_out = dataset.clips(source), []
   else:
     clips, left_out = read_captures(source, captions, mapping, fps or 20.0, progress, source_fps)
   if not clips:

@@ -1,7 +1,6 @@
 """Single checks of `doctor`: of a motion, its texts, its statistics. Each tells what it finds to `found.add`."""
 import numpy as np
 
-from motion_jax.data.datasets import humanml3d
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.input_files import load_npy
 from motion_jax.motion import plausibility
@@ -11,6 +10,8 @@ from motion_jax.motion.skeleton import HUMANML3D, bone_lengths, facing
 # Std of the official HumanML3D statistics by block, and the height's mean (docs/papers/cmdm.md#statistics).
 _OFFICIAL_STD = (0.012826, 0.016927, 0.153766, 0.122244, 0.299692, 0.019470, 0.355933)
 _EVALUATOR_STD = (0.00051467, 0.00067693, 0.00612082, 0.12255538, 0.30038649, 0.01954057, 0.01409494)
+
+LEAK = "results on test or val would be too good: keep each recording in one split"
 
 
 def load(path, found):
@@ -37,25 +38,6 @@ def compare_joints(saved, recovered, layout, name, found):
   elif np.abs(saved - recovered).max() * layout.skeleton.unit > 2e-3:
     found.add("error", "joints that do not belong to their features (over 2 mm apart)", "one of the two is from "
               "another version of the data: make new_joints again from the features", name)
-
-
-def check_texts(path, name, seconds, found):
-  try:
-    lines = humanml3d.read_texts(path)
-  except ValueError as error:
-    found.add("error", "text files that cannot be read", "each line is caption#tokens#start#end",
-              f"{name} ({told(error, path)})"[:120])
-    return
-  if not any(line.caption for line in lines):
-    found.add("error", "text files without a caption", "write one, or remove the ids", name)
-  for line in lines:
-    if not line.tokens:
-      found.add("warning", "captions without tokens", "evaluators need caption#lemma/POS ...#start#end; "
-                "motion_jax.data.tagger makes simple ones", name)
-    if line.end and not 0 <= line.start < line.end:
-      found.add("warning", "time tags that end before they start", "correct the seconds", name)
-    elif line.start > seconds:
-      found.add("warning", "time tags beyond the end of the clip", "correct the seconds", name)
 
 
 def tell_lengths(rows, least, found):

@@ -140,6 +140,7 @@ PROTOCOLS = {protocol.name: protocol for protocol in (
     dataclasses.replace(
         _CDAMD, name="own-66", title="Text to motion, your own data, joint coordinates",
         source="archives-66 on a folder of `motion-jax data build`: numbers compare among your own models",
+        formats=_ANY_GENERATION,
         min_frames=24, past_frames=201, population_std=False, repeats=4, evaluator="evaluator-small",
         clip_evaluator="clip-evaluator-small", multimodality_batches=1, multimodality_motions=20,
         multimodality_repeats=1, multimodality_shared=False, paper=None),

@@ -9,7 +9,6 @@ from functools import partial
 
 import jax
 
-from motion_jax.data.datasets import humanml3d
 from motion_jax.evaluation import aggregates as rows_lib
 from motion_jax.evaluation import given
 from motion_jax.evaluation import protocols as protocols_lib
@@ -25,14 +24,12 @@ from motion_jax.evaluation.tasks import editing, generation, long_horizon, recon
 from motion_jax.evaluation.tasks import timelines as mtt
 from motion_jax.evaluators.evaluator import Evaluator, load_evaluator
 from motion_jax.motion.representations import get_layout
-from motion_jax.motion.skeleton import HUMANML3D, KIT
 from motion_jax.runs import PRETRAINED, find
 from motion_jax.runtime.atomic import atomic_path
 from motion_jax.training import checkpoint
 
 _TASKS = {"generation": generation, "reconstruction": reconstruction, "editing": editing, "stories": long_horizon,
           "timelines": mtt}
-_BY_LAYOUT = {"coordinates": "cdamd-66", "essential": "cmdm-67", "full": "cmdm-259"}
 
 
 def evaluate(runs, folders, protocol=None, *, evaluator=None, clip_evaluator=None, out=None, repeats=None, seed=None,
@@ -163,7 +160,7 @@ def _what(runs, folders, protocol, limit, multimodality):
     protocol = dataclasses.replace(protocol, timelines=str(files[0]), note="")
   if protocol.task in ("stories", "timelines") and limit:
     protocol, limit = dataclasses.replace(protocol, sequences=limit), None
-  protocol = protocol.on(items_lib.format_of_all(folders))
+  protocol = protocol.on(items_lib.dataset_of_all(folders).judged_as)
   return folders, protocol if multimodality else generation.without_multimodality(protocol), limit
 
 
@@ -190,24 +187,15 @@ def _check_out(out, question):
 
 
 def guess_protocol(runs, folders) -> str:
-  """The protocol that fits data and model, by the format of the data and the layout of the first run."""
+  """The protocol that fits data and model, by the data set and the layout of the first run."""
   data = [folder for folder in folders if not pathlib.Path(folder).is_file()]
   files = [folder for folder in folders if folder not in data]
   if files and pathlib.Path(files[0]).suffix == ".json":  # of stories
-    return "babel" if items_lib.format_of_all(data) == "babel" else "long-horizon"
+    return items_lib.dataset_of_all(data).stories
   if files:
     return "mtt"
-  data_format = items_lib.format_of_all(data)
-  own = lambda folder: (pathlib.Path(folder) / "dataset.json").is_file() and get_layout(
-      humanml3d.dataset_info(folder)["layout"]).skeleton is HUMANML3D
-  if data_format == "humanml3d" and all(map(own, data)):
-    return "own-66"  # a folder of `motion-jax data build` is no benchmark of a paper's
-  if data_format != "humanml3d":
-    return {"archive": "archives-66"}.get(data_format, data_format)
-  name = (checkpoint.load_config(find(runs[0])).data.layout if runs
-          else humanml3d.dataset_info(folders[0])["layout"])
-  layout = get_layout(name)
-  return "kit" if layout.skeleton is KIT else _BY_LAYOUT.get(layout.name, "cmdm-259")
+  return items_lib.dataset_of_all(data).benchmark(
+      data, lambda: checkpoint.load_config(find(runs[0])).data.layout if runs else None)
 
 
 def default_out(runs, protocol) -> pathlib.Path:

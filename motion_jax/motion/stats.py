@@ -68,6 +68,30 @@ def compute_stats(features, layout, per_axis=False, per_column=False) -> Stats:
   return Stats(mean.astype(np.float32), std.astype(np.float32), layout)
 
 
+class RunningStats:
+  """Mean and std of features that pass by one clip at a time; sums are float64, shifted by the first clip's mean."""
+
+  def __init__(self, layout):
+    self.layout, self.num, self.shift = layout, 0, None
+
+  def add(self, features):
+    features = features.astype(np.float64)
+    if self.shift is None:
+      self.shift = features.mean(0)
+      self.sum, self.squares = np.zeros(self.layout.dim), np.zeros(self.layout.dim)
+    self.num += len(features)
+    self.sum += (features - self.shift).sum(0)
+    self.squares += ((features - self.shift) ** 2).sum(0)
+
+  def stats(self) -> Stats:
+    mean = self.sum / self.num
+    std = np.sqrt(np.maximum(self.squares / self.num - mean**2, 0))
+    for block in self.layout.blocks.values():
+      std[block] = std[block].mean()
+    std = np.where(std < 1e-8, 1.0, std)
+    return Stats((mean + self.shift).astype(np.float32), std.astype(np.float32), self.layout)
+
+
 def save_stats(stats, folder):
   """Writes Mean.npy and Std.npy, the names that the field's tools look for."""
   folder = pathlib.Path(folder)

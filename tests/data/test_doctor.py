@@ -5,7 +5,7 @@ import shutil
 import numpy as np
 import pytest
 
-from motion_jax.data import doctor
+from motion_jax.data import checks, doctor
 from motion_jax.data.datasets.humanml3d import write_folder
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from tests.data.test_build import write_archive
@@ -97,9 +97,9 @@ BLOCKS = np.repeat([1 / 25, 1, 1, 1 / 25], [4, 63, 192, 4])
     (lambda f: np.save(f / "Std.npy", np.linspace(1, 2, 263)), "error", "differs inside a block"),
     (_scale("Std.npy", 2), "error", "not this data's"),
     (_scale("Std.npy", np.where(BLOCKS < 1, 1 / 5, 1)), "error", "a fifth of the data's"),
-    (lambda f: np.save(f / "Std.npy", np.repeat(doctor.checks._EVALUATOR_STD, [1, 2, 1, 63, 126, 66, 4])), "error",
+    (lambda f: np.save(f / "Std.npy", np.repeat(checks._EVALUATOR_STD, [1, 2, 1, 63, 126, 66, 4])), "error",
      "the evaluator's"),
-    (lambda f: np.save(f / "Std.npy", np.repeat(doctor.checks._OFFICIAL_STD, [1, 2, 1, 63, 126, 66, 4])), "warning",
+    (lambda f: np.save(f / "Std.npy", np.repeat(checks._OFFICIAL_STD, [1, 2, 1, 63, 126, 66, 4])), "warning",
      "official HumanML3D's"),
     (lambda f: (f / "dataset.json").write_text(json.dumps({"fps": 30})), "warning", "30 frames a second"),
 ])

@@ -9,6 +9,7 @@ import pytest
 from motion_jax.data.clip import Caption
 from motion_jax.data.datasets import snapmogen
 from motion_jax.data.datasets.snapmogen import (
+  SnapMoGen,
   Span,
   bvh_features,
   folder_stats,
@@ -102,11 +103,11 @@ def test_spans_of_test_that_share_rows_with_train_are_found(built, tmp_path):
   train = copy / "data_split_info" / "train_ids.txt"
   train.write_text(train.read_text() + "000004#0#40\n")
   ids.write_text("000004#40#208\n")
-  assert check_split([copy], "snapmogen", "test") == []
+  assert check_split([copy], SnapMoGen(), "test") == []
   ids.write_text(before)
   with pytest.raises(ValueError, match="1 clips of split 'test' are in train, too, such as 000004#0#208"):
-    check_split([copy], "snapmogen", "test")
-  assert check_split([copy], "snapmogen", "test", allow=True) == ["000004#0#208"]
+    check_split([copy], SnapMoGen(), "test")
+  assert check_split([copy], SnapMoGen(), "test", allow=True) == ["000004#0#208"]
 
 
 def test_statistics_are_the_dataset_s(built, tmp_path):

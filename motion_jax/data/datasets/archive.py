@@ -5,14 +5,19 @@ pelvis; 20 frames a second, 22 joints in HumanML3D's order. captions.jsonl, a ro
 end (frames in the clip), text (a list of sentences, or one), split, and optionally content, style, label.
 """
 import collections
+import hashlib
 import pathlib
 from typing import NamedTuple
 
 import numpy as np
+import tqdm
 
+from motion_jax.data import checks
 from motion_jax.data.clip import Caption, Clip
+from motion_jax.data.datasets.base import Dataset
 from motion_jax.inputs.errors import InputError
-from motion_jax.inputs.input_files import load_npz, read_json_lines
+from motion_jax.inputs.input_files import json_row, load_npz, read_json_lines
+from motion_jax.inputs.text_files import read_lines
 from motion_jax.motion import plausibility
 from motion_jax.motion.skeleton import HUMANML3D
 
@@ -117,3 +122,110 @@ def read_row(row, motions, where) -> dict:
     raise InputError(f"{where}: frames {row['start']}:{row['end']} lie outside clip {row['clip'][:60]!r} of {length} "
                      "frames")
   return row
+
+
+class Archive(Dataset):
+  """Folders of motions.npz and captions.jsonl."""
+  name, holds = "archive", "archive (motions.npz, captions.jsonl)"
+
+  def matches(self, folder):
+    return is_archive(folder)
+
+  def clips(self, folder, split=None, faults=None):
+    return read_archive(folder, split, faults)
+
+  def settle(self, data, folder):
+    data.update(name=self.name, folder="", folders=(folder,))
+    return ""
+
+  def fingerprint(self, folder):
+    """A digest of the bytes of an archive and of its name, which its clips name as their source."""
+    folder = pathlib.Path(folder)
+    digest = hashlib.sha256(folder.resolve().name.encode())
+    for name in ("motions.npz", "captions.jsonl"):
+      with open(folder / name, "rb") as file:
+        digest.update(hashlib.file_digest(file, "sha256").digest())
+    return digest.hexdigest()
+
+  def benchmark(self, folders, run_layout):
+    return "archives-66"
+
+  def examine(self, folder, found, progress=False):
+    return _examine(pathlib.Path(folder), found, progress)
+
+
+# --- what the doctor looks for ---------------------------------------------------------------------------------------
+
+
+def _examine(folder, found, progress):
+  facts = [("format", "archive (motions.npz, captions.jsonl)")]
+  try:
+    motions = read_motions(folder)
+  except (InputError, OSError) as error:
+    found.add("error", f"motions.npz: {checks.told(error, folder / 'motions.npz')}",
+              "copy it again, or write it with names (N,), start (N + 1,), root (frames, 3), local (frames, 22, 3)")
+    return facts
+  names = list(motions.spans)
+  body, hashes = checks.Body(found, HUMANML3D, canonical=False), collections.defaultdict(list)
+  for name in tqdm.tqdm(names, desc="clips", unit="clip", disable=not progress):
+    joints = motions.joints(name)
+    if not len(joints):
+      found.add("error", "clips of no frames", "remove them", name)
+    elif not np.isfinite(joints).all():
+      found.add("error", "clips with NaN or infinity", "remove them, or repair the source", name)
+    else:
+      hashes[hashlib.sha1(joints.tobytes()).hexdigest()].append(name)
+      if len(joints) > 1:
+        body.check(name, joints)
+  body.tell()
+  rows, where = _check_rows(folder / "captions.jsonl", motions, found)
+  splits = {split: [clip for clip, own in where.items() if split in own] for split in ("train", "val", "test")}
+  checks.tell_duplicates(hashes, splits, found)
+  found.add_all("warning", "clips without a caption", "write rows for them in captions.jsonl",
+                sorted(set(names) - set(where)))
+  counts = collections.Counter(row.get("split") for row in rows)
+  hours = len(motions.root) / FPS / 3600
+  return facts + [("clips", f"{len(names)}, {len(motions.root)} frames, {hours:.2f} hours at {FPS:g} frames a second"),
+                  ("pieces", f"{len(rows)}, " + ", ".join(f"{split} {count}" for split, count in counts.items())),
+                  *body.facts()]
+
+
+_ROW_FAULTS = (("is not in motions.npz", "captions of clips that are not there"),
+               ("lie outside", "captions of frames outside their clip"))
+
+
+def _check_rows(path, motions, found):
+  """Rows of captions.jsonl that can be used, and the splits of each clip."""
+  rows, where, seen = [], collections.defaultdict(set), set()
+  try:
+    lines = read_lines(path)
+  except InputError as error:
+    found.add("error", f"captions.jsonl: {checks.told(error, path)}", "save it as UTF-8 text")
+    return rows, where
+  for number, line in enumerate(lines, 1):
+    if not line.strip():
+      continue
+    try:
+      row = json_row(line, path, number)
+      row = read_row(row, motions, f"{path} line {number}")
+    except InputError as error:
+      what = next((what for words, what in _ROW_FAULTS if words in str(error)), "rows of captions.jsonl that cannot be "
+                  "read")
+      found.add("error", what, "each is a JSON object with id, clip, start, end, text, split; correct or remove it",
+                checks.told(error, path)[:120])
+      continue
+    rows.append(row)
+    name = row["clip"]
+    if not any(text.strip() for text in row["text"]):
+      found.add("error", "rows without a caption", "write one, or remove the row", f"line {number} ({name})")
+    if row["id"] in seen:
+      found.add("error", "ids that occur twice", "name them differently", row["id"])
+    seen.add(row["id"])
+    where[name].add(row["split"])
+    if row["split"] not in ("train", "val", "test"):
+      found.add("error", "rows in no split", "split is train, val or test", f"line {number} ({row['split']!r})")
+    if row.get("spikes"):
+      found.add("note", "pieces with tracking faults (spikes)", "leave them out of training if few", row["id"])
+  found.add_all("error", "clips with pieces in two splits", "results on test or val would be too good: keep a clip in "
+                "one split", sorted(name for name, own in where.items() if len(own) > 1))
+  return rows, where

@@ -11,21 +11,24 @@ rules are those of BarqueroGerman/FlowMDM (data_loaders/amass/babel_flowmdm.py),
 this library does not open: copy poses, trans and rate of each entry to motions/SID.npz. Spelling of labels is not
 corrected, as theirs is.
 """
+import collections
 import json
 import pathlib
 import warnings
 from typing import NamedTuple
 
 import numpy as np
+import tqdm
 
+from motion_jax.data import checks
 from motion_jax.data.clip import Caption, Clip
-from motion_jax.data.datasets.humanml3d import new_folder
+from motion_jax.data.datasets.base import Dataset, TestItem, TextItem, new_folder
 from motion_jax.inputs.errors import InputError, reading
 from motion_jax.inputs.input_files import load_npz, read_json
 from motion_jax.inputs.numerals import shortened
 from motion_jax.motion import inverse
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.representations import to_joints
+from motion_jax.motion.representations import get_layout, to_joints
 from motion_jax.motion.representations.babel import from_ours, from_rotations
 from motion_jax.motion.skeleton import SMPL
 from motion_jax.motion.stats import Stats, compute_stats, load_stats, save_stats
@@ -242,10 +245,102 @@ def _check_clips(clips):
   for clip in clips:
     if clip.skeleton is not SMPL or clip.fps != FPS:
       raise ValueError(f"clip {clip.id!r} is on skeleton {clip.skeleton.name!r} at {clip.fps:g} frames a second, "
-                       "expected 'smpl' at 30; data.datasets.synthetic.on_skeleton brings HumanML3D's joints there")
+                       "expected 'smpl' at 30; data.figures.on_skeleton brings HumanML3D's joints there")
     if clip.id in seen or "/" in clip.id or len(clip.id.split()) != 1:
       raise ValueError(f"id {clip.id!r} occurs twice, or cannot be a file name; ids name motion files")
     if clip.split not in ("", *SPLITS):
       raise ValueError(f"clip {clip.id!r} is in split {clip.split!r}, expected train or val")
     seen.add(clip.id)
 
+
+class Babel(Dataset):
+  """Folders of BABEL's annotations beside SMPL motions."""
+  name, holds = "babel", "BABEL's (motions, val.json)"
+  by_clip, fields = False, ("mode", "kind", "captioned")
+  judged_as = stories = "babel"
+
+  def matches(self, folder):
+    return is_babel(folder)
+
+  def clips(self, folder, split=None, faults=None):
+    splits = [split] if split else [name for name in SPLITS if (pathlib.Path(folder) / f"{name}.json").is_file()]
+    return [clip for name in splits for clip in read_folder(folder, name, faults=faults)]
+
+  def items(self, config, split, layout, captioned=True):
+    if layout.name != "babel":
+      raise ValueError(f"BABEL's motions become 'babel' features, asked for {layout.name!r}")
+    found = pieces(config.folder, split, config.get("kind", "pairs"), whole=not captioned, mode=config.mode)
+    return [TextItem(piece.id, piece.features, piece.captions, piece.tokens) for piece in found]
+
+  def stats(self, config, layout, features):
+    return folder_stats(config.folder, config.mode)
+
+  def examine(self, folder, found, progress=False):
+    return _examine(pathlib.Path(folder), found, progress)
+
+  def benchmark(self, folders, run_layout):
+    return "babel"
+
+  def test_items(self, folder, rules, readers, excluded):
+    for reader in readers.values():
+      if not get_layout("babel").narrows_to(reader.layout):
+        raise ValueError(f"{folder} becomes 'babel' features, evaluator {reader.name!r} reads {reader.layout.name!r}; "
+                         "choose the evaluator of the data's representation")
+    for piece in pieces(folder, rules.split, "segments", rules.min_frames, rules.past_frames - 1, faults=excluded):
+      yield TestItem(piece.id, piece.captions, (None,) * len(piece.captions), piece.features,
+                     dict.fromkeys(readers, piece.features))
+
+  def marks(self, folder, split):
+    folder = pathlib.Path(folder)
+    there = (folder / f"{split}.json").is_file()
+    return {(folder.name, name): name for name in read_annotations(folder, split)} if there else {}
+
+
+# --- what the doctor looks for ---------------------------------------------------------------------------------------
+
+
+def _examine(folder, found, progress):
+  """Facts about a BABEL folder: recordings, labels, pairs of adjacent segments, and the bodies that features give."""
+  folder, layout, facts = pathlib.Path(folder), get_layout("babel"), [("format", "BABEL in FlowMDM's form")]
+  body, seen = checks.Body(found, layout.skeleton), collections.defaultdict(set)
+  for split in SPLITS:
+    try:
+      table = read_annotations(folder, split)
+    except (FileNotFoundError, ValueError) as error:
+      found.add("error" if split == "train" else "warning", f"no {split}.json", "BABEL's annotations of the split",
+                checks.told(error, folder)[:120])
+      continue
+    num_pairs = num_segments = num_frames = 0
+    for name, annotation in tqdm.tqdm(sorted(table.items()), desc=split, unit="recording", disable=not progress):
+      seen[name].add(split)
+      try:
+        recording = read_recording(folder / "motions" / f"{name}.npz")
+        segments = read_segments(annotation, len(recording.translation))
+      except FileNotFoundError:
+        found.add("error", "annotations without a motion", "restore motions/SID.npz from AMASS", name)
+        continue
+      except (ValueError, OSError) as error:
+        found.add("error", "motions or labels that cannot be read", "poses, trans and fps, as AMASS files have them",
+                  f"{name} ({checks.told(error, folder)})"[:120])
+        continue
+      num_frames += len(recording.translation)
+      num_segments, num_pairs = num_segments + len(segments), num_pairs + len(pairs(segments))
+      if len(recording.translation) > 1:
+        features = from_rotations(recording.rotations, recording.translation, "corrected")
+        body.check(name, to_joints(features.astype(np.float32), layout))
+    facts.append((split, f"{len(table)} recordings, {num_frames / FPS / 3600:.2f} hours, {num_segments} labels, "
+                  f"{num_pairs} pairs of adjacent ones"))
+    if not num_pairs:
+      found.add("warning", f"no pair of adjacent segments in {split}", "two pair if one begins in the other")
+  body.tell()
+  found.add_all("error", "recordings in two splits", checks.LEAK,
+                sorted(n for n, splits in seen.items() if len(splits) > 1))
+  try:
+    if (folder / "Mean.npy").is_file():
+      folder_stats(folder)
+    else:
+      found.add("note", "no Mean.npy and Std.npy", "fine: they are computed from the training recordings")
+  except (FileNotFoundError, ValueError) as error:
+    found.add("error", "statistics that do not fit", "delete Mean.npy and Std.npy to have them computed",
+              checks.told(error, folder)[:120])
+  return facts + body.facts()

@@ -3,7 +3,7 @@
 Source: docs/papers/cdamd.md#humanml3d, #items. A folder that we write can be read by the field's other tools;
 `dataset.json` beside it adds what the layout cannot say: rate, mode of the features, sources, licences.
 """
-import contextlib
+import hashlib
 import json
 import pathlib
 import warnings
@@ -13,6 +13,7 @@ import numpy as np
 import tqdm
 
 from motion_jax.data.clip import Caption, Clip
+from motion_jax.data.datasets.base import SHORTEST, Dataset, TestItem, TextItem, new_folder
 from motion_jax.data.mirror import mirror_clip
 from motion_jax.data.mocap.capture import resample
 from motion_jax.data.tagger import tag
@@ -22,9 +23,8 @@ from motion_jax.inputs.numerals import SECONDS, NumberError, real, shortened
 from motion_jax.inputs.text_files import read_lines
 from motion_jax.motion import plausibility
 from motion_jax.motion.representations import get_layout, layout_for, to_features, to_joints
-from motion_jax.motion.skeleton import HUMANML3D
-from motion_jax.motion.stats import ABSOLUTE, Stats, compute_stats, load_stats, save_stats
-from motion_jax.runtime.atomic import atomic_folder
+from motion_jax.motion.skeleton import HUMANML3D, KIT
+from motion_jax.motion.stats import ABSOLUTE, RunningStats, Stats, compute_stats, load_stats, save_stats
 
 SPLITS = ("train", "val", "test", "train_val", "all")
 MIN_FRAMES = {"humanml3d": 40, "kit": 24}
@@ -164,14 +164,6 @@ def _saved_joints(path, layout):
   return joints.reshape((-1, num, 3))
 
 
-class TextItem(NamedTuple):
-  """What a text-to-motion loader draws: features (T, F), captions for all of them, tokens of each caption."""
-  id: str
-  features: np.ndarray
-  captions: tuple[str, ...]
-  tokens: tuple[tuple[str, ...], ...]
-
-
 def text_items(folder, split="train", layout=None, min_frames=None, max_frames=200, whole=False) -> list[TextItem]:
   """The items of a folder's split by the loaders' rules (`select_items`), in the folder's layout or another one.
 
@@ -307,18 +299,6 @@ def format_texts(clip) -> str:
   return "".join(lines)
 
 
-@contextlib.contextmanager
-def new_folder(out, overwrite=False):
-  """Yields a temporary neighbour of folder out that takes its place if the block ends well, else vanishes."""
-  out = pathlib.Path(out)
-  if out.exists() and not overwrite:
-    raise FileExistsError(f"{out} exists already; choose another name, or say overwrite")
-  if out.exists() and any(out.iterdir() if out.is_dir() else [1]) and not (out / "dataset.json").is_file():
-    raise FileExistsError(f"{out} is not a folder that this program made, so it is not overwritten")
-  with atomic_folder(out) as folder:
-    yield folder
-
-
 def _check_clips(clips, mirror):
   if not clips:
     raise ValueError("got no clips to write")
@@ -351,25 +331,98 @@ def _describe(layout, fps, mode, members, lengths, origins):
           "tokens": "by rule (motion_jax.data.tagger), not by the parser of the official files"}
 
 
-class RunningStats:
-  """Mean and std of features that pass by one clip at a time; sums are float64, shifted by the first clip's mean."""
+class HumanML3D(Dataset):
+  """Folders in HumanML3D's layout: the data set itself, KIT-ML, and what `motion-jax data build` makes."""
+  name, holds = "humanml3d", "HumanML3D's or KIT-ML's (new_joint_vecs, texts)"
+  fields = ("mode", "mirror", "min_frames", "captioned")
+  files = ("*.txt", "*.json", "*.npy", "new_*/*.npy", "texts/*.txt")
+  judged_as = "humanml3d"
 
-  def __init__(self, layout):
-    self.layout, self.num, self.shift = layout, 0, None
+  def matches(self, folder):
+    return any((pathlib.Path(folder) / name).is_dir() for name in ("new_joint_vecs", "new_joints"))
 
-  def add(self, features):
-    features = features.astype(np.float64)
-    if self.shift is None:
-      self.shift = features.mean(0)
-      self.sum, self.squares = np.zeros(self.layout.dim), np.zeros(self.layout.dim)
-    self.num += len(features)
-    self.sum += (features - self.shift).sum(0)
-    self.squares += ((features - self.shift) ** 2).sum(0)
+  def clips(self, folder, split=None, faults=None):
+    split = split or "all"
+    if faults is None:
+      return read_folder(folder, split)
+    with warnings.catch_warnings():
+      warnings.simplefilter("ignore")  # what it leaves out is counted here
+      clips = read_folder(folder, split)
+    known = {clip.id for clip in clips}
+    for name in read_ids(folder, split):
+      if name not in known:
+        missing = [part for part, suffix in (("new_joint_vecs", "npy"), ("texts", "txt"))
+                   if not (pathlib.Path(folder) / part / f"{name}.{suffix}").is_file()]
+        faults.append((name, f"no file in {missing[0]}" if missing else "NaN"))
+    return clips
 
-  def stats(self) -> Stats:
-    mean = self.sum / self.num
-    std = np.sqrt(np.maximum(self.squares / self.num - mean**2, 0))
-    for block in self.layout.blocks.values():
-      std[block] = std[block].mean()
-    std = np.where(std < 1e-8, 1.0, std)
-    return Stats((mean + self.shift).astype(np.float32), std.astype(np.float32), self.layout)
+  def settle(self, data, folder):
+    """Its features are there already: they are read as they were made, and no mirrored copies are added."""
+    data.update(name=self.name, folder=str(folder), folders=())
+    info = dataset_info(folder)
+    told = f"data: {folder}, a HumanML3D-layout folder ({info['mode']} features)"
+    if not get_layout(data.layout).are_joints and "mode" in data and data.mode != info["mode"]:
+      if (pathlib.Path(folder) / "dataset.json").is_file():  # ours: the folder knows how its features were made
+        data.mode = info["mode"]
+    if data.get("mirror", False):
+      data.mirror = False
+      told += "; its mirrored copies are used, no more are made" if has_mirrored(folder) else (
+          "; it has no mirrored copies (`motion-jax data build` makes them unless --no-mirror)")
+    return told
+
+  def pieces(self, folder, config):
+    """Clip by clip, less the mirrored copies where config.mirror makes them."""
+    clips = select_items(read_folder(folder), config.get("min_frames", SHORTEST), 10**9)
+    if not config.get("mirror", False):
+      return clips
+    ids = {clip.id for clip in clips}
+    return [clip for clip in clips if not (clip.id.startswith("M") and clip.id[1:] in ids)]
+
+  def items(self, config, split, layout, captioned=True):
+    return text_items(config.folder, split, layout=layout, min_frames=config.get("min_frames"), whole=not captioned)
+
+  def stats(self, config, layout, features):
+    return folder_stats(config.folder, layout, config.get("per_axis", False))
+
+  def examine(self, folder, found, progress=False):
+    from motion_jax.data.datasets import humanml3d_checks
+    return humanml3d_checks.examine(pathlib.Path(folder), found, progress)
+
+  def benchmark(self, folders, run_layout):
+    info = lambda folder: get_layout(dataset_info(folder)["layout"])
+    if all((pathlib.Path(folder) / "dataset.json").is_file() and info(folder).skeleton is HUMANML3D
+           for folder in folders):
+      return "own-66"  # a folder of `motion-jax data build` is no benchmark of a paper's
+    layout = get_layout(run_layout() or info(folders[0]))
+    return "kit" if layout.skeleton is KIT else _BENCHMARKS.get(layout.name, "cmdm-259")
+
+  def test_items(self, folder, rules, readers, excluded):
+    own = get_layout(dataset_info(folder)["layout"])
+    layouts = {key: _layout_of(reader, folder, own) for key, reader in readers.items()}
+    clips = self.clips(folder, rules.split, excluded)
+    for clip in select_items(clips, rules.min_frames, rules.past_frames):
+      item = as_item(clip, next(iter(layouts.values())))
+      yield TestItem(clip.id, item.captions, tuple(" ".join(words) or None for words in item.tokens), clip.features,
+                     {key: as_item(clip, layout).features for key, layout in layouts.items()})
+
+  def marks(self, folder, split):
+    folder, marks = pathlib.Path(folder), {}
+    for name in read_ids(folder, split) if (folder / f"{split}.txt").is_file() else ():
+      path = folder / "new_joint_vecs" / f"{name}.npy"
+      marks[folder.name, name.removeprefix("M")] = name
+      if path.is_file():
+        with open(path, "rb") as file:  # the first frames and the size tell motions apart
+          marks[hashlib.sha256(file.read(8192)).digest(), path.stat().st_size] = name
+    return marks
+
+
+_BENCHMARKS = {"coordinates": "cdamd-66", "essential": "cmdm-67", "full": "cmdm-259"}
+
+
+def _layout_of(reader, folder, own):
+  """The layout that a reader of test items knows, which has to be a part of the folder's own."""
+  layout = reader.layout
+  if not own.narrows_to(layout):
+    raise ValueError(f"{folder} holds {own.name!r} features ({own.dim} numbers a frame), evaluator {reader.name!r} "
+                     f"reads {layout.name!r} ({layout.dim}); choose the evaluator of the data's representation")
+  return layout

@@ -10,6 +10,7 @@ Source: docs/papers/cdamd.md#snapmogen-features, docs/papers/cmdm.md#snapmogen; 
 huggingface.co/datasets/Ericguo5513/SnapMoGen and of its loaders (snap-research/SnapMoGen, dataset/dataset.py).
 """
 import collections
+import hashlib
 import json
 import pathlib
 import re
@@ -17,9 +18,11 @@ import warnings
 from typing import NamedTuple
 
 import numpy as np
+import tqdm
 
+from motion_jax.data import checks
 from motion_jax.data.clip import Caption, Clip
-from motion_jax.data.datasets.humanml3d import RunningStats, TextItem, new_folder
+from motion_jax.data.datasets.base import Dataset, TestItem, TextItem, new_folder
 from motion_jax.data.mocap.bvh import read_bvh
 from motion_jax.data.mocap.capture import resample
 from motion_jax.inputs.errors import InputError
@@ -29,7 +32,7 @@ from motion_jax.inputs.text_files import read_lines
 from motion_jax.motion.representations import get_layout, to_features, to_joints
 from motion_jax.motion.representations.snapmogen import from_rotations
 from motion_jax.motion.skeleton import SNAPMOGEN, SNAPMOGEN_BVH
-from motion_jax.motion.stats import Stats
+from motion_jax.motion.stats import RunningStats, Stats
 
 SPLITS = ("train", "val", "test")
 MIN_FRAMES, MAX_FRAMES = 128, 320
@@ -58,7 +61,7 @@ def read_ids(folder, split="train") -> list[Span]:
   """The spans of a split. Raises FileNotFoundError without the file, ValueError with the line that is no id."""
   if split not in SPLITS:
     raise ValueError(f"got split {split!r}, expected one of {', '.join(SPLITS)}")
-  path = pathlib.Path(folder) / "data_split_info" / f"{split}_ids.txt"
+  path = _ids_file(folder, split)
   _need(path, "ids NAME#start#end, one a line")
   spans = []
   for number, line in enumerate(read_lines(path), 1):
@@ -71,6 +74,10 @@ def read_ids(folder, split="train") -> list[Span]:
                        "before end")
     spans.append(Span(parts[0], *numbers))
   return spans
+
+
+def _ids_file(folder, split):
+  return pathlib.Path(folder) / "data_split_info" / f"{split}_ids.txt"
 
 
 def read_captions(folder) -> dict[str, tuple[tuple[str, ...], tuple[str, ...]]]:
@@ -164,13 +171,14 @@ def _read_recording(folder, name):
   return features.astype(np.float32), ""
 
 
-def read_folder(folder, split="train") -> list[Clip]:
-  """The captioned spans of a split as clips on SnapMoGen's figure, with joints recovered from the features."""
+def read_folder(folder, split="train", faults=None) -> list[Clip]:
+  """The captioned spans of a split as clips on SnapMoGen's figure, with joints recovered from the features. faults: as
+  for `text_items`."""
   captions = read_captions(folder)
   return [Clip(joints=to_joints(item.features, "snapmogen"), fps=FPS, id=item.id, split=split, source="SnapMoGen",
                captions=tuple(Caption(text) for text in item.captions), skeleton=SNAPMOGEN, features=item.features,
                meta={"num_manual": len(captions[item.id][0])})
-          for item in text_items(folder, split, min_frames=0)]
+          for item in text_items(folder, split, min_frames=0, faults=faults)]
 
 
 def folder_stats(folder, layout="snapmogen") -> Stats:
@@ -197,7 +205,7 @@ def bvh_features(path, mode="benchmark", drop_first=True):
   missing = [name for name in SNAPMOGEN_BVH if name not in capture.names]
   if missing:
     raise ValueError(f"{path} has no joint {missing[0]!r} ({len(missing)} of 24 missing); expected SnapMoGen's figure; "
-                     "for another one: data.mocap.bvh.bvh_clip, then data.datasets.synthetic.on_skeleton")
+                     "for another one: data.mocap.bvh.bvh_clip, then data.figures.on_skeleton")
   step = round(capture.fps / FPS)
   if step < 1 or abs(capture.fps - step * FPS) > 0.01 * FPS:
     raise ValueError(f"{path} has {capture.fps:g} frames a second, expected {FPS:g} or a multiple of it")
@@ -260,7 +268,7 @@ def _check_clips(clips):
   for clip in clips:
     if clip.skeleton is not SNAPMOGEN:
       raise ValueError(f"clip {clip.id!r} is on skeleton {clip.skeleton.name!r}, expected 'snapmogen'; "
-                       "motion_jax.data.datasets.synthetic.on_skeleton brings 22 joints there")
+                       "motion_jax.data.figures.on_skeleton brings 22 joints there")
     if clip.id in seen or "#" in clip.id or "/" in clip.id or len(clip.id.split()) != 1:
       raise ValueError(f"id {clip.id!r} occurs twice, or cannot be a file name without '#'; ids name recordings")
     if clip.split not in ("", *SPLITS):
@@ -272,3 +280,136 @@ def _need(path, what):
   if not path.is_file():
     raise FileNotFoundError(f"there is no file {path}; expected {what}: a SnapMoGen folder has renamed_feats/, "
                             "data_split_info/, meta_data/ and all_caption_clean.json")
+
+
+class SnapMoGen(Dataset):
+  """Folders of SnapMoGen's layout, whose features are their own."""
+  name, holds = "snapmogen", "SnapMoGen's (renamed_feats)"
+  by_clip, fields = False, ("captioned",)
+  judged_as = "snapmogen"
+
+  def matches(self, folder):
+    return is_snapmogen(folder)
+
+  def clips(self, folder, split=None, faults=None):
+    splits = [split] if split else [name for name in SPLITS if _ids_file(folder, name).is_file()]
+    return [clip for name in splits for clip in read_folder(folder, name, faults)]
+
+  def items(self, config, split, layout, captioned=True):
+    return text_items(config.folder, split, layout, whole=not captioned)
+
+  def stats(self, config, layout, features):
+    return folder_stats(config.folder, layout)
+
+  def examine(self, folder, found, progress=False):
+    return _examine(pathlib.Path(folder), found, progress)
+
+  def benchmark(self, folders, run_layout):
+    return "snapmogen"
+
+  def test_items(self, folder, rules, readers, excluded):
+    own = get_layout("snapmogen")
+    for reader in readers.values():
+      if not own.narrows_to(reader.layout):
+        raise ValueError(f"{folder} holds 'snapmogen' features, evaluator {reader.name!r} reads "
+                         f"{reader.layout.name!r}; choose the evaluator of the data's representation")
+    if rules.recorded:
+      told = recordings(folder, rules.split, rules.recorded, rules.min_frames, faults=excluded)
+      found = [item for pieces in told for item in pieces]
+    else:
+      found = text_items(folder, rules.split, min_frames=rules.min_frames, faults=excluded)
+    for item in {item.id: item for item in found}.values():  # a split may name a span twice
+      yield TestItem(item.id, item.captions, (None,) * len(item.captions), item.features,
+                     {key: own.narrow_to(item.features, reader.layout) for key, reader in readers.items()})
+
+  def marks(self, folder, split):
+    return {}
+
+  def overlaps(self, folder, split):
+    train = collections.defaultdict(list)
+    spans = lambda name: read_ids(folder, name) if _ids_file(folder, name).is_file() else []
+    for span in spans("train"):
+      train[span.recording].append(span)
+    return [span.id for span in spans(split)
+            if any(span.start < other.end and other.start < span.end for other in train[span.recording])]
+
+
+# --- what the doctor looks for ---------------------------------------------------------------------------------------
+
+
+def _examine(folder, found, progress):
+  """Facts about a SnapMoGen folder: recordings, spans, captions, statistics, and the bodies that features give."""
+  folder, layout = pathlib.Path(folder), get_layout("snapmogen")
+  files = {path.stem: path for path in sorted((folder / "renamed_feats").glob("*.npy"))}
+  spans, names, captions = {}, collections.defaultdict(set), {}
+  for split in SPLITS:
+    try:
+      spans[split] = read_ids(folder, split)
+      for span in spans[split]:
+        names[span.recording].add(split)
+    except FileNotFoundError:
+      found.add("error" if split == "train" else "warning", f"no data_split_info/{split}_ids.txt",
+                "restore it: ids NAME#start#end, one a line")
+    except ValueError as error:
+      found.add("error", "split files that cannot be read", "each line is NAME#start#end",
+                f"{split} ({checks.told(error, folder)})"[:120])
+  try:
+    captions = read_captions(folder)
+  except (FileNotFoundError, ValueError) as error:
+    found.add("error", "no captions", 'all_caption_clean.json is {id: {"manual": [...], "gpt": [...]}}',
+              checks.told(error, folder)[:120])
+  found.add_all("error", "recordings in two splits", checks.LEAK,
+                sorted(n for n, splits in names.items() if len(splits) > 1))
+  found.add_all("error", "ids without a recording", "restore renamed_feats/NAME.npy, or remove the ids",
+                sorted(set(names) - set(files)))
+  ids = [span for own in spans.values() for span in own]
+  found.add_all("error", "ids twice", "remove the second line",
+                sorted(name for name, count in collections.Counter(span.id for span in ids).items() if count > 1))
+  if captions:
+    found.add_all("error", "ids without a caption", "loaders fail or leave them out: write captions, or remove the ids",
+                  sorted(span.id for span in ids if not any(captions.get(span.id, ((), ())))))
+  rows, sums = {}, RunningStats(layout)
+  body, hashes = checks.Body(found, layout.skeleton), collections.defaultdict(list)
+  for name, path in tqdm.tqdm(files.items(), desc="recordings", unit="recording", disable=not progress):
+    features = checks.load(path, found)
+    if features is None:
+      continue
+    if features.ndim != 2 or features.shape[1] != layout.dim or len(features) < 2:
+      found.add("error", f"features that are not (2 rows or more, {layout.dim})", "make them again from the BVH file "
+                "(motion_jax.data.datasets.snapmogen.bvh_features)", f"{name} {features.shape}")
+    elif not np.isfinite(features).all():
+      found.add("error", "features with NaN or infinity", "make them again, or remove their ids", name)
+    else:
+      rows[name] = len(features)
+      sums.add(features)
+      hashes[hashlib.sha1(features.tobytes()).hexdigest()].append(name)
+      body.check(name, to_joints(features.astype(np.float32), layout))
+  body.tell()
+  found.add_all("error", "ids that end behind their recording", "correct the last number of the id",
+                sorted(span.id for span in ids if span.end > rows.get(span.recording, span.end)))
+  short = sum(span.end - span.start < MIN_FRAMES for span in ids)
+  if short:
+    found.add("note", f"ids of less than {MIN_FRAMES} rows", "text-to-motion loaders leave them out",
+              count=short)
+  checks.tell_duplicates(hashes, {split: [s.recording for s in own] for split, own in spans.items()}, found)
+  if rows:
+    _examine_stats(folder, sums.stats(), found)
+  written = [sum(len(entry[kind]) for entry in captions.values()) for kind in (0, 1)]
+  return [("format", f"SnapMoGen layout, {layout.dim} features"),
+          ("recordings", f"{len(files)}, {sum(rows.values()) / FPS / 3600:.2f} hours at 30 frames a second"),
+          ("spans", ", ".join(f"{split} {len(own)}" for split, own in spans.items())),
+          ("captions", f"{written[0]} by people, {written[1]} by a machine"), *body.facts()]
+
+
+def _examine_stats(folder, own, found):
+  """Do the statistics belong to these features? The dataset's own are over all of it, so they may differ a little."""
+  try:
+    stats = folder_stats(folder)
+  except (FileNotFoundError, ValueError) as error:
+    found.add("error", "no statistics, or not these features'", "restore meta_data/mean.npy and std.npy",
+              checks.told(error, folder)[:120])
+    return
+  off = np.abs(stats.mean - own.mean) / np.maximum(own.std, stats.std)
+  if off.max() > 1:
+    found.add("error", "meta_data/mean.npy is not this data's", "features and statistics come from different versions "
+              "of the data: restore the dataset's own", f"column {int(off.argmax())}")

@@ -5,11 +5,11 @@ Every clip starts at the origin facing +z, on the canonical skeleton with exact 
 import numpy as np
 
 from motion_jax.data.clip import Caption, Clip
-from motion_jax.data.mocap.capture import resample
+from motion_jax.data.datasets.base import Dataset
+from motion_jax.data.figures import on_skeleton
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.retarget import bend
 from motion_jax.motion.skeleton import HUMANML3D
-from motion_jax.motion.transfer import from_22
 
 FPS = 20.0
 LICENSE = "Apache-2.0, made by formula"
@@ -52,16 +52,6 @@ def synthetic_clips(seed=0, num=22, num_frames=None, skeleton=HUMANML3D) -> list
         split=("train", "train", "train", "val", "test")[index % 5], source="synthetic", license=LICENSE,
         meta={"action": action}))
   return clips if skeleton is HUMANML3D else [on_skeleton(clip, skeleton) for clip in clips]
-
-
-def on_skeleton(clip, skeleton) -> Clip:
-  """A clip of 22 joints on another figure, at that figure's rate."""
-  if clip.skeleton is not HUMANML3D:
-    raise ValueError(f"clip {clip.id!r} is on skeleton {clip.skeleton.name!r}; only clips of HumanML3D's 22 joints go "
-                     f"to {skeleton.name!r}")
-  joints = resample(clip.joints.astype(np.float64), clip.fps, skeleton.fps)
-  return clip.replace(joints=from_22(joints, skeleton, skeleton.fps).astype(np.float32), fps=skeleton.fps,
-                      skeleton=skeleton)
 
 
 def synthetic_joints(action, num_frames, rng) -> np.ndarray:
@@ -175,3 +165,19 @@ def _toward(a, b, weight):
 def _ease(x):
   """From 0 to 1 with no speed at either end."""
   return x * x * (3 - 2 * x)
+
+
+class Synthetic(Dataset):
+  """Clips made by formula: config.seed, config.num_clips."""
+  name, holds = "synthetic", "clips made by formula"
+  by_clip = in_folders = False
+  fields = ("mode", "mirror", "seed", "num_clips")
+
+  def matches(self, folder):
+    return False
+
+  def clips(self, folder=None, split=None, faults=None):
+    return [clip for clip in synthetic_clips() if split in (None, clip.split)]
+
+  def pieces(self, folder, config):
+    return synthetic_clips(config.get("seed", 0), config.get("num_clips", 16))

@@ -1,0 +1,49 @@
+"""The data sets that are known, a line each, and which of them a folder is."""
+import pathlib
+
+from motion_jax.data.datasets.archive import Archive
+from motion_jax.data.datasets.babel import Babel
+from motion_jax.data.datasets.base import Dataset
+from motion_jax.data.datasets.humanml3d import HumanML3D
+from motion_jax.data.datasets.snapmogen import SnapMoGen
+from motion_jax.data.datasets.synthetic import Synthetic
+from motion_jax.inputs.nearest import did_you_mean
+
+# In this order a folder is asked for.
+DATASETS: dict[str, Dataset] = {dataset.name: dataset for dataset in (
+    Archive(),
+    HumanML3D(),
+    SnapMoGen(),
+    Babel(),
+    Synthetic(),
+)}
+
+
+def get_dataset(name) -> Dataset:
+  """A data set by its name. Raises ValueError for a name that is none."""
+  if name not in DATASETS:
+    raise ValueError(f"got data.name {name!r}, expected one of {', '.join(DATASETS)}{did_you_mean(name, DATASETS)}")
+  return DATASETS[name]
+
+
+def find_dataset(folder) -> Dataset | None:
+  """The data set that a folder is of, or None."""
+  folder = pathlib.Path(folder)
+  return next((dataset for dataset in DATASETS.values() if dataset.in_folders and dataset.matches(folder)), None)
+
+
+def dataset_of(folder) -> Dataset:
+  """The data set that a folder is of. Raises FileNotFoundError for a folder of none."""
+  folder, found = pathlib.Path(folder), find_dataset(folder)
+  if found is not None:
+    return found
+  if not folder.is_dir():
+    raise FileNotFoundError(f"there is no folder {folder}; give a data folder, such as one that `motion-jax data "
+                            "build` made")
+  from motion_jax.data.build import READERS
+  files = [path for path in folder.rglob("*") if path.suffix.lower() in READERS]
+  raise FileNotFoundError(
+      f"{folder} holds {len(files)} files of motion capture; make a data folder of them first: motion-jax data build "
+      f"{folder} data/mine" if files else
+      f"{folder} is no data folder: expected one of "
+      f"{', '.join(one.holds for one in DATASETS.values() if one.in_folders)}; motion-jax data build makes one")
