@@ -62,6 +62,7 @@ def test_it_trains_as_what_its_folder_is(folder, tmp_path, unjudged):
   assert int(fit.run(config, tmp_path).step) == 2
   assert checkpoint.load_config(tmp_path).data.name == "takes"
   assert np.isfinite([row["loss"] for row in read_metrics(tmp_path) if "loss" in row]).all()
+  config = config.copy_and_resolve_references().unlock()
   config.update_from_flattened_dict({"data.folder": "", "data.folders": (str(folder), str(folder))})
   assert "2 folders" in sources.recognize(config) and len(sources.load_features(config.data).ids) == 6
   with pytest.raises(ValueError, match="in split 'val'"):
