@@ -252,7 +252,7 @@ def test_each_difference_is_in_its_config_and_has_a_gradient(case):
       assert config[section][field] == value, path
   if all(path.startswith(("sampler.", "optimizer.")) or path in PAPERS[paper].get("OF_FULL", ()) for path in changes):
     return  # learns as the default
-  setup = training.setups()[config.stage](config)
+  setup = training.setups()[config.stage](training.resolve(config)[0])
   batch, key = setup.next_batch(0), jax.random.key(0)
   params = jax.eval_shape(setup.stage.init, batch, key)
   extra = [] if setup.stage.init_extra is None else [jax.eval_shape(setup.stage.init_extra, batch, key)]
