@@ -6,6 +6,7 @@ from motion_jax import cli
 from motion_jax.data import build, timelines
 from motion_jax.data.datasets import humanml3d
 from motion_jax.data.datasets.synthetic import synthetic_clips
+from motion_jax.data.mocap.bvh import bvh_clip
 from motion_jax.export import bvh
 from motion_jax.inputs import text_files
 
@@ -123,12 +124,12 @@ def test_motion_files_are_texts_too(tmp_path):
   for seconds in ("1e-310", "1e308", "0.0", "-0.05", "nan"):
     (tmp_path / "b.bvh").write_text(text.replace("Frame Time: 0.05000000", f"Frame Time: {seconds}"))
     with pytest.raises(ValueError, match="b.bvh line .*expected 0.001 to 1|NaN or infinite"):
-      build.bvh_clip(tmp_path / "b.bvh")
+      bvh_clip(tmp_path / "b.bvh")
   (tmp_path / "b.bvh").write_text(text.replace("Frames: 12", "Frames: ²"))
   with pytest.raises(ValueError, match="b.bvh line .*got '²', expected a whole number of frames"):
-    build.bvh_clip(tmp_path / "b.bvh")
+    bvh_clip(tmp_path / "b.bvh")
   (tmp_path / "b.bvh").write_bytes(text.encode("utf-16"))
-  np.testing.assert_array_equal(build.bvh_clip(tmp_path / "b.bvh").joints, build.bvh_clip(tmp_path / "a.bvh").joints)
+  np.testing.assert_array_equal(bvh_clip(tmp_path / "b.bvh").joints, bvh_clip(tmp_path / "a.bvh").joints)
 
 
 def test_lines_end_where_files_say(tmp_path):

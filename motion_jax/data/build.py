@@ -9,14 +9,12 @@ import tqdm
 from motion_jax.data.clip import Caption
 from motion_jax.data.datasets import humanml3d
 from motion_jax.data.datasets.registry import find_dataset
-from motion_jax.data.mocap.asf import amc_clip
-from motion_jax.data.mocap.bvh import bvh_clip
+from motion_jax.data.mocap.readers import READERS
 from motion_jax.inputs import text_files
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.input_files import json_row, read_json
 from motion_jax.inputs.numerals import SECONDS, NumberError, named, real
 
-READERS = {".bvh": bvh_clip, ".amc": amc_clip}
 LONGEST = 200  # frames; the field's loaders leave longer clips out
 _COLUMNS = ("file", "caption", "start", "end", "split", "source", "license")
 _SECONDS = real(*SECONDS, unit="seconds")

@@ -7,111 +7,31 @@ import hashlib
 import json
 import pathlib
 import warnings
-from typing import NamedTuple
 
 import numpy as np
 import tqdm
 
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.base import SHORTEST, Dataset, TestItem, TextItem, new_folder
+from motion_jax.data.datasets.humanml3d_checks import examine
+from motion_jax.data.datasets.humanml3d_files import (
+  MIN_FRAMES,
+  SPLITS,
+  TAG_FPS,
+  dataset_info,
+  has_mirrored,
+  read_ids,
+  read_texts,
+)
 from motion_jax.data.mirror import mirror_clip
 from motion_jax.data.mocap.capture import resample
 from motion_jax.data.tagger import tag
 from motion_jax.inputs.errors import InputError
-from motion_jax.inputs.input_files import load_npy, npy_shape, read_json
-from motion_jax.inputs.numerals import SECONDS, NumberError, real, shortened
-from motion_jax.inputs.text_files import read_lines
+from motion_jax.inputs.input_files import load_npy
 from motion_jax.motion import plausibility
 from motion_jax.motion.representations import get_layout, layout_for, to_features, to_joints
 from motion_jax.motion.skeleton import HUMANML3D, KIT
 from motion_jax.motion.stats import ABSOLUTE, RunningStats, Stats, compute_stats, load_stats, save_stats
-
-SPLITS = ("train", "val", "test", "train_val", "all")
-MIN_FRAMES = {"humanml3d": 40, "kit": 24}
-_SECONDS = real(*SECONDS, unit="seconds")
-_TAG_FPS = 20  # Parity: time tags are seconds times 20 for KIT too, whose rate is 12.5
-
-
-class TextLine(NamedTuple):
-  """A line of a text file: caption, its tokens "lemma/POS", and the seconds it is about (0, 0: all)."""
-  caption: str
-  tokens: tuple[str, ...] = ()
-  start: float = 0.0
-  end: float = 0.0
-
-
-def read_texts(path) -> list[TextLine]:
-  """Reads caption#tokens#start#end lines; a tag that is NaN or missing counts as 0."""
-  lines = []
-  for number, line in enumerate(read_lines(path), 1):
-    if not line.strip():
-      continue
-    parts = line.strip().split("#")
-    try:
-      start, end = (_tag(part) for part in (parts[2:4] + ["", ""])[:2])
-    except NumberError as error:
-      raise ValueError(f"{path} line {number}: in a time tag: {error}; expected caption#tokens#start#end") from None
-    lines.append(TextLine(parts[0].strip(), tuple(parts[1].split()) if len(parts) > 1 else (),
-                          start, end))
-  return lines
-
-
-def _tag(text):
-  return 0.0 if text.strip().lower() in ("", "nan") else _SECONDS(text)
-
-
-def read_ids(folder, split="all") -> list[str]:
-  """The ids of a split file; without an all.txt, those of all the other split files."""
-  folder = pathlib.Path(folder)
-  path = folder / f"{split}.txt"
-  if path.is_file():
-    return [name for line in read_lines(path) for name in line.split()]
-  found = [name for name in ("train", "val", "test") if (folder / f"{name}.txt").is_file()]
-  if split != "all" or not found:
-    raise FileNotFoundError(f"{folder} has no {split}.txt; expected one id per line in it")
-  return [name for part in found for name in read_ids(folder, part)]
-
-
-def dataset_info(folder) -> dict:
-  """What dataset.json says, with what can be told without one: layout, skeleton, fps, mode."""
-  folder = pathlib.Path(folder)
-  path = folder / "dataset.json"
-  info = read_json(path, advice="restore it, or remove it where the folder is HumanML3D's or KIT-ML's own") if (
-      path.is_file()) else {}
-  if "layout" not in info:
-    sample = next(iter(sorted((folder / "new_joint_vecs").glob("*.npy"))), None)
-    if sample is None:
-      raise FileNotFoundError(f"{folder} has no new_joint_vecs/*.npy; expected a HumanML3D or KIT-ML folder")
-    info["layout"] = layout_for((npy_shape(sample) or (0,))[-1]).name
-  if not isinstance(info["layout"], str):
-    raise InputError(f"{path}: got layout {str(info['layout'])[:60]!r}, expected a name such as 'full'")
-  skeleton = get_layout(info["layout"]).skeleton
-  info = {"skeleton": skeleton.name, "fps": skeleton.fps, "mode": "benchmark", "source": folder.name, "license": "",
-          "clips": {}} | info
-  _check_info(info, path)
-  return info
-
-
-def _check_info(info, path):
-  """Raises InputError for entries of dataset.json of a type that no folder has."""
-  for key, kind, called in (("source", str, "text"), ("license", str, "text"), ("mode", str, "text"),
-                            ("clips", dict, "an object")):
-    if not isinstance(info[key], kind):
-      raise InputError(f"{path}: got {key} {str(info[key])[:60]!r}, expected {called}")
-  if isinstance(info["fps"], bool) or not isinstance(info["fps"], int | float) or not 0 < info["fps"] <= 1000:
-    raise InputError(f"{path}: got fps {str(info['fps'])[:60]!r}, expected the frames of a second")
-  strange = next((name for name, origin in info["clips"].items() if not isinstance(origin, dict)), None)
-  if strange is not None:
-    raise InputError(f"{path}: clip {shortened(strange)!r} holds no object with source and license")
-
-
-def has_mirrored(folder) -> bool:
-  """Whether a folder holds mirrored copies, "M" before the id, as HumanML3D has and `data build` makes."""
-  try:
-    ids = set(read_ids(folder))
-  except FileNotFoundError:
-    return False
-  return any("M" + name in ids for name in ids)
 
 
 def read_folder(folder, split="all") -> list[Clip]:
@@ -232,7 +152,7 @@ def select_items(clips, min_frames=None, max_frames=200) -> list[Clip]:
       if caption.start == 0.0 and caption.end == 0.0:
         whole.append((caption, words))
         continue
-      rows = slice(int(caption.start * _TAG_FPS), int(caption.end * _TAG_FPS))
+      rows = slice(int(caption.start * TAG_FPS), int(caption.end * TAG_FPS))
       features = clip.features[rows]
       if least <= len(features) < max_frames:
         letter = chr(ord("A") + pieces % 26) * (1 + pieces // 26)
@@ -385,8 +305,7 @@ class HumanML3D(Dataset):
     return folder_stats(config.folder, layout, config.get("per_axis", False))
 
   def examine(self, folder, found, progress=False):
-    from motion_jax.data.datasets import humanml3d_checks
-    return humanml3d_checks.examine(pathlib.Path(folder), found, progress)
+    return examine(pathlib.Path(folder), found, progress)
 
   def benchmark(self, folders, run_layout):
     info = lambda folder: get_layout(dataset_info(folder)["layout"])

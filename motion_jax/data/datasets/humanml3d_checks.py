@@ -6,7 +6,7 @@ import numpy as np
 import tqdm
 
 from motion_jax.data import checks
-from motion_jax.data.datasets import humanml3d
+from motion_jax.data.datasets import humanml3d_files
 from motion_jax.motion.representations import layout_for, to_joints
 from motion_jax.motion.stats import RunningStats
 
@@ -42,7 +42,7 @@ def examine(folder, found, progress):
   if layout is None:
     return [("format", "HumanML3D layout"), ("clips", str(len(vectors)))]
   try:
-    info = humanml3d.dataset_info(folder)
+    info = humanml3d_files.dataset_info(folder)
   except ValueError as error:
     found.add("error", f"dataset.json cannot be used ({checks.told(error, folder / 'dataset.json')})",
               "build again, or remove it where the folder is HumanML3D's or KIT-ML's own")
@@ -80,7 +80,7 @@ def examine(folder, found, progress):
     if name in texts:
       _check_texts(folder / "texts" / f"{name}.txt", name, len(features) / info["fps"], found)
   body.tell()
-  least = humanml3d.MIN_FRAMES[layout.skeleton.name]
+  least = humanml3d_files.MIN_FRAMES[layout.skeleton.name]
   checks.tell_lengths(rows, least, found)
   checks.tell_duplicates(hashes, splits, found)
   if rows:
@@ -102,7 +102,7 @@ def _splits(folder, found):
   splits = {}
   for name in ("train", "val", "test"):
     if (folder / f"{name}.txt").is_file():
-      splits[name] = humanml3d.read_ids(folder, name)
+      splits[name] = humanml3d_files.read_ids(folder, name)
       twice = [one for one, count in collections.Counter(splits[name]).items() if count > 1]
       found.add_all("warning", f"ids twice in {name}.txt", "remove the second line", sorted(twice))
     else:
@@ -122,7 +122,7 @@ def _splits(folder, found):
   for derived, parts in (("train_val", ("train", "val")), ("all", ("train", "val", "test"))):
     if (folder / f"{derived}.txt").is_file():
       expected = {one for part in parts for one in splits.get(part, ())}
-      if set(humanml3d.read_ids(folder, derived)) != expected:
+      if set(humanml3d_files.read_ids(folder, derived)) != expected:
         found.add("warning", f"{derived}.txt is not the union of {', '.join(parts)}", "write it again")
   return splits
 
@@ -143,7 +143,7 @@ def _layout(folder, names, found):
 
 def _check_texts(path, name, seconds, found):
   try:
-    lines = humanml3d.read_texts(path)
+    lines = humanml3d_files.read_texts(path)
   except ValueError as error:
     found.add("error", "text files that cannot be read", "each line is caption#tokens#start#end",
               f"{name} ({checks.told(error, path)})"[:120])

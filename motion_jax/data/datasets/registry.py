@@ -7,6 +7,7 @@ from motion_jax.data.datasets.base import Dataset
 from motion_jax.data.datasets.humanml3d import HumanML3D
 from motion_jax.data.datasets.snapmogen import SnapMoGen
 from motion_jax.data.datasets.synthetic import Synthetic
+from motion_jax.data.mocap.readers import READERS
 from motion_jax.inputs.nearest import did_you_mean
 
 # In this order a folder is asked for.
@@ -40,7 +41,6 @@ def dataset_of(folder) -> Dataset:
   if not folder.is_dir():
     raise FileNotFoundError(f"there is no folder {folder}; give a data folder, such as one that `motion-jax data "
                             "build` made")
-  from motion_jax.data.build import READERS
   files = [path for path in folder.rglob("*") if path.suffix.lower() in READERS]
   raise FileNotFoundError(
       f"{folder} holds {len(files)} files of motion capture; make a data folder of them first: motion-jax data build "

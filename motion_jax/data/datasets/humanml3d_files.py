@@ -1,0 +1,96 @@
+"""The files of a HumanML3D-layout folder beside its motions: captions, splits, dataset.json."""
+import pathlib
+from typing import NamedTuple
+
+from motion_jax.inputs.errors import InputError
+from motion_jax.inputs.input_files import npy_shape, read_json
+from motion_jax.inputs.numerals import SECONDS, NumberError, real, shortened
+from motion_jax.inputs.text_files import read_lines
+from motion_jax.motion.representations import get_layout, layout_for
+
+SPLITS = ("train", "val", "test", "train_val", "all")
+MIN_FRAMES = {"humanml3d": 40, "kit": 24}
+_SECONDS = real(*SECONDS, unit="seconds")
+TAG_FPS = 20  # Parity: time tags are seconds times 20 for KIT too, whose rate is 12.5
+
+
+class TextLine(NamedTuple):
+  """A line of a text file: caption, its tokens "lemma/POS", and the seconds it is about (0, 0: all)."""
+  caption: str
+  tokens: tuple[str, ...] = ()
+  start: float = 0.0
+  end: float = 0.0
+
+
+def read_texts(path) -> list[TextLine]:
+  """Reads caption#tokens#start#end lines; a tag that is NaN or missing counts as 0."""
+  lines = []
+  for number, line in enumerate(read_lines(path), 1):
+    if not line.strip():
+      continue
+    parts = line.strip().split("#")
+    try:
+      start, end = (_tag(part) for part in (parts[2:4] + ["", ""])[:2])
+    except NumberError as error:
+      raise ValueError(f"{path} line {number}: in a time tag: {error}; expected caption#tokens#start#end") from None
+    lines.append(TextLine(parts[0].strip(), tuple(parts[1].split()) if len(parts) > 1 else (),
+                          start, end))
+  return lines
+
+
+def _tag(text):
+  return 0.0 if text.strip().lower() in ("", "nan") else _SECONDS(text)
+
+
+def read_ids(folder, split="all") -> list[str]:
+  """The ids of a split file; without an all.txt, those of all the other split files."""
+  folder = pathlib.Path(folder)
+  path = folder / f"{split}.txt"
+  if path.is_file():
+    return [name for line in read_lines(path) for name in line.split()]
+  found = [name for name in ("train", "val", "test") if (folder / f"{name}.txt").is_file()]
+  if split != "all" or not found:
+    raise FileNotFoundError(f"{folder} has no {split}.txt; expected one id per line in it")
+  return [name for part in found for name in read_ids(folder, part)]
+
+
+def dataset_info(folder) -> dict:
+  """What dataset.json says, with what can be told without one: layout, skeleton, fps, mode."""
+  folder = pathlib.Path(folder)
+  path = folder / "dataset.json"
+  info = read_json(path, advice="restore it, or remove it where the folder is HumanML3D's or KIT-ML's own") if (
+      path.is_file()) else {}
+  if "layout" not in info:
+    sample = next(iter(sorted((folder / "new_joint_vecs").glob("*.npy"))), None)
+    if sample is None:
+      raise FileNotFoundError(f"{folder} has no new_joint_vecs/*.npy; expected a HumanML3D or KIT-ML folder")
+    info["layout"] = layout_for((npy_shape(sample) or (0,))[-1]).name
+  if not isinstance(info["layout"], str):
+    raise InputError(f"{path}: got layout {str(info['layout'])[:60]!r}, expected a name such as 'full'")
+  skeleton = get_layout(info["layout"]).skeleton
+  info = {"skeleton": skeleton.name, "fps": skeleton.fps, "mode": "benchmark", "source": folder.name, "license": "",
+          "clips": {}} | info
+  _check_info(info, path)
+  return info
+
+
+def _check_info(info, path):
+  """Raises InputError for entries of dataset.json of a type that no folder has."""
+  for key, kind, called in (("source", str, "text"), ("license", str, "text"), ("mode", str, "text"),
+                            ("clips", dict, "an object")):
+    if not isinstance(info[key], kind):
+      raise InputError(f"{path}: got {key} {str(info[key])[:60]!r}, expected {called}")
+  if isinstance(info["fps"], bool) or not isinstance(info["fps"], int | float) or not 0 < info["fps"] <= 1000:
+    raise InputError(f"{path}: got fps {str(info['fps'])[:60]!r}, expected the frames of a second")
+  strange = next((name for name, origin in info["clips"].items() if not isinstance(origin, dict)), None)
+  if strange is not None:
+    raise InputError(f"{path}: clip {shortened(strange)!r} holds no object with source and license")
+
+
+def has_mirrored(folder) -> bool:
+  """Whether a folder holds mirrored copies, "M" before the id, as HumanML3D has and `data build` makes."""
+  try:
+    ids = set(read_ids(folder))
+  except FileNotFoundError:
+    return False
+  return any("M" + name in ids for name in ids)
