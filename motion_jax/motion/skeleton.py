@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Num
 
 from motion_jax.motion import rotations as rot
+from motion_jax.shapes import Array
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -150,13 +151,14 @@ SNAPMOGEN_BVH = ("ROOT",) + tuple(f"{name}_bind_JNT" for name in (
 SKELETONS = {skeleton.name: skeleton for skeleton in (HUMANML3D, KIT, SMPL, SNAPMOGEN)}
 
 
-def bone_lengths(joints, skeleton):
+def bone_lengths(joints: Num[Array, "t j 3"], skeleton: Skeleton) -> Float[np.ndarray, "t j"]:
   """Lengths (T, J) of the bones that end at each joint; the root's is 0."""
   parents = np.maximum(skeleton.parents, 0)
   return np.linalg.norm(joints - joints[:, parents], axis=-1)
 
 
-def facing(joints, skeleton=HUMANML3D, smooth=0.0, benchmark_sign=False):
+def facing(joints: Num[np.ndarray, "t j 3"], skeleton: Skeleton = HUMANML3D, smooth: float = 0.0,
+           benchmark_sign: bool = False) -> Float[np.ndarray, "t 3"]:
   """Where the body faces: unit vectors (T, 3) in the ground plane, from the lines through hips and shoulders.
 
   smooth is the sigma in frames of a Gaussian over time. benchmark_sign takes the hips with the wrong sign.
