@@ -168,7 +168,7 @@ class CausalDiT(nn.Module):
     positions = positions if self.use_rope else jnp.zeros_like(positions)
     return tuple((rotary(k, positions), v) for k, v in cache)
 
-  def window(self, x: Float[Array, "b w c"], t: Float[Array, "b w"], modulation: Float[Array, "depth #b w 6 d"],
+  def window(self, x: Float[Array, "b w c"], t: Float[Array, "b w"], modulation: Float[Array, "depth #b #w 6 d"],
              text: tuple[Text, ...], attn_mask: Bool[Array, "#b 1 w s"], positions: Num[Array, "*#b w"],
              past: tuple[KeysValues, ...] | None = None) -> tuple[Float[Array, "b w c"], tuple[KeysValues, ...]]:
     """Velocity of a window of latents and its keys and values: x (B, W, C), modulation (depth, B or 1, W, 6, D).
