@@ -78,7 +78,7 @@ class Block(nn.Module):
     null = None if null_word is None else self.cross_attn(null_word, null_word)
     return Text(*self.cross_attn.keys_values(words), mask, null)
 
-  def _modulated(self, x: Float[Array, "b l d"], modulation: Float[Array, "#b l 6 d"], shift: int
+  def _modulated(self, x: Float[Array, "b l d"], modulation: Float[Array, "#b #l 6 d"], shift: int
                  ) -> Float[Array, "b l d"]:
     return modulation[..., shift + 1, :] * x + modulation[..., shift, :] + x
 
@@ -91,7 +91,7 @@ class Block(nn.Module):
       return y
     return jnp.concatenate([y, jnp.broadcast_to(text.null, y.shape)])
 
-  def step(self, x: Float[Array, "b l d"], modulation: Float[Array, "#b l 6 d"], text: Text,
+  def step(self, x: Float[Array, "b l d"], modulation: Float[Array, "#b #l 6 d"], text: Text,
            attn_mask: Bool[Array, "#b 1 l s"], positions: Num[Array, "*#b l"], past: KeysValues | None = None
            ) -> tuple[Float[Array, "b l d"], KeysValues]:
     """-> (x, (k, v)) with the keys and values of x, keys not turned; past (k, v), keys turned, stand before them."""
