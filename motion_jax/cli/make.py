@@ -72,7 +72,7 @@ def _making(parser, out):
     said = list(dict.fromkeys(one.help for one in methods.values()))
     told = said[0] if len(said) == 1 else "; ".join(f"{method.upper()}: {one.help}" for method, one in methods.items())
     here = _group(parser, next(iter(methods))) if len(methods) == 1 < len(registry.METHODS) else parser
-    here.add_argument(f"--{flag}", type=None if known.choices else known.read, choices=known.choices, help=told)
+    here.add_argument(f"--{flag}", type=None if known.read is str else known.read, choices=known.choices, help=told)
   parser.add_argument("--no-cleanup", action="store_true",
                       help="without foot-skate cleanup and smoothing: as the network made it")
   parser.add_argument("--model", default="cmdm-small", help="a run folder or the name of a model that ships")

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from motion_jax.inputs.errors import InputError
-from motion_jax.inputs.numerals import GUIDANCE, NumberError, bounds, checked, demand_numbers, real, whole
+from motion_jax.inputs.numerals import GUIDANCE, NumberError, bounds, checked, demand_numbers, real, shortened, whole
 
 
 class Description(NamedTuple):
@@ -67,7 +67,7 @@ def switch(help, **more):
 
   def read(text):
     if text.lower() not in ("true", "false"):
-      raise NumberError(f"got {text!r}, expected true or false")
+      raise NumberError(f"got {shortened(text)!r}, expected true or false")
     return text.lower() == "true"
 
   return _field(Description(help, check, read, "true, false", **more))
