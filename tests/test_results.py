@@ -29,7 +29,7 @@ def test_reprs_are_short(motion, tiny_run):
   many = Motions(np.zeros((9, 40, 22, 3)), np.ones((9, 40), bool), np.zeros((9, 40, 263)), (motion,) * 9)
   assert repr(many).startswith("Motions(9:\n  Motion('wave'") and "... 1 more" in repr(many) and len(repr(many)) < 1200
   model = load(tiny_run)
-  assert repr(model).startswith("Model('denoiser': ") and "M parameters" in repr(model) and len(repr(model)) < 120
+  assert repr(model).startswith("CmdmModel('denoiser': ") and "M parameters" in repr(model) and len(repr(model)) < 120
   assert repr(model.stream("a person walks", num_steps=2, lag=1)).startswith("LiveStream('a person walks': 0 frames")
 
 

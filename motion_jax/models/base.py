@@ -113,7 +113,7 @@ class TextToMotionModel(Able):
   def _learned(self):
     """(Vocabulary, usual frames) of the captions that it learned from; None where its folder does not keep them."""
     table = checkpoint.load_lengths(self.folder)
-    subjects = SUBJECTS if self.config.data.vary_subject else ()  # training said these, too
+    subjects = SUBJECTS if self.config.data.get("vary_subject") else ()  # training said these, too
     return table and (Vocabulary(table[0], subjects), table[1])
 
   @functools.cached_property
