@@ -67,12 +67,12 @@ class Dataset(Protocol):
 
   def matches(self, folder: pathlib.Path) -> bool:
     """Whether a folder is of this kind, by a look at the names of its files."""
-    raise NotImplementedError
+    raise NotImplementedError(f"{type(self).__name__} does not know its folders")
 
   def clips(self, folder, split=None, faults=None) -> list[Clip]:
     """The captioned clips of a folder, of one split or of all. faults: a list that takes (id, what is wrong) of clips
     that cannot be used, which are left out in any case."""
-    raise NotImplementedError
+    raise NotImplementedError(f"{type(self).__name__} reads no clips")
 
   # --- training ----------------------------------------------------------------------------------------------------
 
