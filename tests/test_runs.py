@@ -99,3 +99,10 @@ def test_what_is_no_run_or_another_one_is_told(tmp_path):
   (tmp_path / "config.json").write_text("{}")
   with pytest.raises(InputError, match="holds a None run"):
     runs.open(tmp_path)
+
+
+def test_a_config_file_older_than_a_field_trains_by_todays():
+  config = load_config("cmdm_denoiser", "tiny")
+  with config.unlocked():
+    del config.sampler["solver"]
+  assert fit.resolve(config)[0].sampler.solver == "euler" and "solver" not in config.sampler
