@@ -1,13 +1,13 @@
 #!/usr/bin/env bash
 # The tables of docs/benchmark: the models that ship, judged on the test rows of the CMU and Bandai archives.
 #
-#   benchmarks/tables.sh path/to/cmu path/to/bandai OUT [REPEATS]
+#   benchmarks/tables.sh path/to/cmu path/to/bandai OUT [REPLICATIONS]
 #
-# Killed, it goes on where it was: what is done is not done again, and samples are kept. REPEATS, 20 by default, are
-# those of the rows that are cheap to sample; AR costs two and a half times as much and has a quarter of them.
+# Killed, it goes on where it was: what is done is not done again, and samples are kept. REPLICATIONS, 20 by default,
+# are those of the rows that are cheap to sample; AR costs two and a half times as much and has a quarter of them.
 set -euo pipefail
-cmu=$1 bandai=$2 out=$3 repeats=${4:-20}
-few=$(( repeats / 4 > 0 ? repeats / 4 : 1 ))
+cmu=$1 bandai=$2 out=$3 replications=${4:-20}
+few=$(( replications / 4 > 0 ? replications / 4 : 1 ))
 cd "$(dirname "$0")/.."
 
 judge() {  # NAME ARGUMENTS: a folder of results
@@ -15,16 +15,19 @@ judge() {  # NAME ARGUMENTS: a folder of results
   shift
   [ -f "$out/$name/done" ] && return
   echo "== $name, $(date +%T)"
-  python eval.py --data "$cmu" "$bandai" --out "$out/$name" --samples "$out/samples" "$@"
+  motion-jax evaluate --data "$cmu" "$bandai" --out "$out/$name" --samples "$out/samples" "$@"
   touch "$out/$name/done"
 }
 
-judge main --run cmdm-small --run cdamd-small --repeats "$repeats" --no-multimodality --controls
-judge multimodality --run cmdm-small --run cdamd-small --repeats 1
-judge schedules --run cmdm-small --vary schedule=fss schedule=ar schedule=full num_steps=20,lag=1 --repeats "$few" \
-  --no-multimodality
-judge guidance --run cmdm-small --run cdamd-small --guidance 1 2 3 4 6 --repeats "$few" --no-multimodality
-judge reconstruction --run cmdm-small --run cdamd-small --protocol reconstruction --repeats "$repeats" --controls
-judge editing --run cdamd-small --protocol editing --vary mask=causal mask=bcm --repeats "$few"
-judge long --run cmdm-small --protocol long-horizon --vary way=stream way=chain --repeats "$few" --limit 16 --controls
-python eval.py --beside "$out"/{main,multimodality,schedules,guidance,reconstruction,editing,long} --report "$out/report"
+judge main --model cmdm-small --model cdamd-small --replications "$replications" --no-multimodality --controls
+judge multimodality --model cmdm-small --model cdamd-small --replications 1
+judge schedules --model cmdm-small --vary schedule=fss schedule=ar schedule=full num_steps=20,lag=1 \
+  --replications "$few" --no-multimodality
+judge guidance --model cmdm-small --model cdamd-small --guidance 1 2 3 4 6 --replications "$few" --no-multimodality
+judge reconstruction --model cmdm-small --model cdamd-small --protocol reconstruction --replications "$replications" \
+  --controls
+judge editing --model cdamd-small --protocol editing --vary mask=causal mask=bcm --replications "$few"
+judge long --model cmdm-small --protocol long-horizon --vary way=stream way=chain --replications "$few" \
+  --limit 16 --controls
+motion-jax evaluate --beside "$out"/{main,multimodality,schedules,guidance,reconstruction,editing,long} \
+  --report "$out/report"

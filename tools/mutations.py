@@ -3,7 +3,8 @@
 A piece stands exactly once in its file. Who changes such a line brings the list up to date; a test says if not.
 """
 LOSSES, BATCHES, TRAIN = "tests/test_stage_losses.py", "tests/data/test_batches.py", "tests/test_train.py"
-MASKING, PATHS, SOLVERS = (f"tests/diffusion/test_{name}.py" for name in ("masking", "paths", "samplers"))
+PATHS, SOLVERS = (f"tests/diffusion/test_{name}.py" for name in ("paths", "samplers"))
+MASK_SCHEDULE = "tests/test_mask_schedule.py"
 MASKS, STREAMING, VAE = "tests/nets/test_masks.py", "tests/diffusion/test_streaming.py", "tests/nets/test_causal_vae.py"
 VQ, RVQ, GENERATOR = "tests/quant/test_vq.py", "tests/quant/test_rvq.py", "tests/test_cdamd_generator.py"
 FEATURES, STATS, OTHERS = (f"tests/motion/test_{name}.py" for name in ("features", "stats", "representations"))
@@ -73,14 +74,14 @@ MUTATIONS = (
     # Equal""", """    attn_mask = block_causal_mask(z1.shape[1], block)
     # Equal""", (f"{LOSSES}::test_padding_is_no_key_of_the_denoiser",)),
     ("mask-count", "motion_jax/models/cdamd/mask_schedule.py", "jnp.cos(time_u * math.pi * 0.5)", "(1 - time_u)",
-     (MASKING,)),
+     (MASK_SCHEDULE,)),
     ("replaced-share", "motion_jax/models/cdamd/mask_schedule.py", "masked & ~noised & (keep_u < mask_rate)",
-     "masked & ~noised & (keep_u < mask_rate - noise_rate)", (MASKING,)),
+     "masked & ~noised & (keep_u < mask_rate - noise_rate)", (MASK_SCHEDULE,)),
     ("revealed", "motion_jax/models/cdamd/mask_schedule.py",
      "jnp.concatenate([hidden[1:], jnp.zeros_like(hidden[:1])])",
-     "jnp.concatenate([hidden[1:], hidden[:1]])", (MASKING,)),
+     "jnp.concatenate([hidden[1:], hidden[:1]])", (MASK_SCHEDULE,)),
     ("left-to-right", "motion_jax/models/cdamd/mask_schedule.py", "-np.arange(length, dtype=np.float32)[None]",
-     "np.arange(length, dtype=np.float32)[None]", (MASKING,)),
+     "np.arange(length, dtype=np.float32)[None]", (MASK_SCHEDULE,)),
     # --- streaming ------------------------------------------------------------------------------------------------
     ("ring", "motion_jax/models/cmdm/streaming.py", "(base - 1 - slots) % plan.ring", "(base - slots) % plan.ring",
      (f"{STREAMING}::test_fast_is_plain_and_streaming_is_offline[{PAST_CACHE}]",)),

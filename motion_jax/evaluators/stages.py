@@ -160,7 +160,7 @@ def clip_stage(config, axis_name=DEVICES) -> Stage:
   """Trains a `ClipEvaluator` by symmetric InfoNCE with a learned scale over the whole batch, of all devices.
 
   Batch: features (B, T, columns), num_frames (B,), pieces (B, max_words), meaning (B,), index (B,). The tables of word
-  pieces come with `init` from a text encoder (`recipes`) and stay as they are.
+  pieces come with `init` from a text encoder (see `setup`) and stay as they are.
   """
   net = ClipEvaluator(**config.model)
   whole = _gather(axis_name)

@@ -1,11 +1,12 @@
 """What CDAMD's loop wastes: one clip at the released size, by the reference's loop and by ours, in one run.
 
-  python benchmarks/rounds.py                 6 seconds of motion, README size (290 M parameters): about ten minutes
-  python benchmarks/rounds.py --size small    the model that ships, in seconds
+  python benchmarks/decoding_iterations.py                 6 s of motion, released size (290 M parameters): ten minutes
+  python benchmarks/decoding_iterations.py --size small    the model that ships, in seconds
 
-The reference makes every latent that is still hidden in each of ten rounds and throws most of them away again; ours
-makes those that the round reveals. dopri5 chooses its own steps (rtol 1e-3, atol 1e-6), the others take --steps. The
-weights are random, as in docs/papers/cdamd.md#timings, so dopri5's number of steps is that of an untrained network.
+The reference makes every latent that is still masked in each of ten decoding iterations and throws most of them away
+again; ours makes those that the iteration unmasks. dopri5 chooses its own steps (rtol 1e-3, atol 1e-6), the others
+take --steps. The weights are random, as in docs/papers/cdamd.md#timings, so dopri5's number of steps is that of an
+untrained network.
 Times are of a compiled call, decoding included, the least of --repeats. Ratios are to the first row: of processor
 seconds on a CPU, which other work may share, of seconds elsewhere.
 """
@@ -40,7 +41,7 @@ def random_like(shapes, rng):
 
 def main():
   parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-  parser.add_argument("--size", default="full", help="a size of configs/cdamd_generator.py; full is the README's")
+  parser.add_argument("--size", default="full", help="a size of configs/cdamd_generator.py; full is the released one")
   parser.add_argument("--frames", type=int, default=120)
   parser.add_argument("--steps", type=int, default=10)
   parser.add_argument("--repeats", type=int, default=2)
