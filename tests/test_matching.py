@@ -16,9 +16,9 @@ from motion_jax.data.tagger import tag
 from motion_jax.evaluators import stages as matching
 from motion_jax.evaluators.networks import ClipEvaluator, T2MEvaluator
 from motion_jax.text.encoder import load_text_encoder
-from motion_jax.training import checkpoint
+from motion_jax.training import checkpoint, optimizers
 from motion_jax.training import loop as train
-from motion_jax.training.loop import make_optimizer
+from motion_jax.training.optimizers import make_optimizer
 from motion_jax.training.stage import DEVICES, Stage
 from tests.conftest import load_config
 
@@ -148,7 +148,7 @@ def test_each_network_is_clipped_alone():
   config = load_config("evaluator_matching", "full").optimizer
   config = ml_collections.ConfigDict(config.to_dict() | {"beta1": 0.0, "beta2": 0.0})
   tree = {"params": {"motion_encoder": {"w": jnp.full(4, 100.0)}, "text_encoder": {"w": jnp.full(4, 0.1)}}}
-  clipped, _ = train._clipping(config).update(tree, train._clipping(config).init(tree))
+  clipped, _ = optimizers._clipping(config).update(tree, optimizers._clipping(config).init(tree))
   assert np.isclose(optax.tree.norm(clipped["params"]["motion_encoder"]), 0.5)
   np.testing.assert_array_equal(clipped["params"]["text_encoder"]["w"], np.full(4, np.float32(0.1)))
   assert make_optimizer(config, 10).init(tree)

@@ -17,7 +17,7 @@ from motion_jax.data.datasets.registry import dataset_of
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.evaluators.networks import symmetric_cross_entropy
 from motion_jax.models.cmdm import teacher
-from motion_jax.training.loop import make_optimizer
+from motion_jax.training.optimizers import make_optimizer
 from tests.conftest import ROOT, devices_env, load_config
 
 

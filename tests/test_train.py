@@ -16,7 +16,7 @@ import pytest
 from motion_jax import fit as training
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.stats import Stats, save_stats
-from motion_jax.training import checkpoint
+from motion_jax.training import checkpoint, optimizers
 from motion_jax.training import loop as train
 from motion_jax.training.metrics import append_metrics, read_metrics
 from motion_jax.training.stage import Stage
@@ -79,16 +79,16 @@ def test_a_run_folder_holds_averaged_parameters_metrics_and_a_curve(tmp_path):
 def test_the_average_keeps_its_decay_of_what_was(decay):
   """After one step decay * start + (1 - decay) * new; a decay of 0.9 exchanged with its rest would follow the last."""
   stage, batch = _stage(), _next_batch(0)
-  tx = train.make_optimizer(_config(4).optimizer, 4)
-  state = train.init_state(stage, tx, batch, jax.random.key(0))
+  tx = optimizers.make_optimizer(_config(4).optimizer, 4)
+  state = train_step.init_state(stage, tx, batch, jax.random.key(0))
   start = np.asarray(state.params["w"])
-  step = train.make_train_step(stage, tx, decay)
-  state, _ = step(state, {}, train.shard(batch, jax.local_device_count()), jax.random.key(1))
+  step = train_step.make_train_step(stage, tx, decay)
+  state, _ = step(state, {}, train_step.shard(batch, jax.local_device_count()), jax.random.key(1))
   once = np.asarray(state.params["w"])
   assert np.abs(once - start).min() > 1e-3
   np.testing.assert_allclose(state.ema_params["w"], decay * start + (1 - decay) * once, rtol=1e-5)
   average = np.asarray(state.ema_params["w"])
-  state, _ = step(state, {}, train.shard(_next_batch(1), jax.local_device_count()), jax.random.key(1))
+  state, _ = step(state, {}, train_step.shard(_next_batch(1), jax.local_device_count()), jax.random.key(1))
   np.testing.assert_allclose(state.ema_params["w"], decay * average + (1 - decay) * np.asarray(state.params["w"]),
                              rtol=1e-5)
 
@@ -96,11 +96,11 @@ def test_the_average_keeps_its_decay_of_what_was(decay):
 def test_every_step_has_noise_of_its_own():
   """The same batch, weights and key: only the step's number differs, and with it what is drawn."""
   stage, batch = _stage(), _next_batch(0)
-  tx = train.make_optimizer(_config(4, learning_rate=0.0).optimizer, 4)
-  state = train.init_state(stage, tx, batch, jax.random.key(0))
-  step, losses = train.make_train_step(stage, tx, 0.0), []
+  tx = optimizers.make_optimizer(_config(4, learning_rate=0.0).optimizer, 4)
+  state = train_step.init_state(stage, tx, batch, jax.random.key(0))
+  step, losses = train_step.make_train_step(stage, tx, 0.0), []
   for _ in range(3):
-    state, metrics = step(state, {}, train.shard(batch, jax.local_device_count()), jax.random.key(1))
+    state, metrics = step(state, {}, train_step.shard(batch, jax.local_device_count()), jax.random.key(1))
     losses.append(float(metrics["loss"]))
   assert len(set(losses)) == 3 and np.ptp(losses) < 0.1 * losses[0]
 
@@ -314,7 +314,7 @@ def test_four_devices_learn_what_one_learns(tmp_path):
 def test_schedules(kind, expected):
   config = _config(4, schedule=kind, learning_rate=1.0, boundaries=(2, 3), gamma=0.1, cooldown_steps=2,
                    final_rate=0.2).optimizer
-  values = [float(train.make_schedule(config, 4)(jnp.asarray(step))) for step in range(4)]
+  values = [float(optimizers.make_schedule(config, 4)(jnp.asarray(step))) for step in range(4)]
   assert np.allclose(values, expected)
 
 

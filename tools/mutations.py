@@ -13,7 +13,7 @@ PAST_CACHE = "past the cache, lag does not divide"
 
 MUTATIONS = (
     # --- eight that once went unnoticed ---------------------------------------------------------------------------
-    ("ema", "motion_jax/training/loop.py", "state.ema_params, 1 - ema_decay)", "state.ema_params, ema_decay)",
+    ("ema", "motion_jax/training/train_step.py", "state.ema_params, 1 - ema_decay)", "state.ema_params, ema_decay)",
      (f"{TRAIN}::test_the_average_keeps_its_decay_of_what_was",)),
     ("align-decay", "motion_jax/models/cmdm/losses.py", 'config.align * (1 - config.align_fall * progress)',
      "config.align",
@@ -39,11 +39,11 @@ MUTATIONS = (
     # --- schedules and solvers ------------------------------------------------------------------------------------
     ("staircase-blocks", "motion_jax/diffusion/schedules.py", "step - lag * (np.arange(length) // block)",
      "step - lag * np.arange(length)", ("tests/diffusion/test_schedules.py",)),
-    ("warm-up", "motion_jax/training/loop.py", "1 / (warmup + 1), 1.0, warmup)", "0.0, 1.0, warmup)",
+    ("warm-up", "motion_jax/training/optimizers.py", "1 / (warmup + 1), 1.0, warmup)", "0.0, 1.0, warmup)",
      (f"{TRAIN}::test_schedules",)),
-    ("cosine-rate", "motion_jax/training/loop.py", "config.final_rate / peak", "0.0",
+    ("cosine-rate", "motion_jax/training/optimizers.py", "config.final_rate / peak", "0.0",
      (f"{TRAIN}::test_schedules",)),
-    ("half-cosine", "motion_jax/training/loop.py", "cosine_decay_schedule(1.0, 2 * num_steps)",
+    ("half-cosine", "motion_jax/training/optimizers.py", "cosine_decay_schedule(1.0, 2 * num_steps)",
      "cosine_decay_schedule(1.0, num_steps)", (f"{TRAIN}::test_schedules",)),
     ("euler-time", "motion_jax/diffusion/samplers.py", "return x + (t_next - t)[:, None] * velocity(x, t), None",
      "return x + (t_next - t)[:, None] * velocity(x, t_next), None", (SOLVERS,)),
@@ -150,11 +150,11 @@ MUTATIONS = (
     ("low-feet", "motion_jax/metrics/physics.py", "down[..., :-1, :] & down[..., 1:, :]", "down[..., :-1, :]",
      (PHYSICS,)),
     # --- the loop and its folder ----------------------------------------------------------------------------------
-    ("step-noise", "motion_jax/training/loop.py", "rng = jax.random.fold_in(rng, state.step)", "rng = rng",
+    ("step-noise", "motion_jax/training/train_step.py", "rng = jax.random.fold_in(rng, state.step)", "rng = rng",
      (f"{TRAIN}::test_every_step_has_noise_of_its_own",)),
-    ("devices", "motion_jax/training/loop.py", "grads, sums, weight = jax.lax.psum((grads, sums, weight), DEVICES)",
+    ("devices", "motion_jax/training/train_step.py", "grads, sums, weight = jax.lax.psum((grads, sums, weight), DEVICES)",
      "grads = jax.lax.pmean(grads, DEVICES)", (f"{TRAIN}::test_four_devices_learn_what_one_learns",)),
-    ("skip-gradient", "motion_jax/training/loop.py",
+    ("skip-gradient", "motion_jax/training/train_step.py",
      '(metrics["loss"] <= skip_loss) & jnp.isfinite(metrics["grad_norm"])',
      '(metrics["loss"] <= skip_loss)', (f"{TRAIN}::test_what_is_no_number_is_never_saved",)),
     ("best-way", "motion_jax/training/loop.py", '{"min": min, "max": max}', '{"min": max, "max": min}',

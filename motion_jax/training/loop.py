@@ -1,188 +1,21 @@
-"""The training loop: one pure step, pmapped over the devices, around any Stage."""
+"""The training loop: batches in, a run folder out; saves, metrics, signals."""
 import contextlib
 import pathlib
 import sys
-import threading
 import time
-from typing import Any
 
-import flax
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optax
 from tqdm import tqdm
 
 from motion_jax.runtime import stopping
 from motion_jax.training import checkpoint
 from motion_jax.training.metrics import append_metrics, draw_curve, read_metrics, trim_metrics
+from motion_jax.training.optimizers import make_optimizer
+from motion_jax.training.progress import Progress
 from motion_jax.training.stage import DEVICES
-
-
-@flax.struct.dataclass
-class TrainState:
-  """All that changes while training, and with it all that a resumed run needs."""
-  step: jax.Array
-  params: Any
-  opt_state: Any
-  ema_params: Any
-  extra: Any = None  # what changes without a gradient, of stages that have such (codebooks)
-
-
-def make_schedule(config, num_steps):
-  """Learning rate by update: lr (it + 1) / (warmup + 1) while it < warmup, as both papers' code, then by name.
-
-  "constant"; "step": times `gamma` at each of `boundaries`; "cosine": to `final_rate` at num_steps;
-  "half_cosine": the first half of a cosine, to half the rate; "trapezoid": constant, then straight to 0 over the last
-  `cooldown_steps`, so that a run can be prolonged before it is cooled down.
-  """
-  kind, peak, warmup = config.schedule, config.learning_rate, config.warmup_steps
-  if kind == "constant":
-    factor = optax.constant_schedule(1.0)
-  elif kind == "step":
-    factor = optax.piecewise_constant_schedule(1.0, {boundary: config.gamma for boundary in config.boundaries})
-  elif kind == "cosine":
-    cosine = optax.cosine_decay_schedule(1.0, max(num_steps - warmup, 1), config.final_rate / peak)
-    factor = lambda step: cosine(jnp.maximum(step - warmup, 0))
-  elif kind == "half_cosine":
-    cosine = optax.cosine_decay_schedule(1.0, 2 * num_steps)
-    factor = lambda step: cosine(jnp.minimum(step, num_steps))
-  elif kind == "trapezoid":  # of a run shorter than its cool-down what is left of the slope
-    cooldown = max(config.cooldown_steps, 1)
-    factor = optax.linear_schedule(min(num_steps / cooldown, 1.0), 0.0, min(cooldown, num_steps),
-                                   max(num_steps - cooldown, 0))
-  else:
-    raise ValueError(f"got optimizer.schedule {kind!r}, expected constant, step, cosine, half_cosine or trapezoid")
-  begin = optax.linear_schedule(1 / (warmup + 1), 1.0, warmup) if warmup else optax.constant_schedule(1.0)
-  return lambda step: peak * factor(step) * begin(step)
-
-
-def make_optimizer(config, num_steps):
-  """AdamW as a config states it: betas, decay, gradient clipping by global norm (0 = none).
-
-  config.rates: {name: factor}, times which the parameters below that name learn; 0 holds them still.
-  config.clip_parts: names of networks, each of which is clipped by the norm of its own gradient.
-  """
-  adamw = optax.adamw(make_schedule(config, num_steps), b1=config.beta1, b2=config.beta2,
-                      weight_decay=config.weight_decay)
-  parts = [_clipping(config), adamw] if config.clip_norm else [adamw]
-  rates = dict(config.rates)
-  if rates:
-    parts.append(optax.stateless(lambda updates, _: jax.tree_util.tree_map_with_path(
-        lambda path, update: update * _rate(path, rates), updates)))
-  return optax.chain(*parts) if len(parts) > 1 else adamw
-
-
-def _clipping(config):
-  names = tuple(config.clip_parts)
-  clip = optax.clip_by_global_norm(config.clip_norm)
-  if not names:
-    return clip
-  part = lambda path: next((key.key for key in path if getattr(key, "key", None) in names), "rest")
-  return optax.partition({name: clip for name in names} | {"rest": optax.identity()},
-                         lambda tree: jax.tree_util.tree_map_with_path(lambda path, _: part(path), tree))
-
-
-def _rate(path, rates):
-  return next((rates[key.key] for key in path if getattr(key, "key", None) in rates), 1.0)
-
-
-def init_state(stage, tx, batch, rng):
-  params = stage.init(batch, rng)
-  copy = jax.tree.map(jnp.copy, params)  # donated buffers may not be shared
-  extra = stage.init_extra(batch, rng) if stage.init_extra else None
-  return TrainState(jnp.zeros((), jnp.int32), params, tx.init(params), copy, extra)
-
-
-def variables_of(state, average=False):
-  """What a trained stage is used with: parameters, averaged ones on demand, and the extra state beside them."""
-  return {**(state.ema_params if average else state.params), **(state.extra or {})}
-
-
-def make_train_step(stage, tx, ema_decay, skip_loss=0.0):
-  """-> train_step(state, frozen, batch, rng) -> (state, metrics), pmapped over the first axis of the batch.
-
-  skip_loss > 0 leaves the state as it was, but for the step count, when the loss is larger or not a number.
-  """
-
-  def train_step(state, frozen, batch, rng):
-    rng = jax.random.fold_in(rng, state.step)  # a resumed run replays the same noise
-
-    def total(params):
-      if stage.init_extra:
-        sums, weight, extra = stage.loss(params, frozen, batch, state.step, rng, state.extra)
-      else:
-        (sums, weight), extra = stage.loss(params, frozen, batch, state.step, rng), None
-      return sums["loss"], (sums, weight, extra)
-
-    grads, (sums, weight, extra) = jax.grad(total, has_aux=True)(state.params)
-    # Sum first, divide last: devices hold unequal numbers of real frames.
-    grads, sums, weight = jax.lax.psum((grads, sums, weight), DEVICES)
-    grads, metrics = jax.tree.map(lambda s: s / weight, (grads, sums))
-    updates, opt_state = tx.update(grads, state.opt_state, state.params)
-    params = optax.apply_updates(state.params, updates)
-    ema_params = optax.incremental_update(params, state.ema_params, 1 - ema_decay)
-    metrics["grad_norm"] = optax.tree.norm(grads)
-    new = TrainState(state.step, params, opt_state, ema_params, extra)
-    if skip_loss:
-      good = (metrics["loss"] <= skip_loss) & jnp.isfinite(metrics["grad_norm"])
-      new = jax.tree.map(lambda a, b: jnp.where(good, a, b), new, state)
-      metrics["skipped"] = 1.0 - good
-    return new.replace(step=state.step + 1), metrics
-
-  return jax.pmap(train_step, DEVICES, in_axes=(None, None, 0, None), out_axes=None, donate_argnums=0)
-
-
-def shard(batch, num_devices):
-  """Arrays (B, ...) to (num_devices, B / num_devices, ...)."""
-  size = len(batch["index"])
-  if size % num_devices:
-    raise ValueError(f"got batches of {size} on {num_devices} devices; data.batch_size must be a multiple of them")
-  return {k: np.reshape(v, (num_devices, size // num_devices) + np.shape(v)[1:]) for k, v in batch.items()}
-
-
-class _Progress:
-  """A line about a run, often at first and then once a minute: step, loss, samples a second, time left."""
-
-  def __init__(self, first, num_steps, batch_size):
-    self.first, self.num_steps, self.batch_size = first, num_steps, batch_size
-    self.began = self.told = time.monotonic()
-    self.warm = None  # when the first step was done, which waits for the compiler
-    self._patience = threading.Event()
-    if first < num_steps:
-      threading.Thread(target=self._wait, daemon=True).start()
-
-  def _wait(self, every=5):
-    """Says every few seconds that the first step is being compiled, until it is done."""
-    while not self._patience.wait(every):
-      print(f"step {self.first} of {self.num_steps}: compiling the first step, "
-            f"{time.monotonic() - self.began:.0f} s so far", flush=True)
-
-  def close(self):
-    self._patience.set()
-
-  def line(self, step, metrics) -> str | None:
-    """What to say after this step, or None where something was said just now."""
-    now, done = time.monotonic(), step - self.first
-    often = 5 if now - self.began < 60 else 60
-    if done > 2 and now - self.told < often and step < self.num_steps:
-      return None
-    said = f"step {step} of {self.num_steps}: loss {float(metrics['loss']):.4g}"  # waits until the step is done
-    now = self.told = time.monotonic()
-    if self.warm is None:
-      self.close()
-      self.warm = now
-      return f"{said}, the first step took {now - self.began:.0f} s, most of it for the compiler"
-    rate = (done - 1) / max(now - self.warm, 1e-6)
-    return f"{said}, {rate * self.batch_size:.1f} samples/s, {duration((self.num_steps - step) / rate)} left"
-
-
-def duration(seconds) -> str:
-  """12 s, 3 min, 2 h 05 min."""
-  minutes = round(seconds / 60)
-  if seconds < 90:
-    return f"{seconds:.0f} s"
-  return f"{minutes} min" if minutes < 60 else f"{minutes // 60} h {minutes % 60:02d} min"
+from motion_jax.training.train_step import init_state, make_train_step, shard, variables_of
 
 
 def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluate=None, max_seconds=None,
@@ -253,7 +86,7 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
     if _is_best(config, workdir, step) or not (workdir / checkpoint.PARAMS).is_file():  # something is there at any time
       keep(state)
 
-  progress = _Progress(first, num_steps, len(example["index"]))
+  progress = Progress(first, num_steps, len(example["index"]))
   bar = tqdm(total=num_steps, initial=first, unit="step", dynamic_ncols=True, disable=None)
   with contextlib.closing(progress), (stop or stopping.Stop()) as interrupt, bar:
     step = first
