@@ -152,7 +152,8 @@ MUTATIONS = (
     # --- the loop and its folder ----------------------------------------------------------------------------------
     ("step-noise", "motion_jax/training/train_step.py", "rng = jax.random.fold_in(rng, state.step)", "rng = rng",
      (f"{TRAIN}::test_every_step_has_noise_of_its_own",)),
-    ("devices", "motion_jax/training/train_step.py", "grads, sums, weight = jax.lax.psum((grads, sums, weight), DEVICES)",
+    ("devices", "motion_jax/training/train_step.py",
+     "grads, sums, weight = jax.lax.psum((grads, sums, weight), DEVICES)",
      "grads = jax.lax.pmean(grads, DEVICES)", (f"{TRAIN}::test_four_devices_learn_what_one_learns",)),
     ("skip-gradient", "motion_jax/training/train_step.py",
      '(metrics["loss"] <= skip_loss) & jnp.isfinite(metrics["grad_norm"])',
