@@ -16,7 +16,7 @@ import pytest
 from motion_jax import fit as training
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.stats import Stats, save_stats
-from motion_jax.training import checkpoint, optimizers
+from motion_jax.training import checkpoint, optimizers, train_step
 from motion_jax.training import loop as train
 from motion_jax.training.metrics import append_metrics, read_metrics
 from motion_jax.training.stage import Stage
