@@ -11,7 +11,7 @@ ROOT = pathlib.Path(__file__).parents[1]
 PACKAGE = ROOT / "motion_jax"
 # A file may import from its own layer's folder and from layers above it in this list.
 LAYERS = [
-    ("configs", "inputs", "runtime", "shapes"),
+    ("charts", "configs", "inputs", "runtime", "shapes"),
     ("motion", "nets", "quant", "diffusion", "paper_rows"),
     ("data", "text", "metrics", "latents"),
     ("convert", "export", "runs", "training"),

@@ -14,7 +14,7 @@ from motion_jax import cli, export
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.evaluation.report import page as report
-from motion_jax.evaluation.report import plots, tables
+from motion_jax.evaluation.report import tables
 
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 EVIL = "</p><script>alert(1)</script> \"it's\" a & b"
@@ -184,42 +184,6 @@ def test_bad_input(tmp_path):
   assert not (tmp_path / "index.html").exists()
   with pytest.raises(ValueError, match="got 2 folders for 1 results"):
     report.write(a_result(), tmp_path, folders=["a", "b"])
-
-
-@pytest.mark.parametrize("low,high,count,expected", [
-    (0, 1, 5, [0, 0.2, 0.4, 0.6, 0.8, 1]), (1, 6, 6, [1, 2, 3, 4, 5, 6]), (-28, 28, 6, [-20, -10, 0, 10, 20]),
-    (0, 0.104, 5, [0, 0.02, 0.04, 0.06, 0.08, 0.1]), (3, 3, 5, [3, 3.5, 4, 4.5, 5, 5.5, 6])])
-def test_ticks_are_round(low, high, count, expected):
-  assert plots.ticks(low, high, count) == pytest.approx(expected)
-
-
-def test_lines_lie_where_the_axes_say():
-  """A line from the first to the last tick; its ends lie on the grid lines of 0 and 10."""
-  svg = plots.chart([plots.Series("a", [0, 10], [0, 10])], "x", "y")
-  tree = ElementTree.fromstring(svg)
-  find = lambda kind: [e for e in tree if e.get("class") == kind]
-  ticks = {(e.get("text-anchor"), e.text): e for e in find("tick")}
-  (x0, y0), (x1, y1) = [tuple(map(float, pair.split())) for pair in find("line s0")[0].get("d")[1:].split("L")]
-  assert x0 == pytest.approx(float(ticks["middle", "0"].get("x")), abs=0.1)
-  assert x1 == pytest.approx(float(ticks["middle", "10"].get("x")), abs=0.1)
-  assert y0 == pytest.approx(float(ticks["end", "0"].get("y")) - 4, abs=0.1)
-  assert y1 == pytest.approx(float(ticks["end", "10"].get("y")) - 4, abs=0.1)
-
-
-def test_a_band_is_as_wide_as_its_interval():
-  tree = ElementTree.fromstring(plots.chart([plots.Series("", [0, 1], [5, 5], [1, 2])], "x", "y"))
-  band = next(e for e in tree if e.get("class") == "band s0").get("points")
-  ys = [float(pair.split(",")[1]) for pair in band.split()]
-  assert (ys[2] - ys[1]) == pytest.approx(2 * (ys[3] - ys[0]), abs=0.3)
-
-
-def test_bad_curves():
-  with pytest.raises(ValueError, match="2 places, 1 values"):
-    plots.chart([plots.Series("a", [0, 1], [0])], "x", "y")
-  with pytest.raises(ValueError, match="every point is missing"):
-    plots.chart([plots.Series("a", [0, 1], [None, float("nan")])], "x", "y")
-  dot = plots.chart([plots.Series("a", [2], [7])], "x", "y")
-  assert dot.count("<circle") == 1
 
 
 @pytest.mark.skipif(not any(map(shutil.which, _BROWSERS)), reason="no Chromium here to open the page with")

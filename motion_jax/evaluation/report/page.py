@@ -12,9 +12,9 @@ import tempfile
 
 from PIL import Image
 
-from motion_jax import export
+from motion_jax import charts, export
 from motion_jax.data.clip import Caption
-from motion_jax.evaluation.report import plots, tables
+from motion_jax.evaluation.report import tables
 from motion_jax.runtime.atomic import atomic_path
 from motion_jax.training import checkpoint
 
@@ -286,15 +286,24 @@ def _curves(curves):
 
   A line called "real" is drawn as the level to reach.
   """
-  charts = {}
+  lines = {}
   for name, curve in (curves or {}).items():
     title, _, line = name.partition(", ")
-    charts.setdefault((title, curve["x_label"], curve["y_label"]), []).append(
-        plots.Series(line, curve["x"], curve["y"], curve.get("interval"), line == "real"))
-  figures = [f'<figure class="card"><figcaption>{_text(title)}</figcaption>{plots.legend(series)}'
-             f"{plots.chart(series, x_label, y_label, title)}</figure>"
-             for (title, x_label, y_label), series in charts.items()]
+    lines.setdefault((title, curve["x_label"], curve["y_label"]), []).append(
+        charts.Series(line, curve["x"], curve["y"], curve.get("interval"), line == "real"))
+  figures = [f'<figure class="card"><figcaption>{_text(title)}</figcaption>{_legend(series)}'
+             f"{charts.svg(series, x_label, y_label, title)}</figure>"
+             for (title, x_label, y_label), series in lines.items()]
   return f'<h3>Curves</h3><div class="charts">{"".join(figures)}</div>' if figures else ""
+
+
+def _legend(series):
+  """The names of several lines with their colours; nothing for a single nameless one."""
+  if len(series) < 2 or not any(one.name for one in series):
+    return ""
+  items = "".join(f'<li><svg viewBox="0 0 24 8" aria-hidden="true"><path class="line {kind}" d="M1 4H23"/></svg>'
+                  f"{_text(one.name)}</li>" for one, kind in zip(series, charts.kinds(series)))
+  return f'<ul class="legend">{items}</ul>'
 
 
 def _gallery(kind, entries, folder, pages, stem):
