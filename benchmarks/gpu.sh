@@ -1,0 +1,25 @@
+#!/usr/bin/env bash
+# Measures on an accelerator all that this project wants to know of it: benchmarks/gpu.sh [FOLDER [SECONDS [OPTIONS]]]
+# writes a file a piece and README.md in FOLDER, docs/benchmark/gpu/ and the device's name by default, and begins nothing
+# after SECONDS, 500 by default. The same command again measures what is still missing, and leaves what is there.
+# OPTIONS: those of benchmarks/accelerator.py, such as --only fss/M. Without an accelerator it refuses, unless --tiny is
+# given, which tries everything at tiny sizes on a CPU.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+export PYTHONPATH="$PWD${PYTHONPATH:+:$PYTHONPATH}"
+began=$SECONDS seconds=${2:-500} options=("${@:3}")
+name=$(python3 -c 'import jax; print(jax.default_backend(), jax.devices()[0].device_kind.replace(" ", "-").lower())')
+if [ "${name%% *}" = cpu ] && [[ " ${options[*]-} " != *" --tiny "* ]]; then
+  echo "jax sees no accelerator here: install a build for one (pip install 'motion-jax[cuda13]'), or try with --tiny" >&2
+  exit 2
+fi
+out=${1:-docs/benchmark/gpu/${name#* }}
+# A program that a piece has ended leaves that piece marked, and the rest is tried by a new one.
+while left=$((seconds - (SECONDS - began))) && [ "$left" -gt 0 ]; do
+  status=0
+  python3 benchmarks/accelerator.py "$out" --seconds "$left" ${options[@]+"${options[@]}"} || status=$?
+  if [ "$status" = 1 ] || [ "$status" = 2 ]; then exit "$status"; fi
+  if [ "$status" = 0 ] || [ "$status" = 75 ]; then break; fi
+done
+python3 benchmarks/accelerator.py "$out" --table
+echo "wrote $out/README.md"
