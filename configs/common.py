@@ -14,9 +14,10 @@ KIT_EVALUATED = ("kit", "64", "63")
 
 
 def experiment(stage, seed):
-  """A config that names its stage, and nothing else yet."""
+  """A config that names its stage, and how its step is mapped over the devices: `training.mesh`."""
   config = ml_collections.ConfigDict()
   config.stage, config.seed = stage, seed
+  config.mesh = dict(map="auto")
   return config
 
 

@@ -39,7 +39,7 @@ jaxtyping.install_import_hook(CHECKED, f"{tests.typechecker.__name__}.check")
 from motion_jax import fit as training  # noqa: E402
 from motion_jax.inputs import config_files  # noqa: E402
 from motion_jax.runtime import cache  # noqa: E402
-from motion_jax.training import optimizers, train_step  # noqa: E402
+from motion_jax.training import mesh, optimizers, train_step  # noqa: E402
 
 KEPT = 1_000_000_000  # bytes of compiled programs, of all versions of jax together; those unused for longest go first
 
@@ -100,8 +100,10 @@ def traced_step(config):
   tx = optimizers.make_optimizer(config.optimizer, config.train.num_steps)
   batch, rng = next_batch(0), jax.random.key(0)
   state = jax.eval_shape(lambda batch, rng: train_step.init_state(stage, tx, batch, rng), batch, rng)
-  step = train_step.make_train_step(stage, tx, config.optimizer.ema_decay, config.optimizer.get("skip_loss", 0.0))
-  after, metrics = jax.eval_shape(step, state, frozen or {}, train_step.shard(batch, jax.local_device_count()), rng)
+  own = mesh.make_mesh(config.mesh)
+  step = own.compiled(train_step.make_train_step(stage, tx, config.optimizer.ema_decay,
+                                                 config.optimizer.get("skip_loss", 0.0)))
+  after, metrics = jax.eval_shape(step, state, frozen or {}, own.rows(batch), rng)
   like = lambda tree: jax.tree.map(lambda leaf: (leaf.shape, leaf.dtype), tree)
   assert like(after) == like(state)
   assert metrics["loss"].shape == () and metrics["grad_norm"].shape == ()

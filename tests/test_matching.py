@@ -157,7 +157,7 @@ def test_each_network_is_clipped_alone():
 def test_the_best_weights_are_kept(tmp_path):
   """Also when a run is resumed: step 2 was the best of four."""
   def run(num_steps, resume):
-    config = ml_collections.ConfigDict(dict(seed=0, optimizer=dict(
+    config = ml_collections.ConfigDict(dict(seed=0, mesh=dict(map="auto"), optimizer=dict(
         learning_rate=0.1, schedule="constant", warmup_steps=0, beta1=0.9, beta2=0.9, weight_decay=0.0, clip_norm=0.0,
         ema_decay=0.0, skip_loss=0.0, rates={}),
         train=dict(num_steps=num_steps, log_every=1, save_every=1, best="min held_out_loss")))

@@ -16,7 +16,7 @@ import pytest
 from motion_jax import fit as training
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.stats import Stats, save_stats
-from motion_jax.training import checkpoint, optimizers, train_step
+from motion_jax.training import checkpoint, mesh, optimizers, train_step
 from motion_jax.training import loop as train
 from motion_jax.training.metrics import append_metrics, read_metrics
 from motion_jax.training.stage import Stage
@@ -47,6 +47,7 @@ def _next_batch(step):
 def _config(num_steps, **optimizer):
   config = ml_collections.ConfigDict()
   config.seed = 0
+  config.mesh = dict(map="auto")
   config.optimizer = dict(learning_rate=1e-2, schedule="constant", warmup_steps=1, cooldown_steps=0, beta1=0.9,
                           beta2=0.99, weight_decay=0.0, clip_norm=1.0, ema_decay=0.9, skip_loss=0.0, final_rate=0.0,
                           rates={}, clip_parts=()) | optimizer
@@ -63,6 +64,20 @@ def test_two_steps_and_two_more_are_four(tmp_path):
   train.train(_config(2), tmp_path / "parts", _stage(), _next_batch)
   parts = train.train(_config(4), tmp_path / "parts", _stage(), _next_batch, resume=True)
   assert _equal(whole, parts) and int(parts.step) == 4
+
+
+def test_a_run_without_an_average_has_no_copy_and_goes_on_where_one_was_saved(tmp_path):
+  """A run of a version that saved one with ema_decay 0 too."""
+  config = _config(4, ema_decay=0.0)
+  whole = train.train(config, tmp_path / "whole", _stage(), _next_batch)
+  assert whole.ema_params is None and _equal(checkpoint.load_params(tmp_path / "whole"), whole.params)
+  half = train.train(_config(2, ema_decay=0.0), tmp_path / "half", _stage(), _next_batch)
+  shutil.copytree(tmp_path / "half", tmp_path / "older", ignore=shutil.ignore_patterns("checkpoints"))
+  saver = checkpoint.Saver(tmp_path / "older")
+  saver.save(2, half.replace(ema_params=half.params))
+  saver.close()
+  for folder in ("half", "older"):
+    assert _equal(train.train(config, tmp_path / folder, _stage(), _next_batch, resume=True), whole), folder
 
 
 def test_a_run_folder_holds_averaged_parameters_metrics_and_a_curve(tmp_path):
@@ -82,13 +97,14 @@ def test_the_average_keeps_its_decay_of_what_was(decay):
   tx = optimizers.make_optimizer(_config(4).optimizer, 4)
   state = train_step.init_state(stage, tx, batch, jax.random.key(0))
   start = np.asarray(state.params["w"])
-  step = train_step.make_train_step(stage, tx, decay)
-  state, _ = step(state, {}, train_step.shard(batch, jax.local_device_count()), jax.random.key(1))
+  pmap = mesh.Pmap()
+  step = pmap.compiled(train_step.make_train_step(stage, tx, decay))
+  state, _ = step(state, {}, pmap.rows(batch), jax.random.key(1))
   once = np.asarray(state.params["w"])
   assert np.abs(once - start).min() > 1e-3
   np.testing.assert_allclose(state.ema_params["w"], decay * start + (1 - decay) * once, rtol=1e-5)
   average = np.asarray(state.ema_params["w"])
-  state, _ = step(state, {}, train_step.shard(_next_batch(1), jax.local_device_count()), jax.random.key(1))
+  state, _ = step(state, {}, pmap.rows(_next_batch(1)), jax.random.key(1))
   np.testing.assert_allclose(state.ema_params["w"], decay * average + (1 - decay) * np.asarray(state.params["w"]),
                              rtol=1e-5)
 
@@ -98,9 +114,10 @@ def test_every_step_has_noise_of_its_own():
   stage, batch = _stage(), _next_batch(0)
   tx = optimizers.make_optimizer(_config(4, learning_rate=0.0).optimizer, 4)
   state = train_step.init_state(stage, tx, batch, jax.random.key(0))
-  step, losses = train_step.make_train_step(stage, tx, 0.0), []
+  pmap = mesh.Pmap()
+  step, losses = pmap.compiled(train_step.make_train_step(stage, tx, 0.0)), []
   for _ in range(3):
-    state, metrics = step(state, {}, train_step.shard(batch, jax.local_device_count()), jax.random.key(1))
+    state, metrics = step(state, {}, pmap.rows(batch), jax.random.key(1))
     losses.append(float(metrics["loss"]))
   assert len(set(losses)) == 3 and np.ptp(losses) < 0.1 * losses[0]
 
@@ -320,7 +337,7 @@ def test_schedules(kind, expected):
 
 def drifting(folder, values, num_steps=None, resume=False, slices=None, best="min held_out_loss"):
   """Trains a number that grows by about 0.1 a step; `values` {step: held-out number}, saved at every second step."""
-  config = ml_collections.ConfigDict(dict(seed=0, optimizer=dict(
+  config = ml_collections.ConfigDict(dict(seed=0, mesh=dict(map="auto"), optimizer=dict(
       learning_rate=0.1, schedule="constant", warmup_steps=0, beta1=0.9, beta2=0.9, weight_decay=0.0, clip_norm=0.0,
       ema_decay=0.0, skip_loss=0.0, rates={}),
       train=dict(num_steps=num_steps or max(values), log_every=1, save_every=2, best=best)))

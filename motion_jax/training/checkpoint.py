@@ -32,7 +32,8 @@ class Saver:
     import orbax.checkpoint as ocp  # here: who only uses a model need not wait for it
     self._ocp = ocp
     options = ocp.CheckpointManagerOptions(max_to_keep=2, create=True)
-    self._manager = ocp.CheckpointManager(pathlib.Path(workdir).absolute() / "checkpoints", options=options)
+    self._manager = ocp.CheckpointManager(pathlib.Path(workdir).absolute() / "checkpoints", options=options,
+                                          item_handlers=ocp.StandardCheckpointHandler())
 
   @property
   def latest(self):
@@ -44,12 +45,17 @@ class Saver:
       self._manager.wait_until_finished()  # the state's buffers are donated to the next step
 
   def restore(self, like):
-    """The newest state, in the shapes and types of `like`."""
-    target = jax.tree.map(self._ocp.utils.to_shape_dtype_struct, _fields(like))
+    """The newest state, in the shapes and types of `like`; an average that `like` does without is left out."""
     folder = pathlib.Path(self._manager.directory) / str(self.latest)
     with reading(folder, "it is damaged, or of another network: remove it to go on from the state before it, or start "
                  "a new run"):
-      return like.replace(**self._manager.restore(self.latest, args=self._ocp.args.StandardRestore(target)))
+      fields = _fields(like)
+      # Runs of older versions hold an average also where the config asks for none.
+      unused = like.ema_params is None and "ema_params" in self._manager.item_metadata(self.latest).tree
+      target = jax.tree.map(self._ocp.utils.to_shape_dtype_struct,
+                            fields | ({"ema_params": like.params} if unused else {}))
+      found = self._manager.restore(self.latest, args=self._ocp.args.StandardRestore(target))
+      return like.replace(**{name: found[name] for name in fields})
 
   def close(self):
     self._manager.close()

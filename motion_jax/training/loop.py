@@ -5,17 +5,16 @@ import sys
 import time
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from tqdm import tqdm
 
 from motion_jax.runtime import stopping
 from motion_jax.training import checkpoint
+from motion_jax.training.mesh import make_mesh
 from motion_jax.training.metrics import append_metrics, draw_curve, read_metrics, trim_metrics
 from motion_jax.training.optimizers import make_optimizer
 from motion_jax.training.progress import Progress
-from motion_jax.training.stage import DEVICES
-from motion_jax.training.train_step import init_state, make_train_step, shard, variables_of
+from motion_jax.training.train_step import init_state, make_train_step, variables_of
 
 
 def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluate=None, max_seconds=None,
@@ -32,18 +31,15 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
   `evaluate` gives. A slice that ends between two saves chooses nothing, so that slices make no difference.
   """
   workdir = pathlib.Path(workdir)
-  devices = jax.local_device_count()
+  mesh = make_mesh(config.mesh)
   num_steps, optimizer = config.train.num_steps, config.optimizer
   tx = make_optimizer(optimizer, num_steps)
   rng = jax.random.key(config.seed)
   init_rng = jax.random.fold_in(rng, 2**31 - 1)  # no step folds in this number
   example = next_batch(0)
-  state = jax.jit(lambda batch, key: init_state(stage, tx, batch, key))(example, init_rng)
-  # Placed as the step places it, so that the step is compiled once and not again for its own output.
-  place = jax.pmap(lambda state, _: state, DEVICES, in_axes=(None, 0), out_axes=None)
-  state = place(state, np.zeros(devices))
-  saver = checkpoint.Saver(workdir)
   use_average = optimizer.ema_decay > 0
+  state = mesh.put(jax.jit(lambda batch, key: init_state(stage, tx, batch, key, use_average))(example, init_rng))
+  saver = checkpoint.Saver(workdir)
 
   def keep(state):
     checkpoint.save_params(workdir, variables_of(state, use_average))
@@ -53,14 +49,14 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
   if saver.latest is not None:
     if not resume:
       raise ValueError(f"{workdir} holds a run at step {saver.latest}; --resume continues it, or choose another folder")
-    state = place(saver.restore(state), np.zeros(devices))
+    state = mesh.put(saver.restore(state))
     if _is_best(config, workdir, saver.latest):  # the run may have ended between its checkpoint and this file
       keep(state)
   elif resume and not checkpoint.is_fresh(workdir):
     raise FileNotFoundError(f"{workdir} has no checkpoint to resume from; start without --resume in an empty folder")
   trim_metrics(workdir, int(state.step))
-  frozen = jax.tree.map(jnp.asarray, frozen or {})
-  train_step = make_train_step(stage, tx, optimizer.ema_decay, optimizer.skip_loss)
+  frozen = mesh.put(frozen or {})
+  train_step = mesh.compiled(make_train_step(stage, tx, optimizer.ema_decay, optimizer.skip_loss))
   start = began = time.time()
   first = int(state.step)
   numbers = {}
@@ -91,7 +87,7 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
   with contextlib.closing(progress), (stop or stopping.Stop()) as interrupt, bar:
     step = first
     while step < num_steps:
-      state, metrics = train_step(state, frozen, shard(next_batch(step), devices), rng)
+      state, metrics = train_step(state, frozen, mesh.rows(next_batch(step)), rng)
       step += 1
       logged.append(metrics)
       if line := progress.line(step, metrics):

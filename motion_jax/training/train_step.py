@@ -4,7 +4,6 @@ from typing import Any
 import flax
 import jax
 import jax.numpy as jnp
-import numpy as np
 import optax
 
 from motion_jax.training.stage import DEVICES
@@ -16,13 +15,14 @@ class TrainState:
   step: jax.Array
   params: Any
   opt_state: Any
-  ema_params: Any
+  ema_params: Any  # None where the config asks for no average
   extra: Any = None  # what changes without a gradient, of stages that have such (codebooks)
 
 
-def init_state(stage, tx, batch, rng):
+def init_state(stage, tx, batch, rng, average=True):
+  """The state before the first step; average: whether it holds an average of the parameters beside them."""
   params = stage.init(batch, rng)
-  copy = jax.tree.map(jnp.copy, params)  # donated buffers may not be shared
+  copy = jax.tree.map(jnp.copy, params) if average else None  # donated buffers may not be shared
   extra = stage.init_extra(batch, rng) if stage.init_extra else None
   return TrainState(jnp.zeros((), jnp.int32), params, tx.init(params), copy, extra)
 
@@ -33,12 +33,14 @@ def variables_of(state, average=False):
 
 
 def make_train_step(stage, tx, ema_decay, skip_loss=0.0):
-  """-> train_step(state, frozen, batch, rng) -> (state, metrics), pmapped over the first axis of the batch.
+  """-> train_step(state, frozen, batch, rng) -> (state, metrics), to be mapped over DEVICES (see `training.mesh`).
 
+  The batch has the rows of one device; state, frozen and rng are the same on all, and so is what comes out.
   skip_loss > 0 leaves the state as it was, but for the step count, when the loss is larger or not a number.
   """
 
-  def train_step(state, frozen, batch, rng):
+  def gradients(state, frozen, batch, rng):
+    """-> means over the batches of all devices: of the gradient and of the metrics, and the stage's extra state."""
     rng = jax.random.fold_in(rng, state.step)  # a resumed run replays the same noise
 
     def total(params):
@@ -51,24 +53,24 @@ def make_train_step(stage, tx, ema_decay, skip_loss=0.0):
     grads, (sums, weight, extra) = jax.grad(total, has_aux=True)(state.params)
     # Sum first, divide last: devices hold unequal numbers of real frames.
     grads, sums, weight = jax.lax.psum((grads, sums, weight), DEVICES)
-    grads, metrics = jax.tree.map(lambda s: s / weight, (grads, sums))
+    return *jax.tree.map(lambda s: s / weight, (grads, sums)), extra
+
+  def updated(state, grads, extra):
     updates, opt_state = tx.update(grads, state.opt_state, state.params)
     params = optax.apply_updates(state.params, updates)
-    ema_params = optax.incremental_update(params, state.ema_params, 1 - ema_decay)
+    ema_params = state.ema_params
+    if ema_params is not None:
+      ema_params = optax.incremental_update(params, ema_params, 1 - ema_decay)
+    return TrainState(state.step, params, opt_state, ema_params, extra)
+
+  def train_step(state, frozen, batch, rng):
+    grads, metrics, extra = gradients(state, frozen, batch, rng)
     metrics["grad_norm"] = optax.tree.norm(grads)
-    new = TrainState(state.step, params, opt_state, ema_params, extra)
+    new = updated(state, grads, extra)
     if skip_loss:
       good = (metrics["loss"] <= skip_loss) & jnp.isfinite(metrics["grad_norm"])
       new = jax.tree.map(lambda a, b: jnp.where(good, a, b), new, state)
       metrics["skipped"] = 1.0 - good
     return new.replace(step=state.step + 1), metrics
 
-  return jax.pmap(train_step, DEVICES, in_axes=(None, None, 0, None), out_axes=None, donate_argnums=0)
-
-
-def shard(batch, num_devices):
-  """Arrays (B, ...) to (num_devices, B / num_devices, ...)."""
-  size = len(batch["index"])
-  if size % num_devices:
-    raise ValueError(f"got batches of {size} on {num_devices} devices; data.batch_size must be a multiple of them")
-  return {k: np.reshape(v, (num_devices, size // num_devices) + np.shape(v)[1:]) for k, v in batch.items()}
+  return train_step
