@@ -65,7 +65,7 @@ def get_config(name="full"):
                      prior_levels=2, prior_drop_rate=0.7, prior_drop="batch", copies=4, diffusion="flow", ddpm_steps=50,
                      unit_latents=False)
   config.data = common.data(layout="coordinates", per_axis=False, batch_size=64, min_frames=40, max_frames=196,
-                            lengths=(196,), balance=0.0, vary_subject=0.0, max_words=77)
+                            lengths=(196,), balance=0.0, vary_subject=0.0, max_words=77, store="")
   # ema_decay 0 is the released code's of CDAMD; MARDM's is 0.9999.
   config.optimizer = common.optimizer(learning_rate=2e-4, schedule="cosine", final_rate=1e-6, boundaries=(), gamma=0.1,
                                       warmup_steps=2_000, beta2=0.99, weight_decay=1e-5, ema_decay=0.9999)

@@ -43,7 +43,7 @@ def get_config(size="full"):
   config.model = dict(latent_dim=64, width=512, depth=8, num_heads=4, ff_width=1024, block=3, text_dim=768)
   config.loss = dict(drop_rate=0.1, unit_latents=False, level_block=3, mean_latents=False)
   config.data = common.captioned_data(layout="full", batch_size=64, min_frames=40, max_frames=192, lengths=(192,),
-                                      max_words=64, balance=0.0, vary_subject=0.0)
+                                      max_words=64, balance=0.0, vary_subject=0.0, store="")
   if dataset:
     config.tokenizer.features, data = DATASETS[dataset]
     config.data.update(data)

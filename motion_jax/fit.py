@@ -55,6 +55,17 @@ def run(config, workdir, resume=False, max_seconds=None, stop=None):
   return state
 
 
+def encode(config, folder) -> str:
+  """Writes in a folder the store of what a config trains on, for data.store; returns what to tell of it."""
+  known = registry.stores()
+  if config.stage not in known:
+    raise ValueError(f"got stage {config.stage!r}, which trains on no latents that could be kept; expected one of "
+                     f"{', '.join(known)}")
+  config, told = resolve(config)
+  print(told or "data: being read", flush=True)
+  return known[config.stage](config, folder)
+
+
 def resolve(config):
   """(a copy of a config with all that training reads and its run folder records, what to tell of its data).
 

@@ -72,8 +72,20 @@ class VaeCodec(LatentCodec):
   def _distribution(self, features):
     return self.net.apply(self.params, features, method="encode")
 
+  def distribution(self, features):
+    """Mean and logarithm of the variance of the encoder's own latents, side by side (B, L, 2 C)."""
+    return jnp.concatenate(self._distribution(features), axis=-1)
+
+  def drawn(self, distribution, keys=None):
+    """Latents of what `distribution` gives: drawn by keys (B,), one per clip, or without keys the means."""
+    mean, logvar = jnp.split(distribution, 2, axis=-1)
+    return self.scale(mean if keys is None else self._of(mean, logvar, keys))
+
   def _draw(self, features, keys):
-    mean, logvar = self._distribution(features)
+    return self._of(*self._distribution(features), keys)
+
+  @staticmethod
+  def _of(mean, logvar, keys):
     noise = jax.vmap(lambda key: jax.random.normal(key, mean.shape[1:]))(keys)
     return sample_latent(mean, logvar, noise)
 

@@ -100,6 +100,7 @@ def open(name, stage=None, raw=False) -> Run:
     return Run(folder, upgrade(config), raw)
 
 
+_STORE = {"data.store": ""}
 _TEXT_ITEMS = {"data.unit": 4, "data.crop_frames": 0, "data.keep_long": False, "data.coin": 1 / 3}
 _EVALUATOR = {"frozen.text": "", "data.max_frames": 196,
               "model.columns": lambda config: get_layout(config["data"]["layout"]).dim}
@@ -112,15 +113,15 @@ _LEFT_OUT = {
     "cmdm.tokenizer": {"frozen.teacher": "", "frozen.evaluator": "", "teacher": {}, "taught_by": {},
                        "loss.adaptive_align": True, "loss.align_fall": 0.9, "loss.reconstruction": "gaussian",
                        "loss.distance_pairs": "window", "loss.last_layer": "convolution"},
-    "cmdm.denoiser": _TEXT_ITEMS | {
+    "cmdm.denoiser": _TEXT_ITEMS | _STORE | {
         "frozen.text_level": "words", "taught_by": {}, "loss.mean_latents": False,
         "loss.level_block": lambda config: config["model"].get("block", 3), "data.vary_subject": 0.0,
         "sampler.schedule": "fss",
         "sampler.solver": lambda config: "ancestral" if config["model"].get("predicts") == "ddpm" else "euler"},
     "cdamd.autoencoder": {"data.released_windows": False},
     "cdamd.rvq": {"data.released_windows": False, "quantizer.learn": "means"},
-    "cdamd.generator": {"frozen.text_level": "sentence", "frozen.length": "", "length": {}, "loss.mask_draw": "count",
-                        "data.vary_subject": 0.0, "sampler.edit_mask": "bcm"},
+    "cdamd.generator": _STORE | {"frozen.text_level": "sentence", "frozen.length": "", "length": {},
+                                 "loss.mask_draw": "count", "data.vary_subject": 0.0, "sampler.edit_mask": "bcm"},
     "cdamd.length": {"data.vary_subject": 0.0},
     "evaluator.movement": {},
     "evaluator.matching": _CAPTIONED_EVALUATOR | {"frozen.glove": ""},

@@ -1,4 +1,7 @@
-"""motion-jax data: training data made and checked."""
+"""motion-jax data: training data made, encoded and checked."""
+import pathlib
+
+from motion_jax.cli import shared
 from motion_jax.inputs.numerals import FRAME_RATES, real
 
 
@@ -19,6 +22,13 @@ def add_to(commands):
   build.add_argument("--no-mirror", action="store_true", help="leave mirrored copies out")
   build.add_argument("--overwrite", action="store_true", help="replace the folder if it is there already")
   build.set_defaults(run=_build)
+  encode = data.add_parser("encode", help="latents and words of training data, made once and kept",
+                           description="Writes a store of what a config trains on: the latents of every cut that may "
+                           "be drawn and the features of every caption. Training that names it, "
+                           "--config.data.store=FOLDER, does not run these encoders.")
+  shared.add_config(encode)
+  encode.add_argument("--out", required=True, metavar="FOLDER", help="the store, a folder to write")
+  encode.set_defaults(run=_encode)
   doctor = data.add_parser("doctor", help="what is wrong with a data folder, and what to do")
   doctor.add_argument("folder", help="a data folder of any data set that is known")
   doctor.set_defaults(run=_doctor)
@@ -32,8 +42,21 @@ def _build(args):
   print(f"check it: motion-jax data doctor {args.out}")
 
 
+def _encode(args):
+  config = shared.config_of(args)
+  from motion_jax import fit
+  shared.cache_compiled_code()
+  print(fit.encode(config, args.out))
+  print(f"train on it: motion-jax train --config {args.config} ... --config.data.store={args.out}")
+
+
 def _doctor(args):
-  from motion_jax.data import doctor
+  from motion_jax.data import doctor, store
+  if (pathlib.Path(args.folder) / store.ABOUT).is_file():
+    damaged = store.Store(args.folder).damage()
+    print(f"{args.folder}: a store of latents and words; "
+          + (f"damaged: {', '.join(damaged)}: make it again by motion-jax data encode" if damaged else "whole"))
+    return 1 if damaged else 0
   report = doctor.examine(args.folder)
   print(doctor.format_report(report))
   return 0 if report.ok else 1

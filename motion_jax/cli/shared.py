@@ -32,6 +32,28 @@ def cache_compiled_code():
   cache.keep_in_user_cache()
 
 
+def add_config(parser):
+  """The flags that name a training config and its data, and --config.FIELD=VALUE."""
+  parser.add_argument("--config", required=True, metavar="NAME[:SIZE]", help="the experiment, such as "
+                      "cmdm_denoiser:tiny: one that ships, or a Python file with get_config(size)")
+  parser.add_argument("--data", nargs="+", metavar="DIR", help="data folder, or several that are read together; short "
+                      "for --config.data.folder")
+  parser.set_defaults(overrides=[])
+
+
+def config_of(args):
+  """The config that the flags of `add_config` name."""
+  from motion_jax.inputs import config_files, overrides
+  config = config_files.load(args.config)
+  if args.data:
+    if overrides.names_any(args.overrides, "data.folder", "data.folders"):
+      raise InputError("got --data and --config.data.folder; give one of them")
+    with config.unlocked():
+      one = len(args.data) == 1
+      config.data.update(folder=args.data[0] if one else "", folders=() if one else tuple(args.data))
+  return overrides.applied(args.overrides, config)
+
+
 def import_ahead(*names):
   """Imports modules beside what else is going on; who needs one before it is there waits for it as ever."""
   threading.Thread(target=lambda: [importlib.import_module(name) for name in names], daemon=True).start()

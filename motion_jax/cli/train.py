@@ -4,7 +4,6 @@ import pathlib
 
 from motion_jax.cli import shared
 from motion_jax.inputs import config_files
-from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.numerals import real
 
 
@@ -17,11 +16,8 @@ def add_to(commands):
       epilog=f"Configs that ship: {', '.join(config_files.names())}. Sizes: tiny (two steps, seconds), mini, laptop, "
              "small, and without one the paper's; docs/configs.md has them all.")
   add = train.add_argument
-  add("--config", required=True, metavar="NAME[:SIZE]",
-      help="the experiment, such as cmdm_denoiser:tiny: one that ships, or a Python file with get_config(size)")
+  shared.add_config(train)
   add("--workdir", required=True, metavar="FOLDER", help="run folder: made if need be; holds all that loading needs")
-  add("--data", nargs="+", metavar="DIR",
-      help="data folder, or several that are read together; short for --config.data.folder")
   add("--resume", action=argparse.BooleanOptionalAction, default=False,
       help="go on with the run in the folder, exactly where it stopped")
   add("--max-seconds", type=real(above=0, high=1e9, unit="seconds"), metavar="S",
@@ -33,15 +29,7 @@ def add_to(commands):
 
 
 def _train(args):
-  from motion_jax.inputs import overrides
-  config = config_files.load(args.config)
-  if args.data:
-    if overrides.names_any(args.overrides, "data.folder", "data.folders"):
-      raise InputError("got --data and --config.data.folder; give one of them")
-    with config.unlocked():
-      one = len(args.data) == 1
-      config.data.update(folder=args.data[0] if one else "", folders=() if one else tuple(args.data))
-  config = overrides.applied(args.overrides, config)
+  config = shared.config_of(args)
 
   from absl import logging
 

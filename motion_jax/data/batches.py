@@ -2,6 +2,7 @@
 import dataclasses
 import functools
 import warnings
+from typing import NamedTuple
 
 import numpy as np
 
@@ -80,6 +81,15 @@ class Windows:
             "index": np.arange(batch_size)}
 
 
+class Draw(NamedTuple):
+  """A batch as it is drawn: clips (B,), their first frames (B,) and frames (B,), a caption each, the padded length."""
+  clip: np.ndarray
+  start: np.ndarray
+  num_frames: np.ndarray
+  captions: list[str]
+  length: int
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class TextItems:
   """Clips with captions, for the generators (docs/papers/cmdm.md#items, docs/papers/cdamd.md#items).
@@ -124,8 +134,8 @@ class TextItems:
   def __len__(self):
     return len(self.kept)
 
-  def batch(self, batch_size, seed, step):
-    """-> features (B, T, F) zero-padded, num_frames (B,), caption (list of B), index (B,)."""
+  def draw(self, batch_size, seed, step):
+    """Which cuts of which clips make a batch, and which of their captions."""
     rng = step_rng(seed, 1, step)
     if self.weights is None and len(self.lengths) == 1:
       chosen = self.kept[epoch_indices(len(self), batch_size, seed, step)]
@@ -137,18 +147,34 @@ class TextItems:
       inside = np.flatnonzero(self.bucket_of == bucket)
       p = weights[inside] / weights[inside].sum()
       chosen, length = self.kept[rng.choice(inside, batch_size, p=p)], self.lengths[bucket]
-    out = np.zeros((batch_size, length, self.features[0].shape[-1]), np.float32)
-    num_frames, captions = np.zeros(batch_size, np.int32), []
-    for row, i in enumerate(chosen):
-      clip = self.features[i]
+    starts, num_frames, captions = [], [], []
+    for i in chosen:
+      frames = len(self.features[i])
       # Parity: one time in three a unit less than the clip holds, then a random place in the clip.
-      count = len(clip) // self.unit - (rng.random() < self.coin)
-      count = min(max(count, 1) * self.unit, self.longest)
-      start = rng.integers(len(clip) - count + 1)
-      out[row, :count] = clip[start:start + count]
-      num_frames[row] = count
+      count = self._frames(frames, rng.random() < self.coin)
+      starts.append(rng.integers(frames - count + 1))
+      num_frames.append(count)
       captions.append(self.captions[i][rng.integers(len(self.captions[i]))])
-    return {"features": out, "num_frames": num_frames, "caption": captions, "index": np.arange(batch_size)}
+    return Draw(chosen, np.array(starts), np.array(num_frames, np.int32), captions, length)
+
+  def _frames(self, frames, less):
+    return min(max(frames // self.unit - less, 1) * self.unit, self.longest)
+
+  def cuts(self):
+    """All cuts that may be drawn: (clip, start, count, padded length) of each."""
+    for i, bucket in zip(self.kept, self.bucket_of):
+      frames = len(self.features[i])
+      counts = {self._frames(frames, less) for less, rate in ((0, 1 - self.coin), (1, self.coin)) if rate}
+      for count in sorted(counts, reverse=True):
+        yield from ((int(i), start, count, self.lengths[bucket]) for start in range(frames - count + 1))
+
+  def batch(self, batch_size, seed, step):
+    """-> features (B, T, F) zero-padded, num_frames (B,), caption (list of B), index (B,)."""
+    drawn = self.draw(batch_size, seed, step)
+    out = np.zeros((batch_size, drawn.length, self.features[0].shape[-1]), np.float32)
+    for row, i, start, count in zip(out, drawn.clip, drawn.start, drawn.num_frames):
+      row[:count] = self.features[i][start:start + count]
+    return {"features": out, "num_frames": drawn.num_frames, "caption": drawn.captions, "index": np.arange(batch_size)}
 
 
 def balance_weights(groups, power):

@@ -18,6 +18,12 @@ def vary_subject(caption, rng, rate):
   return f"{SUBJECTS[place]} {caption[found.end():]}"
 
 
+def with_subjects(caption):
+  """All captions that `vary_subject` may make of one, itself first."""
+  found = _KNOWN.match(caption)
+  return [caption] + ([f"{subject} {caption[found.end():]}" for subject in SUBJECTS] if found else [])
+
+
 def meanings(captions):
   """{sentence: number} for lists of sentences, one list per clip: sentences that clips link carry the same number.
 

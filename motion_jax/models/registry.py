@@ -2,6 +2,7 @@
 
   setup.py     SETUPS {stage: function(config) -> TrainingSetup}, and RESOLVED {stage: function(config) -> {field:
                value}}, what a config takes over from the runs of its frozen parts; it may be empty
+               Where latents can be made once and kept, STORES {stage: function(config, folder) -> str}
   model.py     MODELS {stage: class}, subclasses of `models.base.TextToMotionModel` that runs of these stages become
   options.py   OPTIONS, its `SamplingOptions`, in a file that imports no jax: the command line reads it for --help
 
@@ -35,6 +36,11 @@ def setups() -> dict:
 def resolved() -> dict:
   """{stage: function(config) -> {field: value}} of all methods: what configs take over from runs that they name."""
   return {stage: fields for method in METHODS for stage, fields in _of(method, "setup").RESOLVED.items()}
+
+
+def stores() -> dict:
+  """{stage: function(config, folder) -> what to tell} of all methods: what `motion-jax data encode` calls."""
+  return {stage: make for method in METHODS for stage, make in getattr(_of(method, "setup"), "STORES", {}).items()}
 
 
 def options() -> dict:

@@ -45,7 +45,7 @@ class TextEncoder:
     self.known_words = frozenset(known_words)
     self._sentence, self._truncates = parts.sentence, parts.truncates
     self._num_special = self.tokenizer.num_special_tokens_to_add(is_pair=False)
-    self._cache = {}
+    self._cache, self._kept = {}, lambda sentence: None
     if level == "sentence":
       self.fingerprint = hashlib.sha256(f"{parts.fingerprint} {level}".encode()).hexdigest()
       if self._sentence.projection is not None:
@@ -182,6 +182,9 @@ class TextEncoder:
       raise InputError(f"got a caption of type {type(sentence).__name__}, expected a string")
     if sentence in self._cache:
       return self._cache[sentence]
+    kept = self._kept(sentence)
+    if kept is not None:
+      return kept
     ids = self._ids(sentence)
     # One caption at a time, in lengths of 8: few compilations, and a caption never feels its batch-mates.
     padded = min(-(-len(ids) // 8) * 8, self.model.max_positions)
@@ -191,6 +194,20 @@ class TextEncoder:
       self._cache.pop(next(iter(self._cache)))
     self._cache[sentence] = hidden
     return hidden
+
+  def recall(self, kept):
+    """From now on takes features from kept(sentence), (S, D) or None where it has none, before making them itself."""
+    self._kept = kept
+
+  def in_batches(self, sentences, size=32):
+    """Yields (sentence, features (S, D)) of many different captions, the short ones first; not in the given order."""
+    encodings = sorted(((self._ids(sentence), sentence) for sentence in sentences), key=lambda one: len(one[0]))
+    for at in range(0, len(encodings), size):
+      some = encodings[at:at + size]
+      filled = [ids for ids, _ in some] + [some[-1][0]] * (size - len(some))
+      padded = min(-(-len(filled[-1]) // 8) * 8, self.model.max_positions)
+      made = np.asarray(_hidden(self.model, self.params, *_pad(filled, padded)))
+      yield from ((sentence, rows[:len(ids)]) for (ids, sentence), rows in zip(some, made))
 
   def _ids(self, sentence):
     """The word pieces of a caption, special ones included."""

@@ -42,8 +42,9 @@ def untrained(shapes, seed=0):
 
 
 def plain(value):
-  if isinstance(value, dict):  # less what may change: where the data lies, and when a prolonged run cools down
-    return {k: plain(v) for k, v in value.items() if k not in ("folder", "folders", "cooldown_steps")}
+  # Less what may change: where the data and their store lie, and when a prolonged run cools down.
+  if isinstance(value, dict):
+    return {k: plain(v) for k, v in value.items() if k not in ("folder", "folders", "store", "cooldown_steps")}
   return [plain(v) for v in value] if isinstance(value, list | tuple) else value
 
 

@@ -1,9 +1,11 @@
 """Training set-ups of CDAMD: how its two autoencoders and its generator are trained."""
+import functools
+
 import jax
 import numpy as np
 
 from motion_jax import runs
-from motion_jax.data import batches, sources
+from motion_jax.data import batches, sources, store
 from motion_jax.data.captions import vary_subject
 from motion_jax.latents import AutoencoderCodec, RvqCodec
 from motion_jax.models import cdamd
@@ -11,9 +13,10 @@ from motion_jax.models.cdamd import length as lengths
 from motion_jax.motion import stats as stats_lib
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.length_estimator import LengthEstimator
+from motion_jax.nets.masks import padding_mask
 from motion_jax.quant import vq
 from motion_jax.text.encoder import load_text_encoder
-from motion_jax.training import checkpoint
+from motion_jax.training import checkpoint, encoding
 from motion_jax.training.setup import (
   TrainingSetup,
   caption_lengths,
@@ -75,8 +78,8 @@ def _reconstruction(config, stats, reconstruct):
   return evaluate
 
 
-def generator(config) -> TrainingSetup:
-  """The masked transformer and its diffusion head, on latents of a trained autoencoder, with codes of a trained RVQ."""
+def _generator_parts(config):
+  """(data, text encoder, codec, frozen parts) of a generator's config."""
   _check_fields(config)
   net, tokenizer, stats = load_frozen(config.frozen.tokenizer, config.tokenizer, "cdamd.autoencoder", config)
   codec, frozen = AutoencoderCodec(net, tokenizer), {}
@@ -97,9 +100,16 @@ def generator(config) -> TrainingSetup:
   if encoder.dim != config.model.transformer.text_dim:
     raise ValueError(f"text encoder {config.frozen.text!r} gives {encoder.dim} numbers a sentence, the model takes "
                      f"model.transformer.text_dim = {config.model.transformer.text_dim}; make them agree")
+  return data, encoder, codec, frozen
+
+
+def generator(config) -> TrainingSetup:
+  """The masked transformer and its diffusion head, on latents of a trained autoencoder, with codes of a trained RVQ."""
+  data, encoder, codec, frozen = _generator_parts(config)
+  encoders = dict(frozen)
   if config.frozen.length:
     frozen["length"] = load_length(config.frozen.length, encoder)
-  batch_of = _captioned(config, data, encoder)
+  batch_of = _captioned(config, data, encoder, encoders if config.data.store else None)
   stage = cdamd.generator_stage(config)
   files = {checkpoint.LENGTHS: caption_lengths(data), checkpoint.TEXT: text_identity(encoder)}
   evaluate = _held_out_loss(config, stage, frozen, data.stats, encoder)
@@ -124,15 +134,29 @@ def _check_fields(config):
                      f"transformer knows {transformer.num_levels}; take fewer")
 
 
-def _captioned(config, data, encoder):
-  """next_batch(step) of padded clips with the sentence vectors of their captions, or these and their words."""
-  encoder.check(caption for captions in data.captions for caption in captions)
+def _items(config, data):
   weights = batches.balance_weights(data.groups, config.data.balance) if config.data.balance else None
-  items = batches.TextItems(data.features, data.captions, config.data.min_frames, config.data.max_frames,
-                            tuple(config.data.lengths), weights=weights)
+  return batches.TextItems(data.features, data.captions, config.data.min_frames, config.data.max_frames,
+                           tuple(config.data.lengths), weights=weights)
+
+
+def _captioned(config, data, encoder, encoders=None):
+  """next_batch(step) of padded clips with the sentence vectors of their captions, or these and their words.
+
+  encoders: the parameters by which the store config.data.store was made, whose latents then take the features' place.
+  """
+  encoder.check(caption for captions in data.captions for caption in captions)
+  items = _items(config, data)
+  draw = items.batch
+  if encoders is not None:
+    kept = store.Store(config.data.store)
+    kept.demand(encoding.identity(encoders, items, encoder))
+    encoder.recall(kept.words)
+    tables = ("latents", "codes") if config.loss.prior_levels else ("latents",)
+    draw = functools.partial(store.stored_batch, kept, items, tables, latents_look_back=False)
 
   def next_batch(step):
-    batch = items.batch(min(config.data.batch_size, len(items)), config.seed, step)
+    batch = draw(min(config.data.batch_size, len(items)), config.seed, step)
     rng = batches.step_rng(config.seed, 2, step)
     said = [vary_subject(caption, rng, config.data.vary_subject) for caption in batch.pop("caption")]
     if encoder.level == "sentence":
@@ -141,6 +165,23 @@ def _captioned(config, data, encoder):
     return batch | {"text_emb": text_emb, "text_mask": text_mask}
 
   return next_batch
+
+
+def encode_generator(config, folder) -> str:
+  """Writes the store of a generator's data: latents, and codes where its loss has a prior; returns what to tell."""
+  data, encoder, codec, frozen = _generator_parts(config)
+  net, prior = codec.net, Autoencoder(**plain(config.prior.to_dict()))
+  levels = config.quantizer.num_levels
+
+  def encode(frozen, x, num_frames):
+    real_mask = padding_mask(num_frames // net.frames_per_latent, x.shape[1] // net.frames_per_latent)
+    made = {"latents": AutoencoderCodec.of(net, frozen).encode(x, real_mask)}
+    if "prior" in frozen:
+      made["codes"] = RvqCodec(prior, frozen["prior"]).encode(x, codec.real_frames(real_mask))[0][..., :levels]
+    return made
+
+  return encoding.write(folder, frozen, _items(config, data), encoder, encode, config.data.vary_subject > 0,
+                        latents_look_back=False)
 
 
 def _held_out_loss(config, stage, frozen, stats, encoder, num_batches=4):
@@ -218,4 +259,5 @@ def load_length(folder, encoder):
 
 
 RESOLVED = {"cdamd.generator": generator_fields}
+STORES = {"cdamd.generator": encode_generator}
 SETUPS = {"cdamd.autoencoder": autoencoder, "cdamd.rvq": rvq, "cdamd.generator": generator, "cdamd.length": length}

@@ -161,16 +161,22 @@ def prior_codes(prior, features, real_mask, num_levels):
 def generator_stage(config) -> Stage:
   """Trains the masked transformer and its diffusion head on latents of the frozen autoencoder.
 
-  Batch: features (B, T, F) padded, num_frames (B,), text_emb (B, S, E), of which the first is the whole caption's,
-  text_mask (B, S) if S > 1, index (B,) place in the whole batch. frozen:
+  Batch: features (B, T, F) padded or, of a store, latents (B, L, C) and codes (B, L, Q); num_frames (B,), text_emb
+  (B, S, E), of which the first is the whole caption's, text_mask (B, S) if S > 1, index (B,) place in the whole batch.
+  frozen:
   the parts of the autoencoder's codec and, if loss.prior_levels, prior: the RVQ-VAE's variables.
   """
   autoencoder, net = Autoencoder(**config.tokenizer), make_generator(config.model)
   rvq_net = Autoencoder(**config.prior) if config.loss.prior_levels else None
 
   def inputs(frozen, batch):
-    length = batch["features"].shape[1] // autoencoder.frames_per_latent
+    stored = "latents" in batch
+    length = batch["latents"].shape[1] if stored else batch["features"].shape[1] // autoencoder.frames_per_latent
     real_mask = padding_mask(batch["num_frames"] // autoencoder.frames_per_latent, length)
+    if stored:
+      codes = batch["codes"][..., :config.loss.prior_levels] if config.loss.prior_levels else None
+      codes = codes[..., 0] if config.loss.prior_levels == 1 else codes
+      return batch["latents"], real_mask, batch["text_emb"], codes, batch.get("text_mask")
     codec, codes = AutoencoderCodec.of(autoencoder, frozen), None
     if rvq_net:
       prior = RvqCodec(rvq_net, frozen["prior"])

@@ -1,10 +1,12 @@
 """Training set-ups of CMDM: how its teacher, its tokenizer and its denoiser are trained."""
 
+import functools
+
 import jax
 import numpy as np
 
 from motion_jax import runs
-from motion_jax.data import batches, sources
+from motion_jax.data import batches, sources, store
 from motion_jax.data.captions import vary_subject
 from motion_jax.evaluators.validation import reconstruction_fid
 from motion_jax.latents import TOKENIZER, VaeCodec
@@ -19,7 +21,7 @@ from motion_jax.nets.causal_vae import CausalVAE, sample_latent
 from motion_jax.text import bert
 from motion_jax.text.bert import bert_fields_of
 from motion_jax.text.encoder import load_text_encoder
-from motion_jax.training import checkpoint
+from motion_jax.training import checkpoint, encoding
 from motion_jax.training.setup import (
   TrainingSetup,
   caption_lengths,
@@ -119,7 +121,8 @@ def denoiser_fields(config) -> dict:
   return {"taught_by": taught.to_dict()} if taught else {}
 
 
-def denoiser(config) -> TrainingSetup:
+def _denoiser_parts(config):
+  """(data, their cuts with captions, text encoder, codec) of a denoiser's config."""
   folder = config.frozen.tokenizer
   vae, params, stats = load_tokenizer(folder, config)
   data = sources.load_features(config.data, stats=stats)
@@ -131,20 +134,38 @@ def denoiser(config) -> TrainingSetup:
                             tuple(config.data.lengths), weights=weights, **rules)
   encoder = load_text_encoder(config.frozen.text, level=config.frozen.text_level)
   encoder.check(caption for captions in data.captions for caption in captions)
-  words = config.data.max_words
+  codec = VaeCodec(vae, params)
+  codec = codec.fitted(data.features) if config.loss.unit_latents else codec.unscaled()
+  return data, items, encoder, codec
+
+
+def denoiser(config) -> TrainingSetup:
+  data, items, encoder, codec = _denoiser_parts(config)
+  words, draw = config.data.max_words, items.batch
+  if config.data.store:
+    kept = store.Store(config.data.store)
+    kept.demand(encoding.identity(codec.parts, items, encoder))
+    encoder.recall(kept.words)
+    draw = functools.partial(store.stored_batch, kept, items, ("distribution",), latents_look_back=codec.net.causal)
 
   def next_batch(step):
-    batch = items.batch(config.data.batch_size, config.seed, step)
+    batch = draw(config.data.batch_size, config.seed, step)
     rng = batches.step_rng(config.seed, 2, step)
     said = [vary_subject(caption, rng, config.data.vary_subject) for caption in batch.pop("caption")]
     # Parity: the reference cuts no caption. Batches with long ones are padded further, to one of a few widths.
     batch["text_emb"], batch["text_mask"] = encoder(said, at_least=words)
     return batch
 
-  codec = VaeCodec(vae, params)
-  codec = codec.fitted(data.features) if config.loss.unit_latents else codec.unscaled()
   files = {checkpoint.LENGTHS: caption_lengths(data), checkpoint.TEXT: text_identity(encoder)}
   return TrainingSetup(cmdm.denoiser_stage(config), next_batch, codec.parts, None, data.stats, files)
+
+
+def encode_denoiser(config, folder) -> str:
+  """Writes the store of a denoiser's data; returns what to tell of it."""
+  _, items, encoder, codec = _denoiser_parts(config)
+  encode = lambda parts, x, num_frames: {"distribution": VaeCodec.of(codec.net, parts).distribution(x)}
+  return encoding.write(folder, codec.parts, items, encoder, encode, config.data.vary_subject > 0,
+                        latents_look_back=codec.net.causal)
 
 
 def load_tokenizer(folder, config):
@@ -213,4 +234,5 @@ def teacher(config) -> TrainingSetup:
 
 
 RESOLVED = {"cmdm.teacher": teacher_fields, "cmdm.tokenizer": tokenizer_fields, "cmdm.denoiser": denoiser_fields}
+STORES = {"cmdm.denoiser": encode_denoiser}
 SETUPS = {"cmdm.teacher": teacher, "cmdm.tokenizer": tokenizer, "cmdm.denoiser": denoiser}

@@ -70,7 +70,8 @@ def tokenizer_stage(config) -> Stage:
 def denoiser_stage(config) -> Stage:
   """Trains the causal diffusion transformer by diffusion forcing on latents of the frozen tokenizer.
 
-  Batch: features (B, T, F), num_frames (B,), text_emb (B, S, E), text_mask (B, S), index (B,) place in the whole batch.
+  Batch: features (B, T, F) or, of a store, distribution (B, L, 2 C) of their latents; num_frames (B,), text_emb
+  (B, S, E), text_mask (B, S), index (B,) place in the whole batch.
   """
   vae = CausalVAE(**config.tokenizer)
   dit = CausalDiT(**config.model)
@@ -81,10 +82,10 @@ def denoiser_stage(config) -> Stage:
     encode_rng, level_rng, noise_rng, drop_rng = jax.random.split(rng, 4)
     keys = lambda key: jax.vmap(lambda i: jax.random.fold_in(key, i))(batch["index"])
     codec = VaeCodec.of(vae, frozen)
-    if config.loss.mean_latents:  # Parity: the paper's algorithm 1 says E(x), the code draws
-      z1 = codec.encode(batch["features"])
-    else:  # Parity: not scaled in the released code, where the codec's mean is 0 and its std 1
-      z1 = codec.sample(batch["features"], keys(encode_rng))
+    known = batch["distribution"] if "distribution" in batch else codec.distribution(batch["features"])
+    # Parity: the paper's algorithm 1 says E(x), the code draws. Not scaled in the released code, where the codec's mean
+    # is 0 and its std 1.
+    z1 = codec.drawn(known, None if config.loss.mean_latents else keys(encode_rng))
     latent_mask = padding_mask(batch["num_frames"] // vae.frames_per_latent, z1.shape[1])
     z1 = jnp.where(latent_mask[..., None], z1, 0.0)
     # Parity: the code draws one time per block of 3 latents, the paper one per latent; level_block says which.
@@ -98,7 +99,8 @@ def denoiser_stage(config) -> Stage:
     return z1, latent_mask, t, noise, text_emb
 
   def init(batch, rng):
-    length = batch["features"].shape[1] // vae.frames_per_latent
+    length = (batch["distribution"].shape[1] if "distribution" in batch else
+              batch["features"].shape[1] // vae.frames_per_latent)
     x = jnp.zeros((1, length, vae.latent_dim))
     return dit.init(rng, x, jnp.zeros((1, length)), batch["text_emb"][:1], block_causal_mask(length, block),
                     batch["text_mask"][:1])

@@ -1,0 +1,158 @@
+"""A store: what frozen networks make of training data, computed once and kept on disk.
+
+`motion-jax data encode` writes one: the latents (and codes) of every cut that training may draw of a clip, and the
+features of every caption. A training run that names it in data.store reads rows instead of running the encoders in
+every step. A store is a folder of plain files:
+
+  store.json       what it was made from, and each table's shape and sha256 sum
+  NAME.rows        numbers, a row after the other, as they lie in memory
+  NAME.ends.npy    (N,) where the rows of each entry end
+  cuts.npy         (N, 3) of each entry of the tables of cuts: the clip's number, its first frame, its frames
+  captions.json    the captions whose features the table "words" holds
+
+It is good for one data set, tokenizer and text encoder only: `Store.demand` refuses any other by their digests.
+"""
+import contextlib
+import hashlib
+import json
+import pathlib
+
+import jax
+import numpy as np
+
+from motion_jax.inputs.errors import InputError, reading
+from motion_jax.inputs.input_files import load_npy, read_json
+from motion_jax.runtime.atomic import atomic_folder
+
+ABOUT, CUTS, CAPTIONS, WORDS = "store.json", "cuts.npy", "captions.json", "words"
+_ADVICE = "make the store again by motion-jax data encode"
+
+
+class Writer:
+  """Writes a store's tables row by row; `with writing(folder) as writer` makes the folder whole or not at all."""
+
+  def __init__(self, folder):
+    self.folder, self._files, self._ends, self._about, self._sums = folder, {}, {}, {}, {}
+
+  def add(self, table, rows):
+    """One entry of a table: rows (L, C), of the same C and type for all entries of it."""
+    rows = np.ascontiguousarray(rows)
+    about = dict(columns=rows.shape[1], dtype=str(rows.dtype))
+    if self._about.setdefault(table, about) != about:
+      raise ValueError(f"got rows of {about} for the table {table!r} of {self._about[table]}")
+    if table not in self._files:
+      self._files[table], self._ends[table] = open(self.folder / f"{table}.rows", "wb"), [0]
+      self._sums[table] = hashlib.sha256()
+    content = rows.tobytes()
+    self._files[table].write(content)
+    self._sums[table].update(content)
+    self._ends[table].append(self._ends[table][-1] + len(rows))
+
+  def close(self, identity, cuts, captions):
+    """identity: {part: digest}; cuts (N, 3) of the entries of each table of cuts; captions of those of "words"."""
+    for table, file in self._files.items():
+      file.close()
+      np.save(self.folder / f"{table}.ends.npy", np.array(self._ends[table][1:], np.int64))
+      self._about[table] |= dict(rows=self._ends[table][-1], sha256=self._sums[table].hexdigest())
+    np.save(self.folder / CUTS, np.asarray(cuts, np.int64).reshape(-1, 3))
+    (self.folder / CAPTIONS).write_text(json.dumps(list(captions), ensure_ascii=False))
+    (self.folder / ABOUT).write_text(json.dumps(dict(format=1, identity=identity, tables=self._about), indent=1) + "\n")
+
+
+@contextlib.contextmanager
+def writing(folder):
+  """Yields a Writer whose folder takes its place when the block ends well. Raises ValueError if there is one already.
+  """
+  folder = pathlib.Path(folder)
+  if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+    raise InputError(f"{folder} is there already; remove it, or choose another folder")
+  with atomic_folder(folder) as temporary:
+    yield Writer(temporary)
+
+
+class Store:
+  """A store that was written; its tables are mapped into memory, and read where they are asked for."""
+
+  def __init__(self, folder):
+    self.folder = folder = pathlib.Path(folder)
+    if not (folder / ABOUT).is_file():
+      raise FileNotFoundError(f"{folder} has no {ABOUT}: it is no store; motion-jax data encode makes one")
+    about = read_json(folder / ABOUT, dict, advice=_ADVICE)
+    with reading(folder / ABOUT, _ADVICE):
+      if about["format"] != 1:
+        raise InputError(f"{folder} is a store of format {about['format']!r}, expected 1; {_ADVICE}")
+      self.identity, self._tables = dict(about["identity"]), dict(about["tables"])
+      self._rows = {name: self._mapped(name, table) for name, table in self._tables.items()}
+    self._ends = {name: load_npy(folder / f"{name}.ends.npy") for name in self._tables}
+    self.captions = {caption: i for i, caption in enumerate(read_json(folder / CAPTIONS, list, advice=_ADVICE))}
+    cuts = load_npy(folder / CUTS)
+    self._cuts = {key: i for i, key in enumerate(map(tuple, cuts.tolist()))}
+    self._longest = {}  # {(clip, start): the entry of the most frames}
+    for i, (clip, start, count) in enumerate(cuts.tolist()):
+      known = self._longest.get((clip, start))
+      if known is None or cuts[known, 2] < count:
+        self._longest[clip, start] = i
+
+  def _mapped(self, name, table):
+    path, shape = self.folder / f"{name}.rows", (int(table["rows"]), int(table["columns"]))
+    dtype = np.dtype(table["dtype"])
+    if not path.is_file() or path.stat().st_size != shape[0] * shape[1] * dtype.itemsize:
+      raise InputError(f"{path} is missing or cut short: expected {shape[0]} rows of {shape[1]} {dtype}; {_ADVICE}")
+    return np.memmap(path, dtype, "r", shape=shape) if shape[0] else np.zeros(shape, dtype)
+
+  def demand(self, identity):
+    """Raises InputError, naming the parts, unless the store was made from these: {part: digest}."""
+    other = [part for part in {**identity, **self.identity} if identity.get(part) != self.identity.get(part)]
+    if other:
+      raise InputError(f"{self.folder} was made from other {', '.join(sorted(other))} than this run has; {_ADVICE}")
+
+  def damage(self) -> list[str]:
+    """The tables whose content is not what was written."""
+    digest = lambda name: hashlib.sha256((self.folder / f"{name}.rows").read_bytes()).hexdigest()
+    return [name for name, table in self._tables.items() if digest(name) != table["sha256"]]
+
+  def cut(self, table, clip, start, count=None):
+    """Rows (L, C) of a cut; without count those of its longest, of which a shorter one's are the first."""
+    entry = self._longest.get((clip, start)) if count is None else self._cuts.get((clip, start, count))
+    if entry is None:
+      raise InputError(f"{self.folder} has no {table} of clip {clip} from frame {start}"
+                       f"{'' if count is None else f' of {count} frames'}; {_ADVICE}")
+    return self._entry(table, entry)
+
+  def words(self, caption):
+    """Features (S, D) of a caption, or None where it has none."""
+    entry = self.captions.get(caption)
+    return None if entry is None else self._entry(WORDS, entry)
+
+  def _entry(self, table, entry):
+    ends = self._ends[table]
+    return self._rows[table][ends[entry - 1] if entry else 0:ends[entry]]
+
+
+def digest_of(*parts) -> str:
+  """sha256 of strings, arrays, lists and trees of arrays."""
+  digest = hashlib.sha256()
+  for part in parts:
+    if isinstance(part, str):
+      digest.update(part.encode() + b"\0")
+      continue
+    for path, leaf in jax.tree_util.tree_leaves_with_path(part):
+      leaf = np.ascontiguousarray(leaf)
+      digest.update(f"{jax.tree_util.keystr(path)} {leaf.shape} {leaf.dtype}".encode() + leaf.tobytes())
+  return digest.hexdigest()
+
+
+def stored_batch(store, items, tables, batch_size, seed, step, *, latents_look_back):
+  """What `items.batch` gives, with rows of a store in the place of the features: {table: (B, L, C)}, zero-padded.
+
+  latents_look_back: latents depend on no later frame, so those of a shorter cut are the first of its longest's.
+  """
+  drawn = items.draw(batch_size, seed, step)
+  batch = {"num_frames": drawn.num_frames, "caption": drawn.captions, "index": np.arange(batch_size)}
+  for table in tables:
+    found = [store.cut(table, clip, start, None if latents_look_back else count)[:count // items.unit]
+             for clip, start, count in zip(*map(np.ndarray.tolist, (drawn.clip, drawn.start, drawn.num_frames)))]
+    batch[table] = np.zeros((batch_size, drawn.length // items.unit, found[0].shape[-1]), found[0].dtype)
+    for row, rows in zip(batch[table], found):
+      row[:len(rows)] = rows
+  return batch

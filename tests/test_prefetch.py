@@ -1,0 +1,42 @@
+"""Batches made ahead are those made one by one; a fault in the thread is raised where its batch is taken."""
+import threading
+
+import pytest
+
+from motion_jax.training.prefetch import Prefetch
+
+
+def test_batches_come_in_order_and_not_too_far_ahead():
+  made, allowed = [], threading.Semaphore(0)
+
+  def make(step):
+    made.append(step)
+    allowed.release()
+    return {"step": step}
+
+  with Prefetch(make, 3, 9, depth=2) as batches:
+    for _ in range(3):  # two in the queue and one in hand
+      allowed.acquire(timeout=10)
+    assert made == [3, 4, 5]
+    assert [batches.take()["step"] for _ in range(6)] == [3, 4, 5, 6, 7, 8]
+    with pytest.raises(RuntimeError, match="no batch is left"):
+      batches.take()
+  assert batches.waited >= 0
+
+
+def test_what_is_raised_in_the_thread_is_raised_where_the_batch_is_taken():
+  def make(step):
+    if step == 1:
+      raise OSError("the disk is gone")
+    return step
+
+  with Prefetch(make, 0, 4) as batches:
+    assert batches.take() == 0
+    with pytest.raises(OSError, match="the disk is gone"):
+      batches.take()
+
+
+def test_the_thread_ends_with_its_block():
+  with Prefetch(lambda step: step, 0, 10**9) as batches:
+    batches.take()
+  assert not batches._thread.is_alive()
