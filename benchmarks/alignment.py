@@ -40,7 +40,7 @@ def generated(loaded, captions, seed):
   for i in range(0, len(captions), BATCH):
     batch = captions[i:i + BATCH]
     batch += batch[-1:] * (BATCH - len(batch))  # one batch size: one compilation
-    made = loaded.generate(batch, FRAMES, seeds=[1000 * seed + i + j for j in range(BATCH)], polish=False)
+    made = loaded.generate(batch, FRAMES, seeds=[1000 * seed + i + j for j in range(BATCH)], cleanup=False)
     features += list(made.features[:len(captions) - i])
   return features
 
@@ -49,7 +49,7 @@ def borders(loaded, captions, count):
   rng = np.random.default_rng(0)
   prompts, seconds = STORY
   tales = [[(captions[j], seconds) for j in rng.choice(len(captions), prompts, replace=False)] for _ in range(count)]
-  made = loaded.multi_prompts(tales, seeds=list(range(count)), polish=False)
+  made = loaded.multi_prompts(tales, seeds=list(range(count)), cleanup=False)
   cuts = lambda motion: [round(caption.start * loaded.fps) for caption in motion.captions[1:]]
   return np.concatenate([physics.cut_transitions(to_joints(motion.features), cuts(motion)) for motion in made])
 

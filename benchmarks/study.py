@@ -16,7 +16,7 @@ some of the time, but then each tokenizer's luck would be in all seeds alike, an
 half of CMDM's claims are about tokenizers. What is drawn of the test clips is a seed's own, too, for the same reason.
 The teacher is the one that ships.
 
-Judged are the averaged weights, nothing polished: texts of the test clips by `archives-66`, without multimodality; for
+Judged are the averaged weights, without cleanup: texts of the test clips by `archives-66`, without multimodality; for
 CMDM also stories by the long-horizon protocol, shorter ones, with AUJ counted from the jerk of the archives' clips. The
 row of one level for all is sampled as it was trained, all frames at once. These numbers are our own benchmark's: never
 put them into a row of HumanML3D's.

@@ -54,11 +54,11 @@ def test_motions_know_where_they_are_from_and_not_their_batch_mates(model):
   assert np.abs(other[0].joints - alone[0].joints).max() > 1e-4
 
 
-def test_polished_coordinates_have_canonical_bones(model):
-  raw, polished = (model.generate("a person waves", 40, seeds=[5], polish=polish)[0] for polish in (False, True))
-  np.testing.assert_array_equal(raw.features, polished.features)
+def test_cleaned_up_coordinates_have_canonical_bones(model):
+  raw, cleaned = (model.generate("a person waves", 40, seeds=[5], cleanup=cleanup)[0] for cleanup in (False, True))
+  np.testing.assert_array_equal(raw.features, cleaned.features)
   lengths = lambda joints: np.linalg.norm(joints[:, 2] - joints[:, 0], axis=-1)
-  assert np.ptp(lengths(polished.joints)) < 1e-5 < np.ptp(lengths(raw.joints))
+  assert np.ptp(lengths(cleaned.joints)) < 1e-5 < np.ptp(lengths(raw.joints))
 
 
 def test_an_edit_keeps_what_it_should(model, clip):

@@ -191,7 +191,7 @@ def test_released_weights_make_the_recorded_motion(tmp_path, monkeypatch, capsys
   model.encode_words = lambda prompts: captions(fixture, jnp.float32)
   sizes, frames = fixture.config["dit"], fixture["in/frames"].tolist()
   with jax.default_matmul_precision("highest"):
-    made = model.generate(["a person walks"] * len(frames), frames, seeds=range(len(frames)), polish=False,
+    made = model.generate(["a person walks"] * len(frames), frames, seeds=range(len(frames)), cleanup=False,
                           num_steps=sizes["sampling_timesteps"], lag=sizes["uncertainty_scale"],
                           guidance_scale=fixture.config["scale"])
   for i, count in enumerate(frames):

@@ -84,8 +84,8 @@ def generate(fixture, folder, monkeypatch, **choices):
   config = json.loads((folder / "config.json").read_text())
   config["data"]["max_frames"] = 4 * order.shape[1]
   (folder / "config.json").write_text(json.dumps(config))
-  real, num_rounds = np.arange(order.shape[1]) < counts[:, None], fixture.meta["arguments"]["rounds"]
-  hidden = masking.hidden_table(np.where(real, order, np.inf), masking.hidden_counts(num_rounds, counts))
+  real, num_iterations = np.arange(order.shape[1]) < counts[:, None], fixture.meta["arguments"]["rounds"]
+  hidden = masking.hidden_table(np.where(real, order, np.inf), masking.hidden_counts(num_iterations, counts))
   draw, _ = recorded_draw(fixture, "", hidden, np.float32)
   monkeypatch.setattr(draws, "draw_order", lambda *_: order)
   monkeypatch.setattr(draws, "make_draw", lambda *_: draw)
@@ -93,7 +93,8 @@ def generate(fixture, folder, monkeypatch, **choices):
   model.encoder = Words(fixture["in/text"])
   with jax.default_matmul_precision("highest"):
     made = model.generate(["a person walks"] * len(counts), (4 * counts).tolist(), seeds=range(len(counts)),
-                          polish=False, rounds=num_rounds, guidance_scale=fixture.meta["arguments"]["scale"], **choices)
+                          cleanup=False, num_iterations=num_iterations,
+                          guidance_scale=fixture.meta["arguments"]["scale"], **choices)
   return model, made
 
 

@@ -44,7 +44,7 @@ def test_full_size(tmp_path, kind):
   assert [network.num_params for network in networks] == [76_312_199, 38_697_024]
   assert networks[1].fields["num_heads"] == 4
   model = load(tmp_path / "run")
-  motion = model.generate("a person walks", num_frames=24, seeds=[0], num_steps=2, polish=False)[0]
+  motion = model.generate("a person walks", num_frames=24, seeds=[0], num_steps=2, cleanup=False)[0]
   assert model.num_params == 76_312_199 + 38_697_024 and np.isfinite(motion.features).all()
 
 

@@ -1,4 +1,4 @@
-"""Flags: one spelling in all commands, older ones understood, and the scripts at the top as doors to them."""
+"""Flags: one spelling in all commands, and the scripts at the top as doors to them; former ones: test_former_names."""
 import argparse
 import re
 import subprocess
@@ -37,24 +37,6 @@ def test_what_commands_share_is_called_alike(flag):
   kinds = {(action.type and getattr(action.type, "__qualname__", type(action.type).__name__),
             tuple(action.choices or ())) for _, option, action in FLAGS if option == flag}
   assert len(kinds) == 1, kinds
-
-
-@pytest.mark.parametrize("older, newer", [
-    ("generate x --raw --bvh_unit m", "generate x --no-cleanup --bvh-unit m"),
-    ("multi-prompt x --raw", "multi-prompt x --no-cleanup"), ("story x", "multi-prompt x"),
-    ("evaluate --run a --run=b --data d --repeats 2 --raw --no_multimodality",
-     "evaluate --model a --model=b --data d --replications 2 --weights model --no-multimodality"),
-    ("evaluate --data d --clip_evaluator none", "evaluate --data d --clip-evaluator none"),
-    ("convert teacher f --stats s --out o --text t", "convert teacher f --stats s --out o --text-encoder t"),
-    ("train --config c --workdir w --max_seconds 3 --noresume", "train --config c --workdir w --max-seconds 3"),
-    ("train -config=c -workdir w --resume=true", "train --config c --workdir w --resume"),
-    ("train --config c --workdir w --resume=False --config.data.batch_size 3",
-     "train --config c --workdir w --no-resume --config.data.batch_size 3"),
-])
-def test_older_spellings_are_understood(older, newer, capsys):
-  assert cli.parse(older.split()) == cli.parse(newer.split())
-  said = capsys.readouterr().err
-  assert said == ("note: motion-jax story is called motion-jax multi-prompt\n" if older.startswith("story") else "")
 
 
 def test_what_is_no_flag_of_train_is_told(capsys):

@@ -125,7 +125,7 @@ def model(tiny_run):
 
 
 def test_a_motion_does_not_know_how_its_words_were_padded(model):
-  make = lambda prompts, seeds: model.generate(prompts, num_frames=48, seeds=seeds, polish=False, **FAST)
+  make = lambda prompts, seeds: model.generate(prompts, num_frames=48, seeds=seeds, cleanup=False, **FAST)
   alone, long_alone = make("someone walks", [5])[0], make(LONG, [1])[0]
   both = make([LONG, "someone walks"], [1, 5])
   assert np.abs(both[1].joints - alone.joints).max() < 1e-5
@@ -156,7 +156,7 @@ def test_a_stream_takes_a_long_prompt_on_the_way(model):
   plain, long = told(None), told(LONG)
   # Three blocks were given, a fourth was under way.
   assert np.abs(plain[:48] - long[:48]).max() < 1e-6 and np.abs(plain[48:] - long[48:]).max() > 1e-5
-  tale = model.multi_prompt([("someone walks", 2.4), (LONG, 2.4)], seed=0, polish=False, **FAST)
+  tale = model.multi_prompt([("someone walks", 2.4), (LONG, 2.4)], seed=0, cleanup=False, **FAST)
   assert np.abs(tale.joints - long).max() < 1e-4
 
 

@@ -24,7 +24,7 @@ def model(tiny_run):
 
 
 def test_shapes_and_what_a_motion_knows(model):
-  motions = model.generate(["a person walks", "a person waves"], num_frames=[30, 47], seeds=[3, 4], polish=False)
+  motions = model.generate(["a person walks", "a person waves"], num_frames=[30, 47], seeds=[3, 4], cleanup=False)
   assert motions.joints.shape == (2, 47, 22, 3) and motions.frame_mask.sum(1).tolist() == [30, 47]
   assert (motions.joints[0, 30:] == 0).all()
   first = motions[0]
@@ -38,7 +38,7 @@ def test_a_motion_does_not_know_its_batch_mates_nor_its_end(model):
   alone = model.generate("a person waves", num_frames=40, seeds=[5])[0].joints
   batch = model.generate(["a person runs", "a person waves"], num_frames=[60, 40], seeds=[1, 5])[1].joints
   assert np.abs(alone - batch).max() < 1e-5
-  raw = lambda frames: model.generate("a person waves", num_frames=frames, seeds=[5], polish=False)[0].joints
+  raw = lambda frames: model.generate("a person waves", num_frames=frames, seeds=[5], cleanup=False)[0].joints
   assert np.abs(raw(40) - raw(90)[:40]).max() < 1e-5
   other = model.generate("a person waves", num_frames=40, seeds=[6])[0].joints
   assert np.abs(alone - other).max() > 1e-4
@@ -52,13 +52,13 @@ def test_rng_key_gives_each_prompt_its_own(model):
 
 
 def test_stream_is_generate(model):
-  whole = model.generate("a person walks", num_frames=100, seeds=[2], polish=False)[0].joints
+  whole = model.generate("a person walks", num_frames=100, seeds=[2], cleanup=False)[0].joints
   parts = list(model.stream("a person walks", seed=2, num_frames=100))
   assert [len(part) for part in parts] == [12] * 8 + [4]
   assert np.abs(np.concatenate(parts) - whole).max() < 1e-4
 
 
-def test_polished_motion_has_canonical_bones(model):
+def test_cleaned_up_motion_has_canonical_bones(model):
   joints = model.generate("a person walks", num_frames=24, seeds=[0])[0].joints
   assert np.abs(bone_lengths(joints, HUMANML3D) - HUMANML3D.bone_lengths).max() < 1e-3
 

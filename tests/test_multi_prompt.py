@@ -40,7 +40,7 @@ def test_borders_are_on_blocks_and_the_end_is_as_asked():
 
 
 def test_a_story_is_one_motion_and_a_stream_tells_it_too(model):
-  whole = model.multi_prompt(TALE, seed=2, polish=False, **FAST)
+  whole = model.multi_prompt(TALE, seed=2, cleanup=False, **FAST)
   assert whole.num_frames == 64 and whole.features.shape == (64, 263)
   assert whole.captions == (Caption("a person walks", 0.0, 1.2), Caption("a person waves", 1.2, 2.4),
                             Caption("a person sits", 2.4, 3.2))
@@ -50,8 +50,8 @@ def test_a_story_is_one_motion_and_a_stream_tells_it_too(model):
   stream.say("a person sits", after=2.4)
   assert np.abs(np.concatenate(list(stream)) - whole.joints).max() < 1e-4
   with pytest.warns(FutureWarning, match="story is called multi_prompt; the old name goes on working"):
-    assert np.array_equal(model.story(TALE, seed=2, polish=False, **FAST).joints, whole.joints)
-  other = model.multi_prompt([*TALE[:1], ("a person runs", 2.0)], seed=2, polish=False, **FAST).joints
+    assert np.array_equal(model.story(TALE, seed=2, cleanup=False, **FAST).joints, whole.joints)
+  other = model.multi_prompt([*TALE[:1], ("a person runs", 2.0)], seed=2, cleanup=False, **FAST).joints
   assert np.abs(other[:24] - whole.joints[:24]).max() < 1e-5  # what comes later is not known before
   assert np.abs(other[24:50] - whole.joints[24:50]).max() > 1e-4
 

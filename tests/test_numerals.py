@@ -73,11 +73,11 @@ def test_numbers_from_python(value):
 
 
 def test_evaluate_has_readers_too():
-  for flag in ("--repeats", "--seed", "--limit", "--devices", "--guidance"):
+  for flag in ("--replications", "--seed", "--limit", "--devices", "--guidance"):
     for text in NO_NUMBERS[:-1]:
       with pytest.raises(SystemExit):
         cli.parse(["evaluate", "--data", "x", f"{flag}={text}"])
-  args = cli.parse(["evaluate", "--data", "x", "--guidance", "1", "2.5", "--seed", "3", "--repeats", "20"])
+  args = cli.parse(["evaluate", "--data", "x", "--guidance", "1", "2.5", "--seed", "3", "--replications", "20"])
   assert (args.guidance, args.seed, args.replications) == ([1, 2.5], 3, 20)
   with pytest.raises(ValueError, match="KEY=VALUE"):
     evaluate.options_of(["schedule"])

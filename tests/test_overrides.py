@@ -62,8 +62,8 @@ def test_launch_py_tells_in_one_line(tmp_path, arguments, words):
 
 
 @pytest.mark.parametrize("arguments, words", [
-    (["--data", "x", "--protocl", "y"], "did you mean --protocol?"), (["--run", "x"], "give --data"),
-    (["--data", "x", "--repeats", "0"], "whole number"),
+    (["--data", "x", "--protocl", "y"], "did you mean --protocol?"), (["--model", "x"], "give --data"),
+    (["--data", "x", "--replications", "0"], "whole number"),
 ])
 def test_eval_py_tells_in_one_line(capsys, arguments, words):
   with pytest.raises(SystemExit):

@@ -114,9 +114,9 @@ def _commands(page):
 
 
 @pytest.mark.parametrize("page", PAGES + CARDS, ids=_name)
-def test_commands_of_the_pages_exist(page):
+def test_commands_of_the_pages_exist(page, capsys):
   """Every command line of ours in the README, the pages of docs/ and the models' cards parses, and its config has the
-  fields it names."""
+  fields it names, by the names that they have."""
   of_scripts = {"launch.py": "train", "eval.py": "evaluate"}
   found = [words for words in _commands(page) if words[0] in ("motion-jax", *of_scripts)]
   must = page == ROOT / "README.md" or page.stem in ("command-line", "training", "evaluation", "data") or (
@@ -128,6 +128,7 @@ def test_commands_of_the_pages_exist(page):
       assert overrides.applied(args.overrides, config_files.load(args.config)).stage
   for words in _commands(page):
     assert words[0] == "motion-jax" or (ROOT / words[0]).is_file(), words
+  assert not capsys.readouterr().err
 
 
 @pytest.mark.parametrize("page", [

@@ -64,7 +64,7 @@ def add_to(commands):
 
 def _making(parser, out):
   """Options of all commands that make motion."""
-  parser.older_spellings = {"--raw": "--no-cleanup"}
+  parser.former_flags = {"--raw": "--no-cleanup"}
   parser.add_argument("--num", type=whole(*MOTIONS), default=1, help="motions of each, with seeds SEED, SEED + 1, ...")
   parser.add_argument("--seed", type=whole(*SEEDS), default=0, help="the same seed, the same motion (0)")
   for flag, methods in _choices().items():
@@ -116,7 +116,7 @@ def _generate(args):
                            f"{max(frames) / model.fps:.1f} s")
   motions = []
   for piece in progress.each(_pieces(frames, model), "making motions", unit="batch"):
-    motions += model.generate(prompts[piece], frames[piece], seeds=seeds[piece], polish=not args.no_cleanup,
+    motions += model.generate(prompts[piece], frames[piece], seeds=seeds[piece], cleanup=not args.no_cleanup,
                               **_sampling(args, model))
   _write(args, model, motions, outputs, start)
 
@@ -133,7 +133,7 @@ def _multi_prompt(args):
   seeds = [args.seed + i for _ in range(len(sequences) // args.num) for i in range(args.num)]
   motions = []
   for piece in _pieces([_length(model, one) for one in sequences], model):
-    motions += model.multi_prompts(sequences[piece], way=args.way, polish=not args.no_cleanup, seeds=seeds[piece],
+    motions += model.multi_prompts(sequences[piece], way=args.way, cleanup=not args.no_cleanup, seeds=seeds[piece],
                                   **_sampling(args, model))
   for caption in motions[0].captions if len(sequences) == args.num else ():
     print(f"{caption.start:6.1f} to {caption.end:5.1f} s  {caption.text}")
@@ -153,7 +153,7 @@ def _extend(args):
   _pieces([clip.seconds * model.fps + _length(model, segments)] * args.num, model)
   _tell_model(model, args, f"{clip.seconds:.1f} s of {args.file} go on")
   motions = [model.extend(clip, segments, past_prompt=args.past_text, seed=args.seed + i, way=args.way,
-                          polish=not args.no_cleanup, **_sampling(args, model))
+                          cleanup=not args.no_cleanup, **_sampling(args, model))
              for i in progress.each(range(args.num), "making motions", unit="motion")]
   _write(args, model, motions, outputs, start)
 
@@ -169,7 +169,7 @@ def _edit(args):
   _pieces([frames] * args.num, model)
   keep, change = (spans and spans_of(spans, frames, model.fps) for spans in (args.keep, args.edit))
   motions = [model.edit(clip, args.text, args.task, keep=keep, change=change, seed=args.seed + i,
-                        paste=not args.no_paste, polish=False, **_sampling(args, model))
+                        paste=not args.no_paste, cleanup=False, **_sampling(args, model))
              for i in progress.each(range(args.num), "making motions", unit="motion")]
   for first, past in motions[0].meta["made"]:
     print(f"made anew: {first / model.fps:.1f} to {past / model.fps:.1f} s")

@@ -1,6 +1,7 @@
 """Arguments read by argparse, with mistakes told in one line that names the nearest right word."""
 import argparse
 import re
+import sys
 
 from motion_jax.inputs.nearest import did_you_mean
 
@@ -8,10 +9,10 @@ from motion_jax.inputs.nearest import did_you_mean
 class Parser(argparse.ArgumentParser):
   """argparse's parser whose errors are one line.
 
-  --two_words is --two-words, and older_spellings {flag or --flag=value: what it is called} are understood, but stand in
-  no help. A command whose defaults have `overrides` finds there all --config.KEY=VALUE, and what is no flag.
+  --two_words is --two-words, and former_flags {flag or --flag=value: how it is called} are understood with a note, but
+  stand in no help. A command whose defaults have `overrides` finds there all --config.KEY=VALUE, and what is no flag.
   """
-  older_spellings = {}
+  former_flags = {}
 
   def parse_args(self, args=None, namespace=None):
     found, rest = self.parse_known_args(args, namespace)
@@ -29,10 +30,14 @@ class Parser(argparse.ArgumentParser):
 
   def _as_called(self, argument):
     name, equals, value = argument.partition("=")
-    if argument in self.older_spellings or not name.startswith("-"):
-      return self.older_spellings.get(argument, argument)
-    called = self.older_spellings.get(name, "--" + name.lstrip("-").replace("_", "-"))
-    return called + equals + value if called.partition("=")[0] in self._option_string_actions else argument
+    if not name.startswith("-"):
+      return argument
+    spelled = "--" + name.lstrip("-").replace("_", "-")
+    for former, rest in ((argument, ""), (spelled, equals + value)):
+      if former in self.former_flags:
+        print(f"note: {former} is called {self.former_flags[former]}", file=sys.stderr)
+        return self.former_flags[former] + rest
+    return spelled + equals + value if spelled in self._option_string_actions else argument
 
   def error(self, message):
     strange = re.match(r"unrecognized arguments: (\S+)", message)

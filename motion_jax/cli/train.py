@@ -22,7 +22,7 @@ def add_to(commands):
       help="go on with the run in the folder, exactly where it stopped")
   add("--max-seconds", type=real(above=0, high=1e9, unit="seconds"), metavar="S",
       help="stop and save after so long: one slice of a long run")
-  train.older_spellings = {"--noresume": "--no-resume"} | {
+  train.former_flags = {"--noresume": "--no-resume"} | {
       f"--resume={text}": flag for flag, texts in (("--resume", "true True 1"), ("--no-resume", "false False 0"))
       for text in texts.split()}
   train.set_defaults(run=_train, overrides=[])

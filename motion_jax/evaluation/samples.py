@@ -205,7 +205,7 @@ def progress(total, what, shown=True):
 def generator_of(model, guidance_scale=None, sampling=None):
   """make(jobs) of `sample` for a model that was loaded."""
   def make(jobs):
-    made = model.generate(jobs.captions, jobs.frames, seeds=jobs.seeds, polish=False, guidance_scale=guidance_scale,
+    made = model.generate(jobs.captions, jobs.frames, seeds=jobs.seeds, cleanup=False, guidance_scale=guidance_scale,
                           **(sampling or {}))
     return [x[:count + TAIL] for x, count in zip(made.decoded, jobs.frames)]
   return make

@@ -6,7 +6,7 @@ import numpy as np
 
 from motion_jax import export
 from motion_jax.data.clip import Caption, Clip
-from motion_jax.motion.cleanup import polish as planted
+from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.representations import to_joints
 from motion_jax.runtime import timing
 
@@ -78,7 +78,7 @@ def captions_in_a_row(prompts, ends, fps):
   return tuple(Caption(prompt, start / fps, end / fps) for prompt, start, end in zip(prompts, [0, *ends[:-1]], ends))
 
 
-def make_motions(model, made, frames, captions, seeds, about, polish) -> Motions:
+def make_motions(model, made, frames, captions, seeds, about, cleanup) -> Motions:
   """Motions of normalized features (B, T, F), of which motion i has its first frames[i]."""
   length, layout = max(frames), model.stats.layout
   with timing.part("sample and decode"):
@@ -86,15 +86,15 @@ def make_motions(model, made, frames, captions, seeds, about, polish) -> Motions
   decoded = model.stats.denormalize(made)
   features = decoded[:, :length]
   joints = np.array(to_joints(features, layout))  # a copy: coordinates are their own joints
-  if polish and layout.has_fixed_bones:
+  if cleanup and layout.has_fixed_bones:
     with timing.part("cleanup"):
       for i, count in enumerate(frames):
-        joints[i, :count] = planted(joints[i, :count], layout.contacts(features[i, :count]), layout.skeleton)
+        joints[i, :count] = clean_up(joints[i, :count], layout.contacts(features[i, :count]), layout.skeleton)
   mask = np.arange(length) < np.array(frames)[:, None]
   made = tuple(
       Motion(joints[i, :count], model.fps, captions[i], id=f"motion_{i}", source=model.id, license=model.license,
              skeleton=layout.skeleton, features=features[i, :count],
-             meta=dict(prompt=" | ".join(c.text for c in captions[i]), seed=seeds[i], polished=bool(polish)) | about)
+             meta=dict(prompt=" | ".join(c.text for c in captions[i]), seed=seeds[i], cleanup=bool(cleanup)) | about)
       for i, count in enumerate(frames))
   return Motions(joints * mask[..., None, None], mask, features * mask[..., None], made, decoded)
 

@@ -1,4 +1,4 @@
-"""The last touch on generated joints: feet that stand still while they stand, bones of one length, no tremor.
+"""Foot-skate cleanup of generated joints: feet that stand still while they stand, bones of one length, no tremor.
 
 A network's joints are right to a few millimetres, frame by frame; the eye sees what is left as sliding feet and tremor.
 Nothing here changes what the motion does. Whole clips, numpy, float64.
@@ -13,7 +13,7 @@ _EASE = 0.02        # how much the correction of a foot in the air resists chang
 _PULL = 1e-3        # how much every foot is drawn back to where it was
 
 
-def polish(joints, contacts=None, skeleton=HUMANML3D):
+def clean_up(joints, contacts=None, skeleton=HUMANML3D):
   """Joints (T, J, 3) with planted feet, canonical bone lengths and no tremor, float32 of the same shape.
 
   contacts (T, 4): how surely ankle and toes stand, left then right, 0..1 (the contact columns of full features);

@@ -76,7 +76,7 @@ class Recorder:
     self.made = [changed(np.concatenate([item.features for item in pieces])) for pieces in recordings(folder)]
     self.asked = []
 
-  def multi_prompts(self, tales, seeds, polish, guidance_scale, way):
+  def multi_prompts(self, tales, seeds, cleanup, guidance_scale, way):
     self.asked += tales
     return [types.SimpleNamespace(features=made) for made in self.made[:len(tales)]]
 

@@ -1,9 +1,9 @@
-"""Polishing takes tremor and sliding away and leaves the motion."""
+"""Cleanup takes tremor and sliding away and leaves the motion."""
 import numpy as np
 import pytest
 
 from motion_jax.data.datasets.synthetic import synthetic_clips
-from motion_jax.motion.cleanup import polish
+from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.representations import extract
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
 
@@ -24,7 +24,7 @@ def clip(request):
 
 def test_a_clean_motion_stays_as_it_is(clip):
   joints, contacts = clip
-  made = polish(joints, contacts)
+  made = clean_up(joints, contacts)
   assert np.linalg.norm(made - joints, axis=-1).mean() < 0.01
   assert made.dtype == np.float32 and made.shape == joints.shape
 
@@ -34,7 +34,7 @@ def test_tremor_and_sliding_go_and_bones_keep_their_length(clip):
   rng = np.random.default_rng(0)
   drift = np.cumsum(rng.normal(0, 0.004, (len(joints), 1, 3)) * [1, 0, 1], axis=0)
   rough = joints + drift + rng.normal(0, 0.004, joints.shape)
-  made = polish(rough, contacts)
+  made = clean_up(rough, contacts)
   jerk = lambda x: np.abs(np.diff(x, 3, axis=0)).mean()
   assert jerk(made) < 0.5 * jerk(rough)
   assert _slide(made, contacts) < 0.5 * _slide(rough, contacts)
@@ -46,10 +46,10 @@ def test_feet_in_the_floor_come_up(clip):
   joints, contacts = clip
   sunk = joints - [0, 0.03, 0]
   feet = [7, 8, 10, 11]
-  assert polish(sunk, contacts)[:, feet, 1].min() > sunk[:, feet, 1].min() + 0.01
+  assert clean_up(sunk, contacts)[:, feet, 1].min() > sunk[:, feet, 1].min() + 0.01
 
 
 def test_short_clips_and_no_contacts():
   joints = synthetic_clips(0, 1)[0].joints
-  assert polish(joints[:2]).shape == (2, 22, 3)
-  assert np.isfinite(polish(joints)).all()
+  assert clean_up(joints[:2]).shape == (2, 22, 3)
+  assert np.isfinite(clean_up(joints)).all()

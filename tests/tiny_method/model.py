@@ -19,7 +19,7 @@ class TinyModel(TextToMotionModel):
     super().__init__(run, encoder, net.text_dim, 1, {}, shapes(net))
     self.compiled = cache.Program("tiny.generate", partial(_generate, net), 1, (net,))
 
-  def generate(self, prompts, num_frames=None, *, seconds=None, rng=None, seeds=None, polish=True,
+  def generate(self, prompts, num_frames=None, *, seconds=None, rng=None, seeds=None, cleanup=True,
                **sampling) -> Motions:
     """Motions for one prompt or several; sampling: choices of `TinySampling`."""
     prompts = self.prompts_of(prompts)
@@ -28,7 +28,7 @@ class TinyModel(TextToMotionModel):
     chosen = self.sampling(**sampling)
     made = self.compiled(max(frames), self.params, self.encoder(prompts)[0], chosen.guidance_scale, chosen.spread, keys)
     captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
-    return make_motions(self, made, frames, captions, seeds, chosen.about() | dict(model=self.id), polish)
+    return make_motions(self, made, frames, captions, seeds, chosen.about() | dict(model=self.id), cleanup)
 
 
 def _generate(net, num_frames, params, words, scale, spread, keys):

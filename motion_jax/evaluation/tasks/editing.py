@@ -39,7 +39,7 @@ def editor(subject, protocol, real, task):
 
   def make(jobs):
     motions = [real[i][:count] for i, count in zip(jobs.places, jobs.frames)]
-    made = subject.model.edits(motions, jobs.captions, task, seeds=jobs.seeds, paste=protocol.paste, polish=False,
+    made = subject.model.edits(motions, jobs.captions, task, seeds=jobs.seeds, paste=protocol.paste, cleanup=False,
                                guidance_scale=subject.guidance_scale, **options)
     return [row[:count + samples.TAIL] for row, count in zip(made.decoded, jobs.frames)]
 

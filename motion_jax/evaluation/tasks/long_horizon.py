@@ -177,7 +177,7 @@ def tell(subject, tales, options):
   """make(jobs) of `samples.sample`: motions of the [(prompt, seconds)] at the jobs' places; options: of
   `multi_prompts`."""
   def make(jobs):
-    made = subject.model.multi_prompts([tales[i] for i in jobs.places], seeds=jobs.seeds, polish=False,
+    made = subject.model.multi_prompts([tales[i] for i in jobs.places], seeds=jobs.seeds, cleanup=False,
                                  guidance_scale=subject.guidance_scale, **options)
     return [motion.features for motion in made]
   return make

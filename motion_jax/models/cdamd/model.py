@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from motion_jax.data.clip import Caption
+from motion_jax.inputs import former_names
 from motion_jax.latents import AutoencoderCodec
 from motion_jax.models import cdamd
 from motion_jax.models.base import TextToMotionModel, keys_of, plain_fields
@@ -57,7 +58,8 @@ class CdamdModel(TextToMotionModel):
     logits = self.length.apply(self.frozen["length"], self.encoder([prompt])[0][:, 0])
     return int(np.minimum(lengths.middle_frames(logits, self.unit), self.config.data.max_frames)[0])
 
-  def generate(self, prompts, num_frames=None, *, seconds=None, rng=None, seeds=None, polish=True,
+  @former_names.with_keywords
+  def generate(self, prompts, num_frames=None, *, seconds=None, rng=None, seeds=None, cleanup=True,
                **sampling) -> Motions:
     """Motions for one prompt or several, of the given length each (one number or one per prompt).
 
@@ -74,13 +76,14 @@ class CdamdModel(TextToMotionModel):
     made = self._generate(plan, self.params, self.codec, text_emb=text_emb, text_mask=text_mask, hidden=hidden,
                           real_mask=jnp.asarray(every), scale=scale, keys=keys)
     captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
-    return make_motions(self, made, frames, captions, seeds, about, polish)
+    return make_motions(self, made, frames, captions, seeds, about, cleanup)
 
   def edit(self, clip, prompt, task=None, *, rng=None, seed=None, **choices) -> Motion:
     """A motion that exists, a Clip of any source, with parts of it made anew as the words say; see `edits`."""
     return self.edits([clip], [prompt], task, rng=rng, seeds=None if seed is None else [seed], **choices)[0]
 
-  def edits(self, clips, prompts, task=None, *, keep=None, change=None, rng=None, seeds=None, paste=True, polish=False,
+  @former_names.with_keywords
+  def edits(self, clips, prompts, task=None, *, keep=None, change=None, rng=None, seeds=None, paste=True, cleanup=False,
             mask=None, **sampling) -> Motions:
     """Clips with parts of them made anew, each as its prompt says, in one batch.
 
@@ -110,7 +113,7 @@ class CdamdModel(TextToMotionModel):
     if joined:
       made = self._joined(np.asarray(made), features, frames, ~np.repeat(edited, self.unit, axis=1))
     about |= dict(task=task or "spans", pasted=bool(paste))
-    motions = make_motions(self, made, frames, [(Caption(prompt),) for prompt in prompts], seeds, about, polish)
+    motions = make_motions(self, made, frames, [(Caption(prompt),) for prompt in prompts], seeds, about, cleanup)
     new = [_runs(np.flatnonzero(np.repeat(row, self.unit)[:count])) for row, count in zip(edited, frames)]
     named = [motion.replace(meta=motion.meta | dict(edited="features", made=runs)) if isinstance(clip, np.ndarray) else
              motion.replace(id=clip.id, license=clip.license or self.license,

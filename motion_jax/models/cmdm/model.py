@@ -1,5 +1,4 @@
 """CMDM ready to use: motion from words, several prompts in a row, a motion that goes on, and live streams."""
-import warnings
 from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
@@ -7,6 +6,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
+from motion_jax.inputs import former_names
 from motion_jax.latents import VaeCodec
 from motion_jax.models import cmdm
 from motion_jax.models.base import TextToMotionModel, keys_of, plain_fields
@@ -64,15 +64,16 @@ class CmdmModel(TextToMotionModel):
 
   # --- motion ----------------------------------------------------------------------------------------------------
 
-  def generate(self, prompts, num_frames=None, *, seconds=None, rng=None, seeds=None, polish=True,
+  @former_names.with_keywords
+  def generate(self, prompts, num_frames=None, *, seconds=None, rng=None, seeds=None, cleanup=True,
                **sampling) -> Motions:
     """Motions for one prompt or several, of the given length each (one number or one per prompt).
 
     rng: a key, of which prompt i gets fold_in(rng, i), so that a motion does not depend on its batch-mates; or seeds,
     one integer per prompt. sampling: guidance_scale, schedule, num_steps, lag, solver, context of `CmdmSampling`; by
-    default the model's own. Without a length it is that of the nearest training captions. polish plants standing feet
-    and takes tremor away (`motion.cleanup`); features stay as they were made. Raises ValueError for an empty prompt or
-    a length that is not positive or over an hour.
+    default the model's own. Without a length it is that of the nearest training captions. cleanup: standing feet are
+    planted and tremor is taken away (`motion.cleanup`); features stay as they were made. Raises ValueError for an empty
+    prompt or a length that is not positive or over an hour.
     """
     prompts = self.prompts_of(prompts)
     frames = self.frames_of(prompts, num_frames, seconds)
@@ -89,17 +90,19 @@ class CmdmModel(TextToMotionModel):
     made = run(plan.fitted(blocks), blocks, self.params, self.codec, text_emb=text_emb, text_mask=text_mask,
                scale=scale, keys=keys)
     captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
-    return make_motions(self, made, frames, captions, seeds, about, polish)
+    return make_motions(self, made, frames, captions, seeds, about, cleanup)
 
-  def multi_prompt(self, segments, *, rng=None, seed=None, way="stream", polish=True, **sampling) -> Motion:
+  @former_names.with_keywords
+  def multi_prompt(self, segments, *, rng=None, seed=None, way="stream", cleanup=True, **sampling) -> Motion:
     """One motion from several prompts in a row: [("a person walks", 4.0), ("he sits down", None), ...], in seconds.
 
     None is the length of similar training clips. See `multi_prompts`; sampling: choices of `CmdmSampling`.
     """
     seeds = None if seed is None else [seed]
-    return self.multi_prompts([segments], rng=rng, seeds=seeds, way=way, polish=polish, **sampling)[0]
+    return self.multi_prompts([segments], rng=rng, seeds=seeds, way=way, cleanup=cleanup, **sampling)[0]
 
-  def multi_prompts(self, lists, *, rng=None, seeds=None, way="stream", polish=True, **sampling) -> Motions:
+  @former_names.with_keywords
+  def multi_prompts(self, lists, *, rng=None, seeds=None, way="stream", cleanup=True, **sampling) -> Motions:
     """A motion as of `multi_prompt` for each of several lists of segments, in one batch, of which none of them knows.
     The captions of a motion say when each prompt plays.
 
@@ -119,20 +122,21 @@ class CmdmModel(TextToMotionModel):
     make = multi.stream if way == "stream" else multi.chain
     made, totals, ends = make(self, plan, scale, prompts, counts, keys)
     captions = [captions_in_a_row(*row, self.fps) for row in zip(prompts, ends)]
-    return make_motions(self, made, totals, captions, seeds, about | {"way": way}, polish)
+    return make_motions(self, made, totals, captions, seeds, about | {"way": way}, cleanup)
 
   def story(self, segments, **choices) -> Motion:
     """The former name of `multi_prompt`."""
-    _say_renamed("story", "multi_prompt")
+    former_names.note("story", "multi_prompt")
     return self.multi_prompt(segments, **choices)
 
-  def stories(self, tales, **choices) -> Motions:
+  def stories(self, lists, **choices) -> Motions:
     """The former name of `multi_prompts`."""
-    _say_renamed("stories", "multi_prompts")
-    return self.multi_prompts(tales, **choices)
+    former_names.note("stories", "multi_prompts")
+    return self.multi_prompts(lists, **choices)
 
+  @former_names.with_keywords
   def extend(self, clip, prompt, num_frames=None, *, seconds=None, past_prompt=None, rng=None, seed=None, way="stream",
-             num_past=None, polish=True, **sampling) -> Motion:
+             num_past=None, cleanup=True, **sampling) -> Motion:
     """Goes on from a motion that exists, a Clip of any source (`motion_jax.export.load` reads files): all of it, whole.
 
     prompt: a sentence, or segments as for `multi_prompt`. The clip's own frames come back as they were, resampled if
@@ -155,15 +159,15 @@ class CmdmModel(TextToMotionModel):
     past = on_our_body(clip, self.fps, self.stats.layout.skeleton)
     known = [caption.text for caption in clip.captions if caption.text.strip()]
     past_prompt = past_prompt or (known[-1] if known else prompts[0])
-    new, ends = multi.extend(self, plan, scale, past, past_prompt, prompts, counts, keys, way, num_past, polish)
-    about |= dict(prompt=" | ".join(prompts), seed=seeds[0], way=way, polished=bool(polish), past_prompt=past_prompt)
+    new, ends = multi.extend(self, plan, scale, past, past_prompt, prompts, counts, keys, way, num_past, cleanup)
+    about |= dict(prompt=" | ".join(prompts), seed=seeds[0], way=way, cleanup=bool(cleanup), past_prompt=past_prompt)
     return go_on(self, clip, past, new, captions_in_a_row(prompts, ends, self.fps), about)
 
   def stream(self, prompt, *, rng=None, seed=None, num_frames=None, **sampling) -> LiveStream:
     """Yields joints (n, J, 3) block after block, without end unless num_frames says so; memory stays flat.
 
     `say` changes the words while it runs, see `LiveStream`. Driven by the very step that `generate` and `multi_prompts`
-    run: the same key gives the same motion, before polishing, which looks at whole clips.
+    run: the same key gives the same motion, before cleanup, which looks at whole clips.
     """
     self.check_words([prompt])
     keys, _ = keys_of(rng, None if seed is None else [seed], 1)
@@ -212,10 +216,6 @@ class CmdmModel(TextToMotionModel):
     emb, mask = self.encoder(prompts, at_least=everyday)
     missing = max(everyday - emb.shape[1], 0)  # of a sentence, which is one row
     return np.pad(emb, ((0, 0), (0, missing), (0, 0))), np.pad(mask, ((0, 0), (0, missing)))
-
-
-def _say_renamed(old, new):
-  warnings.warn(f"{old} is called {new}; the old name goes on working", FutureWarning, stacklevel=3)
 
 
 MODELS = {"cmdm.denoiser": CmdmModel}

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from motion_jax.models.cmdm import streaming
-from motion_jax.motion.cleanup import polish as planted
+from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.representations import to_features, to_joints
 
 WAYS = ("stream", "chain")
@@ -123,7 +123,7 @@ def encode_past(model, joints, count):
   return model.compiled.encode(model.codec, jnp.asarray(features[None, -count * unit:]))
 
 
-def extend(model, plan, scale, joints, past_prompt, prompts, frames, keys, way="stream", num_past=None, polish=True):
+def extend(model, plan, scale, joints, past_prompt, prompts, frames, keys, way="stream", num_past=None, cleanup=True):
   """What comes after joints (T, J, 3): (joints (N, J, 3) in the same place, frames at which segments end).
 
   The new latents are decoded behind those of the past, laid over the given body where it ended, and what is left of a
@@ -155,8 +155,8 @@ def extend(model, plan, scale, joints, past_prompt, prompts, frames, keys, way="
   features = model.stats.denormalize(np.asarray(whole))[0, :border + int(ends[-1])]
   shadow = to_joints(features, model.stats.layout)
   contacts = model.stats.layout.contacts(features)
-  if polish and model.stats.layout.has_fixed_bones and contacts is not None:
-    shadow = planted(shadow, contacts, model.stats.layout.skeleton)
+  if cleanup and model.stats.layout.has_fixed_bones and contacts is not None:
+    shadow = clean_up(shadow, contacts, model.stats.layout.skeleton)
   return _laid_over(shadow.astype(np.float64), joints, border).astype(np.float32), ends.tolist()
 
 

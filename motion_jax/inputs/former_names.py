@@ -1,0 +1,35 @@
+"""Names that have changed: the former ones go on working, each with a note that says how it is called.
+
+Keyword arguments of the functions of models, among them choices of sampling, and fields of configs are listed here;
+flags stand with their command as `Parser.former_flags`.
+"""
+import functools
+import warnings
+
+KEYWORDS = {"polish": "cleanup"}
+
+
+def note(old, new, stacklevel=3):
+  """Warns that something is called otherwise; stacklevel: 3 is the line that called whoever calls this."""
+  warnings.warn(f"{old} is called {new}; the old name goes on working", FutureWarning, stacklevel=stacklevel)
+
+
+def current(given, names=None, stacklevel=3):
+  """A dict of keyword arguments, or of what else names (KEYWORDS) tell of, by the names that they have."""
+  found = dict(given)
+  for old, new in (KEYWORDS if names is None else names).items():
+    if old in found:
+      if new in found:
+        raise TypeError(f"got both {new} and {old}, which is its former name; give {new} alone")
+      note(old, new, stacklevel + 1)
+      found[new] = found.pop(old)
+  return found
+
+
+def with_keywords(function):
+  """A function that takes its keyword arguments by their former names, too."""
+  @functools.wraps(function)
+  def called(*args, **given):
+    return function(*args, **current(given))
+
+  return called

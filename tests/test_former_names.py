@@ -1,0 +1,88 @@
+"""Names that have changed go on working, each with a note: every one of them is listed here."""
+import argparse
+
+import pytest
+
+from motion_jax import cli, loading
+from motion_jax.inputs import former_names
+
+FAST = dict(num_steps=4, lag=2)
+
+COMMAND_LINES = [  # former, as it is, what the notes say
+    ("story x", "multi-prompt x", ["motion-jax story is called motion-jax multi-prompt"]),
+    ("generate x --raw --bvh_unit m", "generate x --no-cleanup --bvh-unit m", ["--raw is called --no-cleanup"]),
+    ("multi-prompt x --raw", "multi-prompt x --no-cleanup", ["--raw is called --no-cleanup"]),
+    ("extend x --text y --raw", "extend x --text y --no-cleanup", ["--raw is called --no-cleanup"]),
+    ("edit x --text y --task prefix --raw", "edit x --text y --task prefix --no-cleanup",
+     ["--raw is called --no-cleanup"]),
+    ("evaluate --run a --run=b --data d --repeats 2 --raw --no_multimodality",
+     "evaluate --model a --model=b --data d --replications 2 --weights model --no-multimodality",
+     ["--run is called --model", "--run is called --model", "--repeats is called --replications",
+      "--raw is called --weights=model"]),
+    ("evaluate --data d --clip_evaluator none", "evaluate --data d --clip-evaluator none", []),
+    ("convert teacher f --stats s --out o --text t", "convert teacher f --stats s --out o --text-encoder t",
+     ["--text is called --text-encoder"]),
+    ("train --config c --workdir w --max_seconds 3 --noresume", "train --config c --workdir w --max-seconds 3",
+     ["--noresume is called --no-resume"]),
+    ("train -config=c -workdir w --resume=true", "train --config c --workdir w --resume",
+     ["--resume=true is called --resume"]),
+    ("train --config c --workdir w --resume=False --config.data.batch_size 3",
+     "train --config c --workdir w --no-resume --config.data.batch_size 3", ["--resume=False is called --no-resume"]),
+]
+
+
+@pytest.mark.parametrize("former, newer, notes", COMMAND_LINES)
+def test_command_lines(former, newer, notes, capsys):
+  assert cli.parse(former.split()) == cli.parse(newer.split())
+  assert capsys.readouterr().err == "".join(f"note: {one}\n" for one in notes)
+
+
+def _former_flags(parser):
+  """All former flags of a parser and those below it."""
+  below = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
+  return set(parser.former_flags).union(*(_former_flags(one) for action in below for one in action.choices.values()))
+
+
+def test_every_former_flag_is_among_the_command_lines():
+  words = {word for former, _, _ in COMMAND_LINES for word in former.split()}
+  shown = words | {word.partition("=")[0] for word in words}
+  spellings = {f"--resume={text}" for text in ("true", "True", "1", "false", "False", "0")}
+  assert _former_flags(cli._parser()) - spellings <= shown
+
+
+@pytest.fixture(scope="module")
+def model(tiny_run):
+  return loading.load(tiny_run)
+
+
+def test_the_keyword_polish(model):
+  prompts = [("a person walks", 1.2), ("a person waves", 1.2)]
+  makes = {
+      "generate": lambda **given: model.generate("a person walks", 24, seeds=[1], **FAST, **given)[0],
+      "multi_prompt": lambda **given: model.multi_prompt(prompts, seed=1, **FAST, **given),
+      "multi_prompts": lambda **given: model.multi_prompts([prompts], seeds=[1], **FAST, **given)[0],
+      "extend": lambda **given: model.extend(walk, "a person waves", 24, seed=1, **FAST, **given),
+  }
+  walk = makes["generate"](cleanup=False)
+  for name, make in makes.items():
+    with pytest.warns(FutureWarning, match="polish is called cleanup; the old name goes on working") as notes:
+      former = make(polish=False)
+    assert {note.filename for note in notes} == {__file__}, name  # the caller's own line
+    assert (former.joints == make(cleanup=False).joints).all() and former.meta["cleanup"] is False, name
+    assert (former.joints != make(cleanup=True).joints).any(), name
+  with pytest.raises(TypeError, match="got both cleanup and polish, which is its former name"):
+    model.generate("a person walks", 24, polish=False, cleanup=True)
+
+
+def test_the_methods_story_and_stories(model):
+  prompts = [("a person walks", 1.2), ("a person waves", 1.2)]
+  whole = model.multi_prompt(prompts, seed=2, **FAST).joints
+  with pytest.warns(FutureWarning, match="story is called multi_prompt; the old name goes on working") as notes:
+    assert (model.story(prompts, seed=2, **FAST).joints == whole).all()
+  assert {note.filename for note in notes} == {__file__}
+  with pytest.warns(FutureWarning, match="stories is called multi_prompts; the old name goes on working"):
+    assert (model.stories([prompts], seeds=[2], **FAST)[0].joints == whole).all()
+
+
+def test_no_other_keyword_has_a_former_name():
+  assert former_names.KEYWORDS == {"polish": "cleanup"}
