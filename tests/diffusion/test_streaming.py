@@ -290,7 +290,7 @@ def test_an_endless_stream_stays_as_it_is(monkeypatch):
   assert step._cache_size() == compiled and jax.tree.map(jnp.shape, state) == start
   assert bool(jnp.isfinite(state.latents).all())
 
-  late = state._replace(advance=state.advance + plan.ring * 100_000)
+  late = state._replace(steps=state.steps + plan.ring * 100_000)
   run = lambda state: step(sampler, state, active=plan.width, use_cache=True)[:2]
   (now, block), (then, late_block) = run(state), run(late)
   np.testing.assert_array_equal(block, late_block)

@@ -29,7 +29,7 @@ class LiveStream:
     constants = streaming.make_constants(model.dit, model.params, plan)
     self._sampler = streaming.Sampler(model.dit, plan, model.params, constants, None, scale, keys)
     self._state = cmdm.init_stream(model.codec, self._sampler)
-    self._advances, self._frames, self._path = 0, 0, None
+    self._steps, self._frames, self._path = 0, 0, None
     self._script = [(0, 0)]  # (block, slot): from that block on the caption of that slot
     self._bank = [prompt] * _CAPTIONS
     self._encode()
@@ -46,12 +46,12 @@ class LiveStream:
   @property
   def delay(self) -> float:
     """Seconds of motion that are under way already: when words said now begin to count, unless `after` says so."""
-    return (self._advances - self._blocks) * self.block_seconds
+    return (self._steps - self._blocks) * self.block_seconds
 
   @property
   def _blocks(self):
     """Blocks that have been given."""
-    return max(self._advances - self._plan.age + 1, 0)
+    return max(self._steps - self._plan.age + 1, 0)
 
   def say(self, prompt, after=None):
     """From now on, other words.
@@ -61,13 +61,13 @@ class LiveStream:
     denoising, the less the cleaner they are already; if more, the words wait.
     """
     self._model.check_words([prompt])
-    first = self._advances
+    first = self._steps
     if after is not None:
       if not np.isfinite(after) or after < 0:
         raise ValueError(f"got words that count after {after} s, expected 0 or more seconds from now")
       first = self._blocks + int(np.ceil(after / self.block_seconds - 1e-9))
     self._script = [entry for entry in self._script if entry[0] < first]
-    oldest = max(self._advances - self._plan.age, 0)  # what older blocks were told matters no more
+    oldest = max(self._steps - self._plan.age, 0)  # what older blocks were told matters no more
     while len(self._script) > 1 and self._script[1][0] <= oldest:
       del self._script[0]
     used = {slot for _, slot in self._script}
@@ -86,7 +86,7 @@ class LiveStream:
 
   def _captions(self, active):
     """The slots (1, active) of the window's blocks."""
-    blocks = max(self._advances - self._plan.age, 0) + np.arange(active)
+    blocks = max(self._steps - self._plan.age, 0) + np.arange(active)
     starts, slots = (np.array(column) for column in zip(*self._script))
     return jnp.asarray(slots[np.maximum(np.searchsorted(starts, blocks, side="right") - 1, 0)][None], jnp.int32)
 
@@ -99,11 +99,11 @@ class LiveStream:
     done = False
     while not done:
       plan, unit = self._plan, -(-self._plan.width // 2)  # two compiled widths: the start and the rest
-      active = min(-(-min(self._advances + 1, plan.width) // unit) * unit, plan.width)
+      active = min(-(-min(self._steps + 1, plan.width) // unit) * unit, plan.width)
       self._state, features, done = self._model.compiled.stream_step(
-          active, self._advances > plan.age, self._model.codec, self._sampler, self._state, self._captions(active))
-      self._advances += 1
-      done = self._advances >= plan.age
+          active, self._steps > plan.age, self._model.codec, self._sampler, self._state, self._captions(active))
+      self._steps += 1
+      done = self._steps >= plan.age
     features = self._model.stats.denormalize(np.asarray(features))[0]
     joints, self._path = _continue_path(features, self._path, self._model.stats.layout)
     if self._num_frames is not None:

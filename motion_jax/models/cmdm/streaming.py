@@ -4,7 +4,7 @@ One pure step, `Sampler.step`, carries the window through `lag` Euler iterations
 is clean. Offline sampling is `lax.scan` over it, streaming calls it once a block: they cannot differ. What makes it
 cheap changes no number (docs/papers/cmdm.md#cache):
 
-- A block at age A = ceil(num_steps / lag) advances is clean. It stays in the window for one advance more, at t = 1, so
+- A block at age A = ceil(num_steps / lag) such steps is clean. It stays in the window for one step more, at t = 1, so
   that its final keys and values are known; then they go to a ring cache and the block is never computed again.
 - Blocks that have not begun are not computed: `active` is how many slots of the window are.
 - What depends on the time alone is a table over the num_steps + 1 times; what depends on the caption alone is computed
@@ -15,7 +15,7 @@ cheap changes no number (docs/papers/cmdm.md#cache):
 A latent attends to `context` latents, its own block included (`nets.masks.sliding_mask`). Cached keys are kept unturned
 and positions count from the window, so they never grow and an hour of motion is as exact as a second.
 
-advance  0 1 2 3 4 5        blocks in the window, lag = num_steps / 2 (A = 2), width 3:
+step     0 1 2 3 4 5        blocks in the window, lag = num_steps / 2 (A = 2), width 3:
 block 0  o o * .            o in denoising, * done, computed once more for its keys and values, . cached
 block 1    o o * .
 block 2      o o * .
@@ -46,7 +46,7 @@ class Plan(NamedTuple):
 
   @property
   def age(self) -> int:
-    """Advances after which a block is clean."""
+    """Steps after which a block is clean."""
     return -(-self.num_steps // self.lag)
 
   @property
@@ -73,8 +73,8 @@ def make_plan(num_steps, lag, block, context, num_blocks=None, guided=True, solv
 
 
 class Stream(NamedTuple):
-  """State between two advances; B motions side by side, 2 B rows in the cache when guided."""
-  advance: jax.Array  # () how many advances are done
+  """State between two steps; B motions side by side, 2 B rows in the cache when guided."""
+  steps: jax.Array    # () how many steps are done
   latents: jax.Array  # (B, width * block, C), the window
   cache: Any          # per layer (k, v), (rows, ring * block, H, K), keys unturned
   past: jax.Array     # () how many latents were given before the first block, see `Sampler.prefill`
@@ -137,18 +137,18 @@ def _window_mask(query_blocks, key_blocks, plan):
   return ((apart >= 0) & (apart < plan.context // plan.block))[None, None]
 
 
-def segments(plan, num_blocks, buckets=2, primed=False):
-  """[(advances, active, use_cache)]: the runs of advances that share one compiled width, for num_blocks in all.
+def segments(plan, num_blocks, buckets=2, prefilled=False):
+  """[(steps, active, use_cache)]: the runs of steps that share one compiled width, for num_blocks in all.
 
-  Widths are rounded up to `buckets` sizes, so that ramp-up and drain share code. primed: the cache is full from the
-  start.
+  Widths are rounded up to `buckets` sizes, so that ramp-up and drain share code. prefilled: the cache is full from
+  the start.
   """
   unit = -(-plan.width // buckets)
   runs = []
   for at in range(plan.age + num_blocks - 1):
     base = max(at - plan.age, 0)
     needed = min(at + 1, num_blocks) - base
-    key = (min(-(-needed // unit) * unit, plan.width), primed or at > plan.age)
+    key = (min(-(-needed // unit) * unit, plan.width), prefilled or at > plan.age)
     if runs and runs[-1][1:] == key:
       runs[-1] = (runs[-1][0] + 1, *key)
     else:
@@ -236,16 +236,16 @@ class Sampler:
     """One block further: (state, block (B, block, C), done) where done says that the block is a clean one.
 
     The first plan.age - 1 steps give none. active: slots of the window that are computed, counted from its oldest
-    block; all begun blocks must be among them. use_cache = False is for advances before anything is in the cache.
+    block; all begun blocks must be among them. use_cache = False is for steps before anything is in the cache.
     caption (B, active): which of the G captions in text each of these blocks is made with; None where there is one.
     """
     dit, plan, params, constants, scale, keys = (
         self.dit, self.plan, self.params, self.constants, self.scale, self.keys)
     size, age = plan.block, plan.age
     # Parity: the paper has this cache, the code recomputes everything; the results agree to rounding.
-    base = jnp.maximum(state.advance - age, 0)  # the oldest block of the window
+    base = jnp.maximum(state.steps - age, 0)  # the oldest block of the window
     blocks = base + jnp.arange(active)
-    level = (state.advance - blocks) * plan.lag  # iterations that each block has behind it; negative: not begun
+    level = (state.steps - blocks) * plan.lag  # iterations that each block has behind it; negative: not begun
     within = jnp.arange(active * size)
     past, attn_mask = None, _window_mask(blocks, blocks, plan)
     text = _words_of_blocks(self.text, caption, size)
@@ -285,17 +285,17 @@ class Sampler:
 
     window, oldest = jax.lax.scan(iteration, state.latents[:, :active * size], jnp.arange(plan.lag))
     latents = state.latents.at[:, :active * size].set(window)
-    finished = jnp.maximum(state.advance - age + 1, 0)  # the block that became clean in this advance
+    finished = jnp.maximum(state.steps - age + 1, 0)  # the block that became clean in this step
     block = jax.lax.dynamic_slice_in_dim(latents, (finished - base) * size, size, axis=1)
 
     # The window moves on once its oldest block has been computed at t = 1.
-    moves = state.advance >= age
+    moves = state.steps >= age
     cache = jax.tree.map(
         lambda ring, new: jnp.where(moves, jax.lax.dynamic_update_slice_in_dim(
             ring, new[-1].astype(ring.dtype), base % plan.ring * size, axis=1), ring), state.cache, oldest)
     noise = block_noise(keys, base + plan.width, plan, dit.latent_dim).astype(latents.dtype)
     latents = jnp.where(moves, jnp.concatenate([latents[:, size:], noise], axis=1), latents)
-    return Stream(state.advance + 1, latents, cache, state.past), block, state.advance >= age - 1
+    return Stream(state.steps + 1, latents, cache, state.past), block, state.steps >= age - 1
 
   def sample(self, num_blocks, *, buckets=2, segment=None, state=None):
     """Clean latents (B, num_blocks * block, C), all in one trace: `lax.scan` over `step`.
@@ -308,7 +308,7 @@ class Sampler:
     for count, active, use_cache in runs:
 
       def body(state, _, active=active, use_cache=use_cache):
-        words, caption = window_captions(plan, self.text, segment, jnp.maximum(state.advance - plan.age, 0), active)
+        words, caption = window_captions(plan, self.text, segment, jnp.maximum(state.steps - plan.age, 0), active)
         state, block, _ = self.replace(text=words).step(state, active=active, use_cache=use_cache, caption=caption)
         return state, block
 
