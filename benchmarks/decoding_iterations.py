@@ -25,7 +25,7 @@ from motion_jax.models import cdamd
 from motion_jax.models.base import plain_fields
 from motion_jax.models.cdamd import draws
 from motion_jax.models.cdamd import mask_schedule as masking
-from motion_jax.models.cdamd.unmasking import most_revealed
+from motion_jax.models.cdamd.unmasking import most_unmasked
 from motion_jax.nets.autoencoder import Autoencoder
 
 CONFIGS = os.path.join(os.path.dirname(__file__), "..", "configs", "cdamd_generator.py")
@@ -50,23 +50,23 @@ def main():
   net, autoencoder = cdamd.make_generator(config.model), Autoencoder(**plain_fields(config.tokenizer))
   params = random_like(cdamd.generator_shapes(net), 0)
   codec = AutoencoderCodec(autoencoder, random_like(cdamd.autoencoder_shapes(autoencoder), 1)).unscaled()
-  length, rounds = args.frames // FRAMES_PER_LATENT, config.sampler.num_rounds
-  counts = masking.hidden_counts(rounds, [length])
+  length, num_iterations = args.frames // FRAMES_PER_LATENT, config.sampler.num_iterations
+  counts = masking.hidden_counts(num_iterations, [length])
   keys = jax.random.split(jax.random.key(0), 1)
   hidden = masking.hidden_table(draws.draw_order(keys, [length], length), counts)
   text = jnp.asarray(np.random.default_rng(2).standard_normal((1, 1, net.transformer.text_dim), np.float32))
-  real, few = jnp.ones((1, length), bool), most_revealed(counts)
+  real, few = jnp.ones((1, length), bool), most_unmasked(counts)
   num_params = sum(x.size for x in jax.tree.leaves(params))
-  print(f"{num_params:,} parameters, {args.frames} frames, {rounds} rounds, guidance "
+  print(f"{num_params:,} parameters, {args.frames} frames, {num_iterations} iterations, guidance "
         f"{config.sampler.guidance_scale:g}; {jax.devices()[0].device_kind} ({platform.machine()}), "
         f"{len(os.sched_getaffinity(0))} cores, load {os.getloadavg()[0]:.1f}, jax {jax.__version__}\n")
   print("| latents solved for | solver | rows of a network evaluation x evaluations | seconds | processor s | ratio |")
   print("| --- | --- | --- | --- | --- | --- |")
-  plans = [("all", "dopri5"), ("all", "midpoint"), ("all", "euler"), ("revealed", "dopri5"), ("revealed", "midpoint"),
-           ("revealed", "euler")]
+  plans = [("all", "dopri5"), ("all", "midpoint"), ("all", "euler"), ("unmasked", "dopri5"), ("unmasked", "midpoint"),
+           ("unmasked", "euler")]
   first = None
   for which, solver in plans:
-    plan = cdamd.make_plan(solver=solver, num_steps=args.steps, num_rows=few if which == "revealed" else None)
+    plan = cdamd.make_plan(solver=solver, num_steps=args.steps, num_rows=few if which == "unmasked" else None)
     run = jax.jit(lambda params, codec, plan=plan: cdamd.generate(
         net, plan, params, codec, text_emb=text, hidden=hidden, real_mask=real, scale=config.sampler.guidance_scale,
         draw=draws.make_draw(keys, length, net.transformer.latent_dim)))
@@ -81,9 +81,9 @@ def main():
     wall, busy = min(times)
     cost = busy if jax.default_backend() == "cpu" else wall
     first = first or cost
-    rows = 2 * (few if which == "revealed" else length)
-    asked = f"{rows} x {EVALUATIONS[solver] * args.steps} x {rounds}" if solver in EVALUATIONS else f"{rows} x its own"
-    print(f"| {which} | {solver} | {asked} | {wall:.2f} | {busy:.2f} | {first / cost:.1f} |", flush=True)
+    rows = 2 * (few if which == "unmasked" else length)
+    asked = f"{EVALUATIONS[solver] * args.steps} x {num_iterations}" if solver in EVALUATIONS else "its own"
+    print(f"| {which} | {solver} | {rows} x {asked} | {wall:.2f} | {busy:.2f} | {first / cost:.1f} |", flush=True)
 
 
 if __name__ == "__main__":

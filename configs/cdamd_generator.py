@@ -70,9 +70,9 @@ def get_config(name="full"):
   config.optimizer = common.optimizer(learning_rate=2e-4, schedule="cosine", final_rate=1e-6, boundaries=(), gamma=0.1,
                                       warmup_steps=2_000, beta2=0.99, weight_decay=1e-5, ema_decay=0.9999)
   config.train = common.train(num_steps=180_000, log_every=100, save_every=5_000)
-  # The benchmark's own: solver dopri5, revealed_only False.
-  config.sampler = dict(num_rounds=10, guidance_scale=4.0, order="random", mask="causal", edit_mask="bcm",
-                        solver="midpoint", num_steps=10, revealed_only=True)
+  # The benchmark's own: solver dopri5, unmasked_only False.
+  config.sampler = dict(num_iterations=10, guidance_scale=4.0, order="random", mask="causal", edit_mask="bcm",
+                        solver="midpoint", num_steps=10, unmasked_only=True)
   if size == "large":
     config.model.transformer.update(width=1024, depth=8, ff_width=4096, dropout=0.1)
   elif size in ("small", "mini", "laptop"):
@@ -134,7 +134,7 @@ def _make_mardm(config, size, data, ddpm):
   # The rate falls at the same place of the whole of training, whatever its length.
   falls = (20_000 if data == "kit" else 50_000) / 180_000
   config.optimizer.update(schedule="step", boundaries=(max(1, round(falls * config.train.num_steps)),))
-  config.sampler.update(num_rounds=18, guidance_scale=2.5 if data == "kit" else 4.5, order="random",
+  config.sampler.update(num_iterations=18, guidance_scale=2.5 if data == "kit" else 4.5, order="random",
                         mask="bidirectional", edit_mask="bidirectional")
   if ddpm:
     config.loss.diffusion = "ddpm"

@@ -14,7 +14,8 @@ import json
 # exactly an equation is solved.
 _SECTIONS = ("stage", "model", "tokenizer", "prior", "quantizer", "loss")
 _SAMPLER = {"cmdm": ("schedule", "num_steps", "lag", "guidance_scale"),
-            "cdamd": ("num_rounds", "order", "mask", "guidance_scale")}
+            "cdamd": ("num_iterations", "order", "mask", "guidance_scale")}
+_FORMER = {"num_iterations": "num_rounds"}  # former names, by which digests in run folders and older configs have them
 
 # The papers' own models, in all tables that print their numbers.
 CMDM = {"cmdm 1": "CMDM w/ FSS", "cmdm 3-humanml3d": "CMDM", "cmdm 4": "CMDM", "cmdm 6": "CMDM w/ FSS",
@@ -52,7 +53,7 @@ def is_exact(config) -> bool:
 def digest_of(config) -> str:
   """The beginning of a sha256 sum of what makes the model of a config: networks, loss, sampler, representation."""
   told = {name: config.get(name) for name in _SECTIONS}
-  told["sampler"] = sampling_of(config)
+  told["sampler"] = {_FORMER.get(name, name): value for name, value in sampling_of(config).items()}
   told["layout"] = (config.get("data") or {}).get("layout")
   told["text_level"] = (config.get("frozen") or {}).get("text_level")
   return hashlib.sha256(json.dumps(_plain(told), sort_keys=True).encode()).hexdigest()[:16]
@@ -62,10 +63,8 @@ def sampling_of(config, options=None) -> dict:
   """What of a sampler decides which row a model is in: {name: value}, by its config, or by options in its place."""
   options, sampler = dict(options or {}), config.get("sampler") or {}
   names = _SAMPLER.get((config.get("stage") or "").partition(".")[0], ())
-  own = {name: sampler.get(name) for name in names}
+  own = {name: sampler.get(name, sampler.get(_FORMER.get(name, name))) for name in names}
   found = own | {name: value for name, value in options.items() if name in own and value is not None}
-  if options.get("rounds") is not None:
-    found["num_rounds"] = options["rounds"]
   if "schedule" in found:
     found["schedule"] = found["schedule"] or "fss"
     if found["schedule"] == "ar" or found["num_steps"] == found["lag"]:  # the same, said in two ways

@@ -13,6 +13,7 @@ import pathlib
 import ml_collections
 
 from motion_jax import paper_rows
+from motion_jax.inputs import former_names
 from motion_jax.inputs.errors import InputError, reading
 from motion_jax.inputs.nearest import did_you_mean
 from motion_jax.motion.representations import get_layout
@@ -137,6 +138,7 @@ def upgrade(config):
   A new ConfigDict, frozen or locked as the given one. A model that was named for a printed row stays that row's.
   """
   told, exact = config.to_dict(), paper_rows.is_exact(config)
+  former_names.rename_fields(told)
   for path, value in {**_LEFT_OUT[""], **_LEFT_OUT.get(told.get("stage"), {})}.items():
     section, _, field = path.rpartition(".")
     place = told.setdefault(section, {}) if section else told

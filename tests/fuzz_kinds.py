@@ -326,7 +326,8 @@ _READS = {
 
 _FLAGS = ("--num", "--seed", "--guidance", "--steps", "--solver", "--schedule", "--lag", "--context", "--frames",
           "--seconds",
-          "--rounds", "--order", "--mask", "--no-cleanup", "--fps", "--unit", "--up", "--way", "--text", "--past-text",
+          "--iterations", "--order", "--mask", "--no-cleanup", "--fps", "--unit", "--up", "--way", "--text",
+          "--past-text",
           "--out",
           "--model", "--split", "--mode", "--mapping", "--captions", "--overwrite", "--no-mirror", "--data",
           "--teacher",

@@ -72,7 +72,7 @@ def test_mardm_is_decoded_guided_and_cooled_as_published():
   """
   full, small, mini = (CDAMD["get_config"](f"mardm/generator/{size}") for size in ("full", "small", "mini"))
   for config in (full, small, mini):
-    assert (config.sampler.num_rounds, config.sampler.guidance_scale) == (18, 4.5)
+    assert (config.sampler.num_iterations, config.sampler.guidance_scale) == (18, 4.5)
     assert (config.optimizer.schedule, config.optimizer.gamma) == ("step", 0.1) and config.optimizer.ema_decay > 0
   assert full.optimizer.boundaries == (50_000,)
   for config in (small, mini):
@@ -87,7 +87,7 @@ def test_mardm_is_decoded_guided_and_cooled_as_published():
 def test_mardm_on_its_own_data_has_a_name(name, columns, layout, scale, falls):
   config = load_config("cdamd_generator", name)
   assert (config.tokenizer.features, config.data.layout) == (columns, layout)
-  assert (config.sampler.num_rounds, config.sampler.guidance_scale) == (18, scale)
+  assert (config.sampler.num_iterations, config.sampler.guidance_scale) == (18, scale)
   assert config.optimizer.boundaries == (falls,) and config.loss.diffusion == ("ddpm" if "ddpm" in name else "flow")
   coder = load_config("cdamd_autoencoder", str(columns))
   assert (coder.model.features, coder.data.layout) == (columns, layout)

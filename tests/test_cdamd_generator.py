@@ -1,4 +1,4 @@
-"""The generator trains, generates and edits as the reference does; solving for the revealed latents changes nothing."""
+"""The generator trains, generates and edits as the reference does; solving for what is unmasked changes nothing."""
 import functools
 
 import jax
@@ -13,7 +13,7 @@ from motion_jax.models import cdamd
 from motion_jax.models.cdamd import draws as draws_lib
 from motion_jax.models.cdamd import mask_schedule as masking
 from motion_jax.models.cdamd import setup as setups
-from motion_jax.models.cdamd.unmasking import most_revealed
+from motion_jax.models.cdamd.unmasking import most_unmasked
 from motion_jax.models.cdamd.weight_names import autoencoder_names, mardm_names, masked_transformer_names
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.masks import padding_mask
@@ -122,8 +122,8 @@ def recorded_draw(fixture, prefix, hidden, dtype):
   return (lambda k, j: noise[k, j]), dense
 
 
-def run_rounds(fixture, dtype, net, params, latents, hidden, real, prefix="", **fields):
-  """The recorded loop -> outputs (latents after all rounds and at the end, counts, hidden, start noise)."""
+def run_iterations(fixture, dtype, net, params, latents, hidden, real, prefix="", **fields):
+  """The recorded loop -> outputs (latents after all iterations and at the end, counts, hidden, start noise)."""
   draw, dense = recorded_draw(fixture, prefix, hidden, dtype)
   plan = cdamd.make_plan(**fields)
   text, scale = jnp.asarray(fixture["in/text"], dtype)[:, None], fixture.meta["arguments"]["scale"]
@@ -146,7 +146,7 @@ def generation(fixture, dtype, kind, **fields):
   hidden = masking.hidden_table(np.where(real, order, np.inf),
                                 masking.hidden_counts(fixture.meta["arguments"]["rounds"], lengths))
   latents = jnp.zeros(real.shape + (net.transformer.latent_dim,), dtype)
-  return functools.partial(run_rounds, fixture, dtype, net, params, latents, hidden, real, **fields)
+  return functools.partial(run_iterations, fixture, dtype, net, params, latents, hidden, real, **fields)
 
 
 @golden("generate", bounds={"euler": (5e-5, 1e-10), "masked": (0, 0), "counts": (0, 0), "start_dense": (0, 0),
@@ -171,13 +171,13 @@ def run_generate_mardm_ddpm(fixture, dtype):
   return generation(fixture, dtype, "mardm")(solver="ddpm", num_steps=50, mask="bidirectional")
 
 
-def touch_up_counts(num_rounds, lengths, share=0.16):
-  """(N, B): the same few latents in every round, what the reference does when it is told to edit no part.
+def touch_up_counts(num_iterations, lengths, share=0.16):
+  """(N, B): the same few latents in every iteration, what the reference does when it is told to edit no part.
 
-  Parity: it draws an order anew each round, of latents that the round before left, so it never comes to others.
+  Parity: it draws an order anew each iteration, of latents that the one before left, so it never comes to others.
   """
   count = np.maximum(1, np.round(np.float32(share) * np.asarray(lengths, np.float32))).astype(np.int64)
-  return np.broadcast_to(count, (num_rounds,) + count.shape)
+  return np.broadcast_to(count, (num_iterations,) + count.shape)
 
 
 @golden("edit", bounds={**{f"{task}/{name}": (0, 0) for task in (*masking.TASKS, "free")
@@ -186,7 +186,7 @@ def touch_up_counts(num_rounds, lengths, share=0.16):
 def run_edit(fixture, dtype):
   net, params, _ = generator(fixture, dtype)
   autoencoder, ae_params = coordinates(fixture, dtype)
-  num_rounds, frames = fixture.meta["arguments"]["rounds"], fixture["in/frames"]
+  num_iterations, frames = fixture.meta["arguments"]["rounds"], fixture["in/frames"]
   x = jnp.asarray(fixture["in/motion"], dtype)
   encoded = jax.jit(lambda x: autoencoder.apply(ae_params, x, method="encode"))(x)
   decode = jax.jit(lambda z: autoencoder.apply(ae_params, z, method="decode"))
@@ -194,13 +194,13 @@ def run_edit(fixture, dtype):
   made = {"encoded": encoded.swapaxes(1, 2)}
   for task in sorted({name.split("/")[0] for name in fixture.under("in/") if "/" in name}):
     if task == "free":
-      edited, counts = np.asarray(real), touch_up_counts(num_rounds, frames // 4)
+      edited, counts = np.asarray(real), touch_up_counts(num_iterations, frames // 4)
     else:
       edited = masking.task_mask(task, frames, encoded.shape[1])
-      counts = masking.hidden_counts(num_rounds, edited.sum(-1))
+      counts = masking.hidden_counts(num_iterations, edited.sum(-1))
     hidden = masking.hidden_table(np.where(edited, fixture[f"in/{task}/order"], np.inf), counts)
     latents = jnp.where(real[..., None], encoded, 0)
-    out = run_rounds(fixture, dtype, net, params, latents, hidden, real, f"{task}/", solver="dopri5")
+    out = run_iterations(fixture, dtype, net, params, latents, hidden, real, f"{task}/", solver="dopri5")
     kept = ~hidden[0]
     np.testing.assert_array_equal(np.asarray(out["rounds"][-1])[kept], np.asarray(latents)[kept])  # bit for bit
     made |= below(f"{task}/", out | {"edit_mask": edited, "motion": decode(out["latents"].swapaxes(1, 2))})
@@ -214,7 +214,7 @@ def test_golden(name):
 
 # --- invariants of our own ---------------------------------------------------------------------------------------
 
-LENGTH, ROUNDS = 9, 5
+LENGTH, ITERATIONS = 9, 5
 MODEL = ConfigDict(dict(transformer=dict(kind="cdamd", latent_dim=3, width=16, depth=1, num_heads=2, ff_width=16,
                                          text_dim=6, num_codes=9, num_levels=2, max_length=16, dropout=0.0),
                         head=dict(width=16, depth=1)))
@@ -229,13 +229,13 @@ def small():
   return net, tree.unflatten([jnp.asarray(0.3 * draw.normal(size=a.shape), a.dtype) for a in leaves])
 
 
-def make(lengths, length=LENGTH, order="random", seed=0, dtype=jnp.float32, revealed_only=True, **fields):
+def make(lengths, length=LENGTH, order="random", seed=0, dtype=jnp.float32, unmasked_only=True, **fields):
   """-> (latents (B, L, C), hidden (N, B, L)) of our own draws; motion i has the key of i, wherever it stands."""
   net, params = small()
   keys = jax.vmap(lambda i: jax.random.fold_in(jax.random.key(seed), i))(jnp.arange(len(lengths)))
-  counts = masking.hidden_counts(ROUNDS, lengths)
+  counts = masking.hidden_counts(ITERATIONS, lengths)
   hidden = masking.hidden_table(draws_lib.draw_order(keys, lengths, length, order), counts)
-  plan = cdamd.make_plan(num_rows=most_revealed(counts) if revealed_only else None, **fields)
+  plan = cdamd.make_plan(num_rows=most_unmasked(counts) if unmasked_only else None, **fields)
   real = padding_mask(jnp.asarray(lengths), length)
   text = jnp.asarray(np.random.default_rng(1).normal(size=(4, 1, 6))[:len(lengths)], dtype)
   net = net if dtype == jnp.float32 else _wide()
@@ -259,12 +259,12 @@ def _make(net, plan, length, params, text, hidden, real, keys):
 
 
 @pytest.mark.parametrize("solver, mask", [("euler", "causal"), ("midpoint", "bcm"), ("ddpm", "dccm")])
-def test_solving_for_revealed_latents_changes_nothing(solver, mask):
+def test_solving_for_unmasked_latents_alone_changes_nothing(solver, mask):
   """In float64 nothing but rounding is left; with steps of its own the solver would differ by its error."""
   with jax.enable_x64(True):
     run = functools.partial(make, [9, 6, 1], solver=solver, num_steps=3, mask=mask, dtype=jnp.float64)
     few, hidden = run()
-    every, _ = run(revealed_only=False)
+    every, _ = run(unmasked_only=False)
   assert hidden.sum() > 2 * 16  # rows solved for without the trick, of 16 latents
   size = max(1, np.abs(every).max())  # the first step back of a DDPM divides by a thousandth
   np.testing.assert_allclose(few / size, every / size, rtol=0, atol=1e-12)
@@ -280,7 +280,7 @@ def test_padding_and_batch_mates_are_invisible():
 def test_left_to_right_never_looks_ahead():
   """Under the causal mask a motion's beginning does not depend on how long it goes on."""
   short, hidden = make([9], num_steps=2, order="left_to_right")
-  first = masking.revealed_table(hidden)[:, 0].argmax(0)
+  first = masking.unmasked_table(hidden)[:, 0].argmax(0)
   assert (np.diff(first) >= 0).all()
   with pytest.raises(ValueError, match="'middle'.*random or left_to_right"):
     make([9], order="middle")
@@ -294,12 +294,12 @@ def test_an_edit_changes_what_it_should():
   tokenizer = jax.jit(autoencoder.init)(jax.random.key(3), x)
   codec = AutoencoderCodec(autoencoder, tokenizer, jnp.full(3, 0.1), jnp.full(3, 2.0))
   real, edited = jnp.ones((1, 9), bool), masking.task_mask("inpainting", [36], 9)
-  counts = masking.hidden_counts(ROUNDS, edited.sum(-1))
+  counts = masking.hidden_counts(ITERATIONS, edited.sum(-1))
   keys = jax.random.split(jax.random.key(0), 1)
   hidden = masking.hidden_table(np.where(edited, draws_lib.draw_order(keys, [9], 9), np.inf), counts)
 
   text, draw = jnp.ones((1, 1, 6)), draws_lib.make_draw(keys, 9, 3)
-  plan = cdamd.make_plan(solver="euler", num_steps=2, num_rows=most_revealed(counts))
+  plan = cdamd.make_plan(solver="euler", num_steps=2, num_rows=most_unmasked(counts))
   latents = jax.jit(lambda x: codec.encode(x, real))(x)
   run = jax.jit(lambda z, mask: cdamd.make_latents(
       net, plan._replace(mask=mask), params, z, text_emb=text, hidden=hidden, real_mask=real, scale=3.0,

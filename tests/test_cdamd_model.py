@@ -21,7 +21,7 @@ from tests.conftest import load_config
 def run(tmp_path_factory):
   """A trained run folder, whose solver takes few steps."""
   config = load_config("cdamd_generator", "tiny").unlock()
-  config.sampler.update(num_rounds=3, num_steps=1, solver="euler")
+  config.sampler.update(num_iterations=3, num_steps=1, solver="euler")
   folder = tmp_path_factory.mktemp("generator")
   training.run(config, folder)
   return folder

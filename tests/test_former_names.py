@@ -1,10 +1,11 @@
 """Names that have changed go on working, each with a note: every one of them is listed here."""
 import argparse
+import warnings
 
 import pytest
 
-from motion_jax import cli, loading
-from motion_jax.inputs import former_names
+from motion_jax import cli, loading, runs
+from motion_jax.inputs import config_files, former_names, overrides
 
 FAST = dict(num_steps=4, lag=2)
 
@@ -15,6 +16,8 @@ COMMAND_LINES = [  # former, as it is, what the notes say
     ("extend x --text y --raw", "extend x --text y --no-cleanup", ["--raw is called --no-cleanup"]),
     ("edit x --text y --task prefix --raw", "edit x --text y --task prefix --no-cleanup",
      ["--raw is called --no-cleanup"]),
+    ("generate x --rounds 4 --revealed-only=false", "generate x --iterations 4 --unmasked-only false",
+     ["--rounds is called --iterations", "--revealed-only is called --unmasked-only"]),
     ("evaluate --run a --run=b --data d --repeats 2 --raw --no_multimodality",
      "evaluate --model a --model=b --data d --replications 2 --weights model --no-multimodality",
      ["--run is called --model", "--run is called --model", "--repeats is called --replications",
@@ -84,5 +87,61 @@ def test_the_methods_story_and_stories(model):
     assert (model.stories([prompts], seeds=[2], **FAST)[0].joints == whole).all()
 
 
+def test_choices_of_sampling():
+  model = loading.load("cdamd-small")
+  with pytest.warns(FutureWarning, match="called") as notes:
+    former = model.sampling(rounds=3, revealed_only=False)
+  assert [str(note.message).partition(";")[0] for note in notes] == [
+      "rounds is called num_iterations", "revealed_only is called unmasked_only"]
+  assert former == model.sampling(num_iterations=3, unmasked_only=False) != model.sampling()
+
+
 def test_no_other_keyword_has_a_former_name():
-  assert former_names.KEYWORDS == {"polish": "cleanup"}
+  assert set(former_names.KEYWORDS) == {"polish", "rounds", "revealed_only"}
+
+
+FIELDS = [  # a config that has it, the former name, the name, a value
+    ("cdamd_generator:tiny", "sampler.num_rounds", "sampler.num_iterations", 7),
+    ("cdamd_generator:tiny", "sampler.revealed_only", "sampler.unmasked_only", False),
+]
+
+
+def test_every_former_field_is_listed():
+  assert {old: new for _, old, new, _ in FIELDS} == former_names.FIELDS
+
+
+@pytest.mark.parametrize("name, old, new, value", FIELDS)
+def test_fields_of_configs(name, old, new, value, tmp_path):
+  """On the command line, in a config file of one's own, in one that builds on ours, and in the config of a run."""
+  today = config_files.load(name)
+  changed = today.copy_and_resolve_references().unlock()
+  changed.update_from_flattened_dict({new: value})
+  changed.lock()
+  assert changed != today
+  with pytest.warns(FutureWarning, match=f"--config.{old} is called --config.{new}; the old name goes on working"):
+    assert overrides.applied([f"--config.{old}={value}"], config_files.load(name)) == changed
+  if not isinstance(value, bool):
+    with pytest.warns(FutureWarning, match=f"--config.{old} is called"):
+      assert overrides.applied([f"--config.{old}", str(value)], config_files.load(name)) == changed
+
+  (section, before), after = old.split("."), new.partition(".")[2]
+  told = changed.to_dict()
+  told[section] = {before if key == after else key: one for key, one in told[section].items()}
+  own, built = tmp_path / "own.py", tmp_path / "built.py"
+  own.write_text(f"import ml_collections\n\ndef get_config():\n  return ml_collections.ConfigDict({told!r}).lock()\n")
+  built.write_text("from motion_jax.inputs import config_files\n\ndef get_config():\n"
+                   f"  config = config_files.load({name!r}).unlock()\n  config.{old} = {value}\n"
+                   "  return config.lock()\n")
+  for path in (own, built):
+    with pytest.warns(FutureWarning, match=f"{path.name}: config.{old} is called config.{new}"):
+      assert config_files.load(path) == changed
+
+  with warnings.catch_warnings():
+    warnings.simplefilter("error")  # what the program wrote itself needs no note
+    assert runs.upgrade(type(today)(told)).to_dict() == runs.upgrade(changed).to_dict()
+
+
+@pytest.mark.parametrize("name", runs.shipped_names())
+def test_the_runs_that_ship_have_fields_by_their_names(name):
+  config = runs.open(name).config
+  assert not former_names.rename_fields(config.to_dict())

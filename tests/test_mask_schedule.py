@@ -39,19 +39,19 @@ def test_golden(name):
   assert not check(fixtures.path(f"cdamd/{name}.npz")).failures
 
 
-# Rounds N for which torch 2.13.0+cpu has cos < 1/2 in round 2 (N - 1) / 3, of all N <= 64 that have such a round:
+# Numbers of iterations N for which torch 2.13.0+cpu has cos < 1/2 in iteration 2 (N - 1) / 3, of all N <= 64 with one:
 #   [N for N in range(4, 65, 3) if torch.cos(torch.linspace(0, 1, N) * math.pi * 0.5)[2 * (N - 1) // 3] < 0.5]
 ROUNDED_DOWN = [10, 19, 22, 28, 37, 40, 43, 46, 55, 58]
 
 
 def test_ties_are_pytorchs():
   down = []
-  for rounds in range(4, 65, 3):
-    share = masking.hidden_shares(rounds)[2 * (rounds - 1) // 3]
+  for num_iterations in range(4, 65, 3):
+    share = masking.hidden_shares(num_iterations)[2 * (num_iterations - 1) // 3]
     assert share != 0.5 and abs(share - 0.5) < 1e-7
-    down += [rounds] * int(share < 0.5)
+    down += [num_iterations] * int(share < 0.5)
     odd = np.arange(3, 64, 2)
-    counts = masking.hidden_counts(rounds, odd)[2 * (rounds - 1) // 3]
+    counts = masking.hidden_counts(num_iterations, odd)[2 * (num_iterations - 1) // 3]
     np.testing.assert_array_equal(counts, odd // 2 + (share > 0.5))
   assert down == ROUNDED_DOWN
 
@@ -61,14 +61,14 @@ def test_counts():
   assert masking.hidden_counts(10, [30])[:, 0].tolist() == [30, 30, 28, 26, 23, 19, 15, 10, 5, 1]
   assert masking.hidden_counts(10, [49])[:, 0].tolist() == [49, 48, 46, 42, 38, 31, 24, 17, 9, 1]
   assert masking.hidden_counts(18, [30, 49]).sum(0).tolist() == [341, 557]
-  for rounds in range(1, 65):
-    counts = masking.hidden_counts(rounds, np.arange(1, 65))
+  for num_iterations in range(1, 65):
+    counts = masking.hidden_counts(num_iterations, np.arange(1, 65))
     assert (counts[0] == np.arange(1, 65)).all() and (np.diff(counts, axis=0) <= 0).all() and (counts >= 1).all()
-  with pytest.raises(ValueError, match="0 rounds"):
+  with pytest.raises(ValueError, match="0 decoding iterations"):
     masking.hidden_counts(0, [30])
 
 
-def test_every_latent_is_revealed_once():
+def test_every_latent_is_unmasked_once():
   rng = np.random.default_rng(0)
   order, lengths = rng.random((3, 12), np.float32), np.array([12, 9, 1])
   order[np.arange(12) >= lengths[:, None]] = np.inf
@@ -76,10 +76,10 @@ def test_every_latent_is_revealed_once():
   hidden = masking.hidden_table(order, counts)
   np.testing.assert_array_equal(hidden.sum(-1), counts)
   assert (hidden[1:] <= hidden[:-1]).all()
-  np.testing.assert_array_equal(masking.revealed_table(hidden).sum(0), np.isfinite(order))
+  np.testing.assert_array_equal(masking.unmasked_table(hidden).sum(0), np.isfinite(order))
   assert masking.hidden_table(np.array([[.2, .7, .1, np.inf]]), [[3], [2], [1]])[:, 0].astype(int).tolist() == [
       [1, 1, 1, 0], [1, 0, 1, 0], [0, 0, 1, 0]]
-  ordered = masking.revealed_table(masking.hidden_table(masking.left_to_right(12), masking.hidden_counts(6, [12])))
+  ordered = masking.unmasked_table(masking.hidden_table(masking.left_to_right(12), masking.hidden_counts(6, [12])))
   assert (np.diff(np.argmax(ordered[:, 0], axis=0)) >= 0).all()
 
 

@@ -69,12 +69,13 @@ def test_choices_are_the_configs_where_nobody_makes_them():
                                             context=48)
   assert CmdmSampling(schedule="ar", num_steps=7).resolved(cmdm, context=48).about()["lag"] == 7
   assert {hash(chosen), hash(CmdmSampling(num_steps=4).resolved(cmdm, context=48))} == {hash(chosen)}
-  unmasking = CdamdSampling(rounds=3).resolved(cdamd)
-  assert (unmasking.rounds, unmasking.num_steps, unmasking.order) == (3, cdamd.sampler.num_steps, cdamd.sampler.order)
+  unmasking = CdamdSampling(num_iterations=3).resolved(cdamd)
+  assert (unmasking.num_iterations, unmasking.num_steps, unmasking.order) == (
+      3, cdamd.sampler.num_steps, cdamd.sampler.order)
   with pytest.raises(ValueError, match="got solver 'ancestral', this model knows euler, heun: it was trained to pred"):
     CmdmSampling(solver="ancestral").resolved(cmdm, context=48)
   for wrong, told in ((dict(num_steps=0), "num_steps 0, expected a whole number from 1 to 1,000"),
-                      (dict(revealed_only="no"), "revealed_only 'no', expected true or false"),
+                      (dict(unmasked_only="no"), "unmasked_only 'no', expected true or false"),
                       (dict(mask="dcm"), "mask 'dcm', expected one of causal, dccm"),
                       (dict(temperature=-1), "temperature -1, expected a number from 0 to 100")):
     with pytest.raises(ValueError, match=told):

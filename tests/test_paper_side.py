@@ -228,7 +228,7 @@ def _made(paper, folder):
   if paper == "cmdm":
     return [model.generate("a person walks", num_frames=24, seeds=[1], num_steps=4, lag=2)[0].joints]
   clip = synthetic_clips(0, 1, num_frames=60)[0]
-  return [model.edit(clip, "a person waves", "prefix", seed=1, rounds=2, num_steps=2).joints]
+  return [model.edit(clip, "a person waves", "prefix", seed=1, num_iterations=2, num_steps=2).joints]
 
 
 @pytest.mark.parametrize("case", [case for case in ROWS if case[1] == "paper" and case[2] != "teacher"], ids=_name)

@@ -77,7 +77,7 @@ MUTATIONS = (
      (MASK_SCHEDULE,)),
     ("replaced-share", "motion_jax/models/cdamd/mask_schedule.py", "masked & ~noised & (keep_u < mask_rate)",
      "masked & ~noised & (keep_u < mask_rate - noise_rate)", (MASK_SCHEDULE,)),
-    ("revealed", "motion_jax/models/cdamd/mask_schedule.py",
+    ("unmasked", "motion_jax/models/cdamd/mask_schedule.py",
      "jnp.concatenate([hidden[1:], jnp.zeros_like(hidden[:1])])",
      "jnp.concatenate([hidden[1:], hidden[:1]])", (MASK_SCHEDULE,)),
     ("left-to-right", "motion_jax/models/cdamd/mask_schedule.py", "-np.arange(length, dtype=np.float32)[None]",

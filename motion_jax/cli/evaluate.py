@@ -28,7 +28,7 @@ def add_to(commands):
   add("--guidance", type=real(*GUIDANCE), nargs="+", action="extend", default=[],
       help="guidance scales, a row for each")
   add("--sampling", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help="such as schedule=ar "
-      "num_steps=20, rounds=10")
+      "num_steps=20, num_iterations=10")
   add("--vary", nargs="+", action="extend", default=[], metavar="KEY=VALUE[,..]", help="choices of sampling, a row for "
       "each, such as schedule=fss schedule=ar num_steps=20,lag=1")
   add("--motions", action="append", default=[], metavar="NAME=DIR", help="motions that another program made, a row for "

@@ -64,7 +64,7 @@ def add_to(commands):
 
 def _making(parser, out):
   """Options of all commands that make motion."""
-  parser.former_flags = {"--raw": "--no-cleanup"}
+  parser.former_flags = {"--raw": "--no-cleanup", "--rounds": "--iterations", "--revealed-only": "--unmasked-only"}
   parser.add_argument("--num", type=whole(*MOTIONS), default=1, help="motions of each, with seeds SEED, SEED + 1, ...")
   parser.add_argument("--seed", type=whole(*SEEDS), default=0, help="the same seed, the same motion (0)")
   for flag, methods in _choices().items():

@@ -23,6 +23,7 @@ from motion_jax.evaluation.report import gallery, printed, tables
 from motion_jax.evaluation.tasks import editing, generation, long_horizon, reconstruction
 from motion_jax.evaluation.tasks import timelines as mtt
 from motion_jax.evaluators.evaluator import Evaluator, load_evaluator
+from motion_jax.inputs import former_names
 from motion_jax.motion.representations import get_layout
 from motion_jax.runs import PRETRAINED, find
 from motion_jax.runtime.atomic import atomic_path
@@ -57,7 +58,7 @@ def evaluate(runs, folders, protocol=None, *, evaluator=None, clip_evaluator=Non
   out = pathlib.Path(out) if out else default_out(runs, protocol)
   task = _TASKS[protocol.task]
   load = partial(task.load, raw=True) if raw else task.load
-  choices = [(sampling or {}) | one for one in vary or ({},)]
+  choices = [former_names.current((sampling or {}) | one) for one in vary or ({},)]
   more = ("way",) if protocol.task in ("stories", "timelines") else ()
   subjects = _subjects(load, runs, out, samples, guidance, choices, more, devices, only_read, show)
   if motions and task is not generation:

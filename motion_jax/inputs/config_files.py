@@ -4,6 +4,7 @@ import importlib.util
 import pathlib
 
 from motion_jax import configs
+from motion_jax.inputs import former_names
 from motion_jax.inputs.errors import InputError
 
 FOLDER = pathlib.Path(configs.__path__[0])  # where the configs lie that ship
@@ -31,7 +32,11 @@ def load(name):
   except Exception as error:  # whatever a file that is no config does
     raise InputError(f"{file} is no config file ({type(error).__name__}: {error}); expected Python with a function "
                      "get_config(size)") from error
-  return get_config(size) if size else get_config()
+  config = get_config(size) if size else get_config()
+  with config.unlocked():
+    for old, new in former_names.rename_fields(config):
+      former_names.note(f"{file}: config.{old}", f"config.{new}")
+  return config
 
 
 def _path_of(file):

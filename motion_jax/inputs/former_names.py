@@ -6,7 +6,8 @@ flags stand with their command as `Parser.former_flags`.
 import functools
 import warnings
 
-KEYWORDS = {"polish": "cleanup"}
+KEYWORDS = {"polish": "cleanup", "rounds": "num_iterations", "revealed_only": "unmasked_only"}
+FIELDS = {"sampler.num_rounds": "sampler.num_iterations", "sampler.revealed_only": "sampler.unmasked_only"}
 
 
 def note(old, new, stacklevel=3):
@@ -24,6 +25,19 @@ def current(given, names=None, stacklevel=3):
       note(old, new, stacklevel + 1)
       found[new] = found.pop(old)
   return found
+
+
+def rename_fields(config):
+  """Gives fields of a config (a dict or an unlocked ConfigDict) the names that they have: [(old, new)] of those."""
+  renamed = []
+  for old, new in FIELDS.items():
+    section, _, field = old.partition(".")
+    place = config.get(section)
+    if hasattr(place, "keys") and field in place:
+      place[new.partition(".")[2]] = place[field]
+      del place[field]
+      renamed.append((old, new))
+  return renamed
 
 
 def with_keywords(function):

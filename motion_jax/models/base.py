@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from motion_jax.data.captions import SUBJECTS
+from motion_jax.inputs import former_names
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.numerals import SEEDS, as_float, checked, demand_numbers, shortened, told
 from motion_jax.inputs.text_files import is_text
@@ -160,7 +161,7 @@ class TextToMotionModel(Able):
 
     Raises TypeError for a choice that this method does not have, ValueError for a value that cannot be.
     """
-    known = self.options.described()
+    known, choices = self.options.described(), former_names.current(choices)
     for name in choices:
       if name not in known:
         raise TypeError(f"got the choice of sampling {name!r}, {self.folder.name} knows {', '.join(known)}")

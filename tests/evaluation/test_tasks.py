@@ -61,7 +61,7 @@ def test_editing(archive, evaluator, tmp_path):
   """The edits of four tasks, with what was kept pasted back: then nothing but the new frames differs."""
   folder = tmp_path / "generator"
   config = load_config("cdamd_generator", "tiny").unlock()
-  config.sampler.update(num_rounds=3, num_steps=1, solver="euler")
+  config.sampler.update(num_iterations=3, num_steps=1, solver="euler")
   training.run(config, folder)
   result = judged([folder], [archive], small("editing", paste=True), evaluator, tmp_path / "out")
   assert result["row_order"] == ["real", *(f"{task}: generator" for task in (

@@ -52,7 +52,7 @@ def draw_step(rng, keys, length, channels, config) -> Draws:
 
 
 def make_draw(keys, length, channels):
-  """draw(k, j) for `make_latents`: noise (B, L, C) that depends on a motion's key, round, step and place, nothing
+  """draw(k, j) for `make_latents`: noise (B, L, C) that depends on a motion's key, iteration, step and place, nothing
   else, so neither padding nor batch-mates change it. keys (B,)."""
   fold = jax.random.fold_in
 

@@ -1,9 +1,9 @@
-"""Which latents are hidden in training, and which are made anew in each round of sampling: tables, and no network.
+"""Which latents are hidden in training, and which are made anew in each iteration of sampling: tables, and no network.
 
 Training hides some of a motion's latents behind noise or a learned vector (docs/papers/cdamd.md#training-step).
-Sampling begins with all of them hidden; in each round those that are still hidden are made, and all but a few of the
-newly made ones are hidden again (docs/papers/cdamd.md#generation). Editing is sampling in which only the edited latents
-are ever hidden (docs/papers/cdamd.md#editing).
+Sampling begins with all of them hidden; in each decoding iteration those that are still hidden are made, and all but a
+few of the newly made ones are hidden again (docs/papers/cdamd.md#generation). Editing is sampling in which only the
+edited latents are ever hidden (docs/papers/cdamd.md#editing).
 """
 import math
 from typing import NamedTuple
@@ -62,35 +62,37 @@ def corrupt(latents, made, noise, hidden, real_mask):
 # --- sampling ----------------------------------------------------------------------------------------------------
 
 
-def hidden_shares(num_rounds):
-  """(N,) float32, the share of latents that each round finds hidden: cos of N even steps from 0 to pi / 2.
+def hidden_shares(num_iterations):
+  """(N,) float32, the share of latents that each iteration finds hidden: cos of N even steps from 0 to pi / 2.
 
-  In round 2 (N - 1) / 3 it is one half but for the last bit, which decides every odd length. So the steps are those of
-  PyTorch, to the last bit: float32, the second half counted back from 1 and rounded once; then a cosine that is rounded
-  once, which no float32 cosine promises.
+  In iteration 2 (N - 1) / 3 it is one half but for the last bit, which decides every odd length. So the steps are those
+  of PyTorch, to the last bit: float32, the second half counted back from 1 and rounded once; then a cosine that is
+  rounded once, which no float32 cosine promises.
   """
-  if num_rounds < 1:
-    raise ValueError(f"got {num_rounds} rounds, expected at least 1")
-  index, last = np.arange(num_rounds), max(num_rounds - 1, 1)
+  if num_iterations < 1:
+    raise ValueError(f"got {num_iterations} decoding iterations, expected at least 1")
+  index, last = np.arange(num_iterations), max(num_iterations - 1, 1)
   step = np.float64(np.float32(1) / np.float32(last))
-  times = np.where(index < num_rounds // 2, step * index, 1 - step * (last - index)) if num_rounds > 1 else np.zeros(1)
+  times = np.where(index < num_iterations // 2, step * index, 1 - step * (last - index))
+  if num_iterations == 1:
+    times = np.zeros(1)
   angles = times.astype(np.float32) * np.float32(math.pi) * np.float32(0.5)
   return np.cos(angles.astype(np.float64)).astype(np.float32)
 
 
-def hidden_counts(num_rounds, lengths):
-  """(N, B) integers: how many latents each round finds hidden, of lengths (B,); at least 1. Exactly the reference's.
+def hidden_counts(num_iterations, lengths):
+  """(N, B) integers: how many latents each iteration finds hidden, of lengths (B,); at least 1. The reference's.
 
-  10 rounds of 30 latents: 30 30 28 26 23 19 15 10 5 1
+  10 iterations of 30 latents: 30 30 28 26 23 19 15 10 5 1
   """
   lengths = np.asarray(lengths, np.float32)
-  return np.maximum(1, np.round(hidden_shares(num_rounds)[:, None] * lengths)).astype(np.int64)
+  return np.maximum(1, np.round(hidden_shares(num_iterations)[:, None] * lengths)).astype(np.int64)
 
 
 def hidden_table(order, counts):
-  """(N, B, L): which latents each round finds hidden, those with the smallest numbers in order (B, L).
+  """(N, B, L): which latents each iteration finds hidden, those with the smallest numbers in order (B, L).
 
-  Infinity in order: never hidden. counts (N, B) must not rise in N; then each round's latents are among those before.
+  Infinity in order: never hidden. counts (N, B) must not rise in N; then each iteration's are among those before.
 
   order  .2  .7  .1  inf      counts 3     1 1 1 .
                                      2     1 . 1 .
@@ -105,10 +107,10 @@ def left_to_right(length):
   return -np.arange(length, dtype=np.float32)[None]
 
 
-def revealed_table(hidden):
-  """(N, B, L): which latents keep what a round gives them, those that no later round finds hidden.
+def unmasked_table(hidden):
+  """(N, B, L): which latents keep what an iteration gives them, those that no later one finds hidden.
 
-  The other rows of a round are thrown away, so only these need the solver: of 187 rows of a motion of 30 latents, 30.
+  The other rows of an iteration are thrown away, so only these need the solver: of a motion of 30 latents 30 of 187.
   """
   return hidden & ~jnp.concatenate([hidden[1:], jnp.zeros_like(hidden[:1])])
 

@@ -14,7 +14,7 @@ from motion_jax.models.cdamd import draws
 from motion_jax.models.cdamd import length as lengths
 from motion_jax.models.cdamd import mask_schedule as masking
 from motion_jax.models.cdamd.options import CdamdSampling
-from motion_jax.models.cdamd.unmasking import most_revealed
+from motion_jax.models.cdamd.unmasking import most_unmasked
 from motion_jax.models.known_motion import on_our_body
 from motion_jax.models.results import Motion, Motions, captions_in_a_row, make_motions
 from motion_jax.motion.blending import join
@@ -163,12 +163,12 @@ class CdamdModel(TextToMotionModel):
     """(Plan, hidden (N, B, L), guidance scale, what a file says of them) for latents editable (B, L)."""
     chosen = self.sampling(**sampling)
     order_of = draws.draw_order(keys, np.full(len(keys), self.max_latents), self.max_latents, chosen.order)
-    counts = masking.hidden_counts(chosen.rounds, editable.sum(-1))
+    counts = masking.hidden_counts(chosen.num_iterations, editable.sum(-1))
     hidden = masking.hidden_table(np.where(editable, order_of, np.inf), counts)
     # Rounded up to even numbers, so that few lengths are compiled anew.
-    most = 2 * -(-most_revealed(counts) // 2)
+    most = 2 * -(-most_unmasked(counts) // 2)
     plan = cdamd.make_plan(solver=chosen.solver, num_steps=chosen.num_steps, mask=chosen.mask,
-                           guided=chosen.guidance_scale != 1.0, num_rows=most if chosen.revealed_only else None,
+                           guided=chosen.guidance_scale != 1.0, num_rows=most if chosen.unmasked_only else None,
                            ddpm_steps=self.config.loss.ddpm_steps, temperature=chosen.temperature)
     return plan, hidden, chosen.guidance_scale, chosen.about() | dict(model=self.id)
 

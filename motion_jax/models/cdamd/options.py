@@ -13,15 +13,15 @@ SOLVERS = ("euler", "heun", "midpoint", "rk4", "dopri5", "ddpm")
 @dataclasses.dataclass(frozen=True)
 class CdamdSampling(SamplingOptions):
   """Choices of unmasking, and of the diffusion head that makes what is unmasked."""
-  rounds: int | None = number("decoding iterations, in each of which some latents are made (10)", STEPS,
-                              key="num_rounds")
+  num_iterations: int | None = number("decoding iterations, in each of which some latents are made (10)", STEPS,
+                                      flag="iterations")
   order: str | None = choice("which latents are made first", ORDERS)
   mask: str | None = choice("what latents may look at", MASKS)
   solver: str | None = choice("midpoint (its own), euler, heun, rk4 or dopri5; ddpm where it learned a DDPM's noise",
                               SOLVERS, listed=False)
   num_steps: int | None = number("steps of the solver in each decoding iteration (10)", STEPS, flag="steps")
-  revealed_only: bool | None = switch("solve only for the latents that an iteration unmasks; false solves for those "
-                                      "that are hidden again, too, as the reference does")
+  unmasked_only: bool | None = switch("solve only for the latents that an iteration unmasks; false solves for those "
+                                      "that are masked again, too, as the reference does")
   temperature: float | None = number("size of the noise that a DDPM's steps add (1)", (0, 100), float, usual=1.0)
 
   def resolved(self, config, **usual):

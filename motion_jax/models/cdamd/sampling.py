@@ -4,7 +4,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 
 from motion_jax.diffusion import ddpm, guidance, ode, samplers
-from motion_jax.models.cdamd import unmasking as rounds
+from motion_jax.models.cdamd import unmasking
 from motion_jax.nets.masks import LATENT_MASKS, latent_mask
 
 
@@ -14,7 +14,7 @@ class Plan(NamedTuple):
   num_steps: int = 10          # of the solver; dopri5 chooses its own
   mask: str = "causal"
   guided: bool = True
-  num_rows: int | None = None  # rounds.most_revealed, or None: solve for every hidden latent as the reference does
+  num_rows: int | None = None  # unmasking.most_unmasked, or None: solve for every hidden latent as the reference does
   ddpm_steps: int = 50         # of training
   temperature: float = 1.0     # of the DDPM's noise; flows have none
 
@@ -33,7 +33,7 @@ def make_plan(**fields) -> Plan:
 
 
 def make_latents(net, plan, params, latents, *, text_emb, hidden, real_mask, scale, draw, text_mask=None):
-  """Latents after each round (N, B, L, C), the last the finished ones. Pure; net and plan are static.
+  """Latents after each decoding iteration (N, B, L, C), the last the finished ones. Pure; net and plan are static.
 
   text_emb (B, S, E), text_mask (B, S) or None; latents (B, L, C), of which those are kept that hidden (N, B, L) never
   names; real_mask (B, L); scale () of the guidance; draw: see `draws.make_draw`.
@@ -58,7 +58,7 @@ def make_latents(net, plan, params, latents, *, text_emb, hidden, real_mask, sca
     times = jnp.linspace(0, 1, plan.num_steps + 1, dtype=latents.dtype)[:, None]
     return samplers.FIXED_STEP[plan.solver](predict, noise, times)
 
-  return rounds.sample(condition, solve, draw, latents, hidden, net.apply(params, method="hidden"), plan.num_rows)
+  return unmasking.sample(condition, solve, draw, latents, hidden, net.apply(params, method="hidden"), plan.num_rows)
 
 
 def generate(net, plan, params, codec, *, real_mask, **given):

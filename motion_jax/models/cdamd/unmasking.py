@@ -1,8 +1,9 @@
-"""Sampling in rounds: hidden latents are made, and all but a few of them hidden again, until none is left.
+"""Sampling by unmasking: in each decoding iteration hidden latents are made, and all but a few of them hidden again,
+until none is left.
 
-The tables of `masking` say which latents each round finds hidden. What a round makes of a latent that the next round
-hides again is lost, so it suffices to solve for the others: the same motion from the same noise, as a solver with fixed
-steps treats every row alone, at a sixth of the cost.
+The tables of `mask_schedule` say which latents each iteration finds hidden. What an iteration makes of a latent that
+the next one hides again is lost, so it suffices to solve for the others: the same motion from the same noise, as a
+solver with fixed steps treats every row alone, at a sixth of the cost.
 """
 import jax
 import jax.numpy as jnp
@@ -11,23 +12,23 @@ import numpy as np
 from motion_jax.models.cdamd import mask_schedule as masking
 
 
-def most_revealed(counts):
-  """The most latents that one round of counts (N, B) leaves unhidden in one motion: rows that its solver needs."""
+def most_unmasked(counts):
+  """The most latents that one iteration of counts (N, B) leaves unhidden in one motion: rows that its solver needs."""
   return int(-np.diff(counts, axis=0, append=0).min())
 
 
 def sample(condition, solve, draw, latents, hidden, mask_latent, num_rows=None):
-  """Latents after each round (N, B, L, C), the last ones those of the motion.
+  """Latents after each decoding iteration (N, B, L, C), the last ones those of the motion.
 
   condition(z (B, L, C), hidden (B, L)) -> (G B, L, H), G branches of guidance one after the other. solve(condition
   (G B, R, H), rows (B, R), fresh) -> (B, R, C), where fresh(j) is the j-th noise (B, R, C) that it needs and rows say
-  which of its results are wanted. draw(k, j) -> that noise (B, L, C) for all latents in round k. Both integers may be
-  traced. latents (B, L, C): what is never hidden stays as it is there, to the bit. hidden (N, B, L). num_rows, see
-  `most_revealed`: solve only for the latents that the round reveals; None solves for all that are hidden, as the
+  which of its results are wanted. draw(k, j) -> that noise (B, L, C) for all latents in iteration k. Both integers may
+  be traced. latents (B, L, C): what is never hidden stays as it is there, to the bit. hidden (N, B, L). num_rows, see
+  `most_unmasked`: solve only for the latents that the iteration unmasks; None solves for all that are hidden, as the
   reference does.
   """
-  num_rounds, batch, length = hidden.shape
-  wanted = hidden if num_rows is None else masking.revealed_table(hidden)
+  num_iterations, batch, length = hidden.shape
+  wanted = hidden if num_rows is None else masking.unmasked_table(hidden)
   row = jnp.arange(batch)[:, None]
 
   def make(z, k, hidden, wanted):
@@ -42,9 +43,9 @@ def sample(condition, solve, draw, latents, hidden, mask_latent, num_rows=None):
     made = solve(conditions, rows, lambda j: draw(k, j)[row, places]).astype(z.dtype)
     return z.at[row, places].set(jnp.where(rows[..., None], made, z[row, places]))
 
-  def one_round(z, given):
+  def iteration(z, given):
     k, hidden, wanted = given
     z = jax.lax.cond(wanted.any(), make, lambda z, *_: z, z, k, hidden, wanted)
     return z, z
 
-  return jax.lax.scan(one_round, latents, (jnp.arange(num_rounds), jnp.asarray(hidden), jnp.asarray(wanted)))[1]
+  return jax.lax.scan(iteration, latents, (jnp.arange(num_iterations), jnp.asarray(hidden), jnp.asarray(wanted)))[1]

@@ -209,15 +209,15 @@ def _generator_config(tokenizer, gen, layout, diffusion):
   Source: docs/papers/cdamd.md#generation.
   """
   kit, ddpm = layout.skeleton.name == "kit", diffusion == "ddpm"
-  sampler = dict(num_rounds=10, guidance_scale=2.0 if kit else 4.0, order="random", mask="causal", edit_mask="bcm")
+  sampler = dict(num_iterations=10, guidance_scale=2.0 if kit else 4.0, order="random", mask="causal", edit_mask="bcm")
   mask = "dccm"
   if gen.fields["transformer"]["kind"] == "mardm":
     mask = "bidirectional"
-    sampler |= dict(num_rounds=18, guidance_scale=2.5 if kit else 4.5, mask=mask, edit_mask=mask)
+    sampler |= dict(num_iterations=18, guidance_scale=2.5 if kit else 4.5, mask=mask, edit_mask=mask)
   sampler |= dict(solver="ddpm", num_steps=50) if ddpm else dict(solver="midpoint", num_steps=10)
   data = dict(layout=layout.name, mode="benchmark", min_frames=24 if kit else 40, max_frames=196)
   config = dict(stage="cdamd.generator", tokenizer=tokenizer.fields, model=gen.fields, data=data,
-                loss=dict(mask=mask, diffusion=diffusion, ddpm_steps=50), sampler=sampler | dict(revealed_only=True))
+                loss=dict(mask=mask, diffusion=diffusion, ddpm_steps=50), sampler=sampler | dict(unmasked_only=True))
   # With how many levels of the prior a CDAMD was trained its tensors do not tell, so not its row either.
   transformer, rows = gen.fields["transformer"], {}
   if transformer["kind"] == "mardm" and (transformer["width"], transformer["depth"]) == (1024, 1):
