@@ -179,7 +179,7 @@ def test_released_weights_make_the_recorded_motion(tmp_path, monkeypatch, capsys
   """The whole way of a user: two files by the command line to a folder, the folder to motion."""
   fixture, flags = cmdm_files(tmp_path, kind)
   text = text_folder(tmp_path / "text", 20)
-  assert run("cmdm", "--text", text, "--out", tmp_path / "run", **flags) == 0
+  assert run("cmdm", "--text-encoder", text, "--out", tmp_path / "run", **flags) == 0
   printed = capsys.readouterr().out
   assert "left aside: " + ("ep, model, opt_model, scheduler, total_it" if kind == "torch" else "model") in printed
   assert "num_heads 2" in printed and "dilations (9, 3, 1)" in printed and "ema_model" in printed
@@ -247,7 +247,7 @@ WRONG = [
     (None, {"--denoiser": "--tokenizer"}, "expected ema_model"),
     (None, {"--denoiser": "nothing.tar"}, "no checkpoint"),
     (None, {"--stats": "nowhere"}, "no Mean.npy"),
-    (None, {"--text": "fresh"}, "32 numbers a word"),
+    (None, {"--text-encoder": "fresh"}, "32 numbers a word"),
 ]
 
 
@@ -321,7 +321,7 @@ def test_the_teacher(tmp_path, kind):
   tables = {name: np.ones((5, 1, sizes["width"]), np.float32) for name in fixture.meta["skipped_state"]}
   path = save_nested(tmp_path / "best_model", fixture.params | tables, kind)
   stats = stats_folder(tmp_path / "stats", np.zeros(263), np.ones(263))
-  with pytest.raises(ValueError, match="give the folder that it started from with --text"):
+  with pytest.raises(ValueError, match="give the folder that it started from with --text-encoder"):
     write_teacher(tmp_path / "run", path, stats)
   fields = bert.bert_fields({"model_type": "distilbert", **sizes["text"]})
   network = teacher(path, get_layout("full"), text_fields=fields)
@@ -332,7 +332,7 @@ def test_the_teacher(tmp_path, kind):
   state = {name: a for name, a in state.items() if not name.startswith("text_encoder")} | {
       f"text_encoder.text_model.{name}": a for name, a in load_file(text / "model.safetensors").items()}
   path = save_nested(tmp_path / "teacher", state, kind)
-  assert run("teacher", path, "--stats", stats, "--text", text, "--out", tmp_path / "run") == 0
+  assert run("teacher", path, "--stats", stats, "--text-encoder", text, "--out", tmp_path / "run") == 0
   config = checkpoint.load_config(tmp_path / "run")
   module = make_teacher(config.model.to_dict(), config.data.layout)
   params = checkpoint.load_params(tmp_path / "run")
@@ -371,7 +371,7 @@ def test_the_evaluators(tmp_path, kind):
                                 vectors=np.ones((4, size), np.float32))
   command = ["evaluator", path.with_stem("t2m"), "--stats", folder, "--out", tmp_path / "whole"]
   given(width + 1)
-  assert run(*command, "--glove", tmp_path) != 0 and run(*command, "--text", "fresh") != 0
+  assert run(*command, "--glove", tmp_path) != 0 and run(*command, "--text-encoder", "fresh") != 0
   given(width)
   assert run(*command, "--glove", tmp_path) == 0
   evaluator = load_evaluator(tmp_path / "whole")

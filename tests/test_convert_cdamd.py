@@ -110,7 +110,7 @@ def assert_same(made, motion, fixture, stats, bound):
 def test_released_cdamd_makes_the_recorded_motion(tmp_path, monkeypatch, capsys, kind):
   """The whole way of a user: four files by the command line to a folder, the folder to motion."""
   fixture, flags = files(tmp_path, kind)
-  flags["--text"] = text_folder(tmp_path / "text", 16)
+  flags["--text-encoder"] = text_folder(tmp_path / "text", 16)
   assert run("cdamd", "--out", tmp_path / "run", **flags) == 0
   printed = capsys.readouterr().out
   assert "dilations (9, 3, 1)" in printed and "num_heads 4" in printed and "--model" in printed
@@ -135,7 +135,7 @@ def test_released_mardm_makes_the_recorded_motion(tmp_path, monkeypatch, capsys)
   negative = {name: -array for name, array in fixture.params.items()}
   content = {"ema_mardm": with_positions(fixture.params), "mardm": with_positions(negative)}
   flags |= {"--generator": save_nested(tmp_path / "mardm", content, "safetensors"),
-            "--text": text_folder(tmp_path / "text", 16)}
+            "--text-encoder": text_folder(tmp_path / "text", 16)}
   del flags["--rvq"], flags["--length"]
   assert run("mardm", "--diffusion", "ddpm", "--out", tmp_path / "run", **flags) == 0
   assert "left aside: mardm" in capsys.readouterr().out
@@ -146,7 +146,7 @@ def test_released_mardm_makes_the_recorded_motion(tmp_path, monkeypatch, capsys)
   motion = jax.jit(lambda z: net.apply(params, z, method="decode"))(fixture["out/latents"].swapaxes(1, 2))
   assert_same(made, np.asarray(motion), fixture, model.stats, 5e-5)
 
-  del flags["--text"]
+  del flags["--text-encoder"]
   with pytest.raises(SystemExit):
     run("mardm", "--weights", "best", "--out", tmp_path / "last", **flags)
   assert run("mardm", "--weights", "model", "--out", tmp_path / "last", **flags) == 0
@@ -202,7 +202,7 @@ WRONG = [
     (None, {"--tokenizer": "--generator"}, "expected ae"),
     (None, {"--generator": "--rvq"}, "expected ema_mardm"),
     (None, {"--stats": "nowhere"}, "no statistics of 66 numbers"),
-    (None, {"--text": "fresh"}, "32 numbers a sentence"),
+    (None, {"--text-encoder": "fresh"}, "32 numbers a sentence"),
 ]
 
 

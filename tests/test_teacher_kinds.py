@@ -224,7 +224,7 @@ def test_released_motion_patches(tmp_path):
   state |= {f"text_encoder.text_model.{name}": a for name, a in load_file(text / "model.safetensors").items()}
   path = save_nested(tmp_path / "best_model", state, "safetensors")
   stats = stats_folder(tmp_path / "stats", fixture["in/mean"], fixture["in/std"])
-  assert run("teacher", path, "--stats", stats, "--text", text, "--heads", 4, "--out", tmp_path / "run") == 0
+  assert run("teacher", path, "--stats", stats, "--text-encoder", text, "--heads", 4, "--out", tmp_path / "run") == 0
   config = checkpoint.load_config(tmp_path / "run")
   assert config.model.num_rows == 48 and config.origin.weights == "released" and not config.model.upsample
   retriever = retrieval.load(tmp_path / "run")
@@ -253,7 +253,7 @@ def test_released_tmr(tmp_path, as_folder):
     path = save_nested(tmp_path / "last", {"state_dict": state, "lr_schedulers": {"x": np.zeros(1)}}, "safetensors")
   stats = stats_folder(tmp_path / "stats", np.zeros(263), np.ones(263))
   text = text_folder(tmp_path / "text", 24, heads=4)
-  assert run("teacher", path, "--stats", stats, "--text", text, "--heads", 2, "--out", tmp_path / "run") == 0
+  assert run("teacher", path, "--stats", stats, "--text-encoder", text, "--heads", 2, "--out", tmp_path / "run") == 0
   retriever = retrieval.load(tmp_path / "run")
   given = (jnp.asarray(fixture[f"in/{name}"]) for name in ("text", "text_mask"))
   text_mu = retriever.space.text(retriever.params, *given)

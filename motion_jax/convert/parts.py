@@ -161,7 +161,7 @@ def text_files(text, dim, what, usual, level="words"):
   encoder = load_text_encoder(text, level=level)
   if encoder.dim != dim:
     raise ValueError(f"the text encoder {text} gives {encoder.dim} numbers a {level.removesuffix('s')}, the {what} was "
-                     f"trained on {dim}; give --text the encoder that it was trained on ({usual})")
+                     f"trained on {dim}; give --text-encoder the encoder that it was trained on ({usual})")
   return {checkpoint.TEXT: text_identity(encoder)}
 
 

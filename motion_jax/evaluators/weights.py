@@ -67,7 +67,7 @@ def write_evaluator(out, file, stats, num_heads=None, glove=None, text=None):
   made = evaluator(file, num_heads)
   clip = isinstance(made.module, ClipEvaluator)
   if (glove and clip) or (text and not clip):
-    raise ValueError(f"{file} is " + ("of CLIP's type, which reads word pieces: give --text" if clip else
+    raise ValueError(f"{file} is " + ("of CLIP's type, which reads word pieces: give --text-encoder" if clip else
                                       "T2M's evaluator, which reads word vectors: give --glove") + " instead")
   files, words = {}, load_words(glove) if glove else None
   if words:

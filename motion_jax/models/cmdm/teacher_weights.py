@@ -107,7 +107,7 @@ def _distilbert_fields(part):
   vocab_size, width = part.shape(f"{TEXT}embeddings.word_embeddings.weight", what, 2)
   if width != 768:
     raise ValueError(f"the teacher's text transformer has width {width}, DistilBERT has 768; the tensors do not tell "
-                     "its number of heads, give the folder that it started from with --text")
+                     "its number of heads, give the folder that it started from with --text-encoder")
   return dict(vocab_size=vocab_size, width=width, num_heads=12,
               num_layers=part.count(re.escape(TEXT) + r"transformer\.layer\.(\d+)\."),
               mlp_width=part.shape(f"{TEXT}transformer.layer.0.ffn.lin1.weight", what, 2)[0],
