@@ -20,7 +20,7 @@ from motion_jax.motion.representations import to_joints
 from motion_jax.training.setup import reconstruction_error
 
 FRAMES = 96  # of every generated motion: one compiled function
-STORY = (6, 4.0)  # prompts, seconds each
+SEQUENCE = (6, 4.0)  # prompts, seconds each
 BATCH = 32
 
 
@@ -47,9 +47,10 @@ def generated(loaded, captions, seed):
 
 def borders(loaded, captions, count):
   rng = np.random.default_rng(0)
-  prompts, seconds = STORY
-  tales = [[(captions[j], seconds) for j in rng.choice(len(captions), prompts, replace=False)] for _ in range(count)]
-  made = loaded.multi_prompts(tales, seeds=list(range(count)), cleanup=False)
+  prompts, seconds = SEQUENCE
+  draw = lambda: rng.choice(len(captions), prompts, replace=False)
+  sequences = [[(captions[j], seconds) for j in draw()] for _ in range(count)]
+  made = loaded.multi_prompts(sequences, seeds=list(range(count)), cleanup=False)
   cuts = lambda motion: [round(caption.start * loaded.fps) for caption in motion.captions[1:]]
   return np.concatenate([physics.cut_transitions(to_joints(motion.features), cuts(motion)) for motion in made])
 
@@ -79,7 +80,7 @@ def main():
   parser.add_argument("--archives", nargs="+", required=True)
   parser.add_argument("--teacher", default="part-tmr-small")
   parser.add_argument("--seeds", type=int, default=2)
-  parser.add_argument("--stories", type=int, default=16)
+  parser.add_argument("--sequences", type=int, default=16)
   args = parser.parse_args()
   retriever = retrieval.load(args.teacher)
   clips = test_clips(args.archives)
@@ -87,8 +88,8 @@ def main():
   captions = sorted(first)
   curve = physics.jerk_curve(real_windows(clips))
   level = curve.mean()
-  print(f"{len(clips)} test clips, {len(captions)} captions, {args.seeds} seeds; {args.stories} stories of {STORY[0]} "
-        f"prompts, {STORY[1]:g} s each; real jerk {level:.4f}\n")
+  print(f"{len(clips)} test clips, {len(captions)} captions, {args.seeds} seeds; {args.sequences} motions of "
+        f"{SEQUENCE[0]} prompts, {SEQUENCE[1]:g} s each; real jerk {level:.4f}\n")
   heads = ["model", "reconstruction, mm", "R@1", "R@2", "R@3", "motion to text R@1", "cosine", "PJ", "AUJ"]
   print(f"| {' | '.join(heads)} |\n" + "| --- " * len(heads) + "|")
   features = [retriever.features_of(clip) for clip in clips]
@@ -97,7 +98,7 @@ def main():
   for name in args.models:
     loaded = loading.load(name)
     rows = [recall(retriever, captions, generated(loaded, captions, seed)) for seed in range(args.seeds)]
-    made = physics.jerk_curve(borders(loaded, captions, args.stories))
+    made = physics.jerk_curve(borders(loaded, captions, args.sequences))
     print_row(name, f"{reconstruction(loaded, features):.1f}", np.mean(rows, axis=0), made, level)
 
 

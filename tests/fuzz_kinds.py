@@ -230,7 +230,7 @@ def captions(rng, folder):
 # --- words ---------------------------------------------------------------------------------------------------------
 
 _PROMPTS = "prompt,length\n\"a person walks, then runs\",24\na person waves,\nsomeone jumps,40\n"
-_STORY = "a person walks:4 | a person waves:2s | someone sits"
+_SEQUENCE = "a person walks:4 | a person waves:2s | someone sits"
 _TIMELINES = ("walking in a circle # 0.0 # 6.0 # legs\nraising both hands # 2.0 # 5.0 # right arm # left arm\n\n"
               "a person sits # 1.0 # 3.0 # spine\n")
 
@@ -265,18 +265,18 @@ def stories(rng, folder):
     text = _PROMPTS if given.endswith(".csv") else pick(rng, (_TIMELINES, "a person walks:4\na person sits\n"))
     put(folder, {given: damage(rng, given, text.encode())})
   else:
-    given = " " + _argument(damage_text(rng, _STORY.encode()).decode("utf-8", "replace"))
+    given = " " + _argument(damage_text(rng, _SEQUENCE.encode()).decode("utf-8", "replace"))
   return command("multi-prompt", given, "--way", pick(rng, ("stream", "chain")), "--model", "run", "--out", "out/a.npy")
 
 
 def timeline_files(rng, folder):
-  """Timelines and stories as evaluation reads them."""
+  """Timelines and sequences of prompts as evaluation reads them."""
   if rng.random() < 0.5:
     put(folder, {"in.txt": damage(rng, "in.txt", _TIMELINES.encode())})
     return Case("read_timelines", lambda: [timelines.single_track(one) for one in timelines.read_timelines("in.txt")])
-  tales = [{"id": str(i), "lengths": [40, 60], "text": ["walks", "sits"]} for i in range(3)]
-  put(folder, {"in.json": damage(rng, "in.json", json.dumps(tales).encode())})
-  return Case("read_stories", lambda: timelines.read_stories("in.json"))
+  sequences = [{"id": str(i), "lengths": [40, 60], "text": ["walks", "sits"]} for i in range(3)]
+  put(folder, {"in.json": damage(rng, "in.json", json.dumps(sequences).encode())})
+  return Case("read_sequences", lambda: timelines.read_sequences("in.json"))
 
 
 # --- folders -------------------------------------------------------------------------------------------------------
@@ -345,8 +345,8 @@ def commands(rng, folder):
   motion = healthy("motion")
   put(folder, {f"in{ending}": motion[f"a{ending}"] for ending in (".npz", ".npy", ".bvh")}
       | {f"run/{name}": content for name, content in healthy("run").items()} | healthy("archive"))
-  start = pick(rng, (["generate", "a person walks", "--frames", "24"], ["multi-prompt", _STORY], ["render", "in.npz"],
-                     ["extend", "in.npz", "--text", "sits"], ["extend", "in.bvh", "--text", "walks:2 | sits"],
+  start = pick(rng, (["generate", "a person walks", "--frames", "24"], ["multi-prompt", _SEQUENCE],
+                     ["render", "in.npz"], ["extend", "in.npz", "--text", "sits"], ["extend", "in.bvh", "--text", "walks:2 | sits"],
                      ["data", "build", "set", "out/made"], ["data", "doctor", "set"], ["models"],
                      ["edit", "in.npz", "--text", "waves", "--task", "prefix"], ["data"], ["convert", "cmdm"], []))
   made = start[0] in ("generate", "multi-prompt", "extend", "edit", "render") if start else False

@@ -144,7 +144,7 @@ def test_everyday_captions_are_padded_as_ever(model):
 
 
 def test_a_stream_takes_a_long_prompt_on_the_way(model):
-  """What was said before goes on as if nothing longer had come, and it is the story of both."""
+  """What was said before goes on as if nothing longer had come, and it is the motion of both prompts."""
   def told(prompt):
     stream, parts = model.stream("someone walks", seed=0, num_frames=96, **FAST), []
     for part in stream:
@@ -156,8 +156,8 @@ def test_a_stream_takes_a_long_prompt_on_the_way(model):
   plain, long = told(None), told(LONG)
   # Three blocks were given, a fourth was under way.
   assert np.abs(plain[:48] - long[:48]).max() < 1e-6 and np.abs(plain[48:] - long[48:]).max() > 1e-5
-  tale = model.multi_prompt([("someone walks", 2.4), (LONG, 2.4)], seed=0, cleanup=False, **FAST)
-  assert np.abs(tale.joints - long).max() < 1e-4
+  both = model.multi_prompt([("someone walks", 2.4), (LONG, 2.4)], seed=0, cleanup=False, **FAST)
+  assert np.abs(both.joints - long).max() < 1e-4
 
 
 def test_few_prompts_compile_anew(model):

@@ -7,11 +7,11 @@ from motion_jax import cli, export
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.loading import load
-from motion_jax.models.cmdm import multi_prompt as stories
+from motion_jax.models.cmdm import multi_prompt
 from motion_jax.motion import rotations as rot
 
 FAST = dict(num_steps=6, lag=2)
-TALE = [("a person walks", 1.2), ("a person waves", 1.3), ("a person sits", 0.7)]
+PROMPTS = [("a person walks", 1.2), ("a person waves", 1.3), ("a person sits", 0.7)]
 
 
 @pytest.fixture(scope="module")
@@ -33,14 +33,14 @@ def walk():
 
 
 def test_borders_are_on_blocks_and_the_end_is_as_asked():
-  assert stories.borders([24, 26, 14], 12) == ([2, 2, 2], 64)  # ends at 24, 50 (nearest: 48), 64 (cut from 72)
-  assert stories.borders([4, 4, 40], 12) == ([1, 1, 2], 48)    # no segment is shorter than a block
-  assert stories.borders([4, 4, 4], 12) == ([1, 1, 1], 36)
-  assert stories.borders([100], 12) == ([9], 100)
+  assert multi_prompt.borders([24, 26, 14], 12) == ([2, 2, 2], 64)  # ends at 24, 50 (nearest: 48), 64 (cut from 72)
+  assert multi_prompt.borders([4, 4, 40], 12) == ([1, 1, 2], 48)    # no segment is shorter than a block
+  assert multi_prompt.borders([4, 4, 4], 12) == ([1, 1, 1], 36)
+  assert multi_prompt.borders([100], 12) == ([9], 100)
 
 
-def test_a_story_is_one_motion_and_a_stream_tells_it_too(model):
-  whole = model.multi_prompt(TALE, seed=2, cleanup=False, **FAST)
+def test_several_prompts_are_one_motion_and_a_stream_says_the_same(model):
+  whole = model.multi_prompt(PROMPTS, seed=2, cleanup=False, **FAST)
   assert whole.num_frames == 64 and whole.features.shape == (64, 263)
   assert whole.captions == (Caption("a person walks", 0.0, 1.2), Caption("a person waves", 1.2, 2.4),
                             Caption("a person sits", 2.4, 3.2))
@@ -49,16 +49,14 @@ def test_a_story_is_one_motion_and_a_stream_tells_it_too(model):
   stream.say("a person waves", after=1.2)
   stream.say("a person sits", after=2.4)
   assert np.abs(np.concatenate(list(stream)) - whole.joints).max() < 1e-4
-  with pytest.warns(FutureWarning, match="story is called multi_prompt; the old name goes on working"):
-    assert np.array_equal(model.story(TALE, seed=2, cleanup=False, **FAST).joints, whole.joints)
-  other = model.multi_prompt([*TALE[:1], ("a person runs", 2.0)], seed=2, cleanup=False, **FAST).joints
+  other = model.multi_prompt([*PROMPTS[:1], ("a person runs", 2.0)], seed=2, cleanup=False, **FAST).joints
   assert np.abs(other[:24] - whole.joints[:24]).max() < 1e-5  # what comes later is not known before
   assert np.abs(other[24:50] - whole.joints[24:50]).max() > 1e-4
 
 
-def test_a_story_does_not_know_its_batch_mates(model):
-  alone = model.multi_prompt(TALE, seed=5, **FAST)
-  both = model.multi_prompts([[("a person runs", 4.0)], TALE], seeds=[1, 5], **FAST)
+def test_a_motion_of_several_prompts_does_not_know_its_batch_mates(model):
+  alone = model.multi_prompt(PROMPTS, seed=5, **FAST)
+  both = model.multi_prompts([[("a person runs", 4.0)], PROMPTS], seeds=[1, 5], **FAST)
   assert both.joints.shape[1] == 80 and both.frame_mask.sum(1).tolist() == [80, 64]
   assert np.abs(both[1].joints - alone.joints).max() < 1e-4
   run = model.generate("a person runs", num_frames=80, seeds=[1], **FAST)[0]
@@ -66,12 +64,12 @@ def test_a_story_does_not_know_its_batch_mates(model):
 
 
 def test_the_released_way_chains_segments(model):
-  tale = [("a person walks", 0.65), ("a person waves", 1.0)]
-  alone = model.multi_prompt(tale, seed=5, way="chain", **FAST)
+  prompts = [("a person walks", 0.65), ("a person waves", 1.0)]
+  alone = model.multi_prompt(prompts, seed=5, way="chain", **FAST)
   assert alone.num_frames == 32 and alone.captions[1].start == pytest.approx(0.6)  # 13 frames are 3 latents
-  both = model.multi_prompts([[("a person runs", 2.0)], tale], seeds=[1, 5], way="chain", **FAST)
+  both = model.multi_prompts([[("a person runs", 2.0)], prompts], seeds=[1, 5], way="chain", **FAST)
   assert np.abs(both[1].joints - alone.joints).max() < 1e-4 and both[0].num_frames == 40
-  assert np.abs(model.multi_prompt(tale, seed=5, **FAST).joints[:30] - alone.joints[:30]).max() > 1e-4
+  assert np.abs(model.multi_prompt(prompts, seed=5, **FAST).joints[:30] - alone.joints[:30]).max() > 1e-4
 
 
 def test_words_of_a_stream_change_when_they_are_said(model):
@@ -134,9 +132,9 @@ def test_a_generated_body_is_laid_over_the_given_one():
   joints = synthetic_clips(1, 1, num_frames=60)[0].joints.astype(np.float64)
   turn = rot.about_axis(np.array(1.1), "y")
   shadow = rot.rotate(turn[None, None], joints) + [3.0, 0.1, -2.0]
-  np.testing.assert_allclose(stories._laid_over(shadow, joints[:40], 40), joints[40:], atol=1e-9)
+  np.testing.assert_allclose(multi_prompt._laid_over(shadow, joints[:40], 40), joints[40:], atol=1e-9)
   wrong = shadow + 0.05 * np.sin(np.arange(66).reshape(22, 3))
-  after = stories._laid_over(wrong, joints[:40], 40)
+  after = multi_prompt._laid_over(wrong, joints[:40], 40)
   assert np.abs(after[0] - joints[40]).max() < 0.01 and np.abs(after[15:] - joints[55:]).max() < 0.12
 
 
@@ -155,7 +153,7 @@ def test_a_generated_body_is_laid_over_the_given_one():
     (lambda m, w: m.stream("walks", schedule="full"), "fss"),
     (lambda m, w: m.stream("walks", context=7), "blocks of 3"),
 ])
-def test_bad_stories_are_told(model, walk, run, words):
+def test_bad_sequences_are_told(model, walk, run, words):
   with pytest.raises(ValueError, match=words):
     run(model, walk)
 
@@ -163,19 +161,19 @@ def test_bad_stories_are_told(model, walk, run, words):
 # --- from the command line ---------------------------------------------------------------------------------------
 
 
-def test_stories_are_read_from_words_and_files(tmp_path):
-  assert cli.read_stories("a person walks: 4 | sits down |waves:2.5s") == [
+def test_sequences_are_read_from_words_and_files(tmp_path):
+  assert cli.read_sequences("a person walks: 4 | sits down |waves:2.5s") == [
       [("a person walks", 4.0), ("sits down", None), ("waves", 2.5)]]
-  assert cli.read_stories("says: hello") == [[("says: hello", None)]]
+  assert cli.read_sequences("says: hello") == [[("says: hello", None)]]
   (tmp_path / "s.csv").write_text("prompt,length\na person walks,40\na person sits,\n")
-  assert cli.read_stories(str(tmp_path / "s.csv")) == [[("a person walks", 2.0), ("a person sits", None)]]
+  assert cli.read_sequences(str(tmp_path / "s.csv")) == [[("a person walks", 2.0), ("a person sits", None)]]
   (tmp_path / "s.txt").write_text("a person walks:3\na person sits\n")
-  assert cli.read_stories(str(tmp_path / "s.txt")) == [[("a person walks", 3.0), ("a person sits", None)]]
+  assert cli.read_sequences(str(tmp_path / "s.txt")) == [[("a person walks", 3.0), ("a person sits", None)]]
   (tmp_path / "t.txt").write_text("walks # 0 # 4 # legs\nwaves # 2 # 4 # left arm\n\nsits # 0 # 3 # legs\n")
-  assert cli.read_stories(str(tmp_path / "t.txt")) == [[("walks", 2.0), ("walks and waves", 2.0)], [("sits", 3.0)]]
+  assert cli.read_sequences(str(tmp_path / "t.txt")) == [[("walks", 2.0), ("walks and waves", 2.0)], [("sits", 3.0)]]
 
 
-def test_story_and_extend_commands(tiny_run, tmp_path, monkeypatch, capsys):
+def test_multi_prompt_and_extend_commands(tiny_run, tmp_path, monkeypatch, capsys):
   monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
   options = ["--model", str(tiny_run), "--steps", "6", "--seed", "2"]
   out = tmp_path / "s.npz"

@@ -66,11 +66,11 @@ def test_lines_that_are_no_prompts(tmp_path, text, message):
     cli.read_prompts(str(tmp_path / "p.csv"))
 
 
-@pytest.mark.parametrize("story", ["walks:nan", "walks:1e308", "walks:inf", "walks:-3 | sits", "sits | walks:0",
-                                   "walks:1,5"])
-def test_seconds_of_stories(story):
+@pytest.mark.parametrize("sequence", ["walks:nan", "walks:1e308", "walks:inf", "walks:-3 | sits", "sits | walks:0",
+                                      "walks:1,5"])
+def test_seconds_of_sequences(sequence):
   with pytest.raises(ValueError, match="expected a number of seconds over 0, up to 3,600"):
-    cli.read_stories(story)
+    cli.read_sequences(sequence)
 
 
 def test_captions_as_excel_writes_them(tmp_path):

@@ -8,12 +8,12 @@ import warnings
 import motion_jax
 from motion_jax.cli import convert, data, evaluate, make, retrieve, show, train
 from motion_jax.cli.parser import Parser
-from motion_jax.cli.prompts import read_prompts, read_stories
+from motion_jax.cli.prompts import read_prompts, read_sequences
 from motion_jax.runtime import progress, stopping
 
-__all__ = ["main", "parse", "read_prompts", "read_stories"]
+__all__ = ["main", "parse", "read_prompts", "read_sequences"]
 
-_OLDER_NAMES = {"story": "multi-prompt"}
+_FORMER_NAMES = {"story": "multi-prompt"}
 
 # What this package raises itself. What a library stumbles over is translated where that happens (`errors.reading`), so
 # any other error is a fault of the program, and a traceback says where.
@@ -44,9 +44,9 @@ def parse(argv=None, command=None, program=None):
     parser = _commands_of(parser)[command]
     parser.prog = program
     parser.set_defaults(command=command)
-  elif argv and argv[0] in _OLDER_NAMES:
-    print(f"note: motion-jax {argv[0]} is called motion-jax {_OLDER_NAMES[argv[0]]}", file=sys.stderr)
-    argv[0] = _OLDER_NAMES[argv[0]]
+  elif argv and argv[0] in _FORMER_NAMES:
+    print(f"note: motion-jax {argv[0]} is called motion-jax {_FORMER_NAMES[argv[0]]}", file=sys.stderr)
+    argv[0] = _FORMER_NAMES[argv[0]]
   args = parser.parse_args(argv)
   args.program = program or f"motion-jax {args.command}"
   return args

@@ -3,7 +3,7 @@ import pathlib
 import time
 
 from motion_jax.cli import shared
-from motion_jax.cli.prompts import read_prompts, read_stories
+from motion_jax.cli.prompts import read_prompts, read_sequences
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.numerals import MOTIONS, SEEDS, real, whole
 from motion_jax.models import registry
@@ -125,7 +125,7 @@ def _multi_prompt(args):
   outputs = _outputs(args)
   start, model = time.time(), _load_model(args)
   _able(model, "multi_prompt")
-  sequences = read_stories(args.prompts, model.fps)
+  sequences = read_sequences(args.prompts, model.fps)
   _check_count(len(sequences), args)
   model.check_words(list(dict.fromkeys(prompt for one in sequences for prompt, _ in one)))
   _tell_model(model, args, f"{len(sequences) * args.num} motion(s) of {len(sequences[0])} prompt(s) each")
@@ -144,7 +144,7 @@ def _extend(args):
   outputs, clip = _outputs(args), shared.read_motion(args.file, args)
   start, model = time.time(), _load_model(args)
   _able(model, "extend")
-  segments = read_stories(args.text, model.fps)[0]
+  segments = read_sequences(args.text, model.fps)[0]
   if args.seconds is not None:
     if len(segments) > 1:
       raise InputError("got --seconds for several sentences; write them behind colons, as in \"walks:4 | sits:3\"")

@@ -1,4 +1,4 @@
-"""Prompts and stories as the command line takes them: sentences, and files of them."""
+"""Prompts as the command line takes them: sentences, several in a row, and files of them."""
 import pathlib
 
 from motion_jax.inputs.errors import InputError
@@ -53,8 +53,9 @@ def _prompt_and_frames(path, row):
                      "it") from None
 
 
-def read_stories(text, fps=20.0):
-  """[[(prompt, seconds or None)]]: stories from prompts parted by |, or from a file, see `motion-jax story --help`."""
+def read_sequences(text, fps=20.0):
+  """[[(prompt, seconds or None)]]: sequences of prompts, from words parted by | or from a file as `motion-jax
+  multi-prompt --help` has it."""
   from motion_jax.data import timelines
   from motion_jax.inputs import text_files
   path = pathlib.Path(text)

@@ -7,7 +7,7 @@ A text file; one interval a line, an empty line between timelines, seconds:
 
 `single_track` turns one into prompts that follow each other, for models that take one caption at a time.
 
-`read_stories` reads prompts that follow each other anyway, as FlowMDM's evaluation lists them: JSON, [{"id": "0",
+`read_sequences` reads prompts that follow each other anyway, as FlowMDM's evaluation lists them: JSON, [{"id": "0",
 "lengths": [frames, ..], "text": [caption, ..]}, ..].
 """
 from typing import NamedTuple
@@ -46,22 +46,21 @@ def read_timelines(path) -> list[list[Interval]]:
   return [_from_zero(timeline) for timeline in timelines]
 
 
-def read_stories(path) -> list[list[tuple[str, int]]]:
-  """[[(caption, frames), ..], ..] of a file of stories, in the order of their ids. Raises ValueError for another file.
-  """
+def read_sequences(path) -> list[list[tuple[str, int]]]:
+  """[[(caption, frames), ..], ..] of a file of sequences, in the order of their ids; ValueError for another file."""
   expected = 'expected a list of {"id", "lengths": [frames, ..], "text": [caption, ..]}, as many lengths as texts'
   content = read_json(path, list, advice=expected)
   try:
-    stories = [list(zip(one["text"], map(int, one["lengths"]), strict=True))
+    sequences = [list(zip(one["text"], map(int, one["lengths"]), strict=True))
                for one in sorted(content, key=lambda one: int(one["id"]))]
   except (KeyError, TypeError, ValueError, OverflowError) as error:
-    raise InputError(f"{path} is no file of stories ({reason(error)}); {expected}") from None
-  bad = [i for i, story in enumerate(stories) if len(story) < 2 or any(
-      not isinstance(text, str) or not text.strip() or frames < 1 for text, frames in story)]
-  if bad or not stories:
-    raise InputError(f"{path}: " + (f"story {bad[0]} of {len(stories)} has an empty caption, a length under 1 or no "
-                                    "second prompt" if bad else "no story") + f"; {expected}")
-  return stories
+    raise InputError(f"{path} is no file of multi-prompt sequences ({reason(error)}); {expected}") from None
+  bad = [i for i, sequence in enumerate(sequences) if len(sequence) < 2 or any(
+      not isinstance(text, str) or not text.strip() or frames < 1 for text, frames in sequence)]
+  if bad or not sequences:
+    raise InputError(f"{path}: " + (f"sequence {bad[0]} of {len(sequences)} has an empty caption, a length under 1 or "
+                                    "no second prompt" if bad else "no sequence of prompts") + f"; {expected}")
+  return sequences
 
 
 def is_timeline(text) -> bool:

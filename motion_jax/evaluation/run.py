@@ -192,7 +192,7 @@ def guess_protocol(runs, folders) -> str:
   data = [folder for folder in folders if not pathlib.Path(folder).is_file()]
   files = [folder for folder in folders if folder not in data]
   if files and pathlib.Path(files[0]).suffix == ".json":  # of stories
-    return items_lib.dataset_of_all(data).stories
+    return items_lib.dataset_of_all(data).long_horizon
   if files:
     return "mtt"
   return items_lib.dataset_of_all(data).benchmark(

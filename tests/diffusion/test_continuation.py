@@ -54,11 +54,11 @@ def run_continuation(fixture, dtype):
                     past=past, noise=x, fresh=Replay(fresh), times=times)
     made |= {f"levels/{name}": times[:-1], f"states/{name}": jnp.stack(states), f"final/{name}": final}
 
-  for name, story in config["longs"].items():
+  for name, one in config["longs"].items():
     latents = None
-    for i, frames in enumerate(story["frames"]):
+    for i, frames in enumerate(one["frames"]):
       noise = array(f"in/segment_noise/{name}/{i}")
-      batch, past = noise.shape[0], noise[:, :0] if latents is None else latents[:, -story["past"]:]
+      batch, past = noise.shape[0], noise[:, :0] if latents is None else latents[:, -one["past"]:]
       text_emb, text_mask = (jnp.concatenate([a[i:i + 1]] * batch) for a in (caption_emb, caption_mask))
       lengths = jnp.full(batch, max(1, frames // 4))
       fresh = Replay(array(f"in/segment_fresh/{name}/{i}")) if i else None

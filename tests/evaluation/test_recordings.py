@@ -76,9 +76,9 @@ class Recorder:
     self.made = [changed(np.concatenate([item.features for item in pieces])) for pieces in recordings(folder)]
     self.asked = []
 
-  def multi_prompts(self, tales, seeds, cleanup, guidance_scale, way):
-    self.asked += tales
-    return [types.SimpleNamespace(features=made) for made in self.made[:len(tales)]]
+  def multi_prompts(self, sequences, seeds, cleanup, guidance_scale, way):
+    self.asked += sequences
+    return [types.SimpleNamespace(features=made) for made in self.made[:len(sequences)]]
 
 
 def subject_of(model):
@@ -95,7 +95,7 @@ def test_what_was_recorded_has_the_real_row(folder, judge):
   for name in long_horizon.METRICS:
     assert made[name] == pytest.approx(real[name], rel=1e-4, abs=1e-4), name
   assert real["fid"] == pytest.approx(0, abs=1e-7) and real["transition_fid"] == pytest.approx(0, abs=1e-7)
-  told = [[caption for caption, _ in tale] for tale in model.asked]
+  told = [[caption for caption, _ in row] for row in model.asked]
   assert told == [[f"motion {k} of 00000{i}" for k in range(PIECES)] for i in range(2)]
   assert [seconds for _, seconds in model.asked[0]] == pytest.approx([ROWS / 30] * PIECES)
   other = long_horizon.rows(judge, subject_of(Recorder(folder, lambda x: x[::-1])), 0)[""]

@@ -7,7 +7,7 @@ import pytest
 
 from motion_jax import fit as training
 from motion_jax.data.datasets.synthetic import synthetic_clips
-from motion_jax.data.timelines import read_stories
+from motion_jax.data.timelines import read_sequences
 from motion_jax.evaluation import protocols, run, samples
 from motion_jax.evaluation import test_set as items_lib
 from motion_jax.evaluation.candidates import Subject, check_options
@@ -108,9 +108,9 @@ def test_long_motions(tiny_run, archive, evaluator, tmp_path):
   assert len(result["curves"][f"jerk across transitions, {tiny_run.name}"]["y"]) == 17
 
 
-def test_stories_of_a_file(archive, evaluator, tmp_path):
+def test_sequences_of_a_file(archive, evaluator, tmp_path):
   """FlowMDM's list: its captions and lengths, in the order of its ids, cut to whole units."""
-  path = tmp_path / "stories.json"
+  path = tmp_path / "sequences.json"
   path.write_text(json.dumps([dict(id="10", lengths=[70, 64, 33], text=["c", "d", "e"]),
                               dict(id="2", lengths=[101, 80], text=["a person walks", "b"], scenario="long")]))
   folders, protocol, _ = run._what([], [str(path), archive], None, None, True)
@@ -128,14 +128,14 @@ def test_stories_of_a_file(archive, evaluator, tmp_path):
 @pytest.mark.parametrize("content", ["[]", "{}", "walks # 0 # 1", '[{"id": 0, "lengths": [1], "text": ["a", "b"]}]',
                                      '[{"id": 0, "lengths": [20, 0], "text": ["a", "b"]}]',
                                      '[{"id": 0, "lengths": [20, 20], "text": ["a", " "]}]'])
-def test_a_file_that_holds_no_stories_is_told(tmp_path, content):
-  path = tmp_path / "stories.json"
+def test_a_file_that_holds_no_sequences_is_told(tmp_path, content):
+  path = tmp_path / "sequences.json"
   path.write_text(content)
-  with pytest.raises(ValueError, match=r"stories.json.*expected a list of \{\"id\", \"lengths\""):
-    read_stories(path)
+  with pytest.raises(ValueError, match=r"sequences.json.*expected a list of \{\"id\", \"lengths\""):
+    read_sequences(path)
 
 
-def test_the_way_of_telling_is_a_choice_of_stories_alone():
+def test_the_way_is_a_choice_of_long_motions_alone():
   class Model(Able):
     abilities, options = ("generate",), CmdmSampling
 

@@ -257,7 +257,7 @@ class Babel(Dataset):
   """Folders of BABEL's annotations beside SMPL motions."""
   name, holds = "babel", "BABEL's (motions, val.json)"
   by_clip, fields = False, ("mode", "kind", "captioned")
-  judged_as = stories = "babel"
+  judged_as = long_horizon = "babel"
 
   def matches(self, folder):
     return is_babel(folder)

@@ -54,7 +54,7 @@ class Dataset(Protocol):
   in_folders: False for clips that are made, not read.
   fields: of the data section that decide its items, "captioned" among them where whole clips are others.
   files: patterns of the files that decide what is in a folder.
-  judged_as: the name by which protocols of evaluation know such data. stories: the protocol of long motions.
+  judged_as: the name by which protocols of evaluation know such data. long_horizon: the protocol of long motions.
   """
   name: str
   holds: str
@@ -63,7 +63,7 @@ class Dataset(Protocol):
   fields: tuple[str, ...] = ("mode", "mirror")
   files: tuple[str, ...] = ("**/*",)
   judged_as: str = "archive"
-  stories: str = "long-horizon"
+  long_horizon: str = "long-horizon"
 
   def matches(self, folder: pathlib.Path) -> bool:
     """Whether a folder is of this kind, by a look at the names of its files."""

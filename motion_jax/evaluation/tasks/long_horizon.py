@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from motion_jax.data.timelines import read_stories
+from motion_jax.data.timelines import read_sequences
 from motion_jax.evaluation import samples
 from motion_jax.evaluation.candidates import load_able
 from motion_jax.metrics import long_horizon, physics
@@ -112,7 +112,7 @@ def sequences(judge, repeat=0) -> list[Tale]:
   if protocol.timelines:
     return [Tale([text for text, _ in story], [None] * len(story),
                  np.maximum([frames for _, frames in story], protocol.unit) // protocol.unit * protocol.unit)
-            for story in read_stories(protocol.timelines)[:protocol.sequences]]
+            for story in read_sequences(protocol.timelines)[:protocol.sequences]]
   rng = judge.rng(0, SEQUENCES)
   found = []
   for _ in range(protocol.sequences):

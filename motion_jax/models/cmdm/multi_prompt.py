@@ -31,27 +31,27 @@ def borders(frames, unit):
   return blocks, total if total > (sum(blocks) - 1) * unit else sum(blocks) * unit
 
 
-def captions_of(model, stories):
-  """Words of all captions of each motion: text_emb (B, G, S, E), text_mask (B, G, S), G a power of two."""
-  count = 1 << (max(map(len, stories)) - 1).bit_length()
-  padded = [list(story) + [story[-1]] * (count - len(story)) for story in stories]
-  names = list(dict.fromkeys(prompt for story in padded for prompt in story))
+def captions_of(model, prompts):
+  """Words of all prompts of each motion: text_emb (B, G, S, E), text_mask (B, G, S), G a power of two."""
+  count = 1 << (max(map(len, prompts)) - 1).bit_length()
+  padded = [list(row) + [row[-1]] * (count - len(row)) for row in prompts]
+  names = list(dict.fromkeys(prompt for row in padded for prompt in row))
   emb, mask = model.encode_words(names)
-  index = jnp.asarray([[names.index(prompt) for prompt in story] for story in padded])
+  index = jnp.asarray([[names.index(prompt) for prompt in row] for row in padded])
   return emb[index], mask[index]
 
 
 def _segments(blocks, num_blocks):
-  """(B, num_blocks): which segment each block is in; what is beyond a story is its last segment's."""
+  """(B, num_blocks): which segment each block is in; what is beyond a motion's end is its last segment's."""
   rows = [np.repeat(np.arange(len(counts)), counts) for counts in blocks]
   return np.stack([np.pad(row, (0, num_blocks - len(row)), mode="edge") for row in rows]).astype(np.int32)
 
 
 def stream(model, plan, scale, prompts, frames, keys):
-  """Stories in one run whose text changes from block to block: features, frames and ends of each.
+  """Motions of several prompts in one run, whose text changes from block to block: features, frames and ends of each.
 
-  prompts, frames: lists of lists, a story each. -> (normalized features (B, T, F), total frames per story, lists of the
-  frames at which segments end).
+  prompts, frames: lists of lists, one per motion. -> (normalized features (B, T, F), total frames of each motion, lists
+  of the frames at which its segments end).
   """
   unit = plan.block * model.vae.frames_per_latent
   blocks, totals = zip(*(borders(counts, unit) for counts in frames))
@@ -68,29 +68,29 @@ def stream(model, plan, scale, prompts, frames, keys):
 
 
 def chain(model, plan, scale, prompts, frames, keys, num_past=1):
-  """Stories as the released code makes them, segment by segment: see `stream` for what comes and goes.
+  """Motions of several prompts as the released code makes them, segment by segment; takes and gives what `stream` does.
 
   Each segment is sampled by itself behind the last num_past latents of the one before, which are noised anew in every
   step, with its own caption only; all latents are decoded in one pass (docs/papers/cmdm.md#multi-prompt).
   """
   unit = model.vae.frames_per_latent
-  counts = [[max(1, int(number) // unit) for number in story] for story in frames]
+  counts = [[max(1, int(number) // unit) for number in row] for row in frames]
   made = [np.concatenate(parts) for parts in _chained(model, plan, scale, prompts, counts, [[] for _ in counts], keys,
                                                       num_past)]
   longest = -(-max(map(len, made)) // 12) * 12
   latents = np.stack([np.pad(z, ((0, longest - len(z)), (0, 0))) for z in made])
-  ends = [(np.cumsum(story) * unit).tolist() for story in counts]
-  return model.compiled.decode(model.codec, latents), [story[-1] for story in ends], ends
+  ends = [(np.cumsum(row) * unit).tolist() for row in counts]
+  return model.compiled.decode(model.codec, latents), [row[-1] for row in ends], ends
 
 
 def _chained(model, plan, scale, prompts, counts, made, keys, num_past):
-  """Lists of latents (N, C), one per segment of each story, behind those that are in `made` already."""
+  """Lists of latents (N, C), one per segment of each motion, behind those that are in `made` already."""
   if plan.solver != "euler":
     raise ValueError(f"got solver {plan.solver!r}: the chained way noises afresh in every step and knows only euler")
   text_emb, text_mask = captions_of(model, prompts)
   made = [list(parts) for parts in made]
   for i in range(max(map(len, counts))):
-    lengths = np.array([story[i] if i < len(story) else 1 for story in counts])  # a story that has ended idles
+    lengths = np.array([row[i] if i < len(row) else 1 for row in counts])  # a motion that has ended idles
     given = num_past if made[0] else 0
     longest = -(-int(lengths.max()) // (_BUCKET * plan.block)) * _BUCKET * plan.block
     past = [np.concatenate(parts)[-given:] if given else np.zeros((0, model.dit.latent_dim), np.float32)
@@ -102,9 +102,9 @@ def _chained(model, plan, scale, prompts, counts, made, keys, num_past):
     latents = model.compiled.chain_segment(
         plan, given + longest, model.params, text_emb=text_emb[:, at], text_mask=text_mask[:, at], scale=scale,
         lengths=jnp.asarray(lengths), past=np.stack(past), keys=segment_keys)
-    for parts, row, story in zip(made, np.asarray(latents), counts):
-      if i < len(story):
-        parts.append(row[:story[i]])
+    for parts, z, row in zip(made, np.asarray(latents), counts):
+      if i < len(row):
+        parts.append(z[:row[i]])
   return made
 
 
