@@ -346,7 +346,8 @@ def commands(rng, folder):
   put(folder, {f"in{ending}": motion[f"a{ending}"] for ending in (".npz", ".npy", ".bvh")}
       | {f"run/{name}": content for name, content in healthy("run").items()} | healthy("archive"))
   start = pick(rng, (["generate", "a person walks", "--frames", "24"], ["multi-prompt", _SEQUENCE],
-                     ["render", "in.npz"], ["extend", "in.npz", "--text", "sits"], ["extend", "in.bvh", "--text", "walks:2 | sits"],
+                     ["render", "in.npz"], ["extend", "in.npz", "--text", "sits"],
+                     ["extend", "in.bvh", "--text", "walks:2 | sits"],
                      ["data", "build", "set", "out/made"], ["data", "doctor", "set"], ["models"],
                      ["edit", "in.npz", "--text", "waves", "--task", "prefix"], ["data"], ["convert", "cmdm"], []))
   made = start[0] in ("generate", "multi-prompt", "extend", "edit", "render") if start else False
