@@ -60,8 +60,12 @@ def optimizer(learning_rate, **fields):
 
 
 def train(num_steps, log_every, save_every, **fields):
-  """The section `train`: from random weights, keeping the last ones, where fields do not say otherwise."""
-  return dict(start="", num_steps=num_steps, log_every=log_every, save_every=save_every, best="") | fields
+  """The section `train`: from random weights, keeping the last ones, where fields do not say otherwise.
+
+  keep_last: how many training states stay, besides the best one.
+  """
+  return dict(start="", num_steps=num_steps, log_every=log_every, save_every=save_every, best="",
+              keep_last=2) | fields
 
 
 def archives(config, **fields):

@@ -1,10 +1,8 @@
 """From a config to a trained run folder: a training set-up, the loop and the folder. What `motion-jax train` calls."""
-import json
 import pathlib
 
 import flax
 import jax
-import numpy as np
 
 from motion_jax import runs
 from motion_jax.data import sources
@@ -12,10 +10,11 @@ from motion_jax.evaluators import setup as evaluators
 from motion_jax.inputs.nearest import did_you_mean
 from motion_jax.models import registry
 from motion_jax.motion import stats as stats_lib
-from motion_jax.runtime import lock
+from motion_jax.runtime import atomic, lock
 from motion_jax.training import checkpoint
 from motion_jax.training import loop as train
-from motion_jax.training.setup import plain
+from motion_jax.training import resume as resuming
+from motion_jax.training.metrics import METRICS
 
 
 def setups() -> dict:
@@ -23,27 +22,42 @@ def setups() -> dict:
   return registry.setups() | evaluators.SETUPS
 
 
-def run(config, workdir, resume=False, max_seconds=None, stop=None):
-  """Trains the stage that config.stage names in the folder workdir. Raises ValueError for a config that cannot run."""
+# Files of a run folder that training writes beside those that a stage gives it.
+FILES = (checkpoint.CONFIG, checkpoint.DATA, checkpoint.FROZEN, checkpoint.PARAMS, checkpoint.RAW, checkpoint.LAST,
+         METRICS, "Mean.npy", "Std.npy", "loss.png")
+
+
+def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_changes=False):
+  """Trains the stage that config.stage names in the folder workdir. Raises ValueError for a config that cannot run.
+
+  resume: True goes on with the run in the folder; "auto" does if there is one, and starts one if not. allow_changes: a
+  run goes on with another config, or other data, than it began with.
+  """
   known = setups()
   if config.stage not in known:
     raise ValueError(f"got stage {config.stage!r}, expected one of {', '.join(known)}"
                      f"{did_you_mean(config.stage, known)}")
   workdir = pathlib.Path(workdir)
   config, told = resolve(config)
+  if resume == "auto":
+    resume = not checkpoint.is_fresh(workdir)
+    print(f"--resume=auto: {'going on with' if resume else 'starting'} {workdir}")
   print(f"{config.stage} in {workdir} on {jax.local_device_count()} {jax.default_backend()} device(s)\n{config}")
   print(told or "data: being read", flush=True)
   if resume and (workdir / checkpoint.CONFIG).is_file():
-    _check_same_run(config, runs.open(workdir).config)
+    resuming.check_config(config, runs.open(workdir).config, allow_changes)
   stage, next_batch, frozen, evaluate, stats, files = known[config.stage](config)
   if config.train.start:
     stage = _started_from(stage, config.train.start)
   workdir.mkdir(parents=True, exist_ok=True)
   with lock.locked(workdir):
-    if not resume and not checkpoint.is_fresh(workdir):
+    goes_on = not checkpoint.is_fresh(workdir)
+    if goes_on and not resume:
       raise ValueError(f"{workdir} holds a run already; --resume continues it, or choose another folder")
-    if resume and not checkpoint.is_fresh(workdir):
-      frozen = _as_before(workdir, stats, frozen, files)
+    atomic.remove_strays(workdir, (*FILES, *files))
+    if goes_on:
+      frozen = resuming.as_before(workdir, stats, frozen, files)
+    files = files | {checkpoint.DATA: resuming.digests(workdir, config, goes_on, allow_changes)}
     checkpoint.save_config(workdir, config)
     stats_lib.save_stats(stats, workdir)
     if frozen:  # a run folder is all that loading needs
@@ -96,31 +110,3 @@ def _started_from(stage, folder):
     return flax.traverse_util.unflatten_dict({**fresh, **start})
 
   return stage._replace(init=init)
-
-
-def _check_same_run(config, before):
-  for part in ("stage", "seed", "model", "quantizer", "loss", "data", "optimizer"):
-    now, then = config.get(part), before.get(part)
-    now, then = (c.to_dict() if hasattr(c, "to_dict") else c for c in (now, then))
-    if plain(now) != plain(then):
-      raise ValueError(f"--resume with another {part}: the run has {then}, got {now}; start a new folder instead")
-
-
-def _as_before(workdir, stats, frozen, files):
-  """What a resumed run stands on, from its own folder; raises ValueError if data, tokenizer or words are others now."""
-  before = stats_lib.load_stats(workdir, stats.layout)
-  if (np.abs(before.mean - stats.mean) > 0.01 * before.std).any() or not np.allclose(before.std, stats.std, rtol=0.01):
-    raise ValueError(f"--resume with other data: the statistics in {workdir} are not those of the data or the "
-                     "tokenizer given now; give those that the run began with, or start a new folder")
-  known = checkpoint.load_fingerprint(workdir)
-  if known is not None and known != json.loads(files[checkpoint.TEXT])["fingerprint"]:
-    raise ValueError(f"--resume with another text encoder than {workdir} began with; start a new folder instead")
-  if not frozen:
-    return frozen
-  own = checkpoint.load_params(workdir, frozen, name=checkpoint.FROZEN)
-  for part in ("tokenizer", "teacher", "teacher_view"):
-    same = jax.tree.map(lambda a, b: np.allclose(a, b, rtol=1e-5, atol=1e-6), own.get(part), frozen.get(part))
-    if not all(jax.tree.leaves(same)):
-      raise ValueError(f"--resume with another {part} than {workdir} began with; its features mean something else, "
-                       "start a new folder instead")
-  return own

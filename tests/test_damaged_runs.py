@@ -12,6 +12,7 @@ from motion_jax.inputs.errors import InputError
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
 from motion_jax.training.metrics import read_metrics
+from motion_jax.training.saver import Saver, copy_of
 from tests.fuzz_kinds import healthy, put
 
 
@@ -97,19 +98,17 @@ def test_known_words_that_are_no_text_are_named(tmp_path):
 class _State:
   step: jnp.ndarray
   params: dict
+  ema_params: dict
 
 
 def test_a_damaged_checkpoint_is_named(tmp_path):
-  state = _State(jnp.ones((), jnp.int32), {"a": jnp.ones((300, 7))})
-  saver = checkpoint.Saver(tmp_path)
-  saver.save(1, state)
-  assert (saver.restore(state).params["a"] == 1).all()
-  saver.close()
+  state = _State(jnp.ones((), jnp.int32), {"a": jnp.ones((300, 7))}, {"a": jnp.ones(2)})
+  saver = Saver(tmp_path)
+  saver.save(1, copy_of(state))
+  assert saver.wait() is None and (saver.restore(state)[0].params["a"] == 1).all()
   for path in sorted((tmp_path / "checkpoints" / "1").rglob("*")):
     if path.is_file() and "metadata" not in path.name.lower():
       path.write_bytes(path.read_bytes()[:5])
-  saver = checkpoint.Saver(tmp_path)
-  with pytest.raises(InputError, match="checkpoints/1 .*remove it to go on from the state before it"):
-    saver.restore(state)
-  saver.close()
+  with pytest.raises(InputError, match=r"checkpoints is whole \(1: .*; start a new run"):
+    Saver(tmp_path).restore(state)
   shutil.rmtree(tmp_path / "checkpoints")

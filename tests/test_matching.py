@@ -8,6 +8,7 @@ import numpy as np
 import optax
 import pytest
 
+from configs import common
 from motion_jax.data import sources
 from motion_jax.data.captions import meanings
 from motion_jax.data.datasets.humanml3d import write_folder
@@ -160,7 +161,7 @@ def test_the_best_weights_are_kept(tmp_path):
     config = ml_collections.ConfigDict(dict(seed=0, mesh=dict(map="auto"), optimizer=dict(
         learning_rate=0.1, schedule="constant", warmup_steps=0, beta1=0.9, beta2=0.9, weight_decay=0.0, clip_norm=0.0,
         ema_decay=0.0, skip_loss=0.0, rates={}),
-        train=dict(num_steps=num_steps, log_every=1, save_every=1, best="min held_out_loss")))
+        train=common.train(num_steps, 1, 1, best="min held_out_loss")))
     stage = Stage(lambda batch, rng: {"w": jnp.zeros(1)},
                   lambda params, frozen, batch, step, rng: ({"loss": params["w"].sum() ** 2 - params["w"].sum()}, 1.0),
                   None)

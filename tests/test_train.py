@@ -13,12 +13,13 @@ import ml_collections
 import numpy as np
 import pytest
 
-from motion_jax import fit as training
+from configs import common
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.stats import Stats, save_stats
-from motion_jax.training import checkpoint, mesh, optimizers, train_step
+from motion_jax.training import checkpoint, mesh, optimizers, resume, train_step
 from motion_jax.training import loop as train
 from motion_jax.training.metrics import append_metrics, read_metrics
+from motion_jax.training.saver import Saver, copy_of
 from motion_jax.training.stage import Stage
 from tests.conftest import devices_env, load_config
 
@@ -51,7 +52,7 @@ def _config(num_steps, **optimizer):
   config.optimizer = dict(learning_rate=1e-2, schedule="constant", warmup_steps=1, cooldown_steps=0, beta1=0.9,
                           beta2=0.99, weight_decay=0.0, clip_norm=1.0, ema_decay=0.9, skip_loss=0.0, final_rate=0.0,
                           rates={}, clip_parts=()) | optimizer
-  config.train = dict(num_steps=num_steps, log_every=1, save_every=2, best="")
+  config.train = common.train(num_steps, 1, 2)
   return config
 
 
@@ -73,8 +74,8 @@ def test_a_run_without_an_average_has_no_copy_and_goes_on_where_one_was_saved(tm
   assert whole.ema_params is None and _equal(checkpoint.load_params(tmp_path / "whole"), whole.params)
   half = train.train(_config(2, ema_decay=0.0), tmp_path / "half", _stage(), _next_batch)
   shutil.copytree(tmp_path / "half", tmp_path / "older", ignore=shutil.ignore_patterns("checkpoints"))
-  saver = checkpoint.Saver(tmp_path / "older")
-  saver.save(2, half.replace(ema_params=half.params))
+  saver = Saver(tmp_path / "older")
+  saver.save(2, copy_of(half.replace(ema_params=half.params)))
   saver.close()
   for folder in ("half", "older"):
     assert _equal(train.train(config, tmp_path / folder, _stage(), _next_batch, resume=True), whole), folder
@@ -128,10 +129,10 @@ def test_the_best_is_the_smallest_or_the_largest(tmp_path):
   config = _config(6)
   for best, steps in (("", [2, 4, 6]), ("min error", [2, 4]), ("max error", [2])):
     config.train.best = best
-    assert [step for step in (2, 4, 6) if train._is_best(config, tmp_path, step)] == steps, best
+    assert [step for step in (2, 4, 6) if train._best_step(config, tmp_path, step, True) == step] == steps, best
   config.train.best = "min missing"
   with pytest.raises(ValueError, match="'missing', which the evaluation at step 4 did not give"):
-    train._is_best(config, tmp_path, 4)
+    train._best_step(config, tmp_path, 4, True)
 
 
 def test_parameters_come_back_as_they_were_whatever_lies_in_memory(tmp_path):
@@ -174,7 +175,7 @@ def test_what_is_no_number_is_never_saved(tmp_path):
   config.train.log_every, config.train.save_every = 8, 1
   with pytest.raises(FloatingPointError, match="last good state is step 2"):
     train.train(config, tmp_path / "loss", _stage(), bad)
-  assert checkpoint.Saver(tmp_path / "loss").latest == 2
+  assert Saver(tmp_path / "loss").latest == 2
   assert np.isfinite(checkpoint.load_params(tmp_path / "loss")["w"]).all()
 
   def loss(params, frozen, batch, step, rng):  # at the third step the gradient alone is no number
@@ -184,7 +185,7 @@ def test_what_is_no_number_is_never_saved(tmp_path):
   stage = _stage()._replace(loss=loss)
   with pytest.raises(FloatingPointError, match="last good state is step 2"):
     train.train(config, tmp_path / "gradient", stage, _next_batch)
-  assert checkpoint.Saver(tmp_path / "gradient").latest == 2
+  assert Saver(tmp_path / "gradient").latest == 2
   with pytest.raises(FloatingPointError, match="last good"):
     train.train(_config(8), tmp_path / "slice", _stage(), lambda step: bad(2), max_seconds=0)
   assert checkpoint.is_fresh(tmp_path / "slice")
@@ -225,7 +226,7 @@ def test_a_run_is_resumed_only_with_its_own_settings():
   def check(part="optimizer", **changes):
     config = load_config("cmdm_tokenizer", "tiny")
     config[part].update(changes)
-    training._check_same_run(config, load_config("cmdm_tokenizer", "tiny"))
+    resume.check_config(config, load_config("cmdm_tokenizer", "tiny"))
 
   for change in (dict(learning_rate=1.0), dict(beta1=0.5), dict(schedule="cosine"), dict(warmup_steps=9)):
     with pytest.raises(ValueError, match="another optimizer"):
@@ -295,7 +296,7 @@ def test_ctrl_c_saves_and_leaves(tmp_path):
     return _next_batch(step)
 
   state = train.train(_config(50), tmp_path, _stage(), interrupted)
-  assert int(state.step) == 3 and checkpoint.Saver(tmp_path).latest == 3
+  assert int(state.step) == 3 and Saver(tmp_path).latest == 3
 
 
 _DEVICES = """
@@ -340,7 +341,7 @@ def drifting(folder, values, num_steps=None, resume=False, slices=None, best="mi
   config = ml_collections.ConfigDict(dict(seed=0, mesh=dict(map="auto"), optimizer=dict(
       learning_rate=0.1, schedule="constant", warmup_steps=0, beta1=0.9, beta2=0.9, weight_decay=0.0, clip_norm=0.0,
       ema_decay=0.0, skip_loss=0.0, rates={}),
-      train=dict(num_steps=num_steps or max(values), log_every=1, save_every=2, best=best)))
+      train=common.train(num_steps or max(values), 1, 2, best=best)))
   stage = Stage(lambda batch, rng: {"w": jnp.zeros(1)},
                 lambda params, frozen, batch, step, rng: ({"loss": -params["w"].sum()}, 1.0), None)
   evaluate = lambda params: {"held_out_loss": values[int(np.rint(10 * np.asarray(params["w"])[0]))], "r1": 0.5}

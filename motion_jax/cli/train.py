@@ -1,5 +1,4 @@
 """motion-jax train: a stage of a paper, from a config to a run folder."""
-import argparse
 import pathlib
 
 from motion_jax.cli import shared
@@ -18,8 +17,12 @@ def add_to(commands):
   add = train.add_argument
   shared.add_config(train)
   add("--workdir", required=True, metavar="FOLDER", help="run folder: made if need be; holds all that loading needs")
-  add("--resume", action=argparse.BooleanOptionalAction, default=False,
-      help="go on with the run in the folder, exactly where it stopped")
+  add("--resume", nargs="?", const="yes", choices=("yes", "no", "auto"),
+      help="go on with the run in the folder, exactly where it stopped; --resume=auto does if there is one and starts "
+           "one if not, as several processes do by themselves")
+  add("--no-resume", action="store_const", const="no", dest="resume", help="start a run, in an empty folder (default)")
+  add("--allow-changes", action="store_true",
+      help="go on although the config, or the data, are not those that the run began with")
   add("--max-seconds", type=real(above=0, high=1e9, unit="seconds"), metavar="S",
       help="stop and save after so long: one slice of a long run")
   train.former_flags = {"--noresume": "--no-resume"} | {
@@ -31,6 +34,7 @@ def add_to(commands):
 def _train(args):
   config = shared.config_of(args)
 
+  import jax
   from absl import logging
 
   from motion_jax import fit
@@ -38,5 +42,6 @@ def _train(args):
   logging.set_verbosity(logging.WARNING)  # orbax tells every step of a save
   shared.cache_compiled_code()  # a run that goes on does not wait for the compiler again
   stop = stopping.Stop()
-  fit.run(config, pathlib.Path(args.workdir), resume=args.resume, max_seconds=args.max_seconds, stop=stop)
+  resume = {"yes": True, "no": False, "auto": "auto", None: "auto" if jax.process_count() > 1 else False}[args.resume]
+  fit.run(config, pathlib.Path(args.workdir), resume, args.max_seconds, stop, args.allow_changes)
   return stop.status

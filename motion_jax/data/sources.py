@@ -86,6 +86,13 @@ def _check_folder(config, dataset):
                      f"--config.data.folder=path/to/folder{several}")
 
 
+def digests(config) -> list[str]:
+  """A digest of the bytes of each folder that a data section names, in order; none of data that are made by formula."""
+  if config.get("folders"):
+    return [_readable_by_clip(folder).digest(folder) for folder in config.folders]
+  return [get_dataset(config.name).digest(config.folder)] if config.get("folder") else []
+
+
 def load_features(config, split="train", stats=None, captioned=True) -> FeatureSet:
   """Features of a split of config.data, normalized by stats or, without, by the split's own.
 

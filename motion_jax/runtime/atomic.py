@@ -32,6 +32,14 @@ def atomic_path(path):
       vanish()
 
 
+def remove_strays(folder, names):
+  """Removes what `atomic_path` left half-written of these files of a folder when its program was killed."""
+  for name in names:
+    path = pathlib.Path(name)
+    for stray in pathlib.Path(folder).glob(f".{path.stem}-{'[a-z0-9_]' * 8}{path.suffix}"):
+      stray.unlink(missing_ok=True)
+
+
 @contextlib.contextmanager
 def atomic_folder(path):
   """Yields a temporary neighbour of a folder that takes its place when the block ends well, and vanishes otherwise.

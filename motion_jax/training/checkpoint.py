@@ -1,14 +1,12 @@
 """A run folder: config.json, Mean.npy and Std.npy, params.safetensors, metrics.jsonl, checkpoints/.
 
 What is needed to use a model lies in plain files that any tool reads; what is needed to go on training lies in
-checkpoints/, written by orbax.
+checkpoints/, see `saver`.
 """
-import dataclasses
 import json
 import pathlib
 
 import flax
-import jax
 import ml_collections
 import numpy as np
 from safetensors.numpy import save_file
@@ -22,49 +20,8 @@ RAW = "raw.safetensors"        # the last weights as they are, where PARAMS hold
 LAST = "last.safetensors"      # the weights of the last save, where PARAMS holds those that validation chose
 FROZEN = "frozen.safetensors"  # what a stage was trained on top of: the denoiser's tokenizer
 LENGTHS = "captions.json"      # [caption, usual frames] rows of the training data
+DATA = "data.json"             # digests of the data that it is trained on
 TEXT = "text.json"             # name and fingerprint of the text encoder that a denoiser was trained on
-
-
-class Saver:
-  """Keeps the newest two training states of a run; a save cut short is ignored when the run goes on."""
-
-  def __init__(self, workdir):
-    import orbax.checkpoint as ocp  # here: who only uses a model need not wait for it
-    self._ocp = ocp
-    options = ocp.CheckpointManagerOptions(max_to_keep=2, create=True)
-    self._manager = ocp.CheckpointManager(pathlib.Path(workdir).absolute() / "checkpoints", options=options,
-                                          item_handlers=ocp.StandardCheckpointHandler())
-
-  @property
-  def latest(self):
-    return self._manager.latest_step()
-
-  def save(self, step, state):
-    if step != self.latest:
-      self._manager.save(step, args=self._ocp.args.StandardSave(_fields(state)))
-      self._manager.wait_until_finished()  # the state's buffers are donated to the next step
-
-  def restore(self, like):
-    """The newest state, in the shapes and types of `like`; an average that `like` does without is left out."""
-    folder = pathlib.Path(self._manager.directory) / str(self.latest)
-    with reading(folder, "it is damaged, or of another network: remove it to go on from the state before it, or start "
-                 "a new run"):
-      fields = _fields(like)
-      # Runs of older versions hold an average also where the config asks for none.
-      unused = like.ema_params is None and "ema_params" in self._manager.item_metadata(self.latest).tree
-      target = jax.tree.map(self._ocp.utils.to_shape_dtype_struct,
-                            fields | ({"ema_params": like.params} if unused else {}))
-      found = self._manager.restore(self.latest, args=self._ocp.args.StandardRestore(target))
-      return like.replace(**{name: found[name] for name in fields})
-
-  def close(self):
-    self._manager.close()
-
-
-def _fields(state):
-  """The fields of a training state that are there: a run older than a field that it has no use for goes on."""
-  return {field.name: getattr(state, field.name) for field in dataclasses.fields(state)
-          if getattr(state, field.name) is not None}
 
 
 def is_fresh(workdir):

@@ -11,9 +11,10 @@ from tqdm import tqdm
 from motion_jax.runtime import stopping
 from motion_jax.training import checkpoint
 from motion_jax.training.mesh import make_mesh
-from motion_jax.training.metrics import append_metrics, draw_curve, read_metrics, trim_metrics
+from motion_jax.training.metrics import append_metrics, draw_curve, read_metrics, trim_metrics, was_evaluated
 from motion_jax.training.optimizers import make_optimizer
 from motion_jax.training.progress import Progress
+from motion_jax.training.saver import Saver, copy_of, told_differences
 from motion_jax.training.train_step import init_state, make_train_step, variables_of
 
 
@@ -39,52 +40,67 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
   example = next_batch(0)
   use_average = optimizer.ema_decay > 0
   state = mesh.put(jax.jit(lambda batch, key: init_state(stage, tx, batch, key, use_average))(example, init_rng))
-  saver = checkpoint.Saver(workdir)
+  saver = Saver(workdir, config.train.keep_last)
+  numbers, logged = {}, []
 
   def keep(state):
     checkpoint.save_params(workdir, variables_of(state, use_average))
     if use_average:  # references that have no average are judged without one
       checkpoint.save_params(workdir, variables_of(state), name=checkpoint.RAW)
 
-  if saver.latest is not None:
+  def judge(step, state, hurried=False):
+    """What follows a save, and is made up for by a run that goes on after a kill between the two. hurried: less the
+    evaluation, for a run that is told to end."""
+    chooses = not hurried and (step % config.train.save_every == 0 or step == num_steps)
+    params = variables_of(state, use_average)
+    if chooses and evaluate is not None and not was_evaluated(workdir, step):
+      numbers.update(evaluate(params))
+      append_metrics(workdir, {"step": step, **numbers})
+    saver.best = _best_step(config, workdir, step, chooses)
+    if config.train.best:
+      checkpoint.save_params(workdir, params, name=checkpoint.LAST)
+    if saver.best == step or not (workdir / checkpoint.PARAMS).is_file():  # something is there at any time
+      keep(state)
+
+  saver.clean()
+  going_on = saver.latest is not None
+  if going_on:
     if not resume:
       raise ValueError(f"{workdir} holds a run at step {saver.latest}; --resume continues it, or choose another folder")
-    state = mesh.put(saver.restore(state))
-    if _is_best(config, workdir, saver.latest):  # the run may have ended between its checkpoint and this file
-      keep(state)
+    restored, record = saver.restore(state)
+    if told := told_differences(record):
+      print(told)
+    state = mesh.put(restored)
+    logged += record.get("memory", {}).get("logged", [])
   elif resume and not checkpoint.is_fresh(workdir):
     raise FileNotFoundError(f"{workdir} has no checkpoint to resume from; start without --resume in an empty folder")
   trim_metrics(workdir, int(state.step))
+  if going_on:
+    judge(int(state.step), state)
   frozen = mesh.put(frozen or {})
   train_step = mesh.compiled(make_train_step(stage, tx, optimizer.ema_decay, optimizer.skip_loss))
   start = began = time.time()
   first = int(state.step)
-  numbers = {}
-  logged = []
 
   def check_finite(step):
     """Neither logged nor saved is what came of a step without a finite loss and gradient."""
-    bad = [m for m in logged if not np.isfinite([float(m["loss"]), float(m["grad_norm"])]).all()]
+    logged[:] = [{key: float(value) for key, value in metrics.items()} for metrics in logged]
+    bad = [m for m in logged if not np.isfinite([m["loss"], m["grad_norm"]]).all()]
     if bad and not optimizer.skip_loss:  # which leaves such steps out
-      raise FloatingPointError(f"the loss is {float(bad[0]['loss'])}, its gradient {float(bad[0]['grad_norm'])} near "
+      saver.wait()
+      raise FloatingPointError(f"the loss is {bad[0]['loss']}, its gradient {bad[0]['grad_norm']} near "
                                f"step {step}; the last good state is step {saver.latest}. Try a lower "
                                "optimizer.learning_rate, and `motion-jax data doctor`")
 
   def save(step):
     check_finite(step)
-    params = variables_of(state, use_average)
-    if evaluate is not None:
-      numbers.update(evaluate(params))
-      append_metrics(workdir, {"step": step, **numbers})
-    saver.save(step, state)
-    if config.train.best:
-      checkpoint.save_params(workdir, params, name=checkpoint.LAST)
-    if _is_best(config, workdir, step) or not (workdir / checkpoint.PARAMS).is_file():  # something is there at any time
-      keep(state)
+    if error := saver.wait():
+      raise error
+    saver.save(step, copy_of(state), {"logged": logged})
 
   progress = Progress(first, num_steps, len(example["index"]))
   bar = tqdm(total=num_steps, initial=first, unit="step", dynamic_ncols=True, disable=None)
-  with contextlib.closing(progress), (stop or stopping.Stop()) as interrupt, bar:
+  with contextlib.closing(progress), contextlib.closing(saver), (stop or stopping.Stop()) as interrupt, bar:
     step = first
     while step < num_steps:
       state, metrics = train_step(state, frozen, mesh.rows(next_batch(step)), rng)
@@ -95,7 +111,7 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
         sys.stdout.flush()
       if step % config.train.log_every == 0 or step == num_steps:
         check_finite(step)
-        means = {k: float(np.mean([float(m[k]) for m in logged])) for k in logged[0]}
+        means = {k: float(np.mean([m[k] for m in logged])) for k in logged[0]}
         logged.clear()
         append_metrics(workdir, {"step": step, "seconds": round(time.time() - began, 1), **means})
         bar.set_postfix({k: f"{v:.4g}" for k, v in means.items() if k in ("loss", "mse")} |
@@ -104,24 +120,32 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
       out_of_time = max_seconds is not None and time.time() - start > max_seconds
       if step % config.train.save_every == 0 or step == num_steps or interrupt.raised or out_of_time:
         save(step)
+        judge(step, state, interrupt.raised)
       if interrupt.raised or out_of_time:
         tqdm.write(f"stopped and saved at step {step}; --resume goes on from there")
         break
-  saver.close()
+  if error := saver.wait():
+    raise error
   draw_curve(workdir)
   return state
 
 
-def _is_best(config, workdir, step):
-  """Whether the parameters of this step are those to keep, by the number that config.train.best names, if any."""
+def _best_step(config, workdir, step, chooses):
+  """The step, up to this one, whose parameters are those to keep, by the number that config.train.best names.
+
+  This one where it names none. chooses: raises ValueError unless this step has such a number. None where no step has.
+  """
   if not config.train.best:
-    return True
+    return step
   way, _, names = config.train.best.partition(" ")
-  rows = [row for row in read_metrics(workdir) if row["step"] <= step]
-  given = [name for name in names.split("|") if any(name in row for row in rows if row["step"] == step)]
-  if not given:
+  grid = (config.train.save_every, config.train.num_steps)
+  rows = [row for row in read_metrics(workdir) if row["step"] <= step and (
+      row["step"] % grid[0] == 0 or row["step"] == grid[1]) and any(name in row for name in names.split("|"))]
+  if chooses and not any(row["step"] == step for row in rows):
     raise ValueError(f"config.train.best names {names!r}, which the evaluation at step {step} did not give")
-  every = {row["step"]: row[given[0]] for row in rows if given[0] in row}
-  saves = {at: value for at, value in every.items()
-           if at % config.train.save_every == 0 or at == config.train.num_steps}
-  return step in saves and saves[step] == {"min": min, "max": max}[way](saves.values())
+  if not rows:
+    return None
+  name = next(name for name in names.split("|") if name in rows[-1])
+  values = {row["step"]: row[name] for row in rows if name in row}
+  best = {"min": min, "max": max}[way](values.values())
+  return max(at for at, value in values.items() if value == best)

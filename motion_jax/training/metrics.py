@@ -17,6 +17,11 @@ def read_metrics(folder) -> list[dict]:
   return [row for _, row in read_json_lines(path)] if path.is_file() else []
 
 
+def was_evaluated(folder, step) -> bool:
+  """Whether the evaluation after the save of a step has its row; rows of training say how many seconds it took."""
+  return any(row["step"] == step and "seconds" not in row for row in read_metrics(folder))
+
+
 def trim_metrics(folder, last):
   """Drops the rows of metrics.jsonl after step `last`: a run that goes on from there writes them again.
 

@@ -127,6 +127,7 @@ def read_row(row, motions, where) -> dict:
 class Archive(Dataset):
   """Folders of motions.npz and captions.jsonl."""
   name, holds = "archive", "archive (motions.npz, captions.jsonl)"
+  files = ("motions.npz", "captions.jsonl")
 
   def matches(self, folder):
     return is_archive(folder)
@@ -142,7 +143,7 @@ class Archive(Dataset):
     """A digest of the bytes of an archive and of its name, which its clips name as their source."""
     folder = pathlib.Path(folder)
     digest = hashlib.sha256(folder.resolve().name.encode())
-    for name in ("motions.npz", "captions.jsonl"):
+    for name in self.files:
       with open(folder / name, "rb") as file:
         digest.update(hashlib.file_digest(file, "sha256").digest())
     return digest.hexdigest()

@@ -102,6 +102,14 @@ class Dataset(Protocol):
       digest.update(f"{path.relative_to(folder)} {about.st_size} {about.st_mtime_ns}\n".encode())
     return digest.hexdigest()
 
+  def digest(self, folder) -> str:
+    """A digest of the bytes of what lies in a folder: that of a copy is the same, wherever it lies."""
+    folder, digest = pathlib.Path(folder), hashlib.sha256()
+    for path in sorted({path for pattern in self.files for path in folder.glob(pattern) if path.is_file()}):
+      with open(path, "rb") as file:
+        digest.update(f"{path.relative_to(folder).as_posix()} ".encode() + hashlib.file_digest(file, "sha256").digest())
+    return digest.hexdigest()
+
   # --- the doctor --------------------------------------------------------------------------------------------------
 
   def examine(self, folder, found, progress=False) -> list[tuple[str, str]]:
