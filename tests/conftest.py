@@ -115,6 +115,12 @@ def devices_env(count):
   return os.environ | {"XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu", "PYTHONPATH": str(ROOT)}
 
 
+@pytest.fixture
+def as_users_run(monkeypatch):
+  """The annotations of a call are checked in tests alone; with this a test sees what a user is told."""
+  monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+
+
 @pytest.fixture(autouse=True)
 def no_cache_folder(monkeypatch):
   """What a test of the command line keeps on disk ends with it."""

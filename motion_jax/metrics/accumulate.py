@@ -10,8 +10,10 @@ However the rows are cut into chunks, the same generator gives the same diversit
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Num
 
 from motion_jax.metrics import scores
+from motion_jax.shapes import Array
 
 
 class Passed(NamedTuple):
@@ -26,19 +28,19 @@ class Passed(NamedTuple):
   rows: np.ndarray | None = None
 
 
-def start(size=300) -> Passed:
+def start(size: int = 300) -> Passed:
   """Nothing seen yet; size rows are kept for each of the two draws of diversity."""
   if size < 1:
     raise ValueError(f"got a draw of {size} rows, expected 1 or more")
   return Passed(size)
 
 
-def add(passed, features, rng) -> Passed:
+def add(passed: Passed, features: Num[Array, "n e"], rng: np.random.Generator) -> Passed:
   """One more chunk of embeddings (N, E), of any length; rng: a numpy generator, the same one for all chunks."""
   found = scores.moments(features)  # raises ValueError for a wrong shape, NaN or infinity
   rows = np.broadcast_to(np.asarray(features, np.float64), (2, *np.shape(features)))
   keys = rng.random((len(features), 2)).T  # two numbers a row, in the rows' order: chunks do not matter
-  if passed.moments is not None:
+  if passed.moments is not None and passed.rows is not None:
     if rows.shape[-1] != passed.rows.shape[-1]:
       raise ValueError(f"got embeddings of {rows.shape[-1]} numbers after others of {passed.rows.shape[-1]}; one "
                        "evaluator makes them all")
@@ -49,7 +51,7 @@ def add(passed, features, rng) -> Passed:
                 np.take_along_axis(rows, lowest[..., None], 1))
 
 
-def diversity(passed, size=None) -> float:
+def diversity(passed: Passed, size: int | None = None) -> float:
   """Mean distance between two independent draws of `size` rows without replacement (None: as many as were kept)."""
   if passed.rows is None:
     raise ValueError("no embeddings have passed by yet")

@@ -6,13 +6,19 @@ transitions, against random crops of real motions, and by their jerk. Evaluators
 (N, E)`; a motion is any array with time first that `embed` understands (features or joints).
 """
 import dataclasses
+from collections.abc import Callable, Iterable
+from collections.abc import Sequence as SequenceOf
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float, Num
 
 from motion_jax.metrics import physics, scores
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.skeleton import HUMANML3D, facing
+from motion_jax.motion.skeleton import HUMANML3D, Skeleton, facing
+from motion_jax.shapes import Array
+
+Embed = Callable[[list], Array]  # motions, any array with time first each -> (N, E)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,7 +69,7 @@ class Scores(NamedTuple):
   curve: np.ndarray
 
 
-def whole_units(frames, protocol):
+def whole_units(frames: Iterable[int], protocol: LongHorizon) -> list[int]:
   """Durations cut to a multiple of the protocol's unit, as the model is asked for them."""
   kept = [int(count) // protocol.unit * protocol.unit for count in frames]
   if not kept or min(kept) <= 0:
@@ -71,7 +77,7 @@ def whole_units(frames, protocol):
   return kept
 
 
-def cut_pieces(motion, frames):
+def cut_pieces(motion: Num[Array, "t *frame"], frames: SequenceOf[int] | np.ndarray) -> list[Array]:
   """motion (T, ..) cut at the borders: a list of arrays of so many frames, one after the other from frame 0."""
   ends = np.cumsum(frames)
   if ends[-1] > len(motion):
@@ -80,7 +86,7 @@ def cut_pieces(motion, frames):
   return [motion[end - count:end] for end, count in zip(ends, frames)]
 
 
-def random_crops(motions, width, rng):
+def random_crops(motions: SequenceOf[Array], width: int, rng: np.random.Generator) -> list[tuple[int, int]]:
   """Where to cut each motion of width frames or more: [(index, first frame)], one place each, drawn by rng."""
   long_enough = [i for i, motion in enumerate(motions) if len(motion) >= width]
   if not long_enough:
@@ -88,7 +94,8 @@ def random_crops(motions, width, rng):
   return [(i, int(rng.integers(len(motions[i]) - width + 1))) for i in long_enough]
 
 
-def caption_hits(text, motion, captions, top_k=3, merge=True, cosine=False):
+def caption_hits(text: Num[Array, "s e"], motion: Num[Array, "s e"], captions: SequenceOf[str], top_k: int = 3,
+                 merge: bool = True, cosine: bool = False) -> Float[np.ndarray, " {top_k}"]:
   """Hits of R-precision among one sequence's own pieces, text and motion (S, E) -> (top_k,), out of S.
 
   merge: of equal captions only the first piece takes part, in texts and in motions, and hits are scaled up to S. A
@@ -102,14 +109,15 @@ def caption_hits(text, motion, captions, top_k=3, merge=True, cosine=False):
   return scores.hits(away, top_k) * (len(captions) / len(kept))
 
 
-def placed(joints, skeleton):
+def placed(joints: Num[np.ndarray, "t j 3"], skeleton: Skeleton) -> Float[np.ndarray, "t j 3"]:
   """Joints (T, J, 3) moved so that the body begins over the origin, facing +z; its height and bones stay."""
   joints = joints - joints[:1, :1] * [1, 0, 1]
   ahead = facing(joints[:1], skeleton)
   return rot.rotate(rot.between(ahead, np.array([[0.0, 0.0, 1.0]]))[:, None], joints)
 
 
-def reference_of(sequences, embed, protocol=LongHorizon(), skeleton=HUMANML3D) -> Reference:
+def reference_of(sequences: Iterable[Sequence], embed: Embed, protocol: LongHorizon = LongHorizon(),
+                 skeleton: Skeleton = HUMANML3D) -> Reference:
   """The real side where real motions are as long as the made ones, with borders of their own: of real `Sequence`s."""
   pieces, crops, moving = [], [], []
   for sequence in sequences:
@@ -122,7 +130,8 @@ def reference_of(sequences, embed, protocol=LongHorizon(), skeleton=HUMANML3D) -
   return Reference(scores.moments(np.concatenate(pieces)), scores.moments(np.concatenate(crops)), curve, level)
 
 
-def reference(motions, joints, embed, rng, protocol=LongHorizon(), skeleton=HUMANML3D) -> Reference:
+def reference(motions: SequenceOf[Array], joints: SequenceOf[Array], embed: Embed, rng: np.random.Generator,
+              protocol: LongHorizon = LongHorizon(), skeleton: Skeleton = HUMANML3D) -> Reference:
   """The real side, from real clips (T, ..) and their joints (T, J, 3), as `embed` and physics read them.
 
   Clips of protocol.shortest to longest frames count as pieces, a random crop of each that is long enough as transition.
@@ -137,7 +146,9 @@ def reference(motions, joints, embed, rng, protocol=LongHorizon(), skeleton=HUMA
   return Reference(scores.moments(embed(pieces)), scores.moments(embed(crops)), curve, level)
 
 
-def score(sequences, real, embed, rng, protocol=LongHorizon(), skeleton=HUMANML3D, embed_text_space=None) -> Scores:
+def score(sequences: Iterable[Sequence], real: Reference, embed: Embed, rng: np.random.Generator,
+          protocol: LongHorizon = LongHorizon(), skeleton: Skeleton = HUMANML3D, embed_text_space: Embed | None = None
+          ) -> Scores:
   """The row of made `Sequence`s (any iterable: one is looked at at a time) against a `Reference`.
 
   embed(list of motions) -> (N, E); rng: numpy generator for the draws of diversity. embed_text_space: what is held
@@ -168,7 +179,9 @@ def score(sequences, real, embed, rng, protocol=LongHorizon(), skeleton=HUMANML3
                  real, rng, protocol)
 
 
-def real_row(motions, joints, captions, text, real, embed, rng, protocol=LongHorizon(), skeleton=HUMANML3D) -> Scores:
+def real_row(motions: SequenceOf[Array], joints: SequenceOf[Array], captions: SequenceOf[str], text: Num[Array, "n e"],
+             real: Reference, embed: Embed, rng: np.random.Generator, protocol: LongHorizon = LongHorizon(),
+             skeleton: Skeleton = HUMANML3D) -> Scores:
   """The same numbers of real clips, their captions (N,) and embedded texts (N, E), in random order.
 
   R-precision in pools of protocol.pool clips; transitions are random crops, their borders the middle frames. FID is 0
@@ -194,11 +207,12 @@ def real_row(motions, joints, captions, text, real, embed, rng, protocol=LongHor
                  physics.jerk(moving), steps, real, rng, protocol)
 
 
-def transition_row(motions, joints, real, embed, protocol=LongHorizon(), skeleton=HUMANML3D) -> dict[str, float]:
+def transition_row(motions: SequenceOf[Array], joints: Num[Array, "n w j 3"], real: Reference, embed: Embed,
+                   protocol: LongHorizon = LongHorizon(), skeleton: Skeleton = HUMANML3D) -> dict[str, float]:
   """What is said of transitions alone: motions, a list of (width, ..), and their joints (N, width, J, 3)."""
   curve = protocol.jerk_scale * physics.jerk(_placed(joints, protocol, skeleton)).mean(0)
   steps = [physics.transition_distance(one, [protocol.width // 2], skeleton) for one in joints]
-  return {"transition_fid": scores.fid(real.transitions, embed(motions)),
+  return {"transition_fid": scores.fid(real.transitions, embed(list(motions))),
           "transition_distance": float(np.concatenate(steps).mean()), "peak_jerk": physics.peak_jerk(curve),
           "auj": physics.area_under_jerk(curve, real.level)}
 

@@ -3,22 +3,26 @@
 Lengths are the joints' own unit (metres for HumanML3D); arrays go to float64. A real motion is not 0 in any of these,
 so print the real data's number beside.
 """
+from collections.abc import Sequence
+
 import numpy as np
+from jaxtyping import Float, Num
 from scipy.ndimage import uniform_filter1d
 
-from motion_jax.motion.skeleton import HUMANML3D, facing
+from motion_jax.motion.skeleton import HUMANML3D, Skeleton, facing
+from motion_jax.shapes import Array
 
 # Mean jerk of real transitions, the level that AUJ is measured from (FlowMDM's; docs/papers/cmdm.md#long-horizon).
 REAL_JERK = {"humanml3d": 0.033031363, "babel": 0.016383045}
 
 
-def jerk(joints):
+def jerk(joints: Num[Array, "*lead t j 3"]) -> Float[np.ndarray, "*lead t-3"]:
   """Jerk per frame, (..., T - 3): third difference, L1 norm over x, y, z, the largest over joints; no division by time.
   """
   return np.abs(_differences(joints, 3)).sum(-1).max(-1)
 
 
-def jerk_curve(transitions):
+def jerk_curve(transitions: Num[Array, "n w j 3"]) -> Float[np.ndarray, "w-3"]:
   """Mean jerk at each place of transitions (N, W, J, 3), the same frames around each border -> (W - 3,)."""
   transitions = np.asarray(transitions)
   if transitions.ndim != 4 or not len(transitions):
@@ -26,17 +30,18 @@ def jerk_curve(transitions):
   return jerk(transitions).mean(0)
 
 
-def peak_jerk(curve):
+def peak_jerk(curve: Num[Array, " w"]) -> float:
   """PJ: the highest point of a jerk curve."""
   return float(np.max(curve))
 
 
-def area_under_jerk(curve, real=REAL_JERK["humanml3d"]):
+def area_under_jerk(curve: Num[Array, " w"], real: float = REAL_JERK["humanml3d"]) -> float:
   """AUJ: how far a jerk curve strays from the level of real motion, summed over its frames."""
   return float(np.abs(np.asarray(curve, np.float64) - real).sum())
 
 
-def cut_transitions(motion, borders, width=60):
+def cut_transitions(motion: Num[Array, "t *frame"], borders: Sequence[int] | np.ndarray, width: int = 60
+                    ) -> Num[np.ndarray, "n {width} *frame"]:
   """The width frames of motion (T, ...) around each border (first frame of the next piece) -> (N, width, ...).
 
   Raises ValueError for a border too near the ends, whose transition would be of another length.
@@ -48,7 +53,8 @@ def cut_transitions(motion, borders, width=60):
   return np.stack([motion[border - half:border + width - half] for border in borders])
 
 
-def transition_distance(joints, borders, skeleton=HUMANML3D):
+def transition_distance(joints: Num[Array, "t j 3"], borders: Sequence[int] | np.ndarray, skeleton: Skeleton = HUMANML3D
+                        ) -> Float[np.ndarray, " n"]:
   """Mean joint step into each border of joints (T, J, 3), path and heading taken out (STMC's) -> (N,)."""
   joints, borders = np.asarray(joints, np.float64), np.asarray(borders)
   if len(borders) and not (0 < borders.min() and borders.max() < len(joints)):
@@ -60,7 +66,8 @@ def transition_distance(joints, borders, skeleton=HUMANML3D):
   return np.linalg.norm(turned[borders] - turned[borders - 1], axis=-1).mean(-1)
 
 
-def foot_speed(joints, fps=20.0, skeleton=HUMANML3D, low=0.05, window=5):
+def foot_speed(joints: Num[Array, "*lead t j 3"], fps: float = 20.0, skeleton: Skeleton = HUMANML3D, low: float = 0.05,
+               window: int = 5) -> Float[np.ndarray, "*lead t-1 2"]:
   """Speed of each foot's toes over the ground while they are low, else 0: (..., T - 1, 2), left and right.
 
   Low is under `low` metres in both frames of a step; the speed is a mean over `window` steps, zeros outside the clip.
@@ -69,29 +76,32 @@ def foot_speed(joints, fps=20.0, skeleton=HUMANML3D, low=0.05, window=5):
   return contact * mean
 
 
-def skating_ratio(joints, fps=20.0, skeleton=HUMANML3D, low=0.05, fast=0.5, window=5):
+def skating_ratio(joints: Num[Array, "*lead t j 3"], fps: float = 20.0, skeleton: Skeleton = HUMANML3D,
+                  low: float = 0.05, fast: float = 0.5, window: int = 5) -> Float[np.ndarray | np.floating, "*lead"]:
   """Share of steps (...,) in which a low foot slides: over `fast` m/s in the step and in the mean of `window`."""
   speed, contact, mean = _foot_steps(joints, fps, skeleton, low, window)
   return (contact & (speed > fast) & (mean > fast)).any(-1).mean(-1)
 
 
-def foot_height(joints, skeleton=HUMANML3D):
+def foot_height(joints: Num[Array, "*lead t j 3"], skeleton: Skeleton = HUMANML3D) -> Float[np.ndarray, "*lead t"]:
   """Height of the lowest foot joint above the floor y = 0 in each frame, (..., T); below 0 it has sunk in."""
   return _of(skeleton, joints)[..., list(skeleton.left_feet + skeleton.right_feet), 1].min(-1)
 
 
-def floating(joints, skeleton=HUMANML3D):
+def floating(joints: Num[Array, "*lead t j 3"], skeleton: Skeleton = HUMANML3D
+             ) -> Float[np.ndarray | np.floating, "*lead"]:
   """Mean height (...,) of the lowest foot joint above the floor; a jump counts too, so compare with real motion."""
   return np.maximum(foot_height(joints, skeleton), 0).mean(-1)
 
 
-def penetration(joints):
+def penetration(joints: Num[Array, "*lead t j 3"]) -> Float[np.ndarray | np.floating, "*lead"]:
   """Mean depth (...,) of the lowest joint below the floor y = 0."""
   joints = _differences(joints, 0)
   return np.maximum(-joints[..., 1].min(-1), 0).mean(-1)
 
 
-def bone_drift(joints, skeleton=HUMANML3D):
+def bone_drift(joints: Num[Array, "*lead t j 3"], skeleton: Skeleton = HUMANML3D
+               ) -> Float[np.ndarray | np.floating, "*lead"]:
   """Mean over frames and bones (...,) of how far a bone is from its mean length in the clip."""
   joints = _of(skeleton, joints)
   child = [j for j, parent in enumerate(skeleton.parents) if parent >= 0]
@@ -99,12 +109,12 @@ def bone_drift(joints, skeleton=HUMANML3D):
   return np.abs(lengths - lengths.mean(-2, keepdims=True)).mean((-2, -1))
 
 
-def acceleration(joints, fps=20.0):
+def acceleration(joints: Num[Array, "*lead t j 3"], fps: float = 20.0) -> Float[np.ndarray | np.floating, "*lead"]:
   """Mean acceleration of joints (...,), in their unit per second squared."""
   return (np.linalg.norm(_differences(joints, 2), axis=-1) * fps**2).mean((-2, -1))
 
 
-def summary(joints, fps=20.0, skeleton=HUMANML3D):
+def summary(joints: Num[Array, "t j 3"], fps: float = 20.0, skeleton: Skeleton = HUMANML3D) -> dict[str, float]:
   """All of them for one motion (T, J, 3) -> {name: number}, in millimetres, seconds and shares."""
   metres = np.asarray(joints, np.float64) * skeleton.unit
   return {"skating_ratio": float(skating_ratio(metres, fps, skeleton)),

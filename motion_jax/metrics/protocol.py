@@ -7,12 +7,16 @@ Evaluators have done their work here already, so the loops can be used and teste
 end. Random draws come from a numpy generator, so a repeat is known by its key.
 """
 import dataclasses
+import typing
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float, Num
 
 from motion_jax.metrics import scores
-from motion_jax.motion.representations import layout_for, to_joints
+from motion_jax.motion.representations import Representation, layout_for, to_joints
+from motion_jax.shapes import Array
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,6 +32,17 @@ class Protocol:
   multimodality_pairs: int = 10
   repeats: int = 10
   cosine: bool = False          # R-precision ranks by angle, not by Euclidean distance (SnapMoGen)
+
+
+@typing.runtime_checkable
+class Normalization(typing.Protocol):
+  """Mean and std (F,) of features, as `motion.stats.Stats` has them."""
+
+  @property
+  def mean(self) -> np.ndarray: ...
+
+  @property
+  def std(self) -> np.ndarray: ...
 
 
 class Batch(NamedTuple):
@@ -52,7 +67,8 @@ class Draws(NamedTuple):
   made: tuple[np.ndarray, np.ndarray]
 
 
-def to_evaluator(features, stats, eval_stats):
+def to_evaluator(features: Num[Array, "*lead f"], stats: Normalization, eval_stats: Normalization
+                 ) -> Num[Array, "*lead f"]:
   """Normalized features of a model, (..., F), in the evaluator's normalization: each with its own mean and std.
 
   stats, eval_stats: anything with `mean` and `std`, as `motion.stats.Stats`. Padded rows go the same way.
@@ -63,18 +79,18 @@ def to_evaluator(features, stats, eval_stats):
   return (features * stats.std + stats.mean - eval_stats.mean) / eval_stats.std
 
 
-def evaluator_frames(num_frames, protocol):
+def evaluator_frames(num_frames: Sequence[int] | np.ndarray, protocol: Protocol) -> np.ndarray:
   """The lengths (B,) that the evaluator is told for motions of num_frames."""
   return np.asarray(num_frames) - protocol.lost_frames
 
 
-def draw(rng, count, protocol) -> Draws:
+def draw(rng: np.random.Generator, count: int, protocol: Protocol) -> Draws:
   """The rows that diversity compares among count real and as many made motions."""
   size = protocol.diversity_draws if count > protocol.diversity_draws else protocol.few_draws
   return Draws(scores.draw_pairs(rng, count, size), scores.draw_pairs(rng, count, size))
 
 
-def generation_scores(batches, protocol, draws) -> dict[str, float]:
+def generation_scores(batches: Iterable[Batch], protocol: Protocol, draws: Draws) -> dict[str, float]:
   """The text-to-motion row of one pass, with the real motions' numbers under "real_".
 
   R-precision is counted inside each batch (each must have protocol.pool rows), the rest over all rows together.
@@ -100,7 +116,7 @@ def generation_scores(batches, protocol, draws) -> dict[str, float]:
   return row
 
 
-def reconstruction_scores(batches, protocol, draws) -> dict[str, float]:
+def reconstruction_scores(batches: Iterable[Batch], protocol: Protocol, draws: Draws) -> dict[str, float]:
   """The same for an autoencoder, with joint errors: true ones, and the released code's number ("released_mpjpe").
 
   Raises ValueError for a batch without joint errors.
@@ -109,11 +125,12 @@ def reconstruction_scores(batches, protocol, draws) -> dict[str, float]:
   row = generation_scores(batches, protocol, draws)
   if any(batch.errors is None for batch in batches):
     raise ValueError("a batch has no joint errors; make them with reconstruction_errors")
-  errors = [error for batch in batches for error in batch.errors]
+  errors = [error for batch in batches for error in batch.errors or ()]
   return row | {"mpjpe": scores.mpjpe(errors), "released_mpjpe": scores.released_mpjpe(errors, protocol.pool)}
 
 
-def reconstruction_errors(real, made, num_frames, alone=True, layout=None):
+def reconstruction_errors(real: Num[Array, "b t f"], made: Num[Array, "b t f"], num_frames: Sequence[int] | np.ndarray,
+                          alone: bool = True, layout: Representation | None = None) -> list[np.ndarray]:
   """Joint errors (T_i,) of each clip, roots at one place; real and made (B, T, F) are de-normalized features.
 
   alone: every frame is rebuilt by itself, facing ahead, so that heading errors do not count. Parity: that is what the
@@ -125,12 +142,13 @@ def reconstruction_errors(real, made, num_frames, alone=True, layout=None):
   return [scores.joint_errors(rebuild(a[:m]), rebuild(b[:m])) for a, b, m in clips]
 
 
-def multimodality_draws(rng, protocol):
+def multimodality_draws(rng: np.random.Generator, protocol: Protocol) -> tuple[np.ndarray, np.ndarray]:
   """The pairs of generations that multimodality compares, the same for all texts."""
   return scores.draw_pairs(rng, protocol.multimodality_motions, protocol.multimodality_pairs)
 
 
-def cut_item(features, double, start, stats, max_frames, start_again=0, unit=4):
+def cut_item(features: Num[Array, "t f"], double: bool | np.bool_, start: int, stats: Normalization, max_frames: int,
+             start_again: int = 0, unit: int = 4) -> tuple[Float[np.ndarray, "{max_frames} f"], int]:
   """A clip as the benchmarks' loaders hand it on: cut, normalized, zero-padded -> ((max_frames, F), frames kept).
 
   features (T, F). double: the coin fell on "double" (one time in three), a unit less is kept than the clip holds.

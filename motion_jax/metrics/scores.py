@@ -3,26 +3,30 @@
 Embeddings are rows of (N, E) arrays, row i of texts belonging to row i of motions. Random draws are arguments, so that
 a number can be repeated. Definitions: docs/papers/cmdm.md#protocol, #reconstruction, docs/papers/cdamd.md#metrics.
 """
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Bool, Float, Int, Num
+
+from motion_jax.shapes import Array
 
 RECALLS = (1, 2, 3, 5, 10)
 
 
-def distances(a, b):
+def distances(a: Num[Array, "n e"], b: Num[Array, "m e"]) -> Float[np.ndarray, "n m"]:
   """Euclidean distances (N, M) between the rows of a (N, E) and of b (M, E)."""
   a, b = _rows(a), _rows(b)
   squares = (a * a).sum(1)[:, None] + (b * b).sum(1)[None] - 2 * a @ b.T
   return np.sqrt(np.maximum(squares, 0))
 
 
-def cosines(a, b):
+def cosines(a: Num[Array, "n e"], b: Num[Array, "m e"]) -> Float[np.ndarray, "n m"]:
   """Cosines (N, M) between the rows of a (N, E) and of b (M, E)."""
   return units(a) @ units(b).T
 
 
-def hits(away, top_k=3, own=None):
+def hits(away: Num[Array, "n m"], top_k: int = 3, own: Int[Array, " n"] | None = None) -> Float[np.ndarray, " {top_k}"]:
   """How many rows of away (N, M) have their own column among the nearest 1, 2, .. top_k: expected counts (top_k,).
 
   own (N,): each row's column; None: row i's is i, and N = M. away holds distances, or similarities with a minus.
@@ -35,7 +39,8 @@ def hits(away, top_k=3, own=None):
   return np.clip(chance, 0, 1).sum(0)
 
 
-def r_precision(text, motion, top_k=3, pool=32, away=distances):
+def r_precision(text: Num[Array, "n e"], motion: Num[Array, "n e"], top_k: int = 3, pool: int = 32,
+                away: Callable[..., np.ndarray] = distances) -> Float[np.ndarray, " {top_k}"]:
   """Share of texts whose motion is among the nearest 1, 2, .. top_k of its pool: (top_k,).
 
   The rows are taken in order, `pool` at a time (R-precision depends on who is in a pool); the last, smaller pool is
@@ -45,27 +50,28 @@ def r_precision(text, motion, top_k=3, pool=32, away=distances):
   pools = len(text) // pool
   if not pools:
     raise ValueError(f"got {len(text)} pairs, R-precision needs a pool of {pool}; take more samples or a smaller pool")
-  found = sum(hits(away(text[i:i + pool], motion[i:i + pool]), top_k) for i in range(0, pools * pool, pool))
+  found = sum((hits(away(text[i:i + pool], motion[i:i + pool]), top_k) for i in range(0, pools * pool, pool)),
+              start=np.zeros(top_k))
   return found / (pools * pool)
 
 
-def cosine_distances(a, b):
+def cosine_distances(a: Num[Array, "n e"], b: Num[Array, "m e"]) -> Float[np.ndarray, "n m"]:
   return -cosines(a, b)
 
 
-def matching_score(text, motion):
+def matching_score(text: Num[Array, "n e"], motion: Num[Array, "n e"]) -> float:
   """Mean Euclidean distance of matched pairs (MM-Dist)."""
   text, motion = _pairs(text, motion)
   return float(np.linalg.norm(text - motion, axis=1).mean())
 
 
-def clip_score(text, motion):
+def clip_score(text: Num[Array, "n e"], motion: Num[Array, "n e"]) -> float:
   """Mean cosine of matched pairs, neither clipped nor times 100."""
   text, motion = _pairs(text, motion)
   return float((units(text) * units(motion)).sum(1).mean())
 
 
-def retrieval(similarity):
+def retrieval(similarity: Num[Array, "n n"]) -> dict[str, float]:
   """How well rows find their own columns in similarity (N, N), and columns their rows; larger = closer.
 
   -> {"r1", "r2", "r3", "r5", "r10": share in 0..1, "median_rank": 1 = best}, the same again with "back_" for columns.
@@ -76,7 +82,7 @@ def retrieval(similarity):
     raise ValueError(f"got similarities of shape {similarity.shape}, expected (N, N), row i belonging to column i")
   if not np.isfinite(similarity).all():
     raise ValueError("the similarities hold NaN or infinity; check the embeddings")
-  found = {}
+  found: dict[str, float] = {}
   for prefix, away in (("", -similarity), ("back_", -similarity.T)):
     counts = hits(away, max(RECALLS)) / len(away)
     found |= {f"{prefix}r{k}": float(counts[k - 1]) for k in RECALLS}
@@ -85,7 +91,7 @@ def retrieval(similarity):
   return found
 
 
-def mean_ranks(similarity, same=None):
+def mean_ranks(similarity: Num[Array, "n n"], same: Bool[Array, "n n"] | None = None) -> Float[np.ndarray, " n"]:
   """The rank of its own column for each row of similarity (N, N), from 0, (N,); of ties the mean of their places.
 
   same (N, N): columns that are as good an answer to a row; the nearest of them counts, as in TMR's protocol with a
@@ -96,12 +102,12 @@ def mean_ranks(similarity, same=None):
   return (away < own[:, None]).sum(1) + ((away == own[:, None]).sum(1) - 1) / 2
 
 
-def retrieval_by_rank(similarity, same=None):
+def retrieval_by_rank(similarity: Num[Array, "n n"], same: Bool[Array, "n n"] | None = None) -> dict[str, float]:
   """TMR's numbers, by the names of `retrieval`: a row is found at k if its mean rank is under k.
 
   Parity: where ties are many this differs from `retrieval`, which counts them by chance.
   """
-  found = {}
+  found: dict[str, float] = {}
   for prefix, way in (("", similarity), ("back_", np.transpose(similarity))):
     ranks = mean_ranks(way, same)
     found |= {f"{prefix}r{k}": float((ranks < k).mean()) for k in RECALLS}
@@ -111,27 +117,27 @@ def retrieval_by_rank(similarity, same=None):
 
 class Moments(NamedTuple):
   """Count, mean (E,) and scatter (E, E) = sum of outer products about the mean: all that a Gaussian fit needs."""
-  count: int
+  count: int  # type: ignore[assignment]  # a tuple has a method of this name
   mean: np.ndarray
   scatter: np.ndarray
 
   @property
-  def covariance(self):
+  def covariance(self) -> Float[np.ndarray, "e e"]:
     """With n - 1, as numpy's."""
     if self.count < 2:
       raise ValueError(f"got {self.count} samples, a covariance needs 2 or more")
     return self.scatter / (self.count - 1)
 
 
-def moments(features):
+def moments(features: Num[Array, "n e"]) -> Moments:
   """Moments of the rows of features (N, E)."""
-  features = _rows(features)
-  mean = features.mean(0)
-  away = features - mean
-  return Moments(len(features), mean, away.T @ away)
+  rows = _rows(features)
+  mean = rows.mean(0)
+  away = rows - mean
+  return Moments(len(rows), mean, away.T @ away)
 
 
-def merge(a, b):
+def merge(a: Moments, b: Moments) -> Moments:
   """Moments of two sets together: data that does not fit in memory passes by in chunks."""
   count = a.count + b.count
   apart = b.mean - a.mean
@@ -139,13 +145,14 @@ def merge(a, b):
                  a.scatter + b.scatter + np.outer(apart, apart) * (a.count * b.count / count))
 
 
-def fid(real, made):
+def fid(real: Num[Array, "n e"] | Moments, made: Num[Array, "m e"] | Moments) -> float:
   """Frechet distance of two sets of embeddings (N, E) and (M, E), or of their `moments`."""
   real, made = (m if isinstance(m, Moments) else moments(m) for m in (real, made))
   return frechet_distance(real.mean, real.covariance, made.mean, made.covariance)
 
 
-def frechet_distance(mean1, cov1, mean2, cov2):
+def frechet_distance(mean1: Num[Array, " e"], cov1: Num[Array, "e e"], mean2: Num[Array, " e"], cov2: Num[Array, "e e"]
+                     ) -> float:
   """|mean1 - mean2|^2 + tr(cov1 + cov2 - 2 (cov1 cov2)^(1/2)), for covariances of any rank.
 
   The trace of the root of the product is the sum of singular values of cov1^(1/2) cov2^(1/2), both roots symmetric: no
@@ -162,20 +169,20 @@ def frechet_distance(mean1, cov1, mean2, cov2):
   return float(apart @ apart + np.trace(cov1) + np.trace(cov2) - 2 * roots.sum())
 
 
-def draw_pairs(rng, count, size):
+def draw_pairs(rng: np.random.Generator, count: int, size: int) -> tuple[np.ndarray, np.ndarray]:
   """Two independent draws of size out of count without replacement, from a numpy generator."""
   if count < size:
     raise ValueError(f"got {count} samples to draw {size} from; take more samples or a smaller draw")
   return rng.choice(count, size, replace=False), rng.choice(count, size, replace=False)
 
 
-def diversity(features, first, second):
+def diversity(features: Num[Array, "n e"], first: Int[Array, " s"], second: Int[Array, " s"]) -> float:
   """Mean distance between rows first (S,) and second (S,) of features (N, E)."""
   features = _rows(features)
   return float(np.linalg.norm(features[first] - features[second], axis=1).mean())
 
 
-def multimodality(features, first, second):
+def multimodality(features: Num[Array, "n m e"], first: Int[Array, " s"], second: Int[Array, " s"]) -> float:
   """Mean distance between generations first (S,) and second (S,) of the same text: features (texts, generations, E)."""
   features = np.asarray(features, np.float64)
   if features.ndim != 3:
@@ -183,7 +190,7 @@ def multimodality(features, first, second):
   return float(np.linalg.norm(features[:, first] - features[:, second], axis=2).mean())
 
 
-def joint_errors(real, made):
+def joint_errors(real: Num[Array, "*lead t j 3"], made: Num[Array, "*lead t j 3"]) -> Float[np.ndarray, "*lead t"]:
   """Mean joint error of each frame with both roots at one place: joints (..., T, J, 3) -> (..., T), in their unit."""
   real, made = np.asarray(real, np.float64), np.asarray(made, np.float64)
   if real.shape != made.shape:
@@ -192,12 +199,12 @@ def joint_errors(real, made):
   return np.linalg.norm(aligned(real) - aligned(made), axis=-1).mean(-1)
 
 
-def mpjpe(errors):
+def mpjpe(errors: Sequence[np.ndarray]) -> float:
   """Mean per-joint position error over all frames of all clips; errors: a list of (T_i,) from `joint_errors`."""
   return float(np.concatenate(_some(errors)).mean())
 
 
-def released_mpjpe(errors, batch_size=32):
+def released_mpjpe(errors: Sequence[np.ndarray], batch_size: int = 32) -> float:
   """The number that the released code calls MPJPE: sums over frames, divided by clips and once more by the batch size.
 
   Parity: the divisor should be the clips' own lengths, so this is `mpjpe` times mean length / batch size; it is here to
@@ -206,7 +213,7 @@ def released_mpjpe(errors, batch_size=32):
   return float(sum(error.sum() for error in _some(errors)) / (len(errors) * batch_size))
 
 
-def mean_and_interval(values):
+def mean_and_interval(values: Sequence | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
   """Mean and half width of the 95 % interval over repeats (R, ...): 1.96 std / sqrt(R), population std."""
   values = np.asarray(values, np.float64)
   return values.mean(0), 1.96 * values.std(0) / np.sqrt(len(values))
@@ -235,7 +242,7 @@ def _pairs(text, motion):
   return text, motion
 
 
-def units(x):
+def units(x: Num[Array, "n e"]) -> Float[np.ndarray, "n e"]:
   """Rows (N, E) of length 1."""
   x = _rows(x)
   return x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-12)

@@ -6,12 +6,16 @@ real motions, and how far the pose jumps at the borders. Definitions: github.com
 (docs/papers/cmdm.md#long-horizon); where that code slips, a switch says so. Timelines are read by `data.timelines`.
 """
 import dataclasses
+from collections.abc import Callable, Sequence
 
 import numpy as np
+from jaxtyping import Float, Int, Num
 
+from motion_jax.data.timelines import Interval
 from motion_jax.metrics import physics, scores
 from motion_jax.motion.representations import get_layout, to_features, to_joints
-from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.motion.skeleton import HUMANML3D, Skeleton
+from motion_jax.shapes import Array
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,12 +39,12 @@ class Mtt:
 CORRECTED = Mtt(crop_columns=None, loses_last_border=False, slipped_axis=False)
 
 
-def frames_of(timeline, fps=20.0):
+def frames_of(timeline: Sequence[Interval], fps: float = 20.0) -> Int[np.ndarray, "n 2"]:
   """First and last frame (N, 2) of each interval of a timeline, rounded down."""
   return np.array([[int(fps * interval.start), int(fps * interval.end)] for interval in timeline])
 
 
-def crop_starts(num_frames, protocol=Mtt()):
+def crop_starts(num_frames: int, protocol: Mtt = Mtt()) -> Int[np.ndarray, " n"]:
   """Where the random crops of a motion begin, the same for every model."""
   width = _crop_frames(protocol)
   room = num_frames if protocol.crop_columns is None else protocol.crop_columns
@@ -53,7 +57,7 @@ def crop_starts(num_frames, protocol=Mtt()):
   return starts
 
 
-def borders_of(timeline, num_frames, protocol=Mtt()):
+def borders_of(timeline: Sequence[Interval], num_frames: int, protocol: Mtt = Mtt()) -> list[int]:
   """The frames at which an interval starts or ends inside the motion."""
   points = sorted({int(point) for point in frames_of(timeline, protocol.fps).ravel()})
   inside = [point for point in points if point < num_frames]
@@ -62,7 +66,7 @@ def borders_of(timeline, num_frames, protocol=Mtt()):
   return [point for point in inside if point > 0]
 
 
-def released_steps(joints, borders):
+def released_steps(joints: Num[Array, "t 22 3"], borders: Sequence[int] | np.ndarray) -> Float[np.ndarray, " n"]:
   """What the released code takes for the transition distance of made joints (T, 22, 3) -> (N,).
 
   Parity: features are made of the joints and joints again with turns left out, and then each joint's x coordinate is
@@ -77,7 +81,9 @@ def released_steps(joints, borders):
   return np.linalg.norm(local[borders] - local[borders - 1], axis=-1).mean(-1)
 
 
-def score(timelines, motions, joints, embed, texts, text_latents, real_latents, protocol=Mtt(), skeleton=HUMANML3D):
+def score(timelines: Sequence[Sequence[Interval]], motions: Sequence[Array], joints: Sequence[Array],
+          embed: Callable[[list], Array], texts: Sequence[str], text_latents: Num[Array, "m e"],
+          real_latents: Num[Array, "m e"], protocol: Mtt = Mtt(), skeleton: Skeleton = HUMANML3D) -> dict[str, float]:
   """The row of made motions, {"crop_top1", "crop_top3", "tmr_m2t", "tmr_m2m", "fid", "transition_distance"}.
 
   timelines: lists of `data.timelines.Interval`; motions: one array (T, ..) each, as `embed(list of motions) -> (N, E)`
@@ -103,7 +109,8 @@ def score(timelines, motions, joints, embed, texts, text_latents, real_latents, 
   return _row(np.concatenate(pieces), np.array(own), text_latents, real_latents, np.concatenate(crops), steps, protocol)
 
 
-def real_row(texts, text_latents, real_latents, joints, protocol=Mtt(), skeleton=HUMANML3D):
+def real_row(texts: Sequence[str], text_latents: Num[Array, "m e"], real_latents: Num[Array, "m e"],
+             joints: Sequence[Array], protocol: Mtt = Mtt(), skeleton: Skeleton = HUMANML3D) -> dict[str, float]:
   """The same numbers of the real motions, whose joints (T, J, 3) are looked at in their quarters.
 
   By definition FID is 0 and the likeness of a motion to itself 1.

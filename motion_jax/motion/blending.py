@@ -1,11 +1,15 @@
 """New frames between old ones: moved so that they begin and end where the old ones do."""
 import numpy as np
+from jaxtyping import Bool, Float, Num
+
+from motion_jax.shapes import Array
 
 _FADE = 12      # frames over which a part finds to its own pose and speed: 0.6 s at 20 frames a second
 _SWERVE = 0.15  # metres that a joint's step across a border may differ from the steps beside it
 
 
-def join(made, given, kept, fade=_FADE):
+def join(made: Num[Array, "t j 3"], given: Num[Array, "t j 3"], kept: Bool[Array, " t"], fade: int = _FADE
+         ) -> Float[np.ndarray, "t j 3"]:
   """Joints (T, J, 3): those given where kept (T,), elsewhere those made, brought to the borders without a jump.
 
   made and given (T, J, 3), metres, show the same motion where kept, but for the error of the network that made the one.

@@ -1,10 +1,10 @@
 """A body in six parts: which columns of a feature vector belong to which (docs/papers/cmdm.md#part-tmr)."""
-from motion_jax.motion.representations import LAYOUTS, get_layout
+from motion_jax.motion.representations import LAYOUTS, Representation, get_layout
 
 PARTS = ("root", "right_leg", "left_leg", "backbone", "right_arm", "left_arm")
 
 
-def part_columns(layout="full"):
+def part_columns(layout: Representation | str = "full") -> tuple[tuple[str, tuple[int, ...]], ...]:
   """((part, columns), ...) in the order of PARTS, columns as tuples of ints.
 
   Each joint gives what the layout has of it, by the names of the blocks: position, rotation, velocity. The root's
@@ -23,12 +23,12 @@ def part_columns(layout="full"):
   return tuple((name, tuple(columns)) for name, columns in parts)
 
 
-def whole_body(layout="full"):
+def whole_body(layout: Representation | str = "full") -> tuple[tuple[str, tuple[int, ...]], ...]:
   """The same form with one part that holds every column: what a teacher without parts sees."""
   return (("body", tuple(range(get_layout(layout).dim))),)
 
 
-def chain_columns(layout="full"):
+def chain_columns(layout: Representation | str = "full") -> tuple[tuple[tuple[int, ...], ...], ...]:
   """The kinematic chains as columns of positions: ((x, y, z) of each joint, ...) of each chain; -1 is a coordinate that
   is 0 by definition, as the root's across the ground, whose height is a column of its own."""
   layout = get_layout(layout)

@@ -4,16 +4,19 @@ A network's joints are right to a few millimetres, frame by frame; the eye sees 
 Nothing here changes what the motion does. Whole clips, numpy, float64.
 """
 import numpy as np
+from jaxtyping import Float, Num
 
 from motion_jax.motion.retarget import bend_leg, firmness, with_lengths
-from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.motion.skeleton import HUMANML3D, Skeleton
+from motion_jax.shapes import Array
 
 _SMOOTH = 0.7       # sigma in frames: 2 Hz passes at 0.9, the tremor of frame against frame at 0.1
 _EASE = 0.02        # how much the correction of a foot in the air resists change, against 1 for a foot that stands
 _PULL = 1e-3        # how much every foot is drawn back to where it was
 
 
-def clean_up(joints, contacts=None, skeleton=HUMANML3D):
+def clean_up(joints: Num[Array, "t j 3"], contacts: Num[Array, "t 4"] | None = None, skeleton: Skeleton = HUMANML3D
+             ) -> Float[np.ndarray, "t j 3"]:
   """Joints (T, J, 3) with planted feet, canonical bone lengths and no tremor, float32 of the same shape.
 
   contacts (T, 4): how surely ankle and toes stand, left then right, 0..1 (the contact columns of full features);

@@ -3,57 +3,63 @@
 An entry is a name, a list of names to average, or a `Made` joint for what the other skeleton does not have (the SMPL
 pelvis lies higher than most hips, say). Names are compared without case, "_", "-", blanks and "mixamorig:".
 """
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float, Num
 
 from motion_jax.inputs.numerals import named, shortened
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.motion.skeleton import HUMANML3D, Skeleton
+from motion_jax.shapes import Array
 
 
 class Made(NamedTuple):
   """A joint computed from joints that a file has: make(Source) -> (T, 3)."""
   needs: tuple[str, ...]
-  make: Callable
+  make: Callable[["Source"], np.ndarray]
+
+
+Entry = str | list[str] | Made
 
 
 class Source:
   """Joints of a file by name: `s["Hips"]` is (T, 3)."""
 
-  def __init__(self, names, positions, turned=None):
-    self.index = {}
+  def __init__(self, names: Sequence[str], positions: Num[np.ndarray, "t n 3"],
+               turned: Num[np.ndarray, "t n 4"] | None = None) -> None:
+    self.index: dict[str, int] = {}
     for i, name in enumerate(names):
       self.index.setdefault(plain(name), i)
     self.positions, self.turned = positions, turned
 
-  def __contains__(self, name):
+  def __contains__(self, name: str) -> bool:
     return plain(name) in self.index
 
-  def __getitem__(self, name):
+  def __getitem__(self, name: str) -> Float[np.ndarray, "t 3"]:
     return self.positions[:, self.index[plain(name)]]
 
-  def length(self, a, b):
+  def length(self, a: str, b: str) -> float:
     """The distance of two joints, median over the clip."""
     return np.median(np.linalg.norm(self[a] - self[b], axis=-1))
 
-  def between(self, a, b, part):
+  def between(self, a: str, b: str, part: float) -> Float[np.ndarray, "t 3"]:
     """The point at this part of the way from joint a to joint b."""
     return self[a] + part * (self[b] - self[a])
 
-  def turn(self, name):
+  def turn(self, name: str) -> Num[np.ndarray, "t 4"]:
     if self.turned is None:
       raise ValueError(f"this table needs the rotation of joint {name!r}, got positions only; give map_joints turned=, "
                        "or a mapping of names")
     return self.turned[:, self.index[plain(name)]]
 
-  def at(self, name, offset):
+  def at(self, name: str, offset: Sequence[float] | np.ndarray) -> Float[np.ndarray, "t 3"]:
     """The point at an offset (3,) or (T, 3) in the turned frame of a joint."""
     return self[name] + rot.rotate(self.turn(name), np.asarray(offset, np.float64))
 
 
-def plain(name):
+def plain(name: str) -> str:
   """A joint's name without what programs put around it."""
   name = name.split(":")[-1].lower()
   for mark in "_- .":
@@ -131,7 +137,7 @@ _LIMBS = {"left_hip": "LeftUpLeg", "left_knee": "LeftLeg", "left_ankle": "LeftFo
           "left_wrist": "LeftHand"}
 _to_right = lambda name: name.replace("Left", "Right").replace("L_", "R_")
 
-TABLES = {
+TABLES: dict[str, Mapping[str, Entry]] = {
     "cmu_asf": _cmu_asf(),
     "cmu_bvh": _cmu_bvh(),
     "bandai": _BANDAI,
@@ -149,7 +155,9 @@ TABLES = {
 }
 
 
-def map_joints(names, positions, mapping=None, turned=None, skeleton=HUMANML3D):
+def map_joints(names: Sequence[str], positions: Num[Array, "t n 3"], mapping: str | Mapping[str, Entry] | None = None,
+               turned: Num[np.ndarray, "t n 4"] | None = None, skeleton: Skeleton = HUMANML3D
+               ) -> tuple[Float[np.ndarray, "t j 3"], str]:
   """Picks a skeleton's joints out of a file's: positions (T, N, 3) -> (T, J, 3), name of the table used.
 
   mapping is a key of TABLES, a dict {our joint: their joint or a list to average}, or None for the table that fits.
@@ -158,7 +166,7 @@ def map_joints(names, positions, mapping=None, turned=None, skeleton=HUMANML3D):
   """
   source = Source(names, np.asarray(positions, np.float64), turned)
   label = mapping if isinstance(mapping, str) else "own" if mapping else best_table(names)
-  if isinstance(mapping, dict):
+  if isinstance(mapping, Mapping):
     table = mapping
   elif label in TABLES:
     table = TABLES[label]
@@ -177,12 +185,12 @@ def map_joints(names, positions, mapping=None, turned=None, skeleton=HUMANML3D):
   return np.stack(joints, axis=1), label
 
 
-def best_table(names) -> str:
+def best_table(names: Sequence[str]) -> str:
   """The table most of whose joints occur among names."""
-  source = Source(names, None)
-  share = {label: np.mean([all(name in source for name in _needs(entry)) for entry in table.values()])
+  known = {plain(name) for name in names}
+  share = {label: np.mean([all(plain(name) in known for name in _needs(entry)) for entry in table.values()])
            for label, table in TABLES.items()}
-  return max(share, key=share.get)
+  return max(share, key=lambda label: share[label])
 
 
 def _needs(entry):

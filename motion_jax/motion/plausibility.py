@@ -7,10 +7,12 @@ sentence that names file, frame and joint; what is odd but can be worked with is
 import warnings
 
 import numpy as np
+from jaxtyping import Num
 
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.numerals import FRAME_RATES
-from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.motion.skeleton import HUMANML3D, Skeleton
+from motion_jax.shapes import Array
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}  # metres
 _NAMES = {"m": "metres", "cm": "centimetres", "mm": "millimetres", "in": "inches", "ft": "feet"}
@@ -27,7 +29,8 @@ _JUMP = 1.0             # metres in one frame that are told, where they are fast
 _FAST = 20.0            # metres a second
 
 
-def check(joints, skeleton=HUMANML3D, fps=None, name="motion"):
+def check(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, fps: float | None = None, name: str = "motion"
+          ) -> None:
   """Raises ValueError, which begins with name, unless joints (T, J, 3) in the skeleton's unit may be a person's.
 
   Warns of what is odd: joints in another order, bones that change their length, jumps. fps: frames a second, if known.
@@ -72,7 +75,8 @@ def _checked(joints, skeleton, fps, name):
   return lengths, oddness, metres
 
 
-def fault(joints, skeleton=HUMANML3D, fps=None, name="motion") -> str:
+def fault(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, fps: float | None = None, name: str = "motion"
+          ) -> str:
   """What `check` would refuse, in its words; "" for nothing. Warns of nothing."""
   try:
     _checked(joints, skeleton, fps, name)
@@ -81,7 +85,7 @@ def fault(joints, skeleton=HUMANML3D, fps=None, name="motion") -> str:
   return ""
 
 
-def check_bones(lengths, skeleton=HUMANML3D):
+def check_bones(lengths: Num[Array, " j"], skeleton: Skeleton = HUMANML3D) -> None:
   """Raises ValueError for bones of lengths (J,), metres, on which no mannequin can be hung: its skin would be endless.
   """
   joint = int(np.argmax(lengths))
@@ -90,14 +94,15 @@ def check_bones(lengths, skeleton=HUMANML3D):
                      f"{_LONGEST:g} m to draw a body; are the joints in metres?")
 
 
-def check_rate(fps, name="motion"):
+def check_rate(fps: float | None, name: str = "motion") -> None:
   """Raises ValueError unless fps is None or a rate of frames that motion may have."""
   low, high = FRAME_RATES
   if fps is not None and not low <= fps <= high:
     raise InputError(f"{name}: got {fps:g} frames per second, expected {low} to {high}; give another by --fps (fps=)")
 
 
-def to_unit(joints, skeleton=HUMANML3D, unit="auto", up="y", name="motion"):
+def to_unit(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, unit: str = "auto", up: str = "y",
+            name: str = "motion") -> Num[np.ndarray, "t j 3"]:
   """Joints (T, J, 3) of any unit and upward axis in the skeleton's unit with y up; warns if it had to be told.
 
   unit: "auto" asks the bones; "m", "cm", "mm", "in" or "ft" says it. up: "y", "z" or "x". Raises ValueError for an
@@ -107,24 +112,24 @@ def to_unit(joints, skeleton=HUMANML3D, unit="auto", up="y", name="motion"):
     raise InputError(f"got unit {unit!r}, expected auto, {', '.join(UNITS)}")
   if up not in AXES:
     raise InputError(f"got up {up!r}, expected {', '.join(AXES)}")
-  joints = _array(joints, skeleton, name)
+  placed = _array(joints, skeleton, name)
   if up != "y":
-    joints = joints[..., AXES[up]]
-  elif _stands_along_z(joints, skeleton):
+    placed = placed[..., AXES[up]]
+  elif _stands_along_z(placed, skeleton):
     warnings.warn(f"{name}: the body lies, or stands along z; --up z (up=\"z\") turns files whose upward axis is z",
                   stacklevel=2)
   if unit == "auto":
-    told = told_unit(joints, skeleton)
+    told = told_unit(placed, skeleton)
     if told is None or np.isclose(UNITS[told], skeleton.unit):
-      return joints  # as it should be, or `check` says what is wrong
+      return placed  # as it should be, or `check` says what is wrong
     warnings.warn(f"{name}: by its bones it is in {_NAMES[told]}; --unit (unit=) says it, where that is wrong",
                   stacklevel=2)
     unit = told
   scale = UNITS[unit] / skeleton.unit
-  return joints if np.isclose(scale, 1) else joints * scale
+  return placed if np.isclose(scale, 1) else placed * scale
 
 
-def told_unit(joints, skeleton=HUMANML3D):
+def told_unit(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D) -> str | None:
   """The unit in which joints (T, J, 3) make a body nearest to the skeleton's size; None if none is near."""
   size, oddness = _size(_lengths(np.asarray(joints, np.float64), skeleton), skeleton)
   if not 0 < size < np.inf or oddness > _ODD_ORDER:

@@ -3,12 +3,16 @@ import dataclasses
 import hashlib
 import os
 import pathlib
+from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float, Num
 
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.input_files import load_npy
 from motion_jax.motion.representations import Representation, get_layout, layout_for
+from motion_jax.motion.rotations import A
+from motion_jax.shapes import Array
 
 ABSOLUTE = ("Mean_abs.npy", "Std_abs.npy")  # where the field's tools keep statistics of coordinates
 
@@ -20,7 +24,7 @@ class Stats:
   std: np.ndarray
   layout: Representation
 
-  def __post_init__(self):
+  def __post_init__(self) -> None:
     for name in ("mean", "std"):
       value = getattr(self, name)
       if np.shape(value) != (self.layout.dim,):
@@ -31,10 +35,10 @@ class Stats:
     if not (self.std > 0).all():
       raise InputError(f"the std is not positive in column {int(np.argmin(self.std))}; a constant column needs std 1")
 
-  def normalize(self, features):
+  def normalize(self, features: Num[A, "*lead f"]) -> Float[A, "*lead f"]:
     return (features - self.mean) / self.std
 
-  def denormalize(self, features):
+  def denormalize(self, features: Num[A, "*lead f"]) -> Float[A, "*lead f"]:
     return features * self.std + self.mean
 
   @property
@@ -43,7 +47,8 @@ class Stats:
     return hashlib.sha256(self.mean.tobytes() + self.std.tobytes()).hexdigest()[:12]
 
 
-def compute_stats(features, layout, per_axis=False, per_column=False) -> Stats:
+def compute_stats(features: Sequence[Num[Array, "_ f"]] | Num[Array, "n f"], layout: Representation | str,
+                  per_axis: bool = False, per_column: bool = False) -> Stats:
   """Statistics over all frames of a list of (T, F) arrays, or of one (N, F) array.
 
   Full and essential features: the std is averaged inside each block (docs/papers/cmdm.md#statistics), or with
@@ -71,10 +76,10 @@ def compute_stats(features, layout, per_axis=False, per_column=False) -> Stats:
 class RunningStats:
   """Mean and std of features that pass by one clip at a time; sums are float64, shifted by the first clip's mean."""
 
-  def __init__(self, layout):
+  def __init__(self, layout: Representation) -> None:
     self.layout, self.num, self.shift = layout, 0, None
 
-  def add(self, features):
+  def add(self, features: Num[np.ndarray, "t f"]) -> None:
     features = features.astype(np.float64)
     if self.shift is None:
       self.shift = features.mean(0)
@@ -84,6 +89,8 @@ class RunningStats:
     self.squares += ((features - self.shift) ** 2).sum(0)
 
   def stats(self) -> Stats:
+    if self.shift is None:
+      raise ValueError("got no clip to take statistics of, expected one or more; add(features) takes them")
     mean = self.sum / self.num
     std = np.sqrt(np.maximum(self.squares / self.num - mean**2, 0))
     for block in self.layout.blocks.values():
@@ -92,7 +99,7 @@ class RunningStats:
     return Stats((mean + self.shift).astype(np.float32), std.astype(np.float32), self.layout)
 
 
-def save_stats(stats, folder):
+def save_stats(stats: Stats, folder: str | os.PathLike) -> None:
   """Writes Mean.npy and Std.npy, the names that the field's tools look for."""
   folder = pathlib.Path(folder)
   for name, values in (("Mean", stats.mean), ("Std", stats.std)):
@@ -104,7 +111,8 @@ def save_stats(stats, folder):
       whole.unlink(missing_ok=True)
 
 
-def load_stats(folder, layout=None, names=("Mean.npy", "Std.npy")) -> Stats:
+def load_stats(folder: str | os.PathLike, layout: Representation | str | None = None,
+               names: tuple[str, str] = ("Mean.npy", "Std.npy")) -> Stats:
   """Reads Mean.npy and Std.npy; without a layout their length tells it. Three numbers are one for each axis of
   coordinates."""
   folder = pathlib.Path(folder)
@@ -116,4 +124,5 @@ def load_stats(folder, layout=None, names=("Mean.npy", "Std.npy")) -> Stats:
   layout = get_layout(layout) if layout else layout_for(values[0].shape[-1])
   if layout.are_joints:
     values = [np.tile(value, layout.dim // 3) if value.shape == (3,) else value for value in values]
-  return Stats(*values, layout)
+  mean, std = values
+  return Stats(mean, std, layout)

@@ -95,7 +95,7 @@ def test_every_number_rises_with_noise():
 
 
 @pytest.mark.parametrize("measure", [physics.foot_height, physics.bone_drift, physics.skating_ratio])
-def test_joints_of_another_skeleton_are_told(measure):
+def test_joints_of_another_skeleton_are_told(measure, as_users_run):
   with pytest.raises(ValueError, match="got 24 joints, skeleton 'humanml3d' has 22"):
     measure(np.zeros((10, 24, 3)))
   with pytest.raises(ValueError, match=r"got joints of shape \(10, 66\)"):

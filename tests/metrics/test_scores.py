@@ -175,6 +175,6 @@ def test_diversity_multimodality_and_interval():
     (lambda: scores.mpjpe([]), "got no joint errors"),
     (lambda: scores.released_mpjpe([]), "got no joint errors"),
 ])
-def test_bad_input_is_told(call, told):
+def test_bad_input_is_told(call, told, as_users_run):
   with pytest.raises(ValueError, match=told):
     call()

@@ -14,12 +14,17 @@ The last three hold rotations that joints do not tell: what is made here from jo
 A further representation is a file with a subclass of `Representation` and an entry of `LAYOUTS`. It is asked for by
 name: `get_layout("full").to_joints(features)`, or `to_joints(features, "full")`.
 """
+import numpy as np
+from jaxtyping import Float, Num
+
 from motion_jax.motion.representations.babel import BABEL
 from motion_jax.motion.representations.base import MODES, Block, Representation
 from motion_jax.motion.representations.coordinates import COORDINATES, COORDINATES_KIT
 from motion_jax.motion.representations.humanml3d import ESSENTIAL, ESSENTIAL_KIT, FULL, FULL_KIT, canonicalize, extract
 from motion_jax.motion.representations.motionstreamer import MOTIONSTREAMER
 from motion_jax.motion.representations.snapmogen import SNAPMOGEN_148, SNAPMOGEN_296
+from motion_jax.motion.rotations import A
+from motion_jax.shapes import Array
 
 LAYOUTS = {layout.name: layout for layout in (
     FULL, ESSENTIAL, COORDINATES, FULL_KIT, ESSENTIAL_KIT, COORDINATES_KIT, SNAPMOGEN_296, SNAPMOGEN_148,
@@ -27,7 +32,7 @@ LAYOUTS = {layout.name: layout for layout in (
 FeatureLayout = Representation
 
 
-def get_layout(layout) -> Representation:
+def get_layout(layout: Representation | str) -> Representation:
   """A representation from its name; a representation passes through."""
   if isinstance(layout, Representation):
     return layout
@@ -36,7 +41,7 @@ def get_layout(layout) -> Representation:
   return LAYOUTS[layout]
 
 
-def layout_for(num_features) -> Representation:
+def layout_for(num_features: int) -> Representation:
   """The representation with so many numbers per frame."""
   for layout in LAYOUTS.values():
     if layout.dim == num_features:
@@ -45,7 +50,8 @@ def layout_for(num_features) -> Representation:
   raise ValueError(f"got {num_features} features per frame; known sizes are {known}")
 
 
-def to_features(joints, layout="full", mode="benchmark"):
+def to_features(joints: Num[Array, "t j 3"], layout: Representation | str = "full", mode: str = "benchmark"
+                ) -> Float[np.ndarray, "_ f"]:
   """Joints (T, J, 3) to features (T - 1, F), float32, of a layout: `Representation.from_joints`.
 
   "motionstreamer" and "babel" make T rows, not T - 1.
@@ -53,17 +59,19 @@ def to_features(joints, layout="full", mode="benchmark"):
   return get_layout(layout).from_joints(joints, mode)
 
 
-def to_joints(features, layout="full"):
+def to_joints(features: Num[A, "*lead t f"], layout: Representation | str = "full") -> Num[A, "*lead t j 3"]:
   """Features (..., T, F) of a layout to joints (..., T, J, 3): `Representation.to_joints`."""
   return get_layout(layout).to_joints(features)
 
 
-def root_path(features, layout="full"):
+def root_path(features: Num[A, "*lead t f"], layout: Representation | str = "full"
+              ) -> tuple[Float[A, "*lead t 4"], Float[A, "*lead t 3"]]:
   """Heading quaternions (..., T, 4) and root positions (..., T, 3): `Representation.root_path`."""
   return get_layout(layout).root_path(features)
 
 
-def rotations_to_joints(features, layout="full", offsets=None, mode="benchmark"):
+def rotations_to_joints(features: Num[A, "*lead t f"], layout: Representation | str = "full",
+                        offsets: Num[Array, "j 3"] | None = None, mode: str = "benchmark") -> Float[A, "*lead t j 3"]:
   """Joints (..., T, J, 3) from the rotation columns: `Representation.rotations_to_joints`."""
   return get_layout(layout).rotations_to_joints(features, offsets, mode)
 

@@ -16,12 +16,15 @@ yaw of an upright body only roughly (69 degrees for 90), so features depend on w
 yaw of the body's front.
 """
 import numpy as np
+from jaxtyping import Float, Num
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.inverse import relative, world_rotations
 from motion_jax.motion.representations.base import ROTATION, Block, Representation
 from motion_jax.motion.representations.motionstreamer import matrix_from_rows, smpl_joints, to_rows
+from motion_jax.motion.rotations import A
 from motion_jax.motion.skeleton import SMPL
+from motion_jax.shapes import Array
 
 # From the features' axes (z up, the first frame faces -x) to ours (y up, the first frame faces +z).
 _TO_OURS = np.array([[0.0, -1, 0], [0, 0, 1], [-1, 0, 0]])
@@ -29,11 +32,11 @@ _TO_OURS = np.array([[0.0, -1, 0], [0, 0, 1], [-1, 0, 0]])
 
 class Babel(Representation):
 
-  def extract(self, joints, mode):
+  def extract(self, joints: Float[np.ndarray, "t 22 3"], mode: str) -> Float[np.ndarray, "t 135"]:
     """With the plainest rotations that these joints allow; `from_rotations` takes SMPL's own."""
     return from_rotations(*from_ours(joints, world_rotations(joints, SMPL)), mode)
 
-  def root_path(self, features):
+  def root_path(self, features: Num[A, "*lead t f"]) -> tuple[Float[A, "*lead t 4"], Float[A, "*lead t 3"]]:
     """Headings are all the same, since nothing is turned frame by frame; positions are y up."""
     xp = rot.namespace(features)
     if xp is np:
@@ -44,10 +47,11 @@ class Babel(Representation):
     heading = xp.broadcast_to(xp.asarray([1.0, 0, 0, 0], root.dtype), root.shape[:-1] + (4,))
     return heading, root
 
-  def recover(self, features):
+  def recover(self, features: Num[A, "*lead t f"]) -> Float[A, "*lead t 22 3"]:
     return self.rotations_to_joints(features)
 
-  def rotations_to_joints(self, features, offsets=None, mode="benchmark"):
+  def rotations_to_joints(self, features: Num[A, "*lead t f"], offsets: Num[Array, "22 3"] | None = None,
+                          mode: str = "benchmark") -> Float[A, "*lead t 22 3"]:
     """Joints, y up, the first frame facing +z.
 
     offsets (22, 3): those of an adult, `SMPL`. The pelvis is put at the height of SMPL's translation, which lies some
@@ -60,7 +64,8 @@ class Babel(Representation):
     return smpl_joints(root, xp.asarray(_TO_OURS, root.dtype) @ local[..., 0, :, :], local, offsets)
 
 
-def from_rotations(rotations, translation, mode="benchmark"):
+def from_rotations(rotations: Float[np.ndarray, "t 22 4"], translation: Float[np.ndarray, "t 3"],
+                   mode: str = "benchmark") -> Float[np.ndarray, "t 135"]:
   """Features (T, 135), float64, of SMPL's rotations relative to the parents, quaternions (T, 22, 4), and its
   translation (T, 3), metres, z up as in AMASS files."""
   root = rot.conjugate(rot.about_axis(_yaw(rotations[0, 0], mode) + np.pi / 2, "z"))
@@ -78,7 +83,8 @@ def _yaw(root, mode):
   return rot.to_vector(root)[2]
 
 
-def from_ours(joints, turned):
+def from_ours(joints: Float[np.ndarray, "t 22 3"], turned: Float[np.ndarray, "t 22 4"]
+              ) -> tuple[Float[np.ndarray, "t 22 4"], Float[np.ndarray, "t 3"]]:
   """SMPL's rotations (T, 22, 4) and translation (T, 3), z up, of joints (T, 22, 3) and world rotations, y up."""
   upright = rot.from_matrix(_TO_OURS.T)
   return relative(rot.multiply(upright, turned), SMPL), rot.rotate(upright, joints[:, 0])

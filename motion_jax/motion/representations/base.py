@@ -4,9 +4,12 @@ import functools
 from typing import ClassVar, NamedTuple
 
 import numpy as np
+from jaxtyping import Float, Num
 
 from motion_jax.motion import rotations as rot
+from motion_jax.motion.rotations import A
 from motion_jax.motion.skeleton import Skeleton
+from motion_jax.shapes import Array
 
 MODES = ("benchmark", "corrected")
 # What a mirror does to the numbers of a row: it turns x, which points to the left.
@@ -59,12 +62,12 @@ class Representation:
   def fps(self) -> float:
     return self.skeleton.fps
 
-  def __getitem__(self, name) -> slice:
+  def __getitem__(self, name: str) -> slice:
     if name not in self.blocks:
       raise KeyError(f"layout {self.name!r} has no block {name!r}; it has {', '.join(self.blocks)}")
     return self.blocks[name]
 
-  def columns(self, name, joint=None) -> tuple[int, ...]:
+  def columns(self, name: str, joint: int | None = None) -> tuple[int, ...]:
     """The columns of a block, or of one joint in it; () for a joint that it has no row for."""
     block, start = self.parts[name], self[name].start
     if joint is None:
@@ -73,14 +76,14 @@ class Representation:
     first = start + size * block.joints.index(joint) if joint in block.joints else None
     return () if first is None else tuple(range(first, first + size))
 
-  def check(self, features):
+  def check(self, features: Num[A, "*lead f"]) -> None:
     if features.shape[-1] != self.dim:
       raise ValueError(f"got {features.shape[-1]} features per frame, layout {self.name!r} has {self.dim}; "
                        "joints become features with motion_jax.motion.representations.to_features(joints)")
 
   # --- joints and features ---------------------------------------------------------------------------------------
 
-  def from_joints(self, joints, mode="benchmark"):
+  def from_joints(self, joints: Num[Array, "t j 3"], mode: str = "benchmark") -> Float[np.ndarray, "_ f"]:
     """Joints (T, J, 3) in the skeleton's unit to features (T - 1 or T, F), float32; a row that looks ahead needs a
     frame more.
 
@@ -96,56 +99,58 @@ class Representation:
                        "away")
     return features[:, :self.dim]
 
-  def from_joints_in_place(self, joints, mode="benchmark"):
+  def from_joints_in_place(self, joints: Num[Array, "t j 3"], mode: str = "benchmark") -> Float[np.ndarray, "t f"]:
     """Features (T, F), float32, a row for every frame, of joints (T, J, 3) that begin at the origin, facing +z.
 
     The body is taken to go on as it does for one frame more. Bones and place stay where a representation allows it.
     """
     return self.from_joints(one_ahead(joints), mode)[:len(joints)]
 
-  def to_joints(self, features):
+  def to_joints(self, features: Num[A, "*lead t f"]) -> Num[A, "*lead t j 3"]:
     """Features (..., T, F) to joints (..., T, J, 3). numpy gives float32; jax arrays and tracers stay jax."""
     features = rot.namespace(features).asarray(features)
     self.check(features)
     return self.recover(features)
 
-  def rotations_to_joints(self, features, offsets=None, mode="benchmark"):
+  def rotations_to_joints(self, features: Num[A, "*lead t f"], offsets: Num[Array, "j 3"] | None = None,
+                          mode: str = "benchmark") -> Float[A, "*lead t j 3"]:
     """Features (..., T, F) to joints (..., T, J, 3) from the rotation columns, by forward kinematics.
 
     offsets (J, 3) are the skeleton's own by default; mode is the one that the features were made with.
     """
     raise ValueError(f"layout {self.name!r} holds no rotations; its joints come from to_joints")
 
-  def root_path(self, features):
+  def root_path(self, features: Num[A, "*lead t f"]) -> tuple[Float[A, "*lead t 4"], Float[A, "*lead t 3"]]:
     """Heading quaternions (..., T, 4), which turn the body to +z, and root positions (..., T, 3).
 
     numpy input is summed in float64, jax input in its own type.
     """
     raise NotImplementedError(f"{type(self).__name__} does not tell its root's path")
 
-  def extract(self, joints, mode):
+  def extract(self, joints: Float[np.ndarray, "t j 3"], mode: str) -> Float[np.ndarray, "_ f"]:
     """Joints (T, J, 3), finite, float64, to features (T - 1 or T, F); columns beyond `dim` are cut off."""
     raise NotImplementedError(f"{type(self).__name__} makes no features of joints")
 
-  def recover(self, features):
+  def recover(self, features: Num[A, "*lead t f"]) -> Num[A, "*lead t j 3"]:
     """Features (..., T, F) of the right size to joints."""
     raise NotImplementedError(f"{type(self).__name__} makes no joints of features")
 
   # --- the same motion, seen otherwise ---------------------------------------------------------------------------
 
-  def contacts(self, features):
+  def contacts(self, features: Num[A, "*lead f"]) -> Num[A, "*lead 4"] | None:
     """Which feet stand, (..., T, 4): left ankle and toes, right ankle and toes; None where features do not say it."""
     return features[..., self.blocks["contacts"]] if "contacts" in self.blocks else None
 
-  def mirror(self, features):
+  def mirror(self, features: Num[A, "*lead f"]) -> Num[A, "*lead f"]:
     """Features of the motion in a mirror: left is right, a turn goes the other way."""
     order, signs = self._mirrored
     return features[..., order] * signs.astype(features.dtype)
 
   @functools.cached_property
-  def _mirrored(self):
+  def _mirrored(self) -> tuple[np.ndarray, np.ndarray]:
     """Of each column: the one whose number it gets in a mirror, and the sign of that."""
-    order, signs = [], []
+    order: list[int] = []
+    signs: list[int] = []
     for name, block in self.parts.items():
       size = len(block.signs)
       rows = [block.joints.index(self.skeleton.mirror[joint]) for joint in block.joints] or [0]
@@ -153,17 +158,18 @@ class Representation:
       signs += block.signs * len(rows)
     return np.array(order), np.array(signs)
 
-  def columns_of(self, other) -> slice | None:
+  def columns_of(self, other: "Representation") -> slice | None:
     """The columns here that are all of another representation; None where it is no part of this one."""
     same = type(other) is type(self) and other.skeleton is self.skeleton
     first = list(self.parts.items())[:len(other.parts)]
     return slice(0, other.dim) if same and first == list(other.parts.items()) else None
 
-  def narrows_to(self, other) -> bool:
+  def narrows_to(self, other: "Representation") -> bool:
     """Whether `narrow_to` can give the other one: it is a part of this one, or the joints of the same body."""
     return self.columns_of(other) is not None or other.are_joints and other.skeleton is self.skeleton
 
-  def narrow_to(self, features, other, joints=None):
+  def narrow_to(self, features: Num[A, "*lead t f"], other: "Representation",
+                joints: Num[A, "*lead t j 3"] | None = None) -> Num[A, "*lead t g"]:
     """Features (..., T, F) as another representation that tells no more: a cut of the columns, or the joints.
 
     joints (..., T, J, 3): those of these features, where they are at hand. Raises ValueError where the other one holds
@@ -180,7 +186,8 @@ class Representation:
     joints = self.to_joints(features) if joints is None else joints
     return joints.reshape(joints.shape[:-2] + (other.dim,))
 
-  def convert(self, features, other, mode="benchmark"):
+  def convert(self, features: Num[np.ndarray, "t f"], other: "Representation", mode: str = "benchmark"
+              ) -> Num[np.ndarray, "t g"]:
     """Features (T, F) of motion that begins at the origin, as another representation of the same body has them, a row
     for each row: narrowed where that is enough, else by the joints. Raises ValueError where the bodies differ."""
     if other.skeleton is not self.skeleton:
@@ -191,7 +198,8 @@ class Representation:
     return other.from_joints_in_place(self.to_joints(features), mode)
 
 
-def check_joints(joints, skeleton, mode="benchmark"):
+def check_joints(joints: Num[Array, "t j 3"], skeleton: Skeleton, mode: str = "benchmark"
+                 ) -> Float[np.ndarray, "t j 3"]:
   """Joints (T, J, 3) as float64. Raises ValueError for another shape, less than 2 frames, or what is not finite."""
   check_mode(mode)
   joints = np.asarray(joints, np.float64)
@@ -202,12 +210,12 @@ def check_joints(joints, skeleton, mode="benchmark"):
   return joints
 
 
-def check_mode(mode):
+def check_mode(mode: str) -> None:
   if mode not in MODES:
     raise ValueError(f"got mode {mode!r}, expected one of {', '.join(MODES)}")
 
 
-def one_ahead(joints):
+def one_ahead(joints: Num[Array, "t j 3"]) -> Float[np.ndarray, "t+1 j 3"]:
   """Joints (T, J, 3) with one more frame, float64: the body goes on as in its last step."""
   joints = np.asarray(joints, np.float64)
   return np.concatenate([joints, 2 * joints[-1:] - joints[-2:-1]])

@@ -6,10 +6,13 @@ facing +z, a row less than frames. Each frame stands for itself.
 import dataclasses
 
 import numpy as np
+from jaxtyping import Float, Num
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.representations.base import VECTOR, Block, Representation
 from motion_jax.motion.representations.humanml3d import FULL, FULL_KIT, HumanML3D
+from motion_jax.motion.rotations import A
+from motion_jax.shapes import Array
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -21,17 +24,17 @@ class Coordinates(Representation):
   std_by_block = False
   has_fixed_bones = True
 
-  def extract(self, joints, mode):
+  def extract(self, joints: Float[np.ndarray, "t j 3"], mode: str) -> Float[np.ndarray, "t-1 f"]:
     made = self.full.to_joints(self.full.from_joints(joints, mode))
     return made.reshape(len(made), -1)
 
-  def from_joints_in_place(self, joints, mode="benchmark"):
+  def from_joints_in_place(self, joints: Num[Array, "t j 3"], mode: str = "benchmark") -> Float[np.ndarray, "t f"]:
     return np.reshape(joints, (len(joints), -1)).astype(np.float32)
 
-  def recover(self, features):
+  def recover(self, features: Num[A, "*lead t f"]) -> Num[A, "*lead t j 3"]:
     return features.reshape(features.shape[:-1] + (self.skeleton.num_joints, 3))
 
-  def root_path(self, features):
+  def root_path(self, features: Num[A, "*lead t f"]) -> tuple[Float[A, "*lead t 4"], Float[A, "*lead t 3"]]:
     xp = rot.namespace(features)
     joints = self.to_joints(features.astype(np.float64) if xp is np else features)
     (right_hip, left_hip), (right_shoulder, left_shoulder) = self.skeleton.hips, self.skeleton.shoulders

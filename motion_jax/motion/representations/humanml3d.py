@@ -24,12 +24,15 @@ Two modes make full features from joints:
   by the wrapped angle, an arm's first rotation relative to the spine. Joints come back exactly.
 """
 import numpy as np
+from jaxtyping import Float, Num
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.representations import base
 from motion_jax.motion.representations.base import GROUND, ROTATION, VECTOR, Block
 from motion_jax.motion.retarget import retarget
-from motion_jax.motion.skeleton import HUMANML3D, KIT, bone_lengths, facing
+from motion_jax.motion.rotations import A
+from motion_jax.motion.skeleton import HUMANML3D, KIT, Skeleton, bone_lengths, facing
+from motion_jax.shapes import Array
 
 _AHEAD = np.array([0.0, 0.0, 1.0])
 
@@ -38,13 +41,13 @@ class HumanML3D(base.Representation):
   """Full features, or the essential ones, their first blocks."""
   has_fixed_bones = True
 
-  def extract(self, joints, mode):
+  def extract(self, joints: Float[np.ndarray, "t j 3"], mode: str) -> Float[np.ndarray, "t-1 f"]:
     return extract(canonicalize(joints, self.skeleton, mode), self.skeleton, mode)
 
-  def from_joints_in_place(self, joints, mode="benchmark"):
+  def from_joints_in_place(self, joints: Num[Array, "t j 3"], mode: str = "benchmark") -> Float[np.ndarray, "t f"]:
     return extract(base.one_ahead(joints), self.skeleton, mode)[:, :self.dim].astype(np.float32)
 
-  def root_path(self, features):
+  def root_path(self, features: Num[A, "*lead t f"]) -> tuple[Float[A, "*lead t 4"], Float[A, "*lead t 3"]]:
     xp = rot.namespace(features)
     if xp is np:
       features = features.astype(np.float64)
@@ -56,7 +59,7 @@ class HumanML3D(base.Representation):
     path = xp.cumsum(rot.rotate(rot.conjugate(heading), step), axis=-2)
     return heading, xp.stack([path[..., 0], features[..., 3], path[..., 2]], axis=-1)
 
-  def recover(self, features):
+  def recover(self, features: Num[A, "*lead t f"]) -> Float[A, "*lead t j 3"]:
     """Joints from the position columns (docs/papers/cdamd.md#features)."""
     xp = rot.namespace(features)
     heading, root = self.root_path(features)
@@ -66,7 +69,8 @@ class HumanML3D(base.Representation):
     joints = xp.concatenate([root[..., None, :], turned + around[..., None, :]], axis=-2)
     return joints.astype(np.float32) if xp is np else joints
 
-  def rotations_to_joints(self, features, offsets=None, mode="benchmark"):
+  def rotations_to_joints(self, features: Num[A, "*lead t f"], offsets: Num[Array, "j 3"] | None = None,
+                          mode: str = "benchmark") -> Float[A, "*lead t j 3"]:
     base.check_mode(mode)
     self.check(features)
     skeleton = self.skeleton
@@ -110,7 +114,8 @@ def _inverse_kinematics(joints, heading, skeleton, mode):
   return local
 
 
-def canonicalize(joints, skeleton=HUMANML3D, mode="benchmark"):
+def canonicalize(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, mode: str = "benchmark"
+                 ) -> Float[np.ndarray, "t j 3"]:
   """Joints (T, J, 3) onto the skeleton's bone lengths, on the floor, starting at the origin and facing +z. float64.
 
   Benchmark mode keeps bone directions, scales the root path by the length of one leg in frame 0, and puts the lowest
@@ -118,15 +123,15 @@ def canonicalize(joints, skeleton=HUMANML3D, mode="benchmark"):
   finds the floor under them, and faces +z with the smoothed heading; a body that has the skeleton's bones already
   (to 2 mm) keeps its height, so that a piece cut out of a leap stays in the air.
   """
-  joints = base.check_joints(joints, skeleton, mode)
+  placed = base.check_joints(joints, skeleton, mode)
   if mode == "benchmark":
-    joints = _keep_directions(joints, skeleton)
-    joints[..., 1] -= joints[..., 1].min()
-  elif np.abs(bone_lengths(joints, skeleton) - skeleton.bone_lengths).max() * skeleton.unit > 2e-3:
-    joints = retarget(joints, skeleton)
-  joints = joints - joints[0, 0] * [1, 0, 1]
-  ahead = facing(joints, skeleton, 20.0 if mode == "corrected" else 0.0)[:1]
-  return rot.rotate(rot.between(ahead, _AHEAD[None])[:, None], joints)
+    placed = _keep_directions(placed, skeleton)
+    placed[..., 1] -= placed[..., 1].min()
+  elif np.abs(bone_lengths(placed, skeleton) - skeleton.bone_lengths).max() * skeleton.unit > 2e-3:
+    placed = retarget(placed, skeleton)
+  placed = placed - placed[0, 0] * [1, 0, 1]
+  ahead = facing(placed, skeleton, 20.0 if mode == "corrected" else 0.0)[:1]
+  return rot.rotate(rot.between(ahead, _AHEAD[None])[:, None], placed)
 
 
 def _keep_directions(joints, skeleton):
@@ -145,7 +150,8 @@ def _bones(skeleton):
   return [(joint, parent) for chain in skeleton.chains for parent, joint in zip(chain[:-1], chain[1:])]
 
 
-def extract(joints, skeleton=HUMANML3D, mode="benchmark"):
+def extract(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, mode: str = "benchmark"
+            ) -> Float[np.ndarray, "t-1 f"]:
   """Full features (T - 1, 12 J - 1), float64, of joints that are canonical already; row t looks at frames t, t + 1.
 
   Corrected features lose the absolute heading; `canonicalize` makes it 0.

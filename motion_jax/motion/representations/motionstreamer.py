@@ -15,20 +15,23 @@ not of hips and shoulders. Nothing is lost: a row looks back, so T frames make T
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float, Num
 
 from motion_jax.motion import inverse
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.representations.base import GROUND, ROTATION, VECTOR, Block, Representation
+from motion_jax.motion.rotations import A
 from motion_jax.motion.skeleton import SMPL
+from motion_jax.shapes import Array
 
 
 class MotionStreamer(Representation):
 
-  def extract(self, joints, mode):
+  def extract(self, joints: Float[np.ndarray, "t 22 3"], mode: str) -> Float[np.ndarray, "t 272"]:
     """With the plainest rotations that these joints allow; `from_rotations` takes those of a file."""
     return from_rotations(joints, inverse.relative(inverse.world_rotations(joints, SMPL), SMPL))
 
-  def root_path(self, features):
+  def root_path(self, features: Num[A, "*lead t f"]) -> tuple[Float[A, "*lead t 4"], Float[A, "*lead t 3"]]:
     xp = rot.namespace(features)
     if xp is np:
       features = features.astype(np.float64)
@@ -38,7 +41,7 @@ class MotionStreamer(Representation):
     path = xp.cumsum(xp.concatenate([step[..., :1, :], turned], axis=-2), axis=-2)
     return heading, xp.stack([path[..., 0], features[..., 9], path[..., 2]], axis=-1)
 
-  def recover(self, features):
+  def recover(self, features: Num[A, "*lead t f"]) -> Float[A, "*lead t 22 3"]:
     """Joints from the position columns."""
     xp = rot.namespace(features)
     heading, root = self.root_path(features)
@@ -47,7 +50,8 @@ class MotionStreamer(Representation):
     joints = rot.rotate(rot.conjugate(heading)[..., None, :], local) + around[..., None, :]
     return joints.astype(np.float32) if xp is np else joints
 
-  def rotations_to_joints(self, features, offsets=None, mode="benchmark"):
+  def rotations_to_joints(self, features: Num[A, "*lead t f"], offsets: Num[Array, "22 3"] | None = None,
+                          mode: str = "benchmark") -> Float[A, "*lead t 22 3"]:
     self.check(features)
     heading, root = self.root_path(features)
     local = matrix_from_rows(features[..., self["rotations"]].reshape(features.shape[:-1] + (22, 6)))
@@ -55,7 +59,8 @@ class MotionStreamer(Representation):
     return smpl_joints(root, base, local, offsets)
 
 
-def from_rotations(joints, rotations):
+def from_rotations(joints: Num[np.ndarray, "t 22 3"], rotations: Float[np.ndarray, "t 22 4"]
+                   ) -> Float[np.ndarray, "t 272"]:
   """Features (T, 272), float64, of joints (T, 22, 3) in metres, y up, and rotations relative to the parents,
   quaternions (T, 22, 4), the root's in the world. Neither place nor heading of the first frame matters."""
   root = rot.to_matrix(rotations[:, 0])
@@ -71,12 +76,12 @@ def from_rotations(joints, rotations):
   return np.concatenate([np.reshape(row, (len(joints), -1)) for row in rows], axis=1)
 
 
-def to_rows(q):
+def to_rows(q: Float[A, "*lead 4"]) -> Float[A, "*lead 6"]:
   """Quaternions (..., 4) to the first row, then the second row of their matrix, (..., 6)."""
   return rot.to_matrix(q)[..., :2, :].reshape(q.shape[:-1] + (6,))
 
 
-def matrix_from_rows(d):
+def matrix_from_rows(d: Num[A, "*lead 6"]) -> Float[A, "*lead 3 3"]:
   """Two rows (..., 6), not necessarily orthonormal, to matrices (..., 3, 3) by Gram-Schmidt."""
   return rot.matrix_from_6d(d).swapaxes(-1, -2)
 
@@ -94,7 +99,8 @@ def _products(turns):
   return result
 
 
-def smpl_joints(root, base, local, offsets=None):
+def smpl_joints(root: Float[A, "*lead t 3"], base: Float[A, "*lead t 3 3"], local: Float[A, "*lead t 22 3 3"],
+                offsets: Num[Array, "22 3"] | None = None) -> Float[A, "*lead t 22 3"]:
   """Forward kinematics of SMPL's tree: root (..., T, 3), its rotation base (..., T, 3, 3), rotations relative to the
   parents local (..., T, 22, 3, 3), of which the first is not used -> joints (..., T, 22, 3)."""
   xp = rot.namespace(root, local)

@@ -18,11 +18,14 @@ which the reference writes 2 pi too large or too small in the row where the sour
 smoothing of the heading, which there depends a little on where the source faces. Both come back to joints exactly.
 """
 import numpy as np
+from jaxtyping import Float, Num
 
 from motion_jax.motion import inverse
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.representations.base import GROUND, ROTATION, VECTOR, Block, Representation
+from motion_jax.motion.rotations import A
 from motion_jax.motion.skeleton import SNAPMOGEN
+from motion_jax.shapes import Array
 
 _SMOOTH = 5.0                       # sigma of the heading, frames
 _STAND_HEIGHT = np.array([9.0, 4.0])  # centimetres under which ankle and toes can stand
@@ -31,11 +34,12 @@ _STAND_HEIGHT = np.array([9.0, 4.0])  # centimetres under which ankle and toes c
 class SnapMoGen(Representation):
   """All 296 columns, or the evaluator's 148."""
 
-  def extract(self, joints, mode):
+  def extract(self, joints: Float[np.ndarray, "t 24 3"], mode: str) -> Float[np.ndarray, "t-1 296"]:
     """With the plainest rotations that these joints allow; `from_rotations` takes those of a file."""
     return from_rotations(joints, inverse.world_rotations(joints, SNAPMOGEN), mode)
 
-  def root_path(self, features, reference=False):
+  def root_path(self, features: Num[A, "*lead t f"], reference: bool = False
+                ) -> tuple[Float[A, "*lead t 4"], Float[A, "*lead t 3"]]:
     """Heading quaternions (..., T, 4) and root positions (..., T, 3) that the first four columns tell.
 
     reference: as the released code recovers them, which turns a step by the heading that it ends with, though
@@ -53,14 +57,15 @@ class SnapMoGen(Representation):
       path = late(xp.cumsum(rot.rotate(rot.conjugate(heading), step), axis=-2))
     return heading, xp.stack([path[..., 0], features[..., 3], path[..., 2]], axis=-1)
 
-  def recover(self, features, reference=False):
+  def recover(self, features: Num[A, "*lead t f"], reference: bool = False) -> Float[A, "*lead t 24 3"]:
     """Joints from the position columns; from 148 columns by the rotations."""
     if "positions" not in self.blocks:
       return self.rotations_to_joints(features, reference=reference)
     local = features[..., self["positions"]].reshape(features.shape[:-1] + (24, 3))
     return _place(local, *self.root_path(features, reference))
 
-  def rotations_to_joints(self, features, offsets=None, mode="benchmark", reference=False):
+  def rotations_to_joints(self, features: Num[A, "*lead t f"], offsets: Num[Array, "24 3"] | None = None,
+                          mode: str = "benchmark", reference: bool = False) -> Float[A, "*lead t 24 3"]:
     self.check(features)
     xp = rot.namespace(features)
     heading, root = self.root_path(features, reference)
@@ -71,14 +76,15 @@ class SnapMoGen(Representation):
       local.append(local[parent] + turned[..., parent, :, :] @ offsets[joint])
     return _place(xp.stack(local, axis=-2), heading, root)
 
-  def world_rotations(self, features):
+  def world_rotations(self, features: Num[A, "*lead t f"]) -> Float[A, "*lead t 24 4"]:
     """World rotations (..., T, 24, 4) that features tell, for a BVH file."""
     turned = rot.matrix_from_6d(features[..., self["rotations"]].reshape(features.shape[:-1] + (24, 6)))
     heading, _ = self.root_path(features)
     return rot.multiply(rot.conjugate(heading)[..., None, :], rot.from_matrix(turned))
 
 
-def from_rotations(joints, turned, mode="benchmark"):
+def from_rotations(joints: Num[np.ndarray, "t 24 3"], turned: Float[np.ndarray, "t 24 4"], mode: str = "benchmark"
+                   ) -> Float[np.ndarray, "t-1 296"]:
   """Features (T - 1, 296), float64, of joints (T, 24, 3) in centimetres and their world rotations, quaternions
   (T, 24, 4). Neither place nor heading of the first frame matters."""
   feet = list(SNAPMOGEN.left_feet + SNAPMOGEN.right_feet)
@@ -99,7 +105,7 @@ def from_rotations(joints, turned, mode="benchmark"):
   return np.concatenate([np.reshape(row, (len(step), -1)) for row in rows], axis=1)
 
 
-def floor(heights):
+def floor(heights: Num[np.ndarray, "t 4"]) -> float:
   """Where the floor is under feet of these heights (T, 4): the mean of their lowest tenth."""
   lowest = np.sort(heights.ravel())
   return lowest[:max(1, int(len(lowest) * 0.1))].mean()
