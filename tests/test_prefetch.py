@@ -1,9 +1,12 @@
 """Batches made ahead are those made one by one; a fault in the thread is raised where its batch is taken."""
 import threading
 
+import numpy as np
 import pytest
 
-from motion_jax.training.prefetch import Prefetch
+from motion_jax import fit
+from motion_jax.training.prefetch import Prefetch, in_processes
+from tests.conftest import load_config
 
 
 def test_batches_come_in_order_and_not_too_far_ahead():
@@ -40,3 +43,14 @@ def test_the_thread_ends_with_its_block():
   with Prefetch(lambda step: step, 0, 10**9) as batches:
     batches.take()
   assert not batches._thread.is_alive()
+
+
+def test_processes_make_the_same_batches_in_the_same_order():
+  pytest.importorskip("grain")
+  config = fit.resolve(load_config("cmdm_denoiser", "tiny"))[0]
+  next_batch = fit.setups()[config.stage](config).next_batch
+  made = list(in_processes(next_batch, 5, 9, num_workers=2))
+  assert len(made) == 4
+  for step, batch in zip(range(5, 9), made):
+    for name, array in next_batch(step).items():
+      np.testing.assert_array_equal(batch[name], array)

@@ -22,6 +22,17 @@ def add_to(commands):
   build.add_argument("--no-mirror", action="store_true", help="leave mirrored copies out")
   build.add_argument("--overwrite", action="store_true", help="replace the folder if it is there already")
   build.set_defaults(run=_build)
+  records = data.add_parser("records", help="a data folder -> files of tensorflow-datasets, for data beyond memory",
+                            description="Writes the features of a data folder as array_record files, which training "
+                            "reads one clip at a time (pip install 'motion-jax[data]').")
+  records.add_argument("folder", nargs="+", help="a data folder of any data set that is known, or several")
+  records.add_argument("--out", required=True, metavar="FOLDER", help="folder to write")
+  records.add_argument("--layout", default="full", help="of the features: full, essential, coordinates, ... (full)")
+  records.add_argument("--mode", choices=("corrected", "benchmark"), default="corrected",
+                       help="features as they should be, or with the slips of the published benchmark")
+  records.add_argument("--no-mirror", action="store_true", help="leave mirrored copies out")
+  records.add_argument("--overwrite", action="store_true", help="replace the folder if it is there already")
+  records.set_defaults(run=_records)
   encode = data.add_parser("encode", help="latents and words of training data, made once and kept",
                            description="Writes a store of what a config trains on: the latents of every cut that may "
                            "be drawn and the features of every caption. Training that names it, "
@@ -40,6 +51,12 @@ def _build(args):
                     mirror=not args.no_mirror, fps=args.resample, source_fps=args.fps,
                     overwrite=args.overwrite))
   print(f"check it: motion-jax data doctor {args.out}")
+
+
+def _records(args):
+  from motion_jax.data import records
+  print(records.write(args.folder, args.out, args.layout, args.mode, not args.no_mirror, args.overwrite))
+  print(f"train on it: motion-jax train --data {args.out} ...")
 
 
 def _encode(args):

@@ -4,6 +4,7 @@
   humanml3d     HumanML3D's or KIT-ML's         full, essential, coordinates     KIT: full_kit, essential_kit, ...
   snapmogen     SnapMoGen's                     snapmogen, snapmogen_148
   babel         BABEL's, FlowMDM's form         babel                            kind: pairs, segments, both
+  records       what `data records` makes       that which it was made for
   archive       folders of `datasets.archive`   any                              mode, mirror
   synthetic     none                            any                              mode, mirror, num_clips
 
@@ -17,7 +18,8 @@ import dataclasses
 
 import numpy as np
 
-from motion_jax.data.datasets.base import clip_items
+from motion_jax.data.datasets.base import TextItem, clip_items
+from motion_jax.data.datasets.records import RecordedFeatures
 from motion_jax.data.datasets.registry import DATASETS, dataset_of, get_dataset
 from motion_jax.inputs.errors import InputError
 from motion_jax.motion.representations import FeatureLayout, get_layout
@@ -112,14 +114,19 @@ def load_features(config, split="train", stats=None, captioned=True) -> FeatureS
   return kept[key, own]
 
 
+def load_items(config, split="train", captioned=True) -> list[TextItem]:
+  """The items of a split of config.data, as features that are not normalized; see `load_features`."""
+  dataset, layout = get_dataset(config.name), get_layout(config.layout)
+  if dataset.by_clip and config.get("folders"):
+    return clip_items(load_clips(config), config, split, layout)
+  _check_folder(config, dataset)
+  return dataset.items(config, split, layout, captioned)
+
+
 def _load_features(config, split, stats, captioned):
   dataset, layout, tokens = get_dataset(config.name), get_layout(config.layout), {}
   by_clip = dataset.by_clip and bool(config.get("folders"))
-  if by_clip:
-    items = clip_items(load_clips(config), config, split, layout)
-  else:
-    _check_folder(config, dataset)
-    items = dataset.items(config, split, layout, captioned)
+  items = load_items(config, split, captioned)
   if not items:
     places = ", ".join(config.get("folders") or [config.get("folder") or "made by formula"])
     raise ValueError(f"data of {config.name!r} ({places}) has no clips in split {split!r}")
@@ -130,7 +137,8 @@ def _load_features(config, split, stats, captioned):
     stats = compute_stats(features, layout, config.get("per_axis", False), config.get("per_column", False))
   elif stats is None:
     stats = dataset.stats(config, layout, features)
-  return FeatureSet([stats.normalize(x) for x in features], [list(item.captions) for item in items],
+  normalized = [x.normalized(stats) if isinstance(x, RecordedFeatures) else stats.normalize(x) for x in features]
+  return FeatureSet(normalized, [list(item.captions) for item in items],
                     [item.group or item.id for item in items], [item.id for item in items], stats, layout, tokens)
 
 

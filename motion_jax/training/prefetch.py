@@ -1,8 +1,9 @@
 """Batches made ahead of the steps that take them, and put on the devices, by a thread of their own."""
+import os
 import queue
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 
@@ -57,3 +58,37 @@ class Prefetch:
   def __exit__(self, *_):
     self._ended.set()
     self._thread.join(timeout=10)
+
+
+def in_processes(make: Callable[[int], Any], first: int, last: int, num_workers: int) -> Iterator[Any]:
+  """make(step) for first <= step < last, in order, by processes of their own: the same arrays that make gives here.
+
+  For batches that take longer to make than a step: text that is encoded, features that are read from files. Grain
+  hands the steps to the processes and takes the batches back; it pickles make for them, and they use no accelerator.
+  Raises ImportError without the extra `data`.
+  """
+  try:
+    import grain
+  except ImportError as error:
+    raise ImportError("data.workers are Grain's: pip install 'motion-jax[data]', or set data.workers=0") from error
+  from absl import flags
+  flags.FLAGS.mark_as_parsed()  # Grain reads some, whoever parses the command line
+  steps = grain.MapDataset.range(first, last).map(make)
+  reading = grain.ReadOptions(num_threads=1, prefetch_buffer_size=2)
+  batches = iter(steps.to_iter_dataset(reading).mp_prefetch(grain.MultiprocessingOptions(num_workers=num_workers)))
+  before = os.environ.get("JAX_PLATFORMS")
+  os.environ["JAX_PLATFORMS"] = "cpu"  # of the processes, which begin with the first batch; here jax has begun already
+  try:
+    for step in range(first, last):
+      yield next(batches)
+      if step == first:
+        _restore(before)
+  finally:
+    _restore(before)
+
+
+def _restore(platforms):
+  if platforms is None:
+    os.environ.pop("JAX_PLATFORMS", None)
+  else:
+    os.environ["JAX_PLATFORMS"] = platforms

@@ -5,6 +5,7 @@ from motion_jax.data.datasets.archive import Archive
 from motion_jax.data.datasets.babel import Babel
 from motion_jax.data.datasets.base import Dataset
 from motion_jax.data.datasets.humanml3d import HumanML3D
+from motion_jax.data.datasets.records import Records
 from motion_jax.data.datasets.snapmogen import SnapMoGen
 from motion_jax.data.datasets.synthetic import Synthetic
 from motion_jax.data.mocap.readers import READERS
@@ -16,6 +17,7 @@ DATASETS: dict[str, Dataset] = {dataset.name: dataset for dataset in (
     HumanML3D(),
     SnapMoGen(),
     Babel(),
+    Records(),
     Synthetic(),
 )}
 
