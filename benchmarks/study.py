@@ -39,14 +39,14 @@ from absl import logging
 from motion_jax import fit as training
 from motion_jax import loading
 from motion_jax.data import sources
-from motion_jax.evaluation import aggregates as rows_lib
-from motion_jax.evaluation import protocols
-from motion_jax.evaluation import provenance as record
-from motion_jax.evaluation import test_set as items
-from motion_jax.evaluation.candidates import Subject, hash_of
+from motion_jax.evaluation import aggregates, protocols, provenance
+from motion_jax.evaluation.candidates import Candidate, hash_of
 from motion_jax.evaluation.checks import sanity
-from motion_jax.evaluation.judge import Judge
-from motion_jax.evaluation.tasks import generation, long_horizon
+from motion_jax.evaluation.harness import Harness
+from motion_jax.evaluation.tasks.base import Task
+from motion_jax.evaluation.tasks.generation import Generation
+from motion_jax.evaluation.tasks.long_horizon import LongHorizon
+from motion_jax.evaluation.test_set import read_test_set
 from motion_jax.evaluators.evaluator import load_evaluator, shipped_names
 from motion_jax.training import checkpoint
 from motion_jax.training.metrics import read_metrics
@@ -81,32 +81,35 @@ class Bench:
   """The test clips and evaluators, read once for all rows."""
 
   def __init__(self, settings, force=False):
-    self.settings, self.force, self.read, self.judges = settings, force, {}, {}
+    self.settings, self.force, self.read, self.tasks = settings, force, {}, {}
 
-  def judge(self, task, seed) -> Judge:
+  def task(self, name, seed) -> Task:
     """Of "texts" or of "stories"; raises ValueError where the evaluators do not look right on real clips.
 
     Each seed of the study has captions, cuts, noise and stories of its own, the same for all rows: intervals over
     seeds know of that luck as well, and rows of a seed are still pairs.
     """
-    if (task, seed) not in self.judges:
-      protocol, readers, found = self._read(task)
-      judge = Judge(protocol, *readers, found, protocol.seed + seed, self.settings.samples if task == "texts" else None)
-      if task == "texts":
-        sanity.demand(sanity.look(judge), self.force)
-      self.judges = {key: one for key, one in self.judges.items() if key[1] == seed} | {(task, seed): judge}
-    return self.judges[task, seed]
+    if (name, seed) not in self.tasks:
+      protocol, readers, found = self._read(name)
+      limit = self.settings.samples if name == "texts" else None
+      harness = Harness(protocol, *readers, found, protocol.seed + seed, limit)
+      if name == "texts":
+        sanity.demand(sanity.look(harness), self.force)
+      self.tasks = {key: one for key, one in self.tasks.items() if key[1] == seed} | {
+          (name, seed): _TASKS[name](harness)}
+    return self.tasks[name, seed]
 
-  def _read(self, task):
-    if task not in self.read:
-      protocol = self._protocol(task).on("archive")
-      readers = [load_evaluator(self.settings.evaluator), self._clip() if task == "texts" else None]
-      self.read[task] = protocol, readers, items.read_items(self.settings.archives, protocol, [r for r in readers if r])
-    return self.read[task]
+  def _read(self, name):
+    if name not in self.read:
+      protocol = self._protocol(name).on("archive")
+      readers = [load_evaluator(self.settings.evaluator), self._clip() if name == "texts" else None]
+      test_set = read_test_set(self.settings.archives, protocol, [one for one in readers if one])
+      self.read[name] = protocol, readers, test_set
+    return self.read[name]
 
-  def _protocol(self, task):
-    if task == "texts":
-      return generation.without_multimodality(protocols.get_protocol("archives-66"))
+  def _protocol(self, name):
+    if name == "texts":
+      return protocols.get_protocol("archives-66").without_multimodality()
     return dataclasses.replace(protocols.get_protocol("long-horizon"), sequences=self.settings.stories,
                                segments=self.settings.segments, real_jerk=None, way="stream")
 
@@ -119,30 +122,30 @@ class Bench:
 
   def real(self):
     """{"texts", "stories": {metric: number}} of the real clips, in the places of the first seed's first repeat."""
-    return {task: _numbers([_TASKS[task].real_rows(self.judge(task, 0), 0)["real"]], task) for task in _TASKS}
+    return {name: _numbers([self.task(name, 0).real(0).rows["real"]], name) for name in _TASKS}
 
   def scores(self, row, folder, clock):
-    """{metric: {"mean", "interval", "values"}} over repeats of a row, and the record of its texts."""
+    """{metric: {"mean", "interval", "values"}} over repeats of a row, and the provenance of its texts."""
     loaded = loading.load(folder)
-    subject = Subject(row.name, loaded, hash_of(loaded), folder / "eval" / "samples", None, row.sampling,
-                      tuple(jax.local_devices()), show=False)
+    candidate = Candidate(row.name, loaded, hash_of(loaded), folder / "eval" / "samples", None, row.sampling,
+                          tuple(jax.local_devices()), show=False)
     found = {}
-    for task in ("texts", "stories") if row.paper == "cmdm" else ("texts",):
+    for name in ("texts", "stories") if row.paper == "cmdm" else ("texts",):
       repeats = []
-      for repeat in range(self.settings.repeats):
+      for replication in range(self.settings.repeats):
         clock.check()
-        repeats.append(_TASKS[task].rows(self.judge(task, row.seed), subject, repeat)[""])
-      found |= _numbers(repeats, task)
-    judge = self.judge("texts", row.seed)
-    return found, record.make_record(judge, self.settings.archives, [subject], self.settings.repeats, subject.devices)
+        repeats.append(self.task(name, row.seed).found(candidate, replication).rows[""])
+      found |= _numbers(repeats, name)
+    return found, provenance.describe(self.task("texts", row.seed).harness, self.settings.archives, [candidate],
+                                      self.settings.repeats, candidate.devices)
 
 
-_TASKS = {"texts": generation, "stories": long_horizon}
+_TASKS = {"texts": Generation, "stories": LongHorizon}
 
 
-def _numbers(repeats, task):
-  names = STORY_METRICS if task == "stories" else list(repeats[0])
-  return {name: rows_lib.interval([one[name] for one in repeats]) for name in names}
+def _numbers(repeats, name):
+  metrics = STORY_METRICS if name == "stories" else list(repeats[0])
+  return {metric: aggregates.interval([one[metric] for one in repeats]) for metric in metrics}
 
 
 # --- training ----------------------------------------------------------------------------------------------------
@@ -199,7 +202,7 @@ def do_row(row, settings, out, bench, clock, failed):
 
 
 def write_json(folder, name, content):
-  checkpoint.save_text(folder, name, json.dumps(rows_lib.plain(content), indent=1, allow_nan=False) + "\n")
+  checkpoint.save_text(folder, name, json.dumps(aggregates.json_ready(content), indent=1, allow_nan=False) + "\n")
 
 
 # --- a study -----------------------------------------------------------------------------------------------------
@@ -218,7 +221,7 @@ def run_study(settings, out, part=(0, 1), only=(), max_seconds=None, force=False
   with sources.keep_features():
     for number, row in enumerate(rows, 1):
       name = f"[{number}/{len(rows)}] {row.paper} {row.name}, seed {row.seed}"
-      if (out / row.scores).is_file() and not (again and judged_by(out, row) != record.commit()):
+      if (out / row.scores).is_file() and not (again and judged_by(out, row) != provenance.commit()):
         print(f"{name}: done before", flush=True)
         continue
       print(name, flush=True)

@@ -192,10 +192,11 @@ def test_cdamd_learns_from_long_captions(data):
 
 def test_long_captions_are_judged(trained, data, tmp_path):
   protocol = dataclasses.replace(
-      protocols.get_protocol("t2m-263"), pool=2, diversity_draws=2, few_draws=2, multimodality_captions=0, repeats=1)
+      protocols.get_protocol("t2m-263"), pool=2, diversity_draws=2, few_draws=2, multimodality_captions=0,
+      replications=1)
   made = run.evaluate([trained[0]], [data], protocol, out=tmp_path / "out", force=True, show=False,
                       sampling=FAST, evaluator=fresh_evaluator("t2m", "full"), clip_evaluator=None)
-  assert np.isfinite(made["rows"]["denoiser"]["fid"]["mean"])
+  assert np.isfinite(made.rows["denoiser"]["fid"]["mean"])
   judge = fresh_evaluator("tmr", "full")
   text = judge.embed_text([LONG, "someone walks"])
   assert np.abs(text[0] - judge.embed_text([LONG.rsplit(" ", 3)[0]])[0]).max() > 1e-5  # its last words count

@@ -10,6 +10,7 @@ import pytest
 
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.evaluation.report import tables
+from motion_jax.evaluation.tasks.base import Found
 from tests.conftest import ROOT
 from tests.evaluation.test_run import write_archive
 
@@ -217,14 +218,15 @@ def test_a_study_goes_on_where_it_stopped(settings, tmp_path, monkeypatch, capsy
 
 def test_each_seed_draws_the_test_clips_anew(settings, monkeypatch):
   """Its captions, cuts and stories are a seed's own, and those of all its rows."""
-  monkeypatch.setattr(study.sanity, "look", lambda judge: dict(failures=[]))
+  monkeypatch.setattr(study.sanity, "look", lambda harness: dict(failures=[]))
   bench = study.Bench(settings)
-  texts, stories = bench.judge("texts", 0), bench.judge("stories", 0)
-  assert bench.judge("texts", 0) is texts
-  other, others = bench.judge("texts", 1), bench.judge("stories", 1)
-  assert other.items is texts.items and (other.drawn(0).item != texts.drawn(0).item).any()
-  told = [[tale.captions for tale in study.long_horizon.sequences(judge)] for judge in (stories, others)]
-  assert told[0] != told[1]
+  texts, stories = bench.task("texts", 0), bench.task("stories", 0)
+  assert bench.task("texts", 0) is texts
+  other, others = bench.task("texts", 1), bench.task("stories", 1)
+  assert other.test_set is texts.test_set
+  assert (other.harness.drawn(0).item != texts.harness.drawn(0).item).any()
+  first, second = [[one.captions for one in task.sequences()] for task in (stories, others)]
+  assert first != second
 
 
 def test_a_run_that_cannot_be_trained_is_tried_once(settings, tmp_path, monkeypatch, capsys):
@@ -257,16 +259,16 @@ def least(run, settings, out, parts, config_of=study_plan.config_of):
 @pytest.mark.slow
 def test_two_rows_from_data_to_claims(settings, tmp_path, monkeypatch):
   """One row is trained and judged in earnest; stories, and the row that differs in sampling, take another's word."""
-  asked, judge = [], study.generation.rows
+  asked, judge = [], study.Generation.found
 
-  def texts(judge_, subject, repeat):
-    asked.append(subject.options)
-    return judge(judge_, subject, repeat) if not subject.options else {"": {"top1": 0.5, "fid": 1.0}}
+  def texts(task, candidate, replication):
+    asked.append(candidate.options)
+    return judge(task, candidate, replication) if not candidate.options else Found({"": {"top1": 0.5, "fid": 1.0}})
 
   monkeypatch.setattr(study_plan, "config_of", least)
-  monkeypatch.setattr(study.generation, "rows", texts)
-  monkeypatch.setattr(study.long_horizon, "rows", lambda judge, subject, repeat: {
-      "": dict.fromkeys(study.STORY_METRICS, 2.0)})
+  monkeypatch.setattr(study.Generation, "found", texts)
+  monkeypatch.setattr(study.LongHorizon, "found", lambda task, candidate, replication: Found({
+      "": dict.fromkeys(study.STORY_METRICS, 2.0)}))
   assert study.run_study(settings, tmp_path, only=["default", "fss-20-5"], force=True)
   assert asked == [{}, {"num_steps": 20, "lag": 5}]
   found = json.loads((tmp_path / "study.json").read_text())

@@ -13,7 +13,7 @@ from motion_jax import cli, retrieval
 from motion_jax import fit as training
 from motion_jax.data.datasets.humanml3d import write_folder
 from motion_jax.data.datasets.synthetic import synthetic_clips
-from motion_jax.evaluation.candidates import Subject
+from motion_jax.evaluation.candidates import Candidate
 from motion_jax.evaluators.evaluator import load_evaluator
 from motion_jax.metrics import scores
 from motion_jax.models import cmdm
@@ -96,7 +96,7 @@ def test_the_record_of_a_generator_says_what_its_tokenizer_was_taught_by(tmp_pat
   config = training.resolve(config)[0].unlock()
   assert config.taught_by.to_dict() == said
   model = types.SimpleNamespace(folder=tmp_path, config=config, stats=stats, num_params=0, can=lambda ability: False)
-  about = lambda: Subject("row", model, "hash", tmp_path).about
+  about = lambda: Candidate("row", model, "hash", tmp_path).about
   assert about()["taught_by"] == said
   del config.taught_by
   assert "taught_by" not in about()

@@ -68,14 +68,14 @@ def test_the_command_line_knows_its_choices(folder, tmp_path, monkeypatch, capsy
 
 def test_it_is_judged(folder, tmp_path):
   archive = write_archive(tmp_path / "archive", make_clips())
-  protocol = dataclasses.replace(SMALL, repeats=1, multimodality_batches=0)
+  protocol = dataclasses.replace(SMALL, replications=1, multimodality_batches=0)
   judge = lambda protocol, **more: run.evaluate([folder], [archive], protocol, out=tmp_path / "out", force=True,
                                                 show=False, evaluator=fresh_evaluator("t2m"),
                                                 clip_evaluator="none", **more)
   result = judge(protocol, vary=[dict(spread=0.5), dict(spread=0.1)])
-  assert result["row_order"] == ["real", "run, spread 0.5", "run, spread 0.1"]
-  assert np.isfinite([result["rows"][row]["fid"]["mean"] for row in result["row_order"]]).all()
-  assert result["record"]["models"][0]["sampler"] == {"guidance_scale": 2.0, "spread": 0.1}
+  assert result.row_order == ["real", "run, spread 0.5", "run, spread 0.1"]
+  assert np.isfinite([result.rows[row]["fid"]["mean"] for row in result.row_order]).all()
+  assert result.provenance["models"][0]["sampler"] == {"guidance_scale": 2.0, "spread": 0.1}
   with pytest.raises(ValueError, match="has no 'edit' .* needs the run of a cdamd.generator"):
     judge(protocols.get_protocol("editing"))
 

@@ -1,5 +1,4 @@
 """motion-jax evaluate: models judged by a named protocol."""
-import pathlib
 import sys
 
 from motion_jax.inputs.errors import InputError
@@ -119,29 +118,28 @@ def _judge(args):
 
   from motion_jax.evaluation import run
   from motion_jax.evaluation.report import page, tables
+  from motion_jax.evaluation.result import FILE
   devices = jax.local_devices()
   if args.devices and args.devices > len(devices):
     raise InputError(f"got --devices {args.devices}, there are {len(devices)}")
   folders = [folder for some in args.data for folder in some]
   if args.ask:
-    print("wrote", run.ask(folders, args.ask, args.protocol, evaluator=args.evaluator, repeats=args.replications,
+    print("wrote", run.ask(folders, args.ask, args.protocol, evaluator=args.evaluator, replications=args.replications,
                            seed=args.seed, limit=args.limit, multimodality=not args.no_multimodality,
                            allow_shared=args.allow_shared))
     return 0
-  protocol = run.protocols_lib.get_protocol(args.protocol or run.guess_protocol(args.model, folders))
-  out = pathlib.Path(args.out) if args.out else run.default_out(args.model, protocol)
   result = run.evaluate(
-      args.model, folders, protocol, evaluator=args.evaluator, clip_evaluator=args.clip_evaluator, out=args.out,
-      repeats=args.replications, seed=args.seed, guidance=args.guidance, sampling=sampling, vary=vary, limit=args.limit,
-      controls=args.controls, multimodality=not args.no_multimodality, force=args.force, only_read=args.recompute,
-      raw=args.weights == "model", devices=devices[:args.devices], samples=args.samples, motions=motions,
-      allow_shared=args.allow_shared)
+      args.model, folders, args.protocol, evaluator=args.evaluator, clip_evaluator=args.clip_evaluator, out=args.out,
+      replications=args.replications, seed=args.seed, guidance=args.guidance, sampling=sampling, vary=vary,
+      limit=args.limit, controls=args.controls, multimodality=not args.no_multimodality, force=args.force,
+      only_read=args.recompute, raw=args.weights == "model", devices=devices[:args.devices], samples=args.samples,
+      motions=motions, allow_shared=args.allow_shared)
   print(tables.markdown(result))
-  written = [out / name for name in ("results.json", "tables.md", "tables.tex", "tables.csv")]
+  written = [result.folder / name for name in (FILE, *run.TABLES)]
   if args.report:
-    written.append(page.write_folders([out, *args.beside], args.report))
+    written.append(page.write_folders([result.folder, *args.beside], args.report))
   print("wrote " + ", ".join(map(str, written)))
-  failures = (result["controls"] or {}).get("failures", [])
+  failures = result.controls["failures"] if result.controls else []
   for failure in failures:
     print(f"{args.program}: control: {failure}", file=sys.stderr)
   return 1 if failures else 0

@@ -1,25 +1,29 @@
-"""A model that is judged, with the choices by which it is sampled and the place where its samples are kept."""
+"""Models that are judged, with the choices by which they are sampled and the place where their samples are kept."""
 import dataclasses
 import hashlib
+import itertools
 import pathlib
 from collections.abc import Callable
 from typing import Any
 
 from motion_jax import loading
-from motion_jax.evaluation import provenance as record
-from motion_jax.evaluation import samples
+from motion_jax.evaluation import provenance, samples
 from motion_jax.models import registry
 from motion_jax.models.base import ABILITIES
 from motion_jax.motion.representations import to_features
+from motion_jax.runs import PRETRAINED, find
 from motion_jax.training import checkpoint
 
 _PARTS = (checkpoint.CONFIG, checkpoint.FROZEN, "Mean.npy", "Std.npy")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Subject:
-  """name: of its row. hash: of its weights, statistics and config. guidance_scale None: the config's own. options:
-  what else goes to `generate`. folder: of its samples."""
+class Candidate:
+  """A model as it is sampled for one row.
+
+  name: of its row. hash: of its weights, statistics and config. guidance_scale None: the config's own. options:
+  what else goes to `generate`. folder: of its samples.
+  """
   name: str
   model: Any
   hash: str
@@ -29,16 +33,16 @@ class Subject:
   devices: tuple = ()
   only_read: bool = False
   show: bool = True
-  used: list = dataclasses.field(default_factory=list)  # stores that it was given motions of
+  _stores: list = dataclasses.field(default_factory=list)  # those that its motions came from
 
   @property
   def reader(self):
-    """What `items.read_items` needs to make features of clips as the model knows them."""
+    """What `test_set.read_test_set` needs to make features of clips as the model knows them."""
     return Reader(self.name, self.model.stats.layout, self.model.config.data.mode)
 
   @property
   def about(self) -> dict:
-    """What a record says of it."""
+    """What the provenance says of it."""
     sampled = self.model.can("generate")
     scale = self.model.sampling(guidance_scale=self.guidance_scale).guidance_scale if sampled else None
     taught = self.model.config.get("taught_by")
@@ -47,23 +51,23 @@ class Subject:
                 parameters=self.model.num_params, layout=self.model.stats.layout.name,
                 statistics=self.model.stats.fingerprint, **({"taught_by": taught.to_dict()} if taught else {}))
 
-  def store(self, judge, kind="generation") -> samples.Store:
-    """Where its samples for a judge's passes are kept."""
-    protocol, items = judge.protocol, judge.items
-    draw = {name: getattr(protocol, name) for name in (
+  def store(self, harness, kind="generation") -> samples.Store:
+    """Where its samples for a harness are kept."""
+    protocol = harness.protocol.as_json()  # whose names do not change: a folder of samples is found by them
+    draw = {name: protocol[name] for name in (
         "pool", "min_frames", "past_frames", "max_frames", "unit", "random_caption", "coin", "random_crop", "shuffle",
         "sort_by_caption", "multimodality_shared", "sequences", "segments")}
     text = self.model.encoder.fingerprint if self.model.can("generate") else None
     return samples.Store(self.folder, dict(
         kind=kind, model=self.hash, text=text, guidance_scale=self.about["guidance_scale"],
-        sampling=self._asked, seed=judge.seed, limit=judge.limit, draw=draw, items=items.words_hash,
-        batch=samples.BATCH), record.maker(self.devices))
+        sampling=self._asked, seed=harness.seed, limit=harness.limit, draw=draw, items=harness.test_set.words_hash,
+        batch=samples.BATCH), provenance.maker(self.devices))
 
   @property
   def sampled_by(self) -> list[dict]:
-    """What made the motions that it was given; see `record.maker`."""
+    """What made the motions that it was given; see `provenance.maker`."""
     found = []
-    for store in self.used:
+    for store in self._stores:
       found += [one for one in store.makers if one not in found]
     return found
 
@@ -74,9 +78,9 @@ class Subject:
     return {name: value for name, value in self.options.items() if value is not None and usual.get(name) != value}
 
   def sample(self, make: Callable, store, name, jobs, what, batch=None):
-    """`samples.sample` with a bar, on this subject's devices."""
-    if all(store.folder != one.folder for one in self.used):
-      self.used.append(store)
+    """`samples.sample` with a bar, on this candidate's devices."""
+    if all(store.folder != one.folder for one in self._stores):
+      self._stores.append(store)
     with samples.progress(len(jobs.captions), f"{self.name}, {what}", self.show) as bar:
       return samples.sample(make, store, name, jobs, batch=batch, devices=self.devices, only_read=self.only_read,
                             bar=bar)
@@ -96,6 +100,42 @@ class Reader:
     if clip.features is not None and clip.features.shape[-1] == self.layout.dim:
       return clip.features
     return to_features(clip.joints, self.layout, self.mode)
+
+
+@dataclasses.dataclass(frozen=True)
+class Choices:
+  """How models are sampled, a row for each pair: guidance scales (none: the model's own), and what else `generate`
+  takes. more: options that a task has beside those of the method."""
+  guidance: tuple[float, ...] = ()
+  options: tuple[dict, ...] = ({},)
+  more: tuple[str, ...] = ()
+
+
+def load_candidates(runs, load, choices: Choices, out, samples_folder=None, devices=(), only_read=False, show=True):
+  """[Candidate] of runs, by load(run), for each choice of sampling. out: where samples of a model that ships are kept,
+  unless in samples_folder. Raises ValueError for choices that a model does not know."""
+  candidates, varied = [], {key for one in choices.options for key in one
+                            if any(other.get(key) != one[key] for other in choices.options)}
+  for name, run in zip(row_names(runs), runs):
+    loaded = load(run)
+    if loaded.can("generate"):
+      loaded.tells_unknown_words = False  # the provenance lists them once
+    shipped = pathlib.Path(loaded.folder).parent == PRETRAINED
+    folder = pathlib.Path(samples_folder or (out if shipped else loaded.folder / "eval") / "samples")
+    for scale, options in itertools.product(choices.guidance or (None,), choices.options):
+      check_options(name, loaded, choices.guidance, options, choices.more)
+      row = name + "".join(f", {key} {value}" for key, value in options.items() if key in varied)
+      if len(choices.guidance) > 1:
+        row += f", guidance {scale:g}"
+      candidates.append(Candidate(row, loaded, hash_of(loaded), folder, scale, options, devices, only_read, show))
+  return candidates
+
+
+def row_names(runs):
+  """The last part of each run's path, or the path where that is another's too or means something else in a result."""
+  names = [find(run).resolve().name for run in runs]
+  return [name if names.count(name) == 1 and name not in ("real", "shuffled") else str(run)
+          for name, run in zip(names, runs)]
 
 
 def check_options(name, loaded, guidance, options, more=()):

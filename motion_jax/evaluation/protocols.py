@@ -23,21 +23,23 @@ import dataclasses
 from motion_jax.inputs.nearest import did_you_mean
 from motion_jax.metrics.protocol import Protocol
 
-TASKS = ("generation", "reconstruction", "editing", "stories", "timelines")
+# Names in results.json, which stay as they are.
+_WRITTEN = {"unit_length": "unit", "replications": "repeats", "multimodality_replications": "multimodality_repeats"}
+_WRITTEN_TASKS = {"long_horizon": "stories"}
 
 
 @dataclasses.dataclass(frozen=True)
 class Benchmark(Protocol):
   """A named protocol. Fields of `metrics.protocol.Protocol` are those of the scores; these are the rest.
 
-  Items: clips of min_frames <= rows < past_frames of a split, each time tag by itself, cut to max_frames. Each item of
-  a pass draws a caption, a coin by which a unit less is kept one time in three, and where the cut begins; a pass is
-  shuffled and dealt in batches of `pool`, the last partial one left out.
+  Items: clips of min_frames <= rows < past_frames of a split, each time tag by itself, cut to max_frames. For each item
+  a replication draws a caption, a coin by which a unit less is kept one time in three, and where the cut begins; items
+  are shuffled and dealt in batches of `pool`, the last partial one left out.
   """
   name: str = ""
   title: str = ""
   source: str = ""                       # where its rules are from
-  task: str = "generation"
+  task: str = "generation"               # a name of `tasks.registry.TASKS`
   formats: tuple[str, ...] = ("humanml3d",)
   layouts: tuple[str, ...] = ()          # representations that the evaluator may read; none named: any
   kinds: tuple[str, ...] = ("t2m",)      # of evaluators that its numbers are of, see `evaluators.evaluator`
@@ -49,7 +51,7 @@ class Benchmark(Protocol):
   min_frames: int = 40
   past_frames: int = 200                 # a clip has fewer rows than this
   max_frames: int = 196
-  unit: int = 4                          # lengths are multiples of it
+  unit_length: int = 4                   # lengths are multiples of it
   random_caption: bool = True            # False: an item's first one
   coin: bool = True                      # Parity: also in evaluation
   random_crop: bool = True               # False: from the first row
@@ -59,26 +61,26 @@ class Benchmark(Protocol):
   made_padding: str = "zeros"            # behind a motion's end: "zeros", or "decoded", what the decoder made there
   # multimodality
   multimodality_captions: int | None = None  # else multimodality_batches * pool
-  multimodality_repeats: int | None = None   # repeats that have it; None: all
+  multimodality_replications: int | None = None  # how many have it; None: all
   multimodality_shared: bool = False     # Parity: the other scores of these captions are of their last generation
-  # statistics over repeats
-  population_std: bool = True            # of the interval, 1.96 std / sqrt(repeats); else Student's t
+  # statistics over replications
+  population_std: bool = True            # of the interval, 1.96 std / sqrt(replications); else Student's t
   # reconstruction
   sampled_latents: bool = False          # of a variational tokenizer: drawn, not its mean
   poses_alone: bool = True               # joint errors of each frame by itself, heading 0
   # editing
   paste: bool = False                    # put the kept frames back as they came
-  # stories and timelines
-  sequences: int = 64                    # or timelines, at the most
-  segments: int = 32
+  # long motions and timelines
+  sequences: int = 64                    # of prompts, or timelines, at the most
+  segments: int = 32                     # prompts of a sequence that is drawn from the test set
   transition_frames: int = 60
-  timelines: str | None = None           # a file of them, or of stories
+  timelines: str | None = None           # a file of them, or of sequences of prompts
   released_slips: bool = True            # Parity: of STMC's script, see `metrics.timeline_scores.Mtt`
-  recorded: int = 0                      # stories are those of recordings that show more than so many motions in a row
+  recorded: int = 0                      # prompts of recordings that show more than so many motions in a row
   joints_layout: str = ""                # where real joints are of other features than the evaluator's
   jerk_unit: float = 1.0                 # of jerk, in metres: 0.01 is centimetres
   real_jerk: str | None = "humanml3d"    # level of AUJ, a key of physics.REAL_JERK; None: of the real clips given
-  way: str = "stream"                    # how long motions are told where --sampling does not say: "stream" or "chain"
+  way: str = "stream"                    # of long motions where --sampling does not say: "stream" or "chain"
   paper: tuple[str, str, str] | None = None  # (system, table, row) to print beside
   paper_layout: str | None = None        # where only an evaluator of this layout compares with it
   note: str = ""                         # what has to be said under the table
@@ -93,7 +95,7 @@ class Benchmark(Protocol):
     if self.task in ("generation", "reconstruction", "editing"):
       changes |= dict(min_frames=min(self.min_frames, 24), past_frames=201,
                       clip_evaluator=self.clip_evaluator or "clip-evaluator-small")
-    elif self.task == "stories":  # the model's own way, and AUJ from the clips' own level
+    elif self.task == "long_horizon":  # the model's own way, and AUJ from the clips' own level
       changes |= dict(way="stream", real_jerk=None)
     return dataclasses.replace(self, **changes)
 
@@ -105,26 +107,39 @@ class Benchmark(Protocol):
                                                       f"{self.pool}, and every number is uncertain")
 
   @property
-  def num_multimodality(self):
+  def num_multimodality(self) -> int:
     """Captions that are generated many times."""
     return self.multimodality_captions or self.multimodality_batches * self.pool
+
+  def has_multimodality(self, replication) -> bool:
+    """Whether a replication, counted from 0, generates some captions many times."""
+    return self.num_multimodality > 0 and (
+        self.multimodality_replications is None or replication < self.multimodality_replications)
+
+  def without_multimodality(self):
+    return dataclasses.replace(self, multimodality_captions=0, multimodality_batches=0)
+
+  def as_json(self) -> dict:
+    """All fields under the names that they have in results.json, whichever version wrote it."""
+    fields = {_WRITTEN.get(name, name): value for name, value in dataclasses.asdict(self).items()}
+    return fields | {"task": _WRITTEN_TASKS.get(self.task, self.task)}
 
 
 _CMDM = Benchmark(
     name="cmdm-259", title="Text to motion, HumanML3D, 263 features", source="docs/papers/cmdm.md#items, #protocol",
-    layouts=("full",), seed=3467, max_frames=192, lost_frames=1, repeats=10,
+    layouts=("full",), seed=3467, max_frames=192, lost_frames=1, replications=10,
     # Parity: generated motions are padded to the longest of their batch; with a frame lost no token reads that far.
     paper=("cmdm", "1", "CMDM w/ FSS"))
 
 _CDAMD = Benchmark(
     name="cdamd-66", title="Text to motion, HumanML3D, joint coordinates",
-    source="docs/papers/cdamd.md#items, #metrics", seed=3407, layouts=("coordinates",), lost_frames=0, repeats=20,
-    made_padding="decoded",
+    source="docs/papers/cdamd.md#items, #metrics", seed=3407, layouts=("coordinates",), lost_frames=0,
+    replications=20, made_padding="decoded",
     # Parity: switched off in the released script; 96 captions of which the other scores see the last generation.
     multimodality_batches=3, multimodality_shared=True, paper=("cdamd", "1", "CDAMD (two VQ)"))
 
-_OWN_STORIES = ("Prompts in a row are drawn from the test items by the seed; the paper's are FlowMDM's list, which "
-                "--data takes as a .json file: without it compare rows of ours alone")
+_OWN_SEQUENCES = ("Prompts in a row are drawn from the test items by the seed; the paper's are FlowMDM's list, which "
+                  "--data takes as a .json file: without it compare rows of ours alone")
 _RECORDINGS = ("What motions in a row are is our reading of \"over five continuous motions\": none overlaps, at most a "
                "second lies between two; the real side is the recordings themselves, R-precision is of one recording's "
                "own captions, jerk is in centimetres")
@@ -135,15 +150,15 @@ PROTOCOLS = {protocol.name: protocol for protocol in (
         _CDAMD, name="archives-66", title="Text to motion, CMU and Bandai archives, joint coordinates",
         source="our own benchmark: cdamd-66's rules on archives, clips from 24 rows; multimodality in 5 of 20 repeats",
         formats=("archive",), evaluator="evaluator-small", clip_evaluator="clip-evaluator-small",
-        multimodality_batches=1, multimodality_motions=20, multimodality_repeats=5,
+        multimodality_batches=1, multimodality_motions=20, multimodality_replications=5,
         multimodality_shared=False, paper=None),
     dataclasses.replace(
         _CDAMD, name="own-66", title="Text to motion, your own data, joint coordinates",
         source="archives-66 on a folder of `motion-jax data build`: numbers compare among your own models",
         formats=_ANY_GENERATION,
-        min_frames=24, past_frames=201, population_std=False, repeats=4, evaluator="evaluator-small",
+        min_frames=24, past_frames=201, population_std=False, replications=4, evaluator="evaluator-small",
         clip_evaluator="clip-evaluator-small", multimodality_batches=1, multimodality_motions=20,
-        multimodality_repeats=1, multimodality_shared=False, paper=None),
+        multimodality_replications=1, multimodality_shared=False, paper=None),
     _CMDM,
     dataclasses.replace(
         _CMDM, name="cmdm-67", title="Text to motion, HumanML3D, 67 features", layouts=("essential",),
@@ -153,7 +168,7 @@ PROTOCOLS = {protocol.name: protocol for protocol in (
         name="t2m-263", title="Text to motion, HumanML3D, protocol of T2M", seed=3407, layouts=("full",),
         source="docs/papers/cmdm.md#evaluators, docs/papers/cdamd.md#items, #metrics (EricGuo5513/text-to-motion: no "
                "frame lost, 20 repeats, 100 captions)",
-        lost_frames=0, repeats=20, multimodality_captions=100),
+        lost_frames=0, replications=20, multimodality_captions=100),
     dataclasses.replace(
         _CDAMD, name="kit", title="Text to motion, KIT", source="docs/papers/cdamd.md#items, #metrics", min_frames=24,
         layouts=("coordinates_kit", "essential_kit", "full_kit"), paper=("cdamd", "2", "CDAMD"),
@@ -161,38 +176,39 @@ PROTOCOLS = {protocol.name: protocol for protocol in (
     Benchmark(
         name="snapmogen", title="Text to motion, SnapMoGen", source="docs/papers/cmdm.md#snapmogen",
         formats=("snapmogen",), layouts=("snapmogen_148", "snapmogen"), kinds=("snapmogen",), seed=3407, pool=100,
-        lost_frames=0, repeats=10, min_frames=128,
+        lost_frames=0, replications=10, min_frames=128,
         # Parity: SnapMoGen repeats 20 times, the paper says 10; spans of any length, cut to 320.
-        past_frames=10**9, max_frames=320, unit=8, coin=False, cosine=True, multimodality_batches=1,
+        past_frames=10**9, max_frames=320, unit_length=8, coin=False, cosine=True, multimodality_batches=1,
         paper=("cmdm", "2", "CMDM w/ FSS")),
     Benchmark(
         name="long-horizon", title="Long motions, 32 prompts in a row", source="docs/papers/cmdm.md#long-horizon",
-        task="stories", formats=_ANY_GENERATION, seed=3407, lost_frames=0, repeats=10, min_frames=70, past_frames=201,
-        max_frames=200, coin=False,
+        task="long_horizon", formats=_ANY_GENERATION, seed=3407, lost_frames=0, replications=10, min_frames=70,
+        past_frames=201, max_frames=200, coin=False,
         # Parity: segment by segment, as the code behind the published numbers (docs/papers/cmdm.md#multi-prompt).
-        random_crop=False, way="chain", paper=("cmdm", "3-humanml3d", "CMDM"), paper_layout="full", note=_OWN_STORIES),
+        random_crop=False, way="chain", paper=("cmdm", "3-humanml3d", "CMDM"), paper_layout="full",
+        note=_OWN_SEQUENCES),
     Benchmark(
         name="snapmogen-long", title="Long motions, SnapMoGen's recordings",
-        source="docs/papers/cmdm.md#long-horizon, #snapmogen", task="stories",
+        source="docs/papers/cmdm.md#long-horizon, #snapmogen", task="long_horizon",
         formats=("snapmogen",), layouts=("snapmogen_148", "snapmogen"), kinds=("snapmogen",), seed=3407, lost_frames=0,
-        repeats=10, min_frames=60, past_frames=10**9, max_frames=320, coin=False, random_crop=False, cosine=True,
+        replications=10, min_frames=60, past_frames=10**9, max_frames=320, coin=False, random_crop=False, cosine=True,
         # Parity: the printed AUJ fits HumanML3D's level in numbers of centimetres: that of real motions, 45.16 under a
         # peak of 1.11, is far from 0, and FlowMDM's, whose motions stand still, is lower.
         sequences=128, recorded=5, joints_layout="snapmogen", jerk_unit=0.01, way="chain",
         paper=("cmdm", "3-snapmogen", "CMDM"), note=_RECORDINGS),
     Benchmark(
-        name="babel", title="Long motions, BABEL", source="docs/papers/cmdm.md#long-horizon", task="stories",
-        formats=("babel",), layouts=("babel",), kinds=("tmr", "t2m"), split="val", seed=3407, lost_frames=0, repeats=10,
-        min_frames=30, past_frames=201, max_frames=200, coin=False, random_crop=False, transition_frames=30,
-        real_jerk="babel", way="chain", paper=("cmdm", "5", "CMDM"), note=_OWN_STORIES),
+        name="babel", title="Long motions, BABEL", source="docs/papers/cmdm.md#long-horizon", task="long_horizon",
+        formats=("babel",), layouts=("babel",), kinds=("tmr", "t2m"), split="val", seed=3407, lost_frames=0,
+        replications=10, min_frames=30, past_frames=201, max_frames=200, coin=False, random_crop=False,
+        transition_frames=30, real_jerk="babel", way="chain", paper=("cmdm", "5", "CMDM"), note=_OWN_SEQUENCES),
     Benchmark(
         name="mtt", title="Timelines, MTT", source="docs/papers/cmdm.md#long-horizon", task="timelines",
-        formats=_ANY_GENERATION, kinds=("tmr",), seed=3407, lost_frames=0, repeats=1, max_frames=400,
+        formats=_ANY_GENERATION, kinds=("tmr",), seed=3407, lost_frames=0, replications=1, max_frames=400,
         past_frames=401, sequences=10**9, paper=("cmdm", "7", "CMDM")),
     dataclasses.replace(
         _CDAMD, name="editing", title="Editing in time",
         source="docs/papers/cdamd.md#editing, #metrics; repeats: one in the released comment",
-        task="editing", formats=_ANY_GENERATION, layouts=(), repeats=1,
+        task="editing", formats=_ANY_GENERATION, layouts=(), replications=1,
         paper=("cdamd", "3", "CDAMD"), paper_layout="coordinates"),
     dataclasses.replace(
         _CMDM, name="reconstruction", title="Reconstruction by the tokenizer",

@@ -1,5 +1,4 @@
-"""What lets anyone repeat a number: what was judged, by what, with which draws, on which code."""
-import dataclasses
+"""What lets anyone replication a number: what was judged, by what, with which draws, on which code."""
 import functools
 import hashlib
 import importlib.metadata
@@ -12,30 +11,30 @@ import jax
 _PACKAGES = ("jax", "jaxlib", "flax", "numpy", "scipy", "safetensors", "tokenizers")
 
 
-def make_record(judge, folders, subjects, repeats, devices) -> dict:
-  """A JSON object; nothing in it depends on when or how fast an evaluation ran."""
-  protocol, items = judge.protocol, judge.items
-  words = sorted({caption for said in items.captions for caption in said})
+def describe(harness, folders, candidates, replications, devices) -> dict:
+  """A JSON object, "record" in results.json; nothing in it depends on when or how fast an evaluation ran."""
+  protocol, test_set = harness.protocol, harness.test_set
+  words = sorted({caption for captions in test_set.captions for caption in captions})
   timelines = protocol.timelines and hashlib.sha256(pathlib.Path(protocol.timelines).read_bytes()).hexdigest()
   return dict(
-      protocol=dataclasses.asdict(protocol) | {"repeats": repeats, "timelines": timelines},
-      evaluators=[_evaluator(one) for one in dict.fromkeys((judge.evaluator, judge.clip_evaluator)) if one],
-      data=dict(folders=[pathlib.Path(folder).name for folder in folders], format=items.format, split=protocol.split,
-                split_hash=items.hash, items=len(items), samples=judge.count, shared_with_train=items.shared,
-                excluded=len(items.excluded), excluded_clips=[list(pair) for pair in items.excluded]),
-      models=[dict(row=subject.name, **subject.about, unknown_words=_unknown(subject.model, words),
-                   sampled_by=subject.sampled_by) for subject in subjects],
-      question=question(judge, subjects), seed=judge.seed, repeats=repeats, limit=judge.limit, precision=_precision(),
-      device=_device(devices), versions=_versions(), code=commit())
+      protocol=protocol.as_json() | {"repeats": replications, "timelines": timelines},
+      evaluators=[_evaluator(one) for one in dict.fromkeys((harness.evaluator, harness.clip_evaluator)) if one],
+      data=dict(folders=[pathlib.Path(folder).name for folder in folders], format=test_set.format, split=protocol.split,
+                split_hash=test_set.hash, items=len(test_set), samples=harness.count, shared_with_train=test_set.shared,
+                excluded=len(test_set.excluded), excluded_clips=[list(pair) for pair in test_set.excluded]),
+      models=[dict(row=candidate.name, **candidate.about, unknown_words=_unknown(candidate.model, words),
+                   sampled_by=candidate.sampled_by) for candidate in candidates],
+      question=question(harness, candidates), seed=harness.seed, repeats=replications, limit=harness.limit,
+      precision=_precision(), device=_device(devices), versions=_versions(), code=commit())
 
 
-def question(judge, subjects) -> dict:
-  """What numbers are about: other answers to it are other results, however many repeats there are."""
-  return dict(protocol=judge.protocol.name, seed=judge.seed, limit=judge.limit, split=judge.items.hash,
-              sizes=[judge.protocol.sequences, judge.protocol.segments],
-              evaluators=[one.hash for one in (judge.evaluator, judge.clip_evaluator) if one],
+def question(harness, candidates) -> dict:
+  """What numbers are about: other answers to it are other results, however many replications there are."""
+  return dict(protocol=harness.protocol.name, seed=harness.seed, limit=harness.limit, split=harness.test_set.hash,
+              sizes=[harness.protocol.sequences, harness.protocol.segments],
+              evaluators=[one.hash for one in (harness.evaluator, harness.clip_evaluator) if one],
               models=[[one.name, one.about["hash"], one.about["guidance_scale"], one.about["sampling"]]
-                      for one in subjects])
+                      for one in candidates])
 
 
 def maker(devices) -> dict:

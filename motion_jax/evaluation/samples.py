@@ -1,7 +1,7 @@
-"""The motions of a pass: who is in it, and what a model makes of their captions, kept on disk.
+"""The motions of a replication: which items it draws, and what a model makes of their captions, kept on disk.
 
-Every draw is a function of (seed, repeat), a motion's noise of (seed, repeat, item, copy): the same numbers come out
-alone or in a batch, on one device or several, at once or after a kill.
+Every draw is a function of (seed, replication), a motion's noise of (seed, replication, item, copy): the same numbers
+come out alone or in a batch, on one device or several, at once or after a kill.
 
 A folder of samples: samples.json says what decides them and which code made them, and rNNN_bNNN.npz hold a batch each:
 features (rows, F), float32, of all its motions one behind the other, in physical units, start (B + 1,) offsets,
@@ -28,8 +28,8 @@ BATCH = 32  # motions made together, whatever the protocol's pool: one compiled 
 TAIL = 4    # rows kept behind a motion's end: as far as an evaluator's last token reaches
 
 
-class Pass(NamedTuple):
-  """One reading of the test set, batch after batch: item, caption of it, first row and rows of the cut, (N,) each."""
+class Draw(NamedTuple):
+  """What a replication draws of the test set: item, caption of it, first row and rows of the cut, (N,) each."""
   item: np.ndarray
   caption: np.ndarray
   start: np.ndarray
@@ -38,69 +38,70 @@ class Pass(NamedTuple):
   def __len__(self):
     return len(self.item)
 
-  def captions_of(self, items):
-    return [items.captions[i][c] for i, c in zip(self.item, self.caption)]
+  def captions_of(self, test_set):
+    return [test_set.captions[i][c] for i, c in zip(self.item, self.caption)]
 
-  def tokens_of(self, items):
-    return [items.tokens[i][c] for i, c in zip(self.item, self.caption)]
+  def tokens_of(self, test_set):
+    return [test_set.tokens[i][c] for i, c in zip(self.item, self.caption)]
 
   def cut(self, features):
-    """The rows [(frames, F)] that the pass takes of features, a list for all items."""
+    """The rows [(frames, F)] that are drawn of features, a list for all items."""
     return [features[i][s:s + m] for i, s, m in zip(self.item, self.start, self.frames)]
 
 
 class Jobs(NamedTuple):
-  """Motions to make: lists of one length of captions, frames, seeds, and places in the pass."""
+  """Motions to make: lists of one length of captions, frames, seeds, and places in the draw."""
   captions: list[str]
   frames: list[int]
   seeds: list[int]
   places: list[int]
 
 
-def draw_pass(items, protocol, seed, repeat, limit=None, stream=0, order=None) -> Pass:
-  """The pass of a repeat: whole batches of protocol.pool items.
+def draw_replication(test_set, protocol, seed, replication, limit=None, stream=0, order=None) -> Draw:
+  """What a replication draws: whole batches of protocol.pool items.
 
-  limit: no more items than that, for a trial. stream 1 is another reading; order: of these items (N,), as they come.
+  limit: no more items than that, for a trial. stream 1 is another draw; order: of these items (N,), as they come.
   Raises ValueError for fewer items than a pool.
   """
-  rows, pool = items.rows, protocol.pool
-  rng = np.random.default_rng((seed, repeat, stream))
+  rows, pool = test_set.rows, protocol.pool
+  rng = np.random.default_rng((seed, replication, stream))
   drawn = rng.permutation(len(rows)) if protocol.shuffle else np.arange(len(rows))
   which, coin, where, again = rng.random((4, len(rows)))
-  num_captions = np.array([len(captions) for captions in items.captions])
+  num_captions = np.array([len(captions) for captions in test_set.captions])
   caption = (which * num_captions).astype(int) if protocol.random_caption else np.zeros(len(rows), int)
   # Parity: one time in three a unit less than the clip holds, so that each length occurs with two cuts.
-  units = rows // protocol.unit - (coin < 1 / 3 if protocol.coin else 0)
-  count = np.maximum(units, 1) * protocol.unit
+  units = rows // protocol.unit_length - (coin < 1 / 3 if protocol.coin else 0)
+  count = np.maximum(units, 1) * protocol.unit_length
   start = (where * (rows - count + 1)).astype(int) if protocol.random_crop else np.zeros(len(rows), int)
   long = count > protocol.max_frames
   over = np.where(long, count - protocol.max_frames, 0)
   start = start + ((again * (over + 1)).astype(int) if protocol.random_crop else 0)
   frames = np.where(long, protocol.max_frames, count)
   if order is not None:
-    return Pass(order, caption[order], start[order], frames[order])
+    return Draw(order, caption[order], start[order], frames[order])
   total = min(len(rows), limit or len(rows)) // pool * pool
   if not total:
     raise ValueError(f"got {min(len(rows), limit or len(rows))} test items{' (--limit)' if limit else ''}, protocol "
                      f"{protocol.name!r} compares {pool} at a time; take more samples")
   order = drawn[:total]
   if protocol.sort_by_caption:
-    words = np.array([len((items.tokens[i][caption[i]] or items.captions[i][caption[i]]).split()) for i in order])
+    words = np.array([len((test_set.tokens[i][caption[i]] or test_set.captions[i][caption[i]]).split())
+                      for i in order])
     order = np.concatenate([order[i:i + pool][np.argsort(-words[i:i + pool], kind="stable")]
                             for i in range(0, total, pool)])
-  return Pass(order, caption[order], start[order], frames[order])
+  return Draw(order, caption[order], start[order], frames[order])
 
 
-def seed_of(seed, repeat, item, copy=0) -> int:
+def seed_of(seed, replication, item, copy=0) -> int:
   """The seed of one motion's noise."""
-  return int(np.random.SeedSequence((seed, repeat, item, copy)).generate_state(1)[0] >> 1)
+  return int(np.random.SeedSequence((seed, replication, item, copy)).generate_state(1)[0] >> 1)
 
 
-def jobs_of(items, drawn, seed, repeat, copy=None) -> Jobs:
-  """What is to be generated for a pass; copy (N,): which of several generations of an item, the first by default."""
+def jobs_of(test_set, drawn, seed, replication, copy=None) -> Jobs:
+  """What is to be generated for a draw; copy (N,): which of several generations of an item, the first by default."""
   copy = np.zeros(len(drawn), int) if copy is None else copy
-  seeds = [seed_of(seed, repeat, int(i), int(c)) for i, c in zip(drawn.item, copy)]
-  return Jobs(drawn.captions_of(items), drawn.frames.tolist(), seeds, list(range(len(seeds))))
+  seeds = [seed_of(seed, replication, int(i), int(c)) for i, c in zip(drawn.item, copy)]
+  return Jobs(drawn.captions_of(test_set), drawn.frames.tolist(), seeds, list(range(len(seeds))))
 
 
 class Store:

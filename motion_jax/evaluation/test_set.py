@@ -14,8 +14,8 @@ from motion_jax.motion.representations import get_layout
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Items:
-  """Items of a split: ids, captions and their tokens (None: by rule), and features of each layout that is asked for.
+class TestSet:
+  """The items of a split: ids, captions and their tokens (None: by rule), features of each layout that is asked for.
 
   marks: a hash of each motion as the data hold it. features: {(layout's name, mode): [(T_i, F)]}, in physical units.
   excluded: [(id, why)] of clips that cannot be used. shared: ids that train has, too, where that was allowed.
@@ -49,7 +49,7 @@ class Items:
 
   @property
   def hash(self) -> str:
-    """sha256 of ids, captions and motions as they are stored: the split that a number is about, whoever judges it."""
+    """sha256 of ids, captions and motions as they are stored: the split that a number is about, by any evaluator."""
     rows = ["\t".join([name, mark, *said]) for name, mark, said in zip(self.ids, self.marks, self.captions)]
     return hashlib.sha256("\n".join(rows).encode()).hexdigest()
 
@@ -68,7 +68,7 @@ def dataset_of_all(folders) -> Dataset:
   return next(iter(found.values()))
 
 
-def read_items(folders, protocol, evaluators, allow_shared=False) -> Items:
+def read_test_set(folders, protocol, evaluators, allow_shared=False) -> TestSet:
   """The items of a protocol's split in all folders, for every evaluator.
 
   Clips that hold NaN, miss a file or make no features are left out and named in `excluded`; those out of the
@@ -96,7 +96,7 @@ def read_items(folders, protocol, evaluators, allow_shared=False) -> Items:
     raise ValueError(f"split {protocol.split!r} of {', '.join(map(str, folders))} has no clip of {protocol.min_frames} "
                      f"to {protocol.past_frames - 1} frames with a caption")
   ids, captions, tokens, motions, features = zip(*rows)
-  return Items(dataset.name, list(ids), list(captions), list(tokens), list(map(_mark, motions)),
+  return TestSet(dataset.name, list(ids), list(captions), list(tokens), list(map(_mark, motions)),
                {key: [row[key] for row in features] for key in keys}, excluded, shared)
 
 

@@ -1,12 +1,13 @@
 """Names that have changed: the former ones go on working, each with a note that says how it is called.
 
-Keyword arguments of the functions of models, among them choices of sampling, and fields of configs are listed here;
+Keyword arguments of the functions of models, among them choices of sampling, and of evaluation, and fields of configs are listed here;
 flags stand with their command as `Parser.former_flags`.
 """
 import functools
 import warnings
 
-KEYWORDS = {"polish": "cleanup", "rounds": "num_iterations", "revealed_only": "unmasked_only"}
+KEYWORDS = {"polish": "cleanup", "rounds": "num_iterations", "revealed_only": "unmasked_only",
+            "repeats": "replications"}
 FIELDS = {"sampler.num_rounds": "sampler.num_iterations", "sampler.revealed_only": "sampler.unmasked_only"}
 
 

@@ -25,7 +25,7 @@ Embed = Callable[[list], Array]  # motions, any array with time first each -> (N
 class LongHorizon:
   """The choices of the protocol; the defaults are those for HumanML3D, `BABEL` holds the other ones."""
   width: int = 60                 # frames of a transition, half on either side of the border
-  unit: int = 4                   # durations are cut to a multiple: neither paper nor FlowMDM says what else to do
+  unit_length: int = 4            # durations are cut to a multiple: neither paper nor FlowMDM says what else to do
   shortest: int = 70              # real clips of so many frames make up the real side
   longest: int = 200
   top_k: int = 3
@@ -40,7 +40,7 @@ class LongHorizon:
   cosine: bool = False            # R-precision ranks by angle, not by Euclidean distance (SnapMoGen)
 
 
-BABEL = LongHorizon(width=30, unit=1, shortest=30, placed=False, real_jerk=physics.REAL_JERK["babel"])
+BABEL = LongHorizon(width=30, unit_length=1, shortest=30, placed=False, real_jerk=physics.REAL_JERK["babel"])
 
 
 class Sequence(NamedTuple):
@@ -71,9 +71,9 @@ class Scores(NamedTuple):
 
 def whole_units(frames: Iterable[int], protocol: LongHorizon) -> list[int]:
   """Durations cut to a multiple of the protocol's unit, as the model is asked for them."""
-  kept = [int(count) // protocol.unit * protocol.unit for count in frames]
+  kept = [int(count) // protocol.unit_length * protocol.unit_length for count in frames]
   if not kept or min(kept) <= 0:
-    raise ValueError(f"got durations {list(frames)}, expected {protocol.unit} frames or more each")
+    raise ValueError(f"got durations {list(frames)}, expected {protocol.unit_length} frames or more each")
   return kept
 
 

@@ -30,7 +30,7 @@ class Protocol:
   multimodality_batches: int = 3
   multimodality_motions: int = 30
   multimodality_pairs: int = 10
-  repeats: int = 10
+  replications: int = 10
   cosine: bool = False          # R-precision ranks by angle, not by Euclidean distance (SnapMoGen)
 
 

@@ -7,6 +7,7 @@ import pytest
 from motion_jax import paper_rows
 from motion_jax.evaluation import protocols
 from motion_jax.evaluation.report import notes, printed, tables
+from motion_jax.evaluation.result import Result
 from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_jax.models.cdamd import mask_schedule as masking
 from motion_jax.training import checkpoint
@@ -15,7 +16,7 @@ from tests.conftest import ROOT, load_config
 NAMES = {"cmdm": "cmdm_denoiser", "tokenizer": "cmdm_tokenizer", "cdamd": "cdamd_generator", "mardm": "cdamd_generator"}
 
 
-def subject(name, options=None, scale=None, **changes):
+def candidate(name, options=None, scale=None, **changes):
   """A model of a config such as "cmdm", "cmdm:small" or "ablations/cdamd:cm", changed and sampled by options."""
   file, _, size = name.partition(":")
   config = load_config(NAMES.get(file, file), size or ("mardm" if file == "mardm" else "full")).unlock()
@@ -29,47 +30,47 @@ ABLATION = "ablations/cmdm:{}/{}"
 
 
 @pytest.mark.parametrize("protocol, one, part, rows", [
-    ("cmdm-259", subject("cmdm"), "", ["1 CMDM w/ FSS", "4 CMDM", "8 MAC-VAE 64, 1/4", "9 Part-TMR", "10 M",
+    ("cmdm-259", candidate("cmdm"), "", ["1 CMDM w/ FSS", "4 CMDM", "8 MAC-VAE 64, 1/4", "9 Part-TMR", "10 M",
                                         "11 DistilBERT words"]),
-    ("cmdm-259", subject("cmdm", dict(schedule="ar")), "", ["1 CMDM w/ AR", "4 w/o FSS"]),
-    ("cmdm-259", subject("cmdm", dict(num_steps=20, lag=5)), "", ["4 FSS K=20, L=5"]),
-    ("cmdm-259", subject("cmdm", dict(num_steps=20, lag=7)), "", []),
-    ("cmdm-259", subject("cmdm", dict(schedule="full")), "", []),
-    ("cmdm-259", subject("cmdm", dict(schedule="fss", num_steps=50, lag=2), scale=3.0), "", ["1 CMDM w/ FSS"]),
-    ("cmdm-259", subject("cmdm", scale=2.0), "", []),
-    ("cmdm-259", subject("cmdm", dict(solver="heun")), "", []),
-    ("cmdm-259", subject(ABLATION.format("no-adaln", "denoiser")), "", ["4 w/o adaLN"]),
-    ("cmdm-259", subject(ABLATION.format("no-adaln", "denoiser"), dict(schedule="ar")), "", []),
-    ("cmdm-259", subject(ABLATION.format("one-level", "denoiser")), "", ["4 w/ Full-Seq. Diff."]),
-    ("cmdm-259", subject(ABLATION.format("one-level", "denoiser"), dict(schedule="fss")), "", []),
-    ("cmdm-259", subject(ABLATION.format("ar", "denoiser")), "", ["1 CMDM w/ AR", "4 w/o FSS"]),
-    ("cmdm-259", subject(ABLATION.format("vae", "denoiser")), "", ["4 VAE w/o MA", "8 VAE 64, 1/4", "9 VAE"]),
-    ("cmdm-259", subject(ABLATION.format("size-xl", "denoiser")), "", ["10 XL"]),
-    ("cmdm-259", subject("cdamd"), "", []),
-    ("cmdm-67", subject("cmdm"), "", ["6 CMDM w/ FSS"]),
-    ("cmdm-67", subject("cdamd:mardm_67"), "", ["6 MARDM-SiT"]),
-    ("cmdm-67", subject("mardm"), "", []),  # of coordinates, where the paper's has 67 columns
-    ("long-horizon", subject("cmdm"), "", ["3-humanml3d CMDM", "4 CMDM"]),
-    ("long-horizon", subject("cmdm", dict(way="stream")), "", []),
-    ("long-horizon", subject(ABLATION.format("fss-50-10", "denoiser")), "", ["4 FSS K=50, L=10"]),
-    ("babel", subject("cmdm:babel"), "", ["5 CMDM"]),
-    ("snapmogen", subject("cmdm:snapmogen", dict(schedule="ar")), "", ["2 CMDM w/ AR"]),
-    ("snapmogen-long", subject("cmdm:snapmogen"), "", ["3-snapmogen CMDM"]),
-    ("reconstruction", subject("tokenizer"), "", ["8 MAC-VAE 64, 1/4", "9 Part-TMR"]),
-    ("reconstruction", subject(ABLATION.format("latent-16-8", "tokenizer")), "", ["8 MAC-VAE 16, 1/8"]),
-    ("reconstruction", subject(ABLATION.format("teacher-tmr", "tokenizer")), "", ["9 TMR"]),
-    ("cdamd-66", subject("cdamd"), "", ["1 CDAMD (two VQ)"]),
-    ("cdamd-66", subject("cdamd", dict(solver="dopri5", unmasked_only=False)), "", ["1 CDAMD (two VQ)"]),
-    ("cdamd-66", subject("cdamd", dict(num_iterations=18)), "", []),
-    ("cdamd-66", subject("ablations/cdamd:one-vq"), "", ["1 CDAMD (first VQ)", "4 DCCM", "5 CDAMD"]),
-    ("cdamd-66", subject("ablations/cdamd:cm"), "", ["4 CM", "5 w/o DCCA"]),
-    ("cdamd-66", subject("ablations/cdamd:263-no-prior"), "", ["5 w/o CMP, 263 features"]),
-    ("cdamd-66", subject("ablations/cdamd:67"), "", []),
-    ("cdamd-66", subject("mardm"), "", ["1 MARDM-SiT-XL"]),
-    ("cdamd-66", subject("cdamd:mardm_ddpm"), "", []),
-    ("cdamd-66", subject("cmdm"), "", []),
-    ("editing", subject("cdamd"), "suffix", ["3 suffix: CDAMD"]),
-    ("editing", subject("mardm"), "prefix", ["3 prefix: MARDM"]),
+    ("cmdm-259", candidate("cmdm", dict(schedule="ar")), "", ["1 CMDM w/ AR", "4 w/o FSS"]),
+    ("cmdm-259", candidate("cmdm", dict(num_steps=20, lag=5)), "", ["4 FSS K=20, L=5"]),
+    ("cmdm-259", candidate("cmdm", dict(num_steps=20, lag=7)), "", []),
+    ("cmdm-259", candidate("cmdm", dict(schedule="full")), "", []),
+    ("cmdm-259", candidate("cmdm", dict(schedule="fss", num_steps=50, lag=2), scale=3.0), "", ["1 CMDM w/ FSS"]),
+    ("cmdm-259", candidate("cmdm", scale=2.0), "", []),
+    ("cmdm-259", candidate("cmdm", dict(solver="heun")), "", []),
+    ("cmdm-259", candidate(ABLATION.format("no-adaln", "denoiser")), "", ["4 w/o adaLN"]),
+    ("cmdm-259", candidate(ABLATION.format("no-adaln", "denoiser"), dict(schedule="ar")), "", []),
+    ("cmdm-259", candidate(ABLATION.format("one-level", "denoiser")), "", ["4 w/ Full-Seq. Diff."]),
+    ("cmdm-259", candidate(ABLATION.format("one-level", "denoiser"), dict(schedule="fss")), "", []),
+    ("cmdm-259", candidate(ABLATION.format("ar", "denoiser")), "", ["1 CMDM w/ AR", "4 w/o FSS"]),
+    ("cmdm-259", candidate(ABLATION.format("vae", "denoiser")), "", ["4 VAE w/o MA", "8 VAE 64, 1/4", "9 VAE"]),
+    ("cmdm-259", candidate(ABLATION.format("size-xl", "denoiser")), "", ["10 XL"]),
+    ("cmdm-259", candidate("cdamd"), "", []),
+    ("cmdm-67", candidate("cmdm"), "", ["6 CMDM w/ FSS"]),
+    ("cmdm-67", candidate("cdamd:mardm_67"), "", ["6 MARDM-SiT"]),
+    ("cmdm-67", candidate("mardm"), "", []),  # of coordinates, where the paper's has 67 columns
+    ("long-horizon", candidate("cmdm"), "", ["3-humanml3d CMDM", "4 CMDM"]),
+    ("long-horizon", candidate("cmdm", dict(way="stream")), "", []),
+    ("long-horizon", candidate(ABLATION.format("fss-50-10", "denoiser")), "", ["4 FSS K=50, L=10"]),
+    ("babel", candidate("cmdm:babel"), "", ["5 CMDM"]),
+    ("snapmogen", candidate("cmdm:snapmogen", dict(schedule="ar")), "", ["2 CMDM w/ AR"]),
+    ("snapmogen-long", candidate("cmdm:snapmogen"), "", ["3-snapmogen CMDM"]),
+    ("reconstruction", candidate("tokenizer"), "", ["8 MAC-VAE 64, 1/4", "9 Part-TMR"]),
+    ("reconstruction", candidate(ABLATION.format("latent-16-8", "tokenizer")), "", ["8 MAC-VAE 16, 1/8"]),
+    ("reconstruction", candidate(ABLATION.format("teacher-tmr", "tokenizer")), "", ["9 TMR"]),
+    ("cdamd-66", candidate("cdamd"), "", ["1 CDAMD (two VQ)"]),
+    ("cdamd-66", candidate("cdamd", dict(solver="dopri5", unmasked_only=False)), "", ["1 CDAMD (two VQ)"]),
+    ("cdamd-66", candidate("cdamd", dict(num_iterations=18)), "", []),
+    ("cdamd-66", candidate("ablations/cdamd:one-vq"), "", ["1 CDAMD (first VQ)", "4 DCCM", "5 CDAMD"]),
+    ("cdamd-66", candidate("ablations/cdamd:cm"), "", ["4 CM", "5 w/o DCCA"]),
+    ("cdamd-66", candidate("ablations/cdamd:263-no-prior"), "", ["5 w/o CMP, 263 features"]),
+    ("cdamd-66", candidate("ablations/cdamd:67"), "", []),
+    ("cdamd-66", candidate("mardm"), "", ["1 MARDM-SiT-XL"]),
+    ("cdamd-66", candidate("cdamd:mardm_ddpm"), "", []),
+    ("cdamd-66", candidate("cmdm"), "", []),
+    ("editing", candidate("cdamd"), "suffix", ["3 suffix: CDAMD"]),
+    ("editing", candidate("mardm"), "prefix", ["3 prefix: MARDM"]),
 ])
 def test_a_row_goes_with_its_like(protocol, one, part, rows):
   found, _ = printed.printed_rows(protocols.get_protocol(protocol), one, part)
@@ -85,16 +86,16 @@ BASELINES |= {f"{task}: BAMM" for task in masking.TASKS}
 
 
 def every_model():
-  """(name, subject) of all configs that are judged, at full size, and of all that the papers do with them."""
+  """(name, candidate) of all configs that are judged, at full size, and of all that the papers do with them."""
   for file in ("cmdm_denoiser", "cmdm_tokenizer", "cdamd_generator"):
     sizes = ("full", "essential", "kit", "snapmogen", "babel") if "cmdm" in file else (
         "full", "kit", "67", "263", "mardm", "mardm_ddpm", "mardm_67", "mardm_ddpm_67", "mardm_kit")
     for size in sizes:
       for options in (None, dict(schedule="ar")) if file == "cmdm_denoiser" else (None,):
-        yield f"{file}:{size} {options or ''}", subject(f"{file}:{size}", options)
+        yield f"{file}:{size} {options or ''}", candidate(f"{file}:{size}", options)
   for paper, stages in (("cmdm", ("tokenizer", "denoiser")), ("cdamd", ("generator",))):
     rows = runpy.run_path(str(ROOT / "configs" / "ablations" / f"{paper}.py"))["ROWS"]
-    yield from ((f"{row}/{stage}", subject(f"ablations/{paper}:{row}/{stage}")) for row in rows for stage in stages)
+    yield from ((f"{row}/{stage}", candidate(f"ablations/{paper}:{row}/{stage}")) for row in rows for stage in stages)
 
 
 def layout_of(protocol):
@@ -120,8 +121,7 @@ def test_every_printed_row_is_reached_and_shown():
       found = [tuple(each.values()) for partners in paper["row"].values() for each in partners]
       found += [tuple(each) for each in paper["also"] if not isinstance(each, str)]
       if found:
-        result = {"protocol": protocol.name, "metrics": [], "rows": {key: {} for key in ours}, "row_order": list(ours),
-                  "paper": paper}
+        result = Result(protocol.name, "", {key: {} for key in ours}, list(ours), [], paper)
         text = tables.markdown(result)
         for key in found:
           assert key[2] in text, (name, protocol.name, key)
@@ -137,19 +137,19 @@ def test_only_the_config_itself_judged_as_the_table_was_is_marked():
   evaluator = types.SimpleNamespace(layout=types.SimpleNamespace(name="full"))
   marked = lambda one, whole=True: not printed.paper_of(
       protocols.get_protocol("cmdm-259"), evaluator, {"a": (one, "")}, whole)["unmarked"]
-  assert marked(subject("cmdm")) and marked(subject("cmdm", dict(schedule="ar")))
-  assert not marked(subject("cmdm"), whole=False)
-  assert not marked(subject("cmdm:small")) and not marked(subject("cmdm", model__width=256))
-  assert not marked(subject("cmdm", loss__level_block=1))
-  one = subject("cmdm", dict(schedule="ar"), data__folder="else")
+  assert marked(candidate("cmdm")) and marked(candidate("cmdm", dict(schedule="ar")))
+  assert not marked(candidate("cmdm"), whole=False)
+  assert not marked(candidate("cmdm:small")) and not marked(candidate("cmdm", model__width=256))
+  assert not marked(candidate("cmdm", loss__level_block=1))
+  one = candidate("cmdm", dict(schedule="ar"), data__folder="else")
   one.model.config.train.num_steps = 3  # what was learned less is still that model
   assert marked(one)
-  assert marked(subject("cmdm", sampler__guidance_scale=3.0))
+  assert marked(candidate("cmdm", sampler__guidance_scale=3.0))
 
 
 def test_a_run_folder_keeps_its_claim(tmp_path):
   for name in ("cmdm", "cdamd", "tokenizer", "ablations/cdamd:bcm"):
-    config = subject(name).model.config
+    config = candidate(name).model.config
     checkpoint.save_config(tmp_path, config)
     loaded = checkpoint.load_config(tmp_path)
     assert paper_rows.is_exact(loaded) and paper_rows.rows_of(loaded) == paper_rows.rows_of(config)
@@ -161,22 +161,22 @@ def test_only_an_evaluator_of_the_papers_representation_compares():
       protocols.get_protocol(name), fresh_evaluator("t2m", layout), rows)
   assert paper("kit", "coordinates_kit", {})["table"] == "2" and paper("kit", "full_kit", {}) is None
   assert paper("editing", "full", {}) is None and paper("long-horizon", "coordinates", {}) is None
-  found = paper("cdamd-66", "coordinates", {"a": (subject("mardm"), ""), "b": (subject("cmdm"), "")})
+  found = paper("cdamd-66", "coordinates", {"a": (candidate("mardm"), ""), "b": (candidate("cmdm"), "")})
   assert found["row"] == {"a": [dict(system="cdamd", table="1", row="MARDM-SiT-XL")]}
   assert found["also"] == ["CDAMD (two VQ)", ["cmdm", "speed", "CMDM w/ FSS"]] and found["unmarked"] == []
-  small = paper("cdamd-66", "coordinates", {"a": (subject("cdamd:small"), "")})
+  small = paper("cdamd-66", "coordinates", {"a": (candidate("cdamd:small"), "")})
   assert small["unmarked"] == ["a"] and small["also"] == ["CDAMD (two VQ)"]  # nobody was asked about a small one
 
 
 def test_what_has_to_be_said():
   number = lambda *values: dict(mean=1.0, interval=0.1, values=list(values))
-  result = dict(metrics=["fid", "multimodality"], notes=["of our own"], rows={
+  result = Result("t2m-263", "", row_order=[], metrics=["fid", "multimodality"], notes=["of our own"], rows={
       "real": {"fid": number(1, 2, 3)}, "a": {"fid": number(1, 2, 3), "multimodality": number(1), "x": number(1, 2)}},
       sanity=dict(fid_halves=0.25, failures=["it fails"], warnings=["it is odd"]), controls=dict(failures=["up"]),
-      record=dict(code={"commit": "new"}, data=dict(excluded_clips=[[f"c{i}", "NaN"] for i in range(5)],
-                                                    shared_with_train=["s1"]),
-                  models=[dict(row="a", sampled_by=[{"code": {"commit": "old"}}]),
-                          dict(row="b", sampled_by=[{"code": {"commit": "new"}}])]))
+      provenance=dict(code={"commit": "new"}, data=dict(excluded_clips=[[f"c{i}", "NaN"] for i in range(5)],
+                                                        shared_with_train=["s1"]),
+                      models=[dict(row="a", sampled_by=[{"code": {"commit": "old"}}]),
+                              dict(row="b", sampled_by=[{"code": {"commit": "new"}}])]))
   assert notes.of(result, tables.label) == [
       "Ours: mean ± 95 % interval of 3 repeats (MModality: 1): over draws of captions, cuts and noise, not over other "
       "test clips.",

@@ -1,4 +1,4 @@
-"""Long motions of SnapMoGen: real recordings tell what is made, and are what it is held against, in centimetres."""
+"""Long motions of SnapMoGen: real recordings say what is made, and are what it is held against, in centimetres."""
 import dataclasses
 import types
 
@@ -8,10 +8,12 @@ import pytest
 from motion_jax.data.clip import Caption
 from motion_jax.data.datasets.snapmogen import GAP, Span, in_a_row, recordings, write_folder
 from motion_jax.data.datasets.synthetic import synthetic_clips
-from motion_jax.evaluation import protocols, run
-from motion_jax.evaluation import test_set as items_lib
-from motion_jax.evaluation.judge import Judge
-from motion_jax.evaluation.tasks import long_horizon
+from motion_jax.evaluation import protocols
+from motion_jax.evaluation import test_set as test_set_lib
+from motion_jax.evaluation.harness import Harness
+from motion_jax.evaluation.request import Request
+from motion_jax.evaluation.run import read_for
+from motion_jax.evaluation.tasks.long_horizon import LongHorizon
 from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_jax.metrics import long_horizon as long_horizon_lib
 from motion_jax.metrics import physics
@@ -34,11 +36,12 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def judge(folder):
+def task(folder):
   protocol = dataclasses.replace(protocols.get_protocol("snapmogen-long"), pool=4, diversity_draws=6, few_draws=4,
                                  transition_frames=20)
   evaluator = fresh_evaluator("snapmogen", "snapmogen_148")
-  return Judge(protocol, evaluator, None, run._items([folder], protocol, evaluator, None, (), False), seed=0)
+  test_set = read_for(Request((folder,), protocol, None, True), evaluator)
+  return LongHorizon(Harness(protocol, evaluator, None, test_set, seed=0))
 
 
 def test_motions_in_a_row_are_the_longest_chain_without_overlap():
@@ -49,7 +52,7 @@ def test_motions_in_a_row_are_the_longest_chain_without_overlap():
   assert [span[1:] for span in in_a_row(spans, gap=0)] == [(0, 90), (90, 200)] and in_a_row([]) == []
 
 
-def test_only_recordings_of_more_than_five_motions_are_told(folder):
+def test_only_recordings_of_more_than_five_motions_are_taken(folder):
   found = recordings(folder)
   assert [[item.id for item in pieces] for pieces in found] == [
       [f"00000{i}#{ROWS * k}#{ROWS * (k + 1)}" for k in range(PIECES)] for i in range(2)]
@@ -81,29 +84,29 @@ class Recorder:
     return [types.SimpleNamespace(features=made) for made in self.made[:len(sequences)]]
 
 
-def subject_of(model):
+def candidate_of(model):
   sample = lambda make, store, name, jobs, what, batch: make(jobs)
-  return types.SimpleNamespace(model=model, options={}, sample=sample, store=lambda judge, kind: None, name="it",
+  return types.SimpleNamespace(model=model, options={}, sample=sample, store=lambda harness, kind: None, name="it",
                                guidance_scale=None)
 
 
-def test_what_was_recorded_has_the_real_row(folder, judge):
-  real = long_horizon.real_rows(judge, 0)["real"]
+def test_what_was_recorded_has_the_real_row(folder, task):
+  real = task.real(0).rows["real"]
   model = Recorder(folder)
-  made = long_horizon.rows(judge, subject_of(model), 0)[""]
-  assert set(real) == set(made) == set(long_horizon.METRICS)
-  for name in long_horizon.METRICS:
+  made = task.found(candidate_of(model), 0).rows[""]
+  assert set(real) == set(made) == set(task.METRICS)
+  for name in task.METRICS:
     assert made[name] == pytest.approx(real[name], rel=1e-4, abs=1e-4), name
   assert real["fid"] == pytest.approx(0, abs=1e-7) and real["transition_fid"] == pytest.approx(0, abs=1e-7)
-  told = [[caption for caption, _ in row] for row in model.asked]
-  assert told == [[f"motion {k} of 00000{i}" for k in range(PIECES)] for i in range(2)]
+  asked = [[caption for caption, _ in prompts] for prompts in model.asked]
+  assert asked == [[f"motion {k} of 00000{i}" for k in range(PIECES)] for i in range(2)]
   assert [seconds for _, seconds in model.asked[0]] == pytest.approx([ROWS / 30] * PIECES)
-  other = long_horizon.rows(judge, subject_of(Recorder(folder, lambda x: x[::-1])), 0)[""]
+  other = task.found(candidate_of(Recorder(folder, lambda x: x[::-1])), 0).rows[""]
   assert other["fid"] > 1e-6 and other["transition_fid"] > 1e-6  # of an evaluator that has learned nothing
 
 
-def test_jerk_is_in_centimetres_from_the_level_that_the_paper_has(folder, judge):
-  row = long_horizon.real_rows(judge, 0)["real"]
+def test_jerk_is_in_centimetres_from_the_level_that_the_paper_has(folder, task):
+  row = task.real(0).rows["real"]
   jerks = []
   for pieces in recordings(folder):
     joints = np.float64(to_joints(np.concatenate([item.features for item in pieces]), "snapmogen"))  # centimetres
@@ -114,25 +117,26 @@ def test_jerk_is_in_centimetres_from_the_level_that_the_paper_has(folder, judge)
   assert row["auj"] == pytest.approx(np.abs(curve - physics.REAL_JERK["humanml3d"]).sum(), rel=1e-5)
 
 
-def test_words_are_ranked_by_angle(judge):
+def test_words_are_ranked_by_angle(task):
   """SnapMoGen's own R-precision: a motion twice as far out is as near to its words."""
   text = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0], [-1.0, 0.2]])
   motion = text * np.array([[9.0], [0.1], [5.0], [2.0]])
   hits = lambda cosine: long_horizon_lib.caption_hits(text, motion, list("abcd"), 1, cosine=cosine)
   assert hits(True).tolist() == [4] and hits(False).tolist() != [4]
-  assert long_horizon._rules(judge.protocol).cosine and long_horizon._rules(judge.protocol).jerk_scale == 100
+  assert task._rules.cosine and task._rules.jerk_scale == 100
 
 
-def test_as_many_recordings_as_the_paper_has_or_all(judge):
+def test_as_many_recordings_as_the_paper_has_or_all(task):
   assert protocols.get_protocol("snapmogen-long").sequences == 128
-  assert len(long_horizon._chosen(judge)) == 2
-  assert judge.kept["notes"] == ["Of 2 recordings, where the protocol wants 128: there are no more"]
-  one = Judge(dataclasses.replace(judge.protocol, sequences=1), judge.evaluator, None, judge.items, seed=0)
-  (kept,) = long_horizon._chosen(one)
-  assert kept.tolist() in ([*range(PIECES)], [*range(PIECES, 2 * PIECES)]) and "notes" not in one.kept
+  assert len(task._chosen) == 2
+  assert task.notes == ("Of 2 recordings, where the protocol wants 128: there are no more",)
+  protocol = dataclasses.replace(task.protocol, sequences=1)
+  one = LongHorizon(Harness(protocol, task.harness.evaluator, None, task.test_set, seed=0))
+  (kept,) = one._chosen
+  assert kept.tolist() in ([*range(PIECES)], [*range(PIECES, 2 * PIECES)]) and not one.notes
 
 
 def test_a_folder_without_such_recordings_is_told(folder):
   protocol = dataclasses.replace(protocols.get_protocol("snapmogen-long"), recorded=7)
   with pytest.raises(ValueError, match="no recording with more than 7 captioned motions in a row"):
-    items_lib.read_items([folder], protocol, [fresh_evaluator("snapmogen", "snapmogen_148")])
+    test_set_lib.read_test_set([folder], protocol, [fresh_evaluator("snapmogen", "snapmogen_148")])

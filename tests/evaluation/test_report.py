@@ -15,6 +15,7 @@ from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.evaluation.report import page as report
 from motion_jax.evaluation.report import tables
+from motion_jax.evaluation.result import Result
 
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 EVIL = "</p><script>alert(1)</script> \"it's\" a & b"
@@ -24,12 +25,12 @@ def number(mean, interval=0.01):
   return {"mean": mean, "interval": interval, "values": [mean] * 20}
 
 
-def a_result(**changes):
+def a_result(**changes) -> Result:
   """A made-up result with every part that a result may have, but no gallery."""
   names = ("x", "y", "x_label", "y_label", "interval")
   curve = lambda *values: dict(zip(names, (*values, None)))
   frames = list(range(-28, 29))
-  return {
+  return Result.from_json({
       "protocol": "cmdm-259", "title": "HumanML3D, 259 columns", "metrics": ["top1", "fid", "diversity", "skating"],
       "row_order": ["real", "ours", "ours, guidance 1"],
       "rows": {"real": {"top1": number(0.511), "fid": number(0.002), "diversity": number(9.5), "skating": number(0.04)},
@@ -50,7 +51,7 @@ def a_result(**changes):
       "record": {"repeats": 20, "seed": 3467, "data": {"split": "test", "samples": 4384, "split_hash": "ab" * 32},
                  "evaluators": [{"name": "t2m-259", "kind": "t2m", "hash": "cd" * 32}],
                  "models": [{"row": "ours", "hash": "ef" * 32, "sampler": {"steps": 50}}]},
-      "gallery": []} | changes
+      "gallery": []} | changes)
 
 
 def a_gallery(folder, caption="a person walks", kinds=("grid", "failure")):
@@ -90,7 +91,7 @@ class Tags(html.parser.HTMLParser):
 
 def test_page_is_whole_and_offline(tmp_path):
   gallery = a_gallery(tmp_path, EVIL)
-  page = report.write([json.loads(json.dumps(a_result(gallery=gallery)))], tmp_path)
+  page = report.write([Result.from_json(json.loads(json.dumps(a_result(gallery=gallery).as_json())))], tmp_path)
   text = page.read_text(encoding="utf-8")
   seen = Tags(text).seen
   assert "alert(1)</script>" not in text and not any(tag in ("script", "link", "iframe") for tag, _ in seen)
@@ -146,7 +147,7 @@ def test_folders_of_results_share_a_page(tmp_path, capsys):
   folders = [tmp_path / name for name in ("fss", "ar")]
   for folder in folders:
     folder.mkdir()
-    (folder / "results.json").write_text(json.dumps(a_result()))
+    (folder / "results.json").write_text(json.dumps(a_result().as_json()))
   assert cli.main(["evaluate", "--beside", *map(str, folders), "--report", str(tmp_path / "page")]) == 0
   text = (tmp_path / "page" / "index.html").read_text(encoding="utf-8")
   assert str(tmp_path / "page" / "index.html") in capsys.readouterr().out
@@ -159,8 +160,9 @@ def test_folders_of_results_share_a_page(tmp_path, capsys):
 
 
 def test_a_result_of_rows_alone_is_enough(tmp_path):
-  bare = {name: a_result(paper=None)[name] for name in ("protocol", "rows", "row_order", "metrics")}
-  text = report.write(bare, tmp_path).read_text(encoding="utf-8")
+  whole = a_result(paper=None).as_json()
+  bare = {name: whole[name] for name in ("protocol", "rows", "row_order", "metrics")}
+  text = report.write(Result.from_json(bare), tmp_path).read_text(encoding="utf-8")
   Tags(text)
   assert "<h3>Curves" not in text and "<h3>Record" not in text and not (tmp_path / "motions").exists()
 

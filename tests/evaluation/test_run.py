@@ -13,15 +13,17 @@ import pytest
 
 from motion_jax import cli
 from motion_jax.data.datasets.synthetic import synthetic_clips
-from motion_jax.evaluation import aggregates as rows
-from motion_jax.evaluation import protocols, run, samples
-from motion_jax.evaluation import test_set as items_lib
+from motion_jax.evaluation import aggregates, protocols, request, run, samples
+from motion_jax.evaluation import test_set as test_set_lib
+from motion_jax.evaluation.candidates import row_names
+from motion_jax.evaluation.result import Result
+from motion_jax.evaluation.tasks.registry import TASKS
 from motion_jax.evaluators.evaluator import fresh_evaluator
 from tests.conftest import ROOT, devices_env
 
 SMALL = dataclasses.replace(
     protocols.get_protocol("archives-66"), pool=4, diversity_draws=6, few_draws=4, multimodality_batches=1,
-    multimodality_motions=3, multimodality_pairs=2, multimodality_repeats=1, repeats=2, seed=5)
+    multimodality_motions=3, multimodality_pairs=2, multimodality_replications=1, replications=2, seed=5)
 
 
 def write_archive(folder, clips):
@@ -58,20 +60,21 @@ def again(judged, tiny_run, archive, evaluators, out, **options):
                       **{"samples": judged[1].parent / "samples", "controls": True} | evaluators | options)
 
 
-def test_a_result_has_rows_intervals_and_a_record(judged, tiny_run):
+def test_a_result_has_rows_intervals_and_its_provenance(judged, tiny_run):
   result, out = judged
-  row = result["rows"][tiny_run.name]
-  assert result["row_order"] == ["real", tiny_run.name] and "shuffled" in result["rows"]
+  row = result.rows[tiny_run.name]
+  assert result.row_order == ["real", tiny_run.name] and "shuffled" in result.rows
   assert len(row["fid"]["values"]) == 2 and len(row["multimodality"]["values"]) == 1
   assert row["fid"]["mean"] == pytest.approx(np.mean(row["fid"]["values"]))
   assert row["fid"]["interval"] == pytest.approx(12.7062 * np.std(row["fid"]["values"], ddof=1) / np.sqrt(2), rel=1e-5)
   assert row["multimodality"]["interval"] is None
-  assert set(result["metrics"]) <= set(row) and row["jerk"]["mean"] > 0
-  record = result["record"]
-  assert record["data"]["items"] == 9 and record["data"]["samples"] == 8 and record["data"]["excluded"] == 0
-  assert record["models"][0]["sampling"] == {"num_steps": 2} and len(record["models"][0]["hash"]) == 64
-  assert json.loads((out / "results.json").read_text()) == result
-  for name in ("tables.md", "tables.tex", "timings.json", *(entry["made"] for entry in result["gallery"])):
+  assert set(result.metrics) <= set(row) and row["jerk"]["mean"] > 0
+  data, (model,) = result.provenance["data"], result.provenance["models"]
+  assert data["items"] == 9 and data["samples"] == 8 and data["excluded"] == 0
+  assert model["sampling"] == {"num_steps": 2} and len(model["hash"]) == 64
+  assert json.loads((out / "results.json").read_text()) == result.as_json()
+  assert Result.read(out) == result and Result.read(out).folder == out
+  for name in ("tables.md", "tables.tex", "timings.json", *(entry["made"] for entry in result.gallery)):
     assert (out / name).is_file()
 
 
@@ -83,15 +86,15 @@ def test_choices_of_sampling_are_rows(judged, tiny_run, archive, evaluators, tmp
                       vary=[dict(schedule="fss"), dict(schedule="ar")], guidance=(1.0, 3.0), multimodality=False,
                       samples=shared, **evaluators)
   name = tiny_run.name
-  assert made["row_order"] == ["real", *(f"{name}{part}, guidance {scale}" for scale in (1, 3)
+  assert made.row_order == ["real", *(f"{name}{part}, guidance {scale}" for scale in (1, 3)
                                          for part in (", schedule fss", ", schedule ar"))]
-  rows = [made["rows"][row]["fid"]["values"] for row in made["row_order"][1:]]
-  assert [(one["guidance_scale"], one["sampling"]) for one in made["record"]["models"]] == [
+  rows = [made.rows[row]["fid"]["values"] for row in made.row_order[1:]]
+  assert [(one["guidance_scale"], one["sampling"]) for one in made.provenance["models"]] == [
       (scale, {"num_steps": 2} | more) for scale in (1, 3) for more in ({"schedule": "fss"}, {"schedule": "ar"})]
   assert len(set(shared.iterdir()) - before) == 3  # what is said anyway is not made again
-  own = judged[0]["record"]["models"][0]["guidance_scale"]
-  assert own == 3.0 and rows[2] == judged[0]["rows"][name]["fid"]["values"]
-  assert [made["curves"][f"FID against guidance, {name}{part}"]["x"]
+  own = judged[0].provenance["models"][0]["guidance_scale"]
+  assert own == 3.0 and rows[2] == judged[0].rows[name]["fid"]["values"]
+  assert [made.curves[f"FID against guidance, {name}{part}"]["x"]
           for part in (", schedule fss", ", schedule ar")] == [[1, 3]] * 2
 
 
@@ -106,7 +109,7 @@ def test_a_repeat_is_byte_identical_and_so_is_one_that_was_killed(judged, tiny_r
   _, out = judged
   before = content(out)
   made = sorted((judged[1].parent / "samples").rglob("*.npz"))
-  assert len(made) == 3  # two repeats, one multimodality
+  assert len(made) == 3  # two replications, one multimodality
   times = [path.stat().st_mtime_ns for path in made]
   again(judged, tiny_run, archive, evaluators, tmp_path / "a", only_read=True)
   assert times == [path.stat().st_mtime_ns for path in made]
@@ -121,8 +124,8 @@ def test_a_repeat_is_byte_identical_and_so_is_one_that_was_killed(judged, tiny_r
 
 def command(arguments):
   """What eval.py does, with the small protocol and random evaluators in the place of those that ship."""
-  run.protocols_lib.PROTOCOLS["archives-66"] = SMALL
-  run.load_evaluator = lambda name: fresh_evaluator("clip" if "clip" in name else "t2m")
+  protocols.PROTOCOLS["archives-66"] = SMALL
+  request.load_evaluator = lambda name: fresh_evaluator("clip" if "clip" in name else "t2m")
   return cli.main(arguments, "evaluate", "eval.py")
 
 
@@ -142,14 +145,14 @@ command({arguments!r})
   assert killed.returncode == -signal.SIGKILL, killed.stderr[-2000:]
   left = sorted(path.name for path in (tmp_path / "samples").rglob("*.npz"))
   assert left == ["r000_b000.npz"] and not (tmp_path / "out").exists()
-  monkeypatch.setitem(run.protocols_lib.PROTOCOLS, "archives-66", SMALL)  # what command() changes is undone
-  monkeypatch.setattr(run, "load_evaluator", None)
+  monkeypatch.setitem(protocols.PROTOCOLS, "archives-66", SMALL)  # what command() changes is undone
+  monkeypatch.setattr(request, "load_evaluator", None)
   write, written = samples.Store.write, []
   monkeypatch.setattr(samples.Store, "write", lambda *args: (written.append(args[1]), write(*args))[1])
   assert command(arguments) == 0
   assert written == ["r001"] and (tmp_path / "page" / "index.html").is_file()
   made = json.loads((tmp_path / "out" / "results.json").read_text())["rows"][tiny_run.name]
-  assert made.items() == {name: one for name, one in judged[0]["rows"][tiny_run.name].items()
+  assert made.items() == {name: one for name, one in judged[0].rows[tiny_run.name].items()
                           if name != "multimodality"}.items()
   assert "wrote " in capsys.readouterr().out
   # Random evaluators notice little, and the command says so at its end.
@@ -171,14 +174,14 @@ command({arguments!r})
     (["--clip-evaluator", "other"], "got --clip-evaluator 'fresh-t2m' of kind 't2m'"),
 ])
 def test_what_cannot_be_asked_is_told_before_anything_is_done(tiny_run, archive, monkeypatch, capsys, arguments, words):
-  monkeypatch.setitem(run.protocols_lib.PROTOCOLS, "archives-66", SMALL)
-  monkeypatch.setattr(run, "load_evaluator", None)
-  monkeypatch.setattr(run.sanity, "look", lambda judge: pytest.fail("began"))
+  monkeypatch.setitem(protocols.PROTOCOLS, "archives-66", SMALL)
+  monkeypatch.setattr(request, "load_evaluator", None)
+  monkeypatch.setattr(run.sanity_lib, "look", lambda harness: pytest.fail("began"))
   assert command(["--run", str(tiny_run), "--data", str(archive), "--out", "nowhere", *arguments]) == 1
   assert re.search(f"eval.py: (.|\n)*{words}", capsys.readouterr().err)
 
 
-@pytest.mark.parametrize("option", ["--repeats", "--limit", "--devices"])
+@pytest.mark.parametrize("option", ["--repeats", "--replications", "--limit", "--devices"])
 def test_counts_are_from_one_on(option, capsys):
   with pytest.raises(SystemExit):
     cli.parse(["evaluate", "--data", "somewhere", option, "0"])
@@ -199,15 +202,15 @@ def test_a_result_is_not_lost_to_another_question(judged, tiny_run, archive, eva
 
 def test_intervals_of_a_papers_protocol_are_the_papers():
   values = [1.0, 2.0, 4.0]
-  assert rows.interval(values)["interval"] == pytest.approx(1.96 * np.std(values) / 3**0.5)
-  assert rows.interval(values, False)["interval"] == pytest.approx(4.30265 * np.std(values, ddof=1) / 3**0.5)
+  assert aggregates.interval(values)["interval"] == pytest.approx(1.96 * np.std(values) / 3**0.5)
+  assert aggregates.interval(values, False)["interval"] == pytest.approx(4.30265 * np.std(values, ddof=1) / 3**0.5)
 
 
 def test_rows_have_names_of_their_own(tmp_path):
   runs = [str(tmp_path / name) for name in ("real", "a/denoiser", "b/denoiser", "c")]
   for one in runs:
     pathlib.Path(one).mkdir(parents=True)
-  assert run._names(runs) == [*runs[:3], "c"]
+  assert row_names(runs) == [*runs[:3], "c"]
 
 
 def test_motions_do_not_depend_on_batches(judged, tiny_run, archive, evaluators, monkeypatch):
@@ -215,8 +218,8 @@ def test_motions_do_not_depend_on_batches(judged, tiny_run, archive, evaluators,
   result, out = judged
   monkeypatch.setattr(samples, "BATCH", 3)
   other = again(judged, tiny_run, archive, evaluators, out.parent / "three")
-  for metric, one in result["rows"][tiny_run.name].items():
-    np.testing.assert_allclose(other["rows"][tiny_run.name][metric]["values"], one["values"], rtol=2e-3, atol=1e-4)
+  for metric, one in result.rows[tiny_run.name].items():
+    np.testing.assert_allclose(other.rows[tiny_run.name][metric]["values"], one["values"], rtol=2e-3, atol=1e-4)
 
 
 def test_devices_give_the_same_numbers(judged, tiny_run, archive, evaluators, tmp_path, monkeypatch):
@@ -224,6 +227,9 @@ def test_devices_give_the_same_numbers(judged, tiny_run, archive, evaluators, tm
   script = f"""
 import jax
 from motion_jax.evaluation import run, samples
+from motion_jax.evaluation.candidates import row_names
+from motion_jax.evaluation.result import Result
+from motion_jax.evaluation.tasks.registry import TASKS
 from motion_jax.evaluators.evaluator import fresh_evaluator
 from tests.evaluation.test_run import SMALL
 used, make_of = set(), samples.generator_of
@@ -234,15 +240,15 @@ def generator_of(model, *args):
   return make
 samples.BATCH, samples.generator_of = 2, generator_of
 run.evaluate([{str(tiny_run)!r}], [{str(archive)!r}], SMALL, out={str(tmp_path / "four")!r}, force=True, show=False,
-             samples={str(tmp_path / "samples")!r}, multimodality=False, sampling=dict(num_steps=2), repeats=1,
+             samples={str(tmp_path / "samples")!r}, multimodality=False, sampling=dict(num_steps=2), replications=1,
              evaluator=fresh_evaluator("t2m"), clip_evaluator="none")
 assert len(jax.local_devices()) == len(used) == 4, used
 """
   subprocess.run([sys.executable, "-c", script], check=True, env=devices_env(4), cwd=ROOT)
   monkeypatch.setattr(samples, "BATCH", 2)
-  one = again(judged, tiny_run, archive, evaluators, tmp_path / "one", repeats=1, controls=False, multimodality=False,
-              clip_evaluator="none", samples=tmp_path / "one")
-  assert json.loads((tmp_path / "four" / "results.json").read_text())["rows"] == one["rows"]
+  one = again(judged, tiny_run, archive, evaluators, tmp_path / "one", replications=1, controls=False,
+              multimodality=False, clip_evaluator="none", samples=tmp_path / "one")
+  assert json.loads((tmp_path / "four" / "results.json").read_text())["rows"] == one.rows
 
 
 def test_motions_of_a_model_are_judged_the_same_from_files(judged, tiny_run, archive, evaluators, tmp_path):
@@ -263,9 +269,9 @@ def test_motions_of_a_model_are_judged_the_same_from_files(judged, tiny_run, arc
     np.save(path, stored[line["seed"]])
   made = run.evaluate([], [archive], SMALL, out=tmp_path / "out", force=True, show=False, **evaluators,
                       motions=[("theirs", tmp_path / "made")])
-  assert made["row_order"] == ["real", "theirs"] and made["record"]["models"][0]["layout"] == "full"
-  for metric, one in result["rows"][tiny_run.name].items():
-    assert made["rows"]["theirs"][metric]["values"] == one["values"], metric
+  assert made.row_order == ["real", "theirs"] and made.provenance["models"][0]["layout"] == "full"
+  for metric, one in result.rows[tiny_run.name].items():
+    assert made.rows["theirs"][metric]["values"] == one["values"], metric
   (tmp_path / "made" / lines[3]["file"]).unlink()
   with pytest.raises(FileNotFoundError, match="1 of 8 motions of 'theirs' are not in .*r000/00003.npy"):
     run.evaluate([], [archive], SMALL, out=tmp_path / "out", force=True, show=False, **evaluators,
@@ -274,11 +280,11 @@ def test_motions_of_a_model_are_judged_the_same_from_files(judged, tiny_run, arc
 
 def test_physics_of_the_controls_moves_as_it_should(judged):
   """What random evaluators cannot know is left to trained ones; jerk, skating and the like need none."""
-  checked = judged[0]["controls"]
+  checked = judged[0].controls
   own = ("jerk", "acceleration", "bone_drift", "penetration", "skating", "foot_height", "multimodality")
   assert {one["metric"] for one in checked["expected"]} >= set(own)
   assert all(one["ok"] for one in checked["expected"] if one["metric"] in own)
-  assert judged[0]["curves"]["FID against noise"]["x"] == [0.0, 1.0, 3.0, 10.0]
+  assert judged[0].curves["FID against noise"]["x"] == [0.0, 1.0, 3.0, 10.0]
 
 
 def test_real_data_that_does_not_look_right_stops_it(tiny_run, archive, evaluators, tmp_path):
@@ -292,7 +298,7 @@ def test_real_data_that_does_not_look_right_stops_it(tiny_run, archive, evaluato
 
 def test_every_protocol_names_its_numbers():
   for name, protocol in protocols.PROTOCOLS.items():
-    assert protocol.name == name and protocol.source and protocol.title and protocol.task in protocols.TASKS
+    assert protocol.name == name and protocol.source and protocol.title and protocol.task in TASKS
   assert protocols.get_protocol("cmdm-259").lost_frames == 1 and protocols.get_protocol("cmdm-259").max_frames == 192
   assert protocols.get_protocol("t2m-263").num_multimodality == 100
   with pytest.raises(ValueError, match="expected one of archives-66"):
@@ -317,6 +323,6 @@ def test_folders_that_are_no_data(tmp_path, archive, tiny_run):
   with pytest.raises(FileNotFoundError, match="is no data folder"):
     run.evaluate([tiny_run], [tmp_path], "archives-66")
   with pytest.raises(ValueError, match="takes data of humanml3d, .* is 'archive'"):
-    items_lib.read_items([archive], protocols.get_protocol("cdamd-66"), [fresh_evaluator("t2m")])
+    test_set_lib.read_test_set([archive], protocols.get_protocol("cdamd-66"), [fresh_evaluator("t2m")])
   with pytest.raises(ValueError, match="no evaluator that ships"):
-    run._evaluators(protocols.get_protocol("cdamd-66"), None, None)
+    request.load_evaluators(protocols.get_protocol("cdamd-66"), None, None)

@@ -6,16 +6,18 @@ import pytest
 
 from motion_jax import cli
 from motion_jax.evaluation.report import tables
+from motion_jax.evaluation.result import Result
 
 
-def _result(**changes):
+def _result(**changes) -> Result:
   number = lambda mean, interval: {"mean": mean, "interval": interval, "values": [mean - 0.001, mean + 0.001]}
-  return {"protocol": "cmdm-259", "title": "HumanML3D, 259 columns", "metrics": ["top1", "fid", "clip_score"],
-          "row_order": ["real", "ours", "worse"],
-          "rows": {"real": {"top1": number(0.511, 0.003), "fid": number(0.0, 0.0), "clip_score": None},
-                   "ours": {"top1": number(0.590, 0.002), "fid": number(0.080, 0.002)},
-                   "worse": {"top1": number(0.550, 0.050), "fid": number(0.069, 0.0)}},
-          "paper": {"system": "cmdm", "table": "1", "row": "CMDM w/ FSS"}} | changes
+  return Result(**{
+      "protocol": "cmdm-259", "title": "HumanML3D, 259 columns", "metrics": ["top1", "fid", "clip_score"],
+      "row_order": ["real", "ours", "worse"],
+      "rows": {"real": {"top1": number(0.511, 0.003), "fid": number(0.0, 0.0), "clip_score": None},
+               "ours": {"top1": number(0.590, 0.002), "fid": number(0.080, 0.002)},
+               "worse": {"top1": number(0.550, 0.050), "fid": number(0.069, 0.0)}},
+      "paper": {"system": "cmdm", "table": "1", "row": "CMDM w/ FSS"}} | changes)
 
 
 @pytest.mark.parametrize("key", tables.paper_tables(), ids="-".join)
@@ -132,8 +134,8 @@ def test_parts_go_with_the_papers_parts():
 
 def test_reconstruction_is_held_against_reconstruction():
   made = {"fid": {"mean": 0.011, "interval": 0.0}, "released_mpjpe": {"mean": 0.077, "interval": 0.0}}
-  result = {"protocol": "reconstruction", "title": "", "metrics": ["fid", "released_mpjpe"], "row_order": ["ours"],
-            "rows": {"ours": made}, "paper": {"system": "cmdm", "table": "8", "row": "MAC-VAE 16, 1/4"}}
+  result = Result("reconstruction", "", {"ours": made}, ["ours"], ["fid", "released_mpjpe"],
+                  {"system": "cmdm", "table": "8", "row": "MAC-VAE 16, 1/4"})
   lines = tables.compare(result).lines
   assert [cell.mean for cell in lines[-1].cells] == ["0.011", "0.077"] and not any(c.marked for c in lines[0].cells)
 

@@ -8,11 +8,12 @@ import pytest
 from motion_jax import fit as training
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.data.timelines import read_sequences
-from motion_jax.evaluation import protocols, run, samples
-from motion_jax.evaluation import test_set as items_lib
-from motion_jax.evaluation.candidates import Subject, check_options
-from motion_jax.evaluation.judge import Judge
-from motion_jax.evaluation.tasks import editing, long_horizon
+from motion_jax.evaluation import protocols, request, run, samples
+from motion_jax.evaluation import test_set as test_set_lib
+from motion_jax.evaluation.candidates import Candidate, check_options
+from motion_jax.evaluation.harness import Harness
+from motion_jax.evaluation.tasks import long_horizon
+from motion_jax.evaluation.tasks.editing import editor
 from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_jax.metrics import long_horizon as long_horizon_lib
 from motion_jax.metrics import protocol as protocol_lib
@@ -23,7 +24,7 @@ from motion_jax.motion.skeleton import facing
 from tests.conftest import load_config
 from tests.evaluation.test_run import SMALL, make_clips, write_archive
 
-FEW = dict(pool=4, diversity_draws=6, few_draws=4, repeats=1, min_frames=24)
+FEW = dict(pool=4, diversity_draws=6, few_draws=4, replications=1, min_frames=24)
 
 
 def small(name, **changes):
@@ -47,11 +48,11 @@ def judged(runs, folders, protocol, evaluator, out, **options):
 
 def test_reconstruction(tiny_run, archive, evaluator, tmp_path):
   result = judged([tiny_run], [archive], small("reconstruction"), evaluator, tmp_path, controls=True)
-  row = {name: one["mean"] for name, one in result["rows"][tiny_run.name].items()}
-  assert {"mpjpe", "mpjpe_heading", "released_mpjpe", "fid"} <= set(result["metrics"]) and row["mpjpe"] > 0
+  row = {name: one["mean"] for name, one in result.rows[tiny_run.name].items()}
+  assert {"mpjpe", "mpjpe_heading", "released_mpjpe", "fid"} <= set(result.metrics) and row["mpjpe"] > 0
   # By the released code: metres, of sums over frames divided by the pool.
   assert 40 < row["released_mpjpe"] * 4 / (row["mpjpe"] / 1000) < 50
-  errors = [one for one in result["controls"]["expected"] if one["metric"].endswith("mpjpe")]
+  errors = [one for one in result.controls["expected"] if one["metric"].endswith("mpjpe")]
   assert len(errors) == 2 and all(one["ok"] and one["real"] == 0 and one["noticed"] == 0.01 for one in errors)
   # The mean length of a draw in three dimensions, against a root with noise of its own, which is one of 22 joints.
   assert errors[0]["values"][0] == pytest.approx(10 * (2 * 8 / np.pi) ** 0.5 * 21 / 22, rel=0.02)
@@ -64,15 +65,15 @@ def test_editing(archive, evaluator, tmp_path):
   config.sampler.update(num_iterations=3, num_steps=1, solver="euler")
   training.run(config, folder)
   result = judged([folder], [archive], small("editing", paste=True), evaluator, tmp_path / "out")
-  assert result["row_order"] == ["real", *(f"{task}: generator" for task in (
+  assert result.row_order == ["real", *(f"{task}: generator" for task in (
       "inpainting", "outpainting", "prefix", "suffix"))]
   store = next((folder / "eval" / "samples").glob("*/prefix_r000_b000.npz"))
   with np.load(store) as file:
     edited, count = file["features"][:file["start"][1]], int(file["frames"][0])
-  items = items_lib.read_items([archive], small("editing", layouts=()).on("archive"), [evaluator])
+  test_set = test_set_lib.read_test_set([archive], small("editing", layouts=()).on("archive"), [evaluator])
   half = count // 2 // 4 * 4
-  kept = [np.abs(x[s:s + half] - edited[:half]).max() for x in items.of(evaluator) for s in range(len(x) - half + 1)]
-  assert min(kept) < 1e-4 and min(np.abs(x[:count] - edited[:count]).max() for x in items.of(evaluator)) > 1e-3
+  kept = [np.abs(x[s:s + half] - edited[:half]).max() for x in test_set.of(evaluator) for s in range(len(x) - half + 1)]
+  assert min(kept) < 1e-4 and min(np.abs(x[:count] - edited[:count]).max() for x in test_set.of(evaluator)) > 1e-3
 
 
 @pytest.mark.parametrize("options, mask", [({}, "bidirectional"), ({"mask": "bcm"}, "bcm")])
@@ -86,13 +87,13 @@ def test_a_model_edits_with_the_mask_that_it_samples_with(options, mask):
       self.asked = given
       raise InterruptedError
 
-  subject = Subject("mardm", Model(), "", None, options=options)
+  candidate = Candidate("mardm", Model(), "", None, options=options)
   with pytest.raises(InterruptedError):
-    editing.editor(subject, protocols.get_protocol("editing"), [], "prefix")(samples.Jobs([], [], [], []))
-  assert subject.model.asked["mask"] == mask
+    editor(candidate, protocols.get_protocol("editing"), [], "prefix")(samples.Jobs([], [], [], []))
+  assert candidate.model.asked["mask"] == mask
 
 
-def test_a_model_without_the_gift_is_told(tiny_run, archive, evaluator, tmp_path):
+def test_a_model_that_cannot_edit_is_refused(tiny_run, archive, evaluator, tmp_path):
   with pytest.raises(ValueError, match="has no 'edit' .* needs the run of a cdamd.generator"):
     judged([tiny_run], [archive], small("editing"), evaluator, tmp_path)
 
@@ -100,42 +101,44 @@ def test_a_model_without_the_gift_is_told(tiny_run, archive, evaluator, tmp_path
 def test_long_motions(tiny_run, archive, evaluator, tmp_path):
   protocol = small("long-horizon", sequences=2, segments=3, transition_frames=20, real_jerk=None)
   result = judged([tiny_run], [archive], protocol, evaluator, tmp_path, sampling=dict(num_steps=2), controls=True)
-  spliced = {one["metric"]: one["ok"] for one in result["controls"]["expected"] if one["control"] == "spliced"}
+  spliced = {one["metric"]: one["ok"] for one in result.controls["expected"] if one["control"] == "spliced"}
   assert spliced == dict.fromkeys(("transition_fid", "transition_distance", "peak_jerk", "auj"), True)
   for name in ("real", tiny_run.name):
-    assert set(long_horizon.METRICS) <= set(result["rows"][name])
-  assert result["rows"]["real"]["fid"]["mean"] == pytest.approx(0, abs=1e-6)
-  assert len(result["curves"][f"jerk across transitions, {tiny_run.name}"]["y"]) == 17
+    assert set(long_horizon.LongHorizon.METRICS) <= set(result.rows[name])
+  assert result.rows["real"]["fid"]["mean"] == pytest.approx(0, abs=1e-6)
+  assert len(result.curves[f"jerk across transitions, {tiny_run.name}"]["y"]) == 17
 
 
-def test_sequences_of_a_file(archive, evaluator, tmp_path):
+def test_prompt_sequences_of_a_file(archive, evaluator, tmp_path):
   """FlowMDM's list: its captions and lengths, in the order of its ids, cut to whole units."""
   path = tmp_path / "sequences.json"
   path.write_text(json.dumps([dict(id="10", lengths=[70, 64, 33], text=["c", "d", "e"]),
                               dict(id="2", lengths=[101, 80], text=["a person walks", "b"], scenario="long")]))
-  folders, protocol, _ = run._what([], [str(path), archive], None, None, True)
-  assert protocol.name == "long-horizon" and protocol.note == "" and folders == [archive]
-  judge = Judge(dataclasses.replace(protocol, pool=4, min_frames=24), evaluator, None, items_lib.read_items(
+  asked = request.resolve([], [str(path), archive])
+  folders, protocol = asked.folders, asked.protocol
+  assert protocol.name == "long-horizon" and protocol.note == "" and folders == (archive,) and asked.whole
+  harness = Harness(dataclasses.replace(protocol, pool=4, min_frames=24), evaluator, None, test_set_lib.read_test_set(
       folders, dataclasses.replace(protocol, min_frames=24), [evaluator]), seed=0)
-  first, second = long_horizon.sequences(judge)
+  task = long_horizon.LongHorizon(harness)
+  first, second = task.sequences()
   assert first.captions == ["a person walks", "b"] and first.frames.tolist() == [100, 80]
   assert second.captions == ["c", "d", "e"] and second.frames.tolist() == [68, 64, 32]
-  assert len(long_horizon._file(judge)) == 68
+  assert len(task._file_hash) == 68
   with pytest.raises(ValueError, match="is a file, protocol 'archives-66' takes data folders alone"):
-    run._what([], [str(path), archive], "archives-66", None, True)
+    request.resolve([], [str(path), archive], "archives-66")
 
 
 @pytest.mark.parametrize("content", ["[]", "{}", "walks # 0 # 1", '[{"id": 0, "lengths": [1], "text": ["a", "b"]}]',
                                      '[{"id": 0, "lengths": [20, 0], "text": ["a", "b"]}]',
                                      '[{"id": 0, "lengths": [20, 20], "text": ["a", " "]}]'])
-def test_a_file_that_holds_no_sequences_is_told(tmp_path, content):
+def test_a_file_that_holds_no_prompt_sequences_is_refused(tmp_path, content):
   path = tmp_path / "sequences.json"
   path.write_text(content)
   with pytest.raises(ValueError, match=r"sequences.json.*expected a list of \{\"id\", \"lengths\""):
     read_sequences(path)
 
 
-def test_the_way_is_a_choice_of_long_motions_alone():
+def test_the_way_of_long_motions_is_a_choice_of_their_task_alone():
   class Model(Able):
     abilities, options = ("generate",), CmdmSampling
 
@@ -152,8 +155,8 @@ def test_the_way_is_a_choice_of_long_motions_alone():
 @pytest.mark.parametrize("way, unit, latent, expected", [
     ("chain", 24, 8, [96, 64, 8]), ("chain", 12, 4, [100, 64, 4]), ("stream", 12, 4, None)])
 def test_pieces_are_as_long_as_the_model_makes_them(way, unit, latent, expected):
-  """Latents of 8 frames are whole, too: a model told for 100 frames makes 96."""
-  made = long_horizon._frames(np.array([100, 64, 6]), way, unit, latent)
+  """Latents of 8 frames are whole, too: a model asked for 100 frames makes 96."""
+  made = long_horizon.piece_frames(np.array([100, 64, 6]), way, unit, latent)
   assert made == expected if expected else sum(made) == 170
 
 
@@ -165,10 +168,10 @@ def test_timelines(tiny_run, archive, tmp_path):
   path.write_text(f"{first} # 0.0 # 3.0\n{second} # 3.0 # 7.0\n\n{second} # 0.0 # 4.0\n{first} # 4.0 # 8.0\n")
   protocol = small("mtt", released_slips=False, layouts=())
   result = judged([tiny_run], [path, archive], protocol, evaluator, tmp_path, sampling=dict(num_steps=2))
-  assert {"crop_top1", "tmr_m2t", "transition_distance"} <= set(result["rows"][tiny_run.name])
+  assert {"crop_top1", "tmr_m2t", "transition_distance"} <= set(result.rows[tiny_run.name])
   one = judged([tiny_run], [path, archive], protocol, evaluator, tmp_path / "one", limit=1, sampling=dict(num_steps=2))
-  assert one["rows"][tiny_run.name] != result["rows"][tiny_run.name]
-  assert run.guess_protocol([tiny_run], [path, archive]) == "mtt"
+  assert one.rows[tiny_run.name] != result.rows[tiny_run.name]
+  assert request.guess_protocol([tiny_run], [path, archive]) == "mtt"
   path.write_text("somebody juggles # 0.0 # 3.0\n")
   with pytest.raises(ValueError, match="1 of 1 texts of the timelines are no caption of the data"):
     judged([tiny_run], [path, archive], protocol, evaluator, tmp_path)
@@ -178,11 +181,11 @@ def test_timelines(tiny_run, archive, tmp_path):
 
 
 def test_a_cut_is_the_loaders_cut(archive, evaluator):
-  """`draw_pass` and `metrics.protocol.cut_item` follow the same rule."""
-  items = items_lib.read_items([archive], SMALL, [evaluator])
-  drawn = samples.draw_pass(items, SMALL, 0, 3)
-  for i, start, count, cut in zip(drawn.item, drawn.start, drawn.frames, drawn.cut(items.of(evaluator))):
-    x = items.of(evaluator)[i]
+  """`draw_replication` and `metrics.protocol.cut_item` follow the same rule."""
+  test_set = test_set_lib.read_test_set([archive], SMALL, [evaluator])
+  drawn = samples.draw_replication(test_set, SMALL, 0, 3)
+  for i, start, count, cut in zip(drawn.item, drawn.start, drawn.frames, drawn.cut(test_set.of(evaluator))):
+    x = test_set.of(evaluator)[i]
     padded, kept = protocol_lib.cut_item(x, count < len(x) // 4 * 4, start, evaluator.stats, 196)
     assert kept == count
     np.testing.assert_allclose(padded[:kept], evaluator.stats.normalize(cut), atol=1e-6)

@@ -5,7 +5,9 @@ levels of it; sliding moves the frozen pose over the ground, lifted and sunk mov
 """
 import numpy as np
 
-from motion_jax.evaluation.judge import NOISE, physics_of
+from motion_jax.evaluation.harness import NOISE, physics_of
+from motion_jax.evaluation.result import Controls, Curve
+from motion_jax.evaluation.tasks.base import Task
 from motion_jax.motion.representations import canonicalize, to_joints
 
 LEVELS = (0.01, 0.03, 0.1)  # metres, standard deviation of each coordinate
@@ -22,36 +24,36 @@ SLACK = 0.02  # share of a noise curve's way that is nothing: by so much it may 
 CAPTIONS = 4  # whose motions make the controls' multimodality
 
 
-def check(judge, task=None, repeat=0, spread=None) -> dict:
-  """Scores of each control in one pass, and whether every metric moved as it should.
+def check(task: Task, replication=0, spread=None) -> Controls:
+  """Scores of each control in one replication, and whether every metric moved as it should.
 
   -> {"rows": {control: scores}, "levels", "expected": [{"control", "metric", "direction", "real", "values", "ok",
   "noticed"}], "failures": [sentences]}. "real" are the same cuts with nothing done to them. values: of each level for
-  "noise"; noticed: the least level from which on a metric says so, else None. task: a module of a task, whose
-  `damaged` has controls for its own metrics. spread: {metric: std of real motions over repeats}; a step of that size is
-  nothing either.
+  "noise"; noticed: the least level from which on a metric says so, else None. The task's `damaged` has controls of its
+  own metrics. spread: {metric: std of real motions over replications}; a step of that size is nothing either.
   """
-  reading, evaluator = judge.read(repeat), judge.evaluator
+  harness = task.harness
+  evaluator, drawn = harness.evaluator, harness.drawn(replication)
   layout = evaluator.layout
   joints = [np.asarray(to_joints(x, layout), np.float64)
-            for x in reading.drawn.cut(judge.items.of(evaluator))]
-  rng = judge.rng(repeat, NOISE)
+            for x in drawn.cut(harness.test_set.of(evaluator))]
+  rng = harness.rng(replication, NOISE)
   noise = [rng.normal(size=x.shape) for x in joints]
   names = [f"noise {100 * level:g} cm" for level in LEVELS]
   levels = {"real": joints} | {name: [x + level / layout.skeleton.unit * n for x, n in zip(joints, noise)]
                                for name, level in zip(names, LEVELS)}
-  rows = {name: judge.scores(repeat, [layout.from_joints_in_place(x, evaluator.mode) for x in some], layout)
+  rows = {name: harness.scores(replication, [layout.from_joints_in_place(x, evaluator.mode) for x in some], layout)
           for name, some in levels.items()}
   for name, level in zip(levels, (0.0, *LEVELS)):  # of nothing, copies of one motion
-    rows[name]["multimodality"] = _multimodality(judge, repeat, joints, level / layout.skeleton.unit) if level else 0.0
+    rows[name]["multimodality"] = (
+        _multimodality(harness, replication, joints, level / layout.skeleton.unit) if level else 0.0)
   for name, damage in _damages(layout.skeleton, evaluator.mode).items():
     motions = [layout.from_joints_in_place(damage(x), evaluator.mode) for x in joints]
     whole = name in ("reversed", "frozen")
-    rows[name] = judge.scores(repeat, motions, layout) if whole else physics_of(motions, reading.drawn.frames, layout)
-  wanted = EXPECTED
-  if hasattr(task, "damaged"):
-    both = lambda a, b: {name: a.get(name, {}) | b.get(name, {}) for name in dict.fromkeys([*a, *b])}
-    rows, wanted = map(both, (rows, wanted), task.damaged(judge, repeat, levels))
+    rows[name] = harness.scores(replication, motions, layout) if whole else physics_of(motions, drawn.frames, layout)
+  own = task.damaged(replication, levels)
+  both = lambda a, b: {name: a.get(name, {}) | b.get(name, {}) for name in dict.fromkeys([*a, *b])}
+  rows, wanted = both(rows, own.rows), both(EXPECTED, own.expected)
   real, expected = rows["real"], []
   for control, directions in wanted.items():
     made = [rows[name] for name in names] if control == "noise" else [rows[control]]
@@ -67,7 +69,7 @@ def check(judge, task=None, repeat=0, spread=None) -> dict:
   return dict(rows=rows, levels=list(LEVELS), expected=expected, failures=failures)
 
 
-def curves(checked) -> dict:
+def curves(checked: Controls) -> dict[str, Curve]:
   """Scores against the level of noise."""
   rows = [checked["rows"]["real"]] + [checked["rows"][f"noise {100 * level:g} cm"] for level in checked["levels"]]
   return {f"{label} against noise": dict(
@@ -85,13 +87,13 @@ def _damages(skeleton, mode):
           "lifted": lambda x: x + up, "sunk": lambda x: x - up}
 
 
-def _multimodality(judge, repeat, joints, size):
+def _multimodality(harness, replication, joints, size):
   """Of a few real motions, each with noise drawn anew many times."""
-  rng, count = judge.rng(repeat, NOISE + 1), judge.protocol.multimodality_motions
-  layout, mode = judge.evaluator.layout, judge.evaluator.mode
+  rng, count = harness.rng(replication, NOISE + 1), harness.protocol.multimodality_motions
+  layout, mode = harness.evaluator.layout, harness.evaluator.mode
   made = [[layout.from_joints_in_place(x + size * rng.normal(size=x.shape), mode) for _ in range(count)]
           for x in joints[:CAPTIONS]]
-  return judge.multimodality(repeat, made, layout)
+  return harness.multimodality(replication, made, layout)
 
 
 def _moves(real, values, direction, spread=0.0):

@@ -1,8 +1,9 @@
 """Before anything is sampled: do the evaluators tell real motions from noise, and right captions from wrong ones?"""
 import math
 
-from motion_jax.evaluation.judge import NOISE
+from motion_jax.evaluation.harness import NOISE
 from motion_jax.evaluation.report import tables
+from motion_jax.evaluation.result import Sanity
 from motion_jax.metrics import scores
 
 MARGIN = 1.5     # real R-precision over that of shuffled captions
@@ -10,20 +11,20 @@ SMALL = 0.25     # share of the FID of noise that two halves of the real motions
 NEAR = 0.1       # share by which R-precision and matching of real motions may be off the printed ones
 
 
-def look(judge, repeat=0) -> dict:
-  """What the evaluators say of real motions, of wrong captions and of noise in one pass, and what is wrong with it.
+def look(harness, replication=0) -> Sanity:
+  """What the evaluators say of real motions, of wrong captions and of noise in one replication, and what looks wrong.
 
   -> {"real", "shuffled": scores, "fid_noise", "fid_halves", "failures": [sentences], "warnings": [sentences]}.
   """
-  real, shuffled = judge.real_scores(repeat), judge.shuffled_scores(repeat)
-  reading, evaluator = judge.read(repeat), judge.evaluator
-  rng, size = judge.rng(repeat, NOISE), evaluator.layout.dim
-  noise = judge.embed_for_fid([evaluator.stats.denormalize(rng.normal(size=(m, size))) for m in reading.drawn.frames],
-                              reading.drawn.frames)
-  fid_halves = judge.fid_of_halves(repeat)
-  fid_noise = scores.fid(reading.real if reading.real_seen is None else reading.real_seen, noise)
-  top = f"top{judge.protocol.top_k}"
-  chance = judge.protocol.top_k / judge.protocol.pool
+  real, shuffled = harness.real_scores(replication), harness.shuffled_scores(replication)
+  embedded, evaluator = harness.embedded(replication), harness.evaluator
+  rng, size = harness.rng(replication, NOISE), evaluator.layout.dim
+  frames = embedded.drawn.frames
+  noise = harness.embed_for_fid([evaluator.stats.denormalize(rng.normal(size=(m, size))) for m in frames], frames)
+  fid_halves = harness.fid_of_halves(replication)
+  fid_noise = scores.fid(embedded.real if embedded.real_seen is None else embedded.real_seen, noise)
+  top = f"top{harness.protocol.top_k}"
+  chance = harness.protocol.top_k / harness.protocol.pool
   failures = [f"the real motions' {name} is not finite: look for NaN in the evaluator's weights or statistics"
               for name, value in real.items() if not math.isfinite(value)]
   if not real[top] > MARGIN * max(shuffled[top], chance):
@@ -42,13 +43,13 @@ def look(judge, repeat=0) -> dict:
     failures.append(f"CLIP score of real motions is {real['clip_score']:.3f}, of shuffled captions "
                     f"{shuffled['clip_score']:.3f}: check the CLIP evaluator's weights and word pieces")
   return dict(real=real, shuffled=shuffled, fid_noise=fid_noise, fid_halves=fid_halves, failures=failures,
-              warnings=_unlike_the_paper(judge, real) + _few(judge))
+              warnings=_unlike_the_paper(harness, real) + _few(harness))
 
 
-def _unlike_the_paper(judge, real):
+def _unlike_the_paper(harness, real):
   """Real motions are the same for everyone: other numbers than the printed ones mean another evaluator or split."""
-  protocol, found = judge.protocol, []
-  if protocol.paper is None or protocol.paper_layout not in (None, judge.evaluator.layout.name):
+  protocol, found = harness.protocol, []
+  if protocol.paper is None or protocol.paper_layout not in (None, harness.evaluator.layout.name):
     return found
   if tables.REAL in tables.paper_table(*protocol.paper[:2]).rows:
     printed = tables.paper_row(*protocol.paper[:2], tables.REAL)
@@ -60,8 +61,8 @@ def _unlike_the_paper(judge, real):
   return found
 
 
-def _few(judge):
-  count, dim = judge.count, judge.evaluator.dim
+def _few(harness):
+  count, dim = harness.count, harness.evaluator.dim
   return [] if count > dim else [
       f"{count} motions cannot tell the covariance of vectors of {dim} numbers: FID is far above that of many motions, "
       "and compares at this count alone"]

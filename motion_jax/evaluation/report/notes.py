@@ -1,34 +1,35 @@
 """What has to be said under a table of results: of how many repeats, and what did not look right."""
 import collections
 
+from motion_jax.evaluation.result import Result
+
 NAMED = 3  # clips that are named where many are left out
 
 
-def of(result, label) -> list[str]:
-  """Sentences under the table of a result dictionary (evaluation.run); label(metric): its name in the table."""
-  record, sanity = result.get("record") or {}, result.get("sanity") or {}
-  controls = result.get("controls") or {}
-  found = [_repeats(result, label), *(f"{note}." for note in result.get("notes", ()))]
+def of(result: Result, label) -> list[str]:
+  """Sentences under the table of a result; label(metric): its name in the table."""
+  provenance, sanity, controls = result.provenance, result.sanity or {}, result.controls or {}
+  found = [_replications(result, label), *(f"{note}." for note in result.notes)]
   if sanity.get("fid_halves") is not None:
     found.append(f"FID of real is of other cuts of the same clips; two halves of the real motions that share no clip "
                  f"are {sanity['fid_halves']:.3f} apart.")
   found += [f"Does not look right: {failure}." for failure in sanity.get("failures", ())]
   found += [f"Mind: {warning}." for warning in sanity.get("warnings", ())]
   found += [f"Control failed: {failure}." for failure in controls.get("failures", ())]
-  return found + _data(record.get("data") or {}) + _samples(record)
+  return found + _data(provenance.get("data") or {}) + _samples(provenance)
 
 
-def _repeats(result, label):
+def _replications(result, label):
   counts = collections.defaultdict(set)
-  for row in result["rows"].values():
+  for row in result.rows.values():
     for metric, value in row.items():
-      if metric in result["metrics"] and value and value.get("values"):
+      if metric in result.metrics and value and value.get("values"):
         counts[len(value["values"])].add(metric)
   if not counts:
     return "Ours: one number each."
   most = max(counts, key=lambda count: len(counts[count]))
   others = ", ".join(f"{label(metric)}: {count}" for count in sorted(set(counts) - {most})
-                     for metric in result["metrics"] if metric in counts[count] - counts[most])
+                     for metric in result.metrics if metric in counts[count] - counts[most])
   others = f" ({others})" if others else ""
   if most == 1:
     return f"Ours: one repeat{others}, no interval."
@@ -49,13 +50,13 @@ def _data(data):
   return found
 
 
-def _samples(record):
+def _samples(provenance):
   """Rows whose motions other code made than judged them."""
   found = []
-  for model in record.get("models") or ():
-    others = [one for one in model.get("sampled_by") or () if one.get("code") != record.get("code")]
+  for model in provenance.get("models") or ():
+    others = [one for one in model.get("sampled_by") or () if one.get("code") != provenance.get("code")]
     if others:
       commits = sorted({str((one.get("code") or {}).get("commit", "unknown"))[:12] for one in others})
       found.append(f"Motions of {model['row']} were made by code {', '.join(commits)}, judged by "
-                   f"{str((record.get('code') or {}).get('commit', 'unknown'))[:12]}.")
+                   f"{str((provenance.get('code') or {}).get('commit', 'unknown'))[:12]}.")
   return found

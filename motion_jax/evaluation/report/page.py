@@ -3,6 +3,7 @@
 `write(results, folder)` makes index.html, which loads nothing from anywhere, and motions/*.html, where the pairs play.
 """
 import base64
+import dataclasses
 import html
 import io
 import json
@@ -15,8 +16,8 @@ from PIL import Image
 from motion_jax import charts, export
 from motion_jax.data.clip import Caption
 from motion_jax.evaluation.report import tables
+from motion_jax.evaluation.result import Result
 from motion_jax.runtime.atomic import atomic_path
-from motion_jax.training import checkpoint
 
 _STYLE = pathlib.Path(__file__).parent / "assets" / "report.css"
 _GLANCE = ("fid", "top3", "matching", "clip_score", "diversity", "multimodality", "mpjpe", "transition_fid", "auj")
@@ -29,13 +30,13 @@ _TITLES = {"grid": ("Motions", "Real next to generated, same caption."),
 
 
 def write(results, out, folders=None) -> pathlib.Path:
-  """Writes out/index.html (and out/motions/) from result dictionaries (evaluation.run); returns the page's path.
+  """Writes out/index.html (and out/motions/) from results (`evaluation.result`); returns the page's path.
 
   folders: where each result's gallery files lie, to which their paths are relative; None: in out. A result that came
   without all of them has no pictures, and the page says so. Raises ValueError for no result, FileNotFoundError for a
   gallery of which a part is missing.
   """
-  results = [results] if isinstance(results, dict) else list(results)
+  results = [results] if isinstance(results, Result) else list(results)
   if not results:
     raise ValueError("got no result to report; motion-jax evaluate writes results.json")
   out = pathlib.Path(out)
@@ -60,13 +61,10 @@ def write_folders(folders, out) -> pathlib.Path:
   Raises FileNotFoundError or ValueError for one without.
   """
   folders = [pathlib.Path(folder) for folder in folders]
-  missing = [str(folder) for folder in folders if not (folder / "results.json").is_file()]
-  if missing:
-    raise FileNotFoundError(f"{', '.join(missing)}: no results.json there; expected the --out folder of "
-                            "motion-jax evaluate")
-  results = [checkpoint.load_json(folder, "results.json") for folder in folders]
+  results = [Result.read(folder) for folder in folders]
   if len(results) > 1:  # several of one protocol have one title
-    results = [result | {"title": f"{name}: {_title(result)}"} for name, result in zip(_apart(folders), results)]
+    results = [dataclasses.replace(result, title=f"{name}: {_title(result)}")
+               for name, result in zip(_apart(folders), results)]
   return write(results, out, folders)
 
 
@@ -111,27 +109,27 @@ def _page(sections, results):
 def _section(name, result, folder, pages):
   found = tables.compare(result)
   parts = [_tiles(found), _tables(found),
-           _sanity(result.get("sanity")), _controls(result.get("controls")), _curves(result.get("curves"))]
-  shown = result.get("gallery") or ()
+           _sanity(result.sanity), _controls(result.controls), _curves(result.curves)]
+  shown = result.gallery
   if shown and not any((folder / one[side]).is_file() for one in shown for side in _SIDES if one.get(side)):
     # Results are shared and committed without the motions, whose licence may forbid it.
     parts.append('<p class="note">results.json came without its gallery folder: no motions to show.</p>')
     shown = ()
   for kind in _TITLES:
     parts.append(_gallery(kind, [one for one in shown if one["kind"] == kind], folder, pages, f"{name}_{kind}"))
-  parts.append(_record(result.get("record")))
+  parts.append(_record(result.provenance))
   return "\n".join(part for part in parts if part)
 
 
 def _title(result):
-  return result.get("title") or result["protocol"]
+  return result.title or result.protocol
 
 
 def _about(result):
   """What to say of a result in a line: protocol, data, evaluator, repeats."""
-  record = result.get("record") or {}
+  record = result.provenance
   data, evaluators = record.get("data") or {}, record.get("evaluators") or []
-  facts = [f"protocol {result['protocol']}"]
+  facts = [f"protocol {result.protocol}"]
   if data.get("samples"):
     facts.append(f"{data['samples']:,} samples of {data.get('split', 'test')}")
   if evaluators:

@@ -14,17 +14,16 @@ _RESAMPLED = {"CMDM w/ FSS": {_AR: "CMDM w/ AR"}, "CMDM": {_AR: "w/o FSS"} | _LA
 def paper_of(protocol, evaluator, rows, whole=True) -> dict | None:
   """What `tables.compare` needs to know of a protocol's paper, or None where the numbers stand alone.
 
-  rows: {row of ours: (subject, part)}; whole: of the protocol's own test set, not some of it
-  for a trial, nor other stories. What goes with no printed row
-  stands beside the protocol's own one, and nothing of it is marked.
+  rows: {row of ours: (candidate, part)}; whole: of the protocol's own test set, not some of it for a trial, nor other
+  prompts. What goes with no printed row stands beside the protocol's own one, and nothing of it is marked.
   """
   if protocol.paper is None or protocol.paper_layout not in (None, evaluator.layout.name):
     return None
   system, table, row = protocol.paper
   found, also, beside = {}, [row] if row in tables.paper_table(system, table).rows else [], []
-  for name, (subject, part) in rows.items():
-    partners, others = printed_rows(protocol, subject, part)
-    exact = paper_rows.is_exact(subject.model.config)
+  for name, (candidate, part) in rows.items():
+    partners, others = printed_rows(protocol, candidate, part)
+    exact = paper_rows.is_exact(candidate.model.config)
     if partners:
       found[name] = [dict(system=one[0], table=one[1], row=one[2]) for one in partners]
       beside += [name] * (not (whole and exact))
@@ -32,11 +31,11 @@ def paper_of(protocol, evaluator, rows, whole=True) -> dict | None:
   return dict(system=system, table=table, row=found, also=also, unmarked=beside + ["real"] * (not whole))
 
 
-def printed_rows(protocol, subject, part=""):
-  """([(system, table, row)] that a subject's numbers (or those of a part of what it does) go with, those that print of
-  the same model what this protocol does not measure)."""
-  config, options = subject.model.config, dict(subject.options)
-  named = _as_sampled(paper_rows.rows_of(config), config, options, getattr(subject, "guidance_scale", None))
+def printed_rows(protocol, candidate, part=""):
+  """([(system, table, row)] that a candidate's numbers (or those of a part of what it does) go with, those that print
+  of the same model what this protocol does not measure)."""
+  config, options = candidate.model.config, dict(candidate.options)
+  named = _as_sampled(paper_rows.rows_of(config), config, options, getattr(candidate, "guidance_scale", None))
   if options.get("way", protocol.way) != protocol.way:
     named = {}
   here, elsewhere = [], []

@@ -12,6 +12,7 @@ import pathlib
 from typing import NamedTuple
 
 from motion_jax.evaluation.report import notes as said
+from motion_jax.evaluation.result import Result
 
 REAL = "GT"  # the papers' name for the row of real motions
 
@@ -163,21 +164,20 @@ class Comparison(NamedTuple):
   notes: list[str]
 
 
-def compare(result) -> Comparison:
-  """The rows of a result dictionary (evaluation.run), then the paper's.
+def compare(result: Result) -> Comparison:
+  """The rows of a result, then the paper's.
 
-  result["paper"] names the printed rows: {"system", "table", "row", "also", "unmarked"}. row: a name, or {row of ours:
+  result.paper names the printed rows: {"system", "table", "row", "also", "unmarked"}. row: a name, or {row of ours:
   name or [{"system", "table", "row"}, ..]}; what is shown besides is under "also", names of that table or [system,
   table, name]. Rows of ours under "unmarked" are shown beside theirs and not held against them. Where the table has
   several rows of a name, as "suffix: CDAMD", a row "suffix: .." of ours goes with it. None: the numbers stand alone.
   """
-  metrics = list(result["metrics"])
-  paper = result.get("paper")
+  metrics, paper = list(result.metrics), result.paper
   against, printed, notes = ({}, {}, []) if paper is None else _printed(result, paper)
   lines = []
-  for name in result["row_order"]:
+  for name in result.row_order:
     kind = "real" if name == "real" else "ours"
-    cells = [_cell(metric, result["rows"][name].get(metric), against.get(name, {})) for metric in metrics]
+    cells = [_cell(metric, result.rows[name].get(metric), against.get(name, {})) for metric in metrics]
     lines.append(Line(name, kind, cells))
   for name, row in printed.items():
     kind = "paper real" if name == REAL else "paper"
@@ -185,7 +185,7 @@ def compare(result) -> Comparison:
   notes = [*said.of(result, label), *notes]
   if any(cell.marked for line in lines for cell in line.cells):
     notes.append("* differs from the paper's number by more than either 95 % interval.")
-  return Comparison(result.get("title") or result["protocol"], metrics, lines, notes)
+  return Comparison(result.title or result.protocol, metrics, lines, notes)
 
 
 def printed_table(system, table) -> Comparison:
@@ -209,7 +209,7 @@ def _printed(result, paper):
   wanted = [one for some in partners.values() for one in some] + [one for one in also if one not in elsewhere]
   shown, repeated = {}, []
   for key in dict.fromkeys(wanted):
-    numbers = paper_table(*key[:2]).row_for(key[2], result["protocol"])
+    numbers = paper_table(*key[:2]).row_for(key[2], result.protocol)
     same = key[:2] != own and any(_repeats(numbers, other) for other in shown.values())
     repeated += [key] * same
     shown |= {} if same else {key: numbers}
@@ -217,10 +217,10 @@ def _printed(result, paper):
   for name, keys in partners.items():
     if name not in unmarked:
       for key in reversed(keys):  # the first one counts most
-        against[name] = against.get(name, {}) | paper_table(*key[:2]).row_for(key[2], result["protocol"])
+        against[name] = against.get(name, {}) | paper_table(*key[:2]).row_for(key[2], result.protocol)
   real = {}
   if REAL in paper_table(*own).rows:
-    real = {REAL: paper_table(*own).row_for(REAL, result["protocol"])}
+    real = {REAL: paper_table(*own).row_for(REAL, result.protocol)}
     against |= {"real": real[REAL]} if "real" not in unmarked else {}
   name_of = lambda key: key[2] if key[:2] == own else f"{key[2]} ({_table_name(key, own)})"
   rows = {name_of(key): numbers for key, numbers in shown.items() if key[2] != REAL} | real
@@ -272,7 +272,7 @@ def _partners(result, row, table) -> dict[str, list]:
   if isinstance(row, dict):
     return {name: [(*key, one)] if isinstance(one, str) else [(each["system"], each["table"], each["row"])
                                                               for each in one] for name, one in row.items()}
-  ours = [name for name in result["row_order"] if name != "real"]
+  ours = [name for name in result.row_order if name != "real"]
   if any(name.endswith(f": {row}") for name in table.rows):
     parts = {name: f"{name.partition(': ')[0]}: {row}" for name in ours}
     return {name: [(*key, part)] for name, part in parts.items() if part in table.rows}
@@ -321,8 +321,8 @@ def heading(metric) -> str:
   return f"{label(metric)} {arrow(metric)}".strip()
 
 
-def markdown(result) -> str:
-  """A result dictionary, or a Comparison, as Markdown, aligned so that it reads in a terminal, with notes below."""
+def markdown(result: Result | Comparison) -> str:
+  """A result, or a Comparison, as Markdown, aligned so that it reads in a terminal, with notes below."""
   found = result if isinstance(result, Comparison) else compare(result)
   body = [[line.name, *(_plain(cell) for cell in line.cells)] for line in found.lines]
   head = ["", *(heading(metric) for metric in found.metrics)]
@@ -333,7 +333,7 @@ def markdown(result) -> str:
   return "\n".join(lines).replace("- * ", "- \\* ") + "\n"
 
 
-def latex(result) -> str:
+def latex(result: Result | Comparison) -> str:
   """The same as a LaTeX table environment (booktabs), intervals as superscripts."""
   found = result if isinstance(result, Comparison) else compare(result)
   head = " & ".join(["", *(f"{_escape(label(metric))} {arrow(metric, _LATEX_ARROWS)}".strip()
@@ -350,7 +350,7 @@ def latex(result) -> str:
                     rf"\caption{{{_escape(found.title)}. {notes}}}", r"\end{table}"]) + "\n"
 
 
-def csv(result) -> str:
+def csv(result: Result | Comparison) -> str:
   """The same as CSV: two columns, mean and interval, for each metric, empty where there is no number."""
   found = result if isinstance(result, Comparison) else compare(result)
   out = io.StringIO()

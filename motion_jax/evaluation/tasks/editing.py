@@ -4,43 +4,41 @@ By the function that anyone edits with, `CdamdModel.edits`, on the features of t
 """
 from motion_jax.evaluation import samples
 from motion_jax.evaluation.candidates import load_able
-from motion_jax.evaluation.tasks.generation import METRICS as _GENERATION
-from motion_jax.evaluation.tasks.generation import real_rows
+from motion_jax.evaluation.tasks.base import ClipTask, Found
 from motion_jax.models.cdamd.mask_schedule import TASKS
 
-METRICS = tuple(name for name in _GENERATION if name != "multimodality")
-__all__ = ["METRICS", "load", "real_rows", "rows"]
+
+class Editing(ClipTask):
+  @staticmethod
+  def load(run, raw=False):
+    """A model that edits. Raises ValueError for another one."""
+    return load_able(run, "edit", raw)
+
+  def found(self, candidate, replication):
+    """A row of each of the four tasks: the same draw, edited in four ways."""
+    # Unlike what is generated from words alone, edits depend on the real motions.
+    kind = f"editing{', pasted and joined' * self.protocol.paste} of {self.test_set.hash}"
+    store = candidate.store(self.harness, kind)
+    drawn = self.harness.drawn(replication)
+    real = drawn.cut(self.test_set.of(candidate.reader))
+    jobs = samples.jobs_of(self.test_set, drawn, self.harness.seed, replication)
+    rows = {}
+    for task in TASKS:
+      made = candidate.sample(editor(candidate, self.protocol, real, task), store, f"{task}_r{replication:03d}", jobs,
+                              f"{task} {replication + 1}")
+      rows[task] = self.harness.scores(replication, made, candidate.model.stats.layout)
+    return Found(rows)
 
 
-def load(run, raw=False):
-  """A model that edits. Raises ValueError for another one."""
-  return load_able(run, "edit", raw)
-
-
-def rows(judge, subject, repeat):
-  """{task: scores} of all tasks: the same pass, edited in four ways, and judged whole."""
-  # Unlike what is generated from words alone, edits depend on the real motions.
-  store = subject.store(judge, f"editing{', pasted and joined' * judge.protocol.paste} of {judge.items.hash}")
-  drawn = judge.read(repeat).drawn
-  real = drawn.cut(judge.items.of(subject.reader))
-  jobs = samples.jobs_of(judge.items, drawn, judge.seed, repeat)
-  found = {}
-  for task in TASKS:
-    made = subject.sample(editor(subject, judge.protocol, real, task), store, f"{task}_r{repeat:03d}", jobs,
-                          f"{task} {repeat + 1}")
-    found[task] = judge.scores(repeat, made, subject.model.stats.layout)
-  return found
-
-
-def editor(subject, protocol, real, task):
+def editor(candidate, protocol, real, task):
   """make(jobs) of `samples.sample`: of the real motions [(T, F)] those at the jobs' places, edited."""
   # Parity: the released script edits with the mask that it samples with; --sampling mask=bcm is ours.
-  options = {"mask": subject.model.config.sampler.mask} | dict(subject.options)
+  options = {"mask": candidate.model.config.sampler.mask} | dict(candidate.options)
 
   def make(jobs):
     motions = [real[i][:count] for i, count in zip(jobs.places, jobs.frames)]
-    made = subject.model.edits(motions, jobs.captions, task, seeds=jobs.seeds, paste=protocol.paste, cleanup=False,
-                               guidance_scale=subject.guidance_scale, **options)
+    made = candidate.model.edits(motions, jobs.captions, task, seeds=jobs.seeds, paste=protocol.paste, cleanup=False,
+                                 guidance_scale=candidate.guidance_scale, **options)
     return [row[:count + samples.TAIL] for row, count in zip(made.decoded, jobs.frames)]
 
   return make

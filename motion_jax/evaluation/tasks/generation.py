@@ -1,88 +1,86 @@
-"""Text to motion: a model makes each item of a pass anew, of its caption and at its length."""
-import dataclasses
+"""Text to motion: a model makes each item of a replication anew, of its caption and at its length."""
+from typing import NamedTuple
 
 import numpy as np
 
 from motion_jax import loading
 from motion_jax.evaluation import samples
-from motion_jax.evaluation.judge import PHYSICS
-
-METRICS = ("top1", "top2", "top3", "fid", "matching", "diversity", "multimodality", "clip_score", *PHYSICS)
-
-load = loading.load
+from motion_jax.evaluation.harness import PHYSICS
+from motion_jax.evaluation.tasks.base import ClipTask, Found
 
 
-def real_rows(judge, repeat):
-  """Rows of a repeat that need no model."""
-  return {"real": judge.real_scores(repeat), "shuffled": judge.shuffled_scores(repeat)}
+class Wanted(NamedTuple):
+  """Motions that a replication wants made: the name of their files, jobs, and the item of each (N,)."""
+  name: str
+  jobs: samples.Jobs
+  items: np.ndarray
 
 
-def rows(judge, subject, repeat):
-  """{"": scores} of a subject's motions for a repeat; with multimodality where the protocol has it."""
-  motions, layout = sampled(judge, subject, repeat), subject.model.stats.layout
-  row = judge.scores(repeat, motions, layout)
-  protocol = judge.protocol
-  if has_multimodality(protocol, repeat):
-    row["multimodality"] = judge.multimodality(repeat, _generations(judge, subject, repeat, motions), layout)
-  return {"": row}
+class Generation(ClipTask):
+  METRICS = ("top1", "top2", "top3", "fid", "matching", "diversity", "multimodality", "clip_score", *PHYSICS)
+  TEXT_TO_MOTION = True
 
+  @staticmethod
+  def load(run, raw=False):
+    """The model of a run folder or of a name that ships."""
+    return loading.load(run, raw=raw)
 
-def has_multimodality(protocol, repeat):
-  return protocol.num_multimodality > 0 and (
-      protocol.multimodality_repeats is None or repeat < protocol.multimodality_repeats)
+  def found(self, candidate, replication):
+    """The row of a candidate's motions, with multimodality where the protocol has it."""
+    motions, layout = self.sampled(candidate, replication), candidate.model.stats.layout
+    row = self.harness.scores(replication, motions, layout)
+    if self.protocol.has_multimodality(replication):
+      generations = self._generations(candidate, replication, motions)
+      row["multimodality"] = self.harness.multimodality(replication, generations, layout)
+    return Found({"": row})
 
+  def sampled(self, candidate, replication):
+    """The motions of a replication [(rows, F)] in the order of its draw."""
+    name, jobs, _ = self._first(replication)
+    return candidate.sample(candidate.generator(), candidate.store(self.harness), name, jobs,
+                            f"replication {replication + 1}")
 
-def sampled(judge, subject, repeat):
-  """The motions of a repeat [(rows, F)] in the order of its pass."""
-  name, jobs, _ = _first(judge, repeat)
-  return subject.sample(subject.generator(), subject.store(judge), name, jobs, f"repeat {repeat + 1}")
+  def wanted(self, replication) -> list[Wanted]:
+    """All that a replication wants made."""
+    more = [self._many(replication)] if self.protocol.has_multimodality(replication) else []
+    return [self._first(replication), *more]
 
+  def _first(self, replication):
+    drawn = self.harness.drawn(replication)
+    jobs = samples.jobs_of(self.test_set, drawn, self.harness.seed, replication, self._copies(replication))
+    return Wanted(f"r{replication:03d}", jobs, drawn.item)
 
-def wanted(judge, repeat):
-  """All that a repeat wants made: [(name of the files, jobs, items (N,))]."""
-  found = [_first(judge, repeat)]
-  if has_multimodality(judge.protocol, repeat):
-    found.append(_many(judge, repeat))
-  return found
+  def _many(self, replication):
+    """The other generations of the first captions."""
+    drawn, pairs = self.harness.drawn(replication), self._pairs(replication)
+    places, copies = (np.array(part) for part in zip(*pairs))
+    some = samples.Draw(*(part[places] for part in drawn))
+    jobs = samples.jobs_of(self.test_set, some, self.harness.seed, replication, copies)
+    return Wanted(f"r{replication:03d}_many", jobs, some.item)
 
+  def _pairs(self, replication):
+    """(place in the draw, generation of it) of those."""
+    have = self._copies(replication)
+    return [(i, copy) for i in range(self._num_captions) for copy in range(self.protocol.multimodality_motions)
+            if copy != have[i]]
 
-def _first(judge, repeat):
-  drawn = judge.drawn(repeat)
-  jobs = samples.jobs_of(judge.items, drawn, judge.seed, repeat, _copies(judge, repeat))
-  return f"r{repeat:03d}", jobs, drawn.item
+  @property
+  def _num_captions(self):
+    return min(self.protocol.num_multimodality, self.harness.count)
 
+  def _copies(self, replication):
+    """Which generation of each item the scores are of: the first, or the last where a protocol makes many of it."""
+    protocol, count = self.protocol, self.harness.count
+    last = protocol.multimodality_motions - 1
+    many = np.arange(count) < protocol.num_multimodality
+    shared = protocol.multimodality_shared and protocol.has_multimodality(replication)
+    return np.where(many, last, 0) if shared else np.zeros(count, int)
 
-def _many(judge, repeat):
-  """The other generations of the first captions."""
-  drawn, pairs = judge.drawn(repeat), _pairs(judge, repeat)
-  places, copies = (np.array(part) for part in zip(*pairs))
-  some = samples.Pass(*(part[places] for part in drawn))
-  return f"r{repeat:03d}_many", samples.jobs_of(judge.items, some, judge.seed, repeat, copies), some.item
-
-
-def _pairs(judge, repeat):
-  """(place in the pass, generation of it) of those."""
-  count, have = min(judge.protocol.num_multimodality, judge.count), _copies(judge, repeat)
-  return [(i, copy) for i in range(count) for copy in range(judge.protocol.multimodality_motions) if copy != have[i]]
-
-
-def _copies(judge, repeat):
-  """Which generation of each item the scores are of: the first, or the last where a protocol makes many of it."""
-  protocol, count = judge.protocol, judge.count
-  last = protocol.multimodality_motions - 1
-  many = np.arange(count) < protocol.num_multimodality
-  return np.where(many, last, 0) if protocol.multimodality_shared and has_multimodality(protocol, repeat) else (
-      np.zeros(count, int))
-
-
-def _generations(judge, subject, repeat, motions):
-  """Lists of protocol.multimodality_motions generations of the first captions; `motions` holds one of each already."""
-  protocol, have = judge.protocol, _copies(judge, repeat)
-  name, jobs, _ = _many(judge, repeat)
-  made = iter(subject.sample(subject.generator(), subject.store(judge), name, jobs, f"multimodality {repeat + 1}"))
-  return [[motions[i] if copy == have[i] else next(made) for copy in range(protocol.multimodality_motions)]
-          for i in range(min(protocol.num_multimodality, judge.count))]
-
-
-def without_multimodality(protocol):
-  return dataclasses.replace(protocol, multimodality_captions=0, multimodality_batches=0)
+  def _generations(self, candidate, replication, motions):
+    """Lists of protocol.multimodality_motions generations of the first captions; `motions` holds one of each
+    already."""
+    have, (name, jobs, _) = self._copies(replication), self._many(replication)
+    made = iter(candidate.sample(candidate.generator(), candidate.store(self.harness), name, jobs,
+                                 f"multimodality {replication + 1}"))
+    return [[motions[i] if copy == have[i] else next(made) for copy in range(self.protocol.multimodality_motions)]
+            for i in range(self._num_captions)]

@@ -1,4 +1,4 @@
-"""What is judged: passes over a split, its hash, clips that are left out, and whose samples are on disk."""
+"""What is judged: draws of a split, its hash, clips that are left out, and whose samples are on disk."""
 import dataclasses
 import json
 
@@ -7,25 +7,25 @@ import pytest
 
 from motion_jax.data.datasets import humanml3d
 from motion_jax.evaluation import samples
-from motion_jax.evaluation import test_set as items_lib
+from motion_jax.evaluation import test_set as test_set_lib
 from motion_jax.evaluators.evaluator import fresh_evaluator
 from tests.evaluation.test_run import SMALL, make_clips, write_archive
 
 
-def test_a_pass_follows_the_rules_of_items(archive, evaluators):
-  items = items_lib.read_items([archive], SMALL, list(evaluators.values()))
-  drawn = samples.draw_pass(items, SMALL, 0, 0)
+def test_a_draw_follows_the_rules_of_items(archive, evaluators):
+  test_set = test_set_lib.read_test_set([archive], SMALL, list(evaluators.values()))
+  drawn = samples.draw_replication(test_set, SMALL, 0, 0)
   assert len(drawn) == 8 and len(set(drawn.item)) == 8
   assert set(drawn.frames) == {44, 48}  # rows 48: whole units, one less where the coin says so
-  assert all(len(x) == m for x, m in zip(drawn.cut(items.of(evaluators["evaluator"])), drawn.frames))
-  same, other = samples.draw_pass(items, SMALL, 0, 0), samples.draw_pass(items, SMALL, 0, 1)
+  assert all(len(x) == m for x, m in zip(drawn.cut(test_set.of(evaluators["evaluator"])), drawn.frames))
+  same, other = samples.draw_replication(test_set, SMALL, 0, 0), samples.draw_replication(test_set, SMALL, 0, 1)
   assert all((a == b).all() for a, b in zip(drawn, same)) and (drawn.item != other.item).any()
-  words = [len(caption.split()) for caption in drawn.captions_of(items)]
+  words = [len(caption.split()) for caption in drawn.captions_of(test_set)]
   assert all(words[i:i + 4] == sorted(words[i:i + 4], reverse=True) for i in (0, 4))
   plain = dataclasses.replace(SMALL, coin=False, random_crop=False, random_caption=False, shuffle=False)
-  drawn = samples.draw_pass(items, plain, 0, 0, limit=5)
+  drawn = samples.draw_replication(test_set, plain, 0, 0, limit=5)
   assert len(drawn) == 4 and (drawn.start == 0).all() and (drawn.frames == 48).all() and (drawn.caption == 0).all()
-  short = samples.draw_pass(items, dataclasses.replace(SMALL, max_frames=20), 0, 0)
+  short = samples.draw_replication(test_set, dataclasses.replace(SMALL, max_frames=20), 0, 0)
   assert (short.frames == 20).all() and short.start.max() > 4
 
 
@@ -33,14 +33,14 @@ def test_clips_of_test_in_train(tmp_path, evaluators):
   clips = make_clips(6)
   copied = write_archive(tmp_path / "copied", clips + [clips[-1].replace(id="other", split="train")])
   with pytest.raises(ValueError, match="1 clips of split 'test' are in train, too, such as 000005"):
-    items_lib.read_items([copied], SMALL, list(evaluators.values()))
-  items = items_lib.read_items([copied], SMALL, list(evaluators.values()), allow_shared=True)
-  assert items.shared == ["000005"] and "000005" in items.ids
+    test_set_lib.read_test_set([copied], SMALL, list(evaluators.values()))
+  test_set = test_set_lib.read_test_set([copied], SMALL, list(evaluators.values()), allow_shared=True)
+  assert test_set.shared == ["000005"] and "000005" in test_set.ids
 
 
 def test_the_split_is_the_same_whoever_judges_it(archive, evaluators, tmp_path):
   """Its hash is of what is stored: other evaluators leave it, another motion or caption does not."""
-  read = lambda folder, *readers: items_lib.read_items([folder], SMALL, readers).hash
+  read = lambda folder, *readers: test_set_lib.read_test_set([folder], SMALL, readers).hash
   first = read(archive, evaluators["evaluator"])
   assert first == read(archive, fresh_evaluator("clip"), fresh_evaluator("t2m", "full"))
   clips = make_clips()
@@ -69,8 +69,8 @@ def test_clips_with_nan_are_named_and_left_out(tmp_path, evaluators):
     arrays = {name: file[name].copy() for name in file.files}
   arrays["root"][arrays["start"][4] + 3] = np.nan
   np.savez(folder / "motions.npz", **arrays)
-  items = items_lib.read_items([folder], SMALL, list(evaluators.values()))
-  assert items.excluded == [("000004", "NaN")] and items.ids == ["000002", "000003", "000005"]
+  test_set = test_set_lib.read_test_set([folder], SMALL, list(evaluators.values()))
+  assert test_set.excluded == [("000004", "NaN")] and test_set.ids == ["000002", "000003", "000005"]
 
   out = tmp_path / "humanml3d"
   humanml3d.write_folder(clips, out, mirror=False)
@@ -78,6 +78,6 @@ def test_clips_with_nan_are_named_and_left_out(tmp_path, evaluators):
   broken[7] = np.nan
   np.save(out / "new_joint_vecs" / "000004.npy", broken)
   protocol = dataclasses.replace(SMALL, formats=("humanml3d",))
-  items = items_lib.read_items([out], protocol, list(evaluators.values()))
-  assert items.excluded == [("000004", "NaN")] and items.ids == ["000002", "000003", "000005"]
-  assert all(len(x) == 48 for x in items.of(evaluators["evaluator"]))
+  test_set = test_set_lib.read_test_set([out], protocol, list(evaluators.values()))
+  assert test_set.excluded == [("000004", "NaN")] and test_set.ids == ["000002", "000003", "000005"]
+  assert all(len(x) == 48 for x in test_set.of(evaluators["evaluator"]))

@@ -1,9 +1,9 @@
 """Motions that another program made, judged like a model's: what is to be made is written down, what was made is read.
 
-`ask` writes DIR/prompts.jsonl, a line for each motion of each repeat: {"file": "r000/00000.npy", "caption", "frames",
-"fps", "seed", "id"}. The other program puts a file of that name beside it for each line: joints (frames, J, 3), y up,
-in metres (KIT: millimetres), or features (frames, F) of a known representation, not normalized. `Given` reads them;
-joints are turned to begin over the origin, facing +z, as evaluators know motions.
+`ask` writes DIR/prompts.jsonl, a line for each motion of each replication: {"file": "r000/00000.npy", "caption",
+"frames", "fps", "seed", "id"}. The other program puts a file of that name beside it for each line: joints
+(frames, J, 3), y up, in metres (KIT: millimetres), or features (frames, F) of a known representation, not normalized.
+`ExternalMotions` reads them; joints are turned to begin over the origin, facing +z, as evaluators know motions.
 """
 import dataclasses
 import hashlib
@@ -14,7 +14,7 @@ import types
 import numpy as np
 
 from motion_jax.evaluation import samples
-from motion_jax.evaluation.tasks import generation
+from motion_jax.evaluation.tasks.generation import Generation
 from motion_jax.inputs.input_files import load_npy, npy_shape
 from motion_jax.metrics.long_horizon import placed
 from motion_jax.models.base import Able
@@ -25,14 +25,14 @@ from motion_jax.runtime.atomic import atomic_path
 PROMPTS = "prompts.jsonl"
 
 
-def ask(judge, out, repeats) -> pathlib.Path:
-  """Writes what a protocol wants to be made in its first repeats; returns the file."""
-  fps, lines = judge.evaluator.layout.skeleton.fps, []
-  for repeat in range(repeats):
-    for name, jobs, items in generation.wanted(judge, repeat):
+def ask(task: Generation, out, replications) -> pathlib.Path:
+  """Writes what a protocol wants to be made in its first replications; returns the file."""
+  fps, lines = task.harness.evaluator.layout.skeleton.fps, []
+  for replication in range(replications):
+    for name, jobs, items in task.wanted(replication):
       for caption, count, seed, place, item in zip(*jobs, items):
         lines.append(dict(file=_file(name, place), caption=caption, frames=int(count), fps=fps, seed=seed,
-                          id=judge.items.ids[item]))
+                          id=task.test_set.ids[item]))
   with atomic_path(pathlib.Path(out) / PROMPTS) as path:
     path.write_text("".join(json.dumps(line, ensure_ascii=False) + "\n" for line in lines), encoding="utf-8")
   return pathlib.Path(out) / PROMPTS
@@ -51,8 +51,8 @@ class Unsampled(Able):
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Given:
-  """A folder of such motions, in the place of a `subject.Subject`. Made by `load_given`."""
+class ExternalMotions:
+  """A folder of such motions, in the place of a `candidates.Candidate`. Made by `load_external`."""
   name: str
   folder: pathlib.Path
   model: "Unsampled"
@@ -66,7 +66,7 @@ class Given:
     return dict(model=self.folder.name, hash=self.hash, guidance_scale=None, sampling={},
                 layout=self.model.stats.layout.name)
 
-  def store(self, judge):
+  def store(self, harness):
     return None
 
   def generator(self):
@@ -83,7 +83,7 @@ class Given:
     return [_read(path, count, self.model.stats.layout) for path, count in zip(paths, jobs.frames)]
 
 
-def load_given(name, folder, evaluator) -> Given:
+def load_external(name, folder, evaluator) -> ExternalMotions:
   """Motions of a folder, by the first of them features of a representation, or joints of the evaluator's skeleton."""
   folder = pathlib.Path(folder)
   paths = sorted(folder.glob("r[0-9][0-9][0-9]*/*.npy"))
@@ -96,7 +96,7 @@ def load_given(name, folder, evaluator) -> Given:
   for path in paths:
     digest.update(str(path.relative_to(folder)).encode() + path.read_bytes())
   stats = types.SimpleNamespace(layout=layout, fingerprint=None)
-  return Given(name, folder, Unsampled(stats, folder), digest.hexdigest())
+  return ExternalMotions(name, folder, Unsampled(stats, folder), digest.hexdigest())
 
 
 def _joint_layout(evaluator):

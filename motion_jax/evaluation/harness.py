@@ -1,4 +1,4 @@
-"""What the evaluators make of a pass: embeddings of texts, real motions and made ones, and the scores of a repeat."""
+"""Evaluators over a test set: embeddings of texts, real motions and made ones, and the scores of a replication."""
 import dataclasses
 
 import numpy as np
@@ -9,7 +9,7 @@ from motion_jax.metrics import physics, scores
 from motion_jax.metrics import protocol as protocol_lib
 from motion_jax.motion.representations import to_joints
 
-# Streams of random numbers inside a (seed, repeat).
+# Streams of random numbers inside a (seed, replication).
 AGAIN, DIVERSITY, MULTIMODALITY, NOISE = 1, 2, 3, 4
 SHUFFLE, HALVES = 6, 7
 CHUNK = 256  # motions that are padded together
@@ -19,11 +19,11 @@ PHYSICS = {"skating": "skating_ratio", "foot_height": "floating_mm", "penetratio
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Reading:
-  """A pass and what the evaluators read in it; again: the real motions of another pass over the same items.
+class Embedded:
+  """What a replication draws, and embeddings (N, E) of it; again: of other cuts of the same items' real motions.
 
-  real_seen, again_seen: what FID is taken of where that is another vector."""
-  drawn: samples.Pass
+  real_seen, again_seen: what FID is taken of where that is another vector. draws: the pairs of diversity."""
+  drawn: samples.Draw
   text: np.ndarray
   real: np.ndarray
   again: np.ndarray
@@ -35,54 +35,54 @@ class Reading:
   draws: protocol_lib.Draws
 
 
-class Judge:
-  """Evaluators over the items of a protocol; `read` gives a repeat's pass, `scores` the numbers of motions made for it.
-  """
+class Harness:
+  """Evaluators over the test set of a protocol: `drawn` says what a replication draws, `embedded` what evaluators make
+  of its real side, `scores` the numbers of motions that were made for it. Nothing is written into it from outside."""
 
-  def __init__(self, protocol, evaluator, clip_evaluator, items, seed, limit=None):
+  def __init__(self, protocol, evaluator, clip_evaluator, test_set, seed, limit=None):
     # The evaluator is of CLIP's type itself (docs/papers/cmdm.md#snapmogen).
     if protocol.cosine and clip_evaluator is None:
       clip_evaluator = evaluator
-    self.evaluator, self.clip_evaluator, self.items = evaluator, clip_evaluator, items
+    self.evaluator, self.clip_evaluator, self.test_set = evaluator, clip_evaluator, test_set
     self.seed, self.limit = int(seed), limit
-    count = len(samples.draw_pass(items, protocol, seed, 0, limit))
+    count = len(samples.draw_replication(test_set, protocol, seed, 0, limit))
     if count < protocol.few_draws:  # a trial: no other protocol has so few samples
       protocol = dataclasses.replace(protocol, few_draws=count)
     self.protocol, self.count = protocol, count
-    self._texts, self._readings = {}, {}
-    self.curves = {}  # {name of a row: a curve of each repeat}, where a task draws one
-    self.kept = {}    # what a task wants to make only once
+    self._texts, self._embedded = {}, {}
 
-  def rng(self, repeat, stream):
-    return np.random.default_rng((self.seed, repeat, stream))
+  def rng(self, replication, stream):
+    return np.random.default_rng((self.seed, replication, stream))
 
-  def drawn(self, repeat) -> samples.Pass:
-    """Who is in a repeat's pass."""
-    return samples.draw_pass(self.items, self.protocol, self.seed, repeat, self.limit)
+  def drawn(self, replication) -> samples.Draw:
+    """The items that a replication draws, in its order."""
+    return samples.draw_replication(self.test_set, self.protocol, self.seed, replication, self.limit)
 
-  def read(self, repeat) -> Reading:
-    if repeat not in self._readings:
-      self._readings[repeat] = self._read(repeat)
-    return self._readings[repeat]
+  def embedded(self, replication) -> Embedded:
+    """The real side of a replication."""
+    if replication not in self._embedded:
+      self._embedded[replication] = self._embed_replication(replication)
+    return self._embedded[replication]
 
-  def _read(self, repeat):
-    drawn = self.drawn(repeat)
-    again = samples.draw_pass(self.items, self.protocol, self.seed, repeat, stream=AGAIN, order=drawn.item)
-    real, repeated = (some.cut(self.items.of(self.evaluator)) for some in (drawn, again))
+  def _embed_replication(self, replication):
+    drawn = self.drawn(replication)
+    again = samples.draw_replication(self.test_set, self.protocol, self.seed, replication, stream=AGAIN,
+                                     order=drawn.item)
+    real, repeated = (some.cut(self.test_set.of(self.evaluator)) for some in (drawn, again))
     clip_text = clip_real = None
     if self.clip_evaluator is not None:
       clip_text = self.embed_text(self.clip_evaluator, drawn)
-      clip_real = self.embed(self.clip_evaluator, drawn.cut(self.items.of(self.clip_evaluator)), drawn.frames)
-    return Reading(
+      clip_real = self.embed(self.clip_evaluator, drawn.cut(self.test_set.of(self.clip_evaluator)), drawn.frames)
+    return Embedded(
         drawn, self.embed_text(self.evaluator, drawn), self.embed(self.evaluator, real, drawn.frames),
         self.embed(self.evaluator, repeated, again.frames), clip_text, clip_real,
         self.embed_seen(real, drawn.frames), self.embed_seen(repeated, again.frames),
         physics_of(real, drawn.frames, self.evaluator.layout),
-        protocol_lib.draw(self.rng(repeat, DIVERSITY), len(drawn), self.protocol))
+        protocol_lib.draw(self.rng(replication, DIVERSITY), len(drawn), self.protocol))
 
   def embed_text(self, evaluator, drawn):
-    """Embeddings (N, E) of a pass's captions."""
-    return self.embed_captions(evaluator, drawn.captions_of(self.items), drawn.tokens_of(self.items))
+    """Embeddings (N, E) of the captions of a draw."""
+    return self.embed_captions(evaluator, drawn.captions_of(self.test_set), drawn.tokens_of(self.test_set))
 
   def embed_captions(self, evaluator, captions, tokens):
     """Embeddings (N, E) of captions, each different one read once; tokens as data hold them, None by rule."""
@@ -128,84 +128,84 @@ class Judge:
     """Those, whichever way they are made."""
     return self.embed(self.evaluator, motions, frames, self.evaluator.embed_for_fid)
 
-  def carried(self, evaluator, motions, layout, frames):
+  def converted(self, evaluator, motions, layout, frames):
     """Motions [(rows, F)] of a layout as an evaluator reads them [(rows, F')].
 
     Features look around themselves (headings are smoothed over seconds), so those of the `frames` (N,) are made of
     these alone: what a decoder put behind them is noise.
     """
-    carry = lambda motion: layout.convert(motion, evaluator.layout, evaluator.mode)
+    convert = lambda motion: layout.convert(motion, evaluator.layout, evaluator.mode)
     if layout.narrows_to(evaluator.layout):  # each frame stands for itself
-      return [carry(motion) for motion in motions]
-    carried = [carry(motion[:count]) for motion, count in zip(motions, frames)]
+      return [convert(motion) for motion in motions]
+    converted = [convert(motion[:count]) for motion, count in zip(motions, frames)]
     if self.protocol.made_padding != "decoded":
-      return carried
-    return [np.concatenate([made, carry(motion)[count:]]) if len(motion) > count else made
-            for made, motion, count in zip(carried, motions, frames)]
+      return converted
+    return [np.concatenate([made, convert(motion)[count:]]) if len(motion) > count else made
+            for made, motion, count in zip(converted, motions, frames)]
 
-  def batches(self, reading, made, clip_made=None, made_seen=None, text=None, clip_text=None):
+  def batches(self, embedded, made, clip_made=None, made_seen=None, text=None, clip_text=None):
     """Rows as `metrics.protocol` takes them, dealt in pools."""
-    text = reading.text if text is None else text
-    clip_text = reading.clip_text if clip_text is None else clip_text
-    parts = protocol_lib.Batch(text, reading.real, made, clip_text if clip_made is not None else None, clip_made, None,
-                               reading.real_seen, made_seen)
+    text = embedded.text if text is None else text
+    clip_text = embedded.clip_text if clip_text is None else clip_text
+    parts = protocol_lib.Batch(text, embedded.real, made, clip_text if clip_made is not None else None, clip_made, None,
+                               embedded.real_seen, made_seen)
     pool = self.protocol.pool
     return [protocol_lib.Batch(*(None if part is None else part[i:i + pool] for part in parts))
             for i in range(0, len(made), pool)]
 
-  def scores(self, repeat, motions, layout) -> dict[str, float]:
-    """The row of motions [(rows, F)] in a model's layout, one for each item of the repeat's pass, in its order."""
-    reading = self.read(repeat)
-    carried = self.carried(self.evaluator, motions, layout, reading.drawn.frames)
-    made = self.embed(self.evaluator, carried, reading.drawn.frames)
-    made_seen = self.embed_seen(carried, reading.drawn.frames)
+  def scores(self, replication, motions, layout) -> dict[str, float]:
+    """The row of motions [(rows, F)] in a model's layout, one for each item of the replication's draw, in its order."""
+    embedded = self.embedded(replication)
+    converted = self.converted(self.evaluator, motions, layout, embedded.drawn.frames)
+    made = self.embed(self.evaluator, converted, embedded.drawn.frames)
+    made_seen = self.embed_seen(converted, embedded.drawn.frames)
     clip_made = None
     if self.clip_evaluator is not None:
-      clip_made = self.embed(self.clip_evaluator, self.carried(
-          self.clip_evaluator, motions, layout, reading.drawn.frames), reading.drawn.frames)
-    row = protocol_lib.generation_scores(self.batches(reading, made, clip_made, made_seen), self.protocol,
-                                         reading.draws)
+      clip_made = self.embed(self.clip_evaluator, self.converted(
+          self.clip_evaluator, motions, layout, embedded.drawn.frames), embedded.drawn.frames)
+    row = protocol_lib.generation_scores(self.batches(embedded, made, clip_made, made_seen), self.protocol,
+                                         embedded.draws)
     row = {name: value for name, value in row.items() if not name.startswith("real_")}
-    return row | physics_of(motions, reading.drawn.frames, layout)
+    return row | physics_of(motions, embedded.drawn.frames, layout)
 
-  def real_scores(self, repeat) -> dict[str, float]:
-    """The row of the real motions; their FID is that of another reading of the same items."""
-    reading = self.read(repeat)
+  def real_scores(self, replication) -> dict[str, float]:
+    """The row of the real motions; their FID is that of other cuts of the same items."""
+    embedded = self.embedded(replication)
     row = protocol_lib.generation_scores(self.batches(
-        reading, reading.again, reading.clip_real, reading.again_seen), self.protocol, reading.draws)
+        embedded, embedded.again, embedded.clip_real, embedded.again_seen), self.protocol, embedded.draws)
     own = {name.removeprefix("real_"): value for name, value in row.items() if name.startswith("real_")}
-    return own | {name: row[name] for name in ("fid", "clip_score") if name in row} | reading.physics
+    return own | {name: row[name] for name in ("fid", "clip_score") if name in row} | embedded.physics
 
-  def shuffled_scores(self, repeat) -> dict[str, float]:
+  def shuffled_scores(self, replication) -> dict[str, float]:
     """The real motions with the captions of their pool in any order: what an evaluator that knows nothing would say."""
-    reading, pool = self.read(repeat), self.protocol.pool
-    rng = self.rng(repeat, SHUFFLE)
+    embedded, pool = self.embedded(replication), self.protocol.pool
+    rng = self.rng(replication, SHUFFLE)
     order = np.concatenate([first + rng.permutation(pool) for first in range(0, self.count, pool)])
     turned = lambda x: None if x is None else x[order]
     row = protocol_lib.generation_scores(
-        self.batches(reading, reading.real, reading.clip_real, reading.real_seen, turned(reading.text),
-                     turned(reading.clip_text)),
-        self.protocol, reading.draws)
+        self.batches(embedded, embedded.real, embedded.clip_real, embedded.real_seen, turned(embedded.text),
+                     turned(embedded.clip_text)),
+        self.protocol, embedded.draws)
     return {name: row[name] for name in row if name.startswith("top") or name in ("matching", "clip_score")}
 
-  def fid_of_halves(self, repeat, draws=10) -> float:
+  def fid_of_halves(self, replication, draws=10) -> float:
     """FID between two halves of the real motions that share none, the mean of some draws: how far apart two samples of
     half the size lie that differ by nothing but luck. A model that is given the real captions and lengths may lie
     nearer."""
-    reading, rng = self.read(repeat), self.rng(repeat, HALVES)
-    seen, half = reading.real if reading.real_seen is None else reading.real_seen, self.count // 2
+    embedded, rng = self.embedded(replication), self.rng(replication, HALVES)
+    seen, half = embedded.real if embedded.real_seen is None else embedded.real_seen, self.count // 2
     if half < 2:
       return float("nan")
     orders = [rng.permutation(self.count) for _ in range(draws)]
     return float(np.mean([scores.fid(seen[order[:half]], seen[order[half:2 * half]]) for order in orders]))
 
-  def multimodality(self, repeat, generations, layout):
-    """generations: a list of captions' lists of motions [(rows, F)], with frames of the first items of the pass."""
-    frames = self.read(repeat).drawn.frames
+  def multimodality(self, replication, generations, layout):
+    """generations: a list of captions' lists of motions [(rows, F)], with frames of the first items of the draw."""
+    frames = self.embedded(replication).drawn.frames
     flat = [motion for motions in generations for motion in motions]
     told = np.repeat(frames[:len(generations)], len(generations[0]))
-    made = self.embed_for_fid(self.carried(self.evaluator, flat, layout, told), told)
-    pairs = protocol_lib.multimodality_draws(self.rng(repeat, MULTIMODALITY), self.protocol)
+    made = self.embed_for_fid(self.converted(self.evaluator, flat, layout, told), told)
+    pairs = protocol_lib.multimodality_draws(self.rng(replication, MULTIMODALITY), self.protocol)
     return scores.multimodality(made.reshape(len(generations), -1, made.shape[-1]), *pairs)
 
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from motion_jax.evaluation import protocols
-from motion_jax.evaluation import test_set as items
+from motion_jax.evaluation import test_set as test_set_lib
 from motion_jax.evaluation.checks import controls, sanity
-from motion_jax.evaluation.judge import Judge
+from motion_jax.evaluation.harness import Harness
+from motion_jax.evaluation.tasks.generation import Generation
 from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_jax.metrics import scores
 from motion_jax.metrics.protocol import Draws
@@ -20,76 +21,78 @@ from tests.golden import Fixture
 
 
 @pytest.fixture(scope="module")
-def judge(tmp_path_factory):
+def harness(tmp_path_factory):
   """SnapMoGen's rules and kind of evaluator, on other clips."""
   folder = write_archive(tmp_path_factory.mktemp("data") / "synthetic", make_clips())
   protocol = dataclasses.replace(protocols.get_protocol("snapmogen"), pool=4, few_draws=4, diversity_draws=6,
                                  min_frames=24, formats=("archive",), layouts=(),
                                  multimodality_motions=3, multimodality_pairs=2)
   evaluator = fresh_evaluator("snapmogen", "coordinates")
-  found = items.read_items([folder], protocol, [evaluator])
-  return Judge(protocol, evaluator, None, found, seed=1)
+  found = test_set_lib.read_test_set([folder], protocol, [evaluator])
+  return Harness(protocol, evaluator, None, found, seed=1)
 
 
-def test_fid_is_of_what_stands_before_the_last_layer(judge):
-  reading, evaluator = judge.read(0), judge.evaluator
-  motions = [x[::-1] for x in reading.drawn.cut(judge.items.of(evaluator))]
+def test_fid_is_of_what_stands_before_the_last_layer(harness):
+  embedded, evaluator = harness.embedded(0), harness.evaluator
+  motions = [x[::-1] for x in embedded.drawn.cut(harness.test_set.of(evaluator))]
   made, seen = (np.concatenate([embed(evaluator.stats.normalize(x)[None], np.array([len(x)])) for x in motions])
                 for embed in (evaluator.embed_motion, evaluator.embed_for_fid))
-  row = judge.scores(0, motions, evaluator.layout)
-  np.testing.assert_allclose(row["fid"], scores.fid(reading.real_seen, seen), rtol=1e-3)
-  np.testing.assert_allclose(row["diversity"], scores.diversity(seen, *reading.draws.made), rtol=1e-3)
-  assert abs(row["fid"] - scores.fid(reading.real, made)) > 1e-3 * row["fid"]
+  row = harness.scores(0, motions, evaluator.layout)
+  np.testing.assert_allclose(row["fid"], scores.fid(embedded.real_seen, seen), rtol=1e-3)
+  np.testing.assert_allclose(row["diversity"], scores.diversity(seen, *embedded.draws.made), rtol=1e-3)
+  assert abs(row["fid"] - scores.fid(embedded.real, made)) > 1e-3 * row["fid"]
   # The rest is of the space that sentences share, and the score by CLIP's name is the evaluator's own cosine.
-  np.testing.assert_allclose(row["matching"], scores.matching_score(reading.text, made), rtol=1e-3)
-  np.testing.assert_allclose(row["clip_score"], scores.clip_score(reading.text, made), rtol=1e-3)
+  np.testing.assert_allclose(row["matching"], scores.matching_score(embedded.text, made), rtol=1e-3)
+  np.testing.assert_allclose(row["clip_score"], scores.clip_score(embedded.text, made), rtol=1e-3)
 
 
-def test_real_motions_and_noise_are_read_alike(judge):
-  found = sanity.look(judge)
+def test_real_motions_and_noise_are_read_alike(harness):
+  found = sanity.look(harness)
   assert found["real"]["fid"] < 0.5 * found["fid_noise"]
   assert found["real"]["clip_score"] != found["shuffled"]["clip_score"]
 
 
-def test_multimodality_is_of_the_same_vector(judge):
-  drawn, evaluator = judge.read(0).drawn, judge.evaluator
-  motions = drawn.cut(judge.items.of(evaluator))[:2]
+def test_multimodality_is_of_the_same_vector(harness):
+  drawn, evaluator = harness.embedded(0).drawn, harness.evaluator
+  motions = drawn.cut(harness.test_set.of(evaluator))[:2]
   generations = [[x, x[::-1], x + 0.1] for x in motions]
   flat = [x for xs in generations for x in xs]
   seen = np.concatenate([evaluator.embed_for_fid(evaluator.stats.normalize(x)[None], np.array([len(x)]))
                          for x in flat]).reshape(2, 3, -1)
   apart = np.linalg.norm(seen[:, :, None] - seen[:, None], axis=-1)
-  assert 0 < judge.multimodality(0, generations, evaluator.layout) <= apart.max() * 1.001
+  assert 0 < harness.multimodality(0, generations, evaluator.layout) <= apart.max() * 1.001
 
 
-def test_pieces_may_be_longer_than_clips(judge):
+def test_pieces_may_be_longer_than_clips(harness):
   """Those of long motions end on the model's own grid."""
-  short = Judge(dataclasses.replace(judge.protocol, max_frames=40), judge.evaluator, None, judge.items, seed=1)
-  motions = judge.items.of(judge.evaluator)[:2]
+  protocol = dataclasses.replace(harness.protocol, max_frames=40)
+  short = Harness(protocol, harness.evaluator, None, harness.test_set, seed=1)
+  motions = harness.test_set.of(harness.evaluator)[:2]
   frames = np.array([48, 30])
-  made = short.embed(judge.evaluator, [x[:m] for x, m in zip(motions, frames)], frames)
-  np.testing.assert_allclose(made, judge.embed(judge.evaluator, [x[:m] for x, m in zip(motions, frames)], frames),
+  made = short.embed(harness.evaluator, [x[:m] for x, m in zip(motions, frames)], frames)
+  np.testing.assert_allclose(made, harness.embed(harness.evaluator, [x[:m] for x, m in zip(motions, frames)], frames),
                              rtol=1e-4, atol=1e-5)
 
 
 @pytest.mark.parametrize("padding", ["zeros", "decoded"])
-def test_what_is_behind_a_motion_does_not_reach_into_it(judge, padding):
+def test_what_is_behind_a_motion_does_not_reach_into_it(harness, padding):
   """Headings are smoothed over seconds: features of a motion are made of its own frames alone."""
   evaluator, layout = fresh_evaluator("t2m", "full"), get_layout("coordinates")
-  some = Judge(dataclasses.replace(judge.protocol, made_padding=padding), judge.evaluator, None, judge.items, seed=1)
-  motion = judge.items.of(judge.evaluator)[0]
+  protocol = dataclasses.replace(harness.protocol, made_padding=padding)
+  some = Harness(protocol, harness.evaluator, None, harness.test_set, seed=1)
+  motion = harness.test_set.of(harness.evaluator)[0]
   count = len(motion) - 4
   wild = np.concatenate([motion[:count], np.random.default_rng(0).normal(size=(4, 66)).astype(np.float32)])
-  made, other = some.carried(evaluator, [motion, wild], layout, [count, count])
+  made, other = some.converted(evaluator, [motion, wild], layout, [count, count])
   np.testing.assert_array_equal(made[:count], other[:count])
   assert len(made) == len(other) == count + 4 * (padding == "decoded")
 
 
-def test_the_real_row_of_a_cosine_is_of_the_clips_that_are_ranked(judge):
-  cut = Judge(dataclasses.replace(judge.protocol, max_frames=24), judge.evaluator, None, judge.items, seed=1)
-  reading = cut.read(0)
-  other = scores.clip_score(reading.text, reading.again)
-  assert cut.real_scores(0)["clip_score"] == pytest.approx(scores.clip_score(reading.text, reading.real)) != other
+def test_the_real_row_of_a_cosine_is_of_the_clips_that_are_ranked(harness):
+  cut = Harness(dataclasses.replace(harness.protocol, max_frames=24), harness.evaluator, None, harness.test_set, seed=1)
+  embedded = cut.embedded(0)
+  other = scores.clip_score(embedded.text, embedded.again)
+  assert cut.real_scores(0)["clip_score"] == pytest.approx(scores.clip_score(embedded.text, embedded.real)) != other
 
 
 GOOD = dict(top1=0.5, top2=0.7, top3=0.99, matching=1.0, fid=0.01, clip_score=0.8)
@@ -104,45 +107,45 @@ GOOD = dict(top1=0.5, top2=0.7, top3=0.99, matching=1.0, fid=0.01, clip_score=0.
     (dict(clip_score=0.3), 0.02, "CLIP score of real motions is 0.300, of shuffled captions 0.400"),
     (dict(top1=float("nan")), 0.02, "the real motions' top1 is not finite"),
 ])
-def test_each_sign_of_a_wrong_evaluator_is_told(judge, monkeypatch, real, halves, words):
-  judge.read(0)
-  monkeypatch.setattr(judge, "protocol", dataclasses.replace(judge.protocol, pool=32))
-  monkeypatch.setattr(judge, "real_scores", lambda repeat: GOOD | real)
-  monkeypatch.setattr(judge, "shuffled_scores", lambda repeat: dict(top3=0.6, matching=2.0, clip_score=0.4))
-  monkeypatch.setattr(judge, "fid_of_halves", lambda repeat: halves)
+def test_each_sign_of_a_wrong_evaluator_is_told(harness, monkeypatch, real, halves, words):
+  harness.embedded(0)
+  monkeypatch.setattr(harness, "protocol", dataclasses.replace(harness.protocol, pool=32))
+  monkeypatch.setattr(harness, "real_scores", lambda replication: GOOD | real)
+  monkeypatch.setattr(harness, "shuffled_scores", lambda replication: dict(top3=0.6, matching=2.0, clip_score=0.4))
+  monkeypatch.setattr(harness, "fid_of_halves", lambda replication: halves)
   monkeypatch.setattr(sanity.scores, "fid", lambda *given: 100.0)
-  found = sanity.look(judge)["failures"]
+  found = sanity.look(harness)["failures"]
   assert (not found) if words is None else (len(found) == 1 and words in found[0])
 
 
-def test_real_numbers_unlike_the_papers_are_told(judge, monkeypatch):
-  paper = dataclasses.replace(judge.protocol, paper=("cmdm", "2", "CMDM w/ FSS"))
-  some = Judge(paper, judge.evaluator, None, judge.items, seed=1)
+def test_real_numbers_unlike_the_papers_are_told(harness, monkeypatch):
+  paper = dataclasses.replace(harness.protocol, paper=("cmdm", "2", "CMDM w/ FSS"))
+  some = Harness(paper, harness.evaluator, None, harness.test_set, seed=1)
   printed = {name: one["mean"] for name, one in sanity.tables.paper_row("cmdm", "2", "GT").items()}
   assert not sanity._unlike_the_paper(some, GOOD | printed)
   assert "R@3 of real motions is 0.400, the paper prints 0.9" in sanity._unlike_the_paper(some, GOOD | printed | {
       "top3": 0.4})[0]
 
 
-def test_shuffled_captions_are_all_those_of_their_pools(judge):
+def test_shuffled_captions_are_all_those_of_their_pools(harness):
   """Any order, so that chance is what an evaluator that knows nothing has; none comes from another pool."""
-  asked, embed = [], judge.batches
-  judge.batches = lambda reading, *given, **more: asked.append(given[3]) or embed(reading, *given, **more)
+  asked, embed = [], harness.batches
+  harness.batches = lambda embedded, *given, **more: asked.append(given[3]) or embed(embedded, *given, **more)
   try:
-    judge.shuffled_scores(0)
+    harness.shuffled_scores(0)
   finally:
-    del judge.batches
-  text, turned = judge.read(0).text, asked[0]
-  for first in range(0, judge.count, 4):
+    del harness.batches
+  text, turned = harness.embedded(0).text, asked[0]
+  for first in range(0, harness.count, 4):
     pool = slice(first, first + 4)
     assert sorted(map(tuple, text[pool])) == sorted(map(tuple, turned[pool]))
   assert (text != turned).any()
 
 
-def test_halves_of_the_real_motions_share_none(judge, monkeypatch):
+def test_halves_of_the_real_motions_share_none(harness, monkeypatch):
   seen = []
-  monkeypatch.setattr("motion_jax.evaluation.judge.scores.fid", lambda a, b: seen.append((a, b)) or 1.0)
-  assert judge.fid_of_halves(0, draws=3) == 1.0 and len(seen) == 3
+  monkeypatch.setattr("motion_jax.evaluation.harness.scores.fid", lambda a, b: seen.append((a, b)) or 1.0)
+  assert harness.fid_of_halves(0, draws=3) == 1.0 and len(seen) == 3
   for a, b in seen:
     assert len(a) == len(b) == 4 and not set(map(tuple, a)) & set(map(tuple, b))
 
@@ -162,9 +165,9 @@ def test_what_real_motions_do_from_repeat_to_repeat_is_nothing():
   assert controls._noticed(0.7125, [0.7, 0.69, 0.6], -1, 0.02) == 0.03
 
 
-def test_controls_begin_at_the_same_cuts(judge):
+def test_controls_begin_at_the_same_cuts(harness):
   """Nothing done to them: nothing between them and the real motions."""
-  checked = controls.check(judge)
+  checked = controls.check(Generation(harness))
   assert checked["rows"]["real"]["fid"] == pytest.approx(0, abs=1e-6)
   assert checked["rows"]["noise 10 cm"]["fid"] > 0
 
@@ -188,14 +191,16 @@ def test_the_recorded_loop_comes_out_of_the_judge(monkeypatch):
   protocol = dataclasses.replace(protocols.get_protocol("cmdm-67"), pool=8, min_frames=4, max_frames=8, coin=False,
                                  shuffle=False, random_crop=False, sort_by_caption=False)
   main, clip = reader("w_motion", "w_text"), reader("w_clip", "w_clip_text")
-  found = items.Items("humanml3d", [str(i) for i in range(len(text))], [(str(i),) for i in range(len(text))],
-                      [(None,)] * len(text), [""] * len(text),
-                      {("essential", "benchmark"): [x[:m] for x, m in zip(flat["gt"], lengths)]}, [])
-  monkeypatch.setattr("motion_jax.evaluation.judge.physics_of", lambda *given: {})
-  judge = Judge(protocol, main, clip, found, seed=0)
+  names = [str(i) for i in range(len(text))]
+  test_set = test_set_lib.TestSet(
+      "humanml3d", names, [(name,) for name in names], [(None,)] * len(text), [""] * len(text),
+      {("essential", "benchmark"): [x[:m] for x, m in zip(flat["gt"], lengths)]}, [])
+  monkeypatch.setattr("motion_jax.evaluation.harness.physics_of", lambda *given: {})
+  harness = Harness(protocol, main, clip, test_set, seed=0)
   drawn = [fixture[f"out/dit/draws/{i}"] for i in range(4)]
-  judge._readings[0] = dataclasses.replace(judge.read(0), draws=Draws((drawn[0], drawn[1]), (drawn[2], drawn[3])))
-  row = judge.scores(0, list(flat["gen"]), layout)
+  draws = Draws((drawn[0], drawn[1]), (drawn[2], drawn[3]))
+  harness._embedded[0] = dataclasses.replace(harness.embedded(0), draws=draws)
+  row = harness.scores(0, list(flat["gen"]), layout)
   for name, theirs in (("fid", "fid"), ("diversity", "diversity"), ("top1", "top1"), ("top2", "top2"),
                        ("top3", "top3"), ("matching", "matching"), ("clip_score", "clip")):
     np.testing.assert_allclose(row[name], fixture[f"out/dit/{theirs}"], rtol=1e-4, err_msg=name)

@@ -1,0 +1,133 @@
+"""The result of an evaluation: what results.json holds, as a record whose fields are known.
+
+Whatever lies inside the fields is JSON already: names in it are those of the file, which stay as they are.
+"""
+import dataclasses
+import json
+import pathlib
+from typing import Any, NotRequired, Self, TypedDict
+
+from motion_jax.runtime.atomic import atomic_path
+from motion_jax.training import checkpoint
+
+FILE = "results.json"
+
+
+class Number(TypedDict):
+  """A metric over replications; interval: half of the 95 % interval, None of a single one."""
+  mean: float | None
+  interval: float | None
+  values: list[float]
+
+
+class Paper(TypedDict):
+  """Which printed rows stand beside; see `report.tables.compare`."""
+  system: str
+  table: str
+  row: str | dict[str, Any]
+  also: NotRequired[list]
+  unmarked: NotRequired[list[str]]
+
+
+class Sanity(TypedDict):
+  """What evaluators say of real motions, of wrong captions and of noise; see `checks.sanity.look`."""
+  real: dict[str, float]
+  shuffled: dict[str, float]
+  fid_noise: float
+  fid_halves: NotRequired[float]
+  failures: list[str]
+  warnings: NotRequired[list[str]]
+
+
+class Expectation(TypedDict):
+  """What one metric does under one control; see `checks.controls.check`."""
+  control: str
+  metric: str
+  direction: str
+  real: float
+  values: list[float]
+  ok: bool
+  noticed: NotRequired[float | None]
+
+
+class Controls(TypedDict):
+  """Rows of damaged motions, and whether every metric noticed."""
+  rows: dict[str, dict[str, float]]
+  levels: NotRequired[list[float]]
+  expected: list[Expectation]
+  failures: list[str]
+
+
+class Curve(TypedDict):
+  """A line to draw."""
+  x: list[float]
+  y: list[float]
+  interval: list[float] | None
+  x_label: str
+  y_label: str
+
+
+class Shown(TypedDict):
+  """A motion of the gallery beside the real one, files relative to the result's folder; kind "grid" or "failure"."""
+  caption: str
+  kind: str
+  score: float
+  row: NotRequired[str]
+  real: str
+  made: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Result:
+  """Rows of metrics by a protocol, what stands beside them, and what they came from.
+
+  rows: {row: {metric: number}}, row_order those that tables show; metrics: of their columns. provenance: data, models,
+  evaluators, seeds and code (`evaluation.provenance`), "record" in the file. folder: where it lies, no part of it.
+  """
+  protocol: str
+  title: str
+  rows: dict[str, dict[str, Number]]
+  row_order: list[str]
+  metrics: list[str]
+  paper: Paper | None = None
+  notes: list[str] = dataclasses.field(default_factory=list)
+  provenance: dict[str, Any] = dataclasses.field(default_factory=dict)
+  sanity: Sanity | None = None
+  controls: Controls | None = None
+  curves: dict[str, Curve] = dataclasses.field(default_factory=dict)
+  gallery: list[Shown] = dataclasses.field(default_factory=list)
+  folder: pathlib.Path | None = dataclasses.field(default=None, compare=False)
+
+  def as_json(self) -> dict[str, Any]:
+    return {_WRITTEN.get(name, name): getattr(self, name) for name in _FIELDS}
+
+  @classmethod
+  def from_json(cls, data, folder=None) -> Self:
+    """Raises ValueError for what is no result."""
+    fields = {_FIELDS_OF_FILE.get(name, name): value for name, value in data.items()} if isinstance(data, dict) else {}
+    missing = [name for name in ("protocol", "rows", "row_order", "metrics") if name not in fields]
+    if missing:
+      raise ValueError(f"{folder or 'this'} holds no result of motion-jax evaluate: {', '.join(missing)} is not in it")
+    # Other versions may have left a field out, or null.
+    known = {name: value for name, value in fields.items() if name in _FIELDS and value is not None}
+    return cls(**{"title": fields["protocol"]} | known, folder=folder)
+
+  def write(self, folder) -> Self:
+    """results.json in a folder; returns the result that knows of it."""
+    with atomic_path(pathlib.Path(folder) / FILE) as path:
+      path.write_text(json.dumps(self.as_json(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    return dataclasses.replace(self, folder=pathlib.Path(folder))
+
+  @classmethod
+  def read(cls, folder) -> Self:
+    """The result that `motion-jax evaluate` wrote in a folder. Raises FileNotFoundError or ValueError for one
+    without."""
+    folder = pathlib.Path(folder)
+    if not (folder / FILE).is_file():
+      raise FileNotFoundError(f"{folder}: no {FILE} there; expected the --out folder of motion-jax evaluate")
+    return cls.from_json(checkpoint.load_json(folder, FILE), folder)
+
+
+_WRITTEN = {"provenance": "record"}
+_FIELDS_OF_FILE = {there: here for here, there in _WRITTEN.items()}
+_FIELDS = tuple(field.name for field in dataclasses.fields(Result) if field.name != "folder")

@@ -1,0 +1,70 @@
+"""What every task of an evaluation offers: rows of real motions, rows of a candidate's, and controls of its own."""
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+from motion_jax.evaluation.candidates import Candidate
+from motion_jax.evaluation.harness import PHYSICS, Harness
+
+Row = dict[str, float]  # {metric: number}
+
+
+@dataclasses.dataclass(frozen=True)
+class Found:
+  """What a task found in one replication.
+
+  rows: {part: {metric: number}}; a candidate's only row is of part "". curves: {part: jerk of each frame around a
+  transition}, where a task measures it.
+  """
+  rows: Mapping[str, Row]
+  curves: Mapping[str, Sequence[float]] = dataclasses.field(default_factory=dict)
+
+
+@dataclasses.dataclass(frozen=True)
+class Damaged:
+  """Rows of motions that were damaged on purpose, {control: {metric: number}}, "real" among them, and which way each
+  metric has to go, {control: {metric: 1 up, -1 down}}."""
+  rows: Mapping[str, Row] = dataclasses.field(default_factory=dict)
+  expected: Mapping[str, Mapping[str, int]] = dataclasses.field(default_factory=dict)
+
+
+class Task:
+  """What a protocol asks of a model, over the test set of a harness. What it makes only once, it keeps itself."""
+  METRICS: ClassVar[tuple[str, ...]]        # of its rows, in the order of the tables
+  OPTIONS: ClassVar[tuple[str, ...]] = ()   # choices of --sampling that it has beside those of the method
+  TEXT_TO_MOTION: ClassVar[bool] = False    # captions and lengths are all that a motion is made of
+
+  def __init__(self, harness: Harness):
+    self.harness, self.protocol, self.test_set = harness, harness.protocol, harness.test_set
+
+  @staticmethod
+  def load(run, raw=False) -> Any:
+    """The model of a run that can do what is asked. raw: of the last weights, not their average. Raises ValueError for
+    another model."""
+    raise NotImplementedError
+
+  def real(self, replication: int) -> Found:
+    """Rows that need no model: "real", and others beside it."""
+    raise NotImplementedError
+
+  def found(self, candidate: Candidate, replication: int) -> Found:
+    """Rows of a candidate's motions."""
+    raise NotImplementedError
+
+  def damaged(self, replication: int, joints: Mapping[str, list]) -> Damaged:
+    """Controls of the task's own metrics. joints: {"real" or a level of noise: joints (T, J, 3) of each item drawn}."""
+    return Damaged()
+
+  @property
+  def notes(self) -> tuple[str, ...]:
+    """What has to be said under the table beside the protocol's own note."""
+    return ()
+
+
+class ClipTask(Task):
+  """Motions as long as the items of the test set, judged whole."""
+  METRICS = ("top1", "top2", "top3", "fid", "matching", "diversity", "clip_score", *PHYSICS)
+
+  def real(self, replication):
+    """Rows of the real motions, and of them with shuffled captions."""
+    return Found({"real": self.harness.real_scores(replication), "shuffled": self.harness.shuffled_scores(replication)})
