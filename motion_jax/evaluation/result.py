@@ -105,9 +105,9 @@ class Result:
   def from_json(cls, data, folder=None) -> Self:
     """Raises ValueError for what is no result."""
     fields = {_FIELDS_OF_FILE.get(name, name): value for name, value in data.items()} if isinstance(data, dict) else {}
-    missing = [name for name in ("protocol", "rows", "row_order", "metrics") if name not in fields]
+    missing = [name for name in _REQUIRED if name not in fields]
     if missing:
-      raise ValueError(f"{folder or 'this'} holds no result of motion-jax evaluate: {', '.join(missing)} is not in it")
+      raise ValueError(f"{folder or 'this'} holds no result of motion-jax evaluate: it has no {', '.join(missing)}")
     # Other versions may have left a field out, or null.
     known = {name: value for name, value in fields.items() if name in _FIELDS and value is not None}
     return cls(**{"title": fields["protocol"]} | known, folder=folder)
@@ -130,4 +130,5 @@ class Result:
 
 _WRITTEN = {"provenance": "record"}
 _FIELDS_OF_FILE = {there: here for here, there in _WRITTEN.items()}
+_REQUIRED = ("protocol", "rows", "row_order", "metrics")
 _FIELDS = tuple(field.name for field in dataclasses.fields(Result) if field.name != "folder")

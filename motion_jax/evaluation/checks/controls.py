@@ -6,7 +6,7 @@ levels of it; sliding moves the frozen pose over the ground, lifted and sunk mov
 import numpy as np
 
 from motion_jax.evaluation.harness import NOISE, physics_of
-from motion_jax.evaluation.result import Controls, Curve
+from motion_jax.evaluation.result import Controls, Curve, Expectation
 from motion_jax.evaluation.tasks.base import Task
 from motion_jax.motion.representations import canonicalize, to_joints
 
@@ -54,19 +54,19 @@ def check(task: Task, replication=0, spread=None) -> Controls:
   own = task.damaged(replication, levels)
   both = lambda a, b: {name: a.get(name, {}) | b.get(name, {}) for name in dict.fromkeys([*a, *b])}
   rows, wanted = both(rows, own.rows), both(EXPECTED, own.expected)
-  real, expected = rows["real"], []
+  real, expected = rows["real"], list[Expectation]()
   for control, directions in wanted.items():
     made = [rows[name] for name in names] if control == "noise" else [rows[control]]
     for metric, direction in directions.items():
       if metric in real and all(metric in row for row in made):
         values, nothing = [row[metric] for row in made], (spread or {}).get(metric, 0.0)
-        expected.append(dict(
+        expected.append(Expectation(
             control=control, metric=metric, direction="up" if direction > 0 else "down", real=real[metric],
             values=values, ok=_moves(real[metric], values, direction, nothing),
             noticed=_noticed(real[metric], values, direction, nothing) if control == "noise" else None))
   failures = [f"{one['metric']} of {one['control']} does not go {one['direction']}: real {one['real']:.4g}, then "
               + ", ".join(f"{value:.4g}" for value in one["values"]) for one in expected if not one["ok"]]
-  return dict(rows=rows, levels=list(LEVELS), expected=expected, failures=failures)
+  return Controls(rows=rows, levels=list(LEVELS), expected=expected, failures=failures)
 
 
 def curves(checked: Controls) -> dict[str, Curve]:

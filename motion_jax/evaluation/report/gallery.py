@@ -24,17 +24,17 @@ def write(task: Generation, candidate, out, replication=0) -> list[Shown]:
   worst = [int(i) for i in np.argsort(-away, kind="stable")]
   shown = [("grid", i) for i in _different(range(len(away)), captions)]
   shown += [("failure", i) for i in _different(worst, captions)]
-  entries = []
+  entries: list[Shown] = []
   for number, (kind, i) in enumerate(shown):
-    entry = dict(caption=captions[i], kind=kind, score=float(away[i]), row=candidate.name)
+    names = {}
     for side, features, form in (("real", real[i], harness.evaluator.layout), ("made", motions[i], layout)):
       name = f"gallery/{kind}_{number:02d}_{side}.npz"
       joints = np.asarray(to_joints(features[:drawn.frames[i]], form), np.float32)
       clip = Clip(joints, form.skeleton.fps, (Caption(captions[i]),), id=f"{kind}_{number:02d}_{side}",
                   skeleton=form.skeleton, source=candidate.name if side == "made" else "data")
       export.save(clip, pathlib.Path(out) / name)
-      entry[side] = name
-    entries.append(entry)
+      names[side] = name
+    entries.append(Shown(caption=captions[i], kind=kind, score=float(away[i]), row=candidate.name, **names))
   return entries
 
 

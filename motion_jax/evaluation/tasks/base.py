@@ -1,7 +1,9 @@
 """What every task of an evaluation offers: rows of real motions, rows of a candidate's, and controls of its own."""
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, ClassVar
+
+import numpy as np
 
 from motion_jax.evaluation.candidates import Candidate
 from motion_jax.evaluation.harness import PHYSICS, Harness
@@ -13,11 +15,11 @@ Row = dict[str, float]  # {metric: number}
 class Found:
   """What a task found in one replication.
 
-  rows: {part: {metric: number}}; a candidate's only row is of part "". curves: {part: jerk of each frame around a
-  transition}, where a task measures it.
+  rows: {part: {metric: number}}; a candidate's only row is of part "". curves: {part: mean jerk (width,) of each frame
+  around a transition}, where a task measures it.
   """
   rows: Mapping[str, Row]
-  curves: Mapping[str, Sequence[float]] = dataclasses.field(default_factory=dict)
+  curves: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,0 +1,37 @@
+"""results.json keeps its names: files that were published open, and are written as they were read."""
+import json
+
+import pytest
+
+from motion_jax.evaluation.protocols import PROTOCOLS
+from motion_jax.evaluation.report import tables
+from motion_jax.evaluation.result import FILE, Result
+from tests.conftest import ROOT
+
+PUBLISHED = sorted(path.parent for path in (ROOT / "docs" / "benchmark").glob(f"*/{FILE}"))
+
+
+@pytest.mark.parametrize("folder", PUBLISHED, ids=lambda folder: folder.name)
+def test_published_results_open_and_make_their_tables(folder):
+  text, result = (folder / FILE).read_text(encoding="utf-8"), Result.read(folder)
+  assert json.dumps(result.as_json(), indent=1) + "\n" == text and result.folder == folder
+  assert tables.markdown(result) == (folder / "tables.md").read_text(encoding="utf-8")
+  fields = result.provenance["protocol"]
+  assert fields.keys() == PROTOCOLS[result.protocol].as_json().keys()
+
+
+def test_a_result_is_written_as_it_is_read(tmp_path):
+  number = {"mean": 1.0, "interval": None, "values": [1.0]}
+  result = Result("kit", "KIT", {"real": {"fid": number}}, ["real"], ["fid"], provenance={"seed": 3})
+  written = result.write(tmp_path)
+  assert written.folder == tmp_path and written == result == Result.read(tmp_path)
+  assert json.loads((tmp_path / FILE).read_text())["record"] == {"seed": 3}
+
+
+@pytest.mark.parametrize("content, words", [
+    ("[]", "holds no result of motion-jax evaluate: it has no protocol, rows, row_order, metrics"),
+    ('{"protocol": "kit", "rows": {}}', "holds no result of motion-jax evaluate: it has no row_order, metrics")])
+def test_a_file_that_is_no_result_is_refused(tmp_path, content, words):
+  (tmp_path / FILE).write_text(content)
+  with pytest.raises(ValueError, match=words):
+    Result.read(tmp_path)
