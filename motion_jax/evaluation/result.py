@@ -102,9 +102,9 @@ class Result:
     return {_WRITTEN.get(name, name): getattr(self, name) for name in _FIELDS}
 
   @classmethod
-  def from_json(cls, data, folder=None) -> Self:
+  def from_json(cls, data: dict[str, Any], folder: pathlib.Path | None = None) -> Self:
     """Raises ValueError for what is no result."""
-    fields = {_FIELDS_OF_FILE.get(name, name): value for name, value in data.items()} if isinstance(data, dict) else {}
+    fields = {_FIELDS_OF_FILE.get(name, name): value for name, value in data.items()}
     missing = [name for name in _REQUIRED if name not in fields]
     if missing:
       raise ValueError(f"{folder or 'this'} holds no result of motion-jax evaluate: it has no {', '.join(missing)}")

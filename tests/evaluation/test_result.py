@@ -17,7 +17,7 @@ def test_published_results_open_and_make_their_tables(folder):
   assert json.dumps(result.as_json(), indent=1) + "\n" == text and result.folder == folder
   assert tables.markdown(result) == (folder / "tables.md").read_text(encoding="utf-8")
   fields = result.provenance["protocol"]
-  assert fields.keys() == PROTOCOLS[result.protocol].as_json().keys()
+  assert fields.keys() <= PROTOCOLS[result.protocol].as_json().keys()
 
 
 def test_a_result_is_written_as_it_is_read(tmp_path):
@@ -28,10 +28,9 @@ def test_a_result_is_written_as_it_is_read(tmp_path):
   assert json.loads((tmp_path / FILE).read_text())["record"] == {"seed": 3}
 
 
-@pytest.mark.parametrize("content, words", [
-    ("[]", "holds no result of motion-jax evaluate: it has no protocol, rows, row_order, metrics"),
-    ('{"protocol": "kit", "rows": {}}', "holds no result of motion-jax evaluate: it has no row_order, metrics")])
-def test_a_file_that_is_no_result_is_refused(tmp_path, content, words):
-  (tmp_path / FILE).write_text(content)
-  with pytest.raises(ValueError, match=words):
+def test_a_file_that_is_no_result_is_refused(tmp_path):
+  with pytest.raises(FileNotFoundError, match="expected the --out folder of motion-jax evaluate"):
+    Result.read(tmp_path)
+  (tmp_path / FILE).write_text('{"protocol": "kit", "rows": {}}')
+  with pytest.raises(ValueError, match="holds no result of motion-jax evaluate: it has no row_order, metrics"):
     Result.read(tmp_path)
