@@ -98,7 +98,8 @@ def test_choices_of_sampling():
 
 
 def test_no_other_keyword_has_a_former_name():
-  assert set(former_names.KEYWORDS) == {"polish", "rounds", "revealed_only"}
+  """repeats, of `evaluate`, is tried in evaluation/test_run.py."""
+  assert set(former_names.KEYWORDS) == {"polish", "rounds", "revealed_only", "repeats"}
 
 
 FIELDS = [  # a config that has it, the former name, the name, a value

@@ -1,7 +1,7 @@
 """Names that have changed: the former ones go on working, each with a note that says how it is called.
 
-Keyword arguments of the functions of models, among them choices of sampling, and of evaluation, and fields of configs are listed here;
-flags stand with their command as `Parser.former_flags`.
+Keyword arguments of the functions of models, among them choices of sampling, those of `evaluate`, and fields of configs
+are listed here; flags stand with their command as `Parser.former_flags`.
 """
 import functools
 import warnings

@@ -254,7 +254,8 @@ assert len(jax.local_devices()) == len(used) == 4, used
 def test_motions_of_a_model_are_judged_the_same_from_files(judged, tiny_run, archive, evaluators, tmp_path):
   """What is asked for is what a model of ours is asked for; its motions, given back, have its numbers."""
   result, _ = judged
-  run.ask([archive], tmp_path / "made", SMALL, evaluator=evaluators["evaluator"])
+  with pytest.warns(FutureWarning, match="repeats is called replications"):
+    run.ask([archive], tmp_path / "made", SMALL, evaluator=evaluators["evaluator"], repeats=2)
   lines = [json.loads(line) for line in (tmp_path / "made" / "prompts.jsonl").read_text().splitlines()]
   assert len(lines) == 2 * 8 + 4 * 2 and lines[0].keys() == {"file", "caption", "frames", "fps", "seed", "id"}
   stored = {}
