@@ -1,4 +1,4 @@
-"""What lets anyone replication a number: what was judged, by what, with which draws, on which code."""
+"""What lets anyone repeat a number: what was judged, by what, with which draws, on which code."""
 import functools
 import hashlib
 import importlib.metadata
