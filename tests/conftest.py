@@ -37,9 +37,11 @@ CHECKED = ["motion_jax.nets", "motion_jax.quant.vq"]
 jaxtyping.install_import_hook(CHECKED, f"{tests.typechecker.__name__}.check")
 
 from motion_jax import fit as training  # noqa: E402
+from motion_jax.data import sources  # noqa: E402
 from motion_jax.inputs import config_files  # noqa: E402
 from motion_jax.runtime import cache  # noqa: E402
 from motion_jax.training import mesh, optimizers, train_step  # noqa: E402
+from motion_jax.training.setup import untrained  # noqa: E402
 
 KEPT = 1_000_000_000  # bytes of compiled programs, of all versions of jax together; those unused for longest go first
 
@@ -158,9 +160,28 @@ def tiny_run(tmp_path_factory):
   return folder
 
 
+@pytest.fixture(scope="module")
+def kept_features():
+  """Where many tests of a module train on the same procedural motion, its features are made once."""
+  with sources.keep_features():
+    yield
+
+
+def _compiled_less(found):
+  """A training set-up that evaluates nothing and begins with weights that numpy drew."""
+  drawn = lambda *inputs: untrained(jax.eval_shape(found.stage.init, *inputs))
+  return found._replace(stage=found.stage._replace(init=drawn), evaluate=None)
+
+
+def unjudged_setups():
+  """`training.setups()` for a test that proves that a config trains: what is compiled is its training step, not its
+  evaluation and its initializers, which take as long again; test_smoke.py has these of every base config."""
+  return {stage: lambda config, setup=setup: _compiled_less(setup(config))
+          for stage, setup in training.setups().items()}
+
+
 @pytest.fixture
 def unjudged(monkeypatch):
-  """Where a test proves that a config trains: compiling its evaluation as well would double the time."""
-  without = lambda setup: lambda config: setup(config)._replace(evaluate=None)
-  known = {stage: without(setup) for stage, setup in training.setups().items()}
+  """Training compiles its step alone; see `unjudged_setups`."""
+  known = unjudged_setups()
   monkeypatch.setattr(training, "setups", lambda: known)

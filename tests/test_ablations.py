@@ -10,6 +10,7 @@ from motion_jax.models.cmdm.teacher import make_teacher
 from motion_jax.training.metrics import read_metrics
 from tests.conftest import ROOT, load_config, traced_step
 
+pytestmark = pytest.mark.usefixtures("kept_features")
 CMDM = runpy.run_path(str(ROOT / "configs" / "ablations" / "cmdm.py"))
 CDAMD = runpy.run_path(str(ROOT / "configs" / "ablations" / "cdamd.py"))
 # Rows that differ in sampling alone are the default to train.

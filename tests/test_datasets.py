@@ -14,14 +14,22 @@ from motion_jax.models.cmdm.live import _continue_path
 from motion_jax.motion import representations as F
 from motion_jax.motion.skeleton import SNAPMOGEN
 from motion_jax.training.metrics import read_metrics
-from tests.conftest import ROOT, load_config
+from tests.conftest import ROOT, load_config, traced_step
 
 DATASETS = ("essential", "kit", "snapmogen", "babel")
 STAGES = ("part_tmr", "cmdm_tokenizer", "cmdm_denoiser")
+pytestmark = pytest.mark.usefixtures("kept_features")
 
 
 @pytest.mark.parametrize("dataset", DATASETS)
 @pytest.mark.parametrize("name", STAGES)
+def test_every_config_can_be_trained(name, dataset):
+  traced_step(load_config(name, f"{dataset}_tiny"))
+
+
+@pytest.mark.parametrize("name, dataset", [
+    pytest.param(name, dataset, marks=[] if (name, dataset) == ("cmdm_denoiser", "snapmogen") else pytest.mark.slow)
+    for name in STAGES for dataset in DATASETS])
 def test_every_config_trains_two_steps(name, dataset, tmp_path, unjudged, monkeypatch):
   if name == "part_tmr":  # which trains as it is in test_smoke.py; its six encoders are most of what is compiled
     monkeypatch.setattr(teacher, "part_columns", lambda layout, of=teacher.part_columns: of(layout)[:2])

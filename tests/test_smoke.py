@@ -17,6 +17,7 @@ from tests.conftest import ROOT, load_config
 from tests.test_sources import anchors
 
 CONFIGS = [name for name in config_files.names() if "/" not in name]
+pytestmark = pytest.mark.usefixtures("kept_features")
 
 
 @pytest.mark.parametrize("name", CONFIGS)
@@ -41,7 +42,7 @@ def test_full_and_small_configs_are_whole_and_locked(name):
 
 def test_resume_through_the_stage_is_exact(tmp_path, unjudged):
   """Data order, noise, optimizer and average all go on: 2 + 2 steps are 4, bit for bit."""
-  config = load_config("cmdm_tokenizer", "tiny").unlock()
+  config = load_config("cdamd_length", "tiny").unlock()
   config.optimizer.ema_decay = 0.5
   training.run(config, tmp_path / "parts")
   config.train.num_steps = 4
@@ -51,7 +52,7 @@ def test_resume_through_the_stage_is_exact(tmp_path, unjudged):
 
 
 def test_resume_with_another_model_is_told(tmp_path, unjudged):
-  config = load_config("cmdm_tokenizer", "tiny").unlock()
+  config = load_config("cdamd_length", "tiny").unlock()
   training.run(config, tmp_path)
   config.model.width = 32
   with pytest.raises(ValueError, match="another model"):
@@ -82,7 +83,7 @@ def test_resume_on_other_ground_is_told(tmp_path, unjudged):
 
 def test_launch_py(tmp_path):
   """The command itself, with an override and a misspelled one."""
-  command = [sys.executable, str(ROOT / "launch.py"), f"--config={ROOT}/configs/cmdm_tokenizer.py:tiny",
+  command = [sys.executable, str(ROOT / "launch.py"), f"--config={ROOT}/configs/cdamd_length.py:tiny",
              f"--workdir={tmp_path / 'run'}"]
   done = subprocess.run([*command, "--config.train.num_steps=1"], capture_output=True, text=True, check=False, cwd=ROOT)
   assert done.returncode == 0, done.stderr
