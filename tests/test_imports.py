@@ -20,8 +20,8 @@ LAYERS = [
     ("evaluation",),
     ("cli", "__init__"),
 ]
-CORE = {"absl", "chex", "flatbuffers", "flax", "jax", "jaxtyping", "ml_collections", "numpy", "optax", "orbax", "PIL",
-        "safetensors", "scipy", "tokenizers", "tqdm"}
+CORE = {"absl", "chex", "flatbuffers", "flax", "jax", "jaxtyping", "jinja2", "ml_collections", "numpy", "optax",
+        "orbax", "PIL", "safetensors", "scipy", "tokenizers", "tqdm"}
 # Packages of extras, imported inside the functions that need them.
 LAZY = {"torch", "transformers", "imageio_ffmpeg", "huggingface_hub", "tensorflow_datasets", "grain"}
 FILES = sorted(PACKAGE.rglob("*.py"))

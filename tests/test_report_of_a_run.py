@@ -1,0 +1,63 @@
+"""A run's report.html shows what metrics.jsonl holds, loads nothing, and trusts no text; rates count what they say."""
+import json
+import re
+import time
+
+import ml_collections
+import pytest
+from PIL import Image
+
+from motion_jax.training import rates, report
+from motion_jax.training.metrics import append_metrics
+
+
+def _config(**fields):
+  return ml_collections.FrozenConfigDict({"stage": "cmdm.denoiser", "train": {"num_steps": 100}} | fields)
+
+
+def test_the_page_holds_curves_speed_environment_and_config(tmp_path):
+  for step in range(10, 60, 10):
+    append_metrics(tmp_path, {"step": step, "seconds": step / 2, "loss": 10 / step, "grad_norm": 1.0, "kl": 0.5,
+                              "learning_rate": 1e-3, "samples_per_second": 40.0, "data_wait": 0.25, "memory_mb": 512.0,
+                              "skipped": 0.1})
+  append_metrics(tmp_path, {"step": 50, "held_out_mm": 21.5})
+  (tmp_path / "samples").mkdir()
+  Image.new("RGB", (8, 8)).save(tmp_path / "samples/step50.png")
+  page = report.write(tmp_path, _config(note="<script>alert(1)</script>"), {"device": "cpu & <b>"}).read_text()
+  assert "step 50 of 100" in page and "25.0 %" in page and "21.5" in page and "data:image/png" in page
+  assert page.count("<svg") == 9  # loss, kl; held out; gradient, rate, left out; samples, waiting, memory
+  assert re.search(r"<b>5</b><span>steps left out", page)
+  assert "<script>" not in page and "cpu &amp; &lt;b&gt;" in page
+  assert not re.findall(r"(?:src|href)=\"(?!data:)", page)
+
+
+def test_a_run_without_a_row_has_a_page(tmp_path):
+  assert "step 0 of 100" in report.write(tmp_path, _config(), {}).read_text()
+
+
+def test_smoothing_keeps_a_constant_and_follows_a_step():
+  assert report.smoothed([3.0] * 50) == pytest.approx([3.0] * 50)
+  stepped = report.smoothed([0.0] * 100 + [1.0] * 100)
+  assert stepped[99] == 0 and 0 < stepped[105] < 1 and stepped[-1] == pytest.approx(1, abs=0.01)
+  assert report.smoothed([float("nan"), 2.0])[1] == 2
+
+
+def test_rates_count_steps_since_the_last_row(monkeypatch):
+  now = [100.0]
+  monkeypatch.setattr(time, "perf_counter", lambda: now[0])
+  monkeypatch.setattr(rates, "peak_flops", lambda: 1e6)
+  meter = rates.Rates(8, lambda step: 0.1 * step, flops=1e5)
+  meter.restart()
+  for _ in range(4):
+    meter.step()
+  now[0] += 2.0
+  row = meter.row(step=4, waited=0.5)
+  assert row["samples_per_second"] == pytest.approx(16) and row["data_wait"] == pytest.approx(0.25)
+  assert row["mfu"] == pytest.approx(0.2) and row["learning_rate"] == pytest.approx(0.3) and row["memory_mb"] > 1
+  now[0] += 50.0  # a save
+  meter.restart(waited=0.75)
+  meter.step()
+  now[0] += 1.0
+  row = meter.row(step=5, waited=1.0)
+  assert row["samples_per_second"] == pytest.approx(8) and row["data_wait"] == pytest.approx(0.25)
+  assert json.dumps(row)
