@@ -1,5 +1,6 @@
 """What several tests share: a tiny trained run, made once."""
 import collections
+import contextlib
 import gc
 import importlib.metadata
 import importlib.util
@@ -180,8 +181,25 @@ def unjudged_setups():
           for stage, setup in training.setups().items()}
 
 
-@pytest.fixture
-def unjudged(monkeypatch):
-  """Training compiles its step alone; see `unjudged_setups`."""
+@contextlib.contextmanager
+def unjudged_training():
+  """While it lasts, training compiles its step alone; see `unjudged_setups`."""
   known = unjudged_setups()
-  monkeypatch.setattr(training, "setups", lambda: known)
+  with pytest.MonkeyPatch.context() as patch:
+    patch.setattr(training, "setups", lambda: known)
+    yield
+
+
+@pytest.fixture
+def unjudged():
+  with unjudged_training():
+    yield
+
+
+def brief_run(name, folder):
+  """A run folder of a tiny config after one step, for tests of what is done with it."""
+  config = load_config(name, "tiny").unlock()
+  config.train.num_steps = 1
+  with unjudged_training():
+    training.run(config, folder)
+  return folder

@@ -15,10 +15,12 @@ from motion_jax.models.cdamd import mask_schedule as masking
 from motion_jax.nets.causal_vae import CausalVAE, sample_latent
 from motion_jax.quant import rvq
 from motion_jax.training.metrics import read_metrics
+from motion_jax.training.setup import untrained
 from motion_jax.training.stage import DEVICES
 from tests.conftest import ROOT, load_config
 
 RNG = np.random.default_rng(0)
+pytestmark = pytest.mark.usefixtures("kept_features")
 
 
 def test_smooth_l1_is_summed_over_a_window():
@@ -47,7 +49,7 @@ def test_distances_over_the_whole_set():
 def tokenizer():
   vae = CausalVAE(features=7, latent_dim=3, width=8, dilations=(1,), teacher_dim=5)
   x, noise, teacher = (jnp.asarray(RNG.normal(size=size), jnp.float32) for size in ((2, 8, 7), (2, 2, 3), (2, 2, 5)))
-  return vae, jax.jit(vae.init)(jax.random.key(0), x, noise), x, noise, teacher
+  return vae, untrained(jax.eval_shape(vae.init, jax.random.key(0), x, noise)), x, noise, teacher
 
 
 def test_the_tokenizers_loss_is_put_together_as_the_config_says(tokenizer):
@@ -57,10 +59,15 @@ def test_the_tokenizers_loss_is_put_together_as_the_config_says(tokenizer):
   terms = jax.jit(lambda params: cmdm.tokenizer_terms(vae, params, x, noise, 1.0, 0.0,
                                                       root_columns=slice(0, 4), teacher=teacher,
                                                       align_weight=1.0, **paper))(params)
-  y, mean, logvar = vae.apply(params, x, noise)
-  z = sample_latent(mean, logvar, noise)
-  rec, mdms = cmdm.smooth_l1(y, x), cmdm.set_distances(z, teacher)
-  mcos = cmdm.align_terms(vae.apply(params, z, method="project"), teacher)[0]
+
+  @jax.jit
+  def parts(params):
+    y, mean, logvar = vae.apply(params, x, noise)
+    z = sample_latent(mean, logvar, noise)
+    mcos = cmdm.align_terms(vae.apply(params, z, method="project"), teacher)[0]
+    return z, cmdm.smooth_l1(y, x), cmdm.set_distances(z, teacher), mcos
+
+  z, rec, mdms, mcos = parts(params)
   for name, value in dict(rec=rec, mdms=mdms, mcos=mcos, align=mcos + mdms).items():
     np.testing.assert_allclose(terms[name], value, rtol=1e-5)
 
@@ -103,16 +110,20 @@ def _denoiser(**changes):
   return config, stage, batch
 
 
+def _of_numpy(init, *inputs):
+  return untrained(jax.eval_shape(init, jax.random.key(1), *inputs))
+
+
 def test_latents_of_training_may_be_means():
   config, stage, batch = _denoiser(loss__mean_latents=True)
   vae = CausalVAE(**config.tokenizer)
-  frozen = {"tokenizer": jax.jit(vae.init)(jax.random.key(1), batch["features"][:1], jnp.zeros((1, 6, 4))),
+  frozen = {"tokenizer": _of_numpy(vae.init, batch["features"][:1], jnp.zeros((1, 6, 4))),
             "latent_mean": jnp.full(4, 0.5), "latent_std": jnp.full(4, 2.0)}
-  params, rng = stage.init(batch, jax.random.key(2)), jax.random.key(3)
+  params, rng = untrained(jax.eval_shape(stage.init, batch, jax.random.key(2))), jax.random.key(3)
   target = jax.jit(stage.predict)(params, frozen, batch, rng)["target"]
   noise_rng = jax.random.split(rng, 4)[2]
   noise = jnp.stack([jax.random.normal(jax.random.fold_in(noise_rng, i), (6, 4)) for i in range(2)])
-  mean, _ = vae.apply(frozen["tokenizer"], batch["features"], method="encode")
+  mean, _ = jax.jit(lambda params, x: vae.apply(params, x, method="encode"))(frozen["tokenizer"], batch["features"])
   np.testing.assert_allclose((target + noise)[0], (mean[0] - 0.5) / 2, atol=1e-5)
   _, sampled, _ = _denoiser()
   drawn = jax.jit(sampled.predict)(params, frozen, batch, rng)["target"]
@@ -124,9 +135,9 @@ def test_the_denoiser_learns_noise_at_levels_of_its_own():
   config, stage, batch = _denoiser(model__predicts="ddpm", model__time_scale=1000.0, model__block=1,
                                    loss__level_block=1)
   vae = CausalVAE(**config.tokenizer)
-  frozen = {"tokenizer": jax.jit(vae.init)(jax.random.key(1), batch["features"][:1], jnp.zeros((1, 6, 4))),
+  frozen = {"tokenizer": _of_numpy(vae.init, batch["features"][:1], jnp.zeros((1, 6, 4))),
             "latent_mean": jnp.zeros(4), "latent_std": jnp.ones(4)}
-  params, rng = stage.init(batch, jax.random.key(2)), jax.random.key(3)
+  params, rng = jax.jit(stage.init)(batch, jax.random.key(2)), jax.random.key(3)
   sums, weight = jax.jit(stage.loss)(params, frozen, batch, 0, rng)
   noise_rng = jax.random.split(rng, 4)[2]
   noise = jnp.stack([jax.random.normal(jax.random.fold_in(noise_rng, i), (6, 4)) for i in range(2)])
@@ -166,26 +177,27 @@ def test_codes_may_learn_by_equation_10():
     losses.append(((residual - book[chosen]) ** 2).mean())
     picked.append((residual, chosen))
     residual, total = residual - book[chosen], total + book[chosen]
-  made, codebook = rvq.learn(jnp.asarray(codes), jnp.asarray(x), 2)
+  learn = jax.jit(rvq.learn, static_argnums=2)
+  made, codebook = learn(jnp.asarray(codes), jnp.asarray(x), 2)
   np.testing.assert_allclose(made.quantized.reshape(-1, 3), total, atol=1e-6)
   np.testing.assert_array_equal(made.indices.reshape(-1, 2).T, [chosen for _, chosen in picked])
   np.testing.assert_allclose([made.commitment, codebook], np.mean(losses), rtol=1e-5)
   # To codes: their way to the mean of what chose them; to latents: once straight through, and the commitment.
-  grad = jax.grad(lambda codes: rvq.learn(codes, jnp.asarray(x), 2)[1])(jnp.asarray(codes))
+  grad = jax.jit(jax.grad(lambda codes: rvq.learn(codes, jnp.asarray(x), 2)[1]))(jnp.asarray(codes))
   expected = np.zeros_like(codes)
   for level, (left, chosen) in enumerate(picked):
     np.add.at(expected[level], chosen, 2 * (codes[level][chosen] - left) / rows.size / 2)
   np.testing.assert_allclose(grad, expected, atol=1e-6)
-  through = jax.grad(lambda x: (3 * rvq.learn(jnp.asarray(codes), x, 2)[0].quantized).sum())(jnp.asarray(x))
+  through = jax.jit(jax.grad(lambda x: (3 * rvq.learn(jnp.asarray(codes), x, 2)[0].quantized).sum()))(jnp.asarray(x))
   np.testing.assert_allclose(through, 3.0)
-  one, _ = rvq.learn(jnp.asarray(codes), jnp.asarray(x), 1)
+  one, _ = learn(jnp.asarray(codes), jnp.asarray(x), 1)
   assert (one.indices[..., 1] == -1).all()
   np.testing.assert_allclose(one.commitment, losses[0], rtol=1e-5)
 
 
 def test_codes_begin_at_the_first_rows():
   x = RNG.normal(size=(2, 4, 3)).astype(np.float32)
-  codes = rvq.first_codes(jnp.asarray(x), 2, 5, jax.random.key(0))
+  codes = jax.jit(rvq.first_codes, static_argnums=(1, 2))(jnp.asarray(x), 2, 5, jax.random.key(0))
   rows = x.reshape(-1, 3)
   np.testing.assert_array_equal(codes[0], rows[:5])
   np.testing.assert_allclose(codes[1][:5], 0, atol=1e-6)  # which name themselves, and leave nothing over
@@ -196,11 +208,12 @@ def test_an_rvq_that_learns_by_gradient_trains_its_codes():
   config.quantizer.learn = "gradient"
   stage = cdamd.rvq_stage(config, axis_name=None)
   batch = {"features": jnp.asarray(RNG.normal(size=(2, 16, 66)), jnp.float32), "index": jnp.arange(2)}
-  params = jax.jit(stage.init)(batch, jax.random.key(0))
+  params = jax.jit(stage.init)(batch, jax.random.key(0))  # codes of the batch, not of a draw
   assert stage.init_extra is None and params["codebooks"]["codes"].shape == (4, 8, 4)
   grads = jax.jit(jax.grad(lambda params: stage.loss(params, {}, batch, 0, jax.random.key(1))[0]["loss"]))(params)
   assert np.abs(grads["codebooks"]["codes"]).max() > 0 and not np.any(grads["codebooks"]["counts"])
-  assert stage.predict(params, {}, batch, None)["features"].shape == (2, 16, 66)
+  shapes = jax.eval_shape(lambda params: stage.predict(params, {}, batch, None), params)
+  assert shapes["features"].shape == (2, 16, 66)
 
 
 # --- configs -------------------------------------------------------------------------------------------------------

@@ -17,8 +17,9 @@ from motion_jax.data.datasets.registry import dataset_of
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.evaluators.networks import symmetric_cross_entropy
 from motion_jax.models.cmdm import teacher
+from motion_jax.training.metrics import read_metrics
 from motion_jax.training.optimizers import make_optimizer
-from tests.conftest import ROOT, devices_env, load_config
+from tests.conftest import ROOT, brief_run, devices_env, load_config
 
 
 def test_contrast_of_orthogonal_pairs():
@@ -45,45 +46,44 @@ def test_rates_hold_parameters_still_or_slow_them():
   assert np.allclose(updates["text"]["w"], 0.1 * updates["motion"]["w"]) and updates["motion"]["w"][0] < 0
 
 
+def losses(folder, name, num_devices):
+  """Loss and gradient of the two steps of a tiny config; `unjudged_setups` are at work."""
+  assert jax.local_device_count() == num_devices
+  config = load_config(name, "tiny").unlock()
+  config.model.dropout = 0.0
+  if name == "part_tmr":
+    config.model.update(kind="whole_body", head_dropout=0.0)  # one part compiles faster than six
+  training.run(config, folder)
+  return [(row["loss"], row["grad_norm"]) for row in read_metrics(folder) if "loss" in row]
+
+
 _DEVICES = """
 import json, sys
-import jax
-from motion_jax import fit as training
-from motion_jax.training.metrics import read_metrics
-from tests.conftest import load_config
-config = load_config(sys.argv[2], "tiny").unlock()
-config.model.dropout = 0.0
-if sys.argv[2] == "part_tmr":
-  config.model.update(kind="whole_body", head_dropout=0.0)  # one part compiles faster than six
-setup = training.setups()[config.stage]
-training.setups = lambda: {config.stage: lambda config: setup(config)._replace(evaluate=None)}  # recall is not asked
-training.run(config, sys.argv[1])
-rows = [(row["loss"], row["grad_norm"]) for row in read_metrics(sys.argv[1]) if "loss" in row]
-print(json.dumps([jax.local_device_count(), rows]))
+from tests import conftest, test_teacher
+known = conftest.unjudged_setups()
+conftest.training.setups = lambda: known
+print(json.dumps(test_teacher.losses(sys.argv[1], sys.argv[2], 2)))
 """
 
 
 @pytest.mark.parametrize("name", ["part_tmr", pytest.param("tmr", marks=pytest.mark.slow)])
-def test_two_devices_contrast_the_whole_batch(tmp_path, name):
+def test_two_devices_contrast_the_whole_batch(tmp_path, name, unjudged):
   """Each sentence meets the motions of the other device too (dropout off: its masks fall on other rows), and a TMR's
   noise is that of a pair's place in the whole batch.
 
   Losses and gradients are compared: Adam's first step makes a whole step of a gradient that is rounding alone.
   """
-  found = {}
-  for devices in (1, 2):
-    done = subprocess.run([sys.executable, "-c", _DEVICES, tmp_path / str(devices), name], env=devices_env(devices),
-                          cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr[-2000:]
-    count, found[devices] = json.loads(done.stdout.splitlines()[-1])
-    assert count == devices
-  assert len(found[1]) == 2 and np.allclose(found[1], found[2], rtol=1e-3)
+  done = subprocess.run([sys.executable, "-c", _DEVICES, tmp_path / "two", name], env=devices_env(2), cwd=ROOT,
+                        capture_output=True, text=True, check=False)
+  assert done.returncode == 0, done.stderr[-2000:]
+  one, two = losses(tmp_path / "one", name, 1), json.loads(done.stdout.splitlines()[-1])
+  assert len(one) == 2 and np.allclose(one, two, rtol=1e-3)
 
 
 @pytest.fixture(scope="module")
 def run_and_data(tmp_path_factory):
   folder = tmp_path_factory.mktemp("teacher")
-  training.run(load_config("part_tmr", "tiny"), folder / "run")
+  brief_run("part_tmr", folder / "run")
   write_folder(synthetic_clips(0, 8), folder / "data", mirror=False)
   return folder / "run", folder / "data"
 

@@ -28,16 +28,14 @@ from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.training import checkpoint
 from motion_jax.training.setup import untrained
 from tests import fixtures
-from tests.conftest import load_config
+from tests.conftest import brief_run, load_config
 from tests.golden import Fixture
 from tests.test_convert import run, save_nested, stats_folder, text_folder
 
 
 @pytest.fixture(scope="module", params=["tmr", "motion_patches"])
 def teacher_run(request, tmp_path_factory):
-  folder = tmp_path_factory.mktemp("teachers") / request.param
-  training.run(load_config(request.param, "tiny"), folder)
-  return folder
+  return brief_run(request.param, tmp_path_factory.mktemp("teachers") / request.param)
 
 
 def test_a_run_retrieves_and_judges(teacher_run):
@@ -189,7 +187,7 @@ def test_a_vision_transformer_starts_from_a_folder(tmp_path):
   config.frozen.vit = str(folder)
   config, _ = training.resolve(config)
   setup = setups.teacher(config)
-  params = setup.stage.init(setup.next_batch(0), jax.random.key(0))["motion"]
+  params = jax.jit(setup.stage.init)(setup.next_batch(0), jax.random.key(0))["motion"]
   assert np.array_equal(params["vit"]["block0"]["mlp_in"]["kernel"], state["blocks.0.mlp.fc1.weight"].T)
   assert params["vit"]["positions"].shape == (1 + 4 * 5, width)
   assert np.array_equal(params["vit"]["positions"][0], state["pos_embed"][0, 0])

@@ -7,6 +7,7 @@ from motion_jax.data import sources
 from motion_jax.data.batches import step_rng
 from motion_jax.evaluators.validation import reconstruction_fid
 from motion_jax.models.cmdm import setup as cmdm
+from motion_jax.training.setup import untrained
 from tests.conftest import load_config
 
 
@@ -33,7 +34,7 @@ def test_fid_is_none_for_what_comes_back_and_grows_with_the_error(config):
 
 def test_the_tokenizers_setup_gives_it(config):
   setup = cmdm.tokenizer(config)
-  params = setup.stage.init(setup.next_batch(0), jax.random.key(0))
+  params = untrained(jax.eval_shape(setup.stage.init, setup.next_batch(0), jax.random.key(0)))
   found = setup.evaluate(params)
   assert set(found) == {"held_out_mm", "held_out_fid"} and found["held_out_fid"] > 0
   assert setup.evaluate(params) == found  # the same draws at every save

@@ -10,6 +10,7 @@ from motion_jax.motion.body_parts import chain_columns
 from motion_jax.nets.motion_patches import MotionPatches, kit_frames, resample
 from motion_jax.nets.vit import resize_positions
 from motion_jax.text.bert import Bert, bert_fields
+from motion_jax.training.setup import untrained
 from tests import fixtures
 from tests.golden import check, golden
 from tests.nets.naming import by_reference
@@ -93,8 +94,12 @@ def test_parameter_count_is_the_references():
 @pytest.fixture(scope="module")
 def small():
   net = MotionPatches(8, 1, 2, 8, 4, chains=chain_columns("coordinates"), num_rows=32, patch=8, num_points=8)
-  x = jax.random.normal(jax.random.key(0), (2, 32, 66))
-  return net, net.init(jax.random.key(1), x, jnp.zeros((2, 6))), x
+  x = jnp.asarray(np.random.default_rng(0).normal(size=(2, 32, 66)), jnp.float32)
+  return net, _params(net, x), x
+
+
+def _params(net, x):
+  return untrained(jax.eval_shape(net.init, jax.random.key(1), x, jnp.zeros((len(x), 6))))
 
 
 def test_padding_is_invisible(small):
@@ -110,11 +115,11 @@ def test_a_frame_has_the_feature_of_its_row_of_patches(small):
   """The head of the normalized mean over a row's chains; all frames of a row share it, and the teacher looks both ways.
   """
   net, params, x = small
-  frames = lambda x: net.apply(params, x, method="frames")
+  frames = jax.jit(lambda x: net.apply(params, x, method="frames"))
   made = frames(x[:, :24])
   assert made.shape == (2, 24, net.dim)
   assert (made.reshape(2, 3, 8, -1) == made.reshape(2, 3, 8, -1)[:, :, :1]).all()
-  padded = net.apply(params, jnp.pad(x[:, :24], ((0, 0), (0, 8), (0, 0))), method="frames")
+  padded = frames(jnp.pad(x[:, :24], ((0, 0), (0, 8), (0, 0))))
   assert np.allclose(padded[:, :24], made, atol=1e-6)  # the rest of the image is zeros, as in training
   changed = np.abs(frames(x.at[:, -1].add(5.0)) - frames(x)).max((0, 2))
   assert (changed > 0).all()
@@ -138,9 +143,8 @@ def test_kit_is_shown_at_20_frames_a_second():
   assert shown[20] == 12 and MotionPatches(upsample=True).max_frames == shown[-1] + 1 == 134
   net = MotionPatches(8, 1, 2, 8, 4, chains=chain_columns("coordinates_kit"), num_rows=40, patch=8, num_points=8,
                       upsample=True)
-  x = jax.random.normal(jax.random.key(0), (1, 24, 63))
-  params = net.init(jax.random.key(1), x, jnp.zeros((1, 6)))
-  rows = np.asarray(net.apply(params, x, method="frames")[0])
+  x = jnp.asarray(np.random.default_rng(0).normal(size=(1, 24, 63)), jnp.float32)
+  rows = np.asarray(jax.jit(lambda params: net.apply(params, x, method="frames")[0])(_params(net, x)))
   # Frames 0 to 4 fill image rows 0 to 7, the first row of patches; frame 5 begins in the second.
   assert (rows[:5] == rows[0]).all() and not np.allclose(rows[5], rows[0])
 

@@ -9,6 +9,7 @@ from motion_jax.metrics import scores
 from motion_jax.models.cmdm import tmr_stage as tmr
 from motion_jax.models.cmdm.teacher_weight_names import tmr_names
 from motion_jax.nets.tmr import TMR
+from motion_jax.training.setup import untrained
 from tests import fixtures
 from tests.golden import check, golden
 from tests.nets.naming import by_reference
@@ -97,7 +98,8 @@ def small(request):
                text_emb=jnp.asarray(draw(size=(3, 6, 5)), jnp.float32),
                text_mask=jnp.arange(6) < jnp.array([[6], [2], [4]]), sentence=jnp.eye(3))
   mask = jnp.arange(12) < batch["num_frames"][:, None]
-  params = net.init(jax.random.key(0), batch["features"], mask, batch["text_emb"], batch["text_mask"])["params"]
+  params = untrained(jax.eval_shape(net.init, jax.random.key(0), batch["features"], mask, batch["text_emb"],
+                                    batch["text_mask"]))["params"]
   noise = tuple(jnp.asarray(draw(size=(2, 3, 8)), jnp.float32))
   terms = lambda batch: tmr.tmr_terms(net, params, batch, noise, dict(recons=1, kl=1, latent=1, contrastive=1))
   return net, params, batch, jax.jit(terms)
@@ -116,7 +118,8 @@ def test_padding_is_invisible(small):
   for changed in (other, longer):
     for name, value in terms(changed).items():
       assert np.isclose(value, expected[name], rtol=2e-5, atol=1e-6), name
-  clip = lambda x, count: net.apply({"params": params}, x, jnp.arange(x.shape[1])[None] < count, method="clip")
+  clip = jax.jit(lambda x, count: net.apply({"params": params}, x, jnp.arange(x.shape[1])[None] < count,
+                                            method="clip"))
   x = batch["features"][1:2]
   assert np.allclose(clip(x.at[:, 4:].set(9.0), 4), clip(x[:, :4], 4), atol=1e-5)
   assert not np.allclose(clip(x, 12), clip(x, 4), atol=1e-3)
@@ -127,11 +130,12 @@ def test_frames_are_touched_by_the_contrast_only_where_the_pool_says_so(small):
   net, params, batch, _ = small
   frame_mask = jnp.arange(12) < batch["num_frames"][:, None]
   x = batch["features"]
-  _, _, rows = net.apply({"params": params}, x, frame_mask, method="motion_gaussian")
-  vector = net.apply({"params": params}, x, frame_mask, method="clip")
+  apply = lambda method: jax.jit(lambda *inputs: net.apply({"params": params}, *inputs, method=method))
+  _, _, rows = apply("motion_gaussian")(x, frame_mask)
+  vector = apply("clip")(x, frame_mask)
   mean = (rows * frame_mask[..., None]).sum(1) / batch["num_frames"][:, None]
   assert np.allclose(vector, mean, atol=1e-5) == (net.pool == "real")
-  assert net.apply({"params": params}, x, method="frames").shape == (3, 12, net.dim)
+  assert jax.eval_shape(apply("frames"), x).shape == (3, 12, net.dim)
 
 
 def test_kl_of_known_gaussians():
@@ -170,7 +174,7 @@ def test_near_texts_are_no_counter_examples():
 def test_a_latent_becomes_motion_and_padding_zeros(small):
   net, params, batch, _ = small
   mask = jnp.arange(12) < batch["num_frames"][:, None]
-  made = net.apply({"params": params}, jnp.ones((3, 8)), mask, method="decode")
+  made = jax.jit(lambda z: net.apply({"params": params}, z, mask, method="decode"))(jnp.ones((3, 8)))
   assert (np.asarray(made)[~np.asarray(mask)] == 0).all() and (np.abs(made).sum(-1)[mask] > 0).all()
 
 

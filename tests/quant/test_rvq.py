@@ -17,6 +17,7 @@ from motion_jax.quant import rvq, vq
 from motion_jax.training import checkpoint
 from motion_jax.training import loop as train
 from motion_jax.training.metrics import read_metrics
+from motion_jax.training.setup import untrained
 from tests import fixtures
 from tests.conftest import devices_env, load_config
 from tests.golden import check, golden
@@ -166,6 +167,12 @@ def _config(num_steps, **quantizer):
   return config
 
 
+def _stage(config):
+  """Weights that numpy drew: compiling the initializers takes as long as compiling the step."""
+  stage = cdamd.rvq_stage(config)
+  return stage._replace(init=lambda *inputs: untrained(jax.eval_shape(stage.init, *inputs)))
+
+
 def _next_batch(step):
   x = np.random.default_rng(step).normal(size=(4, 16, 66)).astype(np.float32)
   return {"features": x, "index": np.arange(4)}
@@ -176,7 +183,7 @@ def _equal(a, b):
 
 
 def test_codebooks_are_part_of_the_checkpoint_and_of_the_file(tmp_path):
-  stage = cdamd.rvq_stage(_config(4))
+  stage = _stage(_config(4))
   whole = train.train(_config(4), tmp_path / "whole", stage, _next_batch)
   train.train(_config(2), tmp_path / "parts", stage, _next_batch)
   parts = train.train(_config(4), tmp_path / "parts", stage, _next_batch, resume=True)
@@ -188,30 +195,29 @@ def test_codebooks_are_part_of_the_checkpoint_and_of_the_file(tmp_path):
   assert all(1 <= row["perplexity"] <= 8 and 0 < row["usage"] <= 1 for row in rows)
 
 
+def learned(folder, num_devices):
+  """Codebooks and parameters after three steps of as many rows as codes, and of fewer, each as one list."""
+  assert jax.local_device_count() == num_devices
+  flat = lambda tree: np.concatenate([np.ravel(a) for a in jax.tree.leaves(tree)]).tolist()
+  made = []
+  for num_codes in (8, 24):
+    config = _config(3, num_codes=num_codes, num_levels=2)
+    state = train.train(config, f"{folder}/{num_codes}", _stage(config), _next_batch)
+    made += [flat(state.extra), flat(state.params)]
+  return made
+
+
 _DEVICES = """
-import json, sys, jax, numpy as np
-from motion_jax.models import cdamd
-from motion_jax.training import loop as train
-from tests.quant.test_rvq import _config, _next_batch
-flat = lambda tree: np.concatenate([np.ravel(a) for a in jax.tree.leaves(tree)]).tolist()
-made = []
-for num_codes in (8, 24):
-  config = _config(3, num_codes=num_codes, num_levels=2)
-  state = train.train(config, f"{sys.argv[1]}/{num_codes}", cdamd.rvq_stage(config), _next_batch)
-  made += [flat(state.extra), flat(state.params)]
-print(json.dumps([jax.local_device_count(), *made]))
+import json, sys
+from tests.quant.test_rvq import learned
+print(json.dumps(learned(sys.argv[1], 2)))
 """
 
 
 def test_two_devices_learn_the_codebook_of_one(tmp_path):
   """Also with fewer rows on all devices together (16) than codes: the noise of the tiling is the same."""
-  results = []
-  for devices in (1, 2):
-    done = subprocess.run([sys.executable, "-c", _DEVICES, str(tmp_path / str(devices))], env=devices_env(devices),
-                          capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    count, *state = json.loads(done.stdout.splitlines()[-1])
-    assert count == devices
-    results.append(state)
-  for one, two in zip(*results, strict=True):
+  done = subprocess.run([sys.executable, "-c", _DEVICES, str(tmp_path / "two")], env=devices_env(2),
+                        capture_output=True, text=True, check=False)
+  assert done.returncode == 0, done.stderr
+  for one, two in zip(learned(tmp_path / "one", 1), json.loads(done.stdout.splitlines()[-1]), strict=True):
     assert np.abs(np.subtract(one, two)).max() < 1e-5
