@@ -17,6 +17,7 @@ from motion_jax.models.cdamd.unmasking import most_unmasked
 from motion_jax.models.cdamd.weight_names import autoencoder_names, mardm_names, masked_transformer_names
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.masks import padding_mask
+from motion_jax.training.setup import untrained
 from tests import fixtures
 from tests.conftest import load_config
 from tests.golden import check, golden
@@ -105,7 +106,7 @@ def run_train_step(fixture, dtype):
 
 
 def recorded_draw(fixture, prefix, hidden, dtype):
-  """(draw, dense start noise (N, B, L, C)): what `make_draw` gives, from rows recorded for the hidden latents."""
+  """(noise (N, steps, B, L, C), dense start noise (N, B, L, C)), from rows recorded for the hidden latents."""
   starts = [fixture[f"in/{prefix}start{k}"] for k in range(len(hidden))]
   dense = np.zeros(hidden.shape + starts[0].shape[1:], dtype)
   for k, rows in enumerate(starts):
@@ -118,18 +119,22 @@ def recorded_draw(fixture, prefix, hidden, dtype):
       for j in range(len(steps)):
         later[k, j][hidden[k]] = fixture[f"in/{prefix}step{k}/{j}"][:hidden[k].sum()]
     noise.append(later)
-  noise = jnp.asarray(np.concatenate(noise, axis=1))
-  return (lambda k, j: noise[k, j]), dense
+  return np.concatenate(noise, axis=1), dense
+
+
+@functools.partial(jax.jit, static_argnums=(0, 1, 2))
+def recorded_latents(net, plan, scale, params, latents, text, hidden, real, noise):
+  """Compiled once for all runs of a size."""
+  return cdamd.make_latents(net, plan, params, latents, text_emb=text, hidden=hidden, real_mask=real, scale=scale,
+                            draw=lambda k, j: noise[k, j])
 
 
 def run_iterations(fixture, dtype, net, params, latents, hidden, real, prefix="", **fields):
   """The recorded loop -> outputs (latents after all iterations and at the end, counts, hidden, start noise)."""
-  draw, dense = recorded_draw(fixture, prefix, hidden, dtype)
-  plan = cdamd.make_plan(**fields)
-  text, scale = jnp.asarray(fixture["in/text"], dtype)[:, None], fixture.meta["arguments"]["scale"]
-  run = jax.jit(lambda params, z: cdamd.make_latents(net, plan, params, z, text_emb=text, hidden=hidden,
-                                                          real_mask=real, scale=scale, draw=draw))
-  made = run(params, latents)
+  noise, dense = recorded_draw(fixture, prefix, hidden, dtype)
+  text = jnp.asarray(fixture["in/text"], dtype)[:, None]
+  made = recorded_latents(net, cdamd.make_plan(**fields), fixture.meta["arguments"]["scale"], params, latents, text,
+                          hidden, real, noise)
   return {"rounds": made, "latents": made[-1].swapaxes(1, 2), "masked": hidden, "counts": hidden.sum(-1),
           **{f"start_dense{k}": array for k, array in enumerate(dense)}}
 
@@ -291,7 +296,7 @@ def test_an_edit_changes_what_it_should():
   net, params = small()
   autoencoder = Autoencoder(features=6, latent_dim=3, width=8)
   x = jnp.asarray(np.random.default_rng(2).normal(size=(1, 36, 6)), jnp.float32)
-  tokenizer = jax.jit(autoencoder.init)(jax.random.key(3), x)
+  tokenizer = untrained(jax.eval_shape(autoencoder.init, jax.random.key(3), x))
   codec = AutoencoderCodec(autoencoder, tokenizer, jnp.full(3, 0.1), jnp.full(3, 2.0))
   real, edited = jnp.ones((1, 9), bool), masking.task_mask("inpainting", [36], 9)
   counts = masking.hidden_counts(ITERATIONS, edited.sum(-1))
@@ -362,7 +367,7 @@ def test_sections_that_do_not_fit_are_told(changes, told):
 def test_scaled_latents_are_undone_before_the_decoder():
   net = Autoencoder(features=6, latent_dim=3, width=8)
   x = jnp.asarray(np.random.default_rng(2).normal(size=(2, 16, 6)), jnp.float32)
-  tokenizer = jax.jit(net.init)(jax.random.key(3), x)
+  tokenizer = untrained(jax.eval_shape(net.init, jax.random.key(3), x))
   codec = AutoencoderCodec(net, tokenizer)
   fitted = codec.fitted(list(np.asarray(x)), length=16)
   real = padding_mask(jnp.array([4, 3]), 4)

@@ -13,6 +13,8 @@ from motion_jax.training import checkpoint
 from motion_jax.training.setup import untrained
 
 X = jnp.asarray(np.random.default_rng(0).normal(size=(2, 24, 6)), jnp.float32)
+encode, decode, sample, reconstruct = (jax.jit(lambda codec, *inputs, name=name: getattr(codec, name)(*inputs))
+                                       for name in ("encode", "decode", "sample", "reconstruct"))
 MEAN, STD = jnp.array([0.5, -1.0, 0.0]), jnp.array([2.0, 0.5, 1.0])
 
 
@@ -34,7 +36,7 @@ def test_a_codec_is_one_argument_of_a_compiled_function(vae):
   z = jnp.ones((1, 2, 3))
   assert decode(vae, z).shape == (1, 8, 6)
   assert np.abs(decode(vae.replace(mean=MEAN + 1), z) - decode(vae, z)).max() > 1e-3 and decode._cache_size() == 1
-  gradient = jax.grad(lambda codec: (codec.decode(z) ** 2).sum())(vae)
+  gradient = jax.jit(jax.grad(lambda codec: (codec.decode(z) ** 2).sum()))(vae)
   assert gradient.net == vae.net and np.abs(gradient.std).min() > 0  # the scale takes part, the network does not
 
 
@@ -47,35 +49,37 @@ def test_a_codec_comes_back_from_its_file(vae, tmp_path):
 
 def test_scaled_latents_are_those_of_the_encoder_moved_and_stretched(vae):
   plain, keys = vae.unscaled(), jax.random.split(jax.random.key(0), 2)
-  for encode in (lambda codec: codec.encode(X), lambda codec: codec.sample(X, keys)):
-    np.testing.assert_allclose(encode(vae) * STD + MEAN, encode(plain), atol=1e-5)
-  assert np.abs(vae.sample(X, keys) - vae.encode(X)).max() > 1e-2
-  np.testing.assert_allclose(vae.decode(vae.encode(X)), vae.reconstruct(X), atol=1e-4)
-  np.testing.assert_allclose(vae.decode(vae.sample(X, keys)), vae.reconstruct(X, keys), atol=1e-4)
+  means, drawn = encode(vae, X), sample(vae, X, keys)
+  for scaled, unscaled in ((means, encode(plain, X)), (drawn, sample(plain, X, keys))):
+    np.testing.assert_allclose(scaled * STD + MEAN, unscaled, atol=1e-5)
+  assert np.abs(drawn - means).max() > 1e-2
+  np.testing.assert_allclose(decode(vae, means), reconstruct(vae, X), atol=1e-4)
+  np.testing.assert_allclose(decode(vae, drawn), reconstruct(vae, X, keys), atol=1e-4)
 
 
 def test_a_stream_of_latents_decodes_as_the_whole(vae):
-  z, state, parts = vae.encode(X), vae.init_decode_state(2), []
-  for block in jnp.split(z, 3, axis=1):
-    features, state = vae.decode_step(block, state)
+  z, state, parts = encode(vae, X), vae.init_decode_state(2), []
+  step = jax.jit(VaeCodec.decode_step)
+  for block in np.split(z, 3, axis=1):
+    features, state = step(vae, block, state)
     parts.append(features)
-  np.testing.assert_allclose(jnp.concatenate(parts, axis=1), vae.decode(z), atol=1e-5)
+  np.testing.assert_allclose(np.concatenate(parts, axis=1), decode(vae, z), atol=1e-5)
 
 
 def test_fitted_latents_have_mean_0_and_variance_1(vae, autoencoder):
   clips = list(np.random.default_rng(1).normal(size=(16, 26, 6)).astype(np.float32))  # half a latent at the end
-  real = jnp.ones((16, 6), bool)
-  z = np.asarray(autoencoder.fitted(clips, length=24).encode(jnp.stack(clips)[:, :24], real)).reshape(-1, 3)
+  whole, real = np.stack(clips)[:, :24], np.ones((16, 6), bool)
+  z = np.asarray(encode(autoencoder.fitted(clips, length=24), whole, real)).reshape(-1, 3)
   np.testing.assert_allclose([z.mean(0), z.std(0)], [[0] * 3, [1] * 3], atol=1e-4)
   fitted = vae.fitted(clips, length=24)
-  drawn = [fitted.sample(jnp.stack(clips)[:, :24], jax.random.split(jax.random.key(i), 16)) for i in range(8)]
-  z = np.asarray(jnp.concatenate(drawn)).reshape(-1, 3)
+  drawn = [sample(fitted, whole, jax.random.split(jax.random.key(i), 16)) for i in range(8)]
+  z = np.concatenate(drawn).reshape(-1, 3)
   np.testing.assert_allclose([z.mean(0), z.std(0)], [[0] * 3, [1] * 3], atol=0.15)
 
 
 def test_padding_has_no_latents(autoencoder):
   real = padding_mask(jnp.array([6, 4]), 6)
-  z = autoencoder.encode(X, real)
+  z = encode(autoencoder, X, real)
   assert z.shape == (2, 6, 3) and not z[1, 4:].any() and z[1, :4].all()
   assert autoencoder.real_frames(real).sum(-1).tolist() == [24, 16]
 
@@ -83,7 +87,8 @@ def test_padding_has_no_latents(autoencoder):
 def test_codes_there_and_back(autoencoder):
   books = vq.codebook_of(np.random.default_rng(2).normal(size=(2, 8, 3)).astype(np.float32))
   codec = RvqCodec(autoencoder.net, {**autoencoder.params, "codebooks": books._asdict()})
-  indices, codes = codec.encode(X)
-  assert indices.shape == (2, 6, 2) and codes.shape == (2, 2, 6, 3) and codec.decode(indices).shape == X.shape
-  np.testing.assert_array_equal(codec.reconstruct(X), codec.decode(indices))
-  assert np.abs(codec.decode(indices, 1) - codec.decode(indices)).max() > 1e-3
+  indices, codes = encode(codec, X)
+  made = decode(codec, indices)
+  assert indices.shape == (2, 6, 2) and codes.shape == (2, 2, 6, 3) and made.shape == X.shape
+  np.testing.assert_array_equal(reconstruct(codec, X), made)
+  assert np.abs(jax.jit(lambda codec: codec.decode(indices, 1))(codec) - made).max() > 1e-3

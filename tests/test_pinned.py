@@ -1,4 +1,6 @@
 """Numbers of our own code that must not move unseen: parameter counts of every config, draws of batches and noise."""
+import json
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -66,8 +68,20 @@ COUNTS = {
 }
 
 
+_KNOWN = {}  # counts of networks, many of which stand in several configs
+
+
 def _count(name, size):
   config = load_config(name, size)
+  words = size if size in ("small", "tiny") else ""  # which some networks are made for
+  network = json.dumps([config.stage, config.model.to_dict(), (config.get("quantizer") or {}) and
+                        config.quantizer.to_dict(), config.data.layout, words])
+  if network not in _KNOWN:
+    _KNOWN[network] = _counted(config, size)
+  return _KNOWN[network]
+
+
+def _counted(config, size):
   if config.stage == "cmdm.teacher":  # less its text transformer, whose size is frozen.text's
     words = bert_fields(dict(model_type="distilbert", vocab_size=4, dim=768, n_layers=0, n_heads=1, hidden_dim=4))
     teacher = make_teacher(config.model, config.data.layout)

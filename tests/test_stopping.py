@@ -121,7 +121,7 @@ def test_a_training_tells_by_what_it_was_stopped(tmp_path, number):
 
 def test_launch_py_stopped_by_a_signal(tmp_path):
   """The command itself: saved, nothing locked, and a status that is not 0; and a second launch meanwhile is refused."""
-  command = [sys.executable, str(ROOT / "launch.py"), f"--config={ROOT}/configs/cmdm_tokenizer.py:tiny",
+  command = [sys.executable, str(ROOT / "launch.py"), f"--config={ROOT}/configs/cdamd_length.py:tiny",
              "--workdir", str(tmp_path / "run"), "--config.train.num_steps=100000", "--config.train.log_every=1",
              "--config.train.save_every=100000"]
   first = subprocess.Popen(command, env=devices_env(1), stdout=subprocess.PIPE, stderr=subprocess.STDOUT)

@@ -17,6 +17,7 @@ from motion_jax.evaluators.weight_names import (
 from motion_jax.models.cdamd.length import middle_frames
 from motion_jax.models.cdamd.weight_names import length_estimator_names
 from motion_jax.nets.length_estimator import LengthEstimator
+from motion_jax.training.setup import untrained
 from tests import fixtures
 from tests.golden import check, golden
 
@@ -135,7 +136,7 @@ def small():
   given = [draw(size=(3, 6, 10)), np.eye(15)[[[1] * 6, [3] * 6, [14] * 6]], np.array([6, 3, 4]), draw(size=(3, 32, 7)),
            np.array([32, 16, 24])]
   given = [np.asarray(a, np.float32) if a.dtype == np.float64 else a for a in given]
-  return jax.jit(model.apply), jax.jit(model.init)(jax.random.key(0), *given), given
+  return jax.jit(model.apply), untrained(jax.eval_shape(model.init, jax.random.key(0), *given)), given
 
 
 def test_steps_beyond_the_length_and_batch_mates_are_not_seen():

@@ -8,6 +8,7 @@ from motion_jax.convert.state import from_torch
 from motion_jax.models import cdamd
 from motion_jax.models.cdamd.weight_names import autoencoder_names
 from motion_jax.nets.autoencoder import Autoencoder
+from motion_jax.training.setup import untrained
 from tests import fixtures
 from tests.golden import check, golden
 
@@ -54,7 +55,7 @@ def test_parameter_counts(features, expected):
 @pytest.fixture(scope="module")
 def small():
   net = Autoencoder(features=7, latent_dim=3, width=8)
-  return net, jax.jit(net.init)(jax.random.key(0), jnp.zeros((1, 16, 7)))
+  return net, untrained(jax.eval_shape(net.init, jax.random.key(0), jnp.zeros((1, 16, 7))))
 
 
 def test_lengths(small):

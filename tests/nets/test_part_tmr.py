@@ -10,6 +10,7 @@ from motion_jax.models.cmdm.weight_names import TMR_PARTS, part_tmr_from_torch, 
 from motion_jax.motion.body_parts import part_columns, whole_body
 from motion_jax.nets.part_tmr import PartTMR
 from motion_jax.text.bert import Bert, bert_fields
+from motion_jax.training.setup import untrained
 from tests import fixtures
 from tests.golden import check, golden
 
@@ -51,7 +52,7 @@ def run_part_tmr(fixture, dtype):
     return made, grads
 
   made, grads = run(params)
-  streams = apply(params["motion"], x, method="split")
+  streams = jax.jit(lambda motion: apply(motion, x, method="split"))(params["motion"])
   made |= {f"parts/{theirs}": streams[ours] for theirs, ours in TMR_PARTS.items()}
   flat = flax.traverse_util.flatten_dict(grads, sep="/")
   leaves = {"dense": (("weight", "kernel"), ("bias", "bias")), "norm": (("weight", "scale"), ("bias", "bias"))}
@@ -69,8 +70,8 @@ def test_golden():
 def _small(pool="real", parts=None):
   fields = dict(width=8, depth=1, num_heads=2, mlp_width=8, dim=4, pool=pool)
   teacher = PartTMR(parts=parts or part_columns("full"), **fields)
-  x = jax.random.normal(jax.random.key(0), (2, 12, 263))
-  return teacher, jax.jit(teacher.init)(jax.random.key(1), x, jnp.zeros((2, 6))), x
+  x = jnp.asarray(np.random.default_rng(0).normal(size=(2, 12, 263)), jnp.float32)
+  return teacher, untrained(jax.eval_shape(teacher.init, jax.random.key(1), x, jnp.zeros((2, 6)))), x
 
 
 def test_parameter_count_is_the_references():
