@@ -53,19 +53,25 @@ def captioned_data(**fields):
 
 
 def optimizer(learning_rate, **fields):
-  """The section `optimizer`: Adam at a constant rate, where fields do not say otherwise."""
+  """The section `optimizer`: Adam at a constant rate, where fields do not say otherwise.
+
+  Steps are left out whose loss is above skip_loss, or whose gradient is skip_spikes times the median of those before;
+  0 leaves none out.
+  """
   return dict(learning_rate=learning_rate, schedule="constant", cooldown_steps=0, warmup_steps=0, beta1=0.9,
-              beta2=0.999, weight_decay=0.0, clip_norm=0.0, ema_decay=0.0, skip_loss=0.0, final_rate=0.0, rates={},
-              clip_parts=()) | fields
+              beta2=0.999, weight_decay=0.0, clip_norm=0.0, ema_decay=0.0, skip_loss=0.0, skip_spikes=0.0,
+              final_rate=0.0, rates={}, clip_parts=()) | fields
 
 
 def train(num_steps, log_every, save_every, **fields):
   """The section `train`: from random weights, keeping the last ones, where fields do not say otherwise.
 
-  keep_last: how many training states stay, besides the best one.
+  keep_last: how many training states stay, besides the best one. A run that leaves out max_skips steps in a row goes
+  back to its last good state and on with other batches, max_rollbacks times at most. After hang_minutes without a step
+  it ends; 0 never.
   """
   return dict(start="", num_steps=num_steps, log_every=log_every, save_every=save_every, best="",
-              keep_last=2) | fields
+              keep_last=2, max_skips=20, max_rollbacks=3, hang_minutes=60.0) | fields
 
 
 def archives(config, **fields):

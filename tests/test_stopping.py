@@ -10,11 +10,12 @@ import time
 
 import pytest
 
-from motion_jax.runtime import lock, stopping
+from motion_jax.runtime import exit_status, lock, stopping
 from motion_jax.runtime.atomic import atomic_folder, atomic_path
 from motion_jax.training import loop as train
+from motion_jax.training.saver import Saver
 from tests.conftest import ROOT, devices_env
-from tests.test_train import _config, _next_batch, _stage
+from tests.test_train import _config, _equal, _next_batch, _stage
 
 _HALF = """
 import os, pathlib, signal, sys
@@ -77,23 +78,29 @@ def test_handlers_are_given_back(tmp_path):
   assert before == [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] and not stopping._undo
 
 
-def test_ctrl_c_while_jax_is_imported_ends_the_program_with_one_line(tmp_path):
+@pytest.mark.parametrize("command, number, status, said", [
+    ("generate", "SIGINT", 130, "stopped; nothing half-written is left"),
+    ("generate", "SIGTERM", 143, "stopped; nothing half-written is left"),
+    ("train", "SIGTERM", 75, "preempted, resumable")])
+def test_a_signal_while_jax_is_imported_ends_the_program_with_one_line(tmp_path, command, number, status, said):
   """Sent by the import itself: an import hook that kills on the first of jax's own modules, and swallows exceptions."""
+  arguments = {"generate": ["generate", "a person walks", "--out", str(tmp_path / "a.npz")],
+               "train": ["train", "--config", "part_tmr:tiny", "--workdir", str(tmp_path / "run")]}[command]
   script = f"""
 import os, signal, sys
 class Hook:
   def find_spec(self, name, path=None, target=None):
     if name.startswith("jax."):
       try:
-        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), signal.{number})
       except BaseException:
         pass
 sys.meta_path.insert(0, Hook())
 from motion_jax import cli
-sys.exit(cli.main(["generate", "a person walks", "--out", {str(tmp_path / "a.npz")!r}]))
+sys.exit(cli.main({arguments}))
 """
   done = subprocess.run([sys.executable, "-c", script], env=devices_env(1), capture_output=True, text=True, check=False)
-  assert done.returncode == 130 and done.stderr == "motion-jax: stopped; nothing half-written is left\n"
+  assert done.returncode == status and done.stderr.endswith(f": {said}\n") and done.stderr.count("\n") == 1
 
 
 @pytest.mark.parametrize("command", [["models"], ["--help"]])
@@ -106,8 +113,8 @@ def test_a_reader_that_has_gone_is_no_error(command):
   assert done.stderr == b"" and done.returncode in (0, stopping.PIPE_CLOSED)
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_training_tells_by_what_it_was_stopped(tmp_path, number):
+@pytest.mark.parametrize("number, status", [(signal.SIGTERM, 75), (signal.SIGINT, 130)])
+def test_a_training_tells_by_what_it_was_stopped(tmp_path, number, status):
   def stopped(step):
     if step == 1:
       os.kill(os.getpid(), number)
@@ -115,8 +122,38 @@ def test_a_training_tells_by_what_it_was_stopped(tmp_path, number):
 
   stop = stopping.Stop()
   assert int(train.train(_config(50), tmp_path, _stage(), stopped, stop=stop).step) == 2
-  assert stop.raised and stop.status == 128 + number
+  assert stop.raised and stop.status == status
   assert stopping.Stop().status == 0
+
+
+_BUSY = """
+import hashlib, os, signal, sys
+from motion_jax.runtime import stopping
+from motion_jax.training import loop, outputs
+from tests.test_train import _config, _next_batch, _stage
+
+def busy(*_):  # as a compiler is: in C, for long, without a look at Python's handlers
+  os.kill(os.getpid(), signal.SIGTERM)
+  hashlib.pbkdf2_hmac("sha256", b"", b"", 2_000_000_000)
+
+{place} = busy
+with stopping.Stop("program") as stop:
+  loop.train(_config(6), sys.argv[1], _stage(), _next_batch, evaluate=lambda params: {{}}, stop=stop)
+print("still there")
+"""
+
+
+@pytest.mark.parametrize("place, saved", [("loop.init_state", None), ("outputs.was_evaluated", 2)])
+def test_sigterm_is_heard_while_the_main_thread_is_busy(tmp_path, place, saved):
+  """While the first step is compiled nothing is lost; while a save is judged the state is on disk before the end."""
+  began = time.time()
+  done = subprocess.run([sys.executable, "-c", _BUSY.format(place=place), str(tmp_path)], env=devices_env(1), text=True,
+                        capture_output=True, check=False)
+  assert done.returncode == 75 and done.stderr == "program: preempted, resumable\n", done.stderr
+  assert "still there" not in done.stdout and time.time() - began < 30 and Saver(tmp_path).latest == saved
+  rest = train.train(_config(6), tmp_path, _stage(), _next_batch, resume=True)
+  whole = train.train(_config(6), tmp_path / "whole", _stage(), _next_batch)
+  assert _equal(rest, whole)
 
 
 def test_launch_py_stopped_by_a_signal(tmp_path):
@@ -132,8 +169,9 @@ def test_launch_py_stopped_by_a_signal(tmp_path):
   assert second.returncode == 1 and f"in use by process {first.pid}" in second.stderr.splitlines()[-1]
   first.send_signal(signal.SIGTERM)
   printed, _ = first.communicate(timeout=300)
-  assert first.returncode == 143, printed[-2000:]
-  assert b"stopped and saved" in printed and not (tmp_path / "run" / lock.NAME).exists()
+  assert first.returncode == exit_status.PREEMPTED == 75, printed[-2000:]
+  assert b"stopped and saved" in printed and printed.endswith(b"launch.py: preempted, resumable\n")
+  assert not (tmp_path / "run" / lock.NAME).exists()
   assert (tmp_path / "run" / "params.safetensors").is_file()
 
 

@@ -19,6 +19,7 @@ from motion_jax.motion.stats import Stats, save_stats
 from motion_jax.training import checkpoint, mesh, optimizers, resume, train_step
 from motion_jax.training import loop as train
 from motion_jax.training.metrics import append_metrics, read_metrics
+from motion_jax.training.outputs import best_step
 from motion_jax.training.saver import Saver, copy_of
 from motion_jax.training.stage import Stage
 from tests.conftest import devices_env, load_config
@@ -50,8 +51,8 @@ def _config(num_steps, **optimizer):
   config.seed = 0
   config.mesh = dict(map="auto")
   config.optimizer = dict(learning_rate=1e-2, schedule="constant", warmup_steps=1, cooldown_steps=0, beta1=0.9,
-                          beta2=0.99, weight_decay=0.0, clip_norm=1.0, ema_decay=0.9, skip_loss=0.0, final_rate=0.0,
-                          rates={}, clip_parts=()) | optimizer
+                          beta2=0.99, weight_decay=0.0, clip_norm=1.0, ema_decay=0.9, skip_loss=0.0, skip_spikes=0.0,
+                          final_rate=0.0, rates={}, clip_parts=()) | optimizer
   config.train = common.train(num_steps, 1, 2)
   return config
 
@@ -129,10 +130,10 @@ def test_the_best_is_the_smallest_or_the_largest(tmp_path):
   config = _config(6)
   for best, steps in (("", [2, 4, 6]), ("min error", [2, 4]), ("max error", [2])):
     config.train.best = best
-    assert [step for step in (2, 4, 6) if train._best_step(config, tmp_path, step, True) == step] == steps, best
+    assert [step for step in (2, 4, 6) if best_step(config, tmp_path, step, True) == step] == steps, best
   config.train.best = "min missing"
   with pytest.raises(ValueError, match="'missing', which the evaluation at step 4 did not give"):
-    train._best_step(config, tmp_path, 4, True)
+    best_step(config, tmp_path, 4, True)
 
 
 def test_parameters_come_back_as_they_were_whatever_lies_in_memory(tmp_path):
@@ -340,7 +341,7 @@ def drifting(folder, values, num_steps=None, resume=False, slices=None, best="mi
   """Trains a number that grows by about 0.1 a step; `values` {step: held-out number}, saved at every second step."""
   config = ml_collections.ConfigDict(dict(seed=0, mesh=dict(map="auto"), optimizer=dict(
       learning_rate=0.1, schedule="constant", warmup_steps=0, beta1=0.9, beta2=0.9, weight_decay=0.0, clip_norm=0.0,
-      ema_decay=0.0, skip_loss=0.0, rates={}),
+      ema_decay=0.0, skip_loss=0.0, skip_spikes=0.0, rates={}),
       train=common.train(num_steps or max(values), 1, 2, best=best)))
   stage = Stage(lambda batch, rng: {"w": jnp.zeros(1)},
                 lambda params, frozen, batch, step, rng: ({"loss": -params["w"].sum()}, 1.0), None)

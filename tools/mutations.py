@@ -13,7 +13,7 @@ PAST_CACHE = "past the cache, lag does not divide"
 
 MUTATIONS = (
     # --- eight that once went unnoticed ---------------------------------------------------------------------------
-    ("ema", "motion_jax/training/train_step.py", "state.ema_params, 1 - ema_decay)", "state.ema_params, ema_decay)",
+    ("ema", "motion_jax/training/train_step.py", "ema_params, 1 - ema_decay)", "ema_params, ema_decay)",
      (f"{TRAIN}::test_the_average_keeps_its_decay_of_what_was",)),
     ("align-decay", "motion_jax/models/cmdm/losses.py", 'config.align * (1 - config.align_fall * progress)',
      "config.align",
@@ -156,9 +156,9 @@ MUTATIONS = (
      "grads, sums, weight = jax.lax.psum((grads, sums, weight), DEVICES)",
      "grads = jax.lax.pmean(grads, DEVICES)", (f"{TRAIN}::test_four_devices_learn_what_one_learns",)),
     ("skip-gradient", "motion_jax/training/train_step.py",
-     '(metrics["loss"] <= skip_loss) & jnp.isfinite(metrics["grad_norm"])',
-     '(metrics["loss"] <= skip_loss)', (f"{TRAIN}::test_what_is_no_number_is_never_saved",)),
-    ("best-way", "motion_jax/training/loop.py", '{"min": min, "max": max}', '{"min": max, "max": min}',
+     '(metrics["loss"] <= (skip_loss or jnp.inf)) & jnp.isfinite(metrics["grad_norm"])',
+     '(metrics["loss"] <= (skip_loss or jnp.inf))', (f"{TRAIN}::test_what_is_no_number_is_never_saved",)),
+    ("best-way", "motion_jax/training/outputs.py", '{"min": min, "max": max}', '{"min": max, "max": min}',
      (f"{TRAIN}::test_the_best_is_the_smallest_or_the_largest",)),
     ("trimmed-metrics", "motion_jax/training/metrics.py", "if _step_of(line) <= last]", "if _step_of(line) < last]",
      (f"{TRAIN}::test_a_killed_run_goes_on_as_if_it_had_not_been",)),

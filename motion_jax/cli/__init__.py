@@ -25,7 +25,8 @@ def main(argv=None, command=None, program=None):
 
   command: the arguments are those of this sub-command alone, for the script `program` that is it and no other.
   """
-  with stopping.at_once(program or "motion-jax"):
+  trains = "train" in (command, *(sys.argv[1:] if argv is None else argv)[:1])
+  with stopping.at_once(program or "motion-jax", resumable=trains):
     try:
       args = parse(argv, command, program)
       status = _run(args)

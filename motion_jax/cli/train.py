@@ -1,5 +1,6 @@
 """motion-jax train: a stage of a paper, from a config to a run folder."""
 import pathlib
+import sys
 
 from motion_jax.cli import shared
 from motion_jax.inputs import config_files
@@ -32,16 +33,22 @@ def add_to(commands):
 
 
 def _train(args):
+  from motion_jax.runtime import exit_status, stopping
+  with stopping.Stop(args.program) as stop:
+    _run(args, stop)
+  if stop.status == exit_status.PREEMPTED:
+    print(f"{args.program}: preempted, resumable", file=sys.stderr)
+  return stop.status
+
+
+def _run(args, stop):
   config = shared.config_of(args)
 
   import jax
   from absl import logging
 
   from motion_jax import fit
-  from motion_jax.runtime import stopping
   logging.set_verbosity(logging.WARNING)  # orbax tells every step of a save
   shared.cache_compiled_code()  # a run that goes on does not wait for the compiler again
-  stop = stopping.Stop()
   resume = {"yes": True, "no": False, "auto": "auto", None: "auto" if jax.process_count() > 1 else False}[args.resume]
   fit.run(config, pathlib.Path(args.workdir), resume, args.max_seconds, stop, args.allow_changes)
-  return stop.status

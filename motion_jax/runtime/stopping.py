@@ -8,14 +8,11 @@ import signal
 import sys
 import threading
 
-PIPE_CLOSED = 128 + 13  # what a program has that SIGPIPE ended; 13 on every system that has pipes
+from motion_jax.runtime import exit_status
+from motion_jax.runtime.exit_status import PIPE_CLOSED
+
 _SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 _undo = []  # functions that take back what is half done, the newest last
-
-
-def status_of(number) -> int:
-  """The exit status of a program that a signal has stopped: 130 after Ctrl-C, 143 after SIGTERM; 0 for None."""
-  return 0 if number is None else 128 + int(number)
 
 
 @contextlib.contextmanager
@@ -37,22 +34,32 @@ def take_back():
         break
 
 
+_CLEAN = "stopped; nothing half-written is left"
+
+
+def _end(program, number, resumable, message=_CLEAN):
+  """Ends the process where it stands: what is half done is taken back, one line, the status of the signal."""
+  take_back()
+  with contextlib.suppress(Exception):  # a closed terminal
+    sys.stdout.flush()
+  status = exit_status.of_signal(number, resumable)
+  said = "preempted, resumable" if status == exit_status.PREEMPTED else message
+  with contextlib.suppress(OSError):
+    os.write(2, ("\n" * os.isatty(2) + f"{program}: {said}\n").encode())  # not behind a progress bar
+  os._exit(status)
+
+
 @contextlib.contextmanager
-def at_once(program, message="stopped; nothing half-written is left"):
+def at_once(program, message=_CLEAN, resumable=False):
   """In the block SIGINT, SIGTERM and SIGHUP end the program where it stands: what is half done is taken back, one line.
 
   No exception is raised, for code of others may swallow it: a module that is being imported, a callback. Does nothing
-  outside the main thread, where Python sets no handlers.
+  outside the main thread, where Python sets no handlers. resumable: a training, see `exit_status.PREEMPTED`.
   """
   def end(number, frame):
     for other in _SIGNALS:
       signal.signal(other, signal.SIG_IGN)  # an impatient second one must not cut the cleaning short
-    take_back()
-    with contextlib.suppress(Exception):  # a closed terminal
-      sys.stdout.flush()
-    with contextlib.suppress(OSError):
-      os.write(2, ("\n" * os.isatty(2) + f"{program}: {message}\n").encode())  # not behind a progress bar
-    os._exit(status_of(number))
+    _end(program, number, resumable, message)
 
   before = {}
   if threading.current_thread() is threading.main_thread():
@@ -66,14 +73,21 @@ def at_once(program, message="stopped; nothing half-written is left"):
 
 
 class Stop:
-  """Turns the first SIGINT, SIGTERM or SIGHUP into a flag, so that a loop stops between two steps.
+  """Turns the first SIGINT, SIGTERM or SIGHUP into a flag, so that a training stops between two steps.
 
   In `with stop:` .raised becomes True; a second signal does what signals did before. Afterwards .status is the exit
-  status of a program that was stopped so, 0 if it was not.
+  status of a training that was stopped so, 0 if it was not.
+
+  program: the name of one that a signal ends at once while there is nothing to lose, as is so from the start until
+  `something_to_lose` is called, and again after `nothing_to_lose`. A thread hears the signal: handlers in Python wait
+  for the end of whatever the main thread is in, such as minutes of compiling.
   """
 
-  def __init__(self):
+  def __init__(self, program=None):
     self.number = None
+    self._program, self._depth = program, 0
+    self._may_end, self._before_end = program is not None, None
+    self._lock = threading.RLock()
 
   @property
   def raised(self) -> bool:
@@ -81,18 +95,56 @@ class Stop:
 
   @property
   def status(self) -> int:
-    return status_of(self.number)
+    return exit_status.of_signal(self.number, resumable=True)
+
+  def something_to_lose(self):
+    """From now on a signal is a flag alone."""
+    with self._lock:
+      self._may_end = False
+
+  def nothing_to_lose(self, before_end=None):
+    """From now on a signal ends the program at once, if it has a name, after before_end()."""
+    with self._lock:
+      self._may_end, self._before_end = self._program is not None, before_end
+      if self.raised:
+        self._heard(self.number)
+
+  def _heard(self, number):
+    with self._lock:
+      self.number = self.number or number
+      if self._may_end:
+        if self._before_end is not None:
+          with contextlib.suppress(Exception):
+            self._before_end()
+        _end(self._program, self.number, resumable=True)
 
   def __enter__(self):
-    self._before = {}
-    if threading.current_thread() is threading.main_thread():
-      for number in _SIGNALS:
-        if signal.getsignal(number) != signal.SIG_IGN:
-          self._before[number] = signal.signal(number, self._note)
+    self._depth += 1
+    if self._depth == 1:
+      self._before, self._pipe = {}, None
+      if threading.current_thread() is threading.main_thread():
+        for number in _SIGNALS:
+          if signal.getsignal(number) != signal.SIG_IGN:
+            self._before[number] = signal.signal(number, self._note)
+        if self._program is not None:
+          self._listen()
     return self
 
+  def _listen(self):
+    ear, mouth = self._pipe = os.pipe()
+    os.set_blocking(mouth, False)
+    self._mouth_before = signal.set_wakeup_fd(mouth, warn_on_full_buffer=False)
+
+    def hear():
+      while number := os.read(ear, 1)[0]:
+        if number in self._before:
+          self._heard(number)
+
+    self._thread = threading.Thread(target=hear, name="signals", daemon=True)
+    self._thread.start()
+
   def _note(self, number, frame):
-    self.number = number
+    self.number = self.number or number
     self._restore()
 
   def _restore(self):
@@ -100,7 +152,16 @@ class Stop:
       signal.signal(number, handler)
 
   def __exit__(self, *_):
+    self._depth -= 1
+    if self._depth:
+      return
     self._restore()
+    if self._pipe is not None:
+      signal.set_wakeup_fd(self._mouth_before)
+      os.write(self._pipe[1], b"\0")
+      self._thread.join()
+      for end in self._pipe:
+        os.close(end)
 
 
 def flush() -> int:

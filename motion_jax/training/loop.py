@@ -6,16 +6,20 @@ import time
 
 import jax
 import numpy as np
+from jax.experimental import multihost_utils
 from tqdm import tqdm
 
+from motion_jax.inputs.errors import InputError, reason
 from motion_jax.runtime import stopping
 from motion_jax.training import checkpoint
+from motion_jax.training.guards import Guards, Watchdog, check_finite, keep_batch
 from motion_jax.training.mesh import make_mesh
-from motion_jax.training.metrics import append_metrics, draw_curve, read_metrics, trim_metrics, was_evaluated
+from motion_jax.training.metrics import trim_metrics
 from motion_jax.training.optimizers import make_optimizer
+from motion_jax.training.outputs import Outputs, is_of_the_disk
 from motion_jax.training.progress import Progress
 from motion_jax.training.saver import Saver, copy_of, told_differences
-from motion_jax.training.train_step import init_state, make_train_step, variables_of
+from motion_jax.training.train_step import init_state, make_train_step
 
 
 def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluate=None, max_seconds=None,
@@ -39,113 +43,169 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
   init_rng = jax.random.fold_in(rng, 2**31 - 1)  # no step folds in this number
   example = next_batch(0)
   use_average = optimizer.ema_decay > 0
-  state = mesh.put(jax.jit(lambda batch, key: init_state(stage, tx, batch, key, use_average))(example, init_rng))
-  saver = Saver(workdir, config.train.keep_last)
-  numbers, logged = {}, []
+  init = jax.jit(lambda batch, key: init_state(stage, tx, batch, key, use_average, optimizer.skip_spikes > 0))
 
-  def keep(state):
-    checkpoint.save_params(workdir, variables_of(state, use_average))
-    if use_average:  # references that have no average are judged without one
-      checkpoint.save_params(workdir, variables_of(state), name=checkpoint.RAW)
+  def initial():
+    return init(example, init_rng)
 
-  def judge(step, state, hurried=False):
-    """What follows a save, and is made up for by a run that goes on after a kill between the two. hurried: less the
-    evaluation, for a run that is told to end."""
-    chooses = not hurried and (step % config.train.save_every == 0 or step == num_steps)
-    params = variables_of(state, use_average)
-    if chooses and evaluate is not None and not was_evaluated(workdir, step):
-      numbers.update(evaluate(params))
-      append_metrics(workdir, {"step": step, **numbers})
-    saver.best = _best_step(config, workdir, step, chooses)
-    if config.train.best:
-      checkpoint.save_params(workdir, params, name=checkpoint.LAST)
-    if saver.best == step or not (workdir / checkpoint.PARAMS).is_file():  # something is there at any time
-      keep(state)
+  state = mesh.put(initial())
+  saver = Saver(workdir, config.train.keep_last, config.train.save_every)
+  outputs, guards, logged = Outputs(workdir, config, evaluate), Guards(config), []
+
+  def restore(state):
+    """The newest whole state on disk, with what the guards and the next row of metrics know of it."""
+    restored, record = saver.restore(state, tqdm.write)
+    step, memory = int(restored.step), record.get("memory", {})
+    guards.recall(memory, step)
+    logged[:] = memory.get("logged", [])
+    trim_metrics(workdir, step)
+    return mesh.put(restored), record
 
   saver.clean()
-  going_on = saver.latest is not None
-  if going_on:
+  if saver.latest is not None:
     if not resume:
       raise ValueError(f"{workdir} holds a run at step {saver.latest}; --resume continues it, or choose another folder")
-    restored, record = saver.restore(state)
+    state, record = restore(state)
     if told := told_differences(record):
       print(told)
-    state = mesh.put(restored)
-    logged += record.get("memory", {}).get("logged", [])
+    saver.best = outputs.judge(int(state.step), state, hurried=guards.streak and int(state.step) < num_steps)
   elif resume and not checkpoint.is_fresh(workdir):
     raise FileNotFoundError(f"{workdir} has no checkpoint to resume from; start without --resume in an empty folder")
-  trim_metrics(workdir, int(state.step))
-  if going_on:
-    judge(int(state.step), state)
+  else:
+    trim_metrics(workdir, 0)
   frozen = mesh.put(frozen or {})
-  train_step = mesh.compiled(make_train_step(stage, tx, optimizer.ema_decay, optimizer.skip_loss))
+  train_step = mesh.compiled(make_train_step(stage, tx, optimizer.ema_decay, optimizer.skip_loss,
+                                             optimizer.skip_spikes))
   start = began = time.time()
   first = int(state.step)
 
-  def check_finite(step):
-    """Neither logged nor saved is what came of a step without a finite loss and gradient."""
-    logged[:] = [{key: float(value) for key, value in metrics.items()} for metrics in logged]
-    bad = [m for m in logged if not np.isfinite([m["loss"], m["grad_norm"]]).all()]
-    if bad and not optimizer.skip_loss:  # which leaves such steps out
-      saver.wait()
-      raise FloatingPointError(f"the loss is {bad[0]['loss']}, its gradient {bad[0]['grad_norm']} near "
-                               f"step {step}; the last good state is step {saver.latest}. Try a lower "
-                               "optimizer.learning_rate, and `motion-jax data doctor`")
+  def broken(error):
+    """The error that ends a run, with the batch kept by which it was noticed."""
+    saver.wait()
+    kept = keep_batch(workdir, guards.step, next_batch(guards.batch_number(guards.step - 1)))
+    return FloatingPointError(f"{error}; the last good state is step {saver.sound}, the batch is in {kept}. Try a "
+                              "lower optimizer.learning_rate, and `motion-jax data doctor`")
 
-  def save(step):
-    check_finite(step)
+  def look(step):
+    """Nothing is logged or saved before the guards have seen it; whether the run is lost."""
+    logged[:] = [{key: float(value) for key, value in metrics.items()} for metrics in logged]
+    try:
+      return guards.look(step, logged, tqdm.write)
+    except FloatingPointError as error:
+      raise broken(error) from None
+
+  def save(step, state):
     if error := saver.wait():
-      raise error
-    saver.save(step, copy_of(state), {"logged": logged})
+      tell_unsaved(error)
+    copy = copy_of(state)
+    try:
+      check_finite(copy)
+    except FloatingPointError as error:
+      raise broken(error) from None
+    saver.save(step, copy, guards.memory() | {"logged": logged})
+
+  def roll_back(state):
+    """The last state before a series of steps that were left out, from which the run goes on with other batches."""
+    if guards.window == config.train.max_rollbacks:
+      raise broken(f"{guards.streak} steps in a row were left out up to step {guards.step}, after going back "
+                   f"{guards.window} times")
+    if error := saver.wait():
+      tell_unsaved(error)
+    window, to = guards.window + 1, saver.sound
+    tqdm.write(f"step {guards.step}: {guards.streak} steps in a row were left out; back to step {to or 0} and on with "
+               f"other batches (time {window} of {config.train.max_rollbacks})")
+    if to is None:
+      state, to = mesh.put(initial()), 0
+      saver.save(to, copy_of(state))  # before others go: a folder without a state could not go on
+      if error := saver.wait():
+        raise error
+    saver.discard_after(to)
+    state, _ = restore(state)
+    guards.window = window
+    saver.remember(int(state.step), state, guards.memory() | {"logged": logged})
+    return state
+
+  def batch_of(step):
+    try:
+      return mesh.rows(next_batch(guards.batch_number(step)))
+    except MemoryError:  # there is none for a save either
+      raise
+    except Exception as error:
+      if step == first:
+        raise
+      saver.wait()
+      if saver.latest != step and not look(step):
+        save(step, state)
+        saver.wait()
+      raise InputError(f"the batch of step {step} cannot be made ({type(error).__name__}: {reason(error)}); step "
+                       f"{saver.latest} is saved, --resume goes on from there when the data are whole") from error
 
   progress = Progress(first, num_steps, len(example["index"]))
   bar = tqdm(total=num_steps, initial=first, unit="step", dynamic_ncols=True, disable=None)
-  with contextlib.closing(progress), contextlib.closing(saver), (stop or stopping.Stop()) as interrupt, bar:
+  watchdog = Watchdog(workdir, config.train.hang_minutes)
+  with (contextlib.closing(progress), contextlib.closing(saver), contextlib.closing(watchdog),
+        stop or stopping.Stop() as interrupt, bar):
     step = first
     while step < num_steps:
-      state, metrics = train_step(state, frozen, mesh.rows(next_batch(step)), rng)
+      state, metrics = train_step(state, frozen, batch_of(step), rng)
+      interrupt.something_to_lose()
+      watchdog.beat()
       step += 1
       logged.append(metrics)
       if line := progress.line(step, metrics):
         tqdm.write(line)
         sys.stdout.flush()
-      if step % config.train.log_every == 0 or step == num_steps:
-        check_finite(step)
+      told, out_of_time = _agreed(step, interrupt.raised, max_seconds is not None and time.time() - start > max_seconds)
+      ends = told or out_of_time
+      logs = step % config.train.log_every == 0 or step == num_steps
+      saves = step % config.train.save_every == 0 or step == num_steps or ends
+      if (logs or saves) and look(step):
+        state = roll_back(state)
+        step = int(state.step)
+        bar.update(step - bar.n)
+        continue
+      if logs:
         means = {k: float(np.mean([m[k] for m in logged])) for k in logged[0]}
         logged.clear()
-        append_metrics(workdir, {"step": step, "seconds": round(time.time() - began, 1), **means})
+        outputs.add({"step": step, "seconds": round(time.time() - began, 1), **means, **guards.counts()})
         bar.set_postfix({k: f"{v:.4g}" for k, v in means.items() if k in ("loss", "mse")} |
-                        {k: f"{v:.4g}" for k, v in numbers.items()})
+                        {k: f"{v:.4g}" for k, v in outputs.numbers.items()})
       bar.update(1)
-      out_of_time = max_seconds is not None and time.time() - start > max_seconds
-      if step % config.train.save_every == 0 or step == num_steps or interrupt.raised or out_of_time:
-        save(step)
-        judge(step, state, interrupt.raised)
-      if interrupt.raised or out_of_time:
-        tqdm.write(f"stopped and saved at step {step}; --resume goes on from there")
+      if error := saver.failure():
+        tell_unsaved(error)
+      if saves:
+        save(step, state)
+        if saver.latest is None:  # weights without a state could not go on
+          saver.wait()
+        if not ends:  # what follows a save may take minutes, which a signal does not leave
+          interrupt.nothing_to_lose(saver.wait)
+        # What may be rolled back is not chosen.
+        saver.best = outputs.judge(step, state, hurried=told or guards.streak and step < num_steps)
+        watchdog.beat()
+      if ends:
         break
-  if error := saver.wait():
-    raise error
-  draw_curve(workdir)
+    if error := saver.wait():
+      raise OSError(f"the state of step {step} could not be saved ({reason(error)}); the last that was is step "
+                    f"{saver.latest}") from error
+    saver.prune()
+    if step < num_steps:
+      tqdm.write(f"stopped and saved at step {step}; --resume goes on from there")
+  outputs.close()
   return state
 
 
-def _best_step(config, workdir, step, chooses):
-  """The step, up to this one, whose parameters are those to keep, by the number that config.train.best names.
+def tell_unsaved(error):
+  """Says that a state was not saved; raises what is not the disk's fault."""
+  if not is_of_the_disk(error):
+    raise error
+  tqdm.write(f"a state could not be saved ({reason(error)}); training goes on, older states are intact, the next save "
+             "tries again")
 
-  This one where it names none. chooses: raises ValueError unless this step has such a number. None where no step has.
-  """
-  if not config.train.best:
-    return step
-  way, _, names = config.train.best.partition(" ")
-  grid = (config.train.save_every, config.train.num_steps)
-  rows = [row for row in read_metrics(workdir) if row["step"] <= step and (
-      row["step"] % grid[0] == 0 or row["step"] == grid[1]) and any(name in row for name in names.split("|"))]
-  if chooses and not any(row["step"] == step for row in rows):
-    raise ValueError(f"config.train.best names {names!r}, which the evaluation at step {step} did not give")
-  if not rows:
-    return None
-  name = next(name for name in names.split("|") if name in rows[-1])
-  values = {row["step"]: row[name] for row in rows if name in row}
-  best = {"min": min, "max": max}[way](values.values())
-  return max(at for at, value in values.items() if value == best)
+
+def _agreed(step, *flags):
+  """Flags that any process has raised, the same on all. Several processes ask each other at every tenth step."""
+  if jax.process_count() == 1:
+    return flags
+  if step % 10:
+    return (False,) * len(flags)
+  return tuple(multihost_utils.process_allgather(np.array(flags)).any(axis=0).tolist())

@@ -1,5 +1,7 @@
 """metrics.jsonl of a run folder, a row of numbers for each step that is told: written, cut, read and drawn."""
+import errno
 import json
+import os
 import pathlib
 
 import numpy as np
@@ -46,9 +48,17 @@ def _step_of(line):
 
 def append_metrics(folder, row):
   """Adds a row, a dict with its "step", at the end of metrics.jsonl."""
-  with open(pathlib.Path(folder) / METRICS, "a", encoding="utf-8") as file:
-    file.write(json.dumps({key: float(f"{value:.6g}") if isinstance(value, float) else value
-                           for key, value in row.items()}) + "\n")
+  line = json.dumps({key: float(f"{value:.6g}") if isinstance(value, float) else value
+                     for key, value in row.items()}) + "\n"
+  with open(pathlib.Path(folder) / METRICS, "ab", buffering=0) as file:
+    end = file.seek(0, os.SEEK_END)
+    try:
+      written = file.write(line.encode())
+      if written < len(line):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    except OSError:
+      file.truncate(end)
+      raise
 
 
 def draw_curve(folder):

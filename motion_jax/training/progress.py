@@ -35,7 +35,7 @@ class Progress:
       self.close()
       self.warm = now
       return f"{said}, the first step took {now - self.began:.0f} s, most of it for the compiler"
-    rate = (done - 1) / max(now - self.warm, 1e-6)
+    rate = max(done - 1, 1) / max(now - self.warm, 1e-6)
     return f"{said}, {rate * self.batch_size:.1f} samples/s, {duration((self.num_steps - step) / rate)} left"
 
 

@@ -29,15 +29,15 @@ ASIDE, DAMAGED = ".saving-", ".damaged"
 class Saver:
   """Keeps the newest `keep_last` training states of a run, the best one and the newest sound one besides.
 
-  best: the step of the best one, or None. A state is sound whose last step was not left out by a guard.
+  best: the step of the best one, or None.
   """
 
-  def __init__(self, workdir, keep_last=2):
+  def __init__(self, workdir, keep_last=2, save_every=1):
     import orbax.checkpoint as ocp  # here: who only uses a model need not wait for it
     self._ocp = ocp
     self._folder = pathlib.Path(workdir).absolute() / "checkpoints"
     self._folder.mkdir(parents=True, exist_ok=True)
-    self._keep_last = keep_last
+    self._keep_last, self._save_every = keep_last, save_every
     self._thread = self._error = None
     self.best = None
 
@@ -67,11 +67,11 @@ class Saver:
       self._error = error
       shutil.rmtree(aside, ignore_errors=True)
       return
-    self._thread = threading.Thread(target=self._finish, args=(checkpointer, step, aside, record),
+    self._thread = threading.Thread(target=self._finish, args=(checkpointer, step, aside, record, self.best),
                                     name="saver")
     self._thread.start()
 
-  def _finish(self, checkpointer, step, aside, record):
+  def _finish(self, checkpointer, step, aside, record, best):
     try:
       checkpointer.close()  # waits until it has written
       if jax.process_index() == 0:  # when orbax is done, all processes have written
@@ -80,7 +80,7 @@ class Saver:
         if target.exists():
           shutil.rmtree(target)
         aside.replace(target)
-        self._prune()
+        self.prune(best)
     except Exception as error:
       self._error = error
       shutil.rmtree(aside, ignore_errors=True)
@@ -103,11 +103,19 @@ class Saver:
     """Ends what was begun, whatever comes of it."""
     self.wait()
 
-  def _prune(self):
-    steps = self.steps
-    sound = max((step for step in steps if not self._memory(step).get("streak")), default=None)
-    for step in set(steps[:-self._keep_last]) - {self.best, sound}:
-      shutil.rmtree(self._folder / str(step), ignore_errors=True)
+  @property
+  def sound(self) -> int | None:
+    """The newest step that no guard left out, of the regular ones, so that a stop between two makes no difference."""
+    return max((step for step in self.steps if step % self._save_every == 0 and not self._memory(step).get("streak")),
+               default=None)
+
+  def prune(self, best=None):
+    """Removes older states, less the newest regular ones, the best and the newest sound one."""
+    if jax.process_index() == 0:
+      steps = self.steps
+      newest = [step for step in steps if step % self._save_every == 0][-self._keep_last:] + steps[-1:]
+      for step in set(steps) - {*newest, self.sound, self.best if best is None else best}:
+        shutil.rmtree(self._folder / str(step), ignore_errors=True)
 
   def _memory(self, step):
     try:
@@ -164,16 +172,21 @@ class Saver:
       step = int(multihost_utils.broadcast_one_to_all(np.int32(step)))
     return None if step < 0 else step
 
-  def roll_back(self, step, memory):
-    """Makes the state of `step` the newest one, with another memory: a kill at any moment leaves one or the other."""
+  def discard_after(self, step):
+    """Removes the states after a step."""
     if jax.process_index() == 0:
       for later in [one for one in reversed(self.steps) if one > step]:
         shutil.rmtree(self._folder / str(later))
-      folder = self._folder / str(step)
-      if (folder / RECORD).is_file():
-        _write_record(folder, _read_record(folder) | {"memory": memory})
     if jax.process_count() > 1:
-      multihost_utils.sync_global_devices("rolled back")
+      multihost_utils.sync_global_devices("states are discarded")
+
+  def remember(self, step, state, memory):
+    """Gives the state of a step another memory, at once or not at all."""
+    folder = self._folder / str(step)
+    if not (folder / RECORD).is_file():  # of an older version
+      self.save(step, copy_of(state), memory)
+    elif jax.process_index() == 0:
+      _write_record(folder, _read_record(folder) | {"memory": memory})
 
   def clean(self):
     """Removes what a program that was killed has left half-written."""

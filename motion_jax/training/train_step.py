@@ -17,14 +17,17 @@ class TrainState:
   opt_state: Any
   ema_params: Any  # None where the config asks for no average
   extra: Any = None  # what changes without a gradient, of stages that have such (codebooks)
+  norms: Any = None  # of the last gradients, where steps are left out by them
 
 
-def init_state(stage, tx, batch, rng, average=True):
-  """The state before the first step; average: whether it holds an average of the parameters beside them."""
+def init_state(stage, tx, batch, rng, average=True, norms=False):
+  """The state before the first step; average: whether it holds an average of the parameters beside them; norms: whether
+  it holds the norms of the last 64 gradients, nan for those that were none."""
   params = stage.init(batch, rng)
   copy = jax.tree.map(jnp.copy, params) if average else None  # donated buffers may not be shared
   extra = stage.init_extra(batch, rng) if stage.init_extra else None
-  return TrainState(jnp.zeros((), jnp.int32), params, tx.init(params), copy, extra)
+  return TrainState(jnp.zeros((), jnp.int32), params, tx.init(params), copy, extra,
+                    jnp.full(64, jnp.nan) if norms else None)
 
 
 def variables_of(state, average=False):
@@ -32,11 +35,12 @@ def variables_of(state, average=False):
   return {**(state.ema_params if average else state.params), **(state.extra or {})}
 
 
-def make_train_step(stage, tx, ema_decay, skip_loss=0.0):
+def make_train_step(stage, tx, ema_decay, skip_loss=0.0, skip_spikes=0.0):
   """-> train_step(state, frozen, batch, rng) -> (state, metrics), to be mapped over DEVICES (see `training.mesh`).
 
   The batch has the rows of one device; state, frozen and rng are the same on all, and so is what comes out.
-  skip_loss > 0 leaves the state as it was, but for the step count, when the loss is larger or not a number.
+  skip_loss > 0 leaves the state as it was, but for the step count, when the loss is larger or not a number;
+  skip_spikes > 0 when the gradient is so many times the median of those before (16 at least), or not a number.
   """
 
   def gradients(state, frozen, batch, rng):
@@ -61,16 +65,22 @@ def make_train_step(stage, tx, ema_decay, skip_loss=0.0):
     ema_params = state.ema_params
     if ema_params is not None:
       ema_params = optax.incremental_update(params, ema_params, 1 - ema_decay)
-    return TrainState(state.step, params, opt_state, ema_params, extra)
+    return TrainState(state.step, params, opt_state, ema_params, extra, state.norms)
 
   def train_step(state, frozen, batch, rng):
     grads, metrics, extra = gradients(state, frozen, batch, rng)
     metrics["grad_norm"] = optax.tree.norm(grads)
     new = updated(state, grads, extra)
-    if skip_loss:
-      good = (metrics["loss"] <= skip_loss) & jnp.isfinite(metrics["grad_norm"])
+    if skip_loss or skip_spikes:
+      good = (metrics["loss"] <= (skip_loss or jnp.inf)) & jnp.isfinite(metrics["grad_norm"])
+      if skip_spikes:
+        enough = jnp.isfinite(state.norms).sum() >= 16
+        good &= ~(enough & (metrics["grad_norm"] > skip_spikes * jnp.nanmedian(state.norms)))
       new = jax.tree.map(lambda a, b: jnp.where(good, a, b), new, state)
       metrics["skipped"] = 1.0 - good
+    if skip_spikes:
+      norm = jnp.where(jnp.isfinite(metrics["grad_norm"]), metrics["grad_norm"], jnp.nan)
+      new = new.replace(norms=jnp.append(state.norms[1:], norm))
     return new.replace(step=state.step + 1), metrics
 
   return train_step

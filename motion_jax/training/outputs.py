@@ -1,0 +1,97 @@
+"""What a run writes beside its training states: rows of metrics, weights, the curve. A full disk ends no training."""
+import contextlib
+import pathlib
+
+import jax
+from tqdm import tqdm
+
+from motion_jax.inputs.errors import reason
+from motion_jax.training import checkpoint
+from motion_jax.training.metrics import append_metrics, draw_curve, read_metrics, was_evaluated
+from motion_jax.training.train_step import variables_of
+
+_NO_ROOM = ("no space left", "enospc", "quota exceeded", "file too large", "os error", "input/output error")
+
+
+def is_of_the_disk(error) -> bool:
+  """Whether an error says that something cannot be written, by Python or by the library that writes states."""
+  return isinstance(error, OSError) or any(words in str(error).lower() for words in _NO_ROOM)
+
+
+@contextlib.contextmanager
+def if_there_is_room(what):
+  """In the block a file that cannot be written is told, and training goes on."""
+  try:
+    yield
+  except OSError as error:
+    tqdm.write(f"{what} could not be written ({reason(error)}); training goes on and tries again")
+
+
+class Outputs:
+  """Metrics and weights of a run folder. numbers: what the last evaluation gave."""
+
+  def __init__(self, workdir, config, evaluate):
+    self._workdir, self._config, self._evaluate = pathlib.Path(workdir), config, evaluate
+    self._average = config.optimizer.ema_decay > 0
+    self._writes = jax.process_index() == 0  # of several processes the first
+    self._rows = []  # those that could not be written yet
+    self.numbers = {}
+
+  def add(self, row):
+    """A row of metrics.jsonl; what could not be written before comes first."""
+    if self._writes:
+      self._rows.append(row)
+    with if_there_is_room("a row of metrics.jsonl"):
+      while self._rows:
+        append_metrics(self._workdir, self._rows[0])
+        self._rows.pop(0)
+
+  def judge(self, step, state, hurried=False):
+    """What follows a save, and is made up for by a run that goes on after a kill between the two.
+
+    Evaluates the parameters, and keeps them if they are the best. hurried: less the evaluation, for a run that is told
+    to end, and for a state that may be rolled back. Returns the step of the best ones, or None.
+    """
+    config, best = self._config, None
+    chooses = not hurried and (step % config.train.save_every == 0 or step == config.train.num_steps)
+    params = variables_of(state, self._average)
+    if chooses and self._evaluate is not None and not was_evaluated(self._workdir, step):
+      self.numbers.update(self._evaluate(params))
+      self.add({"step": step, **self.numbers})
+    with if_there_is_room("weights"):
+      best = best_step(config, self._workdir, step, chooses and not self._rows)
+      if not self._writes:
+        return best
+      if config.train.best:
+        checkpoint.save_params(self._workdir, params, name=checkpoint.LAST)
+      if best == step or not (self._workdir / checkpoint.PARAMS).is_file():  # something is there at any time
+        checkpoint.save_params(self._workdir, params)
+        if self._average:  # references that have no average are judged without one
+          checkpoint.save_params(self._workdir, variables_of(state), name=checkpoint.RAW)
+    return best
+
+  def close(self):
+    with if_there_is_room("loss.png"):
+      if self._writes:
+        draw_curve(self._workdir)
+
+
+def best_step(config, workdir, step, chooses):
+  """The step, up to this one, whose parameters are those to keep, by the number that config.train.best names.
+
+  This one where it names none. chooses: raises ValueError unless this step has such a number. None where no step has.
+  """
+  if not config.train.best:
+    return step
+  way, _, names = config.train.best.partition(" ")
+  grid = (config.train.save_every, config.train.num_steps)
+  rows = [row for row in read_metrics(workdir) if row["step"] <= step and (
+      row["step"] % grid[0] == 0 or row["step"] == grid[1]) and any(name in row for name in names.split("|"))]
+  if chooses and not any(row["step"] == step for row in rows):
+    raise ValueError(f"config.train.best names {names!r}, which the evaluation at step {step} did not give")
+  if not rows:
+    return None
+  name = next(name for name in names.split("|") if name in rows[-1])
+  values = {row["step"]: row[name] for row in rows if name in row}
+  best = {"min": min, "max": max}[way](values.values())
+  return max(at for at, value in values.items() if value == best)

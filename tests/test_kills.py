@@ -1,0 +1,49 @@
+"""Trainings that are killed end with the bytes of one that was left alone (benchmarks/kills.py, in its small form)."""
+import os
+import subprocess
+import sys
+
+import pytest
+
+from benchmarks import kills
+from motion_jax.inputs import config_files
+from tests.conftest import ROOT, devices_env
+
+STAGES = [name for name in config_files.names() if "/" not in name]
+
+
+def _run(count, stage, folder):
+  environment = devices_env(1) | {"PYTHONPATH": str(ROOT)}
+  done = subprocess.run([sys.executable, str(ROOT / "benchmarks" / "kills.py"), str(count), "--stage", stage, "--out",
+                         str(folder)], env=environment, capture_output=True, text=True, check=False)
+  assert done.returncode == 0, done.stdout + done.stderr
+  return done.stdout
+
+
+def test_a_training_that_is_killed_ends_as_if_it_had_not_been(tmp_path):
+  printed = _run(8, "line", tmp_path)
+  assert "| in all | 8 |" in printed and "equal bytes | 0" not in printed
+  assert "| in all | 9 |" in _run(9, "line", tmp_path)  # it goes on with what is on record
+  rows = kills._lines(tmp_path / "line" / "kills.jsonl")
+  assert sum('"point"' in row for row in rows) == 9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stage", STAGES)
+def test_every_stage_that_is_killed_ends_as_if_it_had_not_been(tmp_path, stage):
+  assert "| in all | 3 |" in _run(3, stage, tmp_path)
+
+
+def test_an_end_that_differs_is_found(tmp_path, monkeypatch):
+  """The comparison itself: a changed end of the training that was left alone."""
+  calls = []
+
+  def child(stage, folder, point, after):
+    folder.mkdir(parents=True, exist_ok=True)
+    calls.append(point)
+    (folder / "end.json").write_text("one" if folder.name == "whole" else "another")
+    return -9 if point else 0
+
+  monkeypatch.setattr(kills, "_child", child)
+  assert kills.run(3, "line", tmp_path) == 1 and len(calls) == 2 + 3 + 1
+  assert os.path.isdir(tmp_path / "trial-0")  # to be looked at
