@@ -6,6 +6,7 @@
   motion.save("wave.mp4")
 """
 import importlib
+from typing import Any
 
 __version__ = "0.1.0"
 
@@ -16,7 +17,7 @@ _MODULES = {"cdamd": "motion_jax.models.cdamd", "cmdm": "motion_jax.models.cmdm"
 __all__ = [*_NAMES, *_MODULES]
 
 
-def __getattr__(name):
+def __getattr__(name: str) -> Any:
   # On demand: a user of one component does not wait for all of them to load.
   if name in _NAMES:
     return getattr(importlib.import_module(_NAMES[name]), name)
@@ -25,5 +26,5 @@ def __getattr__(name):
   raise AttributeError(f"motion_jax has no {name!r}; it has {', '.join(__all__)}")
 
 
-def __dir__():
+def __dir__() -> list[str]:
   return sorted([*__all__, "__version__"])

@@ -4,15 +4,19 @@ A codec holds a network, its parameters and the scale of its latents as one pytr
 through jit, grad and pmap as any array does. Latents are those that a generator knows: `(z - mean) / std` of what the
 encoder gives. In files a codec is `tokenizer`, `latent_mean` and `latent_std` (`parts`).
 """
-from typing import Any
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Self
 
 import flax.struct
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from motion_jax.nets.causal_vae import sample_latent
 from motion_jax.quant import rvq
+from motion_jax.shapes import Array
 
 TOKENIZER, MEAN, STD = "tokenizer", "latent_mean", "latent_std"  # the names of its parts in a file
 
@@ -29,7 +33,7 @@ class LatentCodec:
   std: Any = 1.0
 
   @classmethod
-  def of(cls, net, parts):
+  def of(cls, net: Any, parts: Mapping[str, Any]) -> Self:
     """The codec whose `parts` these are, or that stand among others in what a generator was trained on."""
     return cls(net, parts[TOKENIZER], parts[MEAN], parts[STD])
 
@@ -42,21 +46,23 @@ class LatentCodec:
   def frames_per_latent(self) -> int:
     return self.net.frames_per_latent
 
-  def unscaled(self):
+  def unscaled(self) -> Self:
     """The same codec with the encoder's own latents."""
-    return self.replace(mean=np.zeros(self.net.latent_dim, np.float32), std=np.ones(self.net.latent_dim, np.float32))
+    shape = (self.net.latent_dim,)
+    return dataclasses.replace(self, mean=np.zeros(shape, np.float32), std=np.ones(shape, np.float32))
 
-  def scale(self, z):
+  def scale(self, z: Float[Array, "*lead c"]) -> Float[Array, "*lead c"]:
     return (z - self.mean) / self.std
 
-  def unscale(self, latents):
+  def unscale(self, latents: Float[Array, "*lead c"]) -> Float[Array, "*lead c"]:
     return latents * self.std + self.mean
 
-  def real_frames(self, real_mask):
+  def real_frames(self, real_mask: Bool[Array, "b l"]) -> Bool[Array, "b t"]:
     """(B, T) of a mask of latents (B, L)."""
     return jnp.repeat(real_mask, self.frames_per_latent, axis=1)
 
-  def _clips(self, features, num_clips, length):
+  def _clips(self, features: Sequence[np.ndarray], num_clips: int, length: int
+             ) -> Iterator[tuple[Float[np.ndarray, "1 {length} f"], int]]:
     """Some clips of features, a list of (T, F), padded with zeros: ((1, length, F), whole latents) of each."""
     for i in np.linspace(0, len(features) - 1, min(num_clips, len(features))).astype(int):
       clip = features[i][:length]
@@ -69,19 +75,19 @@ class LatentCodec:
 class VaeCodec(LatentCodec):
   """Of a variational autoencoder that looks back only (`nets.causal_vae`): its encoder gives a distribution."""
 
-  def _distribution(self, features):
+  def _distribution(self, features: Float[Array, "b t f"]) -> tuple[Float[Array, "b l c"], Float[Array, "b l c"]]:
     return self.net.apply(self.params, features, method="encode")
 
-  def distribution(self, features):
+  def distribution(self, features: Float[Array, "b t f"]) -> Float[Array, "b l k"]:
     """Mean and logarithm of the variance of the encoder's own latents, side by side (B, L, 2 C)."""
     return jnp.concatenate(self._distribution(features), axis=-1)
 
-  def drawn(self, distribution, keys=None):
+  def drawn(self, distribution: Float[Array, "b l k"], keys: jax.Array | None = None) -> Float[Array, "b l c"]:
     """Latents of what `distribution` gives: drawn by keys (B,), one per clip, or without keys the means."""
     mean, logvar = jnp.split(distribution, 2, axis=-1)
     return self.scale(mean if keys is None else self._of(mean, logvar, keys))
 
-  def _draw(self, features, keys):
+  def _draw(self, features: Float[Array, "b t f"], keys: jax.Array) -> Float[Array, "b l c"]:
     return self._of(*self._distribution(features), keys)
 
   @staticmethod
@@ -89,31 +95,31 @@ class VaeCodec(LatentCodec):
     noise = jax.vmap(lambda key: jax.random.normal(key, mean.shape[1:]))(keys)
     return sample_latent(mean, logvar, noise)
 
-  def encode(self, features):
+  def encode(self, features: Float[Array, "b t f"]) -> Float[Array, "b l c"]:
     """Features to latents, the encoder's means."""
     return self.scale(self._distribution(features)[0])
 
-  def sample(self, features, keys):
+  def sample(self, features: Float[Array, "b t f"], keys: jax.Array) -> Float[Array, "b l c"]:
     """Features to latents drawn by keys (B,), one per clip."""
     return self.scale(self._draw(features, keys))
 
-  def decode(self, latents):
+  def decode(self, latents: Float[Array, "b l c"]) -> Float[Array, "b t f"]:
     return self.net.apply(self.params, self.unscale(latents), method="decode")
 
-  def init_decode_state(self, batch_size):
+  def init_decode_state(self, batch_size: int) -> Any:
     """What the decoder remembers of a stream of latents that has not begun."""
     return self.net.apply(self.params, batch_size, method="init_decode_state")
 
-  def decode_step(self, latents, state):
+  def decode_step(self, latents: Float[Array, "b l c"], state: Any) -> tuple[Float[Array, "b t f"], Any]:
     """(features, state) of the next latents of a stream: those that `decode` gives of all latents at once."""
     return self.net.apply(self.params, self.unscale(latents), state, method="decode_step")
 
-  def reconstruct(self, features, keys=None):
+  def reconstruct(self, features: Float[Array, "b t f"], keys: jax.Array | None = None) -> Float[Array, "b t f"]:
     """Features there and back, by the means or, with keys (B,), by latents that are drawn."""
     z = self._distribution(features)[0] if keys is None else self._draw(features, keys)
     return self.net.apply(self.params, z, method="decode")
 
-  def fitted(self, features, num_clips=512, length=192):
+  def fitted(self, features: Sequence[np.ndarray], num_clips: int = 512, length: int = 192) -> Self:
     """The codec whose sampled latents have mean 0 and variance 1 over some training clips, a list of (T, F)."""
     distribution = jax.jit(self._distribution)
     means, variances = [], []
@@ -123,7 +129,7 @@ class VaeCodec(LatentCodec):
       variances.append(np.exp(np.asarray(logvar)[0, :count]))
     z, variance = np.concatenate(means), np.concatenate(variances)
     # Of the samples, not of the means: a channel that the encoder leaves to the prior is then not blown up to size 1.
-    return self.replace(mean=z.mean(0), std=np.sqrt(z.var(0) + variance.mean(0)).astype(np.float32))
+    return dataclasses.replace(self, mean=z.mean(0), std=np.sqrt(z.var(0) + variance.mean(0)).astype(np.float32))
 
 
 @flax.struct.dataclass
@@ -133,20 +139,21 @@ class AutoencoderCodec(LatentCodec):
   real_mask (B, L): the latents that are no padding.
   """
 
-  def encode(self, features, real_mask):
+  def encode(self, features: Float[Array, "b t f"], real_mask: Bool[Array, "b l"]) -> Float[Array, "b l c"]:
     """Features to latents, zero at padding."""
     z = self.net.apply(self.params, features, real_mask=self.real_frames(real_mask), method="encode")
     return jnp.where(real_mask[..., None], self.scale(z), 0.0)
 
-  def decode(self, latents, real_mask):
+  def decode(self, latents: Float[Array, "b l c"], real_mask: Bool[Array, "b l"]) -> Float[Array, "b t f"]:
     return self.net.apply(self.params, self.unscale(latents), real_mask=real_mask, method="decode")
 
-  def reconstruct(self, features, frame_mask, real_mask):
+  def reconstruct(self, features: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"], real_mask: Bool[Array, "b l"]
+                  ) -> Float[Array, "b t f"]:
     """Features there and back; frame_mask (B, T): the frames that are no padding."""
     z = self.net.apply(self.params, features, real_mask=frame_mask, method="encode")
     return self.net.apply(self.params, z, real_mask=real_mask, method="decode")
 
-  def fitted(self, features, num_clips=512, length=192):
+  def fitted(self, features: Sequence[np.ndarray], num_clips: int = 512, length: int = 192) -> Self:
     """The codec whose latents have mean 0 and variance 1 over some training clips, a list of (T, F)."""
     encode = jax.jit(lambda x, real_mask: self.net.apply(self.params, x, real_mask=real_mask, method="encode"))
     rows = []
@@ -154,7 +161,7 @@ class AutoencoderCodec(LatentCodec):
       frame_mask = np.arange(length)[None] < count * self.frames_per_latent
       rows.append(np.asarray(encode(padded, frame_mask))[0, :count])
     z = np.concatenate(rows)
-    return self.replace(mean=z.mean(0), std=z.std(0) + 1e-6)
+    return dataclasses.replace(self, mean=z.mean(0), std=z.std(0) + 1e-6)
 
 
 @flax.struct.dataclass
@@ -162,17 +169,19 @@ class RvqCodec(LatentCodec):
   """Of an RVQ-VAE: an autoencoder whose latents are codes of residual levels. params: {"params", "codebooks"}."""
 
   @property
-  def _codes(self):
+  def _codes(self) -> Float[Array, "q k c"]:
     return self.params["codebooks"]["codes"]
 
-  def encode(self, features, frame_mask=None):
+  def encode(self, features: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"] | None = None
+             ) -> tuple[Int[Array, "b l q"], Float[Array, "q b l c"]]:
     """Features, of frame_mask (B, T), to code indices (B, L, Q) and code vectors of each level (Q, B, L, C)."""
     return rvq.encode(self._codes, self.net.apply(self.params, features, real_mask=frame_mask, method="encode"))
 
-  def decode(self, indices, num_levels=None):
+  def decode(self, indices: Int[Array, "b l q"], num_levels: int | None = None) -> Float[Array, "b t f"]:
     """Code indices (B, L, Q) to features, from the first num_levels levels only if that is given."""
     return self.net.apply(self.params, rvq.decode(self._codes, indices, num_levels), method="decode")
 
-  def reconstruct(self, features, frame_mask=None):
+  def reconstruct(self, features: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"] | None = None
+                  ) -> Float[Array, "b t f"]:
     """Features there and back through their codes."""
     return self.decode(self.encode(features, frame_mask)[0])

@@ -1,4 +1,6 @@
 """A run folder, or the name of a model that ships, becomes a model that makes motion: `motion_jax.load`."""
+import os
+
 from motion_jax import runs
 from motion_jax.models import registry
 from motion_jax.models.base import TextToMotionModel
@@ -6,7 +8,8 @@ from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
 
 
-def load(name="cmdm-small", text=None, raw=False) -> TextToMotionModel:
+def load(name: str | os.PathLike = "cmdm-small", text: str | os.PathLike | None = None, raw: bool = False
+         ) -> TextToMotionModel:
   """A run folder of a denoiser or generator, or the name of a model that ships.
 
   text: another folder of the encoder. raw: the last weights of a run, not the average that it kept beside them.

@@ -9,6 +9,8 @@ import dataclasses
 import functools
 import os
 import pathlib
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import ml_collections
 
@@ -19,6 +21,9 @@ from motion_jax.inputs.nearest import did_you_mean
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.stats import Stats, load_stats
 from motion_jax.training import checkpoint
+
+if TYPE_CHECKING:
+  from motion_jax.text.encoder import TextEncoder
 
 PRETRAINED = pathlib.Path(__file__).parent / "pretrained"
 
@@ -51,11 +56,11 @@ class Run:
     """That of the text encoder which it was trained on; None where the folder does not say."""
     return checkpoint.load_fingerprint(self.folder)
 
-  def params(self, like=None):
+  def params(self, like: Any = None) -> Any:
     """Its weights; with `like` (arrays or shapes) every name and shape must agree."""
     return checkpoint.load_params(self.folder, like, self.params_file)
 
-  def frozen(self, like=None):
+  def frozen(self, like: Any = None) -> dict[str, Any]:
     """What it was trained on top of; with `like` only the parts that stand in it, in these very shapes."""
     parts = checkpoint.load_params(self.folder, name=checkpoint.FROZEN)
     if like is not None:
@@ -63,7 +68,7 @@ class Run:
       checkpoint.check_fits(parts, like, f"{self.folder / checkpoint.FROZEN} does not fit its config")
     return parts
 
-  def check_encoder(self, encoder):
+  def check_encoder(self, encoder: "TextEncoder") -> None:
     """Raises InputError for a text encoder whose features are not those that the run was trained on."""
     if self.fingerprint not in (None, encoder.fingerprint):
       raise InputError(f"{self.folder} was trained on another version of the text encoder "
@@ -71,7 +76,7 @@ class Run:
                        "with the old one as text, or train the run again")
 
 
-def find(name, stage=None) -> pathlib.Path:
+def find(name: str | os.PathLike, stage: str | Sequence[str] | None = None) -> pathlib.Path:
   """The folder of a run: `name` itself, or where the run of that name lies that ships with this package.
 
   stage: of those that are named where there is none, see `open`. Raises TypeError or FileNotFoundError.
@@ -87,7 +92,7 @@ def find(name, stage=None) -> pathlib.Path:
                           f"{', '.join(shipped) or 'of this kind none does'}{did_you_mean(name, shipped)}")
 
 
-def open(name, stage=None, raw=False) -> Run:
+def open(name: str | os.PathLike, stage: str | Sequence[str] | None = None, raw: bool = False) -> Run:
   """The run of a folder, or of a name that ships. stage: the one, or those, that its config may name.
 
   Raises FileNotFoundError where there is no run, InputError for one of another stage or with a damaged config.
@@ -107,7 +112,7 @@ _EVALUATOR = {"frozen.text": "", "data.max_frames": 196,
               "model.columns": lambda config: get_layout(config["data"]["layout"]).dim}
 _CAPTIONED_EVALUATOR = _EVALUATOR | _TEXT_ITEMS
 # What a config means that does not name a field, because it is older than the field, or was written by `convert`.
-_LEFT_OUT = {
+_LEFT_OUT: dict[str, dict[str, Any]] = {
     "": {"data.mode": "benchmark", "optimizer.skip_loss": 0.0, "optimizer.final_rate": 0.0, "optimizer.rates": {},
          "optimizer.clip_parts": (), "train.start": "", "train.best": "", "train.keep_last": 2,
          "train.max_skips": 20, "train.max_rollbacks": 3, "train.hang_minutes": 60.0, "optimizer.skip_spikes": 0.0,
@@ -134,7 +139,7 @@ _LEFT_OUT = {
 }
 
 
-def upgrade(config):
+def upgrade(config: ml_collections.ConfigDict) -> ml_collections.ConfigDict:
   """A config with every field that its stage reads: what one of an older version leaves out is what it meant then.
 
   A new ConfigDict, frozen or locked as the given one. A model that was named for a printed row stays that row's.
@@ -152,7 +157,7 @@ def upgrade(config):
   return new.lock() if config.is_locked else new
 
 
-def shipped_names(stage=None):
+def shipped_names(stage: str | Sequence[str] | None = None) -> list[str]:
   """Names of the runs that ship, those of these stages if any are given."""
   names = sorted(path.parent.name for path in PRETRAINED.glob("*/config.json")
                  if (path.parent / "Mean.npy").is_file())  # less the tables of words

@@ -4,20 +4,23 @@ Annotations name dimensions, `x: Float[Array, "b l c"]`: b batch, t frames, l la
 c latent channels, h heads, k channels of a head or codes, s tokens, q levels, n steps; *lead is any number of them, #b
 is b or 1. Within one call a letter is one length. Only tests have them checked (`tests/conftest.py`), no user pays.
 """
+from typing import Any
+
 import chex
 import jax
 import numpy as np
 
 Whole = int | np.integer
+Net = Any  # a flax module, where it is applied: flax does not say what that gives
 Array = jax.Array | np.ndarray  # of annotations; numpy's arrays are welcome wherever JAX's are
 
 
-def check(**arrays):
+def check(**arrays: Any) -> None:
   """Raises ValueError unless arrays have the shapes that letters name: check(x=(x, "BLC"), t=(t, "BL")).
 
   A letter is one length wherever it stands; the first array that has it says which. Costs nothing once compiled.
   """
-  lengths = {}
+  lengths: dict[str, int] = {}
   for name, (array, letters) in arrays.items():
     shape = array.shape
     try:

@@ -7,6 +7,8 @@ import numpy as np
 
 from motion_jax.inputs.input_files import load_safetensors
 
+Table = dict[str, tuple[str, str]]  # {name of the reference: (our path, kind of `_KINDS`)}
+
 
 def _split(leaf, parts, turn):
   """One tensor of the reference, several stacked along its first axis, as one leaf for each part."""

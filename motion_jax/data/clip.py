@@ -1,6 +1,6 @@
 """One record of motion, whatever file it came from."""
 import dataclasses
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -61,7 +61,7 @@ class Clip:
   def seconds(self) -> float:
     return self.num_frames / self.fps
 
-  def replace(self, **changes) -> "Clip":
+  def replace(self, **changes: Any) -> Self:
     return dataclasses.replace(self, **changes)
 
   def cut(self, first, past) -> "Clip":

@@ -3,11 +3,13 @@ import functools
 import hashlib
 import operator
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from ml_collections import ConfigDict
 
 from motion_jax.data.captions import SUBJECTS
 from motion_jax.inputs import former_names
@@ -25,6 +27,9 @@ from motion_jax.training import checkpoint
 _SHORTEST, _USUAL, _LONGEST = 3.0, 6.0, 9.8  # seconds of a motion whose length nobody says
 _LONGEST_PROMPT = 5000  # characters: ten times the longest caption of the data sets
 
+Prompts = str | Iterable[str]  # one prompt, or several
+Frames = float | Sequence[float] | np.ndarray | Callable[[str], float] | None  # of all motions, of each, of a prompt
+
 
 # What a model may be able to do, each a method of its name; `can` says whether a model is.
 ABILITIES = {
@@ -40,9 +45,9 @@ ABILITIES = {
 
 class Able:
   """Something that says what it can do: `can("edit")`. Models, and what is judged in the place of one."""
-  abilities = ()  # of ABILITIES
+  abilities: tuple[str, ...] = ()  # of ABILITIES
 
-  def can(self, ability) -> bool:
+  def can(self, ability: str) -> bool:
     """Whether it has this ability, one of `ABILITIES`. Raises ValueError for a word that is none."""
     if ability not in ABILITIES:
       raise InputError(f"got the ability {ability!r}, expected one of {', '.join(ABILITIES)}")
@@ -54,13 +59,13 @@ class TextToMotionModel(Able):
 
   A method's class says what else it `can` do, and names the `SamplingOptions` by which it is sampled.
   """
-  abilities = ("generate",)
-  options = SamplingOptions
-  codec = None  # of the latents that it makes, where it makes latents
+  abilities: tuple[str, ...] = ("generate",)
+  options: Any = SamplingOptions
+  codec: Any = None  # of the latents that it makes, where it makes latents
   max_seconds = 3600.0
   tells_unknown_words = True  # False where nobody would read the warnings
 
-  def __init__(self, run: Run, encoder: TextEncoder, text_dim, unit, frozen_shapes, shapes):
+  def __init__(self, run: Run, encoder: TextEncoder, text_dim: int, unit: int, frozen_shapes: Any, shapes: Any) -> None:
     """text_dim: numbers that the network takes of a word or sentence; unit: frames of a latent; shapes of what the
     folder must hold."""
     self.folder, self.config, self.encoder, self.unit = run.folder, run.config, encoder, unit
@@ -74,7 +79,7 @@ class TextToMotionModel(Able):
     self.frozen = jax.tree.map(jnp.asarray, run.frozen(frozen_shapes) if frozen_shapes else {})
     self.params = jax.tree.map(jnp.asarray, run.params(shapes))
 
-  def __repr__(self):
+  def __repr__(self) -> str:
     return (f"{type(self).__name__}({self.folder.name!r}: {self.num_params / 1e6:.1f} M parameters, "
             f"{self.stats.layout.name} features, {self.fps:g} frames a second)")
 
@@ -101,7 +106,7 @@ class TextToMotionModel(Able):
 
   # --- lengths ---------------------------------------------------------------------------------------------------
 
-  def natural_frames(self, prompt) -> int:
+  def natural_frames(self, prompt: str) -> int:
     """How long the clips of the nearest training captions are: an action generated much longer goes on by itself."""
     nearest = self.nearest_captions(prompt, 5)
     if not nearest:
@@ -123,7 +128,7 @@ class TextToMotionModel(Able):
     key = cache.key_of("sentences", self.encoder.fingerprint, *captions)
     return cache.kept_array("sentences", key, lambda: self.encoder.sentence(captions))
 
-  def nearest_captions(self, prompt, num=1):
+  def nearest_captions(self, prompt: str, num: int = 1) -> list[tuple[str, int]]:
     """[(caption, usual frames)] of the training captions that mean nearly the same, the nearest first.
 
     As the text encoder sees it: of a large training set it is asked only about those that share words with the prompt.
@@ -139,7 +144,7 @@ class TextToMotionModel(Able):
     nearest = [rows[i] for i in np.argsort(-nearness, kind="stable")[:num]]
     return [(vocabulary.captions[row], frames[row]) for row in nearest]
 
-  def frames_of(self, prompts, num_frames, seconds):
+  def frames_of(self, prompts: Sequence[str], num_frames: Frames, seconds: Frames) -> list[int]:
     """Lengths in frames, one per prompt: as given (one for all or one each), or those of similar training clips."""
     if num_frames is not None and seconds is not None:
       raise InputError("got both num_frames and seconds; give one of them")
@@ -156,7 +161,7 @@ class TextToMotionModel(Able):
 
   # --- arguments ---------------------------------------------------------------------------------------------------
 
-  def sampling(self, **choices) -> SamplingOptions:
+  def sampling(self, **choices: Any) -> Any:
     """All choices of sampling: those given, the rest as the run's config has them.
 
     Raises TypeError for a choice that this method does not have, ValueError for a value that cannot be.
@@ -167,11 +172,11 @@ class TextToMotionModel(Able):
         raise TypeError(f"got the choice of sampling {name!r}, {self.folder.name} knows {', '.join(known)}")
     return self.options(**choices).resolved(self.config, **self.usual_sampling())
 
-  def usual_sampling(self) -> dict:
+  def usual_sampling(self) -> dict[str, Any]:
     """Choices that follow from the networks where neither caller nor config makes them."""
     return {}
 
-  def prompts_of(self, prompts):
+  def prompts_of(self, prompts: Prompts) -> list[str]:
     """A list of prompts from one or several, checked as `check_words` does. Raises TypeError for what is no text."""
     if not isinstance(prompts, str) and (isinstance(prompts, bytes | dict) or not isinstance(prompts, Iterable)):
       raise TypeError(f"got {told(prompts)} as prompts, expected a sentence such as \"a person waves\", or a "
@@ -182,7 +187,7 @@ class TextToMotionModel(Able):
     self.check_words(prompts)
     return prompts
 
-  def check_words(self, prompts):
+  def check_words(self, prompts: Iterable[str]) -> None:
     """Raises ValueError for an empty prompt; warns of words that stand in no caption that the model learned from.
 
     The warning says what it will do instead: the nearest caption that it knows.
@@ -196,18 +201,18 @@ class TextToMotionModel(Able):
       if len(prompt) > _LONGEST_PROMPT:
         raise InputError(f"got a prompt of {len(prompt):,} characters, expected at most {_LONGEST_PROMPT:,}; "
                          "multi_prompt takes several sentences one after the other")
-      words = self.unknown_words(prompt) if self.tells_unknown_words else ()
+      words = self.unknown_words(prompt) if self.tells_unknown_words else []
       if words:
         strange[prompt] = ", ".join(map(repr, words[:_NAMED])) + (" ..." if len(words) > _NAMED else "")
-    for prompt, words in list(strange.items())[:_NAMED]:
+    for prompt, found in list(strange.items())[:_NAMED]:
       nearest = self.nearest_captions(prompt)
       instead = (f"no caption that {self.folder.name} learned from says so; the nearest of them is "
                  f"{_shortened(nearest[0][0])}" if nearest else "it may be ignored or misunderstood")
-      warnings.warn(f"the model does not know {words} in {_shortened(prompt)}: {instead}", stacklevel=3)
+      warnings.warn(f"the model does not know {found} in {_shortened(prompt)}: {instead}", stacklevel=3)
     if len(strange) > _NAMED:
       warnings.warn(f"the model does not know some words of {len(strange) - _NAMED} prompts more", stacklevel=3)
 
-  def unknown_words(self, prompt):
+  def unknown_words(self, prompt: str) -> list[str]:
     """Words that the model has not learned from, and signs that its encoder cannot read; the encoder's own judgement
     where the folder does not keep the captions."""
     if self._learned is None:
@@ -223,12 +228,12 @@ def _shortened(text):
   return repr(text if len(text) <= 120 else text[:119] + "…")
 
 
-def plain_fields(config):
+def plain_fields(config: ConfigDict) -> dict[str, Any]:
   """A config section as fields of a module: lists become tuples, which can be hashed."""
   return {k: tuple(v) if isinstance(v, list | tuple) else v for k, v in config.to_dict().items()}
 
 
-def each(value, prompts):
+def each(value: Any, prompts: Sequence[str]) -> list[Any]:
   several = isinstance(value, Sequence | np.ndarray) and not isinstance(value, str | bytes)
   values = list(value) if several else [value] * len(prompts)
   if len(values) != len(prompts):
@@ -236,7 +241,7 @@ def each(value, prompts):
   return values
 
 
-def keys_of(rng, seeds, count):
+def keys_of(rng: jax.Array | None, seeds: Iterable[int] | None, count: int) -> tuple[jax.Array, list[Any]]:
   """(keys (count,), seeds or Nones): of seeds, or of a key that is folded with each motion's place."""
   if seeds is not None:
     if isinstance(seeds, str | bytes) or not isinstance(seeds, Iterable):
@@ -253,7 +258,7 @@ def keys_of(rng, seeds, count):
     return jnp.stack([jax.random.key(seed) for seed in seeds]), seeds
   rng = jax.random.key(0) if rng is None else rng
   is_array = isinstance(rng, jax.Array | np.ndarray)
-  if not (is_array and (jax.dtypes.issubdtype(rng.dtype, jax.dtypes.prng_key) and rng.shape == ()
+  if not (is_array and (jnp.issubdtype(rng.dtype, jax.dtypes.prng_key) and rng.shape == ()
                         or rng.dtype == np.uint32 and rng.ndim == 1)):
     raise TypeError(f"got {told(rng)} as rng, expected a key such as jax.random.key(5)")
   return jax.vmap(lambda i: jax.random.fold_in(rng, i))(jnp.arange(count)), [None] * count

@@ -12,11 +12,14 @@ None means "as the run was trained to be sampled", its config.sampler; `resolved
 jax, so that `motion-jax generate --help` answers at once.
 """
 import dataclasses
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.numerals import GUIDANCE, NumberError, bounds, checked, demand_numbers, real, shortened, whole
+
+if TYPE_CHECKING:
+  from ml_collections import ConfigDict
 
 
 class Description(NamedTuple):
@@ -36,7 +39,7 @@ class Description(NamedTuple):
   usual: Any = None
 
 
-def number(help, limits, kind=int, unit="", **more):
+def number(help: str, limits: tuple[Any, Any], kind: type = int, unit: str = "", **more: Any) -> Any:
   """A choice that is a number from limits[0] to limits[1], whole or, of kind float, any."""
   def check(value, name):
     if kind is float:
@@ -47,7 +50,7 @@ def number(help, limits, kind=int, unit="", **more):
   return _field(Description(help, check, read, f"number{bounds(*limits)}", **more))
 
 
-def choice(help, choices, listed=True, **more):
+def choice(help: str, choices: Sequence[str], listed: bool = True, **more: Any) -> Any:
   """A choice among words; listed False: which of them hold is the model's to say, so the command line takes any."""
   def check(value, name):
     if value not in choices:
@@ -55,10 +58,10 @@ def choice(help, choices, listed=True, **more):
       raise InputError(f"got {name} {value!r}, expected {allowed}")
     return value
 
-  return _field(Description(help, check, str, ", ".join(choices), choices if listed else None, **more))
+  return _field(Description(help, check, str, ", ".join(choices), tuple(choices) if listed else None, **more))
 
 
-def switch(help, **more):
+def switch(help: str, **more: Any) -> Any:
   """A choice between true and false."""
   def check(value, name):
     if value not in (True, False):
@@ -82,7 +85,7 @@ class SamplingOptions:
   """The choices that every method has; those of one method are a subclass. Hashable, so that jit can depend on them."""
   guidance_scale: float | None = number("how strictly the words are followed (3)", GUIDANCE, float, flag="guidance")
 
-  def __post_init__(self):
+  def __post_init__(self) -> None:
     for name, description in self.described().items():
       value = getattr(self, name)
       if value is not None:
@@ -93,7 +96,7 @@ class SamplingOptions:
     """{name: what is known of it} of all choices."""
     return {field.name: field.metadata["choice"] for field in dataclasses.fields(cls)}
 
-  def resolved(self, config, **usual):
+  def resolved(self, config: "ConfigDict", **usual: Any) -> Self:
     """The same with every choice made: what is None comes from usual, else from a run's config, else the method's own.
 
     Subclasses override it to check what depends on several choices, or on the model.
@@ -105,12 +108,12 @@ class SamplingOptions:
         found[name] = own
     return dataclasses.replace(self, **found)
 
-  def about(self) -> dict:
+  def about(self) -> dict[str, Any]:
     """What a file or a record says of how a motion was sampled."""
     return dataclasses.asdict(self)
 
 
-def flag_of(name, known: Description) -> str:
+def flag_of(name: str, known: Description) -> str:
   """What a choice is called on the command line, less "--"."""
   return known.flag or name.replace("_", "-")
 

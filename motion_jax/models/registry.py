@@ -9,6 +9,7 @@
 Stages are called "METHOD.PART", as "cmdm.denoiser": so a run's config says which folder knows it.
 """
 import importlib
+from typing import Any
 
 METHODS = {
     "cmdm": "motion_jax.models.cmdm",
@@ -16,13 +17,13 @@ METHODS = {
 }
 
 
-def model_of(stage):
+def model_of(stage: str) -> Any:
   """The class of models that a run of this stage becomes, or None: nothing that makes motion from words."""
   method = str(stage).partition(".")[0]
   return _of(method, "model").MODELS.get(stage) if method in METHODS else None
 
 
-def model_stages(ability="generate") -> list[str]:
+def model_stages(ability: str = "generate") -> list[str]:
   """The stages whose runs become models with an ability of `base.ABILITIES`."""
   return [stage for method in METHODS for stage, model in _of(method, "model").MODELS.items()
           if ability in model.abilities]

@@ -1,8 +1,13 @@
 """What a model hands back: motions that know their captions, and write themselves by extension."""
 import dataclasses
+import os
+import pathlib
+from collections.abc import Iterator, Sequence
 from html import escape
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from jaxtyping import Float, Num
 
 from motion_jax import export
 from motion_jax.data.clip import Caption, Clip
@@ -10,15 +15,18 @@ from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.representations import to_joints
 from motion_jax.runtime import timing
 
+if TYPE_CHECKING:
+  from motion_jax.models.base import TextToMotionModel
+
 
 class Motion(Clip):
   """A clip that knows how to write itself: `motion.save("wave.mp4")`, by extension."""
 
-  def save(self, path, **options):
+  def save(self, path: str | os.PathLike, **options: Any) -> list[pathlib.Path]:
     """Writes npz, npy, bvh, glb, mp4, gif, html or png; returns the paths written."""
     return export.save(self, path, **options)
 
-  def _repr_html_(self):
+  def _repr_html_(self) -> str:
     """What a notebook shows: the viewer of `motion.save("wave.html")`, with all that it needs inside."""
     return _framed(self)
 
@@ -32,21 +40,21 @@ class Motions:
   motions: tuple[Motion, ...]
   decoded: np.ndarray | None = None  # (B, longer, F), also what the decoder made behind the end of each motion
 
-  def __len__(self):
+  def __len__(self) -> int:
     return len(self.motions)
 
-  def __getitem__(self, index) -> Motion:
+  def __getitem__(self, index: int) -> Motion:
     return self.motions[index]
 
-  def __iter__(self):
+  def __iter__(self) -> Iterator[Motion]:
     return iter(self.motions)
 
-  def __repr__(self):
+  def __repr__(self) -> str:
     shown = [repr(motion) for motion in self.motions[:8]]
     more = [f"... {len(self) - 8} more"] if len(self) > 8 else []
     return f"Motions({len(self)}:\n  " + "\n  ".join(shown + more) + ")"
 
-  def _repr_html_(self):
+  def _repr_html_(self) -> str:
     """What a notebook shows: one viewer with a selector."""
     return _framed(self.motions[:_SHOWN])
 
@@ -63,7 +71,7 @@ def _framed(clips):
 BLUE, ORANGE = (0.25, 0.5, 0.9), (0.95, 0.55, 0.15)  # frames that were given, frames that were made
 
 
-def colors_of(motion):
+def colors_of(motion: Motion) -> Float[np.ndarray, "t 3"]:
   """(T, 3): kept frames blue, new ones orange, for `motion.save(path, colors=...)`."""
   colors = np.tile(np.array(BLUE), (len(motion.joints), 1))
   for first, past in motion.meta["made"]:
@@ -71,14 +79,15 @@ def colors_of(motion):
   return colors
 
 
-def captions_in_a_row(prompts, ends, fps):
+def captions_in_a_row(prompts: Sequence[str], ends: Sequence[int], fps: float) -> tuple[Caption, ...]:
   """Captions of segments that end at the given frames; a single one is about all of its clip."""
   if len(prompts) == 1:
     return (Caption(prompts[0]),)
   return tuple(Caption(prompt, start / fps, end / fps) for prompt, start, end in zip(prompts, [0, *ends[:-1]], ends))
 
 
-def make_motions(model, made, frames, captions, seeds, about, cleanup) -> Motions:
+def make_motions(model: "TextToMotionModel", made: Any, frames: Sequence[int], captions: Sequence[tuple[Caption, ...]],
+                 seeds: Sequence[int | None], about: dict[str, Any], cleanup: bool) -> Motions:
   """Motions of normalized features (B, T, F), of which motion i has its first frames[i]."""
   length, layout = max(frames), model.stats.layout
   with timing.part("sample and decode"):
@@ -99,7 +108,8 @@ def make_motions(model, made, frames, captions, seeds, about, cleanup) -> Motion
   return Motions(joints * mask[..., None, None], mask, features * mask[..., None], made, decoded)
 
 
-def go_on(model, clip, past, new, captions, about) -> Motion:
+def go_on(model: "TextToMotionModel", clip: Clip, past: Num[np.ndarray, "t j 3"], new: Num[np.ndarray, "n j 3"],
+          captions: Sequence[Caption], about: dict[str, Any]) -> Motion:
   """One Motion of a clip's joints (T, J, 3) and new ones behind them, with the captions of both."""
   border, end = len(past) / model.fps, (len(past) + len(new)) / model.fps
   before = tuple(c if c.start or c.end else Caption(c.text, 0.0, border) for c in clip.captions)

@@ -18,6 +18,8 @@ weights        the authors' PyTorch files
 
 Numbers follow the released code (docs/papers/cdamd.md); where the paper differs a comment starts with "Parity".
 """
+from typing import Any
+
 from motion_jax.runtime import lazy
 
 _WHERE = lazy.names({
@@ -30,9 +32,9 @@ _WHERE = lazy.names({
 __all__ = sorted(_WHERE)
 
 
-def __getattr__(name):
+def __getattr__(name: str) -> Any:
   return lazy.find(__name__, _WHERE, name)
 
 
-def __dir__():
+def __dir__() -> list[str]:
   return __all__

@@ -2,13 +2,17 @@
 
 An item's numbers depend on its own key alone, so they are the same in any batch and on any number of devices.
 """
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
+from ml_collections import ConfigDict
 
 from motion_jax.models.cdamd import mask_schedule as masking
+from motion_jax.shapes import Array
 
 
 class Draws(NamedTuple):
@@ -29,7 +33,7 @@ class Draws(NamedTuple):
   mask_u: jax.Array | None = None  # only where several masks are trained
 
 
-def draw_step(rng, keys, length, channels, config) -> Draws:
+def draw_step(rng: jax.Array, keys: jax.Array, length: int, channels: int, config: ConfigDict) -> Draws:
   """keys (B,): one per item, so that draws are the same on any number of devices; rng: the same on all of them."""
   copies = config.copies
 
@@ -41,17 +45,17 @@ def draw_step(rng, keys, length, channels, config) -> Draws:
     else:
       t = jax.random.uniform(t, (copies, length))
     one = lambda key: jax.random.uniform(key)
-    return Draws(one(time), one(text), one(prior), *jax.random.uniform(places, (3, length)), t, normal[0], normal[1:],
-                 one(mask))
+    order, noised, kept = jax.random.uniform(places, (3, length))
+    return Draws(one(time), one(text), one(prior), order, noised, kept, t, normal[0], normal[1:], one(mask))
 
-  axes = Draws(0, 0, 0, 0, 0, 0, 1, 0, 1, 0)
-  draws = jax.vmap(of_item, out_axes=axes)(keys)
+  axes: Any = (0, 0, 0, 0, 0, 0, 1, 0, 1, 0)
+  draws = jax.vmap(of_item, out_axes=Draws(*axes))(keys)
   if config.prior_drop == "batch":  # Parity: one draw for all; "item" is the option
     draws = draws._replace(prior_u=jnp.broadcast_to(jax.random.uniform(rng), draws.prior_u.shape))
   return draws
 
 
-def make_draw(keys, length, channels):
+def make_draw(keys: jax.Array, length: int, channels: int) -> Callable[..., Array]:
   """draw(k, j) for `make_latents`: noise (B, L, C) that depends on a motion's key, iteration, step and place, nothing
   else, so neither padding nor batch-mates change it. keys (B,)."""
   fold = jax.random.fold_in
@@ -63,11 +67,12 @@ def make_draw(keys, length, channels):
   return draw
 
 
-def draw_order(keys, lengths, length, order="random"):
+def draw_order(keys: jax.Array, lengths: Sequence[int] | Array, length: int, order: str = "random"
+               ) -> Float[np.ndarray, "b {length}"]:
   """(B, L) numpy: in which order latents are made, last ones smallest; infinity at padding. keys (B,), lengths (B,)."""
   # Parity: the paper fills from left to right; the code, and our default, at random.
   if order == "left_to_right":
-    numbers = np.broadcast_to(masking.left_to_right(length), (len(lengths), length))
+    numbers: Any = np.broadcast_to(masking.left_to_right(length), (len(lengths), length))
   elif order == "random":
     of_place = lambda key, place: jax.random.uniform(jax.random.fold_in(jax.random.fold_in(key, 2**31 - 1), place))
     numbers = jax.vmap(lambda key: jax.vmap(lambda place: of_place(key, place))(jnp.arange(length)))(keys)

@@ -1,11 +1,17 @@
 """Parts of a motion made anew by CDAMD, the others kept."""
+from typing import Any
 
 import jax.numpy as jnp
+from jaxtyping import Bool, Float
 
-from motion_jax.models.cdamd.sampling import make_latents
+from motion_jax.latents import AutoencoderCodec
+from motion_jax.models.cdamd.sampling import Plan, make_latents
+from motion_jax.shapes import Array, Net
 
 
-def edit(net, plan, params, codec, features, *, edited, real_mask, paste=False, **given):
+def edit(net: Net, plan: Plan, params: Any, codec: AutoencoderCodec, features: Float[Array, "b t f"], *,
+         edited: Bool[Array, "b l"], real_mask: Bool[Array, "b l"], paste: bool = False, **given: Any
+         ) -> Float[Array, "b t f"]:
   """Normalized features (B, 4 L, F): the given ones, of which the latents edited (B, L) are made anew. Pure.
 
   given: text_emb, hidden and what else `make_latents` takes. paste: put the frames of kept latents back as they came.

@@ -1,13 +1,18 @@
 """How long a motion should be: training and asking MARDM's length estimator (docs/papers/cdamd.md#length)."""
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float, Int
+from ml_collections import ConfigDict
 
 from motion_jax.nets.length_estimator import LengthEstimator
+from motion_jax.shapes import Array
 from motion_jax.training.stage import Stage
 
 
-def length_stage(config) -> Stage:
+def length_stage(config: ConfigDict) -> Stage:
   """Trains the estimator: batch["text_emb"] (B, 1, E) sentence vectors, num_frames (B,), index (B,)."""
   net = LengthEstimator(**config.model)
 
@@ -34,12 +39,12 @@ def _sums(logits, num_latents):
   return {"loss": losses.sum(), "latents_off": off.sum().astype(losses.dtype)}
 
 
-def length_shapes(net, text_dim):
+def length_shapes(net: LengthEstimator, text_dim: int) -> Any:
   """Shapes of the estimator's parameters, to check a file against."""
   return jax.eval_shape(lambda: net.init(jax.random.key(0), jnp.zeros((1, text_dim))))
 
 
-def middle_frames(logits, unit=4):
+def middle_frames(logits: Float[Array, "b k"], unit: int = 4) -> Int[np.ndarray, " b"]:
   """Frames (B,) of the median of what the estimator thinks likely, at least one latent of `unit` frames."""
   # Parity: the reference draws a length; a length that is asked for twice should be the same.
   share = np.cumsum(np.asarray(jax.nn.softmax(logits)), axis=-1)

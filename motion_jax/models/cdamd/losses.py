@@ -1,21 +1,28 @@
 """Losses of CDAMD: of its autoencoder, its RVQ-VAE, and the diffusion loss of masked latents."""
+from collections.abc import Sequence
+from typing import Any
+
 import jax
 import jax.numpy as jnp
+from jaxtyping import Bool, Float, Int
+from ml_collections import ConfigDict
 
 from motion_jax import shapes
 from motion_jax.diffusion import ddpm, paths
 from motion_jax.models.cdamd import mask_schedule as masking
+from motion_jax.models.cdamd.draws import Draws
 from motion_jax.nets.masks import latent_mask
+from motion_jax.shapes import Array, Net
 
 
-def smooth_l1(prediction, target):
+def smooth_l1(prediction: Float[Array, "b t f"], target: Float[Array, "b t f"]) -> Float[Array, ""]:
   """Mean of d^2 / 2 where the difference d is below 1, of |d| - 1/2 elsewhere."""
   shapes.check(prediction=(prediction, "BTF"), target=(target, "BTF"))
   import optax  # only training needs it
   return optax.huber_loss(prediction, target).mean()
 
 
-def l1(prediction, target):
+def l1(prediction: Float[Array, "b t f"], target: Float[Array, "b t f"]) -> Float[Array, ""]:
   shapes.check(prediction=(prediction, "BTF"), target=(target, "BTF"))
   return jnp.abs(prediction - target).mean()
 
@@ -23,7 +30,8 @@ def l1(prediction, target):
 DISTANCES = {"smooth_l1": smooth_l1, "l1": l1}
 
 
-def autoencoder_terms(y, x, distance="smooth_l1", position_weight=1.0, columns=(4, 67)):
+def autoencoder_terms(y: Float[Array, "b t f"], x: Float[Array, "b t f"], distance: str = "smooth_l1",
+                      position_weight: float = 1.0, columns: Sequence[int] = (4, 67)) -> dict[str, Array]:
   """Loss terms of features x (B, T, F) and their reconstruction y: rec, positions, and their weighted sum, loss."""
   # Parity: the paper says L1. The columns that count twice are the joint positions of 67 columns (22 joints; 4:64 for
   # 21); of coordinates the code takes the same columns, all but the first four numbers.
@@ -34,7 +42,8 @@ def autoencoder_terms(y, x, distance="smooth_l1", position_weight=1.0, columns=(
   return terms
 
 
-def rvq_terms(y, x, commitment, velocity_weight=0.1, commitment_weight=0.02, position_weight=0.1, **reconstruction):
+def rvq_terms(y: Float[Array, "b t f"], x: Float[Array, "b t f"], commitment: Any, velocity_weight: float = 0.1,
+              commitment_weight: float = 0.02, position_weight: float = 0.1, **reconstruction: Any) -> dict[str, Array]:
   """The same for the RVQ-VAE, with the error of frame differences and the distance of latents to their codes."""
   # Parity: the paper's eq. (10) has a codebook loss, which `rvq.learn` gives; the code moves the codebooks by running
   # means instead.
@@ -45,7 +54,8 @@ def rvq_terms(y, x, commitment, velocity_weight=0.1, commitment_weight=0.02, pos
   return terms
 
 
-def trained_mask(kinds, known_mask, real_mask, mask_u=None):
+def trained_mask(kinds: str, known_mask: Bool[Array, "b l"], real_mask: Bool[Array, "b l"],
+                 mask_u: Float[Array, " b"] | None = None) -> Bool[Array, "b 1 #l l"]:
   """The mask (B, 1, L, L) of a training step; of several kinds, "dccm+bcm", each item draws one, mask_u (B,).
 
   A model that was trained on several can be asked by any of them (one for generation, one for editing).
@@ -53,11 +63,14 @@ def trained_mask(kinds, known_mask, real_mask, mask_u=None):
   masks = jnp.stack([latent_mask(kind, known_mask, real_mask) for kind in kinds.split("+")])
   if len(masks) == 1:
     return masks[0]
-  chosen = jnp.floor(mask_u * len(masks)).astype(int)
+  chosen = jnp.floor(jnp.asarray(mask_u) * len(masks)).astype(int)
   return jnp.take_along_axis(masks, chosen[None, :, None, None, None], axis=0)[0]
 
 
-def generator_loss(net, params, z1, real_mask, text_emb, codes, draws, config, dropout_keys=None, text_mask=None):
+def generator_loss(net: Net, params: Any, z1: Float[Array, "b l c"], real_mask: Bool[Array, "b l"],
+                   text_emb: Float[Array, "b s e"], codes: Int[Array, "b l *q"] | None, draws: Draws,
+                   config: ConfigDict, dropout_keys: jax.Array | None = None,
+                   text_mask: Bool[Array, "b s"] | None = None) -> tuple[dict[str, Array], Array]:
   """(sums, weight) of one step: the diffusion loss of every masked latent, M times over.
 
   Source: docs/papers/cdamd.md#training-step, #diffusion-mlp.

@@ -6,25 +6,30 @@ few of the newly made ones are hidden again (docs/papers/cdamd.md#generation). E
 edited latents are ever hidden (docs/papers/cdamd.md#editing).
 """
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from motion_jax.shapes import Array
 
 # --- training ----------------------------------------------------------------------------------------------------
 
 
 class Corruption(NamedTuple):
   """What training hides of latents (B, L): masked, all that carry loss; of these noised and replaced, see `corrupt`."""
-  masked: jnp.ndarray
-  noised: jnp.ndarray
-  replaced: jnp.ndarray
+  masked: Bool[Array, "b l"]
+  noised: Bool[Array, "b l"]
+  replaced: Bool[Array, "b l"]
 
 
 MASK_DRAWS = ("count", "latent")
 
 
-def choose_masked(time_u, order_u, real_mask, mask_draw="count"):
+def choose_masked(time_u: Float[Array, " b"], order_u: Float[Array, "b l"], real_mask: Bool[Array, "b l"],
+                  mask_draw: str = "count") -> Bool[Array, "b l"]:
   """(B, L) which latents carry loss: a random number of them, cosine-distributed, at random places.
 
   Draws from [0, 1): time_u (B,), order_u (B, L). The number is counted on the padded length and places in the padding
@@ -42,8 +47,9 @@ def choose_masked(time_u, order_u, real_mask, mask_draw="count"):
   return (places < count[:, None]) & real_mask
 
 
-def corruption(time_u, order_u, noise_u, keep_u, real_mask, noise_rate=0.1, mask_rate=0.88,
-               mask_draw="count") -> Corruption:
+def corruption(time_u: Float[Array, " b"], order_u: Float[Array, "b l"], noise_u: Float[Array, "b l"],
+               keep_u: Float[Array, "b l"], real_mask: Bool[Array, "b l"], noise_rate: float = 0.1,
+               mask_rate: float = 0.88, mask_draw: str = "count") -> Corruption:
   """Of the latents that carry loss a share noise_rate gets noise, of the rest a share mask_rate the mask latent, and
   what is left stays as it is. noise_u, keep_u (B, L): draws from [0, 1)."""
   # Parity: the paper says 10 % and 88 %; one after the other as in the code they are 10, 79.2 and 10.8 % kept.
@@ -52,7 +58,8 @@ def corruption(time_u, order_u, noise_u, keep_u, real_mask, noise_rate=0.1, mask
   return Corruption(masked, noised, masked & ~noised & (keep_u < mask_rate))
 
 
-def corrupt(latents, made, noise, hidden, real_mask):
+def corrupt(latents: Float[Array, "b l c"], made: Corruption, noise: Float[Array, "b l c"],
+            hidden: Float[Array, "1 1 c"], real_mask: Bool[Array, "b l"]) -> Float[Array, "b l c"]:
   """What the transformer sees: latents (B, L, C) with a Corruption applied; hidden (1, 1, C), zeros at padding."""
   x = jnp.where(made.noised[..., None], noise, latents)
   x = jnp.where(made.replaced[..., None], hidden, x)
@@ -62,7 +69,7 @@ def corrupt(latents, made, noise, hidden, real_mask):
 # --- sampling ----------------------------------------------------------------------------------------------------
 
 
-def hidden_shares(num_iterations):
+def hidden_shares(num_iterations: int) -> Float[np.ndarray, " {num_iterations}"]:
   """(N,) float32, the share of latents that each iteration finds hidden: cos of N even steps from 0 to pi / 2.
 
   In iteration 2 (N - 1) / 3 it is one half but for the last bit, which decides every odd length. So the steps are those
@@ -80,7 +87,7 @@ def hidden_shares(num_iterations):
   return np.cos(angles.astype(np.float64)).astype(np.float32)
 
 
-def hidden_counts(num_iterations, lengths):
+def hidden_counts(num_iterations: int, lengths: Int[Array, " b"]) -> Int[np.ndarray, "{num_iterations} b"]:
   """(N, B) integers: how many latents each iteration finds hidden, of lengths (B,); at least 1. The reference's.
 
   10 iterations of 30 latents: 30 30 28 26 23 19 15 10 5 1
@@ -89,7 +96,7 @@ def hidden_counts(num_iterations, lengths):
   return np.maximum(1, np.round(hidden_shares(num_iterations)[:, None] * lengths)).astype(np.int64)
 
 
-def hidden_table(order, counts):
+def hidden_table(order: Float[Array, "#b l"], counts: Int[Array, "n b"]) -> Bool[np.ndarray, "n b l"]:
   """(N, B, L): which latents each iteration finds hidden, those with the smallest numbers in order (B, L).
 
   Infinity in order: never hidden. counts (N, B) must not rise in N; then each iteration's are among those before.
@@ -102,12 +109,12 @@ def hidden_table(order, counts):
   return (rank[None] < np.asarray(counts)[:, :, None]) & np.isfinite(order)[None]
 
 
-def left_to_right(length):
+def left_to_right(length: int) -> Float[np.ndarray, "1 {length}"]:
   """(1, L), an order that makes the first latents first."""
   return -np.arange(length, dtype=np.float32)[None]
 
 
-def unmasked_table(hidden):
+def unmasked_table(hidden: Bool[Array, "n b l"]) -> Bool[Array, "n b l"]:
   """(N, B, L): which latents keep what an iteration gives them, those that no later one finds hidden.
 
   The other rows of an iteration are thrown away, so only these need the solver: of a motion of 30 latents 30 of 187.
@@ -123,7 +130,8 @@ TASKS = {  # parts of the motion that are made anew, as shares of its frames
 }
 
 
-def task_mask(task, num_frames, length, frames_per_latent=4):
+def task_mask(task: str, num_frames: Sequence[int] | Int[Array, " b"], length: int, frames_per_latent: int = 4
+              ) -> Bool[np.ndarray, "b {length}"]:
   """(B, L): the latents that an editing task makes anew, of motions of num_frames (B,) frames.
 
   The names say what is given: "prefix" keeps the first half, "suffix" the second, "inpainting" the first and last
@@ -149,7 +157,7 @@ def task_mask(task, num_frames, length, frames_per_latent=4):
   return inside(half, total) if task == "prefix" else inside(zero, half)
 
 
-def in_spans(spans, num_frames):
+def in_spans(spans: Sequence[Sequence[int]], num_frames: int) -> Bool[np.ndarray, " {num_frames}"]:
   """(num_frames,): the frames inside of spans [(first, past), ...]."""
   inside = np.zeros(num_frames, bool)
   for first, past in spans:
@@ -160,7 +168,8 @@ def in_spans(spans, num_frames):
   return inside
 
 
-def kept_mask(spans, num_frames, length, frames_per_latent=4):
+def kept_mask(spans: Sequence[Sequence[int]], num_frames: int, length: int, frames_per_latent: int = 4
+              ) -> Bool[np.ndarray, " {length}"]:
   """(L,): the latents to make anew when spans [(first, past), ...] of frames are kept, of a motion of num_frames.
 
   A latent is kept if all its frames are.

@@ -1,15 +1,19 @@
 """CDAMD ready to use: motion from words, and new parts for a motion that exists."""
 import dataclasses
+from collections.abc import Iterable, Sequence
 from functools import partial
+from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
-from motion_jax.data.clip import Caption
+from motion_jax.data.clip import Caption, Clip
 from motion_jax.inputs import former_names
 from motion_jax.latents import AutoencoderCodec
 from motion_jax.models import cdamd
-from motion_jax.models.base import TextToMotionModel, keys_of, plain_fields
+from motion_jax.models.base import Frames, Prompts, TextToMotionModel, keys_of, plain_fields
 from motion_jax.models.cdamd import draws
 from motion_jax.models.cdamd import length as lengths
 from motion_jax.models.cdamd import mask_schedule as masking
@@ -24,7 +28,11 @@ from motion_jax.nets.length_estimator import LengthEstimator
 from motion_jax.nets.masks import padding_mask
 from motion_jax.runs import Run
 from motion_jax.runtime import cache
+from motion_jax.shapes import Array
+from motion_jax.text.encoder import TextEncoder
 from motion_jax.training import checkpoint
+
+Spans = Sequence[Sequence[int]]  # [(first frame, the one behind the last), ...]
 
 
 class CdamdModel(TextToMotionModel):
@@ -32,7 +40,7 @@ class CdamdModel(TextToMotionModel):
   abilities = ("generate", "edit")
   options = CdamdSampling
 
-  def __init__(self, run: Run, encoder):
+  def __init__(self, run: Run, encoder: TextEncoder) -> None:
     config = run.config
     checkpoint.demand(config, run.folder, data__max_frames=(1, 100_000), sampler__guidance_scale=(-1e3, 1e3))
     self.autoencoder = Autoencoder(**plain_fields(config.tokenizer))
@@ -51,16 +59,17 @@ class CdamdModel(TextToMotionModel):
     self._generate = cache.Program("cdamd.generate", partial(_generate, self.net), 1, (self.net,))
     self._edit = cache.Program("cdamd.edit", partial(_edit, self.net), 2, (self.net,))
 
-  def natural_frames(self, prompt) -> int:
+  def natural_frames(self, prompt: str) -> int:
     """How long such motions are: what the length estimator says or, without one, the nearest training captions."""
     if self.length is None:
       return super().natural_frames(prompt)
-    logits = self.length.apply(self.frozen["length"], self.encoder([prompt])[0][:, 0])
+    logits: Any = self.length.apply(self.frozen["length"], self.encoder([prompt])[0][:, 0])
     return int(np.minimum(lengths.middle_frames(logits, self.unit), self.config.data.max_frames)[0])
 
   @former_names.with_keywords
-  def generate(self, prompts, num_frames=None, *, seconds=None, rng=None, seeds=None, cleanup=True,
-               **sampling) -> Motions:
+  def generate(self, prompts: Prompts, num_frames: Frames = None, *, seconds: Frames = None,
+               rng: jax.Array | None = None, seeds: Iterable[int] | None = None, cleanup: bool = True, **sampling: Any
+               ) -> Motions:
     """Motions for one prompt or several, of the given length each (one number or one per prompt).
 
     rng: a key, of which prompt i gets fold_in(rng, i); or seeds, one integer per prompt. With a solver of fixed steps a
@@ -78,13 +87,16 @@ class CdamdModel(TextToMotionModel):
     captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
     return make_motions(self, made, frames, captions, seeds, about, cleanup)
 
-  def edit(self, clip, prompt, task=None, *, rng=None, seed=None, **choices) -> Motion:
+  def edit(self, clip: Clip | np.ndarray, prompt: str, task: str | None = None, *, rng: jax.Array | None = None,
+           seed: int | None = None, **choices: Any) -> Motion:
     """A motion that exists, a Clip of any source, with parts of it made anew as the words say; see `edits`."""
     return self.edits([clip], [prompt], task, rng=rng, seeds=None if seed is None else [seed], **choices)[0]
 
   @former_names.with_keywords
-  def edits(self, clips, prompts, task=None, *, keep=None, change=None, rng=None, seeds=None, paste=True, cleanup=False,
-            mask=None, **sampling) -> Motions:
+  def edits(self, clips: Sequence[Clip | np.ndarray], prompts: Sequence[str], task: str | None = None, *,
+            keep: Spans | None = None, change: Spans | None = None, rng: jax.Array | None = None,
+            seeds: Iterable[int] | None = None, paste: bool = True, cleanup: bool = False, mask: str | None = None,
+            **sampling: Any) -> Motions:
     """Clips with parts of them made anew, each as its prompt says, in one batch.
 
     clips: of any source, or arrays of features (T, F) as this model knows them, not normalized, which are taken as they
@@ -125,12 +137,12 @@ class CdamdModel(TextToMotionModel):
     """Normalized coordinates (B, T, F) with the kept frames as they came, and the new ones moved to meet them."""
     y = np.array(made)
     for row, given, count, mask in zip(y, features, frames, kept):
-      joints = [self.stats.denormalize(x[:count]).reshape(count, -1, 3) for x in (row, given)]
-      row[:count] = self.stats.normalize(join(*joints, mask[:count]).reshape(count, -1))
+      shown, known = (self.stats.denormalize(x[:count]).reshape(count, -1, 3) for x in (row, given))
+      row[:count] = self.stats.normalize(join(shown, known, mask[:count]).reshape(count, -1))
       row[:count][mask[:count]] = given[:count][mask[:count]]
     return y
 
-  def padded_features(self, clip):
+  def padded_features(self, clip: Clip | np.ndarray) -> tuple[Float[np.ndarray, "t f"], int]:
     """(normalized features (T, F) padded to the training length, frames): a clip on our body, or features (T, F) as
     they are, in whole latents."""
     features = self._features(clip)
@@ -153,7 +165,7 @@ class CdamdModel(TextToMotionModel):
     joints = on_our_body(clip, self.fps, layout.skeleton)
     return to_features(np.concatenate([joints, 2 * joints[-1:] - joints[-2:-1]]), layout, self.config.data.mode)
 
-  def encode_words(self, prompts):
+  def encode_words(self, prompts: Sequence[str]) -> tuple[Array, Array | None]:
     """(text_emb, text_mask or None) as the model was trained: sentence vectors, or these and their words."""
     if self.encoder.level == "sentence":
       return self.encoder(prompts)[0], None

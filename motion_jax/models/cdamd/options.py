@@ -1,9 +1,13 @@
 """How a CDAMD model is sampled."""
 import dataclasses
+from typing import TYPE_CHECKING, Any
 
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.numerals import STEPS
 from motion_jax.models.options import SamplingOptions, choice, number, switch
+
+if TYPE_CHECKING:
+  from ml_collections import ConfigDict
 
 ORDERS = ("random", "left_to_right")
 MASKS = ("causal", "dccm", "bcm", "bidirectional")
@@ -24,7 +28,7 @@ class CdamdSampling(SamplingOptions):
                                       "that are masked again, too, as the reference does")
   temperature: float | None = number("size of the noise that a DDPM's steps add (1)", (0, 100), float, usual=1.0)
 
-  def resolved(self, config, **usual):
+  def resolved(self, config: "ConfigDict", **usual: Any) -> "CdamdSampling":
     """As of any method; a model that was trained by the other diffusion than its config samples by takes its own."""
     ddpm = config.loss.diffusion == "ddpm"
     if self.solver is None and (config.sampler.solver == "ddpm") != ddpm:

@@ -1,11 +1,15 @@
 """Motion from CDAMD's generator: in each decoding iteration the diffusion head makes some of the hidden latents."""
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
+from jaxtyping import Bool, Float
 
 from motion_jax.diffusion import ddpm, guidance, ode, samplers
+from motion_jax.latents import AutoencoderCodec
 from motion_jax.models.cdamd import unmasking
 from motion_jax.nets.masks import LATENT_MASKS, latent_mask
+from motion_jax.shapes import Array, Net
 
 
 class Plan(NamedTuple):
@@ -19,7 +23,7 @@ class Plan(NamedTuple):
   temperature: float = 1.0     # of the DDPM's noise; flows have none
 
 
-def make_plan(**fields) -> Plan:
+def make_plan(**fields: Any) -> Plan:
   """A Plan; raises ValueError for a solver, mask or number that does not exist."""
   plan = Plan(**fields)
   solvers = (*samplers.FIXED_STEP, "dopri5", "ddpm")
@@ -32,7 +36,10 @@ def make_plan(**fields) -> Plan:
   return plan
 
 
-def make_latents(net, plan, params, latents, *, text_emb, hidden, real_mask, scale, draw, text_mask=None):
+def make_latents(net: Net, plan: Plan, params: Any, latents: Float[Array, "b l c"], *,
+                 text_emb: Float[Array, "b s e"], hidden: Bool[Array, "n b l"], real_mask: Bool[Array, "b l"],
+                 scale: Any, draw: Callable[..., Array], text_mask: Bool[Array, "b s"] | None = None
+                 ) -> Float[Array, "n b l c"]:
   """Latents after each decoding iteration (N, B, L, C), the last the finished ones. Pure; net and plan are static.
 
   text_emb (B, S, E), text_mask (B, S) or None; latents (B, L, C), of which those are kept that hidden (N, B, L) never
@@ -61,7 +68,8 @@ def make_latents(net, plan, params, latents, *, text_emb, hidden, real_mask, sca
   return unmasking.sample(condition, solve, draw, latents, hidden, net.apply(params, method="hidden"), plan.num_rows)
 
 
-def generate(net, plan, params, codec, *, real_mask, **given):
+def generate(net: Net, plan: Plan, params: Any, codec: AutoencoderCodec, *, real_mask: Bool[Array, "b l"],
+             **given: Any) -> Float[Array, "b t f"]:
   """Normalized features (B, 4 L, F) of new motions; given: hidden (N, B, L) of `masking.hidden_table`, and what else
   `make_latents` takes. Pure."""
   latents = jnp.zeros(real_mask.shape + (net.transformer.latent_dim,))

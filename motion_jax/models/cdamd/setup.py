@@ -1,8 +1,11 @@
 """Training set-ups of CDAMD: how its two autoencoders and its generator are trained."""
 import functools
+import os
+from typing import Any
 
 import jax
 import numpy as np
+from ml_collections import ConfigDict
 
 from motion_jax import runs
 from motion_jax.data import batches, sources, store
@@ -11,11 +14,12 @@ from motion_jax.latents import AutoencoderCodec, RvqCodec
 from motion_jax.models import cdamd
 from motion_jax.models.cdamd import length as lengths
 from motion_jax.motion import stats as stats_lib
+from motion_jax.motion.stats import Stats
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.length_estimator import LengthEstimator
 from motion_jax.nets.masks import padding_mask
 from motion_jax.quant import vq
-from motion_jax.text.encoder import load_text_encoder
+from motion_jax.text.encoder import TextEncoder, load_text_encoder
 from motion_jax.training import checkpoint, encoding
 from motion_jax.training.setup import (
   TrainingSetup,
@@ -28,14 +32,14 @@ from motion_jax.training.setup import (
 )
 
 
-def autoencoder(config) -> TrainingSetup:
+def autoencoder(config: ConfigDict) -> TrainingSetup:
   data = sources.load_features(config.data, captioned=False)
   net = Autoencoder(**config.model)
   evaluate = _reconstruction(config, data.stats, net.apply)
   return TrainingSetup(cdamd.autoencoder_stage(config), _windows(config, data), {}, evaluate, data.stats, {})
 
 
-def rvq(config) -> TrainingSetup:
+def rvq(config: ConfigDict) -> TrainingSetup:
   """On windows or, where config.data.window is 0, on the whole padded clips of the text loader."""
   net = Autoencoder(**config.model)
   if config.data.window:
@@ -103,7 +107,7 @@ def _generator_parts(config):
   return data, encoder, codec, frozen
 
 
-def generator(config) -> TrainingSetup:
+def generator(config: ConfigDict) -> TrainingSetup:
   """The masked transformer and its diffusion head, on latents of a trained autoencoder, with codes of a trained RVQ."""
   data, encoder, codec, frozen = _generator_parts(config)
   encoders = dict(frozen)
@@ -167,7 +171,7 @@ def _captioned(config, data, encoder, encoders=None):
   return next_batch
 
 
-def encode_generator(config, folder) -> str:
+def encode_generator(config: ConfigDict, folder: str | os.PathLike) -> str:
   """Writes the store of a generator's data: latents, and codes where its loss has a prior; returns what to tell."""
   data, encoder, codec, frozen = _generator_parts(config)
   net, prior = codec.net, Autoencoder(**plain(config.prior.to_dict()))
@@ -199,7 +203,8 @@ def _held_out_loss(config, stage, frozen, stats, encoder, num_batches=4):
   return evaluate
 
 
-def load_frozen(folder, fields, stage, config, quantizer=None):
+def load_frozen(folder: str, fields: ConfigDict, stage: str, config: ConfigDict,
+                quantizer: ConfigDict | None = None) -> tuple[Autoencoder, Any, Stats]:
   """(module, variables, stats) of a trained autoencoder or, with a quantizer section, RVQ-VAE; "fresh" makes an
   untrained one for trying things out."""
   net = Autoencoder(**plain(fields.to_dict()))
@@ -212,7 +217,7 @@ def load_frozen(folder, fields, stage, config, quantizer=None):
     return net, variables, sources.load_features(config.data).stats
   run = runs.open(folder, stage)
   theirs = Autoencoder(**plain(run.config.model.to_dict()))
-  alike = dict(dropout=0.0, hide_padding=False)  # frozen, it has no dropout; windows have no padding
+  alike: dict[str, Any] = dict(dropout=0.0, hide_padding=False)  # frozen, it has no dropout; windows have no padding
   if theirs.clone(**alike) != net.clone(**alike):
     raise ValueError(f"{folder} holds {plain(run.config.model.to_dict())}, this config says "
                      f"{plain(fields.to_dict())}; make them agree")
@@ -224,7 +229,7 @@ def load_frozen(folder, fields, stage, config, quantizer=None):
   return net, variables, stats_lib.load_stats(folder, config.data.layout)
 
 
-def length(config) -> TrainingSetup:
+def length(config: ConfigDict) -> TrainingSetup:
   """The length estimator, on captions and the lengths that crops of their clips have in training."""
   data = sources.load_features(config.data)
   encoder = load_text_encoder(config.frozen.text, level="sentence")
@@ -244,14 +249,14 @@ def length(config) -> TrainingSetup:
                 {checkpoint.TEXT: text_identity(encoder)})
 
 
-def generator_fields(config) -> dict:
+def generator_fields(config: ConfigDict) -> dict[str, Any]:
   """What loading the generator's run needs: the sizes of its length estimator, where it has one."""
   if not config.frozen.length:
     return {}
   return {"length": plain(runs.open(config.frozen.length, "cdamd.length").config.model.to_dict())}
 
 
-def load_length(folder, encoder):
+def load_length(folder: str, encoder: TextEncoder) -> Any:
   """Parameters of a trained length estimator that reads the sentence vectors of this encoder."""
   run = runs.open(folder, "cdamd.length")
   run.check_encoder(encoder)

@@ -1,7 +1,9 @@
 """What CDAMD trains, as pure functions: the autoencoder, the RVQ-VAE, and the masked transformer on their latents."""
+from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Bool, Float, Int
 from ml_collections import ConfigDict
 
 from motion_jax.latents import AutoencoderCodec, RvqCodec
@@ -12,16 +14,17 @@ from motion_jax.nets.diffusion_mlp import DiffusionMLP, Generator
 from motion_jax.nets.masked_transformer import TRANSFORMERS
 from motion_jax.nets.masks import padding_mask
 from motion_jax.quant import rvq, vq
+from motion_jax.shapes import Array
 from motion_jax.training.stage import DEVICES, Stage
 
 
-def empty_codebooks(net, quantizer):
+def empty_codebooks(net: Autoencoder, quantizer: Any) -> dict[str, Any]:
   """The RVQ-VAE's collection "codebooks" before training: a dict of the fields of `vq.Codebook`, each (Q, ...)."""
   book = vq.empty_codebook(quantizer.num_codes, net.latent_dim, (quantizer.num_levels,))
   return {"codebooks": book._asdict()}
 
 
-def autoencoder_shapes(net, quantizer=None):
+def autoencoder_shapes(net: Autoencoder, quantizer: Any = None) -> Any:
   """Shapes of the variables of an autoencoder or, with a quantizer section, an RVQ-VAE, to check a file against."""
   x = jnp.zeros((1, net.frames_per_latent, net.features))
   codebooks = (lambda: empty_codebooks(net, quantizer)) if quantizer else dict
@@ -38,7 +41,7 @@ def _with_dropout(net, params, method, x, keys):
   return jax.vmap(run)(x, keys)
 
 
-def autoencoder_stage(config) -> Stage:
+def autoencoder_stage(config: ConfigDict) -> Stage:
   """Trains the deterministic autoencoder on windows: batch["features"] (B, T, F), normalized."""
   net = Autoencoder(**config.model)
 
@@ -57,7 +60,7 @@ def autoencoder_stage(config) -> Stage:
   return Stage(init, loss, predict)
 
 
-def rvq_stage(config, axis_name=DEVICES) -> Stage:
+def rvq_stage(config: ConfigDict, axis_name: str | None = DEVICES) -> Stage:
   """Trains the RVQ-VAE: batch["features"] (B, T, F), normalized, windows or whole clips padded with zeros.
 
   The codebooks learn without a gradient, so they are the stage's extra state. axis_name: None to run the loss on one
@@ -128,7 +131,7 @@ def _rvq_by_gradient(net, config, axis_name):
   return Stage(init, loss, predict)
 
 
-def make_generator(config) -> Generator:
+def make_generator(config: ConfigDict) -> Generator:
   """The module of a model section: transformer (kind "cdamd" or "mardm", and fields), head (fields)."""
   fields = dict(config.transformer)
   kind = fields.pop("kind")
@@ -138,27 +141,28 @@ def make_generator(config) -> Generator:
   return Generator(transformer, DiffusionMLP(latent_dim=transformer.latent_dim, **config.head))
 
 
-def generator_shapes(net):
+def generator_shapes(net: Generator) -> Any:
   """Shapes of the generator's parameters, to check a file against."""
   transformer = net.transformer
   x, text_emb = jnp.zeros((1, 1, transformer.latent_dim)), jnp.zeros((1, 1, transformer.text_dim))
   return jax.eval_shape(lambda: net.init(jax.random.key(0), x, text_emb, jnp.ones((1, 1, 1, 1), bool), jnp.zeros(())))
 
 
-def frozen_shapes(autoencoder):
+def frozen_shapes(autoencoder: Autoencoder) -> dict[str, Any]:
   """Shapes of what making motion needs of a generator's frozen parts; training needs the prior, too."""
   channel = jax.ShapeDtypeStruct((autoencoder.latent_dim,), jnp.float32)
   return AutoencoderCodec(autoencoder, autoencoder_shapes(autoencoder), channel, channel).parts
 
 
-def prior_codes(prior, features, real_mask, num_levels):
+def prior_codes(prior: RvqCodec, features: Float[Array, "b t f"], real_mask: Bool[Array, "b l"], num_levels: int
+                ) -> Int[Array, "b l *q"]:
   """Codes of the first levels (B, L, Q) by the codec of an RVQ-VAE, of one level (B, L)."""
   codes = prior.encode(features, prior.real_frames(real_mask))[0]
   # Parity: one level alone comes without the row that tells levels apart.
   return codes[..., 0] if num_levels == 1 else codes[..., :num_levels]
 
 
-def generator_stage(config) -> Stage:
+def generator_stage(config: ConfigDict) -> Stage:
   """Trains the masked transformer and its diffusion head on latents of the frozen autoencoder.
 
   Batch: features (B, T, F) padded or, of a store, latents (B, L, C) and codes (B, L, Q); num_frames (B,), text_emb
@@ -174,7 +178,7 @@ def generator_stage(config) -> Stage:
     length = batch["latents"].shape[1] if stored else batch["features"].shape[1] // autoencoder.frames_per_latent
     real_mask = padding_mask(batch["num_frames"] // autoencoder.frames_per_latent, length)
     if stored:
-      codes = batch["codes"][..., :config.loss.prior_levels] if config.loss.prior_levels else None
+      codes: Any = batch["codes"][..., :config.loss.prior_levels] if config.loss.prior_levels else None
       codes = codes[..., 0] if config.loss.prior_levels == 1 else codes
       return batch["latents"], real_mask, batch["text_emb"], codes, batch.get("text_mask")
     codec, codes = AutoencoderCodec.of(autoencoder, frozen), None
@@ -192,7 +196,7 @@ def generator_stage(config) -> Stage:
   def loss(params, frozen, batch, step, rng):
     z1, real_mask, text_emb, codes, text_mask = inputs(frozen, batch)
     draw_rng, dropout_rng, prior_rng = jax.random.split(rng, 3)
-    draws = draw_step(prior_rng, _item_keys(draw_rng, batch), *z1.shape[1:], config.loss)
+    draws = draw_step(prior_rng, _item_keys(draw_rng, batch), z1.shape[1], z1.shape[2], config.loss)
     return generator_loss(net, params, z1, real_mask, text_emb, codes, draws, config.loss,
                           _item_keys(dropout_rng, batch), text_mask)
 
@@ -204,7 +208,7 @@ def generator_stage(config) -> Stage:
     """
     z1, real_mask, text_emb, codes, text_mask = inputs(frozen, batch)
     fields = ConfigDict(config.loss.to_dict() | dict(mask=config.sampler.mask, drop_rate=0.0, prior_drop_rate=0.0))
-    draws = draw_step(rng, _item_keys(rng, batch), *z1.shape[1:], config.loss)
+    draws = draw_step(rng, _item_keys(rng, batch), z1.shape[1], z1.shape[2], config.loss)
     measure = lambda codes: generator_loss(net, params, z1, real_mask, text_emb, codes, draws, fields,
                                            text_mask=text_mask)
     sums, weight = measure(None)

@@ -5,19 +5,25 @@ The tables of `mask_schedule` say which latents each iteration finds hidden. Wha
 the next one hides again is lost, so it suffices to solve for the others: the same motion from the same noise, as a
 solver with fixed steps treats every row alone, at a sixth of the cost.
 """
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from motion_jax.models.cdamd import mask_schedule as masking
+from motion_jax.shapes import Array
 
 
-def most_unmasked(counts):
+def most_unmasked(counts: Int[Array, "n b"]) -> int:
   """The most latents that one iteration of counts (N, B) leaves unhidden in one motion: rows that its solver needs."""
   return int(-np.diff(counts, axis=0, append=0).min())
 
 
-def sample(condition, solve, draw, latents, hidden, mask_latent, num_rows=None):
+def sample(condition: Callable[..., Array], solve: Callable[..., Array], draw: Callable[..., Array],
+           latents: Float[Array, "b l c"], hidden: Bool[Array, "n b l"], mask_latent: Float[Array, "1 1 c"],
+           num_rows: int | None = None) -> Float[Array, "n b l c"]:
   """Latents after each decoding iteration (N, B, L, C), the last ones those of the motion.
 
   condition(z (B, L, C), hidden (B, L)) -> (G B, L, H), G branches of guidance one after the other. solve(condition

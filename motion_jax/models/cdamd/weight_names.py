@@ -1,12 +1,15 @@
 """Names of CDAMD's and MARDM's released weights: autoencoder, quantizer, generators."""
+from collections.abc import Mapping
+from typing import Any
+
 import jax
 import numpy as np
 
-from motion_jax.convert.state import from_torch
+from motion_jax.convert.state import Table, from_torch
 from motion_jax.quant.vq import codebook_of
 
 
-def autoencoder_names(num_halvings=2, depth=3):
+def autoencoder_names(num_halvings: int = 2, depth: int = 3) -> Table:
   """AE of CDAMD and MARDM (docs/papers/cdamd.md#autoencoder)."""
   last = 2 + num_halvings
   ends = {"encoder.model.0": "encoder/conv_in", f"encoder.model.{last}": "encoder/conv_out",
@@ -24,13 +27,14 @@ def autoencoder_names(num_halvings=2, depth=3):
   return table
 
 
-def rvq_names(num_levels=4, num_halvings=2, depth=3):
+def rvq_names(num_levels: int = 4, num_halvings: int = 2, depth: int = 3) -> Table:
   """RVQ-VAE of CDAMD (docs/papers/cdamd.md#rvq), the codes of level q under codes/q."""
   levels = {f"quantizer.layers.{q}.codebook": (f"codes/{q}", "array") for q in range(num_levels)}
   return autoencoder_names(num_halvings, depth) | levels
 
 
-def rvq_from_torch(state, num_levels=4, num_halvings=2, depth=3):
+def rvq_from_torch(state: Mapping[str, Any], num_levels: int = 4, num_halvings: int = 2, depth: int = 3
+                   ) -> dict[str, Any]:
   """RVQ-VAE of CDAMD as it is used: {"params", "codebooks"} with all fields of `quant.vq.Codebook`."""
   params = from_torch(state, rvq_names(num_levels, num_halvings, depth))["params"]
   codes = params.pop("codes")
@@ -42,7 +46,7 @@ def _below(table, theirs, ours):
   return {theirs + name: (ours + path, kind) for name, (path, kind) in table.items()}
 
 
-def diffusion_mlp_names(depth, prefix="net.", ours=""):
+def diffusion_mlp_names(depth: int, prefix: str = "net.", ours: str = "") -> Table:
   """CDAMD's and MARDM's diffusion head (docs/papers/cdamd.md#diffusion-mlp), below `prefix` there and `ours` here."""
   table = {"time_embed.mlp.0": ("time_in", "dense"), "time_embed.mlp.2": ("time_out", "dense"),
            "cond_embed": ("condition_in", "dense"), "input_proj": ("x_in", "dense"),
@@ -64,7 +68,7 @@ def _generator_names(table, head_depth):
   return _below(table, "", "transformer/") | diffusion_mlp_names(head_depth, "DiffMLPs.net.", "head/")
 
 
-def masked_transformer_names(depth, head_depth=None):
+def masked_transformer_names(depth: int, head_depth: int | None = None) -> Table:
   """CDAMD's transformer; with head_depth, layers of the diffusion head, the whole generator.
 
   Source: docs/papers/cdamd.md#masked-transformer.
@@ -81,9 +85,9 @@ def masked_transformer_names(depth, head_depth=None):
   return _generator_names(table, head_depth)
 
 
-def mardm_names(depth, head_depth=None):
+def mardm_names(depth: int, head_depth: int | None = None) -> Table:
   """MARDM's transformer (docs/papers/cdamd.md#mardm), alone or with its diffusion head."""
-  table = {}
+  table: Table = {}
   for i in range(depth):
     theirs, ours = f"MARTransformer.{i}", f"block{i}"
     table |= {f"{theirs}.attn.{name}": (f"{ours}/self_attn/{short}", "dense")
@@ -93,7 +97,7 @@ def mardm_names(depth, head_depth=None):
   return _generator_names(table, head_depth)
 
 
-def length_estimator_names():
+def length_estimator_names() -> Table:
   """MARDM's length estimator."""
   table = {"output.11": ("out", "dense")}
   for i, place in enumerate((0, 4, 8)):

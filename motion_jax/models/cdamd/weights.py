@@ -1,5 +1,7 @@
 """CDAMD's and MARDM's released weights: autoencoder, RVQ-VAE, generator, length estimator (docs/papers/cdamd.md)."""
+import pathlib
 import re
+from typing import Any
 
 import ml_collections
 import numpy as np
@@ -42,7 +44,7 @@ def _layers(part, what):
               dilations=tuple(3 ** b for b in reversed(range(depth))), dropout=0.2)
 
 
-def autoencoder(path) -> Network:
+def autoencoder(path: str | pathlib.Path) -> Network:
   """A released AE, "ae" of latest.tar or net_best_fid.tar."""
   what, part = "autoencoder", read_part(path, ("ae",))
   fields = _layers(part, what)
@@ -51,7 +53,7 @@ def autoencoder(path) -> Network:
   return network(what, part, net, fields, cdamd.autoencoder_shapes(net), table)
 
 
-def rvq(path) -> Network:
+def rvq(path: str | pathlib.Path) -> Network:
   """A released RVQ-VAE, "vq_model" (or "net") of latest.tar or net_best_fid.tar; params are {"params", "codebooks"}.
 
   Files hold the codes and neither their running sums nor counts: training goes on as if each was used once.
@@ -71,7 +73,7 @@ def rvq(path) -> Network:
   return Network(what, net, fields | quantizer, params, part)
 
 
-def generator(path, weights="ema", num_heads=None) -> Network:
+def generator(path: str | pathlib.Path, weights: str = "ema", num_heads: int | None = None) -> Network:
   """A released masked transformer with its diffusion MLP, CDAMD's or MARDM's, told by what the file holds.
 
   CDAMD: "t2m_transformer" (or "trans") of latest.tar. MARDM: "ema_mardm" (what is evaluated) or "mardm" of latest.tar.
@@ -114,7 +116,7 @@ def _check_positions(part, width):
       raise ValueError(f"{part.source['file']} has positions {POSITIONS} other than sines and cosines of base 10000")
 
 
-def length_estimator(path) -> Network:
+def length_estimator(path: str | pathlib.Path) -> Network:
   """MARDM's length estimator, "estimator" of finest.tar or latest.tar."""
   what, part = "length estimator", read_part(path, choices=("estimator", "length_estimator"))
   width, text_dim = part.shape("output.0.weight", what, 2)
@@ -126,8 +128,10 @@ def length_estimator(path) -> Network:
 # --- writing -----------------------------------------------------------------------------------------------------
 
 
-def write_cdamd(out, tokenizer_file, stats, generator_file=None, rvq_file=None, length_file=None, text=None,
-                weights="ema", num_heads=None, diffusion="flow"):
+def write_cdamd(out: str | pathlib.Path, tokenizer_file: str | pathlib.Path | None, stats: Any,
+                generator_file: str | pathlib.Path | None = None, rvq_file: str | pathlib.Path | None = None,
+                length_file: str | pathlib.Path | None = None, text: str | None = None, weights: str = "ema",
+                num_heads: int | None = None, diffusion: str = "flow") -> list[Network]:
   """The run folder of a released CDAMD or MARDM -> the Networks.
 
   Without a generator it is that of the autoencoder or, of an RVQ-VAE's file alone (tokenizer_file None), of that.
@@ -142,7 +146,8 @@ def write_cdamd(out, tokenizer_file, stats, generator_file=None, rvq_file=None, 
     raise ValueError("give a tokenizer and a generator, with an RVQ-VAE and a length estimator if there are; or a "
                      "tokenizer alone, or an RVQ-VAE alone")
   if generator_file is None:
-    return _write_tokenizer(out, autoencoder(tokenizer_file) if rvq_file is None else rvq(rvq_file), stats)
+    read, file = (autoencoder, tokenizer_file) if rvq_file is None else (rvq, rvq_file)
+    return _write_tokenizer(out, read(file), stats)  # type: ignore[arg-type]  # one of the two is given
   if tokenizer_file is None:
     raise ValueError("a generator makes latents; give the file of the tokenizer that makes motion of them, too")
 
@@ -182,7 +187,8 @@ def write_cdamd(out, tokenizer_file, stats, generator_file=None, rvq_file=None, 
 
 def _write_tokenizer(out, made, stats):
   stats = stats_of(stats, made.fields["features"])
-  fields, config = dict(made.fields), dict(frozen={}, data=dict(layout=stats.layout.name))
+  fields = dict(made.fields)
+  config: dict[str, Any] = dict(frozen={}, data=dict(layout=stats.layout.name))
   if made.what == "RVQ-VAE":
     quantizer = {name: fields.pop(name) for name in ("num_levels", "num_codes")}
     config |= dict(stage="cdamd.rvq", quantizer=quantizer)

@@ -1,13 +1,19 @@
 """A motion that never ends: block after block from one step, with words that may change on the way."""
-from typing import NamedTuple
+import dataclasses
+from typing import TYPE_CHECKING, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float, Int
 
 from motion_jax.models import cmdm
 from motion_jax.models.cmdm import streaming
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.representations import root_path, to_joints
+from motion_jax.motion.representations import Representation, root_path, to_joints
+
+if TYPE_CHECKING:
+  from motion_jax.models.cmdm.model import CmdmModel
 
 _CAPTIONS = 4  # different captions that a window may show before its step is compiled anew, for twice as many
 
@@ -24,17 +30,19 @@ class LiveStream:
   words is `CmdmModel.multi_prompt`, block by block.
   """
 
-  def __init__(self, model, plan, scale, keys, prompt, num_frames=None):
+  def __init__(self, model: "CmdmModel", plan: streaming.Plan, scale: float, keys: jax.Array, prompt: str,
+               num_frames: int | None = None) -> None:
     self._model, self._plan, self._num_frames = model, plan, num_frames
     constants = streaming.make_constants(model.dit, model.params, plan)
     self._sampler = streaming.Sampler(model.dit, plan, model.params, constants, None, scale, keys)
     self._state = cmdm.init_stream(model.codec, self._sampler)
-    self._steps, self._frames, self._path = 0, 0, None
+    self._steps, self._frames = 0, 0
+    self._path: _Path | None = None
     self._script = [(0, 0)]  # (block, slot): from that block on the caption of that slot
     self._bank = [prompt] * _CAPTIONS
     self._encode()
 
-  def __repr__(self):
+  def __repr__(self) -> str:
     said = self._bank[self._script[-1][1]]
     return (f"LiveStream({said!r}: {self._frames} frames so far, {self.block_seconds:g} s a block, "
             f"{self._model.folder.name})")
@@ -49,11 +57,11 @@ class LiveStream:
     return (self._steps - self._blocks) * self.block_seconds
 
   @property
-  def _blocks(self):
+  def _blocks(self) -> int:
     """Blocks that have been given."""
     return max(self._steps - self._plan.age + 1, 0)
 
-  def say(self, prompt, after=None):
+  def say(self, prompt: str, after: float | None = None) -> None:
     """From now on, other words.
 
     They count for the blocks that have not begun, `delay` seconds from now; a larger lag makes the delay shorter.
@@ -79,18 +87,18 @@ class LiveStream:
     self._script.append((first, free))
     self._encode()
 
-  def _encode(self):
+  def _encode(self) -> None:
     emb, mask = self._model.encode_words(self._bank)
     text = streaming.encode_text(self._model.dit, self._model.params, emb[None], mask[None], self._plan.guided)
-    self._sampler = self._sampler.replace(text=text)
+    self._sampler = dataclasses.replace(self._sampler, text=text)
 
-  def _captions(self, active):
+  def _captions(self, active: int) -> Int[jax.Array, "1 {active}"]:
     """The slots (1, active) of the window's blocks."""
     blocks = max(self._steps - self._plan.age, 0) + np.arange(active)
     starts, slots = (np.array(column) for column in zip(*self._script))
     return jnp.asarray(slots[np.maximum(np.searchsorted(starts, blocks, side="right") - 1, 0)][None], jnp.int32)
 
-  def __iter__(self):
+  def __iter__(self) -> "LiveStream":
     return self
 
   def __next__(self) -> np.ndarray:
@@ -119,7 +127,8 @@ class _Path(NamedTuple):
   place: np.ndarray
 
 
-def _continue_path(features, past, layout):
+def _continue_path(features: Float[np.ndarray, "n f"], past: _Path | None, layout: Representation
+                   ) -> tuple[Float[np.ndarray, "n j 3"], _Path]:
   """Joints (n, J, 3) of the next rows of a stream (n, F), going on from where the last ones ended -> (joints, past).
 
   Heading and place are summed in float64: after an hour's walk they are as exact as at the start.

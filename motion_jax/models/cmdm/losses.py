@@ -1,15 +1,19 @@
 """Losses of CMDM's tokenizer: reconstruction, the KL divergence, and alignment with a motion-language teacher."""
+from typing import Any
 
 import flax
 import jax
 import jax.numpy as jnp
 import optax
+from jaxtyping import Float
+from ml_collections import ConfigDict
 
 from motion_jax import shapes
 from motion_jax.nets.causal_vae import sample_latent
+from motion_jax.shapes import Array, Net
 
 
-def gaussian_nll(prediction, target):
+def gaussian_nll(prediction: Float[Array, "b t f"], target: Float[Array, "b t f"]) -> Float[Array, ""]:
   """Reconstruction under a Gaussian whose one sigma is the best for this batch; summed over all elements.
 
   s = log sqrt(mean squared error), softly floored at -6; gradients flow through it
@@ -24,7 +28,7 @@ def gaussian_nll(prediction, target):
   return square.sum() / (2 * jnp.exp(2 * log_sigma)) + square.size * (log_sigma + 0.5 * jnp.log(2 * jnp.pi))
 
 
-def smooth_l1(prediction, target):
+def smooth_l1(prediction: Float[Array, "b t f"], target: Float[Array, "b t f"]) -> Float[Array, ""]:
   """Reconstruction by SmoothL1 (beta 1), summed over frames and features, averaged over the batch.
 
   So it weighs against a KL divergence that is summed and averaged alike, as in a VAE's bound.
@@ -35,12 +39,13 @@ def smooth_l1(prediction, target):
 RECONSTRUCTIONS = {"gaussian": gaussian_nll, "smooth_l1": smooth_l1}
 
 
-def kl_to_standard_normal(mean, logvar):
+def kl_to_standard_normal(mean: Float[Array, "b l c"], logvar: Float[Array, "b l c"]) -> Float[Array, ""]:
   """KL divergence to N(0, I), summed over latents and channels, averaged over the batch."""
   return -0.5 * (1 + logvar - mean ** 2 - jnp.exp(logvar)).sum((1, 2)).mean()
 
 
-def align_terms(student, teacher, cos_margin=0.5, distance_margin=0.25):
+def align_terms(student: Float[Array, "b n e"], teacher: Float[Array, "b n e"], cos_margin: float = 0.5,
+                distance_margin: float = 0.25) -> tuple[Float[Array, ""], Float[Array, ""]]:
   """Marginal cosine and marginal distance-matrix losses between (B, N, E) and (B, N, E) (CMDM eq. 3 to 6).
 
   The first pulls each latent towards its teacher's direction until their cosine is over 1 - cos_margin, the second
@@ -63,7 +68,8 @@ def _distance_term(student, teacher, margin):
   return jax.nn.relu(jnp.abs(among(student) - among(teacher)) - margin).mean()
 
 
-def set_distances(latents, teacher, margin=0.25):
+def set_distances(latents: Float[Array, "b n c"], teacher: Float[Array, "b n e"], margin: float = 0.25
+                  ) -> Float[Array, ""]:
   """The marginal distance-matrix loss of the paper's equation 6: latents (B, N, C) as they are, not projected, and the
   teacher's features (B, N, E), in pairs over all windows of the micro-batch, (B N)^2 of them."""
   rows = lambda a: _unit(a.reshape(1, -1, a.shape[-1]))
@@ -73,7 +79,8 @@ def set_distances(latents, teacher, margin=0.25):
 DISTANCE_PAIRS = ("window", "set")
 
 
-def align_loss(vae, params, z, teacher, distance_pairs="window"):
+def align_loss(vae: Net, params: Any, z: Float[Array, "b n c"], teacher: Float[Array, "b n e"],
+               distance_pairs: str = "window") -> tuple[Float[Array, ""], Float[Array, ""]]:
   """(mcos, mdms) of latents z (B, N, C) and the teacher's features (B, N, E) at each.
 
   distance_pairs: whose cosines the second compares, "window" (`align_terms`) or "set" (`set_distances`).
@@ -84,7 +91,7 @@ def align_loss(vae, params, z, teacher, distance_pairs="window"):
   return mcos, mdms if distance_pairs == "window" else set_distances(z, teacher)
 
 
-def pool_teacher(features, num_latents):
+def pool_teacher(features: Float[Array, "b t e"], num_latents: int) -> Float[Array, "b {num_latents} e"]:
   """The teacher's frame features (B, T, E) -> their mean over each latent's frames (B, N, E)."""
   batch, frames, dim = features.shape
   if frames % num_latents:
@@ -97,8 +104,9 @@ def pool_teacher(features, num_latents):
 LAST_LAYERS = {"convolution": ("encoder", "conv_out", "conv", "kernel"), "linear": ("encoder", "head", "kernel")}
 
 
-def align_ratio(vae, params, x, noise, teacher, reconstruction="gaussian", distance_pairs="window",
-                last_layer="convolution"):
+def align_ratio(vae: Net, params: Any, x: Float[Array, "b t f"], noise: Float[Array, "b n c"],
+                teacher: Float[Array, "b n e"], reconstruction: str = "gaussian", distance_pairs: str = "window",
+                last_layer: str = "convolution") -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
   """|d rec / d W| / |d align / d W| at W, the encoder's last convolution, and both norms.
 
   Source: docs/papers/cmdm.md#alignment.
@@ -127,15 +135,17 @@ def align_ratio(vae, params, x, noise, teacher, reconstruction="gaussian", dista
   return jax.lax.stop_gradient((ratio, *norms))
 
 
-def align_factor(step, config, num_steps):
+def align_factor(step: Any, config: ConfigDict, num_steps: int) -> Any:
   """Factor of the alignment term: config.align, which falls linearly, after the ramp of the KL term, by the share
   config.align_fall of it: 0.9 leaves a tenth."""
   progress = jnp.clip((step - config.kl_ramp) / max(num_steps - config.kl_ramp, 1), 0, 1)
   return config.align * (1 - config.align_fall * progress)
 
 
-def tokenizer_terms(vae, params, x, noise, kl_weight, root_weight, *, root_columns, teacher=None,
-                    align_weight=0.0, adaptive=True, reconstruction="gaussian", **alignment):
+def tokenizer_terms(vae: Net, params: Any, x: Float[Array, "b t f"], noise: Float[Array, "b n c"], kl_weight: Any,
+                    root_weight: Any, *, root_columns: slice, teacher: Float[Array, "b n e"] | None = None,
+                    align_weight: Any = 0.0, adaptive: bool = True, reconstruction: str = "gaussian", **alignment: Any
+                    ) -> dict[str, Array]:
   """Loss terms of one micro-batch x (B, T, F): a dict with rec, root, kl and their weighted sum, loss.
 
   root_columns: `root` of the features' representation. With teacher (B, N, E), its features at each latent, also mcos,
@@ -153,7 +163,7 @@ def tokenizer_terms(vae, params, x, noise, kl_weight, root_weight, *, root_colum
     z = sample_latent(mean, logvar, noise)
     terms["mcos"], terms["mdms"] = align_loss(vae, params, z, teacher, alignment.get("distance_pairs", "window"))
     terms["align"] = terms["mcos"] + terms["mdms"]
-    ratio = 1.0
+    ratio: Any = 1.0
     if adaptive:
       ratio, terms["grad_rec"], terms["grad_align"] = align_ratio(vae, params, x, noise, teacher,
                                                                         reconstruction, **alignment)

@@ -1,15 +1,18 @@
 """CMDM ready to use: motion from words, several prompts in a row, a motion that goes on, and live streams."""
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Bool, Float, Num
 
+from motion_jax.data.clip import Clip
 from motion_jax.inputs import former_names
 from motion_jax.latents import VaeCodec
 from motion_jax.models import cmdm
-from motion_jax.models.base import TextToMotionModel, keys_of, plain_fields
+from motion_jax.models.base import Frames, Prompts, TextToMotionModel, keys_of, plain_fields
 from motion_jax.models.cmdm import multi_prompt as multi
 from motion_jax.models.cmdm import streaming
 from motion_jax.models.cmdm.live import LiveStream
@@ -20,8 +23,11 @@ from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.runs import Run
 from motion_jax.runtime import cache, timing
+from motion_jax.shapes import Array
 from motion_jax.text.encoder import TextEncoder
 from motion_jax.training import checkpoint
+
+Segments = Sequence[tuple[str, float | None]]  # prompts and their seconds
 
 
 class Compiled(NamedTuple):
@@ -35,7 +41,7 @@ class Compiled(NamedTuple):
   decode: Callable
 
 
-def _compile(dit):
+def _compile(dit: CausalDiT) -> Compiled:
   program = lambda fn, num_static, *modules: cache.Program(fn.__name__, partial(fn, *modules), num_static, modules)
   return Compiled(
       generate=program(cmdm.generate, 2, dit), generate_whole=program(cmdm.generate_whole, 2, dit),
@@ -49,7 +55,7 @@ class CmdmModel(TextToMotionModel):
   abilities = ("generate", "stream", "multi_prompt", "extend", "reconstruct")
   options = CmdmSampling
 
-  def __init__(self, run: Run, encoder: TextEncoder):
+  def __init__(self, run: Run, encoder: TextEncoder) -> None:
     config = run.config
     checkpoint.demand(config, run.folder, data__max_frames=(1, 100_000), data__max_words=(1, 10_000),
                       sampler__num_steps=(1, 10_000), sampler__lag=(1, 10_000), sampler__guidance_scale=(-1e3, 1e3))
@@ -65,8 +71,9 @@ class CmdmModel(TextToMotionModel):
   # --- motion ----------------------------------------------------------------------------------------------------
 
   @former_names.with_keywords
-  def generate(self, prompts, num_frames=None, *, seconds=None, rng=None, seeds=None, cleanup=True,
-               **sampling) -> Motions:
+  def generate(self, prompts: Prompts, num_frames: Frames = None, *, seconds: Frames = None,
+               rng: jax.Array | None = None, seeds: Iterable[int] | None = None, cleanup: bool = True, **sampling: Any
+               ) -> Motions:
     """Motions for one prompt or several, of the given length each (one number or one per prompt).
 
     rng: a key, of which prompt i gets fold_in(rng, i), so that a motion does not depend on its batch-mates; or seeds,
@@ -93,7 +100,8 @@ class CmdmModel(TextToMotionModel):
     return make_motions(self, made, frames, captions, seeds, about, cleanup)
 
   @former_names.with_keywords
-  def multi_prompt(self, segments, *, rng=None, seed=None, way="stream", cleanup=True, **sampling) -> Motion:
+  def multi_prompt(self, segments: Segments, *, rng: jax.Array | None = None, seed: int | None = None,
+                   way: str = "stream", cleanup: bool = True, **sampling: Any) -> Motion:
     """One motion from several prompts in a row: [("a person walks", 4.0), ("he sits down", None), ...], in seconds.
 
     None is the length of similar training clips. See `multi_prompts`; sampling: choices of `CmdmSampling`.
@@ -102,7 +110,9 @@ class CmdmModel(TextToMotionModel):
     return self.multi_prompts([segments], rng=rng, seeds=seeds, way=way, cleanup=cleanup, **sampling)[0]
 
   @former_names.with_keywords
-  def multi_prompts(self, lists, *, rng=None, seeds=None, way="stream", cleanup=True, **sampling) -> Motions:
+  def multi_prompts(self, lists: Iterable[Segments], *, rng: jax.Array | None = None,
+                    seeds: Iterable[int] | None = None, way: str = "stream", cleanup: bool = True, **sampling: Any
+                    ) -> Motions:
     """A motion as of `multi_prompt` for each of several lists of segments, in one batch, of which none of them knows.
     The captions of a motion say when each prompt plays.
 
@@ -124,19 +134,20 @@ class CmdmModel(TextToMotionModel):
     captions = [captions_in_a_row(*row, self.fps) for row in zip(prompts, ends)]
     return make_motions(self, made, totals, captions, seeds, about | {"way": way}, cleanup)
 
-  def story(self, segments, **choices) -> Motion:
+  def story(self, segments: Segments, **choices: Any) -> Motion:
     """The former name of `multi_prompt`."""
     former_names.note("story", "multi_prompt")
     return self.multi_prompt(segments, **choices)
 
-  def stories(self, lists, **choices) -> Motions:
+  def stories(self, lists: Iterable[Segments], **choices: Any) -> Motions:
     """The former name of `multi_prompts`."""
     former_names.note("stories", "multi_prompts")
     return self.multi_prompts(lists, **choices)
 
   @former_names.with_keywords
-  def extend(self, clip, prompt, num_frames=None, *, seconds=None, past_prompt=None, rng=None, seed=None, way="stream",
-             num_past=None, cleanup=True, **sampling) -> Motion:
+  def extend(self, clip: Clip, prompt: str | Segments, num_frames: int | None = None, *, seconds: float | None = None,
+             past_prompt: str | None = None, rng: jax.Array | None = None, seed: int | None = None, way: str = "stream",
+             num_past: int | None = None, cleanup: bool = True, **sampling: Any) -> Motion:
     """Goes on from a motion that exists, a Clip of any source (`motion_jax.export.load` reads files): all of it, whole.
 
     prompt: a sentence, or segments as for `multi_prompt`. The clip's own frames come back as they were, resampled if
@@ -163,7 +174,8 @@ class CmdmModel(TextToMotionModel):
     about |= dict(prompt=" | ".join(prompts), seed=seeds[0], way=way, cleanup=bool(cleanup), past_prompt=past_prompt)
     return go_on(self, clip, past, new, captions_in_a_row(prompts, ends, self.fps), about)
 
-  def stream(self, prompt, *, rng=None, seed=None, num_frames=None, **sampling) -> LiveStream:
+  def stream(self, prompt: str, *, rng: jax.Array | None = None, seed: int | None = None, num_frames: int | None = None,
+             **sampling: Any) -> LiveStream:
     """Yields joints (n, J, 3) block after block, without end unless num_frames says so; memory stays flat.
 
     `say` changes the words while it runs, see `LiveStream`. Driven by the very step that `generate` and `multi_prompts`
@@ -178,10 +190,10 @@ class CmdmModel(TextToMotionModel):
       self.frames_of([prompt], num_frames, None)
     return LiveStream(self, plan, scale, keys, prompt, num_frames)
 
-  def usual_sampling(self):
+  def usual_sampling(self) -> dict[str, Any]:
     return dict(context=self.context)
 
-  def plan_of(self, **sampling):
+  def plan_of(self, **sampling: Any) -> tuple[streaming.Plan, float, dict[str, Any]]:
     """(plan for motions of any length, guidance scale, what a file says of both) of choices of `CmdmSampling`."""
     chosen = self.sampling(**sampling)
     guided = chosen.guidance_scale != 1.0
@@ -190,7 +202,7 @@ class CmdmModel(TextToMotionModel):
     plan = plan._replace(lag=chosen.steps_apart)
     return plan, chosen.guidance_scale, chosen.about() | dict(model=self.id)
 
-  def _segments(self, given):
+  def _segments(self, given: Segments) -> list[tuple[str, int]]:
     """[(prompt, frames)] of the [(prompt, seconds or None)] of one motion."""
     if isinstance(given, str) or not len(given) or any(isinstance(part, str) or len(part) != 2 for part in given):
       raise ValueError(f"got the prompts {given!r}, expected a list of (prompt, seconds or None)")
@@ -201,13 +213,13 @@ class CmdmModel(TextToMotionModel):
                        "stream has no end")
     return list(zip([prompt for prompt, _ in given], frames))
 
-  def reconstruct(self, features):
+  def reconstruct(self, features: Num[Array, "t f"]) -> Float[np.ndarray, "_ f"]:
     """Features (T, F) there and back through the tokenizer, T cut to whole latents."""
     unit = self.vae.frames_per_latent
     x = self.stats.normalize(np.asarray(features))[None, :len(features) // unit * unit]
     return self.stats.denormalize(np.asarray(self.codec.reconstruct(jnp.asarray(x))))[0]
 
-  def encode_words(self, prompts):
+  def encode_words(self, prompts: Sequence[str]) -> tuple[Float[np.ndarray, "b s e"], Bool[np.ndarray, "b s"]]:
     """(text_emb, text_mask) padded to the width of everyday prompts, so that none of those waits for a compiler.
 
     Longer ones are padded to twice that, four times, ...: each width is compiled once.

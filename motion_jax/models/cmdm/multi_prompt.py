@@ -2,13 +2,21 @@
 
 Both run on whole clips; `streams` is the live form. Prompts change on a grid of blocks (3 latents, 12 frames, 0.6 s).
 """
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Bool, Float, Num
 
 from motion_jax.models.cmdm import streaming
 from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.representations import to_features, to_joints
+from motion_jax.shapes import Array
+
+if TYPE_CHECKING:
+  from motion_jax.models.cmdm.model import CmdmModel
 
 WAYS = ("stream", "chain")
 _BUCKET = 4         # blocks; lengths are rounded up to it, so that not every length waits for a compiler
@@ -16,7 +24,7 @@ _FADE = 12          # frames over which a generated body comes away from where t
 _ALIGN = 6          # frames of the past by which the two are laid over each other
 
 
-def borders(frames, unit):
+def borders(frames: Sequence[int], unit: int) -> tuple[list[int], int]:
   """(blocks that each segment has, total frames): ends rounded to the nearest block, at least one block each.
 
   The last segment's blocks reach the total, which is cut to what was asked.
@@ -31,7 +39,8 @@ def borders(frames, unit):
   return blocks, total if total > (sum(blocks) - 1) * unit else sum(blocks) * unit
 
 
-def captions_of(model, prompts):
+def captions_of(model: "CmdmModel", prompts: Sequence[Sequence[str]]
+                ) -> tuple[Float[np.ndarray, "b g s e"], Bool[np.ndarray, "b g s"]]:
   """Words of all prompts of each motion: text_emb (B, G, S, E), text_mask (B, G, S), G a power of two."""
   count = 1 << (max(map(len, prompts)) - 1).bit_length()
   padded = [list(row) + [row[-1]] * (count - len(row)) for row in prompts]
@@ -47,7 +56,9 @@ def _segments(blocks, num_blocks):
   return np.stack([np.pad(row, (0, num_blocks - len(row)), mode="edge") for row in rows]).astype(np.int32)
 
 
-def stream(model, plan, scale, prompts, frames, keys):
+def stream(model: "CmdmModel", plan: streaming.Plan, scale: float, prompts: Sequence[Sequence[str]],
+           frames: Sequence[Sequence[int]], keys: jax.Array
+           ) -> tuple[Float[Array, "b t f"], Sequence[int], list[list[int]]]:
   """Motions of several prompts in one run, whose text changes from block to block: features, frames and ends of each.
 
   prompts, frames: lists of lists, one per motion. -> (normalized features (B, T, F), total frames of each motion, lists
@@ -67,7 +78,9 @@ def stream(model, plan, scale, prompts, frames, keys):
   return features, totals, ends
 
 
-def chain(model, plan, scale, prompts, frames, keys, num_past=1):
+def chain(model: "CmdmModel", plan: streaming.Plan, scale: float, prompts: Sequence[Sequence[str]],
+          frames: Sequence[Sequence[int]], keys: jax.Array, num_past: int = 1
+          ) -> tuple[Float[Array, "b t f"], Sequence[int], list[list[int]]]:
   """Motions of several prompts as the released code makes them, segment by segment; takes and gives what `stream` does.
 
   Each segment is sampled by itself behind the last num_past latents of the one before, which are noised anew in every
@@ -111,7 +124,7 @@ def _chained(model, plan, scale, prompts, counts, made, keys, num_past):
 # --- going on from a motion that exists --------------------------------------------------------------------------
 
 
-def encode_past(model, joints, count):
+def encode_past(model: "CmdmModel", joints: Num[np.ndarray, "t j 3"], count: int) -> Float[Array, "1 p c"]:
   """Clean latents (1, P, C) of the last frames of joints (T, J, 3), as many as there are up to `count`."""
   unit = model.vae.frames_per_latent
   if len(joints) < max(unit, 3):
@@ -123,7 +136,9 @@ def encode_past(model, joints, count):
   return model.compiled.encode(model.codec, jnp.asarray(features[None, -count * unit:]))
 
 
-def extend(model, plan, scale, joints, past_prompt, prompts, frames, keys, way="stream", num_past=None, cleanup=True):
+def extend(model: "CmdmModel", plan: streaming.Plan, scale: float, joints: Num[np.ndarray, "t j 3"], past_prompt: str,
+           prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, way: str = "stream",
+           num_past: int | None = None, cleanup: bool = True) -> tuple[Float[np.ndarray, "n j 3"], list[int]]:
   """What comes after joints (T, J, 3): (joints (N, J, 3) in the same place, frames at which segments end).
 
   The new latents are decoded behind those of the past, laid over the given body where it ended, and what is left of a

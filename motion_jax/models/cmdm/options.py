@@ -1,9 +1,13 @@
 """How a CMDM model is sampled."""
 import dataclasses
+from typing import TYPE_CHECKING, Any
 
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.numerals import CONTEXT, STEPS
 from motion_jax.models.options import SamplingOptions, choice, number
+
+if TYPE_CHECKING:
+  from ml_collections import ConfigDict
 
 SCHEDULES = ("fss", "ar", "full")
 SOLVERS = {"flow": ("euler", "heun"), "ddpm": ("ancestral", "ddim")}  # by what the network learned to predict
@@ -21,7 +25,7 @@ class CmdmSampling(SamplingOptions):
   context: int | None = number("latents (4 frames each) looked back on; the training length (48)", CONTEXT,
                                unit="latents")
 
-  def resolved(self, config, **usual):
+  def resolved(self, config: "ConfigDict", **usual: Any) -> "CmdmSampling":
     learned = "ddpm" if config.model.get("predicts") == "ddpm" else "flow"
     known = SOLVERS[learned]
     found = super().resolved(config, **{"solver": config.sampler.get("solver") or known[0]} | usual)
@@ -33,9 +37,10 @@ class CmdmSampling(SamplingOptions):
   @property
   def steps_apart(self) -> int:
     """Steps between the starts of two blocks: the lag, all steps of "ar", none of "full"."""
-    return {"fss": self.lag, "ar": self.num_steps, "full": 0}[self.schedule]
+    steps: dict[str | None, Any] = {"fss": self.lag, "ar": self.num_steps, "full": 0}
+    return steps[self.schedule]
 
-  def about(self):
+  def about(self) -> dict[str, Any]:
     return super().about() | dict(lag=self.steps_apart)
 
 

@@ -1,15 +1,22 @@
 """Motion from CMDM's denoiser: frame-wise sampling, the plain loop it is tested against, and a stream's step."""
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Bool, Float, Int
 
 from motion_jax.diffusion import guidance, samplers, schedules
+from motion_jax.latents import VaeCodec
 from motion_jax.models.cmdm import continuation, ddpm_forcing, streaming
+from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.masks import padding_mask, sliding_mask
+from motion_jax.shapes import Array
 
 
-def generate(dit, plan, num_blocks, params, codec, *, text_emb, text_mask, scale, keys, segment=None):
+def generate(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params: Any, codec: VaeCodec, *,
+             text_emb: Float[Array, "b *g s e"], text_mask: Bool[Array, "b *g s"], scale: Any, keys: jax.Array,
+             segment: Int[Array, "b {num_blocks}"] | None = None) -> Float[Array, "b t f"]:
   """Normalized features (B, frames, F) of num_blocks blocks, by frame-wise sampling (lag < num_steps) or block after
   block (lag = num_steps). keys (B,): one per motion. Pure; dit, plan and num_blocks are static.
 
@@ -20,7 +27,9 @@ def generate(dit, plan, num_blocks, params, codec, *, text_emb, text_mask, scale
   return codec.decode(sampler.sample(num_blocks, segment=segment))
 
 
-def generate_whole(dit, plan, num_blocks, params, codec, *, text_emb, text_mask, scale, keys, segment=None):
+def generate_whole(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params: Any, codec: VaeCodec, *,
+                   text_emb: Float[Array, "b *g s e"], text_mask: Bool[Array, "b *g s"], scale: Any, keys: jax.Array,
+                   segment: Int[Array, "b {num_blocks}"] | None = None) -> Float[Array, "b t f"]:
   """The same by the plain loop over all latents at once; a plan of lag 0 cleans them all together.
 
   What `generate` is tested against, and the full-sequence schedule of the paper's ablation.
@@ -41,14 +50,16 @@ def generate_whole(dit, plan, num_blocks, params, codec, *, text_emb, text_mask,
   return codec.decode(samplers.SOLVERS[plan.solver](velocity, noise, times))
 
 
-def words_of_latents(text_emb, text_mask, segment):
+def words_of_latents(text_emb: Float[Array, "b g s e"], text_mask: Bool[Array, "b g s"], segment: Int[Array, "b l"]
+                     ) -> tuple[Float[Array, "b gs e"], Bool[Array, "b l gs"]]:
   """Words (B, G * S, E) and mask (B, L, G * S) that show each latent its own of G captions; segment (B, L)."""
   batch, count, words, _ = text_emb.shape
   mask = text_mask[:, None] & (segment[:, :, None, None] == jnp.arange(count)[:, None])
   return text_emb.reshape(batch, count * words, -1), mask.reshape(mask.shape[:2] + (-1,))
 
 
-def plain_velocity(dit, params, text_emb, text_mask, attn_mask, scale, guided=True):
+def plain_velocity(dit: CausalDiT, params: Any, text_emb: Float[Array, "b s e"], text_mask: Bool[Array, "b *l s"],
+                   attn_mask: Bool[Array, "#b 1 l l"], scale: Any, guided: bool = True) -> Callable[..., jax.Array]:
   """velocity(x, t (L,)) of the network as it is, everything computed anew in every call."""
   def velocity(x, t, drop):
     twice = lambda a: jnp.concatenate([a, a]) if drop.shape[0] > a.shape[0] > 1 else a
@@ -61,7 +72,10 @@ def plain_velocity(dit, params, text_emb, text_mask, attn_mask, scale, guided=Tr
   return lambda x, t: velocity(x, t, jnp.zeros(x.shape[0], bool))
 
 
-def chained(dit, plan, params, *, text_emb, text_mask, scale, lengths, past, noise, fresh, times=None):
+def chained(dit: CausalDiT, plan: streaming.Plan, params: Any, *, text_emb: Float[Array, "b s e"],
+            text_mask: Bool[Array, "b s"], scale: Any, lengths: Int[Array, " b"], past: Float[Array, "b p c"],
+            noise: Float[Array, "b l c"], fresh: Callable[[Any], Array], times: Float[Array, "n l"] | None = None
+            ) -> Float[Array, "b n c"]:
   """New latents (B, N, C) behind a past (B, P, C) as the released code makes them: plain recompute, past re-noised.
 
   noise (B, P + N, C) and fresh(m) alike: see `continuation.renoised`; lengths (B,) of the new latents, those beyond
@@ -79,7 +93,9 @@ def chained(dit, plan, params, *, text_emb, text_mask, scale, lengths, past, noi
   return continuation.renoised(velocity, noise, times, past, fresh)[:, given:]
 
 
-def chain_segment(dit, plan, length, params, *, text_emb, text_mask, scale, lengths, past, keys):
+def chain_segment(dit: CausalDiT, plan: streaming.Plan, length: int, params: Any, *, text_emb: Float[Array, "b s e"],
+                  text_mask: Bool[Array, "b s"], scale: Any, lengths: Int[Array, " b"], past: Float[Array, "b p c"],
+                  keys: jax.Array) -> Float[Array, "b n c"]:
   """`chained` for a window of `length`, past included; its noise belongs to a motion's key and a latent's place."""
   def fresh(m):
     keys_now = jax.vmap(lambda key: jax.random.fold_in(key, m))(keys)
@@ -90,7 +106,9 @@ def chain_segment(dit, plan, length, params, *, text_emb, text_mask, scale, leng
                  noise=fresh(0), fresh=lambda m: fresh(m + 1))
 
 
-def extend(dit, plan, num_blocks, params, *, text_emb, text_mask, scale, keys, past, count, segment, past_segment):
+def extend(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params: Any, *, text_emb: Float[Array, "b g s e"],
+           text_mask: Bool[Array, "b g s"], scale: Any, keys: jax.Array, past: Float[Array, "b p c"], count: Any,
+           segment: Int[Array, "b {num_blocks}"], past_segment: Int[Array, "b k"]) -> Float[Array, "b l c"]:
   """Clean latents (B, num_blocks * block, C) that go on from the last `count` of past (B, P, C), itself clean.
 
   The past is kept at t = 1 in the cache. text_emb (B, G, S, E), text_mask (B, G, S); segment (B, num_blocks) and
@@ -108,11 +126,13 @@ class MotionStream(NamedTuple):
   decoder: Any
 
 
-def init_stream(codec, sampler: streaming.Sampler) -> MotionStream:
+def init_stream(codec: VaeCodec, sampler: streaming.Sampler) -> MotionStream:
   return MotionStream(sampler.init(), codec.init_decode_state(len(sampler.keys)))
 
 
-def stream_step(active, use_cache, codec, sampler: streaming.Sampler, state, caption=None):
+def stream_step(active: int, use_cache: bool, codec: VaeCodec, sampler: streaming.Sampler, state: MotionStream,
+                caption: Int[Array, "b {active}"] | None = None
+                ) -> tuple[MotionStream, Float[Array, "b t f"], Bool[Array, ""]]:
   """One block further -> (state, normalized features (B, frames of a block, F), done), the step of `generate`.
 
   active, use_cache, and caption (B, active), which of the sampler's captions the blocks of the window have: see

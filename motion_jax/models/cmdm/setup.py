@@ -1,9 +1,12 @@
 """Training set-ups of CMDM: how its teacher, its tokenizer and its denoiser are trained."""
-
 import functools
+import os
+from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import Float
+from ml_collections import ConfigDict
 
 from motion_jax import runs
 from motion_jax.data import batches, sources, store
@@ -17,7 +20,9 @@ from motion_jax.models.cmdm import teacher_setup as teachers
 from motion_jax.models.cmdm import tmr_stage as tmr
 from motion_jax.motion import stats as stats_lib
 from motion_jax.motion.representations import get_layout
+from motion_jax.motion.stats import Stats
 from motion_jax.nets.causal_vae import CausalVAE, sample_latent
+from motion_jax.shapes import Array, Net
 from motion_jax.text import bert
 from motion_jax.text.bert import bert_fields_of
 from motion_jax.text.encoder import load_text_encoder
@@ -36,7 +41,7 @@ from motion_jax.training.setup import (
 FRESH_TEXT = bert.bert_fields(dict(model_type="distilbert", vocab_size=4, dim=8, n_layers=1, n_heads=1, hidden_dim=8))
 
 
-def tokenizer(config) -> TrainingSetup:
+def tokenizer(config: ConfigDict) -> TrainingSetup:
   data = sources.load_features(config.data, captioned=False)
   windows = batches.Windows(data.features, config.data.window, config.data.stride)
   validation = held_out(config, data.stats).features
@@ -65,14 +70,14 @@ def tokenizer(config) -> TrainingSetup:
   return TrainingSetup(cmdm.tokenizer_stage(config), next_batch, frozen, evaluate, data.stats, {})
 
 
-def draw(vae, params, x, key):
+def draw(vae: Net, params: Any, x: Float[Array, "b t f"], key: jax.Array) -> Float[Array, "b t f"]:
   """Motions x (B, T, F) there and back by a latent that is drawn, not its mean."""
   mean, logvar = vae.apply(params, x, method="encode")
   z = sample_latent(mean, logvar, jax.random.normal(key, mean.shape))
   return vae.apply(params, z, method="decode")
 
 
-def load_teacher(config, stats):
+def load_teacher(config: ConfigDict, stats: Stats) -> tuple[Any, dict[str, Any] | None]:
   """(parameters of the teacher's motion side, `teachers.view_of` it) from a run folder ("fresh": untrained); its fields
   are those of config.teacher, see `tokenizer_fields`.
 
@@ -99,7 +104,7 @@ def load_teacher(config, stats):
   return teacher_lib.motion_side(teacher, params), view
 
 
-def tokenizer_fields(config) -> dict:
+def tokenizer_fields(config: ConfigDict) -> dict[str, Any]:
   """With these a tokenizer's run folder says what its latents were aligned with: the fields of the teacher, and where
   the weights of that came from."""
   if not config.frozen.teacher:
@@ -113,7 +118,7 @@ def tokenizer_fields(config) -> dict:
   return {"teacher": fields, "taught_by": {"kind": fields["kind"], **run.origin.to_dict()}}
 
 
-def denoiser_fields(config) -> dict:
+def denoiser_fields(config: ConfigDict) -> dict[str, Any]:
   """What its tokenizer was aligned with, so that a record of the generator can say it."""
   if config.frozen.tokenizer == "fresh":
     return {}
@@ -139,7 +144,7 @@ def _denoiser_parts(config):
   return data, items, encoder, codec
 
 
-def denoiser(config) -> TrainingSetup:
+def denoiser(config: ConfigDict) -> TrainingSetup:
   data, items, encoder, codec = _denoiser_parts(config)
   words, draw = config.data.max_words, items.batch
   if config.data.store:
@@ -160,7 +165,7 @@ def denoiser(config) -> TrainingSetup:
   return TrainingSetup(cmdm.denoiser_stage(config), next_batch, codec.parts, None, data.stats, files)
 
 
-def encode_denoiser(config, folder) -> str:
+def encode_denoiser(config: ConfigDict, folder: str | os.PathLike) -> str:
   """Writes the store of a denoiser's data; returns what to tell of it."""
   _, items, encoder, codec = _denoiser_parts(config)
   encode = lambda parts, x, num_frames: {"distribution": VaeCodec.of(codec.net, parts).distribution(x)}
@@ -168,7 +173,7 @@ def encode_denoiser(config, folder) -> str:
                         latents_look_back=codec.net.causal)
 
 
-def load_tokenizer(folder, config):
+def load_tokenizer(folder: str, config: ConfigDict) -> tuple[CausalVAE, Any, Stats]:
   """(module, params, stats) of a trained tokenizer; "fresh" makes an untrained one for trying things out."""
   if folder == "fresh":
     vae = CausalVAE(**config.tokenizer)
@@ -185,7 +190,7 @@ def load_tokenizer(folder, config):
   return vae, params, stats_lib.load_stats(folder, config.data.layout)
 
 
-def teacher_fields(config) -> dict:
+def teacher_fields(config: ConfigDict) -> dict[str, Any]:
   """What loading the teacher's run needs: the sizes of its text transformer, and where its weights came from."""
   encoder = load_text_encoder(config.frozen.text)
   net = teacher_lib.make_teacher(config.model, config.data.layout)
@@ -193,7 +198,7 @@ def teacher_fields(config) -> dict:
           "origin": teachers.origin(config, net)[1]}
 
 
-def teacher(config) -> TrainingSetup:
+def teacher(config: ConfigDict) -> TrainingSetup:
   """A motion-language teacher; its text transformer starts as the encoder config.frozen.text and learns on, but for a
   TMR's, which stays as it is."""
   encoder = load_text_encoder(config.frozen.text)

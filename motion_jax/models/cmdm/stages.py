@@ -1,7 +1,9 @@
 """What CMDM trains, as pure functions: the causal tokenizer and, on its latents, the causal denoiser."""
+from typing import Any
 
 import jax
 import jax.numpy as jnp
+from ml_collections import ConfigDict
 
 from motion_jax.diffusion import paths
 from motion_jax.latents import VaeCodec
@@ -15,7 +17,7 @@ from motion_jax.nets.masks import block_causal_mask, padding_mask
 from motion_jax.training.stage import Stage
 
 
-def tokenizer_stage(config) -> Stage:
+def tokenizer_stage(config: ConfigDict) -> Stage:
   """Trains the causal VAE on windows: batch["features"] (B, T, F), normalized.
 
   With config.frozen.teacher its latents are aligned with one: config.teacher holds its fields, frozen["teacher"] its
@@ -67,7 +69,7 @@ def tokenizer_stage(config) -> Stage:
   return Stage(init, loss, predict)
 
 
-def denoiser_stage(config) -> Stage:
+def denoiser_stage(config: ConfigDict) -> Stage:
   """Trains the causal diffusion transformer by diffusion forcing on latents of the frozen tokenizer.
 
   Batch: features (B, T, F) or, of a store, distribution (B, L, 2 C) of their latents; num_frames (B,), text_emb
@@ -127,14 +129,14 @@ def denoiser_stage(config) -> Stage:
   return Stage(init, loss, predict)
 
 
-def denoiser_shapes(dit):
+def denoiser_shapes(dit: CausalDiT) -> Any:
   """Shapes of the denoiser's parameters, to check a file against."""
   mask = jnp.ones((1, 1), bool)
   return jax.eval_shape(lambda: dit.init(jax.random.key(0), jnp.zeros((1, dit.block, dit.latent_dim)), jnp.zeros(
       (1, dit.block)), jnp.zeros((1, 1, dit.text_dim)), block_causal_mask(dit.block, dit.block), mask))
 
 
-def frozen_shapes(vae):
+def frozen_shapes(vae: CausalVAE) -> dict[str, Any]:
   """Shapes of what the denoiser's run keeps of its tokenizer."""
   x, noise = jnp.zeros((1, vae.frames_per_latent, vae.features)), jnp.zeros((1, 1, vae.latent_dim))
   params = jax.eval_shape(lambda: vae.init(jax.random.key(0), x, noise))

@@ -20,17 +20,20 @@ block 0  o o * .            o in denoising, * done, computed once more for its k
 block 1    o o * .
 block 2      o o * .
 """
+import dataclasses
 from typing import Any, NamedTuple
 
 import flax
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from motion_jax.diffusion.guidance import combine
 from motion_jax.diffusion.samplers import SOLVERS
 from motion_jax.diffusion.schedules import time_of_level
 from motion_jax.models.cmdm import ddpm_forcing
+from motion_jax.shapes import Array, Net
 
 
 class Plan(NamedTuple):
@@ -54,12 +57,13 @@ class Plan(NamedTuple):
     """Blocks in the cache."""
     return max(self.context // self.block - 1, 1)
 
-  def fitted(self, num_blocks) -> "Plan":
+  def fitted(self, num_blocks: int) -> "Plan":
     """The same plan with a window no wider than a motion of so many blocks."""
     return self._replace(width=min(self.width, num_blocks))
 
 
-def make_plan(num_steps, lag, block, context, num_blocks=None, guided=True, solver="euler", captions=1) -> Plan:
+def make_plan(num_steps: int, lag: int, block: int, context: int, num_blocks: int | None = None, guided: bool = True,
+              solver: str = "euler", captions: int = 1) -> Plan:
   """A plan; with num_blocks the window is no wider than the motion. Raises ValueError for numbers out of range."""
   if num_steps < 1 or not 1 <= lag <= num_steps:
     raise ValueError(f"got num_steps {num_steps} and lag {lag}; expected 1 <= lag <= num_steps (lag = num_steps is "
@@ -88,7 +92,7 @@ class Constants(NamedTuple):
   steps: ddpm_forcing.Steps | None = None
 
 
-def make_constants(dit, params, plan) -> Constants:
+def make_constants(dit: Net, params: Any, plan: Plan) -> Constants:
   if plan.solver in ddpm_forcing.SOLVERS:
     steps = ddpm_forcing.make_steps(plan.num_steps, plan.solver)
     return Constants(steps.times, dit.apply(params, steps.times, method="modulation"), steps)
@@ -96,7 +100,8 @@ def make_constants(dit, params, plan) -> Constants:
   return Constants(times, dit.apply(params, times, method="modulation"))
 
 
-def encode_text(dit, params, text_emb, text_mask, guided=True):
+def encode_text(dit: Net, params: Any, text_emb: Float[Array, "b *g s e"], text_mask: Bool[Array, "b *g s"],
+                guided: bool = True) -> Any:
   """Keys and values of captions for all layers, from text_emb (B, S, E), text_mask (B, S).
 
   With G captions a motion, (B, G, S, E) and (B, G, S), their words stand side by side, G * S of them; masks keep G.
@@ -105,13 +110,14 @@ def encode_text(dit, params, text_emb, text_mask, guided=True):
   return dit.apply(params, words, text_mask, guided, method="text_keys_values")
 
 
-def block_noise(keys, index, plan, channels):
+def block_noise(keys: jax.Array, index: Any, plan: Plan, channels: int) -> Float[Array, "b l {channels}"]:
   """Noise (B, block, C) of block `index`: a function of each motion's key and the block's place in it, nothing else."""
   draw = lambda key: jax.random.normal(jax.random.fold_in(key, index), (plan.block, channels))
   return jax.vmap(draw)(keys)
 
 
-def fresh_noise(keys, blocks, levels, plan, channels):
+def fresh_noise(keys: jax.Array, blocks: Int[Array, " w"], levels: Int[Array, " w"], plan: Plan, channels: int
+                ) -> Float[Array, "b l {channels}"]:
   """Noise (B, W * block, C) that a DDPM's step adds to each of W blocks: of each motion's key, the block's index (W,)
   and the step (W,) that it takes, and of nothing else."""
   def draw(key, index, level):
@@ -137,14 +143,14 @@ def _window_mask(query_blocks, key_blocks, plan):
   return ((apart >= 0) & (apart < plan.context // plan.block))[None, None]
 
 
-def segments(plan, num_blocks, buckets=2, prefilled=False):
+def segments(plan: Plan, num_blocks: int, buckets: int = 2, prefilled: bool = False) -> list[tuple[int, int, bool]]:
   """[(steps, active, use_cache)]: the runs of steps that share one compiled width, for num_blocks in all.
 
   Widths are rounded up to `buckets` sizes, so that ramp-up and drain share code. prefilled: the cache is full from
   the start.
   """
   unit = -(-plan.width // buckets)
-  runs = []
+  runs: list[tuple[int, int, bool]] = []
   for at in range(plan.age + num_blocks - 1):
     base = max(at - plan.age, 0)
     needed = min(at + 1, num_blocks) - base
@@ -156,7 +162,7 @@ def segments(plan, num_blocks, buckets=2, prefilled=False):
   return runs
 
 
-def captions_seen(segment, width):
+def captions_seen(segment: Int[Array, "b n"], width: int) -> int:
   """How many captions a window of `width` blocks shows at most, up to a power of two: a plan's `captions`.
 
   segment (B, num_blocks): rising integers, which caption each block has.
@@ -166,7 +172,8 @@ def captions_seen(segment, width):
   return 1 << int((last - segment).max()).bit_length()
 
 
-def window_captions(plan, text, segment, base, active):
+def window_captions(plan: Plan, text: Any, segment: Int[Array, "b n"] | None, base: Any, active: int
+                    ) -> tuple[Any, Int[Array, "b {active}"] | None]:
   """The part of a long text that the window sees, and its blocks' captions therein: (text, caption (B, active)).
 
   segment (B, num_blocks): rising, which of the G captions of text each block has; None where there is one for all. The
@@ -211,7 +218,8 @@ class Sampler:
     cache = tuple((empty, empty) for _ in range(dit.depth))
     return Stream(jnp.zeros((), jnp.int32), jnp.concatenate(noise, axis=1), cache, jnp.zeros((), jnp.int32))
 
-  def prefill(self, state, *, past, count, caption=None) -> Stream:
+  def prefill(self, state: Stream, *, past: Float[Array, "b p c"], count: Any, caption: Int[Array, "b k"] | None = None
+              ) -> Stream:
     """A fresh state with clean latents behind it: the motion goes on from the last `count` of past (B, P, C).
 
     P is whole blocks, and the past ends where block 0 begins; what stands before its last `count` latents is ignored.
@@ -232,7 +240,8 @@ class Sampler:
         ring.dtype)
     return state._replace(cache=jax.tree.map(fill, state.cache, new), past=jnp.asarray(count, jnp.int32))
 
-  def step(self, state, *, active, use_cache, caption=None):
+  def step(self, state: Stream, *, active: int, use_cache: bool, caption: Int[Array, "b {active}"] | None = None
+           ) -> tuple[Stream, Float[Array, "b n c"], Bool[Array, ""]]:
     """One block further: (state, block (B, block, C), done) where done says that the block is a clean one.
 
     The first plan.age - 1 steps give none. active: slots of the window that are computed, counted from its oldest
@@ -264,7 +273,8 @@ class Sampler:
       velocity, new = dit.apply(params, x, jnp.broadcast_to(t, x.shape[:2]), modulation, text, attn_mask, within, past,
                                 method="window")
       if plan.guided:
-        velocity = combine(*jnp.split(velocity, 2), scale)
+        with_text, without = jnp.split(velocity, 2)
+        velocity = combine(with_text, without, scale)
       return velocity.astype(latents.dtype), new
 
     def iteration(latents, i):
@@ -272,7 +282,7 @@ class Sampler:
       then = jnp.clip(level + i + 1, 0, plan.num_steps)
       velocity, new = velocity_at(latents, now)
       if constants.steps is not None:  # the network says noise
-        fresh = 0.0
+        fresh: Any = 0.0
         if plan.solver == "ancestral":
           fresh = fresh_noise(keys, blocks, now, plan, dit.latent_dim).astype(latents.dtype)
         spread = lambda a: jnp.repeat(a, size)
@@ -297,7 +307,8 @@ class Sampler:
     latents = jnp.where(moves, jnp.concatenate([latents[:, size:], noise], axis=1), latents)
     return Stream(state.steps + 1, latents, cache, state.past), block, state.steps >= age - 1
 
-  def sample(self, num_blocks, *, buckets=2, segment=None, state=None):
+  def sample(self, num_blocks: int, *, buckets: int = 2, segment: Int[Array, "b {num_blocks}"] | None = None,
+             state: Stream | None = None) -> Float[Array, "b l c"]:
     """Clean latents (B, num_blocks * block, C), all in one trace: `lax.scan` over `step`.
 
     segment: see `window_captions`. state: one of `prefill`, to go on from a past; a fresh one if left out.
@@ -309,7 +320,8 @@ class Sampler:
 
       def body(state, _, active=active, use_cache=use_cache):
         words, caption = window_captions(plan, self.text, segment, jnp.maximum(state.steps - plan.age, 0), active)
-        state, block, _ = self.replace(text=words).step(state, active=active, use_cache=use_cache, caption=caption)
+        sampler = dataclasses.replace(self, text=words)
+        state, block, _ = sampler.step(state, active=active, use_cache=use_cache, caption=caption)
         return state, block
 
       state, made = jax.lax.scan(body, state, None, length=count)
@@ -318,7 +330,8 @@ class Sampler:
     return jnp.moveaxis(made, 0, 1).reshape(len(self.keys), num_blocks * plan.block, self.dit.latent_dim)
 
 
-def bind(dit, plan, params, *, text_emb, text_mask, scale, keys) -> Sampler:
+def bind(dit: Net, plan: Plan, params: Any, *, text_emb: Float[Array, "b *g s e"],
+         text_mask: Bool[Array, "b *g s"], scale: Any, keys: jax.Array) -> Sampler:
   """A sampler for captions text_emb (B, S, E), text_mask (B, S), or G of them a motion, see `encode_text`."""
   return Sampler(dit, plan, params, make_constants(dit, params, plan),
                  encode_text(dit, params, text_emb, text_mask, plan.guided), scale, keys)

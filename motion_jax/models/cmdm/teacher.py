@@ -9,31 +9,36 @@
 A space (`make_space`) is what retrieval, judging and the tokenizer's alignment see of any of them.
 """
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Bool, Float, Int
+from ml_collections import ConfigDict
 
 from motion_jax import shapes
 from motion_jax.evaluators.networks import symmetric_cross_entropy
 from motion_jax.motion.body_parts import chain_columns, part_columns, whole_body
-from motion_jax.motion.representations import get_layout
+from motion_jax.motion.representations import Representation, get_layout
 from motion_jax.nets.masks import padding_mask
 from motion_jax.nets.motion_patches import MotionPatches
 from motion_jax.nets.part_tmr import PartTMR
 from motion_jax.nets.tmr import TMR
+from motion_jax.shapes import Array, Net
 from motion_jax.text.bert import Bert
+from motion_jax.text.encoder import TextEncoder
 from motion_jax.training.stage import Stage
 
 
-def unit(x):
+def unit(x: Float[Array, "*lead e"]) -> Float[Array, "*lead e"]:
   """x / |x| over the last axis."""
   return x / jnp.maximum(jnp.linalg.norm(x, axis=-1, keepdims=True), 1e-12)
 
 
-def info_nce(text, motion, scale, same=None):
+def info_nce(text: Float[Array, "b e"], motion: Float[Array, "b e"], scale: Any, same: Bool[Array, "b b"] | None = None
+             ) -> tuple[Float[Array, ""], Float[Array, "b b"]]:
   """Symmetric contrast: the mean of two cross-entropies over text (B, E) and motion (B, E), both of unit length.
 
   same (B, B): pairs that say the same and are no counter-examples; the code has no such filter (Parity).
@@ -47,7 +52,9 @@ def info_nce(text, motion, scale, same=None):
   return symmetric_cross_entropy(seen), logits
 
 
-KINDS = {
+Teacher = PartTMR | TMR | MotionPatches
+
+KINDS: dict[str, tuple[Any, Callable[..., dict[str, Any]]]] = {
     "part_tmr": (PartTMR, lambda layout: {"parts": part_columns(layout)}),
     "whole_body": (PartTMR, lambda layout: {"parts": whole_body(layout)}),
     "tmr": (TMR, lambda layout: {"features": get_layout(layout).dim}),
@@ -55,7 +62,7 @@ KINDS = {
 }
 
 
-def make_teacher(fields, layout):
+def make_teacher(fields: Mapping[str, Any], layout: Representation | str) -> Teacher:
   """The motion network that config.model names: its kind, and the fields of the module.
 
   A field "layout" goes before the layout given: a teacher may read another one than what it teaches on (`as_seen`).
@@ -72,7 +79,8 @@ def make_teacher(fields, layout):
   return module(**columns(layout), **fields)
 
 
-def init_teacher(teacher, text_fields, layout, rng):
+def init_teacher(teacher: Teacher, text_fields: Mapping[str, Any], layout: Representation | str, rng: jax.Array
+                 ) -> dict[str, Any]:
   """Random parameters of a teacher: {"motion": ..., "text": ...}; a TMR, whose text transformer is frozen, has no text.
 
   text_fields: of the `Bert` that learns with it, or, for a TMR, {"width": numbers a word}.
@@ -87,7 +95,8 @@ def init_teacher(teacher, text_fields, layout, rng):
           "text": bert.init(text_rng, jnp.zeros((1, 1), jnp.int32), jnp.ones((1, 1), bool))["params"]}
 
 
-def teacher_shapes(teacher, text_fields, layout="full"):
+def teacher_shapes(teacher: Teacher, text_fields: Mapping[str, Any], layout: Representation | str = "full"
+                   ) -> dict[str, Any]:
   """Shapes of a teacher run's parameters, to check a file against."""
   return jax.eval_shape(lambda: init_teacher(teacher, text_fields, layout, jax.random.key(0)))
 
@@ -101,17 +110,18 @@ class Space(NamedTuple):
   read: Callable    # (encoder, captions) -> {name: array (B, ...)}, what `text` takes, in this order
 
 
-def make_space(config) -> Space:
+def make_space(config: ConfigDict) -> Space:
   """The space of a teacher's config: model, text, data.layout, data.max_words, loss.text_pool."""
   layout, fields = config.data.layout, {**config.text}
-  net = make_teacher(config.model, layout)
+  net: Any = make_teacher(config.model, layout)
   init = lambda rng: init_teacher(net, fields, layout, rng)
   motion = lambda params, x, frame_mask: embed_motion(net, params, x, frame_mask)
   if isinstance(net, TMR):
-    def text(params, text_emb, text_mask):
-      return unit(net.apply({"params": params["motion"]}, text_emb, text_mask, method="text"))
+    def text_of_words(params, text_emb, text_mask):
+      latents: Any = net.apply({"params": params["motion"]}, text_emb, text_mask, method="text")
+      return unit(latents)
 
-    return Space(net, init, motion, text, word_features)
+    return Space(net, init, motion, text_of_words, word_features)
   bert = Bert(**fields)
 
   def text(params, ids, text_mask):
@@ -120,12 +130,12 @@ def make_space(config) -> Space:
   return Space(net, init, motion, text, lambda encoder, captions: word_pieces(encoder, captions, config.data.max_words))
 
 
-def word_pieces(encoder, captions, at_least):
+def word_pieces(encoder: TextEncoder, captions: Sequence[str], at_least: int) -> dict[str, np.ndarray]:
   """Word pieces of captions: {"ids": (B, S), "text_mask": (B, S)}, S as `TextEncoder.pieces` has it."""
   return dict(zip(("ids", "text_mask"), encoder.pieces(captions, at_least)))
 
 
-def word_features(encoder, captions, step=32):
+def word_features(encoder: TextEncoder, captions: Sequence[str], step: int = 32) -> dict[str, np.ndarray]:
   """A frozen encoder's features of the words of captions, none cut: {"text_emb": (B, S, W), "text_mask": (B, S)}.
 
   S is a multiple of step, so that few lengths are compiled.
@@ -136,7 +146,8 @@ def word_features(encoder, captions, step=32):
           "text_mask": np.pad(text_mask, ((0, 0), (0, more)))}
 
 
-def embed_text(teacher, bert, params, ids, text_mask, pool="first", deterministic=True, rngs=None):
+def embed_text(teacher: Net, bert: Net, params: Any, ids: Int[Array, "b s"], text_mask: Bool[Array, "b s"],
+               pool: str = "first", deterministic: bool = True, rngs: Any = None) -> Float[Array, "b e"]:
   """Unit vectors (B, E) of sentences given as word pieces. pool: the first piece's state, or the mean of all."""
   hidden = bert.apply({"params": params["text"]}, ids, text_mask)
   if pool == "first":
@@ -147,12 +158,13 @@ def embed_text(teacher, bert, params, ids, text_mask, pool="first", deterministi
   return unit(teacher.apply({"params": params["motion"]}, hidden, deterministic, method="text_head", rngs=rngs))
 
 
-def embed_motion(teacher, params, x, frame_mask, deterministic=True, rngs=None):
+def embed_motion(teacher: Net, params: Any, x: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"],
+                 deterministic: bool = True, rngs: Any = None) -> Float[Array, "b e"]:
   """Unit vectors (B, E) of motions x (B, T, F), normalized features."""
   return unit(teacher.apply({"params": params["motion"]}, x, frame_mask, deterministic, method="clip", rngs=rngs))
 
 
-def teacher_stage(config, axis_name="devices") -> Stage:
+def teacher_stage(config: ConfigDict, axis_name: str | None = "devices") -> Stage:
   """Trains the teacher. Batch: features (B, T, F), num_frames (B,), ids (B, S), text_mask (B, S), index (B,).
 
   The contrast is over the whole batch: what lies on other devices is gathered, so that N devices learn what one does.
@@ -188,7 +200,7 @@ def teacher_stage(config, axis_name="devices") -> Stage:
 # --- teaching ----------------------------------------------------------------------------------------------------
 
 
-def check_readable(layout, own_layout):
+def check_readable(layout: Representation | str, own_layout: Representation | str) -> None:
   """Raises ValueError where windows in `layout` do not hold what a teacher of own_layout reads."""
   ours, theirs = get_layout(layout), get_layout(own_layout)
   if not ours.narrows_to(theirs):
@@ -197,24 +209,25 @@ def check_readable(layout, own_layout):
                      "train it on such data")
 
 
-def as_seen(x, view, layout, own_layout):
+def as_seen(x: Float[Array, "b t f"], view: Mapping[str, Array], layout: Representation | str,
+            own_layout: Representation | str) -> Float[Array, "b t g"]:
   """Windows (B, T, F) of a tokenizer as its teacher reads them (B, T, G), in its own layout and statistics.
 
   view: "mean" and "std" of x, "own_mean" and "own_std" of the teacher. A window is a clip of its own: its joints start
   at the origin, facing +z.
   """
-  x = x * view["std"] + view["mean"]
-  x = get_layout(layout).narrow_to(x, get_layout(own_layout))
-  return (x - view["own_mean"]) / view["own_std"]
+  seen: Any = x * view["std"] + view["mean"]
+  seen = get_layout(layout).narrow_to(seen, get_layout(own_layout))
+  return (seen - view["own_mean"]) / view["own_std"]
 
 
-def motion_side(teacher, params):
+def motion_side(teacher: Teacher, params: Any) -> Any:
   """What of a teacher's parameters gives frame features: of a TMR neither its text encoder nor its decoder."""
   motion = params["motion"]
   return {"motion_encoder": motion["motion_encoder"]} if isinstance(teacher, TMR) else motion
 
 
-def frame_features(teacher, params, x):
+def frame_features(teacher: Net, params: Any, x: Float[Array, "b t f"]) -> Float[Array, "b t e"]:
   """The frozen teacher's feature of every frame (B, T, E) of windows without padding.
 
   Source: docs/papers/cmdm.md#teacher-features.

@@ -1,25 +1,29 @@
 """What trainings of teachers start from: weights of a vision transformer, words, statistics of their own."""
 import hashlib
 import pathlib
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import jax
 import numpy as np
+from ml_collections import ConfigDict
 
 from motion_jax.convert.state import load_state
 from motion_jax.inputs.input_files import read_json
 from motion_jax.models.cmdm import teacher as teacher_lib
 from motion_jax.models.cmdm.teacher_weight_names import vit_from_torch
-from motion_jax.motion.representations import get_layout
+from motion_jax.motion.representations import Representation, get_layout
 from motion_jax.motion.stats import Stats
 from motion_jax.nets.motion_patches import MotionPatches
 from motion_jax.nets.tmr import TMR
 from motion_jax.nets.vit import resize_positions
-from motion_jax.text.encoder import load_text_encoder
+from motion_jax.text.encoder import TextEncoder, load_text_encoder
 
 WEIGHTS = "model.safetensors"
 
 
-def reader(config, space, encoder):
+def reader(config: ConfigDict, space: teacher_lib.Space, encoder: TextEncoder
+           ) -> Callable[[Sequence[str]], dict[str, np.ndarray]]:
   """captions -> the arrays of a batch that the loss wants of them.
 
   config.frozen.sentence names the encoder whose sentence vectors tell which captions of a batch say nearly the same;
@@ -36,7 +40,7 @@ def reader(config, space, encoder):
   return read
 
 
-def imagenet(folder, net: MotionPatches):
+def imagenet(folder: str | pathlib.Path, net: MotionPatches) -> tuple[Any, dict[str, Any]]:
   """(parameters of net.vit, what a record says of them) from a folder with the model.safetensors of a ViT.
 
   Names are timm's (vit_base_patch16_224.augreg_in21k) or Hugging Face's ViT; positions are resized to the image's grid.
@@ -65,7 +69,7 @@ def imagenet(folder, net: MotionPatches):
   return params, said
 
 
-def origin(config, net):
+def origin(config: ConfigDict, net: teacher_lib.Teacher) -> tuple[dict[str, Any], dict[str, Any]]:
   """(parameters that replace random ones, what the run's config says about where all of them came from)."""
   said = {"text": config.frozen.text}
   if not isinstance(net, MotionPatches):
@@ -76,7 +80,7 @@ def origin(config, net):
   return {"vit": params}, said | {"vit": vit}
 
 
-def view_of(stats, own_stats, folder):
+def view_of(stats: Stats, own_stats: Stats, folder: str | pathlib.Path) -> dict[str, np.ndarray] | None:
   """Both statistics, by which `teacher.as_seen` turns windows into what a teacher reads; None if they are the same.
 
   Raises ValueError if the teacher, of that folder, reads other features, or, of the same layout, was trained on other
@@ -105,7 +109,7 @@ def _by_block(stats):
   return std
 
 
-def plain_stats(layout):
+def plain_stats(layout: Representation) -> Stats:
   """Mean 0 and std 1, for a teacher that was never trained."""
   layout = get_layout(layout)
   return Stats(np.zeros(layout.dim, np.float32), np.ones(layout.dim, np.float32), layout)

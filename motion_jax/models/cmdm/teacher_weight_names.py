@@ -2,20 +2,23 @@
 
 Source: docs/papers/cmdm.md#checkpoint-names.
 """
-from motion_jax.convert.state import from_torch, post_norm_names, select
+from collections.abc import Mapping
+from typing import Any
+
+from motion_jax.convert.state import Table, from_torch, post_norm_names, select
 from motion_jax.text import bert
 
 TEXT = "text_encoder.text_model."
 
 
-def head_names(ours, theirs=None):
+def head_names(ours: str, theirs: str | None = None) -> Table:
   """A projection head."""
   theirs = theirs or ours
   return {f"{theirs}.projection": (f"{ours}/projection", "dense"), f"{theirs}.fc": (f"{ours}/fc", "dense"),
           f"{theirs}.layer_norm": (f"{ours}/norm", "norm")}
 
 
-def tmr_names(depth=6):
+def tmr_names(depth: int = 6) -> Table:
   """TMR: two encoders and the decoder."""
   table = {"motion_decoder.final_layer": ("motion_decoder/out", "dense")}
   for side in ("motion_encoder", "text_encoder"):
@@ -33,7 +36,7 @@ def tmr_names(depth=6):
   return table
 
 
-def vit_names(depth=12, prefix="", ours=""):
+def vit_names(depth: int = 12, prefix: str = "", ours: str = "") -> Table:
   """A vision transformer under timm's names, less its last norm and its head."""
   table = {f"{prefix}cls_token": (f"{ours}token", "first_row"), f"{prefix}pos_embed": (f"{ours}positions", "first"),
            f"{prefix}patch_embed.proj": (f"{ours}patch_embed", "patches")}
@@ -45,7 +48,7 @@ def vit_names(depth=12, prefix="", ours=""):
   return table
 
 
-def huggingface_vit_names(depth=12, prefix=""):
+def huggingface_vit_names(depth: int = 12, prefix: str = "") -> Table:
   """The same under the names of Hugging Face's ViT."""
   embed = f"{prefix}embeddings"
   table = {f"{embed}.cls_token": ("token", "first_row"), f"{embed}.position_embeddings": ("positions", "first"),
@@ -62,7 +65,7 @@ def huggingface_vit_names(depth=12, prefix=""):
   return table
 
 
-def vit_from_torch(state, depth=12):
+def vit_from_torch(state: Mapping[str, Any], depth: int = 12) -> tuple[Any, list[str]]:
   """(parameters of `nets.vit.ViT`, names that were left out) from an ImageNet checkpoint of either naming.
 
   Its head and its last norm are left out; any other name that is unknown or missing is an error.
@@ -76,7 +79,7 @@ def vit_from_torch(state, depth=12):
   return from_torch({name: a for name, a in state.items() if name not in left}, table)["params"], left
 
 
-def motion_patches_names(depth=12):
+def motion_patches_names(depth: int = 12) -> Table:
   """MotionPatches less its text transformer."""
   model = "motion_encoder.model."
   table = vit_names(depth, model, "vit/") | {f"{model}fc_norm": ("fc_norm", "norm"),
@@ -84,7 +87,8 @@ def motion_patches_names(depth=12):
   return table | head_names("motion_projection") | head_names("text_projection")
 
 
-def motion_patches_from_torch(state, text_fields, depth=12):
+def motion_patches_from_torch(state: Mapping[str, Any], text_fields: Mapping[str, Any], depth: int = 12
+                              ) -> dict[str, Any]:
   """MotionPatches whole: {"motion", "text"} as a teacher's run keeps it; text_fields: of its `text.bert.Bert`."""
   motion = {name: array for name, array in state.items() if not name.startswith(TEXT)}
   return {"motion": from_torch(motion, motion_patches_names(depth))["params"],

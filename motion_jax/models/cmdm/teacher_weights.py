@@ -2,6 +2,8 @@
 import math
 import pathlib
 import re
+from collections.abc import Mapping
+from typing import Any
 
 from motion_jax.convert.parts import Network, Part, check_free, heads_of, network, read_part, text_files, write
 from motion_jax.models.cmdm.teacher import make_teacher, teacher_shapes
@@ -18,12 +20,13 @@ TMR_FILES = ("motion_encoder", "text_encoder", "motion_decoder")  # its extracte
 LIGHTNING = ("lr_schedulers", "loops", "callbacks")               # what its whole checkpoint holds beside state_dict
 
 
-def read_teacher(path) -> Part:
+def read_teacher(path: str | pathlib.Path) -> Part:
   """The tensors of a teacher: a file, or TMR's folder with motion_encoder, text_encoder and motion_decoder.pt."""
   path = pathlib.Path(path)
   if not path.is_dir():
     return read_part(path, choices=("state_dict",), others=LIGHTNING)
-  state, digests = {}, []
+  state: dict[str, Any] = {}
+  digests = []
   for name in TMR_FILES:
     file = next((path / f"{name}{end}" for end in (".pt", ".safetensors") if (path / f"{name}{end}").is_file()), None)
     if file is None:
@@ -35,7 +38,8 @@ def read_teacher(path) -> Part:
   return Part(state, dict(file=path.name, part=", ".join(TMR_FILES), sha256=digests), ())
 
 
-def teacher(path, layout, num_heads=None, text_fields=None) -> Network:
+def teacher(path: str | pathlib.Path, layout: str, num_heads: int | None = None,
+            text_fields: Mapping[str, Any] | None = None) -> Network:
   """A released teacher, of the kind that its tensors show; params are as the run of such a teacher keeps them.
 
   text_fields: of the `Bert` that learned with it; without them, DistilBERT's sizes. Raises ValueError for a file of
@@ -114,7 +118,8 @@ def _distilbert_fields(part):
               max_positions=part.shape(f"{TEXT}embeddings.position_embeddings.weight", what, 2)[0])
 
 
-def write_teacher(out, file, stats, text=None, num_heads=None):
+def write_teacher(out: str | pathlib.Path, file: str | pathlib.Path, stats: Any, text: str | None = None,
+                  num_heads: int | None = None) -> list[Network]:
   """The run folder of a released teacher -> the Networks. text: folder of the text encoder whose word pieces it reads;
   its weights are those of the file, but for a TMR, which reads what a frozen one says."""
   check_free(out)

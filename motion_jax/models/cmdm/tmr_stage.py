@@ -3,39 +3,49 @@ pairs stand out of the batch, but for captions that say nearly the same (docs/pa
 
 The network is `nets.tmr`; what the loss terms share with other trainings is here.
 """
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import optax
+from jaxtyping import Bool, Float
+from ml_collections import ConfigDict
 
-from motion_jax.models.cmdm.teacher import info_nce, unit
+from motion_jax.models.cmdm.teacher import Space, info_nce, unit
 from motion_jax.nets.masks import padding_mask
 from motion_jax.nets.tmr import mean_rows
+from motion_jax.shapes import Array, Net
 from motion_jax.training.stage import DEVICES, Stage
 
 NOISE = 2**30  # folded into a step's key for the noise: apart from those of dropout
 
+Gaussian = Sequence[Float[Array, "b d"]]  # mean and logarithm of the variance
 
-def divergence(a, b):
+
+def divergence(a: Gaussian, b: Gaussian) -> Float[Array, ""]:
   """Mean over (B, D) of KL(a || b) of Gaussians given as (mean, logvar)."""
   (mean_a, log_a), (mean_b, log_b) = a, b
   return 0.5 * (log_b - log_a + (jnp.exp(log_a) + jnp.square(mean_a - mean_b)) / jnp.exp(log_b) - 1).mean()
 
 
-def near_texts(sentence, threshold):
+def near_texts(sentence: Float[Array, "b e"], threshold: float) -> Bool[Array, "b b"]:
   """Which pairs are left out of the contrast, (B, B): different rows whose sentence vectors (B, E), of unit length,
   have a cosine over 2 * threshold - 1."""
   # Parity: a threshold of 0.8 is a cosine of 0.6, for TMR counts similarity in 0..1.
   return (sentence @ sentence.T > 2 * threshold - 1) & ~jnp.eye(len(sentence), dtype=bool)
 
 
-def sample(gaussian, noise, scale=1.0):
+def sample(gaussian: Gaussian, noise: Float[Array, "b d"], scale: float = 1.0) -> Float[Array, "b d"]:
   """mean + scale * noise * sigma of (mean, logvar)."""
   mean, logvar = gaussian
   return mean + scale * noise * jnp.exp(logvar / 2)
 
 
-def tmr_terms(net, params, batch, noise, weights, temperature=0.1, threshold=0.8, deterministic=True, rngs=None,
-              whole=lambda a: a):
+def tmr_terms(net: Net, params: Any, batch: Mapping[str, Array], noise: tuple[Array, Array],
+              weights: Mapping[str, float], temperature: float = 0.1, threshold: float = 0.8,
+              deterministic: bool = True, rngs: Callable[[int], Any] | None = None,
+              whole: Callable[[Array], Array] = lambda a: a) -> dict[str, Array]:
   """Loss terms of a batch, a dict with recons, kl, latent, contrastive and their sum by `weights`, loss.
 
   batch: features (B, T, F), num_frames (B,), text_emb (B, S, W), text_mask (B, S), and sentence (B, E), vectors of unit
@@ -69,7 +79,7 @@ def tmr_terms(net, params, batch, noise, weights, temperature=0.1, threshold=0.8
   return terms | {"loss": total, "batch_recall": hit, "left_out": left_out}
 
 
-def tmr_stage(config, space, axis_name=DEVICES) -> Stage:
+def tmr_stage(config: ConfigDict, space: Space, axis_name: str | None = DEVICES) -> Stage:
   """Trains a TMR. Batch: that of `tmr_terms`, and index (B,) place in the whole batch.
 
   space: the motion-language space of the same config (`teacher.make_space`). Noise belongs to a pair's place in the

@@ -1,9 +1,13 @@
 """Names of CMDM's released weights: tokenizer, denoiser, teacher (docs/papers/cmdm.md#checkpoint-names)."""
-from motion_jax.convert.state import from_torch, post_norm_names, select
+from collections.abc import Mapping
+from typing import Any
+
+from motion_jax.convert.state import Table, from_torch, post_norm_names, select
 from motion_jax.text import bert
 
 
-def causal_vae_names(num_halvings=2, depth=3, teacher=True, teacher_to_latent=False):
+def causal_vae_names(num_halvings: int = 2, depth: int = 3, teacher: bool = True, teacher_to_latent: bool = False
+                     ) -> Table:
   """MAC-VAE. teacher: the state holds the alignment projection, of either direction."""
   table = {"encoder.model.0.conv": ("encoder/conv_in/conv", "conv"), "encoder.proj": ("encoder/head", "dense"),
            f"encoder.model.{2 + num_halvings}.conv": ("encoder/conv_out/conv", "conv"),
@@ -23,7 +27,7 @@ def causal_vae_names(num_halvings=2, depth=3, teacher=True, teacher_to_latent=Fa
   return table
 
 
-def causal_dit_names(depth):
+def causal_dit_names(depth: int) -> Table:
   """Causal-DiT (docs/papers/cmdm.md#checkpoint-names)."""
   table = {"t_embedder.mlp.0": ("time_in", "dense"), "t_embedder.mlp.2": ("time_out", "dense"),
            "x_embedder": ("x_in", "dense"), "y_embedder": ("text_in", "dense"), "final_layer": ("out", "dense")}
@@ -41,7 +45,7 @@ TMR_PARTS = {"Root": "root", "R_Leg": "right_leg", "L_Leg": "left_leg", "Backbon
              "L_Arm": "left_arm"}
 
 
-def part_tmr_names(depth=4):
+def part_tmr_names(depth: int = 4) -> Table:
   """Part-TMR less its text transformer (docs/papers/cmdm.md#checkpoint-names)."""
   table = {"logit_scale": ("logit_scale", "array")}
   for theirs, ours in TMR_PARTS.items():
@@ -56,7 +60,7 @@ def part_tmr_names(depth=4):
   return table
 
 
-def part_tmr_from_torch(state, text_fields, depth=4):
+def part_tmr_from_torch(state: Mapping[str, Any], text_fields: Mapping[str, Any], depth: int = 4) -> dict[str, Any]:
   """Part-TMR whole: {"motion", "text"} as a teacher's run keeps it; text_fields are those of its `text.bert.Bert`."""
   prefix = "text_encoder.text_model."
   ignored = [f"motion_encoder.sequence_pos_encoding_{part}.pe" for part in TMR_PARTS]

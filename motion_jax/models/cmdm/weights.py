@@ -1,4 +1,6 @@
 """CMDM's released weights: tokenizer and denoiser (docs/papers/cmdm.md#checkpoint-names)."""
+import pathlib
+from typing import Any
 
 from motion_jax import paper_rows
 from motion_jax.convert.parts import Network, check_free, heads_of, network, read_part, text_files, write
@@ -20,7 +22,7 @@ PAPERS_VAE = dict(features=263, latent_dim=64, width=1024, num_halvings=2, dilat
 PAPERS_DIT = dict(latent_dim=64, width=512, depth=8, num_heads=4, ff_width=1024, block=3, text_dim=768)
 
 
-def tokenizer(path) -> Network:
+def tokenizer(path: str | pathlib.Path) -> Network:
   """A released MAC-VAE, "ae" of net_best_fid.tar."""
   what, part = "tokenizer", read_part(path, ("ae",))
   width, features, _ = part.shape("encoder.model.0.conv.weight", what, 3)
@@ -39,7 +41,7 @@ def tokenizer(path) -> Network:
   return network(what, part, vae, fields, cmdm.frozen_shapes(vae)[TOKENIZER], table)
 
 
-def denoiser(path, weights="ema", num_heads=None, block=3) -> Network:
+def denoiser(path: str | pathlib.Path, weights: str = "ema", num_heads: int | None = None, block: int = 3) -> Network:
   """A released Causal-DiT, "ema_model" (the one that is evaluated) or "model" of latest.tar.
 
   num_heads: without it, that of the paper's size with this width and depth.
@@ -59,7 +61,9 @@ def denoiser(path, weights="ema", num_heads=None, block=3) -> Network:
   return network(what, part, dit, fields, cmdm.denoiser_shapes(dit), causal_dit_names(depth))
 
 
-def write_cmdm(out, tokenizer_file, stats, denoiser_file=None, text=None, weights="ema", num_heads=None, block=3):
+def write_cmdm(out: str | pathlib.Path, tokenizer_file: str | pathlib.Path, stats: Any,
+               denoiser_file: str | pathlib.Path | None = None, text: str | None = None, weights: str = "ema",
+               num_heads: int | None = None, block: int = 3) -> list[Network]:
   """The run folder of a released CMDM; without a denoiser, that of its tokenizer -> the Networks.
 
   stats: a folder with the Mean.npy and Std.npy of the training data, which the checkpoints do not hold. text: folder
