@@ -91,6 +91,19 @@ def test_a_kill_inside_a_rollback_changes_nothing(tmp_path, monkeypatch, place, 
   assert _equal(whole, parts) and _rows(tmp_path / "whole") == _rows(tmp_path / "parts")
 
 
+def test_slices_of_a_run_are_rolled_back_as_the_whole_one(tmp_path):
+  """Three bad steps between two rows of metrics, good ones after them: whoever looks there earlier decides the same."""
+  config = _skipping(12, log_every=6, save_every=6)
+  bad = lambda number: (_wild if number in (7, 8, 9) else _next_batch)(number)
+  whole = train.train(config, tmp_path / "whole", _stage(), bad)
+  for attempt in range(30):
+    parts = train.train(config, tmp_path / "parts", _stage(), bad, resume=attempt > 0, max_seconds=-1)
+    if int(parts.step) == 12:
+      break
+  assert _equal(whole, parts) and _rows(tmp_path / "whole") == _rows(tmp_path / "parts")
+  assert _rows(tmp_path / "whole")[-1]["rollbacks"] == 1 and Saver(tmp_path / "parts").steps == [6, 12]
+
+
 def test_a_run_without_a_state_goes_back_to_its_start(tmp_path):
   config = _skipping(6, save_every=100)
   state = train.train(config, tmp_path / "a", _stage(), _bad_from(1))
@@ -147,6 +160,14 @@ def test_a_spike_of_the_gradient_is_told_and_left_out_where_the_config_says_so(t
     again = train.train(config, folder, _stage(), _spiked, resume=True)
     np.testing.assert_array_equal(again.norms, whole.norms)  # nan where there is none yet
     assert _equal(again.replace(norms=None), whole.replace(norms=None)) and _rows(folder) == rows
+
+
+def test_the_guard_against_spikes_may_be_put_up_and_taken_down(tmp_path):
+  """By a run that goes on, with --allow-changes: what it knows of the gradients before is not there, or not needed."""
+  for step, factor in ((4, 0.0), (8, 50.0), (12, 0.0)):
+    state = train.train(_config(step, skip_spikes=factor), tmp_path, _stage(), _next_batch, resume=step > 4)
+    assert int(state.step) == step and (state.norms is None) == (factor == 0)
+  assert _equal(state, train.train(_config(12), tmp_path / "whole", _stage(), _next_batch))
 
 
 _STUCK = """

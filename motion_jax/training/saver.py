@@ -138,11 +138,13 @@ class Saver:
         with reading(folder, "it is of another network, or damaged: give the config that the run began with, or start "
                      "a new run"), self._ocp.StandardCheckpointer() as reader:
           place = folder / (STATE if recorded else OLD_STATE)
-          # Runs of older versions hold an average also where the config asks for none.
-          unused = like.ema_params is None and "ema_params" in reader.metadata(place).item_metadata.tree
-          target = fields | ({"ema_params": like.params} if unused else {})
-          found = reader.restore(place, jax.tree.map(self._ocp.utils.to_shape_dtype_struct, target))
-          found = like.replace(**{name: found[name] for name in fields})
+          saved = reader.metadata(place).item_metadata.tree
+          # Runs of older versions hold an average also where the config asks for none; norms come and go with a guard.
+          spare = {"ema_params": like.params, "norms": np.zeros(64, np.float32)}
+          target = {name: value for name, value in fields.items() if name in saved or name != "norms"}
+          unused = {name: value for name, value in spare.items() if name in saved and name not in fields}
+          found = reader.restore(place, jax.tree.map(self._ocp.utils.to_shape_dtype_struct, target | unused))
+          found = like.replace(**{name: found[name] for name in target})
       except InputError as error:
         if recorded or jax.process_count() > 1:  # its files are whole: then another network is asked for
           raise
