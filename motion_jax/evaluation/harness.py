@@ -14,25 +14,23 @@ AGAIN, DIVERSITY, MULTIMODALITY, NOISE = 1, 2, 3, 4
 SHUFFLE, HALVES = 6, 7
 CHUNK = 256  # motions that are padded together
 WIDER = 16   # rows by which they grow where they have to, so that few sizes are compiled
-PHYSICS = {"skating": "skating_ratio", "foot_height": "floating_mm", "penetration": "penetration_mm",
-           "bone_drift": "bone_drift_mm", "acceleration": "acceleration", "jerk": "jerk"}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Embedded:
   """What a replication draws, and embeddings (N, E) of it; again: of other cuts of the same items' real motions.
 
-  real_seen, again_seen: what FID is taken of where that is another vector. draws: the pairs of diversity."""
+  real_for_fid, again_for_fid: what FID is taken of where that is another vector."""
   drawn: samples.Draw
   text: np.ndarray
   real: np.ndarray
   again: np.ndarray
   clip_text: np.ndarray | None
   clip_real: np.ndarray | None
-  real_seen: np.ndarray | None
-  again_seen: np.ndarray | None
+  real_for_fid: np.ndarray | None
+  again_for_fid: np.ndarray | None
   physics: dict[str, float]
-  draws: protocol_lib.Draws
+  diversity_pairs: protocol_lib.DiversityPairs
 
 
 class Harness:
@@ -76,9 +74,9 @@ class Harness:
     return Embedded(
         drawn, self.embed_text(self.evaluator, drawn), self.embed(self.evaluator, real, drawn.frames),
         self.embed(self.evaluator, repeated, again.frames), clip_text, clip_real,
-        self.embed_seen(real, drawn.frames), self.embed_seen(repeated, again.frames),
+        self.embed_apart_for_fid(real, drawn.frames), self.embed_apart_for_fid(repeated, again.frames),
         physics_of(real, drawn.frames, self.evaluator.layout),
-        protocol_lib.draw(self.rng(replication, DIVERSITY), len(drawn), self.protocol))
+        protocol_lib.draw_diversity_pairs(self.rng(replication, DIVERSITY), len(drawn), self.protocol))
 
   def embed_text(self, evaluator, drawn):
     """Embeddings (N, E) of the captions of a draw."""
@@ -119,10 +117,10 @@ class Harness:
       raise FloatingPointError(f"evaluator {evaluator.name!r} made NaN or infinity; check its weights and statistics")
     return made
 
-  def embed_seen(self, motions, frames):
-    """What FID, diversity and multimodality are taken of, or None where that is what `embed` gives."""
+  def embed_apart_for_fid(self, motions, frames):
+    """What FID, diversity and multimodality are taken of where that is another vector than `embed` gives, else None."""
     one = self.evaluator
-    return None if one.seen is None else self.embed(one, motions, frames, one.embed_for_fid)
+    return None if one.motion_for_fid is None else self.embed(one, motions, frames, one.embed_for_fid)
 
   def embed_for_fid(self, motions, frames):
     """Those, whichever way they are made."""
@@ -143,12 +141,12 @@ class Harness:
     return [np.concatenate([made, convert(motion)[count:]]) if len(motion) > count else made
             for made, motion, count in zip(converted, motions, frames)]
 
-  def batches(self, embedded, made, clip_made=None, made_seen=None, text=None, clip_text=None):
+  def batches(self, embedded, made, clip_made=None, made_for_fid=None, text=None, clip_text=None):
     """Rows as `metrics.protocol` takes them, dealt in pools."""
     text = embedded.text if text is None else text
     clip_text = embedded.clip_text if clip_text is None else clip_text
     parts = protocol_lib.Batch(text, embedded.real, made, clip_text if clip_made is not None else None, clip_made, None,
-                               embedded.real_seen, made_seen)
+                               embedded.real_for_fid, made_for_fid)
     pool = self.protocol.pool
     return [protocol_lib.Batch(*(None if part is None else part[i:i + pool] for part in parts))
             for i in range(0, len(made), pool)]
@@ -158,13 +156,13 @@ class Harness:
     embedded = self.embedded(replication)
     converted = self.converted(self.evaluator, motions, layout, embedded.drawn.frames)
     made = self.embed(self.evaluator, converted, embedded.drawn.frames)
-    made_seen = self.embed_seen(converted, embedded.drawn.frames)
+    made_for_fid = self.embed_apart_for_fid(converted, embedded.drawn.frames)
     clip_made = None
     if self.clip_evaluator is not None:
       clip_made = self.embed(self.clip_evaluator, self.converted(
           self.clip_evaluator, motions, layout, embedded.drawn.frames), embedded.drawn.frames)
-    row = protocol_lib.generation_scores(self.batches(embedded, made, clip_made, made_seen), self.protocol,
-                                         embedded.draws)
+    row = protocol_lib.generation_scores(self.batches(embedded, made, clip_made, made_for_fid), self.protocol,
+                                         embedded.diversity_pairs)
     row = {name: value for name, value in row.items() if not name.startswith("real_")}
     return row | physics_of(motions, embedded.drawn.frames, layout)
 
@@ -172,9 +170,10 @@ class Harness:
     """The row of the real motions; their FID is that of other cuts of the same items."""
     embedded = self.embedded(replication)
     row = protocol_lib.generation_scores(self.batches(
-        embedded, embedded.again, embedded.clip_real, embedded.again_seen), self.protocol, embedded.draws)
+        embedded, embedded.again, embedded.clip_real, embedded.again_for_fid), self.protocol, embedded.diversity_pairs)
     own = {name.removeprefix("real_"): value for name, value in row.items() if name.startswith("real_")}
-    return own | {name: row[name] for name in ("fid", "clip_score") if name in row} | embedded.physics
+    between = {name: row[name] for name in row if name not in own and not name.startswith("real_")}
+    return own | between | embedded.physics
 
   def shuffled_scores(self, replication) -> dict[str, float]:
     """The real motions with the captions of their pool in any order: what an evaluator that knows nothing would say."""
@@ -183,9 +182,9 @@ class Harness:
     order = np.concatenate([first + rng.permutation(pool) for first in range(0, self.count, pool)])
     turned = lambda x: None if x is None else x[order]
     row = protocol_lib.generation_scores(
-        self.batches(embedded, embedded.real, embedded.clip_real, embedded.real_seen, turned(embedded.text),
+        self.batches(embedded, embedded.real, embedded.clip_real, embedded.real_for_fid, turned(embedded.text),
                      turned(embedded.clip_text)),
-        self.protocol, embedded.draws)
+        self.protocol, embedded.diversity_pairs)
     return {name: row[name] for name in row if name.startswith("top") or name in ("matching", "clip_score")}
 
   def fid_of_halves(self, replication, draws=10) -> float:
@@ -193,11 +192,11 @@ class Harness:
     half the size lie that differ by nothing but luck. A model that is given the real captions and lengths may lie
     nearer."""
     embedded, rng = self.embedded(replication), self.rng(replication, HALVES)
-    seen, half = embedded.real if embedded.real_seen is None else embedded.real_seen, self.count // 2
+    real, half = embedded.real if embedded.real_for_fid is None else embedded.real_for_fid, self.count // 2
     if half < 2:
       return float("nan")
     orders = [rng.permutation(self.count) for _ in range(draws)]
-    return float(np.mean([scores.fid(seen[order[:half]], seen[order[half:2 * half]]) for order in orders]))
+    return float(np.mean([scores.fid(real[order[:half]], real[order[half:2 * half]]) for order in orders]))
 
   def multimodality(self, replication, generations, layout):
     """generations: a list of captions' lists of motions [(rows, F)], with frames of the first items of the draw."""
@@ -205,7 +204,7 @@ class Harness:
     flat = [motion for motions in generations for motion in motions]
     told = np.repeat(frames[:len(generations)], len(generations[0]))
     made = self.embed_for_fid(self.converted(self.evaluator, flat, layout, told), told)
-    pairs = protocol_lib.multimodality_draws(self.rng(replication, MULTIMODALITY), self.protocol)
+    pairs = protocol_lib.draw_multimodality_pairs(self.rng(replication, MULTIMODALITY), self.protocol)
     return scores.multimodality(made.reshape(len(generations), -1, made.shape[-1]), *pairs)
 
 
@@ -214,5 +213,5 @@ def physics_of(motions, frames, layout):
   found = [physics.summary(to_joints(motion[:count], layout), layout.skeleton.fps, layout.skeleton)
            for motion, count in zip(motions, frames)]
   mean = lambda key: float(np.mean([one[key] for one in found])) / (1000 if key.endswith("_mm") else 1)
-  return {name: mean(key) for name, key in PHYSICS.items()}
+  return {name: mean(key) for name, key in physics.IN_ROWS.items()}
 

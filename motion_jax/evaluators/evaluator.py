@@ -47,7 +47,7 @@ class Evaluator:
   """Motions and sentences in, vectors of one space out. Made by `load_evaluator`.
 
   kind: see above; embeddings of two evaluators do not compare. hash: sha256 of parameters and statistics. dim: numbers
-  of an embedding; unit: frames of a token; max_frames: the length that motions are padded to.
+  of an embedding; frames_per_token: of its motion encoder; max_frames: the length that motions are padded to.
   """
   name: str
   folder: pathlib.Path | None
@@ -59,8 +59,8 @@ class Evaluator:
   mode: str  # how joints become features, "benchmark" or "corrected"
   motion: Callable  # (x (B, T, F), num_frames (B,)) -> (B, E)
   text: Callable    # (captions, tokens) -> (N, E)
-  unit: int = 4
-  seen: Callable | None = None  # as motion, for FID where that is taken of another vector
+  frames_per_token: int = 4
+  motion_for_fid: Callable | None = None  # as motion, for FID where that is taken of another vector
   words: Callable = lambda: None  # () -> fingerprint of what makes words into numbers
 
   @property
@@ -84,13 +84,13 @@ class Evaluator:
 
     Rows are padded on to max_frames, so a row does not depend on its batch-mates. Parity: the references pad generated
     motions to the longest of their batch only; the last token of the longest sees the edge where others see zeros.
-    Raises ValueError for features of another representation, or a motion under `unit` frames.
+    Raises ValueError for features of another representation, or a motion under `frames_per_token` frames.
     """
     return self._embed(self.motion, x, num_frames)
 
   def embed_for_fid(self, x, num_frames):
     """What FID and diversity are taken of: `embed_motion`, but for SnapMoGen's what stands before its last layer."""
-    return self._embed(self.seen or self.motion, x, num_frames)
+    return self._embed(self.motion_for_fid or self.motion, x, num_frames)
 
   def _embed(self, apply, x, num_frames):
     x, num_frames = np.asarray(x, np.float32), np.asarray(num_frames)
@@ -101,9 +101,9 @@ class Evaluator:
       raise ValueError(f"got {x.shape[-1]} features per frame, evaluator {self.name!r} reads {self.layout.dim} "
                        f"({self.layout.name}); its features_of makes them from joints, or choose the evaluator of the "
                        "motion's representation")
-    if num_frames.min() < self.unit or num_frames.max() > x.shape[1]:
+    if num_frames.min() < self.frames_per_token or num_frames.max() > x.shape[1]:
       raise ValueError(f"got motions of {num_frames.min()} to {num_frames.max()} frames in {x.shape[1]} rows, expected "
-                       f"{self.unit} to {x.shape[1]}; leave shorter ones out")
+                       f"{self.frames_per_token} to {x.shape[1]}; leave shorter ones out")
     x = np.pad(x, ((0, 0), (0, max(self.max_frames - x.shape[1], 0)), (0, 0)))
     return in_batches(apply, x, num_frames.astype(np.int32))
 
@@ -191,14 +191,14 @@ def _assemble(name, folder, config, stats, params, reader):
   if columns != stats.layout.dim:
     raise ValueError(f"{name}: the network reads {columns} numbers per frame, its statistics are of layout "
                      f"{stats.layout.name!r} with {stats.layout.dim}; restore the evaluator's own Mean.npy and Std.npy")
-  init, motion, text, *seen = _NETWORKS[kind](config, _word_dim(kind, params))
+  init, motion, text, *for_fid = _NETWORKS[kind](config, _word_dim(kind, params))
   checkpoint.check_fits(params, jax.eval_shape(init, jax.random.key(0)), f"{name}: the weights do not fit the config")
   motion = functools.partial(jax.jit(motion), params)
   dim = jax.eval_shape(motion, jnp.zeros((1, 8, columns)), jnp.full(1, 8)).shape[-1]
   return Evaluator(name, folder, kind, stats, dim, _hash(params, stats), int(config.data.max_frames),
                    config.data.mode, motion,
                    lambda captions, tokens: text(params, reader(), captions, tokens),
-                   seen=functools.partial(jax.jit(seen[0]), params) if seen else None,
+                   motion_for_fid=functools.partial(jax.jit(for_fid[0]), params) if for_fid else None,
                    words=lambda: reader().fingerprint)
 
 
@@ -222,7 +222,7 @@ def _hash(params, stats):
 
 
 # --- networks: (init(rng) -> params, motion(params, x, num_frames), text(params, reader, captions, tokens)), and
-# seen(params, x, num_frames) where FID is taken of another vector -------------------------------------------------
+# motion_for_fid(params, x, num_frames) where FID is taken of another vector ---------------------------------------
 
 
 def _t2m(config, word_dim):
@@ -277,7 +277,7 @@ def _snapmogen(config, word_dim):
     given = matching.hidden_states(reader, captions, config.data.max_words)
     return in_batches(functools.partial(embed, params), *given)
 
-  return functools.partial(matching.init_gaussian, fields, word_dim), apply("motion"), text, apply("motion_seen")
+  return functools.partial(matching.init_gaussian, fields, word_dim), apply("motion"), text, apply("motion_for_fid")
 
 
 _NETWORKS = {"t2m": _t2m, "clip": _clip, "tmr": _tmr, "snapmogen": _snapmogen}

@@ -214,10 +214,10 @@ class ClipEvaluator(nn.Module):
 
   def __call__(self, tokens, motion, num_frames):
     """-> text and motion, both (B, dim) and of unit length, in the given order."""
-    return unit(self.text(tokens)), unit(self.motion(motion, num_frames))
+    return unit_vectors(self.text(tokens)), unit_vectors(self.motion(motion, num_frames))
 
 
-def unit(x):
+def unit_vectors(x):
   """x / |x| over the last axis."""
   return x / jnp.linalg.norm(x, axis=-1, keepdims=True)
 

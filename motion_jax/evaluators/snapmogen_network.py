@@ -23,9 +23,9 @@ def _through_layers(module, x, real_mask, deterministic):
 
 
 class GaussianEncoder(nn.Module):
-  """x (B, S, F), real_mask (B, S) -> (seen, mean, logvar), each (B, D): two tokens in front gather a sequence.
+  """x (B, S, F), real_mask (B, S) -> (state, mean, logvar), each (B, D): two tokens in front gather a sequence.
 
-  seen is the first token's state before the linear layer that makes the mean of it.
+  state is the first token's state before the linear layer that makes the mean of it.
   """
   width: int = 256
   depth: int = 6
@@ -83,21 +83,21 @@ class SnapEvaluator(nn.Module):
     self.motion_encoder, self.text_encoder = encoder(), encoder()
 
   def motion_gaussian(self, motion, num_frames, deterministic=True):
-    """motion (B, T, columns), num_frames (B,) -> (seen, mean, logvar)."""
+    """motion (B, T, columns), num_frames (B,) -> (state, mean, logvar)."""
     if motion.shape[-1] != self.columns:
       raise ValueError(f"got {motion.shape[-1]} features per frame, this evaluator reads {self.columns}; choose the "
                        "evaluator of the motion's representation or convert the motion")
     return self.motion_encoder(motion[..., :self.features], padding_mask(num_frames, motion.shape[1]), deterministic)
 
   def text_gaussian(self, text_emb, text_mask, deterministic=True):
-    """Hidden states (B, S, W) of a text encoder, text_mask (B, S) -> (seen, mean, logvar)."""
+    """Hidden states (B, S, W) of a text encoder, text_mask (B, S) -> (state, mean, logvar)."""
     return self.text_encoder(text_emb, text_mask, deterministic)
 
   def motion(self, motion, num_frames):
     """-> (B, D), whose cosine with `text` is what counts."""
     return self.motion_gaussian(motion, num_frames)[1]
 
-  def motion_seen(self, motion, num_frames):
+  def motion_for_fid(self, motion, num_frames):
     """-> (B, D), what FID and diversity are taken of."""
     return self.motion_gaussian(motion, num_frames)[0]
 

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
-from motion_jax.evaluators.networks import ClipEvaluator, MovementDecoder, MovementEncoder, T2MEvaluator, unit
+from motion_jax.evaluators.networks import ClipEvaluator, MovementDecoder, MovementEncoder, T2MEvaluator, unit_vectors
 from motion_jax.evaluators.snapmogen_network import GaussianDecoder, SnapEvaluator
 from motion_jax.evaluators.words import CLASSES
 from motion_jax.models.cmdm.teacher import info_nce
@@ -167,7 +167,7 @@ def clip_stage(config, axis_name=DEVICES) -> Stage:
 
   def run(params, method, rng, *inputs):
     rngs = None if rng is None else {"dropout": rng}
-    return unit(net.apply(params, *inputs, rng is None, method=method, rngs=rngs))
+    return unit_vectors(net.apply(params, *inputs, rng is None, method=method, rngs=rngs))
 
   def embed(params, batch, text_rng=None, motion_rng=None):
     return {"text": run(params, "text", text_rng, batch["pieces"]),
@@ -239,8 +239,8 @@ def gaussian_stage(config, axis_name=DEVICES) -> Stage:
             "divergence": (divergence(text, unit_gaussian) + divergence(motion, unit_gaussian)
                            + divergence(text, motion) + divergence(motion, text)),
             "latent": optax.huber_loss(text_z, motion_z).mean(),
-            "contrast": info_nce(whole(unit(text_z)), whole(unit(motion_z)), 1 / config.loss.temperature,
-                                 same_meaning(whole(batch["meaning"])))[0]}
+            "contrast": info_nce(whole(unit_vectors(text_z)), whole(unit_vectors(motion_z)),
+                                 1 / config.loss.temperature, same_meaning(whole(batch["meaning"])))[0]}
     return sums | {"loss": sum(config.loss[name] * value for name, value in sums.items())}, 1.0
 
   def predict(params, frozen, batch, rng):

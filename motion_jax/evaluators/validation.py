@@ -1,4 +1,4 @@
-"""By what trained stages are chosen: numbers of held-out motions as an evaluator sees them."""
+"""By what trained stages are chosen: numbers of held-out motions by an evaluator."""
 import numpy as np
 
 from motion_jax.metrics import scores
@@ -15,20 +15,20 @@ def reconstruction_fid(evaluator, features, stats):
   zeros (docs/papers/cmdm.md#reconstruction). Raises ValueError where the evaluator judges another body.
   """
   from motion_jax.evaluators.evaluator import load_evaluator
-  judge = load_evaluator(evaluator)
+  network = load_evaluator(evaluator)
   clips = [clip[:min(len(clip), LENGTH) // 4 * 4] for clip in features]
-  clips = [clip for clip in clips if len(clip) >= judge.unit + LOST]
+  clips = [clip for clip in clips if len(clip) >= network.frames_per_token + LOST]
   if len(clips) < 2:
-    raise ValueError(f"got {len(clips)} held-out clips to compare with {judge.name!r}, a Gaussian needs 2 or more")
+    raise ValueError(f"got {len(clips)} held-out clips to compare with {network.name!r}, a Gaussian needs 2 or more")
 
   def embed(motions):
-    read = [stats.layout.convert(stats.denormalize(x), judge.layout, judge.mode) for x in motions]
-    read = [judge.stats.normalize(x) for x in read]
+    read = [stats.layout.convert(stats.denormalize(x), network.layout, network.mode) for x in motions]
+    read = [network.stats.normalize(x) for x in read]
     frames = np.array([len(x) for x in read])
-    rows = np.zeros((len(read), LENGTH, judge.layout.dim), np.float32)
+    rows = np.zeros((len(read), LENGTH, network.layout.dim), np.float32)
     for row, x in zip(rows, read):
       row[:len(x)] = x
-    return np.concatenate([judge.embed_for_fid(rows[i:i + CHUNK], frames[i:i + CHUNK] - LOST)
+    return np.concatenate([network.embed_for_fid(rows[i:i + CHUNK], frames[i:i + CHUNK] - LOST)
                            for i in range(0, len(rows), CHUNK)])
 
   real = scores.moments(embed(clips))

@@ -1,1 +1,1 @@
-"""Numbers about motion: evaluators and their words, scores, physics, and the loops that make a row of them."""
+"""Numbers about motion: scores of embeddings, physics of joints, and the rules that make a row of them."""

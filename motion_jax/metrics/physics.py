@@ -114,6 +114,11 @@ def acceleration(joints: Num[Array, "*lead t j 3"], fps: float = 20.0) -> Float[
   return (np.linalg.norm(_differences(joints, 2), axis=-1) * fps**2).mean((-2, -1))
 
 
+# Which of them rows of an evaluation have: {name there: name in `summary`}.
+IN_ROWS = {"skating": "skating_ratio", "foot_height": "floating_mm", "penetration": "penetration_mm",
+           "bone_drift": "bone_drift_mm", "acceleration": "acceleration", "jerk": "jerk"}
+
+
 def summary(joints: Num[Array, "t j 3"], fps: float = 20.0, skeleton: Skeleton = HUMANML3D) -> dict[str, float]:
   """All of them for one motion (T, J, 3) -> {name: number}, in millimetres, seconds and shares."""
   metres = np.asarray(joints, np.float64) * skeleton.unit

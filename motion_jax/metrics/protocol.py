@@ -2,9 +2,9 @@
 
 Source: docs/papers/cmdm.md#protocol, #reconstruction, docs/papers/cdamd.md#items, #metrics.
 
-Evaluators have done their work here already, so the loops can be used and tested without a network. A pass is a list of
-`Batch`, made one at a time while motions are generated; `generation_scores` and `reconstruction_scores` read it at the
-end. Random draws come from a numpy generator, so a repeat is known by its key.
+Evaluators have done their work here already, so the loops can be used and tested without a network. A replication is a
+list of `Batch`, made one at a time while motions are generated; `generation_scores` and `reconstruction_scores` read it
+at the end. Random draws come from a numpy generator, so a replication is known by its key.
 """
 import dataclasses
 import typing
@@ -49,7 +49,7 @@ class Batch(NamedTuple):
   """What the evaluators make of one batch of matched texts, real motions and made ones: (B, E) each, rows alike.
 
   clip_text and clip_made, of the CLIP-type evaluator, may be None; errors is a list of (T_i,) joint errors, or None.
-  real_seen, made_seen (B, S): what FID and diversity are taken of, where that is not `real` and `made`.
+  real_for_fid, made_for_fid (B, S): what FID and diversity are taken of, where that is not `real` and `made`.
   """
   text: np.ndarray
   real: np.ndarray
@@ -57,11 +57,11 @@ class Batch(NamedTuple):
   clip_text: np.ndarray | None = None
   clip_made: np.ndarray | None = None
   errors: list[np.ndarray] | None = None
-  real_seen: np.ndarray | None = None
-  made_seen: np.ndarray | None = None
+  real_for_fid: np.ndarray | None = None
+  made_for_fid: np.ndarray | None = None
 
 
-class Draws(NamedTuple):
+class DiversityPairs(NamedTuple):
   """Rows for diversity, two draws for real motions and two for made ones."""
   real: tuple[np.ndarray, np.ndarray]
   made: tuple[np.ndarray, np.ndarray]
@@ -84,14 +84,14 @@ def evaluator_frames(num_frames: Sequence[int] | np.ndarray, protocol: Protocol)
   return np.asarray(num_frames) - protocol.lost_frames
 
 
-def draw(rng: np.random.Generator, count: int, protocol: Protocol) -> Draws:
+def draw_diversity_pairs(rng: np.random.Generator, count: int, protocol: Protocol) -> DiversityPairs:
   """The rows that diversity compares among count real and as many made motions."""
   size = protocol.diversity_draws if count > protocol.diversity_draws else protocol.few_draws
-  return Draws(scores.draw_pairs(rng, count, size), scores.draw_pairs(rng, count, size))
+  return DiversityPairs(scores.draw_pairs(rng, count, size), scores.draw_pairs(rng, count, size))
 
 
-def generation_scores(batches: Iterable[Batch], protocol: Protocol, draws: Draws) -> dict[str, float]:
-  """The text-to-motion row of one pass, with the real motions' numbers under "real_".
+def generation_scores(batches: Iterable[Batch], protocol: Protocol, pairs: DiversityPairs) -> dict[str, float]:
+  """The text-to-motion row of one replication, with the real motions' numbers under "real_".
 
   R-precision is counted inside each batch (each must have protocol.pool rows), the rest over all rows together.
   """
@@ -102,10 +102,10 @@ def generation_scores(batches: Iterable[Batch], protocol: Protocol, draws: Draws
                      f"batches of {protocol.pool}; drop the last partial one, or take more samples")
   join = lambda name: np.concatenate([getattr(batch, name) for batch in batches])
   text, real, made = join("text"), join("real"), join("made")
-  seen = ("real_seen", "made_seen") if batches[0].made_seen is not None else ("real", "made")
-  real_seen, made_seen = map(join, seen)
-  row = {"fid": scores.fid(real_seen, made_seen), "diversity": scores.diversity(made_seen, *draws.made),
-         "real_diversity": scores.diversity(real_seen, *draws.real)}
+  apart = batches[0].made_for_fid is not None
+  real_for_fid, made_for_fid = map(join, ("real_for_fid", "made_for_fid") if apart else ("real", "made"))
+  row = {"fid": scores.fid(real_for_fid, made_for_fid), "diversity": scores.diversity(made_for_fid, *pairs.made),
+         "real_diversity": scores.diversity(real_for_fid, *pairs.real)}
   for prefix, motion in (("", made), ("real_", real)):
     away = scores.cosine_distances if protocol.cosine else scores.distances
     found = scores.r_precision(text, motion, protocol.top_k, protocol.pool, away)
@@ -116,13 +116,13 @@ def generation_scores(batches: Iterable[Batch], protocol: Protocol, draws: Draws
   return row
 
 
-def reconstruction_scores(batches: Iterable[Batch], protocol: Protocol, draws: Draws) -> dict[str, float]:
+def reconstruction_scores(batches: Iterable[Batch], protocol: Protocol, pairs: DiversityPairs) -> dict[str, float]:
   """The same for an autoencoder, with joint errors: true ones, and the released code's number ("released_mpjpe").
 
   Raises ValueError for a batch without joint errors.
   """
   batches = list(batches)
-  row = generation_scores(batches, protocol, draws)
+  row = generation_scores(batches, protocol, pairs)
   if any(batch.errors is None for batch in batches):
     raise ValueError("a batch has no joint errors; make them with reconstruction_errors")
   errors = [error for batch in batches for error in batch.errors or ()]
@@ -142,20 +142,20 @@ def reconstruction_errors(real: Num[Array, "b t f"], made: Num[Array, "b t f"], 
   return [scores.joint_errors(rebuild(a[:m]), rebuild(b[:m])) for a, b, m in clips]
 
 
-def multimodality_draws(rng: np.random.Generator, protocol: Protocol) -> tuple[np.ndarray, np.ndarray]:
+def draw_multimodality_pairs(rng: np.random.Generator, protocol: Protocol) -> tuple[np.ndarray, np.ndarray]:
   """The pairs of generations that multimodality compares, the same for all texts."""
   return scores.draw_pairs(rng, protocol.multimodality_motions, protocol.multimodality_pairs)
 
 
 def cut_item(features: Num[Array, "t f"], double: bool | np.bool_, start: int, stats: Normalization, max_frames: int,
-             start_again: int = 0, unit: int = 4) -> tuple[Float[np.ndarray, "{max_frames} f"], int]:
+             start_again: int = 0, unit_length: int = 4) -> tuple[Float[np.ndarray, "{max_frames} f"], int]:
   """A clip as the benchmarks' loaders hand it on: cut, normalized, zero-padded -> ((max_frames, F), frames kept).
 
   features (T, F). double: the coin fell on "double" (one time in three), a unit less is kept than the clip holds.
   start, start_again: first frame of the cut, and of a second one where more than max_frames are left.
   """
-  count = (len(features) // unit - bool(double)) * unit
-  if count < unit or not 0 <= start <= len(features) - count:
+  count = (len(features) // unit_length - bool(double)) * unit_length
+  if count < unit_length or not 0 <= start <= len(features) - count:
     raise ValueError(f"got a clip of {len(features)} frames to be cut to {count} from frame {start}; it does not reach")
   kept = features[start:start + count]
   if count > max_frames:

@@ -12,7 +12,7 @@ from motion_jax.evaluation.harness import Harness
 from motion_jax.evaluation.tasks.generation import Generation
 from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_jax.metrics import scores
-from motion_jax.metrics.protocol import Draws
+from motion_jax.metrics.protocol import DiversityPairs
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.stats import Stats
 from tests import fixtures
@@ -38,8 +38,8 @@ def test_fid_is_of_what_stands_before_the_last_layer(harness):
   made, seen = (np.concatenate([embed(evaluator.stats.normalize(x)[None], np.array([len(x)])) for x in motions])
                 for embed in (evaluator.embed_motion, evaluator.embed_for_fid))
   row = harness.scores(0, motions, evaluator.layout)
-  np.testing.assert_allclose(row["fid"], scores.fid(embedded.real_seen, seen), rtol=1e-3)
-  np.testing.assert_allclose(row["diversity"], scores.diversity(seen, *embedded.draws.made), rtol=1e-3)
+  np.testing.assert_allclose(row["fid"], scores.fid(embedded.real_for_fid, seen), rtol=1e-3)
+  np.testing.assert_allclose(row["diversity"], scores.diversity(seen, *embedded.diversity_pairs.made), rtol=1e-3)
   assert abs(row["fid"] - scores.fid(embedded.real, made)) > 1e-3 * row["fid"]
   # The rest is of the space that sentences share, and the score by CLIP's name is the evaluator's own cosine.
   np.testing.assert_allclose(row["matching"], scores.matching_score(embedded.text, made), rtol=1e-3)
@@ -184,8 +184,8 @@ def test_the_recorded_loop_comes_out_of_the_judge(monkeypatch):
   def reader(motion, words):
     mean = lambda x, frames: np.stack([row[:m].mean(0) for row, m in zip(x, frames)]) @ fixture[f"in/{motion}"]
     return types.SimpleNamespace(
-        name=motion, kind="clip", layout=layout, mode="benchmark", stats=stats, seen=None, embed_motion=mean,
-        embed_for_fid=mean,
+        name=motion, kind="clip", layout=layout, mode="benchmark", stats=stats, motion_for_fid=None,
+        embed_motion=mean, embed_for_fid=mean,
         embed_text=lambda captions, tokens: text[[int(caption) for caption in captions]] @ fixture[f"in/{words}"])
 
   protocol = dataclasses.replace(protocols.get_protocol("cmdm-67"), pool=8, min_frames=4, max_frames=8, coin=False,
@@ -198,8 +198,8 @@ def test_the_recorded_loop_comes_out_of_the_judge(monkeypatch):
   monkeypatch.setattr("motion_jax.evaluation.harness.physics_of", lambda *given: {})
   harness = Harness(protocol, main, clip, test_set, seed=0)
   drawn = [fixture[f"out/dit/draws/{i}"] for i in range(4)]
-  draws = Draws((drawn[0], drawn[1]), (drawn[2], drawn[3]))
-  harness._embedded[0] = dataclasses.replace(harness.embedded(0), draws=draws)
+  pairs = DiversityPairs((drawn[0], drawn[1]), (drawn[2], drawn[3]))
+  harness._embedded[0] = dataclasses.replace(harness.embedded(0), diversity_pairs=pairs)
   row = harness.scores(0, list(flat["gen"]), layout)
   for name, theirs in (("fid", "fid"), ("diversity", "diversity"), ("top1", "top1"), ("top2", "top2"),
                        ("top3", "top3"), ("matching", "matching"), ("clip_score", "clip")):

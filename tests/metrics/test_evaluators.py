@@ -48,7 +48,7 @@ def clip_evaluator(state, sizes, features, columns, dtype):
 
 def contrast(model, params, text, motion):
   """-> unit text and motion, logits (motion rows), loss, cosines of matched pairs."""
-  text, motion = evaluators.unit(text), evaluators.unit(motion)
+  text, motion = evaluators.unit_vectors(text), evaluators.unit_vectors(motion)
   logits = evaluators.pair_logits(text, motion, model.apply(params, method="scale"))
   return text, motion, logits, evaluators.symmetric_cross_entropy(logits), (text * motion).sum(-1)
 

@@ -53,7 +53,7 @@ def run_protocol(fixture, dtype):
   made, rows = {}, {}
   for loop, score in (("ae", P.reconstruction_scores), ("dit", P.generation_scores)):
     drawn = [fixture[f"out/{loop}/draws/{i}"] for i in range(4)]
-    rows[loop] = score(batches[loop], protocol, P.Draws((drawn[0], drawn[1]), (drawn[2], drawn[3])))
+    rows[loop] = score(batches[loop], protocol, P.DiversityPairs((drawn[0], drawn[1]), (drawn[2], drawn[3])))
     made |= {f"{loop}/draws/{i}": rows_ for i, rows_ in enumerate(drawn)}
     made |= {f"{loop}/{name}": rows[loop][name] for name in ("fid", "diversity", "top1", "top2", "top3", "matching")}
   made |= {"ae/mpjpe": rows["ae"]["released_mpjpe"], "dit/clip": rows["dit"]["clip_score"]}
@@ -89,7 +89,7 @@ def batches(count=4, noise=0.0, errors=True):
 
 
 def test_a_copy_of_the_data_scores_as_the_data():
-  row = P.reconstruction_scores(batches(), SMALL, P.draw(np.random.default_rng(1), 32, SMALL))
+  row = P.reconstruction_scores(batches(), SMALL, P.draw_diversity_pairs(np.random.default_rng(1), 32, SMALL))
   assert row["fid"] == pytest.approx(0, abs=1e-10) and row["top1"] == 1
   for name in ("top1", "top2", "top3", "matching"):
     assert row[name] == row[f"real_{name}"]
@@ -98,7 +98,7 @@ def test_a_copy_of_the_data_scores_as_the_data():
 
 
 def test_noise_makes_every_score_worse_and_batches_may_come_in_any_order():
-  draws = P.draw(np.random.default_rng(1), 32, SMALL)
+  draws = P.draw_diversity_pairs(np.random.default_rng(1), 32, SMALL)
   calm, rough = (P.generation_scores(batches(noise=noise), SMALL, draws) for noise in (0.3, 3.0))
   assert rough["fid"] > calm["fid"] and rough["matching"] > calm["matching"] and rough["top3"] < calm["top3"]
   other = P.generation_scores(batches(noise=0.3)[::-1], SMALL, draws)
@@ -111,7 +111,7 @@ def test_r_precision_is_by_distance_or_by_angle_as_the_protocol_says():
   one is everybody's."""
   text = np.eye(SMALL.pool)
   motion = text * np.array([0.1] + [10] * (SMALL.pool - 1))[:, None]
-  draws = P.draw(np.random.default_rng(1), 32, SMALL)
+  draws = P.draw_diversity_pairs(np.random.default_rng(1), 32, SMALL)
   for prefix, batch in (("", P.Batch(text, text, motion)), ("real_", P.Batch(text, motion, text))):
     by_angle = P.generation_scores([batch] * 4, dataclasses.replace(SMALL, cosine=True), draws)
     by_distance = P.generation_scores([batch] * 4, SMALL, draws)
@@ -121,10 +121,11 @@ def test_r_precision_is_by_distance_or_by_angle_as_the_protocol_says():
 
 
 def test_a_repeat_draws_the_same_rows():
-  one, two = (P.draw(np.random.default_rng((7, 3)), 300, P.Protocol()) for _ in range(2))
+  one, two = (P.draw_diversity_pairs(np.random.default_rng((7, 3)), 300, P.Protocol()) for _ in range(2))
   np.testing.assert_array_equal(np.concatenate(one), np.concatenate(two))
-  assert len(one.made[0]) == 100 and len(P.draw(np.random.default_rng(0), 301, P.Protocol()).made[0]) == 300
-  first, second = P.multimodality_draws(np.random.default_rng(0), P.Protocol())
+  many = P.draw_diversity_pairs(np.random.default_rng(0), 301, P.Protocol())
+  assert len(one.made[0]) == 100 and len(many.made[0]) == 300
+  first, second = P.draw_multimodality_pairs(np.random.default_rng(0), P.Protocol())
   assert len(first) == len(second) == 10 and max(first.max(), second.max()) < 30
 
 
@@ -140,7 +141,7 @@ def test_errors_of_poses_alone_and_of_whole_motions():
 
 
 def test_bad_input_is_told():
-  draws = P.draw(np.random.default_rng(1), 32, SMALL)
+  draws = P.draw_diversity_pairs(np.random.default_rng(1), 32, SMALL)
   with pytest.raises(ValueError, match="one of 8 rows, the protocol needs batches of 32"):
     P.generation_scores(batches(), P.Protocol(), draws)
   with pytest.raises(ValueError, match="got 0 batches"):
@@ -151,4 +152,4 @@ def test_bad_input_is_told():
   with pytest.raises(ValueError, match="one representation"):
     P.to_evaluator(np.zeros((1, 4, 67)), wide, narrow)
   with pytest.raises(ValueError, match="50 samples to draw 100"):
-    P.draw(np.random.default_rng(0), 50, P.Protocol())
+    P.draw_diversity_pairs(np.random.default_rng(0), 50, P.Protocol())

@@ -22,7 +22,7 @@ def look(harness, replication=0) -> Sanity:
   frames = embedded.drawn.frames
   noise = harness.embed_for_fid([evaluator.stats.denormalize(rng.normal(size=(m, size))) for m in frames], frames)
   fid_halves = harness.fid_of_halves(replication)
-  fid_noise = scores.fid(embedded.real if embedded.real_seen is None else embedded.real_seen, noise)
+  fid_noise = scores.fid(embedded.real if embedded.real_for_fid is None else embedded.real_for_fid, noise)
   top = f"top{harness.protocol.top_k}"
   chance = harness.protocol.top_k / harness.protocol.pool
   failures = [f"the real motions' {name} is not finite: look for NaN in the evaluator's weights or statistics"

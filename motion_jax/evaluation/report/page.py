@@ -17,12 +17,12 @@ from motion_jax import charts, export
 from motion_jax.data.clip import Caption
 from motion_jax.evaluation.report import tables
 from motion_jax.evaluation.result import Result
+from motion_jax.metrics.physics import IN_ROWS
 from motion_jax.runtime.atomic import atomic_path
 
 _STYLE = pathlib.Path(__file__).parent / "assets" / "report.css"
 _GLANCE = ("fid", "top3", "matching", "clip_score", "diversity", "multimodality", "mpjpe", "transition_fid", "auj")
 _TILES = 6
-_PHYSICS = ("skating", "foot_height", "penetration", "bone_drift", "acceleration", "jerk")
 _SIDES = {"real": "real", "made": "generated"}
 _STRIP = dict(num=6, height=230)
 _TITLES = {"grid": ("Motions", "Real next to generated, same caption."),
@@ -164,7 +164,7 @@ def _tiles(found):
 
 def _tables(found):
   """The scores, and below them what bodies and feet do, so that either fits a page's width."""
-  physics = [metric for metric in found.metrics if metric in _PHYSICS]
+  physics = [metric for metric in found.metrics if metric in IN_ROWS]
   metrics = [metric for metric in found.metrics if metric not in physics]
   body = f"<h3>Bodies and feet</h3>{_table(found, physics)}" if physics and metrics else ""
   notes = "".join(f"<li>{_text(note)}</li>" for note in found.notes)

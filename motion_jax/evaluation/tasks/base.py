@@ -6,7 +6,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from motion_jax.evaluation.candidates import Candidate
-from motion_jax.evaluation.harness import PHYSICS, Harness
+from motion_jax.evaluation.harness import Harness
+from motion_jax.metrics.physics import IN_ROWS
 
 Row = dict[str, float]  # {metric: number}
 
@@ -32,7 +33,7 @@ class Damaged:
 
 class Task:
   """What a protocol asks of a model, over the test set of a harness. What it makes only once, it keeps itself."""
-  METRICS: ClassVar[tuple[str, ...]]        # of its rows, in the order of the tables
+  METRICS: ClassVar[tuple[str, ...]]        # that its rows may have, in the order of the tables
   OPTIONS: ClassVar[tuple[str, ...]] = ()   # choices of --sampling that it has beside those of the method
   TEXT_TO_MOTION: ClassVar[bool] = False    # captions and lengths are all that a motion is made of
 
@@ -65,7 +66,7 @@ class Task:
 
 class ClipTask(Task):
   """Motions as long as the items of the test set, judged whole."""
-  METRICS = ("top1", "top2", "top3", "fid", "matching", "diversity", "clip_score", *PHYSICS)
+  METRICS = ("top1", "top2", "top3", "fid", "matching", "diversity", "multimodality", "clip_score", *IN_ROWS)
 
   def real(self, replication):
     """Rows of the real motions, and of them with shuffled captions."""

@@ -5,7 +5,6 @@ import numpy as np
 
 from motion_jax import loading
 from motion_jax.evaluation import samples
-from motion_jax.evaluation.harness import PHYSICS
 from motion_jax.evaluation.tasks.base import ClipTask, Found
 
 
@@ -17,7 +16,6 @@ class Wanted(NamedTuple):
 
 
 class Generation(ClipTask):
-  METRICS = ("top1", "top2", "top3", "fid", "matching", "diversity", "multimodality", "clip_score", *PHYSICS)
   TEXT_TO_MOTION = True
 
   @staticmethod

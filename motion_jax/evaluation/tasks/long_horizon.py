@@ -196,7 +196,7 @@ class LongHorizon(Task):
     """Arguments of `metrics.long_horizon.score` beside motions and their reference."""
     evaluator = self.harness.evaluator
     return (self._embed(for_fid=True), self.harness.rng(replication, SCORES), rules, evaluator.layout.skeleton,
-            None if evaluator.seen is None else self._embed())
+            None if evaluator.motion_for_fid is None else self._embed())
 
   def _embed(self, for_fid=False):
     """embed(motions) of `metrics.long_horizon`: joints are put at the origin first, features begin there anyway.
@@ -208,7 +208,7 @@ class LongHorizon(Task):
       if layout.are_joints:
         motions = [layout.from_joints_in_place(long_horizon.placed(x, layout.skeleton)) for x in motions]
       return self.harness.embed(evaluator, motions, np.array([len(x) for x in motions]),
-                                evaluator.embed_for_fid if for_fid and evaluator.seen is not None else None)
+                                evaluator.embed_for_fid if for_fid and evaluator.motion_for_fid is not None else None)
     return embed
 
   @property
