@@ -38,7 +38,8 @@ def add_to(commands):
       "exit status is 1 where one does not")
   add("--no-multimodality", action="store_true", help="leave out the metric that takes most of the time")
   add("--force", action="store_true", help="go on though real data does not look right")
-  add("--allow-shared", action="store_true", help="judge test clips that train has, too, and name them in the record")
+  add("--allow-shared", action="store_true", help="judge test clips that train has, too, and name them in the "
+      "provenance")
   add("--recompute", action="store_true", help="only from samples that exist: nothing is generated (reconstructions "
       "are made anew)")
   add("--weights", choices=("ema", "model"), default="ema", help="of a run: the average kept beside the last weights, "

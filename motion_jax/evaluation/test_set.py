@@ -123,5 +123,5 @@ def check_split(folders, dataset, split, allow=False) -> list[str]:
   if both and not allow:
     raise ValueError(f"{len(both)} clips of split {split!r} are in train, too, such as {', '.join(sorted(both)[:3])}; "
                      "numbers would be too good: take them out of one of the two, `motion-jax data doctor` lists equal "
-                     "motions, or say --allow-shared, which names them in the record")
+                     "motions, or say --allow-shared, which names them in the provenance")
   return sorted(both)

@@ -99,7 +99,7 @@ def test_it_is_searched(folder):
 
 
 def test_it_is_judged(folder, tiny_run, tmp_path):
-  """By the protocol for one's own data, the record under its name; clips that train has too are found."""
+  """By the protocol for one's own data, the provenance under its name; clips that train has too are found."""
   assert guess_protocol([tiny_run], [folder]) == "own-66"
   result = run.evaluate([tiny_run], [folder], dataclasses.replace(SMALL, replications=1), out=tmp_path / "out",
                         force=True, show=False, sampling=dict(num_steps=2), multimodality=False,
