@@ -72,4 +72,5 @@ def demand(found, force=False):
   """Raises ValueError where `look` found something wrong, unless it is forced."""
   if found["failures"] and not force:
     raise ValueError("the evaluation does not look right on real data, so nothing was sampled:\n- "
-                     + "\n- ".join(found["failures"]) + "\n--force goes on all the same and keeps this in the provenance")
+                     + "\n- ".join(found["failures"])
+                     + "\n--force goes on all the same and keeps this in the provenance")
