@@ -75,5 +75,6 @@ def test_core_needs_no_extra(path):
 def test_core_dependencies_are_those_of_pyproject():
   project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
   names = {re.split(r"[<>=\[]", requirement)[0] for requirement in project["dependencies"]}
-  packages = {"absl-py": "absl", "ml-collections": "ml_collections", "orbax-checkpoint": "orbax", "Pillow": "PIL"}
+  packages = {"absl-py": "absl", "ml-collections": "ml_collections", "orbax-checkpoint": "orbax", "Pillow": "PIL",
+              "Jinja2": "jinja2"}
   assert {packages.get(name, name) for name in names} == CORE
