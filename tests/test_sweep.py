@@ -1,0 +1,86 @@
+"""A sweep trains each run once, goes on where it was stopped, and tells all of them in one table."""
+import json
+
+import pytest
+
+from motion_jax.cli import sweep
+from motion_jax.inputs import config_files, overrides
+from motion_jax.inputs.errors import InputError
+from motion_jax.training.metrics import append_metrics
+
+
+@pytest.fixture
+def file(tmp_path):
+  path = tmp_path / "two.py"
+  path.write_text("def get_sweep(size='tiny'):\n"
+                  "  return {n: (f'cmdm_tokenizer:{size}', {'seed': i}) for i, n in enumerate(('a', 'b'))}\n")
+  return path
+
+
+def _trained(folder, loss):
+  """What a finished run leaves."""
+  folder.mkdir(parents=True)
+  (folder / "config.json").write_text(json.dumps({"train": {"num_steps": 2}}))
+  (folder / "params.safetensors").write_bytes(b"")
+  append_metrics(folder, {"step": 2, "seconds": 1.5, "loss": loss})
+  append_metrics(folder, {"step": 2, "held_out_mm": 7.0})
+
+
+def test_runs_come_one_after_another_and_only_once(file, tmp_path, capsys, monkeypatch):
+  monkeypatch.delenv(sweep.TASK, raising=False)
+  calls, out = [], tmp_path / "out"
+
+  def call(command):
+    calls.append(command)
+    folder = out / command[command.index("--workdir") + 1].rpartition("/")[2]
+    _trained(folder, loss=len(calls))
+    return 0
+
+  assert sweep.run(file, out, ["--data", "x"], call) == 0 and len(calls) == 2
+  assert calls[1][3:] == ["train", "--config", "cmdm_tokenizer:tiny", "--workdir", str(out / "b"), "--data", "x",
+                          "--config.seed=1"]
+  assert sweep.run(file, out, [], call) == 0 and len(calls) == 2
+  table = (out / "sweep.md").read_text().splitlines()
+  assert table[0] == "| run | seed | state | loss | held_out_mm | seconds |"
+  assert table[3] == "| b | 1 | finished | 2 | 7 | 1.5 |"
+
+
+def test_a_failure_leaves_the_others_and_a_stop_ends_the_sweep(file, tmp_path, capsys, monkeypatch):
+  monkeypatch.delenv(sweep.TASK, raising=False)
+  calls = []
+  assert sweep.run(file, tmp_path / "out", [], lambda command: calls.append(command) or 1) == 1 and len(calls) == 2
+  assert "2 of 2 runs failed: a, b" in capsys.readouterr().err
+  for status, told in ((75, 75), (-15, 143), (130, 130)):
+    calls.clear()
+    assert sweep.run(file, tmp_path / "out", [], lambda command, status=status: calls.append(command) or status) == told
+    assert len(calls) == 1
+
+
+def test_a_run_that_was_begun_is_resumed(file, tmp_path, monkeypatch):
+  monkeypatch.setenv(sweep.TASK, "1")
+  (tmp_path / "out/b/checkpoints/1").mkdir(parents=True)
+  calls = []
+  sweep.run(file, tmp_path / "out", [], lambda command: calls.append(command) or 0)
+  assert len(calls) == 1 and "--resume" in calls[0] and str(tmp_path / "out/b") in calls[0]
+
+
+def test_a_task_that_is_none(file, tmp_path, monkeypatch):
+  monkeypatch.setenv(sweep.TASK, "2")
+  with pytest.raises(InputError, match="got SLURM_ARRAY_TASK_ID=2, expected a number from 0 to 1"):
+    sweep.run(file, tmp_path, [], None)
+
+
+def test_what_is_no_sweep(tmp_path):
+  with pytest.raises(FileNotFoundError, match="there is no sweep 'learning_rat'.*did you mean learning_rate"):
+    sweep.load("learning_rat")
+  (tmp_path / "bad.py").write_text("def get_sweep(): return {'a/b': ('c', {})}")
+  with pytest.raises(InputError, match="one named 'a/b'"):
+    sweep.load(tmp_path / "bad.py")
+  (tmp_path / "none.py").write_text("x = 1")
+  with pytest.raises(InputError, match="expected Python with a function get_sweep"):
+    sweep.load(tmp_path / "none.py")
+
+
+def test_the_one_that_ships_names_fields_of_its_config():
+  for config, fields in sweep.load("learning_rate").values():
+    overrides.check([f"--config.{field}={value}" for field, value in fields.items()], config_files.load(config))
