@@ -26,6 +26,12 @@ def tiny(name, **loss):
   return config
 
 
+def latents_are_columns(monkeypatch, count):
+  """The tokenizer gives the first columns of every fourth frame, and nothing is drawn."""
+  monkeypatch.setattr(latents.VaeCodec, "distribution", lambda self, x: x[:, ::4, :count])
+  monkeypatch.setattr(latents.VaeCodec, "drawn", lambda self, known, keys=None: known)
+
+
 def text_of_the_denoiser(monkeypatch, rate):
   """words(rng) -> text_emb that the denoiser's loss shows its network, whose place this function takes."""
   config = tiny("cmdm_denoiser", drop_rate=rate)
@@ -37,7 +43,7 @@ def text_of_the_denoiser(monkeypatch, rate):
     return jnp.zeros_like(x)
 
   monkeypatch.setattr(cmdm.stages.CausalDiT, "apply", apply)
-  monkeypatch.setattr(latents.VaeCodec, "sample", lambda self, x, keys: x[:, ::4, :config.model.latent_dim])
+  latents_are_columns(monkeypatch, config.model.latent_dim)
 
   return jax.jit(lambda rng: (stage.loss({}, FROZEN, batch, 0, rng), seen[-1])[1]), np.asarray(batch["text_emb"])
 
@@ -88,7 +94,7 @@ def test_padding_is_no_key_of_the_denoiser(monkeypatch):
   seen = []
   monkeypatch.setattr(cmdm.stages.CausalDiT, "apply",
                       lambda self, params, x, t, text, mask, words: seen.append(mask) or x)
-  monkeypatch.setattr(latents.VaeCodec, "sample", lambda self, x, keys: x[:, ::4, :4])
+  latents_are_columns(monkeypatch, 4)
   stage.loss({}, FROZEN, batch, 0, jax.random.key(0))
   place = np.arange(6)
   causal = place[None] // 3 <= place[:, None] // 3
@@ -139,7 +145,7 @@ def test_latents_of_a_level_block_share_their_time(level_block, blocks, monkeypa
     config.loss.level_block = level_block
   config = runs.upgrade(config)
   stage, batch = cmdm.denoiser_stage(config), batch_of(config.tokenizer.features)
-  monkeypatch.setattr(latents.VaeCodec, "sample", lambda self, x, keys: x[:, ::4, :4])
+  latents_are_columns(monkeypatch, 4)
   # The network is told one time for neighbours where it can be, and spreads it.
   monkeypatch.setattr(cmdm.stages.CausalDiT, "apply",
                       lambda self, params, x, t, *rest: jnp.repeat(t, 6 // t.shape[1], axis=1))
