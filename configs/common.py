@@ -17,7 +17,7 @@ def experiment(stage, seed):
   """A config that names its stage, and how its step is mapped over the devices: `training.mesh`."""
   config = ml_collections.ConfigDict()
   config.stage, config.seed = stage, seed
-  config.mesh = dict(map="auto")
+  config.mesh = dict(map="auto", shard_state=False)
   return config
 
 
@@ -66,9 +66,10 @@ def optimizer(learning_rate, **fields):
 def train(num_steps, log_every, save_every, **fields):
   """The section `train`: from random weights, keeping the last ones, where fields do not say otherwise.
 
-  keep_last: how many training states stay, besides the best one. A run that leaves out max_skips steps in a row goes
-  back to its last good state and on with other batches, max_rollbacks times at most. After hang_minutes without a step
-  it ends; 0 never.
+  dtype, where a stage has it: what its network computes in, "float32" or "bfloat16"; parameters, norms, softmax and
+  losses are float32 all the same. keep_last: how many training states stay, besides the best one. A run that leaves out
+  max_skips steps in a row goes back to its last good state and on with other batches, max_rollbacks times at most.
+  After hang_minutes without a step it ends; 0 never.
   """
   return dict(start="", num_steps=num_steps, log_every=log_every, save_every=save_every, best="",
               keep_last=2, max_skips=20, max_rollbacks=3, hang_minutes=60.0) | fields

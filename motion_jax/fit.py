@@ -1,4 +1,5 @@
 """From a config to a trained run folder: a training set-up, the loop and the folder. What `motion-jax train` calls."""
+import contextlib
 import pathlib
 
 import flax
@@ -11,7 +12,7 @@ from motion_jax.inputs.nearest import did_you_mean
 from motion_jax.models import registry
 from motion_jax.motion import stats as stats_lib
 from motion_jax.runtime import atomic, lock
-from motion_jax.training import checkpoint
+from motion_jax.training import checkpoint, distributed
 from motion_jax.training import loop as train
 from motion_jax.training import resume as resuming
 from motion_jax.training.metrics import METRICS
@@ -42,7 +43,8 @@ def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_change
   if resume == "auto":
     resume = not checkpoint.is_fresh(workdir)
     print(f"--resume=auto: {'going on with' if resume else 'starting'} {workdir}")
-  print(f"{config.stage} in {workdir} on {jax.local_device_count()} {jax.default_backend()} device(s)\n{config}")
+  processes = f" of {jax.process_count()} processes" if jax.process_count() > 1 else ""
+  print(f"{config.stage} in {workdir} on {jax.device_count()} {jax.default_backend()} device(s){processes}\n{config}")
   print(told or "data: being read", flush=True)
   if resume and (workdir / checkpoint.CONFIG).is_file():
     resuming.check_config(config, runs.open(workdir).config, allow_changes)
@@ -50,20 +52,23 @@ def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_change
   if config.train.start:
     stage = _started_from(stage, config.train.start)
   workdir.mkdir(parents=True, exist_ok=True)
-  with lock.locked(workdir):
+  first = distributed.is_first()  # of several processes, this one writes
+  with lock.locked(workdir) if first else contextlib.nullcontext():
     goes_on = not checkpoint.is_fresh(workdir)
     if goes_on and not resume:
       raise ValueError(f"{workdir} holds a run already; --resume continues it, or choose another folder")
-    atomic.remove_strays(workdir, (*FILES, *files))
     if goes_on:
       frozen = resuming.as_before(workdir, stats, frozen, files)
     files = files | {checkpoint.DATA: resuming.digests(workdir, config, goes_on, allow_changes)}
-    checkpoint.save_config(workdir, config)
-    stats_lib.save_stats(stats, workdir)
-    if frozen:  # a run folder is all that loading needs
-      checkpoint.save_params(workdir, frozen, name=checkpoint.FROZEN)
-    for name, text in files.items():
-      checkpoint.save_text(workdir, name, text)
+    distributed.wait_for_all("the folder is read")
+    if first:
+      atomic.remove_strays(workdir, (*FILES, *files))
+      checkpoint.save_config(workdir, config)
+      stats_lib.save_stats(stats, workdir)
+      if frozen:  # a run folder is all that loading needs
+        checkpoint.save_params(workdir, frozen, name=checkpoint.FROZEN)
+      for name, text in files.items():
+        checkpoint.save_text(workdir, name, text)
     state = train.train(config, workdir, stage, next_batch, frozen, resume, evaluate, max_seconds, stop)
     print(f"wrote {workdir}/params.safetensors, metrics.jsonl, loss.png at step {int(state.step)}")
   return state

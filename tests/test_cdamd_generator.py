@@ -345,6 +345,29 @@ def test_all_rows_weighted_is_masked_rows_averaged():
     assert sums["loss"] / weight == 0
 
 
+@pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
+def test_the_head_in_parts_gives_the_sum_and_the_gradients_of_all_rows(share, monkeypatch):
+  """The loop over parts, against one part of all rows: with nothing, some and all of 3 x LENGTH latents masked."""
+  net, params = small()
+  params = jax.tree.map(lambda a: a.astype(jnp.float32), params)  # recorded runs in float64 may have made them
+  keys = jax.random.split(jax.random.key(2), 4)
+  z1, codes = jax.random.normal(keys[0], (3, LENGTH, 3)), jax.random.randint(keys[1], (3, LENGTH, 2), 0, 9)
+  text, real = jnp.ones((3, 1, 6)), padding_mask(jnp.array([LENGTH, LENGTH, 3 if share else 0]), LENGTH)
+  masked = jax.random.bernoulli(keys[3], share, real.shape) & real
+  monkeypatch.setattr(masking, "choose_masked", lambda *_: masked)
+  config = ConfigDict(LOSS | dict(diffusion="flow", copies=2))
+  draws = draws_lib.draw_step(keys[2], jax.random.split(keys[2], 3), LENGTH, 3, config)
+
+  def value_and_grad(least_rows):
+    monkeypatch.setattr(cdamd.losses, "LEAST_ROWS", least_rows)
+    return jax.jit(jax.value_and_grad(lambda params: cdamd.generator_loss(
+        net, params, z1, real, text, codes, draws, config)[0]["loss"]))(params)
+
+  whole, parts = value_and_grad(10_000), value_and_grad(4)
+  assert bool(whole[0] > 0) == bool(share)
+  jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-5), parts, whole)
+
+
 def test_an_item_draws_one_of_several_masks():
   known, real = jax.random.bernoulli(jax.random.key(0), 0.5, (4, LENGTH)), padding_mask(jnp.array([9, 9, 5, 9]), LENGTH)
   mixed = cdamd.trained_mask("dccm+bcm", known, real, jnp.array([0.0, 0.49, 0.5, 0.99]))

@@ -158,7 +158,7 @@ def test_each_network_is_clipped_alone():
 def test_the_best_weights_are_kept(tmp_path):
   """Also when a run is resumed: step 2 was the best of four."""
   def run(num_steps, resume):
-    config = ml_collections.ConfigDict(dict(seed=0, mesh=dict(map="auto"), optimizer=dict(
+    config = ml_collections.ConfigDict(dict(seed=0, mesh=dict(map="auto", shard_state=False), optimizer=dict(
         learning_rate=0.1, schedule="constant", warmup_steps=0, beta1=0.9, beta2=0.9, weight_decay=0.0, clip_norm=0.0,
         ema_decay=0.0, skip_loss=0.0, skip_spikes=0.0, rates={}),
         train=common.train(num_steps, 1, 1, best="min held_out_loss")))

@@ -4,8 +4,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax import latents, runs
+from motion_jax import fit, latents, runs
 from motion_jax.models import cdamd, cmdm
+from motion_jax.training.setup import untrained
 from tests.conftest import load_config
 
 BATCH, FRAMES, WORDS = 64, 24, 3
@@ -65,7 +66,8 @@ def text_of_the_generator(monkeypatch, rate):
   monkeypatch.setattr(cdamd.stages.Generator, "apply", apply)
   monkeypatch.setattr(latents.AutoencoderCodec, "encode", lambda self, x, mask: x[:, ::4, :4])
 
-  return jax.jit(lambda rng: (stage.loss({}, FROZEN, batch, 0, rng), seen[-1])[1]), np.asarray(batch["text_emb"])
+  params = {"params": {"head": {}}}
+  return jax.jit(lambda rng: (stage.loss(params, FROZEN, batch, 0, rng), seen[-1])[1]), np.asarray(batch["text_emb"])
 
 
 @pytest.mark.parametrize("words_of", [text_of_the_denoiser, text_of_the_generator])
@@ -129,7 +131,8 @@ def test_the_prior_is_dropped_as_often_as_the_config_says(rate, monkeypatch):
   monkeypatch.setattr(cdamd.stages.Generator, "apply", apply)
   monkeypatch.setattr(latents.AutoencoderCodec, "encode", lambda self, x, mask: x[:, ::4, :4])
   monkeypatch.setattr(cdamd.stages, "prior_codes", lambda *_: jnp.zeros((BATCH, 6), int))
-  keep = jax.jit(lambda rng: (stage.loss({}, FROZEN, batch, 0, rng), seen[-1])[1])
+  params = {"params": {"head": {}}}
+  keep = jax.jit(lambda rng: (stage.loss(params, FROZEN, batch, 0, rng), seen[-1])[1])
   share = np.mean([np.asarray(keep(jax.random.key(step))) for step in range(8)])
   assert abs(share - (1 - rate)) <= 4 * np.sqrt(rate * (1 - rate) / (8 * BATCH))
 
@@ -186,3 +189,30 @@ def test_alignment_falls_to_a_tenth_after_the_ramp(monkeypatch):
   for step, share in ((0, 1), (2_000, 1), (4_500, 0.775), (7_000, 0.55), (12_000, 0.1), (20_000, 0.1)):
     assert float(weights(step)["align"]) == pytest.approx(0.4 * share, rel=1e-6), step
   assert weights(0)["adaptive"] and not tokenizer_weights(monkeypatch, adaptive_align=False)(0)["adaptive"]
+
+
+@pytest.mark.parametrize("name, make", [("cmdm_tokenizer", cmdm.tokenizer_stage),
+                                        ("cmdm_denoiser", cmdm.denoiser_stage)])
+def test_a_network_computes_in_bfloat16_and_numbers_stay_float32(name, make):
+  """The loss is near that of float32 and another; loss, gradients and parameters are float32."""
+  found = {}
+  for dtype in ("float32", "bfloat16"):
+    config = load_config(name, "tiny").copy_and_resolve_references().unlock()
+    config.train.dtype = dtype
+    if "teacher" in config.frozen:
+      config.frozen.teacher = ""
+    config, _ = fit.resolve(config)
+    _, next_batch, frozen, *_ = fit.setups()[config.stage](config)
+    stage, batch = make(config), next_batch(0)
+    params = untrained(jax.eval_shape(lambda batch, stage=stage: stage.init(batch, jax.random.key(0)), batch))
+
+    def loss(params, stage=stage, frozen=frozen, batch=batch):
+      sums, weight = stage.loss(params, frozen, batch, 3, jax.random.key(1))
+      return sums["loss"] / weight
+
+    found[dtype] = jax.jit(jax.value_and_grad(loss))(params)
+  (one, grads), (other, rough) = found["float32"], found["bfloat16"]
+  assert other.dtype == jnp.float32 and all(leaf.dtype == jnp.float32 for leaf in jax.tree.leaves(rough))
+  assert one != other and abs(one - other) < 0.03 * abs(one)
+  size = lambda tree: np.sqrt(sum(float((leaf ** 2).sum()) for leaf in jax.tree.leaves(tree)))
+  assert size(jax.tree.map(jnp.subtract, grads, rough)) < 0.1 * size(grads)

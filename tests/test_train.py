@@ -49,7 +49,7 @@ def _next_batch(step):
 def _config(num_steps, **optimizer):
   config = ml_collections.ConfigDict()
   config.seed = 0
-  config.mesh = dict(map="auto")
+  config.mesh = dict(map="auto", shard_state=False)
   config.optimizer = dict(learning_rate=1e-2, schedule="constant", warmup_steps=1, cooldown_steps=0, beta1=0.9,
                           beta2=0.99, weight_decay=0.0, clip_norm=1.0, ema_decay=0.9, skip_loss=0.0, skip_spikes=0.0,
                           final_rate=0.0, rates={}, clip_parts=()) | optimizer
@@ -339,7 +339,7 @@ def test_schedules(kind, expected):
 
 def drifting(folder, values, num_steps=None, resume=False, slices=None, best="min held_out_loss"):
   """Trains a number that grows by about 0.1 a step; `values` {step: held-out number}, saved at every second step."""
-  config = ml_collections.ConfigDict(dict(seed=0, mesh=dict(map="auto"), optimizer=dict(
+  config = ml_collections.ConfigDict(dict(seed=0, mesh=dict(map="auto", shard_state=False), optimizer=dict(
       learning_rate=0.1, schedule="constant", warmup_steps=0, beta1=0.9, beta2=0.9, weight_decay=0.0, clip_norm=0.0,
       ema_decay=0.0, skip_loss=0.0, skip_spikes=0.0, rates={}),
       train=common.train(num_steps or max(values), 1, 2, best=best)))

@@ -4,7 +4,7 @@ import sys
 
 from motion_jax.cli import shared
 from motion_jax.inputs import config_files
-from motion_jax.inputs.numerals import real
+from motion_jax.inputs.numerals import real, whole
 
 
 def add_to(commands):
@@ -26,6 +26,13 @@ def add_to(commands):
       help="go on although the config, or the data, are not those that the run began with")
   add("--max-seconds", type=real(above=0, high=1e9, unit="seconds"), metavar="S",
       help="stop and save after so long: one slice of a long run")
+  add("--coordinator", metavar="HOST:PORT",
+      help="address of the first of several processes, each started with this command and a number of its own; "
+           "without it JAX finds them under Slurm, Open MPI and on TPU slices; auto: it must (docs/pods.md)")
+  add("--process-id", type=whole(0, 1_000_000), metavar="I", help="the number of this process, from 0")
+  add("--num-processes", type=whole(1, 1_000_000), metavar="N", help="how many processes there are")
+  add("--simulate-devices", type=whole(1, 1024), metavar="N", default=0,
+      help="train on so many CPU devices, which share the cores: to try out what several devices do")
   train.former_flags = {"--noresume": "--no-resume"} | {
       f"--resume={text}": flag for flag, texts in (("--resume", "true True 1"), ("--no-resume", "false False 0"))
       for text in texts.split()}
@@ -48,7 +55,10 @@ def _run(args, stop):
   from absl import logging
 
   from motion_jax import fit
+  from motion_jax.training import distributed
   logging.set_verbosity(logging.WARNING)  # orbax tells every step of a save
+  distributed.start(args.coordinator, args.process_id, args.num_processes, args.simulate_devices)
   shared.cache_compiled_code()  # a run that goes on does not wait for the compiler again
   resume = {"yes": True, "no": False, "auto": "auto", None: "auto" if jax.process_count() > 1 else False}[args.resume]
-  fit.run(config, pathlib.Path(args.workdir), resume, args.max_seconds, stop, args.allow_changes)
+  with distributed.one_speaks():
+    fit.run(config, pathlib.Path(args.workdir), resume, args.max_seconds, stop, args.allow_changes)

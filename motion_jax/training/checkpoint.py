@@ -14,6 +14,7 @@ from safetensors.numpy import save_file
 from motion_jax.inputs.errors import InputError, reading
 from motion_jax.inputs.input_files import load_safetensors, read_json
 from motion_jax.runtime.atomic import atomic_path
+from motion_jax.training.distributed import by_first
 
 CONFIG, PARAMS = "config.json", "params.safetensors"
 RAW = "raw.safetensors"        # the last weights as they are, where PARAMS holds their average
@@ -31,6 +32,7 @@ def is_fresh(workdir):
   return not saved and not (folder / PARAMS).exists()
 
 
+@by_first
 def save_params(folder, params, dtype=np.float32, name=PARAMS):
   """Parameters as one flat safetensors file, keys joined by "/"."""
   flat = flax.traverse_util.flatten_dict(flax.core.unfreeze(params), sep="/")

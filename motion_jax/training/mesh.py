@@ -8,19 +8,22 @@ import numpy as np
 from jax.sharding import NamedSharding, PartitionSpec
 
 from motion_jax.training.stage import DEVICES
+from motion_jax.training.train_step import TrainState
 
 MAPS = ("auto", "pmap", "shard_map")
+LEAST_SHARDED = 1024  # numbers of an array; of a smaller one every device keeps all
 
 
 def make_mesh(config):
   """`Pmap` or `Mesh` as the section `mesh` of a config says; "auto": the first, or the second where processes are
-  several."""
+  several or the state is sharded."""
   if config.map not in MAPS:
     raise ValueError(f"got mesh.map {config.map!r}, expected one of {', '.join(MAPS)}")
-  several = jax.process_count() > 1
-  if several and config.map == "pmap":
-    raise ValueError(f"got mesh.map 'pmap' in a run of {jax.process_count()} processes, expected 'shard_map' or 'auto'")
-  return Mesh() if several or config.map == "shard_map" else Pmap()
+  needed = jax.process_count() > 1 or config.shard_state
+  if needed and config.map == "pmap":
+    raise ValueError(f"got mesh.map 'pmap' in a run of {jax.process_count()} processes, mesh.shard_state "
+                     f"{config.shard_state}; expected 'shard_map' or 'auto'")
+  return Mesh(config.shard_state) if needed or config.map == "shard_map" else Pmap()
 
 
 class Pmap:
@@ -41,21 +44,41 @@ class Pmap:
 
   def compiled(self, train_step):
     """A pure step of `train_step.make_train_step`, over all devices; its first argument is used up."""
-    return jax.pmap(train_step, DEVICES, in_axes=(None, None, 0, None), out_axes=None, donate_argnums=0)
+    return jax.pmap(train_step.__call__, DEVICES, in_axes=(None, None, 0, None), out_axes=None, donate_argnums=0)
 
 
 class Mesh:
-  """The devices of all processes, each of which holds those rows of a batch that its own devices take."""
+  """The devices of all processes, each of which holds those rows of a batch that its own devices take.
 
-  def __init__(self):
-    self.mesh = jax.sharding.Mesh(np.array(jax.devices()), (DEVICES,))
+  shard_state: parameters, optimizer's state and average are cut over the devices, each array along the longest of its
+  axes that they divide. Parameters are put together for a step, the rest never is.
+  """
+
+  def __init__(self, shard_state=False):
+    self.shard_state = shard_state
+    devices = sorted(jax.devices(), key=lambda device: (device.process_index, device.id))  # as `rows` cuts
+    self.mesh = jax.sharding.Mesh(np.array(devices), (DEVICES,))
     self.num_devices = self.mesh.size
     self._everywhere, self._by_rows = (NamedSharding(self.mesh, spec)
                                        for spec in (PartitionSpec(), PartitionSpec(DEVICES)))
 
   def put(self, tree):
     """See `Pmap.put`; every process gives the same arrays."""
-    return jax.tree.map(lambda a: jax.device_put(a, self._everywhere), tree)
+    def place(array):
+      sharding = self._sharding(np.shape(array)) if isinstance(tree, TrainState) else self._everywhere
+      if jax.process_count() == 1 or isinstance(array, jax.Array) and not array.is_fully_addressable:
+        return jax.device_put(array, sharding)
+      array = np.asarray(array)
+      return jax.make_array_from_callback(array.shape, sharding, lambda index: array[index])
+
+    return jax.tree.map(place, tree)
+
+  def _sharding(self, shape):
+    axes = [axis for axis, size in enumerate(shape) if size % self.num_devices == 0]
+    if not self.shard_state or not axes or np.prod(shape) < LEAST_SHARDED:
+      return self._everywhere
+    longest = max(axes, key=lambda axis: shape[axis])
+    return NamedSharding(self.mesh, PartitionSpec(*[None] * longest, DEVICES))
 
   def rows(self, batch):
     """Arrays (B, ...) of a batch, of which each process keeps its own rows."""
@@ -67,9 +90,17 @@ class Mesh:
     """See `Pmap.compiled`."""
     everywhere, by_rows = PartitionSpec(), PartitionSpec(DEVICES)
     # The step says itself what it sums over the devices, and what comes out of it is the same on all.
-    mapped = jax.shard_map(train_step, mesh=self.mesh, in_specs=(everywhere, everywhere, by_rows, everywhere),
-                           out_specs=everywhere, check_vma=False)
-    return jax.jit(mapped, donate_argnums=0)
+    mapped = lambda step: jax.shard_map(step, mesh=self.mesh, in_specs=(everywhere, everywhere, by_rows, everywhere),
+                                        out_specs=everywhere, check_vma=False)
+    if not self.shard_state:
+      return jax.jit(mapped(train_step.__call__), donate_argnums=0)
+
+    def step(state, frozen, batch, rng):
+      seen = state.replace(opt_state=None, ema_params=None)
+      new, metrics = train_step.update(state, *mapped(train_step.gradients)(seen, frozen, batch, rng))
+      return jax.tree.map(lambda a: jax.lax.with_sharding_constraint(a, self._sharding(a.shape)), new), metrics
+
+    return jax.jit(step, donate_argnums=0)
 
 
 def rows_per_device(batch, num_devices):

@@ -9,6 +9,7 @@ import numpy as np
 from motion_jax import charts
 from motion_jax.inputs.input_files import read_json_lines
 from motion_jax.runtime.atomic import atomic_path
+from motion_jax.training.distributed import by_first
 
 METRICS = "metrics.jsonl"
 
@@ -24,6 +25,7 @@ def was_evaluated(folder, step) -> bool:
   return any(row["step"] == step and "seconds" not in row for row in read_metrics(folder))
 
 
+@by_first
 def trim_metrics(folder, last):
   """Drops the rows of metrics.jsonl after step `last`: a run that goes on from there writes them again.
 
@@ -46,6 +48,7 @@ def _step_of(line):
     return np.inf
 
 
+@by_first
 def append_metrics(folder, row):
   """Adds a row, a dict with its "step", at the end of metrics.jsonl."""
   line = json.dumps({key: float(f"{value:.6g}") if isinstance(value, float) else value
@@ -61,6 +64,7 @@ def append_metrics(folder, row):
       raise
 
 
+@by_first
 def draw_curve(folder):
   """loss.png: the loss over the steps, on a logarithmic axis where all values are positive."""
   points = [(row["step"], row["loss"]) for row in read_metrics(folder) if np.isfinite(row.get("loss", np.nan))]

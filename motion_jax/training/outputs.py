@@ -7,6 +7,7 @@ from tqdm import tqdm
 
 from motion_jax.inputs.errors import reason
 from motion_jax.training import checkpoint
+from motion_jax.training.distributed import on_host
 from motion_jax.training.metrics import append_metrics, draw_curve, read_metrics, was_evaluated
 from motion_jax.training.train_step import variables_of
 
@@ -54,14 +55,16 @@ class Outputs:
     """
     config, best = self._config, None
     chooses = not hurried and (step % config.train.save_every == 0 or step == config.train.num_steps)
+    if jax.process_count() > 1:  # evaluated by each process on its own devices
+      state = on_host(state.replace(opt_state=None))
     params = variables_of(state, self._average)
     if chooses and self._evaluate is not None and not was_evaluated(self._workdir, step):
       self.numbers.update(self._evaluate(params))
       self.add({"step": step, **self.numbers})
+    if not self._writes:
+      return None
     with if_there_is_room("weights"):
       best = best_step(config, self._workdir, step, chooses and not self._rows)
-      if not self._writes:
-        return best
       if config.train.best:
         checkpoint.save_params(self._workdir, params, name=checkpoint.LAST)
       if best == step or not (self._workdir / checkpoint.PARAMS).is_file():  # something is there at any time

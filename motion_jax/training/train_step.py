@@ -1,5 +1,6 @@
 """One pure training step around any Stage, and the state that it changes."""
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import flax
 import jax
@@ -35,10 +36,23 @@ def variables_of(state, average=False):
   return {**(state.ema_params if average else state.params), **(state.extra or {})}
 
 
-def make_train_step(stage, tx, ema_decay, skip_loss=0.0, skip_spikes=0.0):
-  """-> train_step(state, frozen, batch, rng) -> (state, metrics), to be mapped over DEVICES (see `training.mesh`).
+class TrainStep(NamedTuple):
+  """(state, frozen, batch, rng) -> (state, metrics), to be mapped over DEVICES (see `training.mesh`).
 
-  The batch has the rows of one device; state, frozen and rng are the same on all, and so is what comes out.
+  The batch has the rows of one device; state, frozen and rng are the same on all, and so is what comes out. It is two
+  parts, of which the second has nothing to do with devices:
+  gradients(state, frozen, batch, rng) -> (grads, metrics, extra), update(state, grads, metrics, extra).
+  """
+  gradients: Callable
+  update: Callable
+
+  def __call__(self, state, frozen, batch, rng):
+    return self.update(state, *self.gradients(state, frozen, batch, rng))
+
+
+def make_train_step(stage, tx, ema_decay, skip_loss=0.0, skip_spikes=0.0) -> TrainStep:
+  """The step of a stage.
+
   skip_loss > 0 leaves the state as it was, but for the step count, when the loss is larger or not a number;
   skip_spikes > 0 when the gradient is so many times the median of those before (16 at least), or not a number.
   """
@@ -67,20 +81,21 @@ def make_train_step(stage, tx, ema_decay, skip_loss=0.0, skip_spikes=0.0):
       ema_params = optax.incremental_update(params, ema_params, 1 - ema_decay)
     return TrainState(state.step, params, opt_state, ema_params, extra, state.norms)
 
-  def train_step(state, frozen, batch, rng):
-    grads, metrics, extra = gradients(state, frozen, batch, rng)
-    metrics["grad_norm"] = optax.tree.norm(grads)
-    new = updated(state, grads, extra)
+  def update(state, grads, metrics, extra):
+    metrics = metrics | {"grad_norm": optax.tree.norm(grads)}
     if skip_loss or skip_spikes:
       good = (metrics["loss"] <= (skip_loss or jnp.inf)) & jnp.isfinite(metrics["grad_norm"])
       if skip_spikes:
         enough = jnp.isfinite(state.norms).sum() >= 16
         good &= ~(enough & (metrics["grad_norm"] > skip_spikes * jnp.nanmedian(state.norms)))
-      new = jax.tree.map(lambda a, b: jnp.where(good, a, b), new, state)
+      # A choice between two programs: choosing between their results would read and write the whole state once more.
+      new = jax.lax.cond(good, updated, lambda state, grads, extra: state, state, grads, extra)
       metrics["skipped"] = 1.0 - good
+    else:
+      new = updated(state, grads, extra)
     if skip_spikes:
       norm = jnp.where(jnp.isfinite(metrics["grad_norm"]), metrics["grad_norm"], jnp.nan)
       new = new.replace(norms=jnp.append(state.norms[1:], norm))
     return new.replace(step=state.step + 1), metrics
 
-  return train_step
+  return TrainStep(gradients, update)

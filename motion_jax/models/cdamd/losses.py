@@ -1,5 +1,5 @@
 """Losses of CDAMD: of its autoencoder, its RVQ-VAE, and the diffusion loss of masked latents."""
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -67,6 +67,62 @@ def trained_mask(kinds: str, known_mask: Bool[Array, "b l"], real_mask: Bool[Arr
   return jnp.take_along_axis(masks, chosen[None, :, None, None, None], axis=0)[0]
 
 
+MOST_PARTS, LEAST_ROWS = 8, 512
+
+
+def sum_of_masked(error: Callable, params: Any, condition: Float[Array, "b l h"], masked: Bool[Array, "b l"],
+                  z1: Float[Array, "b l c"], copied: tuple[Array, ...]) -> Float[Array, ""]:
+  """Sum of error(params, condition, z1, *copied) over the masked ones of (B, L) latents, without most of the work for
+  the others.
+
+  copied: arrays (M, B, L, ...), which have no gradient, nor has z1. error is given P latents in the place of (B, L) and
+  gives numbers (..., P). Shapes do not depend on what is masked: latents are sorted, masked ones first, and cut into
+  equal parts of at least LEAST_ROWS rows, of which a loop takes those that have a masked latent. It adds up values and
+  gradients together, so no activation outlives its part.
+  """
+  count = masked.size
+  num_parts = min(max(count * len(copied[0]) // LEAST_ROWS, 1), MOST_PARTS)
+  if num_parts == 1:
+    return jnp.where(masked, error(params, condition, z1, *copied), 0.0).sum()
+  size = -(-count // num_parts)
+  z1 = z1.reshape(count, -1)
+  copied = tuple(a.reshape(a.shape[:1] + (count,) + a.shape[3:]) for a in copied)
+  order = jnp.argsort(~masked.reshape(count))
+  order = jnp.pad(order, (0, num_parts * size - count), mode="edge")
+  here = jnp.arange(num_parts * size) < masked.sum()
+  needed = (masked.sum() + size - 1) // size
+
+  def part(i):
+    """-> (places (P,), the sum over them of a function of params and of their conditions)."""
+    cut = lambda a: jax.lax.dynamic_slice_in_dim(a, i * size, size)
+    places = cut(order)
+    rows = z1[places], *(a[:, places] for a in copied)
+    return places, lambda params, condition: jnp.where(cut(here), error(params, condition, *rows), 0.0).sum()
+
+  @jax.custom_vjp
+  def total(params, condition):
+    def add(i, value):
+      places, of_part = part(i)
+      return value + of_part(params, condition[places])
+
+    return jax.lax.fori_loop(0, needed, add, jnp.zeros((), jnp.promote_types(condition.dtype, jnp.float32)))
+
+  def forward(params, condition):
+    def add(i, sums):
+      value, of_params, of_condition = sums
+      places, of_part = part(i)
+      more, (more_params, more_condition) = jax.value_and_grad(of_part, (0, 1))(params, condition[places])
+      return value + more, jax.tree.map(jnp.add, of_params, more_params), of_condition.at[places].add(more_condition)
+
+    nothing = jax.tree.map(jnp.zeros_like, (params, condition))
+    value, *grads = jax.lax.fori_loop(
+        0, needed, add, (jnp.zeros((), jnp.promote_types(condition.dtype, jnp.float32)), *nothing))
+    return value, tuple(grads)
+
+  total.defvjp(forward, lambda grads, seed: jax.tree.map(lambda grad: (grad * seed).astype(grad.dtype), grads))
+  return total(params, condition.reshape(count, -1))
+
+
 def generator_loss(net: Net, params: Any, z1: Float[Array, "b l c"], real_mask: Bool[Array, "b l"],
                    text_emb: Float[Array, "b s e"], codes: Int[Array, "b l *q"] | None, draws: Draws,
                    config: ConfigDict, dropout_keys: jax.Array | None = None,
@@ -76,7 +132,7 @@ def generator_loss(net: Net, params: Any, z1: Float[Array, "b l c"], real_mask: 
   Source: docs/papers/cdamd.md#training-step, #diffusion-mlp.
 
   z1 (B, L, C) clean latents, 0 at padding; codes (B, L) or (B, L, Q) of the prior, or None. dropout_keys (B,): trains
-  with dropout. All rows are computed and the masked ones summed, so that shapes do not depend on the draw.
+  with dropout.
   """
   made = masking.corruption(draws.time_u, draws.order_u, draws.noise_u, draws.keep_u, real_mask, config.noise_rate,
                             config.mask_rate, config.mask_draw)
@@ -91,15 +147,17 @@ def generator_loss(net: Net, params: Any, z1: Float[Array, "b l c"], real_mask: 
     of_item = lambda key, *item: net.apply(params, *jax.tree.map(lambda a: a[None], item), deterministic=False,
                                            method="condition", rngs={"dropout": key})[0]
     condition = jax.vmap(of_item)(dropout_keys, *inputs)
-  predict = lambda x, t: net.apply(params, x, t, jnp.broadcast_to(condition, x.shape[:-1] + condition.shape[-1:]),
-                                   method="predict")
-  if config.diffusion == "ddpm":
-    schedule = ddpm.cosine_schedule(config.ddpm_steps)
-    error = ddpm.loss_rows(predict, schedule, jnp.broadcast_to(z1, draws.diffusion_noise.shape), draws.t,
-                           draws.diffusion_noise)
-  else:
-    velocity = predict(paths.add_noise(z1, draws.diffusion_noise, draws.t), draws.t)
-    error = ((velocity - (z1 - draws.diffusion_noise)) ** 2).mean(-1)
-  total = jnp.where(made.masked, error.astype(jnp.promote_types(error.dtype, jnp.float32)), 0.0).sum()
+  def error(params, condition, z1, noise, t):
+    predict = lambda x, t: net.apply(params, x, t, jnp.broadcast_to(condition, x.shape[:-1] + condition.shape[-1:]),
+                                     method="predict")
+    if config.diffusion == "ddpm":
+      schedule = ddpm.cosine_schedule(config.ddpm_steps)
+      made = ddpm.loss_rows(predict, schedule, jnp.broadcast_to(z1, noise.shape), t, noise)
+    else:
+      made = ((predict(paths.add_noise(z1, noise, t), t) - (z1 - noise)) ** 2).mean(-1)
+    return made.astype(jnp.promote_types(made.dtype, jnp.float32))
+
+  head = {"params": {"head": params["params"]["head"]}}
+  total = sum_of_masked(error, head, condition, made.masked, z1, (draws.diffusion_noise, draws.t))
   # A batch of short clips may have nothing masked at all.
   return {"loss": total}, jnp.maximum(made.masked.sum() * len(draws.t), jnp.finfo(total.dtype).tiny)

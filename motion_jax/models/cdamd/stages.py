@@ -131,14 +131,17 @@ def _rvq_by_gradient(net, config, axis_name):
   return Stage(init, loss, predict)
 
 
-def make_generator(config: ConfigDict) -> Generator:
-  """The module of a model section: transformer (kind "cdamd" or "mardm", and fields), head (fields)."""
-  fields = dict(config.transformer)
+def make_generator(config: ConfigDict, dtype: Any = jnp.float32) -> Generator:
+  """The module of a model section: transformer (kind "cdamd" or "mardm", and fields), head (fields).
+
+  dtype: what it computes in; parameters, norms and softmax are float32.
+  """
+  fields, head = ({"dtype": dtype, **section} for section in (config.transformer, config.head))
   kind = fields.pop("kind")
   if kind not in TRANSFORMERS:
     raise ValueError(f"got transformer kind {kind!r}, expected one of {', '.join(TRANSFORMERS)}")
   transformer = TRANSFORMERS[kind](**fields)
-  return Generator(transformer, DiffusionMLP(latent_dim=transformer.latent_dim, **config.head))
+  return Generator(transformer, DiffusionMLP(latent_dim=transformer.latent_dim, **head))
 
 
 def generator_shapes(net: Generator) -> Any:
@@ -170,7 +173,7 @@ def generator_stage(config: ConfigDict) -> Stage:
   frozen:
   the parts of the autoencoder's codec and, if loss.prior_levels, prior: the RVQ-VAE's variables.
   """
-  autoencoder, net = Autoencoder(**config.tokenizer), make_generator(config.model)
+  autoencoder, net = Autoencoder(**config.tokenizer), make_generator(config.model, jnp.dtype(config.train.dtype))
   rvq_net = Autoencoder(**config.prior) if config.loss.prior_levels else None
 
   def inputs(frozen, batch):

@@ -1,5 +1,6 @@
 """Losses of CMDM's tokenizer: reconstruction, the KL divergence, and alignment with a motion-language teacher."""
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import flax
 import jax
@@ -13,7 +14,34 @@ from motion_jax.nets.causal_vae import sample_latent
 from motion_jax.shapes import Array, Net
 
 
-def gaussian_nll(prediction: Float[Array, "b t f"], target: Float[Array, "b t f"]) -> Float[Array, ""]:
+class Sharing(NamedTuple):
+  """How devices hold one micro-batch together. Their terms add up to those of the whole micro-batch.
+
+  share: of its rows that lie on this device. total: sums an array over these devices; gather: the rows of all of them.
+  """
+  share: float = 1.0
+  total: Callable = lambda array: array
+  gather: Callable = lambda array: array
+
+
+ALONE = Sharing()  # one device holds all of it
+
+
+def sharing(rows: int, size: int, num_devices: int, axis_name: str) -> Sharing:
+  """`Sharing` where each of num_devices, mapped over axis_name, holds so many rows of micro-batches of this size."""
+  if rows % size == 0:
+    return ALONE
+  if size % rows:
+    raise ValueError(f"got {rows} windows on each of {num_devices} devices, expected a multiple or a divisor of "
+                     f"loss.micro_batch = {size}; change data.batch_size, loss.micro_batch or the number of devices")
+  together = size // rows
+  groups = [[*range(first, first + together)] for first in range(0, num_devices, together)]
+  return Sharing(rows / size, lambda array: jax.lax.psum(array, axis_name, axis_index_groups=groups),
+                 lambda array: jax.lax.all_gather(array, axis_name, axis_index_groups=groups, tiled=True))
+
+
+def gaussian_nll(prediction: Float[Array, "b t f"], target: Float[Array, "b t f"], shared: Sharing = ALONE
+                 ) -> Float[Array, ""]:
   """Reconstruction under a Gaussian whose one sigma is the best for this batch; summed over all elements.
 
   s = log sqrt(mean squared error), softly floored at -6; gradients flow through it
@@ -22,18 +50,19 @@ def gaussian_nll(prediction: Float[Array, "b t f"], target: Float[Array, "b t f"
   # Parity: the paper says "standard reconstruction loss"; this likelihood, summed, is the released code's.
   shapes.check(prediction=(prediction, "BTF"), target=(target, "BTF"))
   square = (prediction - target) ** 2
-  log_sigma = jnp.log(jnp.maximum(jnp.sqrt(square.mean()), 1e-8))
+  log_sigma = jnp.log(jnp.maximum(jnp.sqrt(shared.total(square.mean()) * shared.share), 1e-8))
   log_sigma = -6 + jax.nn.softplus(log_sigma + 6)
   # The constant per element is multiplied, not added up: a long float32 sum of equal numbers drifts.
   return square.sum() / (2 * jnp.exp(2 * log_sigma)) + square.size * (log_sigma + 0.5 * jnp.log(2 * jnp.pi))
 
 
-def smooth_l1(prediction: Float[Array, "b t f"], target: Float[Array, "b t f"]) -> Float[Array, ""]:
+def smooth_l1(prediction: Float[Array, "b t f"], target: Float[Array, "b t f"], shared: Sharing = ALONE
+              ) -> Float[Array, ""]:
   """Reconstruction by SmoothL1 (beta 1), summed over frames and features, averaged over the batch.
 
   So it weighs against a KL divergence that is summed and averaged alike, as in a VAE's bound.
   """
-  return optax.huber_loss(prediction, target).sum() / prediction.shape[0]
+  return optax.huber_loss(prediction, target).sum() / prediction.shape[0] * shared.share
 
 
 RECONSTRUCTIONS = {"gaussian": gaussian_nll, "smooth_l1": smooth_l1}
@@ -55,7 +84,8 @@ def align_terms(student: Float[Array, "b n e"], teacher: Float[Array, "b n e"], 
   student, teacher = _unit(student), _unit(teacher)
   cosine = (student * teacher).sum(-1)
   mcos = jax.nn.relu(1 - cos_margin - cosine).mean()
-  return mcos, _distance_term(student, teacher, distance_margin)
+  among = lambda a: jnp.einsum("bie,bje->bij", a, a)
+  return mcos, _distance_term(among(student), among(teacher), distance_margin)
 
 
 def _unit(a):
@@ -63,32 +93,37 @@ def _unit(a):
 
 
 def _distance_term(student, teacher, margin):
-  """Mean of what cosines among unit rows (B, N, E) and (B, N, E') of a window differ by beyond the margin."""
-  among = lambda a: jnp.einsum("bie,bje->bij", a, a)
-  return jax.nn.relu(jnp.abs(among(student) - among(teacher)) - margin).mean()
+  """Mean of what the cosines of pairs differ by beyond the margin; two arrays of one shape."""
+  return jax.nn.relu(jnp.abs(student - teacher) - margin).mean()
 
 
-def set_distances(latents: Float[Array, "b n c"], teacher: Float[Array, "b n e"], margin: float = 0.25
-                  ) -> Float[Array, ""]:
+def set_distances(latents: Float[Array, "b n c"], teacher: Float[Array, "b n e"], margin: float = 0.25,
+                  shared: Sharing = ALONE) -> Float[Array, ""]:
   """The marginal distance-matrix loss of the paper's equation 6: latents (B, N, C) as they are, not projected, and the
-  teacher's features (B, N, E), in pairs over all windows of the micro-batch, (B N)^2 of them."""
+  teacher's features (B, N, E), in pairs over all windows of the micro-batch, (B N)^2 of them.
+
+  Where devices share it, the mean over pairs of which the first lies on this one.
+  """
   rows = lambda a: _unit(a.reshape(1, -1, a.shape[-1]))
-  return _distance_term(rows(latents), rows(teacher), margin)
+  among = lambda a: jnp.einsum("bie,bje->bij", rows(a), rows(shared.gather(a)))
+  return _distance_term(among(latents), among(teacher), margin)
 
 
 DISTANCE_PAIRS = ("window", "set")
 
 
 def align_loss(vae: Net, params: Any, z: Float[Array, "b n c"], teacher: Float[Array, "b n e"],
-               distance_pairs: str = "window") -> tuple[Float[Array, ""], Float[Array, ""]]:
+               distance_pairs: str = "window", shared: Sharing = ALONE) -> tuple[Float[Array, ""], Float[Array, ""]]:
   """(mcos, mdms) of latents z (B, N, C) and the teacher's features (B, N, E) at each.
 
   distance_pairs: whose cosines the second compares, "window" (`align_terms`) or "set" (`set_distances`).
   """
   if distance_pairs not in DISTANCE_PAIRS:
     raise ValueError(f"got loss.distance_pairs {distance_pairs!r}, expected one of {', '.join(DISTANCE_PAIRS)}")
-  mcos, mdms = align_terms(*vae.apply(params, z, teacher, method="aligned"))
-  return mcos, mdms if distance_pairs == "window" else set_distances(z, teacher)
+  mcos, mdms = align_terms(*(a.astype(z.dtype) for a in vae.apply(params, z, teacher, method="aligned")))
+  if distance_pairs == "set":
+    mdms = set_distances(z, teacher, shared=shared)
+  return mcos * shared.share, mdms * shared.share
 
 
 def pool_teacher(features: Float[Array, "b t e"], num_latents: int) -> Float[Array, "b {num_latents} e"]:
@@ -106,7 +141,8 @@ LAST_LAYERS = {"convolution": ("encoder", "conv_out", "conv", "kernel"), "linear
 
 def align_ratio(vae: Net, params: Any, x: Float[Array, "b t f"], noise: Float[Array, "b n c"],
                 teacher: Float[Array, "b n e"], reconstruction: str = "gaussian", distance_pairs: str = "window",
-                last_layer: str = "convolution") -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
+                last_layer: str = "convolution", shared: Sharing = ALONE
+                ) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
   """|d rec / d W| / |d align / d W| at W, the encoder's last convolution, and both norms.
 
   Source: docs/papers/cmdm.md#alignment.
@@ -125,11 +161,11 @@ def align_ratio(vae: Net, params: Any, x: Float[Array, "b t f"], noise: Float[Ar
     changed = flax.traverse_util.unflatten_dict({**flat, path: kernel})
     y, mean, logvar = vae.apply(changed, x, noise)
     z = sample_latent(mean, logvar, noise)
-    align = sum(align_loss(vae, changed, z, teacher, distance_pairs))
-    return RECONSTRUCTIONS[reconstruction](y.astype(x.dtype), x), align
+    align = sum(align_loss(vae, changed, z, teacher, distance_pairs, shared))
+    return RECONSTRUCTIONS[reconstruction](y.astype(x.dtype), x, shared), align
 
   (rec, align), pull = jax.vjp(of_kernel, flat[path])
-  norms = [jnp.linalg.norm(pull(seeds)[0]) for seeds in ((jnp.ones_like(rec), jnp.zeros_like(align)),
+  norms = [jnp.linalg.norm(shared.total(pull(seeds)[0])) for seeds in ((jnp.ones_like(rec), jnp.zeros_like(align)),
                                                          (jnp.zeros_like(rec), jnp.ones_like(align)))]
   ratio = jnp.clip(norms[0] / jnp.maximum(norms[1], 1e-4), 0, 1e4)
   return jax.lax.stop_gradient((ratio, *norms))
@@ -144,29 +180,32 @@ def align_factor(step: Any, config: ConfigDict, num_steps: int) -> Any:
 
 def tokenizer_terms(vae: Net, params: Any, x: Float[Array, "b t f"], noise: Float[Array, "b n c"], kl_weight: Any,
                     root_weight: Any, *, root_columns: slice, teacher: Float[Array, "b n e"] | None = None,
-                    align_weight: Any = 0.0, adaptive: bool = True, reconstruction: str = "gaussian", **alignment: Any
-                    ) -> dict[str, Array]:
-  """Loss terms of one micro-batch x (B, T, F): a dict with rec, root, kl and their weighted sum, loss.
+                    align_weight: Any = 0.0, adaptive: bool = True, reconstruction: str = "gaussian",
+                    shared: Sharing = ALONE, **alignment: Any) -> dict[str, Array]:
+  """Loss terms of one micro-batch x (B, T, F), or of this device's rows of one that is shared: a dict with rec, root,
+  kl and their weighted sum, loss.
 
   root_columns: `root` of the features' representation. With teacher (B, N, E), its features at each latent, also mcos,
   mdms, their sum align, and the weight that it gets: align_weight times the ratio of gradients, or plain if not
   adaptive. alignment: distance_pairs, last_layer of `align_ratio`.
   """
   # Parity: the root term is the code's alone, and its KL weight is 0.01 with a ramp, the paper's 1.0; both are fields.
-  y, mean, logvar = vae.apply(params, x, noise)
-  y = y.astype(x.dtype)
+  y, mean, logvar = (a.astype(x.dtype) for a in vae.apply(params, x, noise))  # the network may compute in bfloat16
   measure = RECONSTRUCTIONS[reconstruction]
-  terms = {"rec": measure(y, x), "root": measure(y[..., root_columns], x[..., root_columns]),
-           "kl": kl_to_standard_normal(mean, logvar), "mse": ((y - x) ** 2).mean()}
+  terms = {"rec": measure(y, x, shared), "root": measure(y[..., root_columns], x[..., root_columns], shared),
+           "kl": kl_to_standard_normal(mean, logvar) * shared.share, "mse": ((y - x) ** 2).mean() * shared.share}
   terms["loss"] = terms["rec"] + kl_weight * terms["kl"] + root_weight * terms["root"]
   if teacher is not None:
     z = sample_latent(mean, logvar, noise)
-    terms["mcos"], terms["mdms"] = align_loss(vae, params, z, teacher, alignment.get("distance_pairs", "window"))
+    pairs = alignment.get("distance_pairs", "window")
+    terms["mcos"], terms["mdms"] = align_loss(vae, params, z, teacher, pairs, shared)
     terms["align"] = terms["mcos"] + terms["mdms"]
     ratio: Any = 1.0
+    told: dict[str, Array] = {}
     if adaptive:
-      ratio, terms["grad_rec"], terms["grad_align"] = align_ratio(vae, params, x, noise, teacher,
-                                                                        reconstruction, **alignment)
-    terms["align_weight"] = jnp.asarray(align_weight * ratio, x.dtype)
-    terms["loss"] += terms["align_weight"] * terms["align"]
+      ratio, told["grad_rec"], told["grad_align"] = align_ratio(vae, params, x, noise, teacher, reconstruction,
+                                                                shared=shared, **alignment)
+    told["align_weight"] = jnp.asarray(align_weight * ratio, x.dtype)
+    terms["loss"] += told["align_weight"] * terms["align"]
+    terms |= {name: value * shared.share for name, value in told.items()}
   return terms

@@ -8,13 +8,13 @@ from ml_collections import ConfigDict
 from motion_jax.diffusion import paths
 from motion_jax.latents import VaeCodec
 from motion_jax.models.cmdm import ddpm_forcing
-from motion_jax.models.cmdm.losses import align_factor, pool_teacher, tokenizer_terms
+from motion_jax.models.cmdm.losses import align_factor, pool_teacher, sharing, tokenizer_terms
 from motion_jax.models.cmdm.teacher import as_seen, frame_features, make_teacher
 from motion_jax.motion.representations import get_layout
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.nets.masks import block_causal_mask, padding_mask
-from motion_jax.training.stage import Stage
+from motion_jax.training.stage import DEVICES, Stage
 
 
 def tokenizer_stage(config: ConfigDict) -> Stage:
@@ -24,9 +24,9 @@ def tokenizer_stage(config: ConfigDict) -> Stage:
   parameters, and frozen["teacher_view"] both statistics, if it reads another layout or other statistics than these.
 
   The sigma of the reconstruction loss belongs to a micro-batch, so the batch is cut into micro-batches of a fixed size,
-  and the same ones arise on any number of devices.
+  and the same ones arise on any number of devices: where one is more than a device's rows, devices share it.
   """
-  vae = CausalVAE(**config.model)
+  vae = CausalVAE(**config.model, dtype=jnp.dtype(config.train.dtype))
   loss_config = config.loss
   teacher = make_teacher(config.teacher, config.data.layout) if config.frozen.teacher else None
   layout = config.data.layout
@@ -43,9 +43,8 @@ def tokenizer_stage(config: ConfigDict) -> Stage:
   def loss(params, frozen, batch, step, rng):
     x = batch["features"]
     size = min(loss_config.micro_batch, config.data.batch_size)
-    if x.shape[0] % size:
-      raise ValueError(f"got {x.shape[0]} windows on a device, expected a multiple of loss.micro_batch = {size}; "
-                       "change data.batch_size, loss.micro_batch or the number of devices")
+    shared = sharing(x.shape[0], size, config.data.batch_size // x.shape[0], DEVICES)
+    size = min(size, x.shape[0])
     # One key per window, by its place in the whole batch: the same noise on one device as on many.
     keys = jax.vmap(lambda i: jax.random.fold_in(rng, i))(batch["index"])
     noise = jax.vmap(lambda key: jax.random.normal(key, latent_shape(x)[1:]))(keys)
@@ -58,9 +57,10 @@ def tokenizer_stage(config: ConfigDict) -> Stage:
     align_weight = align_factor(step, loss_config, config.train.num_steps) if teacher is not None else 0.0
     choices = {name: loss_config[name] for name in ("reconstruction", "distance_pairs", "last_layer")}
     terms = [tokenizer_terms(vae, params, a, e, kl_weight, loss_config.root_weight, root_columns=root_columns,
-                             teacher=g, align_weight=align_weight, adaptive=loss_config.adaptive_align, **choices)
+                             teacher=g, align_weight=align_weight, adaptive=loss_config.adaptive_align, shared=shared,
+                             **choices)
              for a, e, g in zip(split(x), split(noise), guides)]
-    return jax.tree.map(lambda *parts: sum(parts), *terms), float(len(terms))
+    return jax.tree.map(lambda *parts: sum(parts), *terms), len(terms) * shared.share
 
   def predict(params, frozen, batch, rng):
     mean, logvar = vae.apply(params, batch["features"], method="encode")
@@ -76,7 +76,7 @@ def denoiser_stage(config: ConfigDict) -> Stage:
   (B, S, E), text_mask (B, S), index (B,) place in the whole batch.
   """
   vae = CausalVAE(**config.tokenizer)
-  dit = CausalDiT(**config.model)
+  dit = CausalDiT(**config.model, dtype=jnp.dtype(config.train.dtype))
   block = dit.block
   level_block = config.loss.level_block
 

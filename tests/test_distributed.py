@@ -1,0 +1,113 @@
+"""Several processes train as one."""
+import os
+import socket
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from motion_jax.inputs.errors import InputError
+from motion_jax.training import checkpoint, distributed
+from motion_jax.training.metrics import read_metrics
+from tests.conftest import ROOT
+
+CLUSTER = ("SLURM_", "OMPI_", "TPU_")
+
+
+@pytest.fixture
+def no_cluster(monkeypatch):
+  for name in [name for name in os.environ if name.startswith(CLUSTER)]:
+    monkeypatch.delenv(name)
+
+
+@pytest.mark.parametrize("given, told", [
+    (dict(process_id=0), "got --process-id without --coordinator, --num-processes"),
+    (dict(coordinator="localhost:1", num_processes=2), "got --coordinator, --num-processes without --process-id"),
+    (dict(coordinator="localhost:1", process_id=2, num_processes=2), "got --process-id 2 of 2 processes"),
+    (dict(coordinator="auto", process_id=1, num_processes=2), "or --coordinator=auto alone")])
+def test_flags_that_belong_together(given, told, no_cluster):
+  with pytest.raises(InputError, match=told):
+    distributed.start(**given)
+
+
+def test_a_cluster_is_known_by_its_environment(monkeypatch, no_cluster):
+  assert not distributed.in_cluster()
+  for name, value in dict(SLURM_JOB_ID="7", SLURM_STEP_NODELIST="a", SLURM_PROCID="0", SLURM_LOCALID="0").items():
+    monkeypatch.setenv(name, value)
+  for count, several in (("1", False), ("2", True)):
+    monkeypatch.setenv("SLURM_NTASKS", count)
+    assert distributed.in_cluster() == several
+  monkeypatch.delenv("SLURM_PROCID")  # a shell that salloc gave, outside of srun
+  assert not distributed.in_cluster()
+  for hosts, several in (("here", False), ("here,there", True)):
+    monkeypatch.setenv("TPU_WORKER_HOSTNAMES", hosts)
+    assert distributed.in_cluster() == several
+
+
+def train(folder, num_steps, processes, devices, *flags, environments=None):
+  """Runs the command in so many processes of one run, each with as many simulated devices."""
+  with socket.socket() as free:
+    free.bind(("localhost", 0))
+    address = f"localhost:{free.getsockname()[1]}"
+  started = []
+  for i in range(processes):
+    own = ["--coordinator", address, "--process-id", str(i), "--num-processes", str(processes)]
+    command = [sys.executable, "-m", "motion_jax.cli", "train", "--config", "cmdm_tokenizer:tiny", "--workdir",
+               str(folder), "--config.frozen.teacher=", f"--config.train.num_steps={num_steps}",
+               "--config.mesh.map=shard_map", "--simulate-devices", str(devices), *flags]
+    command += own if processes > 1 and not environments else []
+    env = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS" and not name.startswith(CLUSTER)}
+    env |= {"JAX_PLATFORMS": "cpu", "PYTHONPATH": str(ROOT)} | (environments[i] if environments else {})
+    started.append(subprocess.Popen(command, env=env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True))
+  said = [process.communicate()[0] for process in started]
+  for process, text in zip(started, said):
+    assert process.returncode == 0, text[-3000:]
+  return said
+
+
+def numbers(folder):
+  """(the loss of each row of metrics, the weights)"""
+  rows = [row for row in read_metrics(folder) if "loss" in row]
+  return [row["step"] for row in rows], [row["loss"] for row in rows], checkpoint.load_params(folder)["params"]
+
+
+def assert_alike(one, other, rtol):
+  assert one[0] == other[0]
+  np.testing.assert_allclose(one[1], other[1], rtol=rtol)
+  flat = lambda tree: np.concatenate([leaf.ravel() for leaf in _leaves(tree)])
+  np.testing.assert_allclose(flat(one[2]), flat(other[2]), rtol=rtol, atol=rtol)
+
+
+def _leaves(tree):
+  return [leaf for name in sorted(tree) for leaf in (_leaves(tree[name]) if isinstance(tree[name], dict)
+                                                     else [tree[name]])]
+
+
+def test_two_processes_train_as_one_with_two_devices_and_go_on_from_each_other(tmp_path):
+  """Each half of one run is what the other trains in the same steps; both write one run folder."""
+  train(tmp_path / "a", 2, 1, 2)
+  train(tmp_path / "b", 2, 2, 1)
+  assert_alike(numbers(tmp_path / "a"), numbers(tmp_path / "b"), 1e-6)
+  said = train(tmp_path / "a", 4, 2, 1)  # goes on by itself
+  train(tmp_path / "b", 4, 1, 2, "--resume")
+  assert_alike(numbers(tmp_path / "a"), numbers(tmp_path / "b"), 1e-6)
+  assert numbers(tmp_path / "a")[0] == [1, 2, 3, 4]
+  assert "of 2 processes" in said[0]
+  assert all("[Gloo]" in line for line in said[1].splitlines())  # a word of the library that connects them
+
+
+@pytest.mark.slow
+def test_four_processes_train_as_one_with_four_devices(tmp_path):
+  train(tmp_path / "one", 2, 1, 4)
+  train(tmp_path / "four", 2, 4, 1)
+  assert_alike(numbers(tmp_path / "one"), numbers(tmp_path / "four"), 1e-5)
+
+
+@pytest.mark.slow
+def test_slurm_is_found(tmp_path):
+  """Two processes with the environment that srun gives them, on this machine."""
+  job = {"SLURM_JOB_ID": str(os.getpid()), "SLURM_STEP_NODELIST": "localhost", "SLURM_NTASKS": "2"}
+  said = train(tmp_path, 2, 2, 1, environments=[job | {"SLURM_PROCID": str(i), "SLURM_LOCALID": str(i)}
+                                                for i in range(2)])
+  assert "of 2 processes" in said[0] and numbers(tmp_path)[0] == [1, 2]

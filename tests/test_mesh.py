@@ -1,0 +1,94 @@
+"""A step is the same whatever maps it, and whatever number of devices takes part."""
+import subprocess
+import sys
+
+import jax
+import numpy as np
+import pytest
+
+from motion_jax import fit
+from motion_jax.training import mesh, optimizers, train_step
+from tests.conftest import devices_env, load_config
+
+MAPS = {"pmap": mesh.Pmap, "mesh": mesh.Mesh}
+
+
+def tiny(name, **sections):
+  """The config of two steps on batches of 8, {section: {field: value}} changed."""
+  config = load_config(name, "tiny").copy_and_resolve_references().unlock()
+  config.data.batch_size = 8
+  for section, fields in sections.items():
+    config[section].update(fields)
+  return config.lock()
+
+
+# What crosses devices inside of a loss: micro-batches of 4, and with a teacher the pairs of a set and the adaptive
+# weight of alignment; nothing; codebooks.
+CONFIGS = {
+    "tokenizer": lambda: tiny("cmdm_tokenizer", frozen=dict(teacher=""), loss=dict(micro_batch=4),
+                              optimizer=dict(skip_loss=1e6)),
+    "aligned": lambda: tiny("cmdm_tokenizer", loss=dict(micro_batch=4, distance_pairs="set", kl_ramp=0)),
+    "denoiser": lambda: tiny("cmdm_denoiser"),
+    "rvq": lambda: tiny("cdamd_rvq"),
+}
+
+
+def steps(config, where, count=2):
+  """(state, losses) on the host after some steps of what a config trains."""
+  config, _ = fit.resolve(config)
+  stage, next_batch, frozen, *_ = fit.setups()[config.stage](config)
+  tx = optimizers.make_optimizer(config.optimizer, 10)
+  state = where.put(train_step.init_state(stage, tx, next_batch(0), jax.random.key(0), config.optimizer.ema_decay > 0))
+  step = where.compiled(train_step.make_train_step(stage, tx, config.optimizer.ema_decay, config.optimizer.skip_loss))
+  frozen, losses = where.put(frozen or {}), []
+  for number in range(count):
+    state, metrics = step(state, frozen, where.rows(next_batch(number)), jax.random.key(1))
+    losses.append(jax.tree.map(float, metrics))
+  return jax.tree.map(np.asarray, state), losses
+
+
+def run(name, folder):
+  """Writes DEVICES.npz, after the two maps gave the same bytes of states and metrics."""
+  found = {kind: steps(CONFIGS[name](), where()) for kind, where in MAPS.items()}
+  (state, losses), (other, theirs) = found.values()
+  differ = [jax.tree_util.keystr(path) for (path, a), b in zip(jax.tree.leaves_with_path(state), jax.tree.leaves(other),
+                                                               strict=True) if a.tobytes() != b.tobytes()]
+  assert not differ and losses == theirs, (name, differ, losses, theirs)
+  np.savez(f"{folder}/{jax.device_count()}.npz", *jax.tree.leaves((state.params, losses)))
+
+
+def run_sharded():
+  """A sharded state against one that all devices hold: the same losses, and each device holds an eighth of it."""
+  config = tiny("cmdm_denoiser", model=dict(width=32), optimizer=dict(clip_norm=0.5))
+  where = mesh.Mesh(shard_state=True)
+  _, whole = steps(config, mesh.Mesh())
+  _, cut = steps(config, where)
+  for one, other in zip(whole, cut, strict=True):
+    for key, value in one.items():
+      np.testing.assert_allclose(other[key], value, rtol=1e-4, err_msg=key)
+  params = {"a": np.zeros((32, 96)), "b": np.zeros(7)}
+  placed = where.put(train_step.TrainState(np.zeros(()), params, params, None))
+  assert [leaf.addressable_shards[0].data.shape for leaf in jax.tree.leaves(placed)] == [(), (32, 12), (7,)] + [
+      (32, 12), (7,)]
+
+
+def test_a_sharded_state_learns_what_a_whole_one_learns():
+  code = "from tests import test_mesh; test_mesh.run_sharded()"
+  done = subprocess.run([sys.executable, "-c", code], env=devices_env(8), capture_output=True, text=True, check=False)
+  assert done.returncode == 0, done.stderr[-3000:]
+
+
+@pytest.mark.parametrize("name", ["tokenizer", *(pytest.param(name, marks=pytest.mark.slow) for name in (
+    "aligned", "denoiser", "rvq"))])
+def test_pmap_and_a_mesh_give_the_same_bytes_and_devices_the_same_numbers(tmp_path, name):
+  """Bytes are compared inside of `run`; sums over more devices are added in another order."""
+  code = f"from tests import test_mesh; test_mesh.run({name!r}, {str(tmp_path)!r})"
+  started = [subprocess.Popen([sys.executable, "-c", code], env=devices_env(count), stdout=subprocess.PIPE,
+                              stderr=subprocess.STDOUT, text=True) for count in (1, 2, 8)]
+  for process in started:
+    said, _ = process.communicate()
+    assert process.returncode == 0, said[-3000:]
+  one, two, eight = (list(np.load(tmp_path / f"{count}.npz").values()) for count in (1, 2, 8))
+  for several in (two, eight):
+    for a, b in zip(one, several, strict=True):
+      np.testing.assert_allclose(a, b, rtol=2e-4, atol=2e-5)
