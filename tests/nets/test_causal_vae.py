@@ -9,6 +9,7 @@ from motion_jax.convert.state import from_torch
 from motion_jax.models import cmdm
 from motion_jax.models.cmdm.weight_names import causal_vae_names
 from motion_jax.nets.causal_vae import CausalVAE, _mean_logvar, sample_latent
+from motion_jax.training.setup import untrained
 from tests import fixtures
 from tests.golden import check, golden
 
@@ -111,8 +112,8 @@ def test_golden(name):
 
 def _small():
   vae = CausalVAE(features=7, latent_dim=3, width=8)
-  x = jax.random.normal(jax.random.key(0), (2, 200, 7))
-  return vae, jax.jit(vae.init)(jax.random.key(1), x, jnp.zeros((2, 50, 3))), x
+  x = jnp.asarray(np.random.default_rng(0).normal(size=(2, 200, 7)), jnp.float32)
+  return vae, untrained(jax.eval_shape(vae.init, jax.random.key(1), x, jnp.zeros((2, 50, 3)))), x
 
 
 def test_no_latent_sees_a_later_frame_and_no_frame_a_later_latent():

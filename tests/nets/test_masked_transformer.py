@@ -11,6 +11,7 @@ from motion_jax.models.cdamd.weight_names import mardm_names, masked_transformer
 from motion_jax.nets.diffusion_mlp import DiffusionMLP, Generator
 from motion_jax.nets.masked_transformer import GatedTransformer, MaskedTransformer, size
 from motion_jax.nets.masks import LATENT_MASKS, latent_mask, padding_mask
+from motion_jax.training.setup import untrained
 from tests import fixtures
 from tests.golden import check, golden
 
@@ -158,10 +159,10 @@ def test_levels_may_have_tables_of_their_own():
   net = MaskedTransformer(latent_dim=5, width=16, depth=1, num_heads=2, ff_width=24, text_dim=6, num_codes=9,
                           num_levels=3, separate_levels=True)
   x, text, codes = inputs()
-  params = jax.jit(net.init)(jax.random.key(0), x, text, no_mask(7), codes)
+  params = untrained(jax.eval_shape(net.init, jax.random.key(0), x, text, no_mask(7), codes))
   table = params["params"]["code_table"]
   assert table.shape == (3, 9, 16) and "level_table" not in params["params"]
-  prior = lambda codes: net.apply(params, codes, method="prior")
+  prior = jax.jit(lambda codes: net.apply(params, codes, method="prior"))
   np.testing.assert_allclose(prior(codes), table[0][codes[..., 0]] + table[1][codes[..., 1]], rtol=1e-6)
   np.testing.assert_array_equal(prior(codes[..., 0]), table[0][codes[..., 0]])
 
