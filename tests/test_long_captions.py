@@ -15,7 +15,7 @@ from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_jax.models.cdamd import setup as cdamd_setups
 from motion_jax.models.cmdm import setup as cmdm_setups
 from motion_jax.text.encoder import load_text_encoder, padded_length
-from tests.conftest import load_config
+from tests.conftest import load_config, unjudged_training
 
 # As long as the longest of HumanML3D: a hundred words and marks.
 LONG = "someone walks forward and then turns left and walks, then turns right and runs and jumps and sits, " * 5
@@ -84,7 +84,8 @@ def trained(data, tmp_path_factory):
   """(folder, config, last state) of a denoiser after four steps."""
   folder = tmp_path_factory.mktemp("runs") / "denoiser"
   config = _on(data, "cmdm_denoiser", {"train.num_steps": 4, "train.save_every": 4})
-  return folder, config, training.run(config, folder)
+  with unjudged_training():
+    return folder, config, training.run(config, folder)
 
 
 def test_batches_are_padded_as_their_captions_need(trained):

@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 import motion_jax as mj
-from motion_jax import fit as training
 from motion_jax.loading import load
 from motion_jax.models.base import TextToMotionModel
 from motion_jax.motion.representations import to_joints
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
 from motion_jax.runs import PRETRAINED
-from tests.conftest import load_config
+from tests.conftest import brief_run
 
 
 @pytest.fixture(scope="module")
@@ -151,7 +150,7 @@ def test_broken_run_folders_are_told(tiny_run, tmp_path):
 
 
 def test_a_tokenizer_run_cannot_generate(tmp_path):
-  training.run(load_config("cmdm_tokenizer", "tiny"), tmp_path)
+  brief_run("cmdm_tokenizer", tmp_path)
   with pytest.raises(ValueError, match="cmdm.denoiser"):
     load(tmp_path)
 
