@@ -31,14 +31,14 @@ def run_continuation(fixture, dtype):
   dit, params = network(fixture, dtype, fixture.config["block"])
   config, made = fixture.config, {}
   plan = streaming.make_plan(config["steps"], config["lag"], dit.block, 16 * dit.block)
-  array = lambda name: jnp.asarray(fixture[name], dtype)
-  caption_emb, caption_mask = captions(fixture, dtype)
+  array = lambda name: np.asarray(fixture[name], dtype)  # numpy's slices compile nothing
+  caption_emb, caption_mask = map(np.asarray, captions(fixture, dtype))
 
   def times_of(length):
     # The float64 recording has times of that precision.
     levels = staircase_levels(plan.num_steps, length, plan.lag, dit.block)
-    return jnp.asarray(1 - (plan.num_steps - levels) / plan.num_steps, dtype) if dtype == jnp.float64 else (
-        jnp.asarray(staircase(plan.num_steps, length, plan.lag, dit.block)))
+    return np.asarray(1 - (plan.num_steps - levels) / plan.num_steps, dtype) if dtype == jnp.float64 else (
+        np.asarray(staircase(plan.num_steps, length, plan.lag, dit.block)))
 
   for name in config["prefixes"]:
     past, x, fresh = (array(f"in/{part}/{name}") for part in ("prefix", "noise", "fresh"))
@@ -52,19 +52,19 @@ def run_continuation(fixture, dtype):
       states.append(one_step(dit, params, *text, mask, config["scale"], before, times[m], times[m + 1], past, fresh[m]))
     final = chained(dit, plan, params, text_emb=text[0], text_mask=text[1], scale=config["scale"], lengths=lengths,
                     past=past, noise=x, fresh=Replay(fresh), times=times)
-    made |= {f"levels/{name}": times[:-1], f"states/{name}": jnp.stack(states), f"final/{name}": final}
+    made |= {f"levels/{name}": times[:-1], f"states/{name}": np.stack(states), f"final/{name}": final}
 
   for name, one in config["longs"].items():
     latents = None
     for i, frames in enumerate(one["frames"]):
       noise = array(f"in/segment_noise/{name}/{i}")
       batch, past = noise.shape[0], noise[:, :0] if latents is None else latents[:, -one["past"]:]
-      text_emb, text_mask = (jnp.concatenate([a[i:i + 1]] * batch) for a in (caption_emb, caption_mask))
+      text_emb, text_mask = (np.repeat(a[i:i + 1], batch, axis=0) for a in (caption_emb, caption_mask))
       lengths = jnp.full(batch, max(1, frames // 4))
       fresh = Replay(array(f"in/segment_fresh/{name}/{i}")) if i else None
       new = chained(dit, plan, params, text_emb=text_emb, text_mask=text_mask, scale=config["scale"], lengths=lengths,
                     past=past, noise=noise, fresh=fresh, times=times_of(noise.shape[1]))
-      latents = new if latents is None else jnp.concatenate([latents, new], axis=1)
+      latents = np.asarray(new) if latents is None else np.concatenate([latents, new], axis=1)
     made[f"long/{name}"] = latents
   return made
 

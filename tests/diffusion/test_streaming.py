@@ -42,13 +42,13 @@ def run_sampling(fixture, dtype):
   for name, (num_steps, lag, length, block) in fixture.config["runs"].items():
     # The float64 recording has times of that precision.
     times = 1 - (num_steps - staircase_levels(num_steps, length, lag, block)) / num_steps
-    times = jnp.asarray(times if dtype == jnp.float64 else staircase(num_steps, length, lag, block), dtype)
+    times = np.asarray(times if dtype == jnp.float64 else staircase(num_steps, length, lag, block), dtype)
     mask = block_causal_mask(length, block) & padding_mask(fixture[f"in/lengths/{name}"], length)[:, None, None, :]
     x, states = jnp.asarray(fixture[f"in/noise/{name}"], dtype), []
     for m in range(len(times) - 1):
       x = whole(dit, params, *captions(fixture, dtype), mask, x, times[m:m + 2], fixture.config["scale"])
       states.append(x)
-    made |= {f"levels/{name}": times[:-1], f"states/{name}": jnp.stack(states), f"final/{name}": x}
+    made |= {f"levels/{name}": times[:-1], f"states/{name}": np.stack(states), f"final/{name}": x}
   return made
 
 

@@ -1,5 +1,6 @@
 """Evaluation by a protocol: the same numbers every time, after a kill, on any number of devices; bad input is told."""
 import dataclasses
+import functools
 import json
 import pathlib
 import re
@@ -16,6 +17,7 @@ from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.evaluation import aggregates, protocols, request, run, samples
 from motion_jax.evaluation import test_set as test_set_lib
 from motion_jax.evaluation.candidates import row_names
+from motion_jax.evaluation.report import page
 from motion_jax.evaluation.result import Result
 from motion_jax.evaluation.tasks.registry import TASKS
 from motion_jax.evaluators.evaluator import fresh_evaluator
@@ -122,10 +124,13 @@ def test_a_repeat_is_byte_identical_and_so_is_one_that_was_killed(judged, tiny_r
     assert content(tmp_path / folder) == before
 
 
+fresh = functools.cache(fresh_evaluator)
+
+
 def command(arguments):
   """What eval.py does, with the small protocol and random evaluators in the place of those that ship."""
   protocols.PROTOCOLS["archives-66"] = SMALL
-  request.load_evaluator = lambda name: fresh_evaluator("clip" if "clip" in name else "t2m")
+  request.load_evaluator = lambda name: fresh("clip" if "clip" in name else "t2m")
   return cli.main(arguments, "evaluate", "eval.py")
 
 
@@ -147,6 +152,8 @@ command({arguments!r})
   assert left == ["r000_b000.npz"] and not (tmp_path / "out").exists()
   monkeypatch.setitem(protocols.PROTOCOLS, "archives-66", SMALL)  # what command() changes is undone
   monkeypatch.setattr(request, "load_evaluator", None)
+  gallery = page._gallery  # a pair of each kind is drawn, not all of them
+  monkeypatch.setattr(page, "_gallery", lambda kind, entries, *rest: gallery(kind, entries[:1], *rest))
   write, written = samples.Store.write, []
   monkeypatch.setattr(samples.Store, "write", lambda *args: (written.append(args[1]), write(*args))[1])
   assert command(arguments) == 0
@@ -228,6 +235,7 @@ def test_devices_give_the_same_numbers(judged, tiny_run, archive, evaluators, tm
 import jax
 from motion_jax.evaluation import run, samples
 from motion_jax.evaluation.candidates import row_names
+from motion_jax.evaluation.report import page
 from motion_jax.evaluation.result import Result
 from motion_jax.evaluation.tasks.registry import TASKS
 from motion_jax.evaluators.evaluator import fresh_evaluator

@@ -159,7 +159,7 @@ def test_levels_may_have_tables_of_their_own():
   net = MaskedTransformer(latent_dim=5, width=16, depth=1, num_heads=2, ff_width=24, text_dim=6, num_codes=9,
                           num_levels=3, separate_levels=True)
   x, text, codes = inputs()
-  params = untrained(jax.eval_shape(net.init, jax.random.key(0), x, text, no_mask(7), codes))
+  params = jax.tree.map(jnp.asarray, untrained(jax.eval_shape(net.init, jax.random.key(0), x, text, no_mask(7), codes)))
   table = params["params"]["code_table"]
   assert table.shape == (3, 9, 16) and "level_table" not in params["params"]
   prior = jax.jit(lambda codes: net.apply(params, codes, method="prior"))
