@@ -12,7 +12,7 @@ from motion_jax.metrics.scores import cosines
 from motion_jax.motion.stats import save_stats
 from motion_jax.runs import PRETRAINED
 from motion_jax.training import checkpoint
-from tests.conftest import load_config, unjudged_training
+from tests.conftest import load_config
 
 CAPTIONS = ["a person walks forward", "someone waves the left hand", "he sits down"]
 
@@ -80,8 +80,7 @@ def run(tmp_path_factory):
   config = load_config("evaluator_matching", "tiny").unlock()
   config.frozen.glove = str(folder / "words.npz")
   config.train.num_steps = 1
-  with unjudged_training():
-    training.run(config, folder / "run")
+  training.run(config, folder / "run")
   (folder / "words.npz").unlink()
   return folder / "run"
 
