@@ -158,7 +158,7 @@ def config_of(run, settings, out, parts):
   if config.loss.get("kl_ramp"):
     config.loss.kl_ramp = max(1, config.loss.kl_ramp * steps // own)
   config.train.update(num_steps=steps, log_every=max(1, min(50, steps // 10)), save_every=steps)
-  if config.frozen.get("teacher") and config.frozen.teacher != "fresh":
+  if config.frozen.get("teacher") and config.frozen.teacher != "random-init":
     config.frozen.teacher = settings.teacher
   for part, stage in (("tokenizer", "tokenizer"), ("tokenizer", "autoencoder"), ("prior", "rvq")):
     if stage in parts and part in config.frozen:

@@ -104,7 +104,7 @@ def get_config(name="full"):
       config.optimizer.update(cooldown_steps=900, ema_decay=0.995)
       config.train.update(num_steps=3_000, log_every=10, save_every=500)
   elif size == "tiny":
-    config.frozen.update(tokenizer="fresh", prior="fresh", text="fresh")  # random weights: nothing to download
+    config.frozen.update(tokenizer="random-init", prior="random-init", text="random-init")  # nothing to download
     config.tokenizer.update(latent_dim=4, width=16, dilations=(1,))
     config.prior.update(latent_dim=4, width=16, dilations=(1,))
     config.quantizer.num_codes = 8

@@ -32,7 +32,7 @@ def get_config(size="full"):
     if size == "laptop":
       config.train.update(num_steps=1_000, log_every=10, save_every=500)
   elif size == "tiny":
-    config.frozen.text = "fresh"
+    config.frozen.text = "random-init"
     config.model.width = 16
     common.tiny(config)
   return config.lock()

@@ -72,7 +72,7 @@ def get_config(size="full"):
       config.optimizer.update(cooldown_steps=1_200, ema_decay=0.995)
       config.train.update(num_steps=4_000, log_every=10, save_every=500)
   elif size == "tiny":
-    config.frozen.update(tokenizer="fresh", text="fresh")  # random weights: nothing to download
+    config.frozen.update(tokenizer="random-init", text="random-init")  # nothing to download
     config.tokenizer.update(latent_dim=4, width=16, dilations=(1,))
     config.model.update(latent_dim=4, width=16, depth=1, num_heads=2, ff_width=32, text_dim=32)
     common.tiny(config, min_frames=min(40, config.data.min_frames))

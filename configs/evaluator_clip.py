@@ -45,7 +45,7 @@ def get_config(size="67"):
     if size == "laptop":
       config.train.update(num_steps=300, log_every=10, save_every=75)
   elif size == "tiny":
-    config.frozen.text = "fresh"
+    config.frozen.text = "random-init"
     config.model.update(width=32, depth=1, num_heads=2, mlp_width=16, dim=8, vocab_size=97, max_words=64)
     common.tiny(config, max_frames=96, lengths=(96,), same="meaning")
   return config.lock()

@@ -46,7 +46,7 @@ def get_config(size="full"):
     if size == "laptop":
       config.train.update(num_steps=1_500, log_every=10, save_every=250)
   elif size == "tiny":
-    config.frozen.update(movement="fresh", text="fresh")
+    config.frozen.update(movement="random-init", text="random-init")
     config.model.update(movement_width=12, movement_dim=12, motion_width=12, text_width=12, dim=8)
     common.tiny(config, max_frames=96, lengths=(96,), same="meaning")
   return config.lock()

@@ -30,7 +30,7 @@ def get_config(size="full"):
     config.data.update(batch_size=64)
     config.train.update(num_steps=5_000, save_every=500)
   elif size == "tiny":
-    config.frozen.text = "fresh"
+    config.frozen.text = "random-init"
     config.model.update(width=16, depth=1, num_heads=2, mlp_width=16)
     common.tiny(config, min_frames=40, max_frames=160, lengths=(160,))
   return config.lock()

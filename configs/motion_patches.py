@@ -50,7 +50,7 @@ def get_config(size="full"):
       config.model.update(depth=2, width=64, mlp_width=128)
       common.mini_teacher(config)
   elif size == "tiny":
-    config.frozen.text = "fresh"
+    config.frozen.text = "random-init"
     config.model.update(width=16, depth=1, num_heads=2, mlp_width=16, dim=8, num_rows=64)
     common.tiny(config, max_frames=64, max_words=24)
     if dataset == "kit":

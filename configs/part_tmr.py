@@ -56,7 +56,7 @@ def get_config(size="full"):
       config.optimizer.update(warmup_steps=50, ema_decay=0.99)
       config.train.update(num_steps=300, save_every=150)
   elif size == "tiny":
-    config.frozen.text = "fresh"
+    config.frozen.text = "random-init"
     config.model.update(width=16, depth=1, num_heads=2, mlp_width=16, dim=8)
     common.tiny(config, max_frames=64, max_words=24)
     config.train.best = ""

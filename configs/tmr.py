@@ -39,7 +39,7 @@ def get_config(size="full"):
       config.model.update(depth=1)
       common.mini_teacher(config)
   elif size == "tiny":
-    config.frozen.update(text="fresh", sentence="fresh")
+    config.frozen.update(text="random-init", sentence="random-init")
     config.model.update(width=8, depth=1, num_heads=2, mlp_width=8)
     common.tiny(config, max_frames=64)
   return config.lock()

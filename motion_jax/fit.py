@@ -8,6 +8,7 @@ import jax
 from motion_jax import runs
 from motion_jax.data import sources
 from motion_jax.evaluators import setup as evaluators
+from motion_jax.inputs import former_names
 from motion_jax.inputs.nearest import did_you_mean
 from motion_jax.models import registry
 from motion_jax.motion import stats as stats_lib
@@ -92,7 +93,10 @@ def resolve(config):
   leaves open what its folders are and how large the frozen parts are that it names: here they are looked at, and
   nowhere else is a config changed.
   """
-  found = runs.upgrade(config).copy_and_resolve_references().unlock()
+  found = config.copy_and_resolve_references().unlock()
+  for old, new in former_names.rename_fields(found):
+    former_names.note(old, new)
+  found = runs.upgrade(found)
   told = sources.recognize(found)
   for name, value in registry.resolved().get(config.stage, lambda config: {})(found).items():
     found[name] = value
@@ -100,18 +104,18 @@ def resolve(config):
 
 
 def _started_from(stage, folder):
-  """The stage with the parameters of another run to begin with; what that run does not have begins fresh."""
+  """The stage with the parameters of another run to begin with; what that run does not have begins at random."""
   start = flax.traverse_util.flatten_dict(checkpoint.load_params(folder))
 
   def init(batch, rng):
-    fresh = flax.traverse_util.flatten_dict(stage.init(batch, rng))
-    shared = {path: fresh[path] for path in fresh.keys() & start.keys()}
-    unused = start.keys() - fresh.keys()
+    initial = flax.traverse_util.flatten_dict(stage.init(batch, rng))
+    shared = {path: initial[path] for path in initial.keys() & start.keys()}
+    unused = start.keys() - initial.keys()
     if unused:
       raise ValueError(f"train.start {folder} has parameters that this config lacks, such as "
                        f"{'/'.join(sorted(unused)[0])}; make the models agree")
     checkpoint.check_fits(flax.traverse_util.unflatten_dict(start), flax.traverse_util.unflatten_dict(shared),
                           f"train.start {folder} does not fit this config")
-    return flax.traverse_util.unflatten_dict({**fresh, **start})
+    return flax.traverse_util.unflatten_dict({**initial, **start})
 
   return stage._replace(init=init)

@@ -140,8 +140,8 @@ def _run(folder):
     (folder / name).write_bytes((shipped / name).read_bytes())
   rows = [["a person walks", 90], ["someone jumps", 60], ["a person sits", 120]]
   checkpoint.save_text(folder, checkpoint.LENGTHS, json.dumps(rows))
-  checkpoint.save_text(folder, checkpoint.TEXT, json.dumps({"name": "fresh",
-                                                            "fingerprint": load_text_encoder("fresh").fingerprint}))
+  fingerprint = load_text_encoder("random-init").fingerprint
+  checkpoint.save_text(folder, checkpoint.TEXT, json.dumps({"name": "random-init", "fingerprint": fingerprint}))
 
 
 def _shipped(name):

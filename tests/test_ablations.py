@@ -147,7 +147,7 @@ def test_teachers_of_table_9_are_the_published_ones():
       assert tokenizer.frozen.teacher == f"runs/ablations/{row}/teacher"
       assert make_teacher(teacher.model, layout).dim == tokenizer.model.teacher_dim
     tiny = CMDM["get_config"](f"{row}/tokenizer/tiny")
-    assert tiny.teacher.kind == kind and tiny.frozen.teacher == "fresh"
+    assert tiny.teacher.kind == kind and tiny.frozen.teacher == "random-init"
   tmr = CMDM["get_config"]("teacher-tmr/teacher")
   assert tmr.model.pool == "real" and tmr.loss.to_dict() == dict(recons=1.0, kl=1e-5, latent=1e-5, contrastive=0.1,
                                                                 temperature=0.1, threshold=0.8)

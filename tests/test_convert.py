@@ -133,8 +133,8 @@ def training_state(state):
 
 def text_folder(folder, dim, heads=2):
   """A random DistilBERT of that width in Hugging Face layout."""
-  fresh = load_text_encoder("fresh")
-  config = dict(model_type="distilbert", vocab_size=fresh.tokenizer.get_vocab_size(), dim=dim, n_layers=1,
+  encoder = load_text_encoder("random-init")
+  config = dict(model_type="distilbert", vocab_size=encoder.tokenizer.get_vocab_size(), dim=dim, n_layers=1,
                 n_heads=heads, hidden_dim=32, max_position_embeddings=64)
   fields = bert.bert_fields(config)
   shapes = jax.eval_shape(lambda: bert.Bert(**fields).init(
@@ -143,7 +143,7 @@ def text_folder(folder, dim, heads=2):
   params = jax.tree.map(lambda a: draw.normal(size=a.shape, scale=0.2).astype(np.float32), shapes)
   folder.mkdir()
   (folder / "config.json").write_text(json.dumps(config))
-  (folder / "tokenizer.json").write_text(fresh.tokenizer.to_str())
+  (folder / "tokenizer.json").write_text(encoder.tokenizer.to_str())
   save_file({name: np.ascontiguousarray(a) for name, a in bert.params_to_reference(params, fields).items()},
             folder / "model.safetensors")
   return folder
@@ -247,7 +247,7 @@ WRONG = [
     (None, {"--denoiser": "--tokenizer"}, "expected ema_model"),
     (None, {"--denoiser": "nothing.tar"}, "no checkpoint"),
     (None, {"--stats": "nowhere"}, "no Mean.npy"),
-    (None, {"--text-encoder": "fresh"}, "32 numbers a word"),
+    (None, {"--text-encoder": "random-init"}, "32 numbers a word"),
 ]
 
 
@@ -371,7 +371,7 @@ def test_the_evaluators(tmp_path, kind):
                                 vectors=np.ones((4, size), np.float32))
   command = ["evaluator", path.with_stem("t2m"), "--stats", folder, "--out", tmp_path / "whole"]
   given(width + 1)
-  assert run(*command, "--glove", tmp_path) != 0 and run(*command, "--text-encoder", "fresh") != 0
+  assert run(*command, "--glove", tmp_path) != 0 and run(*command, "--text-encoder", "random-init") != 0
   given(width)
   assert run(*command, "--glove", tmp_path) == 0
   evaluator = load_evaluator(tmp_path / "whole")

@@ -74,7 +74,7 @@ class Words:
   def __call__(self, sentences):
     return self.vectors, np.ones(self.vectors.shape[:2], bool)
 
-  def unfamiliar(self, sentence):
+  def out_of_vocabulary(self, sentence):
     return []
 
 
@@ -202,7 +202,7 @@ WRONG = [
     (None, {"--tokenizer": "--generator"}, "expected ae"),
     (None, {"--generator": "--rvq"}, "expected ema_mardm"),
     (None, {"--stats": "nowhere"}, "no statistics of 66 numbers"),
-    (None, {"--text-encoder": "fresh"}, "32 numbers a sentence"),
+    (None, {"--text-encoder": "random-init"}, "32 numbers a sentence"),
 ]
 
 

@@ -4,8 +4,9 @@ import warnings
 
 import pytest
 
-from motion_jax import cli, loading, runs
+from motion_jax import cli, fit, loading, runs
 from motion_jax.inputs import config_files, former_names, overrides
+from motion_jax.text.encoder import load_text_encoder
 
 FAST = dict(num_steps=4, lag=2)
 
@@ -141,6 +142,31 @@ def test_fields_of_configs(name, old, new, value, tmp_path):
   with warnings.catch_warnings():
     warnings.simplefilter("error")  # what the program wrote itself needs no note
     assert runs.upgrade(type(today)(told)).to_dict() == runs.upgrade(changed).to_dict()
+
+
+def test_the_value_fresh(tmp_path):
+  """Of any field of config.frozen, in a file and on the command line, in a run's config; and as a text encoder."""
+  today = config_files.load("cdamd_generator:tiny")
+  assert {field: value for field, value in today.frozen.items() if value == "random-init"}.keys() == {
+      "tokenizer", "prior", "text"}
+  told = today.to_dict()
+  told["frozen"] |= dict(tokenizer="fresh", prior="fresh", text="fresh")
+  own = tmp_path / "own.py"
+  own.write_text(f"import ml_collections\n\ndef get_config():\n  return ml_collections.ConfigDict({told!r}).lock()\n")
+  with pytest.warns(FutureWarning, match="own.py: config.frozen.tokenizer 'fresh' is called 'random-init'"):
+    assert config_files.load(own) == today
+  with pytest.warns(FutureWarning, match="config.frozen.prior 'fresh' is called 'random-init'"):
+    assert fit.resolve(overrides.applied(["--config.frozen.prior=fresh"], today))[0] == fit.resolve(today)[0]
+  assert runs.upgrade(type(today)(told)).frozen == today.frozen
+  with pytest.warns(FutureWarning, match="'fresh' is called 'random-init'"):
+    former = load_text_encoder("fresh")
+  assert former.fingerprint == load_text_encoder("random-init").fingerprint
+
+
+def test_the_method_unfamiliar():
+  words = load_text_encoder("words")
+  with pytest.warns(FutureWarning, match="unfamiliar is called out_of_vocabulary"):
+    assert words.unfamiliar("a person frobnicates") == words.out_of_vocabulary("a person frobnicates") != []
 
 
 @pytest.mark.parametrize("name", runs.shipped_names())

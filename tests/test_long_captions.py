@@ -30,7 +30,7 @@ def test_lengths_that_batches_are_padded_to():
 
 
 def test_padding_does_not_change_what_is_said():
-  encoder = load_text_encoder("fresh")
+  encoder = load_text_encoder("random-init")
   alone, mask = encoder(["someone walks"], at_least=24)
   assert alone.shape == (1, 24, 32) and mask.sum() == 4
   both, both_mask = encoder(["someone walks", LONG], at_least=24)

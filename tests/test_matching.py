@@ -204,7 +204,7 @@ def test_tokens_are_those_of_the_files(tmp_path):
 
 
 def test_word_pieces_end_at_the_largest_id():
-  encoder = load_text_encoder("fresh")
+  encoder = load_text_encoder("random-init")
   tokens, positions = matching.piece_tables(encoder)
   pieces = matching.piece_ids(encoder, ["a person walks", "walks " * 20], 8)
   assert pieces.shape == (2, 8) and (pieces.max(1) == len(tokens) - 1).all()

@@ -141,7 +141,7 @@ def test_broken_run_folders_are_told(tiny_run, tmp_path):
     load(copy)
   config["model"]["width"] = 16
   (copy / "config.json").write_text(json.dumps(config))
-  (copy / "text.json").write_text(json.dumps({"name": "fresh", "fingerprint": "0"}))
+  (copy / "text.json").write_text(json.dumps({"name": "random-init", "fingerprint": "0"}))
   with pytest.raises(ValueError, match="another version of the text encoder"):
     load(copy)
   (copy / "config.json").write_text("{")
@@ -181,7 +181,7 @@ def test_the_shipped_model_says_what_it_never_learned():
   shipped = load("cmdm-small")
   for prompt, word in (("a zombie walks", "zombie"), ("a person does a backflip", "backflip"),
                        ("a person climbs a table", "table")):
-    assert shipped.encoder.unfamiliar(prompt) == []
+    assert shipped.encoder.out_of_vocabulary(prompt) == []
     note, = notes_of(shipped.check_words, [prompt])
     assert f"know {word!r} in" in note and re.search("nearest of them is '(.*)'$", note)[1] in said
   assert not notes_of(shipped.check_words, [
@@ -212,6 +212,6 @@ def test_without_captions_the_text_encoder_is_asked(tiny_run, tmp_path):
   (tmp_path / "run" / "captions.json").unlink()
   older = load(tmp_path / "run")
   assert older.nearest_captions("a person walks") == [] and older.natural_frames("a person walks") == 120
-  older.encoder.unfamiliar = lambda prompt: ["flibbertigibbet"]
+  older.encoder.out_of_vocabulary = lambda prompt: ["flibbertigibbet"]
   note, = notes_of(older.check_words, ["a flibbertigibbet walks"])
   assert note.endswith("it may be ignored or misunderstood")

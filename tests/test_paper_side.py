@@ -131,7 +131,7 @@ def test_latents_of_training_may_be_means():
 
 
 def test_the_denoiser_learns_noise_at_levels_of_its_own():
-  """A network that says 0, as a fresh one does, is off by the noise itself: 1 on average, at any level."""
+  """A network that says 0, as it does when initialised, is off by the noise itself: 1 on average, at any level."""
   config, stage, batch = _denoiser(model__predicts="ddpm", model__time_scale=1000.0, model__block=1,
                                    loss__level_block=1)
   vae = CausalVAE(**config.tokenizer)

@@ -146,8 +146,8 @@ def test_intervals_are_students():
 
 @pytest.fixture(scope="module")
 def settings(tmp_path_factory):
-  """A few formulas as an archive, and the least that can be trained and judged on it."""
-  # Of other lengths, for a walk by formula may be the same in train and test.
+  """Some procedural motion as an archive, and the least that can be trained and judged on it."""
+  # Of other lengths, for a procedural walk may be the same in train and test.
   clips = [clip.replace(split=split, id=f"{split}_{clip.id}") for split, num, frames in (
       ("train", 6, 68), ("val", 2, 72), ("test", 34, 74)) for clip in synthetic_clips(3, num, frames)]
   folder = write_archive(tmp_path_factory.mktemp("data") / "synthetic", clips)

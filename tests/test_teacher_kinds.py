@@ -68,7 +68,7 @@ def test_a_tokenizer_is_taught_by_it(teacher_run):
   assert np.array_equal(view["std"], setup.stats.std)
   if config.teacher.kind == "tmr":
     assert set(setup.frozen["teacher"]) == {"motion_encoder"} and view["own_std"].shape == (263,)
-    assert config.taught_by.to_dict() == {"kind": "tmr", "text": "fresh"}
+    assert config.taught_by.to_dict() == {"kind": "tmr", "text": "random-init"}
   else:
     assert set(setup.frozen["teacher"]) == set(own) and config.teacher.layout == "coordinates"
     assert config.taught_by.vit.to_dict() == {"weights": "random"}
@@ -84,7 +84,7 @@ def test_a_tokenizer_is_taught_by_it(teacher_run):
 
 def test_the_record_of_a_generator_says_what_its_tokenizer_was_taught_by(tmp_path):
   config, stats = load_config("cmdm_denoiser", "tiny").unlock(), teachers.plain_stats("full")
-  said = {"kind": "motion_patches", "text": "fresh", "vit": {"weights": "random"}}
+  said = {"kind": "motion_patches", "text": "random-init", "vit": {"weights": "random"}}
   shapes = cmdm.frozen_shapes(CausalVAE(**config.tokenizer))["tokenizer"]
   checkpoint.save_config(tmp_path, ml_collections.ConfigDict(dict(
       stage="cmdm.tokenizer", model=config.tokenizer.to_dict(), taught_by=said, data=dict(layout="full"))))

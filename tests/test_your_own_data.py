@@ -99,7 +99,7 @@ def mine(tmp_path_factory):
 
 def data_of(size="small", **changes):
   config = load_config("cmdm_denoiser", size)
-  config.frozen.tokenizer = "fresh"
+  config.frozen.tokenizer = "random-init"
   config.update_from_flattened_dict({f"data.{name}": value for name, value in changes.items()})
   return config
 

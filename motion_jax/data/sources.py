@@ -128,7 +128,7 @@ def _load_features(config, split, stats, captioned):
   by_clip = dataset.by_clip and bool(config.get("folders"))
   items = load_items(config, split, captioned)
   if not items:
-    places = ", ".join(config.get("folders") or [config.get("folder") or "made by formula"])
+    places = ", ".join(config.get("folders") or [config.get("folder") or "procedural motion"])
     raise ValueError(f"data of {config.name!r} ({places}) has no clips in split {split!r}")
   features = [item.features for item in items]
   for item in items:

@@ -147,7 +147,7 @@ def shipped_names():
 
 def fresh_evaluator(kind="t2m", layout="coordinates", seed=0) -> Evaluator:
   """A tiny one with random weights, to try things out and for tests: a seed gives the same on every machine."""
-  layout, encoder = get_layout(layout), load_text_encoder("fresh")
+  layout, encoder = get_layout(layout), load_text_encoder("random-init")
   config = dict(data=dict(layout=layout.name, max_frames=MAX_FRAMES, max_words=64, mode="corrected"))
   columns = dict(features=layout.dim, columns=layout.dim)
   if kind == "t2m":

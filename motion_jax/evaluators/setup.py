@@ -160,9 +160,9 @@ def _tagged(caption):
 
 
 def load_movement(config):
-  """(movement encoder's parameters, statistics) of a trained autoencoder; (None, None): "fresh", to try things out."""
+  """(movement encoder's parameters, statistics) of a trained autoencoder; (None, None) of "random-init"."""
   folder = config.frozen.movement
-  if folder == "fresh":
+  if folder == "random-init":
     return None, None
   run = runs.open(folder, "evaluator.movement")
   theirs, ours = run.config.model, config.model

@@ -35,7 +35,7 @@ def load(name):
   config = get_config(size) if size else get_config()
   with config.unlocked():
     for old, new in former_names.rename_fields(config):
-      former_names.note(f"{file}: config.{old}", f"config.{new}")
+      former_names.note(f"{file}: {old}", new)
   return config
 
 

@@ -10,6 +10,8 @@ KEYWORDS = {"polish": "cleanup", "rounds": "num_iterations", "revealed_only": "u
             "repeats": "replications"}
 FIELDS = {"sampler.num_rounds": "sampler.num_iterations", "sampler.revealed_only": "sampler.unmasked_only"}
 
+VALUES = {"fresh": "random-init"}  # of the fields of config.frozen, and of a text encoder's name
+
 
 def note(old, new, stacklevel=3):
   """Warns that something is called otherwise; stacklevel: 3 is the line that called whoever calls this."""
@@ -29,7 +31,8 @@ def current(given, names=None, stacklevel=3):
 
 
 def rename_fields(config):
-  """Gives fields of a config (a dict or an unlocked ConfigDict) the names that they have: [(old, new)] of those."""
+  """Gives fields of a config (a dict or an unlocked ConfigDict), and what they are, the names that they have: [(old,
+  new)] of all that had others."""
   renamed = []
   for old, new in FIELDS.items():
     section, _, field = old.partition(".")
@@ -37,8 +40,20 @@ def rename_fields(config):
     if hasattr(place, "keys") and field in place:
       place[new.partition(".")[2]] = place[field]
       del place[field]
-      renamed.append((old, new))
+      renamed.append((f"config.{old}", f"config.{new}"))
+  frozen = config.get("frozen")
+  for field, value in frozen.items() if hasattr(frozen, "keys") else ():
+    if isinstance(value, str) and value in VALUES:
+      frozen[field] = VALUES[value]
+      renamed.append((f"config.frozen.{field} {value!r}", repr(VALUES[value])))
   return renamed
+
+
+def current_value(value):
+  """A value by the name that it has."""
+  if value in VALUES:
+    note(repr(value), repr(VALUES[value]), 4)
+  return VALUES.get(value, value)
 
 
 def with_keywords(function):

@@ -216,7 +216,7 @@ class TextToMotionModel(Able):
     """Words that the model has not learned from, and signs that its encoder cannot read; the encoder's own judgement
     where the folder does not keep the captions."""
     if self._learned is None:
-      return self.encoder.unfamiliar(prompt)
+      return self.encoder.out_of_vocabulary(prompt)
     return self._learned[0].missing(prompt) + self.encoder.unreadable(prompt)
 
 

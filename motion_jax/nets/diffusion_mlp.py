@@ -20,7 +20,7 @@ XAVIER = nn.initializers.xavier_uniform()
 
 
 class ResBlock(nn.Module):
-  """Two layers on a modulated norm; x, y (..., D). A fresh block is the identity."""
+  """Two layers on a modulated norm; x, y (..., D). As initialised it is the identity."""
   dtype: Any
 
   @nn.compact

@@ -92,8 +92,8 @@ def initialise(book: Codebook, x: Float[Array, "n c"], noise: Float[Array, "k c"
                ) -> Codebook:
   """Codes are the first rows of x, each as if used once; a codebook that is initialised stays as it is."""
   rows = first_rows(x, len(book.codes), noise, axis_name)
-  fresh = Codebook(rows, rows, jnp.ones_like(book.counts), jnp.ones_like(book.initialised))
-  return choose(book.initialised, book, fresh)
+  from_batch = Codebook(rows, rows, jnp.ones_like(book.counts), jnp.ones_like(book.initialised))
+  return choose(book.initialised, book, from_batch)
 
 
 def usage_counts(indices: Int[Array, " n"], num_codes: int, dtype: Any, axis_name: str | None = None

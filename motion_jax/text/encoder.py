@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from tokenizers import Tokenizer, models, normalizers, pre_tokenizers, processors
 
-from motion_jax.inputs import text_files
+from motion_jax.inputs import former_names, text_files
 from motion_jax.inputs.errors import InputError
 from motion_jax.runtime import cache
 from motion_jax.text import bert, folder, hub
@@ -120,10 +120,10 @@ class TextEncoder:
       raise InputError(f"got the word {word!r}, which is not in {sentence!r}")
     return self._features([sentence])[0][rows].mean(0)
 
-  def unfamiliar(self, sentence):
+  def out_of_vocabulary(self, sentence):
     """Words of a sentence that are far from everything the encoder was trained on, in order.
 
-    A word is familiar if it, or a form of it, was in the training sentences, or if its sentence vector comes near that
+    A word is known if it, or a form of it, was in the training sentences, or if its sentence vector comes near that
     of such a word. Numbers are never named. Encoders without a word list (any Hugging Face folder) name none.
     """
     if not self.known_words:
@@ -134,6 +134,11 @@ class TextEncoder:
       if lower not in FUNCTION_WORDS and not forms(lower) & self._known_forms and not self._near_a_known(lower):
         found[word] = None
     return list(found) + self.unreadable(sentence)
+
+  def unfamiliar(self, sentence):
+    """The former name of `out_of_vocabulary`."""
+    former_names.note("unfamiliar", "out_of_vocabulary")
+    return self.out_of_vocabulary(sentence)
 
   def unreadable(self, sentence):
     """Characters of a sentence that the encoder has no piece for and that are no letters: emoji and the like."""
@@ -250,9 +255,9 @@ def _pad(encodings, length):
 def load_text_encoder(name_or_folder="words", max_words=None, level="words"):
   """The frozen encoder of that name or in that folder.
 
-  "words": the small encoder that ships. "fresh": a tiny one with random weights, always the same, for tests. Otherwise
-  a folder in Hugging Face layout, or a name of `hub.REVISIONS` (with the extra `hub` and a network it is fetched at a
-  pinned revision; "owner/name@revision" fetches another). A folder holds config.json, model.safetensors and
+  "words": the small encoder that ships. "random-init": a tiny one with random weights, always the same, for tests.
+  Otherwise a folder in Hugging Face layout, or a name of `hub.REVISIONS` (with the extra `hub` and a network it is
+  fetched at a pinned revision; "owner/name@revision" fetches another). A folder holds config.json, model.safetensors and
 
   - BERT, MiniLM, DistilBERT, MPNet: tokenizer.json. A sentence is the mean of its words at unit length.
   - CLIP, whole or its text half: tokenizer.json, or vocab.json and merges.txt. A sentence is the end token's feature,
@@ -267,16 +272,16 @@ def load_text_encoder(name_or_folder="words", max_words=None, level="words"):
     raise InputError(f"got max_words={max_words}, expected at least 3: a word and the two special pieces")
   if level not in LEVELS:
     raise InputError(f"got the text level {level!r}, expected one of {', '.join(LEVELS)}")
-  name = str(name_or_folder)
-  if name == "fresh":
-    return TextEncoder(_fresh(), name, max_words=max_words, level=level)
+  name = former_names.current_value(str(name_or_folder))
+  if name == "random-init":
+    return TextEncoder(_random_init(), name, max_words=max_words, level=level)
   place = SHIPPED / "words" if name == "words" else hub.find(name_or_folder)
   known = place / "known_words.txt"
   return TextEncoder(folder.read(place, name, level), name, max_words=max_words, level=level,
                      known_words=text_files.read_text(known).split() if known.is_file() else ())
 
 
-def _fresh(seed=0):
+def _random_init(seed=0):
   """Random weights over letters and a few words: no files, the same on every machine."""
   pieces = ["[PAD]", "[UNK]", "[CLS]", "[SEP]", *".,!?'-", *"0123456789"]
   pieces += [p + c for c in "abcdefghijklmnopqrstuvwxyz" for p in ("", "##")] + [f"##{c}" for c in "0123456789"]

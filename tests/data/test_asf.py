@@ -46,7 +46,7 @@ ASF = """:version 1.10
     arm hand
   end
 """
-AMC = """#!made by formula
+AMC = """#!procedural motion
 :FULLY-SPECIFIED
 :DEGREES
 1

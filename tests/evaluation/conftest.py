@@ -1,4 +1,4 @@
-"""What tests of evaluations share: formulas as an archive, and evaluators with random weights."""
+"""What tests of evaluations share: procedural motion as an archive, and evaluators with random weights."""
 import pytest
 
 from motion_jax.evaluators.evaluator import fresh_evaluator

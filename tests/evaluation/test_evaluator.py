@@ -108,7 +108,7 @@ def test_a_converted_folder_is_told_where_its_words_are(run, tmp_path):
   np.testing.assert_array_equal(load_evaluator(tmp_path, text=run / CONVERTED).embed_text(CAPTIONS),
                                 evaluator.embed_text(CAPTIONS))
   with pytest.raises(ValueError, match="vectors of 32 numbers, the evaluator was trained on 5"):
-    load_evaluator(tmp_path, text="fresh").embed_text(CAPTIONS)
+    load_evaluator(tmp_path, text="random-init").embed_text(CAPTIONS)
 
 
 def test_folders_that_are_no_evaluator_are_told(run, tmp_path):

@@ -17,7 +17,7 @@ _SIZES = {"SCALAR": 1, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 @pytest.fixture(scope="module")
 def clip():
   joints = synthetic_joints("wave_left", 40, np.random.default_rng(0))
-  return Clip(joints=joints.astype(np.float32), captions=(Caption("a person waves"),), license="made by formula")
+  return Clip(joints=joints.astype(np.float32), captions=(Caption("a person waves"),), license="procedural motion")
 
 
 @pytest.fixture(scope="module")
@@ -123,7 +123,7 @@ def test_animation_and_names(gltf, clip):
   np.testing.assert_allclose(times, np.arange(clip.num_frames) / clip.fps, atol=1e-6)
   accessor = gltf.accessors[animation.samplers[0].input]
   assert accessor.min == [0.0] and accessor.max == pytest.approx([39 / 20])
-  assert gltf.asset.extras == {"caption": "a person waves", "license": "made by formula"}
+  assert gltf.asset.extras == {"caption": "a person waves", "license": "procedural motion"}
   assert {material.name for material in gltf.materials} == {"middle", "left", "right", "head", "dark"}
   for channel in animation.channels:
     values = read(gltf, animation.samplers[channel.sampler].output)

@@ -173,7 +173,7 @@ def test_padding_and_batch_mates_are_invisible():
   np.testing.assert_array_equal(garbage[:1, :7], padded[:1, :7])
 
 
-def test_a_fresh_network_is_silent():
+def test_a_random_init_network_is_silent():
   """So the loss at the start is mean(v^2) = 1 + mean(z1^2) in expectation (docs/papers/cmdm.md#checks)."""
   dit, _ = small()
   x, t, text, text_mask = inputs(batch=64)

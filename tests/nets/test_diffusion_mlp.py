@@ -118,7 +118,7 @@ def test_parameter_counts(width, total):
     assert size([shapes[f"block{i}"] for i in range(16)]) == 257_101_824
 
 
-def test_a_fresh_head_is_silent_and_rows_are_strangers():
+def test_a_random_init_head_is_silent_and_rows_are_strangers():
   """Its loss at the start is mean(v^2); a row depends on no other one."""
   net = DiffusionMLP(latent_dim=5, width=16, depth=2)
   x, t, c = jax.random.normal(jax.random.key(0), (4, 5)), jnp.array([0.0, 0.2, 0.6, 1.0]), jnp.ones((4, 7))

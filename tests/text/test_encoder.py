@@ -13,7 +13,7 @@ CAPTIONS = ["a person walks forward.", "someone jumps",
             "a person takes 3 steps at 90° – señor, naïve café 😀"]
 
 
-@pytest.fixture(scope="module", params=["fresh", "words"])
+@pytest.fixture(scope="module", params=["random-init", "words"])
 def encoder(request):
   return load_text_encoder(request.param)
 
@@ -108,7 +108,7 @@ def test_a_folder_of_the_hugging_face_layout_loads(tmp_path, words):
   (folder / "known_words.txt").unlink()
   copy = load_text_encoder(folder)
   assert (copy(CAPTIONS)[0] == words(CAPTIONS)[0]).all() and copy.fingerprint == words.fingerprint
-  assert copy.unfamiliar("a person frobnicates") == []
+  assert copy.out_of_vocabulary("a person frobnicates") == []
   config = json.loads((folder / "config.json").read_text())
   (folder / "config.json").write_text(json.dumps(config | {"dim": 64}))
   with pytest.raises(ValueError, match="shape"):
@@ -147,12 +147,13 @@ def test_paraphrases_land_near_the_plain_word(words, sentence, nearest):
   assert plain[int(np.argmax(words.sentence(plain) @ words.sentence([sentence])[0]))] == nearest
 
 
-def test_unfamiliar_words_are_named(words):
-  assert words.unfamiliar("A person strolled happily forward, then jumped 3 times and waves their left hand!") == []
-  assert words.unfamiliar("an elderly man is jogging backwards while punching") == []
-  assert words.unfamiliar("a person qzxvks and frobnicates 😀") == ["qzxvks", "frobnicates", "😀"]
-  assert words.unfamiliar("a person walks on chromosomes") == ["chromosomes"]
-  assert words.unfamiliar("a person ambles sneakily") == ["ambles"]  # held out of the training; sneak was in it
+def test_words_out_of_vocabulary_are_named(words):
+  known = "A person strolled happily forward, then jumped 3 times and waves their left hand!"
+  assert words.out_of_vocabulary(known) == []
+  assert words.out_of_vocabulary("an elderly man is jogging backwards while punching") == []
+  assert words.out_of_vocabulary("a person qzxvks and frobnicates 😀") == ["qzxvks", "frobnicates", "😀"]
+  assert words.out_of_vocabulary("a person walks on chromosomes") == ["chromosomes"]
+  assert words.out_of_vocabulary("a person ambles sneakily") == ["ambles"]  # held out of the training; sneak was in it
 
 
 def test_a_word_that_is_not_there(words):

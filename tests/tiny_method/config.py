@@ -6,7 +6,7 @@ def get_config():
   config = ml_collections.ConfigDict()
   config.stage = "tiny.regressor"
   config.seed = 0
-  config.frozen = dict(text="fresh", text_level="sentence")
+  config.frozen = dict(text="random-init", text_level="sentence")
   config.model = dict(features=263, text_dim=32, num_waves=4)
   config.loss = dict(drop_rate=0.1)
   config.data = dict(name="synthetic", layout="full", mode="corrected", mirror=False, batch_size=4, min_frames=20,

@@ -1,4 +1,4 @@
-"""Clips made by formula: people who walk, turn, wave, jump, so that tests and tiny configs need no download.
+"""Procedural motion: people who walk, turn, wave, jump, so that tests and tiny configs need no download.
 
 Every clip starts at the origin facing +z, on the canonical skeleton with exact bone lengths, y = 0 under the toes.
 """
@@ -12,7 +12,7 @@ from motion_jax.motion.retarget import bend
 from motion_jax.motion.skeleton import HUMANML3D
 
 FPS = 20.0
-LICENSE = "Apache-2.0, made by formula"
+LICENSE = "Apache-2.0, procedural motion"
 _ANKLE, _STAND = 0.06, 0.945  # heights of ankles and pelvis of a standing body, metres
 # Directions of trunk and shoulder bones in the pelvis frame (x left, y up, z ahead), about those of an adult at ease.
 _TRUNK = {"left_hip": (0.57, -0.8, 0), "right_hip": (-0.57, -0.8, 0), "spine1": (0, 1, -0.1), "spine2": (0, 1, 0.05),
@@ -168,8 +168,8 @@ def _ease(x):
 
 
 class Synthetic(Dataset):
-  """Clips made by formula: config.seed, config.num_clips."""
-  name, holds = "synthetic", "clips made by formula"
+  """Procedural motion: config.seed, config.num_clips."""
+  name, holds = "synthetic", "procedural motion"
   by_clip = in_folders = False
   fields = ("mode", "mirror", "seed", "num_clips")
 

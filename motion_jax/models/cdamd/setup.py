@@ -205,10 +205,10 @@ def _held_out_loss(config, stage, frozen, stats, encoder, num_batches=4):
 
 def load_frozen(folder: str, fields: ConfigDict, stage: str, config: ConfigDict,
                 quantizer: ConfigDict | None = None) -> tuple[Autoencoder, Any, Stats]:
-  """(module, variables, stats) of a trained autoencoder or, with a quantizer section, RVQ-VAE; "fresh" makes an
+  """(module, variables, stats) of a trained autoencoder or, with a quantizer section, RVQ-VAE; "random-init" makes one
   untrained one for trying things out."""
   net = Autoencoder(**plain(fields.to_dict()))
-  if folder == "fresh":
+  if folder == "random-init":
     variables = untrained(cdamd.autoencoder_shapes(net))
     if quantizer:
       codes = np.random.default_rng(1).standard_normal(

@@ -38,7 +38,8 @@ from motion_jax.training.setup import (
   untrained,
 )
 
-FRESH_TEXT = bert.bert_fields(dict(model_type="distilbert", vocab_size=4, dim=8, n_layers=1, n_heads=1, hidden_dim=8))
+RANDOM_INIT_TEXT = bert.bert_fields(dict(model_type="distilbert", vocab_size=4, dim=8, n_layers=1, n_heads=1,
+                                         hidden_dim=8))
 
 
 def tokenizer(config: ConfigDict) -> TrainingSetup:
@@ -78,14 +79,14 @@ def draw(vae: Net, params: Any, x: Float[Array, "b t f"], key: jax.Array) -> Flo
 
 
 def load_teacher(config: ConfigDict, stats: Stats) -> tuple[Any, dict[str, Any] | None]:
-  """(parameters of the teacher's motion side, `teachers.view_of` it) from a run folder ("fresh": untrained); its fields
-  are those of config.teacher, see `tokenizer_fields`.
+  """(parameters of the teacher's motion side, `teachers.view_of` it) from a run folder, or "random-init"; its fields are
+  those of config.teacher, see `tokenizer_fields`.
 
   Raises ValueError where it cannot read the features that the tokenizer is given.
   """
   folder, fields = config.frozen.teacher, config.teacher.to_dict()
   own_layout = fields.get("layout", config.data.layout)
-  if folder == "fresh":
+  if folder == "random-init":
     own = teachers.plain_stats(own_layout)
     view = None if own_layout == stats.layout.name else teachers.view_of(stats, own, folder)
   else:
@@ -95,8 +96,8 @@ def load_teacher(config: ConfigDict, stats: Stats) -> tuple[Any, dict[str, Any] 
   if teacher.dim != config.model.teacher_dim:
     raise ValueError(f"the teacher gives {teacher.dim} numbers a frame, config.model.teacher_dim is "
                      f"{config.model.teacher_dim}; make them agree")
-  if folder == "fresh":
-    shapes = teacher_lib.teacher_shapes(teacher, FRESH_TEXT, own_layout)
+  if folder == "random-init":
+    shapes = teacher_lib.teacher_shapes(teacher, RANDOM_INIT_TEXT, own_layout)
     return teacher_lib.motion_side(teacher, untrained({"motion": shapes["motion"]})), view
   params = run.params()
   shapes = teacher_lib.teacher_shapes(teacher, run.config.text, own_layout)
@@ -109,7 +110,7 @@ def tokenizer_fields(config: ConfigDict) -> dict[str, Any]:
   the weights of that came from."""
   if not config.frozen.teacher:
     return {}
-  if config.frozen.teacher == "fresh":
+  if config.frozen.teacher == "random-init":
     return {"taught_by": {"weights": "untrained"}}
   run = runs.open(config.frozen.teacher, "cmdm.teacher").config
   fields = run.model.to_dict()
@@ -120,7 +121,7 @@ def tokenizer_fields(config: ConfigDict) -> dict[str, Any]:
 
 def denoiser_fields(config: ConfigDict) -> dict[str, Any]:
   """What its tokenizer was aligned with, so that a record of the generator can say it."""
-  if config.frozen.tokenizer == "fresh":
+  if config.frozen.tokenizer == "random-init":
     return {}
   taught = runs.open(config.frozen.tokenizer, "cmdm.tokenizer").config.taught_by
   return {"taught_by": taught.to_dict()} if taught else {}
@@ -174,8 +175,8 @@ def encode_denoiser(config: ConfigDict, folder: str | os.PathLike) -> str:
 
 
 def load_tokenizer(folder: str, config: ConfigDict) -> tuple[CausalVAE, Any, Stats]:
-  """(module, params, stats) of a trained tokenizer; "fresh" makes an untrained one for trying things out."""
-  if folder == "fresh":
+  """(module, params, stats) of a trained tokenizer; "random-init" makes one with random weights, to try things out."""
+  if folder == "random-init":
     vae = CausalVAE(**config.tokenizer)
     return vae, untrained(cmdm.frozen_shapes(vae)[TOKENIZER]), sources.load_features(config.data).stats
   run = runs.open(folder, "cmdm.tokenizer")

@@ -220,7 +220,7 @@ class Sampler:
 
   def prefill(self, state: Stream, *, past: Float[Array, "b p c"], count: Any, caption: Int[Array, "b k"] | None = None
               ) -> Stream:
-    """A fresh state with clean latents behind it: the motion goes on from the last `count` of past (B, P, C).
+    """A state as of `init` with clean latents behind it: the motion goes on from the last `count` of past (B, P, C).
 
     P is whole blocks, and the past ends where block 0 begins; what stands before its last `count` latents is ignored.
     One pass at t = 1 fills the cache with what these latents would have left there. caption (B, P / block): which of
@@ -311,7 +311,7 @@ class Sampler:
              state: Stream | None = None) -> Float[Array, "b l c"]:
     """Clean latents (B, num_blocks * block, C), all in one trace: `lax.scan` over `step`.
 
-    segment: see `window_captions`. state: one of `prefill`, to go on from a past; a fresh one if left out.
+    segment: see `window_captions`. state: one of `prefill`, to go on from a past; `init` if left out.
     """
     plan = self.plan
     runs, blocks = segments(plan, num_blocks, buckets, state is not None), []
