@@ -124,7 +124,7 @@ def sample_cdamd(dtype, batch, tiny):
   order = draws.draw_order(keys, np.full(batch, length), length, "random")
   counts = mask_schedule.hidden_counts(2 if tiny else 10, real.sum(-1))
   hidden = jnp.asarray(mask_schedule.hidden_table(np.asarray(order), counts))
-  plan = cdamd.make_plan(num_steps=2 if tiny else 10, num_rows=unmasking.most_revealed(counts))
+  plan = cdamd.make_plan(num_steps=2 if tiny else 10, num_rows=unmasking.most_unmasked(counts))
   text_emb = jax.random.normal(jax.random.key(2), (batch, 1, net.transformer.text_dim))
 
   def make(params, codec, keys):

@@ -88,8 +88,8 @@ def stream_times(dit, plan, params, text_emb, text_mask, keys, scale, num_furthe
   sampler, steps = bind(params, text_emb, text_mask, keys), {}
 
   def step(state, at):
-    unit = -(-plan.width // 2)  # the widths of `streaming.segments`
-    active = min(-(-min(at + 1, plan.width) // unit) * unit, plan.width)
+    width = -(-plan.width // 2)  # the widths of `streaming.segments`
+    active = min(-(-min(at + 1, plan.width) // width) * width, plan.width)
     kind = active, at > plan.age
     if kind not in steps:
       run = functools.partial(streaming.Sampler.step, active=kind[0], use_cache=kind[1])

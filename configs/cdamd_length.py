@@ -19,8 +19,8 @@ def get_config(size="full"):
   config.frozen = dict(text="clip-vit-base-patch32")
   config.model = dict(num_classes=50, width=512, dropout=0.2)
   config.loss = dict()
-  config.data = common.data(layout="coordinates", per_axis=False, batch_size=64, min_frames=40, max_frames=196, unit=4,
-                            lengths=(196,), balance=0.0, vary_subject=0.0)
+  config.data = common.data(layout="coordinates", per_axis=False, batch_size=64, min_frames=40, max_frames=196,
+                            frames_per_latent=4, lengths=(196,), balance=0.0, vary_subject=0.0)
   config.optimizer = common.optimizer(learning_rate=1e-4, boundaries=(), gamma=0.1, clip_norm=0.5)
   config.train = common.train(num_steps=108_000, log_every=100, save_every=5_000)
   if data:

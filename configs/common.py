@@ -47,9 +47,9 @@ def data(**fields):
 def captioned_data(**fields):
   """The section `data` of clips that are cut and padded for training with captions: fields of `data.batches.TextItems`.
 
-  coin: how often a clip loses a unit of its frames; crop_frames: the most that it keeps, 0 for data.max_frames.
+  coin: how often a clip loses a latent's frames; crop_frames: the most that it keeps, 0 for data.max_frames.
   """
-  return data(unit=4, crop_frames=0, keep_long=False, coin=1 / 3) | fields
+  return data(frames_per_latent=4, crop_frames=0, keep_long=False, coin=1 / 3) | fields
 
 
 def optimizer(learning_rate, **fields):

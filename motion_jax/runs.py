@@ -107,7 +107,7 @@ def open(name: str | os.PathLike, stage: str | Sequence[str] | None = None, raw:
 
 
 _STORE = {"data.store": ""}
-_TEXT_ITEMS = {"data.unit": 4, "data.crop_frames": 0, "data.keep_long": False, "data.coin": 1 / 3}
+_TEXT_ITEMS = {"data.frames_per_latent": 4, "data.crop_frames": 0, "data.keep_long": False, "data.coin": 1 / 3}
 _EVALUATOR = {"frozen.text": "", "data.max_frames": 196,
               "model.columns": lambda config: get_layout(config["data"]["layout"]).dim}
 _CAPTIONED_EVALUATOR = _EVALUATOR | _TEXT_ITEMS

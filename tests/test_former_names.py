@@ -104,6 +104,7 @@ def test_no_other_keyword_has_a_former_name():
 
 
 FIELDS = [  # a config that has it, the former name, the name, a value
+    ("cmdm_denoiser:tiny", "data.unit", "data.frames_per_latent", 8),
     ("cdamd_generator:tiny", "sampler.num_rounds", "sampler.num_iterations", 7),
     ("cdamd_generator:tiny", "sampler.revealed_only", "sampler.unmasked_only", False),
 ]

@@ -19,7 +19,7 @@ MUTATIONS = (
      "config.align",
      (f"{LOSSES}::test_alignment_falls_to_a_tenth_after_the_ramp",)),
     ("coin", "motion_jax/data/batches.py", "rng.random() < self.coin)", "False)",
-     (f"{BATCHES}::test_the_coin_takes_a_unit_less_as_often_as_it_says",)),
+     (f"{BATCHES}::test_the_coin_takes_a_latent_less_as_often_as_it_says",)),
     ("cmdm-drop", "motion_jax/models/cmdm/stages.py",
      'jnp.where(drop[:, None, None], 0.0, batch["text_emb"])', 'batch["text_emb"]',
      (f"{LOSSES}::test_captions_are_dropped_as_often_as_the_config_says",)),

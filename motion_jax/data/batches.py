@@ -102,23 +102,23 @@ class TextItems:
   max_frames is the longest padded length. No item has more real frames than crop_frames, where these are given: whole
   latents may not fill whole blocks (320 frames are 80 latents, padded to 27 blocks of 3: 324 frames;
   docs/papers/cmdm.md#data-sets). keep_long cuts clips that are longer instead of leaving them out. coin is how often a
-  unit less is taken.
+  latent's frames less are taken.
   """
   features: list[np.ndarray]
   captions: list[list[str]]
   min_frames: int = 40
   max_frames: int = 192
   lengths: tuple[int, ...] = (192,)
-  unit: int = 4
+  frames_per_latent: int = 4
   weights: np.ndarray | None = None
   crop_frames: int = 0  # 0: max_frames
   keep_long: bool = False
   coin: float = 1 / 3
 
   def __post_init__(self):
-    if not 0 <= self.crop_frames <= self.max_frames or self.crop_frames % self.unit:
-      raise ValueError(f"got crop_frames {self.crop_frames}, expected a multiple of {self.unit} up to max_frames = "
-                       f"{self.max_frames}, or 0")
+    if not 0 <= self.crop_frames <= self.max_frames or self.crop_frames % self.frames_per_latent:
+      raise ValueError(f"got crop_frames {self.crop_frames}, expected a multiple of {self.frames_per_latent} up to "
+                       f"max_frames = {self.max_frames}, or 0")
     object.__setattr__(self, "longest", self.crop_frames or self.max_frames)
     if self.lengths[-1] != self.max_frames:
       raise ValueError(f"got padded lengths {self.lengths}, the last must be max_frames = {self.max_frames}")
@@ -150,7 +150,7 @@ class TextItems:
     starts, num_frames, captions = [], [], []
     for i in chosen:
       frames = len(self.features[i])
-      # Parity: one time in three a unit less than the clip holds, then a random place in the clip.
+      # Parity: one time in three a latent less than the clip holds, then a random place in the clip.
       count = self._frames(frames, rng.random() < self.coin)
       starts.append(rng.integers(frames - count + 1))
       num_frames.append(count)
@@ -158,7 +158,7 @@ class TextItems:
     return Draw(chosen, np.array(starts), np.array(num_frames, np.int32), captions, length)
 
   def _frames(self, frames, less):
-    return min(max(frames // self.unit - less, 1) * self.unit, self.longest)
+    return min(max(frames // self.frames_per_latent - less, 1) * self.frames_per_latent, self.longest)
 
   def cuts(self):
     """All cuts that may be drawn: (clip, start, count, padded length) of each."""

@@ -150,9 +150,9 @@ def stored_batch(store, items, tables, batch_size, seed, step, *, latents_look_b
   drawn = items.draw(batch_size, seed, step)
   batch = {"num_frames": drawn.num_frames, "caption": drawn.captions, "index": np.arange(batch_size)}
   for table in tables:
-    found = [store.cut(table, clip, start, None if latents_look_back else count)[:count // items.unit]
+    found = [store.cut(table, clip, start, None if latents_look_back else count)[:count // items.frames_per_latent]
              for clip, start, count in zip(*map(np.ndarray.tolist, (drawn.clip, drawn.start, drawn.num_frames)))]
-    batch[table] = np.zeros((batch_size, drawn.length // items.unit, found[0].shape[-1]), found[0].dtype)
+    batch[table] = np.zeros((batch_size, drawn.length // items.frames_per_latent, found[0].shape[-1]), found[0].dtype)
     for row, rows in zip(batch[table], found):
       row[:len(rows)] = rows
   return batch

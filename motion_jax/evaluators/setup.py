@@ -17,7 +17,7 @@ from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
 from motion_jax.training.setup import TrainingSetup, held_out, one_clip_per_caption, plain, text_identity
 
-_RULES = ("unit", "coin", "crop_frames", "keep_long")  # of `batches.TextItems`
+_RULES = ("frames_per_latent", "coin", "crop_frames", "keep_long")  # of `batches.TextItems`
 NUM_VALIDATION = 8  # batches of the validation split that a loss is the mean of, the same every time
 
 

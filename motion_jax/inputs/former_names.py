@@ -8,7 +8,9 @@ import warnings
 
 KEYWORDS = {"polish": "cleanup", "rounds": "num_iterations", "revealed_only": "unmasked_only",
             "repeats": "replications"}
-FIELDS = {"sampler.num_rounds": "sampler.num_iterations", "sampler.revealed_only": "sampler.unmasked_only"}
+FIELDS = {"data.unit": "data.frames_per_latent",
+          "sampler.num_rounds": "sampler.num_iterations",
+          "sampler.revealed_only": "sampler.unmasked_only"}
 
 VALUES = {"fresh": "random-init"}  # of the fields of config.frozen, and of a text encoder's name
 

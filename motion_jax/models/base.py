@@ -65,10 +65,10 @@ class TextToMotionModel(Able):
   max_seconds = 3600.0
   tells_unknown_words = True  # False where nobody would read the warnings
 
-  def __init__(self, run: Run, encoder: TextEncoder, text_dim: int, unit: int, frozen_shapes: Any, shapes: Any) -> None:
-    """text_dim: numbers that the network takes of a word or sentence; unit: frames of a latent; shapes of what the
-    folder must hold."""
-    self.folder, self.config, self.encoder, self.unit = run.folder, run.config, encoder, unit
+  def __init__(self, run: Run, encoder: TextEncoder, text_dim: int, frames_per_latent: int, frozen_shapes: Any,
+               shapes: Any) -> None:
+    """text_dim: numbers that the network takes of a word or sentence; shapes of what the folder must hold."""
+    self.folder, self.config, self.encoder, self.frames_per_latent = run.folder, run.config, encoder, frames_per_latent
     self.params_file = run.params_file
     if encoder.dim != text_dim:
       raise InputError(f"the text encoder gives {encoder.dim} numbers a {encoder.level.removesuffix('s')}, the model "
@@ -154,8 +154,8 @@ class TextToMotionModel(Able):
     counts = [num_frames(p) for p in prompts] if callable(num_frames) else each(num_frames, prompts)
     demand_numbers(counts, "num_frames", "a number of frames such as 120, or one per prompt")
     for count in counts:
-      if not self.unit <= as_float(count) <= self.max_seconds * self.fps:
-        raise InputError(f"got a length of {as_float(count):g} frames, expected {self.unit} to "
+      if not self.frames_per_latent <= as_float(count) <= self.max_seconds * self.fps:
+        raise InputError(f"got a length of {as_float(count):g} frames, expected {self.frames_per_latent} to "
                          f"{self.max_seconds * self.fps:.0f} ({self.max_seconds:g} s at {self.fps:g} frames a second)")
     return [int(round(count)) for count in counts]
 

@@ -166,7 +166,7 @@ class MaskedTransformer(nn.Module):
 
 
 class GatedBlock(nn.Module):
-  """Self-attention and feed-forward whose scale, shift and gate come from the caption. At its initialisation the identity."""
+  """Self-attention and feed-forward whose scale, shift and gate come from the caption; the identity at first."""
   num_heads: int
   ff_width: int
   dropout: float

@@ -257,7 +257,8 @@ def load_text_encoder(name_or_folder="words", max_words=None, level="words"):
 
   "words": the small encoder that ships. "random-init": a tiny one with random weights, always the same, for tests.
   Otherwise a folder in Hugging Face layout, or a name of `hub.REVISIONS` (with the extra `hub` and a network it is
-  fetched at a pinned revision; "owner/name@revision" fetches another). A folder holds config.json, model.safetensors and
+  fetched at a pinned revision; "owner/name@revision" fetches another). A folder holds config.json, model.safetensors
+  and
 
   - BERT, MiniLM, DistilBERT, MPNet: tokenizer.json. A sentence is the mean of its words at unit length.
   - CLIP, whole or its text half: tokenizer.json, or vocab.json and merges.txt. A sentence is the end token's feature,

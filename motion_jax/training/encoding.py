@@ -44,7 +44,7 @@ def write(folder, codecs, items: TextItems, encoder: TextEncoder, encode: Callab
           made = jax.tree.map(np.asarray, run(codecs, features, np.array(counts, np.int32)))
           for row, count in enumerate(counts[:len(some)]):
             for table, rows in made.items():
-              writer.add(table, rows[row, :count // items.unit])
+              writer.add(table, rows[row, :count // items.frames_per_latent])
           done += [cut[:3] for cut in some]
           bar.update(len(some))
     said = []

@@ -52,8 +52,8 @@ def test_text_batches_are_pure_and_follow_the_item_rules(options):
 
 
 @pytest.mark.parametrize("coin", [1 / 3, 0.0, 1.0, 0.8])
-def test_the_coin_takes_a_unit_less_as_often_as_it_says(coin):
-  """Of 102 frames, 25 units of 4: 100 are taken, or by the coin 96, from any of the places where they fit."""
+def test_the_coin_takes_a_latent_less_as_often_as_it_says(coin):
+  """Of 102 frames, 25 latents of 4: 100 are taken, or by the coin 96, from any of the places where they fit."""
   items = TextItems(_clips([102] * 8), [["a"]] * 8, **({} if coin == 1 / 3 else {"coin": coin}))
   counts, starts = [], {100: set(), 96: set()}
   for step in range(120):

@@ -23,11 +23,11 @@ def length_stage(config: ConfigDict) -> Stage:
     keys = jax.vmap(lambda i: jax.random.fold_in(rng, i))(batch["index"])
     logits = jax.vmap(lambda x, key: net.apply(params, x[None], False, rngs={"dropout": key})[0])(
         batch["text_emb"][:, 0], keys)
-    return _sums(logits, batch["num_frames"] // config.data.unit), float(len(logits))
+    return _sums(logits, batch["num_frames"] // config.data.frames_per_latent), float(len(logits))
 
   def predict(params, frozen, batch, rng):
     logits = net.apply(params, batch["text_emb"][:, 0])
-    return {"logits": logits, **_sums(logits, batch["num_frames"] // config.data.unit)}
+    return {"logits": logits, **_sums(logits, batch["num_frames"] // config.data.frames_per_latent)}
 
   return Stage(init, loss, predict)
 
@@ -44,8 +44,8 @@ def length_shapes(net: LengthEstimator, text_dim: int) -> Any:
   return jax.eval_shape(lambda: net.init(jax.random.key(0), jnp.zeros((1, text_dim))))
 
 
-def middle_frames(logits: Float[Array, "b k"], unit: int = 4) -> Int[np.ndarray, " b"]:
-  """Frames (B,) of the median of what the estimator thinks likely, at least one latent of `unit` frames."""
+def middle_frames(logits: Float[Array, "b k"], frames_per_latent: int = 4) -> Int[np.ndarray, " b"]:
+  """Frames (B,) of the median of what the estimator thinks likely, at least one latent."""
   # Parity: the reference draws a length; a length that is asked for twice should be the same.
   share = np.cumsum(np.asarray(jax.nn.softmax(logits)), axis=-1)
-  return unit * np.maximum(np.argmax(share >= 0.5 * share[..., -1:], axis=-1), 1)
+  return frames_per_latent * np.maximum(np.argmax(share >= 0.5 * share[..., -1:], axis=-1), 1)

@@ -54,7 +54,7 @@ class CdamdModel(TextToMotionModel):
     super().__init__(run, encoder, text_dim, self.autoencoder.frames_per_latent, shapes,
                      cache.kept_shapes("cdamd.generator", self.net, lambda: cdamd.generator_shapes(self.net)))
     # All motions are padded to the training length, whose positions are known, and compiled once.
-    self.max_latents = config.data.max_frames // self.unit
+    self.max_latents = config.data.max_frames // self.frames_per_latent
     self.codec = AutoencoderCodec.of(self.autoencoder, self.frozen)
     self._generate = cache.Program("cdamd.generate", partial(_generate, self.net), 1, (self.net,))
     self._edit = cache.Program("cdamd.edit", partial(_edit, self.net), 2, (self.net,))
@@ -64,7 +64,7 @@ class CdamdModel(TextToMotionModel):
     if self.length is None:
       return super().natural_frames(prompt)
     logits: Any = self.length.apply(self.frozen["length"], self.encoder([prompt])[0][:, 0])
-    return int(np.minimum(lengths.middle_frames(logits, self.unit), self.config.data.max_frames)[0])
+    return int(np.minimum(lengths.middle_frames(logits, self.frames_per_latent), self.config.data.max_frames)[0])
 
   @former_names.with_keywords
   def generate(self, prompts: Prompts, num_frames: Frames = None, *, seconds: Frames = None,
@@ -77,9 +77,10 @@ class CdamdModel(TextToMotionModel):
     `natural_frames`. sampling: choices of `CdamdSampling`. Raises ValueError for what cannot be made.
     """
     prompts = self.prompts_of(prompts)
-    frames = [count // self.unit * self.unit for count in self.frames_of(prompts, num_frames, seconds)]
+    frames = [count // self.frames_per_latent * self.frames_per_latent
+              for count in self.frames_of(prompts, num_frames, seconds)]
     keys, seeds = keys_of(rng, seeds, len(prompts))
-    every = np.arange(self.max_latents) < np.array(frames)[:, None] // self.unit
+    every = np.arange(self.max_latents) < np.array(frames)[:, None] // self.frames_per_latent
     plan, hidden, scale, about = self._tables(keys, every, **sampling)
     text_emb, text_mask = self.encode_words(prompts)
     made = self._generate(plan, self.params, self.codec, text_emb=text_emb, text_mask=text_mask, hidden=hidden,
@@ -117,16 +118,16 @@ class CdamdModel(TextToMotionModel):
     keys, seeds = keys_of(rng, seeds, len(clips))
     sampling["mask"] = mask or self.config.sampler.edit_mask
     plan, hidden, scale, about = self._tables(keys, edited, **sampling)
-    real = padding_mask(jnp.array(frames) // self.unit, self.max_latents)
+    real = padding_mask(jnp.array(frames) // self.frames_per_latent, self.max_latents)
     features, joined = np.stack(features), paste and self.stats.layout.are_joints
     text_emb, text_mask = self.encode_words(prompts)
     made = self._edit(plan, paste and not joined, self.params, self.codec, features, text_emb=text_emb,
                       text_mask=text_mask, edited=edited, hidden=hidden, real_mask=real, scale=scale, keys=keys)
     if joined:
-      made = self._joined(np.asarray(made), features, frames, ~np.repeat(edited, self.unit, axis=1))
+      made = self._joined(np.asarray(made), features, frames, ~np.repeat(edited, self.frames_per_latent, axis=1))
     about |= dict(task=task or "spans", pasted=bool(paste))
     motions = make_motions(self, made, frames, [(Caption(prompt),) for prompt in prompts], seeds, about, cleanup)
-    new = [_runs(np.flatnonzero(np.repeat(row, self.unit)[:count])) for row, count in zip(edited, frames)]
+    new = [_runs(np.flatnonzero(np.repeat(row, self.frames_per_latent)[:count])) for row, count in zip(edited, frames)]
     named = [motion.replace(meta=motion.meta | dict(edited="features", made=runs)) if isinstance(clip, np.ndarray) else
              motion.replace(id=clip.id, license=clip.license or self.license,
                             meta=motion.meta | dict(edited=clip.source or clip.id, made=runs))
@@ -146,11 +147,11 @@ class CdamdModel(TextToMotionModel):
     """(normalized features (T, F) padded to the training length, frames): a clip on our body, or features (T, F) as
     they are, in whole latents."""
     features = self._features(clip)
-    count = len(features) // self.unit * self.unit
-    if not self.unit <= count <= self.config.data.max_frames:
-      raise ValueError(f"got a motion of {len(features)} frames at {self.fps:g} frames a second, expected {self.unit} "
-                       f"to {self.config.data.max_frames}; cut a part out of it")
-    padded = np.zeros((self.max_latents * self.unit, features.shape[-1]), np.float32)
+    count = len(features) // self.frames_per_latent * self.frames_per_latent
+    if not self.frames_per_latent <= count <= self.config.data.max_frames:
+      raise ValueError(f"got a motion of {len(features)} frames at {self.fps:g} frames a second, expected "
+                       f"{self.frames_per_latent} to {self.config.data.max_frames}; cut a part out of it")
+    padded = np.zeros((self.max_latents * self.frames_per_latent, features.shape[-1]), np.float32)
     padded[:count] = self.stats.normalize(features[:count])
     return padded, count
 
@@ -189,11 +190,11 @@ class CdamdModel(TextToMotionModel):
     if sum(choice is not None for choice in (task, keep, change)) != 1:
       raise ValueError("say what to make anew by one of task, keep and change")
     if task is not None:
-      edited = masking.task_mask(task, [count], self.max_latents, self.unit)
+      edited = masking.task_mask(task, [count], self.max_latents, self.frames_per_latent)
     else:
       if change is not None:
         keep = _runs(np.flatnonzero(~masking.in_spans(change, count)))
-      edited = masking.kept_mask(keep, count, self.max_latents, self.unit)[None]
+      edited = masking.kept_mask(keep, count, self.max_latents, self.frames_per_latent)[None]
     if not edited.any():
       raise ValueError("everything is kept, so nothing can be made anew")
     return edited

@@ -62,9 +62,10 @@ def rvq(config: ConfigDict) -> TrainingSetup:
 
 
 def _windows(config, data):
-  unit = 2 ** config.model.num_halvings
-  if config.data.window % unit:
-    raise ValueError(f"got data.window = {config.data.window}, a latent has {unit} frames; take a multiple")
+  frames_per_latent = 2 ** config.model.num_halvings
+  if config.data.window % frames_per_latent:
+    raise ValueError(f"got data.window = {config.data.window}, expected a multiple of the {frames_per_latent} "
+                     "frames of a latent")
   windows = batches.Windows(data.features, config.data.window, config.data.stride,
                             config.data.released_windows)
   return lambda step: windows.batch(config.data.batch_size, config.seed, step)
@@ -205,7 +206,7 @@ def _held_out_loss(config, stage, frozen, stats, encoder, num_batches=4):
 
 def load_frozen(folder: str, fields: ConfigDict, stage: str, config: ConfigDict,
                 quantizer: ConfigDict | None = None) -> tuple[Autoencoder, Any, Stats]:
-  """(module, variables, stats) of a trained autoencoder or, with a quantizer section, RVQ-VAE; "random-init" makes one
+  """(module, variables, stats) of a trained autoencoder or, with a quantizer section, RVQ-VAE; "random-init" makes an
   untrained one for trying things out."""
   net = Autoencoder(**plain(fields.to_dict()))
   if folder == "random-init":

@@ -106,8 +106,8 @@ class LiveStream:
       raise StopIteration
     done = False
     while not done:
-      plan, unit = self._plan, -(-self._plan.width // 2)  # two compiled widths: the start and the rest
-      active = min(-(-min(self._steps + 1, plan.width) // unit) * unit, plan.width)
+      plan, width = self._plan, -(-self._plan.width // 2)  # two compiled widths: the start and the rest
+      active = min(-(-min(self._steps + 1, plan.width) // width) * width, plan.width)
       self._state, features, done = self._model.compiled.stream_step(
           active, self._steps > plan.age, self._model.codec, self._sampler, self._state, self._captions(active))
       self._steps += 1

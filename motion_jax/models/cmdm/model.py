@@ -215,8 +215,8 @@ class CmdmModel(TextToMotionModel):
 
   def reconstruct(self, features: Num[Array, "t f"]) -> Float[np.ndarray, "_ f"]:
     """Features (T, F) there and back through the tokenizer, T cut to whole latents."""
-    unit = self.vae.frames_per_latent
-    x = self.stats.normalize(np.asarray(features))[None, :len(features) // unit * unit]
+    whole = len(features) // self.frames_per_latent * self.frames_per_latent
+    x = self.stats.normalize(np.asarray(features))[None, :whole]
     return self.stats.denormalize(np.asarray(self.codec.reconstruct(jnp.asarray(x))))[0]
 
   def encode_words(self, prompts: Sequence[str]) -> tuple[Float[np.ndarray, "b s e"], Bool[np.ndarray, "b s"]]:

@@ -24,19 +24,19 @@ _FADE = 12          # frames over which a generated body comes away from where t
 _ALIGN = 6          # frames of the past by which the two are laid over each other
 
 
-def borders(frames: Sequence[int], unit: int) -> tuple[list[int], int]:
+def borders(frames: Sequence[int], frames_per_block: int) -> tuple[list[int], int]:
   """(blocks that each segment has, total frames): ends rounded to the nearest block, at least one block each.
 
   The last segment's blocks reach the total, which is cut to what was asked.
   """
-  ends = np.cumsum(frames) / unit
+  ends = np.cumsum(frames) / frames_per_block
   made, blocks = 0, []
   for end in ends[:-1]:
     blocks.append(max(int(np.floor(end + 0.5)) - made, 1))
     made += blocks[-1]
   blocks.append(max(int(np.ceil(ends[-1] - 1e-9)) - made, 1))
   total = int(sum(frames))
-  return blocks, total if total > (sum(blocks) - 1) * unit else sum(blocks) * unit
+  return blocks, total if total > (sum(blocks) - 1) * frames_per_block else sum(blocks) * frames_per_block
 
 
 def captions_of(model: "CmdmModel", prompts: Sequence[Sequence[str]]
@@ -64,8 +64,8 @@ def stream(model: "CmdmModel", plan: streaming.Plan, scale: float, prompts: Sequ
   prompts, frames: lists of lists, one per motion. -> (normalized features (B, T, F), total frames of each motion, lists
   of the frames at which its segments end).
   """
-  unit = plan.block * model.vae.frames_per_latent
-  blocks, totals = zip(*(borders(counts, unit) for counts in frames))
+  frames_per_block = plan.block * model.frames_per_latent
+  blocks, totals = zip(*(borders(counts, frames_per_block) for counts in frames))
   num_blocks = -(-max(map(sum, blocks)) // _BUCKET) * _BUCKET
   segment = _segments(blocks, num_blocks)
   plan = plan._replace(context=min(plan.context, max(model.context, num_blocks * plan.block)))
@@ -74,7 +74,7 @@ def stream(model: "CmdmModel", plan: streaming.Plan, scale: float, prompts: Sequ
   text_emb, text_mask = captions_of(model, prompts)
   features = run(plan, num_blocks, model.params, model.codec, text_emb=text_emb, text_mask=text_mask, scale=scale,
                  keys=keys, segment=jnp.asarray(segment))
-  ends = [np.minimum(np.cumsum(counts) * unit, total).tolist() for counts, total in zip(blocks, totals)]
+  ends = [np.minimum(np.cumsum(counts) * frames_per_block, total).tolist() for counts, total in zip(blocks, totals)]
   return features, totals, ends
 
 
@@ -86,13 +86,13 @@ def chain(model: "CmdmModel", plan: streaming.Plan, scale: float, prompts: Seque
   Each segment is sampled by itself behind the last num_past latents of the one before, which are noised anew in every
   step, with its own caption only; all latents are decoded in one pass (docs/papers/cmdm.md#multi-prompt).
   """
-  unit = model.vae.frames_per_latent
-  counts = [[max(1, int(number) // unit) for number in row] for row in frames]
+  frames_per_latent = model.frames_per_latent
+  counts = [[max(1, int(number) // frames_per_latent) for number in row] for row in frames]
   made = [np.concatenate(parts) for parts in _chained(model, plan, scale, prompts, counts, [[] for _ in counts], keys,
                                                       num_past)]
   longest = -(-max(map(len, made)) // 12) * 12
   latents = np.stack([np.pad(z, ((0, longest - len(z)), (0, 0))) for z in made])
-  ends = [(np.cumsum(row) * unit).tolist() for row in counts]
+  ends = [(np.cumsum(row) * frames_per_latent).tolist() for row in counts]
   return model.compiled.decode(model.codec, latents), [row[-1] for row in ends], ends
 
 
@@ -126,14 +126,15 @@ def _chained(model, plan, scale, prompts, counts, made, keys, num_past):
 
 def encode_past(model: "CmdmModel", joints: Num[np.ndarray, "t j 3"], count: int) -> Float[Array, "1 p c"]:
   """Clean latents (1, P, C) of the last frames of joints (T, J, 3), as many as there are up to `count`."""
-  unit = model.vae.frames_per_latent
-  if len(joints) < max(unit, 3):
-    raise ValueError(f"got a motion of {len(joints)} frames, expected {max(unit, 3)} or more to go on from")
+  frames_per_latent = model.frames_per_latent
+  least = max(frames_per_latent, 3)
+  if len(joints) < least:
+    raise ValueError(f"got a motion of {len(joints)} frames, expected {least} or more to go on from")
   # A row of features looks one frame ahead: the body is taken to go on as it does for one frame more.
   ahead = np.concatenate([joints, 2 * joints[-1:] - joints[-2:-1]])
   features = model.stats.normalize(to_features(ahead, model.stats.layout, model.config.data.mode))
-  count = min(count, len(features) // unit)
-  return model.compiled.encode(model.codec, jnp.asarray(features[None, -count * unit:]))
+  count = min(count, len(features) // frames_per_latent)
+  return model.compiled.encode(model.codec, jnp.asarray(features[None, -count * frames_per_latent:]))
 
 
 def extend(model: "CmdmModel", plan: streaming.Plan, scale: float, joints: Num[np.ndarray, "t j 3"], past_prompt: str,
@@ -146,11 +147,11 @@ def extend(model: "CmdmModel", plan: streaming.Plan, scale: float, joints: Num[n
   """
   if not plan.lag:
     raise ValueError("got schedule 'full': a motion goes on by schedule 'fss' or 'ar'")
-  known, unit = encode_past(model, joints, plan.context), model.vae.frames_per_latent
+  known, frames_per_latent = encode_past(model, joints, plan.context), model.frames_per_latent
   past = known[:, -(num_past or (plan.context if way == "stream" else 1)):]
   given = past.shape[1]
   if way == "stream":
-    blocks, total = borders(frames, plan.block * unit)
+    blocks, total = borders(frames, plan.block * frames_per_latent)
     num_blocks, old = -(-sum(blocks) // _BUCKET) * _BUCKET, -(-given // (_BUCKET * plan.block)) * _BUCKET
     segment = _segments([blocks], num_blocks) + 1  # caption 0 is the past's
     plan = plan.fitted(num_blocks)
@@ -160,13 +161,13 @@ def extend(model: "CmdmModel", plan: streaming.Plan, scale: float, joints: Num[n
     new = model.compiled.extend(
         plan, num_blocks, model.params, text_emb=text_emb, text_mask=text_mask, scale=scale, keys=keys, past=padded,
         count=given, segment=jnp.asarray(segment), past_segment=jnp.zeros((1, old), jnp.int32))
-    ends = np.minimum(np.cumsum(blocks) * plan.block * unit, total)
+    ends = np.minimum(np.cumsum(blocks) * plan.block * frames_per_latent, total)
   else:
-    counts = [max(1, int(number) // unit) for number in frames]
+    counts = [max(1, int(number) // frames_per_latent) for number in frames]
     parts = _chained(model, plan, scale, [prompts], [counts], [[np.asarray(past[0])]], keys, given)[0]
-    new, ends = np.concatenate(parts[1:])[None], np.cumsum(counts) * unit
+    new, ends = np.concatenate(parts[1:])[None], np.cumsum(counts) * frames_per_latent
   whole = model.compiled.decode(model.codec, jnp.concatenate([known, jnp.asarray(new)], axis=1))
-  border = known.shape[1] * unit
+  border = known.shape[1] * frames_per_latent
   features = model.stats.denormalize(np.asarray(whole))[0, :border + int(ends[-1])]
   shadow = to_joints(features, model.stats.layout)
   contacts = model.stats.layout.contacts(features)

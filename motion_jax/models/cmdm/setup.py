@@ -79,8 +79,8 @@ def draw(vae: Net, params: Any, x: Float[Array, "b t f"], key: jax.Array) -> Flo
 
 
 def load_teacher(config: ConfigDict, stats: Stats) -> tuple[Any, dict[str, Any] | None]:
-  """(parameters of the teacher's motion side, `teachers.view_of` it) from a run folder, or "random-init"; its fields are
-  those of config.teacher, see `tokenizer_fields`.
+  """(parameters of the teacher's motion side, `teachers.view_of` it) from a run folder, or "random-init"; its fields
+  are those of config.teacher, see `tokenizer_fields`.
 
   Raises ValueError where it cannot read the features that the tokenizer is given.
   """
@@ -135,7 +135,7 @@ def _denoiser_parts(config):
   weights = None
   if config.data.balance:
     weights = batches.balance_weights(data.groups, config.data.balance)
-  rules = {name: config.data[name] for name in ("unit", "crop_frames", "keep_long", "coin")}
+  rules = {name: config.data[name] for name in ("frames_per_latent", "crop_frames", "keep_long", "coin")}
   items = batches.TextItems(data.features, data.captions, config.data.min_frames, config.data.max_frames,
                             tuple(config.data.lengths), weights=weights, **rules)
   encoder = load_text_encoder(config.frozen.text, level=config.frozen.text_level)

@@ -149,12 +149,12 @@ def segments(plan: Plan, num_blocks: int, buckets: int = 2, prefilled: bool = Fa
   Widths are rounded up to `buckets` sizes, so that ramp-up and drain share code. prefilled: the cache is full from
   the start.
   """
-  unit = -(-plan.width // buckets)
+  width = -(-plan.width // buckets)
   runs: list[tuple[int, int, bool]] = []
   for at in range(plan.age + num_blocks - 1):
     base = max(at - plan.age, 0)
     needed = min(at + 1, num_blocks) - base
-    key = (min(-(-needed // unit) * unit, plan.width), prefilled or at > plan.age)
+    key = (min(-(-needed // width) * width, plan.width), prefilled or at > plan.age)
     if runs and runs[-1][1:] == key:
       runs[-1] = (runs[-1][0] + 1, *key)
     else:
