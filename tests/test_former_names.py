@@ -158,7 +158,7 @@ def test_the_value_fresh(tmp_path):
     assert config_files.load(own) == today
   with pytest.warns(FutureWarning, match="config.frozen.prior 'fresh' is called 'random-init'"):
     assert fit.resolve(overrides.applied(["--config.frozen.prior=fresh"], today))[0] == fit.resolve(today)[0]
-  assert runs.upgrade(type(today)(told)).frozen == today.frozen
+  assert runs.upgrade(type(today)(told)).frozen.to_dict() == today.frozen.to_dict()
   with pytest.warns(FutureWarning, match="'fresh' is called 'random-init'"):
     former = load_text_encoder("fresh")
   assert former.fingerprint == load_text_encoder("random-init").fingerprint

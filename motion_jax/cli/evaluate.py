@@ -19,37 +19,38 @@ def add_to(commands):
       "timelines (mtt) or of FlowMDM's multi-prompt sequences (.json: long-horizon, babel) goes with them")
   add("--protocol", help="by default the one that fits the data and the first model; docs/evaluation.md lists them")
   add("--evaluator", help="folder or name of the evaluator; by default the protocol's")
-  add("--clip-evaluator", help="of the CLIP-type evaluator, or none")
-  add("--replications", type=whole(1, 1000), help="how often all is drawn anew; by default the protocol's, 10 or 20")
-  add("--seed", type=whole(*SEEDS), help="of all draws; by default the protocol's")
+  add("--clip-evaluator", help="folder or name of the CLIP-type evaluator, or none")
+  add("--replications", type=whole(1, 1000), help="how often all is drawn and judged anew; by default the "
+      "protocol's, 10 or 20")
+  add("--seed", type=whole(*SEEDS), help="seed of all draws; by default the protocol's")
   add("--out", help="folder for results; by default eval/PROTOCOL in the run folder")
   add("--samples", help="folder where motions are kept, for several evaluations to share")
   add("--guidance", type=real(*GUIDANCE), nargs="+", action="extend", default=[],
       help="guidance scales, a row for each")
-  add("--sampling", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help="such as schedule=ar "
-      "num_steps=20, num_iterations=10")
+  add("--sampling", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help="choices of sampling "
+      "for all models, such as schedule=ar num_steps=20; docs/sampling.md lists them")
   add("--vary", nargs="+", action="extend", default=[], metavar="KEY=VALUE[,..]", help="choices of sampling, a row for "
       "each, such as schedule=fss schedule=ar num_steps=20,lag=1")
   add("--motions", action="append", default=[], metavar="NAME=DIR", help="motions that another program made, a row for "
       "each folder; may be repeated")
-  add("--ask", metavar="DIR", help="judge nothing, write what such a program has to make into DIR/prompts.jsonl")
+  add("--ask", metavar="DIR", help="judge nothing; write what another program has to make into DIR/prompts.jsonl")
   add("--limit", type=whole(1, 1_000_000), help="use fewer samples, for a trial")
   add("--controls", action="store_true", help="also damage real motions and see that the metrics notice; the "
       "exit status is 1 where one does not")
   add("--no-multimodality", action="store_true", help="leave out the metric that takes most of the time")
-  add("--force", action="store_true", help="go on though real data does not look right")
-  add("--allow-shared", action="store_true", help="judge test clips that train has, too, and name them in the "
-      "provenance")
-  add("--recompute", action="store_true", help="only from samples that exist: nothing is generated (reconstructions "
-      "are made anew)")
-  add("--weights", choices=("ema", "model"), default="ema", help="of a run: the average kept beside the last weights, "
-      "or these")
+  add("--force", action="store_true", help="go on although real motions fail the sanity checks")
+  add("--allow-shared", action="store_true", help="judge test clips that stand in the training split, too, and name "
+      "them in the provenance")
+  add("--recompute", action="store_true", help="compute the tables from samples that are on disk and generate nothing "
+      "(reconstructions are made anew)")
+  add("--weights", choices=("ema", "model"), default="ema", help="which weights of a run: ema, their running average, "
+      "or model, the last ones")
   add("--report", metavar="OUT", help="folder for one HTML page of tables, curves and motions")
   add("--beside", nargs="+", action="extend", default=[], metavar="DIR", help="folders of earlier results, shown on "
       "the same page; without --data the page is of these alone")
   add("--printed", nargs="*", metavar="TABLE", help="judge nothing, print what the papers' tables print: one, such as "
       "cmdm 4 or cdamd 6, or all")
-  add("--devices", type=whole(1, 4096), help="use so many devices; they change the time, not the numbers")
+  add("--devices", type=whole(1, 4096), help="how many devices to use; it changes the time, not the numbers")
   evaluate.set_defaults(run=_evaluate)
 
 

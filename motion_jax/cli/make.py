@@ -21,7 +21,7 @@ def add_to(commands):
   generate.add_argument("prompt",
                         help="a sentence, or a .txt (one prompt a line) or .csv (prompt,length in frames) file")
   length = generate.add_mutually_exclusive_group()
-  length.add_argument("--seconds", type=LENGTH, help="length; without one, that of similar training clips")
+  length.add_argument("--seconds", type=LENGTH, help="length in seconds; by default that of similar training clips")
   length.add_argument("--frames", type=whole(1, 72_000), help="length in frames")
   _making(generate, "motion.html")
   generate.set_defaults(run=_generate)
@@ -31,17 +31,19 @@ def add_to(commands):
                        "colons; a .csv (prompt,length in frames), a .txt (a prompt a line, as above) or a .txt of "
                        "timelines (caption # start # end # body parts)")
   several.add_argument("--way", choices=("stream", "chain"), default="stream",
-                       help="words change within one run, or one run per sentence as in the released code")
+                       help="stream (default): the words change within one run; chain: one run per sentence, as in the "
+                            "released code")
   _making(several, "multi_prompt.html")
   several.set_defaults(run=_multi_prompt)
 
   extend = commands.add_parser("extend", help="a motion in, the same motion going on as the words say out")
   extend.add_argument("file", help="an .npz, .npy, .bvh or .amc file")
   extend.add_argument("--text", required=True, help="what happens next; several sentences as for multi-prompt")
-  extend.add_argument("--seconds", type=LENGTH, help="length of what is new, of a single sentence")
-  extend.add_argument("--past-text", help="what the file shows; its own caption, else the new text")
+  extend.add_argument("--seconds", type=LENGTH, help="length of the new part in seconds, where --text is one sentence")
+  extend.add_argument("--past-text", help="what the file shows; by default its own caption, else the new text")
   extend.add_argument("--way", choices=("stream", "chain"), default="stream",
-                      help="the past kept clean in the cache, or one latent of it noised anew as in the released code")
+                      help="stream (default): the past is kept clean in the cache; chain: one latent of it is noised "
+                           "anew in each step, as in the released code")
   shared.add_reading(extend)
   _making(extend, "extended.html")
   extend.set_defaults(run=_extend)
@@ -55,8 +57,8 @@ def add_to(commands):
   part.add_argument("--edit", action="append", metavar="A:B",
                     help="make this span anew: seconds (1.5s:3s), shares (25%%:0.5) or frames (30:60); may be repeated")
   part.add_argument("--keep", action="append", metavar="A:B", help="keep this span, and make all else anew")
-  edit.add_argument("--no-paste", action="store_true", help="kept frames as the autoencoder gives them back, not as "
-                                                            "they came")
+  edit.add_argument("--no-paste", action="store_true", help="give kept frames as the autoencoder decodes them, not as "
+                                                            "the file has them")
   shared.add_reading(edit)
   _making(edit, "edited.html")
   edit.set_defaults(run=_edit, model="cdamd-small")
@@ -65,8 +67,10 @@ def add_to(commands):
 def _making(parser, out):
   """Options of all commands that make motion."""
   parser.former_flags = {"--raw": "--no-cleanup", "--rounds": "--iterations", "--revealed-only": "--unmasked-only"}
-  parser.add_argument("--num", type=whole(*MOTIONS), default=1, help="motions of each, with seeds SEED, SEED + 1, ...")
-  parser.add_argument("--seed", type=whole(*SEEDS), default=0, help="the same seed, the same motion (0)")
+  parser.add_argument("--num", type=whole(*MOTIONS), default=1,
+                      help="motions to make of each input, with the seeds SEED, SEED + 1, ... (1)")
+  parser.add_argument("--seed", type=whole(*SEEDS), default=0,
+                      help="seed of the random draws: the same seed gives the same motion (0)")
   for flag, methods in _choices().items():
     known = next(iter(methods.values()))
     said = list(dict.fromkeys(one.help for one in methods.values()))

@@ -13,11 +13,12 @@ MOTION_FILES = (".npz", ".npy", ".bvh", ".amc")
 def add_reading(parser):
   """Options of all commands that read a motion file."""
   parser.add_argument("--fps", type=real(*FRAME_RATES), metavar="F",
-                      help="the file's frames are F a second, whatever it states (an .npy states nothing: 20; an .amc "
-                           "nothing: 120)")
+                      help="frames a second of the file, in place of what it states (.npy and .amc state nothing: 20, "
+                           "120)")
   parser.add_argument("--unit", choices=("auto", "m", "cm", "mm", "in", "ft"), default="auto",
-                      help="unit of the joints; auto tells it by the bones")
-  parser.add_argument("--up", choices=("y", "z"), help="the file's upward axis (y; of .bvh and .amc what heads show)")
+                      help="unit of the joints' coordinates; auto tells it by the lengths of the bones")
+  parser.add_argument("--up", choices=("y", "z"),
+                      help="the file's upward axis (y; in .bvh and .amc it is told by where the head is)")
 
 
 def read_motion(path, args):

@@ -83,7 +83,8 @@ def _field(description):
 @dataclasses.dataclass(frozen=True)
 class SamplingOptions:
   """The choices that every method has; those of one method are a subclass. Hashable, so that jit can depend on them."""
-  guidance_scale: float | None = number("how strictly the words are followed (3)", GUIDANCE, float, flag="guidance")
+  guidance_scale: float | None = number("scale of classifier-free guidance: how closely the words are followed (3)",
+                                       GUIDANCE, float, flag="guidance")
 
   def __post_init__(self) -> None:
     for name, description in self.described().items():

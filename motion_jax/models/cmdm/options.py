@@ -19,10 +19,10 @@ class CmdmSampling(SamplingOptions):
   schedule: str | None = choice("frame-wise sampling (fss), block after block (ar), or all at once (full)", SCHEDULES,
                                 usual="fss")
   num_steps: int | None = number("sampling steps K (50)", STEPS, flag="steps")
-  lag: int | None = number("steps between the starts of two blocks, of schedule fss (2)", STEPS)
-  solver: str | None = choice("euler (its own) or heun; ancestral or ddim where it learned a DDPM's noise",
+  lag: int | None = number("sampling steps between the starts of two blocks, of schedule fss (2)", STEPS)
+  solver: str | None = choice("euler (the usual one) or heun; ancestral or ddim for a model trained as a DDPM",
                               (*SOLVERS["flow"], *SOLVERS["ddpm"]), listed=False)
-  context: int | None = number("latents (4 frames each) looked back on; the training length (48)", CONTEXT,
+  context: int | None = number("latents (4 frames each) that a latent attends to; the training length (48)", CONTEXT,
                                unit="latents")
 
   def resolved(self, config: "ConfigDict", **usual: Any) -> "CmdmSampling":
