@@ -157,7 +157,8 @@ def test_the_value_fresh(tmp_path):
   with pytest.warns(FutureWarning, match="own.py: config.frozen.tokenizer 'fresh' is called 'random-init'"):
     assert config_files.load(own) == today
   with pytest.warns(FutureWarning, match="config.frozen.prior 'fresh' is called 'random-init'"):
-    assert fit.resolve(overrides.applied(["--config.frozen.prior=fresh"], today))[0] == fit.resolve(today)[0]
+    changed = overrides.applied(["--config.frozen.prior=fresh"], config_files.load("cdamd_generator:tiny"))
+    assert fit.resolve(changed)[0] == fit.resolve(today)[0]
   assert runs.upgrade(type(today)(told)).frozen.to_dict() == today.frozen.to_dict()
   with pytest.warns(FutureWarning, match="'fresh' is called 'random-init'"):
     former = load_text_encoder("fresh")
