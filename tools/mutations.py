@@ -156,6 +156,8 @@ MUTATIONS = (
     ("devices", "motion_jax/training/train_step.py",
      "grads, sums, weight = jax.lax.psum((grads, sums, weight), DEVICES)",
      "grads = jax.lax.pmean(grads, DEVICES)", (f"{TRAIN}::test_four_devices_learn_what_one_learns",)),
+    ("shared-sigma", "motion_jax/models/cmdm/losses.py", "shared.total(square.mean()) * shared.share", "square.mean()",
+     ("tests/test_mesh.py::test_pmap_and_a_mesh_give_the_same_bytes_and_devices_the_same_numbers",)),
     ("skip-gradient", "motion_jax/training/train_step.py",
      '(metrics["loss"] <= (skip_loss or jnp.inf)) & jnp.isfinite(metrics["grad_norm"])',
      '(metrics["loss"] <= (skip_loss or jnp.inf))', (f"{TRAIN}::test_what_is_no_number_is_never_saved",)),
