@@ -16,7 +16,6 @@ from motion_jax.runtime import atomic, lock
 from motion_jax.training import checkpoint, distributed
 from motion_jax.training import loop as train
 from motion_jax.training import resume as resuming
-from motion_jax.training.metrics import METRICS
 
 
 def setups() -> dict:
@@ -24,9 +23,8 @@ def setups() -> dict:
   return registry.setups() | evaluators.SETUPS
 
 
-# Files of a run folder that training writes beside those that a stage gives it.
-FILES = (checkpoint.CONFIG, checkpoint.DATA, checkpoint.FROZEN, checkpoint.PARAMS, checkpoint.RAW, checkpoint.LAST,
-         METRICS, "Mean.npy", "Std.npy", "loss.png")
+# Files of a run folder that are written before the first step, beside those that a stage gives it.
+FILES = (checkpoint.CONFIG, checkpoint.DATA, checkpoint.FROZEN, "Mean.npy", "Std.npy")
 
 
 def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_changes=False):

@@ -76,6 +76,8 @@ def test_an_older_run_goes_on(old_run, tmp_path, capsys):
   config.unlock().loss.level_block = 1
   with pytest.raises(ValueError, match="--resume with another loss"):
     fit.run(config.lock(), folder, resume=True)
+  fit.run(config, folder, resume=True, allow_changes=True)  # it is at its end already
+  assert "goes on with other settings: loss.level_block was" in capsys.readouterr().out
 
 
 def test_runs_that_ship_open_by_name_and_by_folder():

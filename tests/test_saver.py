@@ -8,11 +8,10 @@ import numpy as np
 import orbax.checkpoint as ocp
 import pytest
 
-from motion_jax import fit
 from motion_jax.data import sources
 from motion_jax.inputs.errors import InputError
 from motion_jax.runtime.atomic import atomic_path, remove_strays
-from motion_jax.training import checkpoint, resume
+from motion_jax.training import checkpoint, outputs, resume
 from motion_jax.training import loop as train
 from motion_jax.training.metrics import read_metrics
 from motion_jax.training.saver import Saver, copy_of, fields_of
@@ -92,7 +91,7 @@ def test_what_a_kill_left_half_written_is_cleaned_away(ended, tmp_path):
   stray = shutil.copy(tmp_path / "stray", folder / path.name)
   other = folder / ".notes-abcdefgh.txt"  # not ours
   other.write_text("x")
-  remove_strays(folder, fit.FILES)
+  remove_strays(folder, outputs.FILES)
   assert not pathlib.Path(stray).exists() and other.exists() and (folder / "params.safetensors").exists()
 
 

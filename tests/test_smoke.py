@@ -40,13 +40,14 @@ def test_full_and_small_configs_are_whole_and_locked(name):
     load_config(name, "huge")
 
 
-def test_resume_through_the_stage_is_exact(tmp_path, unjudged):
+def test_resume_through_the_stage_is_exact(tmp_path, unjudged, capsys):
   """Data order, noise, optimizer and average all go on: 2 + 2 steps are 4, bit for bit."""
   config = load_config("cdamd_length", "tiny").unlock()
   config.optimizer.ema_decay = 0.5
-  training.run(config, tmp_path / "parts")
+  training.run(config, tmp_path / "parts", resume="auto")
   config.train.num_steps = 4
-  parts = training.run(config, tmp_path / "parts", resume=True)
+  parts = training.run(config, tmp_path / "parts", resume="auto")
+  assert re.findall("--resume=auto: (.*) /", capsys.readouterr().out) == ["starting", "going on with"]
   whole = training.run(config, tmp_path / "whole")
   assert all(np.array_equal(a, b) for a, b in zip(jax.tree.leaves(parts), jax.tree.leaves(whole), strict=True))
 

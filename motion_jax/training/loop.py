@@ -11,12 +11,13 @@ from tqdm import tqdm
 
 from motion_jax.inputs.errors import InputError, reason
 from motion_jax.runtime import stopping
+from motion_jax.runtime.atomic import remove_strays
 from motion_jax.training import checkpoint
-from motion_jax.training.guards import Guards, Watchdog, check_finite, keep_batch
+from motion_jax.training.guards import BATCH, Guards, Watchdog, check_finite, keep_batch
 from motion_jax.training.mesh import make_mesh
 from motion_jax.training.metrics import trim_metrics
 from motion_jax.training.optimizers import make_optimizer
-from motion_jax.training.outputs import Outputs, is_of_the_disk
+from motion_jax.training.outputs import FILES, Outputs, is_of_the_disk
 from motion_jax.training.progress import Progress
 from motion_jax.training.saver import Saver, copy_of, told_differences
 from motion_jax.training.train_step import init_state, make_train_step
@@ -61,7 +62,9 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
     trim_metrics(workdir, step)
     return mesh.put(restored), record
 
-  saver.clean()
+  if jax.process_index() == 0:
+    saver.clean()
+    remove_strays(workdir, (*FILES, BATCH))
   if saver.latest is not None:
     if not resume:
       raise ValueError(f"{workdir} holds a run at step {saver.latest}; --resume continues it, or choose another folder")

@@ -8,9 +8,10 @@ from tqdm import tqdm
 from motion_jax.inputs.errors import reason
 from motion_jax.training import checkpoint
 from motion_jax.training.distributed import on_host
-from motion_jax.training.metrics import append_metrics, draw_curve, read_metrics, was_evaluated
+from motion_jax.training.metrics import METRICS, append_metrics, draw_curve, read_metrics, was_evaluated
 from motion_jax.training.train_step import variables_of
 
+FILES = (checkpoint.PARAMS, checkpoint.RAW, checkpoint.LAST, METRICS, "loss.png")
 _NO_ROOM = ("no space left", "enospc", "quota exceeded", "file too large", "os error", "input/output error")
 
 
