@@ -37,7 +37,7 @@ from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.runtime.atomic import atomic_path
-from motion_jax.training import optimizers, train_step
+from motion_jax.training import mesh, optimizers, train_step
 from motion_jax.training.setup import untrained
 
 SECONDS = 6  # of motion that a clip has, at 20 frames a second
@@ -165,15 +165,14 @@ def train_config(name, dtype, tiny):
 def train_of(config, make_stage, dtype, batch_size):
   """A training step of a config, with its optimizer, on a batch of its shapes."""
   with config.unlocked():
-    (config.model.transformer if "transformer" in config.model else config.model).dtype = dtype
-    if "head" in config.model:
-      config.model.head.dtype = dtype
+    (config.train if "dtype" in config.train else config.model).dtype = dtype
   stage, batch, frozen = make_stage(config), batch_of(config, batch_size), frozen_of(config)
   tx = optimizers.make_optimizer(config.optimizer, config.train.num_steps)
-  state = jax.jit(lambda batch, key: train_step.init_state(stage, tx, batch, key))(batch, jax.random.key(0))
-  run = train_step.make_train_step(stage, tx, config.optimizer.ema_decay, config.optimizer.skip_loss)
-  shards = jax.device_put(train_step.shard(batch, 1))
-  found = timed(run, state, jax.device_put(frozen), shards, jax.random.key(1), carried=True)
+  average, devices = config.optimizer.ema_decay > 0, mesh.make_mesh(config.mesh)
+  state = jax.jit(lambda batch, key: train_step.init_state(stage, tx, batch, key, average))(batch, jax.random.key(0))
+  run = devices.compiled(train_step.make_train_step(stage, tx, config.optimizer.ema_decay, config.optimizer.skip_loss))
+  found = timed(run, devices.put(state), devices.put(frozen), jax.device_put(devices.rows(batch)), jax.random.key(1),
+                carried=True)
   return found | dict(samples_per_second=batch_size / found["seconds"], batch=batch_size)
 
 
@@ -205,9 +204,7 @@ def cmdm_codec(tiny):
 
 def generator(dtype, tiny):
   config = config_of("cdamd_generator", tiny)
-  with config.unlocked():
-    config.model.transformer.dtype = config.model.head.dtype = dtype
-  net, autoencoder = cdamd.make_generator(config.model), Autoencoder(**config.tokenizer)
+  net, autoencoder = cdamd.make_generator(config.model, jnp.dtype(dtype)), Autoencoder(**config.tokenizer)
   return config, net, jax.device_put(AutoencoderCodec.of(autoencoder, untrained(cdamd.frozen_shapes(autoencoder))))
 
 

@@ -201,7 +201,7 @@ def _line(folder, pass_by, _):
     pass_by("in the evaluation")
     return {"wave": float(np.sin(100 * np.asarray(params["w"]).sum()))}  # the best may be any of them
 
-  config = ml_collections.ConfigDict(dict(seed=0, mesh=dict(map="auto"), optimizer=common.optimizer(
+  config = ml_collections.ConfigDict(dict(seed=0, mesh=dict(map="auto", shard_state=False), optimizer=common.optimizer(
       0.1, ema_decay=0.9, skip_loss=1e3), train=common.train(STEPS, 1, SAVE_EVERY, best="max wave", max_skips=3)))
   loop.train(config, folder, Stage(lambda batch, rng: {"w": jax.random.normal(rng, (3,))}, loss, None), next_batch,
              resume=not checkpoint.is_fresh(folder), evaluate=evaluate)
@@ -241,7 +241,7 @@ def _end(folder):
   import orbax.checkpoint as ocp
 
   from motion_jax.training import checkpoint
-  from motion_jax.training.metrics import read_metrics
+  from motion_jax.training.metrics import read_metrics, without_clock
   from motion_jax.training.saver import STATE, Saver
   steps = Saver(folder).steps
   with ocp.StandardCheckpointer() as reader:
@@ -252,7 +252,7 @@ def _end(folder):
                      for path, leaf in jax.tree_util.tree_leaves_with_path(state)},
           "files": {name: digest((folder / name).read_bytes()) for name in (
               checkpoint.PARAMS, checkpoint.RAW, checkpoint.LAST) if (folder / name).is_file()},
-          "rows": [{key: value for key, value in row.items() if key != "seconds"} for row in read_metrics(folder)],
+          "rows": without_clock(read_metrics(folder)),
           "strays": sorted(path.name for path in folder.rglob(".*"))}
 
 

@@ -34,7 +34,7 @@ import tests.typechecker
 ROOT = pathlib.Path(__file__).parents[1]
 # The shapes that annotations state are checked wherever a test calls these rooms, or compiles a call of them. Has to be
 # said before they are imported.
-CHECKED = ["motion_jax.nets", "motion_jax.quant.vq"]
+CHECKED = [f"motion_jax.{room}" for room in ("nets", "quant", "diffusion", "motion", "metrics")]
 jaxtyping.install_import_hook(CHECKED, f"{tests.typechecker.__name__}.check")
 
 from motion_jax import fit as training  # noqa: E402

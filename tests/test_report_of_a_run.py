@@ -47,17 +47,18 @@ def test_rates_count_steps_since_the_last_row(monkeypatch):
   monkeypatch.setattr(time, "perf_counter", lambda: now[0])
   monkeypatch.setattr(rates, "peak_flops", lambda: 1e6)
   meter = rates.Rates(8, lambda step: 0.1 * step, flops=1e5)
-  meter.restart()
-  for _ in range(4):
-    meter.step()
-  now[0] += 2.0
-  row = meter.row(step=4, waited=0.5)
+  meter.step(waited=0.25)  # the first, which compiles
+  for at in range(4):
+    now[0] += 0.5
+    meter.step(waited=0.25 + 0.125 * (at + 1))
+  row = meter.row(step=5)
   assert row["samples_per_second"] == pytest.approx(16) and row["data_wait"] == pytest.approx(0.25)
-  assert row["mfu"] == pytest.approx(0.2) and row["learning_rate"] == pytest.approx(0.3) and row["memory_mb"] > 1
+  assert row["mfu"] == pytest.approx(0.2) and row["learning_rate"] == pytest.approx(0.4) and row["memory_mb"] > 1
+  meter.restart()
   now[0] += 50.0  # a save
-  meter.restart(waited=0.75)
-  meter.step()
+  meter.step(waited=0.75)
   now[0] += 1.0
-  row = meter.row(step=5, waited=1.0)
+  meter.step(waited=1.0)
+  row = meter.row(step=7)
   assert row["samples_per_second"] == pytest.approx(8) and row["data_wait"] == pytest.approx(0.25)
-  assert json.dumps(row)
+  assert json.dumps(row) and "samples_per_second" not in meter.row(step=7)

@@ -13,7 +13,7 @@ from motion_jax.inputs.errors import InputError
 from motion_jax.runtime.atomic import atomic_path, remove_strays
 from motion_jax.training import checkpoint, outputs, resume
 from motion_jax.training import loop as train
-from motion_jax.training.metrics import read_metrics
+from motion_jax.training.metrics import read_metrics, without_clock
 from motion_jax.training.saver import Saver, copy_of, fields_of
 from tests.conftest import load_config
 from tests.test_train import _config, _equal, _next_batch, _stage
@@ -146,7 +146,7 @@ def test_a_kill_between_a_save_and_its_evaluation_changes_nothing(tmp_path, kill
   assert Saver(tmp_path / "parts").latest == killed_at
   parts = run(tmp_path / "parts", resume=True)
   assert _equal(whole, parts)
-  rows = [[{k: v for k, v in row.items() if k != "seconds"} for row in read_metrics(tmp_path / name)]
+  rows = [without_clock(read_metrics(tmp_path / name))
           for name in ("whole", "parts")]
   assert rows[0] == rows[1]
   for name in (checkpoint.PARAMS, checkpoint.RAW, checkpoint.LAST):
@@ -161,7 +161,7 @@ def test_rows_of_metrics_are_means_over_the_same_steps_after_a_slice(tmp_path):
   train.train(config, tmp_path / "whole", _stage(), _next_batch)
   for step in range(6):
     train.train(config, tmp_path / "parts", _stage(), _next_batch, resume=step > 0, max_seconds=-1)
-  rows = [[{k: v for k, v in row.items() if k != "seconds"} for row in read_metrics(tmp_path / name)]
+  rows = [without_clock(read_metrics(tmp_path / name))
           for name in ("whole", "parts")]
   assert rows[0] == rows[1] and len(rows[0]) == 2
 

@@ -110,7 +110,7 @@ def _commands(page):
   for block in _blocks(page, "bash"):
     for line in block.replace("\\\n", " ").splitlines():
       for part in line.split(" && "):
-        words = shlex.split(part, comments=True)
+        words = shlex.split(part.rstrip().removesuffix("&"), comments=True)
         if words and (words[0].endswith("motion-jax") or words[:1] == ["python"] and words[1].endswith(".py")):
           yield words[1:] if words[0] == "python" else ["motion-jax", *words[1:]]
 

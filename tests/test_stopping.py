@@ -15,7 +15,7 @@ from motion_jax.runtime.atomic import atomic_folder, atomic_path
 from motion_jax.training import loop as train
 from motion_jax.training.saver import Saver
 from tests.conftest import ROOT, devices_env
-from tests.test_train import _config, _equal, _next_batch, _stage
+from tests.test_train import _config, _equal, _next_batch, _stage, before_each_step
 
 _HALF = """
 import os, pathlib, signal, sys
@@ -114,14 +114,10 @@ def test_a_reader_that_has_gone_is_no_error(command):
 
 
 @pytest.mark.parametrize("number, status", [(signal.SIGTERM, 75), (signal.SIGINT, 130)])
-def test_a_training_tells_by_what_it_was_stopped(tmp_path, number, status):
-  def stopped(step):
-    if step == 1:
-      os.kill(os.getpid(), number)
-    return _next_batch(step)
-
+def test_a_training_tells_by_what_it_was_stopped(tmp_path, monkeypatch, number, status):
+  before_each_step(monkeypatch, lambda step: step == 1 and os.kill(os.getpid(), number))
   stop = stopping.Stop()
-  assert int(train.train(_config(50), tmp_path, _stage(), stopped, stop=stop).step) == 2
+  assert int(train.train(_config(50), tmp_path, _stage(), _next_batch, stop=stop).step) == 2
   assert stop.raised and stop.status == status
   assert stopping.Stop().status == 0
 

@@ -176,7 +176,7 @@ def test_a_study_goes_on_where_it_stopped(settings, tmp_path, monkeypatch, capsy
       raise FloatingPointError("the loss is nan")
     return {"fid": dict(mean=0.1 * len(scored), interval=0.0, values=[])}, {"code": judging[0]}
 
-  judging = [study.record.commit()]
+  judging = [study.provenance.commit()]
   monkeypatch.setattr(study.time, "monotonic", itertools.count().__next__)  # every look at the clock is a second
   monkeypatch.setattr(study.training, "run", train)
   monkeypatch.setattr(study.Bench, "scores", scores)
@@ -203,7 +203,7 @@ def test_a_study_goes_on_where_it_stopped(settings, tmp_path, monkeypatch, capsy
   judging[0] = {"commit": "another"}
   study.run_study(settings, tmp_path, only=rows, again=True)
   assert scored[6:] == ["no-rope"]  # nothing was judged by other code
-  monkeypatch.setattr(study.record, "commit", lambda: judging[0])
+  monkeypatch.setattr(study.provenance, "commit", lambda: judging[0])
   study.run_study(settings, tmp_path, only=rows, again=True)
   assert scored[7:] == ["default", "no-adaln", "no-rope", "fss-20-5"] and len(trained) == 8
   with pytest.raises(ValueError, match="take another --out"):

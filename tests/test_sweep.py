@@ -3,6 +3,7 @@ import json
 
 import pytest
 
+from motion_jax import cli
 from motion_jax.cli import sweep
 from motion_jax.inputs import config_files, overrides
 from motion_jax.inputs.errors import InputError
@@ -37,8 +38,8 @@ def test_runs_come_one_after_another_and_only_once(file, tmp_path, capsys, monke
     return 0
 
   assert sweep.run(file, out, ["--data", "x"], call) == 0 and len(calls) == 2
-  assert calls[1][3:] == ["train", "--config", "cmdm_tokenizer:tiny", "--workdir", str(out / "b"), "--data", "x",
-                          "--config.seed=1"]
+  assert calls[1][3:] == ["train", "--config", "cmdm_tokenizer:tiny", "--workdir", str(out / "b"), "--resume=auto",
+                          "--data", "x", "--config.seed=1"]
   assert sweep.run(file, out, [], call) == 0 and len(calls) == 2
   table = (out / "sweep.md").read_text().splitlines()
   assert table[0] == "| run | seed | state | loss | held_out_mm | seconds |"
@@ -56,12 +57,20 @@ def test_a_failure_leaves_the_others_and_a_stop_ends_the_sweep(file, tmp_path, c
     assert len(calls) == 1
 
 
-def test_a_run_that_was_begun_is_resumed(file, tmp_path, monkeypatch):
+def test_a_task_of_an_array_trains_its_own_run(file, tmp_path, monkeypatch):
   monkeypatch.setenv(sweep.TASK, "1")
-  (tmp_path / "out/b/checkpoints/1").mkdir(parents=True)
   calls = []
   sweep.run(file, tmp_path / "out", [], lambda command: calls.append(command) or 0)
-  assert len(calls) == 1 and "--resume" in calls[0] and str(tmp_path / "out/b") in calls[0]
+  assert len(calls) == 1 and str(tmp_path / "out/b") in calls[0]
+
+
+def test_at_the_command_line(file, tmp_path, monkeypatch, capsys):
+  monkeypatch.setattr(sweep, "run", lambda *args: print(args) or 3)
+  assert cli.main(["train", "--sweep", str(file), "--workdir", "out", "--data", "x", "--config.seed=7"]) == 3
+  assert "'--data', 'x', '--config.seed=7'" in capsys.readouterr().out
+  for flags, told in (([], "neither --config nor --sweep"), (["--sweep", "a", "--config", "b"], "both --config and")):
+    assert cli.main(["train", "--workdir", "out", *flags])
+    assert told in capsys.readouterr().err
 
 
 def test_a_task_that_is_none(file, tmp_path, monkeypatch):

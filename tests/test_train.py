@@ -1,4 +1,5 @@
 """The loop: resuming is exact, devices do not matter, a broken run is told."""
+import itertools
 import json
 import os
 import pathlib
@@ -16,7 +17,7 @@ import pytest
 from configs import common
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.stats import Stats, save_stats
-from motion_jax.training import checkpoint, mesh, optimizers, resume, train_step
+from motion_jax.training import checkpoint, mesh, optimizers, prefetch, resume, train_step
 from motion_jax.training import loop as train
 from motion_jax.training.metrics import append_metrics, read_metrics
 from motion_jax.training.outputs import best_step
@@ -290,13 +291,15 @@ def test_a_slice_stops_in_time_and_goes_on(tmp_path):
   assert _equal(rest, whole)
 
 
-def test_ctrl_c_saves_and_leaves(tmp_path):
-  def interrupted(step):
-    if step == 2:
-      os.kill(os.getpid(), signal.SIGINT)
-    return _next_batch(step)
+def before_each_step(monkeypatch, act):
+  """Calls act(step) where a step of a training that begins anew takes its batch, which was made ahead of it."""
+  take, steps = prefetch.Ahead.take, itertools.count()
+  monkeypatch.setattr(prefetch.Ahead, "take", lambda self: (act(next(steps)), take(self))[1])
 
-  state = train.train(_config(50), tmp_path, _stage(), interrupted)
+
+def test_ctrl_c_saves_and_leaves(tmp_path, monkeypatch):
+  before_each_step(monkeypatch, lambda step: step == 2 and os.kill(os.getpid(), signal.SIGINT))
+  state = train.train(_config(50), tmp_path, _stage(), _next_batch)
   assert int(state.step) == 3 and Saver(tmp_path).latest == 3
 
 

@@ -33,9 +33,9 @@ def cache_compiled_code():
   cache.keep_in_user_cache()
 
 
-def add_config(parser):
+def add_config(parser, required=True):
   """The flags that name a training config and its data, and --config.FIELD=VALUE."""
-  parser.add_argument("--config", required=True, metavar="NAME[:SIZE]", help="the experiment, such as "
+  parser.add_argument("--config", required=required, metavar="NAME[:SIZE]", help="the experiment, such as "
                       "cmdm_denoiser:tiny: one that ships, or a Python file with get_config(size)")
   parser.add_argument("--data", nargs="+", metavar="DIR", help="data folder, or several that are read together; short "
                       "for --config.data.folder")

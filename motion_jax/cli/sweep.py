@@ -10,9 +10,9 @@ import sys
 from motion_jax.inputs import config_files
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.nearest import did_you_mean
+from motion_jax.runtime import exit_status
 
 TASK = "SLURM_ARRAY_TASK_ID"
-PREEMPTED = 75
 _DONE, _TABLE = "finished", "sweep.md"
 
 
@@ -65,12 +65,11 @@ def run(name, workdir, arguments, call=subprocess.call) -> int:
       print(f"{one}: finished already", flush=True)
       continue
     overrides = [f"--config.{field}={value}" for field, value in fields.items()]
-    resume = ["--resume"] if (folder / "checkpoints").is_dir() and any((folder / "checkpoints").iterdir()) else []
     print(f"{one}: {config} {' '.join(overrides)}", flush=True)
     statuses[one] = call([sys.executable, "-m", "motion_jax.cli", "train", "--config", config, "--workdir", str(folder),
-                          *resume, *arguments, *overrides])
+                          "--resume=auto", *arguments, *overrides])
     write_table(runs, workdir)
-    if statuses[one] == PREEMPTED or statuses[one] > 128 or statuses[one] < 0:
+    if statuses[one] == exit_status.PREEMPTED or statuses[one] > 128 or statuses[one] < 0:
       print(f"stopped in {one}; the same command goes on")
       return statuses[one] if statuses[one] > 0 else 128 - statuses[one]
   print(write_table(runs, workdir))

@@ -2,8 +2,9 @@
 import pathlib
 import sys
 
-from motion_jax.cli import shared
+from motion_jax.cli import shared, sweep
 from motion_jax.inputs import config_files
+from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.numerals import real, whole
 
 
@@ -16,7 +17,10 @@ def add_to(commands):
       epilog=f"Configs that ship: {', '.join(config_files.names())}. Sizes: tiny (two steps, seconds), mini, laptop, "
              "small, and without one the paper's; docs/configs.md has them all.")
   add = train.add_argument
-  shared.add_config(train)
+  shared.add_config(train, required=False)
+  add("--sweep", metavar="NAME[:SIZE]",
+      help="in the place of --config: all runs of a sweep, one that ships or a Python file with get_sweep(size), one "
+           "after another in folders of --workdir, or the one of this task of a SLURM array")
   add("--workdir", required=True, metavar="FOLDER", help="run folder: made if need be; holds all that loading needs")
   add("--resume", nargs="?", const="yes", choices=("yes", "no", "auto"),
       help="go on with the run in the folder, exactly where it stopped; --resume=auto does if there is one and starts "
@@ -40,12 +44,26 @@ def add_to(commands):
 
 
 def _train(args):
+  if (args.config is None) == (args.sweep is None):
+    raise InputError("got " + ("both --config and --sweep" if args.config else "neither --config nor --sweep")
+                     + "; give one of them")
+  if args.sweep:
+    return sweep.run(args.sweep, args.workdir, _of_each_run(args))
   from motion_jax.runtime import exit_status, stopping
   with stopping.Stop(args.program) as stop:
     _run(args, stop)
   if stop.status == exit_status.PREEMPTED:
     print(f"{args.program}: preempted, resumable", file=sys.stderr)
   return stop.status
+
+
+def _of_each_run(args):
+  """The arguments that each run of a sweep gets, too."""
+  found = ["--data", *args.data] if args.data else []
+  found += ["--allow-changes"] if args.allow_changes else []
+  found += [f"--max-seconds={args.max_seconds}"] if args.max_seconds else []
+  found += [f"--simulate-devices={args.simulate_devices}"] if args.simulate_devices else []
+  return found + list(args.overrides)
 
 
 def _run(args, stop):

@@ -1,12 +1,12 @@
 """What lets anyone repeat a number: what was judged, by what, with which draws, on which code."""
-import functools
 import hashlib
 import importlib.metadata
 import pathlib
 import platform
-import subprocess
 
 import jax
+
+from motion_jax.runtime.code import commit
 
 _PACKAGES = ("jax", "jaxlib", "flax", "numpy", "scipy", "safetensors", "tokenizers")
 
@@ -72,18 +72,3 @@ def _versions():
     except importlib.metadata.PackageNotFoundError:
       found[name] = "a checkout that is not installed"
   return found
-
-
-@functools.cache
-def commit():
-  """The commit of the checkout that the code runs from, and whether files differ from it; None outside of one."""
-  folder = pathlib.Path(__file__).parent
-  ask = lambda *words: subprocess.run(["git", "-C", str(folder), *words], capture_output=True, text=True, timeout=30)
-  try:
-    commit = ask("rev-parse", "HEAD")
-    if commit.returncode:
-      return None
-    changed = ask("status", "--porcelain", "--untracked-files=no", "--", str(folder.parent))
-    return dict(commit=commit.stdout.strip(), changed=bool(changed.stdout.strip()))
-  except (OSError, subprocess.SubprocessError):
-    return None

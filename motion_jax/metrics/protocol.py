@@ -129,9 +129,11 @@ def reconstruction_scores(batches: Iterable[Batch], protocol: Protocol, pairs: D
   return row | {"mpjpe": scores.mpjpe(errors), "released_mpjpe": scores.released_mpjpe(errors, protocol.pool)}
 
 
-def reconstruction_errors(real: Num[Array, "b t f"], made: Num[Array, "b t f"], num_frames: Sequence[int] | np.ndarray,
+def reconstruction_errors(real: Num[Array, "b t f"], made: Num[Array, "b _ f"],
+                          num_frames: Sequence[int | np.integer] | np.ndarray,
                           alone: bool = True, layout: Representation | None = None) -> list[np.ndarray]:
-  """Joint errors (T_i,) of each clip, roots at one place; real and made (B, T, F) are de-normalized features.
+  """Joint errors (T_i,) of each clip, roots at one place; real and made (B, T, F) are de-normalized, one of them may
+  be padded further.
 
   alone: every frame is rebuilt by itself, facing ahead, so that heading errors do not count. Parity: that is what the
   released evaluation does, for it hands features over as (frames, 1, F). False rebuilds the whole motion.

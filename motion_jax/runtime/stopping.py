@@ -35,10 +35,20 @@ def take_back():
 
 
 _CLEAN = "stopped; nothing half-written is left"
+_ending = threading.Lock()  # taken by the thread that ends the process, for good
+_ended_by = None
 
 
 def _end(program, number, resumable, message=_CLEAN):
-  """Ends the process where it stands: what is half done is taken back, one line, the status of the signal."""
+  """Ends the process where it stands: what is half done is taken back, one line, the status of the signal.
+
+  Once, though one signal may be heard by a thread and a second one by a handler."""
+  global _ended_by
+  if not _ending.acquire(blocking=False):
+    if _ended_by == threading.get_ident():
+      return  # a handler that interrupts this very function
+    threading.Event().wait()
+  _ended_by = threading.get_ident()
   take_back()
   with contextlib.suppress(Exception):  # a closed terminal
     sys.stdout.flush()

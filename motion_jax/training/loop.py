@@ -16,9 +16,11 @@ from motion_jax.training import checkpoint
 from motion_jax.training.guards import BATCH, Guards, Watchdog, check_finite, keep_batch
 from motion_jax.training.mesh import make_mesh
 from motion_jax.training.metrics import trim_metrics
-from motion_jax.training.optimizers import make_optimizer
+from motion_jax.training.optimizers import make_optimizer, make_schedule
 from motion_jax.training.outputs import FILES, Outputs, is_of_the_disk
+from motion_jax.training.prefetch import Ahead
 from motion_jax.training.progress import Progress
+from motion_jax.training.rates import Rates
 from motion_jax.training.saver import Saver, copy_of, told_differences
 from motion_jax.training.train_step import init_state, make_train_step
 
@@ -105,7 +107,7 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
       check_finite(copy)
     except FloatingPointError as error:
       raise broken(error) from None
-    saver.save(step, copy, guards.memory() | {"logged": logged})
+    saver.save(step, copy, guards.memory() | {"logged": list(logged)})  # written while the next steps are logged
 
   def roll_back(state):
     """The last state before a series of steps that were left out, from which the run goes on with other batches."""
@@ -130,7 +132,7 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
 
   def batch_of(step):
     try:
-      return mesh.rows(next_batch(guards.batch_number(step)))
+      return batches.take()
     except MemoryError:  # there is none for a save either
       raise
     except Exception as error:
@@ -143,14 +145,19 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
       raise InputError(f"the batch of step {step} cannot be made ({type(error).__name__}: {reason(error)}); step "
                        f"{saver.latest} is saved, --resume goes on from there when the data are whole") from error
 
+  batches = Ahead(next_batch, mesh.rows, num_steps, config.train.workers)
+  rates = Rates(len(example["index"]), make_schedule(optimizer, num_steps))
   progress = Progress(first, num_steps, len(example["index"]))
   bar = tqdm(total=num_steps, initial=first, unit="step", dynamic_ncols=True, disable=None)
   watchdog = Watchdog(workdir, config.train.hang_minutes)
   with (contextlib.closing(progress), contextlib.closing(saver), contextlib.closing(watchdog),
-        stop or stopping.Stop() as interrupt, bar):
+        contextlib.closing(batches), stop or stopping.Stop() as interrupt, bar):
     step = first
+    if step < num_steps:
+      batches.begin(step, guards.batch_number(step))
     while step < num_steps:
       state, metrics = train_step(state, frozen, batch_of(step), rng)
+      rates.step(batches.waited)
       interrupt.something_to_lose()
       watchdog.beat()
       step += 1
@@ -165,12 +172,15 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
       if (logs or saves) and look(step):
         state = roll_back(state)
         step = int(state.step)
+        batches.begin(step, guards.batch_number(step))
+        rates.restart()
         bar.update(step - bar.n)
         continue
       if logs:
         means = {k: float(np.mean([m[k] for m in logged])) for k in logged[0]}
         logged.clear()
-        outputs.add({"step": step, "seconds": round(time.time() - began, 1), **means, **guards.counts()})
+        outputs.add({"step": step, "seconds": round(time.time() - began, 1), **means, **guards.counts(),
+                     **rates.row(step)})
         bar.set_postfix({k: f"{v:.4g}" for k, v in means.items() if k in ("loss", "mse")} |
                         {k: f"{v:.4g}" for k, v in outputs.numbers.items()})
       bar.update(1)
@@ -185,6 +195,7 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
         # What may be rolled back is not chosen.
         saver.best = outputs.judge(step, state, hurried=told or guards.streak and step < num_steps)
         watchdog.beat()
+        rates.restart()
       if ends:
         break
     if error := saver.wait():

@@ -12,12 +12,18 @@ from motion_jax.runtime.atomic import atomic_path
 from motion_jax.training.distributed import by_first
 
 METRICS = "metrics.jsonl"
+CLOCK = ("seconds", "samples_per_second", "data_wait", "memory_mb", "mfu")  # what differs from machine to machine
 
 
 def read_metrics(folder) -> list[dict]:
   """The rows of a run, as dicts; none where there is no file."""
   path = pathlib.Path(folder) / METRICS
   return [row for _, row in read_json_lines(path)] if path.is_file() else []
+
+
+def without_clock(rows) -> list[dict]:
+  """Rows less what a clock or a machine says: the same for the same run."""
+  return [{key: value for key, value in row.items() if key not in CLOCK} for row in rows]
 
 
 def was_evaluated(folder, step) -> bool:

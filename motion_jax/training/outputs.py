@@ -6,12 +6,14 @@ import jax
 from tqdm import tqdm
 
 from motion_jax.inputs.errors import reason
-from motion_jax.training import checkpoint
+from motion_jax.runtime.code import commit
+from motion_jax.training import checkpoint, report
 from motion_jax.training.distributed import on_host
 from motion_jax.training.metrics import METRICS, append_metrics, draw_curve, read_metrics, was_evaluated
+from motion_jax.training.saver import environment
 from motion_jax.training.train_step import variables_of
 
-FILES = (checkpoint.PARAMS, checkpoint.RAW, checkpoint.LAST, METRICS, "loss.png")
+FILES = (checkpoint.PARAMS, checkpoint.RAW, checkpoint.LAST, METRICS, "loss.png", report.REPORT)
 _NO_ROOM = ("no space left", "enospc", "quota exceeded", "file too large", "os error", "input/output error")
 
 
@@ -72,7 +74,15 @@ class Outputs:
         checkpoint.save_params(self._workdir, params)
         if self._average:  # references that have no average are judged without one
           checkpoint.save_params(self._workdir, variables_of(state), name=checkpoint.RAW)
+      self.report()
     return best
+
+  def report(self):
+    """report.html, made anew."""
+    code = commit()
+    about = environment() | {"commit": code["commit"] + " with changes" * code["changed"] if code else "not a checkout"}
+    with if_there_is_room("report.html"):
+      report.write(self._workdir, self._config, about)
 
   def close(self):
     with if_there_is_room("loss.png"):

@@ -60,6 +60,45 @@ class Prefetch:
     self._thread.join(timeout=10)
 
 
+class Ahead:
+  """The batches of a run, made ahead of its steps and placed on the devices.
+
+  next_batch(number) -> a batch; place(batch): puts it where a step takes it; num_workers: processes that make batches
+  (`in_processes`), 0 for a thread of this one.
+  """
+
+  def __init__(self, next_batch: Callable[[int], Any], place: Callable[[Any], Any], num_steps: int,
+               num_workers: int = 0):
+    self._next_batch, self._place, self._num_steps, self._num_workers = next_batch, place, num_steps, num_workers
+    self._batches: Prefetch | None = None
+    self._waited = 0.0
+
+  @property
+  def waited(self) -> float:
+    """Seconds for which steps had to wait for a batch, since the run began."""
+    return self._waited + (self._batches.waited if self._batches else 0.0)
+
+  def begin(self, step: int, number: int):
+    """The next batch to take is that of `step`, and has this number; those after it follow."""
+    self.close()
+    shift, last = number - step, self._num_steps
+    if self._num_workers:
+      found = in_processes(self._next_batch, number, last + shift, self._num_workers)
+      make = lambda _: self._place(next(found))
+    else:
+      make = lambda step: self._place(self._next_batch(step + shift))
+    self._batches = Prefetch(make, step, last).__enter__()
+
+  def take(self) -> Any:
+    """The next batch; raises what was raised while it was made."""
+    return self._batches.take()
+
+  def close(self):
+    if self._batches is not None:
+      self._batches.__exit__()
+      self._waited, self._batches = self.waited, None
+
+
 def in_processes(make: Callable[[int], Any], first: int, last: int, num_workers: int) -> Iterator[Any]:
   """make(step) for first <= step < last, in order, by processes of their own: the same arrays that make gives here.
 
@@ -70,7 +109,7 @@ def in_processes(make: Callable[[int], Any], first: int, last: int, num_workers:
   try:
     import grain
   except ImportError as error:
-    raise ImportError("data.workers are Grain's: pip install 'motion-jax[data]', or set data.workers=0") from error
+    raise ImportError("train.workers are Grain's: pip install 'motion-jax[data]', or set train.workers=0") from error
   from absl import flags
   flags.FLAGS.mark_as_parsed()  # Grain reads some, whoever parses the command line
   steps = grain.MapDataset.range(first, last).map(make)

@@ -27,28 +27,37 @@ def memory_mb() -> float:
 
 
 class Rates:
-  """Numbers of the steps since the last row; `schedule(step)` is the learning rate, flops what a step computes."""
+  """Numbers of the steps since the last row; `schedule(step)` is the learning rate, flops what a step computes.
+
+  Time counts between the ends of steps: what lies between a `restart` and the step after it, such as compiling, a save
+  or an evaluation, is no step's.
+  """
 
   def __init__(self, batch_size, schedule, flops=None):
     self._batch_size, self._schedule = batch_size, schedule
     self._flops, self._peak = flops, peak_flops()
-    self._since = self._waited = self._steps = None
+    self._last, self._seconds, self._waited, self._steps = None, 0.0, 0.0, 0
 
-  def restart(self, waited=0.0):
-    """Time counts from now on: what came before, such as compiling, a save or an evaluation, is no step's."""
-    self._since, self._waited, self._steps = time.perf_counter(), waited, 0
+  def restart(self):
+    """The next step's time is left out."""
+    self._last = None
 
-  def step(self):
-    self._steps += 1
+  def step(self, waited):
+    """A step has ended; waited: seconds for which steps have waited for data since the run began."""
+    now = time.perf_counter(), waited
+    if self._last is not None:
+      self._seconds += now[0] - self._last[0]
+      self._waited += now[1] - self._last[1]
+      self._steps += 1
+    self._last = now
 
-  def row(self, step, waited) -> dict[str, float]:
-    """Of the steps since the last row or restart, up to `step`; waited: seconds for data since the run began."""
+  def row(self, step) -> dict[str, float]:
+    """Of the steps since the last row, up to `step`."""
     row = {"learning_rate": float(self._schedule(step - 1)), "memory_mb": round(memory_mb(), 1)}
-    seconds = time.perf_counter() - self._since
-    if self._steps and seconds > 0:
-      rate = self._steps / seconds
-      row |= {"samples_per_second": rate * self._batch_size, "data_wait": min((waited - self._waited) / seconds, 1.0)}
+    if self._steps and self._seconds > 0:
+      rate = self._steps / self._seconds
+      row |= {"samples_per_second": rate * self._batch_size, "data_wait": min(self._waited / self._seconds, 1.0)}
       if self._flops and self._peak:
         row["mfu"] = rate * self._flops / self._peak
-    self.restart(waited)
+    self._seconds, self._waited, self._steps = 0.0, 0.0, 0
     return row

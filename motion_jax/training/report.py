@@ -37,7 +37,7 @@ def write(workdir, config, environment) -> pathlib.Path:
   template = jinja2.Environment(autoescape=True, trim_blocks=True).from_string(
       (pathlib.Path(__file__).parent / "assets" / "report.html.j2").read_text(encoding="utf-8"))
   text = template.render(
-      name=workdir.resolve().name, stage=config.stage, step=max((row["step"] for row in rows), default=0),
+      name=workdir.resolve().name, stage=config.get("stage", ""), step=max((row["step"] for row in rows), default=0),
       num_steps=config.train.num_steps, written=time.strftime("%Y-%m-%d %H:%M"), tiles=_tiles(trained, judged),
       sections=[one for one in _sections(trained, judged) if one[1]], pictures=_pictures(workdir),
       about=list(environment.items()), config=json.dumps(config.to_dict(), indent=1))
