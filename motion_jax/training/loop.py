@@ -20,7 +20,7 @@ from motion_jax.training.optimizers import make_optimizer, make_schedule
 from motion_jax.training.outputs import FILES, Outputs, is_of_the_disk
 from motion_jax.training.prefetch import Ahead
 from motion_jax.training.progress import Progress
-from motion_jax.training.rates import Rates
+from motion_jax.training.rates import Rates, flops_of
 from motion_jax.training.saver import Saver, copy_of, told_differences
 from motion_jax.training.train_step import init_state, make_train_step
 
@@ -146,7 +146,8 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
                        f"{saver.latest} is saved, --resume goes on from there when the data are whole") from error
 
   batches = Ahead(next_batch, mesh.rows, num_steps, config.train.workers)
-  rates = Rates(len(example["index"]), make_schedule(optimizer, num_steps))
+  rates = Rates(len(example["index"]), make_schedule(optimizer, num_steps),
+                flops_of(train_step, state, frozen, mesh.rows(example), rng))
   progress = Progress(first, num_steps, len(example["index"]))
   bar = tqdm(total=num_steps, initial=first, unit="step", dynamic_ncols=True, disable=None)
   watchdog = Watchdog(workdir, config.train.hang_minutes)

@@ -18,6 +18,15 @@ def peak_flops() -> float | None:
   return known and known * 1e12 * jax.device_count()
 
 
+def flops_of(train_step, *args) -> float | None:
+  """XLA's count of the FLOPs of a compiled step, on all devices; None where no peak is known to compare it with, or it
+  is not told."""
+  if peak_flops() is None:
+    return None
+  cost = train_step.lower(*args).cost_analysis()  # of one device's rows
+  return (cost or {}).get("flops", 0.0) * jax.device_count() or None
+
+
 def memory_mb() -> float:
   """The most memory used: of the fullest accelerator here, or of this process where devices do not tell."""
   told = [(device.memory_stats() or {}).get("peak_bytes_in_use") for device in jax.local_devices()]
