@@ -12,6 +12,7 @@ from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.input_files import load_npy
 from motion_jax.motion.representations import Representation, get_layout, layout_for
 from motion_jax.motion.rotations import A
+from motion_jax.runtime.atomic import atomic_path
 from motion_jax.shapes import Array
 
 ABSOLUTE = ("Mean_abs.npy", "Std_abs.npy")  # where the field's tools keep statistics of coordinates
@@ -101,14 +102,9 @@ class RunningStats:
 
 def save_stats(stats: Stats, folder: str | os.PathLike) -> None:
   """Writes Mean.npy and Std.npy, the names that the field's tools look for."""
-  folder = pathlib.Path(folder)
   for name, values in (("Mean", stats.mean), ("Std", stats.std)):
-    whole = folder / f".{name}-{os.getpid()}.npy"  # a write cut short leaves the old file as it was
-    try:
-      np.save(whole, values)
-      os.replace(whole, folder / f"{name}.npy")
-    finally:
-      whole.unlink(missing_ok=True)
+    with atomic_path(pathlib.Path(folder) / f"{name}.npy") as path:  # a write cut short leaves the old file as it was
+      np.save(path, values)
 
 
 def load_stats(folder: str | os.PathLike, layout: Representation | str | None = None,
