@@ -20,7 +20,7 @@ def write(folders, out, layout="full", mode="corrected", mirror=True, overwrite=
   """Makes records of data folders of any known kind, and returns a summary to print.
 
   layout: of the features, `motion.representations`; mode and mirror: how they are made, where a folder does not hold
-  them already. Nothing is left in out if anything fails. Raises ImportError without the extra `data`.
+  them already. Nothing is left in out if anything fails. Raises InputError without the extra `data`.
   """
   tfds, layout = records.tensorflow_datasets(), get_layout(layout)
   config = ml_collections.ConfigDict(dict(data=dict(name="archive", folder="", folders=tuple(map(str, folders)),

@@ -6,6 +6,8 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from motion_jax.inputs.errors import InputError
+
 
 class Prefetch:
   """make(step) for step = first, first + 1, ... in that order, up to `depth` of them ahead; `with` ends its thread.
@@ -104,12 +106,12 @@ def in_processes(make: Callable[[int], Any], first: int, last: int, num_workers:
 
   For batches that take longer to make than a step: text that is encoded, features that are read from files. Grain
   hands the steps to the processes and takes the batches back; it pickles make for them, and they use no accelerator.
-  Raises ImportError without the extra `data`.
+  Raises InputError without the extra `data`.
   """
   try:
     import grain
   except ImportError as error:
-    raise ImportError("train.workers are Grain's: pip install 'motion-jax[data]', or set train.workers=0") from error
+    raise InputError("train.workers are Grain's: pip install 'motion-jax[data]', or set train.workers=0") from error
   from absl import flags
   flags.FLAGS.mark_as_parsed()  # Grain reads some, whoever parses the command line
   steps = grain.MapDataset.range(first, last).map(make)

@@ -26,12 +26,12 @@ WHOLE = "_whole"  # behind a split's name: whole clips, where captions are about
 
 
 def tensorflow_datasets():
-  """The package; raises ImportError that says what to install."""
+  """The package; raises InputError that says what to install."""
   try:
     import tensorflow_datasets
     return tensorflow_datasets
   except ImportError as error:
-    raise ImportError("records are read and written by tensorflow-datasets: pip install 'motion-jax[data]'") from error
+    raise InputError("records are read and written by tensorflow-datasets: pip install 'motion-jax[data]'") from error
 
 
 class RecordedFeatures:
