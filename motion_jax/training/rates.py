@@ -61,7 +61,11 @@ class Rates:
     self._last = now
 
   def row(self, step) -> dict[str, float]:
-    """Of the steps since the last row, up to `step`."""
+    """Of the steps since the last row, up to `step`, whose results are there: they are computed while others begin."""
+    if self._last is not None:
+      now = time.perf_counter()
+      self._seconds += now - self._last[0]
+      self._last = now, self._last[1]
     row = {"learning_rate": float(self._schedule(step - 1)), "memory_mb": round(memory_mb(), 1)}
     if self._steps and self._seconds > 0:
       rate = self._steps / self._seconds
