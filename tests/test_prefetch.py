@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from motion_jax import fit
-from motion_jax.training.prefetch import Prefetch, in_processes
+from motion_jax.training.prefetch import Ahead, Prefetch, in_processes
 from tests.conftest import load_config
 
 
@@ -54,3 +54,14 @@ def test_processes_make_the_same_batches_in_the_same_order():
   for step, batch in zip(range(5, 9), made):
     for name, array in next_batch(step).items():
       np.testing.assert_array_equal(batch[name], array)
+
+
+def test_a_run_that_is_rolled_back_takes_other_batches():
+  batches = Ahead(lambda number: number, lambda batch: -batch, num_steps=6)
+  batches.begin(2, 102)
+  assert [batches.take() for _ in range(2)] == [-102, -103]
+  batches.begin(1, 501)
+  assert [batches.take() for _ in range(5)] == [-501, -502, -503, -504, -505]
+  waited = batches.waited
+  batches.close()
+  assert batches.waited == waited > 0

@@ -93,6 +93,9 @@ class Store:
       if known is None or cuts[known, 2] < count:
         self._longest[clip, start] = i
 
+  def __reduce__(self):
+    return Store, (self.folder.absolute(),)  # a process that makes batches opens it itself: the tables are large
+
   def _mapped(self, name, table):
     path, shape = self.folder / f"{name}.rows", (int(table["rows"]), int(table["columns"]))
     dtype = np.dtype(table["dtype"])

@@ -111,7 +111,7 @@ def dopri5(velocity: Callable, x: Float[Array, "*lead c"], rows: Bool[Array, "*l
 
 
 def _quartic(x0: Float[Array, "*dims"], x1: Float[Array, "*dims"], middle: Float[Array, "*dims"],
-             v0: Float[Array, "*dims"], v1: Float[Array, "*dims"], width: Float[Array, ""]) -> Float[Array, "5 *dims"]:
+             v0: Float[Array, "*dims"], v1: Float[Array, "*dims"], width: Float[Array, ""]) -> Float[Array, " 5 *dims"]:
   """Coefficients (5, ...) of the quartic through three values with the slopes at both ends; constant one first."""
   a = 2 * width * (v1 - v0) - 8 * (x1 + x0) + 16 * middle
   b = width * (5 * v0 - 3 * v1) + 18 * x0 + 14 * x1 - 32 * middle

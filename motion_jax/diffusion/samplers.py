@@ -12,7 +12,7 @@ from motion_jax.shapes import Array
 Velocity = Callable[[jax.Array, jax.Array], jax.Array]  # of x (B, L, C) at times (L,) -> (B, L, C)
 
 
-def euler(velocity: Velocity, x: Float[Array, "*lead c"], times: Float[Array, "n #l"]) -> Float[Array, "*lead c"]:
+def euler(velocity: Velocity, x: Float[Array, "*lead c"], times: Float[Array, " n #l"]) -> Float[Array, "*lead c"]:
   """Carries noise x (B, L, C) to data along times (N + 1, L), rising in N; velocity(x, t (L,)) -> (B, L, C)."""
 
   # Parity: the paper's algorithm 2 draws fresh noise in every step; the code, and we, take plain Euler steps.
@@ -23,7 +23,7 @@ def euler(velocity: Velocity, x: Float[Array, "*lead c"], times: Float[Array, "n
   return jax.lax.scan(step, x, (times[:-1], times[1:]))[0]
 
 
-def heun(velocity: Velocity, x: Float[Array, "*lead c"], times: Float[Array, "n #l"]) -> Float[Array, "*lead c"]:
+def heun(velocity: Velocity, x: Float[Array, "*lead c"], times: Float[Array, " n #l"]) -> Float[Array, "*lead c"]:
   """Like `euler`, with the mean of the velocities at both ends of a step: second order, two evaluations a step."""
 
   def step(x, interval):
@@ -35,7 +35,7 @@ def heun(velocity: Velocity, x: Float[Array, "*lead c"], times: Float[Array, "n 
   return jax.lax.scan(step, x, (times[:-1], times[1:]))[0]
 
 
-def midpoint(velocity: Velocity, x: Float[Array, "*lead c"], times: Float[Array, "n #l"]) -> Float[Array, "*lead c"]:
+def midpoint(velocity: Velocity, x: Float[Array, "*lead c"], times: Float[Array, " n #l"]) -> Float[Array, "*lead c"]:
   """Like `euler`, with the velocity in the middle of a step: second order, two evaluations a step."""
 
   def step(x, interval):
@@ -47,7 +47,7 @@ def midpoint(velocity: Velocity, x: Float[Array, "*lead c"], times: Float[Array,
   return jax.lax.scan(step, x, (times[:-1], times[1:]))[0]
 
 
-def rk4(velocity: Velocity, x: Float[Array, "*lead c"], times: Float[Array, "n #l"]) -> Float[Array, "*lead c"]:
+def rk4(velocity: Velocity, x: Float[Array, "*lead c"], times: Float[Array, " n #l"]) -> Float[Array, "*lead c"]:
   """Kutta's 3/8 rule: fourth order, four evaluations a step."""
   # Parity: this one, not the classical rule, is what torchdiffeq calls rk4.
 

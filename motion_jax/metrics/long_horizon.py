@@ -77,7 +77,7 @@ def whole_units(frames: Iterable[int], protocol: LongHorizon) -> list[int]:
   return kept
 
 
-def cut_pieces(motion: Num[Array, "t *frame"], frames: SequenceOf[int] | np.ndarray) -> list[Array]:
+def cut_pieces(motion: Num[Array, " t *frame"], frames: SequenceOf[int] | np.ndarray) -> list[Array]:
   """motion (T, ..) cut at the borders: a list of arrays of so many frames, one after the other from frame 0."""
   ends = np.cumsum(frames)
   if ends[-1] > len(motion):

@@ -22,7 +22,7 @@ def jerk(joints: Num[Array, "*lead t j 3"]) -> Float[np.ndarray, "*lead t-3"]:
   return np.abs(_differences(joints, 3)).sum(-1).max(-1)
 
 
-def jerk_curve(transitions: Num[Array, "n w j 3"]) -> Float[np.ndarray, "w-3"]:
+def jerk_curve(transitions: Num[Array, "n w j 3"]) -> Float[np.ndarray, " w-3"]:
   """Mean jerk at each place of transitions (N, W, J, 3), the same frames around each border -> (W - 3,)."""
   transitions = np.asarray(transitions)
   if transitions.ndim != 4 or not len(transitions):
@@ -40,7 +40,7 @@ def area_under_jerk(curve: Num[Array, " w"], real: float = REAL_JERK["humanml3d"
   return float(np.abs(np.asarray(curve, np.float64) - real).sum())
 
 
-def cut_transitions(motion: Num[Array, "t *frame"], borders: Sequence[int] | np.ndarray, width: int = 60
+def cut_transitions(motion: Num[Array, " t *frame"], borders: Sequence[int] | np.ndarray, width: int = 60
                     ) -> Num[np.ndarray, "n {width} *frame"]:
   """The width frames of motion (T, ...) around each border (first frame of the next piece) -> (N, width, ...).
 

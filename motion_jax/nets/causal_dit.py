@@ -153,7 +153,7 @@ class CausalDiT(nn.Module):
       return jnp.stack([plain] * self.depth)
     return jnp.stack([block.modulation(level) for block in self.blocks])
 
-  def text_keys_values(self, text_emb: Float[Array, "b s e"], text_mask: Bool[Array, "b *l"], with_null: bool = False
+  def text_keys_values(self, text_emb: Float[Array, "b s e"], text_mask: Bool[Array, " b *l"], with_null: bool = False
                        ) -> tuple[Text, ...]:
     """Keys and values of the words for all layers, from text_emb (B, S, E) and text_mask (B, S).
 

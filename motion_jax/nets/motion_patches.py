@@ -25,7 +25,7 @@ def resample(num_joints: int, num_points: int) -> Float[np.ndarray, "{num_points
   return np.maximum(1 - np.abs(place[:, None] - np.arange(num_joints)), 0)
 
 
-def kit_frames(num_rows: int) -> Int[np.ndarray, "{num_rows}"]:
+def kit_frames(num_rows: int) -> Int[np.ndarray, " {num_rows}"]:
   """Which frame at 12.5 a second each of num_rows image rows at 20 shows: of every 12 frames 20 rows are made."""
   row = np.arange(num_rows)
   return 12 * (row // 20) + (0.625 * (row % 20)).astype(int)

@@ -97,7 +97,7 @@ def initialise(book: Codebook, x: Float[Array, "n c"], noise: Float[Array, "k c"
 
 
 def usage_counts(indices: Int[Array, " n"], num_codes: int, dtype: Any, axis_name: str | None = None
-                 ) -> tuple[Float[Array, "n {num_codes}"], Float[Array, "{num_codes}"]]:
+                 ) -> tuple[Float[Array, "n {num_codes}"], Float[Array, " {num_codes}"]]:
   """How many of indices (N,) name each code: one-hot rows (N, K) and their sums (K,) over all devices."""
   chosen = jax.nn.one_hot(indices, num_codes, dtype=dtype)
   counts = chosen.sum(0)

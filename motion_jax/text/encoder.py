@@ -1,4 +1,5 @@
 """From captions to features of words or sentences: a name or folder becomes a frozen encoder, run once per caption."""
+import contextlib
 import functools
 import hashlib
 import pathlib
@@ -196,7 +197,8 @@ class TextEncoder:
     hidden = np.asarray(_hidden(self.model, self.params, *_pad([ids], padded)))[0, :len(ids)].copy()
     hidden.setflags(write=False)  # the cache hands out this very array
     if len(self._cache) >= 50_000:
-      self._cache.pop(next(iter(self._cache)))
+      with contextlib.suppress(RuntimeError, KeyError):  # batches are made by a thread while others are evaluated
+        self._cache.pop(next(iter(self._cache)))
     self._cache[sentence] = hidden
     return hidden
 

@@ -124,7 +124,8 @@ class Watchdog:
     self._ended.set()
 
   def _watch(self):
-    while not self._ended.wait(max(self._last + self._seconds - time.monotonic(), 0.01)):
+    left = lambda: max(self._last + self._seconds - time.monotonic(), 0.01)
+    while not self._ended.wait(min(left(), threading.TIMEOUT_MAX)):
       if time.monotonic() - self._last >= self._seconds:
         self._bite()
 

@@ -31,12 +31,12 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
 
   next_batch(step) -> dict of arrays with "index" (B,), a pure function of the step. frozen: arrays that the loss reads
   and nobody changes. evaluate(params) -> dict of numbers, called on the averaged parameters at every save. The folder
-  gets checkpoints/, params.safetensors (averaged if there is an average), metrics.jsonl and loss.png. max_seconds ends
-  a slice of a long run early; --resume goes on exactly where it ended; a signal does so, too, which
-  stop (a `stopping.Stop`) then tells. config.train.best, such as "min held_out_loss"
-  or "max r1", keeps in params.safetensors those for which that number of `evaluate` was best at a save, the later one
-  of equals; the last ones are in last.safetensors then. "min held_out_fid|held_out_mm" takes the first number that
-  `evaluate` gives. A slice that ends between two saves chooses nothing, so that slices make no difference.
+  gets checkpoints/, params.safetensors (averaged if there is an average), metrics.jsonl, report.html and loss.png.
+  max_seconds ends a slice of a long run early; --resume goes on exactly where it ended; a signal does so, too, which
+  stop (a `stopping.Stop`) then tells. config.train.best, such as "min held_out_loss" or "max r1", keeps in
+  params.safetensors those for which that number of `evaluate` was best at a save, the later one of equals; the last
+  ones are in last.safetensors then. "min held_out_fid|held_out_mm" takes the first number that `evaluate` gives. A
+  slice that ends between two saves chooses nothing, so that slices make no difference.
   """
   workdir = pathlib.Path(workdir)
   mesh = make_mesh(config.mesh)

@@ -1,5 +1,6 @@
 """A store gives training what the frozen encoders would have given, and is refused where they are others."""
 import json
+import pickle
 
 import jax
 import numpy as np
@@ -33,6 +34,13 @@ def test_rows_come_back(tmp_path):
   np.testing.assert_array_equal(store.cut("latents", 3, 0), entries[3, 0, 12])  # the longest
   with pytest.raises(InputError, match="no latents of clip 3 from frame 1 of 8 frames"):
     store.cut("latents", 3, 1, 8)
+
+
+def test_another_process_opens_the_store_itself(tmp_path):
+  entries = {(0, 0, 400): np.random.default_rng(0).normal(size=(100, 64))}
+  handed_on = pickle.dumps(Store(_write(tmp_path / "store", entries)))
+  assert len(handed_on) < 1000
+  np.testing.assert_array_equal(pickle.loads(handed_on).cut("latents", 0, 0), entries[0, 0, 400])
 
 
 def test_a_store_is_whole_or_not_there_and_its_damage_is_told(tmp_path):

@@ -25,7 +25,7 @@ def linear_schedule(num_levels: int = NUM_LEVELS, first: float = 1e-4, last: flo
   return ddpm.schedule_of(np.linspace(first, last, num_levels))
 
 
-def kept_shares(num_levels: int = NUM_LEVELS) -> Float[np.ndarray, "{num_levels}+1"]:
+def kept_shares(num_levels: int = NUM_LEVELS) -> Float[np.ndarray, " {num_levels}+1"]:
   """(K + 1,) float64: the share of the data's variance that is left at level k, 1 at level 0."""
   return np.append(1.0, linear_schedule(num_levels).alphas_cumprod)
 
