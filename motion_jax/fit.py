@@ -13,7 +13,7 @@ from motion_jax.inputs.nearest import did_you_mean
 from motion_jax.models import registry
 from motion_jax.motion import stats as stats_lib
 from motion_jax.runtime import atomic, lock
-from motion_jax.training import checkpoint, distributed
+from motion_jax.training import checkpoint, distributed, profiling
 from motion_jax.training import loop as train
 from motion_jax.training import resume as resuming
 
@@ -27,16 +27,18 @@ def setups() -> dict:
 FILES = (checkpoint.CONFIG, checkpoint.DATA, checkpoint.FROZEN, "Mean.npy", "Std.npy")
 
 
-def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_changes=False):
+def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_changes=False,
+        profile_steps=None):
   """Trains the stage that config.stage names in the folder workdir. Raises ValueError for a config that cannot run.
 
   resume: True goes on with the run in the folder; "auto" does if there is one, and starts one if not. allow_changes: a
-  run goes on with another config, or other data, than it began with.
+  run goes on with another config, or other data, than it began with. profile_steps: (first, last) are traced.
   """
   known = setups()
   if config.stage not in known:
     raise ValueError(f"got stage {config.stage!r}, expected one of {', '.join(known)}"
                      f"{did_you_mean(config.stage, known)}")
+  profiling.check_steps(profile_steps, config.train.num_steps)
   workdir = pathlib.Path(workdir)
   config, told = resolve(config)
   if resume == "auto":
@@ -68,7 +70,8 @@ def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_change
         checkpoint.save_params(workdir, frozen, name=checkpoint.FROZEN)
       for name, text in files.items():
         checkpoint.save_text(workdir, name, text)
-    state = train.train(config, workdir, stage, next_batch, frozen, resume, evaluate, max_seconds, stop)
+    state = train.train(config, workdir, stage, next_batch, frozen, resume, evaluate, max_seconds, stop,
+                        profile_steps)
     print(f"wrote {workdir}/params.safetensors, metrics.jsonl, loss.png at step {int(state.step)}")
   return state
 

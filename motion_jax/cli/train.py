@@ -5,7 +5,7 @@ import sys
 from motion_jax.cli import shared, sweep
 from motion_jax.inputs import config_files
 from motion_jax.inputs.errors import InputError
-from motion_jax.inputs.numerals import real, whole
+from motion_jax.inputs.numerals import NumberError, real, shortened, whole
 
 
 def add_to(commands):
@@ -30,6 +30,9 @@ def add_to(commands):
       help="go on although the config, or the data, are not those that the run began with")
   add("--max-seconds", type=real(above=0, high=1e9, unit="seconds"), metavar="S",
       help="stop and save after so long: one slice of a long run")
+  add("--profile-steps", type=_steps, metavar="A:B",
+      help="trace the steps A to B by JAX's profiler into the run folder's profile/, such as 10:20; step 1 "
+           "waits for the compiler")
   add("--coordinator", metavar="HOST:PORT",
       help="address of the first of several processes, each started with this command and a number of its own; "
            "without it JAX finds them under Slurm, Open MPI and on TPU slices; auto: it must (docs/pods.md)")
@@ -41,6 +44,18 @@ def add_to(commands):
       f"--resume={text}": flag for flag, texts in (("--resume", "true True 1"), ("--no-resume", "false False 0"))
       for text in texts.split()}
   train.set_defaults(run=_train, overrides=[])
+
+
+def _steps(text):
+  first, colon, last = text.partition(":")
+  try:
+    found = tuple(whole(1, 10**9)(side) for side in (first, last))
+  except NumberError as error:
+    raise NumberError(f"got {shortened(text)!r}, expected steps A:B such as 10:20" +
+                      (f" ({error})" if colon else "")) from None
+  if found[0] > found[1]:
+    raise NumberError(f"got {text!r}, expected steps A:B with A no later than B, such as 10:20")
+  return found
 
 
 def _train(args):
@@ -62,6 +77,7 @@ def _of_each_run(args):
   found = ["--data", *args.data] if args.data else []
   found += ["--allow-changes"] if args.allow_changes else []
   found += [f"--max-seconds={args.max_seconds}"] if args.max_seconds else []
+  found += ["--profile-steps={}:{}".format(*args.profile_steps)] if args.profile_steps else []
   found += [f"--simulate-devices={args.simulate_devices}"] if args.simulate_devices else []
   return found + list(args.overrides)
 
@@ -79,4 +95,5 @@ def _run(args, stop):
   shared.cache_compiled_code()  # a run that goes on does not wait for the compiler again
   resume = {"yes": True, "no": False, "auto": "auto", None: "auto" if jax.process_count() > 1 else False}[args.resume]
   with distributed.one_speaks():
-    fit.run(config, pathlib.Path(args.workdir), resume, args.max_seconds, stop, args.allow_changes)
+    fit.run(config, pathlib.Path(args.workdir), resume, args.max_seconds, stop, args.allow_changes,
+            args.profile_steps)

@@ -19,6 +19,7 @@ from motion_jax.training.metrics import trim_metrics
 from motion_jax.training.optimizers import make_optimizer, make_schedule
 from motion_jax.training.outputs import FILES, Outputs, is_of_the_disk
 from motion_jax.training.prefetch import Ahead
+from motion_jax.training.profiling import Profile
 from motion_jax.training.progress import Progress
 from motion_jax.training.rates import Rates, flops_of
 from motion_jax.training.saver import Saver, copy_of, told_differences
@@ -26,7 +27,7 @@ from motion_jax.training.train_step import init_state, make_train_step
 
 
 def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluate=None, max_seconds=None,
-          stop=None):
+          stop=None, profile_steps=None):
   """Trains a stage in a run folder; returns the last TrainState.
 
   next_batch(step) -> dict of arrays with "index" (B,), a pure function of the step. frozen: arrays that the loss reads
@@ -36,7 +37,8 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
   stop (a `stopping.Stop`) then tells. config.train.best, such as "min held_out_loss" or "max r1", keeps in
   params.safetensors those for which that number of `evaluate` was best at a save, the later one of equals; the last
   ones are in last.safetensors then. "min held_out_fid|held_out_mm" takes the first number that `evaluate` gives. A
-  slice that ends between two saves chooses nothing, so that slices make no difference.
+  slice that ends between two saves chooses nothing, so that slices make no difference. profile_steps (first, last) are
+  traced into profile/.
   """
   workdir = pathlib.Path(workdir)
   mesh = make_mesh(config.mesh)
@@ -151,17 +153,23 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
   progress = Progress(first, num_steps, len(example["index"]))
   bar = tqdm(total=num_steps, initial=first, unit="step", dynamic_ncols=True, disable=None)
   watchdog = Watchdog(workdir, config.train.hang_minutes)
+  profile = Profile(workdir, profile_steps, first)
   with (contextlib.closing(progress), contextlib.closing(saver), contextlib.closing(watchdog),
-        contextlib.closing(batches), stop or stopping.Stop() as interrupt, bar):
+        contextlib.closing(batches), contextlib.closing(profile), stop or stopping.Stop() as interrupt, bar):
     step = first
     if step < num_steps:
       batches.begin(step, guards.batch_number(step))
     while step < num_steps:
-      state, metrics = train_step(state, frozen, batch_of(step), rng)
+      if profile.begin(step + 1, state):
+        rates.restart()
+      with jax.profiler.StepTraceAnnotation("train", step_num=step + 1):
+        state, metrics = train_step(state, frozen, batch_of(step), rng)
       rates.step(batches.waited)
       interrupt.something_to_lose()
       watchdog.beat()
       step += 1
+      if profile.end(step, state):
+        rates.restart()
       logged.append(metrics)
       if line := progress.line(step, metrics):
         tqdm.write(line)
