@@ -19,7 +19,7 @@ from motion_jax.training import checkpoint
 from tests import fixtures
 from tests.conftest import load_config
 from tests.golden import Fixture
-from tests.test_cdamd_generator import coordinates, recorded_draw
+from tests.test_cdamd_golden import coordinates, recorded_draw
 from tests.test_convert import KINDS, run, save_nested, text_folder, training_state
 
 

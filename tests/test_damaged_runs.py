@@ -13,7 +13,7 @@ from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
 from motion_jax.training.metrics import read_metrics
 from motion_jax.training.saver import Saver, copy_of
-from tests.fuzz_kinds import healthy, put
+from tests.fuzz_healthy import healthy, put
 
 
 @pytest.fixture

@@ -7,6 +7,7 @@ import pytest
 from motion_jax import cli
 from tests import fuzz, fuzz_kinds
 from tests.fuzz_damage import damage
+from tests.fuzz_healthy import healthy
 
 
 @pytest.mark.parametrize("count", [60, pytest.param(300, marks=pytest.mark.slow)])
@@ -23,12 +24,12 @@ def test_a_case_is_the_same_again(tmp_path):
   for name in "ab":
     fuzz_kinds.KINDS["npz"][1](np.random.default_rng((7, 7)), tmp_path / name)
   (first,), (second,) = (list((tmp_path / name).iterdir()) for name in "ab")
-  assert first.read_bytes() == second.read_bytes() != fuzz_kinds.healthy("motion")["a.npz"]
+  assert first.read_bytes() == second.read_bytes() != healthy("motion")["a.npz"]
   assert fuzz.plan(50, 3) == fuzz.plan(50, 3) and fuzz.plan(50, 3, ["npz"])[4] == ("npz", 3, 4)
 
 
 def test_damage_changes_what_it_is_given():
-  files = fuzz_kinds.healthy("motion")
+  files = healthy("motion")
   changed = sum(damage(np.random.default_rng(i), name, data) != data for i in range(40) for name, data in files.items())
   assert changed > 0.8 * 40 * len(files)
 

@@ -1,0 +1,144 @@
+"""Healthy inputs of every kind, which the fuzzer damages: files as bytes, made once in each process."""
+import functools
+import json
+import pathlib
+import tempfile
+
+import numpy as np
+
+from motion_jax import export
+from motion_jax.data.datasets import babel, humanml3d, snapmogen
+from motion_jax.data.datasets.synthetic import on_skeleton, synthetic_clips
+from motion_jax.models import cmdm
+from motion_jax.models.base import plain_fields
+from motion_jax.motion.representations import to_features
+from motion_jax.motion.skeleton import SMPL, SNAPMOGEN
+from motion_jax.nets.causal_dit import CausalDiT
+from motion_jax.nets.causal_vae import CausalVAE
+from motion_jax.runs import PRETRAINED
+from motion_jax.text.encoder import load_text_encoder
+from motion_jax.training import checkpoint
+from motion_jax.training.setup import untrained
+from tests.conftest import load_config
+from tests.data.test_build import write_archive
+
+
+@functools.cache
+def healthy(name) -> dict[str, bytes]:
+  """The files of a healthy input by their path."""
+  with tempfile.TemporaryDirectory() as folder:
+    folder = pathlib.Path(folder)
+    _MAKERS[name](folder)
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in sorted(folder.rglob("*"))
+            if path.is_file()}
+
+
+def _clips(num=5, frames=48, skeleton=None):
+  clips = synthetic_clips(0, num, num_frames=frames)
+  return [on_skeleton(clip, skeleton) for clip in clips] if skeleton else clips
+
+
+def _motion(folder):
+  clip = _clips(1, 20)[0]
+  features = to_features(clip.joints, "full", "corrected")
+  for name in ("a.npz", "a.npy", "a.bvh"):
+    export.save(clip.replace(features=features, meta={"seed": 3, "model": "x"}), folder / name)
+  np.save(folder / "features.npy", features)
+
+
+_ASF = """:version 1.10
+:name man
+:units
+  mass 1.0
+  length 0.45
+  angle deg
+:root
+  order TX TY TZ RX RY RZ
+  axis XYZ
+  position 0 0 0
+  orientation 0 0 0
+:bonedata
+"""
+_BONES = {  # name: (parent, direction, length)
+    "lhipjoint": ("root", (0.6, -0.8, 0), 2.5), "lfemur": ("lhipjoint", (0.3, -0.95, 0), 7), "ltibia": (
+        "lfemur", (0.3, -0.95, 0), 7), "lfoot": ("ltibia", (0, -0.3, 0.95), 2), "ltoes": ("lfoot", (0, 0, 1), 1),
+    "lowerback": ("root", (0, 1, 0), 2), "upperback": ("lowerback", (0, 1, 0), 2), "thorax": ("upperback", (0, 1, 0),
+                                                                                              2),
+    "lowerneck": ("thorax", (0, 1, 0), 1.5), "upperneck": ("lowerneck", (0, 1, 0), 1.5), "head": ("upperneck", (0, 1,
+                                                                                                                0),
+                                                                                                1.5),
+    "lclavicle": ("thorax", (0.9, 0.4, 0), 3.5), "lhumerus": ("lclavicle", (1, 0, 0), 5), "lradius": (
+        "lhumerus", (1, 0, 0), 3), "lwrist": ("lradius", (1, 0, 0), 2), "lhand": ("lwrist", (1, 0, 0), 1)}
+
+
+def _acclaim(folder):
+  bones = dict(_BONES)
+  for name, (parent, (x, y, z), length) in _BONES.items():
+    if name.startswith("l") and not name.startswith("lower"):
+      up = parent if parent in ("root", "thorax") else "r" + parent[1:]
+      bones["r" + name[1:]] = (up, (-x, y, z), length)
+  lines = [_ASF]
+  for number, (name, (_, direction, length)) in enumerate(bones.items(), 1):
+    lines.append(f"  begin\n    id {number}\n    name {name}\n    direction {' '.join(map(str, direction))}\n"
+                 f"    length {length}\n    axis 0 0 0 XYZ\n    dof rx ry rz\n  end\n")
+  lines.append(":hierarchy\n  begin\n" + "".join(f"    {parent} {name}\n" for name, (parent, *_) in bones.items())
+               + "  end\n")
+  (folder / "02.asf").write_text("".join(lines))
+  rng, rows = np.random.default_rng(0), [":FULLY-SPECIFIED\n:DEGREES"]
+  for frame in range(1, 61):
+    rows.append(f"{frame}\nroot 0 17 {frame / 10} 0 0 0")
+    rows += [f"{name} " + " ".join(f"{angle:.3f}" for angle in rng.normal(0, 2, 3)) for name in bones]
+  (folder / "02_01.amc").write_text("\n".join(rows) + "\n")
+  (folder / "captions.csv").write_text("file,caption,start,end,split\n02_01.amc,a person walks,,,train\n")
+
+
+def _captures(folder):
+  rows = ["file,caption,start,end,split,source,license"]
+  for i, clip in enumerate(_clips(2, 24)):
+    export.bvh(clip, folder / f"c{i}.bvh")
+    rows.append(f'c{i}.bvh,"{clip.captions[0].text}, slowly",0,{i},{clip.split},lab,CC0')
+  (folder / "captions.csv").write_text("\n".join(rows) + "\n")
+  (folder / "map.json").write_text(json.dumps({joint: joint for joint in clip.skeleton.joints}))
+
+
+def _run(folder):
+  """A run folder as training leaves it, with weights that were never trained."""
+  config = load_config("cmdm_denoiser", "tiny")
+  vae, dit = CausalVAE(**plain_fields(config.tokenizer)), CausalDiT(**plain_fields(config.model))
+  checkpoint.save_config(folder, config)
+  checkpoint.save_params(folder, untrained(cmdm.denoiser_shapes(dit)))
+  checkpoint.save_params(folder, untrained(cmdm.frozen_shapes(vae)), name=checkpoint.FROZEN)
+  shipped = PRETRAINED / "cmdm-small"
+  for name in ("Mean.npy", "Std.npy"):
+    (folder / name).write_bytes((shipped / name).read_bytes())
+  rows = [["a person walks", 90], ["someone jumps", 60], ["a person sits", 120]]
+  checkpoint.save_text(folder, checkpoint.LENGTHS, json.dumps(rows))
+  fingerprint = load_text_encoder("random-init").fingerprint
+  checkpoint.save_text(folder, checkpoint.TEXT, json.dumps({"name": "random-init", "fingerprint": fingerprint}))
+
+
+def _shipped(name):
+  def make(folder):
+    for path in (PRETRAINED / name).iterdir():
+      (folder / path.name).write_bytes(path.read_bytes())
+  return make
+
+
+def _humanml3d(folder):
+  humanml3d.write_folder(_clips(), folder / "set", mirror=False)
+
+
+_MAKERS = {
+    "motion": _motion, "acclaim": _acclaim, "captures": _captures, "run": _run,
+    "archive": lambda folder: write_archive(folder / "set", 5, 40), "humanml3d": _humanml3d,
+    "snapmogen": lambda folder: snapmogen.write_folder(_clips(3, 60, SNAPMOGEN), folder / "set"),
+    "babel": lambda folder: babel.write_folder([clip.replace(split="train") for clip in _clips(3, 60, SMPL)],
+                                               folder / "set"),
+    "evaluator": _shipped("clip-evaluator-small"), "words": _shipped("words")}
+
+
+def put(folder, files):
+  for name, content in files.items():
+    path = folder / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(content)
