@@ -70,9 +70,10 @@ def train(num_steps, log_every, save_every, **fields):
   losses are float32 all the same. keep_last: how many training states stay, besides the best one. A run that leaves out
   max_skips steps in a row goes back to its last good state and on with other batches, max_rollbacks times at most.
   After hang_minutes without a step it ends; 0 never. workers: processes of Grain that make batches; 0 for a thread.
+  tensorboard: whether metrics are written as an event file, too.
   """
   return dict(start="", num_steps=num_steps, log_every=log_every, save_every=save_every, best="",
-              keep_last=2, max_skips=20, max_rollbacks=3, hang_minutes=60.0, workers=0) | fields
+              keep_last=2, max_skips=20, max_rollbacks=3, hang_minutes=60.0, workers=0, tensorboard=False) | fields
 
 
 def archives(config, **fields):

@@ -13,7 +13,7 @@ from motion_jax.inputs.nearest import did_you_mean
 from motion_jax.models import registry
 from motion_jax.motion import stats as stats_lib
 from motion_jax.runtime import atomic, lock
-from motion_jax.training import checkpoint, distributed, profiling
+from motion_jax.training import checkpoint, distributed, event_files, profiling
 from motion_jax.training import loop as train
 from motion_jax.training import resume as resuming
 
@@ -39,6 +39,7 @@ def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_change
     raise ValueError(f"got stage {config.stage!r}, expected one of {', '.join(known)}"
                      f"{did_you_mean(config.stage, known)}")
   profiling.check_steps(profile_steps, config.train.num_steps)
+  event_files.check_extra(config)
   workdir = pathlib.Path(workdir)
   config, told = resolve(config)
   if resume == "auto":

@@ -23,7 +23,7 @@ LAYERS = [
 CORE = {"absl", "chex", "flatbuffers", "flax", "jax", "jaxtyping", "jinja2", "ml_collections", "numpy", "optax",
         "orbax", "PIL", "safetensors", "scipy", "tokenizers", "tqdm"}
 # Packages of extras, imported inside the functions that need them.
-LAZY = {"torch", "transformers", "imageio_ffmpeg", "huggingface_hub", "tensorflow_datasets", "grain"}
+LAZY = {"torch", "transformers", "imageio_ffmpeg", "huggingface_hub", "tensorflow_datasets", "grain", "tensorboardX"}
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 

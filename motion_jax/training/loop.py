@@ -15,7 +15,6 @@ from motion_jax.runtime.atomic import remove_strays
 from motion_jax.training import checkpoint
 from motion_jax.training.guards import BATCH, Guards, Watchdog, check_finite, keep_batch
 from motion_jax.training.mesh import make_mesh
-from motion_jax.training.metrics import trim_metrics
 from motion_jax.training.optimizers import make_optimizer, make_schedule
 from motion_jax.training.outputs import FILES, Outputs, is_of_the_disk
 from motion_jax.training.prefetch import Ahead
@@ -63,7 +62,7 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
     step, memory = int(restored.step), record.get("memory", {})
     guards.recall(memory, step)
     logged[:] = memory.get("logged", [])
-    trim_metrics(workdir, step)
+    outputs.begin(step)
     return mesh.put(restored), record
 
   if jax.process_index() == 0:
@@ -79,7 +78,7 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
   elif resume and not checkpoint.is_fresh(workdir):
     raise FileNotFoundError(f"{workdir} has no checkpoint to resume from; start without --resume in an empty folder")
   else:
-    trim_metrics(workdir, 0)
+    outputs.begin(0)
   frozen = mesh.put(frozen or {})
   train_step = mesh.compiled(make_train_step(stage, tx, optimizer.ema_decay, optimizer.skip_loss,
                                              optimizer.skip_spikes))

@@ -54,11 +54,15 @@ def _step_of(line):
     return np.inf
 
 
+def rounded(row) -> dict:
+  """A row with the six digits of each number that are written."""
+  return {key: float(f"{value:.6g}") if isinstance(value, float) else value for key, value in row.items()}
+
+
 @by_first
 def append_metrics(folder, row):
   """Adds a row, a dict with its "step", at the end of metrics.jsonl."""
-  line = json.dumps({key: float(f"{value:.6g}") if isinstance(value, float) else value
-                     for key, value in row.items()}) + "\n"
+  line = json.dumps(row) + "\n"
   with open(pathlib.Path(folder) / METRICS, "ab", buffering=0) as file:
     end = file.seek(0, os.SEEK_END)
     try:

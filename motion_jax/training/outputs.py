@@ -9,7 +9,16 @@ from motion_jax.inputs.errors import reason
 from motion_jax.runtime.code import commit
 from motion_jax.training import checkpoint, report
 from motion_jax.training.distributed import on_host
-from motion_jax.training.metrics import METRICS, append_metrics, draw_curve, read_metrics, was_evaluated
+from motion_jax.training.event_files import EventFile
+from motion_jax.training.metrics import (
+  METRICS,
+  append_metrics,
+  draw_curve,
+  read_metrics,
+  rounded,
+  trim_metrics,
+  was_evaluated,
+)
 from motion_jax.training.saver import environment
 from motion_jax.training.train_step import variables_of
 
@@ -39,16 +48,28 @@ class Outputs:
     self._average = config.optimizer.ema_decay > 0
     self._writes = jax.process_index() == 0  # of several processes the first
     self._rows = []  # those that could not be written yet
+    self._events = EventFile(workdir) if config.train.tensorboard and self._writes else None
     self.numbers = {}
+
+  def begin(self, step):
+    """The run is at a step, which it may be for the second time: rows after it go, for they are written again."""
+    trim_metrics(self._workdir, step)
+    self._with_events(lambda events: events.rewrite())
+
+  def _with_events(self, act):
+    if self._events is not None:
+      with if_there_is_room("TensorBoard's event file"):
+        act(self._events)
 
   def add(self, row):
     """A row of metrics.jsonl; what could not be written before comes first."""
     if self._writes:
-      self._rows.append(row)
+      self._rows.append(rounded(row))
     with if_there_is_room("a row of metrics.jsonl"):
       while self._rows:
         append_metrics(self._workdir, self._rows[0])
-        self._rows.pop(0)
+        written = self._rows.pop(0)
+        self._with_events(lambda events, row=written: events.add(row))
 
   def judge(self, step, state, hurried=False):
     """What follows a save, and is made up for by a run that goes on after a kill between the two.
@@ -85,6 +106,7 @@ class Outputs:
       report.write(self._workdir, self._config, about)
 
   def close(self):
+    self._with_events(lambda events: events.close())
     with if_there_is_room("loss.png"):
       if self._writes:
         draw_curve(self._workdir)

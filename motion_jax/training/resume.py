@@ -14,7 +14,8 @@ from motion_jax.training import checkpoint
 # compared instead), how motion is sampled, how long the run lasts and is looked after, on what it is computed.
 FREE = ("frozen", "origin", "taught_by", "teacher", "text", "paper_row", "sampler", "mesh", "data.folder",
         "data.folders", "data.store", "optimizer.cooldown_steps", "train.num_steps", "train.log_every",
-        "train.keep_last", "train.max_skips", "train.max_rollbacks", "train.hang_minutes", "train.workers")
+        "train.keep_last", "train.max_skips", "train.max_rollbacks", "train.hang_minutes", "train.workers",
+        "train.tensorboard")
 
 
 def check_config(config, before, allow=False, tell=print):
