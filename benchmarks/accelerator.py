@@ -122,14 +122,14 @@ def sample_cdamd(dtype, batch, tiny):
   length = frames_of(tiny) // codec.frames_per_latent
   keys, real = jax.vmap(jax.random.key)(jnp.arange(batch)), np.ones((batch, length), bool)
   order = draws.draw_order(keys, np.full(batch, length), length, "random")
-  counts = mask_schedule.hidden_counts(2 if tiny else 10, real.sum(-1))
-  hidden = jnp.asarray(mask_schedule.hidden_table(np.asarray(order), counts))
+  counts = mask_schedule.masked_counts(2 if tiny else 10, real.sum(-1))
+  masked = jnp.asarray(mask_schedule.masked_table(np.asarray(order), counts))
   plan = cdamd.make_plan(num_steps=2 if tiny else 10, num_rows=unmasking.most_unmasked(counts))
   text_emb = jax.random.normal(jax.random.key(2), (batch, 1, net.transformer.text_dim))
 
   def make(params, codec, keys):
     draw = draws.make_draw(keys, length, net.transformer.latent_dim)
-    return cdamd.generate(net, plan, params, codec, real_mask=jnp.asarray(real), text_emb=text_emb, hidden=hidden,
+    return cdamd.generate(net, plan, params, codec, real_mask=jnp.asarray(real), text_emb=text_emb, masked=masked,
                           scale=jnp.float32(4.0), draw=draw)
 
   found = timed(jax.jit(make), params, codec, keys)

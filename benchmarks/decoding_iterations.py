@@ -20,9 +20,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from motion_jax.inputs.config_files import module_fields
 from motion_jax.latents import AutoencoderCodec
 from motion_jax.models import cdamd
-from motion_jax.models.base import plain_fields
 from motion_jax.models.cdamd import draws
 from motion_jax.models.cdamd import mask_schedule as masking
 from motion_jax.models.cdamd.unmasking import most_unmasked
@@ -47,13 +47,13 @@ def main():
   parser.add_argument("--repeats", type=int, default=2)
   args = parser.parse_args()
   config = runpy.run_path(CONFIGS)["get_config"](args.size)
-  net, autoencoder = cdamd.make_generator(config.model), Autoencoder(**plain_fields(config.tokenizer))
+  net, autoencoder = cdamd.make_generator(config.model), Autoencoder(**module_fields(config.tokenizer))
   params = random_like(cdamd.generator_shapes(net), 0)
   codec = AutoencoderCodec(autoencoder, random_like(cdamd.autoencoder_shapes(autoencoder), 1)).unscaled()
   length, num_iterations = args.frames // FRAMES_PER_LATENT, config.sampler.num_iterations
-  counts = masking.hidden_counts(num_iterations, [length])
+  counts = masking.masked_counts(num_iterations, [length])
   keys = jax.random.split(jax.random.key(0), 1)
-  hidden = masking.hidden_table(draws.draw_order(keys, [length], length), counts)
+  masked = masking.masked_table(draws.draw_order(keys, [length], length), counts)
   text = jnp.asarray(np.random.default_rng(2).standard_normal((1, 1, net.transformer.text_dim), np.float32))
   real, few = jnp.ones((1, length), bool), most_unmasked(counts)
   num_params = sum(x.size for x in jax.tree.leaves(params))
@@ -68,7 +68,7 @@ def main():
   for which, solver in plans:
     plan = cdamd.make_plan(solver=solver, num_steps=args.steps, num_rows=few if which == "unmasked" else None)
     run = jax.jit(lambda params, codec, plan=plan: cdamd.generate(
-        net, plan, params, codec, text_emb=text, hidden=hidden, real_mask=real, scale=config.sampler.guidance_scale,
+        net, plan, params, codec, text_emb=text, masked=masked, real_mask=real, scale=config.sampler.guidance_scale,
         draw=draws.make_draw(keys, length, net.transformer.latent_dim)))
     compiled = run.lower(params, codec).compile()
     times = []

@@ -13,6 +13,7 @@ from motion_jax import runs
 from motion_jax.data.clip import Clip
 from motion_jax.data.datasets.base import SHORTEST
 from motion_jax.data.datasets.registry import dataset_of
+from motion_jax.inputs.config_files import module_fields
 from motion_jax.metrics.scores import retrieval, retrieval_by_rank
 from motion_jax.models.cmdm import teacher as teacher_lib
 from motion_jax.motion import plausibility
@@ -21,7 +22,6 @@ from motion_jax.nets.masks import padding_mask
 from motion_jax.runtime import cache
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
-from motion_jax.training.setup import plain
 
 BATCH = 64  # motions embedded together; the last batch is filled up, so one compiled function serves all
 
@@ -34,7 +34,7 @@ class Retriever:
     config = run.config
     self.space = space = teacher_lib.make_space(config)
     # What decides the functions of a space, and so may share what was traced of them.
-    about = (space.net, plain(config.text.to_dict()), config.data.layout, plain(config.loss.to_dict()))
+    about = (space.net, module_fields(config.text), config.data.layout, module_fields(config.loss))
     shapes = cache.kept_shapes("teacher", about, lambda: jax.eval_shape(space.init, jax.random.key(0)))
     self.params = jax.tree.map(jnp.asarray, run.params(shapes))
     # For its tokenizer: the weights are the run's own, but for a TMR, whose text transformer is frozen.

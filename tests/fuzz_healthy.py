@@ -9,8 +9,8 @@ import numpy as np
 from motion_jax import export
 from motion_jax.data.datasets import babel, humanml3d, snapmogen
 from motion_jax.data.datasets.synthetic import on_skeleton, synthetic_clips
+from motion_jax.inputs.config_files import module_fields
 from motion_jax.models import cmdm
-from motion_jax.models.base import plain_fields
 from motion_jax.motion.representations import to_features
 from motion_jax.motion.skeleton import SMPL, SNAPMOGEN
 from motion_jax.nets.causal_dit import CausalDiT
@@ -104,7 +104,7 @@ def _captures(folder):
 def _run(folder):
   """A run folder as training leaves it, with weights that were never trained."""
   config = load_config("cmdm_denoiser", "tiny")
-  vae, dit = CausalVAE(**plain_fields(config.tokenizer)), CausalDiT(**plain_fields(config.model))
+  vae, dit = CausalVAE(**module_fields(config.tokenizer)), CausalDiT(**module_fields(config.model))
   checkpoint.save_config(folder, config)
   checkpoint.save_params(folder, untrained(cmdm.denoiser_shapes(dit)))
   checkpoint.save_params(folder, untrained(cmdm.frozen_shapes(vae)), name=checkpoint.FROZEN)

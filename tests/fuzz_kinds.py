@@ -17,7 +17,7 @@ from motion_jax.data.datasets import babel, humanml3d, snapmogen
 from motion_jax.data.datasets.archive import read_archive
 from motion_jax.evaluators import evaluator as evaluator_lib
 from motion_jax.models import cmdm
-from motion_jax.models.cmdm import model as model_lib
+from motion_jax.models.cmdm import networks
 from motion_jax.text.encoder import load_text_encoder
 from tests.fuzz_damage import NUMBERS, WORDS, damage, damage_text, deflated_bomb, encode, pick
 from tests.fuzz_healthy import healthy, put
@@ -264,7 +264,7 @@ def stub_networks():
     def longer(plan, num_blocks, params, **given):
       return np.zeros((1, num_blocks * plan.block, dit.latent_dim), np.float32)
 
-    return model_lib.Compiled(
+    return networks.Compiled(
         generate=motion, generate_whole=motion, chain_segment=latents, extend=longer, stream_step=None,
         encode=lambda codec, x: np.zeros((len(x), x.shape[1] // codec.frames_per_latent, dit.latent_dim), np.float32),
         decode=lambda codec, z: still(codec, *z.shape[:2]))
@@ -272,6 +272,6 @@ def stub_networks():
   def still(codec, count, length):
     return np.zeros((count, length * codec.frames_per_latent, codec.net.features), np.float32)
 
-  model_lib._compile = compiled
+  networks._compile = compiled
   for name in ("denoiser_shapes", "frozen_shapes"):  # of the same few networks, again and again
     setattr(cmdm, name, functools.lru_cache(50)(getattr(cmdm, name)))

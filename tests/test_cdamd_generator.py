@@ -39,17 +39,17 @@ def small():
 
 
 def make(lengths, length=LENGTH, order="random", seed=0, dtype=jnp.float32, unmasked_only=True, **fields):
-  """-> (latents (B, L, C), hidden (N, B, L)) of our own draws; motion i has the key of i, wherever it stands."""
+  """-> (latents (B, L, C), masked (N, B, L)) of our own draws; motion i has the key of i, wherever it stands."""
   net, params = small()
   keys = jax.vmap(lambda i: jax.random.fold_in(jax.random.key(seed), i))(jnp.arange(len(lengths)))
-  counts = masking.hidden_counts(ITERATIONS, lengths)
-  hidden = masking.hidden_table(draws_lib.draw_order(keys, lengths, length, order), counts)
+  counts = masking.masked_counts(ITERATIONS, lengths)
+  masked = masking.masked_table(draws_lib.draw_order(keys, lengths, length, order), counts)
   plan = cdamd.make_plan(num_rows=most_unmasked(counts) if unmasked_only else None, **fields)
   real = padding_mask(jnp.asarray(lengths), length)
   text = jnp.asarray(np.random.default_rng(1).normal(size=(4, 1, 6))[:len(lengths)], dtype)
   net = net if dtype == jnp.float32 else _wide()
-  made = _make(net, plan, length, cast(params, dtype), text, hidden, real, keys)
-  return np.asarray(made[-1]), hidden
+  made = _make(net, plan, length, cast(params, dtype), text, masked, real, keys)
+  return np.asarray(made[-1]), masked
 
 
 def _wide():
@@ -60,10 +60,10 @@ def _wide():
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1, 2))
-def _make(net, plan, length, params, text, hidden, real, keys):
+def _make(net, plan, length, params, text, masked, real, keys):
   channels = net.transformer.latent_dim
   latents = jnp.zeros((len(keys), length, channels), text.dtype)
-  return cdamd.make_latents(net, plan, params, latents, text_emb=text, hidden=hidden, real_mask=real, scale=3.0,
+  return cdamd.make_latents(net, plan, params, latents, text_emb=text, masked=masked, real_mask=real, scale=3.0,
                             draw=draws_lib.make_draw(keys, length, channels))
 
 
@@ -72,9 +72,9 @@ def test_solving_for_unmasked_latents_alone_changes_nothing(solver, mask):
   """In float64 nothing but rounding is left; with steps of its own the solver would differ by its error."""
   with jax.enable_x64(True):
     run = functools.partial(make, [9, 6, 1], solver=solver, num_steps=3, mask=mask, dtype=jnp.float64)
-    few, hidden = run()
+    few, masked = run()
     every, _ = run(unmasked_only=False)
-  assert hidden.sum() > 2 * 16  # rows solved for without the trick, of 16 latents
+  assert masked.sum() > 2 * 16  # rows solved for without the trick, of 16 latents
   size = max(1, np.abs(every).max())  # the first step back of a DDPM divides by a thousandth
   np.testing.assert_allclose(few / size, every / size, rtol=0, atol=1e-12)
   assert np.abs(few).max() > 0.1 and not few[1, 6:].any()
@@ -88,8 +88,8 @@ def test_padding_and_batch_mates_are_invisible():
 
 def test_left_to_right_never_looks_ahead():
   """Under the causal mask a motion's beginning does not depend on how long it goes on."""
-  short, hidden = make([9], num_steps=2, order="left_to_right")
-  first = masking.unmasked_table(hidden)[:, 0].argmax(0)
+  short, masked = make([9], num_steps=2, order="left_to_right")
+  first = masking.unmasked_table(masked)[:, 0].argmax(0)
   assert (np.diff(first) >= 0).all()
   with pytest.raises(ValueError, match="'middle'.*random or left_to_right"):
     make([9], order="middle")
@@ -103,15 +103,15 @@ def test_an_edit_changes_what_it_should():
   tokenizer = untrained(jax.eval_shape(autoencoder.init, jax.random.key(3), x))
   codec = AutoencoderCodec(autoencoder, tokenizer, jnp.full(3, 0.1), jnp.full(3, 2.0))
   real, edited = jnp.ones((1, 9), bool), masking.task_mask("inpainting", [36], 9)
-  counts = masking.hidden_counts(ITERATIONS, edited.sum(-1))
+  counts = masking.masked_counts(ITERATIONS, edited.sum(-1))
   keys = jax.random.split(jax.random.key(0), 1)
-  hidden = masking.hidden_table(np.where(edited, draws_lib.draw_order(keys, [9], 9), np.inf), counts)
+  masked = masking.masked_table(np.where(edited, draws_lib.draw_order(keys, [9], 9), np.inf), counts)
 
   text, draw = jnp.ones((1, 1, 6)), draws_lib.make_draw(keys, 9, 3)
   plan = cdamd.make_plan(solver="euler", num_steps=2, num_rows=most_unmasked(counts))
   latents = jax.jit(lambda x: codec.encode(x, real))(x)
   run = jax.jit(lambda z, mask: cdamd.make_latents(
-      net, plan._replace(mask=mask), params, z, text_emb=text, hidden=hidden, real_mask=real, scale=3.0,
+      net, plan._replace(mask=mask), params, z, text_emb=text, masked=masked, real_mask=real, scale=3.0,
       draw=draw)[-1], static_argnums=1)
   for mask in ("causal", "bcm"):
     made = np.asarray(run(latents, mask))
@@ -122,7 +122,7 @@ def test_an_edit_changes_what_it_should():
 
   kept = np.repeat(~edited, 4, axis=1)
   run = jax.jit(lambda x, paste: cdamd.edit(
-      net, plan, params, codec, x, text_emb=text, edited=edited, hidden=hidden, real_mask=real, scale=3.0, draw=draw,
+      net, plan, params, codec, x, text_emb=text, edited=edited, masked=masked, real_mask=real, scale=3.0, draw=draw,
       paste=paste), static_argnums=1)
   np.testing.assert_array_equal(np.asarray(run(x, True))[kept], np.asarray(x)[kept])
   assert np.abs(run(x, False) - x).max(-1)[kept].min() > 0

@@ -95,37 +95,37 @@ def run_train_step(fixture, dtype):
   return made
 
 
-def recorded_draw(fixture, prefix, hidden, dtype):
-  """(noise (N, steps, B, L, C), dense start noise (N, B, L, C)), from rows recorded for the hidden latents."""
-  starts = [fixture[f"in/{prefix}start{k}"] for k in range(len(hidden))]
-  dense = np.zeros(hidden.shape + starts[0].shape[1:], dtype)
+def recorded_draw(fixture, prefix, masked, dtype):
+  """(noise (N, steps, B, L, C), dense start noise (N, B, L, C)), from rows recorded for the masked latents."""
+  starts = [fixture[f"in/{prefix}start{k}"] for k in range(len(masked))]
+  dense = np.zeros(masked.shape + starts[0].shape[1:], dtype)
   for k, rows in enumerate(starts):
-    dense[k][hidden[k]] = rows
+    dense[k][masked[k]] = rows
   noise = [dense[:, None]]
   steps = fixture.under(f"in/{prefix}step0/")
   if steps:
-    later = np.zeros((len(hidden), len(steps)) + dense.shape[1:], dtype)
-    for k in range(len(hidden)):
+    later = np.zeros((len(masked), len(steps)) + dense.shape[1:], dtype)
+    for k in range(len(masked)):
       for j in range(len(steps)):
-        later[k, j][hidden[k]] = fixture[f"in/{prefix}step{k}/{j}"][:hidden[k].sum()]
+        later[k, j][masked[k]] = fixture[f"in/{prefix}step{k}/{j}"][:masked[k].sum()]
     noise.append(later)
   return np.concatenate(noise, axis=1), dense
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1, 2))
-def recorded_latents(net, plan, scale, params, latents, text, hidden, real, noise):
+def recorded_latents(net, plan, scale, params, latents, text, masked, real, noise):
   """Compiled once for all runs of a size."""
-  return cdamd.make_latents(net, plan, params, latents, text_emb=text, hidden=hidden, real_mask=real, scale=scale,
+  return cdamd.make_latents(net, plan, params, latents, text_emb=text, masked=masked, real_mask=real, scale=scale,
                             draw=lambda k, j: noise[k, j])
 
 
-def run_iterations(fixture, dtype, net, params, latents, hidden, real, prefix="", **fields):
-  """The recorded loop -> outputs (latents after all iterations and at the end, counts, hidden, start noise)."""
-  noise, dense = recorded_draw(fixture, prefix, hidden, dtype)
+def run_iterations(fixture, dtype, net, params, latents, masked, real, prefix="", **fields):
+  """The recorded loop -> outputs (latents after all iterations and at the end, counts, masked, start noise)."""
+  noise, dense = recorded_draw(fixture, prefix, masked, dtype)
   text = jnp.asarray(fixture["in/text"], dtype)[:, None]
   made = recorded_latents(net, cdamd.make_plan(**fields), fixture.meta["arguments"]["scale"], params, latents, text,
-                          hidden, real, noise)
-  return {"rounds": made, "latents": made[-1].swapaxes(1, 2), "masked": hidden, "counts": hidden.sum(-1),
+                          masked, real, noise)
+  return {"rounds": made, "latents": made[-1].swapaxes(1, 2), "masked": masked, "counts": masked.sum(-1),
           **{f"start_dense{k}": array for k, array in enumerate(dense)}}
 
 
@@ -138,10 +138,10 @@ def generation(fixture, dtype, kind, **fields):
   net, params, _ = generator(fixture, dtype, kind)
   order, lengths = fixture["in/order"], fixture["in/lengths"]
   real = padding_mask(jnp.asarray(lengths), order.shape[1])
-  hidden = masking.hidden_table(np.where(real, order, np.inf),
-                                masking.hidden_counts(fixture.meta["arguments"]["rounds"], lengths))
+  masked = masking.masked_table(np.where(real, order, np.inf),
+                                masking.masked_counts(fixture.meta["arguments"]["rounds"], lengths))
   latents = jnp.zeros(real.shape + (net.transformer.latent_dim,), dtype)
-  return functools.partial(run_iterations, fixture, dtype, net, params, latents, hidden, real, **fields)
+  return functools.partial(run_iterations, fixture, dtype, net, params, latents, masked, real, **fields)
 
 
 @golden("generate", bounds={"euler": (5e-5, 1e-10), "masked": (0, 0), "counts": (0, 0), "start_dense": (0, 0),
@@ -192,11 +192,11 @@ def run_edit(fixture, dtype):
       edited, counts = np.asarray(real), touch_up_counts(num_iterations, frames // 4)
     else:
       edited = masking.task_mask(task, frames, encoded.shape[1])
-      counts = masking.hidden_counts(num_iterations, edited.sum(-1))
-    hidden = masking.hidden_table(np.where(edited, fixture[f"in/{task}/order"], np.inf), counts)
+      counts = masking.masked_counts(num_iterations, edited.sum(-1))
+    masked = masking.masked_table(np.where(edited, fixture[f"in/{task}/order"], np.inf), counts)
     latents = jnp.where(real[..., None], encoded, 0)
-    out = run_iterations(fixture, dtype, net, params, latents, hidden, real, f"{task}/", solver="dopri5")
-    kept = ~hidden[0]
+    out = run_iterations(fixture, dtype, net, params, latents, masked, real, f"{task}/", solver="dopri5")
+    kept = ~masked[0]
     np.testing.assert_array_equal(np.asarray(out["rounds"][-1])[kept], np.asarray(latents)[kept])  # bit for bit
     made |= below(f"{task}/", out | {"edit_mask": edited, "motion": decode(out["latents"].swapaxes(1, 2))})
   return made

@@ -85,8 +85,8 @@ def generate(fixture, folder, monkeypatch, **choices):
   config["data"]["max_frames"] = 4 * order.shape[1]
   (folder / "config.json").write_text(json.dumps(config))
   real, num_iterations = np.arange(order.shape[1]) < counts[:, None], fixture.meta["arguments"]["rounds"]
-  hidden = masking.hidden_table(np.where(real, order, np.inf), masking.hidden_counts(num_iterations, counts))
-  noise = jnp.asarray(recorded_draw(fixture, "", hidden, np.float32)[0])
+  masked = masking.masked_table(np.where(real, order, np.inf), masking.masked_counts(num_iterations, counts))
+  noise = jnp.asarray(recorded_draw(fixture, "", masked, np.float32)[0])
   monkeypatch.setattr(draws, "draw_order", lambda *_: order)
   monkeypatch.setattr(draws, "make_draw", lambda *_: lambda k, j: noise[k, j])
   model = load(folder)

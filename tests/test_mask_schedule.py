@@ -1,4 +1,4 @@
-"""What is hidden is what the reference hides, to the last tie; and the tables are those in the docstrings."""
+"""Which latents are masked is as in the reference, to the last tie; and the tables are those in the docstrings."""
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def run_corruption(fixture, dtype):
 
 @golden("mask_schedule", bounds={"": (0, 0)})
 def run_mask_schedule(fixture, dtype):
-  return {name: masking.hidden_counts(int(name), fixture["in/lengths"]).T for name in fixture.under("out/")}
+  return {name: masking.masked_counts(int(name), fixture["in/lengths"]).T for name in fixture.under("out/")}
 
 
 @golden("edit_masks", bounds={"": (0, 0)})
@@ -47,44 +47,44 @@ ROUNDED_DOWN = [10, 19, 22, 28, 37, 40, 43, 46, 55, 58]
 def test_ties_are_pytorchs():
   down = []
   for num_iterations in range(4, 65, 3):
-    share = masking.hidden_shares(num_iterations)[2 * (num_iterations - 1) // 3]
+    share = masking.masked_shares(num_iterations)[2 * (num_iterations - 1) // 3]
     assert share != 0.5 and abs(share - 0.5) < 1e-7
     down += [num_iterations] * int(share < 0.5)
     odd = np.arange(3, 64, 2)
-    counts = masking.hidden_counts(num_iterations, odd)[2 * (num_iterations - 1) // 3]
+    counts = masking.masked_counts(num_iterations, odd)[2 * (num_iterations - 1) // 3]
     np.testing.assert_array_equal(counts, odd // 2 + (share > 0.5))
   assert down == ROUNDED_DOWN
 
 
 def test_counts():
   """Measured on the reference (docs/papers/cdamd.md#generation)."""
-  assert masking.hidden_counts(10, [30])[:, 0].tolist() == [30, 30, 28, 26, 23, 19, 15, 10, 5, 1]
-  assert masking.hidden_counts(10, [49])[:, 0].tolist() == [49, 48, 46, 42, 38, 31, 24, 17, 9, 1]
-  assert masking.hidden_counts(18, [30, 49]).sum(0).tolist() == [341, 557]
+  assert masking.masked_counts(10, [30])[:, 0].tolist() == [30, 30, 28, 26, 23, 19, 15, 10, 5, 1]
+  assert masking.masked_counts(10, [49])[:, 0].tolist() == [49, 48, 46, 42, 38, 31, 24, 17, 9, 1]
+  assert masking.masked_counts(18, [30, 49]).sum(0).tolist() == [341, 557]
   for num_iterations in range(1, 65):
-    counts = masking.hidden_counts(num_iterations, np.arange(1, 65))
+    counts = masking.masked_counts(num_iterations, np.arange(1, 65))
     assert (counts[0] == np.arange(1, 65)).all() and (np.diff(counts, axis=0) <= 0).all() and (counts >= 1).all()
   with pytest.raises(ValueError, match="0 decoding iterations"):
-    masking.hidden_counts(0, [30])
+    masking.masked_counts(0, [30])
 
 
 def test_every_latent_is_unmasked_once():
   rng = np.random.default_rng(0)
   order, lengths = rng.random((3, 12), np.float32), np.array([12, 9, 1])
   order[np.arange(12) >= lengths[:, None]] = np.inf
-  counts = masking.hidden_counts(10, lengths)
-  hidden = masking.hidden_table(order, counts)
-  np.testing.assert_array_equal(hidden.sum(-1), counts)
-  assert (hidden[1:] <= hidden[:-1]).all()
-  np.testing.assert_array_equal(masking.unmasked_table(hidden).sum(0), np.isfinite(order))
-  assert masking.hidden_table(np.array([[.2, .7, .1, np.inf]]), [[3], [2], [1]])[:, 0].astype(int).tolist() == [
+  counts = masking.masked_counts(10, lengths)
+  masked = masking.masked_table(order, counts)
+  np.testing.assert_array_equal(masked.sum(-1), counts)
+  assert (masked[1:] <= masked[:-1]).all()
+  np.testing.assert_array_equal(masking.unmasked_table(masked).sum(0), np.isfinite(order))
+  assert masking.masked_table(np.array([[.2, .7, .1, np.inf]]), [[3], [2], [1]])[:, 0].astype(int).tolist() == [
       [1, 1, 1, 0], [1, 0, 1, 0], [0, 0, 1, 0]]
-  ordered = masking.unmasked_table(masking.hidden_table(masking.left_to_right(12), masking.hidden_counts(6, [12])))
+  ordered = masking.unmasked_table(masking.masked_table(masking.left_to_right(12), masking.masked_counts(6, [12])))
   assert (np.diff(np.argmax(ordered[:, 0], axis=0)) >= 0).all()
 
 
 def test_shares_of_the_corruption():
-  """Measured on the reference: 63.5 % of latents carry loss; 10.1, 79.1, 10.8 % of these are noise, hidden, kept."""
+  """Measured on the reference: 63.5 % of latents carry loss; 10.1, 79.1, 10.8 % of these are noise, masked, kept."""
   rng = np.random.default_rng(0)
   time_u, (order_u, noise_u, keep_u) = rng.random(2000), rng.random((3, 2000, 49))
   made = masking.corruption(time_u, order_u, noise_u, keep_u, jnp.ones((2000, 49), bool))

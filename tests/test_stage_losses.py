@@ -56,7 +56,7 @@ def text_of_the_generator(monkeypatch, rate):
   seen = []
 
   def apply(self, params, x=None, text=None, *rest, method=None, **_):
-    if method == "hidden":
+    if method == "mask_token":
       return jnp.zeros((1, 1, config.model.transformer.latent_dim))
     if method == "condition":
       return jnp.broadcast_to(text, (*x.shape[:2], text.shape[-1]))
@@ -121,7 +121,7 @@ def test_the_prior_is_dropped_as_often_as_the_config_says(rate, monkeypatch):
   stage, batch, seen = cdamd.generator_stage(config), batch_of(config.tokenizer.features), []
 
   def apply(self, params, x=None, text=None, mask=None, codes=None, prior_mask=None, *rest, method=None, **_):
-    if method == "hidden":
+    if method == "mask_token":
       return jnp.zeros((1, 1, 4))
     if method == "condition":
       return jnp.zeros((*x.shape[:2], 1)) + prior_mask

@@ -14,6 +14,7 @@ from motion_jax import runs
 from motion_jax.evaluators import stages as matching
 from motion_jax.evaluators.networks import ClipEvaluator, T2MEvaluator
 from motion_jax.evaluators.words import WordFeatures
+from motion_jax.inputs.config_files import module_fields
 from motion_jax.models import cdamd, cmdm
 from motion_jax.models.cdamd import length as lengths
 from motion_jax.models.cmdm import teacher
@@ -23,7 +24,7 @@ from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.nets.length_estimator import LengthEstimator
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
-from motion_jax.training.setup import plain, text_identity
+from motion_jax.training.setup import text_identity
 
 
 def shapes_of(config):
@@ -36,7 +37,7 @@ def shapes_of(config):
             checkpoint.FROZEN: cmdm.frozen_shapes(CausalVAE(**config.tokenizer))}
   if config.stage == "cdamd.generator":
     net = cdamd.make_generator(config.model)
-    frozen = cdamd.frozen_shapes(Autoencoder(**plain(config.tokenizer.to_dict())))
+    frozen = cdamd.frozen_shapes(Autoencoder(**module_fields(config.tokenizer)))
     if config.length:
       frozen["length"] = lengths.length_shapes(LengthEstimator(**config.length), net.transformer.text_dim)
     return {checkpoint.PARAMS: cdamd.generator_shapes(net), checkpoint.FROZEN: frozen}

@@ -78,8 +78,8 @@ MUTATIONS = (
     ("replaced-share", "motion_jax/models/cdamd/mask_schedule.py", "masked & ~noised & (keep_u < mask_rate)",
      "masked & ~noised & (keep_u < mask_rate - noise_rate)", (MASK_SCHEDULE,)),
     ("unmasked", "motion_jax/models/cdamd/mask_schedule.py",
-     "jnp.concatenate([hidden[1:], jnp.zeros_like(hidden[:1])])",
-     "jnp.concatenate([hidden[1:], hidden[:1]])", (MASK_SCHEDULE,)),
+     "jnp.concatenate([masked[1:], jnp.zeros_like(masked[:1])])",
+     "jnp.concatenate([masked[1:], masked[:1]])", (MASK_SCHEDULE,)),
     ("left-to-right", "motion_jax/models/cdamd/mask_schedule.py", "-np.arange(length, dtype=np.float32)[None]",
      "np.arange(length, dtype=np.float32)[None]", (MASK_SCHEDULE,)),
     # --- streaming ------------------------------------------------------------------------------------------------

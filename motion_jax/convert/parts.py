@@ -23,7 +23,7 @@ from motion_jax.training.setup import text_identity
 TRAINING_ONLY = re.compile(r"(opt|optim|optimizer|scheduler|lr_scheduler|scaler)(_.*)?$")
 
 
-class Part(NamedTuple):
+class NetworkState(NamedTuple):
   """Tensors of one network out of a checkpoint, {reference's name: array}."""
   state: dict
   source: dict           # file, part, sha256
@@ -48,7 +48,7 @@ class Network(NamedTuple):
   module: Any
   fields: dict
   params: Any
-  part: Part
+  part: NetworkState
   note: str = ""
 
   @property
@@ -70,7 +70,7 @@ class Network(NamedTuple):
 
 
 def read_part(path, wanted=(), others=(), choices=()):
-  """One network's tensors out of a checkpoint -> Part.
+  """One network's tensors out of a checkpoint -> NetworkState.
 
   wanted: the entries that hold it ("ae"; three for an evaluator, whose names then keep theirs, "text_encoder/..."),
   none for a bare state dict; a file whose names are not nested is a bare one. choices: names for the one entry that is
@@ -104,7 +104,7 @@ def read_part(path, wanted=(), others=(), choices=()):
   with open(path, "rb") as file:
     digest = hashlib.file_digest(file, "sha256").hexdigest()
   part = ", ".join(wanted) if nested else ""
-  return Part(state, dict(file=pathlib.Path(path).name, part=part, sha256=digest), tuple(sorted(left)))
+  return NetworkState(state, dict(file=pathlib.Path(path).name, part=part, sha256=digest), tuple(sorted(left)))
 
 
 def network(what, part, module, fields, shapes, table, ignore=()):

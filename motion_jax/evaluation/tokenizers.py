@@ -9,9 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from motion_jax import runs
+from motion_jax.inputs.config_files import module_fields
 from motion_jax.latents import TOKENIZER, AutoencoderCodec, RvqCodec, VaeCodec
 from motion_jax.models import cdamd, cmdm
-from motion_jax.models.base import Able, plain_fields
+from motion_jax.models.base import Able
 from motion_jax.motion.stats import Stats
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.causal_vae import CausalVAE
@@ -47,7 +48,7 @@ def load_tokenizer(run, raw=False) -> Tokenizer:
   run = runs.open(run, STAGES, raw)
   config, stage = run.config, run.stage
   inside = stage in ("cmdm.denoiser", "cdamd.generator")
-  fields = plain_fields(config.tokenizer if inside else config.model)
+  fields = module_fields(config.tokenizer if inside else config.model)
   name = checkpoint.FROZEN if inside else run.params_file
   net = (CausalVAE if stage.startswith("cmdm") else Autoencoder)(**fields)
   if stage.startswith("cmdm"):

@@ -27,6 +27,7 @@ from motion_jax.evaluators import stages as matching
 from motion_jax.evaluators.networks import ClipEvaluator, T2MEvaluator
 from motion_jax.evaluators.snapmogen_network import SnapEvaluator
 from motion_jax.evaluators.words import CONVERTED, GLOVE_FILES, WordFeatures, load_words
+from motion_jax.inputs.config_files import module_fields
 from motion_jax.models.cmdm import teacher as teacher_lib
 from motion_jax.motion.representations import Representation, get_layout, to_features
 from motion_jax.motion.stats import Stats
@@ -34,7 +35,6 @@ from motion_jax.nets.masks import padding_mask
 from motion_jax.text.bert import bert_fields_of
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
-from motion_jax.training.setup import plain
 
 KINDS = {"evaluator.matching": "t2m", "evaluator.t2m": "t2m", "evaluator.clip": "clip", "cmdm.teacher": "tmr",
          "evaluator.snapmogen": "snapmogen"}
@@ -226,7 +226,7 @@ def _hash(params, stats):
 
 
 def _t2m(config, word_dim):
-  net = T2MEvaluator(**plain(config.model.to_dict()))
+  net = T2MEvaluator(**module_fields(config.model))
   embed = jax.jit(lambda params, *words: net.apply(params, *words, method="text"))
 
   def text(params, reader, captions, tokens):
@@ -240,7 +240,7 @@ def _t2m(config, word_dim):
 
 
 def _clip(config, _):
-  net = ClipEvaluator(**plain(config.model.to_dict()))
+  net = ClipEvaluator(**module_fields(config.model))
   embed = jax.jit(lambda params, ids: net.apply(params, ids, method="text"))
 
   def text(params, reader, captions, tokens):
@@ -266,7 +266,7 @@ def _tmr(config, _):
 
 
 def _snapmogen(config, word_dim):
-  fields = plain(config.model.to_dict())
+  fields = module_fields(config.model)
   net = SnapEvaluator(**fields)
   apply = lambda method: lambda params, *given: net.apply({"params": params["params"]}, *given, method=method)
   embed = jax.jit(apply("text"))

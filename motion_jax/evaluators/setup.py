@@ -11,11 +11,12 @@ from motion_jax.data.tagger import tag
 from motion_jax.evaluators import stages as matching
 from motion_jax.evaluators.networks import T2MEvaluator
 from motion_jax.evaluators.words import CONVERTED, WordFeatures, load_words
+from motion_jax.inputs.config_files import module_fields
 from motion_jax.metrics import scores
 from motion_jax.motion import stats as stats_lib
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
-from motion_jax.training.setup import TrainingSetup, held_out, one_clip_per_caption, plain, text_identity
+from motion_jax.training.setup import TrainingSetup, held_out, one_clip_per_caption, text_identity
 
 _RULES = ("frames_per_latent", "coin", "crop_frames", "keep_long")  # of `batches.TextItems`
 NUM_VALIDATION = 8  # batches of the validation split that a loss is the mean of, the same every time
@@ -168,8 +169,8 @@ def load_movement(config):
   theirs, ours = run.config.model, config.model
   if (theirs.features, theirs.columns, theirs.width, theirs.dim) != (
       ours.features, ours.columns, ours.movement_width, ours.movement_dim):
-    raise ValueError(f"the movement encoder in {folder} is {plain(theirs.to_dict())}, which does not fit model "
-                     f"{plain(ours.to_dict())}; make them agree")
+    raise ValueError(f"the movement encoder in {folder} is {module_fields(theirs)}, which does not fit model "
+                     f"{module_fields(ours)}; make them agree")
   params = run.params()["encoder"]
   shapes = matching.t2m_shapes(T2MEvaluator(**ours), 1)["params"]["movement_encoder"]
   checkpoint.check_fits(params, shapes, f"the movement encoder in {folder} does not fit its config")

@@ -18,7 +18,7 @@ COLORS = {"middle": (0.60, 0.63, 0.70), "right": (0.93, 0.46, 0.30), "left": (0.
 _LEG = 0.82  # thigh and shin, metres, of the person whom the sizes below fit
 
 
-class Part(NamedTuple):
+class BodyPart(NamedTuple):
   """The hull of a ball at joint a and one at joint b; the offsets turn with the joint `frame`. Metres."""
   a: int
   b: int
@@ -34,7 +34,7 @@ class Figure(NamedTuple):
   """A clip ready to draw, metres, P parts: their balls a and b over time, and what the ground needs to know."""
   joints: np.ndarray  # (T, J, 3)
   pose: Pose
-  parts: tuple[Part, ...]
+  parts: tuple[BodyPart, ...]
   a: np.ndarray       # (T, P, 3)
   b: np.ndarray       # (T, P, 3)
   ahead: np.ndarray   # (T, 3) unit vectors on the ground: where the pelvis faces
@@ -100,7 +100,7 @@ def _size(skeleton, lengths):
   return max(0.2, float(lengths[list(skeleton.leg_bones)].sum()) / _LEG)
 
 
-def make_parts(skeleton: Skeleton, offsets) -> tuple[Part, ...]:
+def make_parts(skeleton: Skeleton, offsets) -> tuple[BodyPart, ...]:
   """The parts of a body whose T-pose offsets (J, 3) are in metres."""
   names, parents = skeleton.joints, skeleton.parents
   index = {name: j for j, name in enumerate(names)}
@@ -112,7 +112,7 @@ def make_parts(skeleton: Skeleton, offsets) -> tuple[Part, ...]:
   def add(a, b, a_radius, b_radius, group, a_offset=(0, 0, 0), b_offset=(0, 0, 0), frame=None):
     a, b = index[a], index[b]
     frame = index[frame] if frame else a
-    parts.append(Part(a, b, tuple(np.multiply(a_offset, s)), tuple(np.multiply(b_offset, s)), frame,
+    parts.append(BodyPart(a, b, tuple(np.multiply(a_offset, s)), tuple(np.multiply(b_offset, s)), frame,
                       a_radius * s, b_radius * s, group))
 
   root, neck, head = names[0], "neck", "head"

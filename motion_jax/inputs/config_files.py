@@ -2,6 +2,9 @@
 import difflib
 import importlib.util
 import pathlib
+from typing import Any
+
+from ml_collections import ConfigDict
 
 from motion_jax import configs
 from motion_jax.inputs import former_names
@@ -50,3 +53,8 @@ def _path_of(file):
   hint = next(f"; did you mean {name}?" for name in names() if name.endswith(near[0])) if near else (
       f"; it is the path of a Python file, or one of {', '.join(names())}")
   raise FileNotFoundError(f"there is no config {file!r}{hint}")
+
+
+def module_fields(section: ConfigDict) -> dict[str, Any]:
+  """A section of a config as fields of a Flax module: lists become tuples, which can be hashed."""
+  return {name: tuple(value) if isinstance(value, list | tuple) else value for name, value in section.to_dict().items()}

@@ -9,7 +9,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from ml_collections import ConfigDict
 
 from motion_jax.data.captions import SUBJECTS
 from motion_jax.inputs import former_names
@@ -226,11 +225,6 @@ _NAMED = 5  # words of a prompt, and prompts of a call, that a warning names
 
 def _shortened(text):
   return repr(text if len(text) <= 120 else text[:119] + "…")
-
-
-def plain_fields(config: ConfigDict) -> dict[str, Any]:
-  """A config section as fields of a module: lists become tuples, which can be hashed."""
-  return {k: tuple(v) if isinstance(v, list | tuple) else v for k, v in config.to_dict().items()}
 
 
 def each(value: Any, prompts: Sequence[str]) -> list[Any]:

@@ -31,14 +31,14 @@ class Source:
                turned: Num[np.ndarray, "t n 4"] | None = None) -> None:
     self.index: dict[str, int] = {}
     for i, name in enumerate(names):
-      self.index.setdefault(plain(name), i)
+      self.index.setdefault(normalized_name(name), i)
     self.positions, self.turned = positions, turned
 
   def __contains__(self, name: str) -> bool:
-    return plain(name) in self.index
+    return normalized_name(name) in self.index
 
   def __getitem__(self, name: str) -> Float[np.ndarray, "t 3"]:
-    return self.positions[:, self.index[plain(name)]]
+    return self.positions[:, self.index[normalized_name(name)]]
 
   def length(self, a: str, b: str) -> float:
     """The distance of two joints, median over the clip."""
@@ -52,14 +52,14 @@ class Source:
     if self.turned is None:
       raise ValueError(f"this table needs the rotation of joint {name!r}, got positions only; give map_joints turned=, "
                        "or a mapping of names")
-    return self.turned[:, self.index[plain(name)]]
+    return self.turned[:, self.index[normalized_name(name)]]
 
   def at(self, name: str, offset: Sequence[float] | np.ndarray) -> Float[np.ndarray, "t 3"]:
     """The point at an offset (3,) or (T, 3) in the turned frame of a joint."""
     return self[name] + rot.rotate(self.turn(name), np.asarray(offset, np.float64))
 
 
-def plain(name: str) -> str:
+def normalized_name(name: str) -> str:
   """A joint's name without what programs put around it."""
   name = name.split(":")[-1].lower()
   for mark in "_- .":
@@ -187,8 +187,8 @@ def map_joints(names: Sequence[str], positions: Num[Array, "t n 3"], mapping: st
 
 def best_table(names: Sequence[str]) -> str:
   """The table most of whose joints occur among names."""
-  known = {plain(name) for name in names}
-  share = {label: np.mean([all(plain(name) in known for name in _needs(entry)) for entry in table.values()])
+  known = {normalized_name(name) for name in names}
+  share = {label: np.mean([all(normalized_name(name) in known for name in _needs(entry)) for entry in table.values()])
            for label, table in TABLES.items()}
   return max(share, key=lambda label: share[label])
 

@@ -73,11 +73,11 @@ class Generator(nn.Module):
               ) -> Float[Array, "*lead c"]:
     return self.head(x, t, condition)
 
-  def hidden(self) -> Float[Array, "1 1 c"]:
-    return self.transformer.hidden()
+  def mask_token(self) -> Float[Array, "1 1 c"]:
+    return self.transformer.mask_token()
 
   def __call__(self, x: Float[Array, "b l c"], text_emb: Float[Array, "b s e"], attn_mask: Bool[Array, "#b 1 l l"],
                t: Num[Array, "*#lead"], codes: Int[Array, "b l *q"] | None = None) -> Float[Array, "b l c"]:
     """Touches every parameter, for init."""
-    self.hidden()
+    self.mask_token()
     return self.head(x, t, self.transformer(x, text_emb, attn_mask, codes))

@@ -1,4 +1,4 @@
-"""Masked transformers: from latents, some of them hidden, and a caption to a condition for every latent's diffusion.
+"""Masked transformers: from latents, some of them masked, and a caption to a condition for every latent's diffusion.
 
 CDAMD's and, as its baseline, MARDM's (docs/papers/cdamd.md#masked-transformer). Both give (B, L, D), the residual
 stream of their last block, to `nets.diffusion_mlp`, which makes a latent of each row.
@@ -36,7 +36,7 @@ def plain_norm(eps: float, dtype: Any) -> nn.LayerNorm:
 
 
 class Inputs(nn.Module):
-  """What both transformers begin with: latents and words as tokens, and the latent that stands for a hidden one."""
+  """What both transformers begin with: latents and words as tokens, and the latent that stands for a masked one."""
   latent_dim: int
   width: int
   text_scale: float
@@ -59,8 +59,8 @@ class Inputs(nn.Module):
   def words(self, text_emb: Float[Array, "b s e"]) -> Float[Array, "b s d"]:
     return self.text_in(text_emb.astype(self.dtype) * self.text_scale)
 
-  def hidden(self) -> Float[Array, "1 1 c"]:
-    """(1, 1, C): what a hidden latent is replaced by."""
+  def mask_token(self) -> Float[Array, "1 1 c"]:
+    """(1, 1, C): what a masked latent is replaced by."""
     return self.mask_latent
 
 
@@ -97,7 +97,7 @@ class Block(nn.Module):
 
 
 class MaskedTransformer(nn.Module):
-  """CDAMD's: x (B, L, C) latents, the hidden ones replaced by `hidden()`, zero at padding -> conditions (B, L, D).
+  """CDAMD's: x (B, L, C) latents, the masked ones replaced by `mask_token()`, zero at padding -> conditions (B, L, D).
 
   text_emb (B, S, E): a sentence vector (S = 1) or words, of which the first modulates the norms; all 0 stands for no
   caption. text_mask (B, S). attn_mask (B, 1, L, L), see `nets.masks.latent_mask`; prior tokens are looked at like the
@@ -130,8 +130,8 @@ class MaskedTransformer(nn.Module):
     self.blocks = [Block(self.num_heads, self.ff_width, self.dropout, self.dtype, name=f"block{i}")
                    for i in range(self.depth)]
 
-  def hidden(self) -> Float[Array, "1 1 c"]:
-    return self.inputs.hidden()
+  def mask_token(self) -> Float[Array, "1 1 c"]:
+    return self.inputs.mask_token()
 
   def prior(self, codes: Int[Array, "b l *q"]) -> Float[Array, "b l d"]:
     """Prior tokens (B, L, D). Several levels have a row of their own added and are averaged, one alone has not."""
@@ -208,8 +208,8 @@ class GatedTransformer(nn.Module):
     self.blocks = [GatedBlock(self.num_heads, self.ff_width, self.dropout, self.dtype, name=f"block{i}")
                    for i in range(self.depth)]
 
-  def hidden(self) -> Float[Array, "1 1 c"]:
-    return self.inputs.hidden()
+  def mask_token(self) -> Float[Array, "1 1 c"]:
+    return self.inputs.mask_token()
 
   def __call__(self, x: Float[Array, "b l c"], text_emb: Float[Array, "b s e"], attn_mask: Bool[Array, "#b 1 l l"],
                codes: Int[Array, "b l *q"] | None = None, prior_mask: Bool[Array, " b"] | None = None,

@@ -100,7 +100,7 @@ class MotionPatches(Teacher):
       raise ValueError(f"got {x.shape[1]} frames, the image shows {self.max_frames}; cut the motion into pieces")
     return self.fc_norm(rows)[:, first // self.patch]
 
-  def clip(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"] | None = None, deterministic: bool = True
-           ) -> Float[Array, "b e"]:
+  def motion_vector(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"] | None = None,
+                    deterministic: bool = True) -> Float[Array, "b e"]:
     """One vector per motion (B, E), not of unit length."""
     return self.motion_projection(self.features(x, frame_mask), deterministic)

@@ -60,9 +60,9 @@ class ProjectionHead(nn.Module):
 class Teacher(nn.Module):
   """What all motion-language teachers share: heads, pools and the temperature; a subclass says how motion is encoded.
 
-  `frames` gives a feature per frame (B, T, E), `clip` a vector (B, E), `text_head` turns the first hidden state (B, W)
-  of the text transformer, a module of its own (`text.bert`), into one. x (B, T, F) normalized features, frame_mask
-  (B, T) True = real.
+  `frames` gives a feature per frame (B, T, E), `motion_vector` one per motion (B, E), `text_head` turns the first
+  hidden state (B, W) of the text transformer, a module of its own (`text.bert`), into one. x (B, T, F) normalized
+  features, frame_mask (B, T) True = real.
   """
   width: int = 512
   depth: int = 4
@@ -98,8 +98,8 @@ class Teacher(nn.Module):
     """What the tokenizer is aligned with: a feature per frame (B, T, E)."""
     return self.motion_projection(self.hidden(x, frame_mask, deterministic), deterministic)
 
-  def clip(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "#b t"] | None = None, deterministic: bool = True
-           ) -> Float[Array, "b e"]:
+  def motion_vector(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "#b t"] | None = None,
+                    deterministic: bool = True) -> Float[Array, "b e"]:
     """One vector per motion (B, E), not normalized."""
     hidden, token = self.encode(x, frame_mask, deterministic)
     if self.pool == "token":
@@ -119,7 +119,7 @@ class Teacher(nn.Module):
 
   def __call__(self, x: Float[Array, "b t f"], text_hidden: Float[Array, "b w"]
                ) -> tuple[Float[Array, "b e"], Float[Array, "b e"], Float[Array, ""]]:
-    return self.clip(x), self.text_head(text_hidden), self.scale()
+    return self.motion_vector(x), self.text_head(text_hidden), self.scale()
 
 
 class PartTMR(Teacher):

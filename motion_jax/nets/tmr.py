@@ -140,8 +140,8 @@ class TMR(nn.Module):
     """What the tokenizer is aligned with: a feature per frame (B, T, D)."""
     return self.motion_encoder(x, frame_mask, deterministic)[2]
 
-  def clip(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"] | None = None, deterministic: bool = True
-           ) -> Float[Array, "b d"]:
+  def motion_vector(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"] | None = None,
+                    deterministic: bool = True) -> Float[Array, "b d"]:
     """One vector per motion (B, D), not of unit length."""
     mean, _, rows = self.motion_encoder(x, frame_mask, deterministic)
     return mean if self.pool == "token" else mean_rows(rows, frame_mask)
@@ -154,7 +154,7 @@ class TMR(nn.Module):
   def __call__(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"], text_emb: Float[Array, "b s w"],
                text_mask: Bool[Array, "b s"]) -> tuple[Float[Array, "b d"], Float[Array, "b d"], Float[Array, "b t f"]]:
     z = self.text(text_emb, text_mask)
-    return self.clip(x, frame_mask), z, self.decode(z, frame_mask)
+    return self.motion_vector(x, frame_mask), z, self.decode(z, frame_mask)
 
 
 def mean_rows(rows: Float[Array, "b t d"], mask: Bool[Array, "b t"] | None = None) -> Float[Array, "b d"]:

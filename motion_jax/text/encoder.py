@@ -307,4 +307,4 @@ def _random_init(seed=0):
   digest = hashlib.sha256(tokenizer.to_str().encode())
   for leaf in jax.tree.leaves(params):
     digest.update(leaf.tobytes())
-  return folder.Parts(bert.Bert(**fields), params, tokenizer, digest.hexdigest())
+  return folder.EncoderParts(bert.Bert(**fields), params, tokenizer, digest.hexdigest())

@@ -36,7 +36,7 @@ class Sentence(NamedTuple):
     return rows if self.projection is None else np.einsum("bd,ed->be", rows, self.projection)
 
 
-class Parts(NamedTuple):
+class EncoderParts(NamedTuple):
   """What a text encoder is made of. fingerprint: sha256 of weights and tokenizer; truncates: cuts a long caption."""
   model: Any
   params: Any
@@ -83,7 +83,7 @@ def read(folder, name, level="words"):
     with open(folder / file, "rb") as stream:
       while block := stream.read(1 << 24):
         digest.update(block)
-  return Parts(module(**fields), params, tokenizer, digest.hexdigest(), sentence, kind.startswith("clip"))
+  return EncoderParts(module(**fields), params, tokenizer, digest.hexdigest(), sentence, kind.startswith("clip"))
 
 
 def _fields(folder, to_fields, config):

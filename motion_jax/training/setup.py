@@ -41,13 +41,6 @@ def untrained(shapes, seed=0):
   return jax.tree_util.tree_map_with_path(fill, shapes)
 
 
-def plain(value):
-  # Less what may change: where the data and their store lie, and when a prolonged run cools down.
-  if isinstance(value, dict):
-    return {k: plain(v) for k, v in value.items() if k not in ("folder", "folders", "store", "cooldown_steps")}
-  return [plain(v) for v in value] if isinstance(value, list | tuple) else value
-
-
 def held_out(config, stats, captioned=False):
   """The validation split, or a few of the training clips where there is none (synthetic data)."""
   try:

@@ -105,7 +105,7 @@ def _params(net, x):
 def test_padding_is_invisible(small):
   """A short clip is an image with zeros below it, whatever its array holds there and however long that is."""
   net, params, x = small
-  clip = jax.jit(lambda x, count: net.apply(params, x, jnp.arange(x.shape[1]) < count[:, None], method="clip"))
+  clip = jax.jit(lambda x, count: net.apply(params, x, jnp.arange(x.shape[1]) < count[:, None], method="motion_vector"))
   short = clip(x[1:, :13], jnp.array([13]))[0]
   assert np.allclose(clip(x, jnp.array([32, 13]))[1], short, atol=1e-5)
   assert not np.allclose(clip(x, jnp.array([32, 20]))[1], short, atol=1e-4)

@@ -46,7 +46,7 @@ def run_part_tmr(fixture, dtype):
     made["text_hidden"] = bert.apply({"params": params["text"]}, ids, text_mask)
     made |= {"frame_features": apply(motion, x, method="hidden").swapaxes(0, 1),
              "frame_embeddings": apply(motion, x, method="frames").swapaxes(0, 1),
-             "clip_embedding": apply(motion, x, method="clip"),
+             "clip_embedding": apply(motion, x, method="motion_vector"),
              "text_head": apply(motion, hidden[:, 0], method="text_head"),
              "text_embedding": apply(motion, made["text_hidden"][:, 0], method="text_head")}
     return made, grads
@@ -86,7 +86,7 @@ def test_parameter_count_is_the_references():
 @pytest.mark.parametrize("pool", ["real", "token"])
 def test_padding_is_invisible_where_the_pool_says_so(pool):
   teacher, params, x = _small(pool)
-  clip = jax.jit(lambda x, mask: teacher.apply(params, x, mask, method="clip"))
+  clip = jax.jit(lambda x, mask: teacher.apply(params, x, mask, method="motion_vector"))
   mask = jnp.arange(12) < jnp.array([[12], [7]])
   short = clip(x[1:, :7], jnp.ones((1, 7), bool))
   assert np.allclose(clip(x.at[1, 7:].set(9.0), mask)[1], short[0], atol=1e-5)
@@ -96,7 +96,7 @@ def test_padding_is_invisible_where_the_pool_says_so(pool):
 def test_the_released_pool_sees_padding():
   """Parity: the mean is over all frames, padding included."""
   teacher, params, x = _small("all")
-  clip = jax.jit(lambda x: teacher.apply(params, x, jnp.arange(12)[None] < 7, method="clip"))
+  clip = jax.jit(lambda x: teacher.apply(params, x, jnp.arange(12)[None] < 7, method="motion_vector"))
   assert not np.allclose(clip(x), clip(x.at[:, 7:].set(0.0)), atol=1e-3)
 
 

@@ -119,7 +119,7 @@ def test_padding_is_invisible(small):
     for name, value in terms(changed).items():
       assert np.isclose(value, expected[name], rtol=2e-5, atol=1e-6), name
   clip = jax.jit(lambda x, count: net.apply({"params": params}, x, jnp.arange(x.shape[1])[None] < count,
-                                            method="clip"))
+                                            method="motion_vector"))
   x = batch["features"][1:2]
   assert np.allclose(clip(x.at[:, 4:].set(9.0), 4), clip(x[:, :4], 4), atol=1e-5)
   assert not np.allclose(clip(x, 12), clip(x, 4), atol=1e-3)

@@ -3,7 +3,8 @@ from functools import partial
 
 import jax
 
-from motion_jax.models.base import TextToMotionModel, keys_of, plain_fields
+from motion_jax.inputs.config_files import module_fields
+from motion_jax.models.base import TextToMotionModel, keys_of
 from motion_jax.models.results import Motions, captions_in_a_row, make_motions
 from motion_jax.runtime import cache
 from tests.tiny_method.options import TinySampling
@@ -15,7 +16,7 @@ class TinyModel(TextToMotionModel):
   options = TinySampling
 
   def __init__(self, run, encoder):
-    net = Regressor(**plain_fields(run.config.model))
+    net = Regressor(**module_fields(run.config.model))
     super().__init__(run, encoder, net.text_dim, 1, {}, shapes(net))
     self.compiled = cache.Program("tiny.generate", partial(_generate, net), 1, (net,))
 

@@ -2,7 +2,7 @@
 
 An autoencoder turns joint coordinates into latents, four frames each; a residual VQ-VAE turns them into codes, the
 prior that constrains attention in training. A masked transformer reads the latents that are known, and a small
-diffusion network makes the hidden ones, some more in every decoding iteration. What is known may be an existing motion:
+diffusion network makes the masked ones, some more in every decoding iteration. What is known may be an existing motion:
 so parts of it are edited.
 
   features (B, T, F) -> encode -> latents (B, T / 4, C) -> generate, edit -> decode -> features
@@ -10,7 +10,7 @@ so parts of it are edited.
 losses         of autoencoder, RVQ-VAE and generator
 stages         what is trained, as pure functions
 setup          a config becomes a stage with its data
-mask_schedule  which latents are hidden, in training and in each decoding iteration
+mask_schedule  which latents are masked, in training and in each decoding iteration
 unmasking      the loop over decoding iterations; `draws` its random numbers
 sampling       generating; `editing` makes parts of a motion anew
 model          ready to use; `length` estimates how long a motion should be

@@ -14,7 +14,7 @@ def edit(net: Net, plan: Plan, params: Any, codec: AutoencoderCodec, features: F
          ) -> Float[Array, "b t f"]:
   """Normalized features (B, 4 L, F): the given ones, of which the latents edited (B, L) are made anew. Pure.
 
-  given: text_emb, hidden and what else `make_latents` takes. paste: put the frames of kept latents back as they came.
+  given: text_emb, masked and what else `make_latents` takes. paste: put the frames of kept latents back as they came.
   They have been through the autoencoder otherwise.
   """
   # Parity: the released code decodes everything and pastes nothing back.

@@ -136,7 +136,7 @@ def generator_loss(net: Net, params: Any, z1: Float[Array, "b l c"], real_mask: 
   """
   made = masking.corruption(draws.time_u, draws.order_u, draws.noise_u, draws.keep_u, real_mask, config.noise_rate,
                             config.mask_rate, config.mask_draw)
-  x = masking.corrupt(z1, made, draws.noise, net.apply(params, method="hidden"), real_mask)
+  x = masking.corrupt(z1, made, draws.noise, net.apply(params, method="mask_token"), real_mask)
   text_emb = jnp.where((draws.text_u < config.drop_rate)[:, None, None], 0.0, text_emb)
   attn_mask = trained_mask(config.mask, real_mask & ~made.masked, real_mask, draws.mask_u)
   prior_mask = None if codes is None else draws.prior_u >= config.prior_drop_rate

@@ -1,9 +1,9 @@
-"""Which latents are hidden in training, and which are made anew in each iteration of sampling: tables, and no network.
+"""Which latents are masked in training, and which are made anew in each iteration of sampling: tables, and no network.
 
 Training hides some of a motion's latents behind noise or a learned vector (docs/papers/cdamd.md#training-step).
-Sampling begins with all of them hidden; in each decoding iteration those that are still hidden are made, and all but a
-few of the newly made ones are hidden again (docs/papers/cdamd.md#generation). Editing is sampling in which only the
-edited latents are ever hidden (docs/papers/cdamd.md#editing).
+Sampling begins with all of them masked; in each decoding iteration those that are still masked are made, and all but a
+few of the newly made ones are masked again (docs/papers/cdamd.md#generation). Editing is sampling in which only the
+edited latents are ever masked (docs/papers/cdamd.md#editing).
 """
 import math
 from collections.abc import Sequence
@@ -59,18 +59,18 @@ def corruption(time_u: Float[Array, " b"], order_u: Float[Array, "b l"], noise_u
 
 
 def corrupt(latents: Float[Array, "b l c"], made: Corruption, noise: Float[Array, "b l c"],
-            hidden: Float[Array, "1 1 c"], real_mask: Bool[Array, "b l"]) -> Float[Array, "b l c"]:
-  """What the transformer sees: latents (B, L, C) with a Corruption applied; hidden (1, 1, C), zeros at padding."""
+            mask_latent: Float[Array, "1 1 c"], real_mask: Bool[Array, "b l"]) -> Float[Array, "b l c"]:
+  """What the transformer sees: latents (B, L, C) with a Corruption applied; mask_latent (1, 1, C), zeros at padding."""
   x = jnp.where(made.noised[..., None], noise, latents)
-  x = jnp.where(made.replaced[..., None], hidden, x)
+  x = jnp.where(made.replaced[..., None], mask_latent, x)
   return jnp.where(real_mask[..., None], x, 0.0)
 
 
 # --- sampling ----------------------------------------------------------------------------------------------------
 
 
-def hidden_shares(num_iterations: int) -> Float[np.ndarray, " {num_iterations}"]:
-  """(N,) float32, the share of latents that each iteration finds hidden: cos of N even steps from 0 to pi / 2.
+def masked_shares(num_iterations: int) -> Float[np.ndarray, " {num_iterations}"]:
+  """(N,) float32, the share of latents that each iteration finds masked: cos of N even steps from 0 to pi / 2.
 
   In iteration 2 (N - 1) / 3 it is one half but for the last bit, which decides every odd length. So the steps are those
   of PyTorch, to the last bit: float32, the second half counted back from 1 and rounded once; then a cosine that is
@@ -87,19 +87,19 @@ def hidden_shares(num_iterations: int) -> Float[np.ndarray, " {num_iterations}"]
   return np.cos(angles.astype(np.float64)).astype(np.float32)
 
 
-def hidden_counts(num_iterations: int, lengths: Int[Array, " b"]) -> Int[np.ndarray, "{num_iterations} b"]:
-  """(N, B) integers: how many latents each iteration finds hidden, of lengths (B,); at least 1. The reference's.
+def masked_counts(num_iterations: int, lengths: Int[Array, " b"]) -> Int[np.ndarray, "{num_iterations} b"]:
+  """(N, B) integers: how many latents each iteration finds masked, of lengths (B,); at least 1. The reference's.
 
   10 iterations of 30 latents: 30 30 28 26 23 19 15 10 5 1
   """
   lengths = np.asarray(lengths, np.float32)
-  return np.maximum(1, np.round(hidden_shares(num_iterations)[:, None] * lengths)).astype(np.int64)
+  return np.maximum(1, np.round(masked_shares(num_iterations)[:, None] * lengths)).astype(np.int64)
 
 
-def hidden_table(order: Float[Array, "#b l"], counts: Int[Array, "n b"]) -> Bool[np.ndarray, "n b l"]:
-  """(N, B, L): which latents each iteration finds hidden, those with the smallest numbers in order (B, L).
+def masked_table(order: Float[Array, "#b l"], counts: Int[Array, "n b"]) -> Bool[np.ndarray, "n b l"]:
+  """(N, B, L): which latents each iteration finds masked, those with the smallest numbers in order (B, L).
 
-  Infinity in order: never hidden. counts (N, B) must not rise in N; then each iteration's are among those before.
+  Infinity in order: never masked. counts (N, B) must not rise in N; then each iteration's are among those before.
 
   order  .2  .7  .1  inf      counts 3     1 1 1 .
                                      2     1 . 1 .
@@ -114,12 +114,12 @@ def left_to_right(length: int) -> Float[np.ndarray, "1 {length}"]:
   return -np.arange(length, dtype=np.float32)[None]
 
 
-def unmasked_table(hidden: Bool[Array, "n b l"]) -> Bool[Array, "n b l"]:
-  """(N, B, L): which latents keep what an iteration gives them, those that no later one finds hidden.
+def unmasked_table(masked: Bool[Array, "n b l"]) -> Bool[Array, "n b l"]:
+  """(N, B, L): which latents keep what an iteration gives them, those that no later one finds masked.
 
   The other rows of an iteration are thrown away, so only these need the solver: of a motion of 30 latents 30 of 187.
   """
-  return hidden & ~jnp.concatenate([hidden[1:], jnp.zeros_like(hidden[:1])])
+  return masked & ~jnp.concatenate([masked[1:], jnp.zeros_like(masked[:1])])
 
 
 # --- editing -----------------------------------------------------------------------------------------------------

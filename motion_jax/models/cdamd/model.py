@@ -11,9 +11,10 @@ from jaxtyping import Float
 
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.inputs import former_names
+from motion_jax.inputs.config_files import module_fields
 from motion_jax.latents import AutoencoderCodec
 from motion_jax.models import cdamd
-from motion_jax.models.base import Frames, Prompts, TextToMotionModel, keys_of, plain_fields
+from motion_jax.models.base import Frames, Prompts, TextToMotionModel, keys_of
 from motion_jax.models.cdamd import draws
 from motion_jax.models.cdamd import length as lengths
 from motion_jax.models.cdamd import mask_schedule as masking
@@ -43,12 +44,12 @@ class CdamdModel(TextToMotionModel):
   def __init__(self, run: Run, encoder: TextEncoder) -> None:
     config = run.config
     checkpoint.demand(config, run.folder, data__max_frames=(1, 100_000), sampler__guidance_scale=(-1e3, 1e3))
-    self.autoencoder = Autoencoder(**plain_fields(config.tokenizer))
+    self.autoencoder = Autoencoder(**module_fields(config.tokenizer))
     self.net = cdamd.make_generator(config.model)
     self.max_seconds = config.data.max_frames / get_layout(config.data.layout).skeleton.fps
     shapes = cache.kept_shapes("cdamd.frozen", self.autoencoder, lambda: cdamd.frozen_shapes(self.autoencoder))
     text_dim = self.net.transformer.text_dim
-    self.length = LengthEstimator(**plain_fields(config.length)) if config.length else None
+    self.length = LengthEstimator(**module_fields(config.length)) if config.length else None
     if self.length:
       shapes["length"] = lengths.length_shapes(self.length, text_dim)
     super().__init__(run, encoder, text_dim, self.autoencoder.frames_per_latent, shapes,
@@ -81,9 +82,9 @@ class CdamdModel(TextToMotionModel):
               for count in self.frames_of(prompts, num_frames, seconds)]
     keys, seeds = keys_of(rng, seeds, len(prompts))
     every = np.arange(self.max_latents) < np.array(frames)[:, None] // self.frames_per_latent
-    plan, hidden, scale, about = self._tables(keys, every, **sampling)
+    plan, masked, scale, about = self._tables(keys, every, **sampling)
     text_emb, text_mask = self.encode_words(prompts)
-    made = self._generate(plan, self.params, self.codec, text_emb=text_emb, text_mask=text_mask, hidden=hidden,
+    made = self._generate(plan, self.params, self.codec, text_emb=text_emb, text_mask=text_mask, masked=masked,
                           real_mask=jnp.asarray(every), scale=scale, keys=keys)
     captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
     return make_motions(self, made, frames, captions, seeds, about, cleanup)
@@ -117,12 +118,12 @@ class CdamdModel(TextToMotionModel):
     edited = np.concatenate([self._edited(task, keep, change, count) for count in frames])
     keys, seeds = keys_of(rng, seeds, len(clips))
     sampling["mask"] = mask or self.config.sampler.edit_mask
-    plan, hidden, scale, about = self._tables(keys, edited, **sampling)
+    plan, masked, scale, about = self._tables(keys, edited, **sampling)
     real = padding_mask(jnp.array(frames) // self.frames_per_latent, self.max_latents)
     features, joined = np.stack(features), paste and self.stats.layout.are_joints
     text_emb, text_mask = self.encode_words(prompts)
     made = self._edit(plan, paste and not joined, self.params, self.codec, features, text_emb=text_emb,
-                      text_mask=text_mask, edited=edited, hidden=hidden, real_mask=real, scale=scale, keys=keys)
+                      text_mask=text_mask, edited=edited, masked=masked, real_mask=real, scale=scale, keys=keys)
     if joined:
       made = self._joined(np.asarray(made), features, frames, ~np.repeat(edited, self.frames_per_latent, axis=1))
     about |= dict(task=task or "spans", pasted=bool(paste))
@@ -173,17 +174,17 @@ class CdamdModel(TextToMotionModel):
     return self.encoder.sentence_and_words(prompts, at_least=min(self.config.data.max_words, self.encoder.max_words))
 
   def _tables(self, keys, editable, **sampling):
-    """(Plan, hidden (N, B, L), guidance scale, what a file says of them) for latents editable (B, L)."""
+    """(Plan, masked (N, B, L), guidance scale, what a file says of them) for latents editable (B, L)."""
     chosen = self.sampling(**sampling)
     order_of = draws.draw_order(keys, np.full(len(keys), self.max_latents), self.max_latents, chosen.order)
-    counts = masking.hidden_counts(chosen.num_iterations, editable.sum(-1))
-    hidden = masking.hidden_table(np.where(editable, order_of, np.inf), counts)
+    counts = masking.masked_counts(chosen.num_iterations, editable.sum(-1))
+    masked = masking.masked_table(np.where(editable, order_of, np.inf), counts)
     # Rounded up to even numbers, so that few lengths are compiled anew.
     most = 2 * -(-most_unmasked(counts) // 2)
     plan = cdamd.make_plan(solver=chosen.solver, num_steps=chosen.num_steps, mask=chosen.mask,
                            guided=chosen.guidance_scale != 1.0, num_rows=most if chosen.unmasked_only else None,
                            ddpm_steps=self.config.loss.ddpm_steps, temperature=chosen.temperature)
-    return plan, hidden, chosen.guidance_scale, chosen.about() | dict(model=self.id)
+    return plan, masked, chosen.guidance_scale, chosen.about() | dict(model=self.id)
 
   def _edited(self, task, keep, change, count):
     """(1, L): the latents of a clip of count frames that are made anew."""

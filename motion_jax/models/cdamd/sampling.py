@@ -1,4 +1,4 @@
-"""Motion from CDAMD's generator: in each decoding iteration the diffusion head makes some of the hidden latents."""
+"""Motion from CDAMD's generator: in each decoding iteration the diffusion head makes some of the masked latents."""
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -18,7 +18,7 @@ class Plan(NamedTuple):
   num_steps: int = 10          # of the solver; dopri5 chooses its own
   mask: str = "causal"
   guided: bool = True
-  num_rows: int | None = None  # unmasking.most_unmasked, or None: solve for every hidden latent as the reference does
+  num_rows: int | None = None  # unmasking.most_unmasked, or None: solve for every masked latent as the reference does
   ddpm_steps: int = 50         # of training
   temperature: float = 1.0     # of the DDPM's noise; flows have none
 
@@ -37,19 +37,19 @@ def make_plan(**fields: Any) -> Plan:
 
 
 def make_latents(net: Net, plan: Plan, params: Any, latents: Float[Array, "b l c"], *,
-                 text_emb: Float[Array, "b s e"], hidden: Bool[Array, "n b l"], real_mask: Bool[Array, "b l"],
+                 text_emb: Float[Array, "b s e"], masked: Bool[Array, "n b l"], real_mask: Bool[Array, "b l"],
                  scale: Any, draw: Callable[..., Array], text_mask: Bool[Array, "b s"] | None = None
                  ) -> Float[Array, "n b l c"]:
   """Latents after each decoding iteration (N, B, L, C), the last the finished ones. Pure; net and plan are static.
 
-  text_emb (B, S, E), text_mask (B, S) or None; latents (B, L, C), of which those are kept that hidden (N, B, L) never
+  text_emb (B, S, E), text_mask (B, S) or None; latents (B, L, C), of which those are kept that masked (N, B, L) never
   names; real_mask (B, L); scale () of the guidance; draw: see `draws.make_draw`.
   """
   twice = (lambda a: jnp.concatenate([a, a])) if plan.guided else lambda a: a
   words = jnp.concatenate([text_emb, 0 * text_emb]) if plan.guided else text_emb
 
-  def condition(z, hidden):
-    attn_mask = latent_mask(plan.mask, real_mask & ~hidden, real_mask)
+  def condition(z, masked):
+    attn_mask = latent_mask(plan.mask, real_mask & ~masked, real_mask)
     words_mask = None if text_mask is None else twice(text_mask)
     return net.apply(params, twice(z), words, twice(attn_mask), text_mask=words_mask, method="condition")
 
@@ -65,12 +65,13 @@ def make_latents(net: Net, plan: Plan, params: Any, latents: Float[Array, "b l c
     times = jnp.linspace(0, 1, plan.num_steps + 1, dtype=latents.dtype)[:, None]
     return samplers.FIXED_STEP[plan.solver](predict, noise, times)
 
-  return unmasking.sample(condition, solve, draw, latents, hidden, net.apply(params, method="hidden"), plan.num_rows)
+  mask_latent = net.apply(params, method="mask_token")
+  return unmasking.sample(condition, solve, draw, latents, masked, mask_latent, plan.num_rows)
 
 
 def generate(net: Net, plan: Plan, params: Any, codec: AutoencoderCodec, *, real_mask: Bool[Array, "b l"],
              **given: Any) -> Float[Array, "b t f"]:
-  """Normalized features (B, 4 L, F) of new motions; given: hidden (N, B, L) of `masking.hidden_table`, and what else
+  """Normalized features (B, 4 L, F) of new motions; given: masked (N, B, L) of `masking.masked_table`, and what else
   `make_latents` takes. Pure."""
   latents = jnp.zeros(real_mask.shape + (net.transformer.latent_dim,))
   made = make_latents(net, plan, params, latents, real_mask=real_mask, **given)[-1]

@@ -10,6 +10,7 @@ from ml_collections import ConfigDict
 from motion_jax import runs
 from motion_jax.data import batches, sources, store
 from motion_jax.data.captions import vary_subject
+from motion_jax.inputs.config_files import module_fields
 from motion_jax.latents import AutoencoderCodec, RvqCodec
 from motion_jax.models import cdamd
 from motion_jax.models.cdamd import length as lengths
@@ -25,7 +26,6 @@ from motion_jax.training.setup import (
   TrainingSetup,
   caption_lengths,
   held_out,
-  plain,
   reconstruction_error,
   text_identity,
   untrained,
@@ -175,7 +175,7 @@ def _captioned(config, data, encoder, encoders=None):
 def encode_generator(config: ConfigDict, folder: str | os.PathLike) -> str:
   """Writes the store of a generator's data: latents, and codes where its loss has a prior; returns what to tell."""
   data, encoder, codec, frozen = _generator_parts(config)
-  net, prior = codec.net, Autoencoder(**plain(config.prior.to_dict()))
+  net, prior = codec.net, Autoencoder(**module_fields(config.prior))
   levels = config.quantizer.num_levels
 
   def encode(frozen, x, num_frames):
@@ -208,7 +208,7 @@ def load_frozen(folder: str, fields: ConfigDict, stage: str, config: ConfigDict,
                 quantizer: ConfigDict | None = None) -> tuple[Autoencoder, Any, Stats]:
   """(module, variables, stats) of a trained autoencoder or, with a quantizer section, RVQ-VAE; "random-init" makes an
   untrained one for trying things out."""
-  net = Autoencoder(**plain(fields.to_dict()))
+  net = Autoencoder(**module_fields(fields))
   if folder == "random-init":
     variables = untrained(cdamd.autoencoder_shapes(net))
     if quantizer:
@@ -217,11 +217,11 @@ def load_frozen(folder: str, fields: ConfigDict, stage: str, config: ConfigDict,
       variables = {**variables, "codebooks": vq.codebook_of(codes)._asdict()}
     return net, variables, sources.load_features(config.data).stats
   run = runs.open(folder, stage)
-  theirs = Autoencoder(**plain(run.config.model.to_dict()))
+  theirs = Autoencoder(**module_fields(run.config.model))
   alike: dict[str, Any] = dict(dropout=0.0, hide_padding=False)  # frozen, it has no dropout; windows have no padding
   if theirs.clone(**alike) != net.clone(**alike):
-    raise ValueError(f"{folder} holds {plain(run.config.model.to_dict())}, this config says "
-                     f"{plain(fields.to_dict())}; make them agree")
+    raise ValueError(f"{folder} holds {module_fields(run.config.model)}, this config says "
+                     f"{module_fields(fields)}; make them agree")
   own = run.config.get("quantizer")
   if quantizer and (own.num_levels, own.num_codes) != (quantizer.num_levels, quantizer.num_codes):
     raise ValueError(f"{folder} has {own.num_levels} levels of {own.num_codes} codes, config.quantizer says "
@@ -254,14 +254,14 @@ def generator_fields(config: ConfigDict) -> dict[str, Any]:
   """What loading the generator's run needs: the sizes of its length estimator, where it has one."""
   if not config.frozen.length:
     return {}
-  return {"length": plain(runs.open(config.frozen.length, "cdamd.length").config.model.to_dict())}
+  return {"length": runs.open(config.frozen.length, "cdamd.length").config.model.to_dict()}
 
 
 def load_length(folder: str, encoder: TextEncoder) -> Any:
   """Parameters of a trained length estimator that reads the sentence vectors of this encoder."""
   run = runs.open(folder, "cdamd.length")
   run.check_encoder(encoder)
-  return run.params(lengths.length_shapes(LengthEstimator(**plain(run.config.model.to_dict())), encoder.dim))
+  return run.params(lengths.length_shapes(LengthEstimator(**module_fields(run.config.model)), encoder.dim))
 
 
 RESOLVED = {"cdamd.generator": generator_fields}

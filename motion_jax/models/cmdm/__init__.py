@@ -12,6 +12,7 @@ stages        what is trained, as pure functions
 setup         a config becomes a stage with its data; `teacher_setup` that of the teachers
 streaming     the frame-wise sampler: one step that offline and live sampling share
 sampling      generating and going on, by that step or by the plain loop that it is tested against
+networks      networks with their weights, compiled
 model         ready to use; `multi_prompt` tells several prompts in a row, `live` never ends
 weights       the authors' PyTorch files
 

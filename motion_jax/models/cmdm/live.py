@@ -1,6 +1,6 @@
 """A motion that never ends: block after block from one step, with words that may change on the way."""
 import dataclasses
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -9,11 +9,9 @@ from jaxtyping import Float, Int
 
 from motion_jax.models import cmdm
 from motion_jax.models.cmdm import streaming
+from motion_jax.models.cmdm.networks import CmdmNetworks
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.representations import Representation, root_path, to_joints
-
-if TYPE_CHECKING:
-  from motion_jax.models.cmdm.model import CmdmModel
 
 _CAPTIONS = 4  # different captions that a window may show before its step is compiled anew, for twice as many
 
@@ -30,7 +28,7 @@ class LiveStream:
   words is `CmdmModel.multi_prompt`, block by block.
   """
 
-  def __init__(self, model: "CmdmModel", plan: streaming.Plan, scale: float, keys: jax.Array, prompt: str,
+  def __init__(self, model: CmdmNetworks, plan: streaming.Plan, scale: float, keys: jax.Array, prompt: str,
                num_frames: int | None = None) -> None:
     self._model, self._plan, self._num_frames = model, plan, num_frames
     constants = streaming.make_constants(model.dit, model.params, plan)

@@ -1,74 +1,28 @@
 """CMDM ready to use: motion from words, several prompts in a row, a motion that goes on, and live streams."""
-from collections.abc import Callable, Iterable, Sequence
-from functools import partial
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 import jax
-import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Bool, Float, Num
 
 from motion_jax.data.clip import Clip
 from motion_jax.inputs import former_names
-from motion_jax.latents import VaeCodec
-from motion_jax.models import cmdm
-from motion_jax.models.base import Frames, Prompts, TextToMotionModel, keys_of, plain_fields
+from motion_jax.models.base import Frames, Prompts, keys_of
 from motion_jax.models.cmdm import multi_prompt as multi
 from motion_jax.models.cmdm import streaming
 from motion_jax.models.cmdm.live import LiveStream
+from motion_jax.models.cmdm.networks import CmdmNetworks
 from motion_jax.models.cmdm.options import CmdmSampling
 from motion_jax.models.known_motion import on_our_body
 from motion_jax.models.results import Motion, Motions, captions_in_a_row, go_on, make_motions
-from motion_jax.nets.causal_dit import CausalDiT
-from motion_jax.nets.causal_vae import CausalVAE
-from motion_jax.runs import Run
-from motion_jax.runtime import cache, timing
-from motion_jax.shapes import Array
-from motion_jax.text.encoder import TextEncoder
-from motion_jax.training import checkpoint
+from motion_jax.runtime import timing
 
 Segments = Sequence[tuple[str, float | None]]  # prompts and their seconds
 
 
-class Compiled(NamedTuple):
-  """The functions of `cmdm` that a model runs, compiled on first use for each new shape."""
-  generate: Callable
-  generate_whole: Callable
-  chain_segment: Callable
-  extend: Callable
-  stream_step: Callable
-  encode: Callable
-  decode: Callable
-
-
-def _compile(dit: CausalDiT) -> Compiled:
-  program = lambda fn, num_static, *modules: cache.Program(fn.__name__, partial(fn, *modules), num_static, modules)
-  return Compiled(
-      generate=program(cmdm.generate, 2, dit), generate_whole=program(cmdm.generate_whole, 2, dit),
-      chain_segment=program(cmdm.chain_segment, 2, dit), extend=program(cmdm.extend, 2, dit),
-      stream_step=program(cmdm.stream_step, 2),
-      encode=program(VaeCodec.encode, 0), decode=program(VaeCodec.decode, 0))
-
-
-class CmdmModel(TextToMotionModel):
+class CmdmModel(CmdmNetworks):
   """CMDM ready to use: prompts in, motion out. Made by `load`."""
   abilities = ("generate", "stream", "multi_prompt", "extend", "reconstruct")
   options = CmdmSampling
-
-  def __init__(self, run: Run, encoder: TextEncoder) -> None:
-    config = run.config
-    checkpoint.demand(config, run.folder, data__max_frames=(1, 100_000), data__max_words=(1, 10_000),
-                      sampler__num_steps=(1, 10_000), sampler__lag=(1, 10_000), sampler__guidance_scale=(-1e3, 1e3))
-    self.vae = CausalVAE(**plain_fields(config.tokenizer))
-    self.dit = CausalDiT(**plain_fields(config.model))
-    super().__init__(run, encoder, self.dit.text_dim, self.vae.frames_per_latent,
-                     cache.kept_shapes("cmdm.frozen", self.vae, lambda: cmdm.frozen_shapes(self.vae)),
-                     cache.kept_shapes("cmdm.denoiser", self.dit, lambda: cmdm.denoiser_shapes(self.dit)))
-    self.codec = VaeCodec.of(self.vae, self.frozen)
-    self.context = config.data.max_frames // self.vae.frames_per_latent // self.dit.block * self.dit.block
-    self.compiled = _compile(self.dit)
-
-  # --- motion ----------------------------------------------------------------------------------------------------
 
   @former_names.with_keywords
   def generate(self, prompts: Prompts, num_frames: Frames = None, *, seconds: Frames = None,
@@ -212,22 +166,6 @@ class CmdmModel(TextToMotionModel):
       raise ValueError(f"got prompts for {sum(frames) / self.fps:.0f} s, expected at most {self.max_seconds:.0f}; a "
                        "stream has no end")
     return list(zip([prompt for prompt, _ in given], frames))
-
-  def reconstruct(self, features: Num[Array, "t f"]) -> Float[np.ndarray, "_ f"]:
-    """Features (T, F) there and back through the tokenizer, T cut to whole latents."""
-    whole = len(features) // self.frames_per_latent * self.frames_per_latent
-    x = self.stats.normalize(np.asarray(features))[None, :whole]
-    return self.stats.denormalize(np.asarray(self.codec.reconstruct(jnp.asarray(x))))[0]
-
-  def encode_words(self, prompts: Sequence[str]) -> tuple[Float[np.ndarray, "b s e"], Bool[np.ndarray, "b s"]]:
-    """(text_emb, text_mask) padded to the width of everyday prompts, so that none of those waits for a compiler.
-
-    Longer ones are padded to twice that, four times, ...: each width is compiled once.
-    """
-    everyday = -(-self.config.data.max_words // 8) * 8
-    emb, mask = self.encoder(prompts, at_least=everyday)
-    missing = max(everyday - emb.shape[1], 0)  # of a sentence, which is one row
-    return np.pad(emb, ((0, 0), (0, missing), (0, 0))), np.pad(mask, ((0, 0), (0, missing)))
 
 
 MODELS = {"cmdm.denoiser": CmdmModel}

@@ -3,7 +3,6 @@
 Both run on whole clips; `streams` is the live form. Prompts change on a grid of blocks (3 latents, 12 frames, 0.6 s).
 """
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
@@ -11,12 +10,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Num
 
 from motion_jax.models.cmdm import streaming
+from motion_jax.models.cmdm.networks import CmdmNetworks
 from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.representations import to_features, to_joints
 from motion_jax.shapes import Array
-
-if TYPE_CHECKING:
-  from motion_jax.models.cmdm.model import CmdmModel
 
 WAYS = ("stream", "chain")
 _BUCKET = 4         # blocks; lengths are rounded up to it, so that not every length waits for a compiler
@@ -39,7 +36,7 @@ def borders(frames: Sequence[int], frames_per_block: int) -> tuple[list[int], in
   return blocks, total if total > (sum(blocks) - 1) * frames_per_block else sum(blocks) * frames_per_block
 
 
-def captions_of(model: "CmdmModel", prompts: Sequence[Sequence[str]]
+def captions_of(model: CmdmNetworks, prompts: Sequence[Sequence[str]]
                 ) -> tuple[Float[np.ndarray, "b g s e"], Bool[np.ndarray, "b g s"]]:
   """Words of all prompts of each motion: text_emb (B, G, S, E), text_mask (B, G, S), G a power of two."""
   count = 1 << (max(map(len, prompts)) - 1).bit_length()
@@ -56,7 +53,7 @@ def _segments(blocks, num_blocks):
   return np.stack([np.pad(row, (0, num_blocks - len(row)), mode="edge") for row in rows]).astype(np.int32)
 
 
-def stream(model: "CmdmModel", plan: streaming.Plan, scale: float, prompts: Sequence[Sequence[str]],
+def stream(model: CmdmNetworks, plan: streaming.Plan, scale: float, prompts: Sequence[Sequence[str]],
            frames: Sequence[Sequence[int]], keys: jax.Array
            ) -> tuple[Float[Array, "b t f"], Sequence[int], list[list[int]]]:
   """Motions of several prompts in one run, whose text changes from block to block: features, frames and ends of each.
@@ -78,7 +75,7 @@ def stream(model: "CmdmModel", plan: streaming.Plan, scale: float, prompts: Sequ
   return features, totals, ends
 
 
-def chain(model: "CmdmModel", plan: streaming.Plan, scale: float, prompts: Sequence[Sequence[str]],
+def chain(model: CmdmNetworks, plan: streaming.Plan, scale: float, prompts: Sequence[Sequence[str]],
           frames: Sequence[Sequence[int]], keys: jax.Array, num_past: int = 1
           ) -> tuple[Float[Array, "b t f"], Sequence[int], list[list[int]]]:
   """Motions of several prompts as the released code makes them, segment by segment; takes and gives what `stream` does.
@@ -124,7 +121,7 @@ def _chained(model, plan, scale, prompts, counts, made, keys, num_past):
 # --- going on from a motion that exists --------------------------------------------------------------------------
 
 
-def encode_past(model: "CmdmModel", joints: Num[np.ndarray, "t j 3"], count: int) -> Float[Array, "1 p c"]:
+def encode_past(model: CmdmNetworks, joints: Num[np.ndarray, "t j 3"], count: int) -> Float[Array, "1 p c"]:
   """Clean latents (1, P, C) of the last frames of joints (T, J, 3), as many as there are up to `count`."""
   frames_per_latent = model.frames_per_latent
   least = max(frames_per_latent, 3)
@@ -137,7 +134,7 @@ def encode_past(model: "CmdmModel", joints: Num[np.ndarray, "t j 3"], count: int
   return model.compiled.encode(model.codec, jnp.asarray(features[None, -count * frames_per_latent:]))
 
 
-def extend(model: "CmdmModel", plan: streaming.Plan, scale: float, joints: Num[np.ndarray, "t j 3"], past_prompt: str,
+def extend(model: CmdmNetworks, plan: streaming.Plan, scale: float, joints: Num[np.ndarray, "t j 3"], past_prompt: str,
            prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, way: str = "stream",
            num_past: int | None = None, cleanup: bool = True) -> tuple[Float[np.ndarray, "n j 3"], list[int]]:
   """What comes after joints (T, J, 3): (joints (N, J, 3) in the same place, frames at which segments end).

@@ -12,6 +12,7 @@ from motion_jax import runs
 from motion_jax.data import batches, sources, store
 from motion_jax.data.captions import vary_subject
 from motion_jax.evaluators.validation import reconstruction_fid
+from motion_jax.inputs.config_files import module_fields
 from motion_jax.latents import TOKENIZER, VaeCodec
 from motion_jax.metrics.scores import retrieval
 from motion_jax.models import cmdm
@@ -32,7 +33,6 @@ from motion_jax.training.setup import (
   caption_lengths,
   held_out,
   one_clip_per_caption,
-  plain,
   reconstruction_error,
   text_identity,
   untrained,
@@ -180,12 +180,12 @@ def load_tokenizer(folder: str, config: ConfigDict) -> tuple[CausalVAE, Any, Sta
     vae = CausalVAE(**config.tokenizer)
     return vae, untrained(cmdm.frozen_shapes(vae)[TOKENIZER]), sources.load_features(config.data).stats
   run = runs.open(folder, "cmdm.tokenizer")
-  theirs = CausalVAE(**plain(run.config.model.to_dict()))
-  vae = CausalVAE(**plain(config.tokenizer.to_dict()))
+  theirs = CausalVAE(**module_fields(run.config.model))
+  vae = CausalVAE(**module_fields(config.tokenizer))
   # What it was aligned with plays no part any more.
   if theirs.clone(teacher_dim=0, teacher_to_latent=False) != vae:
-    raise ValueError(f"the tokenizer in {folder} is {plain(run.config.model.to_dict())}, config.tokenizer says "
-                     f"{plain(config.tokenizer.to_dict())}; make them agree")
+    raise ValueError(f"the tokenizer in {folder} is {module_fields(run.config.model)}, config.tokenizer says "
+                     f"{module_fields(config.tokenizer)}; make them agree")
   params = run.params(cmdm.frozen_shapes(theirs)[TOKENIZER])
   params["params"].pop("align", None)
   return vae, params, stats_lib.load_stats(folder, config.data.layout)

@@ -161,7 +161,8 @@ def embed_text(teacher: Net, bert: Net, params: Any, ids: Int[Array, "b s"], tex
 def embed_motion(teacher: Net, params: Any, x: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"],
                  deterministic: bool = True, rngs: Any = None) -> Float[Array, "b e"]:
   """Unit vectors (B, E) of motions x (B, T, F), normalized features."""
-  return unit(teacher.apply({"params": params["motion"]}, x, frame_mask, deterministic, method="clip", rngs=rngs))
+  return unit(teacher.apply({"params": params["motion"]}, x, frame_mask, deterministic, method="motion_vector",
+                            rngs=rngs))
 
 
 def teacher_stage(config: ConfigDict, axis_name: str | None = "devices") -> Stage:

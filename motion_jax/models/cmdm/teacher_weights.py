@@ -5,7 +5,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from motion_jax.convert.parts import Network, Part, check_free, heads_of, network, read_part, text_files, write
+from motion_jax.convert.parts import Network, NetworkState, check_free, heads_of, network, read_part, text_files, write
 from motion_jax.models.cmdm.teacher import make_teacher, teacher_shapes
 from motion_jax.models.cmdm.teacher_weight_names import TEXT, motion_patches_from_torch, tmr_names
 from motion_jax.models.cmdm.weight_names import part_tmr_from_torch
@@ -20,7 +20,7 @@ TMR_FILES = ("motion_encoder", "text_encoder", "motion_decoder")  # its extracte
 LIGHTNING = ("lr_schedulers", "loops", "callbacks")               # what its whole checkpoint holds beside state_dict
 
 
-def read_teacher(path: str | pathlib.Path) -> Part:
+def read_teacher(path: str | pathlib.Path) -> NetworkState:
   """The tensors of a teacher: a file, or TMR's folder with motion_encoder, text_encoder and motion_decoder.pt."""
   path = pathlib.Path(path)
   if not path.is_dir():
@@ -35,7 +35,7 @@ def read_teacher(path: str | pathlib.Path) -> Part:
     part = read_part(file)
     state |= {f"{name}.{key}": array for key, array in part.state.items()}
     digests.append(part.source["sha256"])
-  return Part(state, dict(file=path.name, part=", ".join(TMR_FILES), sha256=digests), ())
+  return NetworkState(state, dict(file=path.name, part=", ".join(TMR_FILES), sha256=digests), ())
 
 
 def teacher(path: str | pathlib.Path, layout: str, num_heads: int | None = None,
