@@ -2,6 +2,7 @@
 does not fit is told."""
 import functools
 
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -169,7 +170,7 @@ def test_the_head_in_parts_gives_the_sum_and_the_gradients_of_all_rows(share, mo
 
   whole, parts = value_and_grad(10_000), value_and_grad(4)
   assert bool(whole[0] > 0) == bool(share)
-  jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-5), parts, whole)
+  chex.assert_trees_all_close(parts, whole, rtol=1e-4, atol=1e-5)
 
 
 def test_an_item_draws_one_of_several_masks():

@@ -1,4 +1,5 @@
 """A codec is its network, weights and scale in one: it goes through jit and files, and what it scales it undoes."""
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -44,7 +45,7 @@ def test_a_codec_comes_back_from_its_file(vae, tmp_path):
   checkpoint.save_params(tmp_path, vae.parts | {"prior": {"w": np.ones(2)}}, name=checkpoint.FROZEN)
   found = checkpoint.load_params(tmp_path, name=checkpoint.FROZEN)
   assert set(found) == {"tokenizer", "latent_mean", "latent_std", "prior"}
-  jax.tree.map(np.testing.assert_array_equal, VaeCodec.of(vae.net, found), vae)
+  chex.assert_trees_all_equal(VaeCodec.of(vae.net, found), vae)
 
 
 def test_scaled_latents_are_those_of_the_encoder_moved_and_stretched(vae):

@@ -4,6 +4,7 @@ import shlex
 import subprocess
 import sys
 
+import chex
 import jax
 import numpy as np
 import pytest
@@ -49,7 +50,7 @@ def test_resume_through_the_stage_is_exact(tmp_path, unjudged, capsys):
   parts = training.run(config, tmp_path / "parts", resume="auto")
   assert re.findall("--resume=auto: (.*) /", capsys.readouterr().out) == ["starting", "going on with"]
   whole = training.run(config, tmp_path / "whole")
-  assert all(np.array_equal(a, b) for a, b in zip(jax.tree.leaves(parts), jax.tree.leaves(whole), strict=True))
+  chex.assert_trees_all_equal(parts, whole)
 
 
 def test_resume_with_another_model_is_told(tmp_path, unjudged):

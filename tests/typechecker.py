@@ -2,5 +2,5 @@
 import beartype
 import numpy as np
 
-check = beartype.beartype(conf=beartype.BeartypeConf(hint_overrides=beartype.BeartypeHintOverrides({
+check = beartype.beartype(conf=beartype.BeartypeConf(hint_overrides=beartype.FrozenDict({
     int: int | np.integer, float: float | int | np.number, bool: bool | np.bool_})))

@@ -1,6 +1,7 @@
 """The fast sampler gives the plain one's numbers: whole, streamed, past its cache, alone or in a batch."""
 import functools
 
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -295,7 +296,7 @@ def test_an_endless_stream_stays_as_it_is(monkeypatch):
   run = lambda state: step(sampler, state, active=plan.width, use_cache=True)[:2]
   (now, block), (then, late_block) = run(state), run(late)
   np.testing.assert_array_equal(block, late_block)
-  jax.tree.map(np.testing.assert_array_equal, now.cache, then.cache)
+  chex.assert_trees_all_equal(now.cache, then.cache)
   # Only the noise of the block that comes in knows how late it is.
   np.testing.assert_array_equal(now.latents[:, :-3], then.latents[:, :-3])
   assert float(jnp.abs(now.latents[:, -3:] - then.latents[:, -3:]).max()) > 0.1

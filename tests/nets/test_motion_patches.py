@@ -58,7 +58,7 @@ def run_motion_patches(fixture, dtype):
     (_, made), grads = jax.value_and_grad(loss, has_aux=True)(motion, params)
     made["text_hidden"] = bert.apply({"params": params["text"]}, ids, text_mask)
     made |= {"tokens": apply(motion, "tokens", x, mask), "motion_features": apply(motion, "features", x, mask),
-             "motion_embedding": apply(motion, "clip", x, mask),
+             "motion_embedding": apply(motion, "motion_vector", x, mask),
              "text_embedding": apply(motion, "text_head", made["text_hidden"][:, 0])}
     image = apply(motion, "image", x, mask)
     made |= {f"image/{i}": image[i] for i in fixture.config["shown"]}

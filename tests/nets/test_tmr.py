@@ -132,7 +132,7 @@ def test_frames_are_touched_by_the_contrast_only_where_the_pool_says_so(small):
   x = batch["features"]
   apply = lambda method: jax.jit(lambda *inputs: net.apply({"params": params}, *inputs, method=method))
   _, _, rows = apply("motion_gaussian")(x, frame_mask)
-  vector = apply("clip")(x, frame_mask)
+  vector = apply("motion_vector")(x, frame_mask)
   mean = (rows * frame_mask[..., None]).sum(1) / batch["num_frames"][:, None]
   assert np.allclose(vector, mean, atol=1e-5) == (net.pool == "real")
   assert jax.eval_shape(apply("frames"), x).shape == (3, 12, net.dim)
