@@ -73,6 +73,7 @@ def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_change
         checkpoint.save_text(workdir, name, text)
     state = train.train(config, workdir, stage, next_batch, frozen, resume, evaluate, max_seconds, stop,
                         profile_steps)
+    distributed.wait_for_all("the run has ended")  # the first one may still be writing
     print(f"wrote {workdir}/params.safetensors, metrics.jsonl, loss.png at step {int(state.step)}")
   return state
 

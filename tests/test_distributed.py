@@ -1,8 +1,10 @@
 """Several processes train as one."""
 import os
+import signal
 import socket
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -45,24 +47,46 @@ def test_a_cluster_is_known_by_its_environment(monkeypatch, no_cluster):
     assert distributed.in_cluster() == several
 
 
-def train(folder, num_steps, processes, devices, *flags, environments=None):
-  """Runs the command in so many processes of one run, each with as many simulated devices."""
+def begin(folder, num_steps, processes, devices, *flags, environments=None, program=("-m", "motion_jax.cli")):
+  """[(process, file of what it prints)] of the command in so many processes of one run, each with as many simulated
+  devices."""
   with socket.socket() as free:
     free.bind(("localhost", 0))
     address = f"localhost:{free.getsockname()[1]}"
   started = []
   for i in range(processes):
     own = ["--coordinator", address, "--process-id", str(i), "--num-processes", str(processes)]
-    command = [sys.executable, "-m", "motion_jax.cli", "train", "--config", "cmdm_tokenizer:tiny", "--workdir",
-               str(folder), "--config.frozen.teacher=", f"--config.train.num_steps={num_steps}",
-               "--config.mesh.map=shard_map", "--simulate-devices", str(devices), *flags]
+    command = [sys.executable, *program, "train", "--config", "cmdm_tokenizer:tiny", "--workdir", str(folder),
+               "--config.frozen.teacher=", f"--config.train.num_steps={num_steps}", "--config.mesh.map=shard_map",
+               "--simulate-devices", str(devices), *flags]
     command += own if processes > 1 and not environments else []
-    env = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS" and not name.startswith(CLUSTER)}
+    env = {name: value for name, value in os.environ.items() if not name.startswith(CLUSTER)}
     env |= {"JAX_PLATFORMS": "cpu", "PYTHONPATH": str(ROOT)} | (environments[i] if environments else {})
-    started.append(subprocess.Popen(command, env=env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True))
-  said = [process.communicate()[0] for process in started]
-  for process, text in zip(started, said):
-    assert process.returncode == 0, text[-3000:]
+    said = folder.parent / f"{folder.name}.{i}.txt"  # a pipe that nobody reads would stop who writes to it
+    with open(said, "w") as file:
+      started.append((subprocess.Popen(command, env=env, stdout=file, stderr=subprocess.STDOUT), said))
+  return started
+
+
+def end(started, seconds=900):
+  """([exit statuses], [what was printed]); processes that have not ended by then are killed."""
+  deadline = time.time() + seconds
+  try:
+    for process, _ in started:
+      process.wait(max(deadline - time.time(), 0))
+  except subprocess.TimeoutExpired:
+    pass
+  finally:
+    for process, _ in started:
+      process.kill()
+  return [process.wait() for process, _ in started], [said.read_text() for _, said in started]
+
+
+def train(*args, **named):
+  """What the processes of a run print, which all end well."""
+  statuses, said = end(begin(*args, **named))
+  assert not any(statuses), "\n".join(f"process {i}, status {status}: {text[-2000:]}"
+                                      for i, (status, text) in enumerate(zip(statuses, said)))
   return said
 
 
@@ -104,10 +128,54 @@ def test_four_processes_train_as_one_with_four_devices(tmp_path):
   assert_alike(numbers(tmp_path / "one"), numbers(tmp_path / "four"), 1e-5)
 
 
+_LATE = """
+import sys, time
+from motion_jax import cli
+from motion_jax.training import loop
+
+together = loop.compile_together
+late = "--process-id 1" in " ".join(sys.argv)
+loop.compile_together = lambda *args: (late and time.sleep(40), together(*args))
+sys.exit(cli.main())
+"""
+
+
+@pytest.mark.slow
+def test_a_process_that_compiles_for_long_is_waited_for(tmp_path):
+  """Longer than the 30 seconds that CPUs look for one another."""
+  train(tmp_path / "late", 2, 2, 1, program=("-c", _LATE))
+  assert numbers(tmp_path / "late")[0] == [1, 2]
+
+
+_FAILS = """
+import sys
+from motion_jax import cli
+from motion_jax.training import loop
+
+def fail(*args):
+  raise ValueError("the disk of this machine is gone")
+
+if "--process-id 0" in " ".join(sys.argv) or WHO == "all":
+  loop.compile_together = fail
+sys.exit(cli.main())
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("who", ["first", "all"])
+def test_a_process_that_fails_is_not_waited_for(tmp_path, who):
+  """It says why; the others, which would wait for it in their first step, end too."""
+  program = ("-c", _FAILS.replace("WHO", repr(who)))
+  statuses, said = end(begin(tmp_path / "run", 2, 2, 1, program=program), 200)
+  assert statuses[0] == 1 and "the disk of this machine is gone" in said[0]
+  assert statuses[1] == (1 if who == "all" else -signal.SIGABRT)
+  assert "the disk of this machine is gone" in said[1] or "another task died" in said[1]
+
+
 @pytest.mark.slow
 def test_slurm_is_found(tmp_path):
   """Two processes with the environment that srun gives them, on this machine."""
   job = {"SLURM_JOB_ID": str(os.getpid()), "SLURM_STEP_NODELIST": "localhost", "SLURM_NTASKS": "2"}
-  said = train(tmp_path, 2, 2, 1, environments=[job | {"SLURM_PROCID": str(i), "SLURM_LOCALID": str(i)}
+  said = train(tmp_path / "run", 2, 2, 1, environments=[job | {"SLURM_PROCID": str(i), "SLURM_LOCALID": str(i)}
                                                 for i in range(2)])
-  assert "of 2 processes" in said[0] and numbers(tmp_path)[0] == [1, 2]
+  assert "of 2 processes" in said[0] and numbers(tmp_path / "run")[0] == [1, 2]

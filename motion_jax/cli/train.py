@@ -94,6 +94,6 @@ def _run(args, stop):
   distributed.start(args.coordinator, args.process_id, args.num_processes, args.simulate_devices)
   shared.cache_compiled_code()  # a run that goes on does not wait for the compiler again
   resume = {"yes": True, "no": False, "auto": "auto", None: "auto" if jax.process_count() > 1 else False}[args.resume]
-  with distributed.one_speaks():
+  with distributed.as_one():
     fit.run(config, pathlib.Path(args.workdir), resume, args.max_seconds, stop, args.allow_changes,
             args.profile_steps)

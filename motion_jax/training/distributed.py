@@ -3,15 +3,22 @@
 Each process starts the same command. They find one another by the address of the first, which a flag names or the
 cluster does (Slurm, Open MPI, TPU pods), and then see the devices of all.
 """
+import atexit
 import contextlib
 import functools
 import os
+import sys
 
 import jax
 import numpy as np
 from jax.experimental import multihost_utils
 
 from motion_jax.inputs.errors import InputError
+from motion_jax.runtime import exit_status
+
+_PATIENCE = 3600  # seconds for which processes wait for one that reads data, compiles or evaluates
+_PARTING = 10     # seconds for which a process that has failed waits for the others to end with it
+_failed = False
 
 _CLUSTERS = {  # environment variables that say how many processes there are, and those that JAX reads beside them
     "SLURM_NTASKS": ("SLURM_JOB_ID", "SLURM_STEP_NODELIST", "SLURM_PROCID", "SLURM_LOCALID"),
@@ -46,11 +53,28 @@ def start(coordinator=None, process_id=None, num_processes=None, simulate_device
 
 
 def _initialize(**named):
+  jax.config.update("jax_enable_preemption_service", False)  # it would take SIGTERM, which `stopping.Stop` is to hear
   try:
     jax.distributed.initialize(**named)
   except (RuntimeError, ValueError) as error:
     raise InputError(f"the processes of this run did not find one another ({error}); check that all run the same "
                      "command and that the first one's address is reached from each") from error
+  atexit.register(_leave)
+  jax.devices()
+  wait_for_all("the processes know their devices")
+  multihost_utils.sync_global_devices("the devices are connected")  # see `compile_together`
+
+
+def _leave():
+  """Before JAX's own end of a process, which waits for all the others: what has failed does not, as they may be waiting
+  for it inside of a sum over devices, forever."""
+  if _failed:
+    try:
+      wait_for_all("the processes have failed", _PARTING)
+    except jax.errors.JaxRuntimeError:
+      sys.stdout.flush()
+      sys.stderr.flush()
+      os._exit(exit_status.FAILED)
 
 
 def in_cluster() -> bool:
@@ -87,16 +111,37 @@ def on_host(tree):
 
 
 @contextlib.contextmanager
-def one_speaks():
-  """In the block what is printed by other processes than the first is dropped; their errors are not."""
-  if is_first():
-    yield
-    return
-  with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere):
-    yield
+def as_one():
+  """In the block what is printed by other processes than the first is dropped; their errors are not. A process that an
+  error ends in it ends for the others, too, which JAX stops when they miss it."""
+  global _failed
+  with contextlib.ExitStack() as stack:
+    if not is_first():
+      stack.enter_context(contextlib.redirect_stdout(stack.enter_context(open(os.devnull, "w"))))
+    try:
+      yield
+    except BaseException:
+      _failed = True
+      raise
 
 
-def wait_for_all(name):
-  """Returns when every process has come to the place of this name."""
+def wait_for_all(name, seconds=_PATIENCE):
+  """Returns when every process has come to the place of this name; any thread may ask.
+
+  Not the devices meet, as in `multihost_utils.sync_global_devices`, but the processes by their coordinator: nobody is
+  missed before its time. Raises JaxRuntimeError after so many seconds, or when a process has gone.
+  """
   if jax.process_count() > 1:
-    multihost_utils.sync_global_devices(name)
+    from orbax.checkpoint import multihost  # here: who only uses a model need not wait for it
+    multihost.get_barrier_sync_fn()(key=name, timeout_ms=int(1000 * seconds))
+
+
+def compile_together(function, *args):
+  """Compiles a jitted function for these arguments in every process, before any of them calls it.
+
+  CPUs find one another when they first sum over a group of devices, and no longer than 30 seconds (Gloo): one process
+  that compiled longer would find the others gone.
+  """
+  if jax.process_count() > 1:
+    function.lower(*args).compile()
+    wait_for_all("the step is compiled")

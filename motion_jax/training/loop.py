@@ -13,6 +13,7 @@ from motion_jax.inputs.errors import InputError, reason
 from motion_jax.runtime import stopping
 from motion_jax.runtime.atomic import remove_strays
 from motion_jax.training import checkpoint
+from motion_jax.training.distributed import compile_together
 from motion_jax.training.guards import BATCH, Guards, Watchdog, check_finite, keep_batch
 from motion_jax.training.mesh import make_mesh
 from motion_jax.training.optimizers import make_optimizer, make_schedule
@@ -159,10 +160,13 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
     if step < num_steps:
       batches.begin(step, guards.batch_number(step))
     while step < num_steps:
+      batch = batch_of(step)
+      if step == first:
+        compile_together(train_step, state, frozen, batch, rng)
       if profile.begin(step + 1, state):
         rates.restart()
       with jax.profiler.StepTraceAnnotation("train", step_num=step + 1):
-        state, metrics = train_step(state, frozen, batch_of(step), rng)
+        state, metrics = train_step(state, frozen, batch, rng)
       rates.step(batches.waited)
       interrupt.something_to_lose()
       watchdog.beat()

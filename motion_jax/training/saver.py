@@ -21,6 +21,7 @@ from jax.experimental import multihost_utils
 
 from motion_jax.inputs.errors import InputError, reading, reason
 from motion_jax.runtime.atomic import atomic_path
+from motion_jax.training.distributed import wait_for_all
 
 STATE, OLD_STATE, RECORD = "state", "default", "record.json"
 ASIDE, DAMAGED = ".saving-", ".damaged"
@@ -84,6 +85,10 @@ class Saver:
     except Exception as error:
       self._error = error
       shutil.rmtree(aside, ignore_errors=True)
+    try:
+      wait_for_all(f"state {step} is saved")  # `sound` and `latest` are those of all
+    except Exception as error:  # a process has gone
+      self._error = error
 
   def failure(self) -> Exception | None:
     """The error by which the last state was not saved, told once; None while it is being saved, too."""
