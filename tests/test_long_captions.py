@@ -14,7 +14,7 @@ from motion_jax.evaluation import protocols, run
 from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_jax.models.cdamd import setup as cdamd_setups
 from motion_jax.models.cmdm import setup as cmdm_setups
-from motion_jax.text.encoder import load_text_encoder, padded_length
+from motion_jax.text.encoder import load_text_encoder, narrowest, padded_length
 from tests.conftest import load_config, unjudged_training
 
 # As long as the longest of HumanML3D: a hundred words and marks.
@@ -27,6 +27,7 @@ def test_lengths_that_batches_are_padded_to():
   made = [padded_length(count, 24, 512) for count in (1, 24, 25, 48, 49, 97, 200, 400, 512)]
   assert made == [24, 24, 48, 48, 96, 192, 384, 512, 512]
   assert padded_length(60, 24, 64) == 64 and padded_length(3, 77, 64) == 77  # never shorter than asked for
+  assert [narrowest(usual) for usual in (64, 24, 77, 120, 512, 20, 8, 3)] == [8, 12, 10, 15, 8, 10, 8, 3]
 
 
 def test_padding_does_not_change_what_is_said():
@@ -92,7 +93,7 @@ def test_batches_are_padded_as_their_captions_need(trained):
   """To few widths, and to the same ones however often a step is asked for: so a resumed run goes on exactly."""
   _, config, state = trained
   batches, again = ([cmdm_setups.denoiser(config).next_batch(step) for step in range(6)] for _ in range(2))
-  assert int(state.step) == 4 and {batch["text_emb"].shape[1] for batch in batches[:4]} == {64, 128}
+  assert int(state.step) == 4 and {batch["text_emb"].shape[1] for batch in batches[:4]} == {32, 128}
   assert max(batch["text_mask"].sum(1).max() for batch in batches) > 100
   for one, other in zip(batches, again):
     assert all(np.array_equal(one[name], other[name]) for name in one)
@@ -103,12 +104,15 @@ def test_the_loss_does_not_see_the_padding_nor_who_shares_a_device(trained):
   setup = cmdm_setups.denoiser(config)
   draw = np.random.default_rng(0)  # after a few steps words are hardly heard
   params = jax.tree.map(lambda a: a + 0.1 * draw.standard_normal(a.shape, np.float32), state.params)
-  batch = next(batch for batch in map(setup.next_batch, range(6)) if batch["text_emb"].shape[1] == 128)
+  short, batch = (next(batch for batch in map(setup.next_batch, range(6)) if batch["text_emb"].shape[1] == width)
+                  for width in (32, 128))
   loss = jax.jit(lambda batch: setup.stage.loss(params, setup.frozen, batch, 0, jax.random.key(0)))
   sums, weight = loss(batch)
-  pad = lambda a: np.pad(a, ((0, 0), (0, 128)) + ((0, 0),) * (a.ndim - 2))
-  wider, _ = loss(batch | {name: pad(batch[name]) for name in ("text_emb", "text_mask")})
-  np.testing.assert_allclose(wider["loss"], sums["loss"], rtol=1e-5)
+  pad = lambda a, more: np.pad(a, ((0, 0), (0, more)) + ((0, 0),) * (a.ndim - 2))
+  for one, width in ((batch, 256), (short, 64)):
+    more = width - one["text_mask"].shape[1]
+    wider, _ = loss(one | {name: pad(one[name], more) for name in ("text_emb", "text_mask")})
+    np.testing.assert_allclose(wider["loss"], loss(one)[0]["loss"], rtol=1e-5)
   halves = [loss({name: value[rows] for name, value in batch.items()}) for rows in (slice(0, 2), slice(2, 4))]
   np.testing.assert_allclose(sum(part["loss"] for part, _ in halves), sums["loss"], rtol=1e-5)
   assert sum(count for _, count in halves) == weight

@@ -40,3 +40,23 @@ def test_the_tokenizers_setup_gives_it(config):
   assert setup.evaluate(params) == found  # the same draws at every save
   config.frozen.evaluator = ""
   assert set(cmdm.tokenizer(config).evaluate(params)) == {"held_out_mm"}
+
+
+def test_the_denoiser_has_a_loss_on_held_out_clips_that_only_the_parameters_change():
+  setup = cmdm.denoiser(load_config("cmdm_denoiser", "tiny"))
+  params = untrained(jax.eval_shape(setup.stage.init, setup.next_batch(0), jax.random.key(0)))
+  found = setup.evaluate(params)
+  assert set(found) == {"held_out_loss"} and found["held_out_loss"] > 0
+  setup.next_batch(7)
+  assert setup.evaluate(params) == found
+  assert setup.evaluate(jax.tree.map(lambda a: 1.5 * a, params)) != found
+
+
+def test_a_split_without_a_long_clip_is_no_error(capsys):
+  config = load_config("cmdm_denoiser", "tiny").unlock()
+  data = sources.load_features(config.data)
+  short = data.features[0][:10]
+  with pytest.MonkeyPatch.context() as patch:
+    patch.setattr(cmdm, "held_out", lambda *_, **__: cmdm.batches.CaptionedClips([short], [["a person walks"]]))
+    assert cmdm.denoiser(config).evaluate is None
+  assert "note: no loss on held-out clips: none of 1 clips has 40 to" in capsys.readouterr().out

@@ -26,7 +26,7 @@ from motion_jax.nets.causal_vae import CausalVAE, sample_latent
 from motion_jax.shapes import Array, Net
 from motion_jax.text import bert
 from motion_jax.text.bert import bert_fields_of
-from motion_jax.text.encoder import load_text_encoder
+from motion_jax.text.encoder import load_text_encoder, narrowest
 from motion_jax.training import checkpoint, encoding
 from motion_jax.training.setup import (
   TrainingSetup,
@@ -135,9 +135,7 @@ def _denoiser_parts(config):
   weights = None
   if config.data.balance:
     weights = batches.balance_weights(data.groups, config.data.balance)
-  rules = {name: config.data[name] for name in ("frames_per_latent", "crop_frames", "keep_long", "coin")}
-  items = batches.TextItems(data.features, data.captions, config.data.min_frames, config.data.max_frames,
-                            tuple(config.data.lengths), weights=weights, **rules)
+  items = _items(config, data, tuple(config.data.lengths), weights)
   encoder = load_text_encoder(config.frozen.text, level=config.frozen.text_level)
   encoder.check(caption for captions in data.captions for caption in captions)
   codec = VaeCodec(vae, params)
@@ -145,9 +143,44 @@ def _denoiser_parts(config):
   return data, items, encoder, codec
 
 
+def _items(config, data, lengths, weights=None):
+  rules = {name: config.data[name] for name in ("frames_per_latent", "crop_frames", "keep_long", "coin")}
+  return batches.TextItems(data.features, data.captions, config.data.min_frames, config.data.max_frames, lengths,
+                           weights=weights, **rules)
+
+
+def _held_out_loss(config, stats, encoder, codec, num_batches=4):
+  """evaluate(params): the loss of held-out clips, captions given; on the same cuts, times and noise every time, so that
+  only the parameters make a difference. None where no held-out clip is long enough."""
+  data = held_out(config, stats, captioned=True)
+  try:
+    items = _items(config, data, (config.data.max_frames,))
+  except ValueError as error:
+    print(f"note: no loss on held-out clips: {error}")
+    return None
+  encoder.check(caption for captions in data.captions for caption in captions)
+  given = config.copy_and_resolve_references().unlock()
+  given.loss.drop_rate = 0.0
+  size = min(config.data.batch_size, len(items))
+  loss = jax.jit(cmdm.denoiser_stage(given).loss)
+
+  @functools.cache
+  def batch(i):
+    drawn = items.batch(size, config.seed, i)
+    text_emb, text_mask = encoder(drawn.pop("caption"), at_least=config.data.max_words)
+    return drawn | {"text_emb": text_emb, "text_mask": text_mask}
+
+  def evaluate(params):
+    parts = [loss(params, codec.parts, batch(i), 0, jax.random.key(i)) for i in range(num_batches)]
+    return {"held_out_loss": round(sum(float(sums["loss"]) for sums, _ in parts) / sum(
+        float(weight) for _, weight in parts), 5)}
+
+  return evaluate
+
+
 def denoiser(config: ConfigDict) -> TrainingSetup:
   data, items, encoder, codec = _denoiser_parts(config)
-  words, draw = config.data.max_words, items.batch
+  words, draw = narrowest(config.data.max_words), items.batch
   if config.data.store:
     kept = store.Store(config.data.store)
     kept.demand(encoding.identity(codec.parts, items, encoder))
@@ -158,12 +191,13 @@ def denoiser(config: ConfigDict) -> TrainingSetup:
     batch = draw(config.data.batch_size, config.seed, step)
     rng = batches.step_rng(config.seed, 2, step)
     said = [vary_subject(caption, rng, config.data.vary_subject) for caption in batch.pop("caption")]
-    # Parity: the reference cuts no caption. Batches with long ones are padded further, to one of a few widths.
+    # Parity: the reference cuts no caption, and pads all batches alike; here to one of a few widths, by the longest.
     batch["text_emb"], batch["text_mask"] = encoder(said, at_least=words)
     return batch
 
   files = {checkpoint.LENGTHS: caption_lengths(data), checkpoint.TEXT: text_identity(encoder)}
-  return TrainingSetup(cmdm.denoiser_stage(config), next_batch, codec.parts, None, data.stats, files)
+  evaluate = _held_out_loss(config, data.stats, encoder, codec)
+  return TrainingSetup(cmdm.denoiser_stage(config), next_batch, codec.parts, evaluate, data.stats, files)
 
 
 def encode_denoiser(config: ConfigDict, folder: str | os.PathLike) -> str:
