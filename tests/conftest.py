@@ -34,7 +34,10 @@ import tests.typechecker
 ROOT = pathlib.Path(__file__).parents[1]
 # The shapes that annotations state are checked wherever a test calls these rooms, or compiles a call of them. Has to be
 # said before they are imported.
-CHECKED = [f"motion_jax.{room}" for room in ("nets", "quant", "diffusion", "motion", "metrics")]
+CHECKED = [f"motion_jax.{room}" for room in (
+    "nets", "quant", "diffusion", "motion", "metrics",
+    *(f"models.cmdm.{name}" for name in ("streaming", "sampling", "losses", "ddpm_forcing")),
+    *(f"models.cdamd.{name}" for name in ("sampling", "losses", "unmasking", "mask_schedule", "editing", "draws")))]
 jaxtyping.install_import_hook(CHECKED, f"{tests.typechecker.__name__}.check")
 
 from motion_jax import fit as training  # noqa: E402

@@ -52,7 +52,8 @@ def text_of_the_denoiser(monkeypatch, rate):
 def text_of_the_generator(monkeypatch, rate):
   config = tiny("cdamd_generator", drop_rate=rate, prior_levels=0, copies=1)
   stage, batch = cdamd.generator_stage(config), batch_of(config.tokenizer.features)
-  batch["text_emb"] = batch["text_emb"][:, :1]  # a caption in one vector, which is all the condition that there is here
+  for name in ("text_emb", "text_mask"):
+    batch[name] = batch[name][:, :1]  # a caption in one vector, which is all the condition that there is here
   seen = []
 
   def apply(self, params, x=None, text=None, *rest, method=None, **_):

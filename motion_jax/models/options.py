@@ -13,7 +13,7 @@ jax, so that `motion-jax generate --help` answers at once.
 """
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.numerals import GUIDANCE, NumberError, bounds, checked, demand_numbers, real, shortened, whole
@@ -80,6 +80,9 @@ def _field(description):
   return dataclasses.field(default=None, metadata={"choice": description})
 
 
+_Options = TypeVar("_Options", bound="SamplingOptions")
+
+
 @dataclasses.dataclass(frozen=True)
 class SamplingOptions:
   """The choices that every method has; those of one method are a subclass. Hashable, so that jit can depend on them."""
@@ -97,7 +100,7 @@ class SamplingOptions:
     """{name: what is known of it} of all choices."""
     return {field.name: field.metadata["choice"] for field in dataclasses.fields(cls)}
 
-  def resolved(self, config: "ConfigDict", **usual: Any) -> Self:
+  def resolved(self: _Options, config: "ConfigDict", **usual: Any) -> _Options:
     """The same with every choice made: what is None comes from usual, else from a run's config, else the method's own.
 
     Subclasses override it to check what depends on several choices, or on the model.

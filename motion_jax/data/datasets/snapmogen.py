@@ -10,87 +10,35 @@ Source: docs/papers/cdamd.md#snapmogen-features, docs/papers/cmdm.md#snapmogen; 
 huggingface.co/datasets/Ericguo5513/SnapMoGen and of its loaders (snap-research/SnapMoGen, dataset/dataset.py).
 """
 import collections
-import hashlib
 import json
 import pathlib
-import re
 import warnings
-from typing import NamedTuple
 
 import numpy as np
-import tqdm
 
-from motion_jax.data import checks
 from motion_jax.data.clip import Caption, Clip
+from motion_jax.data.datasets import snapmogen_checks
 from motion_jax.data.datasets.base import Dataset, TestItem, TextItem, new_folder
+from motion_jax.data.datasets.snapmogen_files import (
+  FPS,
+  MIN_FRAMES,
+  SPLITS,
+  Span,
+  folder_stats,
+  ids_file,
+  is_snapmogen,
+  read_captions,
+  read_ids,
+)
 from motion_jax.data.mocap.bvh import read_bvh
 from motion_jax.data.mocap.capture import resample
-from motion_jax.inputs.errors import InputError
-from motion_jax.inputs.input_files import load_npy, read_json
-from motion_jax.inputs.numerals import shortened
-from motion_jax.inputs.text_files import read_lines
+from motion_jax.inputs.input_files import load_npy
 from motion_jax.motion.representations import get_layout, to_features, to_joints
 from motion_jax.motion.representations.snapmogen import from_rotations
 from motion_jax.motion.skeleton import SNAPMOGEN, SNAPMOGEN_BVH
-from motion_jax.motion.stats import RunningStats, Stats
-
-SPLITS = ("train", "val", "test")
-MIN_FRAMES, MAX_FRAMES = 128, 320
-FPS = SNAPMOGEN.fps
-
+from motion_jax.motion.stats import RunningStats
 
 GAP = 30  # rows, a second, that may lie between two motions in a row
-
-
-class Span(NamedTuple):
-  """Rows start:end of a recording; its name in files is "NAME#start#end"."""
-  recording: str
-  start: int
-  end: int
-
-  @property
-  def id(self) -> str:
-    return f"{self.recording}#{self.start}#{self.end}"
-
-
-def is_snapmogen(folder) -> bool:
-  return (pathlib.Path(folder) / "renamed_feats").is_dir()
-
-
-def read_ids(folder, split="train") -> list[Span]:
-  """The spans of a split. Raises FileNotFoundError without the file, ValueError with the line that is no id."""
-  if split not in SPLITS:
-    raise ValueError(f"got split {split!r}, expected one of {', '.join(SPLITS)}")
-  path = _ids_file(folder, split)
-  _need(path, "ids NAME#start#end, one a line")
-  spans = []
-  for number, line in enumerate(read_lines(path), 1):
-    if not line.strip():
-      continue
-    parts = line.strip().rsplit("#", 2)
-    numbers = [int(part) for part in parts[1:] if re.fullmatch("[0-9]{1,9}", part)]
-    if len(numbers) != 2 or not numbers[0] < numbers[1]:
-      raise InputError(f"{path} line {number}: got {shortened(line.strip())!r}, expected NAME#start#end with start "
-                       "before end")
-    spans.append(Span(parts[0], *numbers))
-  return spans
-
-
-def _ids_file(folder, split):
-  return pathlib.Path(folder) / "data_split_info" / f"{split}_ids.txt"
-
-
-def read_captions(folder) -> dict[str, tuple[tuple[str, ...], tuple[str, ...]]]:
-  """Captions by id: those people wrote, and those a machine wrote."""
-  path = pathlib.Path(folder) / "all_caption_clean.json"
-  _need(path, 'a JSON object {id: {"manual": [...], "gpt": [...]}}')
-  table = {}
-  for name, entry in read_json(path).items():
-    lists = [entry.get(kind, []) for kind in ("manual", "gpt")] if isinstance(entry, dict) else [None]
-    if not all(isinstance(one, list) and all(isinstance(text, str) for text in one) for one in lists):
-      raise InputError(f'{path}: {shortened(name)!r} holds no object {{"manual": [captions], "gpt": [captions]}}')
-    table[name] = tuple(map(tuple, lists))
-  return table
 
 
 def text_items(folder, split="train", layout="snapmogen", min_frames=MIN_FRAMES, whole=False,
@@ -181,20 +129,6 @@ def read_folder(folder, split="train", faults=None) -> list[Clip]:
           for item in text_items(folder, split, min_frames=0, faults=faults)]
 
 
-def folder_stats(folder, layout="snapmogen") -> Stats:
-  """The dataset's own statistics. Columns that never move (root's x and z among the positions) have std 1."""
-  layout, values = get_layout(layout), []
-  for name in ("mean", "std"):
-    path = pathlib.Path(folder) / "meta_data" / f"{name}.npy"
-    _need(path, "the dataset's statistics, (296,)")
-    value = load_npy(path).astype(np.float32).ravel()
-    if value.shape != (296,):
-      raise ValueError(f"{path}: got shape {value.shape}, expected (296,); these statistics belong to another "
-                       "representation")
-    values.append(value[get_layout("snapmogen").columns_of(layout)])
-  return Stats(values[0], np.where(np.abs(values[1]) < 1e-8, np.float32(1), values[1]), layout)
-
-
 def bvh_features(path, mode="benchmark", drop_first=True):
   """Features (rows, 296), float32, of a BVH file on SnapMoGen's figure, centimetres, 30 frames a second or a multiple.
 
@@ -276,12 +210,6 @@ def _check_clips(clips):
     seen.add(clip.id)
 
 
-def _need(path, what):
-  if not path.is_file():
-    raise FileNotFoundError(f"there is no file {path}; expected {what}: a SnapMoGen folder has renamed_feats/, "
-                            "data_split_info/, meta_data/ and all_caption_clean.json")
-
-
 class SnapMoGen(Dataset):
   """Folders of SnapMoGen's layout, whose features are their own."""
   name, holds = "snapmogen", "SnapMoGen's (renamed_feats)"
@@ -292,7 +220,7 @@ class SnapMoGen(Dataset):
     return is_snapmogen(folder)
 
   def clips(self, folder, split=None, faults=None):
-    splits = [split] if split else [name for name in SPLITS if _ids_file(folder, name).is_file()]
+    splits = [split] if split else [name for name in SPLITS if ids_file(folder, name).is_file()]
     return [clip for name in splits for clip in read_folder(folder, name, faults)]
 
   def items(self, config, split, layout, captioned=True):
@@ -302,7 +230,7 @@ class SnapMoGen(Dataset):
     return folder_stats(config.folder, layout)
 
   def examine(self, folder, found, progress=False):
-    return _examine(pathlib.Path(folder), found, progress)
+    return snapmogen_checks.examine(pathlib.Path(folder), found, progress)
 
   def benchmark(self, folders, run_layout):
     return "snapmogen"
@@ -327,89 +255,8 @@ class SnapMoGen(Dataset):
 
   def overlaps(self, folder, split):
     train = collections.defaultdict(list)
-    spans = lambda name: read_ids(folder, name) if _ids_file(folder, name).is_file() else []
+    spans = lambda name: read_ids(folder, name) if ids_file(folder, name).is_file() else []
     for span in spans("train"):
       train[span.recording].append(span)
     return [span.id for span in spans(split)
             if any(span.start < other.end and other.start < span.end for other in train[span.recording])]
-
-
-# --- what the doctor looks for ---------------------------------------------------------------------------------------
-
-
-def _examine(folder, found, progress):
-  """Facts about a SnapMoGen folder: recordings, spans, captions, statistics, and the bodies that features give."""
-  folder, layout = pathlib.Path(folder), get_layout("snapmogen")
-  files = {path.stem: path for path in sorted((folder / "renamed_feats").glob("*.npy"))}
-  spans, names, captions = {}, collections.defaultdict(set), {}
-  for split in SPLITS:
-    try:
-      spans[split] = read_ids(folder, split)
-      for span in spans[split]:
-        names[span.recording].add(split)
-    except FileNotFoundError:
-      found.add("error" if split == "train" else "warning", f"no data_split_info/{split}_ids.txt",
-                "restore it: ids NAME#start#end, one a line")
-    except ValueError as error:
-      found.add("error", "split files that cannot be read", "each line is NAME#start#end",
-                f"{split} ({checks.told(error, folder)})"[:120])
-  try:
-    captions = read_captions(folder)
-  except (FileNotFoundError, ValueError) as error:
-    found.add("error", "no captions", 'all_caption_clean.json is {id: {"manual": [...], "gpt": [...]}}',
-              checks.told(error, folder)[:120])
-  found.add_all("error", "recordings in two splits", checks.LEAK,
-                sorted(n for n, splits in names.items() if len(splits) > 1))
-  found.add_all("error", "ids without a recording", "restore renamed_feats/NAME.npy, or remove the ids",
-                sorted(set(names) - set(files)))
-  ids = [span for own in spans.values() for span in own]
-  found.add_all("error", "ids twice", "remove the second line",
-                sorted(name for name, count in collections.Counter(span.id for span in ids).items() if count > 1))
-  if captions:
-    found.add_all("error", "ids without a caption", "loaders fail or leave them out: write captions, or remove the ids",
-                  sorted(span.id for span in ids if not any(captions.get(span.id, ((), ())))))
-  rows, sums = {}, RunningStats(layout)
-  body, hashes = checks.Body(found, layout.skeleton), collections.defaultdict(list)
-  for name, path in tqdm.tqdm(files.items(), desc="recordings", unit="recording", disable=not progress):
-    features = checks.load(path, found)
-    if features is None:
-      continue
-    if features.ndim != 2 or features.shape[1] != layout.dim or len(features) < 2:
-      found.add("error", f"features that are not (2 rows or more, {layout.dim})", "make them again from the BVH file "
-                "(motion_jax.data.datasets.snapmogen.bvh_features)", f"{name} {features.shape}")
-    elif not np.isfinite(features).all():
-      found.add("error", "features with NaN or infinity", "make them again, or remove their ids", name)
-    else:
-      rows[name] = len(features)
-      sums.add(features)
-      hashes[hashlib.sha1(features.tobytes()).hexdigest()].append(name)
-      body.check(name, to_joints(features.astype(np.float32), layout))
-  body.tell()
-  found.add_all("error", "ids that end behind their recording", "correct the last number of the id",
-                sorted(span.id for span in ids if span.end > rows.get(span.recording, span.end)))
-  short = sum(span.end - span.start < MIN_FRAMES for span in ids)
-  if short:
-    found.add("note", f"ids of less than {MIN_FRAMES} rows", "text-to-motion loaders leave them out",
-              count=short)
-  checks.tell_duplicates(hashes, {split: [s.recording for s in own] for split, own in spans.items()}, found)
-  if rows:
-    _examine_stats(folder, sums.stats(), found)
-  written = [sum(len(entry[kind]) for entry in captions.values()) for kind in (0, 1)]
-  return [("format", f"SnapMoGen layout, {layout.dim} features"),
-          ("recordings", f"{len(files)}, {sum(rows.values()) / FPS / 3600:.2f} hours at 30 frames a second"),
-          ("spans", ", ".join(f"{split} {len(own)}" for split, own in spans.items())),
-          ("captions", f"{written[0]} by people, {written[1]} by a machine"), *body.facts()]
-
-
-def _examine_stats(folder, own, found):
-  """Do the statistics belong to these features? The dataset's own are over all of it, so they may differ a little."""
-  try:
-    stats = folder_stats(folder)
-  except (FileNotFoundError, ValueError) as error:
-    found.add("error", "no statistics, or not these features'", "restore meta_data/mean.npy and std.npy",
-              checks.told(error, folder)[:120])
-    return
-  off = np.abs(stats.mean - own.mean) / np.maximum(own.std, stats.std)
-  if off.max() > 1:
-    found.add("error", "meta_data/mean.npy is not this data's", "features and statistics come from different versions "
-              "of the data: restore the dataset's own", f"column {int(off.argmax())}")

@@ -109,7 +109,7 @@ def _by_block(stats):
   return std
 
 
-def plain_stats(layout: Representation) -> Stats:
+def plain_stats(layout: Representation | str) -> Stats:
   """Mean 0 and std 1, for a teacher that was never trained."""
   layout = get_layout(layout)
   return Stats(np.zeros(layout.dim, np.float32), np.ones(layout.dim, np.float32), layout)
