@@ -151,7 +151,7 @@ def test_everyday_captions_are_padded_as_ever(model):
 def test_a_stream_takes_a_long_prompt_on_the_way(model):
   """What was said before goes on as if nothing longer had come, and it is the motion of both prompts."""
   def told(prompt):
-    stream, parts = model.stream("someone walks", seed=0, num_frames=96, **FAST), []
+    stream, parts = model.stream("someone walks", seed=0, num_frames=96, cleanup=False, **FAST), []
     for part in stream:
       parts.append(part)
       if len(parts) == 3 and prompt:
@@ -172,7 +172,7 @@ def test_few_prompts_compile_anew(model):
   make = lambda size: model.generate(" ".join(words[:size]), num_frames=48, seeds=[0], **FAST)
   first = count(lambda: make(66))
   assert count(lambda: [make(size) for size in (70, 80, 90)]) == first
-  stream = model.stream("someone walks", seed=0, **FAST)
+  stream = model.stream("someone walks", seed=0, cleanup=False, **FAST)
 
   def compiled(prompt):
     stream.say(prompt)

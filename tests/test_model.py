@@ -50,10 +50,11 @@ def test_rng_key_gives_each_prompt_its_own(model):
   assert (model.generate(["a person waves"] * 2, num_frames=20, rng=key).joints == two.joints).all()
 
 
-def test_stream_is_generate(model):
-  whole = model.generate("a person walks", num_frames=100, seeds=[2], cleanup=False)[0].joints
-  parts = list(model.stream("a person walks", seed=2, num_frames=100))
-  assert [len(part) for part in parts] == [12] * 8 + [4]
+@pytest.mark.parametrize("cleanup, lengths", [(False, [12] * 8 + [4]), (True, [2] + [12] * 7 + [14])])
+def test_stream_is_generate(model, cleanup, lengths):
+  whole = model.generate("a person walks", num_frames=100, seeds=[2], cleanup=cleanup)[0].joints
+  parts = list(model.stream("a person walks", seed=2, num_frames=100, cleanup=cleanup))
+  assert [len(part) for part in parts] == lengths
   assert np.abs(np.concatenate(parts) - whole).max() < 1e-4
 
 

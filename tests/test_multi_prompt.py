@@ -45,7 +45,7 @@ def test_several_prompts_are_one_motion_and_a_stream_says_the_same(model):
   assert whole.captions == (Caption("a person walks", 0.0, 1.2), Caption("a person waves", 1.2, 2.4),
                             Caption("a person sits", 2.4, 3.2))
   assert whole.meta["way"] == "stream" and whole.meta["seed"] == 2
-  stream = model.stream("a person walks", seed=2, num_frames=64, **FAST)
+  stream = model.stream("a person walks", seed=2, num_frames=64, cleanup=False, **FAST)
   stream.say("a person waves", after=1.2)
   stream.say("a person sits", after=2.4)
   assert np.abs(np.concatenate(list(stream)) - whole.joints).max() < 1e-4
@@ -82,7 +82,7 @@ def test_words_of_a_stream_change_when_they_are_said(model):
 
 
 def _told(model, after, prompt):
-  stream, parts = model.stream("a person walks", seed=0, num_frames=96, **FAST), []
+  stream, parts = model.stream("a person walks", seed=0, num_frames=96, cleanup=False, **FAST), []
   for part in stream:
     parts.append(part)
     if len(parts) == 3:
@@ -92,7 +92,7 @@ def _told(model, after, prompt):
 
 
 def test_a_stream_takes_any_number_of_words(model):
-  stream = model.stream("a person walks", seed=0, **FAST)
+  stream = model.stream("a person walks", seed=0, cleanup=False, **FAST)
   for i in range(7):  # more within one window than there is room for at first
     stream.say(f"a person jumps {'very ' * i}high", after=0.6 * (i + 1))
   parts = [next(stream) for _ in range(12)]

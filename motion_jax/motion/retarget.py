@@ -148,14 +148,18 @@ def bend_leg(source: Float[np.ndarray, "t j 3"], result: Float[np.ndarray, "t j 
   straight = np.clip(bones[2] / np.maximum(bones[0] + bones[1], 1e-9), _SOFT_REACH, 0.9999)
   distance = _soft_limit(distance, straight * (thigh + shin), thigh + shin)
   distance = np.clip(distance, 1.001 * abs(thigh - shin), 0.99999 * (thigh + shin))
-  # The knee's side: off the source's own hip-ankle line, plus a little ahead for legs too straight to tell.
-  own = _across(source[:, knee] - source[:, hip], source[:, ankle] - source[:, hip])
-  ahead = _ahead(source, skeleton) * _KNEE_BIAS / skeleton.unit
   below = [result[:, joint] - result[:, ankle] for joint in leg[3:]]
   result[:, ankle] = result[:, hip] + distance[:, None] * along
-  result[:, knee] = bend(result[:, hip], result[:, ankle], own + ahead, thigh, shin)
+  result[:, knee] = bend(result[:, hip], result[:, ankle], knee_side(source, leg, skeleton), thigh, shin)
   for joint, offset in zip(leg[3:], below):
     result[:, joint] = result[:, ankle] + offset
+
+
+def knee_side(source: Float[np.ndarray, "t j 3"], leg: Sequence[int], skeleton: Skeleton) -> Float[np.ndarray, "t 3"]:
+  """Where a leg's knee points (T, 3): off its own line from hip to ankle, and for legs too straight to tell ahead."""
+  hip, knee, ankle = leg[:3]
+  own = _across(source[:, knee] - source[:, hip], source[:, ankle] - source[:, hip])
+  return own + _ahead(source, skeleton) * _KNEE_BIAS / skeleton.unit
 
 
 def _soft_limit(distance: Float[np.ndarray, " t"], start: Float[np.ndarray, " t"], reach: float

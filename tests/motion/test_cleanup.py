@@ -3,8 +3,9 @@ import numpy as np
 import pytest
 
 from motion_jax.data.datasets.synthetic import synthetic_clips
-from motion_jax.motion.cleanup import clean_up
+from motion_jax.motion.cleanup import LOOK_AHEAD, Cleaner, clean_up
 from motion_jax.motion.representations import extract
+from motion_jax.motion.retarget import floor_height, with_lengths
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
 
 
@@ -53,3 +54,51 @@ def test_short_clips_and_no_contacts():
   joints = synthetic_clips(0, 1)[0].joints
   assert clean_up(joints[:2]).shape == (2, 22, 3)
   assert np.isfinite(clean_up(joints)).all()
+
+
+@pytest.mark.parametrize("told", [True, False], ids=["contacts", "joints alone"])
+def test_pieces_are_cleaned_as_the_whole_is(clip, told):
+  """Of any sizes; a frame is decided when the LOOK_AHEAD next ones are known, and does not change after."""
+  joints, contacts = clip
+  joints = joints + np.random.default_rng(0).normal(0, 0.004, joints.shape)
+  whole = clean_up(joints, contacts if told else None)
+  floor = 0.0 if told else float(floor_height(joints))
+  cleaner, parts, start = Cleaner(floor=floor), [], 0
+  for size in (12, 1, 2, 30, 5, len(joints)):
+    piece = slice(start, start + size)
+    parts.append(cleaner.push(joints[piece], contacts[piece] if told else None))
+    start = min(start + size, len(joints))
+    assert sum(map(len, parts)) == max(start - LOOK_AHEAD, 0)
+  np.testing.assert_allclose(np.concatenate([*parts, cleaner.flush()]), whole, atol=1e-6)
+
+
+def test_a_body_that_its_feet_do_not_carry_goes_as_they_say():
+  """A walk whose root runs 0.8 m/s ahead of its legs: most of that is taken back, and none of an honest walk."""
+  joints = synthetic_clips(0, 2)[1].joints.astype(np.float64)
+  joints, contacts = joints[:-1], extract(joints)[:, -4:]
+  pushed = joints + (np.arange(len(joints)) * 0.8 / 20)[:, None, None] * [0, 0, 1]
+  way = lambda x: x[-1, 0, 2] - x[0, 0, 2]
+  assert way(joints) > 4 and abs(way(clean_up(joints, contacts)) - way(joints)) < 0.01 * way(joints)
+  assert way(clean_up(pushed, contacts)) - way(joints) < 0.2 * (way(pushed) - way(joints))
+
+
+def test_knees_do_not_snap(clip):
+  """Feet that slide on nearly straight legs: planting them may not straighten the knees nor jerk them."""
+  joints, contacts = clip
+  slid = joints + np.sin(np.arange(len(joints)) / 4)[:, None, None] * [0.02, 0, 0.02]
+  slid[:, :1] += [0, 0.02, 0]  # the pelvis is higher than the legs like it
+  made = clean_up(slid, contacts).astype(np.float64)
+  acceleration = lambda x: np.percentile(np.linalg.norm(np.diff(x[:, [4, 5]], 2, axis=0), axis=-1), 99) * 400
+  assert acceleration(made) < 1.3 * max(acceleration(joints), acceleration(slid))
+  reach = np.linalg.norm(made[:, [7, 8]] - made[:, [1, 2]], axis=-1) / HUMANML3D.bone_lengths[[4, 7]].sum()
+  own = np.linalg.norm(slid[:, [7, 8]] - slid[:, [1, 2]], axis=-1) / HUMANML3D.bone_lengths[[4, 7]].sum()
+  assert reach.max() < max(0.9951, own.max() + 1e-3)
+
+
+def test_a_punch_keeps_its_speed():
+  joints = synthetic_clips(0, 11)[7].joints[:60].astype(np.float64)
+  away = np.exp(-0.5 * ((np.arange(60) - 30) / 1.2) ** 2)  # out and back in a quarter of a second
+  for joint, share in ((18, 0.5), (20, 1.0)):
+    joints[:, joint] += share * 0.25 * away[:, None] * [0, 0, 1]
+  fastest = lambda x: np.linalg.norm(np.diff(x[:, 20] - x[:, 9], axis=0), axis=-1).max() * 20
+  assert fastest(clean_up(joints)) > 0.95 * fastest(with_lengths(joints, HUMANML3D))

@@ -11,6 +11,7 @@ from motion_jax.models import cmdm
 from motion_jax.models.cmdm import streaming
 from motion_jax.models.cmdm.networks import CmdmNetworks
 from motion_jax.motion import rotations as rot
+from motion_jax.motion.cleanup import Cleaner
 from motion_jax.motion.representations import Representation, root_path, to_joints
 
 _CAPTIONS = 4  # different captions that a window may show before its step is compiled anew, for twice as many
@@ -25,17 +26,20 @@ class LiveStream:
         stream.say("a person sits down")
 
   Memory and time per block do not grow. Every block keeps the words that it was begun with, so a stream of changing
-  words is `CmdmModel.multi_prompt`, block by block.
+  words is `CmdmModel.multi_prompt`, block by block. Cleaned frames come `motion.cleanup.LOOK_AHEAD` frames later than
+  they are made: the first block is shorter by so many, what ends (num_frames) gives them at its end.
   """
 
   def __init__(self, model: CmdmNetworks, plan: streaming.Plan, scale: float, keys: jax.Array, prompt: str,
-               num_frames: int | None = None) -> None:
+               num_frames: int | None = None, cleanup: bool = True) -> None:
     self._model, self._plan, self._num_frames = model, plan, num_frames
     constants = streaming.make_constants(model.dit, model.params, plan)
     self._sampler = streaming.Sampler(model.dit, plan, model.params, constants, None, scale, keys)
     self._state = cmdm.init_stream(model.codec, self._sampler)
     self._steps, self._frames = 0, 0
     self._path: _Path | None = None
+    layout = model.stats.layout
+    self._cleaner = Cleaner(layout.skeleton, model.fps) if cleanup and layout.has_fixed_bones else None
     self._script = [(0, 0)]  # (block, slot): from that block on the caption of that slot
     self._bank = [prompt] * _CAPTIONS
     self._encode()
@@ -102,6 +106,13 @@ class LiveStream:
   def __next__(self) -> np.ndarray:
     if self._num_frames is not None and self._frames >= self._num_frames:
       raise StopIteration
+    joints = self._next_block()
+    while not len(joints):  # all of it waits for what comes behind it
+      joints = self._next_block()
+    return joints
+
+  def _next_block(self) -> np.ndarray:
+    """The frames (n, J, 3) that one more block decides."""
     done = False
     while not done:
       plan, width = self._plan, -(-self._plan.width // 2)  # two compiled widths: the start and the rest
@@ -111,10 +122,16 @@ class LiveStream:
       self._steps += 1
       done = self._steps >= plan.age
     features = self._model.stats.denormalize(np.asarray(features))[0]
-    joints, self._path = _continue_path(features, self._path, self._model.stats.layout)
+    layout = self._model.stats.layout
+    joints, self._path = _continue_path(features, self._path, layout)
     if self._num_frames is not None:
       joints = joints[:self._num_frames - self._frames]
     self._frames += len(joints)
+    if self._cleaner is None:
+      return joints
+    joints = self._cleaner.push(joints, layout.contacts(features[:len(joints)]))
+    if self._frames == self._num_frames:
+      joints = np.concatenate([joints, self._cleaner.flush()])
     return joints
 
 

@@ -129,11 +129,11 @@ class CmdmModel(CmdmNetworks):
     return go_on(self, clip, past, new, captions_in_a_row(prompts, ends, self.fps), about)
 
   def stream(self, prompt: str, *, rng: jax.Array | None = None, seed: int | None = None, num_frames: int | None = None,
-             **sampling: Any) -> LiveStream:
+             cleanup: bool = True, **sampling: Any) -> LiveStream:
     """Yields joints (n, J, 3) block after block, without end unless num_frames says so; memory stays flat.
 
     `say` changes the words while it runs, see `LiveStream`. Driven by the very step that `generate` and `multi_prompts`
-    run: the same key gives the same motion, before cleanup, which looks at whole clips.
+    run: the same key gives the same motion, cleaned or not.
     """
     self.check_words([prompt])
     keys, _ = keys_of(rng, None if seed is None else [seed], 1)
@@ -142,7 +142,7 @@ class CmdmModel(CmdmNetworks):
       raise ValueError("got schedule 'full': a stream runs by schedule 'fss' or 'ar'")
     if num_frames is not None:
       self.frames_of([prompt], num_frames, None)
-    return LiveStream(self, plan, scale, keys, prompt, num_frames)
+    return LiveStream(self, plan, scale, keys, prompt, num_frames, cleanup)
 
   def usual_sampling(self) -> dict[str, Any]:
     return dict(context=self.context)
