@@ -38,6 +38,7 @@ def get_config(size="full"):
   dataset, size = common.data_and_size(size, DATASETS, ("full", "small", "laptop", "mini", "tiny"))
   config = common.experiment("cmdm.denoiser", seed=5427)
   config.frozen = dict(tokenizer="runs/tokenizer", text="distilbert-base-uncased", text_level="words")
+  config.distill = dict(teacher="")  # a student's teacher, and how it learns: configs/cmdm_student.py
   config.taught_by = dict()  # what the tokenizer was aligned with; the run takes it from there
   config.tokenizer = dict(features=263, latent_dim=64, width=1024, num_halvings=2, dilations=(9, 3, 1), causal=True)
   config.model = dict(latent_dim=64, width=512, depth=8, num_heads=4, ff_width=1024, block=3, text_dim=768)

@@ -123,7 +123,8 @@ _LEFT_OUT: dict[str, dict[str, Any]] = {
                        "loss.reconstruction": "gaussian", "loss.distance_pairs": "window",
                        "loss.last_layer": "convolution"},
     "cmdm.denoiser": _TEXT_ITEMS | _STORE | {
-        "train.dtype": "float32", "frozen.text_level": "words", "taught_by": {}, "loss.mean_latents": False,
+        "train.dtype": "float32", "frozen.text_level": "words", "taught_by": {}, "distill.teacher": "",
+        "loss.mean_latents": False,
         "loss.level_block": lambda config: config["model"].get("block", 3), "data.vary_subject": 0.0,
         "sampler.schedule": "fss",
         "sampler.solver": lambda config: "ancestral" if config["model"].get("predicts") == "ddpm" else "euler"},

@@ -13,15 +13,18 @@ from motion_jax.data import batches, sources, store
 from motion_jax.data.captions import vary_subject
 from motion_jax.evaluators.validation import reconstruction_fid
 from motion_jax.inputs.config_files import module_fields
+from motion_jax.inputs.errors import InputError
 from motion_jax.latents import TOKENIZER, VaeCodec
 from motion_jax.metrics.scores import retrieval
 from motion_jax.models import cmdm
+from motion_jax.models.cmdm import distill
 from motion_jax.models.cmdm import teacher as teacher_lib
 from motion_jax.models.cmdm import teacher_setup as teachers
 from motion_jax.models.cmdm import tmr_stage as tmr
 from motion_jax.motion import stats as stats_lib
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.stats import Stats
+from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE, sample_latent
 from motion_jax.shapes import Array, Net
 from motion_jax.text import bert
@@ -120,17 +123,37 @@ def tokenizer_fields(config: ConfigDict) -> dict[str, Any]:
 
 
 def denoiser_fields(config: ConfigDict) -> dict[str, Any]:
-  """What its tokenizer was aligned with, so that a record of the generator can say it."""
+  """What its tokenizer was aligned with, so that a record of the generator can say it; a student has all of its
+  teacher's sizes, words and latents, and begins with its parameters."""
+  if "num_steps" in config.distill and not config.distill.teacher:
+    raise InputError("got no config.distill.teacher, expected the denoiser that the student learns from: a run folder, "
+                     "or a name that ships such as cmdm-small")
+  if _has_teacher(config):
+    run = runs.open(config.distill.teacher, "cmdm.denoiser")
+    own = {name: run.config[name].to_dict() for name in ("model", "tokenizer", "taught_by")}
+    text = {name: run.config.frozen[name] for name in ("text", "text_level")}
+    return own | {"frozen": config.frozen.to_dict() | text | {"tokenizer": str(run.folder)},
+                  "train": config.train.to_dict() | {"start": config.train.start or config.distill.teacher}}
   if config.frozen.tokenizer == "random-init":
     return {}
   taught = runs.open(config.frozen.tokenizer, "cmdm.tokenizer").config.taught_by
   return {"taught_by": taught.to_dict()} if taught else {}
 
 
+def _has_teacher(config):
+  """Whether a student's teacher is a run; "random-init" is one with random weights, to try things out."""
+  return config.distill.teacher not in ("", "random-init")
+
+
 def _denoiser_parts(config):
   """(data, their cuts with captions, text encoder, codec) of a denoiser's config."""
-  folder = config.frozen.tokenizer
-  vae, params, stats = load_tokenizer(folder, config)
+  if _has_teacher(config):
+    run = runs.open(config.distill.teacher, "cmdm.denoiser")
+    vae = CausalVAE(**module_fields(config.tokenizer))
+    stats, codec = run.stats, VaeCodec.of(vae, run.frozen(cmdm.frozen_shapes(vae)))
+  else:
+    vae, params, stats = load_tokenizer(config.frozen.tokenizer, config)
+    codec = VaeCodec(vae, params)
   data = sources.load_features(config.data, stats=stats)
   weights = None
   if config.data.balance:
@@ -138,8 +161,8 @@ def _denoiser_parts(config):
   items = _items(config, data, tuple(config.data.lengths), weights)
   encoder = load_text_encoder(config.frozen.text, level=config.frozen.text_level)
   encoder.check(caption for captions in data.captions for caption in captions)
-  codec = VaeCodec(vae, params)
-  codec = codec.fitted(data.features) if config.loss.unit_latents else codec.unscaled()
+  if not _has_teacher(config):
+    codec = codec.fitted(data.features) if config.loss.unit_latents else codec.unscaled()
   return data, items, encoder, codec
 
 
@@ -197,7 +220,13 @@ def denoiser(config: ConfigDict) -> TrainingSetup:
 
   files = {checkpoint.LENGTHS: caption_lengths(data), checkpoint.TEXT: text_identity(encoder)}
   evaluate = _held_out_loss(config, data.stats, encoder, codec)
-  return TrainingSetup(cmdm.denoiser_stage(config), next_batch, codec.parts, evaluate, data.stats, files)
+  stage, frozen = cmdm.denoiser_stage(config), codec.parts
+  if config.distill.teacher:
+    shapes = cmdm.denoiser_shapes(CausalDiT(**module_fields(config.model)))
+    teacher = (runs.open(config.distill.teacher, "cmdm.denoiser").params(shapes) if _has_teacher(config)
+               else untrained(shapes))
+    stage, frozen = distill.student_stage(config), frozen | {distill.TEACHER: teacher}
+  return TrainingSetup(stage, next_batch, frozen, evaluate, data.stats, files)
 
 
 def encode_denoiser(config: ConfigDict, folder: str | os.PathLike) -> str:

@@ -1,4 +1,5 @@
 """What CMDM trains, as pure functions: the causal tokenizer and, on its latents, the causal denoiser."""
+import functools
 from typing import Any
 
 import jax
@@ -69,6 +70,30 @@ def tokenizer_stage(config: ConfigDict) -> Stage:
   return Stage(init, loss, predict)
 
 
+def forcing_inputs(config: ConfigDict, vae: CausalVAE, dit: CausalDiT, frozen: Any, batch: dict[str, Any],
+                   rng: jax.Array) -> tuple[Any, Any, Any, Any, Any]:
+  """What diffusion forcing learns from in one step: (latents (B, L, C), which are real (B, L), times (B, L), noise
+  (B, L, C), text_emb (B, S, E) with some dropped)."""
+  encode_rng, level_rng, noise_rng, drop_rng = jax.random.split(rng, 4)
+  keys = lambda key: jax.vmap(lambda i: jax.random.fold_in(key, i))(batch["index"])
+  codec = VaeCodec.of(vae, frozen)
+  known = batch["distribution"] if "distribution" in batch else codec.distribution(batch["features"])
+  # Parity: the paper's algorithm 1 says E(x), the code draws. Not scaled in the released code, where the codec's mean
+  # is 0 and its std 1.
+  z1 = codec.drawn(known, None if config.loss.mean_latents else keys(encode_rng))
+  latent_mask = padding_mask(batch["num_frames"] // vae.frames_per_latent, z1.shape[1])
+  z1 = jnp.where(latent_mask[..., None], z1, 0.0)
+  # Parity: the code draws one time per block of 3 latents, the paper one per latent; level_block says which.
+  draw = (ddpm_forcing if dit.predicts == "ddpm" else paths).forcing_times
+  t = jax.vmap(lambda key: draw(key, 1, z1.shape[1], config.loss.level_block)[0])(keys(level_rng))
+  noise = jax.vmap(lambda key: jax.random.normal(key, z1.shape[1:]))(keys(noise_rng))
+  drop = jax.vmap(lambda key: jax.random.bernoulli(key, config.loss.drop_rate))(keys(drop_rng))
+  # Parity: the code zeroes the word features and keeps the mask; it also leaves the text encoder's dropout on while
+  # training; ours is off, as the paper's frozen encoder has it, so that features can be cached.
+  text_emb = jnp.where(drop[:, None, None], 0.0, batch["text_emb"])
+  return z1, latent_mask, t, noise, text_emb
+
+
 def denoiser_stage(config: ConfigDict) -> Stage:
   """Trains the causal diffusion transformer by diffusion forcing on latents of the frozen tokenizer.
 
@@ -79,26 +104,7 @@ def denoiser_stage(config: ConfigDict) -> Stage:
   dit = CausalDiT(**config.model, dtype=jnp.dtype(config.train.dtype))
   block = dit.block
   level_block = config.loss.level_block
-
-  def inputs(frozen, batch, rng):
-    encode_rng, level_rng, noise_rng, drop_rng = jax.random.split(rng, 4)
-    keys = lambda key: jax.vmap(lambda i: jax.random.fold_in(key, i))(batch["index"])
-    codec = VaeCodec.of(vae, frozen)
-    known = batch["distribution"] if "distribution" in batch else codec.distribution(batch["features"])
-    # Parity: the paper's algorithm 1 says E(x), the code draws. Not scaled in the released code, where the codec's mean
-    # is 0 and its std 1.
-    z1 = codec.drawn(known, None if config.loss.mean_latents else keys(encode_rng))
-    latent_mask = padding_mask(batch["num_frames"] // vae.frames_per_latent, z1.shape[1])
-    z1 = jnp.where(latent_mask[..., None], z1, 0.0)
-    # Parity: the code draws one time per block of 3 latents, the paper one per latent; level_block says which.
-    draw = (ddpm_forcing if dit.predicts == "ddpm" else paths).forcing_times
-    t = jax.vmap(lambda key: draw(key, 1, z1.shape[1], level_block)[0])(keys(level_rng))
-    noise = jax.vmap(lambda key: jax.random.normal(key, z1.shape[1:]))(keys(noise_rng))
-    drop = jax.vmap(lambda key: jax.random.bernoulli(key, config.loss.drop_rate))(keys(drop_rng))
-    # Parity: the code zeroes the word features and keeps the mask; it also leaves the text encoder's dropout on while
-    # training; ours is off, as the paper's frozen encoder has it, so that features can be cached.
-    text_emb = jnp.where(drop[:, None, None], 0.0, batch["text_emb"])
-    return z1, latent_mask, t, noise, text_emb
+  inputs = functools.partial(forcing_inputs, config, vae, dit)
 
   def init(batch, rng):
     length = (batch["distribution"].shape[1] if "distribution" in batch else
