@@ -107,8 +107,9 @@ def resolve(config):
 
 
 def _started_from(stage, folder):
-  """The stage with the parameters of another run to begin with; what that run does not have begins at random."""
-  start = flax.traverse_util.flatten_dict(checkpoint.load_params(folder))
+  """The stage with the parameters of another run, a folder or a name that ships, to begin with; what that run does not
+  have begins at random."""
+  start = flax.traverse_util.flatten_dict(checkpoint.load_params(runs.find(folder)))
 
   def init(batch, rng):
     initial = flax.traverse_util.flatten_dict(stage.init(batch, rng))

@@ -73,6 +73,19 @@ def test_a_student_that_is_its_teacher_has_nothing_to_learn(teacher):
   assert alone < 1e-10 < 1e-4 < guided and forcing > 0.1
 
 
+def test_a_model_that_ships_is_a_teacher():
+  """Its words, sizes and latents are taken from its folder, and the student begins with its parameters."""
+  config = load_config("cmdm_student", "8_small").unlock()
+  config.data.update(load_config("cmdm_student", "tiny").data.to_dict() | {"vary_subject": 0.0})
+  config.distill.teacher = "cmdm-small"
+  found = training.resolve(config)[0]
+  assert found.frozen.text == "words" and found.model.width == 256 and found.train.start == "cmdm-small"
+  setup = training.setups()[found.stage](found)
+  batch = setup.next_batch(0)
+  begun = training._started_from(setup.stage._replace(init=lambda *_: setup.frozen[distill.TEACHER]), found.train.start)
+  jax.tree.map(np.testing.assert_array_equal, begun.init(batch, None), setup.frozen[distill.TEACHER])
+
+
 def test_what_cannot_be_a_teacher_is_told(teacher, tmp_path):
   with pytest.raises(ValueError, match="got no config.distill.teacher, expected the denoiser"):
     training.run(student_config(""), tmp_path / "c")
