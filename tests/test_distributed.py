@@ -173,6 +173,65 @@ def test_a_process_that_fails_is_not_waited_for(tmp_path, who):
 
 
 @pytest.mark.slow
+def test_a_sharded_state_is_saved_by_both_and_goes_on_in_one_and_back(tmp_path):
+  """Each process writes its part; with a whole state the first one writes all."""
+  sharded = "--config.mesh.shard_state=True"
+  train(tmp_path / "a", 2, 2, 1)
+  train(tmp_path / "b", 2, 2, 1, sharded)
+  assert_alike(numbers(tmp_path / "a"), numbers(tmp_path / "b"), 1e-4)
+  sizes = {name: [sum(file.stat().st_size for file in (tmp_path / name / "checkpoints" / "2").rglob(f"*process_{i}/d/*"))
+                  for i in (0, 1)] for name in "ab"}
+  assert sizes["b"][1] > 0.8 * sizes["b"][0] > 0.3 * sizes["a"][0] and not sizes["a"][1], sizes
+  train(tmp_path / "a", 4, 2, 1, sharded)
+  train(tmp_path / "b", 4, 1, 1, "--resume")
+  train(tmp_path / "b", 6, 2, 1, sharded)
+  train(tmp_path / "a", 6, 1, 1, "--resume")
+  assert_alike(numbers(tmp_path / "a"), numbers(tmp_path / "b"), 1e-4)
+  assert numbers(tmp_path / "a")[0] == [1, 2, 3, 4, 5, 6]
+
+
+_TOLD = """
+import os, signal, sys
+from motion_jax import cli
+from motion_jax.training import distributed, loop
+
+class Agreement(distributed.Agreement):
+  step = 0
+  def largest(self, *numbers):
+    self.step += 1
+    tell(self.step)
+    return super().largest(*numbers)
+
+def tell(step):
+  if step == STEP and any(f"--process-id {i}" in " ".join(sys.argv) for i in WHO):
+    os.kill(os.getpid(), signal.SIGTERM)
+
+together = loop.compile_together
+loop.Agreement, loop.compile_together = Agreement, lambda *args: (tell(0), together(*args))
+distributed._ASKING = 0
+sys.exit(cli.main())
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("who, step", [("1", 3), ("0", 0), ("01", 3), ("01", 0)])
+def test_processes_that_are_told_to_end_can_go_on(tmp_path, who, step):
+  """Whoever hears it, all save the same step, one says so, and the same command goes on to the same end."""
+  program = ("-c", _TOLD.replace("WHO", repr(who)).replace("STEP", str(step)))
+  statuses, said = end(begin(tmp_path / "run", 6, 2, 1, program=program))
+  assert statuses == [75, 75], said
+  assert [text.count("motion-jax train: preempted, resumable\n") for text in said] == [1, 0], said
+  saved = [path.name for path in (tmp_path / "run" / "checkpoints").iterdir()]
+  if who == "01" and not step:
+    assert not saved  # there was nothing to lose
+  else:
+    assert max(map(int, saved)) == (step + 1 if step else 1)
+  train(tmp_path / "run", 6, 2, 1)
+  train(tmp_path / "whole", 6, 2, 1)
+  assert_alike(numbers(tmp_path / "run"), numbers(tmp_path / "whole"), 0)
+
+
+@pytest.mark.slow
 def test_slurm_is_found(tmp_path):
   """Two processes with the environment that srun gives them, on this machine."""
   job = {"SLURM_JOB_ID": str(os.getpid()), "SLURM_STEP_NODELIST": "localhost", "SLURM_NTASKS": "2"}

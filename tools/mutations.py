@@ -165,6 +165,8 @@ MUTATIONS = (
      (f"{TRAIN}::test_the_best_is_the_smallest_or_the_largest",)),
     ("flipped-bit", "motion_jax/training/saver.py", "if there.get(name) != wanted.get(name))",
      "if name not in there)", ("tests/test_saver.py::test_every_flipped_bit_is_found",)),
+    ("copied-state", "motion_jax/training/saver.py", "np.array(leaf) if whole(leaf)", "np.asarray(leaf) if whole(leaf)",
+     ("tests/test_saver.py::test_a_state_is_saved_as_it_was_when_the_save_began",)),
     ("sound-state", "motion_jax/training/saver.py", "if step % self._save_every == 0 and not self._memory",
      "if not self._memory", ("tests/test_guards.py::test_slices_of_a_run_are_rolled_back_as_the_whole_one",)),
     ("lost-run", "motion_jax/training/guards.py", "lost |= self.streak >=", "lost = self.streak >=",

@@ -67,7 +67,7 @@ def _train(args):
   from motion_jax.runtime import exit_status, stopping
   with stopping.Stop(args.program) as stop:
     _run(args, stop)
-  if stop.status == exit_status.PREEMPTED:
+  if stop.status == exit_status.PREEMPTED and not stop.quiet:
     print(f"{args.program}: preempted, resumable", file=sys.stderr)
   return stop.status
 
@@ -92,6 +92,8 @@ def _run(args, stop):
   from motion_jax.training import distributed
   logging.set_verbosity(logging.WARNING)  # orbax tells every step of a save
   distributed.start(args.coordinator, args.process_id, args.num_processes, args.simulate_devices)
+  stop.quiet = not distributed.is_first()
+  stop.nothing_to_lose(distributed.end_together)
   shared.cache_compiled_code()  # a run that goes on does not wait for the compiler again
   resume = {"yes": True, "no": False, "auto": "auto", None: "auto" if jax.process_count() > 1 else False}[args.resume]
   with distributed.as_one():

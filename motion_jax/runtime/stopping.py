@@ -39,8 +39,8 @@ _ending = threading.Lock()  # taken by the thread that ends the process, for goo
 _ended_by = None
 
 
-def _end(program, number, resumable, message=_CLEAN):
-  """Ends the process where it stands: what is half done is taken back, one line, the status of the signal.
+def _end(program, number, resumable, message=_CLEAN, quiet=False):
+  """Ends the process where it stands: what is half done is taken back, one line unless quiet, the status of the signal.
 
   Once, though one signal may be heard by a thread and a second one by a handler."""
   global _ended_by
@@ -54,8 +54,9 @@ def _end(program, number, resumable, message=_CLEAN):
     sys.stdout.flush()
   status = exit_status.of_signal(number, resumable)
   said = "preempted, resumable" if status == exit_status.PREEMPTED else message
-  with contextlib.suppress(OSError):
-    os.write(2, ("\n" * os.isatty(2) + f"{program}: {said}\n").encode())  # not behind a progress bar
+  if not quiet:
+    with contextlib.suppress(OSError):
+      os.write(2, ("\n" * os.isatty(2) + f"{program}: {said}\n").encode())  # not behind a progress bar
   os._exit(status)
 
 
@@ -91,10 +92,12 @@ class Stop:
   program: the name of one that a signal ends at once while there is nothing to lose, as is so from the start until
   `something_to_lose` is called, and again after `nothing_to_lose`. A thread hears the signal: handlers in Python wait
   for the end of whatever the main thread is in, such as minutes of compiling.
+
+  quiet: another process of the run says how it ended.
   """
 
   def __init__(self, program=None):
-    self.number = None
+    self.number, self.quiet = None, False
     self._program, self._depth = program, 0
     self._may_end, self._before_end = program is not None, None
     self._lock = threading.RLock()
@@ -113,7 +116,7 @@ class Stop:
       self._may_end = False
 
   def nothing_to_lose(self, before_end=None):
-    """From now on a signal ends the program at once, if it has a name, after before_end()."""
+    """From now on a signal ends the program at once, if it has a name, after before_end(); not if that gives False."""
     with self._lock:
       self._may_end, self._before_end = self._program is not None, before_end
       if self.raised:
@@ -123,10 +126,16 @@ class Stop:
     with self._lock:
       self.number = self.number or number
       if self._may_end:
+        ends = None
         if self._before_end is not None:
           with contextlib.suppress(Exception):
-            self._before_end()
-        _end(self._program, self.number, resumable=True)
+            ends = self._before_end()
+        if ends is not False:
+          _end(self._program, self.number, resumable=True, quiet=self.quiet)
+
+  def hear(self, number):
+    """As if this signal had come, if it is one and not 0: another process of the run has been sent it."""
+    self.number = self.number or number or None
 
   def __enter__(self):
     self._depth += 1

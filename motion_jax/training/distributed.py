@@ -8,6 +8,7 @@ import contextlib
 import functools
 import os
 import sys
+import time
 
 import jax
 import numpy as np
@@ -17,7 +18,8 @@ from motion_jax.inputs.errors import InputError
 from motion_jax.runtime import exit_status
 
 _PATIENCE = 3600  # seconds for which processes wait for one that reads data, compiles or evaluates
-_PARTING = 10     # seconds for which a process that has failed waits for the others to end with it
+_PARTING = 10     # seconds for which a process that has failed, or is told to end, waits for the others to end with it
+_ASKING = 5       # seconds between the steps at which processes ask one another
 _failed = False
 
 _CLUSTERS = {  # environment variables that say how many processes there are, and those that JAX reads beside them
@@ -134,6 +136,43 @@ def wait_for_all(name, seconds=_PATIENCE):
   if jax.process_count() > 1:
     from orbax.checkpoint import multihost  # here: who only uses a model need not wait for it
     multihost.get_barrier_sync_fn()(key=name, timeout_ms=int(1000 * seconds))
+
+
+def end_together() -> bool:
+  """Whether all processes have been told to end, and are about to: then their connection is closed, as JAX stops those
+  which miss the first. If not, they have to agree on it between two steps."""
+  if jax.process_count() > 1:
+    try:
+      wait_for_all("all are told to end", _PARTING)
+    except jax.errors.JaxRuntimeError:
+      return False
+    jax.distributed.shutdown()
+  return True
+
+
+class Agreement:
+  """What processes decide together between two steps: they ask one another every few seconds, all at the same steps."""
+
+  def __init__(self):
+    self._left, self._count, self._asked = 1, 0, None
+
+  def largest(self, *numbers) -> tuple:
+    """The largest of each of these whole numbers in any process, the same in all; 0 after steps at which nobody asks.
+
+    Every process calls it after every step.
+    """
+    if jax.process_count() == 1:
+      return numbers
+    self._left -= 1
+    self._count += 1
+    if self._left:
+      return (0,) * len(numbers)
+    now, steps = time.monotonic(), 1
+    if self._asked is not None:
+      steps = int(np.clip(_ASKING * self._count / max(now - self._asked, 1e-6), 1, 1000))
+    found = multihost_utils.process_allgather(np.array([*numbers, -steps], np.int32)).max(axis=0).tolist()
+    self._left, self._count, self._asked = -found[-1], 0, now
+    return tuple(found[:-1])
 
 
 def compile_together(function, *args):

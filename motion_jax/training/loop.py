@@ -6,14 +6,13 @@ import time
 
 import jax
 import numpy as np
-from jax.experimental import multihost_utils
 from tqdm import tqdm
 
 from motion_jax.inputs.errors import InputError, reason
 from motion_jax.runtime import stopping
 from motion_jax.runtime.atomic import remove_strays
 from motion_jax.training import checkpoint
-from motion_jax.training.distributed import compile_together
+from motion_jax.training.distributed import Agreement, compile_together, end_together
 from motion_jax.training.guards import BATCH, Guards, Watchdog, check_finite, keep_batch
 from motion_jax.training.mesh import make_mesh
 from motion_jax.training.optimizers import make_optimizer, make_schedule
@@ -153,7 +152,7 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
   progress = Progress(first, num_steps, len(example["index"]))
   bar = tqdm(total=num_steps, initial=first, unit="step", dynamic_ncols=True, disable=None)
   watchdog = Watchdog(workdir, config.train.hang_minutes)
-  profile = Profile(workdir, profile_steps, first)
+  profile, agreement = Profile(workdir, profile_steps, first), Agreement()
   with (contextlib.closing(progress), contextlib.closing(saver), contextlib.closing(watchdog),
         contextlib.closing(batches), contextlib.closing(profile), stop or stopping.Stop() as interrupt, bar):
     step = first
@@ -177,7 +176,9 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
       if line := progress.line(step, metrics):
         tqdm.write(line)
         sys.stdout.flush()
-      told, out_of_time = _agreed(step, interrupt.raised, max_seconds is not None and time.time() - start > max_seconds)
+      told, out_of_time = agreement.largest(interrupt.number or 0,
+                                            int(max_seconds is not None and time.time() - start > max_seconds))
+      interrupt.hear(told)
       ends = told or out_of_time
       logs = step % config.train.log_every == 0 or step == num_steps
       saves = step % config.train.save_every == 0 or step == num_steps or ends
@@ -203,7 +204,7 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
         if saver.latest is None:  # weights without a state could not go on
           saver.wait()
         if not ends:  # what follows a save may take minutes, which a signal does not leave
-          interrupt.nothing_to_lose(saver.wait)
+          interrupt.nothing_to_lose(lambda: (saver.wait(), end_together())[1])
         # What may be rolled back is not chosen.
         saver.best = outputs.judge(step, state, hurried=told or guards.streak and step < num_steps)
         watchdog.beat()
@@ -226,12 +227,3 @@ def tell_unsaved(error):
     raise error
   tqdm.write(f"a state could not be saved ({reason(error)}); training goes on, older states are intact, the next save "
              "tries again")
-
-
-def _agreed(step, *flags):
-  """Flags that any process has raised, the same on all. Several processes ask each other at every tenth step."""
-  if jax.process_count() == 1:
-    return flags
-  if step % 10:
-    return (False,) * len(flags)
-  return tuple(multihost_utils.process_allgather(np.array(flags)).any(axis=0).tolist())
