@@ -179,9 +179,9 @@ def test_a_sharded_state_is_saved_by_both_and_goes_on_in_one_and_back(tmp_path):
   train(tmp_path / "a", 2, 2, 1)
   train(tmp_path / "b", 2, 2, 1, sharded)
   assert_alike(numbers(tmp_path / "a"), numbers(tmp_path / "b"), 1e-4)
-  sizes = {name: [sum(file.stat().st_size for file in (tmp_path / name / "checkpoints" / "2").rglob(f"*process_{i}/d/*"))
-                  for i in (0, 1)] for name in "ab"}
-  assert sizes["b"][1] > 0.8 * sizes["b"][0] > 0.3 * sizes["a"][0] and not sizes["a"][1], sizes
+  files = lambda name, i: (tmp_path / name / "checkpoints" / "2").rglob(f"*process_{i}/d/*")
+  sizes = {name: [sum(file.stat().st_size for file in files(name, i)) for i in (0, 1)] for name in "ab"}
+  assert sizes["b"][1] > sizes["a"][0] / 4 and not sizes["a"][1], sizes
   train(tmp_path / "a", 4, 2, 1, sharded)
   train(tmp_path / "b", 4, 1, 1, "--resume")
   train(tmp_path / "b", 6, 2, 1, sharded)

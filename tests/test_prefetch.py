@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 
 from motion_jax import fit
+from motion_jax.inputs import config_files
+from motion_jax.text.encoder import TextEncoder
 from motion_jax.training.prefetch import Ahead, Prefetch, in_processes
 from tests.conftest import load_config
 
@@ -54,6 +56,26 @@ def test_processes_make_the_same_batches_in_the_same_order():
   for step, batch in zip(range(5, 9), made):
     for name, array in next_batch(step).items():
       np.testing.assert_array_equal(batch[name], array)
+
+
+@pytest.mark.parametrize("name", [
+    *(pytest.param(name, marks=pytest.mark.slow) for name in config_files.names() if "/" not in name and name not in (
+        "cmdm_denoiser", "cdamd_length")), "cmdm_denoiser", "cdamd_length"])
+def test_processes_make_the_rows_of_one_whole_batch(name, monkeypatch):
+  """Also where a caption of another process's rows is the longest; and no caption but their own is encoded."""
+  setup = fit.setups()[(config := fit.resolve(load_config(name, "tiny"))[0]).stage](config)
+  encoded, feature = [], TextEncoder._feature
+  monkeypatch.setattr(TextEncoder, "_feature", lambda self, text: (encoded.append(text), feature(self, text))[1])
+  for step in range(4):
+    whole = setup.next_batch(step)
+    size, whole_count = len(whole["index"]), len(encoded)
+    half = slice(size // 2, size)
+    encoded.clear()
+    parts = [setup.next_batch(step, rows=rows) for rows in (slice(0, size // 2), half)]
+    assert len(encoded) == whole_count
+    encoded.clear()
+    for key, array in whole.items():
+      np.testing.assert_array_equal(np.concatenate([part[key] for part in parts]), array, err_msg=key)
 
 
 def test_a_run_that_is_rolled_back_takes_other_batches():

@@ -1,10 +1,16 @@
-"""Batches: what is drawn, cut and padded is a pure function of (seed, step), so a resumed run sees the same data."""
+"""Batches: what is drawn, cut and padded is a pure function of (seed, step), so a resumed run sees the same data.
+
+Each batch can be made in parts, for one of several processes: `rows`, a slice of its B rows, says which are read; they
+are the same as in the whole batch.
+"""
 import dataclasses
 import functools
 import warnings
 from typing import NamedTuple
 
 import numpy as np
+
+ALL = slice(None)
 
 
 def step_rng(seed, *path):
@@ -74,11 +80,11 @@ class Windows:
   def __len__(self):
     return len(self.starts)
 
-  def batch(self, batch_size, seed, step):
-    """-> features (B, window, F), index (B,)."""
-    chosen = self.starts[epoch_indices(len(self), batch_size, seed, step)]
+  def batch(self, batch_size, seed, step, rows=ALL):
+    """-> features (B, window, F), index (B,), of these rows."""
+    chosen = self.starts[epoch_indices(len(self), batch_size, seed, step)[rows]]
     return {"features": np.stack([self.features[i][s:s + self.window] for i, s in chosen]),
-            "index": np.arange(batch_size)}
+            "index": np.arange(batch_size)[rows]}
 
 
 class Draw(NamedTuple):
@@ -168,13 +174,14 @@ class TextItems:
       for count in sorted(counts, reverse=True):
         yield from ((int(i), start, count, self.lengths[bucket]) for start in range(frames - count + 1))
 
-  def batch(self, batch_size, seed, step):
-    """-> features (B, T, F) zero-padded, num_frames (B,), caption (list of B), index (B,)."""
+  def batch(self, batch_size, seed, step, rows=ALL):
+    """-> features (B, T, F) zero-padded, num_frames (B,), index (B,), of these rows; caption, a list of all B."""
     drawn = self.draw(batch_size, seed, step)
-    out = np.zeros((batch_size, drawn.length, self.features[0].shape[-1]), np.float32)
-    for row, i, start, count in zip(out, drawn.clip, drawn.start, drawn.num_frames):
+    index, num_frames = np.arange(batch_size)[rows], drawn.num_frames[rows]
+    out = np.zeros((len(index), drawn.length, self.features[0].shape[-1]), np.float32)
+    for row, i, start, count in zip(out, drawn.clip[rows], drawn.start[rows], num_frames):
       row[:count] = self.features[i][start:start + count]
-    return {"features": out, "num_frames": drawn.num_frames, "caption": drawn.captions, "index": np.arange(batch_size)}
+    return {"features": out, "num_frames": num_frames, "caption": drawn.captions, "index": index}
 
 
 def balance_weights(groups, power):
@@ -203,21 +210,24 @@ class CaptionedClips:
   def __len__(self):
     return len(self.kept)
 
-  def rows(self, chosen, rng):
-    """-> features (B, max_frames, F), num_frames (B,), caption (list of B) of the clips with these numbers."""
-    out = np.zeros((len(chosen), self.max_frames, self.features[0].shape[-1]), np.float32)
-    num_frames, captions = np.zeros(len(chosen), np.int32), []
-    for row, i in enumerate(chosen):
-      clip = self.features[i]
-      start = rng.integers(max(len(clip) - self.max_frames, 0) + 1)
-      clip = clip[start:start + self.max_frames]
-      out[row, :len(clip)], num_frames[row] = clip, len(clip)
+  def rows(self, chosen, rng, rows=ALL):
+    """Of the clips with these numbers -> features (B, max_frames, F), num_frames (B,), index (B,), of these rows;
+    caption, a list of all B."""
+    starts, captions = [], []
+    for i in chosen:
+      starts.append(rng.integers(max(len(self.features[i]) - self.max_frames, 0) + 1))
       captions.append(self.captions[i][rng.integers(len(self.captions[i]))])
-    return {"features": out, "num_frames": num_frames, "caption": captions, "index": np.arange(len(chosen))}
+    index = np.arange(len(chosen))[rows]
+    out = np.zeros((len(index), self.max_frames, self.features[0].shape[-1]), np.float32)
+    num_frames = np.zeros(len(index), np.int32)
+    for row, i in enumerate(index):
+      clip = self.features[chosen[i]][starts[i]:starts[i] + self.max_frames]
+      out[row, :len(clip)], num_frames[row] = clip, len(clip)
+    return {"features": out, "num_frames": num_frames, "caption": captions, "index": index}
 
-  def batch(self, batch_size, seed, step):
+  def batch(self, batch_size, seed, step, rows=ALL):
     rng = step_rng(seed, 3, step)
     if self.weights is None:
-      return self.rows(self.kept[epoch_indices(len(self), batch_size, seed, step)], rng)
+      return self.rows(self.kept[epoch_indices(len(self), batch_size, seed, step)], rng, rows)
     p = np.asarray(self.weights)[self.kept]
-    return self.rows(rng.choice(self.kept, batch_size, p=p / p.sum()), rng)
+    return self.rows(rng.choice(self.kept, batch_size, p=p / p.sum()), rng, rows)

@@ -20,6 +20,7 @@ import pathlib
 import jax
 import numpy as np
 
+from motion_jax.data.batches import ALL
 from motion_jax.inputs.errors import InputError, reading
 from motion_jax.inputs.input_files import load_npy, read_json
 from motion_jax.runtime.atomic import atomic_folder
@@ -145,17 +146,18 @@ def digest_of(*parts) -> str:
   return digest.hexdigest()
 
 
-def stored_batch(store, items, tables, batch_size, seed, step, *, latents_look_back):
+def stored_batch(store, items, tables, batch_size, seed, step, rows=ALL, *, latents_look_back):
   """What `items.batch` gives, with rows of a store in the place of the features: {table: (B, L, C)}, zero-padded.
 
   latents_look_back: latents depend on no later frame, so those of a shorter cut are the first of its longest's.
   """
   drawn = items.draw(batch_size, seed, step)
-  batch = {"num_frames": drawn.num_frames, "caption": drawn.captions, "index": np.arange(batch_size)}
+  cuts = [numbers[rows] for numbers in (drawn.clip, drawn.start, drawn.num_frames)]
+  batch = {"num_frames": cuts[2], "caption": drawn.captions, "index": np.arange(batch_size)[rows]}
   for table in tables:
     found = [store.cut(table, clip, start, None if latents_look_back else count)[:count // items.frames_per_latent]
-             for clip, start, count in zip(*map(np.ndarray.tolist, (drawn.clip, drawn.start, drawn.num_frames)))]
-    batch[table] = np.zeros((batch_size, drawn.length // items.frames_per_latent, found[0].shape[-1]), found[0].dtype)
-    for row, rows in zip(batch[table], found):
-      row[:len(rows)] = rows
+             for clip, start, count in zip(*map(np.ndarray.tolist, cuts))]
+    batch[table] = np.zeros((len(found), drawn.length // items.frames_per_latent, found[0].shape[-1]), found[0].dtype)
+    for row, latents in zip(batch[table], found):
+      row[:len(latents)] = latents
   return batch

@@ -35,7 +35,7 @@ def movement(config) -> TrainingSetup:
     found = [predict(params, val.batch(size, config.seed, i)) for i in range(min(NUM_VALIDATION, len(val) // size))]
     return {"held_out_loss": round(float(np.mean([row["loss"] for row in found])), 5)}
 
-  next_batch = lambda step: train.batch(config.data.batch_size, config.seed, step)
+  next_batch = lambda step, rows=batches.ALL: train.batch(config.data.batch_size, config.seed, step, rows)
   return TrainingSetup(stage, next_batch, {}, evaluate, data.stats, {})
 
 
@@ -129,7 +129,7 @@ def _captioned_setup(config, stage, data, read, files, nearness, loss=None):
                                         for i in range(NUM_VALIDATION)])
     return {name: round(float(value), 4) for name, value in found.items()}
 
-  next_batch = lambda step: read(train.batch(config.data.batch_size, config.seed, step), data)
+  next_batch = lambda step, rows=batches.ALL: read(train.batch(config.data.batch_size, config.seed, step, rows), data)
   return TrainingSetup(stage, next_batch, {}, evaluate, data.stats, files)
 
 
@@ -149,10 +149,11 @@ class _Items:
     linked = data.captions if rules.same == "meaning" else [[caption] for row in data.captions for caption in row]
     self.numbers = meanings(linked) if rules.same else {}
 
-  def batch(self, size, seed, step):
-    batch = self.items.batch(size, seed, step)
-    meaning = [self.numbers.get(caption, -1 - i) for i, caption in enumerate(batch["caption"])]
-    return batch | {"meaning": np.array(meaning, np.int32)}
+  def batch(self, size, seed, step, rows=batches.ALL):
+    batch = self.items.batch(size, seed, step, rows)
+    captions = batch["caption"][rows]
+    meaning = [self.numbers.get(caption, -1 - i) for i, caption in zip(batch["index"], captions)]
+    return batch | {"caption": captions, "meaning": np.array(meaning, np.int32)}
 
 
 @functools.lru_cache(maxsize=100_000)

@@ -52,19 +52,22 @@ class TextEncoder:
       if self._sentence.projection is not None:
         self.dim = len(self._sentence.projection)
 
-  def __call__(self, sentences, pad_to=None, at_least=None):
+  def __call__(self, sentences, pad_to=None, at_least=None, rows=slice(None)):
     """Features of captions: text_emb (B, S, D) float32 and text_mask (B, S), True = a real word piece.
+
+    rows: a slice of the captions, by which the others are left out; S is that of all.
 
     S is the longest caption's number of word pieces, or `pad_to`, or with `at_least` that or a power of two times it
     (`padded_length`); at level "sentence" it is always 1. A caption's features do not depend on the others, nor on S.
     Raises ValueError for an empty caption and for one that the encoder has no positions for; CLIP cuts a long one, as
     its authors do, and warns.
     """
-    features = self._features(sentences)
+    sentences = [sentences] if isinstance(sentences, str) else list(sentences)
+    features = self._features(sentences[rows])
     if self.level == "sentence":
       vectors = self._sentence.vectors(features)
       return (_unit(vectors) if self._sentence.unit else vectors)[:, None], np.ones((len(features), 1), bool)
-    longest = max(len(f) for f in features)
+    longest = max(len(f) for f in (features if len(features) == len(sentences) else map(self._ids, sentences)))
     if pad_to is not None and pad_to < longest:
       raise InputError(f"got pad_to={pad_to}, the longest caption has {longest} word pieces")
     length = pad_to or (padded_length(longest, at_least, self.max_words) if at_least else longest)
@@ -77,13 +80,13 @@ class TextEncoder:
     """One unit vector per caption, (B, E), whatever the level: close captions mean the same."""
     return _unit(self._sentence.vectors(self._features(sentences)))
 
-  def sentence_and_words(self, sentences, at_least=None):
+  def sentence_and_words(self, sentences, at_least=None, rows=slice(None)):
     """What the encoder says of whole captions in front of their words: text_emb (B, 1 + S, D), text_mask (B, 1 + S).
 
-    For an encoder of level "words" whose sentence vectors are as long as its words'. at_least: as in `__call__`.
+    For an encoder of level "words" whose sentence vectors are as long as its words'. at_least, rows: as in `__call__`.
     """
-    words, mask = self(sentences, at_least=at_least)
-    vectors = self._sentence.vectors(self._features(sentences))
+    words, mask = self(sentences, at_least=at_least, rows=rows)
+    vectors = self._sentence.vectors(self._features(sentences[rows]))
     vectors = _unit(vectors) if self._sentence.unit else vectors
     if self.level != "words" or vectors.shape[-1] != words.shape[-1]:
       raise InputError(f"the encoder {self.name!r} (level {self.level!r}) gives {vectors.shape[-1]} numbers a caption, "

@@ -1,5 +1,6 @@
 """The training loop: batches in, a run folder out; saves, metrics, signals."""
 import contextlib
+import functools
 import pathlib
 import sys
 import time
@@ -29,9 +30,10 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
           stop=None, profile_steps=None):
   """Trains a stage in a run folder; returns the last TrainState.
 
-  next_batch(step) -> dict of arrays with "index" (B,), a pure function of the step. frozen: arrays that the loss reads
-  and nobody changes. evaluate(params) -> dict of numbers, called on the averaged parameters at every save. The folder
-  gets checkpoints/, params.safetensors (averaged if there is an average), metrics.jsonl, report.html and loss.png.
+  next_batch(step) -> dict of arrays with "index" (B,), a pure function of the step; of a run of several processes also
+  next_batch(step, rows=a slice) -> those rows of it. frozen: arrays that the loss reads and nobody changes.
+  evaluate(params) -> dict of numbers, called on the averaged parameters at every save. The folder gets checkpoints/,
+  params.safetensors (averaged if there is an average), metrics.jsonl, report.html and loss.png.
   max_seconds ends a slice of a long run early; --resume goes on exactly where it ended; a signal does so, too, which
   stop (a `stopping.Stop`) then tells. config.train.best, such as "min held_out_loss" or "max r1", keeps in
   params.safetensors those for which that number of `evaluate` was best at a save, the later one of equals; the last
@@ -146,9 +148,14 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
       raise InputError(f"the batch of step {step} cannot be made ({type(error).__name__}: {reason(error)}); step "
                        f"{saver.latest} is saved, --resume goes on from there when the data are whole") from error
 
-  batches = Ahead(next_batch, mesh.rows, num_steps, config.train.workers)
+  own, own_batch = slice(None), next_batch
+  if jax.process_count() > 1:
+    own = mesh.own_rows(len(example["index"]))
+    own_batch = functools.partial(next_batch, rows=own)
+  batches = Ahead(own_batch, mesh.rows, num_steps, config.train.workers)
+  sample = mesh.rows({name: array[own] for name, array in example.items()})
   rates = Rates(len(example["index"]), make_schedule(optimizer, num_steps),
-                flops_of(train_step, state, frozen, mesh.rows(example), rng))
+                flops_of(train_step, state, frozen, sample, rng))
   progress = Progress(first, num_steps, len(example["index"]))
   bar = tqdm(total=num_steps, initial=first, unit="step", dynamic_ncols=True, disable=None)
   watchdog = Watchdog(workdir, config.train.hang_minutes)

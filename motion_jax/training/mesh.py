@@ -39,7 +39,7 @@ class Pmap:
 
   def rows(self, batch):
     """Arrays (B, ...) of a batch, to be cut over the devices: (num_devices, B / num_devices, ...)."""
-    size = rows_per_device(batch, self.num_devices)
+    size = rows_per_device(len(batch["index"]), self.num_devices)
     return {k: np.reshape(v, (self.num_devices, size) + np.shape(v)[1:]) for k, v in batch.items()}
 
   def compiled(self, train_step):
@@ -80,11 +80,15 @@ class Mesh:
     longest = max(axes, key=lambda axis: shape[axis])
     return NamedSharding(self.mesh, PartitionSpec(*[None] * longest, DEVICES))
 
+  def own_rows(self, batch_size):
+    """Which rows of a batch the devices of this process take."""
+    size = rows_per_device(batch_size, self.num_devices) * jax.local_device_count()
+    return slice(jax.process_index() * size, (jax.process_index() + 1) * size)
+
   def rows(self, batch):
-    """Arrays (B, ...) of a batch, of which each process keeps its own rows."""
-    size = rows_per_device(batch, self.num_devices) * jax.local_device_count()
-    mine = slice(jax.process_index() * size, (jax.process_index() + 1) * size)
-    return {k: jax.make_array_from_process_local_data(self._by_rows, np.asarray(v)[mine]) for k, v in batch.items()}
+    """A batch over all devices, of this process's rows of it, arrays (B / processes, ...)."""
+    rows_per_device(len(batch["index"]), jax.local_device_count())
+    return {k: jax.make_array_from_process_local_data(self._by_rows, np.asarray(v)) for k, v in batch.items()}
 
   def compiled(self, train_step):
     """See `Pmap.compiled`."""
@@ -103,9 +107,8 @@ class Mesh:
     return jax.jit(step, donate_argnums=0)
 
 
-def rows_per_device(batch, num_devices):
+def rows_per_device(size, num_devices):
   """How many rows of a batch each device takes; raises ValueError where they do not share them out evenly."""
-  size = len(batch["index"])
   if size % num_devices:
     raise ValueError(f"got batches of {size} on {num_devices} devices; data.batch_size must be a multiple of them")
   return size // num_devices

@@ -16,8 +16,9 @@ from motion_jax.training.stage import Stage
 class TrainingSetup(NamedTuple):
   """A stage with all that it is trained on.
 
-  next_batch(step) -> dict of arrays; frozen: arrays that the loss reads and nobody changes; evaluate(params) -> dict of
-  numbers, or None; stats of the features; files: {name: text or bytes} that the run folder keeps.
+  next_batch(step, rows=ALL) -> dict of arrays, the rows of a batch or a slice of them; frozen: arrays that the loss
+  reads and nobody changes; evaluate(params) -> dict of numbers, or None; stats of the features; files: {name: text or
+  bytes} that the run folder keeps.
   """
   stage: Stage
   next_batch: Callable

@@ -113,3 +113,34 @@ def test_fewer_items_than_a_batch_are_drawn_evenly():
   assert all(len(batch) == 8 and np.bincount(batch, minlength=3).min() >= 2 for batch in batches)
   assert np.bincount(np.concatenate(batches)).tolist() == [16, 16, 16]
   np.testing.assert_array_equal(epoch_indices(3, 8, 0, 4), batches[4])
+
+
+class _Clip(np.ndarray):
+  """Features that tell which clip was read."""
+  read = []
+
+  def __getitem__(self, key):
+    _Clip.read.append(int(np.asarray(self)[0, 0]))
+    return np.asarray(self)[key]
+
+
+@pytest.mark.parametrize("make", [
+    lambda clips, captions: Windows(clips, window=64, stride=10),
+    lambda clips, captions: TextItems(clips, captions),
+    lambda clips, captions: TextItems(clips, captions, lengths=(96, 192)),
+    lambda clips, captions: CaptionedClips(clips, captions, max_frames=60),
+    lambda clips, captions: CaptionedClips(clips, captions, weights=np.arange(1.0, 9.0))])
+def test_a_part_of_a_batch_is_those_rows_of_it_and_reads_no_others(make):
+  """As each of several processes makes its own."""
+  clips = [clip.view(_Clip) for clip in _clips([70, 77, 90, 199, 120, 64, 80, 100])]
+  batches = make(clips, [[f"caption {i}", f"other {i}"] for i in range(8)])
+  for step in range(5):
+    whole = batches.batch(6, 3, step)
+    for rows in (slice(0, 2), slice(2, 6)):
+      _Clip.read.clear()
+      part = batches.batch(6, 3, step, rows)
+      assert len(_Clip.read) == rows.stop - rows.start
+      assert part.pop("caption", None) == whole.get("caption")  # all of them: who draws words draws them for all
+      assert part.keys() == whole.keys() - {"caption"}
+      for name, array in part.items():
+        np.testing.assert_array_equal(array, whole[name][rows])

@@ -175,3 +175,20 @@ def test_a_shorter_cut_has_the_first_latents_of_the_longest(tmp_path):
     count = batch["num_frames"][0] // 4
     assert batch["latents"].shape == (1, 12, 1)
     np.testing.assert_array_equal(batch["latents"][0, :, 0], np.arange(12) * (np.arange(12) < count))
+
+
+def test_a_part_of_a_batch_is_those_rows_of_it(tmp_path):
+  """As each of several processes makes its own; it reads no cut of the others."""
+  items = TextItems([np.zeros((44, 1), np.float32)] * 3, [["a"]] * 3, lengths=(48,), max_frames=48)
+  draw = np.random.default_rng(0)
+  store = Store(_write(tmp_path / "store", {(clip, start, count): draw.normal(size=(count // 4, 2))
+                                           for clip, start, count, _ in items.cuts()}))
+  cut, read = store.cut, []
+  store.cut = lambda *key: (read.append(key), cut(*key))[1]
+  for look_back in (False, True):
+    whole = stored_batch(store, items, ("latents",), 3, 0, 5, latents_look_back=look_back)
+    read.clear()
+    part = stored_batch(store, items, ("latents",), 3, 0, 5, slice(1, 3), latents_look_back=look_back)
+    assert len(read) == 2
+    for name in ("latents", "num_frames", "index"):
+      np.testing.assert_array_equal(part[name], whole[name][1:3])

@@ -38,9 +38,9 @@ def regressor(config) -> TrainingSetup:
                             tuple(config.data.lengths))
   net = Regressor(**config.model)
 
-  def next_batch(step):
-    batch = items.batch(config.data.batch_size, config.seed, step)
-    return batch | {"text_emb": encoder(batch.pop("caption"))[0]}
+  def next_batch(step, rows=batches.ALL):
+    batch = items.batch(config.data.batch_size, config.seed, step, rows)
+    return batch | {"text_emb": encoder(batch.pop("caption"), rows=rows)[0]}
 
   def init(batch, rng):
     return net.init(rng, batch["text_emb"], 4)

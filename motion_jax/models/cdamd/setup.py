@@ -50,8 +50,8 @@ def rvq(config: ConfigDict) -> TrainingSetup:
     items = batches.TextItems(data.features, data.captions, config.data.min_frames, config.data.max_frames,
                               (config.data.max_frames,))
 
-    def next_batch(step):
-      batch = items.batch(config.data.batch_size, config.seed, step)
+    def next_batch(step, rows=batches.ALL):
+      batch = items.batch(config.data.batch_size, config.seed, step, rows)
       return {name: batch[name] for name in ("features", "index")}
 
   def reconstruct(variables, x):
@@ -68,7 +68,7 @@ def _windows(config, data):
                      "frames of a latent")
   windows = batches.Windows(data.features, config.data.window, config.data.stride,
                             config.data.released_windows)
-  return lambda step: windows.batch(config.data.batch_size, config.seed, step)
+  return lambda step, rows=batches.ALL: windows.batch(config.data.batch_size, config.seed, step, rows)
 
 
 def _reconstruction(config, stats, reconstruct):
@@ -160,13 +160,14 @@ def _captioned(config, data, encoder, encoders=None):
     tables = ("latents", "codes") if config.loss.prior_levels else ("latents",)
     draw = functools.partial(store.stored_batch, kept, items, tables, latents_look_back=False)
 
-  def next_batch(step):
-    batch = draw(min(config.data.batch_size, len(items)), config.seed, step)
+  def next_batch(step, rows=batches.ALL):
+    batch = draw(min(config.data.batch_size, len(items)), config.seed, step, rows)
     rng = batches.step_rng(config.seed, 2, step)
     said = [vary_subject(caption, rng, config.data.vary_subject) for caption in batch.pop("caption")]
     if encoder.level == "sentence":
-      return batch | {"text_emb": encoder(said)[0]}
-    text_emb, text_mask = encoder.sentence_and_words(said, at_least=min(config.data.max_words, encoder.max_words))
+      return batch | {"text_emb": encoder(said, rows=rows)[0]}
+    at_least = min(config.data.max_words, encoder.max_words)
+    text_emb, text_mask = encoder.sentence_and_words(said, at_least, rows)
     return batch | {"text_emb": text_emb, "text_mask": text_mask}
 
   return next_batch
@@ -246,7 +247,7 @@ def length(config: ConfigDict) -> TrainingSetup:
     return {f"held_out_{name}": round(float(sum(part[name] for part in parts)) / count, 4)
             for name in ("loss", "latents_off")}
 
-  return TrainingSetup(stage, lambda step: without(next_batch(step)), {}, evaluate, data.stats,
+  return TrainingSetup(stage, lambda step, rows=batches.ALL: without(next_batch(step, rows)), {}, evaluate, data.stats,
                 {checkpoint.TEXT: text_identity(encoder)})
 
 

@@ -63,8 +63,8 @@ def tokenizer(config: ConfigDict) -> TrainingSetup:
       found["held_out_fid"] = round(fid(lambda x, i: drawn(params, x, jax.random.fold_in(key, i))), 5)
     return found
 
-  def next_batch(step):
-    return windows.batch(config.data.batch_size, config.seed, step)
+  def next_batch(step, rows=batches.ALL):
+    return windows.batch(config.data.batch_size, config.seed, step, rows)
 
   frozen = {}
   if config.frozen.teacher:
@@ -210,12 +210,12 @@ def denoiser(config: ConfigDict) -> TrainingSetup:
     encoder.recall(kept.words)
     draw = functools.partial(store.stored_batch, kept, items, ("distribution",), latents_look_back=codec.net.causal)
 
-  def next_batch(step):
-    batch = draw(config.data.batch_size, config.seed, step)
+  def next_batch(step, rows=batches.ALL):
+    batch = draw(config.data.batch_size, config.seed, step, rows)
     rng = batches.step_rng(config.seed, 2, step)
     said = [vary_subject(caption, rng, config.data.vary_subject) for caption in batch.pop("caption")]
     # Parity: the reference cuts no caption, and pads all batches alike; here to one of a few widths, by the longest.
-    batch["text_emb"], batch["text_mask"] = encoder(said, at_least=words)
+    batch["text_emb"], batch["text_mask"] = encoder(said, at_least=words, rows=rows)
     return batch
 
   files = {checkpoint.LENGTHS: caption_lengths(data), checkpoint.TEXT: text_identity(encoder)}
@@ -274,9 +274,9 @@ def teacher(config: ConfigDict) -> TrainingSetup:
   encoder.check(caption for captions in data.captions for caption in captions)
   read = teachers.reader(config, space, encoder)
 
-  def next_batch(step):
-    batch = clips.batch(config.data.batch_size, config.seed, step)
-    return batch | read(batch.pop("caption"))
+  def next_batch(step, rows=batches.ALL):
+    batch = clips.batch(config.data.batch_size, config.seed, step, rows)
+    return batch | read(batch.pop("caption"), rows)
 
   stage = tmr.tmr_stage(config, space) if frozen_text else teacher_lib.teacher_stage(config)
   made = jax.jit(lambda params, batch: stage.predict(params, {}, batch, None))

@@ -107,7 +107,7 @@ class Space(NamedTuple):
   init: Callable    # (rng) -> params
   motion: Callable  # (params, x (B, T, F) normalized, frame_mask (B, T)) -> unit vectors (B, E)
   text: Callable    # (params, *read) -> unit vectors (B, E)
-  read: Callable    # (encoder, captions) -> {name: array (B, ...)}, what `text` takes, in this order
+  read: Callable    # (encoder, captions, rows) -> {name: array (B, ...)}, what `text` takes, in this order
 
 
 def make_space(config: ConfigDict) -> Space:
@@ -127,20 +127,24 @@ def make_space(config: ConfigDict) -> Space:
   def text(params, ids, text_mask):
     return embed_text(net, bert, params, ids, text_mask, config.loss.text_pool)
 
-  return Space(net, init, motion, text, lambda encoder, captions: word_pieces(encoder, captions, config.data.max_words))
+  return Space(net, init, motion, text, lambda encoder, captions, rows=slice(None): word_pieces(
+      encoder, captions, config.data.max_words, rows))
 
 
-def word_pieces(encoder: TextEncoder, captions: Sequence[str], at_least: int) -> dict[str, np.ndarray]:
-  """Word pieces of captions: {"ids": (B, S), "text_mask": (B, S)}, S as `TextEncoder.pieces` has it."""
-  return dict(zip(("ids", "text_mask"), encoder.pieces(captions, at_least)))
+def word_pieces(encoder: TextEncoder, captions: Sequence[str], at_least: int, rows: slice = slice(None)
+                ) -> dict[str, np.ndarray]:
+  """Word pieces of these rows of captions: {"ids": (B, S), "text_mask": (B, S)}, S as `TextEncoder.pieces` has it."""
+  return {name: array[rows] for name, array in zip(("ids", "text_mask"), encoder.pieces(captions, at_least))}
 
 
-def word_features(encoder: TextEncoder, captions: Sequence[str], step: int = 32) -> dict[str, np.ndarray]:
-  """A frozen encoder's features of the words of captions, none cut: {"text_emb": (B, S, W), "text_mask": (B, S)}.
+def word_features(encoder: TextEncoder, captions: Sequence[str], rows: slice = slice(None), step: int = 32
+                  ) -> dict[str, np.ndarray]:
+  """A frozen encoder's features of the words of these rows of captions, none cut: {"text_emb": (B, S, W), "text_mask":
+  (B, S)}.
 
   S is a multiple of step, so that few lengths are compiled.
   """
-  text_emb, text_mask = encoder(captions)
+  text_emb, text_mask = encoder(captions, rows=rows)
   more = -text_mask.shape[1] % step
   return {"text_emb": np.pad(text_emb, ((0, 0), (0, more), (0, 0))),
           "text_mask": np.pad(text_mask, ((0, 0), (0, more)))}

@@ -23,8 +23,8 @@ WEIGHTS = "model.safetensors"
 
 
 def reader(config: ConfigDict, space: teacher_lib.Space, encoder: TextEncoder
-           ) -> Callable[[Sequence[str]], dict[str, np.ndarray]]:
-  """captions -> the arrays of a batch that the loss wants of them.
+           ) -> Callable[[Sequence[str], slice], dict[str, np.ndarray]]:
+  """(captions, rows) -> the arrays of a batch that the loss wants of these of them.
 
   config.frozen.sentence names the encoder whose sentence vectors tell which captions of a batch say nearly the same;
   "" leaves no pair out.
@@ -33,9 +33,9 @@ def reader(config: ConfigDict, space: teacher_lib.Space, encoder: TextEncoder
   if isinstance(space.net, TMR) and config.frozen.sentence:
     near = load_text_encoder(config.frozen.sentence, level="sentence")
 
-  def read(captions):
-    found = space.read(encoder, captions)
-    return found if near is None else found | {"sentence": near.sentence(captions).astype(np.float32)}
+  def read(captions, rows=slice(None)):
+    found = space.read(encoder, captions, rows)
+    return found if near is None else found | {"sentence": near.sentence(captions[rows]).astype(np.float32)}
 
   return read
 
