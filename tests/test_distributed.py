@@ -5,6 +5,7 @@ import socket
 import subprocess
 import sys
 import time
+import types
 
 import numpy as np
 import pytest
@@ -45,6 +46,27 @@ def test_a_cluster_is_known_by_its_environment(monkeypatch, no_cluster):
   for hosts, several in (("here", False), ("here,there", True)):
     monkeypatch.setenv("TPU_WORKER_HOSTNAMES", hosts)
     assert distributed.in_cluster() == several
+
+
+def test_processes_ask_one_another_every_five_seconds_at_the_same_steps(monkeypatch):
+  """Steps take 0.1 s here and 0.5 s in the other process, which is told to end in between."""
+  now, told, asked = [0.0], [0], []
+
+  def gathered(mine):
+    asked.append((step, mine[-1]))
+    return np.stack([mine, [told[0], 0, -1 if len(asked) == 1 else -10]])
+
+  monkeypatch.setattr(distributed.jax, "process_count", lambda: 2)
+  monkeypatch.setattr(distributed.multihost_utils, "process_allgather", gathered)
+  monkeypatch.setattr(distributed, "time", types.SimpleNamespace(monotonic=lambda: now[0]))
+  agreement, answers = distributed.Agreement(), {}
+  for step in range(1, 25):
+    now[0] += 0.1
+    told[0] = signal.SIGTERM if step > 5 else 0
+    if any(answer := agreement.largest(0, 1)):
+      answers[step] = answer
+  assert asked == [(1, -1), (2, -50), (12, -50), (22, -50)]
+  assert answers == {1: (0, 1), 2: (0, 1), 12: (signal.SIGTERM, 1), 22: (signal.SIGTERM, 1)}
 
 
 def begin(folder, num_steps, processes, devices, *flags, environments=None, program=("-m", "motion_jax.cli")):

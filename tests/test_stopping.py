@@ -122,6 +122,22 @@ def test_a_training_tells_by_what_it_was_stopped(tmp_path, monkeypatch, number, 
   assert stopping.Stop().status == 0
 
 
+def test_a_signal_ends_nothing_as_long_as_other_processes_of_the_run_go_on(monkeypatch):
+  ended = []
+  monkeypatch.setattr(stopping, "_end", lambda *args, **named: ended.append(args))
+  stop, told = stopping.Stop("program"), [False, True]
+  stop.nothing_to_lose(lambda: told.pop(0))
+  stop.hear(0)
+  assert not stop.raised
+  stop._heard(signal.SIGTERM)
+  assert stop.raised and not ended
+  stop._heard(signal.SIGTERM)
+  assert ended == [("program", signal.SIGTERM)]
+  other = stopping.Stop()
+  other.hear(signal.SIGTERM)
+  assert other.status == exit_status.PREEMPTED
+
+
 _BUSY = """
 import hashlib, os, signal, sys
 from motion_jax.runtime import stopping
