@@ -125,8 +125,8 @@ MUTATIONS = (
      (f"{RVQ}::test_quantize_dropout_keeps_at_least_one_level_and_all_if_it_is_off",)),
     # --- batches --------------------------------------------------------------------------------------------------
     ("epoch", "motion_jax/data/batches.py", "step_rng(seed, 0, epoch)", "step_rng(seed, 0, 0)", (BATCHES,)),
-    ("crop", "motion_jax/data/batches.py", "start = rng.integers(max(len(clip) - self.max_frames, 0) + 1)",
-     "start = 0", (BATCHES,)),
+    ("crop", "motion_jax/data/batches.py", "rng.integers(max(len(self.features[i]) - self.max_frames, 0) + 1)",
+     "0", (BATCHES,)),
     ("balance", "motion_jax/data/batches.py", "astype(np.float64) ** -power", "astype(np.float64) ** power",
      (BATCHES,)),
     ("bucket", "motion_jax/data/batches.py", "p=shares / shares.sum())", "p=None)", (BATCHES,)),
