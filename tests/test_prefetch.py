@@ -72,7 +72,7 @@ def test_processes_make_the_rows_of_one_whole_batch(name, monkeypatch):
     half = slice(size // 2, size)
     encoded.clear()
     parts = [setup.next_batch(step, rows=rows) for rows in (slice(0, size // 2), half)]
-    assert len(encoded) == whole_count
+    assert len(encoded) <= whole_count
     encoded.clear()
     for key, array in whole.items():
       np.testing.assert_array_equal(np.concatenate([part[key] for part in parts]), array, err_msg=key)
