@@ -49,7 +49,7 @@ def test_a_cluster_is_known_by_its_environment(monkeypatch, no_cluster):
 
 
 def test_processes_ask_one_another_every_five_seconds_at_the_same_steps(monkeypatch):
-  """Steps take 0.1 s here and 0.5 s in the other process, which is told to end in between."""
+  """Steps take 0.125 s here and 0.5 s in the other process, which is told to end in between."""
   now, told, asked = [0.0], [0], []
 
   def gathered(mine):
@@ -61,11 +61,11 @@ def test_processes_ask_one_another_every_five_seconds_at_the_same_steps(monkeypa
   monkeypatch.setattr(distributed, "time", types.SimpleNamespace(monotonic=lambda: now[0]))
   agreement, answers = distributed.Agreement(), {}
   for step in range(1, 25):
-    now[0] += 0.1
+    now[0] += 0.125
     told[0] = signal.SIGTERM if step > 5 else 0
     if any(answer := agreement.largest(0, 1)):
       answers[step] = answer
-  assert asked == [(1, -1), (2, -50), (12, -50), (22, -50)]
+  assert asked == [(1, -1), (2, -40), (12, -40), (22, -40)]
   assert answers == {1: (0, 1), 2: (0, 1), 12: (signal.SIGTERM, 1), 22: (signal.SIGTERM, 1)}
 
 
