@@ -58,6 +58,6 @@ def get_config(size="full"):
   elif size == "tiny":
     config.frozen.text = "random-init"
     config.model.update(width=16, depth=1, num_heads=2, mlp_width=16, dim=8)
-    common.tiny(config, max_frames=64, max_words=24)
+    common.tiny(config, max_frames=64, max_words=64)  # as many as that encoder has places for: one length to compile
     config.train.best = ""
   return config.lock()

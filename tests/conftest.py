@@ -11,12 +11,14 @@ import signal
 import pytest
 
 # Compiling is most of what these tests do. Without the compiler's late optimizations and each program in one piece it
-# takes far less time, less still with the older way to write fused loops where this jaxlib has it (an unknown flag ends
-# the process); numbers differ by rounding only. Has to be said before jax is imported.
+# takes far less time, less still with the older way to write fused loops and the compiler's own choice of fewer passes
+# where this jaxlib has them (an unknown flag ends the process); numbers differ by rounding only. Has to be said before
+# jax is imported.
 os.environ["XLA_FLAGS"] = " ".join([
     os.environ.get("XLA_FLAGS", ""), "--xla_backend_optimization_level=0", "--xla_llvm_disable_expensive_passes=true",
     "--xla_cpu_parallel_codegen_split_count=1",
-    "--xla_cpu_use_fusion_emitters=false" if importlib.metadata.version("jaxlib").startswith("0.10.") else ""]).strip()
+    "--xla_cpu_use_fusion_emitters=false --xla_cpu_opt_preset=CPU_OPT_PRESET_FAST_COMPILE"
+    if importlib.metadata.version("jaxlib").startswith("0.10.") else ""]).strip()
 
 # What one test has compiled no other compiles again, nor another worker of xdist, nor the next run of the tests.
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
@@ -76,6 +78,13 @@ def pytest_terminal_summary(terminalreporter):
       if isinstance(report, pytest.TestReport):
         took["slow" if "slow" in report.keywords else "quick"] += report.duration
   terminalreporter.write_line(f"workers' time: quick tests {took['quick']:.0f} s, slow tests {took['slow']:.0f} s")
+
+
+def pytest_collection_finish(session):
+  """What has been imported stays; the collector need not look through it again and again while programs are traced."""
+  gc.collect()
+  gc.freeze()
+  gc.set_threshold(50_000, 20, 50)
 
 
 def pytest_collection_modifyitems(config, items):
@@ -171,23 +180,24 @@ def kept_features():
     yield
 
 
-def _compiled_less(found):
-  """A training set-up that evaluates nothing and begins with weights that numpy drew."""
+def _compiled_less(found, judged):
+  """A training set-up that begins with weights that numpy drew, and evaluates nothing unless it is to be judged."""
   drawn = lambda *inputs: untrained(jax.eval_shape(found.stage.init, *inputs))
-  return found._replace(stage=found.stage._replace(init=drawn), evaluate=None)
+  return found._replace(stage=found.stage._replace(init=drawn), evaluate=found.evaluate if judged else None)
 
 
-def unjudged_setups():
+def light_setups(judged=False):
   """`training.setups()` for a test that proves that a config trains: what is compiled is its training step, not its
-  evaluation and its initializers, which take as long again; test_smoke.py has these of every base config."""
-  return {stage: lambda config, setup=setup: _compiled_less(setup(config))
+  initializers and, unless judged, its evaluation, which take as long again; the slow tests of test_smoke.py have these
+  of every base config."""
+  return {stage: lambda config, setup=setup: _compiled_less(setup(config), judged)
           for stage, setup in training.setups().items()}
 
 
 @contextlib.contextmanager
-def unjudged_training():
-  """While it lasts, training compiles its step alone; see `unjudged_setups`."""
-  known = unjudged_setups()
+def light_training(judged=False):
+  """While it lasts, training compiles its step alone; see `light_setups`."""
+  known = light_setups(judged)
   with pytest.MonkeyPatch.context() as patch:
     patch.setattr(training, "setups", lambda: known)
     yield
@@ -195,14 +205,14 @@ def unjudged_training():
 
 @pytest.fixture
 def unjudged():
-  with unjudged_training():
+  with light_training():
     yield
 
 
-def brief_run(name, folder):
-  """A run folder of a tiny config after one step, for tests of what is done with it."""
+def brief_run(name, folder, num_steps=2):
+  """A run folder of a tiny config, for tests of what is done with it. Two steps are one program with test_smoke.py."""
   config = load_config(name, "tiny").unlock()
-  config.train.num_steps = 1
-  with unjudged_training():
+  config.train.num_steps = num_steps
+  with light_training():
     training.run(config, folder)
   return folder

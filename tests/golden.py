@@ -24,9 +24,11 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 FLOAT64_BOUND = 1e-10  # what numpy, written from docs/papers, stays far below (2e-15)
 GRADIENT_BOUND = 1e-5  # relative; recorded in float32 only
+PRECISIONS = {"float32": "out/", "float64": "out64/"}  # where a file has what was recorded in each
 RUNNERS = {}
 WIDTH = 24  # of a name in the table
 
@@ -107,8 +109,20 @@ def runner_name(stem, meta=None):
   return None
 
 
-def check(path):
-  """Runs one file in both precisions -> Row. What is wrong with it, or with its runner, is in the row's failures."""
+def recordings(*names, sharp=()):
+  """Marks a test(name, precision) of recordings: each in one precision, and in the other one among the slow tests.
+
+  The quick one is float32, in which all outputs are recorded; of `sharp` ones it is float64, for what a solver with
+  steps of its own makes of rounding leaves float32 little to say.
+  """
+  quick = lambda name, precision: (precision == "float64") == (name in sharp)
+  return pytest.mark.parametrize("name, precision", [
+      pytest.param(name, precision, marks=[] if quick(name, precision) else pytest.mark.slow)
+      for name in (*names, *sharp) for precision in PRECISIONS])
+
+
+def check(path, precisions=tuple(PRECISIONS)):
+  """Runs one file in these precisions -> Row. What is wrong with it, or with its runner, is in the row's failures."""
   path = pathlib.Path(path)
   if not path.is_file():
     raise FileNotFoundError(f"there is no fixture {path}; tests never skip one")
@@ -122,8 +136,9 @@ def check(path):
     return failed("no runner knows this fixture")
   runner = RUNNERS[name]
   worst, failures = {}, []
-  for kind, prefix in (("float32", "out/"), ("float64", "out64/")):
-    expected = {name: array for name, array in fixture.under(prefix).items() if not name.startswith(runner.leave_out)}
+  for kind in precisions:
+    expected = {name: array for name, array in fixture.under(PRECISIONS[kind]).items()
+                if not name.startswith(runner.leave_out)}
     if not expected:
       continue
     try:

@@ -33,14 +33,17 @@ def test_every_row_of_cmdms_tables_is_there():
 
 BOTH = [(CMDM, *pair) for pair in TRAINED] + [(CDAMD, *pair) for pair in TRAINED_CDAMD]
 IDS = ["-".join(pair) for pair in TRAINED + TRAINED_CDAMD]
-# A program of each kind that no base config has (those are trained in test_smoke.py): networks, losses and masks that
-# a row alone chooses. The other rows differ from these, or from the base, in sizes and constants.
-KINDS = {"vae-tokenizer", "teacher-tmr-tokenizer", "one-level-denoiser", "no-adaln-no-rope-denoiser",
-         "predict-eps-denoiser", "bcm-generator", "no-prior-generator", "mardm-generator"}
+# Of each stage that has rows, one whose program no base config has (those are trained in test_smoke.py). What the other
+# rows choose, networks, losses and masks, has its tests beside what it is made of.
+KINDS = {"vae-tokenizer", "one-level-denoiser", "bcm-generator"}
+# Rows of one program whose sizes differ: the first of each stands for them, the others are among the slow tests.
+LATENTS = ("latent-16-8", "latent-16-4", "latent-32-4", "latent-32-8", "latent-64-8")
+SIZES = ("size-s", "size-l", "size-xl")
+ALIKE = {f"{row}-{stage}" for row in (*LATENTS[1:], *SIZES[1:]) for stage in ("tokenizer", "denoiser")}
 
 
 @pytest.mark.parametrize("paper, row, stage", [
-    pytest.param(*which, id=name) for which, name in zip(BOTH, IDS) if name not in KINDS])
+    pytest.param(*which, id=name) for which, name in zip(BOTH, IDS) if name not in KINDS | ALIKE])
 def test_rows_can_be_trained(paper, row, stage):
   traced_step(paper["get_config"](f"{row}/{stage}/tiny"))
 
@@ -54,7 +57,7 @@ def test_rows_train_two_steps(paper, row, stage, tmp_path, unjudged):
 
 
 def test_the_rows_that_stand_for_others_are_there():
-  assert KINDS <= set(IDS)
+  assert KINDS | {"latent-16-8-tokenizer", "latent-16-8-denoiser", "size-s-denoiser"} <= set(IDS)
 
 
 def test_cdamds_rows_are_those_of_its_tables():

@@ -150,25 +150,34 @@ def test_all_rows_weighted_is_masked_rows_averaged():
     assert sums["loss"] / weight == 0
 
 
+HEAD = ConfigDict(LOSS | dict(diffusion="flow", copies=2))
+
+
+@functools.cache
+def loss_in_parts(least_rows):
+  """-> function(params, masked, ...), compiled once: the loss and its gradients with the head in parts of these sizes,
+  where the latents of `masked` (B, L) are masked."""
+  @jax.jit
+  @jax.value_and_grad
+  def loss(params, masked, z1, real, text, codes, draws):
+    with pytest.MonkeyPatch.context() as patch:
+      patch.setattr(masking, "choose_masked", lambda *_: masked)
+      patch.setattr(cdamd.losses, "LEAST_ROWS", least_rows)
+      return cdamd.generator_loss(small()[0], params, z1, real, text, codes, draws, HEAD)[0]["loss"]
+
+  return loss
+
+
 @pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
-def test_the_head_in_parts_gives_the_sum_and_the_gradients_of_all_rows(share, monkeypatch):
+def test_the_head_in_parts_gives_the_sum_and_the_gradients_of_all_rows(share):
   """The loop over parts, against one part of all rows: with nothing, some and all of 3 x LENGTH latents masked."""
-  net, params = small()
-  params = jax.tree.map(lambda a: a.astype(jnp.float32), params)  # a test in float64 may have made them
+  params = jax.tree.map(lambda a: a.astype(jnp.float32), small()[1])  # a test in float64 may have made them
   keys = jax.random.split(jax.random.key(2), 4)
   z1, codes = jax.random.normal(keys[0], (3, LENGTH, 3)), jax.random.randint(keys[1], (3, LENGTH, 2), 0, 9)
   text, real = jnp.ones((3, 1, 6)), padding_mask(jnp.array([LENGTH, LENGTH, 3 if share else 0]), LENGTH)
   masked = jax.random.bernoulli(keys[3], share, real.shape) & real
-  monkeypatch.setattr(masking, "choose_masked", lambda *_: masked)
-  config = ConfigDict(LOSS | dict(diffusion="flow", copies=2))
-  draws = draws_lib.draw_step(keys[2], jax.random.split(keys[2], 3), LENGTH, 3, config)
-
-  def value_and_grad(least_rows):
-    monkeypatch.setattr(cdamd.losses, "LEAST_ROWS", least_rows)
-    return jax.jit(jax.value_and_grad(lambda params: cdamd.generator_loss(
-        net, params, z1, real, text, codes, draws, config)[0]["loss"]))(params)
-
-  whole, parts = value_and_grad(10_000), value_and_grad(4)
+  draws = draws_lib.draw_step(keys[2], jax.random.split(keys[2], 3), LENGTH, 3, HEAD)
+  whole, parts = (loss_in_parts(rows)(params, masked, z1, real, text, codes, draws) for rows in (10_000, 4))
   assert bool(whole[0] > 0) == bool(share)
   chex.assert_trees_all_close(parts, whole, rtol=1e-4, atol=1e-5)
 

@@ -4,7 +4,6 @@ import functools
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 from ml_collections import ConfigDict
 
 from motion_jax.convert.state import from_torch, select
@@ -15,7 +14,7 @@ from motion_jax.models.cdamd.weight_names import autoencoder_names, mardm_names,
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.masks import padding_mask
 from tests import fixtures
-from tests.golden import check, golden
+from tests.golden import check, golden, recordings
 from tests.nets.test_masked_transformer import cast, expected, sizes_of
 from tests.test_cdamd_generator import LOSS
 
@@ -202,6 +201,6 @@ def run_edit(fixture, dtype):
   return made
 
 
-@pytest.mark.parametrize("name", ["train_step", "generate", "generate_mardm", "generate_mardm_ddpm", "edit"])
-def test_golden(name):
-  assert not check(fixtures.path(f"cdamd/{name}.npz")).failures
+@recordings("train_step", "generate_mardm_ddpm", sharp=("generate", "generate_mardm", "edit"))
+def test_golden(name, precision):
+  assert not check(fixtures.path(f"cdamd/{name}.npz"), [precision]).failures

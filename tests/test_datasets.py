@@ -21,18 +21,22 @@ STAGES = ("part_tmr", "cmdm_tokenizer", "cmdm_denoiser")
 pytestmark = pytest.mark.usefixtures("kept_features")
 
 
+@pytest.fixture
+def two_parts(monkeypatch):
+  """A Part-TMR, which trains as it is in test_smoke.py, of two of its six encoders, most of what is compiled."""
+  monkeypatch.setattr(teacher, "part_columns", lambda layout, of=teacher.part_columns: of(layout)[:2])
+
+
 @pytest.mark.parametrize("dataset", DATASETS)
 @pytest.mark.parametrize("name", STAGES)
-def test_every_config_can_be_trained(name, dataset):
+def test_every_config_can_be_trained(name, dataset, two_parts):
   traced_step(load_config(name, f"{dataset}_tiny"))
 
 
 @pytest.mark.parametrize("name, dataset", [
     pytest.param(name, dataset, marks=[] if (name, dataset) == ("cmdm_denoiser", "snapmogen") else pytest.mark.slow)
     for name in STAGES for dataset in DATASETS])
-def test_every_config_trains_two_steps(name, dataset, tmp_path, unjudged, monkeypatch):
-  if name == "part_tmr":  # which trains as it is in test_smoke.py; its six encoders are most of what is compiled
-    monkeypatch.setattr(teacher, "part_columns", lambda layout, of=teacher.part_columns: of(layout)[:2])
+def test_every_config_trains_two_steps(name, dataset, tmp_path, unjudged, two_parts):
   state = training.run(load_config(name, f"{dataset}_tiny"), tmp_path)
   assert int(state.step) == 2
   assert np.isfinite([row["loss"] for row in read_metrics(tmp_path) if "loss" in row]).all()

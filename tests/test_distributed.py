@@ -69,7 +69,12 @@ def test_processes_ask_one_another_every_five_seconds_at_the_same_steps(monkeypa
   assert answers == {1: (0, 1), 2: (0, 1), 12: (signal.SIGTERM, 1), 22: (signal.SIGTERM, 1)}
 
 
-def begin(folder, num_steps, processes, devices, *flags, environments=None, program=("-m", "motion_jax.cli")):
+TOKENIZER = ("cmdm_tokenizer:tiny", "--config.frozen.teacher=")
+LENGTH = ("cdamd_length:tiny",)  # compiles in a fifth of the time
+
+
+def begin(folder, num_steps, processes, devices, *flags, config=TOKENIZER, environments=None,
+          program=("-m", "motion_jax.cli")):
   """[(process, file of what it prints)] of the command in so many processes of one run, each with as many simulated
   devices."""
   with socket.socket() as free:
@@ -78,8 +83,8 @@ def begin(folder, num_steps, processes, devices, *flags, environments=None, prog
   started = []
   for i in range(processes):
     own = ["--coordinator", address, "--process-id", str(i), "--num-processes", str(processes)]
-    command = [sys.executable, *program, "train", "--config", "cmdm_tokenizer:tiny", "--workdir", str(folder),
-               "--config.frozen.teacher=", f"--config.train.num_steps={num_steps}", "--config.mesh.map=shard_map",
+    command = [sys.executable, *program, "train", "--config", *config, "--workdir", str(folder),
+               f"--config.train.num_steps={num_steps}", "--config.mesh.map=shard_map",
                "--simulate-devices", str(devices), *flags]
     command += own if processes > 1 and not environments else []
     env = {name: value for name, value in os.environ.items() if not name.startswith(CLUSTER)}
@@ -130,13 +135,14 @@ def _leaves(tree):
                                                      else [tree[name]])]
 
 
-def test_two_processes_train_as_one_with_two_devices_and_go_on_from_each_other(tmp_path):
+@pytest.mark.parametrize("config", [LENGTH, pytest.param(TOKENIZER, marks=pytest.mark.slow)], ids=lambda c: c[0])
+def test_two_processes_train_as_one_with_two_devices_and_go_on_from_each_other(tmp_path, config):
   """Each half of one run is what the other trains in the same steps; both write one run folder."""
-  train(tmp_path / "a", 2, 1, 2)
-  train(tmp_path / "b", 2, 2, 1)
+  train(tmp_path / "a", 2, 1, 2, config=config)
+  train(tmp_path / "b", 2, 2, 1, config=config)
   assert_alike(numbers(tmp_path / "a"), numbers(tmp_path / "b"), 1e-6)
-  said = train(tmp_path / "a", 4, 2, 1)  # goes on by itself
-  train(tmp_path / "b", 4, 1, 2, "--resume")
+  said = train(tmp_path / "a", 4, 2, 1, config=config)  # goes on by itself
+  train(tmp_path / "b", 4, 1, 2, "--resume", config=config)
   assert_alike(numbers(tmp_path / "a"), numbers(tmp_path / "b"), 1e-6)
   assert numbers(tmp_path / "a")[0] == [1, 2, 3, 4]
   assert "of 2 processes" in said[0]

@@ -35,10 +35,10 @@ def test_shapes_and_what_a_motion_knows(model):
 def test_a_motion_does_not_know_its_batch_mates_nor_its_end(model):
   """Alone, in a batch and as the start of a longer one: the same motion."""
   alone = model.generate("a person waves", num_frames=40, seeds=[5])[0].joints
-  batch = model.generate(["a person runs", "a person waves"], num_frames=[60, 40], seeds=[1, 5])[1].joints
+  batch = model.generate(["a person runs", "a person waves"], num_frames=[47, 40], seeds=[1, 5])[1].joints
   assert np.abs(alone - batch).max() < 1e-5
   raw = lambda frames: model.generate("a person waves", num_frames=frames, seeds=[5], cleanup=False)[0].joints
-  assert np.abs(raw(40) - raw(90)[:40]).max() < 1e-5
+  assert np.abs(raw(40) - raw(100)[:40]).max() < 1e-5
   other = model.generate("a person waves", num_frames=40, seeds=[6])[0].joints
   assert np.abs(alone - other).max() > 1e-4
 

@@ -244,7 +244,9 @@ def _made(paper, folder):
   return [model.edit(clip, "a person waves", "prefix", seed=1, num_iterations=2, num_steps=2).joints]
 
 
-@pytest.mark.parametrize("case", [case for case in ROWS if case[1] == "paper" and case[2] != "teacher"], ids=_name)
+@pytest.mark.parametrize("case", [
+    pytest.param(case, id=_name(case), marks=[] if case[2] == LAST[case[0]] else pytest.mark.slow)
+    for case in ROWS if case[1] == "paper" and case[2] != "teacher"])
 def test_the_papers_own_side_trains_and_makes_motion(case, tmp_path, unjudged):
   """All differences at once; the frozen parts are untrained."""
   paper, row, stage = case

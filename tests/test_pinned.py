@@ -111,7 +111,9 @@ def _counted(config, size):
   return sum(x.size for x in jax.tree.leaves(shapes))
 
 
-@pytest.mark.parametrize("key", COUNTS, ids="-".join)
+@pytest.mark.parametrize("key", [
+    pytest.param(key, id="-".join(key), marks=[] if key[1] in ("full", "tiny") else pytest.mark.slow)
+    for key in COUNTS])
 def test_parameter_counts(key):
   assert _count(*key) == COUNTS[key]
 

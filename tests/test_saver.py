@@ -121,7 +121,7 @@ def test_the_newest_and_the_best_states_are_kept_whole(tmp_path):
   assert Saver(tmp_path).steps == [4, 10, 12, 14]
 
 
-@pytest.mark.parametrize("killed_at", [2, 4, 6])
+@pytest.mark.parametrize("killed_at", [4, *(pytest.param(step, marks=pytest.mark.slow) for step in (2, 6))])
 @pytest.mark.parametrize("found", [[3.0, 1.0, 2.0], [1.0, 3.0, 2.0], [3.0, 2.0, 1.0]])
 def test_a_kill_between_a_save_and_its_evaluation_changes_nothing(tmp_path, killed_at, found):
   """The state is saved first; who goes on evaluates it, appends its row and keeps the best weights."""

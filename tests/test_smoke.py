@@ -1,4 +1,5 @@
 """A newcomer's first minutes work: every config trains two steps, the README says nothing that does not run."""
+import contextlib
 import re
 import shlex
 import subprocess
@@ -14,17 +15,25 @@ from motion_jax import fit as training
 from motion_jax.inputs import config_files, overrides
 from motion_jax.training import checkpoint
 from motion_jax.training.metrics import read_metrics
-from tests.conftest import ROOT, load_config
+from tests.conftest import ROOT, light_training, load_config
 from tests.test_sources import anchors
 
 CONFIGS = [name for name in config_files.names() if "/" not in name]
 pytestmark = pytest.mark.usefixtures("kept_features")
 
 
-@pytest.mark.parametrize("name", CONFIGS)
-def test_every_config_trains_two_steps(name, tmp_path):
+# Of these, other modules train a step, for their run folders.
+ELSEWHERE = ("tmr", "motion_patches")  # test_teacher_kinds.py
+
+
+@pytest.mark.parametrize("name, own_weights", [
+    *(pytest.param(name, False, id=name, marks=pytest.mark.slow if name in ELSEWHERE else []) for name in CONFIGS),
+    *(pytest.param(name, True, id=f"{name}-own-weights", marks=pytest.mark.slow) for name in CONFIGS)])
+def test_every_config_trains_two_steps(name, own_weights, tmp_path):
+  """From weights that numpy draws, and from the network's own, whose initializers are another program."""
   config = load_config(name, "tiny")
-  state = training.run(config, tmp_path)
+  with contextlib.nullcontext() if own_weights else light_training(judged=True):
+    state = training.run(config, tmp_path)
   assert int(state.step) == 2
   assert np.isfinite([row["loss"] for row in read_metrics(tmp_path) if "loss" in row]).all()
   for file in (checkpoint.CONFIG, checkpoint.PARAMS, "Mean.npy", "Std.npy", "loss.png"):

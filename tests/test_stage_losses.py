@@ -192,8 +192,9 @@ def test_alignment_falls_to_a_tenth_after_the_ramp(monkeypatch):
   assert weights(0)["adaptive"] and not tokenizer_weights(monkeypatch, adaptive_align=False)(0)["adaptive"]
 
 
-@pytest.mark.parametrize("name, make", [("cmdm_tokenizer", cmdm.tokenizer_stage),
-                                        ("cmdm_denoiser", cmdm.denoiser_stage)])
+@pytest.mark.parametrize("name, make", [
+    ("cmdm_denoiser", cmdm.denoiser_stage),
+    pytest.param("cmdm_tokenizer", cmdm.tokenizer_stage, marks=pytest.mark.slow)])
 def test_a_network_computes_in_bfloat16_and_numbers_stay_float32(name, make):
   """The loss is near that of float32 and another; loss, gradients and parameters are float32."""
   found = {}

@@ -47,7 +47,7 @@ def test_rates_hold_parameters_still_or_slow_them():
 
 
 def losses(folder, name, num_devices):
-  """Loss and gradient of the two steps of a tiny config; `unjudged_setups` are at work."""
+  """Loss and gradient of the two steps of a tiny config; `light_setups` are at work."""
   assert jax.local_device_count() == num_devices
   config = load_config(name, "tiny").unlock()
   config.model.dropout = 0.0
@@ -60,7 +60,7 @@ def losses(folder, name, num_devices):
 _DEVICES = """
 import json, sys
 from tests import conftest, test_teacher
-known = conftest.unjudged_setups()
+known = conftest.light_setups()
 conftest.training.setups = lambda: known
 print(json.dumps(test_teacher.losses(sys.argv[1], sys.argv[2], 2)))
 """

@@ -14,6 +14,7 @@ from motion_jax.inputs.errors import InputError
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
 from motion_jax.training.metrics import read_metrics
+from motion_jax.training.setup import untrained
 from tests.conftest import load_config
 
 
@@ -122,11 +123,11 @@ def test_a_stage_learns_the_same_from_a_store(tmp_path, name):
   with resolved.unlocked():
     resolved.data.store = str(tmp_path / "store")
   stored = fit.setups()[config.stage](resolved)
-  params = jax.jit(plain.stage.init)(plain.next_batch(0), jax.random.key(0))
-  own = jax.jit(stored.stage.init)(stored.next_batch(0), jax.random.key(0))
-  assert jax.tree.map(np.shape, own) == jax.tree.map(np.shape, params)
-  # Weights that are not the zeros that a network's last layer begins with.
-  params = jax.tree.map(lambda x: x + 0.05 * np.random.default_rng(x.size).normal(size=x.shape).astype(x.dtype), params)
+  shapes, own = (jax.eval_shape(setup.stage.init, setup.next_batch(0), jax.random.key(0)) for setup in (plain, stored))
+  assert jax.tree.map(np.shape, own) == jax.tree.map(np.shape, shapes)
+  # Weights of which none is zero, as those of a network's last layer are in the beginning.
+  params = jax.tree.map(lambda x: x + 0.05 * np.random.default_rng(x.size).normal(size=x.shape).astype(x.dtype),
+                        untrained(shapes))
   losses = [jax.jit(setup.stage.loss) for setup in (plain, stored)]
   for step in (0, 1, 2):
     batches = [setup.next_batch(step) for setup in (plain, stored)]

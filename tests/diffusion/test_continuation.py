@@ -13,7 +13,7 @@ from motion_jax.models.cmdm import continuation, streaming
 from motion_jax.nets.masks import padding_mask, sliding_mask
 from tests import fixtures
 from tests.diffusion.test_streaming import SCALE, assert_close, encode_text, fast, setting, step
-from tests.golden import check, golden
+from tests.golden import check, golden, recordings
 from tests.nets.test_causal_dit import captions, network
 
 chained = jax.jit(cmdm.chained, static_argnums=(0, 1))
@@ -87,8 +87,9 @@ class Replay:
     return cls(*leaves)
 
 
-def test_golden():
-  assert not check(fixtures.path("cmdm/continuation.npz")).failures
+@recordings("continuation")
+def test_golden(name, precision):
+  assert not check(fixtures.path(f"cmdm/{name}.npz"), [precision]).failures
 
 
 # --- a clean past in the cache -----------------------------------------------------------------------------------
@@ -107,7 +108,8 @@ def whole_after(dit, params, text_emb, text_mask, attn_mask, past, noise, times,
   return samplers.euler(behind, noise, times)
 
 
-@pytest.mark.parametrize("given, context, num_blocks", [(12, 48, 4), (7, 48, 3), (1, 12, 5), (12, 9, 8)])
+@pytest.mark.parametrize("given, context, num_blocks", [
+    (7, 48, 3), (12, 9, 8), *(pytest.param(*sizes, marks=pytest.mark.slow) for sizes in ((12, 48, 4), (1, 12, 5)))])
 def test_a_clean_past_is_kept_exactly(given, context, num_blocks):
   """Cached = recomputed, for pasts of whole blocks and not, shorter and longer than the cache."""
   dit, plan, params, constants, text_emb, text_mask, keys = setting(6, 2, 3, context, num_blocks)

@@ -230,7 +230,7 @@ def test_motions_do_not_depend_on_batches(judged, tiny_run, archive, evaluators,
 
 
 def test_devices_give_the_same_numbers(judged, tiny_run, archive, evaluators, tmp_path, monkeypatch):
-  """Batches of two on four simulated devices, all of which are used, against the one of these tests."""
+  """Batches of two on two simulated devices, both of which are used, against the one of these tests."""
   script = f"""
 import jax
 from motion_jax.evaluation import run, samples
@@ -247,16 +247,16 @@ def generator_of(model, *args):
     return make_of(model, *args)(jobs)
   return make
 samples.BATCH, samples.generator_of = 2, generator_of
-run.evaluate([{str(tiny_run)!r}], [{str(archive)!r}], SMALL, out={str(tmp_path / "four")!r}, force=True, show=False,
+run.evaluate([{str(tiny_run)!r}], [{str(archive)!r}], SMALL, out={str(tmp_path / "two")!r}, force=True, show=False,
              samples={str(tmp_path / "samples")!r}, multimodality=False, sampling=dict(num_steps=2), replications=1,
              evaluator=fresh_evaluator("t2m"), clip_evaluator="none")
-assert len(jax.local_devices()) == len(used) == 4, used
+assert len(jax.local_devices()) == len(used) == 2, used
 """
-  subprocess.run([sys.executable, "-c", script], check=True, env=devices_env(4), cwd=ROOT)
+  subprocess.run([sys.executable, "-c", script], check=True, env=devices_env(2), cwd=ROOT)
   monkeypatch.setattr(samples, "BATCH", 2)
   one = again(judged, tiny_run, archive, evaluators, tmp_path / "one", replications=1, controls=False,
               multimodality=False, clip_evaluator="none", samples=tmp_path / "one")
-  assert json.loads((tmp_path / "four" / "results.json").read_text())["rows"] == one.rows
+  assert json.loads((tmp_path / "two" / "results.json").read_text())["rows"] == one.rows
 
 
 def test_motions_of_a_model_are_judged_the_same_from_files(judged, tiny_run, archive, evaluators, tmp_path):

@@ -21,7 +21,7 @@ from motion_jax.models.base import Able
 from motion_jax.models.cmdm.options import CmdmSampling
 from motion_jax.motion.representations import get_layout, to_features, to_joints
 from motion_jax.motion.skeleton import facing
-from tests.conftest import load_config, unjudged_training
+from tests.conftest import light_training, load_config
 from tests.evaluation.test_run import SMALL, make_clips, write_archive
 
 FEW = dict(pool=4, diversity_draws=6, few_draws=4, replications=1, min_frames=24)
@@ -63,8 +63,7 @@ def test_editing(archive, evaluator, tmp_path):
   folder = tmp_path / "generator"
   config = load_config("cdamd_generator", "tiny").unlock()
   config.sampler.update(num_iterations=3, num_steps=1, solver="euler")
-  config.train.num_steps = 1
-  with unjudged_training():
+  with light_training():
     training.run(config, folder)
   result = judged([folder], [archive], small("editing", paste=True), evaluator, tmp_path / "out")
   assert result.row_order == ["real", *(f"{task}: generator" for task in (

@@ -19,7 +19,7 @@ from motion_jax.models.cdamd.weight_names import length_estimator_names
 from motion_jax.nets.length_estimator import LengthEstimator
 from motion_jax.training.setup import untrained
 from tests import fixtures
-from tests.golden import check, golden
+from tests.golden import check, golden, recordings
 
 BY_README = {"": (1e-5, 1e-10)}  # the recorder named tolerances in a table, not in the files
 
@@ -121,10 +121,10 @@ def run_length_estimator(fixture, dtype):
   return {"logits": logits, "probabilities": jax.nn.softmax(logits)}
 
 
-@pytest.mark.parametrize("name", ["cmdm/evaluators_259", "cmdm/evaluators_67", "cdamd/evaluator",
-                                  "cdamd/evaluator_clip", "cdamd/length_estimator"])
-def test_golden(name):
-  assert not check(fixtures.path(f"{name}.npz")).failures
+@recordings("cmdm/evaluators_259", "cmdm/evaluators_67", "cdamd/evaluator", "cdamd/evaluator_clip",
+            "cdamd/length_estimator")
+def test_golden(name, precision):
+  assert not check(fixtures.path(f"{name}.npz"), [precision]).failures
 
 
 @functools.cache

@@ -114,8 +114,9 @@ def test_fid_of_gaussians_and_matching_through_the_whole_path():
   # A transition of two constant halves is their mean, with half the variance.
   expected = (shift**2).sum() + ((spread / np.sqrt(2) - 1) ** 2).sum()
   assert row["transition_fid"] == pytest.approx(expected, rel=0.06)
-  again, _ = lh.score(iter(sequences), real, _mean, np.random.default_rng(7), protocol)
-  assert again == lh.score(iter(sequences), real, _mean, np.random.default_rng(7), protocol).row
+  some = sequences[:20]
+  again, _ = lh.score(iter(some), real, _mean, np.random.default_rng(7), protocol)
+  assert again == lh.score(iter(some), real, _mean, np.random.default_rng(7), protocol).row
 
 
 def test_the_real_row():

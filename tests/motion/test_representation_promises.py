@@ -1,5 +1,6 @@
 """What every representation promises, and a further one that is a class and an entry of the registry."""
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -25,8 +26,17 @@ def layout(request):
   return LAYOUTS[request.param]
 
 
+@functools.cache
+def _clips(skeleton):
+  """Made once for a skeleton; nobody may change them."""
+  clips = synthetic_clips(0, 6, skeleton=skeleton)
+  for clip in clips:
+    clip.joints.setflags(write=False)
+  return clips
+
+
 def _joints(layout, index=CURVE):
-  return synthetic_clips(0, 6, skeleton=layout.skeleton)[index].joints
+  return _clips(layout.skeleton)[index].joints
 
 
 def _moved(joints, angle=2.9):

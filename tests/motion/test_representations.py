@@ -1,4 +1,6 @@
 """SnapMoGen's 296, MotionStreamer's 272 and BABEL's 135 numbers: their columns, and the way back to joints."""
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -17,7 +19,9 @@ NAMES = ("snapmogen", "snapmogen_148", "motionstreamer", "babel")
 STAND, WALK, CURVE, TURN = 0, 1, 3, 5
 
 
+@functools.cache
 def _clips(layout):
+  """Made once for a layout; nobody may change them."""
   return synthetic_clips(0, 6, skeleton=F.get_layout(layout).skeleton)
 
 

@@ -10,7 +10,7 @@ from motion_jax.models.cdamd.weight_names import autoencoder_names
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.training.setup import untrained
 from tests import fixtures
-from tests.golden import check, golden
+from tests.golden import check, golden, recordings
 
 
 def module(sizes, dtype, dropout=0.0):
@@ -40,9 +40,9 @@ def run_autoencoder(fixture, dtype):
   return made
 
 
-@pytest.mark.parametrize("name", ["ae63", "ae66"])
-def test_golden(name):
-  assert not check(fixtures.path(f"cdamd/{name}.npz")).failures
+@recordings("ae63", "ae66")
+def test_golden(name, precision):
+  assert not check(fixtures.path(f"cdamd/{name}.npz"), [precision]).failures
 
 
 @pytest.mark.parametrize("features, expected", [

@@ -14,7 +14,7 @@ from motion_jax.nets.attention import rotary
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.masks import block_causal_mask, padding_mask
 from tests import fixtures
-from tests.golden import check, golden
+from tests.golden import check, golden, recordings
 
 
 def network(fixture, dtype, block=3):
@@ -107,9 +107,9 @@ def run_tables(fixture, dtype):
           "time_numbers": causal_dit.time_numbers(t), "time_embedding": dit.apply(params, t, method="level")}
 
 
-@pytest.mark.parametrize("name", ["causal_dit", "dit_tables"])
-def test_golden(name):
-  assert not check(fixtures.path(f"cmdm/{name}.npz")).failures
+@recordings("causal_dit", "dit_tables")
+def test_golden(name, precision):
+  assert not check(fixtures.path(f"cmdm/{name}.npz"), [precision]).failures
 
 
 # --- invariants of our own ---------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ from motion_jax.models.cmdm.weight_names import causal_vae_names
 from motion_jax.nets.causal_vae import CausalVAE, _mean_logvar, sample_latent
 from motion_jax.training.setup import untrained
 from tests import fixtures
-from tests.golden import check, golden
+from tests.golden import check, golden, recordings
 
 
 def _jitted(vae):
@@ -105,9 +105,9 @@ def run_mac_vae_loss(fixture, dtype):
   return made
 
 
-@pytest.mark.parametrize("name", ["mac_vae", "mac_vae_long", "mac_vae_loss", "mac_vae_loss_reversed"])
-def test_golden(name):
-  assert not check(fixtures.path(f"cmdm/{name}.npz")).failures
+@recordings("mac_vae", "mac_vae_long", "mac_vae_loss", "mac_vae_loss_reversed")
+def test_golden(name, precision):
+  assert not check(fixtures.path(f"cmdm/{name}.npz"), [precision]).failures
 
 
 def _small():

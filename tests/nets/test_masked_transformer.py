@@ -13,7 +13,7 @@ from motion_jax.nets.masked_transformer import GatedTransformer, MaskedTransform
 from motion_jax.nets.masks import LATENT_MASKS, latent_mask, padding_mask
 from motion_jax.training.setup import untrained
 from tests import fixtures
-from tests.golden import check, golden
+from tests.golden import check, golden, recordings
 
 MODES = {"eval": "causal", "train": "dccm", "trainbcm": "bcm"}
 PRIORS = {"none": lambda codes: None, "one": lambda codes: codes[..., 0], "one3": lambda codes: codes[..., :1],
@@ -78,9 +78,9 @@ def run_mardm_transformer(fixture, dtype):
           for name, factor in (("yes", 1), ("null", 0))}
 
 
-@pytest.mark.parametrize("name", ["transformer", "mardm_transformer"])
-def test_golden(name):
-  assert not check(fixtures.path(f"cdamd/{name}.npz")).failures
+@recordings("transformer", "mardm_transformer")
+def test_golden(name, precision):
+  assert not check(fixtures.path(f"cdamd/{name}.npz"), [precision]).failures
 
 
 # --- invariants of our own ---------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from motion_jax.nets.vit import resize_positions
 from motion_jax.text.bert import Bert, bert_fields
 from motion_jax.training.setup import untrained
 from tests import fixtures
-from tests.golden import check, golden
+from tests.golden import check, golden, recordings
 from tests.nets.naming import by_reference
 
 
@@ -76,8 +76,9 @@ def run_motion_patches(fixture, dtype):
   return made
 
 
-def test_golden():
-  assert not check(fixtures.path("cmdm/motion_patches.npz")).failures
+@recordings("motion_patches")
+def test_golden(name, precision):
+  assert not check(fixtures.path(f"cmdm/{name}.npz"), [precision]).failures
 
 
 def test_parameter_count_is_the_references():

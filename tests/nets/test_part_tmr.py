@@ -12,7 +12,7 @@ from motion_jax.nets.part_tmr import PartTMR
 from motion_jax.text.bert import Bert, bert_fields
 from motion_jax.training.setup import untrained
 from tests import fixtures
-from tests.golden import check, golden
+from tests.golden import check, golden, recordings
 
 
 def network(fixture, dtype):
@@ -63,8 +63,9 @@ def run_part_tmr(fixture, dtype):
   return made
 
 
-def test_golden():
-  assert not check(fixtures.path("cmdm/part_tmr.npz")).failures
+@recordings("part_tmr")
+def test_golden(name, precision):
+  assert not check(fixtures.path(f"cmdm/{name}.npz"), [precision]).failures
 
 
 def _small(pool="real", parts=None):

@@ -11,7 +11,7 @@ from motion_jax.models.cmdm.teacher_weight_names import tmr_names
 from motion_jax.nets.tmr import TMR
 from motion_jax.training.setup import untrained
 from tests import fixtures
-from tests.golden import check, golden
+from tests.golden import check, golden, recordings
 from tests.nets.naming import by_reference
 
 
@@ -78,8 +78,9 @@ def run_tmr(fixture, dtype):
   return made
 
 
-def test_golden():
-  assert not check(fixtures.path("cmdm/tmr.npz")).failures
+@recordings("tmr")
+def test_golden(name, precision):
+  assert not check(fixtures.path(f"cmdm/{name}.npz"), [precision]).failures
 
 
 def test_parameter_count_is_the_references():
