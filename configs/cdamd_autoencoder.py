@@ -33,7 +33,7 @@ def get_config(size="full"):
   # Parity: the reference counts 150,000 and 250,000 from the end of the warm-up.
   config.optimizer = common.optimizer(learning_rate=2e-4, schedule="step", boundaries=(152_000, 252_000), gamma=0.05,
                                       warmup_steps=2_000, beta2=0.99)
-  config.train = common.train(num_steps=350_000, log_every=100, save_every=5_000)
+  config.train = common.train(num_steps=350_000, log_every=100, save_every=5_000, sample_every=50_000)
   if data:
     config.model.features, config.data.layout, config.loss.columns = DATA[data]
   if data in ("kit", "64"):

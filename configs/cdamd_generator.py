@@ -69,7 +69,7 @@ def get_config(name="full"):
   # ema_decay 0 is the released code's of CDAMD; MARDM's is 0.9999.
   config.optimizer = common.optimizer(learning_rate=2e-4, schedule="cosine", final_rate=1e-6, boundaries=(), gamma=0.1,
                                       warmup_steps=2_000, beta2=0.99, weight_decay=1e-5, ema_decay=0.9999)
-  config.train = common.train(num_steps=180_000, log_every=100, save_every=5_000, dtype="float32")
+  config.train = common.train(num_steps=180_000, log_every=100, save_every=5_000, dtype="float32", sample_every=20_000)
   # The benchmark's own: solver dopri5, unmasked_only False.
   config.sampler = dict(num_iterations=10, guidance_scale=4.0, order="random", mask="causal", edit_mask="bcm",
                         solver="midpoint", num_steps=10, unmasked_only=True)
@@ -89,7 +89,7 @@ def get_config(name="full"):
                        lengths=(72, 120, 196), balance=0.5, vary_subject=0.5)
     config.optimizer.update(learning_rate=7e-4, schedule="trapezoid", warmup_steps=300, cooldown_steps=900,
                             ema_decay=0.999, clip_norm=1.0)
-    config.train.update(num_steps=3_000, log_every=25, save_every=300)
+    config.train.update(num_steps=3_000, log_every=25, save_every=300, sample_every=1_500)
     # Measured on it (benchmarks/cdamd_choices.py): see the card of pretrained/cdamd-small.
     config.sampler.update(order="left_to_right", guidance_scale=3.0)
     if size in ("mini", "laptop"):
@@ -99,7 +99,7 @@ def get_config(name="full"):
       config.model.head.update(width=224, depth=4)
       config.sampler.update(order="random")  # as the paper
       config.optimizer.update(learning_rate=1e-3, warmup_steps=50, cooldown_steps=300, ema_decay=0.99)
-      config.train.update(num_steps=900, save_every=450)
+      config.train.update(num_steps=900, save_every=450, sample_every=0)
     if size == "laptop":
       config.optimizer.update(cooldown_steps=900, ema_decay=0.995)
       config.train.update(num_steps=3_000, log_every=10, save_every=500)

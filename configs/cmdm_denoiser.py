@@ -51,7 +51,7 @@ def get_config(size="full"):
   config.optimizer = common.optimizer(learning_rate=2e-4, schedule="step", boundaries=(50_000,), gamma=0.1,
                                       warmup_steps=2_000, beta2=0.99, weight_decay=1e-5, ema_decay=0.9999,
                                       skip_loss=10.0)
-  config.train = common.train(num_steps=190_000, log_every=100, save_every=5_000, dtype="float32")
+  config.train = common.train(num_steps=190_000, log_every=100, save_every=5_000, dtype="float32", sample_every=20_000)
   # schedule: "fss" (frame-wise, `lag` steps between blocks), "ar" (block after block) or "full" (all frames at once).
   config.sampler = dict(schedule="fss", solver="euler", num_steps=50, lag=2, guidance_scale=3.0)
   if size in ("small", "mini", "laptop"):
@@ -63,15 +63,15 @@ def get_config(size="full"):
                        lengths=(72, 120, config.data.max_frames), max_words=24, balance=0.5, vary_subject=0.5)
     config.optimizer.update(learning_rate=5e-4, schedule="trapezoid", warmup_steps=300, cooldown_steps=1_800,
                             ema_decay=0.999, clip_norm=1.0)
-    config.train.update(num_steps=4_500, log_every=50, save_every=500)
+    config.train.update(num_steps=4_500, log_every=50, save_every=500, sample_every=1_500)
     if size in ("mini", "laptop"):
       config.tokenizer.update(width=128)
       config.model.update(width=128, depth=4, ff_width=256)
       config.optimizer.update(learning_rate=1e-3, warmup_steps=50, cooldown_steps=300, ema_decay=0.99)
-      config.train.update(num_steps=900, save_every=450)
+      config.train.update(num_steps=900, save_every=450, sample_every=0)
     if size == "laptop":
       config.optimizer.update(cooldown_steps=1_200, ema_decay=0.995)
-      config.train.update(num_steps=4_000, log_every=10, save_every=500)
+      config.train.update(num_steps=4_000, log_every=10, save_every=500, sample_every=2_000)
   elif size == "tiny":
     config.frozen.update(tokenizer="random-init", text="random-init")  # nothing to download
     config.tokenizer.update(latent_dim=4, width=16, dilations=(1,))

@@ -71,9 +71,11 @@ def train(num_steps, log_every, save_every, **fields):
   max_skips steps in a row goes back to its last good state and on with other batches, max_rollbacks times at most.
   After hang_minutes without a step it ends; 0 never. workers: processes of Grain that make batches; 0 for a thread.
   tensorboard: whether metrics are written as an event file, too.
+  sample_every: pictures of what the run makes, in its samples/, at the saves nearest to every so many steps; 0: none.
   """
   return dict(start="", num_steps=num_steps, log_every=log_every, save_every=save_every, best="",
-              keep_last=2, max_skips=20, max_rollbacks=3, hang_minutes=60.0, workers=0, tensorboard=False) | fields
+              keep_last=2, max_skips=20, max_rollbacks=3, hang_minutes=60.0, workers=0, tensorboard=False,
+              sample_every=0) | fields
 
 
 def archives(config, **fields):
@@ -84,7 +86,7 @@ def archives(config, **fields):
 def tiny(config, **fields):
   """Two steps on procedural motion: nothing to download, seconds on a laptop."""
   config.data.update(name="synthetic", mode="corrected", batch_size=4, **fields)
-  config.train.update(num_steps=2, log_every=1, save_every=2)
+  config.train.update(num_steps=2, log_every=1, save_every=2, sample_every=0)
 
 
 def small_teacher(config, **fields):

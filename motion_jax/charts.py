@@ -198,6 +198,7 @@ def _draw_rule(image, mark, color, zoom):
 
 def _draw_text(image, mark, color, zoom):
   font = ImageFont.load_default(12 * zoom)
+  mark = mark._replace(text=mark.text.replace("\u2212", "-"))  # a minus, which Pillow's own font lacks
   if mark.anchor != "turned":
     anchor = {"middle": "ms", "end": "rs"}[mark.anchor]
     ImageDraw.Draw(image).text(mark.points[0], mark.text, color, font, anchor=anchor)

@@ -5,10 +5,11 @@ import pathlib
 import flax
 import jax
 
-from motion_jax import runs
+from motion_jax import pictures, runs
 from motion_jax.data import sources
 from motion_jax.evaluators import setup as evaluators
 from motion_jax.inputs import former_names
+from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.nearest import did_you_mean
 from motion_jax.models import registry
 from motion_jax.motion import stats as stats_lib
@@ -23,6 +24,7 @@ def setups() -> dict:
   return registry.setups() | evaluators.SETUPS
 
 
+DTYPES = ("float32", "bfloat16")  # that networks may compute in
 # Files of a run folder that are written before the first step, beside those that a stage gives it.
 FILES = (checkpoint.CONFIG, checkpoint.DATA, checkpoint.FROZEN, "Mean.npy", "Std.npy")
 
@@ -40,6 +42,8 @@ def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_change
                      f"{did_you_mean(config.stage, known)}")
   profiling.check_steps(profile_steps, config.train.num_steps)
   event_files.check_extra(config)
+  if (dtype := config.train.get("dtype", DTYPES[0])) not in DTYPES:
+    raise InputError(f"got train.dtype {dtype!r}, expected {' or '.join(DTYPES)}")
   workdir = pathlib.Path(workdir)
   config, told = resolve(config)
   if resume == "auto":
@@ -50,7 +54,9 @@ def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_change
   print(told or "data: being read", flush=True)
   if resume and (workdir / checkpoint.CONFIG).is_file():
     resuming.check_config(config, runs.open(workdir).config, allow_changes)
-  stage, next_batch, frozen, evaluate, stats, files = known[config.stage](config)
+  setup = known[config.stage](config)
+  stage, next_batch, frozen, evaluate, stats, files = setup
+  draw = pictures.drawer(config, workdir, setup)
   if config.train.start:
     stage = _started_from(stage, config.train.start)
   workdir.mkdir(parents=True, exist_ok=True)
@@ -72,7 +78,7 @@ def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_change
       for name, text in files.items():
         checkpoint.save_text(workdir, name, text)
     state = train.train(config, workdir, stage, next_batch, frozen, resume, evaluate, max_seconds, stop,
-                        profile_steps)
+                        profile_steps, draw)
     distributed.wait_for_all("the run has ended")  # the first one may still be writing
     print(f"wrote {workdir}/params.safetensors, metrics.jsonl, loss.png at step {int(state.step)}")
   return state

@@ -72,3 +72,8 @@ def test_a_picture_shows_what_the_svg_does():
   assert abs(columns.min() - 2 * x0) < 4 and abs(columns.max() - 2 * x1) < 4
   dark = picture.sum(-1) < 300
   assert dark[-30:, 400:600].any() and dark[150:350, :40].any(), "the names of the axes"
+
+
+def test_a_picture_has_a_minus_that_its_font_can_draw():
+  draw = lambda label: charts.picture([charts.Series("", [0, 1], [0, 1])], label, "y").tobytes()
+  assert draw("−1") == draw("-1") != draw("1")

@@ -16,7 +16,7 @@ LAYERS = [
     ("data", "text", "metrics", "latents"),
     ("convert", "export", "runs", "training"),
     ("models", "evaluators"),
-    ("loading", "fit", "retrieval"),
+    ("loading", "fit", "pictures", "retrieval"),
     ("evaluation",),
     ("cli", "__init__"),
 ]

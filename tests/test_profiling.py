@@ -1,4 +1,4 @@
-"""--profile-steps traces just the steps that it names, and refuses what are none."""
+"""--profile-steps traces just the steps that it names; what training cannot do is refused before data are read."""
 import gzip
 import json
 
@@ -52,3 +52,10 @@ def test_steps_behind_the_last_are_refused_before_data_are_read(tmp_path):
   with pytest.raises(InputError, match="got --profile-steps 2:9, expected A:B with 1 <= A <= B <= 2"):
     fit.run(load_config("cmdm_denoiser", "tiny"), tmp_path / "run", profile_steps=(2, 9))
   assert not (tmp_path / "run").exists()
+
+
+def test_a_type_that_networks_cannot_compute_in_is_told_before_data_are_read(tmp_path):
+  config = load_config("cmdm_denoiser", "tiny").unlock()
+  config.train.dtype = "float7"
+  with pytest.raises(InputError, match="got train.dtype .float7., expected float32 or bfloat16"):
+    fit.run(config, tmp_path / "run")

@@ -1,6 +1,8 @@
 """A run's report.html shows what metrics.jsonl holds, loads nothing, and trusts no text; rates count what they say."""
+import io
 import json
 import re
+import sys
 import time
 
 import ml_collections
@@ -75,3 +77,23 @@ def test_a_run_tells_its_rates(tmp_path, monkeypatch):
   last = rows[1]  # the second step: the first one compiles, and saves are no steps
   assert last["mfu"] > 0 and last["samples_per_second"] > 0 and 0 <= last["data_wait"] <= 1
   assert "mfu" not in rows[0] and "share of the devices" in (tmp_path / "report.html").read_text()
+
+
+class _Terminal(io.StringIO):
+  def isatty(self):
+    return True
+
+
+def test_on_a_terminal_there_is_a_bar_and_elsewhere_lines(tmp_path, monkeypatch, capsys):
+  monkeypatch.setattr(rates, "peak_flops", lambda: 1e6)
+  train = lambda folder: loop.train(line_config(6), tmp_path / folder, _stage(), _next_batch,
+                                    evaluate=lambda params: {"held_out_loss": 0.25})
+  train("lines")
+  said = capsys.readouterr()
+  assert "step 6 of 6: loss" in said.out and "step 6: held_out_loss 0.25\n" in said.out and "it/s" not in said.err
+  screen = _Terminal()
+  monkeypatch.setattr(sys, "stderr", screen)
+  train("bar")
+  last = screen.getvalue().rpartition("\r")[2]
+  assert "6/6" in last and all(name in last for name in ("loss=", "samples/s=", "MFU=", "held_out_loss=0.25"))
+  assert "step 6 of 6: loss" not in capsys.readouterr().out

@@ -93,3 +93,9 @@ def test_what_is_no_sweep(tmp_path):
 def test_the_one_that_ships_names_fields_of_its_config():
   for config, fields in sweep.load("learning_rate").values():
     overrides.check([f"--config.{field}={value}" for field, value in fields.items()], config_files.load(config))
+
+
+def test_what_all_runs_share_stands_below_the_table(tmp_path):
+  text = sweep.write_table({name: ("config", {"seed": seed, "train.num_steps": 9}) for seed, name in enumerate("ab")},
+                           tmp_path)
+  assert text.startswith("| run | seed | state |") and text.endswith("\n\nIn all runs: train.num_steps 9\n")

@@ -96,6 +96,9 @@ def write_table(runs, workdir) -> str:
   from motion_jax.runtime.atomic import atomic_path
   from motion_jax.training.metrics import read_metrics
   fields = list(dict.fromkeys(field for _, changed in runs.values() for field in changed))
+  given = {field: {str(changed.get(field, "")) for _, changed in runs.values()} for field in fields}
+  common = [field for field in fields if len(given[field]) == 1 and len(runs) > 1]
+  fields = [field for field in fields if field not in common]
   last = {}
   for one in runs:
     rows = read_metrics(workdir / one)
@@ -109,6 +112,8 @@ def write_table(runs, workdir) -> str:
     cells += [f"{last[one][key]:.5g}" if isinstance(last[one].get(key), int | float) and math.isfinite(last[one][key])
               else "" for key in numbers]
     lines.append(f"| {one} | " + " | ".join(cells) + " |")
+  if common:
+    lines += ["", "In all runs: " + ", ".join(f"{field} {given[field].pop()}" for field in common)]
   text = "\n".join(lines) + "\n"
   with atomic_path(workdir / _TABLE) as path:
     path.write_text(text, encoding="utf-8")

@@ -2,7 +2,6 @@
 import contextlib
 import functools
 import pathlib
-import sys
 import time
 
 import jax
@@ -27,7 +26,7 @@ from motion_jax.training.train_step import init_state, make_train_step
 
 
 def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluate=None, max_seconds=None,
-          stop=None, profile_steps=None):
+          stop=None, profile_steps=None, draw=None):
   """Trains a stage in a run folder; returns the last TrainState.
 
   next_batch(step) -> dict of arrays with "index" (B,), a pure function of the step; of a run of several processes also
@@ -39,7 +38,7 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
   params.safetensors those for which that number of `evaluate` was best at a save, the later one of equals; the last
   ones are in last.safetensors then. "min held_out_fid|held_out_mm" takes the first number that `evaluate` gives. A
   slice that ends between two saves chooses nothing, so that slices make no difference. profile_steps (first, last) are
-  traced into profile/.
+  traced into profile/. draw(params, path): see `Outputs`.
   """
   workdir = pathlib.Path(workdir)
   mesh = make_mesh(config.mesh)
@@ -56,7 +55,7 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
 
   state = mesh.put(initial())
   saver = Saver(workdir, config.train.keep_last, config.train.save_every)
-  outputs, guards, logged = Outputs(workdir, config, evaluate), Guards(config), []
+  outputs, guards, logged = Outputs(workdir, config, evaluate, draw), Guards(config), []
 
   def restore(state):
     """The newest whole state on disk, with what the guards and the next row of metrics know of it."""
@@ -157,11 +156,10 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
   rates = Rates(len(example["index"]), make_schedule(optimizer, num_steps),
                 flops_of(train_step, state, frozen, sample, rng))
   progress = Progress(first, num_steps, len(example["index"]))
-  bar = tqdm(total=num_steps, initial=first, unit="step", dynamic_ncols=True, disable=None)
   watchdog = Watchdog(workdir, config.train.hang_minutes)
   profile, agreement = Profile(workdir, profile_steps, first), Agreement()
   with (contextlib.closing(progress), contextlib.closing(saver), contextlib.closing(watchdog),
-        contextlib.closing(batches), contextlib.closing(profile), stop or stopping.Stop() as interrupt, bar):
+        contextlib.closing(batches), contextlib.closing(profile), stop or stopping.Stop() as interrupt):
     step = first
     if step < num_steps:
       batches.begin(step, guards.batch_number(step))
@@ -180,9 +178,7 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
       if profile.end(step, state):
         rates.restart()
       logged.append(metrics)
-      if line := progress.line(step, metrics):
-        tqdm.write(line)
-        sys.stdout.flush()
+      progress.step(step, metrics)
       told, out_of_time = agreement.largest(interrupt.number or 0,
                                             int(max_seconds is not None and time.time() - start > max_seconds))
       interrupt.hear(told)
@@ -194,16 +190,13 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
         step = int(state.step)
         batches.begin(step, guards.batch_number(step))
         rates.restart()
-        bar.update(step - bar.n)
         continue
       if logs:
         means = {k: float(np.mean([m[k] for m in logged])) for k in logged[0]}
         logged.clear()
-        outputs.add({"step": step, "seconds": round(time.time() - began, 1), **means, **guards.counts(),
-                     **rates.row(step)})
-        bar.set_postfix({k: f"{v:.4g}" for k, v in means.items() if k in ("loss", "mse")} |
-                        {k: f"{v:.4g}" for k, v in outputs.numbers.items()})
-      bar.update(1)
+        row = {"step": step, "seconds": round(time.time() - began, 1), **means, **guards.counts(), **rates.row(step)}
+        outputs.add(row)
+        progress.seen(row)
       if error := saver.failure():
         tell_unsaved(error)
       if saves:
@@ -214,6 +207,7 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
           interrupt.nothing_to_lose(lambda: (saver.wait(), end_together())[1])
         # What may be rolled back is not chosen.
         saver.best = outputs.judge(step, state, hurried=told or guards.streak and step < num_steps)
+        progress.seen(outputs.numbers)
         watchdog.beat()
         rates.restart()
       if ends:

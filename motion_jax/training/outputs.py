@@ -43,8 +43,10 @@ def if_there_is_room(what):
 class Outputs:
   """Metrics and weights of a run folder. numbers: what the last evaluation gave."""
 
-  def __init__(self, workdir, config, evaluate):
+  def __init__(self, workdir, config, evaluate, draw=None):
+    """draw(params, path): a picture of what the run makes, every train.sample_every steps."""
     self._workdir, self._config, self._evaluate = pathlib.Path(workdir), config, evaluate
+    self._draw = draw
     self._average = config.optimizer.ema_decay > 0
     self._writes = jax.process_index() == 0  # of several processes the first
     self._rows = []  # those that could not be written yet
@@ -52,8 +54,11 @@ class Outputs:
     self.numbers = {}
 
   def begin(self, step):
-    """The run is at a step, which it may be for the second time: rows after it go, for they are written again."""
+    """The run is at a step, which it may be for the second time: what came after it goes, for it comes again."""
     trim_metrics(self._workdir, step)
+    for path in (self._workdir / report.SAMPLES).glob("step*.png") if self._writes else ():
+      if path.stem[4:].isdigit() and int(path.stem[4:]) > step:
+        path.unlink()
     self._with_events(lambda events: events.rewrite())
 
   def _with_events(self, act):
@@ -85,6 +90,7 @@ class Outputs:
     if chooses and self._evaluate is not None and not was_evaluated(self._workdir, step):
       self.numbers.update(self._evaluate(params))
       self.add({"step": step, **self.numbers})
+      tqdm.write(f"step {step}: " + ", ".join(f"{name} {value:.5g}" for name, value in self.numbers.items()))
     if not self._writes:
       return None
     with if_there_is_room("weights"):
@@ -95,8 +101,21 @@ class Outputs:
         checkpoint.save_params(self._workdir, params)
         if self._average:  # references that have no average are judged without one
           checkpoint.save_params(self._workdir, variables_of(state), name=checkpoint.RAW)
+      if chooses:
+        self._show(step, params)
       self.report()
     return best
+
+  def _show(self, step, params):
+    """samples/stepNNNNNN.png, at the save of each sample_every-th step or the first one after it, and at the end."""
+    every, path = self._config.train.sample_every, self._workdir / report.SAMPLES / f"step{step:06d}.png"
+    if self._draw is None or path.exists() or (
+        step % every >= self._config.train.save_every and step != self._config.train.num_steps):
+      return
+    try:
+      self._draw(params, path)
+    except Exception as error:  # no training of days ends by a picture
+      tqdm.write(f"{path} could not be drawn ({type(error).__name__}: {reason(error)}); training goes on")
 
   def report(self):
     """report.html, made anew."""

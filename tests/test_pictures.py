@@ -1,0 +1,77 @@
+"""A run draws what it makes, after its saves, at the steps that it is asked for, and no picture ends a training."""
+import numpy as np
+import pytest
+from PIL import Image
+
+from motion_jax import fit, pictures
+from motion_jax.inputs.errors import InputError
+from motion_jax.training import checkpoint, loop
+from motion_jax.training.metrics import read_metrics
+from tests.conftest import load_config, unjudged_training
+from tests.test_guards import _bad_from, _skipping
+from tests.test_train import _config, _equal, _killed, _next_batch, _stage
+
+
+def _drawing(config, every):
+  config.train.sample_every = every
+  return config
+
+
+def _drawer(drawn, folder):
+  """A stand-in that notes what it is given, and that the state was saved and the weights written before."""
+  def draw(params, path):
+    assert list((folder / "checkpoints").iterdir()) and (folder / "params.safetensors").is_file()
+    drawn.append((path.name, params))
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(b"")
+
+  return draw
+
+
+def test_pictures_come_after_saves_by_the_average_and_once(tmp_path):
+  drawn = []
+  train = lambda next_batch, **more: loop.train(_drawing(_config(9), 4), tmp_path, _stage(), next_batch,
+                                                draw=_drawer(drawn, tmp_path), **more)
+  with pytest.raises(MemoryError):
+    train(lambda step: _killed(step) if step == 7 else _next_batch(step))
+  state = train(_next_batch, resume=True)
+  assert [name for name, _ in drawn] == ["step000004.png", "step000008.png", "step000009.png"]
+  assert _equal(drawn[-1][1], state.ema_params)
+
+
+def test_of_what_is_rolled_back_no_picture_is_left(tmp_path):
+  drawn = []
+  loop.train(_drawing(_skipping(10), 2), tmp_path, _stage(), _bad_from(5), draw=_drawer(drawn, tmp_path))
+  names = [name for name, _ in drawn]
+  assert names == sorted(path.name for path in (tmp_path / "samples").iterdir()) and len(set(names)) == len(names)
+
+
+def test_a_picture_that_fails_is_told_and_training_goes_on(tmp_path, capsys):
+  def draw(params, path):
+    raise RuntimeError("no such colour")
+
+  state = loop.train(_drawing(_config(4), 2), tmp_path, _stage(), _next_batch, draw=draw)
+  assert int(state.step) == 4
+  assert "step000002.png could not be drawn (RuntimeError: no such colour); training goes on" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name, rows", [
+    ("cmdm_denoiser", 4), ("cmdm_tokenizer", 8),
+    pytest.param("cdamd_generator", 4, marks=pytest.mark.slow), pytest.param("cdamd_rvq", 8, marks=pytest.mark.slow),
+    pytest.param("cdamd_autoencoder", 8, marks=pytest.mark.slow)])
+def test_a_run_shows_what_it_makes(name, rows, tmp_path, capsys):
+  """Motions of captions, or windows above what comes back; in the report, too."""
+  config = _drawing(load_config(name, "tiny").unlock(), 2)
+  config.train.num_steps = 2
+  with unjudged_training():
+    fit.run(config, tmp_path)
+  assert "could not be drawn" not in capsys.readouterr().out
+  image = Image.open(tmp_path / "samples/step000002.png")
+  assert image.height == rows * pictures.HEIGHT and np.asarray(image).std() > 5
+  assert "data:image/png" in (tmp_path / "report.html").read_text()
+  assert not [row for row in read_metrics(tmp_path) if row["step"] > 2] and checkpoint.load_params(tmp_path)
+
+
+def test_a_stage_that_makes_no_motion_is_told(tmp_path):
+  with unjudged_training(), pytest.raises(InputError, match="cdamd.length makes no motion that could be drawn"):
+    fit.run(_drawing(load_config("cdamd_length", "tiny").unlock(), 2), tmp_path)
