@@ -40,8 +40,9 @@ def evaluated_size(name):
 
 
 def data(**fields):
-  """The section `data` on HumanML3D; folder or folders say where it lies."""
-  return dict(name="humanml3d", folder="", folders=(), mode="benchmark", mirror=False) | fields
+  """The section `data` on HumanML3D; folder or folders say where it lies. described: whether clips of archives get
+  captions by kinematics beside their own (docs/captions.md)."""
+  return dict(name="humanml3d", folder="", folders=(), mode="benchmark", mirror=False, described=False) | fields
 
 
 def captioned_data(**fields):

@@ -40,6 +40,15 @@ def add_to(commands):
   shared.add_config(encode)
   encode.add_argument("--out", required=True, metavar="FOLDER", help="the store, a folder to write")
   encode.set_defaults(run=_encode)
+  describe = data.add_parser("describe", help="sentences about what motions do, by their kinematics",
+                             description="Says what each motion of a folder does, measured on its joints: where it "
+                             "walks, how far it turns, which foot kicks, which hand waves and how often. What is in "
+                             "doubt is not said, so a motion may have no sentence.")
+  describe.add_argument("folder", help="BVH or ASF/AMC files, in sub-folders too, one such file, or a data folder")
+  describe.add_argument("--out", metavar="FILE.csv", help="write the table that `data build --captions` reads")
+  describe.add_argument("--fps", type=real(*FRAME_RATES), metavar="F",
+                        help="the captured files' frames are F a second, whatever they state (.amc state nothing: 120)")
+  describe.set_defaults(run=_describe)
   doctor = data.add_parser("doctor", help="what is wrong with a data folder, and what to do")
   doctor.add_argument("folder", help="a data folder of any data set that is known")
   doctor.set_defaults(run=_doctor)
@@ -65,6 +74,21 @@ def _encode(args):
   shared.cache_compiled_code()
   print(fit.encode(config, args.out))
   print(f"train on it: motion-jax train --config {args.config} ... --config.data.store={args.out}")
+
+
+def _describe(args):
+  from motion_jax.data import describe
+  if args.out:
+    describe.check_table(args.out)
+  rows = []
+  for name, start, end, sentences in describe.describe_folder(args.folder, args.fps):
+    rows.append((name, start, end, sentences))
+    print(f"{name} ({start:.1f} to {end:.1f} s): {sentences[0] if sentences else '-'}", flush=True)
+  silent = sum(not sentences for *_, sentences in rows)
+  print(f"{len(rows)} motions, {silent} of them with nothing that is sure")
+  if args.out:
+    print(f"wrote {describe.write_table(rows, args.out)} captions to {args.out}\n"
+          f"next: motion-jax data build {args.folder} FOLDER --captions {args.out}")
 
 
 def _doctor(args):

@@ -16,6 +16,7 @@ import tqdm
 
 from motion_jax.data import checks, mirror
 from motion_jax.data.clip import Clip
+from motion_jax.data.describe import described
 from motion_jax.data.figures import on_skeleton
 from motion_jax.motion.representations import FeatureLayout, to_features
 from motion_jax.motion.stats import Stats, compute_stats
@@ -60,7 +61,7 @@ class Dataset(Protocol):
   holds: str
   by_clip: bool = True
   in_folders: bool = True
-  fields: tuple[str, ...] = ("mode", "mirror")
+  fields: tuple[str, ...] = ("mode", "mirror", "described")
   files: tuple[str, ...] = ("**/*",)
   judged_as: str = "archive"
   long_horizon: str = "long-horizon"
@@ -162,8 +163,11 @@ class Dataset(Protocol):
 
 def clip_items(clips, config, split, layout: FeatureLayout) -> list[TextItem]:
   """The clips of a split as features (config.mode) on the layout's skeleton and at its rate; of train mirrored ones,
-  too, if config.mirror."""
+  too, if config.mirror. config.described: with captions by kinematics beside their own (`data.describe`)."""
   clips, items = [clip for clip in clips if clip.split == split], []
+  if config.get("described", False):
+    clips = [described(clip) for clip in tqdm.tqdm(clips, desc=f"captions of {split}", unit="clip", leave=False,
+                                                   disable=None)]
   if config.get("mirror", False) and split == "train":
     clips += [mirror.mirror_clip(clip) for clip in clips]
   for clip in tqdm.tqdm(clips, desc=f"features of {split}", unit="clip", leave=False, disable=None):

@@ -1,0 +1,173 @@
+"""Captions by kinematics: sentences about what a motion does, from measures of its joints, so that they are true.
+
+`describe` makes them of joints, `described` adds them to a clip's own captions, `write` makes the table of captions of
+a folder that `motion-jax data build` reads. The rules that find events are in `motion.events`; where they doubt,
+nothing is said. Beside a clip's own captions only what these speak of is described: of a clip whose captions say
+"kick" which foot and how often, of a dance nothing. Sentences are a pure function of joints, words and id.
+"""
+import csv
+import pathlib
+import re
+import zlib
+from typing import NamedTuple
+
+import numpy as np
+import tqdm
+
+from motion_jax.data.clip import Caption
+from motion_jax.data.event_words import sentence
+from motion_jax.data.mocap.capture import resample
+from motion_jax.data.mocap.readers import READERS
+from motion_jax.inputs.errors import InputError
+from motion_jax.motion.events import Event, find_events
+from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.runtime.atomic import atomic_path
+
+FPS = 20.0       # the rate at which events are looked for, so that a description does not depend on the file's
+SENTENCES = 3    # paraphrases of a clip
+
+# What captions must say (a pattern) for which events are described beside them.
+_SPOKEN = (
+    (r"walk|strid|stroll|march|\bsteps?\b|sneak|tiptoe|moves? (off|back)|navigate", ("walk", "turn", "still")),
+    (r"\brun|jog|dash|sprint", ("run", "turn", "still")),
+    (r"\bturn", ("turn",)),
+    (r"kick", ("kick",)),
+    (r"(rais|lift|put|reach|grab|stretch).*\b(hands?|arms?|high|above)\b", ("raise", "still")),
+    (r"\bwav(e|es|ing)\b", ("wave", "still")),
+    (r"jump|\bhop|leap", ("jump", "hop")),
+    (r"squat", ("squat",)),
+    (r"\bbow", ("bow", "still")),
+    (r"(floor|ground).*\b(item|object|something|hand)|scoop", ("reach-floor",)),
+    (r"\b(lie|lies|lying)\b", ("lie-down",)),
+    (r"(rotat|circl)\w* .*arms?", ("arm-circle",)),
+    (r"\bstand(s|ing)? still|do(es)? nothing", ("still",)),
+)
+# Where the rules were not calibrated, or where the ground is not flat, nothing is said.
+UNKNOWN = re.compile(r"danc|salsa|lambada|charleston|pirouette|arabesque|ballet|jete|playground|climb|ladder|uneven|"
+                      r"terrain|stool|karate|boxing|sword|laugh|wash|basketball", re.IGNORECASE)
+
+
+class Correction(NamedTuple):
+  """Captions of clips of a label that do something else: `said` in them becomes `shown`.
+
+  shows: fields of an event; where a clip has events of that kind and all of them are so, its captions are wrong.
+  """
+  label: str
+  shows: dict
+  said: str
+  shown: str
+
+
+CORRECTIONS = (
+    # Bandai's walk-left and walk-right are diagonal walks, 20 to 50 degrees off straight ahead.
+    Correction("walk-left", {"kind": "walk", "way": "forward-left"}, "to the left", "diagonally forward to the left"),
+    Correction("walk-right", {"kind": "walk", "way": "forward-right"}, "to the right",
+               "diagonally forward to the right"),
+    # Four of Bandai's clips (masculine 006 and 007) turn to the other side than their names say.
+    Correction("walk-turn-left", {"kind": "turn", "side": "right"}, "left", "right"),
+    Correction("walk-turn-right", {"kind": "turn", "side": "left"}, "right", "left"),
+    # HDM05's cuts of jogging in a circle are quarters of one.
+    Correction("jog left circle, 4 steps", {"kind": "run", "path": "curve"}, "in a circle", "in a curve"),
+)
+
+
+def describe(joints, fps=FPS, words=None, key="") -> list[str]:
+  """Sentences about joints (T, 22, 3) in metres, up to three that say the same; none where the rules find nothing sure.
+
+  words: what is said of the motion already; only what they speak of is described. None: whatever is found. key: an id;
+  the sentences of different ids are put in different words.
+  """
+  found, seconds = find_events(resample(np.asarray(joints, np.float64), fps, FPS), FPS), (len(joints) - 1) / fps
+  said = spoken_of(found, words)
+  first = zlib.crc32(key.encode())
+  return list(dict.fromkeys(filter(None, (sentence(said, seconds, first + number) for number in range(SENTENCES)))))
+
+
+def described(clip):
+  """The clip with its captions corrected (`CORRECTIONS`), and sentences by kinematics after them.
+
+  A clip of another skeleton than HumanML3D's 22 joints stays as it is.
+  """
+  if clip.skeleton is not HUMANML3D:
+    return clip
+  label = str(clip.meta.get("content") or clip.meta.get("label") or "")
+  own = [caption for caption in clip.captions if not caption.start and not caption.end]
+  words = " ".join([label, *(caption.text for caption in own)])
+  events = find_events(resample(clip.joints.astype(np.float64), clip.fps, FPS), FPS)
+  kept = tuple(Caption(corrected(caption.text, label, events), caption.start, caption.end) for caption in clip.captions)
+  known = {caption.text for caption in kept}
+  new = (text for text in describe(clip.joints, clip.fps, words, clip.id) if text not in known)
+  return clip.replace(captions=kept + tuple(map(Caption, new)))
+
+
+def corrected(text, label, events) -> str:
+  """A caption of a clip of this label, in which what the events contradict is put right."""
+  for rule in CORRECTIONS:
+    own = [event._asdict() for event in events if event.kind == rule.shows["kind"]]
+    if label == rule.label and own and all(rule.shows.items() <= event.items() for event in own):
+      text = text.replace(rule.said, rule.shown)
+  return text
+
+
+def spoken_of(events, words=None) -> list[Event]:
+  """The events that captions speak of, all of them without captions, none beside captions of what is not known."""
+  if words is None:
+    return list(events)
+  if UNKNOWN.search(words):
+    return []
+  kinds = {kind for pattern, kinds in _SPOKEN if re.search(pattern, words, re.IGNORECASE) for kind in kinds}
+  return [event for event in events if event.kind in kinds]
+
+
+# --- folders ---------------------------------------------------------------------------------------------------------
+
+
+def describe_folder(folder, source_fps=None, progress=False):
+  """Yields (name, start, end, sentences) of what lies in a folder, start and end in seconds.
+
+  folder: motion-capture files, in sub-folders too, one such file, or a data folder such as an archive, whose own
+  captions are left aside. Files longer than ten seconds are described in equal pieces. source_fps: the files' rate,
+  whatever they state. Raises FileNotFoundError where there is no motion, InputError for a file that is none.
+  """
+  from motion_jax.data.build import pieces  # which knows all data sets, as these know the described captions
+  from motion_jax.data.datasets.registry import find_dataset
+  folder = pathlib.Path(folder)
+  if not folder.exists():
+    raise FileNotFoundError(f"there is no {folder} to describe; give a folder of {' or '.join(READERS)} files")
+  dataset = find_dataset(folder) if folder.is_dir() else None
+  if dataset is not None:
+    for clip in tqdm.tqdm(dataset.clips(folder, faults=[]), desc="clips", unit="clip", disable=not progress):
+      if clip.skeleton is HUMANML3D:
+        yield clip.id, 0.0, clip.seconds, describe(clip.joints, clip.fps, key=clip.id)
+    return
+  files = [folder] if folder.suffix.lower() in READERS and folder.is_file() else sorted(
+      path for path in folder.rglob("*") if path.suffix.lower() in READERS)
+  if not files:
+    raise FileNotFoundError(f"{folder} holds no motion to describe: expected a {' or '.join(READERS)} file, a folder "
+                            "of them, or a data folder such as an archive (motions.npz, captions.jsonl)")
+  for path in tqdm.tqdm(files, desc="files", unit="file", disable=not progress):
+    name, first = path.relative_to(folder).as_posix() if path != folder else path.name, 0
+    clip = READERS[path.suffix.lower()](path, fps=FPS, source_fps=source_fps)
+    for piece in pieces(clip):
+      start, first = first / FPS, first + piece.num_frames
+      yield name, start, first / FPS, describe(piece.joints, FPS, key=piece.id)
+
+
+def check_table(path) -> pathlib.Path:
+  """The path of a table of captions that may be written: a new .csv file. Raises InputError, or FileExistsError."""
+  path = pathlib.Path(path)
+  if path.suffix.lower() != ".csv":
+    raise InputError(f"got {path.name} to write captions to, expected a .csv file")
+  if path.exists():
+    raise FileExistsError(f"{path} exists already; choose another name")
+  return path
+
+
+def write_table(rows, path) -> int:
+  """Rows of `describe_folder` as a table that `motion-jax data build --captions` reads: file, caption, start, end.
+  Returns the number of captions."""
+  lines = [(name, sentence, round(start, 3), round(end, 3)) for name, start, end, sentences in rows
+           for sentence in sentences]
+  with atomic_path(check_table(path)) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
+    csv.writer(file).writerows([("file", "caption", "start", "end"), *lines])
+  return len(lines)

@@ -1,0 +1,116 @@
+"""What rules about a motion ask of its joints: speeds, heading, angles, who stands; each computed once."""
+import functools
+
+import numpy as np
+from jaxtyping import Float
+
+from motion_jax.motion.contacts import feet_stand, velocity
+from motion_jax.motion.retarget import floor_height
+from motion_jax.motion.skeleton import HUMANML3D, facing
+
+SIDES = ("left", "right")
+JOINT = {name: number for number, name in enumerate(HUMANML3D.joints)}
+PAIR = {part: [JOINT[f"{side}_{part}"] for side in SIDES] for part in
+        ("hip", "knee", "ankle", "foot", "shoulder", "elbow", "wrist")}
+
+
+class Body:
+  """Joints (T, 22, 3) and what the rules ask of them, each computed once."""
+
+  def __init__(self, joints, fps):
+    self.joints, self.fps, self.num = joints, fps, len(joints)
+    self.floor = floor_height(joints)
+
+  @functools.cached_property
+  def stands(self):
+    """Left and right: whether a foot's ankle or toes stand, (T, 2)."""
+    flags = feet_stand(self.joints, self.fps, floor=self.floor)
+    return np.stack([flags[:, :2].any(1), flags[:, 2:].any(1)], 1)
+
+  @functools.cached_property
+  def path(self):
+    """The pelvis over the ground with the sway of the steps taken out, (T, 2): x, z."""
+    return self.smooth(self.joints[:, 0][:, [0, 2]], 0.2)
+
+  @functools.cached_property
+  def speed(self):
+    return np.linalg.norm(np.gradient(self.path, axis=0), axis=-1) * self.fps
+
+  @functools.cached_property
+  def heading(self):
+    """Radians to the left that the body faces, unwrapped, (T,)."""
+    ahead = self.smooth(facing(self.joints), 0.25)
+    return np.unwrap(np.arctan2(ahead[:, 0], ahead[:, 2]))
+
+  @functools.cached_property
+  def toes(self):
+    """Speed (T, 2) of the toes against the pelvis, metres a second."""
+    return np.linalg.norm(velocity(self.joints[:, PAIR["foot"]] - self.joints[:, :1], self.fps), axis=-1)
+
+  @functools.cached_property
+  def knees(self):
+    """Angle (T, 2) of each knee, 180 degrees for a straight leg."""
+    return self._angle("hip", "knee", "ankle")
+
+  @functools.cached_property
+  def elbows(self):
+    return self._angle("shoulder", "elbow", "wrist")
+
+  @functools.cached_property
+  def trunk(self):
+    """Degrees (T,) between the trunk and upright."""
+    line = self.joints[:, JOINT["neck"]] - self.joints[:, 0]
+    return np.degrees(np.arccos(np.clip(line[:, 1] / np.linalg.norm(line, axis=-1), -1, 1)))
+
+  @functools.cached_property
+  def pelvis(self):
+    """Height (T,) of the pelvis over the floor."""
+    return self.joints[:, 0, 1] - self.floor
+
+  @functools.cached_property
+  def air(self):
+    """Height (T,) of the lowest joint of the feet over the floor."""
+    return self.joints[:, PAIR["ankle"] + PAIR["foot"], 1].min(1) - self.floor
+
+  def local(self, part, base):
+    """Joints of both sides against those of base, (T, 2, 3), in the body's own axes: left, up, ahead."""
+    vector = self.joints[:, PAIR[part]] - self.joints[:, PAIR[base]]
+    sin, cos = np.sin(self.heading)[:, None], np.cos(self.heading)[:, None]
+    x, y, z = np.moveaxis(vector, -1, 0)
+    return np.stack([x * cos - z * sin, y, x * sin + z * cos], -1)
+
+  def smooth(self, values, seconds):
+    from scipy.ndimage import gaussian_filter1d
+    return gaussian_filter1d(values, seconds * self.fps, axis=0, mode="nearest")
+
+  def spans(self, flags, least=0.0, gap=0.0):
+    """(first, past) frames of the runs of flags (T,), joined over gaps, those of at least so many seconds."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
+    runs = []
+    for first, past in zip(edges[::2], edges[1::2]):
+      if runs and first - runs[-1][1] <= gap * self.fps:
+        runs[-1][1] = int(past)
+      else:
+        runs.append([int(first), int(past)])
+    return [(first, past) for first, past in runs if past - first >= least * self.fps]
+
+  def _angle(self, upper, middle, lower):
+    a = self.joints[:, PAIR[upper]] - self.joints[:, PAIR[middle]]
+    b = self.joints[:, PAIR[lower]] - self.joints[:, PAIR[middle]]
+    cosine = (a * b).sum(-1) / np.maximum(np.linalg.norm(a, axis=-1) * np.linalg.norm(b, axis=-1), 1e-9)
+    return np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+
+
+def turning_points(values: Float[np.ndarray, " t"], least: float):
+  """Frames at which values turn round by more than `least`, with both ends."""
+  points, extreme, rising = [0], 0, None
+  for index, value in enumerate(values):
+    if rising is None:
+      if abs(value - values[0]) > least:
+        rising, extreme = value > values[0], index
+    elif (value > values[extreme]) == rising:
+      extreme = index
+    elif abs(value - values[extreme]) > least:
+      points.append(extreme)
+      extreme, rising = index, not rising
+  return np.array(points + [extreme if rising is not None else len(values) - 1])
