@@ -40,7 +40,8 @@ def generated(loaded, captions, seed):
   for i in range(0, len(captions), BATCH):
     batch = captions[i:i + BATCH]
     batch += batch[-1:] * (BATCH - len(batch))  # one batch size: one compilation
-    made = loaded.generate(batch, FRAMES, seeds=[1000 * seed + i + j for j in range(BATCH)], cleanup=False)
+    made = loaded.generate(batch, FRAMES, seeds=[1000 * seed + i + j for j in range(BATCH)], cleanup=False,
+                           literal=True)
     features += list(made.features[:len(captions) - i])
   return features
 

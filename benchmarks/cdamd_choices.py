@@ -36,7 +36,7 @@ def generated(loaded, captions, seed, **sampling):
     padded = batch + batch[-1:] * (BATCH - len(batch))  # one batch size: one compilation
     start = time.perf_counter()
     motions = loaded.generate(padded, FRAMES, seeds=[1000 * seed + i + j for j in range(BATCH)], cleanup=False,
-                              **sampling)
+                              literal=True, **sampling)
     times.append(time.perf_counter() - start)
     made += [motions[j] for j in range(len(batch))]
   return made, np.median(times[1:] or times)

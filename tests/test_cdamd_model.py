@@ -142,3 +142,14 @@ def test_clips_are_edited_together_as_they_are_alone(model):
   assert both[1].meta["made"] == alone.meta["made"] and both[0].id == clips[0].id
   with pytest.raises(ValueError, match="1 prompts for 2 clips"):
     model.edits(clips, ["a person waves"], "suffix")
+
+
+def test_actions_in_a_row_go_on_from_each_other(model):
+  """Each behind the end of the one before, as an edit that keeps it: no leap, and the first is what it is alone."""
+  made = model.generate("a person runs, then waves while walking", num_frames=120, seeds=[5], cleanup=False)[0]
+  assert [c.text for c in made.captions] == ["a person runs", "a person walks and waves"] and made.num_frames == 120
+  border = round(made.captions[0].end * 20)
+  alone = model.generate("a person runs", num_frames=border, seeds=[5], cleanup=False)[0]
+  np.testing.assert_allclose(made.joints[:border], alone.joints, atol=1e-5)
+  assert np.linalg.norm(made.joints[border] - made.joints[border - 1], axis=-1).max() < 0.5  # metres: nothing leaps
+  assert made.features.shape == (120, 66) and np.ptp(made.joints[border:], axis=0).max() > 1e-3

@@ -9,6 +9,7 @@ from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.loading import load
 from motion_jax.models.cmdm import multi_prompt
 from motion_jax.motion import rotations as rot
+from motion_jax.motion.blending import laid_over
 
 FAST = dict(num_steps=6, lag=2)
 PROMPTS = [("a person walks", 1.2), ("a person waves", 1.3), ("a person sits", 0.7)]
@@ -132,9 +133,9 @@ def test_a_generated_body_is_laid_over_the_given_one():
   joints = synthetic_clips(1, 1, num_frames=60)[0].joints.astype(np.float64)
   turn = rot.about_axis(np.array(1.1), "y")
   shadow = rot.rotate(turn[None, None], joints) + [3.0, 0.1, -2.0]
-  np.testing.assert_allclose(multi_prompt._laid_over(shadow, joints[:40], 40), joints[40:], atol=1e-9)
+  np.testing.assert_allclose(laid_over(shadow, joints[:40], 40), joints[40:], atol=1e-9)
   wrong = shadow + 0.05 * np.sin(np.arange(66).reshape(22, 3))
-  after = multi_prompt._laid_over(wrong, joints[:40], 40)
+  after = laid_over(wrong, joints[:40], 40)
   assert np.abs(after[0] - joints[40]).max() < 0.01 and np.abs(after[15:] - joints[55:]).max() < 0.12
 
 

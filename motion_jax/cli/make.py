@@ -10,6 +10,7 @@ from motion_jax.models import registry
 from motion_jax.models.options import flag_of
 from motion_jax.runtime import progress, timing
 
+_TOLD = 20             # sentences of several actions of which a command says how it understood them
 _AT_ONCE = 16_000      # frames, of all motions that are made in one batch, and
 _MOST_FRAMES = 400_000  # of all that one run makes
 LENGTH = real(above=0, high=3600, unit="seconds")
@@ -23,6 +24,8 @@ def add_to(commands):
   length = generate.add_mutually_exclusive_group()
   length.add_argument("--seconds", type=LENGTH, help="length in seconds; by default that of similar training clips")
   length.add_argument("--frames", type=whole(1, 72_000), help="length in frames")
+  generate.add_argument("--literal", action="store_true", help="say every sentence to the model as it is; without it "
+                        "\"walks, then waves\" and \"waves while walking\" are done action by action")
   _making(generate, "motion.html")
   generate.set_defaults(run=_generate)
 
@@ -104,6 +107,7 @@ def _group(parser, method):
 
 
 def _generate(args):
+  from motion_jax.models import composed
   outputs, rows = _outputs(args), read_prompts(args.prompt)
   _check_count(len(rows), args)
   start, model = time.time(), _load_model(args)
@@ -112,16 +116,22 @@ def _generate(args):
   given = [frames for _, frames in rows for _ in range(args.num)]
   if args.seconds is not None or args.frames is not None:
     given = [args.frames if args.frames is not None else args.seconds * model.fps] * len(prompts)
+  literal = args.literal or not model.can("understand")
   with timing.part("text"):
-    model.check_words(list(dict.fromkeys(prompts)))
-    frames = [count if count is not None else model.natural_frames(prompt)
-              for prompt, count in zip(prompts, given)]
+    model.check_words(list(dict.fromkeys(prompts)), literal)
+    understood = {prompt: None if literal else model.understand(prompt) for prompt in prompts}
+    lengths = {(prompt, count): composed.lengths_of(model, [prompt], [understood[prompt]], count, None)[0]
+               for prompt, count in dict.fromkeys(zip(prompts, given))}
+    frames = [sum(lengths[key]) for key in zip(prompts, given)]
+  for (prompt, _), counts in list(lengths.items())[:_TOLD]:
+    if understood[prompt] is not None and not understood[prompt].is_plain:
+      print(f"understood as: {composed.told(understood[prompt], counts, model.fps)}")
   _tell_model(model, args, f"{len(prompts)} motion(s) of {min(frames) / model.fps:.1f} to "
                            f"{max(frames) / model.fps:.1f} s")
   motions = []
   for piece in progress.each(_pieces(frames, model), "making motions", unit="batch"):
     motions += model.generate(prompts[piece], frames[piece], seeds=seeds[piece], cleanup=not args.no_cleanup,
-                              **_sampling(args, model))
+                              **(dict(literal=literal) if model.can("understand") else {}), **_sampling(args, model))
   _write(args, model, motions, outputs, start)
 
 

@@ -24,6 +24,11 @@ def with_subjects(caption):
   return [caption] + ([f"{subject} {caption[found.end():]}" for subject in SUBJECTS] if found else [])
 
 
+def without_subject(caption):
+  """What a caption says that is done, in small letters: "someone walks forward ." -> "walks forward"."""
+  return re.sub(r"\s+([,.;:!?])", r"\1", _KNOWN.sub("", caption.strip().lower())).rstrip(" .!")
+
+
 def meanings(captions):
   """{sentence: number} for lists of sentences, one list per clip: sentences that clips link carry the same number.
 

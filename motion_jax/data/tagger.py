@@ -54,20 +54,22 @@ _IRREGULAR = {
 
 def tag(text) -> list[str]:
   """A sentence to tokens "lemma/POS", punctuation left out, at the tags of HumanML3D's files (universal set)."""
-  words = re.findall(r"[a-z0-9]+(?:['-][a-z0-9]+)*", text.lower())
-  tokens, before = [], ""
-  for index, word in enumerate(words):
-    after = words[index + 1] if index + 1 < len(words) else ""
-    lemma, pos = _look_up(word, before, after)
-    tokens.append(f"{lemma}/{pos}")
-    before = pos
-  return tokens
+  return [f"{lemma}/{pos}" for lemma, pos in tag_words(re.findall(r"[a-z0-9]+(?:['-][a-z0-9]+)*", text.lower()))]
+
+
+def tag_words(words) -> list[tuple[str, str]]:
+  """[(lemma, tag)] of the words of a sentence, in small letters."""
+  tags, before = [], ""
+  for word, after in zip(words, [*words[1:], ""]):
+    tags.append(_look_up(word, before, after))
+    before = tags[-1][1]
+  return tags
 
 
 def _look_up(word, before, after):
   """(lemma, tag) of a word, with the tag before it and the word after it."""
-  verb, noun = _base(word, _VERBS, ("ing", "ed", "es", "s")), _base(word, _NOUNS, ("es", "s"))
-  if word in _SIDES and (after in _NOUNS or _base(after, _NOUNS, ("es", "s"))):
+  verb, noun = base_form(word, _VERBS), base_form(word, _NOUNS, ("es", "s"))
+  if word in _SIDES and (after in _NOUNS or base_form(after, _NOUNS, ("es", "s"))):
     return word, "ADJ"
   if word in _SIDES[:4] and before in ("DET", "PRON"):
     return word, "NOUN"
@@ -92,7 +94,7 @@ def _look_up(word, before, after):
   return (word[:-1] if word.endswith("s") and not word.endswith("ss") else word), "NOUN"
 
 
-def _base(word, known, endings):
+def base_form(word, known, endings=("ing", "ed", "es", "s")):
   """The base form of word in a set of known ones, or ""."""
   if word in known:
     return word

@@ -205,8 +205,11 @@ def progress(total, what, shown=True):
 
 def generator_of(model, guidance_scale=None, sampling=None):
   """make(jobs) of `sample` for a model that was loaded."""
+  choices = dict(guidance_scale=guidance_scale) | (sampling or {})
+  if model.can("understand"):
+    choices["literal"] = True  # benchmarks say captions as they are
+
   def make(jobs):
-    made = model.generate(jobs.captions, jobs.frames, seeds=jobs.seeds, cleanup=False, guidance_scale=guidance_scale,
-                          **(sampling or {}))
+    made = model.generate(jobs.captions, jobs.frames, seeds=jobs.seeds, cleanup=False, **choices)
     return [x[:count + TAIL] for x, count in zip(made.decoded, jobs.frames)]
   return make

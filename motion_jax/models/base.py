@@ -20,6 +20,7 @@ from motion_jax.motion.stats import Stats
 from motion_jax.runs import Run
 from motion_jax.runtime import cache
 from motion_jax.text.encoder import TextEncoder
+from motion_jax.text.sentences import Sentence, understand
 from motion_jax.text.vocabulary import Vocabulary
 from motion_jax.training import checkpoint
 
@@ -33,6 +34,7 @@ Frames = float | Sequence[float] | np.ndarray | Callable[[str], float] | None  #
 # What a model may be able to do, each a method of its name; `can` says whether a model is.
 ABILITIES = {
     "generate": "motion from words",
+    "understand": "a sentence of several actions is one motion in which they are done",
     "stream": "motion without end, block after block",
     "multi_prompt": "several prompts in a row, one motion",
     "extend": "a motion that exists goes on",
@@ -175,7 +177,14 @@ class TextToMotionModel(Able):
     """Choices that follow from the networks where neither caller nor config makes them."""
     return {}
 
-  def prompts_of(self, prompts: Prompts) -> list[str]:
+  def understand(self, prompt: str) -> Sentence:
+    """The actions that a sentence asks for, one after the other and at once: `text.sentences`.
+
+    What a caption of the training data says stays one action, whoever moves.
+    """
+    return understand(prompt, self._learned[0].holds if self._learned else lambda text: False)
+
+  def prompts_of(self, prompts: Prompts, literal: bool = True) -> list[str]:
     """A list of prompts from one or several, checked as `check_words` does. Raises TypeError for what is no text."""
     if not isinstance(prompts, str) and (isinstance(prompts, bytes | dict) or not isinstance(prompts, Iterable)):
       raise TypeError(f"got {told(prompts)} as prompts, expected a sentence such as \"a person waves\", or a "
@@ -183,13 +192,14 @@ class TextToMotionModel(Able):
     prompts = [prompts] if isinstance(prompts, str) else list(prompts)
     if not prompts:
       raise InputError("got no prompt; say what the person does, as in \"a person waves\"")
-    self.check_words(prompts)
+    self.check_words(prompts, literal)
     return prompts
 
-  def check_words(self, prompts: Iterable[str]) -> None:
+  def check_words(self, prompts: Iterable[str], literal: bool = True) -> None:
     """Raises ValueError for an empty prompt; warns of words that stand in no caption that the model learned from.
 
-    The warning says what it will do instead: the nearest caption that it knows.
+    The warning says what it will do instead: the nearest caption that it knows. literal: the prompts are said to the
+    model as they are, not action by action as it understands them.
     """
     strange = {}
     for prompt in prompts:
@@ -200,9 +210,10 @@ class TextToMotionModel(Able):
       if len(prompt) > _LONGEST_PROMPT:
         raise InputError(f"got a prompt of {len(prompt):,} characters, expected at most {_LONGEST_PROMPT:,}; "
                          "multi_prompt takes several sentences one after the other")
-      words = self.unknown_words(prompt) if self.tells_unknown_words else []
-      if words:
-        strange[prompt] = ", ".join(map(repr, words[:_NAMED])) + (" ..." if len(words) > _NAMED else "")
+      for said in [prompt] if literal else self.understand(prompt).prompts if self.tells_unknown_words else []:
+        words = self.unknown_words(said) if self.tells_unknown_words else []
+        if words:
+          strange[said] = ", ".join(map(repr, words[:_NAMED])) + (" ..." if len(words) > _NAMED else "")
     for prompt, found in list(strange.items())[:_NAMED]:
       nearest = self.nearest_captions(prompt)
       instead = (f"no caption that {self.folder.name} learned from says so; the nearest of them is "
@@ -228,6 +239,7 @@ def _shortened(text):
 
 
 def each(value: Any, prompts: Sequence[str]) -> list[Any]:
+  """One value per prompt, of one for all or one for each."""
   several = isinstance(value, Sequence | np.ndarray) and not isinstance(value, str | bytes)
   values = list(value) if several else [value] * len(prompts)
   if len(values) != len(prompts):

@@ -12,7 +12,7 @@ from jaxtyping import Float, Num
 from motion_jax import export
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.motion.cleanup import clean_up
-from motion_jax.motion.representations import to_joints
+from motion_jax.motion.representations import to_features, to_joints
 from motion_jax.runtime import timing
 
 if TYPE_CHECKING:
@@ -106,6 +106,22 @@ def make_motions(model: "TextToMotionModel", made: Any, frames: Sequence[int], c
              meta=dict(prompt=" | ".join(c.text for c in captions[i]), seed=seeds[i], cleanup=bool(cleanup)) | about)
       for i, count in enumerate(frames))
   return Motions(joints * mask[..., None, None], mask, features * mask[..., None], made, decoded)
+
+
+def features_of(model: "TextToMotionModel", joints: Num[np.ndarray, "t j 3"]) -> Float[np.ndarray, "t f"]:
+  """Features (T, F), not normalized, of joints as the model's data has them."""
+  ahead = np.concatenate([joints, 2 * joints[-1:] - joints[-2:-1]])  # a row looks one frame ahead
+  return to_features(ahead, model.stats.layout, model.config.data.mode)[:len(joints)]
+
+
+def gathered(motions: Sequence[Motion]) -> Motions:
+  """Motions that were made one by one, as of one batch."""
+  longest = max(motion.num_frames for motion in motions)
+  padded = lambda x: np.pad(x, ((0, longest - len(x)), *((0, 0),) * (x.ndim - 1)))
+  mask = np.arange(longest) < np.array([motion.num_frames for motion in motions])[:, None]
+  features = [motion.features for motion in motions if motion.features is not None]
+  return Motions(np.stack([padded(motion.joints) for motion in motions]), mask, np.stack(list(map(padded, features))),
+                 tuple(motions))
 
 
 def go_on(model: "TextToMotionModel", clip: Clip, past: Num[np.ndarray, "t j 3"], new: Num[np.ndarray, "n j 3"],

@@ -5,6 +5,7 @@ from jaxtyping import Bool, Float, Num
 from motion_jax.shapes import Array
 
 _FADE = 12      # frames over which a part finds to its own pose and speed: 0.6 s at 20 frames a second
+_ALIGN = 6      # frames by which two motions are laid over each other
 _SWERVE = 0.15  # metres that a joint's step across a border may differ from the steps beside it
 
 
@@ -61,3 +62,18 @@ def _correction(made, given, kept, first, fade, count=None, closed=False):
   pose = (away - away_root) * (1 - 3 * s ** 2 + 2 * s ** 3) + (drift - drift_root) * (width + 1) * s * (1 - s) ** 2
   way = away_root + drift_root * (width + 1) * (s - s ** 2 + s ** 3 / 3)
   return pose + (way * (1 - k / (count + 1)) if closed else way)
+
+
+def laid_over(shadow: Float[np.ndarray, "n j 3"], joints: Num[np.ndarray, "t j 3"], count: int
+              ) -> Float[np.ndarray, "_ j 3"]:
+  """The frames of shadow (N, J, 3) after its first `count`, which repeat the end of joints (T, J, 3) somewhere else on
+  the ground, moved to go on from there; what is left of a difference fades."""
+  near = min(_ALIGN, count)
+  ours, theirs = shadow[count - near:count], joints[-near:]
+  centre, aim = ours.mean((0, 1)), theirs.mean((0, 1))
+  a, b = ((body - middle)[..., [0, 2]].reshape(-1, 2) for body, middle in ((ours, centre), (theirs, aim)))
+  angle = np.arctan2((a[:, 1] * b[:, 0] - a[:, 0] * b[:, 1]).sum(), (a * b).sum())  # about y, from z to x
+  turn = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
+  moved = (shadow[count - 1:] - centre) @ turn.T + aim
+  fade = (1 + np.cos(np.pi * np.clip(np.arange(len(moved)) / _FADE, 0, 1))) / 2
+  return (moved + fade[:, None, None] * (joints[-1] - moved[0]))[1:]

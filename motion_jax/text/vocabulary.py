@@ -3,6 +3,8 @@ import functools
 import heapq
 import re
 
+from motion_jax.data.captions import without_subject
+
 # Words that carry no movement of their own: never worth a warning.
 FUNCTION_WORDS = frozenset(
     "a about after again all also an and another any are as at be been before being both but by can could did do does "
@@ -62,6 +64,14 @@ class Vocabulary:
       for form in {form for word in content_words(caption.lower()) for form in forms(word)}:
         rows.setdefault(form, []).append(row)
     return rows
+
+  @functools.cached_property
+  def _said(self):
+    return {without_subject(caption) for caption in self.captions}
+
+  def holds(self, sentence):
+    """Whether a caption says this, whoever moves."""
+    return without_subject(sentence) in self._said
 
   def missing(self, sentence):
     """The words of a sentence that stand in no caption, in any form, each once and in order."""

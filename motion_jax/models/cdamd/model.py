@@ -13,7 +13,7 @@ from motion_jax.data.clip import Caption, Clip
 from motion_jax.inputs import former_names
 from motion_jax.inputs.config_files import module_fields
 from motion_jax.latents import AutoencoderCodec
-from motion_jax.models import cdamd
+from motion_jax.models import cdamd, composed
 from motion_jax.models.base import Frames, Prompts, TextToMotionModel, keys_of
 from motion_jax.models.cdamd import draws
 from motion_jax.models.cdamd import length as lengths
@@ -21,8 +21,9 @@ from motion_jax.models.cdamd import mask_schedule as masking
 from motion_jax.models.cdamd.options import CdamdSampling
 from motion_jax.models.cdamd.unmasking import most_unmasked
 from motion_jax.models.known_motion import on_our_body
-from motion_jax.models.results import Motion, Motions, captions_in_a_row, make_motions
-from motion_jax.motion.blending import join
+from motion_jax.models.results import Motion, Motions, captions_in_a_row, features_of, gathered, make_motions
+from motion_jax.motion.blending import join, laid_over
+from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.representations import get_layout, to_features
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.length_estimator import LengthEstimator
@@ -33,12 +34,14 @@ from motion_jax.shapes import Array
 from motion_jax.text.encoder import TextEncoder
 from motion_jax.training import checkpoint
 
+_PAST = 40  # frames of a motion behind which it goes on
+
 Spans = Sequence[Sequence[int]]  # [(first frame, the one behind the last), ...]
 
 
 class CdamdModel(TextToMotionModel):
   """CDAMD or MARDM ready to use: prompts in, motion out; a motion in, the same one with new parts out."""
-  abilities = ("generate", "edit")
+  abilities = ("generate", "understand", "edit")
   options = CdamdSampling
 
   def __init__(self, run: Run, encoder: TextEncoder) -> None:
@@ -69,18 +72,26 @@ class CdamdModel(TextToMotionModel):
 
   @former_names.with_keywords
   def generate(self, prompts: Prompts, num_frames: Frames = None, *, seconds: Frames = None,
-               rng: jax.Array | None = None, seeds: Iterable[int] | None = None, cleanup: bool = True, **sampling: Any
-               ) -> Motions:
+               rng: jax.Array | None = None, seeds: Iterable[int] | None = None, cleanup: bool = True,
+               literal: bool = False, **sampling: Any) -> Motions:
     """Motions for one prompt or several, of the given length each (one number or one per prompt).
 
+    A prompt of several actions ("walks, then waves", "waves while walking") is done action by action, as
+    `understand(prompt)` says it is understood, each action an edit behind the last two seconds of the one before;
+    literal: its words go to the network as they are, as those of a single action always do. A length is shared among
+    the actions.
     rng: a key, of which prompt i gets fold_in(rng, i); or seeds, one integer per prompt. With a solver of fixed steps a
     motion does not depend on its batch-mates. Lengths are cut to whole latents (4 frames); without one it is
     `natural_frames`. sampling: choices of `CdamdSampling`. Raises ValueError for what cannot be made.
     """
-    prompts = self.prompts_of(prompts)
-    frames = [count // self.frames_per_latent * self.frames_per_latent
-              for count in self.frames_of(prompts, num_frames, seconds)]
+    prompts = self.prompts_of(prompts, literal)
     keys, seeds = keys_of(rng, seeds, len(prompts))
+    return composed.generate(self, prompts, num_frames, seconds, keys, seeds, cleanup, literal, sampling)
+
+  def sample(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, seeds: Sequence[int | None],
+             cleanup: bool, sampling: dict[str, Any]) -> Motions:
+    """Motions of prompts that are said to the network as they are, a key each."""
+    frames = [count // self.frames_per_latent * self.frames_per_latent for count in frames]
     every = np.arange(self.max_latents) < np.array(frames)[:, None] // self.frames_per_latent
     plan, masked, scale, about = self._tables(keys, every, **sampling)
     text_emb, text_mask = self.encode_words(prompts)
@@ -88,6 +99,35 @@ class CdamdModel(TextToMotionModel):
                           real_mask=jnp.asarray(every), scale=scale, keys=keys)
     captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
     return make_motions(self, made, frames, captions, seeds, about, cleanup)
+
+  def in_a_row(self, lists: Sequence[Sequence[tuple[str, int]]], keys: jax.Array, seeds: Sequence[int | None],
+               cleanup: bool, sampling: dict[str, Any]) -> Motions:
+    """A motion of each list of (prompt, frames), a key each: the first is made of words alone, and each further one
+    behind the end of what there is, as an edit that keeps that end."""
+    first = self.sample([row[0][0] for row in lists], [row[0][1] for row in lists], keys, seeds, False, sampling)
+    return gathered([self._gone_on(motion, row[1:], key, cleanup, sampling)
+                     for motion, row, key in zip(first, lists, keys)])
+
+  def _gone_on(self, motion, segments, key, cleanup, sampling):
+    """The motion with each of segments [(prompt, frames)] behind it."""
+    joints, layout = motion.joints, self.stats.layout
+    prompts, ends = [motion.captions[0].text], [motion.num_frames]
+    for i, (prompt, frames) in enumerate(segments):
+      end = ends[-1] + max(frames // self.frames_per_latent, 1) * self.frames_per_latent
+      while len(joints) < end:
+        past = joints[-_PAST:]
+        past = past[len(past) % self.frames_per_latent:]
+        count = min(end - len(joints), self.max_latents * self.frames_per_latent - len(past))
+        clip = Clip(np.concatenate([past, np.repeat(past[-1:], count, axis=0)]), self.fps, skeleton=layout.skeleton)
+        made = self.edits([clip], [prompt], keep=[(0, len(past))], cleanup=False,
+                          rng=jax.random.fold_in(jax.random.fold_in(key, i + 1), len(joints)), **sampling)[0]
+        joints = np.concatenate([joints, laid_over(made.joints.astype(np.float64), past, len(past))]).astype(np.float32)
+      prompts.append(prompt)
+      ends.append(len(joints))
+    if cleanup and layout.has_fixed_bones:
+      joints = clean_up(joints, skeleton=layout.skeleton)
+    return motion.replace(joints=joints, features=features_of(self, joints), meta=motion.meta | dict(
+        cleanup=bool(cleanup)), captions=captions_in_a_row(prompts, ends, self.fps))
 
   def edit(self, clip: Clip | np.ndarray, prompt: str, task: str | None = None, *, rng: jax.Array | None = None,
            seed: int | None = None, **choices: Any) -> Motion:

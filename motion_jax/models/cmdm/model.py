@@ -6,6 +6,7 @@ import jax
 
 from motion_jax.data.clip import Clip
 from motion_jax.inputs import former_names
+from motion_jax.models import composed
 from motion_jax.models.base import Frames, Prompts, keys_of
 from motion_jax.models.cmdm import multi_prompt as multi
 from motion_jax.models.cmdm import streaming
@@ -21,24 +22,31 @@ Segments = Sequence[tuple[str, float | None]]  # prompts and their seconds
 
 class CmdmModel(CmdmNetworks):
   """CMDM ready to use: prompts in, motion out. Made by `load`."""
-  abilities = ("generate", "stream", "multi_prompt", "extend", "reconstruct")
+  abilities = ("generate", "understand", "stream", "multi_prompt", "extend", "reconstruct")
   options = CmdmSampling
 
   @former_names.with_keywords
   def generate(self, prompts: Prompts, num_frames: Frames = None, *, seconds: Frames = None,
-               rng: jax.Array | None = None, seeds: Iterable[int] | None = None, cleanup: bool = True, **sampling: Any
-               ) -> Motions:
+               rng: jax.Array | None = None, seeds: Iterable[int] | None = None, cleanup: bool = True,
+               literal: bool = False, **sampling: Any) -> Motions:
     """Motions for one prompt or several, of the given length each (one number or one per prompt).
 
+    A prompt of several actions ("walks, then waves", "waves while walking") is done action by action, as
+    `understand(prompt)` says it is understood; literal: its words go to the network as they are, as those of a single
+    action always do. A length is shared among the actions.
     rng: a key, of which prompt i gets fold_in(rng, i), so that a motion does not depend on its batch-mates; or seeds,
     one integer per prompt. sampling: guidance_scale, schedule, num_steps, lag, solver, context of `CmdmSampling`; by
     default the model's own. Without a length it is that of the nearest training captions. cleanup: standing feet are
     planted and tremor is taken away (`motion.cleanup`); features stay as they were made. Raises ValueError for an empty
     prompt or a length that is not positive or over an hour.
     """
-    prompts = self.prompts_of(prompts)
-    frames = self.frames_of(prompts, num_frames, seconds)
+    prompts = self.prompts_of(prompts, literal)
     keys, seeds = keys_of(rng, seeds, len(prompts))
+    return composed.generate(self, prompts, num_frames, seconds, keys, seeds, cleanup, literal, sampling)
+
+  def sample(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, seeds: Sequence[int | None],
+             cleanup: bool, sampling: dict[str, Any]) -> Motions:
+    """Motions of prompts that are said to the network as they are, a key each."""
     plan, scale, about = self.plan_of(**sampling)
     # Whole blocks are independent of what follows them; a few more of them spare a compilation for every new length.
     blocks = -(-max(frames) // (plan.block * self.vae.frames_per_latent * 4)) * 4
@@ -81,6 +89,11 @@ class CmdmModel(CmdmNetworks):
     if way not in multi.WAYS:
       raise ValueError(f"got way {way!r}, expected one of {', '.join(multi.WAYS)}")
     keys, seeds = keys_of(rng, seeds, len(lists))
+    return self.in_a_row(lists, keys, seeds, cleanup, sampling, way)
+
+  def in_a_row(self, lists: Sequence[Sequence[tuple[str, int]]], keys: jax.Array, seeds: Sequence[int | None],
+               cleanup: bool, sampling: dict[str, Any], way: str = "stream") -> Motions:
+    """A motion of each list of (prompt, frames), a key each; see `multi_prompts`."""
     plan, scale, about = self.plan_of(**sampling)
     prompts, counts = ([list(part) for part in parts] for parts in zip(*(zip(*segments) for segments in lists)))
     make = multi.stream if way == "stream" else multi.chain

@@ -11,14 +11,13 @@ from jaxtyping import Bool, Float, Num
 
 from motion_jax.models.cmdm import streaming
 from motion_jax.models.cmdm.networks import CmdmNetworks
+from motion_jax.motion.blending import laid_over
 from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.representations import to_features, to_joints
 from motion_jax.shapes import Array
 
 WAYS = ("stream", "chain")
 _BUCKET = 4         # blocks; lengths are rounded up to it, so that not every length waits for a compiler
-_FADE = 12          # frames over which a generated body comes away from where the given one ended
-_ALIGN = 6          # frames of the past by which the two are laid over each other
 
 
 def borders(frames: Sequence[int], frames_per_block: int) -> tuple[list[int], int]:
@@ -170,17 +169,4 @@ def extend(model: CmdmNetworks, plan: streaming.Plan, scale: float, joints: Num[
   contacts = model.stats.layout.contacts(features)
   if cleanup and model.stats.layout.has_fixed_bones and contacts is not None:
     shadow = clean_up(shadow, contacts, model.stats.layout.skeleton)
-  return _laid_over(shadow.astype(np.float64), joints, border).astype(np.float32), ends.tolist()
-
-
-def _laid_over(shadow, joints, count):
-  """The frames of shadow after its first `count`, which repeat the end of joints, moved to go on from there."""
-  near = min(_ALIGN, count)
-  ours, theirs = shadow[count - near:count], joints[-near:]
-  centre, aim = ours.mean((0, 1)), theirs.mean((0, 1))
-  a, b = ((body - middle)[..., [0, 2]].reshape(-1, 2) for body, middle in ((ours, centre), (theirs, aim)))
-  angle = np.arctan2((a[:, 1] * b[:, 0] - a[:, 0] * b[:, 1]).sum(), (a * b).sum())  # about y, from z to x
-  turn = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
-  moved = (shadow[count - 1:] - centre) @ turn.T + aim
-  fade = (1 + np.cos(np.pi * np.clip(np.arange(len(moved)) / _FADE, 0, 1))) / 2
-  return (moved + fade[:, None, None] * (joints[-1] - moved[0]))[1:]
+  return laid_over(shadow.astype(np.float64), joints, border).astype(np.float32), ends.tolist()

@@ -1,0 +1,192 @@
+"""Sentences of several actions become one motion: in a row by the method's own means, at once part by part of the body.
+
+What a sentence asks for is `text.sentences`; how long each action takes are clips of it in training, or what was asked,
+shared in proportion. Actions at once are sampled as two motions of one length, and arms, head or torso of the one are
+put on the other (`motion.layering`): whose legs act is the base, so that feet stay where they are.
+"""
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import jax
+import numpy as np
+
+from motion_jax.inputs.errors import InputError
+from motion_jax.inputs.numerals import as_float, demand_numbers
+from motion_jax.models.base import each
+from motion_jax.models.results import Motions, captions_in_a_row, features_of, gathered
+from motion_jax.motion.layering import put_on
+from motion_jax.motion.resting import with_rest
+from motion_jax.text.actions import cycle_of
+from motion_jax.text.sentences import Sentence
+
+if TYPE_CHECKING:
+  from motion_jax.models.base import Frames, TextToMotionModel
+
+_LONGEST = 3600    # seconds
+_REST = 2.0        # seconds of standing still
+_AROUND = 1.5      # seconds in which a hand comes up and goes down again, around what is counted
+_IN, _OUT = 8, 12  # frames in which a part comes to another motion's and goes back
+
+
+def usual_frames(model: "TextToMotionModel", sentence: Sentence) -> list[int]:
+  """How long each segment of a sentence is, in frames: as it says itself, or as long as clips of its longest action;
+  what is done several times takes as much longer."""
+  return [round(segment.seconds * model.fps) if segment.seconds else round(_REST * model.fps) if segment.rests else
+          max(_action_frames(model, action) for action in (segment.action, *segment.also))
+          for segment in sentence.segments]
+
+
+def _action_frames(model, action):
+  cycle = cycle_of(action.verb)
+  if action.times > 1 and cycle is not None:
+    return round((cycle * action.times + _AROUND) * model.fps)
+  return model.natural_frames(action.prompt) * action.times
+
+
+def shared(usual: Sequence[int], total: int, least: int) -> list[int]:
+  """Whole numbers of at least `least` that sum to total, in proportion to the usual ones as far as that goes."""
+  ends = np.round(np.cumsum(usual) / sum(usual) * total).astype(int)
+  lengths = np.diff([0, *ends])
+  for i in np.flatnonzero(lengths < least):  # the longest gives what is missing
+    lengths[np.argmax(lengths)] -= least - lengths[i]
+    lengths[i] = least
+  return lengths.tolist()
+
+
+def lengths_of(model: "TextToMotionModel", prompts: Sequence[str], sentences: Sequence[Sentence | None],
+               num_frames: "Frames", seconds: "Frames") -> list[list[int]]:
+  """Frames of the segments of each prompt; of a prompt that is taken as it is a single number."""
+  if num_frames is not None and seconds is not None:
+    model.frames_of(prompts, num_frames, seconds)  # says what is wrong
+  name, said, scale = ("num_frames", num_frames, 1.0) if seconds is None else ("seconds", seconds, model.fps)
+  said = [said(prompt) for prompt in prompts] if callable(said) else each(said, prompts)
+  demand_numbers([value for value in said if value is not None], name, "a number, or one per prompt")
+  return [model.frames_of([prompt], *((value, None) if seconds is None else (None, value)))
+          if sentence is None or sentence.is_plain else
+          _lengths(model, sentence, value if value is None else as_float(value) * scale)
+          for prompt, sentence, value in zip(prompts, sentences, said)]
+
+
+def _lengths(model, sentence, total):
+  """Frames of each segment, of so many together, or of as many as are usual."""
+  counts, least = usual_frames(model, sentence), model.frames_per_latent
+  if total is not None:
+    if not least * len(counts) <= total <= _LONGEST * model.fps:
+      raise InputError(f"got a length of {total:g} frames for {len(counts)} actions in a row, expected "
+                       f"{least * len(counts)} to {_LONGEST * model.fps:.0f}")
+    counts = shared(counts, round(total), least)
+  if sum(counts) > _LONGEST * model.fps:
+    raise InputError(f"got a sentence of {sum(counts) / model.fps:,.0f} s, expected at most {_LONGEST:,}")
+  return model.frames_of([segment.action.prompt for segment in sentence.segments], counts, None)
+
+
+def told(sentence: Sentence, frames: Sequence[int], fps: float) -> str:
+  """What was understood, for a person: "walks forward (3.2 s) | waves the right hand (2.6 s)"."""
+  return " | ".join(f"{segment.words} ({count / fps:.1f} s)" for segment, count in zip(sentence.segments, frames))
+
+
+def generate(model: "TextToMotionModel", prompts: Sequence[str], num_frames: "Frames", seconds: "Frames",
+             keys: jax.Array, seeds: Sequence[int | None], cleanup: bool, literal: bool, sampling: dict[str, Any]
+             ) -> Motions:
+  """Motions of prompts, each understood by itself; those of one action go to `model.sample` as they are."""
+  sentences = [None if literal else model.understand(prompt) for prompt in prompts]
+  rows = [i for i, sentence in enumerate(sentences) if sentence is None or sentence.is_plain]
+  if len(rows) == len(prompts):
+    frames = model.frames_of(prompts, num_frames, seconds)
+    return model.sample(prompts, frames, keys, seeds, cleanup, sampling)
+  lengths = lengths_of(model, prompts, sentences, num_frames, seconds)
+  found: dict[int, Any] = {}
+  if rows:
+    made = model.sample([prompts[i] for i in rows], [lengths[i][0] for i in rows], keys[np.array(rows)],
+                        [seeds[i] for i in rows], cleanup, sampling)
+    found |= zip(rows, made)
+  rows = [i for i in range(len(prompts)) if i not in found]
+  made = _composed(model, [sentences[i] for i in rows], [lengths[i] for i in rows], keys[np.array(rows)],
+                   [seeds[i] for i in rows], cleanup, sampling)
+  found |= zip(rows, made)
+  return gathered([found[i].replace(id=f"motion_{i}") for i in range(len(prompts))])
+
+
+def _composed(model, sentences: list[Sentence], lengths: list[list[int]], keys, seeds, cleanup, sampling):
+  """A Motion for each sentence."""
+  moving = [[(segment, count) for segment, count in zip(sentence.segments, frames) if not segment.rests]
+            or [(sentence.segments[0], frames[0])] for sentence, frames in zip(sentences, lengths)]
+  lists = [[(segment.action.prompt, count) for segment, count in row] for row in moving]
+  bases = model.in_a_row(lists, keys, seeds, cleanup, sampling)
+  spans = [_spans(model, base, len(row)) for base, row in zip(bases, moving)]
+  layers = [(row, place, action) for row, parts in enumerate(moving)
+            for place, (segment, _) in enumerate(parts) for action in segment.also]
+  joints = [base.joints for base in bases]
+  if layers:
+    folded = jax.numpy.stack([jax.random.fold_in(keys[row], 1 + i) for i, (row, _, _) in _numbered(layers)])
+    counts = [spans[row][place][1] - spans[row][place][0] for row, place, _ in layers]
+    counts = [max(count, model.frames_per_latent) for count in counts]
+    others = model.sample([action.prompt for _, _, action in layers], counts, folded, [None] * len(layers), cleanup,
+                          sampling)
+    for (row, place, action), other in zip(layers, others):
+      joints[row] = _layered(joints[row], other.joints, spans[row], place, action, model.stats.layout.skeleton)
+  return [_finished(model, base, sentence, *_with_rests(body, sentence, span, frames, model.stats.layout.skeleton))
+          for base, sentence, body, span, frames in zip(bases, sentences, joints, spans, lengths)]
+
+
+def _numbered(layers):
+  """Each layer with its number within its sentence, so that draws do not depend on batch-mates."""
+  seen: dict[int, int] = {}
+  for layer in layers:
+    seen[layer[0]] = seen.get(layer[0], -1) + 1
+    yield seen[layer[0]], layer
+
+
+def _spans(model, base, count):
+  """[(first frame, past)] of the segments, by the captions of the motion."""
+  if count == 1:
+    return [(0, base.num_frames)]
+  return [(round(c.start * model.fps), min(round(c.end * model.fps), base.num_frames)) for c in base.captions]
+
+
+def _layered(joints, other, spans, place, action, skeleton):
+  """Joints with an action's part in one segment, which comes and goes where there is something before and behind."""
+  first, past = spans[place]
+  if action.held:
+    hands = [chain[-1] for side, chain in zip(("right", "left"), skeleton.chains[3:]) if side in action.sides
+             or not action.sides]
+    other = np.repeat(other[[int(np.argmax(other[:, hands, 1].mean(1)))]], past - first, axis=0)
+  other = np.concatenate([other, np.repeat(other[-1:], max(past - first - len(other), 0), axis=0)])[:past - first]
+  k, weight = np.arange(past - first), np.ones(past - first)
+  if first > 0:
+    weight = np.minimum(weight, (k + 1) / (_IN + 1))
+  if past < len(joints):
+    weight = np.minimum(weight, (len(k) - k) / (_OUT + 1))
+  weight = weight * weight * (3 - 2 * weight)
+  body = joints.copy()
+  body[first:past] = put_on(joints[first:past], other, action.part, action.sides, weight, skeleton)
+  return body
+
+
+def _with_rests(joints, sentence, spans, lengths, skeleton):
+  """(joints, [(first frame, past)] of all segments) with time for those that rest, from the spans of the others."""
+  if not any(segment.rests for segment in sentence.segments) or len(sentence.segments) == 1:
+    return joints, spans
+  found, spans, added, end = [], list(spans), 0, 0
+  for segment, count in zip(sentence.segments, lengths):
+    if segment.rests:
+      joints, first, past = with_rest(joints, end, count, skeleton, ends=segment is sentence.segments[-1])
+      if found:
+        found[-1] = (found[-1][0], first)
+      found.append((first if found else 0, past))
+      added, end = added + count, past
+    else:
+      _, past = spans.pop(0)
+      found.append((end, past + added))
+      end = past + added
+  return joints, found
+
+
+def _finished(model, base, sentence, joints, spans):
+  """The motion with its sentence, what was understood of it, and features of what it shows."""
+  captions = captions_in_a_row([segment.prompt for segment in sentence.segments], [past for _, past in spans],
+                               model.fps)
+  meta = base.meta | dict(prompt=sentence.text, understood=told(sentence, [b - a for a, b in spans], model.fps))
+  if joints is base.joints:
+    return base.replace(captions=captions, meta=meta)
+  return base.replace(joints=joints, features=features_of(model, joints), captions=captions, meta=meta)

@@ -1,0 +1,59 @@
+"""Two motions in one body: arms, head or torso of the one on what carries them of the other."""
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float, Num
+
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.pose import to_pose
+from motion_jax.motion.skeleton import Skeleton
+
+_ONE_SIDED = 2.0  # how much further the one hand travels than the other where only one of them acts
+
+
+def put_on(base: Num[np.ndarray, "t j 3"], other: Num[np.ndarray, "t j 3"], part: str, sides: Sequence[str],
+           weight: Num[np.ndarray, " t"], skeleton: Skeleton) -> Float[np.ndarray, "t j 3"]:
+  """Joints (T, J, 3) of base whose part is held against the chest (a torso: against the pelvis) as it is in other.
+
+  part: "arms", "head" or "torso", which takes head and arms along; sides: which arms, of "left" and "right", and
+  without any the one that acts, or both where both do. weight (T,): 0 is base's own, 1 the other's. Directions of bones
+  are taken, so that bones are as long as in base; all joints of other parts stay as they are, feet above all. float32.
+  """
+  base, other = np.asarray(base, np.float64), np.asarray(other, np.float64)
+  _, _, back, right, left = skeleton.chains
+  chest = right[0]
+  head = back[back.index(chest):]
+  if part == "arms" and not sides:
+    sides = acting(other, skeleton)
+  arms = [chain for side, chain in (("right", right), ("left", left)) if part == "torso" or side in sides]
+  chains = {"arms": arms, "head": [head], "torso": [back, *arms]}[part]
+  anchor = back[0] if part == "torso" else chest
+  ours, theirs = (to_pose(joints, skeleton).turned[:, anchor] for joints in (base, other))
+  turn = rot.multiply(ours, rot.conjugate(theirs))
+  result = base.copy()
+  for chain in chains:
+    for parent, joint in zip(chain[:-1], chain[1:]):
+      own, new = base[:, joint] - base[:, parent], rot.rotate(turn, other[:, joint] - other[:, parent])
+      result[:, joint] = result[:, parent] + _between(own, new, weight)
+  return result.astype(np.float32)
+
+
+def acting(joints: Num[np.ndarray, "t j 3"], skeleton: Skeleton) -> tuple[str, ...]:
+  """The sides whose hands move: the one that travels more than twice as far against the chest, or both."""
+  _, _, _, right, left = skeleton.chains
+  turned = to_pose(joints, skeleton).turned[:, right[0]]
+  way = {}
+  for side, chain in (("left", left), ("right", right)):
+    held = rot.rotate(rot.conjugate(turned), np.asarray(joints[:, chain[-1]] - joints[:, chain[0]], np.float64))
+    way[side] = np.linalg.norm(np.diff(held, axis=0), axis=-1).sum()
+  sides = tuple(side for side, other in (("left", "right"), ("right", "left")) if way[side] > way[other] / _ONE_SIDED)
+  return sides or ("left", "right")
+
+
+def _between(own, new, weight):
+  """Vectors (T, 3) of own's length, turned from own towards new by weight (T,) of the angle between the two."""
+  length = np.linalg.norm(own, axis=-1, keepdims=True)
+  safe = np.where(length > 1e-9, own, [0.0, 1.0, 0.0])
+  whole = rot.between(safe, np.where(np.linalg.norm(new, axis=-1, keepdims=True) > 1e-9, new, safe))
+  still = np.broadcast_to([1.0, 0.0, 0.0, 0.0], whole.shape)
+  return rot.rotate(rot.slerp(still, whole, np.asarray(weight, np.float64)), safe) * (length > 1e-9)

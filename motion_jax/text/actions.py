@@ -1,0 +1,85 @@
+"""Which part of the body an action is about: by its verb, and by what is moved ("raises the left knee", "nods").
+
+The words are those of sentences about movement; the shares by which a verb is said to be of one part are those that
+SINC (Athanasiou et al. 2023) counted: walking is of the legs, waving of the arms, bowing of the torso, nodding of the
+head.
+"""
+from collections.abc import Sequence
+
+from motion_jax.data.tagger import base_form
+
+# Of two actions at once, the part named first carries the other: whoever walks while waving goes where the walk goes.
+PARTS = ("legs", "body", "torso", "arms", "head")
+
+_VERBS = {part: set(words.split()) for part, words in {
+    # What goes on for as long as one likes, so that another part may do something meanwhile;
+    "gait": "walk run jog stroll stride march hop skip jump leap crawl sneak creep tiptoe limp wander pace sprint dash "
+            "hurry rush trot gallop wade shuffle strut saunter stagger sidestep strafe move stand stay circle amble "
+            "hike prowl stalk waddle step go come bounce",
+    # and what the legs do once.
+    "legs": "turn spin rotate pivot sit kneel squat crouch kick fall lie rise climb trip stumble lunge stomp stamp "
+            "duck land return approach collapse descend get",
+    "body": "dance exercise roll fight practice perform do cartwheel flip somersault swim fly balance box shadowbox "
+            "play skate slide waltz",
+    "torso": "bow bend lean twist tilt stoop",
+    "arms": "wave clap raise lift lower throw toss catch punch jab drink eat pick point salute grab reach hug swing "
+            "shake gesture wipe scratch cross answer push pull put pray cheer juggle drum beckon snap rub wash greet "
+            "carry stir pour shrug fold hold flap slap extend draw pump shoot applaud swat stretch strike slash "
+            "brush open screw take place drop",
+    "head": "nod look glance stare",
+    "": "talk sing laugh speak shout smile cry yell whisper yawn call say think breathe show respond direct "
+        "make give keep start begin continue stop pause wait rest halt freeze finish quit resume proceed use work "
+        "follow try want face touch hit hang rock lift blow bring set leave enter",
+}.items()}
+ACTIONS = set().union(*_VERBS.values())
+_IRREGULAR = {form: verb for verb, forms in {
+    "bend": "bent", "catch": "caught", "come": "came", "do": "did", "draw": "drew", "drink": "drank", "fall": "fell",
+    "go": "went", "hang": "hung", "hold": "held", "kneel": "knelt", "leap": "leapt", "lean": "leant",
+    "lie": "lying lay", "make": "made", "rise": "rose", "run": "ran", "shake": "shook", "sit": "sat", "spin": "spun",
+    "stand": "stood", "sweep": "swept", "swim": "swam", "swing": "swung", "take": "took", "throw": "threw",
+    "get": "got", "eat": "ate", "creep": "crept", "keep": "kept", "say": "said", "strike": "struck", "give": "gave",
+}.items() for form in forms.split()}
+RESTS = {"stop", "pause", "wait", "rest", "halt", "freeze"}
+# Seconds of one swing, clap or blow of actions that a clip shows many times: to do such a thing twice takes no longer.
+_CYCLES = {"wave": 0.8, "clap": 0.6, "nod": 0.8, "shake": 0.6, "punch": 1.0, "jab": 0.8, "stomp": 0.8, "stamp": 0.8}
+_THINGS = (("legs", {"leg", "knee", "foot", "feet", "heel", "toe", "ankle", "thigh"}),
+           ("head", {"head", "chin", "neck"}),
+           ("torso", {"torso", "hip", "waist", "chest"}),
+           ("arms", {"arm", "hand", "wrist", "elbow", "fist", "finger", "shoulder"}))
+# Verbs whose object is what moves; "walks with the hands up" goes on walking.
+_OF_ITS_OBJECT = _VERBS["arms"] | _VERBS["head"] | {
+    "turn", "rotate", "spin", "move", "circle", "bend", "tilt", "twist", "bounce", "roll"}
+
+
+def verb_of(word: str) -> str:
+  """The base form of a verb of movement ("waving" -> "wave"), or "" for another word."""
+  return _IRREGULAR.get(word) or base_form(word, ACTIONS)
+
+
+def part_of(verb: str, words: Sequence[str]) -> str:
+  """One of PARTS, or "" for a verb that says nothing of a part. verb: a base form; words: all behind the verb."""
+  if verb in _OF_ITS_OBJECT:
+    thing = next((i for i, word in enumerate(words) if word in ("with", "to", "toward", "towards")), len(words))
+    for part, things in _THINGS:
+      if any(base_form(word, things) for word in words[:thing]):
+        return part
+  found = next((part for part, verbs in _VERBS.items() if verb in verbs), "")
+  return "legs" if found == "gait" else found
+
+
+def goes_on(verb: str, words: Sequence[str]) -> bool:
+  """Whether an action of the legs lasts as long as one likes, as walking does and sitting down does not."""
+  return verb in _VERBS["gait"] and part_of(verb, words) == "legs" and not (verb == "stand" and "up" in words)
+
+
+def cycle_of(verb: str) -> float | None:
+  """Seconds of one of the movements that this action is made of, or None where a clip shows it once."""
+  return _CYCLES.get(verb)
+
+
+def sides_of(words: Sequence[str]) -> tuple[str, ...]:
+  """("left",), ("right",) or both: the arms that the words are about; () where they do not say."""
+  told = [side for side in ("left", "right") for word, thing in zip(words, [*words[1:], ""])
+          if word == side and base_form(thing, {"arm", "hand", "wrist", "elbow", "fist"})]
+  both = "both" in words or any(word in ("hands", "arms", "fists", "elbows") for word in words)
+  return ("left", "right") if both else tuple(dict.fromkeys(told))

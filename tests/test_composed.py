@@ -1,0 +1,85 @@
+"""A sentence of several actions is one motion in which they are done; one action is what it was."""
+import jax
+import numpy as np
+import pytest
+
+from motion_jax import cli
+from motion_jax.data.clip import Caption
+from motion_jax.loading import load
+from motion_jax.models import composed
+
+FAST = dict(num_steps=3, lag=2)
+ARMS = [14, 17, 19, 21, 13, 16, 18, 20]
+
+
+@pytest.fixture(scope="module")
+def model(tiny_run):
+  return load(tiny_run)
+
+
+@pytest.mark.filterwarnings("ignore:the model does not know")
+class TestComposed:
+
+  def test_one_action_is_bit_for_bit_what_its_words_alone_are(self, model):
+    for prompt in ("a person walks", "a person walks up and down"):
+      one, literal = (model.generate(prompt, 24, seeds=[3], literal=literal, **FAST) for literal in (False, True))
+      np.testing.assert_array_equal(one.features, literal.features)
+      assert one[0].meta == literal[0].meta
+
+  def test_actions_in_a_row_are_a_motion_of_several_prompts(self, model):
+    prompts = ["a person walks", "a person walks, then waves"]
+    both = model.generate(prompts, seconds=[1.2, 3.6], seeds=[1, 2], **FAST)
+    alone = model.generate(prompts[0], 24, seeds=[1], **FAST)[0]
+    assert np.abs(both[0].joints - alone.joints).max() < 1e-4 and both[0].captions == alone.captions
+    counts = composed.lengths_of(model, prompts[1:], [model.understand(prompts[1])], 72, None)[0]
+    said = [(f"a person {what}", count / 20) for what, count in zip(("walks", "waves"), counts)]
+    tour = model.multi_prompt(said, seed=2, **FAST)
+    assert np.abs(both[1].joints - tour.joints).max() < 1e-4 and both[1].captions == tour.captions
+    assert both[1].num_frames == 72 == sum(counts) and both[1].meta["prompt"] == prompts[1]
+    assert both[1].meta["understood"].startswith("walks (")
+    assert both.joints.shape[:2] == both.frame_mask.shape == (2, 72)
+    assert [motion.id for motion in both] == ["motion_0", "motion_1"] and both[1].meta["seed"] == 2
+
+  def test_a_key_is_folded_with_the_place_of_each_prompt(self, model):
+    prompts = ["a person walks, then waves", "a person waves"]
+    made = model.generate(prompts, 36, rng=jax.random.key(4), **FAST)
+    literal = model.generate(prompts, 36, rng=jax.random.key(4), literal=True, **FAST)
+    assert np.abs(made[1].joints - literal[1].joints).max() < 1e-4
+    assert np.abs(made[0].joints - literal[0].joints).max() > 1e-3 and "understood" not in literal[0].meta
+
+  def test_two_actions_at_once_share_a_body(self, model):
+    made = model.generate("a person waves while walking", 36, seeds=[5], **FAST)[0]
+    walk = model.generate("a person walks", 36, seeds=[5], **FAST)[0]
+    rest = [j for j in range(22) if j not in ARMS]
+    assert np.abs(made.joints[:, rest] - walk.joints[:, rest]).max() < 1e-5
+    assert np.abs(made.joints[:, ARMS] - walk.joints[:, ARMS]).max() > 1e-3
+    assert made.captions == (Caption("a person walks and waves"),) and made.features.shape == (36, 263)
+
+  def test_who_stops_stands_still(self, model):
+    made = model.generate("a person walks for two seconds, then stops", seeds=[5], **FAST)[0]
+    assert made.num_frames == 80 and [c.text for c in made.captions] == ["a person walks", "a person stands still"]
+    first = round(made.captions[1].start * 20)
+    assert 10 < first < 50 and np.abs(made.joints[first:] - made.joints[-1]).max() < 1e-6
+
+  def test_the_command_says_what_it_understood(self, model, tiny_run, tmp_path, capsys):
+    run = ["generate", "a person walks, then waves", "--seconds", "2.4", "--steps", "2", "--model", str(tiny_run),
+           "--out", str(tmp_path / "m.npz")]
+    assert cli.main(run) == 0
+    assert "understood as: walks (" in capsys.readouterr().out
+    assert cli.main([*run, "--literal"]) == 0
+    assert "understood" not in capsys.readouterr().out
+
+  def test_lengths_that_cannot_be(self, model):
+    for given, wrong in ((dict(num_frames=4), "got a length of 4 frames for 2 actions"),
+                         (dict(seconds=float("nan")), "got a length of nan frames"),
+                         (dict(seconds=1e9), "expected 8 to 72000"), (dict(num_frames=8, seconds=3), "give one")):
+      with pytest.raises(ValueError, match=wrong):
+        model.generate("a person walks, then waves", seeds=[1], **given)
+    with pytest.raises(ValueError, match="expected at most 3,600"):
+      model.generate("a person jumps 9999 times, then waves", seeds=[1])
+
+
+def test_lengths_are_shared_in_proportion():
+  assert composed.shared([100, 50], 60, 4) == [40, 20]
+  assert composed.shared([1, 1, 98], 20, 4) == [4, 4, 12]
+  assert composed.shared([100], 60, 4) == [60]

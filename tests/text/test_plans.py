@@ -1,0 +1,210 @@
+"""What sentences of several actions ask for: a table of them, and what must never be parted."""
+import time
+
+import pytest
+
+from motion_jax.text import actions
+from motion_jax.text.sentences import understand
+
+# Sentence -> what is done: "|" after each other, "+" at once, [seconds]; all of them begin with "a person" if they do.
+COMPOSED = {
+    # one after the other
+    "a person walks forward, then waves the right hand": "walks forward | waves the right hand",
+    "a person walks forward then waves the right hand.": "walks forward | waves the right hand",
+    "a person walks forward and then sits down": "walks forward | sits down",
+    "a person walks forward and then he sits down": "walks forward | sits down",
+    "a person walks. Then he waves. Finally, he sits down.": "walks | waves | sits down",
+    "a person walks; he waves": "walks | waves",
+    "A person WALKS, THEN WAVES!": "WALKS | WAVES",
+    "a person walks... then waves": "walks | waves",
+    "a person walks - then waves": "walks | waves",
+    "a person walks (slowly), then waves": "walks (slowly) | waves",
+    "a person walks, turns around and waves": "walks | turns around | waves",
+    "a person walks forward, turns left, walks forward again, and sits down":
+        "walks forward | turns left | walks forward again | sits down",
+    "a person sits down and stands up": "sits down | stands up",
+    "a person bends down and picks up a box": "bends down | picks up a box",
+    "a person picks up a cup, drinks from it and puts it down": "picks up a cup | drinks from it | puts it down",
+    "a person punches and kicks": "punches | kicks",
+    "a person raises both arms and lowers them": "raises both arms | lowers them",
+    "a person turns around and walks back": "turns around | walks back",
+    "a person runs, jumps, and lands": "runs | jumps | lands",
+    "a person bows and waves": "bows | waves",
+    "a person stretches, bends and twists": "stretches | bends | twists",
+    "a person waves goodbye and leaves": "waves goodbye | leaves",
+    "a person walks followed by a jump": "walks | jumps",
+    "a person walks and then, after a moment, waves": "walks | waves",
+    "someone rubs their hands together, then warms them": "rubs their hands together | warms them",
+    "a person first walks, then runs": "walks | runs",
+    "First, a person walks. After that, they run. Finally they stop.": "walks | runs | stands still",
+    # before, after, until, when
+    "a person waves before sitting down": "waves | sits down",
+    "before sitting down, he waves": "waves | sits down",
+    "a person bows after waving": "waves | bows",
+    "after sitting, he walks": "sits | walks",
+    "after sitting down and standing up, a person walks forward": "sits down | stands up | walks forward",
+    "a person walks before he runs": "walks | runs",
+    "a person walks and then waves with the left hand before sitting down":
+        "walks | waves with the left hand | sits down",
+    "a person walks until he falls": "walks | falls",
+    "until he falls, a person walks": "walks | falls",
+    "having walked, he sits": "walked | sits",
+    "when he stops, a person waves": "stands still | waves",
+    # stops
+    "a person walks until he stops": "walks | stands still",
+    "a person walks forward and stops": "walks forward | stands still",
+    "a person walks, stops, and waves": "walks | stands still | waves",
+    "a person stops walking and then waves": "walks | stands still | waves",
+    "a person walks then stops walking": "walks | stands still",
+    "a person starts walking, then stops": "walks | stands still",
+    "a person walks, pauses for two seconds, then runs": "walks | stands still [2] | runs",
+    # at once
+    "a person waves while walking": "walks + waves",
+    "a person walks while waving the left hand": "walks + waves the left hand",
+    "a person waves with their right hand as they walk": "walks + waves with their right hand",
+    "as he walks, a person waves": "walks + waves",
+    "while a person walks, he waves": "walks + waves",
+    "while walking, a person waves and nods": "walks + waves + nods",
+    "a person walks and waves": "walks + waves",
+    "a person waves both hands and walks in place": "walks in place + waves both hands",
+    "a person is walking and waving": "walks + waves",
+    "a man is sitting and clapping": "sits + claps",
+    "a person jumps and claps": "jumps + claps",
+    "a person kicks and punches at the same time": "kicks + punches",
+    "a person kicks and punches simultaneously": "kicks + punches",
+    "a person walks, simultaneously waving": "walks + waves",
+    "a person walks forward, waving the right hand": "walks forward + waves the right hand",
+    "a person runs forward waving both hands": "runs forward + waves both hands",
+    "a person, walking forward, waves": "walks forward + waves",
+    "a person walks waving": "walks + waves",
+    "a person walks with the right hand raised": "walks + raises the right hand",
+    "a person walks with both arms up then sits": "walks + raises both hands | sits",
+    "a person raises the left hand and raises the right hand": "raises the left hand + raises the right hand",
+    "a person walks forward while looking around": "walks forward + looks around",
+    "a person dances while clapping": "dances + claps",
+    "a person nods and waves": "waves + nods",
+    "a person walks in a circle and waves the left hand, then bows twice":
+        "walks in a circle + waves the left hand | bows 2 times",
+    "a person crouches then leaps, reaching up": "crouches | leaps + reaches up",
+    # how often, how long
+    "a person jumps twice": "jumps 2 times",
+    "a person jumps three times, then bows": "jumps 3 times | bows",
+    "a person waves twice and then claps three times": "waves 2 times | claps 3 times",
+    "a person jumps a couple of times": "jumps 2 times",
+    "a person nods twice while standing": "stands + nods 2 times",
+    "a person spins around 4 times and then falls": "spins around 4 times | falls",
+    "a person walks for five seconds": "walks [5]",
+    "a person walks for half a minute": "walks [30]",
+    "a person walks for five seconds, then runs for 2.5 s": "walks [5] | runs [2.5]",
+    "a person jogs in place for 4s while punching": "jogs in place + punches [4]",
+    # what is not said again
+    "a person turns left, then right": "turns left | turns right",
+    "a person walks forward then backward": "walks forward | walks backward",
+    "a person walks slowly, then quickly": "walks slowly | walks quickly",
+    "a person raises the left hand then the right hand": "raises the left hand | raises the right hand",
+    "a person kicks with the left foot then the right foot": "kicks with the left foot | kicks with the right foot",
+    "Walk forward, then wave": "walks forward | waves",
+    "a person moves forward and backward then left and right": "moves forward and backward | moves left and right",
+}
+PLAIN = """
+a person walks forward
+a person walks up and down
+a person walks back and forth
+a person walks backwards and forwards
+a person steps from side to side and up and down
+a person looks left and right
+a person turns left and right
+a person waves the left and right hand
+a person raises the left and the right hand
+a person raises the right knee and the left arm
+a person crawls on hands and knees
+a person gestures with hands and arms
+a person walks with confidence and pride
+a person walks happily and proudly
+a person throws punches and kicks
+a person exercises with jumping jacks, side twists, bends and jogging
+a person takes two steps forward and one step back
+a person takes a bow and a step back
+a person sits with legs crossed and arms folded
+a person says goodbye by waving
+a person walks as if drunk
+a person walks like he is drunk
+a person runs as fast as he can
+a person walks before the door
+a person walks after the ball
+a person walks for a while
+a person walks while his arms swing
+a person turns to the left while walking
+while walking, a person turns left
+a person walks, turning left
+a person dribbles a basketball while moving backward
+a person stands still
+a person is happy and then sad
+a person throws a ball, then another ball
+a person walks in the rain, then under the sun
+a woman sits while a man waves
+he walks, she waves
+a person walks, then another person waves
+walk
+then
+, , ,
+and and and then then
+😀 then 😀
+...
+before after until
+""".strip().splitlines()
+
+
+def said(sentence):
+  parts = [part.words + (f" [{part.seconds:g}]" if part.seconds else "") for part in sentence.segments]
+  return " | ".join(parts)
+
+
+@pytest.mark.parametrize("text", COMPOSED)
+def test_a_sentence_of_several_actions(text):
+  sentence = understand(text)
+  assert not sentence.is_plain and sentence.text == text
+  assert said(sentence).lower() == COMPOSED[text].lower()
+
+
+@pytest.mark.parametrize("text", PLAIN)
+def test_a_sentence_that_is_not_parted(text):
+  sentence = understand(text)
+  assert sentence.is_plain and sentence.prompts == [text]
+
+
+def test_everybody_keeps_being_who_they_are():
+  assert understand("an old man with a cane walks slowly, then he sits, and then the man waves").prompts == [
+      "an old man with a cane walks slowly", "an old man with a cane sits", "an old man with a cane waves"]
+  assert understand("before sitting down, she waves").prompts == ["she waves", "she sits down"]
+  assert understand("walk, then wave").prompts == ["a person walks", "a person waves"]
+  assert understand("two people walk and then wave").prompts == ["two people walk", "two people wave"]
+
+
+def test_a_caption_that_was_learned_stays_whole():
+  learned = {"a person walks forward and turns left", "a person jumps twice"}
+  known = lambda text: text in learned
+  assert understand("a person jumps twice", known).is_plain
+  assert said(understand("a person walks forward and turns left, then waves", known)) == (
+      "walks forward and turns left | waves")
+  assert said(understand("a person walks forward and turns left, then waves")) == "walks forward | turns left | waves"
+
+
+def test_parts_of_the_body():
+  part = lambda text: actions.part_of(actions.verb_of(text.split()[0]), text.split()[1:])
+  assert [part(text) for text in ("walks forward", "waves", "nods", "bows", "dances", "thinks", "bows down")] == [
+      "legs", "arms", "head", "torso", "body", "", "torso"]
+  assert [part(text) for text in ("raises the left knee", "shakes the head", "turns the head")] == [
+      "legs", "head", "head"]
+  assert part("waves to the man with long legs") == "arms" and part("kicks with the left foot") == "legs"
+  assert actions.sides_of("waves the right hand".split()) == ("right",)
+  assert actions.sides_of("turns left and waves".split()) == ()
+  assert actions.sides_of("raises both hands".split()) == ("left", "right")
+  assert actions.goes_on("walk", []) and not actions.goes_on("sit", ["down"]) and not actions.goes_on("stand", ["up"])
+
+
+def test_long_texts_take_no_time():
+  start = time.perf_counter()
+  for text in ("a person walks and waves, then " * 160, "and " * 1250, "walking " * 600, "a , " * 1200, "😀" * 5000):
+    understand(text)
+  assert time.perf_counter() - start < 5
