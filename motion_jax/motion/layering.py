@@ -34,7 +34,7 @@ def put_on(base: Num[np.ndarray, "t j 3"], other: Num[np.ndarray, "t j 3"], part
   for chain in chains:
     for parent, joint in zip(chain[:-1], chain[1:]):
       own, new = base[:, joint] - base[:, parent], rot.rotate(turn, other[:, joint] - other[:, parent])
-      result[:, joint] = result[:, parent] + _between(own, new, weight)
+      result[:, joint] = result[:, parent] + turned_towards(own, new, weight)
   return result.astype(np.float32)
 
 
@@ -50,7 +50,8 @@ def acting(joints: Num[np.ndarray, "t j 3"], skeleton: Skeleton) -> tuple[str, .
   return sides or ("left", "right")
 
 
-def _between(own, new, weight):
+def turned_towards(own: Float[np.ndarray, "t 3"], new: Float[np.ndarray, "t 3"], weight: Num[np.ndarray, " t"]
+                   ) -> Float[np.ndarray, "t 3"]:
   """Vectors (T, 3) of own's length, turned from own towards new by weight (T,) of the angle between the two."""
   length = np.linalg.norm(own, axis=-1, keepdims=True)
   safe = np.where(length > 1e-9, own, [0.0, 1.0, 0.0])

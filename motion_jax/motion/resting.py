@@ -2,10 +2,13 @@
 import numpy as np
 from jaxtyping import Float, Num
 
+from motion_jax.motion.layering import turned_towards
+from motion_jax.motion.retarget import bend_leg
 from motion_jax.motion.skeleton import Skeleton
 
 _EASE = 8         # frames in which a body stops, and in which it goes on
 _BEFORE, _BEHIND = 16, 8  # frames around the one asked for among which it stops
+_LIFTED = 0.05    # metres that an ankle is higher than it ever is, from which on its foot is put down to rest
 _UP = 5.0         # how much a foot in the air weighs, per metre, against its speed in metres a second
 
 
@@ -15,7 +18,8 @@ def with_rest(joints: Num[np.ndarray, "t j 3"], at: int, count: int, skeleton: S
   behind the last.
 
   Where both feet are on the ground and slow, the body slows down within 0.4 s, and nothing moves until it goes on as it
-  did; no foot slides that did not before. ends: it does not go on, and what is behind is left away. float32.
+  did; no foot slides that did not before. A foot that is in the air even then, as in running, is put down below its
+  hip. ends: the body does not go on, and what is behind is left away. float32.
   """
   joints = np.asarray(joints, np.float64)
   stop = _best_stand(joints, at, skeleton)
@@ -36,7 +40,27 @@ def with_rest(joints: Num[np.ndarray, "t j 3"], at: int, count: int, skeleton: S
   part = (when - low)[:, None, None]
   moved = joints[low] * (1 - part) + joints[np.minimum(low + 1, len(joints) - 1)] * part
   still = np.flatnonzero(when == stop)
-  return moved.astype(np.float32), int(still[0]), int(still[-1]) + 1
+  first, past = int(still[0]), int(still[-1]) + 1
+  return _feet_down(moved, first, past, joints[:, :, 1].min(0), skeleton, ends).astype(np.float32), first, past
+
+
+def _feet_down(joints, first, past, lowest, skeleton, ends):
+  """Joints (T, J, 3) whose feet are on the ground from frame `first` to `past`; lowest (J,): the least heights."""
+  k = np.arange(len(joints))
+  weight = np.clip((k - first) / _EASE + 1, 0, 1) * (1 if ends else np.clip((past - k) / _EASE + 1, 0, 1))
+  weight = weight ** 2 * (3 - 2 * weight)
+  result, legs = joints.copy(), [chain[1:] for chain in skeleton.chains[:2]]
+  for leg, other in zip(legs, legs[::-1]):
+    hip, ankle = leg[0], leg[2]
+    now = joints[first, ankle]
+    if (now[1] - lowest[ankle]) * skeleton.unit < _LIFTED:
+      continue
+    below = np.array([joints[first, hip, 0], lowest[ankle], joints[first, hip, 2]])
+    bend_leg(joints, result, leg, weight[:, None] * (below - now), skeleton)
+    for above, joint, like, alike in zip(leg[2:-1], leg[3:], other[2:-1], other[3:]):  # the sole as flat as the other
+      flat = np.broadcast_to(joints[first, alike] - joints[first, like], (len(joints), 3))
+      result[:, joint] = result[:, above] + turned_towards(joints[:, joint] - joints[:, above], flat, weight)
+  return result
 
 
 def _eased(count):
