@@ -130,7 +130,7 @@ def model(tiny_run):
 
 
 def test_a_motion_does_not_know_how_its_words_were_padded(model):
-  make = lambda prompts, seeds: model.generate(prompts, num_frames=48, seeds=seeds, cleanup=False, **FAST)
+  make = lambda prompts, seeds: model.generate(prompts, num_frames=48, seeds=seeds, cleanup=False, literal=True, **FAST)
   alone, long_alone = make("someone walks", [5])[0], make(LONG, [1])[0]
   both = make([LONG, "someone walks"], [1, 5])
   assert np.abs(both[1].joints - alone.joints).max() < 1e-5
@@ -169,7 +169,7 @@ def test_few_prompts_compile_anew(model):
   """Prompts of 70 to 120 word pieces, and streams that go from short to long and back: two widths."""
   count = lambda run: (run(), model.compiled.generate.jitted._cache_size())[1]
   words = LONG.split()
-  make = lambda size: model.generate(" ".join(words[:size]), num_frames=48, seeds=[0], **FAST)
+  make = lambda size: model.generate(" ".join(words[:size]), num_frames=48, seeds=[0], literal=True, **FAST)
   first = count(lambda: make(66))
   assert count(lambda: [make(size) for size in (70, 80, 90)]) == first
   stream = model.stream("someone walks", seed=0, cleanup=False, **FAST)
