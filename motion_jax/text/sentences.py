@@ -28,6 +28,8 @@ _PEOPLE = set("person man woman boy girl child kid guy lady figure human dancer 
 _PLURAL = set("people men women children they we i you".split())
 _OTHER = {"another", "other", "second", "else", "each"}
 _PRONOUNS = {"he", "she", "they", "it", "who", "i", "you", "we"}
+_POSSESSIVES = {"his", "her", "their", "its", "my", "your", "our"}
+_OF_EACH_ARM = {"wave", "raise", "lift", "hold", "stretch", "extend", "lower", "swing", "put"}
 _LONG = 40  # words of a clause behind which no further one begins unmarked
 _LIGHT = {"also", "again", "just", "first", "soon"}
 _DIRECTIONS = set("left right forward forwards backward backwards back sideways up down around ahead away clockwise "
@@ -304,6 +306,8 @@ def _unknown_verb(tokens):
 def _first_verb(words, tags):
   for at, (word, tag) in enumerate(zip(words, tags)):
     before = tags[at - 1] if at else ""
+    if at and words[at - 1] in _POSSESSIVES or word == "jumping" and words[at + 1:at + 2] in (["jacks"], ["jack"]):
+      continue  # "regains his balance"
     if tag in ("VERB", "AUX") and word not in ("being", "been", "having"):
       return at
     if tag in ("NOUN", "ADJ") and actions.verb_of(word) and before not in ("DET", "ADJ", "NUM", "ADP") and (
@@ -324,7 +328,7 @@ def _elliptic(previous, tokens):
   if len(words) == 2 and words[0] in ("a", "an", "another") and actions.verb_of(words[1]):  # "followed by a jump"
     return _Clause([], [], actions.verb_of(words[1]), actions.verb_of(words[1]), [])
   limbs = {"hand", "arm", "leg", "foot", "knee", "elbow", "hands", "arms"}
-  if words and words[-1] in limbs and all(word in {"the", "his", "her", "their", "with", "left", "right", "both",
+  if words and words[-1] in limbs and all(word in {"the", "his", "her", "their", "with", "on", "left", "right", "both",
                                                    "other", "one"} | limbs for word in words):
     lead = ["with"] if "with" in previous.words and "with" not in words else []
     return previous._replace(words=[*lead, *tokens], before=[], subject=[])
@@ -435,7 +439,7 @@ def _at_once(group, clause):
   if "legs" in parts:
     return all(actions.goes_on(one.verb, _lower(one.words)) or is_ing(one.form)  # "is sitting and clapping"
                for one in [*group, clause] if _part(one) == "legs") and parts <= {"legs", "arms", "head"}
-  return parts <= {"arms", "head"}
+  return parts == {"arms", "head"} or parts == {"arms"} and {one.verb for one in [*group, clause]} <= _OF_EACH_ARM
 
 
 def _fit(group, clause):

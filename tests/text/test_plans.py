@@ -37,6 +37,9 @@ COMPOSED = {
     "someone rubs their hands together, then warms them": "rubs their hands together | warms them",
     "a person first walks, then runs": "walks | runs",
     "First, a person walks. After that, they run. Finally they stop.": "walks | runs | stands still",
+    "a man walks forward, stumbles, and then regains his balance": "walks forward | stumbles | regains his balance",
+    "a person throws a ball with the right hand and catches it with the left hand":
+        "throws a ball with the right hand | catches it with the left hand",
     # before, after, until, when
     "a person waves before sitting down": "waves | sits down",
     "before sitting down, he waves": "waves | sits down",
@@ -104,6 +107,7 @@ COMPOSED = {
     "a person raises the left hand then the right hand": "raises the left hand | raises the right hand",
     "a person kicks with the left foot then the right foot": "kicks with the left foot | kicks with the right foot",
     "Walk forward, then wave": "walks forward | waves",
+    "a person hops on the left leg, then on the right leg": "hops on the left leg | hops on the right leg",
     "a person moves forward and backward then left and right": "moves forward and backward | moves left and right",
 }
 PLAIN = """
@@ -125,6 +129,7 @@ a person throws punches and kicks
 a person exercises with jumping jacks, side twists, bends and jogging
 a person takes two steps forward and one step back
 a person takes a bow and a step back
+someone is doing squats and then jumping jacks
 a person sits with legs crossed and arms folded
 a person says goodbye by waving
 a person walks as if drunk
