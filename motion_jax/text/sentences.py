@@ -306,7 +306,7 @@ def _unknown_verb(tokens):
 def _first_verb(words, tags):
   for at, (word, tag) in enumerate(zip(words, tags)):
     before = tags[at - 1] if at else ""
-    if at and words[at - 1] in _POSSESSIVES or word == "jumping" and words[at + 1:at + 2] in (["jacks"], ["jack"]):
+    if at and words[at - 1] in _POSSESSIVES or "jumping jack" in " ".join(words[max(at - 1, 0):at + 2]):
       continue  # "regains his balance"
     if tag in ("VERB", "AUX") and word not in ("being", "been", "having"):
       return at
