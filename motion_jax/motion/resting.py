@@ -9,6 +9,7 @@ from motion_jax.motion.skeleton import Skeleton
 _EASE = 8         # frames in which a body stops, and in which it goes on
 _BEFORE, _BEHIND = 16, 8  # frames around the one asked for among which it stops
 _LIFTED = 0.05    # metres that an ankle is higher than it ever is, from which on its foot is put down to rest
+_DOWN = 12        # frames in which a foot is put down, and in which it comes up again
 _UP = 5.0         # how much a foot in the air weighs, per metre, against its speed in metres a second
 
 
@@ -47,7 +48,7 @@ def with_rest(joints: Num[np.ndarray, "t j 3"], at: int, count: int, skeleton: S
 def _feet_down(joints, first, past, lowest, skeleton, ends):
   """Joints (T, J, 3) whose feet are on the ground from frame `first` to `past`; lowest (J,): the least heights."""
   k = np.arange(len(joints))
-  weight = np.clip((k - first) / _EASE + 1, 0, 1) * (1 if ends else np.clip((past - k) / _EASE + 1, 0, 1))
+  weight = np.clip((k - first) / _DOWN + 1, 0, 1) * (1 if ends else np.clip((past - k) / _DOWN + 1, 0, 1))
   weight = weight ** 2 * (3 - 2 * weight)
   result, legs = joints.copy(), [chain[1:] for chain in skeleton.chains[:2]]
   for leg, other in zip(legs, legs[::-1]):
