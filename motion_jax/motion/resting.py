@@ -27,7 +27,7 @@ def with_rest(joints: Num[np.ndarray, "t j 3"], at: int, count: int, skeleton: S
   ease = min(_EASE, 2 * stop, count // 2 * 2)
   # At half the speed on average, stopping takes twice the frames that are passed on the way.
   slow = stop - ease / 2 + _eased(ease)
-  times = [np.arange(stop - ease // 2), slow]
+  times = [np.arange(stop - ease // 2 + 1), slow]
   if ends:
     times.append(np.full(max(len(joints) + count - sum(map(len, times)), 0), stop))
   else:
