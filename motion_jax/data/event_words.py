@@ -8,7 +8,7 @@ from motion_jax.data.captions import SUBJECTS
 # Usual pace of an action, medians over the labelled archives (docs/captions.md): walk and run metres a second, by
 # where they lead, waves to and fro a second. Below 0.75 of it is slow, above 1.3 quick.
 USUAL = {"walk forward": 1.15, "walk backward": 0.70, "walk forward-left": 0.97, "walk forward-right": 0.97,
-         "run forward": 2.75, "wave": 1.1}
+         "run forward": 2.75, "wave": 1.5}
 SLOWLY, QUICKLY = 0.75, 1.3
 _TIMES = {1: "", 2: "twice", 3: "three times", 4: "four times", 5: "five times", 6: "six times", 7: "seven times",
           8: "eight times"}

@@ -145,8 +145,7 @@ def _kicks(body):
 def _jumps(body):
   """Flights of both feet at once: jumps; on one leg: hops."""
   flights = []
-  upright = (body.knees.min(1) > 150) & (body.air < 0.03)
-  usual = np.median(body.pelvis[upright]) if upright.any() else np.percentile(body.pelvis, 75)
+  usual = np.median(body.pelvis)
   for first, past in body.spans(body.air > 0.05, least=0.1):
     rise = body.pelvis[first:past].max() - usual
     before, after = slice(max(0, first - int(0.3 * body.fps)), first), slice(past, past + int(0.3 * body.fps))
