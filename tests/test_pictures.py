@@ -7,7 +7,7 @@ from motion_jax import fit, pictures
 from motion_jax.inputs.errors import InputError
 from motion_jax.training import checkpoint, loop
 from motion_jax.training.metrics import read_metrics
-from tests.conftest import load_config, unjudged_training
+from tests.conftest import load_config
 from tests.test_guards import _bad_from, _skipping
 from tests.test_train import _config, _equal, _killed, _next_batch, _stage
 
@@ -59,12 +59,11 @@ def test_a_picture_that_fails_is_told_and_training_goes_on(tmp_path, capsys):
     ("cmdm_denoiser", 4), ("cmdm_tokenizer", 8),
     pytest.param("cdamd_generator", 4, marks=pytest.mark.slow), pytest.param("cdamd_rvq", 8, marks=pytest.mark.slow),
     pytest.param("cdamd_autoencoder", 8, marks=pytest.mark.slow)])
-def test_a_run_shows_what_it_makes(name, rows, tmp_path, capsys):
+def test_a_run_shows_what_it_makes(name, rows, tmp_path, capsys, unjudged):
   """Motions of captions, or windows above what comes back; in the report, too."""
   config = _drawing(load_config(name, "tiny").unlock(), 2)
   config.train.num_steps = 2
-  with unjudged_training():
-    fit.run(config, tmp_path)
+  fit.run(config, tmp_path)
   assert "could not be drawn" not in capsys.readouterr().out
   image = Image.open(tmp_path / "samples/step000002.png")
   assert image.height == rows * pictures.HEIGHT and np.asarray(image).std() > 5
@@ -72,6 +71,6 @@ def test_a_run_shows_what_it_makes(name, rows, tmp_path, capsys):
   assert not [row for row in read_metrics(tmp_path) if row["step"] > 2] and checkpoint.load_params(tmp_path)
 
 
-def test_a_stage_that_makes_no_motion_is_told(tmp_path):
-  with unjudged_training(), pytest.raises(InputError, match="cdamd.length makes no motion that could be drawn"):
+def test_a_stage_that_makes_no_motion_is_told(tmp_path, unjudged):
+  with pytest.raises(InputError, match="cdamd.length makes no motion that could be drawn"):
     fit.run(_drawing(load_config("cdamd_length", "tiny").unlock(), 2), tmp_path)
