@@ -118,8 +118,8 @@ class CdamdModel(TextToMotionModel):
         past = joints[-_PAST:]
         past = past[len(past) % self.frames_per_latent:]
         count = min(end - len(joints), self.max_latents * self.frames_per_latent - len(past))
-        clip = Clip(np.concatenate([past, np.repeat(past[-1:], count, axis=0)]), self.fps, skeleton=layout.skeleton)
-        made = self.edits([clip], [prompt], keep=[(0, len(past))], cleanup=False,
+        given = features_of(self, np.concatenate([past, np.repeat(past[-1:], count, axis=0)]))
+        made = self.edits([given], [prompt], keep=[(0, len(past))], cleanup=False,
                           rng=jax.random.fold_in(jax.random.fold_in(key, i + 1), len(joints)), **sampling)[0]
         joints = np.concatenate([joints, laid_over(made.joints.astype(np.float64), past, len(past))]).astype(np.float32)
       prompts.append(prompt)
