@@ -57,11 +57,12 @@ def optimizer(learning_rate, **fields):
   """The section `optimizer`: Adam at a constant rate, where fields do not say otherwise.
 
   Steps are left out whose loss is above skip_loss, or whose gradient is skip_spikes times the median of those before;
-  0 leaves none out.
+  0 leaves none out. accumulate_steps: into how many parts a device cuts its rows of a batch, to take one after the
+  other in less memory, for a step that is the same up to rounding.
   """
   return dict(learning_rate=learning_rate, schedule="constant", cooldown_steps=0, warmup_steps=0, beta1=0.9,
               beta2=0.999, weight_decay=0.0, clip_norm=0.0, ema_decay=0.0, skip_loss=0.0, skip_spikes=0.0,
-              final_rate=0.0, rates={}, clip_parts=()) | fields
+              accumulate_steps=1, final_rate=0.0, rates={}, clip_parts=()) | fields
 
 
 def train(num_steps, log_every, save_every, **fields):
@@ -71,7 +72,8 @@ def train(num_steps, log_every, save_every, **fields):
   losses are float32 all the same. keep_last: how many training states stay, besides the best one. A run that leaves out
   max_skips steps in a row goes back to its last good state and on with other batches, max_rollbacks times at most.
   After hang_minutes without a step it ends; 0 never. workers: processes of Grain that make batches; 0 for a thread.
-  tensorboard: whether metrics are written as an event file, too.
+  remat, where dtype is: whether a gradient computes what is inside of a network's blocks once more instead of keeping
+  it: less memory, a third more work. tensorboard: whether metrics are written as an event file, too.
   sample_every: pictures of what the run makes, in its samples/, at the saves nearest to every so many steps; 0: none.
   """
   return dict(start="", num_steps=num_steps, log_every=log_every, save_every=save_every, best="",

@@ -39,7 +39,8 @@ def steps(config, where, count=2):
   stage, next_batch, frozen, *_ = fit.setups()[config.stage](config)
   tx = optimizers.make_optimizer(config.optimizer, 10)
   state = where.put(train_step.init_state(stage, tx, next_batch(0), jax.random.key(0), config.optimizer.ema_decay > 0))
-  step = where.compiled(train_step.make_train_step(stage, tx, config.optimizer.ema_decay, config.optimizer.skip_loss))
+  step = where.compiled(train_step.make_train_step(stage, tx, config.optimizer.ema_decay, config.optimizer.skip_loss,
+                                                   accumulate_steps=config.optimizer.accumulate_steps))
   frozen, losses = where.put(frozen or {}), []
   for number in range(count):
     state, metrics = step(state, frozen, where.rows(next_batch(number)), jax.random.key(1))
@@ -92,3 +93,15 @@ def test_pmap_and_a_mesh_give_the_same_bytes_and_devices_the_same_numbers(tmp_pa
   for several in more:
     for a, b in zip(one, several, strict=True):
       np.testing.assert_allclose(a, b, rtol=2e-4, atol=2e-5)
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow) for name in (
+    "cmdm_denoiser", "cmdm_tokenizer", "cdamd_autoencoder", "cdamd_generator", "cdamd_length")])
+def test_a_batch_in_parts_is_the_whole_batch(name):
+  """Noise, dropout, micro-batches of 2 windows: losses and parameters agree up to rounding."""
+  sections = {"cmdm_tokenizer": dict(frozen=dict(teacher=""), loss=dict(micro_batch=2))}.get(name, {})
+  found = [steps(tiny(name, **sections, optimizer=dict(accumulate_steps=parts)), mesh.Pmap()) for parts in (1, 4)]
+  (state, losses), (other, theirs) = found
+  for one, two in zip(*(jax.tree.leaves((state.params, losses)) for state, losses in found), strict=True):
+    np.testing.assert_allclose(one, two, rtol=2e-3, atol=2e-5)
+  assert int(state.step) == int(other.step) == len(losses) == len(theirs)

@@ -192,29 +192,51 @@ def test_alignment_falls_to_a_tenth_after_the_ramp(monkeypatch):
   assert weights(0)["adaptive"] and not tokenizer_weights(monkeypatch, adaptive_align=False)(0)["adaptive"]
 
 
-@pytest.mark.parametrize("name, make", [
-    ("cmdm_denoiser", cmdm.denoiser_stage),
-    pytest.param("cmdm_tokenizer", cmdm.tokenizer_stage, marks=pytest.mark.slow)])
-def test_a_network_computes_in_bfloat16_and_numbers_stay_float32(name, make):
+def loss_and_params(name, size="tiny", **train):
+  """(loss(params), params) of what a config trains, with other fields of its section `train`."""
+  config = load_config(name, size).copy_and_resolve_references().unlock()
+  config.train.update(train)
+  if "teacher" in config.frozen:
+    config.frozen.teacher = ""
+  config, _ = fit.resolve(config)
+  stage, next_batch, frozen, *_ = fit.setups()[config.stage](config)
+  batch = next_batch(0)
+
+  def loss(params):
+    sums, weight = stage.loss(params, frozen, batch, 3, jax.random.key(1))
+    return sums["loss"] / weight
+
+  return loss, untrained(jax.eval_shape(lambda batch: stage.init(batch, jax.random.key(0)), batch))
+
+
+def norm(tree):
+  return np.sqrt(sum(float((leaf ** 2).sum()) for leaf in jax.tree.leaves(tree)))
+
+
+@pytest.mark.parametrize("name", ["cmdm_denoiser", "cdamd_generator", pytest.param(
+    "cmdm_tokenizer", marks=pytest.mark.slow)])
+def test_a_network_computes_in_bfloat16_and_numbers_stay_float32(name):
   """The loss is near that of float32 and another; loss, gradients and parameters are float32."""
   found = {}
   for dtype in ("float32", "bfloat16"):
-    config = load_config(name, "tiny").copy_and_resolve_references().unlock()
-    config.train.dtype = dtype
-    if "teacher" in config.frozen:
-      config.frozen.teacher = ""
-    config, _ = fit.resolve(config)
-    _, next_batch, frozen, *_ = fit.setups()[config.stage](config)
-    stage, batch = make(config), next_batch(0)
-    params = untrained(jax.eval_shape(lambda batch, stage=stage: stage.init(batch, jax.random.key(0)), batch))
-
-    def loss(params, stage=stage, frozen=frozen, batch=batch):
-      sums, weight = stage.loss(params, frozen, batch, 3, jax.random.key(1))
-      return sums["loss"] / weight
-
+    loss, params = loss_and_params(name, dtype=dtype)
     found[dtype] = jax.jit(jax.value_and_grad(loss))(params)
   (one, grads), (other, rough) = found["float32"], found["bfloat16"]
   assert other.dtype == jnp.float32 and all(leaf.dtype == jnp.float32 for leaf in jax.tree.leaves(rough))
   assert one != other and abs(one - other) < 0.03 * abs(one)
-  size = lambda tree: np.sqrt(sum(float((leaf ** 2).sum()) for leaf in jax.tree.leaves(tree)))
-  assert size(jax.tree.map(jnp.subtract, grads, rough)) < 0.1 * size(grads)
+  assert norm(jax.tree.map(jnp.subtract, grads, rough)) < 0.1 * norm(grads)
+
+
+@pytest.mark.parametrize("name, size", [("cmdm_denoiser", "tiny"), ("cdamd_generator", "tiny"), pytest.param(
+    "cdamd_generator", "mardm_tiny", marks=pytest.mark.slow)])
+def test_what_is_computed_once_more_changes_no_loss_no_gradient_and_no_name(name, size):
+  """So a run goes on, and its weights open, with train.remat or without; dropout falls on the same numbers."""
+  found, jaxprs = [], []
+  for remat in (False, True):
+    loss, params = loss_and_params(name, size, remat=remat)
+    jaxprs.append(str(jax.make_jaxpr(jax.grad(loss))(params)))
+    found.append((jax.tree.map(jnp.shape, params), jax.jit(jax.value_and_grad(loss))(params)))
+  assert ["remat" in jaxpr or "checkpoint" in jaxpr for jaxpr in jaxprs] == [False, True]
+  (shapes, (one, grads)), (same_shapes, (other, others)) = found
+  assert shapes == same_shapes and abs(one - other) < 1e-6 * abs(one)
+  assert norm(jax.tree.map(jnp.subtract, grads, others)) < 1e-5 * norm(grads)

@@ -37,7 +37,7 @@ def _stage():
     error = batch["x"] @ params["w"] - batch["y"] + 0.01 * noise
     return {"loss": (batch["mask"] * error ** 2).sum()}, batch["mask"].sum()
 
-  return Stage(init, loss, None)
+  return Stage(init, loss, None, in_parts=True)
 
 
 def _next_batch(step):
@@ -53,7 +53,7 @@ def _config(num_steps, **optimizer):
   config.mesh = dict(map="auto", shard_state=False)
   config.optimizer = dict(learning_rate=1e-2, schedule="constant", warmup_steps=1, cooldown_steps=0, beta1=0.9,
                           beta2=0.99, weight_decay=0.0, clip_norm=1.0, ema_decay=0.9, skip_loss=0.0, skip_spikes=0.0,
-                          final_rate=0.0, rates={}, clip_parts=()) | optimizer
+                          accumulate_steps=1, final_rate=0.0, rates={}, clip_parts=()) | optimizer
   config.train = common.train(num_steps, 1, 2)
   return config
 
@@ -67,6 +67,23 @@ def test_two_steps_and_two_more_are_four(tmp_path):
   train.train(_config(2), tmp_path / "parts", _stage(), _next_batch)
   parts = train.train(_config(4), tmp_path / "parts", _stage(), _next_batch, resume=True)
   assert _equal(whole, parts) and int(parts.step) == 4
+
+
+def test_a_batch_in_parts_is_one_step_and_goes_on_with_or_without(tmp_path):
+  """Rows that count are spread unevenly over the parts; nothing is saved between two parts, so that any save goes on
+  to the same bytes."""
+  run = lambda steps, parts, folder, **options: train.train(
+      _config(steps, accumulate_steps=parts), tmp_path / folder, _stage(), _next_batch, **options)
+  whole, parts = run(6, 1, "whole"), run(6, 4, "parts")
+  assert int(parts.step) == 6 and not _equal(whole.params, parts.params)
+  np.testing.assert_allclose(whole.params["w"], parts.params["w"], rtol=1e-5)
+  run(4, 4, "sliced")
+  assert _equal(run(6, 4, "sliced", resume=True), parts)
+  with pytest.raises(ValueError, match="8 rows on each device and optimizer.accumulate_steps = 3"):
+    run(2, 3, "odd")
+  config = _config(2, accumulate_steps=2)
+  with pytest.raises(ValueError, match="accumulate_steps = 2, but items of a batch meet"):
+    train.train(config, tmp_path / "meeting", _stage()._replace(in_parts=False), _next_batch)
 
 
 def test_a_run_without_an_average_has_no_copy_and_goes_on_where_one_was_saved(tmp_path):

@@ -1,5 +1,4 @@
 """Attention with normalized queries and keys and rotary positions, in pieces that a key-value cache can use."""
-import functools
 import math
 from collections.abc import Callable
 from typing import Any
@@ -9,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float, Num
 
+from motion_jax.nets.layers import Dense
 from motion_jax.shapes import Array
 
 
@@ -73,24 +73,22 @@ class Attention(nn.Module):
 
   Queries and keys are RMS-normalized over the whole width before the heads are split (docs/papers/cmdm.md#causal-dit);
   not so with normalize=False. `rotary` turns them between the steps, so that a cache can hold keys that are not tied to
-  a position yet. dropout acts on the weights where `deterministic` is False, from the "dropout" rng.
+  a position yet. drop, where it is given, acts on the weights.
   Shapes: x (B, L, D); q, k, v (B, L, H, D / H); attn_mask (B or 1, 1, L, S).
   """
   width: int
   num_heads: int
   dtype: Any = jnp.float32
   normalize: bool = True
-  dropout: float = 0.0
   kernel_init: Callable = nn.initializers.xavier_uniform()
 
   def setup(self) -> None:
     if self.width % self.num_heads:
       raise ValueError(f"got width {self.width} for {self.num_heads} heads, expected a multiple")
-    dense = lambda: nn.Dense(self.width, kernel_init=self.kernel_init, dtype=self.dtype)
+    dense = lambda: Dense(self.width, kernel_init=self.kernel_init, dtype=self.dtype)
     self.q, self.k, self.v, self.o = dense(), dense(), dense(), dense()
     norm = lambda: RMSNorm(dtype=self.dtype) if self.normalize else lambda x: x
     self.norm_q, self.norm_k = norm(), norm()
-    self.drop = nn.Dropout(self.dropout)
 
   def _heads(self, x: Float[Array, "b l d"]) -> Float[Array, "b l h k"]:
     return x.reshape(x.shape[:-1] + (self.num_heads, self.width // self.num_heads))
@@ -102,16 +100,16 @@ class Attention(nn.Module):
     return self._heads(self.norm_k(self.k(x))), self._heads(self.v(x))
 
   def attend(self, q: Float[Array, "b l h k"], k: Float[Array, "b s h k"], v: Float[Array, "b s h k"],
-             attn_mask: Bool[Array, "#b 1 #l s"] | None = None, deterministic: bool = True) -> Float[Array, "b l d"]:
-    drop = None if deterministic or not self.dropout else functools.partial(self.drop, deterministic=False)
+             attn_mask: Bool[Array, "#b 1 #l s"] | None = None,
+             drop: Callable[[jax.Array], jax.Array] | None = None) -> Float[Array, "b l d"]:
     y = dot_product_attention(q, k, v, attn_mask, drop=drop)
     return self.o(y.reshape(y.shape[:-2] + (self.width,)))
 
   def __call__(self, x: Float[Array, "b l d"], context: Float[Array, "b s d"] | None = None,
                attn_mask: Bool[Array, "#b 1 #l s"] | None = None, positions: Num[Array, "*#b l"] | None = None,
-               deterministic: bool = True) -> Float[Array, "b l d"]:
+               drop: Callable[[jax.Array], jax.Array] | None = None) -> Float[Array, "b l d"]:
     """Self-attention, or cross-attention to a context (B, S, D)."""
     q, (k, v) = self.queries(x), self.keys_values(x if context is None else context)
     if positions is not None:
       q, k = rotary(q, positions), rotary(k, positions)
-    return self.attend(q, k, v, attn_mask, deterministic)
+    return self.attend(q, k, v, attn_mask, drop)

@@ -9,7 +9,7 @@ from typing import Any
 
 import flax.linen as nn
 import jax.numpy as jnp
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from motion_jax.nets.convs import apply_layers, doubling_layers, halving_layers
 from motion_jax.shapes import Array
@@ -30,16 +30,16 @@ class ConvStack(nn.Module):
     self.layers = self.make(self.features, self.width, self.out, self.num_halvings, self.dilations, self.dtype,
                             causal=False, dropout=self.dropout)
 
-  def __call__(self, x: Float[Array, "b t f"], deterministic: bool = True,
+  def __call__(self, x: Float[Array, "b t f"], items: Int[Array, " b"] | None = None,
                real_mask: Bool[Array, "b t"] | None = None) -> Float[Array, "b l c"]:
-    return apply_layers(self.layers, x, deterministic, real_mask)
+    return apply_layers(self.layers, x, items, real_mask)
 
 
 class Autoencoder(nn.Module):
   """Deterministic autoencoder: x (B, T, F) normalized features <-> z (B, N, C), N = T // 2**num_halvings.
 
-  deterministic=False switches on the dropout of the residual branches, which needs rngs={"dropout": key}. Latents are
-  not normalised. Frames past the last whole latent are not encoded.
+  items (B,), places in the whole batch, switch on the dropout of the residual branches, which needs
+  rngs={"dropout": key}. Latents are not normalised. Frames past the last whole latent are not encoded.
 
   hide_padding: with a real_mask, (B, T) of frames or (B, N) of latents, a clip is encoded and decoded as if it ended
   where its padding begins. Without, padding is motion like any other: after training on windows, which have none, the
@@ -66,16 +66,16 @@ class Autoencoder(nn.Module):
   def frames_per_latent(self) -> int:
     return 2 ** self.num_halvings
 
-  def encode(self, x: Float[Array, "b t f"], deterministic: bool = True,
+  def encode(self, x: Float[Array, "b t f"], items: Int[Array, " b"] | None = None,
              real_mask: Bool[Array, "b t"] | None = None) -> Float[Array, "b l c"]:
     if x.shape[1] < self.frames_per_latent:
       raise ValueError(f"got {x.shape[1]} frames, one latent needs {self.frames_per_latent}")
-    return self.encoder(x, deterministic, real_mask if self.hide_padding else None)
+    return self.encoder(x, items, real_mask if self.hide_padding else None)
 
-  def decode(self, z: Float[Array, "b l c"], deterministic: bool = True,
+  def decode(self, z: Float[Array, "b l c"], items: Int[Array, " b"] | None = None,
              real_mask: Bool[Array, "b l"] | None = None) -> Float[Array, "b t f"]:
     """-> features (B, frames_per_latent N, F)."""
-    return self.decoder(z, deterministic, real_mask if self.hide_padding else None)
+    return self.decoder(z, items, real_mask if self.hide_padding else None)
 
-  def __call__(self, x: Float[Array, "b t f"], deterministic: bool = True) -> Float[Array, "b t2 f"]:
-    return self.decode(self.encode(x, deterministic), deterministic)
+  def __call__(self, x: Float[Array, "b t f"], items: Int[Array, " b"] | None = None) -> Float[Array, "b t2 f"]:
+    return self.decode(self.encode(x, items), items)

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float, Num
 
 from motion_jax.nets.attention import Attention, rotary, wide
+from motion_jax.nets.layers import Dense, spread
 from motion_jax.shapes import Array
 
 PREDICTION_FLOOR = 0.02  # one of the default 50 sampling steps
@@ -62,11 +63,11 @@ class Block(nn.Module):
   def setup(self) -> None:
     xavier: dict[str, Any] = dict(kernel_init=nn.initializers.xavier_uniform(), dtype=self.dtype)
     norm = lambda affine: nn.LayerNorm(epsilon=1e-6, use_scale=affine, use_bias=affine, dtype=self.dtype)
-    self.film = nn.Dense(6 * self.width, kernel_init=nn.initializers.zeros, dtype=self.dtype)
+    self.film = Dense(6 * self.width, kernel_init=nn.initializers.zeros, dtype=self.dtype)
     self.norm1, self.norm2, self.norm3 = norm(False), norm(True), norm(False)
     self.self_attn = Attention(self.width, self.num_heads, self.dtype)
     self.cross_attn = Attention(self.width, self.num_heads, self.dtype)
-    self.ff_in, self.ff_out = nn.Dense(self.ff_width, **xavier), nn.Dense(self.width, **xavier)
+    self.ff_in, self.ff_out = Dense(self.ff_width, **xavier), Dense(self.width, **xavier)
 
   def modulation(self, level: Float[Array, "*lead d"]) -> Float[Array, "*lead 6 d"]:
     """level (..., D) -> (..., 6, D): shift, scale, gate of attention, then of the feed-forward."""
@@ -78,9 +79,9 @@ class Block(nn.Module):
     null = None if null_word is None else self.cross_attn(null_word, null_word)
     return Text(*self.cross_attn.keys_values(words), mask, null)
 
-  def _modulated(self, x: Float[Array, "b l d"], modulation: Float[Array, "#b #l 6 d"], shift: int
+  def _modulated(self, x: Float[Array, "b l d"], scale: Float[Array, "#b #l d"], shift: Float[Array, "#b #l d"]
                  ) -> Float[Array, "b l d"]:
-    return modulation[..., shift + 1, :] * x + modulation[..., shift, :] + x
+    return scale * x + shift + x
 
   def _to_words(self, x: Float[Array, "b l d"], text: Text) -> Float[Array, "b l d"]:
     batch = text.k.shape[0]
@@ -95,16 +96,17 @@ class Block(nn.Module):
            attn_mask: Bool[Array, "#b 1 l s"], positions: Num[Array, "*#b l"], past: KeysValues | None = None
            ) -> tuple[Float[Array, "b l d"], KeysValues]:
     """-> (x, (k, v)) with the keys and values of x, keys not turned; past (k, v), keys turned, stand before them."""
-    y = self._modulated(self.norm1(x), modulation, 0)
+    shift1, scale1, gate1, shift2, scale2, gate2 = (part[..., 0, :] for part in jnp.split(modulation, 6, axis=-2))
+    y = self._modulated(self.norm1(x), scale1, shift1)
     q, (k, v) = self.self_attn.queries(y), self.self_attn.keys_values(y)
     new = k, v
     q, k = rotary(q, positions), rotary(k, positions)
     if past is not None:
       k, v = (jnp.concatenate([a.astype(b.dtype), b], axis=1) for a, b in zip(past, (k, v)))
-    x = x + modulation[..., 2, :] * self.self_attn.attend(q, k, v, attn_mask)
+    x = x + gate1 * self.self_attn.attend(q, k, v, attn_mask)
     x = x + self._to_words(x, text)
-    y = self._modulated(self.norm3(x), modulation, 3)
-    return x + modulation[..., 5, :] * self.ff_out(nn.gelu(self.ff_in(y), approximate=True)), new
+    y = self._modulated(self.norm3(x), scale2, shift2)
+    return x + gate2 * self.ff_out(nn.gelu(self.ff_in(y), approximate=True)), new
 
 
 class CausalDiT(nn.Module):
@@ -125,6 +127,7 @@ class CausalDiT(nn.Module):
   predicts: str = "velocity"  # what the network itself gives; eps and x1 are turned into the velocity, ddpm's noise not
   time_scale: float = 1.0  # times which t is embedded; 1000 where it stands for a DDPM's levels
   dtype: Any = jnp.float32
+  remat: bool = False  # a gradient computes what is inside of a block once more, instead of keeping it
 
   # Parity: blocks of 3 latents that see one another, the RMS norm of queries and keys, a feed-forward of 2 D and no
   # norm before the output are the code's; the paper has a mask per latent (block = 1) and says nothing of the rest.
@@ -133,11 +136,12 @@ class CausalDiT(nn.Module):
       raise ValueError(f"got predicts {self.predicts!r}, expected velocity, eps, x1 or ddpm")
     xavier: dict[str, Any] = dict(kernel_init=nn.initializers.xavier_uniform(), dtype=self.dtype)
     normal: dict[str, Any] = dict(kernel_init=nn.initializers.normal(0.02), dtype=self.dtype)
-    self.x_in, self.text_in = nn.Dense(self.width, **xavier), nn.Dense(self.width, **xavier)
-    self.time_in, self.time_out = nn.Dense(self.width, **normal), nn.Dense(self.width, **normal)
-    self.blocks = [Block(self.width, self.num_heads, self.ff_width, self.dtype, name=f"block{i}")
+    self.x_in, self.text_in = Dense(self.width, **xavier), Dense(self.width, **xavier)
+    self.time_in, self.time_out = Dense(self.width, **normal), Dense(self.width, **normal)
+    block = nn.remat(Block, methods=["step"]) if self.remat else Block
+    self.blocks = [block(self.width, self.num_heads, self.ff_width, self.dtype, name=f"block{i}")
                    for i in range(self.depth)]
-    self.out = nn.Dense(self.latent_dim, kernel_init=nn.initializers.zeros, dtype=self.dtype)
+    self.out = Dense(self.latent_dim, kernel_init=nn.initializers.zeros, dtype=self.dtype)
 
   def level(self, t: Float[Array, "*lead"]) -> Float[Array, "*lead d"]:
     """Time embedding (..., D) of t (...)."""
@@ -146,12 +150,15 @@ class CausalDiT(nn.Module):
 
   def modulation(self, t: Float[Array, "*lead"]) -> Float[Array, "depth *lead 6 d"]:
     """Everything that depends on t alone, for all layers: (depth, ..., 6, D)."""
+    return jnp.stack(self._modulations(t))
+
+  def _modulations(self, t: Float[Array, "*lead"]) -> list[Float[Array, "*lead 6 d"]]:
     level = self.level(t)
     if not self.use_adaln:
       # Gates open, no shift, no scale: `window` adds the level to the tokens instead.
       plain = jnp.zeros(level.shape[:-1] + (6, self.width), level.dtype).at[..., 2, :].set(1).at[..., 5, :].set(1)
-      return jnp.stack([plain] * self.depth)
-    return jnp.stack([block.modulation(level) for block in self.blocks])
+      return [plain] * self.depth
+    return [block.modulation(level) for block in self.blocks]
 
   def text_keys_values(self, text_emb: Float[Array, "b s e"], text_mask: Bool[Array, " b *l"], with_null: bool = False
                        ) -> tuple[Text, ...]:
@@ -168,7 +175,7 @@ class CausalDiT(nn.Module):
     positions = positions if self.use_rope else jnp.zeros_like(positions)
     return tuple((rotary(k, positions), v) for k, v in cache)
 
-  def window(self, x: Float[Array, "b w c"], t: Float[Array, "b w"], modulation: Float[Array, "depth #b #w 6 d"],
+  def window(self, x: Float[Array, "b w c"], t: Float[Array, "b w"], modulation: Float[Array, "depth #b #w 6 d"] | list,
              text: tuple[Text, ...], attn_mask: Bool[Array, "#b 1 w s"], positions: Num[Array, "*#b w"],
              past: tuple[KeysValues, ...] | None = None) -> tuple[Float[Array, "b w c"], tuple[KeysValues, ...]]:
     """Velocity of a window of latents and its keys and values: x (B, W, C), modulation (depth, B or 1, W, 6, D).
@@ -205,11 +212,11 @@ class CausalDiT(nn.Module):
     """x (B, L, C), t (B, L) or (B, L / n), text_emb (B, S, E), attn_mask (B or 1, 1, L, L), text_mask (B, S)
     or (B, L, S)."""
     length = x.shape[1]
-    modulation = self.modulation(t)
+    modulation = self._modulations(t)
     if t.shape[1] != length:
       if length % t.shape[1]:
         raise ValueError(f"got {t.shape[1]} times for {length} latents, expected one each or one per whole block")
-      modulation = jnp.repeat(modulation, length // t.shape[1], axis=2)
+      modulation = [spread(part, length // t.shape[1]) for part in modulation]
       t = jnp.repeat(t, length // t.shape[1], axis=1)
     text = self.text_keys_values(text_emb, text_mask)
     return self.window(x, t, modulation, text, attn_mask, jnp.arange(length))[0]

@@ -21,6 +21,7 @@ from motion_jax.nets.convs import (
   run_layers,
   uniform_fan_in,
 )
+from motion_jax.nets.layers import Dense
 from motion_jax.shapes import Array
 
 Gaussian = tuple[Float[Array, "b l c"], Float[Array, "b l c"]]  # mean and log-variance of latents
@@ -42,7 +43,7 @@ class Encoder(nn.Module):
     self.layers = halving_layers(self.features, width, width, self.num_halvings, self.dilations, self.dtype,
                                  self.causal)
     init = uniform_fan_in(width)
-    self.head = nn.Dense(2 * self.latent_dim, kernel_init=init, bias_init=init, dtype=self.dtype)
+    self.head = Dense(2 * self.latent_dim, kernel_init=init, bias_init=init, dtype=self.dtype)
 
   def init_state(self, batch: int) -> Contexts:
     return init_contexts(self.layers, batch)
@@ -68,7 +69,7 @@ class Decoder(nn.Module):
   def setup(self) -> None:
     width = self.width
     init = uniform_fan_in(self.latent_dim)
-    self.head = nn.Dense(width, kernel_init=init, bias_init=init, dtype=self.dtype)
+    self.head = Dense(width, kernel_init=init, bias_init=init, dtype=self.dtype)
     self.layers = doubling_layers(width, width, self.features, self.num_halvings, self.dilations, self.dtype,
                                   self.causal)
 
@@ -110,7 +111,7 @@ class CausalVAE(nn.Module):
       if self.teacher_to_latent:
         fan_in, out = out, fan_in
       init = uniform_fan_in(fan_in)
-      self.align = nn.Dense(out, kernel_init=init, bias_init=init, dtype=self.dtype)
+      self.align = Dense(out, kernel_init=init, bias_init=init, dtype=self.dtype)
 
   @property
   def frames_per_latent(self) -> int:

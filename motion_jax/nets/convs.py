@@ -12,8 +12,9 @@ from typing import Any
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
+from motion_jax.nets.layers import Dense, Dropout
 from motion_jax.shapes import Array
 
 Layer = Callable  # a module that can also `step` on a stream, or a function (x, context) -> (x, context)
@@ -76,8 +77,8 @@ class ResBlock(nn.Module):
   def setup(self) -> None:
     init = uniform_fan_in(self.width)
     self.conv = CausalConv(self.width, self.width, 3, dilation=self.dilation, dtype=self.dtype, causal=self.causal)
-    self.pointwise = nn.Dense(self.width, kernel_init=init, bias_init=init, dtype=self.dtype)
-    self.drop = nn.Dropout(self.dropout)
+    self.pointwise = Dense(self.width, kernel_init=init, bias_init=init, dtype=self.dtype)
+    self.drop = Dropout(self.dropout)
 
   def init_context(self, batch: int) -> Float[Array, "{batch} context c"]:
     return self.conv.init_context(batch)
@@ -87,9 +88,9 @@ class ResBlock(nn.Module):
     y, context = self.conv.step(nn.relu(x), context)
     return x + self.pointwise(nn.relu(y)), context
 
-  def __call__(self, x: Float[Array, "b t d"], deterministic: bool = True) -> Float[Array, "b t d"]:
+  def __call__(self, x: Float[Array, "b t d"], items: Int[Array, " b"] | None = None) -> Float[Array, "b t d"]:
     y = self.pointwise(nn.relu(self.conv(nn.relu(x))))
-    return x + self.drop(y, deterministic)
+    return x + self.drop(y, items)
 
 
 def relu_step(x: Float[Array, "b n d"], context: None) -> tuple[Float[Array, "b n d"], None]:
@@ -101,7 +102,7 @@ def upsample_step(x: Float[Array, "b n d"], context: None) -> tuple[Float[Array,
   return jnp.repeat(x, 2, axis=1), context
 
 
-def apply_layers(layers: Sequence[Layer], x: Float[Array, "b t c"], deterministic: bool = True,
+def apply_layers(layers: Sequence[Layer], x: Float[Array, "b t c"], items: Int[Array, " b"] | None = None,
                  real_mask: Bool[Array, "b t"] | None = None) -> Float[Array, "b n d"]:
   """Runs a whole clip through layers, causal or not.
 
@@ -111,7 +112,7 @@ def apply_layers(layers: Sequence[Layer], x: Float[Array, "b t c"], deterministi
   x = zero_padding(x, real_mask)
   for layer in layers:
     if isinstance(layer, ResBlock):
-      x = layer(x, deterministic)
+      x = layer(x, items)
     else:
       x = layer(x) if isinstance(layer, nn.Module) else layer(x, None)[0]
     if real_mask is not None:

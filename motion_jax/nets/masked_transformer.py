@@ -3,6 +3,7 @@
 CDAMD's and, as its baseline, MARDM's (docs/papers/cdamd.md#masked-transformer). Both give (B, L, D), the residual
 stream of their last block, to `nets.diffusion_mlp`, which makes a latent of each row.
 """
+import functools
 from typing import Any
 
 import flax.linen as nn
@@ -10,6 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int
 
 from motion_jax.nets.attention import Attention
+from motion_jax.nets.layers import Dense, Dropout
 from motion_jax.nets.masks import with_text
 from motion_jax.nets.post_norm import sinusoids
 from motion_jax.shapes import Array
@@ -45,16 +47,16 @@ class Inputs(nn.Module):
 
   def setup(self) -> None:
     self.mask_latent = self.param("mask_latent", nn.initializers.zeros, (1, 1, self.latent_dim))
-    self.x_in = nn.Dense(self.width, kernel_init=NORMAL, dtype=self.dtype)
-    self.text_in = nn.Dense(self.width, kernel_init=NORMAL, dtype=self.dtype)
-    self.drop = nn.Dropout(self.dropout)
+    self.x_in = Dense(self.width, kernel_init=NORMAL, dtype=self.dtype)
+    self.text_in = Dense(self.width, kernel_init=NORMAL, dtype=self.dtype)
+    self.drop = Dropout(self.dropout)
 
-  def placed(self, tokens: Float[Array, "b l d"], deterministic: bool) -> Float[Array, "b l d"]:
+  def placed(self, tokens: Float[Array, "b l d"], items: Int[Array, " b"] | None) -> Float[Array, "b l d"]:
     """Tokens (B, L, D) with their fixed positions, then dropout."""
-    return self.drop(tokens + sinusoids(tokens.shape[1], tokens.shape[2], self.dtype), deterministic=deterministic)
+    return self.drop(tokens + sinusoids(tokens.shape[1], tokens.shape[2], self.dtype), items)
 
-  def latents(self, x: Float[Array, "b l c"], deterministic: bool) -> Float[Array, "b l d"]:
-    return self.placed(self.x_in(x.astype(self.dtype)), deterministic)
+  def latents(self, x: Float[Array, "b l c"], items: Int[Array, " b"] | None) -> Float[Array, "b l d"]:
+    return self.placed(self.x_in(x.astype(self.dtype)), items)
 
   def words(self, text_emb: Float[Array, "b s e"]) -> Float[Array, "b s d"]:
     return self.text_in(text_emb.astype(self.dtype) * self.text_scale)
@@ -76,21 +78,22 @@ class Block(nn.Module):
 
   @nn.compact
   def __call__(self, x: Float[Array, "b l d"], cond: Float[Array, "b s d"], text: Float[Array, "b 1 d"],
-               attn_mask: Bool[Array, "#b 1 l l"], cross_mask: Bool[Array, "b 1 l s"], deterministic: bool = True
-               ) -> Float[Array, "b l d"]:
+               attn_mask: Bool[Array, "#b 1 l l"], cross_mask: Bool[Array, "b 1 l s"],
+               items: Int[Array, " b"] | None = None) -> Float[Array, "b l d"]:
     width = x.shape[-1]
-    dense = lambda size, name: nn.Dense(size, kernel_init=NORMAL, dtype=self.dtype, name=name)
-    drop = lambda y: nn.Dropout(self.dropout)(y, deterministic=deterministic)
-    attention = lambda name: Attention(width, self.num_heads, self.dtype, normalize=False, dropout=self.dropout,
-                                       kernel_init=NORMAL, name=name)
+    dense = lambda size, name: Dense(size, kernel_init=NORMAL, dtype=self.dtype, name=name)
+    drop = lambda y: Dropout(self.dropout)(y, items)
+    drop_weights = None if items is None or not self.dropout else functools.partial(Dropout(self.dropout), items=items)
+    attention = lambda name: Attention(width, self.num_heads, self.dtype, normalize=False, kernel_init=NORMAL,
+                                       name=name)
 
     def norm(x, i):
       scale, shift = dense(width, f"scale{i}")(text), dense(width, f"shift{i}")(text)
       return plain_norm(1e-5, self.dtype)(x) * (1 + scale) + shift
 
-    y = attention("self_attn")(norm(x, 1), attn_mask=attn_mask, deterministic=deterministic)
+    y = attention("self_attn")(norm(x, 1), attn_mask=attn_mask, drop=drop_weights)
     x = x + drop(y)
-    y = attention("cross_attn")(norm(x, 2), cond, cross_mask, deterministic=deterministic)
+    y = attention("cross_attn")(norm(x, 2), cond, cross_mask, drop=drop_weights)
     x = x + drop(y)
     y = drop(nn.gelu(dense(self.ff_width, "ff_in")(norm(x, 3)), approximate=False))
     return x + drop(dense(width, "ff_out")(y))
@@ -102,7 +105,8 @@ class MaskedTransformer(nn.Module):
   text_emb (B, S, E): a sentence vector (S = 1) or words, of which the first modulates the norms; all 0 stands for no
   caption. text_mask (B, S). attn_mask (B, 1, L, L), see `nets.masks.latent_mask`; prior tokens are looked at like the
   latents whose codes they are. codes: of one level (B, L), or of several (B, L, Q), or None; prior_mask (B,) False
-  takes an item's codes away, which is the same as None. deterministic=False needs rngs={"dropout": key}.
+  takes an item's codes away, which is the same as None. items (B,), places in the whole batch, switch on dropout, which
+  needs rngs={"dropout": key}.
   """
   latent_dim: int = 512
   width: int = 512
@@ -117,6 +121,7 @@ class MaskedTransformer(nn.Module):
   max_length: int = 200
   dropout: float = 0.2
   dtype: Any = jnp.float32
+  remat: bool = False  # a gradient computes what is inside of a block once more, instead of keeping it
 
   def setup(self) -> None:
     self.inputs = Inputs(self.latent_dim, self.width, self.text_scale, self.dropout, self.dtype)
@@ -127,7 +132,8 @@ class MaskedTransformer(nn.Module):
       self.level_table = self.param("level_table", NORMAL, (self.num_levels, self.width))
     # Parity: the code adds learned positions to the sines, at their initial size of 1.
     self.positions = self.param("positions", nn.initializers.normal(1.0), (1, self.max_length, self.width))
-    self.blocks = [Block(self.num_heads, self.ff_width, self.dropout, self.dtype, name=f"block{i}")
+    block = nn.remat(Block) if self.remat else Block
+    self.blocks = [block(self.num_heads, self.ff_width, self.dropout, self.dtype, name=f"block{i}")
                    for i in range(self.depth)]
 
   def mask_token(self) -> Float[Array, "1 1 c"]:
@@ -145,7 +151,8 @@ class MaskedTransformer(nn.Module):
 
   def __call__(self, x: Float[Array, "b l c"], text_emb: Float[Array, "b s e"], attn_mask: Bool[Array, "#b 1 l l"],
                codes: Int[Array, "b l *q"] | None = None, prior_mask: Bool[Array, " b"] | None = None,
-               text_mask: Bool[Array, "b s"] | None = None, deterministic: bool = True) -> Float[Array, "b l d"]:
+               text_mask: Bool[Array, "b s"] | None = None, items: Int[Array, " b"] | None = None
+               ) -> Float[Array, "b l d"]:
     batch, length = x.shape[:2]
     if length > self.max_length:
       raise ValueError(f"got {length} latents, this transformer has positions for {self.max_length}")
@@ -154,14 +161,14 @@ class MaskedTransformer(nn.Module):
     cond = words = self.inputs.words(text_emb)
     prior_columns: Array = jnp.zeros((batch, 1, length, 0), bool)
     if codes is not None:
-      cond = jnp.concatenate([words, self.inputs.placed(self.prior(codes), deterministic)], axis=1)
+      cond = jnp.concatenate([words, self.inputs.placed(self.prior(codes), items)], axis=1)
       prior_columns = attn_mask
       if prior_mask is not None:
         prior_columns = prior_columns & prior_mask[:, None, None, None]
     cross_mask = with_text(prior_columns, text_mask)
-    x = self.inputs.latents(x, deterministic) + self.positions[:, :length].astype(self.dtype)
+    x = self.inputs.latents(x, items) + self.positions[:, :length].astype(self.dtype)
     for block in self.blocks:
-      x = block(x, cond, words[:, :1], attn_mask, cross_mask, deterministic)
+      x = block(x, cond, words[:, :1], attn_mask, cross_mask, items)
     return x
 
 
@@ -174,16 +181,17 @@ class GatedBlock(nn.Module):
 
   @nn.compact
   def __call__(self, x: Float[Array, "b l d"], text: Float[Array, "b 1 d"], attn_mask: Bool[Array, "#b 1 l l"],
-               deterministic: bool = True) -> Float[Array, "b l d"]:
+               items: Int[Array, " b"] | None = None) -> Float[Array, "b l d"]:
     width = x.shape[-1]
-    dense = lambda size, name: nn.Dense(size, kernel_init=NORMAL, dtype=self.dtype, name=name)
-    film = nn.Dense(6 * width, kernel_init=nn.initializers.zeros, dtype=self.dtype, name="film")(nn.silu(text))
+    dense = lambda size, name: Dense(size, kernel_init=NORMAL, dtype=self.dtype, name=name)
+    film = Dense(6 * width, kernel_init=nn.initializers.zeros, dtype=self.dtype, name="film")(nn.silu(text))
     shift1, scale1, gate1, shift2, scale2, gate2 = jnp.split(film, 6, axis=-1)
     norm = plain_norm(1e-6, self.dtype)
-    attention = Attention(width, self.num_heads, self.dtype, normalize=False, dropout=self.dropout, kernel_init=NORMAL,
-                          name="self_attn")
-    y = attention(norm(x) * (1 + scale1) + shift1, attn_mask=attn_mask, deterministic=deterministic)
-    x = x + gate1 * nn.Dropout(self.dropout)(y, deterministic=deterministic)
+    drop = lambda y: Dropout(self.dropout)(y, items)
+    attention = Attention(width, self.num_heads, self.dtype, normalize=False, kernel_init=NORMAL, name="self_attn")
+    drop_weights = None if items is None or not self.dropout else functools.partial(Dropout(self.dropout), items=items)
+    y = attention(norm(x) * (1 + scale1) + shift1, attn_mask=attn_mask, drop=drop_weights)
+    x = x + gate1 * drop(y)
     y = nn.gelu(dense(self.ff_width, "ff_in")(norm(x) * (1 + scale2) + shift2), approximate=True)
     return x + gate2 * dense(width, "ff_out")(y)
 
@@ -202,10 +210,12 @@ class GatedTransformer(nn.Module):
   text_scale: float = 1.0
   dropout: float = 0.2
   dtype: Any = jnp.float32
+  remat: bool = False  # a gradient computes what is inside of a block once more, instead of keeping it
 
   def setup(self) -> None:
     self.inputs = Inputs(self.latent_dim, self.width, self.text_scale, self.dropout, self.dtype)
-    self.blocks = [GatedBlock(self.num_heads, self.ff_width, self.dropout, self.dtype, name=f"block{i}")
+    block = nn.remat(GatedBlock) if self.remat else GatedBlock
+    self.blocks = [block(self.num_heads, self.ff_width, self.dropout, self.dtype, name=f"block{i}")
                    for i in range(self.depth)]
 
   def mask_token(self) -> Float[Array, "1 1 c"]:
@@ -213,13 +223,14 @@ class GatedTransformer(nn.Module):
 
   def __call__(self, x: Float[Array, "b l c"], text_emb: Float[Array, "b s e"], attn_mask: Bool[Array, "#b 1 l l"],
                codes: Int[Array, "b l *q"] | None = None, prior_mask: Bool[Array, " b"] | None = None,
-               text_mask: Bool[Array, "b s"] | None = None, deterministic: bool = True) -> Float[Array, "b l d"]:
+               text_mask: Bool[Array, "b s"] | None = None, items: Int[Array, " b"] | None = None
+               ) -> Float[Array, "b l d"]:
     if codes is not None:
       raise ValueError("got codes, MARDM's transformer has no prior; set loss.prior_levels = 0")
     text = self.inputs.words(text_emb[:, :1])
-    x = self.inputs.latents(x, deterministic)
+    x = self.inputs.latents(x, items)
     for block in self.blocks:
-      x = block(x, text, attn_mask, deterministic)
+      x = block(x, text, attn_mask, items)
     return x
 
 

@@ -55,14 +55,14 @@ class DecoderLayer(nn.Module):
   def __call__(self, x: Float[Array, "b t d"], memory: Float[Array, "b m d"], attn_mask: Bool[Array, "b 1 1 t"],
                deterministic: bool = True) -> Float[Array, "b t d"]:
     width = x.shape[-1]
-    attention = lambda name: Attention(width, self.num_heads, self.dtype, normalize=False, dropout=self.dropout,
-                                       name=name)
+    attention = lambda name: Attention(width, self.num_heads, self.dtype, normalize=False, name=name)
     norm = lambda name: nn.LayerNorm(epsilon=1e-5, dtype=self.dtype, use_fast_variance=False, name=name)
     dense = lambda size, name: nn.Dense(size, dtype=self.dtype, name=name)
     drop = lambda y: nn.Dropout(self.dropout, deterministic=deterministic)(y)
-    y = attention("self_attn")(x, attn_mask=attn_mask, deterministic=deterministic)
+    drop_weights = None if deterministic or not self.dropout else nn.Dropout(self.dropout, deterministic=False)
+    y = attention("self_attn")(x, attn_mask=attn_mask, drop=drop_weights)
     x = norm("attn_norm")(x + drop(y))
-    x = norm("cross_norm")(x + drop(attention("cross_attn")(x, memory, deterministic=deterministic)))
+    x = norm("cross_norm")(x + drop(attention("cross_attn")(x, memory, drop=drop_weights)))
     y = drop(ACTIVATIONS["gelu"](dense(self.mlp_width, "mlp_in")(x)))
     return norm("mlp_norm")(x + drop(dense(width, "mlp_out")(y)))
 

@@ -15,8 +15,11 @@ class Stage(NamedTuple):
   init_extra(batch, rng) -> dict of what else training changes, without a gradient: codebooks. Then the loss is
     loss(params, frozen, batch, step, rng, extra) -> (sums, weight, extra), with the same extra on all devices, and what
     is saved, evaluated and predicted with is params and extra in one dict
+  in_parts: the sums and weights of a batch's parts add up to those of the batch, as they do where items do not meet in
+    the loss, so that a step may take one part after the other
   """
   init: Callable
   loss: Callable
   predict: Callable
   init_extra: Callable | None = None
+  in_parts: bool = False

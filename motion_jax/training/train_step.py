@@ -50,25 +50,44 @@ class TrainStep(NamedTuple):
     return self.update(state, *self.gradients(state, frozen, batch, rng))
 
 
-def make_train_step(stage, tx, ema_decay, skip_loss=0.0, skip_spikes=0.0) -> TrainStep:
+def _in_parts(of_rows, batch, count):
+  """The sum of what of_rows gives of so many parts of a batch, one after the other."""
+  num_rows = len(batch["index"])
+  if num_rows % count:
+    raise ValueError(f"got {num_rows} rows on each device and optimizer.accumulate_steps = {count}; data.batch_size "
+                     "must be a multiple of both together")
+  parts = jax.tree.map(lambda a: a.reshape((count, -1) + a.shape[1:]), batch)
+  shapes = jax.eval_shape(of_rows, jax.tree.map(lambda a: a[0], parts))
+  nothing = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), shapes)
+  return jax.lax.scan(lambda found, rows: (jax.tree.map(jnp.add, found, of_rows(rows)), None), nothing, parts)[0]
+
+
+def make_train_step(stage, tx, ema_decay, skip_loss=0.0, skip_spikes=0.0, accumulate_steps=1) -> TrainStep:
   """The step of a stage.
 
   skip_loss > 0 leaves the state as it was, but for the step count, when the loss is larger or not a number;
   skip_spikes > 0 when the gradient is so many times the median of those before (16 at least), or not a number.
+  accumulate_steps: into how many parts a device cuts its rows, whose gradients it adds up one after the other; the step
+  is still one step on the whole batch.
   """
+  if accumulate_steps > 1 and not stage.in_parts:
+    raise ValueError(f"got optimizer.accumulate_steps = {accumulate_steps}, but items of a batch meet in this stage's "
+                     "loss: it cannot be taken in parts; leave it at 1")
 
   def gradients(state, frozen, batch, rng):
     """-> means over the batches of all devices: of the gradient and of the metrics, and the stage's extra state."""
     rng = jax.random.fold_in(rng, state.step)  # a resumed run replays the same noise
 
-    def total(params):
+    def total(params, rows):
       if stage.init_extra:
-        sums, weight, extra = stage.loss(params, frozen, batch, state.step, rng, state.extra)
+        sums, weight, extra = stage.loss(params, frozen, rows, state.step, rng, state.extra)
       else:
-        (sums, weight), extra = stage.loss(params, frozen, batch, state.step, rng), None
+        (sums, weight), extra = stage.loss(params, frozen, rows, state.step, rng), None
       return sums["loss"], (sums, weight, extra)
 
-    grads, (sums, weight, extra) = jax.grad(total, has_aux=True)(state.params)
+    of_rows = lambda rows: jax.grad(total, has_aux=True)(state.params, rows)
+    grads, (sums, weight, extra) = of_rows(batch) if accumulate_steps == 1 else _in_parts(
+        of_rows, batch, accumulate_steps)
     # Sum first, divide last: devices hold unequal numbers of real frames.
     grads, sums, weight = jax.lax.psum((grads, sums, weight), DEVICES)
     return *jax.tree.map(lambda s: s / weight, (grads, sums)), extra

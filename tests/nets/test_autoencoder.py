@@ -109,11 +109,11 @@ def test_hidden_padding_is_no_padding(small):
 def test_dropout_acts_in_training_only_and_is_the_items_own(small):
   net, params = small
   x = jax.random.normal(jax.random.key(1), (4, 16, 7))
-  keys = jax.random.split(jax.random.key(2), 4)
-  train = jax.jit(lambda x, keys: cdamd.stages._with_dropout(net, params, "__call__", x, keys))
-  both = train(x, keys)
-  assert np.allclose(both[2:], train(x[2:], keys[2:]), atol=1e-5)
+  items = jnp.arange(4)
+  train = jax.jit(lambda x, items, seed=2: net.apply(params, x, items, rngs={"dropout": jax.random.key(seed)}))
+  both = train(x, items)
+  assert np.allclose(both[2:], train(x[2:], items[2:]), atol=1e-5)
   still = jax.jit(net.apply)(params, x)
-  assert np.abs(both - still).max() > 1e-3 and np.abs(train(x[:2], keys[2:]) - both[:2]).max() > 1e-3
-  average = np.mean([train(x, jax.random.split(jax.random.key(i), 4)) for i in range(200)], axis=0)
+  assert np.abs(both - still).max() > 1e-3 and np.abs(train(x[:2], items[2:]) - both[:2]).max() > 1e-3
+  average = np.mean([train(x, items, i) for i in range(200)], axis=0)
   assert np.abs(average - still).max() < 0.3 * np.abs(both - still).max()

@@ -29,7 +29,7 @@ def length_stage(config: ConfigDict) -> Stage:
     logits = net.apply(params, batch["text_emb"][:, 0])
     return {"logits": logits, **_sums(logits, batch["num_frames"] // config.data.frames_per_latent)}
 
-  return Stage(init, loss, predict)
+  return Stage(init, loss, predict, in_parts=True)
 
 
 def _sums(logits, num_latents):

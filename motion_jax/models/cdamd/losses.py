@@ -125,14 +125,14 @@ def sum_of_masked(error: Callable, params: Any, condition: Float[Array, "b l h"]
 
 def generator_loss(net: Net, params: Any, z1: Float[Array, "b l c"], real_mask: Bool[Array, "b l"],
                    text_emb: Float[Array, "b s e"], codes: Int[Array, "b l *q"] | None, draws: Draws,
-                   config: ConfigDict, dropout_keys: jax.Array | None = None,
+                   config: ConfigDict, dropout: tuple[jax.Array, jax.Array] | None = None,
                    text_mask: Bool[Array, "b s"] | None = None) -> tuple[dict[str, Array], Array]:
   """(sums, weight) of one step: the diffusion loss of every masked latent, M times over.
 
   Source: docs/papers/cdamd.md#training-step, #diffusion-mlp.
 
-  z1 (B, L, C) clean latents, 0 at padding; codes (B, L) or (B, L, Q) of the prior, or None. dropout_keys (B,): trains
-  with dropout.
+  z1 (B, L, C) clean latents, 0 at padding; codes (B, L) or (B, L, Q) of the prior, or None. dropout: (a key, the
+  items' places (B,) in the whole batch) to train with it.
   """
   made = masking.corruption(draws.time_u, draws.order_u, draws.noise_u, draws.keep_u, real_mask, config.noise_rate,
                             config.mask_rate, config.mask_draw)
@@ -140,16 +140,12 @@ def generator_loss(net: Net, params: Any, z1: Float[Array, "b l c"], real_mask: 
   text_emb = jnp.where((draws.text_u < config.drop_rate)[:, None, None], 0.0, text_emb)
   attn_mask = trained_mask(config.mask, real_mask & ~made.masked, real_mask, draws.mask_u)
   prior_mask = None if codes is None else draws.prior_u >= config.prior_drop_rate
-  inputs = (x, text_emb, attn_mask, codes, prior_mask, text_mask)
-  if dropout_keys is None:
-    condition = net.apply(params, *inputs, method="condition")
-  else:
-    of_item = lambda key, *item: net.apply(params, *jax.tree.map(lambda a: a[None], item), deterministic=False,
-                                           method="condition", rngs={"dropout": key})[0]
-    condition = jax.vmap(of_item)(dropout_keys, *inputs)
+  key, items = (None, None) if dropout is None else dropout
+  condition = net.apply(params, x, text_emb, attn_mask, codes, prior_mask, text_mask, items, method="condition",
+                        rngs=None if key is None else {"dropout": key})
+
   def error(params, condition, z1, noise, t):
-    predict = lambda x, t: net.apply(params, x, t, jnp.broadcast_to(condition, x.shape[:-1] + condition.shape[-1:]),
-                                     method="predict")
+    predict = lambda x, t: net.apply(params, x, t, condition, method="predict")  # one condition for all copies
     if config.diffusion == "ddpm":
       schedule = ddpm.cosine_schedule(config.ddpm_steps)
       made = ddpm.loss_rows(predict, schedule, jnp.broadcast_to(z1, noise.shape), t, noise)

@@ -36,9 +36,8 @@ def _item_keys(rng, batch):
   return jax.vmap(lambda i: jax.random.fold_in(rng, i))(batch["index"])
 
 
-def _with_dropout(net, params, method, x, keys):
-  run = lambda item, key: net.apply(params, item[None], False, method=method, rngs={"dropout": key})[0]
-  return jax.vmap(run)(x, keys)
+def _with_dropout(net, params, method, x, items, rng):
+  return net.apply(params, x, items, method=method, rngs={"dropout": rng})
 
 
 def autoencoder_stage(config: ConfigDict) -> Stage:
@@ -50,14 +49,14 @@ def autoencoder_stage(config: ConfigDict) -> Stage:
 
   def loss(params, frozen, batch, step, rng):
     x = batch["features"]
-    terms = autoencoder_terms(_with_dropout(net, params, "__call__", x, _item_keys(rng, batch)), x, **config.loss)
+    terms = autoencoder_terms(_with_dropout(net, params, "__call__", x, batch["index"], rng), x, **config.loss)
     return jax.tree.map(lambda term: term * len(x), terms), float(len(x))
 
   def predict(params, frozen, batch, rng):
     latents = net.apply(params, batch["features"], method="encode")
     return {"features": net.apply(params, latents, method="decode"), "latents": latents}
 
-  return Stage(init, loss, predict)
+  return Stage(init, loss, predict, in_parts=True)
 
 
 def rvq_stage(config: ConfigDict, axis_name: str | None = DEVICES) -> Stage:
@@ -80,12 +79,12 @@ def rvq_stage(config: ConfigDict, axis_name: str | None = DEVICES) -> Stage:
   def loss(params, frozen, batch, step, rng, extra):
     x, books = batch["features"], vq.Codebook(**extra["codebooks"])
     encoder_rng, decoder_rng, code_rng, tile_rng, active_rng = jax.random.split(rng, 5)
-    latents = _with_dropout(net, params, "encode", x, _item_keys(encoder_rng, batch))
+    latents = _with_dropout(net, params, "encode", x, batch["index"], encoder_rng)
     noise = rvq.draw_noise(tile_rng, _item_keys(code_rng, batch), latents.shape[1], books)
     num_active = rvq.draw_active(active_rng, quantizer.num_levels, quantizer.drop_rate)
     made, books = rvq.train(books, latents, num_active, noise, quantizer.decay, quantizer.temperature,
                             quantizer.gain_once, axis_name)
-    y = _with_dropout(net, params, "decode", made.quantized, _item_keys(decoder_rng, batch))
+    y = _with_dropout(net, params, "decode", made.quantized, batch["index"], decoder_rng)
     terms = rvq_terms(y, x, made.commitment, **config.loss)
     dead = vq.num_dead(books).mean(dtype=x.dtype, where=books.initialised)
     terms |= {"perplexity": made.perplexity, "usage": made.usage, "dead": dead}
@@ -114,10 +113,10 @@ def _rvq_by_gradient(net, config, axis_name):
   def loss(params, frozen, batch, step, rng):
     x, codes = batch["features"], params["codebooks"]["codes"]
     encoder_rng, decoder_rng, active_rng = jax.random.split(rng, 3)
-    latents = _with_dropout(net, params, "encode", x, _item_keys(encoder_rng, batch))
+    latents = _with_dropout(net, params, "encode", x, batch["index"], encoder_rng)
     num_active = rvq.draw_active(active_rng, quantizer.num_levels, quantizer.drop_rate)
     made, codebook = rvq.learn(codes, latents, num_active, axis_name)
-    y = _with_dropout(net, params, "decode", made.quantized, _item_keys(decoder_rng, batch))
+    y = _with_dropout(net, params, "decode", made.quantized, batch["index"], decoder_rng)
     terms = rvq_terms(y, x, made.commitment, **config.loss)
     terms |= {"loss": terms["loss"] + codebook, "codebook": codebook, "perplexity": made.perplexity,
               "usage": made.usage}
@@ -131,12 +130,12 @@ def _rvq_by_gradient(net, config, axis_name):
   return Stage(init, loss, predict)
 
 
-def make_generator(config: ConfigDict, dtype: Any = jnp.float32) -> Generator:
+def make_generator(config: ConfigDict, dtype: Any = jnp.float32, remat: bool = False) -> Generator:
   """The module of a model section: transformer (kind "cdamd" or "mardm", and fields), head (fields).
 
-  dtype: what it computes in; parameters, norms and softmax are float32.
+  dtype: what it computes in; parameters, norms and softmax are float32. remat: see the modules.
   """
-  fields, head = ({"dtype": dtype, **section} for section in (config.transformer, config.head))
+  fields, head = ({"dtype": dtype, "remat": remat, **section} for section in (config.transformer, config.head))
   kind = fields.pop("kind")
   if kind not in TRANSFORMERS:
     raise ValueError(f"got transformer kind {kind!r}, expected one of {', '.join(TRANSFORMERS)}")
@@ -173,7 +172,8 @@ def generator_stage(config: ConfigDict) -> Stage:
   frozen:
   the parts of the autoencoder's codec and, if loss.prior_levels, prior: the RVQ-VAE's variables.
   """
-  autoencoder, net = Autoencoder(**config.tokenizer), make_generator(config.model, jnp.dtype(config.train.dtype))
+  autoencoder, net = Autoencoder(**config.tokenizer), make_generator(
+      config.model, jnp.dtype(config.train.dtype), config.train.remat)
   rvq_net = Autoencoder(**config.prior) if config.loss.prior_levels else None
 
   def inputs(frozen, batch):
@@ -201,7 +201,7 @@ def generator_stage(config: ConfigDict) -> Stage:
     draw_rng, dropout_rng, prior_rng = jax.random.split(rng, 3)
     draws = draw_step(prior_rng, _item_keys(draw_rng, batch), z1.shape[1], z1.shape[2], config.loss)
     return generator_loss(net, params, z1, real_mask, text_emb, codes, draws, config.loss,
-                          _item_keys(dropout_rng, batch), text_mask)
+                          (dropout_rng, batch["index"]), text_mask)
 
   def predict(params, frozen, batch, rng):
     """The loss with the sampler's mask, captions given, no dropout: sums over the masked latents, and their weight.
@@ -218,4 +218,4 @@ def generator_stage(config: ConfigDict) -> Stage:
     made = {"loss": sums["loss"], "weight": weight}
     return made if codes is None else made | {"with_prior": measure(codes)[0]["loss"]}
 
-  return Stage(init, loss, predict)
+  return Stage(init, loss, predict, in_parts=True)

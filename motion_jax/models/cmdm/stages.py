@@ -44,7 +44,11 @@ def tokenizer_stage(config: ConfigDict) -> Stage:
   def loss(params, frozen, batch, step, rng):
     x = batch["features"]
     size = min(loss_config.micro_batch, config.data.batch_size)
-    shared = sharing(x.shape[0], size, config.data.batch_size // x.shape[0], DEVICES)
+    parts = config.optimizer.accumulate_steps
+    if parts > 1 and x.shape[0] % size:
+      raise ValueError(f"got {x.shape[0]} windows in each of optimizer.accumulate_steps = {parts} parts, expected a "
+                       f"multiple of loss.micro_batch = {size}; take fewer parts")
+    shared = sharing(x.shape[0], size, config.data.batch_size // x.shape[0] // parts, DEVICES)
     size = min(size, x.shape[0])
     # One key per window, by its place in the whole batch: the same noise on one device as on many.
     keys = jax.vmap(lambda i: jax.random.fold_in(rng, i))(batch["index"])
@@ -67,7 +71,7 @@ def tokenizer_stage(config: ConfigDict) -> Stage:
     mean, logvar = vae.apply(params, batch["features"], method="encode")
     return {"features": vae.apply(params, mean, method="decode"), "mean": mean, "logvar": logvar}
 
-  return Stage(init, loss, predict)
+  return Stage(init, loss, predict, in_parts=True)
 
 
 def forcing_inputs(config: ConfigDict, vae: CausalVAE, dit: CausalDiT, frozen: Any, batch: dict[str, Any],
@@ -101,7 +105,7 @@ def denoiser_stage(config: ConfigDict) -> Stage:
   (B, S, E), text_mask (B, S), index (B,) place in the whole batch.
   """
   vae = CausalVAE(**config.tokenizer)
-  dit = CausalDiT(**config.model, dtype=jnp.dtype(config.train.dtype))
+  dit = CausalDiT(**config.model, dtype=jnp.dtype(config.train.dtype), remat=config.train.remat)
   block = dit.block
   level_block = config.loss.level_block
   inputs = functools.partial(forcing_inputs, config, vae, dit)
@@ -132,7 +136,7 @@ def denoiser_stage(config: ConfigDict) -> Stage:
     return {"velocity": dit.apply(params, x, t, text_emb, attn_mask, batch["text_mask"]),
             "target": noise if ddpm else z1 - noise}
 
-  return Stage(init, loss, predict)
+  return Stage(init, loss, predict, in_parts=True)
 
 
 def denoiser_shapes(dit: CausalDiT) -> Any:
