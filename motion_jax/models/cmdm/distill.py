@@ -55,7 +55,7 @@ def student_stage(config: ConfigDict) -> Stage:
   the teacher's over a step, with the ordinary forcing loss as config.distill.forcing_share of it.
   """
   vae, given = CausalVAE(**config.tokenizer), config.distill
-  dit = CausalDiT(**config.model, dtype=jnp.dtype(config.train.dtype))
+  dit = CausalDiT(**config.model, dtype=jnp.dtype(config.train.dtype), remat=config.train.remat)
   if dit.predicts != "velocity":
     raise ValueError(f"got a denoiser that predicts {dit.predicts!r}, expected 'velocity': no other's are distilled")
   plain = stages.denoiser_stage(config)
