@@ -61,7 +61,7 @@ def text_of_the_generator(monkeypatch, rate):
       return jnp.zeros((1, 1, config.model.transformer.latent_dim))
     if method == "condition":
       return jnp.broadcast_to(text, (*x.shape[:2], text.shape[-1]))
-    seen.append(rest[0][0, :, :1])  # x, t, condition (copies, B, L, E)
+    seen.append(rest[0][:, :1])  # x, t, condition (B, L, E), one for all copies
     return jnp.zeros_like(x)
 
   monkeypatch.setattr(cdamd.stages.Generator, "apply", apply)
@@ -125,8 +125,8 @@ def test_the_prior_is_dropped_as_often_as_the_config_says(rate, monkeypatch):
     if method == "mask_token":
       return jnp.zeros((1, 1, 4))
     if method == "condition":
-      return jnp.zeros((*x.shape[:2], 1)) + prior_mask
-    seen.append(mask[0, :, 0, 0])  # x, t, condition (copies, B, L, E): whether an item kept its codes
+      return jnp.zeros((*x.shape[:2], 1)) + prior_mask[:, None, None]
+    seen.append(mask[:, 0, 0])  # x, t, condition (B, L, E): whether an item kept its codes
     return jnp.zeros_like(x)
 
   monkeypatch.setattr(cdamd.stages.Generator, "apply", apply)
