@@ -160,7 +160,7 @@ def test_the_best_weights_are_kept(tmp_path):
   def run(num_steps, resume):
     config = ml_collections.ConfigDict(dict(seed=0, mesh=dict(map="auto", shard_state=False), optimizer=dict(
         learning_rate=0.1, schedule="constant", warmup_steps=0, beta1=0.9, beta2=0.9, weight_decay=0.0, clip_norm=0.0,
-        ema_decay=0.0, skip_loss=0.0, skip_spikes=0.0, rates={}),
+        ema_decay=0.0, skip_loss=0.0, skip_spikes=0.0, accumulate_steps=1, rates={}),
         train=common.train(num_steps, 1, 1, best="min held_out_loss")))
     stage = Stage(lambda batch, rng: {"w": jnp.zeros(1)},
                   lambda params, frozen, batch, step, rng: ({"loss": params["w"].sum() ** 2 - params["w"].sum()}, 1.0),

@@ -361,7 +361,7 @@ def drifting(folder, values, num_steps=None, resume=False, slices=None, best="mi
   """Trains a number that grows by about 0.1 a step; `values` {step: held-out number}, saved at every second step."""
   config = ml_collections.ConfigDict(dict(seed=0, mesh=dict(map="auto", shard_state=False), optimizer=dict(
       learning_rate=0.1, schedule="constant", warmup_steps=0, beta1=0.9, beta2=0.9, weight_decay=0.0, clip_norm=0.0,
-      ema_decay=0.0, skip_loss=0.0, skip_spikes=0.0, rates={}),
+      ema_decay=0.0, skip_loss=0.0, skip_spikes=0.0, accumulate_steps=1, rates={}),
       train=common.train(num_steps or max(values), 1, 2, best=best)))
   stage = Stage(lambda batch, rng: {"w": jnp.zeros(1)},
                 lambda params, frozen, batch, step, rng: ({"loss": -params["w"].sum()}, 1.0), None)
