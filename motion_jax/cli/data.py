@@ -77,17 +77,17 @@ def _encode(args):
 
 
 def _describe(args):
-  from motion_jax.data import describe
+  from motion_jax.data import describe_folders
   if args.out:
-    describe.check_table(args.out)
+    describe_folders.check_table(args.out)
   rows = []
-  for name, start, end, sentences in describe.describe_folder(args.folder, args.fps):
+  for name, start, end, sentences in describe_folders.describe_folder(args.folder, args.fps):
     rows.append((name, start, end, sentences))
     print(f"{name} ({start:.1f} to {end:.1f} s): {sentences[0] if sentences else '-'}", flush=True)
   silent = sum(not sentences for *_, sentences in rows)
   print(f"{len(rows)} motions, {silent} of them with nothing that is sure")
   if args.out:
-    print(f"wrote {describe.write_table(rows, args.out)} captions to {args.out}\n"
+    print(f"wrote {describe_folders.write_table(rows, args.out)} captions to {args.out}\n"
           f"next: motion-jax data build {args.folder} FOLDER --captions {args.out}")
 
 

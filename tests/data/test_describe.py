@@ -234,7 +234,7 @@ def test_bad_input_is_one_line(tmp_path, capsys, make, words):
 
 
 def test_a_table_is_not_written_over(tmp_path):
-  from motion_jax.data.describe import check_table
+  from motion_jax.data.describe_folders import check_table
   (tmp_path / "a.csv").write_text("")
   with pytest.raises(FileExistsError, match="exists already"):
     check_table(tmp_path / "a.csv")

@@ -1,0 +1,62 @@
+"""Captions of folders of motion, from what the motions show (`data.describe`): made, checked and written as a table."""
+import csv
+import pathlib
+
+import tqdm
+
+from motion_jax.data.build import pieces
+from motion_jax.data.datasets.registry import find_dataset
+from motion_jax.data.describe import FPS, describe
+from motion_jax.data.mocap.readers import READERS
+from motion_jax.inputs.errors import InputError
+from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.runtime.atomic import atomic_path
+
+
+def describe_folder(folder, source_fps=None, progress=False):
+  """Yields (name, start, end, sentences) of what lies in a folder, start and end in seconds.
+
+  folder: motion-capture files, in sub-folders too, one such file, or a data folder such as an archive, whose own
+  captions are left aside. Files longer than ten seconds are described in equal pieces. source_fps: the files' rate,
+  whatever they state. Raises FileNotFoundError where there is no motion, InputError for a file that is none.
+  """
+  folder = pathlib.Path(folder)
+  if not folder.exists():
+    raise FileNotFoundError(f"there is no {folder} to describe; give a folder of {' or '.join(READERS)} files")
+  dataset = find_dataset(folder) if folder.is_dir() else None
+  if dataset is not None:
+    for clip in tqdm.tqdm(dataset.clips(folder, faults=[]), desc="clips", unit="clip", disable=not progress):
+      if clip.skeleton is HUMANML3D:
+        yield clip.id, 0.0, clip.seconds, describe(clip.joints, clip.fps, key=clip.id)
+    return
+  files = [folder] if folder.suffix.lower() in READERS and folder.is_file() else sorted(
+      path for path in folder.rglob("*") if path.suffix.lower() in READERS)
+  if not files:
+    raise FileNotFoundError(f"{folder} holds no motion to describe: expected a {' or '.join(READERS)} file, a folder "
+                            "of them, or a data folder such as an archive (motions.npz, captions.jsonl)")
+  for path in tqdm.tqdm(files, desc="files", unit="file", disable=not progress):
+    name, first = path.relative_to(folder).as_posix() if path != folder else path.name, 0
+    clip = READERS[path.suffix.lower()](path, fps=FPS, source_fps=source_fps)
+    for piece in pieces(clip):
+      start, first = first / FPS, first + piece.num_frames
+      yield name, start, first / FPS, describe(piece.joints, FPS, key=piece.id)
+
+
+def check_table(path) -> pathlib.Path:
+  """The path of a table of captions that may be written: a new .csv file. Raises InputError, or FileExistsError."""
+  path = pathlib.Path(path)
+  if path.suffix.lower() != ".csv":
+    raise InputError(f"got {path.name} to write captions to, expected a .csv file")
+  if path.exists():
+    raise FileExistsError(f"{path} exists already; choose another name")
+  return path
+
+
+def write_table(rows, path) -> int:
+  """Rows of `describe_folder` as a table that `motion-jax data build --captions` reads: file, caption, start, end.
+  Returns the number of captions."""
+  lines = [(name, sentence, round(start, 3), round(end, 3)) for name, start, end, sentences in rows
+           for sentence in sentences]
+  with atomic_path(check_table(path)) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
+    csv.writer(file).writerows([("file", "caption", "start", "end"), *lines])
+  return len(lines)

@@ -1,0 +1,302 @@
+"""Sentences cut into clauses, one for each thing that is done: who, what, with which words, how often, how long.
+
+`sentences` puts them in order. What is no action of its own stays with the words before it.
+"""
+import re
+from typing import NamedTuple
+
+from motion_jax.data.tagger import tag_words
+from motion_jax.text import actions
+
+NUMBERS = {word: number for number, word in enumerate(
+    "zero one two three four five six seven eight nine ten eleven twelve".split())} | {
+        "a": 1, "an": 1, "half": 0.5, "couple": 2, "few": 3, "several": 3, "many": 4}
+_TOKEN = re.compile(r"\d+(?:\.\d+)?|\w+(?:['’-]\w+)*|\S", re.UNICODE)
+_PEOPLE = set("person man woman boy girl child kid guy lady figure human dancer boxer player character people men "
+              "women children somebody someone anybody everyone one he she they i you we it who him her them athlete "
+              "actor soldier robot zombie giant thug teenager adult".split())
+PRONOUNS = {"he", "she", "they", "it", "who", "i", "you", "we"}
+_POSSESSIVES = {"his", "her", "their", "its", "my", "your", "our"}
+_LONG = 40  # words of a clause behind which no further one begins unmarked
+_LIGHT = {"also", "again", "just", "first", "soon"}
+_DIRECTIONS = set("left right forward forwards backward backwards back sideways up down around ahead away clockwise "
+                  "counterclockwise again".split())
+_IN_A_ROW = ("and then", "but then", "and after that", "after that", "after which", "after a while", "after a moment",
+             "a moment later", "and afterwards", "afterwards", "followed by", "and finally", "finally", "and lastly",
+             "lastly", "and next", "next", "and later", "later on", "then", ";", ".", "!", "?")
+_AT_ONCE = ("while also", "while", "whilst", "and at the same time", "at the same time as", "and simultaneously",
+            "during", "as")
+_TOGETHER = ("at the same time", "simultaneously", "at once", "meanwhile")
+_CONNECTORS = {words: kind for kind, group in {
+    "then": _IN_A_ROW, "while": _AT_ONCE, "before": ("before",), "after": ("after", "once", "when"),
+    "until": ("until", "till", "and then until"), "and": ("and also", "and", "but"), ",": (",",)}.items()
+               for words in group}
+_ASPECTS = set("be start begin continue keep proceed resume go stop quit finish do try practice perform pause like by "
+               "and".split())
+_LONGEST = max(len(words.split()) for words in _CONNECTORS)
+
+
+class Clause(NamedTuple):
+  """Words of one action: who, what, how often; and where its verb is among the words."""
+  subject: list[str]
+  before: list[str]   # slowly
+  verb: str           # base form
+  form: str           # as it was written
+  words: list[str]    # behind the verb
+  times: int = 1
+  seconds: float | None = None
+  at_once: bool = False  # with the action before it, as the sentence says in so many words
+
+
+def pieces_of(text, known):
+  """[(how it is joined to what is before, clause)]; joins are keys of `_CONNECTORS`, "" at the start."""
+  tokens = [token for token in _TOKEN.findall(text)]
+  lower = [token.lower().replace("’", "'") for token in tokens]
+  found, kind, start, at = [], "", 0, 0
+  said = []  # connectors as they stand between the fragments
+  while at < len(tokens):
+    length, here = _connector(lower, at)
+    if not length and _is_participle(lower, start, at):
+      found.append((kind, said, tokens[start:at]))
+      kind, said, start = "while", [], at
+    if length:
+      if at > start:
+        found.append((kind, said, tokens[start:at]))
+        kind, said = "", []
+      kind, said = _stronger(kind, here), [*said, *tokens[at:at + length]]
+      start = at + length
+    at += length or 1
+  if start < len(tokens):
+    found.append((kind, said, tokens[start:]))
+  return _merged(found, known)
+
+
+def _is_participle(words, start, at):
+  """Whether another part's action begins at this word of a fragment, as in "walks forward waving both hands"."""
+  if not 2 <= at - start <= _LONG or not is_ing(words[at]) or (
+      _ASPECTS & {words[at - 1], actions.verb_of(words[at - 1])}):
+    return False
+  tags = [pos for _, pos in tag_words(words[start:at])]
+  clause, own = clause_of(words[start:at]), clause_of(words[at:at + 4])
+  return tags[-1] not in ("ADP", "DET", "ADJ", "NUM", "AUX") and clause is not None and own is not None and (
+      part_of(own) in ("arms", "head")) and fit([clause], own)
+
+
+def _connector(lower, at):
+  """(tokens, kind) of the connector that begins here, or (0, "")."""
+  for length in range(min(_LONGEST, len(lower) - at), 0, -1):
+    words = " ".join(lower[at:at + length])
+    if words in _CONNECTORS:
+      after = lower[at + length] if at + length < len(lower) else ""
+      if words == "as" and after in ("if", "though", "well", "a", "an"):
+        return 0, ""
+      if words == "next" and after == "to" or words in ("once", "then") and after in ("more", "again"):
+        return 0, ""
+      return length, _CONNECTORS[words]
+  return 0, ""
+
+
+def _stronger(one, other):
+  """Of two connectors in a row (", and", "and while") the one that says more."""
+  order = ("", ",", "and", "then", "while", "until", "after", "before")
+  return max(one, other, key=order.index)
+
+
+def _merged(fragments, known):
+  """Fragments [(kind, connector's tokens, tokens)] to [(kind, clause)]: what is no action of its own stays with the
+  words before it, connector and all."""
+  result: list = []  # [kind, tokens, clause or None]
+  lead = ""          # a subordinate clause in front waits for its main clause
+  for kind, said, tokens in fragments:
+    clause = clause_of(tokens) or (_unknown_verb(tokens) if kind == "then" else None)
+    if not result:
+      lead = kind if kind in ("before", "after", "while", "until") else ""
+      result.append([lead and f"lead {lead}" or "", tokens, clause])
+      continue
+    previous = result[-1]
+    if previous[2] is None and kind == "," and clause and is_ing(clause.form) and _is_person(previous[1]) and not lead:
+      result[-1] = ["lead while", tokens, clause._replace(subject=previous[1])]  # "a person, walking forward, waves"
+      lead = "while"
+      continue
+    apart = clause is not None and previous[2] is not None and _stands_alone(kind, clause, tokens, previous)
+    if apart and kind in ("and", "while") and known(" ".join([*previous[1], *said, *tokens])):
+      apart = False
+    if previous[2] is not None and clause is None and kind == "then":
+      clause = _elliptic(previous[2], tokens)
+      apart = clause is not None
+    if not apart:
+      previous[1] += [*said, *tokens]
+      if previous[2] is not None:
+        previous[2].words.extend([*said, *tokens])
+      elif clause is not None:
+        previous[2] = clause_of(previous[1])
+      continue
+    if lead and kind in (",", "then", "and") and (kind != "and" or clause.subject):
+      kind, lead = f"main {lead}", ""
+    result.append([kind, tokens, clause])
+  return [(kind, clause and _counted(clause)) for kind, _, clause in result]
+
+
+def _stands_alone(kind, clause, tokens, previous):
+  """Whether a fragment behind a connector is an action, and not more words of the one before."""
+  if clause.subject and not _is_person(clause.subject):
+    return False
+  if kind == "and" and not clause.verb:
+    return False
+  if kind == "," and is_ing(clause.form) and not fit([previous[2]], clause):
+    return False  # "walks, turning left"
+  if kind in ("and", ","):
+    if _noun_list(previous):
+      return False
+    if is_ing(clause.form) and kind == "and" and previous[2].form != clause.form and not (
+        is_ing(previous[2].form) or "is" in previous[2].subject or previous[0] in ("while", ",")):
+      return False  # "walks with jumping and singing"
+    return bool(actions.verb_of(clause.form.lower()))
+  if kind == "while" and not previous[0].startswith("lead") and not fit([previous[2]], clause):
+    return False  # "turns left while walking"
+  if kind in ("while", "before", "after", "until"):
+    return bool(clause.subject or is_ing(clause.form) or kind == "until" or not clause.before)
+  return True
+
+
+def _noun_list(previous):
+  """Whether what was before ends in a thing that looks like a verb: "throws punches" (and kicks)."""
+  clause = previous[2]
+  last = clause.words[-1].lower() if clause.words else ""
+  return last.endswith("s") and bool(actions.verb_of(last)) and actions.verb_of(last) != "cross" and (
+      last not in ("arms", "hands"))
+
+
+def clause_of(tokens):
+  """The clause of some words, or None where there is no verb among them that says what is done."""
+  words = [token.lower().replace("’", "'") for token in tokens]
+  lemmas, tags = zip(*tag_words(words)) if words else ((), ())
+  start = _first_verb(words, tags)
+  if start is None:
+    return None
+  head, verb = start, actions.verb_of(words[start]) or lemmas[start]
+  # "is walking", "starts to walk", "begins waving": the other verb says what is done.
+  while True:
+    step = head + 1
+    while step < len(words) and (tags[step] == "ADV" and words[step].endswith("ly") or words[step] in ("to", "not")):
+      step += 1
+    aspect = verb in ("be", "start", "begin", "continue", "keep", "proceed", "resume", "will", "can") or (
+        verb == "go" and step < len(words) and is_ing(words[step]))
+    if not aspect or step >= len(words) or not actions.verb_of(words[step]):
+      break
+    head, verb = step, actions.verb_of(words[step])
+  if tags[head] == "AUX" and verb != "do":  # "is happy", "can"
+    return None
+  subject, before = list(tokens[:start]), []
+  while subject and subject[0].lower() in ("first", "firstly", "having", ","):
+    del subject[0]
+  while subject and (subject[-1].lower().endswith("ly") or subject[-1].lower() in _LIGHT):
+    before.insert(0, subject.pop())
+  if subject and not any(tag in ("NOUN", "PRON") for tag in tags[:start]):
+    before, subject = subject + before, []
+  before = [word for word in before if word.lower() != "first"]
+  before += [token for token in tokens[start + 1:head] if token.lower().endswith("ly")]
+  return Clause(subject, before, verb, tokens[head].lower(), tokens[head + 1:])
+
+
+def _unknown_verb(tokens):
+  """The clause of "then warms them", whose verb is in no list."""
+  word = tokens[0].lower()
+  if not re.fullmatch(r"[a-z]{3,}s", word) or word.endswith(("ss", "us", "is")) or word in _DIRECTIONS or (
+      tag_words([word])[0][1] != "NOUN"):
+    return None
+  return Clause([], [], word[:-1], word, tokens[1:])
+
+
+def _first_verb(words, tags):
+  for at, (word, tag) in enumerate(zip(words, tags)):
+    before = tags[at - 1] if at else ""
+    if at and words[at - 1] in _POSSESSIVES or "jumping jack" in " ".join(words[max(at - 1, 0):at + 2]):
+      continue  # "regains his balance"
+    if tag in ("VERB", "AUX") and word not in ("being", "been", "having"):
+      return at
+    if tag in ("NOUN", "ADJ") and actions.verb_of(word) and before not in ("DET", "ADJ", "NUM", "ADP") and (
+        before != "PRON" or words[at - 1] in PRONOUNS):
+      return at
+  return None
+
+
+def _elliptic(previous, tokens):
+  """The clause of "then right" behind "turns left", of "then the right hand" behind "raises the left hand"."""
+  words = [token.lower() for token in tokens]
+  if words and all(word.endswith("ly") for word in words):
+    return previous._replace(words=[word for word in previous.words if not word.endswith("ly")] + list(tokens),
+                             before=[], subject=[])
+  if words and all(word in _DIRECTIONS | {"to", "the"} for word in words) and (
+      words != ["again"] and any(word in _DIRECTIONS for word in map(str.lower, previous.words))):
+    return previous._replace(words=list(tokens), before=[], subject=[])
+  if len(words) == 2 and words[0] in ("a", "an", "another") and actions.verb_of(words[1]):  # "followed by a jump"
+    return Clause([], [], actions.verb_of(words[1]), actions.verb_of(words[1]), [])
+  limbs = {"hand", "arm", "leg", "foot", "knee", "elbow", "hands", "arms"}
+  if words and words[-1] in limbs and all(word in {"the", "his", "her", "their", "with", "on", "left", "right", "both",
+                                                   "other", "one"} | limbs for word in words):
+    lead = ["with"] if "with" in previous.words and "with" not in words else []
+    return previous._replace(words=[*lead, *tokens], before=[], subject=[])
+  return None
+
+
+def _counted(clause):
+  """The clause without "twice", "three times" and "for five seconds", which it then says in numbers."""
+  text = " ".join(clause.words)
+  number = r"(\d+(?:\.\d+)?|" + "|".join(NUMBERS) + r")"
+  times, seconds = 1, None
+  about = r"(?i)\b(?:for )?(?:about |around |roughly |exactly )?(?:a )?"
+  found = (re.search(about + r"(\d+(?:\.\d+)?) ?(s|secs?|seconds?|mins?|minutes?)\b(?: long)?", text)
+           or re.search(rf"{about}{number}(?: of)?(?: a)? (secs?|seconds?|mins?|minutes?)\b(?: long)?", text))
+  if found:
+    seconds = _number(found[1]) * (60 if found[2].lower().startswith("min") else 1) or None
+    text = without(text, found) if seconds else text
+  found = re.search(r"(?i)\b(twice|thrice)\b(?! as)", text) or re.search(
+      rf"(?i)\b(?:a )?{number}(?: of)?(?: more)? times\b(?: in a row)?", text)
+  if found:
+    times = {"twice": 2, "thrice": 3}.get(found[1].lower()) or int(_number(found[1]))
+    text = without(text, found) if times > 0 else text
+  together = re.search(rf"(?i)\b(?:{'|'.join(_TOGETHER)})\b", text)
+  text = text if together is None else without(text, together)
+  before = [word for word in clause.before if word.lower() not in _TOGETHER]
+  return clause._replace(words=text.split(), before=before, times=max(times, 1), seconds=seconds,
+                         at_once=together is not None or before != clause.before)
+
+
+def _number(word):
+  return float(NUMBERS.get(word.lower(), 0) if not word[0].isdigit() else word)
+
+
+def without(text, found):
+  return (text[:found.start()].rstrip() + " " + text[found.end():].lstrip()).strip()
+
+
+def is_ing(word: str) -> bool:
+  return word.endswith("ing") and bool(actions.verb_of(word)) and actions.verb_of(word) != word
+
+
+def _is_person(subject):
+  return any(word.lower() in _PEOPLE for word in subject)
+
+
+def fit(group, clause):
+  """Whether the parts of the body that move are different ones, so that all of it is done at once."""
+  for one in group:
+    ours, theirs = part_of(one), part_of(clause)
+    if not ours or not theirs:
+      return False
+    if ours == theirs:
+      a, b = (actions.sides_of(lower(x.words)) for x in (one, clause))
+      if ours != "arms" or not a or not b or set(a) & set(b):
+        return False
+    if {ours, theirs} == {"legs", "body"}:
+      return False
+  return True
+
+
+def part_of(clause):
+  return actions.part_of(clause.verb, lower(clause.words))
+
+
+def lower(words):
+  return [word.lower() for word in words]
