@@ -184,6 +184,16 @@ class TextToMotionModel(Able):
     """
     return understand(prompt, self._learned[0].holds if self._learned else lambda text: False)
 
+  def sample(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, seeds: Sequence[int | None],
+             cleanup: bool, sampling: dict[str, Any]) -> Any:
+    """`results.Motions` of prompts said to the network as they are, a key each. A method has its own."""
+    raise NotImplementedError
+
+  def in_a_row(self, lists: Sequence[Sequence[tuple[str, int]]], keys: jax.Array, seeds: Sequence[int | None],
+               cleanup: bool, sampling: dict[str, Any]) -> Any:
+    """`results.Motions`, one of each list of (prompt, frames), a key each. A method has its own."""
+    raise NotImplementedError
+
   def prompts_of(self, prompts: Prompts, literal: bool = True) -> list[str]:
     """A list of prompts from one or several, checked as `check_words` does. Raises TypeError for what is no text."""
     if not isinstance(prompts, str) and (isinstance(prompts, bytes | dict) or not isinstance(prompts, Iterable)):

@@ -101,13 +101,15 @@ def generate(model: "TextToMotionModel", prompts: Sequence[str], num_frames: "Fr
                         [seeds[i] for i in rows], cleanup, sampling)
     found |= zip(rows, made)
   rows = [i for i in range(len(prompts)) if i not in found]
-  made = _composed(model, [sentences[i] for i in rows], [lengths[i] for i in rows], keys[np.array(rows)],
-                   [seeds[i] for i in rows], cleanup, sampling)
+  several = [sentence for i in rows if (sentence := sentences[i]) is not None]
+  made = _composed(model, several, [lengths[i] for i in rows], keys[np.array(rows)], [seeds[i] for i in rows], cleanup,
+                   sampling)
   found |= zip(rows, made)
   return gathered([found[i].replace(id=f"motion_{i}") for i in range(len(prompts))])
 
 
-def _composed(model, sentences: list[Sentence], lengths: list[list[int]], keys, seeds, cleanup, sampling):
+def _composed(model: "TextToMotionModel", sentences: list[Sentence], lengths: list[list[int]], keys: jax.Array,
+              seeds: Sequence[int | None], cleanup: bool, sampling: dict[str, Any]) -> list[Any]:
   """A Motion for each sentence."""
   moving = [[(segment, count) for segment, count in zip(sentence.segments, frames) if not segment.rests]
             or [(sentence.segments[0], frames[0])] for sentence, frames in zip(sentences, lengths)]
@@ -167,7 +169,8 @@ def _with_rests(joints, sentence, spans, lengths, skeleton):
   """(joints, [(first frame, past)] of all segments) with time for those that rest, from the spans of the others."""
   if not any(segment.rests for segment in sentence.segments) or len(sentence.segments) == 1:
     return joints, spans
-  found, spans, added, end = [], list(spans), 0, 0
+  found: list[tuple[int, int]] = []
+  spans, added, end = list(spans), 0, 0
   for segment, count in zip(sentence.segments, lengths):
     if segment.rests:
       joints, first, past = with_rest(joints, end, count, skeleton, ends=segment is sentence.segments[-1])

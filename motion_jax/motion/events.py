@@ -28,7 +28,7 @@ class Event(NamedTuple):
   start: float
   end: float
   side: str = ""
-  count: int = 0
+  count: int = 0  # type: ignore[assignment]  # nobody counts what a tuple holds
   amount: float = 0.0
   way: str = ""
   path: str = ""
@@ -235,7 +235,7 @@ def _hands(body):
   """Hands that go up over the shoulders from below, and what they do there: stay, or wave."""
   over = body.local("wrist", "shoulder")[..., 1]
   raised = majority(over > 0.0, body.fps)
-  both = raised.all(1)
+  both = np.asarray(raised.all(1))
   spans = []
   for side in (0, 1):
     for first, past in body.spans(raised[:, side], least=0.3, gap=0.5):
@@ -332,7 +332,7 @@ def _event(body, kind, first, past, **about):
 
 def _near(items, frames):
   """Items (first, past, ...) in groups whose members follow one another within so many frames."""
-  groups = []
+  groups: list[list] = []
   for item in sorted(items):
     if groups and item[0] - groups[-1][-1][1] <= frames:
       groups[-1].append(item)

@@ -19,7 +19,7 @@ class Body:
 
   def __init__(self, joints, fps):
     self.joints, self.fps, self.num = joints, fps, len(joints)
-    self.floor = floor_height(joints)
+    self.floor = float(floor_height(joints))
 
   @functools.cached_property
   def stands(self):
@@ -86,7 +86,7 @@ class Body:
   def spans(self, flags, least=0.0, gap=0.0):
     """(first, past) frames of the runs of flags (T,), joined over gaps, those of at least so many seconds."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
-    runs = []
+    runs: list[list[int]] = []
     for first, past in zip(edges[::2], edges[1::2]):
       if runs and first - runs[-1][1] <= gap * self.fps:
         runs[-1][1] = int(past)
@@ -101,7 +101,7 @@ class Body:
     return np.degrees(np.arccos(np.clip(cosine, -1, 1)))
 
 
-def turning_points(values: Float[np.ndarray, " t"], least: float):
+def turning_points(values: Float[np.ndarray, " t"], least: float) -> np.ndarray:
   """Frames at which values turn round by more than `least`, with both ends."""
   points, extreme, rising = [0], 0, None
   for index, value in enumerate(values):

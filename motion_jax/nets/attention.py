@@ -101,13 +101,13 @@ class Attention(nn.Module):
 
   def attend(self, q: Float[Array, "b l h k"], k: Float[Array, "b s h k"], v: Float[Array, "b s h k"],
              attn_mask: Bool[Array, "#b 1 #l s"] | None = None,
-             drop: Callable[[jax.Array], jax.Array] | None = None) -> Float[Array, "b l d"]:
+             drop: Callable[..., Any] | None = None) -> Float[Array, "b l d"]:
     y = dot_product_attention(q, k, v, attn_mask, drop=drop)
     return self.o(y.reshape(y.shape[:-2] + (self.width,)))
 
   def __call__(self, x: Float[Array, "b l d"], context: Float[Array, "b s d"] | None = None,
                attn_mask: Bool[Array, "#b 1 #l s"] | None = None, positions: Num[Array, "*#b l"] | None = None,
-               drop: Callable[[jax.Array], jax.Array] | None = None) -> Float[Array, "b l d"]:
+               drop: Callable[..., Any] | None = None) -> Float[Array, "b l d"]:
     """Self-attention, or cross-attention to a context (B, S, D)."""
     q, (k, v) = self.queries(x), self.keys_values(x if context is None else context)
     if positions is not None:

@@ -83,13 +83,13 @@ class CmdmModel(CmdmNetworks):
     rounded, and the end is cut to the sum that was asked. "chain" is the released code's: one run per prompt behind the
     last latent of the one before, lengths floored to whole latents (4 frames).
     """
-    lists = [self._segments(segments) for segments in lists]
-    if not lists:
+    told = [self._segments(segments) for segments in lists]
+    if not told:
       raise ValueError("got no prompts, expected a list of (prompt, seconds or None) for each motion")
     if way not in multi.WAYS:
       raise ValueError(f"got way {way!r}, expected one of {', '.join(multi.WAYS)}")
-    keys, seeds = keys_of(rng, seeds, len(lists))
-    return self.in_a_row(lists, keys, seeds, cleanup, sampling, way)
+    keys, seeds = keys_of(rng, seeds, len(told))
+    return self.in_a_row(told, keys, seeds, cleanup, sampling, way)
 
   def in_a_row(self, lists: Sequence[Sequence[tuple[str, int]]], keys: jax.Array, seeds: Sequence[int | None],
                cleanup: bool, sampling: dict[str, Any], way: str = "stream") -> Motions:
