@@ -24,7 +24,8 @@ from motion_jax.shapes import Array
 _SIGMA = 0.7             # frames: 2 Hz passes at 0.9, the tremor of frame against frame at 0.1
 _BRISK = (1.2, 2.4)      # m/s against the pelvis: from here a joint is smoothed less, from there not at all
 _SLIDES = 0.10           # m/s of standing feet that real motion shows, too
-_STANDS = 0.40           # m/s at which a foot that may stand is half as sure to
+_STANDS = 0.40           # m/s at which a foot that is said to stand is half as sure to
+_UNTOLD = 0.90           # the same where nobody says which feet stand: one that slides may be one of them
 _LOW = 0.16              # metres over the floor at which a point of it is half as sure to
 _EASE, _BEND, _PULL = 0.02, 0.05, 1e-3  # how a foot's correction resists change, change of its change, and being there
 _REACH, _SOFT = 0.995, 0.03  # of a leg's length: how straight it may be made, and the zone before
@@ -160,9 +161,9 @@ class _Body:
   def smooth(self, frames: _Frames, count: int) -> _Frames:
     weights = np.exp(-0.5 * (np.arange(-2, 3) / _SIGMA) ** 2)
     smoothed = _weighted(frames.joints, weights / weights.sum())
-    steps = np.linalg.norm(np.diff(frames.joints - frames.joints[:, :1], axis=0), axis=-1)
-    speed = np.maximum(steps[:-1], steps[1:])  # of all but the first and the last
-    speed = _weighted(speed, np.full(3, 1 / 3)) * self.fps / self.metre
+    about = frames.joints - frames.joints[:, :1]
+    # Over four frames, in which tremor does not get far.
+    speed = np.linalg.norm(about[4:] - about[:-4], axis=-1) / 4 * self.fps / self.metre
     brisk = np.clip((speed - _BRISK[0]) / (_BRISK[1] - _BRISK[0]), 0, 1)[..., None]
     now = _cut(frames, 2, 2 + count)
     mixed = smoothed + (now.joints - smoothed) * brisk * brisk * (3 - 2 * brisk)
@@ -257,7 +258,9 @@ class _Plant:
     body = self._body
     sure, steps = body.stands(frames)
     speed = np.linalg.norm(steps, axis=-1) * body.fps / body.metre
-    firm = np.minimum(2 * sure, 1) / (1 + (speed / _STANDS) ** 4)  # (n - 1, feet, points)
+    told = frames.told[1:, None, None] > 0
+    slow = 1 / (1 + np.where(told, (speed / _STANDS) ** 4, (speed / _UNTOLD) ** 2))
+    firm = np.minimum(2 * sure, 1) * slow  # (n - 1, feet, points)
     total = firm.sum(-1)
     step = (firm[..., None] * steps).sum(2) / np.maximum(total, 1e-9)[..., None]
     size = len(frames.joints) - count  # moves that are solved for together
