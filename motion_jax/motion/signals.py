@@ -17,73 +17,73 @@ PAIR = {part: [JOINT[f"{side}_{part}"] for side in SIDES] for part in
 class Body:
   """Joints (T, 22, 3) and what the rules ask of them, each computed once."""
 
-  def __init__(self, joints, fps):
+  def __init__(self, joints: Float[np.ndarray, "t 22 3"], fps: float) -> None:
     self.joints, self.fps, self.num = joints, fps, len(joints)
     self.floor = float(floor_height(joints))
 
   @functools.cached_property
-  def stands(self):
+  def stands(self) -> np.ndarray:
     """Left and right: whether a foot's ankle or toes stand, (T, 2)."""
     flags = feet_stand(self.joints, self.fps, floor=self.floor)
     return np.stack([flags[:, :2].any(1), flags[:, 2:].any(1)], 1)
 
   @functools.cached_property
-  def path(self):
+  def path(self) -> np.ndarray:
     """The pelvis over the ground with the sway of the steps taken out, (T, 2): x, z."""
     return self.smooth(self.joints[:, 0][:, [0, 2]], 0.2)
 
   @functools.cached_property
-  def speed(self):
+  def speed(self) -> np.ndarray:
     return np.linalg.norm(np.gradient(self.path, axis=0), axis=-1) * self.fps
 
   @functools.cached_property
-  def heading(self):
+  def heading(self) -> np.ndarray:
     """Radians to the left that the body faces, unwrapped, (T,)."""
     ahead = self.smooth(facing(self.joints), 0.25)
     return np.unwrap(np.arctan2(ahead[:, 0], ahead[:, 2]))
 
   @functools.cached_property
-  def toes(self):
+  def toes(self) -> np.ndarray:
     """Speed (T, 2) of the toes against the pelvis, metres a second."""
     return np.linalg.norm(velocity(self.joints[:, PAIR["foot"]] - self.joints[:, :1], self.fps), axis=-1)
 
   @functools.cached_property
-  def knees(self):
+  def knees(self) -> np.ndarray:
     """Angle (T, 2) of each knee, 180 degrees for a straight leg."""
     return self._angle("hip", "knee", "ankle")
 
   @functools.cached_property
-  def elbows(self):
+  def elbows(self) -> np.ndarray:
     return self._angle("shoulder", "elbow", "wrist")
 
   @functools.cached_property
-  def trunk(self):
+  def trunk(self) -> np.ndarray:
     """Degrees (T,) between the trunk and upright."""
     line = self.joints[:, JOINT["neck"]] - self.joints[:, 0]
     return np.degrees(np.arccos(np.clip(line[:, 1] / np.linalg.norm(line, axis=-1), -1, 1)))
 
   @functools.cached_property
-  def pelvis(self):
+  def pelvis(self) -> np.ndarray:
     """Height (T,) of the pelvis over the floor."""
     return self.joints[:, 0, 1] - self.floor
 
   @functools.cached_property
-  def air(self):
+  def air(self) -> np.ndarray:
     """Height (T,) of the lowest joint of the feet over the floor."""
     return self.joints[:, PAIR["ankle"] + PAIR["foot"], 1].min(1) - self.floor
 
-  def local(self, part, base):
+  def local(self, part: str, base: str) -> np.ndarray:
     """Joints of both sides against those of base, (T, 2, 3), in the body's own axes: left, up, ahead."""
     vector = self.joints[:, PAIR[part]] - self.joints[:, PAIR[base]]
     sin, cos = np.sin(self.heading)[:, None], np.cos(self.heading)[:, None]
     x, y, z = np.moveaxis(vector, -1, 0)
     return np.stack([x * cos - z * sin, y, x * sin + z * cos], -1)
 
-  def smooth(self, values, seconds):
+  def smooth(self, values: np.ndarray, seconds: float) -> np.ndarray:
     from scipy.ndimage import gaussian_filter1d
     return gaussian_filter1d(values, seconds * self.fps, axis=0, mode="nearest")
 
-  def spans(self, flags, least=0.0, gap=0.0):
+  def spans(self, flags: np.ndarray, least: float = 0.0, gap: float = 0.0) -> list[tuple[int, int]]:
     """(first, past) frames of the runs of flags (T,), joined over gaps, those of at least so many seconds."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
     runs: list[list[int]] = []
@@ -94,7 +94,7 @@ class Body:
         runs.append([int(first), int(past)])
     return [(first, past) for first, past in runs if past - first >= least * self.fps]
 
-  def _angle(self, upper, middle, lower):
+  def _angle(self, upper: str, middle: str, lower: str) -> np.ndarray:
     a = self.joints[:, PAIR[upper]] - self.joints[:, PAIR[middle]]
     b = self.joints[:, PAIR[lower]] - self.joints[:, PAIR[middle]]
     cosine = (a * b).sum(-1) / np.maximum(np.linalg.norm(a, axis=-1) * np.linalg.norm(b, axis=-1), 1e-9)

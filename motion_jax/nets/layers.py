@@ -22,11 +22,12 @@ def dot_general(x: Array, kernel: Array, dimension_numbers: Any, precision: Any 
   return lax.dot_general(x, kernel, dimension_numbers, precision)
 
 
-def _forward(x, kernel, dimension_numbers, precision):
+def _forward(x: Array, kernel: Array, dimension_numbers: Any, precision: Any) -> tuple[Array, tuple[Array, Array]]:
   return lax.dot_general(x, kernel, dimension_numbers, precision), (x, kernel)
 
 
-def _backward(dimension_numbers, precision, residuals, grad):
+def _backward(dimension_numbers: Any, precision: Any, residuals: tuple[Array, Array], grad: Array
+              ) -> tuple[Array, Array]:
   x, kernel = residuals
   x = lax.optimization_barrier(x)  # or what made x would be computed again, column by column
   rows = tuple(range(x.ndim - 1))

@@ -125,7 +125,7 @@ def sum_of_masked(error: Callable, params: Any, condition: Float[Array, "b l h"]
 
 def generator_loss(net: Net, params: Any, z1: Float[Array, "b l c"], real_mask: Bool[Array, "b l"],
                    text_emb: Float[Array, "b s e"], codes: Int[Array, "b l *q"] | None, draws: Draws,
-                   config: ConfigDict, dropout: tuple[jax.Array, jax.Array] | None = None,
+                   config: ConfigDict, dropout: tuple[Array, Array] | None = None,
                    text_mask: Bool[Array, "b s"] | None = None) -> tuple[dict[str, Array], Array]:
   """(sums, weight) of one step: the diffusion loss of every masked latent, M times over.
 
