@@ -43,7 +43,8 @@ def test_the_loss_is_the_error_of_the_noise():
   real = np.array([[True, True, True, False], [True, True, False, False]])
   seen = np.sqrt(KEPT)[level][..., None] * x1 + np.sqrt(1 - KEPT)[level][..., None] * noise
   t = jnp.asarray(1 - level / 1000, jnp.float32)
-  sums, weight = ddpm_forcing.forcing_loss(lambda x, t: 0.5 * x + t[..., None], jnp.asarray(x1), real, t, noise)
+  noise_at = lambda x, t: 0.5 * x + t[..., None]
+  sums, weight = ddpm_forcing.forcing_loss(noise_at, jnp.asarray(x1), jnp.asarray(real), t, noise)
   error = ((0.5 * seen + (1 - level / 1000)[..., None] - noise) ** 2).mean(-1)
   np.testing.assert_allclose(sums["loss"], error[real].sum(), rtol=1e-5)
   assert weight == 5
