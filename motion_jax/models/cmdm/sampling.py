@@ -74,7 +74,7 @@ def plain_velocity(dit: CausalDiT, params: Any, text_emb: Float[Array, "b s e"],
 
 def chained(dit: CausalDiT, plan: streaming.Plan, params: Any, *, text_emb: Float[Array, "b s e"],
             text_mask: Bool[Array, "b s"], scale: Any, lengths: Int[Array, " b"], past: Float[Array, "b p c"],
-            noise: Float[Array, "b l c"], fresh: Callable[[Any], Array], times: Float[Array, "n l"] | None = None
+            noise: Float[Array, "b l c"], fresh: Callable[[Any], Array], times: Float[Array, "m l"] | None = None
             ) -> Float[Array, "b n c"]:
   """New latents (B, N, C) behind a past (B, P, C) as the released code makes them: plain recompute, past re-noised.
 
