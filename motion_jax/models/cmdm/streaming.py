@@ -206,7 +206,7 @@ class Sampler:
   constants: Constants
   text: Any
   scale: Any
-  keys: jax.Array
+  keys: Any
 
   def init(self) -> Stream:
     """The state before the first step."""
