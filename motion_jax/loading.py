@@ -16,5 +16,5 @@ def load(name: str | os.PathLike = "cmdm-small", text: str | os.PathLike | None 
   """
   run = runs.open(name, tuple(registry.model_stages()), raw)
   with checkpoint.building(run.folder):
-    frozen = run.config.frozen
-    return registry.model_of(run.stage)(run, load_text_encoder(text or frozen.text, level=frozen.text_level))
+    encoder = load_text_encoder(text or run.text, level=run.config.frozen.text_level)
+    return registry.model_of(run.stage)(run, encoder)

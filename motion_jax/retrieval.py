@@ -38,7 +38,7 @@ class Retriever:
     shapes = cache.kept_shapes("teacher", about, lambda: jax.eval_shape(space.init, jax.random.key(0)))
     self.params = jax.tree.map(jnp.asarray, run.params(shapes))
     # For its tokenizer: the weights are the run's own, but for a TMR, whose text transformer is frozen.
-    self.encoder = load_text_encoder(config.frozen.text)
+    self.encoder = load_text_encoder(run.text)
     if "text" not in self.params:
       run.check_encoder(self.encoder)
     self._text = cache.Program("teacher.text", space.text, about=about)

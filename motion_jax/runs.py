@@ -56,6 +56,12 @@ class Run:
     """That of the text encoder which it was trained on; None where the folder does not say."""
     return checkpoint.load_fingerprint(self.folder)
 
+  @property
+  def text(self) -> str | pathlib.Path:
+    """The text encoder that it was trained on: the copy that it carries, or what its config names."""
+    carried = self.folder / checkpoint.ENCODER
+    return carried if carried.is_dir() else self.config.frozen.text
+
   def params(self, like: Any = None) -> Any:
     """Its weights; with `like` (arrays or shapes) every name and shape must agree."""
     return checkpoint.load_params(self.folder, like, self.params_file)

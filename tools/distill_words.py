@@ -1,12 +1,16 @@
 """Trains the small text encoder that ships, `motion_jax/pretrained/words`, from all-MiniLM-L6-v2.
 
   python tools/distill_words.py --teacher DIR --captions archive/captions.jsonl ... --out motion_jax/pretrained/words
+  ... --start motion_jax/pretrained/words --out FOLDER    goes on from an encoder and keeps its features where it can,
+                                                          so that a model trained on them adapts fast
+  python tools/distill_words.py --report FOLDER --before motion_jax/pretrained/words --captions ... [--teacher DIR]
 
 DIR is a Hugging Face folder (config.json, model.safetensors, tokenizer.json) of a BERT with mean pooling. One CPU core
 takes about 20 minutes. The student is a DistilBERT-shaped network of a few MB. It learns, per sentence, the teacher's
 sentence vector and how a batch's sentences resemble each other; per word piece, the teacher's hidden state and the
-piece's own identity; and, for the phrases of tools/movement_sentences.py, to lie near its synonyms and away from all
-other movements, since the teacher has left and right nearly on one spot.
+piece's own identity; for the phrases of tools/movement_sentences.py, to lie near its synonyms and away from all other
+movements, since the teacher has left and right nearly on one spot; and, in pairs of sentences that differ in one word
+(tools/contrast_sentences.py), to part slowly from quickly, twice from three times, with from without.
 """
 import argparse
 import functools
@@ -16,8 +20,10 @@ import random
 import re
 import time
 
+import contrast_sentences
 import jax
 import jax.numpy as jnp
+import measure_words
 import movement_sentences
 import numpy as np
 import optax
@@ -27,11 +33,16 @@ from tokenizers import Tokenizer
 
 from motion_jax.runtime.atomic import atomic_path
 from motion_jax.text import bert
+from motion_jax.text.encoder import load_text_encoder
 
 FIELDS = dict(width=128, num_layers=3, num_heads=4, mlp_width=512, max_positions=64)
 SPECIAL = ("[PAD]", "[UNK]", "[CLS]", "[SEP]")
 BUCKETS = (12, 20, 40)
-WEIGHTS = dict(sentence=1.0, similarity=5.0, ranking=0.2, word=0.5, identity=0.25, concept=0.15)
+WEIGHTS = dict(sentence=1.0, similarity=5.0, ranking=0.2, word=0.5, identity=0.25, concept=0.15,
+               contrast=1.0, anchor=1.5)
+APART, TOGETHER, SENTENCE_APART = 0.1, 0.75, 0.8  # cosines that hard negatives come to lie under, synonyms over
+NUM_PAIRS, PAIR_PIECES = 24, 24  # hard negatives and synonyms of a step, and the most word pieces of one
+LOOSE = 0.1  # weight by which a word that a contrast has to move is held where it was
 SWEEP = ("{w}", "{w}", "a person {w}.", "someone {w} {v}", "a {w} person", "{w} {v}", "a person with a {w}",
          "a person is {w}", "someone moves {w}")
 FUNCTION_WORDS = set(
@@ -127,13 +138,11 @@ def unit(x):
   return x / jnp.maximum(jnp.linalg.norm(x, axis=-1, keepdims=True), 1e-6)
 
 
-def loss_fn(params, batch, model):
-  """Weighted sum of the losses named in the module docstring, and each of them."""
-  mask, aligned = batch["mask"], batch["aligned"]
+def loss_fn(params, batch, model, start=None):
+  """Weighted sum of the losses named in the module docstring, and each of them. start: what training began with."""
+  mask, aligned, pairs = batch["mask"], batch["aligned"], batch["pairs"]
   hidden = model.apply({"params": params["bert"]}, batch["ids"], mask)
-  weight = mask[..., None].astype(jnp.float32)
-  mean = (hidden * weight).sum(1) / weight.sum(1)
-  sentence, target = unit(mean @ params["sentence"]), batch["vector"]
+  sentence, target = _sentence(params, hidden, mask), batch["vector"]
   ours, theirs = sentence @ sentence.T, target @ target.T
   off = 1 - jnp.eye(len(ours))
   logits = lambda s: jax.nn.log_softmax(jnp.where(off > 0, s / 0.07, -1e9), axis=-1)
@@ -144,19 +153,46 @@ def loss_fn(params, batch, model):
   scores = unit(hidden) @ unit(params["prototypes"]).T / 0.1
   label = batch["label"]
   cross = -jnp.take_along_axis(jax.nn.log_softmax(scores), jnp.maximum(label, 0)[..., None], -1)[..., 0]
+  pair_hidden = model.apply({"params": params["bert"]}, pairs["ids"], pairs["mask"])
   losses = dict(
       sentence=(1 - (sentence * target).sum(-1)).mean(),
       similarity=((ours - theirs) ** 2 * off).sum() / off.sum(),
       ranking=(off * jnp.exp(logits(theirs)) * (logits(theirs) - logits(ours))).sum(-1).mean(),
       word=average(word), identity=average(identity),
-      concept=(cross * (label >= 0)).sum() / jnp.maximum((label >= 0).sum(), 1))
+      concept=(cross * (label >= 0)).sum() / jnp.maximum((label >= 0).sum(), 1),
+      contrast=_contrast(params, pair_hidden, pairs))
+  if start is not None:
+    losses["anchor"] = (_moved(model, start, batch, hidden) + _moved(model, start, pairs, pair_hidden)) / 2
   return sum(WEIGHTS[name] * value for name, value in losses.items()), losses
+
+
+def _sentence(params, hidden, mask):
+  return unit(bert.mean_words(hidden, mask) @ params["sentence"])
+
+
+def _contrast(params, hidden, pairs):
+  """How far pairs, rows 2i and 2i + 1, are from lying apart or together, by their words and as sentences."""
+  slot = pairs["slot"][..., None]
+  words = unit((hidden * slot).sum(1) / slot.sum(1))
+  near = (words[::2] * words[1::2]).sum(-1)
+  sentences = _sentence(params, hidden, pairs["mask"])
+  as_sentences = (sentences[::2] * sentences[1::2]).sum(-1)
+  apart = jax.nn.relu(near - APART) + 0.5 * jax.nn.relu(as_sentences - SENTENCE_APART)
+  return jnp.where(pairs["alike"], 0.5 * jax.nn.relu(TOGETHER - near), apart).mean()
+
+
+def _moved(model, start, batch, hidden):
+  """Mean squared distance of word features from those of the start, in shares of their squared length."""
+  before = model.apply({"params": start}, batch["ids"], batch["mask"])
+  weight = batch["held"] * batch["mask"]
+  return (((hidden - before) ** 2).sum(-1) / (before ** 2).sum(-1) * weight).sum() / weight.sum()
 
 
 class Corpus:
   """Sentences with the teacher's targets, drawn in batches of one length bucket."""
 
-  def __init__(self, groups, teacher, tokenizer, grammar, vocabulary):
+  def __init__(self, groups, teacher, tokenizer, grammar, vocabulary, pairs, loose=()):
+    """pairs: a `Pairs`; loose: words that need not stay where they were."""
     self.sentences = [s for _, sentences in groups for s in sentences]
     share = np.concatenate([np.full(len(sentences), weight / len(sentences)) for weight, sentences in groups])
     self.vectors, hidden = teacher(self.sentences, progress=True)
@@ -167,6 +203,7 @@ class Corpus:
     theirs = teacher.tokenizer.encode_batch(self.sentences)
     self.aligned = np.array([a.tokens == b.tokens for a, b in zip(encodings, theirs)])
     self.hidden = hidden
+    self.pairs, self.held = pairs, [held_weights(tokenizer, s, loose) for s in self.sentences]
     names = {name: i for i, name in enumerate(grammar.concepts)}
     self.labels = [concept_labels(grammar, tokenizer, s, names) for s in self.sentences]
     table = teacher.params["words"]["embedding"]
@@ -186,12 +223,62 @@ class Corpus:
     chosen = rng.choice(rows, size, p=share)
     ids, mask = pad([self.ids[i] for i in chosen], length)
     hidden, label = np.zeros((size, length, self.vectors.shape[1]), np.float32), np.full((size, length), -1, np.int32)
+    held = np.zeros((size, length), np.float32)
     for row, i in enumerate(chosen):
       if self.aligned[i]:
         hidden[row, :len(self.ids[i])] = self.hidden[i].astype(np.float32) - self.mean
       label[row, :len(self.ids[i])] = self.labels[i]
-    return dict(ids=ids, mask=mask, hidden=hidden, label=label, aligned=self.aligned[chosen],
-                vector=self.vectors[chosen], static=self.static[ids])
+      held[row, :len(self.ids[i])] = self.held[i]
+    return dict(ids=ids, mask=mask, hidden=hidden, label=label, aligned=self.aligned[chosen], held=held,
+                vector=self.vectors[chosen], static=self.static[ids], pairs=self.pairs.batch(rng))
+
+
+class Pairs:
+  """Sentences two by two (`contrast_sentences.pairs`) as word pieces, those of the words that count marked."""
+
+  def __init__(self, pairs, tokenizer, loose=()):
+    found = []
+    for _, *both, alike in pairs:
+      encodings = [tokenizer.encode(marked.text) for marked in both]
+      if max(len(encoding.ids) for encoding in encodings) <= PAIR_PIECES:
+        found.append((both, encodings, alike))
+    rows = [(marked, encoding) for both, encodings, _ in found for marked, encoding in zip(both, encodings)]
+    self.ids, self.mask = pad([encoding.ids for _, encoding in rows], PAIR_PIECES)
+    self.slot, self.held = (np.zeros(self.ids.shape, kind) for kind in (bool, np.float32))
+    for row, (marked, encoding) in enumerate(rows):
+      self.slot[row, :len(encoding.ids)] = [any(start <= a < b <= end for start, end in marked.spans)
+                                            for a, b in encoding.offsets]
+      self.held[row, :len(encoding.ids)] = held_weights(tokenizer, marked.text, loose)
+    self.words = [[marked.text[a:b].lower() for a, b in marked.spans] for marked, _ in rows]
+    self.alike = np.array([alike for *_, alike in found])
+
+  def batch(self, rng, size=NUM_PAIRS):
+    chosen = rng.choice(len(self.alike), size, replace=False)
+    rows = np.stack([2 * chosen, 2 * chosen + 1], -1).ravel()
+    return dict(ids=self.ids[rows], mask=self.mask[rows], slot=self.slot[rows], held=self.held[rows],
+                alike=self.alike[chosen])
+
+  def too_near(self, model, params, limit=0.3, share=0.2):
+    """The words of pairs that mean different things whose features lie too near each other in too many of them."""
+    hidden = jax.jit(model.apply)({"params": params}, self.ids, self.mask)
+    slot = self.slot[..., None]
+    words = np.asarray(unit((hidden * slot).sum(1) / slot.sum(1)))
+    near, counts = (words[::2] * words[1::2]).sum(-1), {}
+    for pair in np.flatnonzero(~self.alike):
+      for word in {*self.words[2 * pair], *self.words[2 * pair + 1]}:
+        counts.setdefault(word, []).append(near[pair] > limit)
+    return {word for word, found in counts.items() if np.mean(found) > share}
+
+
+def held_weights(tokenizer, sentence, loose):
+  """How firmly each piece of a sentence is held where it was: 1, LOOSE in words that have to move."""
+  encoding = tokenizer.encode(sentence)
+  weights = np.ones(len(encoding.ids), np.float32)
+  spans = [m.span() for m in re.finditer(r"[\w-]+", sentence) if m[0].lower() in loose]
+  for i, (a, b) in enumerate(encoding.offsets):
+    if any(start <= a < b <= end for start, end in spans):
+      weights[i] = LOOSE
+  return weights
 
 
 def initial_params(rng, fields, corpus, num_concepts):
@@ -207,16 +294,34 @@ def initial_params(rng, fields, corpus, num_concepts):
                        word=normal(word_rng, (width, wide)), prototypes=normal(prototype_rng, (num_concepts, width)))
 
 
-def train(corpus, fields, num_concepts, steps, batch_size, seed, learning_rate=2e-3):
-  model = bert.Bert(**fields)
-  params = initial_params(jax.random.key(seed), fields, corpus, num_concepts)
+def params_of(folder, corpus, num_concepts):
+  """Params of the encoder in a folder; the heads, which no folder keeps, are those that fit its features best."""
+  encoder = load_text_encoder(folder)
+  sentences = np.random.default_rng(0).permutation(np.flatnonzero(corpus.aligned))[:4000]
+  ours = [encoder._feature(corpus.sentences[i]) for i in sentences]
+  features = np.concatenate(ours)
+  fitted = lambda targets: jnp.asarray(np.linalg.lstsq(features, np.concatenate(targets), rcond=None)[0])
+  labels = np.concatenate([corpus.labels[i] for i in sentences])
+  width = features.shape[1]
+  prototypes = np.random.default_rng(1).standard_normal((num_concepts, width)).astype(np.float32) / np.sqrt(width)
+  for concept in set(labels) - {-1}:
+    prototypes[concept] = np.asarray(unit(features[labels == concept])).mean(0)
+  return dict(bert=encoder.params, sentence=jnp.asarray(encoder._sentence.projection.T),
+              word=fitted([corpus.hidden[i].astype(np.float32) - corpus.mean for i in sentences]),
+              identity=fitted([corpus.static[corpus.ids[i]] for i in sentences]), prototypes=jnp.asarray(prototypes))
+
+
+def train(corpus, fields, num_concepts, steps, batch_size, seed, learning_rate=2e-3, params=None):
+  """params: to go on from, and to stay near of; fresh ones without."""
+  model, start = bert.Bert(**fields), params and jax.tree.map(jnp.copy, params["bert"])
+  params = params or initial_params(jax.random.key(seed), fields, corpus, num_concepts)
   schedule = optax.warmup_cosine_decay_schedule(0.0, learning_rate, max(1, min(300, steps // 10)), steps, 0.0)
   tx = optax.chain(optax.clip_by_global_norm(1.0), optax.adamw(schedule, b2=0.98, weight_decay=0.01))
   opt_state = tx.init(params)
 
   @functools.partial(jax.jit, donate_argnums=(0, 1))
   def step_fn(params, opt_state, batch):
-    grads, losses = jax.grad(loss_fn, has_aux=True)(params, batch, model)
+    grads, losses = jax.grad(loss_fn, has_aux=True)(params, batch, model, start)
     updates, opt_state = tx.update(grads, opt_state, params)
     return optax.apply_updates(params, updates), opt_state, losses
 
@@ -257,44 +362,71 @@ def read_captions(files):
 
 def main():
   parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-  parser.add_argument("--teacher", required=True)
+  parser.add_argument("--teacher", help="needed for training; a report says without it what asks for no teacher")
   parser.add_argument("--captions", nargs="*", default=[], help="captions.jsonl files with a list of texts a line")
-  parser.add_argument("--out", required=True)
-  parser.add_argument("--steps", type=int, default=5500)
+  parser.add_argument("--more-captions", nargs="*", default=[], help="further files, none of which is held out")
+  parser.add_argument("--out")
+  parser.add_argument("--start", help="an encoder to go on from, with its word pieces")
+  parser.add_argument("--report", metavar="FOLDER", help="measure this encoder and train nothing")
+  parser.add_argument("--before", metavar="FOLDER", help="the encoder that a report compares with")
+  parser.add_argument("--steps", type=int, help="5,500, or 1,500 from a start")
+  parser.add_argument("--learning-rate", type=float, help="0.002, or 0.0005 from a start")
   parser.add_argument("--batch-size", type=int, default=96)
   parser.add_argument("--num-sentences", type=int, default=14_000, help="drawn from the grammar")
   parser.add_argument("--vocabulary", type=int, default=6500)
   parser.add_argument("--seed", type=int, default=0)
   args = parser.parse_args()
+  if not args.report and not (args.teacher and args.out):
+    parser.error("training needs --teacher and --out; to measure an encoder give --report")
   start, rng = time.time(), random.Random(args.seed)
 
-  teacher, grammar = Teacher(args.teacher), movement_sentences.Grammar()
+  teacher, grammar = args.teacher and Teacher(args.teacher), movement_sentences.Grammar()
   captions = read_captions(args.captions)
   unseen = set(rng.sample(captions, len(captions) // 20))  # measured on, never trained on
-  captions = [c for c in captions if c not in unseen]
+  captions = [c for c in dict.fromkeys(captions + read_captions(args.more_captions)) if c not in unseen]
   drawn = grammar.sentences(args.num_sentences + 300, args.seed)
-  drawn, unseen_drawn = drawn[:-300], drawn[-300:]
-  movement = captions + drawn + grammar.minimal()
-  vocabulary = student_vocabulary(teacher, movement, args.vocabulary)
-  tokenizer = student_tokenizer(args.teacher, vocabulary)
+  events = contrast_sentences.event_sentences(6200, args.seed)
+  composed = contrast_sentences.composed(6200, args.seed)
+  sets = {"captions": sorted(unseen), "grammar": drawn[-300:],
+          "new shapes and words": movement_sentences.unseen_sentences(),
+          "captions by kinematics": events[-200:], "several actions": composed[-200:]}
+  if args.report:
+    measure_words.report(args.report, args.before, teacher, sets, captions)
+    return
+  drawn, events, composed = drawn[:-300], events[:-200], composed[:-200]
+  movement = captions + drawn + grammar.minimal() + events + composed
+  if args.start:
+    tokenizer = load_text_encoder(args.start).tokenizer
+    vocabulary = [piece for piece, _ in sorted(tokenizer.get_vocab().items(), key=lambda item: item[1])]
+  else:
+    vocabulary = student_vocabulary(teacher, movement, args.vocabulary)
+    tokenizer = student_tokenizer(args.teacher, vocabulary)
   rarer = sorted((i, w) for w, i in teacher.tokenizer.get_vocab().items()
                  if re.fullmatch(r"[a-z]{4,}", w) and w not in set(vocabulary))
   sweep = sweep_sentences(vocabulary, [w for _, w in rarer[:3000]], rng)
-  print(f"{len(captions)} captions, {len(drawn)} drawn, {len(grammar.minimal())} plain, {len(sweep)} of the word "
-        f"sweep; {len(vocabulary)} word pieces, {len(grammar.concepts)} concepts", flush=True)
-  corpus = Corpus([(0.25, captions), (0.3, drawn), (0.15, grammar.minimal()), (0.3, sweep)] if captions else
-                  [(0.5, drawn), (0.2, grammar.minimal()), (0.3, sweep)], teacher, tokenizer, grammar, vocabulary)
+  fields = FIELDS | dict(vocab_size=len(vocabulary))
+  drawn_pairs, loose = contrast_sentences.pairs(20_000, args.seed), set()
+  if args.start:
+    loose = Pairs(drawn_pairs[:3000], tokenizer).too_near(bert.Bert(**fields), load_text_encoder(args.start).params)
+    print(f"too near each other: {', '.join(sorted(loose))}")
+  print(f"{len(captions)} captions, {len(drawn)} drawn, {len(grammar.minimal())} plain, {len(events)} by kinematics, "
+        f"{len(composed)} of several actions, {len(sweep)} of the word sweep; {len(vocabulary)} word pieces, "
+        f"{len(grammar.concepts)} concepts", flush=True)
+  corpus = Corpus([(0.2, captions), (0.2, drawn), (0.1, grammar.minimal()), (0.15, events), (0.1, composed),
+                   (0.25, sweep)] if captions else
+                  [(0.35, drawn), (0.15, grammar.minimal()), (0.15, events), (0.1, composed), (0.25, sweep)],
+                  teacher, tokenizer, grammar, vocabulary, Pairs(drawn_pairs, tokenizer, loose), loose)
   print(f"teacher done after {time.time() - start:.0f} s, {corpus.aligned.mean():.3f} of sentences cut alike",
         flush=True)
-  fields = FIELDS | dict(vocab_size=len(vocabulary))
-  params = train(corpus, fields, len(grammar.concepts), args.steps, args.batch_size, args.seed)
-  known = sorted({w for s in movement for w in re.findall(r"[a-z]+", s.lower())})
-  save(args.out, params, fields, tokenizer, known, len(corpus.sentences))
+  params = args.start and params_of(args.start, corpus, len(grammar.concepts))
+  params = train(corpus, fields, len(grammar.concepts), args.steps or (1500 if args.start else 5500), args.batch_size,
+                 args.seed, args.learning_rate or (5e-4 if args.start else 2e-3), params)
+  known = {w for s in movement for w in re.findall(r"[a-z]+", s.lower())}
+  if args.start:
+    known |= load_text_encoder(args.start).known_words
+  save(args.out, params, fields, tokenizer, sorted(known), len(corpus.sentences))
   print(f"wrote {args.out} after {(time.time() - start) / 60:.1f} minutes")
-
-  import measure_words
-  measure_words.report(args.out, teacher, {"captions": sorted(unseen), "grammar": unseen_drawn,
-                                           "new shapes and words": movement_sentences.unseen_sentences()}, captions)
+  measure_words.report(args.out, args.before or args.start, teacher, sets, captions)
 
 
 if __name__ == "__main__":

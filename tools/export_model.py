@@ -22,7 +22,7 @@ from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.nets.length_estimator import LengthEstimator
-from motion_jax.text.encoder import load_text_encoder
+from motion_jax.text.encoder import load_text_encoder, shipped_encoders
 from motion_jax.training import checkpoint
 from motion_jax.training.setup import text_identity
 
@@ -71,16 +71,24 @@ def main():
   for name in ("Mean.npy", "Std.npy", checkpoint.LENGTHS):
     if (args.run / name).is_file():
       shutil.copyfile(args.run / name, args.out / name)
-  encoder = load_text_encoder(config.frozen.text, level=config.frozen.get("text_level", "words"))
+  level = config.frozen.get("text_level", "words")
+  encoder = load_text_encoder(run.text, level=level)
   (args.out / checkpoint.TEXT).write_text(text_identity(encoder))
   fields = config.to_dict()
+  if encoder.folder:  # of the machine that trained it: the same one that ships, or a copy
+    ours = [name for name in shipped_encoders()
+            if load_text_encoder(name, level=level).fingerprint == encoder.fingerprint]
+    fields["frozen"].update(text=ours[0] if ours else checkpoint.ENCODER)
+    for path in () if ours else encoder.files():
+      (args.out / checkpoint.ENCODER).mkdir(exist_ok=True)
+      shutil.copyfile(path, args.out / checkpoint.ENCODER / path.name)
   fields["data"].update(folder="", folders=[])  # paths of the machine that trained it
   if "tokenizer" in fields["frozen"]:
     fields["frozen"].update(tokenizer="frozen.safetensors")
   fields["frozen"].update({part: "" for part in ("prior", "length", "movement") if part in fields["frozen"]})
   fields["train"].update(start="")
   (args.out / checkpoint.CONFIG).write_text(json.dumps(fields, indent=1) + "\n")
-  megabytes = sum(path.stat().st_size for path in args.out.iterdir()) / 1e6
+  megabytes = sum(path.stat().st_size for path in args.out.rglob("*")) / 1e6
   print(f"{args.out}: {sizes}, {megabytes:.1f} MB")
 
 

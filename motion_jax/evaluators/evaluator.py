@@ -288,7 +288,7 @@ _NETWORKS = {"t2m": _t2m, "clip": _clip, "tmr": _tmr, "snapmogen": _snapmogen}
 
 def _reader(run, text):
   """What makes words into the network's input: a vocabulary, or a text encoder."""
-  kind, folder, named = KINDS[run.stage], run.folder, run.config.frozen.text
+  kind, folder, named = KINDS[run.stage], run.folder, run.text
   given = pathlib.Path(text) if text else None
   if kind == "t2m":
     for place in (given, folder):  # a vocabulary that lies in the folder is the evaluator's own

@@ -16,7 +16,7 @@ from motion_jax.metrics import scores
 from motion_jax.motion import stats as stats_lib
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
-from motion_jax.training.setup import TrainingSetup, held_out, one_clip_per_caption, text_identity
+from motion_jax.training.setup import TrainingSetup, encoder_files, held_out, one_clip_per_caption
 
 _RULES = ("frames_per_latent", "coin", "crop_frames", "keep_long")  # of `batches.TextItems`
 NUM_VALIDATION = 8  # batches of the validation split that a loss is the mean of, the same every time
@@ -87,7 +87,7 @@ def clip(config) -> TrainingSetup:
     return batch
 
   stage = stage._replace(init=lambda batch, rng: {"params": own(batch, rng)["params"] | tables})
-  return _captioned_setup(config, stage, data, read, {checkpoint.TEXT: text_identity(encoder)}, scores.cosines)
+  return _captioned_setup(config, stage, data, read, encoder_files(encoder), scores.cosines)
 
 
 def gaussian(config) -> TrainingSetup:
@@ -100,7 +100,7 @@ def gaussian(config) -> TrainingSetup:
     return batch
 
   stage = matching.gaussian_stage(config)
-  return _captioned_setup(config, stage, data, read, {checkpoint.TEXT: text_identity(encoder)}, scores.cosines)
+  return _captioned_setup(config, stage, data, read, encoder_files(encoder), scores.cosines)
 
 
 def _captioned_setup(config, stage, data, read, files, nearness, loss=None):
@@ -184,7 +184,7 @@ def load_vocabulary(config):
     words = load_words(config.frozen.glove)
     return words, {CONVERTED: words.to_bytes()}
   encoder = load_text_encoder(config.frozen.text)
-  return WordFeatures(encoder), {checkpoint.TEXT: text_identity(encoder)}
+  return WordFeatures(encoder), encoder_files(encoder)
 
 
 SETUPS = {"evaluator.movement": movement, "evaluator.matching": match, "evaluator.clip": clip,

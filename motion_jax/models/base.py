@@ -21,7 +21,7 @@ from motion_jax.runs import Run
 from motion_jax.runtime import cache
 from motion_jax.text.encoder import TextEncoder
 from motion_jax.text.sentences import Sentence, understand
-from motion_jax.text.vocabulary import Vocabulary
+from motion_jax.text.vocabulary import Vocabulary, forms, meant
 from motion_jax.training import checkpoint
 
 _SHORTEST, _USUAL, _LONGEST = 3.0, 6.0, 9.8  # seconds of a motion whose length nobody says
@@ -211,7 +211,8 @@ class TextToMotionModel(Able):
     The warning says what it will do instead: the nearest caption that it knows. literal: the prompts are said to the
     model as they are, not action by action as it understands them.
     """
-    strange = {}
+    strange: dict[str, str] = {}
+    named: set[str] = set()
     for prompt in prompts:
       if not isinstance(prompt, str) or not prompt.strip():
         raise InputError(f"got the prompt {prompt!r}; say what the person does, as in \"a person waves\"")
@@ -222,8 +223,11 @@ class TextToMotionModel(Able):
                          "multi_prompt takes several sentences one after the other")
       for said in [prompt] if literal else self.understand(prompt).prompts if self.tells_unknown_words else []:
         words = self.unknown_words(said) if self.tells_unknown_words else []
+        words = [word for word in words if word.lower() not in named]  # each once, however often it is said
+        named.update(map(str.lower, words))
         if words:
-          strange[said] = ", ".join(map(repr, words[:_NAMED])) + (" ..." if len(words) > _NAMED else "")
+          more = " ..." if len(words) > _NAMED else ""
+          strange[said] = ", ".join(map(self._with_suggestion, words[:_NAMED])) + more
     for prompt, found in list(strange.items())[:_NAMED]:
       nearest = self.nearest_captions(prompt)
       instead = (f"no caption that {self.folder.name} learned from says so; the nearest of them is "
@@ -233,11 +237,22 @@ class TextToMotionModel(Able):
       warnings.warn(f"the model does not know some words of {len(strange) - _NAMED} prompts more", stacklevel=3)
 
   def unknown_words(self, prompt: str) -> list[str]:
-    """Words that the model has not learned from, and signs that its encoder cannot read; the encoder's own judgement
-    where the folder does not keep the captions."""
+    """Words that the model has not learned from, nor words that mean the same, and signs that its encoder cannot read;
+    the encoder's own judgement where the folder does not keep the captions."""
     if self._learned is None:
       return self.encoder.out_of_vocabulary(prompt)
-    return self._learned[0].missing(prompt) + self.encoder.unreadable(prompt)
+    vocabulary = self._learned[0]
+    return [word for word in vocabulary.missing(prompt) if not self.encoder.synonym(word, vocabulary.words)
+            ] + self.encoder.unreadable(prompt)
+
+  def _with_suggestion(self, word):
+    """The word in quotes, and what was meant where it is misspelled: no word of the encoder's, but like a known one."""
+    known = sorted(self.encoder.known_words)
+    if self._learned:
+      vocabulary = self._learned[0]
+      known = sorted({*vocabulary.words, *(one for one in known if not vocabulary.missing(one))})
+    other = "" if any(map(self.encoder.is_piece, forms(word.lower()))) else meant(word, known)
+    return f"{word!r} (did you mean {other!r}?)" if other else repr(word)
 
 
 Model = TextToMotionModel  # its public name, `motion_jax.Model`

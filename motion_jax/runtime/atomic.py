@@ -36,7 +36,7 @@ def remove_strays(folder, names):
   """Removes what `atomic_path` left half-written of these files of a folder when its program was killed."""
   for name in names:
     path = pathlib.Path(name)
-    for stray in pathlib.Path(folder).glob(f".{path.stem}-{'[a-z0-9_]' * 8}{path.suffix}"):
+    for stray in (pathlib.Path(folder) / path).parent.glob(f".{path.stem}-{'[a-z0-9_]' * 8}{path.suffix}"):
       stray.unlink(missing_ok=True)
 
 

@@ -23,6 +23,7 @@ FROZEN = "frozen.safetensors"  # what a stage was trained on top of: the denoise
 LENGTHS = "captions.json"      # [caption, usual frames] rows of the training data
 DATA = "data.json"             # digests of the data that it is trained on
 TEXT = "text.json"             # name and fingerprint of the text encoder that a denoiser was trained on
+ENCODER = "text_encoder"       # a copy of that encoder, where it lay in a folder of one's own and is small
 
 
 def is_fresh(workdir):

@@ -10,7 +10,10 @@ import numpy as np
 from motion_jax.data import batches, sources
 from motion_jax.motion.representations import to_joints
 from motion_jax.motion.stats import Stats
+from motion_jax.training import checkpoint
 from motion_jax.training.stage import Stage
+
+_CARRIED = 16 << 20  # bytes of a text encoder up to which a run folder carries a copy
 
 
 class TrainingSetup(NamedTuple):
@@ -73,6 +76,16 @@ def reconstruction_error(reconstruct, features, stats, length=192):
 def text_identity(encoder):
   """JSON by which loading knows that captions are encoded as they were in training."""
   return json.dumps({"name": encoder.name, "fingerprint": encoder.fingerprint}) + "\n"
+
+
+def encoder_files(encoder):
+  """{name: content} of what a run folder keeps of its text encoder: who it is, and all of it where it lay in a folder
+  of one's own and is small, so that the run opens on another machine, too."""
+  files = {checkpoint.TEXT: text_identity(encoder)}
+  own = {f"{checkpoint.ENCODER}/{path.relative_to(encoder.folder).as_posix()}": path for path in encoder.files()}
+  if sum(path.stat().st_size for path in own.values()) <= _CARRIED:
+    files |= {name: path.read_bytes() for name, path in own.items()}
+  return files
 
 
 def caption_lengths(data):

@@ -25,9 +25,9 @@ from motion_jax.training import checkpoint, encoding
 from motion_jax.training.setup import (
   TrainingSetup,
   caption_lengths,
+  encoder_files,
   held_out,
   reconstruction_error,
-  text_identity,
   untrained,
 )
 
@@ -116,7 +116,7 @@ def generator(config: ConfigDict) -> TrainingSetup:
     frozen["length"] = load_length(config.frozen.length, encoder)
   batch_of = _captioned(config, data, encoder, encoders if config.data.store else None)
   stage = cdamd.generator_stage(config)
-  files = {checkpoint.LENGTHS: caption_lengths(data), checkpoint.TEXT: text_identity(encoder)}
+  files = {checkpoint.LENGTHS: caption_lengths(data), **encoder_files(encoder)}
   evaluate = _held_out_loss(config, stage, frozen, data.stats, encoder)
   return TrainingSetup(stage, batch_of, frozen, evaluate, data.stats, files)
 
@@ -248,7 +248,7 @@ def length(config: ConfigDict) -> TrainingSetup:
             for name in ("loss", "latents_off")}
 
   return TrainingSetup(stage, lambda step, rows=batches.ALL: without(next_batch(step, rows)), {}, evaluate, data.stats,
-                {checkpoint.TEXT: text_identity(encoder)})
+                encoder_files(encoder))
 
 
 def generator_fields(config: ConfigDict) -> dict[str, Any]:

@@ -34,10 +34,10 @@ from motion_jax.training import checkpoint, encoding
 from motion_jax.training.setup import (
   TrainingSetup,
   caption_lengths,
+  encoder_files,
   held_out,
   one_clip_per_caption,
   reconstruction_error,
-  text_identity,
   untrained,
 )
 
@@ -131,7 +131,7 @@ def denoiser_fields(config: ConfigDict) -> dict[str, Any]:
   if _has_teacher(config):
     run = runs.open(config.distill.teacher, "cmdm.denoiser")
     own = {name: run.config[name].to_dict() for name in ("model", "tokenizer", "taught_by")}
-    text = {name: run.config.frozen[name] for name in ("text", "text_level")}
+    text = {"text": str(run.text), "text_level": run.config.frozen.text_level}
     return own | {"frozen": config.frozen.to_dict() | text | {"tokenizer": str(run.folder)},
                   "train": config.train.to_dict() | {"start": config.train.start or config.distill.teacher}}
   if config.frozen.tokenizer == "random-init":
@@ -218,7 +218,7 @@ def denoiser(config: ConfigDict) -> TrainingSetup:
     batch["text_emb"], batch["text_mask"] = encoder(said, at_least=words, rows=rows)
     return batch
 
-  files = {checkpoint.LENGTHS: caption_lengths(data), checkpoint.TEXT: text_identity(encoder)}
+  files = {checkpoint.LENGTHS: caption_lengths(data), **encoder_files(encoder)}
   evaluate = _held_out_loss(config, data.stats, encoder, codec)
   stage, frozen = cmdm.denoiser_stage(config), codec.parts
   if config.distill.teacher:
@@ -299,7 +299,7 @@ def teacher(config: ConfigDict) -> TrainingSetup:
     return params if frozen_text else {**params, "text": encoder.params}
 
   return TrainingSetup(stage._replace(init=init), next_batch, {}, evaluate, data.stats,
-                {checkpoint.TEXT: text_identity(encoder)})
+                encoder_files(encoder))
 
 
 RESOLVED = {"cmdm.teacher": teacher_fields, "cmdm.tokenizer": tokenizer_fields, "cmdm.denoiser": denoiser_fields}
