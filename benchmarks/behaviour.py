@@ -15,10 +15,10 @@ import pathlib
 import numpy as np
 from behaviour_rules import FPS, body_of
 from behaviour_sentences import COUNTED, PACED, REAL, sentences
-from cleanup import planted_speed
 
 from motion_jax import export, loading
 from motion_jax.data.datasets.archive import read_archive
+from motion_jax.metrics.physics import planted_speed
 
 MOST = 24  # motions that are made at once
 
@@ -56,7 +56,7 @@ def told(rows, name):
   for category in dict.fromkeys(row["category"] for row in rows):
     own = [row for row in rows if row["category"] == category]
     good, number = (sum(measure(row["passed"]) for row in own) for measure in (sum, len))
-    planted = np.nanmean([speed for row in own for speed in row["planted"]])
+    planted = np.mean([speed for row in own for speed in row["planted"]])
     lines.append(f"| {category} | {len(own)} | {good} of {number} | {100 * good / number:.0f} % | {planted:.3f} |")
   lines += ["", *(f"{sum(row['passed'])} of {len(row['passed'])}  {row['category']}: {row['sentence']}"
                   for row in sorted(rows, key=lambda row: sum(row["passed"])))]
@@ -78,7 +78,7 @@ def check_rules(folders):
       return
     good, wrong = sum(map(passed, own)), [clip for clip in others if passed(clip)]
     most = ", ".join(f"{kind} {count}" for kind, count in collections.Counter(map(_label, wrong)).most_common(3))
-    planted = np.nanmean([planted_speed(clip.joints.astype(np.float64)) for clip in own])
+    planted = np.mean([planted_speed(clip.joints.astype(np.float64)) for clip in own])
     lines.append(f"| {name} | {len(own)} | {good} | {100 * good / len(own):.0f} % | {len(others)} | {len(wrong)}"
                  f"{f' ({most})' if most else ''} | {100 * len(wrong) / max(len(others), 1):.1f} % | {planted:.3f} |")
 

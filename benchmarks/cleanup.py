@@ -13,6 +13,7 @@ import numpy as np
 
 from motion_jax import loading
 from motion_jax.data.datasets.registry import find_dataset
+from motion_jax.metrics.physics import planted_speed
 from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.representations import extract
 from motion_jax.motion.skeleton import HUMANML3D
@@ -43,18 +44,10 @@ def knee_angles(joints):
   return np.stack(angles, axis=1)
 
 
-def planted_speed(joints):
-  """Metres a second, NaN where no foot is down."""
-  feet = joints[:, FEET]
-  speed = np.linalg.norm(np.diff(feet[..., [0, 2]], axis=0), axis=-1).min(1) * FPS
-  height = feet[1:, [1, 3], 1].min(1) - np.percentile(feet[..., 1].min(1), 5)
-  return speed[height < 0.04].mean() if (height < 0.04).any() else np.nan
-
-
 def row(name, clips):
   """A row of the table, of a list of joints (T, 22, 3)."""
   every = lambda measure: np.concatenate([measure(clip).ravel() for clip in clips])
-  mean = lambda measure: np.nanmean([measure(clip) for clip in clips])
+  mean = lambda measure: np.mean([measure(clip) for clip in clips])
   numbers = (
       f"{np.percentile(every(knee_acceleration), 99):.1f}", f"{100 * (every(knee_angles) > 175).mean():.2f}",
       f"{mean(lambda x: np.linalg.norm(np.diff(x, 3, axis=0), axis=-1).mean()) * FPS ** 3:.0f}",

@@ -83,6 +83,21 @@ def skating_ratio(joints: Num[Array, "*lead t j 3"], fps: float = 20.0, skeleton
   return (contact & (speed > fast) & (mean > fast)).any(-1).mean(-1)
 
 
+def planted_speed(joints: Num[Array, "*lead t j 3"], fps: float = 20.0, skeleton: Skeleton = HUMANML3D,
+                  low: float = 0.04) -> Float[np.ndarray | np.floating, "*lead"]:
+  """Mean speed (...,) over the ground of the slowest of both feet's ankles and toes while a foot is down.
+
+  Somebody who stands or walks has always a point at rest: this is how fast a body slides that should not. A foot is
+  down while the lower toes are under `low` metres over the height that feet usually go down to; 0 where none ever is.
+  """
+  joints = _of(skeleton, joints)
+  feet = joints[..., list(skeleton.left_feet + skeleton.right_feet), :]
+  toes = joints[..., [skeleton.left_feet[-1], skeleton.right_feet[-1]], 1].min(-1)
+  speed = np.linalg.norm(_differences(feet, 1)[..., [0, 2]], axis=-1).min(-1) * fps
+  down = toes[..., 1:] < np.percentile(feet[..., 1].min(-1), 5, axis=-1)[..., None] + low
+  return (speed * down).sum(-1) / np.maximum(down.sum(-1), 1)
+
+
 def foot_height(joints: Num[Array, "*lead t j 3"], skeleton: Skeleton = HUMANML3D) -> Float[np.ndarray, "*lead t"]:
   """Height of the lowest foot joint above the floor y = 0 in each frame, (..., T); below 0 it has sunk in."""
   return _of(skeleton, joints)[..., list(skeleton.left_feet + skeleton.right_feet), 1].min(-1)
@@ -115,14 +130,16 @@ def acceleration(joints: Num[Array, "*lead t j 3"], fps: float = 20.0) -> Float[
 
 
 # Which of them rows of an evaluation have: {name there: name in `summary`}.
-IN_ROWS = {"skating": "skating_ratio", "foot_height": "floating_mm", "penetration": "penetration_mm",
-           "bone_drift": "bone_drift_mm", "acceleration": "acceleration", "jerk": "jerk"}
+IN_ROWS = {"skating": "skating_ratio", "planted_speed": "planted_speed", "foot_height": "floating_mm",
+           "penetration": "penetration_mm", "bone_drift": "bone_drift_mm", "acceleration": "acceleration",
+           "jerk": "jerk"}
 
 
 def summary(joints: Num[Array, "t j 3"], fps: float = 20.0, skeleton: Skeleton = HUMANML3D) -> dict[str, float]:
   """All of them for one motion (T, J, 3) -> {name: number}, in millimetres, seconds and shares."""
   metres = np.asarray(joints, np.float64) * skeleton.unit
   return {"skating_ratio": float(skating_ratio(metres, fps, skeleton)),
+          "planted_speed": float(planted_speed(metres, fps, skeleton)),
           "floating_mm": float(1000 * floating(metres, skeleton)),
           "penetration_mm": float(1000 * penetration(metres)),
           "bone_drift_mm": float(1000 * bone_drift(metres, skeleton)),

@@ -69,6 +69,21 @@ def test_sliding_feet():
   assert physics.skating_ratio(np.stack([joints, still(41)])).tolist() == [1.0, 0]
 
 
+def test_feet_that_are_down_and_go_on():
+  """The slowest point counts: a walker rests on one foot, a slider on none."""
+  joints = still(41)
+  walking = joints.copy()
+  walking[:, physics.HUMANML3D.left_feet, 0] += 0.1 * np.arange(41)[:, None]
+  assert physics.planted_speed(walking) == 0
+  sliding = joints + 0.05 * np.arange(41)[:, None, None] * [1, 0, 0]
+  np.testing.assert_allclose(physics.planted_speed(sliding), 1.0, rtol=1e-9)
+  hopping = sliding.copy()
+  hopping[21:, :, 1] += 0.2  # in the air nothing is planted
+  hopping[21:, :, 0] *= 3
+  np.testing.assert_allclose(physics.planted_speed(hopping), 1.0, rtol=1e-9)
+  assert physics.planted_speed(np.stack([joints, sliding])).round(9).tolist() == [0, 1]
+
+
 def test_floor_bones_and_acceleration():
   joints = still(30)
   assert physics.floating(joints) == physics.penetration(joints) == 0

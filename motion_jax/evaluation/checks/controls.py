@@ -18,7 +18,7 @@ EXPECTED = {
     "reversed": _WORSE,
     "frozen": _WORSE | {"diversity": -1, "jerk": -1, "acceleration": -1},
     "noise": _WORSE | {"multimodality": 1, "jerk": 1, "acceleration": 1, "bone_drift": 1, "penetration": 1},
-    "sliding": {"skating": 1}, "lifted": {"foot_height": 1}, "sunk": {"penetration": 1},
+    "sliding": {"skating": 1, "planted_speed": 1}, "lifted": {"foot_height": 1}, "sunk": {"penetration": 1},
 }
 SLACK = 0.02  # share of a noise curve's way that is nothing: by so much it may go back between two levels
 CAPTIONS = 4  # whose motions make the controls' multimodality
