@@ -187,12 +187,12 @@ class TextToMotionModel(Able):
   def sample(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, seeds: Sequence[int | None],
              cleanup: bool, sampling: dict[str, Any]) -> Any:
     """`results.Motions` of prompts said to the network as they are, a key each. A method has its own."""
-    raise NotImplementedError
+    raise NotImplementedError(f"{type(self).__name__} has no `sample` (docs/adding.md)")
 
   def in_a_row(self, lists: Sequence[Sequence[tuple[str, int]]], keys: jax.Array, seeds: Sequence[int | None],
                cleanup: bool, sampling: dict[str, Any]) -> Any:
     """`results.Motions`, one of each list of (prompt, frames), a key each. A method has its own."""
-    raise NotImplementedError
+    raise NotImplementedError(f"{type(self).__name__} has no `in_a_row`: it cannot do one action after another")
 
   def prompts_of(self, prompts: Prompts, literal: bool = True) -> list[str]:
     """A list of prompts from one or several, checked as `check_words` does. Raises TypeError for what is no text."""

@@ -44,15 +44,15 @@ class Task:
   def load(run, raw=False) -> Any:
     """The model of a run that can do what is asked. raw: of the last weights, not their average. Raises ValueError for
     another model."""
-    raise NotImplementedError
+    raise NotImplementedError("a task of evaluation has a `load` of its own (docs/adding.md)")
 
   def real(self, replication: int) -> Found:
     """Rows that need no model: "real", and others beside it."""
-    raise NotImplementedError
+    raise NotImplementedError(f"{type(self).__name__} has no `real` (docs/adding.md)")
 
   def found(self, candidate: Candidate, replication: int) -> Found:
     """Rows of a candidate's motions."""
-    raise NotImplementedError
+    raise NotImplementedError(f"{type(self).__name__} has no `found` (docs/adding.md)")
 
   def damaged(self, replication: int, joints: Mapping[str, list]) -> Damaged:
     """Controls of the task's own metrics. joints: {"real" or a level of noise: joints (T, J, 3) of each item drawn}."""
