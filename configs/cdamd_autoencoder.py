@@ -26,10 +26,13 @@ def get_config(size="full"):
   config.frozen = dict()
   config.model = dict(features=66, latent_dim=512, width=512, num_halvings=2, dilations=(9, 3, 1), dropout=0.2)
   # columns: those that count twice, 4 : 4 + 3 (J - 1). distance "l1" with position_weight 0 is the paper's loss.
-  config.loss = dict(distance="smooth_l1", position_weight=1.0, columns=(4, 67))
-  # per_axis: one mean and std for x, y and z each over all joints, instead of one per column.
+  # latent_noise: of what the decoder is given in training, in standard deviations of the latents.
+  config.loss = dict(distance="smooth_l1", position_weight=1.0, columns=(4, 67), latent_noise=0.0,
+                     **common.motion_errors())
+  # per_axis: one mean and std for x, y and z each over all joints, instead of one per column. balance: windows of rare
+  # actions are drawn more often; 0 each once an epoch, 1 all actions alike.
   config.data = common.data(layout="coordinates", per_axis=False, batch_size=256, window=64, stride=1,
-                            released_windows=False)
+                            released_windows=False, balance=0.0)
   # Parity: the reference counts 150,000 and 250,000 from the end of the warm-up.
   config.optimizer = common.optimizer(learning_rate=2e-4, schedule="step", boundaries=(152_000, 252_000), gamma=0.05,
                                       warmup_steps=2_000, beta2=0.99)

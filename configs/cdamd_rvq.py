@@ -29,10 +29,10 @@ def get_config(size="full"):
   config.quantizer = dict(num_levels=4, num_codes=512, decay=0.99, temperature=0.5, drop_rate=0.2, gain_once=False,
                           learn="means")
   config.loss = dict(distance="smooth_l1", position_weight=0.1, columns=(4, 67), velocity_weight=0.1,
-                     commitment_weight=0.02)
+                     commitment_weight=0.02, **common.motion_errors())
   # window 0: whole clips of min_frames to max_frames frames, padded with zeros.
   config.data = common.data(layout="coordinates", per_axis=False, batch_size=256, window=0, stride=1,
-                            released_windows=False, min_frames=40, max_frames=196)
+                            released_windows=False, balance=0.0, min_frames=40, max_frames=196)
   # Parity: the reference counts 150,000 and 250,000 from the end of the warm-up.
   config.optimizer = common.optimizer(learning_rate=2e-4, schedule="step", boundaries=(152_000, 252_000), gamma=0.05,
                                       warmup_steps=2_000, beta2=0.99)

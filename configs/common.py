@@ -41,10 +41,8 @@ def evaluated_size(name):
 
 def data(**fields):
   """The section `data` on HumanML3D; folder or folders say where it lies. described: whether clips of archives get
-  captions by kinematics beside their own (docs/captions.md). augment: how many new clips of each kind are made of the
-  training clips of archives, as a share of these (docs/augmentation.md)."""
-  return dict(name="humanml3d", folder="", folders=(), mode="benchmark", mirror=False, described=False,
-              augment=dict(stitched=0.0, bent_paths=0.0, idle=0.0, counted=0.0, time_warp=0.0)) | fields
+  captions by kinematics beside their own (docs/captions.md)."""
+  return dict(name="humanml3d", folder="", folders=(), mode="benchmark", mirror=False, described=False) | fields
 
 
 def captioned_data(**fields):
@@ -53,6 +51,15 @@ def captioned_data(**fields):
   coin: how often a clip loses a latent's frames; crop_frames: the most that it keeps, 0 for data.max_frames.
   """
   return data(frames_per_latent=4, crop_frames=0, keep_long=False, coin=1 / 3) | fields
+
+
+def motion_errors():
+  """Weights, in the section `loss` of a tokenizer, of errors in how the decoded motion moves; 0: off, as in the papers.
+
+  acceleration of all joints; velocity of wrists, ankles and toes; velocity of feet that stand in the real motion
+  (models/motion_errors.py).
+  """
+  return dict(acceleration=0.0, extremity_velocity=0.0, foot_contact=0.0)
 
 
 def optimizer(learning_rate, **fields):
@@ -77,8 +84,10 @@ def train(num_steps, log_every, save_every, **fields):
   remat, where dtype is: whether a gradient computes what is inside of a network's blocks once more instead of keeping
   it: less memory, a third more work. tensorboard: whether metrics are written as an event file, too.
   sample_every: pictures of what the run makes, in its samples/, at the saves nearest to every so many steps; 0: none.
+  start: a run, or a name that ships, whose parameters are the first ones; freeze: names of parts that stay as they are
+  there, such as ("encoder",): then a tokenizer's latents mean what they meant, and its generators go on with it.
   """
-  return dict(start="", num_steps=num_steps, log_every=log_every, save_every=save_every, best="",
+  return dict(start="", freeze=(), num_steps=num_steps, log_every=log_every, save_every=save_every, best="",
               keep_last=2, max_skips=20, max_rollbacks=3, hang_minutes=60.0, workers=0, tensorboard=False,
               sample_every=0) | fields
 

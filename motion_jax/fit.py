@@ -11,6 +11,7 @@ from motion_jax.evaluators import setup as evaluators
 from motion_jax.inputs import former_names
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.nearest import did_you_mean
+from motion_jax.latents import TOKENIZER
 from motion_jax.models import registry
 from motion_jax.motion import stats as stats_lib
 from motion_jax.runtime import atomic, lock
@@ -24,6 +25,8 @@ def setups() -> dict:
   return registry.setups() | evaluators.SETUPS
 
 
+# Of a generator's run: the stage whose parameters are frozen in it as its tokenizer.
+_HOLDS = {"cmdm.denoiser": "cmdm.tokenizer", "cdamd.generator": "cdamd.autoencoder"}
 DTYPES = ("float32", "bfloat16")  # that networks may compute in
 # Files of a run folder that are written before the first step, beside those that a stage gives it.
 FILES = (checkpoint.CONFIG, checkpoint.DATA, checkpoint.FROZEN, "Mean.npy", "Std.npy")
@@ -46,6 +49,9 @@ def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_change
     raise InputError(f"got train.dtype {dtype!r}, expected {' or '.join(DTYPES)}")
   workdir = pathlib.Path(workdir)
   config, told = resolve(config)
+  if config.train.freeze and not config.train.start:
+    raise InputError(f"got train.freeze {tuple(config.train.freeze)} without train.start, expected the run whose "
+                     "parameters are to stay as they are: random ones are worth no keeping")
   if resume == "auto":
     resume = not checkpoint.is_fresh(workdir)
     print(f"--resume=auto: {'going on with' if resume else 'starting'} {workdir}")
@@ -58,7 +64,7 @@ def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_change
   stage, next_batch, frozen, evaluate, stats, files = setup
   draw = pictures.drawer(config, workdir, setup)
   if config.train.start:
-    stage = _started_from(stage, config.train.start)
+    stage = _started_from(stage, config)
   workdir.mkdir(parents=True, exist_ok=True)
   first = distributed.is_first()  # of several processes, this one writes
   with lock.locked(workdir) if first else contextlib.nullcontext():
@@ -112,10 +118,17 @@ def resolve(config):
   return found.lock(), told
 
 
-def _started_from(stage, folder):
+def _started_from(stage, config):
   """The stage with the parameters of another run, a folder or a name that ships, to begin with; what that run does not
-  have begins at random."""
-  start = flax.traverse_util.flatten_dict(checkpoint.load_params(runs.find(folder)))
+  have begins at random. A tokenizer is also found inside a generator's run."""
+  folder = config.train.start
+  run = runs.open(folder)
+  inside = run.stage != config.stage and _HOLDS.get(run.stage) == config.stage
+  start = flax.traverse_util.flatten_dict(run.frozen()[TOKENIZER] if inside else run.params())
+  for name in config.train.freeze:
+    if not any(name in path for path in start):
+      raise InputError(f"got train.freeze {name!r}, but train.start {folder} has no parameters of that name, only "
+                       f"{', '.join(sorted({path[1] for path in start if len(path) > 1}))}")
 
   def init(batch, rng):
     initial = flax.traverse_util.flatten_dict(stage.init(batch, rng))

@@ -113,31 +113,32 @@ def open(name: str | os.PathLike, stage: str | Sequence[str] | None = None, raw:
 
 
 _STORE = {"data.store": ""}
+_MOTION_ERRORS = {"data.balance": 0.0, "loss.acceleration": 0.0, "loss.extremity_velocity": 0.0,
+                  "loss.foot_contact": 0.0}
 _TEXT_ITEMS = {"data.frames_per_latent": 4, "data.crop_frames": 0, "data.keep_long": False, "data.coin": 1 / 3}
 _EVALUATOR = {"frozen.text": "", "data.max_frames": 196,
               "model.columns": lambda config: get_layout(config["data"]["layout"]).dim}
 _CAPTIONED_EVALUATOR = _EVALUATOR | _TEXT_ITEMS
 # What a config means that does not name a field, because it is older than the field, or was written by `convert`.
 _LEFT_OUT: dict[str, dict[str, Any]] = {
-    "": {"data.mode": "benchmark", "data.described": False, "data.augment": {},
-         "optimizer.skip_loss": 0.0, "optimizer.final_rate": 0.0,
+    "": {"data.mode": "benchmark", "data.described": False, "optimizer.skip_loss": 0.0, "optimizer.final_rate": 0.0,
          "optimizer.rates": {}, "optimizer.clip_parts": (), "train.start": "", "train.best": "", "train.workers": 0,
          "train.keep_last": 2, "train.tensorboard": False, "train.sample_every": 0, "train.max_skips": 20,
-         "train.max_rollbacks": 3, "train.hang_minutes": 60.0, "optimizer.skip_spikes": 0.0,
+         "train.max_rollbacks": 3, "train.hang_minutes": 60.0, "train.freeze": (), "optimizer.skip_spikes": 0.0,
          "optimizer.accumulate_steps": 1, "mesh.map": "auto", "mesh.shard_state": False},
     "cmdm.teacher": {"model.kind": "part_tmr", "frozen.sentence": "", "frozen.vit": "", "origin": {}},
-    "cmdm.tokenizer": {"train.dtype": "float32", "frozen.teacher": "", "frozen.evaluator": "", "teacher": {},
-                       "taught_by": {}, "loss.adaptive_align": True, "loss.align_fall": 0.9,
-                       "loss.reconstruction": "gaussian", "loss.distance_pairs": "window",
-                       "loss.last_layer": "convolution"},
+    "cmdm.tokenizer": _MOTION_ERRORS | {
+        "train.dtype": "float32", "frozen.teacher": "", "frozen.evaluator": "", "teacher": {}, "taught_by": {},
+        "loss.adaptive_align": True, "loss.align_fall": 0.9, "loss.reconstruction": "gaussian",
+        "loss.distance_pairs": "window", "loss.last_layer": "convolution"},
     "cmdm.denoiser": _TEXT_ITEMS | _STORE | {
         "train.dtype": "float32", "train.remat": False, "frozen.text_level": "words", "taught_by": {},
         "distill.teacher": "", "loss.mean_latents": False,
         "loss.level_block": lambda config: config["model"].get("block", 3), "data.vary_subject": 0.0,
         "sampler.schedule": "fss",
         "sampler.solver": lambda config: "ancestral" if config["model"].get("predicts") == "ddpm" else "euler"},
-    "cdamd.autoencoder": {"data.released_windows": False},
-    "cdamd.rvq": {"data.released_windows": False, "quantizer.learn": "means"},
+    "cdamd.autoencoder": _MOTION_ERRORS | {"data.released_windows": False, "loss.latent_noise": 0.0},
+    "cdamd.rvq": _MOTION_ERRORS | {"data.released_windows": False, "quantizer.learn": "means"},
     "cdamd.generator": _STORE | {"train.dtype": "float32", "train.remat": False, "frozen.text_level": "sentence",
                                  "frozen.length": "", "length": {},
                                  "loss.mask_draw": "count", "data.vary_subject": 0.0, "sampler.edit_mask": "bcm"},

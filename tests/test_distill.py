@@ -82,7 +82,7 @@ def test_a_model_that_ships_is_a_teacher():
   assert found.frozen.text == "words" and found.model.width == 256 and found.train.start == "cmdm-small"
   setup = training.setups()[found.stage](found)
   batch = setup.next_batch(0)
-  begun = training._started_from(setup.stage._replace(init=lambda *_: setup.frozen[distill.TEACHER]), found.train.start)
+  begun = training._started_from(setup.stage._replace(init=lambda *_: setup.frozen[distill.TEACHER]), found)
   jax.tree.map(np.testing.assert_array_equal, begun.init(batch, None), setup.frozen[distill.TEACHER])
 
 

@@ -65,24 +65,37 @@ class Windows:
   """Windows of a fixed number of frames from clips, for the autoencoders (docs/papers/cmdm.md#items).
 
   features: list of normalized (T_i, F); clips shorter than the window are left out. released: see `window_starts`.
+  groups: what each clip shows; with balance > 0 windows are drawn with replacement, those of rare groups more often
+  (`balance_weights`), else each comes once an epoch.
   """
   features: list[np.ndarray]
   window: int = 64
   stride: int = 10
   released: bool = False
+  groups: list[str] | None = None
+  balance: float = 0.0
 
   def __post_init__(self):
     starts = window_starts([len(x) for x in self.features], self.window, self.stride, self.released)
     if not len(starts):
       raise ValueError(f"none of {len(self.features)} clips has the {self.window} frames of a window")
     object.__setattr__(self, "starts", starts)
+    upto = None  # of each window, the share of all draws that fall on it or on those before it
+    if self.balance:
+      weights = balance_weights([self.groups[i] for i in starts[:, 0]], self.balance)
+      upto = np.cumsum(weights) / weights.sum()
+    object.__setattr__(self, "upto", upto)
 
   def __len__(self):
     return len(self.starts)
 
   def batch(self, batch_size, seed, step, rows=ALL):
     """-> features (B, window, F), index (B,), of these rows."""
-    chosen = self.starts[epoch_indices(len(self), batch_size, seed, step)[rows]]
+    if self.upto is None:
+      drawn = epoch_indices(len(self), batch_size, seed, step)
+    else:
+      drawn = np.minimum(np.searchsorted(self.upto, step_rng(seed, 5, step).random(batch_size), "right"), len(self) - 1)
+    chosen = self.starts[drawn[rows]]
     return {"features": np.stack([self.features[i][s:s + self.window] for i, s in chosen]),
             "index": np.arange(batch_size)[rows]}
 

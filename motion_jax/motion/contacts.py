@@ -1,14 +1,18 @@
 """Which feet stand, by the tight rule: slow and near the ground. What asks "does this foot stand?" asks here.
 
 HumanML3D's contact label, a column of benchmark features, is looser: a squared step below 0.002 is 0.89 m/s at 20
-frames a second, so that a foot that slides counts as standing. numpy, whole clips.
+frames a second, so that a foot that slides counts as standing. numpy, whole clips; with a floor given also jax arrays,
+inside jit as well.
 """
+from typing import Any
+
 import numpy as np
 from jaxtyping import Bool, Float, Num
 
+from motion_jax.motion import rotations as rot
 from motion_jax.motion.retarget import floor_height
+from motion_jax.motion.rotations import A
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
-from motion_jax.shapes import Array
 
 SLOW = 0.15   # metres a second
 LOW = 0.10    # metres over the floor
@@ -16,35 +20,41 @@ _SPAN = 0.1   # seconds over which a speed is taken, whatever the rate
 _SHORT = 0.25  # seconds of the median filter: what is shorter than half of it is no contact, and no gap of one
 
 
-def feet_stand(joints: Num[Array, "t j 3"], fps: float = 20.0, skeleton: Skeleton = HUMANML3D,
-               floor: float | None = None) -> Bool[np.ndarray, "t 4"]:
+def feet_stand(joints: Num[A, "t j 3"], fps: float = 20.0, skeleton: Skeleton = HUMANML3D,
+               floor: float | None = None) -> Bool[A, "t 4"]:
   """Whether left ankle, left toes, right ankle, right toes stand in each frame of joints (T, J, 3): (T, 4).
 
   A joint stands that moves slower than 0.15 m/s and is less than 0.10 m over the floor, for most of a quarter of a
   second around the frame: the same at every rate from 20 frames a second on. floor: its height in the skeleton's unit;
   None takes where the feet of this motion are at their lowest.
   """
-  joints = np.asarray(joints, np.float64)
-  feet = joints[:, list(skeleton.left_feet + skeleton.right_feet)] * skeleton.unit
-  ground = (floor_height(joints, skeleton) if floor is None else floor) * skeleton.unit
-  stands = (np.linalg.norm(velocity(feet, fps), axis=-1) < SLOW) & (feet[..., 1] - ground < LOW)
+  xp: Any = rot.namespace(joints)
+  feet = xp.asarray(joints, _exact(xp))[:, np.array(skeleton.left_feet + skeleton.right_feet)] * skeleton.unit
+  ground = (floor_height(np.asarray(joints), skeleton) if floor is None else floor) * skeleton.unit
+  stands = (xp.linalg.norm(velocity(feet, fps), axis=-1) < SLOW) & (feet[..., 1] - ground < LOW)
   return majority(stands, fps)
 
 
-def velocity(points: Num[Array, " t *n"], fps: float, span: float = _SPAN) -> Float[np.ndarray, " t *n"]:
+def velocity(points: Num[A, " t *n"], fps: float, span: float = _SPAN) -> Float[A, " t *n"]:
   """Units a second of points (T, ...), taken over `span` seconds around each frame and clipped at the ends."""
-  points = np.asarray(points, np.float64)
+  xp: Any = rot.namespace(points)
+  points = xp.asarray(points, _exact(xp))
   time = np.arange(len(points)) / fps
   first, past = (np.clip(time + shift, 0, time[-1]) for shift in (-span / 2, span / 2))
   passed = np.maximum(past - first, 1e-9).reshape((-1,) + (1,) * (points.ndim - 1))
   return (_at(points, past * fps) - _at(points, first * fps)) / passed
 
 
-def majority(flags: Bool[np.ndarray, " t *n"], fps: float, seconds: float = _SHORT) -> Bool[np.ndarray, " t *n"]:
+def majority(flags: Bool[A, " t *n"], fps: float, seconds: float = _SHORT) -> Bool[A, " t *n"]:
   """Flags (T, ...) as most of the frames within `seconds` around each have them: a median filter."""
-  from scipy.ndimage import median_filter
-  width = 2 * int(seconds * fps / 2 + 0.5) + 1
-  return median_filter(flags, size=(width,) + (1,) * (flags.ndim - 1), mode="nearest")
+  half = int(seconds * fps / 2 + 0.5)
+  padded = rot.namespace(flags).pad(flags, ((half, half),) + ((0, 0),) * (flags.ndim - 1), mode="edge")
+  return sum(padded[i:i + len(flags)].astype(int) for i in range(2 * half + 1)) > half
+
+
+def _exact(xp):
+  """The type that numpy reckons in; jax keeps its own."""
+  return np.float64 if xp is np else None
 
 
 def _at(points, frames):

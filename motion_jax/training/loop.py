@@ -82,7 +82,8 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
     outputs.begin(0)
   frozen = mesh.put(frozen or {})
   train_step = mesh.compiled(make_train_step(stage, tx, optimizer.ema_decay, optimizer.skip_loss,
-                                             optimizer.skip_spikes, optimizer.accumulate_steps))
+                                             optimizer.skip_spikes, optimizer.accumulate_steps,
+                                             tuple(config.train.get("freeze", ()))))
   start = began = time.time()
   first = int(state.step)
 

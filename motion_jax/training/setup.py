@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from motion_jax import runs
 from motion_jax.data import batches, sources
 from motion_jax.motion.representations import to_joints
 from motion_jax.motion.stats import Stats
@@ -43,6 +44,12 @@ def untrained(shapes, seed=0):
     return draw.standard_normal(leaf.shape, np.float32) / np.sqrt(np.float32(fan_in))
 
   return jax.tree_util.tree_map_with_path(fill, shapes)
+
+
+def held_stats(config):
+  """Of a stage that is trained in part (config.train.freeze): the statistics of the run that it starts from, which its
+  frozen parameters know; else None, and the data have their own."""
+  return runs.open(config.train.start).stats if config.train.freeze else None
 
 
 def held_out(config, stats, captioned=False):

@@ -36,6 +36,11 @@ def variables_of(state, average=False):
   return {**(state.ema_params if average else state.params), **(state.extra or {})}
 
 
+def is_below(path, names):
+  """Whether a path of keys in a tree of parameters, as jax.tree_util has it, goes through one of these names."""
+  return any(getattr(key, "key", None) in names for key in path)
+
+
 class TrainStep(NamedTuple):
   """(state, frozen, batch, rng) -> (state, metrics), to be mapped over DEVICES (see `training.mesh`).
 
@@ -62,14 +67,18 @@ def _in_parts(of_rows, batch, count):
   return jax.lax.scan(lambda found, rows: (jax.tree.map(jnp.add, found, of_rows(rows)), None), nothing, parts)[0]
 
 
-def make_train_step(stage, tx, ema_decay, skip_loss=0.0, skip_spikes=0.0, accumulate_steps=1) -> TrainStep:
+def make_train_step(stage, tx, ema_decay, skip_loss=0.0, skip_spikes=0.0, accumulate_steps=1, freeze=()) -> TrainStep:
   """The step of a stage.
 
   skip_loss > 0 leaves the state as it was, but for the step count, when the loss is larger or not a number;
   skip_spikes > 0 when the gradient is so many times the median of those before (16 at least), or not a number.
   accumulate_steps: into how many parts a device cuts its rows, whose gradients it adds up one after the other; the step
-  is still one step on the whole batch.
+  is still one step on the whole batch. freeze: names below which parameters stay as they are, to the bit; no gradient
+  is computed for them.
   """
+  frozen_or = lambda old, new: jax.tree_util.tree_map_with_path(  # old where frozen, else new
+      lambda path, a, b: a if is_below(path, freeze) else b, old, new) if freeze else new
+
   if accumulate_steps > 1 and not stage.in_parts:
     raise ValueError(f"got optimizer.accumulate_steps = {accumulate_steps}, but items of a batch meet in this stage's "
                      "loss: it cannot be taken in parts; leave it at 1")
@@ -79,6 +88,7 @@ def make_train_step(stage, tx, ema_decay, skip_loss=0.0, skip_spikes=0.0, accumu
     rng = jax.random.fold_in(rng, state.step)  # a resumed run replays the same noise
 
     def total(params, rows):
+      params = frozen_or(jax.lax.stop_gradient(params), params)
       if stage.init_extra:
         sums, weight, extra = stage.loss(params, frozen, rows, state.step, rng, state.extra)
       else:
@@ -94,10 +104,10 @@ def make_train_step(stage, tx, ema_decay, skip_loss=0.0, skip_spikes=0.0, accumu
 
   def updated(state, grads, extra):
     updates, opt_state = tx.update(grads, state.opt_state, state.params)
-    params = optax.apply_updates(state.params, updates)
+    params = frozen_or(state.params, optax.apply_updates(state.params, updates))
     ema_params = state.ema_params
     if ema_params is not None:
-      ema_params = optax.incremental_update(params, ema_params, 1 - ema_decay)
+      ema_params = frozen_or(ema_params, optax.incremental_update(params, ema_params, 1 - ema_decay))
     return TrainState(state.step, params, opt_state, ema_params, extra, state.norms)
 
   def update(state, grads, metrics, extra):

@@ -95,6 +95,21 @@ def test_balance_weights():
   assert np.allclose(balance_weights(["a", "a", "b"], 0.0), 1)
 
 
+def test_windows_of_rare_actions_are_drawn_more_often():
+  """Nine windows of one action and one of another, alike at balance 1; the windows of one action are drawn alike. The
+  same in every run, and in parts."""
+  groups = ["walk"] * 9 + ["punch"]
+  windows = Windows(_clips([64] * 10), groups=groups, balance=1.0)
+  drawn = np.concatenate([windows.batch(50, 0, step)["features"][:, 0, 0] for step in range(20)]).astype(int)
+  counts = np.bincount(drawn, minlength=10)
+  assert abs(counts[9] - 500) < 4 * np.sqrt(250) and np.abs(counts[:9] - 500 / 9).max() < 4 * np.sqrt(500 / 9)
+  part, whole = windows.batch(8, 0, 3, slice(2, 5)), windows.batch(8, 0, 3)
+  np.testing.assert_array_equal(part["features"], whole["features"][2:5])
+  np.testing.assert_array_equal(part["index"], [2, 3, 4])
+  plain, none = Windows(_clips([64] * 10)), Windows(_clips([64] * 10), groups=groups)
+  np.testing.assert_array_equal(plain.batch(8, 0, 3)["features"], none.batch(8, 0, 3)["features"])
+
+
 @pytest.mark.parametrize("call, words", [
     (lambda: Windows(_clips([10]), 64), "64 frames"),
     (lambda: TextItems(_clips([10]), [["a"]]), "40 to 199"),

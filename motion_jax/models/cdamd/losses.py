@@ -1,5 +1,5 @@
 """Losses of CDAMD: of its autoencoder, its RVQ-VAE, and the diffusion loss of masked latents."""
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import jax
@@ -52,6 +52,13 @@ def rvq_terms(y: Float[Array, "b t f"], x: Float[Array, "b t f"], commitment: An
   terms["commitment"] = commitment
   terms["loss"] += velocity_weight * terms["velocity"] + commitment_weight * commitment
   return terms
+
+
+def with_motion_errors(terms: dict[str, Array], errors: Mapping[str, Float[Array, " b"]], weights: Mapping[str, float]
+                       ) -> dict[str, Array]:
+  """Terms with those of `motion_errors`, mean squares (B,) of each clip, and their weighted sum in the loss."""
+  means = {name: squares.mean() for name, squares in errors.items()}
+  return {**terms, **means, "loss": terms["loss"] + sum(weights[name] * mean for name, mean in means.items())}
 
 
 def trained_mask(kinds: str, known_mask: Bool[Array, "b l"], real_mask: Bool[Array, "b l"],

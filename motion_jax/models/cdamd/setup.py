@@ -12,7 +12,7 @@ from motion_jax.data import batches, sources, store
 from motion_jax.data.captions import vary_subject
 from motion_jax.inputs.config_files import module_fields
 from motion_jax.latents import AutoencoderCodec, RvqCodec
-from motion_jax.models import cdamd
+from motion_jax.models import cdamd, motion_errors
 from motion_jax.models.cdamd import length as lengths
 from motion_jax.motion import stats as stats_lib
 from motion_jax.motion.stats import Stats
@@ -27,38 +27,42 @@ from motion_jax.training.setup import (
   caption_lengths,
   encoder_files,
   held_out,
+  held_stats,
   reconstruction_error,
   untrained,
 )
 
 
 def autoencoder(config: ConfigDict) -> TrainingSetup:
-  data = sources.load_features(config.data, captioned=False)
+  data = sources.load_features(config.data, stats=held_stats(config), captioned=False)
   net = Autoencoder(**config.model)
   evaluate = _reconstruction(config, data.stats, net.apply)
-  return TrainingSetup(cdamd.autoencoder_stage(config), _windows(config, data), {}, evaluate, data.stats, {})
+  frozen = motion_errors.frozen_stats(config, data.stats)
+  return TrainingSetup(cdamd.autoencoder_stage(config), _windows(config, data), frozen, evaluate, data.stats, {})
 
 
 def rvq(config: ConfigDict) -> TrainingSetup:
   """On windows or, where config.data.window is 0, on the whole padded clips of the text loader."""
   net = Autoencoder(**config.model)
   if config.data.window:
-    data = sources.load_features(config.data, captioned=False)
+    data = sources.load_features(config.data, stats=held_stats(config), captioned=False)
     next_batch = _windows(config, data)
   else:
-    data = sources.load_features(config.data)
+    data = sources.load_features(config.data, stats=held_stats(config))
+    weights = batches.balance_weights(data.groups, config.data.balance) if config.data.balance else None
     items = batches.TextItems(data.features, data.captions, config.data.min_frames, config.data.max_frames,
-                              (config.data.max_frames,))
+                              (config.data.max_frames,), weights=weights)
 
     def next_batch(step, rows=batches.ALL):
       batch = items.batch(config.data.batch_size, config.seed, step, rows)
-      return {name: batch[name] for name in ("features", "index")}
+      return {name: batch[name] for name in ("features", "index", "num_frames")}
 
   def reconstruct(variables, x):
     return RvqCodec(net, variables).reconstruct(x)
 
   evaluate = _reconstruction(config, data.stats, reconstruct)
-  return TrainingSetup(cdamd.rvq_stage(config), next_batch, {}, evaluate, data.stats, {})
+  frozen = motion_errors.frozen_stats(config, data.stats)
+  return TrainingSetup(cdamd.rvq_stage(config), next_batch, frozen, evaluate, data.stats, {})
 
 
 def _windows(config, data):
@@ -67,7 +71,7 @@ def _windows(config, data):
     raise ValueError(f"got data.window = {config.data.window}, expected a multiple of the {frames_per_latent} "
                      "frames of a latent")
   windows = batches.Windows(data.features, config.data.window, config.data.stride,
-                            config.data.released_windows)
+                            config.data.released_windows, data.groups, config.data.balance)
   return lambda step, rows=batches.ALL: windows.batch(config.data.batch_size, config.seed, step, rows)
 
 

@@ -7,8 +7,9 @@ from jaxtyping import Bool, Float, Int
 from ml_collections import ConfigDict
 
 from motion_jax.latents import AutoencoderCodec, RvqCodec
+from motion_jax.models import motion_errors
 from motion_jax.models.cdamd.draws import draw_step
-from motion_jax.models.cdamd.losses import autoencoder_terms, generator_loss, rvq_terms
+from motion_jax.models.cdamd.losses import autoencoder_terms, generator_loss, rvq_terms, with_motion_errors
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.diffusion_mlp import DiffusionMLP, Generator
 from motion_jax.nets.masked_transformer import TRANSFORMERS
@@ -40,23 +41,58 @@ def _with_dropout(net, params, method, x, items, rng):
   return net.apply(params, x, items, method=method, rngs={"dropout": rng})
 
 
+def _terms(config):
+  """(fields of config.loss for the terms on features, a function that adds those on the decoded motion to them)."""
+  weights = motion_errors.weights(config.loss)
+  fields = {name: value for name, value in config.loss.items() if name not in (*motion_errors.NAMES, "latent_noise")}
+
+  def add(terms, y, x, frozen, batch):
+    errors = motion_errors.of_features(config, frozen)
+    if errors is None:
+      return terms
+    frame_mask = padding_mask(batch["num_frames"], x.shape[1]) if "num_frames" in batch else None
+    return with_motion_errors(terms, errors(y.astype(x.dtype), x, frame_mask), weights)
+
+  return fields, add
+
+
+def _blurred(latents, amount, rng, batch, axis_name):
+  """Latents (B, L, C) with noise of `amount` standard deviations of each channel, over the batch of all devices."""
+  mean_of = lambda a: jax.lax.pmean(a.mean((0, 1)), axis_name)
+  scale = jax.lax.stop_gradient(jnp.sqrt(mean_of((latents - mean_of(latents)) ** 2)))
+  noise = jax.vmap(lambda key: jax.random.normal(key, latents.shape[1:]))(_item_keys(rng, batch))
+  return latents + amount * scale * noise
+
+
 def autoencoder_stage(config: ConfigDict) -> Stage:
-  """Trains the deterministic autoencoder on windows: batch["features"] (B, T, F), normalized."""
-  net = Autoencoder(**config.model)
+  """Trains the deterministic autoencoder on windows: batch["features"] (B, T, F), normalized.
+
+  With config.loss.latent_noise its decoder is given latents that are a little off, as a generator's are, and learns to
+  take a motion's path from all latents around, not from each by itself; then items of a batch meet in the loss.
+  """
+  net, noise = Autoencoder(**config.model), config.loss.latent_noise
+  fields, add_errors = _terms(config)
 
   def init(batch, rng):
     return net.init(rng, batch["features"][:1])
 
   def loss(params, frozen, batch, step, rng):
     x = batch["features"]
-    terms = autoencoder_terms(_with_dropout(net, params, "__call__", x, batch["index"], rng), x, **config.loss)
+    if noise:
+      encoder_rng, noise_rng, decoder_rng = jax.random.split(rng, 3)
+      latents = _with_dropout(net, params, "encode", x, batch["index"], encoder_rng)
+      y = _with_dropout(net, params, "decode", _blurred(latents, noise, noise_rng, batch, DEVICES), batch["index"],
+                        decoder_rng)
+    else:
+      y = _with_dropout(net, params, "__call__", x, batch["index"], rng)
+    terms = add_errors(autoencoder_terms(y, x, **fields), y, x, frozen, batch)
     return jax.tree.map(lambda term: term * len(x), terms), float(len(x))
 
   def predict(params, frozen, batch, rng):
     latents = net.apply(params, batch["features"], method="encode")
     return {"features": net.apply(params, latents, method="decode"), "latents": latents}
 
-  return Stage(init, loss, predict, in_parts=True)
+  return Stage(init, loss, predict, in_parts=not noise)
 
 
 def rvq_stage(config: ConfigDict, axis_name: str | None = DEVICES) -> Stage:
@@ -69,6 +105,7 @@ def rvq_stage(config: ConfigDict, axis_name: str | None = DEVICES) -> Stage:
   net, quantizer = Autoencoder(**config.model), config.quantizer
   if quantizer.learn == "gradient":
     return _rvq_by_gradient(net, config, axis_name)
+  fields, add_errors = _terms(config)
 
   def init(batch, rng):
     return net.init(rng, batch["features"][:1])
@@ -85,7 +122,7 @@ def rvq_stage(config: ConfigDict, axis_name: str | None = DEVICES) -> Stage:
     made, books = rvq.train(books, latents, num_active, noise, quantizer.decay, quantizer.temperature,
                             quantizer.gain_once, axis_name)
     y = _with_dropout(net, params, "decode", made.quantized, batch["index"], decoder_rng)
-    terms = rvq_terms(y, x, made.commitment, **config.loss)
+    terms = add_errors(rvq_terms(y, x, made.commitment, **fields), y, x, frozen, batch)
     dead = vq.num_dead(books).mean(dtype=x.dtype, where=books.initialised)
     terms |= {"perplexity": made.perplexity, "usage": made.usage, "dead": dead}
     return jax.tree.map(lambda term: term * len(x), terms), float(len(x)), {"codebooks": books._asdict()}
@@ -101,6 +138,7 @@ def rvq_stage(config: ConfigDict, axis_name: str | None = DEVICES) -> Stage:
 def _rvq_by_gradient(net, config, axis_name):
   """`rvq_stage` by the paper's equations 8 to 10: nearest codes, which are parameters and learn by a loss of theirs."""
   quantizer = config.quantizer
+  fields, add_errors = _terms(config)
 
   def init(batch, rng):
     net_rng, code_rng = jax.random.split(rng)
@@ -117,7 +155,7 @@ def _rvq_by_gradient(net, config, axis_name):
     num_active = rvq.draw_active(active_rng, quantizer.num_levels, quantizer.drop_rate)
     made, codebook = rvq.learn(codes, latents, num_active, axis_name)
     y = _with_dropout(net, params, "decode", made.quantized, batch["index"], decoder_rng)
-    terms = rvq_terms(y, x, made.commitment, **config.loss)
+    terms = add_errors(rvq_terms(y, x, made.commitment, **fields), y, x, frozen, batch)
     terms |= {"loss": terms["loss"] + codebook, "codebook": codebook, "perplexity": made.perplexity,
               "usage": made.usage}
     return jax.tree.map(lambda term: term * len(x), terms), float(len(x))

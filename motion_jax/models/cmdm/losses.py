@@ -1,5 +1,6 @@
 """Losses of CMDM's tokenizer: reconstruction, the KL divergence, and alignment with a motion-language teacher."""
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import flax
@@ -50,10 +51,20 @@ def gaussian_nll(prediction: Float[Array, "b t f"], target: Float[Array, "b t f"
   # Parity: the paper says "standard reconstruction loss"; this likelihood, summed, is the released code's.
   shapes.check(prediction=(prediction, "BTF"), target=(target, "BTF"))
   square = (prediction - target) ** 2
-  log_sigma = jnp.log(jnp.maximum(jnp.sqrt(shared.total(square.mean()) * shared.share), 1e-8))
-  log_sigma = -6 + jax.nn.softplus(log_sigma + 6)
+  log_sigma = _log_sigma(shared.total(square.mean()) * shared.share)
   # The constant per element is multiplied, not added up: a long float32 sum of equal numbers drifts.
   return square.sum() / (2 * jnp.exp(2 * log_sigma)) + square.size * (log_sigma + 0.5 * jnp.log(2 * jnp.pi))
+
+
+def _log_sigma(mean_square):
+  log_sigma = jnp.log(jnp.maximum(jnp.sqrt(mean_square), 1e-8))
+  return -6 + jax.nn.softplus(log_sigma + 6)
+
+
+def mean_square_nll(mean_square: Float[Array, ""], size: int, shared: Sharing = ALONE) -> Float[Array, ""]:
+  """`gaussian_nll` of so many errors whose mean square is known, less its constant."""
+  log_sigma = _log_sigma(shared.total(mean_square) * shared.share)
+  return size * (mean_square / (2 * jnp.exp(2 * log_sigma)) + log_sigma)
 
 
 def smooth_l1(prediction: Float[Array, "b t f"], target: Float[Array, "b t f"], shared: Sharing = ALONE
@@ -181,13 +192,17 @@ def align_factor(step: Any, config: ConfigDict, num_steps: int) -> Any:
 def tokenizer_terms(vae: Net, params: Any, x: Float[Array, "b t f"], noise: Float[Array, "b n c"], kl_weight: Any,
                     root_weight: Any, *, root_columns: slice, teacher: Float[Array, "b n e"] | None = None,
                     align_weight: Any = 0.0, adaptive: bool = True, reconstruction: str = "gaussian",
-                    shared: Sharing = ALONE, **alignment: Any) -> dict[str, Array]:
+                    shared: Sharing = ALONE, errors: Callable | None = None,
+                    error_weights: Mapping[str, float] = MappingProxyType({}), **alignment: Any) -> dict[str, Array]:
   """Loss terms of one micro-batch x (B, T, F), or of this device's rows of one that is shared: a dict with rec, root,
   kl and their weighted sum, loss.
 
   root_columns: `root` of the features' representation. With teacher (B, N, E), its features at each latent, also mcos,
   mdms, their sum align, and the weight that it gets: align_weight times the ratio of gradients, or plain if not
   adaptive. alignment: distance_pairs, last_layer of `align_ratio`.
+
+  errors(decoded, x): {name: mean squares (B,)} of `motion_errors.of_features`, told as they are; in the loss each is a
+  Gaussian likelihood with a sigma of its own, as many numbers as x has: at weight 1 it weighs as much as rec.
   """
   # Parity: the root term is the code's alone, and its KL weight is 0.01 with a ramp, the paper's 1.0; both are fields.
   y, mean, logvar = (a.astype(x.dtype) for a in vae.apply(params, x, noise))  # the network may compute in bfloat16
@@ -195,6 +210,9 @@ def tokenizer_terms(vae: Net, params: Any, x: Float[Array, "b t f"], noise: Floa
   terms = {"rec": measure(y, x, shared), "root": measure(y[..., root_columns], x[..., root_columns], shared),
            "kl": kl_to_standard_normal(mean, logvar) * shared.share, "mse": ((y - x) ** 2).mean() * shared.share}
   terms["loss"] = terms["rec"] + kl_weight * terms["kl"] + root_weight * terms["root"]
+  for name, squares in (errors(y, x) if errors else {}).items():
+    terms[name] = squares.mean() * shared.share
+    terms["loss"] += error_weights[name] * mean_square_nll(squares.mean(), x.size, shared)
   if teacher is not None:
     z = sample_latent(mean, logvar, noise)
     pairs = alignment.get("distance_pairs", "window")

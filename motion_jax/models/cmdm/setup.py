@@ -16,7 +16,7 @@ from motion_jax.inputs.config_files import module_fields
 from motion_jax.inputs.errors import InputError
 from motion_jax.latents import TOKENIZER, VaeCodec
 from motion_jax.metrics.scores import retrieval
-from motion_jax.models import cmdm
+from motion_jax.models import cmdm, motion_errors
 from motion_jax.models.cmdm import distill
 from motion_jax.models.cmdm import teacher as teacher_lib
 from motion_jax.models.cmdm import teacher_setup as teachers
@@ -36,6 +36,7 @@ from motion_jax.training.setup import (
   caption_lengths,
   encoder_files,
   held_out,
+  held_stats,
   one_clip_per_caption,
   reconstruction_error,
   untrained,
@@ -46,8 +47,9 @@ RANDOM_INIT_TEXT = bert.bert_fields(dict(model_type="distilbert", vocab_size=4, 
 
 
 def tokenizer(config: ConfigDict) -> TrainingSetup:
-  data = sources.load_features(config.data, captioned=False)
-  windows = batches.Windows(data.features, config.data.window, config.data.stride)
+  data = sources.load_features(config.data, stats=held_stats(config), captioned=False)
+  windows = batches.Windows(data.features, config.data.window, config.data.stride,
+                            groups=data.groups, balance=config.data.balance)
   validation = held_out(config, data.stats).features
   vae = CausalVAE(**config.model)
   reconstruct = jax.jit(lambda params, x: VaeCodec(vae, params).reconstruct(x))
@@ -66,7 +68,7 @@ def tokenizer(config: ConfigDict) -> TrainingSetup:
   def next_batch(step, rows=batches.ALL):
     return windows.batch(config.data.batch_size, config.seed, step, rows)
 
-  frozen = {}
+  frozen = motion_errors.frozen_stats(config, data.stats)
   if config.frozen.teacher:
     frozen["teacher"], view = load_teacher(config, data.stats)
     if view is not None:

@@ -8,6 +8,7 @@ from ml_collections import ConfigDict
 
 from motion_jax.diffusion import paths
 from motion_jax.latents import VaeCodec
+from motion_jax.models import motion_errors
 from motion_jax.models.cmdm import ddpm_forcing
 from motion_jax.models.cmdm.losses import align_factor, pool_teacher, sharing, tokenizer_terms
 from motion_jax.models.cmdm.teacher import as_seen, frame_features, make_teacher
@@ -23,6 +24,7 @@ def tokenizer_stage(config: ConfigDict) -> Stage:
 
   With config.frozen.teacher its latents are aligned with one: config.teacher holds its fields, frozen["teacher"] its
   parameters, and frozen["teacher_view"] both statistics, if it reads another layout or other statistics than these.
+  With a weight for one of `motion_errors.NAMES` frozen["stats"] holds mean and std of the features.
 
   The sigma of the reconstruction loss belongs to a micro-batch, so the batch is cut into micro-batches of a fixed size,
   and the same ones arise on any number of devices: where one is more than a device's rows, devices share it.
@@ -61,6 +63,8 @@ def tokenizer_stage(config: ConfigDict) -> Stage:
       guides = split(pool_teacher(frame_features(teacher, frozen["teacher"], seen), noise.shape[1]))
     align_weight = align_factor(step, loss_config, config.train.num_steps) if teacher is not None else 0.0
     choices = {name: loss_config[name] for name in ("reconstruction", "distance_pairs", "last_layer")}
+    choices |= {"errors": motion_errors.of_features(config, frozen),
+                "error_weights": motion_errors.weights(loss_config)}
     terms = [tokenizer_terms(vae, params, a, e, kl_weight, loss_config.root_weight, root_columns=root_columns,
                              teacher=g, align_weight=align_weight, adaptive=loss_config.adaptive_align, shared=shared,
                              **choices)

@@ -1,0 +1,88 @@
+"""What decoders do to the motion that one sees: jerks, punches that slow down, feet that slide. Losses of any method.
+
+They are taken on joints in metres, made of the decoded features, not on the features: there a wrist of a fast punch is
+one of many columns, and a foot stands by what the root's step and the foot's own step add up to.
+"""
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Bool, Float, Num
+from ml_collections import ConfigDict
+
+from motion_jax.motion.contacts import feet_stand
+from motion_jax.motion.representations import get_layout
+from motion_jax.motion.skeleton import HUMANML3D, Skeleton
+from motion_jax.motion.stats import Stats
+from motion_jax.shapes import Array
+
+NAMES = ("acceleration", "extremity_velocity", "foot_contact")
+STATS = "stats"  # the name of mean and std of the features among the frozen parts of a stage
+
+
+def motion_errors(made: Num[Array, "b t j 3"], real: Num[Array, "b t j 3"],
+                  frame_mask: Bool[Array, "b t"] | None = None, skeleton: Skeleton = HUMANML3D,
+                  fps: float | None = None) -> dict[str, Float[Array, " b"]]:
+  """Mean squares (B,) of how a decoded motion (B, T, J, 3) moves otherwise than the real one, each clip by itself.
+
+  acceleration: of all joints, (m/s^2)^2. extremity_velocity: of wrists, ankles and toes, the error of the velocity and
+  that of the speed alone added up, (m/s)^2: the mean of what a latent may mean is slower than any of it, and the speed
+  tells. foot_contact: the decoded velocity of ankles and toes that stand in the real motion (`contacts.feet_stand`,
+  over a floor at 0), 0 where they do not, (m/s)^2. frame_mask (B, T): the frames that are no padding; a difference
+  counts whose frames all are.
+  """
+  fps = fps or skeleton.fps
+  feet = jnp.array(skeleton.left_feet + skeleton.right_feet)
+  wrists = jnp.array([j for j, name in enumerate(skeleton.joints) if name.endswith("wrist")])
+  if frame_mask is None:
+    frame_mask = jnp.ones(real.shape[:2], bool)
+  else:  # what padding holds, NaN too, meets no arithmetic
+    made, real = (jnp.where(frame_mask[..., None, None], a, 0.0) for a in (made, real))
+  stands = jax.vmap(lambda joints: feet_stand(joints, fps, skeleton, floor=0.0))(real)
+  error, step = made - real, lambda a: jnp.diff(a, axis=1) * (fps * skeleton.unit)
+  both = frame_mask[:, 1:] & frame_mask[:, :-1]
+  ends = jnp.concatenate([wrists, feet])
+  decoded, given = step(made[:, :, ends]), step(real[:, :, ends])
+  sliding = jnp.where((stands[:, 1:] & stands[:, :-1])[..., None], step(made[:, :, feet]), 0.0)
+  return {"acceleration": _mean_square(jnp.diff(step(error), axis=1) * fps, both[:, 1:] & both[:, :-1]),
+          "extremity_velocity": _mean_square(
+              jnp.concatenate([decoded - given, _speed(decoded) - _speed(given)], -1), both),
+          "foot_contact": _mean_square(sliding, both)}
+
+
+def _speed(velocities, least=0.01):
+  """Lengths (..., 1) of velocities (..., 3); smooth, with a gradient, where nothing moves."""
+  return jnp.sqrt((velocities ** 2).sum(-1, keepdims=True) + least ** 2)
+
+
+def _mean_square(vectors, mask):
+  """Of the lengths of vectors (B, T, N, K), over the frames of mask (B, T) and N -> (B,)."""
+  square = (vectors ** 2).sum(-1).mean(-1)
+  return jnp.where(mask, square, 0.0).sum(1) / jnp.maximum(mask.sum(1), 1)
+
+
+def weights(loss_config: ConfigDict) -> dict[str, float]:
+  """Those of the terms that a config's section loss asks for: {name: weight}, without what is 0."""
+  return {name: loss_config[name] for name in NAMES if loss_config[name]}
+
+
+def frozen_stats(config: ConfigDict, stats: Stats) -> dict[str, Any]:
+  """What these terms need among the frozen parts of a stage; nothing where config.loss asks for none."""
+  return {STATS: {"mean": stats.mean, "std": stats.std}} if weights(config.loss) else {}
+
+
+def of_features(config: ConfigDict, frozen: Mapping[str, Any]) -> Callable | None:
+  """errors(decoded, features, frame_mask=None) of normalized features (B, T, F): those of `motion_errors` that
+  config.loss gives a weight; None where it gives none."""
+  asked, layout = weights(config.loss), get_layout(config.data.layout)
+  if not asked:
+    return None
+  mean, std = frozen[STATS]["mean"], frozen[STATS]["std"]
+
+  def errors(decoded, features, frame_mask=None):
+    made, real = (layout.to_joints(x * std + mean) for x in (decoded, features))
+    found = motion_errors(made, real, frame_mask, layout.skeleton, layout.fps)
+    return {name: found[name] for name in asked}
+
+  return errors

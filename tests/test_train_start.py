@@ -1,0 +1,66 @@
+"""A run that begins with the parameters of another, all of them learning or some held still."""
+import jax
+import numpy as np
+import pytest
+
+from motion_jax import fit, runs
+from motion_jax.models import cdamd, cmdm
+from motion_jax.nets.autoencoder import Autoencoder
+from motion_jax.nets.causal_vae import CausalVAE
+from motion_jax.training import checkpoint
+from tests.conftest import load_config
+from tools import exchange_decoder
+
+
+def tokenizer_config(name, start, **train):
+  """The size that ships, on two procedural clips."""
+  config = load_config(name, "small").unlock()
+  if "teacher" in config.frozen:
+    config.frozen.teacher, config.model.teacher_dim = "", 0
+  config.data.update(name="synthetic", num_clips=2)
+  config.train.update(start=start, **train)
+  return fit.resolve(config)[0]
+
+
+@pytest.mark.parametrize("name, model", [("cmdm_tokenizer", "cmdm-small"), ("cdamd_autoencoder", "cdamd-small")])
+def test_a_tokenizer_begins_as_that_inside_a_model_that_ships(name, model):
+  """With its parameters; a part that is held still also keeps the statistics that it knows."""
+  config = tokenizer_config(name, model, freeze=("encoder",))
+  net = (CausalVAE if name.startswith("cmdm") else Autoencoder)(**config.model)
+  shapes = (cmdm.frozen_shapes(net)["tokenizer"] if name.startswith("cmdm") else cdamd.autoencoder_shapes(net))
+  zeros = lambda *_: jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), shapes)
+  stage = fit.setups()[config.stage](config)
+  begun = fit._started_from(stage.stage._replace(init=zeros), config)
+  run = runs.open(model)
+  jax.tree.map(np.testing.assert_array_equal, begun.init(None, None), run.frozen({"tokenizer": shapes})["tokenizer"])
+  np.testing.assert_array_equal(stage.stats.mean, run.stats.mean)
+
+
+def test_what_cannot_be_held_still_is_told(tmp_path):
+  with pytest.raises(ValueError, match="got train.freeze .'encoder',. without train.start"):
+    fit.run(tokenizer_config("cmdm_tokenizer", "", freeze=("encoder",)), tmp_path)
+  config = tokenizer_config("cmdm_tokenizer", "cmdm-small", freeze=("encodr",))
+  with pytest.raises(ValueError, match="got train.freeze 'encodr', but train.start cmdm-small has no .* decoder, enc"):
+    fit._started_from(None, config)
+
+
+def test_a_new_decoder_goes_to_the_generator_of_its_latents(tmp_path):
+  """All else of the generator's folder stays; another encoder is refused."""
+  run = runs.open("cmdm-small")
+  params = run.frozen()["tokenizer"]
+  params["params"]["decoder"] = jax.tree.map(lambda leaf: leaf + 1, params["params"]["decoder"])
+  config = tokenizer_config("cmdm_tokenizer", "cmdm-small", freeze=("encoder",))
+  folder = tmp_path / "decoder"
+  folder.mkdir()
+  checkpoint.save_config(folder, config)
+  checkpoint.save_params(folder, params)
+  exchange_decoder.exchange("cmdm-small", folder, tmp_path / "new")
+  made = runs.open(tmp_path / "new")
+  jax.tree.map(np.testing.assert_array_equal, made.frozen(), {**run.frozen(), "tokenizer": params})
+  jax.tree.map(np.testing.assert_array_equal, made.params(), run.params())
+  with pytest.raises(ValueError, match="is there already"):
+    exchange_decoder.exchange("cmdm-small", folder, tmp_path / "new")
+  params["params"]["encoder"]["head"]["bias"] += 1
+  checkpoint.save_params(folder, params)
+  with pytest.raises(ValueError, match="the encoder in .* is another than that of cmdm-small"):
+    exchange_decoder.exchange("cmdm-small", folder, tmp_path / "other")
