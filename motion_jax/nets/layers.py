@@ -29,10 +29,10 @@ def _forward(x: Array, kernel: Array, dimension_numbers: Any, precision: Any) ->
 def _backward(dimension_numbers: Any, precision: Any, residuals: tuple[Array, Array], grad: Array
               ) -> tuple[Array, Array]:
   x, kernel = residuals
-  x = lax.optimization_barrier(x)  # or what made x would be computed again, column by column
-  rows = tuple(range(x.ndim - 1))
+  # Both of two axes: with more, XLA would transpose x into a copy, for which it computes what made x once more.
+  rows = lambda array: array.reshape(-1, array.shape[-1])
   return (lax.dot_general(grad, kernel, (((grad.ndim - 1,), (1,)), ((), ())), precision),
-          lax.dot_general(x, grad, ((rows, rows), ((), ())), precision))
+          lax.dot_general(rows(x), rows(grad), (((0,), (0,)), ((), ())), precision))
 
 
 dot_general.defvjp(_forward, _backward)
