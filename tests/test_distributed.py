@@ -259,6 +259,36 @@ def test_processes_that_are_told_to_end_can_go_on(tmp_path, who, step):
   assert_alike(numbers(tmp_path / "run"), numbers(tmp_path / "whole"), 0)
 
 
+_NO_ROOM = """
+import errno, sys
+from motion_jax import cli
+from motion_jax.training import saver
+
+class Meeting(saver.Meeting):
+  def wait(self, *seconds):
+    if self._name == "meeting 0" and self._places == PLACE and "--process-id WHO" in " ".join(sys.argv):
+      raise OSError(errno.ENOSPC, "No space left on device")
+    super().wait(*seconds)
+
+saver.Meeting = Meeting
+sys.exit(cli.main())
+"""
+
+
+@pytest.mark.parametrize("who, place", [(1, 1)] + [pytest.param(*case, marks=pytest.mark.slow)
+                                                   for case in ((0, 0), (0, 1), (1, 0), (0, 3))])
+def test_a_disk_that_is_full_for_one_process_is_full_for_all(tmp_path, who, place):
+  """The first of three saves fails, before orbax begins (place 0), while it writes or after it; all go on at once."""
+  program = ("-c", _NO_ROOM.replace("WHO", str(who)).replace("PLACE", str(place)))
+  statuses, said = end(begin(tmp_path / "run", 6, 2, 1, config=LENGTH, program=program), 200)
+  assert statuses == [0, 0], said
+  told = [line for line in said[0].splitlines() if "a state could not be saved (" in line]
+  assert len(told) == 1 and "No space left on device" in told[0], said
+  assert ("process 1: " in told[0]) == (who == 1)
+  assert sorted(path.name for path in (tmp_path / "run" / "checkpoints").iterdir()) == ["4", "6"]
+  assert numbers(tmp_path / "run")[0] == [1, 2, 3, 4, 5, 6]
+
+
 @pytest.mark.slow
 def test_slurm_is_found(tmp_path):
   """Two processes with the environment that srun gives them, on this machine."""

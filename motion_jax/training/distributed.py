@@ -6,6 +6,8 @@ cluster does (Slurm, Open MPI, TPU pods), and then see the devices of all.
 import atexit
 import contextlib
 import functools
+import itertools
+import json
 import os
 import sys
 import time
@@ -14,7 +16,7 @@ import jax
 import numpy as np
 from jax.experimental import multihost_utils
 
-from motion_jax.inputs.errors import InputError
+from motion_jax.inputs.errors import InputError, reason
 from motion_jax.runtime import exit_status
 
 _PATIENCE = 3600  # seconds for which processes wait for one that reads data, compiles or evaluates
@@ -136,6 +138,46 @@ def wait_for_all(name, seconds=_PATIENCE):
   if jax.process_count() > 1:
     from orbax.checkpoint import multihost  # here: who only uses a model need not wait for it
     multihost.get_barrier_sync_fn()(key=name, timeout_ms=int(1000 * seconds))
+
+
+class Meeting:
+  """A row of places at which processes wait for one another while they do something that may fail in any of them: then
+  the others do not wait on, but fail too, and say why.
+
+  Every process makes its own and comes to the same places in the same order; any thread may use it. They meet by their
+  coordinator: a place is a word there, which the last to come says, or one that will never come.
+  """
+  _numbers = itertools.count()
+
+  def __init__(self):
+    self._name, self._several, self._places = f"meeting {next(self._numbers)}", jax.process_count() > 1, 0
+    if self._several:
+      from orbax.checkpoint import multihost  # here: who only uses a model need not wait for it
+      self._coordinator = multihost.get_jax_distributed_client()
+
+  @property
+  def _place(self):
+    return f"{self._name}, place {self._places}"
+
+  def wait(self, seconds=_PATIENCE):
+    """Returns when every process is at this place. Where one has failed it raises an OSError if that did, and else a
+    RuntimeError; JaxRuntimeError after so many seconds."""
+    if not self._several:
+      return
+    if self._coordinator.key_value_increment(f"{self._place}, processes", 1) == jax.process_count():
+      self._coordinator.key_value_set(self._place, "null")
+    failure = json.loads(self._coordinator.blocking_key_value_get(self._place, int(1000 * seconds)))
+    if failure:
+      self._several = False  # all know
+      raise (OSError if failure["of_system"] else RuntimeError)(failure["text"])
+    self._places += 1
+
+  def fail(self, error):
+    """This process comes to no further place."""
+    if self._several:
+      failure = dict(of_system=isinstance(error, OSError), text=f"process {jax.process_index()}: {reason(error, 1000)}")
+      with contextlib.suppress(jax.errors.JaxRuntimeError):  # the coordinator has gone
+        self._coordinator.key_value_set(self._place, json.dumps(failure), allow_overwrite=True)
 
 
 def end_together() -> bool:

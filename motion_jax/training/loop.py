@@ -202,8 +202,8 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
         tell_unsaved(error)
       if saves:
         save(step, state)
-        if saver.latest is None:  # weights without a state could not go on
-          saver.wait()
+        if saver.latest is None and (error := saver.wait()):  # weights without a state could not go on
+          tell_unsaved(error)
         if not ends:  # what follows a save may take minutes, which a signal does not leave
           interrupt.nothing_to_lose(lambda: (saver.wait(), end_together())[1])
         # What may be rolled back is not chosen.

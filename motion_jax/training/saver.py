@@ -21,7 +21,7 @@ from jax.experimental import multihost_utils
 
 from motion_jax.inputs.errors import InputError, reading, reason
 from motion_jax.runtime.atomic import atomic_path
-from motion_jax.training.distributed import wait_for_all
+from motion_jax.training.distributed import Meeting
 
 STATE, OLD_STATE, RECORD = "state", "default", "record.json"
 ASIDE, DAMAGED = ".saving-", ".damaged"
@@ -52,27 +52,38 @@ class Saver:
     return max(self.steps, default=None)
 
   def save(self, step, copy, memory=None):
-    """Begins to save what `copy_of` copied of a state; `wait` tells how it ended.
+    """Begins to save what `copy_of` copied of a state; `wait` tells how it ended, which is the same in all processes.
 
     memory: a dict for JSON, what the loop needs besides the state to go on exactly.
     """
     self.wait()  # one at a time
     aside = self._folder / f"{ASIDE}{step}"
     record = {"step": step, "environment": environment(), "memory": memory or {}}
+    meeting = Meeting()
     try:
-      if jax.process_index() == 0 and aside.exists():
-        shutil.rmtree(aside)
-      checkpointer = self._ocp.StandardCheckpointer()
+      if jax.process_index() == 0:
+        if aside.exists():
+          shutil.rmtree(aside)
+        aside.mkdir()
+      meeting.wait()
+      # Where orbax's processes wait for one another, one that cannot write would be waited for.
+      options = self._ocp.AsyncOptions(barrier_sync_fn=lambda key, timeout_ms: meeting.wait(timeout_ms / 1000))
+      checkpointer = self._ocp.StandardCheckpointer(async_options=options)
       checkpointer.save(aside / STATE, copy)
     except Exception as error:
-      self._error = error
-      shutil.rmtree(aside, ignore_errors=True)
+      self._failed(error, aside, meeting)
       return
-    self._thread = threading.Thread(target=self._finish, args=(checkpointer, step, aside, record, self.best),
+    self._thread = threading.Thread(target=self._finish, args=(checkpointer, step, aside, record, self.best, meeting),
                                     name="saver")
     self._thread.start()
 
-  def _finish(self, checkpointer, step, aside, record, best):
+  def _failed(self, error, aside, meeting):
+    self._error = error
+    meeting.fail(error)
+    if jax.process_index() == 0:
+      shutil.rmtree(aside, ignore_errors=True)
+
+  def _finish(self, checkpointer, step, aside, record, best, meeting):
     try:
       checkpointer.close()  # waits until it has written
       if jax.process_index() == 0:  # when orbax is done, all processes have written
@@ -82,13 +93,9 @@ class Saver:
           shutil.rmtree(target)
         aside.replace(target)
         self.prune(best)
+      meeting.wait()  # `sound` and `latest` are those of all
     except Exception as error:
-      self._error = error
-      shutil.rmtree(aside, ignore_errors=True)
-    try:
-      wait_for_all(f"state {step} is saved")  # `sound` and `latest` are those of all
-    except Exception as error:  # a process has gone
-      self._error = error
+      self._failed(error, aside, meeting)
 
   def failure(self) -> Exception | None:
     """The error by which the last state was not saved, told once; None while it is being saved, too."""
