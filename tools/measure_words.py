@@ -48,7 +48,7 @@ SENTENCE_PAIRS = (("a person walks quickly.", "a person walks slowly."),
                   ("a person walks confidently.", "a person walks without confidence."),
                   ("a person does nothing.", "a person stands still."), ("do nothing", "a person stands still."),
                   ("a person turns left.", "a person turns right."))
-DRAWN = 60 * len(contrast_sentences.CONTRASTS)  # pairs of the table, none of which training saw
+DRAWN = 60 * len(contrast_sentences.CONTRASTS)  # pairs of the table, drawn with another seed than those of training
 
 
 def cosine(a, b):
