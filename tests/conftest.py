@@ -46,9 +46,15 @@ from motion_jax import fit as training  # noqa: E402
 from motion_jax.data import sources  # noqa: E402
 from motion_jax.inputs import config_files  # noqa: E402
 from motion_jax.runtime import cache  # noqa: E402
-from motion_jax.training import mesh, optimizers, train_step  # noqa: E402
 from motion_jax.training.setup import untrained  # noqa: E402
+from motion_jax.training.stage import DEVICES  # noqa: E402
 
+# Files whose tests take longest, with the slow ones: workers begin with them, so that none is left with one at the end.
+LONG = ("test_distributed", "test_smoke", "test_kills", "test_ablations", "test_streaming", "test_mesh", "test_run",
+        "test_paper_side", "test_datasets", "test_continuation", "test_cdamd_golden", "test_study", "test_multi_prompt",
+        "test_model", "test_long_captions", "test_guards", "test_convert", "test_rvq", "test_teacher", "test_pictures",
+        "test_validation", "test_part_tmr", "test_stage_losses", "test_cdamd_generator", "test_causal_vae",
+        "test_teacher_kinds", "test_representation_promises", "test_accelerator")
 KEPT = 1_000_000_000  # bytes of compiled programs, of all versions of jax together; those unused for longest go first
 
 
@@ -88,7 +94,9 @@ def pytest_collection_finish(session):
 
 
 def pytest_collection_modifyitems(config, items):
-  """Tests marked `torch` need the extra `convert`: skipped without it, and alone in the run that is about them."""
+  """Files that take long come first. Tests marked `torch` need the extra `convert`: skipped without it, and alone in
+  the run that is about them."""
+  items.sort(key=lambda item: LONG.index(item.path.stem) if item.path.stem in LONG else len(LONG))
   absent = [name for name in ("torch", "transformers") if importlib.util.find_spec(name) is None]
   wanted = config.getoption("--torch")
   if wanted and absent:
@@ -107,21 +115,15 @@ def load_config(name, size):
   return config_files.load(f"{name}:{size}")
 
 
-def traced_step(config):
-  """Traces what a config trains, down to the updated parameters, and compiles nothing: sizes, fields and frozen parts
-  fit together, and a step gives back a state of the shapes that it took."""
+def traced_loss(config):
+  """Traces the loss of what a config trains, and compiles nothing: sizes, fields and frozen parts fit together."""
   config, _ = training.resolve(config)
-  stage, next_batch, frozen, *_ = training.setups()[config.stage](config)
-  tx = optimizers.make_optimizer(config.optimizer, config.train.num_steps)
-  batch, rng = next_batch(0), jax.random.key(0)
-  state = jax.eval_shape(lambda batch, rng: train_step.init_state(stage, tx, batch, rng), batch, rng)
-  own = mesh.make_mesh(config.mesh)
-  step = own.compiled(train_step.make_train_step(stage, tx, config.optimizer.ema_decay,
-                                                 config.optimizer.get("skip_loss", 0.0)))
-  after, metrics = jax.eval_shape(step, state, frozen or {}, own.rows(batch), rng)
-  like = lambda tree: jax.tree.map(lambda leaf: (leaf.shape, leaf.dtype), tree)
-  assert like(after) == like(state)
-  assert metrics["loss"].shape == () and metrics["grad_norm"].shape == ()
+  setup = training.setups()[config.stage](config)
+  batch, rng = setup.next_batch(0), jax.random.key(0)
+  init, init_extra = setup.stage.init, setup.stage.init_extra
+  state = [jax.eval_shape(made, batch, rng) for made in (init, init_extra) if made is not None]
+  loss = lambda params, *extra: setup.stage.loss(params, setup.frozen or {}, batch, 0, rng, *extra)[0]["loss"]
+  assert jax.eval_shape(jax.vmap(loss, None, axis_size=1, axis_name=DEVICES), *state).shape == (1,)
 
 
 def devices_env(count):
@@ -170,6 +172,16 @@ def tiny_run(tmp_path_factory):
   """The run folder of configs/cmdm_denoiser.py:tiny after its two steps."""
   folder = tmp_path_factory.mktemp("runs") / "denoiser"
   training.run(load_config("cmdm_denoiser", "tiny"), folder)
+  return folder
+
+
+@pytest.fixture(scope="session")
+def tiny_generator(tmp_path_factory):
+  """The run folder of configs/cdamd_generator.py:tiny after its two steps; sampling takes few."""
+  folder = tmp_path_factory.mktemp("runs") / "generator"
+  config = load_config("cdamd_generator", "tiny").unlock()
+  config.sampler.update(num_iterations=3, num_steps=1, solver="euler")
+  training.run(config, folder)
   return folder
 
 

@@ -8,7 +8,7 @@ from motion_jax import fit as training
 from motion_jax.models.cmdm.options import CmdmSampling
 from motion_jax.models.cmdm.teacher import make_teacher
 from motion_jax.training.metrics import read_metrics
-from tests.conftest import ROOT, load_config, traced_step
+from tests.conftest import ROOT, load_config, traced_loss
 
 pytestmark = pytest.mark.usefixtures("kept_features")
 CMDM = runpy.run_path(str(ROOT / "configs" / "ablations" / "cmdm.py"))
@@ -45,7 +45,7 @@ ALIKE = {f"{row}-{stage}" for row in (*LATENTS[1:], *SIZES[1:]) for stage in ("t
 @pytest.mark.parametrize("paper, row, stage", [
     pytest.param(*which, id=name) for which, name in zip(BOTH, IDS) if name not in KINDS | ALIKE])
 def test_rows_can_be_trained(paper, row, stage):
-  traced_step(paper["get_config"](f"{row}/{stage}/tiny"))
+  traced_loss(paper["get_config"](f"{row}/{stage}/tiny"))
 
 
 @pytest.mark.parametrize("paper, row, stage", [
@@ -108,7 +108,7 @@ def test_kit_can_be_tried_in_seconds(name):
 
 
 def test_mardm_can_be_trained_on_kit():
-  traced_step(load_config("cdamd_generator", "mardm_kit_tiny"))
+  traced_loss(load_config("cdamd_generator", "mardm_kit_tiny"))
 
 
 @pytest.mark.slow

@@ -7,29 +7,17 @@ import numpy as np
 import pytest
 
 from motion_jax import cli
-from motion_jax import fit as training
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.inputs.spans import spans_of
 from motion_jax.loading import load
 from motion_jax.models.results import colors_of
 from motion_jax.motion.representations import to_joints
 from motion_jax.training.metrics import read_metrics
-from tests.conftest import load_config
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
-  """A trained run folder, whose solver takes few steps."""
-  config = load_config("cdamd_generator", "tiny").unlock()
-  config.sampler.update(num_iterations=3, num_steps=1, solver="euler")
-  folder = tmp_path_factory.mktemp("generator")
-  training.run(config, folder)
-  return folder
-
-
-@pytest.fixture(scope="module")
-def model(run):
-  return load(run)
+def model(tiny_generator):
+  return load(tiny_generator)
 
 
 @pytest.fixture(scope="module")
@@ -37,8 +25,8 @@ def clip():
   return next(clip for clip in synthetic_clips() if 60 <= clip.num_frames <= 190)
 
 
-def test_training_logs_a_held_out_loss(run):
-  rows = read_metrics(run)
+def test_training_logs_a_held_out_loss(tiny_generator):
+  rows = read_metrics(tiny_generator)
   assert all(np.isfinite(row[name]) for row in rows for name in ("loss", "held_out_loss", "held_out_with_prior")
              if name in row)
   assert any({"held_out_loss", "held_out_with_prior"} <= row.keys() for row in rows)
@@ -100,24 +88,24 @@ def test_what_cannot_be_made_is_told(model):
       model.generate("a person walks", **arguments)
 
 
-def test_the_command_line(run, clip, tmp_path, monkeypatch, capsys):
+def test_the_command_line(tiny_generator, clip, tmp_path, monkeypatch, capsys):
   monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
   np.save(tmp_path / "in.npy", clip.joints)
-  edit = ["edit", str(tmp_path / "in.npy"), "--text", "a person waves", "--model", str(run), "--out"]
+  edit = ["edit", str(tmp_path / "in.npy"), "--text", "a person waves", "--model", str(tiny_generator), "--out"]
   assert cli.main([*edit, f"{tmp_path}/out.npz", "--edit", "1s:2s"]) == 0
   assert "made anew: 1.0 to 2.0 s" in capsys.readouterr().out
   assert (tmp_path / "out.npz").is_file()
   assert cli.main([*edit, f"{tmp_path}/no.npz", "--task", "prefix", "--lag", "3"]) == 1
   assert "--lag" in capsys.readouterr().err
-  assert cli.main(["multi-prompt", "walks | waves", "--model", str(run), "--out", f"{tmp_path}/no.npz"]) == 1
+  assert cli.main(["multi-prompt", "walks | waves", "--model", str(tiny_generator), "--out", f"{tmp_path}/no.npz"]) == 1
   assert "'multi_prompt'" in capsys.readouterr().err and not (tmp_path / "no.npz").exists()
 
 
-def test_a_model_may_read_words_behind_the_sentence(run, clip, tmp_path):
+def test_a_model_may_read_words_behind_the_sentence(tiny_generator, clip, tmp_path):
   """The transformer is the same; a run that was trained on words says so in its config."""
   for name in ("params.safetensors", "frozen.safetensors", "Mean.npy", "Std.npy"):
-    shutil.copy(run / name, tmp_path / name)
-  config = json.loads((run / "config.json").read_text())
+    shutil.copy(tiny_generator / name, tmp_path / name)
+  config = json.loads((tiny_generator / "config.json").read_text())
   config["frozen"]["text_level"] = "words"
   (tmp_path / "config.json").write_text(json.dumps(config))
   loaded = load(tmp_path)

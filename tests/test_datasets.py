@@ -14,7 +14,7 @@ from motion_jax.models.cmdm.live import _continue_path
 from motion_jax.motion import representations as F
 from motion_jax.motion.skeleton import SNAPMOGEN
 from motion_jax.training.metrics import read_metrics
-from tests.conftest import ROOT, load_config, traced_step
+from tests.conftest import ROOT, load_config, traced_loss
 
 DATASETS = ("essential", "kit", "snapmogen", "babel")
 STAGES = ("part_tmr", "cmdm_tokenizer", "cmdm_denoiser")
@@ -30,7 +30,7 @@ def two_parts(monkeypatch):
 @pytest.mark.parametrize("dataset", DATASETS)
 @pytest.mark.parametrize("name", STAGES)
 def test_every_config_can_be_trained(name, dataset, two_parts):
-  traced_step(load_config(name, f"{dataset}_tiny"))
+  traced_loss(load_config(name, f"{dataset}_tiny"))
 
 
 @pytest.mark.parametrize("name, dataset", [

@@ -11,6 +11,8 @@ from motion_jax.models.cmdm import distill
 from motion_jax.training.setup import untrained
 from tests.conftest import load_config
 
+pytestmark = pytest.mark.usefixtures("kept_features")
+
 
 @pytest.mark.parametrize("num_steps, lag, blocks", [(4, 1, 3), (8, 2, 5), (4, 4, 2)])
 def test_rows_are_those_of_the_sampler(num_steps, lag, blocks):
@@ -36,32 +38,25 @@ def test_a_step_of_the_student_is_all_of_the_teachers():
   np.testing.assert_allclose(times, [[[1, 0.5, 0]], [[1, 0.625, 0.125]]])
 
 
-@pytest.fixture(scope="module")
-def teacher(tmp_path_factory):
-  folder = tmp_path_factory.mktemp("teacher") / "run"
-  training.run(load_config("cmdm_denoiser", "tiny"), folder)
-  return folder
-
-
 def student_config(teacher, **fields):
   config = load_config("cmdm_student", "32_tiny").unlock()
   config.distill.update(teacher=str(teacher), **fields)
   return config.lock()
 
 
-def test_a_student_is_trained_and_is_a_model(teacher, tmp_path, capsys):
-  training.run(student_config(teacher), tmp_path / "student")
+def test_a_student_is_trained_and_is_a_model(tiny_run, tmp_path):
+  training.run(student_config(tiny_run), tmp_path / "student")
   assert "distill" in (tmp_path / "student" / "metrics.jsonl").read_text()
-  model, first = mj.load(tmp_path / "student"), mj.load(teacher)
+  model, first = mj.load(tmp_path / "student"), mj.load(tiny_run)
   assert model.config.sampler.num_steps == 32 and model.config.sampler.guidance_scale == 1.0
   np.testing.assert_array_equal(model.codec.mean, first.codec.mean)  # latents are the teacher's
   assert np.isfinite(model.generate("a person walks", num_frames=24, seeds=[0])[0].joints).all()
 
 
-def test_a_student_that_is_its_teacher_has_nothing_to_learn(teacher):
+def test_a_student_that_is_its_teacher_has_nothing_to_learn(tiny_run):
   """One step of an unguided teacher is the student's own: the loss is 0 with its parameters, and guided it is not."""
   def loss(scale):
-    config = training.resolve(student_config(teacher, guidance_scale=scale))[0]
+    config = training.resolve(student_config(tiny_run, guidance_scale=scale))[0]
     setup = training.setups()[config.stage](config)
     params = untrained(setup.frozen[distill.TEACHER])  # two steps of training leave words without a say
     batch = jax.tree.map(jnp.asarray, setup.next_batch(0))
@@ -86,7 +81,7 @@ def test_a_model_that_ships_is_a_teacher():
   jax.tree.map(np.testing.assert_array_equal, begun.init(batch, None), setup.frozen[distill.TEACHER])
 
 
-def test_what_cannot_be_a_teacher_is_told(teacher, tmp_path):
+def test_what_cannot_be_a_teacher_is_told(tmp_path):
   with pytest.raises(ValueError, match="got no config.distill.teacher, expected the denoiser"):
     training.run(student_config(""), tmp_path / "c")
   with pytest.raises(FileNotFoundError, match="nowhere"):

@@ -3,7 +3,6 @@ import os
 import signal
 import socket
 import subprocess
-import sys
 import time
 import types
 
@@ -13,6 +12,7 @@ import pytest
 from motion_jax.inputs.errors import InputError
 from motion_jax.training import checkpoint, distributed
 from motion_jax.training.metrics import read_metrics
+from tests import processes
 from tests.conftest import ROOT
 
 CLUSTER = ("SLURM_", "OMPI_", "TPU_")
@@ -73,7 +73,7 @@ TOKENIZER = ("cmdm_tokenizer:tiny", "--config.frozen.teacher=")
 LENGTH = ("cdamd_length:tiny",)  # compiles in a fifth of the time
 
 
-def begin(folder, num_steps, processes, devices, *flags, config=TOKENIZER, environments=None,
+def begin(folder, num_steps, num_processes, devices, *flags, config=TOKENIZER, environments=None,
           program=("-m", "motion_jax.cli")):
   """[(process, file of what it prints)] of the command in so many processes of one run, each with as many simulated
   devices."""
@@ -81,17 +81,16 @@ def begin(folder, num_steps, processes, devices, *flags, config=TOKENIZER, envir
     free.bind(("localhost", 0))
     address = f"localhost:{free.getsockname()[1]}"
   started = []
-  for i in range(processes):
-    own = ["--coordinator", address, "--process-id", str(i), "--num-processes", str(processes)]
-    command = [sys.executable, *program, "train", "--config", *config, "--workdir", str(folder),
+  for i in range(num_processes):
+    own = ["--coordinator", address, "--process-id", str(i), "--num-processes", str(num_processes)]
+    command = [*program, "train", "--config", *config, "--workdir", str(folder),
                f"--config.train.num_steps={num_steps}", "--config.mesh.map=shard_map",
                "--simulate-devices", str(devices), *flags]
-    command += own if processes > 1 and not environments else []
+    command += own if num_processes > 1 and not environments else []
     env = {name: value for name, value in os.environ.items() if not name.startswith(CLUSTER)}
     env |= {"JAX_PLATFORMS": "cpu", "PYTHONPATH": str(ROOT)} | (environments[i] if environments else {})
     said = folder.parent / f"{folder.name}.{i}.txt"  # a pipe that nobody reads would stop who writes to it
-    with open(said, "w") as file:
-      started.append((subprocess.Popen(command, env=env, stdout=file, stderr=subprocess.STDOUT), said))
+    started.append((processes.Process(command, env, said, said), said))
   return started
 
 

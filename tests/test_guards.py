@@ -15,6 +15,7 @@ from motion_jax.training import loop as train
 from motion_jax.training.guards import WINDOW
 from motion_jax.training.metrics import read_metrics, without_clock
 from motion_jax.training.saver import Saver
+from tests import processes
 from tests.conftest import devices_env
 from tests.test_train import _config, _equal, _killed, _next_batch, _stage
 
@@ -61,22 +62,29 @@ def test_a_run_goes_back_and_on_with_other_batches(tmp_path, capsys):
   assert [row.get("rollbacks", 0) for row in rows] == [0] * 4 + [1] * 6
 
 
+@pytest.fixture(scope="module")
+def rolled_back(tmp_path_factory):
+  """(state, rows of metrics) of a run that goes back once and that nobody kills."""
+  folder = tmp_path_factory.mktemp("whole")
+  return train.train(_skipping(10), folder, _stage(), _bad_from(5)), _rows(folder)
+
+
 @pytest.mark.parametrize("kills", [[(7, 0)], [(4, 1)], [(6, 0), (6, 1), (9, 1)], *(
     pytest.param([kill], marks=pytest.mark.slow) for kill in ((4, 0), (5, 0), (5, 1), (8, 1)))])
-def test_a_kill_around_a_rollback_changes_nothing(tmp_path, kills):
-  whole = train.train(_skipping(10), tmp_path / "whole", _stage(), _bad_from(5))
+def test_a_kill_around_a_rollback_changes_nothing(tmp_path, rolled_back, kills):
+  whole, rows = rolled_back
   next_batch = _bad_from(5, kills=kills)
   for attempt in range(len(kills)):
     with pytest.raises(MemoryError):
       train.train(_skipping(10), tmp_path / "parts", _stage(), next_batch, resume=attempt > 0)
   parts = train.train(_skipping(10), tmp_path / "parts", _stage(), next_batch, resume=True)
-  assert _equal(whole, parts) and _rows(tmp_path / "whole") == _rows(tmp_path / "parts")
+  assert _equal(whole, parts) and _rows(tmp_path / "parts") == rows
 
 
 @pytest.mark.parametrize("place", ["discard_after", "remember"])
 @pytest.mark.parametrize("after", [False, True])
-def test_a_kill_inside_a_rollback_changes_nothing(tmp_path, monkeypatch, place, after):
-  whole = train.train(_skipping(10), tmp_path / "whole", _stage(), _bad_from(5))
+def test_a_kill_inside_a_rollback_changes_nothing(tmp_path, monkeypatch, rolled_back, place, after):
+  whole, rows = rolled_back
   real = getattr(Saver, place)
 
   def killed(self, *args):
@@ -89,7 +97,7 @@ def test_a_kill_inside_a_rollback_changes_nothing(tmp_path, monkeypatch, place, 
     train.train(_skipping(10), tmp_path / "parts", _stage(), _bad_from(5))
   monkeypatch.undo()
   parts = train.train(_skipping(10), tmp_path / "parts", _stage(), _bad_from(5), resume=True)
-  assert _equal(whole, parts) and _rows(tmp_path / "whole") == _rows(tmp_path / "parts")
+  assert _equal(whole, parts) and _rows(tmp_path / "parts") == rows
 
 
 def test_slices_of_a_run_are_rolled_back_as_the_whole_one(tmp_path):
@@ -186,8 +194,7 @@ with lock.locked(sys.argv[1]):
 
 
 def test_a_run_that_hangs_says_where_and_ends(tmp_path):
-  done = subprocess.run([sys.executable, "-c", _STUCK, str(tmp_path)], env=devices_env(1), capture_output=True,
-                        text=True, check=False, timeout=120)
+  done = processes.run(["-c", _STUCK, tmp_path], devices_env(1))
   assert done.returncode == 70 and "no step has ended for 0.005 minutes (train.hang_minutes)" in done.stderr
   assert "in stuck_here" in (tmp_path / guards.STACKS).read_text()
   assert [path.name for path in tmp_path.iterdir()] == [guards.STACKS]  # the lock is gone
@@ -244,7 +251,7 @@ loop.train(_config(6), sys.argv[1], _stage(), _next_batch)
 def test_a_disk_that_is_full_for_a_while(tmp_path):
   """The operating system itself refuses: orbax's files, rows of metrics and weights; in the end nothing is missing."""
   done = subprocess.run([sys.executable, "-c", _FULL, str(tmp_path)], env=devices_env(1), capture_output=True,
-                        text=True, check=False)
+                        text=True, check=False)  # to pipes, which take what files may not
   assert done.returncode == 0, done.stderr[-3000:]
   assert "a state could not be saved" in done.stdout and "metrics.jsonl could not be written" in done.stdout
   assert Saver(tmp_path).steps == [2, 6] and [row["step"] for row in _rows(tmp_path)] == [1, 2, 3, 4, 5, 6]

@@ -1,21 +1,18 @@
 """Trainings that are killed end with the bytes of one that was left alone (benchmarks/kills.py, in its small form)."""
 import os
-import subprocess
-import sys
 
 import pytest
 
 from benchmarks import kills
 from motion_jax.inputs import config_files
+from tests import processes
 from tests.conftest import ROOT, devices_env
 
 STAGES = [name for name in config_files.names() if "/" not in name]
 
 
 def _run(count, stage, folder):
-  environment = devices_env(1) | {"PYTHONPATH": str(ROOT)}
-  done = subprocess.run([sys.executable, str(ROOT / "benchmarks" / "kills.py"), str(count), "--stage", stage, "--out",
-                         str(folder)], env=environment, capture_output=True, text=True, check=False)
+  done = processes.run([ROOT / "benchmarks" / "kills.py", count, "--stage", stage, "--out", folder], devices_env(1))
   assert done.returncode == 0, done.stdout + done.stderr
   return done.stdout
 

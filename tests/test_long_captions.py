@@ -17,6 +17,8 @@ from motion_jax.models.cmdm import setup as cmdm_setups
 from motion_jax.text.encoder import load_text_encoder, narrowest, padded_length
 from tests.conftest import light_training, load_config
 
+pytestmark = pytest.mark.usefixtures("kept_features")
+
 # As long as the longest of HumanML3D: a hundred words and marks.
 LONG = "someone walks forward and then turns left and walks, then turns right and runs and jumps and sits, " * 5
 LONG = LONG[:-2] + "."

@@ -1,13 +1,11 @@
 """A step is the same whatever maps it, and whatever number of devices takes part."""
-import subprocess
-import sys
-
 import jax
 import numpy as np
 import pytest
 
 from motion_jax import fit
 from motion_jax.training import mesh, optimizers, train_step
+from tests import processes
 from tests.conftest import devices_env, load_config
 
 MAPS = {"pmap": mesh.Pmap, "mesh": mesh.Mesh}
@@ -75,7 +73,7 @@ def run_sharded():
 
 def test_a_sharded_state_learns_what_a_whole_one_learns():
   code = "from tests import test_mesh; test_mesh.run_sharded()"
-  done = subprocess.run([sys.executable, "-c", code], env=devices_env(8), capture_output=True, text=True, check=False)
+  done = processes.run(["-c", code], devices_env(8))
   assert done.returncode == 0, done.stderr[-3000:]
 
 
@@ -84,11 +82,10 @@ def test_a_sharded_state_learns_what_a_whole_one_learns():
 def test_pmap_and_a_mesh_give_the_same_bytes_and_devices_the_same_numbers(tmp_path, name, counts):
   """Bytes are compared inside of `run`; sums over more devices are added in another order."""
   code = f"from tests import test_mesh; test_mesh.run({name!r}, {str(tmp_path)!r})"
-  started = [subprocess.Popen([sys.executable, "-c", code], env=devices_env(count), stdout=subprocess.PIPE,
-                              stderr=subprocess.STDOUT, text=True) for count in counts]
-  for process in started:
-    said, _ = process.communicate()
-    assert process.returncode == 0, said[-3000:]
+  said = [tmp_path / f"{count}.txt" for count in counts]
+  started = [processes.Process(["-c", code], devices_env(count), file, file) for count, file in zip(counts, said)]
+  for process, file in zip(started, said):
+    assert process.wait() == 0, file.read_text()[-3000:]
   one, *more = (list(np.load(tmp_path / f"{count}.npz").values()) for count in counts)
   for several in more:
     for a, b in zip(one, several, strict=True):

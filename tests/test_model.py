@@ -45,9 +45,9 @@ def test_a_motion_does_not_know_its_batch_mates_nor_its_end(model):
 
 def test_rng_key_gives_each_prompt_its_own(model):
   key = jax.random.key(0)
-  two = model.generate(["a person waves"] * 2, num_frames=20, rng=key)
+  two = model.generate(["a person waves"] * 2, num_frames=47, rng=key)
   assert np.abs(two.joints[0] - two.joints[1]).max() > 1e-4
-  assert (model.generate(["a person waves"] * 2, num_frames=20, rng=key).joints == two.joints).all()
+  assert (model.generate(["a person waves"] * 2, num_frames=47, rng=key).joints == two.joints).all()
 
 
 @pytest.mark.parametrize("cleanup, lengths", [(False, [12] * 8 + [4]), (True, [2] + [12] * 7 + [14])])
@@ -59,7 +59,7 @@ def test_stream_is_generate(model, cleanup, lengths):
 
 
 def test_cleaned_up_motion_has_canonical_bones(model):
-  joints = model.generate("a person walks", num_frames=24, seeds=[0])[0].joints
+  joints = model.generate("a person walks", num_frames=40, seeds=[0])[0].joints
   assert np.abs(bone_lengths(joints, HUMANML3D) - HUMANML3D.bone_lengths).max() < 1e-3
 
 
@@ -70,15 +70,15 @@ def test_other_schedules(model, schedule):
 
 
 def test_guidance_changes_the_motion_and_scale_one_needs_no_second_branch(model):
-  make = lambda scale: model.generate("a person walks", num_frames=24, seeds=[0], guidance_scale=scale)[0].joints
+  make = lambda scale: model.generate("a person walks", num_frames=40, seeds=[0], guidance_scale=scale)[0].joints
   one, three = make(1.0), make(3.0)
   assert np.isfinite(one).all() and np.abs(make(1.0000001) - one).max() < 1e-4
   assert np.isfinite(three).all()
 
 
 def test_reconstruct(model):
-  features = model.generate("a person walks", num_frames=24, seeds=[0])[0].features
-  assert model.reconstruct(features).shape == (24, 263)
+  features = model.generate("a person walks", num_frames=40, seeds=[0])[0].features
+  assert model.reconstruct(features).shape == (40, 263)
 
 
 @pytest.mark.parametrize("arguments, words", [
@@ -171,7 +171,7 @@ def notes_of(act, *args, **options):
 
 
 def test_a_strange_word_is_named(model):
-  notes = notes_of(model.generate, "a flibbertigibbet walks", num_frames=12, seeds=[0])
+  notes = notes_of(model.generate, "a flibbertigibbet walks", num_frames=40, seeds=[0])
   assert len(notes) == 1 and "'flibbertigibbet'" in notes[0] and "the nearest of them is '" in notes[0]
 
 

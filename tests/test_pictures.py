@@ -11,6 +11,8 @@ from tests.conftest import load_config
 from tests.test_guards import _bad_from, _skipping
 from tests.test_train import _config, _equal, _killed, _next_batch, _stage
 
+pytestmark = pytest.mark.usefixtures("kept_features")
+
 
 def _drawing(config, every):
   config.train.sample_every = every

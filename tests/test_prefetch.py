@@ -10,6 +10,8 @@ from motion_jax.text.encoder import TextEncoder
 from motion_jax.training.prefetch import Ahead, Prefetch, in_processes
 from tests.conftest import load_config
 
+pytestmark = pytest.mark.usefixtures("kept_features")
+
 
 def test_batches_come_in_order_and_not_too_far_ahead():
   made, allowed = [], threading.Semaphore(0)

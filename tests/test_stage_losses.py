@@ -1,4 +1,6 @@
 """What a training step draws and weighs: dropped captions, times of blocks, ramps. Values, not only that it runs."""
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,6 +10,8 @@ from motion_jax import fit, latents, runs
 from motion_jax.models import cdamd, cmdm
 from motion_jax.training.setup import untrained
 from tests.conftest import load_config
+
+pytestmark = pytest.mark.usefixtures("kept_features")
 
 BATCH, FRAMES, WORDS = 64, 24, 3
 FROZEN = {"tokenizer": {}, "latent_mean": 0.0, "latent_std": 1.0, "prior": {}}
@@ -209,6 +213,14 @@ def loss_and_params(name, size="tiny", **train):
   return loss, untrained(jax.eval_shape(lambda batch: stage.init(batch, jax.random.key(0)), batch))
 
 
+@functools.cache
+def compiled_gradients(name, size, **train):
+  """(the gradients' program as text, params, (loss, gradients)) of what a config trains."""
+  loss, params = loss_and_params(name, size, **train)
+  traced = jax.jit(jax.value_and_grad(loss)).trace(params)
+  return str(traced.jaxpr), params, traced.lower().compile()(params)
+
+
 def norm(tree):
   return np.sqrt(sum(float((leaf ** 2).sum()) for leaf in jax.tree.leaves(tree)))
 
@@ -217,11 +229,7 @@ def norm(tree):
     "cmdm_tokenizer", marks=pytest.mark.slow)])
 def test_a_network_computes_in_bfloat16_and_numbers_stay_float32(name):
   """The loss is near that of float32 and another; loss, gradients and parameters are float32."""
-  found = {}
-  for dtype in ("float32", "bfloat16"):
-    loss, params = loss_and_params(name, dtype=dtype)
-    found[dtype] = jax.jit(jax.value_and_grad(loss))(params)
-  (one, grads), (other, rough) = found["float32"], found["bfloat16"]
+  (one, grads), (other, rough) = (compiled_gradients(name, "tiny", **train)[2] for train in ({}, {"dtype": "bfloat16"}))
   assert other.dtype == jnp.float32 and all(leaf.dtype == jnp.float32 for leaf in jax.tree.leaves(rough))
   assert one != other and abs(one - other) < 0.03 * abs(one)
   assert norm(jax.tree.map(jnp.subtract, grads, rough)) < 0.1 * norm(grads)
@@ -231,12 +239,9 @@ def test_a_network_computes_in_bfloat16_and_numbers_stay_float32(name):
     "cdamd_generator", "mardm_tiny", marks=pytest.mark.slow)])
 def test_what_is_computed_once_more_changes_no_loss_no_gradient_and_no_name(name, size):
   """So a run goes on, and its weights open, with train.remat or without; dropout falls on the same numbers."""
-  found, jaxprs = [], []
-  for remat in (False, True):
-    loss, params = loss_and_params(name, size, remat=remat)
-    jaxprs.append(str(jax.make_jaxpr(jax.grad(loss))(params)))
-    found.append((jax.tree.map(jnp.shape, params), jax.jit(jax.value_and_grad(loss))(params)))
-  assert ["remat" in jaxpr or "checkpoint" in jaxpr for jaxpr in jaxprs] == [False, True]
-  (shapes, (one, grads)), (same_shapes, (other, others)) = found
-  assert shapes == same_shapes and abs(one - other) < 1e-6 * abs(one)
+  plain, params, (one, grads) = compiled_gradients(name, size)
+  again, same_params, (other, others) = compiled_gradients(name, size, remat=True)
+  assert ["remat" in jaxpr or "checkpoint" in jaxpr for jaxpr in (plain, again)] == [False, True]
+  assert jax.tree.map(jnp.shape, params) == jax.tree.map(jnp.shape, same_params)
+  assert abs(one - other) < 1e-6 * abs(one)
   assert norm(jax.tree.map(jnp.subtract, grads, others)) < 1e-5 * norm(grads)

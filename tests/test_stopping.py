@@ -14,6 +14,7 @@ from motion_jax.runtime import exit_status, lock, stopping
 from motion_jax.runtime.atomic import atomic_folder, atomic_path
 from motion_jax.training import loop as train
 from motion_jax.training.saver import Saver
+from tests import processes
 from tests.conftest import ROOT, devices_env
 from tests.test_train import _config, _equal, _next_batch, _stage, before_each_step
 
@@ -37,8 +38,7 @@ with stopping.at_once("program"), atomic_path(folder / "a.gif") as file, atomic_
 def test_a_signal_leaves_nothing_half_written(tmp_path, number):
   (tmp_path / "data").mkdir()
   (tmp_path / "data" / "old.npy").write_text("old")
-  done = subprocess.run([sys.executable, "-c", _HALF, str(tmp_path), str(int(number))], env=devices_env(1), text=True,
-                        capture_output=True, check=False)
+  done = processes.run(["-c", _HALF, tmp_path, int(number)], devices_env(1))
   assert done.returncode == 128 + number and done.stdout == ""
   assert done.stderr == "program: stopped; nothing half-written is left\n"
   assert [path.name for path in tmp_path.rglob("*")] == ["data", "old.npy"]
@@ -159,8 +159,7 @@ print("still there")
 def test_sigterm_is_heard_while_the_main_thread_is_busy(tmp_path, place, saved):
   """While the first step is compiled nothing is lost; while a save is judged the state is on disk before the end."""
   began = time.time()
-  done = subprocess.run([sys.executable, "-c", _BUSY.format(place=place), str(tmp_path)], env=devices_env(1), text=True,
-                        capture_output=True, check=False)
+  done = processes.run(["-c", _BUSY.format(place=place), tmp_path], devices_env(1))
   assert done.returncode == 75 and done.stderr == "program: preempted, resumable\n", done.stderr
   assert "still there" not in done.stdout and time.time() - began < 30 and Saver(tmp_path).latest == saved
   rest = train.train(_config(6), tmp_path, _stage(), _next_batch, resume=True)
@@ -170,19 +169,20 @@ def test_sigterm_is_heard_while_the_main_thread_is_busy(tmp_path, place, saved):
 
 def test_launch_py_stopped_by_a_signal(tmp_path):
   """The command itself: saved, nothing locked, and a status that is not 0; and a second launch meanwhile is refused."""
-  command = [sys.executable, str(ROOT / "launch.py"), f"--config={ROOT}/configs/cdamd_length.py:tiny",
-             "--workdir", str(tmp_path / "run"), "--config.train.num_steps=100000", "--config.train.log_every=1",
+  command = [ROOT / "launch.py", f"--config={ROOT}/configs/cdamd_length.py:tiny",
+             "--workdir", tmp_path / "run", "--config.train.num_steps=100000", "--config.train.log_every=1",
              "--config.train.save_every=100000"]
-  first = subprocess.Popen(command, env=devices_env(1), stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+  first = processes.Process(command, devices_env(1), tmp_path / "said", tmp_path / "said")
   deadline = time.time() + 300
   while not (tmp_path / "run" / "metrics.jsonl").is_file() and first.poll() is None and time.time() < deadline:
     time.sleep(0.1)
-  second = subprocess.run([*command, "--resume"], env=devices_env(1), capture_output=True, text=True, check=False)
+  second = processes.run([*command, "--resume"], devices_env(1))
   assert second.returncode == 1 and f"in use by process {first.pid}" in second.stderr.splitlines()[-1]
   first.send_signal(signal.SIGTERM)
-  printed, _ = first.communicate(timeout=300)
+  first.wait(300)
+  printed = (tmp_path / "said").read_text()
   assert first.returncode == exit_status.PREEMPTED == 75, printed[-2000:]
-  assert b"stopped and saved" in printed and printed.endswith(b"launch.py: preempted, resumable\n")
+  assert "stopped and saved" in printed and printed.endswith("launch.py: preempted, resumable\n")
   assert not (tmp_path / "run" / lock.NAME).exists()
   assert (tmp_path / "run" / "params.safetensors").is_file()
 

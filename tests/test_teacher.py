@@ -1,8 +1,6 @@
 """Motions and sentences in one space: the contrast, N devices, and what is found with a trained teacher."""
 import json
 import shutil
-import subprocess
-import sys
 
 import jax
 import jax.numpy as jnp
@@ -19,7 +17,8 @@ from motion_jax.evaluators.networks import symmetric_cross_entropy
 from motion_jax.models.cmdm import teacher
 from motion_jax.training.metrics import read_metrics
 from motion_jax.training.optimizers import make_optimizer
-from tests.conftest import ROOT, brief_run, devices_env, load_config
+from tests import processes
+from tests.conftest import brief_run, devices_env, load_config
 
 
 def test_contrast_of_orthogonal_pairs():
@@ -73,8 +72,7 @@ def test_two_devices_contrast_the_whole_batch(tmp_path, name, unjudged):
 
   Losses and gradients are compared: Adam's first step makes a whole step of a gradient that is rounding alone.
   """
-  done = subprocess.run([sys.executable, "-c", _DEVICES, tmp_path / "two", name], env=devices_env(2), cwd=ROOT,
-                        capture_output=True, text=True, check=False)
+  done = processes.run(["-c", _DEVICES, tmp_path / "two", name], devices_env(2))
   assert done.returncode == 0, done.stderr[-2000:]
   one, two = losses(tmp_path / "one", name, 1), json.loads(done.stdout.splitlines()[-1])
   assert len(one) == 2 and np.allclose(one, two, rtol=1e-3)

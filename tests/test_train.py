@@ -5,8 +5,6 @@ import os
 import pathlib
 import shutil
 import signal
-import subprocess
-import sys
 
 import jax
 import jax.numpy as jnp
@@ -23,6 +21,7 @@ from motion_jax.training.metrics import append_metrics, read_metrics
 from motion_jax.training.outputs import best_step
 from motion_jax.training.saver import Saver, copy_of
 from motion_jax.training.stage import Stage
+from tests import processes
 from tests.conftest import devices_env, load_config
 
 
@@ -354,8 +353,7 @@ def test_four_devices_learn_what_one_learns(tmp_path):
   results = []
   for devices in (1, 4):
     code = _DEVICES.format(folder=str(tmp_path / str(devices)))
-    done = subprocess.run([sys.executable, "-c", code], env=devices_env(devices), capture_output=True, text=True,
-                          check=False)
+    done = processes.run(["-c", code], devices_env(devices))
     assert done.returncode == 0, done.stderr
     count, w = json.loads(done.stdout.splitlines()[-1])
     assert count == devices

@@ -10,6 +10,8 @@ from motion_jax.models.cmdm import setup as cmdm
 from motion_jax.training.setup import untrained
 from tests.conftest import load_config
 
+pytestmark = pytest.mark.usefixtures("kept_features")
+
 
 @pytest.fixture(scope="module")
 def config():

@@ -6,8 +6,6 @@ import pathlib
 import re
 import shutil
 import signal
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -21,7 +19,8 @@ from motion_jax.evaluation.report import page
 from motion_jax.evaluation.result import Result
 from motion_jax.evaluation.tasks.registry import TASKS
 from motion_jax.evaluators.evaluator import fresh_evaluator
-from tests.conftest import ROOT, devices_env
+from tests import processes
+from tests.conftest import devices_env
 
 SMALL = dataclasses.replace(
     protocols.get_protocol("archives-66"), pool=4, diversity_draws=6, few_draws=4, multimodality_batches=1,
@@ -146,7 +145,7 @@ write = samples.Store.write
 samples.Store.write = lambda *args: (write(*args), os.kill(os.getpid(), signal.SIGKILL))
 command({arguments!r})
 """
-  killed = subprocess.run([sys.executable, "-c", script], env=devices_env(1), cwd=ROOT, capture_output=True)
+  killed = processes.run(["-c", script], devices_env(1))
   assert killed.returncode == -signal.SIGKILL, killed.stderr[-2000:]
   left = sorted(path.name for path in (tmp_path / "samples").rglob("*.npz"))
   assert left == ["r000_b000.npz"] and not (tmp_path / "out").exists()
@@ -230,7 +229,7 @@ def test_motions_do_not_depend_on_batches(judged, tiny_run, archive, evaluators,
 
 
 def test_devices_give_the_same_numbers(judged, tiny_run, archive, evaluators, tmp_path, monkeypatch):
-  """Batches of two on two simulated devices, both of which are used, against the one of these tests."""
+  """Batches of three on two simulated devices, both of which are used, against the one of these tests."""
   script = f"""
 import jax
 from motion_jax.evaluation import run, samples
@@ -246,14 +245,14 @@ def generator_of(model, *args):
     used.add(jax.numpy.zeros(1).devices().pop())  # the default device of this thread
     return make_of(model, *args)(jobs)
   return make
-samples.BATCH, samples.generator_of = 2, generator_of
+samples.BATCH, samples.generator_of = 3, generator_of
 run.evaluate([{str(tiny_run)!r}], [{str(archive)!r}], SMALL, out={str(tmp_path / "two")!r}, force=True, show=False,
              samples={str(tmp_path / "samples")!r}, multimodality=False, sampling=dict(num_steps=2), replications=1,
              evaluator=fresh_evaluator("t2m"), clip_evaluator="none")
 assert len(jax.local_devices()) == len(used) == 2, used
 """
-  subprocess.run([sys.executable, "-c", script], check=True, env=devices_env(2), cwd=ROOT)
-  monkeypatch.setattr(samples, "BATCH", 2)
+  processes.run(["-c", script], devices_env(2)).check_returncode()
+  monkeypatch.setattr(samples, "BATCH", 3)
   one = again(judged, tiny_run, archive, evaluators, tmp_path / "one", replications=1, controls=False,
               multimodality=False, clip_evaluator="none", samples=tmp_path / "one")
   assert json.loads((tmp_path / "two" / "results.json").read_text())["rows"] == one.rows

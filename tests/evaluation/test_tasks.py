@@ -1,11 +1,11 @@
 """Reconstruction, editing, long motions and timelines: small runs of each from data to rows."""
 import dataclasses
 import json
+import shutil
 
 import numpy as np
 import pytest
 
-from motion_jax import fit as training
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.data.timelines import read_sequences
 from motion_jax.evaluation import protocols, request, run, samples
@@ -21,7 +21,7 @@ from motion_jax.models.base import Able
 from motion_jax.models.cmdm.options import CmdmSampling
 from motion_jax.motion.representations import get_layout, to_features, to_joints
 from motion_jax.motion.skeleton import facing
-from tests.conftest import light_training, load_config
+from tests.conftest import load_config
 from tests.evaluation.test_run import SMALL, make_clips, write_archive
 
 FEW = dict(pool=4, diversity_draws=6, few_draws=4, replications=1, min_frames=24)
@@ -58,13 +58,9 @@ def test_reconstruction(tiny_run, archive, evaluator, tmp_path):
   assert errors[0]["values"][0] == pytest.approx(10 * (2 * 8 / np.pi) ** 0.5 * 21 / 22, rel=0.02)
 
 
-def test_editing(archive, evaluator, tmp_path):
+def test_editing(tiny_generator, archive, evaluator, tmp_path):
   """The edits of four tasks, with what was kept pasted back: then nothing but the new frames differs."""
-  folder = tmp_path / "generator"
-  config = load_config("cdamd_generator", "tiny").unlock()
-  config.sampler.update(num_iterations=3, num_steps=1, solver="euler")
-  with light_training():
-    training.run(config, folder)
+  folder = shutil.copytree(tiny_generator, tmp_path / "generator")
   result = judged([folder], [archive], small("editing", paste=True), evaluator, tmp_path / "out")
   assert result.row_order == ["real", *(f"{task}: generator" for task in (
       "inpainting", "outpainting", "prefix", "suffix"))]

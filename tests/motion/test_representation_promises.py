@@ -39,6 +39,22 @@ def _joints(layout, index=CURVE):
   return _clips(layout.skeleton)[index].joints
 
 
+@functools.cache
+def _features(layout, index=CURVE, mode="corrected"):
+  """Made once for a layout; nobody may change them."""
+  features = layout.from_joints(_joints(layout, index), mode)
+  features.setflags(write=False)
+  return features
+
+
+@functools.cache
+def _back(layout, index=CURVE, mode="corrected"):
+  """Joints of these features."""
+  joints = layout.to_joints(_features(layout, index, mode))
+  joints.setflags(write=False)
+  return joints
+
+
 def _moved(joints, angle=2.9):
   return rot.rotate(rot.about_axis(np.array(angle), "y"), joints.astype(np.float64)) + [3.0, 0, -2.0]
 
@@ -52,7 +68,7 @@ def _metres(layout, difference):
                          + [("corrected", TURN)])
 def test_joints_become_features_and_joints_again(layout, mode, index):
   """A second time nothing changes: what the first one left out (bones, the place of the start) is left out already."""
-  made = layout.to_joints(layout.from_joints(_joints(layout, index), mode))
+  made = _back(layout, index, mode)
   assert made.dtype == np.float32 and made.shape[1:] == (layout.skeleton.num_joints, 3)
   again = layout.to_joints(layout.from_joints(made, mode))
   rows = max(len(again) - 81, 1)  # the heading of the last second is smoothed with other frames
@@ -62,14 +78,14 @@ def test_joints_become_features_and_joints_again(layout, mode, index):
 
 def test_features_of_a_row_per_frame(layout):
   """Joints in their place become as many rows, which tell of the same body."""
-  joints = layout.to_joints(layout.from_joints(_joints(layout), "corrected"))
+  joints = _back(layout)
   features = layout.from_joints_in_place(joints, "corrected")
   assert features.shape == (len(joints), layout.dim) and features.dtype == np.float32
   assert _metres(layout, layout.to_joints(features)[:1, :, 1] - joints[:1, :, 1]) < 0.03
 
 
 def test_a_mirror_changes_sides_and_two_change_nothing(layout):
-  features = layout.from_joints(_joints(layout, TURN), "corrected")
+  features = _features(layout, TURN)
   seen = layout.mirror(features)
   assert seen.dtype == features.dtype and np.array_equal(layout.mirror(seen), features)
   expected = mirror(layout.to_joints(features), layout.skeleton)
@@ -82,22 +98,22 @@ def test_features_of_a_mirrored_body_are_the_mirrored_features(layout):
   """So every block, rotations and contacts too, has the right signs and sides."""
   clip = mirror(_joints(layout), layout.skeleton)
   if layout.has_fixed_bones:  # bones of left and right differ by millimetres: nothing may bring them to one length
-    joints = layout.to_joints(layout.from_joints(_joints(layout), "corrected"))
+    joints = _back(layout)
     one, other = (layout.from_joints_in_place(x, "corrected") for x in (joints, mirror(joints, layout.skeleton)))
   else:
-    one, other = layout.from_joints(_joints(layout), "corrected"), layout.from_joints(clip, "corrected")
+    one, other = _features(layout), layout.from_joints(clip, "corrected")
   same = np.isclose(layout.mirror(one), other, atol=2e-3 / min(layout.skeleton.unit * 100, 1))
   assert same.mean(0).min() > 0.98, sorted({name for name, block in layout.blocks.items() if not same[:, block].all()})
 
 
 def test_the_mirror_is_there_for_jax(layout):
-  features = layout.from_joints(_joints(layout), "corrected")
+  features = _features(layout)
   inside = jax.jit(layout.mirror)(jnp.asarray(features))
   assert np.array_equal(inside, layout.mirror(features))
 
 
 def test_what_is_narrowed_is_a_cut(layout):
-  features = layout.from_joints(_joints(layout), "corrected")
+  features = _features(layout)
   for other in LAYOUTS.values():
     columns = layout.columns_of(other)
     if columns is not None:
@@ -122,7 +138,7 @@ def test_which_narrow_to_which():
 
 
 def test_the_path_of_the_root_is_that_of_joint_0(layout):
-  features = layout.from_joints(_joints(layout, TURN), "corrected")
+  features = _features(layout, TURN)
   heading, path = layout.root_path(features)
   assert heading.shape == (len(features), 4) and np.abs(np.linalg.norm(heading, axis=-1) - 1).max() < 1e-6
   assert _metres(layout, path - layout.to_joints(features)[:, 0]) < 1e-4
@@ -131,7 +147,7 @@ def test_the_path_of_the_root_is_that_of_joint_0(layout):
 
 
 def test_the_heading_turns_the_body_ahead(layout):
-  features = layout.from_joints(_joints(layout), "corrected")
+  features = _features(layout)
   joints, heading = layout.to_joints(features).astype(np.float64), layout.root_path(features)[0]
   if layout.name == "babel":  # nothing is turned frame by frame
     assert (heading == [1, 0, 0, 0]).all()

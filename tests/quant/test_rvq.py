@@ -1,7 +1,5 @@
 """The residual quantizer is the reference's, in use and in training, and its codebooks are a checkpoint's."""
 import json
-import subprocess
-import sys
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +16,7 @@ from motion_jax.training import checkpoint
 from motion_jax.training import loop as train
 from motion_jax.training.metrics import read_metrics
 from motion_jax.training.setup import untrained
-from tests import fixtures
+from tests import fixtures, processes
 from tests.conftest import devices_env, load_config
 from tests.golden import check, golden, recordings
 from tests.nets.test_autoencoder import module
@@ -214,8 +212,7 @@ print(json.dumps(learned(sys.argv[1], 2, int(sys.argv[2]))))
 @pytest.mark.parametrize("num_codes", [24, pytest.param(8, marks=pytest.mark.slow)])
 def test_two_devices_learn_the_codebook_of_one(tmp_path, num_codes):
   """Also with fewer rows on all devices together (16) than codes (24): the noise of the tiling is the same."""
-  done = subprocess.run([sys.executable, "-c", _DEVICES, str(tmp_path / "two"), str(num_codes)], env=devices_env(2),
-                        capture_output=True, text=True, check=False)
+  done = processes.run(["-c", _DEVICES, tmp_path / "two", num_codes], devices_env(2))
   assert done.returncode == 0, done.stderr
   alone = learned(tmp_path / "one", 1, num_codes)
   for one, two in zip(alone, json.loads(done.stdout.splitlines()[-1]), strict=True):
