@@ -112,7 +112,7 @@ def _counted(config, size):
 
 
 @pytest.mark.parametrize("key", [
-    pytest.param(key, id="-".join(key), marks=[] if key[1] in ("full", "tiny") else pytest.mark.slow)
+    pytest.param(key, id="-".join(key), marks=[] if key[1] == "full" else pytest.mark.slow)
     for key in COUNTS])
 def test_parameter_counts(key):
   assert _count(*key) == COUNTS[key]
