@@ -141,3 +141,15 @@ def test_a_weight_is_felt_and_none_is_off(name, half):
   assert on.keys() - off.keys() == {"acceleration"} and on["loss"] != off["loss"]
   if name == "cdamd_autoencoder":
     assert on["loss"] == pytest.approx(off["loss"] + 0.5 * on["acceleration"], rel=1e-5)
+
+
+def test_latents_are_off_by_a_share_of_what_they_vary():
+  """Noise of 0.2 standard deviations of each channel over the batches of both devices; other noise for each item."""
+  scales = np.array([1.0, 10.0, 0.0], np.float32)
+  latents = jnp.asarray(np.random.default_rng(0).normal(size=(2, 32, 64, 3)) * scales + 5, jnp.float32)
+  index = jnp.arange(64).reshape(2, 32)
+  blur = jax.vmap(lambda z, i: cdamd.stages._blurred(z, 0.2, jax.random.key(0), {"index": i}, "devices"),
+                  axis_name="devices")
+  noise = np.asarray(blur(latents, index) - latents)
+  np.testing.assert_allclose(noise.std((0, 1, 2)), 0.2 * scales, rtol=0.05, atol=1e-6)
+  assert len(np.unique(noise[..., 0].round(4))) > 2500  # of 64 items, 64 latents each
