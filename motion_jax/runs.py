@@ -121,7 +121,8 @@ _EVALUATOR = {"frozen.text": "", "data.max_frames": 196,
 _CAPTIONED_EVALUATOR = _EVALUATOR | _TEXT_ITEMS
 # What a config means that does not name a field, because it is older than the field, or was written by `convert`.
 _LEFT_OUT: dict[str, dict[str, Any]] = {
-    "": {"data.mode": "benchmark", "data.described": False, "optimizer.skip_loss": 0.0, "optimizer.final_rate": 0.0,
+    "": {"data.mode": "benchmark", "data.described": False, "data.augment": {},
+         "optimizer.skip_loss": 0.0, "optimizer.final_rate": 0.0,
          "optimizer.rates": {}, "optimizer.clip_parts": (), "train.start": "", "train.best": "", "train.workers": 0,
          "train.keep_last": 2, "train.tensorboard": False, "train.sample_every": 0, "train.max_skips": 20,
          "train.max_rollbacks": 3, "train.hang_minutes": 60.0, "train.freeze": (), "optimizer.skip_spikes": 0.0,

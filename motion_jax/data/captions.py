@@ -29,6 +29,11 @@ def without_subject(caption):
   return re.sub(r"\s+([,.;:!?])", r"\1", _KNOWN.sub("", caption.strip().lower())).rstrip(" .!")
 
 
+def known_subject(caption) -> bool:
+  """Whether a caption begins with a subject that may be exchanged or left out."""
+  return bool(_KNOWN.match(caption))
+
+
 def meanings(captions):
   """{sentence: number} for lists of sentences, one list per clip: sentences that clips link carry the same number.
 

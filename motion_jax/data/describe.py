@@ -71,15 +71,19 @@ def describe(joints, fps=FPS, words=None, key="") -> list[str]:
   words: what is said of the motion already; only what they speak of is described. None: whatever is found. key: an id;
   the sentences of different ids are put in different words.
   """
-  found, seconds = find_events(resample(np.asarray(joints, np.float64), fps, FPS), FPS), (len(joints) - 1) / fps
-  said = spoken_of(found, words)
-  first = zlib.crc32(key.encode())
+  return sentences(_events(joints, fps), (len(joints) - 1) / fps, words, key)
+
+
+def sentences(events, seconds, words=None, key="") -> list[str]:
+  """Sentences about the events of a motion of so many seconds; words and key as `describe` takes them."""
+  said, first = spoken_of(events, words), zlib.crc32(key.encode())
   return list(dict.fromkeys(filter(None, (sentence(said, seconds, first + number) for number in range(SENTENCES)))))
 
 
-def described(clip):
+def described(clip, events=None):
   """The clip with its captions corrected (`CORRECTIONS`), and sentences by kinematics after them.
 
+  events: those of its joints at `FPS`, where somebody has found them already.
   A clip of another skeleton than HumanML3D's 22 joints stays as it is.
   """
   if clip.skeleton is not HUMANML3D:
@@ -87,11 +91,16 @@ def described(clip):
   label = str(clip.meta.get("content") or clip.meta.get("label") or "")
   own = [caption for caption in clip.captions if not caption.start and not caption.end]
   words = " ".join([label, *(caption.text for caption in own)])
-  events = find_events(resample(clip.joints.astype(np.float64), clip.fps, FPS), FPS)
+  events = _events(clip.joints, clip.fps) if events is None else events
   kept = tuple(Caption(corrected(caption.text, label, events), caption.start, caption.end) for caption in clip.captions)
   known = {caption.text for caption in kept}
-  new = (text for text in describe(clip.joints, clip.fps, words, clip.id) if text not in known)
+  seconds = (clip.num_frames - 1) / clip.fps
+  new = (text for text in sentences(events, seconds, words, clip.id) if text not in known)
   return clip.replace(captions=kept + tuple(map(Caption, new)))
+
+
+def _events(joints, fps):
+  return find_events(resample(np.asarray(joints, np.float64), fps, FPS), FPS)
 
 
 def corrected(text, label, events) -> str:

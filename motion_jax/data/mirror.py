@@ -41,8 +41,11 @@ def mirror_caption(text) -> str:
 def mirror_clip(clip) -> Clip:
   """The clip in a mirror, named "M" + id, with mirrored captions; features, if any, are to be made anew."""
   captions = tuple(_with_text(caption, mirror_caption(caption.text)) for caption in clip.captions)
+  meta = {key: value for key, value in clip.meta.items() if key != "tokens"}
+  if "spans" in meta:
+    meta["spans"] = tuple((mirror_caption(text), first, past) for text, first, past in meta["spans"])
   return clip.replace(joints=mirror_joints(clip.joints, clip.skeleton), captions=captions, id="M" + clip.id,
-                      features=None, meta={key: value for key, value in clip.meta.items() if key != "tokens"})
+                      features=None, meta=meta)
 
 
 def _with_text(caption, text):

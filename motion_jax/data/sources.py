@@ -5,7 +5,7 @@
   snapmogen     SnapMoGen's                     snapmogen, snapmogen_148
   babel         BABEL's, FlowMDM's form         babel                            kind: pairs, segments, both
   records       what `data records` makes       that which it was made for
-  archive       folders of `datasets.archive`   any                              mode, mirror, described
+  archive       folders of `datasets.archive`   any                              mode, mirror, described, augment
   synthetic     none                            any                              mode, mirror, num_clips
 
 What each of them does is in its file of `data.datasets`; `datasets.registry` lists them. A folder is looked at before
@@ -18,7 +18,7 @@ import dataclasses
 
 import numpy as np
 
-from motion_jax.data.datasets.base import TextItem, clip_items
+from motion_jax.data.datasets.base import TextItem, asked_kinds, clip_items
 from motion_jax.data.datasets.records import RecordedFeatures
 from motion_jax.data.datasets.registry import DATASETS, dataset_of, get_dataset
 from motion_jax.inputs.errors import InputError
@@ -30,7 +30,8 @@ from motion_jax.motion.stats import Stats, compute_stats
 class FeatureSet:
   """Clips of one split as normalized features (T_i, F), with their captions and a group (an action) each.
 
-  tokens: {caption: its tokens "lemma/POS"} where the data set's files hold them.
+  tokens: {caption: its tokens "lemma/POS"} where the data set's files hold them. spans: of each clip that was put
+  together of several, (caption, first, past) in rows of its features; of others ().
   """
   features: list[np.ndarray]
   captions: list[list[str]]
@@ -39,6 +40,7 @@ class FeatureSet:
   stats: Stats
   layout: FeatureLayout
   tokens: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
+  spans: list[tuple[tuple[str, int, int], ...]] = dataclasses.field(default_factory=list)
 
 
 def recognize(config):
@@ -123,6 +125,9 @@ def load_items(config, split="train", captioned=True) -> list[TextItem]:
   if config.get("described", False) and "described" not in dataset.fields:
     raise InputError(f"got data.described=True for {config.folder}, {dataset.holds}; captions by kinematics are added "
                      "to clips of archives, or of several folders that are read clip by clip")
+  if asked_kinds(config) and "augment" not in dataset.fields:
+    raise InputError(f"got data.augment for {config.folder}, {dataset.holds}; more clips are made of those of "
+                     "archives, or of several folders that are read clip by clip")
   return dataset.items(config, split, layout, captioned)
 
 
@@ -134,15 +139,18 @@ def _load_features(config, split, stats, captioned):
     places = ", ".join(config.get("folders") or [config.get("folder") or "procedural motion"])
     raise ValueError(f"data of {config.name!r} ({places}) has no clips in split {split!r}")
   features = [item.features for item in items]
+  # Of clips that were captured only: a run on more that is made of them starts from the weights of one without.
+  captured = [item.features for item in items if not item.made]
   for item in items:
     tokens |= {caption: words for caption, words in zip(item.captions, item.tokens) if words}
   if stats is None and (by_clip or config.get("per_column", False)):  # by column no data set's own files are
-    stats = compute_stats(features, layout, config.get("per_axis", False), config.get("per_column", False))
+    stats = compute_stats(captured, layout, config.get("per_axis", False), config.get("per_column", False))
   elif stats is None:
-    stats = dataset.stats(config, layout, features)
+    stats = dataset.stats(config, layout, captured)
   normalized = [x.normalized(stats) if isinstance(x, RecordedFeatures) else stats.normalize(x) for x in features]
   return FeatureSet(normalized, [list(item.captions) for item in items],
-                    [item.group or item.id for item in items], [item.id for item in items], stats, layout, tokens)
+                    [item.group or item.id for item in items], [item.id for item in items], stats, layout, tokens,
+                    [item.spans for item in items])
 
 
 # --- features that are kept --------------------------------------------------------------------------------------
@@ -168,6 +176,6 @@ def _key(config, split, captioned):
   folders = tuple(config.get("folders") or ()) if get_dataset(config.name).by_clip else ()
   readers = [dataset_of(folder) for folder in folders] or [get_dataset(config.name)]
   asked = config.to_dict() | {"captioned": captioned or bool(folders)}
-  fields = sorted({"described", *(field for reader in readers for field in reader.fields)})
+  fields = sorted({"described", *(field for reader in readers for field in reader.fields)} - {"augment"})
   return (config.name, folders or config.get("folder"), config.layout, split,
-          *((field, asked.get(field) or None) for field in fields))
+          tuple(sorted(asked_kinds(config).items())), *((field, asked.get(field) or None) for field in fields))

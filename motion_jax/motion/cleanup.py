@@ -89,6 +89,15 @@ class Cleaner:
     return rest.joints.astype(np.float32)
 
 
+def reached(joints: Num[Array, "t j 3"], move: Num[Array, "t 2 3"], skeleton: Skeleton = HUMANML3D
+            ) -> Float[np.ndarray, "t j 3"]:
+  """Joints (T, J, 3) with the left and right foot moved by move (T, 2, 3), the legs bent to reach them: the last stage
+  of the cleanup, for a whole motion whose feet somebody else places. float64."""
+  body, count = _Body(skeleton, skeleton.fps, -np.inf), len(joints)  # no floor: no foot is lifted onto it
+  frames = _Frames(np.asarray(joints, np.float64), np.zeros((count, 2, 2)), np.zeros(count), np.asarray(move))
+  return body.reach(_join(_repeat(frames, 0, 3), frames, _repeat(frames, -1, 3)), count).joints
+
+
 class _Frames(NamedTuple):
   """What stages hand on of n frames; feet are left and right, points of a foot ankle and toes."""
   joints: np.ndarray  # (n, J, 3)

@@ -15,6 +15,7 @@ import numpy as np
 import tqdm
 
 from motion_jax.data import checks, mirror
+from motion_jax.data.augment import augmented
 from motion_jax.data.clip import Clip
 from motion_jax.data.describe import described
 from motion_jax.data.figures import on_skeleton
@@ -29,12 +30,16 @@ class TextItem(NamedTuple):
   """What a text-to-motion loader draws: features (T, F), captions for all of them, tokens of each caption.
 
   tokens: none, or a tuple "lemma/POS", ... for each caption; group: what it shows, where the data tell (else its id).
+  spans: (caption, first, past) rows of its parts, if it was put together of several; made: not captured, but made of
+  clips that were (`data.augment`).
   """
   id: str
   features: np.ndarray
   captions: tuple[str, ...]
   tokens: tuple[tuple[str, ...], ...] = ()
   group: str = ""
+  spans: tuple[tuple[str, int, int], ...] = ()
+  made: bool = False
 
 
 class TestItem(NamedTuple):
@@ -61,7 +66,7 @@ class Dataset(Protocol):
   holds: str
   by_clip: bool = True
   in_folders: bool = True
-  fields: tuple[str, ...] = ("mode", "mirror", "described")
+  fields: tuple[str, ...] = ("mode", "mirror", "described", "augment")
   files: tuple[str, ...] = ("**/*",)
   judged_as: str = "archive"
   long_horizon: str = "long-horizon"
@@ -163,11 +168,15 @@ class Dataset(Protocol):
 
 def clip_items(clips, config, split, layout: FeatureLayout) -> list[TextItem]:
   """The clips of a split as features (config.mode) on the layout's skeleton and at its rate; of train mirrored ones,
-  too, if config.mirror. config.described: with captions by kinematics beside their own (`data.describe`)."""
-  clips, items = [clip for clip in clips if clip.split == split], []
+  too, if config.mirror. config.described: with captions by kinematics beside their own (`data.describe`).
+  config.augment: of train more clips, made of these (`data.augment`)."""
+  clips, items, made = [clip for clip in clips if clip.split == split], [], []
+  if split == "train":
+    made = augmented(clips, asked_kinds(config), progress=True)
   if config.get("described", False):
     clips = [described(clip) for clip in tqdm.tqdm(clips, desc=f"captions of {split}", unit="clip", leave=False,
                                                    disable=None)]
+  clips += made
   if config.get("mirror", False) and split == "train":
     clips += [mirror.mirror_clip(clip) for clip in clips]
   for clip in tqdm.tqdm(clips, desc=f"features of {split}", unit="clip", leave=False, disable=None):
@@ -177,8 +186,14 @@ def clip_items(clips, config, split, layout: FeatureLayout) -> list[TextItem]:
       clip = on_skeleton(clip, layout.skeleton)
     items.append(TextItem(clip.id, to_features(clip.joints, layout, config.mode),
                           tuple(caption.text for caption in clip.captions), (),
-                          str(clip.meta.get("content") or clip.meta.get("label") or clip.id)))
+                          str(clip.meta.get("content") or clip.meta.get("label") or clip.id),
+                          clip.meta.get("spans", ()), "made" in clip.meta))
   return items
+
+
+def asked_kinds(config) -> dict[str, float]:
+  """{kind of new clips: how many for each captured one} that a data section asks for, those of none left out."""
+  return {kind: float(share) for kind, share in (config.get("augment") or {}).items() if share}
 
 
 def _examine_clips(clips, found, progress):

@@ -1,0 +1,34 @@
+"""Feet that stay where they are put while the body is moved: legs reach for them, and the hips come down if they must.
+
+What turns or joins captured motion (`root_paths`, `splicing`) says where each foot belongs; the legs follow. numpy,
+whole clips.
+"""
+import numpy as np
+from jaxtyping import Bool, Float, Num
+
+from motion_jax.motion.cleanup import reached
+from motion_jax.motion.contacts import feet_stand
+from motion_jax.motion.skeleton import HUMANML3D, Skeleton
+from motion_jax.shapes import Array
+
+
+def planted(joints: Num[Array, "t j 3"], ankles: Num[Array, "t 2 3"], toes: Num[Array, "t 2 3"],
+            skeleton: Skeleton = HUMANML3D) -> Float[np.ndarray, "t j 3"]:
+  """Joints (T, J, 3) whose left and right feet are at ankles and point to toes, both (T, 2, 3), as far as legs reach.
+
+  Joints have the skeleton's bone lengths, and so has the result: a foot is laid on the line from ankle to toes. Where
+  a leg would be straighter than 0.995 of its length, and than it was, the hips come down. float64.
+  """
+  placed, now = np.array(joints, np.float64), np.zeros((len(joints), 2, 3))
+  for side, (ankle, toe) in enumerate((skeleton.left_feet, skeleton.right_feet)):
+    line = np.asarray(toes[:, side] - ankles[:, side], np.float64)
+    length = np.linalg.norm(placed[:, toe] - placed[:, ankle], axis=-1, keepdims=True)
+    now[:, side] = placed[:, ankle]
+    placed[:, toe] = placed[:, ankle] + line * length / np.maximum(np.linalg.norm(line, axis=-1, keepdims=True), 1e-9)
+  return reached(placed, ankles - now, skeleton)
+
+
+def stands(joints: Num[Array, "t j 3"], fps: float = 20.0, skeleton: Skeleton = HUMANML3D) -> Bool[np.ndarray, "t 2"]:
+  """Whether the left and the right foot stand by ankle or toes, by the tight rule of `contacts.feet_stand`: (T, 2)."""
+  flags = feet_stand(joints, fps, skeleton)
+  return np.stack([flags[:, :2].any(1), flags[:, 2:].any(1)], 1)
