@@ -3,6 +3,7 @@
 Three ways lead from one to the next: where the poses around two doors meet and the same feet stand; by the step with
 which a walk comes to rest; by the step with which it begins (`motion.splicing`).
 """
+import collections
 from typing import NamedTuple
 
 import numpy as np
@@ -14,27 +15,37 @@ from motion_jax.motion.splicing import REACH, landings, meeting, spliced, steppe
 
 _MEETS = 0.06        # metres, root mean square with feet four times: poses that meet
 _MEETS_RESTING = 0.10  # of two that stand at ease: there is time to change from one to the other
-_SLOWLY = 14         # frames for that
+_QUICKLY, _SLOWLY = 9, 14  # frames in which what is off fades, and of two at ease
+_KINDS, _DOORS = 6, 80  # how many are looked at for a way on
 _WALKS = (40, 100)   # frames that a walk keeps as a part of others
 
 
 class Doors:
-  """Frames at which parts may be entered, or left, with the poses around them in their own frame of reference."""
+  """Frames at which parts may be entered, with the poses around them in their own frame of reference."""
 
-  def __init__(self, parts, frames_of):
-    """frames_of(part) -> frames."""
-    found = [(number, frame) for number, part in enumerate(parts) for frame in frames_of(part)]
+  def __init__(self, parts, rests):
+    """rests: for each part, in which frames it stands at ease."""
+    found = [(number, frame) for number, part in enumerate(parts) for frame in part.enter[::2]]
     self.part, self.frame = np.array(found, int).reshape(-1, 2).T
-    poses = [poses_at(part.joints, np.array(frames_of(part))) for part in parts if len(frames_of(part))]
-    feet = [stands(part.joints)[list(frames_of(part))] for part in parts if len(frames_of(part))]
-    self.poses = np.concatenate(poses) if poses else np.zeros((0, 1), np.float32)
-    self.feet = np.concatenate(feet) if feet else np.zeros((0, 2), bool)
-    self._squares = (self.poses ** 2).sum(-1)
+    frames = [np.array(part.enter[::2], int) for part in parts]
+    poses = [poses_at(part.joints, own) for part, own in zip(parts, frames) if len(own)]
+    feet = [stands(part.joints)[own] for part, own in zip(parts, frames)]
+    self.poses = np.concatenate([np.zeros((0, 9 * HUMANML3D.num_joints), np.float32), *poses])
+    self.feet = np.concatenate([np.zeros((0, 2), bool), *feet])
+    self.calm = np.concatenate([np.zeros(0, bool), *(calm[own] for calm, own in zip(rests, frames))])
+    self.rest = np.array([len(parts[number].joints) - frame for number, frame in found], int)
+    self._kinds = [np.flatnonzero([parts[number].name == name for number in self.part])
+                   for name in sorted({part.name for part in parts})]
 
-  def distances(self, pose, feet):
-    """(N,) metres from the poses of each door to others; infinite where other feet stand."""
-    squares = np.maximum(self._squares - 2 * self.poses @ pose + (pose ** 2).sum(), 0)
-    return np.where((self.feet == feet).all(-1), np.sqrt(squares), np.inf)
+  def some(self, feet, rng):
+    """Numbers of doors, a few of each of a few kinds of parts, at which these feet stand."""
+    kinds = rng.permutation(len(self._kinds))[:_KINDS]
+    doors = np.concatenate([rng.permutation(self._kinds[kind])[:_DOORS] for kind in kinds])
+    return doors[(self.feet[doors] == feet).all(-1)]
+
+  def distances(self, doors, pose):
+    """Metres from the poses at these doors to another."""
+    return np.sqrt(((self.poses[doors] - pose) ** 2).sum(-1))
 
 
 class Chain(NamedTuple):
@@ -51,23 +62,22 @@ class Graph:
 
   def __init__(self, parts):
     self.parts = parts
-    self.into = Doors(parts, lambda part: part.enter[::2])
     self.rests = [resting(part.joints) for part in parts]
+    self.into = Doors(parts, self.rests)
     self.rest_in, self.rest_out, self.stops, self.starts = {}, {}, {}, {}
     for number, part in enumerate(parts):
-      walks = part.going and part.events[0].kind == "walk" and part.events[0].way == "forward"
       before = [frame for frame in part.enter if self.rests[number][frame]]
       behind = [frame for frame in part.leave if self.rests[number][frame]]
       if before:
         self.rest_in[number] = before[0]
       if behind:
         self.rest_out[number] = behind[-1]
-      stops = [at for at in landings(part.joints) if at[0] in part.leave] if walks else []
-      starts = [at for at in landings(part.joints[::-1]) if len(part.joints) - 1 - at[0] in part.enter] if walks else []
-      if stops:
-        self.stops[number] = stops
-      if starts:
-        self.starts[number] = starts
+      if part.going and part.events[0].kind == "walk" and part.events[0].way == "forward":
+        last = len(part.joints) - 1
+        stops = [at for at in landings(part.joints) if at[0] in part.leave]
+        starts = [(last - frame, side) for frame, side in landings(part.joints[::-1]) if last - frame in part.enter]
+        self.stops |= {number: stops} if stops else {}
+        self.starts |= {number: starts} if starts else {}
 
   def begin(self, number) -> Chain:
     return Chain(self.parts[number].joints, (), (number,), 0)
@@ -82,85 +92,91 @@ class Graph:
       ways = [self._stop, self._stop, self._meet]
     elif last in self.rest_out and self.starts:
       ways = [self._start, self._meet, self._meet]
-    found = ways[rng.integers(len(ways))](chain, last, allowed, rng)
-    return found if found is not None and len(found.joints) <= MOST else None
-
-  def _pick(self, numbers, rng):
-    """One of these parts, rare ones as often as frequent ones; None of none."""
-    names = sorted({self.parts[number].name for number in numbers})
-    if not names:
-      return None
-    name = names[rng.integers(len(names))]
-    numbers = [number for number in numbers if self.parts[number].name == name]
-    return numbers[rng.integers(len(numbers))]
+    return ways[rng.integers(len(ways))](chain, last, allowed, rng)
 
   def _meet(self, chain, last, allowed, rng):
     part = self.parts[last]
-    since = chain.borders[-1] + SHORTEST // 2 if chain.borders else SHORTEST // 2
+    since = (chain.borders or (0,))[-1] + SHORTEST // 2
     frames = [frame for frame in part.leave if since <= frame + chain.offset < len(chain.joints) - REACH]
     if not frames:
       return None
     leave = frames[rng.integers(len(frames))]
-    rests = bool(self.rests[last][leave])
-    feet = stands(part.joints)[leave]
-    distance = self.into.distances(poses_at(part.joints, np.array([leave]))[0], feet)
-    calm = np.array([self.rests[k][f] for k, f in zip(self.into.part, self.into.frame)], bool) & rests
-    fits = np.flatnonzero(distance < np.where(calm, _MEETS_RESTING, _MEETS))
-    number = self._pick([k for k in dict.fromkeys(self.into.part[fits].tolist()) if allowed(k)], rng)
+    cut, room = self._room(chain, part, leave + chain.offset, rng)
+    doors = self.into.some(stands(part.joints)[leave], rng)
+    off = self.into.distances(doors, poses_at(part.joints, np.array([leave]))[0])
+    calm = self.into.calm[doors] & self.rests[last][leave]
+    fits = [(number, door, far) for number, door, far, near in zip(
+        self.into.part[doors].tolist(), doors.tolist(), off, np.where(calm, _MEETS_RESTING, _MEETS))
+            if far < near and (self.parts[number].going or self.into.rest[door] <= room) and allowed(number)]
+    number = self._pick({number for number, _, _ in fits}, rng)
     if number is None:
       return None
-    own = fits[self.into.part[fits] == number]
-    enter = int(self.into.frame[own[distance[own].argmin()]])
+    door = min((far, door) for other, door, far in fits if other == number)[1]
     then = self.parts[number]
-    leave, enter, off = best_near(chain.joints, leave + chain.offset, then.joints, enter)
-    calm = rests and bool(self.rests[number][enter])
-    if off > (_MEETS_RESTING if calm else _MEETS):
+    leave, enter, far = best_near(chain.joints, leave + chain.offset, then.joints, int(self.into.frame[door]))
+    calm = bool(self.into.calm[door] and self.rests[last][leave - chain.offset])
+    if far > (_MEETS_RESTING if calm else _MEETS):
       return None
-    keep = self._kept(then, enter, rng)
-    joints = spliced(chain.joints, leave, then.joints[:keep], enter, fade=_SLOWLY if calm else 9)
-    return self._longer(chain, joints, leave, enter, number, part, rng)
+    rest = then.joints[:self._kept(then, enter, room, rng)]
+    joints = spliced(chain.joints[cut:], leave - cut, rest, enter, fade=_SLOWLY if calm else _QUICKLY)
+    return _longer(chain, joints, leave, enter, number, cut)
 
   def _stop(self, chain, last, allowed, rng):
-    number = self._pick([k for k in self.rest_in if allowed(k)], rng)
     soonest = (chain.borders or (0,))[-1] + SHORTEST
     stops = [(frame + chain.offset, side) for frame, side in self.stops[last]
              if soonest < frame + chain.offset < len(chain.joints)]
-    if number is None or not stops:
+    if not stops:
       return None
     leave, side = stops[rng.integers(len(stops))]
-    enter, then = self.rest_in[number], self.parts[number]
-    joints = stepped(chain.joints, leave, then.joints[:self._kept(then, enter, rng)], enter, side)
-    return self._longer(chain, joints, leave, enter, number, self.parts[last], rng)
-
-  def _start(self, chain, last, allowed, rng):
-    number = self._pick([k for k in self.starts if allowed(k)], rng)
+    cut, room = self._room(chain, self.parts[last], leave, rng)
+    number = self._pick([k for k, enter in self.rest_in.items()
+                         if allowed(k) and len(self.parts[k].joints) - enter <= room], rng)
     if number is None:
       return None
+    enter = self.rest_in[number]
+    joints = stepped(chain.joints[cut:], leave - cut, self.parts[number].joints, enter, side)
+    return _longer(chain, joints, leave, enter, number, cut)
+
+  def _start(self, chain, last, allowed, rng):
     leave = self.rest_out[last] + chain.offset
-    if leave >= len(chain.joints):
+    cut, room = self._room(chain, self.parts[last], leave, rng)
+    number = self._pick([k for k in self.starts if allowed(k)], rng)
+    if number is None or leave >= len(chain.joints) or room < SHORTEST:
       return None
-    then, starts = self.parts[number].joints, self.starts[number]
-    back, side = starts[rng.integers(len(starts))]
-    enter = len(then) - 1 - back
-    then = then[:self._kept(self.parts[number], enter, rng)]
-    joints = stepped(then[::-1], len(then) - 1 - enter, chain.joints[::-1], len(chain.joints) - 1 - leave, side)[::-1]
-    # The step is taken at the expense of the standing: as many frames as there are.
-    return self._longer(chain, joints, leave - 1, enter - 1, number, self.parts[last], rng)
+    enter, side = self.starts[number][rng.integers(len(self.starts[number]))]
+    then = self.parts[number].joints[:self._kept(self.parts[number], enter, room, rng)]
+    before = chain.joints[cut:]
+    joints = stepped(then[::-1], len(then) - 1 - enter, before[::-1], len(before) - 1 - (leave - cut), side)[::-1]
+    return _longer(chain, joints, leave - 1, enter - 1, number, cut)
 
-  def _kept(self, part, enter, rng):
+  def _pick(self, numbers, rng):
+    """One of these parts, rare kinds as often as frequent ones; None of none."""
+    by_name = collections.defaultdict(list)
+    for number in sorted(numbers):
+      by_name[self.parts[number].name].append(number)
+    if not by_name:
+      return None
+    own = by_name[sorted(by_name)[rng.integers(len(by_name))]]
+    return own[rng.integers(len(own))]
+
+  def _room(self, chain, part, leave, rng):
+    """(first frame that is kept, frames that may follow) of a chain that is left at a frame: of a walk at the beginning
+    only some seconds are kept."""
+    cut = max(0, leave - int(rng.integers(*_WALKS))) if part.going and not chain.borders else 0
+    return cut, MOST - (leave + 1 - cut)
+
+  def _kept(self, part, enter, room, rng):
     """Where a part that is entered there ends: of a walk only some seconds are taken."""
-    return min(len(part.joints), enter + int(rng.integers(*_WALKS))) if part.going else len(part.joints)
-
-  def _longer(self, chain, joints, leave, enter, number, part, rng):
-    """The chain with `joints`, a part that is entered at frame `enter` behind frame `leave`."""
-    cut = 0
-    if not chain.borders and part.going:  # of a walk at the beginning only some seconds are taken
-      cut = max(0, leave - int(rng.integers(*_WALKS)))
-    return Chain(joints[cut:], (*(border - cut for border in chain.borders), leave + 1 - cut),
-                 (*chain.parts, number), leave - enter - cut)
+    return min(len(part.joints), enter + min(room, int(rng.integers(*_WALKS)))) if part.going else len(part.joints)
 
 
-def best_near(first, leave, second, enter, reach=2):
+def _longer(chain, joints, leave, enter, number, cut):
+  """The chain, less its first `cut` frames, as `joints`: a part is entered at frame `enter` behind frame `leave`."""
+  return Chain(joints, (*(border - cut for border in chain.borders), leave + 1 - cut), (*chain.parts, number),
+               leave - enter - cut)
+
+
+def best_near(first, leave, second, enter, reach=1):
   """(leave, enter, distance) of the frames within `reach` of these at which two motions meet best."""
   window = lambda joints, frame: joints[frame - REACH:frame + REACH + 1]
   found = []

@@ -9,7 +9,7 @@ import numpy as np
 
 from motion_jax.data.augment.parts import MOST, new_clip
 from motion_jax.data.clip import Clip
-from motion_jax.data.describe import FPS, describe
+from motion_jax.data.describe import FPS, sentences
 from motion_jax.motion.events import find_events
 from motion_jax.motion.root_paths import SMALLEST, bent, course
 
@@ -58,15 +58,16 @@ def _bent(one, event, rng, number):
   sign = 1 if left else -1
   made = bent(joints, lambda gone: sign * angle(gone))
   side = "left" if left else "right"
-  found = [other for other in find_events(made, FPS) if other.kind in SMALLEST]
-  turns = {other.side for other in find_events(made, FPS) if other.kind == "turn"}
+  events = find_events(made, FPS)
+  found = [other for other in events if other.kind in SMALLEST]
+  turns = {other.side for other in events if other.kind == "turn"}
   sides = {"zigzag": ({"left", "right"}, {"left"}, {"right"}, set()), "curve": ({side}, set())}.get(shape, ({side},))
   if len(found) != 1 or found[0].path != shape or turns not in sides:
     return None
   words = {"side": side, "clock": "counterclockwise" if left else "clockwise"}
   said = [_on_a_path(caption.text, phrase.format(**words)) for caption in one.clip.captions
           for phrase in [_SHAPES[shape][rng.integers(len(_SHAPES[shape]))]]]
-  captions = [*filter(None, said), *describe(made, FPS, key=f"{one.clip.id}{number}")]
+  captions = [*filter(None, said), *sentences(events, (len(made) - 1) / FPS, key=f"{one.clip.id}{number}")]
   return new_clip("bent", number, made, captions, one, f"{event.kind} {shape}") if captions else None
 
 
