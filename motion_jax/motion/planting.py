@@ -30,5 +30,5 @@ def planted(joints: Num[Array, "t j 3"], ankles: Num[Array, "t 2 3"], toes: Num[
 
 def stands(joints: Num[Array, "t j 3"], fps: float = 20.0, skeleton: Skeleton = HUMANML3D) -> Bool[np.ndarray, "t 2"]:
   """Whether the left and the right foot stand by ankle or toes, by the tight rule of `contacts.feet_stand`: (T, 2)."""
-  flags = feet_stand(joints, fps, skeleton)
+  flags = feet_stand(np.asarray(joints), fps, skeleton)
   return np.stack([flags[:, :2].any(1), flags[:, 2:].any(1)], 1)

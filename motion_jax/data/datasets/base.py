@@ -184,10 +184,11 @@ def clip_items(clips, config, split, layout: FeatureLayout) -> list[TextItem]:
       continue
     if clip.skeleton is not layout.skeleton:
       clip = on_skeleton(clip, layout.skeleton)
-    items.append(TextItem(clip.id, to_features(clip.joints, layout, config.mode),
-                          tuple(caption.text for caption in clip.captions), (),
+    features = to_features(clip.joints, layout, config.mode)
+    spans = tuple((text, first, min(past, len(features))) for text, first, past in clip.meta.get("spans", ()))
+    items.append(TextItem(clip.id, features, tuple(caption.text for caption in clip.captions), (),
                           str(clip.meta.get("content") or clip.meta.get("label") or clip.id),
-                          clip.meta.get("spans", ()), "made" in clip.meta))
+                          spans, "made" in clip.meta))
   return items
 
 
