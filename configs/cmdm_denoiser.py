@@ -52,7 +52,7 @@ def get_config(size="full"):
                                       warmup_steps=2_000, beta2=0.99, weight_decay=1e-5, ema_decay=0.9999,
                                       skip_loss=10.0)
   config.train = common.train(num_steps=190_000, log_every=100, save_every=5_000, dtype="float32", remat=False,
-                              sample_every=20_000)
+                              scan_layers=False, sample_every=20_000)
   # schedule: "fss" (frame-wise, `lag` steps between blocks), "ar" (block after block) or "full" (all frames at once).
   config.sampler = dict(schedule="fss", solver="euler", num_steps=50, lag=2, guidance_scale=3.0)
   if size in ("small", "mini", "laptop"):

@@ -133,7 +133,8 @@ _LEFT_OUT: dict[str, dict[str, Any]] = {
         "loss.adaptive_align": True, "loss.align_fall": 0.9, "loss.reconstruction": "gaussian",
         "loss.distance_pairs": "window", "loss.last_layer": "convolution"},
     "cmdm.denoiser": _TEXT_ITEMS | _STORE | {
-        "train.dtype": "float32", "train.remat": False, "frozen.text_level": "words", "taught_by": {},
+        "train.dtype": "float32", "train.remat": False, "train.scan_layers": False, "frozen.text_level": "words",
+        "taught_by": {},
         "distill.teacher": "", "loss.mean_latents": False,
         "loss.level_block": lambda config: config["model"].get("block", 3), "data.vary_subject": 0.0,
         "sampler.schedule": "fss",

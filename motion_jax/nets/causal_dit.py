@@ -9,6 +9,7 @@ and values of finished latents stay as they are; `window` runs the latents that 
 from typing import Any, NamedTuple
 
 import flax.linen as nn
+import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float, Num
 
@@ -128,6 +129,7 @@ class CausalDiT(nn.Module):
   time_scale: float = 1.0  # times which t is embedded; 1000 where it stands for a DDPM's levels
   dtype: Any = jnp.float32
   remat: bool = False  # a gradient computes what is inside of a block once more, instead of keeping it
+  scan_layers: bool = False  # training compiles one layer and runs it `depth` times, instead of compiling each
 
   # Parity: blocks of 3 latents that see one another, the RMS norm of queries and keys, a feed-forward of 2 D and no
   # norm before the output are the code's; the paper has a mask per latent (block = 1) and says nothing of the rest.
@@ -212,11 +214,34 @@ class CausalDiT(nn.Module):
     """x (B, L, C), t (B, L) or (B, L / n), text_emb (B, S, E), attn_mask (B or 1, 1, L, L), text_mask (B, S)
     or (B, L, S)."""
     length = x.shape[1]
+    if length % t.shape[1]:
+      raise ValueError(f"got {t.shape[1]} times for {length} latents, expected one each or one per whole block")
+    if self.scan_layers and not self.is_initializing():
+      return self._scanned(x, t, text_emb, attn_mask, text_mask)
     modulation = self._modulations(t)
     if t.shape[1] != length:
-      if length % t.shape[1]:
-        raise ValueError(f"got {t.shape[1]} times for {length} latents, expected one each or one per whole block")
       modulation = [spread(part, length // t.shape[1]) for part in modulation]
       t = jnp.repeat(t, length // t.shape[1], axis=1)
     text = self.text_keys_values(text_emb, text_mask)
     return self.window(x, t, modulation, text, attn_mask, jnp.arange(length))[0]
+
+  def _scanned(self, x: Float[Array, "b l c"], t: Float[Array, "b m"], text_emb: Float[Array, "b s e"],
+               attn_mask: Bool[Array, "#b 1 l l"], text_mask: Bool[Array, "b *m s"]) -> Float[Array, "b l c"]:
+    """`__call__` by one loop over the layers. Their parameters are stacked here, on the way in: in files and in an
+    optimizer each layer has its own."""
+    level, words = self.level(t), self.text_in(text_emb.astype(self.dtype))
+    plain = None if self.use_adaln else self._modulations(t)[0]
+    count, positions = x.shape[1] // t.shape[1], jnp.arange(x.shape[1]) * self.use_rope
+    t = jnp.repeat(t, count, axis=1)
+
+    def layer(block, x):
+      modulation = spread(block.modulation(level) if plain is None else plain, count)
+      return block.step(x, modulation, block.text(words, text_mask), attn_mask, positions)[0], None
+
+    latents, x = x, self.x_in(x.astype(self.dtype))
+    if not self.use_adaln:
+      x = x + self.level(t)
+    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(block.variables for block in self.blocks))
+    block = self.blocks[0].clone(parent=None)
+    x, _ = jax.lax.scan(lambda x, params: block.apply(params, x, method=layer), x, stacked)
+    return self._to_velocity(self.out(x), latents, t)

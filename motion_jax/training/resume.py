@@ -15,7 +15,7 @@ from motion_jax.training import checkpoint
 FREE = ("frozen", "origin", "taught_by", "teacher", "text", "paper_row", "sampler", "mesh", "data.folder",
         "data.folders", "data.store", "optimizer.cooldown_steps", "train.num_steps", "train.log_every",
         "train.keep_last", "train.max_skips", "train.max_rollbacks", "train.hang_minutes", "train.workers",
-        "train.remat", "optimizer.accumulate_steps", "train.tensorboard", "train.sample_every")
+        "train.remat", "train.scan_layers", "optimizer.accumulate_steps", "train.tensorboard", "train.sample_every")
 
 
 def check_config(config, before, allow=False, tell=print):

@@ -302,3 +302,25 @@ def test_times_off_the_block_are_told():
   x, t, text, text_mask = inputs()
   with pytest.raises(ValueError, match="4 times for 9 latents"):
     dit.apply(params, x, t[:, :4], text, block_causal_mask(9, 3), text_mask)
+
+
+@pytest.mark.parametrize("fields", [{}, pytest.param(dict(use_adaln=False, use_rope=False, remat=True),
+                                                     marks=pytest.mark.slow)], ids=["as it is", "otherwise"])
+def test_layers_in_one_loop_are_the_layers_one_by_one(fields):
+  """The same parameters, the same output and gradients in float64; one layer is compiled instead of each."""
+  with jax.enable_x64(True):
+    x, text_emb = jax.random.normal(jax.random.key(0), (2, 6, 4)), jax.random.normal(jax.random.key(1), (2, 5, 8))
+    t, text_mask = jax.random.uniform(jax.random.key(2), (2, 2)), jnp.ones((2, 5), bool)
+    found, sizes = [], []
+    for scan_layers in (False, True):
+      dit = CausalDiT(latent_dim=4, width=16, depth=3, num_heads=2, ff_width=32, text_dim=8, dtype=jnp.float64,
+                      scan_layers=scan_layers, **fields)
+      shapes = jax.eval_shape(lambda dit=dit: dit.init(jax.random.key(0), x, t, text_emb, block_causal_mask(6, 3),
+                                                       text_mask))
+      leaves, tree = jax.tree.flatten(shapes)
+      params = tree.unflatten([0.3 * jax.random.normal(jax.random.key(i), leaf.shape) for i, leaf in enumerate(leaves)])
+      run = lambda params, dit=dit: (apply(dit, params, x, t, text_emb, block_causal_mask(6, 3), text_mask) ** 2).sum()
+      found.append(jax.jit(jax.value_and_grad(run))(params))
+      sizes.append(str(jax.make_jaxpr(run)(params)).count("dot_general"))
+    assert sizes[1] < 0.6 * sizes[0], sizes
+    jax.tree.map(lambda one, other: np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12), *found)

@@ -16,7 +16,6 @@ from ml_collections import ConfigDict
 from motion_jax.diffusion import paths
 from motion_jax.diffusion.guidance import combine
 from motion_jax.models.cmdm import stages
-from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.nets.masks import block_causal_mask
 from motion_jax.shapes import Array, Net
@@ -55,7 +54,7 @@ def student_stage(config: ConfigDict) -> Stage:
   the teacher's over a step, with the ordinary forcing loss as config.distill.forcing_share of it.
   """
   vae, given = CausalVAE(**config.tokenizer), config.distill
-  dit = CausalDiT(**config.model, dtype=jnp.dtype(config.train.dtype), remat=config.train.remat)
+  dit = stages.make_denoiser(config)
   if dit.predicts != "velocity":
     raise ValueError(f"got a denoiser that predicts {dit.predicts!r}, expected 'velocity': no other's are distilled")
   plain = stages.denoiser_stage(config)

@@ -102,6 +102,12 @@ def forcing_inputs(config: ConfigDict, vae: CausalVAE, dit: CausalDiT, frozen: A
   return z1, latent_mask, t, noise, text_emb
 
 
+def make_denoiser(config: ConfigDict) -> CausalDiT:
+  """The network as it is trained: config.model, computed as config.train says."""
+  return CausalDiT(**config.model, dtype=jnp.dtype(config.train.dtype), remat=config.train.remat,
+                   scan_layers=config.train.scan_layers)
+
+
 def denoiser_stage(config: ConfigDict) -> Stage:
   """Trains the causal diffusion transformer by diffusion forcing on latents of the frozen tokenizer.
 
@@ -109,7 +115,7 @@ def denoiser_stage(config: ConfigDict) -> Stage:
   (B, S, E), text_mask (B, S), index (B,) place in the whole batch.
   """
   vae = CausalVAE(**config.tokenizer)
-  dit = CausalDiT(**config.model, dtype=jnp.dtype(config.train.dtype), remat=config.train.remat)
+  dit = make_denoiser(config)
   block = dit.block
   level_block = config.loss.level_block
   inputs = functools.partial(forcing_inputs, config, vae, dit)
