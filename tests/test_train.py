@@ -128,26 +128,6 @@ def test_the_average_keeps_its_decay_of_what_was(decay):
                              rtol=1e-5)
 
 
-def test_what_is_frozen_stays_to_the_bit(tmp_path):
-  """Beside parameters that learn, with weight decay and an average; its gradient is 0 and takes no part in the norm."""
-  line = _stage()
-  stage = Stage(lambda batch, rng: {"held": {"w": jnp.ones(3)}, "free": line.init(batch, rng)},
-                lambda params, *rest: line.loss({"w": params["free"]["w"] * params["held"]["w"]}, *rest), None)
-  config = _config(4, weight_decay=0.1)
-  before = stage.init(_next_batch(0), jax.random.fold_in(jax.random.key(config.seed), 2**31 - 1))
-  config.train.freeze = ("held",)
-  state = train.train(config, tmp_path / "frozen", stage, _next_batch)
-  for tree in (state.params, state.ema_params):
-    np.testing.assert_array_equal(tree["held"]["w"], np.ones(3))
-    assert (np.abs(tree["free"]["w"] - before["free"]["w"]) > 1e-3).any()
-  alone = train.train(_config(4, weight_decay=0.1), tmp_path / "alone", line._replace(
-      init=lambda batch, rng: before["free"]), _next_batch)
-  np.testing.assert_array_equal(state.params["free"]["w"], alone.params["w"])
-  config.train.freeze = ()
-  state = train.train(config, tmp_path / "free", stage, _next_batch)
-  assert (state.params["held"]["w"] != 1).all()
-
-
 def test_every_step_has_noise_of_its_own():
   """The same batch, weights and key: only the step's number differs, and with it what is drawn."""
   stage, batch = _stage(), _next_batch(0)

@@ -1,5 +1,6 @@
 """A run that begins with the parameters of another, all of them learning or some held still."""
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -8,7 +9,10 @@ from motion_jax.models import cdamd, cmdm
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.training import checkpoint
+from motion_jax.training import loop as train
+from motion_jax.training.stage import Stage
 from tests.conftest import load_config
+from tests.test_train import _config, _next_batch, _stage
 from tools import exchange_decoder
 
 
@@ -64,3 +68,23 @@ def test_a_new_decoder_goes_to_the_generator_of_its_latents(tmp_path):
   checkpoint.save_params(folder, params)
   with pytest.raises(ValueError, match="the encoder in .* is another than that of cmdm-small"):
     exchange_decoder.exchange("cmdm-small", folder, tmp_path / "other")
+
+
+def test_what_is_frozen_stays_to_the_bit(tmp_path):
+  """Beside parameters that learn, with weight decay and an average; its gradient is 0 and takes no part in the norm."""
+  line = _stage()
+  stage = Stage(lambda batch, rng: {"held": {"w": jnp.ones(3)}, "free": line.init(batch, rng)},
+                lambda params, *rest: line.loss({"w": params["free"]["w"] * params["held"]["w"]}, *rest), None)
+  config = _config(4, weight_decay=0.1)
+  before = stage.init(_next_batch(0), jax.random.fold_in(jax.random.key(config.seed), 2**31 - 1))
+  config.train.freeze = ("held",)
+  state = train.train(config, tmp_path / "frozen", stage, _next_batch)
+  for tree in (state.params, state.ema_params):
+    np.testing.assert_array_equal(tree["held"]["w"], np.ones(3))
+    assert (np.abs(tree["free"]["w"] - before["free"]["w"]) > 1e-3).any()
+  alone = train.train(_config(4, weight_decay=0.1), tmp_path / "alone", line._replace(
+      init=lambda batch, rng: before["free"]), _next_batch)
+  np.testing.assert_array_equal(state.params["free"]["w"], alone.params["w"])
+  config.train.freeze = ()
+  state = train.train(config, tmp_path / "free", stage, _next_batch)
+  assert (state.params["held"]["w"] != 1).all()
