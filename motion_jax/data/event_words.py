@@ -10,7 +10,7 @@ from motion_jax.data.captions import SUBJECTS
 USUAL = {"walk forward": 1.15, "walk backward": 0.70, "walk forward-left": 0.97, "walk forward-right": 0.97,
          "run forward": 2.75, "wave": 1.5}
 SLOWLY, QUICKLY = 0.75, 1.3
-_TIMES = {1: "", 2: "twice", 3: "three times", 4: "four times", 5: "five times", 6: "six times", 7: "seven times",
+TIMES = {1: "", 2: "twice", 3: "three times", 4: "four times", 5: "five times", 6: "six times", 7: "seven times",
           8: "eight times"}
 _NUMBER = {2: "two", 3: "three", 4: "four", 5: "five", 6: "six", 7: "seven", 8: "eight"}
 _DEGREES = ((45, 12), (90, 20), (180, 20), (270, 20), (360, 20))
@@ -61,9 +61,14 @@ def _phrase(event, others, variant):
   return _PHRASES[event.kind](event, others, variant)
 
 
+def usual_pace(event):
+  """The usual pace of an event's kind, None where none is known."""
+  return USUAL.get(event.kind) or USUAL.get(f"{event.kind} {event.way}")
+
+
 def pace(event):
   """How an event goes against the usual pace of its kind: "slowly", "quickly" or "" for as usual or not known."""
-  usual = USUAL.get(event.kind) or USUAL.get(f"{event.kind} {event.way}")
+  usual = usual_pace(event)
   if not usual or not event.amount:
     return ""
   ratio = event.amount / usual
@@ -121,7 +126,7 @@ def _kick(event, others, variant):
   if variant % 3 == 2 and event.count:
     number = _NUMBER.get(event.count)
     return f"does {f'{number} kicks' if number else 'a kick'} with the {event.side} {foot}"
-  return _spaced("kicks", _TIMES.get(event.count, ""), f"with the {event.side} {foot}")
+  return _spaced("kicks", TIMES.get(event.count, ""), f"with the {event.side} {foot}")
 
 
 def _limb(event, variant):
@@ -130,19 +135,19 @@ def _limb(event, variant):
 
 
 def _raise(event, others, variant):
-  return _pick(variant, f"raises {_limb(event, variant)}", f"lifts {_limb(event, variant)} up",
-               f"puts {_limb(event, variant)} up in the air")
+  return _spaced(_pick(variant, f"raises {_limb(event, variant)}", f"lifts {_limb(event, variant)} up",
+                       f"puts {_limb(event, variant)} up in the air"), TIMES.get(event.count, ""))
 
 
 def _wave(event, others, variant):
   verb = _pick(variant, "waves", "waves with", "raises {} and waves")
   verb = verb.format(_limb(event, variant)) if "{}" in verb else f"{verb} {_limb(event, variant)}"
-  return _spaced(verb, pace(event), _TIMES.get(event.count, "") if event.count > 1 else "")
+  return _spaced(verb, pace(event), TIMES.get(event.count, "") if event.count > 1 else "")
 
 
 def _jump(event, others, variant):
   way = event.way if event.way in ("forward", "backward") else ""
-  times = _TIMES.get(event.count, "")
+  times = TIMES.get(event.count, "")
   height = f"about {10 * round(event.amount * 10)} centimeters high" if event.amount > 0.15 and not way else ""
   if event.count == 1 and height:
     return _pick(variant, f"jumps {height}", "jumps up", "jumps into the air" if event.amount > 0.25 else "jumps up")
@@ -151,7 +156,7 @@ def _jump(event, others, variant):
 
 def _hop(event, others, variant):
   leg = _pick(variant, f"on the {event.side} foot", f"on one leg, the {event.side} one", f"on the {event.side} leg")
-  return _spaced("hops", _TIMES.get(event.count, ""), leg)
+  return _spaced("hops", TIMES.get(event.count, ""), leg)
 
 
 def _squat(event, others, variant):
@@ -159,18 +164,19 @@ def _squat(event, others, variant):
   if event.count == 1:
     return _pick(variant, _spaced("squats", deep, "and stands up again"), "squats down and gets up", "does a squat")
   number = _NUMBER.get(event.count, "several")
-  return _pick(variant, _spaced("squats", deep, _TIMES.get(event.count, "")), f"does {number} squats",
+  return _pick(variant, _spaced("squats", deep, TIMES.get(event.count, "")), f"does {number} squats",
                f"does {number} deep squats" if deep else f"does {number} squats")
 
 
 def _bow(event, others, variant):
   return _spaced(_pick(variant, "bows", "takes a bow", "bends forward in a bow"), "deeply" if event.amount > 60 and
-                 variant % 3 == 0 else "")
+                 variant % 3 == 0 else "", TIMES.get(event.count, ""))
 
 
 def _reach_floor(event, others, variant):
   hand = {"both": "with both hands", "": ""}.get(event.side, f"with the {event.side} hand")
-  return _spaced(_pick(variant, "bends down and reaches to the floor", "reaches down to the ground"), hand)
+  return _spaced(_pick(variant, "bends down and reaches to the floor", "reaches down to the ground"), hand,
+                 TIMES.get(event.count, ""))
 
 
 def _lie_down(event, others, variant):

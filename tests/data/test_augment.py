@@ -10,20 +10,25 @@ from motion_jax.configs import common
 from motion_jax.data import sources
 from motion_jax.data.augment import KINDS, augmented
 from motion_jax.data.augment.chains import in_a_row
+from motion_jax.data.augment.counted import how_often
+from motion_jax.data.augment.warps import at_pace
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.data.mirror import mirror_clip
+from motion_jax.metrics.physics import planted_speed
 from motion_jax.motion.events import find_events
+from motion_jax.motion.retarget import retarget
 
 _SAID = {"walk": "a person walks forward.", "wave_left": "a person waves with the left hand.",
          "squat": "a person squats down and stands up.", "stand": "a person stands still."}
+_JUMP = {"jump": "a person jumps up."}
 
 
-def _clips(source="ours", seeds=1):
+def _clips(source="ours", seeds=1, said=_SAID):
   joints = lambda action, seed: synthetic_joints(action, 150 if action == "walk" else 70, np.random.default_rng(seed))
   return [Clip(joints(action, seed).astype(np.float32), captions=(Caption(text),), id=f"{source}{action}{seed}",
                split="train", source=source, meta={"content": action})
-          for action, text in _SAID.items() for seed in range(seeds)]
+          for action, text in said.items() for seed in range(seeds)]
 
 
 @functools.cache
@@ -73,6 +78,40 @@ def test_a_bent_walk_is_said_to_be_one():
     assert path in clip.meta["content"] and all(re.search(words, caption.text) for caption in clip.captions)
     assert not any("straight" in caption.text for caption in clip.captions)
   assert len(shapes) > 1
+
+
+_TIMES = {1: r"\b(once|one time|a squat|a bow)\b|squats .*up", 2: r"\b(twice|two)\b", 3: r"\bthree\b", 4: r"\bfour\b"}
+
+
+def test_what_is_counted_is_done_so_often():
+  counts = set()
+  for clip in augmented(_clips(seeds=3, said=_JUMP), {"counted": 2.0}):
+    done = how_often(find_events(clip.joints))
+    assert clip.num_frames <= 196 and done in (2, 3, 4)
+    assert all(re.search(_TIMES[done], caption.text) for caption in clip.captions), (done, clip.captions)
+    counts.add(done)
+  assert len(counts) > 1
+  for clip in _made("counted"):
+    assert all(re.search(_TIMES[how_often(find_events(clip.joints))], caption.text) for caption in clip.captions)
+
+
+def test_another_pace_is_said_and_no_foot_slides():
+  said = set()
+  clips = _clips(seeds=3)
+  for clip in augmented(clips, {"time_warp": 1.5}):
+    source = retarget(next(one for one in clips if one.id == clip.id.partition("+")[0]).joints)
+    assert clip.num_frames <= 196 and planted_speed(clip.joints) < 1.5 * planted_speed(source) + 0.01
+    words = {word for caption in clip.captions for word in re.findall("slow|quick|fast", caption.text)}
+    said |= words
+    assert not words or words == {"slow"} or "slow" not in words and clip.num_frames < len(source)
+  assert {"slow", "quick"} <= said
+
+
+def test_a_pace_in_words():
+  assert at_pace("a person walks forward.", "slowly", 0) == "a person walks forward slowly."
+  assert at_pace("Someone bows.", "quickly", 1) == "Someone quickly bows."
+  assert at_pace("a person bows.", "quickly", 2) == "a person bows fast."
+  assert at_pace("a person walks, then bows.", "quickly", 0) == at_pace("a man is walking.", "slowly", 0) == ""
 
 
 def test_sentences_in_a_row():

@@ -3,6 +3,8 @@
   stitched    two or three clips whose poses meet: "A, then B"
   bent_paths  straight walks and runs on circles, arcs, u-turns and zigzags
   idle        real standing before or after an action: "stands still, then ..."
+  counted     one action done once to four times: "kicks with the right foot twice"
+  time_warp   0.7 to 1.4 times as fast: "walks slowly", "bows quickly"
 
 How many of each there are is said as a share of the clips that they are made of. What is made is a pure function of
 clips and shares. Clips of different sources are never joined: their licences need not allow it.
@@ -14,12 +16,15 @@ import numpy as np
 import tqdm
 
 from motion_jax.data.augment.chains import idle, stitched
+from motion_jax.data.augment.counted import counted
 from motion_jax.data.augment.parts import part_of, usable
 from motion_jax.data.augment.paths import bent_paths
+from motion_jax.data.augment.warps import time_warp
 from motion_jax.data.clip import Clip
 
 # {kind: function(parts, rng) that yields clips, or None for an attempt that came to nothing, without end}
-KINDS: dict[str, Callable] = {"stitched": stitched, "bent_paths": bent_paths, "idle": idle}
+KINDS: dict[str, Callable] = {"stitched": stitched, "bent_paths": bent_paths, "idle": idle, "counted": counted,
+                              "time_warp": time_warp}
 _ATTEMPTS = 8  # for each clip that is asked for
 
 

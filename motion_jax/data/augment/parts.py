@@ -42,9 +42,14 @@ class Part(NamedTuple):
     return str(self.clip.meta.get("content") or self.clip.meta.get("label") or self.clip.id)
 
   @property
+  def words(self) -> str:
+    """All that is said of it."""
+    return " ".join([self.name, *(caption.text for caption in self.clip.captions)])
+
+  @property
   def known(self) -> bool:
     """Whether the rules that find events know motions of its kind."""
-    return not UNKNOWN.search(" ".join([self.name, *(caption.text for caption in self.clip.captions)]))
+    return not UNKNOWN.search(self.words)
 
 
 def usable(clip) -> bool:

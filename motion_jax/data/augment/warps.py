@@ -1,0 +1,94 @@
+"""Clips at another pace, 0.7 to 1.4 times their own (`motion.retiming`), said to be slow or quick where they are.
+
+Walks, runs and waves are slow or quick against the usual pace of people (`data.event_words.USUAL`), any other action
+against the median of its archive's clips of it. A clip is only kept if the rules that describe motion find the same in
+it as before.
+"""
+import collections
+import re
+from collections.abc import Iterator
+
+import numpy as np
+
+from motion_jax.data.augment.parts import MOST, new_clip
+from motion_jax.data.captions import known_subject, without_subject
+from motion_jax.data.clip import Clip
+from motion_jax.data.describe import FPS, sentences
+from motion_jax.data.event_words import QUICKLY, SLOWLY, pace, usual_pace
+from motion_jax.motion.contacts import velocity
+from motion_jax.motion.events import find_events
+from motion_jax.motion.retiming import retimed
+
+SLOWEST, QUICKEST = 0.7, 1.4
+_KNOWN = 5        # clips of an action of which there is a median
+_UNSAID = 0.3     # of the clips are kept at whose pace nobody would wonder
+_MOVES = 0.3      # metres a second of the fastest joint of a body that does something
+_TEMPO = re.compile(r"slow|quick|fast|rapid|hurr|brisk|leisur|speed|pace|sudden|hast|energe|activ|tired|exhaust|lazi|"
+                    r"giant|heav|calm|gentl|\bsecond", re.IGNORECASE)
+
+
+def time_warp(parts, rng) -> Iterator[Clip | None]:
+  """Actions at another pace: "walks forward slowly", "someone quickly bows"."""
+  ready = [part for part in parts if part.known and len(part.joints) <= MOST]
+  paces = collections.defaultdict(list)
+  for part in ready:
+    paces[part.name].append(_pace(part.joints))
+  usual = {name: float(np.median(own)) for name, own in paces.items() if len(own) >= _KNOWN}
+  names, number = sorted(paces), 0
+  while names:
+    number += 1
+    name = names[rng.integers(len(names))]
+    own = [part for part in ready if part.name == name]
+    yield _warped(own[rng.integers(len(own))], usual.get(name, 0.0), rng, number)
+
+
+def _pace(joints):
+  """Metres a second (root mean square over joints) at which a body moves while it does."""
+  speed = np.linalg.norm(velocity(joints, FPS), axis=-1)
+  moving = speed.max(1) > _MOVES
+  return float(np.sqrt((speed[moving] ** 2).mean())) if moving.any() else 0.0
+
+
+def _warped(part, usual, rng, number):
+  rate = float(np.exp(rng.uniform(np.log(SLOWEST), np.log(QUICKEST))))
+  kept = rng.random() < _UNSAID
+  joints = retimed(part.joints, rate)[:MOST]
+  events = find_events(joints, FPS)
+  if _done(events) != _done(part.events):
+    return None
+  word = _word(events, _pace(joints), usual)
+  if not word and not kept:
+    return None
+  own = [caption.text for caption in part.clip.captions if not _TEMPO.search(caption.text)]
+  said = [at_pace(text, word, variant + number) for variant, text in enumerate(own)]
+  said += [text for text in sentences(events, (len(joints) - 1) / FPS, part.words, f"{part.clip.id}{number}")
+           if bool(word) == bool(_TEMPO.search(text))]
+  said = [text for text in said if text]
+  return new_clip("warp", number, joints, said, part, f"{part.name} {word}".strip()) if said else None
+
+
+def _done(events):
+  """What is done by the rules, whatever its pace."""
+  return sorted((event.kind, event.side, event.way, event.path, event.count if event.kind != "wave" else 0)
+                for event in events if event.kind not in ("still", "turn"))
+
+
+def _word(events, speed, usual):
+  """Slowly, quickly, or "" where that is in doubt."""
+  acts = [event for event in events if event.kind not in ("still", "turn")]
+  if len(acts) == 1 and usual_pace(acts[0]):
+    return pace(acts[0])
+  ratio = speed / usual if usual and speed else 1.0
+  return "slowly" if ratio < SLOWLY else "quickly" if ratio > QUICKLY else ""
+
+
+def at_pace(text, word, variant) -> str:
+  """A caption with a word for its pace; "" for one that takes none."""
+  if not word:
+    return text
+  text = re.sub(r"[\s.!]+$", "", text)
+  if not known_subject(text) or re.search(r",| then | and |^\S+ (\S+ )?is ", text):
+    return ""
+  if variant % 3 == 1:
+    return f"{text[:-len(without_subject(text))]}{word} {without_subject(text)}."
+  return f"{text} {('fast' if word == 'quickly' else 'at a slow pace') if variant % 3 == 2 else word}."

@@ -1,0 +1,45 @@
+"""The same motion at another pace: what is done on the ground goes slower or faster, gravity stays what it is.
+
+Speeds go by the rate, accelerations by its square: a flight that is played at another rate falls like on another
+planet, so the rate of flights differs from 1 by a tenth at most. Feet that stand stay where they stand. numpy, whole
+clips, float64.
+"""
+import numpy as np
+from jaxtyping import Bool, Float, Num
+
+from motion_jax.motion.planting import planted
+from motion_jax.motion.retarget import floor_height, with_lengths
+from motion_jax.motion.skeleton import HUMANML3D, Skeleton
+from motion_jax.shapes import Array
+
+FLIGHT = 0.1     # by how much the rate of a flight may differ from 1
+_ALOFT = 0.05    # metres over the floor of the lowest joint of both feet
+_BESIDE = 0.2    # seconds before and after a flight that are played at its rate, so that it is left and met smoothly
+_CHANGE = 0.1    # seconds, sigma within which one rate becomes another
+
+
+def retimed(joints: Num[Array, "t j 3"], rate: float, skeleton: Skeleton = HUMANML3D, fps: float = 20.0
+            ) -> Float[np.ndarray, "n j 3"]:
+  """Joints (T, J, 3) played `rate` times as fast, flights within a tenth of their own pace: (N, J, 3).
+
+  Joints have the skeleton's bone lengths, and so has the result.
+  """
+  from scipy.interpolate import CubicSpline
+  from scipy.ndimage import binary_dilation, gaussian_filter1d
+  joints = np.asarray(joints, np.float64)
+  if not len(joints):
+    return joints
+  flight = binary_dilation(aloft(joints, skeleton), iterations=max(1, round(_BESIDE * fps)))
+  rates = np.where(flight, np.clip(rate, 1 - FLIGHT, 1 + FLIGHT), rate)
+  rates = gaussian_filter1d(rates.astype(float), _CHANGE * fps, mode="nearest", truncate=_BESIDE / _CHANGE)
+  clock = np.append(0.0, np.cumsum((1 / rates[1:] + 1 / rates[:-1]) / 2))  # when each frame is played
+  when = np.interp(np.arange(int(clock[-1] + 1e-9) + 1), clock, np.arange(len(joints)))
+  moved = CubicSpline(np.arange(len(joints)), joints)(when) if len(joints) > 1 else joints
+  feet = np.stack([moved[:, list(pair)] for pair in zip(skeleton.left_feet, skeleton.right_feet)])
+  return planted(with_lengths(moved, skeleton), feet[0], feet[1], skeleton)
+
+
+def aloft(joints: Num[np.ndarray, "t j 3"], skeleton: Skeleton = HUMANML3D) -> Bool[np.ndarray, " t"]:
+  """Frames (T,) in which no foot is on the ground."""
+  lowest = joints[:, list(skeleton.left_feet + skeleton.right_feet), 1].min(1)
+  return (lowest - floor_height(joints, skeleton)) * skeleton.unit > _ALOFT
