@@ -69,11 +69,24 @@ def laid_over(shadow: Float[np.ndarray, "n j 3"], joints: Num[np.ndarray, "t j 3
   """The frames of shadow (N, J, 3) after its first `count`, which repeat the end of joints (T, J, 3) somewhere else on
   the ground, moved to go on from there; what is left of a difference fades."""
   near = min(_ALIGN, count)
-  ours, theirs = shadow[count - near:count], joints[-near:]
-  centre, aim = ours.mean((0, 1)), theirs.mean((0, 1))
-  a, b = ((body - middle)[..., [0, 2]].reshape(-1, 2) for body, middle in ((ours, centre), (theirs, aim)))
-  angle = np.arctan2((a[:, 1] * b[:, 0] - a[:, 0] * b[:, 1]).sum(), (a * b).sum())  # about y, from z to x
-  turn = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
+  centre, turn, aim = _fitted(shadow[count - near:count], joints[-near:])
   moved = (shadow[count - 1:] - centre) @ turn.T + aim
   fade = (1 + np.cos(np.pi * np.clip(np.arange(len(moved)) / _FADE, 0, 1))) / 2
   return (moved + fade[:, None, None] * (joints[-1] - moved[0]))[1:]
+
+
+def placed_on(made: Num[np.ndarray, "t j 3"], joints: Num[np.ndarray, "t j 3"], same: Bool[np.ndarray, " t"]
+              ) -> Float[np.ndarray, "t j 3"]:
+  """Made joints (T, J, 3), turned about y and moved over the ground to where joints (T, J, 3) are in the frames `same`
+  (T,), in which both show the same. float32."""
+  made = np.asarray(made, np.float64)
+  centre, turn, aim = _fitted(made[same], np.asarray(joints, np.float64)[same])
+  return ((made - centre) @ turn.T + aim).astype(np.float32)
+
+
+def _fitted(ours: np.ndarray, theirs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+  """(centre, turn (3, 3) about y, aim) that bring joints (N, J, 3) onto others best: (x - centre) @ turn.T + aim."""
+  centre, aim = ours.mean((0, 1)), theirs.mean((0, 1))
+  a, b = ((body - middle)[..., [0, 2]].reshape(-1, 2) for body, middle in ((ours, centre), (theirs, aim)))
+  angle = np.arctan2((a[:, 1] * b[:, 0] - a[:, 0] * b[:, 1]).sum(), (a * b).sum())  # about y, from z to x
+  return centre, np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]), aim

@@ -1,4 +1,5 @@
 """A motion that never ends: block after block from one step, with words that may change on the way."""
+import copy
 import dataclasses
 from typing import NamedTuple
 
@@ -32,7 +33,7 @@ class LiveStream:
 
   def __init__(self, model: CmdmNetworks, plan: streaming.Plan, scale: float, keys: jax.Array, prompt: str,
                num_frames: int | None = None, cleanup: bool = True) -> None:
-    self._model, self._plan, self._num_frames = model, plan, num_frames
+    self._model, self._plan, self.num_frames = model, plan, num_frames
     constants = streaming.make_constants(model.dit, model.params, plan)
     self._sampler = streaming.Sampler(model.dit, plan, model.params, constants, None, scale, keys)
     self._state = cmdm.init_stream(model.codec, self._sampler)
@@ -50,13 +51,22 @@ class LiveStream:
             f"{self._model.folder.name})")
 
   @property
+  def block_frames(self) -> int:
+    return self._plan.block * self._model.vae.frames_per_latent
+
+  @property
   def block_seconds(self) -> float:
-    return self._plan.block * self._model.vae.frames_per_latent / self._model.fps
+    return self.block_frames / self._model.fps
 
   @property
   def delay(self) -> float:
     """Seconds of motion that are under way already: when words said now begin to count, unless `after` says so."""
     return (self._steps - self._blocks) * self.block_seconds
+
+  @property
+  def begun(self) -> int:
+    """Frames of the blocks that have begun, given or under way: what is said now counts from this frame on."""
+    return self._steps * self.block_frames
 
   @property
   def _blocks(self) -> int:
@@ -89,6 +99,16 @@ class LiveStream:
     self._script.append((first, free))
     self._encode()
 
+  def fork(self, num_frames: int | None = None) -> "LiveStream":
+    """A second stream that goes on from here, to the same motion bit for bit; the two know nothing of one another.
+
+    num_frames: frames that it ends with, counted from the beginning of this one; None is without end.
+    """
+    other = copy.copy(self)
+    other.num_frames, other._bank, other._script = num_frames, list(self._bank), list(self._script)
+    other._cleaner = copy.deepcopy(self._cleaner)
+    return other
+
   def _encode(self) -> None:
     emb, mask = self._model.encode_words(self._bank)
     text = streaming.encode_text(self._model.dit, self._model.params, emb[None], mask[None], self._plan.guided)
@@ -104,33 +124,33 @@ class LiveStream:
     return self
 
   def __next__(self) -> np.ndarray:
-    if self._num_frames is not None and self._frames >= self._num_frames:
+    if self.num_frames is not None and self._frames >= self.num_frames:
       raise StopIteration
-    joints = self._next_block()
-    while not len(joints):  # all of it waits for what comes behind it
-      joints = self._next_block()
+    joints = self.step()
+    while not len(joints):  # nothing is clean yet, or all of it waits for what comes behind it
+      joints = self.step()
     return joints
 
-  def _next_block(self) -> np.ndarray:
-    """The frames (n, J, 3) that one more block decides."""
-    done = False
-    while not done:
-      plan, width = self._plan, -(-self._plan.width // 2)  # two compiled widths: the start and the rest
-      active = min(-(-min(self._steps + 1, plan.width) // width) * width, plan.width)
-      self._state, features, done = self._model.compiled.stream_step(
-          active, self._steps > plan.age, self._model.codec, self._sampler, self._state, self._captions(active))
-      self._steps += 1
-      done = self._steps >= plan.age
-    features = self._model.stats.denormalize(np.asarray(features))[0]
-    layout = self._model.stats.layout
+  def step(self) -> np.ndarray:
+    """One more block begins, and those under way come as much nearer to clean: the frames (n, J, 3) that this decides,
+    at first none."""
+    plan, layout, width = self._plan, self._model.stats.layout, -(-self._plan.width // 2)
+    # Two compiled widths: the start and the rest.
+    active = min(-(-min(self._steps + 1, plan.width) // width) * width, plan.width)
+    self._state, made, _ = self._model.compiled.stream_step(
+        active, self._steps > plan.age, self._model.codec, self._sampler, self._state, self._captions(active))
+    self._steps += 1
+    if self._steps < plan.age:
+      return np.zeros((0, layout.skeleton.num_joints, 3), np.float32)
+    features = self._model.stats.denormalize(np.asarray(made))[0]
     joints, self._path = _continue_path(features, self._path, layout)
-    if self._num_frames is not None:
-      joints = joints[:self._num_frames - self._frames]
+    if self.num_frames is not None:
+      joints = joints[:self.num_frames - self._frames]
     self._frames += len(joints)
     if self._cleaner is None:
       return joints
     joints = self._cleaner.push(joints, layout.contacts(features[:len(joints)]))
-    if self._frames == self._num_frames:
+    if self._frames == self.num_frames:
       joints = np.concatenate([joints, self._cleaner.flush()])
     return joints
 

@@ -1,0 +1,48 @@
+"""motion-jax studio and make: a page in the browser, and what it saves made without it."""
+from motion_jax.inputs.numerals import whole
+
+
+def add_to(commands):
+  """Adds these sub-commands to those of `motion-jax`."""
+  studio = commands.add_parser("studio", help="a page in the browser: words become motion while you watch")
+  studio.add_argument("--model", nargs="+", default=["cmdm-small", "cdamd-small"], metavar="NAME",
+                      help="run folders or names of models that ship (cmdm-small cdamd-small)")
+  studio.add_argument("--host", default="127.0.0.1",
+                      help="address to listen on (127.0.0.1, this machine alone); another one needs --token")
+  studio.add_argument("--port", type=whole(0, 65_535), default=8765, help="port to listen on (8765); 0 is a free one")
+  studio.add_argument("--token", metavar="WORDS", help="what a page has to say to be let in; without it a new one each "
+                      "time, which stands in the address that is printed")
+  studio.add_argument("--open", action="store_true", help="open the page in the browser")
+  studio.set_defaults(run=_studio)
+
+  make = commands.add_parser("make", help="a project that the studio saved in, its motion out")
+  make.add_argument("project", help="a .json file that the studio saved")
+  make.add_argument("--take", type=whole(0, 100), help="which of its seeds, counted from 0; by default the chosen one")
+  make.add_argument("--out", default="motion.html", help="file to write: .npz .npy .bvh .glb .mp4 .gif .html .png; "
+                    "repeat kinds with commas, as in story.glb,story.bvh")
+  make.set_defaults(run=_make)
+
+
+def _studio(args):
+  from motion_jax import runs
+  from motion_jax.studio import server
+  for name in args.model:
+    runs.find(name)  # said at once, not once the page is open
+  server.serve(args.model, args.host, args.port, args.token, args.open)
+
+
+def _make(args):
+  from motion_jax import export
+  from motion_jax.cli import shared
+  from motion_jax.studio import project
+  from motion_jax.studio.library import Library
+  from motion_jax.studio.limits import Limits
+  outputs, limits = [export.check_output(part) for part in args.out.split(",")], Limits()
+  found = project.read(args.project, limits)
+  shared.cache_compiled_code()
+  library = Library(project.models_of(found), warm=False)
+  library.start()
+  motion = project.made(found, library, limits, args.take, lambda note: print(f"note: {note}"))
+  for caption in motion.captions:
+    print(f"{caption.start:6.1f} to {caption.end:5.1f} s  {caption.text}")
+  shared.tell_files([path for out in outputs for path in export.save(motion, out)])

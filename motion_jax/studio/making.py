@@ -1,0 +1,194 @@
+"""Requests become motions: from words, of several prompts, edits, and what goes on from a motion that exists."""
+import contextlib
+import tempfile
+import threading
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from motion_jax import export
+from motion_jax.inputs.errors import InputError
+from motion_jax.models.known_motion import on_our_body
+from motion_jax.models.results import Motion
+from motion_jax.motion.blending import placed_on
+from motion_jax.studio import wire
+from motion_jax.studio.guard import Refused
+from motion_jax.studio.library import Library, live_sampling
+from motion_jax.studio.limits import Fields, Limits
+from motion_jax.studio.stories import Stories
+
+
+class Maker:
+  """Makes what a request asks for. A request is one call; a few run at once, as many more wait, others are refused."""
+
+  def __init__(self, library: Library, limits: Limits) -> None:
+    self.library, self.limits, self.stories = library, limits, Stories()
+    self._places = threading.Semaphore(limits.jobs)
+    self._waiting = threading.Semaphore(2 * limits.jobs)
+
+  @contextlib.contextmanager
+  def place(self):
+    """Where a job runs. Raises Refused where too many wait already."""
+    if not self._waiting.acquire(blocking=False):
+      raise Refused(429, f"{2 * self.limits.jobs} requests are being made already; wait for one of them")
+    try:
+      with self._places:
+        yield
+    finally:
+      self._waiting.release()
+
+  # --- requests: a JSON object in, a JSON object out -----------------------------------------------------------------
+
+  def generate(self, body: Any) -> dict[str, Any]:
+    """{prompt, model, seconds, seed, num, cleanup, literal, sampling} -> {motions}."""
+    fields = Fields(body, self.limits)
+    prompt, name = fields.prompt(), fields.text("model", None)
+    seconds = fields.number("seconds", 0.2, self.limits.seconds, None)
+    seed, num = fields.seed(), fields.number("num", 1, self.limits.takes, 1, whole=True)
+    cleanup, literal, sampling = fields.switch("cleanup", True), fields.switch("literal", False), fields.choices()
+    fields.done()
+    model = self.library.model(name, "generate")
+    given = sampling | (dict(literal=literal) if model.can("understand") else {})
+    with self.place(), told_plainly():
+      made = model.generate([prompt] * num, seconds=seconds, seeds=[(seed + i) % 2**32 for i in range(num)],
+                            cleanup=cleanup, **given)
+    return {"motions": [wire.to_json(motion) for motion in made]} | words_of(model, [prompt])
+
+  def story(self, body: Any) -> dict[str, Any]:
+    """{blocks: [{prompt, seconds}], model, seed, cleanup, sampling, past} -> {motion, reused_frames, same_frames}."""
+    fields = Fields(body, self.limits)
+    rows, name, seed = fields.any("blocks"), fields.text("model", None), fields.seed()
+    cleanup, sampling, past = fields.switch("cleanup", True), fields.choices(), fields.any("past")
+    fields.done()
+    rows = story_rows(rows, self.limits)
+    past = None if past is None else wire.from_json(past, self.limits.frames)
+    model = self.library.model(name, "multi_prompt")
+    with self.place(), told_plainly():
+      motion, reused, same = self.make_story(model, rows, seed, cleanup, sampling, past)
+    return {"motion": wire.to_json(motion), "reused_frames": reused, "same_frames": same} | words_of(
+        model, [prompt for prompt, _ in rows])
+
+  def make_story(self, model, rows, seed, cleanup, sampling, past=None):
+    """(motion, frames not made anew, frames as before) of rows (prompt, seconds or None), behind a past motion."""
+    if past is not None:
+      return model.extend(past, rows, seed=seed, cleanup=cleanup, **sampling), 0, past.num_frames
+    segments = [(prompt, model.frames_of([prompt], None, seconds)[0]) for prompt, seconds in rows]
+    if sum(frames for _, frames in segments) > self.limits.seconds * model.fps:
+      raise InputError(f"got a story of {sum(frames for _, frames in segments) / model.fps:.0f} s, expected at most "
+                       f"{self.limits.seconds:g}")
+    model.check_words([prompt for prompt, _ in segments])
+    return self.stories.make(model, segments, seed, cleanup, live_sampling(model, sampling))
+
+  def edit(self, body: Any) -> dict[str, Any]:
+    """{motion, prompt, change or keep, model, seed, sampling} -> {motion, made}."""
+    fields = Fields(body, self.limits)
+    clip = wire.from_json(fields.any("motion"), self.limits.frames)
+    prompt, name, seed = fields.prompt(), fields.text("model", None), fields.seed()
+    change, keep, sampling = fields.spans("change"), fields.spans("keep"), fields.choices()
+    fields.done()
+    if (change is None) == (keep is None):
+      raise InputError("got both or neither of change and keep; say which frames are made anew by one of them")
+    name = name if name is not None else self._able("edit")
+    model = self.library.model(name, "edit")
+    with self.place(), told_plainly():
+      motion = make_edit(model, clip, prompt, change, keep, seed, sampling)
+    return {"motion": wire.to_json(motion), "made": motion.meta["made"]} | words_of(model, [prompt])
+
+  def _able(self, ability):
+    """The first model that can do something; the first of all where none can yet."""
+    for shelf in self.library.shelves.values():
+      shelf.ready.wait(600)
+      if shelf.model is not None and shelf.model.can(ability):
+        return shelf.name
+    return None
+
+  def read(self, data: bytes, name: str) -> dict[str, Any]:
+    """The motion in the bytes of a file that a page sent; of its name only the ending counts."""
+    ending = Path(name).suffix.lower()
+    if ending not in (".npz", ".npy", ".bvh"):
+      raise InputError(f"got a file that ends in {ending[:12]!r}, expected .npz, .npy or .bvh")
+    with tempfile.TemporaryDirectory() as folder:
+      path = Path(folder) / f"upload{ending}"
+      path.write_bytes(data)
+      try:
+        clip = export.load(path)
+      except (ValueError, OSError) as error:
+        raise InputError(str(error).replace(str(path), "the file")) from None
+    if clip.num_frames > self.limits.frames:
+      raise InputError(f"got a motion of {clip.num_frames:,} frames, expected at most {self.limits.frames:,}")
+    return {"motion": wire.to_json(clip)}
+
+
+def story_rows(rows: Any, limits: Limits) -> list[tuple[str, float | None]]:
+  """[(prompt, seconds or None)] of the blocks of a story, as a request or a project has them."""
+  if not isinstance(rows, list) or not rows:
+    raise InputError("got no blocks, expected a list such as [{\"prompt\": \"a person walks\", \"seconds\": 4}]")
+  if len(rows) > limits.blocks:
+    raise InputError(f"got {len(rows):,} blocks, expected at most {limits.blocks}")
+  found = []
+  for row in rows:
+    fields = Fields(row, limits)
+    found.append((fields.prompt(), fields.number("seconds", 0.2, limits.seconds, None)))
+    fields.done()
+  return found
+
+
+def make_edit(model: Any, clip: Any, prompt: str, change: Any, keep: Any, seed: int, sampling: dict[str, Any]
+              ) -> Motion:
+  """The clip with the frames of `change` made anew, or all but those of `keep`; the others stay as and where they are.
+
+  A model edits a few seconds at once: of a longer motion those around what is made anew.
+  """
+  if change is not None and change[-1][1] > clip.num_frames or keep is not None and keep[-1][1] > clip.num_frames:
+    raise InputError(f"got spans beyond the {clip.num_frames} frames of the motion")
+  joints = on_our_body(clip, model.fps, model.stats.layout.skeleton).astype(np.float32)
+  if keep is not None:
+    mask = np.ones(clip.num_frames, bool)
+    for first, past in keep:
+      mask[first:past] = False
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
+    change = list(zip(edges[::2].tolist(), edges[1::2].tolist()))
+    if not change:
+      raise InputError("everything is kept, so nothing can be made anew")
+  rate, unit, most = model.fps / clip.fps, model.frames_per_latent, model.config.data.max_frames
+  change = [(round(first * rate), min(max(round(past * rate), round(first * rate) + 1), len(joints)))
+            for first, past in change]
+  first, past = min(span[0] for span in change), max(span[1] for span in change)
+  if past - first > most - 2 * unit:
+    raise InputError(f"got {past - first} frames to be made anew, the model {model.folder.name} knows motions of "
+                     f"{most}; mark a shorter span")
+  start = max(0, min((first + past - most) // 2, len(joints) - most)) // unit * unit
+  count = min(most, len(joints) - start) // unit * unit
+  if past > start + count:
+    past, change = start + count, [(a, min(b, start + count)) for a, b in change if a < start + count]
+  window = Motion(joints[start:start + count], model.fps, clip.captions, skeleton=model.stats.layout.skeleton)
+  edited = model.edit(window, prompt, change=[(a - start, b - start) for a, b in change], seed=seed, **sampling)
+  made = [[a + start, b + start] for a, b in edited.meta["made"]]
+  kept = np.ones(count, bool)
+  for a, b in edited.meta["made"]:
+    kept[a:b] = False
+  placed = edited.joints if not kept.any() else placed_on(edited.joints, joints[start:start + count], kept)
+  result = joints.copy()
+  result[start:start + count][~kept] = placed[~kept]
+  if not kept.any():
+    result[start:start + count] = placed
+  return Motion(result, model.fps, clip.captions, id=clip.id, source=clip.source, license=clip.license or model.license,
+                skeleton=model.stats.layout.skeleton, meta=edited.meta | dict(made=made, said=prompt))
+
+
+def words_of(model: Any, prompts: list[str]) -> dict[str, Any]:
+  """Words of prompts that the model does not know, for the page to say."""
+  unknown = sorted({word for prompt in prompts for word in model.unknown_words(prompt)})
+  return {"unknown": unknown[:20]} if unknown else {}
+
+
+@contextlib.contextmanager
+def told_plainly():
+  """A choice of sampling that a model does not have is told as a mistake of the request."""
+  try:
+    yield
+  except TypeError as error:
+    if "choice of sampling" not in str(error):
+      raise
+    raise InputError(str(error)) from None

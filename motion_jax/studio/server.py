@@ -1,0 +1,100 @@
+"""Runs a studio: takes the port, says where it is, and ends within two seconds of Ctrl-C."""
+import errno
+import os
+import secrets
+import socket
+import sys
+import threading
+import urllib.parse
+import webbrowser
+from collections.abc import Sequence
+from typing import Any
+
+from motion_jax.inputs.errors import InputError
+from motion_jax.studio.guard import LOOPBACK
+
+_SHORTEST = 8   # characters of a token for other machines
+_PATIENCE = 1.5  # seconds that pages and threads have to end
+
+
+def check_address(host: str, token: str | None) -> None:
+  """Raises InputError for an address that other machines reach without a token that was chosen for it."""
+  if host not in LOOPBACK and token is None:
+    raise InputError(f"got --host {host}, which other machines can reach: also give --token WORDS, which they need to "
+                     f"open the page; 127.0.0.1 is for this machine alone")
+  if token is not None and (len(token) < _SHORTEST or not token.isascii() or not token.isprintable()):
+    raise InputError(f"got a token of {len(token)} characters, expected {_SHORTEST} or more plain letters, digits and "
+                     "signs")
+
+
+def take_port(host: str, port: int) -> socket.socket:
+  """A socket that listens there. Raises InputError where another program does already, or the host is not this one."""
+  try:
+    family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+    taken = socket.socket(family, socket.SOCK_STREAM)
+    try:
+      if os.name == "posix":
+        taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+      taken.bind((host, port))
+      taken.listen(128)
+    except OSError:
+      taken.close()
+      raise
+    return taken
+  except OSError as error:
+    if error.errno == errno.EADDRINUSE:
+      raise InputError(f"port {port} of {host} is taken, maybe by another studio; give another one by --port, or "
+                       "--port 0 for any that is free") from None
+    raise InputError(f"cannot listen on {host} port {port}: {error.strerror or error}") from None
+
+
+def serve(names: Sequence[str], host: str = "127.0.0.1", port: int = 8765, token: str | None = None,
+          open_page: bool = False) -> None:
+  """Runs until Ctrl-C. The address is printed before anything that takes long is imported."""
+  check_address(host, token)
+  listener = take_port(host, port)
+  token = token or secrets.token_urlsafe(16)
+  address = address_of(host, listener.getsockname()[1], token)
+  print(f"the studio is at {address}\nCtrl-C ends it", flush=True)
+  if open_page:
+    threading.Thread(target=_open, args=(address,), daemon=True).start()
+  _run(names, host, token, listener)
+
+
+def address_of(host: str, port: int, token: str) -> str:
+  """What a browser opens; of a host that means all addresses, this machine's name."""
+  name = socket.gethostname() if host in ("0.0.0.0", "::", "") else host
+  return f"http://{f'[{name}]' if ':' in name else name}:{port}/?token={urllib.parse.quote(token)}"
+
+
+def _open(address):
+  if not webbrowser.open(address):
+    print("no browser was found; open the address by hand", file=sys.stderr)
+
+
+def _run(names: Sequence[str], host: str, token: str, listener: Any) -> None:
+  try:
+    import uvicorn
+
+    from motion_jax.studio.app import Studio
+  except ModuleNotFoundError as error:
+    listener.close()
+    raise InputError(f"the studio needs the package {error.name}: pip install \"motion-jax[studio]\"") from None
+  from motion_jax.studio.library import Library
+  library = Library(names)
+  studio = Studio(library, token, host)
+
+  class Server(uvicorn.Server):
+    def handle_exit(self, sig, frame):
+      studio.close()
+      # Threads that compile hear nothing; a second is enough to say goodbye to the pages.
+      timer = threading.Timer(_PATIENCE, lambda: os._exit(128 + sig))
+      timer.daemon = True
+      timer.start()
+      super().handle_exit(sig, frame)
+
+  config = uvicorn.Config(studio.app(), log_level="warning", access_log=False, lifespan="off", ws="websockets-sansio",
+                          ws_max_size=2 * studio.limits.message_bytes, ws_per_message_deflate=False,
+                          timeout_graceful_shutdown=1, server_header=False, proxy_headers=False)
+  library.start()
+  Server(config).run(sockets=[listener])
