@@ -42,9 +42,11 @@ def get_config(size="full"):
   config.taught_by = dict()  # what the tokenizer was aligned with; the run takes it from there
   config.tokenizer = dict(features=263, latent_dim=64, width=1024, num_halvings=2, dilations=(9, 3, 1), causal=True)
   config.model = dict(latent_dim=64, width=512, depth=8, num_heads=4, ff_width=1024, block=3, text_dim=768)
-  config.loss = dict(drop_rate=0.1, unit_latents=False, level_block=3, mean_latents=False)
+  # decoded_from: errors of the decoded motion count for frames whose latents' time is over it (0 noise, 1 clean).
+  config.loss = dict(drop_rate=0.1, unit_latents=False, level_block=3, mean_latents=False, decoded_from=0.5,
+                     **common.motion_errors())
   config.data = common.captioned_data(layout="full", batch_size=64, min_frames=40, max_frames=192, lengths=(192,),
-                                      max_words=64, balance=0.0, vary_subject=0.0, store="")
+                                      max_words=64, balance=0.0, vary_subject=0.0, part_by_part=0.0, store="")
   if dataset:
     config.tokenizer.features, data = DATASETS[dataset]
     config.data.update(data)

@@ -56,7 +56,8 @@ def captioned_data(**fields):
 
 
 def motion_errors():
-  """Weights, in the section `loss` of a tokenizer, of errors in how the decoded motion moves; 0: off, as in the papers.
+  """Weights, in a tokenizer's or denoiser's section `loss`, of errors in how the decoded motion moves; 0: off, as in
+  the papers.
 
   acceleration of all joints; velocity of wrists, ankles and toes; velocity of feet that stand in the real motion
   (models/motion_errors.py).

@@ -132,10 +132,10 @@ _LEFT_OUT: dict[str, dict[str, Any]] = {
         "train.dtype": "float32", "frozen.teacher": "", "frozen.evaluator": "", "teacher": {}, "taught_by": {},
         "loss.adaptive_align": True, "loss.align_fall": 0.9, "loss.reconstruction": "gaussian",
         "loss.distance_pairs": "window", "loss.last_layer": "convolution"},
-    "cmdm.denoiser": _TEXT_ITEMS | _STORE | {
+    "cmdm.denoiser": _TEXT_ITEMS | _STORE | _MOTION_ERRORS | {
         "train.dtype": "float32", "train.remat": False, "train.scan_layers": False, "frozen.text_level": "words",
         "taught_by": {},
-        "distill.teacher": "", "loss.mean_latents": False,
+        "distill.teacher": "", "loss.mean_latents": False, "loss.decoded_from": 0.5, "data.part_by_part": 0.0,
         "loss.level_block": lambda config: config["model"].get("block", 3), "data.vary_subject": 0.0,
         "sampler.schedule": "fss",
         "sampler.solver": lambda config: "ancestral" if config["model"].get("predicts") == "ddpm" else "euler"},

@@ -6,6 +6,7 @@ import pytest
 
 from motion_jax import fit
 from motion_jax.data.datasets.synthetic import synthetic_joints
+from motion_jax.inputs.errors import InputError
 from motion_jax.models import cdamd, cmdm, motion_errors
 from motion_jax.models.cdamd.losses import with_motion_errors
 from motion_jax.models.cmdm.losses import mean_square_nll
@@ -153,3 +154,29 @@ def test_latents_are_off_by_a_share_of_what_they_vary():
   noise = np.asarray(blur(latents, index) - latents)
   np.testing.assert_allclose(noise.std((0, 1, 2)), 0.2 * scales, rtol=0.05, atol=1e-6)
   assert len(np.unique(noise[..., 0].round(4))) > 2500  # of 64 items, 64 latents each
+
+
+def denoiser_terms(decoded_from, **loss):
+  """Sums of a step of the tiny denoiser, whose network means that every latent is 0 once it is clean."""
+  config, _ = fit.resolve(load_config("cmdm_denoiser", "tiny"))
+  config = config.copy_and_resolve_references().unlock()
+  config.loss.update(loss, decoded_from=decoded_from)
+  setup = fit.setups()[config.stage](config)
+  sums, weight = setup.stage.loss({}, setup.frozen, setup.next_batch(0), 0, jax.random.key(0))
+  return {term: float(value / weight) for term, value in sums.items()}
+
+
+def test_a_denoiser_is_held_to_how_the_decoded_motion_moves(monkeypatch):
+  """The weight times the error, beside the loss of the latents; of no frame where no latent is clean enough."""
+  to_zero = lambda self, params, x, t, *_: -x / (1 - jnp.repeat(t, x.shape[1] // t.shape[1], axis=1))[..., None]
+  monkeypatch.setattr(cmdm.stages.CausalDiT, "apply", to_zero)
+  off, on = denoiser_terms(0.5), denoiser_terms(0.5, foot_contact=2.0)
+  assert "foot_contact" not in off and on["foot_contact"] > 0
+  assert on["loss"] == pytest.approx(off["loss"] + on["foot_contact"], rel=1e-5)
+  assert denoiser_terms(0.5, foot_contact=4.0)["foot_contact"] == pytest.approx(2 * on["foot_contact"], rel=1e-5)
+  assert denoiser_terms(1.0, foot_contact=2.0)["foot_contact"] == 0
+  with pytest.raises(InputError, match="loss.foot_contact and data.store"):
+    config, _ = fit.resolve(load_config("cmdm_denoiser", "tiny"))
+    config = config.copy_and_resolve_references().unlock()
+    config.loss.foot_contact, config.data.store = 1.0, "a-store"
+    fit.setups()[config.stage](config)

@@ -100,13 +100,20 @@ class Windows:
             "index": np.arange(batch_size)[rows]}
 
 
+Told = tuple[tuple[str, int, int], ...]  # (caption, first, past) frames of the parts of a clip
+
+
 class Draw(NamedTuple):
-  """A batch as it is drawn: clips (B,), their first frames (B,) and frames (B,), a caption each, the padded length."""
+  """A batch as it is drawn: clips (B,), their first frames (B,) and frames (B,), a caption each, the padded length.
+
+  told: of clips that are told part by part their parts inside the cut; () of others, None where none ever is.
+  """
   clip: np.ndarray
   start: np.ndarray
   num_frames: np.ndarray
   captions: list[str]
   length: int
+  told: list[Told] | None = None
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -122,6 +129,9 @@ class TextItems:
   latents may not fill whole blocks (320 frames are 80 latents, padded to 27 blocks of 3: 324 frames;
   docs/papers/cmdm.md#data-sets). keep_long cuts clips that are longer instead of leaving them out. coin is how often a
   latent's frames less are taken.
+
+  spans: of each clip that was put together of several the parts, () of others; part_by_part is how often such a clip is
+  told by its parts' captions, each in its own frames, instead of one sentence about all of it.
   """
   features: list[np.ndarray]
   captions: list[list[str]]
@@ -133,6 +143,8 @@ class TextItems:
   crop_frames: int = 0  # 0: max_frames
   keep_long: bool = False
   coin: float = 1 / 3
+  spans: list[Told] | None = None
+  part_by_part: float = 0.0
 
   def __post_init__(self):
     if not 0 <= self.crop_frames <= self.max_frames or self.crop_frames % self.frames_per_latent:
@@ -174,7 +186,12 @@ class TextItems:
       starts.append(rng.integers(frames - count + 1))
       num_frames.append(count)
       captions.append(self.captions[i][rng.integers(len(self.captions[i]))])
-    return Draw(chosen, np.array(starts), np.array(num_frames, np.int32), captions, length)
+    told = None
+    if self.part_by_part:
+      spoken = rng.random(batch_size) < self.part_by_part
+      told = [_inside(self.spans[i], start, start + count) if said else ()
+              for i, start, count, said in zip(chosen, starts, num_frames, spoken)]
+    return Draw(chosen, np.array(starts), np.array(num_frames, np.int32), captions, length, told)
 
   def _frames(self, frames, less):
     return min(max(frames // self.frames_per_latent - less, 1) * self.frames_per_latent, self.longest)
@@ -188,13 +205,21 @@ class TextItems:
         yield from ((int(i), start, count, self.lengths[bucket]) for start in range(frames - count + 1))
 
   def batch(self, batch_size, seed, step, rows=ALL):
-    """-> features (B, T, F) zero-padded, num_frames (B,), index (B,), of these rows; caption, a list of all B."""
+    """-> features (B, T, F) zero-padded, num_frames (B,), index (B,), of these rows; caption, a list of all B, and
+    with part_by_part told, another (`Draw`)."""
     drawn = self.draw(batch_size, seed, step)
     index, num_frames = np.arange(batch_size)[rows], drawn.num_frames[rows]
     out = np.zeros((len(index), drawn.length, self.features[0].shape[-1]), np.float32)
     for row, i, start, count in zip(out, drawn.clip[rows], drawn.start[rows], num_frames):
       row[:count] = self.features[i][start:start + count]
-    return {"features": out, "num_frames": num_frames, "caption": drawn.captions, "index": index}
+    batch = {"features": out, "num_frames": num_frames, "caption": drawn.captions, "index": index}
+    return batch if drawn.told is None else batch | {"told": drawn.told}
+
+
+def _inside(spans, first, past):
+  """Spans in frames of the cut first:past, without those that it leaves out."""
+  cut = [(text, max(a, first) - first, min(b, past) - first) for text, a, b in spans]
+  return tuple(span for span in cut if span[1] < span[2])
 
 
 def balance_weights(groups, power):

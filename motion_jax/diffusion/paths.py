@@ -44,18 +44,26 @@ TARGETS = {"velocity": lambda x, velocity, t: velocity, "eps": velocity_to_noise
 
 
 def forcing_loss(velocity: Callable, x1: Float[Array, "b l c"], latent_mask: Bool[Array, "b l"],
-                 t: Float[Array, "b l"], noise: Float[Array, "b l c"], target: str = "velocity"
-                 ) -> tuple[dict[str, Float[Array, ""]], Int[Array, ""]]:
+                 t: Float[Array, "b l"], noise: Float[Array, "b l c"], target: str = "velocity",
+                 errors_of: Callable | None = None) -> tuple[dict[str, Float[Array, ""]], Int[Array, ""]]:
   """Mean squared error of the target over real latents, as (sums, weight) to be added up over devices.
 
   velocity(x, t) -> (B, L, C); x1, noise (B, L, C); latent_mask, t (B, L). target is one of TARGETS: the error of the
   velocity, or of the noise (eps) or the clean latents (x1) that it means, which weighs times otherwise. sums["loss"] is
   summed over real latents, averaged over channels; weight is the number of real latents.
+
+  errors_of(clean (B, L, C)) -> {name: (B,)}: more terms, of the clean latents that the velocity means; told by their
+  names and added to the loss, each clip as often as it has real latents.
   """
   # Parity: the paper's equations learn the noise of a DDPM schedule; the code, and we, the velocity of this path.
   shapes.check(x1=(x1, "BLC"), noise=(noise, "BLC"), latent_mask=(latent_mask, "BL"), t=(t, "BL"))
   x = add_noise(x1, noise, t)
   asked = TARGETS[target]
-  difference = asked(x, velocity(x, t), t) - asked(x, x1 - noise, t)
+  found = velocity(x, t)
+  difference = asked(x, found, t) - asked(x, x1 - noise, t)
   error = (difference ** 2).astype(jnp.promote_types(x1.dtype, jnp.float32)).mean(-1)
-  return {"loss": jnp.where(latent_mask, error, 0.0).sum()}, latent_mask.sum()
+  sums = {"loss": jnp.where(latent_mask, error, 0.0).sum()}
+  for name, errors in (errors_of(velocity_to_x1(x, found, t)) if errors_of else {}).items():
+    sums[name] = (errors * latent_mask.sum(1)).sum().astype(sums["loss"].dtype)
+    sums["loss"] += sums[name]
+  return sums, latent_mask.sum()

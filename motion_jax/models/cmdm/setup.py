@@ -21,6 +21,7 @@ from motion_jax.models.cmdm import distill
 from motion_jax.models.cmdm import teacher as teacher_lib
 from motion_jax.models.cmdm import teacher_setup as teachers
 from motion_jax.models.cmdm import tmr_stage as tmr
+from motion_jax.models.cmdm.parts import most_parts, words_by_part
 from motion_jax.motion import stats as stats_lib
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.stats import Stats
@@ -160,6 +161,9 @@ def _denoiser_parts(config):
   weights = None
   if config.data.balance:
     weights = batches.balance_weights(data.groups, config.data.balance)
+  if config.data.part_by_part and not any(data.spans):
+    raise InputError(f"got data.part_by_part={config.data.part_by_part:g}, but no clip was put together of several; "
+                     "ask for some with data.augment.stitched or data.augment.idle")
   items = _items(config, data, tuple(config.data.lengths), weights)
   encoder = load_text_encoder(config.frozen.text, level=config.frozen.text_level)
   encoder.check(caption for captions in data.captions for caption in captions)
@@ -170,6 +174,8 @@ def _denoiser_parts(config):
 
 def _items(config, data, lengths, weights=None):
   rules = {name: config.data[name] for name in ("frames_per_latent", "crop_frames", "keep_long", "coin")}
+  if config.data.part_by_part and any(data.spans):
+    rules |= dict(spans=data.spans, part_by_part=config.data.part_by_part)
   return batches.TextItems(data.features, data.captions, config.data.min_frames, config.data.max_frames, lengths,
                            weights=weights, **rules)
 
@@ -188,6 +194,7 @@ def _held_out_loss(config, stats, encoder, codec, num_batches=4):
   given.loss.drop_rate = 0.0
   size = min(config.data.batch_size, len(items))
   loss = jax.jit(cmdm.denoiser_stage(given).loss)
+  frozen = codec.parts | motion_errors.frozen_stats(config, stats)
 
   @functools.cache
   def batch(i):
@@ -196,7 +203,7 @@ def _held_out_loss(config, stats, encoder, codec, num_batches=4):
     return drawn | {"text_emb": text_emb, "text_mask": text_mask}
 
   def evaluate(params):
-    parts = [loss(params, codec.parts, batch(i), 0, jax.random.key(i)) for i in range(num_batches)]
+    parts = [loss(params, frozen, batch(i), 0, jax.random.key(i)) for i in range(num_batches)]
     return {"held_out_loss": round(sum(float(sums["loss"]) for sums, _ in parts) / sum(
         float(weight) for _, weight in parts), 5)}
 
@@ -207,6 +214,12 @@ def denoiser(config: ConfigDict) -> TrainingSetup:
   data, items, encoder, codec = _denoiser_parts(config)
   words, draw = narrowest(config.data.max_words), items.batch
   if config.data.store:
+    if wanted := motion_errors.weights(config.loss):
+      raise InputError(f"got loss.{next(iter(wanted))} and data.store: a store holds latents, and decoded motion is "
+                       "held to the features of real motion; leave out one of the two")
+    if config.data.part_by_part:
+      raise InputError("got data.part_by_part and data.store: a store holds the words of whole clips; leave out one of "
+                       "the two")
     kept = store.Store(config.data.store)
     kept.demand(encoding.identity(codec.parts, items, encoder))
     encoder.recall(kept.words)
@@ -217,12 +230,17 @@ def denoiser(config: ConfigDict) -> TrainingSetup:
     rng = batches.step_rng(config.seed, 2, step)
     said = [vary_subject(caption, rng, config.data.vary_subject) for caption in batch.pop("caption")]
     # Parity: the reference cuts no caption, and pads all batches alike; here to one of a few widths, by the longest.
-    batch["text_emb"], batch["text_mask"] = encoder(said, at_least=words, rows=rows)
+    if told := batch.pop("told", None):
+      told = [[(vary_subject(text, rng, config.data.vary_subject), *span) for text, *span in row] for row in told]
+      batch |= words_by_part(encoder, said, told, most_parts(data.spans), batch["features"].shape[1],
+                             config.data.frames_per_latent, config.model.block, words, rows)
+    else:
+      batch["text_emb"], batch["text_mask"] = encoder(said, at_least=words, rows=rows)
     return batch
 
   files = {checkpoint.LENGTHS: caption_lengths(data), **encoder_files(encoder)}
   evaluate = _held_out_loss(config, data.stats, encoder, codec)
-  stage, frozen = cmdm.denoiser_stage(config), codec.parts
+  stage, frozen = cmdm.denoiser_stage(config), codec.parts | motion_errors.frozen_stats(config, data.stats)
   if config.distill.teacher:
     shapes = cmdm.denoiser_shapes(CausalDiT(**module_fields(config.model)))
     teacher = (runs.open(config.distill.teacher, "cmdm.denoiser").params(shapes) if _has_teacher(config)

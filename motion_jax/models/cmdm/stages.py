@@ -1,5 +1,6 @@
 """What CMDM trains, as pure functions: the causal tokenizer and, on its latents, the causal denoiser."""
 import functools
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -7,6 +8,7 @@ import jax.numpy as jnp
 from ml_collections import ConfigDict
 
 from motion_jax.diffusion import paths
+from motion_jax.inputs.errors import InputError
 from motion_jax.latents import VaeCodec
 from motion_jax.models import motion_errors
 from motion_jax.models.cmdm import ddpm_forcing
@@ -102,6 +104,27 @@ def forcing_inputs(config: ConfigDict, vae: CausalVAE, dit: CausalDiT, frozen: A
   return z1, latent_mask, t, noise, text_emb
 
 
+def decoded_errors(config: ConfigDict, codec: VaeCodec, frozen: Any, batch: dict[str, Any], latent_mask: Any, t: Any
+                   ) -> Callable | None:
+  """errors_of(clean latents (B, L, C)) -> {name: (B,)}, for `paths.forcing_loss`: the errors of the decoded motion that
+  config.loss gives a weight, times that; None where it gives none."""
+  errors, weights = motion_errors.of_features(config, frozen), motion_errors.weights(config.loss)
+  if errors is None:
+    return None
+  if config.model.get("predicts") == "ddpm":
+    raise InputError(f"got loss.{next(iter(weights))} and model.predicts='ddpm'; decoded motion is looked at where the "
+                     "network's output means clean latents by the straight path: velocity, eps or x1")
+  # What is mostly noise means an average of motions, which need not move as any of them does.
+  frames = codec.real_frames(latent_mask & (t > config.loss.decoded_from))
+
+  def errors_of(clean):
+    made = codec.decode(jnp.where(latent_mask[..., None], clean, 0.0))
+    found = errors(made, batch["features"][:, :made.shape[1]], frames)
+    return {name: weights[name] * found[name] for name in found}
+
+  return errors_of
+
+
 def make_denoiser(config: ConfigDict) -> CausalDiT:
   """The network as it is trained: config.model, computed as config.train says."""
   return CausalDiT(**config.model, dtype=jnp.dtype(config.train.dtype), remat=config.train.remat,
@@ -112,7 +135,9 @@ def denoiser_stage(config: ConfigDict) -> Stage:
   """Trains the causal diffusion transformer by diffusion forcing on latents of the frozen tokenizer.
 
   Batch: features (B, T, F) or, of a store, distribution (B, L, 2 C) of their latents; num_frames (B,), text_emb
-  (B, S, E), text_mask (B, S), index (B,) place in the whole batch.
+  (B, S, E), text_mask (B, S), index (B,) place in the whole batch. With a weight for one of `motion_errors.NAMES` the
+  clean latents that the network means are decoded, and the motion of frames whose latents' time is over
+  config.loss.decoded_from is held to the real one's; frozen["stats"] holds mean and std of the features.
   """
   vae = CausalVAE(**config.tokenizer)
   dit = make_denoiser(config)
@@ -136,7 +161,8 @@ def denoiser_stage(config: ConfigDict) -> Stage:
     if dit.predicts == "ddpm":
       # Parity: the paper's algorithm 1; the code, and our default, learn the velocity of a straight path.
       return ddpm_forcing.forcing_loss(velocity, z1, latent_mask, t, noise)
-    return paths.forcing_loss(velocity, z1, latent_mask, t, noise, dit.predicts)
+    return paths.forcing_loss(velocity, z1, latent_mask, t, noise, dit.predicts,
+                              decoded_errors(config, VaeCodec.of(vae, frozen), frozen, batch, latent_mask, t))
 
   def predict(params, frozen, batch, rng):
     z1, latent_mask, t, noise, text_emb = inputs(frozen, batch, rng)

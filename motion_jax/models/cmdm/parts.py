@@ -1,0 +1,48 @@
+"""Words of clips that were put together of several, for training: each latent sees those of its own part alone.
+
+So the denoiser learns what it is asked for by several prompts in a row, where the words change from block to block
+(`multi_prompt`); a sentence about all of a clip says nothing of when its parts are.
+"""
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from motion_jax.data.batches import ALL, Told
+
+
+def most_parts(spans: Sequence[Told]) -> int:
+  """How many parts the clips have at most."""
+  return max(map(len, spans), default=0)
+
+
+def part_of_blocks(told: Told, num_blocks: int, frames_per_block: int) -> Int[np.ndarray, " {num_blocks}"]:
+  """Which part each block belongs to: the one in whose frames its middle lies, behind the last one the last."""
+  middles = (np.arange(num_blocks) + 0.5) * frames_per_block
+  ends = [past for _, _, past in told]
+  return np.minimum(np.searchsorted(ends, middles, side="right"), len(told) - 1)
+
+
+def words_by_part(encoder: Any, said: Sequence[str], told: Sequence[Told], parts: int, num_frames: int,
+                  frames_per_latent: int, block: int, at_least: int, rows: slice = ALL
+                  ) -> dict[str, Float[np.ndarray, "b s e"] | Bool[np.ndarray, "b l s"]]:
+  """text_emb (B, S, E) and text_mask (B, L, S) of captions, with the words of `parts` captions side by side in S.
+
+  said: a caption a clip, of which all its latents see the words, where told has no parts of the clip; else these are
+  seen, a block at a time. num_frames: of the padded clips; L is that in latents. encoder, at_least, rows: see
+  `TextEncoder.__call__`.
+  """
+  texts = [[text for text, _, _ in spans] or [caption] for caption, spans in zip(said, told)]
+  count = num_frames // frames_per_latent
+  shown = np.zeros((len(texts), count, parts), bool)
+  for row, spans in zip(shown, told):
+    part = part_of_blocks(spans, -(-count // block), block * frames_per_latent) if spans else np.zeros(count, int)
+    row[np.arange(count), (np.repeat(part, block) if spans else part)[:count]] = True
+  sides = [encoder([row[min(place, len(row) - 1)] for row in texts], at_least=at_least, rows=rows)
+           for place in range(parts)]
+  width = max(mask.shape[1] for _, mask in sides)
+  emb, mask = (np.stack([np.pad(side[i], [(0, 0), (0, width - side[i].shape[1])] + [(0, 0)] * (1 - i))
+                         for side in sides], axis=1) for i in (0, 1))
+  seen = shown[rows][..., None] & mask[:, None]
+  return {"text_emb": emb.reshape(len(emb), parts * width, -1), "text_mask": seen.reshape(*seen.shape[:2], -1)}
