@@ -25,7 +25,8 @@ ROOT = pathlib.Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 STEPS, SAVE_EVERY, MOST_KILLS = 12, 3, 8
 STEPS_OF_A_STAGE, SAVE_EVERY_OF_A_STAGE = 4, 2
-# Where a training kills itself: {name: how often the place may be passed before}.
+# Where a training kills itself: {name: how often the place may be passed before, where the training that is left alone
+# passes it that often}.
 POINTS = {"at a step": 6, "in the evaluation": 3, "as a save begins": 3, "in a half-written state": 3,
           "before its record": 3, "before it is in place": 3, "before old ones are removed": 3, "after a save": 3,
           "between two files": 12, "in a half-written row": 6, "in a rollback": 1, "after a rollback": 1,
@@ -45,7 +46,7 @@ def run(kills, stage, out) -> int:
   """Kills trainings of a stage until so many kills are on record; returns 1 if an end is another, else 0."""
   out.mkdir(parents=True, exist_ok=True)
   whole = out / "whole"
-  if not (whole / "end.json").is_file():
+  if not ((whole / "end.json").is_file() and (whole / "passed.json").is_file()):
     shutil.rmtree(whole, ignore_errors=True)
     # A kill at random waits at most as long as the last of them takes; the second time nothing is compiled. For the
     # few kills of a stage one time will do: one that comes too late is none, and is not counted.
@@ -56,24 +57,26 @@ def run(kills, stage, out) -> int:
         raise SystemExit(f"the training of {stage} that is left alone fails; see {whole}/log.txt")
     (whole / "seconds").write_text(str(time.monotonic() - began))
   end, seconds = (whole / "end.json").read_text(), float((whole / "seconds").read_text())
+  passed = {"at random": 1} | json.loads((whole / "passed.json").read_text())
+  points = {name: min(times, passed[name]) for name, times in POINTS.items() if name in passed}
   rows = [json.loads(line) for line in _lines(out / "kills.jsonl")]
   done = sum("point" in row for row in rows)
   trial = 1 + max((row["trial"] for row in rows), default=-1)
   while done < kills:
-    done += _trial(stage, out, trial, end, seconds, kills - done)
+    done += _trial(stage, out, trial, end, seconds, points, kills - done)
     trial += 1
   rows = [json.loads(line) for line in _lines(out / "kills.jsonl")]
   print(table(stage, rows))
   return int(any(row.get("equal") is False for row in rows))
 
 
-def _trial(stage, out, trial, end, seconds, most) -> int:
+def _trial(stage, out, trial, end, seconds, points, most) -> int:
   """One training, killed several times; returns how often. Its folder stays where its end is another."""
   draw, folder, found = random.Random(f"{stage} {trial}"), out / f"trial-{trial}", []
   shutil.rmtree(folder, ignore_errors=True)
   for _ in range(min(MOST_KILLS, most)):
-    point = draw.choice(list(POINTS))
-    after = draw.uniform(0, seconds) if point == "at random" else draw.randrange(POINTS[point])
+    point = draw.choice(list(points))
+    after = draw.uniform(0, seconds) if point == "at random" else draw.randrange(points[point])
     status = _child(stage, folder, point, after)
     if status == -signal.SIGKILL:
       found.append({"trial": trial, "point": point})
@@ -129,15 +132,16 @@ def _train(stage, folder, point, after):
   passed = collections.Counter()
 
   def pass_by(name):
-    if name is not None and name == point:
+    if name is not None:
       passed[name] += 1
-      if passed[name] > after:
+      if name == point and passed[name] > after:
         os.kill(os.getpid(), signal.SIGKILL)
 
   if point == "at random":
     threading.Timer(after, os.kill, (os.getpid(), signal.SIGKILL)).start()
   _watched(pass_by)
   (_line if stage == "line" else _config)(folder, pass_by, stage)
+  (folder / "passed.json").write_text(json.dumps(passed))
   (folder / "end.json").write_text(json.dumps(_end(folder), indent=1))
 
 
