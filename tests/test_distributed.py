@@ -170,7 +170,7 @@ sys.exit(cli.main())
 @pytest.mark.slow
 def test_a_process_that_compiles_for_long_is_waited_for(tmp_path):
   """Longer than the 30 seconds that CPUs look for one another."""
-  train(tmp_path / "late", 2, 2, 1, program=("-c", _LATE))
+  train(tmp_path / "late", 2, 2, 1, config=LENGTH, program=("-c", _LATE))
   assert numbers(tmp_path / "late")[0] == [1, 2]
 
 
@@ -193,7 +193,7 @@ sys.exit(cli.main())
 def test_a_process_that_fails_is_not_waited_for(tmp_path, who):
   """It says why; the others, which would wait for it in their first step, end too."""
   program = ("-c", _FAILS.replace("WHO", repr(who)))
-  statuses, said = end(begin(tmp_path / "run", 2, 2, 1, program=program), 200)
+  statuses, said = end(begin(tmp_path / "run", 2, 2, 1, config=LENGTH, program=program), 200)
   assert statuses[0] == 1 and "the disk of this machine is gone" in said[0]
   assert statuses[1] == (1 if who == "all" else -signal.SIGABRT)
   assert "the disk of this machine is gone" in said[1] or "another task died" in said[1]
@@ -245,7 +245,7 @@ sys.exit(cli.main())
 def test_processes_that_are_told_to_end_can_go_on(tmp_path, who, step):
   """Whoever hears it, all save the same step, one says so, and the same command goes on to the same end."""
   program = ("-c", _TOLD.replace("WHO", repr(who)).replace("STEP", str(step)))
-  statuses, said = end(begin(tmp_path / "run", 6, 2, 1, program=program))
+  statuses, said = end(begin(tmp_path / "run", 6, 2, 1, config=LENGTH, program=program))
   assert statuses == [75, 75], said
   assert [text.count("motion-jax train: preempted, resumable\n") for text in said] == [1, 0], said
   saved = [path.name for path in (tmp_path / "run" / "checkpoints").iterdir()]
@@ -253,8 +253,8 @@ def test_processes_that_are_told_to_end_can_go_on(tmp_path, who, step):
     assert not saved  # there was nothing to lose
   else:
     assert max(map(int, saved)) == (step + 1 if step else 1)
-  train(tmp_path / "run", 6, 2, 1)
-  train(tmp_path / "whole", 6, 2, 1)
+  train(tmp_path / "run", 6, 2, 1, config=LENGTH)
+  train(tmp_path / "whole", 6, 2, 1, config=LENGTH)
   assert_alike(numbers(tmp_path / "run"), numbers(tmp_path / "whole"), 0)
 
 
@@ -292,6 +292,6 @@ def test_a_disk_that_is_full_for_one_process_is_full_for_all(tmp_path, who, plac
 def test_slurm_is_found(tmp_path):
   """Two processes with the environment that srun gives them, on this machine."""
   job = {"SLURM_JOB_ID": str(os.getpid()), "SLURM_STEP_NODELIST": "localhost", "SLURM_NTASKS": "2"}
-  said = train(tmp_path / "run", 2, 2, 1, environments=[job | {"SLURM_PROCID": str(i), "SLURM_LOCALID": str(i)}
-                                                for i in range(2)])
+  said = train(tmp_path / "run", 2, 2, 1, config=LENGTH, environments=[
+      job | {"SLURM_PROCID": str(i), "SLURM_LOCALID": str(i)} for i in range(2)])
   assert "of 2 processes" in said[0] and numbers(tmp_path / "run")[0] == [1, 2]
