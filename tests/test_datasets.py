@@ -27,9 +27,10 @@ def two_parts(monkeypatch):
   monkeypatch.setattr(teacher, "part_columns", lambda layout, of=teacher.part_columns: of(layout)[:2])
 
 
-@pytest.mark.parametrize("dataset", DATASETS)
-@pytest.mark.parametrize("name", STAGES)
-def test_every_config_can_be_trained(name, dataset, two_parts):
+@pytest.mark.parametrize("name, dataset", [
+    ("part_tmr", "babel"), ("cmdm_tokenizer", "kit"), ("cmdm_denoiser", "essential")])
+def test_a_config_of_each_stage_and_data_set_can_be_trained(name, dataset, two_parts):
+  """Snapmogen's, and all of them among the slow tests, are trained in earnest below."""
   traced_loss(load_config(name, f"{dataset}_tiny"))
 
 

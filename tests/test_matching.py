@@ -83,8 +83,8 @@ def _clip_batch():
 
 
 @pytest.mark.parametrize("make, config, batch", [
-    (matching.matching_stage, _matching_config(), _matching_batch()),
-    (matching.clip_stage, _clip_config(), _clip_batch())], ids=["matching", "clip"])
+    pytest.param(matching.matching_stage, _matching_config(), _matching_batch(), id="matching", marks=pytest.mark.slow),
+    pytest.param(matching.clip_stage, _clip_config(), _clip_batch(), id="clip")])
 def test_two_devices_contrast_the_whole_batch(make, config, batch):
   """Loss and gradient of two halves, each of which sees what lies on the other, are those of the whole."""
   alone, mapped = make(config, axis_name=None), make(config)

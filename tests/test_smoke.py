@@ -22,8 +22,11 @@ CONFIGS = [name for name in config_files.names() if "/" not in name]
 pytestmark = pytest.mark.usefixtures("kept_features")
 
 
-# Of these, other modules train a step, for their run folders.
-ELSEWHERE = ("tmr", "motion_patches")  # test_teacher_kinds.py
+# Of these, other quick tests train a run folder.
+ELSEWHERE = ("tmr", "motion_patches",            # test_teacher_kinds.py
+             "part_tmr", "cmdm_student",         # test_teacher.py, test_distill.py
+             "cmdm_denoiser", "cdamd_generator",  # conftest.py, for many
+             "cdamd_length")                     # below, to go on with
 
 
 @pytest.mark.parametrize("name, own_weights", [

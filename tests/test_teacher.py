@@ -65,10 +65,11 @@ print(json.dumps(test_teacher.losses(sys.argv[1], sys.argv[2], 2)))
 """
 
 
-@pytest.mark.parametrize("name", ["part_tmr", pytest.param("tmr", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["part_tmr", "tmr"])
 def test_two_devices_contrast_the_whole_batch(tmp_path, name, unjudged):
-  """Each sentence meets the motions of the other device too (dropout off: its masks fall on other rows), and a TMR's
-  noise is that of a pair's place in the whole batch.
+  """In training, on devices (`test_matching` has losses alone): each sentence meets the motions of the other device too
+  (dropout off: its masks fall on other rows), and a TMR's noise is that of a pair's place in the whole batch.
 
   Losses and gradients are compared: Adam's first step makes a whole step of a gradient that is rounding alone.
   """
