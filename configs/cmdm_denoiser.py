@@ -42,9 +42,10 @@ def get_config(size="full"):
   config.taught_by = dict()  # what the tokenizer was aligned with; the run takes it from there
   config.tokenizer = dict(features=263, latent_dim=64, width=1024, num_halvings=2, dilations=(9, 3, 1), causal=True)
   config.model = dict(latent_dim=64, width=512, depth=8, num_heads=4, ff_width=1024, block=3, text_dim=768)
+  # own_past: of how many clips a beginning is what the network made itself (docs/training.md#denoisers).
   # decoded_from: errors of the decoded motion count for frames whose latents' time is over it (0 noise, 1 clean).
-  config.loss = dict(drop_rate=0.1, unit_latents=False, level_block=3, mean_latents=False, decoded_from=0.5,
-                     **common.motion_errors())
+  config.loss = dict(drop_rate=0.1, unit_latents=False, level_block=3, mean_latents=False, own_past=0.0,
+                     decoded_from=0.5, **common.motion_errors())
   config.data = common.captioned_data(layout="full", batch_size=64, min_frames=40, max_frames=192, lengths=(192,),
                                       max_words=64, balance=0.0, vary_subject=0.0, part_by_part=0.0, store="")
   if dataset:

@@ -5,6 +5,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Bool, Float
 from ml_collections import ConfigDict
 
 from motion_jax.diffusion import paths
@@ -18,6 +19,7 @@ from motion_jax.motion.representations import get_layout
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.nets.masks import block_causal_mask, padding_mask
+from motion_jax.shapes import Array
 from motion_jax.training.stage import DEVICES, Stage
 
 
@@ -104,6 +106,32 @@ def forcing_inputs(config: ConfigDict, vae: CausalVAE, dit: CausalDiT, frozen: A
   return z1, latent_mask, t, noise, text_emb
 
 
+def with_own_past(velocity: Callable[..., Array], z1: Float[Array, "b l c"], latent_mask: Bool[Array, "b l"],
+                  t: Float[Array, "b l"], noise: Float[Array, "b l c"], keys: Array, block: int, share: float
+                  ) -> tuple[Float[Array, "b l c"], Float[Array, "b l"], Bool[Array, "b l"]]:
+  """(latents, times, which are its own (B, L)): of a share of clips, drawn by keys (B,), the blocks before a random
+  border are what the network makes of them, and stand as clean, as they do when a motion goes on from what it made.
+
+  They are its prediction from noise that is more than half gone, without a gradient. A clip keeps one real block at
+  least to learn from. Source: the two forward passes of MotionStreamer (arXiv 2503.15451), there of single frames.
+  """
+  length = z1.shape[1]
+  places = -(-length // block)
+
+  def draw(key, real):
+    chosen, border, level = jax.random.split(key, 3)
+    most = jnp.maximum(-(-real // block), 1)
+    count = jax.random.randint(border, (), 0, most) * jax.random.bernoulli(chosen, share)
+    return count * block, jnp.repeat(jax.random.uniform(level, (places,), minval=0.5), block)[:length]
+
+  count, level = jax.vmap(draw)(keys, latent_mask.sum(1))
+  own = jnp.arange(length) < count[:, None]
+  x = paths.add_noise(z1, noise, level.astype(z1.dtype))
+  made = paths.velocity_to_x1(x, velocity(x, level.astype(z1.dtype)), level.astype(z1.dtype))
+  made = jax.lax.stop_gradient(made.astype(z1.dtype))
+  return jnp.where(own[..., None], made, z1), jnp.where(own, jnp.ones_like(t), t), own
+
+
 def decoded_errors(config: ConfigDict, codec: VaeCodec, frozen: Any, batch: dict[str, Any], latent_mask: Any, t: Any
                    ) -> Callable | None:
   """errors_of(clean latents (B, L, C)) -> {name: (B,)}, for `paths.forcing_loss`: the errors of the decoded motion that
@@ -159,8 +187,15 @@ def denoiser_stage(config: ConfigDict) -> Stage:
     shared = block if block > 1 and level_block % block == 0 and z1.shape[1] % block == 0 else 1
     velocity = lambda x, t: dit.apply(params, x, t[:, ::shared], text_emb, attn_mask, batch["text_mask"])
     if dit.predicts == "ddpm":
+      if config.loss.own_past:
+        raise InputError("got loss.own_past and model.predicts='ddpm'; a past of the network's own is made along the "
+                         "straight path: velocity, eps or x1")
       # Parity: the paper's algorithm 1; the code, and our default, learn the velocity of a straight path.
       return ddpm_forcing.forcing_loss(velocity, z1, latent_mask, t, noise)
+    if config.loss.own_past:
+      keys = jax.vmap(lambda i: jax.random.fold_in(jax.random.fold_in(rng, 2), i))(batch["index"])
+      z1, t, own = with_own_past(velocity, z1, latent_mask, t, noise, keys, block, config.loss.own_past)
+      latent_mask &= ~own
     return paths.forcing_loss(velocity, z1, latent_mask, t, noise, dit.predicts,
                               decoded_errors(config, VaeCodec.of(vae, frozen), frozen, batch, latent_mask, t))
 
