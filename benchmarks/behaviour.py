@@ -33,8 +33,10 @@ def judge(model, listed, seeds, pictures=None):
   for (seconds, category), entries in by_length.items():
     for first in range(0, len(entries), per_call):
       chunk = entries[first:first + per_call]
-      prompts = [sentence for _, sentence, *_ in chunk for _ in range(seeds)]
-      made = model.generate(prompts, seconds=seconds or None, seeds=list(range(seeds)) * len(chunk))
+      # As many motions in every call, the last made more than once, so that the rest of a category compiles nothing.
+      full = [*chunk, *[chunk[-1]] * (per_call - len(chunk))]
+      prompts = [sentence for _, sentence, *_ in full for _ in range(seeds)]
+      made = model.generate(prompts, seconds=seconds or None, seeds=list(range(seeds)) * len(full))
       for index, (_, sentence, rule, _) in enumerate(chunk):
         own = made[index * seeds:(index + 1) * seeds]
         passed = [bool(rule(body_of(motion.joints))) for motion in own]
