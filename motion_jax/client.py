@@ -63,7 +63,8 @@ class Live:
 
   def __init__(self, address, start):
     from websockets.sync.client import connect
-    self._socket, self.last, self.told = connect(address, max_size=None), {}, []
+    self._open = connect(address, max_size=None)
+    self._socket, self.last, self.told = self._open.__enter__(), {}, []
     self.send(**start)
 
   def send(self, **message):
@@ -97,7 +98,7 @@ class Live:
       return
 
   def close(self):
-    self._socket.close()
+    self._open.__exit__(None, None, None)
 
   def __enter__(self):
     return self

@@ -82,3 +82,11 @@ def test_core_dependencies_are_those_of_pyproject():
   packages = {"absl-py": "absl", "ml-collections": "ml_collections", "orbax-checkpoint": "orbax", "Pillow": "PIL",
               "Jinja2": "jinja2"}
   assert {packages.get(name, name) for name in names} == CORE
+
+
+def test_the_tests_have_what_the_studio_needs():
+  """Without its packages tests/studio is left out; CI installs the extra `test`, which must bring them."""
+  extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+  assert any("studio" in requirement.partition("[")[2] for requirement in extras["test"])
+  names = {re.split(r"[<>=\[]", requirement)[0] for extra in ("studio", "test") for requirement in extras[extra]}
+  assert {"starlette", "uvicorn", "websockets", "httpx2", "motionmcp-sdk"} <= names

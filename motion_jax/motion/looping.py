@@ -5,6 +5,8 @@ theorangeduck.com, 2022): what they differ by, in place and speed, is added to t
 the middle. The body's speed over the ground and its turning are treated alike, seen from the body, so that a walk
 repeated goes on straight, or round the same bend. numpy, float64.
 """
+from typing import Any
+
 import numpy as np
 from jaxtyping import Float, Num
 
@@ -55,7 +57,7 @@ def _bridge(away: np.ndarray | float, drift: np.ndarray | float, count: int, fad
   away, drift = np.asarray(away, np.float64), np.asarray(drift, np.float64)
   k = np.arange(count).reshape((-1,) + (1,) * away.ndim)
 
-  def fading(offset: np.ndarray, speed: np.ndarray, frames: np.ndarray) -> np.ndarray:
+  def fading(offset: Any, speed: Any, frames: np.ndarray) -> np.ndarray:
     s = np.minimum(frames / fade, 1)  # cubic: none of it, and no speed, is left at its end
     return offset * (2 * s ** 3 - 3 * s ** 2 + 1) + speed * fade * (s ** 3 - 2 * s ** 2 + s)
 

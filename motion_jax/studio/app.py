@@ -15,7 +15,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 import motion_jax
 from motion_jax.inputs.errors import InputError, reason
-from motion_jax.studio import exporting, openapi, project
+from motion_jax.studio import exporting, mmcp, openapi, project
 from motion_jax.studio.guard import LOOPBACK, Guard, Refused
 from motion_jax.studio.library import Library
 from motion_jax.studio.limits import Bucket, Limits
@@ -51,6 +51,8 @@ class Studio:
         Route("/v1/project", make(lambda body: project.checked(body, self.limits)), methods=["POST"]),
         Route("/v1/import", self._import, methods=["POST"]),
         Route("/v1/export", self._export, methods=["POST"]),
+        Route("/mmcp/capabilities", self._mmcp_capabilities),
+        Route("/mmcp/generate", self._mmcp_generate, methods=["POST"]),
         Route("/openapi.json", lambda request: JSONResponse(openapi.described(self.limits))),
         *_pages()]
     handlers = {404: _plain_error, 405: _plain_error, Exception: _fault}
@@ -101,6 +103,21 @@ class Studio:
       return Response(data, media_type=media, headers={"content-disposition": f'attachment; filename="{name}"'})
 
     return await _told(answer)
+
+  async def _mmcp_capabilities(self, request: Request) -> Response:
+    return JSONResponse(await anyio.to_thread.run_sync(mmcp.capabilities, self.maker))
+
+  async def _mmcp_generate(self, request: Request) -> Response:
+    try:
+      made = await anyio.to_thread.run_sync(mmcp.generate, await _body(request), self.maker)
+      return Response(json.dumps(made), media_type=mmcp.MEDIA)
+    except mmcp.MmcpError as error:
+      return JSONResponse(error.body(), error.status)
+    except Refused as error:
+      code = "payload_too_large" if error.status == 413 else "rate_limited"
+      return JSONResponse(mmcp.MmcpError(error.status, code, str(error)).body(), error.status)
+    except ValueError as error:
+      return JSONResponse(mmcp.MmcpError(400, "invalid_request", reason(error, 400)).body(), 400)
 
   # --- streams -----------------------------------------------------------------------------------------------------
 

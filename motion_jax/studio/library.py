@@ -53,7 +53,9 @@ class Library:
       shelf.began = time.monotonic()
       try:
         shelf.state, shelf.doing = "loading", "reading the weights"
-        shelf.model = self._load(shelf.name)
+        model = self._load(shelf.name)
+        model.tells_unknown_words = False  # pages are told, not the terminal
+        shelf.model = model
         shelf.done, shelf.state, shelf.doing = 1, "compiling", "compiling the sampler"
         if self._warm:
           _warm(shelf)

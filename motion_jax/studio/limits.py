@@ -1,4 +1,5 @@
 """What a studio takes: how long, how many, how often; and how it reads the fields of a request."""
+import contextlib
 import dataclasses
 import math
 from typing import Any
@@ -121,6 +122,17 @@ def check_prompt(value: Any, limits: Limits) -> str:
   if not is_text(value):
     raise InputError("got a prompt with bytes that are no UTF-8 text")
   return value
+
+
+@contextlib.contextmanager
+def told_plainly():
+  """A choice of sampling that a model does not have is told as a mistake of the request."""
+  try:
+    yield
+  except TypeError as error:
+    if "choice of sampling" not in str(error):
+      raise
+    raise InputError(str(error)) from None
 
 
 def _called(value):

@@ -15,7 +15,7 @@ from motion_jax.motion.blending import placed_on
 from motion_jax.studio import wire
 from motion_jax.studio.guard import Refused
 from motion_jax.studio.library import Library, live_sampling
-from motion_jax.studio.limits import Fields, Limits
+from motion_jax.studio.limits import Fields, Limits, told_plainly
 from motion_jax.studio.stories import Stories
 
 
@@ -181,14 +181,3 @@ def words_of(model: Any, prompts: list[str]) -> dict[str, Any]:
   """Words of prompts that the model does not know, for the page to say."""
   unknown = sorted({word for prompt in prompts for word in model.unknown_words(prompt)})
   return {"unknown": unknown[:20]} if unknown else {}
-
-
-@contextlib.contextmanager
-def told_plainly():
-  """A choice of sampling that a model does not have is told as a mistake of the request."""
-  try:
-    yield
-  except TypeError as error:
-    if "choice of sampling" not in str(error):
-      raise
-    raise InputError(str(error)) from None

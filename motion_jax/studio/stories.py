@@ -73,7 +73,7 @@ def _make(model, take, segments, seed, cleanup, sampling, tell):
   take.words, given, step = words, reused, start or 0
   while given < total:
     starts = step < len(words) and (not step or words[step] != words[step - 1])
-    if step and step not in take.copies and (starts or not step % _EVERY) and step < len(words):
+    if 0 < step <= len(words) and step not in take.copies and (starts or not step % _EVERY or step == len(words)):
       take.copies[step] = live.fork(), given
     if starts and step:
       live.say(words[step])

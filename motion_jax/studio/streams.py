@@ -12,7 +12,7 @@ import numpy as np
 from motion_jax.inputs.errors import InputError, reason
 from motion_jax.motion.contacts import feet_stand
 from motion_jax.studio.library import Library, live_sampling
-from motion_jax.studio.limits import Fields, Limits
+from motion_jax.studio.limits import Fields, Limits, told_plainly
 from motion_jax.studio.wire import Block, pack
 
 AHEAD = 4           # blocks that are sent before the page has acknowledged the first of them
@@ -190,8 +190,10 @@ class Stream:
     model = self._model(choices["name"])
     if model is None:
       return
-    live = model.stream(choices["prompt"], seed=choices["seed"], num_frames=choices["frames"],
-                        cleanup=choices["cleanup"], **live_sampling(model, choices["sampling"]))
+    sampling = live_sampling(model, choices["sampling"])
+    with told_plainly():
+      live = model.stream(choices["prompt"], seed=choices["seed"], num_frames=choices["frames"],
+                          cleanup=choices["cleanup"], **sampling)
     layout = model.stats.layout.skeleton
     self._run, self._sent, self._position, self._tail, self._paused = self._run + 1, 0, 0.0, None, False
     self._live = _Live(live, model, layout)
@@ -199,7 +201,7 @@ class Stream:
                 "id": model.id, "seed": choices["seed"], "cleanup": choices["cleanup"], "fps": model.fps,
                 "joints": list(layout.joints), "parents": [int(parent) for parent in layout.parents],
                 "block_frames": round(live.block_seconds * model.fps), "ahead": self._ahead,
-                "sampling": model.sampling(**live_sampling(model, choices["sampling"])).about()})
+                "sampling": model.sampling(**sampling).about()})
     self._said = []
     self._note_words(choices["prompt"], 0)
     self._told = ""

@@ -8,9 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
+from motion_jax.data.clip import Caption
 from motion_jax.models import cmdm
 from motion_jax.models.cmdm import streaming
 from motion_jax.models.cmdm.networks import CmdmNetworks
+from motion_jax.models.results import Motion
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.cleanup import Cleaner
 from motion_jax.motion.representations import Representation, root_path, to_joints
@@ -37,7 +39,7 @@ class LiveStream:
     constants = streaming.make_constants(model.dit, model.params, plan)
     self._sampler = streaming.Sampler(model.dit, plan, model.params, constants, None, scale, keys)
     self._state = cmdm.init_stream(model.codec, self._sampler)
-    self._steps, self._frames = 0, 0
+    self._steps, self._frames, self._given = 0, 0, 0  # frames: that are decided; given: of them, once cleaned
     self._path: _Path | None = None
     layout = model.stats.layout
     self._cleaner = Cleaner(layout.skeleton, model.fps) if cleanup and layout.has_fixed_bones else None
@@ -99,6 +101,22 @@ class LiveStream:
     self._script.append((first, free))
     self._encode()
 
+  def show(self, seconds: float = 10.0) -> Motion:
+    """The next seconds as a Motion, which a notebook shows in its viewer; asked again, it goes on from there."""
+    if not np.isfinite(seconds) or seconds <= 0:
+      raise ValueError(f"got {seconds} s to be shown, expected more than 0")
+    fps, first, pieces = self._model.fps, self._given, []
+    said = [(block * self.block_frames - first, self._bank[slot]) for block, slot in self._script]
+    while self._given - first < seconds * fps and (joints := next(self, None)) is not None:
+      pieces.append(joints)
+    if not pieces:
+      raise ValueError("this stream has ended; make another one to be shown")
+    ends = [*(start for start, _ in said[1:]), self._given - first]
+    captions = [Caption(text, max(start, 0) / fps, min(end, self._given - first) / fps)
+                for (start, text), end in zip(said, ends) if start < self._given - first and end > 0]
+    return Motion(np.concatenate(pieces), fps, tuple(captions), id="stream", source=self._model.id,
+                  license=self._model.license, skeleton=self._model.stats.layout.skeleton)
+
   def fork(self, num_frames: int | None = None) -> "LiveStream":
     """A second stream that goes on from here, to the same motion bit for bit; the two know nothing of one another.
 
@@ -147,11 +165,11 @@ class LiveStream:
     if self.num_frames is not None:
       joints = joints[:self.num_frames - self._frames]
     self._frames += len(joints)
-    if self._cleaner is None:
-      return joints
-    joints = self._cleaner.push(joints, layout.contacts(features[:len(joints)]))
-    if self._frames == self.num_frames:
-      joints = np.concatenate([joints, self._cleaner.flush()])
+    if self._cleaner is not None:
+      joints = self._cleaner.push(joints, layout.contacts(features[:len(joints)]))
+      if self._frames == self.num_frames:
+        joints = np.concatenate([joints, self._cleaner.flush()])
+    self._given += len(joints)
     return joints
 
 
