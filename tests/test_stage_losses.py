@@ -225,8 +225,8 @@ def norm(tree):
   return np.sqrt(sum(float((leaf ** 2).sum()) for leaf in jax.tree.leaves(tree)))
 
 
-@pytest.mark.parametrize("name", ["cmdm_denoiser", "cdamd_generator", pytest.param(
-    "cmdm_tokenizer", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["cmdm_denoiser", *(
+    pytest.param(name, marks=pytest.mark.slow) for name in ("cdamd_generator", "cmdm_tokenizer"))])
 def test_a_network_computes_in_bfloat16_and_numbers_stay_float32(name):
   """The loss is near that of float32 and another; loss, gradients and parameters are float32."""
   (one, grads), (other, rough) = (compiled_gradients(name, "tiny", **train)[2] for train in ({}, {"dtype": "bfloat16"}))
@@ -235,8 +235,8 @@ def test_a_network_computes_in_bfloat16_and_numbers_stay_float32(name):
   assert norm(jax.tree.map(jnp.subtract, grads, rough)) < 0.1 * norm(grads)
 
 
-@pytest.mark.parametrize("name, size", [("cmdm_denoiser", "tiny"), ("cdamd_generator", "tiny"), pytest.param(
-    "cdamd_generator", "mardm_tiny", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name, size", [("cmdm_denoiser", "tiny"), *(
+    pytest.param("cdamd_generator", size, marks=pytest.mark.slow) for size in ("tiny", "mardm_tiny"))])
 def test_what_is_computed_once_more_changes_no_loss_no_gradient_and_no_name(name, size):
   """So a run goes on, and its weights open, with train.remat or without; dropout falls on the same numbers."""
   plain, params, (one, grads) = compiled_gradients(name, size)
