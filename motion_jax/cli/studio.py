@@ -1,5 +1,10 @@
 """motion-jax studio and make: a page in the browser, and what it saves made without it."""
+import pathlib
+
+import motion_jax
 from motion_jax.inputs.numerals import whole
+
+_SHIPPED = pathlib.Path(motion_jax.__file__).parent / "pretrained"
 
 
 def add_to(commands):
@@ -24,10 +29,11 @@ def add_to(commands):
 
 
 def _studio(args):
-  from motion_jax import runs
   from motion_jax.studio import server
   for name in args.model:
-    runs.find(name)  # said at once, not once the page is open
+    if not any(folder.is_dir() for folder in (pathlib.Path(name), _SHIPPED / name)):
+      from motion_jax import runs  # takes seconds, for which no address should wait
+      runs.find(name)  # says what there is
   server.serve(args.model, args.host, args.port, args.token, args.open)
 
 

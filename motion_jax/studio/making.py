@@ -112,7 +112,8 @@ class Maker:
       path = Path(folder) / f"upload{ending}"
       path.write_bytes(data)
       try:
-        clip = export.load(path)
+        with self.place():
+          clip = export.load(path)
       except (ValueError, OSError) as error:
         raise InputError(str(error).replace(str(path), "the file")) from None
     if clip.num_frames > self.limits.frames:

@@ -1,5 +1,6 @@
 """Runs a studio: takes the port, says where it is, and ends within two seconds of Ctrl-C."""
 import errno
+import importlib.util
 import os
 import secrets
 import socket
@@ -52,6 +53,9 @@ def serve(names: Sequence[str], host: str = "127.0.0.1", port: int = 8765, token
           open_page: bool = False) -> None:
   """Runs until Ctrl-C. The address is printed before anything that takes long is imported."""
   check_address(host, token)
+  missing = [name for name in ("starlette", "uvicorn", "websockets") if importlib.util.find_spec(name) is None]
+  if missing:
+    raise InputError(f"the studio needs the packages {', '.join(missing)}: pip install \"motion-jax[studio]\"")
   listener = take_port(host, port)
   token = token or secrets.token_urlsafe(16)
   address = address_of(host, listener.getsockname()[1], token)
@@ -73,13 +77,9 @@ def _open(address):
 
 
 def _run(names: Sequence[str], host: str, token: str, listener: Any) -> None:
-  try:
-    import uvicorn
+  import uvicorn
 
-    from motion_jax.studio.app import Studio
-  except ModuleNotFoundError as error:
-    listener.close()
-    raise InputError(f"the studio needs the package {error.name}: pip install \"motion-jax[studio]\"") from None
+  from motion_jax.studio.app import Studio
   from motion_jax.studio.library import Library
   library = Library(names)
   studio = Studio(library, token, host)

@@ -16,7 +16,8 @@ from motion_jax.models.cmdm.multi_prompt import borders
 from motion_jax.models.results import Motion, captions_in_a_row
 
 _EVERY = 8    # blocks between two copies of a stream, a megabyte each
-_KEPT = 6     # motions whose copies are kept, those asked for last
+_KEPT = 6     # motions whose copies are kept, those asked for last,
+_COPIES = 150  # and copies of all of them together
 
 
 class _Take:
@@ -51,7 +52,8 @@ class Stories:
     take.joints = made.joints
     with self._lock:
       self._takes[key] = take
-      while len(self._takes) > _KEPT:
+      held = lambda: sum(len(other.copies) for other in self._takes.values())
+      while len(self._takes) > _KEPT or len(self._takes) > 1 and held() > _COPIES:
         self._takes.popitem(last=False)
     return made, reused, int(differ[0]) if len(differ) else same
 

@@ -128,6 +128,10 @@ def test_variants_of_an_export(client, walk):
   still = ask(in_place=True)
   assert np.abs(still - in_place(clip.joints)).max() == 0 and np.ptp(still[:, 0, [0, 2]], axis=0).max() < 1e-6
   assert not np.allclose(ask(loop=True), clip.joints)
+  for made in ([[0, 5], [8, 12]], 5, [[5]], "no spans"):  # what an edit made anew is drawn in another colour
+    edited = sent | {"meta": {"made": made}}
+    drawn = client.post("/v1/export", json={"motion": edited, "format": "html", "trim": [[2, 10]]})
+    assert drawn.status_code == 200 and (b'"tints"' in drawn.content) == (made == [[0, 5], [8, 12]])
 
 
 @pytest.mark.parametrize("change, told", [

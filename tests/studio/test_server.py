@@ -82,6 +82,13 @@ def test_what_cannot_be_served_is_told(capsys, words, told):
   assert told in said and len(said.splitlines()) == 1
 
 
+def test_a_missing_package_is_told_before_an_address(capsys, monkeypatch):
+  monkeypatch.setattr(server.importlib.util, "find_spec", lambda name: None if name == "uvicorn" else name)
+  assert cli.main(["studio", "--port", "0"]) == 1
+  told = capsys.readouterr()
+  assert "needs the packages uvicorn: pip install" in told.err and not told.out
+
+
 def test_addresses_can_be_opened():
   assert server.address_of("127.0.0.1", 80, "a b") == "http://127.0.0.1:80/?token=a%20b"
   assert server.address_of("::1", 80, "x") == "http://[::1]:80/?token=x"

@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 
 from motion_jax.motion.cleanup import LOOK_AHEAD
+from motion_jax.studio import stories as made_anew
 from motion_jax.studio.stories import Stories
 
 WALK, WAVE, JUMP = "a person walks", "a person waves", "a person jumps"
@@ -74,7 +75,7 @@ def test_only_what_follows_is_sampled_again(model, monkeypatch):
     assert anew == len(steps) - kept // block
 
 
-def test_other_seeds_choices_and_old_takes_are_kept_apart(model):
+def test_other_seeds_choices_and_old_takes_are_kept_apart(model, monkeypatch):
   stories = Stories()
   first, _, _ = make(stories, model, [(WALK, 60)])
   other, reused, _ = make(stories, model, [(WALK, 60)], seed=6)
@@ -82,6 +83,9 @@ def test_other_seeds_choices_and_old_takes_are_kept_apart(model):
   for seed in range(7, 13):
     make(stories, model, [(WALK, 24)], seed=seed)
   assert len(stories._takes) == 6
+  monkeypatch.setattr(made_anew, "_COPIES", 1)
+  make(stories, model, [(WALK, 24), (WAVE, 24)], seed=13)
+  assert len(stories._takes) == 1
 
 
 def test_a_fork_goes_on_alone(model):
