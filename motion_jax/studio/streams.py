@@ -220,12 +220,8 @@ class Stream:
     return self._library.model(name, "stream")
 
   def _say(self, prompt, after):
-    live = self._live.stream
-    live.say(prompt, after)
+    first = self._live.stream.say(prompt, after)
     self._choices["prompt"] = prompt
-    first = live.begun
-    if after is not None:
-      first = self._sent + round(after * self._live.fps)
     self._note_words(prompt, first)
 
   def _note_words(self, prompt, first):

@@ -92,7 +92,7 @@ def test_a_fork_goes_on_alone(model):
   one = model.stream(WALK, seed=1, lag=lag_of(model))
   next(one)
   two = one.fork()
-  two.say(JUMP)
+  assert two.say(WAVE, after=0) < two.say(JUMP) == two.begun
   plain = [next(one) for _ in range(6)]
   three = model.stream(WALK, seed=1, lag=lag_of(model))
   next(three)
@@ -105,7 +105,7 @@ def test_a_stream_shows_its_next_seconds(model):
   """In a notebook: the viewer of any motion, with the words that were said; asked again, the seconds after."""
   live, plain = (model.stream(WALK, seed=1, lag=lag_of(model)) for _ in range(2))
   first = live.show(2)
-  live.say(JUMP)
+  assert live.say(JUMP) == live.begun
   second = live.show(3)
   frames = np.concatenate([next(plain) for _ in range(9)])
   assert first.num_frames >= 40 and (first.joints == frames[:first.num_frames]).all()

@@ -75,8 +75,8 @@ class LiveStream:
     """Blocks that have been given."""
     return max(self._steps - self._plan.age + 1, 0)
 
-  def say(self, prompt: str, after: float | None = None) -> None:
-    """From now on, other words.
+  def say(self, prompt: str, after: float | None = None) -> int:
+    """From now on, other words: the frame from which they count, from the beginning of the stream.
 
     They count for the blocks that have not begun, `delay` seconds from now; a larger lag makes the delay shorter.
     after: seconds from now instead. If those are fewer, blocks that are under way change words in the midst of their
@@ -100,6 +100,7 @@ class LiveStream:
     self._bank[free] = prompt
     self._script.append((first, free))
     self._encode()
+    return first * self.block_frames
 
   def show(self, seconds: float = 10.0) -> Motion:
     """The next seconds as a Motion, which a notebook shows in its viewer; asked again, it goes on from there."""
