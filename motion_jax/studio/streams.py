@@ -15,7 +15,7 @@ from motion_jax.studio.library import Library, live_sampling
 from motion_jax.studio.limits import Fields, Limits, told_plainly
 from motion_jax.studio.wire import Block, pack
 
-AHEAD = 4           # blocks that are sent before the page has acknowledged the first of them
+AHEAD = 3           # blocks that are sent before the page has acknowledged the first of them: 1.8 s
 _BEHIND = 8         # frames before a block that its contacts are told by, too
 _log = logging.getLogger("motion_jax.studio")
 

@@ -13,7 +13,7 @@ import pytest
 from motion_jax import cli
 from motion_jax.client import Client, joints_of
 from motion_jax.inputs.errors import InputError
-from motion_jax.studio import server
+from motion_jax.studio import server, streams
 from tests.conftest import devices_env
 from tests.studio.conftest import TOKEN
 
@@ -47,11 +47,11 @@ def test_a_socket_that_stops_reading_holds_nothing(address, studio):
   """Blocks that nobody acknowledges are not sampled, however long the page hangs."""
   live = Client(address).stream("a person walks", seed=3, speed=0)
   deadline = time.monotonic() + 20
-  while not studio.streams or next(iter(studio.streams))._sequence < 4:
+  while not studio.streams or next(iter(studio.streams))._sequence < streams.AHEAD:
     assert time.monotonic() < deadline
     time.sleep(0.02)
   time.sleep(0.5)
-  assert next(iter(studio.streams))._sequence == 4
+  assert next(iter(studio.streams))._sequence == streams.AHEAD
   live.close()
   while studio.streams:
     assert time.monotonic() < deadline
