@@ -62,6 +62,18 @@ class TestComposed:
     first = round(made.captions[1].start * 20)
     assert 10 < first < 50 and np.abs(made.joints[first:] - made.joints[-1]).max() < 1e-6
 
+  def test_an_action_that_is_over_ends_in_standing_still(self, model, monkeypatch):
+    monkeypatch.setattr(model, "natural_frames", lambda prompt: 48)
+    bow, walk = model.generate(["a man bows", "a person walks"], 96, seeds=[5, 1], **FAST)
+    assert [c.text for c in bow.captions] == ["a man bows", "a man stands still"] and bow.num_frames == 96
+    first = round(bow.captions[1].start * 20)
+    assert 30 < first < 60 and np.abs(bow.joints[first:] - bow.joints[-1]).max() < 1e-6
+    assert bow.meta["prompt"] == "a man bows" and "stands still" in bow.meta["understood"]
+    assert len(walk.captions) == 1 and "understood" not in walk.meta  # who walks goes on
+    for frames, literal in ((60, False), (96, True)):  # too little time is left; said to the model as it is
+      made = model.generate("a man bows", frames, seeds=[5], literal=literal, **FAST)[0]
+      assert made.captions == (Caption("a man bows"),) and made.num_frames == frames
+
   def test_the_command_says_what_it_understood(self, model, tiny_run, tmp_path, capsys):
     run = ["generate", "a person walks, then waves", "--seconds", "2.4", "--steps", "2", "--model", str(tiny_run),
            "--out", str(tmp_path / "m.npz")]

@@ -103,6 +103,29 @@ def test_a_stream_takes_any_number_of_words(model):
       stream.say(*arguments)
 
 
+@pytest.mark.filterwarnings("ignore:the model does not know")
+def test_time_that_is_left_and_words_that_wait(model, monkeypatch):
+  monkeypatch.setattr(model, "natural_frames", lambda prompt: 36)
+  prompts = [("a person bows", 3.6), ("a person walks", 1.2)]
+  plain, rest = (model.multi_prompt(prompts, seed=5, rest=rest, **FAST) for rest in (False, True))
+  assert plain.num_frames == rest.num_frames == 96
+  assert [c.text for c in rest.captions] == ["a person bows", "a person stands still", "a person walks"]
+  assert plain.captions[-1].start == 3.6 and abs(rest.captions[-1].start - 3.6) < 0.45  # it goes on as it stood best
+  held = model.multi_prompt([("a person kicks", 0.6), ("a person walks", 1.2)], seed=5, hold_until_done=True, **FAST)
+  assert [c.start for c in held.captions] == [0.0, 1.8]
+
+  def told(prompt, after, **choices):
+    stream = model.stream(prompt, seed=0, num_frames=60, cleanup=False, **FAST, **choices)
+    first = next(stream)
+    stream.say("a person sits", after)
+    return np.concatenate([first, *stream])
+
+  waits, later = told("a person bows", 0.6, hold_until_done=True), told("a person bows", 1.2)  # a block was given
+  np.testing.assert_array_equal(waits, later)
+  np.testing.assert_array_equal(told("a person walks", 0.6, hold_until_done=True), told("a person walks", 0.6))
+  assert np.abs(waits - told("a person bows", 0.6)).max() > 1e-4
+
+
 def test_a_motion_goes_on(model, walk):
   longer = model.extend(walk, "a person waves", seconds=2, seed=1, **FAST)
   assert longer.num_frames == 90 and longer.meta["past_frames"] == 50

@@ -36,6 +36,10 @@ def add_to(commands):
   several.add_argument("--way", choices=("stream", "chain"), default="stream",
                        help="stream (default): the words change within one run; chain: one run per sentence, as in the "
                             "released code")
+  several.add_argument("--rest", action="store_true", help="an action that is over before its seconds are, such as a "
+                       "bow, ends in standing still; without it, it goes on or is done again")
+  several.add_argument("--hold-until-done", action="store_true", help="no action that is done once, such as a kick, "
+                       "has fewer seconds than clips of it in training")
   _making(several, "multi_prompt.html")
   several.set_defaults(run=_multi_prompt)
 
@@ -119,13 +123,15 @@ def _generate(args):
   literal = args.literal or not model.can("understand")
   with timing.part("text"):
     model.check_words(list(dict.fromkeys(prompts)), literal)
-    understood = {prompt: None if literal else model.understand(prompt) for prompt in prompts}
-    lengths = {(prompt, count): composed.lengths_of(model, [prompt], [understood[prompt]], count, None)[0]
-               for prompt, count in dict.fromkeys(zip(prompts, given))}
+    asked = list(dict.fromkeys(zip(prompts, given)))
+    understood = {(prompt, count): composed.with_endings(
+        model, [prompt], [None if literal else model.understand(prompt)], count, None)[0] for prompt, count in asked}
+    lengths = {key: composed.lengths_of(model, [key[0]], [understood[key]], key[1], None)[0] for key in asked}
     frames = [sum(lengths[key]) for key in zip(prompts, given)]
-  for (prompt, _), counts in list(lengths.items())[:_TOLD]:
-    if understood[prompt] is not None and not understood[prompt].is_plain:
-      print(f"understood as: {composed.told(understood[prompt], counts, model.fps)}")
+  for key, counts in list(lengths.items())[:_TOLD]:
+    sentence = understood[key]
+    if sentence is not None and not sentence.is_plain:
+      print(f"understood as: {composed.told(sentence, counts, model.fps)}")
   _tell_model(model, args, f"{len(prompts)} motion(s) of {min(frames) / model.fps:.1f} to "
                            f"{max(frames) / model.fps:.1f} s")
   motions = []
@@ -148,6 +154,7 @@ def _multi_prompt(args):
   motions = []
   for piece in _pieces([_length(model, one) for one in sequences], model):
     motions += model.multi_prompts(sequences[piece], way=args.way, cleanup=not args.no_cleanup, seeds=seeds[piece],
+                                   rest=args.rest, hold_until_done=args.hold_until_done,
                                   **_sampling(args, model))
   for caption in motions[0].captions if len(sequences) == args.num else ():
     print(f"{caption.start:6.1f} to {caption.end:5.1f} s  {caption.text}")

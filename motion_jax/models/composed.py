@@ -17,13 +17,14 @@ from motion_jax.models.results import Motions, captions_in_a_row, features_of, g
 from motion_jax.motion.layering import put_on
 from motion_jax.motion.resting import with_rest
 from motion_jax.text.actions import cycle_of
-from motion_jax.text.sentences import Sentence
+from motion_jax.text.sentences import Action, Segment, Sentence, rest_of, who_is_done
 
 if TYPE_CHECKING:
   from motion_jax.models.base import Frames, TextToMotionModel
 
 _LONGEST = 3600    # seconds
 _REST = 2.0        # seconds of standing still
+_LEFT = 1.0        # seconds beyond what an action takes in which a body can stand still
 _AROUND = 1.5      # seconds in which a hand comes up and goes down again, around what is counted
 _IN, _OUT = 8, 12  # frames in which a part comes to another motion's and goes back
 
@@ -41,6 +42,52 @@ def _action_frames(model, action):
   if action.times > 1 and cycle is not None:
     return round((cycle * action.times + _AROUND) * model.fps)
   return model.natural_frames(action.prompt) * action.times
+
+
+def with_endings(model: "TextToMotionModel", prompts: Sequence[str], sentences: Sequence[Sentence | None],
+                 num_frames: "Frames", seconds: "Frames") -> list[Sentence | None]:
+  """The sentences, each with standing still at its end where that is due: where all its actions are over when they are
+  done, and a second or more is left of the length that is asked for. None, a prompt that is taken as it is, stays."""
+  said, scale = (num_frames, 1.0) if seconds is None else (seconds, model.fps)
+  if said is None or callable(said) or num_frames is not None and seconds is not None:
+    return list(sentences)
+  totals = [as_float(value) * scale for value in each(said, prompts)]
+  return [sentence and _with_ending(model, sentence, total) for sentence, total in zip(sentences, totals)]
+
+
+def _with_ending(model, sentence, total):
+  who = [who_is_done(one.prompt) for part in sentence.segments for one in (part.action, *part.also)]
+  if not all(who) or any(part.seconds for part in sentence.segments):
+    return sentence
+  left = total / model.fps - sum(usual_frames(model, sentence)) / model.fps
+  if not _LEFT <= left <= _LONGEST:
+    return sentence
+  return sentence._replace(segments=(*sentence.segments, rest_of(who[-1], left)))
+
+
+def rested(model: "TextToMotionModel", lists: Sequence[Sequence[tuple[str, int]]], keys: jax.Array,
+           seeds: Sequence[int | None], cleanup: bool, sampling: dict[str, Any], way: str) -> Motions:
+  """A motion of each list of (prompt, frames), made in a row by a way of `multi_prompts`; an action that is over before
+  its frames are ends in standing still."""
+  sentences, lengths = [], []
+  for row in lists:
+    segments, counts = [], []
+    for prompt, count in row:
+      took, who = took_of(model, prompt), who_is_done(prompt)
+      left = (count - took) / model.fps if took else 0.0
+      segments.append(Segment(Action(prompt, prompt)))
+      counts.append(took if left >= _LEFT else count)
+      if left >= _LEFT:
+        segments.append(rest_of(who, left))
+        counts.append(count - took)
+    sentences.append(Sentence(" | ".join(prompt for prompt, _ in row), tuple(segments)))
+    lengths.append(counts)
+  return gathered(_composed(model, sentences, lengths, keys, seeds, cleanup, sampling, way=way))
+
+
+def took_of(model: "TextToMotionModel", prompt: str) -> int:
+  """Frames that an action takes which is over when it is done, by clips of it in training; 0 of any other."""
+  return model.natural_frames(prompt) if who_is_done(prompt) else 0
 
 
 def shared(usual: Sequence[int], total: int, least: int) -> list[int]:
@@ -90,6 +137,7 @@ def generate(model: "TextToMotionModel", prompts: Sequence[str], num_frames: "Fr
              ) -> Motions:
   """Motions of prompts, each understood by itself; those of one action go to `model.sample` as they are."""
   sentences = [None if literal else model.understand(prompt) for prompt in prompts]
+  sentences = with_endings(model, prompts, sentences, num_frames, seconds)
   rows = [i for i, sentence in enumerate(sentences) if sentence is None or sentence.is_plain]
   if len(rows) == len(prompts):
     frames = model.frames_of(prompts, num_frames, seconds)
@@ -109,12 +157,12 @@ def generate(model: "TextToMotionModel", prompts: Sequence[str], num_frames: "Fr
 
 
 def _composed(model: "TextToMotionModel", sentences: list[Sentence], lengths: list[list[int]], keys: jax.Array,
-              seeds: Sequence[int | None], cleanup: bool, sampling: dict[str, Any]) -> list[Any]:
+              seeds: Sequence[int | None], cleanup: bool, sampling: dict[str, Any], **way: str) -> list[Any]:
   """A Motion for each sentence."""
   moving = [[(segment, count) for segment, count in zip(sentence.segments, frames) if not segment.rests]
             or [(sentence.segments[0], frames[0])] for sentence, frames in zip(sentences, lengths)]
   lists = [[(segment.action.prompt, count) for segment, count in row] for row in moving]
-  bases = model.in_a_row(lists, keys, seeds, cleanup, sampling)
+  bases = model.in_a_row(lists, keys, seeds, cleanup, sampling, **way)
   spans = [_spans(model, base, len(row)) for base, row in zip(bases, moving)]
   layers = [(row, place, action) for row, parts in enumerate(moving)
             for place, (segment, _) in enumerate(parts) for action in segment.also]

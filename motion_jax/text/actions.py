@@ -39,6 +39,9 @@ _IRREGULAR = {form: verb for verb, forms in {
     "stand": "stood", "sweep": "swept", "swim": "swam", "swing": "swung", "take": "took", "throw": "threw",
     "get": "got", "eat": "ate", "creep": "crept", "keep": "kept", "say": "said", "strike": "struck", "give": "gave",
 }.items() for form in forms.split()}
+# What is over when it is done, so that who has done it stands there.
+_ONCE = set("bow kick turn squat duck raise lift lower throw toss catch pick point salute grab reach hug slap strike "
+            "pull push put place drop greet shrug cross".split())
 RESTS = {"stop", "pause", "wait", "rest", "halt", "freeze"}
 # Seconds of one swing, clap or blow of actions that a clip shows many times: to do such a thing twice takes no longer.
 _CYCLES = {"wave": 0.8, "clap": 0.6, "nod": 0.8, "shake": 0.6, "punch": 1.0, "jab": 0.8, "stomp": 0.8, "stamp": 0.8}
@@ -70,6 +73,12 @@ def part_of(verb: str, words: Sequence[str]) -> str:
 def goes_on(verb: str, words: Sequence[str]) -> bool:
   """Whether an action of the legs lasts as long as one likes, as walking does and sitting down does not."""
   return verb in _VERBS["gait"] and part_of(verb, words) == "legs" and not (verb == "stand" and "up" in words)
+
+
+def is_done_once(verb: str) -> bool:
+  """Whether an action is over when it is done, and leaves a body standing, as a bow does and walking or sitting do
+  not."""
+  return verb in _ONCE
 
 
 def cycle_of(verb: str) -> float | None:

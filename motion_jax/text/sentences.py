@@ -98,6 +98,19 @@ def understand(text: str, known: Callable[[str], bool] = lambda text: False) -> 
   return plain if found.is_plain else found
 
 
+def who_is_done(text: str) -> str:
+  """Who acts in a sentence of one action that is over when it is done ("a man" of "a man bows"), "" of any other."""
+  clauses = [clause for _, clause in pieces_of(text, lambda text: True)]
+  if len(clauses) != 1 or clauses[0] is None or not actions.is_done_once(clauses[0].verb):
+    return ""
+  return " ".join(lower(clauses[0].subject)) or "a person"
+
+
+def rest_of(who: str, seconds: float) -> Segment:
+  """Standing still for so many seconds."""
+  return Segment(Action(f"{who} {REST}", REST, "legs", verb="stand"), seconds=seconds)
+
+
 def _subject(clauses):
   """The words for who moves, or None where there are several: a body is one person."""
   said = [[word.lower() for word in clause.subject] for clause in clauses if clause.subject]

@@ -1,6 +1,7 @@
 """A motion that never ends: block after block from one step, with words that may change on the way."""
 import copy
 import dataclasses
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -34,8 +35,9 @@ class LiveStream:
   """
 
   def __init__(self, model: CmdmNetworks, plan: streaming.Plan, scale: float, keys: jax.Array, prompt: str,
-               num_frames: int | None = None, cleanup: bool = True) -> None:
-    self._model, self._plan, self.num_frames = model, plan, num_frames
+               num_frames: int | None = None, cleanup: bool = True, takes: Callable[[str], int] | None = None) -> None:
+    """takes: frames that an action has before other words count, of its prompt; None: words never wait."""
+    self._model, self._plan, self.num_frames, self._takes = model, plan, num_frames, takes
     constants = streaming.make_constants(model.dit, model.params, plan)
     self._sampler = streaming.Sampler(model.dit, plan, model.params, constants, None, scale, keys)
     self._state = cmdm.init_stream(model.codec, self._sampler)
@@ -80,7 +82,8 @@ class LiveStream:
 
     They count for the blocks that have not begun, `delay` seconds from now; a larger lag makes the delay shorter.
     after: seconds from now instead. If those are fewer, blocks that are under way change words in the midst of their
-    denoising, the less the cleaner they are already; if more, the words wait.
+    denoising, the less the cleaner they are already; if more, the words wait. In a stream of hold_until_done they wait
+    in any case until what was said last is done, where that is an action that is done once.
     """
     self._model.check_words([prompt])
     first = self._steps
@@ -88,6 +91,9 @@ class LiveStream:
       if not np.isfinite(after) or after < 0:
         raise ValueError(f"got words that count after {after} s, expected 0 or more seconds from now")
       first = self._blocks + int(np.ceil(after / self.block_seconds - 1e-9))
+    if self._takes is not None:
+      begun, slot = self._script[-1]
+      first = max(first, begun + int(np.ceil(self._takes(self._bank[slot]) / self.block_frames)))
     self._script = [entry for entry in self._script if entry[0] < first]
     oldest = max(self._steps - self._plan.age, 0)  # what older blocks were told matters no more
     while len(self._script) > 1 and self._script[1][0] <= oldest:

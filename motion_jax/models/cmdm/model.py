@@ -1,5 +1,6 @@
 """CMDM ready to use: motion from words, several prompts in a row, a motion that goes on, and live streams."""
 from collections.abc import Iterable, Sequence
+from functools import partial
 from typing import Any
 
 import jax
@@ -63,18 +64,20 @@ class CmdmModel(CmdmNetworks):
 
   @former_names.with_keywords
   def multi_prompt(self, segments: Segments, *, rng: jax.Array | None = None, seed: int | None = None,
-                   way: str = "stream", cleanup: bool = True, **sampling: Any) -> Motion:
+                   way: str = "stream", cleanup: bool = True, rest: bool = False, hold_until_done: bool = False,
+                   **sampling: Any) -> Motion:
     """One motion from several prompts in a row: [("a person walks", 4.0), ("he sits down", None), ...], in seconds.
 
     None is the length of similar training clips. See `multi_prompts`; sampling: choices of `CmdmSampling`.
     """
     seeds = None if seed is None else [seed]
-    return self.multi_prompts([segments], rng=rng, seeds=seeds, way=way, cleanup=cleanup, **sampling)[0]
+    return self.multi_prompts([segments], rng=rng, seeds=seeds, way=way, cleanup=cleanup, rest=rest,
+                              hold_until_done=hold_until_done, **sampling)[0]
 
   @former_names.with_keywords
   def multi_prompts(self, lists: Iterable[Segments], *, rng: jax.Array | None = None,
-                    seeds: Iterable[int] | None = None, way: str = "stream", cleanup: bool = True, **sampling: Any
-                    ) -> Motions:
+                    seeds: Iterable[int] | None = None, way: str = "stream", cleanup: bool = True, rest: bool = False,
+                    hold_until_done: bool = False, **sampling: Any) -> Motions:
     """A motion as of `multi_prompt` for each of several lists of segments, in one batch, of which none of them knows.
     The captions of a motion say when each prompt plays.
 
@@ -82,6 +85,8 @@ class CmdmModel(CmdmNetworks):
     one's first are denoised together; prompts then change on a grid of whole blocks (12 frames), to which lengths are
     rounded, and the end is cut to the sum that was asked. "chain" is the released code's: one run per prompt behind the
     last latent of the one before, lengths floored to whole latents (4 frames).
+    rest: an action that is over before its seconds are, such as a bow, ends in standing still. hold_until_done: an
+    action that is done once has at least the time that clips of it in training have, and the next words wait.
     """
     told = [self._segments(segments) for segments in lists]
     if not told:
@@ -89,6 +94,10 @@ class CmdmModel(CmdmNetworks):
     if way not in multi.WAYS:
       raise ValueError(f"got way {way!r}, expected one of {', '.join(multi.WAYS)}")
     keys, seeds = keys_of(rng, seeds, len(told))
+    if hold_until_done:
+      told = [[(prompt, max(count, composed.took_of(self, prompt))) for prompt, count in row] for row in told]
+    if rest:
+      return composed.rested(self, told, keys, seeds, cleanup, sampling, way)
     return self.in_a_row(told, keys, seeds, cleanup, sampling, way)
 
   def in_a_row(self, lists: Sequence[Sequence[tuple[str, int]]], keys: jax.Array, seeds: Sequence[int | None],
@@ -142,11 +151,12 @@ class CmdmModel(CmdmNetworks):
     return go_on(self, clip, past, new, captions_in_a_row(prompts, ends, self.fps), about)
 
   def stream(self, prompt: str, *, rng: jax.Array | None = None, seed: int | None = None, num_frames: int | None = None,
-             cleanup: bool = True, **sampling: Any) -> LiveStream:
+             cleanup: bool = True, hold_until_done: bool = False, **sampling: Any) -> LiveStream:
     """Yields joints (n, J, 3) block after block, without end unless num_frames says so; memory stays flat.
 
     `say` changes the words while it runs, see `LiveStream`. Driven by the very step that `generate` and `multi_prompts`
-    run: the same key gives the same motion, cleaned or not.
+    run: the same key gives the same motion, cleaned or not. hold_until_done: new words wait until an action that is
+    done once, such as a kick, has had the time that clips of it in training have.
     """
     self.check_words([prompt])
     keys, _ = keys_of(rng, None if seed is None else [seed], 1)
@@ -155,7 +165,8 @@ class CmdmModel(CmdmNetworks):
       raise ValueError("got schedule 'full': a stream runs by schedule 'fss' or 'ar'")
     if num_frames is not None:
       self.frames_of([prompt], num_frames, None)
-    return LiveStream(self, plan, scale, keys, prompt, num_frames, cleanup)
+    return LiveStream(self, plan, scale, keys, prompt, num_frames, cleanup,
+                      partial(composed.took_of, self) if hold_until_done else None)
 
   def usual_sampling(self) -> dict[str, Any]:
     return dict(context=self.context)
