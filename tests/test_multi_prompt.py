@@ -7,6 +7,7 @@ from motion_jax import cli, export
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.loading import load
+from motion_jax.metrics import physics
 from motion_jax.models.cmdm import multi_prompt
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.blending import laid_over
@@ -124,6 +125,17 @@ def test_time_that_is_left_and_words_that_wait(model, monkeypatch):
   np.testing.assert_array_equal(waits, later)
   np.testing.assert_array_equal(told("a person walks", 0.6, hold_until_done=True), told("a person walks", 0.6))
   assert np.abs(waits - told("a person bows", 0.6)).max() > 1e-4
+
+
+def test_eased_borders(model):
+  made, eased = (model.multi_prompt(PROMPTS, seed=2, ease=ease, cleanup=False, **FAST) for ease in (False, True))
+  changed = np.abs(eased.joints - made.joints).max((1, 2)) > 1e-6
+  borders = [24, 48]
+  assert all(changed[border] for border in borders) and eased.meta["eased"] and "eased" not in made.meta
+  assert all(min(abs(frame - border - 1) for border in borders) < 6 for frame in np.flatnonzero(changed))
+  np.testing.assert_array_equal(eased.features, made.features)
+  jerk = lambda motion: np.mean([physics.jerk(motion.joints)[border - 4:border + 5] for border in borders])
+  assert jerk(eased) < 0.7 * jerk(made)
 
 
 def test_a_motion_goes_on(model, walk):

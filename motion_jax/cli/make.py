@@ -40,6 +40,7 @@ def add_to(commands):
                        "bow, ends in standing still; without it, it goes on or is done again")
   several.add_argument("--hold-until-done", action="store_true", help="no action that is done once, such as a kick, "
                        "has fewer seconds than clips of it in training")
+  several.add_argument("--ease", action="store_true", help="spread over 0.4 s what hastens where the words change")
   _making(several, "multi_prompt.html")
   several.set_defaults(run=_multi_prompt)
 
@@ -154,7 +155,7 @@ def _multi_prompt(args):
   motions = []
   for piece in _pieces([_length(model, one) for one in sequences], model):
     motions += model.multi_prompts(sequences[piece], way=args.way, cleanup=not args.no_cleanup, seeds=seeds[piece],
-                                   rest=args.rest, hold_until_done=args.hold_until_done,
+                                   rest=args.rest, hold_until_done=args.hold_until_done, ease=args.ease,
                                   **_sampling(args, model))
   for caption in motions[0].captions if len(sequences) == args.num else ():
     print(f"{caption.start:6.1f} to {caption.end:5.1f} s  {caption.text}")

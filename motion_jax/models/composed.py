@@ -66,9 +66,9 @@ def _with_ending(model, sentence, total):
 
 
 def rested(model: "TextToMotionModel", lists: Sequence[Sequence[tuple[str, int]]], keys: jax.Array,
-           seeds: Sequence[int | None], cleanup: bool, sampling: dict[str, Any], way: str) -> Motions:
-  """A motion of each list of (prompt, frames), made in a row by a way of `multi_prompts`; an action that is over before
-  its frames are ends in standing still."""
+           seeds: Sequence[int | None], cleanup: bool, sampling: dict[str, Any], **how: Any) -> Motions:
+  """A motion of each list of (prompt, frames); an action that is over before its frames are ends in standing still.
+  how: `way` and `ease` of `multi_prompts`."""
   sentences, lengths = [], []
   for row in lists:
     segments, counts = [], []
@@ -82,7 +82,7 @@ def rested(model: "TextToMotionModel", lists: Sequence[Sequence[tuple[str, int]]
         counts.append(count - took)
     sentences.append(Sentence(" | ".join(prompt for prompt, _ in row), tuple(segments)))
     lengths.append(counts)
-  return gathered(_composed(model, sentences, lengths, keys, seeds, cleanup, sampling, way=way))
+  return gathered(_composed(model, sentences, lengths, keys, seeds, cleanup, sampling, **how))
 
 
 def took_of(model: "TextToMotionModel", prompt: str) -> int:
@@ -157,12 +157,12 @@ def generate(model: "TextToMotionModel", prompts: Sequence[str], num_frames: "Fr
 
 
 def _composed(model: "TextToMotionModel", sentences: list[Sentence], lengths: list[list[int]], keys: jax.Array,
-              seeds: Sequence[int | None], cleanup: bool, sampling: dict[str, Any], **way: str) -> list[Any]:
+              seeds: Sequence[int | None], cleanup: bool, sampling: dict[str, Any], **how: Any) -> list[Any]:
   """A Motion for each sentence."""
   moving = [[(segment, count) for segment, count in zip(sentence.segments, frames) if not segment.rests]
             or [(sentence.segments[0], frames[0])] for sentence, frames in zip(sentences, lengths)]
   lists = [[(segment.action.prompt, count) for segment, count in row] for row in moving]
-  bases = model.in_a_row(lists, keys, seeds, cleanup, sampling, **way)
+  bases = model.in_a_row(lists, keys, seeds, cleanup, sampling, **how)
   spans = [_spans(model, base, len(row)) for base, row in zip(bases, moving)]
   layers = [(row, place, action) for row, parts in enumerate(moving)
             for place, (segment, _) in enumerate(parts) for action in segment.also]

@@ -11,6 +11,7 @@ from jaxtyping import Float, Num
 
 from motion_jax import export
 from motion_jax.data.clip import Caption, Clip
+from motion_jax.motion.blending import eased
 from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.representations import to_features, to_joints
 from motion_jax.runtime import timing
@@ -87,14 +88,19 @@ def captions_in_a_row(prompts: Sequence[str], ends: Sequence[int], fps: float) -
 
 
 def make_motions(model: "TextToMotionModel", made: Any, frames: Sequence[int], captions: Sequence[tuple[Caption, ...]],
-                 seeds: Sequence[int | None], about: dict[str, Any], cleanup: bool) -> Motions:
-  """Motions of normalized features (B, T, F), of which motion i has its first frames[i]."""
+                 seeds: Sequence[int | None], about: dict[str, Any], cleanup: bool, ease: bool = False) -> Motions:
+  """Motions of normalized features (B, T, F), of which motion i has its first frames[i]; ease: joints are eased where
+  captions change."""
   length, layout = max(frames), model.stats.layout
   with timing.part("sample and decode"):
     made = np.asarray(made)  # the wait for what runs
   decoded = model.stats.denormalize(made)
   features = decoded[:, :length]
   joints = np.array(to_joints(features, layout))  # a copy: coordinates are their own joints
+  if ease:
+    for i, count in enumerate(frames):
+      borders = [round(caption.start * model.fps) for caption in captions[i][1:]]
+      joints[i, :count] = eased(joints[i, :count], borders, model.fps)
   if cleanup and layout.has_fixed_bones:
     with timing.part("cleanup"):
       for i, count in enumerate(frames):

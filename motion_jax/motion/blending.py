@@ -1,4 +1,6 @@
 """New frames between old ones: moved so that they begin and end where the old ones do."""
+from collections.abc import Iterable
+
 import numpy as np
 from jaxtyping import Bool, Float, Num
 
@@ -6,6 +8,7 @@ from motion_jax.shapes import Array
 
 _FADE = 12      # frames over which a part finds to its own pose and speed: 0.6 s at 20 frames a second
 _ALIGN = 6      # frames by which two motions are laid over each other
+_HASTE, _BESIDE, _CALM = 0.05, 0.3, 0.1  # seconds: a border's haste is so much behind it; reach and width of easing
 _SWERVE = 0.15  # metres that a joint's step across a border may differ from the steps beside it
 
 
@@ -62,6 +65,24 @@ def _correction(made, given, kept, first, fade, count=None, closed=False):
   pose = (away - away_root) * (1 - 3 * s ** 2 + 2 * s ** 3) + (drift - drift_root) * (width + 1) * s * (1 - s) ** 2
   way = away_root + drift_root * (width + 1) * (s - s ** 2 + s ** 3 / 3)
   return pose + (way * (1 - k / (count + 1)) if closed else way)
+
+
+def eased(joints: Num[Array, "t j 3"], borders: Iterable[int], fps: float = 20.0) -> Float[np.ndarray, "t j 3"]:
+  """Joints (T, J, 3) whose haste at borders, the first frames of what is done next, is spread over 0.4 s. float32.
+
+  A motion whose words change makes for its new pose within a few frames behind the border. There, and fading within
+  0.3 s to either side, each joint takes the mean of its places around (a Gaussian of 0.1 s), which is hardly another
+  where nothing jumps. Frames farther away stay as they are.
+  """
+  from scipy.ndimage import gaussian_filter1d
+  joints = np.asarray(joints)
+  result, frames = joints.astype(np.float64), np.arange(len(joints))
+  weight = np.zeros(len(joints))
+  for border in borders:
+    away = np.abs(frames - border - _HASTE * fps) / (_BESIDE * fps)
+    weight = np.maximum(weight, np.cos(np.pi / 2 * np.minimum(away, 1)) ** 2 * (away < 1))
+  calm = gaussian_filter1d(result, _CALM * fps, axis=0, mode="nearest")
+  return (result + weight[:, None, None] * (calm - result)).astype(np.float32)
 
 
 def laid_over(shadow: Float[np.ndarray, "n j 3"], joints: Num[np.ndarray, "t j 3"], count: int

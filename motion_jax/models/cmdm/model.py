@@ -65,19 +65,19 @@ class CmdmModel(CmdmNetworks):
   @former_names.with_keywords
   def multi_prompt(self, segments: Segments, *, rng: jax.Array | None = None, seed: int | None = None,
                    way: str = "stream", cleanup: bool = True, rest: bool = False, hold_until_done: bool = False,
-                   **sampling: Any) -> Motion:
+                   ease: bool = False, **sampling: Any) -> Motion:
     """One motion from several prompts in a row: [("a person walks", 4.0), ("he sits down", None), ...], in seconds.
 
     None is the length of similar training clips. See `multi_prompts`; sampling: choices of `CmdmSampling`.
     """
     seeds = None if seed is None else [seed]
     return self.multi_prompts([segments], rng=rng, seeds=seeds, way=way, cleanup=cleanup, rest=rest,
-                              hold_until_done=hold_until_done, **sampling)[0]
+                              hold_until_done=hold_until_done, ease=ease, **sampling)[0]
 
   @former_names.with_keywords
   def multi_prompts(self, lists: Iterable[Segments], *, rng: jax.Array | None = None,
                     seeds: Iterable[int] | None = None, way: str = "stream", cleanup: bool = True, rest: bool = False,
-                    hold_until_done: bool = False, **sampling: Any) -> Motions:
+                    hold_until_done: bool = False, ease: bool = False, **sampling: Any) -> Motions:
     """A motion as of `multi_prompt` for each of several lists of segments, in one batch, of which none of them knows.
     The captions of a motion say when each prompt plays.
 
@@ -86,7 +86,8 @@ class CmdmModel(CmdmNetworks):
     rounded, and the end is cut to the sum that was asked. "chain" is the released code's: one run per prompt behind the
     last latent of the one before, lengths floored to whole latents (4 frames).
     rest: an action that is over before its seconds are, such as a bow, ends in standing still. hold_until_done: an
-    action that is done once has at least the time that clips of it in training have, and the next words wait.
+    action that is done once has at least the time that clips of it in training have, and the next words wait. ease:
+    what hastens where the words change is spread over 0.4 s (`motion.blending.eased`); features stay as they were made.
     """
     told = [self._segments(segments) for segments in lists]
     if not told:
@@ -97,18 +98,19 @@ class CmdmModel(CmdmNetworks):
     if hold_until_done:
       told = [[(prompt, max(count, composed.took_of(self, prompt))) for prompt, count in row] for row in told]
     if rest:
-      return composed.rested(self, told, keys, seeds, cleanup, sampling, way)
-    return self.in_a_row(told, keys, seeds, cleanup, sampling, way)
+      return composed.rested(self, told, keys, seeds, cleanup, sampling, way=way, ease=ease)
+    return self.in_a_row(told, keys, seeds, cleanup, sampling, way, ease)
 
   def in_a_row(self, lists: Sequence[Sequence[tuple[str, int]]], keys: jax.Array, seeds: Sequence[int | None],
-               cleanup: bool, sampling: dict[str, Any], way: str = "stream") -> Motions:
+               cleanup: bool, sampling: dict[str, Any], way: str = "stream", ease: bool = False) -> Motions:
     """A motion of each list of (prompt, frames), a key each; see `multi_prompts`."""
     plan, scale, about = self.plan_of(**sampling)
     prompts, counts = ([list(part) for part in parts] for parts in zip(*(zip(*segments) for segments in lists)))
     make = multi.stream if way == "stream" else multi.chain
     made, totals, ends = make(self, plan, scale, prompts, counts, keys)
     captions = [captions_in_a_row(*row, self.fps) for row in zip(prompts, ends)]
-    return make_motions(self, made, totals, captions, seeds, about | {"way": way}, cleanup)
+    about |= {"way": way} | ({"eased": True} if ease else {})
+    return make_motions(self, made, totals, captions, seeds, about, cleanup, ease)
 
   def story(self, segments: Segments, **choices: Any) -> Motion:
     """The former name of `multi_prompt`."""
