@@ -2,6 +2,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from motion_jax import fit
 from motion_jax.models.cmdm import stages
@@ -31,6 +32,7 @@ def test_a_beginning_of_whole_blocks_is_its_own_and_clean():
                                   for a in (slice(40, 41), slice(40, 80))))  # alone or among others
 
 
+@pytest.mark.slow
 def test_only_what_comes_after_is_learned(monkeypatch):
   """The tiny denoiser: a loss over fewer latents, and no gradient through the pass that made the past."""
   config, _ = fit.resolve(load_config("cmdm_denoiser", "tiny"))

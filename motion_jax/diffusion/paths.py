@@ -62,7 +62,7 @@ def forcing_loss(velocity: Callable, x1: Float[Array, "b l c"], latent_mask: Boo
   found = velocity(x, t)
   difference = asked(x, found, t) - asked(x, x1 - noise, t)
   error = (difference ** 2).astype(jnp.promote_types(x1.dtype, jnp.float32)).mean(-1)
-  sums = {"loss": jnp.where(latent_mask, error, 0.0).sum()}
+  sums: dict[str, Array] = {"loss": jnp.where(latent_mask, error, 0.0).sum()}
   for name, errors in (errors_of(velocity_to_x1(x, found, t)) if errors_of else {}).items():
     sums[name] = (errors * latent_mask.sum(1)).sum().astype(sums["loss"].dtype)
     sums["loss"] += sums[name]

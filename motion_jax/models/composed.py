@@ -56,7 +56,7 @@ def with_endings(model: "TextToMotionModel", prompts: Sequence[str], sentences: 
 
 
 def _with_ending(model, sentence, total):
-  who = [who_is_done(one.prompt) for part in sentence.segments for one in (part.action, *part.also)]
+  who = [who_is_done(one.prompt, at_ease=True) for part in sentence.segments for one in (part.action, *part.also)]
   if not all(who) or any(part.seconds for part in sentence.segments):
     return sentence
   left = total / model.fps - sum(usual_frames(model, sentence)) / model.fps
@@ -73,7 +73,7 @@ def rested(model: "TextToMotionModel", lists: Sequence[Sequence[tuple[str, int]]
   for row in lists:
     segments, counts = [], []
     for prompt, count in row:
-      took, who = took_of(model, prompt), who_is_done(prompt)
+      took, who = took_of(model, prompt), who_is_done(prompt, at_ease=True)
       left = (count - took) / model.fps if took else 0.0
       segments.append(Segment(Action(prompt, prompt)))
       counts.append(took if left >= _LEFT else count)

@@ -42,6 +42,8 @@ _IRREGULAR = {form: verb for verb, forms in {
 # What is over when it is done, so that who has done it stands there.
 _ONCE = set("bow kick turn squat duck raise lift lower throw toss catch pick point salute grab reach hug slap strike "
             "pull push put place drop greet shrug cross".split())
+# Behind these a body may stand with an arm or a leg in the air.
+_NOT_AT_EASE = {"kick", "raise", "lift", "strike"}
 RESTS = {"stop", "pause", "wait", "rest", "halt", "freeze"}
 # Seconds of one swing, clap or blow of actions that a clip shows many times: to do such a thing twice takes no longer.
 _CYCLES = {"wave": 0.8, "clap": 0.6, "nod": 0.8, "shake": 0.6, "punch": 1.0, "jab": 0.8, "stomp": 0.8, "stamp": 0.8}
@@ -79,6 +81,11 @@ def is_done_once(verb: str) -> bool:
   """Whether an action is over when it is done, and leaves a body standing, as a bow does and walking or sitting do
   not."""
   return verb in _ONCE
+
+
+def leaves_at_ease(verb: str) -> bool:
+  """Whether whoever has done an action that `is_done_once` stands at ease, and can go on standing so."""
+  return is_done_once(verb) and verb not in _NOT_AT_EASE
 
 
 def cycle_of(verb: str) -> float | None:

@@ -98,10 +98,14 @@ def understand(text: str, known: Callable[[str], bool] = lambda text: False) -> 
   return plain if found.is_plain else found
 
 
-def who_is_done(text: str) -> str:
-  """Who acts in a sentence of one action that is over when it is done ("a man" of "a man bows"), "" of any other."""
+def who_is_done(text: str, at_ease: bool = False) -> str:
+  """Who acts in a sentence of one action that is over when it is done ("a man" of "a man bows"), "" of any other.
+
+  at_ease: and of one that leaves a body at ease, as a bow does and a raised hand does not.
+  """
+  ends = actions.leaves_at_ease if at_ease else actions.is_done_once
   clauses = [clause for _, clause in pieces_of(text, lambda text: True)]
-  if len(clauses) != 1 or clauses[0] is None or not actions.is_done_once(clauses[0].verb):
+  if len(clauses) != 1 or clauses[0] is None or not ends(clauses[0].verb):
     return ""
   return " ".join(lower(clauses[0].subject)) or "a person"
 

@@ -106,7 +106,7 @@ def forcing_inputs(config: ConfigDict, vae: CausalVAE, dit: CausalDiT, frozen: A
   return z1, latent_mask, t, noise, text_emb
 
 
-def with_own_past(velocity: Callable[..., Array], z1: Float[Array, "b l c"], latent_mask: Bool[Array, "b l"],
+def with_own_past(velocity: Callable[..., Any], z1: Float[Array, "b l c"], latent_mask: Bool[Array, "b l"],
                   t: Float[Array, "b l"], noise: Float[Array, "b l c"], keys: Array, block: int, share: float
                   ) -> tuple[Float[Array, "b l c"], Float[Array, "b l"], Bool[Array, "b l"]]:
   """(latents, times, which are its own (B, L)): of a share of clips, drawn by keys (B,), the blocks before a random
