@@ -6,6 +6,7 @@ import pytest
 
 import motion_jax as mj
 from motion_jax import fit as training
+from motion_jax import runs
 from motion_jax.diffusion.schedules import staircase_levels
 from motion_jax.models.cmdm import distill
 from motion_jax.training.setup import untrained
@@ -74,7 +75,8 @@ def test_a_model_that_ships_is_a_teacher():
   config.data.update(load_config("cmdm_student", "tiny").data.to_dict() | {"vary_subject": 0.0})
   config.distill.teacher = "cmdm-small"
   found = training.resolve(config)[0]
-  assert found.frozen.text == "words" and found.model.width == 256 and found.train.start == "cmdm-small"
+  assert found.frozen.text == str(runs.open("cmdm-small").text)
+  assert found.model.width == 256 and found.train.start == "cmdm-small"
   setup = training.setups()[found.stage](found)
   batch = setup.next_batch(0)
   begun = training._started_from(setup.stage._replace(init=lambda *_: setup.frozen[distill.TEACHER]), found)

@@ -3,9 +3,9 @@ import json
 
 import pytest
 
+from motion_jax import runs
 from motion_jax.data.captions import SUBJECTS
 from motion_jax.models.base import TextToMotionModel
-from motion_jax.runs import PRETRAINED
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.text.vocabulary import Vocabulary
 
@@ -53,9 +53,9 @@ SENTENCES = {
     "a person pirouettes": "",  # five dances of the training data are said to hold a pirouette
     # what it never learned
     "a person moonwalks": "moonwalks",
-    "a zombie walks": "zombie",
-    "A Zombie Walks": "Zombie",
-    "a zombie walks like zombies, Zombie!": "zombie",
+    "a robot walks": "robot",
+    "A Robot Walks": "Robot",
+    "a robot walks like robots, Robot!": "robot",
     "a person does a backflip": "backflip",
     "a person does a Backflip": "Backflip",
     "Backflip and land": "Backflip",
@@ -94,7 +94,8 @@ class Model(TextToMotionModel):
 
 @pytest.fixture(scope="module")
 def model():
-  return Model(PRETRAINED / "cmdm-small", load_text_encoder("words"))
+  run = runs.open("cmdm-small")
+  return Model(run.folder, load_text_encoder(run.text))
 
 
 @pytest.mark.parametrize("sentence, expected", SENTENCES.items())
