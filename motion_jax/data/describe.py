@@ -26,6 +26,7 @@ _SPOKEN = (
     (r"\brun|jog|dash|sprint", ("run", "turn", "still")),
     (r"\bturn", ("turn",)),
     (r"kick", ("kick",)),
+    (r"punch|boxing|\bboxes\b|\bstrik|\bfists?\b", ("punch",)),
     (r"(rais|lift|put|reach|grab|stretch).*\b(hands?|arms?|high|above)\b", ("raise", "still")),
     (r"\bwav(e|es|ing)\b", ("wave", "still")),
     (r"jump|\bhop|leap", ("jump", "hop")),
@@ -38,7 +39,7 @@ _SPOKEN = (
 )
 # Where the rules were not calibrated, or where the ground is not flat, nothing is said.
 UNKNOWN = re.compile(r"danc|salsa|lambada|charleston|pirouette|arabesque|ballet|jete|playground|climb|ladder|uneven|"
-                      r"terrain|stool|karate|boxing|sword|laugh|wash|basketball", re.IGNORECASE)
+                      r"terrain|stool|karate|sword|laugh|wash|basketball", re.IGNORECASE)
 
 
 class Correction(NamedTuple):

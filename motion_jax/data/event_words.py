@@ -129,6 +129,16 @@ def _kick(event, others, variant):
   return _spaced("kicks", TIMES.get(event.count, ""), f"with the {event.side} {foot}")
 
 
+def _punch(event, others, variant):
+  hand = _pick(variant, "hand", "fist")
+  if event.side == "both":
+    return f"punches with one {hand} and then the other" if event.count == 2 else "throws punches with both hands"
+  if variant % 3 == 2 and event.count:
+    number = _NUMBER.get(event.count)
+    return f"throws {f'{number} punches' if number else 'a punch'} with the {event.side} {hand}"
+  return _spaced("punches", TIMES.get(event.count, ""), f"with the {event.side} {hand}")
+
+
 def _limb(event, variant):
   part = _pick(variant, "hand", "arm")
   return f"both {part}s" if event.side == "both" else f"the {event.side} {part}"
@@ -187,6 +197,6 @@ def _arm_circle(event, others, variant):
   return _pick(variant, f"circles {_limb(event, 1)} {event.way}", f"swings {_limb(event, 1)} around {event.way}")
 
 
-_PHRASES = {"walk": _going, "run": _going, "turn": _turning, "kick": _kick, "raise": _raise, "wave": _wave,
-            "jump": _jump, "hop": _hop, "squat": _squat, "bow": _bow, "reach-floor": _reach_floor,
+_PHRASES = {"walk": _going, "run": _going, "turn": _turning, "kick": _kick, "punch": _punch, "raise": _raise,
+            "wave": _wave, "jump": _jump, "hop": _hop, "squat": _squat, "bow": _bow, "reach-floor": _reach_floor,
             "lie-down": _lie_down, "arm-circle": _arm_circle}

@@ -40,8 +40,8 @@ def find_events(joints: Num[Array, "t 22 3"], fps: float = 20.0) -> list[Event]:
   if len(joints) < max(0.5 * fps, 4):
     return []
   body = Body(np.asarray(joints, np.float64), fps)
-  found = [event for rule in (_locomotion, _turns, _kicks, _hands, _arm_circles, _jumps, _squats, _bows, _floor_reaches,
-                              _lies, _rests) for event in rule(body)]
+  found = [event for rule in (_locomotion, _turns, _kicks, _hands, _punches, _arm_circles, _jumps, _squats, _bows,
+                              _floor_reaches, _lies, _rests) for event in rule(body)]
   # Knees bend before a jump, and on the way to the ground: that is no squat. Who squats often may spring up between.
   squats = sum(event.count for event in found if event.kind == "squat")
   if squats > 1:
@@ -260,6 +260,28 @@ def _hands(body):
                        amount=float(np.mean([rate for _, _, rate in swings])))
     elif all(count <= 1 for count, _, _ in swings):
       yield _event(body, "raise", first, past, side=named, count=1, amount=float(over[first:past, side].max()))
+
+
+def _punches(body):
+  """A fist that shoots out from a bent arm, level and ahead, to an arm that is nearly stretched, and comes back."""
+  from scipy.signal import find_peaks
+  line = body.local("wrist", "shoulder")
+  reach = np.linalg.norm(line, axis=-1)
+  out = np.gradient(body.smooth(reach, 0.05), axis=0) * body.fps
+  speed = np.linalg.norm(velocity(body.joints[:, PAIR["wrist"]] - body.joints[:, :1], body.fps), axis=-1)
+  there = (np.abs(line[..., 1]) < 0.22) & (line[..., 2] > 0.2) & (body.elbows > 115)
+  frames = lambda seconds: max(1, int(seconds * body.fps))
+  peaks = []
+  for side in (0, 1):
+    fast = np.where(out[:, side] > 0.3, speed[:, side], 0.0)
+    for peak in find_peaks(fast, height=2.2, distance=frames(0.3))[0].tolist():
+      before, soon = slice(max(0, peak - frames(0.4)), peak + 1), slice(peak, peak + frames(0.25))
+      near = slice(max(0, peak - frames(0.3)), min(peak + frames(0.3) + 1, body.num))
+      if (there[soon, side].any() and np.median(body.speed[near]) < 1.5
+          and body.elbows[before, side].min() < 110 and line[before, side, 1].min() > -0.35
+          and reach[soon, side].max() - reach[peak:peak + frames(0.7), side].min() > 0.15):
+        peaks.append((near.start, near.stop, side))
+  yield from _grouped(body, "punch", peaks, gap=0.8)
 
 
 def _swings(body, first, past, side):

@@ -95,6 +95,17 @@ def test_what_is_counted_is_done_so_often():
     assert all(re.search(_TIMES[how_often(find_events(clip.joints))], caption.text) for caption in clip.captions)
 
 
+def test_an_excerpt_is_most_of_what_is_done():
+  clips = _clips(seeds=3, said=_JUMP)
+  made = augmented(clips, {"excerpts": 2.0})
+  assert made
+  for clip in made:
+    source = next(one for one in clips if one.id == clip.id.partition("+")[0])
+    jump, = (event for event in find_events(clip.joints) if event.kind != "still")
+    assert 30 <= clip.num_frames <= 0.9 * source.num_frames and jump.kind == "jump"
+    assert 0.25 < jump.start < 1.4 and all("jump" in caption.text or "hop" in caption.text for caption in clip.captions)
+
+
 def test_another_pace_is_said_and_no_foot_slides():
   said = set()
   clips = _clips(seeds=3)

@@ -49,6 +49,18 @@ def _kick(side, times=(1.0,), seconds=4.0):
   return joints
 
 
+def _punch(side, times=(1.5,), seconds=4.0, reach=0.52, width=0.35):
+  """A fist held before the shoulder that shoots out ahead and comes back."""
+  joints = _standing(seconds)
+  out = sum(_bump(_time(joints), at, width) for at in times)
+  shoulder = joints[:, J[f"{side}_shoulder"]]
+  ahead = 0.15 + (reach - 0.15) * out
+  joints[:, J[f"{side}_wrist"]] = shoulder + np.stack([0 * out, 0 * out, ahead], -1)
+  bent = np.sqrt(np.maximum(0.26 ** 2 - (ahead / 2) ** 2, 0))
+  joints[:, J[f"{side}_elbow"]] = shoulder + np.stack([0 * out, -bent, ahead / 2], -1)
+  return joints
+
+
 def _wave(side, times, seconds=7.0):
   """An arm put up, then swung aside and back so many times, a second each, then put down."""
   joints = _standing(seconds)
@@ -110,6 +122,8 @@ def _squat(times, lowest=0.45):
 MOTIONS = {
     "left kick": (_kick("left"), r"kick.* the left (foot|leg)\b"),
     "two right kicks": (_kick("right", (1.0, 2.2)), r"kicks twice with the right|two kicks with the right"),
+    "right punch": (_punch("right"), r"punch.* with the right (hand|fist)"),
+    "two left punches": (_punch("left", (1.5, 2.2)), r"punches twice with the left|two punches with the left"),
     "wave": (_wave("left", 4), r"wave.* four times"),
     "raise": (_wave("right", 0), r"(raises|lifts|puts) the right (hand|arm)"),
     "turn left": (_turn(90), r"90[- ]degree|turns to the left"),
@@ -165,6 +179,11 @@ def test_in_doubt_nothing_is_said():
   assert describe(_standing(0.2)) == []
   shuffle = _walk(ways=17)  # between forward and diagonal
   assert not re.search("forward|ahead|diagonal", " ".join(describe(shuffle)))
+
+
+def test_a_slow_hand_is_no_punch():
+  assert not any(event.kind == "punch" for event in find_events(_punch("left", width=1.6)))
+  assert not any(event.kind == "punch" for event in find_events(_punch("left", reach=0.3, width=0.5)))
 
 
 def test_beside_captions_only_what_they_speak_of():
