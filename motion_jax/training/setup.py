@@ -81,8 +81,12 @@ def reconstruction_error(reconstruct, features, stats, length=192):
 
 
 def text_identity(encoder):
-  """JSON by which loading knows that captions are encoded as they were in training."""
-  return json.dumps({"name": encoder.name, "fingerprint": encoder.fingerprint}) + "\n"
+  """JSON by which loading knows that captions are encoded as they were in training.
+
+  Of a folder of one's own its name is told, not where it lay.
+  """
+  name = encoder.folder.name if encoder.folder else encoder.name
+  return json.dumps({"name": name, "fingerprint": encoder.fingerprint}) + "\n"
 
 
 def encoder_files(encoder):
