@@ -120,23 +120,22 @@ def _turning(event, others, variant):
 
 
 def _kick(event, others, variant):
-  foot = _pick(variant, "foot", "leg")
-  if event.side == "both":
-    return f"kicks with one {foot} and then the other" if event.count == 2 else ""
-  if variant % 3 == 2 and event.count:
-    number = _NUMBER.get(event.count)
-    return f"does {f'{number} kicks' if number else 'a kick'} with the {event.side} {foot}"
-  return _spaced("kicks", TIMES.get(event.count, ""), f"with the {event.side} {foot}")
+  return _blow(event, variant, _pick(variant, "foot", "leg"), "kicks", "does", "a kick", "")
 
 
 def _punch(event, others, variant):
-  hand = _pick(variant, "hand", "fist")
+  return _blow(event, variant, _pick(variant, "hand", "fist"), "punches", "throws", "a punch",
+               "throws punches with both hands")
+
+
+def _blow(event, variant, limb, several, does, one, both):
+  """Kicks or punches, several of which are also the verb; both: what is said where both limbs act more than twice."""
   if event.side == "both":
-    return f"punches with one {hand} and then the other" if event.count == 2 else "throws punches with both hands"
+    return f"{several} with one {limb} and then the other" if event.count == 2 else both
   if variant % 3 == 2 and event.count:
     number = _NUMBER.get(event.count)
-    return f"throws {f'{number} punches' if number else 'a punch'} with the {event.side} {hand}"
-  return _spaced("punches", TIMES.get(event.count, ""), f"with the {event.side} {hand}")
+    return f"{does} {f'{number} {several}' if number else one} with the {event.side} {limb}"
+  return _spaced(several, TIMES.get(event.count, ""), f"with the {event.side} {limb}")
 
 
 def _limb(event, variant):

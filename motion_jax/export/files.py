@@ -29,7 +29,7 @@ def npz(clip, path) -> pathlib.Path:
             "prompt": np.array(clip.captions[0].text if clip.captions else ""),
             "captions": np.array(json.dumps([[c.text, c.start, c.end] for c in clip.captions])),
             "about": np.array(json.dumps({key: getattr(clip, key) for key in ("id", "split", "source", "license")})),
-            "meta": np.array(json.dumps(_plain(clip.meta)))}
+            "meta": np.array(json.dumps(plain(clip.meta)))}
   for key in ("seed", "model"):  # what a reader asks first deserves a key of its own
     if isinstance(clip.meta.get(key), str | int | np.integer):
       arrays["model_id" if key == "model" else key] = np.array(clip.meta[key])
@@ -186,12 +186,12 @@ def _from_features(features):
   return to_joints(features.astype(np.float32), layout), layout.skeleton
 
 
-def _plain(value):
+def plain(value):
   """A copy that JSON can hold: arrays become lists, other objects their text."""
   if isinstance(value, dict):
-    return {str(key): _plain(item) for key, item in value.items()}
+    return {str(key): plain(item) for key, item in value.items()}
   if isinstance(value, list | tuple):
-    return [_plain(item) for item in value]
+    return [plain(item) for item in value]
   if isinstance(value, np.ndarray | np.generic):
     return value.tolist()
   return value if value is None or isinstance(value, str | int | float | bool) else str(value)

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from motion_jax.data.clip import Caption, Clip
+from motion_jax.export.files import plain
 from motion_jax.inputs.errors import InputError
 from motion_jax.models.results import Motion
 from motion_jax.motion import plausibility
@@ -49,7 +50,7 @@ def to_json(motion: Clip) -> dict[str, Any]:
           "joints": base64.b64encode(joints.tobytes()).decode("ascii"), "source": motion.source,
           "license": motion.license,
           "captions": [{"text": c.text, "start": c.start, "end": c.end} for c in motion.captions],
-          "meta": _plain(motion.meta)}
+          "meta": plain(motion.meta)}
 
 
 def from_json(value: Any, longest: int) -> Motion:
@@ -91,13 +92,3 @@ def _caption(row):
   if not isinstance(found[0], str) or not number(found[1]) or not number(found[2]):
     raise InputError("got a caption without text, start and end in seconds")
   return Caption(found[0][:5000], float(found[1]), float(found[2]))
-
-
-def _plain(value):
-  if isinstance(value, dict):
-    return {str(key): _plain(item) for key, item in value.items()}
-  if isinstance(value, list | tuple):
-    return [_plain(item) for item in value]
-  if isinstance(value, np.ndarray | np.generic):
-    return value.tolist()
-  return value if value is None or isinstance(value, str | int | float | bool) else str(value)
