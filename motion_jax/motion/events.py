@@ -276,10 +276,11 @@ def _punches(body):
     fast = np.where(out[:, side] > 0.3, speed[:, side], 0.0)
     for peak in find_peaks(fast, height=2.2, distance=frames(0.3))[0].tolist():
       before, soon = slice(max(0, peak - frames(0.4)), peak + 1), slice(peak, peak + frames(0.25))
+      top = peak + int(reach[soon, side].argmax())
       near = slice(max(0, peak - frames(0.3)), min(peak + frames(0.3) + 1, body.num))
       if (there[soon, side].any() and np.median(body.speed[near]) < 1.5
           and body.elbows[before, side].min() < 110 and line[before, side, 1].min() > -0.35
-          and reach[soon, side].max() - reach[peak:peak + frames(0.7), side].min() > 0.15):
+          and reach[top, side] - reach[top:top + frames(0.6), side].min() > 0.1):
         peaks.append((near.start, near.stop, side))
   yield from _grouped(body, "punch", peaks, gap=0.8)
 

@@ -1,6 +1,7 @@
 """Clips that are made of others do what their captions say, and never mix what licences keep apart."""
 import functools
 import re
+import sys
 
 import numpy as np
 import pytest
@@ -104,6 +105,12 @@ def test_an_excerpt_is_most_of_what_is_done():
     jump, = (event for event in find_events(clip.joints) if event.kind != "still")
     assert 30 <= clip.num_frames <= 0.9 * source.num_frames and jump.kind == "jump"
     assert 0.25 < jump.start < 1.4 and all("jump" in caption.text or "hop" in caption.text for caption in clip.captions)
+
+
+def test_an_excerpt_in_which_something_else_is_found_is_dropped(monkeypatch):
+  wrong = lambda joints, fps: [event._replace(count=event.count + 1) for event in find_events(joints, fps)]
+  monkeypatch.setattr(sys.modules[KINDS["excerpts"].__module__], "find_events", wrong)
+  assert augmented(_clips(said=_JUMP), {"excerpts": 2.0}) == []
 
 
 def test_another_pace_is_said_and_no_foot_slides():

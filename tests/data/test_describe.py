@@ -182,6 +182,10 @@ def test_in_doubt_nothing_is_said():
 
 
 def test_a_slow_hand_is_no_punch():
+  """Nor one that does not reach far, or that stays out there, as one that points does."""
+  points = _punch("left")
+  points[30:] = points[30]
+  assert not any(event.kind == "punch" for event in find_events(points))
   assert not any(event.kind == "punch" for event in find_events(_punch("left", width=1.6)))
   assert not any(event.kind == "punch" for event in find_events(_punch("left", reach=0.3, width=0.5)))
 
