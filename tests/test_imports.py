@@ -13,7 +13,7 @@ PACKAGE = ROOT / "motion_jax"
 LAYERS = [
     ("charts", "configs", "inputs", "runtime", "shapes"),
     ("motion", "nets", "quant", "diffusion", "paper_rows"),
-    ("data", "text", "metrics", "latents"),
+    ("data", "text", "metrics", "latents", "control"),
     ("convert", "export", "runs", "training"),
     ("models", "evaluators"),
     ("loading", "fit", "pictures", "retrieval"),
