@@ -41,13 +41,16 @@ def get_config(size="full"):
   config.distill = dict(teacher="")  # a student's teacher, and how it learns: configs/cmdm_student.py
   config.taught_by = dict()  # what the tokenizer was aligned with; the run takes it from there
   config.tokenizer = dict(features=263, latent_dim=64, width=1024, num_halvings=2, dilations=(9, 3, 1), causal=True)
-  config.model = dict(latent_dim=64, width=512, depth=8, num_heads=4, ff_width=1024, block=3, text_dim=768)
+  config.model = dict(latent_dim=64, width=512, depth=8, num_heads=4, ff_width=1024, block=3, text_dim=768,
+                      control=0)  # numbers that tell a latent of constraints; data.control sets it
   # own_past: of how many clips a beginning is what the network made itself (docs/training.md#denoisers).
   # decoded_from: errors of the decoded motion count for frames whose latents' time is over it (0 noise, 1 clean).
+  # control: weight of how far the decoded motion is from the constraints that it is told (data.control).
   config.loss = dict(drop_rate=0.1, unit_latents=False, level_block=3, mean_latents=False, own_past=0.0,
-                     decoded_from=0.5, **common.motion_errors())
+                     decoded_from=0.5, control=0.0, **common.motion_errors())
   config.data = common.captioned_data(layout="full", batch_size=64, min_frames=40, max_frames=192, lengths=(192,),
-                                      max_words=64, balance=0.0, vary_subject=0.0, part_by_part=0.0, store="")
+                                      max_words=64, balance=0.0, vary_subject=0.0, part_by_part=0.0, store="",
+                                      control=0.0)  # of how many motions constraints are told (docs/training.md)
   if dataset:
     config.tokenizer.features, data = DATASETS[dataset]
     config.data.update(data)

@@ -68,8 +68,10 @@ def weights(loss_config: ConfigDict) -> dict[str, float]:
 
 
 def frozen_stats(config: ConfigDict, stats: Stats) -> dict[str, Any]:
-  """What these terms need among the frozen parts of a stage; nothing where config.loss asks for none."""
-  return {STATS: {"mean": stats.mean, "std": stats.std}} if weights(config.loss) else {}
+  """What these terms, and constraints of the motion, need among the frozen parts of a stage; nothing where the config
+  asks for none."""
+  asked = weights(config.loss) or config.data.get("control")
+  return {STATS: {"mean": stats.mean, "std": stats.std}} if asked else {}
 
 
 def of_features(config: ConfigDict, frozen: Mapping[str, Any]) -> Callable | None:

@@ -128,6 +128,7 @@ class CausalDiT(nn.Module):
   predicts: str = "velocity"  # what the network itself gives; eps and x1 are turned into the velocity, ddpm's noise not
   time_scale: float = 1.0  # times which t is embedded; 1000 where it stands for a DDPM's levels
   dtype: Any = jnp.float32
+  control: int = 0  # how many numbers tell a latent what it is held to (`motion_jax.control.conditioning`); 0: none
   remat: bool = False  # a gradient computes what is inside of a block once more, instead of keeping it
   scan_layers: bool = False  # training compiles one layer and runs it `depth` times, instead of compiling each
 
@@ -144,6 +145,9 @@ class CausalDiT(nn.Module):
     self.blocks = [block(self.width, self.num_heads, self.ff_width, self.dtype, name=f"block{i}")
                    for i in range(self.depth)]
     self.out = Dense(self.latent_dim, kernel_init=nn.initializers.zeros, dtype=self.dtype)
+    if self.control:
+      self.control_in = Dense(self.width, **xavier)
+      self.control_out = Dense(self.width, kernel_init=nn.initializers.zeros, dtype=self.dtype)
 
   def level(self, t: Float[Array, "*lead"]) -> Float[Array, "*lead d"]:
     """Time embedding (..., D) of t (...)."""
@@ -172,6 +176,15 @@ class CausalDiT(nn.Module):
     null_word = self.text_in(jnp.zeros((1, 1, self.text_dim), self.dtype)) if with_null else None
     return tuple(block.text(words, text_mask, null_word) for block in self.blocks)
 
+  def control_tokens(self, control: Float[Array, "b l n"]) -> Float[Array, "b l d"]:
+    """What is added to the tokens of latents that are told control (B, L, N), whose first number says whether they are
+    told anything: 0 where not."""
+    if control.shape[-1] != self.control:
+      raise ValueError(f"got {control.shape[-1]} numbers of control a latent, this network takes {self.control}"
+                       + ("" if self.control else ": it was trained without; train one with data.control"))
+    hidden = nn.silu(self.control_in(control.astype(self.dtype)))
+    return self.control_out(hidden) * control[..., :1].astype(self.dtype)
+
   def turn_keys(self, cache: tuple[KeysValues, ...], positions: Num[Array, " p"]) -> tuple[KeysValues, ...]:
     """Cached (k, v) of all layers with the keys turned to positions (P,), as `window` takes them."""
     positions = positions if self.use_rope else jnp.zeros_like(positions)
@@ -179,14 +192,15 @@ class CausalDiT(nn.Module):
 
   def window(self, x: Float[Array, "b w c"], t: Float[Array, "b w"], modulation: Float[Array, "depth #b #w 6 d"] | list,
              text: tuple[Text, ...], attn_mask: Bool[Array, "#b 1 w s"], positions: Num[Array, "*#b w"],
-             past: tuple[KeysValues, ...] | None = None) -> tuple[Float[Array, "b w c"], tuple[KeysValues, ...]]:
+             past: tuple[KeysValues, ...] | None = None, control: Float[Array, "#b w d"] | None = None
+             ) -> tuple[Float[Array, "b w c"], tuple[KeysValues, ...]]:
     """Velocity of a window of latents and its keys and values: x (B, W, C), modulation (depth, B or 1, W, 6, D).
 
     text: of text_keys_values. positions (W,) or (B, W). past: per layer (k, v) (B, P, H, K), keys turned, that stand
-    before the window; attn_mask (B or 1, 1, W, P + W) says which of them are there. -> (velocity, ((k, v), ...)), keys
-    not turned.
+    before the window; attn_mask (B or 1, 1, W, P + W) says which of them are there. control: of control_tokens.
+    -> (velocity, ((k, v), ...)), keys not turned.
     """
-    latents, x = x, self.x_in(x.astype(self.dtype))
+    latents, x = x, self._tokens(x, control)
     if not self.use_adaln:
       x = x + self.level(t)
     positions = positions if self.use_rope else jnp.zeros_like(positions)
@@ -195,6 +209,10 @@ class CausalDiT(nn.Module):
       x, keys_values = block.step(x, modulation[i], text[i], attn_mask, positions, None if past is None else past[i])
       new.append(keys_values)
     return self._to_velocity(self.out(x), latents, t), tuple(new)
+
+  def _tokens(self, x: Float[Array, "b l c"], control: Float[Array, "#b l d"] | None) -> Float[Array, "b l d"]:
+    tokens = self.x_in(x.astype(self.dtype))
+    return tokens if control is None else tokens + control
 
   def _to_velocity(self, y: Float[Array, "b l c"], x: Float[Array, "b l c"], t: Float[Array, "b l"]
                    ) -> Float[Array, "b l c"]:
@@ -210,23 +228,28 @@ class CausalDiT(nn.Module):
     return (y - x) / jnp.maximum(1 - t, PREDICTION_FLOOR)
 
   def __call__(self, x: Float[Array, "b l c"], t: Float[Array, "b m"], text_emb: Float[Array, "b s e"],
-               attn_mask: Bool[Array, "#b 1 l l"], text_mask: Bool[Array, "b *m s"]) -> Float[Array, "b l c"]:
+               attn_mask: Bool[Array, "#b 1 l l"], text_mask: Bool[Array, "b *m s"],
+               control: Float[Array, "b l n"] | None = None) -> Float[Array, "b l c"]:
     """x (B, L, C), t (B, L) or (B, L / n), text_emb (B, S, E), attn_mask (B or 1, 1, L, L), text_mask (B, S)
-    or (B, L, S)."""
+    or (B, L, S); control (B, L, N) as in `control_tokens`."""
     length = x.shape[1]
+    if self.control and self.is_initializing():
+      control = jnp.zeros(x.shape[:2] + (self.control,), self.dtype)
+    added = None if control is None else self.control_tokens(control)
     if length % t.shape[1]:
       raise ValueError(f"got {t.shape[1]} times for {length} latents, expected one each or one per whole block")
     if self.scan_layers and not self.is_initializing():
-      return self._scanned(x, t, text_emb, attn_mask, text_mask)
+      return self._scanned(x, t, text_emb, attn_mask, text_mask, added)
     modulation = self._modulations(t)
     if t.shape[1] != length:
       modulation = [spread(part, length // t.shape[1]) for part in modulation]
       t = jnp.repeat(t, length // t.shape[1], axis=1)
     text = self.text_keys_values(text_emb, text_mask)
-    return self.window(x, t, modulation, text, attn_mask, jnp.arange(length))[0]
+    return self.window(x, t, modulation, text, attn_mask, jnp.arange(length), control=added)[0]
 
   def _scanned(self, x: Float[Array, "b l c"], t: Float[Array, "b m"], text_emb: Float[Array, "b s e"],
-               attn_mask: Bool[Array, "#b 1 l l"], text_mask: Bool[Array, "b *m s"]) -> Float[Array, "b l c"]:
+               attn_mask: Bool[Array, "#b 1 l l"], text_mask: Bool[Array, "b *m s"],
+               control: Float[Array, "b l d"] | None) -> Float[Array, "b l c"]:
     """`__call__` by one loop over the layers. Their parameters are stacked here, on the way in: in files and in an
     optimizer each layer has its own."""
     level, words = self.level(t), self.text_in(text_emb.astype(self.dtype))
@@ -238,7 +261,7 @@ class CausalDiT(nn.Module):
       modulation = spread(block.modulation(level) if plain is None else plain, count)
       return block.step(x, modulation, block.text(words, text_mask), attn_mask, positions)[0], None
 
-    latents, x = x, self.x_in(x.astype(self.dtype))
+    latents, x = x, self._tokens(x, control)
     if not self.use_adaln:
       x = x + self.level(t)
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(block.variables for block in self.blocks))

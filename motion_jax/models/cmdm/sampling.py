@@ -6,6 +6,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int
 
+from motion_jax.control import conditioning
+from motion_jax.control.signal import ControlSignal
 from motion_jax.diffusion import guidance, samplers, schedules
 from motion_jax.latents import VaeCodec
 from motion_jax.models.cmdm import continuation, ddpm_forcing, streaming
@@ -16,20 +18,24 @@ from motion_jax.shapes import Array
 
 def generate(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params: Any, codec: VaeCodec, *,
              text_emb: Float[Array, "b *g s e"], text_mask: Bool[Array, "b *g s"], scale: Any, keys: jax.Array,
-             segment: Int[Array, "b {num_blocks}"] | None = None) -> Float[Array, "b t f"]:
+             segment: Int[Array, "b {num_blocks}"] | None = None, control: ControlSignal | None = None
+             ) -> Float[Array, "b t f"]:
   """Normalized features (B, frames, F) of num_blocks blocks, by frame-wise sampling (lag < num_steps) or block after
   block (lag = num_steps). keys (B,): one per motion. Pure; dit, plan and num_blocks are static.
 
   With segment (B, num_blocks), text_emb (B, G, S, E) and text_mask (B, G, S) are G captions a motion, and segment says
-  which of them each block has; plan.captions is that of `streaming.captions_seen`.
+  which of them each block has; plan.captions is that of `streaming.captions_seen`. control, of the frames that are
+  made, is for a network that was trained to keep to it.
   """
-  sampler = streaming.bind(dit, plan, params, text_emb=text_emb, text_mask=text_mask, scale=scale, keys=keys)
+  sampler = streaming.bind(dit, plan, params, text_emb=text_emb, text_mask=text_mask, scale=scale, keys=keys,
+                           control=told_of(codec, control))
   return codec.decode(sampler.sample(num_blocks, segment=segment))
 
 
 def generate_whole(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params: Any, codec: VaeCodec, *,
                    text_emb: Float[Array, "b *g s e"], text_mask: Bool[Array, "b *g s"], scale: Any, keys: jax.Array,
-                   segment: Int[Array, "b {num_blocks}"] | None = None) -> Float[Array, "b t f"]:
+                   segment: Int[Array, "b {num_blocks}"] | None = None, control: ControlSignal | None = None
+                   ) -> Float[Array, "b t f"]:
   """The same by the plain loop over all latents at once; a plan of lag 0 cleans them all together.
 
   What `generate` is tested against, and the full-sequence schedule of the paper's ablation.
@@ -39,7 +45,7 @@ def generate_whole(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params
   if segment is not None:
     text_emb, text_mask = words_of_latents(text_emb, text_mask, jnp.repeat(segment, plan.block, axis=1))
   attn_mask = sliding_mask(length, plan.block, plan.context)
-  velocity = plain_velocity(dit, params, text_emb, text_mask, attn_mask, scale, plan.guided)
+  velocity = plain_velocity(dit, params, text_emb, text_mask, attn_mask, scale, plan.guided, told_of(codec, control))
   if plan.solver in ddpm_forcing.SOLVERS:
     # Parity: algorithm 2 of the paper, whose steps draw fresh noise; the code's, and our default, are Euler's.
     levels = schedules.staircase_levels(plan.num_steps, length, plan.lag, plan.block)
@@ -48,6 +54,11 @@ def generate_whole(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params
     return codec.decode(ddpm_forcing.sample(velocity, noise, levels, steps, fresh))
   times = jnp.asarray(schedules.staircase(plan.num_steps, length, plan.lag, plan.block))
   return codec.decode(samplers.SOLVERS[plan.solver](velocity, noise, times))
+
+
+def told_of(codec: VaeCodec, control: ControlSignal | None) -> Float[Array, "b l n"] | None:
+  """What the latents of a motion are told of its constraints; None where there are none."""
+  return None if control is None else conditioning.features(control, codec.frames_per_latent)
 
 
 def words_of_latents(text_emb: Float[Array, "b g s e"], text_mask: Bool[Array, "b g s"], segment: Int[Array, "b l"]
@@ -59,13 +70,15 @@ def words_of_latents(text_emb: Float[Array, "b g s e"], text_mask: Bool[Array, "
 
 
 def plain_velocity(dit: CausalDiT, params: Any, text_emb: Float[Array, "b s e"], text_mask: Bool[Array, "b *l s"],
-                   attn_mask: Bool[Array, "#b 1 l l"], scale: Any, guided: bool = True) -> Callable[..., jax.Array]:
+                   attn_mask: Bool[Array, "#b 1 l l"], scale: Any, guided: bool = True,
+                   control: Float[Array, "b l n"] | None = None) -> Callable[..., jax.Array]:
   """velocity(x, t (L,)) of the network as it is, everything computed anew in every call."""
   def velocity(x, t, drop):
     twice = lambda a: jnp.concatenate([a, a]) if drop.shape[0] > a.shape[0] > 1 else a
     emb = jnp.where(drop[:, None, None], 0.0, jnp.concatenate([text_emb] * (drop.shape[0] // text_emb.shape[0])))
     mask = jnp.concatenate([text_mask] * (drop.shape[0] // text_mask.shape[0]))
-    return dit.apply(params, x, jnp.broadcast_to(t, x.shape[:2]), emb, twice(attn_mask), mask)
+    told = None if control is None else jnp.concatenate([control] * (drop.shape[0] // control.shape[0]))
+    return dit.apply(params, x, jnp.broadcast_to(t, x.shape[:2]), emb, twice(attn_mask), mask, told)
 
   if guided:
     return guidance.guided(velocity, scale)
@@ -108,14 +121,16 @@ def chain_segment(dit: CausalDiT, plan: streaming.Plan, length: int, params: Any
 
 def extend(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params: Any, *, text_emb: Float[Array, "b g s e"],
            text_mask: Bool[Array, "b g s"], scale: Any, keys: jax.Array, past: Float[Array, "b p c"], count: Any,
-           segment: Int[Array, "b {num_blocks}"], past_segment: Int[Array, "b k"]) -> Float[Array, "b l c"]:
+           segment: Int[Array, "b {num_blocks}"], past_segment: Int[Array, "b k"],
+           control: Float[Array, "b l n"] | None = None) -> Float[Array, "b l c"]:
   """Clean latents (B, num_blocks * block, C) that go on from the last `count` of past (B, P, C), itself clean.
 
   The past is kept at t = 1 in the cache. text_emb (B, G, S, E), text_mask (B, G, S); segment (B, num_blocks) and
-  past_segment (B, P / block) say which caption each block has.
+  past_segment (B, P / block) say which caption each block has; control: see `streaming.bind`.
   """
   # Parity: the paper's clean past in the context (equation 12); `chained` is what the code does instead.
-  sampler = streaming.bind(dit, plan, params, text_emb=text_emb, text_mask=text_mask, scale=scale, keys=keys)
+  sampler = streaming.bind(dit, plan, params, text_emb=text_emb, text_mask=text_mask, scale=scale, keys=keys,
+                           control=control)
   state = sampler.prefill(sampler.init(), past=past, count=count, caption=past_segment)
   return sampler.sample(num_blocks, segment=segment, state=state)
 

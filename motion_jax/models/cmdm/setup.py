@@ -9,6 +9,7 @@ from jaxtyping import Float
 from ml_collections import ConfigDict
 
 from motion_jax import runs
+from motion_jax.control import conditioning
 from motion_jax.data import batches, sources, store
 from motion_jax.data.captions import vary_subject
 from motion_jax.evaluators.validation import reconstruction_fid
@@ -126,8 +127,8 @@ def tokenizer_fields(config: ConfigDict) -> dict[str, Any]:
 
 
 def denoiser_fields(config: ConfigDict) -> dict[str, Any]:
-  """What its tokenizer was aligned with, so that a record of the generator can say it; a student has all of its
-  teacher's sizes, words and latents, and begins with its parameters."""
+  """What its tokenizer was aligned with, so that a record of the generator can say it, and how many numbers tell a
+  latent of constraints; a student has all of its teacher's sizes, words and latents, and begins with its parameters."""
   if "num_steps" in config.distill and not config.distill.teacher:
     raise InputError("got no config.distill.teacher, expected the denoiser that the student learns from: a run folder, "
                      "or a name that ships such as cmdm-small")
@@ -137,10 +138,14 @@ def denoiser_fields(config: ConfigDict) -> dict[str, Any]:
     text = {"text": str(run.text), "text_level": run.config.frozen.text_level}
     return own | {"frozen": config.frozen.to_dict() | text | {"tokenizer": str(run.folder)},
                   "train": config.train.to_dict() | {"start": config.train.start or config.distill.teacher}}
+  found: dict[str, Any] = {}
+  if config.data.control and not config.model.control:
+    count = conditioning.size(2 ** config.tokenizer.num_halvings)
+    found["model"] = config.model.to_dict() | {"control": count}
   if config.frozen.tokenizer == "random-init":
-    return {}
+    return found
   taught = runs.open(config.frozen.tokenizer, "cmdm.tokenizer").config.taught_by
-  return {"taught_by": taught.to_dict()} if taught else {}
+  return found | ({"taught_by": taught.to_dict()} if taught else {})
 
 
 def _has_teacher(config):
@@ -217,6 +222,9 @@ def denoiser(config: ConfigDict) -> TrainingSetup:
     if wanted := motion_errors.weights(config.loss):
       raise InputError(f"got loss.{next(iter(wanted))} and data.store: a store holds latents, and decoded motion is "
                        "held to the features of real motion; leave out one of the two")
+    if config.data.control:
+      raise InputError("got data.control and data.store: a store holds latents, and constraints are drawn from the "
+                       "joints of real motions; leave out one of the two")
     if config.data.part_by_part:
       raise InputError("got data.part_by_part and data.store: a store holds the words of whole clips; leave out one of "
                        "the two")

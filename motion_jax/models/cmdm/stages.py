@@ -5,9 +5,12 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import optax
 from jaxtyping import Bool, Float
 from ml_collections import ConfigDict
 
+from motion_jax.control import conditioning, patterns
+from motion_jax.control.signal import ControlSignal
 from motion_jax.diffusion import paths
 from motion_jax.inputs.errors import InputError
 from motion_jax.latents import VaeCodec
@@ -106,6 +109,21 @@ def forcing_inputs(config: ConfigDict, vae: CausalVAE, dit: CausalDiT, frozen: A
   return z1, latent_mask, t, noise, text_emb
 
 
+def control_of(config: ConfigDict, vae: CausalVAE, frozen: Any, batch: dict[str, Any], rng: jax.Array
+               ) -> tuple[ControlSignal, Float[Array, "b l n"]] | tuple[None, None]:
+  """(random constraints that a share config.data.control of the batch's motions meet, what their latents are told of
+  them); (None, None) where that is 0."""
+  if not config.data.control:
+    return None, None
+  layout, stats = get_layout(config.data.layout), frozen[motion_errors.STATS]
+  features = batch["features"] * stats["std"] + stats["mean"]
+  turn, _ = layout.root_path(features)
+  keys = jax.vmap(lambda i: jax.random.fold_in(jax.random.fold_in(rng, 3), i))(batch["index"])
+  signal = patterns.draw(layout.to_joints(features), -2 * jnp.arctan2(turn[..., 2], turn[..., 0]),
+                         batch["num_frames"], keys, config.data.control)
+  return signal, conditioning.features(signal, vae.frames_per_latent)
+
+
 def with_own_past(velocity: Callable[..., Any], z1: Float[Array, "b l c"], latent_mask: Bool[Array, "b l"],
                   t: Float[Array, "b l"], noise: Float[Array, "b l c"], keys: Array, block: int, share: float
                   ) -> tuple[Float[Array, "b l c"], Float[Array, "b l"], Bool[Array, "b l"]]:
@@ -132,25 +150,42 @@ def with_own_past(velocity: Callable[..., Any], z1: Float[Array, "b l c"], laten
   return jnp.where(own[..., None], made, z1), jnp.where(own, jnp.ones_like(t), t), own
 
 
-def decoded_errors(config: ConfigDict, codec: VaeCodec, frozen: Any, batch: dict[str, Any], latent_mask: Any, t: Any
-                   ) -> Callable | None:
+def decoded_errors(config: ConfigDict, codec: VaeCodec, frozen: Any, batch: dict[str, Any], latent_mask: Any, t: Any,
+                   control: ControlSignal | None = None) -> Callable | None:
   """errors_of(clean latents (B, L, C)) -> {name: (B,)}, for `paths.forcing_loss`: the errors of the decoded motion that
-  config.loss gives a weight, times that; None where it gives none."""
+  config.loss gives a weight, times that; None where it gives none.
+
+  "control" is how far joints are from where constraints want them, where the frames that are mostly noise, and add up
+  to their places, are real ones.
+  """
   errors, weights = motion_errors.of_features(config, frozen), motion_errors.weights(config.loss)
-  if errors is None:
+  held = config.loss.control if control is not None else 0.0
+  if errors is None and not held:
     return None
   if config.model.get("predicts") == "ddpm":
-    raise InputError(f"got loss.{next(iter(weights))} and model.predicts='ddpm'; decoded motion is looked at where the "
-                     "network's output means clean latents by the straight path: velocity, eps or x1")
+    raise InputError(f"got loss.{next(iter(weights), 'control')} and model.predicts='ddpm'; decoded motion is looked "
+                     "at where the network's output means clean latents by the straight path: velocity, eps or x1")
   # What is mostly noise means an average of motions, which need not move as any of them does.
   frames = codec.real_frames(latent_mask & (t > config.loss.decoded_from))
 
   def errors_of(clean):
     made = codec.decode(jnp.where(latent_mask[..., None], clean, 0.0))
-    found = errors(made, batch["features"][:, :made.shape[1]], frames)
-    return {name: weights[name] * found[name] for name in found}
+    real = batch["features"][:, :made.shape[1]]
+    found = {name: weights[name] * value for name, value in errors(made, real, frames).items()} if errors else {}
+    if control is not None and held:
+      found["control"] = held * _held_errors(config, frozen, jnp.where(frames[..., None], made, real), control, frames)
+    return found
 
   return errors_of
+
+
+def _held_errors(config, frozen, features, control, frames):
+  """Mean Huber errors (B,), squares up to half a metre, of the given coordinates at the frames that count."""
+  layout, stats = get_layout(config.data.layout), frozen[motion_errors.STATS]
+  off = layout.to_joints(features * stats["std"] + stats["mean"]) - control.positions[:, :features.shape[1]]
+  counts = control.given[:, :features.shape[1]] & frames[..., None, None]
+  told = jnp.where(counts, optax.huber_loss(jnp.where(counts, off, 0.0), delta=0.5), 0.0).sum((1, 2, 3))
+  return told / jnp.maximum(counts.sum((1, 2, 3)), 1)
 
 
 def make_denoiser(config: ConfigDict) -> CausalDiT:
@@ -165,7 +200,8 @@ def denoiser_stage(config: ConfigDict) -> Stage:
   Batch: features (B, T, F) or, of a store, distribution (B, L, 2 C) of their latents; num_frames (B,), text_emb
   (B, S, E), text_mask (B, S), index (B,) place in the whole batch. With a weight for one of `motion_errors.NAMES` the
   clean latents that the network means are decoded, and the motion of frames whose latents' time is over
-  config.loss.decoded_from is held to the real one's; frozen["stats"] holds mean and std of the features.
+  config.loss.decoded_from is held to the real one's; frozen["stats"] holds mean and std of the features, also with a
+  share config.data.control of motions whose latents are told random constraints that the motion meets.
   """
   vae = CausalVAE(**config.tokenizer)
   dit = make_denoiser(config)
@@ -185,7 +221,8 @@ def denoiser_stage(config: ConfigDict) -> Stage:
     attn_mask = block_causal_mask(z1.shape[1], block) & latent_mask[:, None, None, :]
     # Equal times inside a block are modulated once.
     shared = block if block > 1 and level_block % block == 0 and z1.shape[1] % block == 0 else 1
-    velocity = lambda x, t: dit.apply(params, x, t[:, ::shared], text_emb, attn_mask, batch["text_mask"])
+    signal, control = control_of(config, vae, frozen, batch, rng)
+    velocity = lambda x, t: dit.apply(params, x, t[:, ::shared], text_emb, attn_mask, batch["text_mask"], control)
     if dit.predicts == "ddpm":
       if config.loss.own_past:
         raise InputError("got loss.own_past and model.predicts='ddpm'; a past of the network's own is made along the "
@@ -197,7 +234,7 @@ def denoiser_stage(config: ConfigDict) -> Stage:
       z1, t, own = with_own_past(velocity, z1, latent_mask, t, noise, keys, block, config.loss.own_past)
       latent_mask &= ~own
     return paths.forcing_loss(velocity, z1, latent_mask, t, noise, dit.predicts,
-                              decoded_errors(config, VaeCodec.of(vae, frozen), frozen, batch, latent_mask, t))
+                              decoded_errors(config, VaeCodec.of(vae, frozen), frozen, batch, latent_mask, t, signal))
 
   def predict(params, frozen, batch, rng):
     z1, latent_mask, t, noise, text_emb = inputs(frozen, batch, rng)

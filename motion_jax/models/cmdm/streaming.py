@@ -198,7 +198,8 @@ class Sampler:
   """Frame-wise sampling of B motions, bound to all that stays the same from step to step. Made by `bind`.
 
   dit, plan: network and choices, static. params of the network; constants: `make_constants`; text: `encode_text`;
-  scale: of guidance; keys (B,): one per motion. A pytree: a jitted function takes it as one argument.
+  scale: of guidance; keys (B,): one per motion; control: what constraints add to tokens. A
+  pytree: a jitted function takes it as one argument.
   """
   dit: Any = flax.struct.field(pytree_node=False)
   plan: Plan = flax.struct.field(pytree_node=False)
@@ -207,6 +208,8 @@ class Sampler:
   text: Any
   scale: Any
   keys: Any
+  control: Any = None        # (B, blocks * block, D) of `CausalDiT.control_tokens`, from block control_first on
+  control_first: Any = 0
 
   def init(self) -> Stream:
     """The state before the first step."""
@@ -266,12 +269,17 @@ class Sampler:
       real = positions + base * size >= -state.past
       attn_mask = jnp.concatenate([_window_mask(blocks, held, plan) & real, attn_mask], axis=-1)
 
+    control = None
+    if self.control is not None:
+      control = jax.lax.dynamic_slice_in_dim(self.control, (base - self.control_first) * size, active * size, axis=1)
+      control = jnp.concatenate([control, control]) if plan.guided else control
+
     def velocity_at(latents, now):
       t = jnp.repeat(constants.times[now], size)
       modulation = jnp.repeat(constants.modulation[:, now], size, axis=1)[:, None]
       x = jnp.concatenate([latents, latents]) if plan.guided else latents
       velocity, new = dit.apply(params, x, jnp.broadcast_to(t, x.shape[:2]), modulation, text, attn_mask, within, past,
-                                method="window")
+                                control, method="window")
       if plan.guided:
         with_text, without = jnp.split(velocity, 2)
         velocity = combine(with_text, without, scale)
@@ -331,7 +339,18 @@ class Sampler:
 
 
 def bind(dit: Net, plan: Plan, params: Any, *, text_emb: Float[Array, "b *g s e"],
-         text_mask: Bool[Array, "b *g s"], scale: Any, keys: jax.Array) -> Sampler:
-  """A sampler for captions text_emb (B, S, E), text_mask (B, S), or G of them a motion, see `encode_text`."""
+         text_mask: Bool[Array, "b *g s"], scale: Any, keys: jax.Array, control: Float[Array, "b l n"] | None = None
+         ) -> Sampler:
+  """A sampler for captions text_emb (B, S, E), text_mask (B, S), or G of them a motion, see `encode_text`.
+
+  control (B, L, N): what all latents of the motions are held to, see `motion_jax.control.conditioning.features`.
+  """
   return Sampler(dit, plan, params, make_constants(dit, params, plan),
-                 encode_text(dit, params, text_emb, text_mask, plan.guided), scale, keys)
+                 encode_text(dit, params, text_emb, text_mask, plan.guided), scale, keys,
+                 None if control is None else control_tokens(dit, plan, params, control))
+
+
+def control_tokens(dit: Net, plan: Plan, params: Any, control: Float[Array, "b l n"]) -> Float[Array, "b _ d"]:
+  """What control (B, L, N) adds to the tokens of latents; nothing to those behind them that a window reaches."""
+  tokens = dit.apply(params, control, method="control_tokens")
+  return jnp.pad(tokens, ((0, 0), (0, plan.width * plan.block), (0, 0)))

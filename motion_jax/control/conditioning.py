@@ -1,0 +1,159 @@
+"""What a latent is told of a `ControlSignal`: what is given at its own frames, and the next goals that lie ahead.
+
+Everything is told along a *reference path*, which is known before a motion is made: straight between the places that
+are given for the pelvis (or, where it has none, for other joints), from the origin on, and the way that the body is
+likely to face on it: as asked, as given hips and shoulders show, else where the path leads. Joints are told relative to
+it, and so are goals ahead: a latent that is denoised before them sees no later latent, yet has to head for them. No
+number grows with the length of a motion, so that a stream is told what a short clip is.
+"""
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Bool, Float, Int
+
+from motion_jax.control.signal import NUM_JOINTS, ControlSignal
+from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.shapes import Array
+
+FPS = HUMANML3D.fps
+HORIZON = 160          # frames; what is given farther ahead is not told yet
+AHEAD = (10, 20, 40)   # frames ahead at which the reference path is told
+_REACH, _MOVES = 5, 0.15  # a path leads somewhere where it goes so many metres in so many frames before and behind
+
+
+class Reference(NamedTuple):
+  """The reference path: places (B, T, 2) on the floor, headings (B, T), and where both are told, not only held."""
+  place: Float[Array, "b t 2"]
+  heading: Float[Array, "b t"]
+  told: Bool[Array, "b t"]
+
+
+def size(frames_per_latent: int = 4) -> int:
+  """How many numbers a latent is told."""
+  return 1 + frames_per_latent * (NUM_JOINTS * 5 + 5) + 2 + (3 + 4) + NUM_JOINTS * 5 + 5 * len(AHEAD) + (3 + 4)
+
+
+def _around(defined: Bool[Array, "b t"]) -> tuple[Int[Array, "b t"], Int[Array, "b t"]]:
+  """The nearest defined frame up to each frame, -1 if there is none, and from it on, T if there is none."""
+  index = jnp.arange(defined.shape[1])
+  return (jax.lax.cummax(jnp.where(defined, index, -1), axis=1),
+          jax.lax.cummin(jnp.where(defined, index, defined.shape[1]), axis=1, reverse=True))
+
+
+def _at(values, index):
+  """values (B, T, ...) at frames index (B, N), those past the ends at the ends."""
+  index = jnp.clip(index, 0, values.shape[1] - 1).reshape(index.shape + (1,) * (values.ndim - 2))
+  return jnp.take_along_axis(values, index, axis=1)
+
+
+def _wrapped(angle):
+  return jnp.arctan2(jnp.sin(angle), jnp.cos(angle))
+
+
+def _between(values, defined, angles=False):
+  """Values (B, T, ...) straight between those of defined frames, of which frame 0 is one, held behind the last."""
+  before, after = _around(defined)
+  first, last = _at(values, before), _at(values, jnp.where(after < defined.shape[1], after, before))
+  share = (jnp.arange(defined.shape[1]) - before) / jnp.maximum(after - before, 1)
+  way = _wrapped(last - first) if angles else last - first
+  return first + share.reshape(share.shape + (1,) * (values.ndim - 2)) * way
+
+
+def _turned(vectors, heading):
+  """Vectors (..., 2), x and z in the world, as a body of this heading (...) sees them."""
+  x, z = vectors[..., 0], vectors[..., 1]
+  cos, sin = jnp.cos(heading), jnp.sin(heading)
+  return jnp.stack([x * cos - z * sin, x * sin + z * cos], axis=-1)
+
+
+def _floor(signal):
+  """(B, T, J): whether both x and z of a joint are given; one alone is left to guidance and projection."""
+  return signal.given[..., 0] & signal.given[..., 2]
+
+
+def reference(signal: ControlSignal, start: Float[Array, "b 3"] | None = None) -> Reference:
+  """The reference path of a signal. start: x, z and heading at its first frame, where these are not 0."""
+  flat, floor = signal.positions[..., ::2], _floor(signal)
+  frames = floor.shape[1]
+  start = jnp.zeros((floor.shape[0], 3)) if start is None else start
+  first = jnp.arange(frames) == 0
+  count = floor.sum(-1)
+  others = jnp.where(floor[..., None], flat, 0.0).sum(2) / jnp.maximum(count, 1)[..., None]
+  given = count > 0
+  values = jnp.where(floor[..., :1], flat[:, :, 0], others)
+  place = _between(jnp.where((first & ~given)[..., None], start[:, None, :2], values), given | first)
+
+  (right_hip, left_hip), (right_shoulder, left_shoulder) = HUMANML3D.hips, HUMANML3D.shoulders
+  trunk = jnp.array([right_hip, left_hip, right_shoulder, left_shoulder])
+  shows = floor[..., trunk].all(-1)
+  across = (flat[:, :, trunk] * jnp.array([1, -1, 1, -1])[:, None]).sum(2)
+  index = jnp.broadcast_to(jnp.arange(frames), given.shape)
+  way = _at(place, index + _REACH) - _at(place, index - _REACH)
+  moves = (way ** 2).sum(-1) > _MOVES ** 2
+  angle = lambda x, z: jnp.arctan2(x, jnp.where((x == 0) & (z == 0), 1.0, z))
+  heading = jnp.where(moves, angle(way[..., 0], way[..., 1]), start[:, 2:])
+  heading = jnp.where(shows, angle(across[..., 1], -across[..., 0]), heading)
+  heading = jnp.where(signal.heading_given, signal.heading, heading)
+  heading = _between(heading, moves | shows | signal.heading_given | first, angles=True)
+  goal = _around(given | signal.heading_given)[1]
+  return Reference(place, heading, (goal < frames) & (goal - index <= HORIZON))
+
+
+def _joints(signal, found):
+  """(B, T, 5 J): of each joint its place relative to the reference path, and whether it is given on the floor and in
+  height; 0 where not."""
+  floor, height = _floor(signal), signal.given[..., 1]
+  around = _turned(signal.positions[..., ::2] - found.place[:, :, None], found.heading[..., None])
+  parts = jnp.concatenate([jnp.where(floor[..., None], around, 0.0),
+                           jnp.where(height, signal.positions[..., 1], 0.0)[..., None],
+                           floor[..., None], height[..., None]], axis=-1)
+  return parts.reshape(parts.shape[:2] + (-1,))
+
+
+def _seen(found, here, there, visible):
+  """(B, L, 4): the reference at frames there (B, L) as it looks from here; 0 where not visible."""
+  heading = _at(found.heading, here)
+  turn = _at(found.heading, there) - heading
+  parts = jnp.concatenate([_turned(_at(found.place, there) - _at(found.place, here), heading),
+                           jnp.stack([jnp.sin(turn), jnp.cos(turn)], -1)], -1)
+  return jnp.where(visible[..., None], parts, 0.0)
+
+
+def features(signal: ControlSignal, frames_per_latent: int = 4, start: Float[Array, "b 3"] | None = None
+             ) -> Float[Array, "b l n"]:
+  """(B, T / frames_per_latent, `size`): what each latent is told; all 0 where nothing is given in its frames or ahead.
+
+  start: see `reference`.
+  """
+  found, frames = reference(signal, start), signal.given.shape[1]
+  rows = lambda x: x.reshape((x.shape[0], frames // frames_per_latent, -1))
+  last = jnp.broadcast_to(jnp.arange(frames // frames_per_latent) * frames_per_latent + frames_per_latent - 1,
+                          (signal.given.shape[0], frames // frames_per_latent))
+
+  def goal(given):
+    """The next given frame (B, L) behind a latent's own, and its time in seconds as numbers (B, L, 3)."""
+    at = _at(_around(jnp.pad(given, ((0, 0), (0, 1))))[1], last + 1)
+    visible = (at < frames) & (at - last <= HORIZON)
+    seconds = (at - last) / FPS
+    return at, visible, jnp.where(visible[..., None], jnp.stack(
+        [jnp.ones_like(seconds), seconds / 4, jnp.exp(-seconds)], -1), 0.0)
+
+  joints = _joints(signal, found)
+  step = _turned(jnp.diff(found.place, axis=1, append=found.place[:, -1:]), found.heading) * FPS
+  turn = _wrapped(jnp.diff(found.heading, axis=1, append=found.heading[:, -1:])) * FPS
+  both = found.told & jnp.roll(found.told, -1, axis=1).at[:, -1].set(False)
+  path = jnp.where(both[..., None], jnp.concatenate([step, turn[..., None]], -1), 0.0)
+  own = jnp.concatenate([joints, path, both[..., None], signal.heading_given[..., None]], -1)
+  place, visible_place, time_of_place = goal(_floor(signal).any(-1) | signal.heading_given)
+  body, visible_body, time_of_body = goal(signal.given[:, :, 1:].any((-1, -2)))
+  facing = _at(found.heading, last)
+  told = [rows(own), jnp.stack([jnp.sin(facing), jnp.cos(facing)], -1),
+          time_of_place, _seen(found, last, place, visible_place), time_of_body,
+          _seen(found, last, body, visible_body), jnp.where(visible_body[..., None], _at(joints, body), 0.0)]
+  for count in AHEAD:
+    visible = (last + count < frames) & _at(found.told, last + count)
+    told += [_seen(found, last, last + count, visible), visible[..., None]]
+  something = rows(found.told | signal.given.any((-1, -2))).any(-1, keepdims=True) | (
+      visible_place | visible_body)[..., None]
+  return jnp.where(something, jnp.concatenate([something, *told], -1).astype(jnp.float32), 0.0)

@@ -1,0 +1,196 @@
+"""What latents are told of constraints, the random ones that training draws, and a denoiser that is told them."""
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from motion_jax import fit
+from motion_jax.control import conditioning, patterns
+from motion_jax.control import signal as signals
+from motion_jax.diffusion.schedules import staircase
+from motion_jax.models.cmdm import streaming
+from motion_jax.nets.masks import sliding_mask
+from motion_jax.training.setup import untrained
+from tests.conftest import load_config
+from tests.diffusion.test_streaming import SCALE, assert_close, encode_text, setting, step
+from tests.nets.test_causal_dit import apply
+
+features = jax.jit(conditioning.features, static_argnums=1)
+T = 48
+
+
+def asked(frames=T, **given):
+  """A signal of one motion: {frame: {joint: place, with None where a coordinate is not given}}, headings {frame}."""
+  positions, flags = np.zeros((1, frames, 22, 3), np.float32), np.zeros((1, frames, 22, 3), bool)
+  heading, faces = np.zeros((1, frames), np.float32), np.zeros((1, frames), bool)
+  for frame, joints in given.get("at", {}).items():
+    for joint, place in joints.items():
+      for axis, number in enumerate(place):
+        if number is not None:
+          positions[0, frame, joint, axis], flags[0, frame, joint, axis] = number, True
+  for frame, angle in given.get("faces", {}).items():
+    heading[0, frame], faces[0, frame] = angle, True
+  return signals.ControlSignal(*map(jnp.asarray, (positions, flags, heading, faces)))
+
+
+def walk(angle=0.0, speed=0.05, frames=T):
+  """A dense straight path from the origin, in a direction."""
+  return asked(frames, at={i: {0: (speed * i * np.sin(angle), None, speed * i * np.cos(angle))} for i in range(frames)})
+
+
+def test_nothing_is_told_of_nothing_and_behind_the_last_goal():
+  assert features(signals.none(2, T), 4).shape == (2, 12, conditioning.size(4))
+  assert not np.asarray(features(signals.none(1, T), 4)).any()
+  told = np.asarray(features(asked(at={21: {20: (1, 1, 1)}}), 4))[0]
+  assert told[:6].any(-1).all() and not told[6:].any()
+
+
+def test_the_reference_path_leads_straight_to_what_is_given():
+  found = conditioning.reference(asked(at={20: {0: (2, None, 0)}, 30: {21: (2, 1, 4)}}))
+  np.testing.assert_allclose(found.place[0, [0, 10, 20, 25, 30, 40]],
+                             [[0, 0], [1, 0], [2, 0], [2, 2], [2, 4], [2, 4]], atol=1e-6)
+  np.testing.assert_allclose(found.heading[0, [10, 27]], [np.pi / 2, 0], atol=1e-6)  # +X, then +Z
+  assert found.told[0, :31].all() and not found.told[0, 31:].any()
+
+
+def test_a_heading_is_that_which_is_given_or_which_hips_and_shoulders_show():
+  body = {2: (0, 1, 0.1), 1: (0, 1, -0.1), 17: (0, 1.4, 0.1), 16: (0, 1.4, -0.1)}  # the right side is at +Z
+  found = conditioning.reference(asked(at={40: body}, faces={20: -1.0}))
+  np.testing.assert_allclose(found.heading[0, [0, 10, 20, 40]], [0, -0.5, -1, np.pi / 2], atol=1e-6)
+
+
+def test_where_a_path_leads_in_the_world_shows_in_two_numbers_alone():
+  told = [np.asarray(features(walk(angle), 4)) for angle in (0.3, 2.5)]
+  different = np.flatnonzero(np.abs(told[0] - told[1]).max((0, 1)) > 1e-4)
+  facing = 1 + 4 * 115
+  assert set(different) <= {facing, facing + 1}
+  np.testing.assert_allclose(told[1][0, :, facing], np.sin(2.5), atol=1e-5)
+
+
+def test_goals_ahead_are_told_before_they_come_and_no_farther_than_the_horizon():
+  near, far = (asked(frames=240, at={frame: {20: (1, 1, 1)}}) for frame in (100, 200))
+  assert np.asarray(features(near, 4))[0, 0].any()
+  told = np.asarray(features(far, 4))[0].any(-1)
+  first = (200 - conditioning.HORIZON) // 4
+  assert not told[:first - 1].any() and told[first:50].all()
+
+
+def test_a_long_motion_is_told_what_its_cut_is():
+  """From frame 60 on, with the reference there as the start: what a stream leaves behind plays no part."""
+  turns = np.cumsum(np.full(120, 0.05))
+  x, z = np.cumsum(0.05 * np.sin(turns)), np.cumsum(0.05 * np.cos(turns))
+  whole = asked(120, at={i: {0: (x[i], None, z[i]), 20: (x[i], 1.2, z[i])} for i in range(0, 120, 3)})
+  found = conditioning.reference(whole)
+  start = jnp.concatenate([found.place[:, 60], found.heading[:, 60:61]], -1)
+  told, cut = features(whole, 4), features(whole.slice_frames(60, 120), 4, start)
+  # At the border the way is looked for over fewer frames.
+  np.testing.assert_allclose(told[:, 17:], cut[:, 2:], atol=2e-5)
+
+
+def test_random_constraints_are_met_by_the_motion_they_were_drawn_from():
+  joints = jax.random.normal(jax.random.key(0), (300, 24, 22, 3)) + 5
+  frames = jnp.where(jnp.arange(300) % 2, 24, 9)
+  keys = jax.random.split(jax.random.key(1), 300)
+  drawn = jax.jit(patterns.draw, static_argnums=4)
+  signal = drawn(joints, jnp.full((300, 24), 0.5), frames, keys, 0.8)
+  given = np.asarray(signal.given)
+  np.testing.assert_array_equal(signal.positions, np.where(given, joints, 0))
+  assert not np.asarray(signals.errors(signal, joints)).any()
+  assert not given[::2, 9:].any() and not np.asarray(signal.heading_given)[::2, 9:].any()
+  some = given.any((1, 2, 3))
+  assert 0.7 < some.mean() < 0.9 and not np.asarray(drawn(joints, frames[:, None] * jnp.ones(24), frames, keys, 0.0)
+                                                    .given).any()
+  count = given[1::2].any((2, 3)).sum(1)
+  assert {1, 2, 5, 6, 24} <= set(count) and given.all(-1).any((1, 2)).any() and np.asarray(signal.heading_given).any()
+  alone = drawn(joints[7:8], jnp.full((1, 24), 0.5), frames[7:8], keys[7:8], 0.8)
+  np.testing.assert_array_equal(alone.given[0], given[7])
+
+
+# --- a network that is told -------------------------------------------------------------------------------------
+
+
+@functools.partial(jax.jit, static_argnums=(0, 1, 7))
+def sampled(dit, plan, params, constants, text, keys, control, num_blocks):
+  tokens = None if control is None else streaming.control_tokens(dit, plan, params, control)
+  return streaming.Sampler(dit, plan, params, constants, text, SCALE, keys, tokens).sample(num_blocks, buckets=2)
+
+
+def test_a_network_that_has_not_learned_from_constraints_makes_what_it_made():
+  """Bit for bit: with control layers as they begin, whose last one is 0, and where nothing is asked for."""
+  dit, plan, params, constants, *text, keys = setting(4, 2, 3, 12, 3, control=6)
+  plain = dit.clone(control=0)
+  old = {"params": {name: leaf for name, leaf in params["params"].items() if not name.startswith("control")}}
+  begun = {"params": params["params"] | {"control_out": jax.tree.map(jnp.zeros_like, params["params"]["control_out"])}}
+  text = encode_text(plain, old, *text)
+  control = jax.random.normal(jax.random.key(3), (2, 9, 6)).at[..., 0].set(1)
+  before = sampled(plain, plan, old, constants, text, keys, None, 3)
+  np.testing.assert_array_equal(before, sampled(dit, plan, begun, constants, text, keys, control, 3))
+  np.testing.assert_array_equal(before, sampled(dit, plan, params, constants, text, keys, 0 * control, 3))
+  assert float(jnp.abs(before - sampled(dit, plan, params, constants, text, keys, control, 3)).max()) > 1e-3
+  with pytest.raises(ValueError, match="got 6 numbers of control .* takes 0: it was trained without"):
+    plain.apply(old, control, method="control_tokens")
+
+
+def test_fast_is_plain_and_streaming_is_offline_under_control():
+  """Also one by one; and what is asked for later moves nothing that was given out before."""
+  dit, plan, params, constants, text_emb, text_mask, keys = setting(6, 2, 3, 12, 6, control=6)
+  text = encode_text(dit, params, text_emb, text_mask)
+  control = jax.random.normal(jax.random.key(3), (2, 18, 6)).at[..., 0].set(1)
+  made = sampled(dit, plan, params, constants, text, keys, control, 6)
+  assert_close(sampled(dit, plan, params, constants, encode_text(dit, params, text_emb[1:], text_mask[1:]), keys[1:],
+                       control[1:], 6), made[1:], 2e-6)
+
+  noise = jnp.concatenate([streaming.block_noise(keys, i, plan, 5) for i in range(6)], axis=1)
+  times = jnp.asarray(staircase(6, 18, 2, 3))
+
+  def velocity(x, t):
+    with_text, without = (apply(dit, params, x, jnp.broadcast_to(t, x.shape[:2]), emb, sliding_mask(18, 3, 12),
+                                text_mask, control) for emb in (text_emb, 0 * text_emb))
+    return without + SCALE * (with_text - without)
+
+  expected = noise
+  for t, then in zip(times[:-1], times[1:]):
+    expected = expected + (then - t)[:, None] * velocity(expected, t)
+  assert_close(made, expected, 1e-5)
+
+  def streamed(changed_at, other):
+    endless = streaming.make_plan(6, 2, 3, 12)
+    sampler = streaming.Sampler(dit, endless, params, constants, text, SCALE, keys)
+    tokens = [streaming.control_tokens(dit, endless, params, told) for told in (control, other)]
+    state, blocks = sampler.init(), []
+    for at in range(plan.age + 5):
+      # As a live stream has it: from the window's oldest block on.
+      base = max(at - plan.age, 0)
+      now = jnp.pad(tokens[at >= changed_at], ((0, 0), (0, 60), (0, 0)))[:, 3 * base:3 * base + 24]
+      state, block, done = step(sampler.replace(control=now, control_first=base), state, active=endless.width,
+                                use_cache=at > plan.age)
+      blocks += [block] if done else []
+    return jnp.concatenate(blocks, axis=1)
+
+  live = streamed(99, control)
+  assert_close(live, made, 2e-6)
+  changed = streamed(5, -control)  # three blocks are out by then
+  np.testing.assert_array_equal(changed[:, :9], live[:, :9])
+  assert float(jnp.abs(changed[:, 9:] - live[:, 9:]).max()) > 1e-3
+
+
+def test_training_tells_constraints_and_learns_from_them():
+  config, _ = fit.resolve(_with_control(0.9))
+  assert config.model.control == conditioning.size(4)
+  setup = fit.setups()[config.stage](config)
+  batch, rng = setup.next_batch(0), jax.random.key(0)
+  params = untrained(jax.eval_shape(setup.stage.init, batch, rng))
+  loss = lambda params: (lambda sums: (sums["loss"], sums))(setup.stage.loss(params, setup.frozen, batch, 0, rng)[0])
+  (found, sums), gradient = jax.jit(jax.value_and_grad(loss, has_aux=True))(params)
+  assert np.isfinite(found) and 0 < sums["control"] < found
+  assert all(np.abs(leaf).max() > 0 for name in ("control_in", "control_out")
+             for leaf in jax.tree.leaves(gradient["params"][name]))
+  assert not np.asarray(setup.stage.init(batch, rng)["params"]["control_out"]["kernel"]).any()
+
+
+def _with_control(rate):
+  config = load_config("cmdm_denoiser", "tiny")
+  config.data.control, config.loss.control, config.loss.decoded_from = rate, 1.0, 0.0
+  return config
