@@ -56,6 +56,7 @@ def test_every_piece_runs(accelerator, tmp_path):
   assert len(rows) == len(accelerator.pieces(tiny=True)) and not [row for row in rows if "error" in row]
 
 
+@pytest.mark.slow
 def test_the_script_refuses_a_machine_without_an_accelerator(tmp_path):
   script = BENCHMARKS / "gpu.sh"
   env = dict(PATH=f"{pathlib.Path(sys.executable).parent}:/usr/bin:/bin", JAX_PLATFORMS="cpu")

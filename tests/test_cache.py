@@ -100,6 +100,7 @@ def test_a_folder_that_cannot_be_written_costs_time_only(tmp_path, monkeypatch):
   np.testing.assert_array_equal(cache.kept_array("arrays", "abc", lambda: np.ones(3)), np.ones(3))
 
 
+@pytest.mark.slow
 def test_generating_from_the_cache_gives_the_same_bits(tiny_run, tmp_path, monkeypatch, capsys):
   """Without a cache, making it, and from it: one motion, bit for bit."""
   from motion_jax import loading

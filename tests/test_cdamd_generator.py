@@ -68,7 +68,9 @@ def _make(net, plan, length, params, text, masked, real, keys):
                             draw=draws_lib.make_draw(keys, length, channels))
 
 
-@pytest.mark.parametrize("solver, mask", [("euler", "causal"), ("midpoint", "bcm"), ("ddpm", "dccm")])
+@pytest.mark.parametrize("solver, mask", [
+    ("euler", "causal"), pytest.param("midpoint", "bcm", marks=pytest.mark.slow),
+    pytest.param("ddpm", "dccm", marks=pytest.mark.slow)])
 def test_solving_for_unmasked_latents_alone_changes_nothing(solver, mask):
   """In float64 nothing but rounding is left; with steps of its own the solver would differ by its error."""
   with jax.enable_x64(True):
@@ -96,6 +98,7 @@ def test_left_to_right_never_looks_ahead():
     make([9], order="middle")
 
 
+@pytest.mark.slow
 def test_an_edit_changes_what_it_should():
   """Kept latents stay to the bit, kept frames with paste; under BCM a hole sees its right side, causally not."""
   net, params = small()
@@ -129,6 +132,7 @@ def test_an_edit_changes_what_it_should():
   assert np.abs(run(x, False) - x).max(-1)[kept].min() > 0
 
 
+@pytest.mark.slow
 def test_all_rows_weighted_is_masked_rows_averaged():
   """Also for DDPM; a batch with nothing masked has no loss, and not a number that is none."""
   net, params = small()

@@ -101,6 +101,7 @@ def test_the_command_line(tiny_generator, clip, tmp_path, monkeypatch, capsys):
   assert "'multi_prompt'" in capsys.readouterr().err and not (tmp_path / "no.npz").exists()
 
 
+@pytest.mark.slow
 def test_a_model_may_read_words_behind_the_sentence(tiny_generator, clip, tmp_path):
   """The transformer is the same; a run that was trained on words says so in its config."""
   for name in ("params.safetensors", "frozen.safetensors", "Mean.npy", "Std.npy"):

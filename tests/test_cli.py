@@ -44,6 +44,7 @@ def test_the_same_seed_gives_the_same_file(generate, tmp_path):
   assert (tmp_path / "a.npy").read_bytes() == (tmp_path / "b.npy").read_bytes()
 
 
+@pytest.mark.slow
 def test_num_gives_seeds_in_turn(generate, tmp_path):
   generate("a person waves", "--frames", 20, "--num", 2, "--seed", 3, "--out", tmp_path / "m.npy")
   generate("a person waves", "--frames", 20, "--seed", 4, "--out", tmp_path / "alone.npy")
@@ -64,6 +65,7 @@ def test_bvh_in_the_unit_that_is_asked(tmp_path):
     assert np.abs(np.load(tmp_path / f"{unit}.npy") - clip.joints).max() < 2e-3, "metres again, read from either"
 
 
+@pytest.mark.slow
 def test_many_motions_are_made_in_pieces(generate, tmp_path, monkeypatch):
   generate("a person waves", "--frames", 20, "--num", 3, "--out", tmp_path / "whole.npy")
   monkeypatch.setattr(make, "_AT_ONCE", 40)

@@ -40,6 +40,7 @@ class TestComposed:
     assert both.joints.shape[:2] == both.frame_mask.shape == (2, 72)
     assert [motion.id for motion in both] == ["motion_0", "motion_1"] and both[1].meta["seed"] == 2
 
+  @pytest.mark.slow
   def test_a_key_is_folded_with_the_place_of_each_prompt(self, model):
     prompts = ["a person walks, then waves", "a person waves"]
     made = model.generate(prompts, 36, rng=jax.random.key(4), **FAST)

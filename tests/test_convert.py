@@ -343,6 +343,7 @@ def test_the_teacher(tmp_path, kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.slow
 def test_the_evaluators(tmp_path, kind):
   fixture = Fixture(fixtures.path("cmdm/evaluators_67.npz"))
   parts = {part: {name[len(part) + 1:]: a for name, a in fixture.params.items() if name.startswith(f"{part}/")}

@@ -45,6 +45,7 @@ def student_config(teacher, **fields):
   return config.lock()
 
 
+@pytest.mark.slow
 def test_a_student_is_trained_and_is_a_model(tiny_run, tmp_path):
   training.run(student_config(tiny_run), tmp_path / "student")
   assert "distill" in (tmp_path / "student" / "metrics.jsonl").read_text()
@@ -54,6 +55,7 @@ def test_a_student_is_trained_and_is_a_model(tiny_run, tmp_path):
   assert np.isfinite(model.generate("a person walks", num_frames=24, seeds=[0])[0].joints).all()
 
 
+@pytest.mark.slow
 def test_a_student_that_is_its_teacher_has_nothing_to_learn(tiny_run):
   """One step of an unguided teacher is the student's own: the loss is 0 with its parameters, and guided it is not."""
   def loss(scale):
@@ -69,6 +71,7 @@ def test_a_student_that_is_its_teacher_has_nothing_to_learn(tiny_run):
   assert alone < 1e-10 < 1e-4 < guided and forcing > 0.1
 
 
+@pytest.mark.slow
 def test_a_model_that_ships_is_a_teacher():
   """Its words, sizes and latents are taken from its folder, and the student begins with its parameters."""
   config = load_config("cmdm_student", "8_small").unlock()
@@ -83,6 +86,7 @@ def test_a_model_that_ships_is_a_teacher():
   jax.tree.map(np.testing.assert_array_equal, begun.init(batch, None), setup.frozen[distill.TEACHER])
 
 
+@pytest.mark.slow
 def test_what_cannot_be_a_teacher_is_told(tmp_path):
   with pytest.raises(ValueError, match="got no config.distill.teacher, expected the denoiser"):
     training.run(student_config(""), tmp_path / "c")

@@ -134,7 +134,8 @@ def _leaves(tree):
                                                      else [tree[name]])]
 
 
-@pytest.mark.parametrize("config", [LENGTH, pytest.param(TOKENIZER, marks=pytest.mark.slow)], ids=lambda c: c[0])
+@pytest.mark.parametrize("config", [LENGTH, TOKENIZER], ids=lambda c: c[0])
+@pytest.mark.slow
 def test_two_processes_train_as_one_with_two_devices_and_go_on_from_each_other(tmp_path, config):
   """Each half of one run is what the other trains in the same steps; both write one run folder."""
   train(tmp_path / "a", 2, 1, 2, config=config)

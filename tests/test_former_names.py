@@ -60,6 +60,7 @@ def model(tiny_run):
   return loading.load(tiny_run)
 
 
+@pytest.mark.slow
 def test_the_keyword_polish(model):
   prompts = [("a person walks", 1.2), ("a person waves", 1.2)]
   makes = {

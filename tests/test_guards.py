@@ -100,6 +100,7 @@ def test_a_kill_inside_a_rollback_changes_nothing(tmp_path, monkeypatch, rolled_
   assert _equal(whole, parts) and _rows(tmp_path / "parts") == rows
 
 
+@pytest.mark.slow
 def test_slices_of_a_run_are_rolled_back_as_the_whole_one(tmp_path):
   """Three bad steps between two rows of metrics, good ones after them: whoever looks there earlier decides the same."""
   config = _skipping(12, log_every=6, save_every=6)

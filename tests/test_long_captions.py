@@ -101,6 +101,7 @@ def test_batches_are_padded_as_their_captions_need(trained):
     assert all(np.array_equal(one[name], other[name]) for name in one)
 
 
+@pytest.mark.slow
 def test_the_loss_does_not_see_the_padding_nor_who_shares_a_device(trained):
   _, config, state = trained
   setup = cmdm_setups.denoiser(config)
@@ -131,6 +132,7 @@ def model(tiny_run):
   return loaded
 
 
+@pytest.mark.slow
 def test_a_motion_does_not_know_how_its_words_were_padded(model):
   make = lambda prompts, seeds: model.generate(prompts, num_frames=48, seeds=seeds, cleanup=False, literal=True, **FAST)
   alone, long_alone = make("someone walks", [5])[0], make(LONG, [1])[0]
@@ -150,6 +152,7 @@ def test_everyday_captions_are_padded_as_ever(model):
   assert shape("a person walks") == (1, 24, 128) and shape("a person walks and " * 7 + "waves") == (1, 48, 128)
 
 
+@pytest.mark.slow
 def test_a_stream_takes_a_long_prompt_on_the_way(model):
   """What was said before goes on as if nothing longer had come, and it is the motion of both prompts."""
   def told(prompt):
@@ -197,6 +200,7 @@ def test_cdamd_learns_from_long_captions(data):
     assert jax.eval_shape(jax.grad(loss), params) == params
 
 
+@pytest.mark.slow
 def test_long_captions_are_judged(trained, data, tmp_path):
   protocol = dataclasses.replace(
       protocols.get_protocol("t2m-263"), pool=2, diversity_draws=2, few_draws=2, multimodality_captions=0,

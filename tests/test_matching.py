@@ -83,8 +83,9 @@ def _clip_batch():
 
 
 @pytest.mark.parametrize("make, config, batch", [
-    pytest.param(matching.matching_stage, _matching_config(), _matching_batch(), id="matching", marks=pytest.mark.slow),
+    pytest.param(matching.matching_stage, _matching_config(), _matching_batch(), id="matching"),
     pytest.param(matching.clip_stage, _clip_config(), _clip_batch(), id="clip")])
+@pytest.mark.slow
 def test_two_devices_contrast_the_whole_batch(make, config, batch):
   """Loss and gradient of two halves, each of which sees what lies on the other, are those of the whole."""
   alone, mapped = make(config, axis_name=None), make(config)
@@ -103,6 +104,7 @@ def test_two_devices_contrast_the_whole_batch(make, config, batch):
     np.testing.assert_allclose(a, b, atol=1e-4 * max(1.0, float(jnp.abs(a).max())))
 
 
+@pytest.mark.slow
 def test_matching_is_the_contrast_by_falling_length_and_holds_the_movement_encoder_still():
   config, batch = _matching_config(first_shift=1), _matching_batch()
   stage = matching.matching_stage(config, axis_name=None)

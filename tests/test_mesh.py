@@ -71,6 +71,7 @@ def run_sharded():
       (32, 12), (7,)]
 
 
+@pytest.mark.slow
 def test_a_sharded_state_learns_what_a_whole_one_learns():
   code = "from tests import test_mesh; test_mesh.run_sharded()"
   done = processes.run(["-c", code], devices_env(8))

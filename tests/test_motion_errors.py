@@ -73,6 +73,7 @@ def test_a_punch_in_another_direction_is_as_fast():
   assert found(slow, ahead)["extremity_velocity"] == pytest.approx(2 * 1.0**2 / 6, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_padding_counts_for_nothing():
   """The same with other numbers there, even none; and the mean is over the real frames alone."""
   rng = np.random.default_rng(0)
@@ -133,7 +134,7 @@ def half(monkeypatch):
   monkeypatch.setattr(cdamd.stages.Autoencoder, "apply", lambda self, params, x, *_, **__: x / 2)
 
 
-@pytest.mark.parametrize("name", ["cmdm_tokenizer", "cdamd_autoencoder"])
+@pytest.mark.parametrize("name", ["cmdm_tokenizer", pytest.param("cdamd_autoencoder", marks=pytest.mark.slow)])
 def test_a_weight_is_felt_and_none_is_off(name, half):
   off, frozen = terms_of(name)
   assert not frozen and not set(motion_errors.NAMES) & off.keys()
@@ -166,6 +167,7 @@ def denoiser_terms(decoded_from, **loss):
   return {term: float(value / weight) for term, value in sums.items()}
 
 
+@pytest.mark.slow
 def test_a_denoiser_is_held_to_how_the_decoded_motion_moves(monkeypatch):
   """The weight times the error, beside the loss of the latents; of no frame where no latent is clean enough."""
   to_zero = lambda self, params, x, t, *_: -x / (1 - jnp.repeat(t, x.shape[1] // t.shape[1], axis=1))[..., None]

@@ -56,6 +56,7 @@ def test_several_prompts_are_one_motion_and_a_stream_says_the_same(model):
   assert np.abs(other[24:50] - whole.joints[24:50]).max() > 1e-4
 
 
+@pytest.mark.slow
 def test_a_motion_of_several_prompts_does_not_know_its_batch_mates(model):
   alone = model.multi_prompt(PROMPTS, seed=5, **FAST)
   both = model.multi_prompts([[("a person runs", 4.0)], PROMPTS], seeds=[1, 5], **FAST)
@@ -65,6 +66,7 @@ def test_a_motion_of_several_prompts_does_not_know_its_batch_mates(model):
   assert np.abs(both[0].joints - run.joints).max() < 1e-4 and both[0].captions == run.captions
 
 
+@pytest.mark.slow
 def test_the_released_way_chains_segments(model):
   prompts = [("a person walks", 0.65), ("a person waves", 1.0)]
   alone = model.multi_prompt(prompts, seed=5, way="chain", **FAST)
@@ -209,6 +211,7 @@ def test_sequences_are_read_from_words_and_files(tmp_path):
   assert cli.read_sequences(str(tmp_path / "t.txt")) == [[("walks", 2.0), ("walks and waves", 2.0)], [("sits", 3.0)]]
 
 
+@pytest.mark.slow
 def test_multi_prompt_and_extend_commands(tiny_run, tmp_path, monkeypatch, capsys):
   monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
   options = ["--model", str(tiny_run), "--steps", "6", "--seed", "2"]

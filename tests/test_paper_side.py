@@ -130,6 +130,7 @@ def test_latents_of_training_may_be_means():
   assert np.abs(drawn - target)[0].max() > 1e-3
 
 
+@pytest.mark.slow
 def test_the_denoiser_learns_noise_at_levels_of_its_own():
   """A network that says 0, as it does when initialised, is off by the noise itself: 1 on average, at any level."""
   config, stage, batch = _denoiser(model__predicts="ddpm", model__time_scale=1000.0, model__block=1,
@@ -203,6 +204,7 @@ def test_codes_begin_at_the_first_rows():
   np.testing.assert_allclose(codes[1][:5], 0, atol=1e-6)  # which name themselves, and leave nothing over
 
 
+@pytest.mark.slow
 def test_an_rvq_that_learns_by_gradient_trains_its_codes():
   config = load_config("cdamd_rvq", "tiny").unlock()
   config.quantizer.learn = "gradient"
@@ -256,6 +258,7 @@ def test_the_papers_own_side_trains_and_makes_motion(case, tmp_path, unjudged):
     assert all(np.isfinite(joints).all() for joints in _made(paper, tmp_path))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", [case for case in ROWS if case[1] != "paper"], ids=_name)
 def test_each_difference_is_in_its_config_and_has_a_gradient(case):
   """Traced, not compiled, which is what takes time."""

@@ -69,6 +69,7 @@ def test_nothing_that_was_put_together_is_refused():
     fit.setups()[config.stage](fit.resolve(config)[0])
 
 
+@pytest.mark.slow
 def test_a_step_learns_from_parts(monkeypatch):
   """The loss is finite, and the words of another part move the latents of their own alone, in the gradient's eyes."""
   config, _ = fit.resolve(load_config("cmdm_denoiser", "tiny"))

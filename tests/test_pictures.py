@@ -58,7 +58,7 @@ def test_a_picture_that_fails_is_told_and_training_goes_on(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("name, rows", [
-    ("cmdm_denoiser", 4), ("cmdm_tokenizer", 8),
+    pytest.param("cmdm_denoiser", 4, marks=pytest.mark.slow), ("cmdm_tokenizer", 8),
     pytest.param("cdamd_generator", 4, marks=pytest.mark.slow), pytest.param("cdamd_rvq", 8, marks=pytest.mark.slow),
     pytest.param("cdamd_autoencoder", 8, marks=pytest.mark.slow)])
 def test_a_run_shows_what_it_makes(name, rows, tmp_path, capsys, unjudged):

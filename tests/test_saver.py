@@ -154,6 +154,7 @@ def test_a_kill_between_a_save_and_its_evaluation_changes_nothing(tmp_path, kill
   assert Saver(tmp_path / "whole").steps == Saver(tmp_path / "parts").steps
 
 
+@pytest.mark.slow
 def test_rows_of_metrics_are_means_over_the_same_steps_after_a_slice(tmp_path):
   """A slice that ends between two rows keeps what it has of the next one."""
   config = _config(6)

@@ -26,11 +26,14 @@ pytestmark = pytest.mark.usefixtures("kept_features")
 ELSEWHERE = ("tmr", "motion_patches",            # test_teacher_kinds.py
              "part_tmr", "cmdm_student",         # test_teacher.py, test_distill.py
              "cmdm_denoiser", "cdamd_generator",  # conftest.py, for many
+             "cmdm_tokenizer",                   # test_pictures.py
              "cdamd_length")                     # below, to go on with
+# Evaluators of which the quick tests count the parameters, and train another.
+COUNTED = ("evaluator_matching", "evaluator_snapmogen")
 
 
 @pytest.mark.parametrize("name, own_weights", [
-    *(pytest.param(name, False, id=name, marks=pytest.mark.slow if name in ELSEWHERE else []) for name in CONFIGS),
+    *(pytest.param(name, False, id=name, marks=pytest.mark.slow if name in ELSEWHERE + COUNTED else []) for name in CONFIGS),
     *(pytest.param(name, True, id=f"{name}-own-weights", marks=pytest.mark.slow) for name in CONFIGS)])
 def test_every_config_trains_two_steps(name, own_weights, tmp_path):
   """From weights that numpy draws, and from the network's own, whose initializers are another program."""
@@ -53,6 +56,7 @@ def test_full_and_small_configs_are_whole_and_locked(name):
     load_config(name, "huge")
 
 
+@pytest.mark.slow
 def test_resume_through_the_stage_is_exact(tmp_path, unjudged, capsys):
   """Data order, noise, optimizer and average all go on: 2 + 2 steps are 4, bit for bit."""
   config = load_config("cdamd_length", "tiny").unlock()
@@ -73,6 +77,7 @@ def test_resume_with_another_model_is_told(tmp_path, unjudged):
     training.run(config, tmp_path, resume=True)
 
 
+@pytest.mark.slow
 def test_resume_on_other_ground_is_told(tmp_path, unjudged):
   """Statistics, tokenizer and weights of a run are its own: exchanged or damaged, they are not silently taken over."""
   config = load_config("cmdm_denoiser", "tiny")
@@ -95,6 +100,7 @@ def test_resume_on_other_ground_is_told(tmp_path, unjudged):
     training.run(config, tmp_path, resume=True)
 
 
+@pytest.mark.slow
 def test_launch_py(tmp_path):
   """The command itself, with an override and a misspelled one."""
   command = [sys.executable, str(ROOT / "launch.py"), f"--config={ROOT}/configs/cdamd_length.py:tiny",

@@ -155,6 +155,7 @@ def settings(tmp_path_factory):
                              size="tiny", stories=1, segments=3, clip_evaluator="none")
 
 
+@pytest.mark.slow
 def test_a_study_goes_on_where_it_stopped(settings, tmp_path, monkeypatch, capsys):
   """With training and judging put in place by stand-ins: what is asked of them, and what is not asked again."""
   steps, trained, scored = {}, [], []

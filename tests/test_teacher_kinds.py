@@ -57,6 +57,7 @@ def test_a_run_retrieves_and_judges(teacher_run):
                      atol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_tokenizer_is_taught_by_it(teacher_run):
   """What the tokenizer's run keeps: the motion side alone, the teacher's fields, both statistics where they differ."""
   config = load_config("cmdm_tokenizer", "tiny").unlock()
@@ -234,7 +235,7 @@ def test_released_motion_patches(tmp_path):
   assert np.abs(made - fixture["out/motion_unit"][:len(clips)]).max() < 1e-5
 
 
-@pytest.mark.parametrize("as_folder", [False, True])
+@pytest.mark.parametrize("as_folder", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_released_tmr(tmp_path, as_folder):
   """A checkpoint of the whole, or the three parts that are given out, to a run folder that retrieves."""
   fixture, draw = Fixture(fixtures.path("cmdm/tmr.npz")), np.random.default_rng(0)
@@ -285,6 +286,7 @@ def test_files_that_are_no_teacher_are_told(tmp_path, capsys):
     teacher(tmp_path, get_layout("full"))
 
 
+@pytest.mark.slow
 def test_captions_that_say_the_same_are_read_with_their_sentence():
   config = training.resolve(load_config("tmr", "tiny"))[0].unlock()
   setup = setups.teacher(config)

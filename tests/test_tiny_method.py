@@ -66,6 +66,7 @@ def test_the_command_line_knows_its_choices(folder, tmp_path, monkeypatch, capsy
   assert "TINY models:" in told and "--spread" in told
 
 
+@pytest.mark.slow
 def test_it_is_judged(folder, tmp_path):
   archive = write_archive(tmp_path / "archive", make_clips())
   protocol = dataclasses.replace(SMALL, replications=1, multimodality_batches=0)

@@ -68,6 +68,7 @@ def test_two_steps_and_two_more_are_four(tmp_path):
   assert _equal(whole, parts) and int(parts.step) == 4
 
 
+@pytest.mark.slow
 def test_a_batch_in_parts_is_one_step_and_goes_on_with_or_without(tmp_path):
   """Rows that count are spread unevenly over the parts; nothing is saved between two parts, so that any save goes on
   to the same bytes."""
@@ -85,6 +86,7 @@ def test_a_batch_in_parts_is_one_step_and_goes_on_with_or_without(tmp_path):
     train.train(config, tmp_path / "meeting", _stage()._replace(in_parts=False), _next_batch)
 
 
+@pytest.mark.slow
 def test_a_run_without_an_average_has_no_copy_and_goes_on_where_one_was_saved(tmp_path):
   """A run of a version that saved one with ema_decay 0 too."""
   config = _config(4, ema_decay=0.0)

@@ -70,6 +70,7 @@ def test_a_new_decoder_goes_to_the_generator_of_its_latents(tmp_path):
     exchange_decoder.exchange("cmdm-small", folder, tmp_path / "other")
 
 
+@pytest.mark.slow
 def test_what_is_frozen_stays_to_the_bit(tmp_path):
   """Beside parameters that learn, with weight decay and an average; its gradient is 0 and takes no part in the norm."""
   line = _stage()

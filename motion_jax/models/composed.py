@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import jax
 import numpy as np
 
+from motion_jax.data.event_words import TIMES
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.numerals import as_float, demand_numbers
 from motion_jax.models.base import each
@@ -38,9 +39,13 @@ def usual_frames(model: "TextToMotionModel", sentence: Sentence) -> list[int]:
 
 
 def _action_frames(model, action):
-  cycle = cycle_of(action.verb)
-  if action.times > 1 and cycle is not None:
-    return round((cycle * action.times + _AROUND) * model.fps)
+  if action.times > 1:
+    said = model.nearest_captions(action.counted)
+    if said and TIMES.get(action.times, "no number") in said[0][0]:  # clips show it so often
+      return model.natural_frames(action.counted)
+    cycle = cycle_of(action.verb)
+    if cycle is not None:
+      return round((cycle * action.times + _AROUND) * model.fps)
   return model.natural_frames(action.prompt) * action.times
 
 
@@ -161,7 +166,7 @@ def _composed(model: "TextToMotionModel", sentences: list[Sentence], lengths: li
   """A Motion for each sentence."""
   moving = [[(segment, count) for segment, count in zip(sentence.segments, frames) if not segment.rests]
             or [(sentence.segments[0], frames[0])] for sentence, frames in zip(sentences, lengths)]
-  lists = [[(segment.action.prompt, count) for segment, count in row] for row in moving]
+  lists = [[(segment.action.counted, count) for segment, count in row] for row in moving]
   bases = model.in_a_row(lists, keys, seeds, cleanup, sampling, **how)
   spans = [_spans(model, base, len(row)) for base, row in zip(bases, moving)]
   layers = [(row, place, action) for row, parts in enumerate(moving)
@@ -171,7 +176,7 @@ def _composed(model: "TextToMotionModel", sentences: list[Sentence], lengths: li
     folded = jax.numpy.stack([jax.random.fold_in(keys[row], 1 + i) for i, (row, _, _) in _numbered(layers)])
     counts = [spans[row][place][1] - spans[row][place][0] for row, place, _ in layers]
     counts = [max(count, model.frames_per_latent) for count in counts]
-    others = model.sample([action.prompt for _, _, action in layers], counts, folded, [None] * len(layers), cleanup,
+    others = model.sample([action.counted for _, _, action in layers], counts, folded, [None] * len(layers), cleanup,
                           sampling)
     for (row, place, action), other in zip(layers, others):
       joints[row] = _layered(joints[row], other.joints, spans[row], place, action, model.stats.layout.skeleton)

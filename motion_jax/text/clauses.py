@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from motion_jax.data.tagger import tag_words
 from motion_jax.text import actions
+from motion_jax.text.light_verbs import reworded
 
 NUMBERS = {word: number for number, word in enumerate(
     "zero one two three four five six seven eight nine ten eleven twelve".split())} | {
@@ -46,6 +47,7 @@ class Clause(NamedTuple):
   times: int = 1
   seconds: float | None = None
   at_once: bool = False  # with the action before it, as the sentence says in so many words
+  reworded: bool = False  # its verb is not the one that was written: "takes a bow"
 
 
 def pieces_of(text, known):
@@ -126,7 +128,9 @@ def _merged(fragments, known):
       apart = clause is not None
     if not apart:
       previous[1] += [*said, *tokens]
-      if previous[2] is not None:
+      if previous[2] is not None and previous[2].reworded:
+        previous[2] = clause_of(previous[1])  # "takes a bow and a step back"
+      elif previous[2] is not None:
         previous[2].words.extend([*said, *tokens])
       elif clause is not None:
         previous[2] = clause_of(previous[1])
@@ -196,7 +200,12 @@ def clause_of(tokens):
     before, subject = subject + before, []
   before = [word for word in before if word.lower() != "first"]
   before += [token for token in tokens[start + 1:head] if token.lower().endswith("ly")]
-  return Clause(subject, before, verb, tokens[head].lower(), tokens[head + 1:])
+  form, behind = tokens[head].lower(), tokens[head + 1:]
+  meant = reworded(verb, behind, NUMBERS)
+  if meant is None:
+    return Clause(subject, before, verb, form, behind)
+  form = meant.participle if is_ing(form) else meant.verb
+  return Clause(subject, before, meant.verb, form, meant.words, meant.times, reworded=True)
 
 
 def _unknown_verb(tokens):
@@ -244,7 +253,7 @@ def _counted(clause):
   """The clause without "twice", "three times" and "for five seconds", which it then says in numbers."""
   text = " ".join(clause.words)
   number = r"(\d+(?:\.\d+)?|" + "|".join(NUMBERS) + r")"
-  times, seconds = 1, None
+  times, seconds = clause.times, None
   about = r"(?i)\b(?:for )?(?:about |around |roughly |exactly )?(?:a )?"
   found = (re.search(about + r"(\d+(?:\.\d+)?) ?(s|secs?|seconds?|mins?|minutes?)\b(?: long)?", text)
            or re.search(rf"{about}{number}(?: of)?(?: a)? (secs?|seconds?|mins?|minutes?)\b(?: long)?", text))

@@ -14,6 +14,7 @@ import re
 from collections.abc import Callable
 from typing import NamedTuple
 
+from motion_jax.data.event_words import TIMES
 from motion_jax.text import actions
 from motion_jax.text.clauses import NUMBERS, PRONOUNS, clause_of, fit, is_ing, lower, part_of, pieces_of, without
 
@@ -35,6 +36,12 @@ class Action(NamedTuple):
   times: int = 1   # how often, where the sentence counts
   verb: str = ""   # its base form
   held: bool = False  # a pose that is kept, as of "with the right hand raised"
+  reworded: bool = False  # other words than were written: "bows" for "takes a bow"
+
+  @property
+  def counted(self) -> str:
+    """The prompt with how often, in the words of captions that count: "a person jumps three times"."""
+    return f"{self.prompt} {TIMES.get(self.times, f'{self.times} times')}".rstrip()
 
 
 class Segment(NamedTuple):
@@ -49,7 +56,7 @@ class Segment(NamedTuple):
 
   @property
   def prompt(self) -> str:
-    return " and ".join([self.action.prompt, *(one.words for one in self.also)])
+    return " and ".join([self.action.counted, *(one.words for one in self.also)])
 
   @property
   def rests(self) -> bool:
@@ -72,7 +79,8 @@ class Sentence(NamedTuple):
   def is_plain(self) -> bool:
     """Whether it is one action and no more, so that it is said to a model as it was written."""
     first = self.segments[0]
-    return len(self.segments) == 1 and not first.also and first.action.times == 1 and first.seconds is None
+    return len(self.segments) == 1 and not first.also and first.action.times == 1 and first.seconds is None and (
+        not first.action.reworded)
 
 
 def understand(text: str, known: Callable[[str], bool] = lambda text: False) -> Sentence:
@@ -215,7 +223,7 @@ def _action(clause, subject):
   words = " ".join([*lower(clause.before), form, *clause.words])
   words = re.sub(r"\s+([,.;:!?%)])", r"\1", words).rstrip(" .,;:!?-–—").replace("( ", "(")
   return Action(f"{who} {words}", words, part_of(clause), actions.sides_of(lower(clause.words)), clause.times,
-                clause.verb)
+                clause.verb, reworded=clause.reworded)
 
 
 def _third(verb):

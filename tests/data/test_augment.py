@@ -143,6 +143,7 @@ def test_a_mirrored_sequence_has_mirrored_spans():
   assert mirror_clip(clip).meta["spans"] == (("a person walks.", 0, 70), ("she waves the right hand.", 70, 150))
 
 
+@pytest.mark.slow
 def test_training_sees_more_and_the_same_statistics():
   config = ConfigDict(dict(data=common.data(layout="coordinates"))).data
   config.update(name="synthetic", mode="corrected", mirror=True)

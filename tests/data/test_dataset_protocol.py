@@ -98,6 +98,7 @@ def test_it_is_searched(folder):
   assert registry.dataset_of(folder).fingerprint(folder) != before, "an index of it is made anew"
 
 
+@pytest.mark.slow
 def test_it_is_judged(folder, tiny_run, tmp_path):
   """By the protocol for one's own data, the provenance under its name; clips that train has too are found."""
   assert guess_protocol([tiny_run], [folder]) == "own-66"

@@ -79,6 +79,7 @@ def test_other_programs_read_them(recorded):
   assert [one["features"].shape for one in found] == [(row["frames"], 263) for row in index]
 
 
+@pytest.mark.slow
 def test_the_doctor_and_the_command_line(folder, recorded, tmp_path, capsys):
   report = doctor.examine(recorded)
   assert report.ok and "records" in doctor.format_report(report)

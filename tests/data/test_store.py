@@ -154,6 +154,7 @@ def test_a_store_of_other_parts_is_refused_by_name(tmp_path):
     fit.encode(load_config("cdamd_rvq", "tiny"), tmp_path / "other")
 
 
+@pytest.mark.slow
 def test_at_the_command_line(tmp_path, capsys):
   store, run = str(tmp_path / "store"), str(tmp_path / "run")
   asked = ["--config", "cmdm_denoiser:tiny"]

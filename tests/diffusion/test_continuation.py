@@ -109,7 +109,7 @@ def whole_after(dit, params, text_emb, text_mask, attn_mask, past, noise, times,
 
 
 @pytest.mark.parametrize("given, context, num_blocks", [
-    (7, 48, 3), (12, 9, 8), *(pytest.param(*sizes, marks=pytest.mark.slow) for sizes in ((12, 48, 4), (1, 12, 5)))])
+    (7, 48, 3), *(pytest.param(*sizes, marks=pytest.mark.slow) for sizes in ((12, 9, 8), (12, 48, 4), (1, 12, 5)))])
 def test_a_clean_past_is_kept_exactly(given, context, num_blocks):
   """Cached = recomputed, for pasts of whole blocks and not, shorter and longer than the cache."""
   dit, plan, params, constants, text_emb, text_mask, keys = setting(6, 2, 3, context, num_blocks)

@@ -125,7 +125,8 @@ def _ddpm_setting(num_steps, lag, block, context, num_blocks=None, solver="ances
 
 
 @pytest.mark.parametrize("num_steps, lag, block, context, num_blocks, solver", [
-    (4, 2, 1, 2, 5, "ancestral"), pytest.param(5, 2, 3, 6, 3, "ancestral", marks=pytest.mark.slow)])
+    (4, 2, 1, 2, 5, "ancestral"), (5, 2, 3, 6, 3, "ancestral")])
+@pytest.mark.slow
 def test_fast_is_plain_and_streamed_is_offline(num_steps, lag, block, context, num_blocks, solver):
   dit, plan, params, constants, text_emb, text_mask, keys = _ddpm_setting(
       num_steps, lag, block, context, num_blocks, solver)

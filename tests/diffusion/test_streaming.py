@@ -141,7 +141,8 @@ PLANS = {  # num_steps, lag, block, context, num_blocks
     "autoregressive past the cache": (4, 4, 1, 3, 9)}
 # Recorded trajectories are frame-wise and autoregressive, a cache that is passed has a plan of its own, and one block,
 # too, is shorter than the window.
-REPEATED = {"frame-wise", "autoregressive past the cache", "shorter than the window"}
+REPEATED = {"frame-wise", "autoregressive past the cache", "shorter than the window", "one block",
+            "context of one block"}
 
 
 @pytest.mark.parametrize("name", [
@@ -179,7 +180,8 @@ def told(dit, params, batch=2, count=5):
 
 
 @pytest.mark.parametrize("block, context, num_blocks", [
-    (3, 9, 9), *(pytest.param(*sizes, marks=pytest.mark.slow) for sizes in ((1, 4, 14), (7, 14, 7)))])
+    (3, 9, 9), (1, 4, 14), (7, 14, 7)])
+@pytest.mark.slow
 def test_every_block_has_its_own_words(block, context, num_blocks):
   """Cached = recomputed = streamed, past the cache, for two motions whose words change at different blocks."""
   dit, plan, params, constants, _, _, keys = setting(6, 2, block, context, num_blocks)
@@ -215,6 +217,7 @@ def test_every_block_has_its_own_words(block, context, num_blocks):
   assert_close(again[:1], made[1:], 2e-6)
 
 
+@pytest.mark.slow
 def test_one_caption_for_all_is_the_plain_run():
   dit, plan, params, constants, text_emb, text_mask, keys = setting(6, 2, 3, 12, 4)
   text = encode_text(dit, params, text_emb, text_mask)
@@ -230,7 +233,8 @@ def test_captions_seen():
   assert streaming.captions_seen(np.zeros((2, 5), int), 3) == 1
 
 
-@pytest.mark.parametrize("lag", [2, pytest.param(4, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("lag", [2, 4])
+@pytest.mark.slow
 def test_heun_is_fast_too(lag):
   dit, plan, params, constants, text_emb, text_mask, keys = setting(4, lag, 3, 6, 4)
   plan = plan._replace(solver="heun")
@@ -244,7 +248,7 @@ def test_heun_is_fast_too(lag):
   assert float(jnp.abs(euler - made).max()) > 1e-3
 
 
-@pytest.mark.parametrize("fields", [{"use_rope": False}, {"use_adaln": False}])
+@pytest.mark.parametrize("fields", [{"use_rope": False}, pytest.param({"use_adaln": False}, marks=pytest.mark.slow)])
 def test_ablations_are_fast_too(fields):
   dit, plan, params, constants, text_emb, text_mask, keys = setting(4, 2, 3, 6, 4, **fields)
   text = encode_text(dit, params, text_emb, text_mask)
@@ -316,6 +320,7 @@ def test_noise_belongs_to_key_and_place():
   assert abs(many.mean()) < 0.05 and abs(many.std() - 1) < 0.05
 
 
+@pytest.mark.slow
 def test_bfloat16_stays_near():
   dit, plan, params, constants, text_emb, text_mask, keys = setting(4, 2, 3, 12, 3)
   exact = fast(dit, plan, params, constants, encode_text(dit, params, text_emb, text_mask), SCALE, keys, 3)

@@ -32,6 +32,7 @@ def harness(tmp_path_factory):
   return Harness(protocol, evaluator, None, found, seed=1)
 
 
+@pytest.mark.slow
 def test_fid_is_of_what_stands_before_the_last_layer(harness):
   embedded, evaluator = harness.embedded(0), harness.evaluator
   motions = [x[::-1] for x in embedded.drawn.cut(harness.test_set.of(evaluator))]
@@ -165,6 +166,7 @@ def test_what_real_motions_do_from_repeat_to_repeat_is_nothing():
   assert controls._noticed(0.7125, [0.7, 0.69, 0.6], -1, 0.02) == 0.03
 
 
+@pytest.mark.slow
 def test_controls_begin_at_the_same_cuts(harness):
   """Nothing done to them: nothing between them and the real motions."""
   checked = controls.check(Generation(harness))

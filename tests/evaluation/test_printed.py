@@ -156,6 +156,7 @@ def test_a_run_folder_keeps_its_claim(tmp_path):
   assert paper_rows.rows_of({}) == {} and not paper_rows.is_exact({})  # a run of an older version claims nothing
 
 
+@pytest.mark.slow
 def test_only_an_evaluator_of_the_papers_representation_compares():
   paper = lambda name, layout, rows: printed.paper_of(
       protocols.get_protocol(name), fresh_evaluator("t2m", layout), rows)

@@ -90,6 +90,7 @@ def candidate_of(model):
                                guidance_scale=None)
 
 
+@pytest.mark.slow
 def test_what_was_recorded_has_the_real_row(folder, task):
   real = task.real(0).rows["real"]
   model = Recorder(folder)

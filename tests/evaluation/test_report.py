@@ -189,6 +189,7 @@ def test_bad_input(tmp_path):
 
 
 @pytest.mark.skipif(not any(map(shutil.which, _BROWSERS)), reason="no Chromium here to open the page with")
+@pytest.mark.slow
 def test_page_looks_right_in_a_browser(tmp_path):
   page = report.write(a_result(), tmp_path)
   browser = next(filter(None, map(shutil.which, _BROWSERS)))

@@ -79,6 +79,7 @@ def test_a_result_has_rows_intervals_and_its_provenance(judged, tiny_run):
     assert (out / name).is_file()
 
 
+@pytest.mark.slow
 def test_choices_of_sampling_are_rows(judged, tiny_run, archive, evaluators, tmp_path):
   """One choice alone and among others: the same numbers, from the same samples."""
   shared = shutil.copytree(judged[1].parent / "samples", tmp_path / "samples")
@@ -105,6 +106,7 @@ def content(folder):
       "results.json", "tables.md", "tables.tex")))
 
 
+@pytest.mark.slow
 def test_a_repeat_is_byte_identical_and_so_is_one_that_was_killed(judged, tiny_run, archive, evaluators, tmp_path):
   """With all samples there, with some of them gone or cut short, with none: the same file."""
   _, out = judged
@@ -229,6 +231,7 @@ def test_motions_do_not_depend_on_batches(judged, tiny_run, archive, evaluators,
     np.testing.assert_allclose(other.rows[tiny_run.name][metric]["values"], one["values"], rtol=2e-3, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_devices_give_the_same_numbers(judged, tiny_run, archive, evaluators, tmp_path, monkeypatch):
   """Batches of three on two simulated devices, both of which are used, against the one of these tests."""
   script = f"""

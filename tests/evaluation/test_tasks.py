@@ -95,6 +95,7 @@ def test_a_model_that_cannot_edit_is_refused(tiny_run, archive, evaluator, tmp_p
     judged([tiny_run], [archive], small("editing"), evaluator, tmp_path)
 
 
+@pytest.mark.slow
 def test_long_motions(tiny_run, archive, evaluator, tmp_path):
   protocol = small("long-horizon", sequences=2, segments=3, transition_frames=20, real_jerk=None)
   result = judged([tiny_run], [archive], protocol, evaluator, tmp_path, sampling=dict(num_steps=2), controls=True)
@@ -157,6 +158,7 @@ def test_pieces_are_as_long_as_the_model_makes_them(way, unit, latent, expected)
   assert made == expected if expected else sum(made) == 170
 
 
+@pytest.mark.slow
 def test_timelines(tiny_run, archive, tmp_path):
   evaluator = fresh_evaluator("tmr")
   clips = [clip for clip in make_clips() if clip.split == "test"]

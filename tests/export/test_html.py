@@ -83,6 +83,7 @@ def test_captions_cannot_break_the_page(tmp_path):
 
 
 @pytest.mark.skipif(not any(map(shutil.which, _BROWSERS)), reason="no Chromium here to open the page with")
+@pytest.mark.slow
 def test_page_plays_in_a_browser(tmp_path):
   path, = export.save([make("walk"), make("wave_left")], tmp_path / "a.html")
   browser = next(filter(None, map(shutil.which, _BROWSERS)))

@@ -39,6 +39,7 @@ def test_left_is_blue_and_on_the_viewers_right():
   assert np.nonzero(is_color(behind, *ORANGE))[1].mean() > np.nonzero(is_color(behind, *BLUE))[1].mean()
 
 
+@pytest.mark.slow
 def test_the_whole_body_is_inside_the_picture():
   for action in ("walk", "jump", "wave_left"):
     for image in list(export.frames(make(action, 30), SIZE, caption=""))[::6]:

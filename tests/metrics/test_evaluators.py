@@ -172,6 +172,7 @@ def test_wrong_input_is_told():
     evaluators.co_embeddings(apply, params, *given[:4], np.array([32, 3, 8]))
 
 
+@pytest.mark.slow
 def test_clip_evaluator_sees_no_padding_and_leaves_its_tables_alone():
   model = evaluators.ClipEvaluator(features=5, columns=5, width=8, depth=1, num_heads=2, mlp_width=8, dim=6,
                                    vocab_size=9, max_words=4)

@@ -79,6 +79,7 @@ def test_it_looks_both_ways_and_no_further_than_its_layers(small):
   assert 50 - changed[0] < 30 and changed[-1] - 50 < 30
 
 
+@pytest.mark.slow
 def test_hidden_padding_is_no_padding(small):
   """A clip is encoded and decoded as at its own length, whatever lies behind it; not so where padding is not hidden."""
   net, params = small
@@ -106,6 +107,7 @@ def test_hidden_padding_is_no_padding(small):
   assert np.abs(shown - z)[0, :4].max() > 1e-3 and np.allclose(shown[2], z[2], atol=1e-5)
 
 
+@pytest.mark.slow
 def test_dropout_acts_in_training_only_and_is_the_items_own(small):
   net, params = small
   x = jax.random.normal(jax.random.key(1), (4, 16, 7))

@@ -304,8 +304,9 @@ def test_times_off_the_block_are_told():
     dit.apply(params, x, t[:, :4], text, block_causal_mask(9, 3), text_mask)
 
 
-@pytest.mark.parametrize("fields", [{}, pytest.param(dict(use_adaln=False, use_rope=False, remat=True),
-                                                     marks=pytest.mark.slow)], ids=["as it is", "otherwise"])
+@pytest.mark.parametrize("fields", [{}, dict(use_adaln=False, use_rope=False, remat=True)],
+                         ids=["as it is", "otherwise"])
+@pytest.mark.slow
 def test_layers_in_one_loop_are_the_layers_one_by_one(fields):
   """The same parameters, the same output and gradients in float64; one layer is compiled instead of each."""
   with jax.enable_x64(True):

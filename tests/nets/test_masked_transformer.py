@@ -120,7 +120,7 @@ def count(fields, kind=MaskedTransformer, head=None):
 
 @pytest.mark.parametrize("name, transformer, whole", [
     ("readme", 290_023_424 - 269_958_144, 290_023_424), ("large", 457_892_352 - 270_875_648, 457_892_352),
-    ("options", None, 293_456_768)])
+    pytest.param("options", None, 293_456_768, marks=pytest.mark.slow)])
 def test_parameter_counts(name, transformer, whole):
   """Measured on the reference (docs/papers/cdamd.md#sizes)."""
   if transformer:
@@ -134,6 +134,7 @@ def test_parameter_counts_of_mardm():
     size("huge")
 
 
+@pytest.mark.slow
 def test_a_dropped_prior_is_no_prior():
   net, params = small()
   x, text, codes = inputs()

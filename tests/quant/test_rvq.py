@@ -180,6 +180,7 @@ def _equal(a, b):
   return all(np.array_equal(x, y) for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True))
 
 
+@pytest.mark.slow
 def test_codebooks_are_part_of_the_checkpoint_and_of_the_file(tmp_path):
   stage = _stage(_config(4))
   whole = train.train(_config(4), tmp_path / "whole", stage, _next_batch)
@@ -209,7 +210,8 @@ print(json.dumps(learned(sys.argv[1], 2, int(sys.argv[2]))))
 """
 
 
-@pytest.mark.parametrize("num_codes", [24, pytest.param(8, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("num_codes", [24, 8])
+@pytest.mark.slow
 def test_two_devices_learn_the_codebook_of_one(tmp_path, num_codes):
   """Also with fewer rows on all devices together (16) than codes (24): the noise of the tiling is the same."""
   done = processes.run(["-c", _DEVICES, tmp_path / "two", num_codes], devices_env(2))

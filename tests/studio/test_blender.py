@@ -52,6 +52,7 @@ def test_it_registers_and_needs_the_standard_library_alone(addon):
   assert used <= set(sys.stdlib_module_names) | {"bpy", "mathutils"}
 
 
+@pytest.mark.slow
 def test_it_streams_what_the_client_streams(addon, address):
   shown = []
   addon.make_sticks = lambda frame, parents, names: "sticks"

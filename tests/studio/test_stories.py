@@ -33,7 +33,7 @@ def test_a_story_is_the_models_multi_prompt(model):
   assert made.meta["seed"] == 5 and made.meta["model"] == model.id
 
 
-@pytest.mark.parametrize("cleanup", [False, True])
+@pytest.mark.parametrize("cleanup", [pytest.param(False, marks=pytest.mark.slow), True])
 @pytest.mark.parametrize("changed, border", [
     ([(WALK, 60), (WAVE, 60), (WALK, 60)], 120),        # the last words
     ([(WALK, 60), (JUMP, 60), (JUMP, 60)], 60),         # words in the middle

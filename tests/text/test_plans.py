@@ -96,6 +96,15 @@ COMPOSED = {
     "a person jumps a couple of times": "jumps 2 times",
     "a person nods twice while standing": "stands + nods 2 times",
     "a person spins around 4 times and then falls": "spins around 4 times | falls",
+    "someone takes two bows": "bows 2 times",
+    "a person does three squats and then waves": "squats 3 times | waves",
+    "a person makes a couple of jumps": "jumps 2 times",
+    # a noun that says what is done
+    "someone walks up and takes a bow": "walks up | bows",
+    "someone walks ahead and takes a seat": "walks ahead | sits down",
+    "she throws a left punch": "punches with the left hand",
+    "the person takes a right turn": "turns right",
+    "a person waves while doing a jump": "jumps + waves",
     "a person walks for five seconds": "walks [5]",
     "a person walks for half a minute": "walks [30]",
     "a person walks for five seconds, then runs for 2.5 s": "walks [5] | runs [2.5]",
@@ -129,6 +138,13 @@ a person throws punches and kicks
 a person exercises with jumping jacks, side twists, bends and jogging
 a person takes two steps forward and one step back
 a person takes a bow and a step back
+a person does a front kick
+a person does a kick flip
+a person takes the ball
+a person makes a phone call
+a person gives a thumbs up
+a person does jumps
+a person takes turns
 someone is doing squats and then jumping jacks
 a person sits with legs crossed and arms folded
 a person says goodbye by waving
