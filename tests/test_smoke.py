@@ -33,7 +33,8 @@ COUNTED = ("evaluator_matching", "evaluator_snapmogen")
 
 
 @pytest.mark.parametrize("name, own_weights", [
-    *(pytest.param(name, False, id=name, marks=pytest.mark.slow if name in ELSEWHERE + COUNTED else []) for name in CONFIGS),
+    *(pytest.param(name, False, id=name, marks=pytest.mark.slow if name in ELSEWHERE + COUNTED else [])
+      for name in CONFIGS),
     *(pytest.param(name, True, id=f"{name}-own-weights", marks=pytest.mark.slow) for name in CONFIGS)])
 def test_every_config_trains_two_steps(name, own_weights, tmp_path):
   """From weights that numpy draws, and from the network's own, whose initializers are another program."""
