@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from motion_jax.data.tagger import tag_words
 from motion_jax.text import actions
-from motion_jax.text.light_verbs import reworded
+from motion_jax.text.light_verbs import LIGHT, reworded
 
 NUMBERS = {word: number for number, word in enumerate(
     "zero one two three four five six seven eight nine ten eleven twelve".split())} | {
@@ -34,6 +34,7 @@ _CONNECTORS = {words: kind for kind, group in {
                for words in group}
 _ASPECTS = set("be start begin continue keep proceed resume go stop quit finish do try practice perform pause like by "
                "and".split())
+_PATHS = {"u-turn", "circle", "circles", "loop", "zigzag", "arc", "detour"}  # shapes of a way that is walked
 _LONGEST = max(len(words.split()) for words in _CONNECTORS)
 
 
@@ -150,8 +151,8 @@ def _stands_alone(kind, clause, tokens, previous):
   if kind == "," and is_ing(clause.form) and not fit([previous[2]], clause):
     return False  # "walks, turning left"
   if kind in ("and", ","):
-    if _noun_list(previous):
-      return False
+    if _noun_list(previous) or clause.verb in LIGHT and _PATHS & {word.lower() for word in clause.words}:
+      return False  # "walks and makes a u-turn"
     if is_ing(clause.form) and kind == "and" and previous[2].form != clause.form and not (
         is_ing(previous[2].form) or "is" in previous[2].subject or previous[0] in ("while", ",")):
       return False  # "walks with jumping and singing"

@@ -144,6 +144,8 @@ a person takes the ball
 a person makes a phone call
 a person gives a thumbs up
 a person does jumps
+a person walks and makes a u-turn
+someone runs, makes a circle
 a person takes turns
 someone is doing squats and then jumping jacks
 a person sits with legs crossed and arms folded
