@@ -1,4 +1,4 @@
-// One figure: a skinned mesh whose bones are put where the joints are, at any moment of the motion.
+// Figures: skinned meshes whose bones are put where the joints are.
 import {
   Bone, BufferAttribute, BufferGeometry, Color, DoubleSide, Float32BufferAttribute, Group, Matrix4, Mesh,
   MeshBasicMaterial, MeshStandardMaterial, Quaternion, Skeleton, SkinnedMesh, SRGBColorSpace, Vector3,
@@ -26,34 +26,65 @@ function geometries(body) {
   return body.geometries;
 }
 
-export class Body {
+// A body that stands as it is told.
+export class Figure {
+  constructor(body, colors, {opacity = 1} = {}) {
+    this.group = new Group();
+    this.bones = body.rest.map(() => Object.assign(new Bone(), {matrixAutoUpdate: false}));
+    this.group.add(...this.bones);
+    this.parts = [];
+    const skeleton = new Skeleton(this.bones, body.rest.map((at) => new Matrix4().makeTranslation(-at[0], -at[1], -at[2])));
+    geometries(body).forEach((geometry, i) => {
+      const mesh = new SkinnedMesh(geometry, new MeshStandardMaterial({
+        color: new Color().setRGB(...colors[body.skins[i].group], SRGBColorSpace), roughness: 0.62, metalness: 0,
+        transparent: opacity < 1, opacity, depthWrite: opacity === 1,
+      }));
+      mesh.bind(skeleton, new Matrix4());
+      mesh.castShadow = mesh.receiveShadow = opacity === 1;
+      mesh.frustumCulled = false;
+      this.parts.push({mesh, material: mesh.material, own: mesh.material.color.clone()});
+      this.group.add(mesh);
+    });
+  }
+
+  // positions: a Vector3, rotations: a Quaternion in the world, of each joint.
+  put(positions, rotations) {
+    this.bones.forEach((bone, j) => {
+      bone.matrix.compose(positions[j], rotations[j], ONE);
+      bone.matrixWorldNeedsUpdate = true;
+    });
+  }
+
+  // One colour all over, [r, g, b] from 0 to 1; null gives each part its own again.
+  color(rgb) {
+    for (const {material, own} of this.parts) {
+      if (rgb) material.color.setRGB(...rgb, SRGBColorSpace);
+      else material.color.copy(own);
+    }
+  }
+
+  dispose() {
+    for (const {material} of this.parts) material.dispose();
+    this.parts[0]?.mesh.skeleton.dispose();
+  }
+}
+
+// The figure of a clip that was written into a page, with its joints and rotations.
+export class Body extends Figure {
   constructor(clip, body, colors, place) {
+    super(body, colors);
     this.clip = clip;
     this.frames = clip.frames;
     this.joints = decode(clip.joints, Float32Array);
     this.turned = decode(clip.turned, Int16Array);
     this.count = clip.numJoints;
-    this.group = new Group();
     this.group.position.set(place.x - clip.start[0], -clip.floor, place.z - clip.start[1]);
     this.positions = Array.from({length: this.count}, () => new Vector3());
     this.rotations = Array.from({length: this.count}, () => new Quaternion());
     this.next = new Quaternion();
-    this.bones = body.rest.map(() => Object.assign(new Bone(), {matrixAutoUpdate: false}));
-    this.group.add(...this.bones);
-    this.parts = [];
     this.tint = null;
-    const skeleton = new Skeleton(this.bones, body.rest.map((at) => new Matrix4().makeTranslation(-at[0], -at[1], -at[2])));
-    geometries(body).forEach((geometry, i) => {
-      const mesh = new SkinnedMesh(geometry, new MeshStandardMaterial({
-        color: new Color().setRGB(...colors[body.skins[i].group], SRGBColorSpace), roughness: 0.62, metalness: 0,
-      }));
-      mesh.bind(skeleton, new Matrix4());
-      mesh.castShadow = mesh.receiveShadow = true;
-      mesh.frustumCulled = false;
-      this.parts.push({material: mesh.material, own: mesh.material.color.clone()});
-      this.group.add(mesh);
-    });
-    this.way = this.path();
+    const roots = Array.from({length: this.frames}, (_, t) => [this.joints[t * this.count * 3], this.joints[t * this.count * 3 + 2]]);
+    this.way = ribbon(roots, clip.floor);
     this.group.add(this.way);
     this.show(0);
   }
@@ -75,10 +106,7 @@ export class Body {
     const inside = Math.max(0, Math.min(at, this.frames - 1));
     this.pose(inside);
     this.paint(Math.floor(inside));
-    this.bones.forEach((bone, j) => {
-      bone.matrix.compose(this.positions[j], this.rotations[j], ONE);
-      bone.matrixWorldNeedsUpdate = true;
-    });
+    this.put(this.positions, this.rotations);
   }
 
   // Spans of frames may have a colour of their own, such as what was made anew in an edit.
@@ -86,38 +114,36 @@ export class Body {
     const span = (this.clip.tints ?? []).find(({first, past}) => first <= frame && frame < past) ?? null;
     if (span === this.tint) return;
     this.tint = span;
-    for (const {material, own} of this.parts) {
-      if (span) material.color.setRGB(...span.color, SRGBColorSpace);
-      else material.color.copy(own);
-    }
+    this.color(span && span.color);
   }
 
   root(target) {
     return target.copy(this.positions[0]).add(this.group.position);
   }
+}
 
-  // The root's way as a ribbon on the ground.
-  path() {
-    const vertices = [], index = [], last = new Vector3(Infinity, 0, 0), here = new Vector3();
-    let side = null;
-    for (let t = 0; t < this.frames; t++) {
-      const p = t * this.count * 3;
-      here.set(this.joints[p], 0, this.joints[p + 2]);
-      if (here.distanceTo(last) < 0.02) continue;
-      if (Number.isFinite(last.x)) {
-        const ahead = here.clone().sub(last).normalize();
-        side = new Vector3(ahead.z, 0, -ahead.x).multiplyScalar(0.013);
-        for (const point of vertices.length ? [here] : [last, here]) {
-          for (const sign of [1, -1]) vertices.push(point.x + sign * side.x, this.clip.floor + 0.004, point.z + sign * side.z);
-          const n = vertices.length / 3;
-          if (n >= 4) index.push(n - 4, n - 3, n - 2, n - 3, n - 1, n - 2);
-        }
+// A way on the ground, [[x, z], ...] in metres, as a ribbon.
+export function ribbon(roots, floor = 0) {
+  const vertices = [], index = [], last = new Vector3(Infinity, 0, 0), here = new Vector3();
+  for (const [x, z] of roots) {
+    here.set(x, 0, z);
+    if (here.distanceTo(last) < 0.02) continue;
+    if (Number.isFinite(last.x)) {
+      const ahead = here.clone().sub(last).normalize();
+      const side = new Vector3(ahead.z, 0, -ahead.x).multiplyScalar(0.013);
+      for (const point of vertices.length ? [here] : [last, here]) {
+        for (const sign of [1, -1]) vertices.push(point.x + sign * side.x, floor + 0.004, point.z + sign * side.z);
+        const n = vertices.length / 3;
+        if (n >= 4) index.push(n - 4, n - 3, n - 2, n - 3, n - 1, n - 2);
       }
-      last.copy(here);
     }
-    const geometry = new BufferGeometry();
-    geometry.setAttribute('position', new Float32BufferAttribute(vertices, 3));
-    geometry.setIndex(index);
-    return new Mesh(geometry, new MeshBasicMaterial({color: 0xf2853f, transparent: true, opacity: 0.75, side: DoubleSide}));
+    last.copy(here);
   }
+  const geometry = new BufferGeometry();
+  geometry.setAttribute('position', new Float32BufferAttribute(vertices, 3));
+  geometry.setIndex(index);
+  const look = {color: 0xf2853f, transparent: true, opacity: 0.75, side: DoubleSide};
+  const way = new Mesh(geometry, new MeshBasicMaterial(look));
+  way.frustumCulled = false;
+  return way;
 }
