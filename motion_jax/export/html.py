@@ -13,9 +13,12 @@ import numpy as np
 from motion_jax.data.clip import Clip
 from motion_jax.export.body import COLORS, make_figure
 from motion_jax.export.mesh import make_skins, rest_joints
+from motion_jax.motion.pose import t_pose
+from motion_jax.motion.skeleton import HUMANML3D, Skeleton
 from motion_jax.runtime.atomic import atomic_path
 
 _ASSETS = pathlib.Path(__file__).parent / "assets"
+VIEWER = _ASSETS / "viewer.js"
 
 
 def html(clip, path, title=None, colors=None) -> pathlib.Path:
@@ -44,8 +47,19 @@ def html_page(clip, title=None, colors=None) -> str:
   page = (_ASSETS / "viewer.html").read_text(encoding="utf-8")
   # A "<" in a caption must not end the script element: in JSON it may be written as \u003c.
   values = {"@TITLE@": html_lib.escape(title), "@DATA@": json.dumps(data, ensure_ascii=False).replace("<", "\\u003c"),
-            "@VIEWER@": (_ASSETS / "viewer.js").read_text(encoding="utf-8")}
+            "@VIEWER@": VIEWER.read_text(encoding="utf-8")}
   return re.sub("|".join(values), lambda found: values[found[0]], page)  # one pass: values are not searched again
+
+
+def resting_body(skeleton: Skeleton = HUMANML3D) -> dict:
+  """A skeleton's own body in its T-pose as JSON for the viewer, for a page that hangs it on joints that come later."""
+  bodies = []
+  rest = rest_joints(t_pose(skeleton), skeleton)
+  rest[:, 1] -= rest[:, 1].min()  # the lowest joint on the ground, as that of a model's motion is
+  figure = make_figure(Clip(rest[None].repeat(2, axis=0), skeleton.fps, skeleton=skeleton))
+  _body_of(bodies, skeleton, figure)
+  return bodies[0][-1] | {"colors": COLORS, "names": list(skeleton.joints),
+                          "parents": [int(parent) for parent in skeleton.parents]}
 
 
 def _describe(clip, figure):

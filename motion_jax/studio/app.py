@@ -1,6 +1,7 @@
 """The Starlette application: the page, the requests of /v1, and one WebSocket a stream (docs/protocol.md)."""
 import asyncio
 import contextlib
+import functools
 import json
 import pathlib
 import time
@@ -14,6 +15,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 import motion_jax
+from motion_jax.export.html import VIEWER, resting_body
 from motion_jax.inputs.errors import InputError, reason
 from motion_jax.studio import exporting, mmcp, openapi, project
 from motion_jax.studio.guard import LOOPBACK, Guard, Refused
@@ -54,7 +56,7 @@ class Studio:
         Route("/mmcp/capabilities", self._mmcp_capabilities),
         Route("/mmcp/generate", self._mmcp_generate, methods=["POST"]),
         Route("/openapi.json", lambda request: JSONResponse(openapi.described(self.limits))),
-        *_pages()]
+        Route("/body.json", _body_page), *_pages()]
     handlers = {404: _plain_error, 405: _plain_error, Exception: _fault}
     return Guard(Starlette(routes=routes, exception_handlers=handlers), self.token, self.limits, self.host in LOOPBACK)
 
@@ -225,7 +227,7 @@ async def _fault(request, error):
 
 def _pages():
   """A route for each file of the page: no path that a request names is ever opened."""
-  routes = []
+  routes = [Route("/viewer.js", _page(VIEWER))]  # that of the pages that motions are written to
   for path in sorted(ASSETS.rglob("*")):
     if path.is_file() and path.suffix in _TYPES:
       name = path.relative_to(ASSETS).as_posix()
@@ -233,6 +235,16 @@ def _pages():
       if name == "index.html":
         routes.append(Route("/", _page(path)))
   return routes
+
+
+@functools.cache
+def _resting_body():
+  return json.dumps(resting_body())
+
+
+async def _body_page(request):
+  """The skin that the page hangs on the joints of a motion."""
+  return Response(await anyio.to_thread.run_sync(_resting_body), media_type="application/json")
 
 
 def _page(path):
