@@ -1,0 +1,51 @@
+// Curves of a motion below the timeline, on its scale of time.
+
+const NAMES = { speed: "speed", feet: "feet", jerk: "jerk", heading: "heading" };
+
+/** found: of motion.js' curves(); window: {start, end} in seconds; at: seconds of the play head. */
+export function drawCurves(canvas, found, fps, window, at, look) {
+  const ratio = devicePixelRatio, { clientWidth: width, clientHeight: height } = canvas;
+  canvas.width = width * ratio;
+  canvas.height = height * ratio;
+  const pen = canvas.getContext("2d");
+  pen.scale(ratio, ratio);
+  pen.font = "11px system-ui, sans-serif";
+  const names = Object.keys(NAMES).filter((name) => found?.[name]), tall = height / Math.max(names.length, 1);
+  const place = (second) => ((second - window.start) / (window.end - window.start)) * width;
+  names.forEach((name, row) => {
+    const { unit, lines } = found[name], top = row * tall;
+    const first = Math.max(0, Math.floor(window.start * fps));
+    const past = Math.min(lines[0].length, Math.ceil(window.end * fps) + 1);
+    let low = Infinity, high = -Infinity;
+    for (const line of lines) {
+      for (const value of line) {
+        low = Math.min(low, value);
+        high = Math.max(high, value);
+      }
+    }
+    if (name !== "heading") low = Math.min(low, 0);
+    const room = Math.max(high - low, 1e-6);
+    lines.forEach((line, i) => {
+      pen.strokeStyle = lines.length > 1 ? [look.left, look.right][i] : look.accent;
+      pen.lineWidth = 1.3;
+      pen.beginPath();
+      for (let t = first; t < past; t++) {
+        pen[t === first ? "moveTo" : "lineTo"](place(t / fps), top + tall - 4 - ((line[t] - low) / room) * (tall - 20));
+      }
+      pen.stroke();
+    });
+    const frame = Math.max(0, Math.min(Math.round(at * fps), lines[0].length - 1));
+    const values = lines.map((line) => shortNumber(line[frame])).join(" / ");
+    pen.fillStyle = look.soft;
+    pen.fillText(`${NAMES[name]} ${values} ${unit}`, 6, top + 12);
+    pen.fillStyle = look.line;
+    pen.fillRect(0, top + tall - 1, width, 1);
+  });
+  pen.fillStyle = look.head;
+  pen.fillRect(place(at) - 0.75, 0, 1.5, height);
+}
+
+export function shortNumber(value) {
+  const size = Math.abs(value);
+  return size >= 100 ? value.toFixed(0) : size >= 10 ? value.toFixed(1) : value.toFixed(2);
+}

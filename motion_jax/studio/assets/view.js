@@ -1,0 +1,180 @@
+// What is seen: bodies on a stage, their way and steps on the ground, ghosts, the camera.
+// The parts come from viewer.js, the bundle that exported pages hold, too (tools/viewer).
+
+const BLUE = [0.2, 0.5, 0.82], ORANGE = [0.93, 0.5, 0.16];  // kept, made anew
+const GHOST_SECONDS = 1, MOST_GHOSTS = 14, MOST_STEPS = 400, LANE = 1.6;
+
+export class View {
+  // element: where the stage is; body: what /body.json says.
+  constructor(element, body, dark) {
+    this.parts = window.motionParts;
+    this.body = body;
+    this.stage = new this.parts.Stage(element, { dark, preserve: false });
+    this.stage.light(3.5);
+    this.options = { follow: true, path: true, steps: true, ghosts: false, sticks: false };
+    this.turns = new this.parts.Turns(body.names, body.parents, body.rest);
+    this.figures = [];
+    this.ghosts = [];
+    this.steps = this.makeSteps();
+    this.way = null;
+    this.frame();
+    new ResizeObserver(() => this.stage.resize()).observe(element);
+    this.stage.resize();
+  }
+
+  // Puts the camera in front of the origin.
+  frame(x = 0, z = 0) {
+    const { camera, controls, fog } = this.stage, distance = 6.2;
+    controls.target.set(x, 0.95, z);
+    camera.position.set(x + distance * 0.6, 0.95 + distance * 0.25, z + distance * 0.75);
+    this.stage.fog(distance + 6, distance + 24);
+    controls.update();
+  }
+
+  makeSteps() {
+    const { CircleGeometry, MeshBasicMaterial, InstancedMesh, Color } = this.parts.three;
+    const disc = new CircleGeometry(0.055, 20).rotateX(-Math.PI / 2);
+    const look = new MeshBasicMaterial({ transparent: true, opacity: 0.75, depthWrite: false });
+    const steps = new InstancedMesh(disc, look, MOST_STEPS);
+    steps.frustumCulled = false;
+    steps.count = 0;
+    this.sides = { left: new Color(0x2f8bd0), right: new Color(0xe9703f), now: new Color(0x35b56a) };
+    this.stage.scene.add(steps);
+    return steps;
+  }
+
+  // A body of one colour of its own, or sticks where the joints are those of another skeleton.
+  makeFigure(count, parents, opacity = 1) {
+    const { three, Figure } = this.parts, skin = count === this.body.rest.length;
+    const figure = { count, parents, skin: skin ? new Figure(this.body, this.body.colors, { opacity }) : null };
+    figure.places = Array.from({ length: count }, () => new three.Vector3());
+    figure.turned = Array.from({ length: count }, () => new three.Quaternion());
+    const lines = new three.BufferGeometry();
+    lines.setAttribute("position", new three.BufferAttribute(new Float32Array(6 * count), 3));
+    figure.sticks = new three.LineSegments(lines, new three.LineBasicMaterial({ color: 0x4a90d9 }));
+    figure.sticks.frustumCulled = false;
+    if (skin) this.stage.scene.add(figure.skin.group);
+    this.stage.scene.add(figure.sticks);
+    return figure;
+  }
+
+  drop(figure) {
+    if (figure.skin) {
+      this.stage.scene.remove(figure.skin.group);
+      figure.skin.dispose();
+    }
+    this.stage.scene.remove(figure.sticks);
+    figure.sticks.geometry.dispose();
+    figure.sticks.material.dispose();
+  }
+
+  // motion: as in motion.js; at: a frame that need not be whole; x: how far to the side it stands.
+  pose(figure, motion, at, x = 0) {
+    const t = Math.max(0, Math.min(Math.floor(at), motion.frames - 1)), n = Math.min(t + 1, motion.frames - 1);
+    const w = Math.max(0, Math.min(at - t, 1)), J = motion.joints, count = figure.count;
+    for (let j = 0; j < count; j++) {
+      const p = 3 * (t * count + j), q = 3 * (n * count + j);
+      figure.places[j].set(
+        J[p] + (J[q] - J[p]) * w + x, J[p + 1] + (J[q + 1] - J[p + 1]) * w, J[p + 2] + (J[q + 2] - J[p + 2]) * w);
+    }
+    const bare = this.options.sticks || !figure.skin;
+    if (figure.skin) figure.skin.group.visible = !bare;
+    figure.sticks.visible = bare;
+    if (bare) return this.drawSticks(figure);
+    this.turns.set(figure.places, figure.turned);
+    figure.skin.put(figure.places, figure.turned);
+  }
+
+  drawSticks(figure) {
+    const line = figure.sticks.geometry.attributes.position;
+    figure.parents.forEach((parent, j) => {
+      const a = figure.places[j], b = figure.places[Math.max(parent, 0)];
+      line.setXYZ(2 * j, a.x, a.y, a.z);
+      line.setXYZ(2 * j + 1, b.x, b.y, b.z);
+    });
+    line.needsUpdate = true;
+  }
+
+  // shown: [{motion, at, anew: true, false or null}], side by side; the first one is followed.
+  show(shown) {
+    while (this.figures.length > shown.length) this.drop(this.figures.pop());
+    shown.forEach(({ motion, at, anew, parents }, i) => {
+      if (this.figures[i]?.count !== motion.count) {
+        if (this.figures[i]) this.drop(this.figures[i]);
+        this.figures[i] = this.makeFigure(motion.count, parents ?? this.body.parents);
+      }
+      const figure = this.figures[i];
+      this.pose(figure, motion, at, i * LANE);
+      if (figure.anew !== anew) {
+        figure.anew = anew;
+        figure.skin?.color(anew === null || anew === undefined ? null : anew ? ORANGE : BLUE);
+      }
+    });
+  }
+
+  // What lies on the ground of a motion, up to a frame of it: way, steps, ghosts. Reckoned anew when told.
+  lay(motion, steps, past = motion.frames) {
+    const { scene } = this.stage, { three, ribbon } = this.parts;
+    if (this.way) {
+      scene.remove(this.way);
+      this.way.geometry.dispose();
+      this.way.material.dispose();
+      this.way = null;
+    }
+    if (this.options.path && past > 1) {
+      const roots = Array.from({ length: past }, (_, t) => {
+        const k = 3 * t * motion.count;
+        return [motion.joints[k], motion.joints[k + 2]];
+      });
+      this.way = ribbon(roots);
+      scene.add(this.way);
+    }
+    const prints = this.options.steps ? steps.filter((step) => step.first < past).slice(-MOST_STEPS) : [];
+    const matrix = new three.Matrix4();
+    this.steps.count = prints.length;
+    prints.forEach((step, i) => {
+      this.steps.setMatrixAt(i, matrix.makeTranslation(step.x, 0.006, step.z));
+      this.steps.setColorAt(i, this.sides[step.left ? "left" : "right"]);
+    });
+    this.steps.instanceMatrix.needsUpdate = true;
+    if (this.steps.instanceColor) this.steps.instanceColor.needsUpdate = true;
+    this.prints = prints;
+    this.layGhosts(motion, past);
+  }
+
+  // Steps on which a foot stands at this frame are green.
+  light(frame) {
+    if (!this.prints?.length || !this.steps.instanceColor) return;
+    this.prints.forEach((step, i) => {
+      const now = step.first <= frame && frame < step.past;
+      this.steps.setColorAt(i, this.sides[now ? "now" : step.left ? "left" : "right"]);
+    });
+    this.steps.instanceColor.needsUpdate = true;
+  }
+
+  layGhosts(motion, past) {
+    const step = Math.max(Math.round(GHOST_SECONDS * motion.fps), Math.ceil(past / 40));
+    const frames = [];
+    if (this.options.ghosts) {
+      for (let t = 0; t < past - step / 2; t += step) frames.push(t);
+    }
+    const wanted = frames.slice(-MOST_GHOSTS);
+    while (this.ghosts.length && (this.ghosts.length > wanted.length || this.ghosts[0].count !== motion.count)) {
+      this.drop(this.ghosts.pop());
+    }
+    wanted.forEach((frame, i) => {
+      this.ghosts[i] ??= this.makeFigure(motion.count, this.body.parents, 0.22);
+      this.pose(this.ghosts[i], motion, frame);
+    });
+  }
+
+  draw(passed) {
+    if (this.options.follow && this.figures.length) {
+      const { target } = this.stage.controls, easing = Math.min(1, passed * 5);
+      const x = this.figures.reduce((sum, figure) => sum + figure.places[0].x, 0) / this.figures.length;
+      const z = this.figures[0].places[0].z;
+      this.stage.carry((x - target.x) * easing, (z - target.z) * easing);
+    }
+    this.stage.draw();
+  }
+}
