@@ -1,0 +1,244 @@
+// The timeline: a ruler to scrub, blocks of words on a track, a strip to mark frames. It draws what it is told and
+// says what the user wants; it keeps nothing but its scale and what is being dragged.
+import { between, indexAt, panned, showing, zoomed } from "./scale.js";
+
+const make = (kind, name, ...children) => {
+  const element = Object.assign(document.createElement(kind), { className: name });
+  element.append(...children);
+  return element;
+};
+
+export class Timeline {
+  // on: {seek(s), select(id), edit(id, prompt), resize(id, s), remove(id), move(id, index), add(prompt), span(a, b)}
+  constructor(element, on) {
+    this.element = element;
+    this.on = on;
+    this.window = { start: 0, end: 12 };
+    this.blocks = new Map();
+    this.ruler = make("canvas", "ruler");
+    this.hint = make("div", "hint", "click here to say what happens first");
+    this.track = make("div", "track", this.hint);
+    this.strip = make("div", "strip");
+    this.marked = make("div", "marked");
+    this.head = make("div", "playhead");
+    element.replaceChildren(this.ruler, this.track, this.strip, this.marked, this.head);
+    element.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
+    this.drags(this.ruler, (second) => on.seek(second), (second) => on.seek(second));
+    let from = 0;
+    this.drags(this.strip, (second) => { from = second; }, (second) => on.span(from, second), (moved, second) => {
+      if (!moved) on.span(second, second);
+    });
+    this.drags(this.track, (_, event) => { from = event.clientX; }, (_, event) => {
+      this.pan(((from - event.clientX) / this.width) * (this.window.end - this.window.start));
+      from = event.clientX;
+    }, (moved, second) => this.clicked(moved, second));
+    this.track.addEventListener("contextmenu", (event) => this.menu(event));
+    this.track.addEventListener("dblclick", (event) => {
+      const id = this.idOf(event.target);
+      if (id !== null) this.ask(id);
+    });
+  }
+
+  get width() { return this.element.clientWidth || 1; }
+
+  place(second) { return ((second - this.window.start) / (this.window.end - this.window.start)) * this.width; }
+
+  second(x) {
+    return this.window.start + ((x - this.element.getBoundingClientRect().left) / this.width) * (this.window.end - this.window.start);
+  }
+
+  // A pointer that goes down on an element itself, moves and goes up.
+  drags(element, down, move, up) {
+    element.addEventListener("pointerdown", (event) => {
+      if (event.button || event.target !== element) return;
+      element.setPointerCapture(event.pointerId);
+      const start = event.clientX;
+      let moved = false;
+      down(Math.max(0, this.second(event.clientX)), event);
+      const step = (next) => {
+        moved ||= Math.abs(next.clientX - start) > 3;
+        if (moved) move(Math.max(0, this.second(next.clientX)), next);
+      };
+      const end = (last) => {
+        element.removeEventListener("pointermove", step);
+        if (last.type === "pointerup") up?.(moved, Math.max(0, this.second(last.clientX)));
+      };
+      element.addEventListener("pointermove", step);
+      element.addEventListener("pointerup", end, { once: true });
+      element.addEventListener("pointercancel", end, { once: true });
+    });
+  }
+
+  wheel(event) {
+    event.preventDefault();
+    const sideways = event.shiftKey || Math.abs(event.deltaX) > Math.abs(event.deltaY);
+    const amount = event.deltaX && sideways ? event.deltaX : event.deltaY;
+    if (sideways) this.pan((amount / this.width) * (this.window.end - this.window.start));
+    else this.zoom(Math.exp(Math.max(-200, Math.min(200, amount)) * 0.002), this.second(event.clientX));
+  }
+
+  zoom(factor, around = (this.window.start + this.window.end) / 2) {
+    this.window = zoomed(this.window, factor, around);
+    this.draw(this.shown);
+  }
+
+  pan(seconds) {
+    this.window = panned(this.window, seconds);
+    this.draw(this.shown);
+  }
+
+  fit() {
+    this.window = { start: 0, end: Math.max(this.shown.end * 1.15, 6) };
+    this.draw(this.shown);
+  }
+
+  /** Moves so that a second is seen. */
+  reveal(second) { this.window = showing(this.window, second); }
+
+  idOf(target) {
+    const element = target.closest?.(".block");
+    return element && !this.shown.fixed && element.dataset.id !== "import" ? Number(element.dataset.id) : null;
+  }
+
+  clicked(moved, second) {
+    if (moved || this.shown.fixed) return;
+    if (second >= this.shown.end - 1e-6 || !this.shown.rows.length) this.ask(null);
+    else this.on.select(null);
+  }
+
+  menu(event) {
+    event.preventDefault();
+    const element = event.target.closest?.(".block");
+    if (!element || this.shown.fixed) return;
+    this.on.remove(element.dataset.id === "import" ? "import" : Number(element.dataset.id));
+  }
+
+  /** Asks for the words of a block, or of a new one. Enter takes them, Escape leaves them. */
+  ask(id) {
+    this.track.querySelector(".words")?.remove();
+    const row = this.shown.rows.find((one) => one.id === id);
+    const input = make("input", "words");
+    Object.assign(input, { value: row?.prompt ?? "", maxLength: 1000, placeholder: "what does the person do?" });
+    input.setAttribute("aria-label", "words of the block");
+    input.style.left = `${Math.max(4, Math.min(this.place(row?.start ?? this.shown.end), this.width - 230))}px`;
+    if (row) input.style.width = `${Math.max(220, this.place(row.end) - this.place(row.start))}px`;
+    let over = false;
+    const done = (take) => {
+      if (over) return;
+      over = true;
+      const words = input.value.trim();
+      input.remove();
+      if (!take || !words) return;
+      if (id === null) this.on.add(words);
+      else this.on.edit(id, words);
+    };
+    input.onkeydown = (event) => {
+      event.stopPropagation();
+      if (event.key === "Enter") done(true);
+      if (event.key === "Escape") done(false);
+    };
+    input.onblur = () => done(true);
+    this.track.append(input);
+    input.focus();
+    input.select();
+  }
+
+  // A block's element: its edge sets the length, the rest of it moves it.
+  makeBlock(id) {
+    const element = make("div", "block", make("span", ""), make("div", "edge"));
+    element.dataset.id = id;
+    element.addEventListener("pointerdown", (event) => {
+      if (event.button || this.shown.fixed || id === "import") return;
+      event.stopPropagation();
+      const edge = event.target.className === "edge", from = event.clientX, row = this.shown.rows.find((one) => one.id === id);
+      element.setPointerCapture(event.pointerId);
+      let by = 0;
+      const step = (next) => {
+        const dx = next.clientX - from;
+        if (Math.abs(dx) < 4 && !by) return;
+        by = (dx / this.width) * (this.window.end - this.window.start);
+        element.classList.toggle("moving", !edge);
+        this.dragging = id;
+        if (edge) element.style.width = `${Math.max(8, this.place(row.end + by) - this.place(row.start) - 2)}px`;
+        else element.style.left = `${this.place(row.start + by)}px`;
+      };
+      const end = (last) => {
+        element.removeEventListener("pointermove", step);
+        element.classList.remove("moving");
+        this.dragging = null;
+        if (last.type === "pointerup" && by && edge) this.on.resize(id, row.end - row.start + by);
+        else if (last.type === "pointerup" && by) this.on.move(id, indexAt(this.shown.among, id, this.second(last.clientX)));
+        else if (last.type === "pointerup") this.on.select(id);
+        this.draw(this.shown);
+      };
+      element.addEventListener("pointermove", step);
+      element.addEventListener("pointerup", end, { once: true });
+      element.addEventListener("pointercancel", end, { once: true });
+    });
+    this.track.append(element);
+    this.blocks.set(id, element);
+    return element;
+  }
+
+  // shown: {rows: [{id, prompt, start, end, stale}], among (of placed()), end, time, span, selected, pieces, fixed};
+  // pieces: [{start, end, kind}] of the strip, all in seconds.
+  draw(shown) {
+    this.shown = shown;
+    this.element.classList.toggle("fixed", shown.fixed);
+    this.hint.hidden = shown.fixed || shown.rows.length > 0;
+    for (const [id, element] of this.blocks) {
+      if (shown.rows.some((row) => row.id === id)) continue;
+      element.remove();
+      this.blocks.delete(id);
+    }
+    for (const row of shown.rows) {
+      const element = this.blocks.get(row.id) ?? this.makeBlock(row.id);
+      if (this.dragging === row.id) continue;
+      element.firstChild.textContent = row.prompt;
+      element.title = `${row.prompt} (${(row.end - row.start).toFixed(1)} s)`;
+      element.className = `block${row.id === shown.selected ? " selected" : ""}${row.stale ? " stale" : ""}`
+        + (row.id === "import" ? " import" : "");
+      element.style.left = `${this.place(row.start)}px`;
+      element.style.width = `${Math.max(4, this.place(row.end) - this.place(row.start) - 2)}px`;
+    }
+    this.drawStrip(shown.pieces);
+    this.marked.hidden = !shown.span;
+    if (shown.span) {
+      this.marked.style.left = `${this.place(shown.span[0])}px`;
+      this.marked.style.width = `${this.place(shown.span[1]) - this.place(shown.span[0])}px`;
+    }
+    this.head.style.left = `${this.place(shown.time)}px`;
+    this.drawRuler();
+  }
+
+  drawStrip(pieces) {
+    while (this.strip.children.length > pieces.length) this.strip.lastChild.remove();
+    pieces.forEach(({ start, end, kind }, i) => {
+      const element = this.strip.children[i] ?? this.strip.appendChild(document.createElement("i"));
+      element.style.pointerEvents = "none";
+      element.className = kind;
+      element.style.left = `${this.place(start)}px`;
+      element.style.width = `${Math.max(1, this.place(end) - this.place(start))}px`;
+    });
+  }
+
+  drawRuler() {
+    const { start, end } = this.window, ratio = devicePixelRatio, step = between(this.window, this.width);
+    const style = getComputedStyle(this.element), soft = style.getPropertyValue("--soft");
+    const key = [start, end, this.width, ratio, soft].join();
+    if (key === this.drawn) return;
+    this.drawn = key;
+    this.ruler.width = this.width * ratio;
+    this.ruler.height = 24 * ratio;
+    const pen = this.ruler.getContext("2d");
+    pen.scale(ratio, ratio);
+    pen.fillStyle = soft;
+    pen.font = "11px system-ui, sans-serif";
+    for (let n = Math.floor(start / step); n * step <= end; n++) {
+      const x = this.place(n * step);
+      pen.fillRect(x, 14, 1, 10);
+      for (let k = 1; k < 5; k++) pen.fillRect(this.place((n + k / 5) * step), 19, 1, 5);
+      pen.fillText(step < 1 ? (n * step).toFixed(1) : `${n * step} s`, x + 4, 13);
+    }
+  }
+}
