@@ -1,0 +1,32 @@
+// The keyboard. Keys mean what editors make of them, but not while somebody writes.
+
+const WRITES = "input:not([type=checkbox]):not([type=range]), textarea, select, dialog *";
+
+/** does: {play, step(frames), home, end, remove, undo, redo, markIn, markOut, unmark} */
+export function listen(does) {
+  document.addEventListener("keydown", (event) => {
+    if (event.target.matches?.(WRITES) || event.altKey) return;
+    const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+    if (event.ctrlKey || event.metaKey) {
+      if (key === "z" || key === "y") {
+        event.preventDefault();
+        if (key === "y" || event.shiftKey) does.redo();
+        else does.undo();
+      }
+      return;
+    }
+    const found = {
+      " ": event.target.matches?.("button, a") ? null : does.play,
+      ArrowLeft: () => does.step(event.shiftKey ? -10 : -1), ArrowRight: () => does.step(event.shiftKey ? 10 : 1),
+      Home: does.home, End: does.end, Delete: does.remove, Backspace: does.remove,
+      "[": does.markIn, "]": does.markOut, Escape: does.unmark,
+    }[key];
+    if (!found || (event.target.type === "range" && key.startsWith("Arrow"))) return;
+    event.preventDefault();
+    found();
+  });
+  // A button that was clicked does not keep the space bar for itself.
+  document.addEventListener("click", (event) => {
+    if (event.detail) event.target.closest?.("button, label, input[type=checkbox], select")?.blur?.();
+  });
+}
