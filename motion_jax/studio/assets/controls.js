@@ -1,0 +1,151 @@
+// The buttons and boxes of the page, and the line that says how it goes.
+const $ = (id) => document.getElementById(id);
+const LOOKS = ["follow", "path", "steps", "ghosts", "sticks"];
+
+function stored(name, value) {
+  try {
+    if (value === undefined) return localStorage.getItem(name);
+    localStorage.setItem(name, value);
+  } catch {  // a browser that keeps nothing
+    return null;
+  }
+}
+
+function theme(studio, dark) {
+  document.documentElement.dataset.theme = dark ? "dark" : "light";
+  studio.view?.stage.theme(dark);
+  studio.dirty = true;
+}
+
+export function bind(studio) {
+  const { live, story, player, act, timeline, notes } = studio;
+  const again = () => { studio.laidAgain = studio.dirty = true; };
+
+  const dark = stored("theme") ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
+  theme(studio, dark === "dark");
+  $("theme").onclick = () => {
+    const next = document.documentElement.dataset.theme === "dark" ? "light" : "dark";
+    stored("theme", next);
+    theme(studio, next === "dark");
+  };
+  $("help").onclick = () => $("help-panel").showModal();
+  $("mode-live").onclick = () => { studio.setMode("live"); again(); };
+  $("mode-story").onclick = () => { studio.setMode("story"); again(); };
+
+  studio.look = () => Object.fromEntries(LOOKS.map((name) => [name, $(name).checked]));
+  for (const name of LOOKS) {
+    $(name).onchange = () => {
+      if (studio.view) studio.view.options[name] = $(name).checked;
+      again();
+    };
+  }
+  $("centre").onclick = () => {
+    const root = studio.view?.figures[0]?.places[0];
+    studio.view?.frame(root?.x, root?.z);
+  };
+
+  $("say").onsubmit = (event) => {
+    event.preventDefault();
+    const prompt = $("prompt").value.trim();
+    if (!prompt) return notes.tell("say what the person does, as in “a person waves”", true);
+    if (!live.connected) return notes.tell("the studio is not connected; the words stay here until it is", true);
+    live.say(prompt);
+  };
+  $("play").onclick = studio.play;
+  $("restart").onclick = () => live.restart();
+  $("new-seed").onclick = () => live.send({ type: "restart", prompt: live.choices.prompt, seed: Math.floor(Math.random() * 2 ** 31) });
+  $("speed").oninput = () => {
+    live.speed(Number($("speed").value));
+    $("speed").nextElementSibling.textContent = `${Number($("speed").value)}×`;
+  };
+  $("keep-going").onchange = () => live.keepGoing($("keep-going").checked);
+  $("to-timeline").onclick = studio.toTimeline;
+
+  $("make").onclick = () => {
+    const { seeds } = studio.state.project;
+    story.make(studio.side ? seeds.map((_, take) => take) : undefined);
+  };
+  $("auto").onchange = () => $("auto").checked && studio.state.project.blocks.length && story.make();
+  $("undo").onclick = () => act({ type: "undo" });
+  $("redo").onclick = () => act({ type: "redo" });
+  $("repeat").onchange = () => { player.repeat = $("repeat").checked; };
+  $("cleanup").onchange = () => act({ type: "set", fields: { cleanup: $("cleanup").checked } });
+  $("side").onchange = () => {
+    studio.side = $("side").checked;
+    if (studio.side && studio.state.project.blocks.length) story.make(studio.state.project.seeds.map((_, take) => take));
+    again();
+  };
+  $("model").onchange = () => {
+    const model = studio.models.find((one) => one.name === $("model").value);
+    act({ type: "set", fields: { model: { name: model.name, id: model.id ?? "" } } });
+  };
+  const second = () => studio.time(), marked = () => (studio.state.span ?? []).map((frame) => frame / (story.shown?.fps ?? 20));
+  $("mark-in").onclick = () => studio.mark(second(), marked()[1] > second() ? marked()[1] : second() + 1);
+  $("mark-out").onclick = () => studio.mark(marked()[0] < second() ? marked()[0] : Math.max(0, second() - 1), second());
+
+  $("show-curves").onchange = () => {
+    $("curves").hidden = !$("show-curves").checked;
+    studio.dirty = true;
+  };
+  $("zoom-in").onclick = () => timeline.zoom(0.7, second());
+  $("zoom-out").onclick = () => timeline.zoom(1 / 0.7, second());
+  $("zoom-fit").onclick = () => timeline.fit();
+  addEventListener("resize", () => { studio.dirty = true; });
+
+  // The models that can tell a story, once they are known.
+  studio.modelsCame = () => {
+    const able = studio.models.filter((model) => model.abilities?.includes("multi_prompt"));
+    const names = able.map((model) => model.name), select = $("model"), { model } = studio.state.project;
+    if ([...select.options].map((option) => option.value).join() !== names.join()) {
+      select.replaceChildren(...names.map((name) => new Option(name, name)));
+    }
+    select.hidden = names.length < 2;
+    const known = able.find((one) => one.name === model.name) ?? (model.name ? null : able[0]);
+    if (known && known.id !== model.id) act({ type: "model", model: { name: known.name, id: known.id ?? "" } });
+    for (const failed of studio.models.filter((one) => one.state === "failed")) {
+      const sentence = `${failed.name} cannot be used: ${failed.error}`;
+      if (!notes.all.includes(sentence)) notes.tell(sentence, true);
+    }
+    studio.dirty = true;
+  };
+
+  let old = {};
+  const put = (id, text) => {
+    if (old[id] !== text) $(id).textContent = old[id] = text;
+  };
+  studio.status = (moved) => {
+    if (!moved) return;
+    const inLive = studio.mode === "live", { state, progress } = live;
+    const loading = studio.models.find((model) => !["ready", "failed"].includes(model.state));
+    const how = !live.connected && live.reconnects ? "the studio has gone; trying to reach it again"
+      : story.busy && !inLive ? story.busy
+        : progress ? `${progress.state}: ${progress.doing} (${progress.done} of ${progress.of}, ${progress.seconds.toFixed(0)} s)`
+          : !inLive && loading ? `${loading.name}: ${loading.doing || loading.state}`
+            : inLive ? { running: "live", waiting: "the words are done; say others", lost: "connecting" }[state] ?? state
+              : story.stale && studio.state.project.blocks.length ? "changed, not made yet" : "ready";
+    const line = $("state"), is = !live.connected ? "bad" : progress || story.busy || loading ? "busy" : "good";
+    if (old.how !== how || old.is !== is) {
+      line.lastElementChild.textContent = old.how = how;
+      line.dataset.is = old.is = is;
+    }
+    const playing = inLive ? state === "running" : player.playing;
+    put("play", playing ? "❚❚" : "▶");
+    put("time", inLive ? `${live.time.toFixed(1)} s` : `${player.time.toFixed(2)} s, frame ${player.frame}`);
+    put("caption", inLive ? live.at(live.time * live.fps)?.prompt ?? "" : captionAt(story.shown, player.time));
+    const flight = Math.max(0, live.begun - live.committed) / live.fps;
+    put("numbers", inLive && live.blocks
+      ? `${live.lead.toFixed(1)} s ahead, ${flight.toFixed(1)} s in flight, block ${live.sampling.toFixed(0)} ms`
+        + (live.latency === null ? "" : `, words after ${live.latency.toFixed(1)} s`)
+      : !inLive && story.reply ? `${story.reply.same_frames} frames as before` : "");
+    $("undo").disabled = !studio.state.past.length;
+    $("redo").disabled = !studio.state.future.length;
+    if ($("cleanup").checked !== studio.state.project.cleanup) $("cleanup").checked = studio.state.project.cleanup;
+    if (studio.state.project.model.name && $("model").value !== studio.state.project.model.name) $("model").value = studio.state.project.model.name;
+  };
+}
+
+function captionAt(motion, second) {
+  const captions = motion?.captions ?? [];
+  return (captions.find(({ start, end }) => start <= second && second < end) ?? captions.find(({ start, end }) => !start && !end)
+    ?? captions.at(-1))?.text ?? "";
+}

@@ -1,0 +1,48 @@
+// What tests and other curious people may read: window.__studio.
+
+export function expose(studio) {
+  const { live, story, player, notes, panels } = studio;
+  const read = {
+    mode: () => studio.mode,
+    ready: () => Boolean(studio.view),
+    status: () => document.querySelector("#state span").textContent,
+    time: () => studio.time(),
+    frame: () => Math.round(studio.time() * (studio.mode === "live" ? live.fps : player.fps)),
+    frames: () => (studio.mode === "live" ? live.frames : player.frames),
+    blocks: () => studio.state.project.blocks.map((block) => ({ ...block })),
+    prompts: () => (studio.mode === "live" ? live.words.map((one) => one.prompt) : studio.state.project.blocks.map((block) => block.prompt)),
+    project: () => structuredClone(studio.state.project),
+    selection: () => studio.state.selected,
+    span: () => studio.state.span,
+    undoDepth: () => studio.state.past.length,
+    redoDepth: () => studio.state.future.length,
+    playing: () => (studio.mode === "live" ? live.state === "running" : player.playing),
+    busy: () => story.busy,
+    stale: () => story.stale,
+    reply: () => story.reply,
+    made: () => story.shown?.meta?.made ?? null,
+    takes: () => studio.state.project.seeds.map((seed, take) => ({ seed, made: Boolean(story.of(take)) })),
+    figures: () => studio.view?.figures.length ?? 0,
+    ghosts: () => studio.view?.ghosts.length ?? 0,
+    steps: () => studio.view?.steps.count ?? 0,
+    models: () => studio.models.map(({ name, state }) => ({ name, state })),
+    errors: () => [...notes.errors],
+    notes: () => [...notes.all],
+    exported: () => panels.last ?? null,
+    window: () => ({ ...studio.timeline.window }),
+    live: () => ({
+      state: live.state, run: live.run, connected: live.connected, reconnects: live.reconnects, blocks: live.blocks,
+      end: live.end, committed: live.committed, begun: live.begun, played: live.played, lead: live.lead, missed: live.missed,
+      latency: live.latency, sampling: live.sampling, seed: live.choices.seed, words: live.words.map((one) => ({ ...one })),
+      blockFrames: live.blockFrames, unacknowledged: live.waitingBlocks.length,
+    }),
+  };
+  window.__studio = {
+    /** Coordinates of the joints of frames from first up to past, as they are played. */
+    joints(first, past) {
+      const motion = studio.motion(), shift = studio.mode === "live" ? live.first : 0, k = 3 * motion.count;
+      return [...motion.joints.subarray((first - shift) * k, (past - shift) * k)];
+    },
+  };
+  for (const [name, get] of Object.entries(read)) Object.defineProperty(window.__studio, name, { get, enumerable: true });
+}
