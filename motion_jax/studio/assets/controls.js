@@ -79,16 +79,15 @@ export function bind(studio) {
     const model = studio.models.find((one) => one.name === $("model").value);
     act({ type: "set", fields: { model: { name: model.name, id: model.id ?? "" } } });
   };
-  const second = () => studio.time(), marked = () => (studio.state.span ?? []).map((frame) => frame / (story.shown?.fps ?? 20));
-  $("mark-in").onclick = () => studio.mark(second(), marked()[1] > second() ? marked()[1] : second() + 1);
-  $("mark-out").onclick = () => studio.mark(marked()[0] < second() ? marked()[0] : Math.max(0, second() - 1), second());
+  $("mark-in").onclick = () => studio.markIn();
+  $("mark-out").onclick = () => studio.markOut();
 
   $("show-curves").onchange = () => {
     $("curves").hidden = !$("show-curves").checked;
     studio.dirty = true;
   };
-  $("zoom-in").onclick = () => timeline.zoom(0.7, second());
-  $("zoom-out").onclick = () => timeline.zoom(1 / 0.7, second());
+  $("zoom-in").onclick = () => timeline.zoom(0.7, studio.time());
+  $("zoom-out").onclick = () => timeline.zoom(1 / 0.7, studio.time());
   $("zoom-fit").onclick = () => timeline.fit();
   addEventListener("resize", () => { studio.dirty = true; });
 

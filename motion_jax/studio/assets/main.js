@@ -1,17 +1,17 @@
 // The page: what belongs together is joined here, and drawn sixty times a second.
 import * as api from "./api.js";
+import { bind } from "./controls.js";
 import { drawCurves } from "./curves.js";
 import { listen } from "./keys.js";
 import { Live } from "./live.js";
-import { bind } from "./controls.js";
 import { curves } from "./motion.js";
 import { Notes } from "./notes.js";
 import { Panels } from "./panels.js";
 import { Player } from "./player.js";
 import { picture } from "./picture.js";
 import { initial, placed, reduce, snapped } from "./state.js";
-import { expose } from "./testing.js";
 import { Story } from "./story.js";
+import { expose } from "./testing.js";
 import { Timeline } from "./timeline.js";
 import { View } from "./view.js";
 
@@ -96,6 +96,14 @@ studio.mark = (from, to) => {
   if (studio.mode === "story") act({ type: "span", span: [frameAt(from), frameAt(to)].map((frame) => Math.min(frame, frames)) });
 };
 
+// From the play head to where the span ends, or a second; up to the play head from where it begins, or a second before.
+const markedAt = (end) => (studio.state.span ? studio.state.span[end] / (story.shown?.fps ?? 20) : -1);
+studio.markIn = () => studio.mark(studio.time(), markedAt(1) > studio.time() ? markedAt(1) : studio.time() + 1);
+studio.markOut = () => {
+  const from = markedAt(0);
+  studio.mark(from >= 0 && from < studio.time() ? from : Math.max(0, studio.time() - 1), studio.time());
+};
+
 /** What was said live, as blocks: the same words, lengths and seed make the same motion. */
 studio.toTimeline = () => {
   const { captions } = live.motion(), { state: { project } } = studio;
@@ -124,8 +132,7 @@ listen({
   end: () => { studio.seek(studio.end()); timeline.reveal(studio.time()); },
   remove: () => studio.mode === "story" && studio.state.selected !== null && act({ type: "remove", id: studio.state.selected }),
   undo: () => act({ type: "undo" }), redo: () => act({ type: "redo" }),
-  markIn: () => studio.mark(studio.time(), Math.max(studio.state.span?.[1] / frameAt(1) || 0, studio.time() + 1)),
-  markOut: () => studio.mark(Math.min(studio.state.span?.[0] / frameAt(1) || 0, studio.time()), studio.time()),
+  markIn: () => studio.markIn(), markOut: () => studio.markOut(),
   unmark: () => act({ type: "span", span: null }),
 });
 
