@@ -98,6 +98,7 @@ export class Story {
     for (; n < edits.length; n++) {
       motion = this.keep(keyOf(upTo(n + 1), take), await this.edited(motion, edits[n], edits.slice(0, n)));
     }
+    if (take === this.state().project.chosen) this.last = motion;
   }
 
   async base(project, take) {

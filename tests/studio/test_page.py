@@ -1,0 +1,371 @@
+"""The studio's page in a real browser: it opens, plays, takes words, edits, undoes, exports, and finds the studio again.
+
+State is asked of `window.__studio`. Skipped where selenium (extra `browser`) or Chromium is missing.
+"""
+import contextlib
+import json
+import pathlib
+import shutil
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from tests.studio.conftest import TOKEN
+
+CHROMIUM, DRIVER = (shutil.which(name) for name in ("chromium", "chromedriver"))
+webdriver = pytest.importorskip("selenium.webdriver", reason="needs selenium, the extra `browser`")
+JavascriptException = pytest.importorskip("selenium.common.exceptions").JavascriptException
+pytestmark = pytest.mark.skipif(not (CHROMIUM and DRIVER), reason="there is no chromium with its chromedriver")
+PATIENCE = 90  # seconds
+
+
+class Page:
+  """One tab of a studio."""
+
+  def __init__(self, driver):
+    self.driver = driver
+
+  def get(self, expression):
+    return self.driver.execute_script(f"return window.__studio && window.__studio.{expression}")
+
+  def wait(self, expression, seconds=PATIENCE):
+    """Until an expression of `__studio` is true; what it is."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+      with contextlib.suppress(JavascriptException):  # of what is not there yet
+        if found := self.get(expression):
+          return found
+      time.sleep(0.1)
+    raise AssertionError(f"{expression} did not become true: {self.get('status')}, errors {self.get('errors')}, "
+                         f"notes {self.get('notes')}, live {self.get('live')}")
+
+  def find(self, selector):
+    return self.driver.find_element("css selector", selector)
+
+  def all(self, selector):
+    return self.driver.find_elements("css selector", selector)
+
+  def keys(self, *keys):
+    webdriver.ActionChains(self.driver).send_keys(*keys).perform()
+
+  def control(self, *keys):
+    chain = webdriver.ActionChains(self.driver)
+    for key in keys[:-1]:
+      chain.key_down(key)
+    chain.send_keys(keys[-1])
+    for key in keys[:-1]:
+      chain.key_up(key)
+    chain.perform()
+
+  def click_at(self, element, x, y):
+    """Clicks x, y pixels from an element's upper left corner."""
+    box = element.size
+    chain = webdriver.ActionChains(self.driver)
+    chain.move_to_element_with_offset(element, x - box["width"] // 2, y - box["height"] // 2).click().perform()
+
+  def drag(self, element, by, x=None):
+    """Drags from x pixels into an element (its middle) so many pixels to the right."""
+    chain = webdriver.ActionChains(self.driver)
+    start = 0 if x is None else x - element.size["width"] // 2
+    chain.move_to_element_with_offset(element, int(start), 0).click_and_hold()
+    chain.move_by_offset(by // 2, 0).move_by_offset(by - by // 2, 0).release().perform()
+
+  def add_block(self, words):
+    """Clicks into the empty part of the track and types."""
+    track = self.find(".track")
+    blocks = self.all(".block")
+    x = max((b.location["x"] + b.size["width"] - track.location["x"] for b in blocks), default=10) + 12
+    self.click_at(track, x, 24)
+    field = self.find(".words")
+    field.send_keys(words, webdriver.Keys.ENTER)
+
+  def prompts(self):
+    return self.get("prompts")
+
+
+@pytest.fixture(scope="module")
+def driver(tmp_path_factory):
+  folder = tmp_path_factory.mktemp("downloads")
+  options = webdriver.ChromeOptions()
+  options.binary_location = CHROMIUM
+  for flag in ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--use-angle=swiftshader",
+               "--enable-unsafe-swiftshader", "--window-size=1200,900", "--hide-scrollbars"):
+    options.add_argument(flag)
+  options.add_experimental_option("prefs", {"download.default_directory": str(folder)})
+  options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+  driver = webdriver.Chrome(options, webdriver.ChromeService(DRIVER))
+  driver.folder = folder
+  yield driver
+  driver.quit()
+
+
+@pytest.fixture
+def page(driver, address):
+  driver.get("about:blank")
+  driver.get_log("browser")
+  driver.get(address)
+  page = Page(driver)
+  page.wait("ready")
+  yield page
+  faults = [row for row in driver.get_log("browser") if row["level"] == "SEVERE" and "status of 400" not in row["message"]
+            and "WebSocket" not in row["message"] and "ERR_CONNECTION" not in row["message"]]
+  driver.get("about:blank")  # its stream ends before the studio does
+  assert not faults, faults
+
+
+@pytest.fixture
+def story(page):
+  """The page's timeline with two blocks that have been made."""
+  page.find("#mode-story").click()
+  page.add_block("a person walks")
+  page.add_block("a person jumps")
+  assert page.prompts() == ["a person walks", "a person jumps"]
+  page.wait("stale === false && window.__studio.busy === null")
+  return page
+
+
+def test_it_opens_and_walks(page):
+  page.wait("live.blocks > 0")
+  first = page.get("time")
+  page.wait(f"time > {first} + 0.3")
+  assert page.get("figures") == 1 and page.get("live.connected") and page.get("status") == "live"
+  assert not page.get("errors")
+
+
+def test_new_words_change_the_motion_at_the_next_block_and_nothing_before(page):
+  page.wait("live.blocks > 2")
+  field = page.find("#prompt")
+  field.clear()
+  committed, begun = page.get("live.committed"), page.get("live.begun")
+  before = page.get(f"joints(0, {committed})")
+  field.send_keys("a person jumps", webdriver.Keys.ENTER)
+  words = page.wait("live.words[1]")
+  per_block = page.get("live.blockFrames")
+  # The page hears of frames a little after they have been made, so a block more may have begun meanwhile.
+  assert words["prompt"] == "a person jumps" and committed <= words["from"] <= begun + 4 * per_block
+  page.wait(f"live.end > {words['from']} + {per_block}")
+  assert page.get(f"joints(0, {committed})") == before
+  page.wait("live.latency !== null")
+
+
+def test_pause_resume_and_the_same_seed_again(page):
+  page.wait("live.blocks > 2 && window.__studio.live.played > 0.3")
+  page.find("#stage").click()
+  page.keys(" ")
+  page.wait("live.state === 'paused'")
+  played = page.get("live.played")
+  time.sleep(0.5)
+  assert page.get("live.played") == played
+  page.keys(webdriver.Keys.ARROW_LEFT)
+  assert page.get("time") < played
+  page.keys(" ")
+  page.wait(f"live.played > {played}")
+  before = page.get("joints(0, 8)")
+  page.find("#restart").click()
+  page.wait("live.run === 2 && window.__studio.live.blocks > 1")
+  assert page.get("joints(0, 8)") == before
+
+
+def test_blocks_are_edited_with_the_habits_of_editors(story):
+  page = story
+  chain = webdriver.ActionChains(page.driver)
+  chain.double_click(page.all(".block")[0]).perform()
+  field = page.find(".words")
+  field.clear()
+  field.send_keys("a person runs", webdriver.Keys.ENTER)
+  assert page.prompts() == ["a person runs", "a person jumps"]
+  length = page.get("blocks[0].seconds")
+  page.drag(page.all(".block .edge")[0], 120)
+  assert page.get("blocks[0].seconds") > length
+  page.drag(page.all(".block")[0], 500)
+  assert page.prompts() == ["a person jumps", "a person runs"]
+  page.control(webdriver.Keys.CONTROL, "z")
+  assert page.prompts() == ["a person runs", "a person jumps"]
+  page.control(webdriver.Keys.CONTROL, webdriver.Keys.SHIFT, "z")
+  assert page.prompts() == ["a person jumps", "a person runs"]
+  depth = page.get("undoDepth")
+  webdriver.ActionChains(page.driver).context_click(page.all(".block")[1]).perform()
+  assert page.prompts() == ["a person jumps"]
+  page.all(".block")[0].click()
+  page.keys(webdriver.Keys.DELETE)
+  assert page.prompts() == [] and page.get("undoDepth") == depth + 2
+  page.control(webdriver.Keys.CONTROL, "z")
+  page.control(webdriver.Keys.CONTROL, "z")
+  page.wait("stale === false && window.__studio.busy === null")
+  assert page.prompts() == ["a person jumps", "a person runs"] and not page.get("errors")
+
+
+def test_the_play_head_steps_jumps_and_plays(story):
+  page = story
+  page.find("#stage").click()
+  page.keys(webdriver.Keys.END)
+  last = page.get("frame")
+  assert last == page.get("frames") - 1
+  page.keys(webdriver.Keys.ARROW_LEFT)
+  assert page.get("frame") == last - 1
+  page.keys(webdriver.Keys.HOME)
+  assert page.get("frame") == 0
+  page.keys(" ")
+  page.wait("frame > 2")
+  page.keys(" ")
+  assert not page.get("playing")
+  page.click_at(page.find(".ruler"), 200, 12)
+  window = page.get("window")
+  wanted = window["start"] + 200 / page.find(".ruler").size["width"] * (window["end"] - window["start"])
+  assert abs(page.get("time") - min(wanted, last / 20)) < 0.2
+  page.driver.execute_script("document.getElementById('timeline').dispatchEvent(new WheelEvent('wheel', {deltaY: -200,"
+                             " clientX: 300, cancelable: true}))")
+  closer = page.get("window")
+  assert closer["end"] - closer["start"] < window["end"] - window["start"]
+
+
+def test_a_change_makes_anew_only_from_there(story):
+  page = story
+  page.find("#cleanup").click()  # without it frames are the same up to the very change
+  page.wait("stale === false && window.__studio.busy === null")
+  half = round(page.get("blocks[0].seconds") * 20)
+  before = page.get(f"joints(0, {half})")
+  webdriver.ActionChains(page.driver).double_click(page.all(".block")[1]).perform()
+  page.find(".words").send_keys(" high", webdriver.Keys.ENTER)
+  page.wait("stale === false && window.__studio.busy === null && window.__studio.reply.same_frames > 0")
+  assert page.get(f"joints(0, {half})") == before and page.get("reply.same_frames") >= half
+
+
+def test_a_span_is_made_anew_and_takes_stand_side_by_side(story):
+  page = story
+  window = page.get("window")
+  second = page.find(".strip").size["width"] / (window["end"] - window["start"])
+  page.drag(page.find(".strip"), int(second * 1.5), x=second * 0.5)
+  span = page.get("span")
+  assert 8 <= span[0] <= 12 and 36 <= span[1] <= 44
+  page.find("#edit-prompt").send_keys("a person kicks", webdriver.Keys.ENTER)
+  made = page.wait("made")
+  assert made[0][0] <= span[0] and made[-1][1] >= span[1]
+  page.find("#add-take").click()
+  page.wait("stale === false && window.__studio.busy === null")
+  assert [take["made"] for take in page.get("takes")] == [True, True]
+  page.find("#side").click()
+  page.wait("figures === 2")
+  page.all("#takes button")[0].click()
+  assert page.get("project.chosen") == 0 and page.get("made") == made
+
+
+def test_what_is_exported_opens_elsewhere(story):
+  from pygltflib import GLTF2
+
+  from motion_jax import export
+  page, folder = story, story.driver.folder
+  page.find("#export").click()
+  for kind in ("bvh", "glb", "npz"):
+    page.driver.execute_script(f"document.getElementById('format').value = '{kind}'")
+    page.find("#export-button").click()
+    name = page.wait(f"exported && window.__studio.exported.name.endsWith('{kind}') && window.__studio.exported.name")
+    path = pathlib.Path(folder) / name
+    end = time.monotonic() + 20
+    while not path.exists() and time.monotonic() < end:
+      time.sleep(0.1)
+    if kind == "glb":
+      assert GLTF2().load(str(path)).animations
+    else:
+      assert export.load(path).num_frames == page.get("frames")
+  joints = np.array(page.get("joints(0, 3)")).reshape(3, 22, 3)
+  np.testing.assert_allclose(export.load(path).joints[:3], joints, atol=1e-5)
+
+
+def test_a_project_is_saved_and_opened(story, tmp_path):
+  page = story
+  page.find("#save").click()
+  path = pathlib.Path(page.driver.folder) / "a-person-walks.json"
+  end = time.monotonic() + 20
+  while not path.exists() and time.monotonic() < end:
+    time.sleep(0.1)
+  assert [block["prompt"] for block in json.loads(path.read_text())["blocks"]] == ["a person walks", "a person jumps"]
+  frames = page.get("joints(0, 4)")
+  page.driver.refresh()
+  page.wait("ready && window.__studio.models.length")
+  page.find("#mode-story").click()
+  page.find("#project-file").send_keys(str(path))
+  page.wait("blocks.length === 2 && window.__studio.stale === false")
+  assert page.get("joints(0, 4)") == frames
+  cut = tmp_path / "cut.json"
+  cut.write_text(path.read_text()[:200])
+  page.find("#project-file").send_keys(str(cut))
+  page.wait("errors.some((one) => one.includes('cut'))")
+  nothing = tmp_path / "nothing.npz"
+  nothing.write_bytes(b"no motion")
+  page.find("#motion-file").send_keys(str(nothing))
+  page.wait("errors.length > 1")
+  assert page.prompts() == ["a person walks", "a person jumps"]  # nothing is lost
+  assert page.find("#told").text
+
+
+def test_an_imported_motion_is_gone_on_from(page, tmp_path, library):
+  path = tmp_path / "walk.npy"
+  motion = library.model("tiny", "generate").generate("a person walks", seconds=2.0, seed=1)[0]
+  np.save(path, np.asarray(motion.joints, np.float32))
+  page.find("#mode-story").click()
+  page.find("#motion-file").send_keys(str(path))
+  page.wait("stale === false && window.__studio.frames > 20")
+  frames = page.get("frames")
+  page.add_block("a person jumps")
+  page.wait(f"stale === false && window.__studio.busy === null && window.__studio.frames > {frames}")
+  assert not page.get("errors")
+
+
+def test_three_tabs_have_streams_of_their_own(page, address):
+  driver, first = page.driver, page.driver.current_window_handle
+  tabs = []
+  for _ in range(2):
+    driver.switch_to.new_window("tab")
+    driver.get(address)
+    page.wait("live.blocks > 1")
+    tabs.append(driver.current_window_handle)
+  for tab in tabs:
+    driver.switch_to.window(tab)
+    driver.close()
+  driver.switch_to.window(first)
+  page.wait("live.blocks > 1")
+  assert not page.get("errors")
+
+
+def test_it_finds_a_studio_again_that_was_started_again(driver, library):
+  with _serving(library, 0) as (port, address):
+    driver.get(address)
+    page = Page(driver)
+    page.wait("live.blocks > 0")
+  page.wait("live.connected === false")
+  assert "trying to reach it again" in page.get("status") + " ".join(page.get("errors"))
+  page.find("#mode-story").click()
+  page.driver.execute_script("document.getElementById('auto').checked = false")
+  page.add_block("a person walks")
+  with _serving(library, port):
+    page.wait("live.connected")
+    page.find("#mode-live").click()
+    page.wait("live.reconnects === 1 && window.__studio.live.blocks > 0")
+    assert any("there again" in note for note in page.get("notes"))
+    assert page.get("blocks.length") == 1  # nothing is lost
+    driver.get("about:blank")
+
+
+@contextlib.contextmanager
+def _serving(library, port):
+  """A studio at a port: (port, address)."""
+  import uvicorn
+
+  from motion_jax.studio import server
+  from motion_jax.studio.app import Studio
+  studio = Studio(library, TOKEN)
+  listener = server.take_port("127.0.0.1", port)
+  port = listener.getsockname()[1]
+  running = uvicorn.Server(uvicorn.Config(studio.app(), log_level="error", lifespan="off", ws="websockets-sansio",
+                                          timeout_graceful_shutdown=1))
+  thread = threading.Thread(target=lambda: running.run(sockets=[listener]), daemon=True)
+  thread.start()
+  try:
+    yield port, server.address_of("127.0.0.1", port, TOKEN)
+  finally:
+    studio.close()
+    running.should_exit = True
+    thread.join(20)
