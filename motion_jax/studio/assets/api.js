@@ -14,9 +14,10 @@ async function ask(path, options = {}) {
   throw new Error(told?.error?.message ?? `the studio answered with status ${reply.status}`);
 }
 
-const json = async (path, body) => (await ask(path, {
-  method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(body),
-})).json();
+const json = async (path, body) =>
+  (
+    await ask(path, { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(body) })
+  ).json();
 
 export const models = async () => (await (await ask("/v1/models")).json()).models;
 export const body = async () => (await ask("/body.json")).json();

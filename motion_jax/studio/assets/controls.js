@@ -6,7 +6,8 @@ function stored(name, value) {
   try {
     if (value === undefined) return localStorage.getItem(name);
     localStorage.setItem(name, value);
-  } catch {  // a browser that keeps nothing
+  } catch {
+    // a browser that keeps nothing
     return null;
   }
 }
@@ -19,7 +20,9 @@ function theme(studio, dark) {
 
 export function bind(studio) {
   const { live, story, player, act, timeline, notes } = studio;
-  const again = () => { studio.laidAgain = studio.dirty = true; };
+  const again = () => {
+    studio.laidAgain = studio.dirty = true;
+  };
 
   const dark = stored("theme") ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
   theme(studio, dark === "dark");
@@ -29,8 +32,14 @@ export function bind(studio) {
     theme(studio, next === "dark");
   };
   $("help").onclick = () => $("help-panel").showModal();
-  $("mode-live").onclick = () => { studio.setMode("live"); again(); };
-  $("mode-story").onclick = () => { studio.setMode("story"); again(); };
+  $("mode-live").onclick = () => {
+    studio.setMode("live");
+    again();
+  };
+  $("mode-story").onclick = () => {
+    studio.setMode("story");
+    again();
+  };
 
   studio.look = () => Object.fromEntries(LOOKS.map((name) => [name, $(name).checked]));
   for (const name of LOOKS) {
@@ -53,7 +62,8 @@ export function bind(studio) {
   };
   $("play").onclick = studio.play;
   $("restart").onclick = () => live.restart();
-  $("new-seed").onclick = () => live.send({ type: "restart", prompt: live.choices.prompt, seed: Math.floor(Math.random() * 2 ** 31) });
+  $("new-seed").onclick = () =>
+    live.send({ type: "restart", prompt: live.choices.prompt, seed: Math.floor(Math.random() * 2 ** 31) });
   $("speed").oninput = () => {
     live.speed(Number($("speed").value));
     $("speed").nextElementSibling.textContent = `${Number($("speed").value)}×`;
@@ -68,11 +78,14 @@ export function bind(studio) {
   $("auto").onchange = () => $("auto").checked && studio.state.project.blocks.length && story.make();
   $("undo").onclick = () => act({ type: "undo" });
   $("redo").onclick = () => act({ type: "redo" });
-  $("repeat").onchange = () => { player.repeat = $("repeat").checked; };
+  $("repeat").onchange = () => {
+    player.repeat = $("repeat").checked;
+  };
   $("cleanup").onchange = () => act({ type: "set", fields: { cleanup: $("cleanup").checked } });
   $("side").onchange = () => {
     studio.side = $("side").checked;
-    if (studio.side && studio.state.project.blocks.length) story.make(studio.state.project.seeds.map((_, take) => take));
+    if (studio.side && studio.state.project.blocks.length)
+      story.make(studio.state.project.seeds.map((_, take) => take));
     again();
   };
   $("model").onchange = () => {
@@ -89,12 +102,16 @@ export function bind(studio) {
   $("zoom-in").onclick = () => timeline.zoom(0.7, studio.time());
   $("zoom-out").onclick = () => timeline.zoom(1 / 0.7, studio.time());
   $("zoom-fit").onclick = () => timeline.fit();
-  addEventListener("resize", () => { studio.dirty = true; });
+  addEventListener("resize", () => {
+    studio.dirty = true;
+  });
 
   // The models that can tell a story, once they are known.
   studio.modelsCame = () => {
     const able = studio.models.filter((model) => model.abilities?.includes("multi_prompt"));
-    const names = able.map((model) => model.name), select = $("model"), { model } = studio.state.project;
+    const names = able.map((model) => model.name),
+      select = $("model"),
+      { model } = studio.state.project;
     if ([...select.options].map((option) => option.value).join() !== names.join()) {
       select.replaceChildren(...names.map((name) => new Option(name, name)));
     }
@@ -114,15 +131,25 @@ export function bind(studio) {
   };
   studio.status = (moved) => {
     if (!moved) return;
-    const inLive = studio.mode === "live", { state, progress } = live;
+    const inLive = studio.mode === "live",
+      { state, progress } = live;
     const loading = studio.models.find((model) => !["ready", "failed"].includes(model.state));
-    const how = !live.connected && live.reconnects ? "the studio has gone; trying to reach it again"
-      : story.busy && !inLive ? story.busy
-        : progress ? `${progress.state}: ${progress.doing} (${progress.done} of ${progress.of}, ${progress.seconds.toFixed(0)} s)`
-          : !inLive && loading ? `${loading.name}: ${loading.doing || loading.state}`
-            : inLive ? { running: "live", waiting: "the words are done; say others", lost: "connecting" }[state] ?? state
-              : story.stale && studio.state.project.blocks.length ? "changed, not made yet" : "ready";
-    const line = $("state"), is = !live.connected ? "bad" : progress || story.busy || loading ? "busy" : "good";
+    const how =
+      !live.connected && live.reconnects
+        ? "the studio has gone; trying to reach it again"
+        : story.busy && !inLive
+          ? story.busy
+          : progress
+            ? `${progress.state}: ${progress.doing} (${progress.done} of ${progress.of}, ${progress.seconds.toFixed(0)} s)`
+            : !inLive && loading
+              ? `${loading.name}: ${loading.doing || loading.state}`
+              : inLive
+                ? ({ running: "live", waiting: "the words are done; say others", lost: "connecting" }[state] ?? state)
+                : story.stale && studio.state.project.blocks.length
+                  ? "changed, not made yet"
+                  : "ready";
+    const line = $("state"),
+      is = !live.connected ? "bad" : progress || story.busy || loading ? "busy" : "good";
     if (old.how !== how || old.is !== is) {
       line.lastElementChild.textContent = old.how = how;
       line.dataset.is = old.is = is;
@@ -130,21 +157,32 @@ export function bind(studio) {
     const playing = inLive ? state === "running" : player.playing;
     put("play", playing ? "❚❚" : "▶");
     put("time", inLive ? `${live.time.toFixed(1)} s` : `${player.time.toFixed(2)} s, frame ${player.frame}`);
-    put("caption", inLive ? live.at(live.time * live.fps)?.prompt ?? "" : captionAt(story.shown, player.time));
+    put("caption", inLive ? (live.at(live.time * live.fps)?.prompt ?? "") : captionAt(story.shown, player.time));
     const flight = Math.max(0, live.begun - live.committed) / live.fps;
-    put("numbers", inLive && live.blocks
-      ? `${live.lead.toFixed(1)} s ahead, ${flight.toFixed(1)} s in flight, block ${live.sampling.toFixed(0)} ms`
-        + (live.latency === null ? "" : `, words after ${live.latency.toFixed(1)} s`)
-      : !inLive && story.reply ? `${story.reply.same_frames} frames as before` : "");
+    put(
+      "numbers",
+      inLive && live.blocks
+        ? `${live.lead.toFixed(1)} s ahead, ${flight.toFixed(1)} s in flight, block ${live.sampling.toFixed(0)} ms` +
+            (live.latency === null ? "" : `, words after ${live.latency.toFixed(1)} s`)
+        : !inLive && story.reply
+          ? `${story.reply.same_frames} frames as before`
+          : "",
+    );
     $("undo").disabled = !studio.state.past.length;
     $("redo").disabled = !studio.state.future.length;
     if ($("cleanup").checked !== studio.state.project.cleanup) $("cleanup").checked = studio.state.project.cleanup;
-    if (studio.state.project.model.name && $("model").value !== studio.state.project.model.name) $("model").value = studio.state.project.model.name;
+    if (studio.state.project.model.name && $("model").value !== studio.state.project.model.name)
+      $("model").value = studio.state.project.model.name;
   };
 }
 
 function captionAt(motion, second) {
   const captions = motion?.captions ?? [];
-  return (captions.find(({ start, end }) => start <= second && second < end) ?? captions.find(({ start, end }) => !start && !end)
-    ?? captions.at(-1))?.text ?? "";
+  return (
+    (
+      captions.find(({ start, end }) => start <= second && second < end) ??
+      captions.find(({ start, end }) => !start && !end) ??
+      captions.at(-1)
+    )?.text ?? ""
+  );
 }

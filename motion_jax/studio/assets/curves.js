@@ -4,19 +4,23 @@ const NAMES = { speed: "speed", feet: "feet", jerk: "jerk", heading: "heading" }
 
 /** found: of motion.js' curves(); window: {start, end} in seconds; at: seconds of the play head. */
 export function drawCurves(canvas, found, fps, window, at, look) {
-  const ratio = devicePixelRatio, { clientWidth: width, clientHeight: height } = canvas;
+  const ratio = devicePixelRatio,
+    { clientWidth: width, clientHeight: height } = canvas;
   canvas.width = width * ratio;
   canvas.height = height * ratio;
   const pen = canvas.getContext("2d");
   pen.scale(ratio, ratio);
   pen.font = "11px system-ui, sans-serif";
-  const names = Object.keys(NAMES).filter((name) => found?.[name]), tall = height / Math.max(names.length, 1);
+  const names = Object.keys(NAMES).filter((name) => found?.[name]),
+    tall = height / Math.max(names.length, 1);
   const place = (second) => ((second - window.start) / (window.end - window.start)) * width;
   names.forEach((name, row) => {
-    const { unit, lines } = found[name], top = row * tall;
+    const { unit, lines } = found[name],
+      top = row * tall;
     const first = Math.max(0, Math.floor(window.start * fps));
     const past = Math.min(lines[0].length, Math.ceil(window.end * fps) + 1);
-    let low = Infinity, high = -Infinity;
+    let low = Infinity,
+      high = -Infinity;
     for (const line of lines) {
       for (const value of line) {
         low = Math.min(low, value);

@@ -17,9 +17,15 @@ export function listen(does) {
     }
     const found = {
       " ": event.target.matches?.("button, a") ? null : does.play,
-      ArrowLeft: () => does.step(event.shiftKey ? -10 : -1), ArrowRight: () => does.step(event.shiftKey ? 10 : 1),
-      Home: does.home, End: does.end, Delete: does.remove, Backspace: does.remove,
-      "[": does.markIn, "]": does.markOut, Escape: does.unmark,
+      ArrowLeft: () => does.step(event.shiftKey ? -10 : -1),
+      ArrowRight: () => does.step(event.shiftKey ? 10 : 1),
+      Home: does.home,
+      End: does.end,
+      Delete: does.remove,
+      Backspace: does.remove,
+      "[": does.markIn,
+      "]": does.markOut,
+      Escape: does.unmark,
     }[key];
     if (!found || (event.target.type === "range" && key.startsWith("Arrow"))) return;
     event.preventDefault();

@@ -1,9 +1,9 @@
 // One live motion: the socket, the frames that have come, the clock that plays them.
 import { open } from "./stream.js";
 
-const KEPT = 12_000;      // frames: ten minutes
-const DROPPED = 1200;     // that go at once when there are more
-const AGAIN = 1000;       // milliseconds until the page tries to reach the studio again
+const KEPT = 12_000; // frames: ten minutes
+const DROPPED = 1200; // that go at once when there are more
+const AGAIN = 1000; // milliseconds until the page tries to reach the studio again
 
 export class Live {
   // tell(sentence, isError): for the user; changed(): something that is shown has changed.
@@ -20,9 +20,26 @@ export class Live {
   // A motion begins: nothing of an older one is left.
   clear() {
     Object.assign(this, {
-      run: 0, fps: 20, count: 22, parents: [], blockFrames: 12, joints: new Float32Array(0), stands: new Uint8Array(0),
-      first: 0, frames: 0, time: 0, played: 0, committed: 0, begun: 0, waitingBlocks: [], words: [], sampling: 0,
-      latency: null, said: null, starved: false, blocks: 0,
+      run: 0,
+      fps: 20,
+      count: 22,
+      parents: [],
+      blockFrames: 12,
+      joints: new Float32Array(0),
+      stands: new Uint8Array(0),
+      first: 0,
+      frames: 0,
+      time: 0,
+      played: 0,
+      committed: 0,
+      begun: 0,
+      waitingBlocks: [],
+      words: [],
+      sampling: 0,
+      latency: null,
+      said: null,
+      starved: false,
+      blocks: 0,
     });
   }
 
@@ -105,7 +122,8 @@ export class Live {
       this.first += DROPPED;
       this.frames -= DROPPED;
     } else if (3 * this.count * frames > this.joints.length) {
-      const length = Math.min(KEPT, Math.max(512, 2 * frames)), { joints, stands } = this;
+      const length = Math.min(KEPT, Math.max(512, 2 * frames)),
+        { joints, stands } = this;
       this.joints = new Float32Array(3 * this.count * length);
       this.stands = new Uint8Array(4 * length);
       this.joints.set(joints);
@@ -113,19 +131,25 @@ export class Live {
     }
   }
 
-  get end() { return this.first + this.frames; }
+  get end() {
+    return this.first + this.frames;
+  }
 
-  get lead() { return Math.max(0, this.end - 1 - this.time * this.fps) / this.fps; }
+  get lead() {
+    return Math.max(0, this.end - 1 - this.time * this.fps) / this.fps;
+  }
 
   /** The words of a frame: {words, prompt, from}. */
-  at(frame) { return this.words.findLast((one) => one.from <= frame) ?? null; }
+  at(frame) {
+    return this.words.findLast((one) => one.from <= frame) ?? null;
+  }
 
   // The clock: so many seconds have passed.
   tick(passed) {
     if (this.state !== "running" && this.state !== "waiting" && this.state !== "ended") return;
     if (!this.frames) return;
     const last = (this.end - 1) / this.fps;
-    if (this.time < this.played) this.time = this.played;  // who looked back goes on from where it stopped
+    if (this.time < this.played) this.time = this.played; // who looked back goes on from where it stopped
     const next = this.time + passed * this.choices.speed;
     const starved = next > last && this.state === "running";
     if (starved && !this.starved) this.missed += 1;
@@ -154,25 +178,49 @@ export class Live {
     this.send({ type: "prompt", prompt });
   }
 
-  pause() { this.send({ type: "pause" }); this.state = "paused"; this.changed(); }
+  pause() {
+    this.send({ type: "pause" });
+    this.state = "paused";
+    this.changed();
+  }
 
-  resume() { this.send({ type: "resume" }); }
+  resume() {
+    this.send({ type: "resume" });
+  }
 
-  restart() { this.send({ type: "restart", prompt: this.choices.prompt }); }
+  restart() {
+    this.send({ type: "restart", prompt: this.choices.prompt });
+  }
 
-  speed(value) { this.choices.speed = value; this.send({ type: "speed", value }); }
+  speed(value) {
+    this.choices.speed = value;
+    this.send({ type: "speed", value });
+  }
 
-  keepGoing(on) { this.choices.keep_going = on; this.send({ type: "keep_going", on }); }
+  keepGoing(on) {
+    this.choices.keep_going = on;
+    this.send({ type: "keep_going", on });
+  }
 
   /** What has come, as a motion. */
   motion() {
-    const captions = this.words.filter((one) => one.from < this.end).map((one, i, all) => ({
-      text: one.prompt, start: Math.max(0, one.from - this.first) / this.fps,
-      end: ((all[i + 1]?.from ?? this.end) - this.first) / this.fps,
-    })).filter((caption) => caption.end > caption.start);
+    const captions = this.words
+      .filter((one) => one.from < this.end)
+      .map((one, i, all) => ({
+        text: one.prompt,
+        start: Math.max(0, one.from - this.first) / this.fps,
+        end: ((all[i + 1]?.from ?? this.end) - this.first) / this.fps,
+      }))
+      .filter((caption) => caption.end > caption.start);
     return {
-      fps: this.fps, frames: this.frames, count: this.count, captions, id: "live", skeleton: "humanml3d",
-      joints: this.joints.slice(0, 3 * this.count * this.frames), meta: {},
+      fps: this.fps,
+      frames: this.frames,
+      count: this.count,
+      captions,
+      id: "live",
+      skeleton: "humanml3d",
+      joints: this.joints.slice(0, 3 * this.count * this.frames),
+      meta: {},
     };
   }
 }

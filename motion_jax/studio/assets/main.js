@@ -16,17 +16,26 @@ import { Timeline } from "./timeline.js";
 import { View } from "./view.js";
 
 const $ = (id) => document.getElementById(id);
-const CHANGED_AFTER = 300;  // milliseconds after the last change that a motion is made anew
-const PAST_PAUSE = 1000;    // milliseconds between two questions how far the models are
+const CHANGED_AFTER = 300; // milliseconds after the last change that a motion is made anew
+const PAST_PAUSE = 1000; // milliseconds between two questions how far the models are
 
 const notes = new Notes($("told"));
 const studio = {
-  mode: "live", state: initial(), models: [], notes, view: null, player: new Player(), dirty: true, curves: null,
+  mode: "live",
+  state: initial(),
+  models: [],
+  notes,
+  view: null,
+  player: new Player(),
+  dirty: true,
+  curves: null,
 };
 const tell = (sentence, error) => notes.tell(sentence, error);
-const changed = () => { studio.dirty = true; };
-const live = studio.live = new Live(api.token, tell, changed);
-const story = studio.story = new Story(api, { tell, changed, state: () => studio.state, act });
+const changed = () => {
+  studio.dirty = true;
+};
+const live = (studio.live = new Live(api.token, tell, changed));
+const story = (studio.story = new Story(api, { tell, changed, state: () => studio.state, act }));
 let waiting = null;
 
 // Every change goes through here; one of the project is made anew soon, if the user wants that.
@@ -37,7 +46,8 @@ function act(action) {
   if (studio.state.project === before.project || action.type === "model") return;
   const { blocks, past } = studio.state.project;
   clearTimeout(waiting);
-  if ($("auto").checked && (blocks.length || past) && story.stale) waiting = setTimeout(() => story.make(), CHANGED_AFTER);
+  if ($("auto").checked && (blocks.length || past) && story.stale)
+    waiting = setTimeout(() => story.make(), CHANGED_AFTER);
 }
 studio.act = act;
 
@@ -93,7 +103,8 @@ const frameAt = (second) => Math.round(second * (story.shown?.fps ?? 20));
 /** Marks frames between two seconds. */
 studio.mark = (from, to) => {
   const frames = story.shown?.frames ?? 0;
-  if (studio.mode === "story") act({ type: "span", span: [frameAt(from), frameAt(to)].map((frame) => Math.min(frame, frames)) });
+  if (studio.mode === "story")
+    act({ type: "span", span: [frameAt(from), frameAt(to)].map((frame) => Math.min(frame, frames)) });
 };
 
 // From the play head to where the span ends, or a second; up to the play head from where it begins, or a second before.
@@ -106,16 +117,22 @@ studio.markOut = () => {
 
 /** What was said live, as blocks: the same words, lengths and seed make the same motion. */
 studio.toTimeline = () => {
-  const { captions } = live.motion(), { state: { project } } = studio;
+  const { captions } = live.motion(),
+    {
+      state: { project },
+    } = studio;
   if (!captions.length) return tell("nothing has been made yet", true);
   const step = live.blockFrames / live.fps;
   const blocks = captions.map(({ text, start, end }) => ({ prompt: text, seconds: snapped(end - start, step) }));
   const seeds = [live.choices.seed ?? 0];
-  act({ type: "open", project: { ...project, blocks: blocks.slice(-64), seeds, chosen: 0, edits: [], past: null, model: live.model } });
+  act({
+    type: "open",
+    project: { ...project, blocks: blocks.slice(-64), seeds, chosen: 0, edits: [], past: null, model: live.model },
+  });
   studio.setMode("story");
 };
 
-const timeline = studio.timeline = new Timeline($("timeline"), {
+const timeline = (studio.timeline = new Timeline($("timeline"), {
   seek: studio.seek,
   select: (id) => act({ type: "select", id }),
   edit: (id, prompt) => act({ type: "edit", id, prompt }),
@@ -124,24 +141,40 @@ const timeline = studio.timeline = new Timeline($("timeline"), {
   move: (id, index) => act({ type: "move", id, index }),
   add: (prompt) => act({ type: "add", prompt }),
   span: studio.mark,
-});
+}));
 
 listen({
-  play: studio.play, step: studio.step,
-  home: () => { studio.seek(0); timeline.reveal(0); },
-  end: () => { studio.seek(studio.end()); timeline.reveal(studio.time()); },
-  remove: () => studio.mode === "story" && studio.state.selected !== null && act({ type: "remove", id: studio.state.selected }),
-  undo: () => act({ type: "undo" }), redo: () => act({ type: "redo" }),
-  markIn: () => studio.markIn(), markOut: () => studio.markOut(),
+  play: studio.play,
+  step: studio.step,
+  home: () => {
+    studio.seek(0);
+    timeline.reveal(0);
+  },
+  end: () => {
+    studio.seek(studio.end());
+    timeline.reveal(studio.time());
+  },
+  remove: () =>
+    studio.mode === "story" && studio.state.selected !== null && act({ type: "remove", id: studio.state.selected }),
+  undo: () => act({ type: "undo" }),
+  redo: () => act({ type: "redo" }),
+  markIn: () => studio.markIn(),
+  markOut: () => studio.markOut(),
   unmark: () => act({ type: "span", span: null }),
 });
 
 studio.end = () => (studio.mode === "live" ? live.played : studio.player.last);
 
-const panels = studio.panels = new Panels({
-  state: () => studio.state, act, story, tell, motion: studio.motion, mode: () => studio.mode, editor: studio.editor,
+const panels = (studio.panels = new Panels({
+  state: () => studio.state,
+  act,
+  story,
+  tell,
+  motion: studio.motion,
+  mode: () => studio.mode,
+  editor: studio.editor,
   models: () => studio.models,
-});
+}));
 bind(studio);
 expose(studio);
 
@@ -149,27 +182,55 @@ expose(studio);
 function laidOut() {
   if (studio.mode === "live") {
     const end = Math.max(live.begun, live.end) / live.fps;
-    const rows = live.words.filter((one) => one.from / live.fps < Math.max(end, 0.01)).map((one, i, all) => ({
-      id: one.words, prompt: one.prompt, start: Math.max(one.from, live.first) / live.fps, end: all[i + 1] ? all[i + 1].from / live.fps : end,
-    })).filter((row) => row.end > row.start);
-    const pieces = [{ start: live.first / live.fps, end: live.committed / live.fps, kind: "there" },
-      { start: live.committed / live.fps, end: live.begun / live.fps, kind: "flight" }];
+    const rows = live.words
+      .filter((one) => one.from / live.fps < Math.max(end, 0.01))
+      .map((one, i, all) => ({
+        id: one.words,
+        prompt: one.prompt,
+        start: Math.max(one.from, live.first) / live.fps,
+        end: all[i + 1] ? all[i + 1].from / live.fps : end,
+      }))
+      .filter((row) => row.end > row.start);
+    const pieces = [
+      { start: live.first / live.fps, end: live.committed / live.fps, kind: "there" },
+      { start: live.committed / live.fps, end: live.begun / live.fps, kind: "flight" },
+    ];
     return { rows, among: [], end, time: live.time, span: null, selected: null, pieces, fixed: true };
   }
-  const { project, selected, span } = studio.state, among = placed(project), fps = story.shown?.fps ?? 20;
-  const rows = among.map(({ block, start, end }) => ({ id: block.id, prompt: block.prompt, start, end, stale: story.stale }));
+  const { project, selected, span } = studio.state,
+    among = placed(project),
+    fps = story.shown?.fps ?? 20;
+  const rows = among.map(({ block, start, end }) => ({
+    id: block.id,
+    prompt: block.prompt,
+    start,
+    end,
+    stale: story.stale,
+  }));
   if (project.past) {
     const length = project.past.shape[0] / project.past.fps;
-    rows.unshift({ id: "import", prompt: project.past.captions?.[0]?.text || "imported motion", start: 0, end: length });
+    rows.unshift({
+      id: "import",
+      prompt: project.past.captions?.[0]?.text || "imported motion",
+      start: 0,
+      end: length,
+    });
   }
   return {
-    rows, among, end: rows.at(-1)?.end ?? 0, time: studio.player.time, span: span?.map((frame) => frame / fps), selected,
-    pieces: story.pieces(), fixed: false,
+    rows,
+    among,
+    end: rows.at(-1)?.end ?? 0,
+    time: studio.player.time,
+    span: span?.map((frame) => frame / fps),
+    selected,
+    pieces: story.pieces(),
+    fixed: false,
   };
 }
 
 function drawAll(passed) {
-  const before = studio.time(), motion = story.shown;
+  const before = studio.time(),
+    motion = story.shown;
   if (studio.mode === "live") live.tick(passed);
   else {
     if (motion !== studio.loaded) studio.player.load(motion);
@@ -177,7 +238,8 @@ function drawAll(passed) {
     studio.player.tick(passed);
   }
   const moved = studio.time() !== before;
-  if (moved && (studio.mode === "story" ? studio.player.playing : live.state === "running")) timeline.reveal(studio.time());
+  if (moved && (studio.mode === "story" ? studio.player.playing : live.state === "running"))
+    timeline.reveal(studio.time());
   if (moved || studio.dirty) {
     timeline.draw(laidOut());
     if (!$("curves").hidden) showCurves();
@@ -189,13 +251,25 @@ function drawAll(passed) {
 }
 
 function showCurves() {
-  const shown = studio.motion(), style = getComputedStyle(document.documentElement), old = studio.curves;
+  const shown = studio.motion(),
+    style = getComputedStyle(document.documentElement),
+    old = studio.curves;
   if (!shown) return;
   const key = studio.mode === "live" ? `${live.run} ${live.end}` : shown;
   if (old?.key !== key) studio.curves = { key, found: curves(shown) };
-  const look = Object.fromEntries(["accent", "left", "right", "soft", "line", "head"].map((name) => [name, style.getPropertyValue(`--${name}`)]));
-  const shift = studio.mode === "live" ? live.first / live.fps : 0, { start, end } = timeline.window;
-  drawCurves($("curves"), studio.curves.found, shown.fps, { start: start - shift, end: end - shift }, studio.time() - shift, look);
+  const look = Object.fromEntries(
+    ["accent", "left", "right", "soft", "line", "head"].map((name) => [name, style.getPropertyValue(`--${name}`)]),
+  );
+  const shift = studio.mode === "live" ? live.first / live.fps : 0,
+    { start, end } = timeline.window;
+  drawCurves(
+    $("curves"),
+    studio.curves.found,
+    shown.fps,
+    { start: start - shift, end: end - shift },
+    studio.time() - shift,
+    look,
+  );
 }
 
 let last = performance.now();
@@ -226,8 +300,12 @@ async function begin() {
     studio.view = new View($("stage"), await api.body(), document.documentElement.dataset.theme === "dark");
     Object.assign(studio.view.options, studio.look());
   } catch (error) {
-    tell(/webgl/i.test(error.message) ? `the picture needs WebGL, which this browser does not offer (${error.message})`
-      : error.message, true);
+    tell(
+      /webgl/i.test(error.message)
+        ? `the picture needs WebGL, which this browser does not offer (${error.message})`
+        : error.message,
+      true,
+    );
   }
 }
 begin();

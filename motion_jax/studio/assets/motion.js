@@ -2,9 +2,10 @@
 // A motion: {fps, frames, count (of joints), joints: Float32Array of frames * count * 3 in metres, skeleton, captions,
 // meta, id}; what came from the studio is kept beside it as `sent`, to be sent back as it was.
 
-const FEET = [7, 10, 8, 11];      // left ankle, left toes, right ankle, right toes of the 22 joints
-const SLOW = 0.15, LOW = 0.1;     // metres a second, metres: what is below stands
-const HALF_WINDOW = 2;            // frames on both sides whose majority decides
+const FEET = [7, 10, 8, 11]; // left ankle, left toes, right ankle, right toes of the 22 joints
+const SLOW = 0.15,
+  LOW = 0.1; // metres a second, metres: what is below stands
+const HALF_WINDOW = 2; // frames on both sides whose majority decides
 
 export function fromJson(sent) {
   const bytes = Uint8Array.from(atob(sent.joints), (c) => c.charCodeAt(0));
@@ -18,8 +19,13 @@ export function toJson(motion) {
   let text = "";
   for (let i = 0; i < bytes.length; i += 8192) text += String.fromCharCode(...bytes.subarray(i, i + 8192));
   return {
-    shape: [motion.frames, motion.count, 3], joints: btoa(text), fps: motion.fps, skeleton: "humanml3d",
-    captions: motion.captions ?? [], id: motion.id ?? "motion", meta: motion.meta ?? {},
+    shape: [motion.frames, motion.count, 3],
+    joints: btoa(text),
+    fps: motion.fps,
+    skeleton: "humanml3d",
+    captions: motion.captions ?? [],
+    id: motion.id ?? "motion",
+    meta: motion.meta ?? {},
   };
 }
 
@@ -39,8 +45,10 @@ export function contacts(motion) {
   const raw = found.slice();
   for (let t = 0; t < motion.frames; t++) {
     FEET.forEach((joint, i) => {
-      const before = Math.max(0, t - 1), after = Math.min(motion.frames - 1, t + 1);
-      const speed = (far(at(motion, after, joint), at(motion, before, joint)) * motion.fps) / Math.max(1, after - before);
+      const before = Math.max(0, t - 1),
+        after = Math.min(motion.frames - 1, t + 1);
+      const speed =
+        (far(at(motion, after, joint), at(motion, before, joint)) * motion.fps) / Math.max(1, after - before);
       raw[4 * t + i] = Number(speed < SLOW && at(motion, t, joint)[1] < LOW);
     });
   }
@@ -80,7 +88,9 @@ export function curves(motion) {
   const { frames, fps, count } = motion;
   const line = (value) => Float32Array.from({ length: frames }, (_, t) => value(t));
   const flat = (t) => {
-    const a = at(motion, t - 1, 0), b = at(motion, t + 1, 0), passed = Math.min(t + 1, frames - 1) - Math.max(t - 1, 0);
+    const a = at(motion, t - 1, 0),
+      b = at(motion, t + 1, 0),
+      passed = Math.min(t + 1, frames - 1) - Math.max(t - 1, 0);
     return passed ? (Math.hypot(b[0] - a[0], b[2] - a[2]) * fps) / passed : 0;
   };
   const jerk = (t) => {
@@ -92,20 +102,23 @@ export function curves(motion) {
     }
     return (sum / count) * fps ** 3;
   };
-  const found = {
-    speed: { unit: "m/s", lines: [line(flat)] },
-    jerk: { unit: "m/s³", lines: [line(jerk)] },
-  };
+  const found = { speed: { unit: "m/s", lines: [line(flat)] }, jerk: { unit: "m/s³", lines: [line(jerk)] } };
   if (count !== 22) return found;
   found.feet = { unit: "m", lines: [10, 11].map((joint) => line((t) => at(motion, t, joint)[1])) };
   let last = 0;
-  found.heading = { unit: "°", lines: [line((t) => {
-    const left = at(motion, t, 1), right = at(motion, t, 2);
-    let angle = (Math.atan2(right[2] - left[2], left[0] - right[0]) * 180) / Math.PI;
-    angle += 360 * Math.round((last - angle) / 360);  // whole turns are followed
-    last = angle;
-    return angle;
-  })] };
+  found.heading = {
+    unit: "°",
+    lines: [
+      line((t) => {
+        const left = at(motion, t, 1),
+          right = at(motion, t, 2);
+        let angle = (Math.atan2(right[2] - left[2], left[0] - right[0]) * 180) / Math.PI;
+        angle += 360 * Math.round((last - angle) / 360); // whole turns are followed
+        last = angle;
+        return angle;
+      }),
+    ],
+  };
   return found;
 }
 

@@ -1,6 +1,7 @@
 // Sentences for the user: what went wrong stays until it is closed, what is merely worth knowing goes by itself.
 
-const MOST = 3, SHOWN = 7000;  // notes at once; milliseconds
+const MOST = 3,
+  SHOWN = 7000; // notes at once; milliseconds
 
 export class Notes {
   constructor(element) {

@@ -10,13 +10,15 @@ export class Panels {
   constructor(studio) {
     this.studio = studio;
     const { act, tell } = studio;
-    const tried = (work) => async (...given) => {
-      try {
-        await work(...given);
-      } catch (error) {
-        tell(error.message, true);
-      }
-    };
+    const tried =
+      (work) =>
+      async (...given) => {
+        try {
+          await work(...given);
+        } catch (error) {
+          tell(error.message, true);
+        }
+      };
     $("add-take").onclick = () => {
       const { seeds } = studio.state().project;
       if (seeds.length >= MOST_TAKES) return tell(`there are ${MOST_TAKES} takes, which is the most`, true);
@@ -44,19 +46,24 @@ export class Panels {
     $("export").onclick = () => this.showExport();
     $("export-button").onclick = () => this.export();
     document.addEventListener("dragover", (event) => event.preventDefault());
-    document.addEventListener("drop", tried(async (event) => {
-      event.preventDefault();
-      const files = [...event.dataTransfer.files];
-      if (files[0]) await (files[0].name.endsWith(".json") ? this.open({ files }) : this.import({ files }));
-    }));
+    document.addEventListener(
+      "drop",
+      tried(async (event) => {
+        event.preventDefault();
+        const files = [...event.dataTransfer.files];
+        if (files[0]) await (files[0].name.endsWith(".json") ? this.open({ files }) : this.import({ files }));
+      }),
+    );
   }
 
   draw() {
-    const { project, span } = this.studio.state(), { story } = this.studio;
+    const { project, span } = this.studio.state(),
+      { story } = this.studio;
     const chips = $("takes");
     while (chips.children.length > project.seeds.length) chips.lastChild.remove();
     project.seeds.forEach((seed, take) => {
-      const chip = chips.children[take] ?? chips.appendChild(Object.assign(document.createElement("button"), { type: "button" }));
+      const chip =
+        chips.children[take] ?? chips.appendChild(Object.assign(document.createElement("button"), { type: "button" }));
       chip.dataset.take = take;
       chip.textContent = `seed ${seed}`;
       chip.title = "click picks it, right click takes it away";
@@ -69,7 +76,8 @@ export class Panels {
   }
 
   edit() {
-    const { state, act, story, tell, editor } = this.studio, { span, project } = state();
+    const { state, act, story, tell, editor } = this.studio,
+      { span, project } = state();
     const prompt = $("edit-prompt").value.trim();
     if (!span) return tell("mark frames first: drag below the blocks, or [ and ]", true);
     if (!prompt) return tell("say what happens in the marked span", true);
@@ -80,7 +88,8 @@ export class Panels {
     // The same words on the same frames again are another try.
     while (project.edits.some((one) => JSON.stringify(one) === JSON.stringify(edit))) edit.seed += 1;
     act({ type: "addEdit", edit });
-    story.make().then(() => {  // what could not be made is no part of the project
+    story.make().then(() => {
+      // what could not be made is no part of the project
       if (story.stale && state().project.edits.includes(edit)) act({ type: "undo" });
     });
   }
@@ -92,15 +101,22 @@ export class Panels {
     const motion = await api.importFile(file);
     this.studio.act({ type: "importMotion", motion });
     await this.studio.story.make();
-    this.studio.tell(`${file.name}: ${(motion.shape[0] / motion.fps).toFixed(1)} s; add blocks to go on from it, or `
-      + "mark a span to make it anew", false);
+    this.studio.tell(
+      `${file.name}: ${(motion.shape[0] / motion.fps).toFixed(1)} s; add blocks to go on from it, or ` +
+        "mark a span to make it anew",
+      false,
+    );
   }
 
   async save() {
     const { project } = this.studio.state();
-    if (!project.blocks.length) throw new Error("there are no blocks to save yet: click on the timeline and say what happens");
+    if (!project.blocks.length)
+      throw new Error("there are no blocks to save yet: click on the timeline and say what happens");
     const value = await api.project(saved(project));
-    const name = `${project.blocks[0].prompt.toLowerCase().replace(/[^a-z0-9]+/g, "-").slice(0, 40)}.json`;
+    const name = `${project.blocks[0].prompt
+      .toLowerCase()
+      .replace(/[^a-z0-9]+/g, "-")
+      .slice(0, 40)}.json`;
     api.download(new Blob([JSON.stringify(value, null, 1)], { type: "application/json" }), name);
   }
 
@@ -118,18 +134,24 @@ export class Panels {
     const project = await api.project(value);
     const known = this.studio.models().find((model) => model.name === project.model.name);
     if (!known) {
-      throw new Error(`the project needs the model ${project.model.name}, which this studio does not have: start it with `
-        + `--model ${project.model.name}`);
+      throw new Error(
+        `the project needs the model ${project.model.name}, which this studio does not have: start it with ` +
+          `--model ${project.model.name}`,
+      );
     }
     if (known.id && project.model.id && known.id !== project.model.id) {
-      this.studio.tell(`the project was made with ${project.model.id}, this is ${known.id}: the motion may be another one`, false);
+      this.studio.tell(
+        `the project was made with ${project.model.id}, this is ${known.id}: the motion may be another one`,
+        false,
+      );
     }
     this.studio.act({ type: "open", project });
     this.studio.story.make();
   }
 
   showExport() {
-    const motion = this.studio.motion(), { span } = this.studio.state();
+    const motion = this.studio.motion(),
+      { span } = this.studio.state();
     if (!motion?.frames) return this.studio.tell("there is no motion to export yet", true);
     this.exported = motion;
     $("trim").checked = Boolean(span) && this.studio.mode() === "story";
@@ -141,13 +163,15 @@ export class Panels {
   }
 
   async export() {
-    const told = $("export-told"), format = $("format").value, button = $("export-button");
+    const told = $("export-told"),
+      format = $("format").value,
+      button = $("export-button");
     let motion = this.exported;
     const request = { format, in_place: $("in-place").checked, loop: $("loop").checked };
     if ($("export-name").value.trim()) request.name = $("export-name").value.trim();
     if ($("trim").checked) request.trim = [[Number($("trim-from").value), Number($("trim-to").value)]];
     if (["mp4", "gif"].includes(format) && !request.trim && motion.frames > 60 * motion.fps && !motion.sent) {
-      motion = part(motion, motion.frames - Math.floor(60 * motion.fps), motion.frames);  // of a stream, the last minute
+      motion = part(motion, motion.frames - Math.floor(60 * motion.fps), motion.frames); // of a stream, the last minute
     }
     button.disabled = true;
     told.textContent = "writing";

@@ -1,10 +1,12 @@
 // What the view shows at this moment: the live body, the made one, or takes side by side.
 import { footprints, madeAnew, part } from "./motion.js";
 
-const GROUND_SECONDS = 60;   // of a stream whose way and steps are drawn
-const AGAIN = 0.5;           // seconds between two drawings of a live way
+const GROUND_SECONDS = 60; // of a stream whose way and steps are drawn
+const AGAIN = 0.5; // seconds between two drawings of a live way
 
-let laid = null, from = 0, since = 0;  // what lies on the ground, the frame that it begins with, its age
+let laid = null,
+  from = 0,
+  since = 0; // what lies on the ground, the frame that it begins with, its age
 
 /** Draws; passed: seconds since the last time. */
 export function picture(studio, passed) {
@@ -17,7 +19,8 @@ export function picture(studio, passed) {
 
 function showLive({ view, live, laidAgain }) {
   if (!live.frames) return;
-  const at = live.time * live.fps - live.first, key = `${live.run} ${Math.floor(at)}`;
+  const at = live.time * live.fps - live.first,
+    key = `${live.run} ${Math.floor(at)}`;
   view.show([{ motion: live, at, anew: null, parents: live.parents }]);
   if (laidAgain || (laid !== key && since > AGAIN)) {
     const past = Math.max(1, Math.min(Math.floor(at) + 1, live.frames));
@@ -31,9 +34,15 @@ function showLive({ view, live, laidAgain }) {
 }
 
 function showStory({ view, story, player, state, side, laidAgain }) {
-  const motion = story.shown, second = player.time, { seeds, chosen } = state.project;
+  const motion = story.shown,
+    second = player.time,
+    { seeds, chosen } = state.project;
   if (!motion) return view.show([]);
-  const one = (shown) => ({ motion: shown, at: second * shown.fps, anew: madeAnew(shown, Math.floor(second * shown.fps)) });
+  const one = (shown) => ({
+    motion: shown,
+    at: second * shown.fps,
+    anew: madeAnew(shown, Math.floor(second * shown.fps)),
+  });
   const others = side ? seeds.map((_, take) => (take === chosen ? null : story.of(take))).filter(Boolean) : [];
   view.show([motion, ...others].map(one));
   if (laid !== motion || laidAgain) view.lay(motion, motion.prints);

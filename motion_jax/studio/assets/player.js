@@ -12,11 +12,17 @@ export class Player {
     this.seek(this.time);
   }
 
-  get last() { return Math.max(0, this.frames - 1) / this.fps; }
+  get last() {
+    return Math.max(0, this.frames - 1) / this.fps;
+  }
 
-  get frame() { return Math.round(this.time * this.fps); }
+  get frame() {
+    return Math.round(this.time * this.fps);
+  }
 
-  seek(time) { this.time = Math.max(0, Math.min(Number.isFinite(time) ? time : 0, this.last)); }
+  seek(time) {
+    this.time = Math.max(0, Math.min(Number.isFinite(time) ? time : 0, this.last));
+  }
 
   /** Whole frames forth or back; it stands still then. */
   step(frames) {

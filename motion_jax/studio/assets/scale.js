@@ -1,10 +1,12 @@
 // The scale of the timeline: which seconds are seen, and how they zoom and pan. No browser is needed here.
 
-const NEAREST = 0.5, FARTHEST = 3600;  // seconds across
+const NEAREST = 0.5,
+  FARTHEST = 3600; // seconds across
 
 /** {start, end} after zooming by a factor around a second that stays where it is. */
 export function zoomed(window, factor, around) {
-  const width = window.end - window.start, wide = Math.min(FARTHEST, Math.max(NEAREST, width * factor));
+  const width = window.end - window.start,
+    wide = Math.min(FARTHEST, Math.max(NEAREST, width * factor));
   const start = Math.max(0, around - ((around - window.start) * wide) / width);
   return { start, end: start + wide };
 }

@@ -4,12 +4,22 @@
 // project: {blocks: [{id, prompt, seconds}], seeds, chosen, cleanup, sampling, past, edits, model: {name, id}}; what
 // undo goes back through. A block's `seconds` may be null: as long as similar clips. `past` is an imported motion.
 
-export const SHORTEST = 0.6, LONGEST = 120, MOST_BLOCKS = 64, MOST_TAKES = 8;
-const KEPT = 200;  // steps that can be undone
+export const SHORTEST = 0.6,
+  LONGEST = 120,
+  MOST_BLOCKS = 64,
+  MOST_TAKES = 8;
+const KEPT = 200; // steps that can be undone
 const DEFAULT_SECONDS = 3;
 
 const empty = () => ({
-  blocks: [], seeds: [0], chosen: 0, cleanup: true, sampling: {}, past: null, edits: [], model: { name: "", id: "" },
+  blocks: [],
+  seeds: [0],
+  chosen: 0,
+  cleanup: true,
+  sampling: {},
+  past: null,
+  edits: [],
+  model: { name: "", id: "" },
 });
 
 export const initial = () => ({ project: empty(), past: [], future: [], selected: null, span: null, next: 1 });
@@ -42,10 +52,14 @@ const CHANGES = {
   edit: (project, { id, prompt }) => {
     const block = project.blocks.find((one) => one.id === id);
     if (!block || !clean(prompt) || clean(prompt) === block.prompt) return project;
-    return { ...project, blocks: project.blocks.map((one) => (one === block ? { ...one, prompt: clean(prompt) } : one)) };
+    return {
+      ...project,
+      blocks: project.blocks.map((one) => (one === block ? { ...one, prompt: clean(prompt) } : one)),
+    };
   },
   resize: (project, { id, seconds, step }) => {
-    const block = project.blocks.find((one) => one.id === id), length = snapped(seconds, step);
+    const block = project.blocks.find((one) => one.id === id),
+      length = snapped(seconds, step);
     if (!block || !Number.isFinite(seconds) || length === block.seconds) return project;
     return { ...project, blocks: project.blocks.map((one) => (one === block ? { ...one, seconds: length } : one)) };
   },
@@ -65,13 +79,14 @@ const CHANGES = {
   },
   removeTake: (project, { take }) => {
     if (project.seeds.length < 2 || !(take in project.seeds)) return project;
-    const edits = project.edits.filter((edit) => edit.take !== take)
+    const edits = project.edits
+      .filter((edit) => edit.take !== take)
       .map((edit) => ({ ...edit, take: edit.take - Number(edit.take > take) }));
     const chosen = Math.max(0, project.chosen - Number(project.chosen >= take && project.chosen > 0));
     return { ...project, seeds: project.seeds.toSpliced(take, 1), edits, chosen };
   },
   choose: (project, { take }) =>
-    (take in project.seeds && take !== project.chosen ? { ...project, chosen: take } : project),
+    take in project.seeds && take !== project.chosen ? { ...project, chosen: take } : project,
   addEdit: (project, { edit }) => ({ ...project, edits: [...project.edits, edit] }),
   dropEdits: (project, { take, keep }) => {
     const edits = project.edits.filter((edit) => edit.take !== take || keep(edit));
@@ -87,7 +102,10 @@ export function reduce(state, action) {
     const project = CHANGES[action.type](state.project, given);
     if (project === state.project) return state;
     const next = {
-      ...state, project, past: [...state.past, state.project].slice(-KEPT), future: [],
+      ...state,
+      project,
+      past: [...state.past, state.project].slice(-KEPT),
+      future: [],
       next: state.next + Number(action.type === "add"),
       selected: action.type === "add" ? state.next : state.selected,
     };
@@ -96,24 +114,39 @@ export function reduce(state, action) {
   switch (action.type) {
     case "undo":
       if (!state.past.length) return state;
-      return kept({ ...state, project: state.past.at(-1), past: state.past.slice(0, -1), future: [state.project, ...state.future] });
+      return kept({
+        ...state,
+        project: state.past.at(-1),
+        past: state.past.slice(0, -1),
+        future: [state.project, ...state.future],
+      });
     case "redo":
       if (!state.future.length) return state;
-      return kept({ ...state, project: state.future[0], future: state.future.slice(1), past: [...state.past, state.project] });
+      return kept({
+        ...state,
+        project: state.future[0],
+        future: state.future.slice(1),
+        past: [...state.past, state.project],
+      });
     case "select":
       return { ...state, selected: action.id };
     case "span": {
       const span = action.span && [Math.min(...action.span), Math.max(...action.span)];
       return { ...state, span: span && span[1] > span[0] ? span : null };
     }
-    case "model":  // what the studio has; no step of the user's
+    case "model": // what the studio has; no step of the user's
       return { ...state, project: { ...state.project, model: action.model } };
     case "open": {
       const blocks = action.project.blocks.map((block, i) => ({ ...block, id: state.next + i }));
       const { format, version, ...fields } = action.project;
       return {
-        ...state, project: { ...empty(), ...fields, blocks }, next: state.next + blocks.length,
-        past: [...state.past, state.project].slice(-KEPT), future: [], selected: null, span: null,
+        ...state,
+        project: { ...empty(), ...fields, blocks },
+        next: state.next + blocks.length,
+        past: [...state.past, state.project].slice(-KEPT),
+        future: [],
+        selected: null,
+        span: null,
       };
     }
     default:
@@ -128,13 +161,22 @@ function kept(state) {
 
 /** What a saved file holds, docs/protocol.md. */
 export const saved = (project) => ({
-  format: "motion_jax project", version: 1, ...project,
+  format: "motion_jax project",
+  version: 1,
+  ...project,
   blocks: project.blocks.map(({ prompt, seconds }) => ({ prompt, seconds })),
 });
 
 /** Two projects with the same key make the same motion of a take. */
-export const keyOf = (project, take = project.chosen) => JSON.stringify([
-  project.model.name, project.blocks.map(({ prompt, seconds }) => [prompt, seconds]), project.seeds[take],
-  project.cleanup, project.sampling, project.past && [project.past.shape, project.past.joints.length,
-    project.past.joints.slice(0, 400)], project.edits.filter((edit) => edit.take === take)
-    .map(({ prompt, change, seed, sampling, model }) => [prompt, change, seed, sampling, model.name])]);
+export const keyOf = (project, take = project.chosen) =>
+  JSON.stringify([
+    project.model.name,
+    project.blocks.map(({ prompt, seconds }) => [prompt, seconds]),
+    project.seeds[take],
+    project.cleanup,
+    project.sampling,
+    project.past && [project.past.shape, project.past.joints.length, project.past.joints.slice(0, 400)],
+    project.edits
+      .filter((edit) => edit.take === take)
+      .map(({ prompt, change, seed, sampling, model }) => [prompt, change, seed, sampling, model.name]),
+  ]);

@@ -3,7 +3,7 @@
 import { contacts, footprints, fromJson, seconds } from "./motion.js";
 import { keyOf } from "./state.js";
 
-const KEPT = 24;  // motions
+const KEPT = 24; // motions
 
 /** A motion with what is shown of it. */
 export function withSteps(motion) {
@@ -28,9 +28,9 @@ export class Story {
   constructor(api, { tell, changed, state, act }) {
     Object.assign(this, { api, tell, changed, state, act });
     this.made = new Map();
-    this.last = null;      // what is shown while nothing newer is there
-    this.busy = null;      // what is being made, as a sentence
-    this.reply = null;     // {reused_frames, same_frames} of the last story
+    this.last = null; // what is shown while nothing newer is there
+    this.busy = null; // what is being made, as a sentence
+    this.reply = null; // {reused_frames, same_frames} of the last story
     this.again = false;
   }
 
@@ -46,7 +46,9 @@ export class Story {
     return motion ?? this.last;
   }
 
-  get stale() { return !this.of(this.state().project.chosen); }
+  get stale() {
+    return !this.of(this.state().project.chosen);
+  }
 
   keep(key, motion) {
     this.made.delete(key);
@@ -83,7 +85,8 @@ export class Story {
     if (!(take in project.seeds) || this.of(take, project)) return;
     let edits = project.edits.filter((edit) => edit.take === take);
     const upTo = (n) => ({ ...project, edits: edits.slice(0, n) });
-    let n = edits.length, motion = null;
+    let n = edits.length,
+      motion = null;
     while (n >= 0 && !(motion = this.of(take, upTo(n)))) n -= 1;
     if (!motion) {
       n = 0;
@@ -110,7 +113,10 @@ export class Story {
     this.changed();
     const request = {
       blocks: project.blocks.map(({ prompt, seconds: length }) => ({ prompt, seconds: length })),
-      seed: project.seeds[take], cleanup: project.cleanup, sampling: project.sampling, past: project.past,
+      seed: project.seeds[take],
+      cleanup: project.cleanup,
+      sampling: project.sampling,
+      past: project.past,
     };
     if (project.model.name) request.model = project.model.name;
     const reply = await this.api.story(request);
@@ -127,7 +133,7 @@ export class Story {
     if (model.name) request.model = model.name;
     const reply = await this.api.edit(request);
     if (reply.unknown?.length) this.tell(`the model has not learned: ${reply.unknown.join(", ")}`, false);
-    const made = joined([...(before.length ? motion.meta.made ?? [] : []), ...reply.made]);
+    const made = joined([...(before.length ? (motion.meta.made ?? []) : []), ...reply.made]);
     reply.motion.meta = { ...reply.motion.meta, made };
     return fromJson(reply.motion);
   }
@@ -136,9 +142,12 @@ export class Story {
   pieces() {
     const motion = this.shown;
     if (!motion) return [];
-    const end = seconds(motion), { made } = motion.meta ?? {};
+    const end = seconds(motion),
+      { made } = motion.meta ?? {};
     if (!Array.isArray(made)) return [{ start: 0, end, kind: "there" }];
-    return [{ start: 0, end, kind: "kept" },
-      ...made.map(([first, past]) => ({ start: first / motion.fps, end: past / motion.fps, kind: "anew" }))];
+    return [
+      { start: 0, end, kind: "kept" },
+      ...made.map(([first, past]) => ({ start: first / motion.fps, end: past / motion.fps, kind: "anew" })),
+    ];
   }
 }

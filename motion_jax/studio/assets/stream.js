@@ -1,7 +1,9 @@
 // A live stream of docs/protocol.md: blocks come in, frames are kept until they have been played.
 
 const HALF = (bits) => {
-  const sign = bits & 0x8000 ? -1 : 1, exponent = (bits >> 10) & 31, rest = bits & 1023;
+  const sign = bits & 0x8000 ? -1 : 1,
+    exponent = (bits >> 10) & 31,
+    rest = bits & 1023;
   return exponent ? sign * 2 ** (exponent - 15) * (1 + rest / 1024) : sign * 2 ** -24 * rest;
 };
 
@@ -10,7 +12,9 @@ const HALF = (bits) => {
 export function unpack(buffer) {
   const view = new DataView(buffer);
   if (view.getUint32(0) !== 0x4d4a5853) throw new Error("this is no block of a motion");
-  const header = view.getUint16(6, true), frames = view.getUint16(20, true), joints = view.getUint16(22, true);
+  const header = view.getUint16(6, true),
+    frames = view.getUint16(20, true),
+    joints = view.getUint16(22, true);
   const ground = new Float32Array(buffer, header, frames * 2);
   const halves = new Uint16Array(buffer, header + frames * 8, frames * joints * 3);
   const positions = Float32Array.from(halves, HALF);
@@ -20,9 +24,17 @@ export function unpack(buffer) {
     positions[3 * i + 2] += ground[2 * frame + 1];
   }
   return {
-    sequence: view.getUint32(8, true), run: view.getUint32(12, true), firstFrame: view.getUint32(16, true), frames, joints,
-    words: view.getUint32(24, true), committed: view.getUint32(28, true), begun: view.getUint32(32, true),
-    milliseconds: view.getFloat32(36, true), fps: view.getFloat32(40, true), positions,
+    sequence: view.getUint32(8, true),
+    run: view.getUint32(12, true),
+    firstFrame: view.getUint32(16, true),
+    frames,
+    joints,
+    words: view.getUint32(24, true),
+    committed: view.getUint32(28, true),
+    begun: view.getUint32(32, true),
+    milliseconds: view.getFloat32(36, true),
+    fps: view.getFloat32(40, true),
+    positions,
     contacts: new Uint8Array(buffer, header + frames * (8 + joints * 6), frames * 4),
   };
 }

@@ -10,7 +10,10 @@ export function expose(studio) {
     frame: () => Math.round(studio.time() * (studio.mode === "live" ? live.fps : player.fps)),
     frames: () => (studio.mode === "live" ? live.frames : player.frames),
     blocks: () => studio.state.project.blocks.map((block) => ({ ...block })),
-    prompts: () => (studio.mode === "live" ? live.words.map((one) => one.prompt) : studio.state.project.blocks.map((block) => block.prompt)),
+    prompts: () =>
+      studio.mode === "live"
+        ? live.words.map((one) => one.prompt)
+        : studio.state.project.blocks.map((block) => block.prompt),
     project: () => structuredClone(studio.state.project),
     selection: () => studio.state.selected,
     span: () => studio.state.span,
@@ -31,18 +34,34 @@ export function expose(studio) {
     exported: () => panels.last ?? null,
     window: () => ({ ...studio.timeline.window }),
     live: () => ({
-      state: live.state, run: live.run, connected: live.connected, reconnects: live.reconnects, blocks: live.blocks,
-      end: live.end, committed: live.committed, begun: live.begun, played: live.played, lead: live.lead, missed: live.missed,
-      latency: live.latency, sampling: live.sampling, seed: live.choices.seed, words: live.words.map((one) => ({ ...one })),
-      blockFrames: live.blockFrames, unacknowledged: live.waitingBlocks.length,
+      state: live.state,
+      run: live.run,
+      connected: live.connected,
+      reconnects: live.reconnects,
+      blocks: live.blocks,
+      end: live.end,
+      committed: live.committed,
+      begun: live.begun,
+      played: live.played,
+      lead: live.lead,
+      missed: live.missed,
+      latency: live.latency,
+      sampling: live.sampling,
+      seed: live.choices.seed,
+      words: live.words.map((one) => ({ ...one })),
+      blockFrames: live.blockFrames,
+      unacknowledged: live.waitingBlocks.length,
     }),
   };
   window.__studio = {
     /** Coordinates of the joints of frames from first up to past, as they are played. */
     joints(first, past) {
-      const motion = studio.motion(), shift = studio.mode === "live" ? live.first : 0, k = 3 * motion.count;
+      const motion = studio.motion(),
+        shift = studio.mode === "live" ? live.first : 0,
+        k = 3 * motion.count;
       return [...motion.joints.subarray((first - shift) * k, (past - shift) * k)];
     },
   };
-  for (const [name, get] of Object.entries(read)) Object.defineProperty(window.__studio, name, { get, enumerable: true });
+  for (const [name, get] of Object.entries(read))
+    Object.defineProperty(window.__studio, name, { get, enumerable: true });
 }

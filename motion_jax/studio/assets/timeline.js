@@ -23,15 +23,33 @@ export class Timeline {
     this.head = make("div", "playhead");
     element.replaceChildren(this.ruler, this.track, this.strip, this.marked, this.head);
     element.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
-    this.drags(this.ruler, (second) => on.seek(second), (second) => on.seek(second));
+    this.drags(
+      this.ruler,
+      (second) => on.seek(second),
+      (second) => on.seek(second),
+    );
     let from = 0;
-    this.drags(this.strip, (second) => { from = second; }, (second) => on.span(from, second), (moved, second) => {
-      if (!moved) on.span(second, second);
-    });
-    this.drags(this.track, (_, event) => { from = event.clientX; }, (_, event) => {
-      this.pan(((from - event.clientX) / this.width) * (this.window.end - this.window.start));
-      from = event.clientX;
-    }, (moved, second) => this.clicked(moved, second));
+    this.drags(
+      this.strip,
+      (second) => {
+        from = second;
+      },
+      (second) => on.span(from, second),
+      (moved, second) => {
+        if (!moved) on.span(second, second);
+      },
+    );
+    this.drags(
+      this.track,
+      (_, event) => {
+        from = event.clientX;
+      },
+      (_, event) => {
+        this.pan(((from - event.clientX) / this.width) * (this.window.end - this.window.start));
+        from = event.clientX;
+      },
+      (moved, second) => this.clicked(moved, second),
+    );
     this.track.addEventListener("contextmenu", (event) => this.menu(event));
     this.track.addEventListener("dblclick", (event) => {
       const id = this.idOf(event.target);
@@ -39,12 +57,19 @@ export class Timeline {
     });
   }
 
-  get width() { return this.element.clientWidth || 1; }
+  get width() {
+    return this.element.clientWidth || 1;
+  }
 
-  place(second) { return ((second - this.window.start) / (this.window.end - this.window.start)) * this.width; }
+  place(second) {
+    return ((second - this.window.start) / (this.window.end - this.window.start)) * this.width;
+  }
 
   second(x) {
-    return this.window.start + ((x - this.element.getBoundingClientRect().left) / this.width) * (this.window.end - this.window.start);
+    return (
+      this.window.start +
+      ((x - this.element.getBoundingClientRect().left) / this.width) * (this.window.end - this.window.start)
+    );
   }
 
   // A pointer that goes down on an element itself, moves and goes up.
@@ -93,7 +118,9 @@ export class Timeline {
   }
 
   /** Moves so that a second is seen. */
-  reveal(second) { this.window = showing(this.window, second); }
+  reveal(second) {
+    this.window = showing(this.window, second);
+  }
 
   idOf(target) {
     const element = target.closest?.(".block");
@@ -150,7 +177,9 @@ export class Timeline {
     element.addEventListener("pointerdown", (event) => {
       if (event.button || this.shown.fixed || id === "import") return;
       event.stopPropagation();
-      const edge = event.target.className === "edge", from = event.clientX, row = this.shown.rows.find((one) => one.id === id);
+      const edge = event.target.className === "edge",
+        from = event.clientX,
+        row = this.shown.rows.find((one) => one.id === id);
       element.setPointerCapture(event.pointerId);
       let by = 0;
       const step = (next) => {
@@ -167,7 +196,8 @@ export class Timeline {
         element.classList.remove("moving");
         this.dragging = null;
         if (last.type === "pointerup" && by && edge) this.on.resize(id, row.end - row.start + by);
-        else if (last.type === "pointerup" && by) this.on.move(id, indexAt(this.shown.among, id, this.second(last.clientX)));
+        else if (last.type === "pointerup" && by)
+          this.on.move(id, indexAt(this.shown.among, id, this.second(last.clientX)));
         else if (last.type === "pointerup") this.on.select(id);
         this.draw(this.shown);
       };
@@ -196,8 +226,9 @@ export class Timeline {
       if (this.dragging === row.id) continue;
       element.firstChild.textContent = row.prompt;
       element.title = `${row.prompt} (${(row.end - row.start).toFixed(1)} s)`;
-      element.className = `block${row.id === shown.selected ? " selected" : ""}${row.stale ? " stale" : ""}`
-        + (row.id === "import" ? " import" : "");
+      element.className =
+        `block${row.id === shown.selected ? " selected" : ""}${row.stale ? " stale" : ""}` +
+        (row.id === "import" ? " import" : "");
       element.style.left = `${this.place(row.start)}px`;
       element.style.width = `${Math.max(4, this.place(row.end) - this.place(row.start) - 2)}px`;
     }
@@ -223,8 +254,11 @@ export class Timeline {
   }
 
   drawRuler() {
-    const { start, end } = this.window, ratio = devicePixelRatio, step = between(this.window, this.width);
-    const style = getComputedStyle(this.element), soft = style.getPropertyValue("--soft");
+    const { start, end } = this.window,
+      ratio = devicePixelRatio,
+      step = between(this.window, this.width);
+    const style = getComputedStyle(this.element),
+      soft = style.getPropertyValue("--soft");
     const key = [start, end, this.width, ratio, soft].join();
     if (key === this.drawn) return;
     this.drawn = key;

@@ -1,8 +1,12 @@
 // What is seen: bodies on a stage, their way and steps on the ground, ghosts, the camera.
 // The parts come from viewer.js, the bundle that exported pages hold, too (tools/viewer).
 
-const BLUE = [0.2, 0.5, 0.82], ORANGE = [0.93, 0.5, 0.16];  // kept, made anew
-const GHOST_SECONDS = 1, MOST_GHOSTS = 14, MOST_STEPS = 400, LANE = 1.6;
+const BLUE = [0.2, 0.5, 0.82],
+  ORANGE = [0.93, 0.5, 0.16]; // kept, made anew
+const GHOST_SECONDS = 1,
+  MOST_GHOSTS = 14,
+  MOST_STEPS = 400,
+  LANE = 1.6;
 
 export class View {
   // element: where the stage is; body: what /body.json says.
@@ -24,7 +28,8 @@ export class View {
 
   // Puts the camera in front of the origin.
   frame(x = 0, z = 0) {
-    const { camera, controls, fog } = this.stage, distance = 6.2;
+    const { camera, controls, fog } = this.stage,
+      distance = 6.2;
     controls.target.set(x, 0.95, z);
     camera.position.set(x + distance * 0.6, 0.95 + distance * 0.25, z + distance * 0.75);
     this.stage.fog(distance + 6, distance + 24);
@@ -45,7 +50,8 @@ export class View {
 
   // A body of one colour of its own, or sticks where the joints are those of another skeleton.
   makeFigure(count, parents, opacity = 1) {
-    const { three, Figure } = this.parts, skin = count === this.body.rest.length;
+    const { three, Figure } = this.parts,
+      skin = count === this.body.rest.length;
     const figure = { count, parents, skin: skin ? new Figure(this.body, this.body.colors, { opacity }) : null };
     figure.places = Array.from({ length: count }, () => new three.Vector3());
     figure.turned = Array.from({ length: count }, () => new three.Quaternion());
@@ -70,12 +76,19 @@ export class View {
 
   // motion: as in motion.js; at: a frame that need not be whole; x: how far to the side it stands.
   pose(figure, motion, at, x = 0) {
-    const t = Math.max(0, Math.min(Math.floor(at), motion.frames - 1)), n = Math.min(t + 1, motion.frames - 1);
-    const w = Math.max(0, Math.min(at - t, 1)), J = motion.joints, count = figure.count;
+    const t = Math.max(0, Math.min(Math.floor(at), motion.frames - 1)),
+      n = Math.min(t + 1, motion.frames - 1);
+    const w = Math.max(0, Math.min(at - t, 1)),
+      J = motion.joints,
+      count = figure.count;
     for (let j = 0; j < count; j++) {
-      const p = 3 * (t * count + j), q = 3 * (n * count + j);
+      const p = 3 * (t * count + j),
+        q = 3 * (n * count + j);
       figure.places[j].set(
-        J[p] + (J[q] - J[p]) * w + x, J[p + 1] + (J[q + 1] - J[p + 1]) * w, J[p + 2] + (J[q + 2] - J[p + 2]) * w);
+        J[p] + (J[q] - J[p]) * w + x,
+        J[p + 1] + (J[q + 1] - J[p + 1]) * w,
+        J[p + 2] + (J[q + 2] - J[p + 2]) * w,
+      );
     }
     const bare = this.options.sticks || !figure.skin;
     if (figure.skin) figure.skin.group.visible = !bare;
@@ -88,7 +101,8 @@ export class View {
   drawSticks(figure) {
     const line = figure.sticks.geometry.attributes.position;
     figure.parents.forEach((parent, j) => {
-      const a = figure.places[j], b = figure.places[Math.max(parent, 0)];
+      const a = figure.places[j],
+        b = figure.places[Math.max(parent, 0)];
       line.setXYZ(2 * j, a.x, a.y, a.z);
       line.setXYZ(2 * j + 1, b.x, b.y, b.z);
     });
@@ -114,7 +128,8 @@ export class View {
 
   // What lies on the ground of a motion, up to a frame of it: way, steps, ghosts. Reckoned anew when told.
   lay(motion, steps, past = motion.frames) {
-    const { scene } = this.stage, { three, ribbon } = this.parts;
+    const { scene } = this.stage,
+      { three, ribbon } = this.parts;
     if (this.way) {
       scene.remove(this.way);
       this.way.geometry.dispose();
@@ -170,7 +185,8 @@ export class View {
 
   draw(passed) {
     if (this.options.follow && this.figures.length) {
-      const { target } = this.stage.controls, easing = Math.min(1, passed * 5);
+      const { target } = this.stage.controls,
+        easing = Math.min(1, passed * 5);
       const x = this.figures.reduce((sum, figure) => sum + figure.places[0].x, 0) / this.figures.length;
       const z = this.figures[0].places[0].z;
       this.stage.carry((x - target.x) * easing, (z - target.z) * easing);

@@ -10,7 +10,8 @@ import { initial, keyOf, placed, reduce, saved, snapped } from "./state.js";
 import { Story, joined } from "./story.js";
 
 const acted = (...actions) => actions.reduce(reduce, initial());
-const three = () => acted({ type: "add", prompt: "walk" }, { type: "add", prompt: " wave " }, { type: "add", prompt: "sit" });
+const three = () =>
+  acted({ type: "add", prompt: "walk" }, { type: "add", prompt: " wave " }, { type: "add", prompt: "sit" });
 const words = (state) => state.project.blocks.map((block) => block.prompt);
 
 test("blocks are added, edited, moved, sized and removed", () => {
@@ -25,23 +26,42 @@ test("blocks are added, edited, moved, sized and removed", () => {
   state = reduce(state, { type: "remove", id: 3 });
   assert.deepEqual(words(state), ["walk", "kick"]);
   assert.equal(state.selected, null);
-  assert.deepEqual(placed(state.project).map(({ start, end }) => [start, end]), [[0, 4.2], [4.2, 7.2]]);
+  assert.deepEqual(
+    placed(state.project).map(({ start, end }) => [start, end]),
+    [
+      [0, 4.2],
+      [4.2, 7.2],
+    ],
+  );
 });
 
 test("what changes nothing is no step to undo", () => {
   const state = three();
-  for (const action of [{ type: "edit", id: 2, prompt: "wave" }, { type: "edit", id: 2, prompt: "  " },
-    { type: "add", prompt: "" }, { type: "move", id: 1, index: 0 }, { type: "resize", id: 1, seconds: 3 },
-    { type: "resize", id: 1, seconds: NaN }, { type: "remove", id: 99 }, { type: "choose", take: 7 },
-    { type: "removeTake", take: 0 }, { type: "dropEdits", take: 0, keep: () => true }]) {
+  for (const action of [
+    { type: "edit", id: 2, prompt: "wave" },
+    { type: "edit", id: 2, prompt: "  " },
+    { type: "add", prompt: "" },
+    { type: "move", id: 1, index: 0 },
+    { type: "resize", id: 1, seconds: 3 },
+    { type: "resize", id: 1, seconds: NaN },
+    { type: "remove", id: 99 },
+    { type: "choose", take: 7 },
+    { type: "removeTake", take: 0 },
+    { type: "dropEdits", take: 0, keep: () => true },
+  ]) {
     assert.equal(reduce(state, action), state, JSON.stringify(action));
   }
 });
 
 test("undo and redo go through every state, and a new change ends redo", () => {
   const states = [initial()];
-  for (const action of [{ type: "add", prompt: "walk" }, { type: "resize", id: 1, seconds: 6 },
-    { type: "addTake", seed: 5 }, { type: "remove", id: 1 }]) states.push(reduce(states.at(-1), action));
+  for (const action of [
+    { type: "add", prompt: "walk" },
+    { type: "resize", id: 1, seconds: 6 },
+    { type: "addTake", seed: 5 },
+    { type: "remove", id: 1 },
+  ])
+    states.push(reduce(states.at(-1), action));
   let state = states.at(-1);
   for (const before of states.slice(0, -1).reverse()) {
     state = reduce(state, { type: "undo" });
@@ -57,7 +77,8 @@ test("undo and redo go through every state, and a new change ends redo", () => {
 });
 
 test("a project is saved without what only the page knows, and opens as it was", () => {
-  const state = three(), file = saved(state.project);
+  const state = three(),
+    file = saved(state.project);
   assert.deepEqual(file.blocks[0], { prompt: "walk", seconds: 3 });
   assert.equal(file.format, "motion_jax project");
   const opened = reduce(state, { type: "open", project: JSON.parse(JSON.stringify(file)) });
@@ -67,14 +88,28 @@ test("a project is saved without what only the page knows, and opens as it was",
 });
 
 test("takes keep their own edits", () => {
-  const edit = (take) => ({ take, prompt: "kick", change: [[0, 9]], seed: 0, sampling: {}, model: { name: "", id: "" } });
-  let state = acted({ type: "addTake", seed: 1 }, { type: "addTake", seed: 2 }, { type: "addEdit", edit: edit(0) },
-    { type: "addEdit", edit: edit(2) });
+  const edit = (take) => ({
+    take,
+    prompt: "kick",
+    change: [[0, 9]],
+    seed: 0,
+    sampling: {},
+    model: { name: "", id: "" },
+  });
+  let state = acted(
+    { type: "addTake", seed: 1 },
+    { type: "addTake", seed: 2 },
+    { type: "addEdit", edit: edit(0) },
+    { type: "addEdit", edit: edit(2) },
+  );
   assert.notEqual(keyOf(state.project, 2), keyOf({ ...state.project, edits: [] }, 2));
   assert.equal(keyOf(state.project, 1), keyOf({ ...state.project, edits: [] }, 1));
   state = reduce(state, { type: "removeTake", take: 1 });
   assert.deepEqual(state.project.seeds, [0, 2]);
-  assert.deepEqual(state.project.edits.map((one) => one.take), [0, 1]);
+  assert.deepEqual(
+    state.project.edits.map((one) => one.take),
+    [0, 1],
+  );
   assert.equal(state.project.chosen, 1);
 });
 
@@ -84,7 +119,10 @@ test("a span is put the right way round, and an empty one is none", () => {
 });
 
 test("lengths go by the model's blocks and are never nothing", () => {
-  assert.deepEqual([0, -3, 0.7, 0.95, 500].map((s) => snapped(s)), [0.6, 0.6, 0.6, 1.2, 120]);
+  assert.deepEqual(
+    [0, -3, 0.7, 0.95, 500].map((s) => snapped(s)),
+    [0.6, 0.6, 0.6, 1.2, 120],
+  );
 });
 
 test("the scale zooms around a second, pans, shows and marks", () => {
@@ -96,12 +134,19 @@ test("the scale zooms around a second, pans, shows and marks", () => {
   assert.ok(start <= 14 && 14 <= end && end - start === 10);
   assert.equal(between({ start: 0, end: 12 }, 1000), 1);
   const rows = placed(three().project);
-  assert.deepEqual([0, 4, 8.9].map((second) => indexAt(rows, 1, second)), [0, 0, 2]);
+  assert.deepEqual(
+    [0, 4, 8.9].map((second) => indexAt(rows, 1, second)),
+    [0, 0, 2],
+  );
 });
 
 const motion = (frames, place) => ({
-  fps: 20, frames, count: 22,
-  joints: Float32Array.from({ length: frames * 66 }, (_, k) => place(Math.floor(k / 66), Math.floor(k / 3) % 22, k % 3)),
+  fps: 20,
+  frames,
+  count: 22,
+  joints: Float32Array.from({ length: frames * 66 }, (_, k) =>
+    place(Math.floor(k / 66), Math.floor(k / 3) % 22, k % 3),
+  ),
 });
 
 test("a motion goes to the studio and back bit for bit", () => {
@@ -114,31 +159,43 @@ test("a motion goes to the studio and back bit for bit", () => {
 
 test("feet that stand are found, and leave prints", () => {
   const walk = motion(40, (t, j, k) => (k === 2 && t >= 20 ? (t - 20) * 0.1 : 0));
-  const stands = contacts(walk), prints = footprints(walk, stands);
+  const stands = contacts(walk),
+    prints = footprints(walk, stands);
   assert.equal(stands[4 * 5], 1);
   assert.equal(stands[4 * 35], 0);
-  assert.deepEqual(prints.map((print) => [print.first, print.left]), [[0, true], [0, false]]);
+  assert.deepEqual(
+    prints.map((print) => [print.first, print.left]),
+    [
+      [0, true],
+      [0, false],
+    ],
+  );
   assert.ok(Math.abs(prints[0].past - 20) <= 2);
 });
 
 test("curves tell speed, feet, jerk and heading", () => {
   const turning = motion(60, (t, j, k) => {
-    const angle = (t / 59) * 4 * Math.PI, side = j === 1 ? 0.1 : j === 2 ? -0.1 : 0;  // two whole turns
+    const angle = (t / 59) * 4 * Math.PI,
+      side = j === 1 ? 0.1 : j === 2 ? -0.1 : 0; // two whole turns
     return k === 0 ? side * Math.cos(angle) : k === 1 ? 0.02 : t * 0.05 - side * Math.sin(angle);
   });
-  const found = curves(turning), last = (name) => found[name].lines[0].at(-1);
+  const found = curves(turning),
+    last = (name) => found[name].lines[0].at(-1);
   assert.ok(Math.abs(last("speed") - 1) < 1e-4);
   assert.ok(Math.abs(last("feet") - 0.02) < 1e-6);
   assert.ok(Math.abs(last("heading") - 720) < 1e-3, String(last("heading")));
   assert.ok(Math.max(...curves(motion(30, (t, j, k) => t * t * 0.01)).jerk.lines[0]) < 0.05);
-  assert.deepEqual([0, 2, 5].map((t) => madeAnew({ meta: { made: [[2, 4]] } }, t)), [false, true, false]);
+  assert.deepEqual(
+    [0, 2, 5].map((t) => madeAnew({ meta: { made: [[2, 4]] } }, t)),
+    [false, true, false],
+  );
   assert.equal(madeAnew({ meta: {} }, 0), null);
 });
 
 test("the player plays, stops at the end, begins again, steps and repeats", () => {
   const player = new Player();
   player.toggle();
-  assert.equal(player.playing, false);  // nothing is there
+  assert.equal(player.playing, false); // nothing is there
   player.load({ frames: 21, fps: 20 });
   player.toggle();
   player.tick(0.5);
@@ -161,7 +218,8 @@ const sent = (frames) => ({ ...LINE, ...toJson(motion(frames, () => 0)) });
 
 function studio(refuse = () => null) {
   let state = initial();
-  const asked = [], told = [];
+  const asked = [],
+    told = [];
   const api = {
     story: async (request) => {
       asked.push(["story", request.blocks.map((block) => block.prompt), request.seed]);
@@ -173,7 +231,9 @@ function studio(refuse = () => null) {
       return { motion: request.motion, made: request.change };
     },
   };
-  const act = (action) => { state = reduce(state, action); };
+  const act = (action) => {
+    state = reduce(state, action);
+  };
   const story = new Story(api, { tell: (text) => told.push(text), changed: () => {}, state: () => state, act });
   return { story, act, asked, told, state: () => state };
 }
@@ -183,16 +243,26 @@ test("a story is made once, undo shows what there was, an edit does not make it 
   act({ type: "add", prompt: "walk" });
   await story.make();
   act({ type: "add", prompt: "wave" });
-  assert.ok(story.stale && story.shown.frames === 20);  // what there was is still shown
+  assert.ok(story.stale && story.shown.frames === 20); // what there was is still shown
   await story.make();
   act({ type: "undo" });
   assert.ok(!story.stale && story.shown.frames === 20);
   await story.make();
-  act({ type: "addEdit", edit: { take: 0, prompt: "kick", change: [[2, 8]], seed: 0, sampling: {}, model: { name: "" } } });
+  act({
+    type: "addEdit",
+    edit: { take: 0, prompt: "kick", change: [[2, 8]], seed: 0, sampling: {}, model: { name: "" } },
+  });
   await story.make();
-  assert.deepEqual(asked, [["story", ["walk"], 0], ["story", ["walk", "wave"], 0], ["edit", "kick"]]);
+  assert.deepEqual(asked, [
+    ["story", ["walk"], 0],
+    ["story", ["walk", "wave"], 0],
+    ["edit", "kick"],
+  ]);
   assert.deepEqual(story.shown.meta.made, [[2, 8]]);
-  assert.deepEqual(story.pieces().map((piece) => piece.kind), ["kept", "anew"]);
+  assert.deepEqual(
+    story.pieces().map((piece) => piece.kind),
+    ["kept", "anew"],
+  );
   assert.equal(state().project.edits.length, 1);
 });
 
@@ -211,36 +281,73 @@ test("what is refused is told and loses nothing", async () => {
 test("an edit behind the end is taken away and told", async () => {
   const { story, act, told, state } = studio();
   act({ type: "add", prompt: "walk" });
-  act({ type: "addEdit", edit: { take: 0, prompt: "kick", change: [[2, 80]], seed: 0, sampling: {}, model: { name: "" } } });
+  act({
+    type: "addEdit",
+    edit: { take: 0, prompt: "kick", change: [[2, 80]], seed: 0, sampling: {}, model: { name: "" } },
+  });
   await story.make();
   assert.ok(!story.stale && state().project.edits.length === 0 && /beyond the end/.test(told[0]));
 });
 
 test("spans that meet are joined", () => {
-  assert.deepEqual(joined([[5, 9], [0, 2], [8, 12], [2, 3]]), [[0, 3], [5, 12]]);
+  assert.deepEqual(
+    joined([
+      [5, 9],
+      [0, 2],
+      [8, 12],
+      [2, 3],
+    ]),
+    [
+      [0, 3],
+      [5, 12],
+    ],
+  );
 });
 
 function live() {
-  const told = [], said = [], page = new Live("token", (text) => told.push(text), () => {});
+  const told = [],
+    said = [],
+    page = new Live(
+      "token",
+      (text) => told.push(text),
+      () => {},
+    );
   page.stream = { send: (message) => said.push(message) };
   page.connected = true;
-  page.message({ type: "started", run: 1, fps: 20, joints: Array(22).fill("j"), parents: [], block_frames: 12, seed: 4 });
+  page.message({
+    type: "started",
+    run: 1,
+    fps: 20,
+    joints: Array(22).fill("j"),
+    parents: [],
+    block_frames: 12,
+    seed: 4,
+  });
   page.message({ type: "words", words: 1, prompt: "walk", from_frame: 0, unknown: [] });
   page.message({ type: "state", state: "running" });
-  const block = (sequence, run = 1) => page.block({
-    sequence, run, firstFrame: 12 * sequence, frames: 12, joints: 22, committed: 12 * sequence + 12,
-    begun: 12 * sequence + 24, milliseconds: 9, positions: new Float32Array(12 * 66).fill(sequence), contacts: new Uint8Array(48),
-  });
+  const block = (sequence, run = 1) =>
+    page.block({
+      sequence,
+      run,
+      firstFrame: 12 * sequence,
+      frames: 12,
+      joints: 22,
+      committed: 12 * sequence + 12,
+      begun: 12 * sequence + 24,
+      milliseconds: 9,
+      positions: new Float32Array(12 * 66).fill(sequence),
+      contacts: new Uint8Array(48),
+    });
   return { page, told, said, block };
 }
 
 test("a stream is played by the page's clock and acknowledged when it has been", () => {
   const { page, said, block } = live();
   page.tick(1);
-  assert.equal(page.time, 0);  // nothing has come
+  assert.equal(page.time, 0); // nothing has come
   block(0);
   block(1);
-  block(7, 0);  // of an older run
+  block(7, 0); // of an older run
   assert.equal(page.end, 24);
   page.tick(0.5);
   assert.deepEqual(said, []);
@@ -249,14 +356,21 @@ test("a stream is played by the page's clock and acknowledged when it has been",
   page.tick(5);
   assert.deepEqual([page.missed, page.time * 20], [1, 23]);
   page.tick(1);
-  assert.equal(page.missed, 1);  // one gap is counted once
+  assert.equal(page.missed, 1); // one gap is counted once
 });
 
 test("new words count from their frame on, and looking back moves nothing", () => {
   const { page, said, block } = live();
   for (let i = 0; i < 4; i++) block(i);
   page.say("wave");
-  page.message({ type: "words", words: 2, prompt: "wave", from_frame: 24, unknown: ["xyzzy"], nearest: "a person waves" });
+  page.message({
+    type: "words",
+    words: 2,
+    prompt: "wave",
+    from_frame: 24,
+    unknown: ["xyzzy"],
+    nearest: "a person waves",
+  });
   page.tick(1.0);
   assert.equal(page.at(20).prompt, "walk");
   page.tick(0.5);
@@ -267,7 +381,13 @@ test("new words count from their frame on, and looking back moves nothing", () =
   page.message({ type: "state", state: "running" });
   page.tick(0.1);
   assert.ok(Math.abs(page.time - 1.6) < 1e-9);
-  assert.deepEqual(page.motion().captions.map(({ text, start, end }) => [text, start, end]), [["walk", 0, 1.2], ["wave", 1.2, 2.4]]);
+  assert.deepEqual(
+    page.motion().captions.map(({ text, start, end }) => [text, start, end]),
+    [
+      ["walk", 0, 1.2],
+      ["wave", 1.2, 2.4],
+    ],
+  );
 });
 
 test("a stream of hours keeps its last minutes", () => {
