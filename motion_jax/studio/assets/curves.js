@@ -1,9 +1,12 @@
 // Curves of a motion below the timeline, on its scale of time.
 
+import { curves, part } from "./motion.js";
+
+const LIVE_SECONDS = 60; // of a stream whose curves are drawn
 const NAMES = { speed: "speed", feet: "feet", jerk: "jerk", heading: "heading" };
 
 /** found: of motion.js' curves(); window: {start, end} in seconds; at: seconds of the play head. */
-export function drawCurves(canvas, found, fps, window, at, look) {
+function drawCurves(canvas, found, fps, window, at, look) {
   const ratio = devicePixelRatio,
     { clientWidth: width, clientHeight: height } = canvas;
   canvas.width = width * ratio;
@@ -49,7 +52,27 @@ export function drawCurves(canvas, found, fps, window, at, look) {
   pen.fillRect(place(at) - 0.75, 0, 1.5, height);
 }
 
-export function shortNumber(value) {
+function shortNumber(value) {
   const size = Math.abs(value);
   return size >= 100 ? value.toFixed(0) : size >= 10 ? value.toFixed(1) : value.toFixed(2);
+}
+
+/** Those of the motion that is on the screen; they are reckoned once for each. */
+export function showCurves(studio) {
+  const { live, story, timeline } = studio,
+    inLive = studio.mode === "live",
+    whole = inLive ? live : story.shown;
+  if (!whole?.frames) return;
+  const from = inLive ? Math.max(0, live.frames - LIVE_SECONDS * live.fps) : 0;
+  const key = inLive ? `${live.run} ${live.end}` : whole;
+  if (studio.curves?.key !== key) {
+    studio.curves = { key, found: curves(inLive ? part(live, from, live.frames) : whole) };
+  }
+  const style = getComputedStyle(document.documentElement),
+    names = ["accent", "left", "right", "soft", "line", "head"];
+  const look = Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`)]));
+  const before = inLive ? (live.first + from) / live.fps : 0,
+    { start, end } = timeline.window;
+  const window = { start: start - before, end: end - before };
+  drawCurves(document.getElementById("curves"), studio.curves.found, whole.fps, window, studio.time() - before, look);
 }

@@ -1,15 +1,15 @@
 // The page: what belongs together is joined here, and drawn sixty times a second.
 import * as api from "./api.js";
 import { bind } from "./controls.js";
-import { drawCurves } from "./curves.js";
+import { showCurves } from "./curves.js";
 import { listen } from "./keys.js";
 import { Live } from "./live.js";
-import { curves } from "./motion.js";
 import { Notes } from "./notes.js";
 import { Panels } from "./panels.js";
 import { Player } from "./player.js";
 import { picture } from "./picture.js";
-import { initial, placed, reduce, snapped } from "./state.js";
+import { liveRows, storyRows } from "./rows.js";
+import { initial, reduce, snapped } from "./state.js";
 import { Story } from "./story.js";
 import { expose } from "./testing.js";
 import { Timeline } from "./timeline.js";
@@ -17,7 +17,7 @@ import { View } from "./view.js";
 
 const $ = (id) => document.getElementById(id);
 const CHANGED_AFTER = 300; // milliseconds after the last change that a motion is made anew
-const PAST_PAUSE = 1000; // milliseconds between two questions how far the models are
+const ASKED_AGAIN = 1000; // milliseconds between two questions how far the models are
 
 const notes = new Notes($("told"));
 const studio = {
@@ -118,9 +118,7 @@ studio.markOut = () => {
 /** What was said live, as blocks: the same words, lengths and seed make the same motion. */
 studio.toTimeline = () => {
   const { captions } = live.motion(),
-    {
-      state: { project },
-    } = studio;
+    { project } = studio.state;
   if (!captions.length) return tell("nothing has been made yet", true);
   const step = live.blockFrames / live.fps;
   const blocks = captions.map(({ text, start, end }) => ({ prompt: text, seconds: snapped(end - start, step) }));
@@ -178,56 +176,6 @@ const panels = (studio.panels = new Panels({
 bind(studio);
 expose(studio);
 
-// The timeline's rows and pieces, in seconds.
-function laidOut() {
-  if (studio.mode === "live") {
-    const end = Math.max(live.begun, live.end) / live.fps;
-    const rows = live.words
-      .filter((one) => one.from / live.fps < Math.max(end, 0.01))
-      .map((one, i, all) => ({
-        id: one.words,
-        prompt: one.prompt,
-        start: Math.max(one.from, live.first) / live.fps,
-        end: all[i + 1] ? all[i + 1].from / live.fps : end,
-      }))
-      .filter((row) => row.end > row.start);
-    const pieces = [
-      { start: live.first / live.fps, end: live.committed / live.fps, kind: "there" },
-      { start: live.committed / live.fps, end: live.begun / live.fps, kind: "flight" },
-    ];
-    return { rows, among: [], end, time: live.time, span: null, selected: null, pieces, fixed: true };
-  }
-  const { project, selected, span } = studio.state,
-    among = placed(project),
-    fps = story.shown?.fps ?? 20;
-  const rows = among.map(({ block, start, end }) => ({
-    id: block.id,
-    prompt: block.prompt,
-    start,
-    end,
-    stale: story.stale,
-  }));
-  if (project.past) {
-    const length = project.past.shape[0] / project.past.fps;
-    rows.unshift({
-      id: "import",
-      prompt: project.past.captions?.[0]?.text || "imported motion",
-      start: 0,
-      end: length,
-    });
-  }
-  return {
-    rows,
-    among,
-    end: rows.at(-1)?.end ?? 0,
-    time: studio.player.time,
-    span: span?.map((frame) => frame / fps),
-    selected,
-    pieces: story.pieces(),
-    fixed: false,
-  };
-}
-
 function drawAll(passed) {
   const before = studio.time(),
     motion = story.shown;
@@ -241,35 +189,13 @@ function drawAll(passed) {
   if (moved && (studio.mode === "story" ? studio.player.playing : live.state === "running"))
     timeline.reveal(studio.time());
   if (moved || studio.dirty) {
-    timeline.draw(laidOut());
-    if (!$("curves").hidden) showCurves();
+    timeline.draw(studio.mode === "live" ? liveRows(live) : storyRows(studio.state, story, studio.player.time));
+    if (!$("curves").hidden) showCurves(studio);
   }
   if (studio.dirty) panels.draw();
   studio.status(moved || studio.dirty);
   studio.dirty = false;
   if (studio.view) picture(studio, passed);
-}
-
-function showCurves() {
-  const shown = studio.motion(),
-    style = getComputedStyle(document.documentElement),
-    old = studio.curves;
-  if (!shown) return;
-  const key = studio.mode === "live" ? `${live.run} ${live.end}` : shown;
-  if (old?.key !== key) studio.curves = { key, found: curves(shown) };
-  const look = Object.fromEntries(
-    ["accent", "left", "right", "soft", "line", "head"].map((name) => [name, style.getPropertyValue(`--${name}`)]),
-  );
-  const shift = studio.mode === "live" ? live.first / live.fps : 0,
-    { start, end } = timeline.window;
-  drawCurves(
-    $("curves"),
-    studio.curves.found,
-    shown.fps,
-    { start: start - shift, end: end - shift },
-    studio.time() - shift,
-    look,
-  );
 }
 
 let last = performance.now();
@@ -288,7 +214,7 @@ async function watchModels() {
     if (error.message.includes("token")) return tell(error.message, true);
   }
   if (!studio.models.length || studio.models.some((model) => !["ready", "failed"].includes(model.state))) {
-    setTimeout(watchModels, PAST_PAUSE);
+    setTimeout(watchModels, ASKED_AGAIN);
   }
 }
 

@@ -1,12 +1,7 @@
 // The timeline: a ruler to scrub, blocks of words on a track, a strip to mark frames. It draws what it is told and
 // says what the user wants; it keeps nothing but its scale and what is being dragged.
-import { between, indexAt, panned, showing, zoomed } from "./scale.js";
-
-const make = (kind, name, ...children) => {
-  const element = Object.assign(document.createElement(kind), { className: name });
-  element.append(...children);
-  return element;
-};
+import { ask, make, makeBlock } from "./blocks.js";
+import { between, panned, showing, zoomed } from "./scale.js";
 
 export class Timeline {
   // on: {seek(s), select(id), edit(id, prompt), resize(id, s), remove(id), move(id, index), add(prompt), span(a, b)}
@@ -53,7 +48,7 @@ export class Timeline {
     this.track.addEventListener("contextmenu", (event) => this.menu(event));
     this.track.addEventListener("dblclick", (event) => {
       const id = this.idOf(event.target);
-      if (id !== null) this.ask(id);
+      if (id !== null) ask(this, id);
     });
   }
 
@@ -129,7 +124,7 @@ export class Timeline {
 
   clicked(moved, second) {
     if (moved || this.shown.fixed) return;
-    if (second >= this.shown.end - 1e-6 || !this.shown.rows.length) this.ask(null);
+    if (second >= this.shown.end - 1e-6 || !this.shown.rows.length) ask(this, null);
     else this.on.select(null);
   }
 
@@ -138,76 +133,6 @@ export class Timeline {
     const element = event.target.closest?.(".block");
     if (!element || this.shown.fixed) return;
     this.on.remove(element.dataset.id === "import" ? "import" : Number(element.dataset.id));
-  }
-
-  /** Asks for the words of a block, or of a new one. Enter takes them, Escape leaves them. */
-  ask(id) {
-    this.track.querySelector(".words")?.remove();
-    const row = this.shown.rows.find((one) => one.id === id);
-    const input = make("input", "words");
-    Object.assign(input, { value: row?.prompt ?? "", maxLength: 1000, placeholder: "what does the person do?" });
-    input.setAttribute("aria-label", "words of the block");
-    input.style.left = `${Math.max(4, Math.min(this.place(row?.start ?? this.shown.end), this.width - 230))}px`;
-    if (row) input.style.width = `${Math.max(220, this.place(row.end) - this.place(row.start))}px`;
-    let over = false;
-    const done = (take) => {
-      if (over) return;
-      over = true;
-      const words = input.value.trim();
-      input.remove();
-      if (!take || !words) return;
-      if (id === null) this.on.add(words);
-      else this.on.edit(id, words);
-    };
-    input.onkeydown = (event) => {
-      event.stopPropagation();
-      if (event.key === "Enter") done(true);
-      if (event.key === "Escape") done(false);
-    };
-    input.onblur = () => done(true);
-    this.track.append(input);
-    input.focus();
-    input.select();
-  }
-
-  // A block's element: its edge sets the length, the rest of it moves it.
-  makeBlock(id) {
-    const element = make("div", "block", make("span", ""), make("div", "edge"));
-    element.dataset.id = id;
-    element.addEventListener("pointerdown", (event) => {
-      if (event.button || this.shown.fixed || id === "import") return;
-      event.stopPropagation();
-      const edge = event.target.className === "edge",
-        from = event.clientX,
-        row = this.shown.rows.find((one) => one.id === id);
-      element.setPointerCapture(event.pointerId);
-      let by = 0;
-      const step = (next) => {
-        const dx = next.clientX - from;
-        if (Math.abs(dx) < 4 && !by) return;
-        by = (dx / this.width) * (this.window.end - this.window.start);
-        element.classList.toggle("moving", !edge);
-        this.dragging = id;
-        if (edge) element.style.width = `${Math.max(8, this.place(row.end + by) - this.place(row.start) - 2)}px`;
-        else element.style.left = `${this.place(row.start + by)}px`;
-      };
-      const end = (last) => {
-        element.removeEventListener("pointermove", step);
-        element.classList.remove("moving");
-        this.dragging = null;
-        if (last.type === "pointerup" && by && edge) this.on.resize(id, row.end - row.start + by);
-        else if (last.type === "pointerup" && by)
-          this.on.move(id, indexAt(this.shown.among, id, this.second(last.clientX)));
-        else if (last.type === "pointerup") this.on.select(id);
-        this.draw(this.shown);
-      };
-      element.addEventListener("pointermove", step);
-      element.addEventListener("pointerup", end, { once: true });
-      element.addEventListener("pointercancel", end, { once: true });
-    });
-    this.track.append(element);
-    this.blocks.set(id, element);
-    return element;
   }
 
   // shown: {rows: [{id, prompt, start, end, stale}], among (of placed()), end, time, span, selected, pieces, fixed};
@@ -222,7 +147,7 @@ export class Timeline {
       this.blocks.delete(id);
     }
     for (const row of shown.rows) {
-      const element = this.blocks.get(row.id) ?? this.makeBlock(row.id);
+      const element = this.blocks.get(row.id) ?? makeBlock(this, row.id);
       if (this.dragging === row.id) continue;
       element.firstChild.textContent = row.prompt;
       element.title = `${row.prompt} (${(row.end - row.start).toFixed(1)} s)`;

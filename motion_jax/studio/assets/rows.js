@@ -1,0 +1,44 @@
+// What stands on the timeline, in seconds; no browser is needed here.
+import { placed } from "./state.js";
+
+/** Of a stream: what was said, what is there and what is under way. */
+export function liveRows(live) {
+  const second = (frame) => frame / live.fps,
+    end = second(Math.max(live.begun, live.end));
+  const rows = live.words
+    .filter((one) => second(one.from) < Math.max(end, 0.01))
+    .map((one, i, all) => ({
+      id: one.words,
+      prompt: one.prompt,
+      start: second(Math.max(one.from, live.first)),
+      end: all[i + 1] ? Math.min(second(all[i + 1].from), end) : end,
+    }))
+    .filter((row) => row.end > row.start);
+  const pieces = [
+    { start: second(live.first), end: second(live.committed), kind: "there" },
+    { start: second(live.committed), end: second(Math.max(live.begun, live.committed)), kind: "flight" },
+  ];
+  return { rows, among: [], end, time: live.time, span: null, selected: null, pieces, fixed: true };
+}
+
+/** Of a project: its blocks behind what was imported, and what was made of them. */
+export function storyRows({ project, selected, span }, story, time) {
+  const among = placed(project),
+    fps = story.shown?.fps ?? 20,
+    stale = story.stale;
+  const rows = among.map(({ block, start, end }) => ({ id: block.id, prompt: block.prompt, start, end, stale }));
+  if (project.past) {
+    const end = project.past.shape[0] / project.past.fps;
+    rows.unshift({ id: "import", prompt: project.past.captions?.[0]?.text || "imported motion", start: 0, end });
+  }
+  return {
+    rows,
+    among,
+    end: rows.at(-1)?.end ?? 0,
+    time,
+    span: span?.map((frame) => frame / fps),
+    selected,
+    pieces: story.pieces(),
+    fixed: false,
+  };
+}
