@@ -3,7 +3,12 @@ import {Matrix4, Quaternion, Vector3} from 'three';
 
 // Axis of elbows and knees in the T-pose.
 const HINGES = {left_shoulder: [0, -1, 0], right_shoulder: [0, 1, 0], left_hip: [1, 0, 0], right_hip: [1, 0, 0]};
-const STRAIGHT = 0.15, BENT = 0.45;  // sine of the bend from which a limb begins to go, and goes, by its hinge
+// Where the bones below them point in an easy pose, from which the turn to anywhere else is never ambiguous.
+const EASY = {
+  left_shoulder: [0.45, -0.55, 0.7], right_shoulder: [-0.45, -0.55, 0.7],
+  left_hip: [0.1, -0.85, 0.5], right_hip: [-0.1, -0.85, 0.5],
+};
+const UNSURE = 0.08;  // what a bend is weighed against: a limb that hardly bends hardly says where its hinge is
 
 export class Turns {
   // names, parents: of the joints; rest: where they are in the T-pose, [[x, y, z], ...].
@@ -15,6 +20,8 @@ export class Turns {
     this.pelvis = [0, at('left_hip'), at('right_hip'), at('spine1')];
     this.chest = [at('spine3'), at('left_shoulder'), at('right_shoulder'), at('neck')];
     this.hinges = names.map((name) => HINGES[name] && new Vector3(...HINGES[name]));
+    this.easy = names.map((name, j) => EASY[name] && new Quaternion().setFromUnitVectors(
+      this.rest[this.children[j][0]].clone().sub(this.rest[j]).normalize(), new Vector3(...EASY[name]).normalize()));
     this.order = [0];
     for (const joint of this.order) this.order.push(...this.children[joint]);
     this.spine = new Map([[at('spine1'), 1 / 3], [at('spine2'), 1 / 2]]);
@@ -46,6 +53,7 @@ export class Turns {
       const turned = rotations[joint].copy(rotations[this.parents[joint]]), child = this.children[joint][0];
       if (child === undefined) continue;
       if (this.spine.has(joint)) turned.slerp(rotations[this.chest[0]], this.spine.get(joint));
+      if (this.easy[joint]) turned.multiply(this.easy[joint]);
       this.swing(turned, joint, child, positions);
       if (this.hinges[joint]) this.twist(turned, joint, child, positions);
     }
@@ -64,13 +72,8 @@ export class Turns {
     const bone = this.a.subVectors(positions[child], positions[joint]).normalize();
     const axis = this.b.subVectors(positions[end], positions[child]).normalize();
     axis.crossVectors(bone, axis.clone());
-    const sine = axis.length();
-    if (sine < STRAIGHT) return;
-    axis.divideScalar(sine);
-    const own = this.c.copy(this.hinges[joint]).applyQuaternion(turned);
-    own.addScaledVector(bone, -own.dot(bone)).normalize();
-    const angle = Math.atan2(bone.dot(own.clone().cross(axis)), own.dot(axis));
-    const weight = Math.min(1, (sine - STRAIGHT) / (BENT - STRAIGHT));
-    turned.premultiply(this.q.setFromAxisAngle(bone, angle * weight));
+    const own = this.c.copy(this.hinges[joint]).applyQuaternion(turned), sine = axis.length();
+    const angle = Math.atan2(bone.dot(own.clone().cross(axis)) * sine, own.dot(axis) * sine + UNSURE);
+    turned.premultiply(this.q.setFromAxisAngle(bone, angle));
   }
 }
