@@ -330,6 +330,24 @@ def test_three_tabs_have_streams_of_their_own(page, address):
   assert not page.get("errors")
 
 
+def test_limbs_are_turned_as_exports_turn_them(page, library):
+  """The page turns joints of a frame alone, exports smooth over time: a few degrees about the limbs' own axes."""
+  from motion_jax.motion.pose import to_pose
+  joints = np.asarray(library.model("tiny", "generate").generate("a person walks", seconds=2.0, seed=1)[0].joints)
+  turned = np.array(page.driver.execute_async_script("""
+    const [frames, done] = arguments, {Turns, three: {Vector3, Quaternion}} = window.motionParts;
+    import("./api.js").then((api) => api.body()).then((body) => {
+      const turns = new Turns(body.names, body.parents, body.rest), all = body.names.map(() => new Quaternion());
+      done(frames.map((frame) => {
+        turns.set(frame.map((place) => new Vector3(...place)), all);
+        return all.map(({w, x, y, z}) => [w, x, y, z]);
+      }));
+    });""", joints.tolist()))
+  cosine = np.abs((turned * to_pose(joints).turned).sum(-1)).clip(0, 1)
+  angle = np.degrees(2 * np.arccos(cosine))
+  assert np.median(angle) < 6 and np.median(angle, axis=0).max() < 20, np.median(angle, axis=0).round(1)
+
+
 def test_it_finds_a_studio_again_that_was_started_again(driver, library):
   with _serving(library, 0) as (port, address):
     driver.get(address)
