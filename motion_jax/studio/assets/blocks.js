@@ -12,7 +12,7 @@ export function ask(timeline, id) {
   timeline.track.querySelector(".words")?.remove();
   const row = timeline.shown.rows.find((one) => one.id === id);
   const input = make("input", "words");
-  Object.assign(input, { value: row?.prompt ?? "", maxLength: 1000, placeholder: "what does the person do?" });
+  Object.assign(input, { value: row?.prompt ?? "", placeholder: "what does the person do?" });
   input.setAttribute("aria-label", "words of the block");
   input.style.left = `${Math.max(4, Math.min(timeline.place(row?.start ?? timeline.shown.end), timeline.width - 230))}px`;
   if (row) input.style.width = `${Math.max(220, timeline.place(row.end) - timeline.place(row.start))}px`;

@@ -3,12 +3,14 @@ import { open } from "./stream.js";
 
 const KEPT = 12_000; // frames: ten minutes
 const DROPPED = 1200; // that go at once when there are more
+const GONE = "the studio has gone; trying to reach it again";
 const AGAIN = 1000; // milliseconds until the page tries to reach the studio again
 
 export class Live {
-  // tell(sentence, isError): for the user; changed(): something that is shown has changed.
-  constructor(token, tell, changed) {
-    Object.assign(this, { token, tell, changed });
+  // tell(sentence, isError): for the user; forget(sentence): it is true no longer; changed(): something that is shown
+  // has changed; check(): asks the studio whether it would let this page in.
+  constructor(token, { tell, forget, changed, check }) {
+    Object.assign(this, { token, tell, forget, changed, check });
     this.state = "connecting";
     this.choices = { prompt: "a person walks forward", speed: 1, keep_going: true };
     this.reconnects = this.missed = 0;
@@ -54,13 +56,15 @@ export class Live {
 
   opened() {
     this.connected = true;
+    this.forget(GONE);
     if (this.reconnects) this.tell("the studio is there again; the motion begins anew", false);
     this.send({ type: "start", ...this.choices });
     this.changed();
   }
 
   lost() {
-    if (this.connected) this.tell("the studio has gone; trying to reach it again", true);
+    if (this.connected) this.tell(GONE, true);
+    else this.check();
     if (this.connected) this.reconnects += 1;
     this.connected = false;
     this.state = "lost";
@@ -86,6 +90,7 @@ export class Live {
       this.progress = null;
     } else if (message.type === "words") {
       this.words = this.words.filter((one) => one.from < message.from_frame);
+      this.choices.prompt = message.prompt;
       this.words.push({ words: message.words, prompt: message.prompt, from: message.from_frame });
       if (message.unknown.length) {
         const nearest = message.nearest ? `; what it knows and comes nearest is “${message.nearest}”` : "";
@@ -95,6 +100,7 @@ export class Live {
       this.state = message.state;
       this.progress = message.doing ? message : null;
     } else if (message.type === "error") {
+      this.said = null;
       this.tell(message.message, true);
     }
     this.changed();
@@ -173,7 +179,6 @@ export class Live {
   }
 
   say(prompt) {
-    this.choices.prompt = prompt;
     this.said = { at: performance.now(), after: this.words.at(-1)?.words ?? 0 };
     this.send({ type: "prompt", prompt });
   }

@@ -9,7 +9,7 @@ import { Panels } from "./panels.js";
 import { Player } from "./player.js";
 import { picture } from "./picture.js";
 import { liveRows, storyRows } from "./rows.js";
-import { initial, reduce, snapped } from "./state.js";
+import { MOST_BLOCKS, initial, reduce, snapped } from "./state.js";
 import { Story } from "./story.js";
 import { expose } from "./testing.js";
 import { Timeline } from "./timeline.js";
@@ -34,7 +34,12 @@ const tell = (sentence, error) => notes.tell(sentence, error);
 const changed = () => {
   studio.dirty = true;
 };
-const live = (studio.live = new Live(api.token, tell, changed));
+const live = (studio.live = new Live(api.token, {
+  tell,
+  changed,
+  forget: (sentence) => notes.forget(sentence),
+  check: checkToken,
+}));
 const story = (studio.story = new Story(api, { tell, changed, state: () => studio.state, act }));
 let waiting = null;
 
@@ -137,7 +142,11 @@ const timeline = (studio.timeline = new Timeline($("timeline"), {
   resize: (id, length) => act({ type: "resize", id, seconds: length, step: live.blockFrames / live.fps }),
   remove: (id) => act(id === "import" ? { type: "importMotion", motion: null } : { type: "remove", id }),
   move: (id, index) => act({ type: "move", id, index }),
-  add: (prompt) => act({ type: "add", prompt }),
+  add: (prompt) => {
+    if (studio.state.project.blocks.length >= MOST_BLOCKS)
+      tell(`there are ${MOST_BLOCKS} blocks, which is the most`, true);
+    else act({ type: "add", prompt });
+  },
   span: studio.mark,
 }));
 
@@ -204,6 +213,15 @@ function tick(now) {
   last = now;
   drawAll(passed);
   requestAnimationFrame(tick);
+}
+
+// A studio that was started again may have another token, and lets this page in no more.
+async function checkToken() {
+  const refused = await api.models().then(
+    () => null,
+    (error) => error.message,
+  );
+  if (refused?.includes("token") && !notes.all.includes(refused)) tell(refused, true);
 }
 
 async function watchModels() {

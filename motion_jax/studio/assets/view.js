@@ -28,7 +28,7 @@ export class View {
 
   // Puts the camera in front of the origin.
   frame(x = 0, z = 0) {
-    const { camera, controls, fog } = this.stage,
+    const { camera, controls } = this.stage,
       distance = 6.2;
     controls.target.set(x, 0.95, z);
     camera.position.set(x + distance * 0.6, 0.95 + distance * 0.25, z + distance * 0.75);
@@ -62,6 +62,12 @@ export class View {
     if (skin) this.stage.scene.add(figure.skin.group);
     this.stage.scene.add(figure.sticks);
     return figure;
+  }
+
+  // Whose parents nobody told hang on the root.
+  parentsOf(motion, given) {
+    if (given?.length === motion.count) return given;
+    return motion.count === this.body.parents.length ? this.body.parents : Array(motion.count).fill(0);
   }
 
   drop(figure) {
@@ -115,7 +121,7 @@ export class View {
     shown.forEach(({ motion, at, anew, parents }, i) => {
       if (this.figures[i]?.count !== motion.count) {
         if (this.figures[i]) this.drop(this.figures[i]);
-        this.figures[i] = this.makeFigure(motion.count, parents ?? this.body.parents);
+        this.figures[i] = this.makeFigure(motion.count, this.parentsOf(motion, parents));
       }
       const figure = this.figures[i];
       this.pose(figure, motion, at, i * LANE);
@@ -178,7 +184,7 @@ export class View {
       this.drop(this.ghosts.pop());
     }
     wanted.forEach((frame, i) => {
-      this.ghosts[i] ??= this.makeFigure(motion.count, this.body.parents, 0.22);
+      this.ghosts[i] ??= this.makeFigure(motion.count, this.parentsOf(motion), 0.22);
       this.pose(this.ghosts[i], motion, frame);
     });
   }

@@ -5,6 +5,7 @@ import { test } from "node:test";
 import { Live } from "./live.js";
 import { contacts, curves, footprints, fromJson, madeAnew, part, toJson } from "./motion.js";
 import { Player } from "./player.js";
+import { liveRows } from "./rows.js";
 import { between, indexAt, panned, showing, zoomed } from "./scale.js";
 import { initial, keyOf, placed, reduce, saved, snapped } from "./state.js";
 import { Story, joined } from "./story.js";
@@ -307,11 +308,8 @@ test("spans that meet are joined", () => {
 function live() {
   const told = [],
     said = [],
-    page = new Live(
-      "token",
-      (text) => told.push(text),
-      () => {},
-    );
+    nothing = () => {},
+    page = new Live("token", { tell: (text) => told.push(text), forget: nothing, changed: nothing, check: nothing });
   page.stream = { send: (message) => said.push(message) };
   page.connected = true;
   page.message({
@@ -388,6 +386,38 @@ test("new words count from their frame on, and looking back moves nothing", () =
       ["wave", 1.2, 2.4],
     ],
   );
+});
+
+test("words that the studio refuses are told and are not those that it begins with again", () => {
+  const { page, told } = live();
+  page.say("x".repeat(10_000));
+  page.message({ type: "error", message: "got a prompt of 10,000 characters, expected at most 1,000", fatal: false });
+  assert.equal(page.choices.prompt, "walk");
+  assert.deepEqual(told, ["got a prompt of 10,000 characters, expected at most 1,000"]);
+  assert.equal(page.said, null);
+});
+
+test("the timeline of a stream shows what was said, what is there and what is under way", () => {
+  const { page, block } = live();
+  block(0);
+  page.message({ type: "words", words: 2, prompt: "wave", from_frame: 18, unknown: [] });
+  page.message({ type: "words", words: 3, prompt: "sit", from_frame: 90, unknown: [] });
+  const { rows, pieces, fixed } = liveRows(page);
+  assert.deepEqual(
+    rows.map(({ prompt, start, end }) => [prompt, start, end]),
+    [
+      ["walk", 0, 0.9],
+      ["wave", 0.9, 1.2],
+    ],
+  );
+  assert.deepEqual(
+    pieces.map(({ start, end, kind }) => [start, end, kind]),
+    [
+      [0, 0.6, "there"],
+      [0.6, 1.2, "flight"],
+    ],
+  );
+  assert.ok(fixed);
 });
 
 test("a stream of hours keeps its last minutes", () => {
