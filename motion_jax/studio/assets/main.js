@@ -8,8 +8,8 @@ import { Notes } from "./notes.js";
 import { Panels } from "./panels.js";
 import { Player } from "./player.js";
 import { picture } from "./picture.js";
-import { liveRows, storyRows } from "./rows.js";
-import { MOST_BLOCKS, initial, reduce, snapped } from "./state.js";
+import { liveRows, saidProject, storyRows } from "./rows.js";
+import { MOST_BLOCKS, initial, reduce } from "./state.js";
 import { Story } from "./story.js";
 import { expose } from "./testing.js";
 import { Timeline } from "./timeline.js";
@@ -120,18 +120,11 @@ studio.markOut = () => {
   studio.mark(from >= 0 && from < studio.time() ? from : Math.max(0, studio.time() - 1), studio.time());
 };
 
-/** What was said live, as blocks: the same words, lengths and seed make the same motion. */
+/** What was said live, as blocks on the timeline. */
 studio.toTimeline = () => {
-  const { captions } = live.motion(),
-    { project } = studio.state;
-  if (!captions.length) return tell("nothing has been made yet", true);
-  const step = live.blockFrames / live.fps;
-  const blocks = captions.map(({ text, start, end }) => ({ prompt: text, seconds: snapped(end - start, step) }));
-  const seeds = [live.choices.seed ?? 0];
-  act({
-    type: "open",
-    project: { ...project, blocks: blocks.slice(-64), seeds, chosen: 0, edits: [], past: null, model: live.model },
-  });
+  const said = saidProject(live, studio.state.project);
+  if (!said.blocks.length) return tell("nothing has been made yet", true);
+  act({ type: "open", project: said });
   studio.setMode("story");
 };
 

@@ -1,5 +1,5 @@
 // What stands on the timeline, in seconds; no browser is needed here.
-import { placed } from "./state.js";
+import { MOST_BLOCKS, placed, snapped } from "./state.js";
 
 /** Of a stream: what was said, what is there and what is under way. */
 export function liveRows(live) {
@@ -41,4 +41,15 @@ export function storyRows({ project, selected, span }, story, time) {
     pieces: story.pieces(),
     fixed: false,
   };
+}
+
+/** What was said live as a project: the same words, lengths, seed and model make the same motion. */
+export function saidProject(live, project) {
+  const step = live.blockFrames / live.fps;
+  const blocks = live
+    .motion()
+    .captions.map(({ text, start, end }) => ({ prompt: text, seconds: snapped(end - start, step) }));
+  const seeds = [live.choices.seed ?? 0],
+    model = live.model ?? project.model;
+  return { ...project, blocks: blocks.slice(-MOST_BLOCKS), seeds, chosen: 0, edits: [], past: null, model };
 }
