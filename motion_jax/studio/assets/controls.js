@@ -164,7 +164,7 @@ export function bind(studio) {
       inLive && live.blocks
         ? `${live.lead.toFixed(1)} s ahead, ${flight.toFixed(1)} s in flight, block ${live.sampling.toFixed(0)} ms` +
             (live.latency === null ? "" : `, words after ${live.latency.toFixed(1)} s`)
-        : !inLive && story.reply
+        : !inLive && story.reply?.same_frames
           ? `${story.reply.same_frames} frames as before`
           : "",
     );

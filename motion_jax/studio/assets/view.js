@@ -22,8 +22,13 @@ export class View {
     this.steps = this.makeSteps();
     this.way = null;
     this.frame();
-    new ResizeObserver(() => this.stage.resize()).observe(element);
+    new ResizeObserver(() => this.resize()).observe(element);
+    this.resize();
+  }
+
+  resize() {
     this.stage.resize();
+    this.stage.draw();
   }
 
   // Puts the camera in front of the origin.
