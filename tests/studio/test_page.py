@@ -91,7 +91,7 @@ def driver(tmp_path_factory):
   options = webdriver.ChromeOptions()
   options.binary_location = CHROMIUM
   for flag in ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--use-angle=swiftshader",
-               "--enable-unsafe-swiftshader", "--window-size=1200,900", "--hide-scrollbars"):
+               "--enable-unsafe-swiftshader", "--window-size=1000,800", "--hide-scrollbars"):
     options.add_argument(flag)
   options.add_experimental_option("prefs", {"download.default_directory": str(folder)})
   options.set_capability("goog:loggingPrefs", {"browser": "ALL"})

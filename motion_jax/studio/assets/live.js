@@ -80,6 +80,7 @@ export class Live {
   message(message) {
     if (message.type === "started") {
       this.clear();
+      if (message.sequence) this.send({ type: "ack", sequence: message.sequence - 1 }); // an older run is played no more
       this.run = message.run;
       this.fps = message.fps;
       this.blockFrames = message.block_frames;

@@ -48,6 +48,7 @@ function act(action) {
   const before = studio.state;
   studio.state = reduce(before, action);
   changed();
+  drawTimeline();
   if (studio.state.project === before.project || action.type === "model") return;
   const { blocks, past } = studio.state.project;
   clearTimeout(waiting);
@@ -70,6 +71,7 @@ studio.setMode = (mode) => {
   if (mode === "story") studio.player.load(story.shown);
   timeline.window = { start: 0, end: 12 };
   changed();
+  drawTimeline();
 };
 
 /** The motion that is on the screen. */
@@ -178,6 +180,10 @@ const panels = (studio.panels = new Panels({
 bind(studio);
 expose(studio);
 
+function drawTimeline() {
+  timeline.draw(studio.mode === "live" ? liveRows(live) : storyRows(studio.state, story, studio.player.time));
+}
+
 function drawAll(passed) {
   const before = studio.time(),
     motion = story.shown;
@@ -191,7 +197,7 @@ function drawAll(passed) {
   if (moved && (studio.mode === "story" ? studio.player.playing : live.state === "running"))
     timeline.reveal(studio.time());
   if (moved || studio.dirty) {
-    timeline.draw(studio.mode === "live" ? liveRows(live) : storyRows(studio.state, story, studio.player.time));
+    drawTimeline();
     if (!$("curves").hidden) showCurves(studio);
   }
   if (studio.dirty) panels.draw();

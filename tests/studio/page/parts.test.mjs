@@ -388,6 +388,15 @@ test("new words count from their frame on, and looking back moves nothing", () =
   );
 });
 
+test("what was not played of an older run is acknowledged when another one begins", () => {
+  const { page, said, block } = live();
+  block(0);
+  block(1);
+  page.message({ type: "started", run: 2, sequence: 2, fps: 20, joints: Array(22).fill("j"), parents: [], block_frames: 12 });
+  assert.deepEqual(said, [{ type: "ack", sequence: 1 }]);
+  assert.equal(page.end, 0);
+});
+
 test("words that the studio refuses are told and are not those that it begins with again", () => {
   const { page, told } = live();
   page.say("x".repeat(10_000));
