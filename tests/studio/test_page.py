@@ -96,6 +96,7 @@ def driver(tmp_path_factory):
   options.add_experimental_option("prefs", {"download.default_directory": str(folder)})
   options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
   driver = webdriver.Chrome(options, webdriver.ChromeService(DRIVER))
+  driver.implicitly_wait(3)
   driver.folder = folder
   yield driver
   driver.quit()
