@@ -24,6 +24,7 @@ from motion_jax.studio.limits import Bucket, Limits
 from motion_jax.studio.making import Maker
 from motion_jax.studio.streams import Stream
 
+_UNSENT = 1000  # messages that wait for a page that does not read
 ASSETS = pathlib.Path(__file__).parent / "assets"
 _TYPES = {".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=utf-8",
           ".css": "text/css; charset=utf-8", ".svg": "image/svg+xml",
@@ -131,9 +132,15 @@ class Studio:
     outbox: asyncio.Queue[Any] = asyncio.Queue()
     loop = asyncio.get_running_loop()
 
+    def put(item):
+      if outbox.qsize() < _UNSENT:
+        outbox.put_nowait(item)
+      else:  # blocks wait to be acknowledged, so this is a page that asks and asks and reads no answer
+        receiver.cancel()
+
     def send(item):
       with contextlib.suppress(RuntimeError):  # the loop has ended, and the page with it
-        loop.call_soon_threadsafe(outbox.put_nowait, item)
+        loop.call_soon_threadsafe(put, item)
 
     stream = Stream(self.library, self.limits, send)
     self.streams.add(stream)

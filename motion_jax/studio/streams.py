@@ -17,6 +17,7 @@ from motion_jax.studio.wire import Block, pack
 
 AHEAD = 3           # blocks that are sent before the page has acknowledged the first of them: 1.8 s
 _BEHIND = 8         # frames before a block that its contacts are told by, too
+_WAITING = 200      # messages of a page that wait while a model compiles or a block is sampled
 _log = logging.getLogger("motion_jax.studio")
 
 
@@ -56,6 +57,8 @@ class Stream:
     action = known[kind](fields)
     fields.done()
     with self._wake:
+      if len(self._inbox) >= _WAITING:
+        raise InputError(f"{_WAITING} messages wait to be done already; wait a moment")
       self._inbox.append(action)
       self._wake.notify()
 
@@ -80,11 +83,7 @@ class Stream:
     if choices["seed"] is None:
       choices["seed"] = secrets.randbelow(1 << 31)
 
-    def start():
-      self._choices, self._speed, self._keep_going, self._ahead = choices, speed, going, ahead
-      self._begin()
-
-    return start
+    return lambda: self._begin(choices, _speed=speed, _keep_going=going, _ahead=ahead)
 
   def _told_prompt(self, fields):
     prompt, after = fields.prompt(), fields.number("after", 0, 3600, None)
@@ -95,9 +94,8 @@ class Stream:
 
     def restart():
       if self._started():
-        self._choices |= {"prompt": prompt or self._choices["prompt"],
-                          "seed": self._choices["seed"] if seed is None else seed}
-        self._begin()
+        self._begin(self._choices | {"prompt": prompt or self._choices["prompt"],
+                                     "seed": self._choices["seed"] if seed is None else seed})
 
     return restart
 
@@ -185,8 +183,8 @@ class Stream:
       self._send({"type": "error", "fatal": False, "message": "there is no stream yet; begin one with a start message"})
     return self._live is not None
 
-  def _begin(self):
-    choices, self._live = self._choices, None
+  def _begin(self, choices, **settings):
+    """Another motion, with attributes of this stream that are set with it; where it cannot be, the older one goes on."""
     model = self._model(choices["name"])
     if model is None:
       return
@@ -194,7 +192,9 @@ class Stream:
     with told_plainly():
       live = model.stream(choices["prompt"], seed=choices["seed"], num_frames=choices["frames"],
                           cleanup=choices["cleanup"], **sampling)
-    layout = model.stats.layout.skeleton
+    for name, value in settings.items():
+      setattr(self, name, value)
+    layout, self._choices = model.stats.layout.skeleton, choices
     self._run, self._sent, self._position, self._tail, self._paused = self._run + 1, 0, 0.0, None, False
     self._live = _Live(live, model, layout)
     self._send({"type": "started", "run": self._run, "sequence": self._sequence, "model": choices["name"],

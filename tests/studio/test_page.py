@@ -1,6 +1,6 @@
 """The studio's page in a real browser: it opens, plays, takes words, edits, undoes, exports, finds its studio again.
 
-State is asked of `window.__studio`. Skipped where selenium (extra `browser`) or Chromium is missing.
+State is asked of `window.__studio`. Skipped where selenium (extra `test`) or Chromium is missing.
 """
 import contextlib
 import json
@@ -15,9 +15,10 @@ import pytest
 from tests.studio.conftest import TOKEN
 
 CHROMIUM, DRIVER = (shutil.which(name) for name in ("chromium", "chromedriver"))
-webdriver = pytest.importorskip("selenium.webdriver", reason="needs selenium, the extra `browser`")
+webdriver = pytest.importorskip("selenium.webdriver", reason="needs selenium, of the extra `test`")
 JavascriptException = pytest.importorskip("selenium.common.exceptions").JavascriptException
-pytestmark = pytest.mark.skipif(not (CHROMIUM and DRIVER), reason="there is no chromium with its chromedriver")
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(not (CHROMIUM and DRIVER), reason=
+              "needs a browser, chromium with its chromedriver (Debian: apt install chromium chromium-driver)")]
 PATIENCE = 90  # seconds
 
 
@@ -288,6 +289,10 @@ def test_a_project_is_saved_and_opened(story, tmp_path):
   page.find("#project-file").send_keys(str(path))
   page.wait("blocks.length === 2 && window.__studio.stale === false")
   assert page.get("joints(0, 4)") == frames
+  newer = tmp_path / "newer.json"
+  newer.write_text(json.dumps(json.loads(path.read_text()) | {"version": 2}))
+  page.find("#project-file").send_keys(str(newer))
+  page.wait("errors.some((one) => one.includes('is of version 2'))")
   cut = tmp_path / "cut.json"
   cut.write_text(path.read_text()[:200])
   page.find("#project-file").send_keys(str(cut))
@@ -295,7 +300,7 @@ def test_a_project_is_saved_and_opened(story, tmp_path):
   nothing = tmp_path / "nothing.npz"
   nothing.write_bytes(b"no motion")
   page.find("#motion-file").send_keys(str(nothing))
-  page.wait("errors.length > 1")
+  page.wait("errors.length > 2")
   assert page.prompts() == ["a person walks", "a person jumps"]  # nothing is lost
   assert page.find("#told").text
 
@@ -311,6 +316,66 @@ def test_an_imported_motion_is_gone_on_from(page, tmp_path, library):
   page.add_block("a person jumps")
   page.wait(f"stale === false && window.__studio.busy === null && window.__studio.frames > {frames}")
   assert not page.get("errors")
+
+
+def test_other_sampling_begins_anew_and_is_saved(page):
+  page.wait("live.blocks > 0")
+  page.find("#sampling").click()
+  page.driver.execute_script("document.getElementById('seed').value = '12'")
+  page.find("#sampling-fields input[name=num_steps]").send_keys("4", webdriver.Keys.ENTER)
+  page.wait("live.run === 2 && window.__studio.live.blocks > 0")
+  assert page.get("live.seed") == 12
+  page.find("#to-timeline").click()
+  assert page.get("project.sampling") == {"num_steps": 4} and page.get("project.seeds") == [12]
+  page.wait("stale === false && window.__studio.busy === null")
+  live = page.get("joints(0, 6)")
+  page.find("#sampling").click()
+  page.find("#sampling-fields input[name=num_steps]").send_keys("0", webdriver.Keys.ENTER)  # 40 of them
+  page.wait("stale === false && window.__studio.busy === null && window.__studio.project.sampling.num_steps === 40")
+  assert page.get("joints(0, 6)") != live
+  page.find("#sampling").click()
+  field = page.find("#seed")
+  field.clear()
+  field.send_keys("-1", webdriver.Keys.ENTER)
+  assert "whole number" in page.find("#sampling-told").text and page.get("project.seeds") == [12]
+  field.send_keys(webdriver.Keys.ESCAPE)
+
+
+def test_what_cannot_be_made_is_told_and_nothing_is_lost(page):
+  page.wait("live.blocks > 0")
+  say = "const field = document.getElementById('prompt'); field.value = arguments[0]; field.form.requestSubmit();"
+  page.driver.execute_script(say, "x" * 10_000)
+  page.wait("errors.some((one) => one.includes('10,000 characters'))")
+  page.driver.execute_script(say, "  ")
+  page.wait("errors.length === 2")
+  page.driver.execute_script(say, "a person waves 👋🏽 \u202e<script>alert(1)</script>")
+  page.wait("live.words.length === 2")
+  assert "👋🏽" in page.get("prompts")[1] and page.get("live.run") == 1
+  page.find("#mode-story").click()
+  page.find("#make").click()
+  page.wait("errors.some((one) => one.includes('timeline is empty'))")
+  page.find("#save").click()
+  page.wait("errors.some((one) => one.includes('no blocks to save'))")
+  page.find("#export").click()
+  page.wait("errors.some((one) => one.includes('no motion to export'))")
+  page.driver.execute_script("document.getElementById('auto').checked = false")
+  page.add_block("a person walks 🙂")
+  edge = page.find(".block .edge")
+  page.drag(edge, -edge.location["x"])
+  assert page.get("blocks[0].seconds") == 0.6 and page.prompts() == ["a person walks 🙂"]
+  assert all("\n" not in one for one in page.get("errors"))
+
+
+def test_a_tab_that_hangs_stops_its_stream_and_goes_on(page, studio):
+  page.wait("live.blocks > 2")
+  stream = next(iter(studio.streams))
+  page.driver.execute_script("setTimeout(() => { const end = Date.now() + 7000; while (Date.now() < end); }, 20)")
+  time.sleep(4)
+  sent = stream._sequence
+  time.sleep(2)
+  assert stream._sequence == sent  # nothing is sampled for a page that acknowledges nothing
+  assert page.wait(f"live.end > {12 * (sent + 3)} && window.__studio.live.connected")
+  assert page.get("live.run") == 1 and not page.get("errors")
 
 
 def test_three_tabs_have_streams_of_their_own(page, address):

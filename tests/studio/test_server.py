@@ -58,6 +58,25 @@ def test_a_socket_that_stops_reading_holds_nothing(address, studio):
     time.sleep(0.02)
 
 
+def test_a_flood_of_messages_ends_its_own_stream_alone(address, studio):
+  from websockets.exceptions import ConnectionClosed
+  client = Client(address)
+  with client.stream("a person walks", seed=3, speed=0) as quiet:
+    next(iter(quiet))
+    flood = client.stream("a person walks", seed=3, speed=0)
+    with pytest.raises(ConnectionClosed):
+      for i in range(20_000):
+        flood.say(f"a person walks {i}")
+    deadline = time.monotonic() + 20
+    while len(studio.streams) > 1:
+      assert time.monotonic() < deadline
+      time.sleep(0.02)
+    for _, _ in zip(range(4), quiet):
+      pass
+    assert quiet.last["sequence"] == 4
+    flood.close()
+
+
 def test_the_client_needs_no_jax():
   code = "import motion_jax.client, sys; assert not {'jax', 'starlette', 'scipy'} & set(sys.modules)"
   assert subprocess.run([sys.executable, "-c", code], env=devices_env(1), check=False).returncode == 0

@@ -1,4 +1,5 @@
 """One WebSocket, one motion: every message, what it changes, and what a page that misbehaves gets."""
+import asyncio
 import contextlib
 import json
 import threading
@@ -8,7 +9,8 @@ import numpy as np
 import pytest
 from starlette.websockets import WebSocketDisconnect
 
-from motion_jax.studio import streams, wire
+from motion_jax.inputs.errors import InputError
+from motion_jax.studio import app, streams, wire
 from motion_jax.studio.limits import Limits
 from tests.studio.conftest import SOCKET, TOKEN
 
@@ -209,6 +211,46 @@ def test_what_cannot_be_is_told_and_the_stream_goes_on(page, message, told):
   assert told in error["message"] and not error["fatal"] and "\n" not in error["message"]
   page.send(type="start", prompt="a person walks 🙂", seed=1, speed=0)
   page.more(1)
+
+
+def test_choices_that_cannot_be_leave_the_motion_that_runs(page):
+  page.send(type="start", prompt="a person walks", seed=1, speed=0, ahead=2)
+  page.more(2)
+  page.send(type="start", prompt="a person jumps", seed=2, speed=1, sampling={"bogus": 1})
+  assert "bogus" in page.until(type="error")["message"]
+  page.more(4)
+  page.send(type="restart")
+  page.until(type="started", run=2, seed=1, ahead=2)
+
+
+def test_messages_that_wait_are_bounded():
+  from motion_jax.studio.library import Library
+  stream = streams.Stream(Library(["never"]), Limits(), lambda message: None)  # whose model is never ready
+  try:
+    stream.tell({"type": "start", "prompt": "a person walks"})
+    with pytest.raises(InputError, match="200 messages wait"):
+      for _ in range(300):
+        stream.tell({"type": "pause"})
+    assert len(stream._inbox) <= 200
+  finally:
+    stream.close()
+    assert stream.join(10)
+
+
+def test_a_page_that_asks_and_never_reads_is_let_go(client, studio, monkeypatch):
+  async def full(socket, outbox):
+    await asyncio.sleep(60)
+
+  monkeypatch.setattr(app, "_deliver", full)
+  monkeypatch.setattr(app, "_UNSENT", 4)
+  with client.websocket_connect(URL) as socket:
+    page = Page(socket)
+    page.send(type="start", prompt="a person walks", seed=1, speed=0)
+    for _ in range(4):
+      page.send(type="prompt", prompt="a person jumps")
+    stream = next(iter(studio.streams))
+    assert stream.join(20)
+  assert not studio.streams and studio.places == 0
 
 
 def test_no_json_and_no_number_are_told(page):

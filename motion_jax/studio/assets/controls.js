@@ -88,10 +88,6 @@ export function bind(studio) {
       story.make(studio.state.project.seeds.map((_, take) => take));
     again();
   };
-  $("model").onchange = () => {
-    const model = studio.models.find((one) => one.name === $("model").value);
-    act({ type: "set", fields: { model: { name: model.name, id: model.id ?? "" } } });
-  };
   $("mark-in").onclick = () => studio.markIn();
   $("mark-out").onclick = () => studio.markOut();
 
@@ -109,13 +105,7 @@ export function bind(studio) {
   // The models that can tell a story, once they are known.
   studio.modelsCame = () => {
     const able = studio.models.filter((model) => model.abilities?.includes("multi_prompt"));
-    const names = able.map((model) => model.name),
-      select = $("model"),
-      { model } = studio.state.project;
-    if ([...select.options].map((option) => option.value).join() !== names.join()) {
-      select.replaceChildren(...names.map((name) => new Option(name, name)));
-    }
-    select.hidden = names.length < 2;
+    const { model } = studio.state.project;
     const known = able.find((one) => one.name === model.name) ?? (model.name ? null : able[0]);
     if (known && known.id !== model.id) act({ type: "model", model: { name: known.name, id: known.id ?? "" } });
     for (const failed of studio.models.filter((one) => one.state === "failed")) {
@@ -171,8 +161,6 @@ export function bind(studio) {
     $("undo").disabled = !studio.state.past.length;
     $("redo").disabled = !studio.state.future.length;
     if ($("cleanup").checked !== studio.state.project.cleanup) $("cleanup").checked = studio.state.project.cleanup;
-    if (studio.state.project.model.name && $("model").value !== studio.state.project.model.name)
-      $("model").value = studio.state.project.model.name;
   };
 }
 

@@ -13,6 +13,7 @@ export class Live {
     Object.assign(this, { token, tell, forget, changed, check });
     this.state = "connecting";
     this.choices = { prompt: "a person walks forward", speed: 1, keep_going: true };
+    this.asked = null; // other choices, until the studio has begun with them
     this.reconnects = this.missed = 0;
     this.progress = null;
     this.connected = this.closed = false;
@@ -56,6 +57,7 @@ export class Live {
 
   opened() {
     this.connected = true;
+    this.asked = null;
     this.forget(GONE);
     if (this.reconnects) this.tell("the studio is there again; the motion begins anew", false);
     this.send({ type: "start", ...this.choices });
@@ -86,7 +88,8 @@ export class Live {
       this.blockFrames = message.block_frames;
       this.parents = message.parents;
       this.count = message.joints.length;
-      this.choices.seed = message.seed;
+      this.choices = { ...this.choices, ...this.asked, seed: message.seed };
+      this.asked = null;
       this.model = { name: message.model, id: message.id };
       this.progress = null;
     } else if (message.type === "words") {
@@ -101,7 +104,7 @@ export class Live {
       this.state = message.state;
       this.progress = message.doing ? message : null;
     } else if (message.type === "error") {
-      this.said = null;
+      this.said = this.asked = null;
       this.tell(message.message, true);
     }
     this.changed();
@@ -192,6 +195,12 @@ export class Live {
 
   resume() {
     this.send({ type: "resume" });
+  }
+
+  /** Begins anew with other choices: {model, seed, sampling}; where the studio refuses them, nothing changes. */
+  begin(choices) {
+    this.asked = choices;
+    this.send({ type: "start", ...this.choices, ...choices });
   }
 
   restart() {

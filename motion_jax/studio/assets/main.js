@@ -9,6 +9,7 @@ import { Panels } from "./panels.js";
 import { Player } from "./player.js";
 import { picture } from "./picture.js";
 import { liveRows, saidProject, storyRows } from "./rows.js";
+import { Sampling } from "./sampling.js";
 import { MOST_BLOCKS, initial, reduce } from "./state.js";
 import { Story } from "./story.js";
 import { expose } from "./testing.js";
@@ -177,6 +178,7 @@ const panels = (studio.panels = new Panels({
   editor: studio.editor,
   models: () => studio.models,
 }));
+new Sampling(studio);
 bind(studio);
 expose(studio);
 

@@ -50,6 +50,8 @@ export function saidProject(live, project) {
     .motion()
     .captions.map(({ text, start, end }) => ({ prompt: text, seconds: snapped(end - start, step) }));
   const seeds = [live.choices.seed ?? 0],
-    model = live.model ?? project.model;
-  return { ...project, blocks: blocks.slice(-MOST_BLOCKS), seeds, chosen: 0, edits: [], past: null, model };
+    model = live.model ?? project.model,
+    sampling = live.choices.sampling ?? {};
+  const made = { blocks: blocks.slice(-MOST_BLOCKS), seeds, chosen: 0, cleanup: true, sampling, model };
+  return { ...project, ...made, edits: [], past: null };
 }

@@ -5,7 +5,8 @@ import { test } from "node:test";
 import { Live } from "./live.js";
 import { contacts, curves, footprints, fromJson, madeAnew, part, toJson } from "./motion.js";
 import { Player } from "./player.js";
-import { liveRows } from "./rows.js";
+import { liveRows, saidProject } from "./rows.js";
+import { read, readSeed } from "./sampling.js";
 import { between, indexAt, panned, showing, zoomed } from "./scale.js";
 import { initial, keyOf, placed, reduce, saved, snapped } from "./state.js";
 import { Story, joined } from "./story.js";
@@ -404,6 +405,29 @@ test("words that the studio refuses are told and are not those that it begins wi
   assert.equal(page.choices.prompt, "walk");
   assert.deepEqual(told, ["got a prompt of 10,000 characters, expected at most 1,000"]);
   assert.equal(page.said, null);
+});
+
+test("other choices of sampling count once the studio has begun with them", () => {
+  const { page, said, block } = live();
+  page.begin({ model: "other", seed: 7, sampling: { num_steps: 9 } });
+  assert.deepEqual([said[0].type, said[0].prompt, said[0].seed, said[0].sampling], ["start", "walk", 7, { num_steps: 9 }]);
+  page.message({ type: "error", message: "got num_steps 9", fatal: false });
+  page.message({ type: "words", words: 2, prompt: "wave", from_frame: 12, unknown: [] });
+  assert.deepEqual([page.choices.seed, page.choices.sampling], [4, undefined]); // refused, so all is as it was
+  page.begin({ model: "other", seed: 7, sampling: { num_steps: 10 } });
+  page.message({ type: "started", run: 2, seed: 7, fps: 20, joints: Array(22).fill("j"), parents: [], block_frames: 12 });
+  page.message({ type: "words", words: 3, prompt: "wave", from_frame: 0, unknown: [] });
+  assert.deepEqual([page.choices.seed, page.choices.sampling], [7, { num_steps: 10 }]);
+  page.run = 1;
+  block(0);
+  const made = saidProject(page, { ...initial().project, cleanup: false, edits: [{}] });
+  assert.deepEqual([made.seeds, made.sampling, made.cleanup, made.edits], [[7], { num_steps: 10 }, true, []]);
+});
+
+test("numbers of sampling are read, and what is none is told", () => {
+  assert.deepEqual([read("steps", ""), read("guidance", " 2.5 "), readSeed("4294967295")], [null, 2.5, 4294967295]);
+  assert.throws(() => read("steps", "many"), /got steps many, expected a number/);
+  for (const text of ["", "-1", "1.5", "4294967296", "x"]) assert.throws(() => readSeed(text), /seed/);
 });
 
 test("the timeline of a stream shows what was said, what is there and what is under way", () => {
