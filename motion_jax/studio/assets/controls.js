@@ -147,7 +147,7 @@ export function bind(studio) {
     const playing = inLive ? state === "running" : player.playing;
     put("play", playing ? "❚❚" : "▶");
     put("time", inLive ? `${live.time.toFixed(1)} s` : `${player.time.toFixed(2)} s, frame ${player.frame}`);
-    put("caption", inLive ? (live.at(live.time * live.fps)?.prompt ?? "") : captionAt(story.shown, player.time));
+    put("caption", inLive ? (live.frames ? (live.at(live.time * live.fps)?.prompt ?? "") : progress ? how : "") : captionAt(story.shown, player.time));
     const flight = Math.max(0, live.begun - live.committed) / live.fps;
     put(
       "numbers",

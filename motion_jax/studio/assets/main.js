@@ -18,6 +18,7 @@ import { View } from "./view.js";
 
 const $ = (id) => document.getElementById(id);
 const CHANGED_AFTER = 300; // milliseconds after the last change that a motion is made anew
+const LONGEST_FRAME = 1; // seconds between two drawings that the clock takes for played; a hidden tab draws nothing
 const ASKED_AGAIN = 1000; // milliseconds between two questions how far the models are
 
 const notes = new Notes($("told"));
@@ -210,7 +211,7 @@ function drawAll(passed) {
 
 let last = performance.now();
 function tick(now) {
-  const passed = Math.min(Math.max(now - last, 0) / 1000, 0.25);
+  const passed = Math.min(Math.max(now - last, 0) / 1000, LONGEST_FRAME);
   last = now;
   drawAll(passed);
   requestAnimationFrame(tick);

@@ -1,4 +1,4 @@
-// How motions are sampled: seed, steps, guidance and whatever else of a model is a number.
+// How motions are sampled: model, seed, steps, guidance.
 
 const $ = (id) => document.getElementById(id);
 const NAMES = { num_steps: "steps", guidance_scale: "guidance" };
@@ -64,16 +64,18 @@ export class Sampling {
     return this.able.find(({ name }) => name === $("model").value);
   }
 
-  // A field for each number of the chosen model.
+  // A field for each of these that the chosen model has.
   fields(sampling) {
-    const rows = Object.entries(this.chosen.sampling)
-      .filter(([, { usual }]) => typeof usual === "number")
-      .map(([name, { help, usual }]) => {
+    this.others = Object.fromEntries(Object.entries(sampling).filter(([name]) => !(name in NAMES)));
+    const rows = Object.keys(NAMES)
+      .filter((name) => name in this.chosen.sampling)
+      .map((name) => {
+        const { help, usual } = this.chosen.sampling[name];
         const input = Object.assign(document.createElement("input"), { placeholder: usual, inputMode: "decimal" });
         input.name = name;
         input.value = sampling[name] ?? "";
         const label = Object.assign(document.createElement("label"), { title: help });
-        label.append(Object.assign(document.createElement("span"), { textContent: NAMES[name] ?? name }), input);
+        label.append(Object.assign(document.createElement("span"), { textContent: NAMES[name] }), input);
         return label;
       });
     $("sampling-fields").replaceChildren(...rows);
@@ -85,9 +87,9 @@ export class Sampling {
       seed = readSeed($("seed").value);
     const given = [...$("sampling-fields").querySelectorAll("input")].map((input) => [
       input.name,
-      read(NAMES[input.name] ?? input.name, input.value),
+      read(NAMES[input.name], input.value),
     ]);
-    const sampling = Object.fromEntries(given.filter(([, value]) => value !== null));
+    const sampling = { ...this.others, ...Object.fromEntries(given.filter(([, value]) => value !== null)) };
     if (mode === "live" && !live.connected) throw new Error("the studio is not connected; try again when it is");
     if (mode === "live") return live.begin({ model: name, seed, sampling });
     const { seeds, chosen } = state.project;
