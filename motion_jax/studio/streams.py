@@ -184,7 +184,7 @@ class Stream:
     return self._live is not None
 
   def _begin(self, choices, **settings):
-    """Another motion, with attributes of this stream that are set with it; where it cannot be, the older one goes on."""
+    """Another motion, and attributes of this stream that change with it; where it cannot be, the older one goes on."""
     model = self._model(choices["name"])
     if model is None:
       return
