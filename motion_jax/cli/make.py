@@ -2,7 +2,7 @@
 import pathlib
 import time
 
-from motion_jax.cli import shared
+from motion_jax.cli import control, shared
 from motion_jax.cli.prompts import read_prompts, read_sequences
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.numerals import MOTIONS, SEEDS, real, whole
@@ -26,6 +26,7 @@ def add_to(commands):
   length.add_argument("--frames", type=whole(1, 72_000), help="length in frames")
   generate.add_argument("--literal", action="store_true", help="say every sentence to the model as it is; without it "
                         "\"walks, then waves\" and \"waves while walking\" are done action by action")
+  control.add_to(generate)
   _making(generate, "motion.html")
   generate.set_defaults(run=_generate)
 
@@ -86,7 +87,8 @@ def _making(parser, out):
     here = _group(parser, next(iter(methods))) if len(methods) == 1 < len(registry.METHODS) else parser
     here.add_argument(f"--{flag}", type=None if known.read is str else known.read, choices=known.choices, help=told)
   parser.add_argument("--no-cleanup", action="store_true",
-                      help="without foot-skate cleanup and smoothing: as the network made it")
+                      help="without foot-skate cleanup and smoothing, and not brought to what is asked exactly: "
+                           "as the network made it")
   parser.add_argument("--model", default="cmdm-small", help="a run folder or the name of a model that ships")
   parser.add_argument("--out", default=out,
                       help="file to write: .npz .npy .bvh .glb .mp4 .gif .html .png; repeat kinds with commas, as in "
@@ -121,7 +123,11 @@ def _generate(args):
   given = [frames for _, frames in rows for _ in range(args.num)]
   if args.seconds is not None or args.frames is not None:
     given = [args.frames if args.frames is not None else args.seconds * model.fps] * len(prompts)
+  asked = control.constraints_of(args, model)
   literal = args.literal or not model.can("understand")
+  if asked and given[0] is None:
+    from motion_jax.models import controlled
+    given = [controlled.usual_frames(model, asked)] * len(prompts)
   with timing.part("text"):
     model.check_words(list(dict.fromkeys(prompts)), literal)
     asked = list(dict.fromkeys(zip(prompts, given)))
@@ -138,7 +144,9 @@ def _generate(args):
   motions = []
   for piece in progress.each(_pieces(frames, model), "making motions", unit="batch"):
     motions += model.generate(prompts[piece], frames[piece], seeds=seeds[piece], cleanup=not args.no_cleanup,
-                              **(dict(literal=literal) if model.can("understand") else {}), **_sampling(args, model))
+                              **(dict(literal=literal) if model.can("understand") else {}),
+                              **(dict(control=asked, project=not args.no_cleanup) if asked else {}),
+                              **_sampling(args, model))
   _write(args, model, motions, outputs, start)
 
 

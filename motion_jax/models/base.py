@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from motion_jax.control.signal import ControlSignal
 from motion_jax.data.captions import SUBJECTS
 from motion_jax.inputs import former_names
 from motion_jax.inputs.errors import InputError
@@ -188,6 +189,13 @@ class TextToMotionModel(Able):
              cleanup: bool, sampling: dict[str, Any]) -> Any:
     """`results.Motions` of prompts said to the network as they are, a key each. A method has its own."""
     raise NotImplementedError(f"{type(self).__name__} has no `sample` (docs/adding.md)")
+
+  def sample_controlled(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array,
+                        seeds: Sequence[int | None], cleanup: bool, sampling: dict[str, Any], signal: ControlSignal
+                        ) -> Any:
+    """As `sample`, led towards what signal (B, longest) asks, in the frame in which motions begin. A method that can be
+    led has its own; here words alone make the motion, and `control.project` brings it there."""
+    return self.sample(prompts, frames, keys, seeds, cleanup, sampling)
 
   def in_a_row(self, lists: Sequence[Sequence[tuple[str, int]]], keys: jax.Array, seeds: Sequence[int | None],
                cleanup: bool, sampling: dict[str, Any]) -> Any:

@@ -24,11 +24,12 @@ def in_place(joints: Num[Array, "t j 3"]) -> Float[np.ndarray, "t j 3"]:
   return (joints - (joints[:, :1] - joints[:1, :1]) * [1, 0, 1]).astype(np.float32)
 
 
-def looped(joints: Num[Array, "t j 3"], fps: float = 20.0, skeleton: Skeleton = HUMANML3D
+def looped(joints: Num[Array, "t j 3"], fps: float = 20.0, skeleton: Skeleton = HUMANML3D, keep_way: bool = False
            ) -> Float[np.ndarray, "t j 3"]:
   """Joints (T, J, 3) whose last frame has the pose of the first, reached and left at the same speed.
 
-  Played again and again, the last frame is the first of the next round, moved and turned over the ground. Raises
+  Played again and again, the last frame is the first of the next round, moved and turned over the ground. keep_way: the
+  root stays on its way over the ground, and faces as it does, to the centimetre; only poses are changed. Raises
   ValueError for fewer than 4 frames.
   """
   joints = np.asarray(joints, np.float64)
@@ -43,8 +44,9 @@ def looped(joints: Num[Array, "t j 3"], fps: float = 20.0, skeleton: Skeleton = 
   turns = np.diff(heading)
   fade = min(_FADE * fps, (count - 1) / 2)
   body = body + _bridge(body[-1] - body[0], (body[-1] - body[-2]) - (body[1] - body[0]), count, fade)
-  steps = steps + _bridge(steps[-1] - steps[0], np.zeros(3), count - 1, fade)
-  turns = turns + _bridge(turns[-1] - turns[0], 0.0, count - 1, fade)
+  if not keep_way:
+    steps = steps + _bridge(steps[-1] - steps[0], np.zeros(3), count - 1, fade)
+    turns = turns + _bridge(turns[-1] - turns[0], 0.0, count - 1, fade)
   heading = heading[0] + np.append(0.0, np.cumsum(turns))
   ground = ground[0] + np.append(np.zeros((1, 3)), np.cumsum(_turned(steps[:, None], heading[:-1])[:, 0], axis=0), 0)
   result = _turned(body, heading) + ground[:, None]

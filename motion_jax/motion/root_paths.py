@@ -51,6 +51,16 @@ def bent(joints: Num[Array, "t j 3"], angle: Callable[[np.ndarray], np.ndarray],
   steps = np.diff(path, axis=0)
   middle = angle((gone[1:] + gone[:-1]) / 2)
   goal = path[0] + np.append(np.zeros((1, 2)), np.cumsum(_turned(steps, middle), axis=0), axis=0)
+  return along(joints, turn, path, goal, skeleton, fps)
+
+
+def along(joints: Num[Array, "t j 3"], turn: Float[np.ndarray, " t"], path: Float[np.ndarray, "t 2"],
+          goal: Float[np.ndarray, "t 2"], skeleton: Skeleton = HUMANML3D, fps: float = 20.0
+          ) -> Float[np.ndarray, "t j 3"]:
+  """Joints (T, J, 3), each frame turned to the left by turn (T,), radians, about its place on path (T, 2), x and z, and
+  moved from there to goal (T, 2). Each step is turned and moved as a whole, so that standing feet stand."""
+  joints = np.asarray(joints, np.float64)
+  gone = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=-1)))
   body = _moved(joints, turn, path, goal)
   _lean(body, turn, gone, goal, floor_height(joints, skeleton), fps)
   aims = np.empty((2, len(joints), 2, 3))

@@ -13,13 +13,14 @@ from motion_jax.data.clip import Caption, Clip
 from motion_jax.inputs import former_names
 from motion_jax.inputs.config_files import module_fields
 from motion_jax.latents import AutoencoderCodec
-from motion_jax.models import cdamd, composed
+from motion_jax.models import cdamd, controlled
 from motion_jax.models.base import Frames, Prompts, TextToMotionModel, keys_of
 from motion_jax.models.cdamd import draws
 from motion_jax.models.cdamd import length as lengths
 from motion_jax.models.cdamd import mask_schedule as masking
 from motion_jax.models.cdamd.options import CdamdSampling
 from motion_jax.models.cdamd.unmasking import most_unmasked
+from motion_jax.models.controlled import Control
 from motion_jax.models.known_motion import on_our_body
 from motion_jax.models.results import Motion, Motions, captions_in_a_row, features_of, gathered, make_motions
 from motion_jax.motion.blending import join, laid_over
@@ -73,7 +74,8 @@ class CdamdModel(TextToMotionModel):
   @former_names.with_keywords
   def generate(self, prompts: Prompts, num_frames: Frames = None, *, seconds: Frames = None,
                rng: jax.Array | None = None, seeds: Iterable[int] | None = None, cleanup: bool = True,
-               literal: bool = False, **sampling: Any) -> Motions:
+               literal: bool = False, control: Control = None, project: bool = True, **sampling: Any
+               ) -> Motions:
     """Motions for one prompt or several, of the given length each (one number or one per prompt).
 
     A prompt of several actions ("walks, then waves", "waves while walking") is done action by action, as
@@ -86,7 +88,8 @@ class CdamdModel(TextToMotionModel):
     """
     prompts = self.prompts_of(prompts, literal)
     keys, seeds = keys_of(rng, seeds, len(prompts))
-    return composed.generate(self, prompts, num_frames, seconds, keys, seeds, cleanup, literal, sampling)
+    return controlled.generate(self, prompts, num_frames, seconds, keys, seeds, cleanup, literal, sampling, control,
+                               project)
 
   def sample(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, seeds: Sequence[int | None],
              cleanup: bool, sampling: dict[str, Any]) -> Motions:

@@ -7,13 +7,14 @@ import jax
 
 from motion_jax.data.clip import Clip
 from motion_jax.inputs import former_names
-from motion_jax.models import composed
+from motion_jax.models import composed, controlled
 from motion_jax.models.base import Frames, Prompts, keys_of
 from motion_jax.models.cmdm import multi_prompt as multi
 from motion_jax.models.cmdm import streaming
 from motion_jax.models.cmdm.live import LiveStream
 from motion_jax.models.cmdm.networks import CmdmNetworks
 from motion_jax.models.cmdm.options import CmdmSampling
+from motion_jax.models.controlled import Control
 from motion_jax.models.known_motion import on_our_body
 from motion_jax.models.results import Motion, Motions, captions_in_a_row, go_on, make_motions
 from motion_jax.runtime import timing
@@ -29,7 +30,8 @@ class CmdmModel(CmdmNetworks):
   @former_names.with_keywords
   def generate(self, prompts: Prompts, num_frames: Frames = None, *, seconds: Frames = None,
                rng: jax.Array | None = None, seeds: Iterable[int] | None = None, cleanup: bool = True,
-               literal: bool = False, **sampling: Any) -> Motions:
+               literal: bool = False, control: Control = None, project: bool = True, **sampling: Any
+               ) -> Motions:
     """Motions for one prompt or several, of the given length each (one number or one per prompt).
 
     A prompt of several actions ("walks, then waves", "waves while walking") is done action by action, as
@@ -43,7 +45,8 @@ class CmdmModel(CmdmNetworks):
     """
     prompts = self.prompts_of(prompts, literal)
     keys, seeds = keys_of(rng, seeds, len(prompts))
-    return composed.generate(self, prompts, num_frames, seconds, keys, seeds, cleanup, literal, sampling)
+    return controlled.generate(self, prompts, num_frames, seconds, keys, seeds, cleanup, literal, sampling, control,
+                               project)
 
   def sample(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, seeds: Sequence[int | None],
              cleanup: bool, sampling: dict[str, Any]) -> Motions:

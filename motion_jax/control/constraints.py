@@ -1,0 +1,231 @@
+"""The kinds of constraint, a dataclass each: paths, poses, places of hands and feet, loops, parts of the body.
+
+World metres, Y up; times are seconds from the motion's first frame; headings are radians about +Y, 0 = +Z, towards +X.
+`compile` (`control.compiling`) makes arrays of paths, poses and targets; a loop, a motion in its place and kept parts
+are made of the finished motion (`control.finishing`).
+"""
+import dataclasses
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+
+from motion_jax.inputs.errors import InputError
+from motion_jax.inputs.nearest import did_you_mean
+from motion_jax.motion.skeleton import HUMANML3D
+
+# What people call the end of a limb, and Kimodo's names, to the joint that is moved there.
+JOINTS = {name: number for number, name in enumerate(HUMANML3D.joints)} | {
+    "left_hand": 20, "right_hand": 21, "root": 0, "hips": 0}
+KIMODO_JOINTS = {"LeftHand": "left_hand", "RightHand": "right_hand", "LeftFoot": "left_foot",
+                 "RightFoot": "right_foot", "Hips": "pelvis"}
+PARTS = ("legs", "torso", "left_arm", "right_arm", "head")
+_FARTHEST = 1e4  # metres
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Constraint:
+  """Something that a motion is asked to do beside its words; `kind` is its name in files."""
+  kind: ClassVar[str] = ""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class RootPath(Constraint):
+  """Where the pelvis goes: way points (N, 2) of x and z or (N, 3) of x, y and z, joined by a smooth curve.
+
+  times (N,): when each is passed; without them the curve is gone along at one speed, which is `speed` in metres a
+  second or, without that, such that it takes all of the motion. heading: where the body faces, one angle or one for
+  each point; without it the body faces as it goes. Without points: speed and heading, one each or one for each of
+  times, are followed from the origin on. between: False asks for the way points alone, and the way is free.
+  """
+  kind: ClassVar[str] = "root_path"
+  points: Any = None
+  times: Any = None
+  speed: Any = None
+  heading: Any = None
+  between: bool = True
+
+  def __post_init__(self) -> None:
+    _keep(self, "points", _numbers(self.points, "the points of a root path", 2, (2, 3)))
+    _keep(self, "times", _times(self.times, "a root path"))
+    for name in ("speed", "heading"):
+      value = _numbers(getattr(self, name), f"the {name} of a root path", None)
+      _keep(self, name, value)
+    if self.points is None:
+      if self.speed is None or self.heading is None:
+        raise InputError("got a root path without points; give points, or both a speed and a heading")
+      counts = {np.size(x) for x in (self.speed, self.heading) if np.ndim(x)}
+      if counts and (self.times is None or counts != {len(self.times)}):
+        raise InputError("got several speeds or headings of a root path; give a time for each of them")
+    elif self.times is not None and len(self.times) != len(self.points):
+      raise InputError(f"got {len(self.points)} points and {len(self.times)} times of a path; "
+                       "give one each")
+    elif np.ndim(self.heading) and len(self.heading) != len(self.points):
+      raise InputError(f"got {len(self.points)} points and {len(self.heading)} headings of a path; give one angle, or one for "
+                       "each")
+    if self.points is not None and np.ndim(self.speed):
+      raise InputError("got several speeds for the points of a root path; give times in their place")
+    if self.speed is not None and not (np.asarray(self.speed) >= 0).all():
+      raise InputError(f"got the speed {np.min(self.speed):g} of a root path, expected 0 or more metres a second")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Keyframe(Constraint):
+  """The whole body in one pose, joints (22, 3), at a time; `place` says where.
+
+  "anywhere": where the body is then, facing as it does, or on the path that is asked for; the height counts. "world":
+  exactly where the joints are.
+  """
+  kind: ClassVar[str] = "keyframe"
+  joints: Any
+  time: float
+  place: str = "anywhere"
+
+  def __post_init__(self) -> None:
+    _pose(self, "a keyframe")
+    _keep(self, "time", float(_times([self.time], "a keyframe")[0]))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class StartPose(Constraint):
+  """The pose (22, 3) of the first frame; see `Keyframe`."""
+  kind: ClassVar[str] = "start_pose"
+  joints: Any
+  place: str = "anywhere"
+
+  def __post_init__(self) -> None:
+    _pose(self, "a start pose")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class EndPose(Constraint):
+  """The pose (22, 3) of the last frame; see `Keyframe`."""
+  kind: ClassVar[str] = "end_pose"
+  joints: Any
+  place: str = "anywhere"
+
+  def __post_init__(self) -> None:
+    _pose(self, "an end pose")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class EffectorTarget(Constraint):
+  """Where a hand, a foot, the head, the pelvis or any other joint is at given times: positions (N, 3), times (N,).
+
+  relative_to: "world", or "root", the spot on the floor below the pelvis, turned with the body: x to its left, y over
+  the floor, z ahead. between: the joint follows a smooth curve from point to point, too.
+  """
+  kind: ClassVar[str] = "effector"
+  joint: str
+  times: Any
+  positions: Any
+  relative_to: str = "world"
+  between: bool = False
+
+  def __post_init__(self) -> None:
+    joint_number(self.joint)
+    _choice(self.relative_to, ("world", "root"), "relative_to")
+    times = [self.times] if np.ndim(self.times) == 0 else self.times
+    positions = [self.positions] if np.ndim(self.positions) == 1 else self.positions
+    _keep(self, "times", _times(times, f"a target of {self.joint}"))
+    _keep(self, "positions", _numbers(positions, f"the positions of {self.joint}", 2, (3,)))
+    if len(self.times) != len(self.positions):
+      raise InputError(f"got {len(self.times)} times and {len(self.positions)} positions of {self.joint}; give one for "
+                       "each")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Loop(Constraint):
+  """The last frame has the pose of the first, so that the motion can be played over and over."""
+  kind: ClassVar[str] = "loop"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class InPlace(Constraint):
+  """The body stays over one spot of the floor, as on a treadmill."""
+  kind: ClassVar[str] = "in_place"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class KeepParts(Constraint):
+  """Parts of the body, of `PARTS`, move as in a motion that exists, joints (T, 22, 3) at fps; the others are made anew.
+
+  spans: [(first second, last), ...] in which the others are made anew; elsewhere all of the body is kept.
+  """
+  kind: ClassVar[str] = "keep_parts"
+  joints: Any
+  parts: Sequence[str]
+  fps: float = 20.0
+  spans: Any = None
+
+  def __post_init__(self) -> None:
+    _keep(self, "joints", _numbers(self.joints, "the motion whose parts are kept", 3, (3,)))
+    if self.joints.shape[1] != 22:
+      raise InputError(f"got a motion of {self.joints.shape[1]} joints to keep parts of, expected 22")
+    parts = (self.parts,) if isinstance(self.parts, str) else tuple(self.parts)
+    for part in parts:
+      _choice(part, PARTS, "a part")
+    if not parts or set(parts) == set(PARTS):
+      raise InputError(f"got {'all' if parts else 'none'} of the parts to be kept, expected some of "
+                       f"{', '.join(PARTS)}")
+    _keep(self, "parts", parts)
+    if not (np.isscalar(self.fps) and 1 <= self.fps <= 1000):
+      raise InputError(f"got {self.fps} frames a second of the motion whose parts are kept, expected 1 to 1000")
+    _keep(self, "spans", _numbers(self.spans, "the spans of kept parts", 2, (2,)))
+    if self.spans is not None and not (self.spans[:, 0] < self.spans[:, 1]).all():
+      raise InputError("got a span of kept parts that ends before it begins")
+
+
+KINDS: dict[str, type[Constraint]] = {
+    one.kind: one for one in (RootPath, Keyframe, EffectorTarget, StartPose, EndPose, Loop, InPlace, KeepParts)}
+
+
+def joint_number(name: str) -> int:
+  """The number of a joint of the 22, by its name, or one such as left_hand. Raises InputError for another."""
+  name = KIMODO_JOINTS.get(name, name) if isinstance(name, str) else str(name)
+  if name not in JOINTS:
+    raise InputError(f"got the joint {name[:40]!r}, expected one of {', '.join(JOINTS)}{did_you_mean(name, JOINTS)}")
+  return JOINTS[name]
+
+
+def _keep(one: Constraint, name: str, value: Any) -> None:
+  object.__setattr__(one, name, value)
+
+
+def _choice(value: Any, known: Sequence[str], what: str) -> None:
+  if value not in known:
+    raise InputError(f"got {str(value)[:40]!r} as {what}, expected one of {', '.join(known)}")
+
+
+def _pose(one: Any, what: str) -> None:
+  _choice(one.place, ("anywhere", "world"), "the place of a pose")
+  joints = _numbers(one.joints, f"the joints of {what}", 2, (3,))
+  if len(joints) != 22:
+    raise InputError(f"got {len(joints)} joints of {what}, expected 22")
+  _keep(one, "joints", joints)
+
+
+def _times(values: Any, what: str) -> Any:
+  found = _numbers(values, f"the times of {what}", 1)
+  if found is not None and ((found < 0).any() or (np.diff(found) <= 0).any()):
+    raise InputError(f"got times of {what} that are below 0 or do not rise, expected seconds such as 0, 1.5, 3")
+  return found
+
+
+def _numbers(values: Any, what: str, dims: int | None, last: Sequence[int] = ()) -> Any:
+  """float64 array of `dims` dimensions, or one number or a list of them; None stays."""
+  if values is None:
+    return None
+  try:
+    found = np.asarray(values, np.float64)
+  except (TypeError, ValueError):
+    raise InputError(f"got {what} that are no numbers, or not as many in every row") from None
+  if (found.ndim > 1 if dims is None else found.ndim != dims) or not found.size or last and found.shape[-1] not in last:
+    shape = " or ".join(f"(..., {count})" for count in last) or "a list"
+    raise InputError(f"got {what} of shape {found.shape}, expected {shape}")
+  bad = ~np.isfinite(found) | (np.abs(found) > _FARTHEST)
+  if bad.any():
+    where = int(np.argwhere(bad)[0][0]) if found.ndim else 0
+    raise InputError(f"got {what} with {found[bad].flat[0]:g} in number {where}, expected finite numbers below "
+                     f"{_FARTHEST:g}")
+  return found

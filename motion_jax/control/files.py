@@ -1,0 +1,113 @@
+"""Constraints as JSON: {"version": 1, "constraints": [{"type": "root_path", "points": [[0, 0], [2, 0]]}, ...]}.
+
+What command line, studio and other programs share. Nothing but JSON is read, numbers are bounded, and other files are
+named only where the reader allows it.
+"""
+import dataclasses
+import json
+import os
+import pathlib
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from motion_jax.control.constraints import KINDS, Constraint
+from motion_jax.inputs.errors import InputError, reading
+from motion_jax.inputs.nearest import did_you_mean
+
+VERSION = 1
+MOST, MOST_BYTES = 256, 32 << 20  # constraints of a file, and its size
+
+Reader = Callable[[str, int], Any]  # (path, frame or -1 for all) -> joints (22, 3) or (T, 22, 3)
+
+
+def to_json(constraints: Sequence[Constraint]) -> dict[str, Any]:
+  """What `json.dumps` takes; `from_json` gives the same constraints back."""
+  return {"version": VERSION, "constraints": [{"type": one.kind} | _fields(one) for one in constraints]}
+
+
+def _fields(one: Constraint) -> dict[str, Any]:
+  found = {}
+  for field in dataclasses.fields(one):
+    value = getattr(one, field.name)
+    if value is not None and not (field.default is not dataclasses.MISSING and np.ndim(value) == 0
+                                  and value == field.default):
+      found[field.name] = value.tolist() if isinstance(value, np.ndarray) else (
+          list(value) if isinstance(value, tuple) else value)
+  return found
+
+
+def from_json(data: Any, read: Reader | None = None) -> list[Constraint]:
+  """Constraints of parsed JSON. Raises InputError for anything that is none.
+
+  read(path, frame): the joints of a motion file that a pose or a motion names by "file" in place of "joints"; None
+  refuses such names, as a server must.
+  """
+  if not isinstance(data, dict) or set(data) != {"version", "constraints"}:
+    raise InputError('got no constraints, expected {"version": 1, "constraints": [...]}')
+  if data["version"] != VERSION or isinstance(data["version"], bool):
+    raise InputError(f"got constraints of version {str(data['version'])[:20]}, this program reads {VERSION}")
+  rows = data["constraints"]
+  if not isinstance(rows, list) or len(rows) > MOST:
+    raise InputError(f"got {len(rows) if isinstance(rows, list) else 'no list of'} constraints, expected a list of at "
+                     f"most {MOST}")
+  return [_constraint(row, number, read) for number, row in enumerate(rows)]
+
+
+def _constraint(row: Any, number: int, read: Reader | None) -> Constraint:
+  kind = row.get("type") if isinstance(row, dict) else None
+  if not isinstance(kind, str) or kind not in KINDS:
+    raise InputError(f"constraint {number}: got the type {str(kind)[:40]!r}, expected one of {', '.join(KINDS)}"
+                     f"{did_you_mean(kind, KINDS) if isinstance(kind, str) else ''}")
+  known = {field.name: field for field in dataclasses.fields(KINDS[kind])}
+  given = {name: value for name, value in row.items() if name != "type"}
+  if "file" in given and "joints" in known and "joints" not in given:
+    frame = given.pop("frame", 0)
+    if read is None:
+      raise InputError(f"constraint {number} ({kind}) names a file; give its joints here")
+    if not isinstance(given["file"], str) or type(frame) is not int:
+      raise InputError(f"constraint {number} ({kind}): got the file {str(given['file'])[:40]!r}, frame "
+                       f"{str(frame)[:20]}, expected a path and a number")
+    given["joints"] = read(given.pop("file"), -1 if kind == "keep_parts" else frame)
+  strange = sorted(set(given) - set(known))
+  if strange:
+    raise InputError(f"constraint {number} ({kind}): got {strange[0][:40]!r}, expected {', '.join(known) or 'no more'}"
+                     f"{did_you_mean(strange[0], known)}")
+  missing = [name for name, field in known.items() if field.default is dataclasses.MISSING and name not in given]
+  if missing:
+    raise InputError(f"constraint {number} ({kind}): {', '.join(missing)} is missing")
+  for name in ("joint", "place", "relative_to"):
+    if name in given and not isinstance(given[name], str):
+      raise InputError(f"constraint {number} ({kind}): got {str(given[name])[:40]} as {name}, expected a word")
+  if not isinstance(given.get("between", False), bool):
+    raise InputError(f"constraint {number} ({kind}): got {str(given['between'])[:40]} as between, expected true or "
+                     "false")
+  try:
+    return KINDS[kind](**given)
+  except InputError as error:
+    raise InputError(f"constraint {number}: {error}") from None
+
+
+def load(path: str | os.PathLike, read: Reader | None = None) -> list[Constraint]:
+  """Constraints of a .json file: ours, or Kimodo's (a list; its frames are taken at 30 a second)."""
+  from motion_jax.control import kimodo
+  path = pathlib.Path(path)
+  if not path.is_file():
+    raise FileNotFoundError(f"there is no file of constraints {path}")
+  if path.stat().st_size > MOST_BYTES:
+    raise InputError(f"{path} holds {path.stat().st_size >> 20} MiB, expected constraints of at most "
+                     f"{MOST_BYTES >> 20} MiB")
+  with reading(str(path), "expected JSON, see docs/control.md"):
+    data = json.loads(path.read_bytes())
+  try:
+    return kimodo.from_kimodo(data) if isinstance(data, list) else from_json(data, read)
+  except InputError as error:
+    raise InputError(f"{path}: {error}") from None
+
+
+def save(constraints: Sequence[Constraint], path: str | os.PathLike) -> pathlib.Path:
+  """Writes constraints to a .json file."""
+  path = pathlib.Path(path)
+  path.write_text(json.dumps(to_json(constraints), indent=1) + "\n")
+  return path

@@ -1,0 +1,75 @@
+"""Cycles that are found in a longer motion, and the way from one motion to another. numpy, float64."""
+import numpy as np
+from jaxtyping import Float, Num
+
+from motion_jax.control.compiling import angle_of, turned
+from motion_jax.inputs.errors import InputError
+from motion_jax.motion.looping import looped
+from motion_jax.motion.retarget import with_lengths
+from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.motion.splicing import REACH, meeting, spliced, weights
+
+_OTHER = 0.15   # of its length by which a cycle may be played faster or slower than it was made
+_AHEAD = 0.2    # seconds of movement that count as much as a pose, when poses are compared
+
+
+def cycle(joints: Num[np.ndarray, "t 22 3"], count: int, fps: float = 20.0) -> Float[np.ndarray, "n 22 3"]:
+  """A loop of count frames out of a motion of as many or more: its last frame is its first of the next round.
+
+  It begins and ends where pose and movement of the body are most alike, the way between them 0.85 to 1.15 of count
+  frames, played at the rate that makes count of them; the rest of the difference fades at both ends.
+  """
+  joints = np.asarray(joints, np.float64)
+  if count < 4 or len(joints) < count:
+    raise InputError(f"got a motion of {len(joints)} frames for a loop of {count}, expected 4 frames or more, and as "
+                     "many in the motion")
+  first, last = _meets(joints, count, fps)
+  part = joints[first:last + 1]
+  if len(part) != count:
+    from scipy.interpolate import CubicSpline
+    when = np.linspace(0, len(part) - 1, count)
+    part = with_lengths(CubicSpline(np.arange(len(part)), part)(when), HUMANML3D)
+  return looped(part, fps)
+
+
+def _meets(joints: np.ndarray, count: int, fps: float) -> tuple[int, int]:
+  """The first and last frame between which a motion is most like a cycle."""
+  ground = joints[:, :1] * [1, 0, 1]
+  body = turned(joints - ground, -angle_of(joints)[:, None])
+  way = turned(np.gradient(joints, axis=0) * fps * _AHEAD, -angle_of(joints)[:, None])
+  seen = np.concatenate([body, way], axis=1) * np.sqrt(np.tile(weights(), 2))[:, None]
+  seen = seen.reshape(len(joints), -1)
+  away = ((seen[:, None] - seen[None]) ** 2).sum(-1) if len(seen) <= 400 else None
+  best = (np.inf, 0, count - 1)
+  for length in range(max(4, int(np.ceil(count * (1 - _OTHER)))), min(len(joints), int(count * (1 + _OTHER))) + 1):
+    firsts = np.arange(len(joints) - length + 1)
+    off = (away[firsts, firsts + length - 1] if away is not None else
+           ((seen[firsts] - seen[firsts + length - 1]) ** 2).sum(-1))
+    off = off * (1 + abs(length / count - 1))  # of two that meet as well, the one that is less hastened
+    least = int(off.argmin())
+    if off[least] < best[0]:
+      best = (float(off[least]), least, least + length - 1)
+  return best[1], best[2]
+
+
+def blend(first: Num[np.ndarray, "m 22 3"], second: Num[np.ndarray, "n 22 3"], seconds: float = 1.0, fps: float = 20.0
+          ) -> tuple[Float[np.ndarray, "t 22 3"], int]:
+  """(the first motion going over into the second (T, 22, 3), the frame from which the second plays).
+
+  The second is moved and turned on the ground to go on from the first. It is entered, and the first left, where their
+  poses are most alike within half of `seconds` from the end and from the beginning; what they differ by fades within
+  `seconds`, but not of a foot while it stands (`motion.splicing`). Both have the bones of our skeleton.
+  """
+  for joints in (first, second):
+    if len(joints) < 2 * REACH + 2:
+      raise InputError(f"got a motion of {len(joints)} frames to be blended, expected {2 * REACH + 2} or more")
+  if not 2 / fps <= seconds <= 10:
+    raise InputError(f"got {seconds:g} seconds for the way from one motion to the other, expected {2 / fps:g} to 10")
+  half = int(seconds * fps / 2)
+  leaves = range(max(REACH, len(first) - REACH - 1 - half), len(first) - REACH)
+  enters = range(REACH, min(REACH + half, len(second) - REACH - 2) + 1)
+  near = lambda joints, at: joints[at - REACH:at + REACH + 1]
+  at = min(((leave, enter) for leave in leaves for enter in enters),
+           key=lambda pair: meeting(near(first, pair[0]), near(second, pair[1])).distance)
+  made = spliced(first, at[0], second, at[1], fade=max(2, round(seconds * fps)))
+  return made.astype(np.float32), at[0] + 1

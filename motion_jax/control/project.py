@@ -1,0 +1,237 @@
+"""The last step of control: a motion that nearly does what is asked is brought to do so exactly, and smoothly.
+
+Two stages. Where the pelvis is far off its path, or faces elsewhere, the body is carried there step by step, each step
+turned and moved as a whole (`motion.root_paths`). What is then left is solved for all frames at once: turns of joints
+and shifts of the body e, smooth in time and small,
+
+  min  hard |places asked for - places|^2  +  stand |standing feet - where they stand|^2
+       +  |S (e_(t+1) - 2 e_t + e_(t-1))|^2  +  pull |S e|^2
+
+by Gauss and Newton; S says how stiff each is (`control.bodies`). Bones stay as long as they are. numpy, float64.
+"""
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Num
+
+from motion_jax.control import bodies
+from motion_jax.control.compiling import angle_of, compile
+from motion_jax.control.constraints import Constraint
+from motion_jax.control.limits import possible, tell_missed
+from motion_jax.control.signal import ControlSignal
+from motion_jax.inputs.errors import InputError
+from motion_jax.motion.planting import stands
+from motion_jax.motion.root_paths import along
+from motion_jax.motion.skeleton import HUMANML3D
+
+_FAR, _TURNED = 0.12, 0.35  # metres, radians off, from which the body is carried step by step
+_ARM = 0.75                 # metres over the ground from the pelvis within which a hand or a foot is reached
+_HARD, _STAND, _FACE = 1e5, 30.0, 300.0
+_SPREAD = 0.3               # seconds over which what is done for one frame comes and goes
+_LASTS = 1.0                # seconds over which a change of course comes
+_COURSE = 0.35              # seconds, sigma of what is smoothed away of a path to have its direction
+_STEP = 0.4                 # radians and metres of a change in one round
+_ROUNDS, _NEAR = 30, 4e-4   # rounds at the most; metres off that are near enough
+LONGEST = 2400              # frames
+
+
+def project(joints: Num[np.ndarray, "t 22 3"], asked: ControlSignal | Sequence[Constraint], fps: float = 20.0,
+            tell: bool = True) -> Float[np.ndarray, "t 22 3"]:
+  """Joints (T, 22, 3), metres, that do what is asked to within a millimetre where a body can, float32.
+
+  asked: a signal (1, T) in the frame of the joints, or constraints (paths, poses and targets of them count). Where
+  nothing is asked for the joints come back as they are. tell: warnings name the worst frame of what no body can do.
+  Raises InputError for more than two minutes at 20 frames a second.
+  """
+  count, start = len(joints), np.asarray(joints, np.float64)
+  wanted = _wanted(asked, count, fps, tell)
+  signal = wanted(start, tell)
+  if signal.is_empty:
+    return np.asarray(joints, np.float32)
+  if count > LONGEST:
+    raise InputError(f"got {count} frames to be brought to what is asked, expected at most {LONGEST}; make the motion "
+                     "in parts, or leave it as the network made it (raw)")
+  moved = _carried(start, signal, fps)
+  moved = _solved(moved, lambda now: wanted(now, False), fps)
+  if tell:
+    signal = wanted(moved, False)
+    off = np.where(np.asarray(signal.given)[0], moved - np.asarray(signal.positions, np.float64)[0], 0)
+    tell_missed(signal, np.linalg.norm(off, axis=-1), fps)
+  return moved.astype(np.float32)
+
+
+def _wanted(asked: Any, count: int, fps: float, tell: bool) -> Callable[[np.ndarray, bool], ControlSignal]:
+  """signal (1, T) of what is asked of a motion that is so far as given: poses and targets may depend on it."""
+  if isinstance(asked, ControlSignal):
+    if asked.batch != 1 or asked.frames != count:
+      raise ValueError(f"got a signal of {asked.batch} motions of {asked.frames} frames for one of {count}")
+    known = possible(asked, fps, tell)
+    return lambda joints, say: known
+  return lambda joints, say: possible(compile(asked, count, fps, joints), fps, say)
+
+
+def spread(values: Float[np.ndarray, "t k"], given: Bool[np.ndarray, " t"], fps: float, lasting: bool
+           ) -> Float[np.ndarray, "t k"]:
+  """Values (T, K) for all frames from those of given (T,): smooth, and away from them fading within half a second, or,
+  lasting, staying what they are. Zero where none are given."""
+  from scipy.linalg import solveh_banded
+  if not given.any():
+    return np.zeros_like(values)
+  count = len(values)
+  pull = 1e-10 if lasting else (_SPREAD * fps) ** -4.0
+  steps = (_LASTS * fps) ** -2.0 if lasting else 0.0
+  bands = _smoothness(count, 1.0)
+  bands[0] += pull
+  bands[0, :-1] += steps
+  bands[0, 1:] += steps
+  bands[1, :-1] -= steps
+  pushed = np.zeros_like(values)
+  fixed = np.flatnonzero(given)
+  for offset in (1, 2):  # what is given moves to the other side of the equations
+    for frame in fixed:
+      for other, low in ((frame + offset, frame), (frame - offset, frame - offset)):
+        if 0 <= other < count:
+          pushed[other] -= bands[offset, low] * values[frame]
+          bands[offset, low] = 0
+  bands[0, fixed], pushed[fixed] = 1.0, values[fixed]
+  return solveh_banded(bands, pushed, lower=True)
+
+
+def _smoothness(count: int, weight: float) -> np.ndarray:
+  """Bands (3, T) of the sum of squared second differences of T numbers, lower form."""
+  bands = np.zeros((3, count))
+  if count > 2:
+    for shift, factor in ((0, 1.0), (1, 4.0), (2, 1.0)):
+      bands[0, shift:count - 2 + shift] += factor
+    bands[1, :count - 2] -= 2.0
+    bands[1, 1:count - 1] -= 2.0
+    bands[2, :count - 2] += 1.0
+  return bands * weight
+
+
+def _carried(joints: np.ndarray, signal: ControlSignal, fps: float) -> np.ndarray:
+  """The motion with its body led to about where it is asked to be, and turned, step by step."""
+  from scipy.ndimage import gaussian_filter1d
+  places, given = np.asarray(signal.positions, np.float64)[0], np.asarray(signal.given)[0]
+  ground = [0, 2]
+  aim, told = joints[:, 0, ground].copy(), given[:, 0, ground].all(-1)
+  aim[told] = places[told, 0][:, ground]
+  # A hand or a foot that is asked to be farther away than it reaches takes the body there.
+  for frame in np.flatnonzero(~told & given[..., ground].all(-1).any(-1)):
+    far = places[frame][given[frame, :, ground].all(0)][:, ground] - aim[frame]
+    size = np.linalg.norm(far, axis=-1)
+    if size.max() > _ARM:
+      aim[frame] += far[size.argmax()] * (1 - _ARM / size.max())
+      told[frame] = True
+  away = aim - joints[:, 0, ground]
+  facing, faced = np.asarray(signal.heading, np.float64)[0], np.asarray(signal.heading_given)[0]
+  wrap = lambda angle: (angle + np.pi) % (2 * np.pi) - np.pi
+  own = angle_of(joints)
+  near = not told.any() or np.linalg.norm(away[told], axis=-1).max() < _FAR
+  if near and (not faced.any() or np.abs(wrap(facing - own)[faced]).max() < _TURNED):
+    return joints
+  course = lambda points: _smoothed(points, _COURSE * fps)
+  path = course(joints[:, 0, ground])
+  goal = course(joints[:, 0, ground] + spread(away, told, fps, lasting=True))
+  turn = np.zeros(len(joints))
+  if told.sum() > 1 and not near:
+    # The direction from here to there of the two courses, of fast frames more than of slow ones.
+    (x, z), (u, v) = (np.gradient(way, axis=0).T * fps for way in (path, goal))
+    weigh = lambda a: gaussian_filter1d(a, _COURSE * fps, mode="nearest")
+    along_, across = weigh(x * u + z * v) + 1e-3, weigh(u * z - x * v)
+    turn = np.unwrap(np.arctan2(across, along_))
+  if faced.any():
+    rest = np.unwrap(wrap(facing - own - turn)[faced])
+    filled = np.zeros((len(turn), 1))
+    filled[faced, 0] = rest
+    turn = turn + spread(filled, faced, fps, lasting=True)[:, 0]
+  return along(joints, turn, path, goal, HUMANML3D, fps)
+
+
+def _smoothed(points: np.ndarray, sigma: float) -> np.ndarray:
+  """Points (T, K) by a Gaussian of sigma frames that goes on straight behind the ends."""
+  from scipy.ndimage import gaussian_filter1d
+  pad = int(4 * sigma)
+  beside = min(pad, len(points) - 1)
+  far = np.arange(1, pad + 1)[:, None] / max(beside, 1)
+  long = np.concatenate([points[0] + far[::-1] * (points[0] - points[beside]), points,
+                         points[-1] + far * (points[-1] - points[-1 - beside])])
+  return gaussian_filter1d(long, sigma, axis=0)[pad:len(long) - pad]
+
+
+def _stances(joints: np.ndarray, signal: ControlSignal, fps: float) -> tuple[np.ndarray, np.ndarray]:
+  """(where ankles and toes of standing feet are to be (T, 4, 3), whether they stand (T, 4)), joints 7, 10, 8, 11.
+
+  A stance in which a foot is asked to be elsewhere moves there as a whole.
+  """
+  feet = list(HUMANML3D.left_feet + HUMANML3D.right_feet)
+  places, given = np.asarray(signal.positions, np.float64)[0], np.asarray(signal.given)[0]
+  where, stand = joints[:, feet].copy(), np.repeat(stands(joints, fps), 2, axis=1)
+  for side in (0, 2):
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], stand[:, side], [False]]).astype(int)))
+    for first, past in zip(edges[::2], edges[1::2]):
+      frames = slice(first, past)
+      points = feet[side:side + 2]
+      told = given[frames][:, points]
+      off = np.where(told, places[frames][:, points] - joints[frames][:, points], 0)
+      where[frames, side:side + 2] += off.sum((0, 1)) / np.maximum(told.sum((0, 1)), 1)
+  return where, stand
+
+
+def _solved(joints: np.ndarray, wanted: Callable[[np.ndarray], ControlSignal], fps: float) -> np.ndarray:
+  """The motion bent in all frames at once until it does what is wanted; see the formula above."""
+  from scipy.linalg import solveh_banded
+  count, size = len(joints), bodies.SIZE
+  feet = list(HUMANML3D.left_feet + HUMANML3D.right_feet)
+  weights = bodies.STIFF ** 2
+  smooth = _smoothness(count, 1.0)
+  smooth[0] += (_SPREAD * fps) ** -4.0
+  rows, columns = np.tril_indices(size)
+  done, now = np.zeros((count, size)), joints
+  where, stand = _stances(joints, wanted(joints), fps)
+  for _ in range(_ROUNDS):
+    signal = wanted(now)
+    given = np.asarray(signal.given)[0]
+    off = np.where(given, np.asarray(signal.positions, np.float64)[0] - now, 0)
+    worst = np.abs(off).max()
+    if worst < _NEAR:
+      return now
+    axes = bodies.hinges(now)
+    slope = bodies.slopes(now, axes)
+    pushed, square = np.zeros((count, size)), np.zeros((count, size, size))
+    for at, gap, weight in ((slope, off, _HARD * given),
+                            (slope[:, feet], where - now[:, feet], _STAND * np.repeat(stand[..., None], 3, -1))):
+      used = weight.any((0, 2))
+      at, gap, weight = (x[:, used] for x in (at, gap, weight))
+      flat = (at * weight[..., None]).reshape(count, -1, size)
+      pushed += np.einsum("trp,tr->tp", flat, gap.reshape(count, -1))
+      square += np.matmul(flat.swapaxes(1, 2), at.reshape(count, -1, size))
+    faced = np.asarray(signal.heading_given)[0]
+    if faced.any():
+      turn = bodies.STARTS[0] + 1
+      gap = (np.asarray(signal.heading, np.float64)[0] - angle_of(now) + np.pi) % (2 * np.pi) - np.pi
+      pushed[:, turn] += _FACE * faced * gap
+      square[:, turn, turn] += _FACE * faced
+    # Bands of all frames' parameters, lower form: within a frame from the squares, between frames from smoothness.
+    bands = np.zeros((2 * size + 1, count, size))
+    bands[rows - columns, :, columns] = square[:, rows, columns].T
+    for apart in range(3):
+      bands[apart * size] += smooth[apart][:, None] * weights
+    pushed -= _smoothness_of(smooth, done) * weights
+    change = solveh_banded(bands.reshape(2 * size + 1, -1), pushed.reshape(-1), lower=True).reshape(count, size)
+    change *= min(1.0, _STEP / max(np.abs(change).max(), 1e-9))
+    done, now = done + change, bodies.bent(now, change, axes)
+    if np.abs(change).max() < 1e-4:
+      return now
+  return now
+
+
+def _smoothness_of(bands: np.ndarray, x: np.ndarray) -> np.ndarray:
+  """The banded symmetric matrix (3, T) times x (T, P)."""
+  result = bands[0][:, None] * x
+  for apart in (1, 2):
+    low = bands[apart, :-apart, None]
+    result[apart:] += low * x[:-apart]
+    result[:-apart] += low * x[apart:]
+  return result
