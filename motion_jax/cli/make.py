@@ -123,11 +123,11 @@ def _generate(args):
   given = [frames for _, frames in rows for _ in range(args.num)]
   if args.seconds is not None or args.frames is not None:
     given = [args.frames if args.frames is not None else args.seconds * model.fps] * len(prompts)
-  asked = control.constraints_of(args, model)
+  wanted = control.constraints_of(args, model)
   literal = args.literal or not model.can("understand")
-  if asked and given[0] is None:
+  if wanted and given[0] is None:
     from motion_jax.models import controlled
-    given = [controlled.usual_frames(model, asked)] * len(prompts)
+    given = [controlled.usual_frames(model, wanted)] * len(prompts)
   with timing.part("text"):
     model.check_words(list(dict.fromkeys(prompts)), literal)
     asked = list(dict.fromkeys(zip(prompts, given)))
@@ -145,7 +145,7 @@ def _generate(args):
   for piece in progress.each(_pieces(frames, model), "making motions", unit="batch"):
     motions += model.generate(prompts[piece], frames[piece], seeds=seeds[piece], cleanup=not args.no_cleanup,
                               **(dict(literal=literal) if model.can("understand") else {}),
-                              **(dict(control=asked, project=not args.no_cleanup) if asked else {}),
+                              **(dict(control=wanted, project=not args.no_cleanup) if wanted else {}),
                               **_sampling(args, model))
   _write(args, model, motions, outputs, start)
 

@@ -61,8 +61,8 @@ class RootPath(Constraint):
       raise InputError(f"got {len(self.points)} points and {len(self.times)} times of a path; "
                        "give one each")
     elif np.ndim(self.heading) and len(self.heading) != len(self.points):
-      raise InputError(f"got {len(self.points)} points and {len(self.heading)} headings of a path; give one angle, or one for "
-                       "each")
+      raise InputError(f"got {len(self.points)} points and {len(self.heading)} headings of a path; give one angle, or "
+                       "one for each")
     if self.points is not None and np.ndim(self.speed):
       raise InputError("got several speeds for the points of a root path; give times in their place")
     if self.speed is not None and not (np.asarray(self.speed) >= 0).all():
