@@ -6,7 +6,7 @@ import sys
 import warnings
 
 import motion_jax
-from motion_jax.cli import convert, data, evaluate, make, retrieve, show, studio, train
+from motion_jax.cli import blend, convert, data, evaluate, make, retrieve, show, studio, train
 from motion_jax.cli.parser import Parser
 from motion_jax.cli.prompts import read_prompts, read_sequences
 from motion_jax.runtime import progress, stopping
@@ -87,7 +87,7 @@ def _parser():
   parser.add_argument("--version", action="version", version=f"motion-jax {motion_jax.__version__}",
                       help="the version of this program")
   commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-  for group in (make, studio, show, data, train, evaluate, convert, retrieve):
+  for group in (make, blend, studio, show, data, train, evaluate, convert, retrieve):
     group.add_to(commands)
   return parser
 

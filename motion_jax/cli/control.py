@@ -62,6 +62,29 @@ def constraints_of(args, model):
   return found + ([kinds.InPlace()] if args.in_place else [])
 
 
+def anew(args, clip, model, sampling):
+  """The motions of `edit --keep-parts`: parts of the body as in the clip, the others made of the words."""
+  from motion_jax.control.constraints import KeepParts
+  from motion_jax.inputs.spans import spans_of
+  from motion_jax.models.known_motion import on_our_body
+  if args.task or args.keep:
+    raise InputError("got --keep-parts with --task or --keep; say by --edit in which seconds the other parts are made "
+                     "anew")
+  joints = on_our_body(clip, model.fps, model.stats.layout.skeleton)
+  spans = [[first / model.fps, past / model.fps] for first, past in spans_of(args.edit, len(joints), model.fps)
+           ] if args.edit else None
+  parts = tuple(part.strip() for part in args.keep_parts.split(","))
+  seeds = [args.seed + i for i in range(args.num)]
+  return model.generate([args.text] * args.num, seeds=seeds, cleanup=not args.no_cleanup,
+                        control=[KeepParts(joints, parts, model.fps, spans)], **sampling)
+
+
+def drawn(constraints, motions):
+  """What was asked of each motion, to be drawn: `ControlSignal`s (1, T)."""
+  from motion_jax.control.compiling import compile
+  return [compile(constraints, motion.num_frames, motion.fps, motion.joints) for motion in motions]
+
+
 def _path(text, kinds):
   points, times = [], []
   for word in text.split():

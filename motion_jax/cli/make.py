@@ -60,12 +60,15 @@ def add_to(commands):
   edit = commands.add_parser("edit", help="a motion in, the same one with parts of it made anew out (CDAMD models)")
   edit.add_argument("file", help="an .npz, .npy, .bvh or .amc file")
   edit.add_argument("--text", required=True, help="what the person does now")
-  part = edit.add_mutually_exclusive_group(required=True)
+  part = edit.add_mutually_exclusive_group()
   part.add_argument("--task", choices=("inpainting", "outpainting", "prefix", "suffix"),
                     help="keep first and last quarter, the middle half, the first half, the second half")
   part.add_argument("--edit", action="append", metavar="A:B",
                     help="make this span anew: seconds (1.5s:3s), shares (25%%:0.5) or frames (30:60); may be repeated")
   part.add_argument("--keep", action="append", metavar="A:B", help="keep this span, and make all else anew")
+  edit.add_argument("--keep-parts", metavar="PARTS", help="keep these parts of the body (legs, torso, left_arm, "
+                    "right_arm, head, with commas), all the time, and make the others anew: in the spans of --edit, or "
+                    "everywhere; any model")
   edit.add_argument("--no-paste", action="store_true", help="give kept frames as the autoencoder decodes them, not as "
                                                             "the file has them")
   shared.add_reading(edit)
@@ -147,7 +150,7 @@ def _generate(args):
                               **(dict(literal=literal) if model.can("understand") else {}),
                               **(dict(control=wanted, project=not args.no_cleanup) if wanted else {}),
                               **_sampling(args, model))
-  _write(args, model, motions, outputs, start)
+  _write(args, model, motions, outputs, start, asked=control.drawn(wanted, motions) if wanted else None)
 
 
 def _multi_prompt(args):
@@ -192,7 +195,12 @@ def _edit(args):
   from motion_jax.inputs.spans import spans_of
   from motion_jax.models.results import colors_of
   outputs, clip = _outputs(args), shared.read_motion(args.file, args)
+  if not (args.task or args.edit or args.keep or args.keep_parts):
+    raise InputError("got nothing to make anew; give --task, --edit, --keep or --keep-parts")
   start, model = time.time(), _load_model(args)
+  if args.keep_parts:
+    _write(args, model, control.anew(args, clip, model, _sampling(args, model)), outputs, start)
+    return
   _able(model, "edit")
   _tell_model(model, args, f"{clip.seconds:.1f} s of {args.file} edited")
   frames = round(clip.seconds * model.fps)
@@ -273,12 +281,12 @@ def _able(model, name):
     raise InputError(f"{model.id} has no {name!r}; give another kind of model by --model")
 
 
-def _write(args, model, motions, outputs, start, colors=None):
-  """colors (T, 3) of the bodies, where a file is a picture."""
+def _write(args, model, motions, outputs, start, colors=None, asked=None):
+  """colors (T, 3) of the bodies, and what each motion was asked to do, where a file is a picture."""
   print(f"made in {time.time() - start:.1f} s")
   clips = [motion.replace(id=f"{pathlib.Path(outputs[0]).stem}_{i}") for i, motion in enumerate(motions)]
   with timing.part("files"):
-    written = [path for out in outputs for path in _write_one(args, clips, out, colors)]
+    written = [path for out in outputs for path in _write_one(args, clips, out, colors, asked)]
   shared.tell_files(written)
   if model.license:
     print(model.license)
@@ -286,11 +294,14 @@ def _write(args, model, motions, outputs, start, colors=None):
     print(timing.report())
 
 
-def _write_one(args, clips, out, colors):
+def _write_one(args, clips, out, colors, asked):
   from motion_jax import export
   options = shared.bvh_options(args, out) | (shared.film_options(args) if out.lower().endswith(shared.FILMS) else {})
   if out.lower().endswith((*shared.FILMS, ".png", ".jpg", ".html")):
     if colors is not None:
       options["colors"] = colors[shared.span_of(args, clips[0])]
+    if asked is not None and not out.lower().endswith(".html"):
+      spans = [shared.span_of(args, clip) for clip in clips]
+      options["asked"] = [signal.slice_frames(span.start, span.stop) for signal, span in zip(asked, spans)]
     clips = [shared.trimmed(args, clip) for clip in clips]
   return export.save(clips, out, **options)

@@ -18,6 +18,7 @@ from motion_jax.data.clip import Clip
 from motion_jax.data.mocap.capture import resample
 from motion_jax.export import gif, render
 from motion_jax.export.body import default_colors, make_figure
+from motion_jax.export.scene import GOES, from_above, marks_of
 from motion_jax.inputs.errors import EncoderError, InputError
 from motion_jax.inputs.nearest import did_you_mean
 from motion_jax.runtime import progress, stopping
@@ -100,6 +101,7 @@ def frames(clip, size=(640, 480), **options):
   of the moment by default, "" for none.
   colors: (3,), (T, 3) or (T, P, 3) values 0..1 that replace the colours of the P parts; a NaN keeps the part's own, so
   a mask becomes np.where(kept_mask[:, None], np.nan, (1, .6, .2)). path: draw the root's way on the ground.
+  asked: a `ControlSignal` (1, T) of what the motion was asked to do, drawn on the floor, as marks and as pale bodies.
   """
   picture = _painter(clip, size, **options)
   workers = min(4, os.cpu_count() or 1)
@@ -120,7 +122,8 @@ def frame(clip, t=0, size=(640, 480), **options) -> np.ndarray:
   return _painter(clip, size, **options)(t % clip.num_frames)
 
 
-def _painter(clip, size, camera="auto", azimuth=None, caption=None, colors=None, path=True, background=None):
+def _painter(clip, size, camera="auto", azimuth=None, caption=None, colors=None, path=True, background=None,
+             asked=None):
   """A function of t that draws frame t."""
   check_film(size, None, camera, background)
   background = None if background is None else color_of(background)
@@ -130,28 +133,32 @@ def _painter(clip, size, camera="auto", azimuth=None, caption=None, colors=None,
   ink = INK if background is None or background.mean() > 0.4 else _PALE_INK
   told = (lambda t: _caption(clip, t)) if caption is None else lambda t: caption
   way = figure.joints[:, 0] * [1, 0, 1] + [0, figure.floor, 0]
+  marks = marks_of(asked, figure.floor)
+  shown = [body for _, body in marks.bodies]
   still = all(np.array_equal(one.position, cameras[0].position) for one in cameras)
   backdrop = render.ground(cameras[0], size, figure.floor, background) if still else None
 
   def picture(t):
     near = slice(max(0, t - int(60 * clip.fps)), t + int(60 * clip.fps))  # nobody sees farther than a minute
     lines = [(_thin(way[near]), _PATH, 0.022, 0.45), (_thin(way[near.start:t + 1]), _TRAIL, 0.026, 0.9)] if path else ()
-    image = render.draw(cameras[t], size, figure.floor, [_body(figure, t, tints)], lines, backdrop,
-                        background)
+    image = render.draw(cameras[t], size, figure.floor, [_body(figure, t, tints), *shown], [*marks.lines, *lines],
+                        backdrop, background)
     return _write_text(image, told(t), f"{t / clip.fps:.1f} s", ink)
 
   return picture
 
 
-def strip(clip, path, num=8, height=360, azimuth=None, caption=None, colors=None, spread=None) -> pathlib.Path:
+def strip(clip, path, num=8, height=360, azimuth=None, caption=None, colors=None, spread=None,
+          asked=None) -> pathlib.Path:
   """Writes one wide picture (.png, .jpg) of num moments of a clip, left to right with their times.
 
   A body that walks far enough is drawn where it was, seen from the side; otherwise the moments are set side by side
-  (spread=True forces this). Pass a list of clips for one row each.
+  (spread=True forces this). Pass a list of clips for one row each. asked: a `ControlSignal` (1, T) of what a motion
+  was asked to do, or one for each, which is drawn; a motion that goes somewhere is then seen from above.
   """
-  path = pathlib.Path(path)
-  rows = [_strip(one, num, height, azimuth, caption, colors, spread)
-          for one in ([clip] if isinstance(clip, Clip) else clip)]
+  path, clips = pathlib.Path(path), [clip] if isinstance(clip, Clip) else clip
+  signals = asked if isinstance(asked, list | tuple) else [asked] * len(clips)
+  rows = [_strip(one, num, height, azimuth, caption, colors, spread, signal) for one, signal in zip(clips, signals)]
   width = max(needed for needed, _ in rows)
   rows = [draw(width) for _, draw in rows]
   with atomic_path(path) as temporary:
@@ -159,12 +166,20 @@ def strip(clip, path, num=8, height=360, azimuth=None, caption=None, colors=None
   return path
 
 
-def _strip(clip, num, height, azimuth, caption, colors, spread):
+def _strip(clip, num, height, azimuth, caption, colors, spread, asked=None):
   """(the width that a strip needs, a function of the width that draws it)."""
   figure = make_figure(clip)
   tints = _tints(figure, colors)
   at = np.unique(np.linspace(0, clip.num_frames - 1, num).round().astype(int))
   way = figure.joints[:, 0] * [1, 0, 1]
+  marks = marks_of(asked, figure.floor)
+  if asked is not None and not spread and np.ptp(way, axis=0).max() > GOES:
+    tall, text = round(1.6 * height), _caption(clip) if caption is None else caption
+    trail = _thin(way) + [0, figure.floor, 0], _PATH, 0.022, 0.6
+    bodies = [_body(figure, t, tints) for t in np.unique([*at, *marks.frames][:4 * num])]
+    return 2 * tall, lambda width: _write_text(from_above(figure, bodies, marks, (width, tall), trail), text,
+                                               f"{clip.seconds:.1f} s")
+  at = np.unique([*at, *marks.frames[:num]])  # what is asked for is seen when it is due
   tall = _height(figure)
   reach = np.linalg.norm((figure.joints - figure.joints[:, :1])[at][..., [0, 2]], axis=-1).max()
   gap = max(0.42 * tall, 1.25 * reach)
@@ -186,6 +201,8 @@ def _strip(clip, num, height, azimuth, caption, colors, spread):
     lines = [(_thin(way) - way.mean(0) + [0, figure.floor, 0], _PATH, 0.022, 0.6)]
   moves = places - way[at]
   bodies = [_body(figure, t, tints, move) for t, move in zip(at, moves)]
+  balls = [(a + move, b + move, *rest) for t, move in zip(at, moves) for frame, (a, b, *rest) in marks.bodies
+           if frame == t]
   across = places @ right
   middle = (across.max() + across.min()) / 2
   # Far away with a long lens: the bodies at the edges look like those in the middle.
@@ -198,7 +215,7 @@ def _strip(clip, num, height, azimuth, caption, colors, spread):
 
   def draw(width):
     size = (width, height)
-    image = Image.fromarray(render.draw(camera, size, figure.floor, bodies, lines))
+    image = Image.fromarray(render.draw(camera, size, figure.floor, [*bodies, *balls], lines))
     pen, font = ImageDraw.Draw(image), ImageFont.load_default(max(10, height // 26))
     for t, place in zip(at, places):
       x = render.project(camera, place + [0, figure.floor, 0], size)[0][0]

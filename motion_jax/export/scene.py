@@ -1,0 +1,86 @@
+"""What a motion was asked to do, in pictures: its path on the floor, marks of targets, pale bodies in poses asked for.
+
+Also the view from above of a motion that goes somewhere, with its body where it was at several moments.
+"""
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from motion_jax.control.signal import ControlSignal
+from motion_jax.data.clip import Clip
+from motion_jax.export import render
+from motion_jax.export.body import default_colors, make_figure
+
+_PATH, _TARGET = (0.15, 0.62, 0.38), (0.88, 0.14, 0.40)  # green on the floor, red in the air
+_BALL = 0.04         # metres, radius of a target's mark
+_PALE = 0.72         # how much of white there is in the colours of a pose that is asked for
+_POSES, _BALLS = 10, 60  # drawn at the most
+GOES = 1.2           # metres of ground from which a motion is seen from above
+
+
+class Marks(NamedTuple):
+  """lines: on the floor, as `render.draw` takes them. bodies: balls and pale figures, at their frames."""
+  lines: list[tuple[Any, tuple[float, float, float], float, float]]
+  bodies: list[tuple[int, tuple]]
+
+  @property
+  def frames(self) -> list[int]:
+    """The frames of targets and poses."""
+    return sorted({frame for frame, _ in self.bodies})
+
+
+def marks_of(asked: ControlSignal | None, floor: float) -> Marks:
+  """What to draw of a signal (1, T), metres; nothing of None."""
+  if asked is None:
+    return Marks([], [])
+  places, given = np.asarray(asked.positions, np.float64)[0], np.asarray(asked.given)[0]
+  whole = given.all(-1)
+  posed = whole.sum(1) >= 20
+  told = given[:, 0][:, [0, 2]].all(-1) & ~posed
+  lines = []
+  for frames in _runs(np.flatnonzero(told)):
+    way = places[frames, 0] * [1, 0, 1] + [0, floor, 0]
+    spot = len(frames) == 1 or np.ptp(way, axis=0).max() < 0.02
+    lines.append((way[:1] + [[0, 0, 0], [1e-3, 0, 0]] if spot else way, _PATH, 0.12 if spot else 0.045, 0.85))
+  balls = [(int(frame), int(joint)) for frame, joint in np.argwhere(whole & ~posed[:, None])
+           if joint or not told[frame]]
+  bodies: list[tuple[int, tuple]] = [(frame, _ball(places[frame, joint])) for frame, joint in _some(balls, _BALLS)]
+  for frame in _some(list(np.flatnonzero(posed)), _POSES):
+    figure = make_figure(Clip(places[frame][None].astype(np.float32)))
+    radii = (np.array([getattr(part, name) for part in figure.parts]) for name in ("a_radius", "b_radius"))
+    colors = np.broadcast_to(default_colors(figure), (1, len(figure.parts), 3))[0]
+    bodies.append((int(frame), (figure.a[0], figure.b[0], *radii, colors + (1 - colors) * _PALE)))
+  return Marks(lines, bodies)
+
+
+def _ball(place):
+  size = np.array([_BALL])
+  return place[None], place[None], size, size, np.array([_TARGET])
+
+
+def _runs(frames):
+  return [run for run in np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1) if len(run)]
+
+
+def _some(items, most):
+  """At most so many of them, evenly."""
+  chosen = np.linspace(0, max(len(items) - 1, 0), min(most, len(items))).astype(int)
+  return [items[i] for i in chosen]
+
+
+def from_above(figure: Any, bodies: Any, marks: Marks, size: tuple[int, int], trail: Any) -> np.ndarray:
+  """A picture (H, W, 3) of bodies where they were, obliquely from above, with marks and the way gone on the floor."""
+  way = figure.joints[:, 0] * [1, 0, 1] + [0, figure.floor, 0]
+  points = np.concatenate([way, *(line[0] for line in marks.lines), *(body[0] for _, body in marks.bodies)])
+  low, high = points.min(0), points.max(0)
+  elevation, focal = np.radians(38), 2.4
+  # Seen across its longer side, from a little beside it.
+  angle = np.pi / 2 + 0.25 if high[2] - low[2] > high[0] - low[0] else 0.25
+  middle = (low + high) / 2 * [1, 0, 1] + [0, figure.floor + 0.7, 0]
+  around = np.concatenate([points, points * [1, 0, 1] + [0, figure.floor + 1.9, 0]]) - middle
+  camera = render.look_at(middle, angle, elevation, 0, focal)
+  x, y, ahead = around @ camera.right, around @ camera.up, around @ camera.back
+  distance = max(((np.abs(y) + 0.3) * 2 * focal + ahead).max(),
+                 ((np.abs(x) + 0.6) * 2 * focal * size[1] / size[0] + ahead).max(), 4.0)
+  camera = render.look_at(middle, angle, elevation, distance, focal)
+  return render.draw(camera, size, figure.floor, [*bodies, *(body for _, body in marks.bodies)], [*marks.lines, trail])
