@@ -12,10 +12,10 @@ from motion_jax.export import render
 from motion_jax.export.body import default_colors, make_figure
 
 _PATH, _TARGET = (0.15, 0.62, 0.38), (0.88, 0.14, 0.40)  # green on the floor, red in the air
-_BALL = 0.04         # metres, radius of a target's mark
+_BALL = 0.05         # metres, radius of a target's mark
 _PALE = 0.72         # how much of white there is in the colours of a pose that is asked for
 _POSES, _BALLS = 10, 60  # drawn at the most
-GOES = 1.2           # metres of ground from which a motion is seen from above
+_GOES = (1.0, 3.0)   # metres of ground from which a motion with a path, and one without, is seen from above
 
 
 class Marks(NamedTuple):
@@ -23,10 +23,13 @@ class Marks(NamedTuple):
   lines: list[tuple[Any, tuple[float, float, float], float, float]]
   bodies: list[tuple[int, tuple]]
 
-  @property
-  def frames(self) -> list[int]:
-    """The frames of targets and poses."""
-    return sorted({frame for frame, _ in self.bodies})
+  def of(self, figures: bool) -> list[int]:
+    """The frames of poses, or of targets."""
+    return sorted({frame for frame, body in self.bodies if (len(body[0]) > 1) == figures})
+
+  def from_above(self, way: np.ndarray) -> bool:
+    """Whether a body on this way (T, 3) is best seen so."""
+    return bool(self.lines or self.bodies) and np.ptp(way, axis=0).max() > _GOES[not self.lines]
 
 
 def marks_of(asked: ControlSignal | None, floor: float) -> Marks:

@@ -18,7 +18,7 @@ from motion_jax.data.clip import Clip
 from motion_jax.data.mocap.capture import resample
 from motion_jax.export import gif, render
 from motion_jax.export.body import default_colors, make_figure
-from motion_jax.export.scene import GOES, from_above, marks_of
+from motion_jax.export.scene import from_above, marks_of
 from motion_jax.inputs.errors import EncoderError, InputError
 from motion_jax.inputs.nearest import did_you_mean
 from motion_jax.runtime import progress, stopping
@@ -173,13 +173,14 @@ def _strip(clip, num, height, azimuth, caption, colors, spread, asked=None):
   at = np.unique(np.linspace(0, clip.num_frames - 1, num).round().astype(int))
   way = figure.joints[:, 0] * [1, 0, 1]
   marks = marks_of(asked, figure.floor)
-  if asked is not None and not spread and np.ptp(way, axis=0).max() > GOES:
+  if not spread and marks.from_above(way):
     tall, text = round(1.6 * height), _caption(clip) if caption is None else caption
     trail = _thin(way) + [0, figure.floor, 0], _PATH, 0.022, 0.6
-    bodies = [_body(figure, t, tints) for t in np.unique([*at, *marks.frames][:4 * num])]
+    shown = set(at) | set(marks.of(figures=False)[:2 * num]) - set(marks.of(figures=True))  # these are drawn pale
+    bodies = [_body(figure, t, tints) for t in sorted(shown)]
     return 2 * tall, lambda width: _write_text(from_above(figure, bodies, marks, (width, tall), trail), text,
                                                f"{clip.seconds:.1f} s")
-  at = np.unique([*at, *marks.frames[:num]])  # what is asked for is seen when it is due
+  at = np.unique([*at, *marks.of(True)[:num], *marks.of(False)[:num]])  # what is asked for is seen when it is due
   tall = _height(figure)
   reach = np.linalg.norm((figure.joints - figure.joints[:, :1])[at][..., [0, 2]], axis=-1).max()
   gap = max(0.42 * tall, 1.25 * reach)
@@ -202,7 +203,7 @@ def _strip(clip, num, height, azimuth, caption, colors, spread, asked=None):
   moves = places - way[at]
   bodies = [_body(figure, t, tints, move) for t, move in zip(at, moves)]
   balls = [(a + move, b + move, *rest) for t, move in zip(at, moves) for frame, (a, b, *rest) in marks.bodies
-           if frame == t]
+           if frame == t and len(a) == 1]
   across = places @ right
   middle = (across.max() + across.min()) / 2
   # Far away with a long lens: the bodies at the edges look like those in the middle.
