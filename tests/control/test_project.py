@@ -74,7 +74,7 @@ def test_what_no_body_can_do_is_told_and_the_nearest_is_made(walk):
   assert "left_wrist" in str(said[0].message) and "4.00 m at 1.50 s (frame 30)" in str(said[0].message)
   assert high[30, 20, 1] > 1.8 and np.isfinite(high).all()
   with pytest.warns(UserWarning, match=r"pelvis is asked to go at 12\.0 m/s .*\(frame"):
-    fast = project(joints, [RootPath([[0, 0], [0, 12 * 59 / 20]])])
+    fast = project(joints, [RootPath([[0, 0], [0, 12 * 43 / 20]])])
   assert np.linalg.norm(np.diff(fast[:, 0], axis=0), axis=-1).max() * 20 < 7.5
 
 
