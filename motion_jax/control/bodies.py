@@ -83,9 +83,20 @@ def slopes(joints: Float[np.ndarray, "t 22 3"], axes: dict[int, np.ndarray]) -> 
   return result
 
 
+def bends(joints: Float[np.ndarray, "t 22 3"], axes: dict[int, np.ndarray]) -> dict[int, np.ndarray]:
+  """{number of the turn: angles (T,)} by which elbows and knees are bent; below 0 the wrong way."""
+  found = {}
+  for number, axis in axes.items():
+    pivot = TURNS[number].pivot
+    upper = joints[:, pivot] - joints[:, HUMANML3D.parents[pivot]]
+    lower = joints[:, HUMANML3D.parents.index(pivot)] - joints[:, pivot]
+    found[number] = np.arctan2((np.cross(upper, lower) * axis).sum(-1), (upper * lower).sum(-1))
+  return found
+
+
 def bent(joints: Float[np.ndarray, "t 22 3"], change: Float[np.ndarray, "t p"], axes: dict[int, np.ndarray]
-         ) -> Float[np.ndarray, "t 22 3"]:
-  """Joints (T, 22, 3) with their parameters changed by (T, P); bones stay as long as they are."""
+         ) -> tuple[Float[np.ndarray, "t 22 3"], dict[int, np.ndarray]]:
+  """Joints (T, 22, 3) with their parameters changed by (T, P), and their hinges; bones stay as long as they are."""
   result = joints + change[:, None, :3]
   axes = dict(axes)
   for number, (turn, start) in enumerate(zip(TURNS, STARTS)):
@@ -96,4 +107,4 @@ def bent(joints: Float[np.ndarray, "t 22 3"], change: Float[np.ndarray, "t p"], 
     for other, axis in axes.items():  # a hinge goes with the limb that it is in
       if other > number and turn.moved[TURNS[other].pivot] and TURNS[other].pivot != turn.pivot:
         axes[other] = rot.rotate(about, axis)
-  return result
+  return result, axes

@@ -32,6 +32,8 @@ _SPREAD = 0.3               # seconds over which what is done for one frame come
 _LASTS = 1.0                # seconds over which a change of course comes
 _COURSE = 0.35              # seconds, sigma of what is smoothed away of a path to have its direction
 _STEP = 0.4                 # radians and metres of a change in one round
+_STRAIGHT = 0.02            # radians: an elbow or a knee is not made straighter, nor bent the wrong way
+_DAMPED = 100.0             # what resists a step after one that went too far
 _ROUNDS, _NEAR = 30, 4e-4   # rounds at the most; metres off that are near enough
 LONGEST = 2400              # frames
 
@@ -190,6 +192,10 @@ def _solved(joints: np.ndarray, wanted: Callable[[np.ndarray], ControlSignal], f
   rows, columns = np.tril_indices(size)
   done, now = np.zeros((count, size)), joints
   where, stand = _stances(joints, wanted(joints), fps)
+  axes = bodies.hinges(joints)
+  least = {number: np.minimum(angle, _STRAIGHT) for number, angle in bodies.bends(joints, axes).items()}
+  lowest = np.minimum(joints[:, feet, 1], 0.0)
+  damping, before = 0.0, np.inf
   for _ in range(_ROUNDS):
     signal = wanted(now)
     given = np.asarray(signal.given)[0]
@@ -197,11 +203,14 @@ def _solved(joints: np.ndarray, wanted: Callable[[np.ndarray], ControlSignal], f
     worst = np.abs(off).max()
     if worst < _NEAR:
       return now
-    axes = bodies.hinges(now)
+    # Around a limb that is straight a step goes too far: Levenberg and Marquardt's remedy.
+    damping, before = max(4 * damping, _DAMPED) if worst > before else damping / 2, worst
     slope = bodies.slopes(now, axes)
     pushed, square = np.zeros((count, size)), np.zeros((count, size, size))
+    sunk = (now[:, feet, 1] < lowest)[..., None]  # under the floor
     for at, gap, weight in ((slope, off, _HARD * given),
-                            (slope[:, feet], where - now[:, feet], _STAND * np.repeat(stand[..., None], 3, -1))):
+                            (slope[:, feet], where - now[:, feet], _STAND * np.repeat(stand[..., None], 3, -1)),
+                            (slope[:, feet, 1:2], (lowest - now[:, feet, 1])[..., None], _STAND * sunk)):
       used = weight.any((0, 2))
       at, gap, weight = (x[:, used] for x in (at, gap, weight))
       flat = (at * weight[..., None]).reshape(count, -1, size)
@@ -213,15 +222,21 @@ def _solved(joints: np.ndarray, wanted: Callable[[np.ndarray], ControlSignal], f
       gap = (np.asarray(signal.heading, np.float64)[0] - angle_of(now) + np.pi) % (2 * np.pi) - np.pi
       pushed[:, turn] += _FACE * faced * gap
       square[:, turn, turn] += _FACE * faced
+    for number, angle in bodies.bends(now, axes).items():  # no elbow and no knee bends the wrong way
+      start, gap = bodies.STARTS[number], np.maximum(least[number] - angle, 0)
+      pushed[:, start] += _FACE * gap
+      square[:, start, start] += _FACE * (gap > 0)
     # Bands of all frames' parameters, lower form: within a frame from the squares, between frames from smoothness.
     bands = np.zeros((2 * size + 1, count, size))
     bands[rows - columns, :, columns] = square[:, rows, columns].T
+    bands[0] += damping
     for apart in range(3):
       bands[apart * size] += smooth[apart][:, None] * weights
     pushed -= _smoothness_of(smooth, done) * weights
     change = solveh_banded(bands.reshape(2 * size + 1, -1), pushed.reshape(-1), lower=True).reshape(count, size)
     change *= min(1.0, _STEP / max(np.abs(change).max(), 1e-9))
-    done, now = done + change, bodies.bent(now, change, axes)
+    done = done + change
+    now, axes = bodies.bent(now, change, axes)
     if np.abs(change).max() < 1e-4:
       return now
   return now

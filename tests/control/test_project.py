@@ -87,3 +87,11 @@ def test_spread_is_smooth_exact_and_fades():
   lasting = spread(values, given, 20.0, lasting=True)[:, 0]
   np.testing.assert_allclose(lasting[[20, 50]], [1, -1])
   assert abs(lasting[0]) > 0.5 and abs(lasting[79]) > 0.5
+
+
+def test_a_limb_that_is_stretched_out_still_finds_its_target(walk):
+  still = np.repeat(walk[:1], 40, axis=0)
+  low = [EffectorTarget("right_hand", [1.0], [still[20, 0] * [1, 0, 1] + [-0.2, 0.3, 0.5]])]
+  made = project(still, low).astype(np.float64)
+  assert _off(made, low).max() < 1e-3
+  assert made[:, [7, 8, 10, 11], 1].min() > still[:, [7, 8, 10, 11], 1].min() - 0.01  # not under the floor
