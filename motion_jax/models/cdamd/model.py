@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from motion_jax.control.signal import ControlSignal
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.inputs import former_names
 from motion_jax.inputs.config_files import module_fields
@@ -18,6 +19,7 @@ from motion_jax.models.base import Frames, Prompts, TextToMotionModel, keys_of
 from motion_jax.models.cdamd import draws
 from motion_jax.models.cdamd import length as lengths
 from motion_jax.models.cdamd import mask_schedule as masking
+from motion_jax.models.cdamd.guiding import Settling
 from motion_jax.models.cdamd.options import CdamdSampling
 from motion_jax.models.cdamd.unmasking import most_unmasked
 from motion_jax.models.controlled import Control
@@ -35,6 +37,7 @@ from motion_jax.shapes import Array
 from motion_jax.text.encoder import TextEncoder
 from motion_jax.training import checkpoint
 
+CONTROL_STEPS = 4  # of Gauss-Newton, where constraints pull
 _PAST = 40  # frames of a motion behind which it goes on
 
 Spans = Sequence[Sequence[int]]  # [(first frame, the one behind the last), ...]
@@ -92,16 +95,30 @@ class CdamdModel(TextToMotionModel):
                                project)
 
   def sample(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, seeds: Sequence[int | None],
-             cleanup: bool, sampling: dict[str, Any]) -> Motions:
-    """Motions of prompts that are said to the network as they are, a key each."""
+             cleanup: bool, sampling: dict[str, Any], signal: ControlSignal | None = None) -> Motions:
+    """Motions of prompts that are said to the network as they are, a key each; see `sample_controlled`."""
+    sampling = dict(sampling)
+    steps = sampling.pop("control_steps", CONTROL_STEPS) + sampling.pop("settles", 0)
     frames = [count // self.frames_per_latent * self.frames_per_latent for count in frames]
     every = np.arange(self.max_latents) < np.array(frames)[:, None] // self.frames_per_latent
     plan, masked, scale, about = self._tables(keys, every, **sampling)
     text_emb, text_mask = self.encode_words(prompts)
+    held: dict[str, Any] = {}
+    if signal is not None and steps:
+      signal = signal.slice_frames(0, self.max_latents * self.frames_per_latent)
+      held, about = dict(settling=Settling.of(self.stats, signal, steps)), about | dict(control_steps=steps)
     made = self._generate(plan, self.params, self.codec, text_emb=text_emb, text_mask=text_mask, masked=masked,
-                          real_mask=jnp.asarray(every), scale=scale, keys=keys)
+                          real_mask=jnp.asarray(every), scale=scale, keys=keys, **held)
     captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
     return make_motions(self, made, frames, captions, seeds, about, cleanup)
+
+  def sample_controlled(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array,
+                        seeds: Sequence[int | None], cleanup: bool, sampling: dict[str, Any], signal: ControlSignal
+                        ) -> Motions:
+    """As `sample`, led towards what signal (B, longest) asks: finished latents are pulled to it through the decoder
+    (`models.cdamd.guiding`), in as many Gauss-Newton steps as sampling["control_steps"] says; 0: not pulled.
+    sampling["settles"] is more of them."""
+    return self.sample(prompts, frames, keys, seeds, cleanup, sampling, signal)
 
   def in_a_row(self, lists: Sequence[Sequence[tuple[str, int]]], keys: jax.Array, seeds: Sequence[int | None],
                cleanup: bool, sampling: dict[str, Any]) -> Motions:

@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float
 from motion_jax.diffusion import ddpm, guidance, ode, samplers
 from motion_jax.latents import AutoencoderCodec
 from motion_jax.models.cdamd import unmasking
+from motion_jax.models.cdamd.guiding import Settling
 from motion_jax.nets.masks import LATENT_MASKS, latent_mask
 from motion_jax.shapes import Array, Net
 
@@ -70,9 +71,9 @@ def make_latents(net: Net, plan: Plan, params: Any, latents: Float[Array, "b l c
 
 
 def generate(net: Net, plan: Plan, params: Any, codec: AutoencoderCodec, *, real_mask: Bool[Array, "b l"],
-             **given: Any) -> Float[Array, "b t f"]:
+             settling: Settling | None = None, **given: Any) -> Float[Array, "b t f"]:
   """Normalized features (B, 4 L, F) of new motions; given: masked (N, B, L) of `masking.masked_table`, and what else
-  `make_latents` takes. Pure."""
+  `make_latents` takes. settling pulls finished latents towards constraints. Pure."""
   latents = jnp.zeros(real_mask.shape + (net.transformer.latent_dim,))
   made = make_latents(net, plan, params, latents, real_mask=real_mask, **given)[-1]
-  return codec.decode(made, real_mask)
+  return codec.decode(made if settling is None else settling.settle(codec, made, real_mask), real_mask)

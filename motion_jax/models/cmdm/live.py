@@ -2,16 +2,19 @@
 import copy
 import dataclasses
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
+from motion_jax.control import conditioning
+from motion_jax.control.signal import ControlSignal
 from motion_jax.data.clip import Caption
 from motion_jax.models import cmdm
 from motion_jax.models.cmdm import streaming
+from motion_jax.models.cmdm.guiding import Behind, Guide
 from motion_jax.models.cmdm.networks import CmdmNetworks
 from motion_jax.models.results import Motion
 from motion_jax.motion import rotations as rot
@@ -43,6 +46,9 @@ class LiveStream:
     self._state = cmdm.init_stream(model.codec, self._sampler)
     self._steps, self._frames, self._given = 0, 0, 0  # frames: that are decided; given: of them, once cleaned
     self._path: _Path | None = None
+    self._tokens: np.ndarray | None = None  # of what the stream is held to (1, L, D), from its first latent on
+    self._signal: ControlSignal | None = None
+    self._before: Any = None  # the decoder's memory and the path before the window's oldest block
     layout = model.stats.layout
     self._cleaner = Cleaner(layout.skeleton, model.fps) if cleanup and layout.has_fixed_bones else None
     self._script = [(0, 0)]  # (block, slot): from that block on the caption of that slot
@@ -108,6 +114,56 @@ class LiveStream:
     self._encode()
     return first * self.block_frames
 
+  def hold(self, signal: ControlSignal | None, control_steps: int = 2) -> int:
+    """From now on, these constraints in the place of those before: the first frame that is still free.
+
+    signal (1, T): of frames from the beginning of the stream on, in metres from where it began; what lies in blocks
+    that were given out has no effect, and no frame that was given out moves. None asks for nothing any more. A network
+    that was trained for it is told them as far ahead as it looks, and latents that are under way are pulled to them by
+    control_steps conjugate gradient steps at each noise level; 0: not pulled.
+    """
+    if signal is not None and signal.batch != 1:
+      raise ValueError(f"got constraints of {signal.batch} motions, a stream is one")
+    model = self._model
+    self._tokens, self._signal, guide = None, None, None
+    if signal is not None and not signal.is_empty:
+      pad = lambda count: signal.slice_frames(0, -(-signal.frames // count) * count)
+      if model.dit.control:  # lengths in steps of ten seconds, so that few are compiled
+        told = conditioning.features(pad(200 * model.frames_per_latent // 4), model.frames_per_latent)
+        self._tokens = np.asarray(model.dit.apply(model.params, told, method="control_tokens"))
+      if control_steps:
+        self._signal = jax.tree.map(np.asarray, signal)
+        guide = Guide.of(model.codec, model.stats, self._window(self._signal), control_steps)
+    self._sampler = dataclasses.replace(self._sampler, control=None, guide=guide)
+    return self._frames
+
+  @property
+  def _base(self) -> int:
+    """The window's oldest block."""
+    return max(self._steps - self._plan.age, 0)
+
+  def _window(self, signal: ControlSignal) -> ControlSignal:
+    """The frames of a window of blocks from the oldest one on."""
+    first = self._base * self.block_frames
+    return signal.slice_frames(first, first + self._plan.width * self.block_frames)
+
+  def _held(self) -> tuple[streaming.Sampler, streaming.Stream]:
+    """Sampler and state of the next step, with what the window is held to."""
+    sampler, latents, size, base = self._sampler, self._state.latents, self._plan.block, self._base
+    if self._tokens is not None:
+      window = self._tokens[:, base * size:(base + self._plan.width) * size]
+      missing = self._plan.width * size - window.shape[1]
+      sampler = dataclasses.replace(sampler, control=np.pad(window, ((0, 0), (0, missing), (0, 0))), control_first=base)
+    if self._signal is None or sampler.guide is None:
+      return sampler, latents._replace(behind=None)
+    guide = dataclasses.replace(sampler.guide, signal=self._window(self._signal), first=base * size)
+    behind = guide.begin()
+    if base:
+      decoder, path = self._before
+      heading = -2 * np.arctan2(path.heading[2], path.heading[0])
+      behind = Behind(decoder, *(jnp.asarray(a, jnp.float32)[None] for a in (path.row, path.place[::2], heading)))
+    return dataclasses.replace(sampler, guide=guide), latents._replace(behind=behind)
+
   def show(self, seconds: float = 10.0) -> Motion:
     """The next seconds as a Motion, which a notebook shows in its viewer; asked again, it goes on from there."""
     if not np.isfinite(seconds) or seconds <= 0:
@@ -162,8 +218,12 @@ class LiveStream:
     plan, layout, width = self._plan, self._model.stats.layout, -(-self._plan.width // 2)
     # Two compiled widths: the start and the rest.
     active = min(-(-min(self._steps + 1, plan.width) // width) * width, plan.width)
+    sampler, latents = self._held()
+    before = self._state.decoder, self._path
     self._state, made, _ = self._model.compiled.stream_step(
-        active, self._steps > plan.age, self._model.codec, self._sampler, self._state, self._captions(active))
+        active, self._steps > plan.age, self._model.codec, sampler, self._state._replace(latents=latents),
+        self._captions(active))
+    self._before = before
     self._steps += 1
     if self._steps < plan.age:
       return np.zeros((0, layout.skeleton.num_joints, 3), np.float32)

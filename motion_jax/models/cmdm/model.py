@@ -5,12 +5,14 @@ from typing import Any
 
 import jax
 
+from motion_jax.control.signal import ControlSignal
 from motion_jax.data.clip import Clip
 from motion_jax.inputs import former_names
 from motion_jax.models import composed, controlled
 from motion_jax.models.base import Frames, Prompts, keys_of
 from motion_jax.models.cmdm import multi_prompt as multi
 from motion_jax.models.cmdm import streaming
+from motion_jax.models.cmdm.guiding import Guide
 from motion_jax.models.cmdm.live import LiveStream
 from motion_jax.models.cmdm.networks import CmdmNetworks
 from motion_jax.models.cmdm.options import CmdmSampling
@@ -19,6 +21,8 @@ from motion_jax.models.known_motion import on_our_body
 from motion_jax.models.results import Motion, Motions, captions_in_a_row, go_on, make_motions
 from motion_jax.runtime import timing
 
+# Where constraints pull: conjugate gradient steps at each noise level, and Gauss-Newton steps when all is finished.
+CONTROL_STEPS, SETTLES = 2, 3
 Segments = Sequence[tuple[str, float | None]]  # prompts and their seconds
 
 
@@ -49,8 +53,10 @@ class CmdmModel(CmdmNetworks):
                                project)
 
   def sample(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, seeds: Sequence[int | None],
-             cleanup: bool, sampling: dict[str, Any]) -> Motions:
-    """Motions of prompts that are said to the network as they are, a key each."""
+             cleanup: bool, sampling: dict[str, Any], signal: ControlSignal | None = None) -> Motions:
+    """Motions of prompts that are said to the network as they are, a key each; see `sample_controlled`."""
+    sampling = dict(sampling)
+    control_steps, settles = sampling.pop("control_steps", CONTROL_STEPS), sampling.pop("settles", SETTLES)
     plan, scale, about = self.plan_of(**sampling)
     # Whole blocks are independent of what follows them; a few more of them spare a compilation for every new length.
     blocks = -(-max(frames) // (plan.block * self.vae.frames_per_latent * 4)) * 4
@@ -60,10 +66,25 @@ class CmdmModel(CmdmNetworks):
       plan = plan._replace(context=max(plan.context, blocks * plan.block))
     with timing.part("text"):
       text_emb, text_mask = self.encode_words(prompts)
+    held: dict[str, Any] = {}
+    if signal is not None:
+      signal = signal.slice_frames(0, blocks * plan.block * self.frames_per_latent)
+      held = dict(control=signal) if self.dit.control else {}
+      held |= dict(guide=Guide.of(self.codec, self.stats, signal, control_steps, settles)) if control_steps else {}
+      about |= dict(control_steps=control_steps, settles=settles)
     made = run(plan.fitted(blocks), blocks, self.params, self.codec, text_emb=text_emb, text_mask=text_mask,
-               scale=scale, keys=keys)
+               scale=scale, keys=keys, **held)
     captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
     return make_motions(self, made, frames, captions, seeds, about, cleanup)
+
+  def sample_controlled(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array,
+                        seeds: Sequence[int | None], cleanup: bool, sampling: dict[str, Any], signal: ControlSignal
+                        ) -> Motions:
+    """As `sample`, led towards what signal (B, longest) asks: a network that was trained for it is told it, and latents
+    are pulled to it while they are denoised (`models.cmdm.guiding`), by as many conjugate gradient steps at each noise
+    level as sampling["control_steps"] says (0: not pulled), and sampling["settles"] times more when all are
+    finished, which no stream can."""
+    return self.sample(prompts, frames, keys, seeds, cleanup, sampling, signal)
 
   @former_names.with_keywords
   def multi_prompt(self, segments: Segments, *, rng: jax.Array | None = None, seed: int | None = None,

@@ -1,4 +1,5 @@
 """Motion from CMDM's denoiser: frame-wise sampling, the plain loop it is tested against, and a stream's step."""
+import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -11,6 +12,7 @@ from motion_jax.control.signal import ControlSignal
 from motion_jax.diffusion import guidance, samplers, schedules
 from motion_jax.latents import VaeCodec
 from motion_jax.models.cmdm import continuation, ddpm_forcing, streaming
+from motion_jax.models.cmdm.guiding import Guide
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.masks import padding_mask, sliding_mask
 from motion_jax.shapes import Array
@@ -18,28 +20,35 @@ from motion_jax.shapes import Array
 
 def generate(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params: Any, codec: VaeCodec, *,
              text_emb: Float[Array, "b *g s e"], text_mask: Bool[Array, "b *g s"], scale: Any, keys: jax.Array,
-             segment: Int[Array, "b {num_blocks}"] | None = None, control: ControlSignal | None = None
-             ) -> Float[Array, "b t f"]:
+             segment: Int[Array, "b {num_blocks}"] | None = None, control: ControlSignal | None = None,
+             guide: Guide | None = None) -> Float[Array, "b t f"]:
   """Normalized features (B, frames, F) of num_blocks blocks, by frame-wise sampling (lag < num_steps) or block after
   block (lag = num_steps). keys (B,): one per motion. Pure; dit, plan and num_blocks are static.
 
   With segment (B, num_blocks), text_emb (B, G, S, E) and text_mask (B, G, S) are G captions a motion, and segment says
   which of them each block has; plan.captions is that of `streaming.captions_seen`. control, of the frames that are
-  made, is for a network that was trained to keep to it.
+  made, is for a network that was trained to keep to it; guide, of as many, pulls any.
   """
   sampler = streaming.bind(dit, plan, params, text_emb=text_emb, text_mask=text_mask, scale=scale, keys=keys,
                            control=told_of(codec, control))
-  return codec.decode(sampler.sample(num_blocks, segment=segment))
+  if guide is None:
+    return codec.decode(sampler.sample(num_blocks, segment=segment))
+  guide = guide.over((num_blocks + plan.width) * plan.block * codec.frames_per_latent)  # as far as a window reaches
+  # One width: what is compiled for each holds the decoder and its derivatives.
+  made = dataclasses.replace(sampler, guide=guide).sample(num_blocks, buckets=1, segment=segment)
+  return codec.decode(guide.settle(made))
 
 
 def generate_whole(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params: Any, codec: VaeCodec, *,
                    text_emb: Float[Array, "b *g s e"], text_mask: Bool[Array, "b *g s"], scale: Any, keys: jax.Array,
-                   segment: Int[Array, "b {num_blocks}"] | None = None, control: ControlSignal | None = None
-                   ) -> Float[Array, "b t f"]:
+                   segment: Int[Array, "b {num_blocks}"] | None = None, control: ControlSignal | None = None,
+                   guide: Guide | None = None) -> Float[Array, "b t f"]:
   """The same by the plain loop over all latents at once; a plan of lag 0 cleans them all together.
 
-  What `generate` is tested against, and the full-sequence schedule of the paper's ablation.
+  What `generate` is tested against, and the full-sequence schedule of the paper's ablation. guide pulls finished
+  latents alone.
   """
+  decode = lambda made: codec.decode(made if guide is None else guide.settle(made))
   length = num_blocks * plan.block
   noise = jnp.concatenate([streaming.block_noise(keys, i, plan, dit.latent_dim) for i in range(num_blocks)], axis=1)
   if segment is not None:
@@ -51,9 +60,9 @@ def generate_whole(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params
     levels = schedules.staircase_levels(plan.num_steps, length, plan.lag, plan.block)
     steps, blocks = ddpm_forcing.make_steps(plan.num_steps, plan.solver), jnp.arange(num_blocks)
     fresh = lambda now: streaming.fresh_noise(keys, blocks, now[::plan.block], plan, dit.latent_dim)
-    return codec.decode(ddpm_forcing.sample(velocity, noise, levels, steps, fresh))
+    return decode(ddpm_forcing.sample(velocity, noise, levels, steps, fresh))
   times = jnp.asarray(schedules.staircase(plan.num_steps, length, plan.lag, plan.block))
-  return codec.decode(samplers.SOLVERS[plan.solver](velocity, noise, times))
+  return decode(samplers.SOLVERS[plan.solver](velocity, noise, times))
 
 
 def told_of(codec: VaeCodec, control: ControlSignal | None) -> Float[Array, "b l n"] | None:

@@ -82,6 +82,7 @@ class Stream(NamedTuple):
   latents: jax.Array  # (B, width * block, C), the window
   cache: Any          # per layer (k, v), (rows, ring * block, H, K), keys unturned
   past: jax.Array     # () how many latents were given before the first block, see `Sampler.prefill`
+  behind: Any = None  # where what left the window has led to, of a sampler with a guide
 
 
 class Constants(NamedTuple):
@@ -210,6 +211,7 @@ class Sampler:
   keys: Any
   control: Any = None        # (B, blocks * block, D) of `CausalDiT.control_tokens`, from block control_first on
   control_first: Any = 0
+  guide: Any = None          # a `guiding.Guide`, which pulls the velocity of flows towards constraints
 
   def init(self) -> Stream:
     """The state before the first step."""
@@ -219,7 +221,8 @@ class Sampler:
     shape = (rows, plan.ring * plan.block, dit.num_heads, dit.width // dit.num_heads)
     empty = jnp.zeros(shape, dit.dtype)
     cache = tuple((empty, empty) for _ in range(dit.depth))
-    return Stream(jnp.zeros((), jnp.int32), jnp.concatenate(noise, axis=1), cache, jnp.zeros((), jnp.int32))
+    return Stream(jnp.zeros((), jnp.int32), jnp.concatenate(noise, axis=1), cache, jnp.zeros((), jnp.int32),
+                  None if self.guide is None else self.guide.begin())
 
   def prefill(self, state: Stream, *, past: Float[Array, "b p c"], count: Any, caption: Int[Array, "b k"] | None = None
               ) -> Stream:
@@ -299,6 +302,10 @@ class Sampler:
       step = jnp.repeat(constants.times[then] - constants.times[now], size)[:, None]
       if plan.solver == "heun":
         velocity = (velocity + velocity_at(latents + step * velocity, then)[0]) / 2
+      if self.guide is not None:
+        moves = jnp.repeat(now < then, size)
+        velocity = self.guide.velocity(state.behind, base * size, latents, velocity,
+                                       jnp.repeat(constants.times[now], size), moves).astype(latents.dtype)
       return latents + step * velocity, jax.tree.map(lambda a: a[:, :size], new)
 
     window, oldest = jax.lax.scan(iteration, state.latents[:, :active * size], jnp.arange(plan.lag))
@@ -311,9 +318,13 @@ class Sampler:
     cache = jax.tree.map(
         lambda ring, new: jnp.where(moves, jax.lax.dynamic_update_slice_in_dim(
             ring, new[-1].astype(ring.dtype), base % plan.ring * size, axis=1), ring), state.cache, oldest)
+    behind = state.behind
+    if self.guide is not None:
+      behind = jax.tree.map(lambda new, old: jnp.where(moves, new, old), self.guide.move_on(behind, latents[:, :size]),
+                            behind)
     noise = block_noise(keys, base + plan.width, plan, dit.latent_dim).astype(latents.dtype)
     latents = jnp.where(moves, jnp.concatenate([latents[:, size:], noise], axis=1), latents)
-    return Stream(state.steps + 1, latents, cache, state.past), block, state.steps >= age - 1
+    return Stream(state.steps + 1, latents, cache, state.past, behind), block, state.steps >= age - 1
 
   def sample(self, num_blocks: int, *, buckets: int = 2, segment: Int[Array, "b {num_blocks}"] | None = None,
              state: Stream | None = None) -> Float[Array, "b l c"]:

@@ -1,0 +1,74 @@
+"""Pulling latents towards what is asked: damped Gauss-Newton steps through a decoder and the joints that it makes.
+
+Latents z have places J(z) that should be c. Taken as normal around z with variances P, and the places as known to a
+tolerance s, their most likely change is d = P A' (A P A' + s^2)^-1 (c - J(z)), where A is the derivative of J: the
+pseudo-inverse guidance of diffusion models (Song et al., ICLR 2023) with a decoder in between. A is never made; the
+same d comes of a few conjugate gradient steps, each of which takes it forwards and backwards once, motion by motion.
+"""
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Float
+
+from motion_jax.control.signal import ControlSignal
+from motion_jax.shapes import Array
+
+TOLERANCE = 0.01  # metres
+_TURN = 0.3       # metres that a radian of heading counts as
+
+
+def residual(signal: ControlSignal, joints: Float[Array, "b t j 3"], heading: Float[Array, "b t"]
+             ) -> tuple[Float[Array, "b t j 3"], Float[Array, "b t"]]:
+  """How far joints (B, T, 22, 3) and headings (B, T) are from a signal: 0 where nothing is given."""
+  turn = jnp.sin(heading - signal.heading)  # of half a turn and more the sine is no way back
+  turn = jnp.where(jnp.cos(heading - signal.heading) < 0, jnp.sign(turn), turn)
+  return (jnp.where(signal.given, joints - signal.positions, 0.0),
+          jnp.where(signal.heading_given, _TURN * turn, 0.0))
+
+
+def _dot(a, b):
+  """Of the rows of two trees with leaves (B, ...): (B,)."""
+  return sum((x * y).reshape(x.shape[0], -1).sum(1) for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b)))
+
+
+def newton_step(residual_of: Callable[..., Any], z: Float[Array, "b l c"], variance: Float[Array, "#b l 1"],
+                num_steps: int, tolerance: float = TOLERANCE) -> Float[Array, "b l c"]:
+  """What is to be added to latents z (B, L, C), of these variances, so that residual_of(z) comes near 0.
+
+  A latent of variance 0 stays. Of a motion that residual_of finds no fault with nothing moves. num_steps: of conjugate
+  gradients.
+  """
+  found, pull = jax.vjp(residual_of, z)
+  backward = lambda a: pull(a)[0]
+  push = jax.linear_transpose(backward, found)  # layers with a gradient of their own (`nets.layers`) have no jvp
+  spread = jnp.sqrt(variance)
+  normal = lambda u: spread * backward(push(spread * u)[0]) + tolerance ** 2 * u
+  wanted = -spread * backward(found)
+  rows = lambda a: a[:, None, None]
+
+  def body(_, state):
+    u, rest, way, square = state
+    image = normal(way)
+    curve = _dot(way, image)
+    length = rows(square / jnp.where(curve > 0, curve, 1.0))
+    u, rest = u + length * way, rest - length * image
+    fresh = _dot(rest, rest)
+    return u, rest, rest + rows(fresh / jnp.where(square > 0, square, 1.0)) * way, fresh
+
+  start = (jnp.zeros_like(z), wanted, wanted, _dot(wanted, wanted))
+  u = jax.lax.fori_loop(0, num_steps, body, start)[0]
+  # Where a whole step makes it worse, the lowest point of the parabola through both ends.
+  step, slope, before = spread * u, -2 * _dot(wanted, u), _dot(found, found)
+  moved = residual_of(z + step)
+  bend = _dot(moved, moved) - before - slope
+  part = jnp.clip(-slope / jnp.where(bend > 0, 2 * bend, 1.0), 0.05, 1.0)
+  return jnp.where(rows(_dot(moved, moved) > before), rows(part) * step, step)
+
+
+def settled(residual_of: Callable[..., Any], z: Float[Array, "b l c"], variance: Float[Array, "#b l 1"],
+            num_times: int = 3, num_steps: int = 6) -> Float[Array, "b l c"]:
+  """Finished latents z (B, L, C) after num_times Gauss-Newton steps: as near to what is asked as they go."""
+  return jax.lax.fori_loop(0, num_times, lambda _, z: z + newton_step(residual_of, z, variance, num_steps,
+                                                                      TOLERANCE / 2), z)

@@ -1,0 +1,45 @@
+"""Finished latents of CDAMD are pulled towards constraints through the decoder, all of a motion together.
+
+Its latents are unmasked in any order and see one another; where each ends is known only when all are there. So they are
+pulled once they are finished, unlike CMDM's, whose decoder looks back alone (`models.cmdm.guiding`).
+"""
+from typing import Any, Self
+
+import flax
+import jax.numpy as jnp
+from jaxtyping import Bool, Float
+
+from motion_jax.control import guidance
+from motion_jax.control.signal import ControlSignal
+from motion_jax.latents import AutoencoderCodec
+from motion_jax.motion.representations import get_layout
+from motion_jax.motion.stats import Stats
+from motion_jax.shapes import Array
+
+VARIANCE = 0.05  # of a finished latent, in units of that of all latents: how far it may be pulled
+
+
+@flax.struct.dataclass
+class Settling:
+  """A signal of all frames (B, T), and what makes joints of features."""
+  mean: Any
+  std: Any
+  signal: ControlSignal
+  layout: str = flax.struct.field(pytree_node=False, default="coordinates")
+  num_times: int = flax.struct.field(pytree_node=False, default=4)
+
+  @classmethod
+  def of(cls, stats: Stats, signal: ControlSignal, num_times: int = 4) -> Self:
+    return cls(stats.mean, stats.std, signal, stats.layout.name, num_times)
+
+  def settle(self, codec: AutoencoderCodec, latents: Float[Array, "b l c"], real_mask: Bool[Array, "b l"]
+             ) -> Float[Array, "b l c"]:
+    layout = get_layout(self.layout)
+
+    def residual(z):
+      features = codec.decode(z, real_mask) * self.std + self.mean
+      turned, _ = layout.root_path(features)
+      return guidance.residual(self.signal, layout.to_joints(features), -2 * jnp.arctan2(turned[..., 2],
+                                                                                        turned[..., 0]))
+
+    return guidance.settled(residual, latents, jnp.where(real_mask[..., None], VARIANCE, 0.0), self.num_times)

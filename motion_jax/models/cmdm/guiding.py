@@ -1,0 +1,105 @@
+"""Frame-wise sampling that is pulled towards constraints at every noise level, through the decoder.
+
+The latents of the window, as clean as the network thinks them, are decoded behind those that left it, and become joints
+where the motion has got to; `control.guidance` says what they would have to be. So a network that has not learned from
+constraints meets them, too, and one that has meets them more exactly. What left the window stays as it is.
+"""
+import dataclasses
+from typing import Any, NamedTuple, Self
+
+import flax
+import jax
+import jax.numpy as jnp
+from jaxtyping import Bool, Float
+
+from motion_jax.control import guidance
+from motion_jax.control.signal import ControlSignal
+from motion_jax.latents import VaeCodec
+from motion_jax.motion.representations import get_layout
+from motion_jax.motion.stats import Stats
+from motion_jax.shapes import Array
+
+
+class Behind(NamedTuple):
+  """Where the latents that left the window have led to: the decoder's memory, the last row of features (B, 1, F), place
+  (B, 2) on the floor and heading (B,)."""
+  decoder: Any
+  row: Float[Array, "b 1 f"]
+  place: Float[Array, "b 2"]
+  heading: Float[Array, " b"]
+
+
+@flax.struct.dataclass
+class Guide:
+  """What pulls: a signal of frames (B, T) from block `first` on, and all that makes joints of latents. Made by `of`.
+
+  num_steps: of conjugate gradients at each noise level; num_times: how often the finished latents of a whole motion
+  are pulled once more, all together, which no stream can: with 0 a stream makes the motion that is made offline.
+  """
+  codec: VaeCodec
+  mean: Any
+  std: Any
+  signal: ControlSignal
+  first: Any = 0
+  layout: str = flax.struct.field(pytree_node=False, default="full")
+  num_steps: int = flax.struct.field(pytree_node=False, default=2)
+  num_times: int = flax.struct.field(pytree_node=False, default=0)
+
+  @classmethod
+  def of(cls, codec: VaeCodec, stats: Stats, signal: ControlSignal, num_steps: int = 2, num_times: int = 0) -> Self:
+    return cls(codec, stats.mean, stats.std, signal, 0, stats.layout.name, num_steps, num_times)
+
+  def over(self, frames: int) -> Self:
+    """The same over so many frames, of which those behind the signal's end ask for nothing."""
+    return dataclasses.replace(self, signal=self.signal.slice_frames(0, frames))
+
+  def begin(self) -> Behind:
+    """Before the first block: the origin, faced +Z, by a row that goes nowhere."""
+    batch = self.signal.given.shape[0]
+    row = jnp.zeros((batch, 1, get_layout(self.layout).dim))
+    return Behind(self.codec.init_decode_state(batch), row, jnp.zeros((batch, 2)), jnp.zeros(batch))
+
+  def _world(self, behind, latents):
+    """(joints (B, T, J, 3), headings (B, T), `Behind` after them) of the next latents."""
+    layout = get_layout(self.layout)
+    features, decoder = self.codec.decode_step(latents, behind.decoder)
+    rows = jnp.concatenate([behind.row, features * self.std + self.mean], axis=1)
+    turned, path = layout.root_path(rows)
+    heading = behind.heading[:, None] - 2 * jnp.arctan2(turned[..., 2], turned[..., 0])
+    cos, sin = jnp.cos(behind.heading), jnp.sin(behind.heading)
+
+    def place(points):
+      spread = lambda a: a.reshape(a.shape + (1,) * (points.ndim - 2))
+      x, y, z = points[..., 0], points[..., 1], points[..., 2]
+      return jnp.stack([x * spread(cos) + z * spread(sin) + spread(behind.place[:, 0]), y,
+                        z * spread(cos) - x * spread(sin) + spread(behind.place[:, 1])], axis=-1)
+
+    joints, path = place(layout.to_joints(rows)[:, 1:]), place(path)
+    return joints, heading[:, 1:], Behind(decoder, rows[:, -1:], path[:, -1, ::2], heading[:, -1])
+
+  def move_on(self, behind: Behind, block: Float[Array, "b l c"]) -> Behind:
+    """After a clean block left the window."""
+    return self._world(behind, block)[2]
+
+  def _residual(self, behind, at, latents):
+    frames = latents.shape[1] * self.codec.frames_per_latent
+    cut = lambda a: jax.lax.dynamic_slice_in_dim(a, at * self.codec.frames_per_latent, frames, axis=1)
+    return guidance.residual(jax.tree.map(cut, self.signal), *self._world(behind, latents)[:2])
+
+  def velocity(self, behind: Behind, base: Any, latents: Float[Array, "b w c"], velocity: Float[Array, "b w c"],
+               t: Float[Array, " w"], moves: Bool[Array, " w"]) -> Float[Array, "b w c"]:
+    """The velocity of a window at times t (W,), pulled where latents move. base: how many latents lie before it."""
+    left, t_of = jnp.where(moves, 1 - t, 0.0)[:, None], jnp.where(moves, t, 1.0)[:, None]
+    variance = (left ** 2 / (left ** 2 + t_of ** 2))[None]  # of clean latents at t, where they have variance 1
+    clean = latents + (1 - t)[:, None] * velocity
+    pull = guidance.newton_step(lambda z: self._residual(behind, base - self.first, z), clean, variance,
+                                self.num_steps)
+    return velocity + pull / jnp.where(left > 0, left, 1.0)
+
+  def settle(self, latents: Float[Array, "b l c"]) -> Float[Array, "b l c"]:
+    """Finished latents of whole motions, pulled num_times more."""
+    if not self.num_times:
+      return latents
+    behind = self.begin()
+    return guidance.settled(lambda z: self._residual(behind, 0, z), latents, jnp.full((1, latents.shape[1], 1), 0.05),
+                            self.num_times)

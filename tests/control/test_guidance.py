@@ -1,0 +1,158 @@
+"""Guidance through a decoder: its step is the right one, costs nothing where nothing is asked, and keeps the past."""
+import copy
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import motion_jax as mj
+from motion_jax.control import conditioning, guidance
+from motion_jax.control import signal as signals
+from motion_jax.models import cmdm
+from motion_jax.models.base import keys_of
+from motion_jax.models.cmdm import networks, streaming
+from motion_jax.models.cmdm.guiding import Guide
+from motion_jax.training.setup import untrained
+from tests.control.test_conditioning import asked
+
+SAMPLING = dict(num_steps=4, lag=2)
+FRAMES = 48
+
+
+@pytest.fixture(scope="module")
+def model(tiny_run):
+  return mj.load(tiny_run)
+
+
+def hand(frame=40, place=(0.4, 1.2, 0.6), frames=FRAMES):
+  return asked(frames, at={frame: {20: place}, frame - 10: {0: (0.1, None, 0.3)}}, faces={frame: 0.4})
+
+
+def made(model, signal=None, seeds=(1,), **sampling):
+  sampling = {"settles": 0} | sampling
+  keys, seeds = keys_of(None, list(seeds), len(seeds))
+  call = model.sample if signal is None else model.sample_controlled
+  given = () if signal is None else (signal,)
+  found = call(["a person walks"] * len(seeds), [FRAMES] * len(seeds), keys, seeds, False, SAMPLING | sampling, *given)
+  return np.stack([motion.joints for motion in found])
+
+
+def error(signal, joints):
+  return float(np.asarray(signals.errors(signal, jnp.asarray(joints))).sum())
+
+
+# --- the step --------------------------------------------------------------------------------------------------------
+
+
+def test_a_step_on_a_linear_problem_is_the_closed_form():
+  """d = P A' (A P A' + s^2)^-1 (c - A z), motion by motion, with enough conjugate gradients for as many unknowns."""
+  with jax.enable_x64(True):
+    draw = np.random.default_rng(0)
+    a, z, c = draw.normal(size=(2, 3, 8)), draw.normal(size=(2, 4, 2)), draw.normal(size=(2, 3))
+    variance = np.array([0.5, 0.0, 1.0, 2.0])[None, :, None]
+    residual = lambda z: jnp.einsum("bnk,bk->bn", a, z.reshape(2, 8)) - c
+    found = guidance.newton_step(residual, jnp.asarray(z), jnp.asarray(variance), 12, tolerance=0.1)
+    spread = np.repeat(variance.ravel(), 2)
+    for i in range(2):
+      gain = spread[:, None] * a[i].T @ np.linalg.inv(a[i] * spread @ a[i].T + 0.01 * np.eye(3))
+      np.testing.assert_allclose(found[i].ravel(), gain @ (c[i] - a[i] @ z[i].ravel()), atol=1e-8)
+    assert not np.asarray(found)[:, 1].any()
+    alone = guidance.newton_step(lambda z: jnp.einsum("nk,bk->bn", a[1], z.reshape(1, 8)) - c[1:],
+                                 jnp.asarray(z[1:]), jnp.asarray(variance), 12, tolerance=0.1)
+    np.testing.assert_allclose(alone[0], found[1], atol=1e-10)
+
+
+def test_the_gradient_through_decoder_and_joints_is_that_of_finite_differences(model):
+  guide = Guide.of(model.codec, model.stats, hand(24, frames=36))
+  behind = guide.begin()
+
+  def loss(z):
+    return sum((part ** 2).sum() for part in guide._residual(behind, 0, z))
+
+  z = 0.3 * jax.random.normal(jax.random.key(0), (1, 9, model.dit.latent_dim))
+  way = jax.random.normal(jax.random.key(1), z.shape)
+  slope = jax.jit(lambda z: (jax.grad(loss)(z) * way).sum())(z)
+  value = jax.jit(loss)
+  step = 1e-3  # kinks of the ReLUs are seldom so near
+  assert abs(slope - (value(z + step * way) - value(z - step * way)) / (2 * step)) < 0.01 * abs(slope)
+
+
+def test_a_window_decoded_behind_others_is_the_whole_motion(model):
+  """Places and headings after two pieces are those of one."""
+  z = jax.random.normal(jax.random.key(0), (1, 12, model.dit.latent_dim))
+  guide = Guide.of(model.codec, model.stats, signals.none(1, 48))
+  joints, heading, _ = guide._world(guide.begin(), z)
+  first, _, behind = guide._world(guide.begin(), z[:, :6])
+  rest, turned, _ = guide._world(behind, z[:, 6:])
+  np.testing.assert_allclose(joints, jnp.concatenate([first, rest], 1), atol=2e-4)
+  np.testing.assert_allclose(np.cos(heading[:, 24:] - turned), 1, atol=1e-5)
+  features = model.stats.denormalize(np.asarray(model.codec.decode(z)))
+  np.testing.assert_allclose(joints, model.stats.layout.to_joints(features), atol=2e-4)
+
+
+# --- in sampling ------------------------------------------------------------------------------------------------------
+
+
+def test_it_pulls_towards_what_is_asked_and_leaves_alone_what_is_asked_nothing(model):
+  plain = made(model)
+  signal = asked(FRAMES, at={frame: {20: plain[0, frame, 20] + 0.05} for frame in (20, 40)})
+  pulled = made(model, signal)
+  assert error(signal, pulled) < 0.5 * error(signal, plain)
+  np.testing.assert_array_equal(plain, made(model, signal, control_steps=0))
+  np.testing.assert_allclose(plain, made(model, signals.none(1, FRAMES)), atol=1e-5)
+  both = made(model, signals.stack([hand(30), signals.none(1, FRAMES), signal]), seeds=(5, 1, 1))
+  np.testing.assert_allclose(both[2], pulled[0], atol=1e-4)
+  np.testing.assert_allclose(both[1], plain[0], atol=1e-5)
+
+
+def test_a_stream_is_the_offline_motion_and_never_moves_what_was_given_out(model):
+  """What is asked from the start on; then another place for the hand, told when three blocks were given out."""
+  signal, plan = hand(), model.plan_of(**SAMPLING)[0]
+  keys, _ = keys_of(None, [1], 1)
+  text_emb, text_mask = model.encode_words(["a person walks"])
+  guide = Guide.of(model.codec, model.stats, signal)
+
+  def streamed(*asked):
+    stream, parts = model.stream("a person walks", seed=1, num_frames=FRAMES, cleanup=False, **SAMPLING), []
+    for at in range(6):
+      for when, what in asked:
+        if at == when:
+          stream.hold(what)
+      parts += [joints for joints in [stream.step()] if len(joints)]
+    return np.concatenate(parts)[:FRAMES]
+
+  def offline(signal):
+    made = streaming.bind(model.dit, plan, model.params, text_emb=text_emb, text_mask=text_mask,
+                          scale=model.sampling().guidance_scale, keys=keys)
+    led = made.replace(guide=guide.replace(signal=signal).over(20 * 12))
+    return model.codec.decode(led.sample(4))
+
+  expected = model.stats.layout.to_joints(model.stats.denormalize(np.asarray(jax.jit(offline)(signal))))[0]
+  live = streamed((0, signal))
+  np.testing.assert_allclose(live, expected, atol=2e-3)
+  moved = streamed((0, signal), (4, hand(place=(-0.4, 0.8, 0.2))))
+  np.testing.assert_array_equal(moved[:36], live[:36])
+  assert np.abs(moved[40] - live[40]).max() > 1e-3
+
+
+def test_a_stream_of_a_network_that_is_told_is_the_offline_motion(model):
+  """The tokens that `hold` makes are those of `sample`; what is asked later changes nothing before."""
+  told = copy.copy(model)
+  told.dit = model.dit.clone(control=conditioning.size(4))
+  told.params, told.compiled = untrained(cmdm.denoiser_shapes(told.dit)), networks._compile(told.dit)
+  signal = hand(frame=44)
+
+  def streamed(when):
+    stream, parts = told.stream("a person walks", seed=1, num_frames=FRAMES, cleanup=False, **SAMPLING), []
+    for at in range(6):
+      if at == when:
+        assert stream.hold(signal, control_steps=0) == max(at - 1, 0) * 12
+      parts += [joints for joints in [stream.step()] if len(joints)]
+    return np.concatenate(parts)[:FRAMES]
+
+  live, late = streamed(0), streamed(4)
+  np.testing.assert_allclose(live, made(told, signal, control_steps=0)[0], atol=2e-3)
+  plain = made(told)[0]
+  np.testing.assert_allclose(late[:36], plain[:36], atol=2e-3)
+  assert min(np.abs(live[36:] - plain[36:]).max(), np.abs(late[36:] - plain[36:]).max()) > 1e-3
