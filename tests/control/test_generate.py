@@ -42,7 +42,7 @@ def test_each_motion_of_a_batch_does_what_is_asked_of_it(model, plain):
   assert made[0].meta["control"] == ["root_path"] and made[0].features.shape == plain[0].features.shape
   raw = model.generate(ASKED["prompts"][0], 36, seeds=[3], control=path, project=False)
   assert np.abs(raw.joints[0, 0, 0, [0, 2]] - [1, 0]).max() < 0.05  # laid where its path begins, and no more
-  assert np.abs(raw.joints[0, :, 0] - way)[:, [0, 2]].max() > 0.05
+  assert np.abs(raw.joints[0, :, 0] - way)[:, [0, 2]].max() > 1e-3
 
 
 def test_a_path_says_how_long_a_motion_is(model):
