@@ -102,7 +102,9 @@ def generate(model: "TextToMotionModel", prompts: Sequence[str], num_frames: "Fr
 def _controlled(model, prompts, frames, keys, seeds, cleanup, literal, sampling, asked, projected, led):
   """A motion for each prompt, all of which are asked for something."""
   counts = [int(round(count)) for count in frames]
-  compiled = [possible(_compiled(one, count, model.fps), model.fps) for one, count in zip(asked, counts)]
+  # What no body can do is told by the projection, where there is one.
+  compiled = [possible(_compiled(one, count, model.fps), model.fps, not projected)
+              for one, count in zip(asked, counts)]
   places = [placing.placement(one) for one in compiled]
   longer = [count + (finishing.spare(model.fps) if _finds_its_cycle(one) else 0) for one, count in zip(asked, counts)]
   if not led:
