@@ -13,6 +13,7 @@
   snapmogen-long   SnapMoGen                148                  recordings' own motions in a row, CMDM Table 3
   babel            BABEL                    135                  prompts in a row, CMDM Table 5
   mtt              timelines and clips      any, kind "tmr"      timelines, CMDM Table 7
+  control          archives or HumanML3D    any                  joints where they are asked to be, OmniControl's
   editing          any of the first four    any                  four editing tasks, CDAMD Table III
   reconstruction   any of the first four    any                  a tokenizer there and back, CMDM Table 8
 
@@ -92,7 +93,7 @@ class Benchmark(Protocol):
       return self
     ships = "part-tmr-small" if "tmr" in self.kinds else "evaluator-small"
     changes = dict(evaluator=self.evaluator or ships, paper=None, population_std=False, note="")
-    if self.task in ("generation", "reconstruction", "editing"):
+    if self.task in ("generation", "reconstruction", "editing", "control"):
       changes |= dict(min_frames=min(self.min_frames, 24), past_frames=201,
                       clip_evaluator=self.clip_evaluator or "clip-evaluator-small")
     elif self.task == "long_horizon":  # the model's own way, and AUJ from the clips' own level
@@ -143,6 +144,8 @@ _OWN_SEQUENCES = ("Prompts in a row are drawn from the test items by the seed; t
 _RECORDINGS = ("What motions in a row are is our reading of \"over five continuous motions\": none overlaps, at most a "
                "second lies between two; the real side is the recordings themselves, R-precision is of one recording's "
                "own captions, jerk is in centimetres")
+_CONTROLLED = ("Rows of a joint are the mean of 1, 2 and 5 controlled frames, a quarter of them and all; in the row "
+               "\"unconstrained\" the same model is asked for nothing, and its distances are those of the pelvis")
 _ANY_GENERATION = ("archive", "humanml3d")
 
 PROTOCOLS = {protocol.name: protocol for protocol in (
@@ -205,6 +208,11 @@ PROTOCOLS = {protocol.name: protocol for protocol in (
         name="mtt", title="Timelines, MTT", source="docs/papers/cmdm.md#long-horizon", task="timelines",
         formats=_ANY_GENERATION, kinds=("tmr",), seed=3407, lost_frames=0, replications=1, max_frames=400,
         past_frames=401, sequences=10**9, paper=("cmdm", "7", "CMDM")),
+    dataclasses.replace(
+        _CDAMD, name="control", title="Control of joints, and paths nobody walked",
+        source="docs/evaluation.md#control (neu-vi/OmniControl@76336a6: one repeat, the mean of five densities)",
+        task="control", formats=_ANY_GENERATION, layouts=(), replications=1, multimodality_batches=0,
+        paper=("control", "263-pelvis", "OmniControl"), note=_CONTROLLED),
     dataclasses.replace(
         _CDAMD, name="editing", title="Editing in time",
         source="docs/papers/cdamd.md#editing, #metrics; repeats: one in the released comment",

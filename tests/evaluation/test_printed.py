@@ -81,7 +81,8 @@ def test_a_row_goes_with_its_like(protocol, one, part, rows):
 BASELINES = {"GT", "T2M-GPT", "MMM", "MoMask", "MoMask++", "MDM", "MDM-50Step", "MDM-50Steps", "MDM-SMPL",
              "MDM-SMPL w/ DiffCollage", "MDM-SMPL w/ STMC", "MLD", "MLD V2", "MotionLCM V2", "StableMoFusion",
              "EnergyMoGen", "SALAD", "MotionDiffuse", "ReMoDiffuse", "BAMM", "ACMDM-S-PS22", "FlowMDM",
-             "MotionStreamer", "MARDM"}
+             "MotionStreamer", "MARDM", "PriorMDM", "GMD", "OmniControl", "TLControl", "MaskControl", "ProjFlow",
+             "MoTok-DDM-4", "MoTok-DDM-4 (RandomOne)", "MotionLCM V2+CtrlNet", "ACMDM-S+CtrlNet", "ACMDM-S+DNO"}
 BASELINES |= {f"{task}: BAMM" for task in masking.TASKS}
 
 

@@ -2,10 +2,12 @@
 import dataclasses
 import json
 import shutil
+import types
 
 import numpy as np
 import pytest
 
+from motion_jax.control import curves
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.data.timelines import read_sequences
 from motion_jax.evaluation import protocols, request, run, samples
@@ -13,6 +15,7 @@ from motion_jax.evaluation import test_set as test_set_lib
 from motion_jax.evaluation.candidates import Candidate, check_options
 from motion_jax.evaluation.harness import Harness
 from motion_jax.evaluation.tasks import long_horizon
+from motion_jax.evaluation.tasks.control import Control
 from motion_jax.evaluation.tasks.editing import editor
 from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_jax.metrics import long_horizon as long_horizon_lib
@@ -206,3 +209,30 @@ def test_pieces_are_placed_at_the_origin():
   piece = long_horizon_lib.placed(np.asarray(clip.joints[30:], np.float64), clip.skeleton)
   assert np.abs(piece[0, 0, [0, 2]]).max() < 1e-9 and piece[0, 0, 1] == pytest.approx(clip.joints[30, 0, 1])
   np.testing.assert_allclose(facing(piece[:1], clip.skeleton), [[0, 0, 1]], atol=1e-6)
+
+
+def test_control(tiny_run, archive, evaluator, tmp_path):
+  """Rows of the joints that are asked for, of each curve, and of the same model asked for nothing; the nearest is the
+  motion that is asked for most."""
+  result = judged([tiny_run], [archive], small("control"), evaluator, tmp_path, limit=4,
+                  sampling=dict(num_steps=2, joints="pelvis"))
+  rows = {name: {key: one["mean"] for key, one in row.items()} for name, row in result.rows.items()}
+  name = tiny_run.name
+  assert {f"{part}: {name}" for part in ("unconstrained", "pelvis", *curves.CURVES)} <= set(rows)
+  assert rows["real"]["control_error"] == 0 and rows[f"circle: {name}"]["top_speed"] > 0
+  assert rows[f"pelvis: {name}"]["control_error"] < rows[f"unconstrained: {name}"]["control_error"]
+  assert {"trajectory_20", "location_50", "control_error", "skating", "fid", "top3"} <= set(result.metrics)
+  with pytest.raises(ValueError, match="got the joint 'nose', expected all, or some of pelvis"):
+    judged([tiny_run], [archive], small("control"), evaluator, tmp_path / "b", limit=4,
+           sampling=dict(num_steps=2, joints="nose"))
+
+
+def test_targets_of_control_are_places_of_the_real_motion():
+  joints = np.arange(40 * 22 * 3, dtype=float).reshape(40, 22, 3)
+  task = Control.__new__(Control)
+  task.harness = types.SimpleNamespace(seed=3)
+  for density, count in ((1, 1), (5, 5), (25, 10), (100, 40)):
+    signal = task._signal(joints, "left_wrist", density, 0, 7)
+    given = signal.given[0]
+    assert given.any(-1).sum() == count and given[:, 20].all(-1).sum() == count
+    np.testing.assert_array_equal(signal.positions[0][given], joints[given])

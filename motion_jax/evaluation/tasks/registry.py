@@ -1,5 +1,6 @@
 """Tasks by the name that a protocol gives them."""
 from motion_jax.evaluation.tasks.base import Task
+from motion_jax.evaluation.tasks.control import Control
 from motion_jax.evaluation.tasks.editing import Editing
 from motion_jax.evaluation.tasks.generation import Generation
 from motion_jax.evaluation.tasks.long_horizon import LongHorizon
@@ -8,4 +9,4 @@ from motion_jax.evaluation.tasks.timelines import Timelines
 
 TASKS: dict[str, type[Task]] = {
     "generation": Generation, "reconstruction": Reconstruction, "editing": Editing, "long_horizon": LongHorizon,
-    "timelines": Timelines}
+    "timelines": Timelines, "control": Control}

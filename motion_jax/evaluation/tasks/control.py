@@ -1,0 +1,169 @@
+"""Control: joints are asked to be where they are in real motions, at some frames, and a path where nobody walked.
+
+OmniControl's protocol (neu-vi/OmniControl@76336a6:eval/eval_humanml.py, utils/metrics.py): one joint a run, at 1, 2 or
+5 frames, a quarter of them or all; a row is the mean of the five densities. Motions are made with the captions and
+lengths of text to motion, each with the targets of the real motion that its caption is of.
+"""
+import dataclasses
+
+import numpy as np
+
+from motion_jax.control import curves
+from motion_jax.control import signal as signals
+from motion_jax.evaluation import samples
+from motion_jax.evaluation.candidates import load_able
+from motion_jax.evaluation.tasks.base import ClipTask, Found
+from motion_jax.evaluation.tasks.generation import Generation
+from motion_jax.metrics import physics
+from motion_jax.metrics.control_scores import NAMES, control_scores
+from motion_jax.models.base import keys_of
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.representations import to_joints
+from motion_jax.motion.skeleton import HUMANML3D
+
+JOINTS = ("pelvis", "left_foot", "right_foot", "head", "left_wrist", "right_wrist")
+DENSITIES = (1, 2, 5, 25, 100)  # frames, from 25 on per cent of them
+FRAMES, PATHS = 21, 22          # streams of random numbers
+WALKS, COPIES = ("a person walks", "a person walks forward"), 2  # captions of what follows a path, motions of each
+
+
+class Control(Generation):
+  """Rows of a candidate: "unconstrained", one of each joint, "all joints", their mean, and one of each curve."""
+  METRICS = (*NAMES, "top_speed", *ClipTask.METRICS)
+  OPTIONS = ("control_steps", "settles", "joints", "exact")
+  TEXT_TO_MOTION = False
+
+  @staticmethod
+  def load(run, raw=False):
+    """A model that makes motion of 22 joints. Raises ValueError for another one."""
+    loaded = load_able(run, "generate", raw)
+    if loaded.stats.layout.skeleton is not HUMANML3D:
+      raise ValueError(f"{run} moves the skeleton {loaded.stats.layout.skeleton.name!r}, protocol 'control' is about "
+                       "the 22 joints of HumanML3D")
+    return loaded
+
+  def real(self, replication):
+    """The real motions, which are where they are asked to be."""
+    return Found({"real": self.harness.real_scores(replication) | dict.fromkeys(NAMES, 0.0)})
+
+  def found(self, candidate, replication):
+    options = dict(candidate.options)
+    asked = str(options.get("joints", "all"))
+    names = JOINTS if asked == "all" else tuple(asked.split("+"))
+    if wrong := [name for name in names if name not in JOINTS]:
+      raise ValueError(f"got the joint {wrong[0]!r}, expected all, or some of {', '.join(JOINTS)} with + between")
+    real, layout = self._real_joints(candidate, replication), candidate.model.stats.layout
+    jobs = samples.jobs_of(self.test_set, self.harness.drawn(replication), self.harness.seed, replication)
+    plain = self._plain(candidate)
+    motions = plain.sample(plain.generator(), plain.store(self.harness), f"r{replication:03d}", jobs,
+                           f"unconstrained {replication + 1}")
+    rows = {"unconstrained": self._row(replication, motions, layout, self._distances(motions, real, layout, 0, None))}
+    for name in names:
+      runs = []
+      for density in DENSITIES:
+        signal = [self._signal(joints, name, density, replication, i) for i, joints in enumerate(real)]
+        motions = self._made(candidate, jobs, signal, f"{name}_{density}_r{replication:03d}", f"{name} {density}")
+        errors = [_distances(motion, one, layout) for motion, one in zip(motions, signal)]
+        runs.append(self._row(replication, motions, layout, errors))
+      rows[name] = {metric: float(np.mean([run[metric] for run in runs])) for metric in runs[0]}
+    if len(names) == len(JOINTS):
+      rows["all joints"] = {metric: float(np.mean([rows[name][metric] for name in names])) for metric in rows["head"]}
+    return Found(rows | self._paths(candidate, replication))
+
+  def _row(self, replication, motions, layout, errors):
+    return self.harness.scores(replication, motions, layout) | control_scores(errors) | _speed(motions, layout)
+
+  def _plain(self, candidate):
+    """The candidate as it is sampled where nothing is asked for."""
+    return dataclasses.replace(candidate, options={
+        name: value for name, value in candidate.options.items() if name not in self.OPTIONS})
+
+  def _real_joints(self, candidate, replication):
+    """Joints [(T, 22, 3)] of the real motions of a draw, each from the origin, faced +z."""
+    layout = candidate.model.stats.layout
+    found = []
+    for features in self.harness.drawn(replication).cut(self.test_set.of(candidate.reader)):
+      turn, path = layout.root_path(features)
+      joints = np.asarray(to_joints(features, layout), np.float64) - path[0] * [1, 0, 1]
+      found.append(rot.rotate(np.broadcast_to(turn[0], joints.shape[:-1] + (4,)), joints))
+    return found
+
+  def _signal(self, joints, name, density, replication, place):
+    """The `ControlSignal` (1, T) of a joint at some frames of joints (T, 22, 3)."""
+    rng = np.random.default_rng((self.harness.seed, replication, FRAMES, JOINTS.index(name), density, place))
+    count = density if density < 25 else max(len(joints) * density // 100, 1)
+    frames = rng.choice(len(joints), min(count, len(joints)), replace=False)
+    return _targets(joints, frames, HUMANML3D.joints.index(name))
+
+  def _distances(self, motions, real, layout, joint, frames):
+    return [_distances(motion, _targets(joints, slice(frames), joint), layout) for motion, joints in zip(motions, real)]
+
+  def _made(self, candidate, jobs, signal, name, what):
+    """Motions [(rows, F)] that are asked for signal, one of each job."""
+    given = {option: int(candidate.options[option]) for option in ("control_steps", "settles")
+             if candidate.options.get(option) is not None}
+    exact = bool(candidate.options.get("exact"))
+    store = candidate.store(self.harness, f"control, exact {exact}, {given}")
+    return candidate.sample(controlled_generator(self._plain(candidate), signal, given, exact), store, name, jobs, what)
+
+  def _paths(self, candidate, replication):
+    """A row of each curve: how far the pelvis is from it, and how the body moves on it."""
+    model, rows, layout = candidate.model, {}, candidate.model.stats.layout
+    longest = int(min(model.max_seconds * model.fps, 10 ** 6))
+    for name, curve in curves.CURVES.items():
+      places = curve(model.fps)[:longest]
+      joints = np.zeros((len(places), 22, 3))
+      joints[:, 0, [0, 2]] = places
+      count = len(WALKS) * COPIES
+      jobs = samples.Jobs(list(WALKS) * COPIES, [len(places)] * count,
+                          [samples.seed_of(self.harness.seed, replication, i, PATHS) for i in range(count)],
+                          list(range(count)))
+      signal = _targets(joints, slice(None), 0, (0, 2))
+      motions = self._made(candidate, jobs, [signal] * count, f"{name.replace(' ', '_')}_r{replication:03d}", name)
+      rows[name] = control_scores([_distances(motion, signal, layout) for motion in motions]) | {
+          "skating": float(np.mean([physics.skating_ratio(to_joints(x[:len(places)], layout)) for x in motions]))
+      } | _speed(motions, layout)
+    return rows
+
+
+def _targets(joints, frames, joint, axes=(0, 1, 2)):
+  positions = np.zeros((1, *joints.shape), np.float32)
+  given = np.zeros(positions.shape, bool)
+  for axis in axes:
+    given[0, frames, joint, axis] = True
+  positions[given] = joints[None][given]
+  return signals.ControlSignal(positions, given, np.zeros(given.shape[:2], np.float32), np.zeros(given.shape[:2], bool))
+
+
+def _distances(motion, signal, layout):
+  """Distances (N,) of features (rows, F) from what is asked of them, at each joint and frame that is given."""
+  count = signal.given.shape[1]
+  joints = np.asarray(to_joints(motion[:count], layout), np.float64)
+  given = signal.given[0, :len(joints)]
+  off = np.where(given, joints - signal.positions[0, :len(joints)], 0.0)
+  return np.linalg.norm(off, axis=-1)[given.any(-1)]
+
+
+def _speed(motions, layout):
+  """The largest speed of a joint in any of the motions, metres a second."""
+  fastest = [np.linalg.norm(np.diff(to_joints(motion, layout), axis=0), axis=-1).max() for motion in motions]
+  return {"top_speed": float(max(fastest) * layout.fps)}
+
+
+def controlled_generator(candidate, signal, given, exact):
+  """make(jobs) of `samples.sample`: motions of the jobs' captions that are asked for signal[place] each.
+
+  given: control_steps and settles of `sample_controlled`; exact: brought to what is asked afterwards.
+  """
+  def make(jobs):
+    chosen = dict(guidance_scale=candidate.guidance_scale, **candidate.options, **given)
+    rows = [signal[i].slice_frames(0, max(jobs.frames)) for i in jobs.places]
+    asked, model = signals.stack(rows), candidate.model
+    if exact:
+      made = model.generate(jobs.captions, jobs.frames, seeds=jobs.seeds, cleanup=False, literal=True, control=asked,
+                            project=True, **chosen)
+    else:
+      keys, seeds = keys_of(None, jobs.seeds, len(jobs.seeds))
+      made = model.sample_controlled(jobs.captions, jobs.frames, keys, seeds, False, chosen, asked)
+    return [motion.features for motion in made]
+  return make
