@@ -14,8 +14,7 @@ from motion_jax.evaluation import protocols, request, run, samples
 from motion_jax.evaluation import test_set as test_set_lib
 from motion_jax.evaluation.candidates import Candidate, check_options
 from motion_jax.evaluation.harness import Harness
-from motion_jax.evaluation.tasks import long_horizon
-from motion_jax.evaluation.tasks.control import Control
+from motion_jax.evaluation.tasks import control, long_horizon
 from motion_jax.evaluation.tasks.editing import editor
 from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_jax.metrics import long_horizon as long_horizon_lib
@@ -211,9 +210,11 @@ def test_pieces_are_placed_at_the_origin():
   np.testing.assert_allclose(facing(piece[:1], clip.skeleton), [[0, 0, 1]], atol=1e-6)
 
 
-def test_control(tiny_run, archive, evaluator, tmp_path):
-  """Rows of the joints that are asked for, of each curve, and of the same model asked for nothing; the nearest is the
-  motion that is asked for most."""
+def test_control(tiny_run, archive, evaluator, tmp_path, monkeypatch):
+  """Rows of the joints that are asked for, of each curve, and of the same model asked for nothing, which is farther
+  off. Two densities and one short curve: each length is compiled."""
+  monkeypatch.setattr(control, "DENSITIES", (1, 100))
+  monkeypatch.setattr(curves, "CURVES", {"circle": lambda fps: curves.circle(fps)[:48]})
   result = judged([tiny_run], [archive], small("control"), evaluator, tmp_path, limit=4,
                   sampling=dict(num_steps=2, joints="pelvis"))
   rows = {name: {key: one["mean"] for key, one in row.items()} for name, row in result.rows.items()}
@@ -229,7 +230,7 @@ def test_control(tiny_run, archive, evaluator, tmp_path):
 
 def test_targets_of_control_are_places_of_the_real_motion():
   joints = np.arange(40 * 22 * 3, dtype=float).reshape(40, 22, 3)
-  task = Control.__new__(Control)
+  task = control.Control.__new__(control.Control)
   task.harness = types.SimpleNamespace(seed=3)
   for density, count in ((1, 1), (5, 5), (25, 10), (100, 40)):
     signal = task._signal(joints, "left_wrist", density, 0, 7)

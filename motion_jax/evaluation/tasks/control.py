@@ -107,22 +107,24 @@ class Control(Generation):
     return candidate.sample(controlled_generator(self._plain(candidate), signal, given, exact), store, name, jobs, what)
 
   def _paths(self, candidate, replication):
-    """A row of each curve: how far the pelvis is from it, and how the body moves on it."""
+    """A row of each curve: how far the pelvis is from it, and how the body moves on it. All motions are as long as the
+    longest curve, so that one program makes them, and looked at as long as they are asked for something."""
     model, rows, layout = candidate.model, {}, candidate.model.stats.layout
-    longest = int(min(model.max_seconds * model.fps, 10 ** 6))
-    for name, curve in curves.CURVES.items():
-      places = curve(model.fps)[:longest]
-      joints = np.zeros((len(places), 22, 3))
-      joints[:, 0, [0, 2]] = places
-      count = len(WALKS) * COPIES
-      jobs = samples.Jobs(list(WALKS) * COPIES, [len(places)] * count,
-                          [samples.seed_of(self.harness.seed, replication, i, PATHS) for i in range(count)],
-                          list(range(count)))
+    places = {name: curve(model.fps)[:int(min(model.max_seconds, 60) * model.fps)]
+              for name, curve in curves.CURVES.items()}
+    count, longest = len(WALKS) * COPIES, max(map(len, places.values()))
+    jobs = samples.Jobs(list(WALKS) * COPIES, [longest] * count,
+                        [samples.seed_of(self.harness.seed, replication, i, PATHS) for i in range(count)],
+                        list(range(count)))
+    for name, path in places.items():
+      joints = np.zeros((len(path), 22, 3))
+      joints[:, 0, [0, 2]] = path
       signal = _targets(joints, slice(None), 0, (0, 2))
-      motions = self._made(candidate, jobs, [signal] * count, f"{name.replace(' ', '_')}_r{replication:03d}", name)
-      rows[name] = control_scores([_distances(motion, signal, layout) for motion in motions]) | {
-          "skating": float(np.mean([physics.skating_ratio(to_joints(x[:len(places)], layout)) for x in motions]))
-      } | _speed(motions, layout)
+      made = self._made(candidate, jobs, [signal] * count, f"{name.replace(' ', '_')}_r{replication:03d}", name)
+      made = [motion[:len(path)] for motion in made]
+      rows[name] = control_scores([_distances(motion, signal, layout) for motion in made]) | {
+          "skating": float(np.mean([physics.skating_ratio(to_joints(motion, layout)) for motion in made]))
+      } | _speed(made, layout)
     return rows
 
 
