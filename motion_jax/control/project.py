@@ -34,7 +34,8 @@ _COURSE = 0.35              # seconds, sigma of what is smoothed away of a path 
 _STEP = 0.4                 # radians and metres of a change in one round
 _STRAIGHT = 0.02            # radians: an elbow or a knee is not made straighter, nor bent the wrong way
 _DAMPED = 100.0             # what resists a step after one that went too far
-_ROUNDS, _NEAR = 30, 4e-4   # rounds at the most; metres off that are near enough
+_LEAST, _ROUNDS = 3, 30      # rounds at least, and at the most
+_NEAR = 4e-4                # metres off that are near enough
 LONGEST = 2400              # frames
 
 
@@ -196,15 +197,15 @@ def _solved(joints: np.ndarray, wanted: Callable[[np.ndarray], ControlSignal], f
   least = {number: np.minimum(angle, _STRAIGHT) for number, angle in bodies.bends(joints, axes).items()}
   lowest = np.minimum(joints[:, feet, 1], 0.0)
   damping, before = 0.0, np.inf
-  for _ in range(_ROUNDS):
+  for round_ in range(_ROUNDS):
     signal = wanted(now)
     given = np.asarray(signal.given)[0]
     off = np.where(given, np.asarray(signal.positions, np.float64)[0] - now, 0)
     worst = np.abs(off).max()
-    if worst < _NEAR:
+    if worst < _NEAR and round_ >= _LEAST:  # a path alone is met in one; standing feet take more
       return now
     # Around a limb that is straight a step goes too far: Levenberg and Marquardt's remedy.
-    damping, before = max(4 * damping, _DAMPED) if worst > before else damping / 2, worst
+    damping, before = max(4 * damping, _DAMPED) if worst > max(before, _NEAR) else damping / 2, worst
     slope = bodies.slopes(now, axes)
     pushed, square = np.zeros((count, size)), np.zeros((count, size, size))
     sunk = (now[:, feet, 1] < lowest)[..., None]  # under the floor
