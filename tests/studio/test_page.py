@@ -222,6 +222,7 @@ def test_the_play_head_steps_jumps_and_plays(story):
   page.wait("frame > 2")
   page.keys(" ")
   assert not page.get("playing")
+  _wait_for(lambda: _stays(lambda: page.get("draws")))  # what stays the same is not drawn again
   page.click_at(page.find(".ruler"), 200, 12)
   window = page.get("window")
   wanted = window["start"] + 200 / page.find(".ruler").size["width"] * (window["end"] - window["start"])
@@ -440,6 +441,19 @@ def test_it_finds_a_studio_again_that_was_started_again(driver, library):
     assert any("there again" in note for note in page.get("notes"))
     assert page.get("blocks.length") == 1  # nothing is lost
     driver.get("about:blank")
+
+
+def _stays(value):
+  before = value()
+  time.sleep(0.5)
+  return value() == before
+
+
+def _wait_for(true, seconds=PATIENCE):
+  end = time.monotonic() + seconds
+  while not true():
+    assert time.monotonic() < end
+    time.sleep(0.1)
 
 
 @contextlib.contextmanager

@@ -116,6 +116,12 @@ def test_addresses_can_be_opened():
     server.take_port("no.such.host.invalid", 0)
 
 
+def test_no_browser_is_told(capsys, monkeypatch):
+  monkeypatch.setattr(server.webbrowser, "open", lambda address: False)
+  server._open("http://127.0.0.1:80/")
+  assert capsys.readouterr().err == "no browser was found; open the address by hand\n"
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_the_address_comes_at_once_and_the_end_within_two_seconds(tiny_run, number):
   """Ended while models are being read or compiled, which hears nothing."""

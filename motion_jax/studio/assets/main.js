@@ -196,7 +196,8 @@ function drawAll(passed) {
     studio.loaded = motion;
     studio.player.tick(passed);
   }
-  const moved = studio.time() !== before;
+  const moved = studio.time() !== before,
+    other = moved || studio.dirty || studio.laidAgain;
   if (moved && (studio.mode === "story" ? studio.player.playing : live.state === "running"))
     timeline.reveal(studio.time());
   if (moved || studio.dirty) {
@@ -206,7 +207,7 @@ function drawAll(passed) {
   if (studio.dirty) panels.draw();
   studio.status(moved || studio.dirty);
   studio.dirty = false;
-  if (studio.view) picture(studio, passed);
+  if (studio.view) picture(studio, passed, other);
 }
 
 let last = performance.now();
@@ -245,6 +246,7 @@ async function begin() {
   try {
     studio.view = new View($("stage"), await api.body(), document.documentElement.dataset.theme === "dark");
     Object.assign(studio.view.options, studio.look());
+    changed();
   } catch (error) {
     tell(
       /webgl/i.test(error.message)

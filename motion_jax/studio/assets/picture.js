@@ -8,13 +8,13 @@ let laid = null,
   from = 0,
   since = 0; // what lies on the ground, the frame that it begins with, its age
 
-/** Draws; passed: seconds since the last time. */
-export function picture(studio, passed) {
+/** Draws what is other than the last time; passed: seconds since then. */
+export function picture(studio, passed, other) {
   since += passed;
-  if (studio.mode === "live") showLive(studio);
-  else showStory(studio);
-  studio.laidAgain = false;
-  studio.view.draw(passed);
+  if (other && studio.mode === "live") showLive(studio);
+  else if (other) showStory(studio);
+  if (other) studio.laidAgain = false;
+  studio.view.draw(passed, other);
 }
 
 function showLive({ view, live, laidAgain }) {

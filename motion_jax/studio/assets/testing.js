@@ -26,6 +26,7 @@ export function expose(studio) {
     made: () => story.shown?.meta?.made ?? null,
     takes: () => studio.state.project.seeds.map((seed, take) => ({ seed, made: Boolean(story.of(take)) })),
     figures: () => studio.view?.figures.length ?? 0,
+    draws: () => studio.view?.stage.renderer.info.render.frame ?? 0,
     ghosts: () => studio.view?.ghosts.length ?? 0,
     steps: () => studio.view?.steps.count ?? 0,
     models: () => studio.models.map(({ name, state }) => ({ name, state })),

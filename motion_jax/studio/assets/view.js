@@ -6,7 +6,9 @@ const BLUE = [0.2, 0.5, 0.82],
 const GHOST_SECONDS = 1,
   MOST_GHOSTS = 14,
   MOST_STEPS = 400,
-  LANE = 1.6;
+  LANE = 1.6,
+  SLOW = 0.1, // seconds that drawing may take
+  COARSEST = 0.5; // pixels drawn for one of the page, across
 
 export class View {
   // element: where the stage is; body: what /body.json says.
@@ -21,6 +23,11 @@ export class View {
     this.ghosts = [];
     this.steps = this.makeSteps();
     this.way = null;
+    this.turned = true; // the camera, since the last drawing
+    this.slow = 0; // drawings one after the other that took long
+    this.stage.controls.addEventListener("change", () => {
+      this.turned = true;
+    });
     this.frame();
     new ResizeObserver(() => this.resize()).observe(element);
     this.resize();
@@ -194,14 +201,29 @@ export class View {
     });
   }
 
-  draw(passed) {
+  /** other: whether something else is to be seen; a picture that stays the same is not drawn again. */
+  draw(passed, other) {
     if (this.options.follow && this.figures.length) {
       const { target } = this.stage.controls,
         easing = Math.min(1, passed * 5);
       const x = this.figures.reduce((sum, figure) => sum + figure.places[0].x, 0) / this.figures.length;
       const z = this.figures[0].places[0].z;
+      this.turned ||= Math.hypot(x - target.x, z - target.z) > 1e-3;
       this.stage.carry((x - target.x) * easing, (z - target.z) * easing);
     }
+    if (!other && !this.turned) return void this.stage.controls.update(); // which a turn goes on by
+    this.turned = false;
     this.stage.draw();
+    this.coarser(passed);
+  }
+
+  // Without a graphics card fewer pixels are drawn, so that the body keeps moving.
+  coarser(passed) {
+    const { renderer } = this.stage,
+      ratio = renderer.getPixelRatio();
+    this.slow = passed > SLOW ? this.slow + 1 : 0;
+    if (this.slow < 10 || ratio <= COARSEST) return;
+    this.slow = 0;
+    renderer.setPixelRatio(Math.max(COARSEST, ratio / 1.5));
   }
 }
