@@ -2,6 +2,7 @@
 import json
 import subprocess
 import sys
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -138,3 +139,23 @@ def test_using_a_model_imports_nothing_that_only_training_needs():
   done = subprocess.run([sys.executable, "-c", code, *names], capture_output=True, text=True, env=devices_env(1),
                         cwd=ROOT, check=True)
   assert json.loads(done.stdout) == []
+
+
+class State(NamedTuple):
+  """What a step gives on to the next."""
+  total: jax.Array
+  steps: jax.Array
+
+
+def test_a_program_whose_state_is_a_named_tuple_is_kept(kept):
+  def step(state, x):
+    return State(state.total + x, state.steps + 1), x * 2
+
+  start = State(jnp.zeros(3), jnp.int32(0))
+  first, doubled = cache.Program("step", step)(start, jnp.arange(3.0))
+  path, = (kept / "programs").iterdir()
+  stamp = path.stat().st_mtime_ns
+  again, _ = cache.Program("step", step)(start, jnp.arange(3.0))
+  assert isinstance(again, State) and int(again.steps) == 1 and path.stat().st_mtime_ns == stamp
+  np.testing.assert_array_equal(again.total, first.total)
+  np.testing.assert_array_equal(doubled, [0, 2, 4])

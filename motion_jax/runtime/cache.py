@@ -155,6 +155,7 @@ class Program:
 
     from jax import export
     payload = read("programs", key)
+    _name_tuples(tree)
     try:
       if payload is None:
         payload = bytes(export.export(jax.jit(plain))(*leaves).serialize())
@@ -163,3 +164,18 @@ class Program:
       return jax.jit(export.deserialize(bytearray(payload)).call).lower(*leaves).compile()
     except (ValueError, TypeError, NotImplementedError, ImportError):
       return plain  # a device whose calls cannot be kept: slower to start, the same motion
+
+
+@functools.cache
+def _named(kind):
+  from jax import export
+  export.register_namedtuple_serialization(kind, serialized_name=f"{kind.__module__}.{kind.__qualname__}")
+
+
+def _name_tuples(tree):
+  """Makes the named tuples of arguments known to jax's export: states that a program is given and gives back."""
+  node = tree.node_data()
+  if node and issubclass(node[0], tuple) and hasattr(node[0], "_fields"):
+    _named(node[0])
+  for child in tree.children():
+    _name_tuples(child)
