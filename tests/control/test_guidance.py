@@ -156,3 +156,16 @@ def test_a_stream_of_a_network_that_is_told_is_the_offline_motion(model):
   plain = made(told)[0]
   np.testing.assert_allclose(late[:36], plain[:36], atol=2e-3)
   assert min(np.abs(live[36:] - plain[36:]).max(), np.abs(late[36:] - plain[36:]).max()) > 1e-3
+
+
+def test_finished_latents_of_cdamd_are_pulled(tiny_generator):
+  """Nearer to places that are a little off; with no steps, and where nothing is asked, the motion that it was."""
+  model = mj.load(tiny_generator)
+  keys, seeds = keys_of(None, [1], 1)
+  given = ["a person walks"], [FRAMES], keys, seeds, False
+  plain = model.sample(*given, {})[0].joints
+  signal = asked(FRAMES, at={frame: {20: plain[frame, 20] + 0.05} for frame in (20, 40)})
+  pulled = model.sample_controlled(*given, {}, signal)[0].joints
+  assert error(signal, pulled[None]) < 0.5 * error(signal, plain[None])
+  np.testing.assert_array_equal(plain, model.sample_controlled(*given, {"control_steps": 0}, signal)[0].joints)
+  np.testing.assert_allclose(plain, model.sample_controlled(*given, {}, signals.none(1, FRAMES))[0].joints, atol=1e-5)
