@@ -7,6 +7,7 @@ from motion_jax.control.compiling import compile
 from motion_jax.control.constraints import EffectorTarget, InPlace, KeepParts, Keyframe, Loop, RootPath
 from motion_jax.control.signal import none
 from motion_jax.inputs.errors import InputError
+from motion_jax.models.controlled import usual_frames
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
 
 
@@ -45,9 +46,11 @@ def test_each_motion_of_a_batch_does_what_is_asked_of_it(model, plain):
   assert np.abs(raw.joints[0, :, 0] - way)[:, [0, 2]].max() > 1e-3
 
 
-def test_a_path_says_how_long_a_motion_is(model):
-  assert model.generate("a person walks", seeds=[0], control=[RootPath([[0, 0], [0, 1]], [0, 1.5])])[0].num_frames == 31
-  assert model.generate("a person walks", seeds=[0], control=[RootPath([[0, 0], [0, 1.2]])])[0].num_frames == 21
+def test_a_path_says_how_long_a_motion_is(model, plain):
+  for asked, frames in (([RootPath([[0, 0], [0, 1]], [0, 1.5])], 31), ([RootPath([[0, 0], [0, 1.2]])], 21),
+                        ([RootPath([[0, 0], [0, 1]], speed=2.0)], 11), ([Loop()], None), (none(1, 44), 44),
+                        ([KeepParts(plain[0].joints, ("legs",), 10.0)], 72)):
+    assert usual_frames(model, asked) == frames
 
 
 def test_parts_of_a_motion_stay_and_the_others_are_made(model, plain):
