@@ -20,6 +20,9 @@ os.environ["XLA_FLAGS"] = " ".join([
     "--xla_cpu_use_fusion_emitters=false --xla_cpu_opt_preset=CPU_OPT_PRESET_FAST_COMPILE"
     if importlib.metadata.version("jaxlib").startswith("0.10.") else ""]).strip()
 
+# Small systems of equations are solved many times faster by one thread than by several that wait for a busy core.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 # What one test has compiled no other compiles again, nor another worker of xdist, nor the next run of the tests.
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
   os.environ["JAX_COMPILATION_CACHE_DIR"] = os.path.join(

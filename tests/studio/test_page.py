@@ -2,101 +2,19 @@
 
 State is asked of `window.__studio`. Skipped where selenium (extra `test`) or Chromium is missing.
 """
-import contextlib
 import json
 import pathlib
 import shutil
-import threading
 import time
 
 import numpy as np
 import pytest
 
-from tests.studio.conftest import TOKEN
+from tests.studio.browser import Page, serving, wait_for, webdriver
 
 CHROMIUM, DRIVER = (shutil.which(name) for name in ("chromium", "chromedriver"))
-webdriver = pytest.importorskip("selenium.webdriver", reason="needs selenium, of the extra `test`")
-JavascriptException = pytest.importorskip("selenium.common.exceptions").JavascriptException
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(not (CHROMIUM and DRIVER), reason=
               "needs a browser, chromium with its chromedriver (Debian: apt install chromium chromium-driver)")]
-PATIENCE = 90  # seconds
-
-
-class Page:
-  """One tab of a studio."""
-
-  def __init__(self, driver):
-    self.driver = driver
-
-  def get(self, expression):
-    return self.driver.execute_script(f"return window.__studio && window.__studio.{expression}")
-
-  def wait(self, expression, seconds=PATIENCE):
-    """Until an expression of `__studio` is true; what it is."""
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-      with contextlib.suppress(JavascriptException):  # of what is not there yet
-        if found := self.get(expression):
-          return found
-      time.sleep(0.1)
-    raise AssertionError(f"{expression} did not become true: {self.get('status')}, errors {self.get('errors')}, "
-                         f"notes {self.get('notes')}, live {self.get('live')}")
-
-  def find(self, selector):
-    return self.driver.find_element("css selector", selector)
-
-  def all(self, selector):
-    return self.driver.find_elements("css selector", selector)
-
-  def keys(self, *keys):
-    webdriver.ActionChains(self.driver).send_keys(*keys).perform()
-
-  def control(self, *keys):
-    chain = webdriver.ActionChains(self.driver)
-    for key in keys[:-1]:
-      chain.key_down(key)
-    chain.send_keys(keys[-1])
-    for key in keys[:-1]:
-      chain.key_up(key)
-    chain.perform()
-
-  def click_at(self, element, x, y):
-    """Clicks x, y pixels from an element's upper left corner."""
-    box = element.size
-    chain = webdriver.ActionChains(self.driver)
-    chain.move_to_element_with_offset(element, x - box["width"] // 2, y - box["height"] // 2).click().perform()
-
-  def drag(self, element, by, x=None):
-    """Drags from x pixels into an element (its middle) so many pixels to the right."""
-    chain = webdriver.ActionChains(self.driver)
-    start = 0 if x is None else x - element.size["width"] // 2
-    chain.move_to_element_with_offset(element, int(start), 0).click_and_hold()
-    chain.move_by_offset(by // 2, 0).move_by_offset(by - by // 2, 0).release().perform()
-
-  def block(self, number):
-    """A block's element, counted from the left."""
-    return sorted(self.all(".block"), key=lambda element: element.location["x"])[number]
-
-  def double_click(self, element):
-    """The field of words that a double click opens; the driver's two clicks are one each where the machine is slow."""
-    for _ in range(5):
-      webdriver.ActionChains(self.driver).double_click(element).perform()
-      if fields := self.all(".words"):
-        return fields[0]
-    raise AssertionError("a double click opened nothing")
-
-  def add_block(self, words):
-    """Clicks into the empty part of the track and types."""
-    track = self.find(".track")
-    blocks = self.all(".block")
-    x = max((b.location["x"] + b.size["width"] - track.location["x"] for b in blocks), default=10) + 12
-    self.click_at(track, x, 24)
-    field = self.find(".words")
-    self.driver.execute_script("arguments[0].value = arguments[1]", field, words)  # the driver types no emoji
-    field.send_keys(webdriver.Keys.ENTER)
-
-  def prompts(self):
-    return self.get("prompts")
 
 
 @pytest.fixture(scope="module")
@@ -222,7 +140,7 @@ def test_the_play_head_steps_jumps_and_plays(story):
   page.wait("frame > 2")
   page.keys(" ")
   assert not page.get("playing")
-  _wait_for(lambda: _stays(lambda: page.get("draws")))  # what stays the same is not drawn again
+  wait_for(lambda: _stays(lambda: page.get("draws")))  # what stays the same is not drawn again
   page.click_at(page.find(".ruler"), 200, 12)
   window = page.get("window")
   wanted = window["start"] + 200 / page.find(".ruler").size["width"] * (window["end"] - window["start"])
@@ -425,7 +343,7 @@ def test_limbs_are_turned_as_exports_turn_them(page):
 
 
 def test_it_finds_a_studio_again_that_was_started_again(driver, library):
-  with _serving(library, 0) as (port, address):
+  with serving(library, 0) as (port, address):
     driver.get(address)
     page = Page(driver)
     page.wait("live.blocks > 0")
@@ -434,7 +352,7 @@ def test_it_finds_a_studio_again_that_was_started_again(driver, library):
   page.find("#mode-story").click()
   page.driver.execute_script("document.getElementById('auto').checked = false")
   page.add_block("a person walks")
-  with _serving(library, port):
+  with serving(library, port):
     page.wait("live.connected")
     page.find("#mode-live").click()
     page.wait("live.reconnects === 1 && window.__studio.live.blocks > 0")
@@ -447,32 +365,3 @@ def _stays(value):
   before = value()
   time.sleep(0.5)
   return value() == before
-
-
-def _wait_for(true, seconds=PATIENCE):
-  end = time.monotonic() + seconds
-  while not true():
-    assert time.monotonic() < end
-    time.sleep(0.1)
-
-
-@contextlib.contextmanager
-def _serving(library, port):
-  """A studio at a port: (port, address)."""
-  import uvicorn
-
-  from motion_jax.studio import server
-  from motion_jax.studio.app import Studio
-  studio = Studio(library, TOKEN)
-  listener = server.take_port("127.0.0.1", port)
-  port = listener.getsockname()[1]
-  running = uvicorn.Server(uvicorn.Config(studio.app(), log_level="error", lifespan="off", ws="websockets-sansio",
-                                          timeout_graceful_shutdown=1))
-  thread = threading.Thread(target=lambda: running.run(sockets=[listener]), daemon=True)
-  thread.start()
-  try:
-    yield port, server.address_of("127.0.0.1", port, TOKEN)
-  finally:
-    studio.close()
-    running.should_exit = True
-    thread.join(20)
