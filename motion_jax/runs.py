@@ -164,6 +164,8 @@ def upgrade(config: ml_collections.ConfigDict) -> ml_collections.ConfigDict:
   former_names.rename_fields(told)
   for path, value in {**_LEFT_OUT[""], **_LEFT_OUT.get(told.get("stage"), {})}.items():
     section, _, field = path.rpartition(".")
+    if section == "model" and section not in told:
+      continue  # no network is one of usual sizes
     place = told.setdefault(section, {}) if section else told
     if isinstance(place, dict) and field not in place:
       place[field] = value(told) if callable(value) else copy.deepcopy(value)

@@ -153,6 +153,7 @@ def _spiked(step):
   return _wild(step) if step == 20 else _next_batch(step)
 
 
+@pytest.mark.slow
 def test_a_spike_of_the_gradient_is_told_and_left_out_where_the_config_says_so(tmp_path, capsys):
   train.train(_config(24), tmp_path / "counted", _stage(), _spiked)
   assert "step 21: loss 1e+12, gradient" in (said := capsys.readouterr().out) and ", usually " in said

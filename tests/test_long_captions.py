@@ -170,6 +170,7 @@ def test_a_stream_takes_a_long_prompt_on_the_way(model):
   assert np.abs(both.joints - long).max() < 1e-4
 
 
+@pytest.mark.slow
 def test_few_prompts_compile_anew(model):
   """Prompts of 70 to 120 word pieces, and streams that go from short to long and back: two widths."""
   count = lambda run: (run(), model.compiled.generate.jitted._cache_size())[1]

@@ -140,6 +140,7 @@ def test_eased_borders(model):
   assert jerk(eased) < 0.7 * jerk(made)
 
 
+@pytest.mark.slow
 def test_a_motion_goes_on(model, walk):
   longer = model.extend(walk, "a person waves", seconds=2, seed=1, **FAST)
   assert longer.num_frames == 90 and longer.meta["past_frames"] == 50

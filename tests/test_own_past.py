@@ -18,6 +18,7 @@ def inputs():
   return draw(0), real, jnp.full((CLIPS, LENGTH), 0.25), draw(1), jax.random.split(jax.random.key(2), CLIPS)
 
 
+@pytest.mark.slow
 def test_a_beginning_of_whole_blocks_is_its_own_and_clean():
   z1, real, t, noise, keys = inputs()
   said = lambda x, t: (7 - x) / (1 - t[..., None])  # wherever it is, it heads for 7

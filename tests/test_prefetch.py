@@ -49,6 +49,7 @@ def test_the_thread_ends_with_its_block():
   assert not batches._thread.is_alive()
 
 
+@pytest.mark.slow
 def test_processes_make_the_same_batches_in_the_same_order():
   pytest.importorskip("grain")
   config = fit.resolve(load_config("cmdm_denoiser", "tiny"))[0]

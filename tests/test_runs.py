@@ -61,6 +61,7 @@ def old_run(tiny_run, tmp_path_factory):
   return folder
 
 
+@pytest.mark.slow
 def test_an_older_run_makes_the_same_motion(tiny_run, old_run):
   made = [loading.load(folder).generate("a person walks", 24, seeds=[3], num_steps=2, lag=1, guidance_scale=1.0)
           for folder in (tiny_run, old_run)]

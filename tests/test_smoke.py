@@ -153,9 +153,8 @@ def test_commands_of_the_pages_exist(page, capsys):
   assert not capsys.readouterr().err
 
 
-@pytest.mark.parametrize("page", [
-    pytest.param(page, marks=[] if page.name == "README.md" else pytest.mark.slow)
-    for page in PAGES if _blocks(page, "python")], ids=_name)
+@pytest.mark.parametrize("page", [page for page in PAGES if _blocks(page, "python")], ids=_name)
+@pytest.mark.slow
 def test_python_of_the_pages_runs(page, tmp_path, monkeypatch):
   monkeypatch.chdir(tmp_path)
   scope = {}  # read from top to bottom, as a person would

@@ -167,6 +167,7 @@ def test_sigterm_is_heard_while_the_main_thread_is_busy(tmp_path, place, saved):
   assert _equal(rest, whole)
 
 
+@pytest.mark.slow
 def test_launch_py_stopped_by_a_signal(tmp_path):
   """The command itself: saved, nothing locked, and a status that is not 0; and a second launch meanwhile is refused."""
   command = [ROOT / "launch.py", f"--config={ROOT}/configs/cdamd_length.py:tiny",

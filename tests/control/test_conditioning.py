@@ -133,6 +133,7 @@ def test_a_network_that_has_not_learned_from_constraints_makes_what_it_made():
     plain.apply(old, control, method="control_tokens")
 
 
+@pytest.mark.slow
 def test_fast_is_plain_and_streaming_is_offline_under_control():
   """Also one by one; and what is asked for later moves nothing that was given out before."""
   dit, plan, params, constants, text_emb, text_mask, keys = setting(6, 2, 3, 12, 6, control=6)
@@ -176,6 +177,7 @@ def test_fast_is_plain_and_streaming_is_offline_under_control():
   assert float(jnp.abs(changed[:, 9:] - live[:, 9:]).max()) > 1e-3
 
 
+@pytest.mark.slow
 def test_training_tells_constraints_and_learns_from_them():
   config, _ = fit.resolve(_with_control(0.9))
   assert config.model.control == conditioning.size(4)

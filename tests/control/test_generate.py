@@ -32,6 +32,7 @@ def test_nothing_asked_is_the_same_motion_bit_for_bit(model, plain, control):
   assert made[0].meta == plain[0].meta
 
 
+@pytest.mark.slow
 def test_each_motion_of_a_batch_does_what_is_asked_of_it(model, plain):
   path = [RootPath([[1, 0], [1.5, 0.5], [2.5, 0.5]])]
   made = model.generate(**ASKED, control=[path, None])
@@ -66,6 +67,7 @@ def test_parts_of_a_motion_stay_and_the_others_are_made(model, plain):
   np.testing.assert_allclose(bone_lengths(legs, HUMANML3D), bone_lengths(given, HUMANML3D), atol=1e-4)
 
 
+@pytest.mark.slow
 def test_loops_and_motions_in_place(model):
   made = model.generate("a person walks", 40, seeds=[3], control=[Loop(), InPlace()])[0]
   assert made.num_frames == 40 and np.ptp(made.joints[:, 0, [0, 2]], axis=0).max() < 1e-5
@@ -81,6 +83,7 @@ def test_what_cannot_be_asked(model):
     model.generate(**ASKED, control=none(1, 36))
 
 
+@pytest.mark.slow
 def test_the_command_line_asks_the_same(tiny_run, tmp_path, plain, capsys):
   plain[1].save(tmp_path / "other.npz")
   out = tmp_path / "made.npz"

@@ -106,6 +106,7 @@ def test_it_pulls_towards_what_is_asked_and_leaves_alone_what_is_asked_nothing(m
   np.testing.assert_allclose(both[1], plain[0], atol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_stream_is_the_offline_motion_and_never_moves_what_was_given_out(model):
   """What is asked from the start on; then another place for the hand, told when three blocks were given out."""
   signal, plan = hand(), model.plan_of(**SAMPLING)[0]
@@ -136,6 +137,7 @@ def test_a_stream_is_the_offline_motion_and_never_moves_what_was_given_out(model
   assert np.abs(moved[40] - live[40]).max() > 1e-3
 
 
+@pytest.mark.slow
 def test_a_stream_of_a_network_that_is_told_is_the_offline_motion(model):
   """The tokens that `hold` makes are those of `sample`; what is asked later changes nothing before."""
   told = copy.copy(model)
@@ -158,6 +160,7 @@ def test_a_stream_of_a_network_that_is_told_is_the_offline_motion(model):
   assert min(np.abs(live[36:] - plain[36:]).max(), np.abs(late[36:] - plain[36:]).max()) > 1e-3
 
 
+@pytest.mark.slow
 def test_finished_latents_of_cdamd_are_pulled(tiny_generator):
   """Nearer to places that are a little off; with no steps, and where nothing is asked, the motion that it was."""
   model = mj.load(tiny_generator)

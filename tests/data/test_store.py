@@ -110,7 +110,8 @@ def _small(name, **fields):
   return config
 
 
-@pytest.mark.parametrize("name", ["cmdm_denoiser", pytest.param("cdamd_generator", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["cmdm_denoiser", "cdamd_generator"])
+@pytest.mark.slow
 def test_a_stage_learns_the_same_from_a_store(tmp_path, name):
   config = _small(name)
   config.unlock()

@@ -135,6 +135,7 @@ def test_page_shows_the_numbers(tmp_path):
   assert text.count('<ul class="legend">') == 2 and "abababababab" in text and "ab" * 8 not in text.split("<pre>")[0]
 
 
+@pytest.mark.slow
 def test_several_results_share_a_page(tmp_path):
   a, b = tmp_path / "a", tmp_path / "b"
   results = [a_result(gallery=a_gallery(a, kinds=("grid",))), a_result(title="Another", paper=None, controls=None)]
@@ -167,6 +168,7 @@ def test_a_result_of_rows_alone_is_enough(tmp_path):
   assert "<h3>Curves" not in text and "<h3>Record" not in text and not (tmp_path / "motions").exists()
 
 
+@pytest.mark.slow
 def test_results_that_came_without_their_motions(tmp_path):
   result = a_result(gallery=a_gallery(tmp_path / "there"))
   text = report.write(result, tmp_path / "page", folders=[tmp_path / "elsewhere"]).read_text(encoding="utf-8")

@@ -210,6 +210,7 @@ def test_pieces_are_placed_at_the_origin():
   np.testing.assert_allclose(facing(piece[:1], clip.skeleton), [[0, 0, 1]], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_control(tiny_run, archive, evaluator, tmp_path, monkeypatch):
   """Rows of the joints that are asked for, of each curve, and of the same model asked for nothing, which is farther
   off. Two densities and one short curve: each length is compiled."""
