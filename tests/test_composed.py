@@ -75,6 +75,20 @@ class TestComposed:
       made = model.generate("a man bows", frames, seeds=[5], literal=literal, **FAST)[0]
       assert made.captions == (Caption("a man bows"),) and made.num_frames == frames
 
+  def test_how_often_is_said_to_the_model(self, model, monkeypatch):
+    said, real = [], model.in_a_row
+    monkeypatch.setattr(model, "in_a_row", lambda lists, *more, **how: said.append(lists) or real(lists, *more, **how))
+    made = model.generate("a person walks, then bows twice", 48, seeds=[5], **FAST)[0]
+    assert [[prompt for prompt, _ in row] for row in said[0]] == [["a person walks", "a person bows twice"]]
+    assert made.captions[1].text == "a person bows twice"
+
+  def test_what_clips_show_so_often_takes_as_long_as_they_do(self, model, monkeypatch):
+    monkeypatch.setattr(model, "natural_frames", lambda prompt: 130 if "times" in prompt else 60)
+    frames = lambda text: composed.usual_frames(model, model.understand(text))[0]
+    for nearest, expected in (("someone bows three times", 130), ("someone bows", 180), ("someone bows twice", 180)):
+      monkeypatch.setattr(model, "nearest_captions", lambda prompt, num=1, nearest=nearest: [(nearest, 1)])
+      assert frames("a person bows three times") == expected
+
   def test_the_command_says_what_it_understood(self, model, tiny_run, tmp_path, capsys):
     run = ["generate", "a person walks, then waves", "--seconds", "2.4", "--steps", "2", "--model", str(tiny_run),
            "--out", str(tmp_path / "m.npz")]
