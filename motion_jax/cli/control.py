@@ -85,6 +85,12 @@ def drawn(constraints, motions):
   return [compile(constraints, motion.num_frames, motion.fps, motion.joints) for motion in motions]
 
 
+def way_points(constraints):
+  """[x, z] of the points of their paths."""
+  from motion_jax.export import scene
+  return scene.way_points(constraints)
+
+
 def _path(text, kinds):
   points, times = [], []
   for word in text.split():

@@ -150,7 +150,8 @@ def _generate(args):
                               **(dict(literal=literal) if model.can("understand") else {}),
                               **(dict(control=wanted, project=not args.no_cleanup) if wanted else {}),
                               **_sampling(args, model))
-  _write(args, model, motions, outputs, start, asked=control.drawn(wanted, motions) if wanted else None)
+  _write(args, model, motions, outputs, start, asked=control.drawn(wanted, motions) if wanted else None,
+         way_points=control.way_points(wanted))
 
 
 def _multi_prompt(args):
@@ -281,12 +282,12 @@ def _able(model, name):
     raise InputError(f"{model.id} has no {name!r}; give another kind of model by --model")
 
 
-def _write(args, model, motions, outputs, start, colors=None, asked=None):
-  """colors (T, 3) of the bodies, and what each motion was asked to do, where a file is a picture."""
+def _write(args, model, motions, outputs, start, colors=None, asked=None, way_points=()):
+  """colors (T, 3) of the bodies, what each motion was asked to do, and the points of its path, where it is seen."""
   print(f"made in {time.time() - start:.1f} s")
   clips = [motion.replace(id=f"{pathlib.Path(outputs[0]).stem}_{i}") for i, motion in enumerate(motions)]
   with timing.part("files"):
-    written = [path for out in outputs for path in _write_one(args, clips, out, colors, asked)]
+    written = [path for out in outputs for path in _write_one(args, clips, out, colors, asked, way_points)]
   shared.tell_files(written)
   if model.license:
     print(model.license)
@@ -294,14 +295,15 @@ def _write(args, model, motions, outputs, start, colors=None, asked=None):
     print(timing.report())
 
 
-def _write_one(args, clips, out, colors, asked):
+def _write_one(args, clips, out, colors, asked, way_points):
   from motion_jax import export
   options = shared.bvh_options(args, out) | (shared.film_options(args) if out.lower().endswith(shared.FILMS) else {})
   if out.lower().endswith((*shared.FILMS, ".png", ".jpg", ".html")):
     if colors is not None:
       options["colors"] = colors[shared.span_of(args, clips[0])]
-    if asked is not None and not out.lower().endswith(".html"):
+    if asked is not None:
       spans = [shared.span_of(args, clip) for clip in clips]
       options["asked"] = [signal.slice_frames(span.start, span.stop) for signal, span in zip(asked, spans)]
+      options |= {"way_points": way_points} if out.lower().endswith(".html") else {}
     clips = [shared.trimmed(args, clip) for clip in clips]
   return export.save(clips, out, **options)

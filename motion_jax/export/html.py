@@ -10,9 +10,11 @@ import re
 
 import numpy as np
 
+from motion_jax.control.signal import ControlSignal, errors
 from motion_jax.data.clip import Clip
 from motion_jax.export.body import COLORS, make_figure
 from motion_jax.export.mesh import make_skins, rest_joints
+from motion_jax.export.scene import parts_of
 from motion_jax.motion.pose import t_pose
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
 from motion_jax.runtime.atomic import atomic_path
@@ -21,27 +23,30 @@ _ASSETS = pathlib.Path(__file__).parent / "assets"
 VIEWER = _ASSETS / "viewer.js"
 
 
-def html(clip, path, title=None, colors=None) -> pathlib.Path:
+def html(clip, path, title=None, colors=None, asked=None, way_points=()) -> pathlib.Path:
   """Writes a page that plays one clip, or a list of clips side by side with a selector.
 
   colors: (3,) or (T, 3) values 0..1 that replace the body's colours, for instance in frames that were made anew; NaN
-  keeps them.
+  keeps them. asked: a `ControlSignal` (1, T) of what a motion was asked to do, or one for each; it is drawn, and the
+  page says how far the motion is from it. way_points: [x, z] of the points that its path was drawn through.
   """
   path = pathlib.Path(path)
-  text = html_page(clip, title, colors)
+  text = html_page(clip, title, colors, asked, way_points)
   with atomic_path(path) as temporary:
     temporary.write_text(text, encoding="utf-8")
   return path
 
 
-def html_page(clip, title=None, colors=None) -> str:
+def html_page(clip, title=None, colors=None, asked=None, way_points=()) -> str:
   """The page that `html` writes."""
   clips = [clip] if isinstance(clip, Clip) else list(clip)
+  signals = asked if isinstance(asked, list | tuple) else [asked] * len(clips)
   bodies, described = [], []
-  for one in clips:
+  for one, signal in zip(clips, signals):
     figure = make_figure(one)
     tints = {} if colors is None else {"tints": _tints(colors, one.num_frames)}
-    described.append(_describe(one, figure) | tints | {"body": _body_of(bodies, one.skeleton, figure)})
+    wish = {} if signal is None else _asked(one, signal, way_points)
+    described.append(_describe(one, figure) | tints | wish | {"body": _body_of(bodies, one.skeleton, figure)})
   data = {"clips": described, "bodies": [body for *_, body in bodies], "colors": COLORS}
   title = title or (clips[0].captions[0].text if clips[0].captions else clips[0].id)
   page = (_ASSETS / "viewer.html").read_text(encoding="utf-8")
@@ -72,6 +77,33 @@ def _describe(clip, figure):
           "joints": _base64(joints), "turned": _base64(np.round(figure.pose.turned * 32767).astype("<i2")),
           "low": _round(joints.min((0, 1))), "high": _round(joints.max((0, 1))), "start": _round(joints[0, 0, [0, 2]]),
           "ahead": _round(figure.ahead.mean(0)[[0, 2]])}
+
+
+def _asked(clip, signal: ControlSignal, way_points):
+  """{asked, low, high} of a clip: what is drawn of a signal (1, T), how far off the motion is, room for both."""
+  parts = parts_of(signal)
+  figures = [make_figure(Clip(joints[None].astype(np.float32))) for _, joints in parts.poses]
+  points = [*way_points, *(way[0, [0, 2]] for way in parts.ways if len(way) == 1)]
+  told = {"lines": [_thin(way) for way in parts.ways if len(way) > 1], "points": [_round(point) for point in points],
+          "targets": [[frame, *_round(place)] for frame, _, place in parts.targets],
+          "poses": [{"frame": frame, "joints": _base64(figure.joints.astype("<f4")),
+                     "turned": _base64(np.round(figure.pose.turned * 32767).astype("<i2"))}
+                    for (frame, _), figure in zip(parts.poses, figures)]}
+  given = np.asarray(signal.given)[0].any(-1)
+  if given.any():
+    off = np.asarray(errors(signal, clip.joints[None]))[0]
+    frame, joint = np.unravel_index(off.argmax(), off.shape)
+    told["off"] = {"mean": round(1000 * float(off[given].mean()), 2), "worst": round(1000 * float(off.max()), 2),
+                   "frame": int(frame), "joint": clip.skeleton.joints[joint].replace("_", " ")}
+  places = [clip.joints.reshape(-1, 3), *parts.ways, *(place[None] for *_, place in parts.targets),
+            *(joints for _, joints in parts.poses)]
+  return {"asked": told, "low": _round(np.min([place.min(0) for place in places], axis=0)),
+          "high": _round(np.max([place.max(0) for place in places], axis=0))}
+
+
+def _thin(way, most=300):
+  """[[x, z], ...] of a way (N, 3), of so many points at the most."""
+  return [_round(way[i, [0, 2]]) for i in np.unique(np.linspace(0, len(way) - 1, min(most, len(way))).astype(int))]
 
 
 def _tints(colors, num_frames):

@@ -2,10 +2,12 @@
 
 Also the view from above of a motion that goes somewhere, with its body where it was at several moments.
 """
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from motion_jax.control.constraints import Constraint, RootPath
 from motion_jax.control.signal import ControlSignal
 from motion_jax.data.clip import Clip
 from motion_jax.export import render
@@ -32,24 +34,47 @@ class Marks(NamedTuple):
     return bool(self.lines or self.bodies) and np.ptp(way, axis=0).max() > _GOES[not self.lines]
 
 
-def marks_of(asked: ControlSignal | None, floor: float) -> Marks:
-  """What to draw of a signal (1, T), metres; nothing of None."""
-  if asked is None:
-    return Marks([], [])
+class Parts(NamedTuple):
+  """What a signal asks for, by how it is drawn, world metres. ways: pieces (N, 3) of a path on the floor y = 0, of one
+  point where the body is asked to be in one spot. targets: (frame, joint, place (3,)). poses: (frame, joints (22, 3)).
+  """
+  ways: list[np.ndarray]
+  targets: list[tuple[int, int, np.ndarray]]
+  poses: list[tuple[int, np.ndarray]]
+
+
+def parts_of(asked: ControlSignal) -> Parts:
+  """The parts of a signal (1, T), no more than can be told apart when they are drawn."""
   places, given = np.asarray(asked.positions, np.float64)[0], np.asarray(asked.given)[0]
   whole = given.all(-1)
   posed = whole.sum(1) >= 20
   told = given[:, 0][:, [0, 2]].all(-1) & ~posed
-  lines = []
+  ways = []
   for frames in _runs(np.flatnonzero(told)):
-    way = places[frames, 0] * [1, 0, 1] + [0, floor, 0]
-    spot = len(frames) == 1 or np.ptp(way, axis=0).max() < 0.02
-    lines.append((way[:1] + [[0, 0, 0], [1e-3, 0, 0]] if spot else way, _PATH, 0.12 if spot else 0.045, 0.85))
+    way = places[frames, 0] * [1, 0, 1]
+    ways.append(way[:1] if np.ptp(way, axis=0).max() < 0.02 else way)
   balls = [(int(frame), int(joint)) for frame, joint in np.argwhere(whole & ~posed[:, None])
            if joint or not told[frame]]
-  bodies: list[tuple[int, tuple]] = [(frame, _ball(places[frame, joint])) for frame, joint in _some(balls, _BALLS)]
-  for frame in _some(list(np.flatnonzero(posed)), _POSES):
-    figure = make_figure(Clip(places[frame][None].astype(np.float32)))
+  return Parts(ways, [(frame, joint, places[frame, joint]) for frame, joint in _some(balls, _BALLS)],
+               [(int(frame), places[frame]) for frame in _some(list(np.flatnonzero(posed)), _POSES)])
+
+
+def way_points(constraints: Sequence[Constraint]) -> list[list[float]]:
+  """[x, z] of the points that paths are drawn through."""
+  return [[float(point[0]), float(point[-1])] for one in constraints
+          if isinstance(one, RootPath) and one.points is not None for point in one.points]
+
+
+def marks_of(asked: ControlSignal | None, floor: float) -> Marks:
+  """What to draw of a signal (1, T), metres; nothing of None."""
+  if asked is None:
+    return Marks([], [])
+  parts = parts_of(asked)
+  lines = [(way + [[0, floor, 0], [1e-3, floor, 0]] if len(way) == 1 else way + [0, floor, 0], _PATH,
+            0.12 if len(way) == 1 else 0.045, 0.85) for way in parts.ways]
+  bodies: list[tuple[int, tuple]] = [(frame, _ball(place)) for frame, _, place in parts.targets]
+  for frame, joints in parts.poses:
+    figure = make_figure(Clip(joints[None].astype(np.float32)))
     radii = (np.array([getattr(part, name) for part in figure.parts]) for name in ("a_radius", "b_radius"))
     colors = np.broadcast_to(default_colors(figure), (1, len(figure.parts), 3))[0]
     bodies.append((int(frame), (figure.a[0], figure.b[0], *radii, colors + (1 - colors) * _PALE)))

@@ -10,6 +10,9 @@ import pytest
 from PIL import Image
 
 from motion_jax import export
+from motion_jax.control.compiling import compile
+from motion_jax.control.constraints import EffectorTarget, Keyframe, RootPath
+from motion_jax.control.signal import none
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.export.body import make_figure
@@ -66,6 +69,39 @@ def test_frames_may_have_colors_of_their_own(tmp_path):
     export.html(make(), tmp_path / "b.html", colors=colors[1:])
 
 
+def asked_of(clip, off=(0.03, 0.0, 0.04)):
+  """Path, target and pose, all met but for the target, which is so many metres away."""
+  return [RootPath(clip.joints[:21, 0][:, [0, 2]], np.arange(21) / 20),
+          EffectorTarget("left_hand", [0.5], [clip.joints[10, 20] + off]),
+          Keyframe(clip.joints[24], 1.2, "world")]
+
+
+def test_what_was_asked_is_in_the_page_and_how_far_off_the_motion_is(tmp_path):
+  clip = make()
+  asked = compile(asked_of(clip), 30)
+  points = [[0.0, 0.0], [0.5, 1.0]]
+  path, = export.save(clip, tmp_path / "a.html", asked=asked, way_points=points)
+  told = data_of(path)["clips"][0]["asked"]
+  assert told["points"] == points and [target[0] for target in told["targets"]] == [10]
+  assert [pose["frame"] for pose in told["poses"]] == [24]
+  joints = np.frombuffer(base64.b64decode(told["poses"][0]["joints"]), "<f4").reshape(22, 3)
+  np.testing.assert_allclose(joints, clip.joints[24], atol=1e-5)
+  assert len(np.frombuffer(base64.b64decode(told["poses"][0]["turned"]), "<i2")) == 22 * 4
+  assert abs(np.array(told["lines"][0]) - asked.positions[0, :21, 0][:, [0, 2]]).max() < 1e-4
+  assert told["off"]["frame"] == 10 and told["off"]["joint"] == "left wrist" and 49 < told["off"]["worst"] < 51
+  assert 0 < told["off"]["mean"] < 10
+  nothing = data_of(export.html([clip, clip], tmp_path / "b.html", asked=[asked, none(1, 30)]))["clips"]
+  assert "off" in nothing[0]["asked"] and "off" not in nothing[1]["asked"] and nothing[1]["asked"]["lines"] == []
+
+
+def test_a_page_of_a_motion_that_nothing_is_asked_of_is_as_ever(tmp_path):
+  clip = make()
+  export.save(clip, tmp_path / "a.html")
+  export.save([clip], tmp_path / "b.html", asked=[None], way_points=[])
+  assert (tmp_path / "a.html").read_bytes() == (tmp_path / "b.html").read_bytes()
+  assert "asked" not in data_of(tmp_path / "a.html")["clips"][0]
+
+
 def test_page_loads_nothing_from_anywhere(tmp_path):
   text = export.html(make(), tmp_path / "a.html").read_text(encoding="utf-8")
   shell = re.sub(r"<script>.*</script>", "", text, flags=re.S)
@@ -82,14 +118,34 @@ def test_captions_cannot_break_the_page(tmp_path):
   assert "alert(1)</script>" not in path.read_text(encoding="utf-8")
 
 
-@pytest.mark.skipif(not any(map(shutil.which, _BROWSERS)), reason="no Chromium here to open the page with")
+def chromium(folder):
+  """The command line of a browser without a window."""
+  browser = next(filter(None, map(shutil.which, _BROWSERS)), None)
+  if browser is None:
+    pytest.skip("no Chromium here to open the page with")
+  return [browser, "--headless", "--no-sandbox", "--disable-gpu", "--use-angle=swiftshader",
+          "--enable-unsafe-swiftshader", "--window-size=900,600", "--virtual-time-budget=3000",
+          f"--user-data-dir={folder / 'profile'}"]
+
+
+@pytest.mark.slow
+def test_what_was_asked_is_seen_in_a_browser(tmp_path):
+  clip, command, picture = make(), chromium(tmp_path), tmp_path / "a.png"
+  path = export.html(clip, tmp_path / "a.html", asked=compile(asked_of(clip, (0.5, 0.3, 0)), 30))
+  dom = subprocess.run([*command, "--dump-dom", f"file://{path}#0.25"], capture_output=True, text=True,
+                       timeout=180).stdout
+  assert "worst 583 mm (left wrist at 0.50 s)" in dom and 'id="asked"' in dom
+  subprocess.run([*command, f"--screenshot={picture}", f"file://{path}#0.25"], capture_output=True, timeout=180,
+                 check=True)
+  red, green, blue = np.moveaxis(np.asarray(Image.open(picture).convert("RGB")).astype(int), -1, 0)
+  assert ((green > red + 40) & (green > blue + 20)).sum() > 200, "the path"
+  assert ((red > green + 110) & (blue > green + 30)).sum() > 60, "the target"
+
+
 @pytest.mark.slow
 def test_page_plays_in_a_browser(tmp_path):
   path, = export.save([make("walk"), make("wave_left")], tmp_path / "a.html")
-  browser = next(filter(None, map(shutil.which, _BROWSERS)))
-  command = [browser, "--headless", "--no-sandbox", "--disable-gpu", "--use-angle=swiftshader",
-             "--enable-unsafe-swiftshader", "--window-size=900,600", "--virtual-time-budget=3000",
-             f"--user-data-dir={tmp_path / 'profile'}"]
+  command = chromium(tmp_path)
   page = f"file://{path}#0.5"
   dom = subprocess.run([*command, "--dump-dom", page], capture_output=True, text=True, timeout=180).stdout
   assert 'data-state="ready"' in dom and 'data-frame="10"' in dom

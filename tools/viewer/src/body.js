@@ -3,6 +3,7 @@ import {
   Bone, BufferAttribute, BufferGeometry, Color, DoubleSide, Float32BufferAttribute, Group, Matrix4, Mesh,
   MeshBasicMaterial, MeshStandardMaterial, Quaternion, Skeleton, SkinnedMesh, SRGBColorSpace, Vector3,
 } from 'three';
+import {Marks, PALE} from './marks.js';
 
 const ONE = new Vector3(1, 1, 1);
 
@@ -86,16 +87,35 @@ export class Body extends Figure {
     const roots = Array.from({length: this.frames}, (_, t) => [this.joints[t * this.count * 3], this.joints[t * this.count * 3 + 2]]);
     this.way = ribbon(roots, clip.floor);
     this.group.add(this.way);
+    if (clip.asked) this.ask(clip.asked, body, colors);
     this.show(0);
+  }
+
+  // What the motion was asked to do stands where it does.
+  ask({poses, ...parts}, body, colors) {
+    const figures = poses.map((pose) => {
+      const figure = new Figure(body, colors, {opacity: PALE});
+      this.place(decode(pose.joints, Float32Array), decode(pose.turned, Int16Array), 0, 0, 0);
+      figure.put(this.positions, this.rotations);
+      return figure;
+    });
+    this.marks = new Marks();
+    this.marks.set({...parts, figures}, {floor: this.clip.floor});
+    this.group.add(this.marks.group);
   }
 
   // Joints and rotations at a frame that need not be a whole number.
   pose(at) {
-    const t = Math.min(Math.floor(at), this.frames - 1), n = Math.min(t + 1, this.frames - 1), w = at - t;
+    const t = Math.min(Math.floor(at), this.frames - 1);
+    this.place(this.joints, this.turned, t, Math.min(t + 1, this.frames - 1), at - t);
+  }
+
+  // Those of J and R between the frames t and n, of which the second counts w.
+  place(J, R, t, n, w) {
     for (let j = 0; j < this.count; j++) {
-      const p = (t * this.count + j) * 3, q = (n * this.count + j) * 3, J = this.joints;
+      const p = (t * this.count + j) * 3, q = (n * this.count + j) * 3;
       this.positions[j].set(J[p] + (J[q] - J[p]) * w, J[p + 1] + (J[q + 1] - J[p + 1]) * w, J[p + 2] + (J[q + 2] - J[p + 2]) * w);
-      const r = (t * this.count + j) * 4, s = (n * this.count + j) * 4, R = this.turned;
+      const r = (t * this.count + j) * 4, s = (n * this.count + j) * 4;
       this.rotations[j].set(R[r + 1], R[r + 2], R[r + 3], R[r]).normalize();
       this.next.set(R[s + 1], R[s + 2], R[s + 3], R[s]).normalize();
       this.rotations[j].slerp(this.next, w);
@@ -106,6 +126,7 @@ export class Body extends Figure {
     const inside = Math.max(0, Math.min(at, this.frames - 1));
     this.pose(inside);
     this.paint(Math.floor(inside));
+    this.marks?.show(inside, this.clip.fps);
     this.put(this.positions, this.rotations);
   }
 
@@ -123,14 +144,14 @@ export class Body extends Figure {
 }
 
 // A way on the ground, [[x, z], ...] in metres, as a ribbon.
-export function ribbon(roots, floor = 0) {
+export function ribbon(roots, floor = 0, {color = 0xf2853f, width = 0.026, opacity = 0.75} = {}) {
   const vertices = [], index = [], last = new Vector3(Infinity, 0, 0), here = new Vector3();
   for (const [x, z] of roots) {
     here.set(x, 0, z);
     if (here.distanceTo(last) < 0.02) continue;
     if (Number.isFinite(last.x)) {
       const ahead = here.clone().sub(last).normalize();
-      const side = new Vector3(ahead.z, 0, -ahead.x).multiplyScalar(0.013);
+      const side = new Vector3(ahead.z, 0, -ahead.x).multiplyScalar(width / 2);
       for (const point of vertices.length ? [here] : [last, here]) {
         for (const sign of [1, -1]) vertices.push(point.x + sign * side.x, floor + 0.004, point.z + sign * side.z);
         const n = vertices.length / 3;
@@ -142,7 +163,7 @@ export function ribbon(roots, floor = 0) {
   const geometry = new BufferGeometry();
   geometry.setAttribute('position', new Float32BufferAttribute(vertices, 3));
   geometry.setIndex(index);
-  const look = {color: 0xf2853f, transparent: true, opacity: 0.75, side: DoubleSide};
+  const look = {color, transparent: true, opacity, side: DoubleSide};
   const way = new Mesh(geometry, new MeshBasicMaterial(look));
   way.frustumCulled = false;
   return way;

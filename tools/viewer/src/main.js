@@ -4,12 +4,13 @@ import {
   Mesh, MeshBasicMaterial, Quaternion, Vector3,
 } from 'three';
 import {Figure, ribbon} from './body.js';
+import {Marks, PALE} from './marks.js';
 import {start} from './page.js';
 import {Stage} from './scene.js';
 import {Turns} from './turns.js';
 
 window.motionParts = {
-  Figure, Stage, Turns, ribbon,
+  Figure, Marks, PALE, Stage, Turns, ribbon,
   three: {
     BufferAttribute, BufferGeometry, CircleGeometry, Color, InstancedMesh, LineBasicMaterial, LineSegments, Matrix4,
     Mesh, MeshBasicMaterial, Quaternion, Vector3,

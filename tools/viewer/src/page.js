@@ -81,6 +81,17 @@ export function start() {
     if ($('caption').textContent !== text) $('caption').textContent = text;
   }
 
+  const off = clips.some((clip) => clip.asked) ? askedRow(bodies) : null;
+  // How far the motions that are seen are from what they were asked to do.
+  function distance() {
+    const found = shown().map((body) => body.clip).filter((clip) => clip.asked?.off);
+    if (!found.length) return '';
+    const worst = found.reduce((a, b) => (b.asked.off.worst > a.asked.off.worst ? b : a)), {asked} = worst;
+    const mean = found.reduce((sum, clip) => sum + clip.asked.off.mean, 0) / found.length, mm = (x) => x.toFixed(x < 10 ? 1 : 0);
+    return `from what was asked: mean ${mm(mean)} mm, worst ${mm(asked.off.worst)} mm (${asked.off.joint} at ` +
+      `${(asked.off.frame / worst.fps).toFixed(2)} s${found.length > 1 ? `, motion ${clips.indexOf(worst) + 1}` : ''})`;
+  }
+
   function draw() {
     bodies.forEach((body, i) => body.show(state.time * clips[i].fps));
     if (state.follow) {
@@ -101,6 +112,7 @@ export function start() {
     $('time').textContent = `${state.time.toFixed(1)} / ${seconds.toFixed(1)} s`;
     if (document.activeElement !== $('seek') || state.playing) $('seek').value = String(seconds ? (state.time / seconds) * 1000 : 0);
     caption();
+    if (off && off.textContent !== distance()) off.textContent = distance();
   }
 
   function play(on) {
@@ -154,4 +166,16 @@ export function start() {
   };
   requestAnimationFrame(tick);
   return {state, scene, camera, controls, bodies, renderer};
+}
+
+// Adds to the bar: whether what was asked is seen, and where it is said how far off the motion is.
+function askedRow(bodies) {
+  const label = document.createElement('label'), box = document.createElement('input'), told = document.createElement('span');
+  Object.assign(box, {type: 'checkbox', checked: true, id: 'asked'});
+  box.onchange = () => bodies.forEach((body) => { if (body.marks) body.marks.group.visible = box.checked; });
+  label.append(box, ' asked');
+  $('path').parentElement.after(label);
+  Object.assign(told, {id: 'off', style: 'color: var(--soft); font-variant-numeric: tabular-nums'});
+  $('bar').append(told);
+  return told;
 }
