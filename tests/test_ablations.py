@@ -35,12 +35,13 @@ BOTH = [(CMDM, *pair) for pair in TRAINED] + [(CDAMD, *pair) for pair in TRAINED
 IDS = ["-".join(pair) for pair in TRAINED + TRAINED_CDAMD]
 # Of each stage that has rows, one whose program no base config has (those are trained in test_smoke.py). What the other
 # rows choose, networks, losses and masks, has its tests beside what it is made of.
-KINDS = {"vae-tokenizer", "one-level-denoiser", "bcm-generator"}
+KINDS = {"vae-tokenizer", "one-level-denoiser"}
 
 
 # Of each paper's stages, one that is traced where the slow tests, which train every row, are left out.
 TRACED = {"teacher-tmr-teacher", "teacher-motion-patches-tokenizer", "latent-16-8-tokenizer", "vae-denoiser",
-          "text-clip-sentence-denoiser", "mardm-generator", "67-generator", "67-autoencoder", "263-rvq"}
+          "text-clip-sentence-denoiser", "mardm-generator", "bcm-generator", "67-generator",
+          "67-autoencoder", "263-rvq"}
 
 
 @pytest.mark.parametrize("paper, row, stage", [

@@ -18,8 +18,9 @@ def _run(count, stage, folder):
   return done.stdout
 
 
-@pytest.mark.parametrize("count", [3, pytest.param(8, marks=pytest.mark.slow)])
-def test_a_training_that_is_killed_ends_as_if_it_had_not_been(tmp_path, count):
+@pytest.mark.slow
+def test_a_training_that_is_killed_ends_as_if_it_had_not_been(tmp_path):
+  count = 8
   printed = _run(count, "line", tmp_path)
   assert f"| in all | {count} |" in printed and "equal bytes | 0" not in printed
   # It goes on with what is on record.

@@ -68,6 +68,7 @@ def test_an_older_run_makes_the_same_motion(tiny_run, old_run):
   np.testing.assert_array_equal(*(motions[0].features for motions in made))
 
 
+@pytest.mark.slow
 def test_an_older_run_goes_on(old_run, tmp_path, capsys):
   folder = shutil.copytree(old_run, tmp_path / "run")
   config = load_config("cmdm_denoiser", "tiny").unlock()

@@ -29,7 +29,7 @@ ELSEWHERE = ("tmr", "motion_patches",            # test_teacher_kinds.py
              "cmdm_tokenizer",                   # test_pictures.py
              "cdamd_length")                     # below, to go on with
 # Evaluators of which the quick tests count the parameters, and train another.
-COUNTED = ("evaluator_matching", "evaluator_snapmogen")
+COUNTED = ("evaluator_matching", "evaluator_snapmogen", "evaluator_clip")
 
 
 @pytest.mark.parametrize("name, own_weights", [

@@ -85,6 +85,7 @@ def run(tmp_path_factory):
   return folder / "run"
 
 
+@pytest.mark.slow
 def test_a_run_folder_is_all_it_takes(run):
   evaluator = load_evaluator(run)
   assert (evaluator.kind, evaluator.layout.name, evaluator.max_frames) == ("t2m", "coordinates", 96)

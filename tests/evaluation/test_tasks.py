@@ -60,6 +60,7 @@ def test_reconstruction(tiny_run, archive, evaluator, tmp_path):
   assert errors[0]["values"][0] == pytest.approx(10 * (2 * 8 / np.pi) ** 0.5 * 21 / 22, rel=0.02)
 
 
+@pytest.mark.slow
 def test_editing(tiny_generator, archive, evaluator, tmp_path):
   """The edits of four tasks, with what was kept pasted back: then nothing but the new frames differs."""
   folder = shutil.copytree(tiny_generator, tmp_path / "generator")
