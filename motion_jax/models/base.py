@@ -128,7 +128,7 @@ class TextToMotionModel(Able):
   def _caption_vectors(self):
     captions = self._learned[0].captions
     key = cache.key_of("sentences", self.encoder.fingerprint, *captions)
-    return cache.kept_array("sentences", key, lambda: self.encoder.sentence(captions))
+    return cache.kept_array("sentences", key, lambda: self.encoder.many_sentences(captions))
 
   def nearest_captions(self, prompt: str, num: int = 1) -> list[tuple[str, int]]:
     """[(caption, usual frames)] of the training captions that mean nearly the same, the nearest first.
@@ -141,7 +141,7 @@ class TextToMotionModel(Able):
     vocabulary, frames = self._learned
     rows = vocabulary.candidates(prompt)
     known = (self._caption_vectors if len(rows) == len(vocabulary.captions) else
-             self.encoder.sentence([vocabulary.captions[row] for row in rows]))
+             self.encoder.many_sentences([vocabulary.captions[row] for row in rows]))
     nearness = known @ self.encoder.sentence([prompt])[0]
     nearest = [rows[i] for i in np.argsort(-nearness, kind="stable")[:num]]
     return [(vocabulary.captions[row], frames[row]) for row in nearest]

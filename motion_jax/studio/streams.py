@@ -39,7 +39,8 @@ class Stream:
     self._paused, self._keep_going, self._speed = False, True, 1.0
     self._ahead, self._sent, self._position, self._seen = AHEAD, 0, 0.0, time.monotonic()
     self._said: list[tuple[int, int]] = []  # (first frame, words) of the prompts of this run
-    self._until, self._tail, self._told = 0, None, ""
+    self._ends: int | None = None  # see `_until`
+    self._tail, self._told = None, ""
     self._thread = threading.Thread(target=self._work, name="stream", daemon=True)
     self._thread.start()
 
@@ -163,7 +164,13 @@ class Stream:
     return self._live is not None and not self._paused and not self._waits()
 
   def _waits(self):
-    return not self._keep_going and self._sent >= self._until
+    return not self._keep_going and self._sent >= self._until()
+
+  def _until(self):
+    """The frame with which the words that were said last have been done; found out once somebody asks."""
+    if self._ends is None:
+      self._ends = self._said[-1][0] + self._live.model.natural_frames(self._choices["prompt"])
+    return self._ends
 
   def _has_room(self):
     return self._sequence - 1 - self._acknowledged < self._ahead
@@ -228,7 +235,7 @@ class Stream:
     model = self._live.model
     self._words += 1
     self._said = [(frame, words) for frame, words in self._said if frame < first] + [(first, self._words)]
-    self._until = first + model.natural_frames(prompt)
+    self._ends = None
     unknown = model.unknown_words(prompt)
     nearest = model.nearest_captions(prompt)[:1] if unknown else []
     self._send({"type": "words", "words": self._words, "prompt": prompt, "from_frame": first, "run": self._run,

@@ -62,6 +62,7 @@ _IRREGULAR = {form: word for word, forms in {
 _FEW = 500  # captions that are read with the encoder to find the nearest; more are first sifted by their words
 
 
+@functools.lru_cache(maxsize=1 << 14)
 def forms(word):
   """The word and what is left of it without its English endings: walking, walked, walks -> walk; ran -> run."""
   found = {word, _IRREGULAR.get(word, word)}
@@ -73,7 +74,7 @@ def forms(word):
       found.add(stem)
       if len(stem) > 3 and stem[-1] == stem[-2]:
         found.add(stem[:-1])
-  return found
+  return frozenset(found)
 
 
 def content_words(sentence):

@@ -144,7 +144,8 @@ def test_receptive_fields():
   assert reached[0] == 60 - 45
 
 
-@pytest.mark.parametrize("chunks", [(1,) * 20, (3,) * 6 + (2,), (7, 1, 12)])
+@pytest.mark.parametrize("chunks", [
+    (7, 1, 12), *(pytest.param(sizes, marks=pytest.mark.slow) for sizes in ((1,) * 20, (3,) * 6 + (2,)))])
 def test_streaming_is_offline(chunks):
   vae, params, x = _small()
   apply = _jitted(vae)

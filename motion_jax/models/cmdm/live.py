@@ -41,9 +41,9 @@ class LiveStream:
                num_frames: int | None = None, cleanup: bool = True, takes: Callable[[str], int] | None = None) -> None:
     """takes: frames that an action has before other words count, of its prompt; None: words never wait."""
     self._model, self._plan, self.num_frames, self._takes = model, plan, num_frames, takes
-    constants = streaming.make_constants(model.dit, model.params, plan)
-    self._sampler = streaming.Sampler(model.dit, plan, model.params, constants, None, scale, keys)
-    self._state = cmdm.init_stream(model.codec, self._sampler)
+    constants, latents, decoder = model.compiled.stream_start(plan, model.codec, model.params, keys)
+    self._sampler = streaming.Sampler(model.dit, plan, model.params, streaming.Constants(*constants), None, scale, keys)
+    self._state = cmdm.MotionStream(streaming.Stream(*latents), decoder)
     self._steps, self._frames, self._given = 0, 0, 0  # frames: that are decided; given: of them, once cleaned
     self._path: _Path | None = None
     self._tokens: np.ndarray | None = None  # of what the stream is held to (1, L, D), from its first latent on
@@ -192,7 +192,7 @@ class LiveStream:
 
   def _encode(self) -> None:
     emb, mask = self._model.encode_words(self._bank)
-    text = streaming.encode_text(self._model.dit, self._model.params, emb[None], mask[None], self._plan.guided)
+    text = self._model.compiled.stream_words(self._plan.guided, self._model.params, emb[None], mask[None])
     self._sampler = dataclasses.replace(self._sampler, text=text)
 
   def _captions(self, active: int) -> Int[jax.Array, "1 {active}"]:

@@ -154,6 +154,21 @@ def init_stream(codec: VaeCodec, sampler: streaming.Sampler) -> MotionStream:
   return MotionStream(sampler.init(), codec.init_decode_state(len(sampler.keys)))
 
 
+def stream_start(dit: CausalDiT, plan: streaming.Plan, codec: VaeCodec, params: Any, keys: jax.Array
+                 ) -> tuple[tuple, tuple, Any]:
+  """The sampler's constants and the state of a stream that begins, as bare tuples: of `streaming.Constants`, of
+  `streaming.Stream`, and the decoder's memory. A kept program gives back no named tuple that it is not given."""
+  constants = streaming.make_constants(dit, params, plan)
+  state = init_stream(codec, streaming.Sampler(dit, plan, params, constants, None, 1.0, keys))
+  return tuple(constants), tuple(state.latents), state.decoder
+
+
+def stream_words(dit: CausalDiT, guided: bool, params: Any, text_emb: Float[Array, "b *g s e"],
+                 text_mask: Bool[Array, "b *g s"]) -> Any:
+  """What a stream knows of its captions, see `streaming.encode_text`."""
+  return streaming.encode_text(dit, params, text_emb, text_mask, guided)
+
+
 def stream_step(active: int, use_cache: bool, codec: VaeCodec, sampler: streaming.Sampler, state: MotionStream,
                 caption: Int[Array, "b {active}"] | None = None
                 ) -> tuple[MotionStream, Float[Array, "b t f"], Bool[Array, ""]]:
