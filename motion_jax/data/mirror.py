@@ -12,6 +12,10 @@ _SIDE = (r"(?P<side>left|right)(?P<rest>wards?|most|[-\s]?handed|[-\s]?footed|[-
          r"(?![\w'])")
 _TURN = r"(?P<turn>(?:counter|anti)[-\s]?clockwise|clockwise)"
 _WORD = re.compile(rf"(?<![\w-]){_TURN}(?!\w)|(?<!\w){_SIDE}", re.IGNORECASE)
+# A side of the body's lower half, and of what one leg does.
+_LEG = re.compile(
+    r"(?<![\w-])(?:left|right)[-\s]+(?:foot(?:ed)?|feet|leg(?:s|ged)?|knees?|heels?|toes?|ankles?|kicks?)(?![-\w])",
+    re.IGNORECASE)
 _ALL_RIGHT = re.compile(r"\ball\s+$", re.IGNORECASE)
 
 
@@ -36,6 +40,11 @@ def mirror_caption(text) -> str:
       return match[0]
     return _like(match["side"], "left" if side == "right" else "right") + match["rest"]
   return _WORD.sub(swap, text)
+
+
+def mirror_legs(text) -> str:
+  """Exchanges left with right where they say which leg: a left foot, right-legged, a left kick. Hands and ways stay."""
+  return _LEG.sub(lambda match: mirror_caption(match[0]), text)
 
 
 def mirror_clip(clip) -> Clip:

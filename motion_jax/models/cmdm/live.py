@@ -16,6 +16,7 @@ from motion_jax.models import cmdm
 from motion_jax.models.cmdm import streaming
 from motion_jax.models.cmdm.guiding import Behind, Guide
 from motion_jax.models.cmdm.networks import CmdmNetworks
+from motion_jax.models.cmdm.options import CmdmSampling
 from motion_jax.models.results import Motion
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.cleanup import Cleaner
@@ -37,12 +38,14 @@ class LiveStream:
   they are made: the first block is shorter by so many, what ends (num_frames) gives them at its end.
   """
 
-  def __init__(self, model: CmdmNetworks, plan: streaming.Plan, scale: float, keys: jax.Array, prompt: str,
+  def __init__(self, model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, keys: jax.Array, prompt: str,
                num_frames: int | None = None, cleanup: bool = True, takes: Callable[[str], int] | None = None) -> None:
     """takes: frames that an action has before other words count, of its prompt; None: words never wait."""
     self._model, self._plan, self.num_frames, self._takes = model, plan, num_frames, takes
+    self._side_guidance = sampling.side_guidance
     constants, latents, decoder = model.compiled.stream_start(plan, model.codec, model.params, keys)
-    self._sampler = streaming.Sampler(model.dit, plan, model.params, streaming.Constants(*constants), None, scale, keys)
+    self._sampler = streaming.Sampler(model.dit, plan, model.params, streaming.Constants(*constants), None,
+                                      sampling.guidance_scale, keys)
     self._state = cmdm.MotionStream(streaming.Stream(*latents), decoder)
     self._steps, self._frames, self._given = 0, 0, 0  # frames: that are decided; given: of them, once cleaned
     self._path: _Path | None = None
@@ -191,7 +194,7 @@ class LiveStream:
     return other
 
   def _encode(self) -> None:
-    emb, mask = self._model.encode_words(self._bank)
+    emb, mask = self._model.encode_words(self._bank, self._side_guidance)
     text = self._model.compiled.stream_words(self._plan.guided, self._model.params, emb[None], mask[None])
     self._sampler = dataclasses.replace(self._sampler, text=text)
 

@@ -42,8 +42,8 @@ class CmdmModel(CmdmNetworks):
     `understand(prompt)` says it is understood; literal: its words go to the network as they are, as those of a single
     action always do. A length is shared among the actions.
     rng: a key, of which prompt i gets fold_in(rng, i), so that a motion does not depend on its batch-mates; or seeds,
-    one integer per prompt. sampling: guidance_scale, schedule, num_steps, lag, solver, context of `CmdmSampling`; by
-    default the model's own. Without a length it is that of the nearest training captions. cleanup: standing feet are
+    one integer per prompt. sampling: guidance_scale, schedule, num_steps, lag, ... of `CmdmSampling`; by default the
+    model's own. Without a length it is that of the nearest training captions. cleanup: standing feet are
     planted and tremor is taken away (`motion.cleanup`); features stay as they were made. Raises ValueError for an empty
     prompt or a length that is not positive or over an hour.
     """
@@ -57,7 +57,7 @@ class CmdmModel(CmdmNetworks):
     """Motions of prompts that are said to the network as they are, a key each; see `sample_controlled`."""
     sampling = dict(sampling)
     control_steps, settles = sampling.pop("control_steps", CONTROL_STEPS), sampling.pop("settles", SETTLES)
-    plan, scale, about = self.plan_of(**sampling)
+    plan, chosen, about = self.plan_of(**sampling)
     # Whole blocks are independent of what follows them; a few more of them spare a compilation for every new length.
     blocks = -(-max(frames) // (plan.block * self.vae.frames_per_latent * 4)) * 4
     plan = plan._replace(context=min(plan.context, max(self.context, blocks * plan.block)))  # no more than there is
@@ -65,7 +65,7 @@ class CmdmModel(CmdmNetworks):
     if not plan.lag:
       plan = plan._replace(context=max(plan.context, blocks * plan.block))
     with timing.part("text"):
-      text_emb, text_mask = self.encode_words(prompts)
+      text_emb, text_mask = self.encode_words(prompts, chosen.side_guidance)
     held: dict[str, Any] = {}
     if signal is not None:
       signal = signal.slice_frames(0, blocks * plan.block * self.frames_per_latent)
@@ -73,7 +73,7 @@ class CmdmModel(CmdmNetworks):
       held |= dict(guide=Guide.of(self.codec, self.stats, signal, control_steps, settles)) if control_steps else {}
       about |= dict(control_steps=control_steps, settles=settles)
     made = run(plan.fitted(blocks), blocks, self.params, self.codec, text_emb=text_emb, text_mask=text_mask,
-               scale=scale, keys=keys, **held)
+               scale=chosen.guidance_scale, keys=keys, **held)
     captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
     return make_motions(self, made, frames, captions, seeds, about, cleanup)
 
@@ -128,10 +128,10 @@ class CmdmModel(CmdmNetworks):
   def in_a_row(self, lists: Sequence[Sequence[tuple[str, int]]], keys: jax.Array, seeds: Sequence[int | None],
                cleanup: bool, sampling: dict[str, Any], way: str = "stream", ease: bool = False) -> Motions:
     """A motion of each list of (prompt, frames), a key each; see `multi_prompts`."""
-    plan, scale, about = self.plan_of(**sampling)
+    plan, chosen, about = self.plan_of(**sampling)
     prompts, counts = ([list(part) for part in parts] for parts in zip(*(zip(*segments) for segments in lists)))
     make = multi.stream if way == "stream" else multi.chain
-    made, totals, ends = make(self, plan, scale, prompts, counts, keys)
+    made, totals, ends = make(self, plan, chosen, prompts, counts, keys)
     captions = [captions_in_a_row(*row, self.fps) for row in zip(prompts, ends)]
     about |= {"way": way} | ({"eased": True} if ease else {})
     return make_motions(self, made, totals, captions, seeds, about, cleanup, ease)
@@ -167,12 +167,12 @@ class CmdmModel(CmdmNetworks):
     else:
       segments = self._segments(prompt)
     keys, seeds = keys_of(rng, None if seed is None else [seed], 1)
-    plan, scale, about = self.plan_of(**sampling)
+    plan, chosen, about = self.plan_of(**sampling)
     prompts, counts = ([*part] for part in zip(*segments))
     past = on_our_body(clip, self.fps, self.stats.layout.skeleton)
     known = [caption.text for caption in clip.captions if caption.text.strip()]
     past_prompt = past_prompt or (known[-1] if known else prompts[0])
-    new, ends = multi.extend(self, plan, scale, past, past_prompt, prompts, counts, keys, way, num_past, cleanup)
+    new, ends = multi.extend(self, plan, chosen, past, past_prompt, prompts, counts, keys, way, num_past, cleanup)
     about |= dict(prompt=" | ".join(prompts), seed=seeds[0], way=way, cleanup=bool(cleanup), past_prompt=past_prompt)
     return go_on(self, clip, past, new, captions_in_a_row(prompts, ends, self.fps), about)
 
@@ -186,25 +186,25 @@ class CmdmModel(CmdmNetworks):
     """
     self.check_words([prompt])
     keys, _ = keys_of(rng, None if seed is None else [seed], 1)
-    plan, scale, _ = self.plan_of(**sampling)
+    plan, chosen, _ = self.plan_of(**sampling)
     if not plan.lag:
       raise ValueError("got schedule 'full': a stream runs by schedule 'fss' or 'ar'")
     if num_frames is not None:
       self.frames_of([prompt], num_frames, None)
-    return LiveStream(self, plan, scale, keys, prompt, num_frames, cleanup,
+    return LiveStream(self, plan, chosen, keys, prompt, num_frames, cleanup,
                       partial(composed.took_of, self) if hold_until_done else None)
 
   def usual_sampling(self) -> dict[str, Any]:
     return dict(context=self.context)
 
-  def plan_of(self, **sampling: Any) -> tuple[streaming.Plan, float, dict[str, Any]]:
-    """(plan for motions of any length, guidance scale, what a file says of both) of choices of `CmdmSampling`."""
+  def plan_of(self, **sampling: Any) -> tuple[streaming.Plan, CmdmSampling, dict[str, Any]]:
+    """(plan for motions of any length, all choices of sampling, what a file says of them) of some `CmdmSampling`."""
     chosen = self.sampling(**sampling)
     guided = chosen.guidance_scale != 1.0
     plan = streaming.make_plan(chosen.num_steps, chosen.steps_apart or 1, self.dit.block, chosen.context, guided=guided,
                                solver=chosen.solver)
     plan = plan._replace(lag=chosen.steps_apart)
-    return plan, chosen.guidance_scale, chosen.about() | dict(model=self.id)
+    return plan, chosen, chosen.about() | dict(model=self.id)
 
   def _segments(self, given: Segments) -> list[tuple[str, int]]:
     """[(prompt, frames)] of the [(prompt, seconds or None)] of one motion."""

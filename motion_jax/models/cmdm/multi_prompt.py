@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Num
 
 from motion_jax.models.cmdm import streaming
 from motion_jax.models.cmdm.networks import CmdmNetworks
+from motion_jax.models.cmdm.options import CmdmSampling
 from motion_jax.motion.blending import laid_over
 from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.representations import to_features, to_joints
@@ -35,13 +36,13 @@ def borders(frames: Sequence[int], frames_per_block: int) -> tuple[list[int], in
   return blocks, total if total > (sum(blocks) - 1) * frames_per_block else sum(blocks) * frames_per_block
 
 
-def captions_of(model: CmdmNetworks, prompts: Sequence[Sequence[str]]
+def captions_of(model: CmdmNetworks, prompts: Sequence[Sequence[str]], side_guidance: float | None = 0.0
                 ) -> tuple[Float[np.ndarray, "b g s e"], Bool[np.ndarray, "b g s"]]:
   """Words of all prompts of each motion: text_emb (B, G, S, E), text_mask (B, G, S), G a power of two."""
   count = 1 << (max(map(len, prompts)) - 1).bit_length()
   padded = [list(row) + [row[-1]] * (count - len(row)) for row in prompts]
   names = list(dict.fromkeys(prompt for row in padded for prompt in row))
-  emb, mask = model.encode_words(names)
+  emb, mask = model.encode_words(names, side_guidance)
   index = jnp.asarray([[names.index(prompt) for prompt in row] for row in padded])
   return emb[index], mask[index]
 
@@ -52,7 +53,7 @@ def _segments(blocks, num_blocks):
   return np.stack([np.pad(row, (0, num_blocks - len(row)), mode="edge") for row in rows]).astype(np.int32)
 
 
-def stream(model: CmdmNetworks, plan: streaming.Plan, scale: float, prompts: Sequence[Sequence[str]],
+def stream(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, prompts: Sequence[Sequence[str]],
            frames: Sequence[Sequence[int]], keys: jax.Array
            ) -> tuple[Float[Array, "b t f"], Sequence[int], list[list[int]]]:
   """Motions of several prompts in one run, whose text changes from block to block: features, frames and ends of each.
@@ -67,14 +68,14 @@ def stream(model: CmdmNetworks, plan: streaming.Plan, scale: float, prompts: Seq
   plan = plan._replace(context=min(plan.context, max(model.context, num_blocks * plan.block)))
   plan = plan.fitted(num_blocks)._replace(captions=streaming.captions_seen(segment, plan.fitted(num_blocks).width))
   run = model.compiled.generate if plan.lag else model.compiled.generate_whole
-  text_emb, text_mask = captions_of(model, prompts)
-  features = run(plan, num_blocks, model.params, model.codec, text_emb=text_emb, text_mask=text_mask, scale=scale,
-                 keys=keys, segment=jnp.asarray(segment))
+  text_emb, text_mask = captions_of(model, prompts, sampling.side_guidance)
+  features = run(plan, num_blocks, model.params, model.codec, text_emb=text_emb, text_mask=text_mask,
+                 scale=sampling.guidance_scale, keys=keys, segment=jnp.asarray(segment))
   ends = [np.minimum(np.cumsum(counts) * frames_per_block, total).tolist() for counts, total in zip(blocks, totals)]
   return features, totals, ends
 
 
-def chain(model: CmdmNetworks, plan: streaming.Plan, scale: float, prompts: Sequence[Sequence[str]],
+def chain(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, prompts: Sequence[Sequence[str]],
           frames: Sequence[Sequence[int]], keys: jax.Array, num_past: int = 1
           ) -> tuple[Float[Array, "b t f"], Sequence[int], list[list[int]]]:
   """Motions of several prompts as the released code makes them, segment by segment; takes and gives what `stream` does.
@@ -84,19 +85,19 @@ def chain(model: CmdmNetworks, plan: streaming.Plan, scale: float, prompts: Sequ
   """
   frames_per_latent = model.frames_per_latent
   counts = [[max(1, int(number) // frames_per_latent) for number in row] for row in frames]
-  made = [np.concatenate(parts) for parts in _chained(model, plan, scale, prompts, counts, [[] for _ in counts], keys,
-                                                      num_past)]
+  made = [np.concatenate(parts)
+          for parts in _chained(model, plan, sampling, prompts, counts, [[] for _ in counts], keys, num_past)]
   longest = -(-max(map(len, made)) // 12) * 12
   latents = np.stack([np.pad(z, ((0, longest - len(z)), (0, 0))) for z in made])
   ends = [(np.cumsum(row) * frames_per_latent).tolist() for row in counts]
   return model.compiled.decode(model.codec, latents), [row[-1] for row in ends], ends
 
 
-def _chained(model, plan, scale, prompts, counts, made, keys, num_past):
+def _chained(model, plan, sampling, prompts, counts, made, keys, num_past):
   """Lists of latents (N, C), one per segment of each motion, behind those that are in `made` already."""
   if plan.solver != "euler":
     raise ValueError(f"got solver {plan.solver!r}: the chained way noises afresh in every step and knows only euler")
-  text_emb, text_mask = captions_of(model, prompts)
+  text_emb, text_mask = captions_of(model, prompts, sampling.side_guidance)
   made = [list(parts) for parts in made]
   for i in range(max(map(len, counts))):
     lengths = np.array([row[i] if i < len(row) else 1 for row in counts])  # a motion that has ended idles
@@ -109,8 +110,8 @@ def _chained(model, plan, scale, prompts, counts, made, keys, num_past):
     at = min(i, text_mask.shape[1] - 1)
     segment_keys = jax.vmap(lambda key, i=i: jax.random.fold_in(key, i))(keys)
     latents = model.compiled.chain_segment(
-        plan, given + longest, model.params, text_emb=text_emb[:, at], text_mask=text_mask[:, at], scale=scale,
-        lengths=jnp.asarray(lengths), past=np.stack(past), keys=segment_keys)
+        plan, given + longest, model.params, text_emb=text_emb[:, at], text_mask=text_mask[:, at],
+        scale=sampling.guidance_scale, lengths=jnp.asarray(lengths), past=np.stack(past), keys=segment_keys)
     for parts, z, row in zip(made, np.asarray(latents), counts):
       if i < len(row):
         parts.append(z[:row[i]])
@@ -133,8 +134,8 @@ def encode_past(model: CmdmNetworks, joints: Num[np.ndarray, "t j 3"], count: in
   return model.compiled.encode(model.codec, jnp.asarray(features[None, -count * frames_per_latent:]))
 
 
-def extend(model: CmdmNetworks, plan: streaming.Plan, scale: float, joints: Num[np.ndarray, "t j 3"], past_prompt: str,
-           prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, way: str = "stream",
+def extend(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, joints: Num[np.ndarray, "t j 3"],
+           past_prompt: str, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, way: str = "stream",
            num_past: int | None = None, cleanup: bool = True) -> tuple[Float[np.ndarray, "n j 3"], list[int]]:
   """What comes after joints (T, J, 3): (joints (N, J, 3) in the same place, frames at which segments end).
 
@@ -153,14 +154,15 @@ def extend(model: CmdmNetworks, plan: streaming.Plan, scale: float, joints: Num[
     plan = plan.fitted(num_blocks)
     plan = plan._replace(captions=streaming.captions_seen(segment, plan.width))
     padded = jnp.pad(past, ((0, 0), (old * plan.block - given, 0), (0, 0)))
-    text_emb, text_mask = captions_of(model, [[past_prompt, *prompts]])
+    text_emb, text_mask = captions_of(model, [[past_prompt, *prompts]], sampling.side_guidance)
     new = model.compiled.extend(
-        plan, num_blocks, model.params, text_emb=text_emb, text_mask=text_mask, scale=scale, keys=keys, past=padded,
-        count=given, segment=jnp.asarray(segment), past_segment=jnp.zeros((1, old), jnp.int32))
+        plan, num_blocks, model.params, text_emb=text_emb, text_mask=text_mask, scale=sampling.guidance_scale,
+        keys=keys, past=padded, count=given, segment=jnp.asarray(segment),
+        past_segment=jnp.zeros((1, old), jnp.int32))
     ends = np.minimum(np.cumsum(blocks) * plan.block * frames_per_latent, total)
   else:
     counts = [max(1, int(number) // frames_per_latent) for number in frames]
-    parts = _chained(model, plan, scale, [prompts], [counts], [[np.asarray(past[0])]], keys, given)[0]
+    parts = _chained(model, plan, sampling, [prompts], [counts], [[np.asarray(past[0])]], keys, given)[0]
     new, ends = np.concatenate(parts[1:])[None], np.cumsum(counts) * frames_per_latent
   whole = model.compiled.decode(model.codec, jnp.concatenate([known, jnp.asarray(new)], axis=1))
   border = known.shape[1] * frames_per_latent
