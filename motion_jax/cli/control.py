@@ -1,6 +1,7 @@
 """Flags of what a motion is asked to do beside its words: files of constraints, paths, poses, targets, loops."""
 import re
 
+from motion_jax.cli import shared
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.numerals import real, shortened
 
@@ -85,10 +86,12 @@ def drawn(constraints, motions):
   return [compile(constraints, motion.num_frames, motion.fps, motion.joints) for motion in motions]
 
 
-def way_points(constraints):
-  """[x, z] of the points of their paths."""
+def drawn_options(out, asked, constraints):
+  """The options of `export.save` that draw in a file what was asked, a signal or a list of them; none of None."""
   from motion_jax.export import scene
-  return scene.way_points(constraints)
+  if asked is None or not out.lower().endswith((*shared.FILMS, ".png", ".jpg", ".html")):
+    return {}
+  return {"asked": asked} | ({"way_points": scene.way_points(constraints)} if out.lower().endswith(".html") else {})
 
 
 def _path(text, kinds):

@@ -151,7 +151,7 @@ def _generate(args):
                               **(dict(control=wanted, project=not args.no_cleanup) if wanted else {}),
                               **_sampling(args, model))
   _write(args, model, motions, outputs, start, asked=control.drawn(wanted, motions) if wanted else None,
-         way_points=control.way_points(wanted))
+         constraints=wanted)
 
 
 def _multi_prompt(args):
@@ -282,12 +282,13 @@ def _able(model, name):
     raise InputError(f"{model.id} has no {name!r}; give another kind of model by --model")
 
 
-def _write(args, model, motions, outputs, start, colors=None, asked=None, way_points=()):
-  """colors (T, 3) of the bodies, what each motion was asked to do, and the points of its path, where it is seen."""
+def _write(args, model, motions, outputs, start, colors=None, asked=None, constraints=()):
+  """colors (T, 3) of the bodies, and what each motion was asked to do, as a signal and as constraints, where a file is
+  a picture."""
   print(f"made in {time.time() - start:.1f} s")
   clips = [motion.replace(id=f"{pathlib.Path(outputs[0]).stem}_{i}") for i, motion in enumerate(motions)]
   with timing.part("files"):
-    written = [path for out in outputs for path in _write_one(args, clips, out, colors, asked, way_points)]
+    written = [path for out in outputs for path in _write_one(args, clips, out, colors, asked, constraints)]
   shared.tell_files(written)
   if model.license:
     print(model.license)
@@ -295,7 +296,7 @@ def _write(args, model, motions, outputs, start, colors=None, asked=None, way_po
     print(timing.report())
 
 
-def _write_one(args, clips, out, colors, asked, way_points):
+def _write_one(args, clips, out, colors, asked, constraints):
   from motion_jax import export
   options = shared.bvh_options(args, out) | (shared.film_options(args) if out.lower().endswith(shared.FILMS) else {})
   if out.lower().endswith((*shared.FILMS, ".png", ".jpg", ".html")):
@@ -303,7 +304,7 @@ def _write_one(args, clips, out, colors, asked, way_points):
       options["colors"] = colors[shared.span_of(args, clips[0])]
     if asked is not None:
       spans = [shared.span_of(args, clip) for clip in clips]
-      options["asked"] = [signal.slice_frames(span.start, span.stop) for signal, span in zip(asked, spans)]
-      options |= {"way_points": way_points} if out.lower().endswith(".html") else {}
+      shown = [signal.slice_frames(span.start, span.stop) for signal, span in zip(asked, spans)]
+      options |= control.drawn_options(out, shown, constraints)
     clips = [shared.trimmed(args, clip) for clip in clips]
   return export.save(clips, out, **options)

@@ -39,7 +39,7 @@ def _studio(args):
 
 def _make(args):
   from motion_jax import export
-  from motion_jax.cli import shared
+  from motion_jax.cli import control, shared
   from motion_jax.studio import project
   from motion_jax.studio.library import Library
   from motion_jax.studio.limits import Limits
@@ -51,4 +51,7 @@ def _make(args):
   motion = project.made(found, library, limits, args.take, lambda note: print(f"note: {note}"))
   for caption in motion.captions:
     print(f"{caption.start:6.1f} to {caption.end:5.1f} s  {caption.text}")
-  shared.tell_files([path for out in outputs for path in export.save(motion, out)])
+  wanted = project.control_of(found)
+  asked = control.drawn(wanted, [motion])[0] if wanted else None
+  shared.tell_files([path for out in outputs
+                     for path in export.save(motion, out, **control.drawn_options(out, asked, wanted))])

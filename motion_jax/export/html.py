@@ -10,11 +10,11 @@ import re
 
 import numpy as np
 
-from motion_jax.control.signal import ControlSignal, errors
+from motion_jax.control.signal import ControlSignal
 from motion_jax.data.clip import Clip
 from motion_jax.export.body import COLORS, make_figure
 from motion_jax.export.mesh import make_skins, rest_joints
-from motion_jax.export.scene import parts_of
+from motion_jax.export.scene import distance, parts_of
 from motion_jax.motion.pose import t_pose
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
 from motion_jax.runtime.atomic import atomic_path
@@ -89,12 +89,7 @@ def _asked(clip, signal: ControlSignal, way_points):
           "poses": [{"frame": frame, "joints": _base64(figure.joints.astype("<f4")),
                      "turned": _base64(np.round(figure.pose.turned * 32767).astype("<i2"))}
                     for (frame, _), figure in zip(parts.poses, figures)]}
-  given = np.asarray(signal.given)[0].any(-1)
-  if given.any():
-    off = np.asarray(errors(signal, clip.joints[None]))[0]
-    frame, joint = np.unravel_index(off.argmax(), off.shape)
-    told["off"] = {"mean": round(1000 * float(off[given].mean()), 2), "worst": round(1000 * float(off.max()), 2),
-                   "frame": int(frame), "joint": clip.skeleton.joints[joint].replace("_", " ")}
+  told |= {"off": off} if (off := distance(signal, clip)) else {}
   places = [clip.joints.reshape(-1, 3), *parts.ways, *(place[None] for *_, place in parts.targets),
             *(joints for _, joints in parts.poses)]
   return {"asked": told, "low": _round(np.min([place.min(0) for place in places], axis=0)),

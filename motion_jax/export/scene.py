@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from motion_jax.control.constraints import Constraint, RootPath
-from motion_jax.control.signal import ControlSignal
+from motion_jax.control.signal import ControlSignal, errors
 from motion_jax.data.clip import Clip
 from motion_jax.export import render
 from motion_jax.export.body import default_colors, make_figure
@@ -63,6 +63,18 @@ def way_points(constraints: Sequence[Constraint]) -> list[list[float]]:
   """[x, z] of the points that paths are drawn through."""
   return [[float(point[0]), float(point[-1])] for one in constraints
           if isinstance(one, RootPath) and one.points is not None for point in one.points]
+
+
+def distance(asked: ControlSignal, clip: Clip) -> dict[str, Any] | None:
+  """How far a clip is from a signal (1, T), in millimetres: {mean, worst, frame and joint of the worst}; None where
+  nothing is asked for."""
+  given = np.asarray(asked.given)[0].any(-1)
+  if not given.any():
+    return None
+  off = np.asarray(errors(asked, clip.joints[None]))[0]
+  frame, joint = np.unravel_index(off.argmax(), off.shape)
+  return {"mean": round(1000 * float(off[given].mean()), 2), "worst": round(1000 * float(off.max()), 2),
+          "frame": int(frame), "joint": clip.skeleton.joints[joint].replace("_", " ")}
 
 
 def marks_of(asked: ControlSignal | None, floor: float) -> Marks:

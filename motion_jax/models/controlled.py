@@ -22,7 +22,7 @@ from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.numerals import as_float
 from motion_jax.models import composed
 from motion_jax.models.base import each
-from motion_jax.models.results import Motions, features_of, gathered
+from motion_jax.models.results import Motion, Motions, features_of, gathered
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.runtime import timing
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
   from motion_jax.models.base import Frames, TextToMotionModel
 
 Control = Any  # a ControlSignal, a Constraint, a list of these or one for each motion, a path, None: `constraints_of`
-_WALK = 1.2  # metres a second at which a path is gone along whose times and length nobody says
+WALK = 1.2  # metres a second at which a path is gone along whose times and length nobody says
 
 
 def constraints_of(control: Control, count: int) -> list[list[Constraint] | ControlSignal]:
@@ -65,7 +65,7 @@ def usual_frames(model: "TextToMotionModel", asked: Sequence[Constraint] | Contr
       if one.points is None or one.times is not None:
         return None if one.times is None or one.times[-1] <= 0 else int(round(one.times[-1] * model.fps)) + 1
       way = paths.length(one.points[:, [0, -1]])
-      return max(int(round(way / (one.speed or _WALK) * model.fps)) + 1, 2 * model.frames_per_latent)
+      return max(int(round(way / (one.speed or WALK) * model.fps)) + 1, 2 * model.frames_per_latent)
   return None
 
 
@@ -106,7 +106,7 @@ def _controlled(model, prompts, frames, keys, seeds, cleanup, literal, sampling,
   compiled = [possible(_compiled(one, count, model.fps), model.fps, not projected)
               for one, count in zip(asked, counts)]
   places = [placing.placement(one) for one in compiled]
-  longer = [count + (finishing.spare(model.fps) if _finds_its_cycle(one) else 0) for one, count in zip(asked, counts)]
+  longer = [count + (finishing.spare(model.fps) if finds_its_cycle(one) else 0) for one, count in zip(asked, counts)]
   if not led:
     made = composed.generate(model, prompts, longer, None, keys, seeds, cleanup, literal, sampling)
   else:
@@ -117,7 +117,7 @@ def _controlled(model, prompts, frames, keys, seeds, cleanup, literal, sampling,
     if any((np.asarray(a.given) != np.asarray(b.given)).any() for a, b in zip(compiled, again)):
       made = _led(model, prompts, longer, keys, seeds, cleanup, sampling, again, places)
   with timing.part("control"):
-    return [_done(model, motion, one, place, count, projected)
+    return [done(model, motion, one, place, count, projected)
             for motion, one, place, count in zip(made, asked, places, counts)]
 
 
@@ -140,7 +140,7 @@ def _leads(model):
   return type(model).sample_controlled is not TextToMotionModel.sample_controlled
 
 
-def _finds_its_cycle(asked):
+def finds_its_cycle(asked: Sequence[Constraint] | ControlSignal) -> bool:
   """Whether a loop may begin and end where the motion meets itself best: nothing has a time of its own."""
   return not isinstance(asked, ControlSignal) and any(isinstance(one, Loop) for one in asked) and all(
       isinstance(one, Loop | InPlace) for one in asked)
@@ -161,18 +161,20 @@ def _frames(model, prompts, asked, num_frames, seconds):
   return [None if value is None else as_float(value) * model.fps for value in each(seconds, prompts)]
 
 
-def _done(model, motion, asked, place, count, projected):
-  """The motion as it was asked to be: laid in the world, its parts kept, brought to what is asked, made a loop."""
+def done(model: "TextToMotionModel", motion: Motion, asked: list[Constraint] | ControlSignal,
+         place: placing.Placement, count: int, projected: bool) -> Motion:
+  """A motion of count frames as it was asked to be: laid in the world, its parts kept, brought to what is asked, made
+  a loop (of a motion that is `finishing.spare` frames longer, where `finds_its_cycle`)."""
   joints = placing.back(motion.joints, place)
   constraints = [] if isinstance(asked, ControlSignal) else asked
   kept = [one for one in constraints if isinstance(one, KeepParts)]
   for one in kept:
     joints = finishing.with_parts(joints, one, model.fps)
-  joints = joints if _finds_its_cycle(asked) else joints[:count]
-  if projected and not _finds_its_cycle(asked):
+  joints = joints if finds_its_cycle(asked) else joints[:count]
+  if projected and not finds_its_cycle(asked):
     known = asked.slice_frames(0, len(joints)) if isinstance(asked, ControlSignal) else asked
     joints = project(joints, known, model.fps, tell=True)
-  joints = finishing.finished(joints, constraints, model.fps, count if _finds_its_cycle(asked) else None)
+  joints = finishing.finished(joints, constraints, model.fps, count if finds_its_cycle(asked) else None)
   kinds = ["signal"] if isinstance(asked, ControlSignal) else [one.kind for one in asked]
   return motion.replace(joints=joints, features=features_of(model, joints),
                         meta=motion.meta | dict(control=kinds, projected=bool(projected)))

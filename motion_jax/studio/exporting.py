@@ -5,9 +5,12 @@ from pathlib import Path
 from typing import Any
 
 from motion_jax import export
+from motion_jax.control.compiling import compile
+from motion_jax.export import scene
 from motion_jax.inputs.errors import InputError
 from motion_jax.models.results import colors_of
 from motion_jax.motion.looping import in_place, looped
+from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.studio import wire
 from motion_jax.studio.limits import Fields, Limits
 
@@ -19,15 +22,28 @@ _FILM_SECONDS = 60.0  # of a film that is drawn
 
 
 def exported(body: Any, limits: Limits) -> tuple[bytes, str, str]:
-  """(bytes, media type, name of the file) of {motion, format, trim, in_place, loop, name}."""
+  """(bytes, media type, name of the file) of {motion, format, trim, in_place, loop, name, control}."""
   fields = Fields(body, limits)
   clip = wire.from_json(fields.any("motion"), limits.frames)
   kind, name = fields.text("format"), fields.text("name", clip.captions[0].text if clip.captions else clip.id, 1000)
   trim, still, loop = fields.spans("trim"), fields.switch("in_place", False), fields.switch("loop", False)
+  control = fields.control()
   fields.done()
   if kind not in KINDS:
     raise InputError(f"got the format {kind[:20]!r}, expected one of {', '.join(KINDS)}")
-  return written(variant(clip, trim, still, loop), kind), KINDS[kind], f"{file_name(name)}.{kind}"
+  shown = variant(clip, trim, still, loop)
+  drawn = {} if still or loop or not control or kind not in _DRAWN else _drawn(control, clip, trim, kind)
+  return written(shown, kind, **drawn), KINDS[kind], f"{file_name(name)}.{kind}"
+
+
+def _drawn(control, clip, trim, kind):
+  """The options of `export.save` by which what was asked of a clip is seen."""
+  if clip.skeleton is not HUMANML3D:
+    raise InputError(f"got control of the skeleton {clip.skeleton.name!r}; control knows {HUMANML3D.name}")
+  asked = compile(control, clip.num_frames, clip.fps, clip.joints)
+  if trim is not None:
+    asked = asked.slice_frames(*trim[0])
+  return {"asked": asked} | ({"way_points": scene.way_points(control)} if kind == "html" else {})
 
 
 def variant(clip: Any, trim: Any = None, still: bool = False, loop: bool = False) -> Any:
@@ -47,9 +63,8 @@ def variant(clip: Any, trim: Any = None, still: bool = False, loop: bool = False
   return clip
 
 
-def written(clip: Any, kind: str) -> bytes:
-  """The bytes that `export.save` writes."""
-  options = {}
+def written(clip: Any, kind: str, **options: Any) -> bytes:
+  """The bytes that `export.save` writes with these options."""
   if kind in _DRAWN:
     if kind in ("mp4", "gif") and clip.seconds > _FILM_SECONDS:
       raise InputError(f"got a motion of {clip.seconds:.0f} s for a film, expected at most {_FILM_SECONDS:g} s; "

@@ -4,6 +4,10 @@ import dataclasses
 import math
 from typing import Any
 
+import numpy as np
+
+from motion_jax.control import files
+from motion_jax.control.constraints import Constraint, KeepParts
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.numerals import SEEDS
 from motion_jax.inputs.text_files import is_text
@@ -19,6 +23,7 @@ class Limits:
   frames: int = 36_000            # of a motion that is sent to be exported: half an hour
   takes: int = 8                  # motions of one request
   blocks: int = 64                # prompts of one story
+  points: int = 4800              # of all paths and targets of one request
   streams: int = 8                # at once
   jobs: int = 2                   # requests that make motion, at once; as many more wait
   requests: float = 20.0          # a second from one address, after a burst of three times as many
@@ -106,6 +111,25 @@ class Fields:
         item is None or type(item) in (int, float, str, bool) for item in value.values())):
       raise InputError(f"got {name} {str(value)[:40]}, expected an object such as {{\"guidance_scale\": 3}}")
     return {str(key)[:60]: item for key, item in value.items() if item is not None}
+
+  def control(self, name: str = "control") -> list[Constraint]:
+    """Constraints in the form of docs/control.md; none where there is no such field."""
+    value, given = self._take(name, None)
+    if not given:
+      return []
+    try:
+      found = files.from_json(value)
+    except InputError as error:
+      raise InputError(f"{name}: {error}") from None
+    count = sum(max((len(value) for field, value in vars(one).items()
+                     if field != "joints" and isinstance(value, np.ndarray) and value.ndim), default=0)
+                for one in found)
+    if count > self._limits.points:
+      raise InputError(f"{name}: got {count:,} points of paths and targets, expected at most {self._limits.points:,}")
+    frames = max((len(one.joints) for one in found if isinstance(one, KeepParts)), default=0)
+    if frames > self._limits.frames:
+      raise InputError(f"{name}: got {frames:,} frames to keep parts of, expected at most {self._limits.frames:,}")
+    return found
 
   def done(self) -> None:
     """Raises InputError where there are fields that nobody asked for: a misspelled one would be ignored."""

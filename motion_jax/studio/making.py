@@ -12,7 +12,7 @@ from motion_jax.inputs.errors import InputError
 from motion_jax.models.known_motion import on_our_body
 from motion_jax.models.results import Motion
 from motion_jax.motion.blending import placed_on
-from motion_jax.studio import wire
+from motion_jax.studio import asked, wire
 from motion_jax.studio.guard import Refused
 from motion_jax.studio.library import Library, live_sampling
 from motion_jax.studio.limits import Fields, Limits, told_plainly
@@ -41,36 +41,45 @@ class Maker:
   # --- requests: a JSON object in, a JSON object out -----------------------------------------------------------------
 
   def generate(self, body: Any) -> dict[str, Any]:
-    """{prompt, model, seconds, seed, num, cleanup, literal, sampling} -> {motions}."""
+    """{prompt, model, seconds, seed, num, cleanup, literal, sampling, control} -> {motions, asked}."""
     fields = Fields(body, self.limits)
     prompt, name = fields.prompt(), fields.text("model", None)
     seconds = fields.number("seconds", 0.2, self.limits.seconds, None)
     seed, num = fields.seed(), fields.number("num", 1, self.limits.takes, 1, whole=True)
     cleanup, literal, sampling = fields.switch("cleanup", True), fields.switch("literal", False), fields.choices()
+    control = fields.control()
     fields.done()
     model = self.library.model(name, "generate")
     given = sampling | (dict(literal=literal) if model.can("understand") else {})
+    given |= dict(control=control, project=cleanup) if control else {}
     with self.place(), told_plainly():
       made = model.generate([prompt] * num, seconds=seconds, seeds=[(seed + i) % 2**32 for i in range(num)],
                             cleanup=cleanup, **given)
-    return {"motions": [wire.to_json(motion) for motion in made]} | words_of(model, [prompt])
+    told = {"asked": [asked.told(control, motion) for motion in made]} if control else {}
+    return {"motions": [wire.to_json(motion) for motion in made]} | told | words_of(model, [prompt])
 
   def story(self, body: Any) -> dict[str, Any]:
-    """{blocks: [{prompt, seconds}], model, seed, cleanup, sampling, past} -> {motion, reused_frames, same_frames}."""
+    """{blocks: [{prompt, seconds}], model, seed, cleanup, sampling, past, control} -> {motion, reused_frames,
+    same_frames, asked}."""
     fields = Fields(body, self.limits)
     rows, name, seed = fields.any("blocks"), fields.text("model", None), fields.seed()
     cleanup, sampling, past = fields.switch("cleanup", True), fields.choices(), fields.any("past")
+    control = fields.control()
     fields.done()
     rows = story_rows(rows, self.limits)
     past = None if past is None else wire.from_json(past, self.limits.frames)
     model = self.library.model(name, "multi_prompt")
     with self.place(), told_plainly():
-      motion, reused, same = self.make_story(model, rows, seed, cleanup, sampling, past)
-    return {"motion": wire.to_json(motion), "reused_frames": reused, "same_frames": same} | words_of(
+      motion, reused, same = self.make_story(model, rows, seed, cleanup, sampling, past, control)
+    told = {"asked": asked.told(control, motion)} if control else {}
+    return {"motion": wire.to_json(motion), "reused_frames": reused, "same_frames": same} | told | words_of(
         model, [prompt for prompt, _ in rows])
 
-  def make_story(self, model, rows, seed, cleanup, sampling, past=None):
-    """(motion, frames not made anew, frames as before) of rows (prompt, seconds or None), behind a past motion."""
+  def make_story(self, model, rows, seed, cleanup, sampling, past=None, control=()):
+    """(motion, frames not made anew, frames as before) of rows (prompt, seconds or None), behind a past motion, or as
+    constraints ask."""
+    if past is not None and control:
+      raise InputError("got control of a story that goes on from a motion; leave out the motion, or the control")
     if past is not None:
       return model.extend(past, rows, seed=seed, cleanup=cleanup, **sampling), 0, past.num_frames
     segments = [(prompt, model.frames_of([prompt], None, seconds)[0]) for prompt, seconds in rows]
@@ -78,7 +87,10 @@ class Maker:
       raise InputError(f"got a story of {sum(frames for _, frames in segments) / model.fps:.0f} s, expected at most "
                        f"{self.limits.seconds:g}")
     model.check_words([prompt for prompt, _ in segments])
-    return self.stories.make(model, segments, seed, cleanup, live_sampling(model, sampling))
+    sampling = live_sampling(model, sampling)
+    if control:
+      return *asked.made(self.stories, model, segments, seed, cleanup, sampling, control), 0
+    return self.stories.make(model, segments, seed, cleanup, sampling)
 
   def edit(self, body: Any) -> dict[str, Any]:
     """{motion, prompt, change or keep, model, seed, sampling} -> {motion, made}."""

@@ -1,7 +1,8 @@
 """MMCP, a protocol between animation programs and motion models: `GET /mmcp/capabilities`, `POST /mmcp/generate`.
 
 https://animatica.ai/mmcp, version 1.2: a skeleton and text segments in, glTF with an animation for each sample out.
-Here the skeleton is the model's own (capabilities say it), and constraints are refused.
+Here the skeleton is the model's own (capabilities say it). What of constraints is not followed is told in `extras.told`
+of the document.
 """
 import base64
 import re
@@ -9,11 +10,14 @@ from typing import Any
 
 import numpy as np
 
+from motion_jax.control.constraints import Loop
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.numerals import SEEDS
 from motion_jax.motion.contacts import feet_stand
 from motion_jax.motion.looping import looped
 from motion_jax.motion.pose import t_pose, to_pose
+from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.studio import mmcp_constraints
 from motion_jax.studio.limits import check_prompt
 from motion_jax.studio.making import Maker
 
@@ -46,13 +50,14 @@ def _spec(model, limits):
   skeleton = model.stats.layout.skeleton
   return {"id": model.id, "fps": model.fps, "canonical_skeleton": _skeleton(skeleton), "supports_retargeting": False,
           "supports_async": False, "supports_segment_seed": False, "supports_loop": True, "supports_batch": False,
-          "supports_trajectory": False, "supported_constraints": [], "supported_segments": ["text"],
+          "supports_trajectory": False, "supported_segments": ["text"],
+          "supported_constraints": list(mmcp_constraints.KINDS) if skeleton is HUMANML3D else [],
           "supported_guidance_types": ["nocfg", "regular"],
           "predicted_contact_joints": [skeleton.joints[i] for i in skeleton.left_feet + skeleton.right_feet],
           "native_clip_seconds": model.config.data.max_frames / model.fps, "chunking": "none",
           "recommended_max_duration_seconds": limits.seconds,
           "limits": {"max_duration_seconds": limits.seconds, "max_num_samples": limits.takes,
-                     "max_constraints_per_request": 0, "max_prompt_length": limits.prompt,
+                     "max_constraints_per_request": mmcp_constraints.MOST, "max_prompt_length": limits.prompt,
                      "max_request_bytes": limits.body_bytes, "max_batch_size": 1}}
 
 
@@ -79,8 +84,6 @@ def generate(body: Any, maker: Maker) -> dict[str, Any]:
     raise MmcpError(400, "version_unsupported", f"got version {version}, this server speaks 1.x")
   model = _model(body.get("model"), maker)
   _check_skeleton(body.get("skeleton"), model.stats.layout.skeleton)
-  if body.get("constraints"):
-    raise MmcpError(400, "unsupported_constraint", "this model takes no constraints")
   timing = body.get("timing")
   fps = model.fps if timing is None else _number(timing, "fps", 1, 240, model.fps)
   segments = _segments(body.get("segments"), fps, maker.limits)
@@ -91,13 +94,29 @@ def generate(body: Any, maker: Maker) -> dict[str, Any]:
   sampling = {name: value for name, value in sampling.items() if value is not None}
   rows = [(prompt, max(count / fps, model.frames_per_latent / model.fps)) for prompt, count in segments]
   total = sum(count for _, count in segments)
+  control, told = _constraints(body.get("constraints"), total, fps, model)
   with maker.place():
-    made = [model.multi_prompt(rows, seed=options["seed"] + i, cleanup=options["cleanup"], **sampling)
-            for i in range(options["samples"])]
+    if control:
+      wanted = [*control, *([Loop()] if options["loop"] else [])]
+      made = [maker.make_story(model, rows, options["seed"] + i, options["cleanup"], sampling, None, wanted)[0]
+              for i in range(options["samples"])]
+    else:
+      made = [model.multi_prompt(rows, seed=options["seed"] + i, cleanup=options["cleanup"], **sampling)
+              for i in range(options["samples"])]
   joints = [_at_rate(one.joints, model.fps, fps, total) for one in made]
-  if options["loop"]:
+  if options["loop"] and not control:
     joints = [looped(one, fps, model.stats.layout.skeleton) for one in joints]
-  return _document(joints, fps, model, body["skeleton"])
+  return _document(joints, fps, model, body["skeleton"]) | ({"extras": {"told": told}} if told else {})
+
+
+def _constraints(given, total, fps, model):
+  """(our constraints, what is told of them)."""
+  if given and model.stats.layout.skeleton is not HUMANML3D:
+    raise MmcpError(400, "unsupported_constraint", "this model takes no constraints")
+  try:
+    return mmcp_constraints.read(given, total, fps)
+  except mmcp_constraints.ConstraintError as error:
+    raise MmcpError(error.status, error.code, str(error)) from None
 
 
 def _model(name, maker):

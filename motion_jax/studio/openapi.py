@@ -2,6 +2,7 @@
 from typing import Any
 
 import motion_jax
+from motion_jax.control import files
 from motion_jax.studio.exporting import KINDS
 from motion_jax.studio.limits import Limits
 
@@ -18,6 +19,9 @@ def described(limits: Limits) -> dict[str, Any]:
            "items": {"type": "array", "items": {"type": "integer"}, "minItems": 2, "maxItems": 2}}
   switch = lambda usual: {"type": "boolean", "default": usual}
   motion = {"$ref": "#/components/schemas/Motion"}
+  control = {"type": ["object", "null"], "description": "constraints, docs/control.md", "properties": {
+      "version": {"const": 1}, "constraints": {"type": "array", "items": {"type": "object"}, "maxItems": files.MOST}}}
+  asked = {"type": "object", "description": "what of control is drawn, and how far the motion is from it, millimetres"}
   block = {"type": "object", "required": ["prompt"], "properties": {"prompt": prompt, "seconds": seconds}}
   listed = lambda item, most=None: {"type": "array", "items": item} | ({"maxItems": most} if most else {})
   paths = {
@@ -26,11 +30,12 @@ def described(limits: Limits) -> dict[str, Any]:
       "/v1/generate": {"post": _request("motions of one prompt", ["prompt"], {
           "prompt": prompt, "model": model, "seconds": seconds, "seed": seed, "cleanup": switch(True),
           "num": {"type": "integer", "minimum": 1, "maximum": limits.takes, "default": 1}, "literal": switch(False),
-          "sampling": sampling}, {"type": "object", "properties": {"motions": listed(motion)}})},
+          "sampling": sampling, "control": control},
+          {"type": "object", "properties": {"motions": listed(motion), "asked": listed(asked)}})},
       "/v1/story": {"post": _request("one motion of several prompts", ["blocks"], {
           "blocks": listed(block, limits.blocks), "model": model, "seed": seed, "cleanup": switch(True),
-          "sampling": sampling, "past": motion},
-          {"type": "object", "properties": {"motion": motion, "reused_frames": {"type": "integer"},
+          "sampling": sampling, "past": motion, "control": control},
+          {"type": "object", "properties": {"motion": motion, "asked": asked, "reused_frames": {"type": "integer"},
                                             "same_frames": {"type": "integer"}}})},
       "/v1/edit": {"post": _request("a motion with parts of it made anew", ["motion", "prompt"], {
           "motion": motion, "prompt": prompt, "change": spans, "keep": spans, "model": model, "seed": seed,
@@ -44,7 +49,7 @@ def described(limits: Limits) -> dict[str, Any]:
           "responses": _responses({"type": "object", "properties": {"motion": motion}})}},
       "/v1/export": {"post": _request("a motion as a file", ["motion", "format"], {
           "motion": motion, "format": {"enum": list(KINDS)}, "trim": spans, "in_place": switch(False),
-          "loop": switch(False), "name": {"type": "string"}}, None)},
+          "loop": switch(False), "name": {"type": "string"}, "control": control}, None)},
   }
   schema = {"type": "object", "required": ["shape", "fps", "joints"], "properties": {
       "shape": {"type": "array", "items": {"type": "integer"}, "description": "[frames, joints, 3]"},

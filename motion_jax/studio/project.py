@@ -3,6 +3,8 @@ import pathlib
 from collections.abc import Callable
 from typing import Any
 
+from motion_jax.control import files
+from motion_jax.control.constraints import Constraint
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.input_files import parse_json
 from motion_jax.inputs.text_files import read_text
@@ -17,7 +19,8 @@ FORMAT, VERSION = "motion_jax project", 1
 def checked(value: Any, limits: Limits) -> dict[str, Any]:
   """A project with every field that it may have, each checked. Raises InputError with what is wrong.
 
-  {format, version, model: {name, id}, blocks: [{prompt, seconds}], seeds, chosen, sampling, cleanup, past, edits}
+  {format, version, model: {name, id}, blocks: [{prompt, seconds}], seeds, chosen, sampling, cleanup, past, control,
+  edits}
   """
   if not isinstance(value, dict) or value.get("format") != FORMAT:
     raise InputError("this is no project of motion_jax; one is saved by the studio's page")
@@ -32,7 +35,7 @@ def checked(value: Any, limits: Limits) -> dict[str, Any]:
     raise InputError(f"got the seeds {str(seeds)[:40]}, expected a list of 1 to {limits.takes} whole numbers")
   seeds = [Fields({"seed": seed}, limits).seed() for seed in seeds]
   chosen = fields.number("chosen", 0, len(seeds) - 1, 0, whole=True)
-  cleanup, edits = fields.switch("cleanup", True), fields.any("edits", [])
+  cleanup, edits, control = fields.switch("cleanup", True), fields.any("edits", []), fields.control()
   fields.done()
   if past is not None:
     wire.from_json(past, limits.frames)
@@ -41,6 +44,7 @@ def checked(value: Any, limits: Limits) -> dict[str, Any]:
   return {"format": FORMAT, "version": VERSION, "model": model,
           "blocks": [{"prompt": prompt, "seconds": seconds} for prompt, seconds in rows], "seeds": seeds,
           "chosen": chosen, "sampling": sampling, "cleanup": cleanup, "past": past,
+          "control": files.to_json(control) if control else None,
           "edits": [_edit(edit, limits) for edit in edits]}
 
 
@@ -71,12 +75,18 @@ def made(project: dict[str, Any], library: Library, limits: Limits, take: int | 
   model = _same(library.model(project["model"]["name"], "multi_prompt"), project["model"], tell)
   rows = [(block["prompt"], block["seconds"]) for block in project["blocks"]]
   past = project["past"] and wire.from_json(project["past"], limits.frames)
-  motion, _, _ = maker.make_story(model, rows, project["seeds"][take], project["cleanup"], project["sampling"], past)
+  motion, _, _ = maker.make_story(model, rows, project["seeds"][take], project["cleanup"], project["sampling"], past,
+                                  control_of(project))
   for edit in project["edits"]:
     if edit["take"] == take:
       editor = _same(library.model(edit["model"]["name"], "edit"), edit["model"], tell)
       motion = make_edit(editor, motion, edit["prompt"], edit["change"], None, edit["seed"], edit["sampling"])
   return motion
+
+
+def control_of(project: dict[str, Any]) -> list[Constraint]:
+  """The constraints of a checked project."""
+  return files.from_json(project["control"]) if project["control"] else []
 
 
 def models_of(project: dict[str, Any]) -> list[str]:

@@ -6,12 +6,15 @@ before depends on nothing behind it (attention is causal, the cache is exact), s
 but for the half second that the cleanup looks ahead.
 """
 import collections
+import hashlib
 import threading
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import jax
 import numpy as np
 
+from motion_jax.control.signal import ControlSignal
 from motion_jax.models.cmdm.multi_prompt import borders
 from motion_jax.models.results import Motion, captions_in_a_row
 
@@ -37,15 +40,18 @@ class Stories:
     self._lock = threading.Lock()
 
   def make(self, model: Any, segments: Sequence[tuple[str, int]], seed: int, cleanup: bool, sampling: dict[str, Any],
-           tell: Callable[[int, int], None] = lambda done, of: None) -> tuple[Motion, int, int]:
+           tell: Callable[[int, int], None] = lambda done, of: None, hold: ControlSignal | None = None
+           ) -> tuple[Motion, int, int]:
     """(motion, frames that were not made anew, frames that are those of the motion before) of (prompt, frames) rows.
 
-    As `CmdmModel.multi_prompt` makes it. tell(done, of): steps.
+    As `CmdmModel.multi_prompt` makes it. tell(done, of): steps. hold (1, T): what it is led by from its beginning on;
+    motions that are led by something else have nothing in common with it.
     """
-    key = model.id, seed, cleanup, tuple(sorted(sampling.items()))
+    hold = None if hold is None or hold.is_empty else hold
+    key = model.id, seed, cleanup, tuple(sorted(sampling.items())), None if hold is None else _digest(hold)
     with self._lock:
       take = self._takes.pop(key, None) or _Take()
-    made, reused = _make(model, take, segments, seed, cleanup, sampling, tell)
+    made, reused = _make(model, take, segments, seed, cleanup, sampling, tell, hold)
     old = take.joints
     same = min(len(old), len(made.joints))
     differ = np.flatnonzero((old[:same] != made.joints[:same]).any((1, 2))) if same else []
@@ -58,7 +64,12 @@ class Stories:
     return made, reused, int(differ[0]) if len(differ) else same
 
 
-def _make(model, take, segments, seed, cleanup, sampling, tell):
+def _digest(signal):
+  """Some bytes that signals share only where they are the same."""
+  return hashlib.sha256(b"".join(np.ascontiguousarray(x).tobytes() for x in jax.tree.leaves(signal))).digest()
+
+
+def _make(model, take, segments, seed, cleanup, sampling, tell, hold):
   per_block = model.stream(segments[0][0], seed=seed, cleanup=cleanup, **sampling).block_frames
   blocks, total = borders([frames for _, frames in segments], per_block)
   words = [prompt for (prompt, _), count in zip(segments, blocks) for _ in range(count)]
@@ -69,6 +80,8 @@ def _make(model, take, segments, seed, cleanup, sampling, tell):
   start = max(usable, default=None)
   if start is None:
     live, reused, pieces = model.stream(words[0], seed=seed, num_frames=total, cleanup=cleanup, **sampling), 0, []
+    if hold is not None:
+      live.hold(hold)
   else:
     copy, reused = take.copies[start]
     live, pieces = copy.fork(total), [take.joints[:reused]]

@@ -11,6 +11,7 @@ import numpy as np
 
 from motion_jax.inputs.errors import InputError, reason
 from motion_jax.motion.contacts import feet_stand
+from motion_jax.studio import ahead
 from motion_jax.studio.library import Library, live_sampling
 from motion_jax.studio.limits import Fields, Limits, told_plainly
 from motion_jax.studio.wire import Block, pack
@@ -40,6 +41,7 @@ class Stream:
     self._ahead, self._sent, self._position, self._seen = AHEAD, 0, 0.0, time.monotonic()
     self._said: list[tuple[int, int]] = []  # (first frame, words) of the prompts of this run
     self._ends: int | None = None  # see `_until`
+    self._held = 0  # frames up to which constraints reach
     self._tail, self._told = None, ""
     self._thread = threading.Thread(target=self._work, name="stream", daemon=True)
     self._thread.start()
@@ -52,7 +54,8 @@ class Stream:
     kind = fields.text("type")
     known = {"start": self._told_start, "prompt": self._told_prompt, "pause": self._told_pause,
              "resume": self._told_resume, "restart": self._told_restart, "speed": self._told_speed,
-             "keep_going": self._told_keep_going, "ack": self._told_ack, "stop": self._told_stop}
+             "keep_going": self._told_keep_going, "ack": self._told_ack, "stop": self._told_stop,
+             "control": self._told_control}
     if kind not in known:
       raise InputError(f"got a message of type {kind[:40]!r}, expected one of {', '.join(known)}")
     action = known[kind](fields)
@@ -111,6 +114,19 @@ class Stream:
   def _told_ack(self, fields):
     sequence = fields.number("sequence", 0, 2**32 - 1, whole=True)
     return lambda: setattr(self, "_acknowledged", max(self._acknowledged, min(sequence, self._sequence - 1)))
+
+  def _told_control(self, fields):
+    at, control = fields.number("at", 0, 1e6, None), fields.control()
+    ahead.check(control)
+
+    def hold():
+      if self._started():
+        live = self._live.stream
+        held = ahead.signal_of(control, at, live.decided, live.place, live.num_frames, self._live.fps, self._limits)
+        self._held = 0 if held is None else held.frames
+        self._send({"type": "held", "run": self._run, "from_frame": live.hold(held), "until_frame": self._held})
+
+    return hold
 
   def _told_pause(self, fields):
     return lambda: self._pause(True)
@@ -209,7 +225,7 @@ class Stream:
                 "joints": list(layout.joints), "parents": [int(parent) for parent in layout.parents],
                 "block_frames": round(live.block_seconds * model.fps), "ahead": self._ahead,
                 "sampling": model.sampling(**sampling).about()})
-    self._said = []
+    self._said, self._held = [], 0
     self._note_words(choices["prompt"], 0)
     self._told = ""
     self._tell_state()
@@ -262,6 +278,9 @@ class Stream:
       self._live = None
       self._tell_state("ended")
       return
+    if self._held and live.stream.decided >= self._held:
+      live.stream.hold(None)  # free steps take less time
+      self._held = 0
     joints = live.stream.step()
     live.spent += time.perf_counter() - began
     if not len(joints):

@@ -7,6 +7,7 @@ from motionmcp import client as sdk
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.pose import Pose, pose_to_joints
+from motion_jax.motion.skeleton import HUMANML3D
 
 
 @pytest.fixture
@@ -49,6 +50,36 @@ def test_a_reply_is_the_models_motion(client, library, request_body):
   assert np.abs(arm(posed) - arm(made.joints.astype(float))).max() < 1e-3
 
 
+def test_constraints_are_met_and_what_is_not_followed_is_told(client, request_body):
+  turn = [0.0, float(np.sin(0.4)), 0.0, float(np.cos(0.4))]
+  body = request_body | {"options": {"seed": 5, "diffusion_steps": 4}, "constraints": [
+      {"type": "root_path", "frames": list(range(60)), "positions_xz": np.linspace([1, 0], [1.5, 1], 60).tolist()},
+      {"type": "effector_target", "joint": "left_wrist", "frames": [30], "positions": [[1.5, 1.2, 0.6]],
+       "rotations": [turn]},
+      {"type": "pose_keyframe", "frame": 50, "joint_rotations": {"pelvis": turn, "left_shoulder": [0, 0, 0.4, 0.9]}}]}
+  reply = client.post("/mmcp/generate", json=body)
+  assert reply.status_code == 200, reply.text
+  document = reply.json()
+  assert len(document["extras"]["told"]) == 2 and "rotations" in document["extras"]["told"][0]
+  root = tracks(document, 0)["translation", 0]
+  assert np.abs(root[[0, 59]][:, [0, 2]] - [[1, 0], [1.5, 1]]).max() < 5e-3
+  spec = client.get("/mmcp/capabilities").json()["models"][0]
+  assert spec["supported_constraints"] == ["root_path", "effector_target", "pose_keyframe"]
+
+
+def test_a_pose_of_mmcp_is_turned_as_replies_are():
+  """Rotations that a reply has give its joints back."""
+  from motion_jax.data.datasets.synthetic import synthetic_clips
+  from motion_jax.motion.pose import t_pose, to_pose
+  from motion_jax.studio import mmcp_constraints
+  pose = to_pose(np.asarray(synthetic_clips(seed=0, num=1)[0].joints)[:9].astype(float))
+  turns = {name: pose.rotations[8, i, [1, 2, 3, 0]].tolist() for i, name in enumerate(HUMANML3D.joints)}
+  rows = [{"type": "pose_keyframe", "frame": 8, "joint_rotations": turns, "root_position": pose.root[8].tolist()}]
+  (found,), told = mmcp_constraints.read(rows, 20, 20.0)
+  same = pose_to_joints(pose._replace(offsets=t_pose(), shifts=0 * pose.shifts))[8]
+  assert np.abs(found.joints - same).max() < 1e-6 and found.place == "world" and not told and found.time == 0.4
+
+
 def test_rate_loop_and_guidance(client, request_body):
   body = request_body | {"timing": {"fps": 30}, "segments": request_body["segments"][:1],
                          "options": {"loop": True, "guidance": {"type": "nocfg"}, "diffusion_steps": 4}}
@@ -61,7 +92,16 @@ def test_rate_loop_and_guidance(client, request_body):
     ({"protocol_version": "2.0"}, 400, "version_unsupported"), ({"protocol_version": 1}, 422, "schema_validation"),
     ({"model": "nobody"}, 400, "unknown_model"), ({"model": None}, 400, "unknown_model"),
     ({"skeleton": None}, 422, "schema_validation"), ({"skeleton": {"joints": []}}, 400, "retargeting_unsupported"),
-    ({"constraints": [{"type": "root_path"}]}, 400, "unsupported_constraint"), ({"extra": 1}, 422, "schema_validation"),
+    ({"constraints": [{"type": "ground_height"}]}, 400, "unsupported_constraint"),
+    ({"constraints": [{"type": "root_path"}]}, 422, "schema_validation"),
+    ({"constraints": 5}, 422, "schema_validation"),
+    ({"constraints": [{"type": "root_path", "frames": [60], "positions_xz": [[0, 0]]}]}, 400, "frame_out_of_range"),
+    ({"constraints": [{"type": "root_path", "frames": [1], "positions_xz": [["x", 0]]}]}, 422, "schema_validation"),
+    ({"constraints": [{"type": "effector_target", "joint": "tail", "frames": [1], "positions": [[0, 1, 0]]}]}, 400,
+     "unknown_joint"),
+    ({"constraints": [{"type": "pose_keyframe", "frame": 1, "joint_rotations": {"head": [0, 0, 0, 0]}}]}, 422,
+     "schema_validation"),
+    ({"extra": 1}, 422, "schema_validation"),
     ({"segments": []}, 422, "schema_validation"), ({"segments": [{"type": "pose"}]}, 400, "unsupported_segment"),
     ({"segments": [{"type": "text", "prompt": "a", "duration_frames": 0}]}, 422, "schema_validation"),
     ({"segments": [{"type": "text", "prompt": "x" * 10_000, "duration_frames": 9}]}, 422, "schema_validation"),

@@ -19,7 +19,7 @@ PROJECT = {"format": "motion_jax project", "version": 1, "model": {"name": "tiny
 
 def test_a_project_is_what_its_requests_make(client, library):
   found = client.post("/v1/project", json=PROJECT).json()
-  assert found == PROJECT | {"cleanup": True, "past": None, "edits": []}
+  assert found == PROJECT | {"cleanup": True, "past": None, "control": None, "edits": []}
   made = project.made(found, library, Limits())
   body = {"blocks": found["blocks"], "sampling": found["sampling"], "seed": 9, "model": "tiny"}
   asked = client.post("/v1/story", json=body)

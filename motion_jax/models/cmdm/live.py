@@ -82,6 +82,16 @@ class LiveStream:
     return self._steps * self.block_frames
 
   @property
+  def decided(self) -> int:
+    """Frames that never move any more, given out or waiting for their cleanup; `hold` counts from this frame on."""
+    return self._frames
+
+  @property
+  def place(self) -> tuple[float, float]:
+    """x and z, metres from where the stream began, of the body in the last frame that is decided."""
+    return (0.0, 0.0) if self._path is None else (float(self._path.place[0]), float(self._path.place[2]))
+
+  @property
   def _blocks(self) -> int:
     """Blocks that have been given."""
     return max(self._steps - self._plan.age + 1, 0)

@@ -1,4 +1,6 @@
 // The buttons and boxes of the page, and the line that says how it goes.
+import { isPath } from "./control.js";
+
 const $ = (id) => document.getElementById(id);
 const LOOKS = ["follow", "path", "steps", "ghosts", "sticks"];
 
@@ -90,6 +92,25 @@ export function bind(studio) {
   };
   $("mark-in").onclick = () => studio.markIn();
   $("mark-out").onclick = () => studio.markOut();
+
+  $("draw-path").onclick = () => {
+    studio.tool.toggle();
+    if (studio.tool.active)
+      notes.tell("click on the floor: way points; drag moves one, right click or Delete removes it, Esc ends", false);
+  };
+  $("follow-path").onclick = () => studio.follow();
+  $("keep-pose").onclick = () => studio.keepPose();
+  $("asked").onclick = ({ target }) => {
+    const { index, time } = target.dataset;
+    if (index !== undefined) {
+      const path = isPath(studio.state.project.control[index]);
+      act({ type: "unask", index: Number(index) });
+      if (path && studio.mode === "live") studio.follow();
+    } else if (time) {
+      studio.seek(Number(time));
+      timeline.reveal(studio.time());
+    }
+  };
 
   $("show-curves").onchange = () => {
     $("curves").hidden = !$("show-curves").checked;

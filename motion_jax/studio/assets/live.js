@@ -1,4 +1,5 @@
 // One live motion: the socket, the frames that have come, the clock that plays them.
+import { asJson } from "./control.js";
 import { open } from "./stream.js";
 
 const KEPT = 12_000; // frames: ten minutes
@@ -42,6 +43,7 @@ export class Live {
       latency: null,
       said: null,
       starved: false,
+      held: null,
       blocks: 0,
     });
   }
@@ -103,6 +105,8 @@ export class Live {
     } else if (message.type === "state") {
       this.state = message.state;
       this.progress = message.doing ? message : null;
+    } else if (message.type === "held") {
+      this.held = { from: message.from_frame, until: message.until_frame };
     } else if (message.type === "error") {
       this.said = this.asked = null;
       this.tell(message.message, true);
@@ -185,6 +189,12 @@ export class Live {
   say(prompt) {
     this.said = { at: performance.now(), after: this.words.at(-1)?.words ?? 0 };
     this.send({ type: "prompt", prompt });
+  }
+
+  /** The body goes along a path [[x, z], ...] from where it is; without points it is free again. */
+  follow(points) {
+    const constraints = points.length ? [{ type: "root_path", points }] : [];
+    this.send({ type: "control", control: asJson(constraints) });
   }
 
   pause() {

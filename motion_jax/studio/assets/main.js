@@ -1,7 +1,9 @@
 // The page: what belongs together is joined here, and drawn sixty times a second.
 import * as api from "./api.js";
 import { bind } from "./controls.js";
+import { pointsOf } from "./control.js";
 import { showCurves } from "./curves.js";
+import { PathTool } from "./draw.js";
 import { listen } from "./keys.js";
 import { Live } from "./live.js";
 import { Notes } from "./notes.js";
@@ -52,15 +54,55 @@ function act(action) {
   changed();
   drawTimeline();
   if (studio.state.project === before.project || action.type === "model") return;
-  const { blocks, past } = studio.state.project;
-  clearTimeout(waiting);
-  if ($("auto").checked && (blocks.length || past) && story.stale)
-    waiting = setTimeout(() => story.make(), CHANGED_AFTER);
+  makeSoon();
 }
 studio.act = act;
 
+// While a path is drawn, nothing is made of half of it.
+function makeSoon() {
+  const { blocks, past } = studio.state.project;
+  clearTimeout(waiting);
+  if ($("auto").checked && (blocks.length || past) && story.stale && !studio.tool.active)
+    waiting = setTimeout(() => story.make(), CHANGED_AFTER);
+}
+
+const tool = (studio.tool = new PathTool($("stage"), {
+  view: () => studio.view,
+  points: () => pointsOf(studio.state.project.control),
+  change: (points) => act({ type: "path", points }),
+  changed,
+  tell,
+  ended: () => {
+    changed();
+    if (studio.mode === "story") makeSoon();
+    else studio.follow();
+  },
+}));
+
+/** The live body goes along the path that is drawn. */
+studio.follow = () => {
+  if (live.connected) live.follow(tool.studio.points());
+  else tell("the studio is not connected; the path stays here until it is", true);
+};
+
+/** The body is as it is shown now at that time, wherever it is then. */
+studio.keepPose = () => {
+  const motion = story.shown;
+  if (!motion) return tell("there is no motion yet whose pose could be kept; make one first", true);
+  if (motion.count !== studio.view?.body.rest.length) return tell("this motion's joints are not those of the body", true);
+  const { frame } = studio.player,
+    first = 3 * frame * motion.count;
+  const joints = Array.from({ length: motion.count }, (_, j) =>
+    [...motion.joints.subarray(first + 3 * j, first + 3 * j + 3)].map((value) => Math.round(value * 1e4) / 1e4),
+  );
+  const before = studio.state;
+  act({ type: "pose", time: Math.round((frame / motion.fps) * 1000) / 1000, joints });
+  if (studio.state === before) tell("there are as many poses as there may be", true);
+};
+
 studio.setMode = (mode) => {
   if (mode === studio.mode) return;
+  if (tool.active) tool.end();
   studio.mode = document.body.dataset.mode = mode;
   for (const name of ["live", "story"]) $(`mode-${name}`).setAttribute("aria-selected", String(name === mode));
   if (mode === "story" && live.state === "running") {
@@ -158,14 +200,20 @@ listen({
     studio.seek(studio.end());
     timeline.reveal(studio.time());
   },
-  remove: () =>
-    studio.mode === "story" && studio.state.selected !== null && act({ type: "remove", id: studio.state.selected }),
+  remove: () => {
+    if (tool.active && tool.chosen >= 0) tool.remove();
+    else if (!tool.active) removeSelected();
+  },
   undo: () => act({ type: "undo" }),
   redo: () => act({ type: "redo" }),
   markIn: () => studio.markIn(),
   markOut: () => studio.markOut(),
-  unmark: () => act({ type: "span", span: null }),
+  unmark: () => (tool.active ? tool.end() : act({ type: "span", span: null })),
 });
+
+function removeSelected() {
+  if (studio.mode === "story" && studio.state.selected !== null) act({ type: "remove", id: studio.state.selected });
+}
 
 studio.end = () => (studio.mode === "live" ? live.played : studio.player.last);
 
@@ -176,6 +224,7 @@ const panels = (studio.panels = new Panels({
   tell,
   motion: studio.motion,
   mode: () => studio.mode,
+  tool: () => tool,
   editor: studio.editor,
   models: () => studio.models,
 }));

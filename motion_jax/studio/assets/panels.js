@@ -1,7 +1,8 @@
 // What stands around the picture and the timeline: takes, the marked span, files, export.
 import * as api from "./api.js";
+import { asJson, isPath, named, offSaid } from "./control.js";
 import { part, toJson } from "./motion.js";
-import { MOST_TAKES, saved } from "./state.js";
+import { MOST_TAKES, lengthOf, saved } from "./state.js";
 
 const $ = (id) => document.getElementById(id);
 
@@ -71,8 +72,36 @@ export class Panels {
       chip.setAttribute("aria-pressed", String(take === project.chosen));
     });
     $("span").textContent = span ? `frames ${span[0]} to ${span[1]}` : "drag below the blocks to mark frames";
+    this.drawAsked(project);
     $("edit-button").disabled = !span || !story.shown || Boolean(story.busy);
     $("unmark").hidden = !span;
+  }
+
+  // A chip of each constraint: a click goes to its time, the cross takes it away.
+  drawAsked({ control, blocks }) {
+    const { story, mode, tool } = this.studio,
+      motion = story.shown,
+      inStory = mode() === "story",
+      length = blocks.reduce((sum, block) => sum + lengthOf(block), 0);
+    const chips = control
+      .map((one, index) => [one, index])
+      .filter(([one]) => inStory || isPath(one))
+      .map(([one, index]) => {
+        const chip = Object.assign(document.createElement("span"), { className: "chip" });
+        const text = Object.assign(document.createElement("button"), { type: "button" });
+        text.textContent = named(one, inStory ? length : 0);
+        text.dataset.time = one.time ?? one.times?.[0] ?? "";
+        const gone = Object.assign(document.createElement("button"), { type: "button", textContent: "✕" });
+        gone.dataset.index = index;
+        gone.setAttribute("aria-label", `take away ${text.textContent}`);
+        chip.append(text, gone);
+        return chip;
+      });
+    $("asked").replaceChildren(...chips);
+    $("off").textContent = inStory && motion && !story.stale ? offSaid(motion.asked?.off, motion.fps) : "";
+    $("draw-path").setAttribute("aria-pressed", String(tool().active));
+    $("follow-path").disabled = !control.some(isPath);
+    $("keep-pose").disabled = !motion;
   }
 
   edit() {
@@ -168,6 +197,8 @@ export class Panels {
       button = $("export-button");
     let motion = this.exported;
     const request = { format, in_place: $("in-place").checked, loop: $("loop").checked };
+    const { control } = this.studio.state().project;
+    if (this.studio.mode() === "story" && control.length && !this.studio.story.stale) request.control = asJson(control);
     if ($("export-name").value.trim()) request.name = $("export-name").value.trim();
     if ($("trim").checked) request.trim = [[Number($("trim-from").value), Number($("trim-to").value)]];
     if (["mp4", "gif"].includes(format) && !request.trim && motion.frames > 60 * motion.fps && !motion.sent) {

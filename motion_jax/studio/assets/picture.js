@@ -1,9 +1,11 @@
 // What the view shows at this moment: the live body, the made one, or takes side by side.
+import { drawn, isPath } from "./control.js";
 import { footprints, madeAnew, part } from "./motion.js";
 
 const GROUND_SECONDS = 60; // of a stream whose way and steps are drawn
 const AGAIN = 0.5; // seconds between two drawings of a live way
 
+let asked = []; // what the marks were drawn of
 let laid = null,
   from = 0,
   since = 0; // what lies on the ground, the frame that it begins with, its age
@@ -13,8 +15,24 @@ export function picture(studio, passed, other) {
   since += passed;
   if (other && studio.mode === "live") showLive(studio);
   else if (other) showStory(studio);
+  if (other) showAsked(studio);
   if (other) studio.laidAgain = false;
   studio.view.draw(passed, other);
+}
+
+// A live body is asked for the path alone.
+function showAsked({ view, mode, live, story, state, tool, player }) {
+  const inStory = mode === "story",
+    { control } = state.project,
+    motion = story.shown;
+  const told = inStory && !story.stale ? (motion?.asked ?? null) : null,
+    fps = motion?.fps ?? live.fps;
+  const now = [mode, control, told, fps, tool.preview, tool.chosen];
+  if (now.some((value, i) => value !== asked[i])) {
+    asked = now;
+    view.ask(drawn(inStory ? control : control.filter(isPath), told, fps, tool.points), tool.chosen);
+  }
+  view.marks.show(inStory ? player.time * fps : 0, fps);
 }
 
 function showLive({ view, live, laidAgain }) {

@@ -53,5 +53,5 @@ export function saidProject(live, project) {
     model = live.model ?? project.model,
     sampling = live.choices.sampling ?? {};
   const made = { blocks: blocks.slice(-MOST_BLOCKS), seeds, chosen: 0, cleanup: true, sampling, model };
-  return { ...project, ...made, edits: [], past: null };
+  return { ...project, ...made, edits: [], past: null, control: null };
 }

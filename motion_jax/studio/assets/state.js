@@ -1,8 +1,11 @@
 // What the user has made, as plain data, and how each action changes it; no browser is needed here.
 //
 // state: {project, past, future, selected, span, next}
-// project: {blocks: [{id, prompt, seconds}], seeds, chosen, cleanup, sampling, past, edits, model: {name, id}}; what
-// undo goes back through. A block's `seconds` may be null: as long as similar clips. `past` is an imported motion.
+// project: {blocks: [{id, prompt, seconds}], seeds, chosen, cleanup, sampling, past, control, edits, model: {name, id}};
+// what undo goes back through. A block's `seconds` may be null: as long as similar clips. `past` is an imported motion,
+// `control` a list of constraints (control.js).
+
+import { MOST_POSES, asJson, withPath, withPose } from "./control.js";
 
 export const SHORTEST = 0.6,
   LONGEST = 120,
@@ -18,6 +21,7 @@ const empty = () => ({
   cleanup: true,
   sampling: {},
   past: null,
+  control: [],
   edits: [],
   model: { name: "", id: "" },
 });
@@ -93,6 +97,13 @@ const CHANGES = {
     return edits.length === project.edits.length ? project : { ...project, edits };
   },
   importMotion: (project, { motion }) => ({ ...project, past: motion, edits: [] }),
+  path: (project, { points }) => ({ ...project, control: withPath(project.control, points) }),
+  pose: (project, { time, joints }) => {
+    if (project.control.filter((one) => one.type === "keyframe").length >= MOST_POSES) return project;
+    return { ...project, control: withPose(project.control, time, joints) };
+  },
+  unask: (project, { index }) =>
+    index in project.control ? { ...project, control: project.control.toSpliced(index, 1) } : project,
   set: (project, { fields }) => ({ ...project, ...fields }),
 };
 
@@ -141,7 +152,7 @@ export function reduce(state, action) {
       const { format, version, ...fields } = action.project;
       return {
         ...state,
-        project: { ...empty(), ...fields, blocks },
+        project: { ...empty(), ...fields, blocks, control: fields.control?.constraints ?? [] },
         next: state.next + blocks.length,
         past: [...state.past, state.project].slice(-KEPT),
         future: [],
@@ -165,6 +176,7 @@ export const saved = (project) => ({
   version: 1,
   ...project,
   blocks: project.blocks.map(({ prompt, seconds }) => ({ prompt, seconds })),
+  control: asJson(project.control),
 });
 
 /** Two projects with the same key make the same motion of a take. */
@@ -175,6 +187,7 @@ export const keyOf = (project, take = project.chosen) =>
     project.seeds[take],
     project.cleanup,
     project.sampling,
+    project.control,
     project.past && [project.past.shape, project.past.joints.length, project.past.joints.slice(0, 400)],
     project.edits
       .filter((edit) => edit.take === take)

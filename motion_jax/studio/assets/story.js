@@ -1,9 +1,11 @@
 // Motions that were made of a project, and how they are asked for. What has been made is kept, so that undo shows it
 // at once. Of the browser it needs nothing.
+import { offSaid, asJson } from "./control.js";
 import { contacts, footprints, fromJson, seconds } from "./motion.js";
 import { keyOf } from "./state.js";
 
-const KEPT = 24; // motions
+const KEPT = 24, // motions
+  MISSED = 10; // millimetres that are told
 
 /** A motion with what is shown of it. */
 export function withSteps(motion) {
@@ -119,10 +121,16 @@ export class Story {
       past: project.past,
     };
     if (project.model.name) request.model = project.model.name;
+    if (project.control.length) request.control = asJson(project.control);
     const reply = await this.api.story(request);
     this.reply = { reused_frames: reply.reused_frames, same_frames: reply.same_frames };
     if (reply.unknown?.length) this.tell(`the model has not learned: ${reply.unknown.join(", ")}`, false);
-    return fromJson(reply.motion);
+    const motion = fromJson(reply.motion);
+    motion.asked = reply.asked ?? null;
+    const off = motion.asked?.off;
+    if (off?.worst > MISSED && project.cleanup)
+      this.tell(`what is asked cannot all be met: ${offSaid(off, motion.fps)}`, false);
+    return motion;
   }
 
   async edited(motion, edit, before) {
@@ -135,7 +143,7 @@ export class Story {
     if (reply.unknown?.length) this.tell(`the model has not learned: ${reply.unknown.join(", ")}`, false);
     const made = joined([...(before.length ? (motion.meta.made ?? []) : []), ...reply.made]);
     reply.motion.meta = { ...reply.motion.meta, made };
-    return fromJson(reply.motion);
+    return Object.assign(fromJson(reply.motion), { asked: motion.asked });
   }
 
   /** Pieces of the strip below the blocks, in seconds. */

@@ -29,6 +29,13 @@ export function expose(studio) {
     draws: () => studio.view?.stage.renderer.info.render.frame ?? 0,
     ghosts: () => studio.view?.ghosts.length ?? 0,
     steps: () => studio.view?.steps.count ?? 0,
+    control: () => structuredClone(studio.state.project.control),
+    asked: () => story.shown?.asked ?? null,
+    drawing: () => studio.tool.active,
+    marks: () => {
+      const { own, points, targets, figures } = studio.view.marks;
+      return { meshes: own.length, points: points.length, targets: targets.length, poses: figures?.length ?? 0 };
+    },
     models: () => studio.models.map(({ name, state }) => ({ name, state })),
     errors: () => [...notes.errors],
     notes: () => [...notes.all],
@@ -51,10 +58,13 @@ export function expose(studio) {
       seed: live.choices.seed,
       words: live.words.map((one) => ({ ...one })),
       blockFrames: live.blockFrames,
+      held: live.held,
       unacknowledged: live.waitingBlocks.length,
     }),
   };
   window.__studio = {
+    /** Where on the page a point of the floor is, in pixels. */
+    screenOf: (x, z) => studio.view.screenOf(x, z),
     /** Coordinates of the joints of frames from first up to past, as they are played. */
     joints(first, past) {
       const motion = studio.motion(),

@@ -28,6 +28,9 @@ export class View {
     this.stage.controls.addEventListener("change", () => {
       this.turned = true;
     });
+    this.marks = new this.parts.Marks(); // of what is asked
+    this.stage.scene.add(this.marks.group);
+    this.drawing = false; // somebody draws a path: the camera stays where it is
     this.frame();
     new ResizeObserver(() => this.resize()).observe(element);
     this.resize();
@@ -201,9 +204,68 @@ export class View {
     });
   }
 
+  /** What a motion is asked to do, as control.js says; chosen: the number of a way point. */
+  ask({ poses, ...rest }, chosen = -1) {
+    const { three, Figure, PALE } = this.parts;
+    const figures = poses
+      .filter(({ joints }) => joints.length === this.body.rest.length)
+      .map(({ joints }) => {
+        const figure = new Figure(this.body, this.body.colors, { opacity: PALE }),
+          places = joints.map((place) => new three.Vector3(...place)),
+          turned = joints.map(() => new three.Quaternion());
+        this.turns.set(places, turned);
+        figure.put(places, turned);
+        return figure;
+      });
+    this.marks.set({ ...rest, figures }, { chosen });
+  }
+
+  /** The camera looks down at the floor, and waits there while a path is drawn. */
+  beginDrawing() {
+    const { camera, controls } = this.stage,
+      away = camera.position.clone().sub(controls.target),
+      distance = Math.max(away.length(), 9);
+    const flat = Math.hypot(away.x, away.z) || 1,
+      out = distance * 0.64;
+    camera.position.set(
+      controls.target.x + (away.x / flat) * out,
+      distance * 0.77,
+      controls.target.z + (away.z / flat) * out,
+    );
+    this.stage.fog(distance + 10, distance + 30);
+    controls.update();
+    this.drawing = this.turned = true;
+  }
+
+  /** Where on the page a point of the floor is. */
+  screenOf(x, z) {
+    const box = this.stage.renderer.domElement.getBoundingClientRect(),
+      { camera } = this.stage;
+    camera.updateMatrixWorld();
+    const at = new this.parts.three.Vector3(x, 0, z).project(camera);
+    return [box.left + ((at.x + 1) / 2) * box.width, box.top + ((1 - at.y) / 2) * box.height];
+  }
+
+  /** The point [x, z] of the floor below a point of the page; null where there is none, or farther than `most`. */
+  floorAt(left, top, most) {
+    const box = this.stage.renderer.domElement.getBoundingClientRect(),
+      { camera, controls } = this.stage;
+    camera.updateMatrixWorld();
+    const ray = new this.parts.three.Vector3(
+      ((left - box.left) / box.width) * 2 - 1,
+      1 - ((top - box.top) / box.height) * 2,
+      0.5,
+    )
+      .unproject(camera)
+      .sub(camera.position);
+    if (ray.y >= 0) return null;
+    const at = ray.multiplyScalar(-camera.position.y / ray.y).add(camera.position);
+    return Math.hypot(at.x - controls.target.x, at.z - controls.target.z) < most ? [at.x, at.z] : null;
+  }
+
   /** other: whether something else is to be seen; a picture that stays the same is not drawn again. */
   draw(passed, other) {
-    if (this.options.follow && this.figures.length) {
+    if (this.options.follow && this.figures.length && !this.drawing) {
       const { target } = this.stage.controls,
         easing = Math.min(1, passed * 5);
       const x = this.figures.reduce((sum, figure) => sum + figure.places[0].x, 0) / this.figures.length;

@@ -2,6 +2,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
+import { curve, drawn, lengthOf, named, offSaid, pointsOf, asJson } from "./control.js";
 import { Live } from "./live.js";
 import { contacts, curves, footprints, fromJson, madeAnew, part, toJson } from "./motion.js";
 import { Player } from "./player.js";
@@ -460,4 +461,52 @@ test("a stream of hours keeps its last minutes", () => {
   assert.ok(page.frames <= 12_000 && page.joints.length <= 12_000 * 66);
   assert.equal(page.joints[66 * (page.frames - 1)], 1099);
   assert.equal(page.joints[0], page.first / 12);
+});
+
+test("a path is the curve that the library lays", () => {
+  const points = [
+    [0, 0],
+    [1, 0.5],
+    [1.2, 2],
+    [0, 3],
+  ];
+  const near = (found, expected) =>
+    found.forEach((value, i) => assert.ok(Math.abs(value - expected[i]) < 1e-5, `${found} ${expected}`));
+  const line = curve(points); // numbers of motion_jax.control.paths
+  near(line[12], [0.595693, 0.158788]);
+  near(line[36], [1.250396, 1.220249]);
+  near(line[60], [0.776791, 2.566017]);
+  assert.ok(Math.abs(lengthOf(line) - 4.320626) < 0.01);
+  near(curve(points, [0, 1, 2.5, 3])[36], [1.55375, 1.053125]);
+  assert.deepEqual(curve([[1, 2], [1, 2]]), [[1, 2]]);
+});
+
+test("paths, poses and other constraints are steps of the user's", () => {
+  let state = acted({ type: "path", points: [[0, 0], [1, 2]] }, { type: "pose", time: 1.5, joints: [[0, 1, 0]] });
+  assert.deepEqual(pointsOf(state.project.control), [[0, 0], [1, 2]]);
+  assert.deepEqual(asJson(state.project.control), { version: 1, constraints: state.project.control });
+  state = reduce(state, { type: "pose", time: 1.5, joints: [[0, 2, 0]] });
+  assert.equal(state.project.control.length, 2, "one pose at a time");
+  assert.equal(state.project.control[1].joints[0][1], 2);
+  assert.equal(named(state.project.control[0], 2), "path: 2 points, 2.2 m, 1.1 m/s");
+  assert.equal(named(state.project.control[1]), "pose at 1.50 s");
+  const seen = drawn(state.project.control, null, 20);
+  assert.deepEqual([seen.lines.length, seen.points.length, seen.poses[0].frame], [1, 2, 30]);
+  assert.deepEqual(drawn(state.project.control, { targets: [[1, 0, 0, 0]], poses: [] }, 20).targets, [[1, 0, 0, 0]]);
+  state = reduce(state, { type: "unask", index: 1 });
+  state = reduce(state, { type: "path", points: [] });
+  assert.equal(asJson(state.project.control), null);
+  assert.equal(reduce(state, { type: "unask", index: 3 }), state);
+  for (let i = 0; i < 5; i++) state = reduce(state, { type: "undo" });
+  assert.deepEqual(state.project.control, []);
+  const timed = { type: "root_path", points: [[0, 0], [1, 1]], times: [0, 2], heading: 1 };
+  const opened = acted({ type: "open", project: { blocks: [], control: { version: 1, constraints: [timed] } } });
+  assert.deepEqual(saved(opened.project).control.constraints, [timed]);
+  const moved = reduce(opened, { type: "path", points: [[0, 0], [2, 1]] }).project.control[0];
+  assert.deepEqual([moved.times, moved.heading], [[0, 2], 1]);
+  const longer = reduce(opened, { type: "path", points: [[0, 0], [2, 1], [3, 3]] }).project.control[0];
+  assert.deepEqual([longer.times, longer.heading], [undefined, undefined], "times of other points mean nothing");
+  assert.notEqual(keyOf(opened.project), keyOf(initial().project));
+  assert.equal(offSaid({ mean: 0.21, worst: 12.4, joint: "left wrist", frame: 50 }, 20),
+    "off by 0.2 mm, at most 12 mm (left wrist at 2.50 s)");
 });

@@ -1,0 +1,167 @@
+"""Constraints in requests, projects and streams: what is asked is met, what cannot be is told in one sentence."""
+import json
+
+import numpy as np
+import pytest
+
+from motion_jax import cli
+from motion_jax.control.constraints import EffectorTarget, Keyframe, Loop, RootPath
+from motion_jax.inputs.errors import InputError
+from motion_jax.studio import ahead, project
+from motion_jax.studio import library as shelves
+from motion_jax.studio.limits import Limits
+from tests.studio.conftest import refusal
+from tests.studio.test_project import PROJECT
+from tests.studio.test_requests import joints_of
+from tests.studio.test_streams import URL, Page
+
+PATH = {"type": "root_path", "points": [[1, 0], [1.4, 0.6], [1.2, 1.4]]}
+BLOCKS = [{"prompt": "a person walks", "seconds": 1.8}, {"prompt": "a person waves", "seconds": 1.2}]
+
+
+def asked(*rows):
+  return {"version": 1, "constraints": list(rows)}
+
+
+@pytest.fixture(scope="module")
+def pose(library):
+  """A pose of the model's own body."""
+  made = library.model("tiny", "generate").generate("a person waves", seconds=1.2, seeds=[3])[0]
+  return np.asarray(made.joints)[12].tolist()
+
+
+def test_a_story_goes_along_its_path_and_is_in_its_pose(client, pose):
+  body = {"blocks": BLOCKS, "sampling": {"num_steps": 4}, "seed": 1,
+          "control": asked(PATH, {"type": "keyframe", "time": 2.0, "joints": pose},
+                           {"type": "effector", "joint": "head", "times": [1.0], "positions": [[0, 1.4, 0.1]],
+                            "relative_to": "root"})}
+  reply = client.post("/v1/story", json=body)
+  assert reply.status_code == 200, reply.text
+  found = reply.json()
+  joints, told = joints_of(found["motion"]), found["asked"]
+  assert joints.shape == (60, 22, 3) and [caption["end"] for caption in found["motion"]["captions"]] == [1.8, 3.0]
+  assert np.abs(joints[0, 0, [0, 2]] - [1, 0]).max() < 2e-3 and np.abs(joints[-1, 0, [0, 2]] - [1.2, 1.4]).max() < 2e-3
+  assert told["off"]["worst"] < 5 and told["off"]["mean"] < 1, told["off"]
+  assert [row["frame"] for row in told["poses"]] == [40] and [row[0] for row in told["targets"]] == [20]
+  assert np.abs(joints[40] - told["poses"][0]["joints"]).max() < 6e-3
+  assert found["same_frames"] == 0
+  again = client.post("/v1/story", json=body).json()
+  assert (joints_of(again["motion"]) == joints).all()
+
+
+def test_without_control_a_story_is_what_it_was(client):
+  body = {"blocks": BLOCKS, "sampling": {"num_steps": 4}, "seed": 1}
+  plain = client.post("/v1/story", json=body).json()
+  for nothing in (None, asked()):
+    other = client.post("/v1/story", json=body | {"control": nothing}).json()
+    assert "asked" not in other and (joints_of(other["motion"]) == joints_of(plain["motion"])).all()
+
+
+def test_a_request_for_motions_takes_control(client):
+  body = {"prompt": "a person walks", "num": 2, "sampling": {"num_steps": 4},
+          "control": asked({**PATH, "times": [0, 0.6, 1.2]})}
+  found = client.post("/v1/generate", json=body).json()
+  assert [one["shape"][0] for one in found["motions"]] == [25, 25] and len(found["asked"]) == 2
+  for one in found["motions"]:
+    assert np.abs(joints_of(one)[-1, 0, [0, 2]] - [1.2, 1.4]).max() < 2e-3
+
+
+def test_an_exported_page_shows_what_was_asked(client):
+  motion = client.post("/v1/generate", json={"prompt": "a person walks", "seconds": 1.2,
+                                             "sampling": {"num_steps": 4}}).json()["motions"][0]
+  body = {"motion": motion, "format": "html", "trim": [[4, 20]], "control": asked(PATH)}
+  page = client.post("/v1/export", json=body).text
+  assert '"points": [[1.0, 0.0], [1.4, 0.6]' in page and '"off": {"mean"' in page
+  assert '"off"' not in client.post("/v1/export", json=body | {"in_place": True}).text.split("<script>")[0]
+  assert client.post("/v1/export", json=body | {"format": "npy"}).status_code == 200
+
+
+@pytest.mark.parametrize("control, told", [
+    ([], "control: got no constraints"), (asked({"type": "way"}), "got the type 'way'"),
+    (asked({**PATH, "points": [[0, 1e999]]}), "inf"), (asked({**PATH, "points": [[0, "x"], [1, 1]]}), "no numbers"),
+    (asked({**PATH, "points": [[0.0, 0.001 * i] for i in range(4801)]}), "got 4,801 points"),
+    (asked(*[{"type": "loop"}] * 257), "got 257 constraints"),
+    (asked({"type": "keyframe", "time": 1, "file": "/etc/passwd"}), "names a file"),
+    (asked({"type": "effector", "joint": "tail", "times": [1], "positions": [[0, 1, 0]]}), "the joint 'tail'"),
+    (asked({"type": "effector", "joint": "head", "times": [9], "positions": [[0, 1, 0]]}), "got effector at 9 s"),
+    (asked({"type": "keyframe", "time": 1, "joints": [[0, 0, 0]]}), "got 1 joints")])
+def test_what_cannot_be_asked_is_told_in_one_sentence(client, control, told):
+  body = json.dumps({"blocks": BLOCKS, "control": control}).replace("Infinity", "1e999")
+  assert told in refusal(client.post("/v1/story", content=body))
+  if told != "got effector at 9 s":
+    assert told in refusal(client.post("/v1/project", content=json.dumps(PROJECT | {"control": control})
+                                       .replace("Infinity", "1e999")))
+
+
+def test_a_story_behind_a_motion_takes_no_control(client):
+  motion = client.post("/v1/generate", json={"prompt": "a person walks", "seconds": 1,
+                                             "sampling": {"num_steps": 4}}).json()["motions"][0]
+  told = refusal(client.post("/v1/story", json={"blocks": BLOCKS, "past": motion, "control": asked(PATH)}))
+  assert "goes on from a motion" in told
+
+
+def test_a_project_keeps_control_and_the_command_line_follows_it(tmp_path, monkeypatch, client, library):
+  given = PROJECT | {"blocks": BLOCKS, "control": asked(PATH)}
+  found = client.post("/v1/project", json=given).json()
+  assert found["control"]["constraints"] == [PATH]
+  path, out = tmp_path / "story.json", tmp_path / "story.html"
+  path.write_text(json.dumps(found))
+  monkeypatch.setattr(shelves, "_load", lambda name: library.model(name, "multi_prompt"))
+  assert cli.main(["make", str(path), "--out", str(out)]) == 0
+  assert '"asked"' in out.read_text() and '"points": [[1.0, 0.0], [1.4, 0.6]' in out.read_text()
+  made = project.made(found, library, Limits())
+  assert np.abs(made.joints[-1, 0, [0, 2]] - [1.2, 1.4]).max() < 2e-3 and made.meta["control"] == ["root_path"]
+
+
+def test_a_stream_follows_what_lies_ahead_and_what_is_committed_never_moves(client):
+  with client.websocket_connect(URL) as socket:
+    page = Page(socket)
+    page.send(type="control", control=asked(PATH))
+    assert "no stream yet" in page.until(type="error")["message"]
+    page.send(type="start", prompt="a person walks", seed=4, speed=0, ahead=1)
+    page.more(3)
+    page.send(type="control", control=asked({"type": "loop"}))
+    assert "got loop for a stream" in page.until(type="error")["message"]
+    sent = page.blocks[-1]["committed"]
+    page.send(type="control", control=asked({"type": "root_path", "points": [[1, 1], [2, 1]], "speed": 1.0}))
+    held = page.until(type="held")
+    assert held["from_frame"] >= sent and held["until_frame"] > held["from_frame"] + 20
+    while page.blocks[-1]["committed"] < held["until_frame"]:
+      page.more(1)
+    page.send(type="control", control=None)
+    assert page.until(type="held")["until_frame"] == 0
+    led = page.joints(1)
+    page.send(type="restart")
+    page.until(type="started", run=2)
+    while sum(len(block["positions"]) for block in page.blocks if block["run"] == 2) < len(led):
+      page.more(1)
+    plain = page.joints(2)[:len(led)]
+  assert (led[:sent] == plain[:sent]).all()
+  # How near a model that has learned comes is tests/control/test_guidance.py's.
+  assert np.abs(led[held["from_frame"]:, 0] - plain[held["from_frame"]:, 0]).max() > 0.1
+
+
+def test_a_path_of_a_stream_begins_where_the_body_is():
+  limits, signal_of = Limits(), lambda *control, at=None, ends=None: ahead.signal_of(
+      control, at, 40, (1.0, 2.0), ends, 20.0, limits)
+  path = RootPath([[1, 3], [2, 3]], speed=1.0)
+  found = signal_of(path)
+  given = np.asarray(found.given)[0, :, 0, 0]
+  assert not given[:40].any() and given[40:].all()
+  assert np.abs(found.positions[0, 40, 0, [0, 2]] - [1, 2]).max() < 1e-6
+  assert np.abs(found.positions[0, -1, 0, [0, 2]] - [2, 3]).max() < 0.06
+  placed = signal_of(path, at=5.0)  # as it is
+  assert np.flatnonzero(np.asarray(placed.given)[0, :, 0, 0])[0] == 100
+  assert np.abs(placed.positions[0, 100, 0, [0, 2]] - [1, 3]).max() < 1e-6
+  assert signal_of() is None
+  with pytest.raises(InputError, match="ends at 3.0 s"):
+    signal_of(path, ends=60)
+  with pytest.raises(InputError, match="at most 120 s"):
+    signal_of(EffectorTarget("head", [200.0], [[0, 1.5, 0]]))
+  pose = np.zeros((22, 3)) + np.arange(22)[:, None] / 22
+  with pytest.raises(InputError, match="keyframe at 9 s"):
+    signal_of(path, Keyframe(pose, 9.0), EffectorTarget("head", [10.0], [[0, 1.5, 0]]))
+  for wrong, told in ((Loop(), "got loop"), (Keyframe(pose, 1.0), "anywhere"), (RootPath(speed=1, heading=0), "points"),
+                      (EffectorTarget("head", [1.0], [[0, 1, 0]], "root"), "relative to the root")):
+    with pytest.raises(InputError, match=told):
+      ahead.check([wrong])
