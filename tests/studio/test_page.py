@@ -231,7 +231,6 @@ def test_a_path_is_drawn_followed_and_undone(story):
   page.wait("stale === false && window.__studio.busy === null && window.__studio.marks.poses === 1")
   assert [one["type"] for one in page.get("control")] == ["root_path", "keyframe"]
   assert len(page.all("#asked .chip")) == 2 and not page.get("errors")
-  page.driver.save_screenshot(str(page.driver.folder / "path.png"))
   page.find("#asked .chip:last-child button:last-child").click()
   assert len(page.get("control")) == 1
   page.control(webdriver.Keys.CONTROL, "z")
@@ -241,8 +240,9 @@ def test_a_path_is_drawn_followed_and_undone(story):
 def test_a_live_body_follows_a_path_and_what_was_there_never_moves(page):
   page.wait("live.blocks > 2")
   page.find("#draw-path").click()
-  click_floor(page, 1.0, 1.0)
-  click_floor(page, 2.0, 1.0)
+  x, z = page.get("centre")
+  click_floor(page, x + 0.5, z + 0.5)
+  click_floor(page, x - 0.5, z + 0.5)
   committed = page.get("live.committed")
   before = page.get(f"joints(0, {committed})")
   page.keys(webdriver.Keys.ESCAPE)

@@ -32,6 +32,7 @@ export function expose(studio) {
     control: () => structuredClone(studio.state.project.control),
     asked: () => story.shown?.asked ?? null,
     drawing: () => studio.tool.active,
+    centre: () => [studio.view.stage.controls.target.x, studio.view.stage.controls.target.z],
     marks: () => {
       const { own, points, targets, figures } = studio.view.marks;
       return { meshes: own.length, points: points.length, targets: targets.length, poses: figures?.length ?? 0 };
