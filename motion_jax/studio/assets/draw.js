@@ -6,7 +6,7 @@ const NEAR = 16, // pixels from a way point that are on it
   FARTHEST = 50; // metres from the camera's target
 
 export class PathTool {
-  // element: where the stage is. studio: {view, points(), change(points), changed(), ended(), tell}
+  // element: where the stage is. studio: {view(), points(), change(points), changed(), began(), ended(), tell}
   constructor(element, studio) {
     Object.assign(this, { element, studio, active: false, chosen: -1, preview: null, pressed: null });
     for (const [type, does] of [
@@ -31,6 +31,7 @@ export class PathTool {
     this.active = true;
     this.chosen = -1;
     this.studio.view().beginDrawing();
+    this.studio.began();
     this.studio.changed();
   }
 

@@ -72,10 +72,16 @@ const tool = (studio.tool = new PathTool($("stage"), {
   change: (points) => act({ type: "path", points }),
   changed,
   tell,
+  // A live body waits for its path.
+  began: () => {
+    studio.waits = studio.mode === "live" && live.state === "running";
+    if (studio.waits) live.pause();
+  },
   ended: () => {
     changed();
-    if (studio.mode === "story") makeSoon();
-    else studio.follow();
+    if (studio.mode === "story") return makeSoon();
+    studio.follow();
+    if (studio.waits) live.resume();
   },
 }));
 
