@@ -108,6 +108,7 @@ def test_a_project_keeps_control_and_the_command_line_follows_it(tmp_path, monke
   assert np.abs(made.joints[-1, 0, [0, 2]] - [1.2, 1.4]).max() < 2e-3 and made.meta["control"] == ["root_path"]
 
 
+@pytest.mark.slow  # compiles a led stream; that what is committed stays is tests/control/test_guidance.py's, too
 def test_a_stream_follows_what_lies_ahead_and_what_is_committed_never_moves(client):
   with client.websocket_connect(URL) as socket:
     page = Page(socket)
