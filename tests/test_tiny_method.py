@@ -49,6 +49,8 @@ def test_it_is_trained_loaded_and_asked(folder):
   assert np.array_equal(still, model.generate("a person walks", 40, seeds=[4], spread=0)[0].features)
   with pytest.raises(TypeError, match="got the choice of sampling 'lag', run knows guidance_scale, spread"):
     model.generate("a person walks", 40, lag=2)
+  with pytest.raises(TypeError, match="did you mean seeds?"):
+    model.generate("a person walks", 40, seed=2)
   with pytest.raises(ValueError, match="got spread 11, expected a number from 0 to 10"):
     model.generate("a person walks", 40, spread=11)
 

@@ -1,4 +1,5 @@
 """What models that are ready to use have in common: prompts, lengths, seeds, and where a motion is from."""
+import difflib
 import functools
 import hashlib
 import operator
@@ -171,7 +172,9 @@ class TextToMotionModel(Able):
     known, choices = self.options.described(), former_names.current(choices)
     for name in choices:
       if name not in known:
-        raise TypeError(f"got the choice of sampling {name!r}, {self.folder.name} knows {', '.join(known)}")
+        other = difflib.get_close_matches(name, [*known, *(one for one in _ARGUMENTS if one != name)], 1, 0.75)
+        raise TypeError(f"got the choice of sampling {name!r}, {self.folder.name} knows {', '.join(known)}"
+                        + (f"; did you mean {other[0]}?" if other else ""))
     return self.options(**choices).resolved(self.config, **self.usual_sampling())
 
   def usual_sampling(self) -> dict[str, Any]:
@@ -264,6 +267,7 @@ class TextToMotionModel(Able):
 
 
 Model = TextToMotionModel  # its public name, `motion_jax.Model`
+_ARGUMENTS = ("seed", "seeds", "seconds", "num_frames", "cleanup", "literal", "control")  # that generating takes besides
 _NAMED = 5  # words of a prompt, and prompts of a call, that a warning names
 
 
