@@ -11,6 +11,7 @@ import io
 import json
 import os
 import pathlib
+import threading
 
 import jax
 import numpy as np
@@ -132,6 +133,7 @@ class Program:
     self.name, self.num_static, self.about = name, num_static, tuple(map(repr, about))
     self.jitted = jax.jit(fn, static_argnums=tuple(range(num_static)))
     self._loaded = {}
+    self._lock = threading.Lock()  # of several threads one makes it, and the others wait
 
   def __call__(self, *args, **named):
     if _folder is None:
@@ -141,10 +143,11 @@ class Program:
     shapes = tuple(repr(jax.typeof(leaf)) for leaf in leaves)
     options = tuple(str(getattr(jax.config, name, None)) for name in _OPTIONS)
     found = static, tree, shapes, options
-    if found not in self._loaded:
-      with timing.part("program"):
-        key = key_of(self.name, *self.about, *map(repr, static), tree, shapes, options, jax.default_backend())
-        self._loaded[found] = self._load(key, static, tree, leaves)
+    with self._lock:
+      if found not in self._loaded:
+        with timing.part("program"):
+          key = key_of(self.name, *self.about, *map(repr, static), tree, shapes, options, jax.default_backend())
+          self._loaded[found] = self._load(key, static, tree, leaves)
     return self._loaded[found](*leaves)
 
   def _load(self, key, static, tree, leaves):

@@ -57,13 +57,17 @@ class Library:
         model.tells_unknown_words = False  # pages are told, not the terminal
         shelf.model = model
         shelf.done, shelf.state, shelf.doing = 1, "compiling", "compiling the sampler"
-        if self._warm:
-          _warm(shelf)
+        steps = _steps(shelf) if self._warm else iter(())
+        next(steps, None)
         shelf.done, shelf.state, shelf.doing = shelf.of, "ready", ""
+        shelf.seconds = time.monotonic() - shelf.began
+        shelf.ready.set()
+        for _ in steps:
+          pass
       except Exception as error:  # one model that cannot be had leaves the others
         shelf.state, shelf.doing, shelf.error = "failed", "", reason(error, 400)
       finally:
-        shelf.seconds = time.monotonic() - shelf.began
+        shelf.seconds = shelf.seconds or time.monotonic() - shelf.began
         shelf.ready.set()
 
   def shelf(self, name: str | None) -> Shelf:
@@ -95,17 +99,18 @@ def _load(name):
   return loading.load(name)
 
 
-def _warm(shelf):
-  """Compiles what a stream runs, until its cache is in use; what else a model does is compiled when it is asked for."""
+def _steps(shelf):
+  """Compiles what a stream runs, and yields once with what gives its first block, again with what it goes on by; what
+  else a model does is compiled when it is asked for."""
   model = shelf.model
   for name in ("scipy.ndimage", "scipy.linalg"):
     importlib.import_module(name)
   if model.can("stream"):
     live = model.stream("a person walks", seed=0, **live_sampling(model, {}))
-    next(live)
     shelf.done = 2
-    for _ in range(3):
+    for _ in range(4):
       next(live)
+      yield
 
 
 def live_sampling(model: Any, given: dict[str, Any]) -> dict[str, Any]:
