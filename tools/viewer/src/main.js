@@ -3,9 +3,10 @@ import {
   BufferAttribute, BufferGeometry, CircleGeometry, Color, InstancedMesh, LineBasicMaterial, LineSegments, Matrix4,
   Mesh, MeshBasicMaterial, Quaternion, Vector3,
 } from 'three';
-import {Figure, ribbon} from './body.js';
+import {Figure} from './body.js';
 import {Marks, PALE} from './marks.js';
 import {start} from './page.js';
+import {ribbon} from './ribbon.js';
 import {Stage} from './scene.js';
 import {Turns} from './turns.js';
 

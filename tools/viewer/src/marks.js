@@ -1,7 +1,7 @@
 // What a motion was asked to do: its path and way points on the floor, marks where hands and feet are to be, pale
 // bodies in poses. All of it stands in one group.
 import {CircleGeometry, Group, Mesh, MeshBasicMaterial, MeshStandardMaterial, SphereGeometry} from 'three';
-import {ribbon} from './body.js';
+import {ribbon} from './ribbon.js';
 
 const GREEN = 0x1f9d5c, CHOSEN = 0xf2b632, RED = 0xe0246a;
 const MOST_POINTS = 400;
