@@ -161,3 +161,14 @@ def test_a_path_of_a_stream_begins_where_the_body_is():
                       (EffectorTarget("head", [1.0], [[0, 1, 0]], "root"), "relative to the root")):
     with pytest.raises(InputError, match=told):
       ahead.check([wrong])
+
+
+def test_a_stream_knows_where_its_cleaned_body_is(library):
+  """Cleanup lets no foot slide, which moves the body; a path begins where it is seen."""
+  model = library.model("tiny", "stream")
+  shown, plain = (model.stream("a person walks", seed=2, cleanup=cleanup, lag=25) for cleanup in (True, False))
+  given, raw = (np.concatenate([live.step() for _ in range(6)]) for live in (shown, plain))
+  moved = given[-1, 0, ::2] - raw[len(given) - 1, 0, ::2]
+  assert np.abs(moved).max() > 1e-3 and len(given) < len(raw) == shown.decided
+  np.testing.assert_allclose(shown.place, raw[-1, 0, ::2] + moved, atol=1e-4)
+  np.testing.assert_allclose(plain.place, raw[-1, 0, ::2], atol=1e-4)

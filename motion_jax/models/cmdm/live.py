@@ -51,6 +51,8 @@ class LiveStream:
     self._path: _Path | None = None
     self._tokens: np.ndarray | None = None  # of what the stream is held to (1, L, D), from its first latent on
     self._signal: ControlSignal | None = None
+    self._drift = np.zeros(2)  # x and z by which the cleanup, that lets feet not slide, has moved the body
+    self._waiting = np.zeros((0, 2))  # x and z of the body, as decoded, in frames that wait for their cleanup
     self._before: Any = None  # the decoder's memory and the path before the window's oldest block
     layout = model.stats.layout
     self._cleaner = Cleaner(layout.skeleton, model.fps) if cleanup and layout.has_fixed_bones else None
@@ -89,7 +91,8 @@ class LiveStream:
   @property
   def place(self) -> tuple[float, float]:
     """x and z, metres from where the stream began, of the body in the last frame that is decided."""
-    return (0.0, 0.0) if self._path is None else (float(self._path.place[0]), float(self._path.place[2]))
+    x, z = self._drift if self._path is None else self._path.place[::2] + self._drift
+    return float(x), float(z)
 
   @property
   def _blocks(self) -> int:
@@ -169,7 +172,8 @@ class LiveStream:
       sampler = dataclasses.replace(sampler, control=np.pad(window, ((0, 0), (0, missing), (0, 0))), control_first=base)
     if self._signal is None or sampler.guide is None:
       return sampler, latents._replace(behind=None)
-    guide = dataclasses.replace(sampler.guide, signal=self._window(self._signal), first=base * size)
+    guide = dataclasses.replace(sampler.guide, signal=_moved(self._window(self._signal), -self._drift),
+                                first=base * size)
     behind = guide.begin()
     if base:
       decoder, path = self._before
@@ -246,11 +250,21 @@ class LiveStream:
       joints = joints[:self.num_frames - self._frames]
     self._frames += len(joints)
     if self._cleaner is not None:
+      self._waiting = np.concatenate([self._waiting, joints[:, 0, ::2]])
       joints = self._cleaner.push(joints, layout.contacts(features[:len(joints)]))
+      if len(joints):
+        self._drift = joints[-1, 0, ::2] - self._waiting[len(joints) - 1]
+        self._waiting = self._waiting[len(joints):]
       if self._frames == self.num_frames:
         joints = np.concatenate([joints, self._cleaner.flush()])
     self._given += len(joints)
     return joints
+
+
+def _moved(signal: ControlSignal, by: np.ndarray) -> ControlSignal:
+  """A signal whose places over the ground are moved by x and z (2,)."""
+  offset = np.array([by[0], 0, by[1]], np.float32)
+  return dataclasses.replace(signal, positions=np.where(signal.given, signal.positions + offset, 0))
 
 
 class _Path(NamedTuple):
