@@ -209,7 +209,8 @@ def test_a_path_is_drawn_followed_and_undone(story):
   for x, z in ((0.5, 0), (1.0, 0.8), (0.3, 1.4), (-0.6, 1.2)):
     click_floor(page, x, z)
   assert np.abs(path_of(page) - [[0.5, 0], [1.0, 0.8], [0.3, 1.4], [-0.6, 1.2]]).max() < 0.03
-  assert page.get("marks.points") == 4 and page.get("busy") is None  # nothing is made of half a path
+  page.wait("marks.points === 4")
+  assert page.get("busy") is None  # nothing is made of half a path
   click_floor(page, 1.0, 0.8, button=(1.3, 0.5))
   assert np.abs(path_of(page)[1] - [1.3, 0.5]).max() < 0.03 and len(path_of(page)) == 4
   click_floor(page, 0.3, 1.4, button="right")

@@ -6,6 +6,18 @@ import { MOST_TAKES, lengthOf, saved } from "./state.js";
 
 const $ = (id) => document.getElementById(id);
 
+// A constraint by its name, at a time, with a cross.
+function chipOf(name, time, index) {
+  const chip = Object.assign(document.createElement("span"), { className: "chip" });
+  const text = Object.assign(document.createElement("button"), { type: "button", textContent: name });
+  text.dataset.time = time;
+  const gone = Object.assign(document.createElement("button"), { type: "button", textContent: "✕" });
+  gone.dataset.index = index;
+  gone.setAttribute("aria-label", `take away ${name}`);
+  chip.append(text, gone);
+  return chip;
+}
+
 export class Panels {
   // studio: {state(), act(action), story, tell, motion(), span(frames), changed(), editor()}
   constructor(studio) {
@@ -83,21 +95,15 @@ export class Panels {
       motion = story.shown,
       inStory = mode() === "story",
       length = blocks.reduce((sum, block) => sum + lengthOf(block), 0);
-    const chips = control
+    const rows = control
       .map((one, index) => [one, index])
       .filter(([one]) => inStory || isPath(one))
-      .map(([one, index]) => {
-        const chip = Object.assign(document.createElement("span"), { className: "chip" });
-        const text = Object.assign(document.createElement("button"), { type: "button" });
-        text.textContent = named(one, inStory ? length : 0);
-        text.dataset.time = one.time ?? one.times?.[0] ?? "";
-        const gone = Object.assign(document.createElement("button"), { type: "button", textContent: "✕" });
-        gone.dataset.index = index;
-        gone.setAttribute("aria-label", `take away ${text.textContent}`);
-        chip.append(text, gone);
-        return chip;
-      });
-    $("asked").replaceChildren(...chips);
+      .map(([one, index]) => [named(one, inStory ? length : 0), one.time ?? one.times?.[0] ?? "", index]);
+    // Those that stay are not drawn anew: a click would be lost between the button's going down and up.
+    if (JSON.stringify(rows) !== this.chips) {
+      this.chips = JSON.stringify(rows);
+      $("asked").replaceChildren(...rows.map((row) => chipOf(...row)));
+    }
     $("off").textContent = inStory && motion && !story.stale ? offSaid(motion.asked?.off, motion.fps) : "";
     $("draw-path").setAttribute("aria-pressed", String(tool().active));
     $("follow-path").disabled = !control.some(isPath);
