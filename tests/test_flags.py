@@ -39,6 +39,16 @@ def test_what_commands_share_is_called_alike(flag):
   assert len(kinds) == 1, kinds
 
 
+@pytest.mark.parametrize("command", [
+    ["generate", "a person walks"], ["make", "story.json"], ["blend", "a.bvh", "b.bvh"]])
+def test_files_to_write_add_up(command):
+  def read(*given):
+    return cli.parse([*command, *given]).out
+
+  assert read("--out", "a.html", "--out", "b.npz,c.bvh", "--out=d.png") == "a.html,b.npz,c.bvh,d.png"
+  assert read("--out", "a.html") == "a.html" and read().endswith(".html")
+
+
 def test_what_is_no_flag_of_train_is_told(capsys):
   for words, told in ((["--wrkdir", "x"], "did you mean --workdir?"), (["--max-second=x"], "--max-seconds")):
     with pytest.raises(SystemExit):

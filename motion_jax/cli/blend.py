@@ -9,7 +9,8 @@ def add_to(commands):
   blend.add_argument("first", help="an .npz, .npy, .bvh or .amc file")
   blend.add_argument("second", help="another; it is moved and turned on the ground to go on from the first")
   blend.add_argument("--seconds", type=real(0.1, 10, "seconds"), default=1.0, help="how long the way takes (1)")
-  blend.add_argument("--out", default="blended.html", help="file to write: .npz .npy .bvh .glb .mp4 .gif .html .png")
+  blend.add_argument("--out", default="blended.html", action=shared.Files,
+                     help="file to write: .npz .npy .bvh .glb .mp4 .gif .html .png")
   shared.add_reading(blend)
   shared.add_bvh_unit(blend)
   shared.add_film(blend, "in whatever kind of file")

@@ -93,7 +93,7 @@ def _making(parser, out):
                       help="without foot-skate cleanup and smoothing, and not brought to what is asked exactly: "
                            "as the network made it")
   parser.add_argument("--model", default="cmdm-small", help="a run folder or the name of a model that ships")
-  parser.add_argument("--out", default=out,
+  parser.add_argument("--out", default=out, action=shared.Files,
                       help="file to write: .npz .npy .bvh .glb .mp4 .gif .html .png; repeat kinds with commas, as in "
                            "wave.mp4,wave.bvh")
   shared.add_bvh_unit(parser)

@@ -1,4 +1,5 @@
 """What several commands need."""
+import argparse
 import importlib
 import threading
 
@@ -8,6 +9,14 @@ from motion_jax.inputs.numerals import FRAME_RATES, real
 BVH_UNITS = {"cm": "centimetres", "m": "metres"}
 FILMS = (".mp4", ".gif")
 MOTION_FILES = (".npz", ".npy", ".bvh", ".amc")
+
+
+class Files(argparse.Action):
+  """Files to write: given twice, both are, as with a comma between them."""
+
+  def __call__(self, parser, namespace, values, option_string=None):
+    before = getattr(namespace, self.dest)
+    setattr(namespace, self.dest, values if before == self.default else f"{before},{values}")
 
 
 def add_reading(parser):

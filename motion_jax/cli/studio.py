@@ -2,6 +2,7 @@
 import pathlib
 
 import motion_jax
+from motion_jax.cli import shared
 from motion_jax.inputs.numerals import whole
 
 _SHIPPED = pathlib.Path(motion_jax.__file__).parent / "pretrained"
@@ -23,8 +24,9 @@ def add_to(commands):
   make = commands.add_parser("make", help="a project that the studio saved in, its motion out")
   make.add_argument("project", help="a .json file that the studio saved")
   make.add_argument("--take", type=whole(0, 100), help="which of its seeds, counted from 0; by default the chosen one")
-  make.add_argument("--out", default="motion.html", help="file to write: .npz .npy .bvh .glb .mp4 .gif .html .png; "
-                    "repeat kinds with commas, as in story.glb,story.bvh")
+  make.add_argument("--out", default="motion.html", action=shared.Files,
+                    help="file to write: .npz .npy .bvh .glb .mp4 .gif .html .png; repeat kinds with commas, as in "
+                         "story.glb,story.bvh")
   make.set_defaults(run=_make)
 
 
@@ -39,7 +41,7 @@ def _studio(args):
 
 def _make(args):
   from motion_jax import export
-  from motion_jax.cli import control, shared
+  from motion_jax.cli import control
   from motion_jax.studio import project
   from motion_jax.studio.library import Library
   from motion_jax.studio.limits import Limits
