@@ -1,5 +1,6 @@
 """One tab of a studio in a real browser, and a studio that serves it. Needs selenium, of the extra `test`."""
 import contextlib
+import shutil
 import threading
 import time
 
@@ -10,6 +11,9 @@ from tests.studio.conftest import TOKEN
 webdriver = pytest.importorskip("selenium.webdriver", reason="needs selenium, of the extra `test`")
 JavascriptException = pytest.importorskip("selenium.common.exceptions").JavascriptException
 PATIENCE = 90  # seconds
+CHROMIUM, DRIVER = (shutil.which(name) for name in ("chromium", "chromedriver"))
+needs_a_browser = [pytest.mark.slow, pytest.mark.skipif(not (CHROMIUM and DRIVER), reason=
+                   "needs a browser, chromium with its chromedriver (Debian: apt install chromium chromium-driver)")]
 
 
 class Page:

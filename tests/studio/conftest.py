@@ -74,3 +74,47 @@ def refusal(reply, status=400):
   error = reply.json()["error"]
   assert error["status"] == status and "\n" not in error["message"] and "Traceback" not in error["message"]
   return error["message"]
+
+
+@pytest.fixture(scope="module")
+def driver(tmp_path_factory):
+  from tests.studio.browser import CHROMIUM, DRIVER, webdriver
+  folder = tmp_path_factory.mktemp("downloads")
+  options = webdriver.ChromeOptions()
+  options.binary_location = CHROMIUM
+  for flag in ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--use-angle=swiftshader",
+               "--enable-unsafe-swiftshader", "--window-size=1000,800", "--hide-scrollbars"):
+    options.add_argument(flag)
+  options.add_experimental_option("prefs", {"download.default_directory": str(folder)})
+  options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+  driver = webdriver.Chrome(options, webdriver.ChromeService(DRIVER))
+  driver.implicitly_wait(3)
+  driver.folder = folder
+  yield driver
+  driver.quit()
+
+
+@pytest.fixture
+def page(driver, address):
+  from tests.studio.browser import Page
+  driver.get("about:blank")
+  driver.get_log("browser")
+  driver.get(address)
+  page = Page(driver)
+  page.wait("ready")
+  yield page
+  faults = [row["message"] for row in driver.get_log("browser") if row["level"] == "SEVERE"]
+  faults = [text for text in faults if "status of 400" not in text]  # what a test lets the studio refuse
+  driver.get("about:blank")  # its stream ends before the studio does
+  assert not faults, faults
+
+
+@pytest.fixture
+def story(page):
+  """The page's timeline with two blocks that have been made."""
+  page.find("#mode-story").click()
+  page.add_block("a person walks")
+  page.add_block("a person jumps")
+  assert page.prompts() == ["a person walks", "a person jumps"]
+  page.wait("stale === false && window.__studio.busy === null")
+  return page

@@ -4,59 +4,13 @@ State is asked of `window.__studio`. Skipped where selenium (extra `test`) or Ch
 """
 import json
 import pathlib
-import shutil
 import time
 
 import numpy as np
-import pytest
 
-from tests.studio.browser import Page, serving, wait_for, webdriver
+from tests.studio.browser import Page, needs_a_browser, serving, wait_for, webdriver
 
-CHROMIUM, DRIVER = (shutil.which(name) for name in ("chromium", "chromedriver"))
-pytestmark = [pytest.mark.slow, pytest.mark.skipif(not (CHROMIUM and DRIVER), reason=
-              "needs a browser, chromium with its chromedriver (Debian: apt install chromium chromium-driver)")]
-
-
-@pytest.fixture(scope="module")
-def driver(tmp_path_factory):
-  folder = tmp_path_factory.mktemp("downloads")
-  options = webdriver.ChromeOptions()
-  options.binary_location = CHROMIUM
-  for flag in ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--use-angle=swiftshader",
-               "--enable-unsafe-swiftshader", "--window-size=1000,800", "--hide-scrollbars"):
-    options.add_argument(flag)
-  options.add_experimental_option("prefs", {"download.default_directory": str(folder)})
-  options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-  driver = webdriver.Chrome(options, webdriver.ChromeService(DRIVER))
-  driver.implicitly_wait(3)
-  driver.folder = folder
-  yield driver
-  driver.quit()
-
-
-@pytest.fixture
-def page(driver, address):
-  driver.get("about:blank")
-  driver.get_log("browser")
-  driver.get(address)
-  page = Page(driver)
-  page.wait("ready")
-  yield page
-  faults = [row["message"] for row in driver.get_log("browser") if row["level"] == "SEVERE"]
-  faults = [text for text in faults if "status of 400" not in text]  # what a test lets the studio refuse
-  driver.get("about:blank")  # its stream ends before the studio does
-  assert not faults, faults
-
-
-@pytest.fixture
-def story(page):
-  """The page's timeline with two blocks that have been made."""
-  page.find("#mode-story").click()
-  page.add_block("a person walks")
-  page.add_block("a person jumps")
-  assert page.prompts() == ["a person walks", "a person jumps"]
-  page.wait("stale === false && window.__studio.busy === null")
-  return page
+pytestmark = needs_a_browser
 
 
 def test_it_opens_and_walks(page):
@@ -179,80 +133,6 @@ def test_a_span_is_made_anew_and_takes_stand_side_by_side(story):
   page.wait("figures === 2")
   page.all("#takes button")[0].click()
   assert page.get("project.chosen") == 0 and page.get("made") == made
-
-
-def click_floor(page, x, z, button=None):
-  """Clicks a point of the floor, metres; button: "right", or the point (x, z) to which it is dragged."""
-  left, top = page.driver.execute_script("return window.__studio.screenOf(arguments[0], arguments[1])", x, z)
-  chain = webdriver.ActionChains(page.driver, duration=50)
-  chain.w3c_actions.pointer_action.move_to_location(round(left), round(top))
-  if button == "right":
-    chain.w3c_actions.pointer_action.context_click()
-  elif button is None:
-    chain.w3c_actions.pointer_action.click()
-  else:
-    left, top = page.driver.execute_script("return window.__studio.screenOf(arguments[0], arguments[1])", *button)
-    chain.w3c_actions.pointer_action.pointer_down()
-    chain.w3c_actions.pointer_action.move_to_location(round(left) - 9, round(top))
-    chain.w3c_actions.pointer_action.move_to_location(round(left), round(top))
-    chain.w3c_actions.pointer_action.pointer_up()
-  chain.perform()
-
-
-def path_of(page):
-  return np.array(next((one["points"] for one in page.get("control") if one["type"] == "root_path"), []))
-
-
-def test_a_path_is_drawn_followed_and_undone(story):
-  page = story
-  page.find("#draw-path").click()
-  for x, z in ((0.5, 0), (1.0, 0.8), (0.3, 1.4), (-0.6, 1.2)):
-    click_floor(page, x, z)
-  assert np.abs(path_of(page) - [[0.5, 0], [1.0, 0.8], [0.3, 1.4], [-0.6, 1.2]]).max() < 0.03
-  page.wait("marks.points === 4")
-  assert page.get("busy") is None  # nothing is made of half a path
-  click_floor(page, 1.0, 0.8, button=(1.3, 0.5))
-  assert np.abs(path_of(page)[1] - [1.3, 0.5]).max() < 0.03 and len(path_of(page)) == 4
-  click_floor(page, 0.3, 1.4, button="right")
-  assert len(path_of(page)) == 3
-  page.keys(webdriver.Keys.DELETE)
-  assert len(path_of(page)) == 2
-  for _ in range(2):
-    page.control(webdriver.Keys.CONTROL, "z")
-  assert len(path_of(page)) == 4 and page.prompts() == ["a person walks", "a person jumps"]
-  page.keys(webdriver.Keys.ESCAPE)
-  assert not page.get("drawing")
-  page.wait("stale === false && window.__studio.busy === null && window.__studio.asked")
-  joints = np.array(page.get(f"joints({page.get('frames') - 1}, {page.get('frames')})")).reshape(22, 3)
-  assert np.abs(joints[0, [0, 2]] - path_of(page)[-1]).max() < 5e-3
-  assert "off by" in page.find("#off").text and page.get("asked.off.worst") < 10
-  page.find("#stage").click()
-  page.keys(webdriver.Keys.HOME, *[webdriver.Keys.ARROW_RIGHT] * 24)
-  page.find("#keep-pose").click()
-  page.wait("stale === false && window.__studio.busy === null && window.__studio.marks.poses === 1")
-  assert [one["type"] for one in page.get("control")] == ["root_path", "keyframe"]
-  assert len(page.all("#asked .chip")) == 2 and not page.get("errors")
-  page.find("#asked .chip:last-child button:last-child").click()
-  assert len(page.get("control")) == 1
-  page.control(webdriver.Keys.CONTROL, "z")
-  assert len(page.get("control")) == 2
-
-
-def test_a_live_body_follows_a_path_and_what_was_there_never_moves(page):
-  page.wait("live.blocks > 2")
-  page.find("#draw-path").click()
-  x, z = page.get("centre")
-  click_floor(page, x + 0.5, z + 0.5)
-  click_floor(page, x - 0.5, z + 0.5)
-  committed = page.get("live.committed")
-  before = page.get(f"joints(0, {committed})")
-  page.keys(webdriver.Keys.ESCAPE)
-  held = page.wait("live.held")
-  assert held["from"] >= committed and held["until"] > held["from"] and page.get("marks.points") == 2
-  page.wait(f"live.end > {held['from'] + 24}", 180)
-  assert page.get(f"joints(0, {committed})") == before and not page.get("errors")
-  page.find("#asked .chip button:last-child").click()
-  page.wait("live.held.until === 0")
 
 
 def test_what_is_exported_opens_elsewhere(story):
