@@ -44,9 +44,10 @@ def get_config(size="full"):
   config.model = dict(latent_dim=64, width=512, depth=8, num_heads=4, ff_width=1024, block=3, text_dim=768,
                       control=0)  # numbers that tell a latent of constraints; data.control sets it
   # own_past: of how many clips a beginning is what the network made itself (docs/training.md#denoisers).
+  # ramp: of how many clips the times are those of a moment of sampling, not drawn for each block.
   # decoded_from: errors of the decoded motion count for frames whose latents' time is over it (0 noise, 1 clean).
   # control: weight of how far the decoded motion is from the constraints that it is told (data.control).
-  config.loss = dict(drop_rate=0.1, unit_latents=False, level_block=3, mean_latents=False, own_past=0.0,
+  config.loss = dict(drop_rate=0.1, unit_latents=False, level_block=3, mean_latents=False, own_past=0.0, ramp=0.0,
                      decoded_from=0.5, control=0.0, **common.motion_errors())
   config.data = common.captioned_data(layout="full", batch_size=64, min_frames=40, max_frames=192, lengths=(192,),
                                       max_words=64, balance=0.0, vary_subject=0.0, part_by_part=0.0, store="",

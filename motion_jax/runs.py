@@ -136,6 +136,7 @@ _LEFT_OUT: dict[str, dict[str, Any]] = {
         "train.dtype": "float32", "train.remat": False, "train.scan_layers": False, "frozen.text_level": "words",
         "taught_by": {},
         "distill.teacher": "", "loss.mean_latents": False, "loss.decoded_from": 0.5, "loss.own_past": 0.0,
+        "loss.ramp": 0.0,
         "data.part_by_part": 0.0, "data.control": 0.0, "model.control": 0,
         "loss.control": 0.0,
         "loss.level_block": lambda config: config["model"].get("block", 3), "data.vary_subject": 0.0,

@@ -8,6 +8,7 @@ import pytest
 
 import motion_jax as mj
 from motion_jax import cli
+from motion_jax.cli.shared import Files
 from motion_jax.inputs import config_files, overrides
 from tests.conftest import ROOT, devices_env
 
@@ -94,6 +95,14 @@ def test_guidance_zero_is_told_as_zero(tiny_run, tmp_path, capsys):
     assert cli.main(["generate", "a person walks", "--frames", "16", "--steps", "4", "--model", str(tiny_run), "--out",
                      str(tmp_path / "a.npy"), *given]) == 0
     assert told in capsys.readouterr().out
+
+
+def test_a_file_of_the_usual_name_is_written_beside_another():
+  parser = argparse.ArgumentParser()
+  parser.add_argument("--out", action=Files, default="blended.html")
+  usual = "".join(["blended", ".html"])  # as a command line gives it: equal to the default, and not it
+  assert parser.parse_args([]).out == "blended.html" and parser.parse_args(["--out", "b.mp4"]).out == "b.mp4"
+  assert parser.parse_args(["--out", usual, "--out", "b.mp4"]).out == "blended.html,b.mp4"
 
 
 def test_the_scripts_at_the_top_are_the_commands(tmp_path):

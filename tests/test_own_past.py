@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from motion_jax import fit
+from motion_jax.diffusion import paths
 from motion_jax.models.cmdm import stages
 from motion_jax.training.setup import untrained
 from tests.conftest import load_config
@@ -48,7 +49,40 @@ def test_only_what_comes_after_is_learned(monkeypatch):
   sums, weight = loss(stage, params)
   assert 0 < weight < whole and np.isfinite(sums["loss"])
 
+  # Decoded motion goes on from what was made: the decoder is told the past, and no frame of it counts.
+  config.loss.acceleration = 1.0
+  seen = []
+  monkeypatch.setattr(stages.VaeCodec, "decode", lambda self, z: seen.append(z) or self.net.apply(
+      self.params, self.unscale(z), method="decode"))
+  frozen = fit.setups()[config.stage](config).frozen
+  stages.denoiser_stage(config).loss(params, frozen, batch, 0, rng)
+  real = np.arange(seen[-1].shape[1]) < np.asarray(batch["num_frames"] // 4)[:, None]
+  assert (np.abs(np.asarray(seen[-1])).max(-1) > 0)[real].all()
+  config.loss.acceleration = 0.0
+
   gradient = jax.grad(lambda params: loss(stage, params)[0]["loss"])(params)
   monkeypatch.setattr(stages.jax.lax, "stop_gradient", lambda x: x)
   through = jax.grad(lambda params: loss(stage, params)[0]["loss"])(params)
   assert any(not np.array_equal(a, b) for a, b in zip(*map(jax.tree.leaves, (gradient, through))))
+
+
+@pytest.mark.slow
+def test_times_of_a_moment_of_sampling_rise_towards_the_past():
+  times = np.asarray(jax.vmap(lambda key: paths.ramp_times(key, 14, BLOCK))(jax.random.split(jax.random.key(0), CLIPS)))
+  assert times.shape == (CLIPS, 14) and times.min() == 0 and times.max() == 1
+  assert (np.diff(times) <= 0).all() and (np.diff(times[:, :3]) == 0).all()  # whole blocks, the past first
+  slopes = -np.diff(times[:, ::BLOCK])
+  steep = slopes.max(1)
+  assert (steep > 0.6).any() and ((steep > 0) & (steep < 0.1)).any()
+  config, _ = fit.resolve(load_config("cmdm_denoiser", "tiny"))
+  config = config.copy_and_resolve_references().unlock()
+  setup = fit.setups()[config.stage](config)
+  batch = setup.next_batch(0)
+  shape = jax.eval_shape(setup.stage.init, batch, jax.random.key(0))
+  weights = []
+  for ramp in (0.0, 1.0):
+    config.loss.ramp = ramp
+    sums, weight = stages.denoiser_stage(config).loss(untrained(shape), setup.frozen, batch, 0, jax.random.key(1))
+    weights.append(int(weight))
+    assert np.isfinite(sums["loss"])
+  assert 0 < weights[1] < weights[0]  # what is finished does not count

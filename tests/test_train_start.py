@@ -8,6 +8,7 @@ from motion_jax import fit, runs
 from motion_jax.models import cdamd, cmdm
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.causal_vae import CausalVAE
+from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
 from motion_jax.training import loop as train
 from motion_jax.training.stage import Stage
@@ -38,6 +39,29 @@ def test_a_tokenizer_begins_as_that_inside_a_model_that_ships(name, model):
   run = runs.open(model)
   jax.tree.map(np.testing.assert_array_equal, begun.init(None, None), run.frozen({"tokenizer": shapes})["tokenizer"])
   np.testing.assert_array_equal(stage.stats.mean, run.stats.mean)
+
+
+def test_a_denoiser_goes_on_from_a_model_that_ships():
+  """On its tokenizer, with the scale of latents that it knows, its statistics, its words and its parameters."""
+  config = load_config("cmdm_denoiser", "small").unlock()
+  config.frozen.update(tokenizer="cmdm-small", text="cmdm-small")
+  config.data.update(name="synthetic", num_clips=4, mirror=False)
+  config.train.start = "cmdm-small"
+  config = fit.resolve(config)[0]
+  run, setup = runs.open("cmdm-small"), fit.setups()[config.stage](config)
+  frozen = run.frozen()
+  assert set(frozen) <= set(setup.frozen)
+  for name, part in frozen.items():
+    jax.tree.map(np.testing.assert_array_equal, part, setup.frozen[name])
+  np.testing.assert_array_equal(setup.stats.std, run.stats.std)
+  assert load_text_encoder("cmdm-small").fingerprint == load_text_encoder(run.text).fingerprint
+  assert "text_encoder/model.safetensors" in setup.files
+  config.tokenizer.width = 8
+  with pytest.raises(ValueError, match="the tokenizer in cmdm-small is .*'width': 192.* config.tokenizer says"):
+    fit.setups()[config.stage](config)
+  config.frozen.tokenizer = "cdamd-small"
+  with pytest.raises(ValueError, match="holds a 'cdamd.generator' run, expected one of stage cmdm.tokenizer or cmdm.d"):
+    fit.setups()[config.stage](config)
 
 
 def test_what_cannot_be_held_still_is_told(tmp_path):

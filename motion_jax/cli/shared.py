@@ -16,7 +16,7 @@ class Files(argparse.Action):
 
   def __call__(self, parser, namespace, values, option_string=None):
     before = getattr(namespace, self.dest)
-    setattr(namespace, self.dest, values if before == self.default else f"{before},{values}")
+    setattr(namespace, self.dest, values if before is self.default else f"{before},{values}")
 
 
 def add_reading(parser):

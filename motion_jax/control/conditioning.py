@@ -19,6 +19,16 @@ from motion_jax.shapes import Array
 FPS = HUMANML3D.fps
 HORIZON = 160          # frames; what is given farther ahead is not told yet
 AHEAD = (10, 20, 40)   # frames ahead at which the reference path is told
+# Where people's joints usually are, metres to the left, ahead and over the floor of the place below the pelvis, and how
+# far they stray from there: rounded over the train clips of CMU and Bandai, both sides alike.
+_USUAL = jnp.array([
+    [0.00, 0.00, 0.95], [0.06, 0.00, 0.87], [-0.06, 0.00, 0.87], [0.00, -0.01, 1.08], [0.08, 0.08, 0.50],
+    [-0.08, 0.08, 0.50], [0.00, 0.00, 1.23], [0.08, -0.08, 0.12], [-0.08, -0.08, 0.12], [0.00, 0.00, 1.28],
+    [0.09, 0.02, 0.03], [-0.09, 0.02, 0.03], [0.00, 0.02, 1.49], [0.07, 0.01, 1.40], [-0.07, 0.01, 1.40],
+    [0.00, 0.04, 1.59], [0.19, -0.02, 1.41], [-0.19, -0.02, 1.41], [0.29, -0.01, 1.25], [-0.29, -0.01, 1.25],
+    [0.30, 0.10, 1.18], [-0.30, 0.10, 1.18]])
+_STRAYS = jnp.array([0.05, 0.05, 0.05, 0.05, 0.08, 0.08, 0.05, 0.10, 0.10, 0.05, 0.12, 0.12, 0.06, 0.05, 0.05, 0.07,
+                     0.06, 0.06, 0.11, 0.11, 0.20, 0.20])
 _REACH, _MOVES = 5, 0.15  # a path leads somewhere where it goes so many metres in so many frames before and behind
 
 
@@ -101,12 +111,12 @@ def reference(signal: ControlSignal, start: Float[Array, "b 3"] | None = None) -
 
 
 def _joints(signal, found):
-  """(B, T, 5 J): of each joint its place relative to the reference path, and whether it is given on the floor and in
-  height; 0 where not."""
+  """(B, T, 5 J): of each joint its place relative to the reference path, against where it usually is, and whether it is
+  given on the floor and in height; 0 where not."""
   floor, height = _floor(signal), signal.given[..., 1]
   around = _turned(signal.positions[..., ::2] - found.place[:, :, None], found.heading[..., None])
-  parts = jnp.concatenate([jnp.where(floor[..., None], around, 0.0),
-                           jnp.where(height, signal.positions[..., 1], 0.0)[..., None],
+  around, above = (around - _USUAL[:, :2]) / _STRAYS[:, None], (signal.positions[..., 1] - _USUAL[:, 2]) / _STRAYS
+  parts = jnp.concatenate([jnp.where(floor[..., None], around, 0.0), jnp.where(height, above, 0.0)[..., None],
                            floor[..., None], height[..., None]], axis=-1)
   return parts.reshape(parts.shape[:2] + (-1,))
 

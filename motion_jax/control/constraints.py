@@ -21,6 +21,7 @@ KIMODO_JOINTS = {"LeftHand": "left_hand", "RightHand": "right_hand", "LeftFoot":
                  "RightFoot": "right_foot", "Hips": "pelvis"}
 PARTS = ("legs", "torso", "left_arm", "right_arm", "head")
 _FARTHEST = 1e4  # metres
+_SLOWEST = 1e-4  # metres a second of a path that is gone along
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -65,8 +66,9 @@ class RootPath(Constraint):
                        "one for each")
     if self.points is not None and np.ndim(self.speed):
       raise InputError("got several speeds for the points of a root path; give times in their place")
-    if self.speed is not None and not (np.asarray(self.speed) >= 0).all():
-      raise InputError(f"got the speed {np.min(self.speed):g} of a root path, expected 0 or more metres a second")
+    if self.speed is not None and not ((np.asarray(self.speed) == 0) | (np.asarray(self.speed) >= _SLOWEST)).all():
+      raise InputError(f"got the speed {np.min(self.speed):g} of a root path, expected 0, or {_SLOWEST:g} or more "
+                       "metres a second")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -218,7 +220,7 @@ def _numbers(values: Any, what: str, dims: int | None, last: Sequence[int] = ())
     return None
   try:
     found = np.asarray(values, np.float64)
-  except (TypeError, ValueError):
+  except (TypeError, ValueError, OverflowError):
     raise InputError(f"got {what} that are no numbers, or not as many in every row") from None
   if (found.ndim > 1 if dims is None else found.ndim != dims) or not found.size or last and found.shape[-1] not in last:
     shape = " or ".join(f"(..., {count})" for count in last) or "a list"

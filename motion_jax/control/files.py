@@ -74,7 +74,7 @@ def _constraint(row: Any, number: int, read: Reader | None) -> Constraint:
   if strange:
     raise InputError(f"constraint {number} ({kind}): got {strange[0][:40]!r}, expected {', '.join(known) or 'no more'}"
                      f"{did_you_mean(strange[0], known)}")
-  missing = [name for name, field in known.items() if field.default is dataclasses.MISSING and name not in given]
+  missing = [name for name, field in known.items() if field.default is dataclasses.MISSING and given.get(name) is None]
   if missing:
     raise InputError(f"constraint {number} ({kind}): {', '.join(missing)} is missing")
   for name in ("joint", "place", "relative_to"):
@@ -87,6 +87,9 @@ def _constraint(row: Any, number: int, read: Reader | None) -> Constraint:
     return KINDS[kind](**given)
   except InputError as error:
     raise InputError(f"constraint {number}: {error}") from None
+  except (TypeError, ValueError, AttributeError, OverflowError):
+    raise InputError(f"constraint {number} ({kind}): got a value of the wrong kind; docs/control.md says what each is"
+                     ) from None
 
 
 def load(path: str | os.PathLike, read: Reader | None = None) -> list[Constraint]:

@@ -16,8 +16,8 @@ PELVIS = 0
 ENDS = jnp.array([HUMANML3D.joints.index(name) for name in
                   ("pelvis", "left_foot", "right_foot", "head", "left_wrist", "right_wrist")])
 # Chances of the kinds of joints: the path, the whole body, one of ENDS, any few; and of the kinds of frames.
-_JOINTS = jnp.log(jnp.array([0.4, 0.2, 0.25, 0.15]))
-_FRAMES = jnp.log(jnp.array([0.1, 0.1, 0.15, 0.2, 0.35, 0.1]))  # 1, 2, 5, a quarter, all, a stretch
+_JOINTS = jnp.log(jnp.array([0.45, 0.2, 0.2, 0.15]))
+_FRAMES = jnp.log(jnp.array([0.05, 0.05, 0.1, 0.2, 0.5, 0.1]))  # 1, 2, 5, a quarter, all, a stretch
 
 
 def some_frames(key: jax.Array, count: Int[Array, ""], num_frames: Int[Array, ""], length: int

@@ -39,6 +39,13 @@ _NEAR = 4e-4                # metres off that are near enough
 LONGEST = 2400              # frames
 
 
+def check_length(count: int) -> None:
+  """Raises InputError for more frames than are brought to what is asked at once."""
+  if count > LONGEST:
+    raise InputError(f"got {count:,} frames to be brought to what is asked, expected at most {LONGEST:,}; make the "
+                     "motion in parts, or leave it as the network made it (raw)")
+
+
 def project(joints: Num[np.ndarray, "t 22 3"], asked: ControlSignal | Sequence[Constraint], fps: float = 20.0,
             tell: bool = True) -> Float[np.ndarray, "t 22 3"]:
   """Joints (T, 22, 3), metres, that do what is asked to within a millimetre where a body can, float32.
@@ -52,9 +59,7 @@ def project(joints: Num[np.ndarray, "t 22 3"], asked: ControlSignal | Sequence[C
   signal = wanted(start, tell)
   if signal.is_empty:
     return np.asarray(joints, np.float32)
-  if count > LONGEST:
-    raise InputError(f"got {count} frames to be brought to what is asked, expected at most {LONGEST}; make the motion "
-                     "in parts, or leave it as the network made it (raw)")
+  check_length(count)
   moved = _carried(start, signal, fps)
   moved = _solved(moved, lambda now: wanted(now, False), fps)
   if tell:

@@ -16,7 +16,7 @@ from motion_jax.control import signal as signals
 from motion_jax.control.compiling import compile
 from motion_jax.control.constraints import Constraint, InPlace, KeepParts, Loop, RootPath
 from motion_jax.control.limits import possible
-from motion_jax.control.project import project
+from motion_jax.control.project import check_length, project
 from motion_jax.control.signal import ControlSignal
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.numerals import as_float
@@ -102,6 +102,9 @@ def generate(model: "TextToMotionModel", prompts: Sequence[str], num_frames: "Fr
 def _controlled(model, prompts, frames, keys, seeds, cleanup, literal, sampling, asked, projected, led):
   """A motion for each prompt, all of which are asked for something."""
   counts = [int(round(count)) for count in frames]
+  for one, count in zip(asked, counts):
+    if projected and not finds_its_cycle(one):
+      check_length(count)  # before anything is made
   # What no body can do is told by the projection, where there is one.
   compiled = [possible(_compiled(one, count, model.fps), model.fps, not projected)
               for one, count in zip(asked, counts)]

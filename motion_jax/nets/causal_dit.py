@@ -147,7 +147,7 @@ class CausalDiT(nn.Module):
     self.out = Dense(self.latent_dim, kernel_init=nn.initializers.zeros, dtype=self.dtype)
     if self.control:
       self.control_in = Dense(self.width, **xavier)
-      self.control_out = Dense(self.width, kernel_init=nn.initializers.zeros, dtype=self.dtype)
+      self.control_out = Dense(self.depth * self.width, kernel_init=nn.initializers.zeros, dtype=self.dtype)
 
   def level(self, t: Float[Array, "*lead"]) -> Float[Array, "*lead d"]:
     """Time embedding (..., D) of t (...)."""
@@ -176,9 +176,9 @@ class CausalDiT(nn.Module):
     null_word = self.text_in(jnp.zeros((1, 1, self.text_dim), self.dtype)) if with_null else None
     return tuple(block.text(words, text_mask, null_word) for block in self.blocks)
 
-  def control_tokens(self, control: Float[Array, "b l n"]) -> Float[Array, "b l d"]:
-    """What is added to the tokens of latents that are told control (B, L, N), whose first number says whether they are
-    told anything: 0 where not."""
+  def control_tokens(self, control: Float[Array, "b l n"]) -> Float[Array, "b l told"]:
+    """What is added to the tokens before each layer, side by side (B, L, depth * D), of latents that are told control
+    (B, L, N), whose first number says whether they are told anything: 0 where not."""
     if control.shape[-1] != self.control:
       raise ValueError(f"got {control.shape[-1]} numbers of control a latent, this network takes {self.control}"
                        + ("" if self.control else ": it was trained without; train one with data.control"))
@@ -192,7 +192,7 @@ class CausalDiT(nn.Module):
 
   def window(self, x: Float[Array, "b w c"], t: Float[Array, "b w"], modulation: Float[Array, "depth #b #w 6 d"] | list,
              text: tuple[Text, ...], attn_mask: Bool[Array, "#b 1 w s"], positions: Num[Array, "*#b w"],
-             past: tuple[KeysValues, ...] | None = None, control: Float[Array, "#b w d"] | None = None
+             past: tuple[KeysValues, ...] | None = None, control: Float[Array, "#b w told"] | None = None
              ) -> tuple[Float[Array, "b w c"], tuple[KeysValues, ...]]:
     """Velocity of a window of latents and its keys and values: x (B, W, C), modulation (depth, B or 1, W, 6, D).
 
@@ -200,19 +200,17 @@ class CausalDiT(nn.Module):
     before the window; attn_mask (B or 1, 1, W, P + W) says which of them are there. control: of control_tokens.
     -> (velocity, ((k, v), ...)), keys not turned.
     """
-    latents, x = x, self._tokens(x, control)
+    latents, x = x, self.x_in(x.astype(self.dtype))
     if not self.use_adaln:
       x = x + self.level(t)
     positions = positions if self.use_rope else jnp.zeros_like(positions)
+    told = [] if control is None else jnp.split(control, self.depth, axis=-1)
     new = []
     for i, block in enumerate(self.blocks):
+      x = x + told[i] if told else x
       x, keys_values = block.step(x, modulation[i], text[i], attn_mask, positions, None if past is None else past[i])
       new.append(keys_values)
     return self._to_velocity(self.out(x), latents, t), tuple(new)
-
-  def _tokens(self, x: Float[Array, "b l c"], control: Float[Array, "#b l d"] | None) -> Float[Array, "b l d"]:
-    tokens = self.x_in(x.astype(self.dtype))
-    return tokens if control is None else tokens + control
 
   def _to_velocity(self, y: Float[Array, "b l c"], x: Float[Array, "b l c"], t: Float[Array, "b l"]
                    ) -> Float[Array, "b l c"]:
@@ -249,7 +247,7 @@ class CausalDiT(nn.Module):
 
   def _scanned(self, x: Float[Array, "b l c"], t: Float[Array, "b m"], text_emb: Float[Array, "b s e"],
                attn_mask: Bool[Array, "#b 1 l l"], text_mask: Bool[Array, "b *m s"],
-               control: Float[Array, "b l d"] | None) -> Float[Array, "b l c"]:
+               control: Float[Array, "b l told"] | None) -> Float[Array, "b l c"]:
     """`__call__` by one loop over the layers. Their parameters are stacked here, on the way in: in files and in an
     optimizer each layer has its own."""
     level, words = self.level(t), self.text_in(text_emb.astype(self.dtype))
@@ -257,14 +255,16 @@ class CausalDiT(nn.Module):
     count, positions = x.shape[1] // t.shape[1], jnp.arange(x.shape[1]) * self.use_rope
     t = jnp.repeat(t, count, axis=1)
 
-    def layer(block, x):
+    def layer(block, x, told):
+      x = x if told is None else x + told
       modulation = spread(block.modulation(level) if plain is None else plain, count)
       return block.step(x, modulation, block.text(words, text_mask), attn_mask, positions)[0], None
 
-    latents, x = x, self._tokens(x, control)
+    latents, x = x, self.x_in(x.astype(self.dtype))
     if not self.use_adaln:
       x = x + self.level(t)
+    told = None if control is None else jnp.stack(jnp.split(control, self.depth, axis=-1))
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(block.variables for block in self.blocks))
     block = self.blocks[0].clone(parent=None)
-    x, _ = jax.lax.scan(lambda x, params: block.apply(params, x, method=layer), x, stacked)
+    x, _ = jax.lax.scan(lambda x, row: block.apply(row[0], x, row[1], method=layer), x, (stacked, told))
     return self._to_velocity(self.out(x), latents, t)

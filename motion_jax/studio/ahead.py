@@ -44,6 +44,9 @@ def signal_of(control: Sequence[Constraint], at: float | None, decided: int, pla
   if not control:
     return None
   first = decided if at is None else round(at * fps)
+  if first - decided > limits.seconds * fps:
+    raise InputError(f"got control from {at:g} s on of a stream that is at {decided / fps:.1f} s, expected it to begin "
+                     f"within {limits.seconds:g} s")
   control = [_from_here(one, place if at is None else None) for one in control]
   count = max(_last(one, fps) for one in control) + 1
   if count > limits.seconds * fps:
@@ -52,7 +55,7 @@ def signal_of(control: Sequence[Constraint], at: float | None, decided: int, pla
     raise InputError(f"got control up to {(first + count) / fps:.1f} s of a stream that ends at {ends / fps:.1f} s")
   found = compile(control, count, fps)
   for one in control:
-    if isinstance(one, Keyframe) and not found.given[0, round(one.time * fps), 1:].any():
+    if isinstance(one, Keyframe) and not found.given[0, _last(one, fps), 1:].any():
       raise InputError(f"got a keyframe at {one.time:g} s that may be anywhere, where no path says where the body is; "
                        "give it the place \"world\"")
   return jax.tree.map(lambda a, b: np.concatenate([np.asarray(a), np.asarray(b)], axis=1), signal.none(1, first),
@@ -63,7 +66,7 @@ def _last(one: Any, fps: float) -> int:
   """The last frame of a constraint."""
   if isinstance(one, RootPath) and one.times is None:
     return int(paths.length(one.points[:, [0, -1]]) / one.speed * fps + 1e-9)
-  return int(np.floor((one.time if isinstance(one, Keyframe) else one.times[-1]) * fps + 0.5))
+  return int(np.floor((one.time if isinstance(one, Keyframe) else one.times[-1]) * fps + 0.5 + 1e-9))
 
 
 def _from_here(one: Constraint, place: tuple[float, float] | None) -> Constraint:

@@ -5,7 +5,10 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from motion_jax.control.constraints import RootPath
 from motion_jax.inputs.errors import InputError, reason
+from motion_jax.studio import ahead
+from motion_jax.studio.limits import Limits
 
 _PATIENCE = 600.0  # seconds that a request waits for its model
 
@@ -111,6 +114,11 @@ def _steps(shelf):
     for _ in range(4):
       next(live)
       yield
+    x, z = live.place  # nor does the first path that is drawn wait for its program
+    live.hold(ahead.signal_of([RootPath([[x, z], [x, z + 2.0]])], None, live.decided, live.place, None, model.fps,
+                              Limits()))
+    next(live)
+    yield
 
 
 def live_sampling(model: Any, given: dict[str, Any]) -> dict[str, Any]:

@@ -46,6 +46,11 @@ class Bucket:
 
 
 _MISSING = object()
+# What the methods of models take beside choices of sampling.
+_NO_CHOICES = frozenset((
+    "self", "prompt", "prompts", "segments", "lists", "clip", "clips", "motion", "seed", "seeds", "rng", "seconds",
+    "num_frames", "cleanup", "polish", "literal", "control", "project", "keep", "change", "task", "past",
+    "past_prompt"))
 
 
 class Fields:
@@ -110,6 +115,9 @@ class Fields:
     if given and not (isinstance(value, dict) and len(value) <= 20 and all(
         item is None or type(item) in (int, float, str, bool) for item in value.values())):
       raise InputError(f"got {name} {str(value)[:40]}, expected an object such as {{\"guidance_scale\": 3}}")
+    if strange := sorted(_NO_CHOICES & set(value)):
+      raise InputError(f"got {strange[0]!r} in {name}, which is no choice of sampling; a request says it by a field of "
+                       "its own, or not at all")
     return {str(key)[:60]: item for key, item in value.items() if item is not None}
 
   def control(self, name: str = "control") -> list[Constraint]:

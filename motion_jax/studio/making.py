@@ -9,6 +9,7 @@ import numpy as np
 
 from motion_jax import export
 from motion_jax.inputs.errors import InputError
+from motion_jax.models.controlled import usual_frames
 from motion_jax.models.known_motion import on_our_body
 from motion_jax.models.results import Motion
 from motion_jax.motion.blending import placed_on
@@ -50,6 +51,10 @@ class Maker:
     control = fields.control()
     fields.done()
     model = self.library.model(name, "generate")
+    implied = usual_frames(model, control) if control and seconds is None else None
+    if implied is not None and implied > self.limits.seconds * model.fps:
+      raise InputError(f"control: got what takes {implied / model.fps:.0f} s, expected at most "
+                       f"{self.limits.seconds:g} s; give seconds, times or a larger speed")
     given = sampling | (dict(literal=literal) if model.can("understand") else {})
     given |= dict(control=control, project=cleanup) if control else {}
     with self.place(), told_plainly():

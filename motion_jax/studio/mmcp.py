@@ -92,7 +92,10 @@ def generate(body: Any, maker: Maker) -> dict[str, Any]:
     raise MmcpError(400, "invalid_options", "a loop is made of one segment")
   sampling = {"num_steps": options["steps"], "guidance_scale": options["guidance"]}
   sampling = {name: value for name, value in sampling.items() if value is not None}
-  rows = [(prompt, max(count / fps, model.frames_per_latent / model.fps)) for prompt, count in segments]
+  # Rounded as a whole, or ten segments would be some frames too short.
+  ends = np.ceil(np.cumsum([count for _, count in segments]) * (model.fps / fps) - 1e-9)
+  rows = [(prompt, float(max(count, model.frames_per_latent)) / model.fps)
+          for (prompt, _), count in zip(segments, np.diff(ends, prepend=0))]
   total = sum(count for _, count in segments)
   control, told = _constraints(body.get("constraints"), total, fps, model)
   with maker.place():
@@ -114,7 +117,7 @@ def _constraints(given, total, fps, model):
   if given and model.stats.layout.skeleton is not HUMANML3D:
     raise MmcpError(400, "unsupported_constraint", "this model takes no constraints")
   try:
-    return mmcp_constraints.read(given, total, fps)
+    return mmcp_constraints.read(given, total, fps, model.fps)
   except mmcp_constraints.ConstraintError as error:
     raise MmcpError(error.status, error.code, str(error)) from None
 

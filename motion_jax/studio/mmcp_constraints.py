@@ -29,10 +29,10 @@ class ConstraintError(ValueError):
     self.status, self.code = status, code
 
 
-def read(rows: Any, frames: int, fps: float) -> tuple[list[Constraint], list[str]]:
+def read(rows: Any, frames: int, fps: float, rate: float = 20.0) -> tuple[list[Constraint], list[str]]:
   """(our constraints, sentences about what was left out) of a request's constraints for a motion of so many frames.
 
-  Raises ConstraintError.
+  rate: frames a second of the model. Raises ConstraintError.
   """
   if rows is None:
     return [], []
@@ -52,15 +52,15 @@ def read(rows: Any, frames: int, fps: float) -> tuple[list[Constraint], list[str
       raise ConstraintError(422, "schema_validation", f"constraint {number} ({kind}): got the unknown field "
                             f"{str(min(strange))[:40]!r}")
     try:
-      found.append(_constraint(kind, row, frames, fps, notes))
+      found += _constraints(kind, row, frames, fps, rate, notes)
     except InputError as error:
       raise ConstraintError(422, "schema_validation", f"constraint {number} ({kind}): {error}") from None
   return found, list(dict.fromkeys(notes))
 
 
-def _constraint(kind, row, frames, fps, notes) -> Constraint:
+def _constraints(kind, row, frames, fps, rate, notes) -> list[Constraint]:
   if kind == "pose_keyframe":
-    return _pose(row, frames, fps, notes)
+    return [_pose(row, frames, fps, notes)]
   times = _frames(row.get("frames"), frames) / fps
   places = row.get("positions_xz" if kind == "root_path" else "positions")
   if not isinstance(places, list) or len(places) != len(times):
@@ -70,14 +70,17 @@ def _constraint(kind, row, frames, fps, notes) -> Constraint:
     dense = bool(len(step) and step.max() < 1.5 / fps)  # then all of the way is given, and not points of it
     if np.shape(places) != (len(times), 2):
       raise InputError("expected positions_xz of two numbers each")
-    return RootPath(places, times, heading=row.get("heading_radians"), between=dense)
+    return [RootPath(places, times, heading=row.get("heading_radians"), between=dense)]
   if row.get("rotations") is not None:
     notes.append("rotations of an effector_target are not followed, its positions are")
   name = row.get("joint")
   if name not in HUMANML3D.joints:
     raise ConstraintError(400, "unknown_joint", f"got the joint {str(name)[:40]!r}, expected one of the "
                           "canonical_skeleton")
-  return EffectorTarget(name, times, places)
+  # Frames next to one another are a curve: several of them may be one frame of the model.
+  whole, cuts = EffectorTarget(name, times, places), np.flatnonzero(np.diff(times) > 1.5 / rate) + 1
+  return [EffectorTarget(name, at, where, between=len(at) > 1)
+          for at, where in zip(np.split(times, cuts), np.split(whole.positions, cuts))]
 
 
 def _pose(row: dict[str, Any], frames: int, fps: float, notes: list[str]) -> Keyframe:

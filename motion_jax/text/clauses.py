@@ -169,7 +169,7 @@ def _noun_list(previous):
   clause = previous[2]
   last = clause.words[-1].lower() if clause.words else ""
   return last.endswith("s") and bool(actions.verb_of(last)) and actions.verb_of(last) != "cross" and (
-      last not in ("arms", "hands"))
+      last not in ("arms", "hands", "steps"))
 
 
 def clause_of(tokens):

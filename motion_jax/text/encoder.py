@@ -20,6 +20,7 @@ from motion_jax.text.vocabulary import FUNCTION_WORDS, forms, strange_words
 SHIPPED = pathlib.Path(__file__).parents[1] / "pretrained"
 LEVELS = ("words", "sentence")
 KNOWN_WORDS = "known_words.txt"
+CARRIED = "text_encoder"  # where a run keeps its own (`training.checkpoint.ENCODER`)
 FAMILIAR = 0.65  # cosine to the nearest known word from which on an unseen word counts as understood
 # Cosine of two words' features from which on they mean the same movement: walks and saunters 0.74, throws and tosses
 # 0.76, quick and hastily 0.83; grab and catches 0.65, bounces and backflip 0.38.
@@ -303,6 +304,7 @@ def load_text_encoder(name_or_folder="words", max_words=None, level="words"):
   """The frozen encoder of that name or in that folder.
 
   "words": the small encoder that ships. "random-init": a tiny one with random weights, always the same, for tests.
+  A run folder or a model that ships, such as "cmdm-small": the encoder inside, which it was trained on.
   Otherwise a folder in Hugging Face layout, or a name of `hub.REVISIONS` (with the extra `hub` and a network it is
   fetched at a pinned revision; "owner/name@revision" fetches another). A folder holds config.json, model.safetensors
   and
@@ -323,11 +325,18 @@ def load_text_encoder(name_or_folder="words", max_words=None, level="words"):
   name = former_names.current_value(str(name_or_folder))
   if name == "random-init":
     return TextEncoder(_random_init(), name, max_words=max_words, level=level)
-  place = SHIPPED / name if name in shipped_encoders() else hub.find(name_or_folder)
+  carried = _carried(name_or_folder)
+  place = SHIPPED / name if name in shipped_encoders() else carried or hub.find(name_or_folder)
   known = place / KNOWN_WORDS
   return TextEncoder(folder.read(place, name, level), name, max_words=max_words, level=level,
                      known_words=text_files.read_text(known).split() if known.is_file() else (),
-                     folder=place if pathlib.Path(name_or_folder) == place else None)
+                     folder=place if place in (carried, pathlib.Path(name_or_folder)) else None)
+
+
+def _carried(run):
+  """The folder of the encoder inside a run folder or a model that ships, None where there is none."""
+  places = (pathlib.Path(run) / CARRIED, SHIPPED / run / CARRIED)
+  return next((place for place in places if (place / "tokenizer.json").is_file()), None)
 
 
 def shipped_encoders():

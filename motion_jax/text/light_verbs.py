@@ -10,6 +10,8 @@ _NOUNS = {noun: noun for noun in "bow jump hop squat kick punch jab spin turn wa
 _DOWN = {"seat": ["down"]}
 _LIMB = {"kick": "foot", "punch": "hand", "jab": "hand", "wave": "hand", "salute": "hand"}
 _ARTICLES = {"a", "an", "another", "the"}
+_WHOSE = {"the", "his", "her", "their", "its", "my", "your", "both"}
+_PACES = {"slow": "slowly", "quick": "quickly", "fast": "quickly", "rapid": "quickly"}
 _BEHIND = set("to in into on onto at with from for over towards toward forward forwards backward backwards back left "
               "right up down around high again quickly slowly fast upwards sideways".split())
 _ING = {"sit": "sitting", "squat": "squatting", "hop": "hopping", "spin": "spinning", "jab": "jabbing",
@@ -29,9 +31,14 @@ def reworded(verb: str, words: Sequence[str], numbers: Mapping[str, float]) -> R
 
   numbers: words for numbers, {"two": 2}.
   """
+  rest, times = [word.lower() for word in words], 1
+  if verb == "put":
+    return _hands_up(rest, words)
   if verb not in LIGHT:
     return None
-  rest, times = [word.lower() for word in words], 1
+  if verb == "take" and rest[:1] and rest[0] in _PACES and rest[1:2] == ["steps"]:
+    way = ["forward"] if rest[2:] in (["ahead"], []) else words[2:]
+    return Reworded("walk", "walking", [*way, _PACES[rest[0]]], 1)
   if rest[:1] and rest[0] in numbers and rest[0] not in _ARTICLES:
     times, rest = int(numbers[rest[0]]), rest[1:]
   elif rest[:1] and rest[0] in _ARTICLES:
@@ -52,3 +59,20 @@ def reworded(verb: str, words: Sequence[str], numbers: Mapping[str, float]) -> R
   said = [] if not side else [side] if found == "turn" else ["with", "the", side, _LIMB[found]]
   behind = list(words[len(words) - len(rest) + 1:])
   return Reworded(own, _ING.get(own, own + "ing"), [*_DOWN.get(found, []), *said, *behind], times)
+
+
+def _hands_up(rest, words):
+  """"puts her hands up" is to raise both hands, "puts up a hand" to raise a hand; None for any other thing."""
+  named = rest[1:] if rest[:1] == ["up"] else rest
+  start = 1 if named[:1] and named[0] in (*_WHOSE, "a") else 0
+  side = named[start] if named[start:start + 1] and named[start] in ("left", "right") else ""
+  thing = start + bool(side)
+  if named[thing:thing + 1] not in (["hand"], ["hands"], ["arm"], ["arms"]):
+    return None
+  behind = named[thing + 1:]
+  if len(named) == len(rest):
+    if behind[:1] != ["up"]:
+      return None
+    behind = behind[1:]
+  which = ["the", side] if side else ["both"] if named[thing].endswith("s") else ["a"]
+  return Reworded("raise", "raising", [*which, named[thing], *(words[len(words) - len(behind):] if behind else [])], 1)

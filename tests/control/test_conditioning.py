@@ -11,7 +11,8 @@ from motion_jax.control import conditioning, patterns
 from motion_jax.control import signal as signals
 from motion_jax.diffusion.schedules import staircase
 from motion_jax.models.cmdm import streaming
-from motion_jax.nets.masks import sliding_mask
+from motion_jax.nets.causal_dit import CausalDiT
+from motion_jax.nets.masks import block_causal_mask, sliding_mask
 from motion_jax.training.setup import untrained
 from tests.conftest import load_config
 from tests.diffusion.test_streaming import SCALE, assert_close, encode_text, setting, step
@@ -196,3 +197,18 @@ def _with_control(rate):
   config = load_config("cmdm_denoiser", "tiny")
   config.data.control, config.loss.control, config.loss.decoded_from = rate, 1.0, 0.0
   return config
+
+
+def test_each_layer_is_told_in_its_own_words():
+  """One loop over the layers is the layers in a row, and what the second is told is not what the first is."""
+  net = CausalDiT(latent_dim=4, width=16, depth=2, num_heads=2, ff_width=32, text_dim=8, block=3, control=5)
+  shapes = (1, 6, 4), (1, 6), (1, 6, 5)
+  x, t, control = (jax.random.normal(jax.random.key(i), shape) for i, shape in enumerate(shapes))
+  control = control.at[..., 0].set(1.0)
+  given = (x, jax.nn.sigmoid(t), jnp.ones((1, 2, 8)), block_causal_mask(6, 3), jnp.ones((1, 2), bool))
+  params = untrained(jax.eval_shape(lambda: net.init(jax.random.key(0), *given)))
+  made = net.apply(params, *given, control)
+  np.testing.assert_allclose(net.clone(scan_layers=True).apply(params, *given, control), made, atol=1e-5)
+  layer = params["params"]["control_out"]
+  params["params"]["control_out"] = layer | {"kernel": np.asarray(layer["kernel"]) * np.repeat([1, 0], 16)}
+  assert np.abs(net.apply(params, *given, control) - made).max() > 1e-4

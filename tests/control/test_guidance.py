@@ -138,6 +138,29 @@ def test_a_stream_is_the_offline_motion_and_never_moves_what_was_given_out(model
 
 
 @pytest.mark.slow
+def test_a_stream_whose_cleanup_moves_the_body_is_led_to_where_it_is_seen(model):
+  """A cleanup that sets the body aside: what is decoded heads for the asked places less that, and is seen at them."""
+  by = np.array([0.3, 0.0, -0.2], np.float32)
+
+  class Aside:
+    def push(self, joints, contacts):
+      return joints + by
+
+  def streamed(signal, cleaner=None):
+    stream = model.stream("a person walks", seed=1, cleanup=False, **SAMPLING)
+    stream.hold(signal)
+    if cleaner:
+      stream._cleaner, stream._drift = cleaner, by[::2].astype(float)
+    return np.concatenate([stream.step() for _ in range(5)])
+
+  signal = hand()
+  less = signals.ControlSignal(jnp.where(signal.given, signal.positions - by, 0.0), signal.given, signal.heading,
+                               signal.heading_given)
+  np.testing.assert_allclose(streamed(signal, Aside()), streamed(less) + by, atol=1e-4)
+  assert np.abs(streamed(less) - streamed(signal)).max() > 1e-3
+
+
+@pytest.mark.slow
 def test_a_stream_of_a_network_that_is_told_is_the_offline_motion(model):
   """The tokens that `hold` makes are those of `sample`; what is asked later changes nothing before."""
   told = copy.copy(model)

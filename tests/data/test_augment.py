@@ -12,6 +12,7 @@ from motion_jax.data import sources
 from motion_jax.data.augment import KINDS, augmented
 from motion_jax.data.augment.chains import in_a_row
 from motion_jax.data.augment.counted import how_often
+from motion_jax.data.augment.excerpts import _lead
 from motion_jax.data.augment.warps import at_pace
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.synthetic import synthetic_joints
@@ -23,18 +24,28 @@ from motion_jax.motion.retarget import retarget
 _SAID = {"walk": "a person walks forward.", "wave_left": "a person waves with the left hand.",
          "squat": "a person squats down and stands up.", "stand": "a person stands still."}
 _JUMP = {"jump": "a person jumps up."}
+_SAYS = {"seats": {"seat": "a person sits on a chair and stands up."}}
+
+
+def _joints(action, seed):
+  """As the procedural clips; a squat that lasts is a seat."""
+  draw = np.random.default_rng(seed)
+  if action != "seat":
+    return synthetic_joints(action, 150 if action == "walk" else 70, draw)
+  joints = synthetic_joints("squat", 70, draw)
+  low = int(joints[:, 0, 1].argmin())
+  return np.concatenate([joints[:low], np.repeat(joints[low:low + 1], 24, 0), joints[low:]])
 
 
 def _clips(source="ours", seeds=1, said=_SAID):
-  joints = lambda action, seed: synthetic_joints(action, 150 if action == "walk" else 70, np.random.default_rng(seed))
-  return [Clip(joints(action, seed).astype(np.float32), captions=(Caption(text),), id=f"{source}{action}{seed}",
+  return [Clip(_joints(action, seed).astype(np.float32), captions=(Caption(text),), id=f"{source}{action}{seed}",
                split="train", source=source, meta={"content": action})
           for action, text in said.items() for seed in range(seeds)]
 
 
 @functools.cache
 def _made(kind):
-  return augmented(_clips() + _clips("theirs"), {kind: 1.0})
+  return augmented(_clips(said=_SAYS.get(kind, _SAID)) + _clips("theirs", said=_SAYS.get(kind, _SAID)), {kind: 2.0})
 
 
 def test_nothing_asked_nothing_made():
@@ -47,7 +58,7 @@ def test_nothing_asked_nothing_made():
 def test_the_same_clips_make_the_same_clips(kind):
   made = _made(kind)
   assert made and {clip.source for clip in made} == {"ours", "theirs"}
-  again = augmented(_clips("theirs"), {kind: 1.0})
+  again = augmented(_clips("theirs", said=_SAYS.get(kind, _SAID)), {kind: 2.0})
   theirs = [clip for clip in made if clip.source == "theirs"]
   assert [clip.id for clip in theirs] == [clip.id for clip in again]
   for one, other in zip(theirs, again):
@@ -105,6 +116,44 @@ def test_an_excerpt_is_most_of_what_is_done():
     jump, = (event for event in find_events(clip.joints) if event.kind != "still")
     assert 30 <= clip.num_frames <= 0.9 * source.num_frames and jump.kind == "jump"
     assert 0.25 < jump.start < 1.4 and all("jump" in caption.text or "hop" in caption.text for caption in clip.captions)
+
+
+def test_a_body_sits_down_or_stands_up():
+  shown = set()
+  for clip in _made("seats"):
+    shown.add(kind := clip.meta["content"].removeprefix("seat: "))
+    height = clip.joints[:, 0, 1] / clip.joints[:, 0, 1].max()
+    first, last = (height[0], height[-1]) if kind == "sit" else (height[-1], height[0])
+    assert first > 0.9 and last < 0.86
+    assert all(re.search(r"sits|takes a seat" if kind == "sit" else "up", caption.text) for caption in clip.captions)
+  assert shown == {"sit", "rise"}
+  assert augmented(_clips(said={"squat": _SAID["squat"]}), {"seats": 1.0}) == []  # nobody says that it is a chair
+
+
+def _spin(degrees, rest):
+  """A body that stands, turns on the spot within two seconds, and stands."""
+  stand = synthetic_joints("stand", 40 + 2 * rest, np.random.default_rng(0))
+  angle = np.radians(degrees) * np.clip((np.arange(len(stand)) - rest) / 40, 0, 1)
+  sin, cos = np.sin(angle)[:, None], np.cos(angle)[:, None]
+  x, z = stand[..., 0], stand[..., 2]
+  return np.stack([x * cos + z * sin, stand[..., 1], z * cos - x * sin], -1).astype(np.float32)
+
+
+@pytest.mark.parametrize("degrees, found", [(180, True), (-180, True), (100, False)])
+def test_a_turn_by_half_a_circle_is_turning_around(degrees, found):
+  clip = Clip(_spin(degrees, 50), captions=(Caption("a person dances."),), id="spin", split="train", source="ours",
+              meta={"content": "dance"})
+  made = augmented([clip], {"excerpts": 3.0})
+  assert bool(made) == found
+  for one in made:
+    side = "left" if degrees > 0 else "right"
+    assert {f"a person turns around to the {side}.", "someone turns around."} <= {text.text for text in one.captions}
+
+
+def test_an_excerpt_begins_and_ends_at_rest_where_there_is_any():
+  lead = lambda rests, seed: _lead(30, np.array(rests), np.random.default_rng(seed))
+  assert {lead([False] * 12 + [True] * 3 + [False] * 15, seed) for seed in range(20)} == {12, 13, 14}
+  assert all(6 <= lead([False] * 30, seed) <= 20 for seed in range(20))
 
 
 def test_an_excerpt_in_which_something_else_is_found_is_dropped(monkeypatch):

@@ -79,13 +79,36 @@ def test_an_exported_page_shows_what_was_asked(client):
     (asked({"type": "keyframe", "time": 1, "file": "/etc/passwd"}), "names a file"),
     (asked({"type": "effector", "joint": "tail", "times": [1], "positions": [[0, 1, 0]]}), "the joint 'tail'"),
     (asked({"type": "effector", "joint": "head", "times": [9], "positions": [[0, 1, 0]]}), "got effector at 9 s"),
-    (asked({"type": "keyframe", "time": 1, "joints": [[0, 0, 0]]}), "got 1 joints")])
+    (asked({"type": "keyframe", "time": 1, "joints": [[0, 0, 0]]}), "got 1 joints"),
+    (asked({"type": "keyframe", "time": 1, "joints": None}), "joints is missing"),
+    (asked({"type": "keep_parts", "parts": 5, "joints": [[[0, 0, 0]] * 22]}), "a value of the wrong kind"),
+    (asked({**PATH, "points": [[0, 10**400], [1, 1]]}), "no numbers"),
+    (asked({**PATH, "speed": 1e-320}), "expected 0, or 0.0001 or more")])
 def test_what_cannot_be_asked_is_told_in_one_sentence(client, control, told):
   body = json.dumps({"blocks": BLOCKS, "control": control}).replace("Infinity", "1e999")
   assert told in refusal(client.post("/v1/story", content=body))
   if told != "got effector at 9 s":
     assert told in refusal(client.post("/v1/project", content=json.dumps(PROJECT | {"control": control})
                                        .replace("Infinity", "1e999")))
+
+
+@pytest.mark.parametrize("body, told", [
+    ({"sampling": {"control": "/etc/passwd"}}, "got 'control' in sampling, which is no choice of sampling"),
+    ({"sampling": {"num_frames": 72_000}}, "got 'num_frames' in sampling"),
+    ({"sampling": {"seed": 1}}, "got 'seed' in sampling"),
+    ({"sampling": {"control_steps": 1e9}, "control": asked(PATH)}, "got control_steps 1000000000.0, expected"),
+    ({"control": asked({**PATH, "times": [0, 300, 600]})}, "control: got what takes 600 s, expected at most"),
+    ({"control": asked({**PATH, "points": [[0, 0], [9000, 0]], "speed": 1e-3})}, "control: got what takes 9")])
+def test_a_request_asks_for_no_more_than_a_studio_makes(client, body, told):
+  assert told in refusal(client.post("/v1/generate", json={"prompt": "a person walks"} | body))
+
+
+def test_what_is_asked_of_a_stream_lies_within_reach_and_on_its_frames():
+  signal_of = lambda one, at: ahead.signal_of([one], at, 20, (0.0, 0.0), None, 20.0, Limits())
+  pose = np.random.default_rng(0).normal(size=(22, 3))
+  assert signal_of(Keyframe(pose, 0.125, "world"), 1.0).given[0, 23].all()  # half a frame is rounded up, as elsewhere
+  with pytest.raises(InputError, match="got control from 1e[+]06 s on of a stream that is at 1.0 s"):
+    signal_of(Keyframe(pose, 0.125, "world"), 1e6)
 
 
 def test_a_story_behind_a_motion_takes_no_control(client):

@@ -80,6 +80,32 @@ def test_a_pose_of_mmcp_is_turned_as_replies_are():
   assert np.abs(found.joints - same).max() < 1e-6 and found.place == "world" and not told and found.time == 0.4
 
 
+def test_a_hand_at_every_frame_of_another_rate_is_a_curve():
+  """Two frames at 30 a second may be one of the model's; frames far apart stay targets of their own."""
+  from motion_jax.control.compiling import compile
+  from motion_jax.studio import mmcp_constraints
+  frames = [*range(30), 60]
+  places = [[0.01 * frame, 1.2, 0.3] for frame in frames]
+  found, _ = mmcp_constraints.read([{"type": "effector_target", "joint": "left_wrist", "frames": frames,
+                                     "positions": places}], 90, 30.0, 20.0)
+  signal = compile(found, 60, 20.0)
+  given = signal.given[0, :, 20].all(-1)
+  assert given[:20].all() and not given[20:40].any() and given[40] and not given[41:].any()
+  np.testing.assert_allclose(signal.positions[0, :20, 20, 0], 0.015 * np.arange(20), atol=2e-3)
+
+
+def test_segments_of_another_rate_are_as_long_as_asked(client, request_body):
+  """Ten of 14 frames at 30 a second are 4.67 s, though none is whole frames of the model."""
+  place = {"type": "root_path", "frames": [0, 139], "positions_xz": [[0, 0], [0, 1.5]]}
+  segment = {"type": "text", "prompt": "a person walks", "duration_frames": 14}
+  body = request_body | {"segments": [segment] * 10, "timing": {"fps": 30}, "constraints": [place],
+                         "options": {"seed": 5, "diffusion_steps": 4}}
+  reply = client.post("/mmcp/generate", json=body)
+  assert reply.status_code == 200, reply.text
+  root = tracks(reply.json(), 0)["translation", 0]
+  assert len(root) == 140 and np.abs(root[139, [0, 2]] - [0, 1.5]).max() < 0.2  # between two frames of the model
+
+
 def test_rate_loop_and_guidance(client, request_body):
   body = request_body | {"timing": {"fps": 30}, "segments": request_body["segments"][:1],
                          "options": {"loop": True, "guidance": {"type": "nocfg"}, "diffusion_steps": 4}}

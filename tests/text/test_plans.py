@@ -102,6 +102,10 @@ COMPOSED = {
     # a noun that says what is done
     "someone walks up and takes a bow": "walks up | bows",
     "someone walks ahead and takes a seat": "walks ahead | sits down",
+    "a man walks a few steps and stands still": "walks a few steps | stands still",
+    "she puts her hands up": "raises both hands", "someone puts up the left hand": "raises the left hand",
+    "the person takes slow steps ahead": "walks forward slowly",
+    "a person takes quick steps backward": "walks backward quickly",
     "she throws a left punch": "punches with the left hand",
     "the person takes a right turn": "turns right",
     "a person waves while doing a jump": "jumps + waves",

@@ -4,19 +4,29 @@ A clip of eight seconds in which a fist flies out three times teaches little of 
 sentence names is the most. What is said of it is what the rules that describe motion find in it.
 """
 import collections
+import re
 from collections.abc import Iterator
 
+import numpy as np
+
 from motion_jax.data.augment.counted import how_often
-from motion_jax.data.augment.parts import new_clip
+from motion_jax.data.augment.parts import MOST, new_clip, resting
 from motion_jax.data.clip import Clip
 from motion_jax.data.describe import FPS, sentences, spoken_of
 from motion_jax.motion.events import find_events
+from motion_jax.motion.signals import Body
 
 _ACTS = ("kick", "punch", "jump", "hop", "squat", "bow", "raise", "wave", "reach-floor")
+_AROUND = (150, 210)  # degrees of a turn that is called turning around
+_TURNS = ("a person turns around to the {side}.", "someone turns around.", "a person turns around on the spot.",
+          "the person turns 180 degrees to the {side}.")
+_FIGHTS = re.compile(r"kick|punch|box|karate|geri", re.IGNORECASE)  # clips whose kicks and punches are meant
+_ROUGH = re.compile(r"playground|climb|uneven|terrain|ladder|stool|Unknown")  # where not every rule is to be believed
 _LEAD = (0.3, 1.0)   # seconds before the first and behind the last act
+_REST = 1.6          # seconds before and behind it in which a body at ease is looked for, to begin and end with
 _SHORTEST = 30       # frames of an excerpt
 _SHARE = 0.9         # of its clip that an excerpt is at most: a longer one is the clip
-_USES = 6            # excerpts of one clip
+_USES, _TRIES = 6, 18  # excerpts of one clip and kind, and attempts at them
 
 
 def excerpts(parts, rng) -> Iterator[Clip | None]:
@@ -26,41 +36,75 @@ def excerpts(parts, rng) -> Iterator[Clip | None]:
   for k, (_, acts) in enumerate(ready):
     for kind in {act.kind for act in acts}:
       by_kind.setdefault(kind, []).append(k)
-  uses, number = collections.Counter[tuple[str, int]](), 0
+  uses, tries, number = collections.Counter[tuple[str, int]](), collections.Counter[tuple[str, int]](), 0
   while any(by_kind.values()):
     number += 1
     kinds = sorted(kind for kind, own in by_kind.items() if own)
     kind = kinds[rng.integers(len(kinds))]  # rare kinds as often as frequent ones
     k = by_kind[kind][rng.integers(len(by_kind[kind]))]
-    uses[kind, k] += 1
-    if uses[kind, k] == _USES:
-      by_kind[kind].remove(k)
     part, acts = ready[k]
-    yield _cut(part, acts, kind, number, rng)
+    made = _cut(part, acts, kind, number, rng)
+    tries[kind, k] += 1
+    uses[kind, k] += made is not None
+    if uses[kind, k] == _USES or tries[kind, k] == _TRIES:
+      by_kind[kind].remove(k)
+    yield made
 
 
 def _acts_of(part):
-  """What is done in a clip, as far as its captions speak of it."""
-  return [event for event in spoken_of(part.events, part.words) if event.kind in _ACTS]
+  """What is done in a clip, as far as its captions speak of it; kicks and punches of all that fight, and turns by half
+  a circle, on one spot, of whatever clip: captions seldom speak of these."""
+  said = [event for event in spoken_of(part.events, part.words) if event.kind in _ACTS]
+  if _ROUGH.search(part.words):
+    return said
+  walks = [event for event in part.events if event.kind in ("walk", "run")]
+  return [event for event in part.events if event in said
+          or event.kind in ("kick", "punch") and _FIGHTS.search(part.words)
+          or _turns_around(event) and not any(walk.start < event.end and walk.end > event.start for walk in walks)]
+
+
+def _turns_around(event):
+  return event.kind == "turn" and _AROUND[0] <= abs(event.amount) <= _AROUND[1]
+
+
+def _net_turn(joints):
+  heading = Body(joints, FPS).heading
+  return np.degrees(heading[-1] - heading[0])
+
+
+def _lead(frames, rests, rng):
+  """How many of the frames beside an act are kept, the next one first: to one in which the body is at ease, if it ever
+  is."""
+  soonest = round(_LEAD[0] * FPS)
+  calm = np.flatnonzero(rests[soonest:round(_REST * FPS)]) + soonest
+  calm = calm[calm < frames]
+  return int(calm[rng.integers(len(calm))]) if len(calm) else min(round(float(rng.uniform(*_LEAD)) * FPS), frames)
 
 
 def _cut(part, acts, kind, number, rng):
   own = [place for place, act in enumerate(acts) if act.kind == kind]
   place = own[rng.integers(len(own))]
-  act, others = acts[place], [other for other in part.events if other.kind in _ACTS and other is not acts[place]]
-  before, behind = (float(rng.uniform(*_LEAD)) for _ in range(2))
+  act = acts[place]
+  others = [other for other in part.events if (other.kind in _ACTS or _turns_around(other)) and other != act]
   # Nothing else that is done is cut in two.
-  first = max([act.start - before, *(other.end for other in others if other.end <= act.start)])
-  past = min([act.end + behind, *(other.start for other in others if other.start >= act.end)])
-  begin, end = max(round(first * FPS), 0), min(round(past * FPS) + 1, len(part.joints))
+  first = max([0.0, *(other.end for other in others if other.end <= act.start)])
+  past = min([len(part.joints) / FPS, *(other.start for other in others if other.start >= act.end)])
+  start, stop, rests = round(act.start * FPS), round(act.end * FPS) + 1, resting(part.joints)
+  begin = start - _lead(start - round(first * FPS), rests[:start][::-1], rng)
+  end = min(stop + _lead(max(round(past * FPS) - stop, 0), rests[stop:], rng), len(part.joints))
+  first, past = begin / FPS, end / FPS
   if any(other.start < past and other.end > first for other in others) or not (
-      _SHORTEST <= end - begin <= _SHARE * len(part.joints)):
+      _SHORTEST <= end - begin <= min(_SHARE * len(part.joints), MOST)):
     return None
   joints = part.joints[begin:end]
   events = find_events(joints, FPS)
-  found = [event for event in events if event.kind in _ACTS]
+  found = [event for event in events if event.kind in _ACTS or kind == "turn" and _turns_around(event)]
   if [(event.kind, event.side, event.count) for event in found] != [(act.kind, act.side, act.count)]:
     return None
-  texts = sentences(found, (len(joints) - 1) / FPS, key=f"{part.clip.id}{number}")
+  if kind == "turn":
+    around = _AROUND[0] <= abs(_net_turn(joints)) <= _AROUND[1]
+    texts = [text.format(side=act.side) for text in _TURNS] if around else []
+  else:
+    texts = sentences(found, (len(joints) - 1) / FPS, key=f"{part.clip.id}{number}")
   often = how_often(found)
   return new_clip("excerpt", number, joints, texts, part, f"{kind} {act.side} {often or ''}".strip()) if texts else None

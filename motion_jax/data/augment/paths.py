@@ -21,7 +21,7 @@ _SHAPES = {
     "curve": ("in a curve to the {side}", "in an arc to the {side}", "and curves to the {side}",
               "along a curved path to the {side}"),
     "u-turn": ("in a half circle to the {side}", "and makes a u-turn to the {side}",
-               "in a u-turn to the {side}"),
+               "in a u-turn to the {side}", "and turns around to the {side}", "and turns around"),
     "zigzag": ("in a zigzag", "along a zigzag path", "in a zigzag line"),
 }
 

@@ -13,6 +13,7 @@ from motion_jax.control.signal import ControlSignal
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.inputs import former_names
 from motion_jax.inputs.config_files import module_fields
+from motion_jax.inputs.numerals import checked
 from motion_jax.latents import AutoencoderCodec
 from motion_jax.models import cdamd, controlled
 from motion_jax.models.base import Frames, Prompts, TextToMotionModel, keys_of
@@ -98,7 +99,8 @@ class CdamdModel(TextToMotionModel):
              cleanup: bool, sampling: dict[str, Any], signal: ControlSignal | None = None) -> Motions:
     """Motions of prompts that are said to the network as they are, a key each; see `sample_controlled`."""
     sampling = dict(sampling)
-    steps = sampling.pop("control_steps", CONTROL_STEPS) + sampling.pop("settles", 0)
+    steps = sum(checked(sampling.pop(name, usual), 0, 100, name) for name, usual in (
+        ("control_steps", CONTROL_STEPS), ("settles", 0)))
     frames = [count // self.frames_per_latent * self.frames_per_latent for count in frames]
     every = np.arange(self.max_latents) < np.array(frames)[:, None] // self.frames_per_latent
     plan, masked, scale, about = self._tables(keys, every, **sampling)

@@ -8,6 +8,7 @@ import jax
 from motion_jax.control.signal import ControlSignal
 from motion_jax.data.clip import Clip
 from motion_jax.inputs import former_names
+from motion_jax.inputs.numerals import checked
 from motion_jax.models import composed, controlled
 from motion_jax.models.base import Frames, Prompts, keys_of
 from motion_jax.models.cmdm import multi_prompt as multi
@@ -56,7 +57,8 @@ class CmdmModel(CmdmNetworks):
              cleanup: bool, sampling: dict[str, Any], signal: ControlSignal | None = None) -> Motions:
     """Motions of prompts that are said to the network as they are, a key each; see `sample_controlled`."""
     sampling = dict(sampling)
-    control_steps, settles = sampling.pop("control_steps", CONTROL_STEPS), sampling.pop("settles", SETTLES)
+    control_steps, settles = (checked(sampling.pop(name, usual), 0, 100, name) for name, usual in (
+        ("control_steps", CONTROL_STEPS), ("settles", SETTLES)))
     plan, chosen, about = self.plan_of(**sampling)
     # Whole blocks are independent of what follows them; a few more of them spare a compilation for every new length.
     blocks = -(-max(frames) // (plan.block * self.vae.frames_per_latent * 4)) * 4

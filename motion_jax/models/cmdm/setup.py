@@ -46,6 +46,7 @@ from motion_jax.training.setup import (
 
 RANDOM_INIT_TEXT = bert.bert_fields(dict(model_type="distilbert", vocab_size=4, dim=8, n_layers=1, n_heads=1,
                                          hidden_dim=8))
+_TOKENIZERS = ("cmdm.tokenizer", "cmdm.denoiser")  # runs with one in them
 
 
 def tokenizer(config: ConfigDict) -> TrainingSetup:
@@ -144,7 +145,7 @@ def denoiser_fields(config: ConfigDict) -> dict[str, Any]:
     found["model"] = config.model.to_dict() | {"control": count}
   if config.frozen.tokenizer == "random-init":
     return found
-  taught = runs.open(config.frozen.tokenizer, "cmdm.tokenizer").config.taught_by
+  taught = runs.open(config.frozen.tokenizer, _TOKENIZERS).config.taught_by
   return found | ({"taught_by": taught.to_dict()} if taught else {})
 
 
@@ -160,8 +161,7 @@ def _denoiser_parts(config):
     vae = CausalVAE(**module_fields(config.tokenizer))
     stats, codec = run.stats, VaeCodec.of(vae, run.frozen(cmdm.frozen_shapes(vae)))
   else:
-    vae, params, stats = load_tokenizer(config.frozen.tokenizer, config)
-    codec = VaeCodec(vae, params)
+    codec, stats = load_tokenizer(config.frozen.tokenizer, config)
   data = sources.load_features(config.data, stats=stats)
   weights = None
   if config.data.balance:
@@ -172,7 +172,7 @@ def _denoiser_parts(config):
   items = _items(config, data, tuple(config.data.lengths), weights)
   encoder = load_text_encoder(config.frozen.text, level=config.frozen.text_level)
   encoder.check(caption for captions in data.captions for caption in captions)
-  if not _has_teacher(config):
+  if codec.mean is None:  # a bare tokenizer's latents have no scale yet
     codec = codec.fitted(data.features) if config.loss.unit_latents else codec.unscaled()
   return data, items, encoder, codec
 
@@ -265,21 +265,29 @@ def encode_denoiser(config: ConfigDict, folder: str | os.PathLike) -> str:
                         latents_look_back=codec.net.causal)
 
 
-def load_tokenizer(folder: str, config: ConfigDict) -> tuple[CausalVAE, Any, Stats]:
-  """(module, params, stats) of a trained tokenizer; "random-init" makes one with random weights, to try things out."""
+def load_tokenizer(folder: str, config: ConfigDict) -> tuple[VaeCodec, Stats]:
+  """(codec, stats) of a trained tokenizer, without a scale of its latents (None), or of the one that a denoiser's run
+  or a model that ships stands on, with the scale that the denoiser knows; "random-init" makes one to try things out.
+  """
   if folder == "random-init":
     vae = CausalVAE(**config.tokenizer)
-    return vae, untrained(cmdm.frozen_shapes(vae)[TOKENIZER]), sources.load_features(config.data).stats
-  run = runs.open(folder, "cmdm.tokenizer")
-  theirs = CausalVAE(**module_fields(run.config.model))
+    return VaeCodec(vae, untrained(cmdm.frozen_shapes(vae)[TOKENIZER]), None, None), sources.load_features(
+        config.data).stats
+  run = runs.open(folder, _TOKENIZERS)
+  inside = run.config.stage == "cmdm.denoiser"
+  fields = module_fields(run.config.tokenizer if inside else run.config.model)
+  theirs = CausalVAE(**fields)
   vae = CausalVAE(**module_fields(config.tokenizer))
   # What it was aligned with plays no part any more.
   if theirs.clone(teacher_dim=0, teacher_to_latent=False) != vae:
-    raise ValueError(f"the tokenizer in {folder} is {module_fields(run.config.model)}, config.tokenizer says "
+    raise ValueError(f"the tokenizer in {folder} is {fields}, config.tokenizer says "
                      f"{module_fields(config.tokenizer)}; make them agree")
+  stats = stats_lib.load_stats(run.folder, config.data.layout)
+  if inside:
+    return VaeCodec.of(vae, run.frozen(cmdm.frozen_shapes(vae))), stats
   params = run.params(cmdm.frozen_shapes(theirs)[TOKENIZER])
   params["params"].pop("align", None)
-  return vae, params, stats_lib.load_stats(folder, config.data.layout)
+  return VaeCodec(vae, params, None, None), stats
 
 
 def teacher_fields(config: ConfigDict) -> dict[str, Any]:

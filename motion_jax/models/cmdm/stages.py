@@ -101,6 +101,13 @@ def forcing_inputs(config: ConfigDict, vae: CausalVAE, dit: CausalDiT, frozen: A
   # Parity: the code draws one time per block of 3 latents, the paper one per latent; level_block says which.
   draw = (ddpm_forcing if dit.predicts == "ddpm" else paths).forcing_times
   t = jax.vmap(lambda key: draw(key, 1, z1.shape[1], config.loss.level_block)[0])(keys(level_rng))
+  if config.loss.ramp:
+    def ramped(key, t):
+      chosen, times = jax.random.split(key)
+      ramp = paths.ramp_times(times, z1.shape[1], config.loss.level_block)
+      return jnp.where(jax.random.bernoulli(chosen, config.loss.ramp), ramp, t)
+
+    t = jax.vmap(ramped)(keys(jax.random.fold_in(rng, 4)), t)
   noise = jax.vmap(lambda key: jax.random.normal(key, z1.shape[1:]))(keys(noise_rng))
   drop = jax.vmap(lambda key: jax.random.bernoulli(key, config.loss.drop_rate))(keys(drop_rng))
   # Parity: the code zeroes the word features and keeps the mask; it also leaves the text encoder's dropout on while
@@ -150,10 +157,11 @@ def with_own_past(velocity: Callable[..., Any], z1: Float[Array, "b l c"], laten
   return jnp.where(own[..., None], made, z1), jnp.where(own, jnp.ones_like(t), t), own
 
 
-def decoded_errors(config: ConfigDict, codec: VaeCodec, frozen: Any, batch: dict[str, Any], latent_mask: Any, t: Any,
-                   control: ControlSignal | None = None) -> Callable | None:
+def decoded_errors(config: ConfigDict, codec: VaeCodec, frozen: Any, batch: dict[str, Any], latent_mask: Any,
+                   counts: Any, t: Any, control: ControlSignal | None = None) -> Callable | None:
   """errors_of(clean latents (B, L, C)) -> {name: (B,)}, for `paths.forcing_loss`: the errors of the decoded motion that
-  config.loss gives a weight, times that; None where it gives none.
+  config.loss gives a weight, times that; None where it gives none. latent_mask (B, L) says which latents are real,
+  counts which of them are looked at.
 
   "control" is how far joints are from where constraints want them, where the frames that are mostly noise, and add up
   to their places, are real ones.
@@ -166,7 +174,7 @@ def decoded_errors(config: ConfigDict, codec: VaeCodec, frozen: Any, batch: dict
     raise InputError(f"got loss.{next(iter(weights), 'control')} and model.predicts='ddpm'; decoded motion is looked "
                      "at where the network's output means clean latents by the straight path: velocity, eps or x1")
   # What is mostly noise means an average of motions, which need not move as any of them does.
-  frames = codec.real_frames(latent_mask & (t > config.loss.decoded_from))
+  frames = codec.real_frames(counts & (t > config.loss.decoded_from))
 
   def errors_of(clean):
     made = codec.decode(jnp.where(latent_mask[..., None], clean, 0.0))
@@ -224,17 +232,20 @@ def denoiser_stage(config: ConfigDict) -> Stage:
     signal, control = control_of(config, vae, frozen, batch, rng)
     velocity = lambda x, t: dit.apply(params, x, t[:, ::shared], text_emb, attn_mask, batch["text_mask"], control)
     if dit.predicts == "ddpm":
-      if config.loss.own_past:
-        raise InputError("got loss.own_past and model.predicts='ddpm'; a past of the network's own is made along the "
+      if found := next((name for name in ("own_past", "ramp") if config.loss[name]), ""):
+        raise InputError(f"got loss.{found} and model.predicts='ddpm'; a past that is finished is made along the "
                          "straight path: velocity, eps or x1")
       # Parity: the paper's algorithm 1; the code, and our default, learn the velocity of a straight path.
       return ddpm_forcing.forcing_loss(velocity, z1, latent_mask, t, noise)
+    counts = latent_mask
+    if config.loss.ramp:
+      counts &= t < 1  # what is finished teaches nothing: its noise is gone
     if config.loss.own_past:
       keys = jax.vmap(lambda i: jax.random.fold_in(jax.random.fold_in(rng, 2), i))(batch["index"])
       z1, t, own = with_own_past(velocity, z1, latent_mask, t, noise, keys, block, config.loss.own_past)
-      latent_mask &= ~own
-    return paths.forcing_loss(velocity, z1, latent_mask, t, noise, dit.predicts,
-                              decoded_errors(config, VaeCodec.of(vae, frozen), frozen, batch, latent_mask, t, signal))
+      counts &= ~own
+    errors = decoded_errors(config, VaeCodec.of(vae, frozen), frozen, batch, latent_mask, counts, t, signal)
+    return paths.forcing_loss(velocity, z1, counts, t, noise, dit.predicts, errors)
 
   def predict(params, frozen, batch, rng):
     z1, latent_mask, t, noise, text_emb = inputs(frozen, batch, rng)

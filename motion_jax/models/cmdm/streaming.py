@@ -361,7 +361,7 @@ def bind(dit: Net, plan: Plan, params: Any, *, text_emb: Float[Array, "b *g s e"
                  None if control is None else control_tokens(dit, plan, params, control))
 
 
-def control_tokens(dit: Net, plan: Plan, params: Any, control: Float[Array, "b l n"]) -> Float[Array, "b _ d"]:
+def control_tokens(dit: Net, plan: Plan, params: Any, control: Float[Array, "b l n"]) -> Float[Array, "b _ told"]:
   """What control (B, L, N) adds to the tokens of latents; nothing to those behind them that a window reaches."""
   tokens = dit.apply(params, control, method="control_tokens")
   return jnp.pad(tokens, ((0, 0), (0, plan.width * plan.block), (0, 0)))

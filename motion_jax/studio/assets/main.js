@@ -1,7 +1,7 @@
 // The page: what belongs together is joined here, and drawn sixty times a second.
 import * as api from "./api.js";
 import { bind } from "./controls.js";
-import { pointsOf } from "./control.js";
+import { pathOf, pointsOf } from "./control.js";
 import { showCurves } from "./curves.js";
 import { PathTool } from "./draw.js";
 import { listen } from "./keys.js";
@@ -54,6 +54,9 @@ function act(action) {
   changed();
   drawTimeline();
   if (studio.state.project === before.project || action.type === "model") return;
+  // The live body is asked for what is seen.
+  const other = pathOf(before.project.control) !== pathOf(studio.state.project.control);
+  if (other && ["undo", "redo"].includes(action.type) && studio.mode === "live" && !tool.active) studio.follow();
   makeSoon();
 }
 studio.act = act;

@@ -143,7 +143,9 @@ export class Story {
     if (reply.unknown?.length) this.tell(`the model has not learned: ${reply.unknown.join(", ")}`, false);
     const made = joined([...(before.length ? (motion.meta.made ?? []) : []), ...reply.made]);
     reply.motion.meta = { ...reply.motion.meta, made };
-    return Object.assign(fromJson(reply.motion), { asked: motion.asked });
+    return Object.assign(fromJson(reply.motion), {
+      asked: motion.asked && { ...motion.asked, off: null }, // how far this one is from it nobody has reckoned
+    });
   }
 
   /** Pieces of the strip below the blocks, in seconds. */
