@@ -45,7 +45,7 @@ def data(**fields):
   training clips of archives, as a share of these (docs/augmentation.md)."""
   return dict(name="humanml3d", folder="", folders=(), mode="benchmark", mirror=False, described=False,
               augment=dict(stitched=0.0, bent_paths=0.0, idle=0.0, counted=0.0, excerpts=0.0, seats=0.0,
-                           time_warp=0.0)) | fields
+                           wandering=0.0, time_warp=0.0)) | fields
 
 
 def captioned_data(**fields):

@@ -18,6 +18,7 @@ from motion_jax.nets.layers import Dense, spread
 from motion_jax.shapes import Array
 
 PREDICTION_FLOOR = 0.02  # one of the default 50 sampling steps
+ADAPTER_RANK = 128       # hidden numbers of what adds constraints to a layer's tokens
 SIZES = {"S": dict(num_heads=2, depth=4, width=512), "M": dict(num_heads=4, depth=8, width=512),
          "L": dict(num_heads=6, depth=12, width=768), "XL": dict(num_heads=8, depth=16, width=1024)}
 
@@ -110,6 +111,23 @@ class Block(nn.Module):
     return x + gate2 * self.ff_out(nn.gelu(self.ff_in(y), approximate=True)), new
 
 
+class ControlAdapter(nn.Module):
+  """Adds to tokens x (B, L, D) what constraints make of them at times t (B, L): D -> rank -> D beside a layer that knows
+  of none. told (B, L, rank + 1): of `CausalDiT.control_tokens`; a latent whose last number is 0 stays as it is."""
+  width: int
+  dtype: Any
+
+  @nn.compact
+  def __call__(self, x: Float[Array, "b l d"], told: Float[Array, "#b l k"], t: Float[Array, "#b l"]
+               ) -> Float[Array, "b l d"]:
+    # What is known of a latent's end weighs otherwise where it is noise than where it is nearly clean.
+    times = jnp.stack([t, t ** 2, t ** 4], axis=-1).astype(self.dtype)
+    hidden = Dense(ADAPTER_RANK, dtype=self.dtype, name="down")(
+        nn.LayerNorm(epsilon=1e-6, use_scale=False, use_bias=False, dtype=self.dtype)(x))
+    hidden = nn.silu(hidden + told[..., :-1] + Dense(ADAPTER_RANK, dtype=self.dtype, name="time")(times))
+    return x + told[..., -1:] * Dense(self.width, kernel_init=nn.initializers.zeros, dtype=self.dtype, name="up")(hidden)
+
+
 class CausalDiT(nn.Module):
   """Velocity of latents x (B, L, C) at times t (B, L) under a caption, 0 = noise, 1 = clean; predicts="ddpm": the noise
   of the paper's levels instead (`models.cmdm.ddpm_forcing`).
@@ -146,8 +164,9 @@ class CausalDiT(nn.Module):
                    for i in range(self.depth)]
     self.out = Dense(self.latent_dim, kernel_init=nn.initializers.zeros, dtype=self.dtype)
     if self.control:
-      self.control_in = Dense(self.width, **xavier)
-      self.control_out = Dense(self.depth * self.width, kernel_init=nn.initializers.zeros, dtype=self.dtype)
+      self.control_in = Dense(2 * self.width, **xavier)
+      self.control_out = Dense(self.depth * ADAPTER_RANK, **xavier)
+      self.adapters = [ControlAdapter(self.width, self.dtype, name=f"adapter{i}") for i in range(self.depth)]
 
   def level(self, t: Float[Array, "*lead"]) -> Float[Array, "*lead d"]:
     """Time embedding (..., D) of t (...)."""
@@ -177,13 +196,17 @@ class CausalDiT(nn.Module):
     return tuple(block.text(words, text_mask, null_word) for block in self.blocks)
 
   def control_tokens(self, control: Float[Array, "b l n"]) -> Float[Array, "b l told"]:
-    """What is added to the tokens before each layer, side by side (B, L, depth * D), of latents that are told control
-    (B, L, N), whose first number says whether they are told anything: 0 where not."""
+    """What all layers are told of constraints, computed once for a motion: (B, L, depth * rank + 1) of control (B, L, N),
+    whose first number says whether a latent is told anything, as the last of the result does."""
     if control.shape[-1] != self.control:
       raise ValueError(f"got {control.shape[-1]} numbers of control a latent, this network takes {self.control}"
                        + ("" if self.control else ": it was trained without; train one with data.control"))
     hidden = nn.silu(self.control_in(control.astype(self.dtype)))
-    return self.control_out(hidden) * control[..., :1].astype(self.dtype)
+    return jnp.concatenate([self.control_out(hidden), control[..., :1].astype(self.dtype)], axis=-1)
+
+  def _told(self, control: Float[Array, "#b l told"]) -> list[Float[Array, "#b l k"]]:
+    """Of control_tokens what each layer's adapter takes."""
+    return [jnp.concatenate([part, control[..., -1:]], -1) for part in jnp.split(control[..., :-1], self.depth, -1)]
 
   def turn_keys(self, cache: tuple[KeysValues, ...], positions: Num[Array, " p"]) -> tuple[KeysValues, ...]:
     """Cached (k, v) of all layers with the keys turned to positions (P,), as `window` takes them."""
@@ -204,10 +227,10 @@ class CausalDiT(nn.Module):
     if not self.use_adaln:
       x = x + self.level(t)
     positions = positions if self.use_rope else jnp.zeros_like(positions)
-    told = [] if control is None else jnp.split(control, self.depth, axis=-1)
+    told = None if control is None else self._told(control)
     new = []
     for i, block in enumerate(self.blocks):
-      x = x + told[i] if told else x
+      x = x if told is None else self.adapters[i](x, told[i], t)
       x, keys_values = block.step(x, modulation[i], text[i], attn_mask, positions, None if past is None else past[i])
       new.append(keys_values)
     return self._to_velocity(self.out(x), latents, t), tuple(new)
@@ -255,16 +278,22 @@ class CausalDiT(nn.Module):
     count, positions = x.shape[1] // t.shape[1], jnp.arange(x.shape[1]) * self.use_rope
     t = jnp.repeat(t, count, axis=1)
 
-    def layer(block, x, told):
-      x = x if told is None else x + told
+    def layer(block, x):
       modulation = spread(block.modulation(level) if plain is None else plain, count)
       return block.step(x, modulation, block.text(words, text_mask), attn_mask, positions)[0], None
 
     latents, x = x, self.x_in(x.astype(self.dtype))
     if not self.use_adaln:
       x = x + self.level(t)
-    told = None if control is None else jnp.stack(jnp.split(control, self.depth, axis=-1))
-    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(block.variables for block in self.blocks))
-    block = self.blocks[0].clone(parent=None)
-    x, _ = jax.lax.scan(lambda x, row: block.apply(row[0], x, row[1], method=layer), x, (stacked, told))
+    stack = lambda modules: jax.tree.map(lambda *leaves: jnp.stack(leaves), *(module.variables for module in modules))
+    block, stacked = self.blocks[0].clone(parent=None), stack(self.blocks)
+    told = None if control is None else (jnp.stack(self._told(control)), stack(self.adapters))
+    adapter = None if control is None else self.adapters[0].clone(parent=None)
+
+    def step(x, row):
+      params, told = row
+      x = x if told is None else adapter.apply(told[1], x, told[0], t)
+      return block.apply(params, x, method=layer)
+
+    x, _ = jax.lax.scan(step, x, (stacked, told))
     return self._to_velocity(self.out(x), latents, t)

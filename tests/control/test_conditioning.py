@@ -11,7 +11,7 @@ from motion_jax.control import conditioning, patterns
 from motion_jax.control import signal as signals
 from motion_jax.diffusion.schedules import staircase
 from motion_jax.models.cmdm import streaming
-from motion_jax.nets.causal_dit import CausalDiT
+from motion_jax.nets.causal_dit import ADAPTER_RANK, CausalDiT
 from motion_jax.nets.masks import block_causal_mask, sliding_mask
 from motion_jax.training.setup import untrained
 from tests.conftest import load_config
@@ -122,8 +122,10 @@ def test_a_network_that_has_not_learned_from_constraints_makes_what_it_made():
   """Bit for bit: with control layers as they begin, whose last one is 0, and where nothing is asked for."""
   dit, plan, params, constants, *text, keys = setting(4, 2, 3, 12, 3, control=6)
   plain = dit.clone(control=0)
-  old = {"params": {name: leaf for name, leaf in params["params"].items() if not name.startswith("control")}}
-  begun = {"params": params["params"] | {"control_out": jax.tree.map(jnp.zeros_like, params["params"]["control_out"])}}
+  adapters = {name: leaf for name, leaf in params["params"].items() if name.startswith("adapter")}
+  old = {"params": {name: leaf for name, leaf in params["params"].items() if not name.startswith(("control", "adapter"))}}
+  begun = {"params": params["params"] | {name: leaf | {"up": jax.tree.map(jnp.zeros_like, leaf["up"])}
+                                         for name, leaf in adapters.items()}}
   text = encode_text(plain, old, *text)
   control = jax.random.normal(jax.random.key(3), (2, 9, 6)).at[..., 0].set(1)
   before = sampled(plain, plan, old, constants, text, keys, None, 3)
@@ -188,9 +190,9 @@ def test_training_tells_constraints_and_learns_from_them():
   loss = lambda params: (lambda sums: (sums["loss"], sums))(setup.stage.loss(params, setup.frozen, batch, 0, rng)[0])
   (found, sums), gradient = jax.jit(jax.value_and_grad(loss, has_aux=True))(params)
   assert np.isfinite(found) and 0 < sums["control"] < found
-  assert all(np.abs(leaf).max() > 0 for name in ("control_in", "control_out")
+  assert all(np.abs(leaf).max() > 0 for name in ("control_in", "control_out", "adapter0")
              for leaf in jax.tree.leaves(gradient["params"][name]))
-  assert not np.asarray(setup.stage.init(batch, rng)["params"]["control_out"]["kernel"]).any()
+  assert not np.asarray(setup.stage.init(batch, rng)["params"]["adapter0"]["up"]["kernel"]).any()
 
 
 def _with_control(rate):
@@ -210,5 +212,5 @@ def test_each_layer_is_told_in_its_own_words():
   made = net.apply(params, *given, control)
   np.testing.assert_allclose(net.clone(scan_layers=True).apply(params, *given, control), made, atol=1e-5)
   layer = params["params"]["control_out"]
-  params["params"]["control_out"] = layer | {"kernel": np.asarray(layer["kernel"]) * np.repeat([1, 0], 16)}
+  params["params"]["control_out"] = layer | {"kernel": np.asarray(layer["kernel"]) * np.repeat([1, 0], ADAPTER_RANK)}
   assert np.abs(net.apply(params, *given, control) - made).max() > 1e-4

@@ -78,3 +78,24 @@ def test_a_live_body_follows_a_path_and_what_was_there_never_moves(page):
   assert page.get(f"joints(0, {committed})") == before and not page.get("errors")
   page.find("#asked .chip button:last-child").click()
   page.wait("live.held.until === 0")
+
+
+def test_a_live_body_is_asked_for_what_is_seen(page):
+  """After undo and redo, and when the motion begins anew."""
+  page.wait("live.blocks > 0")
+  page.find("#draw-path").click()
+  x, z = page.get("centre")
+  click_floor(page, x + 0.5, z + 0.5)
+  click_floor(page, x - 0.5, z + 0.5)
+  page.keys(webdriver.Keys.ESCAPE)
+  page.wait("live.held && window.__studio.live.held.until > 0")
+  for _ in range(2):
+    page.control(webdriver.Keys.CONTROL, "z")
+  page.wait("live.held.until === 0")
+  page.control(webdriver.Keys.CONTROL, "y")
+  page.control(webdriver.Keys.CONTROL, "y")
+  page.wait("live.held.until > 0")
+  run = page.get("live.run")
+  page.find("#restart").click()
+  page.wait(f"live.run > {run} && window.__studio.live.held && window.__studio.live.held.until > 0")
+  assert not page.get("errors")

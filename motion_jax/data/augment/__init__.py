@@ -6,6 +6,7 @@
   counted     one action done once to four times: "kicks with the right foot twice"
   excerpts    a short cut around what is done in a longer clip: "punches with the right hand"
   seats       sitting down or standing up, cut out of a clip of both
+  wandering   whatever goes somewhere, on a path that turns at random: for training on constraints
   time_warp   0.7 to 1.4 times as fast: "walks slowly", "bows quickly"
 
 How many of each there are is said as a share of the clips that they are made of. What is made is a pure function of
@@ -23,12 +24,14 @@ from motion_jax.data.augment.excerpts import excerpts
 from motion_jax.data.augment.parts import part_of, usable
 from motion_jax.data.augment.paths import bent_paths
 from motion_jax.data.augment.seats import seats
+from motion_jax.data.augment.wandering import wandering
 from motion_jax.data.augment.warps import time_warp
 from motion_jax.data.clip import Clip
 
 # {kind: function(parts, rng) that yields clips, or None for an attempt that came to nothing, without end}
 KINDS: dict[str, Callable] = {"stitched": stitched, "bent_paths": bent_paths, "idle": idle, "counted": counted,
-                              "excerpts": excerpts, "seats": seats, "time_warp": time_warp}
+                              "excerpts": excerpts, "seats": seats, "wandering": wandering,
+                              "time_warp": time_warp}
 _ATTEMPTS = 8  # for each clip that is asked for
 
 

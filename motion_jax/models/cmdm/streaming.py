@@ -199,7 +199,7 @@ class Sampler:
   """Frame-wise sampling of B motions, bound to all that stays the same from step to step. Made by `bind`.
 
   dit, plan: network and choices, static. params of the network; constants: `make_constants`; text: `encode_text`;
-  scale: of guidance; keys (B,): one per motion; control: what constraints add to tokens. A
+  scale: of guidance; keys (B,): one per motion; control: what is told of constraints. A
   pytree: a jitted function takes it as one argument.
   """
   dit: Any = flax.struct.field(pytree_node=False)
@@ -209,7 +209,7 @@ class Sampler:
   text: Any
   scale: Any
   keys: Any
-  control: Any = None        # (B, blocks * block, D) of `CausalDiT.control_tokens`, from block control_first on
+  control: Any = None        # (B, blocks * block, N) of `CausalDiT.control_tokens`, from block control_first on
   control_first: Any = 0
   guide: Any = None          # a `guiding.Guide`, which pulls the velocity of flows towards constraints
 
@@ -362,6 +362,6 @@ def bind(dit: Net, plan: Plan, params: Any, *, text_emb: Float[Array, "b *g s e"
 
 
 def control_tokens(dit: Net, plan: Plan, params: Any, control: Float[Array, "b l n"]) -> Float[Array, "b _ told"]:
-  """What control (B, L, N) adds to the tokens of latents; nothing to those behind them that a window reaches."""
+  """What layers are told of control (B, L, N); nothing of the latents behind these that a window reaches."""
   tokens = dit.apply(params, control, method="control_tokens")
   return jnp.pad(tokens, ((0, 0), (0, plan.width * plan.block), (0, 0)))

@@ -9,9 +9,10 @@ const AGAIN = 1000; // milliseconds until the page tries to reach the studio aga
 
 export class Live {
   // tell(sentence, isError): for the user; forget(sentence): it is true no longer; changed(): something that is shown
-  // has changed; check(): asks the studio whether it would let this page in.
-  constructor(token, { tell, forget, changed, check }) {
-    Object.assign(this, { token, tell, forget, changed, check });
+  // has changed; check(): asks the studio whether it would let this page in; anew(): a motion has begun in the place of
+  // one that was led along a path.
+  constructor(token, { tell, forget, changed, check, anew }) {
+    Object.assign(this, { token, tell, forget, changed, check, anew });
     this.state = "connecting";
     this.choices = { prompt: "a person walks forward", speed: 1, keep_going: true };
     this.asked = null; // other choices, until the studio has begun with them
@@ -83,6 +84,7 @@ export class Live {
 
   message(message) {
     if (message.type === "started") {
+      const led = this.held?.until > 0;
       this.clear();
       if (message.sequence) this.send({ type: "ack", sequence: message.sequence - 1 }); // an older run is played no more
       this.run = message.run;
@@ -94,6 +96,7 @@ export class Live {
       this.asked = null;
       this.model = { name: message.model, id: message.id };
       this.progress = null;
+      if (led) this.anew();
     } else if (message.type === "words") {
       this.words = this.words.filter((one) => one.from < message.from_frame);
       this.choices.prompt = message.prompt;
@@ -191,10 +194,10 @@ export class Live {
     this.send({ type: "prompt", prompt });
   }
 
-  /** The body goes along a path [[x, z], ...] from where it is; without points it is free again. */
-  follow(points) {
-    const constraints = points.length ? [{ type: "root_path", points }] : [];
-    this.send({ type: "control", control: asJson(constraints) });
+  /** The body goes along a path, a constraint, from where it is and from now on; without one it is free again. */
+  follow(path) {
+    const { times: _, ...kept } = path ?? {}; // of a story
+    this.send({ type: "control", control: asJson(path ? [kept] : []) });
   }
 
   pause() {

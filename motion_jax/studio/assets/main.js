@@ -43,6 +43,7 @@ const live = (studio.live = new Live(api.token, {
   changed,
   forget: (sentence) => notes.forget(sentence),
   check: checkToken,
+  anew: () => studio.follow(),
 }));
 const story = (studio.story = new Story(api, { tell, changed, state: () => studio.state, act }));
 let waiting = null;
@@ -90,7 +91,7 @@ const tool = (studio.tool = new PathTool($("stage"), {
 
 /** The live body goes along the path that is drawn. */
 studio.follow = () => {
-  if (live.connected) live.follow(tool.studio.points());
+  if (live.connected) live.follow(pathOf(studio.state.project.control));
   else tell("the studio is not connected; the path stays here until it is", true);
 };
 

@@ -1,0 +1,53 @@
+"""What walks, runs and goes in any other way on paths that turn at random: for training on constraints.
+
+In captured clips where a body will go shows in where it goes, so that a network which sees the past learns little from
+being told a path. Here nothing but the path says it. Captions are kept that name no path.
+"""
+import re
+from collections.abc import Iterator
+
+import numpy as np
+
+from motion_jax.data.augment.parts import MOST, new_clip
+from motion_jax.data.clip import Clip
+from motion_jax.data.describe import FPS
+from motion_jax.motion.root_paths import SMALLEST, bent, course
+
+_NAMES_A_PATH = re.compile(r"\b(left|right|turn\w*|line|straight|circ\w+|curv\w+|arc|zigzag|diagonal\w*|corner\w*|"
+                           r"u-turn|path|square|clockwise|counterclockwise|around|round)\b")
+_LEAST = 2.0         # metres that a clip goes along its course
+_BITS = (0.4, 2.5)   # metres over which a path turns evenly
+_FAST = 2.2          # metres a second above which a radius is a runner's
+_STRAIGHT = 0.25     # of the bits
+_SOFT = 0.15         # metres, sigma of what a path takes to come into a turn
+
+
+def wandering(parts, rng) -> Iterator[Clip | None]:
+  """Clips that go somewhere, each attempt along a path of its own: bits that are straight or turn to either side."""
+  ways = []
+  for part in parts:
+    said = [caption.text for caption in part.clip.captions if not _NAMES_A_PATH.search(caption.text)]
+    joints = part.joints[:MOST]
+    gone = course(joints)[1]
+    if said and gone[-1] > _LEAST:
+      ways.append((part, said, joints, gone))
+  number = 0
+  while ways:
+    number += 1
+    part, said, joints, gone = ways[rng.integers(len(ways))]
+    fast = np.percentile(np.gradient(gone), 90) * FPS > _FAST
+    angle = _turning(gone[-1], SMALLEST["run" if fast else "walk"], rng)
+    yield new_clip("wandering", number, bent(joints, angle), said, part, "on a path of its own")
+
+
+def _turning(length, smallest, rng):
+  """angle(l) of a path of random bits, none narrower in radius than `smallest`, metres."""
+  from scipy.ndimage import gaussian_filter1d
+  ends, curves = [0.0], []
+  while ends[-1] < length:
+    ends.append(ends[-1] + rng.uniform(*_BITS))
+    curves.append(0.0 if rng.random() < _STRAIGHT else rng.uniform(-1, 1) / smallest)
+  along = np.arange(0.0, ends[-1] + _SOFT, _SOFT / 10)
+  angles = np.interp(along, ends, np.append(0.0, np.cumsum(np.diff(ends) * curves)))
+  smooth = gaussian_filter1d(angles, 10, mode="nearest")
+  return lambda gone: np.interp(gone, along, smooth)
