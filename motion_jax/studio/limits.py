@@ -129,11 +129,7 @@ class Fields:
       found = files.from_json(value)
     except InputError as error:
       raise InputError(f"{name}: {error}") from None
-    count = sum(max((len(value) for field, value in vars(one).items()
-                     if field != "joints" and isinstance(value, np.ndarray) and value.ndim), default=0)
-                for one in found)
-    if count > self._limits.points:
-      raise InputError(f"{name}: got {count:,} points of paths and targets, expected at most {self._limits.points:,}")
+    check_points(found, self._limits, name)
     frames = max((len(one.joints) for one in found if isinstance(one, KeepParts)), default=0)
     if frames > self._limits.frames:
       raise InputError(f"{name}: got {frames:,} frames to keep parts of, expected at most {self._limits.frames:,}")
@@ -143,6 +139,15 @@ class Fields:
     """Raises InputError where there are fields that nobody asked for: a misspelled one would be ignored."""
     if self._left:
       raise InputError(f"got the unknown field {str(min(self._left, key=str))[:60]!r}; docs/protocol.md lists all")
+
+
+def check_points(constraints: list[Constraint], limits: Limits, name: str) -> None:
+  """Raises InputError where paths and targets have more points in all than a request may have."""
+  count = sum(max((len(value) for field, value in vars(one).items()
+                   if field != "joints" and isinstance(value, np.ndarray) and value.ndim), default=0)
+              for one in constraints)
+  if count > limits.points:
+    raise InputError(f"{name}: got {count:,} points of paths and targets, expected at most {limits.points:,}")
 
 
 def check_prompt(value: Any, limits: Limits) -> str:

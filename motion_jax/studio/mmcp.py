@@ -18,7 +18,7 @@ from motion_jax.motion.looping import looped
 from motion_jax.motion.pose import t_pose, to_pose
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.studio import mmcp_constraints
-from motion_jax.studio.limits import check_prompt
+from motion_jax.studio.limits import check_points, check_prompt
 from motion_jax.studio.making import Maker
 
 VERSION, MEDIA = "1.2", "model/gltf+json"
@@ -97,7 +97,7 @@ def generate(body: Any, maker: Maker) -> dict[str, Any]:
   rows = [(prompt, float(max(count, model.frames_per_latent)) / model.fps)
           for (prompt, _), count in zip(segments, np.diff(ends, prepend=0))]
   total = sum(count for _, count in segments)
-  control, told = _constraints(body.get("constraints"), total, fps, model)
+  control, told = _constraints(body.get("constraints"), total, fps, model, maker.limits)
   with maker.place():
     if control:
       wanted = [*control, *([Loop()] if options["loop"] else [])]
@@ -112,14 +112,18 @@ def generate(body: Any, maker: Maker) -> dict[str, Any]:
   return _document(joints, fps, model, body["skeleton"]) | ({"extras": {"told": told}} if told else {})
 
 
-def _constraints(given, total, fps, model):
+def _constraints(given, total, fps, model, limits):
   """(our constraints, what is told of them)."""
   if given and model.stats.layout.skeleton is not HUMANML3D:
     raise MmcpError(400, "unsupported_constraint", "this model takes no constraints")
   try:
-    return mmcp_constraints.read(given, total, fps, model.fps)
+    found, told = mmcp_constraints.read(given, total, fps, model.fps)
+    check_points(found, limits, "constraints")
   except mmcp_constraints.ConstraintError as error:
     raise MmcpError(error.status, error.code, str(error)) from None
+  except InputError as error:
+    raise MmcpError(422, "schema_validation", str(error)) from None
+  return found, told
 
 
 def _model(name, maker):

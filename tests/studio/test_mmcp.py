@@ -140,6 +140,15 @@ def test_refusals_have_their_codes(client, request_body, change, status, code):
   assert (reply.status_code, error["code"]) == (status, code) and "\n" not in error["message"]
 
 
+def test_more_points_than_a_request_may_have_are_refused(client, request_body):
+  frames = list(range(500))
+  path = {"type": "root_path", "frames": frames, "positions_xz": [[0, i / 30] for i in frames]}
+  body = request_body | {"segments": [{"type": "text", "prompt": "a person walks", "duration_frames": 500}]}
+  reply = client.post("/mmcp/generate", json=body | {"constraints": [path] * 10})
+  assert reply.status_code == 422
+  assert "got 5,000 points of paths and targets, expected at most 4,800" in reply.json()["error"]["message"]
+
+
 def test_the_sdks_own_client_reads_it(address, request_body):
   server, token = address.split("/?token=")
   found = sdk.get_capabilities(f"{server}/mmcp", access_token=token)
