@@ -7,21 +7,24 @@ and shifts of the body e, smooth in time and small,
   min  hard |places asked for - places|^2  +  stand |standing feet - where they stand|^2
        +  |S (e_(t+1) - 2 e_t + e_(t-1))|^2  +  pull |S e|^2
 
-by Gauss and Newton; S says how stiff each is (`control.bodies`). Bones stay as long as they are. numpy, float64.
+by Gauss and Newton; S says how stiff each is (`control.bodies`). Bones stay as long as they are, or are those of whole
+poses that are asked for (`control.builds`). numpy, float64.
 """
+import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Num
 
-from motion_jax.control import bodies
+from motion_jax.control import bodies, builds
 from motion_jax.control.compiling import angle_of, compile
 from motion_jax.control.constraints import Constraint
 from motion_jax.control.limits import possible, tell_missed
 from motion_jax.control.signal import ControlSignal
 from motion_jax.inputs.errors import InputError
 from motion_jax.motion.planting import stands
+from motion_jax.motion.retarget import with_lengths
 from motion_jax.motion.root_paths import along
 from motion_jax.motion.skeleton import HUMANML3D
 
@@ -34,7 +37,7 @@ _COURSE = 0.35              # seconds, sigma of what is smoothed away of a path 
 _STEP = 0.4                 # radians and metres of a change in one round
 _STRAIGHT = 0.02            # radians: an elbow or a knee is not made straighter, nor bent the wrong way
 _DAMPED = 100.0             # what resists a step after one that went too far
-_LEAST, _ROUNDS = 3, 30      # rounds at least, and at the most
+_LEAST, _ROUNDS = 3, 50      # rounds at least, and at the most
 _NEAR = 4e-4                # metres off that are near enough
 LONGEST = 2400              # frames
 
@@ -60,8 +63,9 @@ def project(joints: Num[np.ndarray, "t 22 3"], asked: ControlSignal | Sequence[C
   if signal.is_empty:
     return np.asarray(joints, np.float32)
   check_length(count)
-  moved = _carried(start, signal, fps)
-  moved = _solved(moved, lambda now: wanted(now, False), fps)
+  start = builds.built_as(start, signal)
+  moved = _carried(start, wanted(start, False), fps)
+  moved = _met(_solved(moved, lambda now: wanted(now, False), fps), lambda now: wanted(now, False), fps)
   if tell:
     signal = wanted(moved, False)
     off = np.where(np.asarray(signal.given)[0], moved - np.asarray(signal.positions, np.float64)[0], 0)
@@ -201,7 +205,7 @@ def _solved(joints: np.ndarray, wanted: Callable[[np.ndarray], ControlSignal], f
   axes = bodies.hinges(joints)
   least = {number: np.minimum(angle, _STRAIGHT) for number, angle in bodies.bends(joints, axes).items()}
   lowest = np.minimum(joints[:, feet, 1], 0.0)
-  damping, before = 0.0, np.inf
+  damping, before, best = 0.0, np.inf, (np.inf, now)
   for round_ in range(_ROUNDS):
     signal = wanted(now)
     given = np.asarray(signal.given)[0]
@@ -209,6 +213,7 @@ def _solved(joints: np.ndarray, wanted: Callable[[np.ndarray], ControlSignal], f
     worst = np.abs(off).max()
     if worst < _NEAR and round_ >= _LEAST:  # a path alone is met in one; standing feet take more
       return now
+    best = min(best, (worst, now), key=lambda one: one[0])
     # Around a limb that is straight a step goes too far: Levenberg and Marquardt's remedy.
     damping, before = max(4 * damping, _DAMPED) if worst > max(before, _NEAR) else damping / 2, worst
     slope = bodies.slopes(now, axes)
@@ -245,7 +250,21 @@ def _solved(joints: np.ndarray, wanted: Callable[[np.ndarray], ControlSignal], f
     now, axes = bodies.bent(now, change, axes)
     if np.abs(change).max() < 1e-4:
       return now
-  return now
+  return best[1]
+
+
+def _met(joints: np.ndarray, wanted: Callable[[np.ndarray], ControlSignal], fps: float) -> np.ndarray:
+  """The motion with what little is still lacking to whole poses: where a limb is nearly straight, the way to a pose's
+  twist of it may lead round half a turn, which turns of joints do not find. Bones stay as long as they are."""
+  signal = wanted(joints)
+  given, lengths = np.asarray(signal.given)[0], builds.build_of(signal)
+  whole = given.all((-1, -2))
+  off = np.where(given, np.asarray(signal.positions, np.float64)[0] - joints, 0)
+  if lengths is None or np.abs(off[whole]).max() < _NEAR:
+    return joints
+  off[~whole] = 0  # what else is asked for stays met
+  moved = joints + spread(off.reshape(len(off), -1), given.any((-1, -2)), fps, lasting=False).reshape(off.shape)
+  return with_lengths(moved, dataclasses.replace(HUMANML3D, bone_lengths=lengths))
 
 
 def _smoothness_of(bands: np.ndarray, x: np.ndarray) -> np.ndarray:

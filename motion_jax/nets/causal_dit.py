@@ -112,8 +112,8 @@ class Block(nn.Module):
 
 
 class ControlAdapter(nn.Module):
-  """Adds to tokens x (B, L, D) what constraints make of them at times t (B, L): D -> rank -> D beside a layer that knows
-  of none. told (B, L, rank + 1): of `CausalDiT.control_tokens`; a latent whose last number is 0 stays as it is."""
+  """Adds to tokens x (B, L, D) what constraints make of them at times t (B, L): D -> rank -> D before a layer that knows
+  of none. told (B, L, rank + 1), of `CausalDiT.control_tokens`; a latent whose last number is 0 stays as it is."""
   width: int
   dtype: Any
 
@@ -125,7 +125,8 @@ class ControlAdapter(nn.Module):
     hidden = Dense(ADAPTER_RANK, dtype=self.dtype, name="down")(
         nn.LayerNorm(epsilon=1e-6, use_scale=False, use_bias=False, dtype=self.dtype)(x))
     hidden = nn.silu(hidden + told[..., :-1] + Dense(ADAPTER_RANK, dtype=self.dtype, name="time")(times))
-    return x + told[..., -1:] * Dense(self.width, kernel_init=nn.initializers.zeros, dtype=self.dtype, name="up")(hidden)
+    up = Dense(self.width, kernel_init=nn.initializers.zeros, dtype=self.dtype, name="up")
+    return x + told[..., -1:] * up(hidden)
 
 
 class CausalDiT(nn.Module):
@@ -196,8 +197,8 @@ class CausalDiT(nn.Module):
     return tuple(block.text(words, text_mask, null_word) for block in self.blocks)
 
   def control_tokens(self, control: Float[Array, "b l n"]) -> Float[Array, "b l told"]:
-    """What all layers are told of constraints, computed once for a motion: (B, L, depth * rank + 1) of control (B, L, N),
-    whose first number says whether a latent is told anything, as the last of the result does."""
+    """What all layers are told of constraints, once for a motion: (B, L, depth * rank + 1) of control (B, L, N), whose
+    first number says whether a latent is told anything, as the last of the result does."""
     if control.shape[-1] != self.control:
       raise ValueError(f"got {control.shape[-1]} numbers of control a latent, this network takes {self.control}"
                        + ("" if self.control else ": it was trained without; train one with data.control"))

@@ -123,7 +123,8 @@ def test_a_network_that_has_not_learned_from_constraints_makes_what_it_made():
   dit, plan, params, constants, *text, keys = setting(4, 2, 3, 12, 3, control=6)
   plain = dit.clone(control=0)
   adapters = {name: leaf for name, leaf in params["params"].items() if name.startswith("adapter")}
-  old = {"params": {name: leaf for name, leaf in params["params"].items() if not name.startswith(("control", "adapter"))}}
+  old = {"params": {name: leaf for name, leaf in params["params"].items()
+                    if not name.startswith(("control", "adapter"))}}
   begun = {"params": params["params"] | {name: leaf | {"up": jax.tree.map(jnp.zeros_like, leaf["up"])}
                                          for name, leaf in adapters.items()}}
   text = encode_text(plain, old, *text)
