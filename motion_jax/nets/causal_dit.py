@@ -112,8 +112,8 @@ class Block(nn.Module):
 
 
 class ControlAdapter(nn.Module):
-  """Adds to tokens x (B, L, D) what constraints make of them at times t (B, L), D -> rank -> D, before a layer that knows
-  of none. told (B, L, rank + 1), of `CausalDiT.control_tokens`; a latent whose last number is 0 stays as it is."""
+  """Adds to tokens x (B, L, D) what constraints make of them at times t (B, L), D -> rank -> D, before a layer that
+  knows of none. told (B, L, rank + 1), of `CausalDiT.control_tokens`; a latent whose last number is 0 stays."""
   width: int
   dtype: Any
 
