@@ -24,6 +24,14 @@ def click_floor(page, x, z, button=None):
   chain.perform()
 
 
+def draw_near_the_body(page):
+  """Two points of a path, and draws on."""
+  page.find("#draw-path").click()
+  x, z = page.get("centre")
+  click_floor(page, x + 0.5, z + 0.5)
+  click_floor(page, x - 0.5, z + 0.5)
+
+
 def path_of(page):
   return np.array(next((one["points"] for one in page.get("control") if one["type"] == "root_path"), []))
 
@@ -65,10 +73,7 @@ def test_a_path_is_drawn_followed_and_undone(story):
 
 def test_a_live_body_follows_a_path_and_what_was_there_never_moves(page):
   page.wait("live.blocks > 2")
-  page.find("#draw-path").click()
-  x, z = page.get("centre")
-  click_floor(page, x + 0.5, z + 0.5)
-  click_floor(page, x - 0.5, z + 0.5)
+  draw_near_the_body(page)
   committed = page.get("live.committed")
   before = page.get(f"joints(0, {committed})")
   page.keys(webdriver.Keys.ESCAPE)
@@ -83,10 +88,7 @@ def test_a_live_body_follows_a_path_and_what_was_there_never_moves(page):
 def test_a_live_body_is_asked_for_what_is_seen(page):
   """After undo and redo, and when the motion begins anew."""
   page.wait("live.blocks > 0")
-  page.find("#draw-path").click()
-  x, z = page.get("centre")
-  click_floor(page, x + 0.5, z + 0.5)
-  click_floor(page, x - 0.5, z + 0.5)
+  draw_near_the_body(page)
   page.keys(webdriver.Keys.ESCAPE)
   page.wait("live.held && window.__studio.live.held.until > 0")
   for _ in range(2):

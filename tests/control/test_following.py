@@ -1,0 +1,31 @@
+"""The model that ships does what it is told on paths that nobody in its data walked."""
+import numpy as np
+import pytest
+
+import motion_jax
+from motion_jax.control import curves
+from motion_jax.control.signal import ControlSignal
+from motion_jax.metrics.physics import skating_ratio
+
+WORDS = ["a person walks", "a person walks forward"]
+
+
+def _on(path):
+  positions, given = np.zeros((2, len(path), 22, 3), np.float32), np.zeros((2, len(path), 22, 3), bool)
+  positions[:, :, 0, ::2], given[:, :, 0, ::2] = path, True
+  return ControlSignal(positions, given, np.zeros(given.shape[:2], np.float32), np.zeros(given.shape[:2], bool))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["circle", "corner"])
+def test_a_path_is_followed_when_told_more_when_guided_and_exactly_in_the_end(name):
+  model = motion_jax.load("cmdm-small")
+  path = curves.CURVES[name](model.fps)
+  off = lambda motions: np.linalg.norm([motion.joints[:, 0, ::2] - path for motion in motions], axis=-1)
+  make = lambda **options: model.generate(WORDS, len(path), seeds=[1, 2], cleanup=False, literal=True, **options)
+  plain, told = make(), make(control=_on(path), control_steps=0, project=False)
+  guided, exact = make(control=_on(path), project=False), make(control=_on(path))
+  assert off(told).mean() < 0.75 * off(plain).mean()
+  assert off(guided).mean() < 0.05 and off(exact).max() < 1e-3
+  skates = lambda motions: np.mean([skating_ratio(motion.joints) for motion in motions])
+  assert skates(guided) < 2 * skates(plain)
