@@ -129,8 +129,9 @@ def _merged(fragments, known):
       apart = clause is not None
     if not apart:
       previous[1] += [*said, *tokens]
-      if previous[2] is not None and previous[2].reworded:
-        previous[2] = clause_of(previous[1])  # "takes a bow and a step back"
+      again = clause_of(previous[1])
+      if previous[2] is not None and (previous[2].reworded or again is not None and again.reworded):
+        previous[2] = again  # "takes a bow and a step back", "goes ahead and to the left without turning"
       elif previous[2] is not None:
         previous[2].words.extend([*said, *tokens])
       elif clause is not None:

@@ -1,6 +1,8 @@
 """Verbs that say little, with the noun that says what is done: "takes two bows" is to bow twice, "takes a seat" to sit
-down, "throws a left punch" to punch with the left hand. Captions of motion mostly say the verb of such a noun.
+down, "throws a left punch" to punch with the left hand. Captions of motion mostly say the verb of such a noun, and
+"diagonally forward to the left" of what goes "ahead and to the left without turning".
 """
+import re
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -12,6 +14,10 @@ _LIMB = {"kick": "foot", "punch": "hand", "jab": "hand", "wave": "hand", "salute
 _ARTICLES = {"a", "an", "another", "the"}
 _WHOSE = {"the", "his", "her", "their", "its", "my", "your", "both"}
 _PACES = {"slow": "slowly", "quick": "quickly", "fast": "quickly", "rapid": "quickly"}
+_GOES = {"walk", "stride", "stroll", "step", "move", "go", "run", "jog"}
+_DIAGONAL = re.compile(r"(?:straight )?(ahead|forwards?|back|backwards?) and to (?:the|his|her|their) (left|right)(?: ,)? "
+                       r"(?:without (?:ever )?turning|without a turn|(?:while |still )?facing (?:forwards?|ahead))"
+                       r"(?: around)?")
 _BEHIND = set("to in into on onto at with from for over towards toward forward forwards backward backwards back left "
               "right up down around high again quickly slowly fast upwards sideways".split())
 _ING = {"sit": "sitting", "squat": "squatting", "hop": "hopping", "spin": "spinning", "jab": "jabbing",
@@ -32,6 +38,10 @@ def reworded(verb: str, words: Sequence[str], numbers: Mapping[str, float]) -> R
   numbers: words for numbers, {"two": 2}.
   """
   rest, times = [word.lower() for word in words], 1
+  if verb in _GOES and (found := _DIAGONAL.fullmatch(" ".join(rest))):
+    way = "backward" if found[1].startswith("back") else "forward"
+    ing = {"stride": "striding", "step": "stepping", "run": "running", "move": "moving", "jog": "jogging"}
+    return Reworded(verb, ing.get(verb, verb + "ing"), ["diagonally", way, "to", "the", found[2]], 1)
   if verb == "put":
     return _hands_up(rest, words)
   if verb not in LIGHT:

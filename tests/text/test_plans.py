@@ -105,6 +105,8 @@ COMPOSED = {
     "a man walks a few steps and stands still": "walks a few steps | stands still",
     "she puts her hands up": "raises both hands", "someone puts up the left hand": "raises the left hand",
     "the person takes slow steps ahead": "walks forward slowly",
+    "someone walks ahead and to the left without turning": "walks diagonally forward to the left",
+    "she goes forward and to the right, facing ahead": "goes diagonally forward to the right",
     "a person takes quick steps backward": "walks backward quickly",
     "she throws a left punch": "punches with the left hand",
     "the person takes a right turn": "turns right",
