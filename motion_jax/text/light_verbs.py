@@ -15,7 +15,7 @@ _ARTICLES = {"a", "an", "another", "the"}
 _WHOSE = {"the", "his", "her", "their", "its", "my", "your", "both"}
 _PACES = {"slow": "slowly", "quick": "quickly", "fast": "quickly", "rapid": "quickly"}
 _GOES = {"walk", "stride", "stroll", "step", "move", "go", "run", "jog"}
-_DIAGONAL = re.compile(r"(?:straight )?(ahead|forwards?|back|backwards?) and to (?:the|his|her|their) (left|right)(?: ,)? "
+_DIAGONAL = re.compile(r"(?:straight )?(ahead|forwards?|back|backwards?) and to (?:the|his|her|their) (left|right) ?,? "
                        r"(?:without (?:ever )?turning|without a turn|(?:while |still )?facing (?:forwards?|ahead))"
                        r"(?: around)?")
 _BEHIND = set("to in into on onto at with from for over towards toward forward forwards backward backwards back left "
