@@ -54,8 +54,9 @@ def test_clips(folders, count, frames):
   return found
 
 
-def kinds(clips, fps):
-  """{name: [(words, ControlSignal (1, T))]}."""
+def kinds(clips, model):
+  """{name: [(words, ControlSignal (1, T))]}; curves end where the model's longest motion does."""
+  fps, most = model.fps, int(min(model.max_seconds, 60) * model.fps)
   rng, found = np.random.default_rng(0), {"path of a test clip": [], "poses at 25 %": [], "hand at 5 frames": []}
   for words, joints in clips:
     count = len(joints)
@@ -66,7 +67,7 @@ def kinds(clips, fps):
     for name, where in given.items():
       found[name].append((words, asked(joints, where)))
   for name, curve in curves.CURVES.items():
-    path = curve(fps)
+    path = curve(fps)[:most]
     joints, given = np.zeros((len(path), 22, 3)), np.zeros((len(path), 22, 3), bool)
     joints[:, 0, ::2], given[:, 0, ::2] = path, True
     found[name] = [(words, asked(joints, given)) for words in WALKS * 2]
@@ -125,7 +126,7 @@ def main():
         f"{args.frames} frames: skating {real['skating']:.3f}, planted feet {real['planted']:.3f} m/s, fastest joint "
         f"{real['top_speed']:.1f} m/s\n")
   found = {"model": args.model, "jax": jax.__version__, "real": {name: float(value) for name, value in real.items()}}
-  for kind, rows in kinds(clips, model.fps).items():
+  for kind, rows in kinds(clips, model).items():
     print(f"| {kind} | " + " | ".join(COLUMNS) + " |\n|" + " --- |" * (len(COLUMNS) + 1))
     found[kind] = {}
     for way, options in WAYS.items():
@@ -133,7 +134,7 @@ def main():
       print(f"| {way} | {one['mean']:.4f} | {one['worst']:.3f} | {one['skating']:.3f} | {one['planted']:.3f} | "
             f"{one['top_speed']:.1f} | {one['ms']:.0f} |", flush=True)
     print()
-  found["sampler"] = sampler = sampler_times(model, kinds(clips, model.fps)["path of a test clip"])
+  found["sampler"] = sampler = sampler_times(model, kinds(clips, model)["path of a test clip"])
   plain = sampler["words alone"]
   print("the sampler alone, a path of each motion: " + ", ".join(
       f"{way} {ms:.0f} ms a motion ({ms / plain:.2f})" for way, ms in sampler.items()))

@@ -8,7 +8,7 @@ from motion_jax.control.signal import ControlSignal
 from motion_jax.motion.retarget import retarget
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
 
-_SAME = 0.002   # metres between two bones that count as equally long
+_SAME = 1e-5    # metres between two bones that count as equally long
 _AGREE = 0.008  # metres within which a bone's lengths in several poses are those of one body
 _BODY = 0.25    # of a bone's usual length by which a person's may differ
 
@@ -26,10 +26,10 @@ def build_of(signal: ControlSignal) -> Float[np.ndarray, " 22"] | None:
   return found if person and np.abs(lengths - found).max() < _AGREE else None
 
 
-def built_as(joints: Float[np.ndarray, "t 22 3"], signal: ControlSignal) -> Float[np.ndarray, "t 22 3"]:
-  """The motion on the bones of the poses that it is to meet, feet standing where they stood; as it is where its bones
-  are those, or where `build_of` finds none."""
-  lengths = build_of(signal)
+def built_as(joints: Float[np.ndarray, "t 22 3"], lengths: Float[np.ndarray, " 22"] | None
+             ) -> Float[np.ndarray, "t 22 3"]:
+  """The motion on bones of these lengths, feet standing where they stood; as it is on its own, or where there are none.
+  """
   if lengths is None or np.abs(bone_lengths(joints, HUMANML3D) - lengths).max() < _SAME:
     return joints
   made = retarget(joints, dataclasses.replace(HUMANML3D, bone_lengths=lengths))

@@ -63,9 +63,11 @@ def project(joints: Num[np.ndarray, "t 22 3"], asked: ControlSignal | Sequence[C
   if signal.is_empty:
     return np.asarray(joints, np.float32)
   check_length(count)
-  start = builds.built_as(start, signal)
+  # Of poses as they were given: one that is lifted out of the floor has other bones.
+  lengths = builds.build_of(asked if isinstance(asked, ControlSignal) else compile(asked, count, fps, start))
+  start = builds.built_as(start, lengths)
   moved = _carried(start, wanted(start, False), fps)
-  moved = _met(_solved(moved, lambda now: wanted(now, False), fps), lambda now: wanted(now, False), fps)
+  moved = _met(_solved(moved, lambda now: wanted(now, False), fps), lambda now: wanted(now, False), lengths, fps)
   if tell:
     signal = wanted(moved, False)
     off = np.where(np.asarray(signal.given)[0], moved - np.asarray(signal.positions, np.float64)[0], 0)
@@ -249,15 +251,17 @@ def _solved(joints: np.ndarray, wanted: Callable[[np.ndarray], ControlSignal], f
     done = done + change
     now, axes = bodies.bent(now, change, axes)
     if np.abs(change).max() < 1e-4:
-      return now
-  return best[1]
+      break
+  off = np.where(given, np.asarray(signal.positions, np.float64)[0] - now, 0)
+  return now if np.abs(off).max() < best[0] else best[1]
 
 
-def _met(joints: np.ndarray, wanted: Callable[[np.ndarray], ControlSignal], fps: float) -> np.ndarray:
+def _met(joints: np.ndarray, wanted: Callable[[np.ndarray], ControlSignal], lengths: np.ndarray | None, fps: float
+         ) -> np.ndarray:
   """The motion with what little is still lacking to whole poses: where a limb is nearly straight, the way to a pose's
   twist of it may lead round half a turn, which turns of joints do not find. Bones stay as long as they are."""
   signal = wanted(joints)
-  given, lengths = np.asarray(signal.given)[0], builds.build_of(signal)
+  given = np.asarray(signal.given)[0]
   whole = given.all((-1, -2))
   off = np.where(given, np.asarray(signal.positions, np.float64)[0] - joints, 0)
   if lengths is None or np.abs(off[whole]).max() < _NEAR:

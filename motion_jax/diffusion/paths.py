@@ -39,14 +39,16 @@ def forcing_times(rng: Key[Array, ""], batch: int, length: int, block: int) -> F
   return jnp.repeat(draws, block, axis=1)[:, :length]
 
 
-def ramp_times(rng: Key[Array, ""], length: int, block: int, widest: int = 16) -> Float[Array, " {length}"]:
+def ramp_times(rng: Key[Array, ""], length: int, block: int, widest: int = 16, real: Int[Array, ""] | None = None
+               ) -> Float[Array, " {length}"]:
   """t (L,) as frame-wise sampling has them at some moment: 1 for blocks that are finished, 0 for those to come, and in
-  between a slope over 1 to `widest` blocks, all widths of a doubling as likely."""
+  between a slope over 1 to `widest` blocks, all widths of a doubling as likely. real: how many latents there are, of
+  which the moment is one; all of length, if left out."""
   block = block or length
   blocks = -(-length // block)
   width_rng, place_rng = jax.random.split(rng)
   width = jnp.exp(jax.random.uniform(width_rng, maxval=jnp.log(float(widest))))
-  place = jax.random.uniform(place_rng, maxval=blocks + width)
+  place = jax.random.uniform(place_rng) * (width + (blocks if real is None else -(-real // block)))
   return jnp.repeat(jnp.clip((place - jnp.arange(blocks)) / width, 0.0, 1.0), block)[:length]
 
 

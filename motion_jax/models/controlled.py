@@ -103,7 +103,8 @@ def _controlled(model, prompts, frames, keys, seeds, cleanup, literal, sampling,
   """A motion for each prompt, all of which are asked for something."""
   counts = [int(round(count)) for count in frames]
   for one, count in zip(asked, counts):
-    if projected and not finds_its_cycle(one):
+    if projected and (isinstance(one, ControlSignal) or any(not isinstance(each, InPlace | KeepParts | Loop)
+                                                            for each in one)):
       check_length(count)  # before anything is made
   # What no body can do is told by the projection, where there is one.
   compiled = [possible(_compiled(one, count, model.fps), model.fps, not projected)

@@ -113,20 +113,25 @@ class Block(nn.Module):
 
 class ControlAdapter(nn.Module):
   """Adds to tokens x (B, L, D) what constraints make of them at times t (B, L), D -> rank -> D, before a layer that
-  knows of none. told (B, L, rank + 1), of `CausalDiT.control_tokens`; a latent whose last number is 0 stays."""
+  knows of none. told (B, L, rank), of `CausalDiT.control_tokens`; a latent whose `some` (B, L, 1) is 0 stays.
+
+  Where told is of half as many rows, the other half is the same latents without their captions: constraints move them
+  as they move those with captions, which costs half as much and leaves guidance to the words.
+  """
   width: int
   dtype: Any
 
   @nn.compact
-  def __call__(self, x: Float[Array, "b l d"], told: Float[Array, "#b l k"], t: Float[Array, "#b l"]
-               ) -> Float[Array, "b l d"]:
+  def __call__(self, x: Float[Array, "b l d"], told: Float[Array, "_ l k"], some: Float[Array, "_ l 1"],
+               t: Float[Array, "_ l"]) -> Float[Array, "b l d"]:
     # What is known of a latent's end weighs otherwise where it is noise than where it is nearly clean.
-    times = jnp.stack([t, t ** 2, t ** 4], axis=-1).astype(self.dtype)
+    times = jnp.stack([t, t ** 2, t ** 4], axis=-1).astype(self.dtype)[:len(told)]
     hidden = Dense(ADAPTER_RANK, dtype=self.dtype, name="down")(
-        nn.LayerNorm(epsilon=1e-6, use_scale=False, use_bias=False, dtype=self.dtype)(x))
-    hidden = nn.silu(hidden + told[..., :-1] + Dense(ADAPTER_RANK, dtype=self.dtype, name="time")(times))
+        nn.LayerNorm(epsilon=1e-6, use_scale=False, use_bias=False, dtype=self.dtype)(x[:len(told)]))
+    hidden = nn.silu(hidden + told + Dense(ADAPTER_RANK, dtype=self.dtype, name="time")(times))
     up = Dense(self.width, kernel_init=nn.initializers.zeros, dtype=self.dtype, name="up")
-    return x + told[..., -1:] * up(hidden)
+    added = some * up(hidden)
+    return x + (added if len(added) == len(x) else jnp.concatenate([added, added]))
 
 
 class CausalDiT(nn.Module):
@@ -205,18 +210,15 @@ class CausalDiT(nn.Module):
     hidden = nn.silu(self.control_in(control.astype(self.dtype)))
     return jnp.concatenate([self.control_out(hidden), control[..., :1].astype(self.dtype)], axis=-1)
 
-  def _told(self, control: Float[Array, "#b l told"]) -> list[Float[Array, "#b l k"]]:
-    """Of control_tokens what each layer's adapter takes."""
-    return [jnp.concatenate([part, control[..., -1:]], -1) for part in jnp.split(control[..., :-1], self.depth, -1)]
-
   def turn_keys(self, cache: tuple[KeysValues, ...], positions: Num[Array, " p"]) -> tuple[KeysValues, ...]:
     """Cached (k, v) of all layers with the keys turned to positions (P,), as `window` takes them."""
     positions = positions if self.use_rope else jnp.zeros_like(positions)
     return tuple((rotary(k, positions), v) for k, v in cache)
 
-  def window(self, x: Float[Array, "b w c"], t: Float[Array, "b w"], modulation: Float[Array, "depth #b #w 6 d"] | list,
-             text: tuple[Text, ...], attn_mask: Bool[Array, "#b 1 w s"], positions: Num[Array, "*#b w"],
-             past: tuple[KeysValues, ...] | None = None, control: Float[Array, "#b w told"] | None = None
+  def window(self, x: Float[Array, "b w c"], t: Float[Array, "#b w"],
+             modulation: Float[Array, "depth #b #w 6 d"] | list, text: tuple[Text, ...],
+             attn_mask: Bool[Array, "#b 1 w s"], positions: Num[Array, "*#b w"],
+             past: tuple[KeysValues, ...] | None = None, control: Float[Array, "_ w told"] | None = None
              ) -> tuple[Float[Array, "b w c"], tuple[KeysValues, ...]]:
     """Velocity of a window of latents and its keys and values: x (B, W, C), modulation (depth, B or 1, W, 6, D).
 
@@ -228,15 +230,15 @@ class CausalDiT(nn.Module):
     if not self.use_adaln:
       x = x + self.level(t)
     positions = positions if self.use_rope else jnp.zeros_like(positions)
-    told = None if control is None else self._told(control)
+    told = [] if control is None else jnp.split(control[..., :-1], self.depth, axis=-1)
     new = []
     for i, block in enumerate(self.blocks):
-      x = x if told is None else self.adapters[i](x, told[i], t)
+      x = self.adapters[i](x, told[i], control[..., -1:], t) if told else x
       x, keys_values = block.step(x, modulation[i], text[i], attn_mask, positions, None if past is None else past[i])
       new.append(keys_values)
     return self._to_velocity(self.out(x), latents, t), tuple(new)
 
-  def _to_velocity(self, y: Float[Array, "b l c"], x: Float[Array, "b l c"], t: Float[Array, "b l"]
+  def _to_velocity(self, y: Float[Array, "b l c"], x: Float[Array, "b l c"], t: Float[Array, "#b l"]
                    ) -> Float[Array, "b l c"]:
     """The velocity (x1 - eps) that a prediction means at x = t x1 + (1 - t) eps.
 
@@ -251,9 +253,9 @@ class CausalDiT(nn.Module):
 
   def __call__(self, x: Float[Array, "b l c"], t: Float[Array, "b m"], text_emb: Float[Array, "b s e"],
                attn_mask: Bool[Array, "#b 1 l l"], text_mask: Bool[Array, "b *m s"],
-               control: Float[Array, "b l n"] | None = None) -> Float[Array, "b l c"]:
+               control: Float[Array, "_ l n"] | None = None) -> Float[Array, "b l c"]:
     """x (B, L, C), t (B, L) or (B, L / n), text_emb (B, S, E), attn_mask (B or 1, 1, L, L), text_mask (B, S)
-    or (B, L, S); control (B, L, N) as in `control_tokens`."""
+    or (B, L, S); control (B, L, N) as in `control_tokens`, or (B / 2, L, N), see `ControlAdapter`."""
     length = x.shape[1]
     if self.control and self.is_initializing():
       control = jnp.zeros(x.shape[:2] + (self.control,), self.dtype)
@@ -271,7 +273,7 @@ class CausalDiT(nn.Module):
 
   def _scanned(self, x: Float[Array, "b l c"], t: Float[Array, "b m"], text_emb: Float[Array, "b s e"],
                attn_mask: Bool[Array, "#b 1 l l"], text_mask: Bool[Array, "b *m s"],
-               control: Float[Array, "b l told"] | None) -> Float[Array, "b l c"]:
+               control: Float[Array, "_ l told"] | None) -> Float[Array, "b l c"]:
     """`__call__` by one loop over the layers. Their parameters are stacked here, on the way in: in files and in an
     optimizer each layer has its own."""
     level, words = self.level(t), self.text_in(text_emb.astype(self.dtype))
@@ -288,12 +290,13 @@ class CausalDiT(nn.Module):
       x = x + self.level(t)
     stack = lambda modules: jax.tree.map(lambda *leaves: jnp.stack(leaves), *(module.variables for module in modules))
     block, stacked = self.blocks[0].clone(parent=None), stack(self.blocks)
-    told = None if control is None else (jnp.stack(self._told(control)), stack(self.adapters))
+    split = lambda: jnp.stack(jnp.split(control[..., :-1], self.depth, axis=-1))
+    told = None if control is None else (split(), stack(self.adapters))
     adapter = None if control is None else self.adapters[0].clone(parent=None)
 
     def step(x, row):
       params, told = row
-      x = x if told is None else adapter.apply(told[1], x, told[0], t)
+      x = x if told is None else adapter.apply(told[1], x, told[0], control[..., -1:], t)
       return block.apply(params, x, method=layer)
 
     x, _ = jax.lax.scan(step, x, (stacked, told))

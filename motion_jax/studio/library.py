@@ -7,6 +7,7 @@ from typing import Any
 
 from motion_jax.control.constraints import RootPath
 from motion_jax.inputs.errors import InputError, reason
+from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.studio import ahead
 from motion_jax.studio.limits import Limits
 
@@ -103,8 +104,8 @@ def _load(name):
 
 
 def _steps(shelf):
-  """Compiles what a stream runs, and yields once with what gives its first block, again with what it goes on by; what
-  else a model does is compiled when it is asked for."""
+  """Compiles what a stream runs, and yields once with what gives its first block, again with what it goes on by, and
+  with what leads it along a path; what else a model does is compiled when it is asked for."""
   model = shelf.model
   for name in ("scipy.ndimage", "scipy.linalg"):
     importlib.import_module(name)
@@ -114,6 +115,8 @@ def _steps(shelf):
     for _ in range(4):
       next(live)
       yield
+    if model.stats.layout.skeleton is not HUMANML3D:  # which nothing leads
+      return
     x, z = live.place  # nor does the first path that is drawn wait for its program
     live.hold(ahead.signal_of([RootPath([[x, z], [x, z + 2.0]])], None, live.decided, live.place, None, model.fps,
                               Limits()))

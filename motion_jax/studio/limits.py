@@ -50,7 +50,7 @@ _MISSING = object()
 _NO_CHOICES = frozenset((
     "self", "prompt", "prompts", "segments", "lists", "clip", "clips", "motion", "seed", "seeds", "rng", "seconds",
     "num_frames", "cleanup", "polish", "literal", "control", "project", "keep", "change", "task", "past",
-    "past_prompt"))
+    "past_prompt", "hold_until_done", "ease", "rest", "way", "num_past", "paste", "mask"))
 
 
 class Fields:

@@ -70,7 +70,13 @@ def _constraints(kind, row, frames, fps, rate, notes) -> list[Constraint]:
     dense = bool(len(step) and step.max() < 1.5 / fps)  # then all of the way is given, and not points of it
     if np.shape(places) != (len(times), 2):
       raise InputError("expected positions_xz of two numbers each")
-    return [RootPath(places, times, heading=row.get("heading_radians"), between=dense)]
+    heading = row.get("heading_radians")
+    if not dense:  # several of its frames may be one frame of the model: the first of them counts
+      kept = np.unique(np.round(times * rate), return_index=True)[1]
+      if isinstance(heading, list) and len(heading) == len(times):
+        heading = [heading[i] for i in kept]
+      places, times = [places[i] for i in kept], times[kept]
+    return [RootPath(places, times, heading=heading, between=dense)]
   if row.get("rotations") is not None:
     notes.append("rotations of an effector_target are not followed, its positions are")
   name = row.get("joint")

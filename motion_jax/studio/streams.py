@@ -11,6 +11,7 @@ import numpy as np
 
 from motion_jax.inputs.errors import InputError, reason
 from motion_jax.motion.contacts import feet_stand
+from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.studio import ahead
 from motion_jax.studio.library import Library, live_sampling
 from motion_jax.studio.limits import Fields, Limits, told_plainly
@@ -122,6 +123,9 @@ class Stream:
     def hold():
       if self._started():
         live = self._live.stream
+        if control and self._live.skeleton is not HUMANML3D:
+          raise InputError(f"got control of {self._live.skeleton.name}, a body of another skeleton; control knows the "
+                           f"22 joints of {HUMANML3D.name}")
         held = ahead.signal_of(control, at, live.decided, live.place, live.num_frames, self._live.fps, self._limits)
         self._held = 0 if held is None else held.frames
         self._send({"type": "held", "run": self._run, "from_frame": live.hold(held), "until_frame": self._held})

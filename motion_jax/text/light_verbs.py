@@ -20,6 +20,7 @@ _DIAGONAL = re.compile(r"(?:straight )?(ahead|forwards?|back|backwards?) and to 
                        r"(?: around)?")
 _BEHIND = set("to in into on onto at with from for over towards toward forward forwards backward backwards back left "
               "right up down around high again quickly slowly fast upwards sideways".split())
+_SEVERAL = {"and", "then", ","}  # more is said than one action
 _ING = {"sit": "sitting", "squat": "squatting", "hop": "hopping", "spin": "spinning", "jab": "jabbing",
         "wave": "waving", "nod": "nodding", "clap": "clapping", "lunge": "lunging"}
 
@@ -48,6 +49,8 @@ def reworded(verb: str, words: Sequence[str], numbers: Mapping[str, float]) -> R
     return None
   if verb == "take" and rest[:1] and rest[0] in _PACES and rest[1:2] == ["steps"]:
     way = ["forward"] if rest[2:] in (["ahead"], []) else words[2:]
+    if rest[2:] and rest[2] not in (*_BEHIND, "ahead") or not _SEVERAL.isdisjoint(rest[2:]):
+      return None
     return Reworded("walk", "walking", [*way, _PACES[rest[0]]], 1)
   if rest[:1] and rest[0] in numbers and rest[0] not in _ARTICLES:
     times, rest = int(numbers[rest[0]]), rest[1:]
@@ -84,5 +87,7 @@ def _hands_up(rest, words):
     if behind[:1] != ["up"]:
       return None
     behind = behind[1:]
+  if behind and behind[0] not in _BEHIND - {"on"} or not (_SEVERAL | {"down"}).isdisjoint(behind):
+    return None
   which = ["the", side] if side else ["both"] if named[thing].endswith("s") else ["a"]
   return Reworded("raise", "raising", [*which, named[thing], *(words[len(words) - len(behind):] if behind else [])], 1)

@@ -27,7 +27,9 @@ def wandering(parts, rng) -> Iterator[Clip | None]:
   ways = []
   for part in parts:
     said = [caption.text for caption in part.clip.captions if not _NAMES_A_PATH.search(caption.text)]
-    joints = part.joints[:MOST]
+    joints = part.joints
+    if not part.known or len(joints) > MOST:  # stairs; what comes late would be said and cut off
+      continue
     gone = course(joints)[1]
     if said and gone[-1] > _LEAST:
       ways.append((part, said, joints, gone))

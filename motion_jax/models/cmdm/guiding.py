@@ -1,4 +1,4 @@
-"""Frame-wise sampling that is pulled towards constraints at every noise level, through the decoder.
+"""Frame-wise sampling that is pulled towards constraints in every second iteration, through the decoder.
 
 The latents of the window, as clean as the network thinks them, are decoded behind those that left it, and become joints
 where the motion has got to; `control.guidance` says what they would have to be. So a network that has not learned from
@@ -33,7 +33,7 @@ class Behind(NamedTuple):
 class Guide:
   """What pulls: a signal of frames (B, T) from block `first` on, and all that makes joints of latents. Made by `of`.
 
-  num_steps: of conjugate gradients at each noise level; num_times: how often the finished latents of a whole motion
+  num_steps: of conjugate gradients each time; num_times: how often the finished latents of a whole motion
   are pulled once more, all together, which no stream can: with 0 a stream makes the motion that is made offline.
   """
   codec: VaeCodec

@@ -49,7 +49,7 @@ class LiveStream:
     self._state = cmdm.MotionStream(streaming.Stream(*latents), decoder)
     self._steps, self._frames, self._given = 0, 0, 0  # frames: that are decided; given: of them, once cleaned
     self._path: _Path | None = None
-    self._tokens: np.ndarray | None = None  # of what the stream is held to (1, L, D), from its first latent on
+    self._tokens: np.ndarray | None = None  # of what the stream is held to (1, L, N), from its first latent on
     self._signal: ControlSignal | None = None
     self._drift = np.zeros(2)  # x and z by which the cleanup, that lets feet not slide, has moved the body
     self._waiting = np.zeros((0, 2))  # x and z of the body, as decoded, in frames that wait for their cleanup
@@ -136,7 +136,7 @@ class LiveStream:
     signal (1, T): of frames from the beginning of the stream on, in metres from where it began; what lies in blocks
     that were given out has no effect, and no frame that was given out moves. None asks for nothing any more. A network
     that was trained for it is told them as far ahead as it looks, and latents that are under way are pulled to them by
-    control_steps conjugate gradient steps at each noise level; 0: not pulled.
+    control_steps conjugate gradient steps in every second iteration; 0: not pulled.
     """
     if signal is not None and signal.batch != 1:
       raise ValueError(f"got constraints of {signal.batch} motions, a stream is one")

@@ -22,7 +22,7 @@ from motion_jax.models.known_motion import on_our_body
 from motion_jax.models.results import Motion, Motions, captions_in_a_row, go_on, make_motions
 from motion_jax.runtime import timing
 
-# Where constraints pull: conjugate gradient steps at each noise level, and Gauss-Newton steps when all is finished.
+# Where constraints pull: conjugate gradient steps each time, and Gauss-Newton steps when all is finished.
 CONTROL_STEPS, SETTLES = 2, 3
 Segments = Sequence[tuple[str, float | None]]  # prompts and their seconds
 
@@ -83,8 +83,8 @@ class CmdmModel(CmdmNetworks):
                         seeds: Sequence[int | None], cleanup: bool, sampling: dict[str, Any], signal: ControlSignal
                         ) -> Motions:
     """As `sample`, led towards what signal (B, longest) asks: a network that was trained for it is told it, and latents
-    are pulled to it while they are denoised (`models.cmdm.guiding`), by as many conjugate gradient steps at each noise
-    level as sampling["control_steps"] says (0: not pulled), and sampling["settles"] times more when all are
+    are pulled to it while they are denoised (`models.cmdm.guiding`), by as many conjugate gradient steps in every
+    second iteration as sampling["control_steps"] says (0: not pulled), and sampling["settles"] times more when all are
     finished, which no stream can."""
     return self.sample(prompts, frames, keys, seeds, cleanup, sampling, signal)
 

@@ -102,12 +102,12 @@ def forcing_inputs(config: ConfigDict, vae: CausalVAE, dit: CausalDiT, frozen: A
   draw = (ddpm_forcing if dit.predicts == "ddpm" else paths).forcing_times
   t = jax.vmap(lambda key: draw(key, 1, z1.shape[1], config.loss.level_block)[0])(keys(level_rng))
   if config.loss.ramp:
-    def ramped(key, t):
+    def ramped(key, t, real):
       chosen, times = jax.random.split(key)
-      ramp = paths.ramp_times(times, z1.shape[1], config.loss.level_block)
+      ramp = paths.ramp_times(times, z1.shape[1], config.loss.level_block, real=real)
       return jnp.where(jax.random.bernoulli(chosen, config.loss.ramp), ramp, t)
 
-    t = jax.vmap(ramped)(keys(jax.random.fold_in(rng, 4)), t)
+    t = jax.vmap(ramped)(keys(jax.random.fold_in(rng, 4)), t, latent_mask.sum(1))
   noise = jax.vmap(lambda key: jax.random.normal(key, z1.shape[1:]))(keys(noise_rng))
   drop = jax.vmap(lambda key: jax.random.bernoulli(key, config.loss.drop_rate))(keys(drop_rng))
   # Parity: the code zeroes the word features and keeps the mask; it also leaves the text encoder's dropout on while

@@ -211,7 +211,7 @@ class Sampler:
   keys: Any
   control: Any = None        # (B, blocks * block, N) of `CausalDiT.control_tokens`, from block control_first on
   control_first: Any = 0
-  guide: Any = None          # a `guiding.Guide`, which pulls the velocity of flows towards constraints
+  guide: Any = None          # a `guiding.Guide`, which pulls latents of flows towards constraints
 
   def init(self) -> Stream:
     """The state before the first step."""
@@ -275,13 +275,12 @@ class Sampler:
     control = None
     if self.control is not None:
       control = jax.lax.dynamic_slice_in_dim(self.control, (base - self.control_first) * size, active * size, axis=1)
-      control = jnp.concatenate([control, control]) if plan.guided else control
 
     def velocity_at(latents, now):
       t = jnp.repeat(constants.times[now], size)
       modulation = jnp.repeat(constants.modulation[:, now], size, axis=1)[:, None]
       x = jnp.concatenate([latents, latents]) if plan.guided else latents
-      velocity, new = dit.apply(params, x, jnp.broadcast_to(t, x.shape[:2]), modulation, text, attn_mask, within, past,
+      velocity, new = dit.apply(params, x, t[None], modulation, text, attn_mask, within, past,
                                 control, method="window")
       if plan.guided:
         with_text, without = jnp.split(velocity, 2)
@@ -304,12 +303,13 @@ class Sampler:
         velocity = (velocity + velocity_at(latents + step * velocity, then)[0]) / 2
       step = step * velocity
       if self.guide is not None:
-        # In the last of a step's iterations, as far as all of them go: once costs less than each time.
+        # In every second iteration, for two of them, which costs half; the one that finishes a block is among them.
+        every, last = min(plan.lag, 2), (plan.num_steps - 1) % plan.lag
         moves, t = jnp.repeat(now < then, size), jnp.repeat(constants.times[now], size)
         share = jnp.repeat(constants.times[then] - constants.times[now], size) / jnp.where(moves, 1 - t, 1.0)
-        pull = jax.lax.cond(i == plan.lag - 1, lambda: self.guide.pull(
+        pull = jax.lax.cond((i - last) % every == 0, lambda: self.guide.pull(
             state.behind, base * size, latents, velocity, t, moves).astype(latents.dtype), lambda: 0 * latents)
-        step += jnp.minimum(plan.lag * share, 1.0)[:, None] * pull
+        step += jnp.minimum(every * share, 1.0)[:, None] * pull
       return latents + step, jax.tree.map(lambda a: a[:, :size], new)
 
     window, oldest = jax.lax.scan(iteration, state.latents[:, :active * size], jnp.arange(plan.lag))
