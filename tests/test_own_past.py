@@ -71,6 +71,10 @@ def test_times_of_a_moment_of_sampling_rise_towards_the_past():
   times = np.asarray(jax.vmap(lambda key: paths.ramp_times(key, 14, BLOCK))(jax.random.split(jax.random.key(0), CLIPS)))
   assert times.shape == (CLIPS, 14) and times.min() == 0 and times.max() == 1
   assert (np.diff(times) <= 0).all() and (np.diff(times[:, :3]) == 0).all()  # whole blocks, the past first
+  short = np.asarray(jax.vmap(lambda key: paths.ramp_times(key, 14, BLOCK, real=jnp.array(2)))(
+      jax.random.split(jax.random.key(0), CLIPS)))
+  finished = lambda times: (times[:, 0] == 1).mean()
+  assert finished(short) < finished(times)  # a moment of two latents, not of what is padded behind them
   slopes = -np.diff(times[:, ::BLOCK])
   steep = slopes.max(1)
   assert (steep > 0.6).any() and ((steep > 0) & (steep < 0.1)).any()

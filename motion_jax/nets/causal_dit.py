@@ -230,10 +230,11 @@ class CausalDiT(nn.Module):
     if not self.use_adaln:
       x = x + self.level(t)
     positions = positions if self.use_rope else jnp.zeros_like(positions)
-    told = [] if control is None else jnp.split(control[..., :-1], self.depth, axis=-1)
+    parts = None if control is None else jnp.split(control, [control.shape[-1] - 1], axis=-1)
+    told = [] if parts is None else jnp.split(parts[0], self.depth, axis=-1)
     new = []
     for i, block in enumerate(self.blocks):
-      x = self.adapters[i](x, told[i], control[..., -1:], t) if told else x
+      x = x if parts is None else self.adapters[i](x, told[i], parts[1], t)
       x, keys_values = block.step(x, modulation[i], text[i], attn_mask, positions, None if past is None else past[i])
       new.append(keys_values)
     return self._to_velocity(self.out(x), latents, t), tuple(new)
@@ -290,14 +291,15 @@ class CausalDiT(nn.Module):
       x = x + self.level(t)
     stack = lambda modules: jax.tree.map(lambda *leaves: jnp.stack(leaves), *(module.variables for module in modules))
     block, stacked = self.blocks[0].clone(parent=None), stack(self.blocks)
-    split = lambda: jnp.stack(jnp.split(control[..., :-1], self.depth, axis=-1))
-    told = None if control is None else (split(), stack(self.adapters))
-    adapter = None if control is None else self.adapters[0].clone(parent=None)
+    if control is None:
+      x, _ = jax.lax.scan(lambda x, params: block.apply(params, x, method=layer), x, stacked)
+      return self._to_velocity(self.out(x), latents, t)
+    adapter, some = self.adapters[0].clone(parent=None), control[..., -1:]
 
     def step(x, row):
-      params, told = row
-      x = x if told is None else adapter.apply(told[1], x, told[0], control[..., -1:], t)
-      return block.apply(params, x, method=layer)
+      block_params, adapter_params, told = row
+      return block.apply(block_params, adapter.apply(adapter_params, x, told, some, t), method=layer)
 
-    x, _ = jax.lax.scan(step, x, (stacked, told))
+    told = jnp.stack(jnp.split(control[..., :-1], self.depth, axis=-1))
+    x, _ = jax.lax.scan(step, x, (stacked, stack(self.adapters), told))
     return self._to_velocity(self.out(x), latents, t)

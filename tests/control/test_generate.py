@@ -38,6 +38,14 @@ def test_a_path_that_is_too_long_is_refused_before_anything_is_made(model, monke
     model.generate("a person walks", seeds=[0], control=[RootPath([[0, 0], [240, 0]])])
 
 
+def test_what_is_not_brought_to_anything_may_be_longer(model, monkeypatch):
+  monkeypatch.setattr("motion_jax.control.project.LONGEST", 30)
+  monkeypatch.setattr(type(model), "sample", lambda *_, **__: pytest.fail("a motion was sampled"))
+  for control, error in (([InPlace()], pytest.fail.Exception), ([RootPath([[0, 0], [0, 1]])], InputError)):
+    with pytest.raises(error, match="was sampled" if error is pytest.fail.Exception else "got 36 frames"):
+      model.generate("a person walks", 36, seeds=[0], control=control)
+
+
 @pytest.mark.slow
 def test_each_motion_of_a_batch_does_what_is_asked_of_it(model, plain):
   path = [RootPath([[1, 0], [1.5, 0.5], [2.5, 0.5]])]

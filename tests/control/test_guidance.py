@@ -107,6 +107,15 @@ def test_it_pulls_towards_what_is_asked_and_leaves_alone_what_is_asked_nothing(m
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("way", [dict(num_steps=5, lag=3), dict(num_steps=4, lag=4), dict(num_steps=4, lag=1)])
+def test_it_pulls_whatever_the_lag(model, way):
+  """Also where it does not divide the steps: the iteration that finishes a block is among those that are pulled."""
+  plain = made(model, **way)
+  signal = asked(FRAMES, at={frame: {20: plain[0, frame, 20] + 0.05} for frame in (20, 40)})
+  assert error(signal, made(model, signal, **way)) < 0.6 * error(signal, plain)
+
+
+@pytest.mark.slow
 def test_a_stream_is_the_offline_motion_and_never_moves_what_was_given_out(model):
   """What is asked from the start on; then another place for the hand, told when three blocks were given out."""
   signal, plan = hand(), model.plan_of(**SAMPLING)[0]

@@ -94,6 +94,20 @@ def test_a_hand_at_every_frame_of_another_rate_is_a_curve():
   np.testing.assert_allclose(signal.positions[0, :20, 20, 0], 0.015 * np.arange(20), atol=2e-3)
 
 
+def test_a_path_at_frames_of_another_rate_passes_its_points():
+  """Points that fall into one frame of the model are one."""
+  from motion_jax.control.compiling import compile
+  from motion_jax.studio import mmcp_constraints
+  for frames, fps in (([*range(30), 60], 30.0), (list(range(0, 120, 2)), 60.0)):
+    row = {"type": "root_path", "frames": frames, "positions_xz": [[0.01 * frame, 0.0] for frame in frames],
+           "heading_radians": [0.0] * len(frames)}
+    found, _ = mmcp_constraints.read([row], 200, fps, 20.0)
+    signal = compile(found, 45, 20.0)
+    given = signal.given[0, :, 0, 0]
+    assert given[:20].all()
+    np.testing.assert_allclose(signal.positions[0, given, 0, 0], 0.01 * fps / 20 * np.flatnonzero(given), atol=0.011)
+
+
 def test_segments_of_another_rate_are_as_long_as_asked(client, request_body):
   """Ten of 14 frames at 30 a second are 4.67 s, though none is whole frames of the model."""
   place = {"type": "root_path", "frames": [0, 139], "positions_xz": [[0, 0], [0, 1.5]]}

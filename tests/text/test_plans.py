@@ -126,6 +126,10 @@ COMPOSED = {
     "a person moves forward and backward then left and right": "moves forward and backward | moves left and right",
 }
 PLAIN = """
+a person takes slow steps through the mud
+someone puts the hands up and down
+a man puts his hand up his sleeve
+she puts up hands on hips
 a person walks forward
 a person walks up and down
 a person walks back and forth
