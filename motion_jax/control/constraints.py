@@ -66,8 +66,9 @@ class RootPath(Constraint):
                        "one for each")
     if self.points is not None and np.ndim(self.speed):
       raise InputError("got several speeds for the points of a root path; give times in their place")
-    if self.speed is not None and not ((np.asarray(self.speed) == 0) | (np.asarray(self.speed) >= _SLOWEST)).all():
-      raise InputError(f"got the speed {np.min(self.speed):g} of a root path, expected 0, or {_SLOWEST:g} or more "
+    speeds = np.ravel(0.0 if self.speed is None else self.speed)
+    if len(wrong := speeds[(speeds != 0) & ~(speeds >= _SLOWEST)]):
+      raise InputError(f"got the speed {wrong[0]:g} of a root path, expected 0, or {_SLOWEST:g} or more "
                        "metres a second")
 
 

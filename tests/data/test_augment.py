@@ -152,7 +152,7 @@ def test_a_turn_by_half_a_circle_is_turning_around(degrees, found):
 
 def test_an_excerpt_begins_and_ends_at_rest_where_there_is_any():
   lead = lambda rests, seed: _lead(30, np.array(rests), np.random.default_rng(seed))
-  assert {lead([False] * 12 + [True] * 3 + [False] * 15, seed) for seed in range(20)} == {12, 13, 14}
+  assert {lead([False] * 12 + [True] * 3 + [False] * 15, seed) for seed in range(20)} == {13, 14, 15}
   assert all(6 <= lead([False] * 30, seed) <= 20 for seed in range(20))
 
 

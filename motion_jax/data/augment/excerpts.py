@@ -78,7 +78,7 @@ def _lead(frames, rests, rng):
   soonest = round(_LEAD[0] * FPS)
   calm = np.flatnonzero(rests[soonest:round(_REST * FPS)]) + soonest
   calm = calm[calm < frames]
-  return int(calm[rng.integers(len(calm))]) if len(calm) else min(round(float(rng.uniform(*_LEAD)) * FPS), frames)
+  return int(calm[rng.integers(len(calm))]) + 1 if len(calm) else min(round(float(rng.uniform(*_LEAD)) * FPS), frames)
 
 
 def _cut(part, acts, kind, number, rng):

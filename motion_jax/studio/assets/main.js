@@ -43,7 +43,7 @@ const live = (studio.live = new Live(api.token, {
   changed,
   forget: (sentence) => notes.forget(sentence),
   check: checkToken,
-  anew: () => studio.follow(),
+  anew: () => tool.active || studio.follow(), // a path that is being drawn is sent when it is done
 }));
 const story = (studio.story = new Story(api, { tell, changed, state: () => studio.state, act }));
 let waiting = null;
