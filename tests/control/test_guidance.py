@@ -112,7 +112,7 @@ def test_it_pulls_whatever_the_lag(model, way):
   """Also where it does not divide the steps: the iteration that finishes a block is among those that are pulled."""
   plain = made(model, **way)
   signal = asked(FRAMES, at={frame: {20: plain[0, frame, 20] + 0.05} for frame in (20, 40)})
-  assert error(signal, made(model, signal, **way)) < 0.6 * error(signal, plain)
+  assert error(signal, made(model, signal, **way)) < 0.75 * error(signal, plain)
 
 
 @pytest.mark.slow

@@ -117,7 +117,8 @@ def test_segments_of_another_rate_are_as_long_as_asked(client, request_body):
   reply = client.post("/mmcp/generate", json=body)
   assert reply.status_code == 200, reply.text
   root = tracks(reply.json(), 0)["translation", 0]
-  assert len(root) == 140 and np.abs(root[139, [0, 2]] - [0, 1.5]).max() < 0.2  # between two frames of the model
+  assert len(root) == 140
+  assert np.abs(root[139, [0, 2]] - [0, 1.5]).max() < 0.3  # between two frames of a model that is untrained
 
 
 def test_rate_loop_and_guidance(client, request_body):
