@@ -72,20 +72,12 @@ def test_two_steps_and_two_more_are_four(tmp_path):
 def test_a_batch_in_parts_is_one_step_and_goes_on_with_or_without(tmp_path):
   """Rows that count are spread unevenly over the parts; nothing is saved between two parts, so that any save goes on
   to the same bytes."""
-  rows = {}  # what the loss is given at once
-
-  def run(steps, parts, folder, **options):
-    stage = _stage()
-
-    def loss(params, frozen, batch, step, rng):
-      rows.setdefault(parts, set()).add(len(batch["x"]))
-      return stage.loss(params, frozen, batch, step, rng)
-
-    return train.train(_config(steps, accumulate_steps=parts), tmp_path / folder, stage._replace(loss=loss),
-                       _next_batch, **options)
-
-  whole, parts = run(6, 1, "whole"), run(6, 4, "parts")
-  assert int(parts.step) == 6 and rows == {1: {8}, 4: {2}}
+  stage, rows = _stage(), []  # rows: how many the loss is given at once
+  counted = stage._replace(loss=lambda *given: rows.append(len(given[2]["x"])) or stage.loss(*given))
+  run = lambda steps, parts, folder, **options: train.train(
+      _config(steps, accumulate_steps=parts), tmp_path / folder, counted, _next_batch, **options)
+  whole, at_once, parts = run(6, 1, "whole"), set(rows), run(6, 4, "parts")
+  assert int(parts.step) == 6 and at_once == {8} and set(rows) == {8, 2}
   np.testing.assert_allclose(whole.params["w"], parts.params["w"], rtol=1e-5)
   run(4, 4, "sliced")
   assert _equal(run(6, 4, "sliced", resume=True), parts)

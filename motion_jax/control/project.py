@@ -37,7 +37,7 @@ _COURSE = 0.35              # seconds, sigma of what is smoothed away of a path 
 _STEP = 0.4                 # radians and metres of a change in one round
 _STRAIGHT = 0.02            # radians: an elbow or a knee is not made straighter, nor bent the wrong way
 _DAMPED = 100.0             # what resists a step after one that went too far
-_LEAST, _ROUNDS = 3, 50      # rounds at least, and at the most
+_LEAST, _ROUNDS = 3, 50     # rounds at least, and at the most
 _NEAR = 4e-4                # metres off that are near enough
 LONGEST = 2400              # frames
 
@@ -66,8 +66,8 @@ def project(joints: Num[np.ndarray, "t 22 3"], asked: ControlSignal | Sequence[C
   # Of poses as they were given: one that is lifted out of the floor has other bones.
   lengths = builds.build_of(asked if isinstance(asked, ControlSignal) else compile(asked, count, fps, start))
   start = builds.built_as(start, lengths)
-  moved = _carried(start, wanted(start, False), fps)
-  moved = _met(_solved(moved, lambda now: wanted(now, False), fps), lambda now: wanted(now, False), lengths, fps)
+  silent = lambda now: wanted(now, False)
+  moved = _met(_solved(_carried(start, silent(start), fps), silent, fps), silent, lengths, fps)
   if tell:
     signal = wanted(moved, False)
     off = np.where(np.asarray(signal.given)[0], moved - np.asarray(signal.positions, np.float64)[0], 0)

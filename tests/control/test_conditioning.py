@@ -11,7 +11,7 @@ from motion_jax.control import conditioning, patterns
 from motion_jax.control import signal as signals
 from motion_jax.diffusion.schedules import staircase
 from motion_jax.models.cmdm import streaming
-from motion_jax.nets.causal_dit import ADAPTER_RANK, CausalDiT
+from motion_jax.nets.causal_dit import ADAPTER_RANK, CausalDiT, ControlAdapter
 from motion_jax.nets.masks import block_causal_mask, sliding_mask
 from motion_jax.training.setup import untrained
 from tests.conftest import load_config
@@ -202,6 +202,19 @@ def _with_control(rate):
   config = load_config("cmdm_denoiser", "tiny")
   config.data.control, config.loss.control, config.loss.decoded_from = rate, 1.0, 0.0
   return config
+
+
+def test_latents_without_captions_are_moved_as_those_with_them():
+  """Where half as many rows are told as there are latents; and what is added depends on the noise level."""
+  adapter = ControlAdapter(8, jnp.float32)
+  x, told = jax.random.normal(jax.random.key(0), (4, 3, 8)), jax.random.normal(jax.random.key(1), (2, 3, ADAPTER_RANK))
+  some, t = jnp.array([1.0, 0.0, 1.0])[None, :, None], jnp.full((1, 3), 0.3)
+  params = untrained(jax.eval_shape(lambda: adapter.init(jax.random.key(0), x, told, some, t)))
+  added = adapter.apply(params, x, told, some, t) - x
+  np.testing.assert_allclose(added[2:], added[:2], atol=1e-6)
+  np.testing.assert_allclose(added[:2], adapter.apply(params, x[:2], told, some, t) - x[:2], atol=1e-6)
+  assert np.abs(added[:, 0]).min() > 0 and not np.asarray(added[:, 1]).any()
+  assert np.abs(added - (adapter.apply(params, x, told, some, t + 0.5) - x)).max() > 1e-3
 
 
 def test_each_layer_is_told_in_its_own_words():

@@ -20,6 +20,7 @@ from motion_jax.data.mirror import mirror_clip
 from motion_jax.metrics.physics import planted_speed
 from motion_jax.motion.events import find_events
 from motion_jax.motion.retarget import retarget
+from motion_jax.motion.root_paths import SMALLEST, course
 
 _SAID = {"walk": "a person walks forward.", "wave_left": "a person waves with the left hand.",
          "squat": "a person squats down and stands up.", "stand": "a person stands still."}
@@ -154,6 +155,23 @@ def test_an_excerpt_begins_and_ends_at_rest_where_there_is_any():
   lead = lambda rests, seed: _lead(30, np.array(rests), np.random.default_rng(seed))
   assert {lead([False] * 12 + [True] * 3 + [False] * 15, seed) for seed in range(20)} == {13, 14, 15}
   assert all(6 <= lead([False] * 30, seed) <= 20 for seed in range(20))
+
+
+def test_what_wanders_turns_both_ways_on_paths_that_feet_can_stand_on():
+  """Whatever walks goes elsewhere than it was captured, no narrower than it can, and nothing says where."""
+  source = {clip.id: clip for clip in _clips() + _clips("theirs")}
+  turned = []
+  for clip in _made("wandering"):
+    one = source[clip.id.split("+")[0]]
+    assert one.meta["content"] == "walk"
+    assert not any(word in text.text for text in clip.captions for word in ("left", "right", "straight", "turn"))
+    (path, gone), (old, _) = course(clip.joints), course(retarget(one.joints))
+    angle = lambda points: np.unwrap(np.arctan2(*np.diff(points, axis=0).T))
+    way = angle(path) - angle(old)
+    turned += [way.min(), way.max()]
+    assert abs(np.polyfit(gone[:-1], way, 1)[0]) < 1.2 / SMALLEST["walk"]
+    assert planted_speed(clip.joints) < 1.5 * planted_speed(retarget(one.joints)) + 0.05
+  assert min(turned) < -0.2 and max(turned) > 0.2
 
 
 def test_an_excerpt_in_which_something_else_is_found_is_dropped(monkeypatch):
