@@ -95,6 +95,7 @@ def test_what_cannot_be_asked_is_told_in_one_sentence(client, control, told):
 @pytest.mark.parametrize("body, told", [
     ({"sampling": {"control": "/etc/passwd"}}, "got 'control' in sampling, which is no choice of sampling"),
     ({"sampling": {"num_frames": 72_000}}, "got 'num_frames' in sampling"),
+    ({"sampling": {"hold_until_done": True}}, "got 'hold_until_done' in sampling"),
     ({"sampling": {"seed": 1}}, "got 'seed' in sampling"),
     ({"sampling": {"control_steps": 1e9}, "control": asked(PATH)}, "got control_steps 1000000000.0, expected"),
     ({"control": asked({**PATH, "times": [0, 300, 600]})}, "control: got what takes 600 s, expected at most"),
