@@ -9,22 +9,26 @@ from motion_jax.motion.skeleton import HUMANML3D
 FASTEST = 7.0   # metres a second: a sprint
 _MISSED = 0.01  # metres off a target that are told
 _JUMP = 0.4     # metres that a body may leave the ground
+_CLIMB = 3.0    # metres over the ground that a whole pose may be: on stairs, a table, a ladder
 _SUNK = 0.02    # metres below the floor at which a joint is still taken for on it
 
 
 def possible(signal: ControlSignal, fps: float = 20.0, tell: bool = True) -> ControlSignal:
   """The nearest signal (1, T) that a body can follow: no faster than 7 m/s, no higher than it reaches, not under the
-  floor. tell: a warning names the worst frame of each."""
+  floor. A whole pose is moved up or down as it is. tell: a warning names the worst frame of each."""
   positions, given = np.array(signal.positions, np.float32), np.asarray(signal.given)
   said: list[str] = []
-  highest = _highest()
-  for bound, over, words in ((highest, 1, "higher than a body reaches"), (np.full(22, -_SUNK), -1, "under the floor")):
-    beyond = np.where(given[0, ..., 1], over * (positions[0, ..., 1] - bound), 0)
+  whole = given[0].all((-1, -2))
+  highest = _highest() + _CLIMB * whole[:, None]
+  for bounds, over, words in ((highest, 1, "higher than a body reaches"), (np.full_like(highest, -_SUNK), -1,
+                                                                          "under the floor")):
+    beyond = np.where(given[0, ..., 1], over * (positions[0, ..., 1] - bounds), 0)
     if beyond.max() > 0:
       frame, joint = np.unravel_index(beyond.argmax(), beyond.shape)
       said.append(f"{HUMANML3D.joints[joint]} is asked to be at a height of {positions[0, frame, joint, 1]:.2f} m at "
-                  f"{frame / fps:.2f} s (frame {frame}), {words}: {bound[joint]:.2f} m is as near as it comes")
-      clipped = np.minimum(positions[0, ..., 1], bound) if over > 0 else np.maximum(positions[0, ..., 1], bound)
+                  f"{frame / fps:.2f} s (frame {frame}), {words}: {bounds[frame, joint]:.2f} m is as near as it comes")
+      positions[0, whole, :, 1] -= over * np.maximum(beyond[whole].max(-1, keepdims=True), 0)
+      clipped = np.minimum(positions[0, ..., 1], bounds) if over > 0 else np.maximum(positions[0, ..., 1], bounds)
       positions[0, ..., 1] = np.where(given[0, ..., 1], clipped, positions[0, ..., 1])
   for joint in range(22):
     frames = np.flatnonzero(given[0, :, joint][:, [0, 2]].all(-1))

@@ -1,8 +1,8 @@
 """The last step of control: a motion that nearly does what is asked is brought to do so exactly, and smoothly.
 
-Two stages. Where the pelvis is far off its path, or faces elsewhere, the body is carried there step by step, each step
-turned and moved as a whole (`motion.root_paths`). What is then left is solved for all frames at once: turns of joints
-and shifts of the body e, smooth in time and small,
+Three stages. Where the pelvis is far off its path, or faces elsewhere, the body is carried there step by step, each
+step turned and moved as a whole (`motion.root_paths`). It is brought into whole poses (`control.posing`). What is then
+left is solved for all frames at once: turns of joints and shifts of the body e, smooth in time and small,
 
   min  hard |places asked for - places|^2  +  stand |standing feet - where they stand|^2
        +  |S (e_(t+1) - 2 e_t + e_(t-1))|^2  +  pull |S e|^2
@@ -10,21 +10,19 @@ and shifts of the body e, smooth in time and small,
 by Gauss and Newton; S says how stiff each is (`control.bodies`). Bones stay as long as they are, or are those of whole
 poses that are asked for (`control.builds`). numpy, float64.
 """
-import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Num
 
-from motion_jax.control import bodies, builds
+from motion_jax.control import bodies, builds, posing
 from motion_jax.control.compiling import angle_of, compile
 from motion_jax.control.constraints import Constraint
 from motion_jax.control.limits import possible, tell_missed
 from motion_jax.control.signal import ControlSignal
 from motion_jax.inputs.errors import InputError
 from motion_jax.motion.planting import stands
-from motion_jax.motion.retarget import with_lengths
 from motion_jax.motion.root_paths import along
 from motion_jax.motion.skeleton import HUMANML3D
 
@@ -63,11 +61,11 @@ def project(joints: Num[np.ndarray, "t 22 3"], asked: ControlSignal | Sequence[C
   if signal.is_empty:
     return np.asarray(joints, np.float32)
   check_length(count)
-  # Of poses as they were given: one that is lifted out of the floor has other bones.
-  lengths = builds.build_of(asked if isinstance(asked, ControlSignal) else compile(asked, count, fps, start))
+  lengths = builds.build_of(signal)
   start = builds.built_as(start, lengths)
   silent = lambda now: wanted(now, False)
-  moved = _met(_solved(_carried(start, silent(start), fps), silent, fps), silent, lengths, fps)
+  led = _carried(start, silent(start), fps)
+  moved = _solved(_posed(led, silent, lengths, fps), led, silent, fps)
   if tell:
     signal = wanted(moved, False)
     off = np.where(np.asarray(signal.given)[0], moved - np.asarray(signal.positions, np.float64)[0], 0)
@@ -89,39 +87,26 @@ def spread(values: Float[np.ndarray, "t k"], given: Bool[np.ndarray, " t"], fps:
            ) -> Float[np.ndarray, "t k"]:
   """Values (T, K) for all frames from those of given (T,): smooth, and away from them fading within half a second, or,
   lasting, staying what they are. Zero where none are given."""
-  from scipy.linalg import solveh_banded
   if not given.any():
     return np.zeros_like(values)
-  count = len(values)
-  pull = 1e-10 if lasting else (_SPREAD * fps) ** -4.0
-  steps = (_LASTS * fps) ** -2.0 if lasting else 0.0
-  bands = _smoothness(count, 1.0)
-  bands[0] += pull
-  bands[0, :-1] += steps
-  bands[0, 1:] += steps
-  bands[1, :-1] -= steps
-  pushed = np.zeros_like(values)
-  fixed = np.flatnonzero(given)
-  for offset in (1, 2):  # what is given moves to the other side of the equations
-    for frame in fixed:
-      for other, low in ((frame + offset, frame), (frame - offset, frame - offset)):
-        if 0 <= other < count:
-          pushed[other] -= bands[offset, low] * values[frame]
-          bands[offset, low] = 0
-  bands[0, fixed], pushed[fixed] = 1.0, values[fixed]
-  return solveh_banded(bands, pushed, lower=True)
+  bands = posing.second_differences(len(values))
+  bands[0] += 1e-10 if lasting else (_SPREAD * fps) ** -4.0
+  if lasting:
+    steps = (_LASTS * fps) ** -2.0
+    bands[0, :-1] += steps
+    bands[0, 1:] += steps
+    bands[1, :-1] -= steps
+  return posing.solved(bands, np.zeros_like(values), values, given)
 
 
-def _smoothness(count: int, weight: float) -> np.ndarray:
-  """Bands (3, T) of the sum of squared second differences of T numbers, lower form."""
-  bands = np.zeros((3, count))
-  if count > 2:
-    for shift, factor in ((0, 1.0), (1, 4.0), (2, 1.0)):
-      bands[0, shift:count - 2 + shift] += factor
-    bands[1, :count - 2] -= 2.0
-    bands[1, 1:count - 1] -= 2.0
-    bands[2, :count - 2] += 1.0
-  return bands * weight
+def _posed(joints: np.ndarray, wanted: Callable[[np.ndarray], ControlSignal], lengths: np.ndarray | None, fps: float
+           ) -> np.ndarray:
+  """The motion with the whole poses that are asked for, where those are of one body."""
+  signal = wanted(joints)
+  if lengths is None:
+    return joints
+  return posing.posed(joints, np.asarray(signal.positions, np.float64)[0], np.asarray(signal.given)[0].all((-1, -2)),
+                      lengths, fps)
 
 
 def _carried(joints: np.ndarray, signal: ControlSignal, fps: float) -> np.ndarray:
@@ -139,7 +124,9 @@ def _carried(joints: np.ndarray, signal: ControlSignal, fps: float) -> np.ndarra
       aim[frame] += far[size.argmax()] * (1 - _ARM / size.max())
       told[frame] = True
   away = aim - joints[:, 0, ground]
-  facing, faced = np.asarray(signal.heading, np.float64)[0], np.asarray(signal.heading_given)[0]
+  facing, faced = np.array(signal.heading, np.float64)[0], np.array(signal.heading_given)[0]
+  whole = given.all((-1, -2)) & ~faced
+  facing[whole], faced[whole] = angle_of(places[whole]) if whole.any() else 0, True
   wrap = lambda angle: (angle + np.pi) % (2 * np.pi) - np.pi
   own = angle_of(joints)
   near = not told.any() or np.linalg.norm(away[told], axis=-1).max() < _FAR
@@ -193,17 +180,19 @@ def _stances(joints: np.ndarray, signal: ControlSignal, fps: float) -> tuple[np.
   return where, stand
 
 
-def _solved(joints: np.ndarray, wanted: Callable[[np.ndarray], ControlSignal], fps: float) -> np.ndarray:
-  """The motion bent in all frames at once until it does what is wanted; see the formula above."""
+def _solved(joints: np.ndarray, led: np.ndarray, wanted: Callable[[np.ndarray], ControlSignal], fps: float
+            ) -> np.ndarray:
+  """The motion bent in all frames at once until it does what is wanted, feet standing where they stand in the
+  motion that was led there; see the formula above."""
   from scipy.linalg import solveh_banded
   count, size = len(joints), bodies.SIZE
   feet = list(HUMANML3D.left_feet + HUMANML3D.right_feet)
   weights = bodies.STIFF ** 2
-  smooth = _smoothness(count, 1.0)
+  smooth = posing.second_differences(count)
   smooth[0] += (_SPREAD * fps) ** -4.0
   rows, columns = np.tril_indices(size)
   done, now = np.zeros((count, size)), joints
-  where, stand = _stances(joints, wanted(joints), fps)
+  where, stand = _stances(led, wanted(joints), fps)
   axes = bodies.hinges(joints)
   least = {number: np.minimum(angle, _STRAIGHT) for number, angle in bodies.bends(joints, axes).items()}
   lowest = np.minimum(joints[:, feet, 1], 0.0)
@@ -245,7 +234,7 @@ def _solved(joints: np.ndarray, wanted: Callable[[np.ndarray], ControlSignal], f
     bands[0] += damping
     for apart in range(3):
       bands[apart * size] += smooth[apart][:, None] * weights
-    pushed -= _smoothness_of(smooth, done) * weights
+    pushed -= posing.times(smooth, done) * weights
     change = solveh_banded(bands.reshape(2 * size + 1, -1), pushed.reshape(-1), lower=True).reshape(count, size)
     change *= min(1.0, _STEP / max(np.abs(change).max(), 1e-9))
     done = done + change
@@ -254,28 +243,3 @@ def _solved(joints: np.ndarray, wanted: Callable[[np.ndarray], ControlSignal], f
       break
   off = np.where(given, np.asarray(signal.positions, np.float64)[0] - now, 0)
   return now if np.abs(off).max() < best[0] else best[1]
-
-
-def _met(joints: np.ndarray, wanted: Callable[[np.ndarray], ControlSignal], lengths: np.ndarray | None, fps: float
-         ) -> np.ndarray:
-  """The motion with what little is still lacking to whole poses: where a limb is nearly straight, the way to a pose's
-  twist of it may lead round half a turn, which turns of joints do not find. Bones stay as long as they are."""
-  signal = wanted(joints)
-  given = np.asarray(signal.given)[0]
-  whole = given.all((-1, -2))
-  off = np.where(given, np.asarray(signal.positions, np.float64)[0] - joints, 0)
-  if lengths is None or np.abs(off[whole]).max() < _NEAR:
-    return joints
-  off[~whole] = 0  # what else is asked for stays met
-  moved = joints + spread(off.reshape(len(off), -1), given.any((-1, -2)), fps, lasting=False).reshape(off.shape)
-  return with_lengths(moved, dataclasses.replace(HUMANML3D, bone_lengths=lengths))
-
-
-def _smoothness_of(bands: np.ndarray, x: np.ndarray) -> np.ndarray:
-  """The banded symmetric matrix (3, T) times x (T, P)."""
-  result = bands[0][:, None] * x
-  for apart in (1, 2):
-    low = bands[apart, :-apart, None]
-    result[apart:] += low * x[:-apart]
-    result[:-apart] += low * x[apart:]
-  return result

@@ -62,7 +62,7 @@ def test_a_body_is_only_taken_on_where_all_poses_show_one():
 
 
 def test_a_pose_under_the_floor_does_not_change_the_bones():
-  """Its feet are lifted out of the floor, which makes its legs no shorter."""
+  """It comes up as a whole, which makes its legs no shorter."""
   source = _body("walk", 2)
   made = project(_body("walk", 1), _poses(source - [0, 0.05, 0], [30]), tell=False).astype(np.float64)
   assert np.abs(bone_lengths(made, HUMANML3D) - bone_lengths(source, HUMANML3D)).max() < 1e-4

@@ -1,0 +1,113 @@
+"""Whole poses: met exactly, limbs that do not dart between them, and a motion's own steps between poses far apart."""
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter1d
+
+from motion_jax.control import posing
+from motion_jax.control.limits import possible
+from motion_jax.control.project import project
+from motion_jax.control.signal import ControlSignal
+from motion_jax.data.datasets.synthetic import synthetic_joints
+from motion_jax.motion.retarget import with_lengths
+from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
+
+COUNT, FPS = 80, 20.0
+
+
+def _body(action, seed):
+  joints = synthetic_joints(action, COUNT, np.random.default_rng(seed)).astype(np.float64)
+  return with_lengths(joints, HUMANML3D)
+
+
+def _asked(joints, frames):
+  given = np.zeros((1, *joints.shape), bool)
+  given[0, frames] = True
+  none = np.zeros((1, len(joints)), np.float32)
+  return ControlSignal(np.where(given, joints, 0).astype(np.float32), given, none, none > 0)
+
+
+def _fastest(joints):
+  return np.linalg.norm(np.diff(joints, axis=0), axis=-1).max() * FPS
+
+
+def _given(frames):
+  given = np.zeros(COUNT, bool)
+  given[frames] = True
+  return given
+
+
+@pytest.mark.parametrize("action", ["walk", "squat", "wave_left", "jump"])
+def test_between_thick_poses_a_motion_that_shivers_goes_as_the_poses_do(action):
+  """A motion whose joints wander about by some centimetres is brought near the one of the poses."""
+  rng = np.random.default_rng(0)
+  real = _body(action, 1)
+  noise = gaussian_filter1d(rng.normal(size=real.shape), 2.0, axis=0)
+  start = with_lengths(real + 0.05 * noise / noise.std(), HUMANML3D)
+  frames = np.sort(rng.choice(COUNT, COUNT // 4, replace=False))
+  made = project(start, _asked(real, frames), tell=False).astype(np.float64)
+  assert np.abs(made - real)[frames].max() < 1e-3
+  assert np.abs(bone_lengths(made, HUMANML3D) - HUMANML3D.bone_lengths).max() < 1e-4
+  inside = slice(frames[0], frames[-1] + 1)
+  assert _fastest(made[inside]) < max(_fastest(start[inside]), 1.3 * _fastest(real))
+  assert np.abs(made - real)[inside].mean() < 0.4 * np.abs(start - real)[inside].mean()
+
+
+def test_limbs_do_not_dart_between_poses_of_quite_another_motion():
+  start, real = _body("walk", 1), _body("wave_left", 2)
+  start = start - start[:, :1] * [1, 0, 1] + real[:, :1] * [1, 0, 1]
+  frames = np.arange(0, COUNT, 5)
+  made = project(start, _asked(real, frames), tell=False)
+  assert np.abs(made - real)[frames].max() < 1e-3
+  assert _fastest(made) < 1.5 * _fastest(real)
+
+
+def test_a_walk_keeps_its_steps_between_poses_that_are_far_apart():
+  """Poses of the walk itself, a second and a half apart: a way straight from one to the next has no steps."""
+  walk = _body("walk", 1)
+  made = posing.posed(walk, walk, _given([10, 40, 70]), HUMANML3D.bone_lengths, FPS)
+  np.testing.assert_allclose(made, walk, atol=1e-5)
+  moved = walk + [0.1, 0, 0]
+  made = posing.posed(walk, moved, _given([10, 40, 70]), HUMANML3D.bone_lengths, FPS)
+  assert np.abs(made - moved)[[10, 40, 70]].max() < 1e-9
+  assert np.abs((made - made[:, :1]) - (walk - walk[:, :1])).max() < 1e-5  # the body is shifted, no more
+
+
+def test_no_pose_and_short_motions_are_left_alone():
+  walk = _body("walk", 1)
+  assert posing.posed(walk, walk + 1, _given([]), HUMANML3D.bone_lengths, FPS) is walk
+  assert posing.posed(walk[:2], walk[:2] + 1, _given([0])[:2], HUMANML3D.bone_lengths, FPS).shape == (2, 22, 3)
+
+
+def test_bands_are_the_matrix_of_squared_second_differences():
+  weights = np.arange(1.0, 7.0)
+  difference = np.diff(np.eye(8), n=2, axis=0)
+  full = difference.T @ np.diag(weights) @ difference
+  bands = posing.second_differences(8, weights)
+  for apart in range(3):
+    np.testing.assert_allclose(bands[apart, :8 - apart], np.diagonal(full, apart))
+  x = np.random.default_rng(0).normal(size=(8, 2))
+  np.testing.assert_allclose(posing.times(bands, x), full @ x)
+  assert not posing.second_differences(2).any() and posing.second_differences(1).shape == (3, 1)
+
+
+def test_a_pose_on_a_ladder_stays_there_and_one_in_the_sky_comes_down_as_it_is():
+  walk = _body("walk", 1)
+  climbs = possible(_asked(walk + [0, 1.2, 0], [10]), tell=False)
+  np.testing.assert_allclose(climbs.positions[0, 10], (walk + [0, 1.2, 0])[10], atol=1e-6)
+  with pytest.warns(UserWarning, match="higher than a body reaches"):
+    flies = possible(_asked(walk + [0, 90, 0], [10]))
+  pose = flies.positions[0, 10]
+  np.testing.assert_allclose(pose - pose[0], walk[10] - walk[10, 0], atol=1e-4)
+  assert 1 < pose[:, 1].min() < 6
+
+
+def test_a_pose_turned_half_round_turns_the_body_there():
+  """Given as arrays, without a heading, it is met without the limbs turned inside out."""
+  walk = _body("walk", 1)
+  turned = walk * [-1, 1, -1]
+  frame = 40
+  pose = np.where(np.arange(COUNT)[:, None, None] == frame, turned - turned[frame, 0] * [1, 0, 1]
+                  + walk[frame, 0] * [1, 0, 1], 0)
+  made = project(walk, _asked(pose, [frame]), tell=False)
+  assert np.abs(made[frame] - pose[frame]).max() < 1e-3
+  assert _fastest(made.astype(np.float64)) < 12
