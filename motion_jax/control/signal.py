@@ -9,6 +9,8 @@ import flax.struct
 import jax
 import jax.numpy as jnp
 
+from motion_jax.motion.rotations import namespace
+
 NUM_JOINTS = 22
 
 
@@ -42,7 +44,7 @@ class ControlSignal:
     short = stop - max(start, self.frames)
     if stop <= self.frames:
       return jax.tree.map(cut, self)
-    return jax.tree.map(lambda x: jnp.pad(cut(x), ((0, 0), (0, short)) + ((0, 0),) * (x.ndim - 2)), self)
+    return jax.tree.map(lambda x: namespace(x).pad(cut(x), ((0, 0), (0, short)) + ((0, 0),) * (x.ndim - 2)), self)
 
 
 def none(batch: int, frames: int) -> ControlSignal:

@@ -6,7 +6,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from motion_jax.control import paths, signal
+from motion_jax.control import paths
 from motion_jax.control.compiling import compile
 from motion_jax.control.constraints import Constraint, EffectorTarget, Keyframe, RootPath
 from motion_jax.control.limits import possible
@@ -15,7 +15,11 @@ from motion_jax.inputs.errors import InputError
 from motion_jax.models.controlled import WALK
 from motion_jax.studio.limits import Limits
 
-_NEAR = 0.3  # metres from the body at which a path is taken to begin where it stands
+_NEAR = 0.3   # metres from the body at which a path is taken to begin where it stands
+_FINE = 0.05  # metres between two places of a path by which a body on it is found
+_LOOK = 1.5   # metres of a path beyond where a body was on it, within which it is looked for
+_BACK = 0.4   # metres of a path on which a body beside it comes back to it
+_LEFT = 0.1   # metres of a path that need not be gone along any more
 
 
 def check(control: Sequence[Constraint]) -> None:
@@ -58,7 +62,8 @@ def signal_of(control: Sequence[Constraint], at: float | None, decided: int, pla
     if isinstance(one, Keyframe) and not found.given[0, _last(one, fps), 1:].any():
       raise InputError(f"got a keyframe at {one.time:g} s that may be anywhere, where no path says where the body is; "
                        "give it the place \"world\"")
-  return jax.tree.map(lambda a, b: np.concatenate([np.asarray(a), np.asarray(b)], axis=1), signal.none(1, first),
+  # In numpy: of each step another length would be compiled.
+  return jax.tree.map(lambda a: np.pad(np.asarray(a), ((0, 0), (first, 0)) + ((0, 0),) * (np.ndim(a) - 2)),
                       possible(found, fps, tell=False))
 
 
@@ -80,3 +85,30 @@ def _from_here(one: Constraint, place: tuple[float, float] | None) -> Constraint
     points = np.concatenate([start[None], points[int(near):]])
     heading = np.concatenate([heading[:1], heading[int(near):]]) if np.ndim(heading) else heading
   return dataclasses.replace(one, points=points, heading=heading, speed=one.speed or WALK)
+
+
+class Course:
+  """A path without times, which a body goes along as fast as it goes: what is left of it from block to block."""
+
+  def __init__(self, path: RootPath, place: tuple[float, float]) -> None:
+    self._path = _from_here(path, place)
+    length = paths.length(self._path.points)
+    self._curve = paths.evenly(self._path.points, np.linspace(0, 1, max(round(length / _FINE), 1) + 1))
+    self._at = 0
+
+  @staticmethod
+  def of(control: Sequence[Constraint] | None, at: float | None, place: tuple[float, float]) -> "Course | None":
+    """The course of constraints that are one path alone, with neither times nor several headings; else None."""
+    one = control[0] if control and len(control) == 1 and at is None else None
+    free = isinstance(one, RootPath) and one.points is not None and one.times is None and one.between
+    return Course(one, place) if free and not np.ndim(one.heading) else None
+
+  def rest(self, place: tuple[float, float]) -> RootPath | None:
+    """What is left for a body at place (x, z), which never goes back on it; None once it has come to its end."""
+    near = self._curve[self._at:self._at + round(_LOOK / _FINE) + 1, [0, -1]]
+    self._at += int(np.linalg.norm(near - place, axis=-1).argmin())
+    if self._at >= len(self._curve) - 1 - round(_LEFT / _FINE):
+      return None
+    ahead = self._curve[self._at + round(_BACK / _FINE)::round(_BACK / _FINE)]
+    start = np.array([place[0], *self._curve[self._at, 1:-1], place[1]])
+    return dataclasses.replace(self._path, points=np.concatenate([start[None], ahead, self._curve[-1:]]))

@@ -43,6 +43,8 @@ class Stream:
     self._said: list[tuple[int, int]] = []  # (first frame, words) of the prompts of this run
     self._ends: int | None = None  # see `_until`
     self._held = 0  # frames up to which constraints reach
+    self._course: ahead.Course | None = None
+    self._led = 0   # the first frame that was free when the course was last looked at
     self._tail, self._told = None, ""
     self._thread = threading.Thread(target=self._work, name="stream", daemon=True)
     self._thread.start()
@@ -126,9 +128,9 @@ class Stream:
         if control and self._live.skeleton is not HUMANML3D:
           raise InputError(f"got control of {self._live.skeleton.name}, a body of another skeleton; control knows the "
                            f"22 joints of {HUMANML3D.name}")
-        held = ahead.signal_of(control, at, live.decided, live.place, live.num_frames, self._live.fps, self._limits)
-        self._held = 0 if held is None else held.frames
-        self._send({"type": "held", "run": self._run, "from_frame": live.hold(held), "until_frame": self._held})
+        first = self._hold(control, at, live.num_frames)
+        self._course, self._led = ahead.Course.of(control, at, live.place), live.decided
+        self._send({"type": "held", "run": self._run, "from_frame": first, "until_frame": self._held})
 
     return hold
 
@@ -229,7 +231,7 @@ class Stream:
                 "joints": list(layout.joints), "parents": [int(parent) for parent in layout.parents],
                 "block_frames": round(live.block_seconds * model.fps), "ahead": self._ahead,
                 "sampling": model.sampling(**sampling).about()})
-    self._said, self._held = [], 0
+    self._said, self._held, self._course = [], 0, None
     self._note_words(choices["prompt"], 0)
     self._told = ""
     self._tell_state()
@@ -275,6 +277,26 @@ class Stream:
       self._told = state
       self._send({"type": "state", "state": state, "run": self._run, "frames": self._sent})
 
+  def _hold(self, control, at=None, ends=None):
+    """Leads the stream by constraints from now on: the first frame that is still free."""
+    live = self._live.stream
+    held = ahead.signal_of(control, at, live.decided, live.place, ends, self._live.fps, self._limits)
+    self._held = 0 if held is None else held.frames
+    return live.hold(held)
+
+  def _lead(self):
+    """Before a step: a path without times goes on from where the body has come on it, and what is past lets go."""
+    live = self._live.stream
+    if self._course and live.decided != self._led:
+      rest, self._led = self._course.rest(live.place), live.decided
+      if rest is not None:
+        self._hold([rest])
+        return
+      self._course, self._held = None, live.decided
+    if self._held and live.decided >= self._held:
+      live.hold(None)  # free steps take less time
+      self._held = 0
+
   def _step(self):
     began = time.perf_counter()
     live = self._live
@@ -282,9 +304,7 @@ class Stream:
       self._live = None
       self._tell_state("ended")
       return
-    if self._held and live.stream.decided >= self._held:
-      live.stream.hold(None)  # free steps take less time
-      self._held = 0
+    self._lead()
     joints = live.stream.step()
     live.spent += time.perf_counter() - began
     if not len(joints):

@@ -1,5 +1,6 @@
 """Constraints in requests, projects and streams: what is asked is met, what cannot be is told in one sentence."""
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -7,7 +8,7 @@ import pytest
 from motion_jax import cli
 from motion_jax.control.constraints import EffectorTarget, Keyframe, Loop, RootPath
 from motion_jax.inputs.errors import InputError
-from motion_jax.studio import ahead, project
+from motion_jax.studio import ahead, project, streams
 from motion_jax.studio import library as shelves
 from motion_jax.studio.limits import Limits
 from tests.studio.conftest import refusal
@@ -196,3 +197,60 @@ def test_a_stream_knows_where_its_cleaned_body_is(library):
   assert np.abs(moved).max() > 1e-3 and len(given) < len(raw) == shown.decided
   np.testing.assert_allclose(shown.place, raw[-1, 0, ::2] + moved, atol=1e-4)
   np.testing.assert_allclose(plain.place, raw[-1, 0, ::2], atol=1e-4)
+
+
+def _walked(course, points, pace=0.06, limit=2000):
+  """Places of a body that always goes pace metres towards half a metre ahead of what rest says is left."""
+  place, walked = np.array(points[0], float), []
+  while (rest := course.rest(tuple(place))) is not None and len(walked) < limit:
+    walked.append(place)
+    goal = rest.points[min(2, len(rest.points) - 1)]
+    place = place + (goal - place) * min(1.0, pace / max(np.linalg.norm(goal - place), 1e-9))
+  return np.array(walked)
+
+
+@pytest.mark.parametrize("points", [[[0, 0], [0, 3], [3, 3]], [[0, 0], [2, 2], [4, 0], [2, -2], [0, 0], [-2, 2]]])
+def test_a_path_without_times_waits_for_a_slow_body_and_is_gone_along_to_its_end(points):
+  """At a fifth of the path's speed; one crosses its own beginning, and none of it is left out."""
+  course = ahead.Course.of([RootPath(points, speed=1.2)], None, tuple(points[0]))
+  walked = _walked(course, points, 0.012)
+  assert np.linalg.norm(walked[-1] - points[-1]) < 0.15
+  for corner in points:
+    assert np.linalg.norm(walked - corner, axis=-1).min() < 0.3
+
+
+def test_what_is_left_of_a_path_begins_at_the_body_and_never_goes_back():
+  course = ahead.Course.of([RootPath([[0, 0], [0, 4]])], None, (0.0, 0.0))
+  assert np.allclose(course.rest((0.2, 1.0)).points[[0, 1, -1]], [[0.2, 1.0], [0, 1.4], [0, 4]], atol=0.03)
+  assert course.rest((0.0, 0.2)).points[1, 1] > 1.3  # pushed back, it goes on from where it had been
+  assert course.rest((0.0, 2.2)) is not None  # a step ahead
+  assert course.rest((0.0, 3.3)) is not None and course.rest((0.0, 3.95)) is None
+
+
+def test_only_a_path_alone_without_times_waits():
+  path, pose = RootPath([[0, 0], [0, 4]]), Keyframe(np.zeros((22, 3)), 1.0, "world")
+  course = lambda control, at=None: ahead.Course.of(control, at, (0.0, 0.0))
+  assert course([path]) is not None
+  for control in ([path, pose], [RootPath([[0, 0], [0, 4]], times=[0, 3])], [pose], [], None,
+                  [RootPath([[0, 0], [0, 4]], heading=[0.0, 1.0])]):
+    assert course(control) is None
+  assert course([path], at=3.0) is None
+
+
+def test_a_led_stream_is_held_to_what_is_left_of_its_path_before_each_block():
+  held, stream = [], object.__new__(streams.Stream)
+  live = SimpleNamespace(decided=20, place=(0.0, 0.0), num_frames=40, hold=lambda signal: held.append(signal) or 20)
+  stream._live, stream._limits, stream._held, stream._led = SimpleNamespace(stream=live, fps=20.0), Limits(), 86, 20
+  stream._course = ahead.Course.of([RootPath([[0, 0], [0, 4]])], None, live.place)
+  stream._lead()
+  assert not held  # nothing has been decided since
+  live.decided, live.place = 32, (0.1, 0.3)  # half as far as the path goes in that time
+  stream._lead()
+  given = np.asarray(held[0].given)[0, :, 0, 0]
+  assert not given[:32].any() and given[32:].all()
+  np.testing.assert_allclose(held[0].positions[0, 32, 0, [0, 2]], [0.1, 0.3], atol=1e-6)
+  assert stream._held > 86 and abs(held[0].positions[0, -1, 0, 2] - 4) < 0.07  # later, and all the way
+  for live.decided, z in ((56, 1.6), (80, 2.9), (104, 3.97), (116, 4.2)):
+    live.place = 0.0, z
+    stream._lead()
+  assert held[3:] == [None] and not stream._held

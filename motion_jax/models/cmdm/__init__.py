@@ -26,7 +26,7 @@ _WHERE = lazy.names({
     "losses": "DISTANCE_PAIRS LAST_LAYERS RECONSTRUCTIONS align_factor align_loss align_ratio align_terms "
               "gaussian_nll kl_to_standard_normal pool_teacher set_distances smooth_l1 tokenizer_terms",
     "sampling": "MotionStream chain_segment chained extend generate generate_whole init_stream plain_velocity "
-                "stream_start stream_step stream_words words_of_latents",
+                "stream_control stream_start stream_step stream_words words_of_latents",
     "stages": "denoiser_shapes denoiser_stage frozen_shapes tokenizer_stage",
 })
 __all__ = sorted(_WHERE)

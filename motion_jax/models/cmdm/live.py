@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from motion_jax.control import conditioning
 from motion_jax.control.signal import ControlSignal
 from motion_jax.data.clip import Caption
 from motion_jax.models import cmdm
@@ -22,6 +21,7 @@ from motion_jax.motion import rotations as rot
 from motion_jax.motion.cleanup import Cleaner
 from motion_jax.motion.representations import Representation, root_path, to_joints
 
+_LENGTH = 50   # latents for which what they are told of constraints is compiled, and twice as many, and so on
 _CAPTIONS = 4  # different captions that a window may show before its step is compiled anew, for twice as many
 
 
@@ -49,7 +49,8 @@ class LiveStream:
     self._state = cmdm.MotionStream(streaming.Stream(*latents), decoder)
     self._steps, self._frames, self._given = 0, 0, 0  # frames: that are decided; given: of them, once cleaned
     self._path: _Path | None = None
-    self._tokens: np.ndarray | None = None  # of what the stream is held to (1, L, N), from its first latent on
+    self._tokens: np.ndarray | None = None  # of what the stream is held to (1, L, N), from block _tokens_from on
+    self._tokens_from = 0
     self._signal: ControlSignal | None = None
     self._drift = np.zeros(2)  # x and z by which the cleanup, that lets feet not slide, has moved the body
     self._waiting = np.zeros((0, 2))  # x and z of the body, as decoded, in frames that wait for their cleanup
@@ -143,10 +144,15 @@ class LiveStream:
     model = self._model
     self._tokens, self._signal, guide = None, None, None
     if signal is not None and not signal.is_empty:
-      pad = lambda count: signal.slice_frames(0, -(-signal.frames // count) * count)
-      if model.dit.control:  # lengths in steps of ten seconds, so that few are compiled
-        told = conditioning.features(pad(200 * model.frames_per_latent // 4), model.frames_per_latent)
-        self._tokens = np.asarray(model.dit.apply(model.params, told, method="control_tokens"))
+      if model.dit.control:
+        # Of the frames that can still change; lengths doubled from ten seconds on, so that few are compiled.
+        first, count = self._base * self.block_frames, _LENGTH * model.frames_per_latent
+        while count < signal.frames - first:
+          count *= 2
+        start = np.array([[*self.place, 0.0 if self._path is None else _heading(self._path)]], np.float32)
+        self._tokens_from = self._base
+        self._tokens = np.asarray(model.compiled.stream_control(
+            model.codec, model.params, signal.slice_frames(first, first + count), start))
       if control_steps:
         self._signal = jax.tree.map(np.asarray, signal)
         guide = Guide.of(model.codec, model.stats, self._window(self._signal), control_steps)
@@ -167,7 +173,8 @@ class LiveStream:
     """Sampler and state of the next step, with what the window is held to."""
     sampler, latents, size, base = self._sampler, self._state.latents, self._plan.block, self._base
     if self._tokens is not None:
-      window = self._tokens[:, base * size:(base + self._plan.width) * size]
+      first = (base - self._tokens_from) * size
+      window = self._tokens[:, first:first + self._plan.width * size]
       missing = self._plan.width * size - window.shape[1]
       sampler = dataclasses.replace(sampler, control=np.pad(window, ((0, 0), (0, missing), (0, 0))), control_first=base)
     if self._signal is None or sampler.guide is None:
@@ -177,8 +184,8 @@ class LiveStream:
     behind = guide.begin()
     if base:
       decoder, path = self._before
-      heading = -2 * np.arctan2(path.heading[2], path.heading[0])
-      behind = Behind(decoder, *(jnp.asarray(a, jnp.float32)[None] for a in (path.row, path.place[::2], heading)))
+      behind = Behind(decoder, *(jnp.asarray(a, jnp.float32)[None]
+                                 for a in (path.row, path.place[::2], _heading(path))))
     return dataclasses.replace(sampler, guide=guide), latents._replace(behind=behind)
 
   def show(self, seconds: float = 10.0) -> Motion:
@@ -272,6 +279,10 @@ class _Path(NamedTuple):
   row: np.ndarray
   heading: np.ndarray
   place: np.ndarray
+
+
+def _heading(path: _Path) -> float:
+  return float(-2 * np.arctan2(path.heading[2], path.heading[0]))
 
 
 def _continue_path(features: Float[np.ndarray, "n f"], past: _Path | None, layout: Representation

@@ -29,6 +29,7 @@ class Compiled(NamedTuple):
   extend: Callable
   stream_start: Callable
   stream_words: Callable
+  stream_control: Callable
   stream_step: Callable
   encode: Callable
   decode: Callable
@@ -40,7 +41,7 @@ def _compile(dit: CausalDiT) -> Compiled:
       generate=program(cmdm.generate, 2, dit), generate_whole=program(cmdm.generate_whole, 2, dit),
       chain_segment=program(cmdm.chain_segment, 2, dit), extend=program(cmdm.extend, 2, dit),
       stream_start=program(cmdm.stream_start, 1, dit), stream_words=program(cmdm.stream_words, 1, dit),
-      stream_step=program(cmdm.stream_step, 2),
+      stream_control=program(cmdm.stream_control, 0, dit), stream_step=program(cmdm.stream_step, 2),
       encode=program(VaeCodec.encode, 0), decode=program(VaeCodec.decode, 0))
 
 

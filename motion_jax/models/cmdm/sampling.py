@@ -169,6 +169,14 @@ def stream_words(dit: CausalDiT, guided: bool, params: Any, text_emb: Float[Arra
   return streaming.encode_text(dit, params, text_emb, text_mask, guided)
 
 
+def stream_control(dit: CausalDiT, codec: VaeCodec, params: Any, control: ControlSignal, start: Float[Array, "b 3"]
+                   ) -> Float[Array, "b l n"]:
+  """`CausalDiT.control_tokens` of constraints on a stream's frames from here on, where a body stands at start: x, z and
+  heading."""
+  told = conditioning.features(control, codec.frames_per_latent, start)
+  return jnp.asarray(dit.apply(params, told, method="control_tokens"))
+
+
 def stream_step(active: int, use_cache: bool, codec: VaeCodec, sampler: streaming.Sampler, state: MotionStream,
                 caption: Int[Array, "b {active}"] | None = None
                 ) -> tuple[MotionStream, Float[Array, "b t f"], Bool[Array, ""]]:
