@@ -11,20 +11,27 @@ from motion_jax.motion.splicing import REACH, meeting, spliced, weights
 
 _OTHER = 0.15   # of its length by which a cycle may be played faster or slower than it was made
 _AHEAD = 0.2    # seconds of movement that count as much as a pose, when poses are compared
+_TRIED = 12     # cycles of those that meet best that are made, for the smoothest to be taken
+_NEAR = 0.1     # seconds around a seam in which it is felt
 
 
 def cycle(joints: Num[np.ndarray, "t 22 3"], count: int, fps: float = 20.0) -> Float[np.ndarray, "n 22 3"]:
   """A loop of count frames out of a motion of as many or more: its last frame is its first of the next round.
 
-  It begins and ends where pose and movement of the body are most alike, the way between them 0.85 to 1.15 of count
-  frames, played at the rate that makes count of them; the rest of the difference fades at both ends.
+  It begins and ends where pose and movement of the body are alike, the way between them 0.85 to 1.15 of count frames,
+  played at the rate that makes count of them; the rest of the difference fades at both ends. Of the cycles that meet
+  best that with the smoothest seam is taken.
   """
   joints = np.asarray(joints, np.float64)
   if count < 4 or len(joints) < count:
     raise InputError(f"got a motion of {len(joints)} frames for a loop of {count}, expected 4 frames or more, and as "
                      "many in the motion")
-  first, last = _meets(joints, count, fps)
-  part = joints[first:last + 1]
+  made = (_played(joints[first:last + 1], count, fps) for first, last in _meets(joints, count, fps))
+  return min(made, key=lambda loop: _roughness(loop, fps))
+
+
+def _played(part: np.ndarray, count: int, fps: float) -> Float[np.ndarray, "n 22 3"]:
+  """A part of a motion as a loop of count frames."""
   if len(part) != count:
     from scipy.interpolate import CubicSpline
     when = np.linspace(0, len(part) - 1, count)
@@ -32,24 +39,32 @@ def cycle(joints: Num[np.ndarray, "t 22 3"], count: int, fps: float = 20.0) -> F
   return looped(part, fps)
 
 
-def _meets(joints: np.ndarray, count: int, fps: float) -> tuple[int, int]:
-  """The first and last frame between which a motion is most like a cycle."""
+def _roughness(loop: np.ndarray, fps: float) -> float:
+  """The largest jerk of a loop at its seam, as a share of that of its inside: means over the joints, of the body as it
+  sees itself."""
+  body = turned(loop - loop[:, :1] * [1, 0, 1], -angle_of(loop)[:, None])[:-1]
+  jerk = np.linalg.norm(np.diff(np.concatenate([body[-4:], body, body[:4]]), n=3, axis=0), axis=-1).mean(1)
+  near = round(_NEAR * fps) + 4
+  inside = jerk[near:-near]
+  return float(np.append(jerk[:near], jerk[-near:]).max() / max(inside.max(initial=0.0), 1e-9))
+
+
+def _meets(joints: np.ndarray, count: int, fps: float) -> list[tuple[int, int]]:
+  """The first and last frames between which a motion is most like a cycle, the likest first."""
   ground = joints[:, :1] * [1, 0, 1]
   body = turned(joints - ground, -angle_of(joints)[:, None])
   way = turned(np.gradient(joints, axis=0) * fps * _AHEAD, -angle_of(joints)[:, None])
   seen = np.concatenate([body, way], axis=1) * np.sqrt(np.tile(weights(), 2))[:, None]
   seen = seen.reshape(len(joints), -1)
   away = ((seen[:, None] - seen[None]) ** 2).sum(-1) if len(seen) <= 400 else None
-  best = (np.inf, 0, count - 1)
+  found = []
   for length in range(max(4, int(np.ceil(count * (1 - _OTHER)))), min(len(joints), int(count * (1 + _OTHER))) + 1):
     firsts = np.arange(len(joints) - length + 1)
     off = (away[firsts, firsts + length - 1] if away is not None else
            ((seen[firsts] - seen[firsts + length - 1]) ** 2).sum(-1))
     off = off * (1 + abs(length / count - 1))  # of two that meet as well, the one that is less hastened
-    least = int(off.argmin())
-    if off[least] < best[0]:
-      best = (float(off[least]), least, least + length - 1)
-  return best[1], best[2]
+    found += [(float(off[first]), int(first), int(first) + length - 1) for first in np.argsort(off)[:_TRIED]]
+  return [(first, last) for _, first, last in sorted(found)[:_TRIED]]
 
 
 def blend(first: Num[np.ndarray, "m 22 3"], second: Num[np.ndarray, "n 22 3"], seconds: float = 1.0, fps: float = 20.0
