@@ -8,9 +8,10 @@ import pytest
 from motion_jax import cli
 from motion_jax.control.constraints import EffectorTarget, Keyframe, Loop, RootPath
 from motion_jax.inputs.errors import InputError
+from motion_jax.motion.skeleton import KIT
 from motion_jax.studio import ahead, project, streams
 from motion_jax.studio import library as shelves
-from motion_jax.studio.limits import Limits
+from motion_jax.studio.limits import Fields, Limits
 from tests.studio.conftest import refusal
 from tests.studio.test_project import PROJECT
 from tests.studio.test_requests import joints_of
@@ -254,3 +255,12 @@ def test_a_led_stream_is_held_to_what_is_left_of_its_path_before_each_block():
     live.place = 0.0, z
     stream._lead()
   assert held[3:] == [None] and not stream._held
+
+
+def test_a_body_of_another_skeleton_is_not_led():
+  stream = object.__new__(streams.Stream)
+  stream._limits = Limits()
+  stream._live = SimpleNamespace(stream=None, fps=20.0, skeleton=KIT)
+  hold = stream._told_control(Fields({"control": asked(PATH)}, Limits()))
+  with pytest.raises(InputError, match="got control of kit, a body of another skeleton"):
+    hold()

@@ -3,6 +3,9 @@
 OmniControl's protocol (neu-vi/OmniControl@76336a6:eval/eval_humanml.py, utils/metrics.py): one joint a run, at 1, 2 or
 5 frames, a quarter of them or all; a row is the mean of the five densities. Motions are made with the captions and
 lengths of text to motion, each with the targets of the real motion that its caption is of.
+
+Motions that are brought to what is asked (exact) are joints: how far they are off is told of those, and the metrics of
+features made of them anew, as those of real motion are. So are those of a second unconstrained row then.
 """
 import dataclasses
 
@@ -10,6 +13,7 @@ import numpy as np
 
 from motion_jax.control import curves
 from motion_jax.control import signal as signals
+from motion_jax.control.signal import NUM_JOINTS
 from motion_jax.evaluation import samples
 from motion_jax.evaluation.candidates import load_able
 from motion_jax.evaluation.tasks.base import ClipTask, Found
@@ -17,6 +21,7 @@ from motion_jax.evaluation.tasks.generation import Generation
 from motion_jax.metrics import physics
 from motion_jax.metrics.control_scores import NAMES, control_scores
 from motion_jax.models.base import keys_of
+from motion_jax.models.results import features_of
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.representations import to_joints
 from motion_jax.motion.skeleton import HUMANML3D
@@ -28,7 +33,8 @@ WALKS, COPIES = ("a person walks", "a person walks forward"), 2  # captions of w
 
 
 class Control(Generation):
-  """Rows of a candidate: "unconstrained", one of each joint, "all joints", their mean, and one of each curve."""
+  """Rows of a candidate: "unconstrained" (where exact, also "unconstrained, from joints"), one of each joint, "all
+  joints", their mean, and one of each curve."""
   METRICS = (*NAMES, "top_speed", *ClipTask.METRICS)
   OPTIONS = ("control_steps", "settles", "joints", "exact")
   TEXT_TO_MOTION = False
@@ -58,12 +64,17 @@ class Control(Generation):
     motions = plain.sample(plain.generator(), plain.store(self.harness), f"r{replication:03d}", jobs,
                            f"unconstrained {replication + 1}")
     rows = {"unconstrained": self._row(replication, motions, layout, self._distances(motions, real, layout, 0, None))}
+    if candidate.options.get("exact"):
+      again = [features_of(candidate.model, to_joints(motion, layout)) for motion in motions]
+      rows["unconstrained, from joints"] = self._row(
+          replication, again, layout, self._distances(motions, real, layout, 0, None))
     for name in names:
       runs = []
       for density in DENSITIES:
         signal = [self._signal(joints, name, density, replication, i) for i, joints in enumerate(real)]
-        motions = self._made(candidate, jobs, signal, f"{name}_{density}_r{replication:03d}", f"{name} {density}")
-        errors = [_distances(motion, one, layout) for motion, one in zip(motions, signal)]
+        motions, joints = self._made(candidate, jobs, signal, f"{name}_{density}_r{replication:03d}",
+                                     f"{name} {density}")
+        errors = [_distances(motion, one) for motion, one in zip(joints, signal)]
         runs.append(self._row(replication, motions, layout, errors))
       rows[name] = {metric: float(np.mean([run[metric] for run in runs])) for metric in runs[0]}
     if len(names) == len(JOINTS):
@@ -71,7 +82,8 @@ class Control(Generation):
     return Found(rows | self._paths(candidate, replication))
 
   def _row(self, replication, motions, layout, errors):
-    return self.harness.scores(replication, motions, layout) | control_scores(errors) | _speed(motions, layout)
+    joints = [to_joints(motion, layout) for motion in motions]
+    return self.harness.scores(replication, motions, layout) | control_scores(errors) | _speed(joints, layout.fps)
 
   def _plain(self, candidate):
     """The candidate as it is sampled where nothing is asked for."""
@@ -96,15 +108,21 @@ class Control(Generation):
     return _targets(joints, frames, HUMANML3D.joints.index(name))
 
   def _distances(self, motions, real, layout, joint, frames):
-    return [_distances(motion, _targets(joints, slice(frames), joint), layout) for motion, joints in zip(motions, real)]
+    return [_distances(to_joints(motion, layout), _targets(joints, slice(frames), joint))
+            for motion, joints in zip(motions, real)]
 
   def _made(self, candidate, jobs, signal, name, what):
-    """Motions [(rows, F)] that are asked for signal, one of each job."""
+    """(motions [(rows, F)], their joints [(rows, 22, 3)]) that are asked for signal, one of each job."""
     given = {option: int(candidate.options[option]) for option in ("control_steps", "settles")
              if candidate.options.get(option) is not None}
     exact = bool(candidate.options.get("exact"))
-    store = candidate.store(self.harness, f"control, exact {exact}, {given}")
-    return candidate.sample(controlled_generator(self._plain(candidate), signal, given, exact), store, name, jobs, what)
+    store = candidate.store(self.harness, f"control, {'joints' if exact else 'exact False'}, {given}")
+    make = controlled_generator(self._plain(candidate), signal, given, exact)
+    made = candidate.sample(make, store, name, jobs, what)
+    if not exact:
+      return made, [to_joints(motion, candidate.model.stats.layout) for motion in made]
+    return ([motion[:, :-3 * NUM_JOINTS] for motion in made],
+            [motion[:, -3 * NUM_JOINTS:].reshape(len(motion), NUM_JOINTS, 3) for motion in made])
 
   def _paths(self, candidate, replication):
     """A row of each curve: how far the pelvis is from it, and how the body moves on it. All motions are as long as the
@@ -120,11 +138,11 @@ class Control(Generation):
       joints = np.zeros((len(path), 22, 3))
       joints[:, 0, [0, 2]] = path
       signal = _targets(joints, slice(None), 0, (0, 2))
-      made = self._made(candidate, jobs, [signal] * count, f"{name.replace(' ', '_')}_r{replication:03d}", name)
+      made = self._made(candidate, jobs, [signal] * count, f"{name.replace(' ', '_')}_r{replication:03d}", name)[1]
       made = [motion[:len(path)] for motion in made]
-      rows[name] = control_scores([_distances(motion, signal, layout) for motion in made]) | {
-          "skating": float(np.mean([physics.skating_ratio(to_joints(motion, layout)) for motion in made]))
-      } | _speed(made, layout)
+      rows[name] = control_scores([_distances(motion, signal) for motion in made]) | {
+          "skating": float(np.mean([physics.skating_ratio(motion) for motion in made]))
+      } | _speed(made, layout.fps)
     return rows
 
 
@@ -137,25 +155,25 @@ def _targets(joints, frames, joint, axes=(0, 1, 2)):
   return signals.ControlSignal(positions, given, np.zeros(given.shape[:2], np.float32), np.zeros(given.shape[:2], bool))
 
 
-def _distances(motion, signal, layout):
-  """Distances (N,) of features (rows, F) from what is asked of them, at each joint and frame that is given."""
-  count = signal.given.shape[1]
-  joints = np.asarray(to_joints(motion[:count], layout), np.float64)
+def _distances(motion, signal):
+  """Distances (N,) of joints (rows, 22, 3) from what is asked of them, at each joint and frame that is given."""
+  joints = np.asarray(motion[:signal.given.shape[1]], np.float64)
   given = signal.given[0, :len(joints)]
   off = np.where(given, joints - signal.positions[0, :len(joints)], 0.0)
   return np.linalg.norm(off, axis=-1)[given.any(-1)]
 
 
-def _speed(motions, layout):
-  """The largest speed of a joint in any of the motions, metres a second."""
-  fastest = [np.linalg.norm(np.diff(to_joints(motion, layout), axis=0), axis=-1).max() for motion in motions]
-  return {"top_speed": float(max(fastest) * layout.fps)}
+def _speed(motions, fps):
+  """The largest speed of a joint in any of the motions [(rows, 22, 3)], metres a second."""
+  fastest = [np.linalg.norm(np.diff(motion, axis=0), axis=-1).max() for motion in motions]
+  return {"top_speed": float(max(fastest) * fps)}
 
 
 def controlled_generator(candidate, signal, given, exact):
   """make(jobs) of `samples.sample`: motions of the jobs' captions that are asked for signal[place] each.
 
-  given: control_steps and settles of `sample_controlled`; exact: brought to what is asked afterwards.
+  given: control_steps and settles of `sample_controlled`; exact: brought to what is asked afterwards, and each row of
+  features has those of the joints behind it, which features keep but to some millimetres, and not where they began.
   """
   def make(jobs):
     chosen = dict(guidance_scale=candidate.guidance_scale, **candidate.options, **given)
@@ -164,8 +182,9 @@ def controlled_generator(candidate, signal, given, exact):
     if exact:
       made = model.generate(jobs.captions, jobs.frames, seeds=jobs.seeds, cleanup=False, literal=True, control=asked,
                             project=True, **chosen)
-    else:
-      keys, seeds = keys_of(None, jobs.seeds, len(jobs.seeds))
-      made = model.sample_controlled(jobs.captions, jobs.frames, keys, seeds, False, chosen, asked)
+      return [np.concatenate([motion.features, motion.joints.reshape(motion.num_frames, -1)], axis=1)
+              for motion in made]
+    keys, seeds = keys_of(None, jobs.seeds, len(jobs.seeds))
+    made = model.sample_controlled(jobs.captions, jobs.frames, keys, seeds, False, chosen, asked)
     return [motion.features for motion in made]
   return make
