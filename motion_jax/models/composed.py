@@ -17,7 +17,7 @@ from motion_jax.models.base import each
 from motion_jax.models.results import Motions, captions_in_a_row, features_of, gathered
 from motion_jax.motion.layering import put_on
 from motion_jax.motion.resting import with_rest
-from motion_jax.text.actions import cycle_of
+from motion_jax.text.actions import cycle_of, is_counted_one_by_one
 from motion_jax.text.sentences import Action, Segment, Sentence, rest_of, who_is_done
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ _LONGEST = 3600    # seconds
 _REST = 2.0        # seconds of standing still
 _LEFT = 1.0        # seconds beyond what an action takes in which a body can stand still
 _AROUND = 1.5      # seconds in which a hand comes up and goes down again, around what is counted
+_BRISK = 0.8       # of its usual length that an action takes which is done several times
 _IN, _OUT = 8, 12  # frames in which a part comes to another motion's and goes back
 
 
@@ -39,6 +40,8 @@ def usual_frames(model: "TextToMotionModel", sentence: Sentence) -> list[int]:
 
 
 def _action_frames(model, action):
+  if action.times > 1 and is_counted_one_by_one(action.verb):
+    return round(_BRISK * model.natural_frames(action.prompt)) * action.times
   if action.times > 1:
     said = model.nearest_captions(action.counted)
     if said and TIMES.get(action.times, "no number") in said[0][0]:  # clips show it so often
@@ -166,9 +169,9 @@ def _composed(model: "TextToMotionModel", sentences: list[Sentence], lengths: li
   """A Motion for each sentence."""
   moving = [[(segment, count) for segment, count in zip(sentence.segments, frames) if not segment.rests]
             or [(sentence.segments[0], frames[0])] for sentence, frames in zip(sentences, lengths)]
-  lists = [[(segment.action.counted, count) for segment, count in row] for row in moving]
-  bases = model.in_a_row(lists, keys, seeds, cleanup, sampling, **how)
-  spans = [_spans(model, base, len(row)) for base, row in zip(bases, moving)]
+  rounds = [[_rounds(model, segment.action, count) for segment, count in row] for row in moving]
+  bases = model.in_a_row([sum(row, []) for row in rounds], keys, seeds, cleanup, sampling, **how)
+  spans = [_spans(model, base, [len(one) for one in row]) for base, row in zip(bases, rounds)]
   layers = [(row, place, action) for row, parts in enumerate(moving)
             for place, (segment, _) in enumerate(parts) for action in segment.also]
   joints = [base.joints for base in bases]
@@ -192,11 +195,20 @@ def _numbered(layers):
     yield seen[layer[0]], layer
 
 
-def _spans(model, base, count):
-  """[(first frame, past)] of the segments, by the captions of the motion."""
-  if count == 1:
+def _rounds(model, action, count):
+  """[(prompt, frames)] of an action: one, or one for each time that it is done."""
+  if action.times == 1 or not is_counted_one_by_one(action.verb) or count < action.times * model.frames_per_latent:
+    return [(action.counted, count)]
+  return [(action.prompt, part) for part in shared([1] * action.times, count, model.frames_per_latent)]
+
+
+def _spans(model, base, sizes):
+  """[(first frame, past)] of segments of so many rounds each, by the captions of the motion."""
+  if sum(sizes) == 1:
     return [(0, base.num_frames)]
-  return [(round(c.start * model.fps), min(round(c.end * model.fps), base.num_frames)) for c in base.captions]
+  ends = np.cumsum(sizes)
+  frame = lambda seconds: min(round(seconds * model.fps), base.num_frames)
+  return [(frame(base.captions[end - size].start), frame(base.captions[end - 1].end)) for end, size in zip(ends, sizes)]
 
 
 def _layered(joints, other, spans, place, action, skeleton):
