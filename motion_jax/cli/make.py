@@ -7,7 +7,7 @@ from motion_jax.cli.prompts import read_prompts, read_sequences
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.numerals import MOTIONS, SEEDS, real, whole
 from motion_jax.models import registry
-from motion_jax.models.options import flag_of
+from motion_jax.models.options import TRIES, flag_of
 from motion_jax.runtime import progress, timing
 
 _TOLD = 20             # sentences of several actions of which a command says how it understood them
@@ -26,6 +26,9 @@ def add_to(commands):
   length.add_argument("--frames", type=whole(1, 72_000), help="length in frames")
   generate.add_argument("--literal", action="store_true", help="say every sentence to the model as it is; without it "
                         "\"walks, then waves\" and \"waves while walking\" are done action by action")
+  generate.add_argument("--tries", type=whole(1, 100), default=TRIES, help="how often at the most a motion is made in "
+                        "which kicks, jumps, waves, turns and the like of its sentence are not to be seen, or not as "
+                        f"many as it says ({TRIES})")
   control.add_to(generate)
   _making(generate, "motion.html")
   generate.set_defaults(run=_generate)
@@ -147,7 +150,7 @@ def _generate(args):
   motions = []
   for piece in progress.each(_pieces(frames, model), "making motions", unit="batch"):
     motions += model.generate(prompts[piece], frames[piece], seeds=seeds[piece], cleanup=not args.no_cleanup,
-                              **(dict(literal=literal) if model.can("understand") else {}),
+                              **(dict(literal=literal, tries=args.tries) if model.can("understand") else {}),
                               **(dict(control=wanted, project=not args.no_cleanup) if wanted else {}),
                               **_sampling(args, model))
   _write(args, model, motions, outputs, start, asked=control.drawn(wanted, motions) if wanted else None,

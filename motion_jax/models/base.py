@@ -267,7 +267,7 @@ class TextToMotionModel(Able):
 
 
 Model = TextToMotionModel  # its public name, `motion_jax.Model`
-_ARGUMENTS = ("seed", "seeds", "seconds", "num_frames", "cleanup", "literal", "control")  # that it takes besides
+_ARGUMENTS = ("seed", "seeds", "seconds", "num_frames", "cleanup", "literal", "control", "tries")  # besides
 _NAMED = 5  # words of a prompt, and prompts of a call, that a warning names
 
 

@@ -13,10 +13,12 @@ import numpy as np
 from motion_jax.data.event_words import TIMES
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.numerals import as_float, demand_numbers
+from motion_jax.models import looking
 from motion_jax.models.base import each
 from motion_jax.models.results import Motions, captions_in_a_row, features_of, gathered
 from motion_jax.motion.layering import put_on
 from motion_jax.motion.resting import with_rest
+from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.text.actions import cycle_of, is_counted_one_by_one
 from motion_jax.text.sentences import Action, Segment, Sentence, rest_of, who_is_done
 
@@ -27,6 +29,7 @@ _LONGEST = 3600    # seconds
 _REST = 2.0        # seconds of standing still
 _LEFT = 1.0        # seconds beyond what an action takes in which a body can stand still
 _AROUND = 1.5      # seconds in which a hand comes up and goes down again, around what is counted
+_TRY = 1 << 20     # added to a try's number, so that its key is no other one's
 _BRISK = 0.8       # of its usual length that an action takes which is done several times
 _IN, _OUT = 8, 12  # frames in which a part comes to another motion's and goes back
 
@@ -141,9 +144,36 @@ def told(sentence: Sentence, frames: Sequence[int], fps: float) -> str:
 
 
 def generate(model: "TextToMotionModel", prompts: Sequence[str], num_frames: "Frames", seconds: "Frames",
-             keys: jax.Array, seeds: Sequence[int | None], cleanup: bool, literal: bool, sampling: dict[str, Any]
-             ) -> Motions:
-  """Motions of prompts, each understood by itself; those of one action go to `model.sample` as they are."""
+             keys: jax.Array, seeds: Sequence[int | None], cleanup: bool, literal: bool, sampling: dict[str, Any],
+             tries: int = 1) -> Motions:
+  """Motions of prompts, each understood by itself; those of one action go to `model.sample` as they are.
+
+  tries: one in which something that its prompt asks for is not to be seen (`models.looking`) is made anew, from the key
+  fold_in(key, 2^20 + try), until it is or so many have been made: the best of them, of equals the first.
+  """
+  made = _generated(model, prompts, num_frames, seconds, keys, seeds, cleanup, literal, sampling)
+  if literal or tries == 1 or model.stats.layout.skeleton is not HUMANML3D:
+    return made
+  asked = [looking.asked_of(prompt) for prompt in prompts]
+  best = [(looking.misses(motion.joints, one, model.fps), motion) for motion, one in zip(made, asked)]
+  for number in range(1, tries):
+    rows = [i for i, (missed, _) in enumerate(best) if missed]
+    if not rows:
+      break
+    some = lambda said, rows=rows: said if said is None or callable(said) else [each(said, prompts)[i] for i in rows]
+    folded = jax.numpy.stack([jax.random.fold_in(keys[i], _TRY + number) for i in rows])
+    anew = _generated(model, [prompts[i] for i in rows], some(num_frames), some(seconds), folded,
+                      [seeds[i] for i in rows], cleanup, literal, sampling)
+    for i, motion in zip(rows, anew):
+      missed = looking.misses(motion.joints, asked[i], model.fps)
+      if missed < best[i][0]:
+        best[i] = missed, motion.replace(meta=motion.meta | dict(tries=number + 1))
+  if all(motion is one for (_, motion), one in zip(best, made)):
+    return made
+  return gathered([motion.replace(id=f"motion_{i}") for i, (_, motion) in enumerate(best)])
+
+
+def _generated(model, prompts, num_frames, seconds, keys, seeds, cleanup, literal, sampling):
   sentences = [None if literal else model.understand(prompt) for prompt in prompts]
   sentences = with_endings(model, prompts, sentences, num_frames, seconds)
   rows = [i for i, sentence in enumerate(sentences) if sentence is None or sentence.is_plain]

@@ -71,11 +71,11 @@ def usual_frames(model: "TextToMotionModel", asked: Sequence[Constraint] | Contr
 
 def generate(model: "TextToMotionModel", prompts: Sequence[str], num_frames: "Frames", seconds: "Frames",
              keys: jax.Array, seeds: Sequence[int | None], cleanup: bool, literal: bool, sampling: dict[str, Any],
-             control: Control, projected: bool) -> Motions:
+             control: Control, projected: bool, tries: int = 1) -> Motions:
   """As `composed.generate`, each motion as its control asks; projected: exactly so, where a body can."""
   asked = constraints_of(control, len(prompts))
   if not any(map(_asks, asked)):
-    return composed.generate(model, prompts, num_frames, seconds, keys, seeds, cleanup, literal, sampling)
+    return composed.generate(model, prompts, num_frames, seconds, keys, seeds, cleanup, literal, sampling, tries)
   if model.stats.layout.skeleton is not HUMANML3D:
     raise InputError(f"{model.id} moves the skeleton {model.stats.layout.skeleton.name!r}; control knows the 22 joints "
                      f"of {HUMANML3D.name}")
@@ -92,14 +92,15 @@ def generate(model: "TextToMotionModel", prompts: Sequence[str], num_frames: "Fr
     given = some(prompts), some(frames), keys[np.array(rows)], some(seeds)
     if rows is idle:
       lengths = None if given[1][0] is None else given[1]
-      made = composed.generate(model, given[0], lengths, None, *given[2:], cleanup, literal, sampling)
+      made = composed.generate(model, given[0], lengths, None, *given[2:], cleanup, literal, sampling, tries)
       found |= zip(rows, made)
     else:
-      found |= zip(rows, _controlled(model, *given, cleanup, literal, sampling, some(asked), projected, led[rows[0]]))
+      made = _controlled(model, *given, cleanup, literal, sampling, some(asked), projected, led[rows[0]], tries)
+      found |= zip(rows, made)
   return gathered([found[i].replace(id=f"motion_{i}") for i in range(len(prompts))])
 
 
-def _controlled(model, prompts, frames, keys, seeds, cleanup, literal, sampling, asked, projected, led):
+def _controlled(model, prompts, frames, keys, seeds, cleanup, literal, sampling, asked, projected, led, tries):
   """A motion for each prompt, all of which are asked for something."""
   counts = [int(round(count)) for count in frames]
   for one, count in zip(asked, counts):
@@ -112,7 +113,7 @@ def _controlled(model, prompts, frames, keys, seeds, cleanup, literal, sampling,
   places = [placing.placement(one) for one in compiled]
   longer = [count + (finishing.spare(model.fps) if finds_its_cycle(one) else 0) for one, count in zip(asked, counts)]
   if not led:
-    made = composed.generate(model, prompts, longer, None, keys, seeds, cleanup, literal, sampling)
+    made = composed.generate(model, prompts, longer, None, keys, seeds, cleanup, literal, sampling, tries)
   else:
     made = _led(model, prompts, longer, keys, seeds, cleanup, sampling, compiled, places)
     # Poses and targets that are laid where the body is: now that is known.

@@ -21,6 +21,8 @@ from motion_jax.inputs.numerals import GUIDANCE, NumberError, bounds, checked, d
 if TYPE_CHECKING:
   from ml_collections import ConfigDict
 
+TRIES = 4  # motions that are made at the most of a sentence that they do not show
+
 
 class Description(NamedTuple):
   """What is known of a choice.

@@ -106,6 +106,15 @@ def understand(text: str, known: Callable[[str], bool] = lambda text: False) -> 
   return plain if found.is_plain else found
 
 
+def actions_of(text: str) -> list[Action]:
+  """All actions that a sentence is about, also those that a model has learned to do together."""
+  sentence = understand(text)
+  if not sentence.is_plain:
+    return [action for segment in sentence.segments for action in (segment.action, *segment.also)]
+  clauses = [clause for _, clause in pieces_of(text, lambda text: True)]
+  return [_action(clause, lower(clause.subject) or ["a", "person"]) for clause in clauses if clause is not None]
+
+
 def who_is_done(text: str, at_ease: bool = False) -> str:
   """Who acts in a sentence of one action that is over when it is done ("a man" of "a man bows"), "" of any other.
 

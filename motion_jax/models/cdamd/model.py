@@ -25,6 +25,7 @@ from motion_jax.models.cdamd.options import CdamdSampling
 from motion_jax.models.cdamd.unmasking import most_unmasked
 from motion_jax.models.controlled import Control
 from motion_jax.models.known_motion import on_our_body
+from motion_jax.models.options import TRIES
 from motion_jax.models.results import Motion, Motions, captions_in_a_row, features_of, gathered, make_motions
 from motion_jax.motion.blending import join, laid_over
 from motion_jax.motion.cleanup import clean_up
@@ -78,14 +79,15 @@ class CdamdModel(TextToMotionModel):
   @former_names.with_keywords
   def generate(self, prompts: Prompts, num_frames: Frames = None, *, seconds: Frames = None,
                rng: jax.Array | None = None, seeds: Iterable[int] | None = None, cleanup: bool = True,
-               literal: bool = False, control: Control = None, project: bool = True, **sampling: Any
-               ) -> Motions:
+               literal: bool = False, control: Control = None, project: bool = True, tries: int = TRIES,
+               **sampling: Any) -> Motions:
     """Motions for one prompt or several, of the given length each (one number or one per prompt).
 
     A prompt of several actions ("walks, then waves", "waves while walking") is done action by action, as
     `understand(prompt)` says it is understood, each action an edit behind the last two seconds of the one before;
     literal: its words go to the network as they are, as those of a single action always do. A length is shared among
-    the actions.
+    the actions. Where kicks, jumps, waves, turns and the like that it asks for are not to be seen, or not as many,
+    a motion is made anew, up to `tries` in all (`models.looking`; 1: what comes first).
     rng: a key, of which prompt i gets fold_in(rng, i); or seeds, one integer per prompt. With a solver of fixed steps a
     motion does not depend on its batch-mates. Lengths are cut to whole latents (4 frames); without one it is
     `natural_frames`. sampling: choices of `CdamdSampling`. Raises ValueError for what cannot be made.
@@ -93,7 +95,7 @@ class CdamdModel(TextToMotionModel):
     prompts = self.prompts_of(prompts, literal)
     keys, seeds = keys_of(rng, seeds, len(prompts))
     return controlled.generate(self, prompts, num_frames, seconds, keys, seeds, cleanup, literal, sampling, control,
-                               project)
+                               project, checked(tries, 1, 100, "tries"))
 
   def sample(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, seeds: Sequence[int | None],
              cleanup: bool, sampling: dict[str, Any], signal: ControlSignal | None = None) -> Motions:

@@ -19,6 +19,7 @@ from motion_jax.models.cmdm.networks import CmdmNetworks
 from motion_jax.models.cmdm.options import CmdmSampling
 from motion_jax.models.controlled import Control
 from motion_jax.models.known_motion import on_our_body
+from motion_jax.models.options import TRIES
 from motion_jax.models.results import Motion, Motions, captions_in_a_row, go_on, make_motions
 from motion_jax.runtime import timing
 
@@ -35,13 +36,15 @@ class CmdmModel(CmdmNetworks):
   @former_names.with_keywords
   def generate(self, prompts: Prompts, num_frames: Frames = None, *, seconds: Frames = None,
                rng: jax.Array | None = None, seeds: Iterable[int] | None = None, cleanup: bool = True,
-               literal: bool = False, control: Control = None, project: bool = True, **sampling: Any
-               ) -> Motions:
+               literal: bool = False, control: Control = None, project: bool = True, tries: int = TRIES,
+               **sampling: Any) -> Motions:
     """Motions for one prompt or several, of the given length each (one number or one per prompt).
 
     A prompt of several actions ("walks, then waves", "waves while walking") is done action by action, as
     `understand(prompt)` says it is understood; literal: its words go to the network as they are, as those of a single
-    action always do. A length is shared among the actions.
+    action always do. A length is shared among the actions. Where kicks, jumps, waves, turns and
+    the like that it asks for are not to be seen, or not as many, a motion is made anew, up to `tries` in all
+    (`models.looking`; 1: what comes first).
     rng: a key, of which prompt i gets fold_in(rng, i), so that a motion does not depend on its batch-mates; or seeds,
     one integer per prompt. sampling: guidance_scale, schedule, num_steps, lag, ... of `CmdmSampling`; by default the
     model's own. Without a length it is that of the nearest training captions. cleanup: standing feet are
@@ -51,7 +54,7 @@ class CmdmModel(CmdmNetworks):
     prompts = self.prompts_of(prompts, literal)
     keys, seeds = keys_of(rng, seeds, len(prompts))
     return controlled.generate(self, prompts, num_frames, seconds, keys, seeds, cleanup, literal, sampling, control,
-                               project)
+                               project, checked(tries, 1, 100, "tries"))
 
   def sample(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, seeds: Sequence[int | None],
              cleanup: bool, sampling: dict[str, Any], signal: ControlSignal | None = None) -> Motions:

@@ -1,0 +1,101 @@
+"""What a sentence asks for is looked for in the motion; one that does not show it is made anew, the best is kept."""
+import jax
+import numpy as np
+import pytest
+
+from motion_jax.data.datasets.synthetic import synthetic_joints
+from motion_jax.models import composed, looking
+from motion_jax.models.looking import Asked, asked_of, misses
+from motion_jax.models.results import Motion, gathered
+from motion_jax.motion.skeleton import HUMANML3D
+
+
+@pytest.mark.parametrize("text, found", [
+    ("a person kicks twice", [Asked("kick", "", 2, True)]),
+    ("someone kicks with the left foot", [Asked("kick", "left", 1, False)]),
+    ("a man jumps three times, then kicks twice with the right leg", [
+        Asked("jump", "", 3, True), Asked("kick", "right", 2, True)]),
+    ("a person kicks, then kicks twice", [Asked("kick", "", 3, True)]),
+    ("someone takes two bows", [Asked("bow", "", 2, True)]),
+    ("a person raises the right hand and waves it", [Asked("wave", "", 1, False)]),
+    ("a person waves the right hand three times", [Asked("wave", "right", 1, False)]),
+    ("someone walks backwards and turns left", [Asked("walk", "backward", 1, False), Asked("turn", "left", 1, False)]),
+    ("a person walks back and forth", []),
+    ("a person walks without jumping", []),
+    ("a person walks forward", []),
+])
+def test_what_a_sentence_asks_for_that_can_be_seen(text, found):
+  assert asked_of(text) == found
+
+
+def _joints(action, seed=0, frames=80):
+  return synthetic_joints(action, frames, np.random.default_rng(seed))
+
+
+def test_what_is_missing_is_counted():
+  walk, jump = _joints("walk"), _joints("jump")
+  assert misses(walk, [Asked("jump", "", 1, False)]) == 1 and misses(walk, [Asked("jump", "", 3, True)]) == 3
+  number = 3 - misses(jump, [Asked("jump", "", 3, True)])
+  assert number == 1 and misses(jump, [Asked("jump", "", 1, False)]) == 0
+  assert misses(np.concatenate([jump, jump]), [Asked("jump", "", 1, True)]) == 1  # once too often
+  assert misses(_joints("turn_left"), [Asked("turn", "left", 1, False)]) == 0
+  assert misses(_joints("turn_left"), [Asked("turn", "right", 1, False)]) == 1
+  assert misses(_joints("wave_left"), [Asked("wave", "left", 1, False)]) == 0
+  assert misses(walk, []) == 0
+
+
+class _Stub:
+  """Makes a jump where its key says so, else a walk."""
+  fps = 20.0
+
+  def __init__(self, jumps):
+    self.jumps, self.made = jumps, []
+    self.stats = type("Stats", (), {"layout": type("Layout", (), {"skeleton": HUMANML3D})})
+
+  def motion(self, prompt, key):
+    self.made.append((prompt, key.tolist()))
+    joints = _joints("jump" if self.jumps(prompt, key) else "walk").astype(np.float32)
+    return Motion(joints, 20.0, features=joints.reshape(len(joints), -1))
+
+
+def _made(stub, monkeypatch, prompts, tries, literal=False):
+  keys = jax.random.split(jax.random.key_data(jax.random.key(0)), len(prompts))
+  monkeypatch.setattr(composed, "_generated", lambda model, prompts, num_frames, seconds, keys, *rest: gathered(
+      [model.motion(prompt, key) for prompt, key in zip(prompts, keys)]))
+  return keys, composed.generate(stub, prompts, None, None, keys, [None] * len(prompts), True, literal, {}, tries)
+
+
+def test_only_what_does_not_show_it_is_made_anew_and_with_a_key_of_its_own(monkeypatch):
+  count = {}
+
+  def third_time(prompt, key):
+    count[prompt] = count.get(prompt, 0) + 1
+    return count[prompt] == 3 and "jumps" in prompt
+
+  stub = _Stub(third_time)
+  prompts = ["a person walks", "a person jumps", "someone jumps"]
+  keys, made = _made(stub, monkeypatch, prompts, 4)
+  assert [prompt for prompt, _ in stub.made] == prompts + prompts[1:] * 2
+  assert len({tuple(key) for _, key in stub.made}) == len(stub.made)
+  assert [motion.meta.get("tries") for motion in made] == [None, 3, 3]
+  assert [motion.id for motion in made] == ["motion_0", "motion_1", "motion_2"]
+  # Alone it is the same motion, from the same keys.
+  count.clear()
+  alone = _Stub(third_time)
+  monkeypatch.setattr(jax.random, "split", lambda key, number: keys[1:2])
+  _made(alone, monkeypatch, prompts[1:2], 4)
+  assert [key for _, key in alone.made] == [key for prompt, key in stub.made if prompt == prompts[1]]
+
+
+def test_of_equals_the_first_is_kept_and_words_that_are_said_as_they_are_are_not_looked_for(monkeypatch):
+  for tries, literal, times in ((3, False, 3), (1, False, 1), (4, True, 1)):
+    stub = _Stub(lambda prompt, key: False)
+    _, made = _made(stub, monkeypatch, ["a person jumps"], tries, literal)
+    assert len(stub.made) == times and "tries" not in made[0].meta
+
+
+def test_the_best_of_all_tries_is_kept(monkeypatch):
+  asked = iter([3, 1, 2, 1])
+  monkeypatch.setattr(looking, "misses", lambda *_: next(asked))
+  _, made = _made(_Stub(lambda prompt, key: False), monkeypatch, ["a person jumps"], 4)
+  assert made[0].meta["tries"] == 2
