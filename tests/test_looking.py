@@ -21,6 +21,7 @@ from motion_jax.motion.skeleton import HUMANML3D
     ("a person waves the right hand three times", [Asked("wave", "right", 1, False)]),
     ("someone walks backwards and turns left", [Asked("walk", "backward", 1, False), Asked("turn", "left", 1, False)]),
     ("a person walks back and forth", []),
+    ("a person walks back to the chair", []),
     ("a person walks without jumping", []),
     ("a person walks forward", []),
 ])

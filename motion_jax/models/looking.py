@@ -17,7 +17,7 @@ _KINDS = {"kick": "kick", "punch": "punch", "jab": "punch", "box": "punch", "sha
           "hop": "hop", "squat": "squat", "bow": "bow", "wave": "wave", "turn": "turn"}  # verb: kind of event
 _SIDED = {"kick", "punch", "wave", "turn"}
 _COUNTED = {"kick", "punch", "jump", "hop", "squat", "bow"}  # whose number means how often they are done
-_BACKWARD = {"backward", "backwards", "back"}
+_BACKWARD = {"backward", "backwards"}
 _WITHOUT = {"without", "not", "no", "never", "nor", "don't", "doesn't"}
 
 
@@ -37,7 +37,7 @@ def asked_of(text: str) -> list[Asked]:
   found: dict[tuple[str, str], Asked] = {}
   for action in actions_of(text):
     words, kind, side = set(action.words.lower().replace(",", " ").split()), _KINDS.get(action.verb), ""
-    if action.verb == "walk" and words & _BACKWARD and not words & {"forth", "turn", "turns"}:
+    if action.verb == "walk" and words & _BACKWARD:
       kind, side = "walk", "backward"
     if kind is None or action.held:
       continue
