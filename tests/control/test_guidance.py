@@ -11,7 +11,7 @@ from motion_jax.control import conditioning, guidance
 from motion_jax.control import signal as signals
 from motion_jax.models import cmdm
 from motion_jax.models.base import keys_of
-from motion_jax.models.cmdm import networks, streaming
+from motion_jax.models.cmdm import live, networks, streaming
 from motion_jax.models.cmdm.guiding import Guide
 from motion_jax.training.setup import untrained
 from tests.control.test_conditioning import asked
@@ -169,13 +169,36 @@ def test_a_stream_whose_cleanup_moves_the_body_is_led_to_where_it_is_seen(model)
   assert np.abs(streamed(less) - streamed(signal)).max() > 1e-3
 
 
-@pytest.mark.slow
-def test_a_stream_of_a_network_that_is_told_is_the_offline_motion(model):
-  """The tokens that `hold` makes are those of `sample`; what is asked later changes nothing before."""
+def _told(model):
+  """A model that is told constraints, untrained."""
   told = copy.copy(model)
   told.dit = model.dit.clone(control=conditioning.size(4))
   told.params, told.compiled = untrained(cmdm.denoiser_shapes(told.dit)), networks._compile(told.dit)
-  signal = hand(frame=44)
+  return told
+
+
+@pytest.mark.slow
+def test_a_stream_is_told_what_is_asked_of_its_window_from_where_its_body_stands(model):
+  told, signal = _told(model), hand(frame=130, frames=160)
+  stream = told.stream("a person walks", seed=1, cleanup=False, **SAMPLING)
+  while stream._base < 2:
+    stream.step()
+  first, size = stream._base * stream.block_frames, stream._plan.block
+  stream.hold(signal, control_steps=0)
+  start = np.array([[*stream.place, live._heading(stream._path)]], np.float32)
+  ahead = conditioning.features(signal.slice_frames(first, first + 200), 4, start)
+  tokens = told.dit.apply(told.params, ahead, method="control_tokens")
+  for passed in range(3):
+    window = stream._held()[0]
+    assert window.control_first == stream._base
+    np.testing.assert_allclose(window.control, tokens[:, passed * size:(passed + stream._plan.width) * size], atol=1e-5)
+    stream.step()
+
+
+@pytest.mark.slow
+def test_a_stream_of_a_network_that_is_told_is_the_offline_motion(model):
+  """The tokens that `hold` makes are those of `sample`; what is asked later changes nothing before."""
+  told, signal = _told(model), hand(frame=44)
 
   def streamed(when):
     stream, parts = told.stream("a person walks", seed=1, num_frames=FRAMES, cleanup=False, **SAMPLING), []
