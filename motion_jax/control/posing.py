@@ -14,51 +14,15 @@ import dataclasses
 import numpy as np
 from jaxtyping import Bool, Float
 
+from motion_jax.control import bands
 from motion_jax.motion.retarget import with_lengths
 from motion_jax.motion.skeleton import HUMANML3D
 
-_FADES = 0.3             # seconds over which what is done for one pose comes and goes
+FADES = 0.3              # seconds over which what is done for one frame comes and goes
 _THICK, _OWN = 0.25, 3.0  # seconds between poses that come thick; w between those
 _APART = 0.8             # seconds between poses from which the motion is left its own way
 _AGREE = 0.07            # metres by which changes that two poses want of a bone may differ
 _MOST = 100.0            # w at the most
-
-
-def second_differences(count: int, weights: Float[np.ndarray, " n"] | float = 1.0) -> Float[np.ndarray, "3 t"]:
-  """Bands (3, T), lower form, of the sum of weights (T - 2,) times squared second differences of count numbers."""
-  bands = np.zeros((3, count))
-  if count > 2:
-    for shift, factor in ((0, 1.0), (1, 4.0), (2, 1.0)):
-      bands[0, shift:count - 2 + shift] += factor * weights
-    bands[1, :count - 2] -= 2.0 * weights
-    bands[1, 1:count - 1] -= 2.0 * weights
-    bands[2, :count - 2] += weights
-  return bands
-
-
-def times(bands: Float[np.ndarray, "3 t"], x: Float[np.ndarray, "t p"]) -> Float[np.ndarray, "t p"]:
-  """The symmetric matrix of these bands (3, T) times x (T, P)."""
-  result = bands[0][:, None] * x
-  for apart in (1, 2):
-    low = bands[apart, :-apart, None]
-    result[apart:] += low * x[:-apart]
-    result[:-apart] += low * x[apart:]
-  return result
-
-
-def solved(bands: Float[np.ndarray, "3 t"], pushed: Float[np.ndarray, "t k"], values: Float[np.ndarray, "t k"],
-           given: Bool[np.ndarray, " t"]) -> Float[np.ndarray, "t k"]:
-  """x (T, K) with bands x = pushed where x is not given (T,) to be one of values. Makes changes in bands and pushed."""
-  from scipy.linalg import solveh_banded
-  count, fixed = len(values), np.flatnonzero(given)
-  for offset in (1, 2):  # what is given moves to the other side of the equations
-    for frame in fixed:
-      for other, low in ((frame + offset, frame), (frame - offset, frame - offset)):
-        if 0 <= other < count:
-          pushed[other] -= bands[offset, low] * values[frame]
-          bands[offset, low] = 0
-  bands[0, fixed], pushed[fixed] = 1.0, values[fixed]
-  return solveh_banded(bands, pushed, lower=True)
 
 
 def posed(joints: Float[np.ndarray, "t 22 3"], poses: Float[np.ndarray, "t 22 3"], given: Bool[np.ndarray, " t"],
@@ -69,10 +33,11 @@ def posed(joints: Float[np.ndarray, "t 22 3"], poses: Float[np.ndarray, "t 22 3"
   off = np.where(given[:, None, None], poses - joints, 0.0)
   weights, result = _weights(off, np.flatnonzero(given), fps), np.empty_like(joints)
   for joint in range(len(lengths)):
-    smooth = second_differences(len(joints), weights[:, joint])
-    bands = smooth + second_differences(len(joints))
-    bands[0] += (_FADES * fps) ** -4.0
-    result[:, joint] = joints[:, joint] + solved(bands, -times(smooth, joints[:, joint]), off[:, joint], given)
+    smooth = bands.second_differences(len(joints), weights[:, joint])
+    matrix = smooth + bands.second_differences(len(joints))
+    matrix[0] += (FADES * fps) ** -4.0
+    pushed = -bands.times(smooth, joints[:, joint])
+    result[:, joint] = joints[:, joint] + bands.solved(matrix, pushed, off[:, joint], given)
   return with_lengths(result, dataclasses.replace(HUMANML3D, bone_lengths=lengths))
 
 

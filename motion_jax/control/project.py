@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Num
 
-from motion_jax.control import bodies, builds, posing
+from motion_jax.control import bands, bodies, builds, posing
 from motion_jax.control.compiling import angle_of, compile
 from motion_jax.control.constraints import Constraint
 from motion_jax.control.limits import possible, tell_missed
@@ -29,7 +29,6 @@ from motion_jax.motion.skeleton import HUMANML3D
 _FAR, _TURNED = 0.12, 0.35  # metres, radians off, from which the body is carried step by step
 _ARM = 0.75                 # metres over the ground from the pelvis within which a hand or a foot is reached
 _HARD, _STAND, _FACE = 1e5, 30.0, 300.0
-_SPREAD = 0.3               # seconds over which what is done for one frame comes and goes
 _LASTS = 1.0                # seconds over which a change of course comes
 _COURSE = 0.35              # seconds, sigma of what is smoothed away of a path to have its direction
 _STEP = 0.4                 # radians and metres of a change in one round
@@ -89,14 +88,14 @@ def spread(values: Float[np.ndarray, "t k"], given: Bool[np.ndarray, " t"], fps:
   lasting, staying what they are. Zero where none are given."""
   if not given.any():
     return np.zeros_like(values)
-  bands = posing.second_differences(len(values))
-  bands[0] += 1e-10 if lasting else (_SPREAD * fps) ** -4.0
+  matrix = bands.second_differences(len(values))
+  matrix[0] += 1e-10 if lasting else (posing.FADES * fps) ** -4.0
   if lasting:
     steps = (_LASTS * fps) ** -2.0
-    bands[0, :-1] += steps
-    bands[0, 1:] += steps
-    bands[1, :-1] -= steps
-  return posing.solved(bands, np.zeros_like(values), values, given)
+    matrix[0, :-1] += steps
+    matrix[0, 1:] += steps
+    matrix[1, :-1] -= steps
+  return bands.solved(matrix, np.zeros_like(values), values, given)
 
 
 def _posed(joints: np.ndarray, wanted: Callable[[np.ndarray], ControlSignal], lengths: np.ndarray | None, fps: float
@@ -188,8 +187,8 @@ def _solved(joints: np.ndarray, led: np.ndarray, wanted: Callable[[np.ndarray], 
   count, size = len(joints), bodies.SIZE
   feet = list(HUMANML3D.left_feet + HUMANML3D.right_feet)
   weights = bodies.STIFF ** 2
-  smooth = posing.second_differences(count)
-  smooth[0] += (_SPREAD * fps) ** -4.0
+  smooth = bands.second_differences(count)
+  smooth[0] += (posing.FADES * fps) ** -4.0
   rows, columns = np.tril_indices(size)
   done, now = np.zeros((count, size)), joints
   where, stand = _stances(led, wanted(joints), fps)
@@ -229,13 +228,13 @@ def _solved(joints: np.ndarray, led: np.ndarray, wanted: Callable[[np.ndarray], 
       pushed[:, start] += _FACE * gap
       square[:, start, start] += _FACE * (gap > 0)
     # Bands of all frames' parameters, lower form: within a frame from the squares, between frames from smoothness.
-    bands = np.zeros((2 * size + 1, count, size))
-    bands[rows - columns, :, columns] = square[:, rows, columns].T
-    bands[0] += damping
+    matrix = np.zeros((2 * size + 1, count, size))
+    matrix[rows - columns, :, columns] = square[:, rows, columns].T
+    matrix[0] += damping
     for apart in range(3):
-      bands[apart * size] += smooth[apart][:, None] * weights
-    pushed -= posing.times(smooth, done) * weights
-    change = solveh_banded(bands.reshape(2 * size + 1, -1), pushed.reshape(-1), lower=True).reshape(count, size)
+      matrix[apart * size] += smooth[apart][:, None] * weights
+    pushed -= bands.times(smooth, done) * weights
+    change = solveh_banded(matrix.reshape(2 * size + 1, -1), pushed.reshape(-1), lower=True).reshape(count, size)
     change *= min(1.0, _STEP / max(np.abs(change).max(), 1e-9))
     done = done + change
     now, axes = bodies.bent(now, change, axes)

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
-from motion_jax.control import posing
+from motion_jax.control import bands, posing
 from motion_jax.control.limits import possible
 from motion_jax.control.project import project
 from motion_jax.control.signal import ControlSignal
@@ -82,12 +82,12 @@ def test_bands_are_the_matrix_of_squared_second_differences():
   weights = np.arange(1.0, 7.0)
   difference = np.diff(np.eye(8), n=2, axis=0)
   full = difference.T @ np.diag(weights) @ difference
-  bands = posing.second_differences(8, weights)
+  matrix = bands.second_differences(8, weights)
   for apart in range(3):
-    np.testing.assert_allclose(bands[apart, :8 - apart], np.diagonal(full, apart))
+    np.testing.assert_allclose(matrix[apart, :8 - apart], np.diagonal(full, apart))
   x = np.random.default_rng(0).normal(size=(8, 2))
-  np.testing.assert_allclose(posing.times(bands, x), full @ x)
-  assert not posing.second_differences(2).any() and posing.second_differences(1).shape == (3, 1)
+  np.testing.assert_allclose(bands.times(matrix, x), full @ x)
+  assert not bands.second_differences(2).any() and bands.second_differences(1).shape == (3, 1)
 
 
 def test_a_pose_on_a_ladder_stays_there_and_one_in_the_sky_comes_down_as_it_is():
