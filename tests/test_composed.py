@@ -1,4 +1,6 @@
 """A sentence of several actions is one motion in which they are done; one action is what it was."""
+from types import SimpleNamespace
+
 import jax
 import numpy as np
 import pytest
@@ -7,6 +9,7 @@ from motion_jax import cli
 from motion_jax.data.clip import Caption
 from motion_jax.loading import load
 from motion_jax.models import composed
+from motion_jax.text.sentences import understand
 
 FAST = dict(num_steps=3, lag=2)
 ARMS = [14, 17, 19, 21, 13, 16, 18, 20]
@@ -111,3 +114,17 @@ def test_lengths_are_shared_in_proportion():
   assert composed.shared([100, 50], 60, 4) == [40, 20]
   assert composed.shared([1, 1, 98], 20, 4) == [4, 4, 12]
   assert composed.shared([100], 60, 4) == [60]
+
+
+def test_kicks_and_squats_that_are_counted_are_made_one_by_one():
+  """Each a prompt of its own, and one segment together; jumps are counted in words."""
+  model = SimpleNamespace(frames_per_latent=4, fps=20.0)
+  rounds = lambda text, count: composed._rounds(model, understand(text).segments[0].action, count)
+  assert rounds("a person kicks twice", 190) == [("a person kicks", 95)] * 2
+  assert rounds("someone does three squats", 100) == [("someone squats", 33), ("someone squats", 34),
+                                                      ("someone squats", 33)]
+  assert rounds("a person jumps twice", 100) == [("a person jumps twice", 100)]
+  assert rounds("a person kicks twice", 6) == [("a person kicks twice", 6)]  # no time for two
+  ends = [2.0, 4.0, 5.0]
+  base = SimpleNamespace(num_frames=100, captions=[SimpleNamespace(start=a, end=b) for a, b in zip([0.0, *ends], ends)])
+  assert composed._spans(model, base, [2, 1]) == [(0, 80), (80, 100)]
