@@ -9,6 +9,7 @@ from motion_jax import cli
 from motion_jax.data.clip import Caption
 from motion_jax.loading import load
 from motion_jax.models import composed
+from motion_jax.models.results import features_of
 from motion_jax.text.sentences import understand
 
 FAST = dict(num_steps=3, lag=2)
@@ -42,6 +43,25 @@ class TestComposed:
     assert both[1].meta["understood"].startswith("walks (")
     assert both.joints.shape[:2] == both.frame_mask.shape == (2, 72)
     assert [motion.id for motion in both] == ["motion_0", "motion_1"] and both[1].meta["seed"] == 2
+
+  def test_actions_made_apart_are_joined_the_same_alone_and_in_a_batch(self, model, monkeypatch):
+    prompts = ["a person walks, then waves", "a person waves, then walks and then bows"]
+    keys = jax.random.split(jax.random.key(4), 2)
+    make = lambda some: composed._generated(model, [prompts[i] for i in some], 72, None, keys[np.array(some)],
+                                            [None] * len(some), True, False, FAST, apart=True)
+    both, alone = make([0, 1]), make([1])[0]
+    assert [motion.meta["way"] for motion in both] == ["joined"] * 2 and both.joints.shape[1] == 72
+    assert np.abs(both[1].joints - alone.joints).max() < 1e-4 and both[1].captions == alone.captions
+    assert [len(motion.captions) for motion in both] == [2, 3] and both[1].captions[-1].end == 72 / model.fps
+    np.testing.assert_allclose(both[1].features, features_of(model, both[1].joints), atol=1e-5)
+    # One action that is done twice stays in a row.
+    prompts[0] = "a person kicks twice"
+    assert [motion.meta["way"] for motion in make([0, 1])] == ["stream", "joined"]
+    # A part that would be longer than the model makes any is not made apart, whatever the others of the batch are.
+    prompts[0] = "a person walks, then waves"
+    monkeypatch.setattr(type(model), "max_seconds", (max(composed.lengths_of(
+        model, prompts[1:], [model.understand(prompts[1])], 72, None)[0]) + composed.SLACK) / model.fps)
+    assert [motion.meta["way"] for motion in make([0, 1])] == ["stream", "joined"]
 
   @pytest.mark.slow
   def test_a_key_is_folded_with_the_place_of_each_prompt(self, model):

@@ -24,6 +24,12 @@ from motion_jax.motion.skeleton import HUMANML3D
     ("a person walks back to the chair", []),
     ("a person walks without jumping", []),
     ("a person walks forward", []),
+    ("a man dances happily", [Asked("dance", "", 1, False)]),
+    ("the person performs a salsa dance", [Asked("dance", "", 1, False)]),
+    ("a woman dances to the music", [Asked("dance", "", 1, False)]),
+    ("a person dances across the room", []),
+    ("someone takes a seat", [Asked("sit", "", 1, False)]),
+    ("someone walks forward, then dances", []),
 ])
 def test_what_a_sentence_asks_for_that_can_be_seen(text, found):
   assert asked_of(text) == found
@@ -42,7 +48,15 @@ def test_what_is_missing_is_counted():
   assert misses(_joints("turn_left"), [Asked("turn", "left", 1, False)]) == 0
   assert misses(_joints("turn_left"), [Asked("turn", "right", 1, False)]) == 1
   assert misses(_joints("wave_left"), [Asked("wave", "left", 1, False)]) == 0
+  back = walk[::-1] * 1.0  # as it was walked, time turned round
+  asked = [Asked("walk", "backward", 1, False)]
+  assert misses(walk, asked) == 1 and misses(back, asked) == 0
+  assert misses(np.concatenate([walk, back]), asked) == 0
+  low = walk * np.where(np.arange(len(walk)) < 60, 1.0, 0.6)[:, None, None]
+  assert misses(walk, [Asked("sit", "", 1, False)]) == 1 and misses(low, [Asked("sit", "", 1, False)]) == 0
   assert misses(walk, []) == 0
+  assert misses(walk, [Asked("dance", "", 1, False)]) == 1  # it went away
+  assert misses(_joints("wave_left"), [Asked("dance", "", 1, False)]) == 0
 
 
 class _Stub:
@@ -61,7 +75,7 @@ class _Stub:
 
 def _made(stub, monkeypatch, prompts, tries, literal=False):
   keys = jax.random.split(jax.random.key_data(jax.random.key(0)), len(prompts))
-  monkeypatch.setattr(composed, "_generated", lambda model, prompts, num_frames, seconds, keys, *rest: gathered(
+  monkeypatch.setattr(composed, "_generated", lambda model, prompts, num_frames, seconds, keys, *rest, **how: gathered(
       [model.motion(prompt, key) for prompt, key in zip(prompts, keys)]))
   return keys, composed.generate(stub, prompts, None, None, keys, [None] * len(prompts), True, literal, {}, tries)
 
@@ -100,3 +114,12 @@ def test_the_best_of_all_tries_is_kept(monkeypatch):
   monkeypatch.setattr(looking, "misses", lambda *_: next(asked))
   _, made = _made(_Stub(lambda prompt, key: False), monkeypatch, ["a person jumps"], 4)
   assert made[0].meta["tries"] == 2
+
+
+def test_from_the_third_try_on_actions_are_made_apart(monkeypatch):
+  asked = []
+  made = gathered([_Stub(lambda prompt, key: False).motion("a person jumps", np.zeros(2))])
+  monkeypatch.setattr(composed, "_generated", lambda *_, apart=False: asked.append(apart) or made)
+  stub, keys = _Stub(lambda prompt, key: False), jax.random.split(jax.random.key_data(jax.random.key(0)), 1)
+  composed.generate(stub, ["a person jumps"], None, None, keys, [None], True, False, {}, 4)
+  assert asked == [False, False, True, True]

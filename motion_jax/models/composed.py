@@ -5,6 +5,7 @@ shared in proportion. Actions at once are sampled as two motions of one length, 
 put on the other (`motion.layering`): whose legs act is the base, so that feet stay where they are.
 """
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import jax
@@ -16,6 +17,7 @@ from motion_jax.inputs.numerals import as_float, demand_numbers
 from motion_jax.models import looking
 from motion_jax.models.base import each
 from motion_jax.models.results import Motions, captions_in_a_row, features_of, gathered
+from motion_jax.motion.joining import SLACK, joined
 from motion_jax.motion.layering import put_on
 from motion_jax.motion.resting import with_rest
 from motion_jax.motion.skeleton import HUMANML3D
@@ -29,6 +31,7 @@ _LONGEST = 3600    # seconds
 _REST = 2.0        # seconds of standing still
 _LEFT = 1.0        # seconds beyond what an action takes in which a body can stand still
 _AROUND = 1.5      # seconds in which a hand comes up and goes down again, around what is counted
+_APART = 2         # tries before actions in a row are made apart
 _TRY = 1 << 20     # added to a try's number, so that its key is no other one's
 _BRISK = 0.8       # of its usual length that an action takes which is done several times
 _IN, _OUT = 8, 12  # frames in which a part comes to another motion's and goes back
@@ -149,7 +152,8 @@ def generate(model: "TextToMotionModel", prompts: Sequence[str], num_frames: "Fr
   """Motions of prompts, each understood by itself; those of one action go to `model.sample` as they are.
 
   tries: one in which something that its prompt asks for is not to be seen (`models.looking`) is made anew, from the key
-  fold_in(key, 2^20 + try), until it is or so many have been made: the best of them, of equals the first.
+  fold_in(key, 2^20 + try), until it is or so many have been made: the best of them, of equals the first. From the third
+  try on actions in a row are made apart and joined: no past holds a body back from them, but it comes to rest between.
   """
   made = _generated(model, prompts, num_frames, seconds, keys, seeds, cleanup, literal, sampling)
   if literal or tries == 1 or model.stats.layout.skeleton is not HUMANML3D:
@@ -163,7 +167,7 @@ def generate(model: "TextToMotionModel", prompts: Sequence[str], num_frames: "Fr
     some = lambda said, rows=rows: said if said is None or callable(said) else [each(said, prompts)[i] for i in rows]
     folded = jax.numpy.stack([jax.random.fold_in(keys[i], _TRY + number) for i in rows])
     anew = _generated(model, [prompts[i] for i in rows], some(num_frames), some(seconds), folded,
-                      [seeds[i] for i in rows], cleanup, literal, sampling)
+                      [seeds[i] for i in rows], cleanup, literal, sampling, apart=number >= _APART)
     for i, motion in zip(rows, anew):
       missed = looking.misses(motion.joints, asked[i], model.fps)
       if missed < best[i][0]:
@@ -173,7 +177,7 @@ def generate(model: "TextToMotionModel", prompts: Sequence[str], num_frames: "Fr
   return gathered([motion.replace(id=f"motion_{i}") for i, (_, motion) in enumerate(best)])
 
 
-def _generated(model, prompts, num_frames, seconds, keys, seeds, cleanup, literal, sampling):
+def _generated(model, prompts, num_frames, seconds, keys, seeds, cleanup, literal, sampling, apart=False):
   sentences = [None if literal else model.understand(prompt) for prompt in prompts]
   sentences = with_endings(model, prompts, sentences, num_frames, seconds)
   rows = [i for i, sentence in enumerate(sentences) if sentence is None or sentence.is_plain]
@@ -189,18 +193,20 @@ def _generated(model, prompts, num_frames, seconds, keys, seeds, cleanup, litera
   rows = [i for i in range(len(prompts)) if i not in found]
   several = [sentence for i in rows if (sentence := sentences[i]) is not None]
   made = _composed(model, several, [lengths[i] for i in rows], keys[np.array(rows)], [seeds[i] for i in rows], cleanup,
-                   sampling)
+                   sampling, make=_joined if apart else None)
   found |= zip(rows, made)
   return gathered([found[i].replace(id=f"motion_{i}") for i in range(len(prompts))])
 
 
 def _composed(model: "TextToMotionModel", sentences: list[Sentence], lengths: list[list[int]], keys: jax.Array,
-              seeds: Sequence[int | None], cleanup: bool, sampling: dict[str, Any], **how: Any) -> list[Any]:
-  """A Motion for each sentence."""
+              seeds: Sequence[int | None], cleanup: bool, sampling: dict[str, Any], make: Any = None, **how: Any
+              ) -> list[Any]:
+  """A Motion for each sentence. make: what puts actions in a row, by default the model's own way."""
   moving = [[(segment, count) for segment, count in zip(sentence.segments, frames) if not segment.rests]
             or [(sentence.segments[0], frames[0])] for sentence, frames in zip(sentences, lengths)]
   rounds = [[_rounds(model, segment.action, count) for segment, count in row] for row in moving]
-  bases = model.in_a_row([sum(row, []) for row in rounds], keys, seeds, cleanup, sampling, **how)
+  in_a_row = partial(make, model) if make else model.in_a_row
+  bases = in_a_row([sum(row, []) for row in rounds], keys, seeds, cleanup, sampling, **how)
   spans = [_spans(model, base, [len(one) for one in row]) for base, row in zip(bases, rounds)]
   layers = [(row, place, action) for row, parts in enumerate(moving)
             for place, (segment, _) in enumerate(parts) for action in segment.also]
@@ -215,6 +221,35 @@ def _composed(model: "TextToMotionModel", sentences: list[Sentence], lengths: li
       joints[row] = _layered(joints[row], other.joints, spans[row], place, action, model.stats.layout.skeleton)
   return [_finished(model, base, sentence, *_with_rests(body, sentence, span, frames, model.stats.layout.skeleton))
           for base, sentence, body, span, frames in zip(bases, sentences, joints, spans, lengths)]
+
+
+def _joined(model, lists, keys, seeds, cleanup, sampling):
+  """A Motion of each list of (prompt, frames), as `in_a_row`, but each made by itself and joined where poses fit. In a
+  row stays one action done several times, and what would be longer than the model makes any."""
+  found: dict[int, Any] = {}
+  longest = model.max_seconds * model.fps - SLACK
+  rows = [row for row, one in enumerate(lists)
+          if len({prompt for prompt, _ in one}) == 1 or max(count for _, count in one) > longest]
+  if rows:
+    found |= zip(rows, model.in_a_row([lists[row] for row in rows], keys[np.array(rows)], [seeds[row] for row in rows],
+                                      cleanup, sampling))
+  flat = [(row, place, prompt, count + SLACK) for row, one in enumerate(lists) if row not in found
+          for place, (prompt, count) in enumerate(one)]
+  if not flat:
+    return [found[row] for row in range(len(lists))]
+  folded = jax.numpy.stack([jax.random.fold_in(keys[row], place) for row, place, *_ in flat])
+  made = model.sample([prompt for _, _, prompt, _ in flat], [count for *_, count in flat], folded,
+                      [seeds[row] for row, *_ in flat], cleanup, sampling)
+  for row in dict.fromkeys(row for row, *_ in flat):
+    parts = [motion for motion, (own, *_) in zip(made, flat) if own == row]
+    joints, ends = joined([part.joints for part in parts], np.cumsum([count for _, count in lists[row]]).tolist(),
+                          model.stats.layout.skeleton)
+    joints = joints.astype(np.float32)
+    prompts = [prompt for prompt, _ in lists[row]]
+    found[row] = parts[0].replace(
+        joints=joints, features=features_of(model, joints), captions=captions_in_a_row(prompts, ends, model.fps),
+        meta=parts[0].meta | dict(prompt=" | ".join(prompts), way="joined"))
+  return [found[row] for row in range(len(lists))]
 
 
 def _numbered(layers):
