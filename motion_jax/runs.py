@@ -67,11 +67,17 @@ class Run:
     return checkpoint.load_params(self.folder, like, self.params_file)
 
   def frozen(self, like: Any = None) -> dict[str, Any]:
-    """What it was trained on top of; with `like` only the parts that stand in it, in these very shapes."""
-    parts = checkpoint.load_params(self.folder, name=checkpoint.FROZEN)
+    """What it was trained on top of; with `like` only the parts that stand in it, in these very shapes.
+
+    A model that ships may share these with another that does, which its config names as its tokenizer.
+    """
+    folder, other = self.folder, str(self.config.frozen.get("tokenizer", ""))
+    if not (folder / checkpoint.FROZEN).is_file() and other in shipped_names(self.stage):
+      folder = PRETRAINED / other
+    parts = checkpoint.load_params(folder, name=checkpoint.FROZEN)
     if like is not None:
       parts = {name: parts[name] for name in like if name in parts}
-      checkpoint.check_fits(parts, like, f"{self.folder / checkpoint.FROZEN} does not fit its config")
+      checkpoint.check_fits(parts, like, f"{folder / checkpoint.FROZEN} does not fit its config")
     return parts
 
   def check_encoder(self, encoder: "TextEncoder") -> None:

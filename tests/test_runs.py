@@ -2,11 +2,13 @@
 import json
 import shutil
 
+import jax
 import numpy as np
 import pytest
 
 from motion_jax import fit, loading, paper_rows, runs
 from motion_jax.inputs.errors import InputError
+from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
 from tests.conftest import ROOT, load_config
 
@@ -110,3 +112,16 @@ def test_a_config_file_older_than_a_field_trains_by_todays():
   with config.unlocked():
     del config.sampler["solver"]
   assert fit.resolve(config)[0].sampler.solver == "euler" and "solver" not in config.sampler
+
+
+def test_a_model_that_ships_may_share_anothers_tokenizer_and_words(tmp_path):
+  ours, theirs = runs.open("cmdm-small-fast"), runs.open("cmdm-small")
+  assert not (ours.folder / "frozen.safetensors").is_file() and not (ours.folder / "text_encoder").is_dir()
+  assert jax.tree.all(jax.tree.map(lambda a, b: (a == b).all(), ours.frozen(), theirs.frozen()))
+  encoder = load_text_encoder("cmdm-small-fast")
+  assert encoder.fingerprint == load_text_encoder("cmdm-small").fingerprint == ours.fingerprint
+  shutil.copytree(ours.folder, tmp_path / "copy")  # a copy of it elsewhere finds them, too
+  assert runs.open(tmp_path / "copy").frozen().keys() == theirs.frozen().keys()
+  (shutil.copytree(theirs.folder, tmp_path / "damaged") / "frozen.safetensors").unlink()
+  with pytest.raises(FileNotFoundError, match="damaged"):
+    runs.open(tmp_path / "damaged").frozen()

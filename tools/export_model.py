@@ -1,6 +1,7 @@
 """Copies what loading needs of a run folder, in float16, to where models ship from.
 
   python tools/export_model.py runs/denoiser motion_jax/pretrained/cmdm-small
+  python tools/export_model.py runs/student motion_jax/pretrained/cmdm-small-fast --shares cmdm-small
 """
 import argparse
 import json
@@ -15,6 +16,7 @@ from motion_jax.evaluators import stages as matching
 from motion_jax.evaluators.networks import ClipEvaluator, T2MEvaluator
 from motion_jax.evaluators.words import WordFeatures
 from motion_jax.inputs.config_files import module_fields
+from motion_jax.latents import TOKENIZER
 from motion_jax.models import cdamd, cmdm
 from motion_jax.models.cdamd import length as lengths
 from motion_jax.models.cmdm import teacher
@@ -28,7 +30,9 @@ from motion_jax.training.setup import text_identity
 
 
 def shapes_of(config):
-  """{file: shapes of its parameters} of a run: a denoiser with its tokenizer, or a teacher."""
+  """{file: shapes of its parameters} of a run: a denoiser with its tokenizer, a tokenizer alone, or a teacher."""
+  if config.stage == "cmdm.tokenizer":
+    return {checkpoint.PARAMS: cmdm.frozen_shapes(CausalVAE(**config.model))[TOKENIZER]}
   if config.stage == "cmdm.teacher":
     module = teacher.make_teacher(config.model, config.data.layout)
     return {checkpoint.PARAMS: teacher.teacher_shapes(module, config.text, config.data.layout)}
@@ -46,20 +50,51 @@ def shapes_of(config):
     return {checkpoint.PARAMS: matching.t2m_shapes(T2MEvaluator(**config.model), words.dim)}
   if config.stage == "evaluator.clip":
     return {checkpoint.PARAMS: matching.clip_shapes(ClipEvaluator(**config.model))}
-  raise ValueError(f"got a run of stage {config.stage!r}, expected a cmdm.denoiser, a cmdm.teacher, a cdamd.generator, "
-                   "an evaluator.matching or an evaluator.clip")
+  raise ValueError(f"got a run of stage {config.stage!r}, expected a cmdm.denoiser, a cmdm.tokenizer, a cmdm.teacher, "
+                   "a cdamd.generator, an evaluator.matching or an evaluator.clip")
+
+
+def _check_same(own, theirs):
+  """Raises ValueError unless two trees of weights are the same in float16."""
+  same = jax.tree.map(lambda a, b: bool((np.float16(a) == np.float16(b)).all()), own, theirs)
+  if not all(jax.tree.leaves(same)):
+    raise ValueError("got --shares of a model whose tokenizer is another; leave it out")
+
+
+def _with_words(run, out):
+  """What the config says of the text encoder, whose fingerprint is written; and that, unless it ships already."""
+  level = run.config.frozen.get("text_level", "words")
+  encoder = load_text_encoder(run.text, level=level)
+  (out / checkpoint.TEXT).write_text(text_identity(encoder))
+  if not encoder.folder:
+    return {}
+  # Of the machine that trained it: the same one that ships, or a copy.
+  carry = [path.parent.name for path in sorted(runs.PRETRAINED.glob(f"*/{checkpoint.ENCODER}"))]
+  ours = [name for name in (*shipped_encoders(), *carry) if name != out.name
+          and load_text_encoder(name, level=level).fingerprint == encoder.fingerprint]
+  if ours:
+    return {"text": ours[0]}
+  for path in encoder.files():
+    (out / checkpoint.ENCODER).mkdir(exist_ok=True)
+    shutil.copyfile(path, out / checkpoint.ENCODER / path.name)
+  return {"text": checkpoint.ENCODER}
 
 
 def main():
   parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
   parser.add_argument("run", type=pathlib.Path)
   parser.add_argument("out", type=pathlib.Path)
+  parser.add_argument("--shares", metavar="NAME", help="a model that ships whose tokenizer the run has, too; it is not "
+                      "written again")
   args = parser.parse_args()
   run = runs.open(args.run)
   config = run.config
   args.out.mkdir(parents=True, exist_ok=True)
   sizes = {}
   for name, shapes in shapes_of(config).items():
+    if args.shares and name == checkpoint.FROZEN:
+      _check_same(run.frozen(shapes), runs.open(args.shares, config.stage).frozen(shapes))
+      continue
     params = checkpoint.load_params(args.run, name=name)
     params = {part: params[part] for part in shapes if part in params}  # less what only training needs
     checkpoint.check_fits(params, shapes, f"{args.run / name} does not fit its config")
@@ -71,22 +106,16 @@ def main():
   for name in ("Mean.npy", "Std.npy", checkpoint.LENGTHS):
     if (args.run / name).is_file():
       shutil.copyfile(args.run / name, args.out / name)
-  level = config.frozen.get("text_level", "words")
-  encoder = load_text_encoder(run.text, level=level)
-  (args.out / checkpoint.TEXT).write_text(text_identity(encoder))
   fields = config.to_dict()
-  if encoder.folder:  # of the machine that trained it: the same one that ships, or a copy
-    ours = [name for name in shipped_encoders()
-            if load_text_encoder(name, level=level).fingerprint == encoder.fingerprint]
-    fields["frozen"].update(text=ours[0] if ours else checkpoint.ENCODER)
-    for path in () if ours else encoder.files():
-      (args.out / checkpoint.ENCODER).mkdir(exist_ok=True)
-      shutil.copyfile(path, args.out / checkpoint.ENCODER / path.name)
+  if "text" in config.frozen:
+    fields["frozen"].update(_with_words(run, args.out))
   fields["data"].update(folder="", folders=[])  # paths of the machine that trained it
   if "tokenizer" in fields["frozen"]:
-    fields["frozen"].update(tokenizer="frozen.safetensors")
+    fields["frozen"].update(tokenizer=args.shares or checkpoint.FROZEN)
   fields["frozen"].update({part: "" for part in ("prior", "length", "movement") if part in fields["frozen"]})
   fields["train"].update(start="")
+  if fields.get("distill", {}).get("teacher"):
+    fields["distill"].update(teacher=pathlib.Path(fields["distill"]["teacher"]).name)
   (args.out / checkpoint.CONFIG).write_text(json.dumps(fields, indent=1) + "\n")
   megabytes = sum(path.stat().st_size for path in args.out.rglob("*")) / 1e6
   print(f"{args.out}: {sizes}, {megabytes:.1f} MB")

@@ -2,6 +2,7 @@
 import contextlib
 import functools
 import hashlib
+import json
 import pathlib
 import re
 import warnings
@@ -304,7 +305,8 @@ def load_text_encoder(name_or_folder="words", max_words=None, level="words"):
   """The frozen encoder of that name or in that folder.
 
   "words": the small encoder that ships. "random-init": a tiny one with random weights, always the same, for tests.
-  A run folder or a model that ships, such as "cmdm-small": the encoder inside, which it was trained on.
+  A run folder or a model that ships, such as "cmdm-small": the encoder which it was trained on, inside, or of another
+  model that ships.
   Otherwise a folder in Hugging Face layout, or a name of `hub.REVISIONS` (with the extra `hub` and a network it is
   fetched at a pinned revision; "owner/name@revision" fetches another). A folder holds config.json, model.safetensors
   and
@@ -335,7 +337,10 @@ def load_text_encoder(name_or_folder="words", max_words=None, level="words"):
 
 def _carried(run):
   """The folder of the encoder inside a run folder or a model that ships, None where there is none."""
-  places = (pathlib.Path(run) / CARRIED, SHIPPED / run / CARRIED)
+  places = [pathlib.Path(run) / CARRIED, SHIPPED / run / CARRIED]
+  config = SHIPPED / run / "config.json"
+  if config.parent.parent == SHIPPED and config.is_file():  # of one that ships and shares another's
+    places.append(SHIPPED / json.loads(config.read_text()).get("frozen", {}).get("text", "") / CARRIED)
   return next((place for place in places if (place / "tokenizer.json").is_file()), None)
 
 
