@@ -40,7 +40,7 @@ def test_a_step_of_the_student_is_all_of_the_teachers():
 
 
 def student_config(teacher, **fields):
-  config = load_config("cmdm_student", "32_tiny").unlock()
+  config = load_config("cmdm_student", "16_tiny").unlock()
   config.distill.update(teacher=str(teacher), **fields)
   return config.lock()
 
@@ -48,9 +48,10 @@ def student_config(teacher, **fields):
 @pytest.mark.slow
 def test_a_student_is_trained_and_is_a_model(tiny_run, tmp_path):
   training.run(student_config(tiny_run), tmp_path / "student")
-  assert "distill" in (tmp_path / "student" / "metrics.jsonl").read_text()
+  told = (tmp_path / "student" / "metrics.jsonl").read_text()
+  assert '"loss"' in told and "forcing" not in told  # what is not asked for is not computed
   model, first = mj.load(tmp_path / "student"), mj.load(tiny_run)
-  assert model.config.sampler.num_steps == 32 and model.config.sampler.guidance_scale == 1.0
+  assert model.config.sampler.num_steps == 16 and model.config.sampler.guidance_scale == 1.0
   np.testing.assert_array_equal(model.codec.mean, first.codec.mean)  # latents are the teacher's
   assert np.isfinite(model.generate("a person walks", num_frames=24, seeds=[0])[0].joints).all()
 
@@ -58,17 +59,18 @@ def test_a_student_is_trained_and_is_a_model(tiny_run, tmp_path):
 @pytest.mark.slow
 def test_a_student_that_is_its_teacher_has_nothing_to_learn(tiny_run):
   """One step of an unguided teacher is the student's own: the loss is 0 with its parameters, and guided it is not."""
-  def loss(scale):
-    config = training.resolve(student_config(tiny_run, guidance_scale=scale))[0]
+  def loss(scale, share=0.5):
+    config = training.resolve(student_config(tiny_run, guidance_scale=scale, forcing_share=share))[0]
     setup = training.setups()[config.stage](config)
     params = untrained(setup.frozen[distill.TEACHER])  # two steps of training leave words without a say
     batch = jax.tree.map(jnp.asarray, setup.next_batch(0))
     frozen = setup.frozen | {distill.TEACHER: params}
     sums, weight = jax.jit(setup.stage.loss)(params, frozen, batch, 0, jax.random.key(1))
-    return float(sums["distill"] / weight), float(sums["forcing"] / weight)
+    return {name: float(value / weight) for name, value in sums.items()}
 
-  (alone, forcing), (guided, _) = loss(1.0), loss(3.0)
-  assert alone < 1e-10 < 1e-4 < guided and forcing > 0.1
+  alone, guided, without = loss(1.0), loss(3.0), loss(3.0, share=0.0)
+  assert alone["distill"] < 1e-10 < 1e-4 < guided["distill"] and alone["forcing"] > 0.1
+  assert without == pytest.approx({"loss": guided["distill"]})
 
 
 @pytest.mark.slow

@@ -1,10 +1,10 @@
 """A student of a trained denoiser that samples in fewer steps, without a second pass for guidance.
 
 The student learns, at the noise levels that frame-wise sampling visits with its own few steps, to go in one step where
-the teacher goes in several, guided or not (progressive distillation: Salimans and Ho 2022, eq. 8; guidance folded in
-first: Meng et al. 2023, section 3.1). On a staircase of levels the window moves along one path: the blocks that are
-under way take a step together, the others stay (docs/training.md#fewer-steps). Halving the number of steps and the lag
-between blocks together keeps the rows of the staircase, so students of students go from 32 steps to 16 to 8.
+the teacher goes in several, guided or not (progressive distillation: Salimans and Ho 2022, eq. 8; guidance folded in:
+Meng et al. 2023, section 3.1). On a staircase of levels the window moves along one path: the blocks that are under way
+take a step together, the others stay (docs/training.md#fewer-steps). Halving the number of steps and the lag between
+blocks together keeps the rows of the staircase, so a student of few steps stands where its teacher would.
 """
 from typing import Any
 
@@ -79,6 +79,8 @@ def student_stage(config: ConfigDict) -> Stage:
     # Motions count by their length, as in the forcing loss, however few of their latents move in this row.
     part = latent_mask.sum(1) / jnp.maximum(told.sum(1), 1)
     learned = (jnp.where(told, error, 0.0).sum(1) * part).sum()
+    if not given.forcing_share:
+      return {"loss": learned}, latent_mask.sum()
     forcing, weight = plain.loss(params, frozen, batch, step, rng)
     share = given.forcing_share
     return {"loss": (1 - share) * learned + share * forcing["loss"], "distill": learned, "forcing": forcing["loss"]
