@@ -140,6 +140,8 @@ def test_what_is_exported_opens_elsewhere(story):
 
   from motion_jax import export
   page, folder = story, story.driver.folder
+  for old in pathlib.Path(folder).iterdir():  # of another test and the same name: the browser would number the new one
+    old.unlink()
   page.find("#export").click()
   for kind in ("bvh", "glb", "npz"):
     page.driver.execute_script(f"document.getElementById('format').value = '{kind}'")

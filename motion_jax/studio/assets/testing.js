@@ -21,7 +21,8 @@ export function expose(studio) {
     redoDepth: () => studio.state.future.length,
     playing: () => (studio.mode === "live" ? live.state === "running" : player.playing),
     busy: () => story.busy,
-    stale: () => story.stale,
+    // What is made but not on the screen yet is not there for who looks at it.
+    stale: () => story.stale || (studio.mode === "story" && story.shown !== studio.loaded),
     reply: () => story.reply,
     made: () => story.shown?.meta?.made ?? null,
     takes: () => studio.state.project.seeds.map((seed, take) => ({ seed, made: Boolean(story.of(take)) })),
