@@ -33,6 +33,7 @@ _LEFT = 1.0        # seconds beyond what an action takes in which a body can sta
 _AROUND = 1.5      # seconds in which a hand comes up and goes down again, around what is counted
 _APART = 2         # tries before actions in a row are made apart
 _TRY = 1 << 20     # added to a try's number, so that its key is no other one's
+_PART = 1 << 21    # added to the place of an action that is made apart, so that its key is no layer's
 _BRISK = 0.8       # of its usual length that an action takes which is done several times
 _IN, _OUT = 8, 12  # frames in which a part comes to another motion's and goes back
 
@@ -237,7 +238,7 @@ def _joined(model, lists, keys, seeds, cleanup, sampling):
           for place, (prompt, count) in enumerate(one)]
   if not flat:
     return [found[row] for row in range(len(lists))]
-  folded = jax.numpy.stack([jax.random.fold_in(keys[row], place) for row, place, *_ in flat])
+  folded = jax.numpy.stack([jax.random.fold_in(keys[row], _PART + place) for row, place, *_ in flat])
   made = model.sample([prompt for _, _, prompt, _ in flat], [count for *_, count in flat], folded,
                       [seeds[row] for row, *_ in flat], cleanup, sampling)
   for row in dict.fromkeys(row for row, *_ in flat):

@@ -68,14 +68,16 @@ def _dances_in_place(action):
   return does and not words & _SOMEWHERE
 
 
-def misses(joints: Num[np.ndarray, "t 22 3"], asked: Sequence[Asked], fps: float = 20.0) -> int:
-  """How much of what is asked is not to be seen in joints (T, 22, 3), and how much too often where that is counted."""
+def misses(joints: Num[np.ndarray, "t 22 3"], asked: Sequence[Asked], fps: float = 20.0) -> float:
+  """How much of what is asked is not to be seen in joints (T, 22, 3), and how much too often where that is counted; a
+  dance that wanders misses the more of one the farther it leads away."""
   if not asked:
-    return 0
-  events, missed = find_events(joints, fps), 0
+    return 0.0
+  events, missed = find_events(joints, fps), 0.0
   for kind, side, times, counted in asked:
     if kind == "dance":
-      missed += bool(np.linalg.norm((joints[-1] - joints[0])[0, [0, 2]]) > _WANDERED)
+      away = float(np.linalg.norm((joints[-1] - joints[0])[0, [0, 2]]))
+      missed += max(0.0, 1 - _WANDERED / max(away, 1e-9))
       continue
     if kind == "sit":
       missed += not _comes_down(joints[:, 0, 1], fps)
