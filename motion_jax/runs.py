@@ -135,7 +135,7 @@ _LEFT_OUT: dict[str, dict[str, Any]] = {
          "optimizer.accumulate_steps": 1, "mesh.map": "auto", "mesh.shard_state": False},
     "cmdm.teacher": {"model.kind": "part_tmr", "frozen.sentence": "", "frozen.vit": "", "origin": {}},
     "cmdm.tokenizer": _MOTION_ERRORS | {
-        "train.dtype": "float32", "frozen.teacher": "", "frozen.evaluator": "", "teacher": {}, "taught_by": {},
+        "data.short_window": 0,         "train.dtype": "float32", "frozen.teacher": "", "frozen.evaluator": "", "teacher": {}, "taught_by": {},
         "loss.adaptive_align": True, "loss.align_fall": 0.9, "loss.reconstruction": "gaussian",
         "loss.distance_pairs": "window", "loss.last_layer": "convolution"},
     "cmdm.denoiser": _TEXT_ITEMS | _STORE | _MOTION_ERRORS | {
@@ -148,8 +148,10 @@ _LEFT_OUT: dict[str, dict[str, Any]] = {
         "loss.level_block": lambda config: config["model"].get("block", 3), "data.vary_subject": 0.0,
         "sampler.schedule": "fss",
         "sampler.solver": lambda config: "ancestral" if config["model"].get("predicts") == "ddpm" else "euler"},
-    "cdamd.autoencoder": _MOTION_ERRORS | {"data.released_windows": False, "loss.latent_noise": 0.0},
-    "cdamd.rvq": _MOTION_ERRORS | {"data.released_windows": False, "quantizer.learn": "means"},
+    "cdamd.autoencoder": _MOTION_ERRORS | {"data.released_windows": False, "data.short_window": 0,
+                                            "loss.latent_noise": 0.0},
+    "cdamd.rvq": _MOTION_ERRORS | {"data.released_windows": False, "data.short_window": 0,
+                                   "quantizer.learn": "means"},
     "cdamd.generator": _STORE | {"train.dtype": "float32", "train.remat": False, "frozen.text_level": "sentence",
                                  "frozen.length": "", "length": {},
                                  "loss.mask_draw": "count", "data.vary_subject": 0.0, "sampler.edit_mask": "bcm"},

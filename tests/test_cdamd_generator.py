@@ -98,6 +98,20 @@ def test_left_to_right_never_looks_ahead():
     make([9], order="middle")
 
 
+def test_noise_that_is_shared():
+  keys = jax.random.split(jax.random.key(3), 400)
+  draw = lambda shared, keys=keys, k=1: np.asarray(draws_lib.make_draw(keys, 6, 4, shared)(k, 0))
+  alone, half, one = (draw(shared) for shared in (0.0, 0.5, 1.0))
+  np.testing.assert_array_equal(alone, np.asarray(draws_lib.make_draw(keys, 6, 4)(1, 0)))
+  assert (one == one[:, :1]).all() and (one == draw(1.0, k=2)).all() and not (alone == draw(0.0, k=2)).any()
+  np.testing.assert_array_equal(draw(0.5, keys[7:8])[0], half[7])  # batch-mates change nothing
+  for noise, shared in ((alone, 0), (half, 0.5), (one, 1)):
+    assert abs(noise.mean()) < 0.06 and abs(noise.std() - 1) < 0.06  # of each latent a standard normal
+    assert abs((noise[:, 0] * noise[:, 5]).mean() - shared) < 0.12
+  with pytest.raises(ValueError, match="got 1.5 of the noise to share, expected 0 to 1"):
+    cdamd.make_plan(shared_noise=1.5)
+
+
 @pytest.mark.slow
 def test_an_edit_changes_what_it_should():
   """Kept latents stay to the bit, kept frames with paste; under BCM a hole sees its right side, causally not."""

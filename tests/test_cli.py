@@ -6,6 +6,7 @@ from motion_jax import cli
 from motion_jax.cli import make
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.export import bvh
+from motion_jax.models.base import TextToMotionModel
 from motion_jax.models.cmdm.model import CmdmModel
 
 
@@ -28,14 +29,16 @@ def generate(tiny_run, programs, monkeypatch):
   return run
 
 
-def test_generate_writes_what_is_asked(generate, tmp_path, capsys):
+def test_generate_writes_what_is_asked(generate, tmp_path, capsys, monkeypatch):
+  monkeypatch.setattr(TextToMotionModel, "limits", "It cannot fly.")
   assert generate("a person waves", "--frames", 20, "--out", f"{tmp_path}/a.npz,{tmp_path}/a.npy,{tmp_path}/a.bvh") == 0
   assert np.load(tmp_path / "a.npy", allow_pickle=False).shape == (20, 22, 3)
   with np.load(tmp_path / "a.npz", allow_pickle=False) as file:
     assert file["joints"].shape == (20, 22, 3) and file["features"].shape == (20, 263)
   assert (tmp_path / "a.bvh").read_text().startswith("HIERARCHY")
   printed = capsys.readouterr().out
-  assert "parameters on cpu" in printed and "a.bvh" in printed.splitlines()[-2]
+  assert "parameters on cpu" in printed and printed.splitlines()[-1] == "It cannot fly."
+  assert "a.bvh" in printed.splitlines()[-3]
 
 
 def test_the_same_seed_gives_the_same_file(generate, tmp_path):

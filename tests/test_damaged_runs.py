@@ -85,7 +85,9 @@ def test_a_damaged_log_names_its_line(tmp_path):
 
 def test_a_licence_that_is_no_text_keeps_nobody_from_a_motion(run):
   (run / "LICENSE.txt").write_bytes(b"free \xff\xfe")
-  assert loading.load(run).license.startswith("free")
+  (run / "LIMITS.txt").write_text("It cannot fly.\n")
+  model = loading.load(run)
+  assert model.license.startswith("free") and model.limits == "It cannot fly."
 
 
 def test_known_words_that_are_no_text_are_named(tmp_path):

@@ -293,8 +293,9 @@ def _write(args, model, motions, outputs, start, colors=None, asked=None, constr
   with timing.part("files"):
     written = [path for out in outputs for path in _write_one(args, clips, out, colors, asked, constraints)]
   shared.tell_files(written)
-  if model.license:
-    print(model.license)
+  for said in (model.limits, model.license):
+    if said:
+      print(said)
   if args.timings:
     print(timing.report())
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 ALL = slice(None)
+_SHORT = 0.1  # share of clips that may be shorter than a window without a word said
 
 
 def step_rng(seed, *path):
@@ -66,7 +67,8 @@ class Windows:
 
   features: list of normalized (T_i, F); clips shorter than the window are left out. released: see `window_starts`.
   groups: what each clip shows; with balance > 0 windows are drawn with replacement, those of rare groups more often
-  (`balance_weights`), else each comes once an epoch.
+  (`balance_weights`), else each comes once an epoch. short: every second batch is of windows of so many frames, in
+  which clips take part that are shorter than the others, and more windows are the beginning of a clip; 0, none is.
   """
   features: list[np.ndarray]
   window: int = 64
@@ -74,11 +76,18 @@ class Windows:
   released: bool = False
   groups: list[str] | None = None
   balance: float = 0.0
+  short: int = 0
 
   def __post_init__(self):
+    if self.short:
+      object.__setattr__(self, "shorter", dataclasses.replace(self, window=self.short, short=0))
     starts = window_starts([len(x) for x in self.features], self.window, self.stride, self.released)
     if not len(starts):
       raise ValueError(f"none of {len(self.features)} clips has the {self.window} frames of a window")
+    missed = sum(len(x) < self.window for x in self.features)
+    if missed > _SHORT * len(self.features) and not (self.released or self.short):
+      warnings.warn(f"{missed:,} of {len(self.features):,} clips are shorter than a window of {self.window} frames, and "
+                    "nothing is learned from them; data.short_window = 24 adds shorter ones", stacklevel=2)
     object.__setattr__(self, "starts", starts)
     upto = None  # of each window, the share of all draws that fall on it or on those before it
     if self.balance:
@@ -91,6 +100,10 @@ class Windows:
 
   def batch(self, batch_size, seed, step, rows=ALL):
     """-> features (B, window, F), index (B,), of these rows."""
+    if self.short:
+      step, odd = divmod(step, 2)
+      if odd:
+        return self.shorter.batch(batch_size, seed + 1, step, rows)
     if self.upto is None:
       drawn = epoch_indices(len(self), batch_size, seed, step)
     else:

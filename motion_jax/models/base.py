@@ -104,7 +104,16 @@ class TextToMotionModel(Able):
 
   @property
   def license(self) -> str:
-    path = self.folder / "LICENSE.txt"
+    """What its folder's LICENSE.txt says; "" without one."""
+    return self._told("LICENSE.txt")
+
+  @property
+  def limits(self) -> str:
+    """What it cannot do, for whoever uses it: its folder's LIMITS.txt; "" without one."""
+    return self._told("LIMITS.txt")
+
+  def _told(self, name):
+    path = self.folder / name
     return path.read_text(encoding="utf-8", errors="replace").strip() if path.is_file() else ""
 
   # --- lengths ---------------------------------------------------------------------------------------------------

@@ -34,7 +34,7 @@ class Shelf:
     found, model = self.progress(), self.model
     if model is not None:
       found |= {"id": model.id, "fps": model.fps, "skeleton": model.stats.layout.skeleton.name,
-                "abilities": list(model.abilities), "license": model.license,
+                "abilities": list(model.abilities), "license": model.license, "limits": model.limits,
                 "sampling": {name: {"help": known.help, "allowed": known.allowed,
                                     "usual": getattr(model.sampling(), name)}
                              for name, known in model.options.described().items()}}

@@ -55,14 +55,27 @@ def draw_step(rng: jax.Array, keys: jax.Array, length: int, channels: int, confi
   return draws
 
 
-def make_draw(keys: jax.Array, length: int, channels: int) -> Callable[..., Array]:
+_SHARED = 1 << 30  # in the place of an iteration: of the noise that all latents share
+
+
+def make_draw(keys: jax.Array, length: int, channels: int, shared: float = 0.0) -> Callable[..., Array]:
   """draw(k, j) for `make_latents`: noise (B, L, C) that depends on a motion's key, iteration, step and place, nothing
-  else, so neither padding nor batch-mates change it. keys (B,)."""
+  else, so neither padding nor batch-mates change it. keys (B,).
+
+  shared: of the noise's variance, how much is of one draw for all latents of a motion. The head makes each latent from
+  noise of its own, so what the transformer leaves open, such as where exactly the body is, is decided anew for every
+  latent, and the body shakes. From the same noise neighbours decide alike. Each latent's noise is a standard normal for
+  any share, as in training; the reference shares none.
+  """
   fold = jax.random.fold_in
 
   def draw(k, j):
     of_place = lambda key, place: jax.random.normal(fold(fold(fold(key, k), j), place), (channels,))
-    return jax.vmap(lambda key: jax.vmap(lambda place: of_place(key, place))(jnp.arange(length)))(keys)
+    own = jax.vmap(lambda key: jax.vmap(lambda place: of_place(key, place))(jnp.arange(length)))(keys)
+    if not shared:
+      return own
+    common = jax.vmap(lambda key: jax.random.normal(fold(fold(key, _SHARED), j), (1, channels)))(keys)
+    return jnp.sqrt(shared) * common + jnp.sqrt(1 - shared) * own
 
   return draw
 

@@ -247,7 +247,8 @@ class CdamdModel(TextToMotionModel):
     most = 2 * -(-most_unmasked(counts) // 2)
     plan = cdamd.make_plan(solver=chosen.solver, num_steps=chosen.num_steps, mask=chosen.mask,
                            guided=chosen.guidance_scale != 1.0, num_rows=most if chosen.unmasked_only else None,
-                           ddpm_steps=self.config.loss.ddpm_steps, temperature=chosen.temperature)
+                           ddpm_steps=self.config.loss.ddpm_steps, temperature=chosen.temperature,
+                           shared_noise=chosen.shared_noise)
     return plan, masked, chosen.guidance_scale, chosen.about() | dict(model=self.id)
 
   def _edited(self, task, keep, change, count):
@@ -274,14 +275,14 @@ def _runs(frames):
   return [[int(piece[0]), int(piece[-1]) + 1] for piece in pieces if len(piece)]
 
 
-def _draw(net, keys, real):
-  return draws.make_draw(keys, real.shape[1], net.transformer.latent_dim)
+def _draw(net, plan, keys, real):
+  return draws.make_draw(keys, real.shape[1], net.transformer.latent_dim, plan.shared_noise)
 
 
 def _generate(net, plan, params, codec, *, keys, real_mask, **given):
-  return cdamd.generate(net, plan, params, codec, real_mask=real_mask, draw=_draw(net, keys, real_mask), **given)
+  return cdamd.generate(net, plan, params, codec, real_mask=real_mask, draw=_draw(net, plan, keys, real_mask), **given)
 
 
 def _edit(net, plan, paste, params, codec, features, *, keys, real_mask, **given):
   return cdamd.edit(net, plan, params, codec, features, real_mask=real_mask, paste=paste,
-                    draw=_draw(net, keys, real_mask), **given)
+                    draw=_draw(net, plan, keys, real_mask), **given)

@@ -22,6 +22,7 @@ class Plan(NamedTuple):
   num_rows: int | None = None  # unmasking.most_unmasked, or None: solve for every masked latent as the reference does
   ddpm_steps: int = 50         # of training
   temperature: float = 1.0     # of the DDPM's noise; flows have none
+  shared_noise: float = 0.0    # of the noise's variance, how much all latents of a motion share; see draws.make_draw
 
 
 def make_plan(**fields: Any) -> Plan:
@@ -34,6 +35,8 @@ def make_plan(**fields: Any) -> Plan:
     raise ValueError(f"got mask {plan.mask!r}, expected one of {', '.join(LATENT_MASKS)}")
   if plan.num_steps < 1:
     raise ValueError(f"got {plan.num_steps} solver steps, expected at least 1")
+  if not 0 <= plan.shared_noise <= 1:
+    raise ValueError(f"got {plan.shared_noise} of the noise to share, expected 0 to 1")
   return plan
 
 

@@ -67,11 +67,13 @@ def rvq(config: ConfigDict) -> TrainingSetup:
 
 def _windows(config, data):
   frames_per_latent = 2 ** config.model.num_halvings
-  if config.data.window % frames_per_latent:
-    raise ValueError(f"got data.window = {config.data.window}, expected a multiple of the {frames_per_latent} "
-                     "frames of a latent")
+  for name in ("window", "short_window"):
+    if config.data[name] % frames_per_latent:
+      raise ValueError(f"got data.{name} = {config.data[name]}, expected a multiple of the {frames_per_latent} "
+                       "frames of a latent")
   windows = batches.Windows(data.features, config.data.window, config.data.stride,
-                            config.data.released_windows, data.groups, config.data.balance)
+                            config.data.released_windows, data.groups, config.data.balance,
+                            config.data.short_window)
   return lambda step, rows=batches.ALL: windows.batch(config.data.batch_size, config.seed, step, rows)
 
 

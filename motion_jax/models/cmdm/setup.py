@@ -52,7 +52,7 @@ _TOKENIZERS = ("cmdm.tokenizer", "cmdm.denoiser")  # runs with one in them
 def tokenizer(config: ConfigDict) -> TrainingSetup:
   data = sources.load_features(config.data, stats=held_stats(config), captioned=False)
   windows = batches.Windows(data.features, config.data.window, config.data.stride,
-                            groups=data.groups, balance=config.data.balance)
+                            groups=data.groups, balance=config.data.balance, short=config.data.short_window)
   validation = held_out(config, data.stats).features
   vae = CausalVAE(**config.model)
   reconstruct = jax.jit(lambda params, x: VaeCodec(vae, params).reconstruct(x))
