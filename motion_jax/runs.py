@@ -135,7 +135,8 @@ _LEFT_OUT: dict[str, dict[str, Any]] = {
          "optimizer.accumulate_steps": 1, "mesh.map": "auto", "mesh.shard_state": False},
     "cmdm.teacher": {"model.kind": "part_tmr", "frozen.sentence": "", "frozen.vit": "", "origin": {}},
     "cmdm.tokenizer": _MOTION_ERRORS | {
-        "data.short_window": 0,         "train.dtype": "float32", "frozen.teacher": "", "frozen.evaluator": "", "teacher": {}, "taught_by": {},
+        "data.short_window": 0, "train.dtype": "float32", "frozen.teacher": "", "frozen.evaluator": "", "teacher": {},
+        "taught_by": {},
         "loss.adaptive_align": True, "loss.align_fall": 0.9, "loss.reconstruction": "gaussian",
         "loss.distance_pairs": "window", "loss.last_layer": "convolution"},
     "cmdm.denoiser": _TEXT_ITEMS | _STORE | _MOTION_ERRORS | {

@@ -86,8 +86,8 @@ class Windows:
       raise ValueError(f"none of {len(self.features)} clips has the {self.window} frames of a window")
     missed = sum(len(x) < self.window for x in self.features)
     if missed > _SHORT * len(self.features) and not (self.released or self.short):
-      warnings.warn(f"{missed:,} of {len(self.features):,} clips are shorter than a window of {self.window} frames, and "
-                    "nothing is learned from them; data.short_window = 24 adds shorter ones", stacklevel=2)
+      warnings.warn(f"{missed:,} of {len(self.features):,} clips are shorter than a window of {self.window} frames, "
+                    "and nothing is learned from them; data.short_window = 24 adds shorter ones", stacklevel=2)
     object.__setattr__(self, "starts", starts)
     upto = None  # of each window, the share of all draws that fall on it or on those before it
     if self.balance:

@@ -17,6 +17,20 @@ def test_windows_cover_clips_at_their_stride():
   assert windows.starts.tolist() == [[1, 0], [2, 0], [2, 10], [2, 20], [2, 30]]
 
 
+def test_every_second_batch_is_of_short_windows():
+  """They take in the clips that are too short for the others; batches are made in parts as ever."""
+  clips = _clips([12, 30, 64, 80])
+  windows = Windows(clips, window=64, stride=4, short=12, groups=list("abcd"), balance=0.5)
+  shapes = [windows.batch(8, 7, step)["features"].shape[1] for step in range(6)]
+  assert shapes == [64, 12] * 3
+  shown = {int(row[0, 0]) for step in range(1, 40, 2) for row in windows.batch(8, 7, step)["features"]}
+  assert shown == {0, 1, 2, 3} and {int(row[0, 0]) for step in range(0, 40, 2)
+                                    for row in windows.batch(8, 7, step)["features"]} == {2, 3}
+  whole, part = windows.batch(8, 7, 5), windows.batch(8, 7, 5, slice(2, 5))
+  np.testing.assert_array_equal(whole["features"][2:5], part["features"])
+  assert not np.array_equal(whole["features"], windows.batch(8, 7, 3)["features"])
+
+
 def test_the_released_list_of_windows():
   """As many as rows beyond the first window: clip 1 of 4 rows gives none, of clip 2 the last start is never used."""
   clips = _clips([3, 4, 7, 4, 6])

@@ -27,9 +27,9 @@ class CdamdSampling(SamplingOptions):
   unmasked_only: bool | None = switch("run the diffusion head only on latents that an iteration unmasks; false runs "
                                       "it on all that are still masked, as the reference does")
   temperature: float | None = number("scale of the noise that a DDPM's steps add (1)", (0, 100), float, usual=1.0)
-  shared_noise: float | None = number("how much of the noise, by its variance, all parts of a motion share: at 0 each is "
-                                      "drawn alone, and the body shakes; at 1 it is as smooth as it gets", (0, 1), float,
-                                      usual=0.0)
+  shared_noise: float | None = number("how much of the noise, by its variance, all parts of a motion share: at 0 each "
+                                      "is drawn alone, and the body shakes; at 1 it is as smooth as it gets", (0, 1),
+                                      float, usual=0.0)
 
   def resolved(self, config: "ConfigDict", **usual: Any) -> "CdamdSampling":
     """As of any method; a model that was trained by the other diffusion than its config samples by takes its own."""
