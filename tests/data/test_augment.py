@@ -9,7 +9,7 @@ from ml_collections import ConfigDict
 
 from motion_jax.configs import common
 from motion_jax.data import sources
-from motion_jax.data.augment import KINDS, augmented, parts
+from motion_jax.data.augment import KINDS, augmented
 from motion_jax.data.augment.chains import in_a_row
 from motion_jax.data.augment.counted import how_often
 from motion_jax.data.augment.excerpts import _lead
@@ -117,17 +117,6 @@ def test_an_excerpt_is_most_of_what_is_done():
     jump, = (event for event in find_events(clip.joints) if event.kind != "still")
     assert 30 <= clip.num_frames <= 0.9 * source.num_frames and jump.kind == "jump"
     assert 0.25 < jump.start < 1.4 and all("jump" in caption.text or "hop" in caption.text for caption in clip.captions)
-
-
-def test_what_many_clips_show_alone_is_left_to_them(monkeypatch):
-  clips = _clips(seeds=4, said=_JUMP | {"squat": _SAID["squat"]})
-  acts = lambda kind: [re.search("jump|squat", clip.meta["content"])[0] for clip in augmented(clips, {kind: 3.0})]
-  before, cut = acts("counted"), acts("excerpts")
-  assert set(cut) == {"jump", "squat"}
-  monkeypatch.setattr(parts, "PLENTY", 4)
-  assert acts("excerpts") == [] and set(acts("counted")) == set(before)
-  monkeypatch.setattr(parts, "PLENTY", 5)
-  assert acts("excerpts") == cut and acts("counted") == before
 
 
 def test_a_body_sits_down_or_stands_up():

@@ -1,8 +1,7 @@
 """Actions done so often: kicks, jumps, squats, bows, waves that are done once more, or once less, and counted.
 
 Where a body is again as it was before an action, the action may be played again or left out (`motion.splicing`). What
-is said of a clip is how often the rules that describe motion find the action in it. All that hundreds of clips show
-alone are made as often as one rare kind: else half of those a model sees would be done more than once.
+is said of a clip is how often the rules that describe motion find the action in it.
 """
 import collections
 import re
@@ -11,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from motion_jax.data.augment.graph import poses_at
-from motion_jax.data.augment.parts import MOST, new_clip, plentiful, resting
+from motion_jax.data.augment.parts import MOST, new_clip, resting
 from motion_jax.data.clip import Clip
 from motion_jax.data.describe import FPS, sentences, spoken_of
 from motion_jax.data.event_words import TIMES
@@ -40,10 +39,8 @@ def counted(parts, rng) -> Iterator[Clip | None]:
   ready = [part for part in parts if how_often(part.events) is not None
            and _acts(spoken_of(part.events, part.words)) == _acts(part.events)]
   by_kind: dict[str, list[int]] = {}
-  enough = plentiful(parts)
   for k, part in enumerate(ready):
-    kind = min(_acts(part.events))[0]
-    by_kind.setdefault("plenty" if kind in enough else kind, []).append(k)
+    by_kind.setdefault(min(_acts(part.events))[0], []).append(k)
   found: dict[int, np.ndarray] = {}
   uses, number = collections.Counter[int](), 0
   while any(by_kind.values()):

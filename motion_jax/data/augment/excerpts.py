@@ -1,8 +1,7 @@
 """Short cuts around what is done in a longer clip: "punches with the right hand", where a clip of boxing is long.
 
 A clip of eight seconds in which a fist flies out three times teaches little of what a punch is; of an excerpt what a
-sentence names is the most. What is said of it is what the rules that describe motion find in it. What hundreds of clips
-show alone, from its beginning to its end, is not cut out of others: a model would learn to begin it half done.
+sentence names is the most. What is said of it is what the rules that describe motion find in it.
 """
 import collections
 import re
@@ -11,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from motion_jax.data.augment.counted import how_often
-from motion_jax.data.augment.parts import MOST, new_clip, plentiful, resting
+from motion_jax.data.augment.parts import MOST, new_clip, resting
 from motion_jax.data.clip import Clip
 from motion_jax.data.describe import FPS, sentences, spoken_of
 from motion_jax.motion.events import find_events
@@ -34,9 +33,8 @@ def excerpts(parts, rng) -> Iterator[Clip | None]:
   """Cuts around one act of a clip, or several of one kind in a row."""
   ready = [(part, acts) for part in parts if (acts := _acts_of(part))]
   by_kind: dict[str, list[int]] = {}
-  enough = plentiful(parts)
   for k, (_, acts) in enumerate(ready):
-    for kind in {act.kind for act in acts} - enough:
+    for kind in {act.kind for act in acts}:
       by_kind.setdefault(kind, []).append(k)
   uses, tries, number = collections.Counter[tuple[str, int]](), collections.Counter[tuple[str, int]](), 0
   while any(by_kind.values()):

@@ -1,5 +1,4 @@
 """Clips as parts of others: on the skeleton's bones, with their events, and where they may be entered and left."""
-import collections
 import re
 from typing import NamedTuple
 
@@ -18,7 +17,6 @@ from motion_jax.motion.splicing import REACH
 
 MOST = 196     # frames of a clip that is made: what generators are trained on
 SHORTEST = 36  # frames of a walk that are worth a sentence
-PLENTY = 100   # clips that show one action and nothing else, from which on none need be made of others to teach it
 _EDGE = 14     # frames at either end of a clip in which its action may not have begun, or be over
 _ENDS = re.compile(r"\b(then|still|stops?)\b")
 _LEAD = 0.25   # seconds before the rules find an action in which it may have begun
@@ -73,13 +71,6 @@ def part_of(clip) -> Part:
     end = max([len(joints) - _EDGE, *(int((event.end + _LEAD) * FPS) + 1 for event in acts)])
     enter, leave = range(REACH, max(begin, REACH)), range(min(end, len(joints) - REACH), len(joints) - REACH)
   return Part(own, joints, events, going, enter, leave, sayings(own))
-
-
-def plentiful(parts) -> set[str]:
-  """Kinds of actions that the capture itself shows alone, `PLENTY` times or more."""
-  alone = collections.Counter(acts[0].kind for part in parts
-                              if len(acts := [event for event in part.events if event.kind != "still"]) == 1)
-  return {kind for kind, clips in alone.items() if clips >= PLENTY}
 
 
 def sayings(clip) -> tuple[str, ...]:
