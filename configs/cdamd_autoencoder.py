@@ -3,8 +3,8 @@
   motion-jax train --config cdamd_autoencoder --workdir runs/autoencoder --data HumanML3D
   ... --config cdamd_autoencoder:small     the size that ships, on archives; also laptop, mini, tiny
   ... --config cdamd_autoencoder:263       full features instead of coordinates (Table V); 67: essential ones, MARDM's
-                                           own, and 64: those of KIT; kit: KIT's 21 joints, in millimetres; as in
-                                           kit_tiny with a size behind
+                                           own, and 64: those of KIT; kit: KIT's 21 joints, in millimetres; steps:
+                                           coordinates whose pelvis goes by steps; as in kit_tiny with a size behind
 
 How sizes are written: docs/configs.md. `full` is the released code's configuration
 (docs/papers/cdamd.md#autoencoder, #sizes): 18.8 M parameters, 50 epochs.
@@ -17,7 +17,7 @@ from motion_jax.configs import common
 
 # Columns, layout, and the columns that count twice.
 DATA = {"kit": (63, "coordinates_kit", (4, 64)), "64": (64, "essential_kit", (4, 64)),
-        "67": (67, "essential", (4, 67)), "263": (263, "full", (4, 67))}
+        "67": (67, "essential", (4, 67)), "263": (263, "full", (4, 67)), "steps": (66, "steps", (0, 3))}
 
 
 def get_config(size="full"):

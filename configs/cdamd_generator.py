@@ -5,12 +5,13 @@
   ... --config cdamd_generator:small        the size that ships, on archives, 9.3 M parameters; also laptop, mini, tiny
   ... --config cdamd_generator:large        8 layers of width 1024, the paper's size as far as it can exist
   ... --config cdamd_generator:263          full features instead of coordinates (Table V); 67: essential ones; kit:
-                                            KIT's 21 joints, in millimetres
+                                            KIT's 21 joints, in millimetres; steps: coordinates whose pelvis goes by
+                                            steps
   ... --config cdamd_generator:mardm        the baseline on coordinates, MARDM-SiT-XL; mardm_ddpm: DDPM-XL
   ... --config cdamd_generator:mardm_67     MARDM on its own 67 columns, mardm_kit on KIT's 64
 
-How sizes are written: docs/configs.md; here words are joined by "_": mardm, ddpm, one of the data (kit, 67, 263) and a
-size, as in mardm_ddpm_67 or kit_tiny.
+How sizes are written: docs/configs.md; here words are joined by "_": mardm, ddpm, one of the data (kit, 67, 263,
+steps) and a size, as in mardm_ddpm_67 or kit_tiny.
 
 `full` is the released training command's size (docs/papers/cdamd.md#sizes), 290,023,424 parameters. Ablations of the
 paper, each with a name in ablations/cdamd:
@@ -29,7 +30,8 @@ from motion_jax import paper_rows
 from motion_jax.configs import common
 
 SIZES = ("large", "full", "small", "laptop", "mini", "tiny")
-DATA = {"kit": (63, "coordinates_kit"), "67": (67, "essential"), "263": (263, "full")}
+DATA = {"kit": (63, "coordinates_kit"), "67": (67, "essential"), "263": (263, "full"),
+        "steps": (66, "steps")}
 # MARDM has no depth to spare: its one wide layer has about the parameters of the four narrow ones with cross-attention.
 MARDM = {"full": dict(width=1024, depth=1, num_heads=16, ff_width=4096),
          "small": dict(width=512, depth=1, num_heads=8, ff_width=2048),

@@ -3,7 +3,8 @@
   motion-jax train --config cdamd_rvq --workdir runs/rvq --data HumanML3D
   ... --config cdamd_rvq:small     the size behind what ships, on archives; also laptop, mini, tiny
   ... --config cdamd_rvq:263       full features instead of coordinates (Table V); 67: essential ones; kit: KIT's 21
-                                   joints, in millimetres; as in kit_tiny with a size behind
+                                   joints, in millimetres; steps: coordinates whose pelvis goes by steps; as in
+                                   kit_tiny with a size behind
 
 How sizes are written: docs/configs.md. `full` is the released code's configuration (docs/papers/cdamd.md#rvq, #sizes):
 18.8 M parameters and 1.0 M numbers in the codebooks, on whole clips padded to 196 frames, 4,500 steps. With
@@ -16,7 +17,8 @@ from motion_jax.configs import common
 
 # Columns, layout, and the columns that count twice.
 # Parity: here the code takes all columns from 4 on, in the autoencoder 4:67.
-DATA = {"kit": (63, "coordinates_kit", (4, 64)), "67": (67, "essential", (4, 67)), "263": (263, "full", (4, 263))}
+DATA = {"kit": (63, "coordinates_kit", (4, 64)), "67": (67, "essential", (4, 67)), "263": (263, "full", (4, 263)),
+        "steps": (66, "steps", (0, 3))}
 
 
 def get_config(size="full"):

@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 
 from motion_jax import cli
+from motion_jax import fit as training
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.inputs.spans import spans_of
 from motion_jax.loading import load
 from motion_jax.models.results import colors_of
 from motion_jax.motion.representations import to_joints
 from motion_jax.training.metrics import read_metrics
+from tests.conftest import load_config
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +63,30 @@ def test_an_edit_keeps_what_it_should(model, clip):
   assert np.abs(other.joints[first:past] - made.joints[first:past]).max() > 1e-4
   colors = colors_of(made)
   assert colors.shape == (count, 3) and len(np.unique(colors, axis=0)) == 2
-  assert np.allclose(to_joints(made.features, model.stats.layout), made.joints)
+  np.testing.assert_allclose(to_joints(made.features, model.stats.layout), made.joints, atol=1e-6)
+
+
+@pytest.mark.slow
+def test_a_model_of_steps_edits_in_place(clip, tmp_path):
+  """Its features do not tell where a motion is; kept frames stay where they are all the same, also behind new ones."""
+  config = load_config("cdamd_generator", "steps_tiny").unlock()
+  config.sampler.update(num_iterations=3, num_steps=1, solver="euler")
+  training.run(config, tmp_path)
+  model = load(tmp_path)
+  walk = next(clip for clip in synthetic_clips() if np.ptp(clip.joints[:, 0, 2]) > 1 and clip.num_frames <= 190)
+  whole, most = model.padded_features(walk)
+  given = model.stats.layout.to_joints(model.stats.denormalize(whole[:most]))
+  for task in ("suffix", "prefix", "inpainting"):
+    made = model.edit(walk, "a person waves", task, seed=0)
+    new = np.zeros(most, bool)
+    for first, past in made.meta["made"]:
+      new[first:past] = True
+    np.testing.assert_allclose(made.joints[~new], given[~new], atol=1e-6)
+    assert np.abs(made.joints[new] - given[new]).max() > 1e-2
+    # The features are those of the motion, but for where it begins.
+    shown = to_joints(made.features, model.stats.layout)
+    np.testing.assert_allclose(shown, made.joints - made.joints[:1, :1] * [1, 0, 1], atol=2e-5)
+  assert model.generate("a person walks", 40, seeds=[1], cleanup=False)[0].joints[0, 0, [0, 2]].tolist() == [0, 0]
 
 
 def test_spans(model, clip):

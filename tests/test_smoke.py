@@ -126,11 +126,17 @@ def _blocks(page, language):
 
 
 def _commands(page):
-  """The words of each command of a page that is one of ours."""
+  """The words of each command of a page that is one of ours, with what the block's variables stand for."""
   for block in _blocks(page, "bash"):
+    variables = {}
     for line in block.replace("\\\n", " ").splitlines():
+      assigned = re.fullmatch(r'(\w+)="(.*)"', line)
+      if assigned:
+        variables["$" + assigned[1]] = shlex.split(assigned[2].replace('\\"', '"'), posix=False)
+        continue
       for part in line.split(" && "):
-        words = shlex.split(part.rstrip().removesuffix("&"), comments=True)
+        words = [word for written in shlex.split(part.rstrip().removesuffix("&"), comments=True)
+                 for word in variables.get(written, [written])]
         if words and (words[0].endswith("motion-jax") or words[:1] == ["python"] and words[1].endswith(".py")):
           yield words[1:] if words[0] == "python" else ["motion-jax", *words[1:]]
 

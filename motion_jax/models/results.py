@@ -88,15 +88,16 @@ def captions_in_a_row(prompts: Sequence[str], ends: Sequence[int], fps: float) -
 
 
 def make_motions(model: "TextToMotionModel", made: Any, frames: Sequence[int], captions: Sequence[tuple[Caption, ...]],
-                 seeds: Sequence[int | None], about: dict[str, Any], cleanup: bool, ease: bool = False) -> Motions:
+                 seeds: Sequence[int | None], about: dict[str, Any], cleanup: bool, ease: bool = False,
+                 joints: Float[np.ndarray, "b t j 3"] | None = None) -> Motions:
   """Motions of normalized features (B, T, F), of which motion i has its first frames[i]; ease: joints are eased where
-  captions change."""
+  captions change. joints: theirs, where they are at hand; features need not tell where a motion begins."""
   length, layout = max(frames), model.stats.layout
   with timing.part("sample and decode"):
     made = np.asarray(made)  # the wait for what runs
   decoded = model.stats.denormalize(made)
   features = decoded[:, :length]
-  joints = np.array(to_joints(features, layout))  # a copy: coordinates are their own joints
+  joints = np.array(to_joints(features, layout) if joints is None else joints[:, :length])  # coordinates are their own
   if ease:
     for i, count in enumerate(frames):
       borders = [round(caption.start * model.fps) for caption in captions[i][1:]]

@@ -109,19 +109,20 @@ def folder_stats(folder, layout=None, per_axis=False) -> Stats:
   """The folder's statistics, in its own layout or another one.
 
   Essential ones are the first columns of Mean.npy and Std.npy. Coordinates have Mean_abs.npy and Std_abs.npy where the
-  field's tools made them; else, or if they are asked for per axis, they are computed from the training joints.
+  field's tools made them; else, or if they are asked for per axis, they are computed from the training joints, as those
+  of steps are.
   """
   folder = pathlib.Path(folder)
   own = get_layout(dataset_info(folder)["layout"])
   layout = get_layout(layout or own)
   _check_layout(folder, own, layout)
-  if not layout.are_joints:
+  if not layout.told_by_joints:
     stats, columns = load_stats(folder, own), own.columns_of(layout)
     return Stats(stats.mean[columns], stats.std[columns], layout)
-  if not per_axis and all((folder / name).is_file() for name in ABSOLUTE):
+  if layout.are_joints and not per_axis and all((folder / name).is_file() for name in ABSOLUTE):
     return load_stats(folder, layout, ABSOLUTE)
-  joints = [clip.joints.reshape(clip.num_frames, -1) for clip in read_folder(folder, "train")]
-  return compute_stats(joints, layout, per_axis)
+  features = [layout.of_joints(clip.joints) for clip in read_folder(folder, "train")]
+  return compute_stats(features, layout, per_axis)
 
 
 def _check_layout(folder, own, layout):
@@ -281,7 +282,7 @@ class HumanML3D(Dataset):
     data.update(name=self.name, folder=str(folder), folders=())
     info = dataset_info(folder)
     told = f"data: {folder}, a HumanML3D-layout folder ({info['mode']} features)"
-    if not get_layout(data.layout).are_joints and "mode" in data and data.mode != info["mode"]:
+    if not get_layout(data.layout).told_by_joints and "mode" in data and data.mode != info["mode"]:
       if (pathlib.Path(folder) / "dataset.json").is_file():  # ours: the folder knows how its features were made
         data.mode = info["mode"]
     if data.get("mirror", False):

@@ -57,7 +57,8 @@ def _as_sampled(rows, config, options, guidance_scale):
   asked = paper_rows.sampling_of(config, options | dict(guidance_scale=guidance_scale))
   others = {name: options.get(name) for name in ("context", "temperature") if options.get(name) is not None}
   shared = options.get("shared_noise")
-  others |= {"shared_noise": True} if (config.sampler.get("shared_noise") if shared is None else shared) else {}
+  shared = config.get("sampler", {}).get("shared_noise") if shared is None else shared  # tokenizers have no sampler
+  others |= {"shared_noise": shared} if shared else {}
   if asked == own and not others and options.get("solver") in (None, *_SOLVERS.get(config.get("stage"), ())):
     return rows
   # Only how many steps, and how far apart blocks begin, may differ: as the papers' own models were tried.

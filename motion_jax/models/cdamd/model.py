@@ -184,14 +184,16 @@ class CdamdModel(TextToMotionModel):
     sampling["mask"] = mask or self.config.sampler.edit_mask
     plan, masked, scale, about = self._tables(keys, edited, **sampling)
     real = padding_mask(jnp.array(frames) // self.frames_per_latent, self.max_latents)
-    features, joined = np.stack(features), paste and self.stats.layout.are_joints
+    features, joined, joints = np.stack(features), paste and self.stats.layout.told_by_joints, None
     text_emb, text_mask = self.encode_words(prompts)
     made = self._edit(plan, paste and not joined, self.params, self.codec, features, text_emb=text_emb,
                       text_mask=text_mask, edited=edited, masked=masked, real_mask=real, scale=scale, keys=keys)
     if joined:
-      made = self._joined(np.asarray(made), features, frames, ~np.repeat(edited, self.frames_per_latent, axis=1))
+      kept = ~np.repeat(edited, self.frames_per_latent, axis=1)
+      made, joints = self._joined(np.asarray(made), features, frames, kept)
     about |= dict(task=task or "spans", pasted=bool(paste))
-    motions = make_motions(self, made, frames, [(Caption(prompt),) for prompt in prompts], seeds, about, cleanup)
+    motions = make_motions(self, made, frames, [(Caption(prompt),) for prompt in prompts], seeds, about, cleanup,
+                           joints=joints)
     new = [_runs(np.flatnonzero(np.repeat(row, self.frames_per_latent)[:count])) for row, count in zip(edited, frames)]
     named = [motion.replace(meta=motion.meta | dict(edited="features", made=runs)) if isinstance(clip, np.ndarray) else
              motion.replace(id=clip.id, license=clip.license or self.license,
@@ -200,13 +202,15 @@ class CdamdModel(TextToMotionModel):
     return dataclasses.replace(motions, motions=tuple(named))
 
   def _joined(self, made, features, frames, kept):
-    """Normalized coordinates (B, T, F) with the kept frames as they came, and the new ones moved to meet them."""
-    y = np.array(made)
-    for row, given, count, mask in zip(y, features, frames, kept):
-      shown, known = (self.stats.denormalize(x[:count]).reshape(count, -1, 3) for x in (row, given))
-      row[:count] = self.stats.normalize(join(shown, known, mask[:count]).reshape(count, -1))
-      row[:count][mask[:count]] = given[:count][mask[:count]]
-    return y
+    """Normalized features (B, T, F), and joints (B, T, J, 3), with the kept frames as they came, and the new ones moved
+    to meet them."""
+    layout, y = self.stats.layout, np.array(made)
+    joints = np.array(layout.to_joints(self.stats.denormalize(y)))
+    for row, shown, given, count, mask in zip(y, joints, features, frames, kept):
+      known = layout.to_joints(self.stats.denormalize(given[:count]))
+      shown[:count] = join(shown[:count], known, mask[:count])
+      row[:count] = self.stats.normalize(layout.of_joints(shown[:count]))
+    return y, joints
 
   def padded_features(self, clip: Clip | np.ndarray) -> tuple[Float[np.ndarray, "t f"], int]:
     """(normalized features (T, F) padded to the training length, frames): a clip on our body, or features (T, F) as

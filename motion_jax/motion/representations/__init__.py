@@ -4,6 +4,7 @@
   full, essential         263, 67    22, HumanML3D  humanml3d
   full_kit, essential_kit 251, 64    21, KIT        humanml3d
   coordinates, ..._kit    66, 63     22, 21         coordinates
+  steps, steps_kit        66, 63     22, 21         steps
   snapmogen, ..._148      296, 148   24, SnapMoGen  snapmogen
   motionstreamer          272        22, SMPL       motionstreamer
   babel                   135        22, SMPL       babel
@@ -23,12 +24,13 @@ from motion_jax.motion.representations.coordinates import COORDINATES, COORDINAT
 from motion_jax.motion.representations.humanml3d import ESSENTIAL, ESSENTIAL_KIT, FULL, FULL_KIT, canonicalize, extract
 from motion_jax.motion.representations.motionstreamer import MOTIONSTREAMER
 from motion_jax.motion.representations.snapmogen import SNAPMOGEN_148, SNAPMOGEN_296
+from motion_jax.motion.representations.steps import STEPS, STEPS_KIT
 from motion_jax.motion.rotations import A
 from motion_jax.shapes import Array
 
 LAYOUTS = {layout.name: layout for layout in (
-    FULL, ESSENTIAL, COORDINATES, FULL_KIT, ESSENTIAL_KIT, COORDINATES_KIT, SNAPMOGEN_296, SNAPMOGEN_148,
-    MOTIONSTREAMER, BABEL)}
+    FULL, ESSENTIAL, COORDINATES, FULL_KIT, ESSENTIAL_KIT, COORDINATES_KIT, STEPS, STEPS_KIT, SNAPMOGEN_296,
+    SNAPMOGEN_148, MOTIONSTREAMER, BABEL)}
 FeatureLayout = Representation
 
 

@@ -46,6 +46,7 @@ class Representation:
   # What a root loss looks at: turn, step and height in most (docs/papers/cmdm.md#data-sets).
   root: ClassVar[slice] = slice(0, 4)
   are_joints: ClassVar[bool] = False         # the features are the joints themselves, in the world
+  told_by_joints: ClassVar[bool] = False     # `of_joints` makes them of joints as they are, frame by frame
   std_by_block: ClassVar[bool] = True        # statistics have one std per block, as the field makes them
   has_fixed_bones: ClassVar[bool] = False    # all motions are on bones of one length: the skeleton's
 
@@ -131,6 +132,10 @@ class Representation:
     """Joints (T, J, 3), finite, float64, to features (T - 1 or T, F); columns beyond `dim` are cut off."""
     raise NotImplementedError(f"{type(self).__name__} makes no features of joints")
 
+  def of_joints(self, joints: Num[A, "*lead t j 3"]) -> Num[A, "*lead t f"]:
+    """Features (..., T, F) of joints that stay on their bones and in their place, a row for every frame."""
+    raise NotImplementedError(f"{type(self).__name__} is not told by joints as they are")
+
   def recover(self, features: Num[A, "*lead t f"]) -> Num[A, "*lead t j 3"]:
     """Features (..., T, F) of the right size to joints."""
     raise NotImplementedError(f"{type(self).__name__} makes no joints of features")
@@ -165,12 +170,12 @@ class Representation:
     return slice(0, other.dim) if same and first == list(other.parts.items()) else None
 
   def narrows_to(self, other: "Representation") -> bool:
-    """Whether `narrow_to` can give the other one: it is a part of this one, or the joints of the same body."""
-    return self.columns_of(other) is not None or other.are_joints and other.skeleton is self.skeleton
+    """Whether `narrow_to` can give the other one: it is a part of this one, or told by the joints of the same body."""
+    return self.columns_of(other) is not None or other.told_by_joints and other.skeleton is self.skeleton
 
   def narrow_to(self, features: Num[A, "*lead t f"], other: "Representation",
                 joints: Num[A, "*lead t j 3"] | None = None) -> Num[A, "*lead t g"]:
-    """Features (..., T, F) as another representation that tells no more: a cut of the columns, or the joints.
+    """Features (..., T, F) as another representation that tells no more: a cut of the columns, or made of the joints.
 
     joints (..., T, J, 3): those of these features, where they are at hand. Raises ValueError where the other one holds
     what is not here.
@@ -183,8 +188,7 @@ class Representation:
     columns = self.columns_of(other)
     if columns is not None:
       return features[..., columns]
-    joints = self.to_joints(features) if joints is None else joints
-    return joints.reshape(joints.shape[:-2] + (other.dim,))
+    return other.of_joints(self.to_joints(features) if joints is None else joints)
 
   def convert(self, features: Num[np.ndarray, "t f"], other: "Representation", mode: str = "benchmark"
               ) -> Num[np.ndarray, "t g"]:

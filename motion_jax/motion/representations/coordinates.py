@@ -21,15 +21,18 @@ class Coordinates(Representation):
   full: HumanML3D
 
   are_joints = True
+  told_by_joints = True
   std_by_block = False
   has_fixed_bones = True
 
   def extract(self, joints: Float[np.ndarray, "t j 3"], mode: str) -> Float[np.ndarray, "t-1 f"]:
-    made = self.full.to_joints(self.full.from_joints(joints, mode))
-    return made.reshape(len(made), -1)
+    return self.of_joints(self.full.to_joints(self.full.from_joints(joints, mode)))
 
   def from_joints_in_place(self, joints: Num[Array, "t j 3"], mode: str = "benchmark") -> Float[np.ndarray, "t f"]:
-    return np.reshape(joints, (len(joints), -1)).astype(np.float32)
+    return self.of_joints(np.asarray(joints)).astype(np.float32)
+
+  def of_joints(self, joints: Num[A, "*lead t j 3"]) -> Num[A, "*lead t f"]:
+    return joints.reshape(joints.shape[:-2] + (self.dim,))
 
   def recover(self, features: Num[A, "*lead t f"]) -> Num[A, "*lead t j 3"]:
     return features.reshape(features.shape[:-1] + (self.skeleton.num_joints, 3))

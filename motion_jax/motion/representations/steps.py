@@ -1,0 +1,50 @@
+"""Coordinates with the pelvis' way over the ground told by its steps: 66 numbers a frame, KIT's 63.
+
+  columns   block      row t
+  0:3       root       the pelvis: x and z of its step from the frame before, y its height; row 0 has row 1's step
+  3:        positions  the other joints: x and z beside the pelvis, y over the floor
+
+Axes are the world's, as in `coordinates`. There a network that is off by centimetres from one latent to the next moves
+a whole body that walks metres; here it is off by a part of a step, and a walk goes one way. Where a motion begins is
+not told: joints come back with the pelvis of frame 0 over the origin.
+"""
+import numpy as np
+from jaxtyping import Num
+
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.representations.base import VECTOR, Block
+from motion_jax.motion.representations.coordinates import Coordinates
+from motion_jax.motion.representations.humanml3d import FULL, FULL_KIT
+from motion_jax.motion.rotations import A
+
+_GROUND = np.array([1.0, 0.0, 1.0])
+
+
+class Steps(Coordinates):
+  are_joints = False
+  root = slice(0, 3)
+
+  def of_joints(self, joints: Num[A, "*lead t j 3"]) -> Num[A, "*lead t f"]:
+    xp = rot.namespace(joints)
+    wide = joints.astype(np.float64) if xp is np else joints
+    place = wide[..., :1, :] * xp.asarray(_GROUND, wide.dtype)
+    step = xp.diff(place, axis=-3)
+    first = step[..., :1, :, :] if step.shape[-3] else xp.zeros_like(place)
+    step = xp.concatenate([first, step], axis=-3)
+    rows = xp.concatenate([(wide - place)[..., :1, :] + step, (wide - place)[..., 1:, :]], axis=-2)
+    return rows.reshape(joints.shape[:-2] + (self.dim,)).astype(joints.dtype)
+
+  def recover(self, features: Num[A, "*lead t f"]) -> Num[A, "*lead t j 3"]:
+    xp = rot.namespace(features)
+    rows = super().recover(features.astype(np.float64) if xp is np else features)
+    step = rows[..., :1, :] * xp.asarray(_GROUND, rows.dtype)
+    path = xp.cumsum(step, axis=-3)
+    path = path - path[..., :1, :, :]
+    body = xp.concatenate([rows[..., :1, :] - step, rows[..., 1:, :]], axis=-2)
+    return (body + path).astype(features.dtype)
+
+
+STEPS, STEPS_KIT = (
+    Steps(name, full.skeleton, {"root": Block(VECTOR),
+                                "positions": Block(VECTOR, tuple(range(1, full.skeleton.num_joints)))}, full)
+    for name, full in (("steps", FULL), ("steps_kit", FULL_KIT)))
