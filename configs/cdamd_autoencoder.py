@@ -17,7 +17,7 @@ from motion_jax.configs import common
 
 # Columns, layout, and the columns that count twice.
 DATA = {"kit": (63, "coordinates_kit", (4, 64)), "64": (64, "essential_kit", (4, 64)),
-        "67": (67, "essential", (4, 67)), "263": (263, "full", (4, 67)), "steps": (66, "steps", (0, 3))}
+        "67": (67, "essential", (4, 67)), "263": (263, "full", (4, 67)), "steps": (70, "steps", (0, 3))}
 
 
 def get_config(size="full"):

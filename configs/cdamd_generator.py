@@ -31,7 +31,7 @@ from motion_jax.configs import common
 
 SIZES = ("large", "full", "small", "laptop", "mini", "tiny")
 DATA = {"kit": (63, "coordinates_kit"), "67": (67, "essential"), "263": (263, "full"),
-        "steps": (66, "steps")}
+        "steps": (70, "steps")}
 # MARDM has no depth to spare: its one wide layer has about the parameters of the four narrow ones with cross-attention.
 MARDM = {"full": dict(width=1024, depth=1, num_heads=16, ff_width=4096),
          "small": dict(width=512, depth=1, num_heads=8, ff_width=2048),

@@ -18,7 +18,7 @@ from motion_jax.configs import common
 # Columns, layout, and the columns that count twice.
 # Parity: here the code takes all columns from 4 on, in the autoencoder 4:67.
 DATA = {"kit": (63, "coordinates_kit", (4, 64)), "67": (67, "essential", (4, 67)), "263": (263, "full", (4, 263)),
-        "steps": (66, "steps", (0, 3))}
+        "steps": (70, "steps", (0, 3))}
 
 
 def get_config(size="full"):

@@ -12,6 +12,7 @@ from motion_jax.data.clip import Clip
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.models.results import Motion
 from motion_jax.motion import rotations as rot
+from motion_jax.motion.contacts import feet_stand
 from motion_jax.motion.representations import LAYOUTS, get_layout, layout_for, to_features, to_joints
 from motion_jax.motion.representations.base import MODES, VECTOR, Block, Representation
 from motion_jax.motion.retarget import mirror
@@ -178,7 +179,7 @@ def test_walking_north_is_walking_east(layout):
 def test_blocks_cover_all_columns_once(layout):
   assert [i for name in layout.parts for i in layout.columns(name)] == list(range(layout.dim))
   assert layout.fps == layout.skeleton.fps and get_layout(layout) is layout
-  assert layout_for(layout.dim) in (layout, get_layout(layout.name.replace("steps", "coordinates")))
+  assert layout_for(layout.dim) is (layout if layout.name != "steps_kit" else get_layout("essential"))  # the first
 
 
 # --- a further representation -------------------------------------------------------------------------------------
@@ -269,6 +270,7 @@ def test_steps_begin_over_the_origin_and_go_as_the_joints_do():
   np.testing.assert_allclose(rows[1:, [0, 2]], np.diff(joints[:, 0], axis=0)[:, [0, 2]], atol=1e-6)
   np.testing.assert_allclose(rows[0, [0, 2]], rows[1, [0, 2]])
   np.testing.assert_array_equal(rows[:, 1], joints[:, 0, 1])
+  np.testing.assert_array_equal(rows[:, 66:], feet_stand(joints, floor=0.0))
   np.testing.assert_allclose(steps.to_joints(rows), joints - joints[:1, :1] * [1, 0, 1], atol=2e-6)
   inside = jax.jit(lambda x: steps.to_joints(steps.of_joints(x)))(jnp.asarray(joints))
   np.testing.assert_allclose(inside, joints - joints[:1, :1] * [1, 0, 1], atol=1e-4)

@@ -4,7 +4,7 @@
   full, essential         263, 67    22, HumanML3D  humanml3d
   full_kit, essential_kit 251, 64    21, KIT        humanml3d
   coordinates, ..._kit    66, 63     22, 21         coordinates
-  steps, steps_kit        66, 63     22, 21         steps
+  steps, steps_kit        70, 67     22, 21         steps
   snapmogen, ..._148      296, 148   24, SnapMoGen  snapmogen
   motionstreamer          272        22, SMPL       motionstreamer
   babel                   135        22, SMPL       babel

@@ -1,17 +1,23 @@
-"""Coordinates with the pelvis' way over the ground told by its steps: 66 numbers a frame, KIT's 63.
+"""Coordinates by steps: how far the pelvis goes in each frame, and which feet stand. 70 numbers a frame, KIT's 67.
 
   columns   block      row t
   0:3       root       the pelvis: x and z of its step from the frame before, y its height; row 0 has row 1's step
-  3:        positions  the other joints: x and z beside the pelvis, y over the floor
+  3:66      positions  the other joints: x and z beside the pelvis, y over the floor
+  66:70     contacts   left ankle, left toes, right ankle, right toes stand, by `contacts.feet_stand`: 0 or 1
 
 Axes are the world's, as in `coordinates`. There a network that is off by centimetres from one latent to the next moves
-a whole body that walks metres; here it is off by a part of a step, and a walk goes one way. Where a motion begins is
-not told: joints come back with the pelvis of frame 0 over the origin.
+a whole body that walks metres; here it is off by a part of a step, and a walk goes one way. Where a foot is said to
+stand the cleanup knows how far the body came. Where a motion begins is not told: joints come back with the pelvis of
+frame 0 over the origin.
 """
+from functools import partial
+
+import jax
 import numpy as np
 from jaxtyping import Num
 
 from motion_jax.motion import rotations as rot
+from motion_jax.motion.contacts import feet_stand
 from motion_jax.motion.representations.base import VECTOR, Block
 from motion_jax.motion.representations.coordinates import Coordinates
 from motion_jax.motion.representations.humanml3d import FULL, FULL_KIT
@@ -32,11 +38,19 @@ class Steps(Coordinates):
     first = step[..., :1, :, :] if step.shape[-3] else xp.zeros_like(place)
     step = xp.concatenate([first, step], axis=-3)
     rows = xp.concatenate([(wide - place)[..., :1, :] + step, (wide - place)[..., 1:, :]], axis=-2)
-    return rows.reshape(joints.shape[:-2] + (self.dim,)).astype(joints.dtype)
+    rows = rows.reshape(joints.shape[:-2] + (3 * self.skeleton.num_joints,))
+    return xp.concatenate([rows, self._stands(wide)], axis=-1).astype(joints.dtype)
+
+  def _stands(self, joints):
+    """(..., T, 4) of joints (..., T, J, 3)."""
+    one = partial(feet_stand, fps=self.fps, skeleton=self.skeleton, floor=0.0)
+    flat = joints.reshape((-1,) + joints.shape[-3:])
+    found = np.stack([one(clip) for clip in flat]) if isinstance(joints, np.ndarray) else jax.vmap(one)(flat)
+    return found.reshape(joints.shape[:-2] + (4,))
 
   def recover(self, features: Num[A, "*lead t f"]) -> Num[A, "*lead t j 3"]:
     xp = rot.namespace(features)
-    rows = super().recover(features.astype(np.float64) if xp is np else features)
+    rows = super().recover((features.astype(np.float64) if xp is np else features)[..., :self["contacts"].start])
     step = rows[..., :1, :] * xp.asarray(_GROUND, rows.dtype)
     path = xp.cumsum(step, axis=-3)
     path = path - path[..., :1, :, :]
@@ -46,5 +60,6 @@ class Steps(Coordinates):
 
 STEPS, STEPS_KIT = (
     Steps(name, full.skeleton, {"root": Block(VECTOR),
-                                "positions": Block(VECTOR, tuple(range(1, full.skeleton.num_joints)))}, full)
+                                "positions": Block(VECTOR, tuple(range(1, full.skeleton.num_joints))),
+                                "contacts": Block((1,), full.skeleton.left_feet + full.skeleton.right_feet)}, full)
     for name, full in (("steps", FULL), ("steps_kit", FULL_KIT)))
