@@ -153,6 +153,27 @@ def test_the_way_of_long_motions_is_a_choice_of_their_task_alone():
     check_options("m", Able(), (2.0,), {})
 
 
+@pytest.mark.parametrize("options, shown", [
+    ({}, False), (dict(way="chain", cleanup=True), True), (dict(ease=True), True)])
+def test_long_motions_may_be_judged_as_they_are_shown(options, shown):
+  """What is cleaned up or eased are joints, so the features that are judged are made of these."""
+  joints, asked = synthetic_clips(0, 2, num_frames=40)[1].joints, []
+
+  def multi_prompts(lists, **given):
+    asked.append(given)
+    return [types.SimpleNamespace(joints=joints, features=None) for _ in lists]
+
+  model = types.SimpleNamespace(
+      multi_prompts=multi_prompts, stats=types.SimpleNamespace(layout=get_layout("full")),
+      config=types.SimpleNamespace(data=types.SimpleNamespace(mode="corrected")))
+  make = long_horizon.multi_prompt_generator(types.SimpleNamespace(model=model, guidance_scale=2.0), [["a"]], options)
+  (made,) = make(types.SimpleNamespace(places=[0], seeds=[7]))
+  assert asked == [dict(cleanup=False, guidance_scale=2.0, seeds=[7]) | options]
+  assert made is None if not shown else made.shape == (40, 263)
+  if shown:
+    np.testing.assert_allclose(to_joints(made, "full")[:, :, 1], joints[:, :, 1] - joints[..., 1].min(), atol=0.05)
+
+
 @pytest.mark.parametrize("way, unit, latent, expected", [
     ("chain", 24, 8, [96, 64, 8]), ("chain", 12, 4, [100, 64, 4]), ("stream", 12, 4, None)])
 def test_pieces_are_as_long_as_the_model_makes_them(way, unit, latent, expected):

@@ -19,6 +19,7 @@ from motion_jax.evaluation.candidates import load_able
 from motion_jax.evaluation.tasks.base import Damaged, Found, Task
 from motion_jax.metrics import long_horizon, physics
 from motion_jax.models.cmdm import multi_prompt
+from motion_jax.models.results import features_of
 from motion_jax.motion.representations import get_layout, to_joints
 
 BATCH = 8  # long motions made together
@@ -35,7 +36,7 @@ class PromptSequence(NamedTuple):
 class LongHorizon(Task):
   METRICS = ("top1", "top2", "top3", "fid", "matching", "diversity", "transition_fid", "transition_diversity",
              "transition_distance", "peak_jerk", "auj")
-  OPTIONS = ("way",)
+  OPTIONS = ("way", "cleanup", "ease")  # the last two: as a person sees it, features of the cleaned, eased joints
 
   def __init__(self, harness):
     super().__init__(harness)
@@ -235,9 +236,12 @@ def piece_frames(counts, way, frames_per_block, frames_per_latent):
 
 def multi_prompt_generator(candidate, sequences, options):
   """make(jobs) of `samples.sample`: motions of the [(prompt, seconds)] at the jobs' places; options: of
-  `multi_prompts`."""
+  `multi_prompts`. What is cleaned up or eased afterwards are joints, so the features are made of those."""
+  options = {"cleanup": False} | dict(options)
+  of_joints = options["cleanup"] or options.get("ease", False)
+
   def make(jobs):
-    made = candidate.model.multi_prompts([sequences[i] for i in jobs.places], seeds=jobs.seeds, cleanup=False,
+    made = candidate.model.multi_prompts([sequences[i] for i in jobs.places], seeds=jobs.seeds,
                                          guidance_scale=candidate.guidance_scale, **options)
-    return [motion.features for motion in made]
+    return [features_of(candidate.model, motion.joints) if of_joints else motion.features for motion in made]
   return make
