@@ -29,6 +29,11 @@ from motion_jax.motion.skeleton import HUMANML3D
     ("a woman dances to the music", [Asked("dance", "", 1, False)]),
     ("a person dances across the room", []),
     ("someone takes a seat", [Asked("sit", "", 1, False)]),
+    ("a person stands up from a chair", [Asked("rise", "", 1, False)]),
+    ("she sits down and gets up again", [Asked("rise", "", 1, False), Asked("sit", "", 1, False)]),
+    ("a man gets up and walks forward", []),
+    ("a man stands still", []),
+    ("a man stands up straight", []),
     ("someone walks forward, then dances", []),
 ])
 def test_what_a_sentence_asks_for_that_can_be_seen(text, found):
@@ -54,6 +59,8 @@ def test_what_is_missing_is_counted():
   assert misses(np.concatenate([walk, back]), asked) == 0
   low = walk * np.where(np.arange(len(walk)) < 60, 1.0, 0.6)[:, None, None]
   assert misses(walk, [Asked("sit", "", 1, False)]) == 1 and misses(low, [Asked("sit", "", 1, False)]) == 0
+  asked = [Asked("rise", "", 1, False)]
+  assert misses(low[::-1], asked) == 0 and misses(low, asked) == misses(walk, asked) == 1  # up, down, never down
   assert misses(walk, []) == 0
   away = misses(walk, [Asked("dance", "", 1, False)])
   assert 0 < away < 1 and 0 < misses(walk[:len(walk) * 3 // 4], [Asked("dance", "", 1, False)]) < away  # it went away

@@ -1,9 +1,9 @@
 """Does a motion show what its sentence asks for? What can be seen on the joints is looked for; see `composed.generate`.
 
 `motion.events` sees kicks, punches, jumps, hops, squats, bows, waving hands, turns and walks backward, of which side
-they are, and how many. Whoever sits down comes down, and whoever dances, and is not told where to, stays about where
-they are. The rules of events are in doubt now and then, so a motion in which something is not seen may still be a good
-one.
+they are, and how many. Whoever sits down comes down, who gets up at last is up at the end, and whoever dances, and is
+not told where to, stays about where they are. The rules of events are in doubt now and then, so a motion in which
+something is not seen may still be a good one.
 """
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -16,7 +16,7 @@ from motion_jax.motion.signals import Body
 from motion_jax.text.light_verbs import LIGHT
 from motion_jax.text.sentences import actions_of
 
-# Kinds of events by verb; of sitting, dances and walks backward there is none, they are measured here.
+# Kinds of events by verb; of sitting, getting up, dances and walks backward there is none, they are measured here.
 _KINDS = {"kick": "kick", "punch": "punch", "jab": "punch", "box": "punch", "shadowbox": "punch", "jump": "jump",
           "hop": "hop", "squat": "squat", "bow": "bow", "wave": "wave", "turn": "turn", "sit": "sit"}
 _SIDED = {"kick", "punch", "wave", "turn"}
@@ -27,6 +27,9 @@ _SOMEWHERE = {"across", "along", "around", "away", "backward", "backwards", "cir
 _WANDERED = 1.2  # metres from beginning to end; three quarters of the 142 captured dances stay within that
 _PACE, _STRAIGHT, _BACK = 0.25, 0.7, 1.2  # metres a second, share of the pace, and seconds of a walk backward
 _LOW, _WHILE = 0.89, 0.5  # of its height that a pelvis is at the most on a high stool, and for how many seconds
+_UP = 0.95  # of its height that a pelvis is at the least, so long, of somebody who got up
+_RISES = {("stand", "up"), ("get", "up"), ("rise", "")}  # verb, and the word that it needs
+_UPRIGHT = {"straight", "tall", "upright"}
 _WITHOUT = {"without", "not", "no", "never", "nor", "don't", "doesn't"}
 
 
@@ -47,6 +50,8 @@ def asked_of(text: str) -> list[Asked]:
   actions = actions_of(text)
   if actions and all(map(_dances_in_place, actions)):
     found["dance", ""] = Asked("dance", "", 1, False)
+  if actions and _gets_up(actions[-1]):
+    found["rise", ""] = Asked("rise", "", 1, False)
   for action in actions:
     words, kind, side = set(action.words.lower().replace(",", " ").split()), _KINDS.get(action.verb), ""
     if action.verb == "walk" and words & _BACKWARD:
@@ -68,6 +73,11 @@ def _dances_in_place(action):
   return does and not words & _SOMEWHERE
 
 
+def _gets_up(action):
+  words = set(action.words.lower().split())
+  return any(action.verb == verb and word in words | {""} for verb, word in _RISES) and not words & _UPRIGHT
+
+
 def misses(joints: Num[np.ndarray, "t 22 3"], asked: Sequence[Asked], fps: float = 20.0) -> float:
   """How much of what is asked is not to be seen in joints (T, 22, 3), and how much too often where that is counted; a
   dance that wanders misses the more of one the farther it leads away."""
@@ -78,6 +88,9 @@ def misses(joints: Num[np.ndarray, "t 22 3"], asked: Sequence[Asked], fps: float
     if kind == "dance":
       away = float(np.linalg.norm((joints[-1] - joints[0])[0, [0, 2]]))
       missed += max(0.0, 1 - _WANDERED / max(away, 1e-9))
+      continue
+    if kind == "rise":
+      missed += not _comes_up(joints[:, 0, 1], fps)
       continue
     if kind == "sit":
       missed += not _comes_down(joints[:, 0, 1], fps)
@@ -101,3 +114,8 @@ def _goes_backward(body):
 
 def _comes_down(height, fps):
   return (height < _LOW * np.percentile(height, 90)).sum() >= _WHILE * fps
+
+
+def _comes_up(height, fps):
+  usual = np.percentile(height, 90)
+  return height.min() < _LOW * usual and height[-max(round(_WHILE * fps), 1):].min() > _UP * usual
