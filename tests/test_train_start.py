@@ -17,9 +17,9 @@ from tests.test_train import _config, _next_batch, _stage
 from tools import exchange_decoder
 
 
-def tokenizer_config(name, start, **train):
+def tokenizer_config(name, start, size="small", **train):
   """The size that ships, on two procedural clips."""
-  config = load_config(name, "small").unlock()
+  config = load_config(name, size).unlock()
   if "teacher" in config.frozen:
     config.frozen.teacher, config.model.teacher_dim = "", 0
   config.data.update(name="synthetic", num_clips=2)
@@ -27,10 +27,11 @@ def tokenizer_config(name, start, **train):
   return fit.resolve(config)[0]
 
 
-@pytest.mark.parametrize("name, model", [("cmdm_tokenizer", "cmdm-small"), ("cdamd_autoencoder", "cdamd-small")])
-def test_a_tokenizer_begins_as_that_inside_a_model_that_ships(name, model):
+@pytest.mark.parametrize("name, size, model", [
+    ("cmdm_tokenizer", "small", "cmdm-small"), ("cdamd_autoencoder", "steps_small", "cdamd-small")])
+def test_a_tokenizer_begins_as_that_inside_a_model_that_ships(name, size, model):
   """With its parameters; a part that is held still also keeps the statistics that it knows."""
-  config = tokenizer_config(name, model, freeze=("encoder",))
+  config = tokenizer_config(name, model, size, freeze=("encoder",))
   net = (CausalVAE if name.startswith("cmdm") else Autoencoder)(**config.model)
   shapes = (cmdm.frozen_shapes(net)["tokenizer"] if name.startswith("cmdm") else cdamd.autoencoder_shapes(net))
   zeros = lambda *_: jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), shapes)
