@@ -95,6 +95,8 @@ def get_config(name="full"):
     config.train.update(num_steps=3_000, log_every=25, save_every=300, sample_every=1_500)
     # Measured on it (benchmarks/cdamd_choices.py): see the card of pretrained/cdamd-small.
     config.sampler.update(order="left_to_right", guidance_scale=3.0)
+    if data == "steps":  # one latent after the other: each step goes on from those before it
+      config.sampler.update(num_iterations=50)
     if size in ("mini", "laptop"):
       config.tokenizer.update(width=128)
       config.prior.update(width=96)

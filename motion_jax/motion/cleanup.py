@@ -25,7 +25,7 @@ _SIGMA = 0.7             # frames: 2 Hz passes at 0.9, the tremor of frame again
 _BRISK = (1.2, 2.4)      # m/s against the pelvis: from here a joint is smoothed less, from there not at all
 _SLIDES = 0.10           # m/s of standing feet that real motion shows, too
 _STANDS = 0.40           # m/s at which a foot that is said to stand is half as sure to
-_UNTOLD = 0.90           # the same where nobody says which feet stand: one that slides may be one of them
+_UNTOLD = 0.20           # the same where nobody says which feet stand: one that swings must not be held
 _LOW = 0.16              # metres over the floor at which a point of it is half as sure to
 _EASE, _BEND, _PULL = 0.02, 0.05, 1e-3  # how a foot's correction resists change, change of its change, and being there
 _REACH, _SOFT = 0.995, 0.03  # of a leg's length: how straight it may be made, and the zone before
@@ -268,7 +268,7 @@ class _Plant:
     sure, steps = body.stands(frames)
     speed = np.linalg.norm(steps, axis=-1) * body.fps / body.metre
     told = frames.told[1:, None, None] > 0
-    slow = 1 / (1 + np.where(told, (speed / _STANDS) ** 4, (speed / _UNTOLD) ** 2))
+    slow = 1 / (1 + (speed / np.where(told, _STANDS, _UNTOLD)) ** 4)
     firm = np.minimum(2 * sure, 1) * slow  # (n - 1, feet, points)
     total = firm.sum(-1)
     step = (firm[..., None] * steps).sum(2) / np.maximum(total, 1e-9)[..., None]

@@ -82,6 +82,16 @@ def test_a_body_that_its_feet_do_not_carry_goes_as_they_say():
   assert way(clean_up(pushed, contacts)) - way(joints) < 0.2 * (way(pushed) - way(joints))
 
 
+def test_a_foot_that_swings_is_not_held_where_nobody_says_which_stand():
+  """An honest walk stays as it is: no leg trails behind a body that goes on."""
+  joints = synthetic_clips(0, 2)[1].joints.astype(np.float64)
+  made = clean_up(joints).astype(np.float64)
+  feet = list(HUMANML3D.left_feet + HUMANML3D.right_feet)
+  beside = lambda x: (x - x[:, :1])[:, feet]
+  assert np.linalg.norm(beside(made) - beside(joints), axis=-1).max() < 0.15
+  assert np.linalg.norm(made[-1, 0] - joints[-1, 0]) < 0.05
+
+
 def test_knees_do_not_snap(clip):
   """Feet that slide on nearly straight legs: planting them may not straighten the knees nor jerk them."""
   joints, contacts = clip
