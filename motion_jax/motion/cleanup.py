@@ -24,6 +24,7 @@ from motion_jax.shapes import Array
 _SIGMA = 0.7             # frames: 2 Hz passes at 0.9, the tremor of frame against frame at 0.1
 _BRISK = (1.2, 2.4)      # m/s against the pelvis: from here a joint is smoothed less, from there not at all
 _SLIDES = 0.10           # m/s of standing feet that real motion shows, too
+_HINT = 0.15             # how sure of what stands nearby a path must be to go by it altogether
 _STANDS = 0.40           # m/s at which a foot that is said to stand is half as sure to
 _UNTOLD = 0.20           # the same where nobody says which feet stand: one that swings must not be held
 _LOW = 0.16              # metres over the floor at which a point of it is half as sure to
@@ -176,7 +177,13 @@ class _Body:
     brisk = np.clip((speed - _BRISK[0]) / (_BRISK[1] - _BRISK[0]), 0, 1)[..., None]
     now = _cut(frames, 2, 2 + count)
     mixed = smoothed + (now.joints - smoothed) * brisk * brisk * (3 - 2 * brisk)
-    return now._replace(joints=with_lengths(mixed, self.skeleton))
+    made = with_lengths(mixed, self.skeleton)
+    # Bones of their own length from the pelvis down put the feet elsewhere. How high these are says more of where the
+    # floor is than how high the pelvis is: it rises or sinks, and knees stay as bent as they were.
+    lowest = lambda joints: joints[:, self.feet, 1].min((1, 2))
+    risen = lowest(frames.joints) - lowest(with_lengths(frames.joints, self.skeleton))
+    made[..., 1] += _weighted(risen, np.array([1, 2, 3, 2, 1]) / 9)[:, None]
+    return now._replace(joints=made)
 
   def stands(self, frames: _Frames) -> tuple[np.ndarray, np.ndarray]:
     """(how surely (n - 1, 2, 2) the points of feet may stand from each frame to the next, their steps (n - 1, 2, 2, 2)
@@ -240,8 +247,12 @@ class _Path:
     weight = sure / (0.05 + speed)  # of two feet the slower one is the one that stands
     slide = (weight[..., None] * steps).sum((1, 2)) / np.maximum(weight.sum((1, 2)), 1e-9)[:, None]
     # A hint that one stands is enough, for of a foot that slides the network is never sure.
-    slide = slide * np.minimum(4 * sure.max((1, 2)), 1)[:, None]
-    slide = _weighted(slide, np.array([1, 2, 3, 2, 1]) / 9)[:count]  # steps that lead to t - 2 .. t + 2
+    hint = np.minimum(4 * sure.max((1, 2)), 1)
+    # Of steps that lead to t - 2 .. t + 2. A body in flight keeps the speed with which it left the ground: what stances
+    # on either side say holds there, too.
+    near = np.array([1, 2, 3, 2, 1]) / 9
+    slide = _weighted(slide * hint[:, None], near) / np.maximum(_weighted(hint, near), _HINT)[:, None]
+    slide = slide[:count]
     fast = np.linalg.norm(slide, axis=-1, keepdims=True) * body.fps / body.metre
     back = -slide * np.maximum(1 - _SLIDES / np.maximum(fast, 1e-9), 0)
     now = _cut(frames, 3, 3 + count)
