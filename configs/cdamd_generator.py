@@ -96,7 +96,7 @@ def get_config(name="full"):
     # Measured on it (benchmarks/cdamd_choices.py): see the card of pretrained/cdamd-small.
     config.sampler.update(order="left_to_right", guidance_scale=3.0)
     if data == "steps":  # one latent after the other: each step goes on from those before it
-      config.sampler.update(num_iterations=50)
+      config.sampler.update(num_iterations=50, guidance_scale=2.0)
     if size in ("mini", "laptop"):
       config.tokenizer.update(width=128)
       config.prior.update(width=96)
