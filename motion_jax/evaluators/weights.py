@@ -26,7 +26,8 @@ def evaluator(path, num_heads=None) -> Network:
   what, part = "T2M evaluator", read_part(path, T2M, others=("movement_decoder",))
   movement_width, features, _ = part.shape("movement_encoder/main.0.weight", what, 3)
   # 259 of 263 and 247 of 251: it reads full features without their contacts.
-  with_contacts = {layout["contacts"].start: layout.dim for layout in LAYOUTS.values() if "contacts" in layout.blocks}
+  with_contacts = {layout["contacts"].start: layout.dim for layout in LAYOUTS.values()
+                   if "contacts" in layout.blocks and not layout.told_by_joints}
   fields = dict(features=features, columns=with_contacts.get(features, features),
                 movement_width=movement_width, movement_dim=part.shape("movement_encoder/main.3.weight", what, 3)[0],
                 motion_width=part.shape("motion_encoder/input_emb.weight", what, 2)[0],
