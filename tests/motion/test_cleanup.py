@@ -92,6 +92,21 @@ def test_a_foot_that_swings_is_not_held_where_nobody_says_which_stand():
   assert np.linalg.norm(made[-1, 0] - joints[-1, 0]) < 0.05
 
 
+def test_a_body_whose_bones_become_longer_rises_and_bends_no_knee(clip):
+  joints, contacts = clip
+  hips, knees, ankles = ([side[i] for side in ((1, 4, 7), (2, 5, 8))] for i in range(3))
+
+  def bent(x):
+    thigh, shin = x[:, hips] - x[:, knees], x[:, ankles] - x[:, knees]
+    lengths = np.linalg.norm(thigh, axis=-1) * np.linalg.norm(shin, axis=-1)
+    return np.degrees(np.arccos((thigh * shin).sum(-1) / lengths))
+
+  small = (0.92 * joints).astype(np.float64)
+  made = clean_up(small, contacts).astype(np.float64)
+  assert np.abs(bent(made) - bent(small)).mean() < 4
+  assert made[:, 0, 1].mean() > 1.05 * small[:, 0, 1].mean()
+
+
 def test_knees_do_not_snap(clip):
   """Feet that slide on nearly straight legs: planting them may not straighten the knees nor jerk them."""
   joints, contacts = clip
