@@ -24,6 +24,7 @@ from motion_jax.shapes import Array
 _SIGMA = 0.7             # frames: 2 Hz passes at 0.9, the tremor of frame against frame at 0.1
 _BRISK = (1.2, 2.4)      # m/s against the pelvis: from here a joint is smoothed less, from there not at all
 _SLIDES = 0.10           # m/s of standing feet that real motion shows, too
+_NEAR = np.array([1, 2, 3, 2, 1]) / 9  # weights of a frame's neighbours where something is spread in time
 _HINT = 0.15             # how sure of what stands nearby a path must be to go by it altogether
 _STANDS = 0.40           # m/s at which a foot that is said to stand is half as sure to
 _UNTOLD = 0.20           # the same where nobody says which feet stand: one that swings must not be held
@@ -182,7 +183,7 @@ class _Body:
     # floor is than how high the pelvis is: it rises or sinks, and knees stay as bent as they were.
     lowest = lambda joints: joints[:, self.feet, 1].min((1, 2))
     risen = lowest(frames.joints) - lowest(with_lengths(frames.joints, self.skeleton))
-    made[..., 1] += _weighted(risen, np.array([1, 2, 3, 2, 1]) / 9)[:, None]
+    made[..., 1] += _weighted(risen, _NEAR)[:, None]
     return now._replace(joints=made)
 
   def stands(self, frames: _Frames) -> tuple[np.ndarray, np.ndarray]:
@@ -197,7 +198,7 @@ class _Body:
     body = frames.joints
     feet = body[:, self.feet]
     sunk = np.maximum(self.floor - feet[..., 1].min(2), 0)
-    lift = _weighted(np.maximum(np.maximum(sunk[:-2], sunk[1:-1]), sunk[2:]), np.array([1, 2, 3, 2, 1]) / 9)
+    lift = _weighted(np.maximum(np.maximum(sunk[:-2], sunk[1:-1]), sunk[2:]), _NEAR)
     now = _cut(frames, 3, 3 + count)
     aims, caps, need = [], [], np.zeros(len(body))
     for side, (leg, lengths) in enumerate(zip(self.legs, self.lengths)):
@@ -209,7 +210,7 @@ class _Body:
       aims.append(aim[3:3 + count] + lift[:, side, None] * [0, 1, 0])
       caps.append(cap[3:3 + count])
     need = np.clip(need, 0, _LOWER * self.metre)
-    need = _weighted(np.maximum(np.maximum(need[:-2], need[1:-1]), need[2:]), np.array([1, 2, 3, 2, 1]) / 9)
+    need = _weighted(np.maximum(np.maximum(need[:-2], need[1:-1]), need[2:]), _NEAR)
     result = now.joints - need[:, None, None] * [0, 1, 0]
     for leg, lengths, aim, cap in zip(self.legs, self.lengths, aims, caps):
       self._bend(now.joints, result, leg, lengths, aim, cap)
@@ -250,8 +251,7 @@ class _Path:
     hint = np.minimum(4 * sure.max((1, 2)), 1)
     # Of steps that lead to t - 2 .. t + 2. A body in flight keeps the speed with which it left the ground: what stances
     # on either side say holds there, too.
-    near = np.array([1, 2, 3, 2, 1]) / 9
-    slide = _weighted(slide * hint[:, None], near) / np.maximum(_weighted(hint, near), _HINT)[:, None]
+    slide = _weighted(slide * hint[:, None], _NEAR) / np.maximum(_weighted(hint, _NEAR), _HINT)[:, None]
     slide = slide[:count]
     fast = np.linalg.norm(slide, axis=-1, keepdims=True) * body.fps / body.metre
     back = -slide * np.maximum(1 - _SLIDES / np.maximum(fast, 1e-9), 0)

@@ -107,6 +107,17 @@ def test_a_body_whose_bones_become_longer_rises_and_bends_no_knee(clip):
   assert made[:, 0, 1].mean() > 1.05 * small[:, 0, 1].mean()
 
 
+def test_what_stances_say_holds_through_flight():
+  """Feet that are said to stand in half of the frames only, as in a run: the way is taken back between them, too."""
+  joints = synthetic_clips(0, 2)[1].joints.astype(np.float64)
+  joints, contacts = joints[:-1], extract(joints)[:, -4:]
+  flies = np.arange(len(joints)) % 8 >= 5
+  pushed = joints + (np.arange(len(joints)) * 0.8 / 20)[:, None, None] * [0, 0, 1]
+  way = lambda x: x[-1, 0, 2] - x[0, 0, 2]
+  made = clean_up(pushed, np.where(flies[:, None], 0, contacts))
+  assert way(made) - way(joints) < 0.3 * (way(pushed) - way(joints))
+
+
 def test_knees_do_not_snap(clip):
   """Feet that slide on nearly straight legs: planting them may not straighten the knees nor jerk them."""
   joints, contacts = clip
