@@ -60,10 +60,10 @@ def motion_errors():
   """Weights, in a tokenizer's or denoiser's section `loss`, of errors in how the decoded motion moves; 0: off, as in
   the papers.
 
-  acceleration of all joints; velocity of wrists, ankles and toes; velocity of feet that stand in the real motion
-  (models/motion_errors.py).
+  acceleration of all joints; velocity of wrists, ankles and toes; velocity of feet that stand in the real motion,
+  and of feet that are down for a moment (models/motion_errors.py).
   """
-  return dict(acceleration=0.0, extremity_velocity=0.0, foot_contact=0.0)
+  return dict(acceleration=0.0, extremity_velocity=0.0, foot_contact=0.0, brief_contact=0.0)
 
 
 def optimizer(learning_rate, **fields):

@@ -11,14 +11,15 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float, Num
 from ml_collections import ConfigDict
 
-from motion_jax.motion.contacts import feet_stand
+from motion_jax.motion.contacts import LOW, feet_stand
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
 from motion_jax.motion.stats import Stats
 from motion_jax.shapes import Array
 
-NAMES = ("acceleration", "extremity_velocity", "foot_contact")
+NAMES = ("acceleration", "extremity_velocity", "foot_contact", "brief_contact")
 STATS = "stats"  # the name of mean and std of the features among the frozen parts of a stage
+_TOUCHES = 1.0   # metres a second below which a foot near the ground bears a body that runs, at 20 frames a second
 
 
 def motion_errors(made: Num[Array, "b t j 3"], real: Num[Array, "b t j 3"],
@@ -29,8 +30,10 @@ def motion_errors(made: Num[Array, "b t j 3"], real: Num[Array, "b t j 3"],
   acceleration: of all joints, (m/s^2)^2. extremity_velocity: of wrists, ankles and toes, the error of the velocity and
   that of the speed alone added up, (m/s)^2: the mean of what a latent may mean is slower than any of it, and the speed
   tells. foot_contact: the decoded velocity of ankles and toes that stand in the real motion (`contacts.feet_stand`,
-  over a floor at 0), 0 where they do not, (m/s)^2. frame_mask (B, T): the frames that are no padding; a difference
-  counts whose frames all are.
+  over a floor at 0), 0 where they do not, (m/s)^2. brief_contact: the error of the velocity of ankles and toes that
+  touch the ground for a moment, which in the real motion are near it, slower than 1 m/s and do not stand: the feet of a
+  body that runs are down too briefly for that rule; (m/s)^2. frame_mask (B, T): the frames that are no padding; a
+  difference counts whose frames all are.
   """
   fps = fps or skeleton.fps
   feet = jnp.array(skeleton.left_feet + skeleton.right_feet)
@@ -44,11 +47,15 @@ def motion_errors(made: Num[Array, "b t j 3"], real: Num[Array, "b t j 3"],
   both = frame_mask[:, 1:] & frame_mask[:, :-1]
   ends = jnp.concatenate([wrists, feet])
   decoded, given = step(made[:, :, ends]), step(real[:, :, ends])
-  sliding = jnp.where((stands[:, 1:] & stands[:, :-1])[..., None], step(made[:, :, feet]), 0.0)
+  both_stand = stands[:, 1:] & stands[:, :-1]
+  sliding = jnp.where(both_stand[..., None], step(made[:, :, feet]), 0.0)
+  low = real[:, :, feet, 1] * skeleton.unit < LOW
+  touches = low[:, 1:] & low[:, :-1] & ~both_stand & (_speed(step(real[:, :, feet]))[..., 0] < _TOUCHES)
+  slipping = jnp.where(touches[..., None], step(error[:, :, feet]), 0.0)
   return {"acceleration": _mean_square(jnp.diff(step(error), axis=1) * fps, both[:, 1:] & both[:, :-1]),
           "extremity_velocity": _mean_square(
               jnp.concatenate([decoded - given, _speed(decoded) - _speed(given)], -1), both),
-          "foot_contact": _mean_square(sliding, both)}
+          "foot_contact": _mean_square(sliding, both), "brief_contact": _mean_square(slipping, both)}
 
 
 def _speed(velocities, least=0.01):

@@ -12,7 +12,9 @@ from motion_jax.motion.splicing import REACH, spliced
 
 _THREE = 0.3          # of stitched clips have three parts
 _STANDS = (24, 60)    # frames of standing
-_STILL = ("stands still", "stands in place", "is standing still")
+_SHORTEST = 40        # frames of standing alone
+_ALONE = 0.1          # of idle clips are standing alone, which no archive has a clip of
+_STILL = ("stands still", "stands in place", "is standing still", "stands still and does not move", "does not move")
 STAND = "stand still"  # what standing shows, beside the archives' own words
 
 
@@ -32,7 +34,7 @@ def stitched(parts, rng) -> Iterator[Clip | None]:
 
 
 def idle(parts, rng) -> Iterator[Clip | None]:
-  """An action after standing, or standing after it, or both: "stands still, then ..."."""
+  """An action after standing, or standing after it, or both: "stands still, then ..."; or standing alone."""
   still = [made for part in parts for made in standing(part)]
   known = _sayable(parts)
   graph = Graph([*known, *still])
@@ -41,6 +43,9 @@ def idle(parts, rng) -> Iterator[Clip | None]:
   number = 0
   while known and still:
     number += 1
+    if rng.random() < _ALONE:
+      yield _standing_alone(still[rng.integers(len(still))], number, rng)
+      continue
     first = bool(rng.random() < 0.5)
     own = stands
     if not first:
@@ -67,6 +72,14 @@ def standing(part) -> list[Part]:
     clip = part.clip.replace(joints=joints, captions=(Caption("a person stands still."),), meta={"content": STAND})
     found.append(Part(clip, joints, (event,), False, doors[:_STANDS[1] - _STANDS[0]], doors[_STANDS[0]:], ()))
   return found
+
+
+def _standing_alone(part, number, rng):
+  """A standing body, from some frame on, by some of the words for it."""
+  length = int(rng.integers(_SHORTEST, len(part.joints) + 1))
+  start = int(rng.integers(len(part.joints) - length + 1))
+  said = [f"{SUBJECTS[number % len(SUBJECTS)]} {_STILL[k]}." for k in rng.permutation(len(_STILL))[:3]]
+  return new_clip("idle", number, part.joints[start:start + length], said, part, STAND)
 
 
 def _sayable(parts):
