@@ -40,7 +40,7 @@ from motion_jax.text.encoder import TextEncoder
 from motion_jax.training import checkpoint
 
 CONTROL_STEPS = 4  # of Gauss-Newton, where constraints pull
-_PAST = 40  # frames of a motion behind which it goes on
+_PAST = 8  # frames of a motion behind which it goes on; behind more of them a second squat is left out: one is seen
 
 Spans = Sequence[Sequence[int]]  # [(first frame, the one behind the last), ...]
 
