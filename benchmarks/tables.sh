@@ -27,7 +27,7 @@ judge guidance --model cmdm-small --model cdamd-small --guidance 1 2 3 4 6 --rep
 judge reconstruction --model cmdm-small --model cdamd-small --protocol reconstruction --replications "$replications" \
   --controls
 judge editing --model cdamd-small --protocol editing --vary mask=causal mask=bcm --replications "$few"
-judge long --model cmdm-small --protocol long-horizon --vary way=stream way=chain --replications "$few" \
+judge long --model cmdm-small --protocol long-horizon --vary way=stream way=chain way=joined --replications "$few" \
   --limit 16 --controls
 motion-jax evaluate --beside "$out"/{main,multimodality,schedules,guidance,reconstruction,editing,long} \
   --report "$out/report"

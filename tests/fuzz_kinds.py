@@ -130,7 +130,8 @@ def stories(rng, folder):
     put(folder, {given: damage(rng, given, text.encode())})
   else:
     given = " " + _argument(damage_text(rng, _SEQUENCE.encode()).decode("utf-8", "replace"))
-  return command("multi-prompt", given, "--way", pick(rng, ("stream", "chain")), "--model", "run", "--out", "out/a.npy")
+  way = pick(rng, ("stream", "chain", "joined"))
+  return command("multi-prompt", given, "--way", way, "--model", "run", "--out", "out/a.npy")
 
 
 def timeline_files(rng, folder):
@@ -196,7 +197,7 @@ _FLAGS = ("--num", "--seed", "--guidance", "--steps", "--solver", "--schedule", 
           "--model", "--split", "--mode", "--mapping", "--captions", "--overwrite", "--no-mirror", "--data",
           "--teacher",
           "--edit", "--keep", "--task", "--help", "--version", "--what")
-_GIVEN = ("euler", "heun", "fss", "ar", "full", "stream", "chain", "run", "in.npz", "in.npy", "in.bvh", "set",
+_GIVEN = ("euler", "heun", "fss", "ar", "full", "stream", "chain", "joined", "run", "in.npz", "in.npy", "in.bvh", "set",
           "out/a.npz",
           "out/b.bvh,out/c.npy", "out", "out/x/y/z.npy", "/", "a.docx", "train", "1:2", "0.5s:1s", "50%:",
           "a person walks",

@@ -76,6 +76,23 @@ def test_the_released_way_chains_segments(model):
   assert np.abs(model.multi_prompt(prompts, seed=5, **FAST).joints[:30] - alone.joints[:30]).max() > 1e-4
 
 
+def test_prompts_that_are_made_apart_and_joined(model):
+  """Each begins as it would alone; where one ends is up to 14 frames from what is asked; no batch-mate is known."""
+  prompts = [("a person walks", 2.0), ("a person waves", 1.0), ("a person walks", 1.5)]
+  alone = model.multi_prompt(prompts, seed=5, way="joined", **FAST)
+  assert alone.num_frames == 90 and alone.meta["way"] == "joined"
+  assert [caption.text for caption in alone.captions] == [prompt for prompt, _ in prompts]
+  for caption, asked in zip(alone.captions[1:], (2.0, 3.0)):
+    assert abs(caption.start - asked) <= 0.75
+  both = model.multi_prompts([[("a person runs", 2.0), ("a person waves", 2.0)], prompts], seeds=[1, 5], way="joined",
+                             **FAST)
+  assert np.abs(both[1].joints - alone.joints).max() < 1e-4 and both[0].num_frames == 80
+  streamed = model.multi_prompt(prompts, seed=5, **FAST)
+  assert streamed.meta["way"] == "stream" and np.abs(streamed.joints[:80] - alone.joints[:80]).max() > 1e-3
+  with pytest.raises(ValueError, match="got way 'apart', expected one of stream, chain, joined"):
+    model.multi_prompt(prompts, way="apart")
+
+
 def test_words_of_a_stream_change_when_they_are_said(model):
   """Said after n blocks: the blocks that are under way keep their words, unless `after` is shorter."""
   run = lambda after, prompt: _told(model, after, prompt)

@@ -37,9 +37,9 @@ def add_to(commands):
   several.add_argument("prompts", help="\"a person walks:4 | a person waves | ...\", with or without seconds behind "
                        "colons; a .csv (prompt,length in frames), a .txt (a prompt a line, as above) or a .txt of "
                        "timelines (caption # start # end # body parts)")
-  several.add_argument("--way", choices=("stream", "chain"), default="stream",
+  several.add_argument("--way", choices=("stream", "chain", "joined"), default="stream",
                        help="stream (default): the words change within one run; chain: one run per sentence, as in the "
-                            "released code")
+                            "released code; joined: each sentence by itself, joined where poses meet")
   several.add_argument("--rest", action="store_true", help="an action that is over before its seconds are, such as a "
                        "bow, ends in standing still; without it, it goes on or is done again")
   several.add_argument("--hold-until-done", action="store_true", help="no action that is done once, such as a kick, "

@@ -81,7 +81,7 @@ class Benchmark(Protocol):
   joints_layout: str = ""                # where real joints are of other features than the evaluator's
   jerk_unit: float = 1.0                 # of jerk, in metres: 0.01 is centimetres
   real_jerk: str | None = "humanml3d"    # level of AUJ, a key of physics.REAL_JERK; None: of the real clips given
-  way: str = "stream"                    # of long motions where --sampling does not say: "stream" or "chain"
+  way: str = "stream"                    # of long motions where --sampling does not say: "stream", "chain" or "joined"
   paper: tuple[str, str, str] | None = None  # (system, table, row) to print beside
   paper_layout: str | None = None        # where only an evaluator of this layout compares with it
   note: str = ""                         # what has to be said under the table

@@ -194,7 +194,7 @@ def _generated(model, prompts, num_frames, seconds, keys, seeds, cleanup, litera
   rows = [i for i in range(len(prompts)) if i not in found]
   several = [sentence for i in rows if (sentence := sentences[i]) is not None]
   made = _composed(model, several, [lengths[i] for i in rows], keys[np.array(rows)], [seeds[i] for i in rows], cleanup,
-                   sampling, make=_joined if apart else None)
+                   sampling, make=made_apart if apart else None)
   found |= zip(rows, made)
   return gathered([found[i].replace(id=f"motion_{i}") for i in range(len(prompts))])
 
@@ -224,9 +224,11 @@ def _composed(model: "TextToMotionModel", sentences: list[Sentence], lengths: li
           for base, sentence, body, span, frames in zip(bases, sentences, joints, spans, lengths)]
 
 
-def _joined(model, lists, keys, seeds, cleanup, sampling):
-  """A Motion of each list of (prompt, frames), as `in_a_row`, but each made by itself and joined where poses fit. In a
-  row stays one action done several times, and what would be longer than the model makes any."""
+def made_apart(model: "TextToMotionModel", lists: Sequence[Sequence[tuple[str, int]]], keys: jax.Array,
+               seeds: Sequence[int | None], cleanup: bool, sampling: dict[str, Any]) -> list[Any]:
+  """A Motion of each list of (prompt, frames), as `in_a_row`, but each made by itself and joined where poses fit, up to
+  14 frames earlier or later. In a row stays one action done several times, and what would be longer than the model
+  makes any."""
   found: dict[int, Any] = {}
   longest = model.max_seconds * model.fps - SLACK
   rows = [row for row, one in enumerate(lists)

@@ -20,7 +20,7 @@ from motion_jax.models.cmdm.options import CmdmSampling
 from motion_jax.models.controlled import Control
 from motion_jax.models.known_motion import on_our_body
 from motion_jax.models.options import TRIES
-from motion_jax.models.results import Motion, Motions, captions_in_a_row, go_on, make_motions
+from motion_jax.models.results import Motion, Motions, captions_in_a_row, gathered, go_on, make_motions
 from motion_jax.runtime import timing
 
 # Where constraints pull: conjugate gradient steps each time, and Gauss-Newton steps when all is finished.
@@ -113,7 +113,9 @@ class CmdmModel(CmdmNetworks):
     way: "stream" changes the words from block to block of one run, in which the old prompt's last blocks and the new
     one's first are denoised together; prompts then change on a grid of whole blocks (12 frames), to which lengths are
     rounded, and the end is cut to the sum that was asked. "chain" is the released code's: one run per prompt behind the
-    last latent of the one before, lengths floored to whole latents (4 frames).
+    last latent of the one before, lengths floored to whole latents (4 frames). "joined" makes each prompt by itself and
+    joins them where poses meet, up to 14 frames from where it is asked: closest to what the model makes of a single
+    prompt, and nothing that a stream could do.
     rest: an action that is over before its seconds are, such as a bow, ends in standing still. hold_until_done: an
     action that is done once has at least the time that clips of it in training have, and the next words wait. ease:
     what hastens where the words change is spread over 0.4 s (`motion.blending.eased`); features stay as they were made.
@@ -121,8 +123,8 @@ class CmdmModel(CmdmNetworks):
     told = [self._segments(segments) for segments in lists]
     if not told:
       raise ValueError("got no prompts, expected a list of (prompt, seconds or None) for each motion")
-    if way not in multi.WAYS:
-      raise ValueError(f"got way {way!r}, expected one of {', '.join(multi.WAYS)}")
+    if way not in (*multi.WAYS, multi.JOINED):
+      raise ValueError(f"got way {way!r}, expected one of {', '.join((*multi.WAYS, multi.JOINED))}")
     keys, seeds = keys_of(rng, seeds, len(told))
     if hold_until_done:
       told = [[(prompt, max(count, composed.took_of(self, prompt))) for prompt, count in row] for row in told]
@@ -133,6 +135,8 @@ class CmdmModel(CmdmNetworks):
   def in_a_row(self, lists: Sequence[Sequence[tuple[str, int]]], keys: jax.Array, seeds: Sequence[int | None],
                cleanup: bool, sampling: dict[str, Any], way: str = "stream", ease: bool = False) -> Motions:
     """A motion of each list of (prompt, frames), a key each; see `multi_prompts`."""
+    if way == multi.JOINED:  # what hastens at borders is spread by the joining already
+      return gathered(composed.made_apart(self, lists, keys, seeds, cleanup, sampling))
     plan, chosen, about = self.plan_of(**sampling)
     prompts, counts = ([list(part) for part in parts] for parts in zip(*(zip(*segments) for segments in lists)))
     make = multi.stream if way == "stream" else multi.chain

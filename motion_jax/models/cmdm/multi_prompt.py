@@ -18,6 +18,7 @@ from motion_jax.motion.representations import to_features, to_joints
 from motion_jax.shapes import Array
 
 WAYS = ("stream", "chain")
+JOINED = "joined"   # of whole clips alone: each prompt made by itself (`models.composed`)
 _BUCKET = 4         # blocks; lengths are rounded up to it, so that not every length waits for a compiler
 
 
