@@ -27,7 +27,10 @@ judge guidance --model cmdm-small --model cdamd-small --guidance 1 2 3 4 6 --rep
 judge reconstruction --model cmdm-small --model cdamd-small --protocol reconstruction --replications "$replications" \
   --controls
 judge editing --model cdamd-small --protocol editing --vary mask=causal mask=bcm --replications "$few"
-judge long --model cmdm-small --protocol long-horizon --vary way=stream way=chain way=joined --replications "$few" \
+judge long --model cmdm-small --protocol long-horizon --vary way=stream way=chain --replications "$few" \
   --limit 16 --controls
-motion-jax evaluate --beside "$out"/{main,multimodality,schedules,guidance,reconstruction,editing,long} \
+# As a person sees them: cleaned up, borders eased.
+judge long-shown --model cmdm-small --protocol long-horizon --sampling cleanup=true ease=true \
+  --vary way=stream way=joined --replications "$few" --limit 16
+motion-jax evaluate --beside "$out"/{main,multimodality,schedules,guidance,reconstruction,editing,long,long-shown} \
   --report "$out/report"
