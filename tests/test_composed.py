@@ -130,6 +130,14 @@ class TestComposed:
       model.generate("a person jumps 9999 times, then waves", seeds=[1])
 
 
+def test_seconds_that_a_sentence_says_are_kept_where_a_length_is_asked():
+  """The others share what is left; where nothing would be, or all say theirs, all are shared."""
+  within = composed._within
+  assert within([40, 100, 50], [True, False, False], 130, 4) == [40, 60, 30]
+  assert within([40, 100], [True, False], 42, 4) == composed.shared([40, 100], 42, 4)
+  assert within([40, 60], [True, True], 50, 4) == [20, 30] and within([40, 60], [False, False], 50, 4) == [20, 30]
+
+
 def test_lengths_are_shared_in_proportion():
   assert composed.shared([100, 50], 60, 4) == [40, 20]
   assert composed.shared([1, 1, 98], 20, 4) == [4, 4, 12]

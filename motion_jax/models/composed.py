@@ -136,10 +136,20 @@ def _lengths(model, sentence, total):
     if not least * len(counts) <= total <= _LONGEST * model.fps:
       raise InputError(f"got a length of {total:g} frames for {len(counts)} actions in a row, expected "
                        f"{least * len(counts)} to {_LONGEST * model.fps:.0f}")
-    counts = shared(counts, round(total), least)
+    counts = _within(counts, [segment.seconds is not None for segment in sentence.segments], round(total), least)
   if sum(counts) > _LONGEST * model.fps:
     raise InputError(f"got a sentence of {sum(counts) / model.fps:,.0f} s, expected at most {_LONGEST:,}")
   return model.frames_of([segment.action.prompt for segment in sentence.segments], counts, None)
+
+
+def _within(counts, said, total, least):
+  """Counts that sum to total: of those that are `said` as they are where that leaves enough for the others."""
+  free = [count for count, is_said in zip(counts, said) if not is_said]
+  left = total - sum(counts) + sum(free)
+  if not free or left < least * len(free):
+    return shared(counts, total, least)
+  others = iter(shared(free, left, least))
+  return [count if is_said else next(others) for count, is_said in zip(counts, said)]
 
 
 def told(sentence: Sentence, frames: Sequence[int], fps: float) -> str:

@@ -20,14 +20,15 @@ def with_rest(joints: Num[np.ndarray, "t j 3"], at: int, count: int, skeleton: S
 
   Where both feet are on the ground and slow, the body slows down within 0.4 s, and nothing moves until it goes on as it
   did; no foot slides that did not before. A foot that is in the air even then, as in running, is put down below its
-  hip. ends: the body does not go on, and what is behind is left away. float32.
+  hip. at 0: it stands from the first frame on, and what it did before it stood best is left away. ends: the body does
+  not go on, and what is behind is left away. float32.
   """
   joints = np.asarray(joints, np.float64)
   stop = _best_stand(joints, at, skeleton)
   ease = min(_EASE, 2 * stop, count // 2 * 2)
   # At half the speed on average, stopping takes twice the frames that are passed on the way.
   slow = stop - ease / 2 + _eased(ease)
-  times = [np.arange(stop - ease // 2 + 1), slow]
+  times = [np.arange(stop - ease // 2 + 1), slow] if at else []
   if ends:
     times.append(np.full(max(len(joints) + count - sum(map(len, times)), 0), stop))
   else:

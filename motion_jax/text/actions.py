@@ -4,6 +4,7 @@ The words are those of sentences about movement; the shares by which a verb is s
 SINC (Athanasiou et al. 2023) counted: walking is of the legs, waving of the arms, bowing of the torso, nodding of the
 head.
 """
+import re
 from collections.abc import Sequence
 
 from motion_jax.data.tagger import base_form
@@ -48,6 +49,9 @@ RESTS = {"stop", "pause", "wait", "rest", "halt", "freeze"}
 # Seconds of one swing, clap or blow of actions that a clip shows many times: to do such a thing twice takes no longer.
 _CYCLES = {"wave": 0.8, "clap": 0.6, "nod": 0.8, "shake": 0.6, "punch": 1.0, "jab": 0.8, "stomp": 0.8, "stamp": 0.8}
 _ONE_BY_ONE = {"kick", "squat"}
+# Somebody walks, and no word says where.
+_NOWHERE = re.compile(r"(?:(?:someone|somebody|he|she|(?:a|an|the|one)(?: (?!and |then |while )[\w'-]+){1,3}) (?:(?:walk|run|jog)s|"
+                      r"is (?:walking|running|jogging))|(?:they )?(?:walk|run|jog))", re.IGNORECASE)
 _THINGS = (("legs", {"leg", "knee", "foot", "feet", "heel", "toe", "ankle", "thigh"}),
            ("head", {"head", "chin", "neck"}),
            ("torso", {"torso", "hip", "waist", "chest"}),
@@ -106,3 +110,13 @@ def sides_of(words: Sequence[str]) -> tuple[str, ...]:
           if word == side and base_form(thing, {"arm", "hand", "wrist", "elbow", "fist"})]
   both = "both" in words or any(word in ("hands", "arms", "fists", "elbows") for word in words)
   return ("left", "right") if both else tuple(dict.fromkeys(told))
+
+
+def going_forward(prompt: str) -> str:
+  """The prompt, with "forward" behind it where it says no more than that somebody walks, runs or jogs.
+
+  Captions by kinematics (`data.describe`) say of all who go forward that they do, and "walks" of those of whom the
+  rules could not tell; whoever writes "a person walks" means forward.
+  """
+  bare = prompt.strip().rstrip(" .!")
+  return f"{bare} forward" if _NOWHERE.fullmatch(" ".join(bare.split())) else prompt

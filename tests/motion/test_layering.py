@@ -57,6 +57,8 @@ def test_a_body_that_rests_stands_still_and_goes_on_from_there(clips, at, count,
   assert fastest(made[:, legs]) < 0.1  # metres, of a foot that is put down
   ankles = made[(first + past) // 2, [7, 8], 1]
   assert (ankles < walk[:, [7, 8], 1].min(0) + 0.06).all()
+  if at == 0:
+    assert first == 0
   if ends:
     assert past == len(made)
   else:

@@ -241,3 +241,17 @@ def test_long_texts_take_no_time():
   for text in ("a person walks and waves, then " * 160, "and " * 1250, "walking " * 600, "a , " * 1200, "😀" * 5000):
     understand(text)
   assert time.perf_counter() - start < 5
+
+
+@pytest.mark.parametrize("said, meant", [
+    ("a person walks", "a person walks forward"), ("Someone is running.", "Someone is running forward"),
+    ("an old man jogs", "an old man jogs forward"), ("walk", "walk forward"), ("they walk!", "they walk forward")])
+def test_whoever_walks_and_no_word_says_where_walks_forward(said, meant):
+  assert actions.going_forward(said) == meant and actions.going_forward(meant) == meant
+
+
+@pytest.mark.parametrize("said", [
+    "a person walks backward", "a man makes a u-turn while walking", "the man starts a run", "a dog barks", "",
+    "someone stands still, then walks", "a person walks in a circle", "a person turns and walks"])
+def test_other_sentences_stay_as_they_are(said):
+  assert actions.going_forward(said) == said

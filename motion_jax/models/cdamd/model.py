@@ -36,6 +36,7 @@ from motion_jax.nets.masks import padding_mask
 from motion_jax.runs import Run
 from motion_jax.runtime import cache
 from motion_jax.shapes import Array
+from motion_jax.text.actions import going_forward
 from motion_jax.text.encoder import TextEncoder
 from motion_jax.training import checkpoint
 
@@ -236,7 +237,10 @@ class CdamdModel(TextToMotionModel):
     return to_features(np.concatenate([joints, 2 * joints[-1:] - joints[-2:-1]]), layout, self.config.data.mode)
 
   def encode_words(self, prompts: Sequence[str]) -> tuple[Array, Array | None]:
-    """(text_emb, text_mask or None) as the model was trained: sentence vectors, or these and their words."""
+    """(text_emb, text_mask or None) as the model was trained: sentence vectors, or these and their words. Of a model
+    that learned captions by kinematics, "walks" is said as "walks forward" (`text.actions.going_forward`)."""
+    if self.config.data.get("described", False):
+      prompts = [going_forward(prompt) for prompt in prompts]
     if self.encoder.level == "sentence":
       return self.encoder(prompts)[0], None
     return self.encoder.sentence_and_words(prompts, at_least=min(self.config.data.max_words, self.encoder.max_words))
