@@ -50,8 +50,9 @@ RESTS = {"stop", "pause", "wait", "rest", "halt", "freeze"}
 _CYCLES = {"wave": 0.8, "clap": 0.6, "nod": 0.8, "shake": 0.6, "punch": 1.0, "jab": 0.8, "stomp": 0.8, "stamp": 0.8}
 _ONE_BY_ONE = {"kick", "squat"}
 # Somebody walks, and no word says where.
-_NOWHERE = re.compile(r"(?:(?:someone|somebody|he|she|(?:a|an|the|one)(?: (?!and |then |while )[\w'-]+){1,3}) (?:(?:walk|run|jog)s|"
-                      r"is (?:walking|running|jogging))|(?:they )?(?:walk|run|jog))", re.IGNORECASE)
+_NOWHERE = re.compile(r"(?:(?:someone|somebody|he|she|(?:a|an|the|one)(?: (?!and |then |while )[\w'-]+){1,3}) "
+                      r"(?:(?:walk|run|jog)s|is (?:walking|running|jogging))|(?:they )?(?:walk|run|jog))",
+                      re.IGNORECASE)
 _THINGS = (("legs", {"leg", "knee", "foot", "feet", "heel", "toe", "ankle", "thigh"}),
            ("head", {"head", "chin", "neck"}),
            ("torso", {"torso", "hip", "waist", "chest"}),
