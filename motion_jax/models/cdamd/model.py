@@ -85,7 +85,7 @@ class CdamdModel(TextToMotionModel):
     """Motions for one prompt or several, of the given length each (one number or one per prompt).
 
     A prompt of several actions ("walks, then waves", "waves while walking") is done action by action, as
-    `understand(prompt)` says it is understood, each action an edit behind the last two seconds of the one before;
+    `understand(prompt)` says it is understood, each action an edit behind the last 0.4 s of the one before;
     literal: its words go to the network as they are, as those of a single action always do. A length is shared among
     the actions. Where kicks, jumps, waves, turns and the like that it asks for are not to be seen, or not as many,
     a motion is made anew, up to `tries` in all (`models.looking`; 1: what comes first).
