@@ -57,9 +57,17 @@ def test_a_body_that_rests_stands_still_and_goes_on_from_there(clips, at, count,
   assert fastest(made[:, legs]) < 0.1  # metres, of a foot that is put down
   ankles = made[(first + past) // 2, [7, 8], 1]
   assert (ankles < walk[:, [7, 8], 1].min(0) + 0.06).all()
-  if at == 0:
-    assert first == 0
   if ends:
     assert past == len(made)
   else:
     np.testing.assert_allclose(np.delete(made[-1], legs, axis=0), np.delete(walk[-1], legs, axis=0), atol=1e-6)
+
+
+def test_who_stands_first_stands_from_the_first_frame(clips):
+  """Of a body that is quick at first and stands best a little later, what is before that is left away."""
+  path = np.cumsum(np.where(np.arange(60) < 6, 0.05, 0.01))
+  body = np.repeat(clips[0][:1], 60, axis=0) + path[:, None, None] * [0, 0, 1.0]
+  made, first, past = with_rest(body, 0, 30, HUMANML3D)
+  assert first == 0 and past > 20 and len(made) == 90
+  np.testing.assert_array_equal(made[:past], np.repeat(made[:1], past, axis=0))
+  assert made[-1, 0, 2] - made[0, 0, 2] == pytest.approx(path[-1] - path[6], abs=0.03)
