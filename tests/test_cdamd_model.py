@@ -168,3 +168,17 @@ def test_actions_in_a_row_go_on_from_each_other(model):
   steps = np.linalg.norm(np.diff(made.joints, axis=0), axis=-1).max(-1)
   assert steps[border - 1] <= np.delete(steps, border - 1).max()  # no leap beyond those of an untrained body
   assert made.features.shape == (120, 66) and np.ptp(made.joints[border:], axis=0).max() > 1e-3
+
+
+def test_who_walks_is_understood_to_walk_forward_where_captions_by_kinematics_were_learned(model, monkeypatch):
+  """Words of which nothing is to be parted are said as they are by any other model, and literally by all."""
+  plain = model.understand("a person walks").segments[0].action
+  assert plain.prompt == "a person walks" and not plain.reworded
+  config = model.config.copy_and_resolve_references()
+  with config.unlocked():
+    config.data.described = True
+  monkeypatch.setattr(model, "config", config)
+  sentence = model.understand("a person walks")
+  assert sentence.segments[0].action.prompt == "a person walks forward" and not sentence.is_plain
+  told = model.understand("a person walks, then waves").prompts
+  assert told == ["a person walks forward", "a person waves"]

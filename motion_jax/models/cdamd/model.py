@@ -38,12 +38,20 @@ from motion_jax.runtime import cache
 from motion_jax.shapes import Array
 from motion_jax.text.actions import going_forward
 from motion_jax.text.encoder import TextEncoder
+from motion_jax.text.sentences import Action, Sentence
 from motion_jax.training import checkpoint
 
 CONTROL_STEPS = 4  # of Gauss-Newton, where constraints pull
 _PAST = 8  # frames of a motion behind which it goes on; behind more of them a second squat is left out: one is seen
 
 Spans = Sequence[Sequence[int]]  # [(first frame, the one behind the last), ...]
+
+
+def _going_forward(action: Action) -> Action:
+  prompt = going_forward(action.prompt)
+  if prompt == action.prompt:
+    return action
+  return action._replace(prompt=prompt, words=f"{action.words.rstrip(' .!')} forward", reworded=True)
 
 
 class CdamdModel(TextToMotionModel):
@@ -76,6 +84,14 @@ class CdamdModel(TextToMotionModel):
       return super().natural_frames(prompt)
     logits: Any = self.length.apply(self.frozen["length"], self.encoder([prompt])[0][:, 0])
     return int(np.minimum(lengths.middle_frames(logits, self.frames_per_latent), self.config.data.max_frames)[0])
+
+  def understand(self, prompt: str) -> Sentence:
+    """As of any model; of one that learned captions by kinematics "walks" is understood as "walks forward"."""
+    sentence = super().understand(prompt)
+    if not self.config.data.get("described", False):
+      return sentence
+    return sentence._replace(segments=tuple(part._replace(
+        action=_going_forward(part.action), also=tuple(map(_going_forward, part.also))) for part in sentence.segments))
 
   @former_names.with_keywords
   def generate(self, prompts: Prompts, num_frames: Frames = None, *, seconds: Frames = None,
@@ -237,10 +253,7 @@ class CdamdModel(TextToMotionModel):
     return to_features(np.concatenate([joints, 2 * joints[-1:] - joints[-2:-1]]), layout, self.config.data.mode)
 
   def encode_words(self, prompts: Sequence[str]) -> tuple[Array, Array | None]:
-    """(text_emb, text_mask or None) as the model was trained: sentence vectors, or these and their words. Of a model
-    that learned captions by kinematics, "walks" is said as "walks forward" (`text.actions.going_forward`)."""
-    if self.config.data.get("described", False):
-      prompts = [going_forward(prompt) for prompt in prompts]
+    """(text_emb, text_mask or None) as the model was trained: sentence vectors, or these and their words."""
     if self.encoder.level == "sentence":
       return self.encoder(prompts)[0], None
     return self.encoder.sentence_and_words(prompts, at_least=min(self.config.data.max_words, self.encoder.max_words))

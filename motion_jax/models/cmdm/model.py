@@ -114,8 +114,7 @@ class CmdmModel(CmdmNetworks):
     one's first are denoised together; prompts then change on a grid of whole blocks (12 frames), to which lengths are
     rounded, and the end is cut to the sum that was asked. "chain" is the released code's: one run per prompt behind the
     last latent of the one before, lengths floored to whole latents (4 frames). "joined" makes each prompt by itself and
-    joins them where poses meet, up to 14 frames from where it is asked: closest to what the model makes of a single
-    prompt, and nothing that a stream could do.
+    joins them where poses meet, up to 14 frames from where it is asked, which no stream could do.
     rest: an action that is over before its seconds are, such as a bow, ends in standing still. hold_until_done: an
     action that is done once has at least the time that clips of it in training have, and the next words wait. ease:
     what hastens where the words change is spread over 0.4 s (`motion.blending.eased`); features stay as they were made.
@@ -123,8 +122,8 @@ class CmdmModel(CmdmNetworks):
     told = [self._segments(segments) for segments in lists]
     if not told:
       raise ValueError("got no prompts, expected a list of (prompt, seconds or None) for each motion")
-    if way not in (*multi.WAYS, multi.JOINED):
-      raise ValueError(f"got way {way!r}, expected one of {', '.join((*multi.WAYS, multi.JOINED))}")
+    if way not in multi.WHOLE_WAYS:
+      raise ValueError(f"got way {way!r}, expected one of {', '.join(multi.WHOLE_WAYS)}")
     keys, seeds = keys_of(rng, seeds, len(told))
     if hold_until_done:
       told = [[(prompt, max(count, composed.took_of(self, prompt))) for prompt, count in row] for row in told]

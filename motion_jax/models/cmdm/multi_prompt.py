@@ -19,6 +19,7 @@ from motion_jax.shapes import Array
 
 WAYS = ("stream", "chain")
 JOINED = "joined"   # of whole clips alone: each prompt made by itself (`models.composed`)
+WHOLE_WAYS = (*WAYS, JOINED)
 _BUCKET = 4         # blocks; lengths are rounded up to it, so that not every length waits for a compiler
 
 
