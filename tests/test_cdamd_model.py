@@ -5,6 +5,7 @@ import shutil
 import jax
 import numpy as np
 import pytest
+from ml_collections import ConfigDict
 
 from motion_jax import cli
 from motion_jax import fit as training
@@ -174,9 +175,9 @@ def test_who_walks_is_understood_to_walk_forward_where_captions_by_kinematics_we
   """Words of which nothing is to be parted are said as they are by any other model, and literally by all."""
   plain = model.understand("a person walks").segments[0].action
   assert plain.prompt == "a person walks" and not plain.reworded
-  config = model.config.copy_and_resolve_references()
+  config = ConfigDict(model.config)
   with config.unlocked():
-    config.data.described = True
+    config.data = ConfigDict({**config.data, "described": True})
   monkeypatch.setattr(model, "config", config)
   sentence = model.understand("a person walks")
   assert sentence.segments[0].action.prompt == "a person walks forward" and not sentence.is_plain
