@@ -61,9 +61,9 @@ def motion_errors():
   the papers.
 
   acceleration of all joints; velocity of wrists, ankles and toes; velocity of feet that stand in the real motion,
-  and of feet that are down for a moment (models/motion_errors.py).
+  and of feet that are down for a moment; lengths of bones (models/motion_errors.py).
   """
-  return dict(acceleration=0.0, extremity_velocity=0.0, foot_contact=0.0, brief_contact=0.0)
+  return dict(acceleration=0.0, extremity_velocity=0.0, foot_contact=0.0, brief_contact=0.0, bone_length=0.0)
 
 
 def optimizer(learning_rate, **fields):

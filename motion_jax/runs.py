@@ -120,7 +120,7 @@ def open(name: str | os.PathLike, stage: str | Sequence[str] | None = None, raw:
 
 _STORE = {"data.store": ""}
 _MOTION_ERRORS = {"data.balance": 0.0, "loss.acceleration": 0.0, "loss.extremity_velocity": 0.0,
-                  "loss.foot_contact": 0.0, "loss.brief_contact": 0.0}
+                  "loss.foot_contact": 0.0, "loss.brief_contact": 0.0, "loss.bone_length": 0.0}
 _TEXT_ITEMS = {"data.frames_per_latent": 4, "data.crop_frames": 0, "data.keep_long": False, "data.coin": 1 / 3}
 _EVALUATOR = {"frozen.text": "", "data.max_frames": 196,
               "model.columns": lambda config: get_layout(config["data"]["layout"]).dim}

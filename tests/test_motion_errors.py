@@ -72,6 +72,21 @@ def test_a_foot_that_is_down_for_a_moment_goes_as_the_real_one():
   assert found(given(0.4, 0), given(0.4, 0))["brief_contact"] == 0
 
 
+def test_a_foot_that_is_too_short_by_3_cm():
+  """One of 21 bones, in all frames; where the bone points, and where the body is, is not asked."""
+  real = standing()
+  ankle, toe = HUMANML3D.left_feet
+  bone = real[:, :, toe] - real[:, :, ankle]
+  made, turned = real.copy(), real.copy()
+  made[:, :, toe] -= 0.03 * bone / np.linalg.norm(bone, axis=-1, keepdims=True)
+  assert found(made, real)["bone_length"] == pytest.approx(0.03**2 / 21, rel=1e-3)
+  turned[:, :, toe] = real[:, :, ankle] + bone[..., [1, 2, 0]]
+  assert found(turned + 1.0, real)["bone_length"] < 1e-9
+  millimetres = np.zeros((1, 10, 21, 3), np.float32)
+  millimetres[:, :, KIT.left_feet[-1]] = [30, 0, 0]  # a toe, at whose end no bone begins
+  assert found(millimetres, 0 * millimetres, skeleton=KIT)["bone_length"] == pytest.approx(0.03**2 / 20, rel=0.01)
+
+
 def test_units_and_rates_are_the_skeletons():
   """KIT's joints are millimetres at 12.5 frames a second: 100 mm a frame are 1.25 m/s."""
   real = jnp.zeros((1, 10, 21, 3))

@@ -17,7 +17,7 @@ from motion_jax.motion.skeleton import HUMANML3D, Skeleton
 from motion_jax.motion.stats import Stats
 from motion_jax.shapes import Array
 
-NAMES = ("acceleration", "extremity_velocity", "foot_contact", "brief_contact")
+NAMES = ("acceleration", "extremity_velocity", "foot_contact", "brief_contact", "bone_length")
 STATS = "stats"  # the name of mean and std of the features among the frozen parts of a stage
 _TOUCHES = 1.0   # metres a second below which a foot near the ground bears a body that runs, at 20 frames a second
 
@@ -32,8 +32,9 @@ def motion_errors(made: Num[Array, "b t j 3"], real: Num[Array, "b t j 3"],
   tells. foot_contact: the decoded velocity of ankles and toes that stand in the real motion (`contacts.feet_stand`,
   over a floor at 0), 0 where they do not, (m/s)^2. brief_contact: the error of the velocity of ankles and toes that
   touch the ground for a moment, which in the real motion are near it, slower than 1 m/s and do not stand: the feet of a
-  body that runs are down too briefly for that rule; (m/s)^2. frame_mask (B, T): the frames that are no padding; a
-  difference counts whose frames all are.
+  body that runs are down too briefly for that rule; (m/s)^2. bone_length: the error of the length of every bone, m^2:
+  of where a joint may be the mean lies nearer to its parent than any of it, so that feet and legs come out too short.
+  frame_mask (B, T): the frames that are no padding; a difference counts whose frames all are.
   """
   fps = fps or skeleton.fps
   feet = jnp.array(skeleton.left_feet + skeleton.right_feet)
@@ -50,17 +51,23 @@ def motion_errors(made: Num[Array, "b t j 3"], real: Num[Array, "b t j 3"],
   both_stand = stands[:, 1:] & stands[:, :-1]
   sliding = jnp.where(both_stand[..., None], step(made[:, :, feet]), 0.0)
   low = real[:, :, feet, 1] * skeleton.unit < LOW
-  touches = low[:, 1:] & low[:, :-1] & ~both_stand & (_speed(step(real[:, :, feet]))[..., 0] < _TOUCHES)
+  touches = low[:, 1:] & low[:, :-1] & ~both_stand & (_length(step(real[:, :, feet]))[..., 0] < _TOUCHES)
   slipping = jnp.where(touches[..., None], step(error[:, :, feet]), 0.0)
   return {"acceleration": _mean_square(jnp.diff(step(error), axis=1) * fps, both[:, 1:] & both[:, :-1]),
           "extremity_velocity": _mean_square(
-              jnp.concatenate([decoded - given, _speed(decoded) - _speed(given)], -1), both),
-          "foot_contact": _mean_square(sliding, both), "brief_contact": _mean_square(slipping, both)}
+              jnp.concatenate([decoded - given, _length(decoded) - _length(given)], -1), both),
+          "foot_contact": _mean_square(sliding, both), "brief_contact": _mean_square(slipping, both),
+          "bone_length": _mean_square(_bones(made, skeleton) - _bones(real, skeleton), frame_mask)}
 
 
-def _speed(velocities, least=0.01):
-  """Lengths (..., 1) of velocities (..., 3); smooth, with a gradient, where nothing moves."""
-  return jnp.sqrt((velocities ** 2).sum(-1, keepdims=True) + least ** 2)
+def _bones(joints, skeleton):
+  """Lengths (B, T, J - 1, 1), in metres, of the bones of joints (B, T, J, 3)."""
+  return skeleton.unit * _length(joints[:, :, 1:] - joints[:, :, jnp.array(skeleton.parents[1:])], 1e-4 / skeleton.unit)
+
+
+def _length(vectors, least=0.01):
+  """Lengths (..., 1) of vectors (..., 3), by default velocities; smooth, with a gradient, where they are 0."""
+  return jnp.sqrt((vectors ** 2).sum(-1, keepdims=True) + least ** 2)
 
 
 def _mean_square(vectors, mask):
