@@ -41,7 +41,9 @@ def test_borders_are_on_blocks_and_the_end_is_as_asked():
   assert multi_prompt.borders([100], 12) == ([9], 100)
 
 
-def test_several_prompts_are_one_motion_and_a_stream_says_the_same(model):
+@pytest.mark.parametrize("memory", [None, pytest.param(3, marks=pytest.mark.slow)])
+def test_several_prompts_are_one_motion_and_a_stream_says_the_same(model, memory):
+  FAST = dict(num_steps=6, lag=2, memory=memory)
   whole = model.multi_prompt(PROMPTS, seed=2, cleanup=False, **FAST)
   assert whole.num_frames == 64 and whole.features.shape == (64, 263)
   assert whole.captions == (Caption("a person walks", 0.0, 1.2), Caption("a person waves", 1.2, 2.4),

@@ -23,6 +23,7 @@ STEPS = (1, 1000)        # of a sampler; a table of modulations holds each
 GUIDANCE = (-100, 100)
 SIDE_GUIDANCE = (0, 10)
 CONTEXT = (1, 18_000)    # latents: an hour
+MEMORY = (0, 18_000)     # of a context
 
 
 class NumberError(InputError, argparse.ArgumentTypeError):

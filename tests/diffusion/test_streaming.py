@@ -124,7 +124,9 @@ def streamed(dit, plan, params, constants, text, keys, num_blocks, scale=SCALE, 
     if segment is not None:
       window = max(at - plan.age, 0) + np.arange(plan.width)
       caption = jnp.asarray(segment[:, np.minimum(window, num_blocks - 1)])
-    state, block, done = step(sampler, state, active=plan.width, use_cache=at > plan.age, caption=caption)
+    since = streaming.seen_since(plan, segment)
+    sees = None if since is None else since[:, np.minimum(window, num_blocks - 1)]
+    state, block, done = step(sampler, state, active=plan.width, use_cache=at > plan.age, caption=caption, since=sees)
     if done:
       blocks.append(block)
   return jnp.concatenate(blocks, axis=1), state
@@ -225,6 +227,46 @@ def test_one_caption_for_all_is_the_plain_run():
   segment = np.array([[0, 0, 1, 1], [0, 1, 1, 1]], np.int32)
   plain = fast(dit, plan, params, constants, text, SCALE, keys, 4)
   assert_close(fast(dit, plan._replace(captions=2), params, constants, twice, SCALE, keys, 4, 1, segment), plain, 2e-6)
+
+
+@pytest.mark.parametrize("memory, guided", [
+    (0, True), pytest.param(3, True, marks=pytest.mark.slow), pytest.param(6, False, marks=pytest.mark.slow)])
+def test_new_words_look_back_no_farther_than_the_memory(memory, guided):
+  """Cached = recomputed = streamed, for two motions whose words change at different blocks, past the cache; with no
+  memory what came before decides nothing, one with a memory as long as the context is one without any."""
+  block, num_blocks = 3, 9
+  dit, plan, params, constants, _, _, keys = setting(6, 2, block, 12, num_blocks, guided=guided)
+  text_emb, text_mask, _ = told(dit, params)
+  text = encode_text(dit, params, text_emb, text_mask, guided)
+  segment = np.stack([np.sort(np.arange(num_blocks) % 4), np.arange(num_blocks) // 5]).astype(np.int32)
+  plan = streaming.make_plan(6, 2, block, 12, num_blocks, guided, captions=4, memory=memory)
+  made = fast(dit, plan, params, constants, text, SCALE, keys, num_blocks, 2, segment)
+
+  begins = np.array([[np.argmax(row == value) for value in row] for row in segment])
+  since = np.repeat(np.where(begins, begins * block - memory, 0), block, axis=1)
+  mask = sliding_mask(num_blocks * block, block, 12) & (np.arange(num_blocks * block) >= since[..., None])[:, None]
+  noise = jnp.concatenate([streaming.block_noise(keys, i, plan, 5) for i in range(num_blocks)], axis=1)
+  words = cmdm.words_of_latents(text_emb, text_mask, jnp.repeat(segment, block, axis=1))
+  times = jnp.asarray(staircase(6, num_blocks * block, 2, block))
+  assert_close(made, whole(dit, params, *words, mask, noise, times, SCALE if guided else 1.0), 1e-5)
+  endless = streaming.make_plan(6, 2, block, 12, guided=guided, memory=memory)
+  assert_close(streamed(dit, endless, params, constants, text, keys, num_blocks, segment=segment)[0], made, 2e-6)
+
+  if memory == 0:
+    other = encode_text(dit, params, text_emb.at[:, 0].add(1.0), text_mask, guided)
+    changed = np.abs(fast(dit, plan, params, constants, other, SCALE, keys, num_blocks, 2, segment) - made).max(2)
+    first = np.repeat(segment == 0, block, axis=1)
+    assert (changed[~first] < 2e-6).all() and (changed[first] > 1e-4).all()
+  every = fast(dit, plan._replace(memory=None), params, constants, text, SCALE, keys, num_blocks, 2, segment)
+  longest = fast(dit, plan._replace(memory=4), params, constants, text, SCALE, keys, num_blocks, 2, segment)
+  assert_close(longest, every, 2e-6)
+  assert np.abs(made - every).max() > 1e-3
+
+
+def test_a_memory_is_of_whole_blocks():
+  assert streaming.make_plan(6, 2, 3, 12, memory=6).memory == 2
+  with pytest.raises(ValueError, match="memory of 4 latents, expected whole blocks of 3"):
+    streaming.make_plan(6, 2, 3, 12, memory=4)
 
 
 def test_captions_seen():

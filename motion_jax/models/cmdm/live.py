@@ -219,11 +219,14 @@ class LiveStream:
     text = self._model.compiled.stream_words(self._plan.guided, self._model.params, emb[None], mask[None])
     self._sampler = dataclasses.replace(self._sampler, text=text)
 
-  def _captions(self, active: int) -> Int[jax.Array, "1 {active}"]:
-    """The slots (1, active) of the window's blocks."""
+  def _captions(self, active: int) -> tuple[Int[jax.Array, "1 {active}"], Int[jax.Array, "1 {active}"] | None]:
+    """The slots (1, active) of the window's blocks, and the first block that each of them sees (None: any)."""
     blocks = max(self._steps - self._plan.age, 0) + np.arange(active)
     starts, slots = (np.array(column) for column in zip(*self._script))
-    return jnp.asarray(slots[np.maximum(np.searchsorted(starts, blocks, side="right") - 1, 0)][None], jnp.int32)
+    at = np.maximum(np.searchsorted(starts, blocks, side="right") - 1, 0)
+    as_row = lambda values: jnp.asarray(values[None], jnp.int32)
+    memory = self._plan.memory  # the very first words have nothing before them
+    return as_row(slots[at]), None if memory is None else as_row(starts[at] - memory)
 
   def __iter__(self) -> "LiveStream":
     return self
@@ -246,7 +249,7 @@ class LiveStream:
     before = self._state.decoder, self._path
     self._state, made, _ = self._model.compiled.stream_step(
         active, self._steps > plan.age, self._model.codec, sampler, self._state._replace(latents=latents),
-        self._captions(active))
+        *self._captions(active))
     self._before = before
     self._steps += 1
     if self._steps < plan.age:

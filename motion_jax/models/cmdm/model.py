@@ -132,8 +132,9 @@ class CmdmModel(CmdmNetworks):
     return self.in_a_row(told, keys, seeds, cleanup, sampling, way, ease)
 
   def in_a_row(self, lists: Sequence[Sequence[tuple[str, int]]], keys: jax.Array, seeds: Sequence[int | None],
-               cleanup: bool, sampling: dict[str, Any], way: str = "stream", ease: bool = False) -> Motions:
-    """A motion of each list of (prompt, frames), a key each; see `multi_prompts`."""
+               cleanup: bool, sampling: dict[str, Any], way: str = "stream", ease: bool | None = None) -> Motions:
+    """A motion of each list of (prompt, frames), a key each; see `multi_prompts`. ease None: what is cleaned up is."""
+    ease = cleanup if ease is None else ease
     if way == multi.JOINED:  # what hastens at borders is spread by the joining already
       return gathered(composed.made_apart(self, lists, keys, seeds, cleanup, sampling))
     plan, chosen, about = self.plan_of(**sampling)
@@ -210,7 +211,7 @@ class CmdmModel(CmdmNetworks):
     chosen = self.sampling(**sampling)
     guided = chosen.guidance_scale != 1.0
     plan = streaming.make_plan(chosen.num_steps, chosen.steps_apart or 1, self.dit.block, chosen.context, guided=guided,
-                               solver=chosen.solver)
+                               solver=chosen.solver, memory=chosen.memory)
     plan = plan._replace(lag=chosen.steps_apart)
     return plan, chosen, chosen.about() | dict(model=self.id)
 

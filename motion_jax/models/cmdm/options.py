@@ -3,7 +3,7 @@ import dataclasses
 from typing import TYPE_CHECKING, Any
 
 from motion_jax.inputs.errors import InputError
-from motion_jax.inputs.numerals import CONTEXT, SIDE_GUIDANCE, STEPS
+from motion_jax.inputs.numerals import CONTEXT, MEMORY, SIDE_GUIDANCE, STEPS
 from motion_jax.models.options import SamplingOptions, choice, number
 
 if TYPE_CHECKING:
@@ -24,6 +24,8 @@ class CmdmSampling(SamplingOptions):
                               (*SOLVERS["flow"], *SOLVERS["ddpm"]), listed=False)
   context: int | None = number("latents (4 frames each) that a latent attends to; the training length (48)", CONTEXT,
                                unit="latents")
+  memory: int | None = number("latents before new words, in whole blocks, that what is made after them attends to (all "
+                              "within the context)", MEMORY, unit="latents")
   side_guidance: float | None = number("how much farther apart the words of a sentence that says which leg and those "
                                        "of the same sentence with the other leg are made; 0 for words as they are (0)",
                                        SIDE_GUIDANCE, float, usual=0.0)

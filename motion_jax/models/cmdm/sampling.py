@@ -54,6 +54,9 @@ def generate_whole(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params
   if segment is not None:
     text_emb, text_mask = words_of_latents(text_emb, text_mask, jnp.repeat(segment, plan.block, axis=1))
   attn_mask = sliding_mask(length, plan.block, plan.context)
+  since = streaming.seen_since(plan, segment)
+  if since is not None:
+    attn_mask &= jnp.arange(length) // plan.block >= jnp.repeat(since, plan.block, axis=1)[:, None, :, None]
   velocity = plain_velocity(dit, params, text_emb, text_mask, attn_mask, scale, plan.guided, told_of(codec, control))
   if plan.solver in ddpm_forcing.SOLVERS:
     # Parity: algorithm 2 of the paper, whose steps draw fresh noise; the code's, and our default, are Euler's.
@@ -178,14 +181,15 @@ def stream_control(dit: CausalDiT, codec: VaeCodec, params: Any, control: Contro
 
 
 def stream_step(active: int, use_cache: bool, codec: VaeCodec, sampler: streaming.Sampler, state: MotionStream,
-                caption: Int[Array, "b {active}"] | None = None
+                caption: Int[Array, "b {active}"] | None = None, since: Int[Array, "b {active}"] | None = None
                 ) -> tuple[MotionStream, Float[Array, "b t f"], Bool[Array, ""]]:
   """One block further -> (state, normalized features (B, frames of a block, F), done), the step of `generate`.
 
-  active, use_cache, and caption (B, active), which of the sampler's captions the blocks of the window have: see
-  `streaming.Sampler.step`. Until done is true the features mean nothing and the decoder has not moved.
+  active, use_cache, caption (B, active), which of the sampler's captions the blocks of the window have, and since
+  (B, active), what they see: see `streaming.Sampler.step`. Until done is true the features mean nothing and the decoder
+  has not moved.
   """
-  latents, block, done = sampler.step(state.latents, active=active, use_cache=use_cache, caption=caption)
+  latents, block, done = sampler.step(state.latents, active=active, use_cache=use_cache, caption=caption, since=since)
   features, decoder = codec.decode_step(block, state.decoder)
   decoder = jax.tree.map(lambda new, old: jnp.where(done, new, old), decoder, state.decoder)
   return MotionStream(latents, decoder), features, done

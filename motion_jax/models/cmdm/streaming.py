@@ -10,7 +10,8 @@ cheap changes no number (docs/papers/cmdm.md#cache):
 - What depends on the time alone is a table over the num_steps + 1 times; what depends on the caption alone is computed
   once; the branch without caption attends to a constant.
 - Every block has a caption of its own. A new one begins with a new block; keys and values of older blocks depend on
-  their own captions, which do not change, so the cache stays exact and nothing is computed again.
+  their own captions, which do not change, so the cache stays exact and nothing is computed again. With `Plan.memory`
+  blocks of a new caption see only the last few before it: what one was doing holds back what one is to do.
 
 A latent attends to `context` latents, its own block included (`nets.masks.sliding_mask`). Cached keys are kept unturned
 and positions count from the window, so they never grow and an hour of motion is as exact as a second.
@@ -35,6 +36,8 @@ from motion_jax.diffusion.schedules import time_of_level
 from motion_jax.models.cmdm import ddpm_forcing
 from motion_jax.shapes import Array, Net
 
+_EVER = -2**30  # a block before all that there are
+
 
 class Plan(NamedTuple):
   """The choices that shapes and loops depend on; hashable, so that jit can specialize on it."""
@@ -46,6 +49,7 @@ class Plan(NamedTuple):
   guided: bool
   solver: str = "euler"
   captions: int = 1  # how many different captions the blocks of one window may have
+  memory: int | None = None  # blocks before a caption's first one that its blocks see; None: all within the context
 
   @property
   def age(self) -> int:
@@ -63,16 +67,20 @@ class Plan(NamedTuple):
 
 
 def make_plan(num_steps: int, lag: int, block: int, context: int, num_blocks: int | None = None, guided: bool = True,
-              solver: str = "euler", captions: int = 1) -> Plan:
-  """A plan; with num_blocks the window is no wider than the motion. Raises ValueError for numbers out of range."""
+              solver: str = "euler", captions: int = 1, memory: int | None = None) -> Plan:
+  """A plan; memory: in latents. With num_blocks the window is no wider than the motion. Raises ValueError for numbers
+  out of range."""
   if num_steps < 1 or not 1 <= lag <= num_steps:
     raise ValueError(f"got num_steps {num_steps} and lag {lag}; expected 1 <= lag <= num_steps (lag = num_steps is "
                      "autoregressive)")
   if block < 1 or context < block or context % block:
     raise ValueError(f"got a context of {context} latents, expected whole blocks of {block}")
+  if memory is not None and (memory < 0 or memory % block):
+    raise ValueError(f"got a memory of {memory} latents, expected whole blocks of {block}, or 0")
   if solver not in (*SOLVERS, *ddpm_forcing.SOLVERS):
     raise ValueError(f"got solver {solver!r}, expected one of {', '.join((*SOLVERS, *ddpm_forcing.SOLVERS))}")
-  plan = Plan(num_steps, lag, block, context, -(-num_steps // lag) + 1, guided, solver, captions)
+  plan = Plan(num_steps, lag, block, context, -(-num_steps // lag) + 1, guided, solver, captions,
+              None if memory is None else memory // block)
   return plan.fitted(num_blocks) if num_blocks else plan
 
 
@@ -138,10 +146,18 @@ def _words_of_blocks(text, caption, size):
   return tuple(layer._replace(mask=mask) for layer in text)
 
 
-def _window_mask(query_blocks, key_blocks, plan):
-  """(1, 1, Q * block, K * block): block-causal and no farther back than the context."""
-  apart = jnp.repeat(query_blocks, plan.block)[:, None] - jnp.repeat(key_blocks, plan.block)[None, :]
-  return ((apart >= 0) & (apart < plan.context // plan.block))[None, None]
+def _window_mask(query_blocks, key_blocks, plan, since=None):
+  """(1, 1, Q * block, K * block): block-causal and no farther back than the context.
+
+  since (B, Q): the first block that each block of queries sees; the mask has B rows then, twice as many if guided.
+  """
+  spread = lambda a: jnp.repeat(a, plan.block, axis=-1)
+  apart = spread(query_blocks)[:, None] - spread(key_blocks)[None, :]
+  mask = ((apart >= 0) & (apart < plan.context // plan.block))[None, None]
+  if since is None:
+    return mask
+  mask &= spread(key_blocks) >= spread(since)[:, None, :, None]
+  return jnp.concatenate([mask, mask]) if plan.guided else mask
 
 
 def segments(plan: Plan, num_blocks: int, buckets: int = 2, prefilled: bool = False) -> list[tuple[int, int, bool]]:
@@ -171,6 +187,17 @@ def captions_seen(segment: Int[Array, "b n"], width: int) -> int:
   segment = np.asarray(segment)
   last = segment[:, np.minimum(np.arange(segment.shape[1]) + width - 1, segment.shape[1] - 1)]
   return 1 << int((last - segment).max()).bit_length()
+
+
+def seen_since(plan: Plan, segment: Int[Array, "b n"] | None) -> Int[Array, "b n"] | None:
+  """The first block that each block sees, by the plan's memory of what was made with other captions; None: any.
+
+  segment (B, N): rising, which caption each block has. What is made with the first one sees all that was given before.
+  """
+  if plan.memory is None or segment is None:
+    return None
+  begins = jnp.argmax(segment[:, :, None] == segment[:, None, :], axis=-1)
+  return jnp.where(begins == 0, _EVER, begins - plan.memory)
 
 
 def window_captions(plan: Plan, text: Any, segment: Int[Array, "b n"] | None, base: Any, active: int
@@ -246,13 +273,14 @@ class Sampler:
         ring.dtype)
     return state._replace(cache=jax.tree.map(fill, state.cache, new), past=jnp.asarray(count, jnp.int32))
 
-  def step(self, state: Stream, *, active: int, use_cache: bool, caption: Int[Array, "b {active}"] | None = None
-           ) -> tuple[Stream, Float[Array, "b n c"], Bool[Array, ""]]:
+  def step(self, state: Stream, *, active: int, use_cache: bool, caption: Int[Array, "b {active}"] | None = None,
+           since: Int[Array, "b {active}"] | None = None) -> tuple[Stream, Float[Array, "b n c"], Bool[Array, ""]]:
     """One block further: (state, block (B, block, C), done) where done says that the block is a clean one.
 
     The first plan.age - 1 steps give none. active: slots of the window that are computed, counted from its oldest
     block; all begun blocks must be among them. use_cache = False is for steps before anything is in the cache.
     caption (B, active): which of the G captions in text each of these blocks is made with; None where there is one.
+    since (B, active): the first block that each sees, `seen_since`; None: all within the context.
     """
     dit, plan, params, constants, scale, keys = (
         self.dit, self.plan, self.params, self.constants, self.scale, self.keys)
@@ -262,7 +290,7 @@ class Sampler:
     blocks = base + jnp.arange(active)
     level = (state.steps - blocks) * plan.lag  # iterations that each block has behind it; negative: not begun
     within = jnp.arange(active * size)
-    past, attn_mask = None, _window_mask(blocks, blocks, plan)
+    past, attn_mask = None, _window_mask(blocks, blocks, plan, since)
     text = _words_of_blocks(self.text, caption, size)
     if use_cache:
       slots = jnp.arange(plan.ring)
@@ -270,7 +298,7 @@ class Sampler:
       positions = jnp.repeat((held - base) * size, size) + jnp.tile(jnp.arange(size), plan.ring)
       past = dit.apply(params, state.cache, positions, method="turn_keys")
       real = positions + base * size >= -state.past
-      attn_mask = jnp.concatenate([_window_mask(blocks, held, plan) & real, attn_mask], axis=-1)
+      attn_mask = jnp.concatenate([_window_mask(blocks, held, plan, since) & real, attn_mask], axis=-1)
 
     control = None
     if self.control is not None:
@@ -337,14 +365,16 @@ class Sampler:
     segment: see `window_captions`. state: one of `prefill`, to go on from a past; `init` if left out.
     """
     plan = self.plan
-    runs, blocks = segments(plan, num_blocks, buckets, state is not None), []
+    runs, blocks, since = segments(plan, num_blocks, buckets, state is not None), [], seen_since(plan, segment)
     state = self.init() if state is None else state
     for count, active, use_cache in runs:
 
       def body(state, _, active=active, use_cache=use_cache):
-        words, caption = window_captions(plan, self.text, segment, jnp.maximum(state.steps - plan.age, 0), active)
+        base = jnp.maximum(state.steps - plan.age, 0)
+        words, caption = window_captions(plan, self.text, segment, base, active)
+        sees = None if since is None else since[:, jnp.clip(base + jnp.arange(active), 0, num_blocks - 1)]
         sampler = dataclasses.replace(self, text=words)
-        state, block, _ = sampler.step(state, active=active, use_cache=use_cache, caption=caption)
+        state, block, _ = sampler.step(state, active=active, use_cache=use_cache, caption=caption, since=sees)
         return state, block
 
       state, made = jax.lax.scan(body, state, None, length=count)
