@@ -183,3 +183,9 @@ def test_who_walks_is_understood_to_walk_forward_where_captions_by_kinematics_we
   assert sentence.segments[0].action.prompt == "a person walks forward" and not sentence.is_plain
   told = model.understand("a person walks, then waves").prompts
   assert told == ["a person walks forward", "a person waves"]
+  assert model.understand("a man throws a punch").prompts == ["a man punches with the left hand"]
+  assert model.understand("a man kicks, then punches forward.").prompts == [
+      "a man kicks", "a man punches with the left hand"]
+  assert model.understand("a man punches forward.").segments[0].action.reworded
+  for said in ("a man throws a right punch", "a man punches twice"):
+    assert "left" not in str(model.understand(said).prompts)

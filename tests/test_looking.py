@@ -20,6 +20,7 @@ from motion_jax.motion.skeleton import HUMANML3D
     ("a person raises the right hand and waves it", [Asked("wave", "", 1, False)]),
     ("a person waves the right hand three times", [Asked("wave", "right", 1, False)]),
     ("someone walks backwards and turns left", [Asked("walk", "backward", 1, False), Asked("turn", "left", 1, False)]),
+    ("she strikes with the fist", [Asked("punch", "", 1, False)]), ("she strikes a pose", []),
     ("a person walks back and forth", []),
     ("a person walks back to the chair", []),
     ("a person walks without jumping", []),

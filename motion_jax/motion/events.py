@@ -13,6 +13,7 @@ from motion_jax.motion.signals import JOINT, PAIR, SIDES, Body, turning_points
 from motion_jax.shapes import Array
 
 _G = 9.81
+PUNCH = 2.2  # metres a second of a fist
 
 
 class Event(NamedTuple):
@@ -265,16 +266,11 @@ def _hands(body):
 def _punches(body):
   """A fist that shoots out from a bent arm, level and ahead, to an arm that is nearly stretched, and comes back."""
   from scipy.signal import find_peaks
-  line = body.local("wrist", "shoulder")
-  reach = np.linalg.norm(line, axis=-1)
-  out = np.gradient(body.smooth(reach, 0.05), axis=0) * body.fps
-  speed = np.linalg.norm(velocity(body.joints[:, PAIR["wrist"]] - body.joints[:, :1], body.fps), axis=-1)
-  there = (np.abs(line[..., 1]) < 0.22) & (line[..., 2] > 0.2) & (body.elbows > 115)
+  line, reach, fast, there = _fists(body)
   frames = lambda seconds: max(1, int(seconds * body.fps))
   peaks = []
   for side in (0, 1):
-    fast = np.where(out[:, side] > 0.3, speed[:, side], 0.0)
-    for peak in find_peaks(fast, height=2.2, distance=frames(0.3))[0].tolist():
+    for peak in find_peaks(fast[:, side], height=PUNCH, distance=frames(0.3))[0].tolist():
       before, soon = slice(max(0, peak - frames(0.4)), peak + 1), slice(peak, peak + frames(0.25))
       top = peak + int(reach[soon, side].argmax())
       near = slice(max(0, peak - frames(0.3)), min(peak + frames(0.3) + 1, body.num))
@@ -283,6 +279,29 @@ def _punches(body):
           and reach[top, side] - reach[top:top + frames(0.6), side].min() > 0.1):
         peaks.append((near.start, near.stop, side))
   yield from _grouped(body, "punch", peaks, gap=0.8)
+
+
+def _fists(body):
+  """Of both fists, (T, 2): the line from the shoulder (T, 2, 3), its length, the speed against the pelvis where the arm
+  stretches (0 where it does not), and whether the arm is nearly stretched, level and ahead."""
+  line = body.local("wrist", "shoulder")
+  reach = np.linalg.norm(line, axis=-1)
+  out = np.gradient(body.smooth(reach, 0.05), axis=0) * body.fps
+  speed = np.linalg.norm(velocity(body.joints[:, PAIR["wrist"]] - body.joints[:, :1], body.fps), axis=-1)
+  there = (np.abs(line[..., 1]) < 0.22) & (line[..., 2] > 0.2) & (body.elbows > 115)
+  return line, reach, np.where(out > 0.3, speed, 0.0), there
+
+
+def punch_speed(body: "Body", side: str = "") -> float:
+  """How fast, in metres a second, a fist of that side (left, right or, "", either) goes on its way to where a punch
+  ends, whether it is a punch or not; 0 where it never gets there."""
+  if body.num < 4:
+    return 0.0
+  _, _, fast, there = _fists(body)
+  soon = max(1, int(0.25 * body.fps))
+  reaches = np.stack([there[at:at + soon].any(0) for at in range(len(there))])
+  speed = np.where(reaches, fast, 0.0).max(0)
+  return float(speed.max() if not side else speed[("left", "right").index(side)])
 
 
 def _swings(body, first, past, side):

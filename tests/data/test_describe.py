@@ -16,10 +16,12 @@ from motion_jax.data.describe import corrected, describe, described
 from motion_jax.data.mirror import mirror_caption
 from motion_jax.data.mocap.capture import resample
 from motion_jax.inputs.errors import InputError
+from motion_jax.models.looking import Asked, misses
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.events import Event, find_events
+from motion_jax.motion.events import Event, find_events, punch_speed
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.retarget import bend, mirror
+from motion_jax.motion.signals import Body
 from motion_jax.motion.skeleton import HUMANML3D
 
 J = {name: number for number, name in enumerate(HUMANML3D.joints)}
@@ -179,6 +181,18 @@ def test_in_doubt_nothing_is_said():
   assert describe(_standing(0.2)) == []
   shuffle = _walk(ways=17)  # between forward and diagonal
   assert not re.search("forward|ahead|diagonal", " ".join(describe(shuffle)))
+
+
+def test_how_near_a_fist_comes_to_a_punch():
+  """Slower ones less; of the other side, or one that does not get where a punch ends, not at all."""
+  speed = lambda side="", **how: punch_speed(Body(_punch("left", **how), 20.0), side)
+  assert 2.2 < speed() == speed("left") and speed("right") < 0.1
+  assert 0.5 < speed(width=1.6) < speed(width=0.8) < speed()
+  assert speed(reach=0.3) < 0.1 and punch_speed(Body(_punch("left")[:3], 20.0)) == 0
+  asked = [Asked("punch", "left", 1, False)]
+  assert misses(_punch("left"), asked) == 0 < misses(_punch("left", width=0.8), asked) < 0.9
+  assert misses(_punch("left", width=1.6), asked) > misses(_punch("left", width=0.8), asked)
+  assert misses(_punch("right"), asked) > 0.95
 
 
 def test_a_slow_hand_is_no_punch():

@@ -36,7 +36,7 @@ from motion_jax.nets.masks import padding_mask
 from motion_jax.runs import Run
 from motion_jax.runtime import cache
 from motion_jax.shapes import Array
-from motion_jax.text.actions import going_forward
+from motion_jax.text.actions import going_forward, sides_of, with_one_hand
 from motion_jax.text.encoder import TextEncoder
 from motion_jax.text.sentences import Action, Sentence
 from motion_jax.training import checkpoint
@@ -47,11 +47,14 @@ _PAST = 8  # frames of a motion behind which it goes on; behind more of them a s
 Spans = Sequence[Sequence[int]]  # [(first frame, the one behind the last), ...]
 
 
-def _going_forward(action: Action) -> Action:
-  prompt = going_forward(action.prompt)
-  if prompt == action.prompt:
+def _as_captions_say(action: Action) -> Action:
+  """The action in the words of captions by kinematics."""
+  prompt = with_one_hand(going_forward(action.prompt))
+  if prompt == action.prompt or action.times > 1:
     return action
-  return action._replace(prompt=prompt, words=f"{action.words.rstrip(' .!')} forward", reworded=True)
+  who = action.prompt.removesuffix(action.words)
+  return action._replace(prompt=prompt, words=prompt.removeprefix(who), sides=sides_of(prompt.split()),
+                         reworded=True)
 
 
 class CdamdModel(TextToMotionModel):
@@ -86,12 +89,14 @@ class CdamdModel(TextToMotionModel):
     return int(np.minimum(lengths.middle_frames(logits, self.frames_per_latent), self.config.data.max_frames)[0])
 
   def understand(self, prompt: str) -> Sentence:
-    """As of any model; of one that learned captions by kinematics "walks" is understood as "walks forward"."""
+    """As of any model; of one that learned captions by kinematics "walks" is understood as "walks forward", and
+    "punches" as "punches with the left hand"."""
     sentence = super().understand(prompt)
     if not self.config.data.get("described", False):
       return sentence
     return sentence._replace(segments=tuple(part._replace(
-        action=_going_forward(part.action), also=tuple(map(_going_forward, part.also))) for part in sentence.segments))
+        action=_as_captions_say(part.action), also=tuple(map(_as_captions_say, part.also)))
+        for part in sentence.segments))
 
   @former_names.with_keywords
   def generate(self, prompts: Prompts, num_frames: Frames = None, *, seconds: Frames = None,
