@@ -27,8 +27,8 @@ judge guidance --model cmdm-small --model cdamd-small --guidance 1 2 3 4 6 --rep
 judge reconstruction --model cmdm-small --model cdamd-small --protocol reconstruction --replications "$replications" \
   --controls
 judge editing --model cdamd-small --protocol editing --vary mask=causal mask=bcm --replications "$few"
-judge long --model cmdm-small --protocol long-horizon --vary way=stream way=chain --replications "$few" \
-  --limit 16 --controls
+judge long --model cmdm-small --protocol long-horizon --replications "$few" --limit 16 --controls \
+  --vary way=stream way=stream,ease=true way=stream,memory=3 way=stream,memory=48 way=chain
 # As a person sees them: cleaned up, borders eased.
 judge long-shown --model cmdm-small --protocol long-horizon --sampling cleanup=true ease=true \
   --vary way=stream way=joined --replications "$few" --limit 16

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from motion_jax.control import curves
-from motion_jax.data.datasets.synthetic import synthetic_clips
+from motion_jax.data.datasets.synthetic import synthetic_clips, synthetic_joints
 from motion_jax.data.timelines import read_sequences
 from motion_jax.evaluation import protocols, request, run, samples
 from motion_jax.evaluation import test_set as test_set_lib
@@ -22,7 +22,7 @@ from motion_jax.metrics import protocol as protocol_lib
 from motion_jax.models.base import Able
 from motion_jax.models.cmdm.options import CmdmSampling
 from motion_jax.motion.representations import get_layout, to_features, to_joints
-from motion_jax.motion.skeleton import facing
+from motion_jax.motion.skeleton import HUMANML3D, facing
 from tests.conftest import load_config
 from tests.evaluation.test_run import SMALL, make_clips, write_archive
 
@@ -266,3 +266,17 @@ def test_targets_of_control_are_places_of_the_real_motion():
     given = signal.given[0]
     assert given.any(-1).sum() == count and given[:, 20].all(-1).sum() == count
     np.testing.assert_array_equal(signal.positions[0][given], joints[given])
+
+
+def test_eased_long_motions_are_judged_as_they_are_shown():
+  """Bones that drift and feet in the floor come out of the features as they went in, but for where the body begins."""
+  joints = synthetic_joints("walk", 60, np.random.default_rng(0)) * np.linspace(0.9, 1.1, 60)[:, None, None]
+  joints = long_horizon_lib.placed(joints - [0, 0.03, 0], HUMANML3D)
+  made = types.SimpleNamespace(joints=joints.astype(np.float32), features=None)
+  model = types.SimpleNamespace(
+      stats=types.SimpleNamespace(layout=get_layout("full")), multi_prompts=lambda *_, **__: [made],
+      config=types.SimpleNamespace(data=types.SimpleNamespace(mode="corrected")))
+  candidate = types.SimpleNamespace(model=model, guidance_scale=2.0)
+  make = long_horizon.multi_prompt_generator(candidate, [[("a person walks", 3.0)]], {"ease": True})
+  found = to_joints(make(types.SimpleNamespace(places=[0], seeds=[0]))[0], get_layout("full"))
+  np.testing.assert_allclose(long_horizon_lib.placed(found.astype(float), HUMANML3D), joints, atol=1e-4)

@@ -19,7 +19,6 @@ from motion_jax.evaluation.candidates import load_able
 from motion_jax.evaluation.tasks.base import Damaged, Found, Task
 from motion_jax.metrics import long_horizon, physics
 from motion_jax.models.cmdm import multi_prompt
-from motion_jax.models.results import features_of
 from motion_jax.motion.representations import get_layout, to_joints
 
 BATCH = 8  # long motions made together
@@ -239,9 +238,13 @@ def multi_prompt_generator(candidate, sequences, options):
   `multi_prompts`. What is cleaned up or eased afterwards are joints, so the features are made of those."""
   options = {"cleanup": False} | dict(options)
   of_joints = options["cleanup"] or options.get("ease", False)
+  layout, mode = candidate.model.stats.layout, candidate.model.config.data.mode
+
+  def in_place(joints):  # bones that drift and feet in the floor are what is to be judged: nothing mends them here
+    return layout.from_joints_in_place(long_horizon.placed(np.asarray(joints, np.float64), layout.skeleton), mode)
 
   def make(jobs):
     made = candidate.model.multi_prompts([sequences[i] for i in jobs.places], seeds=jobs.seeds,
                                          guidance_scale=candidate.guidance_scale, **options)
-    return [features_of(candidate.model, motion.joints) if of_joints else motion.features for motion in made]
+    return [in_place(motion.joints) if of_joints else motion.features for motion in made]
   return make
