@@ -58,6 +58,18 @@ def test_several_prompts_are_one_motion_and_a_stream_says_the_same(model, memory
   assert np.abs(other[24:50] - whole.joints[24:50]).max() > 1e-4
 
 
+@pytest.mark.parametrize("schedule", ["fss", "full"])
+def test_without_memory_the_words_before_are_forgotten(model, schedule):
+  """Far behind the border, where the decoder has forgotten them too, it is the same motion whatever came before."""
+  def ending(first, memory):
+    made = model.multi_prompt([(first, 1.2), ("a person waves", 6.0)], seed=2, cleanup=False, num_steps=6,
+                              schedule=schedule, memory=memory)
+    return made.features[-24:]
+
+  assert np.abs(ending("a person walks", 0) - ending("a person runs", 0)).max() < 1e-5
+  assert np.abs(ending("a person walks", None) - ending("a person runs", None)).max() > 1e-4
+
+
 @pytest.mark.slow
 def test_a_motion_of_several_prompts_does_not_know_its_batch_mates(model):
   alone = model.multi_prompt(PROMPTS, seed=5, **FAST)

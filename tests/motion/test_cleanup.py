@@ -84,7 +84,7 @@ def test_a_body_that_its_feet_do_not_carry_goes_as_they_say():
 
 def test_what_a_foot_is_held_back_by_does_not_pile_up():
   """Feet that stand and drift apart, 2 cm/s each for eight seconds: of these 16 cm they are 10 off at the most, and
-  slower on the way than they were."""
+  half as fast on the way."""
   standing = synthetic_clips(0, 1, num_frames=40)[0].joints[:1].repeat(220, axis=0).astype(np.float64)
   apart = np.clip(np.arange(220) - 30, 0, 160)[:, None] * [0.02 / 20]
   legs = [(1, 4, 7, 10), (2, 5, 8, 11)]
@@ -95,7 +95,7 @@ def test_what_a_foot_is_held_back_by_does_not_pile_up():
   off = np.linalg.norm((cleaned - with_lengths(standing, HUMANML3D))[:, [7, 8]][..., [0, 2]], axis=-1)
   assert off.max() < 0.1
   steps = lambda joints: np.abs(np.diff(joints[40:180, [7, 8], 0], axis=0)).mean() * 20
-  assert steps(cleaned) <= steps(with_lengths(standing, HUMANML3D)) + 1e-3
+  assert steps(cleaned) < 0.6 * steps(with_lengths(standing, HUMANML3D))
 
 
 def test_a_foot_that_swings_is_not_held_where_nobody_says_which_stand():

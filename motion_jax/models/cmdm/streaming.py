@@ -36,8 +36,6 @@ from motion_jax.diffusion.schedules import time_of_level
 from motion_jax.models.cmdm import ddpm_forcing
 from motion_jax.shapes import Array, Net
 
-_EVER = -2**30  # a block before all that there are
-
 
 class Plan(NamedTuple):
   """The choices that shapes and loops depend on; hashable, so that jit can specialize on it."""
@@ -68,15 +66,15 @@ class Plan(NamedTuple):
 
 def make_plan(num_steps: int, lag: int, block: int, context: int, num_blocks: int | None = None, guided: bool = True,
               solver: str = "euler", captions: int = 1, memory: int | None = None) -> Plan:
-  """A plan; memory: in latents. With num_blocks the window is no wider than the motion. Raises ValueError for numbers
-  out of range."""
+  """A plan of a memory in latents; with num_blocks its window is no wider than the motion. Raises ValueError."""
   if num_steps < 1 or not 1 <= lag <= num_steps:
     raise ValueError(f"got num_steps {num_steps} and lag {lag}; expected 1 <= lag <= num_steps (lag = num_steps is "
                      "autoregressive)")
   if block < 1 or context < block or context % block:
     raise ValueError(f"got a context of {context} latents, expected whole blocks of {block}")
   if memory is not None and (memory < 0 or memory % block):
-    raise ValueError(f"got a memory of {memory} latents, expected whole blocks of {block}, or 0")
+    raise ValueError(f"got a memory of {memory} latents, expected whole blocks of {block}; try "
+                     f"{memory // block * block}")
   if solver not in (*SOLVERS, *ddpm_forcing.SOLVERS):
     raise ValueError(f"got solver {solver!r}, expected one of {', '.join((*SOLVERS, *ddpm_forcing.SOLVERS))}")
   plan = Plan(num_steps, lag, block, context, -(-num_steps // lag) + 1, guided, solver, captions,
@@ -196,8 +194,9 @@ def seen_since(plan: Plan, segment: Int[Array, "b n"] | None) -> Int[Array, "b n
   """
   if plan.memory is None or segment is None:
     return None
-  begins = jnp.argmax(segment[:, :, None] == segment[:, None, :], axis=-1)
-  return jnp.where(begins == 0, _EVER, begins - plan.memory)
+  starts = jnp.where(jnp.diff(segment, axis=1, prepend=-1) != 0, jnp.arange(segment.shape[1]), 0)
+  begins = jax.lax.cummax(starts, axis=1)
+  return jnp.where(begins == 0, -2**30, begins - plan.memory)  # a block before all that there are
 
 
 def window_captions(plan: Plan, text: Any, segment: Int[Array, "b n"] | None, base: Any, active: int
