@@ -7,9 +7,11 @@ import pytest
 
 from motion_jax import cli
 from motion_jax.data.clip import Caption
+from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.loading import load
 from motion_jax.models import composed
 from motion_jax.models.results import features_of
+from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.text.sentences import understand
 
 FAST = dict(num_steps=3, lag=2)
@@ -156,3 +158,29 @@ def test_kicks_and_squats_that_are_counted_are_made_one_by_one():
   ends = [2.0, 4.0, 5.0]
   base = SimpleNamespace(num_frames=100, captions=[SimpleNamespace(start=a, end=b) for a, b in zip([0.0, *ends], ends)])
   assert composed._spans(model, base, [2, 1]) == [(0, 80), (80, 100)]
+
+
+def test_kicks_and_squats_that_are_counted_take_three_seconds_at_the_most():
+  model = SimpleNamespace(frames_per_latent=4, fps=20.0, natural_frames=lambda prompt: 40 if "foot" in prompt else 140)
+  frames = lambda text: composed.usual_frames(model, understand(text))
+  assert frames("a person kicks twice") == [120] and frames("someone does three squats") == [180]
+  assert frames("a person kicks twice with the left foot") == [64]
+
+
+def test_who_holds_a_pose_holds_it_where_it_is():
+  """Seated while sitting, the hand in the air where it is highest; said for so many seconds, it comes down then."""
+  k = np.arange(60)
+  joints = np.repeat(synthetic_joints("walk", 60, np.random.default_rng(0))[:1], 60, axis=0)
+  joints[:, 20, 1] += 0.8 * np.exp(-((k - 15) / 5) ** 2)
+  shown = lambda text, lengths, spans: composed._with_rests(joints, understand(text), spans, lengths, HUMANML3D)
+  for words, last in (("", 0.8), (" for two seconds", 0.0)):
+    made, spans = shown(f"a person raises the left hand and holds it up{words}", [60, 40], [(0, 60)])
+    (_, first), (start, past) = spans
+    assert len(made) == 100 and first == start <= 20
+    assert (made[start + 2:past, 20, 1] - joints[0, 20, 1] > 0.75).all() and past - start >= 30
+    assert made[-1, 20, 1] - joints[0, 20, 1] == pytest.approx(last, abs=0.06)
+  joints[:, :, 1] -= 0.35 * np.clip((k - 20) / 10, 0, 1)[:, None] * np.clip((55 - k) / 10, 0, 1)[:, None]
+  made, spans = shown("a person sits down, stays there and stands up", [40, 40, 20], [(0, 40), (40, 60)])
+  start, past = spans[1]
+  assert len(made) == 100 and (made[start + 2:past - 2, 0, 1] < joints[0, 0, 1] - 0.3).all() and past - start > 30
+  assert made[-1, 0, 1] > joints[0, 0, 1] - 0.05

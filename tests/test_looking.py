@@ -62,6 +62,8 @@ def test_what_is_missing_is_counted():
   assert misses(walk, [Asked("sit", "", 1, False)]) == 1 and misses(low, [Asked("sit", "", 1, False)]) == 0
   asked = [Asked("rise", "", 1, False)]
   assert misses(low[::-1], asked) == 0 and misses(low, asked) == misses(walk, asked) == 1  # up, down, never down
+  seated = walk * np.where(np.arange(len(walk)) < 6, 1.0, 0.65 + 0.05 * np.sin(np.arange(len(walk)) / 5))[:, None, None]
+  assert misses(seated, asked) == 1  # who sits nearly all the time and bobs is not up
   assert misses(walk, []) == 0
   away = misses(walk, [Asked("dance", "", 1, False)])
   assert 0 < away < 1 and 0 < misses(walk[:len(walk) * 3 // 4], [Asked("dance", "", 1, False)]) < away  # it went away

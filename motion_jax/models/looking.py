@@ -28,6 +28,7 @@ _SOMEWHERE = {"across", "along", "around", "away", "backward", "backwards", "cir
 _WANDERED = 1.2  # metres from beginning to end; three quarters of the 142 captured dances stay within that
 _PACE, _STRAIGHT, _BACK = 0.25, 0.7, 1.2  # metres a second, share of the pace, and seconds of a walk backward
 _LOW, _WHILE = 0.89, 0.5  # of its height that a pelvis is at the most on a high stool, and for how many seconds
+_STANDS = 1.1  # lengths of a leg that the pelvis of an upright body is up at the least: half of all captured ones 1.14
 _UP = 0.95  # of its height that a pelvis is at the least, so long, of somebody who got up
 _RISES = {("stand", "up"), ("get", "up"), ("rise", "")}  # verb, and the word that it needs
 _UPRIGHT = {"straight", "tall", "upright"}
@@ -94,10 +95,10 @@ def misses(joints: Num[np.ndarray, "t 22 3"], asked: Sequence[Asked], fps: float
       missed += max(0.0, 1 - _WANDERED / max(away, 1e-9))
       continue
     if kind == "rise":
-      missed += not _comes_up(joints[:, 0, 1], fps)
+      missed += not _comes_up(joints, fps)
       continue
     if kind == "sit":
-      missed += not _comes_down(joints[:, 0, 1], fps)
+      missed += not _comes_down(joints, fps)
       continue
     if side == "backward":  # a walk that leads there and back again is one event
       missed += not _goes_backward(Body(np.asarray(joints, np.float64), fps))
@@ -118,10 +119,18 @@ def _goes_backward(body):
   return back.sum() >= _BACK * body.fps
 
 
-def _comes_down(height, fps):
-  return (height < _LOW * np.percentile(height, 90)).sum() >= _WHILE * fps
+def _usual(joints):
+  """How high the pelvis is in joints (T, 22, 3) of a body that stands: as high as most of the time, or, where it hardly
+  ever stands, as its legs are long."""
+  thighs, shins = joints[:, [1, 2]] - joints[:, [4, 5]], joints[:, [4, 5]] - joints[:, [7, 8]]
+  leg = float(np.linalg.norm(thighs, axis=-1).mean() + np.linalg.norm(shins, axis=-1).mean())
+  return max(np.percentile(joints[:, 0, 1], 90), _STANDS * leg)
 
 
-def _comes_up(height, fps):
-  usual = np.percentile(height, 90)
+def _comes_down(joints, fps):
+  return (joints[:, 0, 1] < _LOW * _usual(joints)).sum() >= _WHILE * fps
+
+
+def _comes_up(joints, fps):
+  height, usual = joints[:, 0, 1], _usual(joints)
   return height.min() < _LOW * usual and height[-max(round(_WHILE * fps), 1):].min() > _UP * usual

@@ -1,4 +1,6 @@
 """A moving body comes to rest: time slows down where it stands best, stands still, and goes on."""
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Float, Num
 
@@ -10,21 +12,22 @@ _EASE = 8         # frames in which a body stops, and in which it goes on
 _BEFORE, _BEHIND = 16, 8  # frames around the one asked for among which it stops
 _LIFTED = 0.05    # metres that an ankle is higher than it ever is, from which on its foot is put down to rest
 _DOWN = 12        # frames in which a foot is put down, and in which it comes up again
+_NEARLY = 0.04    # metres from the highest or lowest place within which the slowest frame is the one that is held
 _UP = 5.0         # how much a foot in the air weighs, per metre, against its speed in metres a second
 
 
-def with_rest(joints: Num[np.ndarray, "t j 3"], at: int, count: int, skeleton: Skeleton, ends: bool = False
-              ) -> tuple[Float[np.ndarray, "n j 3"], int, int]:
+def with_rest(joints: Num[np.ndarray, "t j 3"], at: int, count: int, skeleton: Skeleton, ends: bool = False,
+              exact: bool = False) -> tuple[Float[np.ndarray, "n j 3"], int, int]:
   """Joints (T + count, J, 3) that stand still for about `count` frames near frame `at`; the first of these and the one
   behind the last.
 
   Where both feet are on the ground and slow, the body slows down within 0.4 s, and nothing moves until it goes on as it
   did; no foot slides that did not before. A foot that is in the air even then, as in running, is put down below its
   hip. at 0: it stands from the first frame on, and what it did before it stood best is left away. ends: the body does
-  not go on, and what is behind is left away. float32.
+  not go on, and what is behind is left away. exact: at that very frame, as it is held there (`held_frame`). float32.
   """
   joints = np.asarray(joints, np.float64)
-  stop = _best_stand(joints, at, skeleton)
+  stop = min(at, len(joints) - 1) if exact else _best_stand(joints, at, skeleton)
   ease = min(_EASE, 2 * stop, count // 2 * 2)
   # At half the speed on average, stopping takes twice the frames that are passed on the way.
   slow = stop - ease / 2 + _eased(ease)
@@ -43,7 +46,24 @@ def with_rest(joints: Num[np.ndarray, "t j 3"], at: int, count: int, skeleton: S
   moved = joints[low] * (1 - part) + joints[np.minimum(low + 1, len(joints) - 1)] * part
   still = np.flatnonzero(when == stop)
   first, past = int(still[0]), int(still[-1]) + 1
-  return _feet_down(moved, first, past, joints[:, :, 1].min(0), skeleton, ends).astype(np.float32), first, past
+  if not exact:
+    moved = _feet_down(moved, first, past, joints[:, :, 1].min(0), skeleton, ends)
+  return moved.astype(np.float32), first, past
+
+
+def held_frame(joints: Num[np.ndarray, "t j 3"], first: int, past: int, pose: str, sides: Sequence[str],
+               skeleton: Skeleton) -> int:
+  """The frame of joints (T, J, 3) from `first` to `past` at which a pose is held: pose "arms", where the arms of
+  `sides` (of none, either) are highest; "low", where the pelvis is lowest; "leg", where an ankle is highest above the
+  other. Of the frames that are nearly so the slowest."""
+  part = np.asarray(joints[first:past], np.float64) * skeleton.unit
+  ankles = part[:, [chain[3] for chain in skeleton.chains[:2]], 1]
+  wrists = part[:, [chain[-1] for chain in skeleton.chains[3:]], 1]
+  named = [i for i, side in enumerate(("right", "left")) if side in sides]
+  much = (-part[:, 0, 1] if pose == "low" else np.abs(ankles[:, 0] - ankles[:, 1]) if pose == "leg" else
+          wrists[:, named].mean(1) if named else wrists.max(1))
+  speed = np.linalg.norm(np.gradient(part, axis=0), axis=-1).mean(1) if len(part) > 1 else np.zeros(1)
+  return first + int(np.argmin(np.where(much >= much.max() - _NEARLY, speed, np.inf)))
 
 
 def _feet_down(joints, first, past, lowest, skeleton, ends):

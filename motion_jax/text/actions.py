@@ -15,8 +15,8 @@ PARTS = ("legs", "body", "torso", "arms", "head")
 _VERBS = {part: set(words.split()) for part, words in {
     # What goes on for as long as one likes, so that another part may do something meanwhile;
     "gait": "walk run jog stroll stride march hop skip jump leap crawl sneak creep tiptoe limp wander pace sprint dash "
-            "hurry rush trot gallop wade shuffle strut saunter stagger sidestep strafe move stand stay circle amble "
-            "hike prowl stalk waddle step go come bounce",
+            "hurry rush trot gallop wade shuffle strut saunter stagger sidestep strafe move stand stay remain circle "
+            "amble hike prowl stalk waddle step go come bounce",
     # and what the legs do once.
     "legs": "turn spin rotate pivot sit kneel squat crouch kick fall lie rise climb trip stumble lunge stomp stamp "
             "duck land return approach collapse descend get",
@@ -45,6 +45,8 @@ _ONCE = set("bow kick turn squat duck raise lift lower throw toss catch pick poi
             "pull push put place drop greet shrug cross".split())
 # Behind these a body may stand with an arm or a leg in the air.
 _NOT_AT_EASE = {"kick", "raise", "lift", "strike"}
+# Behind these a body is low, and stays so when it rests.
+LOW = {"sit", "kneel", "crouch", "lie"}
 RESTS = {"stop", "pause", "wait", "rest", "halt", "freeze"}
 # Seconds of one swing, clap or blow of actions that a clip shows many times: to do such a thing twice takes no longer.
 _CYCLES = {"wave": 0.8, "clap": 0.6, "nod": 0.8, "shake": 0.6, "punch": 1.0, "jab": 0.8, "stomp": 0.8, "stamp": 0.8}
@@ -101,6 +103,13 @@ def is_counted_one_by_one(verb: str) -> bool:
   """Whether several of an action are better made one behind the other than by words that count: of 24 kicks and squats
   that were made one by one 12 came out as many as were asked for, by words 4; of 18 jumps and bows none, and 9."""
   return verb in _ONE_BY_ONE
+
+
+def held_pose(verb: str, part: str) -> str | None:
+  """Which pose of an action is held by who "holds it": "low", "arms" or "leg" of `motion.resting.held_frame`; None of
+  what is held as it ends."""
+  return "low" if verb in LOW | {"squat"} else "leg" if verb in ("kick", "balance") else (
+      "arms" if part == "arms" else None)
 
 
 def cycle_of(verb: str) -> float | None:

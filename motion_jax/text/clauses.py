@@ -95,6 +95,8 @@ def _connector(lower, at):
         return 0, ""
       if words == "next" and after == "to" or words in ("once", "then") and after in ("more", "again"):
         return 0, ""
+      if words == "while" and at and lower[at - 1] in ("a", "little", "short", "long", "good"):
+        return 0, ""  # "rests for a while"
       return length, _CONNECTORS[words]
   return 0, ""
 

@@ -18,7 +18,13 @@ from motion_jax.data.event_words import TIMES
 from motion_jax.text import actions
 from motion_jax.text.clauses import NUMBERS, PRONOUNS, clause_of, fit, is_ing, lower, part_of, pieces_of, without
 
-REST = "stands still"
+REST, HOLD = "stands still", "holds still"
+_STAYED = set("still there here put seated sitting low down up crouched crouching kneeling squatting lying bent "
+              "standing motionless frozen in on the that this place position pose floor chair like so as".split())
+_POSE = set("it them that this still pose position posture there steady".split())
+_HELD = _POSE | set("the his her their its up out high down in place air like so".split())
+_FOR_A = {"a moment": 1.0, "a while": 4.0, "a long time": 6.0}  # seconds of such a rest
+_WHILE = set("for a little short long while moment bit time second".split())
 _PLURAL = set("people men women children they we i you".split())
 _OTHER = {"another", "other", "second", "else", "each"}
 _OF_EACH_ARM = {"wave", "raise", "lift", "hold", "stretch", "extend", "lower", "swing", "put"}
@@ -60,7 +66,13 @@ class Segment(NamedTuple):
 
   @property
   def rests(self) -> bool:
-    return self.action.words == REST
+    """Whether nothing is made for it: time stands still in what is made for the others."""
+    return self.action.words in (REST, HOLD) and not self.also
+
+  @property
+  def holds(self) -> bool:
+    """Whether the pose that the segment before ends in is kept: seated, an arm in the air."""
+    return self.action.words == HOLD
 
 
 class Sentence(NamedTuple):
@@ -102,7 +114,7 @@ def understand(text: str, known: Callable[[str], bool] = lambda text: False) -> 
   if groups is None:
     return plain
   segments = tuple(_segment(group, subject) for group in groups)
-  found = Sentence(text, _without_repeated_rests(segments))
+  found = Sentence(text, _with_holds(_without_repeated_rests(segments)))
   return plain if found.is_plain else found
 
 
@@ -217,14 +229,19 @@ def _segment(group, subject):
       found.append(Action(f"{' '.join(subject)} {raised}", raised, "arms",
                           (side,) if side else ("left", "right") if hands[2].endswith("s") else (), held=True))
   seconds = [clause.seconds for clause in ordered if clause.seconds is not None]
+  if not seconds and found[0].words in (REST, HOLD):
+    seconds = [time for words, time in _FOR_A.items() if words in " ".join(lower(ordered[0].words))]
   return Segment(found[0], tuple(found[1:]), seconds[0] if seconds else None)
 
 
 def _action(clause, subject):
   who = " ".join(subject)
-  if clause.verb in actions.RESTS and not (clause.verb == "rest" and clause.words) or clause.verb in (
-      "stand", "stay") and clause.words[:1] == ["still"] or clause.verb in ("finish", "quit"):
+  said = [word for word in lower(clause.words) if word.isalpha()]
+  if clause.verb in actions.RESTS and not (clause.verb == "rest" and set(said) - _WHILE) or clause.verb in (
+      "stand", "stay") and said[:1] == ["still"] or clause.verb in ("finish", "quit"):
     return Action(f"{who} {REST}", REST, "legs", verb="stand")
+  if _is_hold(clause.verb, set(said) - _WHILE):
+    return Action(f"{who} {HOLD}", HOLD, "legs", verb="stand")
   plural = subject[-1] in _PLURAL or (len(subject) > 1 and NUMBERS.get(subject[0], 1) > 1)
   form = clause.form
   if form == clause.verb or is_ing(form):
@@ -235,6 +252,15 @@ def _action(clause, subject):
                 clause.verb, reworded=clause.reworded)
 
 
+def _is_hold(verb, words):
+  """Whether nothing moves: "stays seated", "remains there", "holds the pose", "keeps it up", "does not move"."""
+  if verb in ("stay", "remain"):
+    return words <= _STAYED
+  if verb in ("hold", "keep"):
+    return words <= _HELD and bool(words & _POSE)
+  return (verb, words) in (("do", {"not", "move"}), ("move", {"not"}), ("do", {"nothing"}))
+
+
 def _third(verb):
   """walk -> walks, carry -> carries, punch -> punches."""
   if verb in ("be", "have"):
@@ -242,6 +268,24 @@ def _third(verb):
   if verb.endswith("y") and verb[-2:-1] not in "aeiou":
     return verb[:-1] + "ies"
   return verb + ("es" if verb.endswith(("s", "sh", "ch", "x", "z", "o")) else "s")
+
+
+def _with_holds(segments):
+  """Who rests behind what is done low, as sitting is, holds still there; who holds still first stands still. With
+  something else at the same time, "kneels and stays there, waving", the low thing is done on."""
+  found = []
+  for segment in segments:
+    action, before = segment.action, found[-1] if found else None
+    if action.words in (REST, HOLD):
+      low = before is not None and (before.action.verb in actions.LOW or before.holds)
+      words = HOLD if before is not None and (low or action.words == HOLD) and not segment.also else REST
+      who = action.prompt.removesuffix(action.words)
+      action = action._replace(prompt=who + words, words=words, reworded=action.words == HOLD)
+      if segment.also and before is not None and before.action.verb in actions.LOW:
+        action = before.action
+      segment = segment._replace(action=action)
+    found.append(segment)
+  return tuple(found)
 
 
 def _without_repeated_rests(segments):

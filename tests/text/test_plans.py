@@ -61,6 +61,22 @@ COMPOSED = {
     "a person walks then stops walking": "walks | stands still",
     "a person starts walking, then stops": "walks | stands still",
     "a person walks, pauses for two seconds, then runs": "walks | stands still [2] | runs",
+    # a pose that is kept
+    "a person sits down on a chair, stays there and stands up again":
+        "sits down on a chair | holds still | stands up again",
+    "a person sits down, stays seated for three seconds, then gets up": "sits down | holds still [3] | gets up",
+    "a man sits down and waits": "sits down | holds still",
+    "a person sits down, rests for a while and stands up": "sits down | holds still [4] | stands up",
+    "a person kneels and remains there for two seconds": "kneels | holds still [2]",
+    "a person raises the left arm and holds it up": "raises the left arm | holds still",
+    "a person raises both arms, keeps them there, then walks": "raises both arms | holds still | walks",
+    "someone kicks and holds the pose": "kicks | holds still",
+    "a person walks, then does not move for a moment": "walks | holds still [1]",
+    "a person bows and waits": "bows | stands still",
+    "a person remains standing": "stands still",
+    "a person kneels and stays kneeling while waving": "kneels | kneels + waves",
+    "a person walks, then stands still while waving": "walks | stands still + waves",
+    "a person rests a hand on the table and walks": "rests a hand on the table | walks",
     # at once
     "a person waves while walking": "walks + waves",
     "a person walks while waving the left hand": "walks + waves the left hand",
