@@ -113,7 +113,7 @@ def understand(text: str, known: Callable[[str], bool] = lambda text: False) -> 
   groups = _arranged(_begun(pieces))
   if groups is None:
     return plain
-  segments = tuple(_segment(group, subject) for group in groups)
+  segments = [part for group in groups for part in _kept_up(_segment(group, subject))]
   found = Sentence(text, _with_holds(_without_repeated_rests(segments)))
   return plain if found.is_plain else found
 
@@ -232,6 +232,16 @@ def _segment(group, subject):
   if not seconds and found[0].words in (REST, HOLD):
     seconds = [time for words, time in _FOR_A.items() if words in " ".join(lower(ordered[0].words))]
   return Segment(found[0], tuple(found[1:]), seconds[0] if seconds else None)
+
+
+def _kept_up(segment):
+  """Who raises a hand or sits for so many seconds does it, and keeps it up so long."""
+  action = segment.action
+  if segment.seconds is None or segment.also or action.times > 1 or not (
+      action.verb in ("raise", "lift") and action.part == "arms" or action.verb in actions.LOW):
+    return [segment]
+  who = action.prompt.removesuffix(action.words)
+  return [segment._replace(seconds=None), Segment(Action(who + HOLD, HOLD, "legs", verb="stand"), (), segment.seconds)]
 
 
 def _action(clause, subject):

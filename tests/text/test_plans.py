@@ -72,6 +72,8 @@ COMPOSED = {
     "a person raises both arms, keeps them there, then walks": "raises both arms | holds still | walks",
     "someone kicks and holds the pose": "kicks | holds still",
     "a person walks, then does not move for a moment": "walks | holds still [1]",
+    "a person raises the left arm for three seconds": "raises the left arm | holds still [3]",
+    "a person sits for five seconds, then walks": "sits | holds still [5] | walks",
     "a person bows and waits": "bows | stands still",
     "a person remains standing": "stands still",
     "a person kneels and stays kneeling while waving": "kneels | kneels + waves",
