@@ -255,10 +255,10 @@ def test_parts_of_the_body():
 
 
 def test_long_texts_take_no_time():
-  start = time.perf_counter()
+  start = time.process_time()  # not of what else the machine does
   for text in ("a person walks and waves, then " * 160, "and " * 1250, "walking " * 600, "a , " * 1200, "😀" * 5000):
     understand(text)
-  assert time.perf_counter() - start < 5
+  assert time.process_time() - start < 5
 
 
 @pytest.mark.parametrize("said, meant", [
