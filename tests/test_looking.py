@@ -1,4 +1,6 @@
 """What a sentence asks for is looked for in the motion; one that does not show it is made anew, the best is kept."""
+from types import SimpleNamespace
+
 import jax
 import numpy as np
 import pytest
@@ -7,6 +9,7 @@ from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.models import composed, looking
 from motion_jax.models.looking import Asked, asked_of, misses
 from motion_jax.models.results import Motion, gathered
+from motion_jax.motion.events import find_events
 from motion_jax.motion.skeleton import HUMANML3D
 
 
@@ -19,7 +22,12 @@ from motion_jax.motion.skeleton import HUMANML3D
     ("someone takes two bows", [Asked("bow", "", 2, True)]),
     ("a person raises the right hand and waves it", [Asked("wave", "", 1, False)]),
     ("a person waves the right hand three times", [Asked("wave", "right", 1, False)]),
-    ("someone walks backwards and turns left", [Asked("walk", "backward", 1, False), Asked("turn", "left", 1, False)]),
+    ("someone walks backwards and turns left", [
+        Asked("walk", "backward", 1, False), Asked("turn", "left", 1, False, (40, 140))]),
+    ("a person turns around to the left", [Asked("turn", "left", 1, False, (130, 230))]),
+    ("a person turns right by 90 degrees", [Asked("turn", "right", 1, False, (50, 130))]),
+    ("a person turns left, then turns left", [Asked("turn", "left", 2, False)]),
+    ("a person turns the head to the left", []),
     ("she strikes with the fist", [Asked("punch", "", 1, False)]), ("she strikes a pose", []),
     ("a person walks back and forth", []),
     ("a person walks back to the chair", []),
@@ -33,7 +41,8 @@ from motion_jax.motion.skeleton import HUMANML3D
     ("a person stands up from a chair", [Asked("rise", "", 1, False)]),
     ("she sits down and gets up again", [Asked("rise", "", 1, False), Asked("sit", "", 1, False)]),
     ("a man gets up and walks forward", []),
-    ("a man stands still", []),
+    ("a man stands still", [Asked("still", "", 1, False)]),
+    ("a man walks, then stands still", []),
     ("a man stands up straight", []),
     ("someone walks forward, then dances", []),
 ])
@@ -54,6 +63,11 @@ def test_what_is_missing_is_counted():
   assert misses(_joints("turn_left"), [Asked("turn", "left", 1, False)]) == 0
   assert misses(_joints("turn_left"), [Asked("turn", "right", 1, False)]) == 1
   assert misses(_joints("wave_left"), [Asked("wave", "left", 1, False)]) == 0
+  turned = sum(event.amount for event in find_events(_joints("turn_left"), 20.0) if event.kind == "turn")
+  far = [misses(_joints("turn_left"), [Asked("turn", "left", 1, False, (turned + by, 400))]) for by in (-10, 30, 60)]
+  assert far[0] == 0 < far[1] < far[2] < 1
+  still = np.repeat(walk[:1], 40, axis=0)
+  assert misses(still, [Asked("still", "", 1, False)]) == 0 < misses(walk, [Asked("still", "", 1, False)])
   back = walk[::-1] * 1.0  # as it was walked, time turned round
   asked = [Asked("walk", "backward", 1, False)]
   assert misses(walk, asked) == 1 and misses(back, asked) == 0
@@ -76,6 +90,7 @@ class _Stub:
 
   def __init__(self, jumps):
     self.jumps, self.made = jumps, []
+    self.sampling = lambda **choices: SimpleNamespace(guidance_scale=choices.get("guidance_scale", 2.0))
     self.stats = type("Stats", (), {"layout": type("Layout", (), {"skeleton": HUMANML3D})})
 
   def motion(self, prompt, key):
@@ -125,6 +140,24 @@ def test_the_best_of_all_tries_is_kept(monkeypatch):
   monkeypatch.setattr(looking, "misses", lambda *_: next(asked))
   _, made = _made(_Stub(lambda prompt, key: False), monkeypatch, ["a person jumps"], 4)
   assert made[0].meta["tries"] == 2
+
+
+def test_words_weigh_twice_as_much_in_what_is_made_anew(monkeypatch):
+  """But where somebody says how much they weigh, and in a student, that has no guidance of its own."""
+  asked = []
+  made = gathered([_Stub(lambda prompt, key: False).motion("a person jumps", np.zeros(2))])
+  monkeypatch.setattr(composed, "_generated", lambda *given, apart=False: asked.append(given[-1]) or made)
+  stub, keys = _Stub(lambda prompt, key: False), jax.random.split(jax.random.key_data(jax.random.key(0)), 1)
+  make = lambda how: composed.generate(stub, ["a person jumps"], None, None, keys, [None], True, False, how, 3)
+  make({"num_steps": 3})
+  assert asked == [{"num_steps": 3}] + [{"num_steps": 3, "guidance_scale": 4.0}] * 2
+  asked.clear()
+  make({"guidance_scale": 1.5})
+  assert asked == [{"guidance_scale": 1.5}] * 3
+  asked.clear()
+  stub.sampling = lambda **choices: SimpleNamespace(guidance_scale=1.0)
+  make({})
+  assert asked == [{}] * 3
 
 
 def test_from_the_third_try_on_actions_are_made_apart(monkeypatch):

@@ -1,9 +1,9 @@
 """Does a motion show what its sentence asks for? What can be seen on the joints is looked for; see `composed.generate`.
 
 `motion.events` sees kicks, punches, jumps, hops, squats, bows, waving hands, turns and walks backward, of which side
-they are, and how many. Whoever sits down comes down, who gets up at last is up at the end, and whoever dances, and is
-not told where to, stays about where they are. The rules of events are in doubt now and then, so a motion in which
-something is not seen may still be a good one.
+they are, and how many. Who stands still stirs little. Whoever sits down comes down, who gets up at last is up at the
+end, and whoever dances, and is not told where to, stays about where they are. The rules of events are in doubt now and
+then, so a motion in which something is not seen may still be a good one.
 """
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -27,6 +27,7 @@ _SOMEWHERE = {"across", "along", "around", "away", "backward", "backwards", "cir
               "into", "left", "out", "right", "round", "sideways", "through", "toward", "towards"}
 _WANDERED = 1.2  # metres from beginning to end; three quarters of the 142 captured dances stay within that
 _PACE, _STRAIGHT, _BACK = 0.25, 0.7, 1.2  # metres a second, share of the pace, and seconds of a walk backward
+_SWAY = 0.35  # metres a second of whoever stands still, at the most
 _LOW, _WHILE = 0.89, 0.5  # of its height that a pelvis is at the most on a high stool, and for how many seconds
 _STANDS = 1.1  # lengths of a leg that the pelvis of an upright body is up at the least: half of all captured ones 1.14
 _UP = 0.95  # of its height that a pelvis is at the least, so long, of somebody who got up
@@ -35,13 +36,19 @@ _UPRIGHT = {"straight", "tall", "upright"}
 _WITHOUT = {"without", "not", "no", "never", "nor", "don't", "doesn't"}
 
 
+# Degrees that a body turns by in all, by words of a turn; one to a side of which no more is said is no turning round.
+_DEGREES = (({"around", "round", "about", "back", "180"}, (130, 230)), ({"90"}, (50, 130)), ({"360"}, (290, 430)),
+            ({"left", "right"}, (40, 140)))
+
+
 class Asked(NamedTuple):
   """Something that is to be seen: a kind of event, of the left or right or of either (""), backward for walks, and how
-  often: times, or, not counted, as often or more."""
+  often: times, or, not counted, as often or more. degrees: least and most that a turn has in all."""
   kind: str
   side: str
   times: int
   counted: bool
+  degrees: tuple[float, float] | None = None
 
 
 def asked_of(text: str) -> list[Asked]:
@@ -50,6 +57,8 @@ def asked_of(text: str) -> list[Asked]:
     return []
   found: dict[tuple[str, str], Asked] = {}
   actions = actions_of(text)
+  if len(actions) == 1 and _stands_still(actions[0]):
+    return [Asked("still", "", 1, False)]
   if actions and all(map(_dances_in_place, actions)):
     found["dance", ""] = Asked("dance", "", 1, False)
   if actions and _gets_up(actions[-1]):
@@ -60,14 +69,17 @@ def asked_of(text: str) -> list[Asked]:
       kind, side = "walk", "backward"
     if action.verb in _BLOWS and words & _FISTS:
       kind = "punch"
-    if kind is None or action.held:
+    if kind is None or action.held or action.part == "head":  # "turns the head"
       continue
     named = {"left", "right"} & words
     if kind in _SIDED and len(named) == 1:
       side = named.pop()
     before = found.get((kind, side), Asked(kind, side, 0, False))
     counted = before.counted or action.times > 1 and kind in _COUNTED
-    found[kind, side] = Asked(kind, side, before.times + (action.times if kind in _COUNTED else 1), counted)
+    degrees = next((span for said, span in _DEGREES if said & words), None) if kind == "turn" else None
+    if before.times or action.times > 1:
+      degrees = None  # of several turns together
+    found[kind, side] = Asked(kind, side, before.times + (action.times if kind in _COUNTED else 1), counted, degrees)
   return list(found.values())
 
 
@@ -77,6 +89,10 @@ def _dances_in_place(action):
   return does and not words & _SOMEWHERE
 
 
+def _stands_still(action):
+  return action.verb in ("stand", "stay") and bool({"still", "place", "motionless"} & set(action.words.lower().split()))
+
+
 def _gets_up(action):
   words = set(action.words.lower().split())
   return any(action.verb == verb and word in words | {""} for verb, word in _RISES) and not words & _UPRIGHT
@@ -84,15 +100,19 @@ def _gets_up(action):
 
 def misses(joints: Num[np.ndarray, "t 22 3"], asked: Sequence[Asked], fps: float = 20.0) -> float:
   """How much of what is asked is not to be seen in joints (T, 22, 3), and how much too often where that is counted; a
-  dance that wanders misses the more of one the farther it leads away, a fist too slow for a punch the more the slower.
+  dance that wanders misses the more of one the farther it leads away, a fist too slow for a punch the more the slower,
+  a turn the more the farther its degrees are from what was said.
   """
   if not asked:
     return 0.0
   events, missed = find_events(joints, fps), 0.0
-  for kind, side, times, counted in asked:
+  for kind, side, times, counted, degrees in asked:
     if kind == "dance":
       away = float(np.linalg.norm((joints[-1] - joints[0])[0, [0, 2]]))
       missed += max(0.0, 1 - _WANDERED / max(away, 1e-9))
+      continue
+    if kind == "still":
+      missed += _stirs(joints, fps)
       continue
     if kind == "rise":
       missed += not _comes_up(joints, fps)
@@ -107,6 +127,9 @@ def misses(joints: Num[np.ndarray, "t 22 3"], asked: Sequence[Asked], fps: float
            or event.kind == kind and event.side == "both"]
     number = sum(max(event.count, 1) if kind in _COUNTED else 1 for event in own)
     missed += abs(number - times) if counted else max(times - number, 0)
+    if degrees is not None and number >= times:
+      total = abs(sum(event.amount for event in own))
+      missed += min(max(degrees[0] - total, total - degrees[1], 0.0) / 90, 0.9)
     if kind == "punch" and number < times:  # of motions without one, what comes nearest to it is the best
       missed -= 0.9 * min(punch_speed(Body(np.asarray(joints, np.float64), fps), side) / PUNCH, 1.0)
   return missed
@@ -125,6 +148,16 @@ def _usual(joints):
   thighs, shins = joints[:, [1, 2]] - joints[:, [4, 5]], joints[:, [4, 5]] - joints[:, [7, 8]]
   leg = float(np.linalg.norm(thighs, axis=-1).mean() + np.linalg.norm(shins, axis=-1).mean())
   return max(np.percentile(joints[:, 0, 1], 90), _STANDS * leg)
+
+
+def _stirs(joints, fps):
+  """How much of the time a hand, a foot or the head of joints (T, 22, 3) moves, and more where they end elsewhere; 0 of
+  a body that but sways."""
+  ends = joints[:, [10, 11, 15, 20, 21]]
+  speed = np.linalg.norm(np.diff(ends, axis=0), axis=-1).max(1) * fps
+  moves = float((speed > _SWAY).mean()) if len(speed) else 0.0
+  away = float(np.linalg.norm((joints[-1] - joints[0])[0, [0, 2]]))
+  return min((moves if moves > 0.1 else 0.0) + (away if away > 0.15 else 0.0), 1.0)
 
 
 def _comes_down(joints, fps):
