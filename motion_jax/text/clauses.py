@@ -13,6 +13,7 @@ NUMBERS = {word: number for number, word in enumerate(
     "zero one two three four five six seven eight nine ten eleven twelve".split())} | {
         "a": 1, "an": 1, "half": 0.5, "couple": 2, "few": 3, "several": 3, "many": 4}
 _TOKEN = re.compile(r"\d+(?:\.\d+)?|\w+(?:['’-]\w+)*|\S", re.UNICODE)
+_NOT = re.compile(r"(?i)\b(do|does|did)n['’]t\b")
 _PEOPLE = set("person man woman boy girl child kid guy lady figure human dancer boxer player character people men "
               "women children somebody someone anybody everyone one he she they i you we it who him her them athlete "
               "actor soldier robot zombie giant thug teenager adult".split())
@@ -53,7 +54,7 @@ class Clause(NamedTuple):
 
 def pieces_of(text, known):
   """[(how it is joined to what is before, clause)]; joins are keys of `_CONNECTORS`, "" at the start."""
-  tokens = [token for token in _TOKEN.findall(text)]
+  tokens = _TOKEN.findall(_NOT.sub(r"\1 not", text))
   lower = [token.lower().replace("’", "'") for token in tokens]
   found, kind, start, at = [], "", 0, 0
   said = []  # connectors as they stand between the fragments

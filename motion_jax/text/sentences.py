@@ -21,6 +21,7 @@ from motion_jax.text.clauses import NUMBERS, PRONOUNS, clause_of, fit, is_ing, l
 REST, HOLD = "stands still", "holds still"
 _STAYED = set("still there here put seated sitting low down up crouched crouching kneeling squatting lying bent "
               "standing motionless frozen in on the that this place position pose floor chair like so as".split())
+_LOW_POSE = set("seated sitting low down crouched crouching kneeling squatting lying bent".split())
 _POSE = set("it them that this still pose position posture there steady".split())
 _HELD = _POSE | set("the his her their its up out high down in place air like so".split())
 _FOR_A = {"a moment": 1.0, "a while": 4.0, "a long time": 6.0}  # seconds of such a rest
@@ -114,7 +115,7 @@ def understand(text: str, known: Callable[[str], bool] = lambda text: False) -> 
   if groups is None:
     return plain
   segments = [part for group in groups for part in _kept_up(_segment(group, subject))]
-  found = Sentence(text, _with_holds(_without_repeated_rests(segments)))
+  found = Sentence(text, _with_holds(_without_repeated_rests(segments), " ".join(subject)))
   return plain if found.is_plain else found
 
 
@@ -251,7 +252,8 @@ def _action(clause, subject):
       "stand", "stay") and said[:1] == ["still"] or clause.verb in ("finish", "quit"):
     return Action(f"{who} {REST}", REST, "legs", verb="stand")
   if _is_hold(clause.verb, set(said) - _WHILE):
-    return Action(f"{who} {HOLD}", HOLD, "legs", verb="stand")
+    words = " ".join([_third(clause.verb), *clause.words]) if clause.verb != "do" else HOLD
+    return Action(f"{who} {words}", HOLD, "legs", verb="stand")
   plural = subject[-1] in _PLURAL or (len(subject) > 1 and NUMBERS.get(subject[0], 1) > 1)
   form = clause.form
   if form == clause.verb or is_ing(form):
@@ -280,21 +282,23 @@ def _third(verb):
   return verb + ("es" if verb.endswith(("s", "sh", "ch", "x", "z", "o")) else "s")
 
 
-def _with_holds(segments):
-  """Who rests behind what is done low, as sitting is, holds still there; who holds still first stands still. With
-  something else at the same time, "kneels and stays there, waving", the low thing is done on."""
+def _with_holds(segments, who):
+  """Who rests behind what is done low, as sitting is, holds still there. Behind nothing, who holds still stands still,
+  but for who "stays seated", which is an action then. With something else at the same time, "kneels and stays there,
+  waving", the low thing is done on."""
   found = []
   for segment in segments:
     action, before = segment.action, found[-1] if found else None
-    if action.words in (REST, HOLD):
-      low = before is not None and (before.action.verb in actions.LOW or before.holds)
-      words = HOLD if before is not None and (low or action.words == HOLD) and not segment.also else REST
-      who = action.prompt.removesuffix(action.words)
-      action = action._replace(prompt=who + words, words=words, reworded=action.words == HOLD)
-      if segment.also and before is not None and before.action.verb in actions.LOW:
-        action = before.action
-      segment = segment._replace(action=action)
-    found.append(segment)
+    low = before is not None and (before.action.verb in actions.LOW or before.holds)
+    if action.words == HOLD and before is None and _LOW_POSE & set(action.prompt.split()):
+      action = action._replace(words=action.prompt.removeprefix(who + " "))
+    elif segment.also and low and action.words in (REST, HOLD):
+      action = before.action
+    elif action.words == HOLD and (before is None or segment.also):
+      action = action._replace(prompt=f"{who} {REST}", words=REST, reworded=True)
+    elif action.words == REST and low:
+      action = action._replace(prompt=f"{who} {HOLD}", words=HOLD)
+    found.append(segment._replace(action=action))
   return tuple(found)
 
 

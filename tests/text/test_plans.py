@@ -74,6 +74,8 @@ COMPOSED = {
     "a person walks, then does not move for a moment": "walks | holds still [1]",
     "a person raises the left arm for three seconds": "raises the left arm | holds still [3]",
     "a person sits for five seconds, then walks": "sits | holds still [5] | walks",
+    "a person sits down and doesn't move": "sits down | holds still",
+    "a person does not move": "stands still",
     "a person bows and waits": "bows | stands still",
     "a person remains standing": "stands still",
     "a person kneels and stays kneeling while waving": "kneels | kneels + waves",
@@ -190,6 +192,8 @@ while walking, a person turns left
 a person walks, turning left
 a person dribbles a basketball while moving backward
 a person stands still
+a person stays seated
+a person stays on one leg
 a person is happy and then sad
 a person throws a ball, then another ball
 a person walks in the rain, then under the sun
