@@ -1,9 +1,9 @@
 """Does a motion show what its sentence asks for? What can be seen on the joints is looked for; see `composed.generate`.
 
 `motion.events` sees kicks, punches, jumps, hops, squats, bows, waving hands, turns and walks backward, of which side
-they are, and how many. Who stands still stirs little. Whoever sits down comes down, who gets up at last is up at the
-end, and whoever dances, and is not told where to, stays about where they are. The rules of events are in doubt now and
-then, so a motion in which something is not seen may still be a good one.
+they are, and how many. Who stands still stirs little. Whoever sits down comes down, and stays down where that is all,
+who gets up at last is up at the end, and whoever dances, and is not told where to, stays about where they are. The
+rules of events are in doubt now and then, so a motion in which something is not seen may still be a good one.
 """
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -61,6 +61,8 @@ def asked_of(text: str) -> list[Asked]:
     return [Asked("still", "", 1, False)]
   if actions and all(map(_dances_in_place, actions)):
     found["dance", ""] = Asked("dance", "", 1, False)
+  if actions and actions[-1].verb == "sit":
+    found["seated", ""] = Asked("seated", "", 1, False)
   if actions and _gets_up(actions[-1]):
     found["rise", ""] = Asked("rise", "", 1, False)
   for action in actions:
@@ -117,6 +119,9 @@ def misses(joints: Num[np.ndarray, "t 22 3"], asked: Sequence[Asked], fps: float
     if kind == "rise":
       missed += not _comes_up(joints, fps)
       continue
+    if kind == "seated":
+      missed += 0.5 * (not _is_down(joints, fps))
+      continue
     if kind == "sit":
       missed += not _comes_down(joints, fps)
       continue
@@ -162,6 +167,10 @@ def _stirs(joints, fps):
 
 def _comes_down(joints, fps):
   return (joints[:, 0, 1] < _LOW * _usual(joints)).sum() >= _WHILE * fps
+
+
+def _is_down(joints, fps):
+  return bool((joints[-max(round(_WHILE * fps), 1):, 0, 1] < _LOW * _usual(joints)).all())
 
 
 def _comes_up(joints, fps):
