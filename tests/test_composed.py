@@ -184,3 +184,7 @@ def test_who_holds_a_pose_holds_it_where_it_is():
   start, past = spans[1]
   assert len(made) == 100 and (made[start + 2:past - 2, 0, 1] < joints[0, 0, 1] - 0.3).all() and past - start > 30
   assert made[-1, 0, 1] > joints[0, 0, 1] - 0.05
+  # A body that is low from the first frame on has sat down all the same, and its caption has time.
+  joints[:] = joints[30]
+  made, spans = shown("a person sits down and stays there", [40, 40], [(0, 40)])
+  assert 0 == spans[0][0] < spans[0][1] == spans[1][0] < spans[1][1] == len(made)

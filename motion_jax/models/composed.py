@@ -330,7 +330,10 @@ def _with_rests(joints, sentence, spans, lengths, skeleton):
   for segment, before, count in zip(sentence.segments, (None, *sentence.segments), lengths):
     pose = held_pose(before.action.verb, before.action.part) if before and segment.holds else None
     if segment.rests:
-      at = end if pose is None else held_frame(joints, *found[-1], pose, before.action.sides, skeleton)
+      at = end
+      if pose is not None:  # what is held takes a frame at least, or its caption would have no time
+        first, past = found[-1]
+        at = held_frame(joints, min(first + 1, past - 1), past, pose, before.action.sides, skeleton)
       # Arms that are held up for so many seconds come down then, as they do in what was made.
       ends = segment is sentence.segments[-1] and not (pose == "arms" and segment.seconds)
       joints, first, past = with_rest(joints, at, count, skeleton, ends, exact=pose is not None)
