@@ -19,9 +19,9 @@ from motion_jax.text import actions
 from motion_jax.text.clauses import NUMBERS, PRONOUNS, clause_of, fit, is_ing, lower, part_of, pieces_of, without
 
 REST, HOLD = "stands still", "holds still"
-_STAYED = set("still there here put seated sitting low down up crouched crouching kneeling squatting lying bent "
-              "standing motionless frozen in on the that this place position pose floor chair like so as".split())
 _LOW_POSE = set("seated sitting low down crouched crouching kneeling squatting lying bent".split())
+_STAYED = _LOW_POSE | set("still there here put up standing motionless frozen in on the that this place position pose "
+                          "floor chair like so as".split())
 _POSE = set("it them that this still pose position posture there steady".split())
 _HELD = _POSE | set("the his her their its up out high down in place air like so".split())
 _FOR_A = {"a moment": 1.0, "a while": 4.0, "a long time": 6.0}  # seconds of such a rest
@@ -247,19 +247,18 @@ def _kept_up(segment):
 
 def _action(clause, subject):
   who = " ".join(subject)
-  said = [word for word in lower(clause.words) if word.isalpha()]
-  if clause.verb in actions.RESTS and not (clause.verb == "rest" and set(said) - _WHILE) or clause.verb in (
-      "stand", "stay") and said[:1] == ["still"] or clause.verb in ("finish", "quit"):
-    return Action(f"{who} {REST}", REST, "legs", verb="stand")
-  if _is_hold(clause.verb, set(said) - _WHILE):
-    words = " ".join([_third(clause.verb), *clause.words]) if clause.verb != "do" else HOLD
-    return Action(f"{who} {words}", HOLD, "legs", verb="stand")
   plural = subject[-1] in _PLURAL or (len(subject) > 1 and NUMBERS.get(subject[0], 1) > 1)
   form = clause.form
   if form == clause.verb or is_ing(form):
     form = clause.verb if plural else _third(clause.verb)
   words = " ".join([*lower(clause.before), form, *clause.words])
   words = re.sub(r"\s+([,.;:!?%)])", r"\1", words).rstrip(" .,;:!?-–—").replace("( ", "(")
+  said = [word for word in lower(clause.words) if word.isalpha()]
+  if clause.verb in actions.RESTS and not (clause.verb == "rest" and set(said) - _WHILE) or clause.verb in (
+      "stand", "stay") and said[:1] == ["still"] or clause.verb in ("finish", "quit"):
+    return Action(f"{who} {REST}", REST, "legs", verb="stand")
+  if _is_hold(clause.verb, set(said) - _WHILE):
+    return Action(f"{who} {words}", HOLD, "legs", verb="stand")
   return Action(f"{who} {words}", words, part_of(clause), actions.sides_of(lower(clause.words)), clause.times,
                 clause.verb, reworded=clause.reworded)
 
@@ -270,7 +269,7 @@ def _is_hold(verb, words):
     return words <= _STAYED
   if verb in ("hold", "keep"):
     return words <= _HELD and bool(words & _POSE)
-  return (verb, words) in (("do", {"not", "move"}), ("move", {"not"}), ("do", {"nothing"}))
+  return verb == "do" and words in ({"not", "move"}, {"nothing"})
 
 
 def _third(verb):
@@ -289,14 +288,14 @@ def _with_holds(segments, who):
   found = []
   for segment in segments:
     action, before = segment.action, found[-1] if found else None
-    low = before is not None and (before.action.verb in actions.LOW or before.holds)
+    low = before is not None and before.action.verb in actions.LOW
     if action.words == HOLD and before is None and _LOW_POSE & set(action.prompt.split()):
       action = action._replace(words=action.prompt.removeprefix(who + " "))
     elif segment.also and low and action.words in (REST, HOLD):
       action = before.action
     elif action.words == HOLD and (before is None or segment.also):
       action = action._replace(prompt=f"{who} {REST}", words=REST, reworded=True)
-    elif action.words == REST and low:
+    elif action.words == REST and (low or before is not None and before.holds):
       action = action._replace(prompt=f"{who} {HOLD}", words=HOLD)
     found.append(segment._replace(action=action))
   return tuple(found)

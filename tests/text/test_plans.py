@@ -80,6 +80,8 @@ COMPOSED = {
     "a person remains standing": "stands still",
     "a person kneels and stays kneeling while waving": "kneels | kneels + waves",
     "a person walks, then stands still while waving": "walks | stands still + waves",
+    "a person runs and keeps up": "runs | keeps up",
+    "a person raises the left hand 3 times for 4 seconds": "raises the left hand 3 times [4]",
     "a person rests a hand on the table and walks": "rests a hand on the table | walks",
     # at once
     "a person waves while walking": "walks + waves",
@@ -234,6 +236,13 @@ def test_everybody_keeps_being_who_they_are():
   assert understand("before sitting down, she waves").prompts == ["she waves", "she sits down"]
   assert understand("walk, then wave").prompts == ["a person walks", "a person waves"]
   assert understand("two people walk and then wave").prompts == ["two people walk", "two people wave"]
+
+
+def test_who_does_something_while_standing_still_does_not_rest():
+  resting = lambda text: [segment.rests for segment in understand(text).segments]
+  assert resting("a person walks, then stands still while waving") == [False, False]
+  assert resting("a person walks, then stands still") == [False, True]
+  assert resting("a person kneels and stays kneeling") == [False, True]
 
 
 def test_a_caption_that_was_learned_stays_whole():
