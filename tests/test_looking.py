@@ -26,6 +26,10 @@ from motion_jax.motion.skeleton import HUMANML3D
         Asked("walk", "backward", 1, False), Asked("turn", "left", 1, False, (40, 140))]),
     ("a person turns around to the left", [Asked("turn", "left", 1, False, (130, 230))]),
     ("a person turns right by 90 degrees", [Asked("turn", "right", 1, False, (50, 130))]),
+    ("she does not move", [Asked("still", "", 1, False)]),
+    ("a person turns left by 270 degrees", [Asked("turn", "left", 1, False, (216, 324))]),
+    ("a person turns all the way around", [Asked("turn", "", 1, False, (290, 430))]),
+    ("a person turns left around the corner", [Asked("turn", "left", 1, False, (40, 140))]),
     ("a person turns left, then turns left", [Asked("turn", "left", 2, False)]),
     ("a person turns the head to the left", []),
     ("she strikes with the fist", [Asked("punch", "", 1, False)]), ("she strikes a pose", []),
@@ -68,6 +72,11 @@ def test_what_is_missing_is_counted():
   assert far[0] == 0 < far[1] < far[2] < 1
   still = np.repeat(walk[:1], 40, axis=0)
   assert misses(still, [Asked("still", "", 1, False)]) == 0 < misses(walk, [Asked("still", "", 1, False)])
+  slides = still + 0.01 * np.arange(40)[:, None, None] * np.array([1.0, 0, 0])  # slower than a body sways, but away
+  assert misses(slides, [Asked("still", "", 1, False)]) > 0.3
+  waves = _joints("wave_left")
+  waves = waves - (waves[:, :1] - waves[:1, :1]) * [1.0, 0, 1]
+  assert misses(waves, [Asked("still", "", 1, False)]) > 0.2
   back = walk[::-1] * 1.0  # as it was walked, time turned round
   asked = [Asked("walk", "backward", 1, False)]
   assert misses(walk, asked) == 1 and misses(back, asked) == 0
@@ -78,7 +87,8 @@ def test_what_is_missing_is_counted():
   assert misses(low, asked) == 0 < misses(low[::-1], asked) < 1  # who sits down and gets up again has not quite done it
   asked = [Asked("rise", "", 1, False)]
   assert misses(low[::-1], asked) == 0 and misses(low, asked) == misses(walk, asked) == 1  # up, down, never down
-  seated = walk * np.where(np.arange(len(walk)) < 6, 1.0, 0.65 + 0.05 * np.sin(np.arange(len(walk)) / 5))[:, None, None]
+  at = np.arange(len(walk))
+  seated = walk * np.where(at < 4, 1.0, np.where((at > 20) & (at < 30), 0.5, 0.62))[:, None, None]
   assert misses(seated, asked) == 1  # who sits nearly all the time and bobs is not up
   assert misses(walk, []) == 0
   away = misses(walk, [Asked("dance", "", 1, False)])

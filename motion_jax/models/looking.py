@@ -5,6 +5,7 @@ they are, and how many. Who stands still stirs little. Whoever sits down comes d
 who gets up at last is up at the end, and whoever dances, and is not told where to, stays about where they are. The
 rules of events are in doubt now and then, so a motion in which something is not seen may still be a good one.
 """
+import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -29,16 +30,17 @@ _WANDERED = 1.2  # metres from beginning to end; three quarters of the 142 captu
 _PACE, _STRAIGHT, _BACK = 0.25, 0.7, 1.2  # metres a second, share of the pace, and seconds of a walk backward
 _SWAY = 0.35  # metres a second of whoever stands still, at the most
 _LOW, _WHILE = 0.89, 0.5  # of its height that a pelvis is at the most on a high stool, and for how many seconds
-_STANDS = 1.1  # lengths of a leg that the pelvis of an upright body is up at the least: half of all captured ones 1.14
+_STANDS = 1.1  # lengths of a leg that the pelvis of an upright body is up at the least; median of CMU 1.14, Bandai 1.18
 _UP = 0.95  # of its height that a pelvis is at the least, so long, of somebody who got up
 _RISES = {("stand", "up"), ("get", "up"), ("rise", "")}  # verb, and the word that it needs
 _UPRIGHT = {"straight", "tall", "upright"}
 _WITHOUT = {"without", "not", "no", "never", "nor", "don't", "doesn't"}
 
-
-# Degrees that a body turns by in all, by words of a turn; one to a side of which no more is said is no turning round.
-_DEGREES = (({"around", "round", "about", "back", "180"}, (130, 230)), ({"90"}, (50, 130)), ({"360"}, (290, 430)),
-            ({"left", "right"}, (40, 140)))
+# Degrees that a body turns by in all, by words of a turn that names none; one to a side of which no more is said is no
+# turning round. A number that is named may be missed by _NEAR, or by a fifth of it.
+_DEGREES = (({"full", "all", "fully", "completely"}, (290, 430)), ({"corner"}, (40, 140)),
+            ({"around", "round", "about", "back"}, (130, 230)), ({"left", "right"}, (40, 140)))
+_NEAR = 40
 
 
 class Asked(NamedTuple):
@@ -53,12 +55,12 @@ class Asked(NamedTuple):
 
 def asked_of(text: str) -> list[Asked]:
   """What a sentence asks for that can be seen; nothing of one that says what is not done."""
-  if _WITHOUT & set(text.lower().split()):
-    return []
   found: dict[tuple[str, str], Asked] = {}
   actions = actions_of(text)
-  if len(actions) == 1 and _stands_still(actions[0]):
+  if len(actions) == 1 and _stands_still(actions[0]):  # also who "does not move"
     return [Asked("still", "", 1, False)]
+  if _WITHOUT & set(text.lower().split()):
+    return []
   if actions and all(map(_dances_in_place, actions)):
     found["dance", ""] = Asked("dance", "", 1, False)
   if actions and actions[-1].verb == "sit":
@@ -78,11 +80,19 @@ def asked_of(text: str) -> list[Asked]:
       side = named.pop()
     before = found.get((kind, side), Asked(kind, side, 0, False))
     counted = before.counted or action.times > 1 and kind in _COUNTED
-    degrees = next((span for said, span in _DEGREES if said & words), None) if kind == "turn" else None
-    if before.times or action.times > 1:
-      degrees = None  # of several turns together
+    several = before.times or action.times > 1
+    degrees = _degrees_of(action.words.lower()) if kind == "turn" and not several else None
     found[kind, side] = Asked(kind, side, before.times + (action.times if kind in _COUNTED else 1), counted, degrees)
   return list(found.values())
+
+
+def _degrees_of(words):
+  number = re.search(r"(\d+)(?: ?°| degrees?)", words)
+  if number:
+    named = float(number[1])
+    off = max(_NEAR, named / 5)
+    return named - off, named + off
+  return next((span for said, span in _DEGREES if said & set(words.split())), None)
 
 
 def _dances_in_place(action):
