@@ -16,8 +16,8 @@ _NUMBER = {2: "two", 3: "three", 4: "four", 5: "five", 6: "six", 7: "seven", 8: 
 _DEGREES = ((45, 12), (90, 20), (180, 20), (270, 20), (360, 20))
 
 
-def sentence(events, seconds, variant):
-  """One sentence in the variant-th choice of words, "" for no event."""
+def sentence(events, seconds, variant, subject=""):
+  """One sentence in the variant-th choice of words, "" for no event; subject: who moves, in other words than these."""
   moving = [event for event in events if event.kind != "still"]
   phrases = []
   for index, event in enumerate(moving):
@@ -38,7 +38,7 @@ def sentence(events, seconds, variant):
     if any(event.start >= end - 0.4 and event.end - event.start >= 0.8 for event in rests):
       walks = moving[-1].kind in ("walk", "run")
       phrases.append(_pick(variant, *(("stops", "comes to a stop") if walks else ("stands still", "stays still"))))
-  return f"{SUBJECTS[variant % 3]} {_joined(phrases, variant)}." if phrases else ""
+  return f"{subject or SUBJECTS[variant % 3]} {_joined(phrases, variant)}." if phrases else ""
 
 
 def _joined(phrases, variant):

@@ -15,14 +15,14 @@ from motion_jax.data.event_words import TIMES
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.numerals import as_float, demand_numbers
 from motion_jax.models import looking
+from motion_jax.models.apart import made_apart
 from motion_jax.models.base import each
 from motion_jax.models.results import Motions, captions_in_a_row, features_of, gathered
-from motion_jax.motion.joining import SLACK, joined
 from motion_jax.motion.layering import put_on
 from motion_jax.motion.resting import held_frame, with_rest
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.text.actions import cycle_of, held_pose, is_counted_one_by_one
-from motion_jax.text.sentences import Action, Segment, Sentence, rest_of, who_is_done
+from motion_jax.text.sentences import Action, Segment, Sentence, rest_of, understand, who_is_done
 
 if TYPE_CHECKING:
   from motion_jax.models.base import Frames, TextToMotionModel
@@ -32,9 +32,9 @@ _REST = 2.0        # seconds of standing still
 _LEFT = 1.0        # seconds beyond what an action takes in which a body can stand still
 _AROUND = 1.5      # seconds in which a hand comes up and goes down again, around what is counted
 _APART = 2         # tries before actions in a row are made apart
+_TRIES_OF_EACH = 3  # of each action that is made apart; the one that shows it best is taken
 _LOUDER = 2.0      # times the guidance in what is made anew; of 24 punches of a named hand 6 show with its own, 16 so
 _TRY = 1 << 20     # added to a try's number, so that its key is no other one's
-_PART = 1 << 21    # added to the place of an action that is made apart, so that its key is no layer's
 _BRISK = 0.8       # of its usual length that an action takes which is done several times
 # Seconds that it takes then at the most: clips of one squat among other exercises are seven seconds long. Of 24 motions
 # of so many kicks or squats 17 came out right with 3 s, 11 without a limit, 10 with 2.2 s.
@@ -169,7 +169,8 @@ def generate(model: "TextToMotionModel", prompts: Sequence[str], num_frames: "Fr
 
   tries: one in which something that its prompt asks for is not to be seen (`models.looking`) is made anew, from the key
   fold_in(key, 2^20 + try), until it is or so many have been made: the best of them, of equals the first. From the third
-  try on actions in a row are made apart and joined: no past holds a body back from them, but it comes to rest between.
+  try on actions in a row, and one that is done so many times, are made apart, each three times, and the best joined
+  (`models.apart`): no past holds a body back from them, but it comes to rest between.
   """
   made = _generated(model, prompts, num_frames, seconds, keys, seeds, cleanup, literal, sampling)
   if literal or tries == 1 or model.stats.layout.skeleton is not HUMANML3D:
@@ -203,6 +204,8 @@ def _louder(model, sampling):
 
 def _generated(model, prompts, num_frames, seconds, keys, seeds, cleanup, literal, sampling, apart=False):
   sentences = [None if literal else model.understand(prompt) for prompt in prompts]
+  if apart:
+    sentences = [sentence and _counted_out(sentence) for sentence in sentences]
   sentences = with_endings(model, prompts, sentences, num_frames, seconds)
   rows = [i for i, sentence in enumerate(sentences) if sentence is None or sentence.is_plain]
   if len(rows) == len(prompts):
@@ -217,9 +220,15 @@ def _generated(model, prompts, num_frames, seconds, keys, seeds, cleanup, litera
   rows = [i for i in range(len(prompts)) if i not in found]
   several = [sentence for i in rows if (sentence := sentences[i]) is not None]
   made = _composed(model, several, [lengths[i] for i in rows], keys[np.array(rows)], [seeds[i] for i in rows], cleanup,
-                   sampling, make=made_apart if apart else None)
+                   sampling, make=partial(made_apart, tries=_TRIES_OF_EACH) if apart else None)
   found |= zip(rows, made)
   return gathered([found[i].replace(id=f"motion_{i}") for i in range(len(prompts))])
+
+
+def _counted_out(sentence):
+  """The sentence, parted where a caption of the training data says it and counts: those words did not do it."""
+  counts = sentence.is_plain and any(one.counted for one in looking.asked_of(sentence.text))
+  return understand(sentence.text) if counts else sentence
 
 
 def _composed(model: "TextToMotionModel", sentences: list[Sentence], lengths: list[list[int]], keys: jax.Array,
@@ -228,7 +237,8 @@ def _composed(model: "TextToMotionModel", sentences: list[Sentence], lengths: li
   """A Motion for each sentence. make: what puts actions in a row, by default the model's own way."""
   moving = [[(segment, count) for segment, count in zip(sentence.segments, frames) if not segment.rests]
             or [(sentence.segments[0], frames[0])] for sentence, frames in zip(sentences, lengths)]
-  rounds = [[_rounds(model, segment.action, count) for segment, count in row] for row in moving]
+  rounds = [[_rounds(model, segment.action, count, apart=make is not None) for segment, count in row]
+            for row in moving]
   in_a_row = partial(make, model) if make else model.in_a_row
   bases = in_a_row([sum(row, []) for row in rounds], keys, seeds, cleanup, sampling, **how)
   spans = [_spans(model, base, [len(one) for one in row]) for base, row in zip(bases, rounds)]
@@ -247,37 +257,6 @@ def _composed(model: "TextToMotionModel", sentences: list[Sentence], lengths: li
           for base, sentence, body, span, frames in zip(bases, sentences, joints, spans, lengths)]
 
 
-def made_apart(model: "TextToMotionModel", lists: Sequence[Sequence[tuple[str, int]]], keys: jax.Array,
-               seeds: Sequence[int | None], cleanup: bool, sampling: dict[str, Any]) -> list[Any]:
-  """A Motion of each list of (prompt, frames), as `in_a_row`, but each made by itself and joined where poses fit, up to
-  14 frames earlier or later. In a row stays one action done several times, and what would be longer than the model
-  makes any."""
-  found: dict[int, Any] = {}
-  longest = model.max_seconds * model.fps - SLACK
-  rows = [row for row, one in enumerate(lists)
-          if len({prompt for prompt, _ in one}) == 1 or max(count for _, count in one) > longest]
-  if rows:
-    found |= zip(rows, model.in_a_row([lists[row] for row in rows], keys[np.array(rows)], [seeds[row] for row in rows],
-                                      cleanup, sampling))
-  flat = [(row, place, prompt, count + SLACK) for row, one in enumerate(lists) if row not in found
-          for place, (prompt, count) in enumerate(one)]
-  if not flat:
-    return [found[row] for row in range(len(lists))]
-  folded = jax.numpy.stack([jax.random.fold_in(keys[row], _PART + place) for row, place, *_ in flat])
-  made = model.sample([prompt for _, _, prompt, _ in flat], [count for *_, count in flat], folded,
-                      [seeds[row] for row, *_ in flat], cleanup, sampling)
-  for row in dict.fromkeys(row for row, *_ in flat):
-    parts = [motion for motion, (own, *_) in zip(made, flat) if own == row]
-    joints, ends = joined([part.joints for part in parts], np.cumsum([count for _, count in lists[row]]).tolist(),
-                          model.stats.layout.skeleton)
-    joints = joints.astype(np.float32)
-    prompts = [prompt for prompt, _ in lists[row]]
-    found[row] = parts[0].replace(
-        joints=joints, features=features_of(model, joints), captions=captions_in_a_row(prompts, ends, model.fps),
-        meta=parts[0].meta | dict(prompt=" | ".join(prompts), way="joined"))
-  return [found[row] for row in range(len(lists))]
-
-
 def _numbered(layers):
   """Each layer with its number within its sentence, so that draws do not depend on batch-mates."""
   seen: dict[int, int] = {}
@@ -286,9 +265,10 @@ def _numbered(layers):
     yield seen[layer[0]], layer
 
 
-def _rounds(model, action, count):
-  """[(prompt, frames)] of an action: one, or one for each time that it is done."""
-  if action.times == 1 or not is_counted_one_by_one(action.verb) or count < action.times * model.frames_per_latent:
+def _rounds(model, action, count, apart):
+  """[(prompt, frames)] of an action: one, or one for each time that it is done. apart: they are made apart."""
+  one_by_one = is_counted_one_by_one(action.verb) or apart and looking.is_counted(action.prompt)
+  if action.times == 1 or not one_by_one or count < action.times * model.frames_per_latent:
     return [(action.counted, count)]
   return [(action.prompt, part) for part in shared([1] * action.times, count, model.frames_per_latent)]
 

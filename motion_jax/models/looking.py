@@ -86,6 +86,17 @@ def asked_of(text: str) -> list[Asked]:
   return list(found.values())
 
 
+def is_counted(prompt: str) -> bool:
+  """Whether a prompt asks for nothing but one action that can be counted: a kick, a jump, a bow."""
+  asked = asked_of(prompt)
+  return len(asked) == 1 and asked[0].kind in _COUNTED
+
+
+def once(asked: Sequence[Asked]) -> list[Asked]:
+  """The same, where what can be counted is to be seen just once."""
+  return [one._replace(counted=True) if one.kind in _COUNTED and one.times == 1 else one for one in asked]
+
+
 def _degrees_of(words):
   number = re.search(r"(\d+)(?: ?°| degrees?)", words)
   if number:

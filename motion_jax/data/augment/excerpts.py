@@ -105,6 +105,6 @@ def _cut(part, acts, kind, number, rng):
     around = _AROUND[0] <= abs(_net_turn(joints)) <= _AROUND[1]
     texts = [text.format(side=act.side) for text in _TURNS] if around else []
   else:
-    texts = sentences(found, (len(joints) - 1) / FPS, key=f"{part.clip.id}{number}")
+    texts = sentences(found, (len(joints) - 1) / FPS, key=f"{part.clip.id}{number}", subject=part.subject)
   often = how_often(found)
   return new_clip("excerpt", number, joints, texts, part, f"{kind} {act.side} {often or ''}".strip()) if texts else None

@@ -6,7 +6,7 @@ import numpy as np
 
 from motion_jax.data.captions import known_subject, without_subject
 from motion_jax.data.clip import Caption, Clip
-from motion_jax.data.describe import FPS, UNKNOWN, described
+from motion_jax.data.describe import FPS, UNKNOWN, described, who_moves
 from motion_jax.motion.contacts import velocity
 from motion_jax.motion.events import Event, find_events
 from motion_jax.motion.planting import stands
@@ -45,6 +45,11 @@ class Part(NamedTuple):
   def words(self) -> str:
     """All that is said of it."""
     return " ".join([self.name, *(caption.text for caption in self.clip.captions)])
+
+  @property
+  def subject(self) -> str:
+    """Who moves, where its captions tell the manner so; else ""."""
+    return who_moves(caption.text for caption in self.clip.captions)
 
   @property
   def known(self) -> bool:

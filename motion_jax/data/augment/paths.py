@@ -67,7 +67,8 @@ def _bent(one, event, rng, number):
   words = {"side": side, "clock": "counterclockwise" if left else "clockwise"}
   said = [_on_a_path(caption.text, phrase.format(**words)) for caption in one.clip.captions
           for phrase in [_SHAPES[shape][rng.integers(len(_SHAPES[shape]))]]]
-  captions = [*filter(None, said), *sentences(events, (len(made) - 1) / FPS, key=f"{one.clip.id}{number}")]
+  told = sentences(events, (len(made) - 1) / FPS, key=f"{one.clip.id}{number}", subject=one.subject)
+  captions = [*filter(None, said), *told]
   return new_clip("bent", number, made, captions, one, f"{event.kind} {shape}") if captions else None
 
 

@@ -61,7 +61,8 @@ def _warped(part, usual, rng, number):
     return None
   own = [caption.text for caption in part.clip.captions if not _TEMPO.search(caption.text)]
   said = [at_pace(text, word, variant + number) for variant, text in enumerate(own)]
-  said += [text for text in sentences(events, (len(joints) - 1) / FPS, part.words, f"{part.clip.id}{number}")
+  subject = "" if _TEMPO.search(part.subject) else part.subject
+  said += [text for text in sentences(events, (len(joints) - 1) / FPS, part.words, f"{part.clip.id}{number}", subject)
            if bool(word) == bool(_TEMPO.search(text))]
   said = [text for text in said if text]
   return new_clip("warp", number, joints, said, part, f"{part.name} {word}".strip()) if said else None

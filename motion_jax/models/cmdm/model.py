@@ -10,6 +10,7 @@ from motion_jax.data.clip import Clip
 from motion_jax.inputs import former_names
 from motion_jax.inputs.numerals import checked
 from motion_jax.models import composed, controlled
+from motion_jax.models.apart import made_apart
 from motion_jax.models.base import Frames, Prompts, keys_of
 from motion_jax.models.cmdm import multi_prompt as multi
 from motion_jax.models.cmdm import streaming
@@ -136,7 +137,7 @@ class CmdmModel(CmdmNetworks):
     """A motion of each list of (prompt, frames), a key each; see `multi_prompts`. ease None: what is cleaned up is."""
     ease = cleanup if ease is None else ease
     if way == multi.JOINED:  # what hastens at borders is spread by the joining already
-      return gathered(composed.made_apart(self, lists, keys, seeds, cleanup, sampling))
+      return gathered(made_apart(self, lists, keys, seeds, cleanup, sampling))
     plan, chosen, about = self.plan_of(**sampling)
     prompts, counts = ([list(part) for part in parts] for parts in zip(*(zip(*segments) for segments in lists)))
     make = multi.stream if way == "stream" else multi.chain
