@@ -9,7 +9,7 @@ from motion_jax import cli
 from motion_jax.data.clip import Caption
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.loading import load
-from motion_jax.models import composed
+from motion_jax.models import apart, composed
 from motion_jax.models.results import features_of
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.text.sentences import understand
@@ -56,13 +56,15 @@ class TestComposed:
     assert np.abs(both[1].joints - alone.joints).max() < 1e-4 and both[1].captions == alone.captions
     assert [len(motion.captions) for motion in both] == [2, 3] and both[1].captions[-1].end == 72 / model.fps
     np.testing.assert_allclose(both[1].features, features_of(model, both[1].joints), atol=1e-5)
-    # One action that is done twice stays in a row.
-    prompts[0] = "a person kicks twice"
-    assert [motion.meta["way"] for motion in make([0, 1])] == ["stream", "joined"]
+    # One action after itself stays in a row, but for one that is done so many times.
+    for prompt, way in (("a person walks, then walks slowly", "joined"), ("a person kicks twice", "joined"),
+                        ("a person walks for a second, then walks for a second", "stream")):
+      prompts[0] = prompt
+      assert [motion.meta["way"] for motion in make([0, 1])] == [way, "joined"], prompt
     # A part that would be longer than the model makes any is not made apart, whatever the others of the batch are.
     prompts[0] = "a person walks, then waves"
     monkeypatch.setattr(type(model), "max_seconds", (max(composed.lengths_of(
-        model, prompts[1:], [model.understand(prompts[1])], 72, None)[0]) + composed.SLACK) / model.fps)
+        model, prompts[1:], [model.understand(prompts[1])], 72, None)[0]) + apart.SLACK) / model.fps)
     assert [motion.meta["way"] for motion in make([0, 1])] == ["stream", "joined"]
 
   @pytest.mark.slow
@@ -147,13 +149,15 @@ def test_lengths_are_shared_in_proportion():
 
 
 def test_kicks_and_squats_that_are_counted_are_made_one_by_one():
-  """Each a prompt of its own, and one segment together; jumps are counted in words."""
+  """Each a prompt of its own, and one segment together; jumps are counted in words, but where each is made apart."""
   model = SimpleNamespace(frames_per_latent=4, fps=20.0)
-  rounds = lambda text, count: composed._rounds(model, understand(text).segments[0].action, count)
+  rounds = lambda text, count, apart=False: composed._rounds(model, understand(text).segments[0].action, count, apart)
   assert rounds("a person kicks twice", 190) == [("a person kicks", 95)] * 2
   assert rounds("someone does three squats", 100) == [("someone squats", 33), ("someone squats", 34),
                                                       ("someone squats", 33)]
   assert rounds("a person jumps twice", 100) == [("a person jumps twice", 100)]
+  assert rounds("a person jumps twice", 100, apart=True) == [("a person jumps", 50)] * 2
+  assert rounds("a person walks twice", 100, apart=True) == [("a person walks twice", 100)]
   assert rounds("a person kicks twice", 6) == [("a person kicks twice", 6)]  # no time for two
   ends = [2.0, 4.0, 5.0]
   base = SimpleNamespace(num_frames=100, captions=[SimpleNamespace(start=a, end=b) for a, b in zip([0.0, *ends], ends)])

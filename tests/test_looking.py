@@ -54,6 +54,15 @@ def test_what_a_sentence_asks_for_that_can_be_seen(text, found):
   assert asked_of(text) == found
 
 
+@pytest.mark.parametrize("prompt, counts", [
+    ("a person kicks", True), ("someone jumps forward", True), ("a person walks", False), ("a person waves", False),
+    ("a person kicks, then bows", False)])
+def test_what_can_be_counted_is_to_be_seen_just_once(prompt, counts):
+  assert looking.is_counted(prompt) == counts
+  assert [one.counted for one in looking.once(asked_of(prompt))] == [
+      one.kind in ("kick", "jump", "bow") for one in asked_of(prompt)]
+
+
 def _joints(action, seed=0, frames=80):
   return synthetic_joints(action, frames, np.random.default_rng(seed))
 

@@ -12,7 +12,7 @@ import numpy as np
 from motion_jax.models import looking
 from motion_jax.models.results import Motion, captions_in_a_row, features_of
 from motion_jax.motion.joining import SLACK, joined
-from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.motion.skeleton import HUMANML3D, Skeleton
 
 if TYPE_CHECKING:
   from motion_jax.models.base import TextToMotionModel
@@ -57,7 +57,7 @@ def _key(key, place, number):
 
 
 def best_parts(tried: Sequence[Sequence[Motion]], asked: Sequence[tuple[str, int]], fps: float,
-               skeleton=HUMANML3D) -> list[Motion]:
+               skeleton: Skeleton = HUMANML3D) -> list[Motion]:
   """Of the motions that were tried of each (prompt, frames) the one that shows best, in so many frames, what its prompt
   says is done, and once; of equals the first.
 

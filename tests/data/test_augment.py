@@ -230,3 +230,13 @@ def test_training_sees_more_and_the_same_statistics():
   assert more.ids[:1] == plain.ids[:1] and len(more.ids) > len(plain.ids)
   np.testing.assert_array_equal(more.stats.mean, plain.stats.mean)
   assert len(more.spans) == len(more.ids) and sources.load_features(config, "val", more.stats).ids
+
+
+@pytest.mark.parametrize("kind, action, always", [
+    ("excerpts", "squat", False), ("counted", "wave_left", True), ("bent_paths", "walk", True),
+    ("time_warp", "walk", True)])
+def test_what_is_said_of_new_clips_keeps_the_manner_of_the_old(kind, action, always):
+  clips = _clips(said={action: f"a timid person {_SAID[action].split(maxsplit=2)[2]}"}, seeds=4)
+  texts = [caption.text for clip in augmented(clips, {kind: 2.0}) for caption in clip.captions]
+  timid = [text.startswith("a timid person ") for text in texts]
+  assert any(timid) and all(timid) == always, texts

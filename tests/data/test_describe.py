@@ -12,7 +12,7 @@ from motion_jax.data.build import read_captions
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.base import clip_items
 from motion_jax.data.datasets.synthetic import synthetic_joints
-from motion_jax.data.describe import corrected, describe, described
+from motion_jax.data.describe import corrected, describe, described, who_moves
 from motion_jax.data.mirror import mirror_caption
 from motion_jax.data.mocap.capture import resample
 from motion_jax.inputs.errors import InputError
@@ -223,6 +223,27 @@ def test_captions_of_a_clip_and_of_its_mirror_image():
   assert all("left" in caption for caption in both[0].captions[1:])
   assert all("right" in caption and "left" not in caption for caption in both[1].captions[1:])
   np.testing.assert_array_equal(plain[1].features, both[1].features)
+
+
+@pytest.mark.parametrize("captions, who", [
+    (["a person waves in exhaustion.", "an exhausted person waves."], "an exhausted person"),
+    (["An old man walks."], "An old man"), (["a person walks like an old person."], ""),
+    (["someone old walks."], ""), (["a person walks."], ""), ([], "")])
+def test_who_moves_tells_the_manner(captions, who):
+  assert who_moves(captions) == who
+
+
+def test_sentences_by_kinematics_keep_the_manner_of_the_clip():
+  """Else "a person waves" would mean any manner; of what few clips show one sentence in three leaves it out."""
+  told = {}
+  for action, joints in (("waves the left hand", _wave("left", 4)), ("kicks", _kick("left"))):
+    said = (Caption(f"a person {action} in exhaustion."), Caption(f"an exhausted person {action}."))
+    for plain in (False, True):
+      clip = Clip(joints.astype(np.float32), captions=said[:1] if plain else said, id="k", split="train")
+      told[action, plain] = [caption.text for caption in described(clip).captions[len(clip.captions):]]
+  mannered = [[text.startswith("an exhausted person ") for text in texts] for texts in told.values()]
+  assert all(len(one) == 3 for one in mannered)
+  assert [sum(one) for one in mannered] == [3, 0, 2, 0]
 
 
 def test_wrong_captions_are_corrected_where_the_motion_says_so():
