@@ -47,6 +47,7 @@ from motion_jax.motion.skeleton import HUMANML3D
     ("a man gets up and walks forward", []),
     ("a man stands still", [Asked("still", "", 1, False)]),
     ("a man walks, then stands still", []),
+    ("someone jogs and then kicks", [Asked("run", "", 1, False), Asked("kick", "", 1, False)]),
     ("a man stands up straight", []),
     ("someone walks forward, then dances", []),
 ])
@@ -103,6 +104,15 @@ def test_what_is_missing_is_counted():
   away = misses(walk, [Asked("dance", "", 1, False)])
   assert 0 < away < 1 and 0 < misses(walk[:len(walk) * 3 // 4], [Asked("dance", "", 1, False)]) < away  # it went away
   assert misses(_joints("wave_left"), [Asked("dance", "", 1, False)]) == 0
+
+
+def test_nobody_runs_faster_than_people_do():
+  asked, frames = [Asked("run", "", 1, False)], np.arange(80)
+  at = lambda speed: _joints("walk") + (speed * frames / 20.0)[:, None, None] * np.array([0, 0, 1.0]) - (
+      _joints("walk")[:, :1] * [1.0, 0, 1])
+  assert looking.overdone(at(4.4), asked) == misses(at(4.4), asked) == 0
+  assert 0.04 < looking.overdone(at(5.0), asked) < looking.overdone(at(5.6), asked) == misses(at(5.6), asked) < 0.3
+  assert looking.overdone(at(5.6), [Asked("jump", "", 1, False)]) == 0 == looking.overdone(at(5.6)[:1], asked)
 
 
 class _Stub:
@@ -179,6 +189,24 @@ def test_words_weigh_twice_as_much_in_what_is_made_anew(monkeypatch):
   stub.sampling = lambda **choices: SimpleNamespace(guidance_scale=1.0)
   make({})
   assert asked == [{}] * 3
+
+
+def test_words_weigh_half_as_much_where_they_were_overdone(monkeypatch):
+  """Only of what misses nothing else, and never less than the model's own motion with words."""
+  asked, keys = [], jax.random.split(jax.random.key_data(jax.random.key(0)), 2)
+  runs = _joints("walk") + np.linspace(0, 40, 80)[:, None, None] * np.array([0, 0, 1.0])  # ten metres a second
+  stub = _Stub(lambda prompt, key: False)
+  made = gathered([Motion(runs.astype(np.float32), 20.0, features=runs.reshape(80, -1).astype(np.float32))] * 2)
+  monkeypatch.setattr(composed, "_generated", lambda model, prompts, *given, apart=False: asked.append(
+      (prompts, given[-1].get("guidance_scale"))) or made)
+  prompts = ["a person runs", "a person runs and kicks"]
+  make = lambda: composed.generate(stub, prompts, None, None, keys, [None] * 2, True, False, {}, 2)
+  make()
+  assert asked == [(prompts, None), (prompts[1:], 4.0), (prompts[:1], 1.0)]
+  asked.clear()
+  stub.sampling = lambda **choices: SimpleNamespace(guidance_scale=1.5)
+  make()
+  assert asked[1:] == [(prompts[1:], 3.0), (prompts[:1], 1.0)]
 
 
 def test_from_the_third_try_on_actions_are_made_apart(monkeypatch):

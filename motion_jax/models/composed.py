@@ -34,6 +34,7 @@ _AROUND = 1.5      # seconds in which a hand comes up and goes down again, aroun
 _APART = 2         # tries before actions in a row are made apart
 _TRIES_OF_EACH = 3  # of each action that is made apart; the one that shows it best is taken
 _LOUDER = 2.0      # times the guidance in what is made anew; of 24 punches of a named hand 6 show with its own, 16 so
+_SOFTER = 0.5      # times the guidance in what is made anew because its words were overdone
 _TRY = 1 << 20     # added to a try's number, so that its key is no other one's
 _BRISK = 0.8       # of its usual length that an action takes which is done several times
 # Seconds that it takes then at the most: clips of one squat among other exercises are seven seconds long. Of 24 motions
@@ -177,29 +178,38 @@ def generate(model: "TextToMotionModel", prompts: Sequence[str], num_frames: "Fr
     return made
   asked = [looking.asked_of(prompt) for prompt in prompts]
   best = [(looking.misses(motion.joints, one, model.fps), motion) for motion, one in zip(made, asked)]
-  louder = _louder(model, sampling)
-  for number in range(1, tries):
-    rows = [i for i, (missed, _) in enumerate(best) if missed]
-    if not rows:
-      break
-    some = lambda said, rows=rows: said if said is None or callable(said) else [each(said, prompts)[i] for i in rows]
+
+  def make_anew(rows, number, scale):
+    some = lambda said: said if said is None or callable(said) else [each(said, prompts)[i] for i in rows]
     folded = jax.numpy.stack([jax.random.fold_in(keys[i], _TRY + number) for i in rows])
     anew = _generated(model, [prompts[i] for i in rows], some(num_frames), some(seconds), folded,
-                      [seeds[i] for i in rows], cleanup, literal, louder, apart=number >= _APART)
+                      [seeds[i] for i in rows], cleanup, literal, _reweighed(model, sampling, scale),
+                      apart=number >= _APART)
     for i, motion in zip(rows, anew):
       missed = looking.misses(motion.joints, asked[i], model.fps)
       if missed < best[i][0]:
         best[i] = missed, motion.replace(meta=motion.meta | dict(tries=number + 1))
+
+  for number in range(1, tries):
+    rows = [i for i, (missed, _) in enumerate(best) if missed]
+    # Overdone and nothing else: whose words do not show at all are to be said louder first.
+    over = [i for i in rows if best[i][0] <= looking.overdone(best[i][1].joints, asked[i], model.fps)]
+    for some, scale in (([i for i in rows if i not in over], _LOUDER), (over, _SOFTER)):
+      if some:
+        make_anew(some, number, scale)
+    if not rows:
+      break
   if all(motion is one for (_, motion), one in zip(best, made)):
     return made
   return gathered([motion.replace(id=f"motion_{i}") for i, (_, motion) in enumerate(best)])
 
 
-def _louder(model, sampling):
-  """How it is sampled where words did not show: with twice the guidance, if it has any and none is given."""
+def _reweighed(model, sampling, factor):
+  """How it is sampled where words did not show, or too much: with so many times the guidance, but no less than 1, if it
+  has any and none is given."""
   scale = model.sampling(**sampling).guidance_scale
   return sampling if scale <= 1 or sampling.get("guidance_scale") is not None else (
-      dict(sampling) | dict(guidance_scale=_LOUDER * scale))
+      dict(sampling) | dict(guidance_scale=max(factor * scale, 1.0)))
 
 
 def _generated(model, prompts, num_frames, seconds, keys, seeds, cleanup, literal, sampling, apart=False):
