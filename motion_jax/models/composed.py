@@ -192,13 +192,13 @@ def generate(model: "TextToMotionModel", prompts: Sequence[str], num_frames: "Fr
 
   for number in range(1, tries):
     rows = [i for i, (missed, _) in enumerate(best) if missed]
+    if not rows:
+      break
     # Overdone and nothing else: whose words do not show at all are to be said louder first.
     over = [i for i in rows if best[i][0] <= looking.overdone(best[i][1].joints, asked[i], model.fps)]
     for some, scale in (([i for i in rows if i not in over], _LOUDER), (over, _SOFTER)):
       if some:
         make_anew(some, number, scale)
-    if not rows:
-      break
   if all(motion is one for (_, motion), one in zip(best, made)):
     return made
   return gathered([motion.replace(id=f"motion_{i}") for i, (_, motion) in enumerate(best)])
