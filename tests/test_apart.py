@@ -33,7 +33,7 @@ def test_of_an_action_done_several_times_each_part_is_another_while_there_are_go
       True, True]
   assert all(one is jump for one in apart.best_parts([[walk, jump], [walk, walk]], twice, 20.0))
   both = Motion(np.concatenate([jump.joints, jump.joints]), 20.0)  # jumps once too often, but not in its own time
-  assert apart.best_parts([[both, walk]], [("a person jumps", 80)], 20.0)[0] is both
+  assert apart.best_parts([[walk, both]], [("a person jumps", 80)], 20.0)[0] is both
   assert apart.best_parts([[both, jump]], [("a person jumps", 160)], 20.0)[0] is jump
 
 
