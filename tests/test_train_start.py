@@ -3,6 +3,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from ml_collections import ConfigDict
 
 from motion_jax import fit, runs
 from motion_jax.models import cdamd, cmdm
@@ -63,6 +64,35 @@ def test_a_denoiser_goes_on_from_a_model_that_ships():
   config.frozen.tokenizer = "cdamd-small"
   with pytest.raises(ValueError, match="holds a 'cdamd.generator' run, expected one of stage cmdm.tokenizer or cmdm.d"):
     fit.setups()[config.stage](config)
+
+
+def test_a_generator_goes_on_from_a_model_that_ships(tmp_path):
+  """On its autoencoder, with the scale of latents that it knows, its length estimator, its statistics and its words."""
+  config = load_config("cdamd_generator", "steps_small").unlock()
+  config.frozen.update(tokenizer="cdamd-small", prior="", text="cdamd-small", length="cdamd-small")
+  config.data.update(name="synthetic", num_clips=4, mirror=False, lengths=(196,))
+  config.loss.prior_levels, config.train.start = 0, "cdamd-small"
+  config = fit.resolve(config)[0]
+  run, setup = runs.open("cdamd-small"), fit.setups()[config.stage](config)
+  assert config.length.to_dict() == run.config.length.to_dict()
+  assert set(setup.frozen) == {"tokenizer", "latent_mean", "latent_std", "length"}
+  for name, part in run.frozen().items():
+    jax.tree.map(np.testing.assert_array_equal, part, setup.frozen[name])
+  np.testing.assert_array_equal(setup.stats.std, run.stats.std)
+  begun = fit._started_from(setup.stage._replace(init=lambda *_: run.params()), config).init(None, None)
+  jax.tree.map(np.testing.assert_array_equal, begun, run.params())
+  config.tokenizer.width = 8
+  with pytest.raises(ValueError, match="cdamd-small holds .*'width': 192.*this config says .*'width': 8"):
+    fit.setups()[config.stage](config)
+  config.frozen.tokenizer = "cmdm-small"
+  with pytest.raises(ValueError, match="holds a 'cmdm.denoiser' run, expected one of stage cdamd.autoencoder or cd"):
+    fit.setups()[config.stage](config)
+  bare = ConfigDict(run.config.to_dict())
+  bare.length = {}
+  checkpoint.save_config(tmp_path, bare)
+  config.frozen.update(tokenizer="cdamd-small", length=str(tmp_path))
+  with pytest.raises(ValueError, match="has no length estimator; train one with --config cdamd_length"):
+    fit.resolve(config)
 
 
 def test_what_cannot_be_held_still_is_told(tmp_path):

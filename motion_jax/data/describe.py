@@ -81,14 +81,16 @@ def describe(joints, fps=FPS, words=None, key="") -> list[str]:
   return sentences(_events(joints, fps), (len(joints) - 1) / fps, words, key)
 
 
-def sentences(events, seconds, words=None, key="", subject="") -> list[str]:
+def sentences(events, seconds, words=None, key="", subject="", plain=None) -> list[str]:
   """Sentences about the events of a motion of so many seconds; words and key as `describe` takes them.
 
-  subject: who moves, where that tells a manner (`who_moves`).
+  subject: who moves, where that tells a manner (`who_moves`). plain: how many of the sentences leave it out all the
+  same; by default one, where captures show what is done in few manners, else none.
   """
   said, first = spoken_of(events, words), zlib.crc32(key.encode())
-  always = {event.kind for event in said} <= _IN_EVERY_MANNER
-  made = (sentence(said, seconds, first + number, subject if always or number else "") for number in range(SENTENCES))
+  if plain is None:
+    plain = 0 if {event.kind for event in said} <= _IN_EVERY_MANNER else 1
+  made = (sentence(said, seconds, first + number, subject if number >= plain else "") for number in range(SENTENCES))
   return list(dict.fromkeys(filter(None, made)))
 
 

@@ -233,9 +233,10 @@ def test_training_sees_more_and_the_same_statistics():
 
 
 @pytest.mark.parametrize("kind, action, always", [
-    ("excerpts", "squat", False), ("counted", "wave_left", True), ("bent_paths", "walk", True),
+    ("excerpts", "squat", False), ("counted", "wave_left", False), ("bent_paths", "walk", False),
     ("time_warp", "walk", True)])
 def test_what_is_said_of_new_clips_keeps_the_manner_of_the_old(kind, action, always):
+  """Paths and counts, which nobody captured, are told plainly, too, or a plain circle would be in no caption."""
   clips = _clips(said={action: f"a timid person {_SAID[action].split(maxsplit=2)[2]}"}, seeds=4)
   texts = [caption.text for clip in augmented(clips, {kind: 2.0}) for caption in clip.captions]
   timid = [text.startswith("a timid person ") for text in texts]

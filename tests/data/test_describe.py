@@ -12,7 +12,7 @@ from motion_jax.data.build import read_captions
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.base import clip_items
 from motion_jax.data.datasets.synthetic import synthetic_joints
-from motion_jax.data.describe import corrected, describe, described, who_moves
+from motion_jax.data.describe import corrected, describe, described, sentences, who_moves
 from motion_jax.data.mirror import mirror_caption
 from motion_jax.data.mocap.capture import resample
 from motion_jax.inputs.errors import InputError
@@ -244,6 +244,15 @@ def test_sentences_by_kinematics_keep_the_manner_of_the_clip():
   mannered = [[text.startswith("an exhausted person ") for text in texts] for texts in told.values()]
   assert all(len(one) == 3 for one in mannered)
   assert [sum(one) for one in mannered] == [3, 0, 2, 0]
+
+
+@pytest.mark.parametrize("kind, asked, plain", [
+    ("walk", None, 0), ("kick", None, 1), ("walk", 2, 2), ("kick", 2, 2), ("kick", 0, 0)])
+def test_so_many_sentences_leave_the_manner_out(kind, asked, plain):
+  way = {"walk": dict(way="forward", path="circle", side="left"), "kick": dict(side="left", count=1)}[kind]
+  made = sentences([Event(kind, 0, 5, amount=1.0, **way)], 5.0, key="k", subject="an old man", plain=asked)
+  told = [text.startswith("an old man ") for text in made]
+  assert told == sorted(told) and told.count(False) == plain and any(told), made
 
 
 def test_wrong_captions_are_corrected_where_the_motion_says_so():

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from motion_jax.data.augment.graph import poses_at
-from motion_jax.data.augment.parts import MOST, new_clip, resting
+from motion_jax.data.augment.parts import MOST, PLAIN, new_clip, resting
 from motion_jax.data.clip import Clip
 from motion_jax.data.describe import FPS, sentences, spoken_of
 from motion_jax.data.event_words import TIMES
@@ -140,7 +140,8 @@ def _said(part, joints, events, often, done, number):
       merged[-1] = merged[-1]._replace(end=event.end, count=merged[-1].count + event.count)
     elif event.kind != "still" or not merged or event.start < 1e-9 or event.end >= (len(joints) - 1.5) / FPS:
       merged.append(event)
-  texts = sentences(merged, (len(joints) - 1) / FPS, key=f"{part.clip.id}{number}", subject=part.subject)
+  texts = sentences(merged, (len(joints) - 1) / FPS, key=f"{part.clip.id}{number}", subject=part.subject,
+                    plain=PLAIN)
   words = ("once", "one time") if done == 1 else (TIMES[done], f"{_NUMBERS[done]} times")
   own = [text for text in part.sayings if not _UNCOUNTABLE.search(text)] if often == 1 else []
   texts += [re.sub(r"[\s.!]+$", "", text) + f" {words[k % 2]}." for k, text in enumerate(own)]

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from motion_jax.data.augment.parts import MOST, new_clip
+from motion_jax.data.augment.parts import MOST, PLAIN, new_clip
 from motion_jax.data.clip import Clip
 from motion_jax.data.describe import FPS, sentences
 from motion_jax.motion.events import find_events
@@ -67,7 +67,7 @@ def _bent(one, event, rng, number):
   words = {"side": side, "clock": "counterclockwise" if left else "clockwise"}
   said = [_on_a_path(caption.text, phrase.format(**words)) for caption in one.clip.captions
           for phrase in [_SHAPES[shape][rng.integers(len(_SHAPES[shape]))]]]
-  told = sentences(events, (len(made) - 1) / FPS, key=f"{one.clip.id}{number}", subject=one.subject)
+  told = sentences(events, (len(made) - 1) / FPS, key=f"{one.clip.id}{number}", subject=one.subject, plain=PLAIN)
   captions = [*filter(None, said), *told]
   return new_clip("bent", number, made, captions, one, f"{event.kind} {shape}") if captions else None
 

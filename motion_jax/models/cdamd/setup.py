@@ -32,6 +32,8 @@ from motion_jax.training.setup import (
   untrained,
 )
 
+GENERATOR = "cdamd.generator"
+
 
 def autoencoder(config: ConfigDict) -> TrainingSetup:
   data = sources.load_features(config.data, stats=held_stats(config), captioned=False)
@@ -92,8 +94,8 @@ def _reconstruction(config, stats, reconstruct):
 def _generator_parts(config):
   """(data, text encoder, codec, frozen parts) of a generator's config."""
   _check_fields(config)
-  net, tokenizer, stats = load_frozen(config.frozen.tokenizer, config.tokenizer, "cdamd.autoencoder", config)
-  codec, frozen = AutoencoderCodec(net, tokenizer), {}
+  codec, stats = load_tokenizer(config.frozen.tokenizer, config)
+  frozen = {}
   if config.loss.prior_levels:
     _, frozen["prior"], others = load_frozen(config.frozen.prior, config.prior, "cdamd.rvq", config, config.quantizer)
     if not np.allclose(stats.mean, others.mean, rtol=1e-3, atol=1e-3 * stats.std.max()) or not np.allclose(
@@ -101,7 +103,8 @@ def _generator_parts(config):
       raise ValueError(f"{config.frozen.tokenizer} and {config.frozen.prior} were trained on other data: their "
                        "statistics differ; train both on the same")
   data = sources.load_features(config.data, stats=stats)
-  codec = codec.fitted(data.features) if config.loss.unit_latents else codec.unscaled()
+  if codec.mean is None:  # a bare autoencoder's latents have no scale yet
+    codec = codec.fitted(data.features) if config.loss.unit_latents else codec.unscaled()
   frozen |= codec.parts
   level = config.frozen.text_level
   encoder = load_text_encoder(config.frozen.text, level=level)
@@ -224,17 +227,35 @@ def load_frozen(folder: str, fields: ConfigDict, stage: str, config: ConfigDict,
       variables = {**variables, "codebooks": vq.codebook_of(codes)._asdict()}
     return net, variables, sources.load_features(config.data).stats
   run = runs.open(folder, stage)
-  theirs = Autoencoder(**module_fields(run.config.model))
-  alike: dict[str, Any] = dict(dropout=0.0, hide_padding=False)  # frozen, it has no dropout; windows have no padding
-  if theirs.clone(**alike) != net.clone(**alike):
-    raise ValueError(f"{folder} holds {module_fields(run.config.model)}, this config says "
-                     f"{module_fields(fields)}; make them agree")
+  _demand_alike(folder, run.config.model, fields)
   own = run.config.get("quantizer")
   if quantizer and (own.num_levels, own.num_codes) != (quantizer.num_levels, quantizer.num_codes):
     raise ValueError(f"{folder} has {own.num_levels} levels of {own.num_codes} codes, config.quantizer says "
                      f"{quantizer.num_levels} of {quantizer.num_codes}; make them agree")
   variables = run.params(cdamd.autoencoder_shapes(net, quantizer))
   return net, variables, stats_lib.load_stats(folder, config.data.layout)
+
+
+def load_tokenizer(folder: str, config: ConfigDict) -> tuple[AutoencoderCodec, Stats]:
+  """(codec, stats) of a trained autoencoder, without a scale of its latents (None), or of the one that a generator's
+  run or a model that ships stands on, with the scale that the generator knows; "random-init" as in `load_frozen`."""
+  if folder != "random-init":
+    run = runs.open(folder, ("cdamd.autoencoder", GENERATOR))
+    if run.stage == GENERATOR:
+      _demand_alike(folder, run.config.tokenizer, config.tokenizer)
+      net = Autoencoder(**module_fields(config.tokenizer))
+      return AutoencoderCodec.of(net, run.frozen(cdamd.frozen_shapes(net))), stats_lib.load_stats(
+          run.folder, config.data.layout)
+  net, params, stats = load_frozen(folder, config.tokenizer, "cdamd.autoencoder", config)
+  return AutoencoderCodec(net, params, None, None), stats
+
+
+def _demand_alike(folder, theirs, fields):
+  """Raises ValueError where the autoencoder in a folder is not that of a config's section."""
+  alike: dict[str, Any] = dict(dropout=0.0, hide_padding=False)  # frozen, it has no dropout; windows have no padding
+  theirs, fields = module_fields(theirs), module_fields(fields)
+  if Autoencoder(**theirs).clone(**alike) != Autoencoder(**fields).clone(**alike):
+    raise ValueError(f"{folder} holds {theirs}, this config says {fields}; make them agree")
 
 
 def length(config: ConfigDict) -> TrainingSetup:
@@ -261,16 +282,28 @@ def generator_fields(config: ConfigDict) -> dict[str, Any]:
   """What loading the generator's run needs: the sizes of its length estimator, where it has one."""
   if not config.frozen.length:
     return {}
-  return {"length": runs.open(config.frozen.length, "cdamd.length").config.model.to_dict()}
+  run = _with_length(config.frozen.length)
+  return {"length": (run.config.length if run.stage == GENERATOR else run.config.model).to_dict()}
+
+
+def _with_length(folder):
+  """The run of a length estimator, or of a generator that has one. Raises ValueError for a generator without."""
+  run = runs.open(folder, ("cdamd.length", GENERATOR))
+  if run.stage == GENERATOR and not run.config.length:
+    raise ValueError(f"{folder} has no length estimator; train one with --config cdamd_length")
+  return run
 
 
 def load_length(folder: str, encoder: TextEncoder) -> Any:
-  """Parameters of a trained length estimator that reads the sentence vectors of this encoder."""
-  run = runs.open(folder, "cdamd.length")
+  """Parameters of a trained length estimator, or of a generator's, that reads the sentence vectors of this encoder."""
+  run = _with_length(folder)
   run.check_encoder(encoder)
-  return run.params(lengths.length_shapes(LengthEstimator(**module_fields(run.config.model)), encoder.dim))
+  inside = run.stage == GENERATOR
+  net = LengthEstimator(**module_fields(run.config.length if inside else run.config.model))
+  shapes = lengths.length_shapes(net, encoder.dim)
+  return run.frozen({"length": shapes})["length"] if inside else run.params(shapes)
 
 
-RESOLVED = {"cdamd.generator": generator_fields}
+RESOLVED = {GENERATOR: generator_fields}
 STORES = {"cdamd.generator": encode_generator}
 SETUPS = {"cdamd.autoencoder": autoencoder, "cdamd.rvq": rvq, "cdamd.generator": generator, "cdamd.length": length}
