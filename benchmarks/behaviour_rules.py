@@ -8,7 +8,7 @@ import numpy as np
 from scipy.signal import find_peaks
 
 from motion_jax.motion.contacts import velocity
-from motion_jax.motion.signals import JOINT, PAIR, Body, turning_points
+from motion_jax.motion.signals import JOINT, PAIR, Body, course_of, turning_points
 
 FPS = 20.0
 LEFT, RIGHT = 0, 1
@@ -78,8 +78,7 @@ def _turned_course(body):
   path = body.smooth(body.path, 0.3)[body.speed > 0.3]
   if len(path) < 10:
     return np.zeros(1), path
-  step = np.gradient(path, axis=0)
-  return np.degrees(np.unwrap(np.arctan2(step[:, 0], step[:, 1]))), path
+  return course_of(path), path
 
 
 def circles(side=0):

@@ -3,8 +3,8 @@
 `motion.events` sees kicks, punches, jumps, hops, squats, bows, waving hands, turns and walks backward, of which side
 they are, and how many. Who stands still stirs little. Whoever sits down comes down, and stays down where that is all,
 who gets up at last is up at the end, whoever dances, and is not told where to, stays about where they are, and nobody
-runs faster than people do. The rules of events are in doubt now and then, so a motion in which something is not seen
-may still be a good one.
+runs faster than people do. Circles, half circles, zigzags and straight ways, slow and quick ones are `models.ways`.
+The rules of events are in doubt now and then, so a motion in which something is not seen may still be a good one.
 """
 import re
 from collections.abc import Sequence
@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Num
 
+from motion_jax.models import ways
 from motion_jax.motion.events import PUNCH, find_events, punch_speed
 from motion_jax.motion.signals import Body
 from motion_jax.text.light_verbs import LIGHT
@@ -26,6 +27,7 @@ _COUNTED = {"kick", "punch", "jump", "hop", "squat", "bow"}  # whose number mean
 _RUNS = {"run", "jog", "sprint", "dash"}
 _FASTEST = 4.7  # metres a second, of the fastest second of whoever runs; of 330 captured clips the fastest has 4.5
 _BACKWARD = {"backward", "backwards"}
+_TURNING = {"turning", "turns"}
 _BLOWS, _FISTS = {"strike", "hit"}, {"fist", "fists"}
 _SOMEWHERE = {"across", "along", "around", "away", "backward", "backwards", "circle", "circles", "forward", "forwards",
               "into", "left", "out", "right", "round", "sideways", "through", "toward", "towards"}
@@ -47,8 +49,8 @@ _NEAR = 40
 
 
 class Asked(NamedTuple):
-  """Something that is to be seen: a kind of event, of the left or right or of either (""), backward for walks, and how
-  often: times, or, not counted, as often or more. degrees: least and most that a turn has in all."""
+  """Something that is to be seen: a kind of event, of the left or right or of either (""), backward for walks, or a
+  `ways.Way`; how often: times, or, not counted, as often or more. degrees: least and most that a turn has in all."""
   kind: str
   side: str
   times: int
@@ -70,12 +72,17 @@ def asked_of(text: str) -> list[Asked]:
     found["seated", ""] = Asked("seated", "", 1, False)
   if actions and _gets_up(actions[-1]):
     found["rise", ""] = Asked("rise", "", 1, False)
+  led = [action for action in actions if action.verb in ways.LEADS]
+  if len(led) == 1:  # of several each has a way of its own
+    found |= {way: Asked(*way, 1, False) for way in ways.ways_of(led[0].verb, led[0].words)}
   for action in actions:
     words, kind, side = set(action.words.lower().replace(",", " ").split()), _KINDS.get(action.verb), ""
     if action.verb == "walk" and words & _BACKWARD:
       kind, side = "walk", "backward"
     if action.verb in _BLOWS and words & _FISTS:
       kind = "punch"
+    if kind is None and action.verb in ways.LEADS and words & _TURNING and words & {"left", "right"}:
+      kind = "turn"  # "walks, turning to the left"
     if action.verb in _RUNS and not action.held:
       found["run", ""] = Asked("run", "", 1, False)
     if kind is None or action.held or action.part == "head":  # "turns the head"
@@ -133,39 +140,29 @@ def misses(joints: Num[np.ndarray, "t 22 3"], asked: Sequence[Asked], fps: float
   """
   if not asked:
     return 0.0
+  body = Body(np.asarray(joints, np.float64), fps)
   events, missed = find_events(joints, fps), 0.0
-  for kind, side, times, counted, degrees in asked:
-    if kind == "dance":
-      away = float(np.linalg.norm((joints[-1] - joints[0])[0, [0, 2]]))
-      missed += max(0.0, 1 - _WANDERED / max(away, 1e-9))
-      continue
-    if kind == "run":
-      missed += overdone(joints, asked, fps)
-      continue
-    if kind == "still":
-      missed += _stirs(joints, fps)
-      continue
-    if kind == "rise":
-      missed += not _comes_up(joints, fps)
-      continue
-    if kind == "seated":
-      missed += 0.5 * (not _is_down(joints, fps))
-      continue
-    if kind == "sit":
-      missed += not _comes_down(joints, fps)
-      continue
-    if side == "backward":  # a walk that leads there and back again is one event
-      missed += not _goes_backward(Body(np.asarray(joints, np.float64), fps))
-      continue
-    own = [event for event in events if event.kind == kind and side in ("", event.side, event.way)
-           or event.kind == kind and event.side == "both"]
-    number = sum(max(event.count, 1) if kind in _COUNTED else 1 for event in own)
-    missed += abs(number - times) if counted else max(times - number, 0)
-    if degrees is not None and number >= times:
-      total = abs(sum(event.amount for event in own))
-      missed += min(max(degrees[0] - total, total - degrees[1], 0.0) / 90, 0.9)
-    if kind == "punch" and number < times:  # of motions without one, what comes nearest to it is the best
-      missed -= 0.9 * min(punch_speed(Body(np.asarray(joints, np.float64), fps), side) / PUNCH, 1.0)
+  for one in asked:
+    if one.kind in ways.KINDS:
+      missed += ways.missed(body, ways.Way(one.kind, one.side))
+    elif one.kind in _MISSED:
+      missed += float(_MISSED[one.kind](body))
+    else:
+      missed += _missed_events(body, events, one)
+  return missed
+
+
+def _missed_events(body, events, asked):
+  kind, side, times, counted, degrees = asked
+  own = [event for event in events if event.kind == kind and side in ("", event.side, event.way)
+         or event.kind == kind and event.side == "both"]
+  number = sum(max(event.count, 1) if kind in _COUNTED else 1 for event in own)
+  missed = float(abs(number - times) if counted else max(times - number, 0))
+  if degrees is not None and number >= times:
+    total = abs(sum(event.amount for event in own))
+    missed += min(max(degrees[0] - total, total - degrees[1], 0.0) / 90, 0.9)
+  if kind == "punch" and number < times:  # of motions without one, what comes nearest to it is the best
+    missed -= 0.9 * min(punch_speed(body, side) / PUNCH, 1.0)
   return missed
 
 
@@ -175,11 +172,29 @@ def overdone(joints: Num[np.ndarray, "t 22 3"], asked: Sequence[Asked], fps: flo
   Words that weigh much drive a body on: "runs fast" goes 5.6 m/s at `cmdm-small`'s own guidance, 4.4 without any, and
   feet slide the more the faster it goes.
   """
-  if not any(one.kind == "run" for one in asked) or len(joints) < 2:
+  runs = any(one.kind == "run" for one in asked) and len(joints) > 1
+  return _too_fast(Body(np.asarray(joints, np.float64), fps)) if runs else 0.0
+
+
+def _too_fast(body):
+  if body.num < 2:
     return 0.0
-  steps = np.linalg.norm(np.diff(joints[:, 0, [0, 2]], axis=0), axis=-1) * fps
-  second = min(round(fps), len(steps))
+  steps = np.linalg.norm(np.diff(body.joints[:, 0, [0, 2]], axis=0), axis=-1) * body.fps
+  second = min(round(body.fps), len(steps))
   return float(np.clip(np.convolve(steps, np.ones(second) / second, mode="valid").max() / _FASTEST - 1, 0.0, 0.9))
+
+
+def _away(body):
+  """Metres between where it begins and where it ends."""
+  return float(np.linalg.norm((body.joints[-1] - body.joints[0])[0, [0, 2]]))
+
+
+def _wanders(body):
+  return max(0.0, 1 - _WANDERED / max(_away(body), 1e-9))
+
+
+def _not_backward(body):  # a walk that leads there and back again is one event, so that they are no help
+  return not _goes_backward(body)
 
 
 def _goes_backward(body):
@@ -189,32 +204,44 @@ def _goes_backward(body):
   return back.sum() >= _BACK * body.fps
 
 
-def _usual(joints):
-  """How high the pelvis is in joints (T, 22, 3) of a body that stands: as high as most of the time, or, where it hardly
-  ever stands, as its legs are long."""
+def _usual(body):
+  """How high the pelvis is of a body that stands: as high as most of the time, or, where it hardly ever stands, as its
+  legs are long."""
+  joints = body.joints
   thighs, shins = joints[:, [1, 2]] - joints[:, [4, 5]], joints[:, [4, 5]] - joints[:, [7, 8]]
   leg = float(np.linalg.norm(thighs, axis=-1).mean() + np.linalg.norm(shins, axis=-1).mean())
   return max(np.percentile(joints[:, 0, 1], 90), _STANDS * leg)
 
 
-def _stirs(joints, fps):
-  """How much of the time a hand, a foot or the head of joints (T, 22, 3) moves, and more where they end elsewhere; 0 of
-  a body that but sways."""
-  ends = joints[:, [10, 11, 15, 20, 21]]
-  speed = np.linalg.norm(np.diff(ends, axis=0), axis=-1).max(1) * fps
-  moves = float((speed > _SWAY).mean()) if len(speed) else 0.0
-  away = float(np.linalg.norm((joints[-1] - joints[0])[0, [0, 2]]))
+def _stirs(body):
+  """How much of the time a hand, a foot or the head moves, and more where they end elsewhere; 0 of one that but sways.
+  """
+  ends = body.joints[:, [10, 11, 15, 20, 21]]
+  speed = np.linalg.norm(np.diff(ends, axis=0), axis=-1).max(1) * body.fps
+  moves, away = float((speed > _SWAY).mean()) if len(speed) else 0.0, _away(body)
   return min((moves if moves > 0.1 else 0.0) + (away if away > 0.15 else 0.0), 1.0)
 
 
-def _comes_down(joints, fps):
-  return (joints[:, 0, 1] < _LOW * _usual(joints)).sum() >= _WHILE * fps
+def _is_low(body):
+  return body.joints[:, 0, 1] < _LOW * _usual(body)
 
 
-def _is_down(joints, fps):
-  return bool((joints[-max(round(_WHILE * fps), 1):, 0, 1] < _LOW * _usual(joints)).all())
+def _last(body):
+  return slice(-max(round(_WHILE * body.fps), 1), None)
 
 
-def _comes_up(joints, fps):
-  height, usual = joints[:, 0, 1], _usual(joints)
-  return height.min() < _LOW * usual and height[-max(round(_WHILE * fps), 1):].min() > _UP * usual
+def _not_down(body):
+  return _is_low(body).sum() < _WHILE * body.fps
+
+
+def _not_seated(body):
+  return 0.5 * (not _is_low(body)[_last(body)].all())
+
+
+def _not_up(body):
+  return not (_is_low(body).any() and body.joints[_last(body), 0, 1].min() > _UP * _usual(body))
+
+
+# How much is missed of what is no kind of event.
+_MISSED = {"dance": _wanders, "run": _too_fast, "still": _stirs, "rise": _not_up, "seated": _not_seated,
+           "sit": _not_down, "walk": _not_backward}

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Num
 
 from motion_jax.motion.contacts import majority, velocity
-from motion_jax.motion.signals import JOINT, PAIR, SIDES, Body, turning_points
+from motion_jax.motion.signals import JOINT, PAIR, SIDES, Body, course_of, turning_points
 from motion_jax.shapes import Array
 
 _G = 9.81
@@ -95,9 +95,8 @@ def _way(body, first, past):
 
 def _shape(path, length):
   """The shape of a way over the ground, path (N, 2)."""
-  step = np.gradient(path, axis=0)
-  course = np.unwrap(np.arctan2(step[:, 0], step[:, 1]))
-  turned = np.degrees(course - course[0])
+  course = course_of(path)
+  turned = course - course[0]
   chord = np.linalg.norm(path[-1] - path[0]) / length
   total = turned[-1]
   swing = np.diff(turned[turning_points(turned, 25.0)])

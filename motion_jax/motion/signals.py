@@ -101,6 +101,12 @@ class Body:
     return np.degrees(np.arccos(np.clip(cosine, -1, 1)))
 
 
+def course_of(path: Float[np.ndarray, "t 2"]) -> np.ndarray:
+  """Degrees (T,) of where a way over the ground, x and z of T >= 2 frames, leads: unwrapped, to the left positive."""
+  step = np.gradient(path, axis=0)
+  return np.degrees(np.unwrap(np.arctan2(step[:, 0], step[:, 1])))
+
+
 def turning_points(values: Float[np.ndarray, " t"], least: float) -> np.ndarray:
   """Frames at which values turn round by more than `least`, with both ends."""
   points, extreme, rising = [0], 0, None
