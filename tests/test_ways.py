@@ -17,6 +17,8 @@ from motion_jax.motion.signals import Body
     ("a man walks in a half circle to the right", [Way("u-turn", "right")]),
     ("walk half a circle", [Way("u-turn", "")]),
     ("a man makes a u-turn while walking", [Way("u-turn", "")]),
+    ("someone walks ahead and makes a u-turn to the left", [Way("u-turn", "left")]),
+    ("someone walks in a circle, then makes a u-turn", []),
     ("someone zigzags forward", [Way("zigzag", "")]),
     ("a person walks straight ahead", [Way("straight", "")]),
     ("she hurries in a circle", [Way("circle", ""), Way("quickly", "walk")]),
@@ -35,7 +37,9 @@ def test_what_a_sentence_says_of_a_walk(text, found):
 
 
 def test_who_walks_turning_to_a_side_turns():
-  assert asked_of("she walks, turning to the left") == [Asked("turn", "left", 1, False, (40, 140))]
+  for text in ("she walks, turning to the left", "she takes a left turn", "she walks and makes a left turn"):
+    assert asked_of(text) == [Asked("turn", "left", 1, False, (40, 140))]
+  assert [one.kind for one in asked_of("someone walks and makes a u turn to the left")] == ["u-turn"]
 
 
 def _walk(degrees, pace=1.15, seconds=8.0):

@@ -27,7 +27,7 @@ _COUNTED = {"kick", "punch", "jump", "hop", "squat", "bow"}  # whose number mean
 _RUNS = {"run", "jog", "sprint", "dash"}
 _FASTEST = 4.7  # metres a second, of the fastest second of whoever runs; of 330 captured clips the fastest has 4.5
 _BACKWARD = {"backward", "backwards"}
-_TURNING = {"turning", "turns"}
+_TURNING = {"turning", "turns", "turn"}
 _BLOWS, _FISTS = {"strike", "hit"}, {"fist", "fists"}
 _SOMEWHERE = {"across", "along", "around", "away", "backward", "backwards", "circle", "circles", "forward", "forwards",
               "into", "left", "out", "right", "round", "sideways", "through", "toward", "towards"}
@@ -72,16 +72,15 @@ def asked_of(text: str) -> list[Asked]:
     found["seated", ""] = Asked("seated", "", 1, False)
   if actions and _gets_up(actions[-1]):
     found["rise", ""] = Asked("rise", "", 1, False)
-  led = [action for action in actions if action.verb in ways.LEADS]
-  if len(led) == 1:  # of several each has a way of its own
-    found |= {way: Asked(*way, 1, False) for way in ways.ways_of(led[0].verb, led[0].words)}
+  led = ways.way_of_all(actions)
+  found |= {way: Asked(*way, 1, False) for way in led}
   for action in actions:
     words, kind, side = set(action.words.lower().replace(",", " ").split()), _KINDS.get(action.verb), ""
     if action.verb == "walk" and words & _BACKWARD:
       kind, side = "walk", "backward"
     if action.verb in _BLOWS and words & _FISTS:
       kind = "punch"
-    if kind is None and action.verb in ways.LEADS and words & _TURNING and words & {"left", "right"}:
+    if kind is None and action.verb in ways.LEADS and not led and words & _TURNING and words & {"left", "right"}:
       kind = "turn"  # "walks, turning to the left"
     if action.verb in _RUNS and not action.held:
       found["run", ""] = Asked("run", "", 1, False)

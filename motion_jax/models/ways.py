@@ -4,17 +4,20 @@ Circles, half circles and zigzags are told by the course over the ground, slow a
 by kinematics (`data.event_words`). For `looking`, which has a motion made anew that does not show them.
 """
 import re
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from motion_jax.data.event_words import QUICKLY, SLOWLY, USUAL
 from motion_jax.motion.signals import Body, course_of, turning_points
+from motion_jax.text.sentences import Action
 
 _WALKS = set("walk stroll stride march wander saunter amble pace hurry circle zigzag".split())
 _RUNS = set("run jog sprint dash rush".split())
 _LIGHT = {"make", "do", "take", "perform"}  # "makes a u-turn while walking"
 LEADS = _WALKS | _RUNS | _LIGHT | {"turn", "spin", "step", "move", "go", "jump", "hop", "dance", "crawl", "sneak"}
+_AHEAD = {"forward", "forwards", "ahead"}
 _LIMBS = re.compile(r"\b(arms?|hands?|legs?|knees?|head|hips?|fingers?|air)\b")
 _OTHERWISE = re.compile(r"\b(back|backwards?|sideways|diagonal(ly)?|normal|and (faster|slower))\b")
 _SHAPES = {shape: re.compile(rf"\b({words})\b") for shape, words in {  # the first that is found is meant
@@ -58,6 +61,18 @@ def ways_of(verb: str, words: str) -> list[Way]:
   if gait and len(paces) == 1 and not _OTHERWISE.search(words):
     found.append(Way(paces[0], gait))
   return found
+
+
+def way_of_all(actions: Sequence[Action]) -> list[Way]:
+  """The way that all of a sentence's actions have together: that of the only one that leads anywhere, or the u-turn
+  that somebody makes who walks and does no more; of several that lead somewhere each has a way of its own."""
+  led = [action for action in actions if action.verb in LEADS]
+  found = [ways_of(action.verb, action.words) for action in led]
+  if len(led) == 1:
+    return found[0]
+  turned = [one for action, one in zip(led, found) if action.verb in _LIGHT and one]
+  others = [action.words.lower().split()[1:] for action in led if action.verb not in _LIGHT]
+  return turned[0] if len(turned) == 1 and all(_AHEAD.issuperset(words) for words in others) else []
 
 
 def missed(body: Body, way: Way) -> float:

@@ -131,7 +131,7 @@ COMPOSED = {
     "she goes forward and to the right, facing ahead": "goes diagonally forward to the right",
     "a person takes quick steps backward": "walks backward quickly",
     "she throws a left punch": "punches with the left hand",
-    "the person takes a right turn": "turns right",
+    "the person takes a right turn": "walks and makes a right turn",
     "a person waves while doing a jump": "jumps + waves",
     "a person walks for five seconds": "walks [5]",
     "a person walks for half a minute": "walks [30]",
