@@ -28,6 +28,23 @@ def tokenizer_config(name, start, size="small", **train):
   return fit.resolve(config)[0]
 
 
+def _holds_what(run, setup):
+  """Its frozen parts and its statistics are those of a run."""
+  for name, part in run.frozen().items():
+    jax.tree.map(np.testing.assert_array_equal, part, setup.frozen[name])
+  np.testing.assert_array_equal(setup.stats.std, run.stats.std)
+
+
+def _refuses(config, other_sizes, other_model, other_stage):
+  """A tokenizer of other sizes than the config says is refused, and a model of another method."""
+  config.tokenizer.width = 8
+  with pytest.raises(ValueError, match=other_sizes):
+    fit.setups()[config.stage](config)
+  config.frozen.tokenizer = other_model
+  with pytest.raises(ValueError, match=other_stage):
+    fit.setups()[config.stage](config)
+
+
 @pytest.mark.parametrize("name, size, model", [
     ("cmdm_tokenizer", "small", "cmdm-small"), ("cdamd_autoencoder", "steps_small", "cdamd-small")])
 def test_a_tokenizer_begins_as_that_inside_a_model_that_ships(name, size, model):
@@ -53,17 +70,11 @@ def test_a_denoiser_goes_on_from_a_model_that_ships():
   run, setup = runs.open("cmdm-small"), fit.setups()[config.stage](config)
   frozen = run.frozen()
   assert set(frozen) <= set(setup.frozen)
-  for name, part in frozen.items():
-    jax.tree.map(np.testing.assert_array_equal, part, setup.frozen[name])
-  np.testing.assert_array_equal(setup.stats.std, run.stats.std)
+  _holds_what(run, setup)
   assert load_text_encoder("cmdm-small").fingerprint == load_text_encoder(run.text).fingerprint
   assert "text_encoder/model.safetensors" in setup.files
-  config.tokenizer.width = 8
-  with pytest.raises(ValueError, match="the tokenizer in cmdm-small is .*'width': 192.* config.tokenizer says"):
-    fit.setups()[config.stage](config)
-  config.frozen.tokenizer = "cdamd-small"
-  with pytest.raises(ValueError, match="holds a 'cdamd.generator' run, expected one of stage cmdm.tokenizer or cmdm.d"):
-    fit.setups()[config.stage](config)
+  _refuses(config, "the tokenizer in cmdm-small is .*'width': 192.* config.tokenizer says",
+           "cdamd-small", "holds a 'cdamd.generator' run, expected one of stage cmdm.tokenizer or cmdm.d")
 
 
 def test_a_generator_goes_on_from_a_model_that_ships(tmp_path):
@@ -76,17 +87,11 @@ def test_a_generator_goes_on_from_a_model_that_ships(tmp_path):
   run, setup = runs.open("cdamd-small"), fit.setups()[config.stage](config)
   assert config.length.to_dict() == run.config.length.to_dict()
   assert set(setup.frozen) == {"tokenizer", "latent_mean", "latent_std", "length"}
-  for name, part in run.frozen().items():
-    jax.tree.map(np.testing.assert_array_equal, part, setup.frozen[name])
-  np.testing.assert_array_equal(setup.stats.std, run.stats.std)
+  _holds_what(run, setup)
   begun = fit._started_from(setup.stage._replace(init=lambda *_: run.params()), config).init(None, None)
   jax.tree.map(np.testing.assert_array_equal, begun, run.params())
-  config.tokenizer.width = 8
-  with pytest.raises(ValueError, match="cdamd-small holds .*'width': 192.*this config says .*'width': 8"):
-    fit.setups()[config.stage](config)
-  config.frozen.tokenizer = "cmdm-small"
-  with pytest.raises(ValueError, match="holds a 'cmdm.denoiser' run, expected one of stage cdamd.autoencoder or cd"):
-    fit.setups()[config.stage](config)
+  _refuses(config, "cdamd-small holds .*'width': 192.*this config says .*'width': 8",
+           "cmdm-small", "holds a 'cmdm.denoiser' run, expected one of stage cdamd.autoencoder or cd")
   bare = ConfigDict(run.config.to_dict())
   bare.length = {}
   checkpoint.save_config(tmp_path, bare)

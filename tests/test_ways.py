@@ -19,6 +19,7 @@ from motion_jax.motion.signals import Body
     ("a man makes a u-turn while walking", [Way("u-turn", "")]),
     ("someone walks ahead and makes a u-turn to the left", [Way("u-turn", "left")]),
     ("someone walks in a circle, then makes a u-turn", []),
+    ("a person walks in a circle and makes a phone call", [Way("circle", "")]),
     ("someone zigzags forward", [Way("zigzag", "")]),
     ("a person walks straight ahead", [Way("straight", "")]),
     ("she hurries in a circle", [Way("circle", ""), Way("quickly", "walk")]),

@@ -40,6 +40,7 @@ _BRISK = 0.8       # of its usual length that an action takes which is done seve
 # Seconds that it takes then at the most: clips of one squat among other exercises are seven seconds long. Of 24 motions
 # of so many kicks or squats 17 came out right with 3 s, 11 without a limit, 10 with 2.2 s.
 _ROUND = 3.0
+_SHORT_ROUND = 2.4  # and at the least: cut short, a squat or a kick does not come to its end
 _IN, _OUT = 8, 12  # frames in which a part comes to another motion's and goes back
 
 
@@ -53,7 +54,7 @@ def usual_frames(model: "TextToMotionModel", sentence: Sentence) -> list[int]:
 
 def _action_frames(model, action):
   if action.times > 1 and is_counted_one_by_one(action.verb):
-    once = min(_BRISK * model.natural_frames(action.prompt), _ROUND * model.fps)
+    once = np.clip(_BRISK * model.natural_frames(action.prompt), _SHORT_ROUND * model.fps, _ROUND * model.fps)
     return round(once) * action.times
   if action.times > 1:
     said = model.nearest_captions(action.counted)

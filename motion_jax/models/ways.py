@@ -13,10 +13,10 @@ from motion_jax.data.event_words import QUICKLY, SLOWLY, USUAL
 from motion_jax.motion.signals import Body, course_of, turning_points
 from motion_jax.text.sentences import Action
 
-_WALKS = set("walk stroll stride march wander saunter amble pace hurry circle zigzag".split())
-_RUNS = set("run jog sprint dash rush".split())
+_WALKS = set("walk stroll stride march wander saunter amble pace hurry rush circle zigzag".split())
+_RUNS = set("run jog sprint dash".split())
 _LIGHT = {"make", "do", "take", "perform"}  # "makes a u-turn while walking"
-LEADS = _WALKS | _RUNS | _LIGHT | {"turn", "spin", "step", "move", "go", "jump", "hop", "dance", "crawl", "sneak"}
+LEADS = _WALKS | _RUNS | {"turn", "spin", "step", "move", "go", "jump", "hop", "dance", "crawl", "sneak"}
 _AHEAD = {"forward", "forwards", "ahead"}
 _LIMBS = re.compile(r"\b(arms?|hands?|legs?|knees?|head|hips?|fingers?|air)\b")
 _OTHERWISE = re.compile(r"\b(back|backwards?|sideways|diagonal(ly)?|normal|and (faster|slower))\b")
@@ -66,13 +66,13 @@ def ways_of(verb: str, words: str) -> list[Way]:
 def way_of_all(actions: Sequence[Action]) -> list[Way]:
   """The way that all of a sentence's actions have together: that of the only one that leads anywhere, or the u-turn
   that somebody makes who walks and does no more; of several that lead somewhere each has a way of its own."""
-  led = [action for action in actions if action.verb in LEADS]
-  found = [ways_of(action.verb, action.words) for action in led]
-  if len(led) == 1:
-    return found[0]
-  turned = [one for action, one in zip(led, found) if action.verb in _LIGHT and one]
-  others = [action.words.lower().split()[1:] for action in led if action.verb not in _LIGHT]
-  return turned[0] if len(turned) == 1 and all(_AHEAD.issuperset(words) for words in others) else []
+  found = [(action, ways_of(action.verb, action.words)) for action in actions]
+  turned = [ways for action, ways in found if action.verb in _LIGHT and ways]
+  led = [(action, ways) for action, ways in found if action.verb in LEADS]
+  if not turned and len(led) == 1:
+    return led[0][1]
+  bare = all(_AHEAD.issuperset(action.words.lower().split()[1:]) for action, _ in led)
+  return turned[0] if len(turned) == 1 and bare else []
 
 
 def missed(body: Body, way: Way) -> float:
