@@ -88,8 +88,12 @@ def test_a_generator_goes_on_from_a_model_that_ships(tmp_path):
   assert config.length.to_dict() == run.config.length.to_dict()
   assert set(setup.frozen) == {"tokenizer", "latent_mean", "latent_std", "length"}
   _holds_what(run, setup)
-  begun = fit._started_from(setup.stage._replace(init=lambda *_: run.params()), config).init(None, None)
+  shapes = jax.eval_shape(setup.stage.init, setup.next_batch(0), jax.random.key(0))
+  begun = fit._started_from(setup.stage._replace(init=lambda *_: shapes), config).init(None, None)
   jax.tree.map(np.testing.assert_array_equal, begun, run.params())
+  config.loss.unit_latents = False
+  with pytest.raises(ValueError, match="own scale .loss.unit_latents = True., config.loss.unit_latents is False"):
+    fit.setups()[config.stage](config)
   _refuses(config, "cdamd-small holds .*'width': 192.*this config says .*'width': 8",
            "cmdm-small", "holds a 'cmdm.denoiser' run, expected one of stage cdamd.autoencoder or cd")
   bare = ConfigDict(run.config.to_dict())

@@ -26,11 +26,31 @@ from motion_jax.motion.signals import Body
     ("an old man walks slowly", [Way("slowly", "walk")]),
     ("the person takes slow steps ahead", [Way("slowly", "walk")]),
     ("someone sprints ahead", [Way("quickly", "run")]),
+    ("a person walks counter clockwise in a circle", [Way("circle", "left")]),
+    ("someone walks in an anti-clockwise circle", [Way("circle", "left")]),
+    ("walks in a semi circle to the left", [Way("u-turn", "left")]),
+    ("a person walks in a circle and jumps", [Way("circle", "")]),
+    ("a person walks in a circle starting with the left foot", [Way("circle", "")]),
+    ("a person walks in a circle with hands behind the back", [Way("circle", "")]),
+    ("someone walks in a circle, turning left", [Way("circle", "left")]),
+    ("a person turns around and walks quickly away", [Way("quickly", "walk")]),
+    ("someone walks slowly with a straight back", [Way("slowly", "walk")]),
+    ("someone walks in a zig zag", [Way("zigzag", "")]),
+    ("a person walks straight", [Way("straight", "")]),
+    ("a person slowly walks in a big circle then stops", [Way("circle", ""), Way("slowly", "walk")]),
     # No walk, not of the whole body, of one of several walks, or of a walk whose usual pace is another one.
     ("a person turns in a circle", []), ("a person stands up straight", []), ("a person waves quickly", []),
     ("a person walks forward making circles with the arms", []), ("someone draws circles in the air", []),
-    ("a person walks quickly, then walks slowly", []), ("a person walks slowly, then turns around", []),
+    ("a person walks quickly, then walks slowly", []), ("a person walks straight ahead, then turns around", []),
     ("someone walks backward slowly", []), ("a person walks faster and faster", []),
+    *((text, []) for text in (
+        "marches quickly in place", "runs fast on the spot", "walks halfway around a circle", "walks 1/4 of a circle",
+        "walks straight ahead and back", "walks back and forth in a straight line", "walks slowly, then gallops away",
+        "a person walks straight ahead, then returns", "walks slowly at first, then faster", "walks into the circle",
+        "walks in a circle to the left, then in a circle to the right", "a man circles his shoulders",
+        "makes a half circle with the right foot", "walks through a circle of people",
+        "walks forward with a quick stop",
+        "walks quickly, slowing down at the end", "one and a half circles", "walks one and a half circles")),
     ("walks three quarters of a circle", []), ("a person does not walk in a circle", []),
 ])
 def test_what_a_sentence_says_of_a_walk(text, found):
@@ -38,8 +58,12 @@ def test_what_a_sentence_says_of_a_walk(text, found):
 
 
 def test_who_walks_turning_to_a_side_turns():
-  for text in ("she walks, turning to the left", "she takes a left turn", "she walks and makes a left turn"):
+  for text in ("she walks, turning to the left", "she takes a left turn", "she walks and makes a left turn",
+               "they take a left turn"):
     assert asked_of(text) == [Asked("turn", "left", 1, False, (40, 140))]
+  assert asked_of("walks slowly, turning to the right") == [
+      Asked("slowly", "walk", 1, False), Asked("turn", "right", 1, False, (40, 140))]
+  assert asked_of("a person steps to the right while looking around") == []
   assert [one.kind for one in asked_of("someone walks and makes a u turn to the left")] == ["u-turn"]
 
 
@@ -80,6 +104,7 @@ def test_slow_and_quick_are_against_the_usual_pace():
   assert at(1.6, "quickly") == 0 < at(1.4, "quickly") < at(1.0, "quickly") < 1
   assert at(3.7, "quickly", "run") == 0 < at(3.0, "quickly", "run") and at(2.0, "slowly", "run") == 0
   assert at(0.1, "slowly") == at(0.1, "quickly") == 1  # goes nowhere
+  assert at(0.25, "slowly") == 0 and ways.missed(Body(_walk(lambda t: 0 * t)[:1], 20.0), Way("slowly", "walk")) == 1
 
 
 def test_they_are_looked_at():

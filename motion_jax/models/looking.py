@@ -27,7 +27,8 @@ _COUNTED = {"kick", "punch", "jump", "hop", "squat", "bow"}  # whose number mean
 _RUNS = {"run", "jog", "sprint", "dash"}
 _FASTEST = 4.7  # metres a second, of the fastest second of whoever runs; of 330 captured clips the fastest has 4.5
 _BACKWARD = {"backward", "backwards"}
-_TURNING = {"turning", "turns", "turn"}
+_TURNING = re.compile(r"\bturn(?:s|ing)(?: (?:around|back|sharply|gently|quickly|slowly))*(?: to (?:the|his|her))? "
+                      r"(left|right)\b|\b(left|right) turn\b")
 _BLOWS, _FISTS = {"strike", "hit"}, {"fist", "fists"}
 _SOMEWHERE = {"across", "along", "around", "away", "backward", "backwards", "circle", "circles", "forward", "forwards",
               "into", "left", "out", "right", "round", "sideways", "through", "toward", "towards"}
@@ -50,7 +51,8 @@ _NEAR = 40
 
 class Asked(NamedTuple):
   """Something that is to be seen: a kind of event, of the left or right or of either (""), backward for walks, or a
-  `ways.Way`; how often: times, or, not counted, as often or more. degrees: least and most that a turn has in all."""
+  `ways.Way`, of which side may be walk or run; how often: times, or, not counted, as often or more. degrees: least and
+  most that a turn has in all."""
   kind: str
   side: str
   times: int
@@ -80,14 +82,15 @@ def asked_of(text: str) -> list[Asked]:
       kind, side = "walk", "backward"
     if action.verb in _BLOWS and words & _FISTS:
       kind = "punch"
-    if kind is None and action.verb in ways.LEADS and not led and words & _TURNING and words & {"left", "right"}:
-      kind = "turn"  # "walks, turning to the left"
+    turning = _TURNING.search(action.words.lower()) if kind is None and ways.is_gait(action.verb) else None
+    if turning and not any(way.kind in ways.BENT for way in led):  # "walks, turning to the left"
+      kind, side = "turn", turning[1] or turning[2]
     if action.verb in _RUNS and not action.held:
       found["run", ""] = Asked("run", "", 1, False)
     if kind is None or action.held or action.part == "head":  # "turns the head"
       continue
     named = {"left", "right"} & words
-    if kind in _SIDED and len(named) == 1:
+    if kind in _SIDED and not side and len(named) == 1:
       side = named.pop()
     before = found.get((kind, side), Asked(kind, side, 0, False))
     counted = before.counted or action.times > 1 and kind in _COUNTED

@@ -16,19 +16,33 @@ from motion_jax.text.sentences import Action
 _WALKS = set("walk stroll stride march wander saunter amble pace hurry rush circle zigzag".split())
 _RUNS = set("run jog sprint dash".split())
 _LIGHT = {"make", "do", "take", "perform"}  # "makes a u-turn while walking"
-LEADS = _WALKS | _RUNS | {"turn", "spin", "step", "move", "go", "jump", "hop", "dance", "crawl", "sneak"}
-_AHEAD = {"forward", "forwards", "ahead"}
-_LIMBS = re.compile(r"\b(arms?|hands?|legs?|knees?|head|hips?|fingers?|air)\b")
-_OTHERWISE = re.compile(r"\b(back|backwards?|sideways|diagonal(ly)?|normal|and (faster|slower))\b")
-_SHAPES = {shape: re.compile(rf"\b({words})\b") for shape, words in {  # the first that is found is meant
-    "u-turn": r"u[- ]turns?|half[- ]circles?|half (?:of )?a circle|semi-?circles?", "": r"quarters?",
-    "zigzag": r"zig-?zag(?:s|ging)?", "circle": r"circles?|oval|counter-?clockwise|clockwise",
-    "straight": r"straight (?:ahead|on|forwards?|line)"}.items()}
-_SIDES = {"left": re.compile(r"\b(left|counter-?clockwise|anti-?clockwise)\b"),
-          "right": re.compile(r"\b(right|(?<!-)clockwise)\b")}
-_PACES = {"slowly": re.compile(r"\b(slow|slowly)\b"), "quickly": re.compile(r"\b(fast|quick|quickly|briskly|brisk)\b")}
+# What leaves no way of its own behind: these beside a walk leave it the only way of a sentence.
+_STAYS = set("sit stand stop rest wait stay pause halt squat crouch kneel lie kick jump bow lean".split())
+_TURNS = {"turn", "spin", "rotate", "pivot"}
+_BARE = {"forward", "forwards", "ahead", "back", "away", "on"}
+_SPELT = ((r"\b(counter|anti)[- ]?clock-?wise\b", "counterclockwise"), (r"\bzig[- ]zag", "zigzag"),
+          (r"\bsemi[- ]?circle|\bhalf(?: of)? an? circle|\bhalf-circle", "half circle"), (r"\bu turn", "u-turn"))
+_BESIDE = re.compile(r",| (?:with|while|starting|leading|dragging|leaning|kicking|waving|looking)\b")  # not of the way
+_LIMBS = re.compile(r"\b(?:arms?|hands?|legs?|knees?|head|hips?|fingers?|foot|feet|toes?|shoulders?|wrists?|ankles?|"
+                    r"elbows?|torso|waist|chest|neck|air)\b")
+_NONE = re.compile(r"\b(?:then|in place|on the spot)\b")  # several ways in one, or no way at all
+_SIZE = r"(?:(?:full|whole|complete|big|small|large|wide|tight|little|single|clockwise|counterclockwise|few) )*"
+_SHAPES = {shape: re.compile(words) for shape, words in {  # the first that is found is meant
+    "": r"\bquarters?\b|\d ?/ ?\d|\bhalf ?-?way\b|\barc\b|\bdegrees?\b|\band a half\b|\bcircle of\b",
+    "u-turn": r"\bu-turn|\bhalf circle",
+    "zigzag": r"\bzigzag",
+    "circle": rf"\bin (?:an? |one |two |three )?{_SIZE}circles?\b|\bcircular\b|\b\w+s (?:around )?(?:an? |one |two "
+              rf"|three )?{_SIZE}circles?\b|\boval\b|clockwise\b|\bcircles (?:around|to)\b",
+    "straight": r"\bstraight(?: ahead| on| forwards?| line)?$|\bstraight (?:ahead|on|forwards?|line)\b"}.items()}
+_BENDS = re.compile(r"\b(?:veer|turn|curv|swerv|back\b|forth\b)")
+_SIDES = {"left": re.compile(r"\b(?:left|counterclockwise)\b"), "right": re.compile(r"\b(?:right|clockwise)\b")}
+_PACES = {"slowly": re.compile(r"\b(?:slow|slowly|leisurely)\b"),
+          "quickly": re.compile(r"\b(?:fast|quick|quickly|briskly|brisk|rapidly|swiftly)\b")}
 _HURRIES = {"hurry", "rush", "sprint", "dash"}
-_GOES = 0.3         # metres a second of whoever goes somewhere
+# Words of a walk whose usual pace is another one, or that does not keep it.
+_OTHERWISE = re.compile(r"\b(?:back|backwards?|sideways|diagonal(?:ly)?|normal)\b")
+_CHANGES = re.compile(r"\b(?:first|faster|slower|speed\w*|slows|slowing|gradually|stops?)\b")
+_GOES, _CREEPS = 0.3, 0.12  # metres a second of whoever goes somewhere, and of whoever does so slowly
 _ROUND = 300.0      # degrees of a circle at the least; as in `motion.events`
 _HALF = (150.0, 210.0)
 _SWERVES, _SWERVE = 4, 25.0  # how often, and by how many degrees at the least, a zigzag turns
@@ -45,40 +59,65 @@ class Way(NamedTuple):
 
 
 KINDS = frozenset([*_SHAPES, *_PACES]) - {""}
+BENT = frozenset({"circle", "u-turn", "zigzag"})  # what the course of a turn is part of
+
+
+def is_gait(verb: str) -> bool:
+  """Whether a verb says that somebody walks or runs."""
+  return verb in _WALKS or verb in _RUNS
 
 
 def ways_of(verb: str, words: str) -> list[Way]:
-  """What the words of an action, without its subject, say of where it leads and how fast; nothing of other actions."""
+  """What the words of an action, without its subject, say of where it leads and how fast; nothing of other actions, of
+  walks in place, or of two ways in one."""
   words = words.lower()
+  for spelt, usual in _SPELT:
+    words = re.sub(spelt, usual, words)
   gait = "walk" if verb in _WALKS else "run" if verb in _RUNS else ""
-  if _LIMBS.search(words) or not gait and not (verb in _LIGHT and _SHAPES["u-turn"].search(words)):
+  own = _BESIDE.split(words, maxsplit=1)[0]
+  if _NONE.search(words) or _LIMBS.search(own if gait else words) or not gait and verb not in _LIGHT:
     return []
-  found, shape = [], next((shape for shape, said in _SHAPES.items() if said.search(words)), "")
-  sides = [side for side, said in _SIDES.items() if said.search(words)] if shape in ("circle", "u-turn") else []
-  if shape:
-    found.append(Way(shape, sides[0] if len(sides) == 1 else ""))
-  paces = [pace for pace, said in _PACES.items() if said.search(words)] or ["quickly"] * (verb in _HURRIES)
-  if gait and len(paces) == 1 and not _OTHERWISE.search(words):
+  shape = next((shape for shape, said in _SHAPES.items() if said.search(own)), "")
+  found = [Way(shape, _side_of(own, words))] if shape in ("circle", "u-turn") else []
+  if shape == "zigzag" or shape == "straight" and not _BENDS.search(words):
+    found = [Way(shape, "")]
+  if not gait:
+    return [way for way in found if way.kind == "u-turn"]
+  paces = [pace for pace, said in _PACES.items() if said.search(own)] or ["quickly"] * (verb in _HURRIES)
+  if len(paces) == 1 and not _OTHERWISE.search(own) and not _CHANGES.search(words):
     found.append(Way(paces[0], gait))
   return found
 
 
+def _side_of(own, words):
+  turning = re.search(r"\bturning(?: to the)? (left|right)\b", words)
+  sides = [side for side, said in _SIDES.items() if said.search(own)] or ([turning[1]] if turning else [])
+  return sides[0] if len(sides) == 1 else ""
+
+
 def way_of_all(actions: Sequence[Action]) -> list[Way]:
   """The way that all of a sentence's actions have together: that of the only one that leads anywhere, or the u-turn
-  that somebody makes who walks and does no more; of several that lead somewhere each has a way of its own."""
-  found = [(action, ways_of(action.verb, action.words)) for action in actions]
-  turned = [ways for action, ways in found if action.verb in _LIGHT and ways]
-  led = [(action, ways) for action, ways in found if action.verb in LEADS]
-  if not turned and len(led) == 1:
-    return led[0][1]
-  bare = all(_AHEAD.issuperset(action.words.lower().split()[1:]) for action, _ in led)
-  return turned[0] if len(turned) == 1 and bare else []
+  that somebody makes who walks and does no more; of several that lead somewhere each has a way of its own. Beside a
+  walk whoever turns changes where it leads, but not its pace."""
+  found = [(action, ways_of(action.verb, action.words)) for action in actions
+           if action.part in ("legs", "body", "") and action.verb not in _STAYS]
+  made = [ways for action, ways in found if action.verb in _LIGHT and ways]
+  going = [(action, ways) for action, ways in found if action.verb not in _LIGHT | _TURNS]
+  if made:
+    bare = all(_BARE.issuperset(action.words.lower().split()[1:]) for action, _ in going)
+    return made[0] if len(made) == 1 and bare else []
+  if len(going) != 1:
+    return []
+  turns = any(action.verb in _TURNS for action, _ in found)
+  return [way for way in going[0][1] if way.kind in _PACES or not turns]
 
 
 def missed(body: Body, way: Way) -> float:
   """How much of a way is not to be seen in a body: 0 to 0.9 by how far it is from it, 1 of one to the other side or who
   goes nowhere."""
-  going = body.speed > _GOES
+  if body.num < 4:
+    return 1.0
+  going = body.speed > (_CREEPS if way.kind == "slowly" else _GOES)
   if going.sum() < max(0.5 * body.fps, 4):
     return 1.0
   if way.kind in _PACES:

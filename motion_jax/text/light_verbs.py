@@ -1,7 +1,6 @@
 """Verbs that say little, with the noun that says what is done: "takes two bows" is to bow twice, "takes a seat" to sit
-down, "throws a left punch" to punch with the left hand, "takes a left turn" to walk and turn left. Captions of motion
-mostly say the verb of such a noun, and "diagonally forward to the left" of what goes "ahead and to the left without
-turning".
+down, "throws a left punch" to punch with the left hand. Captions of motion mostly say the verb of such a noun, and
+"diagonally forward to the left" of what goes "ahead and to the left without turning".
 """
 import re
 from collections.abc import Mapping, Sequence
@@ -69,8 +68,6 @@ def reworded(verb: str, words: Sequence[str], numbers: Mapping[str, float]) -> R
   found = next((one for one in _NOUNS if noun in (one, one + "s", one + "es")), "")
   if not found or times < 1 or rest[1:] and rest[1] not in _BEHIND or side and found not in (*_LIMB, "turn"):
     return None
-  if verb == "take" and found == "turn" and side and times == 1 and not rest[1:]:  # on one's way, not on the spot
-    return Reworded("walk", "walking", ["and", "makes", "a", side, "turn"], 1)
   own = _NOUNS[found]
   said = [] if not side else [side] if found == "turn" else ["with", "the", side, _LIMB[found]]
   behind = list(words[len(words) - len(rest) + 1:])

@@ -29,6 +29,7 @@ _WHILE = set("for a little short long while moment bit time second".split())
 _PLURAL = set("people men women children they we i you".split())
 _OTHER = {"another", "other", "second", "else", "each"}
 _OF_EACH_ARM = {"wave", "raise", "lift", "hold", "stretch", "extend", "lower", "swing", "put"}
+_TAKEN = re.compile(r"\b(?:take|takes|taking) (?:a|the|another) (?:left|right) turn\b", re.IGNORECASE)
 _HANDS_UP = re.compile(r"\bwith (?:(?:his|her|their|its|the|a|an|one|both) )*((?:left |right )?)(hands?|arms?) "
                        r"(?:(?:held|stretched|lifted) )?(?:raised|lifted|up|in the air|high|overhead|"
                        r"(?:above|over) (?:(?:his|her|their|the) )?head)(?: (?:up|high|in the air))?\b")
@@ -115,6 +116,8 @@ def understand(text: str, known: Callable[[str], bool] = lambda text: False) -> 
   if groups is None:
     return plain
   segments = [part for group in groups for part in _kept_up(_segment(group, subject))]
+  if len(segments) == 1 and not segments[0].also and _TAKEN.search(text):
+    segments = [segments[0]._replace(action=_on_ones_way(segments[0].action))]
   found = Sentence(text, _with_holds(_without_repeated_rests(segments), " ".join(subject)))
   return plain if found.is_plain else found
 
@@ -261,6 +264,15 @@ def _action(clause, subject):
     return Action(f"{who} {words}", HOLD, "legs", verb="stand")
   return Action(f"{who} {words}", words, part_of(clause), actions.sides_of(lower(clause.words)), clause.times,
                 clause.verb, reworded=clause.reworded)
+
+
+def _on_ones_way(action):
+  """Who takes a turn, and does no more, walks: not "turns left" on the spot, but "walks and makes a left turn"."""
+  said = re.fullmatch(r"(turns?) (left|right)", action.words)
+  if not said:
+    return action
+  words = f"{'walk' if said[1] == 'turn' else 'walks'} and {'make' if said[1] == 'turn' else 'makes'} a {said[2]} turn"
+  return action._replace(prompt=action.prompt.removesuffix(action.words) + words, words=words, verb="walk")
 
 
 def _is_hold(verb, words):

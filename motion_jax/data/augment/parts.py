@@ -17,8 +17,8 @@ from motion_jax.motion.splicing import REACH
 
 MOST = 196     # frames of a clip that is made: what generators are trained on
 SHORTEST = 36  # frames of a walk that are worth a sentence
-# Sentences by kinematics that leave the manner out, of three about a path or a count: nobody captured these, so no
-# other clip says them plainly, and hardly a circle came of "a person walks in a circle".
+# How many of the three sentences by kinematics of a bent path or a counted clip leave the manner out. Few captured
+# clips show such a thing: hardly a plain caption would say so, and "a person walks in a circle" led in few circles.
 PLAIN = 2
 _EDGE = 14     # frames at either end of a clip in which its action may not have begun, or be over
 _ENDS = re.compile(r"\b(then|still|stops?)\b")

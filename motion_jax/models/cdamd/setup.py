@@ -243,6 +243,10 @@ def load_tokenizer(folder: str, config: ConfigDict) -> tuple[AutoencoderCodec, S
     run = runs.open(folder, ("cdamd.autoencoder", GENERATOR))
     if run.stage == GENERATOR:
       _demand_alike(folder, run.config.tokenizer, config.tokenizer)
+      if run.config.loss.unit_latents != config.loss.unit_latents:
+        raise ValueError(f"the latents of {folder} are known by their own scale (loss.unit_latents = "
+                         f"{run.config.loss.unit_latents}), config.loss.unit_latents is {config.loss.unit_latents}; "
+                         "make them agree")
       net = Autoencoder(**module_fields(config.tokenizer))
       return AutoencoderCodec.of(net, run.frozen(cdamd.frozen_shapes(net))), stats_lib.load_stats(
           run.folder, config.data.layout)
