@@ -54,17 +54,26 @@ from motion_jax.motion.signals import Body
     ("walks three quarters of a circle", []), ("a person does not walk in a circle", []),
 ])
 def test_what_a_sentence_says_of_a_walk(text, found):
-  assert [Way(one.kind, one.side) for one in asked_of(text) if one.kind in ways.KINDS] == found
+  assert [Way(one.kind, one.side) for one in asked_of(text) if one.kind in ways.KINDS - {"usual"}] == found
 
 
 def test_who_walks_turning_to_a_side_turns():
   for text in ("she walks, turning to the left", "she takes a left turn", "she walks and makes a left turn",
                "they take a left turn"):
-    assert asked_of(text) == [Asked("turn", "left", 1, False, (40, 140))]
+    assert [one for one in asked_of(text) if one.kind != "usual"] == [Asked("turn", "left", 1, False, (40, 140))]
   assert asked_of("walks slowly, turning to the right") == [
       Asked("slowly", "walk", 1, False), Asked("turn", "right", 1, False, (40, 140))]
   assert asked_of("a person steps to the right while looking around") == []
   assert [one.kind for one in asked_of("someone walks and makes a u turn to the left")] == ["u-turn"]
+
+
+def test_a_walk_of_which_no_pace_is_said_is_not_quick():
+  usual = [Asked("usual", "walk", 1, False)]
+  assert asked_of("a person walks forward") == asked_of("a man strolls forward, then waves")[:1] == usual
+  for text in ("a person walks quickly", "someone walks backward", "a person runs", "a man marches forward"):
+    assert "usual" not in [one.kind for one in asked_of(text)]
+  at = [looking.overdone(_walk(lambda t: 0 * t, pace), usual) for pace in (0.1, 1.45, 1.6, 1.8)]
+  assert at[:2] == [0, 0] and 0 < at[2] < at[3] == looking.misses(_walk(lambda t: 0 * t, 1.8), usual) < 1
 
 
 def _walk(degrees, pace=1.15, seconds=8.0):

@@ -169,13 +169,17 @@ def _missed_events(body, events, asked):
 
 
 def overdone(joints: Num[np.ndarray, "t 22 3"], asked: Sequence[Asked], fps: float = 20.0) -> float:
-  """How much more joints (T, 22, 3) show of what is asked than anybody does: by which share of it a run is too fast.
+  """How much more joints (T, 22, 3) show of what is asked than anybody does: by which share of it a run is too fast, or
+  a walk of which no pace is said faster than one that is called quick.
 
   Words that weigh much drive a body on: "runs fast" goes 5.6 m/s at `cmdm-small`'s own guidance, 4.4 without any, and
   feet slide the more the faster it goes.
   """
-  runs = any(one.kind == "run" for one in asked) and len(joints) > 1
-  return _too_fast(Body(np.asarray(joints, np.float64), fps)) if runs else 0.0
+  if len(joints) < 2:
+    return 0.0
+  body = Body(np.asarray(joints, np.float64), fps)
+  return float(sum(_too_fast(body) if one.kind == "run" else ways.missed(body, ways.Way(one.kind, one.side))
+                   for one in asked if one.kind in ("run", "usual")))
 
 
 def _too_fast(body):

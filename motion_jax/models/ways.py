@@ -38,6 +38,7 @@ _BENDS = re.compile(r"\b(?:veer|turn|curv|swerv|back\b|forth\b)")
 _SIDES = {"left": re.compile(r"\b(?:left|counterclockwise)\b"), "right": re.compile(r"\b(?:right|clockwise)\b")}
 _PACES = {"slowly": re.compile(r"\b(?:slow|slowly|leisurely)\b"),
           "quickly": re.compile(r"\b(?:fast|quick|quickly|briskly|brisk|rapidly|swiftly)\b")}
+_AT_EASE = {"walk", "stroll", "saunter", "wander", "amble"}  # no faster than usual where no pace is said
 _HURRIES = {"hurry", "rush", "sprint", "dash"}
 # Words of a walk whose usual pace is another one, or that does not keep it.
 _OTHERWISE = re.compile(r"\b(?:back|backwards?|sideways|diagonal(?:ly)?|normal)\b")
@@ -53,12 +54,13 @@ _MOST = 0.9         # of what is asked that is missed where it does not show wel
 
 class Way(NamedTuple):
   """What a sentence says of a walk: its shape (circle, u-turn, zigzag, straight) to a side or to either (""), or its
-  pace (slowly, quickly), of which side says who is meant: walk or run."""
+  pace (slowly, quickly, usual), of which side says who is meant: walk or run."""
   kind: str
   side: str
 
 
-KINDS = frozenset([*_SHAPES, *_PACES]) - {""}
+_SPEEDS = frozenset([*_PACES, "usual"])
+KINDS = (_SPEEDS | frozenset(_SHAPES)) - {""}
 BENT = frozenset({"circle", "u-turn", "zigzag"})  # what the course of a turn is part of
 
 
@@ -84,9 +86,9 @@ def ways_of(verb: str, words: str) -> list[Way]:
   if not gait:
     return [way for way in found if way.kind == "u-turn"]
   paces = [pace for pace, said in _PACES.items() if said.search(own)] or ["quickly"] * (verb in _HURRIES)
-  if len(paces) == 1 and not _OTHERWISE.search(own) and not _CHANGES.search(words):
-    found.append(Way(paces[0], gait))
-  return found
+  if _OTHERWISE.search(own) or _CHANGES.search(words) or len(paces) > 1:
+    return found
+  return found + [Way(pace, gait) for pace in paces or (["usual"] if verb in _AT_EASE else [])]
 
 
 def _side_of(own, words):
@@ -109,18 +111,18 @@ def way_of_all(actions: Sequence[Action]) -> list[Way]:
   if len(going) != 1:
     return []
   turns = any(action.verb in _TURNS for action, _ in found)
-  return [way for way in going[0][1] if way.kind in _PACES or not turns]
+  return [way for way in going[0][1] if way.kind in _SPEEDS or not turns]
 
 
 def missed(body: Body, way: Way) -> float:
   """How much of a way is not to be seen in a body: 0 to 0.9 by how far it is from it, 1 of one to the other side or who
   goes nowhere."""
   if body.num < 4:
-    return 1.0
+    return float(way.kind != "usual")
   going = body.speed > (_CREEPS if way.kind == "slowly" else _GOES)
   if going.sum() < max(0.5 * body.fps, 4):
-    return 1.0
-  if way.kind in _PACES:
+    return float(way.kind != "usual")
+  if way.kind in _SPEEDS:
     return _off_pace(float(np.median(body.speed[going])), *way)
   course = course_of(body.smooth(body.path, 0.3)[going])
   total, spread = course[-1] - course[0], float(np.ptp(course))
@@ -136,8 +138,8 @@ def missed(body: Body, way: Way) -> float:
 
 
 def _off_pace(pace, kind, gait):
-  usual = USUAL[f"{gait} forward"]
-  return _share(pace / usual - SLOWLY if kind == "slowly" else QUICKLY - pace / usual, 1.0)
+  ratio = pace / USUAL[f"{gait} forward"]
+  return _share({"slowly": ratio - SLOWLY, "quickly": QUICKLY - ratio, "usual": ratio - QUICKLY}[kind], 1.0)
 
 
 def _share(by, of):
