@@ -63,6 +63,8 @@ def test_who_walks_turning_to_a_side_turns():
     assert [one for one in asked_of(text) if one.kind != "usual"] == [Asked("turn", "left", 1, False, (40, 140))]
   assert asked_of("walks slowly, turning to the right") == [
       Asked("slowly", "walk", 1, False), Asked("turn", "right", 1, False, (40, 140))]
+  assert asked_of("walks to the right, turning to the left")[-1][:2] == ("turn", "left")
+  assert [one.kind for one in asked_of("walks in a circle, turning left")] == ["circle", "usual"]
   assert asked_of("a person steps to the right while looking around") == []
   assert [one.kind for one in asked_of("someone walks and makes a u turn to the left")] == ["u-turn"]
 
@@ -95,6 +97,8 @@ def test_a_circle_leads_all_the_way_round_to_its_side():
   assert _missed(_walk(lambda t: -360 * t), "circle", "left") == 1  # the wrong way round
   eight = _walk(lambda t: 360 * np.minimum(t, 1 - t) * 2)  # there, and back again
   assert _missed(eight, "circle", "") > 0.8
+  swerves = _walk(lambda t: np.interp(t, [0, 0.2, 1], [0, -90, 240]))  # first to the other side
+  assert 0 < _missed(_walk(lambda t: 240 * t), "circle", "left") < _missed(swerves, "circle", "left")
 
 
 def test_half_a_circle_zigzags_and_straight_ways():

@@ -6,6 +6,7 @@ who gets up at last is up at the end, whoever dances, and is not told where to, 
 runs faster than people do. Circles, half circles, zigzags and straight ways, slow and quick ones are `models.ways`.
 The rules of events are in doubt now and then, so a motion in which something is not seen may still be a good one.
 """
+import functools
 import re
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -143,14 +144,15 @@ def misses(joints: Num[np.ndarray, "t 22 3"], asked: Sequence[Asked], fps: float
   if not asked:
     return 0.0
   body = Body(np.asarray(joints, np.float64), fps)
-  events, missed = find_events(joints, fps), 0.0
+  seen = functools.cache(lambda: find_events(joints, fps))
+  missed = 0.0
   for one in asked:
     if one.kind in ways.KINDS:
       missed += ways.missed(body, ways.Way(one.kind, one.side))
     elif one.kind in _MISSED:
       missed += float(_MISSED[one.kind](body))
     else:
-      missed += _missed_events(body, events, one)
+      missed += _missed_events(body, seen(), one)
   return missed
 
 
@@ -199,15 +201,12 @@ def _wanders(body):
   return max(0.0, 1 - _WANDERED / max(_away(body), 1e-9))
 
 
-def _not_backward(body):  # a walk that leads there and back again is one event, so that they are no help
-  return not _goes_backward(body)
-
-
-def _goes_backward(body):
+def _not_backward(body):
+  """Whether there is no walk backward; one that leads there and back again is one event, which would not tell."""
   ahead = np.stack([np.sin(body.heading), np.cos(body.heading)], -1)
   along = (np.gradient(body.path, axis=0) * ahead).sum(-1) * body.fps
   back = (along < -_PACE) & (-along > _STRAIGHT * body.speed)
-  return back.sum() >= _BACK * body.fps
+  return back.sum() < _BACK * body.fps
 
 
 def _usual(body):
