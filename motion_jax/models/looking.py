@@ -17,6 +17,7 @@ from jaxtyping import Num
 from motion_jax.models import ways
 from motion_jax.motion.events import PUNCH, find_events, punch_speed
 from motion_jax.motion.signals import Body
+from motion_jax.text.actions import RUNS
 from motion_jax.text.light_verbs import LIGHT
 from motion_jax.text.sentences import actions_of
 
@@ -25,7 +26,6 @@ _KINDS = {"kick": "kick", "punch": "punch", "jab": "punch", "box": "punch", "sha
           "hop": "hop", "squat": "squat", "bow": "bow", "wave": "wave", "turn": "turn", "sit": "sit"}
 _SIDED = {"kick", "punch", "wave", "turn"}
 _COUNTED = {"kick", "punch", "jump", "hop", "squat", "bow"}  # whose number means how often they are done
-_RUNS = {"run", "jog", "sprint", "dash"}
 _FASTEST = 4.7  # metres a second, of the fastest second of whoever runs; of 330 captured clips the fastest has 4.5
 _BACKWARD = {"backward", "backwards"}
 _TURNING = re.compile(r"\bturn(?:s|ing)(?: (?:around|back|sharply|gently|quickly|slowly))*(?: to (?:the|his|her))? "
@@ -86,7 +86,7 @@ def asked_of(text: str) -> list[Asked]:
     turning = _TURNING.search(action.words.lower()) if kind is None and ways.is_gait(action.verb) else None
     if turning and not any(way.kind in ways.BENT for way in led):  # "walks, turning to the left"
       kind, side = "turn", turning[1] or turning[2]
-    if action.verb in _RUNS and not action.held:
+    if action.verb in RUNS and not action.held:
       found["run", ""] = Asked("run", "", 1, False)
     if kind is None or action.held or action.part == "head":  # "turns the head"
       continue

@@ -11,10 +11,10 @@ import numpy as np
 
 from motion_jax.data.event_words import QUICKLY, SLOWLY, USUAL
 from motion_jax.motion.signals import Body, course_of, turning_points
+from motion_jax.text.actions import RUNS
 from motion_jax.text.sentences import Action
 
 _WALKS = set("walk stroll stride march wander saunter amble pace hurry rush circle zigzag".split())
-_RUNS = set("run jog sprint dash".split())
 _LIGHT = {"make", "do", "take", "perform"}  # "makes a u-turn while walking"
 # What leaves no way of its own behind: these beside a walk leave it the only way of a sentence.
 _STAYS = set("sit stand stop rest wait stay pause halt squat crouch kneel lie kick jump bow lean".split())
@@ -66,7 +66,7 @@ BENT = frozenset({"circle", "u-turn", "zigzag"})  # what the course of a turn is
 
 def is_gait(verb: str) -> bool:
   """Whether a verb says that somebody walks or runs."""
-  return verb in _WALKS or verb in _RUNS
+  return verb in _WALKS or verb in RUNS
 
 
 def ways_of(verb: str, words: str) -> list[Way]:
@@ -75,7 +75,7 @@ def ways_of(verb: str, words: str) -> list[Way]:
   words = words.lower()
   for spelt, usual in _SPELT:
     words = re.sub(spelt, usual, words)
-  gait = "walk" if verb in _WALKS else "run" if verb in _RUNS else ""
+  gait = "walk" if verb in _WALKS else "run" if verb in RUNS else ""
   own = _BESIDE.split(words, maxsplit=1)[0]
   if _NONE.search(words) or _LIMBS.search(own if gait else words) or not gait and verb not in _LIGHT:
     return []

@@ -47,6 +47,7 @@ _ONCE = set("bow kick turn squat duck raise lift lower throw toss catch pick poi
 _NOT_AT_EASE = {"kick", "raise", "lift", "strike"}
 # Behind these a body is low, and stays so when it rests.
 LOW = {"sit", "kneel", "crouch", "lie"}
+RUNS = {"run", "jog", "sprint", "dash"}
 RESTS = {"stop", "pause", "wait", "rest", "halt", "freeze"}
 # Seconds of one swing, clap or blow of actions that a clip shows many times: to do such a thing twice takes no longer.
 _CYCLES = {"wave": 0.8, "clap": 0.6, "nod": 0.8, "shake": 0.6, "punch": 1.0, "jab": 0.8, "stomp": 0.8, "stamp": 0.8}

@@ -20,6 +20,7 @@ _PEOPLE = set("person man woman boy girl child kid guy lady figure human dancer 
 PRONOUNS = {"he", "she", "they", "it", "who", "i", "you", "we"}
 _POSSESSIVES = {"his", "her", "their", "its", "my", "your", "our"}
 _LONG = 40  # words of a clause behind which no further one begins unmarked
+_ONE_MORE = ("a", "an", "another")
 _LIGHT = {"also", "again", "just", "first", "soon"}
 _DIRECTIONS = set("left right forward forwards backward backwards back sideways up down around ahead away clockwise "
                   "counterclockwise again".split())
@@ -157,7 +158,10 @@ def _stands_alone(kind, clause, tokens, previous):
   if kind in ("and", ","):
     if _noun_list(previous) or clause.verb in LIGHT and _PATHS & {word.lower() for word in clause.words}:
       return False  # "walks and makes a u-turn"
-    if is_ing(clause.form) and kind == "and" and previous[2].form != clause.form and not (
+    begun = is_ing(lower(tokens)[0])
+    if not begun and is_ing(clause.form) and clause.verb == previous[2].verb and not clause.words:
+      return False  # "walks forward and keeps walking"
+    if begun and kind == "and" and previous[2].form != clause.form and not (
         is_ing(previous[2].form) or "is" in previous[2].subject or previous[0] in ("while", ",")):
       return False  # "walks with jumping and singing"
     return bool(actions.verb_of(clause.form.lower()))
@@ -227,6 +231,8 @@ def _first_verb(words, tags):
     before = tags[at - 1] if at else ""
     if at and words[at - 1] in _POSSESSIVES or "jumping jack" in " ".join(words[max(at - 1, 0):at + 2]):
       continue  # "regains his balance"
+    if at > 1 and words[at - 1] in ("left", "right") and words[at - 2] in _ONE_MORE and actions.verb_of(word) == word:
+      continue  # "a right turn"
     if tag in ("VERB", "AUX") and word not in ("being", "been", "having"):
       return at
     if tag in ("NOUN", "ADJ") and actions.verb_of(word) and before not in ("DET", "ADJ", "NUM", "ADP") and (
@@ -244,8 +250,13 @@ def _elliptic(previous, tokens):
   if words and all(word in _DIRECTIONS | {"to", "the"} for word in words) and (
       words != ["again"] and any(word in _DIRECTIONS for word in map(str.lower, previous.words))):
     return previous._replace(words=list(tokens), before=[], subject=[])
-  if len(words) == 2 and words[0] in ("a", "an", "another") and actions.verb_of(words[1]):  # "followed by a jump"
+  if len(words) == 2 and words[0] in _ONE_MORE and actions.verb_of(words[1]):  # "followed by a jump"
     return Clause([], [], actions.verb_of(words[1]), actions.verb_of(words[1]), [])
+  taken = reworded("take", tokens, NUMBERS)
+  if taken is not None:  # "then a right turn", "followed by two bows"
+    return Clause([], [], taken.verb, taken.verb, taken.words, taken.times, reworded=True)
+  if words[1:2] in (["step"], ["steps"]) and words[0] in NUMBERS | dict.fromkeys(_ONE_MORE):  # "then a step back"
+    return Clause([], [], "take", "take", list(tokens))
   limbs = {"hand", "arm", "leg", "foot", "knee", "elbow", "hands", "arms"}
   if words and words[-1] in limbs and all(word in {"the", "his", "her", "their", "with", "on", "left", "right", "both",
                                                    "other", "one"} | limbs for word in words):

@@ -19,7 +19,7 @@ _DIAGONAL = re.compile(r"(?:straight )?(ahead|forwards?|back|backwards?) and to 
                        r"(?:without (?:ever )?turning|without a turn|(?:while |still )?facing (?:forwards?|ahead))"
                        r"(?: around)?")
 _BEHIND = set("to in into on onto at with from for over towards toward forward forwards backward backwards back left "
-              "right up down around high again quickly slowly fast upwards sideways".split())
+              "right up down around high again quickly slowly fast upwards sideways while".split())
 _SEVERAL = {"and", "then", ","}  # more is said than one action
 _ING = {"sit": "sitting", "squat": "squatting", "hop": "hopping", "spin": "spinning", "jab": "jabbing",
         "wave": "waving", "nod": "nodding", "clap": "clapping", "lunge": "lunging"}

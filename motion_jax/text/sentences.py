@@ -116,8 +116,8 @@ def understand(text: str, known: Callable[[str], bool] = lambda text: False) -> 
   if groups is None:
     return plain
   segments = [part for group in groups for part in _kept_up(_segment(group, subject))]
-  if len(segments) == 1 and not segments[0].also and _TAKEN.search(text):
-    segments = [segments[0]._replace(action=_on_ones_way(segments[0].action))]
+  if _TAKEN.search(text) and not any(segment.also or segment.action.verb in actions.RUNS for segment in segments):
+    segments = [segment._replace(action=_on_ones_way(segment.action)) for segment in segments]
   found = Sentence(text, _with_holds(_without_repeated_rests(segments), " ".join(subject)))
   return plain if found.is_plain else found
 
@@ -267,7 +267,7 @@ def _action(clause, subject):
 
 
 def _on_ones_way(action):
-  """Who takes a turn, and does no more, walks: not "turns left" on the spot, but "walks and makes a left turn"."""
+  """Who takes a turn walks: not "turns left" on the spot, but "walks and makes a left turn"."""
   said = re.fullmatch(r"(turns?) (left|right)", action.words)
   if not said:
     return action

@@ -134,7 +134,14 @@ COMPOSED = {
     "the person takes a right turn": "walks and makes a right turn",
     "they take a left turn": "walk and make a left turn",
     "a person jogs, takes a left turn, then keeps jogging": "jogs | turns left | jogs",
-    "a person takes a left turn, then right": "turns left | turns right",
+    "a person takes a left turn, then right": "walks and makes a left turn | walks and makes a right turn",
+    "a man takes a left turn and then a right turn": "walks and makes a left turn | walks and makes a right turn",
+    "a man makes a left turn, followed by a right turn": "turns left | turns right",
+    "she walks forward and takes a right turn and keeps walking": "walks forward | walks and makes a right turn | walks",
+    "a person makes a right turn while walking": "turns right while walking",
+    "she throws a left punch, then two right kicks": "punches with the left hand | kicks with the right foot 2 times",
+    "a man takes two steps forward, then a step back": "takes two steps forward | takes a step back",
+    "someone waves and begins dancing": "waves | dances",
     "a person waves while doing a jump": "jumps + waves",
     "a person walks for five seconds": "walks [5]",
     "a person walks for half a minute": "walks [30]",
@@ -151,6 +158,9 @@ COMPOSED = {
     "a person moves forward and backward then left and right": "moves forward and backward | moves left and right",
 }
 PLAIN = """
+a person walks forward and keeps walking
+a person turns left and continues turning
+the person on the right turns left
 a person takes slow steps through the mud
 someone puts the hands up and down
 a man puts his hand up his sleeve
