@@ -137,7 +137,7 @@ COMPOSED = {
     "a person takes a left turn, then right": "walks and makes a left turn | walks and makes a right turn",
     "a man takes a left turn and then a right turn": "walks and makes a left turn | walks and makes a right turn",
     "a man makes a left turn, followed by a right turn": "turns left | turns right",
-    "she walks forward and takes a right turn and keeps walking": "walks forward | walks and makes a right turn | walks",
+    "she walks on and takes a right turn and keeps walking": "walks on | walks and makes a right turn | walks",
     "a person makes a right turn while walking": "turns right while walking",
     "she throws a left punch, then two right kicks": "punches with the left hand | kicks with the right foot 2 times",
     "a man takes two steps forward, then a step back": "takes two steps forward | takes a step back",
