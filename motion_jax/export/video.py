@@ -204,23 +204,26 @@ def _strip(clip, num, height, azimuth, caption, colors, spread, asked=None):
   bodies = [_body(figure, t, tints, move) for t, move in zip(at, moves)]
   balls = [(a + move, b + move, *rest) for t, move in zip(at, moves) for frame, (a, b, *rest) in marks.bodies
            if frame == t and len(a) == 1]
-  across = places @ right
+  across, depth, elevation = places @ right, places @ [np.sin(angle), 0, np.cos(angle)], np.radians(9)
   middle = (across.max() + across.min()) / 2
-  # Far away with a long lens: the bodies at the edges look like those in the middle.
-  top = max(b[0][:, 1].max() for b in bodies) - figure.floor
-  focal, scene = 6.0, max(top, 0.9 * tall) * 1.4
-  distance = focal * scene
+  # Far away with a long lens: the bodies at the edges and those of a way that leads up to the camera look like those in
+  # the middle. The nearer ones stand lower in the picture.
+  top, deep = max(b[0][:, 1].max() for b in bodies) - figure.floor, float(np.ptp(depth))
+  tallest = max(top, 0.9 * tall) * 1.4
+  scene = tallest + 1.2 * deep * np.sin(elevation)
+  distance = 6.0 * max(scene, deep)
   width = int(round((across.max() - across.min() + 2.4 * max(reach, 0.3 * tall)) / scene * height / 2)) * 2
-  target = right * middle + [0, figure.floor + scene * 0.385, 0]
-  camera = render.look_at(target, angle, np.radians(9), distance, focal)
+  target = right * middle + [0, figure.floor + tallest * 0.385, 0]
+  target = target + np.array([np.sin(angle), 0, np.cos(angle)]) * (depth.max() + depth.min()) / 2
+  camera = render.look_at(target, angle, elevation, distance, distance / scene)
 
   def draw(width):
     size = (width, height)
     image = Image.fromarray(render.draw(camera, size, figure.floor, [*bodies, *balls], lines))
     pen, font = ImageDraw.Draw(image), ImageFont.load_default(max(10, height // 26))
     for t, place in zip(at, places):
-      x = render.project(camera, place + [0, figure.floor, 0], size)[0][0]
-      pen.text((x, height * 0.945), f"{t / clip.fps:.1f} s", INK, font, anchor="mm")
+      x, y = render.project(camera, place + [0, figure.floor, 0], size)[0][:2]
+      pen.text((x, min(y + height * 0.064, height * 0.965)), f"{t / clip.fps:.1f} s", INK, font, anchor="mm")
     text = _caption(clip) if caption is None else caption
     if text:
       font = ImageFont.load_default(max(11, height // 22))

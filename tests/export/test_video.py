@@ -100,6 +100,19 @@ def test_gif_lasts_as_long_as_the_motion(tmp_path):
     assert total == pytest.approx(1000 * 15 / fps, abs=12)
 
 
+@pytest.mark.parametrize("steep", [0.5, 2.0])
+def test_a_strip_holds_all_of_a_body_that_comes_up_to_the_viewer_and_goes_away_again(tmp_path, steep):
+  joints, num = synthetic_joints("stand", 60, np.random.default_rng(0)).astype(np.float32), 60
+  along = np.linspace(0, 12, num)
+  moves = np.stack([along, 0 * along, steep * 6 * np.sin(2 * np.pi * along / 12)], -1)[:, None]
+  clip = Clip(joints=joints[:1] + moves.astype(np.float32), fps=20.0)
+  strip = np.asarray(Image.open(export.strip(clip, tmp_path / "strip.png", caption="", colors=(1.0, 0.0, 0.0))))
+  body = (strip[..., 0] > 120) & (strip[..., 1] < 90)
+  assert not body[:3].any() and not body[-3:].any() and not body[:, :3].any() and not body[:, -3:].any()
+  each = np.diff(np.flatnonzero(np.diff(np.pad(body.any(0), 1).astype(int))))[::2]  # columns of each that stands apart
+  assert len(each) == 8
+
+
 def test_strips(tmp_path):
   path, = export.save(make("walk", 40), tmp_path / "walk.png")
   with Image.open(path) as image:
