@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from motion_jax.data.tagger import tag_words
 from motion_jax.text import actions
-from motion_jax.text.light_verbs import LIGHT, reworded
+from motion_jax.text.light_verbs import BLOWS, LIGHT, reworded
 
 NUMBERS = {word: number for number, word in enumerate(
     "zero one two three four five six seven eight nine ten eleven twelve".split())} | {
@@ -17,8 +17,14 @@ _NOT = re.compile(r"(?i)\b(do|does|did)n['’]t\b")
 _PEOPLE = set("person man woman boy girl child kid guy lady figure human dancer boxer player character people men "
               "women children somebody someone anybody everyone one he she they i you we it who him her them athlete "
               "actor soldier robot zombie giant thug teenager adult".split())
+_DETERMINERS = {"the", "a", "an", "this", "that"}
+_ACTORS = {"he", "she", "they", "i"}
+_LONGEST_SUBJECT = 5  # "the tired old man"
 PRONOUNS = {"he", "she", "they", "it", "who", "i", "you", "we"}
 _POSSESSIVES = {"his", "her", "their", "its", "my", "your", "our"}
+_NUMBER = r"(\d+(?:\.\d+)?|" + "|".join(NUMBERS) + r")"
+_TIMES = re.compile(r"(?i)(?<!than )(?<!at )\b(once|twice|thrice)\b(?! as| more| again)|"
+                    rf"\b(?:a )?{_NUMBER}(?: of)?(?: more)? times\b(?: in a row)?")
 _LONG = 40  # words of a clause behind which no further one begins unmarked
 _ONE_MORE = ("a", "an", "another")
 _LIGHT = {"also", "again", "just", "first", "soon"}
@@ -36,6 +42,16 @@ _CONNECTORS = {words: kind for kind, group in {
                for words in group}
 _ASPECTS = set("be start begin continue keep proceed resume go stop quit finish do try practice perform pause like by "
                "and".split())
+_SIDES = {"left": "right", "right": "left"}
+_LIMBS = {"hand", "arm", "leg", "foot", "knee", "elbow", "hands", "arms"}
+_OF_A_LIMB = set("the with on left right both other one".split())
+_GAITS = {"walk", "run", "jog", "march", "sneak", "stroll", "go"}
+_CHANGES_PACE = re.compile(
+    r"(?:(?:gradually|suddenly|then|slowly|quickly|abruptly) )?(?:(?P<slower>slows?|decelerates?|(?:(?:goes|gets) )?"
+    r"slower)|speeds?|accelerates?|(?:(?:goes|gets) )?faster|picks up (?:the |some )?(?:pace|speed))"
+    r"(?: up| down)?(?: (?:gradually|suddenly|a bit|a little|again))?(?: (?:in)?to an? (?P<gait>walk|run|jog|sprint))?")
+_GOES_ON = re.compile(r"(?:goes|moves|carries) on|keeps going|continues|resumes|proceeds")
+_BEHIND_ONCE = set("with on to in at from by and again more".split())  # "kicks left, then once with the right"
 _PATHS = {"u-turn", "circle", "circles", "loop", "zigzag", "arc", "detour"}  # shapes of a way that is walked
 _LONGEST = max(len(words.split()) for words in _CONNECTORS)
 
@@ -95,7 +111,9 @@ def _connector(lower, at):
       after = lower[at + length] if at + length < len(lower) else ""
       if words == "as" and after in ("if", "though", "well", "a", "an"):
         return 0, ""
-      if words == "next" and after == "to" or words in ("once", "then") and after in ("more", "again"):
+      if words == "next" and after == "to" or words == "then" and after in ("more", "again"):
+        return 0, ""
+      if words == "once" and (after in _BEHIND_ONCE or not re.match(r"\w", after)):
         return 0, ""
       if words == "while" and at and lower[at - 1] in ("a", "little", "short", "long", "good"):
         return 0, ""  # "rests for a while"
@@ -112,12 +130,16 @@ def _stronger(one, other):
 def _merged(fragments, known):
   """Fragments [(kind, connector's tokens, tokens)] to [(kind, clause)]: what is no action of its own stays with the
   words before it, connector and all."""
+  fragments = _with_main_clause(fragments)
   result: list = []  # [kind, tokens, clause or None]
   lead = ""          # a subordinate clause in front waits for its main clause
   for kind, said, tokens in fragments:
     clause = clause_of(tokens) or (_unknown_verb(tokens) if kind == "then" else None)
     if not result:
       lead = kind if kind in ("before", "after", "while", "until") else ""
+      if lead and clause and clause.subject and not _is_person(clause.subject) and len(fragments) > 1:
+        lead = ""
+        continue  # "when the music starts, the man dances"
       result.append([lead and f"lead {lead}" or "", tokens, clause])
       continue
     previous = result[-1]
@@ -125,12 +147,12 @@ def _merged(fragments, known):
       result[-1] = ["lead while", tokens, clause._replace(subject=previous[1])]  # "a person, walking forward, waves"
       lead = "while"
       continue
-    apart = clause is not None and previous[2] is not None and _stands_alone(kind, clause, tokens, previous)
+    more = None if previous[2] is None else _more_of_it([one for _, _, one in result if one], kind, tokens, clause)
+    clause = clause if more is None else more
+    apart = more is not None or clause is not None and previous[2] is not None and (
+        _stands_alone(kind, clause, tokens, previous))
     if apart and kind in ("and", "while") and known(" ".join([*previous[1], *said, *tokens])):
       apart = False
-    if previous[2] is not None and clause is None and kind == "then":
-      clause = _elliptic(previous[2], tokens)
-      apart = clause is not None
     if not apart:
       previous[1] += [*said, *tokens]
       again = clause_of(previous[1])
@@ -145,6 +167,21 @@ def _merged(fragments, known):
       kind, lead = f"main {lead}", ""
     result.append([kind, tokens, clause])
   return [(kind, clause and _counted(clause)) for kind, _, clause in result]
+
+
+def _with_main_clause(fragments):
+  """The fragments, the first parted where its main clause begins without a comma: "after she sits she gets up"."""
+  if not fragments or fragments[0][0] not in ("before", "after", "while", "until"):
+    return fragments
+  (kind, said, tokens), *rest = fragments
+  words = lower(tokens)
+  for at in range(1, len(words)):
+    clause = clause_of(tokens[at:]) if words[at] in _ACTORS | _DETERMINERS else None
+    subject = lower(clause.subject) if clause is not None else []
+    begun = subject and subject[-1] in _PEOPLE and not is_ing(clause.form) and not _DETERMINERS & set(subject[1:])
+    if begun and len(subject) <= _LONGEST_SUBJECT and clause_of(tokens[:at]) is not None:
+      return [(kind, said, tokens[:at]), (",", [","], tokens[at:]), *rest]
+  return fragments
 
 
 def _stands_alone(kind, clause, tokens, previous):
@@ -241,45 +278,108 @@ def _first_verb(words, tags):
   return None
 
 
+def _more_of_it(done, kind, tokens, clause):
+  """The clause of words that go on from the clauses before: with no verb of their own, with that of a change of pace,
+  or with one that says to go on."""
+  previous, words = done[-1], lower(tokens)
+  gone = next((one for one in reversed(done) if one.verb in _GAITS), None)
+  if gone is not None and _GOES_ON.fullmatch(" ".join(words)):
+    return gone._replace(before=[], subject=[])
+  changed = _other_pace(previous, tokens)
+  if changed is not None or clause is not None:
+    return changed
+  if kind == "then":
+    return _elliptic(previous, tokens)
+  if kind not in ("and", ","):
+    return None
+  if {"step", "steps"}.intersection(lower(previous.words)) and _steps(words):
+    return Clause([], [], "take", "take", list(tokens))
+  # "jumps forward twice and backward once", "punches left, right"; "walks back and forth" stays what it is.
+  counted = all(_without_times(some)[1] is not None for some in (previous.words, tokens))
+  blow = previous.verb in BLOWS and words in (["left"], ["right"])
+  return _elliptic(previous, tokens) if counted or blow else None
+
+
+def _steps(words):
+  """Whether words are no more than "two steps back"."""
+  return words[1:2] in (["step"], ["steps"]) and words[0] in NUMBERS | dict.fromkeys(_ONE_MORE) and (
+      set(words[2:]) <= _DIRECTIONS | {"to", "the"})
+
+
+def _other_pace(previous, tokens):
+  """The clause of "speeds up" behind "walks slowly", of "slows down to a walk" behind "runs"; None of other words."""
+  found = _CHANGES_PACE.fullmatch(" ".join(lower(tokens)))
+  if found is None or previous.verb not in _GAITS:
+    return None
+  if found["gait"]:
+    return Clause([], [], found["gait"], found["gait"], [])
+  words = " ".join(previous.words).replace(" at first", "").split()
+  words = [word for word in words if not word.lower().endswith("ly") and word.lower() != "fast"]
+  return previous._replace(words=[*words, "slowly" if found["slower"] else "quickly"], before=[], subject=[])
+
+
 def _elliptic(previous, tokens):
   """The clause of "then right" behind "turns left", of "then the right hand" behind "raises the left hand"."""
+  tokens, times = _without_times(tokens)
+  if times is not None:  # "then twice with the right hand"
+    again = previous._replace(words=_without_times(previous.words)[0], before=[], subject=[])
+    found = _elliptic(previous, tokens) if tokens else again
+    return found and found._replace(times=times)
   words = [token.lower() for token in tokens]
   if words and all(word.endswith("ly") for word in words):
     return previous._replace(words=[word for word in previous.words if not word.endswith("ly")] + list(tokens),
                              before=[], subject=[])
-  if words and all(word in _DIRECTIONS | {"to", "the"} for word in words) and (
-      words != ["again"] and any(word in _DIRECTIONS for word in map(str.lower, previous.words))):
+  adverbs = {word for word in words if word.endswith("ly")}
+  if words and all(word in _DIRECTIONS | {"to", "the"} | adverbs for word in words) and words != ["again"] and not (
+      _LIMBS.intersection(lower(previous.words)) and words[-1] in _SIDES and "to" not in words) and (
+          _DIRECTIONS.intersection(lower(previous.words))):
     return previous._replace(words=list(tokens), before=[], subject=[])
+  if words and words[0] == "like":  # "walks normally, then like an old man"
+    return previous._replace(words=[word for word in previous.words if word.lower() != "normally"] + list(tokens),
+                             before=[], subject=[])
   if len(words) == 2 and words[0] in _ONE_MORE and actions.verb_of(words[1]):  # "followed by a jump"
     return Clause([], [], actions.verb_of(words[1]), actions.verb_of(words[1]), [])
   taken = reworded("take", tokens, NUMBERS)
   if taken is not None:  # "then a right turn", "followed by two bows"
     return Clause([], [], taken.verb, taken.verb, taken.words, taken.times, reworded=True)
-  if words[1:2] in (["step"], ["steps"]) and words[0] in NUMBERS | dict.fromkeys(_ONE_MORE):  # "then a step back"
+  if _steps(words):  # "then a step back"
     return Clause([], [], "take", "take", list(tokens))
-  limbs = {"hand", "arm", "leg", "foot", "knee", "elbow", "hands", "arms"}
-  if words and words[-1] in limbs and all(word in {"the", "his", "her", "their", "with", "on", "left", "right", "both",
-                                                   "other", "one"} | limbs for word in words):
+  limb = next((word for word in lower(previous.words) if word in _LIMBS), "")
+  if words and set(words) <= _POSSESSIVES | _LIMBS | _OF_A_LIMB and (
+      words[-1] in _LIMBS or limb and words[-1] in (*_SIDES, "other")):
     lead = ["with"] if "with" in previous.words and "with" not in words else []
-    return previous._replace(words=[*lead, *tokens], before=[], subject=[])
+    lead += ["the"] if len(words) == 1 and words[0] in _SIDES else []
+    side = next((_SIDES[word] for word in lower(previous.words) if word in _SIDES), "other")
+    said = [side if word.lower() == "other" else word for word in tokens]
+    return previous._replace(words=[*lead, *said, *([] if words[-1] in _LIMBS else [limb])], before=[], subject=[])
   return None
+
+
+def _without_times(tokens):
+  """(the tokens without "twice" or "three times", the number); None for no number."""
+  text = " ".join(tokens)
+  found = _TIMES.search(text)
+  return (tokens, None) if found is None else (without(text, found).split(), max(_times(found), 1))
+
+
+def _times(found):
+  word = next(filter(None, found.groups())).lower()
+  return {"once": 1, "twice": 2, "thrice": 3}.get(word) or int(_number(word))
 
 
 def _counted(clause):
   """The clause without "twice", "three times" and "for five seconds", which it then says in numbers."""
   text = " ".join(clause.words)
-  number = r"(\d+(?:\.\d+)?|" + "|".join(NUMBERS) + r")"
   times, seconds = clause.times, None
   about = r"(?i)\b(?:for )?(?:about |around |roughly |exactly )?(?:a )?"
   found = (re.search(about + r"(\d+(?:\.\d+)?) ?(s|secs?|seconds?|mins?|minutes?)\b(?: long)?", text)
-           or re.search(rf"{about}{number}(?: of)?(?: a)? (secs?|seconds?|mins?|minutes?)\b(?: long)?", text))
+           or re.search(rf"{about}{_NUMBER}(?: of)?(?: a)? (secs?|seconds?|mins?|minutes?)\b(?: long)?", text))
   if found:
     seconds = _number(found[1]) * (60 if found[2].lower().startswith("min") else 1) or None
     text = without(text, found) if seconds else text
-  found = re.search(r"(?i)\b(twice|thrice)\b(?! as)", text) or re.search(
-      rf"(?i)\b(?:a )?{number}(?: of)?(?: more)? times\b(?: in a row)?", text)
+  found = _TIMES.search(text)
   if found:
-    times = {"twice": 2, "thrice": 3}.get(found[1].lower()) or int(_number(found[1]))
+    times = _times(found)
     text = without(text, found) if times > 0 else text
   together = re.search(rf"(?i)\b(?:{'|'.join(_TOGETHER)})\b", text)
   text = text if together is None else without(text, together)

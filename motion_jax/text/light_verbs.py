@@ -1,6 +1,6 @@
 """Verbs that say little, with the noun that says what is done: "takes two bows" is to bow twice, "takes a seat" to sit
-down, "throws a left punch" to punch with the left hand. Captions of motion mostly say the verb of such a noun, and
-"diagonally forward to the left" of what goes "ahead and to the left without turning".
+down, "throws a left punch" to punch with the left hand, as "punches left" is. Captions of motion mostly say the verb of
+such a noun, and "diagonally forward to the left" of what goes "ahead and to the left without turning".
 """
 import re
 from collections.abc import Mapping, Sequence
@@ -11,6 +11,7 @@ _NOUNS = {noun: noun for noun in "bow jump hop squat kick punch jab spin turn wa
                                  "salute crouch pivot roll".split()} | {"seat": "sit"}
 _DOWN = {"seat": ["down"]}
 _LIMB = {"kick": "foot", "punch": "hand", "jab": "hand", "wave": "hand", "salute": "hand"}
+BLOWS = {"kick", "punch", "jab"}
 _ARTICLES = {"a", "an", "another", "the"}
 _WHOSE = {"the", "his", "her", "their", "its", "my", "your", "both"}
 _PACES = {"slow": "slowly", "quick": "quickly", "fast": "quickly", "rapid": "quickly"}
@@ -20,6 +21,7 @@ _DIAGONAL = re.compile(r"(?:straight )?(ahead|forwards?|back|backwards?) and to 
                        r"(?: around)?")
 _BEHIND = set("to in into on onto at with from for over towards toward forward forwards backward backwards back left "
               "right up down around high again quickly slowly fast upwards sideways while".split())
+_OFTEN = {"once", "twice", "thrice", "times"}
 _SEVERAL = {"and", "then", ","}  # more is said than one action
 _ING = {"sit": "sitting", "squat": "squatting", "hop": "hopping", "spin": "spinning", "jab": "jabbing",
         "wave": "waving", "nod": "nodding", "clap": "clapping", "lunge": "lunging"}
@@ -43,6 +45,8 @@ def reworded(verb: str, words: Sequence[str], numbers: Mapping[str, float]) -> R
     way = "backward" if found[1].startswith("back") else "forward"
     ing = {"stride": "striding", "step": "stepping", "run": "running", "move": "moving", "jog": "jogging"}
     return Reworded(verb, ing.get(verb, verb + "ing"), ["diagonally", way, "to", "the", found[2]], 1)
+  if verb in BLOWS and rest[:1] in (["left"], ["right"]) and (len(rest) == 1 or rest[-1] in _OFTEN):
+    return Reworded(verb, _ING.get(verb, verb + "ing"), ["with", "the", rest[0], _LIMB[verb], *words[1:]], 1)
   if verb == "put":
     return _hands_up(rest, words)
   if verb not in LIGHT:

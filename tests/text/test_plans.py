@@ -111,6 +111,40 @@ COMPOSED = {
     "a person walks in a circle and waves the left hand, then bows twice":
         "walks in a circle + waves the left hand | bows 2 times",
     "a person crouches then leaps, reaching up": "crouches | leaps + reaches up",
+    # a verb that is said once, a pace that changes
+    "he kicks with the left leg three times and then once with the right":
+        "kicks with the left leg 3 times | kicks with the right leg",
+    "a person punches with the right hand twice, then once with the left":
+        "punches with the right hand 2 times | punches with the left hand",
+    "waves the left hand three times and then the right hand twice":
+        "waves the left hand 3 times | waves the right hand 2 times",
+    "raise your right hand then your left hand": "raises your right hand | raises your left hand",
+    "a person raises the left hand, then the right": "raises the left hand | raises the right hand",
+    "a person kicks with the left leg, then with the other": "kicks with the left leg | kicks with the right leg",
+    "a person kicks once, then twice": "kicks | kicks 2 times",
+    "a person jumps once and then walks": "jumps | walks",
+    "a person takes three steps forward and two steps back": "takes three steps forward | takes two steps back",
+    "a person walks three steps forward, two steps backward": "walks three steps forward | takes two steps backward",
+    "a person starts walking slowly, speeds up and begins to run": "walks slowly | walks quickly | runs",
+    "a person walks, speeds up, then slows down again": "walks | walks quickly | walks slowly",
+    "a person runs, then slows down to a walk": "runs | walks",
+    "a person runs fast and slows down": "runs fast | runs slowly",
+    "a person walks slowly at first, then faster": "walks slowly at first | walks quickly",
+    "a person walks normally, then like an old man": "walks normally | walks like an old man",
+    "a person jumps forward twice and backward once": "jumps forward 2 times | jumps backward",
+    "someone punches twice with the right hand and once with the left":
+        "punches with the right hand 2 times | punches with the left hand",
+    "a person punches left, right, left":
+        "punches with the left hand | punches with the right hand | punches with the left hand",
+    "a person kicks right twice": "kicks with the right foot 2 times",
+    "someone slowly walks backwards and then quickly forwards": "slowly walks backwards | walks quickly forwards",
+    "he walks a bit, waits for 3 seconds and goes on": "walks a bit | stands still [3] | walks a bit",
+    "a person walks forward, stops, then continues": "walks forward | stands still | walks forward",
+    # a main clause behind no comma
+    "after sitting for a while the person gets up and walks away": "sits for a while | gets up | walks away",
+    "once he sits down he waves": "sits down | waves",
+    "before the man sits down he bows": "bows | sits down",
+    "while walking he waves": "walks + waves",
     # how often, how long
     "a person jumps twice": "jumps 2 times",
     "a person jumps three times, then bows": "jumps 3 times | bows",
