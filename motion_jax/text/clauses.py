@@ -50,6 +50,7 @@ _CHANGES_PACE = re.compile(
     r"(?:(?:gradually|suddenly|then|slowly|quickly|abruptly) )?(?:(?P<slower>slows?|decelerates?|(?:(?:goes|gets) )?"
     r"slower)|speeds?|accelerates?|(?:(?:goes|gets) )?faster|picks up (?:the |some )?(?:pace|speed))"
     r"(?: up| down)?(?: (?:gradually|suddenly|a bit|a little|again))?(?: (?:in)?to an? (?P<gait>walk|run|jog|sprint))?")
+_SHAPES = re.compile(r"(?i)(?:in|along) an? (?:\w+ )?(?:circle|loop|arc|curve|semicircle|spiral)\b")
 _GOES_ON = re.compile(r"(?:goes|moves|carries) on|keeps going|continues|resumes|proceeds")
 _BEHIND_ONCE = set("with on to in at from by and again more".split())  # "kicks left, then once with the right"
 _PATHS = {"u-turn", "circle", "circles", "loop", "zigzag", "arc", "detour"}  # shapes of a way that is walked
@@ -333,6 +334,9 @@ def _elliptic(previous, tokens):
   if words and all(word in _DIRECTIONS | {"to", "the"} | adverbs for word in words) and words != ["again"] and not (
       _LIMBS.intersection(lower(previous.words)) and words[-1] in _SIDES and "to" not in words) and (
           _DIRECTIONS.intersection(lower(previous.words))):
+    shape = _SHAPES.match(" ".join(previous.words))  # "in a circle to the left, then to the right"
+    return previous._replace(words=[*(shape[0].split() if shape else []), *tokens], before=[], subject=[])
+  if words[:1] == ["in"] and previous.verb in _GAITS:  # "in a circle, then in a straight line"
     return previous._replace(words=list(tokens), before=[], subject=[])
   if words and words[0] == "like":  # "walks normally, then like an old man"
     return previous._replace(words=[word for word in previous.words if word.lower() != "normally"] + list(tokens),

@@ -19,11 +19,15 @@ _GOES = {"walk", "stride", "stroll", "step", "move", "go", "run", "jog"}
 _DIAGONAL = re.compile(r"(?:straight )?(ahead|forwards?|back|backwards?) and to (?:the|his|her|their) (left|right) ?,? "
                        r"(?:without (?:ever )?turning|without a turn|(?:while |still )?facing (?:forwards?|ahead))"
                        r"(?: around)?")
+_POSTURES = {"sitting": ("sit", []), "seated": ("sit", []), "kneeling": ("kneel", []), "crouching": ("crouch", []),
+             "crouched": ("crouch", []), "lying": ("lie", ["down"]), "standing": ("stand", ["still"])}
+_BEGINS_IN = re.compile(rf"(?:(?:from|in|out|off) )?(?:(?:a|the) )?({'|'.join(_POSTURES)})(?: down)?"
+                        r"(?: (?:position|pose|posture))?")
 _BEHIND = set("to in into on onto at with from for over towards toward forward forwards backward backwards back left "
               "right up down around high again quickly slowly fast upwards sideways while".split())
 _OFTEN = {"once", "twice", "thrice", "times"}
 _SEVERAL = {"and", "then", ","}  # more is said than one action
-_ING = {"sit": "sitting", "squat": "squatting", "hop": "hopping", "spin": "spinning", "jab": "jabbing",
+_ING = {"sit": "sitting", "lie": "lying", "squat": "squatting", "hop": "hopping", "spin": "spinning", "jab": "jabbing",
         "wave": "waving", "nod": "nodding", "clap": "clapping", "lunge": "lunging"}
 
 
@@ -45,6 +49,9 @@ def reworded(verb: str, words: Sequence[str], numbers: Mapping[str, float]) -> R
     way = "backward" if found[1].startswith("back") else "forward"
     ing = {"stride": "striding", "step": "stepping", "run": "running", "move": "moving", "jog": "jogging"}
     return Reworded(verb, ing.get(verb, verb + "ing"), ["diagonally", way, "to", "the", found[2]], 1)
+  if verb in ("start", "begin") and (found := _BEGINS_IN.fullmatch(" ".join(rest))):
+    own, still = _POSTURES[found[1]]
+    return Reworded(own, _ING.get(own, own + "ing"), still, 1)
   if verb in BLOWS and rest[:1] in (["left"], ["right"]) and (len(rest) == 1 or rest[-1] in _OFTEN):
     return Reworded(verb, _ING.get(verb, verb + "ing"), ["with", "the", rest[0], _LIMB[verb], *words[1:]], 1)
   if verb == "put":

@@ -140,6 +140,14 @@ COMPOSED = {
     "someone slowly walks backwards and then quickly forwards": "slowly walks backwards | walks quickly forwards",
     "he walks a bit, waits for 3 seconds and goes on": "walks a bit | stands still [3] | walks a bit",
     "a person walks forward, stops, then continues": "walks forward | stands still | walks forward",
+    "a person walks in a circle to the left, then to the right":
+        "walks in a circle to the left | walks in a circle to the right",
+    "a person walks in a wide circle clockwise, then counterclockwise":
+        "walks in a wide circle clockwise | walks in a wide circle counterclockwise",
+    "a person walks in a circle to the left, then in a circle to the right":
+        "walks in a circle to the left | walks in a circle to the right",
+    "someone starts in a seated position, then stands up and walks": "sits | stands up | walks",
+    "a person starts from standing and sits down": "stands still | sits down",
     # a main clause behind no comma
     "after sitting for a while the person gets up and walks away": "sits for a while | gets up | walks away",
     "once he sits down he waves": "sits down | waves",
