@@ -24,6 +24,7 @@ from motion_jax.motion.skeleton import HUMANML3D
     ("a person waves the right hand three times", [Asked("wave", "right", 1, False)]),
     ("someone walks backwards and turns left", [
         Asked("walk", "backward", 1, False), Asked("turn", "left", 1, False, (40, 140))]),
+    ("someone takes two steps back", [Asked("step", "backward", 1, False)]),
     ("a person turns around to the left", [Asked("turn", "left", 1, False, (130, 230))]),
     ("a person turns right by 90 degrees", [Asked("turn", "right", 1, False, (50, 130))]),
     ("she does not move", [Asked("still", "", 1, False)]),
@@ -91,6 +92,8 @@ def test_what_is_missing_is_counted():
   asked = [Asked("walk", "backward", 1, False)]
   assert misses(walk, asked) == 1 and misses(back, asked) == 0
   assert misses(np.concatenate([walk, back]), asked) == 0
+  steps, brief = [Asked("step", "backward", 1, False)], np.concatenate([walk, back[:14]])
+  assert misses(brief, asked) == 1 and misses(brief, steps) == 0 and misses(walk, steps) == 1
   low = walk * np.where(np.arange(len(walk)) < 60, 1.0, 0.6)[:, None, None]
   assert misses(walk, [Asked("sit", "", 1, False)]) == 1 and misses(low, [Asked("sit", "", 1, False)]) == 0
   asked = [Asked("seated", "", 1, False)]

@@ -35,6 +35,7 @@ _SOMEWHERE = {"across", "along", "around", "away", "backward", "backwards", "cir
               "into", "left", "out", "right", "round", "sideways", "through", "toward", "towards"}
 _WANDERED = 1.2  # metres from beginning to end; three quarters of the 142 captured dances stay within that
 _PACE, _STRAIGHT, _BACK = 0.25, 0.7, 1.2  # metres a second, share of the pace, and seconds of a walk backward
+_STEP_BACK = 0.35  # seconds backward of a step or two at the least
 _SWAY = 0.35  # metres a second of whoever stands still, at the most
 _LOW, _WHILE = 0.89, 0.5  # of its height that a pelvis is at the most on a high stool, and for how many seconds
 _STANDS = 1.1  # lengths of a leg that the pelvis of an upright body is up at the least; median of CMU 1.14, Bandai 1.18
@@ -80,7 +81,7 @@ def asked_of(text: str) -> list[Asked]:
   for action in actions:
     words, kind, side = set(action.words.lower().replace(",", " ").split()), _KINDS.get(action.verb), ""
     if action.verb == "walk" and words & _BACKWARD:
-      kind, side = "walk", "backward"
+      kind, side = "step" if action.brief else "walk", "backward"
     if action.verb in _BLOWS and words & _FISTS:
       kind = "punch"
     turning = _TURNING.search(action.words.lower()) if kind is None and ways.is_gait(action.verb) else None
@@ -201,12 +202,16 @@ def _wanders(body):
   return max(0.0, 1 - _WANDERED / max(_away(body), 1e-9))
 
 
-def _not_backward(body):
+def _not_backward(body, seconds=_BACK):
   """Whether there is no walk backward; one that leads there and back again is one event, which would not tell."""
   ahead = np.stack([np.sin(body.heading), np.cos(body.heading)], -1)
   along = (np.gradient(body.path, axis=0) * ahead).sum(-1) * body.fps
   back = (along < -_PACE) & (-along > _STRAIGHT * body.speed)
-  return back.sum() < _BACK * body.fps
+  return back.sum() < seconds * body.fps
+
+
+def _no_step_back(body):
+  return _not_backward(body, _STEP_BACK)
 
 
 def _usual(body):
@@ -249,4 +254,4 @@ def _not_up(body):
 
 # How much is missed of what is no kind of event.
 _MISSED = {"dance": _wanders, "run": _too_fast, "still": _stirs, "rise": _not_up, "seated": _not_seated,
-           "sit": _not_down, "walk": _not_backward}
+           "sit": _not_down, "step": _no_step_back, "walk": _not_backward}

@@ -45,6 +45,7 @@ class Action(NamedTuple):
   verb: str = ""   # its base form
   held: bool = False  # a pose that is kept, as of "with the right hand raised"
   reworded: bool = False  # other words than were written: "bows" for "takes a bow"
+  brief: bool = False  # so many steps of a walk
 
   @property
   def counted(self) -> str:
@@ -116,6 +117,8 @@ def understand(text: str, known: Callable[[str], bool] = lambda text: False) -> 
   if groups is None:
     return plain
   segments = [part for group in groups for part in _kept_up(_segment(group, subject))]
+  if any(clause.steps for clause in groups[-1]) and segments[-1].seconds:  # who has taken three steps stands there
+    segments.append(rest_of(" ".join(subject), None))
   if _TAKEN.search(text) and not any(segment.also or segment.action.verb in actions.RUNS for segment in segments):
     segments = [segment._replace(action=_on_ones_way(segment.action)) for segment in segments]
   found = Sentence(text, _with_holds(_without_repeated_rests(segments), " ".join(subject)))
@@ -143,8 +146,8 @@ def who_is_done(text: str, at_ease: bool = False) -> str:
   return " ".join(lower(clauses[0].subject)) or "a person"
 
 
-def rest_of(who: str, seconds: float) -> Segment:
-  """Standing still for so many seconds."""
+def rest_of(who: str, seconds: float | None) -> Segment:
+  """Standing still for so many seconds, or as long as there is time."""
   return Segment(Action(f"{who} {REST}", REST, "legs", verb="stand"), seconds=seconds)
 
 
@@ -211,6 +214,8 @@ def _at_once(group, clause):
   if not fit(group, clause):
     return False
   parts = {part_of(one) for one in [*group, clause]}
+  if any(one.steps for one in group):  # "takes three steps and waves"
+    return False
   if "legs" in parts:
     return all(actions.goes_on(one.verb, lower(one.words)) or is_ing(one.form)  # "is sitting and clapping"
                for one in [*group, clause] if part_of(one) == "legs") and parts <= {"legs", "arms", "head"}
@@ -263,7 +268,7 @@ def _action(clause, subject):
   if _is_hold(clause.verb, set(said) - _WHILE):
     return Action(f"{who} {words}", HOLD, "legs", verb="stand")
   return Action(f"{who} {words}", words, part_of(clause), actions.sides_of(lower(clause.words)), clause.times,
-                clause.verb, reworded=clause.reworded)
+                clause.verb, reworded=clause.reworded, brief=clause.steps)
 
 
 def _on_ones_way(action):

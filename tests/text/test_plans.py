@@ -123,8 +123,17 @@ COMPOSED = {
     "a person kicks with the left leg, then with the other": "kicks with the left leg | kicks with the right leg",
     "a person kicks once, then twice": "kicks | kicks 2 times",
     "a person jumps once and then walks": "jumps | walks",
-    "a person takes three steps forward and two steps back": "takes three steps forward | takes two steps back",
-    "a person walks three steps forward, two steps backward": "walks three steps forward | takes two steps backward",
+    "a person takes three steps forward and two steps back":
+        "walks forward [1.65] | walks backward [1.3] | stands still",
+    "a person walks three steps forward, two steps backward":
+        "walks three steps forward [1.65] | walks backward [1.3] | stands still",
+    "a person takes a step back, then waves": "walks backward [0.8] | waves",
+    "a person walks forward five steps, then turns around": "walks forward five steps [2.75] | turns around",
+    "a person takes two steps forward and one step back":
+        "walks forward [1.1] | walks backward [0.8] | stands still",
+    "someone takes two steps to the left and waves": "walks sideways to the left [1.1] | waves",
+    "someone walks two steps while waving": "walks two steps + waves [1.1] | stands still",
+    "a person takes a bow and a step back": "bows | walks backward [0.8] | stands still",
     "a person starts walking slowly, speeds up and begins to run": "walks slowly | walks quickly | runs",
     "a person walks, speeds up, then slows down again": "walks | walks quickly | walks slowly",
     "a person runs, then slows down to a walk": "runs | walks",
@@ -182,7 +191,8 @@ COMPOSED = {
     "she walks on and takes a right turn and keeps walking": "walks on | walks and makes a right turn | walks",
     "a person makes a right turn while walking": "turns right while walking",
     "she throws a left punch, then two right kicks": "punches with the left hand | kicks with the right foot 2 times",
-    "a man takes two steps forward, then a step back": "takes two steps forward | takes a step back",
+    "a man takes two steps forward, then a step back":
+        "walks forward [1.1] | walks backward [0.8] | stands still",
     "someone waves and begins dancing": "waves | dances",
     "a person waves while doing a jump": "jumps + waves",
     "a person walks for five seconds": "walks [5]",
@@ -223,8 +233,8 @@ a person walks with confidence and pride
 a person walks happily and proudly
 a person throws punches and kicks
 a person exercises with jumping jacks, side twists, bends and jogging
-a person takes two steps forward and one step back
-a person takes a bow and a step back
+a person climbs three steps
+a person walks up three steps
 a person does a front kick
 a person does a kick flip
 a person takes the ball
