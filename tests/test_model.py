@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import motion_jax as mj
+from motion_jax.data.captions import of_a_person
 from motion_jax.loading import load
 from motion_jax.models.base import TextToMotionModel
 from motion_jax.motion.representations import to_joints
@@ -193,6 +194,9 @@ def test_the_shipped_model_says_what_it_never_learned():
   # The length of the nearest captions, as before there were notes.
   assert shipped.natural_frames("a person waves") == int(np.median(
       [frames for _, frames in shipped.nearest_captions("a person waves", 5)]))
+  for who in ("she", "A woman", "someone", "the man"):  # whoever bows, it takes no longer
+    assert shipped.natural_frames(f"{who} bows") == shipped.natural_frames("a person bows")
+  assert of_a_person("an old man bows") == "an old man bows"
 
 
 @pytest.mark.parametrize("fps", (12.5, 20.0, 30.0))

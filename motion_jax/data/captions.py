@@ -5,6 +5,8 @@ SUBJECTS = ("a person", "someone", "the person", "a man", "the man", "a woman", 
              "he", "she", "a figure")
 _KNOWN = re.compile(r"^(a person|someone|the person|a man|the man|a woman|the woman|somebody)\s+", re.IGNORECASE)
 
+_ANYBODY = re.compile(rf"^(?:{'|'.join(SUBJECTS)})\s+", re.IGNORECASE)
+
 
 def vary_subject(caption, rng, rate):
   """The caption with another subject with probability rate, if it starts with one ("a person walks." -> "she walks.").
@@ -27,6 +29,11 @@ def with_subjects(caption):
 def without_subject(caption):
   """What a caption says that is done, in small letters: "someone walks forward ." -> "walks forward"."""
   return re.sub(r"\s+([,.;:!?])", r"\1", _KNOWN.sub("", caption.strip().lower())).rstrip(" .!")
+
+
+def of_a_person(caption) -> str:
+  """The caption, of "a person" where it is of anybody in other words: "she bows" -> "a person bows"."""
+  return _ANYBODY.sub("a person ", caption.strip(), count=1)
 
 
 def known_subject(caption) -> bool:

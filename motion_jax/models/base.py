@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from motion_jax.control.signal import ControlSignal
-from motion_jax.data.captions import SUBJECTS
+from motion_jax.data.captions import SUBJECTS, of_a_person
 from motion_jax.inputs import former_names
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.numerals import SEEDS, as_float, checked, demand_numbers, shortened, told
@@ -119,8 +119,11 @@ class TextToMotionModel(Able):
   # --- lengths ---------------------------------------------------------------------------------------------------
 
   def natural_frames(self, prompt: str) -> int:
-    """How long the clips of the nearest training captions are: an action generated much longer goes on by itself."""
-    nearest = self.nearest_captions(prompt, 5)
+    """How long the clips of the nearest training captions are: an action generated much longer goes on by itself.
+
+    Whether he, she or somebody does it makes no difference, though other captions may be nearer to the one.
+    """
+    nearest = self.nearest_captions(of_a_person(prompt), 5)
     if not nearest:
       return round(_USUAL * self.fps)
     return int(np.clip(np.median([frames for _, frames in nearest]), _SHORTEST * self.fps, _LONGEST * self.fps))

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from motion_jax.control.signal import ControlSignal
+from motion_jax.data.captions import of_a_person
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.inputs import former_names
 from motion_jax.inputs.config_files import module_fields
@@ -85,7 +86,7 @@ class CdamdModel(TextToMotionModel):
     """How long such motions are: what the length estimator says or, without one, the nearest training captions."""
     if self.length is None:
       return super().natural_frames(prompt)
-    logits: Any = self.length.apply(self.frozen["length"], self.encoder([prompt])[0][:, 0])
+    logits: Any = self.length.apply(self.frozen["length"], self.encoder([of_a_person(prompt)])[0][:, 0])
     return int(np.minimum(lengths.middle_frames(logits, self.frames_per_latent), self.config.data.max_frames)[0])
 
   def understand(self, prompt: str) -> Sentence:
