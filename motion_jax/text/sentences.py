@@ -16,7 +16,8 @@ from typing import NamedTuple
 
 from motion_jax.data.event_words import TIMES
 from motion_jax.text import actions
-from motion_jax.text.clauses import NUMBERS, PRONOUNS, clause_of, fit, is_ing, lower, part_of, pieces_of, without
+from motion_jax.text.clause import NUMBERS, PRONOUNS, clause_of, fit, is_ing, lower, part_of, without
+from motion_jax.text.clauses import pieces_of
 
 REST, HOLD = "stands still", "holds still"
 _LOW_POSE = set("seated sitting low down crouched crouching kneeling squatting lying bent".split())
