@@ -157,6 +157,13 @@ COMPOSED = {
         "walks in a circle to the left | walks in a circle to the right",
     "someone starts in a seated position, then stands up and walks": "sits | stands up | walks",
     "a person starts from standing and sits down": "stands still | sits down",
+    "a person bows and goes on": "bows | goes on",
+    "a person runs, then walks, stops and goes on": "runs | walks | stands still | walks",
+    "a person slowly walks, stops and goes on": "slowly walks | stands still | walks",
+    "a person waves, then goes faster": "waves | goes faster",
+    "a person takes two steps left and waves": "walks sideways to the left [1.1] | waves",
+    "a person takes three steps forward for 5 seconds": "takes three steps forward [5]",
+    "when the music starts, the man dances and bows": "dances | bows",
     # a main clause behind no comma
     "after sitting for a while the person gets up and walks away": "sits for a while | gets up | walks away",
     "once he sits down he waves": "sits down | waves",
@@ -233,6 +240,7 @@ a person walks with confidence and pride
 a person walks happily and proudly
 a person throws punches and kicks
 a person exercises with jumping jacks, side twists, bends and jogging
+a person nods more than twice
 a person climbs three steps
 a person walks up three steps
 a person does a front kick
