@@ -13,8 +13,9 @@ _NUMBER = r"(\d+(?:\.\d+)?|" + "|".join(NUMBERS) + r")"
 _TIMES = re.compile(r"(?i)(?<!than )(?<!at )\b(once|twice|thrice)\b(?! as| more| again)|"
                     rf"\b(?:a )?{_NUMBER}(?: of)?(?: more)? times\b(?: in a row)?")
 _EXACT = "|".join(word for word in NUMBERS if word not in ("zero", "half", "few", "several", "many"))
-_COUNTED_STEPS = re.compile(rf"(?i)(?<!up )(?<!down )\b(\d+|{_EXACT})(?: of)?(?: more| short| small| big| large| long| "
-                            r"side| quick| tiny| giant)* steps?\b(?! by| in place)")
+_COUNTED_STEPS = re.compile(
+    rf"(?i)(?<!up )(?<!down )(?<!half )\b(?:a )?(\d+|{_EXACT})(?: of)?"
+    r"(?: more| short| small| big| large| long| side| quick| tiny| giant)* steps?\b(?! by| in place| at a time)")
 _STEPS_BY = set("take step walk go move march run jog make do".split())
 # Seconds of a step, and of a single one: of 24 walks of `cmdm-small`, forward, back and sideways, that last 1.6, 2.2,
 # 2.8 and 4 s the median has 3, 4, 5 and 7 steps, those that are cut off at the ends among them.
@@ -79,9 +80,28 @@ def clause_of(tokens):
   form, behind = tokens[head].lower(), tokens[head + 1:]
   meant = reworded(verb, behind, NUMBERS)
   if meant is None:
-    return Clause(subject, before, verb, form, behind)
+    return _in_steps(Clause(subject, before, verb, form, behind))
   form = meant.participle if is_ing(form) else meant.verb
   return Clause(subject, before, meant.verb, form, meant.words, meant.times, reworded=True)
+
+
+def _in_steps(clause):
+  """The clause, which lasts as long as the steps take that it counts; "takes two steps back" is to walk backward."""
+  text = " ".join(clause.words)
+  found = _COUNTED_STEPS.search(text) if clause.verb in _STEPS_BY else None
+  if found is None or _number(found[1]) < 1:
+    return clause
+  back = not _BACK.isdisjoint(text.lower().split())
+  seconds = max(_number(found[1]) * (_STEP_BACK if back else _STEP), _FIRST_STEP)
+  if clause.verb not in ("take", "step", "make", "do") and not back:
+    return clause._replace(seconds=seconds, steps=True)
+  # As captions say it.
+  verb = clause.verb if clause.verb in ("run", "jog", "march") else "walk"
+  way = " ".join("backward" if word in _BACK else word for word in without(text, found).split())
+  way = f"to the {way}" if way in SIDES else way
+  way = f"sideways {way}" if way.startswith("to the ") else way or "forward"
+  form = verb + "ing" if is_ing(clause.form) else verb
+  return clause._replace(verb=verb, form=form, words=way.split(), reworded=True, seconds=seconds, steps=True)
 
 
 def unknown_verb(tokens):
@@ -110,25 +130,14 @@ def _first_verb(words, tags):
 
 def counted(clause):
   """The clause without "twice", "three times" and "for five seconds", which it then says in numbers."""
-  text = " ".join(clause.words)
-  times, seconds = clause.times, None
+  clause = _in_steps(clause)
+  text, times, seconds = " ".join(clause.words), clause.times, clause.seconds
   about = r"(?i)\b(?:for )?(?:about |around |roughly |exactly )?(?:a )?"
   found = (re.search(about + r"(\d+(?:\.\d+)?) ?(s|secs?|seconds?|mins?|minutes?)\b(?: long)?", text)
            or re.search(rf"{about}{_NUMBER}(?: of)?(?: a)? (secs?|seconds?|mins?|minutes?)\b(?: long)?", text))
   if found:
-    seconds = _number(found[1]) * (60 if found[2].lower().startswith("min") else 1) or None
+    seconds = _number(found[1]) * (60 if found[2].lower().startswith("min") else 1) or clause.seconds
     text = without(text, found) if seconds else text
-  steps = seconds is None and clause.verb in _STEPS_BY and _COUNTED_STEPS.search(text)
-  if steps:
-    back = not _BACK.isdisjoint(text.lower().split())
-    seconds = max(_number(steps[1]) * (_STEP_BACK if back else _STEP), _FIRST_STEP)
-    if clause.verb in ("take", "step", "make", "do") or back:  # as captions say it
-      verb = "walk" if clause.verb not in ("run", "jog", "march") else clause.verb
-      form = "walking" if is_ing(clause.form) else verb
-      way = " ".join("backward" if word in _BACK else word for word in without(text, steps).split())
-      clause = clause._replace(verb=verb, form=form, reworded=True)
-      way = f"to the {way}" if way in SIDES else way
-      text = f"sideways {way}" if way.startswith("to the ") else way or "forward"
   found = _TIMES.search(text)
   if found:
     times = _times(found)
@@ -137,7 +146,8 @@ def counted(clause):
   text = text if together is None else without(text, together)
   before = [word for word in clause.before if word.lower() not in _TOGETHER]
   return clause._replace(words=text.split(), before=before, times=max(times, 1), seconds=seconds,
-                         steps=bool(steps), at_once=together is not None or before != clause.before)
+                         steps=clause.steps and seconds == clause.seconds,
+                         at_once=together is not None or before != clause.before)
 
 
 def without_times(tokens):

@@ -26,7 +26,7 @@ def more_of_it(done, kind, tokens, clause):
   if gone is not None and _GOES_ON.fullmatch(" ".join(words)):
     return gone._replace(before=[], subject=[])
   changed = _other_pace(previous, tokens)
-  taken = previous.verb in LIGHT or previous.reworded or not {"step", "steps"}.isdisjoint(lower(previous.words))
+  taken = previous.verb in LIGHT or previous.reworded or previous.steps
   if changed is None and taken and _steps(words) and kind in ("and", ",", "then"):
     return Clause([], [], "take", "take", list(tokens))  # "and one step back"
   if changed is not None or clause is not None:

@@ -132,6 +132,9 @@ COMPOSED = {
     "a person takes two steps forward and one step back":
         "walks forward [1.1] | walks backward [0.8] | stands still",
     "someone takes two steps to the left and waves": "walks sideways to the left [1.1] | waves",
+    "someone takes three steps to the right while waving":
+        "walks sideways to the right + waves [1.65] | stands still",
+    "a person takes a couple of steps back, then runs": "walks backward [1.3] | runs",
     "someone walks two steps while waving": "walks two steps + waves [1.1] | stands still",
     "a person takes a bow and a step back": "bows | walks backward [0.8] | stands still",
     "a person starts walking slowly, speeds up and begins to run": "walks slowly | walks quickly | runs",
@@ -162,7 +165,7 @@ COMPOSED = {
     "a person slowly walks, stops and goes on": "slowly walks | stands still | walks",
     "a person waves, then goes faster": "waves | goes faster",
     "a person takes two steps left and waves": "walks sideways to the left [1.1] | waves",
-    "a person takes three steps forward for 5 seconds": "takes three steps forward [5]",
+    "a person takes three steps forward for 5 seconds": "walks forward [5]",
     "when the music starts, the man dances and bows": "dances | bows",
     # a main clause behind no comma
     "after sitting for a while the person gets up and walks away": "sits for a while | gets up | walks away",
@@ -242,6 +245,9 @@ a person throws punches and kicks
 a person exercises with jumping jacks, side twists, bends and jogging
 a person nods more than twice
 a person climbs three steps
+a person takes 0 steps
+a person takes half a step
+a person walks one step at a time
 a person walks up three steps
 a person does a front kick
 a person does a kick flip
