@@ -26,6 +26,7 @@ _BEGINS_IN = re.compile(rf"(?:(?:from|in|out|off) )?(?:(?:a|the) )?({'|'.join(_P
 _BEHIND = set("to in into on onto at with from for over towards toward forward forwards backward backwards back left "
               "right up down around high again quickly slowly fast upwards sideways while".split())
 _OFTEN = {"once", "twice", "thrice", "times"}
+_STANDSTILLS = {"stop", "halt", "standstill"}
 _SEVERAL = {"and", "then", ","}  # more is said than one action
 _ING = {"sit": "sitting", "lie": "lying", "squat": "squatting", "hop": "hopping", "spin": "spinning", "jab": "jabbing",
         "wave": "waving", "nod": "nodding", "clap": "clapping", "lunge": "lunging"}
@@ -52,6 +53,8 @@ def reworded(verb: str, words: Sequence[str], numbers: Mapping[str, float]) -> R
   if verb in ("start", "begin") and (found := _BEGINS_IN.fullmatch(" ".join(rest))):
     own, still = _POSTURES[found[1]]
     return Reworded(own, _ING.get(own, own + "ing"), still, 1)
+  if verb == "come" and rest[:2] in (["to", "a"], ["to", "an"]) and rest[-1] in _STANDSTILLS:
+    return Reworded("stop", "stopping", [], 1)
   if verb in BLOWS and rest[:1] in (["left"], ["right"]) and (len(rest) == 1 or rest[-1] in _OFTEN):
     return Reworded(verb, _ING.get(verb, verb + "ing"), ["with", "the", rest[0], _LIMB[verb], *words[1:]], 1)
   if verb == "put":

@@ -56,6 +56,8 @@ COMPOSED = {
     # stops
     "a person walks until he stops": "walks | stands still",
     "a person walks forward and stops": "walks forward | stands still",
+    "someone walks ahead, then comes to a stop": "walks ahead | stands still",
+    "a person runs and comes to a sudden halt": "runs | stands still",
     "a person walks, stops, and waves": "walks | stands still | waves",
     "a person stops walking and then waves": "walks | stands still | waves",
     "a person walks then stops walking": "walks | stands still",
