@@ -177,7 +177,8 @@ def test_who_holds_a_pose_holds_it_where_it_is():
   k = np.arange(60)
   joints = np.repeat(synthetic_joints("walk", 60, np.random.default_rng(0))[:1], 60, axis=0)
   joints[:, 20, 1] += 0.8 * np.exp(-((k - 15) / 5) ** 2)
-  shown = lambda text, lengths, spans: composed._with_rests(joints, understand(text), spans, lengths, HUMANML3D)
+  shown = lambda text, lengths, spans, arms=(): composed._put_together(
+      joints, (segments := understand(text).segments), spans, lengths, arms or [[]] * len(segments), HUMANML3D)
   for words, last in (("", 0.8), (" for two seconds", 0.0)):
     made, spans = shown(f"a person raises the left hand and holds it up{words}", [60, 40], [(0, 60)])
     (_, first), (start, past) = spans
@@ -189,7 +190,22 @@ def test_who_holds_a_pose_holds_it_where_it_is():
   start, past = spans[1]
   assert len(made) == 100 and (made[start + 2:past - 2, 0, 1] < joints[0, 0, 1] - 0.3).all() and past - start > 30
   assert made[-1, 0, 1] > joints[0, 0, 1] - 0.05
+  # Arms act above it, and come down while it stays low.
+  waves = joints[:1].repeat(60, axis=0)
+  waves[:, 20, 1] += 0.8 * np.exp(-((k - 15) / 5) ** 2)
+  joints = joints[:40]
+  waving = lambda segment: [(action, waves) for action in segment.also]
+  for words, lasts in (("", 100), (", then stays there", 140), (" for two seconds", 140)):
+    text = f"a person sits down and raises the left hand{words}"
+    segments = understand(text).segments
+    made, spans = shown(text, [40, 60, 40][:len(segments)], [(0, 40)], [waving(one) for one in segments])
+    (_, first), *_, (_, past) = spans
+    assert len(segments) == (2 if lasts == 100 else 3) and len(made) == lasts
+    assert past == lasts or "seconds" in words and past < lasts  # the hand comes down behind it
+    assert (made[first + 2:, 0, 1] < joints[0, 0, 1] - 0.3).all()  # nobody gets up
+    up = made[:, 20, 1] - made[:, 18, 1]  # of the wrist over the elbow
+    assert up[first:].max() > 0.15 and (up[-1] > 0.15) == (", then" in words)
   # A body that is low from the first frame on has sat down all the same, and its caption has time.
-  joints[:] = joints[30]
+  joints = joints[30:31].repeat(40, axis=0)
   made, spans = shown("a person sits down and stays there", [40, 40], [(0, 40)])
   assert 0 == spans[0][0] < spans[0][1] == spans[1][0] < spans[1][1] == len(made)

@@ -42,6 +42,11 @@ from motion_jax.motion.skeleton import HUMANML3D
     ("the person performs a salsa dance", [Asked("dance", "", 1, False)]),
     ("a woman dances to the music", [Asked("dance", "", 1, False)]),
     ("a person dances across the room", []),
+    ("a person sits down and waves, then stays there", [
+        Asked("seated", "", 1, False), Asked("sit", "", 1, False), Asked("wave", "", 1, False)]),
+    ("a person sits down, waves and stands up", [
+        Asked("rise", "", 1, False), Asked("sit", "", 1, False), Asked("wave", "", 1, False)]),
+    ("a person sits down and picks something up", [Asked("sit", "", 1, False)]),
     ("someone takes a seat", [Asked("seated", "", 1, False), Asked("sit", "", 1, False)]),
     ("a person stands up from a chair", [Asked("rise", "", 1, False)]),
     ("she sits down and gets up again", [Asked("rise", "", 1, False), Asked("sit", "", 1, False)]),
@@ -69,6 +74,17 @@ def _joints(action, seed=0, frames=80):
   return synthetic_joints(action, frames, np.random.default_rng(seed))
 
 
+def _seated(joints, rows, on=0.35):
+  """Joints whose body, facing +z, has its thighs level in these frames, and its pelvis that many metres up."""
+  made = joints * 1.0
+  for hip, knee, ankle, toe in ((1, 4, 7, 10), (2, 5, 8, 11)):
+    made[:, knee] = made[:, hip] + [0, 0, 0.4]
+    made[:, ankle] = made[:, knee] - [0, 0.3, 0]
+    made[:, toe] = made[:, ankle] + [0, 0, 0.1]
+  made[..., 1] -= made[:, :1, 1] - on
+  return np.where(rows[:, None, None], made, joints)
+
+
 def test_what_is_missing_is_counted():
   walk, jump = _joints("walk"), _joints("jump")
   assert misses(walk, [Asked("jump", "", 1, False)]) == 1 and misses(walk, [Asked("jump", "", 3, True)]) == 3
@@ -94,15 +110,17 @@ def test_what_is_missing_is_counted():
   assert misses(np.concatenate([walk, back]), asked) == 0
   steps, brief = [Asked("step", "backward", 1, False)], np.concatenate([walk, back[:14]])
   assert misses(brief, asked) == 1 and misses(brief, steps) == 0 and misses(walk, steps) == 1
-  low = walk * np.where(np.arange(len(walk)) < 60, 1.0, 0.6)[:, None, None]
+  at = np.arange(len(walk))
+  low = _seated(walk, at >= 60)
   assert misses(walk, [Asked("sit", "", 1, False)]) == 1 and misses(low, [Asked("sit", "", 1, False)]) == 0
   asked = [Asked("seated", "", 1, False)]
   assert misses(low, asked) == 0 < misses(low[::-1], asked) < 1  # who sits down and gets up again has not quite done it
   asked = [Asked("rise", "", 1, False)]
   assert misses(low[::-1], asked) == 0 and misses(low, asked) == misses(walk, asked) == 1  # up, down, never down
-  at = np.arange(len(walk))
-  seated = walk * np.where(at < 4, 1.0, np.where((at > 20) & (at < 30), 0.5, 0.62))[:, None, None]
+  seated = _seated(_seated(walk, at >= 4, 0.5), (at > 20) & (at < 30), 0.4)
   assert misses(seated, asked) == 1  # who sits nearly all the time and bobs is not up
+  crouched = walk - np.where(at >= 60, 0.35, 0.0)[:, None, None] * [0, 1.0, 0]
+  assert misses(crouched, [Asked("sit", "", 1, False)]) == 1  # low, but on legs that are under it
   assert misses(walk, []) == 0
   away = misses(walk, [Asked("dance", "", 1, False)])
   assert 0 < away < 1 and 0 < misses(walk[:len(walk) * 3 // 4], [Asked("dance", "", 1, False)]) < away  # it went away

@@ -47,8 +47,8 @@ _IN, _OUT = 8, 12  # frames in which a part comes to another motion's and goes b
 def usual_frames(model: "TextToMotionModel", sentence: Sentence) -> list[int]:
   """How long each segment of a sentence is, in frames: as it says itself, or as long as clips of its longest action;
   what is done several times takes as much longer."""
-  return [round(segment.seconds * model.fps) if segment.seconds else round(_REST * model.fps) if segment.rests else
-          max(_action_frames(model, action) for action in (segment.action, *segment.also))
+  return [round(segment.seconds * model.fps) if segment.seconds else
+          max(_action_frames(model, action) for action in segment.made) if segment.made else round(_REST * model.fps)
           for segment in sentence.segments]
 
 
@@ -253,19 +253,22 @@ def _composed(model: "TextToMotionModel", sentences: list[Sentence], lengths: li
   in_a_row = partial(make, model) if make else model.in_a_row
   bases = in_a_row([sum(row, []) for row in rounds], keys, seeds, cleanup, sampling, **how)
   spans = [_spans(model, base, [len(one) for one in row]) for base, row in zip(bases, rounds)]
-  layers = [(row, place, action) for row, parts in enumerate(moving)
-            for place, (segment, _) in enumerate(parts) for action in segment.also]
-  joints = [base.joints for base in bases]
+  layers = [(row, place, action) for row, sentence in enumerate(sentences)
+            for place, segment in enumerate(sentence.segments) for action in segment.also]
+  arms: dict[tuple[int, int], list[Any]] = {}
   if layers:
     folded = jax.numpy.stack([jax.random.fold_in(keys[row], 1 + i) for i, (row, _, _) in _numbered(layers)])
-    counts = [spans[row][place][1] - spans[row][place][0] for row, place, _ in layers]
+    counts = [_layer_frames(sentences[row].segments, place, spans[row], lengths[row]) for row, place, _ in layers]
     counts = [max(count, model.frames_per_latent) for count in counts]
     others = model.sample([action.counted for _, _, action in layers], counts, folded, [None] * len(layers), cleanup,
                           sampling)
     for (row, place, action), other in zip(layers, others):
-      joints[row] = _layered(joints[row], other.joints, spans[row], place, action, model.stats.layout.skeleton)
-  return [_finished(model, base, sentence, *_with_rests(body, sentence, span, frames, model.stats.layout.skeleton))
-          for base, sentence, body, span, frames in zip(bases, sentences, joints, spans, lengths)]
+      arms.setdefault((row, place), []).append((action, other.joints))
+  skeleton = model.stats.layout.skeleton
+  bodies = [_put_together(base.joints, sentence.segments, span, frames,
+                          [arms.get((row, place), []) for place in range(len(sentence.segments))], skeleton)
+            for row, (base, sentence, span, frames) in enumerate(zip(bases, sentences, spans, lengths))]
+  return [_finished(model, base, sentence, *body) for base, sentence, body in zip(bases, sentences, bodies)]
 
 
 def _numbered(layers):
@@ -293,9 +296,17 @@ def _spans(model, base, sizes):
   return [(frame(base.captions[end - size].start), frame(base.captions[end - 1].end)) for end, size in zip(ends, sizes)]
 
 
-def _layered(joints, other, spans, place, action, skeleton):
+def _layer_frames(segments, place, spans, lengths):
+  """Frames of what is put on the segment at a place: as many as it has in the motion; spans are of those that move."""
+  if segments[place].rests:
+    return lengths[place]
+  first, past = spans[sum(not segment.rests for segment in segments[:place])]
+  return past - first
+
+
+def _layered(joints, other, span, action, skeleton, upright=False):
   """Joints with an action's part in one segment, which comes and goes where there is something before and behind."""
-  first, past = spans[place]
+  first, past = span
   if action.held:
     hands = [chain[-1] for side, chain in zip(("right", "left"), skeleton.chains[3:]) if side in action.sides
              or not action.sides]
@@ -308,35 +319,61 @@ def _layered(joints, other, spans, place, action, skeleton):
     weight = np.minimum(weight, (len(k) - k) / (_OUT + 1))
   weight = weight * weight * (3 - 2 * weight)
   body = joints.copy()
-  body[first:past] = put_on(joints[first:past], other, action.part, action.sides, weight, skeleton)
+  body[first:past] = put_on(joints[first:past], other, action.part, action.sides, weight, skeleton, upright)
   return body
 
 
-def _with_rests(joints, sentence, spans, lengths, skeleton):
-  """(joints, [(first frame, past)] of all segments) with time for those that rest, from the spans of the others."""
-  if not any(segment.rests for segment in sentence.segments) or len(sentence.segments) == 1:
+def _put_together(joints, segments, spans, lengths, arms, skeleton):
+  """(joints, [(first frame, past)] of all segments): layers put on, and time for those that rest; from joints and spans
+  of those that move. arms: for each segment [(action, joints)] of what is put on it."""
+  moves = iter(spans)
+  for segment, own in zip(segments, arms):
+    span = None if segment.rests and len(segments) > 1 else next(moves)
+    for action, other in own if span else ():
+      joints = _layered(joints, other, span, action, skeleton)
+  return _with_rests(joints, segments, spans, lengths, arms, skeleton)
+
+
+def _with_rests(joints, segments, spans, lengths, arms, skeleton):
+  if not any(segment.rests for segment in segments) or len(segments) == 1:
     return joints, spans
   found: list[tuple[int, int]] = []
-  spans, added, end = list(spans), 0, 0
-  for segment, before, count in zip(sentence.segments, (None, *sentence.segments), lengths):
-    pose = held_pose(before.action.verb, before.action.part) if before and segment.holds else None
+  spans, added, end, before = list(spans), 0, 0, None
+  for place, (segment, count, own) in enumerate(zip(segments, lengths, arms)):
     if segment.rests:
-      at = end
-      if pose is not None:  # what is held takes a frame at least, or its caption would have no time
-        first, past = found[-1]
-        at = held_frame(joints, min(first + 1, past - 1), past, pose, before.action.sides, skeleton)
-      # Arms that are held up for so many seconds come down then, as they do in what was made.
-      ends = segment is sentence.segments[-1] and not (pose == "arms" and segment.seconds)
+      at, pose = end, None
+      if before is not None and segment.holds:
+        at, pose = _held_at(joints, found[-1], before, skeleton)
+      # Who does no more than rest from here on does not get up; arms that are held up for so many seconds come down
+      # then, as they do in what was made.
+      done = place == len(segments) - 1 or pose == "low" and all(one.rests for one in segments[place:])
+      ends = done and not (pose == "arms" and segment.seconds)
       joints, first, past = with_rest(joints, at, count, skeleton, ends, exact=pose is not None)
       if found:
         found[-1] = (found[-1][0], first)
       found.append((first if found else 0, past))
+      for action, other in own:
+        joints = _layered(joints, other, found[-1], action, skeleton, upright=True)
       added, end = added + count, past
     else:
       _, past = spans.pop(0)
       found.append((end, past + added))
       end = past + added
+    before = segment
   return joints, found
+
+
+def _held_at(joints, span, before, skeleton):
+  """(frame, pose) at which somebody holds still behind a segment; the pose is None where any will do."""
+  first, past = span
+  if before.holds and not before.also:
+    return past - 1, "as it is"
+  action = before.also[-1] if before.holds else before.action
+  pose = held_pose(action.verb, action.part)
+  if pose is None:
+    return past, None
+  # What is held takes a frame at least, or its caption would have no time.
+  return held_frame(joints, min(first + 1, past - 1), past, pose, action.sides, skeleton), pose
 
 
 def _finished(model, base, sentence, joints, spans):

@@ -19,7 +19,7 @@ from motion_jax.motion.events import PUNCH, find_events, punch_speed
 from motion_jax.motion.signals import Body
 from motion_jax.text.actions import RUNS
 from motion_jax.text.light_verbs import LIGHT
-from motion_jax.text.sentences import actions_of
+from motion_jax.text.sentences import HOLD, actions_of
 
 # Kinds of events by verb; of sitting, getting up, dances and walks backward there is none, they are measured here.
 _KINDS = {"kick": "kick", "punch": "punch", "jab": "punch", "box": "punch", "shadowbox": "punch", "jump": "jump",
@@ -38,8 +38,9 @@ _PACE, _STRAIGHT, _BACK = 0.25, 0.7, 1.2  # metres a second, share of the pace, 
 _STEP_BACK = 0.35  # seconds backward of a step or two at the least
 _SWAY = 0.35  # metres a second of whoever stands still, at the most
 _LOW, _WHILE = 0.89, 0.5  # of its height that a pelvis is at the most on a high stool, and for how many seconds
+_THIGHS = 45.0  # degrees between either thigh and upright at the least of whoever sits; real ones have 53 and more
 _STANDS = 1.1  # lengths of a leg that the pelvis of an upright body is up at the least; median of CMU 1.14, Bandai 1.18
-_UP = 0.95  # of its height that a pelvis is at the least, so long, of somebody who got up
+_UP = 0.92  # of its height that a pelvis is at the least, so long, of somebody who got up
 _RISES = {("stand", "up"), ("get", "up"), ("rise", "")}  # verb, and the word that it needs
 _UPRIGHT = {"straight", "tall", "upright"}
 _WITHOUT = {"without", "not", "no", "never", "nor", "don't", "doesn't"}
@@ -72,7 +73,7 @@ def asked_of(text: str) -> list[Asked]:
     return []
   if actions and all(map(_dances_in_place, actions)):
     found["dance", ""] = Asked("dance", "", 1, False)
-  if actions and actions[-1].verb == "sit":
+  if _ends_seated(actions):
     found["seated", ""] = Asked("seated", "", 1, False)
   if actions and _gets_up(actions[-1]):
     found["rise", ""] = Asked("rise", "", 1, False)
@@ -120,6 +121,14 @@ def _degrees_of(words):
     off = max(_NEAR, named / 5)
     return named - off, named + off
   return next((span for said, span in _DEGREES if said & set(words.split())), None)
+
+
+def _ends_seated(actions):
+  """Whether sitting down comes last, but for what is done on the chair: staying there, waving."""
+  holds = [i for i, action in enumerate(actions) if action.words == HOLD]
+  last = next((i for i in holds if all(one.words == HOLD or one.part in ("arms", "head") for one in actions[i:])),
+              len(actions))
+  return any(action.verb == "sit" for action in actions[last - 1:last])
 
 
 def _dances_in_place(action):
@@ -236,16 +245,21 @@ def _is_low(body):
   return body.joints[:, 0, 1] < _LOW * _usual(body)
 
 
+def _sits(body):
+  thighs = body.local("knee", "hip")
+  return _is_low(body) & (-thighs[..., 1] < np.cos(np.radians(_THIGHS)) * np.linalg.norm(thighs, axis=-1)).all(1)
+
+
 def _last(body):
   return slice(-max(round(_WHILE * body.fps), 1), None)
 
 
 def _not_down(body):
-  return _is_low(body).sum() < _WHILE * body.fps
+  return _sits(body).sum() < _WHILE * body.fps
 
 
 def _not_seated(body):
-  return 0.5 * (not _is_low(body)[_last(body)].all())
+  return 0.5 * (not _sits(body)[_last(body)].all())
 
 
 def _not_up(body):

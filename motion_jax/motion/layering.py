@@ -6,18 +6,20 @@ from jaxtyping import Float, Num
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.pose import to_pose
-from motion_jax.motion.skeleton import Skeleton
+from motion_jax.motion.skeleton import Skeleton, facing
 
 _ONE_SIDED = 2.0  # how much further the one hand travels than the other where only one of them acts
 
 
 def put_on(base: Num[np.ndarray, "t j 3"], other: Num[np.ndarray, "t j 3"], part: str, sides: Sequence[str],
-           weight: Num[np.ndarray, " t"], skeleton: Skeleton) -> Float[np.ndarray, "t j 3"]:
+           weight: Num[np.ndarray, " t"], skeleton: Skeleton, upright: bool = False) -> Float[np.ndarray, "t j 3"]:
   """Joints (T, J, 3) of base whose part is held against the chest (a torso: against the pelvis) as it is in other.
 
   part: "arms", "head" or "torso", which takes head and arms along; sides: which arms, of "left" and "right", and
-  without any the one that acts, or both where both do. weight (T,): 0 is base's own, 1 the other's. Directions of bones
-  are taken, so that bones are as long as in base; all joints of other parts stay as they are, feet above all. float32.
+  without any the one that acts, or both where both do. weight (T,): 0 is base's own, 1 the other's. upright: arms are
+  held against where the body faces, however much its chest leans, so that a hand that is raised goes up; shoulders stay
+  base's own. Directions of bones are taken, so that bones are as long as in base; all joints of other parts stay as
+  they are, feet above all. float32.
   """
   base, other = np.asarray(base, np.float64), np.asarray(other, np.float64)
   _, _, back, right, left = skeleton.chains
@@ -30,6 +32,9 @@ def put_on(base: Num[np.ndarray, "t j 3"], other: Num[np.ndarray, "t j 3"], part
   anchor = back[0] if part == "torso" else chest
   ours, theirs = (to_pose(joints, skeleton).turned[:, anchor] for joints in (base, other))
   turn = rot.multiply(ours, rot.conjugate(theirs))
+  if upright and part == "arms":
+    turn = rot.between(facing(other, skeleton), facing(base, skeleton))
+    chains = [chain[2:] for chain in chains]  # from the shoulder on
   result = base.copy()
   for chain in chains:
     for parent, joint in zip(chain[:-1], chain[1:]):

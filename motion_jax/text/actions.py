@@ -47,6 +47,8 @@ _ONCE = set("bow kick turn squat duck raise lift lower throw toss catch pick poi
 _NOT_AT_EASE = {"kick", "raise", "lift", "strike"}
 # Behind these a body is low, and stays so when it rests.
 LOW = {"sit", "kneel", "crouch", "lie"}
+# What arms do with the whole body behind them, down to the floor and up again.
+_FROM_THE_FLOOR = {"pick", "place", "drop", "take", "lift"}
 RUNS = {"run", "jog", "sprint", "dash"}
 RESTS = {"stop", "pause", "wait", "rest", "halt", "freeze"}
 # Seconds of one swing, clap or blow of actions that a clip shows many times: to do such a thing twice takes no longer.
@@ -59,10 +61,11 @@ _NOWHERE = re.compile(rf"(?:{_ONE} (?:(?:walk|run|jog)s|is (?:walking|running|jo
 # Somebody punches, and no word says with which hand.
 _PUNCHES = re.compile(rf"({_ONE}) (?:punches(?: forwards?| (?:straight )?ahead| (?:in |into |at )?the air)?|"
                       r"(?:strikes|hits) with (?:the|a|one|his|her|their) fist(?: forwards?| ahead)?)", re.IGNORECASE)
+_ARMS = {"arm", "hand", "wrist", "elbow", "fist", "finger", "shoulder"}
 _THINGS = (("legs", {"leg", "knee", "foot", "feet", "heel", "toe", "ankle", "thigh"}),
            ("head", {"head", "chin", "neck"}),
            ("torso", {"torso", "hip", "waist", "chest"}),
-           ("arms", {"arm", "hand", "wrist", "elbow", "fist", "finger", "shoulder"}))
+           ("arms", _ARMS))
 # Verbs whose object is what moves; "walks with the hands up" goes on walking.
 _OF_ITS_OBJECT = _VERBS["arms"] | _VERBS["head"] | {
     "turn", "rotate", "spin", "move", "circle", "bend", "tilt", "twist", "bounce", "roll"}
@@ -98,6 +101,12 @@ def is_done_once(verb: str) -> bool:
 def leaves_at_ease(verb: str) -> bool:
   """Whether whoever has done an action that `is_done_once` stands at ease, and can go on standing so."""
   return is_done_once(verb) and verb not in _NOT_AT_EASE
+
+
+def stays_low(verb: str, part: str, words: Sequence[str]) -> bool:
+  """Whether who sits, kneels or lies does it there, as arms wave and a head nods, and does not get up for it."""
+  own = verb == "lift" and any(base_form(word, _ARMS) for word in words)  # an arm, but not a box
+  return part in ("arms", "head") and (own or verb not in _FROM_THE_FLOOR)
 
 
 def is_counted_one_by_one(verb: str) -> bool:

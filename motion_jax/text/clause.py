@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from motion_jax.data.tagger import tag_words
 from motion_jax.text import actions
-from motion_jax.text.light_verbs import reworded
+from motion_jax.text.light_verbs import PACES, reworded
 
 NUMBERS = {word: number for number, word in enumerate(
     "zero one two three four five six seven eight nine ten eleven twelve".split())} | {
@@ -15,11 +15,13 @@ _TIMES = re.compile(r"(?i)(?<!than )(?<!at )\b(once|twice|thrice)\b(?! as| more|
 _EXACT = "|".join(word for word in NUMBERS if word not in ("zero", "half", "few", "several", "many"))
 _COUNTED_STEPS = re.compile(
     rf"(?i)(?<!up )(?<!down )(?<!half )\b(?:a )?(\d+|{_EXACT})(?: of)?"
-    r"(?: more| short| small| big| large| long| side| quick| tiny| giant)* steps?\b(?! by| in place| at a time)")
+    r"((?: more| short| small| big| large| long| side| tiny| giant| quick| fast| rapid| slow| careful)*) steps?\b"
+    r"(?! by| in place| at a time)")
 _STEPS_BY = set("take step walk go move march run jog make do".split())
 # Seconds of a step, and of a single one: of 24 walks of `cmdm-small`, forward, back and sideways, that last 1.6, 2.2,
 # 2.8 and 4 s the median has 3, 4, 5 and 7 steps, those that are cut off at the ends among them.
 _STEP, _STEP_BACK, _FIRST_STEP = 0.55, 0.65, 0.8
+_PACED = {"quickly": 0.75, "slowly": 1.4}  # times these seconds
 _BACK = {"back", "backward", "backwards"}
 PEOPLE = set("person man woman boy girl child kid guy lady figure human dancer boxer player character people men "
              "women children somebody someone anybody everyone one he she they i you we it who him her them athlete "
@@ -92,7 +94,9 @@ def _in_steps(clause):
   if found is None or _number(found[1]) < 1:
     return clause
   back = not _BACK.isdisjoint(text.lower().split())
-  seconds = max(_number(found[1]) * (_STEP_BACK if back else _STEP), _FIRST_STEP)
+  pace = [PACES[word] for word in found[2].lower().split() if word in PACES][:1]
+  paced = _PACED[pace[0]] if pace else 1.0
+  seconds = max(round(_number(found[1]) * (_STEP_BACK if back else _STEP) * paced, 2), _FIRST_STEP)
   if clause.verb not in ("take", "step", "make", "do") and not back:
     return clause._replace(seconds=seconds, steps=True)
   # As captions say it.
@@ -100,6 +104,7 @@ def _in_steps(clause):
   way = " ".join("backward" if word in _BACK else word for word in without(text, found).split())
   way = f"to the {way}" if way in SIDES else way
   way = f"sideways {way}" if way.startswith("to the ") else way or "forward"
+  way = " ".join([way, *pace])
   form = verb + "ing" if is_ing(clause.form) else verb
   return clause._replace(verb=verb, form=form, words=way.split(), reworded=True, seconds=seconds, steps=True)
 

@@ -14,7 +14,11 @@ _LIMB = {"kick": "foot", "punch": "hand", "jab": "hand", "wave": "hand", "salute
 BLOWS = {"kick", "punch", "jab"}
 _ARTICLES = {"a", "an", "another", "the"}
 _WHOSE = {"the", "his", "her", "their", "its", "my", "your", "both"}
-_PACES = {"slow": "slowly", "quick": "quickly", "fast": "quickly", "rapid": "quickly"}
+_RESTS = {"rest": "rest", "break": "pause", "breather": "pause", "pause": "pause"}
+_RESTS_FOR = {"short": "moment", "brief": "moment", "quick": "moment", "little": "moment", "small": "moment",
+              "long": "while", "longer": "while"}
+_HURRIES, _AHEAD = {"hurry", "rush"}, ([], ["ahead"], ["forward"], ["forwards"], ["along"])
+PACES = {"slow": "slowly", "quick": "quickly", "fast": "quickly", "rapid": "quickly"}
 _GOES = {"walk", "stride", "stroll", "step", "move", "go", "run", "jog"}
 _DIAGONAL = re.compile(r"(?:straight )?(ahead|forwards?|back|backwards?) and to (?:the|his|her|their) (left|right) ?,? "
                        r"(?:without (?:ever )?turning|without a turn|(?:while |still )?facing (?:forwards?|ahead))"
@@ -59,13 +63,18 @@ def reworded(verb: str, words: Sequence[str], numbers: Mapping[str, float]) -> R
     return Reworded(verb, _ING.get(verb, verb + "ing"), ["with", "the", rest[0], _LIMB[verb], *words[1:]], 1)
   if verb == "put":
     return _hands_up(rest, words)
+  if verb in _HURRIES and rest in _AHEAD:
+    return Reworded("walk", "walking", ["forward", "quickly"], 1)
   if verb not in LIGHT:
     return None
-  if verb == "take" and rest[:1] and rest[0] in _PACES and rest[1:2] == ["steps"]:
+  if verb == "take" and rest and rest[-1] in _RESTS and rest[0] in _ARTICLES and set(rest[1:-1]) <= {*_RESTS_FOR}:
+    time = [_RESTS_FOR[word] for word in rest[1:-1]]
+    return Reworded(_RESTS[rest[-1]], "resting", ["for", "a", time[0]] if time else [], 1)
+  if verb == "take" and rest[:1] and rest[0] in PACES and rest[1:2] == ["steps"]:
     way = ["forward"] if rest[2:] in (["ahead"], []) else words[2:]
     if rest[2:] and rest[2] not in (*_BEHIND, "ahead") or not _SEVERAL.isdisjoint(rest[2:]):
       return None
-    return Reworded("walk", "walking", [*way, _PACES[rest[0]]], 1)
+    return Reworded("walk", "walking", [*way, PACES[rest[0]]], 1)
   if rest[:1] and rest[0] in numbers and rest[0] not in _ARTICLES:
     times, rest = int(numbers[rest[0]]), rest[1:]
   elif rest[:1] and rest[0] in _ARTICLES:

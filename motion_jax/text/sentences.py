@@ -66,12 +66,18 @@ class Segment(NamedTuple):
 
   @property
   def prompt(self) -> str:
-    return " and ".join([self.action.counted, *(one.words for one in self.also)])
+    said = self.made or (self.action,)
+    return " and ".join([said[0].counted, *(one.words for one in said[1:])])
 
   @property
   def rests(self) -> bool:
-    """Whether nothing is made for it: time stands still in what is made for the others."""
-    return self.action.words in (REST, HOLD) and not self.also
+    """Whether time stands still in it, in what is made for the others; arms may act meanwhile, above a held pose."""
+    return self.holds or self.action.words == REST and not self.also
+
+  @property
+  def made(self) -> tuple[Action, ...]:
+    """The actions that are made for it, none of one that rests but what arms do meanwhile."""
+    return self.also if self.rests else (self.action, *self.also)
 
   @property
   def holds(self) -> bool:
@@ -87,9 +93,9 @@ class Sentence(NamedTuple):
   @property
   def prompts(self) -> list[str]:
     """All that is said to a model, each action by itself; a body that rests is told nothing."""
-    rests = len(self.segments) > 1
-    return list(dict.fromkeys(one.prompt for part in self.segments if not (rests and part.rests)
-                              for one in (part.action, *part.also)))
+    several = len(self.segments) > 1
+    return list(dict.fromkeys(one.prompt for part in self.segments
+                              for one in (part.made if several else (part.action, *part.also))))
 
   @property
   def is_plain(self) -> bool:
@@ -265,7 +271,7 @@ def _action(clause, subject):
   said = [word for word in lower(clause.words) if word.isalpha()]
   if clause.verb in actions.RESTS and not (clause.verb == "rest" and set(said) - _WHILE) or clause.verb in (
       "stand", "stay") and said[:1] == ["still"] or clause.verb in ("finish", "quit"):
-    return Action(f"{who} {REST}", REST, "legs", verb="stand")
+    return Action(f"{who} {REST}", REST, "legs", verb="stand", reworded=clause.reworded)
   if _is_hold(clause.verb, set(said) - _WHILE):
     return Action(f"{who} {words}", HOLD, "legs", verb="stand")
   return Action(f"{who} {words}", words, part_of(clause), actions.sides_of(lower(clause.words)), clause.times,
@@ -300,22 +306,23 @@ def _third(verb):
 
 
 def _with_holds(segments, who):
-  """Who rests behind what is done low, as sitting is, holds still there. Behind nothing, who holds still stands still,
-  but for who "stays seated", which is an action then. With something else at the same time, "kneels and stays there,
-  waving", the low thing is done on."""
-  found = []
+  """Who rests behind what is done low, as sitting is, holds still there, and arms or a head that act then act there:
+  "sits down and waves". Behind nothing, who holds still stands still, but for who "stays seated", which is an action
+  then."""
+  found, low = [], False
   for segment in segments:
     action, before = segment.action, found[-1] if found else None
-    low = before is not None and before.action.verb in actions.LOW
     if action.words == HOLD and before is None and _LOW_POSE & set(action.prompt.split()):
       action = action._replace(words=action.prompt.removeprefix(who + " "))
-    elif segment.also and low and action.words in (REST, HOLD):
-      action = before.action
-    elif action.words == HOLD and (before is None or segment.also):
+    elif action.words == HOLD and (before is None or segment.also and not low):
       action = action._replace(prompt=f"{who} {REST}", words=REST, reworded=True)
-    elif action.words == REST and (low or before is not None and before.holds):
+    elif action.words == REST and (low or before is not None and before.holds and not segment.also):
       action = action._replace(prompt=f"{who} {HOLD}", words=HOLD)
+    elif low and not segment.also and actions.stays_low(action.verb, action.part, lower(action.words.split())):
+      segment = segment._replace(also=(action,))
+      action = Action(f"{who} {HOLD}", HOLD, "legs", verb="stand")
     found.append(segment._replace(action=action))
+    low = action.verb in actions.LOW or low and found[-1].holds
   return tuple(found)
 
 

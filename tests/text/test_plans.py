@@ -80,7 +80,27 @@ COMPOSED = {
     "a person does not move": "stands still",
     "a person bows and waits": "bows | stands still",
     "a person remains standing": "stands still",
-    "a person kneels and stays kneeling while waving": "kneels | kneels + waves",
+    "a person kneels and stays kneeling while waving": "kneels | holds still + waves",
+    # arms act above a pose that is low
+    "a person sits down and waves": "sits down | holds still + waves",
+    "a person sits down, lifts the left arm and nods, then stands up":
+        "sits down | holds still + lifts the left arm | holds still + nods | stands up",
+    "a man crouches, claps for three seconds and stays there": "crouches | holds still + claps [3] | holds still",
+    "a person sits down, raises the left hand for two seconds and gets up":
+        "sits down | holds still + raises the left hand | holds still [2] | gets up",
+    "a person kneels and lifts a box": "kneels | lifts a box",
+    "a person kneels down and picks something up with the right hand":
+        "kneels down | picks something up with the right hand",
+    "a person sits down, gets up and waves": "sits down | gets up | waves",
+    "a person sits down and bows": "sits down | bows",
+    # a rest that is taken
+    "a person takes a rest": "stands still",
+    "a person walks, takes a short break and walks back": "walks | stands still [1] | walks back",
+    "a person sits down and takes a long rest": "sits down | holds still [4]",
+    # a pace of counted steps, and of who hurries
+    "a person takes three quick steps forward, then waves": "walks forward quickly [1.24] | waves",
+    "a person takes two slow steps back and bows": "walks backward slowly [1.82] | bows",
+    "a person hurries ahead": "walks forward quickly",
     "a person walks, then stands still while waving": "walks | stands still + waves",
     "a person runs and keeps up": "runs | keeps up",
     "a person raises the left hand 3 times for 4 seconds": "raises the left hand 3 times [4]",
@@ -171,7 +191,7 @@ COMPOSED = {
     "when the music starts, the man dances and bows": "dances | bows",
     # a main clause behind no comma
     "after sitting for a while the person gets up and walks away": "sits for a while | gets up | walks away",
-    "once he sits down he waves": "sits down | waves",
+    "once he sits down he waves": "sits down | holds still + waves",
     "before the man sits down he bows": "bows | sits down",
     "while walking he waves": "walks + waves",
     # how often, how long
@@ -226,6 +246,7 @@ a person walks forward and keeps walking
 a person turns left and continues turning
 the person on the right turns left
 a person takes slow steps through the mud
+a person takes a break dance
 someone puts the hands up and down
 a man puts his hand up his sleeve
 she puts up hands on hips
