@@ -24,7 +24,7 @@ MOST = 24  # motions that are made at once
 
 
 def judge(model, listed, seeds, pictures=None):
-  """A row a sentence: dict(category, sentence, passed (one bool a seed), planted (m/s), seconds)."""
+  """A row a sentence: dict(category, sentence, passed (one bool a seed), planted (m/s), seconds, kept (which try))."""
   rows = []
   per_call = max(1, MOST // seeds)
   by_length = collections.defaultdict(list)
@@ -41,7 +41,8 @@ def judge(model, listed, seeds, pictures=None):
         own = made[index * seeds:(index + 1) * seeds]
         passed = [bool(rule(body_of(motion.joints))) for motion in own]
         rows.append(dict(category=category, sentence=sentence, passed=passed, seconds=len(own[0].joints) / FPS,
-                         planted=[float(planted_speed(motion.joints)) for motion in own]))
+                         planted=[float(planted_speed(motion.joints)) for motion in own],
+                         kept=[motion.meta.get("tries", 1) for motion in own]))
         if pictures:
           pictures.mkdir(parents=True, exist_ok=True)
           worst = passed.index(False) if False in passed else 0

@@ -127,6 +127,26 @@ def test_what_is_missing_is_counted():
   assert misses(_joints("wave_left"), [Asked("dance", "", 1, False)]) == 0
 
 
+def _swung(joints, leg, centers, seconds, degrees=75.0):
+  """Joints facing +z with a straight leg swung up ahead around each of some frames, for so many seconds."""
+  made, k = joints * 1.0, np.arange(len(joints))
+  angle = np.radians(degrees) * sum(np.exp(-((k - at) / (20 * seconds / 4)) ** 2) for at in centers)
+  for joint in leg[1:]:
+    down = np.linalg.norm(made[:, joint] - made[:, leg[0]], axis=-1)
+    made[:, joint] = made[:, leg[0]] + down[:, None] * np.stack([0 * angle, -np.cos(angle), np.sin(angle)], -1)
+  return made
+
+
+def test_a_kick_that_is_slow_counts_half_where_kicks_are_counted():
+  still = np.repeat(_joints("wave_left")[:1], 100, axis=0)
+  right, left = (2, 5, 8, 11), (1, 4, 7, 10)
+  two = _swung(still, right, (20, 60), 0.6)
+  three = _swung(two, left, (85,), 2.4, 60.0)
+  twice, kicks = [Asked("kick", "", 2, True)], [Asked("kick", "", 1, False)]
+  assert misses(two, twice) == misses(two, kicks) == misses(three, kicks) == 0
+  assert 0 < misses(three, twice) < 1 and misses(still, twice) > 2
+
+
 def test_nobody_runs_faster_than_people_do():
   asked, frames = [Asked("run", "", 1, False)], np.arange(80)
   at = lambda speed: _joints("walk") + (speed * frames / 20.0)[:, None, None] * np.array([0, 0, 1.0]) - (

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Num
 
 from motion_jax.models import ways
-from motion_jax.motion.events import PUNCH, find_events, punch_speed
+from motion_jax.motion.events import PUNCH, feet_up, find_events, punch_speed
 from motion_jax.motion.signals import Body
 from motion_jax.text.actions import RUNS
 from motion_jax.text.light_verbs import LIGHT
@@ -50,6 +50,7 @@ _WITHOUT = {"without", "not", "no", "never", "nor", "don't", "doesn't"}
 _DEGREES = (({"full", "all", "fully", "completely"}, (290, 430)), ({"corner"}, (40, 140)),
             ({"around", "round", "about", "back"}, (130, 230)), ({"left", "right"}, (40, 140)))
 _NEAR = 40
+_HALF = 0.4  # of an action that is missed; what is like a kick and none counts so much where kicks are counted
 
 
 class Asked(NamedTuple):
@@ -172,6 +173,8 @@ def _missed_events(body, events, asked):
          or event.kind == kind and event.side == "both"]
   number = sum(max(event.count, 1) if kind in _COUNTED else 1 for event in own)
   missed = float(abs(number - times) if counted else max(times - number, 0))
+  if kind == "kick" and counted:  # whoever watches counts slow and bent legs, too
+    missed += _HALF * abs(feet_up(body) - times)
   if degrees is not None and number >= times:
     total = abs(sum(event.amount for event in own))
     missed += min(max(degrees[0] - total, total - degrees[1], 0.0) / 90, 0.9)

@@ -142,6 +142,16 @@ def _kicks(body):
   yield from _grouped(body, "kick", peaks, gap=2.5)
 
 
+def feet_up(body: "Body") -> int:
+  """How often a foot goes 0.4 m over the other one while the body stays about where it is: kicks, and what looks much
+  like one though it is slow or the leg stays bent."""
+  from scipy.signal import find_peaks
+  height, near = body.joints[:, PAIR["foot"], 1], int(0.4 * body.fps)
+  found = [peak for side in (0, 1) for peak in find_peaks(
+      height[:, side] - height[:, 1 - side], height=0.4, distance=max(near, 1), prominence=0.25)[0]]
+  return sum(bool(np.median(body.speed[max(0, peak - near):peak + near + 1]) < 1.5) for peak in found)
+
+
 def _jumps(body):
   """Flights of both feet at once: jumps; on one leg: hops."""
   flights = []
