@@ -11,6 +11,7 @@ from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.loading import load
 from motion_jax.models import apart, composed
 from motion_jax.models.results import features_of
+from motion_jax.motion import rotations as rot
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.text.sentences import understand
 
@@ -45,6 +46,16 @@ class TestComposed:
     assert both[1].meta["understood"].startswith("walks (")
     assert both.joints.shape[:2] == both.frame_mask.shape == (2, 72)
     assert [motion.id for motion in both] == ["motion_0", "motion_1"] and both[1].meta["seed"] == 2
+
+  def test_what_arms_do_above_a_held_pose_is_made_for_its_time_and_has_its_caption(self, model, monkeypatch):
+    asked, sample = [], model.sample
+    monkeypatch.setattr(model, "sample", lambda prompts, frames, *rest: asked.append((prompts, frames)) or sample(
+        prompts, frames, *rest))
+    made = model.generate("a person sits down and waves", 96, seeds=[1], **FAST)[0]
+    assert made.num_frames == 96 and [one.text for one in made.captions] == ["a person sits down", "a person waves"]
+    (prompts, frames), counts = asked[-1], made.meta["understood"]
+    assert prompts == ["a person waves"] and 40 < frames[0] < 80 and counts.startswith("sits down (")
+    assert "holds still + waves (" in counts and made.captions[-1].end == 96 / model.fps
 
   def test_actions_made_apart_are_joined_the_same_alone_and_in_a_batch(self, model, monkeypatch):
     prompts = ["a person walks, then waves", "a person waves, then walks and then bows"]
@@ -190,22 +201,34 @@ def test_who_holds_a_pose_holds_it_where_it_is():
   start, past = spans[1]
   assert len(made) == 100 and (made[start + 2:past - 2, 0, 1] < joints[0, 0, 1] - 0.3).all() and past - start > 30
   assert made[-1, 0, 1] > joints[0, 0, 1] - 0.05
-  # Arms act above it, and come down while it stays low.
-  waves = joints[:1].repeat(60, axis=0)
-  waves[:, 20, 1] += 0.8 * np.exp(-((k - 15) / 5) ** 2)
-  joints = joints[:40]
-  waving = lambda segment: [(action, waves) for action in segment.also]
-  for words, lasts in (("", 100), (", then stays there", 140), (" for two seconds", 140)):
-    text = f"a person sits down and raises the left hand{words}"
-    segments = understand(text).segments
-    made, spans = shown(text, [40, 60, 40][:len(segments)], [(0, 40)], [waving(one) for one in segments])
-    (_, first), *_, (_, past) = spans
-    assert len(segments) == (2 if lasts == 100 else 3) and len(made) == lasts
-    assert past == lasts or "seconds" in words and past < lasts  # the hand comes down behind it
-    assert (made[first + 2:, 0, 1] < joints[0, 0, 1] - 0.3).all()  # nobody gets up
-    up = made[:, 20, 1] - made[:, 18, 1]  # of the wrist over the elbow
-    assert up[first:].max() > 0.15 and (up[-1] > 0.15) == (", then" in words)
+  # Two poses that are kept one behind the other each have their time.
+  made, spans = shown("a person sits down, stays there for two seconds, then holds still for one second", [60, 40, 20],
+                      [(0, 60)])
+  assert len(made) == 120 and spans[-1][1] == 120 and spans[1][1] - spans[1][0] >= 40
   # A body that is low from the first frame on has sat down all the same, and its caption has time.
   joints = joints[30:31].repeat(40, axis=0)
   made, spans = shown("a person sits down and stays there", [40, 40], [(0, 40)])
   assert 0 == spans[0][0] < spans[0][1] == spans[1][0] < spans[1][1] == len(made)
+
+
+def test_arms_act_above_a_pose_that_is_held_and_nobody_gets_up_for_it():
+  k = np.arange(60)
+  stands = np.repeat(synthetic_joints("walk", 60, np.random.default_rng(0))[:1], 60, axis=0)
+  base, waves = stands[:40].copy(), stands.copy()
+  base[:, :, 1] -= 0.35 * (np.clip((k - 5) / 10, 0, 1) * np.clip((35 - k) / 10, 0, 1))[:40, None]  # down and up again
+  waves[:, 20, 1] += 0.8 * np.exp(-((k - 15) / 5) ** 2)
+  upper = [3, 6, 9, 12, 15, *ARMS]  # leans, and the arm goes up all the same
+  lean, hips = rot.about_axis(np.array(0.8), "x")[None, None], base[:, :1]
+  base[:, upper] = hips + rot.rotate(lean, base[:, upper] - hips)
+  forearm = waves[15, 20] - waves[15, 18]
+  highest = forearm[1] / np.linalg.norm(forearm) * np.linalg.norm(base[0, 20] - base[0, 18])
+  for words, length in (("", 100), (", then stays there", 140), (" for two seconds", 140)):
+    segments = understand(f"a person sits down and raises the left hand{words}").segments
+    lengths, arms = [40, 60, 40][:len(segments)], [[(action, waves) for action in one.also] for one in segments]
+    made, spans = composed._put_together(base, segments, [(0, 40)], lengths, arms, HUMANML3D)
+    (_, first), *_, (_, past) = spans
+    assert len(made) == length == sum(lengths)
+    assert past == length or "seconds" in words and past < length  # the hand comes down behind it
+    assert (made[first + 2:, 0, 1] < stands[0, 0, 1] - 0.3).all()
+    up = made[:, 20, 1] - made[:, 18, 1]  # of the wrist over the elbow
+    assert up[first:].max() == pytest.approx(highest, abs=0.01) and (up[-1] > 0.15) == (", then" in words)

@@ -35,6 +35,21 @@ def test_a_part_put_on_its_own_body_wherever_that_stands_changes_nothing(clips):
                                atol=2e-5)
 
 
+def test_arms_are_held_upright_on_a_body_that_leans(clips):
+  """Against where it faces: a hand that is up goes up, from where the shoulder is."""
+  other = np.repeat(clips[0][:1], 60, axis=0)
+  lean = rot.about_axis(np.array(0.8), "x")
+  upper = [3, 6, 9, 12, 15, *ARMS["right"], *ARMS["left"]]
+  base = rot.rotate(rot.about_axis(np.array(1.2), "y")[None, None], other)
+  base[:, upper] = base[:, :1] + rot.rotate(lean[None, None], base[:, upper] - base[:, :1])
+  made = put_on(base, other, "arms", ("right",), np.ones(60), HUMANML3D, upright=True)
+  still = [j for j in range(22) if j not in (19, 21)]
+  np.testing.assert_array_equal(made[:, still], base[:, still].astype(np.float32))
+  for joint, parent in ((19, 17), (21, 19)):
+    np.testing.assert_allclose((made[:, joint] - made[:, parent])[:, 1], (other[:, joint] - other[:, parent])[:, 1],
+                               atol=1e-5)
+
+
 def test_the_hand_that_moves_is_the_one_that_acts(clips):
   body = np.repeat(clips[0][:1], 60, axis=0)
   body[:, 21, 1] += 0.2 * np.sin(np.arange(60) / 3)

@@ -93,6 +93,7 @@ COMPOSED = {
         "kneels down | picks something up with the right hand",
     "a person sits down, gets up and waves": "sits down | gets up | waves",
     "a person sits down and bows": "sits down | bows",
+    "someone kicks and holds the pose, then stands still while waving": "kicks | holds still | stands still + waves",
     # a rest that is taken
     "a person takes a rest": "stands still",
     "a person walks, takes a short break and walks back": "walks | stands still [1] | walks back",
@@ -247,6 +248,7 @@ a person turns left and continues turning
 the person on the right turns left
 a person takes slow steps through the mud
 a person takes a break dance
+a person hurries to the left
 someone puts the hands up and down
 a man puts his hand up his sleeve
 she puts up hands on hips
