@@ -183,6 +183,15 @@ def test_kicks_and_squats_that_are_counted_take_some_three_seconds():
   assert frames("a person kicks twice with the left foot") == [96]
 
 
+def test_who_stays_down_has_time_to_get_there():
+  model = SimpleNamespace(frames_per_latent=4, fps=20.0, natural_frames=lambda prompt: 20 if "sits" in prompt else 100)
+  frames = lambda text: composed.usual_frames(model, understand(text))
+  assert frames("a person sits down, stays there and gets up") == [56, 40, 100]
+  assert frames("a person sits down and waves") == [56, 100] and frames("a person kneels and waves") == [100, 100]
+  assert frames("a person walks, then sits down") == [100, 20]
+  assert frames("a person sits for 5 seconds, then gets up") == [56, 100, 100]
+
+
 def test_who_holds_a_pose_holds_it_where_it_is():
   """Seated while sitting, the hand in the air where it is highest; said for so many seconds, it comes down then."""
   k = np.arange(60)
