@@ -134,6 +134,9 @@ def _generate(args):
   if wanted and given[0] is None:
     from motion_jax.models import controlled
     given = [controlled.usual_frames(model, wanted)] * len(prompts)
+    if given[0] is not None and not literal:
+      for prompt in dict.fromkeys(prompts):
+        controlled.tell_if_hasty(model, model.understand(prompt), given[0])
   with timing.part("text"):
     model.check_words(list(dict.fromkeys(prompts)), literal)
     asked = list(dict.fromkeys(zip(prompts, given)))

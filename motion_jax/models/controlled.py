@@ -5,6 +5,7 @@ brought to do it exactly (`control.project`). A motion is made where models begi
 where its path begins.
 """
 import os
+import warnings
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -25,11 +26,13 @@ from motion_jax.models.base import each
 from motion_jax.models.results import Motion, Motions, features_of, gathered
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.runtime import timing
+from motion_jax.text.sentences import Sentence
 
 if TYPE_CHECKING:
   from motion_jax.models.base import Frames, TextToMotionModel
 
 Control = Any  # a ControlSignal, a Constraint, a list of these or one for each motion, a path, None: `constraints_of`
+_HASTY = 0.6  # of their usual time that several actions have at the least without a warning
 WALK = 1.2  # metres a second at which a path is gone along whose times and length nobody says
 
 
@@ -79,7 +82,7 @@ def generate(model: "TextToMotionModel", prompts: Sequence[str], num_frames: "Fr
   if model.stats.layout.skeleton is not HUMANML3D:
     raise InputError(f"{model.id} moves the skeleton {model.stats.layout.skeleton.name!r}; control knows the 22 joints "
                      f"of {HUMANML3D.name}")
-  frames = _frames(model, prompts, asked, num_frames, seconds)
+  frames = _frames(model, prompts, asked, num_frames, seconds, literal)
   found: dict[int, Any] = {}
   led = [_asks(one) and _leads(model) and (literal or not model.can("understand") or model.understand(prompt).is_plain)
          for prompt, one in zip(prompts, asked)]
@@ -151,12 +154,24 @@ def finds_its_cycle(asked: Sequence[Constraint] | ControlSignal) -> bool:
       isinstance(one, Loop | InPlace) for one in asked)
 
 
-def _frames(model, prompts, asked, num_frames, seconds):
+def tell_if_hasty(model: "TextToMotionModel", sentence: Sentence, count: int) -> None:
+  """A warning where several actions have much less time, count frames by what is asked, than they usually take."""
+  usual = sum(composed.usual_frames(model, sentence))
+  if len(sentence.segments) > 1 and count < _HASTY * usual:
+    warnings.warn(f"{count / model.fps:.1f} s, which what is asked of the body takes, are shared by "
+                  f"{len(sentence.segments)} actions that usually take {usual / model.fps:.1f} s; try "
+                  f"{usual / model.fps:.0f} seconds", stacklevel=2)
+
+
+def _frames(model, prompts, asked, num_frames, seconds, literal):
   """Lengths in frames or None, one for each prompt."""
   if num_frames is not None and seconds is not None:
     model.frames_of(prompts, num_frames, seconds)  # says what is wrong
   if num_frames is None and seconds is None:
     found = [usual_frames(model, one) if _asks(one) else None for one in asked]
+    for prompt, count in zip(prompts, found):
+      if count is not None and not literal and model.can("understand"):
+        tell_if_hasty(model, model.understand(prompt), count)
     return [model.natural_frames(prompt) if count is None and _asks(one) else count
             for prompt, one, count in zip(prompts, asked, found)]
   if callable(num_frames):

@@ -1,4 +1,6 @@
 """Control of a model: nothing asked is nothing changed, and each motion of a batch does what is asked of it alone."""
+import warnings
+
 import numpy as np
 import pytest
 
@@ -66,6 +68,16 @@ def test_a_path_says_how_long_a_motion_is(model, plain):
                         ([RootPath([[0, 0], [0, 1]], speed=2.0)], 11), ([Loop()], None), (none(1, 44), 44),
                         ([KeepParts(plain[0].joints, ("legs",), 10.0)], 72)):
     assert usual_frames(model, asked) == frames
+
+
+def test_a_path_that_leaves_little_time_for_several_actions_is_told(model):
+  short = dict(seeds=[0], control=[RootPath([[0, 0], [0, 1.0]])])
+  with pytest.warns(UserWarning, match="0.[89] s, which what is asked of the body takes, are shared by 2 actions that"):
+    model.generate("a person walks, then waves", **short)
+  with warnings.catch_warnings():
+    warnings.filterwarnings("error", message=".*are shared by")
+    model.generate("a person walks, then waves", seconds=0.9, **short)
+    model.generate("a person walks", **short)
 
 
 def test_parts_of_a_motion_stay_and_the_others_are_made(model, plain):
