@@ -61,7 +61,7 @@ def test_every_sentence_is_judged_once(monkeypatch):
   """Each of more than 200 sentences has its seeds; what a model makes is counted as the rules say."""
 
   class Motion:
-    joints = _walk()
+    joints, meta = _walk(), {}
 
   class Model:
     def generate(self, prompts, seconds=None, seeds=None):
