@@ -318,12 +318,16 @@ def _with_holds(segments, who):
       action = action._replace(prompt=f"{who} {REST}", words=REST, reworded=True)
     elif action.words == REST and (low or before is not None and before.holds and not segment.also):
       action = action._replace(prompt=f"{who} {HOLD}", words=HOLD)
-    elif low and not segment.also and actions.stays_low(action.verb, action.part, lower(action.words.split())):
-      segment = segment._replace(also=(action,))
+    elif low and all(map(_stays_low, (action, *segment.also))):
+      segment = segment._replace(also=(action, *segment.also))
       action = Action(f"{who} {HOLD}", HOLD, "legs", verb="stand")
     found.append(segment._replace(action=action))
     low = action.verb in actions.LOW or low and found[-1].holds
   return tuple(found)
+
+
+def _stays_low(action):
+  return actions.stays_low(action.verb, action.part, lower(action.words.split()))
 
 
 def _without_repeated_rests(segments):

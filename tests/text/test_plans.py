@@ -88,6 +88,7 @@ COMPOSED = {
     "a man crouches, claps for three seconds and stays there": "crouches | holds still + claps [3] | holds still",
     "a person sits down, raises the left hand for two seconds and gets up":
         "sits down | holds still + raises the left hand | holds still [2] | gets up",
+    "a person sits down, then waves while nodding": "sits down | holds still + waves + nods",
     "a person kneels and lifts a box": "kneels | lifts a box",
     "a person kneels down and picks something up with the right hand":
         "kneels down | picks something up with the right hand",
