@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from motion_jax.data.datasets.synthetic import synthetic_joints
-from motion_jax.models import composed, looking
+from motion_jax.models import composed, looking, ways
 from motion_jax.models.looking import Asked, asked_of, misses
 from motion_jax.models.results import Motion, gathered
 from motion_jax.motion.events import find_events
@@ -145,6 +145,25 @@ def test_a_kick_that_is_slow_counts_half_where_kicks_are_counted():
   twice, kicks = [Asked("kick", "", 2, True)], [Asked("kick", "", 1, False)]
   assert misses(two, twice) == misses(two, kicks) == misses(three, kicks) == 0
   assert 0 < misses(three, twice) < 1 and misses(still, twice) > 2
+
+
+@pytest.mark.parametrize("text, said", [
+    ("a person walks in a circle", "a person walks in a circle to the left"),
+    ("a man is walking in circles, then waves", "a man is walking in circles to the left, then waves"),
+    ("she walks one full circle", "she walks one full circle to the left"),
+    ("a person walks in a circle to the right", "a person walks in a circle to the right"),
+    ("a circle of people stands still", "a circle of people stands still"),
+    ("a person walks", "a person walks")])
+def test_a_circle_gets_a_side(text, said):
+  assert ways.with_a_side(text, 1) == said
+  assert ways.with_a_side(text, 2) == said.replace("to the left", "to the right")
+
+
+def test_a_circle_has_time_to_be_gone_round():
+  assert ways.least_seconds("a person walks in a circle, then bows") == 8
+  assert 6 < ways.least_seconds("she runs in circles") < 8
+  for text in ("a person circles the arms", "a person walks", "a person walks in a half circle"):
+    assert ways.least_seconds(text) == 0
 
 
 def test_nobody_runs_faster_than_people_do():

@@ -18,6 +18,7 @@ from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.numerals import SEEDS, as_float, checked, demand_numbers, shortened, told
 from motion_jax.inputs.text_files import is_text
 from motion_jax.models.options import SamplingOptions
+from motion_jax.models.ways import least_seconds
 from motion_jax.motion.stats import Stats
 from motion_jax.runs import Run
 from motion_jax.runtime import cache
@@ -121,12 +122,14 @@ class TextToMotionModel(Able):
   def natural_frames(self, prompt: str) -> int:
     """How long the clips of the nearest training captions are: an action generated much longer goes on by itself.
 
-    Whether he, she or somebody does it makes no difference, though other captions may be nearer to the one.
+    Whether he, she or somebody does it makes no difference, though other captions may be nearer to the one. A circle
+    has time to be gone round.
     """
     nearest = self.nearest_captions(of_a_person(prompt), 5)
     if not nearest:
       return round(_USUAL * self.fps)
-    return int(np.clip(np.median([frames for _, frames in nearest]), _SHORTEST * self.fps, _LONGEST * self.fps))
+    usual = np.clip(np.median([frames for _, frames in nearest]), _SHORTEST * self.fps, _LONGEST * self.fps)
+    return int(max(usual, least_seconds(prompt) * self.fps))
 
   # --- what it learned from ----------------------------------------------------------------------------------------
 

@@ -14,7 +14,7 @@ import numpy as np
 from motion_jax.data.event_words import TIMES
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.numerals import as_float, demand_numbers
-from motion_jax.models import looking
+from motion_jax.models import looking, ways
 from motion_jax.models.apart import made_apart
 from motion_jax.models.base import each
 from motion_jax.models.results import Motions, captions_in_a_row, features_of, gathered
@@ -191,9 +191,9 @@ def generate(model: "TextToMotionModel", prompts: Sequence[str], num_frames: "Fr
   def make_anew(rows, number, scale):
     some = lambda said: said if said is None or callable(said) else [each(said, prompts)[i] for i in rows]
     folded = jax.numpy.stack([jax.random.fold_in(keys[i], _TRY + number) for i in rows])
-    anew = _generated(model, [prompts[i] for i in rows], some(num_frames), some(seconds), folded,
-                      [seeds[i] for i in rows], cleanup, literal, _reweighed(model, sampling, scale),
-                      apart=number >= _APART)
+    said = [_said_anew(prompts[i], asked[i], number) for i in rows]
+    anew = _generated(model, said, some(num_frames), some(seconds), folded, [seeds[i] for i in rows], cleanup, literal,
+                      _reweighed(model, sampling, scale), apart=number >= _APART)
     for i, motion in zip(rows, anew):
       missed = looking.misses(motion.joints, asked[i], model.fps)
       if missed < best[i][0]:
@@ -211,6 +211,12 @@ def generate(model: "TextToMotionModel", prompts: Sequence[str], num_frames: "Fr
   if all(motion is one for (_, motion), one in zip(best, made)):
     return made
   return gathered([motion.replace(id=f"motion_{i}") for i, (_, motion) in enumerate(best)])
+
+
+def _said_anew(prompt, asked, number):
+  """The words of another try: of a circle either way will do, and a model may know only those whose side is said."""
+  either = any(one.kind == "circle" and not one.side for one in asked)
+  return ways.with_a_side(prompt, number) if either else prompt
 
 
 def _reweighed(model, sampling, factor):

@@ -28,6 +28,7 @@ from motion_jax.models.controlled import Control
 from motion_jax.models.known_motion import on_our_body
 from motion_jax.models.options import TRIES
 from motion_jax.models.results import Motion, Motions, captions_in_a_row, features_of, gathered, make_motions
+from motion_jax.models.ways import least_seconds
 from motion_jax.motion.blending import join, laid_over
 from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.representations import get_layout, to_features
@@ -87,7 +88,8 @@ class CdamdModel(TextToMotionModel):
     if self.length is None:
       return super().natural_frames(prompt)
     logits: Any = self.length.apply(self.frozen["length"], self.encoder([of_a_person(prompt)])[0][:, 0])
-    return int(np.minimum(lengths.middle_frames(logits, self.frames_per_latent), self.config.data.max_frames)[0])
+    usual = lengths.middle_frames(logits, self.frames_per_latent)[0]
+    return int(min(max(usual, least_seconds(prompt) * self.fps), self.config.data.max_frames))
 
   def understand(self, prompt: str) -> Sentence:
     """As of any model; of one that learned captions by kinematics "walks" is understood as "walks forward", and
