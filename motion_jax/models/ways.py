@@ -45,8 +45,8 @@ _HURRIES = {"hurry", "rush", "sprint", "dash"}
 _OTHERWISE = re.compile(r"\b(?:back|backwards?|sideways|diagonal(?:ly)?|normal)\b")
 _CHANGES = re.compile(r"\b(?:first|faster|slower|speed\w*|slows|slowing|gradually|stops?)\b")
 _GOES, _CREEPS = 0.3, 0.12  # metres a second of whoever goes somewhere, and of whoever does so slowly
-# Seconds of a circle, as long as `cmdm-small`'s; by clips of arcs `cmdm-open` would take 3 to 4. Of 20 circles of it none
-# is gone round in these, 9 in 6, 16 in 7.5, all in 9.
+# Seconds of a circle, as long as `cmdm-small`'s; by clips of arcs `cmdm-open` would take 3 to 4. Of its 20 circles none
+# is gone round in these, 9 are in 6, 16 in 7.5, all in 9.
 _WALK_ROUND, _RUN_ROUND = 8.0, 6.5
 _ROUND = 300.0      # degrees of a circle at the least; as in `motion.events`
 _HALF = (150.0, 210.0)
