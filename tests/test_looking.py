@@ -7,6 +7,8 @@ import pytest
 
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.models import composed, looking, ways
+from motion_jax.models.base import TextToMotionModel
+from motion_jax.models.cdamd.model import CdamdModel
 from motion_jax.models.looking import Asked, asked_of, misses
 from motion_jax.models.results import Motion, gathered
 from motion_jax.motion.events import find_events
@@ -166,6 +168,16 @@ def test_a_circle_has_time_to_be_gone_round():
     assert ways.least_seconds(text) == 0
 
 
+def test_both_methods_give_a_circle_its_time(monkeypatch):
+  monkeypatch.setattr("motion_jax.models.cdamd.length.middle_frames", lambda *_: np.array([60]))
+  stub = SimpleNamespace(fps=20.0, nearest_captions=lambda *_: [("", 60)], frozen={"length": None}, frames_per_latent=4,
+                         length=SimpleNamespace(apply=lambda *_: None), encoder=lambda _: [np.zeros((1, 1, 2))],
+                         config=SimpleNamespace(data=SimpleNamespace(max_frames=150)))
+  for method, longest in ((TextToMotionModel, 160), (CdamdModel, 150)):
+    assert method.natural_frames(stub, "a person walks") == 60
+    assert method.natural_frames(stub, "a person walks in a circle") == longest
+
+
 def test_nobody_runs_faster_than_people_do():
   asked, frames = [Asked("run", "", 1, False)], np.arange(80)
   at = lambda speed: _joints("walk") + (speed * frames / 20.0)[:, None, None] * np.array([0, 0, 1.0]) - (
@@ -224,6 +236,14 @@ def test_of_equals_the_first_is_kept_and_words_that_are_said_as_they_are_are_not
     stub = _Stub(lambda prompt, key: False)
     _, made = _made(stub, monkeypatch, ["a person jumps"], tries, literal)
     assert len(stub.made) == times and "tries" not in made[0].meta
+
+
+def test_only_a_circle_whose_side_is_not_said_has_one_in_what_is_made_anew(monkeypatch):
+  either, clockwise = "he walks in a circle", "he walks in a clockwise circle"
+  for prompt, anew in ((either, [f"{either} to the left", f"{either} to the right"]), (clockwise, [clockwise] * 2)):
+    stub = _Stub(lambda prompt, key: False)
+    _made(stub, monkeypatch, [prompt], 3)
+    assert [said for said, _ in stub.made] == [prompt, *anew]
 
 
 def test_the_best_of_all_tries_is_kept(monkeypatch):
