@@ -162,12 +162,14 @@ def _array(joints, skeleton, name):
     raise InputError(f"{name}: got joints of shape {joints.shape}, expected (frames, {skeleton.num_joints}, 3)")
   if joints.dtype.kind not in "fiu":
     raise InputError(f"{name}: got joints of type {joints.dtype}, expected numbers")
+  with np.errstate(over="ignore", invalid="ignore"):  # from a wider float, or a NaN that signals
+    joints = joints.astype(np.float64)  # before it is compared: _COUNTABLE is beyond what a half float holds
   finite = (np.abs(joints) < _COUNTABLE).all(-1)
   if not finite.all():
     frame, joint = np.argwhere(~finite)[0]
     raise InputError(f"{name}: {(~finite.all(1)).sum()} of {len(joints)} frames hold NaN or infinity, the first is "
                      f"frame {frame}, {skeleton.joints[joint]}; cut them away or repair the file")
-  return joints.astype(np.float64)
+  return joints
 
 
 def _check_path(metres, skeleton, fps, name):

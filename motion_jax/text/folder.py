@@ -8,6 +8,7 @@ from tokenizers import AddedToken, Regex, Tokenizer, models, normalizers, pre_to
 
 from motion_jax.inputs.errors import InputError, reading
 from motion_jax.inputs.input_files import load_safetensors, read_json
+from motion_jax.inputs.network_sizes import check_sizes
 from motion_jax.text import bert, clip, hugging_face, mpnet, t5
 
 CONFIG, WEIGHTS, TOKENIZER = "config.json", "model.safetensors", "tokenizer.json"
@@ -59,6 +60,7 @@ def read(folder, name, level="words"):
     with reading("one of its files", "they are damaged or not of one model: fetch them again"):
       config = read_json(folder / CONFIG)
       fields = _fields(folder, to_fields, config)
+      check_sizes(fields, CONFIG, advice="fetch it again")
       state = _weights(folder / WEIGHTS, ignored)
       if kind == "clip_text_model" and "text_projection.weight" not in state:
         fields["projection_dim"] = 0
@@ -67,8 +69,9 @@ def read(folder, name, level="words"):
       tokenizer = _tokenizer(folder, kind, files)
   except InputError as error:
     raise InputError(f"text encoder {name!r} cannot be read from {folder}: {error}") from error
-  if tokenizer.get_vocab_size() > fields["vocab_size"]:
-    raise InputError(f"text encoder {name!r}: the tokenizer has {tokenizer.get_vocab_size()} word pieces, the weights "
+  pieces = max(tokenizer.get_vocab().values(), default=0) + 1
+  if pieces > fields["vocab_size"]:
+    raise InputError(f"text encoder {name!r}: the tokenizer has {pieces} word pieces, the weights "
                      f"have {fields['vocab_size']}; both must come from one model")
   tokenizer.no_padding()
   tokenizer.no_truncation()

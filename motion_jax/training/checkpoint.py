@@ -13,6 +13,7 @@ from safetensors.numpy import save_file
 
 from motion_jax.inputs.errors import InputError, reading
 from motion_jax.inputs.input_files import load_safetensors, read_json
+from motion_jax.inputs.network_sizes import check_sizes
 from motion_jax.runtime.atomic import atomic_path
 from motion_jax.training.distributed import by_first
 
@@ -110,29 +111,14 @@ def save_config(folder, config):
 def load_config(folder) -> ml_collections.FrozenConfigDict:
   config = load_json(folder, CONFIG)
   path = pathlib.Path(folder) / CONFIG
+  advice = "restore it from the run that wrote it"
   for section in _NETWORKS:
-    _check_sizes(config.get(section), path, section)
-  with reading(path, "restore it from the run that wrote it"):
+    check_sizes(config.get(section), path, section, advice)
+  with reading(path, advice):
     return ml_collections.FrozenConfigDict(config)
 
 
 _NETWORKS = ("model", "tokenizer", "quantizer", "text", "length")  # sections of a config that describe a network
-_MOST = {"depth": 100, "num_layers": 100, "num_levels": 100, "num_halvings": 8}  # what is gone through one by one
-
-
-def _check_sizes(value, path, name):
-  """Raises InputError for sizes that no network has: a damaged digit would fill the memory, or never come to an end."""
-  if isinstance(value, dict):
-    for key, inner in value.items():
-      _check_sizes(inner, path, f"{name}.{key}")
-  elif isinstance(value, list):
-    for inner in value:
-      _check_sizes(inner, path, name)
-  elif isinstance(value, int | float):
-    most = _MOST.get(name.rpartition(".")[2], 1_000_000)
-    if not -most <= value <= most:
-      raise InputError(f"{path}: got {name} {value:.6g}, expected at most {most}; restore it from the run that wrote "
-                       "it")
 
 
 def building(folder):
