@@ -298,6 +298,15 @@ def test_limbs_are_turned_as_exports_turn_them(page):
   assert np.median(angle) < 2 and np.median(angle, axis=0).max() < 20, np.median(angle, axis=0).round(1)
 
 
+def test_the_floor_follows_the_camera_by_whole_lines(page):
+  moved = page.driver.execute_script("""
+    const box = document.body.appendChild(document.createElement("div")), stage = new window.motionParts.Stage(box);
+    stage.carry(1000.4, -700.6);
+    stage.draw();
+    return [stage.ground, stage.shade].map(({position}) => [position.x, position.z]);""")
+  assert moved == [[1000, -701], [1000, -701]]
+
+
 def test_it_finds_a_studio_again_that_was_started_again(driver, library):
   with serving(library, 0) as (port, address):
     driver.get(address)

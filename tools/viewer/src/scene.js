@@ -108,6 +108,11 @@ export class Stage {
   draw() {
     this.sun.target.position.set(this.controls.target.x, 0.8, this.controls.target.z);
     this.sun.position.copy(this.sun.target.position).add(this.above.set(4, 9, 5));
+    // The ground follows by whole metres, the period of its lines: it has no end, and the lines stay where they are.
+    for (const plane of [this.ground, this.shade]) {
+      plane.position.x = Math.round(this.controls.target.x);
+      plane.position.z = Math.round(this.controls.target.z);
+    }
     this.controls.update();
     this.renderer.render(this.scene, this.camera);
   }
