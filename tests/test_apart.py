@@ -18,7 +18,7 @@ def _motion(action, seed=0):
 
 def test_the_part_that_shows_its_action_is_taken_and_of_equals_the_first():
   walk, jump, again, wave = _motion("walk"), _motion("jump"), _motion("jump", 1), _motion("wave_left")
-  assert looking.misses(again.joints, looking.once(looking.asked_of("a person jumps"))) == 0
+  assert looking.violation_score(again.joints, looking.once(looking.requirements_of("a person jumps"))) == 0
   tried = [[walk, jump, again], [walk, wave, walk]]
   found = apart.best_parts(tried, [("a person jumps", 80), ("a person waves the left hand", 80)], 20.0)
   assert found[0] is jump and found[1] is wave

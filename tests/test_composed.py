@@ -15,6 +15,7 @@ from motion_jax.motion import rotations as rot
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.text.sentences import understand
 
+pytestmark = pytest.mark.filterwarnings("ignore:. attempts, ")
 FAST = dict(num_steps=3, lag=2)
 ARMS = [14, 17, 19, 21, 13, 16, 18, 20]
 

@@ -3,7 +3,8 @@ import numpy as np
 import pytest
 
 from motion_jax.models import looking, ways
-from motion_jax.models.looking import Asked, asked_of
+from motion_jax.models.looking import Requirement, requirements_of
+from motion_jax.models.looking import violation_score as score
 from motion_jax.models.ways import Way
 from motion_jax.motion.signals import Body
 
@@ -54,28 +55,29 @@ from motion_jax.motion.signals import Body
     ("walks three quarters of a circle", []), ("a person does not walk in a circle", []),
 ])
 def test_what_a_sentence_says_of_a_walk(text, found):
-  assert [Way(one.kind, one.side) for one in asked_of(text) if one.kind in ways.KINDS - {"usual"}] == found
+  assert [Way(one.kind, one.side) for one in requirements_of(text) if one.kind in ways.KINDS - {"usual"}] == found
 
 
 def test_who_walks_turning_to_a_side_turns():
   for text in ("she walks, turning to the left", "she takes a left turn", "she walks and makes a left turn",
                "they take a left turn"):
-    assert [one for one in asked_of(text) if one.kind != "usual"] == [Asked("turn", "left", 1, False, (40, 140))]
-  assert asked_of("walks slowly, turning to the right") == [
-      Asked("slowly", "walk", 1, False), Asked("turn", "right", 1, False, (40, 140))]
-  assert asked_of("walks to the right, turning to the left")[-1][:2] == ("turn", "left")
-  assert [one.kind for one in asked_of("walks in a circle, turning left")] == ["circle", "usual"]
-  assert asked_of("a person steps to the right while looking around") == []
-  assert [one.kind for one in asked_of("someone walks and makes a u turn to the left")] == ["u-turn"]
+    assert [one for one in requirements_of(text) if one.kind != "usual"] == [
+        Requirement("turn", "left", 1, False, (40, 140))]
+  assert requirements_of("walks slowly, turning to the right") == [
+      Requirement("slowly", "walk", 1, False), Requirement("turn", "right", 1, False, (40, 140))]
+  assert requirements_of("walks to the right, turning to the left")[-1][:2] == ("turn", "left")
+  assert [one.kind for one in requirements_of("walks in a circle, turning left")] == ["circle", "usual"]
+  assert requirements_of("a person steps to the right while looking around") == []
+  assert [one.kind for one in requirements_of("someone walks and makes a u turn to the left")] == ["u-turn"]
 
 
 def test_a_walk_of_which_no_pace_is_said_is_not_quick():
-  usual = [Asked("usual", "walk", 1, False)]
-  assert asked_of("a person walks forward") == asked_of("a man strolls forward, then waves")[:1] == usual
+  usual = [Requirement("usual", "walk", 1, False)]
+  assert requirements_of("a person walks forward") == requirements_of("a man strolls forward, then waves")[:1] == usual
   for text in ("a person walks quickly", "someone walks backward", "a person runs", "a man marches forward"):
-    assert "usual" not in [one.kind for one in asked_of(text)]
-  at = [looking.overdone(_walk(lambda t: 0 * t, pace), usual) for pace in (0.1, 1.45, 1.6, 1.8)]
-  assert at[:2] == [0, 0] and 0 < at[2] < at[3] == looking.misses(_walk(lambda t: 0 * t, 1.8), usual) < 1
+    assert "usual" not in [one.kind for one in requirements_of(text)]
+  at = [looking.excess_speed(_walk(lambda t: 0 * t, pace), usual) for pace in (0.1, 1.45, 1.6, 1.8)]
+  assert at[:2] == [0, 0] and 0 < at[2] < at[3] == score(_walk(lambda t: 0 * t, 1.8), usual) < 1
 
 
 def _walk(degrees, pace=1.15, seconds=8.0):
@@ -121,7 +123,7 @@ def test_slow_and_quick_are_against_the_usual_pace():
 
 
 def test_they_are_looked_at():
-  asked = asked_of("a person walks quickly in a circle")
-  assert looking.misses(_walk(lambda t: 360 * t, 1.6), asked) == 0
-  assert 0 < looking.misses(_walk(lambda t: 360 * t, 1.3), asked) < looking.misses(_walk(lambda t: 0 * t, 1.3), asked)
-  assert looking.misses(_walk(lambda t: 0 * t, 1.15, 0.5)[:2], asked) == 2  # hardly a motion
+  asked = requirements_of("a person walks quickly in a circle")
+  assert score(_walk(lambda t: 360 * t, 1.6), asked) == 0
+  assert 0 < score(_walk(lambda t: 360 * t, 1.3), asked) < score(_walk(lambda t: 0 * t, 1.3), asked)
+  assert score(_walk(lambda t: 0 * t, 1.15, 0.5)[:2], asked) == 2  # hardly a motion

@@ -119,7 +119,7 @@ def load_candidates(runs, load, choices: Choices, out, samples_folder=None, devi
   for name, run in zip(row_names(runs), runs):
     loaded = load(run)
     if loaded.can("generate"):
-      loaded.tells_unknown_words = False  # the provenance lists them once
+      loaded.reports_to_terminal = False  # the provenance lists them once
     shipped = pathlib.Path(loaded.folder).parent == PRETRAINED
     folder = pathlib.Path(samples_folder or (out if shipped else loaded.folder / "eval") / "samples")
     for scale, options in itertools.product(choices.guidance or (None,), choices.options):

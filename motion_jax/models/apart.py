@@ -67,8 +67,9 @@ def best_parts(tried: Sequence[Sequence[Motion]], asked: Sequence[tuple[str, int
     return [own[0] for own in tried]
   pools: dict[str, list[tuple[float, Motion]]] = {}
   for own, (prompt, count) in zip(tried, asked):
-    wanted = looking.once(looking.asked_of(prompt))
-    pools.setdefault(prompt, []).extend((looking.misses(motion.joints[:count], wanted, fps), motion) for motion in own)
+    wanted = looking.once(looking.requirements_of(prompt))
+    pools.setdefault(prompt, []).extend(
+        (looking.violation_score(motion.joints[:count], wanted, fps), motion) for motion in own)
   ready = {prompt: _in_turn(pool) for prompt, pool in pools.items()}
   return [next(ready[prompt]) for prompt, _ in asked]
 

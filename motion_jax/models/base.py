@@ -67,7 +67,7 @@ class TextToMotionModel(Able):
   options: Any = SamplingOptions
   codec: Any = None  # of the latents that it makes, where it makes latents
   max_seconds = 3600.0
-  tells_unknown_words = True  # False where nobody would read the warnings
+  reports_to_terminal = True  # False where warnings about prompts would not be read
 
   def __init__(self, run: Run, encoder: TextEncoder, text_dim: int, frames_per_latent: int, frozen_shapes: Any,
                shapes: Any) -> None:
@@ -247,8 +247,8 @@ class TextToMotionModel(Able):
       if len(prompt) > _LONGEST_PROMPT:
         raise InputError(f"got a prompt of {len(prompt):,} characters, expected at most {_LONGEST_PROMPT:,}; "
                          "multi_prompt takes several sentences one after the other")
-      for said in [prompt] if literal else self.understand(prompt).prompts if self.tells_unknown_words else []:
-        words = self.unknown_words(said) if self.tells_unknown_words else []
+      for said in [prompt] if literal else self.understand(prompt).prompts if self.reports_to_terminal else []:
+        words = self.unknown_words(said) if self.reports_to_terminal else []
         words = [word for word in words if word.lower() not in named]  # each once, however often it is said
         named.update(map(str.lower, words))
         if words:

@@ -18,6 +18,7 @@ from motion_jax.models import looking, ways
 from motion_jax.models.apart import made_apart
 from motion_jax.models.base import each
 from motion_jax.models.results import Motions, captions_in_a_row, features_of, gathered
+from motion_jax.models.unmet import report, unmet_requirements
 from motion_jax.motion.layering import put_on
 from motion_jax.motion.resting import held_frame, with_rest
 from motion_jax.motion.skeleton import HUMANML3D
@@ -177,25 +178,26 @@ def generate(model: "TextToMotionModel", prompts: Sequence[str], num_frames: "Fr
              tries: int = 1) -> Motions:
   """Motions of prompts, each understood by itself; those of one action go to `model.sample` as they are.
 
-  tries: one in which something that its prompt asks for is not to be seen (`models.looking`) is made anew, from the key
-  fold_in(key, 2^20 + try), until it is or so many have been made: the best of them, of equals the first. From the third
-  try on actions in a row, and one that is done so many times, are made apart, each three times, and the best joined
-  (`models.apart`): no past holds a body back from them, but it comes to rest between.
+  tries: a motion that violates a requirement of its prompt (`models.looking`) is resampled, with the key
+  fold_in(key, 2^20 + attempt), until none is violated or there are this many attempts: the best of them is kept, of
+  equals the first. Where the best one still violates some, a warning says which, and so do its meta["unmet"] and
+  meta["attempts"]. From the third attempt on actions in a row, and one that is done several times, are made apart, each
+  three times, and the best joined (`models.apart`): no past holds a body back from them, but it comes to rest between.
   """
   made = _generated(model, prompts, num_frames, seconds, keys, seeds, cleanup, literal, sampling)
   if literal or tries == 1 or model.stats.layout.skeleton is not HUMANML3D:
     return made
-  asked = [looking.asked_of(prompt) for prompt in prompts]
-  best = [(looking.misses(motion.joints, one, model.fps), motion) for motion, one in zip(made, asked)]
+  required = [looking.requirements_of(prompt) for prompt in prompts]
+  best = [(looking.violation_score(motion.joints, one, model.fps), motion) for motion, one in zip(made, required)]
 
   def make_anew(rows, number, scale):
     some = lambda said: said if said is None or callable(said) else [each(said, prompts)[i] for i in rows]
     folded = jax.numpy.stack([jax.random.fold_in(keys[i], _TRY + number) for i in rows])
-    said = [_said_anew(prompts[i], asked[i], number) for i in rows]
+    said = [_said_anew(prompts[i], required[i], number) for i in rows]
     anew = _generated(model, said, some(num_frames), some(seconds), folded, [seeds[i] for i in rows], cleanup, literal,
                       _reweighed(model, sampling, scale), apart=number >= _APART)
     for i, motion in zip(rows, anew):
-      missed = looking.misses(motion.joints, asked[i], model.fps)
+      missed = looking.violation_score(motion.joints, required[i], model.fps)
       if missed < best[i][0]:
         best[i] = missed, motion.replace(meta=motion.meta | dict(tries=number + 1))
 
@@ -204,18 +206,24 @@ def generate(model: "TextToMotionModel", prompts: Sequence[str], num_frames: "Fr
     if not rows:
       break
     # Overdone and nothing else: whose words do not show at all are to be said louder first.
-    over = [i for i in rows if best[i][0] <= looking.overdone(best[i][1].joints, asked[i], model.fps)]
+    over = [i for i in rows if best[i][0] <= looking.excess_speed(best[i][1].joints, required[i], model.fps)]
     for some, scale in (([i for i in rows if i not in over], _LOUDER), (over, _SOFTER)):
       if some:
         make_anew(some, number, scale)
+  unmet = [unmet_requirements(motion.joints, one, model.fps) if score else []
+           for (score, motion), one in zip(best, required)]
+  if model.reports_to_terminal:
+    report(prompts, unmet, tries)
+  best = [(score, motion.replace(meta=motion.meta | dict(prompt=prompt, attempts=tries, unmet=missing)) if missing
+           else motion) for (score, motion), missing, prompt in zip(best, unmet, prompts)]
   if all(motion is one for (_, motion), one in zip(best, made)):
     return made
   return gathered([motion.replace(id=f"motion_{i}") for i, (_, motion) in enumerate(best)])
 
 
-def _said_anew(prompt, asked, number):
+def _said_anew(prompt, requirements, number):
   """The words of another try: of a circle either way will do, and a model may know only those whose side is said."""
-  either = any(one.kind == "circle" and not one.side for one in asked)
+  either = any(one.kind == "circle" and not one.side for one in requirements)
   return ways.with_a_side(prompt, number) if either else prompt
 
 
@@ -252,7 +260,7 @@ def _generated(model, prompts, num_frames, seconds, keys, seeds, cleanup, litera
 
 def _counted_out(sentence):
   """The sentence, parted where a caption of the training data says it and counts: those words did not do it."""
-  counts = sentence.is_plain and any(one.counted for one in looking.asked_of(sentence.text))
+  counts = sentence.is_plain and any(one.counted for one in looking.requirements_of(sentence.text))
   return understand(sentence.text) if counts else sentence
 
 

@@ -1,21 +1,21 @@
-"""Does a motion show what its sentence asks for? What can be seen on the joints is looked for; see `composed.generate`.
+"""Prompt checks: what a sentence requires that can be measured on joints, and how far a motion is from it.
 
-`motion.events` sees kicks, punches, jumps, hops, squats, bows, waving hands, turns and walks backward, of which side
-they are, and how many. Who stands still stirs little. Whoever sits down comes down, and stays down where that is all,
-who gets up at last is up at the end, whoever dances, and is not told where to, stays about where they are, and nobody
-runs faster than people do. Circles, half circles, zigzags and straight ways, slow and quick ones are `models.ways`.
-The rules of events are in doubt now and then, so a motion in which something is not seen may still be a good one.
+`composed.generate` resamples a motion that violates a requirement. `motion.events` detects kicks, punches, jumps, hops,
+squats, bows, waving hands, turns and walks backward, of which side they are, and how many; sitting, standing still,
+dancing in place and the speed of a run are measured here, the shape of a path and its pace in `models.ways`. The rules
+of events have zones of doubt, so a motion with a violation may still be a good one. Every function takes joints of any
+span: those of one action, or of the frames that an edit made. `unmet.unmet_requirements` says the same in words.
 """
 import functools
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Num
 
 from motion_jax.models import ways
-from motion_jax.motion.events import PUNCH, feet_up, find_events, punch_speed
+from motion_jax.motion.events import PUNCH, Event, feet_up, find_events, punch_speed
 from motion_jax.motion.signals import Body
 from motion_jax.text.actions import RUNS
 from motion_jax.text.light_verbs import LIGHT
@@ -53,10 +53,10 @@ _NEAR = 40
 _HALF = 0.4  # of an action that is missed; what is like a kick and none counts so much where kicks are counted
 
 
-class Asked(NamedTuple):
-  """Something that is to be seen: a kind of event, of the left or right or of either (""), backward for walks, or a
-  `ways.Way`, of which side may be walk or run; how often: times, or, not counted, as often or more. degrees: least and
-  most that a turn has in all."""
+class Requirement(NamedTuple):
+  """Something that a motion has to show: a kind of event, of the left or right or of either (""), backward for walks,
+  or a `ways.Way`, of which side may be walk or run; how often: times, or, not counted, as often or more. degrees: least
+  and most that a turn has in all."""
   kind: str
   side: str
   times: int
@@ -64,22 +64,22 @@ class Asked(NamedTuple):
   degrees: tuple[float, float] | None = None
 
 
-def asked_of(text: str) -> list[Asked]:
-  """What a sentence asks for that can be seen; nothing of one that says what is not done."""
-  found: dict[tuple[str, str], Asked] = {}
+def requirements_of(text: str) -> list[Requirement]:
+  """What a sentence requires that can be measured; nothing for one that says what is not done."""
+  found: dict[tuple[str, str], Requirement] = {}
   actions = actions_of(text)
   if len(actions) == 1 and _stands_still(actions[0]):  # also who "does not move"
-    return [Asked("still", "", 1, False)]
+    return [Requirement("still", "", 1, False)]
   if _WITHOUT & set(text.lower().split()):
     return []
   if actions and all(map(_dances_in_place, actions)):
-    found["dance", ""] = Asked("dance", "", 1, False)
+    found["dance", ""] = Requirement("dance", "", 1, False)
   if _ends_seated(actions):
-    found["seated", ""] = Asked("seated", "", 1, False)
+    found["seated", ""] = Requirement("seated", "", 1, False)
   if actions and _gets_up(actions[-1]):
-    found["rise", ""] = Asked("rise", "", 1, False)
+    found["rise", ""] = Requirement("rise", "", 1, False)
   led = ways.way_of_all(actions)
-  found |= {way: Asked(*way, 1, False) for way in led}
+  found |= {way: Requirement(*way, 1, False) for way in led}
   for action in actions:
     words, kind, side = set(action.words.lower().replace(",", " ").split()), _KINDS.get(action.verb), ""
     if action.verb == "walk" and words & _BACKWARD:
@@ -90,29 +90,30 @@ def asked_of(text: str) -> list[Asked]:
     if turning and not any(way.kind in ways.BENT for way in led):  # "walks, turning to the left"
       kind, side = "turn", turning[1] or turning[2]
     if action.verb in RUNS and not action.held:
-      found["run", ""] = Asked("run", "", 1, False)
+      found["run", ""] = Requirement("run", "", 1, False)
     if kind is None or action.held or action.part == "head":  # "turns the head"
       continue
     named = {"left", "right"} & words
     if kind in _SIDED and not side and len(named) == 1:
       side = named.pop()
-    before = found.get((kind, side), Asked(kind, side, 0, False))
+    before = found.get((kind, side), Requirement(kind, side, 0, False))
     counted = before.counted or action.times > 1 and kind in _COUNTED
     several = before.times or action.times > 1
     degrees = _degrees_of(action.words.lower()) if kind == "turn" and not several else None
-    found[kind, side] = Asked(kind, side, before.times + (action.times if kind in _COUNTED else 1), counted, degrees)
+    times = before.times + (action.times if kind in _COUNTED else 1)
+    found[kind, side] = Requirement(kind, side, times, counted, degrees)
   return list(found.values())
 
 
 def is_counted(prompt: str) -> bool:
-  """Whether a prompt asks for nothing but one action that can be counted: a kick, a jump, a bow."""
-  asked = asked_of(prompt)
-  return len(asked) == 1 and asked[0].kind in _COUNTED
+  """Whether a prompt requires nothing but one action that can be counted: a kick, a jump, a bow."""
+  requirements = requirements_of(prompt)
+  return len(requirements) == 1 and requirements[0].kind in _COUNTED
 
 
-def once(asked: Sequence[Asked]) -> list[Asked]:
-  """The same, where what can be counted is to be seen just once."""
-  return [one._replace(counted=True) if one.kind in _COUNTED and one.times == 1 else one for one in asked]
+def once(requirements: Sequence[Requirement]) -> list[Requirement]:
+  """The same requirements, where what can be counted is done exactly once."""
+  return [one._replace(counted=True) if one.kind in _COUNTED and one.times == 1 else one for one in requirements]
 
 
 def _degrees_of(words):
@@ -147,31 +148,51 @@ def _gets_up(action):
   return any(action.verb == verb and word in words | {""} for verb, word in _RISES) and not words & _UPRIGHT
 
 
-def misses(joints: Num[np.ndarray, "t 22 3"], asked: Sequence[Asked], fps: float = 20.0) -> float:
-  """How much of what is asked is not to be seen in joints (T, 22, 3), and how much too often where that is counted; a
-  dance that wanders misses the more of one the farther it leads away, a fist too slow for a punch the more the slower,
-  a turn the more the farther its degrees are from what was said.
+def violation_score(joints: Num[np.ndarray, "t 22 3"], requirements: Sequence[Requirement], fps: float = 20.0
+                    ) -> float:
+  """How far joints (T, 22, 3) are from what is required: 0 where all of it is met; the sum of `violations`."""
+  return float(sum(violations(joints, requirements, fps)))
+
+
+def violations(joints: Num[np.ndarray, "t 22 3"], requirements: Sequence[Requirement], fps: float = 20.0
+               ) -> list[float]:
+  """How far joints (T, 22, 3) are from each requirement, 0 where it is met.
+
+  1 for each event that is missing, or too many where they are counted; less for what nearly shows: a dance that
+  wanders, by how far it goes, a fist too slow for a punch, by its speed, a turn, by the degrees that it is off.
   """
-  if not asked:
-    return 0.0
+  if not requirements:
+    return []
   body = Body(np.asarray(joints, np.float64), fps)
-  seen = functools.cache(lambda: find_events(joints, fps))
-  missed = 0.0
-  for one in asked:
-    if one.kind in ways.KINDS:
-      missed += ways.missed(body, ways.Way(one.kind, one.side))
-    elif one.kind in _MISSED:
-      missed += float(_MISSED[one.kind](body))
-    else:
-      missed += _missed_events(body, seen(), one)
-  return missed
+  events = functools.cache(lambda: find_events(joints, fps))
+  return [violation(body, events, one) for one in requirements]
 
 
-def _missed_events(body, events, asked):
-  kind, side, times, counted, degrees = asked
-  own = [event for event in events if event.kind == kind and side in ("", event.side, event.way)
-         or event.kind == kind and event.side == "both"]
-  number = sum(max(event.count, 1) if kind in _COUNTED else 1 for event in own)
+def violation(body: Body, events: Callable[[], Sequence[Event]], requirement: Requirement) -> float:
+  """How far a body is from one requirement. events: finds what the body does, once somebody needs it."""
+  if requirement.kind in ways.KINDS:
+    return ways.missed(body, ways.Way(requirement.kind, requirement.side))
+  if requirement.kind in _MISSED:
+    return float(_MISSED[requirement.kind](body))
+  return _missed_events(body, events(), requirement)
+
+
+def events_of(events: Sequence[Event], requirement: Requirement) -> list[Event]:
+  """Those of the events that a requirement is about."""
+  kind, side = requirement.kind, requirement.side
+  return [event for event in events if event.kind == kind and (side in ("", event.side, event.way)
+                                                              or event.side == "both")]
+
+
+def number_of(events: Sequence[Event], kind: str) -> int:
+  """How often something is done in events of this kind."""
+  return sum(max(event.count, 1) if kind in _COUNTED else 1 for event in events)
+
+
+def _missed_events(body, events, requirement):
+  kind, side, times, counted, degrees = requirement
+  own = events_of(events, requirement)
+  number = number_of(own, kind)
   missed = float(abs(number - times) if counted else max(times - number, 0))
   if kind == "kick" and counted:  # whoever watches counts slow and bent legs, too
     missed += _HALF * abs(feet_up(body) - times)
@@ -183,18 +204,18 @@ def _missed_events(body, events, asked):
   return missed
 
 
-def overdone(joints: Num[np.ndarray, "t 22 3"], asked: Sequence[Asked], fps: float = 20.0) -> float:
-  """How much more joints (T, 22, 3) show of what is asked than anybody does: by which share of it a run is too fast, or
-  a walk of which no pace is said faster than one that is called quick.
+def excess_speed(joints: Num[np.ndarray, "t 22 3"], requirements: Sequence[Requirement], fps: float = 20.0) -> float:
+  """By which share joints (T, 22, 3) are too fast: a run faster than people run, or a walk of which no pace is said
+  faster than one that is called quick.
 
-  Words that weigh much drive a body on: "runs fast" goes 5.6 m/s at `cmdm-small`'s own guidance, 4.4 without any, and
-  feet slide the more the faster it goes.
+  Guidance drives a body on: "runs fast" goes 5.6 m/s at `cmdm-small`'s own guidance, 4.4 without any, and feet slide
+  the more the faster it goes.
   """
   if len(joints) < 2:
     return 0.0
   body = Body(np.asarray(joints, np.float64), fps)
   return float(sum(_too_fast(body) if one.kind == "run" else ways.missed(body, ways.Way(one.kind, one.side))
-                   for one in asked if one.kind in ("run", "usual")))
+                   for one in requirements if one.kind in ("run", "usual")))
 
 
 def _too_fast(body):

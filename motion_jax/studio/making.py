@@ -2,6 +2,7 @@
 import contextlib
 import tempfile
 import threading
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from motion_jax.inputs.errors import InputError
 from motion_jax.models.controlled import usual_frames
 from motion_jax.models.known_motion import on_our_body
 from motion_jax.models.results import Motion
+from motion_jax.models.unmet import note_of
 from motion_jax.motion.blending import placed_on
 from motion_jax.studio import asked, wire
 from motion_jax.studio.guard import Refused
@@ -42,7 +44,7 @@ class Maker:
   # --- requests: a JSON object in, a JSON object out -----------------------------------------------------------------
 
   def generate(self, body: Any) -> dict[str, Any]:
-    """{prompt, model, seconds, seed, num, cleanup, literal, sampling, control} -> {motions, asked}."""
+    """{prompt, model, seconds, seed, num, cleanup, literal, sampling, control} -> {motions, notes, asked}."""
     fields = Fields(body, self.limits)
     prompt, name = fields.prompt(), fields.text("model", None)
     seconds = fields.number("seconds", 0.2, self.limits.seconds, None)
@@ -61,7 +63,8 @@ class Maker:
       made = model.generate([prompt] * num, seconds=seconds, seeds=[(seed + i) % 2**32 for i in range(num)],
                             cleanup=cleanup, **given)
     told = {"asked": [asked.told(control, motion) for motion in made]} if control else {}
-    return {"motions": [wire.to_json(motion) for motion in made]} | told | words_of(model, [prompt])
+    return {"motions": [wire.to_json(motion) for motion in made], "notes": notes_of(made)} | told | words_of(
+        model, [prompt])
 
   def story(self, body: Any) -> dict[str, Any]:
     """{blocks: [{prompt, seconds}], model, seed, cleanup, sampling, past, control} -> {motion, reused_frames,
@@ -193,6 +196,13 @@ def make_edit(model: Any, clip: Any, prompt: str, change: Any, keep: Any, seed: 
     result[start:start + count] = placed
   return Motion(result, model.fps, clip.captions, id=clip.id, source=clip.source, license=clip.license or model.license,
                 skeleton=model.stats.layout.skeleton, meta=edited.meta | dict(made=made, said=prompt))
+
+
+def notes_of(motions: Sequence[Any]) -> list[str]:
+  """What a page says of motions that do not show what their prompts require after all attempts."""
+  takes = len(motions) > 1
+  return [f"take {i + 1}: " * takes + note_of(motion.meta["attempts"], motion.meta["unmet"], motion.meta["prompt"])
+          for i, motion in enumerate(motions) if motion.meta.get("unmet")]
 
 
 def words_of(model: Any, prompts: list[str]) -> dict[str, Any]:

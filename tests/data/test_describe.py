@@ -16,7 +16,8 @@ from motion_jax.data.describe import corrected, describe, described, sentences, 
 from motion_jax.data.mirror import mirror_caption
 from motion_jax.data.mocap.capture import resample
 from motion_jax.inputs.errors import InputError
-from motion_jax.models.looking import Asked, misses
+from motion_jax.models.looking import Requirement
+from motion_jax.models.looking import violation_score as score
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.events import Event, find_events, punch_speed
 from motion_jax.motion.representations import get_layout
@@ -189,10 +190,10 @@ def test_how_near_a_fist_comes_to_a_punch():
   assert 2.2 < speed() == speed("left") and speed("right") < 0.1
   assert 0.5 < speed(width=1.6) < speed(width=0.8) < speed()
   assert speed(reach=0.3) < 0.1 and punch_speed(Body(_punch("left")[:3], 20.0)) == 0
-  asked = [Asked("punch", "left", 1, False)]
-  assert misses(_punch("left"), asked) == 0 < misses(_punch("left", width=0.8), asked) < 0.9
-  assert misses(_punch("left", width=1.6), asked) > misses(_punch("left", width=0.8), asked)
-  assert misses(_punch("right"), asked) > 0.95
+  asked = [Requirement("punch", "left", 1, False)]
+  assert score(_punch("left"), asked) == 0 < score(_punch("left", width=0.8), asked) < 0.9
+  assert score(_punch("left", width=1.6), asked) > score(_punch("left", width=0.8), asked)
+  assert score(_punch("right"), asked) > 0.95
 
 
 def test_a_slow_hand_is_no_punch():
