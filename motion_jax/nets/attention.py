@@ -8,13 +8,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float, Num
 
-from motion_jax.nets.layers import Dense
+from motion_jax.nets.layers import Dense, promote_to_f32
 from motion_jax.shapes import Array
-
-
-def wide(dtype: Any) -> Any:
-  """The type in which norms, angles and softmax are computed: float32 at least."""
-  return jnp.promote_types(dtype, jnp.float32)
 
 
 class RMSNorm(nn.Module):
@@ -25,7 +20,7 @@ class RMSNorm(nn.Module):
   @nn.compact
   def __call__(self, x: Float[Array, "*lead d"]) -> Float[Array, "*lead d"]:
     scale = self.param("scale", nn.initializers.ones, (x.shape[-1],))
-    y = x.astype(wide(self.dtype))
+    y = x.astype(promote_to_f32(self.dtype))
     y = y * jax.lax.rsqrt((y * y).mean(-1, keepdims=True) + self.eps)
     return (y * scale).astype(self.dtype)
 
@@ -37,7 +32,8 @@ def rotary(x: Float[Array, "*lead l h k"], positions: Num[Array, "*#lead l"], ba
   Scores then depend on differences of positions only, so positions may be shifted all together.
   """
   half = x.shape[-1] // 2
-  angles = positions[..., None].astype(wide(x.dtype)) * base ** (-jnp.arange(half, dtype=wide(x.dtype)) / half)
+  dtype = promote_to_f32(x.dtype)
+  angles = positions[..., None].astype(dtype) * base ** (-jnp.arange(half, dtype=dtype) / half)
   cos, sin = (f(angles)[..., None, :] for f in (jnp.cos, jnp.sin))
   even, odd = x[..., 0::2], x[..., 1::2]
   turned = jnp.stack([even * cos - odd * sin, even * sin + odd * cos], axis=-1)
@@ -58,7 +54,7 @@ def dot_product_attention(q: Float[Array, "b l h k"], k: Float[Array, "b s h k"]
                                         scale=None if scaled else 1.0)
   # JAX's own takes a softmax in float32 whatever the type, so float64 would not be float64, and has no dropout; it
   # multiplies scores by 1 / sqrt(K) where this divides, so float32 would differ in the last bit.
-  scores = jnp.einsum("blhk,bshk->bhls", q, k, preferred_element_type=wide(q.dtype))
+  scores = jnp.einsum("blhk,bshk->bhls", q, k, preferred_element_type=promote_to_f32(q.dtype))
   scores = scores / math.sqrt(q.shape[-1]) if scaled else scores
   if bias is not None:
     scores = scores + bias

@@ -13,8 +13,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float, Num
 
-from motion_jax.nets.attention import Attention, rotary, wide
-from motion_jax.nets.layers import Dense, spread
+from motion_jax.nets.attention import Attention, rotary
+from motion_jax.nets.layers import Dense, broadcast_to_length, timestep_embedding
 from motion_jax.shapes import Array
 
 PREDICTION_FLOOR = 0.02  # one of the default 50 sampling steps
@@ -28,14 +28,6 @@ def size(name: str, **fields: Any) -> dict[str, Any]:
   if name not in SIZES:
     raise ValueError(f"got size {name!r}, expected one of {', '.join(SIZES)}")
   return SIZES[name] | dict(ff_width=2 * SIZES[name]["width"]) | fields
-
-
-def time_numbers(t: Num[Array, "*lead"], count: int = 256) -> Float[Array, "*lead {count}"]:
-  """cos and sin of raw t in [0, 1] at count / 2 frequencies, (...,) -> (..., count); cosine first."""
-  # Parity: the code embeds raw t, not t * 1000 as most diffusion transformers do.
-  half = count // 2
-  angles = t[..., None] * 10_000.0 ** (-jnp.arange(half, dtype=wide(t.dtype)) / half)
-  return jnp.concatenate([jnp.cos(angles), jnp.sin(angles)], axis=-1)
 
 
 class Text(NamedTuple):
@@ -112,25 +104,25 @@ class Block(nn.Module):
 
 
 class ControlAdapter(nn.Module):
-  """Adds to tokens x (B, L, D) what constraints make of them at times t (B, L), D -> rank -> D, before a layer that
-  knows of none. told (B, L, rank), of `CausalDiT.control_tokens`; a latent whose `some` (B, L, 1) is 0 stays.
+  """Adds the influence of constraints to the tokens x (B, L, D) at times t (B, L) before a layer: D -> rank -> D.
 
-  Where told is of half as many rows, the other half is the same latents without their captions: constraints move them
-  as they move those with captions, which costs half as much and leaves guidance to the words.
+  control_emb (B, L, rank) is one layer's part of `CausalDiT.control_tokens`; latents whose has_control (B, L, 1) is 0
+  stay unchanged. control_emb may have B / 2 rows: the second half of x is then the same latents without their captions,
+  and both halves get the same addition. This halves the cost, and guidance acts on the caption alone.
   """
   width: int
   dtype: Any
 
   @nn.compact
-  def __call__(self, x: Float[Array, "b l d"], told: Float[Array, "_ l k"], some: Float[Array, "_ l 1"],
-               t: Float[Array, "_ l"]) -> Float[Array, "b l d"]:
-    # What is known of a latent's end weighs otherwise where it is noise than where it is nearly clean.
-    times = jnp.stack([t, t ** 2, t ** 4], axis=-1).astype(self.dtype)[:len(told)]
+  def __call__(self, x: Float[Array, "b l d"], control_emb: Float[Array, "_ l k"],
+               has_control: Float[Array, "_ l 1"], t: Float[Array, "_ l"]) -> Float[Array, "b l d"]:
+    # Powers of t let the weight of a constraint change from pure noise to a nearly clean latent.
+    times = jnp.stack([t, t ** 2, t ** 4], axis=-1).astype(self.dtype)[:len(control_emb)]
     hidden = Dense(ADAPTER_RANK, dtype=self.dtype, name="down")(
-        nn.LayerNorm(epsilon=1e-6, use_scale=False, use_bias=False, dtype=self.dtype)(x[:len(told)]))
-    hidden = nn.silu(hidden + told + Dense(ADAPTER_RANK, dtype=self.dtype, name="time")(times))
+        nn.LayerNorm(epsilon=1e-6, use_scale=False, use_bias=False, dtype=self.dtype)(x[:len(control_emb)]))
+    hidden = nn.silu(hidden + control_emb + Dense(ADAPTER_RANK, dtype=self.dtype, name="time")(times))
     up = Dense(self.width, kernel_init=nn.initializers.zeros, dtype=self.dtype, name="up")
-    added = some * up(hidden)
+    added = has_control * up(hidden)
     return x + (added if len(added) == len(x) else jnp.concatenate([added, added]))
 
 
@@ -177,7 +169,7 @@ class CausalDiT(nn.Module):
   def level(self, t: Float[Array, "*lead"]) -> Float[Array, "*lead d"]:
     """Time embedding (..., D) of t (...)."""
     t = t if self.time_scale == 1 else t * self.time_scale
-    return self.time_out(nn.silu(self.time_in(time_numbers(t))))
+    return self.time_out(nn.silu(self.time_in(timestep_embedding(t))))
 
   def modulation(self, t: Float[Array, "*lead"]) -> Float[Array, "depth *lead 6 d"]:
     """Everything that depends on t alone, for all layers: (depth, ..., 6, D)."""
@@ -201,9 +193,11 @@ class CausalDiT(nn.Module):
     null_word = self.text_in(jnp.zeros((1, 1, self.text_dim), self.dtype)) if with_null else None
     return tuple(block.text(words, text_mask, null_word) for block in self.blocks)
 
-  def control_tokens(self, control: Float[Array, "b l n"]) -> Float[Array, "b l told"]:
-    """What all layers are told of constraints, once for a motion: (B, L, depth * rank + 1) of control (B, L, N), whose
-    first number says whether a latent is told anything, as the last of the result does."""
+  def control_tokens(self, control: Float[Array, "b l n"]) -> Float[Array, "b l control"]:
+    """Embeds the constraints once per motion, for all layers: control (B, L, N) -> (B, L, depth * rank + 1).
+
+    The first number of control, which is copied to the end of the result, is 1 where a latent has a constraint, else 0.
+    """
     if control.shape[-1] != self.control:
       raise ValueError(f"got {control.shape[-1]} numbers of control a latent, this network takes {self.control}"
                        + ("" if self.control else ": it was trained without; train one with data.control"))
@@ -218,7 +212,7 @@ class CausalDiT(nn.Module):
   def window(self, x: Float[Array, "b w c"], t: Float[Array, "#b w"],
              modulation: Float[Array, "depth #b #w 6 d"] | list, text: tuple[Text, ...],
              attn_mask: Bool[Array, "#b 1 w s"], positions: Num[Array, "*#b w"],
-             past: tuple[KeysValues, ...] | None = None, control: Float[Array, "_ w told"] | None = None
+             past: tuple[KeysValues, ...] | None = None, control: Float[Array, "_ w control"] | None = None
              ) -> tuple[Float[Array, "b w c"], tuple[KeysValues, ...]]:
     """Velocity of a window of latents and its keys and values: x (B, W, C), modulation (depth, B or 1, W, 6, D).
 
@@ -231,10 +225,10 @@ class CausalDiT(nn.Module):
       x = x + self.level(t)
     positions = positions if self.use_rope else jnp.zeros_like(positions)
     parts = None if control is None else jnp.split(control, [control.shape[-1] - 1], axis=-1)
-    told = [] if parts is None else jnp.split(parts[0], self.depth, axis=-1)
+    control_emb = [] if parts is None else jnp.split(parts[0], self.depth, axis=-1)
     new = []
     for i, block in enumerate(self.blocks):
-      x = x if parts is None else self.adapters[i](x, told[i], parts[1], t)
+      x = x if parts is None else self.adapters[i](x, control_emb[i], parts[1], t)
       x, keys_values = block.step(x, modulation[i], text[i], attn_mask, positions, None if past is None else past[i])
       new.append(keys_values)
     return self._to_velocity(self.out(x), latents, t), tuple(new)
@@ -267,14 +261,14 @@ class CausalDiT(nn.Module):
       return self._scanned(x, t, text_emb, attn_mask, text_mask, added)
     modulation = self._modulations(t)
     if t.shape[1] != length:
-      modulation = [spread(part, length // t.shape[1]) for part in modulation]
+      modulation = [broadcast_to_length(part, length // t.shape[1]) for part in modulation]
       t = jnp.repeat(t, length // t.shape[1], axis=1)
     text = self.text_keys_values(text_emb, text_mask)
     return self.window(x, t, modulation, text, attn_mask, jnp.arange(length), control=added)[0]
 
   def _scanned(self, x: Float[Array, "b l c"], t: Float[Array, "b m"], text_emb: Float[Array, "b s e"],
                attn_mask: Bool[Array, "#b 1 l l"], text_mask: Bool[Array, "b *m s"],
-               control: Float[Array, "_ l told"] | None) -> Float[Array, "b l c"]:
+               control: Float[Array, "_ l control"] | None) -> Float[Array, "b l c"]:
     """`__call__` by one loop over the layers. Their parameters are stacked here, on the way in: in files and in an
     optimizer each layer has its own."""
     level, words = self.level(t), self.text_in(text_emb.astype(self.dtype))
@@ -283,7 +277,7 @@ class CausalDiT(nn.Module):
     t = jnp.repeat(t, count, axis=1)
 
     def layer(block, x):
-      modulation = spread(block.modulation(level) if plain is None else plain, count)
+      modulation = broadcast_to_length(block.modulation(level) if plain is None else plain, count)
       return block.step(x, modulation, block.text(words, text_mask), attn_mask, positions)[0], None
 
     latents, x = x, self.x_in(x.astype(self.dtype))
@@ -294,12 +288,12 @@ class CausalDiT(nn.Module):
     if control is None:
       x, _ = jax.lax.scan(lambda x, params: block.apply(params, x, method=layer), x, stacked)
       return self._to_velocity(self.out(x), latents, t)
-    adapter, some = self.adapters[0].clone(parent=None), control[..., -1:]
+    adapter, has_control = self.adapters[0].clone(parent=None), control[..., -1:]
 
     def step(x, row):
-      block_params, adapter_params, told = row
-      return block.apply(block_params, adapter.apply(adapter_params, x, told, some, t), method=layer)
+      block_params, adapter_params, control_emb = row
+      return block.apply(block_params, adapter.apply(adapter_params, x, control_emb, has_control, t), method=layer)
 
-    told = jnp.stack(jnp.split(control[..., :-1], self.depth, axis=-1))
-    x, _ = jax.lax.scan(step, x, (stacked, stack(self.adapters), told))
+    control_emb = jnp.stack(jnp.split(control[..., :-1], self.depth, axis=-1))
+    x, _ = jax.lax.scan(step, x, (stacked, stack(self.adapters), control_emb))
     return self._to_velocity(self.out(x), latents, t)

@@ -11,10 +11,7 @@ import flax.linen as nn
 import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int, Num
 
-from motion_jax.nets.attention import wide
-from motion_jax.nets.causal_dit import time_numbers
-from motion_jax.nets.layers import Dense
-from motion_jax.nets.masked_transformer import plain_norm
+from motion_jax.nets.layers import Dense, layer_norm, promote_to_f32, timestep_embedding
 from motion_jax.shapes import Array
 
 XAVIER = nn.initializers.xavier_uniform()
@@ -48,7 +45,7 @@ class DiffusionMLP(nn.Module):
     dense = lambda size, name, init=XAVIER: Dense(size, kernel_init=init, dtype=self.dtype, name=name)
     normal = nn.initializers.normal(0.02)
     # Parity: raw t in [0, 1] enters the sinusoids of the flow, not t * 1000.
-    numbers = time_numbers(jnp.broadcast_to(t, x.shape[:-1]).astype(wide(self.dtype)))
+    numbers = timestep_embedding(jnp.broadcast_to(t, x.shape[:-1]).astype(promote_to_f32(self.dtype)))
     level = dense(self.width, "time_out", normal)(nn.silu(dense(self.width, "time_in", normal)(numbers)))
     y = level + dense(self.width, "condition_in")(condition.astype(self.dtype))
     x = dense(self.width, "x_in")(x.astype(self.dtype))
@@ -57,7 +54,7 @@ class DiffusionMLP(nn.Module):
       x = block(self.dtype, name=f"block{i}")(x, y)
     film = dense(2 * self.width, "film", nn.initializers.zeros)(nn.silu(y))
     shift, scale = jnp.split(film, 2, axis=-1)
-    return dense(self.latent_dim, "out", nn.initializers.zeros)(plain_norm(1e-6, self.dtype)(x) * (1 + scale) + shift)
+    return dense(self.latent_dim, "out", nn.initializers.zeros)(layer_norm(1e-6, self.dtype)(x) * (1 + scale) + shift)
 
 
 class Generator(nn.Module):

@@ -1,4 +1,4 @@
-"""Layers that training takes often: a dense one with a fast gradient, and dropout that belongs to items of a batch."""
+"""Small layers that several networks share: dense, dropout per item, layer norm, timestep embedding."""
 import functools
 from typing import Any
 
@@ -6,7 +6,7 @@ import flax.linen as nn
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Num
 
 from motion_jax.shapes import Array
 
@@ -40,14 +40,35 @@ dot_general.defvjp(_forward, _backward)
 Dense = functools.partial(nn.Dense, dot_general=dot_general)
 
 
+def promote_to_f32(dtype: Any) -> Any:
+  """The dtype for norms, angles and softmax: float32, or float64 where `dtype` is."""
+  return jnp.promote_types(dtype, jnp.float32)
+
+
+def layer_norm(eps: float, dtype: Any) -> nn.LayerNorm:
+  """A layer norm without learned scale and bias, its variance computed in two passes as PyTorch does."""
+  return nn.LayerNorm(epsilon=eps, use_scale=False, use_bias=False, dtype=dtype, use_fast_variance=False)
+
+
+def timestep_embedding(t: Num[Array, "*lead"], count: int = 256) -> Float[Array, "*lead {count}"]:
+  """Sinusoidal embedding of times t in [0, 1]: (...,) -> (..., count), cosines first, at count / 2 frequencies."""
+  # Parity: the code embeds raw t, not t * 1000 as most diffusion transformers do.
+  half = count // 2
+  angles = t[..., None] * 10_000.0 ** (-jnp.arange(half, dtype=promote_to_f32(t.dtype)) / half)
+  return jnp.concatenate([jnp.cos(angles), jnp.sin(angles)], axis=-1)
+
+
 @functools.partial(jax.custom_vjp, nondiff_argnums=(1,))
-def spread(x: Float[Array, "b m *lead d"], count: int) -> Float[Array, "b l *lead d"]:
-  """Each row `count` times: (B, M, ...) -> (B, M * count, ...). Its gradient is a sum of slices, which XLA's CPU
-  computes many times faster than the reduction that is the gradient of `jnp.repeat`."""
+def broadcast_to_length(x: Float[Array, "b m *lead d"], count: int) -> Float[Array, "b l *lead d"]:
+  """Repeat each row `count` times: (B, M, ...) -> (B, M * count, ...).
+
+  Its gradient is a sum of slices, which XLA's CPU computes many times faster than the reduction that is the gradient
+  of `jnp.repeat`.
+  """
   return jnp.repeat(x, count, axis=1)
 
 
-spread.defvjp(lambda x, count: (spread(x, count), None),
+broadcast_to_length.defvjp(lambda x, count: (broadcast_to_length(x, count), None),
               lambda count, _, grad: (sum(grad[:, i::count] for i in range(count)),))
 
 

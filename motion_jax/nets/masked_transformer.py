@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int
 
 from motion_jax.nets.attention import Attention
-from motion_jax.nets.layers import Dense, Dropout
+from motion_jax.nets.layers import Dense, Dropout, layer_norm
 from motion_jax.nets.masks import with_text
 from motion_jax.nets.post_norm import sinusoids
 from motion_jax.shapes import Array
@@ -33,10 +33,6 @@ def size(name: str, **fields: Any) -> dict[str, Any]:
   return SIZES[name] | fields
 
 
-def plain_norm(eps: float, dtype: Any) -> nn.LayerNorm:
-  return nn.LayerNorm(epsilon=eps, use_scale=False, use_bias=False, dtype=dtype, use_fast_variance=False)
-
-
 class Inputs(nn.Module):
   """What both transformers begin with: latents and words as tokens, and the latent that stands for a masked one."""
   latent_dim: int
@@ -51,12 +47,12 @@ class Inputs(nn.Module):
     self.text_in = Dense(self.width, kernel_init=NORMAL, dtype=self.dtype)
     self.drop = Dropout(self.dropout)
 
-  def placed(self, tokens: Float[Array, "b l d"], items: Int[Array, " b"] | None) -> Float[Array, "b l d"]:
+  def embed(self, tokens: Float[Array, "b l d"], items: Int[Array, " b"] | None) -> Float[Array, "b l d"]:
     """Tokens (B, L, D) with their fixed positions, then dropout."""
     return self.drop(tokens + sinusoids(tokens.shape[1], tokens.shape[2], self.dtype), items)
 
   def latents(self, x: Float[Array, "b l c"], items: Int[Array, " b"] | None) -> Float[Array, "b l d"]:
-    return self.placed(self.x_in(x.astype(self.dtype)), items)
+    return self.embed(self.x_in(x.astype(self.dtype)), items)
 
   def words(self, text_emb: Float[Array, "b s e"]) -> Float[Array, "b s d"]:
     return self.text_in(text_emb.astype(self.dtype) * self.text_scale)
@@ -89,7 +85,7 @@ class Block(nn.Module):
 
     def norm(x, i):
       scale, shift = dense(width, f"scale{i}")(text), dense(width, f"shift{i}")(text)
-      return plain_norm(1e-5, self.dtype)(x) * (1 + scale) + shift
+      return layer_norm(1e-5, self.dtype)(x) * (1 + scale) + shift
 
     y = attention("self_attn")(norm(x, 1), attn_mask=attn_mask, drop=drop_weights)
     x = x + drop(y)
@@ -161,7 +157,7 @@ class MaskedTransformer(nn.Module):
     cond = words = self.inputs.words(text_emb)
     prior_columns: Array = jnp.zeros((batch, 1, length, 0), bool)
     if codes is not None:
-      cond = jnp.concatenate([words, self.inputs.placed(self.prior(codes), items)], axis=1)
+      cond = jnp.concatenate([words, self.inputs.embed(self.prior(codes), items)], axis=1)
       prior_columns = attn_mask
       if prior_mask is not None:
         prior_columns = prior_columns & prior_mask[:, None, None, None]
@@ -186,7 +182,7 @@ class GatedBlock(nn.Module):
     dense = lambda size, name: Dense(size, kernel_init=NORMAL, dtype=self.dtype, name=name)
     film = Dense(6 * width, kernel_init=nn.initializers.zeros, dtype=self.dtype, name="film")(nn.silu(text))
     shift1, scale1, gate1, shift2, scale2, gate2 = jnp.split(film, 6, axis=-1)
-    norm = plain_norm(1e-6, self.dtype)
+    norm = layer_norm(1e-6, self.dtype)
     drop = lambda y: Dropout(self.dropout)(y, items)
     attention = Attention(width, self.num_heads, self.dtype, normalize=False, kernel_init=NORMAL, name="self_attn")
     drop_weights = None if items is None or not self.dropout else functools.partial(Dropout(self.dropout), items=items)

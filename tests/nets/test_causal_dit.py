@@ -12,6 +12,7 @@ from motion_jax.models.cmdm.weight_names import causal_dit_names
 from motion_jax.nets import causal_dit
 from motion_jax.nets.attention import rotary
 from motion_jax.nets.causal_dit import CausalDiT
+from motion_jax.nets.layers import timestep_embedding
 from motion_jax.nets.masks import block_causal_mask, padding_mask
 from tests import fixtures
 from tests.golden import check, golden, recordings
@@ -104,7 +105,7 @@ def run_tables(fixture, dtype):
   params = from_torch(state, {"mlp.0": ("time_in", "dense"), "mlp.2": ("time_out", "dense")})
   return {"rope_cos": table[:, 0::2], "rope_sin": table[:, 1::2],
           "rotated": rotary(jnp.asarray(fixture["in/q"], dtype), jnp.arange(positions)),
-          "time_numbers": causal_dit.time_numbers(t), "time_embedding": dit.apply(params, t, method="level")}
+          "time_numbers": timestep_embedding(t), "time_embedding": dit.apply(params, t, method="level")}
 
 
 @recordings("causal_dit", "dit_tables")

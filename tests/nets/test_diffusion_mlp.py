@@ -9,8 +9,8 @@ import pytest
 from motion_jax.convert.state import from_torch
 from motion_jax.diffusion import ddpm, guidance, ode, paths, samplers
 from motion_jax.models.cdamd.weight_names import diffusion_mlp_names
-from motion_jax.nets.causal_dit import time_numbers
 from motion_jax.nets.diffusion_mlp import DiffusionMLP
+from motion_jax.nets.layers import timestep_embedding
 from tests import fixtures
 from tests.golden import check, golden, recordings
 
@@ -36,7 +36,7 @@ def run_diffusion_sit(fixture, dtype):
   predict, c = network(fixture, dtype), given["c"]
   both = lambda scale: guided(predict, c, scale)
   half = len(c) // 2
-  made = {"velocity": predict(given["x"], given["t"], c), "time_features": time_numbers(given["t"])}
+  made = {"velocity": predict(given["x"], given["t"], c), "time_features": timestep_embedding(given["t"])}
   made["guided"] = np.tile(jax.jit(both(4.0))(given["x"][:half], given["t"]), (2, 1))
 
   @jax.jit

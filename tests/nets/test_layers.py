@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax.nets.layers import Dense, Dropout, spread
+from motion_jax.nets.layers import Dense, Dropout, broadcast_to_length
 
 NUMBERS = jax.random.normal(jax.random.key(0), (3, 4, 6))
 
@@ -29,7 +29,7 @@ def test_a_dense_layer_is_flax_own(x):
 def test_rows_are_repeated_and_their_gradients_added_up(count):
   weights = jax.random.normal(jax.random.key(2), (3, 4 * count, 6))
   one, other = (jax.value_and_grad(lambda x, of=of: (of(x) ** 2 * weights).sum())(NUMBERS)
-                for of in (lambda x: spread(x, count), lambda x: jnp.repeat(x, count, axis=1)))
+                for of in (lambda x: broadcast_to_length(x, count), lambda x: jnp.repeat(x, count, axis=1)))
   np.testing.assert_array_equal(one[0], other[0])
   np.testing.assert_allclose(one[1], other[1], atol=1e-5)
 
