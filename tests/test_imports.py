@@ -1,7 +1,10 @@
 """Imports point one way (style guide, "Who imports whom"), and optional packages stay optional."""
 import ast
+import importlib
+import inspect
 import pathlib
 import re
+import subprocess
 import sys
 import tomllib
 
@@ -90,3 +93,33 @@ def test_the_tests_have_what_the_studio_needs():
   assert any("studio" in requirement.partition("[")[2] for requirement in extras["test"])
   names = {re.split(r"[<>=\[]", requirement)[0] for extra in ("studio", "test") for requirement in extras[extra]}
   assert {"starlette", "uvicorn", "websockets", "httpx2", "motionmcp-sdk"} <= names
+
+
+ROOMS = ("nets", "quant", "diffusion", "motion", "metrics", "text", "data", "control", "models.cmdm", "models.cdamd")
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_public_names_are_there(room):
+  """What type checkers read under TYPE_CHECKING, `__all__` and what is found at run time are the same names."""
+  module = importlib.import_module(f"motion_jax.{room}")
+  blocks = [node for node in ast.parse(inspect.getsource(module)).body if isinstance(node, ast.If)]
+  typed = {alias.name for node in blocks[0].body for alias in node.names}
+  assert typed == set(module.__all__) and set(module.__all__) <= set(dir(module))
+  for name in module.__all__:
+    value = getattr(module, name)
+    # A function of the same name as its file would be one or the other, depending on what was imported before.
+    is_file = (pathlib.Path(module.__file__).parent / f"{name}.py").is_file()
+    assert inspect.ismodule(value) == is_file or name == "representations"
+  with pytest.raises(AttributeError, match=f"motion_jax.{room} has no 'nothing'; it has "):
+    module.nothing  # noqa: B018
+
+
+@pytest.mark.parametrize("room, name", [("nets", "CausalDiT"), ("nets", "MaskedTransformer"), ("quant", "rvq"),
+                                        ("diffusion", "dopri5"), ("motion", "to_features"), ("metrics", "fid")])
+def test_a_component_loads_alone(room, name):
+  """A researcher who takes one network, sampler or score does not get the application with it."""
+  code = f"import sys; from motion_jax.{room} import {name}; print(*sys.modules)"
+  run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+  loaded = {one for one in run.stdout.split() if one.split(".")[0] == "motion_jax"}
+  along = loaded - {"motion_jax", f"motion_jax.{room}", "motion_jax.runtime", "motion_jax.runtime.lazy"}
+  assert len(along) <= 15, sorted(along)

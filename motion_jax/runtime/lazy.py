@@ -1,17 +1,38 @@
-"""Names of a package that are imported when they are first asked for: one module of it is read without the others."""
+"""Public names of a package, imported on first use, so that importing one component does not import the others."""
+import ast
 import importlib
 import importlib.util
+import inspect
+import sys
+from collections.abc import Callable
+from typing import Any
 
 
-def names(where) -> dict[str, str]:
-  """{name: module} of {module: "its names with spaces between"}."""
-  return {name: module for module, said in where.items() for name in said.split()}
+def attach(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+  """`(__getattr__, __dir__)` of a package whose public names stand under `if TYPE_CHECKING:` as plain imports.
+
+  Type checkers and editors read those imports. At run time they are read from the package's source, and each name is
+  imported when it is first used; submodules are found by name, too.
+  """
+  module = sys.modules[package]
+  source_of = {alias.name: node.module for block in ast.parse(inspect.getsource(module)).body
+               if isinstance(block, ast.If) and "TYPE_CHECKING" in ast.unparse(block.test)
+               for node in block.body if isinstance(node, ast.ImportFrom) for alias in node.names}
+
+  def getattr_(name: str) -> Any:
+    source = source_of.get(name) or package
+    is_module = not name.startswith("_") and _is_package(source) and importlib.util.find_spec(f"{source}.{name}")
+    if is_module:
+      value = importlib.import_module(f"{source}.{name}")
+    elif source != package:
+      value = getattr(importlib.import_module(source), name)
+    else:
+      raise AttributeError(f"{package} has no {name!r}; it has {', '.join(sorted(source_of))}")
+    setattr(module, name, value)
+    return value
+
+  return getattr_, lambda: sorted({*source_of, *vars(module)})
 
 
-def find(package, where, name):
-  """What `package.name` is, for the package's `__getattr__`: a name of where {name: module}, or a module itself."""
-  if name not in where and not name.startswith("_") and importlib.util.find_spec(f"{package}.{name}"):
-    return importlib.import_module(f"{package}.{name}")
-  if name not in where:
-    raise AttributeError(f"{package} has no {name!r}; it has {', '.join(sorted(where))}")
-  return getattr(importlib.import_module(f"{package}.{where[name]}"), name)
+def _is_package(name):
+  return hasattr(importlib.import_module(name), "__path__")

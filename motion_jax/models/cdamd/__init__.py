@@ -18,23 +18,44 @@ weights        the authors' PyTorch files
 
 Numbers follow the released code (docs/papers/cdamd.md); where the paper differs a comment starts with "Parity".
 """
-from typing import Any
+from typing import TYPE_CHECKING
 
 from motion_jax.runtime import lazy
 
-_WHERE = lazy.names({
-    "editing": "edit",
-    "losses": "DISTANCES autoencoder_terms generator_loss l1 rvq_terms smooth_l1 trained_mask",
-    "sampling": "Plan generate make_latents make_plan",
-    "stages": "autoencoder_shapes autoencoder_stage empty_codebooks frozen_shapes generator_shapes generator_stage "
-              "make_generator prior_codes rvq_stage",
-})
-__all__ = sorted(_WHERE)
+if TYPE_CHECKING:
+  from motion_jax.models.cdamd.editing import (
+    edit,
+  )
+  from motion_jax.models.cdamd.losses import (
+    DISTANCES,
+    autoencoder_terms,
+    generator_loss,
+    l1,
+    rvq_terms,
+    smooth_l1,
+    trained_mask,
+  )
+  from motion_jax.models.cdamd.sampling import (
+    Plan,
+    generate,
+    make_latents,
+    make_plan,
+  )
+  from motion_jax.models.cdamd.stages import (
+    autoencoder_shapes,
+    autoencoder_stage,
+    empty_codebooks,
+    frozen_shapes,
+    generator_shapes,
+    generator_stage,
+    make_generator,
+    prior_codes,
+    rvq_stage,
+  )
 
+__all__ = ["DISTANCES", "Plan", "autoencoder_shapes", "autoencoder_stage", "autoencoder_terms", "edit",
+           "empty_codebooks", "frozen_shapes", "generate", "generator_loss", "generator_shapes", "generator_stage",
+           "l1", "make_generator", "make_latents", "make_plan", "prior_codes", "rvq_stage", "rvq_terms", "smooth_l1",
+           "trained_mask"]
 
-def __getattr__(name: str) -> Any:
-  return lazy.find(__name__, _WHERE, name)
-
-
-def __dir__() -> list[str]:
-  return __all__
+__getattr__, __dir__ = lazy.attach(__name__)

@@ -18,23 +18,52 @@ weights       the authors' PyTorch files
 
 Numbers follow the released code (docs/papers/cmdm.md); where the paper differs a comment starts with "Parity".
 """
-from typing import Any
+from typing import TYPE_CHECKING
 
 from motion_jax.runtime import lazy
 
-_WHERE = lazy.names({
-    "losses": "DISTANCE_PAIRS LAST_LAYERS RECONSTRUCTIONS align_factor align_loss align_ratio align_terms "
-              "gaussian_nll kl_to_standard_normal pool_teacher set_distances smooth_l1 tokenizer_terms",
-    "sampling": "MotionStream chain_segment chained extend generate generate_whole init_stream plain_velocity "
-                "stream_control stream_start stream_step stream_words words_of_latents",
-    "stages": "denoiser_shapes denoiser_stage frozen_shapes tokenizer_stage",
-})
-__all__ = sorted(_WHERE)
+if TYPE_CHECKING:
+  from motion_jax.models.cmdm.losses import (
+    DISTANCE_PAIRS,
+    LAST_LAYERS,
+    RECONSTRUCTIONS,
+    align_factor,
+    align_loss,
+    align_ratio,
+    align_terms,
+    gaussian_nll,
+    kl_to_standard_normal,
+    pool_teacher,
+    set_distances,
+    smooth_l1,
+    tokenizer_terms,
+  )
+  from motion_jax.models.cmdm.sampling import (
+    MotionStream,
+    chain_segment,
+    chained,
+    extend,
+    generate,
+    generate_whole,
+    init_stream,
+    plain_velocity,
+    stream_control,
+    stream_start,
+    stream_step,
+    stream_words,
+    words_of_latents,
+  )
+  from motion_jax.models.cmdm.stages import (
+    denoiser_shapes,
+    denoiser_stage,
+    frozen_shapes,
+    tokenizer_stage,
+  )
 
+__all__ = ["DISTANCE_PAIRS", "LAST_LAYERS", "MotionStream", "RECONSTRUCTIONS", "align_factor", "align_loss",
+           "align_ratio", "align_terms", "chain_segment", "chained", "denoiser_shapes", "denoiser_stage", "extend",
+           "frozen_shapes", "gaussian_nll", "generate", "generate_whole", "init_stream", "kl_to_standard_normal",
+           "plain_velocity", "pool_teacher", "set_distances", "smooth_l1", "stream_control", "stream_start",
+           "stream_step", "stream_words", "tokenizer_stage", "tokenizer_terms", "words_of_latents"]
 
-def __getattr__(name: str) -> Any:
-  return lazy.find(__name__, _WHERE, name)
-
-
-def __dir__() -> list[str]:
-  return __all__
+__getattr__, __dir__ = lazy.attach(__name__)
