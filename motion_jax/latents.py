@@ -134,7 +134,7 @@ class VaeCodec(LatentCodec):
 
 @flax.struct.dataclass
 class AutoencoderCodec(LatentCodec):
-  """Of a deterministic autoencoder that looks both ways (`nets.autoencoder`): it is told where clips end.
+  """Codec of a deterministic autoencoder that sees both directions (`nets.autoencoder`); it needs the ends of clips.
 
   real_mask (B, L): the latents that are no padding.
   """

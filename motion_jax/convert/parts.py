@@ -126,7 +126,7 @@ def heads_of(given, width, known, flag="--heads"):
 
 
 def stats_of(folder, columns, means=("Mean.npy",)):
-  """Mean and std of so many columns, from the first pair of files in a folder that has as many.
+  """Mean and std with the given number of columns: the first pair of files in a folder that matches.
 
   means: names of the files with means; for coordinates Mean_abs.npy comes first (docs/papers/cdamd.md#representations).
   Raises FileNotFoundError or ValueError.

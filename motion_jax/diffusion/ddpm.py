@@ -18,7 +18,7 @@ Table = Float[np.ndarray, " n"]
 class Schedule(NamedTuple):
   """Tables (N,) in float64: the variance that each step adds, what is left of the data, and how to go one step back.
 
-  steps are the steps of the training schedule that these are; the network is told those.
+  `steps` are the steps of the training schedule that these correspond to; the network gets those.
   """
   steps: Int[np.ndarray, " n"]
   betas: Table

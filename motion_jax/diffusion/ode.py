@@ -32,7 +32,7 @@ ORDER, SAFETY, FASTEST, SLOWEST = 5, 0.9, 10.0, 0.2
 
 
 class Solution(NamedTuple):
-  """Value at the end, and how often the velocity was asked for."""
+  """The value at the end, and the number of velocity evaluations."""
   value: Float[Array, "*lead c"]
   num_evaluations: Int[Array, ""]
 

@@ -65,15 +65,15 @@ def forcing_loss(velocity: Callable, x1: Float[Array, "b l c"], latent_mask: Boo
   velocity, or of the noise (eps) or the clean latents (x1) that it means, which weighs times otherwise. sums["loss"] is
   summed over real latents, averaged over channels; weight is the number of real latents.
 
-  errors_of(clean (B, L, C)) -> {name: (B,)}: more terms, of the clean latents that the velocity means; told by their
+  errors_of(clean (B, L, C)) -> {name: (B,)}: more terms, of the clean latents that the velocity implies; reported by their
   names and added to the loss, each clip as often as it has real latents.
   """
   # Parity: the paper's equations learn the noise of a DDPM schedule; the code, and we, the velocity of this path.
   shapes.check(x1=(x1, "BLC"), noise=(noise, "BLC"), latent_mask=(latent_mask, "BL"), t=(t, "BL"))
   x = add_noise(x1, noise, t)
-  asked = TARGETS[target]
+  in_space = TARGETS[target]
   found = velocity(x, t)
-  difference = asked(x, found, t) - asked(x, x1 - noise, t)
+  difference = in_space(x, found, t) - in_space(x, x1 - noise, t)
   error = (difference ** 2).astype(jnp.promote_types(x1.dtype, jnp.float32)).mean(-1)
   sums: dict[str, Array] = {"loss": jnp.where(latent_mask, error, 0.0).sum()}
   for name, errors in (errors_of(velocity_to_x1(x, found, t)) if errors_of else {}).items():

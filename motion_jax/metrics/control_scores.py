@@ -1,4 +1,4 @@
-"""How well motions keep to what they were asked: OmniControl's numbers (neu-vi/OmniControl@76336a6:utils/metrics.py).
+"""How well motions follow their spatial constraints: OmniControl's metrics (neu-vi/OmniControl@76336a6:utils/metrics.py).
 
 Of each motion the distances, in metres, of a controlled joint from where it should be, at the controlled frames.
 """
@@ -15,7 +15,7 @@ def control_scores(distances: Sequence[Num[np.ndarray, " _"]]) -> dict[str, floa
   """Of motions with distances (N,) each. trajectory_50: share of motions of which any is over 0.5 m; location_50: share
   of all points that are; control_error: mean of each motion, then of the motions, in metres."""
   if not distances or any(not len(one) for one in distances):
-    raise ValueError("got a motion without a controlled frame; leave out what nothing is asked of")
+    raise ValueError("got a motion without a controlled frame; leave out motions that have no constraint")
   every = np.concatenate(distances)
   found = {f"trajectory_{name}": float(np.mean([(one > most).any() for one in distances]))
            for name, most in THRESHOLDS.items()}

@@ -26,7 +26,7 @@ class LongHorizon:
   """The choices of the protocol; the defaults are those for HumanML3D, `BABEL` holds the other ones."""
   width: int = 60                 # frames of a transition, half on either side of the border
   unit_length: int = 4            # durations are cut to a multiple: neither paper nor FlowMDM says what else to do
-  shortest: int = 70              # real clips of so many frames make up the real side
+  shortest: int = 70              # shortest real clip, in frames, of the reference set
   longest: int = 200
   top_k: int = 3
   merge_captions: bool = True     # equal captions of one sequence count once in R-precision
@@ -70,7 +70,7 @@ class Scores(NamedTuple):
 
 
 def whole_units(frames: Iterable[int], protocol: LongHorizon) -> list[int]:
-  """Durations cut to a multiple of the protocol's unit, as the model is asked for them."""
+  """Durations rounded down to a multiple of the protocol's unit, as the model generates them."""
   kept = [int(count) // protocol.unit_length * protocol.unit_length for count in frames]
   if not kept or min(kept) <= 0:
     raise ValueError(f"got durations {list(frames)}, expected {protocol.unit_length} frames or more each")
@@ -78,7 +78,7 @@ def whole_units(frames: Iterable[int], protocol: LongHorizon) -> list[int]:
 
 
 def cut_pieces(motion: Num[Array, " t *frame"], frames: SequenceOf[int] | np.ndarray) -> list[Array]:
-  """motion (T, ..) cut at the borders: a list of arrays of so many frames, one after the other from frame 0."""
+  """Cuts motion (T, ..) into consecutive pieces of the given lengths, from frame 0."""
   ends = np.cumsum(frames)
   if ends[-1] > len(motion):
     raise ValueError(f"got a motion of {len(motion)} frames and pieces of {ends[-1]} together; generate as many frames "

@@ -24,7 +24,7 @@ class Protocol:
   """The choices of a benchmark's evaluation; the defaults are those of CMDM's released scripts."""
   pool: int = 32                # candidates of R-precision: a batch
   top_k: int = 3
-  lost_frames: int = 1          # Parity: the evaluator is told m - 1 frames (a predecessor lost one); 0 tells it m
+  lost_frames: int = 1          # Parity: the evaluator gets length m - 1 (a predecessor lost a frame); 0: m
   diversity_draws: int = 300
   few_draws: int = 100          # where there are no more samples than diversity_draws
   multimodality_batches: int = 3
@@ -80,7 +80,7 @@ def to_evaluator(features: Num[Array, "*lead f"], stats: Normalization, eval_sta
 
 
 def evaluator_frames(num_frames: Sequence[int] | np.ndarray, protocol: Protocol) -> np.ndarray:
-  """The lengths (B,) that the evaluator is told for motions of num_frames."""
+  """The lengths (B,) that the evaluator gets for motions of num_frames."""
   return np.asarray(num_frames) - protocol.lost_frames
 
 

@@ -43,7 +43,7 @@ def r_precision(text: Num[Array, "n e"], motion: Num[Array, "n e"], top_k: int =
                 away: Callable[..., np.ndarray] = distances) -> Float[np.ndarray, " {top_k}"]:
   """Share of texts whose motion is among the nearest 1, 2, .. top_k of its pool: (top_k,).
 
-  The rows are taken in order, `pool` at a time (R-precision depends on who is in a pool); the last, smaller pool is
+  The rows are taken in order, `pool` at a time (R-precision depends on the pool); the last, smaller pool is
   left out, as the benchmarks' loaders do. away: `distances`, or cosine_distances for SnapMoGen.
   """
   text, motion = _pairs(text, motion)

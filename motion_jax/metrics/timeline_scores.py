@@ -26,7 +26,7 @@ class Mtt:
   top: tuple[int, ...] = (1, 3)
   crops: int = 5                   # for FID+, of each motion
   crop_seconds: float = 5.0
-  crop_seed: int = 0               # set anew for each motion
+  crop_seed: int = 0               # the generator is re-seeded with it for each motion
   # Parity: crops begin before (number of features per frame) - (frames of a crop), for a size is taken from the wrong
   # axis; None: anywhere in the motion.
   crop_columns: int | None = 263

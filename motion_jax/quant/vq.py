@@ -40,9 +40,9 @@ def empty_codebook(num_codes: int, dim: int, levels: Sequence[int] = (), dtype: 
 
 
 def codebook_of(codes: Float[Array, "*q k c"]) -> Codebook:
-  """A Codebook that goes on from codes (..., K, C) alone, each as if used once.
+  """A Codebook from its codes (..., K, C) alone, with a usage count of 1 for each.
 
-  Parity: released checkpoints hold nothing else; the reference starts anew from them, by its first batch.
+  Parity: released checkpoints hold only the codes; the reference re-initializes its counts from its first batch.
   """
   codes = jnp.asarray(codes)
   return Codebook(codes, codes.copy(), jnp.ones(codes.shape[:-1], codes.dtype), jnp.ones(codes.shape[:-2], bool))
