@@ -65,8 +65,8 @@ def forcing_loss(velocity: Callable, x1: Float[Array, "b l c"], latent_mask: Boo
   velocity, or of the noise (eps) or the clean latents (x1) that it means, which weighs times otherwise. sums["loss"] is
   summed over real latents, averaged over channels; weight is the number of real latents.
 
-  errors_of(clean (B, L, C)) -> {name: (B,)}: more terms, of the clean latents that the velocity implies; reported by their
-  names and added to the loss, each clip as often as it has real latents.
+  errors_of(clean (B, L, C)) -> {name: (B,)}: further terms, of the clean latents that the velocity implies. Each is
+  reported by its name and added to the loss, a clip weighted by its number of real latents.
   """
   # Parity: the paper's equations learn the noise of a DDPM schedule; the code, and we, the velocity of this path.
   shapes.check(x1=(x1, "BLC"), noise=(noise, "BLC"), latent_mask=(latent_mask, "BL"), t=(t, "BL"))

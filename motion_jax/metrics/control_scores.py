@@ -1,4 +1,6 @@
-"""How well motions follow their spatial constraints: OmniControl's metrics (neu-vi/OmniControl@76336a6:utils/metrics.py).
+"""How well motions follow their spatial constraints: OmniControl's metrics.
+
+Source: neu-vi/OmniControl@76336a6:utils/metrics.py.
 
 Of each motion the distances, in metres, of a controlled joint from where it should be, at the controlled frames.
 """
