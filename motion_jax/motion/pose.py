@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Num
 
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.skeleton import HUMANML3D, Skeleton
+from motion_jax.motion.skeleton import HUMANML3D, THIN, Skeleton, body_axes, from_nearest, unit_or_nearest
 from motion_jax.shapes import Array
 
 Tree = list[list[int]]  # the children of each joint
@@ -21,8 +21,8 @@ Tree = list[list[int]]  # the children of each joint
 _REST = {
     "hip": (0.6, -0.8, 0), "knee": (0, -1, 0), "ankle": (0, -1, 0), "heel": (0, -0.8, -0.6), "foot": (0, -0.45, 0.9),
     "spine1": (0, 1, 0), "spine2": (0, 1, 0), "spine3": (0, 1, 0), "torso_low": (0, 1, 0), "torso_high": (0, 1, 0),
-    "neck": (0, 1, 0), "head": (0, 0.95, 0.3), "collar": (0.65, 0.75, 0), "shoulder": (1, 0, 0), "elbow": (1, 0, 0),
-    "wrist": (1, 0, 0)}
+    "neck": (0, 1, 0), "neck2": (0, 1, 0), "pelvis": (0, -1, 0), "head": (0, 0.95, 0.3),
+    "collar": (0.65, 0.75, 0), "shoulder": (1, 0, 0), "elbow": (1, 0, 0), "wrist": (1, 0, 0)}
 # An easy pose of the bone below the joint, opposite to which no limb can point: the turn from there is never ambiguous.
 _EASY = {"shoulder": (0.45, -0.55, 0.7), "hip": (0.1, -0.85, 0.5)}
 _HINGES = {"shoulder": (0, -1, 0), "hip": (1, 0, 0)}  # axis of elbow and knee in the T-pose, again for the left side
@@ -58,9 +58,15 @@ def to_pose(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, fps: fl
   shifts = np.zeros_like(joints)
   for joint in _order(skeleton):
     if len(members := children[joint]) > 1:
-      turned[joint], offsets[members] = _fit(bones, members, skeleton)
+      turned[joint], offsets[members] = _fit(joints, bones, joint, members, skeleton)
       local = rot.rotate(rot.conjugate(turned[joint])[:, None], bones[:, members])
       shifts[:, members] = local - offsets[members]
+      for member in members:
+        # The collar of a figure without collars has no length: at rest the shoulder is where it is on average.
+        if lengths[member] < 1e-3 * lengths.sum() and children[member]:
+          child = children[member][0]
+          toward = rot.rotate(rot.conjugate(turned[joint]), bones[:, child]).mean(0)
+          offsets[child] = rot.unit(toward, eps=1e-9) * lengths[child]
   if "head" in skeleton.joints:
     # Where heads sit on necks differs between captures: at rest the head is held as it is held on average.
     head = skeleton.joints.index("head")
@@ -143,36 +149,31 @@ def _next_branch(joint: int, children: Tree) -> tuple[int, int] | None:
   return (joint, steps) if children[joint] else None
 
 
-def _fit(bones: Float[np.ndarray, "t j 3"], members: list[int], skeleton: Skeleton
-         ) -> tuple[Float[np.ndarray, "t 4"], Float[np.ndarray, "c 3"]]:
+def _fit(joints: Float[np.ndarray, "t j 3"], bones: Float[np.ndarray, "t j 3"], joint: int, members: list[int],
+         skeleton: Skeleton) -> tuple[Float[np.ndarray, "t 4"], Float[np.ndarray, "c 3"]]:
   """The turn (T, 4) of a joint with several children and their offsets (C, 3), by least squares.
 
   First a frame from the line between the left and the right child and the remaining one, then the mean shape in that
-  frame, then the turn that fits the shape best in each frame (Kabsch).
+  frame, then the turn that fits the shape best in each frame (Kabsch). Children in one point or on one line do not show
+  a turn: then hips, shoulders and trunk do (`skeleton.body_axes`).
   """
   sides = [_kind(skeleton.joints[j])[0] if skeleton.joints[j].startswith(("left", "right")) else 0 for j in members]
   left, right, middle = (members[sides.index(side)] for side in (1, -1, 0))
-  x = _safe_unit(bones[:, left] - bones[:, right], (1.0, 0.0, 0.0))
-  up = bones[:, middle] - (bones[:, left] + bones[:, right]) * (0.5 if skeleton.joints[middle] != "neck" else 0)
-  z = _safe_unit(np.cross(x, up), (0.0, 0.0, 1.0))
-  frame = np.stack([x, np.cross(z, x), z], axis=-1)
   group = bones[:, members]
-  shape = np.einsum("tji,tcj->ci", frame, group) / len(bones)
-  frame = rot.best_turn(group, shape)
+  up = bones[:, middle] - (bones[:, left] + bones[:, right]) * (0.5 if skeleton.joints[middle] != "neck" else 0)
+  x = unit_or_nearest(bones[:, left] - bones[:, right])
+  ahead = np.cross(x, up)
+  thin = THIN * np.median(np.linalg.norm(bones[:, list(skeleton.leg_bones)], axis=-1).sum(-1))
+  width, height = (np.linalg.norm(v, axis=-1) for v in (bones[:, left] - bones[:, right], ahead))
+  if min(np.median(width), np.median(height)) > thin:
+    z = unit_or_nearest(ahead)
+    frame = np.stack([x, np.cross(z, x), z], axis=-1)
+    shape = np.einsum("tji,tcj->ci", frame, group) / len(bones)
+    frame = from_nearest(rot.best_turn(group, shape), np.minimum(width, height) > 1e-6 * thin)
+  else:
+    frame = body_axes(joints, skeleton)[int(joint != 0)]
   shape = np.einsum("tji,tcj->ci", frame, group) / len(bones)
   return rot.from_matrix(frame), shape
-
-
-def _safe_unit(v: Float[np.ndarray, "t 3"], fallback: Sequence[float] | Float[np.ndarray, "3"]
-               ) -> Float[np.ndarray, "t 3"]:
-  """Unit vectors; one of no length takes the nearest earlier direction, or the fallback."""
-  length = np.linalg.norm(v, axis=-1)
-  good = length > 1e-9
-  if good.all():
-    return v / length[:, None]
-  last = np.maximum.accumulate(np.where(good, np.arange(len(v)), -1))
-  result = np.where((last >= 0)[:, None], v[last] / np.maximum(length[last], 1e-12)[:, None], np.array(fallback))
-  return result
 
 
 def _swing(turn: Float[np.ndarray, "t 4"], rest: Float[np.ndarray, "3"], bone: Float[np.ndarray, "t 3"]
@@ -183,7 +184,8 @@ def _swing(turn: Float[np.ndarray, "t 4"], rest: Float[np.ndarray, "3"], bone: F
   now, length = rot.unit(rot.rotate(turn, rest)), np.linalg.norm(bone, axis=-1, keepdims=True)
   goal = np.where(length > 1e-9, bone / np.maximum(length, 1e-9), now)
   opposed = (now * goal).sum(-1, keepdims=True) < -1 + 1e-9
-  goal = np.where(opposed, rot.unit(goal + 1e-3 * np.roll(now, 1, axis=-1)), goal)
+  aside = np.cross(rest, np.eye(3)[np.abs(rest).argmin()])  # across the bone, and turned with the body
+  goal = np.where(opposed, rot.unit(goal + 1e-3 * rot.rotate(turn, aside)), goal)
   return rot.multiply(rot.between(now, goal), turn)
 
 
@@ -201,11 +203,11 @@ def _hinge_turn(joint: int, bones: Float[np.ndarray, "t j 3"], offsets: Float[np
   bone = rot.rotate(turn, rest)
   if not children[child]:
     return turn
-  lower = _safe_unit(bones[:, children[child][0]], rest)
+  lower = rot.unit(bones[:, children[child][0]], eps=1e-9)  # of no length: zero, which shows no hinge
   evidence = _angle_evidence(turn, bone, axis, np.cross(bone, lower))
   end = children[children[child][0]]
   if kind == "hip" and end:
-    foot = _safe_unit(bones[:, end[-1]], (0.0, 0.0, 1.0))
+    foot = rot.unit(bones[:, end[-1]], eps=1e-9)
     evidence = evidence + 0.3 * _angle_evidence(turn, bone, axis, np.cross(foot, lower))
   evidence = gaussian_filter1d(evidence, _SECONDS * fps, axis=0, mode="nearest") + np.array([0.08, 0])
   twist = np.unwrap(np.arctan2(evidence[:, 1], evidence[:, 0]))

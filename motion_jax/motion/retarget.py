@@ -8,12 +8,14 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float, Num
 
-from motion_jax.motion.skeleton import HUMANML3D, Skeleton
+from motion_jax.motion.pose import t_pose
+from motion_jax.motion.skeleton import HUMANML3D, Skeleton, body_axes
 from motion_jax.shapes import Array
 
 _FLOOR_PERCENTILE = 5     # of the lower foot's height over the clip: a tracking spike does not lift the clip
 _SOFT_REACH = 0.985       # from this part of a straight leg on, a knee resists being straighter than the source's
 _KNEE_BIAS = 0.005        # metres ahead that a straight leg's knee is taken to bend
+_NO_LENGTH = 1e-3         # of the legs' length: a bone so short shows no direction
 
 
 def retarget(joints: Num[Array, "*shape"], skeleton: Skeleton = HUMANML3D, feet: bool = True
@@ -88,15 +90,25 @@ def bend(start: Float[np.ndarray, "t 3"], end: Float[np.ndarray, "t 3"], side: F
 
 
 def with_lengths(source: Float[np.ndarray, "t j 3"], skeleton: Skeleton) -> Float[np.ndarray, "t j 3"]:
-  """The source's bone directions with the skeleton's lengths, from the source's root."""
+  """The source's bone directions with the skeleton's lengths, from the source's root.
+
+  A bone of no length goes straight on from the one before; the first of a limb, as it does in a T-pose of the body.
+  """
   result = source.copy()
+  least = _NO_LENGTH * skeleton.bone_lengths[list(skeleton.leg_bones)].sum()
+  axes = None
   for chain in skeleton.chains:
     direction = None
     for parent, joint in zip(chain[:-1], chain[1:]):
       bone = source[:, joint] - source[:, parent]
       length = np.linalg.norm(bone, axis=-1, keepdims=True)
-      rest = np.broadcast_to(skeleton.rest_directions[joint], bone.shape) if direction is None else direction
-      direction = np.where(length > 1e-9, bone / np.maximum(length, 1e-9), rest)  # a bone of no length goes straight on
+      if direction is None:
+        direction = np.zeros_like(bone)
+        if (length <= least).any() and skeleton.bone_lengths[joint] > 0:
+          axes = axes or body_axes(source, skeleton)
+          rest = t_pose(skeleton)[joint] / skeleton.bone_lengths[joint]
+          direction = axes[int(chain[0] == skeleton.chains[3][0])] @ rest
+      direction = np.where(length > least, bone / np.maximum(length, 1e-9), direction)
       result[:, joint] = result[:, parent] + direction * skeleton.bone_lengths[joint]
   return result
 
@@ -159,7 +171,7 @@ def knee_side(source: Float[np.ndarray, "t j 3"], leg: Sequence[int], skeleton: 
   """Where a leg's knee points (T, 3): off its own line from hip to ankle, and for legs too straight to tell ahead."""
   hip, knee, ankle = leg[:3]
   own = _across(source[:, knee] - source[:, hip], source[:, ankle] - source[:, hip])
-  return own + _ahead(source, skeleton) * _KNEE_BIAS / skeleton.unit
+  return own + body_axes(source, skeleton)[0][..., 2] * _KNEE_BIAS / skeleton.unit
 
 
 def _soft_limit(distance: Float[np.ndarray, " t"], start: Float[np.ndarray, " t"], reach: float
@@ -172,11 +184,3 @@ def _soft_limit(distance: Float[np.ndarray, " t"], start: Float[np.ndarray, " t"
 def _across(v: Float[np.ndarray, "t 3"], line: Float[np.ndarray, "t 3"]) -> Float[np.ndarray, "t 3"]:
   """The part of v (T, 3) at right angles to line (T, 3)."""
   return v - line * ((v * line).sum(-1, keepdims=True) / np.maximum((line * line).sum(-1, keepdims=True), 1e-12))
-
-
-def _ahead(joints: Float[np.ndarray, "t j 3"], skeleton: Skeleton) -> Float[np.ndarray, "t 3"]:
-  """Where the pelvis faces (T, 3): from the hips' line and the trunk, so also for a body that lies down."""
-  right, left = (joints[:, hip] for hip in skeleton.hips)
-  spine = joints[:, skeleton.chains[2][1]] - (left + right) / 2
-  ahead = np.cross(left - right, spine)
-  return ahead / np.maximum(np.linalg.norm(ahead, axis=-1, keepdims=True), 1e-9)

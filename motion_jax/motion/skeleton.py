@@ -7,10 +7,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Num
+from jaxtyping import Bool, Float, Num
 
 from motion_jax.motion import rotations as rot
 from motion_jax.shapes import Array
+
+THIN = 0.02  # of the legs' length: joints less far apart show no direction
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -171,3 +173,52 @@ def facing(joints: Num[np.ndarray, "t j 3"], skeleton: Skeleton = HUMANML3D, smo
   if smooth:
     ahead = gaussian_filter1d(ahead, smooth, axis=0, mode="nearest")
   return rot.unit(ahead)
+
+
+def body_axes(joints: Num[np.ndarray, "t j 3"], skeleton: Skeleton = HUMANML3D
+              ) -> tuple[Float[np.ndarray, "t 3 3"], Float[np.ndarray, "t 3 3"]]:
+  """How pelvis and chest are turned: matrices (T, 3, 3) whose columns point to the left, up and ahead.
+
+  Left is along the line through the hips, or the shoulders; up is from between the hips to the first joint of the
+  trunk that lies apart from there, and from the chest to the neck, or what lies apart behind it. Where one of the two
+  has no width (its joints lie in one point), it takes the other's: nothing here depends on the axes of the world.
+  """
+  joints = np.asarray(joints, np.float64)
+  back, chest = skeleton.chains[2], skeleton.chains[3][0]
+  neck = back.index(chest) + 1
+  thin = THIN * np.median(bone_lengths(joints, skeleton)[:, list(skeleton.leg_bones)].sum(-1))
+  left = [joint for joint, name in enumerate(skeleton.joints) if name.startswith("left")]
+  across = lambda pair: joints[:, pair[1]] - joints[:, pair[0]]
+  hips, shoulders = across(skeleton.hips), across(skeleton.shoulders)
+  sides = (joints[:, left] - joints[:, [skeleton.mirror[joint] for joint in left]]).mean(1)
+  low = joints[:, list(skeleton.hips)].mean(1)
+  trunk = [joints[:, joint] - low for joint in back[1:]]
+  collar = [joints[:, joint] - joints[:, chest] for joint in back[neck:]]
+  spine = [joints[:, chest] - joints[:, joint] for joint in reversed(back[:neck - 1])]
+  return _axes((hips, shoulders, sides), trunk, thin), _axes((shoulders, hips, sides), collar + spine, thin)
+
+
+def _axes(lefts, ups, thin):
+  """Matrices (T, 3, 3) from the first of the vectors up, and the first of those to the left, that are not thin."""
+  size = lambda v: np.median(np.linalg.norm(v, axis=-1))
+  up = unit_or_nearest(next((v for v in ups if size(v) > thin), ups[0]))
+  flat = [v - up * (v * up).sum(-1, keepdims=True) for v in lefts]
+  chosen = next((i for i, v in enumerate(flat) if size(v) > thin), len(flat) - 1)
+  left = unit_or_nearest(flat[chosen] if chosen else lefts[0])  # a part's own line is kept, another part's made level
+  ahead = unit_or_nearest(np.cross(left, up))
+  return np.stack([left, np.cross(ahead, left), ahead], axis=-1)
+
+
+def unit_or_nearest(v: Float[np.ndarray, "t 3"]) -> Float[np.ndarray, "t 3"]:
+  """Unit vectors (T, 3); one of no length takes that of the nearest frame before, else behind, that has one."""
+  length = np.linalg.norm(v, axis=-1, keepdims=True)
+  return from_nearest(v / np.maximum(length, 1e-12), length[:, 0] > 1e-9)
+
+
+def from_nearest(values: Float[np.ndarray, "t *lead k"], good: Bool[np.ndarray, " t"]
+                 ) -> Float[np.ndarray, "t *lead k"]:
+  """Values (T, ..., K); frames that are not good take those of the last good one before, else of the first."""
+  if good.all() or not good.any():
+    return values
+  last = np.maximum.accumulate(np.where(good, np.arange(len(good)), -1))
+  return values[np.where(last < 0, good.argmax(), last)]

@@ -5,7 +5,7 @@ import pytest
 from motion_jax.data.datasets.synthetic import ACTIONS, synthetic_joints
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.pose import pose_to_joints, t_pose, to_pose
-from motion_jax.motion.skeleton import HUMANML3D, KIT
+from motion_jax.motion.skeleton import HUMANML3D, KIT, body_axes
 
 INDEX = {name: j for j, name in enumerate(HUMANML3D.joints)}
 
@@ -103,3 +103,70 @@ def test_a_bone_of_no_length_gives_no_nan():
   joints[7] = joints[7, :1]
   pose = to_pose(joints)
   assert np.isfinite(pose.rotations).all() and np.isfinite(pose.offsets).all()
+
+
+def ahead_of(joints, left, right):
+  """Where a body faces by two of its joints and its trunk: unit vectors (T, 3)."""
+  trunk = joints[:, INDEX["neck"]] - (joints[:, INDEX["left_hip"]] + joints[:, INDEX["right_hip"]]) / 2
+  return rot.unit(np.cross(joints[:, INDEX[left]] - joints[:, INDEX[right]], trunk))
+
+
+def lose(joints, fault):
+  """A body whose bones do not show how its chest or pelvis is turned."""
+  joints = joints.copy()
+  at = lambda name: joints[:, INDEX[name]]
+  if fault == "collars in the chest":
+    joints[:, [13, 14]] = at("spine3")[:, None]
+  elif fault == "collars on the spine's line":
+    joints[:, [13, 14]] = (0.4 * at("spine3") + 0.6 * at("neck"))[:, None]
+  elif fault == "no shoulders":
+    joints[:, [13, 14, 16, 17]] = at("spine3")[:, None]
+  elif fault == "hips in the pelvis":
+    joints[:, [1, 2]] = at("pelvis")[:, None]
+  else:
+    joints[:, 3] = (at("left_hip") + at("right_hip")) / 2
+    joints[:, 0] = joints[:, 3]
+  return joints
+
+
+FAULTS = ("collars in the chest", "collars on the spine's line", "no shoulders", "hips in the pelvis",
+          "a pelvis on the hips' line")
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_bones_that_show_no_turn_leave_it_to_the_rest_of_the_body(fault):
+  """Chest and pelvis face where the body faces and turn no faster than it, whichever way it faces, also lying."""
+  sound = joints_of("walk", 60)
+  whole = to_pose(sound).turned
+  for turn in (rot.about_axis(0.0, "y"), rot.about_axis(2.5, "y"), rot.about_axis(np.pi / 2, "x")):
+    pose = to_pose(rot.rotate(turn, lose(sound, fault)))
+    for joint in ("pelvis", "spine3"):
+      ahead = rot.rotate(pose.turned[:, INDEX[joint]], np.array([0.0, 0, 1]))
+      expected = rot.rotate(rot.multiply(turn[None], whole[:, INDEX[joint]]), np.array([0.0, 0, 1]))
+      assert np.degrees(np.arccos((ahead * expected).sum(-1).clip(-1, 1))).max() < 35, joint
+      assert turn_per_frame(pose.turned[:, INDEX[joint]]).max() < 6, joint
+
+
+def test_limbs_of_no_length_do_not_ask_the_world():
+  """Turning the world turns the root only, also where forearms and feet have no length."""
+  joints = joints_of("walk", 30)
+  joints[:, INDEX["left_wrist"]] = joints[:, INDEX["left_elbow"]]
+  joints[:, INDEX["left_foot"]] = joints[:, INDEX["left_ankle"]]
+  one, other = to_pose(joints), to_pose(rot.rotate(rot.about_axis(2.0, "y"), joints))
+  np.testing.assert_allclose(np.abs((one.rotations * other.rotations).sum(-1))[:, 1:], 1, atol=1e-9)
+
+
+def test_a_frame_without_a_body_takes_its_neighbour_s_turn():
+  joints = joints_of("walk", 20)
+  joints[7], joints[0] = joints[7, :1], joints[0, :1]
+  turned = to_pose(joints).turned[:, [0, INDEX["spine3"]]]
+  assert (np.abs((turned[7] * turned[6]).sum(-1)) > 0.9999).all()
+  assert (np.abs((turned[0] * turned[1]).sum(-1)) > 0.9999).all(), "the first frame takes the next"
+
+
+def test_axes_of_a_body_turn_with_it():
+  joints = joints_of("walk", 10)
+  turn = rot.unit(np.array([0.9, 0.3, -0.5, 0.2]))
+  for before, after in zip(body_axes(joints), body_axes(rot.rotate(turn, joints))):
+    np.testing.assert_allclose(after, rot.to_matrix(turn) @ before, atol=1e-9)
+  assert (np.linalg.det(before) > 0.999).all()

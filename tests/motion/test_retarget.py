@@ -3,7 +3,8 @@ import numpy as np
 import pytest
 
 from motion_jax.data.datasets.synthetic import ACTIONS, synthetic_clips, synthetic_joints
-from motion_jax.motion.retarget import floor_height, leg_scale, mirror, retarget
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.retarget import floor_height, leg_scale, mirror, retarget, with_lengths
 from motion_jax.motion.skeleton import HUMANML3D, KIT
 
 PARENTS = np.maximum(HUMANML3D.parents, 0)
@@ -77,6 +78,21 @@ def test_one_spike_does_not_lift_the_clip():
   spiked = joints.copy()
   spiked[30, 10, 1] -= 0.5
   assert abs(np.median(retarget(spiked)[:, 0, 1]) - np.median(retarget(joints)[:, 0, 1])) < 0.005
+
+
+@pytest.mark.parametrize("axis, angle", [("y", 0.0), ("y", np.pi), ("x", np.pi / 2)])
+def test_a_bone_of_no_length_points_as_the_body_does(axis, angle):
+  """Collars in the chest and a spine from the pelvis itself, facing any way or lying: never along the world's axes."""
+  joints = synthetic_joints("walk", 40, np.random.default_rng(0))
+  joints[:, [13, 14]] = joints[:, [9]]
+  joints[:, 3] = joints[:, 0]
+  turned = rot.rotate(rot.about_axis(angle, axis), joints)
+  result = with_lengths(turned, HUMANML3D)
+  shoulders, hips = result[:, 16] - result[:, 17], result[:, 1] - result[:, 2]
+  assert 0.3 < np.median(np.linalg.norm(shoulders, axis=-1)) < 0.48
+  assert np.degrees(np.arccos((rot.unit(shoulders) * rot.unit(hips)).sum(-1))).max() < 40
+  straight = with_lengths(joints, HUMANML3D)
+  np.testing.assert_allclose(result, rot.rotate(rot.about_axis(angle, axis), straight), atol=1e-6)
 
 
 def test_coinciding_joints_give_no_nan():
