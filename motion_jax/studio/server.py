@@ -1,7 +1,9 @@
 """Runs a studio: takes the port, says where it is, and ends within two seconds of Ctrl-C."""
 import errno
 import importlib.util
+import logging
 import os
+import pathlib
 import secrets
 import socket
 import sys
@@ -26,6 +28,29 @@ def check_address(host: str, token: str | None) -> None:
   if token is not None and (len(token) < _SHORTEST or not token.isascii() or not token.isprintable()):
     raise InputError(f"got a token of {len(token)} characters, expected {_SHORTEST} or more plain letters, digits and "
                      "signs")
+
+
+def kept_token(folder: pathlib.Path | None = None) -> str:
+  """The token of this user's studios, the same from one start to the next, so that open pages and bookmarks stay valid.
+
+  It is in a file that only the user can read, in $XDG_STATE_HOME or ~/.local/state. Where nothing can be kept, each call
+  gives a new one. A file that others can read, or that holds no token, is replaced.
+  """
+  state = os.environ.get("XDG_STATE_HOME") or pathlib.Path.home() / ".local" / "state"
+  path = (folder or pathlib.Path(state) / "motion_jax") / "studio-token"
+  try:
+    if path.is_file() and (os.name != "posix" or not path.stat().st_mode & 0o077):
+      token = path.read_text("ascii", "replace").strip()
+      if len(token) >= _SHORTEST and token.isascii() and token.isprintable():
+        return token
+    token = secrets.token_urlsafe(16)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.unlink(missing_ok=True)
+    with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="ascii") as file:
+      file.write(token + "\n")
+    return token
+  except OSError:
+    return secrets.token_urlsafe(16)
 
 
 def take_port(host: str, port: int) -> socket.socket:
@@ -57,7 +82,7 @@ def serve(names: Sequence[str], host: str = "127.0.0.1", port: int = 8765, token
   if missing:
     raise InputError(f"the studio needs the packages {', '.join(missing)}: pip install \"motion-jax[studio]\"")
   listener = take_port(host, port)
-  token = token or secrets.token_urlsafe(16)
+  token = token or kept_token()
   address = address_of(host, listener.getsockname()[1], token)
   print(f"the studio is at {address}\nCtrl-C ends it", flush=True)
   if open_page:
@@ -96,5 +121,11 @@ def _run(names: Sequence[str], host: str, token: str, listener: Any) -> None:
   config = uvicorn.Config(studio.app(), log_level="warning", access_log=False, lifespan="off", ws="websockets-sansio",
                           ws_max_size=2 * studio.limits.message_bytes, ws_per_message_deflate=False,
                           timeout_graceful_shutdown=1, server_header=False, proxy_headers=False)
+  logging.getLogger("uvicorn.error").addFilter(_is_no_refused_handshake)
   library.start()
   Server(config).run(sockets=[listener])
+
+
+def _is_no_refused_handshake(record: logging.LogRecord) -> bool:
+  """A log filter. uvicorn reports each WebSocket that the guard refuses with 401 or 403 as a fault of the program."""
+  return "without completing handshake" not in record.getMessage()

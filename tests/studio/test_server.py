@@ -108,6 +108,43 @@ def test_a_missing_package_is_told_before_an_address(capsys, monkeypatch):
   assert "needs the packages uvicorn: pip install" in told.err and not told.out
 
 
+def test_the_token_is_kept_for_the_user_alone(tmp_path):
+  folder = tmp_path / "state"
+  token = server.kept_token(folder)
+  path = folder / "studio-token"
+  assert len(token) >= 16 and path.stat().st_mode & 0o777 == 0o600
+  assert server.kept_token(folder) == token
+  path.chmod(0o644)  # others may have read it
+  assert (other := server.kept_token(folder)) != token and path.stat().st_mode & 0o777 == 0o600
+  for content in ("", "short", "ä" * 20):
+    path.write_text(content)
+    assert server.kept_token(folder) not in (content, other, "")
+  blocked = tmp_path / "file"
+  blocked.write_text("")
+  for place in (blocked, blocked / "below"):
+    assert server.kept_token(place) != server.kept_token(place)
+
+
+def test_a_restart_has_the_same_address_and_a_refused_socket_is_no_error_in_the_log(tiny_run, tmp_path):
+  from websockets.exceptions import InvalidStatus
+  from websockets.sync.client import connect
+  words = [sys.executable, "-m", "motion_jax.cli", "studio", "--model", str(tiny_run), "--port"]
+  env, port, addresses = devices_env(1) | {"XDG_STATE_HOME": str(tmp_path)}, "0", []
+  for _ in range(2):
+    program = subprocess.Popen([*words, port], env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+      addresses.append(program.stdout.readline())
+      host, port = re.search(r"http://([\d.]+:(\d+))/", addresses[-1]).groups()
+      with pytest.raises(InvalidStatus):
+        connect(f"ws://{host}/v1/stream?token=wrong", origin=f"http://{host}")
+      program.terminate()
+      assert program.communicate(timeout=20)[1].strip() == "motion-jax: stopped; nothing half-written is left"
+    finally:
+      program.kill()
+      program.wait()
+  assert addresses[0] == addresses[1]
+
+
 def test_addresses_can_be_opened():
   assert server.address_of("127.0.0.1", 80, "a b") == "http://127.0.0.1:80/?token=a%20b"
   assert server.address_of("::1", 80, "x") == "http://[::1]:80/?token=x"
