@@ -4,6 +4,7 @@ import contextlib
 import gc
 import importlib.metadata
 import importlib.util
+import math
 import os
 import pathlib
 import signal
@@ -48,7 +49,7 @@ jaxtyping.install_import_hook(CHECKED, f"{tests.typechecker.__name__}.check")
 from motion_jax import fit as training  # noqa: E402
 from motion_jax.data import sources  # noqa: E402
 from motion_jax.inputs import config_files  # noqa: E402
-from motion_jax.runtime import cache  # noqa: E402
+from motion_jax.runtime import cache, progress  # noqa: E402
 from motion_jax.training.setup import untrained  # noqa: E402
 from motion_jax.training.stage import DEVICES  # noqa: E402
 
@@ -70,6 +71,7 @@ def pytest_addoption(parser):
 
 def pytest_configure(config):
   """Keeps the compiled programs of the tests below KEPT bytes, once a run and not once a worker."""
+  progress.FIRST = math.inf  # a slow machine adds no lines to what commands of the tests say
   if hasattr(config, "workerinput"):
     return
   used = lambda path: max(path.stat().st_atime, path.stat().st_mtime)

@@ -120,10 +120,10 @@ def _group(parser, method):
 
 
 def _generate(args):
-  from motion_jax.models import composed
   outputs, rows = _outputs(args), read_prompts(args.prompt)
   _check_count(len(rows), args)
   start, model = time.time(), _load_model(args)
+  from motion_jax.models import composed
   prompts = [prompt for prompt, _ in rows for _ in range(args.num)]
   seeds = [args.seed + i for _ in rows for i in range(args.num)]
   given = [frames for _, frames in rows for _ in range(args.num)]
@@ -137,7 +137,7 @@ def _generate(args):
     if given[0] is not None and not literal:
       for prompt in dict.fromkeys(prompts):
         controlled.tell_if_hasty(model, model.understand(prompt), given[0])
-  with timing.part("text"):
+  with timing.part("text"), progress.part("reading the prompts"):
     model.check_words(list(dict.fromkeys(prompts)), literal)
     asked = list(dict.fromkeys(zip(prompts, given)))
     understood = {(prompt, count): composed.with_endings(
@@ -171,7 +171,8 @@ def _multi_prompt(args):
   sequences = [one for one in sequences for _ in range(args.num)]
   seeds = [args.seed + i for _ in range(len(sequences) // args.num) for i in range(args.num)]
   motions = []
-  for piece in _pieces([_length(model, one) for one in sequences], model):
+  for piece in progress.each(_pieces([_length(model, one) for one in sequences], model), "making motions",
+                             unit="batch"):
     motions += model.multi_prompts(sequences[piece], way=args.way, cleanup=not args.no_cleanup, seeds=seeds[piece],
                                    rest=args.rest, hold_until_done=args.hold_until_done, ease=args.ease,
                                   **_sampling(args, model))
@@ -259,7 +260,8 @@ def _sampling(args, model):
 
 def _outputs(args):
   """The files to write, checked before minutes of work."""
-  from motion_jax.export import check_output
+  with progress.part("starting"):
+    from motion_jax.export import check_output
   shared.film_options(args)
   return [check_output(part) for part in args.out.split(",")]
 
@@ -267,10 +269,10 @@ def _outputs(args):
 def _load_model(args):
   if args.timings:
     timing.start()
-  with timing.part("imports"):
+  with timing.part("imports"), progress.part("starting JAX"):
     shared.cache_compiled_code()
     from motion_jax import loading
-  with timing.part("model"):
+  with timing.part("model"), progress.part(f"reading the model {args.model}"):
     model = loading.load(args.model)
   shared.import_ahead("scipy.ndimage", "scipy.linalg")  # for cleanup and files: while the program is being read
   return model
@@ -293,7 +295,7 @@ def _write(args, model, motions, outputs, start, colors=None, asked=None, constr
   a picture."""
   print(f"made in {time.time() - start:.1f} s")
   clips = [motion.replace(id=f"{pathlib.Path(outputs[0]).stem}_{i}") for i, motion in enumerate(motions)]
-  with timing.part("files"):
+  with timing.part("files"), progress.part("writing files"):
     written = [path for out in outputs for path in _write_one(args, clips, out, colors, asked, constraints)]
   shared.tell_files(written)
   for said in (model.limits, model.license):

@@ -50,7 +50,7 @@ def video(clip, path, size=(640, 480), fps=None, **options) -> pathlib.Path:
     picture, moments = _painter(clip, size, **options), np.linspace(0, clip.num_frames - 1, 4).round().astype(int)
     how = gif.common_palette([picture(t) for t in moments])
   with atomic_path(path) as temporary:
-    images = progress.each(frames(clip, size=size, **options), path.name, clip.num_frames, "frame")
+    images = progress.each(frames(clip, size=size, **options), f"drawing {path.name}", clip.num_frames, "frame")
     write(temporary, images, size, clip.fps, how)
   return path
 

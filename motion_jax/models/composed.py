@@ -22,6 +22,7 @@ from motion_jax.models.unmet import report, unmet_requirements
 from motion_jax.motion.layering import put_on
 from motion_jax.motion.resting import held_frame, with_rest
 from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.runtime import progress
 from motion_jax.text.actions import LOW, cycle_of, held_pose, is_counted_one_by_one
 from motion_jax.text.sentences import Action, Segment, Sentence, rest_of, understand, who_is_done
 
@@ -194,8 +195,9 @@ def generate(model: "TextToMotionModel", prompts: Sequence[str], num_frames: "Fr
     some = lambda said: said if said is None or callable(said) else [each(said, prompts)[i] for i in rows]
     folded = jax.numpy.stack([jax.random.fold_in(keys[i], _TRY + number) for i in rows])
     said = [_said_anew(prompts[i], required[i], number) for i in rows]
-    anew = _generated(model, said, some(num_frames), some(seconds), folded, [seeds[i] for i in rows], cleanup, literal,
-                      _reweighed(model, sampling, scale), apart=number >= _APART)
+    with progress.part(f"attempt {number + 1} of {tries}, as the last motion does not show all of the prompt"):
+      anew = _generated(model, said, some(num_frames), some(seconds), folded, [seeds[i] for i in rows], cleanup,
+                        literal, _reweighed(model, sampling, scale), apart=number >= _APART)
     for i, motion in zip(rows, anew):
       missed = looking.violation_score(motion.joints, required[i], model.fps)
       if missed < best[i][0]:

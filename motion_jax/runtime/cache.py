@@ -16,7 +16,7 @@ import threading
 import jax
 import numpy as np
 
-from motion_jax.runtime import timing
+from motion_jax.runtime import progress, timing
 from motion_jax.runtime.atomic import atomic_path
 
 MOST_FILES = 200  # of each kind; the oldest go
@@ -145,7 +145,7 @@ class Program:
     found = static, tree, shapes, options
     with self._lock:
       if found not in self._loaded:
-        with timing.part("program"):
+        with timing.part("program"), progress.part("compiling, which the first motion of a kind needs"):
           key = key_of(self.name, *self.about, *map(repr, static), tree, shapes, options, jax.default_backend())
           self._loaded[found] = self._load(key, static, tree, leaves)
     return self._loaded[found](*leaves)

@@ -1,19 +1,108 @@
-"""Progress bars on the terminal. Nothing is shown until `show` is called, as the command line does."""
+"""Progress of long work: which part runs, how much of it is done, for how long. Work reports it, others read it.
+
+  with progress.part("compiling"):              # anywhere in the library; costs nothing where nobody follows
+    ...
+  for image in progress.each(images, "wave.gif", 120, "frame"):
+    ...
+
+The command line calls `show`, the studio `follow`s each request. Nothing is reported by default.
+"""
+import contextlib
+import contextvars
 import sys
+import threading
+import time
+from collections.abc import Iterable, Iterator
+from typing import Any
 
-_shown = False
+FIRST = 0.5    # seconds until a command says what it does,
+SILENCE = 2.0  # until it says what else it does,
+AGAIN = 5.0    # and until it says again that it still does the same
+_current: contextvars.ContextVar["Work | None"] = contextvars.ContextVar("work", default=None)
 
 
-def show():
-  """From now on bars are drawn on stderr if it is a terminal; files and pipes get none."""
-  global _shown
-  _shown = sys.stderr is not None and sys.stderr.isatty()
+class Work:
+  """One piece of work and how far it is; one thread reports, any thread reads."""
+
+  def __init__(self) -> None:
+    self.began = time.monotonic()
+    self.doing, self.done, self.total, self.unit = "", 0, 0, ""
+
+  def state(self) -> dict[str, Any]:
+    return {"doing": self.doing, "done": self.done, "of": self.total, "unit": self.unit,
+            "seconds": round(time.monotonic() - self.began, 1)}
+
+  def __str__(self) -> str:
+    return self.doing + (f", {self.unit} {min(self.done + 1, self.total)} of {self.total}" if self.total > 1 else "")
 
 
-def each(items, what, total=None, unit="it"):
-  """Yields the items; a bar named `what` counts them while they are used, and vanishes at the end."""
-  if not _shown:
-    yield from items
+@contextlib.contextmanager
+def follow(work: Work) -> Iterator[Work]:
+  """What runs inside, in this thread, reports to `work`."""
+  token = _current.set(work)
+  try:
+    yield work
+  finally:
+    _current.reset(token)
+
+
+@contextlib.contextmanager
+def part(doing: str) -> Iterator[None]:
+  """Reports that this part runs, until it ends and the one around it goes on."""
+  work = _current.get()
+  if work is None:
+    yield
     return
-  from tqdm import tqdm
-  yield from tqdm(items, desc=what, total=total, unit=unit, leave=False, dynamic_ncols=True, file=sys.stderr)
+  before = work.doing, work.done, work.total, work.unit
+  work.doing, work.done, work.total, work.unit = doing, 0, 0, ""
+  try:
+    yield
+  finally:
+    work.doing, work.done, work.total, work.unit = before
+
+
+def count(done: int, total: int, unit: str) -> None:
+  """Reports how much of the part that runs is done."""
+  if (work := _current.get()) is not None:
+    work.done, work.total, work.unit = done, total, unit
+
+
+def each(items: Iterable[Any], doing: str, total: int | None = None, unit: str = "") -> Iterator[Any]:
+  """Yields the items of a part, and reports how many there were."""
+  total = total if total is not None else len(items) if hasattr(items, "__len__") else 0
+  with part(doing):
+    for done, item in enumerate(items):
+      count(done, total, unit)
+      yield item
+
+
+class Lines:
+  """The lines that a command says about its work: the first soon, then after each two seconds of silence."""
+
+  def __init__(self, work: Work) -> None:
+    self.work, self._said, self._last = work, "", work.began
+
+  def due(self, now: float) -> str | None:
+    """A line that is due at a time of `time.monotonic`, or None."""
+    doing = self.work.doing
+    wait = FIRST if not self._said else AGAIN if doing == self._said else SILENCE
+    if not doing or now - self._last < wait:
+      return None
+    self._said, self._last = doing, now
+    return f"working: {self.work} ({now - self.work.began:.0f} s)"
+
+
+def show() -> None:
+  """From now on this command says on stderr what it does."""
+  if _current.get() is None:
+    work = Work()
+    _current.set(work)
+    threading.Thread(target=_report, args=(Lines(work),), name="progress", daemon=True).start()
+
+
+def _report(lines):
+  while True:
+    time.sleep(0.2)
+    if line := lines.due(time.monotonic()):
+      with contextlib.suppress(OSError, ValueError, AttributeError):  # a closed stderr
+        print(line, file=sys.stderr, flush=True)
