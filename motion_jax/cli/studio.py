@@ -16,8 +16,8 @@ def add_to(commands):
   studio.add_argument("--host", default="127.0.0.1",
                       help="address to listen on (127.0.0.1, this machine alone); another one needs --token")
   studio.add_argument("--port", type=whole(0, 65_535), default=8765, help="port to listen on (8765); 0 is a free one")
-  studio.add_argument("--token", metavar="WORDS", help="what a page has to send to be let in; by default a random one that "
-                      "is kept for you in ~/.local/state/motion_jax and is part of the printed address")
+  studio.add_argument("--token", metavar="WORDS", help="what a page has to send to be let in; by default a random one, "
+                      "kept for you in ~/.local/state/motion_jax and is part of the printed address")
   studio.add_argument("--open", action="store_true", help="open the page in the browser")
   studio.set_defaults(run=_studio)
 

@@ -33,8 +33,8 @@ def check_address(host: str, token: str | None) -> None:
 def kept_token(folder: pathlib.Path | None = None) -> str:
   """The token of this user's studios, the same from one start to the next, so that open pages and bookmarks stay valid.
 
-  It is in a file that only the user can read, in $XDG_STATE_HOME or ~/.local/state. Where nothing can be kept, each call
-  gives a new one. A file that others can read, or that holds no token, is replaced.
+  It is in a file that only the user can read, in $XDG_STATE_HOME or ~/.local/state. Where nothing can be kept, each
+  call gives a new one. A file that others can read, or that holds no token, is replaced.
   """
   state = os.environ.get("XDG_STATE_HOME") or pathlib.Path.home() / ".local" / "state"
   path = (folder or pathlib.Path(state) / "motion_jax") / "studio-token"
