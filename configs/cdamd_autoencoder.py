@@ -59,5 +59,7 @@ def get_config(size="full"):
   elif size == "tiny":
     config.model.update(latent_dim=4, width=16, dilations=(1,))
     common.tiny(config)
+    if data in ("kit", "64"):
+      config.data.window = 32  # 12.5 frames a second
     config.optimizer.update(warmup_steps=1)
   return config.lock()

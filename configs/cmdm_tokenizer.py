@@ -70,8 +70,8 @@ def get_config(size="full"):
       config.train.update(num_steps=3_000, log_every=10, save_every=500)
   elif size == "tiny":
     config.frozen.teacher = "random-init"  # nothing to train first
-    config.teacher = dict(width=8, depth=1, num_heads=2, mlp_width=8, dim=6)
-    config.model.update(latent_dim=4, width=16, dilations=(1,), teacher_dim=6)
+    config.teacher = dict(width=16, depth=1, num_heads=2, mlp_width=16, dim=8)  # part_tmr:tiny's
+    config.model.update(latent_dim=4, width=16, dilations=(1,), teacher_dim=8)
     config.loss.update(micro_batch=2, kl_ramp=2)
     common.tiny(config)
     if dataset == "kit":

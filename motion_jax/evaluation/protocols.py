@@ -59,7 +59,9 @@ class Benchmark(Protocol):
   shuffle: bool = True
   sort_by_caption: bool = True           # inside a batch, longest sentence first; no score looks at it
   # generated motions
-  made_padding: str = "zeros"            # behind a motion's end: "zeros", or "decoded", what the decoder made there
+  # After a motion's last frame: "zeros", or "decoded", the decoder's own rows there. Parity: the released code of CDAMD
+  # keeps them. Real motions and files of other programs have none, so our own protocols judge every row without.
+  made_padding: str = "zeros"
   # multimodality
   multimodality_captions: int | None = None  # else multimodality_batches * pool
   multimodality_replications: int | None = None  # how many have it; None: all
@@ -153,14 +155,14 @@ PROTOCOLS = {protocol.name: protocol for protocol in (
         _CDAMD, name="archives-66", title="Text to motion, CMU and Bandai archives, joint coordinates",
         source="our own benchmark: cdamd-66's rules on archives, clips from 24 rows; multimodality in 5 of 20 repeats",
         formats=("archive",), evaluator="evaluator-small", clip_evaluator="clip-evaluator-small",
-        multimodality_batches=1, multimodality_motions=20, multimodality_replications=5,
+        made_padding="zeros", multimodality_batches=1, multimodality_motions=20, multimodality_replications=5,
         multimodality_shared=False, paper=None),
     dataclasses.replace(
         _CDAMD, name="own-66", title="Text to motion, your own data, joint coordinates",
         source="archives-66 on a folder of `motion-jax data build`: numbers compare among your own models",
         formats=_ANY_GENERATION,
         min_frames=24, past_frames=201, population_std=False, replications=4, evaluator="evaluator-small",
-        clip_evaluator="clip-evaluator-small", multimodality_batches=1, multimodality_motions=20,
+        clip_evaluator="clip-evaluator-small", made_padding="zeros", multimodality_batches=1, multimodality_motions=20,
         multimodality_replications=1, multimodality_shared=False, paper=None),
     _CMDM,
     dataclasses.replace(
