@@ -51,7 +51,7 @@ def borders(loaded, captions, count):
   prompts, seconds = SEQUENCE
   draw = lambda: rng.choice(len(captions), prompts, replace=False)
   sequences = [[(captions[j], seconds) for j in draw()] for _ in range(count)]
-  made = loaded.multi_prompts(sequences, seeds=list(range(count)), cleanup=False)
+  made = loaded.multi_prompts(sequences, seeds=list(range(count)), cleanup=False, literal=True)
   cuts = lambda motion: [round(caption.start * loaded.fps) for caption in motion.captions[1:]]
   return np.concatenate([physics.cut_transitions(to_joints(motion.features), cuts(motion)) for motion in made])
 

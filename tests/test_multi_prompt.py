@@ -9,6 +9,7 @@ from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.loading import load
 from motion_jax.metrics import physics
 from motion_jax.models.cmdm import multi_prompt
+from motion_jax.models.segments import prompts_in_a_row
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.blending import laid_over
 
@@ -135,6 +136,41 @@ def test_a_stream_takes_any_number_of_words(model):
   for words, arguments in (("say what", ("",)), ("after -1", ("a person walks", -1)), ("after nan", ("walks", np.nan))):
     with pytest.raises(ValueError, match=words):
       stream.say(*arguments)
+
+
+def test_a_prompt_of_several_actions_is_said_action_by_action_in_streams_and_segments(model):
+  """Live, in a timeline's block and behind a motion: the actions that `understand` finds, for as long as is natural."""
+  prompt, FAST = "a person walks, then waves", dict(num_steps=6, lag=2)
+  usual = [int(model.natural_frames(f"a person {verb}") / 12 + 0.5) * 12 for verb in ("walks", "waves")]
+  stream = model.stream(prompt, seed=2, cleanup=False, **FAST)
+  assert stream.script == [(0, "a person walks"), (usual[0], "a person waves")] and stream.num_frames is None
+  fork, part = stream.fork(sum(usual)), np.concatenate([next(stream) for _ in range(2)])
+  rows = [("a person walks", usual[0] / 20), ("a person waves", usual[1] / 20)]
+  made = model.multi_prompt(rows, seed=2, cleanup=False, **FAST)
+  assert np.abs(np.concatenate(list(fork)) - made.joints).max() < 1e-4
+  first = stream.say("a person jumps, then stands still")  # what waited for its time is said no more
+  assert first <= usual[0] and [text for _, text in stream.script] == [
+      "a person walks", "a person jumps", "a person stands still"]
+  assert len(part) == 24 and model.stream(prompt, seed=2, literal=True, **FAST).script == [(0, prompt)]
+  both = model.multi_prompt([(prompt, 4.8), ("a person runs", 1.2)], seed=2, cleanup=False, **FAST)
+  assert [one.text for one in both.captions] == ["a person walks", "a person waves", "a person runs"]
+  assert both.num_frames == 120 and both.captions[-1].start == 4.8 and 1 < both.captions[1].start < 4
+  plain = model.multi_prompt([(prompt, 4.8), ("a person runs", 1.2)], seed=2, cleanup=False, literal=True, **FAST)
+  assert [one.text for one in plain.captions] == [prompt, "a person runs"]
+
+
+@pytest.mark.parametrize("prompt, total, said", [
+  ("someone walks forward, then sits down", 100, ["someone walks forward", "someone sits down"]),
+  ("a man walks while waving, then sits down", 100, ["a man walks and waves", "a man sits down"]),
+  ("she sits down, stays there and waves", 100, ["she sits down", "she sits down and waves"]),
+  ("a person walks while waving", 100, ["a person walks while waving"]),
+  ("someone takes two bows", 100, ["someone bows twice"]),
+  ("a person walks, then waves", 20, ["a person walks, then waves"]),  # no time for both
+])
+def test_actions_share_their_time_and_those_at_once_share_a_prompt(model, monkeypatch, prompt, total, said):
+  monkeypatch.setattr(model, "natural_frames", lambda prompt: 60)
+  rows = prompts_in_a_row(model, prompt, total, least=12)
+  assert [text for text, _ in rows] == said and sum(count for _, count in rows) == total
 
 
 @pytest.mark.filterwarnings("ignore:the model does not know")

@@ -13,6 +13,7 @@ from motion_jax.runtime import progress, timing
 _TOLD = 20             # sentences of several actions of which a command says how it understood them
 _AT_ONCE = 16_000      # frames, of all motions that are made in one batch, and
 _MOST_FRAMES = 400_000  # of all that one run makes
+_LITERAL = "give every sentence to the model as it is, also one that names several actions"
 LENGTH = real(above=0, high=3600, unit="seconds")
 
 
@@ -44,6 +45,7 @@ def add_to(commands):
                        "bow, ends in standing still; without it, it goes on or is done again")
   several.add_argument("--hold-until-done", action="store_true", help="no action that is done once, such as a kick, "
                        "has fewer seconds than clips of it in training")
+  several.add_argument("--literal", action="store_true", help=_LITERAL)
   several.add_argument("--ease", action="store_true", help="spread over 0.4 s what hastens where the words change")
   _making(several, "multi_prompt.html")
   several.set_defaults(run=_multi_prompt)
@@ -56,6 +58,7 @@ def add_to(commands):
   extend.add_argument("--way", choices=("stream", "chain"), default="stream",
                       help="stream (default): the past is kept clean in the cache; chain: one latent of it is noised "
                            "anew in each step, as in the released code")
+  extend.add_argument("--literal", action="store_true", help=_LITERAL)
   shared.add_reading(extend)
   _making(extend, "extended.html")
   extend.set_defaults(run=_extend)
@@ -166,7 +169,7 @@ def _multi_prompt(args):
   _able(model, "multi_prompt")
   sequences = read_sequences(args.prompts, model.fps)
   _check_count(len(sequences), args)
-  model.check_words(list(dict.fromkeys(prompt for one in sequences for prompt, _ in one)))
+  model.check_words(list(dict.fromkeys(prompt for one in sequences for prompt, _ in one)), args.literal)
   _tell_model(model, args, f"{len(sequences) * args.num} motion(s) of {len(sequences[0])} prompt(s) each")
   sequences = [one for one in sequences for _ in range(args.num)]
   seeds = [args.seed + i for _ in range(len(sequences) // args.num) for i in range(args.num)]
@@ -175,7 +178,7 @@ def _multi_prompt(args):
                              unit="batch"):
     motions += model.multi_prompts(sequences[piece], way=args.way, cleanup=not args.no_cleanup, seeds=seeds[piece],
                                    rest=args.rest, hold_until_done=args.hold_until_done, ease=args.ease,
-                                  **_sampling(args, model))
+                                   literal=args.literal, **_sampling(args, model))
   for caption in motions[0].captions if len(sequences) == args.num else ():
     print(f"{caption.start:6.1f} to {caption.end:5.1f} s  {caption.text}")
   _write(args, model, motions, outputs, start)
@@ -190,11 +193,11 @@ def _extend(args):
     if len(segments) > 1:
       raise InputError("got --seconds for several sentences; write them behind colons, as in \"walks:4 | sits:3\"")
     segments = [(segments[0][0], args.seconds)]
-  model.check_words([prompt for prompt, _ in segments])
+  model.check_words([prompt for prompt, _ in segments], args.literal)
   _pieces([clip.seconds * model.fps + _length(model, segments)] * args.num, model)
   _tell_model(model, args, f"{clip.seconds:.1f} s of {args.file} go on")
   motions = [model.extend(clip, segments, past_prompt=args.past_text, seed=args.seed + i, way=args.way,
-                          cleanup=not args.no_cleanup, **_sampling(args, model))
+                          cleanup=not args.no_cleanup, literal=args.literal, **_sampling(args, model))
              for i in progress.each(range(args.num), "making motions", unit="motion")]
   _write(args, model, motions, outputs, start)
 

@@ -90,11 +90,10 @@ class Maker:
       raise InputError("got control of a story that goes on from a motion; leave out the motion, or the control")
     if past is not None:
       return model.extend(past, rows, seed=seed, cleanup=cleanup, **sampling), 0, past.num_frames
-    segments = [(prompt, model.frames_of([prompt], None, seconds)[0]) for prompt, seconds in rows]
+    segments = model.segments_of(rows)
     if sum(frames for _, frames in segments) > self.limits.seconds * model.fps:
       raise InputError(f"got a story of {sum(frames for _, frames in segments) / model.fps:.0f} s, expected at most "
                        f"{self.limits.seconds:g}")
-    model.check_words([prompt for prompt, _ in segments])
     sampling = live_sampling(model, sampling)
     if control:
       return *asked.made(self.stories, model, segments, seed, cleanup, sampling, control), 0

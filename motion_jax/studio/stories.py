@@ -33,7 +33,7 @@ class _Take:
 
 
 class Stories:
-  """Makes motions of several prompts, and remembers how."""
+  """Makes motions of several prompts, each one action, and remembers how."""
 
   def __init__(self) -> None:
     self._takes: collections.OrderedDict[Any, _Take] = collections.OrderedDict()
@@ -70,7 +70,7 @@ def _digest(signal):
 
 
 def _make(model, take, segments, seed, cleanup, sampling, tell, hold):
-  per_block = model.stream(segments[0][0], seed=seed, cleanup=cleanup, **sampling).block_frames
+  per_block = model.stream(segments[0][0], seed=seed, cleanup=cleanup, literal=True, **sampling).block_frames
   blocks, total = borders([frames for _, frames in segments], per_block)
   words = [prompt for (prompt, _), count in zip(segments, blocks) for _ in range(count)]
   same = next((i for i, (old, new) in enumerate(zip(take.words, words)) if old != new),
@@ -79,7 +79,8 @@ def _make(model, take, segments, seed, cleanup, sampling, tell, hold):
   take.copies = {step: take.copies[step] for step in usable}
   start = max(usable, default=None)
   if start is None:
-    live, reused, pieces = model.stream(words[0], seed=seed, num_frames=total, cleanup=cleanup, **sampling), 0, []
+    live = model.stream(words[0], seed=seed, num_frames=total, cleanup=cleanup, literal=True, **sampling)
+    reused, pieces = 0, []
     if hold is not None:
       live.hold(hold)
   else:

@@ -191,7 +191,8 @@ class Stream:
   def _until(self):
     """The frame with which the words that were said last have been done; found out once somebody asks."""
     if self._ends is None:
-      self._ends = self._said[-1][0] + self._live.model.natural_frames(self._choices["prompt"])
+      first, prompt = self._live.stream.script[-1]
+      self._ends = first + self._live.model.natural_frames(prompt)
     return self._ends
 
   def _has_room(self):
@@ -254,14 +255,18 @@ class Stream:
     self._note_words(prompt, first)
 
   def _note_words(self, prompt, first):
-    model = self._live.model
-    self._words += 1
-    self._said = [(frame, words) for frame, words in self._said if frame < first] + [(first, self._words)]
-    self._ends = None
-    unknown = model.unknown_words(prompt)
-    nearest = model.nearest_captions(prompt)[:1] if unknown else []
-    self._send({"type": "words", "words": self._words, "prompt": prompt, "from_frame": first, "run": self._run,
-                "unknown": unknown[:10], "nearest": nearest[0][0] if nearest else ""})
+    """A message for each action of a prompt that counts from a frame on."""
+    model, self._ends = self._live.model, None
+    actions = [(begins, said) for begins, said in self._live.stream.script if begins >= first]
+    self._said = [(frame, words) for frame, words in self._said if frame < first]
+    for begins, said in actions:
+      self._words += 1
+      self._said.append((begins, self._words))
+      said = prompt if len(actions) == 1 else said
+      unknown = model.unknown_words(said)
+      nearest = model.nearest_captions(said)[:1] if unknown else []
+      self._send({"type": "words", "words": self._words, "prompt": said, "whole": prompt, "from_frame": begins,
+                  "run": self._run, "unknown": unknown[:10], "nearest": nearest[0][0] if nearest else ""})
     self._tell_state()
 
   def _pause(self, paused):

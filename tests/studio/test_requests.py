@@ -75,6 +75,14 @@ def test_a_story_is_made_anew_from_where_it_changed(client):
   assert [caption["text"] for caption in second["motion"]["captions"]] == ["a person walks", "a person jumps"]
 
 
+def test_a_block_of_several_actions_is_made_action_by_action(client):
+  reply = client.post("/v1/story", json={"model": "tiny", "blocks": [
+      {"prompt": "a person walks, then waves", "seconds": 4.8}, {"prompt": "a person jumps", "seconds": 1.2}]}).json()
+  captions = reply["motion"]["captions"]
+  assert [one["text"] for one in captions] == ["a person walks", "a person waves", "a person jumps"]
+  assert reply["motion"]["shape"][0] == 120 and captions[2]["start"] == 4.8
+
+
 @pytest.mark.parametrize("blocks, told", [
     (None, "got no blocks"), ([], "got no blocks"), ([{}], "prompt is missing"), ([{"prompt": " "}], "empty prompt"),
     ([{"prompt": "walks", "seconds": 0}], "got seconds 0"), ([{"prompt": "walks"}] * 65, "got 65 blocks"),

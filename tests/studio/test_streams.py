@@ -130,6 +130,21 @@ def test_other_words_change_what_has_not_begun_and_nothing_before(page):
   assert all((number == words["words"]) == (first >= border) for first, number in made_of.items())
 
 
+def test_the_actions_of_a_prompt_count_one_after_the_other(page):
+  page.send(type="start", prompt="a person walks, then waves", seed=4, speed=0, ahead=4)
+  first = page.until(type="words", prompt="a person walks")
+  second = page.until(type="words", prompt="a person waves")
+  assert first["whole"] == second["whole"] == "a person walks, then waves" and first["from_frame"] == 0
+  while not page.blocks or page.blocks[-1]["first_frame"] < second["from_frame"] + 24:
+    page.next()
+  for block in page.blocks:
+    assert block["words"] == (first if block["first_frame"] < second["from_frame"] else second)["words"]
+  page.send(type="keep_going", on=False)  # waits once the last action is done
+  page.until(type="state", state="waiting")
+  page.send(type="restart")
+  assert page.until(type="started", run=2) and page.until(type="words", prompt="a person waves", run=2)
+
+
 def test_a_page_that_does_not_read_stops_the_sampling(page, studio):
   page.send(type="start", prompt="a person walks", seed=1, speed=0, ahead=3)
   page.more(3, ack=False)

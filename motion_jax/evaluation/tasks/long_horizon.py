@@ -236,7 +236,7 @@ def piece_frames(counts, way, frames_per_block, frames_per_latent):
 def multi_prompt_generator(candidate, sequences, options):
   """make(jobs) of `samples.sample`: motions of the [(prompt, seconds)] at the jobs' places; options: of
   `multi_prompts`. What is cleaned up or eased afterwards are joints, so the features are made of those."""
-  options = {"cleanup": False} | dict(options)
+  options = {"cleanup": False, "literal": True} | dict(options)
   of_joints = options["cleanup"] or options.get("ease", False)
   layout, mode = candidate.model.stats.layout, candidate.model.config.data.mode
 

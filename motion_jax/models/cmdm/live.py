@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from motion_jax.control.signal import ControlSignal
 from motion_jax.data.clip import Caption
 from motion_jax.models import cmdm
-from motion_jax.models.cmdm import streaming
+from motion_jax.models.cmdm import multi_prompt, streaming
 from motion_jax.models.cmdm.guiding import Behind, Guide
 from motion_jax.models.cmdm.networks import CmdmNetworks
 from motion_jax.models.cmdm.options import CmdmSampling
@@ -33,15 +33,21 @@ class LiveStream:
       if time_to_rest:
         stream.say("a person sits down")
 
+  A prompt of several actions ("walks forward, then sits down") is said action by action, each for as long as similar
+  training clips, the last without end (`models.segments`).
+
   Memory and time per block do not grow. Every block keeps the words that it was begun with, so a stream of changing
   words is `CmdmModel.multi_prompt`, block by block. Cleaned frames come `motion.cleanup.LOOK_AHEAD` frames later than
   they are made: the first block is shorter by so many, what ends (num_frames) gives them at its end.
   """
 
   def __init__(self, model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, keys: jax.Array, prompt: str,
-               num_frames: int | None = None, cleanup: bool = True, takes: Callable[[str], int] | None = None) -> None:
-    """takes: frames that an action has before other words count, of its prompt; None: words never wait."""
+               num_frames: int | None = None, cleanup: bool = True, takes: Callable[[str], int] | None = None,
+               in_a_row: Callable[[str, int | None], list[tuple[str, int | None]]] | None = None) -> None:
+    """takes: frames that an action has before other words count, of its prompt; None: words never wait. in_a_row:
+    [(prompt, frames)] of a prompt and of all its frames (None: as usual); None: every prompt is said as it is."""
     self._model, self._plan, self.num_frames, self._takes = model, plan, num_frames, takes
+    self._in_a_row = in_a_row
     self._side_guidance = sampling.side_guidance
     constants, latents, decoder = model.compiled.stream_start(plan, model.codec, model.params, keys)
     self._sampler = streaming.Sampler(model.dit, plan, model.params, streaming.Constants(*constants), None,
@@ -58,6 +64,7 @@ class LiveStream:
     layout = model.stats.layout
     self._cleaner = Cleaner(layout.skeleton, model.fps) if cleanup and layout.has_fixed_bones else None
     self._script = [(0, 0)]  # (block, slot): from that block on the caption of that slot
+    (prompt, *_), self._waiting_prompts = self._planned(prompt, 0, num_frames)
     self._bank = [prompt] * _CAPTIONS
     self._encode()
 
@@ -108,15 +115,39 @@ class LiveStream:
     denoising, the less the cleaner they are already; if more, the words wait. In a stream of hold_until_done they wait
     in any case until what was said last is done, where that is an action that is done once.
     """
-    self._model.check_words([prompt])
+    self._model.check_words([prompt], literal=self._in_a_row is None)
     first = self._steps
     if after is not None:
       if not np.isfinite(after) or after < 0:
         raise ValueError(f"got words that count after {after} s, expected 0 or more seconds from now")
       first = self._blocks + int(np.ceil(after / self.block_seconds - 1e-9))
     if self._takes is not None:
-      begun, slot = self._script[-1]
-      first = max(first, begun + int(np.ceil(self._takes(self._bank[slot]) / self.block_frames)))
+      begun, last = self.script[-1]
+      first = max(first, -(-(begun + self._takes(last)) // self.block_frames))
+    kept = [entry for entry in self._waiting_prompts if entry[0] < first]
+    (prompt, *_), later = self._planned(prompt, first)
+    self._waiting_prompts = kept + later
+    if kept:  # it waits behind prompts that wait
+      self._waiting_prompts.insert(len(kept), (first, prompt))
+    else:
+      self._begin(prompt, first)
+    return first * self.block_frames
+
+  @property
+  def script(self) -> list[tuple[int, str]]:
+    """[(first frame, prompt)] of what is said from when on, what waits for its time among it."""
+    said = [(block, self._bank[slot]) for block, slot in self._script]
+    return [(block * self.block_frames, prompt) for block, prompt in said + self._waiting_prompts]
+
+  def _planned(self, prompt: str, first: int, num_frames: int | None = None) -> tuple[list[str], list[tuple[int, str]]]:
+    """(prompts in a row, [(block, prompt)] of those behind the first) of a prompt that counts from a block on."""
+    rows = [(prompt, None)] if self._in_a_row is None else self._in_a_row(prompt, num_frames)
+    blocks, _ = multi_prompt.borders([count or 1 for _, count in rows], self.block_frames)
+    starts = first + np.cumsum([0, *blocks[:-1]])
+    return [said for said, _ in rows], [(int(at), said) for at, (said, _) in zip(starts[1:], rows[1:])]
+
+  def _begin(self, prompt: str, first: int) -> None:
+    """Says a prompt from a block on, in the place of all that was said from there on."""
     self._script = [entry for entry in self._script if entry[0] < first]
     oldest = max(self._steps - self._plan.age, 0)  # what older blocks were told matters no more
     while len(self._script) > 1 and self._script[1][0] <= oldest:
@@ -129,7 +160,6 @@ class LiveStream:
     self._bank[free] = prompt
     self._script.append((first, free))
     self._encode()
-    return first * self.block_frames
 
   def hold(self, signal: ControlSignal | None, control_steps: int = 2) -> int:
     """From now on, these constraints in the place of those before: the first frame that is still free.
@@ -193,7 +223,7 @@ class LiveStream:
     if not np.isfinite(seconds) or seconds <= 0:
       raise ValueError(f"got {seconds} s to be shown, expected more than 0")
     fps, first, pieces = self._model.fps, self._given, []
-    said = [(block * self.block_frames - first, self._bank[slot]) for block, slot in self._script]
+    said = [(begins - first, prompt) for begins, prompt in self.script]
     while self._given - first < seconds * fps and (joints := next(self, None)) is not None:
       pieces.append(joints)
     if not pieces:
@@ -211,6 +241,7 @@ class LiveStream:
     """
     other = copy.copy(self)
     other.num_frames, other._bank, other._script = num_frames, list(self._bank), list(self._script)
+    other._waiting_prompts = list(self._waiting_prompts)
     other._cleaner = copy.deepcopy(self._cleaner)
     return other
 
@@ -242,6 +273,9 @@ class LiveStream:
   def step(self) -> np.ndarray:
     """One more block begins, and those under way come as much nearer to clean: the frames (n, J, 3) that this decides,
     at first none."""
+    while self._waiting_prompts and self._waiting_prompts[0][0] <= self._steps:
+      first, prompt = self._waiting_prompts.pop(0)
+      self._begin(prompt, first)
     plan, layout, width = self._plan, self._model.stats.layout, -(-self._plan.width // 2)
     # Two compiled widths: the start and the rest.
     active = min(-(-min(self._steps + 1, plan.width) // width) * width, plan.width)

@@ -22,10 +22,12 @@ from motion_jax.models.controlled import Control
 from motion_jax.models.known_motion import on_our_body
 from motion_jax.models.options import TRIES
 from motion_jax.models.results import Motion, Motions, captions_in_a_row, gathered, go_on, make_motions
+from motion_jax.models.segments import prompts_in_a_row
 from motion_jax.runtime import timing
 
 # Where constraints pull: conjugate gradient steps each time, and Gauss-Newton steps when all is finished.
 CONTROL_STEPS, SETTLES = 2, 3
+_LEAST = 12  # frames that one of several actions of a prompt gets: a block
 Segments = Sequence[tuple[str, float | None]]  # prompts and their seconds
 
 
@@ -95,21 +97,23 @@ class CmdmModel(CmdmNetworks):
   @former_names.with_keywords
   def multi_prompt(self, segments: Segments, *, rng: jax.Array | None = None, seed: int | None = None,
                    way: str = "stream", cleanup: bool = True, rest: bool = False, hold_until_done: bool = False,
-                   ease: bool = False, **sampling: Any) -> Motion:
+                   ease: bool = False, literal: bool = False, **sampling: Any) -> Motion:
     """One motion from several prompts in a row: [("a person walks", 4.0), ("he sits down", None), ...], in seconds.
 
     None is the length of similar training clips. See `multi_prompts`; sampling: choices of `CmdmSampling`.
     """
     seeds = None if seed is None else [seed]
     return self.multi_prompts([segments], rng=rng, seeds=seeds, way=way, cleanup=cleanup, rest=rest,
-                              hold_until_done=hold_until_done, ease=ease, **sampling)[0]
+                              hold_until_done=hold_until_done, ease=ease, literal=literal, **sampling)[0]
 
   @former_names.with_keywords
   def multi_prompts(self, lists: Iterable[Segments], *, rng: jax.Array | None = None,
                     seeds: Iterable[int] | None = None, way: str = "stream", cleanup: bool = True, rest: bool = False,
-                    hold_until_done: bool = False, ease: bool = False, **sampling: Any) -> Motions:
+                    hold_until_done: bool = False, ease: bool = False, literal: bool = False, **sampling: Any
+                    ) -> Motions:
     """A motion as of `multi_prompt` for each of several lists of segments, in one batch, of which none of them knows.
-    The captions of a motion say when each prompt plays.
+    The captions of a motion say when each prompt plays. A prompt of several actions is as many prompts, which share its
+    seconds (`models.segments`); literal: every prompt is said to the network as it is.
 
     way: "stream" changes the words from block to block of one run, in which the old prompt's last blocks and the new
     one's first are denoised together; prompts then change on a grid of whole blocks (12 frames), to which lengths are
@@ -120,7 +124,7 @@ class CmdmModel(CmdmNetworks):
     action that is done once has at least the time that clips of it in training have, and the next words wait. ease:
     what hastens where the words change is spread over 0.4 s (`motion.blending.eased`); features stay as they were made.
     """
-    told = [self._segments(segments) for segments in lists]
+    told = [self.segments_of(one, literal) for one in lists]
     if not told:
       raise ValueError("got no prompts, expected a list of (prompt, seconds or None) for each motion")
     if way not in multi.WHOLE_WAYS:
@@ -159,7 +163,7 @@ class CmdmModel(CmdmNetworks):
   @former_names.with_keywords
   def extend(self, clip: Clip, prompt: str | Segments, num_frames: int | None = None, *, seconds: float | None = None,
              past_prompt: str | None = None, rng: jax.Array | None = None, seed: int | None = None, way: str = "stream",
-             num_past: int | None = None, cleanup: bool = True, **sampling: Any) -> Motion:
+             num_past: int | None = None, cleanup: bool = True, literal: bool = False, **sampling: Any) -> Motion:
     """Goes on from a motion that exists, a Clip of any source (`motion_jax.export.load` reads files): all of it, whole.
 
     prompt: a sentence, or segments as for `multi_prompt`. The clip's own frames come back as they were, resampled if
@@ -172,13 +176,13 @@ class CmdmModel(CmdmNetworks):
     if num_past is not None and num_past < 1:
       raise ValueError(f"got num_past {num_past}, expected 1 latent or more to go on from")
     if isinstance(prompt, str):
-      self.check_words([prompt])
-      segments = [(prompt, self.frames_of([prompt], num_frames, seconds)[0])]
-    else:
-      segments = self._segments(prompt)
+      if num_frames is not None or seconds is not None:
+        seconds = self.frames_of([prompt], num_frames, seconds)[0] / self.fps
+      prompt = [(prompt, seconds)]
+    rows = self.segments_of(prompt, literal)
     keys, seeds = keys_of(rng, None if seed is None else [seed], 1)
     plan, chosen, about = self.plan_of(**sampling)
-    prompts, counts = ([*part] for part in zip(*segments))
+    prompts, counts = ([*part] for part in zip(*rows))
     past = on_our_body(clip, self.fps, self.stats.layout.skeleton)
     known = [caption.text for caption in clip.captions if caption.text.strip()]
     past_prompt = past_prompt or (known[-1] if known else prompts[0])
@@ -187,14 +191,15 @@ class CmdmModel(CmdmNetworks):
     return go_on(self, clip, past, new, captions_in_a_row(prompts, ends, self.fps), about)
 
   def stream(self, prompt: str, *, rng: jax.Array | None = None, seed: int | None = None, num_frames: int | None = None,
-             cleanup: bool = True, hold_until_done: bool = False, **sampling: Any) -> LiveStream:
+             cleanup: bool = True, hold_until_done: bool = False, literal: bool = False, **sampling: Any) -> LiveStream:
     """Yields joints (n, J, 3) block after block, without end unless num_frames says so; memory stays flat.
 
+    A prompt of several actions is said action by action, the last without end; literal: every prompt as it is.
     `say` changes the words while it runs, see `LiveStream`. Driven by the very step that `generate` and `multi_prompts`
     run: the same key gives the same motion, cleaned or not. hold_until_done: new words wait until an action that is
     done once, such as a kick, has had the time that clips of it in training have.
     """
-    self.check_words([prompt])
+    self.check_words([prompt], literal)
     keys, _ = keys_of(rng, None if seed is None else [seed], 1)
     plan, chosen, _ = self.plan_of(**sampling)
     if not plan.lag:
@@ -202,7 +207,8 @@ class CmdmModel(CmdmNetworks):
     if num_frames is not None:
       self.frames_of([prompt], num_frames, None)
     return LiveStream(self, plan, chosen, keys, prompt, num_frames, cleanup,
-                      partial(composed.took_of, self) if hold_until_done else None)
+                      partial(composed.took_of, self) if hold_until_done else None,
+                      None if literal else partial(prompts_in_a_row, self, least=_LEAST))
 
   def usual_sampling(self) -> dict[str, Any]:
     return dict(context=self.context)
@@ -216,16 +222,22 @@ class CmdmModel(CmdmNetworks):
     plan = plan._replace(lag=chosen.steps_apart)
     return plan, chosen, chosen.about() | dict(model=self.id)
 
-  def _segments(self, given: Segments) -> list[tuple[str, int]]:
-    """[(prompt, frames)] of the [(prompt, seconds or None)] of one motion."""
+  def segments_of(self, given: Segments, literal: bool = False) -> list[tuple[str, int]]:
+    """[(prompt, frames)] of the [(prompt, seconds or None)] of one motion, a row for each action that a prompt names;
+    literal: one for each prompt."""
     if isinstance(given, str) or not len(given) or any(isinstance(part, str) or len(part) != 2 for part in given):
       raise ValueError(f"got the prompts {given!r}, expected a list of (prompt, seconds or None)")
-    self.check_words([prompt for prompt, _ in given])
-    frames = [self.frames_of([prompt], None, seconds)[0] for prompt, seconds in given]
-    if sum(frames) > self.max_seconds * self.fps:
-      raise ValueError(f"got prompts for {sum(frames) / self.fps:.0f} s, expected at most {self.max_seconds:.0f}; a "
-                       "stream has no end")
-    return list(zip([prompt for prompt, _ in given], frames))
+    self.check_words([prompt for prompt, _ in given], literal)
+    found = []
+    for prompt, seconds in given:
+      frames = None if seconds is None else self.frames_of([prompt], None, seconds)[0]
+      rows = [(prompt, frames)] if literal else prompts_in_a_row(self, prompt, frames, _LEAST)
+      found += [(said, self.frames_of([said], count, None)[0]) for said, count in rows]
+    total = sum(count for _, count in found)
+    if total > self.max_seconds * self.fps:
+      raise ValueError(f"got prompts for {total / self.fps:.0f} s, expected at most {self.max_seconds:.0f}; a stream "
+                       "has no end")
+    return found
 
 
 MODELS = {"cmdm.denoiser": CmdmModel}

@@ -99,7 +99,7 @@ export class Live {
       if (led) this.anew();
     } else if (message.type === "words") {
       this.words = this.words.filter((one) => one.from < message.from_frame);
-      this.choices.prompt = message.prompt;
+      this.choices.prompt = message.whole;
       this.words.push({ words: message.words, prompt: message.prompt, from: message.from_frame });
       if (message.unknown.length) {
         const nearest = message.nearest ? `; what it knows and comes nearest is “${message.nearest}”` : "";
