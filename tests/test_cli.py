@@ -144,6 +144,30 @@ def test_render_shows_files(generate, tmp_path, capsys):
   assert "NaN" in capsys.readouterr().err and not (tmp_path / "bad.gif").exists()
 
 
+def test_a_mapping_in_every_command_that_reads_motion(tmp_path, capsys):
+  """The file that an error asks for is enough to render, describe and build; other commands take the same option."""
+  (tmp_path / "mocap").mkdir()
+  path = tmp_path / "mocap" / "a.bvh"
+  text = bvh(synthetic_clips(num=2, num_frames=60)[1], path).read_text()
+  path.write_text(text.replace("left_knee", "Knie links").replace("right_knee", "Knie rechts"))
+  out = tmp_path / "a.npz"
+  assert cli.main(["render", str(path), "--out", str(out)]) == 1
+  error = capsys.readouterr().err
+  template = error[error.index("{"):error.index("}") + 1]
+  assert template == '{"left_knee": "...", "right_knee": "..."}'
+  mapping = tmp_path / "names.json"
+  mapping.write_text(template.replace("...", "Knie links", 1).replace("...", "Knie rechts"))
+  assert cli.main(["render", str(path), "--out", str(out), "--mapping", str(mapping)]) == 0
+  (tmp_path / "mocap" / "captions.csv").write_text("file,caption\na,a person walks\n")
+  assert cli.main(["data", "describe", str(path.parent), "--mapping", str(mapping)]) == 0
+  assert cli.main(["data", "build", str(path.parent), str(tmp_path / "out"), "--mapping", str(mapping)]) == 0
+  capsys.readouterr()
+  for command in ("generate", "extend", "edit", "blend", "retrieve"):
+    with pytest.raises(SystemExit):
+      cli.main([command, "--help"])
+    assert "--mapping FILE.json" in capsys.readouterr().out
+
+
 def test_data_build_and_doctor(tmp_path, capsys):
   """From joints on disk to a training folder that the doctor finds healthy, and to one that it does not."""
   source = tmp_path / "bvh"

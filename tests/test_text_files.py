@@ -7,6 +7,7 @@ from motion_jax.data import build, timelines
 from motion_jax.data.datasets import humanml3d
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.data.mocap.bvh import bvh_clip
+from motion_jax.data.mocap.mappings import read_mapping
 from motion_jax.export import bvh
 from motion_jax.inputs import text_files
 
@@ -114,7 +115,7 @@ def test_other_readers_of_texts(tmp_path):
   with pytest.raises(ValueError, match="t.txt line 2: in a time: got '٣'"):
     timelines.read_timelines(tmp_path / "t.txt")
   (tmp_path / "m.json").write_bytes('{"pelvis": "Hüfte"}'.encode("utf-16"))
-  assert build.read_mapping(str(tmp_path / "m.json")) == {"pelvis": "Hüfte"}
+  assert read_mapping(str(tmp_path / "m.json")) == {"pelvis": "Hüfte"}
 
 
 def test_motion_files_are_texts_too(tmp_path):

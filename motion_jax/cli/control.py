@@ -24,6 +24,7 @@ def add_to(parser):
                      "repeated")
   group.add_argument("--keep-parts", metavar="PARTS:FILE", help="parts of the body (legs, torso, left_arm, right_arm, "
                      "head, with commas) move as in this motion file; the others are made of the words")
+  shared.add_mapping(group)
   group.add_argument("--loop", action="store_true", help="the motion ends as it begins, to be played over and over")
   group.add_argument("--in-place", action="store_true", help="the body stays over one spot, as on a treadmill")
 
@@ -34,7 +35,7 @@ def constraints_of(args, model):
   from motion_jax.control import files
   found = []
   if args.control:
-    found += files.load(args.control, lambda path, frame: _joints(path, frame, model)[0])
+    found += files.load(args.control, lambda path, frame: _joints(path, frame, model, args)[0])
   if args.path:
     found.append(_path(args.path, kinds))
   for text in args.keyframe or ():
@@ -42,7 +43,7 @@ def constraints_of(args, model):
     if not given:
       raise InputError(f"got --keyframe {shortened(text)}, expected AT:FILE, such as 60:pose.npz or 3s:pose.npz@12")
     at = real(0, 3600, "seconds" if given["seconds"] else "frames")(given["at"])
-    joints, _ = _joints(given["file"], int(given["frame"] or 0), model)
+    joints, _ = _joints(given["file"], int(given["frame"] or 0), model, args)
     found.append(kinds.Keyframe(joints, at if given["seconds"] else at / model.fps))
   for text in args.target or ():
     given = _TARGET.fullmatch(text)
@@ -57,7 +58,7 @@ def constraints_of(args, model):
     if not colon:
       raise InputError(f"got --keep-parts {shortened(args.keep_parts)}, expected PARTS:FILE, such as "
                        "legs,torso:walk.npz")
-    joints, fps = _joints(path, -1, model)
+    joints, fps = _joints(path, -1, model, args)
     found.append(kinds.KeepParts(joints, tuple(part.strip() for part in parts.split(",")), fps))
   found += [kinds.Loop()] if args.loop else []
   return found + ([kinds.InPlace()] if args.in_place else [])
@@ -108,11 +109,11 @@ def _path(text, kinds):
   return kinds.RootPath(points, times or None)
 
 
-def _joints(path, frame, model):
+def _joints(path, frame, model, args):
   """(joints of a frame (22, 3), or with -1 of all frames (T, 22, 3), frames a second), on the model's body."""
   from motion_jax import export
   from motion_jax.models.known_motion import on_our_body
-  clip = export.load(path)
+  clip = export.load(path, mapping=args.mapping)
   joints = on_our_body(clip, model.fps, model.stats.layout.skeleton)
   if frame < 0:
     return joints, model.fps

@@ -1,5 +1,6 @@
 """motion-jax data: training data made, encoded and checked."""
 import pathlib
+import sys
 
 from motion_jax.cli import shared
 from motion_jax.inputs.numerals import FRAME_RATES, real
@@ -13,7 +14,7 @@ def add_to(commands):
   build.add_argument("source", help="folder to read: an archive, or BVH or ASF/AMC files, in sub-folders too")
   build.add_argument("out", help="folder to write")
   build.add_argument("--captions", help="CSV, TSV or JSONL: file, caption[, start, end, split]")
-  build.add_argument("--mapping", help="JSON: {our joint: their joint or a list of them}")
+  shared.add_mapping(build)
   build.add_argument("--mode", choices=("corrected", "benchmark"), default="corrected",
                      help="features as they should be, or with the slips of the published benchmark")
   build.add_argument("--fps", type=real(*FRAME_RATES), metavar="F",
@@ -48,6 +49,7 @@ def add_to(commands):
   describe.add_argument("--out", metavar="FILE.csv", help="write the table that `data build --captions` reads")
   describe.add_argument("--fps", type=real(*FRAME_RATES), metavar="F",
                         help="the captured files' frames are F a second, whatever they state (.amc state nothing: 120)")
+  shared.add_mapping(describe)
   describe.set_defaults(run=_describe)
   doctor = data.add_parser("doctor", help="what is wrong with a data folder, and what to do")
   doctor.add_argument("folder", help="a data folder of any data set that is known")
@@ -56,10 +58,19 @@ def add_to(commands):
 
 def _build(args):
   from motion_jax.data import build
+  faults = []
   print(build.build(args.source, args.out, captions=args.captions, mapping=args.mapping, mode=args.mode,
                     mirror=not args.no_mirror, fps=args.resample, source_fps=args.fps,
-                    overwrite=args.overwrite))
+                    overwrite=args.overwrite, faults=faults))
   print(f"check it: motion-jax data doctor {args.out}")
+  return _left_out(faults)
+
+
+def _left_out(faults):
+  """Prints what is wrong with files that were left out; the status of a command that did so is 1."""
+  for name, what in faults:
+    print(f"not read: {name}: {what}", file=sys.stderr)
+  return 1 if faults else 0
 
 
 def _records(args):
@@ -80,8 +91,8 @@ def _describe(args):
   from motion_jax.data import describe_folders
   if args.out:
     describe_folders.check_table(args.out)
-  rows = []
-  for name, start, end, sentences in describe_folders.describe_folder(args.folder, args.fps):
+  rows, faults = [], []
+  for name, start, end, sentences in describe_folders.describe_folder(args.folder, args.fps, args.mapping, faults):
     rows.append((name, start, end, sentences))
     print(f"{name} ({start:.1f} to {end:.1f} s): {sentences[0] if sentences else '-'}", flush=True)
   silent = sum(not sentences for *_, sentences in rows)
@@ -89,6 +100,7 @@ def _describe(args):
   if args.out:
     print(f"wrote {describe_folders.write_table(rows, args.out)} captions to {args.out}\n"
           f"next: motion-jax data build {args.folder} FOLDER --captions {args.out}")
+  return _left_out(faults)
 
 
 def _doctor(args):

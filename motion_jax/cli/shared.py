@@ -28,12 +28,19 @@ def add_reading(parser):
                       help="unit of the joints' coordinates; auto tells it by the lengths of the bones")
   parser.add_argument("--up", choices=("y", "z"),
                       help="the file's upward axis (y; in .bvh and .amc it is told by where the head is)")
+  add_mapping(parser)
+
+
+def add_mapping(parser):
+  """The option of all commands that read .bvh and .amc files."""
+  parser.add_argument("--mapping", metavar="FILE.json", help="names of joints that are not known: {our joint: their "
+                      "joint, or a list to average}, those that an error lists; for .bvh and .amc")
 
 
 def read_motion(path, args):
   """The Clip of a motion file, read as the options say."""
   from motion_jax import export
-  return export.load(path, fps=args.fps, unit=args.unit, up=args.up)
+  return export.load(path, fps=args.fps, unit=args.unit, up=args.up, mapping=args.mapping)
 
 
 def cache_compiled_code():

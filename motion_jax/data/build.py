@@ -1,4 +1,5 @@
 """Any source to a HumanML3D-layout folder: an archive, or motion-capture files and a table of captions."""
+import collections
 import hashlib
 import math
 import pathlib
@@ -9,10 +10,11 @@ import tqdm
 from motion_jax.data.clip import Caption
 from motion_jax.data.datasets import humanml3d
 from motion_jax.data.datasets.registry import find_dataset
-from motion_jax.data.mocap.readers import READERS
+from motion_jax.data.mocap.mappings import read_mapping
+from motion_jax.data.mocap.readers import READERS, none_read, read_clip
 from motion_jax.inputs import text_files
 from motion_jax.inputs.errors import InputError
-from motion_jax.inputs.input_files import json_row, read_json
+from motion_jax.inputs.input_files import json_row
 from motion_jax.inputs.numerals import SECONDS, NumberError, named, real
 
 LONGEST = 200  # frames; the field's loaders leave longer clips out
@@ -23,15 +25,16 @@ _SPLITS = (("train", 0.80), ("val", 0.85), ("test", 1.0))  # HumanML3D's shares
 
 
 def build(source, out, captions=None, mapping=None, mode="corrected", mirror=True, fps=None, overwrite=False,
-          progress=True, source_fps=None) -> str:
+          progress=True, source_fps=None, faults=None) -> str:
   """Makes folder out of a source and returns a summary to print.
 
   source: a data folder, such as an archive (motions.npz, captions.jsonl), or a folder of BVH or AMC files (in
   sub-folders too) with a table of captions (CSV, TSV, JSONL; None: captions.* in the source). mapping: a table's
   name, a JSON file or a dict {our joint: theirs}. fps: of the folder (20); source_fps: the captured files' frames are
   so many a second, whatever they state (.amc files state nothing: 120). Clips of more than 200 frames are cut into
-  equal pieces; clips without a split get one from a hash of their name, 80 % train, 5 % val, 15 % test. Nothing is
-  left in out if anything fails.
+  equal pieces; clips without a split get one from a hash of their name, 80 % train, 5 % val, 15 % test. faults: a list
+  that takes (file, what is wrong) of captured files that cannot be read, which are left out; without it the first is
+  raised. Nothing is left in out if anything fails.
   """
   source = pathlib.Path(source)
   if not source.is_dir():
@@ -43,15 +46,17 @@ def build(source, out, captions=None, mapping=None, mode="corrected", mirror=Tru
   if dataset is not None:
     clips, left_out = dataset.clips(source), []
   else:
-    clips, left_out = read_captures(source, captions, mapping, fps or 20.0, progress, source_fps)
+    clips, left_out = read_captures(source, captions, mapping, fps or 20.0, progress, source_fps, faults)
+  if not clips and faults:
+    raise InputError(none_read(source, faults))
   if not clips:
     raise InputError(f"{source} gives no clip")
-  clips = with_splits([piece for clip in clips for piece in pieces(clip)])
+  clips = with_splits(with_own_ids([piece for clip in with_own_ids(clips, mirror) for piece in pieces(clip)], mirror))
   info = humanml3d.write_folder(clips, out, mode, mirror, fps, overwrite, progress)
   return summary(out, info, left_out)
 
 
-def read_captures(folder, captions=None, mapping=None, fps=20.0, progress=False, source_fps=None):
+def read_captures(folder, captions=None, mapping=None, fps=20.0, progress=False, source_fps=None, faults=None):
   """Clips of the captured files in a folder that the table of captions names, and the files that it does not name."""
   folder = pathlib.Path(folder)
   files = {path.relative_to(folder).as_posix(): path for path in sorted(folder.rglob("*"))
@@ -60,17 +65,19 @@ def read_captures(folder, captions=None, mapping=None, fps=20.0, progress=False,
     raise FileNotFoundError(f"{folder} is no archive (motions.npz, captions.jsonl) and holds no "
                             f"{' or '.join(READERS)} file")
   table = read_captions(captions or _find_captions(folder))
-  stems = {}
+  stems = collections.defaultdict(list)
   for name in files:
-    stems.setdefault(name.rsplit(".", 1)[0], name)
+    stems[name.rsplit(".", 1)[0]].append(name)
   rows, unknown = {}, []
   for row in table:
     key = row["file"].replace("\\", "/").removeprefix("./")
-    name = key if key in files else stems.get(key)
-    if name is None:
-      unknown.append(row["file"])
+    found = [key] if key in files else stems.get(key, ())
+    if len(found) > 1:
+      raise InputError(f"the captions name {key!r}, which may be {named(found)}; give the file's whole name")
+    if found:
+      rows.setdefault(found[0], []).append(row)
     else:
-      rows.setdefault(name, []).append(row)
+      unknown.append(row["file"])
   if unknown:
     raise InputError(f"the captions name {len(unknown)} files that {folder} lacks, the first are "
                      f"{named(unknown, 3)}; it has {', '.join(list(files)[:3])}, ...")
@@ -81,11 +88,11 @@ def read_captures(folder, captions=None, mapping=None, fps=20.0, progress=False,
     if len(splits) > 1:
       raise InputError(f"the captions put {name} into the splits {named(sorted(splits), 5)}; expected one")
     first = own[0]
-    clips.append(READERS[files[name].suffix.lower()](
-        files[name], mapping=mapping, fps=fps, source_fps=source_fps, id=_id(name), split="".join(splits),
+    clips.append(read_clip(
+        files[name], name, faults, mapping=mapping, fps=fps, source_fps=source_fps, id=_id(name), split="".join(splits),
         captions=tuple(Caption(row["caption"], row["start"], row["end"]) for row in own),
         source=first["source"] or folder.resolve().name, license=first["license"]))
-  return clips, sorted(set(files) - set(rows))
+  return [clip for clip in clips if clip is not None], sorted(set(files) - set(rows))
 
 
 def read_captions(path) -> list[dict]:
@@ -123,19 +130,17 @@ def read_captions(path) -> list[dict]:
   return rows
 
 
-def read_mapping(mapping):
-  """A mapping from a JSON file; a dict, the name of a table, or None pass through."""
-  if not isinstance(mapping, (str, pathlib.Path)) or (isinstance(mapping, str) and not mapping.endswith(".json")):
-    return mapping
-  path = pathlib.Path(mapping)
-  if not path.is_file():
-    raise FileNotFoundError(f"there is no mapping file {path}")
-  value = read_json(path, advice="expected {our joint: their joint or a list of them}")
-  names = lambda entry: isinstance(entry, str) or (isinstance(entry, list) and entry and all(map(names, entry)))
-  bad = [joint for joint, entry in value.items() if not names(entry)]
-  if bad:
-    raise InputError(f"{path}: {named(bad, 10)} should be a joint's name or a list of names")
-  return value
+def with_own_ids(clips, mirror=True):
+  """Clips whose ids name files of their own: one that is taken, itself or as a mirrored copy's, gets _2, _3, ..."""
+  taken, result = set(), []
+  for clip in clips:
+    id, number = clip.id, 1
+    while taken & {id, *(["M" + id] if mirror else [])}:
+      number += 1
+      id = f"{clip.id}_{number}"
+    taken |= {id, *(["M" + id] if mirror else [])}
+    result.append(clip.replace(id=id))
+  return result
 
 
 def pieces(clip, longest=LONGEST):

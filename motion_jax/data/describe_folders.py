@@ -7,18 +7,21 @@ import tqdm
 from motion_jax.data.build import pieces
 from motion_jax.data.datasets.registry import find_dataset
 from motion_jax.data.describe import FPS, describe
-from motion_jax.data.mocap.readers import READERS
+from motion_jax.data.mocap.mappings import read_mapping
+from motion_jax.data.mocap.readers import READERS, none_read, read_clip
 from motion_jax.inputs.errors import InputError
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.runtime.atomic import atomic_path
 
 
-def describe_folder(folder, source_fps=None, progress=False):
+def describe_folder(folder, source_fps=None, mapping=None, faults=None, progress=False):
   """Yields (name, start, end, sentences) of what lies in a folder, start and end in seconds.
 
   folder: motion-capture files, in sub-folders too, one such file, or a data folder such as an archive, whose own
   captions are left aside. Files longer than ten seconds are described in equal pieces. source_fps: the files' rate,
-  whatever they state. Raises FileNotFoundError where there is no motion, InputError for a file that is none.
+  whatever they state. mapping: their joints' names (`joint_maps.map_joints`), as a dict or a JSON file. faults: a list
+  that takes (file, what is wrong) of files that cannot be read, which are left out; without it the first is raised.
+  Raises FileNotFoundError where there is no motion.
   """
   folder = pathlib.Path(folder)
   if not folder.exists():
@@ -34,12 +37,17 @@ def describe_folder(folder, source_fps=None, progress=False):
   if not files:
     raise FileNotFoundError(f"{folder} holds no motion to describe: expected a {' or '.join(READERS)} file, a folder "
                             "of them, or a data folder such as an archive (motions.npz, captions.jsonl)")
+  mapping = read_mapping(mapping)
   for path in tqdm.tqdm(files, desc="files", unit="file", disable=not progress):
     name, first = path.relative_to(folder).as_posix() if path != folder else path.name, 0
-    clip = READERS[path.suffix.lower()](path, fps=FPS, source_fps=source_fps)
+    clip = read_clip(path, name, faults if path != folder else None, fps=FPS, source_fps=source_fps, mapping=mapping)
+    if clip is None:
+      continue
     for piece in pieces(clip):
       start, first = first / FPS, first + piece.num_frames
       yield name, start, first / FPS, describe(piece.joints, FPS, key=piece.id)
+  if faults and len(faults) == len(files):
+    raise InputError(none_read(folder, faults))
 
 
 def check_table(path) -> pathlib.Path:

@@ -8,9 +8,11 @@ from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.mocap.asf import AMC_FPS, read_amc
 from motion_jax.data.mocap.bvh import read_bvh
 from motion_jax.data.mocap.capture import to_clip, with_rate
+from motion_jax.data.mocap.mappings import read_mapping
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.input_files import load_npy, load_npz, npz_names, parse_json
 from motion_jax.motion import plausibility
+from motion_jax.motion.joint_maps import skeleton_of
 from motion_jax.motion.representations import LAYOUTS, get_layout, layout_for, to_joints
 from motion_jax.motion.skeleton import HUMANML3D, SKELETONS
 from motion_jax.runtime.atomic import atomic_path
@@ -48,13 +50,14 @@ def npy(clip, path) -> pathlib.Path:
   return path
 
 
-def load(path, fps=None, unit="auto", up=None) -> Clip:
+def load(path, fps=None, unit="auto", up=None, mapping=None) -> Clip:
   """Reads .npz (as `npz` writes, or with a "joints" or "features" key), .npy, .bvh or .amc (its .asf beside it).
 
   A .npy holds joints (T, 22, 3) or (T, 21, 3), or features (T, F) of a known layout such as HumanML3D's 263. fps: the
   frames of the file are so many a second, whatever it states; a .npy states none and gets its skeleton's, an .amc 120.
   Nothing is resampled. unit: of joints, "m", "cm", "mm", "in" or "ft"; "auto" tells it by the bones. up: the file's
-  upward axis, "y", "z" or "x"; without one y, and of .bvh and .amc what heads show.
+  upward axis, "y", "z" or "x"; without one y, and of .bvh and .amc what heads show. mapping: {our joint: their
+  joint} of a .bvh or .amc whose joint names are not known (`joint_maps.map_joints`), as a dict or a JSON file.
 
   Raises FileNotFoundError, or ValueError for an unknown extension, a cut file, NaN, a shape that is no motion, or
   joints that are no person's (`motion.plausibility`).
@@ -68,14 +71,14 @@ def load(path, fps=None, unit="auto", up=None) -> Clip:
   plausibility.check_rate(fps, str(path))
   try:
     with np.errstate(over="ignore", invalid="ignore"):  # what gets infinite is told of
-      clip = read(path, fps, unit, up)
+      clip = read(path, fps, unit, up, read_mapping(mapping))
   except ValueError as error:
     raise error if str(path) in str(error) else InputError(f"{path}: {error}") from None
   plausibility.check(clip.joints, clip.skeleton, clip.fps, str(path))
   return clip
 
 
-def _load_npz(path, fps, unit, up):
+def _load_npz(path, fps, unit, up, mapping):
   arrays = load_npz(path, ("joints", "features", "fps", "seed"),
                     ("skeleton", "prompt", "captions", "about", "meta", "model_id"))
   if "joints" not in arrays and "features" not in arrays:
@@ -140,7 +143,7 @@ def _caption(row):
   return Caption(*row)
 
 
-def _load_npy(path, fps, unit, up):
+def _load_npy(path, fps, unit, up, mapping):
   array = load_npy(path)
   features = None
   if array.ndim == 2:
@@ -153,17 +156,18 @@ def _load_npy(path, fps, unit, up):
               skeleton=skeleton, features=features)
 
 
-def _load_bvh(path, fps, unit, up):
-  return _as_clip(with_rate(read_bvh(path), fps), path, unit, up)
+def _load_bvh(path, fps, unit, up, mapping):
+  return _as_clip(with_rate(read_bvh(path), fps), path, unit, up, mapping)
 
 
-def _load_amc(path, fps, unit, up):
-  return _as_clip(read_amc(path, fps=fps or AMC_FPS), path, unit, up)
+def _load_amc(path, fps, unit, up, mapping):
+  return _as_clip(read_amc(path, fps=fps or AMC_FPS), path, unit, up, mapping)
 
 
-def _as_clip(capture, path, unit, up):
-  """The frames of a capture as they are."""
-  return to_clip(capture, path, fps=capture.fps, unit=unit, up=up or "auto")
+def _as_clip(capture, path, unit, up, mapping):
+  """The frames of a capture as they are, on the skeleton that its names are of."""
+  skeleton = HUMANML3D if mapping else skeleton_of(capture.names)
+  return to_clip(capture, path, mapping, capture.fps, unit, up or "auto", skeleton=skeleton)
 
 
 def _skeleton_of(joints):

@@ -1,7 +1,8 @@
-"""Whose joint is which: tables from the joint names of common skeletons to the 22 of HumanML3D.
+"""Which joint of a file is which of HumanML3D's 22: exact tables of some skeletons, and for all others their names.
 
-An entry is a name, a list of names to average, or a `Made` joint for what the other skeleton does not have (the SMPL
-pelvis lies higher than most hips, say). Names are compared without case, "_", "-", blanks and "mixamorig:".
+An entry of a table is a name, a list of names to average, or a `Made` joint for what the other skeleton does not have
+(the SMPL pelvis lies higher than most hips, say). Files that no table fits are read by `joint_names` and
+`named_bodies`.
 """
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
@@ -11,7 +12,9 @@ from jaxtyping import Float, Num
 
 from motion_jax.inputs.numerals import named, shortened
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.skeleton import HUMANML3D, Skeleton
+from motion_jax.motion.joint_names import Tree, plain
+from motion_jax.motion.named_bodies import NamedBody
+from motion_jax.motion.skeleton import HUMANML3D, SKELETONS, Skeleton
 from motion_jax.shapes import Array
 
 
@@ -31,14 +34,14 @@ class Source:
                turned: Num[np.ndarray, "t n 4"] | None = None) -> None:
     self.index: dict[str, int] = {}
     for i, name in enumerate(names):
-      self.index.setdefault(normalized_name(name), i)
+      self.index.setdefault(plain(name), i)
     self.positions, self.turned = positions, turned
 
   def __contains__(self, name: str) -> bool:
-    return normalized_name(name) in self.index
+    return plain(name) in self.index
 
   def __getitem__(self, name: str) -> Float[np.ndarray, "t 3"]:
-    return self.positions[:, self.index[normalized_name(name)]]
+    return self.positions[:, self.index[plain(name)]]
 
   def length(self, a: str, b: str) -> float:
     """The distance of two joints, median over the clip."""
@@ -52,19 +55,11 @@ class Source:
     if self.turned is None:
       raise ValueError(f"this table needs the rotation of joint {name!r}, got positions only; give map_joints turned=, "
                        "or a mapping of names")
-    return self.turned[:, self.index[normalized_name(name)]]
+    return self.turned[:, self.index[plain(name)]]
 
   def at(self, name: str, offset: Sequence[float] | np.ndarray) -> Float[np.ndarray, "t 3"]:
     """The point at an offset (3,) or (T, 3) in the turned frame of a joint."""
     return self[name] + rot.rotate(self.turn(name), np.asarray(offset, np.float64))
-
-
-def normalized_name(name: str) -> str:
-  """A joint's name without what programs put around it."""
-  name = name.split(":")[-1].lower()
-  for mark in "_- .":
-    name = name.replace(mark, "")
-  return name.removeprefix("mixamorig")
 
 
 def _sided(middle, left, swap):
@@ -132,20 +127,12 @@ _BANDAI = _sided(
      "left_collar": "Shoulder_L", "left_shoulder": "UpperArm_L", "left_elbow": "LowerArm_L", "left_wrist": "Hand_L"},
     lambda name: name[:-1] + "R")
 
-_LIMBS = {"left_hip": "LeftUpLeg", "left_knee": "LeftLeg", "left_ankle": "LeftFoot", "left_foot": "LeftToeBase",
-          "left_collar": "LeftShoulder", "left_shoulder": "LeftArm", "left_elbow": "LeftForeArm",
-          "left_wrist": "LeftHand"}
-_to_right = lambda name: name.replace("Left", "Right").replace("L_", "R_")
+_to_right = lambda name: name.replace("L_", "R_")
 
 TABLES: dict[str, Mapping[str, Entry]] = {
     "cmu_asf": _cmu_asf(),
     "cmu_bvh": _cmu_bvh(),
     "bandai": _BANDAI,
-    "mixamo": _sided({"pelvis": "Hips", "spine1": "Spine", "spine2": "Spine1", "spine3": "Spine2", "neck": "Neck",
-                      "head": "Head"}, _LIMBS, _to_right),
-    # cgspeed's MotionBuilder-friendly figure, and others with a LowerBack.
-    "motionbuilder": _sided({"pelvis": "Hips", "spine1": "LowerBack", "spine2": "Spine", "spine3": "Spine1",
-                             "neck": "Neck1", "head": "Head"}, _LIMBS, _to_right),
     "smpl": _sided({"pelvis": "Pelvis", "spine1": "Spine1", "spine2": "Spine2", "spine3": "Spine3", "neck": "Neck",
                     "head": "Head"},
                    {f"left_{ours}": f"L_{theirs}" for ours, theirs in (
@@ -156,41 +143,90 @@ TABLES: dict[str, Mapping[str, Entry]] = {
 
 
 def map_joints(names: Sequence[str], positions: Num[Array, "t n 3"], mapping: str | Mapping[str, Entry] | None = None,
-               turned: Num[np.ndarray, "t n 4"] | None = None, skeleton: Skeleton = HUMANML3D
-               ) -> tuple[Float[np.ndarray, "t j 3"], str]:
-  """Picks a skeleton's joints out of a file's: positions (T, N, 3) -> (T, J, 3), name of the table used.
+               turned: Num[np.ndarray, "t n 4"] | None = None, parents: Sequence[int] | None = None
+               ) -> tuple[Float[np.ndarray, "t 22 3"], str]:
+  """Picks HumanML3D's 22 joints out of a file's: positions (T, N, 3) -> (T, 22, 3), name of the table used.
 
-  mapping is a key of TABLES, a dict {our joint: their joint or a list to average}, or None for the table that fits.
-  turned (T, N, 4), the joints' world rotations, is needed by the CMU tables. Raises ValueError that lists the joints
-  missing and those that the file has.
+  mapping: a key of TABLES, a dict {our joint: their joint or a list to average}, or None for what the names tell. A
+  dict need not be whole: what it leaves out is looked for by name, and by the tree that parents (N,) tell (-1 for a
+  root). turned (T, N, 4), the joints' world rotations, is needed by the CMU tables. Raises ValueError that lists the
+  joints missing and those that the file has.
   """
   source = Source(names, np.asarray(positions, np.float64), turned)
-  label = mapping if isinstance(mapping, str) else "own" if mapping else best_table(names)
-  if isinstance(mapping, Mapping):
-    table = mapping
-  elif label in TABLES:
-    table = TABLES[label]
+  if isinstance(mapping, str):
+    if mapping not in TABLES:
+      raise ValueError(f"got mapping {shortened(mapping)!r}, expected one of {', '.join(TABLES)}, or a dict of joint "
+                       "names")
+    return _by_table(source, names, mapping), mapping
+  label = None if mapping else table_of(source)
+  if label:
+    return _by_table(source, names, label), label
+  return _by_names(source, names, mapping or {}, parents)
+
+
+def table_of(source: Source) -> str:
+  """The table all of whose joints a file has, or ""."""
+  for label, table in TABLES.items():
+    if all(name in source for entry in table.values() for name in _needs(entry)):
+      # In BVH files made of ASF skeletons joints lie where bones begin, not where they end.
+      if label != "cmu_asf" or source.length("root", "lhipjoint") > 1e-6:
+        return label
+  return ""
+
+
+def skeleton_of(names: Sequence[str]) -> Skeleton:
+  """The skeleton whose joints these are, name by name, End Sites aside; HumanML3D for any other."""
+  own = {plain(name) for name in names if not name.endswith("_end")}
+  return next((skeleton for skeleton in SKELETONS.values() if own == set(map(plain, skeleton.joints))),
+              HUMANML3D)
+
+
+def own_joints(names: Sequence[str], positions: Num[Array, "t n 3"], skeleton: Skeleton
+               ) -> Float[np.ndarray, "t j 3"]:
+  """A skeleton's joints (T, J, 3) out of a file that names them as the skeleton does."""
+  source = Source(names, np.asarray(positions, np.float64))
+  return np.stack([source[joint] for joint in skeleton.joints], axis=1)
+
+
+def _by_table(source, names, label):
+  table = TABLES[label]
+  missing = sorted({name for entry in table.values() for name in _needs(entry) if name not in source})
+  if missing:
+    raise ValueError(f"mapping {label!r} needs the joints {named(missing)}; the file has {named(names)}")
+  return np.stack([_place(source, table[joint]) for joint in HUMANML3D.joints], axis=1)
+
+
+def _by_names(source, names, mapping, parents):
+  foreign = [joint for joint in mapping if joint not in HUMANML3D.joints]
+  if foreign:
+    raise ValueError(f"the mapping names {named(foreign)}, expected our joints {', '.join(HUMANML3D.joints)}")
+  tree = Tree(names, parents)
+  own, absent = {}, []
+  for joint, entry in mapping.items():
+    indices = [tree.find(name) for name in _needs(entry)]
+    absent += [name for name, index in zip(_needs(entry), indices) if index is None]
+    own[joint] = indices
+  if absent:
+    raise ValueError(f"the mapping names the joints {named(sorted(absent))}; the file has {named(names)}")
+  body = NamedBody(tree, source.positions, source.turned, own)
+  lacking = [joint for joint in HUMANML3D.joints if joint not in body.joints]
+  if lacking:
+    raise ValueError(_refusal(body, lacking, names))
+  label = "own" if mapping else body.label
+  return np.stack([body.joints[joint] for joint in HUMANML3D.joints], axis=1), label
+
+
+def _refusal(body, lacking, names):
+  """What is missing, whose names are nearest, and the mapping file that helps."""
+  wanted = [joint for joint in HUMANML3D.joints if joint in body.lacking] or lacking
+  template = ", ".join(f'"{joint}": "..."' for joint in wanted)
+  if body.label:
+    missing = [f'{joint} ("{body.lacking[joint]}")' if joint in body.lacking else joint for joint in wanted]
+    what = f"its joints are nearest to those of {body.label}, without {named(missing)}"
   else:
-    raise ValueError(f"got mapping {shortened(label)!r}, expected one of {', '.join(TABLES)}, or a dict of joint names")
-  unmapped = [joint for joint in skeleton.joints if joint not in table]
-  foreign = [joint for joint in table if joint not in skeleton.joints]
-  missing = sorted({name for joint in skeleton.joints for name in _needs(table.get(joint, [])) if name not in source})
-  if unmapped or foreign or missing:
-    what = [f"{text} {named(found)}" for text, found in (
-        ("the mapping does not tell", unmapped), (f"skeleton {skeleton.name!r} has no", foreign),
-        (f"mapping {label!r} needs the joints", missing)) if found]
-    raise ValueError(f"{'; '.join(what)}; the file has {named(names)}. Give a mapping "
-                     "{our joint: their joint, or a list to average}")
-  joints = [_place(source, table[joint]) for joint in skeleton.joints]
-  return np.stack(joints, axis=1), label
-
-
-def best_table(names: Sequence[str]) -> str:
-  """The table most of whose joints occur among names."""
-  known = {normalized_name(name) for name in names}
-  share = {label: np.mean([all(normalized_name(name) in known for name in _needs(entry)) for entry in table.values()])
-           for label, table in TABLES.items()}
-  return max(share, key=lambda label: share[label])
+    what = "its joint names are of no skeleton that is known"
+  return (f"{what}; the file has {named(names)}. Write a JSON file {{{template}}} with the names that it has, and give "
+          "it by --mapping FILE.json (mapping=)")
 
 
 def _needs(entry):

@@ -4,10 +4,12 @@ import json
 import numpy as np
 import pytest
 
-from motion_jax.data.build import build, pieces, read_captions, read_mapping, with_splits
+from motion_jax import cli
+from motion_jax.data.build import build, pieces, read_captions, with_splits
 from motion_jax.data.clip import Caption
 from motion_jax.data.datasets.humanml3d import read_folder, read_ids
 from motion_jax.data.datasets.synthetic import synthetic_clips, synthetic_joints
+from motion_jax.data.mocap.mappings import read_mapping
 from motion_jax.motion.skeleton import HUMANML3D
 from tests.data.test_bvh import write_bvh
 
@@ -67,7 +69,7 @@ def test_own_mapping_file(captures, tmp_path):
   names = [f"j{j}" for j in range(22)]
   write_bvh(captures / "walk.bvh", synthetic_joints("walk", 60, np.random.default_rng(1)), names=names)
   write_bvh(captures / "day 1" / "wave.bvh", synthetic_joints("walk", 60, np.random.default_rng(2)), names=names)
-  with pytest.raises(ValueError, match="wave.bvh.*needs the joints.*the file has j0"):
+  with pytest.raises(ValueError, match="wave.bvh.*no skeleton that is known; the file has j0"):
     build(captures, tmp_path / "out", progress=False)
   assert not (tmp_path / "out").exists()
   mapping = tmp_path / "map.json"
@@ -88,6 +90,39 @@ def test_a_damaged_file_leaves_nothing_behind(captures, tmp_path):
   with pytest.raises(ValueError, match="walk.bvh line .* cut"):
     build(captures, tmp_path / "out", progress=False)
   assert set(tmp_path.iterdir()) == before
+
+
+def test_a_bad_file_does_not_lose_a_folder(captures, tmp_path, capsys):
+  """It is named, the others are there, and the status is 1; of a folder without a good file nothing is left."""
+  text = (captures / "walk.bvh").read_text()
+  (captures / "walk.bvh").write_text(text[:len(text) // 2])
+  assert cli.main(["data", "build", str(captures), str(tmp_path / "out")]) == 1
+  printed = capsys.readouterr()
+  assert "2 clips" in printed.out and "not read: walk.bvh: line" in printed.err and "cut" in printed.err
+  assert {clip.id for clip in read_folder(tmp_path / "out")} == {"day_1_wave", "Mday_1_wave"}
+  assert cli.main(["data", "describe", str(captures)]) == 1
+  assert "not read: walk.bvh: line" in capsys.readouterr().err
+  (captures / "day 1" / "wave.bvh").write_text("nothing")
+  assert cli.main(["data", "build", str(captures), str(tmp_path / "none")]) == 1
+  assert "none of 2 files can be read; of the first, day 1/wave.bvh: line 1" in capsys.readouterr().err
+  assert not (tmp_path / "none").exists()
+
+
+def test_files_of_one_name_get_ids_of_their_own(captures, tmp_path):
+  """a/walk, a_walk, and what would be the mirrored copy of walk: all are read, none is written over another."""
+  joints = [synthetic_joints("walk", 60, np.random.default_rng(seed)) for seed in range(4)]
+  (captures / "a").mkdir()
+  (captures / "b").mkdir()
+  for name, one in zip(("a/walk", "b/walk", "a_walk", "Mwalk"), joints):
+    write_bvh(captures / f"{name}.bvh", one)
+  (captures / "captions.csv").write_text("file,caption\n" + "".join(
+      f"{name},walks\n" for name in ("a/walk.bvh", "b/walk", "a_walk.bvh", "Mwalk.bvh", "walk.bvh")))
+  build(captures, tmp_path / "out", progress=False)
+  ids = {clip.id for clip in read_folder(tmp_path / "out")}
+  assert len(ids) == 10 and {"a_walk", "b_walk", "a_walk_2", "Ma_walk_2", "Mwalk", "walk_2"} <= ids
+  (captures / "b" / "walk.amc").write_text("")
+  with pytest.raises(ValueError, match="'b/walk', which may be b/walk.amc, b/walk.bvh; give the file's whole"):
+    build(captures, tmp_path / "more", progress=False)
 
 
 @pytest.mark.parametrize("name, text, message", [

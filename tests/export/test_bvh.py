@@ -5,10 +5,11 @@ from scipy.spatial.transform import Rotation
 
 from motion_jax import export
 from motion_jax.data.clip import Clip
-from motion_jax.data.datasets.synthetic import synthetic_joints
+from motion_jax.data.datasets.synthetic import on_skeleton, synthetic_joints
+from motion_jax.data.mocap.bvh import bvh_clip
 from motion_jax.export.bvh import euler
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.motion.skeleton import HUMANML3D, KIT
 
 
 def walk(num_frames=60, turns=0.0):
@@ -74,6 +75,19 @@ def test_our_reader_finds_the_joints(tmp_path):
   assert np.abs(back.joints - clip.joints).max() < 1e-4
   slower = export.load(path, fps=10)  # a rate that is said is the frames' rate: none is dropped
   assert slower.fps == 10 and slower.num_frames == clip.num_frames
+
+
+def test_a_skeleton_that_is_written_is_read(tmp_path):
+  """KIT's 21 joints come back as KIT's, in millimetres; as 22 joints where a data set wants these."""
+  clip = on_skeleton(walk(), KIT)
+  path, = export.save(clip, tmp_path / "kit.bvh")
+  back = export.load(path)
+  assert back.skeleton is KIT and back.fps == clip.fps
+  assert np.abs(back.joints - clip.joints).max() < 0.1
+  joints = bvh_clip(path, fps=clip.fps).joints
+  assert joints.shape[1] == 22
+  at = HUMANML3D.joints.index("left_wrist")
+  np.testing.assert_allclose(joints[:, at], clip.joints[:, KIT.joints.index("left_wrist")] / 1000, atol=1e-4)
 
 
 def test_angles_follow_several_whole_turns(tmp_path):

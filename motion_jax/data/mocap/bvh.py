@@ -143,11 +143,15 @@ def _local(values, offsets, channels):
   rotations[..., 0] = 1
   column = 0
   for joint, own in enumerate(channels):
-    for name in own:
-      value, axis = values[:, column], name[0].lower()
-      column += 1
-      if name.endswith("position"):
-        local[:, joint, "xyz".index(axis)] = value
-      else:
+    columns = dict(zip(own, values[:, column:column + len(own)].T))
+    column += len(own)
+    # MakeHuman writes poses whose position channels are zero: those joints stay where OFFSET puts them.
+    moved = max((np.abs(value).max() for name, value in columns.items() if name.endswith("position")), default=0)
+    stays = joint > 0 and moved < 0.01 * np.linalg.norm(offsets[joint])
+    for name, value in columns.items():
+      axis = name[0].lower()
+      if name.endswith("rotation"):
         rotations[:, joint] = rot.multiply(rotations[:, joint], rot.about_axis(np.radians(value), axis))
+      elif not stays:
+        local[:, joint, "xyz".index(axis)] = value
   return local, rotations

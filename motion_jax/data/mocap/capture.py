@@ -9,7 +9,7 @@ from motion_jax.data.clip import Clip
 from motion_jax.inputs.errors import InputError
 from motion_jax.motion import plausibility
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.joint_maps import map_joints
+from motion_jax.motion.joint_maps import map_joints, own_joints
 from motion_jax.motion.retarget import leg_scale
 from motion_jax.motion.skeleton import HUMANML3D
 
@@ -51,13 +51,15 @@ def with_rate(capture, fps) -> Capture:
   return dataclasses.replace(capture, fps=fps)
 
 
-def to_clip(capture, path, mapping=None, fps=20.0, unit="auto", up="auto", skip_pose=None, **about) -> Clip:
+def to_clip(capture, path, mapping=None, fps=20.0, unit="auto", up="auto", skip_pose=None, skeleton=HUMANML3D, **about
+            ) -> Clip:
   """A Capture as a Clip of 22 joints: metres, y up, frame k at k / fps seconds, with the file's own proportions.
 
-  mapping: see `joint_maps.map_joints`; None finds the table. unit: of the file, "m", "cm", "mm", "in", "ft" or metres
-  per unit; "auto" tells it by the leg. up: "x", "y", "z" or "auto". skip_pose: leave out a pose set before the motion;
-  None does so when there is one. about (captions, id, split, ...) goes to the Clip. Raises ValueError for joints that
-  are no person's (`motion.plausibility`), or rates that no camera has.
+  mapping: see `joint_maps.map_joints`; None reads the names. skeleton: of the clip; a file whose joints are those of
+  another skeleton than HumanML3D's, name by name, can stay on it. unit: of the file, "m", "cm", "mm", "in", "ft" or
+  metres per unit; "auto" tells it by the leg. up: "x", "y", "z" or "auto". skip_pose: leave out a pose set before the
+  motion; None does so when there is one. about (captions, id, split, ...) goes to the Clip. Raises ValueError for
+  joints that are no person's (`motion.plausibility`), or rates that no camera has.
   """
   path = pathlib.Path(path)
   for rate in (capture.fps, fps):
@@ -65,17 +67,20 @@ def to_clip(capture, path, mapping=None, fps=20.0, unit="auto", up="auto", skip_
   if skip_pose or (skip_pose is None and starts_with_a_pose(capture)):
     capture = without_pose(capture)
   try:
-    joints, table = map_joints(capture.names, capture.positions, mapping, capture.turned)
-    metres = _metres(joints, unit)
-    joints = _turn_up(joints, up)
+    if skeleton is HUMANML3D:
+      joints, table = map_joints(capture.names, capture.positions, mapping, capture.turned, capture.parents)
+    else:
+      joints, table = own_joints(capture.names, capture.positions, skeleton), skeleton.name
+    metres = _metres(joints, unit, skeleton)
+    joints = _turn_up(joints, up, skeleton)
   except ValueError as error:
     raise InputError(f"{path}: {error}") from None
-  joints = joints * metres
-  plausibility.check(joints, fps=capture.fps, name=str(path))
+  joints = joints * (metres / skeleton.unit)
+  plausibility.check(joints, skeleton, capture.fps, str(path))
   joints = resample(joints, capture.fps, fps)
   meta = {"file": path.name, "mapping": table, "unit": metres, "source_fps": round(capture.fps, 4)}
   about = {"id": path.stem, "source": path.name} | about
-  return Clip(joints=joints.astype(np.float32), fps=fps, meta=meta | about.pop("meta", {}), **about)
+  return Clip(joints=joints.astype(np.float32), fps=fps, skeleton=skeleton, meta=meta | about.pop("meta", {}), **about)
 
 
 def resample(values, fps, to_fps):
@@ -132,7 +137,7 @@ def _angles(q):
   return np.degrees(2 * np.arccos(np.clip(np.abs(q[..., 0]), 0, 1)))
 
 
-def _metres(joints, unit):
+def _metres(joints, unit, skeleton):
   """Metres per unit, as said, or of the usual unit that makes the leg nearest to an adult's."""
   if isinstance(unit, str) and unit != "auto":
     if unit not in plausibility.UNITS:
@@ -140,15 +145,15 @@ def _metres(joints, unit):
     return plausibility.UNITS[unit]
   if unit not in ("auto", None):
     return unit
-  scale = leg_scale(joints)
+  scale = leg_scale(joints, skeleton) * skeleton.unit
   return min(_UNITS, key=lambda unit: abs(np.log(unit / scale)))
 
 
-def _turn_up(joints, up):
+def _turn_up(joints, up, skeleton):
   """Turns joints so that up is +y; "auto" takes the axis along which heads are above feet."""
   if up == "auto":
-    feet = list(HUMANML3D.left_feet + HUMANML3D.right_feet)
-    rise = np.median(joints[:, 12] - joints[:, feet].mean(1), axis=0)
+    feet = list(skeleton.left_feet + skeleton.right_feet)
+    rise = np.median(joints[:, skeleton.joints.index("neck")] - joints[:, feet].mean(1), axis=0)
     # A clip of somebody lying down says nothing: then the file is taken to be y up, as most are.
     up = "xyz"[int(np.abs(rise).argmax())] if np.abs(rise).max() > 2 * np.abs(rise[1]) else "y"
   if up not in plausibility.AXES:

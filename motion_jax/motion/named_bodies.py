@@ -1,0 +1,189 @@
+"""The 22 joints of a body whose joints other programs named: legs and arms by name, all else by the tree.
+
+Bodies differ in how many joints a spine has, in where a pelvis lies, and in what is missing. Where a file has what
+HumanML3D has, its joints are taken as they are; where not, joints are put at HumanML3D's proportions.
+"""
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Float, Num
+
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.joint_names import SIDES, Limbs, Tree, find_limbs
+from motion_jax.motion.skeleton import HUMANML3D, SMPL
+
+_HEIGHT = dict(zip(HUMANML3D.joints, SMPL.offsets[:, 1]))  # of each joint above its parent, at rest
+_SPINE = "spine1", "spine2", "spine3", "neck"
+_TRUNK = np.cumsum([-_HEIGHT["left_hip"], *(_HEIGHT[joint] for joint in _SPINE)])  # pelvis to neck, above the hips
+_COINCIDENT, _LEVEL = 0.01, 0.05   # parts of a leg: joints that are one; a pelvis that lies between the hips
+_SHORTEST, _FOOT = 0.07, (0.07, 0.16)  # parts of a leg: a foot at least; one that is made, down and ahead
+_TOES = "toe", "ball", "forefoot", "metatarsal", "foot"
+
+
+class NamedBody:
+  """Finds the joints of HumanML3D in a file: `joints` is {our joint: (T, 3)}, `lacking` what stays unknown."""
+
+  def __init__(self, tree: Tree, positions: Num[np.ndarray, "t n 3"], turned: Num[np.ndarray, "t n 4"] | None,
+               own: Mapping[str, list[int]]) -> None:
+    self.tree, self.positions, self.turned, self.own = tree, positions, turned, set(own)
+    self.joints = {joint: positions[:, indices].mean(1) for joint, indices in own.items()}
+    self.at = {joint: indices[0] if len(indices) == 1 else None for joint, indices in own.items()}
+    limbs: Limbs = find_limbs(tree, self.at)
+    self.label, self.lacking = limbs.label, dict(limbs.missing)
+    for joint, index in limbs.joints.items():
+      self._take(joint, index)
+    if not self.lacking:
+      self.leg = np.median([self._length(f"{side}_{a}", f"{side}_{b}") for side in SIDES for a, b in (
+          ("hip", "knee"), ("knee", "ankle"))]) * 2
+      self._trunk()
+      for side in SIDES:
+        self._collar(side)
+        self._toes(side)
+
+  def _take(self, joint, index):
+    self.joints[joint], self.at[joint] = self.positions[:, index], index
+
+  def _length(self, a, b):
+    return np.median(np.linalg.norm(self.joints[a] - self.joints[b], axis=-1))
+
+  def _apart(self, a, b):
+    """Whether two joints of the file lie in two points."""
+    return np.median(np.linalg.norm(self.positions[:, a] - self.positions[:, b], axis=-1)) > _COINCIDENT * self.leg
+
+  def _fork(self, joint):
+    """The last joint of the file above the left and right one."""
+    left, right = (self.at[f"{side}_{joint}"] for side in SIDES)
+    return None if left is None or right is None else self.tree.fork(left, right)
+
+  # --- pelvis, spine, neck, head ---------------------------------------------------------------------------------
+
+  def _trunk(self):
+    joints, pelvis, chest = self.joints, self._fork("hip"), self._fork("shoulder")
+    if "pelvis" not in joints and pelvis is not None:
+      self._take("pelvis", pelvis)
+    line = self._spine_and_head(pelvis, chest)
+    if "head" not in joints:
+      if not line:
+        self.lacking["head"] = "head"
+        return
+      self._take("head", line[-1])
+    necks = [joint for joint in line[:-1] if "neck" in self.tree.keys[joint]]
+    after = [joint for joint in line[:-1] if chest in self.tree.line(joint)[:-1]]
+    neck = next(iter(necks or after), None)
+    if "neck" not in joints:
+      if neck is not None:
+        self._take("neck", neck)
+      else:
+        middle = (joints["left_shoulder"] + joints["right_shoulder"]) / 2
+        joints["neck"] = middle + (joints["head"] - middle) / 4
+    spines = line[:line.index(neck)] if neck in line else line[:-1]
+    self._spine([self.positions[:, joint] for joint in spines])
+
+  def _spine_and_head(self, pelvis, chest):
+    """Joints of the file from above the pelvis to the head, those that lie in one point once."""
+    if pelvis is None or chest is None:
+      return []
+    arms = [self.at[f"{side}_shoulder"] for side in SIDES]
+    heads = [i for i, name in enumerate(self.tree.keys) if "head" in name and chest in self.tree.line(i)[:-1]
+             and not any(arm in self.tree.line(i) for arm in arms)]
+    necks = [i for i, name in enumerate(self.tree.keys) if "neck" in name and chest in self.tree.line(i)[:-1]]
+    own = self.at.get("head")
+    head = own if own is not None else min(heads, key=lambda i: len(self.tree.line(i)), default=None)
+    if head is None:  # the neck's End Site is the top of such a head
+      head = max(necks, key=lambda i: len(self.tree.line(i)), default=None)
+    if head is None:
+      return []
+    below = self.tree.line(pelvis)
+    line, last = [], pelvis
+    for joint in self.tree.line(head):
+      if joint not in below and (self._apart(joint, last) or joint == head):
+        line.append(joint)
+        last = joint
+    return line
+
+  def _spine(self, spines):
+    """Spine joints: the file's three, or points at HumanML3D's heights on the line from hips or pelvis to neck."""
+    joints = self.joints
+    hips = (joints["left_hip"] + joints["right_hip"]) / 2
+    up = rot.unit(joints["neck"] - hips)
+    rise = np.median(((joints["pelvis"] - hips) * up).sum(-1)) if "pelvis" in joints else 0
+    level = "pelvis" not in self.own and rise < _LEVEL * self.leg
+    if not level and len(spines) == 3:
+      for joint, place in zip(_SPINE, spines):
+        joints.setdefault(joint, place)
+      return
+    above = [place for place in spines if np.median(((place - hips) * up).sum(-1)) > max(rise, 0)]
+    heights = _TRUNK if level else _TRUNK - _TRUNK[0]
+    curve = [hips if level else joints["pelvis"], *above, joints["neck"]]
+    places = dict(zip(("pelvis", *_SPINE), _along(curve, heights / heights[-1])))
+    if level:
+      joints["pelvis"] = places["pelvis"]
+    for joint in _SPINE:
+      joints.setdefault(joint, places[joint])
+
+  # --- collars and toes ------------------------------------------------------------------------------------------
+
+  def _collar(self, side):
+    """The first joint from the chest to a shoulder; without one, a point at SMPL's place between spine, neck and it."""
+    joints, joint = self.joints, f"{side}_collar"
+    if joint in joints or "spine3" not in joints:
+      return
+    shoulder, chest = self.at[f"{side}_shoulder"], self._fork("shoulder")
+    way = [] if chest is None else self.tree.line(shoulder)[len(self.tree.line(chest)):-1]
+    way = [one for one in way if not self.tree.names[one].startswith("__") and self._apart(one, shoulder) and
+           self._apart(one, chest)]
+    if way:
+      self._take(joint, way[0])
+    else:
+      base = joints["spine3"] + 0.39 * (joints["neck"] - joints["spine3"])
+      joints[joint] = base + 0.39 * (joints[f"{side}_shoulder"] - base)
+
+  def _toes(self, side):
+    """Toes: joints of that name below the ankle, else the foot's End Site, else a foot made from the ankle's turns."""
+    joint, ankle, knee = f"{side}_foot", self.joints[f"{side}_ankle"], self.joints[f"{side}_knee"]
+    if joint in self.joints:
+      return
+    shin, index, ends = rot.unit(ankle - knee), self.at[f"{side}_ankle"], []
+    for level in self.tree.below(index, 3) if index is not None else ():
+      names = {i: self.tree.names[i] for i in level}
+      ends = ends or [i for i in level if names[i].endswith("_end")]
+      toes = [i for i in level if any(word in self.tree.keys[i] for word in _TOES) and "heel" not in self.tree.keys[i]
+              and not names[i].endswith("_end")]
+      foot = self.positions[:, toes].mean(1) - ankle if toes else np.zeros_like(ankle)
+      if np.median(np.linalg.norm(foot, axis=-1)) > _SHORTEST * self.leg:
+        self.joints[joint] = ankle + foot
+        return
+    if ends:
+      foot = self.positions[:, ends].mean(1) - ankle
+      across = foot - shin * (foot * shin).sum(-1, keepdims=True)
+      if np.median(np.linalg.norm(across, axis=-1)) > _SHORTEST * self.leg:
+        self.joints[joint] = ankle + foot
+        return
+    self.joints[joint] = ankle + self._made_foot(index, shin)
+
+  def _made_foot(self, ankle, shin):
+    """A foot (T, 3) that points where the hips face; where the file has turns it is fixed to the ankle."""
+    joints = self.joints
+    hips = joints["left_hip"] - joints["right_hip"]
+    trunk = joints["neck"] - (joints["left_hip"] + joints["right_hip"]) / 2
+    ahead = np.cross(hips, trunk)
+    ahead = rot.unit(ahead - shin * (ahead * shin).sum(-1, keepdims=True))
+    down, length = (part * self.leg for part in _FOOT)
+    foot = ahead * length + shin * down
+    if self.turned is None or ankle is None:
+      return foot
+    turn = self.turned[:, ankle]
+    return rot.rotate(turn, np.median(rot.rotate(rot.conjugate(turn), foot), axis=0)[None])
+
+
+def _along(curve, parts) -> list[Float[np.ndarray, "t 3"]]:
+  """Points at these parts of a line through places (T, 3), each bone of it as long as it is in the median frame."""
+  bones = [np.median(np.linalg.norm(b - a, axis=-1)) for a, b in zip(curve[:-1], curve[1:])]
+  ends = np.cumsum([0, *bones])
+  points = []
+  for part in parts:
+    at = part * ends[-1]
+    i = int(np.clip(np.searchsorted(ends, at, side="right") - 1, 0, len(bones) - 1))
+    weight = (at - ends[i]) / max(bones[i], 1e-12)
+    points.append(curve[i] + weight * (curve[i + 1] - curve[i]))
+  return points

@@ -1,0 +1,196 @@
+"""Joint names as other programs write them: one row a kind, with where the names were seen.
+
+A row: the trunk from pelvis to head, a leg from hip to toes, an arm from collar to wrist, and the joint of the trunk
+that arms hang on. "+" is the word for left or right: Left, l, L; "-" is a joint that the kind lacks.
+"""
+from typing import NamedTuple
+
+import numpy as np
+
+from motion_jax.motion.skeleton import HUMANML3D, SMPL
+
+
+class Rig(NamedTuple):
+  trunk: str
+  leg: str
+  arm: str
+  chest: str
+  sides: tuple[str, str] = ("Left", "Right")
+
+
+_LR, _lr = ("L", "R"), ("l", "r")
+_IK = "+UpLeg +Leg +Foot +ToeBase", "+Shoulder +Arm +ForeArm +Hand"
+_ANKLE = "+Hip +Knee +Ankle +Toe", "+Collar +Shoulder +Elbow +Wrist"
+
+
+def _prefixed(prefix, rig):
+  put = lambda names: " ".join(name if name == "-" else prefix + name for name in names.split())
+  return Rig(*map(put, rig[:4]), rig.sides)
+
+
+_MIXAMO = Rig("Hips Spine Spine1 Spine2 Neck Head HeadTop_End", *_IK, "Spine2")
+_BIPED = Rig("Pelvis Spine Spine1 Spine2 Neck Head", "+~Thigh +~Calf +~Foot +~Toe0",
+             "+~Clavicle +~UpperArm +~Forearm +~Hand", "Neck", _LR)
+_SMPL = Rig("Pelvis Spine1 Spine2 Spine3 Neck Head", "+_Hip +_Knee +_Ankle +_Foot",
+            "+_Collar +_Shoulder +_Elbow +_Wrist", "Spine3", _LR)
+
+# "~" is a blank. Seen in files of these repositories where one is named, else in the program's documentation.
+RIGS = {
+    "Mixamo, 20tab/bvh-python:tests/test_freebvh.bvh": _prefixed("mixamorig:", _MIXAMO),
+    "Mixamo, second character": _prefixed("mixamorig1:", _MIXAMO),
+    "Mixamo in three.js": _prefixed("mixamorig", _MIXAMO),
+    "Mixamo in three.js, renamed": _prefixed("mixamorig1", _MIXAMO),
+    "Mixamo in Blender's collections": _prefixed("Armature|", _MIXAMO),
+    "HumanIK, Maya": _prefixed("Character1_", _MIXAMO),
+    "HumanIK, another character": _prefixed("Model_", _MIXAMO),
+    "LAFAN1, EricGuo5513/momask-codes:visualization/data/template.bvh": Rig(
+        "Hips Spine Spine1 Spine2 Neck Head", "+UpLeg +Leg +Foot +Toe", "+Shoulder +Arm +ForeArm +Hand", "Spine2"),
+    "CMU by cgspeed, MotionBuilder, facebookresearch/fairmotion:tests/data/01_01.bvh": Rig(
+        "Hips LowerBack Spine Spine1 Neck Neck1 Head", *_IK, "Spine1"),
+    "CMU by cgspeed, 3ds Max, facebookresearch/AnimatedDrawings:examples/bvh/cmu1": Rig(
+        "Hips lowerback Chest Chest2 lowerneck Neck Head", *_ANKLE, "Chest2"),
+    "CMU's bones in BVH": Rig("root lowerback upperback thorax lowerneck upperneck head", "+femur +tibia +foot +toes",
+                              "+clavicle +humerus +radius +wrist", "thorax", _lr),
+    "Xsens, 100STYLE, VictorS-67/pybvh:bvh_data/bvh_test2.bvh": Rig(
+        "Hips Chest Chest2 Chest3 Chest4 Neck Head", *_ANKLE, "Chest4"),
+    "Vicon, mocapdata.com, OlafHaag/bvh-toolbox:test_mocapbank.bvh": Rig(
+        "Hips Chest Chest2 Neck Head", "+Hip +Knee +Ankle -", "+Collar +Shoulder +Elbow +Wrist", "Chest2"),
+    "Biovision, wspr/bvh-matlab:louise.bvh": Rig(
+        "Hips Chest Neck Head", "+Hip +Knee +Ankle -", "+Collar +Shoulder +Elbow +Wrist", "Chest"),
+    "Biovision, ikun03/ikun03.github.io:bvh1.js": Rig(
+        "Hips Chest Neck Head", "+UpLeg +LowLeg +Foot -", "+Collar +UpArm +LowArm +Hand", "Chest"),
+    "Perception Neuron, VictorS-67/pybvh:bvh_data/bvh_test3.bvh": Rig(
+        "Hips Spine Spine1 Spine2 Spine3 Neck Neck1 Head", "+UpLeg +Leg +Foot +ForeFoot",
+        "+Shoulder +Arm +ForeArm +Hand", "Spine3"),
+    "Perception Neuron, prefixed": _prefixed("Robot_", Rig(
+        "Hips Spine Spine1 Spine2 Spine3 Neck Head", "+UpLeg +Leg +Foot -", "+Shoulder +Arm +ForeArm +Hand", "Spine3")),
+    "BEAT, VictorS-67/pybvh:bvh_data/bvh_example.bvh": Rig(
+        "Hips Spine Spine1 Spine2 Spine3 Neck Neck1 Head", *_IK, "Spine3"),
+    "Rokoko, facebookresearch/AnimatedDrawings:examples/bvh/rokoko": _MIXAMO,
+    "Rokoko Newton": Rig("Hips Spine1 Spine2 Spine3 Spine4 Neck Head", "+Thigh +Shin +Foot +Toe",
+                         "+Shoulder +Arm +ForeArm +Hand", "Spine4"),
+    "MocapBank, OlafHaag/bvh-toolbox:walk01.bvh": Rig(
+        "Hips Spine Spine1 Neck Head", "+UpLeg +Leg +Foot -", "+Shoulder +Arm +ForeArm +Hand", "Spine1"),
+    "MotionBuilder, omimo/PyMO:AV_8Walk_Meredith": Rig("Hips Spine Head", *_IK, "Spine"),
+    "OptiTrack": Rig("Hip Ab Chest Neck Head", "+Thigh +Shin +Foot +Toe", "+Shoulder +UArm +FArm +Hand", "Chest", _LR),
+    "OptiTrack, named skeleton": _prefixed("Skeleton~001_", Rig(
+        "Hip Ab Chest Neck Head", "+Thigh +Shin +Foot +Toe", "+Shoulder +UArm +FArm +Hand", "Chest", _LR)),
+    "video2bvh, KevinLTT/video2bvh:cxk.bvh": Rig(
+        "Hips LowerBack Spine Spine1 Neck Neck1 Head", "+UpLeg +Leg +Foot -", "+Shoulder +Arm +ForeArm +Hand",
+        "Spine1"),
+    "Human3.6M": Rig("Hip Spine Thorax Neck Head", "+Hip +Knee +Ankle -", "- +Shoulder +Elbow +Wrist", "Thorax", _LR),
+    "MakeHuman 1.0, makehumancommunity/makehuman:dance1.bvh": Rig(
+        "Hips Spine1 Spine2 Spine3 Neck Head", "UpLeg_+ LoLeg_+ Foot_+ Toe_+", "Clavicle_+ UpArm_+ LoArm_+ Hand_+",
+        "Spine3", _LR),
+    "MakeHuman 1.1, makehumancommunity/makehuman:benchmark.bvh": Rig(
+        "root spine05 spine04 spine03 spine02 spine01 neck01 neck02 neck03 head",
+        "upperleg01.+ lowerleg01.+ foot.+ toe1-1.+", "clavicle.+ upperarm01.+ lowerarm01.+ wrist.+", "spine01", _LR),
+    "MocapNET, FORTH-ModelBasedTracker/MocapNET:CMU_Sample_05_01.bvh": Rig(
+        "hip abdomen chest neck neck1 head", "+hip +knee +foot toe1-1.+", "+collar +shoulder +elbow +hand", "chest",
+        _lr),
+    "Poser, Daz, Second Life": Rig("hip abdomen chest neck head", "+Thigh +Shin +Foot +Toe",
+                                   "+Collar +Shldr +ForeArm +Hand", "chest", _lr),
+    "Second Life's own joints": Rig("mPelvis mTorso mChest mNeck mHead", "mHip+ mKnee+ mAnkle+ mFoot+",
+                                    "mCollar+ mShoulder+ mElbow+ mWrist+", "mChest"),
+    "Daz Genesis 8": Rig("hip abdomenLower abdomenUpper chestLower chestUpper neckLower neckUpper head",
+                         "+ThighBend +Shin +Foot +Toe", "+Collar +ShldrBend +ForearmBend +Hand", "chestUpper", _lr),
+    "SnapMoGen": Rig("ROOT C_spine0001_bind_JNT C_spine0002_bind_JNT C_spine0003_bind_JNT C_neck0001_bind_JNT "
+                     "C_neck0002_bind_JNT C_head_bind_JNT",
+                     "+_legUpper0001_bind_JNT +_legLower0001_bind_JNT +_foot0001_bind_JNT +_foot0002_bind_JNT",
+                     "+_clavicle_bind_JNT +_armUpper0001_bind_JNT +_armLower0001_bind_JNT +_hand0001_bind_JNT",
+                     "C_spine0003_bind_JNT", _LR),
+    "SOMA, nv-tlabs/kimodo:kimodo/skeleton/definitions.py": Rig(
+        "Hips Spine1 Spine2 Chest Neck1 Neck2 Head HeadEnd", "+Leg +Shin +Foot +ToeBase",
+        "+Shoulder +Arm +ForeArm +Hand", "Chest"),
+    "SMPL": _SMPL,
+    "SMPL, average body": _prefixed("m_avg_", _SMPL),
+    "SMPL by MoMask, EricGuo5513/momask-codes:visualization/.bvh": Rig(
+        "Pelvis Spine1 Spine2 Spine3 Neck Head", "+_hip +_knee +_ankle +_foot", "+_collar +_shoulder +_elbow +_wrist",
+        "Spine3"),
+    "Bandai Namco": Rig("Hips Spine Chest Neck Head", "UpperLeg_+ LowerLeg_+ Foot_+ Toes_+",
+                        "Shoulder_+ UpperArm_+ LowerArm_+ Hand_+", "Chest", _LR),
+    "3ds Max biped": _prefixed("Bip01~", _BIPED),
+    "3ds Max biped, later": _prefixed("Bip001~", _BIPED),
+    "Source engine": _prefixed("ValveBiped.Bip01_", _BIPED._replace(
+        leg="+_Thigh +_Calf +_Foot +_Toe0", arm="+_Clavicle +_UpperArm +_Forearm +_Hand", trunk=(
+            "Pelvis Spine Spine1 Spine2 Spine4 Neck1 Head1"), chest="Spine4")),
+    "Unreal": Rig("pelvis spine_01 spine_02 spine_03 neck_01 head", "thigh_+ calf_+ foot_+ ball_+",
+                  "clavicle_+ upperarm_+ lowerarm_+ hand_+", "spine_03", _lr),
+    "Unreal 5": Rig("pelvis spine_01 spine_02 spine_03 spine_04 spine_05 neck_01 neck_02 head",
+                    "thigh_+ calf_+ foot_+ ball_+", "clavicle_+ upperarm_+ lowerarm_+ hand_+", "spine_05", _lr),
+    "Unity": Rig("Hips Spine Chest UpperChest Neck Head", "+UpperLeg +LowerLeg +Foot +Toes",
+                 "+Shoulder +UpperArm +LowerArm +Hand", "UpperChest"),
+    "VRM": Rig("J_Bip_C_Hips J_Bip_C_Spine J_Bip_C_Chest J_Bip_C_UpperChest J_Bip_C_Neck J_Bip_C_Head",
+               "J_Bip_+_UpperLeg J_Bip_+_LowerLeg J_Bip_+_Foot J_Bip_+_ToeBase",
+               "J_Bip_+_Shoulder J_Bip_+_UpperArm J_Bip_+_LowerArm J_Bip_+_Hand", "J_Bip_C_UpperChest", _LR),
+    "VMC": Rig("Hip Waist Chest UpperChest Neck Head", "+UpperLeg +LowerLeg +Foot +Toe",
+               "+Shoulder +UpperArm +LowerArm +Hand", "UpperChest"),
+    "Rigify": Rig("DEF-spine DEF-spine.001 DEF-spine.002 DEF-spine.003 DEF-neck DEF-head",
+                  "DEF-thigh.+ DEF-shin.+ DEF-foot.+ DEF-toe.+",
+                  "DEF-shoulder.+ DEF-upper_arm.+ DEF-forearm.+ DEF-hand.+", "DEF-spine.003", _LR),
+    "Blender, killwiner/FreeDance:src/bvh.h": Rig(
+        "hips spine chest neck head", "thigh_+ shin_+ foot_+ toe_+", "clavicle_+ upper_arm_+ forearm_+ hand_+", "chest",
+        _LR),
+    "mocopi": Rig("root torso_1 torso_2 torso_3 torso_4 torso_5 torso_6 torso_7 neck_1 neck_2 head",
+                  "+_up_leg +_low_leg +_foot +_toes", "+_shoulder +_up_arm +_low_arm +_hand", "torso_7", _lr),
+    "Character Creator": Rig("CC_Base_Hip CC_Base_Waist CC_Base_Spine01 CC_Base_Spine02 CC_Base_NeckTwist01 "
+                             "CC_Base_NeckTwist02 CC_Base_Head",
+                             "CC_Base_+_Thigh CC_Base_+_Calf CC_Base_+_Foot CC_Base_+_ToeBase",
+                             "CC_Base_+_Clavicle CC_Base_+_Upperarm CC_Base_+_Forearm CC_Base_+_Hand",
+                             "CC_Base_Spine02", _LR),
+    "Kinect": Rig("SpineBase SpineMid SpineShoulder Neck Head", "Hip+ Knee+ Ankle+ Foot+",
+                  "- Shoulder+ Elbow+ Wrist+", "SpineShoulder"),
+    "Azure Kinect": Rig("PELVIS SPINE_NAVEL SPINE_CHEST NECK HEAD", "HIP_+ KNEE_+ ANKLE_+ FOOT_+",
+                        "CLAVICLE_+ SHOULDER_+ ELBOW_+ WRIST_+", "SPINE_CHEST", ("LEFT", "RIGHT")),
+    "DeepMotion": Rig("hips_JNT spine_JNT spine1_JNT spine2_JNT neck_JNT head_JNT",
+                      "+_upleg_JNT +_leg_JNT +_foot_JNT +_toebase_JNT",
+                      "+_shoulder_JNT +_arm_JNT +_forearm_JNT +_hand_JNT", "spine2_JNT", _lr),
+    "Cascadeur": Rig("pelvis stomach chest neck head", "thigh_+ calf_+ foot_+ toe_+",
+                     "clavicle_+ arm_+ forearm_+ hand_+", "chest", _lr),
+    "KIT": Rig("root torso_low torso_high neck head", "+_hip +_knee +_ankle +_foot", "- +_shoulder +_elbow +_wrist",
+               "torso_high", ("left", "right")),
+}
+
+
+def pose():
+  """A body in a T-pose, (22, 3): metres, y up, facing +z."""
+  joints = np.zeros((22, 3))
+  for chain in HUMANML3D.chains:
+    for parent, joint in zip(chain[:-1], chain[1:]):
+      joints[joint] = joints[parent] + SMPL.offsets[joint]
+  return joints + [0.0, 0.95, 0.0]
+
+
+def build(rig):
+  """(names, parents, places (N, 3), {our joint: index}) of a rig, with fingers and End Sites, on the body of `pose`."""
+  body = dict(zip(HUMANML3D.joints, pose()))
+  names, parents, places, where = [], [], [], {}
+
+  def add(name, parent, place):
+    names.append(name.replace("~", " ").split(":")[-1])
+    parents.append(parent)
+    places.append(place)
+    return len(names) - 1
+
+  trunk = rig.trunk.split()
+  heads = next(i for i, name in enumerate(trunk) if "head" in name.lower())
+  necks = next((i for i, name in enumerate(trunk) if "neck" in name.lower()), heads)
+  line = [body[joint] for joint in ("pelvis", "spine1", "spine2", "spine3", "neck", "head")]
+  # 0 for the pelvis, 4 for the neck, 5 for the head
+  parts = np.interp(np.arange(len(trunk)), [0, necks, heads, heads + 1], [0, 4 if necks < heads else 5, 5, 6])
+  at = {}
+  for i, (name, part) in enumerate(zip(trunk, parts)):
+    low = min(int(part), 4)
+    at[name] = add(name, at[trunk[i - 1]] if i else -1, line[low] + (part - low) * (line[low + 1] - line[low]))
+  add(f"{names[-1]}_end", len(names) - 1, places[-1] + [0, 0.1, 0])
+  where["pelvis"], where["head"] = 0, at[trunk[heads]]
+  for side, word in zip(("left", "right"), rig.sides):
+    for kinds, row, last in ((("hip", "knee", "ankle", "foot"), rig.leg, 0),
+                             (("collar", "shoulder", "elbow", "wrist"), rig.arm, at[rig.chest])):
+      for kind, name in zip(kinds, row.split()):
+        if name != "-":
+          last = where[f"{side}_{kind}"] = add(name.replace("+", word), last, body[f"{side}_{kind}"])
+      if kinds[0] == "collar":
+        add(f"{word}HandIndex1", last, places[-1] + [0.08 if side == "left" else -0.08, 0, 0])
+      add(f"{names[-1]}_end", len(names) - 1, places[-1] + [0, 0, 0.02])
+  return names, parents, np.array(places), where
