@@ -27,6 +27,16 @@ def test_windows_1252_is_told(tmp_path):
     assert cli.read_prompts(str(tmp_path / "a.txt"))[1] == (SENTENCE, None)
 
 
+@pytest.mark.parametrize("name", ["x" * 241, "ü" * 121, "a/b", "..\\a", "a\0b", ""])
+def test_names_that_no_file_has(tmp_path, name):
+  with pytest.raises(ValueError, match="train.txt line 1: got the name .*expected that of a file"):
+    text_files.file_stem(name, "train.txt line 1")
+  if name and "\0" not in name:
+    (tmp_path / "train.txt").write_text(f"000001\n{name}\n", encoding="utf-8")
+    with pytest.raises(ValueError, match="train.txt line 2: got the name"):
+      humanml3d.read_ids(tmp_path, "train")
+
+
 @pytest.mark.parametrize("data, message", [
     (b"a person walks\n\xed\xa0\x80 half", "a.txt line 2: byte 0xed is no UTF-8"),
     (b"\xff\xfea\x00\n\x00\x00\xd8b\x00", "a.txt line 2: byte 0x00 is no UTF-16"),

@@ -15,6 +15,7 @@ from motion_jax.inputs.errors import InputError, reading
 
 LARGEST = 64 * 2**20   # bytes; the captions of the largest data sets are half of it
 LARGEST_MOTION = 4 * LARGEST
+_LONGEST_STEM = 240  # bytes; file systems take 255 with the ending
 _MOST_ROWS = 1_000_000
 _MARKS = ((b"\xff\xfe\x00\x00", "utf-32"), (b"\x00\x00\xfe\xff", "utf-32"), (b"\xff\xfe", "utf-16"),
           (b"\xfe\xff", "utf-16"), (b"\xef\xbb\xbf", "utf-8-sig"))
@@ -151,6 +152,15 @@ def _parted(path, text, delimiter, first):
   return rows
 
 
+def file_stem(name, where) -> str:
+  """The name of a clip that a list gives, which is that of its file: InputError, begun by where, if no file has it."""
+  if not 0 < len(name.encode("utf-8", "replace")) <= _LONGEST_STEM or any(mark in name for mark in "/\\\0"):
+    short = name if len(name) <= 40 else name[:39] + "…"
+    raise InputError(f"{where}: got the name {short!r}, expected that of a file without its ending, of at most "
+                     f"{_LONGEST_STEM} bytes and without / and \\")
+  return name
+
+
 def is_text(value) -> bool:
   """Whether the strings in a value (a str, or lists and dicts of such) can be written: none holds half a character, as
   of "\\ud800" in JSON or of bytes on a command line that are no UTF-8."""
@@ -161,4 +171,4 @@ def is_text(value) -> bool:
   return not (isinstance(value, str) and _SURROGATE.search(value))
 
 
-__all__ = ["LARGEST_MOTION", "Row", "is_text", "lines_of", "read_lines", "read_table", "read_text"]
+__all__ = ["LARGEST_MOTION", "Row", "file_stem", "is_text", "lines_of", "read_lines", "read_table", "read_text"]

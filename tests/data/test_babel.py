@@ -1,6 +1,7 @@
 """BABEL folders: segments become pairs as FlowMDM makes them, what we write is read back, 135 features come out."""
 import json
 import shutil
+import warnings
 
 import ml_collections
 import numpy as np
@@ -148,6 +149,16 @@ def test_missing_and_bad_files_are_told(built, tmp_path):
   assert [name for name, _ in faults] == ["000001"] and "there is no file" in faults[0][1]
   with pytest.warns(UserWarning, match="left out 1 recordings, the first 000001: there is no file"):
     assert not pieces(copy)
+  shutil.copytree(built[1], copy, dirs_exist_ok=True)
+  saved = dict(np.load(copy / "motions" / "000001.npz"))
+  np.savez(copy / "motions" / "000001.npz", **saved | {"poses": saved["poses"].astype(np.float64) * 1e200})
+  with warnings.catch_warnings():
+    warnings.simplefilter("error")  # numpy's, of a square that overflows
+    pieces(copy, "train", faults=faults)
+  assert "angles of over 1000 radians" in str(faults[-1][1])
+  (copy / "train.json").write_text(json.dumps({"x" * 300: {}}))
+  with pytest.raises(ValueError, match="train.json: got the name"):
+    pieces(copy)
   (copy / "train.json").write_text('{"a": 3}')
   with pytest.raises(ValueError, match="no JSON object of BABEL annotations"):
     pieces(copy)

@@ -26,6 +26,7 @@ from motion_jax.data.datasets.base import Dataset, TestItem, TextItem, new_folde
 from motion_jax.inputs.errors import InputError, reading
 from motion_jax.inputs.input_files import load_npz, read_json
 from motion_jax.inputs.numerals import shortened
+from motion_jax.inputs.text_files import file_stem
 from motion_jax.motion import inverse
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.representations import get_layout, to_joints
@@ -78,7 +79,12 @@ def read_annotations(folder, split="train") -> dict:
   strange = next((name for name, entry in table.items() if not isinstance(entry, dict)), None)
   if strange is not None:
     raise InputError(f"{path} is no JSON object of BABEL annotations: {shortened(strange)!r} holds no object")
+  for name in table:
+    file_stem(name, path)
   return table
+
+
+_MOST_RADIANS = 1000.0  # of a rotation vector, whose turns beyond pi mean nothing
 
 
 def read_recording(path) -> Recording:
@@ -98,8 +104,9 @@ def read_recording(path) -> Recording:
   if poses.ndim != 2 or poses.shape[1] < 66 or translation.shape != (len(poses), 3) or not len(poses):
     raise ValueError(f"{path}: got poses {poses.shape} and trans {translation.shape}, expected (T, 66 or more) and "
                      "(T, 3)")
-  if not (np.isfinite(poses).all() and np.isfinite(translation).all()):
-    raise ValueError(f"{path} holds NaN or infinity")
+  if not ((np.abs(poses) < _MOST_RADIANS).all() and np.isfinite(translation).all()):
+    raise InputError(f"{path} holds NaN, infinity or angles of over {_MOST_RADIANS:g} radians; leave the file out or "
+                     "take it from AMASS again")
   if not FPS * 0.99 <= fps < np.inf:
     raise ValueError(f"{path} has {fps:g} frames a second, expected {FPS:g} or more")
   if fps > FPS * 1.01:

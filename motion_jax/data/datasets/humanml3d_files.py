@@ -5,7 +5,7 @@ from typing import NamedTuple
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.input_files import npy_shape, read_json
 from motion_jax.inputs.numerals import SECONDS, NumberError, real, shortened
-from motion_jax.inputs.text_files import read_lines
+from motion_jax.inputs.text_files import file_stem, read_lines
 from motion_jax.motion.representations import get_layout, layout_for
 
 SPLITS = ("train", "val", "test", "train_val", "all")
@@ -47,7 +47,8 @@ def read_ids(folder, split="all") -> list[str]:
   folder = pathlib.Path(folder)
   path = folder / f"{split}.txt"
   if path.is_file():
-    return [name for line in read_lines(path) for name in line.split()]
+    return [file_stem(name, f"{path} line {number}") for number, line in enumerate(read_lines(path), 1)
+            for name in line.split()]
   found = [name for name in ("train", "val", "test") if (folder / f"{name}.txt").is_file()]
   if split != "all" or not found:
     raise FileNotFoundError(f"{folder} has no {split}.txt; expected one id per line in it")

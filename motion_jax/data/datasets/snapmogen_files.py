@@ -8,7 +8,7 @@ import numpy as np
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.input_files import load_npy, read_json
 from motion_jax.inputs.numerals import shortened
-from motion_jax.inputs.text_files import read_lines
+from motion_jax.inputs.text_files import file_stem, read_lines
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.skeleton import SNAPMOGEN
 from motion_jax.motion.stats import Stats
@@ -48,7 +48,7 @@ def read_ids(folder, split="train") -> list[Span]:
     if len(numbers) != 2 or not numbers[0] < numbers[1]:
       raise InputError(f"{path} line {number}: got {shortened(line.strip())!r}, expected NAME#start#end with start "
                        "before end")
-    spans.append(Span(parts[0], *numbers))
+    spans.append(Span(file_stem(parts[0], f"{path} line {number}"), *numbers))
   return spans
 
 
