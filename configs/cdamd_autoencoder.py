@@ -4,7 +4,8 @@
   ... --config cdamd_autoencoder:small     the size that ships, on archives; also laptop, mini, tiny
   ... --config cdamd_autoencoder:263       full features instead of coordinates (Table V); 67: essential ones, MARDM's
                                            own, and 64: those of KIT; kit: KIT's 21 joints, in millimetres; steps:
-                                           coordinates whose pelvis goes by steps; as in kit_tiny with a size behind
+                                           coordinates whose pelvis goes by steps; snapmogen: SnapMoGen's 296 numbers;
+                                           as in kit_tiny with a size behind
 
 How sizes are written: docs/configs.md. `full` is the released code's configuration
 (docs/papers/cdamd.md#autoencoder, #sizes): 18.8 M parameters, 50 epochs.
@@ -17,7 +18,8 @@ from motion_jax.configs import common
 
 # Columns, layout, and the columns that count twice.
 DATA = {"kit": (63, "coordinates_kit", (4, 64)), "64": (64, "essential_kit", (4, 64)),
-        "67": (67, "essential", (4, 67)), "263": (263, "full", (4, 67)), "steps": (70, "steps", (0, 3))}
+        "67": (67, "essential", (4, 67)), "263": (263, "full", (4, 67)), "steps": (70, "steps", (0, 3)),
+        "snapmogen": (296, "snapmogen", (148, 220))}
 
 
 def get_config(size="full"):
@@ -36,9 +38,11 @@ def get_config(size="full"):
   # Parity: the reference counts 150,000 and 250,000 from the end of the warm-up.
   config.optimizer = common.optimizer(learning_rate=2e-4, schedule="step", boundaries=(152_000, 252_000), gamma=0.05,
                                       warmup_steps=2_000, beta2=0.99)
-  config.train = common.train(num_steps=350_000, log_every=100, save_every=5_000, sample_every=50_000)
+  config.train = common.epochs(50, log_every=100, num_saves=50, sample_every=50_000)
   if data:
     config.model.features, config.data.layout, config.loss.columns = DATA[data]
+  if data == "snapmogen" and size == "full":
+    config.data.name = "snapmogen"
   if data in ("kit", "64"):
     config.data.batch_size = 512
     config.optimizer.gamma = 0.1

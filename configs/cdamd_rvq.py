@@ -7,8 +7,8 @@
                                    kit_tiny with a size behind
 
 How sizes are written: docs/configs.md. `full` is the released code's configuration (docs/papers/cdamd.md#rvq, #sizes):
-18.8 M parameters and 1.0 M numbers in the codebooks, on whole clips padded to 196 frames, 4,500 steps. With
---config.data.window=64 it sees windows of the clips instead.
+18.8 M parameters and 1.0 M numbers in the codebooks, on whole clips padded to 196 frames, 50 epochs of some 90
+steps. With --config.data.window=64 it sees windows of the clips instead.
 
 Expected: `full` has not been run. `small`: 8 minutes of one shared core of an AMD EPYC; its error was not recorded.
 `mini`, cut to 250 steps: 119 to 138 mm held out, under a minute (docs/benchmark/study_cdamd.md).
@@ -38,7 +38,7 @@ def get_config(size="full"):
   # Parity: the reference counts 150,000 and 250,000 from the end of the warm-up.
   config.optimizer = common.optimizer(learning_rate=2e-4, schedule="step", boundaries=(152_000, 252_000), gamma=0.05,
                                       warmup_steps=2_000, beta2=0.99)
-  config.train = common.train(num_steps=4_500, log_every=50, save_every=500)
+  config.train = common.epochs(50, log_every=50, num_saves=10)
   if data:
     config.model.features, config.data.layout, config.loss.columns = DATA[data]
   if data == "kit":

@@ -29,6 +29,7 @@ DATASETS = {
     "babel": (135, dict(name="babel", layout="babel", kind="pairs", min_frames=30, crop_frames=200, max_frames=204,
                         lengths=(204,), coin=0.0)),
 }
+FALLS = 50_000 / 190_000  # of the steps that 500 epochs of HumanML3D are (docs/papers/cmdm.md#denoiser-training)
 # The rows of the paper's tables that each data set's model is in.
 PRINTED = {"": paper_rows.CMDM, "essential": {"cmdm 6": "CMDM w/ FSS"}, "kit": {},
            "snapmogen": {"cmdm 2": "CMDM w/ FSS", "cmdm 3-snapmogen": "CMDM"}, "babel": {"cmdm 5": "CMDM"}}
@@ -58,8 +59,10 @@ def get_config(size="full"):
   config.optimizer = common.optimizer(learning_rate=2e-4, schedule="step", boundaries=(50_000,), gamma=0.1,
                                       warmup_steps=2_000, beta2=0.99, weight_decay=1e-5, ema_decay=0.9999,
                                       skip_loss=10.0)
-  config.train = common.train(num_steps=190_000, log_every=100, save_every=5_000, dtype="float32", remat=False,
-                              scan_layers=False, sample_every=20_000)
+  if dataset and dataset != "essential":  # the rate falls at the same place of the whole of training
+    config.optimizer.boundaries = (FALLS,)
+  config.train = common.epochs(500, log_every=100, num_saves=40, dtype="float32", remat=False, scan_layers=False,
+                               sample_every=20_000)
   # schedule: "fss" (frame-wise, `lag` steps between blocks), "ar" (block after block) or "full" (all frames at once).
   config.sampler = dict(schedule="fss", solver="euler", num_steps=50, lag=2, guidance_scale=3.0)
   if size in ("small", "mini", "laptop"):

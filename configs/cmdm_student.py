@@ -30,5 +30,5 @@ def get_config(size="full"):
   config.sampler.update(num_steps=num_steps, lag=lag, guidance_scale=1.0)
   if size != "tiny":
     config.optimizer.update(learning_rate=2e-4, schedule="cosine", warmup_steps=50, final_rate=2e-5, ema_decay=0.995)
-    config.train.update(num_steps=1_600, log_every=20, save_every=200)
+    config.train.update(num_steps=1_600, num_epochs=0, log_every=20, save_every=200)
   return paper_rows.named(config, {}).lock()

@@ -50,8 +50,8 @@ def get_config(size="full"):
                                       warmup_steps=2_000, beta2=0.99, clip_norm=1.0)
   # best: the weights of the lowest reconstruction FID of held-out clips are kept, as the reference keeps them, where
   # frozen.evaluator names the evaluator (of 263 features), else those of the smallest joint error.
-  config.train = common.train(num_steps=40_000, log_every=50, save_every=2_000, best="min held_out_fid|held_out_mm",
-                              dtype="float32", sample_every=10_000)
+  config.train = common.epochs(50, log_every=50, num_saves=50, best="min held_out_fid|held_out_mm", dtype="float32",
+                               sample_every=10_000)
   if size in ("small", "mini", "laptop"):
     config.model.update(latent_dim=32, width=192, teacher_dim=64)
     # A heading or a step that is a little off adds up over a clip, and a small model has no capacity to spare.

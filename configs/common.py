@@ -81,6 +81,9 @@ def optimizer(learning_rate, **fields):
 def train(num_steps, log_every, save_every, **fields):
   """The section `train`: from random weights, keeping the last ones, where fields do not say otherwise.
 
+  num_steps is the length of a run, with a save every save_every steps. Where it is 0, the length is num_epochs times
+  the training data, of which each item, a window or a captioned clip, comes once an epoch, with num_saves saves:
+  training prints how many steps they are (training/epochs.py).
   dtype, where a stage has it: what its network computes in, "float32" or "bfloat16"; parameters, norms, softmax and
   losses are float32 all the same. keep_last: how many training states stay, besides the best one. A run that leaves out
   max_skips steps in a row goes back to its last good state and on with other batches, max_rollbacks times at most.
@@ -92,20 +95,27 @@ def train(num_steps, log_every, save_every, **fields):
   start: a run, or a name that ships, whose parameters are the first ones; freeze: names of parts that stay as they are
   there, such as ("encoder",): then a tokenizer's latents mean what they meant, and its generators go on with it.
   """
-  return dict(start="", freeze=(), num_steps=num_steps, log_every=log_every, save_every=save_every, best="",
-              keep_last=2, max_skips=20, max_rollbacks=3, hang_minutes=60.0, workers=0, tensorboard=False,
-              sample_every=0) | fields
+  return dict(start="", freeze=(), num_steps=num_steps, num_epochs=0, log_every=log_every, save_every=save_every,
+              num_saves=20, best="", keep_last=2, max_skips=20, max_rollbacks=3, hang_minutes=60.0, workers=0,
+              tensorboard=False, sample_every=0) | fields
 
 
 def archives(config, **fields):
   """Data of the small sizes: archives of motion capture, each clip mirrored too."""
   config.data.update(name="archive", mode="corrected", mirror=True, **fields)
+  config.train.num_epochs = 0  # their steps are counted
+
+
+def epochs(num_epochs, log_every, num_saves, **fields):
+  """The section `train` of a run of so many epochs, whatever the size of its data."""
+  return train(0, log_every, 0, num_epochs=num_epochs, num_saves=num_saves, **fields)
 
 
 def tiny(config, **fields):
   """Two steps on procedural motion: nothing to download, seconds on a laptop."""
   config.data.update(name="synthetic", mode="corrected", batch_size=4, **fields)
-  config.train.update(num_steps=2, log_every=1, save_every=2, sample_every=0)
+  config.train.update(num_steps=2, num_epochs=0, log_every=1, save_every=2, sample_every=0)
+  config.optimizer.warmup_steps = min(config.optimizer.warmup_steps, 1)
 
 
 def small_teacher(config, **fields):

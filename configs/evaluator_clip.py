@@ -30,10 +30,9 @@ def get_config(size="67"):
                                       lengths=(196,), same="caption")
   config.optimizer = common.optimizer(learning_rate=1e-4, schedule="cosine", warmup_steps=1_000, weight_decay=0.01,
                                       clip_norm=1.0)
-  config.train = common.train(num_steps=150 * 191, log_every=50, save_every=955, best="max recall")
+  config.train = common.epochs(150, log_every=50, num_saves=30, best="max recall")
   if size in common.KIT_EVALUATED:
     config.data.min_frames = 24
-    config.train.update(num_steps=150 * 38, save_every=190)
   elif size in ("small", "laptop"):
     config.frozen.text = "words"
     config.model.update(width=128, depth=2, num_heads=4, mlp_width=256, dim=128, vocab_size=6_502, max_words=24,

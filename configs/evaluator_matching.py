@@ -32,10 +32,9 @@ def get_config(size="full"):
                                       lengths=(196,), max_words=20, same="")
   # clip_parts: each is clipped by the norm of its own gradient.
   config.optimizer = common.optimizer(learning_rate=1e-4, clip_norm=0.5, clip_parts=("motion_encoder", "text_encoder"))
-  config.train = common.train(num_steps=300 * 765, log_every=50, save_every=765, best="min held_out_loss")
+  config.train = common.epochs(300, log_every=50, num_saves=300, best="min held_out_loss")
   if size in common.KIT_EVALUATED:
     config.data.min_frames = 24
-    config.train.update(num_steps=300 * 150, save_every=150)
   elif size in ("small", "laptop"):
     config.model.update(movement_width=128, movement_dim=128, motion_width=192, text_width=128, dim=128)
     config.loss.first_shift = 1

@@ -6,8 +6,7 @@
   ... --config evaluator_movement:small     the one that ships: coordinates, on archives; also laptop, tiny
 
 How sizes are written: docs/configs.md. evaluator_matching goes on from it. `full` is the original's
-(docs/papers/cdamd.md#matching-evaluator): 259 of 263 features, 270 epochs of about 18,700 steps; KIT-ML has about 2,000
-in each (both from clips and their lengths: count yours).
+(docs/papers/cdamd.md#matching-evaluator): 259 of 263 features, 270 epochs, of about 18,700 steps each.
 
 Statistics are the data's own. The original's std of heading, root and contacts is divided by 5 (CMDM's by 25), which
 weighs them more; released weights bring theirs.
@@ -26,10 +25,8 @@ def get_config(size="full"):
   config.loss = dict(size=0.001, change=0.001)  # weights of mean |token| and of mean |token - the one before|
   config.data = common.data(layout=layout, per_axis=False, batch_size=128, window=40, stride=1)
   config.optimizer = common.optimizer(learning_rate=1e-4)
-  config.train = common.train(num_steps=270 * 18_700, log_every=100, save_every=18_700)
-  if size in common.KIT_EVALUATED:
-    config.train.update(num_steps=270 * 2_000, save_every=2_000)
-  elif size in ("small", "laptop"):
+  config.train = common.epochs(270, log_every=100, num_saves=270)
+  if size in ("small", "laptop"):
     config.model.update(width=128, dim=128, dropout=0.0)
     common.archives(config, batch_size=64, stride=4)
     config.optimizer.update(learning_rate=1e-3, schedule="cosine", warmup_steps=100, clip_norm=1.0)

@@ -30,13 +30,12 @@ def get_config(size="full"):
   config.optimizer = common.optimizer(learning_rate=1e-4, schedule="half_cosine", boundaries=(), gamma=0.1,
                                       rates=dict(text=0.1, logit_scale=0.0))
   # Parity: the original keeps the epoch that is best on the test split; ours is chosen by validation.
-  config.train = common.train(num_steps=9_100, log_every=50, save_every=182, best="max back_r1")
+  config.train = common.epochs(50, log_every=50, num_saves=50, best="max back_r1")
   if dataset == "kit":
     config.model.update(head_dropout=0.0, upsample=True)
     config.data.update(layout="coordinates_kit", max_frames=134)
     config.optimizer.learning_rate = 1e-5
     config.optimizer.rates.text = 1.0
-    config.train.update(num_steps=1_900, save_every=38)
   if size in ("small", "mini"):
     config.frozen.text = "words"
     config.model.update(width=96, depth=3, num_heads=4, mlp_width=192, dim=64, head_dropout=0.2, num_rows=96)

@@ -42,7 +42,7 @@ def get_config(size="full"):
                                       rates=dict(text=0.1, logit_scale=0.0))
   # best: the weights by which most motions find their caption first, on held-out clips. Parity: the reference looks at
   # the test split for it, which nothing here is chosen by.
-  config.train = common.train(num_steps=9_100, log_every=50, save_every=182, best="max back_r1")
+  config.train = common.epochs(50, log_every=50, num_saves=50, best="max back_r1")
   if size in ("small", "mini", "laptop"):
     config.frozen.text = "words"
     config.model.update(width=64, depth=2, mlp_width=128, dim=64, pool="real", dropout=0.0, head_dropout=0.2)

@@ -26,10 +26,9 @@ def get_config(size="full"):
   # per_column: each number has its own std, not its block's; captions are not cut, whatever their length.
   config.data = common.data(layout="full", batch_size=32, max_frames=200, per_column=True)
   config.optimizer = common.optimizer(learning_rate=1e-4, boundaries=(), gamma=0.1, weight_decay=0.01)
-  config.train = common.train(num_steps=380_000, log_every=50, save_every=7_600)
+  config.train = common.epochs(500, log_every=50, num_saves=50)
   if dataset == "kit":
     config.data.update(layout="full_kit", max_frames=125)
-    config.train.update(num_steps=75_000, save_every=1_500)
   if size in ("small", "mini"):
     config.frozen.update(text="words", sentence="words")
     config.model.update(width=64, depth=2, mlp_width=128, dropout=0.0)

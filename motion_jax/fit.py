@@ -8,14 +8,14 @@ import jax
 from motion_jax import pictures, runs
 from motion_jax.data import sources
 from motion_jax.evaluators import setup as evaluators
-from motion_jax.inputs import former_names
+from motion_jax.inputs import config_files, former_names
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.nearest import did_you_mean
 from motion_jax.latents import TOKENIZER
 from motion_jax.models import registry
 from motion_jax.motion import stats as stats_lib
 from motion_jax.runtime import atomic, lock
-from motion_jax.training import checkpoint, distributed, event_files, profiling
+from motion_jax.training import checkpoint, distributed, epochs, event_files, profiling
 from motion_jax.training import loop as train
 from motion_jax.training import resume as resuming
 
@@ -43,7 +43,6 @@ def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_change
   if config.stage not in known:
     raise ValueError(f"got stage {config.stage!r}, expected one of {', '.join(known)}"
                      f"{did_you_mean(config.stage, known)}")
-  profiling.check_steps(profile_steps, config.train.num_steps)
   event_files.check_extra(config)
   if (dtype := config.train.get("dtype", DTYPES[0])) not in DTYPES:
     raise InputError(f"got train.dtype {dtype!r}, expected {' or '.join(DTYPES)}")
@@ -56,12 +55,20 @@ def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_change
     resume = not checkpoint.is_fresh(workdir)
     print(f"--resume=auto: {'going on with' if resume else 'starting'} {workdir}")
   processes = f" of {jax.process_count()} processes" if jax.process_count() > 1 else ""
-  print(f"{config.stage} in {workdir} on {jax.device_count()} {jax.default_backend()} device(s){processes}\n{config}")
+  print(f"{config.stage} in {workdir} on {jax.device_count()} {jax.default_backend()} device(s){processes}")
+  print(*(f"  {line}" for line in config_files.lines_of(config)), sep="\n")
   print(told or "data: being read", flush=True)
   if resume and (workdir / checkpoint.CONFIG).is_file():
-    resuming.check_config(config, runs.open(workdir).config, allow_changes)
+    before = runs.open(workdir).config
+    config = epochs.as_before(config, before)
+    resuming.check_config(config, before, allow_changes)
   setup = known[config.stage](config)
-  stage, next_batch, frozen, evaluate, stats, files = setup
+  config = epochs.resolved(config, setup.num_items)
+  profiling.check_steps(profile_steps, config.train.num_steps)
+  stage, next_batch, frozen, evaluate, stats, files, num_items = setup
+  print(f"training: {epochs.described(config, num_items)}")
+  if stage.about_loss:
+    print(f"loss: {stage.about_loss}", flush=True)
   draw = pictures.drawer(config, workdir, setup)
   if config.train.start:
     stage = _started_from(stage, config)

@@ -18,6 +18,7 @@ from motion_jax import paper_rows
 from motion_jax.inputs import former_names
 from motion_jax.inputs.errors import InputError, reading
 from motion_jax.inputs.nearest import did_you_mean
+from motion_jax.inputs.numerals import shortened
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.stats import Stats, load_stats
 from motion_jax.training import checkpoint
@@ -113,7 +114,9 @@ def open(name: str | os.PathLike, stage: str | Sequence[str] | None = None, raw:
   config = checkpoint.load_config(folder)
   found, wanted = config.get("stage"), _stages(stage)
   if found is None or wanted and found not in wanted:
-    raise InputError(f"{folder} holds a {found!r} run, expected one of stage {' or '.join(wanted) or 'any kind'}")
+    named = isinstance(found, str) and found.isprintable()
+    said = shortened(repr(found)) if named else f"{type(found).__name__} as the stage of a"
+    raise InputError(f"{folder} holds a {said} run, expected one of stage {' or '.join(wanted) or 'any kind'}")
   with reading(folder / checkpoint.CONFIG, "restore it from the run that wrote it"):
     return Run(folder, upgrade(config), raw)
 
@@ -130,7 +133,8 @@ _LEFT_OUT: dict[str, dict[str, Any]] = {
     "": {"data.mode": "benchmark", "data.described": False, "data.augment": {},
          "optimizer.skip_loss": 0.0, "optimizer.final_rate": 0.0,
          "optimizer.rates": {}, "optimizer.clip_parts": (), "train.start": "", "train.best": "", "train.workers": 0,
-         "train.keep_last": 2, "train.tensorboard": False, "train.sample_every": 0, "train.max_skips": 20,
+         "train.num_epochs": 0, "train.num_saves": 20, "train.keep_last": 2, "train.tensorboard": False,
+         "train.sample_every": 0, "train.max_skips": 20,
          "train.max_rollbacks": 3, "train.hang_minutes": 60.0, "train.freeze": (), "optimizer.skip_spikes": 0.0,
          "optimizer.accumulate_steps": 1, "mesh.map": "auto", "mesh.shard_state": False},
     "cmdm.teacher": {"model.kind": "part_tmr", "frozen.sentence": "", "frozen.vit": "", "origin": {}},
@@ -153,9 +157,9 @@ _LEFT_OUT: dict[str, dict[str, Any]] = {
                                             "loss.latent_noise": 0.0},
     "cdamd.rvq": _MOTION_ERRORS | {"data.released_windows": False, "data.short_window": 0,
                                    "quantizer.learn": "means"},
-    "cdamd.generator": _STORE | {"train.dtype": "float32", "train.remat": False, "frozen.text_level": "sentence",
-                                 "frozen.length": "", "length": {},
-                                 "loss.mask_draw": "count", "data.vary_subject": 0.0, "sampler.edit_mask": "bcm"},
+    "cdamd.generator": _TEXT_ITEMS | _STORE | {
+        "train.dtype": "float32", "train.remat": False, "frozen.text_level": "sentence", "frozen.length": "",
+        "length": {}, "loss.mask_draw": "count", "data.vary_subject": 0.0, "sampler.edit_mask": "bcm"},
     "cdamd.length": {"data.vary_subject": 0.0},
     "evaluator.movement": {},
     "evaluator.matching": _CAPTIONED_EVALUATOR | {"frozen.glove": ""},

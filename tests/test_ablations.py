@@ -82,20 +82,21 @@ def test_mardm_is_decoded_guided_and_cooled_as_published():
     assert (config.optimizer.schedule, config.optimizer.gamma) == ("step", 0.1) and config.optimizer.ema_decay > 0
   assert full.optimizer.boundaries == (50_000,)
   for config in (small, mini):
-    assert config.optimizer.boundaries[0] / config.train.num_steps == pytest.approx(50 / 180, abs=1e-3)
+    assert config.optimizer.boundaries == (pytest.approx(50 / 180),)  # a share of its steps
   named = load_config("cdamd_generator", "mardm")
   assert all(full[part] == named[part] for part in ("sampler", "loss", "optimizer", "model", "paper_row"))
 
 
 @pytest.mark.parametrize("name, columns, layout, scale, falls", [
     ("mardm_67", 67, "essential", 4.5, 50_000), ("mardm_ddpm_67", 67, "essential", 4.5, 50_000),
+    ("mardm_263", 263, "full", 4.5, 50_000), ("mardm_snapmogen", 296, "snapmogen", 4.5, 50_000),
     ("mardm_kit", 64, "essential_kit", 2.5, 20_000)])
 def test_mardm_on_its_own_data_has_a_name(name, columns, layout, scale, falls):
   config = load_config("cdamd_generator", name)
   assert (config.tokenizer.features, config.data.layout) == (columns, layout)
   assert (config.sampler.num_iterations, config.sampler.guidance_scale) == (18, scale)
   assert config.optimizer.boundaries == (falls,) and config.loss.diffusion == ("ddpm" if "ddpm" in name else "flow")
-  coder = load_config("cdamd_autoencoder", str(columns))
+  coder = load_config("cdamd_autoencoder", {296: "snapmogen"}.get(columns, str(columns)))
   assert (coder.model.features, coder.data.layout) == (columns, layout)
 
 
@@ -109,8 +110,23 @@ def test_kit_can_be_tried_in_seconds(name):
     load_config(name, "kit_huge")
 
 
-def test_mardm_can_be_trained_on_kit():
-  traced_loss(load_config("cdamd_generator", "mardm_kit_tiny"))
+@pytest.mark.parametrize("data", ["kit", "263", "snapmogen"])
+def test_mardm_can_be_trained_on_other_columns(data):
+  traced_loss(load_config("cdamd_generator", f"mardm_{data}_tiny"))
+
+
+def test_the_rows_of_mardm_in_cmdms_tables_have_a_config():
+  rows = lambda size: load_config("cdamd_generator", size).paper_row["rows"].to_dict()
+  assert rows("mardm_263") == {"cmdm 1": "MARDM", "cmdm 3-humanml3d": "MARDM"}
+  assert rows("mardm_snapmogen") == {"cmdm 2": "MARDM", "cmdm 3-snapmogen": "MARDM"}
+  with pytest.raises(ValueError, match="SnapMoGen's columns are those of the baseline alone, mardm_snapmogen"):
+    load_config("cdamd_generator", "snapmogen")
+
+
+def test_263_features_come_with_every_number_of_levels():
+  levels = {row: CDAMD["get_config"](row).loss.prior_levels for row in ("263", "263-two-vq", "263-all-vq")}
+  assert levels == {"263": 1, "263-two-vq": 2, "263-all-vq": 4}
+  assert {CDAMD["get_config"](row).tokenizer.features for row in levels} == {263}
 
 
 @pytest.mark.slow

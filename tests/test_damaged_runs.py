@@ -43,6 +43,8 @@ def _change(folder, path, value):
     ("sampler.num_steps", 10**9, "got sampler.num_steps 1000000000"), ("sampler.lag", "2", "got sampler.lag 2"),
     ("sampler.guidance_scale", float("nan"), "got sampler.guidance_scale nan"), ("data.layout", "fulll", "fulll"),
     ("data.layout", ["full"], "config.json"), ("frozen.text", 5, "config.json"), ("frozen", None, "config.json"),
+    ("stage", {"a": 1}, "holds a FrozenConfigDict as the stage of a run"),
+    ("stage", "a\nb", "holds a str as the stage"), ("stage", "x" * 2000, "expected one of stage cmdm.denoiser"),
     ("data.max_frames", 0, "got data.max_frames 0"), ("data", [1], "got data.max_frames None")])
 def test_a_config_of_wrong_types_is_one_line(run, path, value, words):
   _change(run, path, value)

@@ -2,11 +2,13 @@
 import json
 
 import pytest
+from PIL import Image
 
-from motion_jax import cli
+from motion_jax import charts, cli
 from motion_jax.cli import sweep
 from motion_jax.inputs import config_files, overrides
 from motion_jax.inputs.errors import InputError
+from motion_jax.training import resume
 from motion_jax.training.metrics import append_metrics
 
 
@@ -90,9 +92,29 @@ def test_what_is_no_sweep(tmp_path):
     sweep.load(tmp_path / "none.py")
 
 
-def test_the_one_that_ships_names_fields_of_its_config():
-  for config, fields in sweep.load("learning_rate").values():
+@pytest.mark.parametrize("name", ["learning_rate", "motion_prior", "motion_prior:tiny"])
+def test_those_that_ship_name_fields_of_their_configs(name):
+  for config, fields in sweep.load(name).values():
     overrides.check([f"--config.{field}={value}" for field, value in fields.items()], config_files.load(config))
+
+
+def test_the_runs_of_cdamds_figure_7_differ_in_the_prior_alone():
+  with_prior, without = (config_files.load(config) for config, _ in sweep.load("motion_prior").values())
+  changed = {path for path, *_ in resume.changes(with_prior.to_dict(), without.to_dict())}
+  assert changed == {"loss.prior_levels"} and (with_prior.loss.prior_levels, without.loss.prior_levels) == (2, 0)
+
+
+def test_held_out_numbers_are_drawn(tmp_path):
+  runs = {name: ("config", {}) for name in "ab"}
+  sweep.draw_chart(runs, tmp_path)
+  assert not list(tmp_path.iterdir())
+  for name in "ab":
+    (tmp_path / name).mkdir()
+    for step in (2, 4, 6):
+      append_metrics(tmp_path / name, {"step": step, "held_out_loss": 7.0 / step, "held_out_mm": 50.0 - step})
+  sweep.draw_chart(runs, tmp_path)
+  image = Image.open(tmp_path / "sweep.png")
+  assert image.width == 2 * 2 * charts.WIDTH and len(image.getcolors(1 << 20)) > 10
 
 
 def test_what_all_runs_share_stands_below_the_table(tmp_path):

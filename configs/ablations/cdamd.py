@@ -29,6 +29,9 @@ ROWS = {
     "no-prior": ({"5": "w/o CMP"}, "coordinates", {"loss.prior_levels": 0}),
     "no-dcca": ({"4": "CM", "5": "w/o DCCA"}, "coordinates", {"loss.prior_levels": 1, "loss.mask": "causal"}),
     "263": ({"5": "CDAMD, 263 features"}, "full", {"loss.prior_levels": 1}),
+    # In no table, as Table I on coordinates: how many levels Table V's 263 features have is that of its first row.
+    "263-two-vq": ({}, "full", {"loss.prior_levels": 2}),
+    "263-all-vq": ({}, "full", {"loss.prior_levels": 4}),
     "263-no-prior": ({"5": "w/o CMP, 263 features"}, "full", {"loss.prior_levels": 0}),
     "263-no-dcca": ({"5": "w/o DCCA, 263 features"}, "full", {"loss.prior_levels": 1, "loss.mask": "causal"}),
     "67": ({}, "essential", {"loss.prior_levels": 1}),

@@ -19,11 +19,10 @@ KL = {"loss.kl_weight": 1.0, "loss.kl_ramp": 0}
 WEIGHT = {"loss.align": 1.0, "loss.align_fall": 0.0, "loss.last_layer": "linear"}
 DISTANCES = {"loss.distance_pairs": "set"}
 MEANS = {"loss.mean_latents": True}
-# 50 epochs of 23,384 clips: 80,000 batches of 128 windows, 9,500 of 128 clips.
 OPTIMIZER = {"optimizer.learning_rate": 1e-4, "optimizer.schedule": "cosine", "optimizer.warmup_steps": 0,
              "optimizer.clip_norm": 1.0, "data.batch_size": 128}
-OPTIMIZERS = {"tokenizer": OPTIMIZER | {"train.num_steps": 80_000},
-              "denoiser": OPTIMIZER | {"optimizer.skip_loss": 0.0, "train.num_steps": 9_500}}
+OPTIMIZERS = {"tokenizer": OPTIMIZER | {"train.num_epochs": 50},
+              "denoiser": OPTIMIZER | {"optimizer.skip_loss": 0.0, "train.num_epochs": 50}}
 TEACHER = {"model.pool": "real"}
 
 ROWS = {  # row -> {stage: {field: value}}
@@ -49,7 +48,7 @@ BASES = {"teacher": part_tmr, "tokenizer": cmdm_tokenizer, "denoiser": cmdm_deno
 PARTS = {"teacher": {}, "tokenizer": {"teacher": "teacher"}, "denoiser": {"tokenizer": "tokenizer"}}
 SIZES = ("full", "small", "mini", "tiny")
 # Numbers of the full size alone: smaller ones train at a rate, in batches and for as long as suits them.
-OF_FULL = ("optimizer.learning_rate", "optimizer.warmup_steps", "data.batch_size", "train.num_steps")
+OF_FULL = ("optimizer.learning_rate", "optimizer.warmup_steps", "data.batch_size", "train.num_epochs")
 
 
 def get_config(name="paper"):

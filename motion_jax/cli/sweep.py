@@ -13,7 +13,7 @@ from motion_jax.inputs.nearest import did_you_mean
 from motion_jax.runtime import exit_status
 
 TASK = "SLURM_ARRAY_TASK_ID"
-_DONE, _TABLE = "finished", "sweep.md"
+_DONE, _TABLE, _CHART = "finished", "sweep.md", "sweep.png"
 
 
 def load(name) -> dict[str, tuple[str, dict]]:
@@ -44,7 +44,8 @@ def load(name) -> dict[str, tuple[str, dict]]:
 
 
 def run(name, workdir, arguments, call=subprocess.call) -> int:
-  """Trains what a sweep lists that is not finished yet, each in workdir/NAME, and writes workdir/sweep.md.
+  """Trains what a sweep lists that is not finished yet, each in workdir/NAME, and writes workdir/sweep.md
+  and, where runs were measured on held-out clips, sweep.png.
 
   arguments: of `motion-jax train`, for each run. In a SLURM array the task's own run only. A run that fails leaves the
   others to be tried; one that is stopped ends the sweep. Returns an exit status: 0 if all went well.
@@ -69,6 +70,7 @@ def run(name, workdir, arguments, call=subprocess.call) -> int:
     statuses[one] = call([sys.executable, "-m", "motion_jax.cli", "train", "--config", config, "--workdir", str(folder),
                           "--resume=auto", *arguments, *overrides])
     write_table(runs, workdir)
+    draw_chart(runs, workdir)
     if statuses[one] == exit_status.PREEMPTED or statuses[one] > 128 or statuses[one] < 0:
       print(f"stopped in {one}; the same command goes on")
       return statuses[one] if statuses[one] > 0 else 128 - statuses[one]
@@ -118,3 +120,30 @@ def write_table(runs, workdir) -> str:
   with atomic_path(workdir / _TABLE) as path:
     path.write_text(text, encoding="utf-8")
   return text
+
+
+def draw_chart(runs, workdir):
+  """Writes workdir/sweep.png: a panel for each number measured on held-out clips, a curve a run, by step.
+
+  Writes nothing where no run has two of them.
+  """
+  from PIL import Image
+
+  from motion_jax import charts
+  from motion_jax.runtime.atomic import atomic_path
+  from motion_jax.training.metrics import read_metrics
+  curves = {}
+  for one in runs:
+    for row in read_metrics(workdir / one):
+      for name, value in row.items():
+        if name.startswith("held_out"):
+          curves.setdefault(name, {}).setdefault(one, []).append((row["step"], value))
+  panels = [charts.picture([charts.Series(one, *zip(*points)) for one, points in found.items()], "step", name)
+            for name, found in curves.items() if max(map(len, found.values())) > 1]
+  if not panels:
+    return
+  image = Image.new("RGB", (sum(panel.width for panel in panels), panels[0].height), "white")
+  for place, panel in enumerate(panels):
+    image.paste(panel, (place * panel.width, 0))
+  with atomic_path(workdir / _CHART) as path:
+    image.save(path, "PNG")

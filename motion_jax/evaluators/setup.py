@@ -36,7 +36,7 @@ def movement(config) -> TrainingSetup:
     return {"held_out_loss": round(float(np.mean([row["loss"] for row in found])), 5)}
 
   next_batch = lambda step, rows=batches.ALL: train.batch(config.data.batch_size, config.seed, step, rows)
-  return TrainingSetup(stage, next_batch, {}, evaluate, data.stats, {})
+  return TrainingSetup(stage, next_batch, {}, evaluate, data.stats, {}, len(train))
 
 
 def match(config) -> TrainingSetup:
@@ -130,7 +130,7 @@ def _captioned_setup(config, stage, data, read, files, nearness, loss=None):
     return {name: round(float(value), 4) for name, value in found.items()}
 
   next_batch = lambda step, rows=batches.ALL: read(train.batch(config.data.batch_size, config.seed, step, rows), data)
-  return TrainingSetup(stage, next_batch, {}, evaluate, data.stats, files)
+  return TrainingSetup(stage, next_batch, {}, evaluate, data.stats, files, len(train.items))
 
 
 class _Items:

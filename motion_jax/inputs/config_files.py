@@ -55,6 +55,29 @@ def _path_of(file):
   raise FileNotFoundError(f"there is no config {file!r}{hint}")
 
 
+def lines_of(config: ConfigDict) -> list[str]:
+  """A config in readable lines, one a section: "section: field=value field=value"."""
+  plain = {name: value.to_dict() if hasattr(value, "to_dict") else value for name, value in config.items()}
+  single = [f"{name}={_written(value)}" for name, value in plain.items() if not isinstance(value, dict)]
+  sections = [f"{name}: {' '.join(f'{key}={_written(inner)}' for key, inner in _flat(value))}"
+              for name, value in plain.items() if isinstance(value, dict) and value]
+  return [" ".join(single), *sections]
+
+
+def _flat(section, prefix=""):
+  for key, value in section.items():
+    if isinstance(value, dict):
+      yield from _flat(value, f"{prefix}{key}.")
+    else:
+      yield prefix + key, value
+
+
+def _written(value):
+  if isinstance(value, list | tuple):
+    return f"({','.join(map(_written, value))})"
+  return f"{value:g}" if isinstance(value, float) else repr(value) if value == "" or " " in str(value) else str(value)
+
+
 def module_fields(section: ConfigDict) -> dict[str, Any]:
   """A section of a config as fields of a Flax module: lists become tuples, which can be hashed."""
   return {name: tuple(value) if isinstance(value, list | tuple) else value for name, value in section.to_dict().items()}

@@ -7,15 +7,16 @@ import optax
 def make_schedule(config, num_steps):
   """Learning rate by update: lr (it + 1) / (warmup + 1) while it < warmup, as both papers' code, then by name.
 
-  "constant"; "step": times `gamma` at each of `boundaries`; "cosine": to `final_rate` at num_steps;
-  "half_cosine": the first half of a cosine, to half the rate; "trapezoid": constant, then straight to 0 over the last
-  `cooldown_steps`, so that a run can be prolonged before it is cooled down.
+  "constant"; "step": times `gamma` at each of `boundaries`, steps or, below 1, shares of num_steps; "cosine": to
+  `final_rate` at num_steps; "half_cosine": the first half of a cosine, to half the rate; "trapezoid": constant, then
+  straight to 0 over the last `cooldown_steps`, so that a run can be prolonged before it is cooled down.
   """
   kind, peak, warmup = config.schedule, config.learning_rate, config.warmup_steps
   if kind == "constant":
     factor = optax.constant_schedule(1.0)
   elif kind == "step":
-    factor = optax.piecewise_constant_schedule(1.0, {boundary: config.gamma for boundary in config.boundaries})
+    falls = [boundary if boundary >= 1 else max(1, round(boundary * num_steps)) for boundary in config.boundaries]
+    factor = optax.piecewise_constant_schedule(1.0, dict.fromkeys(falls, config.gamma))
   elif kind == "cosine":
     cosine = optax.cosine_decay_schedule(1.0, max(num_steps - warmup, 1), config.final_rate / peak)
     factor = lambda step: cosine(jnp.maximum(step - warmup, 0))

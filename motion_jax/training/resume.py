@@ -13,9 +13,10 @@ from motion_jax.training import checkpoint
 # What of a config may be another when a run goes on: where things lie and what they came from (their content is
 # compared instead), how motion is sampled, how long the run lasts and is looked after, on what it is computed.
 FREE = ("frozen", "origin", "taught_by", "teacher", "text", "paper_row", "sampler", "mesh", "data.folder",
-        "data.folders", "data.store", "optimizer.cooldown_steps", "train.num_steps", "train.log_every",
-        "train.keep_last", "train.max_skips", "train.max_rollbacks", "train.hang_minutes", "train.workers",
-        "train.remat", "train.scan_layers", "optimizer.accumulate_steps", "train.tensorboard", "train.sample_every")
+        "data.folders", "data.store", "optimizer.cooldown_steps", "train.num_steps", "train.num_epochs",
+        "train.num_saves", "train.log_every", "train.keep_last", "train.max_skips", "train.max_rollbacks",
+        "train.hang_minutes", "train.workers", "train.remat", "train.scan_layers", "optimizer.accumulate_steps",
+        "train.tensorboard", "train.sample_every")
 
 
 def check_config(config, before, allow=False, tell=print):

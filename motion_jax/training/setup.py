@@ -22,7 +22,7 @@ class TrainingSetup(NamedTuple):
 
   next_batch(step, rows=ALL) -> dict of arrays, the rows of a batch or a slice of them; frozen: arrays that the loss
   reads and nobody changes; evaluate(params) -> dict of numbers, or None; stats of the features; files: {name: text or
-  bytes} that the run folder keeps.
+  bytes} that the run folder keeps; num_items: the windows or captioned clips of an epoch (`epochs`).
   """
   stage: Stage
   next_batch: Callable
@@ -30,6 +30,7 @@ class TrainingSetup(NamedTuple):
   evaluate: Callable | None
   stats: Stats
   files: dict[str, str | bytes]
+  num_items: int = 0
 
 
 def untrained(shapes, seed=0):

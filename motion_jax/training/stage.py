@@ -17,9 +17,11 @@ class Stage(NamedTuple):
     is saved, evaluated and predicted with is params and extra in one dict
   in_parts: the sums and weights of a batch's parts add up to those of the batch, as they do where items do not meet in
     the loss, so that a step may take one part after the other
+  about_loss: what the printed loss measures and where it begins, one clause for the first lines of training
   """
   init: Callable
   loss: Callable
   predict: Callable
   init_extra: Callable | None = None
   in_parts: bool = False
+  about_loss: str = ""

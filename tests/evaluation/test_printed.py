@@ -68,6 +68,9 @@ ABLATION = "ablations/cmdm:{}/{}"
     ("cdamd-66", candidate("ablations/cdamd:67"), "", []),
     ("cdamd-66", candidate("mardm"), "", ["1 MARDM-SiT-XL"]),
     ("cdamd-66", candidate("cdamd:mardm_ddpm"), "", []),
+    ("cmdm-259", candidate("cdamd:mardm_263"), "", ["1 MARDM"]),
+    ("snapmogen", candidate("cdamd:mardm_snapmogen"), "", ["2 MARDM"]),
+    ("cdamd-66", candidate("ablations/cdamd:263-two-vq"), "", []),
     ("cdamd-66", candidate("cmdm"), "", []),
     ("editing", candidate("cdamd"), "suffix", ["3 suffix: CDAMD"]),
     ("editing", candidate("mardm"), "prefix", ["3 prefix: MARDM"]),
@@ -90,7 +93,8 @@ def every_model():
   """(name, candidate) of all configs that are judged, at full size, and of all that the papers do with them."""
   for file in ("cmdm_denoiser", "cmdm_tokenizer", "cdamd_generator"):
     sizes = ("full", "essential", "kit", "snapmogen", "babel") if "cmdm" in file else (
-        "full", "kit", "67", "263", "mardm", "mardm_ddpm", "mardm_67", "mardm_ddpm_67", "mardm_kit")
+        "full", "kit", "67", "263", "mardm", "mardm_ddpm", "mardm_67", "mardm_ddpm_67", "mardm_kit", "mardm_263",
+        "mardm_snapmogen")
     for size in sizes:
       for options in (None, dict(schedule="ar")) if file == "cmdm_denoiser" else (None,):
         yield f"{file}:{size} {options or ''}", candidate(f"{file}:{size}", options)

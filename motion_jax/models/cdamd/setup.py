@@ -33,6 +33,7 @@ from motion_jax.training.setup import (
 )
 
 GENERATOR = "cdamd.generator"
+_RULES = ("frames_per_latent", "crop_frames", "keep_long", "coin")  # of `batches.TextItems`
 
 
 def autoencoder(config: ConfigDict) -> TrainingSetup:
@@ -40,7 +41,8 @@ def autoencoder(config: ConfigDict) -> TrainingSetup:
   net = Autoencoder(**config.model)
   evaluate = _reconstruction(config, data.stats, net.apply)
   frozen = motion_errors.frozen_stats(config, data.stats)
-  return TrainingSetup(cdamd.autoencoder_stage(config), _windows(config, data), frozen, evaluate, data.stats, {})
+  next_batch, num_items = _windows(config, data)
+  return TrainingSetup(cdamd.autoencoder_stage(config), next_batch, frozen, evaluate, data.stats, {}, num_items)
 
 
 def rvq(config: ConfigDict) -> TrainingSetup:
@@ -48,12 +50,13 @@ def rvq(config: ConfigDict) -> TrainingSetup:
   net = Autoencoder(**config.model)
   if config.data.window:
     data = sources.load_features(config.data, stats=held_stats(config), captioned=False)
-    next_batch = _windows(config, data)
+    next_batch, num_items = _windows(config, data)
   else:
     data = sources.load_features(config.data, stats=held_stats(config))
     weights = batches.balance_weights(data.groups, config.data.balance) if config.data.balance else None
     items = batches.TextItems(data.features, data.captions, config.data.min_frames, config.data.max_frames,
                               (config.data.max_frames,), weights=weights)
+    num_items = len(items)
 
     def next_batch(step, rows=batches.ALL):
       batch = items.batch(config.data.batch_size, config.seed, step, rows)
@@ -64,10 +67,11 @@ def rvq(config: ConfigDict) -> TrainingSetup:
 
   evaluate = _reconstruction(config, data.stats, reconstruct)
   frozen = motion_errors.frozen_stats(config, data.stats)
-  return TrainingSetup(cdamd.rvq_stage(config), next_batch, frozen, evaluate, data.stats, {})
+  return TrainingSetup(cdamd.rvq_stage(config), next_batch, frozen, evaluate, data.stats, {}, num_items)
 
 
 def _windows(config, data):
+  """(next_batch, how many windows there are)."""
   frames_per_latent = 2 ** config.model.num_halvings
   for name in ("window", "short_window"):
     if config.data[name] % frames_per_latent:
@@ -76,7 +80,7 @@ def _windows(config, data):
   windows = batches.Windows(data.features, config.data.window, config.data.stride,
                             config.data.released_windows, data.groups, config.data.balance,
                             config.data.short_window)
-  return lambda step, rows=batches.ALL: windows.batch(config.data.batch_size, config.seed, step, rows)
+  return lambda step, rows=batches.ALL: windows.batch(config.data.batch_size, config.seed, step, rows), len(windows)
 
 
 def _reconstruction(config, stats, reconstruct):
@@ -123,11 +127,11 @@ def generator(config: ConfigDict) -> TrainingSetup:
   encoders = dict(frozen)
   if config.frozen.length:
     frozen["length"] = load_length(config.frozen.length, encoder)
-  batch_of = _captioned(config, data, encoder, encoders if config.data.store else None)
+  batch_of, num_items = _captioned(config, data, encoder, encoders if config.data.store else None)
   stage = cdamd.generator_stage(config)
   files = {checkpoint.LENGTHS: caption_lengths(data), **encoder_files(encoder)}
   evaluate = _held_out_loss(config, stage, frozen, data.stats, encoder)
-  return TrainingSetup(stage, batch_of, frozen, evaluate, data.stats, files)
+  return TrainingSetup(stage, batch_of, frozen, evaluate, data.stats, files, num_items)
 
 
 def _check_fields(config):
@@ -150,12 +154,14 @@ def _check_fields(config):
 
 def _items(config, data):
   weights = batches.balance_weights(data.groups, config.data.balance) if config.data.balance else None
+  rules = {name: config.data[name] for name in _RULES if name in config.data}  # the length estimator's has them not
   return batches.TextItems(data.features, data.captions, config.data.min_frames, config.data.max_frames,
-                           tuple(config.data.lengths), weights=weights)
+                           tuple(config.data.lengths), weights=weights, **rules)
 
 
 def _captioned(config, data, encoder, encoders=None):
-  """next_batch(step) of padded clips with the sentence vectors of their captions, or these and their words.
+  """(next_batch, how many clips there are): padded clips with the sentence vectors of their captions, or these and
+  their words.
 
   encoders: the parameters by which the store config.data.store was made, whose latents then take the features' place.
   """
@@ -179,7 +185,7 @@ def _captioned(config, data, encoder, encoders=None):
     text_emb, text_mask = encoder.sentence_and_words(said, at_least, rows)
     return batch | {"text_emb": text_emb, "text_mask": text_mask}
 
-  return next_batch
+  return next_batch, len(items)
 
 
 def encode_generator(config: ConfigDict, folder: str | os.PathLike) -> str:
@@ -202,7 +208,7 @@ def encode_generator(config: ConfigDict, folder: str | os.PathLike) -> str:
 def _held_out_loss(config, stage, frozen, stats, encoder, num_batches=4):
   """evaluate(params): the loss as the sampler sees the network (its mask, captions, no prior, no dropout) and with the
   prior given, as the reference validates; on the same few batches of held-out clips and the same noise every time."""
-  next_batch = _captioned(config, held_out(config, stats, captioned=True), encoder)
+  next_batch, _ = _captioned(config, held_out(config, stats, captioned=True), encoder)
   predict = jax.jit(stage.predict)
 
   def evaluate(params):
@@ -267,8 +273,8 @@ def length(config: ConfigDict) -> TrainingSetup:
   data = sources.load_features(config.data)
   encoder = load_text_encoder(config.frozen.text, level="sentence")
   stage = lengths.length_stage(config)
-  next_batch = _captioned(config, data, encoder)
-  held = _captioned(config, held_out(config, data.stats, captioned=True), encoder)
+  next_batch, num_items = _captioned(config, data, encoder)
+  held, _ = _captioned(config, held_out(config, data.stats, captioned=True), encoder)
   without = lambda batch: {name: batch[name] for name in ("text_emb", "num_frames", "index")}
   predict = jax.jit(stage.predict)
 
@@ -279,7 +285,7 @@ def length(config: ConfigDict) -> TrainingSetup:
             for name in ("loss", "latents_off")}
 
   return TrainingSetup(stage, lambda step, rows=batches.ALL: without(next_batch(step, rows)), {}, evaluate, data.stats,
-                encoder_files(encoder))
+                       encoder_files(encoder), num_items)
 
 
 def generator_fields(config: ConfigDict) -> dict[str, Any]:

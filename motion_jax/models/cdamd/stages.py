@@ -64,6 +64,10 @@ def _blurred(latents, amount, rng, batch, axis_name):
   return latents + amount * scale * noise
 
 
+_ABOUT_RECONSTRUCTION = ("mean error of normalized numbers, below 1 from the start; held_out_mm at each save is the "
+                         "joint error in millimetres")
+
+
 def autoencoder_stage(config: ConfigDict) -> Stage:
   """Trains the deterministic autoencoder on windows: batch["features"] (B, T, F), normalized.
 
@@ -92,7 +96,7 @@ def autoencoder_stage(config: ConfigDict) -> Stage:
     latents = net.apply(params, batch["features"], method="encode")
     return {"features": net.apply(params, latents, method="decode"), "latents": latents}
 
-  return Stage(init, loss, predict, in_parts=not noise)
+  return Stage(init, loss, predict, in_parts=not noise, about_loss=_ABOUT_RECONSTRUCTION)
 
 
 def rvq_stage(config: ConfigDict, axis_name: str | None = DEVICES) -> Stage:
@@ -132,7 +136,7 @@ def rvq_stage(config: ConfigDict, axis_name: str | None = DEVICES) -> Stage:
     indices, _ = codec.encode(batch["features"])
     return {"features": codec.decode(indices), "indices": indices}
 
-  return Stage(init, loss, predict, init_extra)
+  return Stage(init, loss, predict, init_extra, about_loss=_ABOUT_RECONSTRUCTION)
 
 
 def _rvq_by_gradient(net, config, axis_name):
@@ -165,7 +169,7 @@ def _rvq_by_gradient(net, config, axis_name):
     indices, _ = codec.encode(batch["features"])
     return {"features": codec.decode(indices), "indices": indices}
 
-  return Stage(init, loss, predict)
+  return Stage(init, loss, predict, about_loss=_ABOUT_RECONSTRUCTION)
 
 
 def make_generator(config: ConfigDict, dtype: Any = jnp.float32, remat: bool = False) -> Generator:
@@ -256,4 +260,5 @@ def generator_stage(config: ConfigDict) -> Stage:
     made = {"loss": sums["loss"], "weight": weight}
     return made if codes is None else made | {"with_prior": measure(codes)[0]["loss"]}
 
-  return Stage(init, loss, predict, in_parts=True)
+  return Stage(init, loss, predict, in_parts=True,
+               about_loss="mean squared error of the diffusion head, per number of a masked latent")

@@ -32,7 +32,7 @@ from motion_jax.shapes import Array, Net
 from motion_jax.text import bert
 from motion_jax.text.bert import bert_fields_of
 from motion_jax.text.encoder import load_text_encoder, narrowest
-from motion_jax.training import checkpoint, encoding
+from motion_jax.training import checkpoint, encoding, epochs
 from motion_jax.training.setup import (
   TrainingSetup,
   caption_lengths,
@@ -53,6 +53,7 @@ def tokenizer(config: ConfigDict) -> TrainingSetup:
   data = sources.load_features(config.data, stats=held_stats(config), captioned=False)
   windows = batches.Windows(data.features, config.data.window, config.data.stride,
                             groups=data.groups, balance=config.data.balance, short=config.data.short_window)
+  config = epochs.resolved(config, len(windows))  # the weight of the alignment falls to the end of training
   validation = held_out(config, data.stats).features
   vae = CausalVAE(**config.model)
   reconstruct = jax.jit(lambda params, x: VaeCodec(vae, params).reconstruct(x))
@@ -76,7 +77,7 @@ def tokenizer(config: ConfigDict) -> TrainingSetup:
     frozen["teacher"], view = load_teacher(config, data.stats)
     if view is not None:
       frozen["teacher_view"] = view
-  return TrainingSetup(cmdm.tokenizer_stage(config), next_batch, frozen, evaluate, data.stats, {})
+  return TrainingSetup(cmdm.tokenizer_stage(config), next_batch, frozen, evaluate, data.stats, {}, len(windows))
 
 
 def draw(vae: Net, params: Any, x: Float[Array, "b t f"], key: jax.Array) -> Float[Array, "b t f"]:
@@ -254,7 +255,7 @@ def denoiser(config: ConfigDict) -> TrainingSetup:
     teacher = (runs.open(config.distill.teacher, "cmdm.denoiser").params(shapes) if _has_teacher(config)
                else untrained(shapes))
     stage, frozen = distill.student_stage(config), frozen | {distill.TEACHER: teacher}
-  return TrainingSetup(stage, next_batch, frozen, evaluate, data.stats, files)
+  return TrainingSetup(stage, next_batch, frozen, evaluate, data.stats, files, len(items))
 
 
 def encode_denoiser(config: ConfigDict, folder: str | os.PathLike) -> str:
@@ -335,7 +336,7 @@ def teacher(config: ConfigDict) -> TrainingSetup:
     return params if frozen_text else {**params, "text": encoder.params}
 
   return TrainingSetup(stage._replace(init=init), next_batch, {}, evaluate, data.stats,
-                encoder_files(encoder))
+                encoder_files(encoder), len(clips))
 
 
 RESOLVED = {"cmdm.teacher": teacher_fields, "cmdm.tokenizer": tokenizer_fields, "cmdm.denoiser": denoiser_fields}

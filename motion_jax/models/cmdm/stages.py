@@ -82,7 +82,15 @@ def tokenizer_stage(config: ConfigDict) -> Stage:
     mean, logvar = vae.apply(params, batch["features"], method="encode")
     return {"features": vae.apply(params, mean, method="decode"), "mean": mean, "logvar": logvar}
 
-  return Stage(init, loss, predict, in_parts=True)
+  return Stage(init, loss, predict, in_parts=True, about_loss=_about_tokenizer(config))
+
+
+def _about_tokenizer(config):
+  """Parity: the reference sums its reconstruction loss where others average it."""
+  windows = min(config.loss.micro_batch, config.data.batch_size)
+  numbers = windows * config.data.window * config.model.features
+  return (f"a sum, not a mean, over the {numbers:,} numbers of {windows} windows: about as large as their count at "
+          "first, below 0 once the reconstruction is good; held_out_mm at each save is the joint error in millimetres")
 
 
 def forcing_inputs(config: ConfigDict, vae: CausalVAE, dit: CausalDiT, frozen: Any, batch: dict[str, Any],
@@ -255,7 +263,9 @@ def denoiser_stage(config: ConfigDict) -> Stage:
     return {"velocity": dit.apply(params, x, t, text_emb, attn_mask, batch["text_mask"]),
             "target": noise if ddpm else z1 - noise}
 
-  return Stage(init, loss, predict, in_parts=True)
+  target = {"ddpm": "noise", "eps": "noise", "x1": "latents"}.get(dit.predicts, "velocity")
+  return Stage(init, loss, predict, in_parts=True,
+               about_loss=f"mean squared error of the predicted {target}, per number of a latent")
 
 
 def denoiser_shapes(dit: CausalDiT) -> Any:

@@ -199,7 +199,8 @@ def teacher_stage(config: ConfigDict, axis_name: str | None = "devices") -> Stag
     return {"motion": space.motion(params, batch["features"], frame_mask),
             "text": space.text(params, batch["ids"], batch["text_mask"])}
 
-  return Stage(lambda batch, rng: space.init(rng), loss, predict)
+  return Stage(lambda batch, rng: space.init(rng), loss, predict,
+               about_loss="cross-entropy of finding a motion's caption in its batch and back")
 
 
 # --- teaching ----------------------------------------------------------------------------------------------------
