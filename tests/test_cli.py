@@ -1,13 +1,16 @@
 """The command line: files by extension, prompts from files, one line for every error, nothing half-written."""
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from motion_jax import cli
+from motion_jax import cli, export
 from motion_jax.cli import make
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.export import bvh
 from motion_jax.models.base import TextToMotionModel
 from motion_jax.models.cmdm.model import CmdmModel
+from tests.export.test_bvh import bent
 
 
 @pytest.fixture(scope="module")
@@ -56,10 +59,10 @@ def test_num_gives_seeds_in_turn(generate, tmp_path):
 
 def test_bvh_in_the_unit_that_is_asked(tmp_path):
   clip = synthetic_clips(num=1, num_frames=12)[0]
-  bvh(clip, tmp_path / "clip.bvh")
+  bvh(clip, tmp_path / "clip.bvh", exact=True)
   for unit, hip_to_knee in (("cm", 37.0), ("m", 0.37)):
     assert cli.main(["render", str(tmp_path / "clip.bvh"), "--out", str(tmp_path / f"{unit}.bvh"),
-                     "--bvh-unit", unit]) == 0
+                     "--bvh-unit", unit, "--exact-joints"]) == 0
     lines = (tmp_path / f"{unit}.bvh").read_text().splitlines()
     knee = next(i for i, line in enumerate(lines) if line.strip() == "JOINT left_knee")
     length = np.linalg.norm([float(number) for number in lines[knee + 2].split()[1:]])
@@ -166,6 +169,37 @@ def test_a_mapping_in_every_command_that_reads_motion(tmp_path, capsys):
     with pytest.raises(SystemExit):
       cli.main([command, "--help"])
     assert "--mapping FILE.json" in capsys.readouterr().out
+
+
+def test_render_writes_a_list_of_files_and_says_what_rotations_cost(tmp_path, capsys):
+  clip = bent(0)
+  np.save(tmp_path / "a.npy", clip.joints)
+  outputs = f"{tmp_path}/a.npz,{tmp_path}/b.bvh"
+  assert cli.main(["render", str(tmp_path / "a.npy"), "--out", outputs, "--out", str(tmp_path / "c.glb")]) == 0
+  assert all((tmp_path / name).is_file() for name in ("a.npz", "b.bvh", "c.glb"))
+  mean, worst, joint = export.rig_error(clip)
+  assert f".bvh and .glb: the skeleton only rotates; joints are {mean:.1f} mm" in (said := capsys.readouterr().out)
+  assert f"{worst:.0f} mm at most ({joint}); --exact-joints" in said
+  assert cli.main(["render", str(tmp_path / "a.npy"), "--out", f"{tmp_path}/d.bvh", "--exact-joints"]) == 0
+  assert "only rotates" not in capsys.readouterr().out
+  assert np.abs(export.load(tmp_path / "d.bvh").joints - clip.joints).max() < 5e-4
+
+
+class _Collection(SimpleNamespace):
+  def __len__(self):
+    return len(self.ids)
+
+
+def test_retrieve_writes_a_list_of_files(tmp_path, monkeypatch):
+  from motion_jax import retrieval
+  collection = _Collection(ids=["a"], seconds=[1.0], captions=[["a person walks"]],
+                               nearest_clips=lambda vector, num: [(0.9, 0)])
+  monkeypatch.setattr(retrieval, "load", lambda name: SimpleNamespace(embed_text=lambda texts: [None]))
+  monkeypatch.setattr(retrieval, "read_collection", lambda *args: collection)
+  monkeypatch.setattr(retrieval, "read_clips", lambda *args: [bent(0)])
+  assert cli.main(["retrieve", "a person walks", "--data", str(tmp_path), "--out",
+                   f"{tmp_path}/n.npz,{tmp_path}/n.bvh"]) == 0
+  assert (tmp_path / "n.npz").is_file() and (tmp_path / "n.bvh").is_file()
 
 
 def test_data_build_and_doctor(tmp_path, capsys):

@@ -9,22 +9,19 @@ def add_to(commands):
   blend.add_argument("first", help="an .npz, .npy, .bvh or .amc file")
   blend.add_argument("second", help="another; it is moved and turned on the ground to go on from the first")
   blend.add_argument("--seconds", type=real(0.1, 10, "seconds"), default=1.0, help="how long the way takes (1)")
-  blend.add_argument("--out", default="blended.html", action=shared.Files,
-                     help="file to write: .npz .npy .bvh .glb .mp4 .gif .html .png")
+  shared.add_out(blend, "blended.html", "both.mp4,both.bvh")
   shared.add_reading(blend)
-  shared.add_bvh_unit(blend)
+  shared.add_rig(blend)
   shared.add_film(blend, "in whatever kind of file")
   blend.set_defaults(run=_blend)
 
 
 def _blend(args):
-  from motion_jax import export
   from motion_jax.control import loops
   from motion_jax.data.clip import Caption, Clip
   from motion_jax.models.known_motion import on_our_body
   from motion_jax.motion.skeleton import HUMANML3D
-  outputs = [export.check_output(part) for part in args.out.split(",")]
-  film = shared.film_options(args)
+  outputs = shared.outputs_of(args)
   clips = [shared.read_motion(path, args) for path in (args.first, args.second)]
   fps = clips[0].fps
   first, second = (on_our_body(clip, fps, HUMANML3D) for clip in clips)
@@ -35,6 +32,4 @@ def _blend(args):
   clip = Clip(joints, fps, captions, id="blended", source=f"{args.first}, then {args.second}",
               license=" ".join(dict.fromkeys(one.license for one in clips if one.license)))
   print(f"{args.first} goes over into {args.second} at {border / fps:.2f} s, within {args.seconds:g} s")
-  shown = shared.trimmed(args, clip)
-  shared.tell_files([path for out in outputs for path in export.save(
-      shown, out, **shared.bvh_options(args, out), **(film if out.lower().endswith(shared.FILMS) else {}))])
+  shared.save(args, [shared.trimmed(args, clip)], outputs)

@@ -90,7 +90,7 @@ def drawn(constraints, motions):
 def drawn_options(out, asked, constraints):
   """The options of `export.save` that draw in a file what was asked, a signal or a list of them; none of None."""
   from motion_jax.export import scene
-  if asked is None or not out.lower().endswith((*shared.FILMS, ".png", ".jpg", ".html")):
+  if asked is None or not out.lower().endswith(shared.PICTURES):
     return {}
   return {"asked": asked} | ({"way_points": scene.way_points(constraints)} if out.lower().endswith(".html") else {})
 

@@ -99,10 +99,8 @@ def _making(parser, out):
                       help="without foot-skate cleanup and smoothing, and not brought to what is asked exactly: "
                            "as the network made it")
   parser.add_argument("--model", default="cmdm-small", help="a run folder or the name of a model that ships")
-  parser.add_argument("--out", default=out, action=shared.Files,
-                      help="file to write: .npz .npy .bvh .glb .mp4 .gif .html .png; repeat kinds with commas, as in "
-                           "wave.mp4,wave.bvh")
-  shared.add_bvh_unit(parser)
+  shared.add_out(parser, out, "wave.mp4,wave.bvh")
+  shared.add_rig(parser)
   shared.add_film(parser, "in films and pictures")
   parser.add_argument("--timings", action="store_true", help="say at the end where the time went")
 
@@ -123,7 +121,7 @@ def _group(parser, method):
 
 
 def _generate(args):
-  outputs, rows = _outputs(args), read_prompts(args.prompt)
+  outputs, rows = shared.outputs_of(args), read_prompts(args.prompt)
   _check_count(len(rows), args)
   start, model = time.time(), _load_model(args)
   from motion_jax.models import composed
@@ -164,7 +162,7 @@ def _generate(args):
 
 
 def _multi_prompt(args):
-  outputs = _outputs(args)
+  outputs = shared.outputs_of(args)
   start, model = time.time(), _load_model(args)
   _able(model, "multi_prompt")
   sequences = read_sequences(args.prompts, model.fps)
@@ -185,7 +183,7 @@ def _multi_prompt(args):
 
 
 def _extend(args):
-  outputs, clip = _outputs(args), shared.read_motion(args.file, args)
+  outputs, clip = shared.outputs_of(args), shared.read_motion(args.file, args)
   start, model = time.time(), _load_model(args)
   _able(model, "extend")
   segments = read_sequences(args.text, model.fps)[0]
@@ -205,7 +203,7 @@ def _extend(args):
 def _edit(args):
   from motion_jax.inputs.spans import spans_of
   from motion_jax.models.results import colors_of
-  outputs, clip = _outputs(args), shared.read_motion(args.file, args)
+  outputs, clip = shared.outputs_of(args), shared.read_motion(args.file, args)
   if not (args.task or args.edit or args.keep or args.keep_parts):
     raise InputError("got nothing to make anew; give --task, --edit, --keep or --keep-parts")
   start, model = time.time(), _load_model(args)
@@ -261,14 +259,6 @@ def _sampling(args, model):
   return {ours[flag]: value for flag, value in given.items()}
 
 
-def _outputs(args):
-  """The files to write, checked before minutes of work."""
-  with progress.part("starting"):
-    from motion_jax.export import check_output
-  shared.film_options(args)
-  return [check_output(part) for part in args.out.split(",")]
-
-
 def _load_model(args):
   if args.timings:
     timing.start()
@@ -300,6 +290,7 @@ def _write(args, model, motions, outputs, start, colors=None, asked=None, constr
   clips = [motion.replace(id=f"{pathlib.Path(outputs[0]).stem}_{i}") for i, motion in enumerate(motions)]
   with timing.part("files"), progress.part("writing files"):
     written = [path for out in outputs for path in _write_one(args, clips, out, colors, asked, constraints)]
+  shared.tell_rig_error(args, clips, outputs)
   shared.tell_files(written)
   for said in (model.limits, model.license):
     if said:
@@ -310,8 +301,8 @@ def _write(args, model, motions, outputs, start, colors=None, asked=None, constr
 
 def _write_one(args, clips, out, colors, asked, constraints):
   from motion_jax import export
-  options = shared.bvh_options(args, out) | (shared.film_options(args) if out.lower().endswith(shared.FILMS) else {})
-  if out.lower().endswith((*shared.FILMS, ".png", ".jpg", ".html")):
+  options = shared.file_options(args, out)
+  if pathlib.Path(out).suffix.lower() in shared.PICTURES:
     if colors is not None:
       options["colors"] = colors[shared.span_of(args, clips[0])]
     if asked is not None:

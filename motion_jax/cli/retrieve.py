@@ -14,8 +14,8 @@ def add_to(commands):
   retrieve.add_argument("--num", type=whole(*MOTIONS), default=5, help="how many to show (5)")
   retrieve.add_argument("--teacher", default="part-tmr-small", help="a run folder or the name of one that ships")
   shared.add_reading(retrieve)
-  retrieve.add_argument("--out", help="file to write the nearest clip to, such as nearest.html")
-  shared.add_bvh_unit(retrieve)
+  shared.add_out(retrieve, None, "nearest.html,nearest.bvh; the nearest clip")
+  shared.add_rig(retrieve)
   retrieve.set_defaults(run=_retrieve)
 
 
@@ -26,9 +26,7 @@ def _tell_recall(scores):
 
 
 def _retrieve(args):
-  from motion_jax import export
-  if args.out:
-    export.check_output(args.out)
+  outputs = shared.outputs_of(args) if args.out else []
   is_file = args.query is not None and args.query.lower().endswith(shared.MOTION_FILES)
   asked = shared.read_motion(args.query, args) if is_file else None  # before minutes of work
   if args.out and (asked is not None or args.query is None):
@@ -58,4 +56,4 @@ def _retrieve(args):
       print(f"{similarity:6.3f}  {collection.ids[i]:24s} {collection.seconds[i]:5.1f} s  {collection.captions[i][0]}")
     if args.out:
       clips = retrieval.read_clips(args.data, args.split)
-      shared.tell_files(export.save(clips[found[0][1]], args.out, **shared.bvh_options(args, args.out)))
+      shared.save(args, [clips[found[0][1]]], outputs)

@@ -1,13 +1,17 @@
 """What several commands need."""
 import argparse
 import importlib
+import pathlib
 import threading
 
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.numerals import FRAME_RATES, real
+from motion_jax.runtime import progress
 
 BVH_UNITS = {"cm": "centimetres", "m": "metres"}
 FILMS = (".mp4", ".gif")
+PICTURES = (*FILMS, ".png", ".jpg", ".html")
+RIGS = (".bvh", ".glb")
 MOTION_FILES = (".npz", ".npy", ".bvh", ".amc")
 
 
@@ -76,15 +80,61 @@ def import_ahead(*names):
   threading.Thread(target=lambda: [importlib.import_module(name) for name in names], daemon=True).start()
 
 
-def add_bvh_unit(parser):
-  """The flag that says in which unit .bvh files are written."""
+def add_out(parser, default, files):
+  """The flag --out of a command that writes motions; files: an example of several."""
+  parser.add_argument("--out", default=default, action=Files,
+                      help="file to write: .npz .npy .bvh .glb .mp4 .gif .html .png; repeat kinds with commas, as in "
+                           f"{files}")
+
+
+def outputs_of(args, out=None):
+  """The files that --out names, or out, checked before minutes of work."""
+  with progress.part("starting"):
+    from motion_jax.export import check_output
+  film_options(args)
+  return [check_output(part) for part in (out or args.out).split(",")]
+
+
+def add_rig(parser):
+  """The flags that say how .bvh and .glb files hold a motion."""
   parser.add_argument("--bvh-unit", choices=tuple(BVH_UNITS), default="cm",
                       help="unit of .bvh files: cm (most programs expect it; in Blender import with scale 0.01) or m")
+  parser.add_argument("--exact-joints", action="store_true",
+                      help="in .bvh and .glb, keep every joint exactly in its place, by position channels below the "
+                           "root that some programs misread; else joints only rotate, and the distance is printed")
 
 
-def bvh_options(args, out):
-  """The options of `export.save` that belong to a .bvh file."""
-  return {"unit": BVH_UNITS[args.bvh_unit]} if out.lower().endswith(".bvh") else {}
+def save(args, clips, outputs):
+  """Writes clips to each of the outputs as the flags say, and prints what was written."""
+  from motion_jax import export
+  written = [path for out in outputs for path in export.save(clips, out, **file_options(args, out))]
+  tell_rig_error(args, clips, outputs)
+  tell_files(written)
+
+
+def file_options(args, out):
+  """The options of `export.save` by which a file of its kind is written."""
+  kind = pathlib.Path(out).suffix.lower()
+  found = film_options(args) if kind in FILMS else {}
+  if kind in RIGS:
+    found["exact"] = args.exact_joints
+  if kind == ".bvh":
+    found["unit"] = BVH_UNITS[args.bvh_unit]
+  return found
+
+
+def tell_rig_error(args, clips, outputs):
+  """Prints how far the joints of .bvh and .glb files are from the motions, where that is half a millimetre or more."""
+  from motion_jax import export
+  kinds = sorted({kind for out in outputs if (kind := pathlib.Path(out).suffix.lower()) in RIGS})
+  if not kinds or args.exact_joints:
+    return
+  found = [export.rig_error(clip) for clip in clips]
+  mean, (_, worst, joint) = sum(error for error, *_ in found) / len(found), max(found, key=lambda one: one[1])
+  if worst < 0.5:
+    return
+  print(f"{' and '.join(kinds)}: the skeleton only rotates; joints are {mean:.1f} mm from the motion on average, "
+        f"{worst:.0f} mm at most ({joint}); --exact-joints keeps them in place")
 
 
 def add_film(parser, what):
@@ -104,6 +154,8 @@ def add_film(parser, what):
 def film_options(args):
   """The options of `export.save` that belong to a film, checked before minutes of work."""
   from motion_jax.export.video import check_film
+  if not hasattr(args, "film_fps"):  # a command without these flags
+    return {}
   found = {"camera": args.camera}
   if args.size is not None:
     width, cross, height = args.size.lower().partition("x")

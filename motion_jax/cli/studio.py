@@ -24,9 +24,8 @@ def add_to(commands):
   make = commands.add_parser("make", help="a project that the studio saved in, its motion out")
   make.add_argument("project", help="a .json file that the studio saved")
   make.add_argument("--take", type=whole(0, 100), help="which of its seeds, counted from 0; by default the chosen one")
-  make.add_argument("--out", default="motion.html", action=shared.Files,
-                    help="file to write: .npz .npy .bvh .glb .mp4 .gif .html .png; repeat kinds with commas, as in "
-                         "story.glb,story.bvh")
+  shared.add_out(make, "motion.html", "story.glb,story.bvh")
+  shared.add_rig(make)
   make.set_defaults(run=_make)
 
 
@@ -45,7 +44,7 @@ def _make(args):
   from motion_jax.studio import project
   from motion_jax.studio.library import Library
   from motion_jax.studio.limits import Limits
-  outputs, limits = [export.check_output(part) for part in args.out.split(",")], Limits()
+  outputs, limits = shared.outputs_of(args), Limits()
   found = project.read(args.project, limits)
   shared.cache_compiled_code()
   library = Library(project.models_of(found), warm=False)
@@ -55,5 +54,7 @@ def _make(args):
     print(f"{caption.start:6.1f} to {caption.end:5.1f} s  {caption.text}")
   wanted = project.control_of(found)
   asked = control.drawn(wanted, [motion])[0] if wanted else None
-  shared.tell_files([path for out in outputs
-                     for path in export.save(motion, out, **control.drawn_options(out, asked, wanted))])
+  written = [path for out in outputs for path in export.save(
+      motion, out, **shared.file_options(args, out), **control.drawn_options(out, asked, wanted))]
+  shared.tell_rig_error(args, [motion], outputs)
+  shared.tell_files(written)

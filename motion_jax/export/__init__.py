@@ -13,6 +13,7 @@ from motion_jax.export.bvh import bvh
 from motion_jax.export.files import load, npy, npz
 from motion_jax.export.glb import glb
 from motion_jax.export.html import html, html_page
+from motion_jax.export.rig import rig_error as _rig_error
 from motion_jax.export.video import frame, frames, strip, video
 from motion_jax.motion.skeleton import HUMANML3D, SNAPMOGEN
 from motion_jax.motion.transfer import to_22
@@ -73,6 +74,11 @@ def save(clip, path, **options) -> list[pathlib.Path]:
   return [write(one, path.with_stem(f"{path.stem}_{i:0{digits}d}"), **each[i]) for i, one in enumerate(clips)]
 
 
+def rig_error(clip) -> tuple[float, float, str]:
+  """(mean, worst, joint of the worst): how far a clip's .bvh and .glb are from it, millimetres, unless exact=True."""
+  return _rig_error(_with_22_joints(clip))
+
+
 def page(clip) -> str:
   """The .html page of a clip, or of a list of clips, as text: for notebooks and pages of one's own."""
   return html_page([_with_22_joints(one) for one in ([clip] if isinstance(clip, Clip) else clip)])
@@ -84,5 +90,5 @@ def _with_22_joints(clip):
   return clip.replace(joints=to_22(clip.joints), skeleton=HUMANML3D, features=None)
 
 
-__all__ = ["WRITERS", "bvh", "check_output", "frame", "frames", "glb", "html", "load", "npy", "npz", "page", "save",
-           "strip", "video"]
+__all__ = ["WRITERS", "bvh", "check_output", "frame", "frames", "glb", "html", "load", "npy", "npz", "page",
+           "rig_error", "save", "strip", "video"]

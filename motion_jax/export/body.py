@@ -9,7 +9,7 @@ import numpy as np
 
 from motion_jax.motion import plausibility
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.pose import Pose, to_pose
+from motion_jax.motion.pose import Pose, pose_to_joints, to_pose
 from motion_jax.motion.skeleton import Skeleton
 
 # Colours by limb, sRGB 0..1: right warm, left cool, the middle neutral; joints and hands a shade darker.
@@ -45,11 +45,17 @@ _SOLE = 0.06  # metres (of the person above) by which a foot's balls may be rais
 _AT_ZERO = (-0.1, 0.25)  # metres: a body whose lowest point is outside has its ground elsewhere
 
 
-def make_figure(clip) -> Figure:
-  """Poses the mannequin on every frame of a Clip, its soles as thick as its feet stand high."""
+def make_figure(clip, pose: Pose | None = None) -> Figure:
+  """Poses the mannequin on every frame of a Clip, its soles as thick as its feet stand high.
+
+  pose: the clip's own bones by default; another, in metres, is shown where its joints are.
+  """
   skeleton = clip.skeleton
-  joints = np.asarray(clip.joints, np.float64) * skeleton.unit
-  pose = to_pose(joints, skeleton, clip.fps)
+  if pose is None:
+    joints = np.asarray(clip.joints, np.float64) * skeleton.unit
+    pose = to_pose(joints, skeleton, clip.fps)
+  else:
+    joints = pose_to_joints(pose, skeleton)
   parts = _shod(make_parts(skeleton, pose.offsets), joints, pose.turned, skeleton)
   a, b = (_balls(parts, end, joints, pose.turned) for end in "ab")
   ahead = rot.rotate(pose.turned[:, 0], np.array([0.0, 0.0, 1.0])) * [1, 0, 1]

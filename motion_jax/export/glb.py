@@ -1,7 +1,10 @@
 """GLB (binary glTF 2.0): the mannequin as a skinned, animated mesh that opens in any 3-D program or browser.
 
-Numpy and JSON only. The bind pose is the T-pose of `motion.pose`; joints turn about it, the root also moves. The soles
-reach down to y = 0, however high the clip's toe joints stand (`export.body`).
+Numpy and JSON only. The bind pose is the T-pose of `export.rig`, the same for all motions of a model; joints turn about
+it, the root also moves. The soles reach down to y = 0, however high the clip's toe joints stand (`export.body`).
+
+glTF counts seconds. Blender places keys by the scene's rate when it imports (24 a second in a new scene): set the
+scene's rate to the motion's first (`asset.extras.fps` in the file), then each key is on a whole frame.
 """
 import json
 import pathlib
@@ -11,17 +14,21 @@ import numpy as np
 
 from motion_jax.export.body import COLORS, make_figure
 from motion_jax.export.mesh import make_skins, rest_joints
+from motion_jax.export.rig import rigged
 from motion_jax.runtime.atomic import atomic_path
 
 _FLOAT, _SHORT, _BYTE = 5126, 5123, 5121
 
 
-def glb(clip, path) -> pathlib.Path:
-  """Writes a clip as a .glb: nodes named like the joints, one skin, one animation at the clip's rate, metres, y up."""
+def glb(clip, path, exact=False) -> pathlib.Path:
+  """Writes a clip as a .glb: nodes named like the joints, one skin, one animation at the clip's rate, metres, y up.
+
+  Joints only turn, and the root moves; exact=True also moves those whose place rotations miss by half a millimetre.
+  """
   path = pathlib.Path(path)
   skeleton = clip.skeleton
-  figure = make_figure(clip)
-  pose = figure.pose
+  pose = rigged(clip, exact)
+  figure = make_figure(clip, pose)
   rest = rest_joints(pose.offsets, skeleton)
   skins = make_skins(figure.parts, rest, skeleton)
   buffer = _Buffer()
@@ -36,7 +43,8 @@ def glb(clip, path) -> pathlib.Path:
   nodes.append({"name": "mannequin", "mesh": 0, "skin": 0})
   nodes.append({"name": clip.id, "children": [0]})  # the mesh stands beside it: only joints move a skin
   caption = clip.captions[0].text if clip.captions else clip.id
-  about = {key: value for key, value in (("caption", caption), ("license", clip.license)) if value}
+  about = {"fps": float(clip.fps)} | {key: value for key, value in (("caption", caption), ("license", clip.license))
+                                      if value}
   document = {
       "asset": {"version": "2.0", "generator": "motion_jax", "extras": about},
       "scene": 0, "scenes": [{"nodes": [skeleton.num_joints, skeleton.num_joints + 1]}], "nodes": nodes,

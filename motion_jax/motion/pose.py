@@ -19,32 +19,36 @@ Tree = list[list[int]]  # the children of each joint
 
 # Where each kind of bone points in the T-pose; x is for the left side and is mirrored for the right.
 _REST = {
-    "hip": (0.6, -0.8, 0), "knee": (0, -1, 0), "ankle": (0, -1, 0), "heel": (0, -0.8, -0.6), "foot": (0, -0.45, 0.9),
+    "hip": (0.74, -0.67, 0), "knee": (0, -1, 0), "ankle": (0, -1, 0), "heel": (0, -0.8, -0.6), "foot": (0, -0.45, 0.9),
     "spine1": (0, 1, 0), "spine2": (0, 1, 0), "spine3": (0, 1, 0), "torso_low": (0, 1, 0), "torso_high": (0, 1, 0),
     "neck": (0, 1, 0), "neck2": (0, 1, 0), "pelvis": (0, -1, 0), "head": (0, 0.95, 0.3),
-    "collar": (0.65, 0.75, 0), "shoulder": (1, 0, 0), "elbow": (1, 0, 0), "wrist": (1, 0, 0)}
+    "collar": (0.65, 0.755, -0.085), "shoulder": (1, 0, 0), "elbow": (1, 0, 0), "wrist": (1, 0, 0)}
 # An easy pose of the bone below the joint, opposite to which no limb can point: the turn from there is never ambiguous.
 _EASY = {"shoulder": (0.45, -0.55, 0.7), "hip": (0.1, -0.85, 0.5)}
 _HINGES = {"shoulder": (0, -1, 0), "hip": (1, 0, 0)}  # axis of elbow and knee in the T-pose, again for the left side
 _LONGEST = 100_000  # frames: more than an hour at 20 a second, a gigabyte
 _SECONDS = 0.12  # how far apart in time the turns of a limb are alike
+_UNTWISTED = 0.08  # how much evidence there always is for a limb that is not twisted
+_TWIST_SPEED, _TWIST_PRICE = 8.0, 0.05  # radians a second at the most, and how dear twisting is against its evidence
 
 
 class Pose(NamedTuple):
   """A moving skeleton, in the unit of the joints that it was made of."""
   offsets: Float[np.ndarray, "j 3"]      # from the parent, in the T-pose; the root's is zero
-  shifts: Float[np.ndarray, "t j 3"]     # further than the offset; only below pelvis and chest, only where these bend
+  shifts: Float[np.ndarray, "t j 3"]     # further than the offset: what rotations cannot reach
   root: Float[np.ndarray, "t 3"]         # position of the root
   rotations: Float[np.ndarray, "t j 4"]  # quaternions (w, x, y, z) relative to the parent; signs continuous in time
   turned: Float[np.ndarray, "t j 4"]     # the same in the world
 
 
-def to_pose(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, fps: float = 20.0) -> Pose:
-  """Joints (T, J, 3) to the rotations of a T-pose skeleton with the clip's own mean bone lengths.
+def to_pose(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, fps: float = 20.0,
+            rest: Float[np.ndarray, "j 3"] | None = None) -> Pose:
+  """Joints (T, J, 3) to the rotations of a T-pose skeleton: of offsets rest (J, 3), or the clip's own mean bones.
 
   Every bone keeps its direction, so `pose_to_joints` gives the joints back where bone lengths are constant. A joint
   with several children (pelvis, chest) has one rotation for all of them: what its bones bend against each other, which
-  is nothing in most captures, is left in `shifts`. float64.
+  is nothing in most captures, is left in `shifts`; with `rest` given, so is whatever else its bones cannot reach.
+  float64.
   """
   if len(joints) > _LONGEST:
     raise ValueError(f"got {len(joints):,} frames to draw or to turn into angles, expected at most {_LONGEST:,}; cut "
@@ -52,13 +56,20 @@ def to_pose(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, fps: fl
   joints = np.asarray(joints, np.float64)
   parents, children = skeleton.parents, _children(skeleton)
   lengths = np.linalg.norm(joints - joints[:, np.maximum(parents, 0)], axis=-1).mean(0)
-  offsets = t_pose(skeleton, lengths)
+  offsets = t_pose(skeleton, lengths) if rest is None else np.array(rest, np.float64)
   bones = joints - joints[:, np.maximum(parents, 0)]
   turned: list = [None] * skeleton.num_joints
   shifts = np.zeros_like(joints)
   for joint in _order(skeleton):
     if len(members := children[joint]) > 1:
-      turned[joint], offsets[members] = _fit(joints, bones, joint, members, skeleton)
+      turned[joint], shape = _fit(joints, bones, joint, members, skeleton)
+      if rest is not None:
+        # Least squares between the clip's own shape and the rig's; a shape of no width leaves the turn as it is.
+        firm = 0.1 * lengths.mean() * np.eye(3)
+        turn = rot.best_turn(np.concatenate([shape, firm])[None], np.concatenate([offsets[members], firm]))
+        turned[joint] = rot.multiply(turned[joint], rot.from_matrix(turn))
+        continue
+      offsets[members] = shape
       local = rot.rotate(rot.conjugate(turned[joint])[:, None], bones[:, members])
       shifts[:, members] = local - offsets[members]
       for member in members:
@@ -67,7 +78,7 @@ def to_pose(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, fps: fl
           child = children[member][0]
           toward = rot.rotate(rot.conjugate(turned[joint]), bones[:, child]).mean(0)
           offsets[child] = rot.unit(toward, eps=1e-9) * lengths[child]
-  if "head" in skeleton.joints:
+  if "head" in skeleton.joints and rest is None:
     # Where heads sit on necks differs between captures: at rest the head is held as it is held on average.
     head = skeleton.joints.index("head")
     chest = next(turned[j] for j in _ancestors(head, parents) if turned[j] is not None)
@@ -93,6 +104,9 @@ def to_pose(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, fps: fl
       turned[joint] = _swing(above, offsets[child], bones[:, child])
   local = [turned[j] if parent < 0 else rot.multiply(rot.conjugate(turned[parent]), turned[j])
            for j, parent in enumerate(parents)]
+  if rest is not None:
+    above = np.stack([turned[max(parent, 0)] for parent in parents], axis=1)
+    shifts = rot.rotate(rot.conjugate(above), bones) - offsets
   local, world = (rot.continuous(rot.unit(np.stack(q, axis=1))) for q in (local, turned))
   return Pose(offsets, shifts, joints[:, 0].copy(), local, world)
 
@@ -193,7 +207,6 @@ def _hinge_turn(joint: int, bones: Float[np.ndarray, "t j 3"], offsets: Float[np
                 above: Float[np.ndarray, "t 4"], children: Tree, skeleton: Skeleton, fps: float
                 ) -> Float[np.ndarray, "t 4"]:
   """The turn (T, 4) of a shoulder or hip: its bone exact, the axis of elbow or knee where bending shows it."""
-  from scipy.ndimage import gaussian_filter1d
   side, kind = _kind(skeleton.joints[joint])
   child = children[joint][0]
   mirror = np.array([side, 1, 1])
@@ -209,9 +222,47 @@ def _hinge_turn(joint: int, bones: Float[np.ndarray, "t j 3"], offsets: Float[np
   if kind == "hip" and end:
     foot = rot.unit(bones[:, end[-1]], eps=1e-9)
     evidence = evidence + 0.3 * _angle_evidence(turn, bone, axis, np.cross(foot, lower))
-  evidence = gaussian_filter1d(evidence, _SECONDS * fps, axis=0, mode="nearest") + np.array([0.08, 0])
-  twist = np.unwrap(np.arctan2(evidence[:, 1], evidence[:, 0]))
+  twist = _smooth_twist(evidence + np.array([_UNTWISTED, 0]), _own_twist(turn, above, rest), fps)
   return rot.multiply(turn, np.concatenate([np.cos(twist / 2)[:, None], np.sin(twist / 2)[:, None] * rest], axis=-1))
+
+
+def _own_twist(turn: Float[np.ndarray, "t 4"], above: Float[np.ndarray, "t 4"], rest: Float[np.ndarray, "3"]
+               ) -> Float[np.ndarray, " t"]:
+  """How far a limb that turns by `turn` (T, 4) has twisted about its bone `rest` (3,), against its parent: radians."""
+  local = rot.multiply(rot.conjugate(above), turn)
+  step = rot.multiply(rot.conjugate(local[:-1]), local[1:])
+  angle = 2 * np.arctan2(step[:, 1:] @ rest, step[:, 0])
+  return np.cumsum(np.append(0.0, (angle + np.pi) % (2 * np.pi) - np.pi))
+
+
+def _smooth_twist(evidence: Float[np.ndarray, "t 2"], own: Float[np.ndarray, " t"], fps: float
+                  ) -> Float[np.ndarray, " t"]:
+  """The angles (T,) to add to a limb's own twist: near those of evidence (T, 2), as far as a limb twists smoothly.
+
+  The cheapest path over a circle of angles, by dynamic programming: evidence that turns about from one frame to the
+  next, as that of a nearly straight limb does, is passed over where following it would be a jump.
+  """
+  from scipy.ndimage import gaussian_filter1d
+  num, reach = 72, max(1, round(_TWIST_SPEED / fps / (2 * np.pi / 72)))
+  angles = np.arange(num) * 2 * np.pi / num
+  target, weight = np.arctan2(evidence[:, 1], evidence[:, 0]) + own, np.linalg.norm(evidence, axis=-1)
+  price = weight[:, None] * (1 - np.cos(angles - target[:, None]))
+  steps = np.arange(-reach, reach + 1)
+  change = _TWIST_PRICE * fps * (steps * 2 * np.pi / num) ** 2
+  before, total = np.empty((len(own), num), int), price[0]
+  for t in range(1, len(own)):
+    ways = np.stack([np.roll(total, step) for step in steps]) + change[:, None]
+    before[t] = steps[ways.argmin(0)]
+    total = ways.min(0) + price[t]
+  path = np.empty(len(own))
+  at = int(total.argmin())
+  place = float(at)
+  for t in range(len(own) - 1, -1, -1):
+    path[t] = place
+    if t:
+      step = before[t, at]
+      at, place = (at - step) % num, place - step
+  return gaussian_filter1d(path * 2 * np.pi / num, _SECONDS / 2 * fps, mode="nearest") - own
 
 
 def _angle_evidence(turn: Float[np.ndarray, "t 4"], bone: Float[np.ndarray, "t 3"], axis: Float[np.ndarray, "3"],

@@ -9,6 +9,7 @@ from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.export.body import make_figure
 from motion_jax.motion.skeleton import HUMANML3D, KIT
+from tests.export.test_bvh import bent
 
 _TYPES = {5126: np.float32, 5123: np.uint16, 5121: np.uint8}
 _SIZES = {"SCALAR": 1, "VEC3": 3, "VEC4": 4, "MAT4": 16}
@@ -22,7 +23,7 @@ def clip():
 
 @pytest.fixture(scope="module")
 def gltf(clip, tmp_path_factory):
-  return GLTF2().load(str(export.glb(clip, tmp_path_factory.mktemp("glb") / "a.glb")))
+  return GLTF2().load(str(export.glb(clip, tmp_path_factory.mktemp("glb") / "a.glb", exact=True)))
 
 
 def read(gltf, number):
@@ -61,6 +62,18 @@ def test_nodes_are_where_the_joints_are(gltf, clip):
   world = world_matrices(gltf, clip.num_frames)
   assert [gltf.nodes[j].name for j in gltf.skins[0].joints] == list(HUMANML3D.joints)
   assert np.abs(world[..., :3, 3] - clip.joints).max() < 6e-4  # metres; a smaller bend of the pelvis is left out
+
+
+def test_motions_of_one_body_share_one_rest_pose_and_only_turn(tmp_path):
+  found = [GLTF2().load(str(export.glb(bent(seed), tmp_path / f"{seed}.glb"))) for seed in (0, 1)]
+  rest = [[gltf.nodes[j].translation for j in gltf.skins[0].joints[1:]] for gltf in found]
+  np.testing.assert_array_equal(*rest)
+  np.testing.assert_array_equal(*(read(gltf, gltf.skins[0].inverseBindMatrices) for gltf in found))
+  for seed, gltf in enumerate(found):
+    moved = [channel.target.node for channel in gltf.animations[0].channels if channel.target.path == "translation"]
+    assert moved == [0], "the root alone"
+    off = np.linalg.norm(world_matrices(gltf, 60)[..., :3, 3] - bent(seed).joints, axis=-1)
+    assert off.mean() < 0.01 and off[:, [7, 8, 10, 11]].max() < 0.003  # metres
 
 
 def lowest_vertices(gltf, num_frames):
@@ -123,7 +136,7 @@ def test_animation_and_names(gltf, clip):
   np.testing.assert_allclose(times, np.arange(clip.num_frames) / clip.fps, atol=1e-6)
   accessor = gltf.accessors[animation.samplers[0].input]
   assert accessor.min == [0.0] and accessor.max == pytest.approx([39 / 20])
-  assert gltf.asset.extras == {"caption": "a person waves", "license": "procedural motion"}
+  assert gltf.asset.extras == {"fps": 20.0, "caption": "a person waves", "license": "procedural motion"}
   assert {material.name for material in gltf.materials} == {"middle", "left", "right", "head", "dark"}
   for channel in animation.channels:
     values = read(gltf, animation.samplers[channel.sampler].output)
@@ -143,6 +156,6 @@ def test_the_other_skeleton_and_one_frame(tmp_path):
     for parent, joint in zip(chain[:-1], chain[1:]):
       joints[:, joint] = joints[:, parent] + offsets[joint]
   clip = Clip(joints=joints.astype(np.float32), fps=12.5, skeleton=KIT)
-  gltf = GLTF2().load(str(export.glb(clip, tmp_path / "kit.glb")))
+  gltf = GLTF2().load(str(export.glb(clip, tmp_path / "kit.glb", exact=True)))
   world = world_matrices(gltf, 1)
   np.testing.assert_allclose(world[..., :3, 3], joints * 0.001, atol=1e-4)
