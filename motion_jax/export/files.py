@@ -10,10 +10,11 @@ from motion_jax.data.mocap.bvh import read_bvh
 from motion_jax.data.mocap.capture import to_clip, with_rate
 from motion_jax.data.mocap.mappings import read_mapping
 from motion_jax.inputs.errors import InputError
-from motion_jax.inputs.input_files import load_npy, load_npz, npz_names, parse_json
+from motion_jax.inputs.input_files import PickledError, load_npy, load_npz, npz_names, parse_json
 from motion_jax.motion import plausibility
+from motion_jax.motion.joint_arrays import pick_joints
 from motion_jax.motion.joint_maps import skeleton_of
-from motion_jax.motion.representations import LAYOUTS, get_layout, layout_for, to_joints
+from motion_jax.motion.representations import get_layout, layout_for, to_joints
 from motion_jax.motion.skeleton import HUMANML3D, SKELETONS
 from motion_jax.runtime.atomic import atomic_path
 
@@ -79,11 +80,19 @@ def load(path, fps=None, unit="auto", up=None, mapping=None) -> Clip:
 
 
 def _load_npz(path, fps, unit, up, mapping):
-  arrays = load_npz(path, ("joints", "features", "fps", "seed"),
+  arrays = load_npz(path, ("joints", "features", "posed_joints", "fps", "seed"),
                     ("skeleton", "prompt", "captions", "about", "meta", "model_id"))
+  from motion_jax.export import research_files  # half of its imports are of use to these files only
+  if "posed_joints" in arrays and "joints" not in arrays:
+    arrays["joints"] = arrays.pop("posed_joints")
+    arrays.setdefault("fps", np.float64(research_files.KIMODO_FPS))
   if "joints" not in arrays and "features" not in arrays:
-    raise InputError(f"{path} holds {', '.join(npz_names(path)[:8]) or 'nothing'}, expected a key joints (T, 22, 3) or "
-                     "features")
+    keys = npz_names(path)
+    if research_files.is_amass(keys):
+      joints, rate = research_files.read_amass(path, up)
+      return Clip(joints=joints.astype(np.float32), fps=fps or rate, id=path.stem, source=path.name)
+    raise InputError(f"{path} holds {', '.join(keys[:8]) or 'nothing'}, expected a key joints (T, 22, 3), features, "
+                     "posed_joints (Kimodo) or poses and trans (AMASS)")
   about, meta, rows = (_from_json(arrays, key, kind) for key, kind in (("about", dict), ("meta", dict),
                                                                        ("captions", list)))
   prompt = _text(arrays, "prompt")
@@ -94,7 +103,8 @@ def _load_npz(path, fps, unit, up, mapping):
   skeleton, features = SKELETONS[name], arrays.get("features")
   if "joints" in arrays:
     joints = arrays["joints"]
-    skeleton = skeleton if "skeleton" in arrays else _skeleton_of(joints)
+    if "skeleton" not in arrays:
+      joints, skeleton = pick_joints(joints, str(path))
     if features is not None and (features.ndim != 2 or not np.isfinite(features).all()):
       raise InputError(f"got features of shape {features.shape}, expected (frames, F), all finite; write it again")
     joints = plausibility.to_unit(joints, skeleton, unit, up or "y", str(path))
@@ -144,14 +154,18 @@ def _caption(row):
 
 
 def _load_npy(path, fps, unit, up, mapping):
-  array = load_npy(path)
+  try:
+    array = load_npy(path)
+  except PickledError:
+    from motion_jax.export import research_files
+    raise InputError(research_files.pickled(path)) from None
   features = None
   if array.ndim == 2:
     joints, skeleton = _from_features(array)
     features = array.astype(np.float32)
   else:
-    skeleton = _skeleton_of(array)
-    joints = plausibility.to_unit(array, skeleton, unit, up or "y", str(path))
+    joints, skeleton = pick_joints(array, str(path))
+    joints = plausibility.to_unit(joints, skeleton, unit, up or "y", str(path))
   return Clip(joints=joints.astype(np.float32), fps=fps or skeleton.fps, id=path.stem, source=path.name,
               skeleton=skeleton, features=features)
 
@@ -170,15 +184,6 @@ def _as_clip(capture, path, unit, up, mapping):
   return to_clip(capture, path, mapping, capture.fps, unit, up or "auto", skeleton=skeleton)
 
 
-def _skeleton_of(joints):
-  for skeleton in SKELETONS.values():
-    if joints.ndim == 3 and joints.shape[1:] == (skeleton.num_joints, 3):
-      return skeleton
-  dims = ", ".join(str(layout.dim) for layout in LAYOUTS.values())
-  raise ValueError(f"got an array of shape {joints.shape}, expected joints (frames, 22, 3) or (frames, 21, 3), or "
-                   f"features (frames, F) with F one of {dims}")
-
-
 def _from_features(features):
   """Joints (T, J, 3) and the skeleton of a feature array (T, F) of a known width."""
   if features.ndim != 2 or not len(features):
@@ -187,7 +192,20 @@ def _from_features(features):
   bad = np.flatnonzero(~np.isfinite(features).all(1))
   if len(bad):
     raise ValueError(f"{len(bad)} of {len(features)} frames hold NaN or infinity, the first is frame {bad[0]}")
-  return to_joints(features.astype(np.float32), layout), layout.skeleton
+  joints = to_joints(features.astype(np.float32), layout)
+  if _turns_are_off(features, layout) or plausibility.fault(joints, layout.skeleton):
+    normalised = abs(features.mean()) < 1 and 1 / 3 < features.std() < 3
+    raise InputError(f"its {features.shape[1]} features a frame make no person's joints; "
+                     + ("these look like normalised features: x * Std + Mean first, with the Mean.npy and Std.npy that "
+                        "they were normalised by" if normalised else
+                        f"are they of another representation than {layout.name!r}, or of another unit?"))
+  return joints, layout.skeleton
+
+
+def _turns_are_off(features, layout):
+  """Whether the rotations among features are far from any: columns of a matrix, which are one long."""
+  turns = [features[:, part].reshape(-1, 3) for name, part in layout.blocks.items() if "rotation" in name]
+  return bool(turns) and float(np.median(np.abs(np.linalg.norm(np.concatenate(turns), axis=-1) - 1))) > 0.2
 
 
 def plain(value):

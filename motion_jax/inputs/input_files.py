@@ -25,6 +25,10 @@ _FREE_BYTES, _MAX_RATIO = 1 << 28, 20
 _COPY = "it may be cut or damaged: copy or make it again"
 
 
+class PickledError(InputError):
+  """For a file of pickled Python objects, which is not opened."""
+
+
 # --- .npy --------------------------------------------------------------------------------------------------------
 
 
@@ -122,8 +126,8 @@ def _header(file, what, kinds):
       type(count) is int and 0 <= count < 1 << 40 for count in shape):
     raise InputError(f"{what} has the shape {str(shape)[:60]}; {_COPY}")
   if dtype.hasobject:
-    raise InputError(f"{what} holds Python objects, which are pickled and not opened, as that could run code; save "
-                     "plain numbers with numpy.save")
+    raise PickledError(f"{what} holds Python objects, which are pickled and not opened, as that could run code; save "
+                       "plain numbers with numpy.save")
   if dtype.kind not in kinds or not dtype.itemsize:
     expected = "numbers" if kinds == NUMBERS else "text"
     raise InputError(f"{what} holds {str(dtype)[:60]} values, expected {expected}; save them with numpy.save as such")

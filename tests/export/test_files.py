@@ -1,5 +1,7 @@
 """save and load: what goes out comes back, and what is no motion is refused with a reason."""
 import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -7,8 +9,9 @@ import pytest
 from motion_jax import export
 from motion_jax.data.clip import Caption
 from motion_jax.data.datasets.synthetic import on_skeleton, synthetic_clips
+from motion_jax.motion import rotations as rot
 from motion_jax.motion.representations import to_features
-from motion_jax.motion.skeleton import KIT
+from motion_jax.motion.skeleton import KIT, SNAPMOGEN
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +70,7 @@ def test_several_clips_get_several_files(clip, tmp_path):
     ("a.npy", lambda p: p.write_bytes(b"\x93NUMPY\x01\x00v\x00{'descr'"), "a.npy"),
     ("a.npy", lambda p: p.write_bytes(b""), "may be cut"),
     ("a.npz", lambda p: p.write_bytes(b"PK\x03\x04 and no more"), "may be cut"),
-    ("a.npz", lambda p: np.savez(p, poses=np.zeros(3)), "holds poses, expected a key joints"),
+    ("a.npz", lambda p: np.savez(p, poses=np.zeros(3)), "holds poses, expected a key joints .* or poses and trans"),
     ("a.npz", lambda p: np.savez(p, joints=np.zeros((2, 22, 3)), skeleton="dog"), "skeleton 'dog'"),
     ("a.bvh", lambda p: p.write_text("HIERARCHY\nROOT a\n{\n"), "cut"),
 ])
@@ -127,3 +130,57 @@ def test_folders_are_made_and_nothing_is_left_half_written(clip, tmp_path, monke
     export.save(clip, tmp_path / "deep" / "er" / "a.npz")
   assert leftovers(tmp_path / "deep" / "er") == ["a.npz"]
   assert (tmp_path / "deep" / "er" / "a.npz").read_bytes() == before
+
+
+def test_kimodo_s_files(clip, tmp_path):
+  """posed_joints are the joints, at 30 frames a second; SOMA's 77 and 30 joints are known by their order."""
+  np.savez(tmp_path / "smplx.npz", posed_joints=clip.joints, foot_contacts=np.zeros((20, 4)))
+  back = export.load(tmp_path / "smplx.npz")
+  np.testing.assert_array_equal(back.joints, clip.joints)
+  assert back.fps == 30
+
+
+def test_amass_poses_on_a_neutral_body(tmp_path):
+  """The pelvis goes where trans says, z up; the left elbow bends by the angle that poses hold."""
+  poses = np.zeros((61, 156))
+  poses[:, 0] = np.pi / 2                       # stands in a world whose z is up
+  poses[30:, 3 * 18 + 1] = -np.radians(70)      # left_elbow, about the vertical axis
+  trans = np.array([0.0, 0.0, 0.95]) + np.linspace(0, 1, 61)[:, None] * [1.5, 0, 0]
+  np.savez(tmp_path / "a.npz", poses=poses, trans=trans, betas=np.zeros(16), gender="male", mocap_framerate=30.0)
+  np.savez(tmp_path / "x.npz", root_orient=poses[:, :3], pose_body=poses[:, 3:66], trans=trans, mocap_frame_rate=30.0)
+  with pytest.warns(UserWarning, match="AMASS poses, put on the bones of a neutral adult"):
+    back = export.load(tmp_path / "a.npz")
+    np.testing.assert_array_equal(export.load(tmp_path / "x.npz").joints, back.joints)
+  joints, at = back.joints.astype(float), {name: j for j, name in enumerate(back.skeleton.joints)}
+  assert back.fps == 30 and joints.shape == (61, 22, 3)
+  assert np.linalg.norm(joints[-1, 0] - joints[0, 0]) == pytest.approx(1.5, abs=1e-5)
+  assert joints[0, at["head"], 1] > joints[0, 0, 1] > joints[0, at["left_ankle"], 1]
+  arm, forearm = (joints[:, at[b]] - joints[:, at[a]] for a, b in (("left_shoulder", "left_elbow"),
+                                                                   ("left_elbow", "left_wrist")))
+  angle = np.degrees(np.arccos((rot.unit(arm) * rot.unit(forearm)).sum(-1)))
+  assert angle[0] < 10 and angle[-1] - angle[0] == pytest.approx(70, abs=10)
+
+
+def test_mdm_s_results_are_not_opened_but_the_way_is_shown(clip, tmp_path):
+  """The one line that the error gives makes files that are read."""
+  results = {"motion": np.stack([clip.joints.transpose(1, 2, 0)] * 2), "lengths": np.array([20, 12])}
+  np.save(tmp_path / "results.npy", results, allow_pickle=True)
+  with pytest.raises(ValueError, match="MDM's results.npy does, and is not opened") as error:
+    export.load(tmp_path / "results.npy")
+  code = str(error.value).split('python -c "')[1].removesuffix('"')
+  subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True)
+  assert export.load(tmp_path / "motion_1.npy").num_frames == 12
+  np.testing.assert_array_equal(export.load(tmp_path / "motion_0.npy").joints, clip.joints)
+
+
+@pytest.mark.parametrize("layout", ["full", "essential", "coordinates", "snapmogen_148", "babel"])
+def test_normalised_features_are_named(clip, tmp_path, layout):
+  """Nothing else is suggested, for features have no unit that --unit could say."""
+  features = to_features(clip.joints if layout != "snapmogen_148" else on_skeleton(clip, SNAPMOGEN).joints, layout)
+  np.save(tmp_path / "a.npy", (features - features.mean(0)) / np.maximum(features.std(0), 1e-3))
+  for unit in ("auto", "ft"):
+    with pytest.raises(ValueError, match=r"these look like normalised features: x \* Std \+ Mean first") as error:
+      export.load(tmp_path / "a.npy", unit=unit)
+    assert "--unit" not in str(error.value)
+  np.save(tmp_path / "b.npy", features)
+  assert export.load(tmp_path / "b.npy").num_frames >= 19

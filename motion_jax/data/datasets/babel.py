@@ -24,7 +24,7 @@ from motion_jax.data import checks
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.base import Dataset, TestItem, TextItem, new_folder
 from motion_jax.inputs.errors import InputError, reading
-from motion_jax.inputs.input_files import load_npz, read_json
+from motion_jax.inputs.input_files import load_npz, npz_names, read_json
 from motion_jax.inputs.numerals import shortened
 from motion_jax.inputs.text_files import file_stem
 from motion_jax.motion import inverse
@@ -88,12 +88,22 @@ _MOST_RADIANS = 1000.0  # of a rotation vector, whose turns beyond pi mean nothi
 
 
 def read_recording(path) -> Recording:
-  """A motion file at 30 frames a second; faster ones are thinned as FlowMDM does, slower ones are an error."""
+  """A motion file at 30 frames a second; faster ones are thinned as FlowMDM does, slower ones are an error.
+
+  It holds poses (T, 66 or more) and trans (T, 3), or root_orient and pose_body in place of poses.
+  """
   path = pathlib.Path(path)
   if not path.is_file():
     raise FileNotFoundError(f"there is no file {path}; expected SMPL poses and trans, as AMASS files hold them")
   rates = ("fps", "mocap_framerate", "mocap_frame_rate")
-  file = load_npz(path, ("poses", "trans", *rates), required=("poses", "trans"))
+  file = load_npz(path, ("poses", "root_orient", "pose_body", "trans", *rates), required=("trans",))
+  if "poses" not in file and {"root_orient", "pose_body"} <= set(file):
+    root, body = file["root_orient"], file["pose_body"]
+    if root.ndim != 2 or body.ndim != 2 or len(root) != len(body):
+      raise InputError(f"{path}: got root_orient {root.shape} and pose_body {body.shape}, expected (T, 3) and (T, 63)")
+    file["poses"] = np.concatenate([root, body], axis=1)
+  if "poses" not in file:
+    raise InputError(f"{path} lacks poses; it holds {', '.join(npz_names(path))}")
   rate = next((name for name in rates if name in file), None)
   if rate is None:
     raise InputError(f"{path} has no fps; expected poses, trans and fps (or AMASS's mocap_framerate)")
