@@ -56,6 +56,15 @@ def picture(series: Sequence[Series], x_label: str, y_label: str, title: str = "
   return image.resize((_SCALE * WIDTH, _SCALE * HEIGHT), Image.Resampling.LANCZOS)
 
 
+def legend(series: Sequence[Series]) -> Image.Image:
+  """The names of lines in their colours, one below the other, as wide as `picture`."""
+  image = Image.new("RGB", (_SCALE * WIDTH, _SCALE * 18 * len(series)), "white")
+  font, draw = ImageFont.load_default(_SCALE * 12), ImageDraw.Draw(image)
+  for row, (one, kind) in enumerate(zip(series, kinds(series))):
+    draw.text((_SCALE * _LEFT, _SCALE * 18 * row), one.name, fill=_COLORS[kind], font=font)
+  return image
+
+
 def kinds(series: Sequence[Series]) -> list[str]:
   """The colour's name of each line: "real", or "s0" to "s4" in turn."""
   found: list[str] = []

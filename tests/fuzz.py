@@ -155,8 +155,9 @@ def _peak():
 def _work(pipe, home):
   """A process that runs one case after the other, each in a folder that is gone afterwards."""
   os.environ["XDG_CACHE_HOME"] = str(home / "cache")
-  from tests.fuzz_kinds import stub_networks
+  from tests.fuzz_kinds import check_stubs, stub_networks
   stub_networks()
+  check_stubs(home / "healthy")
   if os.path.exists("/proc/self/statm"):  # what wants much more fails here, instead of taking the machine's memory
     size = int(pathlib.Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (size + (GIGABYTES + 4) * 10**9,) * 2)
@@ -304,14 +305,15 @@ def main(argv=None):
   parser.add_argument("--out", default="fuzz-failures", help="folder where failures are saved (fuzz-failures)")
   parser.add_argument("--replay", metavar="KIND:SEED:NUMBER", help="run one case again, here, with its traceback")
   args = parser.parse_args(argv)
-  from tests.fuzz_kinds import KINDS, stub_networks
+  from tests.fuzz_kinds import KINDS, check_stubs, stub_networks
   kinds = args.kind.split(",") if args.kind else None
   if args.replay:
     stub_networks()
     kind, seed, number = args.replay.split(":")
     folder = pathlib.Path(args.out) / "replay"
     shutil.rmtree(folder, ignore_errors=True)
-    outcome = run_case(kind, int(seed), int(number), folder.absolute(), show=True)
+    check_stubs(folder.absolute() / "healthy")
+    outcome = run_case(kind, int(seed), int(number), folder.absolute() / "case", show=True)
     print(f"{outcome.told}\n{outcome.what}\n{outcome.result}, {outcome.seconds:.1f} s, {outcome.megabytes} MB; "
           f"files in {folder}")
     return int(outcome.result in FAILURES)

@@ -3,7 +3,9 @@
 A kind is a function (rng, folder) -> Case: it writes damaged input into the folder and says what to run there. Networks
 are tiny and sample nothing: what is tried is all that happens before and after.
 """
+import contextlib
 import functools
+import io
 import json
 import pathlib
 from collections.abc import Callable
@@ -253,6 +255,19 @@ KINDS = {
 # --- networks that sample nothing ----------------------------------------------------------------------------------
 
 
+def check_stubs(folder):
+  """Raises RuntimeError unless a healthy run, prompt and story are made with the stubs: they are the models' whole API,
+  and where they lag behind it every case of a run is refused for a reason of the fuzzer's own."""
+  put(folder, {f"run/{name}": content for name, content in healthy("run").items()})
+  model, length = ("--model", str(folder / "run")), ("--frames", "24")
+  said = io.StringIO()
+  for arguments in (("generate", "a person walks", *length), ("multi-prompt", _SEQUENCE)):
+    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+      status = main([*arguments, *model, "--out", str(folder / "made.npy")])
+    if status:
+      raise RuntimeError(f"a healthy {arguments[0]} of the fuzzer fails: {said.getvalue().strip()[-500:]}")
+
+
 def stub_networks():
   """From here on, in this process, models make zeros (a body that stands) where they would sample."""
   def compiled(dit):
@@ -266,7 +281,8 @@ def stub_networks():
       return np.zeros((1, num_blocks * plan.block, dit.latent_dim), np.float32)
 
     return networks.Compiled(
-        generate=motion, generate_whole=motion, chain_segment=latents, extend=longer, stream_step=None,
+        generate=motion, generate_whole=motion, chain_segment=latents, extend=longer, stream_start=None,
+        stream_words=None, stream_control=None, stream_step=None,
         encode=lambda codec, x: np.zeros((len(x), x.shape[1] // codec.frames_per_latent, dit.latent_dim), np.float32),
         decode=lambda codec, z: still(codec, *z.shape[:2]))
 

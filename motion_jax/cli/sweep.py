@@ -138,12 +138,15 @@ def draw_chart(runs, workdir):
       for name, value in row.items():
         if name.startswith("held_out"):
           curves.setdefault(name, {}).setdefault(one, []).append((row["step"], value))
-  panels = [charts.picture([charts.Series(one, *zip(*points)) for one, points in found.items()], "step", name)
-            for name, found in curves.items() if max(map(len, found.values())) > 1]
-  if not panels:
+  lines = {name: [charts.Series(one, *(zip(*found[one]) if one in found else ((), ()))) for one in runs]
+           for name, found in curves.items() if max(map(len, found.values())) > 1}
+  if not lines:
     return
-  image = Image.new("RGB", (sum(panel.width for panel in panels), panels[0].height), "white")
+  panels, names = [charts.picture(series, "step", name) for name, series in lines.items()], charts.legend(
+      next(iter(lines.values())))
+  image = Image.new("RGB", (sum(panel.width for panel in panels), panels[0].height + names.height), "white")
   for place, panel in enumerate(panels):
     image.paste(panel, (place * panel.width, 0))
+  image.paste(names, (0, panels[0].height))
   with atomic_path(workdir / _CHART) as path:
     image.save(path, "PNG")
