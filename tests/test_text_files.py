@@ -21,6 +21,21 @@ def test_encodings(tmp_path, encoding, end):
   assert cli.read_prompts(str(tmp_path / "a.txt")) == [("a person walks", None), (SENTENCE, None)]
 
 
+def test_prompts_of_momask(tmp_path):
+  """text#80 is four seconds, whatever the model's rate; text#NA says nothing; any other # is the sentence's own."""
+  path = tmp_path / "p.txt"
+  path.write_text("a person walks forward#80\na person waves#NA\na man stands on spot #3\nhe counts to #\n#12\n")
+  rows = [("a person walks forward", 80), ("a person waves", None), ("a man stands on spot #3", None),
+          ("he counts to #", None), ("#12", None)]
+  assert cli.read_prompts(str(path)) == rows
+  assert cli.read_prompts(str(path), fps=12.5)[0] == ("a person walks forward", 50)
+  assert cli.read_sequences(str(path), fps=12.5)[0][:2] == [("a person walks forward", 4.0), ("a person waves", None)]
+  assert cli.read_prompts("a person walks#80") == [("a person walks#80", None)]
+  path.write_text("a person walks#80000\n")
+  with pytest.raises(ValueError, match="p.txt line 1: in the length behind #: got .*80000"):
+    cli.read_prompts(str(path))
+
+
 def test_windows_1252_is_told(tmp_path):
   (tmp_path / "a.txt").write_bytes(f"a person walks\r\n{SENTENCE}".encode("cp1252"))
   with pytest.warns(UserWarning, match="a.txt is not UTF-8 .line 2., read as Windows-1252"):

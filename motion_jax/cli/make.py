@@ -21,7 +21,8 @@ def add_to(commands):
   """Adds these sub-commands to those of `motion-jax`."""
   generate = commands.add_parser("generate", help="a sentence in, a moving body out")
   generate.add_argument("prompt",
-                        help="a sentence, or a .txt (one prompt a line) or .csv (prompt,length in frames) file")
+                        help="a sentence, or a .txt (one prompt a line, which may end in a length in frames at 20 a "
+                        "second, as MoMask's: text#80, text#NA) or .csv (prompt,length in frames) file")
   length = generate.add_mutually_exclusive_group()
   length.add_argument("--seconds", type=LENGTH, help="length in seconds; by default that of similar training clips")
   length.add_argument("--frames", type=whole(1, 72_000), help="length in frames")
@@ -125,6 +126,7 @@ def _generate(args):
   _check_count(len(rows), args)
   start, model = time.time(), _load_model(args)
   from motion_jax.models import composed
+  rows = read_prompts(args.prompt, model.fps)
   prompts = [prompt for prompt, _ in rows for _ in range(args.num)]
   seeds = [args.seed + i for _ in rows for i in range(args.num)]
   given = [frames for _, frames in rows for _ in range(args.num)]

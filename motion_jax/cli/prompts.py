@@ -1,16 +1,23 @@
 """Prompts as the command line takes them: sentences, several in a row, and files of them."""
 import pathlib
+import re
 
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.numerals import MOTIONS, NumberError, is_number, real, shortened, whole
 
+MOMASK_FPS = 20.0
+_MOMASK = re.compile(r"(?P<prompt>.*[^\s#])#(?P<length>[0-9]+|NA)")
 _HEADERS = ("prompt", "text", "caption")
 _FRAMES = whole(1, 72_000, "frames")
 _SECONDS = real(above=0, high=3600, unit="seconds")
 
 
-def read_prompts(text):
-  """[(prompt, frames or None)] from a sentence, a .txt file with one a line, or a .csv file of prompt and length."""
+def read_prompts(text, fps=MOMASK_FPS):
+  """[(prompt, frames or None)] from a sentence, a .txt file with one a line, or a .csv file of prompt and length.
+
+  Lines of a .txt may end as MoMask's do: text#80, a length in frames at 20 a second, or text#NA. fps: of the frames
+  that come back.
+  """
   path = pathlib.Path(text)
   if path.suffix.lower() not in (".txt", ".csv"):
     return [(text, None)]
@@ -18,13 +25,26 @@ def read_prompts(text):
   if not path.is_file():
     raise FileNotFoundError(f"there is no prompt file {text}; a sentence is given in quotes")
   if path.suffix.lower() == ".txt":
-    rows = [(line.strip(), None) for line in text_files.read_lines(path) if line.strip()]
+    rows = [_without_length(path, number, line.strip(), fps)
+            for number, line in enumerate(text_files.read_lines(path), 1) if line.strip()]
   else:
     rows = text_files.read_table(path, _are_prompts)
     rows = [_prompt_and_frames(path, row) for row in rows[_has_header(rows):]]
   if not 0 < len(rows) <= MOTIONS[1]:
     raise InputError(f"{path} holds {f'{len(rows):,} prompts' if rows else 'no prompt'}, expected 1 to {MOTIONS[1]:,}")
   return rows
+
+
+def _without_length(path, number, line, fps):
+  """(prompt, frames or None) of a line as MoMask and its followers write prompt files."""
+  match = _MOMASK.fullmatch(line)
+  if not match:
+    return line, None
+  try:
+    frames = None if match["length"] == "NA" else _FRAMES(match["length"])
+  except NumberError as error:
+    raise InputError(f"{path} line {number}: in the length behind #: {error}") from None
+  return match["prompt"], frames and max(1, round(frames * fps / MOMASK_FPS))
 
 
 def _has_header(rows):
@@ -63,9 +83,10 @@ def read_sequences(text, fps=20.0):
     return [timelines.single_track(timeline) for timeline in timelines.read_timelines(path)]
   if path.suffix.lower() == ".csv":
     return [[(prompt, None if frames is None else frames / fps) for prompt, frames in read_prompts(text)]]
-  rows = [prompt for prompt, _ in read_prompts(text)]
-  parts = rows if len(rows) > 1 else rows[0].split("|")
-  return [[_prompt_and_seconds(part) for part in parts]]
+  rows = read_prompts(text, fps)
+  if len(rows) == 1 and rows[0][1] is None:
+    return [[_prompt_and_seconds(part) for part in rows[0][0].split("|")]]
+  return [[_prompt_and_seconds(prompt) if frames is None else (prompt, frames / fps) for prompt, frames in rows]]
 
 
 def _prompt_and_seconds(part):

@@ -11,6 +11,8 @@ from motion_jax.motion.skeleton import HUMANML3D, bone_lengths, facing
 _OFFICIAL_STD = (0.012826, 0.016927, 0.153766, 0.122244, 0.299692, 0.019470, 0.355933)
 _EVALUATOR_STD = (0.00051467, 0.00067693, 0.00612082, 0.12255538, 0.30038649, 0.01954057, 0.01409494)
 
+SMALL_LEAST = 20  # rows that the small sizes of configs want of a clip (configs/: data.min_frames)
+_FEW = 0.1        # of a split's clips may be too short without a warning
 LEAK = "results on test or val would be too good: keep each recording in one split"
 
 
@@ -40,12 +42,22 @@ def compare_joints(saved, recovered, layout, name, found):
               "another version of the data: make new_joints again from the features", name)
 
 
-def tell_lengths(rows, least, found):
-  rows = np.array(rows)
-  for what, short in ((f"clips of less than {least} rows", rows < least), ("clips of 200 rows or more", rows >= 200)):
+def tell_lengths(rows, splits, least, found):
+  """Clips that training leaves out: of less than `least` rows, by split, or of 200 and more. rows: {id: rows}."""
+  for split, ids in splits.items():
+    lengths = np.array([rows[one] for one in ids if one in rows])
+    short = lengths < least
     if short.any():
-      found.add("warning" if short.all() else "note", what, "text-to-motion loaders leave them out; motion-jax data "
-                "build cuts long clips", count=int(short.sum()))
+      level = "error" if short.all() else "warning" if short.mean() > _FEW else "note"
+      spared = (f", those of the sizes :laptop and :small clips of less than {SMALL_LEAST} "
+                f"({(lengths < SMALL_LEAST).sum()} of these)" if least > SMALL_LEAST else "")
+      found.add(level, f"{short.sum()} of {len(lengths)} {split} clips have less than {least} rows and stay unused",
+                f"configs leave clips of less than {least} rows out{spared}; record longer ones, or train with "
+                "--config.data.min_frames=N", count=int(short.sum()))
+  long = sum(count >= 200 for count in rows.values())
+  if long:
+    found.add("warning" if long == len(rows) else "note", "clips of 200 rows or more", "text-to-motion loaders leave "
+              "them out; motion-jax data build cuts long clips", count=long)
 
 
 def tell_duplicates(hashes, splits, found):

@@ -57,7 +57,8 @@ def format_report(report) -> str:
     lines += textwrap.wrap(finding.advice, 100, initial_indent=" " * 17 + "-> ", subsequent_indent=" " * 20)
   counts = collections.Counter(finding.level for finding in report.findings)
   told = ", ".join(f"{counts[level]} {level}{'s' * (counts[level] != 1)}" for level in LEVELS if counts[level])
-  state = "healthy" if report.ok else "not healthy: repair the errors before training"
+  state = ("not healthy: repair the errors before training" if counts["error"] else
+           "usable: read the warnings before training" if counts["warning"] else "healthy")
   lines.append(state + (f" ({told})" if told else ""))
   return "\n".join(lines)
 

@@ -112,6 +112,23 @@ def test_each_fault_is_found(folder, damage, level, what):
   assert report.ok == (not any(finding.level == "error" for finding in report.findings))
 
 
+def test_clips_too_short_to_be_used(tmp_path):
+  """How many of which split, and that they stay unused; a folder with many of them is not called healthy."""
+  clips = [clip.replace(joints=clip.joints[:rows + 1], split="train")
+           for clip, rows in zip(synthetic_clips(0, 6, num_frames=60), (15, 15, 30, 50, 55, 59))]
+  write_folder(clips, tmp_path / "some", mirror=False)
+  report = doctor.examine(tmp_path / "some")
+  text = " ".join(doctor.format_report(report).split())
+  assert "3 of 6 train clips have less than 40 rows and stay unused" in text and report.ok, text
+  assert "clips of less than 20 (2 of these)" in text and "(1 warning, " in text
+  assert "usable: read the warnings before training" in text and "healthy" not in text
+  write_folder(clips[:3], tmp_path / "all", mirror=False)
+  report = doctor.examine(tmp_path / "all")
+  assert not report.ok and "3 of 3 train clips" in doctor.format_report(report)
+  short = write_archive(tmp_path / "toy", frames=15)
+  assert "train clips have less than 20 rows" in doctor.format_report(doctor.examine(short))
+
+
 def test_known_bad_clip(folder):
   for name in ("007975", "M007975"):
     for part, suffix in (("new_joint_vecs", "npy"), ("texts", "txt")):

@@ -184,6 +184,9 @@ def _examine(folder, found, progress):
   checks.tell_duplicates(hashes, splits, found)
   found.add_all("warning", "clips without a caption", "write rows for them in captions.jsonl",
                 sorted(set(names) - set(where)))
+  lengths = {row["id"]: row["end"] - row["start"] for row in rows}
+  checks.tell_lengths(lengths, {split: [row["id"] for row in rows if row["split"] == split] for split in splits},
+                      checks.SMALL_LEAST, found)
   counts = collections.Counter(row.get("split") for row in rows)
   hours = len(motions.root) / FPS / 3600
   return facts + [("clips", f"{len(names)}, {len(motions.root)} frames, {hours:.2f} hours at {FPS:g} frames a second"),

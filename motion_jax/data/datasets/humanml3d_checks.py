@@ -48,7 +48,7 @@ def examine(folder, found, progress):
               "build again, or remove it where the folder is HumanML3D's or KIT-ML's own")
     return [("format", "HumanML3D layout"), ("clips", str(len(vectors)))]
   body = checks.Body(found, layout.skeleton)
-  rows, sums, hashes = [], RunningStats(layout), collections.defaultdict(list)
+  rows, sums, hashes = {}, RunningStats(layout), collections.defaultdict(list)
   for name in tqdm.tqdm(sorted(vectors), desc="clips", unit="clip", disable=not progress):
     features = checks.load(folder / "new_joint_vecs" / f"{name}.npy", found)
     if features is None:
@@ -68,7 +68,7 @@ def examine(folder, found, progress):
         found.add("error", "features with NaN or infinity", "remove their ids, or repair the source and build again",
                   name)
       continue
-    rows.append(len(features))
+    rows[name] = len(features)
     sums.add(features)
     hashes[hashlib.sha1(features.tobytes()).hexdigest()].append(name)
     recovered = to_joints(features, layout)
@@ -81,19 +81,19 @@ def examine(folder, found, progress):
       _check_texts(folder / "texts" / f"{name}.txt", name, len(features) / info["fps"], found)
   body.tell()
   least = humanml3d_files.MIN_FRAMES[layout.skeleton.name]
-  checks.tell_lengths(rows, least, found)
+  checks.tell_lengths(rows, splits, least, found)
   checks.tell_duplicates(hashes, splits, found)
   if rows:
     checks.check_stats(folder, layout, sums.stats(), found)
   if abs(info["fps"] - layout.skeleton.fps) > 1e-6:
     found.add("warning", f"{info['fps']:g} frames a second, {layout.skeleton.name} has {layout.skeleton.fps:g}",
               "other tools take the usual rate for granted; build again with --resample")
-  seconds = sum(rows) / info["fps"]
+  seconds = sum(rows.values()) / info["fps"]
   return [("format", f"HumanML3D layout, {layout.name} features ({layout.dim}), {info['mode']} mode"),
           ("clips", f"{len(vectors)} ({sum(name.startswith('M') for name in vectors)} mirrored), "
            + ", ".join(f"{split} {len(ids)}" for split, ids in splits.items())),
-          ("length", f"{sum(rows)} rows, {seconds / 3600:.2f} hours at {info['fps']:g} frames a second, "
-           f"{min(rows, default=0)} to {max(rows, default=0)} rows a clip"),
+          ("length", f"{sum(rows.values())} rows, {seconds / 3600:.2f} hours at {info['fps']:g} frames a second, "
+           f"{min(rows.values(), default=0)} to {max(rows.values(), default=0)} rows a clip"),
           *body.facts()]
 
 
