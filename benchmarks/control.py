@@ -3,7 +3,7 @@
   python benchmarks/control.py --model cmdm-small --data path/to/cmu path/to/bandai [--clips 8] [--out control.json]
 
 Prints a table for each kind of constraint: paths of test clips, poses at a quarter of their frames, a hand at five of
-them, and curves that nobody walked (`motion_jax.control.curves`). Its rows are the same motions, seeds and words made
+them, and curves that nobody walked (`motion_jax.control.paths`). Its rows are the same motions, seeds and words made
 without constraints, with a network that is told them (where it was trained to be), with guidance through the decoder
 besides, and brought to what is asked in the end. Milliseconds are those of a second call, a batch of all motions,
 divided by their number; the last line has those of the sampler alone, with their ratio to no constraints.
@@ -18,7 +18,7 @@ import jax
 import numpy as np
 
 import motion_jax
-from motion_jax.control import curves, signal
+from motion_jax.control import paths, signal
 from motion_jax.data.datasets.archive import read_archive
 from motion_jax.metrics.physics import planted_speed, skating_ratio
 from motion_jax.models.base import keys_of
@@ -66,7 +66,7 @@ def kinds(clips, model):
     given["hand at 5 frames"][rng.choice(count, 5, replace=False), 20] = True
     for name, where in given.items():
       found[name].append((words, asked(joints, where)))
-  for name, curve in curves.CURVES.items():
+  for name, curve in paths.CURVES.items():
     path = curve(fps)[:most]
     joints, given = np.zeros((len(path), 22, 3)), np.zeros((len(path), 22, 3), bool)
     joints[:, 0, ::2], given[:, 0, ::2] = path, True

@@ -17,7 +17,7 @@ def add_to(commands):
 
 
 def _blend(args):
-  from motion_jax.control import loops
+  from motion_jax.control import finishing
   from motion_jax.data.clip import Caption, Clip
   from motion_jax.models.known_motion import on_our_body
   from motion_jax.motion.skeleton import HUMANML3D
@@ -25,7 +25,7 @@ def _blend(args):
   clips = [shared.read_motion(path, args) for path in (args.first, args.second)]
   fps = clips[0].fps
   first, second = (on_our_body(clip, fps, HUMANML3D) for clip in clips)
-  joints, border = loops.blend(first, second, args.seconds, fps)
+  joints, border = finishing.blend(first, second, args.seconds, fps)
   said = [" | ".join(caption.text for caption in clip.captions) for clip in clips]
   captions = tuple(Caption(text, start, end) for text, start, end in
                    ((said[0], 0.0, border / fps), (said[1], border / fps, len(joints) / fps)) if text)

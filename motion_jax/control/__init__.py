@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     RootPath,
     StartPose,
   )
-  from motion_jax.control.curves import circle, corner, figure_of_eight, slalom, stop_and_go
   from motion_jax.control.files import from_json, load, save, to_json
+  from motion_jax.control.paths import circle, corner, figure_of_eight, slalom, stop_and_go
   from motion_jax.control.signal import ControlSignal
 
 __all__ = ["Constraint", "ControlSignal", "EffectorTarget", "EndPose", "InPlace", "KeepParts", "Keyframe", "Loop",

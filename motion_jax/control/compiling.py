@@ -1,4 +1,5 @@
-"""Constraints to arrays: where joints are to be, frame by frame, in the world that the constraints are given in."""
+"""Compile constraints to a `ControlSignal`, and clip it to what a body can do."""
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -15,20 +16,25 @@ from motion_jax.control.constraints import (
     StartPose,
     joint_number,
 )
-from motion_jax.control.signal import NUM_JOINTS, ControlSignal
+from motion_jax.control.signal import NUM_JOINTS, ControlSignal, rotate_about_y
 from motion_jax.inputs.errors import InputError
 from motion_jax.motion.skeleton import HUMANML3D, facing
 
 _SAME = 2e-3  # metres by which two constraints may differ about one joint in one frame
+FASTEST = 7.0   # metres per second: a sprint
+_MISSED = 0.01  # metres off a target from which a warning is given
+_JUMP = 0.4     # metres that a body may leave the ground
+_CLIMB = 3.0    # metres over the ground that a whole pose may be: on stairs, a table, a ladder
+_SUNK = 0.02    # metres below the floor at which a joint is still taken for on it
 
 
 def compile(constraints: Sequence[Constraint], frames: int, fps: float = 20.0,
             joints: Num[np.ndarray, "t j 3"] | None = None) -> ControlSignal:
   """The `ControlSignal` (1, frames) of paths, poses and targets, as numpy arrays.
 
-  joints (frames, 22, 3): a motion so far. Poses that may be anywhere and targets that are relative to the root are laid
-  where its body is; without it they are left out, but for a pose at the start and poses on a path. Raises InputError
-  for a time behind the end, and for two poses or two places of a joint in one frame.
+  joints (frames, 22, 3): a motion so far. Poses with place "anywhere" and targets relative to the root
+  are placed where its body is; without it they are left out, but for a pose at the start and poses on a path.
+  Raises InputError for a time after the end, and for two poses or two places of a joint in one frame.
   """
   sheet = _Sheet(frames, fps, joints)
   for one in constraints:
@@ -52,7 +58,7 @@ def compile(constraints: Sequence[Constraint], frames: int, fps: float = 20.0,
 
 
 class _Sheet:
-  """What is asked so far, of one motion."""
+  """The targets of one motion that have been compiled so far."""
 
   def __init__(self, frames: int, fps: float, joints: Any) -> None:
     self.count, self.fps, self.joints = frames, fps, joints
@@ -61,12 +67,13 @@ class _Sheet:
     self.way: Any = None  # the direction (frames,) of a path where it gives no heading
 
   def frames_of(self, times: Any, kind: str) -> np.ndarray:
-    """The frames nearest to times. Raises InputError for a time behind the end."""
+    """The frames nearest to times. Raises InputError for a time after the end."""
     found = np.floor(np.asarray(times) * self.fps + 0.5 + 1e-9).astype(int)
     if (found >= self.count + 1).any() or (found > self.count - 1).any() and not self._is_end(times):
       late = np.max(times)
       raise InputError(f"got {kind} at {late:g} s (frame {found.max()}), the motion ends at "
-                       f"{(self.count - 1) / self.fps:g} s (frame {self.count - 1}); make it longer, or ask earlier")
+                       f"{(self.count - 1) / self.fps:g} s (frame {self.count - 1}); make it "
+                       "longer, or set an earlier time")
     return np.minimum(found, self.count - 1)
 
   def _is_end(self, times: Any) -> bool:
@@ -83,7 +90,7 @@ class _Sheet:
     self.given[frame, joint, axes] = True
 
   def body(self, frame: int) -> tuple[Any, float] | None:
-    """(x and z, heading) of the body in a frame: as asked, else as in the motion so far; None where neither knows."""
+    """(x and z, heading) of the body in a frame: its targets, else the motion so far; None where neither is known."""
     spot = self.joints[frame, 0, [0, 2]] if self.joints is not None else np.zeros(2) if frame == 0 else None
     if self.given[frame, 0, [0, 2]].all():
       spot = self.positions[frame, 0, [0, 2]]
@@ -99,14 +106,6 @@ def angle_of(joints: Num[np.ndarray, "t j 3"]) -> np.ndarray:
   """Headings (T,) of bodies (T, 22, 3), radians about +Y from +Z to +X, without jumps by whole turns."""
   ahead = facing(np.asarray(joints, np.float64))
   return np.unwrap(np.arctan2(ahead[:, 0], ahead[:, 2]))
-
-
-def turned(points: Any, angle: Any) -> np.ndarray:
-  """Points (..., 3) turned about +Y by angle, from +Z to +X."""
-  points = np.asarray(points, np.float64)
-  sin, cos = np.sin(angle), np.cos(angle)
-  x, y, z = np.moveaxis(points, -1, 0)
-  return np.stack([cos * x + sin * z, y, cos * z - sin * x], -1)
 
 
 def _path(sheet: _Sheet, one: RootPath) -> None:
@@ -165,7 +164,7 @@ def _target(sheet: _Sheet, one: EffectorTarget) -> None:
       if body is None or sheet.joints is None:
         continue
       spot, heading = body
-      place = turned(place, heading) + [spot[0], 0, spot[1]]
+      place = rotate_about_y(place, heading) + [spot[0], 0, spot[1]]
     sheet.put(int(frame), joint, (0, 1, 2), place, one.kind)
 
 
@@ -176,7 +175,77 @@ def _pose(sheet: _Sheet, one: Any, frame: int) -> None:
     if body is None:
       return
     spot, heading = body
-    joints = turned(joints - joints[0] * [1, 0, 1], heading - angle_of(joints[None])[0]) + [spot[0], 0, spot[1]]
+    joints = rotate_about_y(joints - joints[0] * [1, 0, 1], heading - angle_of(joints[None])[0]) + [spot[0], 0, spot[1]]
   for joint in range(NUM_JOINTS):
     sheet.put(frame, joint, (0, 1, 2), joints[joint], one.kind)
   sheet.heading[frame], sheet.heading_given[frame] = angle_of(joints[None])[0], True
+
+
+# --- what a body can do ------------------------------------------------------------------------------------------
+
+
+def clip_to_feasible(signal: ControlSignal, fps: float = 20.0, warn: bool = True) -> ControlSignal:
+  """The nearest signal (1, T) that a body can follow: at most 7 m/s, within reach, not below the floor.
+
+  A whole pose is moved up or down rigidly. warn: a warning names the worst frame of each violation.
+  """
+  positions, given = np.array(signal.positions, np.float32), np.asarray(signal.given)
+  said: list[str] = []
+  whole = given[0].all((-1, -2))
+  highest = _highest() + _CLIMB * whole[:, None]
+  for bounds, over, words in ((highest, 1, "out of reach"), (np.full_like(highest, -_SUNK), -1,
+                                                                          "below the floor")):
+    beyond = np.where(given[0, ..., 1], over * (positions[0, ..., 1] - bounds), 0)
+    if beyond.max() > 0:
+      frame, joint = np.unravel_index(beyond.argmax(), beyond.shape)
+      said.append(f"{HUMANML3D.joints[joint]} has a target at a height of {positions[0, frame, joint, 1]:.2f} m at "
+                  f"{frame / fps:.2f} s (frame {frame}), {words}: {bounds[frame, joint]:.2f} m is the nearest "
+                  "feasible height")
+      positions[0, whole, :, 1] -= over * np.maximum(beyond[whole].max(-1, keepdims=True), 0)
+      clipped = np.minimum(positions[0, ..., 1], bounds) if over > 0 else np.maximum(positions[0, ..., 1], bounds)
+      positions[0, ..., 1] = np.where(given[0, ..., 1], clipped, positions[0, ..., 1])
+  for joint in range(22):
+    frames = np.flatnonzero(given[0, :, joint][:, [0, 2]].all(-1))
+    said += _slowed(positions[0, :, joint], frames, fps, joint) if len(frames) > 1 else []
+  if warn:
+    for words in said:
+      warnings.warn(words + "; the nearest feasible target is used", stacklevel=3)
+  return signal.replace(positions=positions)
+
+
+def _highest() -> np.ndarray:
+  """The largest height (22,) of each joint of a stretched body that jumps."""
+  chains = HUMANML3D.chains
+  leg = HUMANML3D.bone_lengths[list(chains[0])].sum()
+  above = np.zeros(22)
+  for chain in chains:
+    for parent, joint in zip(chain[:-1], chain[1:]):
+      above[joint] = above[parent] + HUMANML3D.bone_lengths[joint]
+  return leg + above + _JUMP
+
+
+def _slowed(places: np.ndarray, frames: np.ndarray, fps: float, joint: int) -> list[str]:
+  """Limits the speed between targets (T, 3) in the given frames, in place -> warnings."""
+  fastest = FASTEST * (1.0 if joint == 0 else 2.5)  # a hand or a foot is flung
+  ground = [0, 2]
+  steps = np.linalg.norm(np.diff(places[frames][:, ground].astype(np.float64), axis=0), axis=-1)
+  speed = steps * fps / np.diff(frames)
+  if not (speed > fastest).any():
+    return []
+  worst = int(speed.argmax())
+  for before, now in zip(frames[:-1], frames[1:]):
+    away = places[now, ground] - places[before, ground]
+    most = fastest * (now - before) / fps
+    places[now, ground] = places[before, ground] + away * min(1.0, most / max(float(np.linalg.norm(away)), 1e-9))
+  return [f"{HUMANML3D.joints[joint]} has to move at {speed[worst]:.1f} m/s to its target at "
+          f"{frames[worst + 1] / fps:.2f} s (frame {frames[worst + 1]}), more than {fastest:g} m/s"]
+
+
+def warn_missed(signal: ControlSignal, off: np.ndarray, fps: float = 20.0) -> None:
+  """Warns of the worst frame of joints that are `off` (T, 22) metres from their targets in a signal (1, T)."""
+  if off.size and off.max() > _MISSED:
+    frame, joint = np.unravel_index(off.argmax(), off.shape)
+    count = int((off.max(1) > _MISSED).sum())
+    warnings.warn(f"{HUMANML3D.joints[joint]} misses its target at {frame / fps:.2f} s (frame {frame}) by "
+                  f"{off[frame, joint]:.2f} m, the worst of {count} frame(s): the constraints contradict one another "
+                  "or the lengths of the bones; the motion comes as near as it can", stacklevel=3)

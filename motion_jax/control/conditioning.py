@@ -1,10 +1,10 @@
-"""What a latent is told of a `ControlSignal`: what is given at its own frames, and the next goals that lie ahead.
+"""Features of a `ControlSignal` for each latent: the targets in its own frames, and the next goals ahead.
 
-Everything is told along a *reference path*, which is known before a motion is made: straight between the places that
-are given for the pelvis (or, where it has none, for other joints), from the origin on, and the way that the body is
-likely to face on it: as asked, as given hips and shoulders show, else where the path leads. Joints are told relative to
-it, and so are goals ahead: a latent that is denoised before them sees no later latent, yet has to head for them. No
-number grows with the length of a motion, so that a stream is told what a short clip is.
+Everything is expressed along a *reference path*, which is known before a motion is made: straight between the targets
+of the pelvis (or, where it has none, of other joints), from the origin on, with the likely heading of the body: its
+heading targets, given hips and shoulders, else the direction of the path. Joints are relative to it, and so are goals
+ahead: a latent that is denoised before them sees no later latent, yet has to head for them. No
+number grows with the length of a motion, so that a stream gets the same numbers as a short clip.
 """
 from typing import NamedTuple
 
@@ -17,8 +17,8 @@ from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.shapes import Array
 
 FPS = HUMANML3D.fps
-HORIZON = 160          # frames; what is given farther ahead is not told yet
-AHEAD = (10, 20, 40)   # frames ahead at which the reference path is told
+HORIZON = 160          # frames; targets farther ahead are left out
+AHEAD = (10, 20, 40)   # frames ahead at which the reference path is given
 # Where people's joints usually are, metres to the left, ahead and over the floor of the place below the pelvis, and how
 # far they stray from there: rounded over the train clips of CMU and Bandai, both sides alike.
 _USUAL = jnp.array([
@@ -29,18 +29,18 @@ _USUAL = jnp.array([
     [0.30, 0.10, 1.18], [-0.30, 0.10, 1.18]])
 _STRAYS = jnp.array([0.05, 0.05, 0.05, 0.05, 0.08, 0.08, 0.05, 0.10, 0.10, 0.05, 0.12, 0.12, 0.06, 0.05, 0.05, 0.07,
                      0.06, 0.06, 0.11, 0.11, 0.20, 0.20])
-_REACH, _MOVES = 5, 0.15  # a path leads somewhere where it goes so many metres in so many frames before and behind
+_REACH, _MOVES = 5, 0.15  # frames on both sides, and metres between them, that show a direction
 
 
 class Reference(NamedTuple):
-  """The reference path: places (B, T, 2) on the floor, headings (B, T), and where both are told, not only held."""
+  """The reference path: places (B, T, 2) on the floor, headings (B, T), and where both are known, not only held."""
   place: Float[Array, "b t 2"]
   heading: Float[Array, "b t"]
-  told: Bool[Array, "b t"]
+  known: Bool[Array, "b t"]
 
 
 def size(frames_per_latent: int = 4) -> int:
-  """How many numbers a latent is told."""
+  """The number of features of a latent."""
   return 1 + frames_per_latent * (NUM_JOINTS * 5 + 5) + 2 + (3 + 4) + NUM_JOINTS * 5 + 5 * len(AHEAD) + (3 + 4)
 
 
@@ -132,7 +132,7 @@ def _seen(found, here, there, visible):
 
 def features(signal: ControlSignal, frames_per_latent: int = 4, start: Float[Array, "b 3"] | None = None
              ) -> Float[Array, "b l n"]:
-  """(B, T / frames_per_latent, `size`): what each latent is told; all 0 where nothing is given in its frames or ahead.
+  """(B, T / frames_per_latent, `size`): features of each latent; 0 without targets in its frames or ahead.
 
   start: see `reference`.
   """
@@ -152,18 +152,18 @@ def features(signal: ControlSignal, frames_per_latent: int = 4, start: Float[Arr
   joints = _joints(signal, found)
   step = _turned(jnp.diff(found.place, axis=1, append=found.place[:, -1:]), found.heading) * FPS
   turn = _wrapped(jnp.diff(found.heading, axis=1, append=found.heading[:, -1:])) * FPS
-  both = found.told & jnp.roll(found.told, -1, axis=1).at[:, -1].set(False)
+  both = found.known & jnp.roll(found.known, -1, axis=1).at[:, -1].set(False)
   path = jnp.where(both[..., None], jnp.concatenate([step, turn[..., None]], -1), 0.0)
   own = jnp.concatenate([joints, path, both[..., None], signal.heading_given[..., None]], -1)
   place, visible_place, time_of_place = goal(_floor(signal).any(-1) | signal.heading_given)
   body, visible_body, time_of_body = goal(signal.given[:, :, 1:].any((-1, -2)))
   facing = _at(found.heading, last)
-  told = [rows(own), jnp.stack([jnp.sin(facing), jnp.cos(facing)], -1),
+  parts = [rows(own), jnp.stack([jnp.sin(facing), jnp.cos(facing)], -1),
           time_of_place, _seen(found, last, place, visible_place), time_of_body,
           _seen(found, last, body, visible_body), jnp.where(visible_body[..., None], _at(joints, body), 0.0)]
   for count in AHEAD:
-    visible = (last + count < frames) & _at(found.told, last + count)
-    told += [_seen(found, last, last + count, visible), visible[..., None]]
-  something = rows(found.told | signal.given.any((-1, -2))).any(-1, keepdims=True) | (
+    visible = (last + count < frames) & _at(found.known, last + count)
+    parts += [_seen(found, last, last + count, visible), visible[..., None]]
+  something = rows(found.known | signal.given.any((-1, -2))).any(-1, keepdims=True) | (
       visible_place | visible_body)[..., None]
-  return jnp.where(something, jnp.concatenate([something, *told], -1).astype(jnp.float32), 0.0)
+  return jnp.where(something, jnp.concatenate([something, *parts], -1).astype(jnp.float32), 0.0)

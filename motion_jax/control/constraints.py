@@ -1,8 +1,8 @@
 """The kinds of constraint, a dataclass each: paths, poses, places of hands and feet, loops, parts of the body.
 
 World metres, Y up; times are seconds from the motion's first frame; headings are radians about +Y, 0 = +Z, towards +X.
-`compile` (`control.compiling`) makes arrays of paths, poses and targets; a loop, a motion in its place and kept parts
-are made of the finished motion (`control.finishing`).
+`control.compiling.compile` turns paths, poses and targets into arrays; a loop, a motion in place and kept parts are
+applied to the finished motion (`control.finishing`).
 """
 import dataclasses
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ _SLOWEST = 1e-4  # metres a second of a path that is gone along
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Constraint:
-  """Something that a motion is asked to do beside its words; `kind` is its name in files."""
+  """A requirement on a motion beside its prompt; `kind` is its name in files."""
   kind: ClassVar[str] = ""
 
 
@@ -76,7 +76,7 @@ class RootPath(Constraint):
 class Keyframe(Constraint):
   """The whole body in one pose, joints (22, 3), at a time; `place` says where.
 
-  "anywhere": where the body is then, facing as it does, or on the path that is asked for; the height counts. "world":
+  "anywhere": where the body is then, facing as it does, or on the given path; the height counts. "world":
   exactly where the joints are.
   """
   kind: ClassVar[str] = "keyframe"
@@ -151,9 +151,9 @@ class InPlace(Constraint):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class KeepParts(Constraint):
-  """Parts of the body, of `PARTS`, move as in a motion that exists, joints (T, 22, 3) at fps; the others are made anew.
+  """Parts of the body, of `PARTS`, move as in a motion that exists, joints (T, 22, 3) at fps; the others are new.
 
-  spans: [(first second, last), ...] in which the others are made anew; elsewhere all of the body is kept.
+  spans: [(first second, last), ...] in which the others are new; elsewhere all of the body is kept.
   """
   kind: ClassVar[str] = "keep_parts"
   joints: Any

@@ -1,6 +1,8 @@
 """Constraints as JSON: {"version": 1, "constraints": [{"type": "root_path", "points": [[0, 0], [2, 0]]}, ...]}.
 
-What command line, studio and other programs share. Nothing but JSON is read, numbers are bounded, and other files are
+The format of the command line, the studio and other programs. Kimodo's file is read, too (nv-tlabs/kimodo@7330e7e,
+docs/source/user_guide/constraints.md): a list of {"type", "frame_indices", ...} in metres, Y up, +Z forward, frames
+from 0, poses as rotations of SMPL-X's 22 body joints. Only JSON is read, numbers are bounded, and other files can be
 named only where the reader allows it.
 """
 import dataclasses
@@ -12,14 +14,28 @@ from typing import Any
 
 import numpy as np
 
-from motion_jax.control.constraints import KINDS, Constraint
+from motion_jax.control.constraints import (
+    KIMODO_JOINTS,
+    KINDS,
+    Constraint,
+    EffectorTarget,
+    Keyframe,
+    RootPath,
+    joint_number,
+)
 from motion_jax.inputs.errors import InputError, reading
 from motion_jax.inputs.nearest import did_you_mean
+from motion_jax.motion import inverse
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.retarget import with_lengths
+from motion_jax.motion.skeleton import HUMANML3D, SMPL
 
 VERSION = 1
 MOST, MOST_BYTES = 256, 32 << 20  # constraints of a file, and its size
 
 Reader = Callable[[str, int], Any]  # (path, frame or -1 for all) -> joints (22, 3) or (T, 22, 3)
+KIMODO_FPS = 30.0
+_LIMBS = {f"{side}-{part}": f"{side}_{part}" for side in ("left", "right") for part in ("hand", "foot")}
 
 
 def to_json(constraints: Sequence[Constraint]) -> dict[str, Any]:
@@ -94,7 +110,6 @@ def _constraint(row: Any, number: int, read: Reader | None) -> Constraint:
 
 def load(path: str | os.PathLike, read: Reader | None = None) -> list[Constraint]:
   """Constraints of a .json file: ours, or Kimodo's (a list; its frames are taken at 30 a second)."""
-  from motion_jax.control import kimodo
   path = pathlib.Path(path)
   if not path.is_file():
     raise FileNotFoundError(f"there is no file of constraints {path}")
@@ -104,7 +119,7 @@ def load(path: str | os.PathLike, read: Reader | None = None) -> list[Constraint
   with reading(str(path), "expected JSON, see docs/control.md"):
     data = json.loads(path.read_bytes())
   try:
-    return kimodo.from_kimodo(data) if isinstance(data, list) else from_json(data, read)
+    return from_kimodo(data) if isinstance(data, list) else from_json(data, read)
   except InputError as error:
     raise InputError(f"{path}: {error}") from None
 
@@ -114,3 +129,52 @@ def save(constraints: Sequence[Constraint], path: str | os.PathLike) -> pathlib.
   path = pathlib.Path(path)
   path.write_text(json.dumps(to_json(constraints), indent=1) + "\n")
   return path
+
+
+# --- Kimodo's file -----------------------------------------------------------------------------------------------
+
+
+def from_kimodo(data: Any, fps: float = KIMODO_FPS) -> list[Constraint]:
+  """Constraints of a parsed Kimodo file. Raises InputError for anything else, and for other skeletons."""
+  if not isinstance(data, list) or len(data) > MOST:
+    raise InputError(f"got no list of at most {MOST} constraints of Kimodo")
+  found: list[Constraint] = []
+  for number, row in enumerate(data):
+    kind = row.get("type") if isinstance(row, dict) else None
+    if kind not in ("root2d", "fullbody", "end-effector", *_LIMBS):
+      raise InputError(f"constraint {number}: got Kimodo's type {str(kind)[:40]!r}, expected root2d, fullbody, "
+                       f"end-effector, {', '.join(_LIMBS)}")
+    try:
+      found += _kimodo_constraints(kind, row, fps)
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+      raise InputError(f"constraint {number} ({kind}): {error if isinstance(error, InputError) else repr(error)}"
+                       ) from None
+  return found
+
+
+def _kimodo_constraints(kind: str, row: dict[str, Any], fps: float) -> list[Constraint]:
+  times = np.asarray(row["frame_indices"], np.float64) / fps
+  if kind == "root2d":
+    points = np.asarray(row["smooth_root_2d"], np.float64)[:, :2]  # of three numbers its code takes the first two
+    turns = row.get("global_root_heading")
+    heading = None if turns is None else np.arctan2(np.asarray(turns)[:, 1], np.asarray(turns)[:, 0])
+    return [RootPath(points, times, heading=heading, between=bool(len(times) > 1 and np.ptp(np.diff(times)) < 1e-9
+                                                                  and np.diff(times)[0] < 1.5 / fps))]
+  poses = _kimodo_joints(row)
+  if kind == "fullbody":
+    return [Keyframe(joints, time, "world") for joints, time in zip(poses, times)]
+  names = row["joint_names"] if kind == "end-effector" else [_LIMBS[kind]]
+  return [EffectorTarget(KIMODO_JOINTS.get(name, name), times, poses[:, joint_number(name)]) for name in names]
+
+
+def _kimodo_joints(row: dict[str, Any]) -> np.ndarray:
+  """Joints (T, 22, 3) on our bones, of rotations (T, 22, 3) and a root path (T, 3)."""
+  turns, root = (np.asarray(row[name], np.float64) for name in ("local_joints_rot", "root_positions"))
+  if turns.ndim != 3 or turns.shape[1:] != (22, 3) or root.shape != (len(turns), 3):
+    raise InputError(f"got rotations of shape {turns.shape}, expected (frames, 22, 3) of SMPL-X's body and a root "
+                     "position for each; other skeletons are not known here")
+  local, world = rot.from_vector(turns), [None] * 22
+  for joint in inverse.order(SMPL):
+    parent = SMPL.parents[joint]
+    world[joint] = local[:, joint] if parent < 0 else rot.multiply(world[parent], local[:, joint])
+  return with_lengths(inverse.forward(root, np.stack(world, 1), SMPL), HUMANML3D)

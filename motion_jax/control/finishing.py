@@ -1,23 +1,31 @@
-"""What is made of a finished motion: parts of the body as in another, a loop, a body that stays in its place."""
+"""Constraints that are applied to the finished motion: kept body parts, loops, motion in place, blending. numpy."""
 from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float, Num
 
+from motion_jax.control.compiling import angle_of
 from motion_jax.control.constraints import Constraint, InPlace, KeepParts, Loop
-from motion_jax.control.loops import cycle
+from motion_jax.control.signal import rotate_about_y
 from motion_jax.data.mocap.capture import resample
+from motion_jax.inputs.errors import InputError
 from motion_jax.motion.blending import join
 from motion_jax.motion.layering import put_on
 from motion_jax.motion.looping import in_place, looped
+from motion_jax.motion.retarget import with_lengths
 from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.motion.splicing import REACH, meeting, spliced, weights
 
 _EASE = 0.4   # seconds in which a part comes to another motion's and goes back, at a span's ends
 _SPARE = 1.2  # seconds more of a motion in which a cycle is looked for
+_OTHER = 0.15   # of its length by which a cycle may be played faster or slower than it was made
+_AHEAD = 0.2    # seconds of movement that count as much as a pose, when poses are compared
+_TRIED = 12     # cycles of those that meet best that are made, for the smoothest to be taken
+_NEAR = 0.1     # seconds around a seam in which it is felt
 
 
 def spare(fps: float) -> int:
-  """Frames that a motion is made longer for a loop to be found in it."""
+  """Extra frames to generate so that a loop can be found in the motion."""
   return round(_SPARE * fps)
 
 
@@ -28,13 +36,13 @@ def with_parts(made: Num[np.ndarray, "t 22 3"], keep: KeepParts, fps: float = 20
   given = keep.joints if abs(keep.fps - fps) < 1e-3 else resample(keep.joints, keep.fps, fps)
   count = min(len(made), len(given))
   made, given = np.asarray(made[:count], np.float64), np.asarray(given[:count], np.float64)
-  anew = _anew(keep, count, fps)
+  weight_of_new = _regenerated(keep, count, fps)
   kept, arms = set(keep.parts), ("left", "right")
   if "legs" in kept:
     body, other, theirs, weight = given, made, [part for part in ("torso", "head", *arms) if _name(part) not in kept
-                                                ], anew
+                                                ], weight_of_new
   else:
-    made = made if keep.spans is None else join(made, given, anew <= 0).astype(np.float64)
+    made = made if keep.spans is None else join(made, given, weight_of_new <= 0).astype(np.float64)
     body, other, theirs, weight = made, given, [part for part in ("torso", "head", *arms) if _name(part) in kept
                                                 ], np.ones(count)
   result = body
@@ -52,8 +60,8 @@ def _name(part: str) -> str:
   return f"{part}_arm" if part in ("left", "right") else part
 
 
-def _anew(keep: KeepParts, count: int, fps: float) -> Float[np.ndarray, " t"]:
-  """How much of each frame (T,) is made anew, 0 to 1: all, or the spans, which come and go smoothly."""
+def _regenerated(keep: KeepParts, count: int, fps: float) -> Float[np.ndarray, " t"]:
+  """Weight (T,) of the new motion in each frame, 0 to 1: 1 without spans, else 1 inside them with smooth borders."""
   if keep.spans is None:
     return np.ones(count)
   time, weight = np.arange(count) / fps, np.zeros(count)
@@ -63,11 +71,88 @@ def _anew(keep: KeepParts, count: int, fps: float) -> Float[np.ndarray, " t"]:
   return weight * weight * (3 - 2 * weight)
 
 
-def finished(joints: Num[np.ndarray, "t 22 3"], constraints: Sequence[Constraint], fps: float = 20.0,
+def finalize(joints: Num[np.ndarray, "t 22 3"], constraints: Sequence[Constraint], fps: float = 20.0,
              count: int | None = None) -> Float[np.ndarray, "n 22 3"]:
-  """The motion as a loop, and in its place, where that is asked for. count: frames of a cycle to be looked for in it;
-  None loops all of it, and leaves the way over the ground as it is."""
+  """Applies the constraints that need the whole motion: `Loop` and `InPlace`.
+
+  count: frames of the cycle to search for; None closes the whole motion and keeps its way over the ground.
+  """
   kinds = {type(one) for one in constraints}
   if Loop in kinds:
     joints = cycle(joints, count, fps) if count else looped(joints, fps, keep_way=True)
   return in_place(joints) if InPlace in kinds else np.asarray(joints, np.float32)
+
+
+def cycle(joints: Num[np.ndarray, "t 22 3"], count: int, fps: float = 20.0) -> Float[np.ndarray, "n 22 3"]:
+  """A loop of count frames out of a motion of as many or more: its last frame is its first of the next round.
+
+  It begins and ends where pose and movement of the body are alike, the way between them 0.85 to 1.15 of count frames,
+  played at the rate that makes count of them; the rest of the difference fades at both ends. Of the cycles that meet
+  best that with the smoothest seam is taken.
+  """
+  joints = np.asarray(joints, np.float64)
+  if count < 4 or len(joints) < count:
+    raise InputError(f"got a motion of {len(joints)} frames for a loop of {count}, expected 4 frames or more, and as "
+                     "many in the motion")
+  made = (_played(joints[first:last + 1], count, fps) for first, last in _meets(joints, count, fps))
+  return min(made, key=lambda loop: _roughness(loop, fps))
+
+
+def _played(part: np.ndarray, count: int, fps: float) -> Float[np.ndarray, "n 22 3"]:
+  """A part of a motion as a loop of count frames."""
+  if len(part) != count:
+    from scipy.interpolate import CubicSpline
+    when = np.linspace(0, len(part) - 1, count)
+    part = with_lengths(CubicSpline(np.arange(len(part)), part)(when), HUMANML3D)
+  return looped(part, fps)
+
+
+def _roughness(loop: np.ndarray, fps: float) -> float:
+  """The largest jerk of a loop at its seam, as a share of that of its inside: means over the joints, of the body as it
+  sees itself."""
+  body = rotate_about_y(loop - loop[:, :1] * [1, 0, 1], -angle_of(loop)[:, None])[:-1]
+  jerk = np.linalg.norm(np.diff(np.concatenate([body[-4:], body, body[:4]]), n=3, axis=0), axis=-1).mean(1)
+  near = round(_NEAR * fps) + 4
+  inside = jerk[near:-near]
+  return float(np.append(jerk[:near], jerk[-near:]).max() / max(inside.max(initial=0.0), 1e-9))
+
+
+def _meets(joints: np.ndarray, count: int, fps: float) -> list[tuple[int, int]]:
+  """The first and last frames between which a motion is most like a cycle, the likest first."""
+  ground = joints[:, :1] * [1, 0, 1]
+  body = rotate_about_y(joints - ground, -angle_of(joints)[:, None])
+  way = rotate_about_y(np.gradient(joints, axis=0) * fps * _AHEAD, -angle_of(joints)[:, None])
+  seen = np.concatenate([body, way], axis=1) * np.sqrt(np.tile(weights(), 2))[:, None]
+  seen = seen.reshape(len(joints), -1)
+  away = ((seen[:, None] - seen[None]) ** 2).sum(-1) if len(seen) <= 400 else None
+  found = []
+  for length in range(max(4, int(np.ceil(count * (1 - _OTHER)))), min(len(joints), int(count * (1 + _OTHER))) + 1):
+    firsts = np.arange(len(joints) - length + 1)
+    off = (away[firsts, firsts + length - 1] if away is not None else
+           ((seen[firsts] - seen[firsts + length - 1]) ** 2).sum(-1))
+    off = off * (1 + abs(length / count - 1))  # of two that meet as well, the one that is less hastened
+    found += [(float(off[first]), int(first), int(first) + length - 1) for first in np.argsort(off)[:_TRIED]]
+  return [(first, last) for _, first, last in sorted(found)[:_TRIED]]
+
+
+def blend(first: Num[np.ndarray, "m 22 3"], second: Num[np.ndarray, "n 22 3"], seconds: float = 1.0, fps: float = 20.0
+          ) -> tuple[Float[np.ndarray, "t 22 3"], int]:
+  """(the first motion going over into the second (T, 22, 3), the frame from which the second plays).
+
+  The second is moved and turned on the ground to go on from the first. It is entered, and the first left, where their
+  poses are most alike within half of `seconds` from the end and from the beginning; what they differ by fades within
+  `seconds`, but not of a foot while it stands (`motion.splicing`). Both have the bones of our skeleton.
+  """
+  for joints in (first, second):
+    if len(joints) < 2 * REACH + 2:
+      raise InputError(f"got a motion of {len(joints)} frames to be blended, expected {2 * REACH + 2} or more")
+  if not 2 / fps <= seconds <= 10:
+    raise InputError(f"got {seconds:g} seconds for the way from one motion to the other, expected {2 / fps:g} to 10")
+  half = int(seconds * fps / 2)
+  leaves = range(max(REACH, len(first) - REACH - 1 - half), len(first) - REACH)
+  enters = range(REACH, min(REACH + half, len(second) - REACH - 2) + 1)
+  near = lambda joints, at: joints[at - REACH:at + REACH + 1]
+  at = min(((leave, enter) for leave in leaves for enter in enters),
+           key=lambda pair: meeting(near(first, pair[0]), near(second, pair[1])).distance)
+  made = spliced(first, at[0], second, at[1], fade=max(2, round(seconds * fps)))
+  return made.astype(np.float32), at[0] + 1

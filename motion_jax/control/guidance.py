@@ -1,4 +1,4 @@
-"""Pulling latents towards what is asked: damped Gauss-Newton steps through a decoder and the joints that it makes.
+"""Guide latents towards constraints: damped Gauss-Newton steps through a decoder and the joints that it makes.
 
 Latents z have places J(z) that should be c. Taken as normal around z with variances P, and the places as known to a
 tolerance s, their most likely change is d = P A' (A P A' + s^2)^-1 (c - J(z)), where A is the derivative of J: the
@@ -21,7 +21,7 @@ _TURN = 0.3       # metres that a radian of heading counts as
 
 def residual(signal: ControlSignal, joints: Float[Array, "b t j 3"], heading: Float[Array, "b t"]
              ) -> tuple[Float[Array, "b t j 3"], Float[Array, "b t"]]:
-  """How far joints (B, T, 22, 3) and headings (B, T) are from a signal: 0 where nothing is given."""
+  """Differences of joints (B, T, 22, 3) and headings (B, T) from a signal: 0 where nothing is given."""
   turn = jnp.sin(heading - signal.heading)  # of half a turn and more the sine is no way back
   turn = jnp.where(jnp.cos(heading - signal.heading) < 0, jnp.sign(turn), turn)
   return (jnp.where(signal.given, joints - signal.positions, 0.0),
@@ -35,10 +35,9 @@ def _dot(a, b):
 
 def newton_step(residual_of: Callable[..., Any], z: Float[Array, "b l c"], variance: Float[Array, "#b l 1"],
                 num_steps: int, tolerance: float = TOLERANCE) -> Float[Array, "b l c"]:
-  """What is to be added to latents z (B, L, C), of these variances, so that residual_of(z) comes near 0.
+  """The step for latents z (B, L, C), of the given variances, that brings residual_of(z) near 0.
 
-  A latent of variance 0 stays. Of a motion that residual_of finds no fault with nothing moves. num_steps: of conjugate
-  gradients.
+  A latent of variance 0 stays, and so does a motion whose residual is 0. num_steps: conjugate gradient steps.
   """
   found, pull = jax.vjp(residual_of, z)
   backward = lambda a: pull(a)[0]
@@ -67,8 +66,8 @@ def newton_step(residual_of: Callable[..., Any], z: Float[Array, "b l c"], varia
   return jnp.where(rows(_dot(moved, moved) > before), rows(part) * step, step)
 
 
-def settled(residual_of: Callable[..., Any], z: Float[Array, "b l c"], variance: Float[Array, "#b l 1"],
+def refine(residual_of: Callable[..., Any], z: Float[Array, "b l c"], variance: Float[Array, "#b l 1"],
             num_times: int = 3, num_steps: int = 6) -> Float[Array, "b l c"]:
-  """Finished latents z (B, L, C) after num_times Gauss-Newton steps: as near to what is asked as they go."""
+  """Finished latents z (B, L, C) after num_times Gauss-Newton steps: as near to the constraints as they get."""
   return jax.lax.fori_loop(0, num_times, lambda _, z: z + newton_step(residual_of, z, variance, num_steps,
                                                                       TOLERANCE / 2), z)

@@ -1,6 +1,11 @@
-"""Curves through way points: where a path is at each time, evenly gone along where none are given. numpy, float64."""
+"""Paths on the floor: smooth curves through way points, and standard curves for tests of path following.
+
+The standard curves (`CURVES`) begin at the origin and lead towards +z, as motions do. numpy, float64.
+"""
+from collections.abc import Callable
+
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Num
 
 _FINE = 40  # places of a curve between two way points, by which its length is measured
 
@@ -40,3 +45,54 @@ def _fine(points):
     return points
   times = np.append(0.0, np.cumsum(apart))
   return through(points, times, np.linspace(0, times[-1], _FINE * len(apart) + 1))
+
+
+# --- standard curves: shapes that no clip of the training data follows ------------------------------------------
+
+SPEED = 1.2  # metres a second
+
+
+def _walked(points: Num[np.ndarray, "n 2"], fps: float, speed: float) -> Float[np.ndarray, "t 2"]:
+  """Places (T, 2) at one speed along the line through points (N, 2)."""
+  way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=-1))])
+  at = np.arange(int(way[-1] / speed * fps) + 1) * speed / fps
+  return np.stack([np.interp(at, way, points[:, i]) for i in range(2)], axis=-1)
+
+
+def _round(radius: float, side: int) -> Float[np.ndarray, "n 2"]:
+  angle = np.linspace(0, 2 * np.pi, 720)
+  return np.stack([side * radius * (1 - np.cos(angle)), radius * np.sin(angle)], -1)
+
+
+def circle(fps: float, radius: float = 2.0) -> Float[np.ndarray, "t 2"]:
+  """Once round, to the left."""
+  return _walked(_round(radius, 1), fps, SPEED)
+
+
+def figure_of_eight(fps: float, radius: float = 1.2) -> Float[np.ndarray, "t 2"]:
+  """Round a circle on the left, then round one on the right."""
+  return _walked(np.concatenate([_round(radius, 1), _round(radius, -1)[1:]]), fps, SPEED)
+
+
+def slalom(fps: float, width: float = 0.7, wave: float = 4.0, length: float = 10.0) -> Float[np.ndarray, "t 2"]:
+  """A wave about +z, which it leaves gently."""
+  z = np.linspace(0, length, 720)
+  x = width * np.minimum(z / wave, 1) ** 2 * np.sin(2 * np.pi * z / wave)
+  return _walked(np.stack([x, z], -1), fps, SPEED)
+
+
+def corner(fps: float, length: float = 4.0) -> Float[np.ndarray, "t 2"]:
+  """Straight on, then at a right angle to the left."""
+  return _walked(np.array([[0.0, 0.0], [0.0, length], [length, length]]), fps, SPEED)
+
+
+def stop_and_go(fps: float) -> Float[np.ndarray, "t 2"]:
+  """Two seconds of walking, two of standing, and again, with half a second to come to either."""
+  seconds = np.arange(int(8 * fps) + 1) / fps
+  speed = SPEED * np.interp(seconds % 4, [0, 1.75, 2.25, 3.75, 4], [1, 1, 0, 0, 0.5])
+  return np.stack([0 * seconds, np.concatenate([[0.0], np.cumsum(speed[:-1])]) / fps], -1)
+
+
+CURVES: dict[str, Callable[[float], Float[np.ndarray, "t 2"]]] = {
+    "circle": circle, "figure of eight": figure_of_eight, "slalom": slalom, "corner": corner,
+    "stop and go": stop_and_go}

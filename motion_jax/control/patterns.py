@@ -20,9 +20,9 @@ _JOINTS = jnp.log(jnp.array([0.45, 0.2, 0.2, 0.15]))
 _FRAMES = jnp.log(jnp.array([0.05, 0.05, 0.1, 0.2, 0.5, 0.1]))  # 1, 2, 5, a quarter, all, a stretch
 
 
-def some_frames(key: jax.Array, count: Int[Array, ""], num_frames: Int[Array, ""], length: int
+def draw_frames(key: jax.Array, count: Int[Array, ""], num_frames: Int[Array, ""], length: int
                 ) -> Bool[Array, " {length}"]:
-  """(length,): so many of the first num_frames, drawn evenly without replacement."""
+  """(length,): `count` of the first num_frames, drawn uniformly without replacement."""
   order = jnp.where(jnp.arange(length) < num_frames, jax.random.uniform(key, (length,)), 2.0)
   return (jnp.argsort(jnp.argsort(order)) < count) & (jnp.arange(length) < num_frames)
 
@@ -38,15 +38,15 @@ def _pattern(key, num_frames, length):
   counts = jnp.stack([jnp.ones_like(num_frames), jnp.full_like(num_frames, 2), jnp.full_like(num_frames, 5),
                       jnp.maximum(num_frames // 4, 1), num_frames, num_frames])
   a, b = jnp.sort(jax.random.randint(stretch_key, (2,), 0, jnp.maximum(num_frames, 1)))
-  frames = some_frames(time_key, counts[how], num_frames, length)
+  frames = draw_frames(time_key, counts[how], num_frames, length)
   frames &= (how != 5) | ((jnp.arange(length) >= a) & (jnp.arange(length) <= b))
   flat = (kind == 0) & jax.random.bernoulli(high_key, 0.6)  # a path on the floor says no height
   given = (frames[:, None] & joints)[..., None] & (jnp.array([True, False, True]) | ~flat)
   return given, frames & (kind < 2) & jax.random.bernoulli(heading_key, 0.35)
 
 
-def draw(joints: Float[Array, "b t j 3"], heading: Float[Array, "b t"], num_frames: Int[Array, " b"], keys: jax.Array,
-         rate: float) -> ControlSignal:
+def draw_constraints(joints: Float[Array, "b t j 3"], heading: Float[Array, "b t"], num_frames: Int[Array, " b"],
+                     keys: jax.Array, rate: float) -> ControlSignal:
   """A signal of a share `rate` of motions, joints (B, T, 22, 3) of which num_frames (B,) are real, nothing of the
   others; keys (B,), one each."""
   length = joints.shape[1]

@@ -1,14 +1,14 @@
-"""The last step of control: a motion that nearly does what is asked is brought to do so exactly, and smoothly.
+"""Project a motion onto its constraints: targets are met exactly, by a change that is smooth in time and small.
 
 Three stages. Where the pelvis is far off its path, or faces elsewhere, the body is carried there step by step, each
-step turned and moved as a whole (`motion.root_paths`). It is brought into whole poses (`control.posing`). What is then
-left is solved for all frames at once: turns of joints and shifts of the body e, smooth in time and small,
+step turned and moved as a whole (`motion.root_paths`). It is blended into whole poses (`control.poses`). What is left
+is solved for all frames at once: rotations of joints and shifts of the body e,
 
-  min  hard |places asked for - places|^2  +  stand |standing feet - where they stand|^2
+  min  hard |targets - positions|^2  +  stand |standing feet - their stance|^2
        +  |S (e_(t+1) - 2 e_t + e_(t-1))|^2  +  pull |S e|^2
 
-by Gauss and Newton; S says how stiff each is (`control.bodies`). Bones stay as long as they are, or are those of whole
-poses that are asked for (`control.builds`). numpy, float64.
+by Gauss-Newton; S is the stiffness of each parameter (`control.bodies`). Bone lengths are those of the motion, or of
+the body in the whole poses that are given. numpy, float64.
 """
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -16,10 +16,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Num
 
-from motion_jax.control import bands, bodies, builds, posing
-from motion_jax.control.compiling import angle_of, compile
+from motion_jax.control import bodies, poses
+from motion_jax.control.compiling import angle_of, clip_to_feasible, compile, warn_missed
 from motion_jax.control.constraints import Constraint
-from motion_jax.control.limits import possible, tell_missed
 from motion_jax.control.signal import ControlSignal
 from motion_jax.inputs.errors import InputError
 from motion_jax.motion.planting import stands
@@ -40,46 +39,46 @@ LONGEST = 2400              # frames
 
 
 def check_length(count: int) -> None:
-  """Raises InputError for more frames than are brought to what is asked at once."""
+  """Raises InputError for a motion that is too long to be projected at once."""
   if count > LONGEST:
-    raise InputError(f"got {count:,} frames to be brought to what is asked, expected at most {LONGEST:,}; make the "
-                     "motion in parts, or leave it as the network made it (raw)")
+    raise InputError(f"got {count:,} frames with constraints, expected at most {LONGEST:,}; generate the motion in "
+                     "parts, or without projection (--no-cleanup)")
 
 
-def project(joints: Num[np.ndarray, "t 22 3"], asked: ControlSignal | Sequence[Constraint], fps: float = 20.0,
-            tell: bool = True) -> Float[np.ndarray, "t 22 3"]:
-  """Joints (T, 22, 3), metres, that do what is asked to within a millimetre where a body can, float32.
+def project(joints: Num[np.ndarray, "t 22 3"], constraints: ControlSignal | Sequence[Constraint], fps: float = 20.0,
+            warn: bool = True) -> Float[np.ndarray, "t 22 3"]:
+  """Joints (T, 22, 3), metres, that meet the constraints to within a millimetre where a body can, float32.
 
-  asked: a signal (1, T) in the frame of the joints, or constraints (paths, poses and targets of them count). Where
-  nothing is asked for the joints come back as they are. tell: warnings name the worst frame of what no body can do.
+  constraints: a signal (1, T) in the frame of the joints, or constraints, of which paths, poses and targets count.
+  Without any target the joints are returned unchanged. warn: warnings name the worst frame of infeasible targets.
   Raises InputError for more than two minutes at 20 frames a second.
   """
   count, start = len(joints), np.asarray(joints, np.float64)
-  wanted = _wanted(asked, count, fps, tell)
-  signal = wanted(start, tell)
+  wanted = _wanted(constraints, count, fps, warn)
+  signal = wanted(start, warn)
   if signal.is_empty:
     return np.asarray(joints, np.float32)
   check_length(count)
-  lengths = builds.build_of(signal)
-  start = builds.built_as(start, lengths)
+  lengths = poses.lengths_from_poses(signal)
+  start = poses.with_build(start, lengths)
   silent = lambda now: wanted(now, False)
-  led = _carried(start, silent(start), fps)
-  moved = _solved(_posed(led, silent, lengths, fps), led, silent, fps)
-  if tell:
+  carried = _carried(start, silent(start), fps)
+  moved = _solved(_posed(carried, silent, lengths, fps), carried, silent, fps)
+  if warn:
     signal = wanted(moved, False)
     off = np.where(np.asarray(signal.given)[0], moved - np.asarray(signal.positions, np.float64)[0], 0)
-    tell_missed(signal, np.linalg.norm(off, axis=-1), fps)
+    warn_missed(signal, np.linalg.norm(off, axis=-1), fps)
   return moved.astype(np.float32)
 
 
-def _wanted(asked: Any, count: int, fps: float, tell: bool) -> Callable[[np.ndarray, bool], ControlSignal]:
-  """signal (1, T) of what is asked of a motion that is so far as given: poses and targets may depend on it."""
-  if isinstance(asked, ControlSignal):
-    if asked.batch != 1 or asked.frames != count:
-      raise ValueError(f"got a signal of {asked.batch} motions of {asked.frames} frames for one of {count}")
-    known = possible(asked, fps, tell)
-    return lambda joints, say: known
-  return lambda joints, say: possible(compile(asked, count, fps, joints), fps, say)
+def _wanted(constraints: Any, count: int, fps: float, warn: bool) -> Callable[[np.ndarray, bool], ControlSignal]:
+  """signal (1, T) of the constraints for a motion so far: the place of poses and targets may depend on it."""
+  if isinstance(constraints, ControlSignal):
+    if constraints.batch != 1 or constraints.frames != count:
+      raise ValueError(f"got a signal of {constraints.batch} motions of {constraints.frames} frames for one of {count}")
+    known = clip_to_feasible(constraints, fps, warn)
+    return lambda joints, warn: known
+  return lambda joints, warn: clip_to_feasible(compile(constraints, count, fps, joints), fps, warn)
 
 
 def spread(values: Float[np.ndarray, "t k"], given: Bool[np.ndarray, " t"], fps: float, lasting: bool
@@ -88,54 +87,54 @@ def spread(values: Float[np.ndarray, "t k"], given: Bool[np.ndarray, " t"], fps:
   lasting, staying what they are. Zero where none are given."""
   if not given.any():
     return np.zeros_like(values)
-  matrix = bands.second_differences(len(values))
-  matrix[0] += 1e-10 if lasting else (posing.FADES * fps) ** -4.0
+  matrix = poses.second_differences(len(values))
+  matrix[0] += 1e-10 if lasting else (poses.FADES * fps) ** -4.0
   if lasting:
     steps = (_LASTS * fps) ** -2.0
     matrix[0, :-1] += steps
     matrix[0, 1:] += steps
     matrix[1, :-1] -= steps
-  return bands.solved(matrix, np.zeros_like(values), values, given)
+  return poses.solve_banded(matrix, np.zeros_like(values), values, given)
 
 
 def _posed(joints: np.ndarray, wanted: Callable[[np.ndarray], ControlSignal], lengths: np.ndarray | None, fps: float
            ) -> np.ndarray:
-  """The motion with the whole poses that are asked for, where those are of one body."""
+  """The motion blended into the whole poses, where those are of one body."""
   signal = wanted(joints)
   if lengths is None:
     return joints
-  return posing.posed(joints, np.asarray(signal.positions, np.float64)[0], np.asarray(signal.given)[0].all((-1, -2)),
-                      lengths, fps)
+  return poses.meet_poses(joints, np.asarray(signal.positions, np.float64)[0],
+                          np.asarray(signal.given)[0].all((-1, -2)), lengths, fps)
 
 
 def _carried(joints: np.ndarray, signal: ControlSignal, fps: float) -> np.ndarray:
-  """The motion with its body led to about where it is asked to be, and turned, step by step."""
+  """The motion with its body carried near its targets, and turned, step by step."""
   from scipy.ndimage import gaussian_filter1d
   places, given = np.asarray(signal.positions, np.float64)[0], np.asarray(signal.given)[0]
   ground = [0, 2]
-  aim, told = joints[:, 0, ground].copy(), given[:, 0, ground].all(-1)
-  aim[told] = places[told, 0][:, ground]
-  # A hand or a foot that is asked to be farther away than it reaches takes the body there.
-  for frame in np.flatnonzero(~told & given[..., ground].all(-1).any(-1)):
+  aim, targeted = joints[:, 0, ground].copy(), given[:, 0, ground].all(-1)
+  aim[targeted] = places[targeted, 0][:, ground]
+  # A hand or foot target out of reach takes the body there.
+  for frame in np.flatnonzero(~targeted & given[..., ground].all(-1).any(-1)):
     far = places[frame][given[frame, :, ground].all(0)][:, ground] - aim[frame]
     size = np.linalg.norm(far, axis=-1)
     if size.max() > _ARM:
       aim[frame] += far[size.argmax()] * (1 - _ARM / size.max())
-      told[frame] = True
+      targeted[frame] = True
   away = aim - joints[:, 0, ground]
   facing, faced = np.array(signal.heading, np.float64)[0], np.array(signal.heading_given)[0]
   whole = given.all((-1, -2)) & ~faced
   facing[whole], faced[whole] = angle_of(places[whole]) if whole.any() else 0, True
   wrap = lambda angle: (angle + np.pi) % (2 * np.pi) - np.pi
   own = angle_of(joints)
-  near = not told.any() or np.linalg.norm(away[told], axis=-1).max() < _FAR
+  near = not targeted.any() or np.linalg.norm(away[targeted], axis=-1).max() < _FAR
   if near and (not faced.any() or np.abs(wrap(facing - own)[faced]).max() < _TURNED):
     return joints
   course = lambda points: _smoothed(points, _COURSE * fps)
   path = course(joints[:, 0, ground])
-  goal = course(joints[:, 0, ground] + spread(away, told, fps, lasting=True))
+  goal = course(joints[:, 0, ground] + spread(away, targeted, fps, lasting=True))
   turn = np.zeros(len(joints))
-  if told.sum() > 1 and not near:
+  if targeted.sum() > 1 and not near:
     # The direction from here to there of the two courses, of fast frames more than of slow ones.
     (x, z), (u, v) = (np.gradient(way, axis=0).T * fps for way in (path, goal))
     weigh = lambda a: gaussian_filter1d(a, _COURSE * fps, mode="nearest")
@@ -150,7 +149,7 @@ def _carried(joints: np.ndarray, signal: ControlSignal, fps: float) -> np.ndarra
 
 
 def _smoothed(points: np.ndarray, sigma: float) -> np.ndarray:
-  """Points (T, K) by a Gaussian of sigma frames that goes on straight behind the ends."""
+  """Points (T, K) by a Gaussian of sigma frames that continues straight beyond the ends."""
   from scipy.ndimage import gaussian_filter1d
   pad = int(4 * sigma)
   beside = min(pad, len(points) - 1)
@@ -163,7 +162,7 @@ def _smoothed(points: np.ndarray, sigma: float) -> np.ndarray:
 def _stances(joints: np.ndarray, signal: ControlSignal, fps: float) -> tuple[np.ndarray, np.ndarray]:
   """(where ankles and toes of standing feet are to be (T, 4, 3), whether they stand (T, 4)), joints 7, 10, 8, 11.
 
-  A stance in which a foot is asked to be elsewhere moves there as a whole.
+  A stance in which a foot has a target moves there as a whole.
   """
   feet = list(HUMANML3D.left_feet + HUMANML3D.right_feet)
   places, given = np.asarray(signal.positions, np.float64)[0], np.asarray(signal.given)[0]
@@ -173,25 +172,24 @@ def _stances(joints: np.ndarray, signal: ControlSignal, fps: float) -> tuple[np.
     for first, past in zip(edges[::2], edges[1::2]):
       frames = slice(first, past)
       points = feet[side:side + 2]
-      told = given[frames][:, points]
-      off = np.where(told, places[frames][:, points] - joints[frames][:, points], 0)
-      where[frames, side:side + 2] += off.sum((0, 1)) / np.maximum(told.sum((0, 1)), 1)
+      targeted = given[frames][:, points]
+      off = np.where(targeted, places[frames][:, points] - joints[frames][:, points], 0)
+      where[frames, side:side + 2] += off.sum((0, 1)) / np.maximum(targeted.sum((0, 1)), 1)
   return where, stand
 
 
-def _solved(joints: np.ndarray, led: np.ndarray, wanted: Callable[[np.ndarray], ControlSignal], fps: float
+def _solved(joints: np.ndarray, carried: np.ndarray, wanted: Callable[[np.ndarray], ControlSignal], fps: float
             ) -> np.ndarray:
-  """The motion bent in all frames at once until it does what is wanted, feet standing where they stand in the
-  motion that was led there; see the formula above."""
+  """Solves the formula above for all frames at once; feet stand where they stand in the carried motion."""
   from scipy.linalg import solveh_banded
   count, size = len(joints), bodies.SIZE
   feet = list(HUMANML3D.left_feet + HUMANML3D.right_feet)
   weights = bodies.STIFF ** 2
-  smooth = bands.second_differences(count)
-  smooth[0] += (posing.FADES * fps) ** -4.0
+  smooth = poses.second_differences(count)
+  smooth[0] += (poses.FADES * fps) ** -4.0
   rows, columns = np.tril_indices(size)
   done, now = np.zeros((count, size)), joints
-  where, stand = _stances(led, wanted(joints), fps)
+  where, stand = _stances(carried, wanted(joints), fps)
   axes = bodies.hinges(joints)
   least = {number: np.minimum(angle, _STRAIGHT) for number, angle in bodies.bends(joints, axes).items()}
   lowest = np.minimum(joints[:, feet, 1], 0.0)
@@ -233,7 +231,7 @@ def _solved(joints: np.ndarray, led: np.ndarray, wanted: Callable[[np.ndarray], 
     matrix[0] += damping
     for apart in range(3):
       matrix[apart * size] += smooth[apart][:, None] * weights
-    pushed -= bands.times(smooth, done) * weights
+    pushed -= poses.multiply_banded(smooth, done) * weights
     change = solveh_banded(matrix.reshape(2 * size + 1, -1), pushed.reshape(-1), lower=True).reshape(count, size)
     change *= min(1.0, _STEP / max(np.abs(change).max(), 1e-9))
     done = done + change

@@ -1,22 +1,25 @@
-"""What a motion is asked to do, as arrays: where joints are to be, frame by frame, and where the body faces.
+"""Constraints as arrays: where joints should be, frame by frame, where the body faces, and where the motion begins.
 
-All kinds of constraint come down to this (`control.constraints`); networks, guidance and the final projection read it.
+All kinds of constraint are compiled to a `ControlSignal` (`control.compiling`); networks, guidance and projection read
+it. A motion begins at x = z = 0 and faces +Z in its own frame; `placement` finds where that is in the world.
 """
 from collections.abc import Sequence
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import flax.struct
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from motion_jax.motion.rotations import namespace
 
 NUM_JOINTS = 22
+_MOVES = 0.1  # metres of a path that show its direction
 
 
 @flax.struct.dataclass
 class ControlSignal:
-  """Places and headings that are asked for; what is not given is 0 and has a False flag.
+  """Target positions and headings, frame by frame; where nothing is given the value is 0 and the flag False.
 
   World metres, Y up, in the motion's own frame: a motion starts at x = z = 0 and faces +Z, as HumanML3D's do.
   """
@@ -35,11 +38,11 @@ class ControlSignal:
 
   @property
   def is_empty(self) -> bool:
-    """Whether nothing is asked for. Of concrete arrays alone: not inside of jit."""
+    """Whether there is no target at all. For concrete arrays only, not inside of jit."""
     return not (bool(self.given.any()) or bool(self.heading_given.any()))
 
   def slice_frames(self, start: int, stop: int) -> Self:
-    """The frames start to stop, the last not included. Frames past the end ask for nothing."""
+    """Frames start to stop, stop excluded. Frames past the end have no targets."""
     cut = lambda x: x[:, start:stop]
     short = stop - max(start, self.frames)
     if stop <= self.frames:
@@ -48,20 +51,20 @@ class ControlSignal:
 
 
 def none(batch: int, frames: int) -> ControlSignal:
-  """Nothing asked for of batch motions of so many frames."""
+  """An empty signal (batch, frames): no targets."""
   shape = (batch, frames, NUM_JOINTS, 3)
   return ControlSignal(jnp.zeros(shape), jnp.zeros(shape, bool), jnp.zeros(shape[:2]), jnp.zeros(shape[:2], bool))
 
 
 def stack(signals: Sequence[ControlSignal]) -> ControlSignal:
-  """Signals one behind the other along the batch; shorter ones ask for nothing past their ends."""
+  """Concatenates signals along the batch; shorter ones have no targets past their ends."""
   frames = max(signal.frames for signal in signals)
   padded = [signal.slice_frames(0, frames) for signal in signals]
   return jax.tree.map(lambda *leaves: jnp.concatenate(leaves), *padded)
 
 
 def errors(signal: ControlSignal, joints: Any) -> jax.Array:
-  """How far joints (B, T, 22, 3) are from where they should be: metres (B, T, 22) over the given coordinates.
+  """Distances (B, T, 22), metres, of joints (B, T, 22, 3) from their targets, over the given coordinates.
 
   0 where nothing is given. Differentiable, with gradient 0 where nothing is given or a joint is in its place.
   """
@@ -69,3 +72,56 @@ def errors(signal: ControlSignal, joints: Any) -> jax.Array:
   total = square.sum(-1)
   there = total > 0  # the root of 0 has no gradient
   return jnp.where(there, jnp.sqrt(jnp.where(there, total, 1.0)), 0.0)
+
+
+def rotate_about_y(points: Any, angle: Any) -> np.ndarray:
+  """Points (..., 3) rotated about +Y by angle (radians), from +Z towards +X."""
+  points = np.asarray(points, np.float64)
+  sin, cos = np.sin(angle), np.cos(angle)
+  x, y, z = np.moveaxis(points, -1, 0)
+  return np.stack([cos * x + sin * z, y, cos * z - sin * x], -1)
+
+
+class Placement(NamedTuple):
+  """Where a motion begins on the floor (x, z), and its heading there in radians."""
+  x: float = 0.0
+  z: float = 0.0
+  heading: float = 0.0
+
+
+def placement(signal: ControlSignal) -> Placement:
+  """The placement that a signal (1, T) implies: the pelvis target of the first frame, with its heading target or else
+  the direction of the path. Without a pelvis target in the first frame: the origin, facing +Z."""
+  given, places = np.asarray(signal.given)[0, :, 0][:, [0, 2]].all(-1), np.asarray(signal.positions)[0, :, 0]
+  if not given[0]:
+    return Placement()
+  x, z = map(float, places[0, [0, 2]])
+  if np.asarray(signal.heading_given)[0, 0]:
+    return Placement(x, z, float(np.asarray(signal.heading)[0, 0]))
+  gone = np.linalg.norm((places - places[0])[:, [0, 2]], axis=-1) * given
+  far = np.flatnonzero(gone > _MOVES)
+  if not len(far):
+    return Placement(x, z)
+  ahead = places[far[0]] - places[0]
+  return Placement(x, z, float(np.arctan2(ahead[0], ahead[2])))
+
+
+def to_model_frame(signal: ControlSignal, place: Placement) -> ControlSignal:
+  """A signal (1, T) in world coordinates, in the frame of a motion that begins at `place`."""
+  given = np.asarray(signal.given)
+  x, y, z = np.moveaxis(np.asarray(signal.positions, np.float64) - [place.x, 0, place.z], -1, 0)
+  across = given[..., 0] & given[..., 2]
+  if place.heading and (given[..., 0] != given[..., 2]).any():
+    raise ValueError("a coordinate that is given without the other of the ground cannot be turned")
+  at = rotate_about_y(np.stack([x, y, z], -1), -place.heading)
+  at[~across] = np.stack([x, y, z], -1)[~across]
+  heading = np.asarray(signal.heading) - np.float32(place.heading)
+  return ControlSignal(np.where(given, at, 0).astype(np.float32), given,
+                       np.where(signal.heading_given, heading, 0).astype(np.float32), np.asarray(signal.heading_given))
+
+
+def to_world_frame(joints: np.ndarray, place: Placement) -> np.ndarray:
+  """Joints (T, J, 3) of a motion that begins at `place`, in world coordinates; unchanged where it is the origin."""
+  if place == Placement():
+    return joints
+  return (rotate_about_y(joints, place.heading) + [place.x, 0, place.z]).astype(joints.dtype)

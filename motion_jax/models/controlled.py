@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING, Any
 import jax
 import numpy as np
 
-from motion_jax.control import files, finishing, paths, placing
+from motion_jax.control import files, finishing, paths
 from motion_jax.control import signal as signals
-from motion_jax.control.compiling import compile
+from motion_jax.control.compiling import clip_to_feasible, compile
 from motion_jax.control.constraints import Constraint, InPlace, KeepParts, Loop, RootPath
-from motion_jax.control.limits import possible
 from motion_jax.control.project import check_length, project
 from motion_jax.control.signal import ControlSignal
 from motion_jax.inputs.errors import InputError
@@ -111,17 +110,19 @@ def _controlled(model, prompts, frames, keys, seeds, cleanup, literal, sampling,
                                                             for each in one)):
       check_length(count)  # before anything is made
   # What no body can do is told by the projection, where there is one.
-  compiled = [possible(_compiled(one, count, model.fps), model.fps, not projected)
+  compiled = [clip_to_feasible(_compiled(one, count, model.fps), model.fps, not projected)
               for one, count in zip(asked, counts)]
-  places = [placing.placement(one) for one in compiled]
+  places = [signals.placement(one) for one in compiled]
   longer = [count + (finishing.spare(model.fps) if finds_its_cycle(one) else 0) for one, count in zip(asked, counts)]
   if not led:
     made = composed.generate(model, prompts, longer, None, keys, seeds, cleanup, literal, sampling, tries)
   else:
     made = _led(model, prompts, longer, keys, seeds, cleanup, sampling, compiled, places)
     # Poses and targets that are laid where the body is: now that is known.
-    again = [possible(_compiled(one, count, model.fps, placing.back(motion.joints[:count], place)), model.fps, False)
-             for one, count, motion, place in zip(asked, counts, made, places)]
+    placed = [signals.to_world_frame(motion.joints[:count], place)
+              for count, motion, place in zip(counts, made, places)]
+    again = [clip_to_feasible(_compiled(one, count, model.fps, joints), model.fps, warn=False)
+             for one, count, joints in zip(asked, counts, placed)]
     if any((np.asarray(a.given) != np.asarray(b.given)).any() for a, b in zip(compiled, again)):
       made = _led(model, prompts, longer, keys, seeds, cleanup, sampling, again, places)
   with timing.part("control"):
@@ -130,7 +131,7 @@ def _controlled(model, prompts, frames, keys, seeds, cleanup, literal, sampling,
 
 
 def _led(model, prompts, frames, keys, seeds, cleanup, sampling, compiled, places):
-  rows = [placing.into(one, place).slice_frames(0, max(frames)) for one, place in zip(compiled, places)]
+  rows = [signals.to_model_frame(one, place).slice_frames(0, max(frames)) for one, place in zip(compiled, places)]
   return model.sample_controlled(prompts, frames, keys, seeds, cleanup, sampling, signals.stack(rows))
 
 
@@ -182,10 +183,10 @@ def _frames(model, prompts, asked, num_frames, seconds, literal):
 
 
 def done(model: "TextToMotionModel", motion: Motion, asked: list[Constraint] | ControlSignal,
-         place: placing.Placement, count: int, projected: bool) -> Motion:
+         place: signals.Placement, count: int, projected: bool) -> Motion:
   """A motion of count frames as it was asked to be: laid in the world, its parts kept, brought to what is asked, made
   a loop (of a motion that is `finishing.spare` frames longer, where `finds_its_cycle`)."""
-  joints = placing.back(motion.joints, place)
+  joints = signals.to_world_frame(motion.joints, place)
   constraints = [] if isinstance(asked, ControlSignal) else asked
   kept = [one for one in constraints if isinstance(one, KeepParts)]
   for one in kept:
@@ -193,8 +194,8 @@ def done(model: "TextToMotionModel", motion: Motion, asked: list[Constraint] | C
   joints = joints if finds_its_cycle(asked) else joints[:count]
   if projected and not finds_its_cycle(asked):
     known = asked.slice_frames(0, len(joints)) if isinstance(asked, ControlSignal) else asked
-    joints = project(joints, known, model.fps, tell=True)
-  joints = finishing.finished(joints, constraints, model.fps, count if finds_its_cycle(asked) else None)
+    joints = project(joints, known, model.fps, warn=True)
+  joints = finishing.finalize(joints, constraints, model.fps, count if finds_its_cycle(asked) else None)
   kinds = ["signal"] if isinstance(asked, ControlSignal) else [one.kind for one in asked]
   return motion.replace(joints=joints, features=features_of(model, joints),
                         meta=motion.meta | dict(control=kinds, projected=bool(projected)))

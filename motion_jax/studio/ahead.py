@@ -7,9 +7,8 @@ import jax
 import numpy as np
 
 from motion_jax.control import paths
-from motion_jax.control.compiling import compile
+from motion_jax.control.compiling import clip_to_feasible, compile
 from motion_jax.control.constraints import Constraint, EffectorTarget, Keyframe, RootPath
-from motion_jax.control.limits import possible
 from motion_jax.control.signal import ControlSignal
 from motion_jax.inputs.errors import InputError
 from motion_jax.models.controlled import WALK
@@ -64,7 +63,7 @@ def signal_of(control: Sequence[Constraint], at: float | None, decided: int, pla
                        "give it the place \"world\"")
   # In numpy: of each step another length would be compiled.
   return jax.tree.map(lambda a: np.pad(np.asarray(a), ((0, 0), (first, 0)) + ((0, 0),) * (np.ndim(a) - 2)),
-                      possible(found, fps, tell=False))
+                      clip_to_feasible(found, fps, warn=False))
 
 
 def _last(one: Any, fps: float) -> int:

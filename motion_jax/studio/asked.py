@@ -4,10 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from motion_jax.control import finishing, placing
-from motion_jax.control.compiling import compile
+from motion_jax.control import finishing
+from motion_jax.control import signal as signals
+from motion_jax.control.compiling import clip_to_feasible, compile
 from motion_jax.control.constraints import Constraint
-from motion_jax.control.limits import possible
 from motion_jax.data.clip import Clip
 from motion_jax.export import scene
 from motion_jax.inputs.errors import InputError
@@ -33,7 +33,7 @@ def made(stories: Stories, model: Any, segments: Sequence[tuple[str, int]], seed
   signal = compile(control, count, model.fps)
   motion, place, reused = _led(stories, model, rows, seed, cleanup, sampling, signal)
   # Poses and targets that are laid where the body is: now that is known.
-  again = compile(control, count, model.fps, placing.back(motion.joints[:count], place))
+  again = compile(control, count, model.fps, signals.to_world_frame(motion.joints[:count], place))
   if (np.asarray(again.given) != np.asarray(signal.given)).any():
     motion, place, reused = _led(stories, model, rows, seed, cleanup, sampling, again)
   motion = controlled.done(model, motion, control, place, count, cleanup)
@@ -43,9 +43,9 @@ def made(stories: Stories, model: Any, segments: Sequence[tuple[str, int]], seed
 
 def _led(stories, model, rows, seed, cleanup, sampling, signal):
   """(motion where models begin, where it belongs, frames not sampled anew) of a signal (1, T) in the world."""
-  signal = possible(signal, model.fps, tell=False)
-  place = placing.placement(signal)
-  motion, reused, _ = stories.make(model, rows, seed, cleanup, sampling, hold=placing.into(signal, place))
+  signal = clip_to_feasible(signal, model.fps, warn=False)
+  place = signals.placement(signal)
+  motion, reused, _ = stories.make(model, rows, seed, cleanup, sampling, hold=signals.to_model_frame(signal, place))
   return motion, place, reused
 
 

@@ -53,7 +53,7 @@ def test_the_reference_path_leads_straight_to_what_is_given():
   np.testing.assert_allclose(found.place[0, [0, 10, 20, 25, 30, 40]],
                              [[0, 0], [1, 0], [2, 0], [2, 2], [2, 4], [2, 4]], atol=1e-6)
   np.testing.assert_allclose(found.heading[0, [10, 27]], [np.pi / 2, 0], atol=1e-6)  # +X, then +Z
-  assert found.told[0, :31].all() and not found.told[0, 31:].any()
+  assert found.known[0, :31].all() and not found.known[0, 31:].any()
 
 
 def test_a_heading_is_that_which_is_given_or_which_hips_and_shoulders_show():
@@ -94,7 +94,7 @@ def test_random_constraints_are_met_by_the_motion_they_were_drawn_from():
   joints = jax.random.normal(jax.random.key(0), (300, 24, 22, 3)) + 5
   frames = jnp.where(jnp.arange(300) % 2, 24, 9)
   keys = jax.random.split(jax.random.key(1), 300)
-  drawn = jax.jit(patterns.draw, static_argnums=4)
+  drawn = jax.jit(patterns.draw_constraints, static_argnums=4)
   signal = drawn(joints, jnp.full((300, 24), 0.5), frames, keys, 0.8)
   given = np.asarray(signal.given)
   np.testing.assert_array_equal(signal.positions, np.where(given, joints, 0))

@@ -4,8 +4,9 @@ import json
 import numpy as np
 import pytest
 
-from motion_jax.control import files, kimodo, paths, placing
-from motion_jax.control.compiling import angle_of, compile, turned
+from motion_jax.control import files, paths
+from motion_jax.control import signal as signals
+from motion_jax.control.compiling import angle_of, compile
 from motion_jax.control.constraints import (
     EffectorTarget,
     EndPose,
@@ -17,7 +18,10 @@ from motion_jax.control.constraints import (
     StartPose,
 )
 from motion_jax.inputs.errors import InputError
-from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.motion import inverse
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.retarget import with_lengths
+from motion_jax.motion.skeleton import HUMANML3D, SMPL
 
 
 def pose(heading=0.0, x=0.0, z=0.0):
@@ -27,7 +31,7 @@ def pose(heading=0.0, x=0.0, z=0.0):
     for parent, joint in zip(chain[:-1], chain[1:]):
       joints[joint] = joints[parent] + HUMANML3D.offsets[joint]
   joints[..., 1] -= joints[[7, 8, 10, 11], 1].min()
-  return turned(joints, heading) + [x, 0, z]
+  return signals.rotate_about_y(joints, heading) + [x, 0, z]
 
 
 WALK = np.stack([pose(z=0.05 * t) for t in range(61)])
@@ -134,27 +138,29 @@ def test_targets_seen_from_the_body_turn_with_it():
 
 def test_a_motion_begins_where_its_path_does_and_faces_along_it():
   signal = compile([RootPath([[3, 1], [5, 1]])], 61)
-  place = placing.placement(signal)
+  place = signals.placement(signal)
   np.testing.assert_allclose(place, (3, 1, np.pi / 2), atol=1e-6)
-  inside = placing.into(signal, place)
+  inside = signals.to_model_frame(signal, place)
   np.testing.assert_allclose(inside.positions[0, -1, 0], [0, 0, 2], atol=1e-5)
-  np.testing.assert_allclose(placing.back(inside.positions[0], place)[-1, 0], [5, 0, 1], atol=1e-5)
-  assert placing.placement(compile([], 5)) == placing.Placement()
+  np.testing.assert_allclose(signals.to_world_frame(inside.positions[0], place)[-1, 0], [5, 0, 1], atol=1e-5)
+  assert signals.placement(compile([], 5)) == signals.Placement()
 
 
-def test_kimodos_file_there_and_back():
-  ours = [RootPath([[0, 0], [0, 1], [1, 2]], [0, 1, 2], heading=[0, 0.5, 1], between=False),
-          Keyframe(pose(0.7, 1, 2), 1.0, "world")]
-  back = kimodo.from_kimodo(json.loads(json.dumps(kimodo.to_kimodo(ours))))
-  np.testing.assert_allclose(back[0].points, ours[0].points)
-  np.testing.assert_allclose(back[0].heading, ours[0].heading)
+def test_kimodos_file_is_read():
+  points, angles, body = [[0, 0], [0, 1], [1, 2]], np.array([0, 0.5, 1]), pose(0.7, 1, 2)
+  on_smpl = with_lengths(body[None], SMPL)
+  path = {"type": "root2d", "frame_indices": [0, 30, 60], "smooth_root_2d": points,
+          "global_root_heading": np.stack([np.cos(angles), np.sin(angles)], -1).tolist()}
+  whole = {"type": "fullbody", "frame_indices": [30], "root_positions": on_smpl[:, 0].tolist(), "local_joints_rot":
+           rot.to_vector(inverse.relative(inverse.world_rotations(on_smpl, SMPL), SMPL)).tolist()}
+  back = files.from_kimodo([path, whole])
+  np.testing.assert_allclose(back[0].points, points)
+  np.testing.assert_allclose(back[0].heading, angles)
   assert back[1].time == 1.0
-  assert np.linalg.norm(back[1].joints - ours[1].joints, axis=-1).max() < 0.15  # SMPL's hips lie lower
+  assert np.linalg.norm(back[1].joints - body, axis=-1).max() < 0.15  # SMPL's hips lie lower
   hand = {"type": "left-hand", "frame_indices": [30], "local_joints_rot": np.zeros((1, 22, 3)).tolist(),
           "root_positions": [[0, 1, 0]]}
-  assert kimodo.from_kimodo([hand])[0].joint == "left_hand"
+  assert files.from_kimodo([hand])[0].joint == "left_hand"
   for broken in ([{"type": "root3d"}], [{"type": "root2d"}], [dict(hand, local_joints_rot=[[[0, 0, 0]] * 77])]):
     with pytest.raises(InputError):
-      kimodo.from_kimodo(broken)
-  with pytest.warns(UserWarning, match="left out"):
-    assert kimodo.to_kimodo([Loop()]) == []
+      files.from_kimodo(broken)

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 import motion_jax
-from motion_jax.control import curves
+from motion_jax.control import paths
 from motion_jax.control.signal import ControlSignal
 from motion_jax.metrics.physics import skating_ratio
 
@@ -19,7 +19,7 @@ def _on(path):
 @pytest.mark.slow
 def test_a_path_is_followed_when_told_more_when_guided_and_exactly_in_the_end():
   model = motion_jax.load("cmdm-small")
-  path = curves.corner(model.fps)
+  path = paths.corner(model.fps)
   off = lambda motions: np.linalg.norm([motion.joints[:, 0, ::2] - path for motion in motions], axis=-1)
   make = lambda **options: model.generate(WORDS, len(path), seeds=[1, 2], cleanup=False, literal=True, **options)
   plain, told = make(), make(control=_on(path), control_steps=0, project=False)

@@ -36,7 +36,7 @@ def test_nothing_asked_is_the_same_motion_bit_for_bit(model, plain, control):
 
 def test_a_path_that_is_too_long_is_refused_before_anything_is_made(model, monkeypatch):
   monkeypatch.setattr(type(model), "sample", lambda *_, **__: pytest.fail("a motion was sampled"))
-  with pytest.raises(InputError, match="got 4,001 frames to be brought to what is asked, expected at most 2,400"):
+  with pytest.raises(InputError, match="got 4,001 frames with constraints, expected at most 2,400"):
     model.generate("a person walks", seeds=[0], control=[RootPath([[0, 0], [240, 0]])])
 
 

@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
-from motion_jax.control import loops
-from motion_jax.control.loops import blend, cycle
+from motion_jax.control import finishing
+from motion_jax.control.finishing import blend, cycle
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.inputs.errors import InputError
 from motion_jax.motion.planting import stands
@@ -45,7 +45,7 @@ def test_of_cycles_that_meet_well_that_with_the_smoothest_seam_is_taken(monkeypa
     made.append(with_lengths(joints + 0.01 * shiver / shiver.std(), HUMANML3D))
   seam = lambda found: found[55:61].max() / found[65:112].max()
   best = [seam(jerk(cycle(joints, 60).astype(np.float64))) for joints in made]
-  monkeypatch.setattr(loops, "_TRIED", 1)
+  monkeypatch.setattr(finishing, "_TRIED", 1)
   first = [seam(jerk(cycle(joints, 60).astype(np.float64))) for joints in made]
   assert max(best) <= 1 and np.mean(best) < 0.9 * np.mean(first)
 

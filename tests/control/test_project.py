@@ -73,7 +73,7 @@ def test_what_no_body_can_do_is_told_and_the_nearest_is_made(walk):
     high = project(joints, [EffectorTarget("left_hand", [1.5], [joints[30, 0] * [1, 0, 1] + [0, 4, 0]])])
   assert "left_wrist" in str(said[0].message) and "4.00 m at 1.50 s (frame 30)" in str(said[0].message)
   assert high[30, 20, 1] > 1.8 and np.isfinite(high).all()
-  with pytest.warns(UserWarning, match=r"pelvis is asked to go at 12\.0 m/s .*\(frame"):
+  with pytest.warns(UserWarning, match=r"pelvis has to move at 12\.0 m/s .*\(frame"):
     fast = project(joints, [RootPath([[0, 0], [0, 12 * 43 / 20]])])
   assert np.linalg.norm(np.diff(fast[:, 0], axis=0), axis=-1).max() * 20 < 7.5
 

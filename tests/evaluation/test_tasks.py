@@ -7,7 +7,7 @@ import types
 import numpy as np
 import pytest
 
-from motion_jax.control import curves
+from motion_jax.control import paths
 from motion_jax.data.datasets.synthetic import synthetic_clips, synthetic_joints
 from motion_jax.data.timelines import read_sequences
 from motion_jax.evaluation import protocols, request, run, samples
@@ -237,12 +237,12 @@ def test_control(tiny_run, archive, evaluator, tmp_path, monkeypatch):
   """Rows of the joints that are asked for, of each curve, and of the same model asked for nothing, which is farther
   off. Two densities and one short curve: each length is compiled."""
   monkeypatch.setattr(control, "DENSITIES", (1, 100))
-  monkeypatch.setattr(curves, "CURVES", {"circle": lambda fps: curves.circle(fps)[:48]})
+  monkeypatch.setattr(paths, "CURVES", {"circle": lambda fps: paths.circle(fps)[:48]})
   result = judged([tiny_run], [archive], small("control"), evaluator, tmp_path, limit=4,
                   sampling=dict(num_steps=2, joints="pelvis"))
   rows = {name: {key: one["mean"] for key, one in row.items()} for name, row in result.rows.items()}
   name = tiny_run.name
-  assert {f"{part}: {name}" for part in ("unconstrained", "pelvis", *curves.CURVES)} <= set(rows)
+  assert {f"{part}: {name}" for part in ("unconstrained", "pelvis", *paths.CURVES)} <= set(rows)
   assert rows["real"]["control_error"] == 0 and rows[f"circle: {name}"]["top_speed"] > 0
   assert rows[f"pelvis: {name}"]["control_error"] < rows[f"unconstrained: {name}"]["control_error"]
   assert {"trajectory_20", "location_50", "control_error", "skating", "fid", "top3"} <= set(result.metrics)

@@ -2,7 +2,7 @@
 import numpy as np
 import pytest
 
-from motion_jax.control.curves import CURVES, SPEED
+from motion_jax.control.paths import CURVES, SPEED
 from motion_jax.metrics.control_scores import control_scores
 
 

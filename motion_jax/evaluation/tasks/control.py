@@ -11,7 +11,7 @@ import dataclasses
 
 import numpy as np
 
-from motion_jax.control import curves
+from motion_jax.control import paths
 from motion_jax.control import signal as signals
 from motion_jax.control.signal import NUM_JOINTS
 from motion_jax.evaluation import samples
@@ -129,7 +129,7 @@ class Control(Generation):
     longest curve, so that one program makes them, and looked at as long as they are asked for something."""
     model, rows, layout = candidate.model, {}, candidate.model.stats.layout
     places = {name: curve(model.fps)[:int(min(model.max_seconds, 60) * model.fps)]
-              for name, curve in curves.CURVES.items()}
+              for name, curve in paths.CURVES.items()}
     count, longest = len(WALKS) * COPIES, max(map(len, places.values()))
     jobs = samples.Jobs(list(WALKS) * COPIES, [longest] * count,
                         [samples.seed_of(self.harness.seed, replication, i, PATHS) for i in range(count)],

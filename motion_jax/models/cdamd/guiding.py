@@ -42,4 +42,4 @@ class Settling:
       return guidance.residual(self.signal, layout.to_joints(features), -2 * jnp.arctan2(turned[..., 2],
                                                                                         turned[..., 0]))
 
-    return guidance.settled(residual, latents, jnp.where(real_mask[..., None], VARIANCE, 0.0), self.num_times)
+    return guidance.refine(residual, latents, jnp.where(real_mask[..., None], VARIANCE, 0.0), self.num_times)

@@ -100,5 +100,5 @@ class Guide:
     if not self.num_times:
       return latents
     behind = self.begin()
-    return guidance.settled(lambda z: self._residual(behind, 0, z), latents, jnp.full((1, latents.shape[1], 1), 0.05),
+    return guidance.refine(lambda z: self._residual(behind, 0, z), latents, jnp.full((1, latents.shape[1], 1), 0.05),
                             self.num_times)

@@ -134,7 +134,7 @@ def control_of(config: ConfigDict, vae: CausalVAE, frozen: Any, batch: dict[str,
   features = batch["features"] * stats["std"] + stats["mean"]
   turn, _ = layout.root_path(features)
   keys = jax.vmap(lambda i: jax.random.fold_in(jax.random.fold_in(rng, 3), i))(batch["index"])
-  signal = patterns.draw(layout.to_joints(features), -2 * jnp.arctan2(turn[..., 2], turn[..., 0]),
+  signal = patterns.draw_constraints(layout.to_joints(features), -2 * jnp.arctan2(turn[..., 2], turn[..., 0]),
                          batch["num_frames"], keys, config.data.control)
   return signal, conditioning.features(signal, vae.frames_per_latent)
 

@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
-from motion_jax.control import bands, posing
-from motion_jax.control.limits import possible
+from motion_jax.control import poses
+from motion_jax.control.compiling import clip_to_feasible
 from motion_jax.control.project import project
 from motion_jax.control.signal import ControlSignal
 from motion_jax.data.datasets.synthetic import synthetic_joints
@@ -44,7 +44,7 @@ def test_between_thick_poses_a_motion_that_shivers_goes_as_the_poses_do(action):
   noise = gaussian_filter1d(rng.normal(size=real.shape), 2.0, axis=0)
   start = with_lengths(real + 0.05 * noise / noise.std(), HUMANML3D)
   frames = np.sort(rng.choice(COUNT, COUNT // 4, replace=False))
-  made = project(start, _asked(real, frames), tell=False).astype(np.float64)
+  made = project(start, _asked(real, frames), warn=False).astype(np.float64)
   assert np.abs(made - real)[frames].max() < 1e-3
   assert np.abs(bone_lengths(made, HUMANML3D) - HUMANML3D.bone_lengths).max() < 1e-4
   inside = slice(frames[0], frames[-1] + 1)
@@ -56,7 +56,7 @@ def test_limbs_do_not_dart_between_poses_of_quite_another_motion():
   start, real = _body("walk", 1), _body("wave_left", 2)
   start = start - start[:, :1] * [1, 0, 1] + real[:, :1] * [1, 0, 1]
   frames = np.arange(0, COUNT, 5)
-  made = project(start, _asked(real, frames), tell=False)
+  made = project(start, _asked(real, frames), warn=False)
   assert np.abs(made - real)[frames].max() < 1e-3
   assert _fastest(made) < 1.5 * _fastest(real)
 
@@ -64,38 +64,38 @@ def test_limbs_do_not_dart_between_poses_of_quite_another_motion():
 def test_a_walk_keeps_its_steps_between_poses_that_are_far_apart():
   """Poses of the walk itself, a second and a half apart: a way straight from one to the next has no steps."""
   walk = _body("walk", 1)
-  made = posing.posed(walk, walk, _given([10, 40, 70]), HUMANML3D.bone_lengths, FPS)
+  made = poses.meet_poses(walk, walk, _given([10, 40, 70]), HUMANML3D.bone_lengths, FPS)
   np.testing.assert_allclose(made, walk, atol=1e-5)
   moved = walk + [0.1, 0, 0]
-  made = posing.posed(walk, moved, _given([10, 40, 70]), HUMANML3D.bone_lengths, FPS)
+  made = poses.meet_poses(walk, moved, _given([10, 40, 70]), HUMANML3D.bone_lengths, FPS)
   assert np.abs(made - moved)[[10, 40, 70]].max() < 1e-9
   assert np.abs((made - made[:, :1]) - (walk - walk[:, :1])).max() < 1e-5  # the body is shifted, no more
 
 
 def test_no_pose_and_short_motions_are_left_alone():
   walk = _body("walk", 1)
-  assert posing.posed(walk, walk + 1, _given([]), HUMANML3D.bone_lengths, FPS) is walk
-  assert posing.posed(walk[:2], walk[:2] + 1, _given([0])[:2], HUMANML3D.bone_lengths, FPS).shape == (2, 22, 3)
+  assert poses.meet_poses(walk, walk + 1, _given([]), HUMANML3D.bone_lengths, FPS) is walk
+  assert poses.meet_poses(walk[:2], walk[:2] + 1, _given([0])[:2], HUMANML3D.bone_lengths, FPS).shape == (2, 22, 3)
 
 
 def test_bands_are_the_matrix_of_squared_second_differences():
   weights = np.arange(1.0, 7.0)
   difference = np.diff(np.eye(8), n=2, axis=0)
   full = difference.T @ np.diag(weights) @ difference
-  matrix = bands.second_differences(8, weights)
+  matrix = poses.second_differences(8, weights)
   for apart in range(3):
     np.testing.assert_allclose(matrix[apart, :8 - apart], np.diagonal(full, apart))
   x = np.random.default_rng(0).normal(size=(8, 2))
-  np.testing.assert_allclose(bands.times(matrix, x), full @ x)
-  assert not bands.second_differences(2).any() and bands.second_differences(1).shape == (3, 1)
+  np.testing.assert_allclose(poses.multiply_banded(matrix, x), full @ x)
+  assert not poses.second_differences(2).any() and poses.second_differences(1).shape == (3, 1)
 
 
 def test_a_pose_on_a_ladder_stays_there_and_one_in_the_sky_comes_down_as_it_is():
   walk = _body("walk", 1)
-  climbs = possible(_asked(walk + [0, 1.2, 0], [10]), tell=False)
+  climbs = clip_to_feasible(_asked(walk + [0, 1.2, 0], [10]), warn=False)
   np.testing.assert_allclose(climbs.positions[0, 10], (walk + [0, 1.2, 0])[10], atol=1e-6)
   with pytest.warns(UserWarning, match="higher than a body reaches"):
-    flies = possible(_asked(walk + [0, 90, 0], [10]))
+    flies = clip_to_feasible(_asked(walk + [0, 90, 0], [10]))
   pose = flies.positions[0, 10]
   np.testing.assert_allclose(pose - pose[0], walk[10] - walk[10, 0], atol=1e-4)
   assert 1 < pose[:, 1].min() < 6
@@ -108,6 +108,6 @@ def test_a_pose_turned_half_round_turns_the_body_there():
   frame = 40
   pose = np.where(np.arange(COUNT)[:, None, None] == frame, turned - turned[frame, 0] * [1, 0, 1]
                   + walk[frame, 0] * [1, 0, 1], 0)
-  made = project(walk, _asked(pose, [frame]), tell=False)
+  made = project(walk, _asked(pose, [frame]), warn=False)
   assert np.abs(made[frame] - pose[frame]).max() < 1e-3
   assert _fastest(made.astype(np.float64)) < 12
