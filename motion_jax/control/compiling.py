@@ -199,8 +199,7 @@ def clip_to_feasible(signal: ControlSignal, fps: float = 20.0, warn: bool = True
     if beyond.max() > 0:
       frame, joint = np.unravel_index(beyond.argmax(), beyond.shape)
       said.append(f"{HUMANML3D.joints[joint]} has a target at a height of {positions[0, frame, joint, 1]:.2f} m at "
-                  f"{frame / fps:.2f} s (frame {frame}), {words}: {bounds[frame, joint]:.2f} m is the nearest "
-                  "feasible height")
+                  f"{frame / fps:.2f} s (frame {frame}), {words}; the limit is {bounds[frame, joint]:.2f} m")
       positions[0, whole, :, 1] -= over * np.maximum(beyond[whole].max(-1, keepdims=True), 0)
       clipped = np.minimum(positions[0, ..., 1], bounds) if over > 0 else np.maximum(positions[0, ..., 1], bounds)
       positions[0, ..., 1] = np.where(given[0, ..., 1], clipped, positions[0, ..., 1])

@@ -94,7 +94,7 @@ def test_a_pose_on_a_ladder_stays_there_and_one_in_the_sky_comes_down_as_it_is()
   walk = _body("walk", 1)
   climbs = clip_to_feasible(_asked(walk + [0, 1.2, 0], [10]), warn=False)
   np.testing.assert_allclose(climbs.positions[0, 10], (walk + [0, 1.2, 0])[10], atol=1e-6)
-  with pytest.warns(UserWarning, match="higher than a body reaches"):
+  with pytest.warns(UserWarning, match="out of reach; the limit is"):
     flies = clip_to_feasible(_asked(walk + [0, 90, 0], [10]))
   pose = flies.positions[0, 10]
   np.testing.assert_allclose(pose - pose[0], walk[10] - walk[10, 0], atol=1e-4)
