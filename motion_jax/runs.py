@@ -17,8 +17,10 @@ import ml_collections
 from motion_jax import paper_rows
 from motion_jax.inputs import former_names
 from motion_jax.inputs.errors import InputError, reading
+from motion_jax.inputs.input_files import read_json, tensor_sizes
 from motion_jax.inputs.nearest import did_you_mean
 from motion_jax.inputs.numerals import shortened
+from motion_jax.latents import TOKENIZER
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.stats import Stats, load_stats
 from motion_jax.training import checkpoint
@@ -195,6 +197,24 @@ def shipped_names(stage: str | Sequence[str] | None = None) -> list[str]:
                  if (path.parent / "Mean.npy").is_file())  # less the tables of words
   wanted = _stages(stage)
   return [name for name in names if not wanted or checkpoint.load_config(PRETRAINED / name).get("stage") in wanted]
+
+
+def about(name: str) -> dict[str, str]:
+  """What a model that ships is for and does, its licence and how fast it is: its about.json."""
+  return read_json(PRETRAINED / name / "about.json")
+
+
+def num_params(folder: str | os.PathLike) -> int:
+  """Parameters of the run in a folder: of its network, and of the tokenizer inside a generator's, the text encoder left
+  out. From the headers of its files, as `Model.num_params` counts them; nothing is loaded."""
+  folder = find(folder)
+  config = checkpoint.load_config(folder)
+  tokenizer = folder / checkpoint.FROZEN
+  if not tokenizer.is_file() and (shared := (config.get("frozen") or {}).get("tokenizer")) in shipped_names():
+    tokenizer = PRETRAINED / shared / checkpoint.FROZEN
+  network = sum(tensor_sizes(folder / checkpoint.PARAMS).values())
+  inside = tensor_sizes(tokenizer) if tokenizer.is_file() else {}
+  return network + sum(count for name, count in inside.items() if name.startswith(f"{TOKENIZER}/"))
 
 
 def _stages(stage):

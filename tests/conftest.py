@@ -106,7 +106,7 @@ def pytest_collection_modifyitems(config, items):
   absent = [name for name in ("torch", "transformers") if importlib.util.find_spec(name) is None]
   wanted = config.getoption("--torch")
   if wanted and absent:
-    raise pytest.UsageError(f"--torch, but {' and '.join(absent)} not installed: pip install 'motion-jax[convert]'")
+    raise pytest.UsageError(f"--torch, but {' and '.join(absent)} not installed: pip install -q '.[convert]'")
   if wanted:
     config.hook.pytest_deselected(items=[item for item in items if not item.get_closest_marker("torch")])
     items[:] = [item for item in items if item.get_closest_marker("torch")]

@@ -83,7 +83,7 @@ def _out_of_memory(error):
 
 
 def _parser():
-  parser = Parser(prog="motion-jax", description="Make people move from words.")
+  parser = Parser(prog="motion-jax", description="Text-to-motion generation: sentences become moving bodies.")
   parser.add_argument("--version", action="version", version=f"motion-jax {motion_jax.__version__}",
                       help="the version of this program")
   commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")

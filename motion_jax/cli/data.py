@@ -4,6 +4,7 @@ import sys
 
 from motion_jax.cli import shared
 from motion_jax.inputs.numerals import FRAME_RATES, real
+from motion_jax.runtime.install import pip_install
 
 
 def add_to(commands):
@@ -25,7 +26,7 @@ def add_to(commands):
   build.set_defaults(run=_build)
   records = data.add_parser("records", help="a data folder -> files of tensorflow-datasets, for data beyond memory",
                             description="Writes the features of a data folder as array_record files, which training "
-                            "reads one clip at a time (pip install 'motion-jax[data]').")
+                            f"reads one clip at a time; needs {pip_install('data')}.")
   records.add_argument("folder", nargs="+", help="a data folder of any data set that is known, or several")
   records.add_argument("--out", required=True, metavar="FOLDER", help="folder to write")
   records.add_argument("--layout", default="full", help="of the features: full, essential, coordinates, ... (full)")

@@ -1,7 +1,10 @@
 """motion-jax generate, multi-prompt, extend and edit: the commands that make motion."""
+import functools
+import json
 import pathlib
 import time
 
+import motion_jax
 from motion_jax.cli import control, shared
 from motion_jax.cli.prompts import read_prompts, read_sequences
 from motion_jax.inputs.errors import InputError
@@ -87,31 +90,58 @@ def _making(parser, out):
   """Options of all commands that make motion."""
   parser.former_flags = {"--raw": "--no-cleanup", "--rounds": "--iterations", "--revealed-only": "--unmasked-only"}
   parser.add_argument("--num", type=whole(*MOTIONS), default=1,
-                      help="motions to make of each input, with the seeds SEED, SEED + 1, ... (1)")
+                      help="number of motions per prompt; motion i uses seed SEED + i (1)")
   parser.add_argument("--seed", type=whole(*SEEDS), default=0,
                       help="seed of the random draws: the same seed gives the same motion (0)")
   for flag, methods in _choices().items():
-    known = next(iter(methods.values()))
-    said = list(dict.fromkeys(one.help for one in methods.values()))
-    told = said[0] if len(said) == 1 else "; ".join(f"{method.upper()}: {one.help}" for method, one in methods.items())
+    _, known = next(iter(methods.values()))
+    said = list(dict.fromkeys(one.help for _, one in methods.values()))
+    told = said[0] if len(said) == 1 else "; ".join(
+        f"{method.upper()}: {one.help}" for method, (_, one) in methods.items())
+    told += _defaults(methods)
     here = _group(parser, next(iter(methods))) if len(methods) == 1 < len(registry.METHODS) else parser
     here.add_argument(f"--{flag}", type=None if known.read is str else known.read, choices=known.choices, help=told)
   parser.add_argument("--no-cleanup", action="store_true",
                       help="without foot-skate cleanup and smoothing, and not brought to what is asked exactly: "
                            "as the network made it")
-  parser.add_argument("--model", default="cmdm-small", help="a run folder or the name of a model that ships")
+  parser.add_argument("--model", default="cmdm-small",
+                      help="a run folder, or a model that ships; motion-jax models lists them (%(default)s)")
   shared.add_out(parser, out, "wave.mp4,wave.bvh")
   shared.add_rig(parser)
   shared.add_film(parser, "in films and pictures")
   parser.add_argument("--timings", action="store_true", help="say at the end where the time went")
 
 
+def _defaults(methods):
+  """How the models that ship are sampled where nothing is given, by a choice of these methods: for its help."""
+  found = {}
+  for name, method, sampler in _samplers():
+    if method in methods:
+      field, known = methods[method]
+      value = sampler.get(known.key or field, known.usual)
+      if value is not None:
+        found.setdefault(f"{value:g}" if isinstance(value, float) else str(value).lower(), []).append(name)
+  said = "; ".join(value if len(found) == 1 else f"{value} for {', '.join(names)}" for value, names in found.items())
+  return f" (the model's own: {said})" if said else ""
+
+
+@functools.cache
+def _samplers():
+  """[(name, method, how it is sampled)] of the models that ship; their configs alone are read."""
+  found = []
+  for path in sorted((pathlib.Path(motion_jax.__file__).parent / "pretrained").glob("*/config.json")):
+    config = json.loads(path.read_text(encoding="utf-8"))
+    if "sampler" in config:
+      found.append((path.parent.name, config["stage"].partition(".")[0], config["sampler"]))
+  return found
+
+
 def _choices():
-  """{flag: {method: what is known of the choice}} of all choices of sampling that a command line may make."""
+  """{flag: {method: (field, what is known of it)}} of all choices of sampling that a command line may make."""
   found = {}
   for method, options in registry.options().items():
     for name, known in options.described().items():
-      found.setdefault(flag_of(name, known), {})[method] = known
+      found.setdefault(flag_of(name, known), {})[method] = name, known
   return found
 
 

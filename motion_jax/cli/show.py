@@ -3,6 +3,8 @@ import pathlib
 
 from motion_jax.cli import shared
 
+_MAKES = "text to motion"
+
 
 def add_to(commands):
   """Adds these sub-commands to those of `motion-jax`."""
@@ -14,7 +16,7 @@ def add_to(commands):
   shared.add_film(render, "in whatever kind of file")
   render.set_defaults(run=_render)
 
-  models = commands.add_parser("models", help="the models that ship")
+  models = commands.add_parser("models", help="the models that ship: what each does, its size, licence and speed")
   models.set_defaults(run=_models)
 
 
@@ -26,6 +28,19 @@ def _render(args):
 
 
 def _models(args):
-  from motion_jax.runs import PRETRAINED, shipped_names
-  for name in shipped_names():
-    print(f"{name}\t{PRETRAINED / name / 'README.md'}")
+  import textwrap
+
+  from motion_jax import runs
+  groups = {}
+  for name in sorted(runs.shipped_names(), key=lambda name: name != "cmdm-small"):  # the default is the first
+    about = runs.about(name)
+    size = f"{runs.num_params(name) / 1e6:.1f} M parameters"
+    facts = "; ".join(filter(None, (size, about["licence"], about["speed"])))
+    groups.setdefault(about["for"], []).append((name, about["does"], facts))
+  for purpose in sorted(groups, key=lambda purpose: purpose != _MAKES):
+    print(f"{purpose}:")
+    for name, does, facts in groups[purpose]:
+      print(f"  {name:<20} {facts}")
+      print(textwrap.fill(does, 110, initial_indent=" " * 23, subsequent_indent=" " * 23, break_on_hyphens=False))
+  print(f"\n--model takes those of {_MAKES}. Parameters are those of the network and its tokenizer, without the text "
+        f"encoder.\nWhat each knows and was trained on: {runs.PRETRAINED}/NAME/README.md")

@@ -6,6 +6,7 @@ import flax
 import numpy as np
 
 from motion_jax.inputs.input_files import load_safetensors
+from motion_jax.runtime.install import pip_install
 
 Table = dict[str, tuple[str, str]]  # {name of the reference: (our path, kind of `_KINDS`)}
 
@@ -61,8 +62,8 @@ def load_checkpoint(path):
   try:
     import torch
   except ImportError as error:
-    raise ValueError(f"reading {path.name} needs torch: pip install 'motion-jax[convert]', or give a .safetensors "
-                     "file") from error
+    raise ValueError(f"reading {path.name} needs torch: {pip_install('convert')}, or give a .safetensors file"
+                     ) from error
   try:
     state = torch.load(path, map_location="cpu", weights_only=True)
   except Exception as error:  # torch tells a damaged file by whatever its reader stumbled over

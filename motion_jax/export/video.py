@@ -23,6 +23,7 @@ from motion_jax.inputs.errors import EncoderError, InputError
 from motion_jax.inputs.nearest import did_you_mean
 from motion_jax.runtime import progress, stopping
 from motion_jax.runtime.atomic import atomic_path
+from motion_jax.runtime.install import pip_install
 
 INK, _PALE_INK = (52, 56, 66), (225, 228, 235)
 VIEWS = {"front": (0, 13), "side": (90, 13), "top": (0, 89), "three-quarter": (35, 13)}  # azimuth, elevation, degrees
@@ -341,7 +342,7 @@ def find_ffmpeg() -> str:
     import imageio_ffmpeg
     return imageio_ffmpeg.get_ffmpeg_exe()
   except (ImportError, RuntimeError):
-    raise EncoderError("no mp4 encoder here: install one with pip install \"motion-jax[video]\", or write a .gif or "
+    raise EncoderError(f"no mp4 encoder here: install one with {pip_install('video')}, or write a .gif or "
                        "an .html page instead, which need none") from None
 
 

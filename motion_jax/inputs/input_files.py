@@ -169,6 +169,13 @@ def load_safetensors(path, keep=lambda name: True, advice=_COPY) -> dict[str, np
     return {name: np.asarray(file.get_tensor(name), np.float32) for name in file.keys() if keep(name)}
 
 
+def tensor_sizes(path, advice=_COPY) -> dict[str, int]:
+  """{name: how many numbers} of the tensors of a safetensors file, from its header alone."""
+  path = _there(path)
+  with reading(path, advice), safe_open(str(path), "numpy") as file:
+    return {name: math.prod(file.get_slice(name).get_shape()) for name in file.keys()}
+
+
 def read_json(path, kind=dict, advice=_COPY):
   """The value of a JSON file, of the given kind: dict, list, or a tuple of such.
 

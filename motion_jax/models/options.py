@@ -88,7 +88,7 @@ _Options = TypeVar("_Options", bound="SamplingOptions")
 @dataclasses.dataclass(frozen=True)
 class SamplingOptions:
   """The choices that every method has; those of one method are a subclass. Hashable, so that jit can depend on them."""
-  guidance_scale: float | None = number("scale of classifier-free guidance: how closely the words are followed (3)",
+  guidance_scale: float | None = number("scale of classifier-free guidance: how closely the words are followed",
                                        GUIDANCE, float, flag="guidance")
 
   def __post_init__(self) -> None:

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from motion_jax.inputs.errors import InputError
+from motion_jax.runtime.install import pip_install
 from motion_jax.studio.guard import LOOPBACK
 
 _SHORTEST = 8   # characters of a token for other machines
@@ -80,7 +81,7 @@ def serve(names: Sequence[str], host: str = "127.0.0.1", port: int = 8765, token
   check_address(host, token)
   missing = [name for name in ("starlette", "uvicorn", "websockets") if importlib.util.find_spec(name) is None]
   if missing:
-    raise InputError(f"the studio needs the packages {', '.join(missing)}: pip install \"motion-jax[studio]\"")
+    raise InputError(f"the studio needs the packages {', '.join(missing)}: {pip_install('studio')}")
   listener = take_port(host, port)
   token = token or kept_token()
   address = address_of(host, listener.getsockname()[1], token)

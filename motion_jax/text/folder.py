@@ -9,6 +9,7 @@ from tokenizers import AddedToken, Regex, Tokenizer, models, normalizers, pre_to
 from motion_jax.inputs.errors import InputError, reading
 from motion_jax.inputs.input_files import load_safetensors, read_json
 from motion_jax.inputs.network_sizes import check_sizes
+from motion_jax.runtime.install import pip_install
 from motion_jax.text import bert, clip, hugging_face, mpnet, t5
 
 CONFIG, WEIGHTS, TOKENIZER = "config.json", "model.safetensors", "tokenizer.json"
@@ -132,12 +133,12 @@ def _check_files(folder, name, kind):
   for file in missing:
     pickled = file.replace(WEIGHTS, "pytorch_model.bin")
     if pickled != file and has(pickled):
-      advice.append(f"pytorch_model.bin is not opened here; with motion-jax[convert] installed, convert it once: "
+      advice.append(f"pytorch_model.bin is not opened here; after {pip_install('convert')} convert it once: "
                     f"python -c \"from motion_jax.convert import load_state; from safetensors.numpy import save_file; "
                     f"save_file(load_state('{folder / pickled}'), '{folder / file}')\"")
   old = hugging_face.OLD_TOKENIZERS.get(kind)
   if TOKENIZER in missing and old and has(old):
-    advice.append(f"{old} is not read here without transformers: pip install 'motion-jax[convert]', or save "
+    advice.append(f"{old} is not read here without transformers: {pip_install('convert')}, or save "
                   "tokenizer.json beside it (AutoTokenizer writes it with save_pretrained; that of "
                   "sentence-transformers/sentence-t5-base has T5's own vocabulary)")
   raise FileNotFoundError(f"text encoder {name!r}: {folder} lacks {', '.join(missing)}; {'; '.join(advice)}")

@@ -2,6 +2,8 @@
 import pathlib
 import re
 
+from motion_jax.runtime.install import pip_install
+
 # Commits whose files were looked up. A revision is a promise that a run trained today loads the same weights later.
 REVISIONS = {
     "distilbert/distilbert-base-uncased": "12040accade4e8a0f71eabdb258fecc2e7e948be",
@@ -42,8 +44,8 @@ def find(name_or_folder):
   try:
     from huggingface_hub import snapshot_download
   except ImportError as error:
-    raise FileNotFoundError(f"text encoder {text!r} is not a folder, and fetching {name} needs huggingface_hub: pip "
-                            f"install 'motion-jax[hub]'; or {hint}") from error
+    raise FileNotFoundError(f"text encoder {text!r} is not a folder, and fetching {name} needs huggingface_hub: "
+                            f"{pip_install('hub')}; or {hint}") from error
   files = FILES + (("pytorch_model.bin",) if name in WITHOUT_SAFETENSORS else ())
   try:
     return pathlib.Path(snapshot_download(name, revision=revision, allow_patterns=list(files)))

@@ -1,5 +1,5 @@
-"""What Hugging Face's transformers reads and this package does not, where it is installed (pip install
-"motion-jax[convert]"): tokenizers in their older files, and what a config.json leaves to its model type's defaults.
+"""What Hugging Face's transformers reads and this package does not, where it is installed (the extra
+`convert`): tokenizers in their older files, and what a config.json leaves to its model type's defaults.
 
 A folder that is whole (config.json, model.safetensors, tokenizer.json) needs none of it, and is read the same with it.
 Nothing is fetched, and no code of a folder is run.

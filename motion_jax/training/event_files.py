@@ -3,6 +3,7 @@ import pathlib
 import time
 
 from motion_jax.inputs.errors import InputError
+from motion_jax.runtime.install import pip_install
 from motion_jax.training.metrics import read_metrics
 
 _PREFIX = "events"  # TensorBoard looks for the .out.tfevents. that follows
@@ -14,7 +15,7 @@ def check_extra(config):
     try:
       import tensorboardX  # noqa: F401
     except ImportError as error:
-      raise InputError("train.tensorboard needs tensorboardX: pip install 'motion-jax[tensorboard]', or set "
+      raise InputError(f"train.tensorboard needs tensorboardX: {pip_install('tensorboard')}, or set "
                        "train.tensorboard=False") from error
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from motion_jax.inputs.errors import InputError
+from motion_jax.runtime.install import pip_install
 
 
 class Prefetch:
@@ -111,7 +112,7 @@ def in_processes(make: Callable[[int], Any], first: int, last: int, num_workers:
   try:
     import grain
   except ImportError as error:
-    raise InputError("train.workers are Grain's: pip install 'motion-jax[data]', or set train.workers=0") from error
+    raise InputError(f"train.workers are Grain's: {pip_install('data')}, or set train.workers=0") from error
   from absl import flags
   flags.FLAGS.mark_as_parsed()  # Grain reads some, whoever parses the command line
   steps = grain.MapDataset.range(first, last).map(make)

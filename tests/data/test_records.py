@@ -12,6 +12,7 @@ from motion_jax.data.datasets import humanml3d
 from motion_jax.data.datasets.records import RecordedFeatures, Records
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.inputs.errors import InputError
+from motion_jax.runtime.install import pip_install
 from tests.conftest import load_config
 
 tfds = pytest.importorskip("tensorflow_datasets")
@@ -97,4 +98,4 @@ def test_without_the_package_it_says_what_to_install(folder, tmp_path):
           "from motion_jax.data import records\n"
           f"records.write([{str(folder)!r}], {str(tmp_path / 'out')!r})")
   ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-  assert "pip install 'motion-jax[data]'" in ran.stderr and not (tmp_path / "out").exists()
+  assert pip_install("data") in ran.stderr and not (tmp_path / "out").exists()

@@ -20,6 +20,7 @@ from motion_jax.inputs.errors import InputError, reading
 from motion_jax.inputs.input_files import read_json
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.stats import compute_stats, load_stats
+from motion_jax.runtime.install import pip_install
 
 INDEX, BUILDER = "index.json", "motions/1.0.0"
 WHOLE = "_whole"  # behind a split's name: whole clips, where captions are about parts of them
@@ -31,7 +32,7 @@ def tensorflow_datasets():
     import tensorflow_datasets
     return tensorflow_datasets
   except ImportError as error:
-    raise InputError("records are read and written by tensorflow-datasets: pip install 'motion-jax[data]'") from error
+    raise InputError(f"records are read and written by tensorflow-datasets: {pip_install('data')}") from error
 
 
 class RecordedFeatures:

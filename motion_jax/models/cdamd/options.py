@@ -17,16 +17,16 @@ SOLVERS = ("euler", "heun", "midpoint", "rk4", "dopri5", "ddpm")
 @dataclasses.dataclass(frozen=True)
 class CdamdSampling(SamplingOptions):
   """Choices of unmasking, and of the diffusion head that makes what is unmasked."""
-  num_iterations: int | None = number("decoding iterations, each of which unmasks some latents (10)", STEPS,
+  num_iterations: int | None = number("decoding iterations, each of which unmasks some latents", STEPS,
                                       flag="iterations")
   order: str | None = choice("order in which latents are unmasked", ORDERS)
   mask: str | None = choice("attention mask: which latents a latent may attend to", MASKS)
   solver: str | None = choice("midpoint (the usual one), euler, heun, rk4 or dopri5; ddpm for a model trained as "
                               "a DDPM", SOLVERS, listed=False)
-  num_steps: int | None = number("steps of the solver in each decoding iteration (10)", STEPS, flag="steps")
+  num_steps: int | None = number("steps of the solver in each decoding iteration", STEPS, flag="steps")
   unmasked_only: bool | None = switch("run the diffusion head only on latents that an iteration unmasks; false runs "
                                       "it on all that are still masked, as the reference does")
-  temperature: float | None = number("scale of the noise that a DDPM's steps add (1)", (0, 100), float, usual=1.0)
+  temperature: float | None = number("scale of the noise that a DDPM's steps add", (0, 100), float, usual=1.0)
   shared_noise: float | None = number("how much of the noise, by its variance, all parts of a motion share: at 0 each "
                                       "is drawn alone, and the body shakes; at 1 it is as smooth as it gets", (0, 1),
                                       float, usual=0.0)

@@ -18,16 +18,16 @@ class CmdmSampling(SamplingOptions):
   """Choices of frame-wise sampling."""
   schedule: str | None = choice("frame-wise sampling (fss), block after block (ar), or all at once (full)", SCHEDULES,
                                 usual="fss")
-  num_steps: int | None = number("sampling steps K (50)", STEPS, flag="steps")
-  lag: int | None = number("sampling steps between the starts of two blocks, of schedule fss (2)", STEPS)
+  num_steps: int | None = number("sampling steps K", STEPS, flag="steps")
+  lag: int | None = number("sampling steps between the starts of two blocks, of schedule fss", STEPS)
   solver: str | None = choice("euler (the usual one) or heun; ancestral or ddim for a model trained as a DDPM",
                               (*SOLVERS["flow"], *SOLVERS["ddpm"]), listed=False)
-  context: int | None = number("latents (4 frames each) that a latent attends to; the training length (48)", CONTEXT,
-                               unit="latents")
+  context: int | None = number("latents (4 frames each) that a latent attends to; by default the training length",
+                               CONTEXT, unit="latents")
   memory: int | None = number("latents before new words, in whole blocks, that what is made after them attends to (all "
                               "within the context)", MEMORY, unit="latents")
   side_guidance: float | None = number("how much farther apart the words of a sentence that says which leg and those "
-                                       "of the same sentence with the other leg are made; 0 for words as they are (0)",
+                                       "of the same sentence with the other leg are made; 0 for words as they are",
                                        SIDE_GUIDANCE, float, usual=0.0)
 
   def resolved(self, config: "ConfigDict", **usual: Any) -> "CmdmSampling":
