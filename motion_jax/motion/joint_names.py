@@ -101,11 +101,10 @@ class Tree:
       joint = self.parents[joint]
     return line[::-1]
 
-  def below(self, joint: int, depth: int) -> Iterator[list[int]]:
-    """The joints one step below a joint, two steps below it, ..."""
+  def below(self, joint: int, without: Sequence[int] = ()) -> Iterator[list[int]]:
+    """The joints one step below a joint, two steps below it, ...; without some and what hangs on them."""
     level = [joint]
-    for _ in range(depth):
-      level = [child for one in level for child in self._children[one]]
+    while level := [child for one in level for child in self._children[one] if child not in without]:
       yield level
 
   def fork(self, a: int, b: int) -> int | None:

@@ -3,6 +3,7 @@
 Bodies differ in how many joints a spine has, in where a pelvis lies, and in what is missing. Where a file has what
 HumanML3D has, its joints are taken as they are; where not, joints are put at HumanML3D's proportions.
 """
+import itertools
 from collections.abc import Mapping
 
 import numpy as np
@@ -36,6 +37,7 @@ class NamedBody:
       self.leg = np.median([self._length(f"{side}_{a}", f"{side}_{b}") for side in SIDES for a, b in (
           ("hip", "knee"), ("knee", "ankle"))]) * 2
       self._trunk()
+    if not self.lacking:
       for side in SIDES:
         self._collar(side)
         self._toes(side)
@@ -84,15 +86,13 @@ class NamedBody:
     if pelvis is None or chest is None:
       return []
     arms = [self.at[f"{side}_shoulder"] for side in SIDES]
-    heads = [i for i, name in enumerate(self.tree.keys) if "head" in name and chest in self.tree.line(i)[:-1]
-             and not any(arm in self.tree.line(i) for arm in arms)]
-    necks = [i for i, name in enumerate(self.tree.keys) if "neck" in name and chest in self.tree.line(i)[:-1]]
-    own = self.at.get("head")
-    head = own if own is not None else min(heads, key=lambda i: len(self.tree.line(i)), default=None)
-    if head is None:  # the neck's End Site is the top of such a head
-      head = max(necks, key=lambda i: len(self.tree.line(i)), default=None)
+    head = self.at.get("head")
     if head is None:
-      return []
+      above = [one for level in self.tree.below(chest, arms) for one in level]
+      heads, necks = ([one for one in above if word in self.tree.keys[one]] for word in ("head", "neck"))
+      if not heads and not necks:
+        return []
+      head = heads[0] if heads else necks[-1]  # the neck's End Site is the top of such a head
     below = self.tree.line(pelvis)
     line, last = [], pelvis
     for joint in self.tree.line(head):
@@ -144,7 +144,7 @@ class NamedBody:
     if joint in self.joints:
       return
     shin, index, ends = rot.unit(ankle - knee), self.at[f"{side}_ankle"], []
-    for level in self.tree.below(index, 3) if index is not None else ():
+    for level in itertools.islice(self.tree.below(index), 3) if index is not None else ():
       names = {i: self.tree.names[i] for i in level}
       ends = ends or [i for i in level if names[i].endswith("_end")]
       toes = [i for i in level if any(word in self.tree.keys[i] for word in _TOES) and "heel" not in self.tree.keys[i]

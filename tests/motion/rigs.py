@@ -76,7 +76,7 @@ RIGS = {
     "OptiTrack, named skeleton": _prefixed("Skeleton~001_", Rig(
         "Hip Ab Chest Neck Head", "+Thigh +Shin +Foot +Toe", "+Shoulder +UArm +FArm +Hand", "Chest", _LR)),
     "video2bvh, KevinLTT/video2bvh:cxk.bvh": Rig(
-        "Hips LowerBack Spine Spine1 Neck Neck1 Head", "+UpLeg +Leg +Foot -", "+Shoulder +Arm +ForeArm +Hand",
+        "Hips LowerBack Spine Spine1 Neck Neck1 Neck1_end", "+UpLeg +Leg +Foot -", "+Shoulder +Arm +ForeArm +Hand",
         "Spine1"),
     "Human3.6M": Rig("Hip Spine Thorax Neck Head", "+Hip +Knee +Ankle -", "- +Shoulder +Elbow +Wrist", "Thorax", _LR),
     "MakeHuman 1.0, makehumancommunity/makehuman:dance1.bvh": Rig(
@@ -173,7 +173,7 @@ def build(rig):
     return len(names) - 1
 
   trunk = rig.trunk.split()
-  heads = next(i for i, name in enumerate(trunk) if "head" in name.lower())
+  heads = next((i for i, name in enumerate(trunk) if "head" in name.lower()), len(trunk) - 1)
   necks = next((i for i, name in enumerate(trunk) if "neck" in name.lower()), heads)
   line = [body[joint] for joint in ("pelvis", "spine1", "spine2", "spine3", "neck", "head")]
   # 0 for the pelvis, 4 for the neck, 5 for the head
@@ -182,7 +182,8 @@ def build(rig):
   for i, (name, part) in enumerate(zip(trunk, parts)):
     low = min(int(part), 4)
     at[name] = add(name, at[trunk[i - 1]] if i else -1, line[low] + (part - low) * (line[low + 1] - line[low]))
-  add(f"{names[-1]}_end", len(names) - 1, places[-1] + [0, 0.1, 0])
+  if not names[-1].endswith("_end"):
+    add(f"{names[-1]}_end", len(names) - 1, places[-1] + [0, 0.1, 0])
   where["pelvis"], where["head"] = 0, at[trunk[heads]]
   for side, word in zip(("left", "right"), rig.sides):
     for kinds, row, last in ((("hip", "knee", "ankle", "foot"), rig.leg, 0),

@@ -72,7 +72,7 @@ def test_plain_arrays_stay_as_they_are(clip):
       assert own is skeleton and found is joints
 
 
-def test_arrays_that_are_nobody_s(clip):
+def test_arrays_of_no_skeleton(clip):
   shuffled = np.random.default_rng(0).permutation(52)
   with pytest.raises(ValueError, match=r"shape \(24, 52, 3\), the first 22 of which do not have SMPL's bones"):
     pick_joints(with_hands(clip.joints, 30)[:, shuffled])
