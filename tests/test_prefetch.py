@@ -1,4 +1,5 @@
 """Batches made ahead are those made one by one; a fault in the thread is raised where its batch is taken."""
+import pathlib
 import threading
 
 import numpy as np
@@ -49,12 +50,19 @@ def test_the_thread_ends_with_its_block():
   assert not batches._thread.is_alive()
 
 
+def shared_memory():
+  """Names of blocks of shared memory, of any program."""
+  return {path.name for path in pathlib.Path("/dev/shm").glob("psm_*")}
+
+
 @pytest.mark.slow
 def test_processes_make_the_same_batches_in_the_same_order():
   pytest.importorskip("grain")
   config = fit.resolve(load_config("cmdm_denoiser", "tiny"))[0]
   next_batch = fit.setups()[config.stage](config).next_batch
+  before = shared_memory()
   made = list(in_processes(next_batch, 5, 9, num_workers=2))
+  assert shared_memory() <= before, "batches come through pipes, nothing is left where a program ends"
   assert len(made) == 4
   for step, batch in zip(range(5, 9), made):
     for name, array in next_batch(step).items():

@@ -87,10 +87,14 @@ def pairs_of(texts):
 
 
 def printed(tables, name):
-  """What the papers' tables print, as Markdown: of one, name [system, table], or of all."""
+  """What the papers' tables print, as Markdown: of one, name [system, table], or of all. A number stands for all parts
+  of its table: cmdm 3 for 3-humanml3d and 3-snapmogen."""
   if len(name) not in (0, 2):
     raise InputError(f"got --printed {' '.join(name)}, expected a paper and a table such as cmdm 4, or nothing for all")
-  keys = [name] if name else tables.paper_tables()
+  keys = tables.paper_tables()
+  if name:
+    system, number = name[0].lower(), name[1]
+    keys = [key for key in keys if key[0] == system and key[1].partition("-")[0] == number] or [(system, number)]
   return "\n".join(tables.markdown(tables.printed_table(*key)) for key in keys)
 
 

@@ -4,7 +4,7 @@ import hashlib
 import itertools
 import pathlib
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 from motion_jax import loading
 from motion_jax.evaluation import provenance, samples
@@ -105,30 +105,65 @@ class Reader:
 @dataclasses.dataclass(frozen=True)
 class Choices:
   """How models are sampled, a row for each pair: guidance scales (none: the model's own), and what else `generate`
-  takes. more: options that a task has beside those of the method."""
+  takes: shared by all rows, and varied, changes of it. more: options that a task has beside those of the method."""
   guidance: tuple[float, ...] = ()
-  options: tuple[dict, ...] = ({},)
+  shared: dict = dataclasses.field(default_factory=dict)
+  varied: tuple[dict, ...] = ({},)
   more: tuple[str, ...] = ()
 
+  @property
+  def named(self) -> set[str]:
+    """Options that differ between rows, and so are part of their names."""
+    rows = [self.shared | one for one in self.varied]
+    return {key for one in rows for key in one if any(other.get(key) != one[key] for other in rows)}
 
-def load_candidates(runs, load, choices: Choices, out, samples_folder=None, devices=(), only_read=False, show=True):
-  """[Candidate] of runs, by load(run), for each choice of sampling. out: where samples of a model that ships are kept,
-  unless in samples_folder. Raises ValueError for choices that a model does not know."""
-  candidates, varied = [], {key for one in choices.options for key in one
-                            if any(other.get(key) != one[key] for other in choices.options)}
-  for name, run in zip(row_names(runs), runs):
-    loaded = load(run)
+
+class Loaded(NamedTuple):
+  """Candidates, a row each, and sentences about variations that a model does not know and has no row of."""
+  candidates: list[Candidate]
+  left_out: list[str]
+
+
+def load_candidates(runs, load, choices: Choices, out, samples_folder=None, devices=(), only_read=False, show=True
+                    ) -> Loaded:
+  """The models of runs, by load(run), with each choice of sampling that they know. out: where samples of a model that
+  ships are kept, unless in samples_folder. Raises ValueError for a choice that no model knows."""
+  models = dict(zip(row_names(runs), map(load, runs)))
+  varied, left_out = _varied_of(models, choices)
+  candidates, named = [], choices.named
+  for name, loaded in models.items():
     if loaded.can("generate"):
-      loaded.reports_to_terminal = False  # the provenance lists them once
+      loaded.tells_unknown_words = False  # the provenance lists them once
     shipped = pathlib.Path(loaded.folder).parent == PRETRAINED
     folder = pathlib.Path(samples_folder or (out if shipped else loaded.folder / "eval") / "samples")
-    for scale, options in itertools.product(choices.guidance or (None,), choices.options):
-      check_options(name, loaded, choices.guidance, options, choices.more)
-      row = name + "".join(f", {key} {value}" for key, value in options.items() if key in varied)
+    for scale, one in itertools.product(choices.guidance or (None,), varied[name]):
+      options = choices.shared | one
+      row = name + "".join(f", {key} {value}" for key, value in options.items() if key in named)
       if len(choices.guidance) > 1:
         row += f", guidance {scale:g}"
       candidates.append(Candidate(row, loaded, hash_of(loaded), folder, scale, options, devices, only_read, show))
-  return candidates
+  return Loaded(candidates, left_out)
+
+
+def _varied_of(models, choices):
+  """({model: the variations that it knows}, sentences about the others). Models of two methods have different
+  choices: one is left out where another model knows it."""
+  varied, wrong = {name: [] for name in models}, {}
+  for one in choices.varied:
+    for name, loaded in models.items():
+      try:
+        check_options(name, loaded, choices.guidance, choices.shared | one, choices.more)
+        varied[name].append(one)
+      except ValueError as error:
+        wrong[name, str(one)] = error
+    if models and not any(one in known for known in varied.values()):
+      raise next(error for (_, which), error in wrong.items() if which == str(one))
+  for name, loaded in models.items():
+    if not varied[name]:  # a model that knows none of them is judged as it is sampled anyway
+      check_options(name, loaded, choices.guidance, choices.shared, choices.more)
+      varied[name].append({})
+  return varied, [f"No row of {name} with " + ", ".join(f"{key} {value}" for key, value in one.items()) + f": {error}"
+                  for one in choices.varied for name in models if (error := wrong.get((name, str(one))))]
 
 
 def row_names(runs):

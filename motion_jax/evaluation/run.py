@@ -36,7 +36,7 @@ def evaluate(runs, folders, protocol=None, *, evaluator=None, clip_evaluator=Non
 
   evaluator, clip_evaluator: names, folders or `Evaluator`s, the protocol's by default; clip_evaluator "none": no CLIP
   score. guidance: scales, a row each; the models' own by default. sampling: what else `generate` takes; vary: changes
-  of it, a row each. limit: samples of a trial; of long motions, sequences or timelines. controls: damaged real motions,
+  of it, a row each for the models that know them. limit: samples of a trial; of long motions, sequences or timelines. controls: damaged real motions,
   too. force: go on though real data does not look right. only_read: from samples that exist (reconstructions are none,
   they are always made). raw: the last weights of a run, not their average. devices: of jax; they change nothing but the
   time. samples: folder where motions are kept, for several evaluations to share; by default the run's, or of a model
@@ -51,10 +51,10 @@ def evaluate(runs, folders, protocol=None, *, evaluator=None, clip_evaluator=Non
                      "not; name another --protocol")
   folder = pathlib.Path(out) if out else default_out(runs, asked.protocol)
   main, clip = load_evaluators(asked.protocol, evaluator, clip_evaluator)
-  options = tuple(former_names.current((sampling or {}) | one) for one in vary or ({},))
-  choices = Choices(tuple(guidance), options, task_class.OPTIONS)
+  varied = tuple(former_names.current(one) for one in vary) or ({},)
+  choices = Choices(tuple(guidance), former_names.current(sampling or {}), varied, task_class.OPTIONS)
   load = partial(task_class.load, raw=True) if raw else task_class.load
-  candidates = load_candidates(runs, load, choices, folder, samples, devices, only_read, show)
+  candidates, left_out = load_candidates(runs, load, choices, folder, samples, devices, only_read, show)
   others = [external.load_external(name, place, main) for name, place in motions]
 
   with clock.part("data"):
@@ -89,7 +89,7 @@ def evaluate(runs, folders, protocol=None, *, evaluator=None, clip_evaluator=Non
       protocol=protocol.name, title=protocol.title, rows=rows, row_order=["real", *made],
       metrics=[name for name in task.METRICS if any(name in row for row in rows.values())],
       paper=printed.paper_of(protocol, main, made, asked.whole),
-      notes=[note for note in (protocol.note, *task.notes) if note],
+      notes=[note for note in (protocol.note, *task.notes, *left_out) if note],
       provenance=provenance.describe(harness, asked.folders, candidates, len(replications), devices),
       sanity=sanity, controls=checked,
       curves=aggregates.guidance_curves(rows, candidates) | (controls_lib.curves(checked) if checked else {})

@@ -187,6 +187,8 @@ def _random_params(init, seed):
 def _assemble(name, folder, config, stats, params, reader):
   """reader() gives what the network's `text` makes words into numbers with; it is asked for at the first sentence."""
   kind = KINDS[config.stage]
+  if "features" in config.model and config.model.features > config.model.get("columns", stats.layout.dim):
+    matching.check_columns(config.model, stats.layout, name)
   columns = config.model.get("columns", stats.layout.dim)
   if columns != stats.layout.dim:
     raise ValueError(f"{name}: the network reads {columns} numbers per frame, its statistics are of layout "

@@ -14,6 +14,7 @@ from motion_jax.evaluators.words import CONVERTED, WordFeatures, load_words
 from motion_jax.inputs.config_files import module_fields
 from motion_jax.metrics import scores
 from motion_jax.motion import stats as stats_lib
+from motion_jax.motion.representations import get_layout
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
 from motion_jax.training.setup import TrainingSetup, encoder_files, held_out, one_clip_per_caption
@@ -187,5 +188,13 @@ def load_vocabulary(config):
   return WordFeatures(encoder), encoder_files(encoder)
 
 
-SETUPS = {"evaluator.movement": movement, "evaluator.matching": match, "evaluator.clip": clip,
-           "evaluator.snapmogen": gaussian}
+def _checked(setup):
+  """A set-up whose config is checked before any data are read."""
+  def checked(config):
+    matching.check_columns(config.model, get_layout(config.data.layout))
+    return setup(config)
+  return checked
+
+
+SETUPS = {"evaluator.movement": _checked(movement), "evaluator.matching": _checked(match),
+          "evaluator.clip": _checked(clip), "evaluator.snapmogen": _checked(gaussian)}

@@ -21,6 +21,16 @@ from motion_jax.training.stage import DEVICES, Stage
 _EPS = 1e-6  # Parity: PyTorch's pairwise distance adds it to each difference
 
 
+def check_columns(model, layout, name="the config"):
+  """Raises ValueError unless model.columns are the numbers a frame of a layout, and model.features of them are read."""
+  features, columns = model.get("features", layout.dim), model.get("columns", layout.dim)
+  if columns != layout.dim or not 0 < features <= columns:
+    exchanged = "; the two are exchanged" if features == layout.dim > columns > 0 else ""
+    raise ValueError(f"{name}: got model.features {features} and model.columns {columns}, expected model.columns "
+                     f"{layout.dim}, the numbers a frame of layout {layout.name!r}, and model.features from 1 to "
+                     f"{layout.dim}, the first of them that are read{exchanged}")
+
+
 # --- movement autoencoder -----------------------------------------------------------------------------------------
 
 

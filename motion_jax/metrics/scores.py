@@ -34,9 +34,15 @@ def hits(away: Num[Array, "n m"], top_k: int = 3, own: Int[Array, " n"] | None =
   evaluator that maps everything to one point scores k / M, whatever the order of the batch. (Parity: the references
   sort, which puts ties by their place in the batch.)
   """
+  return hit_chances(away, top_k, own).sum(0)
+
+
+def hit_chances(away: Num[Array, "n m"], top_k: int = 3, own: Int[Array, " n"] | None = None
+                ) -> Float[np.ndarray, "n {top_k}"]:
+  """`hits` row by row (N, top_k): 1 where a row finds its own column, 0 where not, between them where columns tie."""
   nearer, tied = _places(away, own)
   chance = (np.arange(1, top_k + 1) - nearer[:, None]) / tied[:, None]
-  return np.clip(chance, 0, 1).sum(0)
+  return np.clip(chance, 0, 1)
 
 
 def r_precision(text: Num[Array, "n e"], motion: Num[Array, "n e"], top_k: int = 3, pool: int = 32,

@@ -1,6 +1,7 @@
 """Batches made ahead of the steps that take them, and put on the devices, by a thread of their own."""
 import os
 import queue
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -117,7 +118,11 @@ def in_processes(make: Callable[[int], Any], first: int, last: int, num_workers:
   flags.FLAGS.mark_as_parsed()  # Grain reads some, whoever parses the command line
   steps = grain.MapDataset.range(first, last).map(make)
   reading = grain.ReadOptions(num_threads=1, prefetch_buffer_size=2)
-  batches = iter(steps.to_iter_dataset(reading).mp_prefetch(grain.MultiprocessingOptions(num_workers=num_workers)))
+  # No array is large enough for shared memory: batches come through pipes, so that nothing stays in /dev/shm when a
+  # program ends, however it ends.
+  piped = grain.experimental.DatasetOptions(min_shm_size=sys.maxsize)
+  steps = grain.experimental.WithOptionsIterDataset(steps.to_iter_dataset(reading), piped)
+  batches = iter(steps.mp_prefetch(grain.MultiprocessingOptions(num_workers=num_workers)))
   before = os.environ.get("JAX_PLATFORMS")
   os.environ["JAX_PLATFORMS"] = "cpu"  # of the processes, which begin with the first batch; here jax has begun already
   try:
@@ -126,6 +131,7 @@ def in_processes(make: Callable[[int], Any], first: int, last: int, num_workers:
       if step == first:
         _restore(before)
   finally:
+    batches.close()
     _restore(before)
 
 

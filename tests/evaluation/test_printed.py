@@ -4,7 +4,7 @@ import types
 
 import pytest
 
-from motion_jax import paper_rows
+from motion_jax import cli, paper_rows
 from motion_jax.evaluation import protocols
 from motion_jax.evaluation.report import notes, printed, tables
 from motion_jax.evaluation.result import Result
@@ -193,3 +193,13 @@ def test_what_has_to_be_said():
       "5 clips left out (c0: NaN; c1: NaN; c2: NaN; ..).",
       "1 clips of the split are in train, too (s1): numbers are too good.",
       "Motions of a were made by code old, judged by new."]
+
+
+def test_a_number_prints_all_parts_of_its_table(capsys):
+  assert cli.main(["evaluate", "--printed", "cmdm", "3"]) == 0
+  text = capsys.readouterr().out
+  assert "Table 3-humanml3d" in text and "Table 3-snapmogen" in text
+  assert cli.main(["evaluate", "--printed", "CMDM", "3-snapmogen"]) == 0
+  assert "Table 3-humanml3d" not in capsys.readouterr().out
+  assert cli.main(["evaluate", "--printed", "cmdm", "33"]) == 1
+  assert "got table '33' of 'cmdm', expected one of" in capsys.readouterr().err
