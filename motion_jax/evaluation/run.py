@@ -36,12 +36,12 @@ def evaluate(runs, folders, protocol=None, *, evaluator=None, clip_evaluator=Non
 
   evaluator, clip_evaluator: names, folders or `Evaluator`s, the protocol's by default; clip_evaluator "none": no CLIP
   score. guidance: scales, a row each; the models' own by default. sampling: what else `generate` takes; vary: changes
-  of it, a row each for the models that know them. limit: samples of a trial; of long motions, sequences or timelines. controls: damaged real motions,
-  too. force: go on though real data does not look right. only_read: from samples that exist (reconstructions are none,
-  they are always made). raw: the last weights of a run, not their average. devices: of jax; they change nothing but the
-  time. samples: folder where motions are kept, for several evaluations to share; by default the run's, or of a model
-  that ships `out`. motions: (name, folder) of what other programs made, see `evaluation.external`. allow_shared: judge
-  clips that train has, too, and name them in the provenance.
+  of it, a row each for the models that know them. limit: samples of a trial; of long motions, sequences or timelines.
+  controls: damaged real motions, too. force: go on though real data does not look right. only_read: from samples that
+  exist (reconstructions are none, they are always made). raw: the last weights of a run, not their average. devices: of
+  jax; they change nothing but the time. samples: folder where motions are kept, for several evaluations to share; by
+  default the run's, or of a model that ships `out`. motions: (name, folder) of what other programs made, see
+  `evaluation.external`. allow_shared: judge clips that train has, too, and name them in the provenance.
   """
   clock, devices = Clock(show), tuple(devices or jax.local_devices())
   asked = resolve(runs, folders, protocol, limit, multimodality)

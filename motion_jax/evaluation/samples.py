@@ -81,11 +81,11 @@ def draw_replication(test_set, protocol, seed, replication, limit=None, stream=0
     return Draw(order, caption[order], start[order], frames[order])
   total = min(len(rows), limit or len(rows)) // pool * pool
   if not total and len(rows) >= pool:
-    raise ValueError(f"got --limit {limit}, protocol {protocol.name!r} compares {pool} motions at a time; --limit {pool} "
-                     f"is enough, the test set has {len(rows)}")
+    raise ValueError(f"got --limit {limit}, protocol {protocol.name!r} compares {pool} motions at a time; --limit "
+                     f"{pool} is enough, the test set has {len(rows)}")
   if not total:
-    raise ValueError(f"got {len(rows)} test items, protocol {protocol.name!r} compares {pool} at a time; give more data, "
-                     "or judge a folder of `motion-jax data build` by --protocol own-66, which compares fewer")
+    raise ValueError(f"got {len(rows)} test items, protocol {protocol.name!r} compares {pool} at a time; give more "
+                     "data, or judge a folder of `motion-jax data build` by --protocol own-66, which compares fewer")
   order = drawn[:total]
   if protocol.sort_by_caption:
     words = np.array([len((test_set.tokens[i][caption[i]] or test_set.captions[i][caption[i]]).split())

@@ -151,7 +151,7 @@ def test_the_evaluators_that_ship():
 
 @pytest.mark.parametrize("features, columns, words", [
     (66, 60, "got model.features 66 and model.columns 60, expected model.columns 66.*the two are exchanged"),
-    (80, 66, "got model.features 80 and model.columns 66, .* features from 1 to 66, the first of them that are read$"),
+    (80, 66, "got model.features 80 and model.columns 66, .*features from 1 to 66, the first of them that are read$"),
     (0, 66, "got model.features 0 and model.columns 66")])
 def test_features_and_columns_that_do_not_fit_are_both_named(features, columns, words):
   config = load_config("evaluator_movement", "tiny").unlock()
