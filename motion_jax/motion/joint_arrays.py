@@ -36,7 +36,9 @@ class _Named(NamedTuple):
                  (self.right_arm, "Shoulder Arm ForeArm Hand", 3, "Right"),
                  (self.left_leg, "Leg Shin Foot ToeBase", 0, "Left"),
                  (self.right_leg, "Leg Shin Foot ToeBase", 0, "Right"))))
-    names, parents, columns = [], [], []
+    names: list[str] = []
+    parents: list[int] = []
+    columns: list[int] = []
     for start, words, parent in parts:
       for offset, word in enumerate(words.split()):
         parents.append(len(names) - 1 if offset else parent)

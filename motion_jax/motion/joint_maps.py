@@ -201,13 +201,11 @@ def _by_names(source, names, mapping, parents):
   if foreign:
     raise ValueError(f"the mapping names {named(foreign)}, expected our joints {', '.join(HUMANML3D.joints)}")
   tree = Tree(names, parents)
-  own, absent = {}, []
-  for joint, entry in mapping.items():
-    indices = [tree.find(name) for name in _needs(entry)]
-    absent += [name for name, index in zip(_needs(entry), indices) if index is None]
-    own[joint] = indices
+  found = {joint: {name: tree.find(name) for name in _needs(entry)} for joint, entry in mapping.items()}
+  absent = [name for places in found.values() for name, index in places.items() if index is None]
   if absent:
     raise ValueError(f"the mapping names the joints {named(sorted(absent))}; the file has {named(names)}")
+  own = {joint: [index for index in places.values() if index is not None] for joint, places in found.items()}
   body = NamedBody(tree, source.positions, source.turned, own)
   lacking = [joint for joint in HUMANML3D.joints if joint not in body.joints]
   if lacking:

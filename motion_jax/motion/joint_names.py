@@ -6,7 +6,7 @@ may be anything. Pelvis, spine, neck, head, collars and toes follow from the tre
 """
 import collections
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 _WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[^\W\d_A-Za-z]+")
@@ -101,7 +101,7 @@ class Tree:
       joint = self.parents[joint]
     return line[::-1]
 
-  def below(self, joint: int, without: Sequence[int] = ()) -> Iterator[list[int]]:
+  def below(self, joint: int, without: Sequence[int | None] = ()) -> Iterator[list[int]]:
     """The joints one step below a joint, two steps below it, ...; without some and what hangs on them."""
     level = [joint]
     while level := [child for one in level for child in self._children[one] if child not in without]:
@@ -117,13 +117,14 @@ class Tree:
     return not self.is_known or all(above in self.line(joint)[:-1] for above, joint in zip(joints[:-1], joints[1:]))
 
 
-def find_limbs(tree: Tree, own: dict[str, int | None]) -> Limbs:
+def find_limbs(tree: Tree, own: Mapping[str, int | None]) -> Limbs:
   """Hips, knees, ankles, shoulders, elbows and wrists by the names of the tables that fit best.
 
   own: joints that are known already, {our joint: index, or None for a place between joints}.
   """
   joints: dict[str, int] = {}
-  labels, missing = [], {}
+  labels: list[list[str]] = []
+  missing: dict[str, str] = {}
   for ours, table in LIMBS:
     wanted = [f"{side}_{joint}" for side in SIDES for joint in ours]
     rows = [(_fit(tree, words.split(), affix), words.split(), label) for words, label in table.items()
@@ -140,7 +141,7 @@ def find_limbs(tree: Tree, own: dict[str, int | None]) -> Limbs:
 
 def _affixes(tree, words):
   """What may stand before and after the words of a limb in this file: nothing, and what often stands there."""
-  around = collections.Counter()
+  around: collections.Counter[tuple[str, str]] = collections.Counter()
   for one in tree.index:
     core = one.split()[-1] if one else ""
     for word in words:
@@ -152,7 +153,7 @@ def _affixes(tree, words):
 
 def _fit(tree, words, affix):
   """{(side, word): index} of the words found with an affix; without those that do not hang on one another."""
-  found = {}
+  found: dict[tuple[str, str], int] = {}
   for side in SIDES:
     indices = [_sided(tree, side, affix[0] + word + affix[1]) for word in words]
     there = [index for index in indices if index is not None]

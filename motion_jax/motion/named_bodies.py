@@ -129,7 +129,7 @@ class NamedBody:
     if joint in joints or "spine3" not in joints:
       return
     shoulder, chest = self.at[f"{side}_shoulder"], self._fork("shoulder")
-    way = [] if chest is None else self.tree.line(shoulder)[len(self.tree.line(chest)):-1]
+    way = [] if chest is None or shoulder is None else self.tree.line(shoulder)[len(self.tree.line(chest)):-1]
     way = [one for one in way if not self.tree.names[one].startswith("__") and self._apart(one, shoulder) and
            self._apart(one, chest)]
     if way:
@@ -143,7 +143,8 @@ class NamedBody:
     joint, ankle, knee = f"{side}_foot", self.joints[f"{side}_ankle"], self.joints[f"{side}_knee"]
     if joint in self.joints:
       return
-    shin, index, ends = rot.unit(ankle - knee), self.at[f"{side}_ankle"], []
+    shin, index = rot.unit(ankle - knee), self.at[f"{side}_ankle"]
+    ends: list[int] = []
     for level in itertools.islice(self.tree.below(index), 3) if index is not None else ():
       names = {i: self.tree.names[i] for i in level}
       ends = ends or [i for i in level if names[i].endswith("_end")]
@@ -176,7 +177,7 @@ class NamedBody:
     return rot.rotate(turn, np.median(rot.rotate(rot.conjugate(turn), foot), axis=0)[None])
 
 
-def _along(curve, parts) -> list[Float[np.ndarray, "t 3"]]:
+def _along(curve: list[Float[np.ndarray, "t 3"]], parts: Float[np.ndarray, " n"]) -> list[Float[np.ndarray, "t 3"]]:
   """Points at these parts of a line through places (T, 3), each bone of it as long as it is in the median frame."""
   bones = [np.median(np.linalg.norm(b - a, axis=-1)) for a, b in zip(curve[:-1], curve[1:])]
   ends = np.cumsum([0, *bones])
