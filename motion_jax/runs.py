@@ -100,10 +100,10 @@ def find(name: str | os.PathLike, stage: str | Sequence[str] | None = None) -> p
     raise TypeError(f"got {name!r} ({type(name).__name__}) to load, expected a run folder or the name of one that "
                     f"ships: {', '.join(shipped_names(stage))}")
   for folder in (pathlib.Path(name), PRETRAINED / name):
-    if folder.is_dir():
+    if os.path.isdir(folder):  # not Path.is_dir, which raises where a name is longer than any file's
       return folder
   shipped = shipped_names(stage)
-  raise FileNotFoundError(f"found neither a run folder {str(name)!r} nor one of that name that ships: "
+  raise FileNotFoundError(f"found neither a run folder {shortened(str(name), 200)!r} nor one of that name that ships: "
                           f"{', '.join(shipped) or 'of this kind none does'}{did_you_mean(name, shipped)}")
 
 

@@ -237,3 +237,13 @@ def test_what_is_the_programs_fault_keeps_its_traceback(monkeypatch, error):
   monkeypatch.setattr("motion_jax.export.load", lambda *_, **__: (_ for _ in ()).throw(error))
   with pytest.raises(type(error)):
     cli.main(["render", "a.npy", "--out", "a.npz"])
+
+
+@pytest.mark.parametrize("words", [
+    ["render", "a" * 300 + ".npz"], ["train", "--config", "a" * 300, "--workdir", "x"], ["data", "doctor", "a" * 300],
+    ["render", "in.npz", "--out", "a" * 300 + ".npz"], ["generate", "a" * 300 + ".txt"]])
+def test_a_name_longer_than_any_files(words, tmp_path, monkeypatch, capsys):
+  monkeypatch.chdir(tmp_path)
+  assert cli.main(words) == 1
+  said = capsys.readouterr().err.strip().splitlines()[-1]
+  assert "longer than a file's may be; give a shorter one" in said or "there is no file in.npz" in said

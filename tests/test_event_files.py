@@ -84,6 +84,6 @@ def test_an_absent_extra_is_told_before_data_are_read(tmp_path, monkeypatch):
   monkeypatch.setitem(sys.modules, "tensorboardX", None)
   config = load_config("cmdm_denoiser", "tiny")
   config.train.tensorboard = True
-  with pytest.raises(InputError, match=r"pip install 'motion-jax\[tensorboard\]'"):
+  with pytest.raises(InputError, match=r'pip install -q "\.\[tensorboard\]"'):
     fit.run(config, tmp_path / "run")
   assert not (tmp_path / "run").exists()

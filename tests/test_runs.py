@@ -125,3 +125,10 @@ def test_a_model_that_ships_may_share_anothers_tokenizer_and_words(tmp_path):
   (shutil.copytree(theirs.folder, tmp_path / "damaged") / "frozen.safetensors").unlink()
   with pytest.raises(FileNotFoundError, match="damaged"):
     runs.open(tmp_path / "damaged").frozen()
+
+
+@pytest.mark.parametrize("name", ["a" * 300, "a\0b", "x/" * 3000])
+def test_a_name_that_no_folder_has(name):
+  with pytest.raises(FileNotFoundError, match="found neither a run folder") as error:
+    runs.find(name)
+  assert len(str(error.value)) < 600

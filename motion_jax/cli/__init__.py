@@ -2,6 +2,7 @@
 
 Nothing heavy is imported before a command runs: `--help` and a mistyped command answer at once.
 """
+import errno
 import sys
 import warnings
 
@@ -9,6 +10,8 @@ import motion_jax
 from motion_jax.cli import blend, convert, data, evaluate, make, retrieve, show, studio, train
 from motion_jax.cli.parser import Parser
 from motion_jax.cli.prompts import read_prompts, read_sequences
+from motion_jax.inputs.errors import InputError
+from motion_jax.inputs.numerals import shortened
 from motion_jax.runtime import progress, stopping
 
 __all__ = ["main", "parse", "read_prompts", "read_sequences"]
@@ -64,7 +67,7 @@ def _run(args):
   warnings.showwarning = tell
   progress.show()
   try:
-    return args.run(args) or 0
+    return _called(args) or 0
   except BrokenPipeError:
     raise
   except KNOWN_ERRORS as error:
@@ -75,6 +78,18 @@ def _run(args):
       raise
     print(f"{args.program}: this takes more memory than there is; ask for fewer or shorter motions", file=sys.stderr)
     return 1
+
+
+def _called(args):
+  """The command's own exit status. A name that is longer than any file's is told here, wherever it was looked up."""
+  try:
+    return args.run(args)
+  except OSError as error:
+    if error.errno != errno.ENAMETOOLONG:
+      raise
+    name = str(error.filename or "")
+    raise InputError(f"got the file name {shortened(name)!r} of {len(name)} characters, longer than a file's may be; "
+                     "give a shorter one") from error
 
 
 def _out_of_memory(error):

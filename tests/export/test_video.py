@@ -154,7 +154,7 @@ def test_bad_options(tmp_path):
 def test_without_an_encoder_mp4_says_what_to_install(tmp_path, monkeypatch):
   monkeypatch.setattr(shutil, "which", lambda name: None)
   monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-  with pytest.raises(RuntimeError, match=r"pip install \"motion-jax\[video\]\".*\.gif"):
+  with pytest.raises(RuntimeError, match=r"pip install -q \"\.\[video\]\".*\.gif"):
     export.save(make(), tmp_path / "a.mp4")
   assert not list(tmp_path.iterdir())
 

@@ -69,5 +69,5 @@ def test_without_package_or_network(monkeypatch):
   with pytest.raises(FileNotFoundError, match=r"fetched \(no route to host\); give 'words'.*model.safetensors"):
     hub.find("openai/clip-vit-base-patch32")
   monkeypatch.setitem(sys.modules, "huggingface_hub", None)
-  with pytest.raises(FileNotFoundError, match=r"pip install 'motion-jax\[hub\]'; or give 'words'"):
+  with pytest.raises(FileNotFoundError, match=r'pip install -q "\.\[hub\]" .in a clone of motion-jax.; or give'):
     load_text_encoder("openai/clip-vit-base-patch32")
