@@ -80,6 +80,17 @@ def colors_of(motion: Motion) -> Float[np.ndarray, "t 3"]:
   return colors
 
 
+def captions_with(captions: Sequence[Caption], spans: Sequence[tuple[float, float]], prompt: str, seconds: float
+                  ) -> tuple[Caption, ...]:
+  """Captions of a motion of so many seconds in whose spans the prompt replaces what they said."""
+  pieces = [(one.text, one.start, one.end if one.end > one.start else seconds) for one in captions]
+  for first, past in spans:
+    pieces = [(text, a, b) for text, start, end in pieces
+              for a, b in ((start, min(end, first)), (max(start, past), end)) if b > a + 1e-6]
+  pieces += [(prompt, first, past) for first, past in spans]
+  return tuple(Caption(*piece) for piece in sorted(pieces, key=lambda piece: piece[1]))
+
+
 def captions_in_a_row(prompts: Sequence[str], ends: Sequence[int], fps: float) -> tuple[Caption, ...]:
   """Captions of segments that end at the given frames; a single one is about all of its clip."""
   if len(prompts) == 1:

@@ -17,7 +17,8 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 import motion_jax
 from motion_jax.export.html import VIEWER, resting_body
 from motion_jax.inputs.errors import InputError, reason
-from motion_jax.studio import exporting, mmcp, openapi, project
+from motion_jax.runtime import progress
+from motion_jax.studio import exporting, mmcp, openapi, project, suggestions
 from motion_jax.studio.guard import LOOPBACK, Guard, Refused
 from motion_jax.studio.library import Library
 from motion_jax.studio.limits import Bucket, Limits
@@ -25,6 +26,7 @@ from motion_jax.studio.making import Maker
 from motion_jax.studio.streams import Stream
 
 _UNSENT = 1000  # messages that wait for a page that does not read
+_WORKS = 50     # requests whose progress can be read at once
 ASSETS = pathlib.Path(__file__).parent / "assets"
 _TYPES = {".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=utf-8",
           ".css": "text/css; charset=utf-8", ".svg": "image/svg+xml",
@@ -40,6 +42,7 @@ class Studio:
     self.maker = Maker(library, self.limits)
     self.streams: set[Stream] = set()
     self.places = 0  # of streams that are taken, also by sockets that have not said anything
+    self.works: dict[str, progress.Work] = {}  # by the name that a page gave its request
     self.began = time.monotonic()
 
   def app(self) -> Guard:
@@ -48,6 +51,7 @@ class Studio:
     routes = [
         WebSocketRoute("/v1/stream", self._stream),
         Route("/v1/status", self._status), Route("/v1/models", self._models),
+        Route("/v1/progress", self._progress), Route("/v1/suggestions", self._suggestions),
         Route("/v1/generate", make(self.maker.generate), methods=["POST"]),
         Route("/v1/story", make(self.maker.story), methods=["POST"]),
         Route("/v1/edit", make(self.maker.edit), methods=["POST"]),
@@ -77,11 +81,36 @@ class Studio:
     about = await anyio.to_thread.run_sync(lambda: [shelf.about() for shelf in self.library.shelves.values()])
     return JSONResponse({"models": about})
 
+  async def _progress(self, request: Request) -> Response:
+    work = self.works.get(request.query_params.get("work", ""))
+    return JSONResponse(work.state() if work else progress.Work().state())
+
+  async def _suggestions(self, request: Request) -> Response:
+    async def answer():
+      name, words = request.query_params.get("model"), request.query_params.get("words", "")[:self.limits.prompt]
+      return JSONResponse(await anyio.to_thread.run_sync(suggestions.found, self.library.shelf(name).model, words))
+
+    return await _told(answer)
+
+  @contextlib.contextmanager
+  def _followed(self, request):
+    """What runs inside, in threads too, reports its progress under the name in the request's header x-work."""
+    name, work = request.headers.get("x-work", "")[:40], progress.Work()
+    if name and len(self.works) < _WORKS:
+      self.works[name] = work
+    try:
+      with progress.follow(work):
+        yield
+    finally:
+      if self.works.get(name) is work:
+        del self.works[name]
+
   def _json(self, work: Any) -> Any:
     """A handler of JSON bodies: what work(body) gives, made in a thread; InputErrors become status 400."""
     async def handle(request: Request) -> Response:
       async def answer():
-        return JSONResponse(await anyio.to_thread.run_sync(work, await _body(request)))
+        with self._followed(request):
+          return JSONResponse(await anyio.to_thread.run_sync(work, await _body(request)))
 
       return await _told(answer)
 
@@ -102,7 +131,8 @@ class Studio:
         with self.maker.place():
           return exporting.exported(body, self.limits)
 
-      data, media, name = await anyio.to_thread.run_sync(work)
+      with self._followed(request):
+        data, media, name = await anyio.to_thread.run_sync(work)
       return Response(data, media_type=media, headers={"content-disposition": f'attachment; filename="{name}"'})
 
     return await _told(answer)

@@ -8,6 +8,7 @@ from typing import Any
 from motion_jax.control.constraints import RootPath
 from motion_jax.inputs.errors import InputError, reason
 from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.runtime import progress
 from motion_jax.studio import ahead
 from motion_jax.studio.limits import Limits
 
@@ -84,7 +85,9 @@ class Library:
   def model(self, name: str | None, ability: str) -> Any:
     """A model that can do something, once it is ready. Waits for it; raises InputError where it cannot be had."""
     shelf = self.shelf(name)
-    shelf.ready.wait(_PATIENCE)
+    if not shelf.ready.is_set():
+      with progress.part(f"waiting for the model {shelf.name}, which is being prepared"):
+        shelf.ready.wait(_PATIENCE)
     if not shelf.ready.is_set():
       raise InputError(f"the model {shelf.name} is not ready yet ({shelf.state}); ask again in a minute")
     if shelf.model is None or shelf.state == "failed":

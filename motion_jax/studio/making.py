@@ -12,9 +12,10 @@ from motion_jax import export
 from motion_jax.inputs.errors import InputError
 from motion_jax.models.controlled import usual_frames
 from motion_jax.models.known_motion import on_our_body
-from motion_jax.models.results import Motion
+from motion_jax.models.results import Motion, captions_with
 from motion_jax.models.unmet import note_of
 from motion_jax.motion.blending import placed_on
+from motion_jax.runtime import progress
 from motion_jax.studio import asked, wire
 from motion_jax.studio.guard import Refused
 from motion_jax.studio.library import Library, live_sampling
@@ -36,8 +37,12 @@ class Maker:
     if not self._waiting.acquire(blocking=False):
       raise Refused(429, f"{2 * self.limits.jobs} requests are being made already; wait for one of them")
     try:
-      with self._places:
+      with progress.part("waiting for another motion that is being made"):
+        self._places.acquire()
+      try:
         yield
+      finally:
+        self._places.release()
     finally:
       self._waiting.release()
 
@@ -59,7 +64,7 @@ class Maker:
                        f"{self.limits.seconds:g} s; give seconds, times or a larger speed")
     given = sampling | (dict(literal=literal) if model.can("understand") else {})
     given |= dict(control=control, project=cleanup) if control else {}
-    with self.place(), told_plainly():
+    with self.place(), told_plainly(), progress.part("making the motion"):
       made = model.generate([prompt] * num, seconds=seconds, seeds=[(seed + i) % 2**32 for i in range(num)],
                             cleanup=cleanup, **given)
     told = {"asked": [asked.told(control, motion) for motion in made]} if control else {}
@@ -110,7 +115,7 @@ class Maker:
       raise InputError("got both or neither of change and keep; say which frames are made anew by one of them")
     name = name if name is not None else self._able("edit")
     model = self.library.model(name, "edit")
-    with self.place(), told_plainly():
+    with self.place(), told_plainly(), progress.part("making the span"):
       motion = make_edit(model, clip, prompt, change, keep, seed, sampling)
     return {"motion": wire.to_json(motion), "made": motion.meta["made"]} | words_of(model, [prompt])
 
@@ -193,7 +198,8 @@ def make_edit(model: Any, clip: Any, prompt: str, change: Any, keep: Any, seed: 
   result[start:start + count][~kept] = placed[~kept]
   if not kept.any():
     result[start:start + count] = placed
-  return Motion(result, model.fps, clip.captions, id=clip.id, source=clip.source, license=clip.license or model.license,
+  captions = captions_with(clip.captions, [(a / model.fps, b / model.fps) for a, b in made], prompt, clip.seconds)
+  return Motion(result, model.fps, captions, id=clip.id, source=clip.source, license=clip.license or model.license,
                 skeleton=model.stats.layout.skeleton, meta=edited.meta | dict(made=made, said=prompt))
 
 

@@ -27,6 +27,11 @@ def described(limits: Limits) -> dict[str, Any]:
   paths = {
       "/v1/status": {"get": _answer("what runs", {"type": "object"})},
       "/v1/models": {"get": _answer("the models, and how far they are", {"type": "object"})},
+      "/v1/progress": {"get": _answer("how far the request with this x-work header is", {"type": "object"})
+                       | {"parameters": [_query("work", "the value of its x-work header")]}},
+      "/v1/suggestions": {"get": _answer("what a model can do", {"type": "object"})
+                          | {"parameters": [_query("model", "a name of /v1/models"),
+                                            _query("words", "captions that mean nearly this are added")]}},
       "/v1/generate": {"post": _request("motions of one prompt", ["prompt"], {
           "prompt": prompt, "model": model, "seconds": seconds, "seed": seed, "cleanup": switch(True),
           "num": {"type": "integer", "minimum": 1, "maximum": limits.takes, "default": 1}, "literal": switch(False),
@@ -76,6 +81,10 @@ def _responses(schema):
 
 def _answer(summary, schema):
   return {"summary": summary, "responses": _responses(schema)}
+
+
+def _query(name, description):
+  return {"name": name, "in": "query", "required": False, "description": description, "schema": {"type": "string"}}
 
 
 def _request(summary, required, properties, schema):

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from motion_jax.inputs.errors import InputError
+from motion_jax.runtime import progress
 from motion_jax.runtime.install import pip_install
 from motion_jax.studio.guard import LOOPBACK
 
@@ -122,11 +123,12 @@ def _run(names: Sequence[str], host: str, token: str, listener: Any) -> None:
   config = uvicorn.Config(studio.app(), log_level="warning", access_log=False, lifespan="off", ws="websockets-sansio",
                           ws_max_size=2 * studio.limits.message_bytes, ws_per_message_deflate=False,
                           timeout_graceful_shutdown=1, server_header=False, proxy_headers=False)
-  logging.getLogger("uvicorn.error").addFilter(_is_no_refused_handshake)
+  logging.getLogger("uvicorn.error").addFilter(_is_news)
   library.start()
-  Server(config).run(sockets=[listener])
+  with progress.follow(progress.Work()):  # of requests pages say how far they are, not this terminal
+    Server(config).run(sockets=[listener])
 
 
-def _is_no_refused_handshake(record: logging.LogRecord) -> bool:
-  """A log filter. uvicorn reports each WebSocket that the guard refuses with 401 or 403 as a fault of the program."""
-  return "without completing handshake" not in record.getMessage()
+def _is_news(record: logging.LogRecord) -> bool:
+  """A log filter. uvicorn reports a WebSocket that the guard refuses, and one that is open at the end, as errors."""
+  return not any(text in record.getMessage() for text in ("without completing handshake", "timeout graceful shutdown"))

@@ -8,7 +8,7 @@ but for the half second that the cleanup looks ahead.
 import collections
 import hashlib
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -17,6 +17,7 @@ import numpy as np
 from motion_jax.control.signal import ControlSignal
 from motion_jax.models.cmdm.multi_prompt import borders
 from motion_jax.models.results import Motion, captions_in_a_row
+from motion_jax.runtime import progress
 
 _EVERY = 8    # blocks between two copies of a stream, a megabyte each
 _KEPT = 6     # motions whose copies are kept, those asked for last,
@@ -40,18 +41,18 @@ class Stories:
     self._lock = threading.Lock()
 
   def make(self, model: Any, segments: Sequence[tuple[str, int]], seed: int, cleanup: bool, sampling: dict[str, Any],
-           tell: Callable[[int, int], None] = lambda done, of: None, hold: ControlSignal | None = None
-           ) -> tuple[Motion, int, int]:
+           hold: ControlSignal | None = None) -> tuple[Motion, int, int]:
     """(motion, frames that were not made anew, frames that are those of the motion before) of (prompt, frames) rows.
 
-    As `CmdmModel.multi_prompt` makes it. tell(done, of): steps. hold (1, T): what it is led by from its beginning on;
+    As `CmdmModel.multi_prompt` makes it. hold (1, T): what it is led by from its beginning on;
     motions that are led by something else have nothing in common with it.
     """
     hold = None if hold is None or hold.is_empty else hold
     key = model.id, seed, cleanup, tuple(sorted(sampling.items())), None if hold is None else _digest(hold)
     with self._lock:
       take = self._takes.pop(key, None) or _Take()
-    made, reused = _make(model, take, segments, seed, cleanup, sampling, tell, hold)
+    with progress.part("making the motion"):
+      made, reused = _make(model, take, segments, seed, cleanup, sampling, hold)
     old = take.joints
     same = min(len(old), len(made.joints))
     differ = np.flatnonzero((old[:same] != made.joints[:same]).any((1, 2))) if same else []
@@ -69,7 +70,7 @@ def _digest(signal):
   return hashlib.sha256(b"".join(np.ascontiguousarray(x).tobytes() for x in jax.tree.leaves(signal))).digest()
 
 
-def _make(model, take, segments, seed, cleanup, sampling, tell, hold):
+def _make(model, take, segments, seed, cleanup, sampling, hold):
   per_block = model.stream(segments[0][0], seed=seed, cleanup=cleanup, literal=True, **sampling).block_frames
   blocks, total = borders([frames for _, frames in segments], per_block)
   words = [prompt for (prompt, _), count in zip(segments, blocks) for _ in range(count)]
@@ -97,7 +98,7 @@ def _make(model, take, segments, seed, cleanup, sampling, tell, hold):
     given += len(joints)
     pieces.append(joints)
     step += 1
-    tell(given, total)
+    progress.count(given, total, "frame")
   joints = np.concatenate([piece for piece in pieces if len(piece)])
   ends = np.minimum(np.cumsum(blocks) * per_block, total).tolist()
   prompts = [prompt for prompt, _ in segments]

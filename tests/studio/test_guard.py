@@ -122,7 +122,7 @@ def test_wrong_addresses_are_told(client):
 
 def test_openapi_names_every_request(client):
   described = client.get("/openapi.json").json()
-  routes = {"/v1/status", "/v1/models", "/v1/generate", "/v1/story", "/v1/edit", "/v1/project", "/v1/import",
-            "/v1/export"}
+  routes = {f"/v1/{name}" for name in ("status", "models", "progress", "suggestions", "generate", "story", "edit",
+                                       "project", "import", "export")}
   assert set(described["paths"]) == routes and described["openapi"].startswith("3.1")
   assert json.dumps(Limits().prompt) in json.dumps(described)

@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 
 from motion_jax import export
-from motion_jax.data.clip import Clip
+from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.synthetic import synthetic_clips
+from motion_jax.models.results import captions_with
 from motion_jax.motion.looping import in_place
+from motion_jax.runtime import progress
 from motion_jax.studio import wire
+from motion_jax.studio.app import ASSETS
 from motion_jax.studio.limits import Limits
 from tests.studio.conftest import refusal
 
@@ -107,12 +110,49 @@ def test_an_edit_keeps_what_it_keeps_where_it_was(client, walk):
   before, after = joints_of(sent), joints_of(reply["motion"])
   kept = np.r_[0:12, 24:len(after)]
   assert (after[kept] == before[kept]).all() and not (after[12:24] == before[12:24]).all()
+  said = [(one["text"], one["start"], one["end"]) for one in reply["motion"]["captions"]]
+  assert ("a person waves", 0.6, 1.2) in said and said[0][0] == clip.captions[0].text and said[0][2] == 0.6
   for spans in ({}, {"change": [[0, 8]], "keep": [[8, 16]]}):
     told = refusal(client.post("/v1/edit", json={"motion": sent, "prompt": "a", **spans}))
     assert "both or neither" in told
   assert "beyond" in refusal(client.post("/v1/edit", json={"motion": sent, "prompt": "a", "change": [[0, 10**6]]}))
   told = refusal(client.post("/v1/edit", json={"motion": sent, "prompt": "a", "change": [[0, 8]], "model": "tiny"}))
   assert "has no 'edit'; editor has" in told
+
+
+def test_captions_give_way_to_an_edit_where_it_is():
+  whole, piece = Caption("walks"), Caption("sits", 4.0, 6.0)
+  assert captions_with((whole,), [(1.0, 2.0)], "kicks", 5.0) == (
+      Caption("walks", 0.0, 1.0), Caption("kicks", 1.0, 2.0), Caption("walks", 2.0, 5.0))
+  assert captions_with((piece,), [(3.0, 5.0)], "kicks", 6.0) == (Caption("kicks", 3.0, 5.0), Caption("sits", 5.0, 6.0))
+  assert captions_with((), [(0.0, 1.0)], "kicks", 6.0) == (Caption("kicks", 0.0, 1.0),)
+
+
+def test_a_request_says_how_far_it_is(client, studio, monkeypatch):
+  """Read by another request while the first one runs."""
+  seen, count = [], progress.count
+
+  def read(*state):
+    count(*state)
+    seen.append(client.get("/v1/progress?work=mine").json())
+
+  monkeypatch.setattr(progress, "count", read)
+  body = {"blocks": [{"prompt": "a person walks", "seconds": 2.4}], "model": "tiny"}
+  assert client.post("/v1/story", json=body, headers={"x-work": "mine"}).status_code == 200
+  assert len(seen) >= 4 and seen[-1]["doing"] == "making the motion" and seen[-1]["done"] == seen[-1]["of"] == 48
+  assert client.get("/v1/progress?work=mine").json()["doing"] == "" and not studio.works
+
+
+def test_suggestions_are_prompts_that_the_model_knows(client, library):
+  found = client.get("/v1/suggestions?model=tiny&words=a person jumps").json()
+  model = library.model("tiny", "generate")
+  assert all(not model.unknown_words(row["prompt"]) for row in found["rows"])
+  assert found["captions"] == [text for text, _ in model.nearest_captions("a person jumps", 12)]
+  for row in json.loads((ASSETS / "suggestions.json").read_text())["rows"]:
+    points = np.frombuffer(base64.b64decode(row["figure"]), np.int8).reshape(-1, 22, 2) / found["scale"]
+    assert 1.0 < points[:, 15, 1].max() < 2.12, row["prompt"]  # a head
+  assert (ASSETS / "suggestions.json").stat().st_size < 300_000
+  assert "got the model 'nobody'" in refusal(client.get("/v1/suggestions?model=nobody"))
 
 
 @pytest.mark.parametrize("kind", ["bvh", "glb", "npz", "npy", "gif", "html", "png"])

@@ -1,5 +1,7 @@
 // Requests to the studio. What it refuses becomes an Error with its sentence.
 
+import { GONE } from "./words.js";
+
 export const token = new URLSearchParams(location.search).get("token") ?? "";
 
 async function ask(path, options = {}) {
@@ -7,22 +9,50 @@ async function ask(path, options = {}) {
   try {
     reply = await fetch(path, { ...options, headers: { ...options.headers, authorization: `Bearer ${token}` } });
   } catch {
-    throw new Error("the studio does not answer; is it still running?");
+    throw Object.assign(new Error(GONE), { topic: "connection" });
   }
   if (reply.ok) return reply;
-  const told = await reply.json().catch(() => null);
-  throw new Error(told?.error?.message ?? `the studio answered with status ${reply.status}`);
+  const refusal = await reply.json().catch(() => null);
+  const error = new Error(refusal?.error?.message ?? `the studio answered with status ${reply.status}`);
+  throw Object.assign(error, { status: reply.status });
 }
 
-const json = async (path, body) =>
-  (
-    await ask(path, { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(body) })
-  ).json();
+/** Whether the studio is "there", is "gone", or has "refused" this page. */
+export const reach = () =>
+  ask("/v1/status").then(
+    () => "there",
+    (error) => ([401, 403].includes(error.status) ? "refused" : "gone"),
+  );
+
+const POLL = 700; // milliseconds between two questions how far a request is
+let works = 0;
+
+// A request that takes a while: report({doing, done, of, seconds}) about once a second.
+async function followed(send, report) {
+  const work = `${Date.now()}-${(works += 1)}`;
+  const timer = setInterval(async () => {
+    const found = await ask(`/v1/progress?work=${work}`).then((reply) => reply.json()).catch(() => null);
+    if (found?.doing) report(found);
+  }, POLL);
+  try {
+    return await send({ "x-work": work });
+  } finally {
+    clearInterval(timer);
+  }
+}
+
+const json = async (path, body, report = () => {}) =>
+  followed(async (headers) => {
+    const type = { "content-type": "application/json" };
+    return (await ask(path, { method: "POST", headers: { ...headers, ...type }, body: JSON.stringify(body) })).json();
+  }, report);
 
 export const models = async () => (await (await ask("/v1/models")).json()).models;
 export const body = async () => (await ask("/body.json")).json();
-export const story = (request) => json("/v1/story", request);
-export const edit = (request) => json("/v1/edit", request);
+export const story = (request, report) => json("/v1/story", request, report);
+export const edit = (request, report) => json("/v1/edit", request, report);
+export const suggestions = async (model, words = "") =>
+  (await ask(`/v1/suggestions?${new URLSearchParams({ ...(model ? { model } : {}), words })}`)).json();
 export const project = (value) => json("/v1/project", value);
 
 export async function importFile(file) {
@@ -31,8 +61,11 @@ export async function importFile(file) {
 }
 
 /** {blob, name} of a motion as a file. */
-export async function exportMotion(request) {
-  const reply = await ask("/v1/export", { method: "POST", body: JSON.stringify(request) });
+export async function exportMotion(request, report) {
+  const reply = await followed(
+    (headers) => ask("/v1/export", { method: "POST", headers, body: JSON.stringify(request) }),
+    report,
+  );
   const name = /filename="([^"]*)"/.exec(reply.headers.get("content-disposition") ?? "")?.[1];
   return { blob: await reply.blob(), name: name ?? `motion.${request.format}` };
 }

@@ -33,6 +33,10 @@ export function ask(timeline, id) {
   };
   input.onblur = () => done(true);
   timeline.track.append(input);
+  timeline.on.typing?.(input, (words) => {
+    input.value = words;
+    done(true);
+  });
   input.focus();
   input.select();
 }
@@ -55,6 +59,9 @@ export function makeBlock(timeline, id) {
       by = (dx / timeline.width) * (timeline.window.end - timeline.window.start);
       element.classList.toggle("moving", !edge);
       timeline.dragging = id;
+      const left = edge ? row.start : row.start + by,
+        length = row.end - row.start + (edge ? by : 0);
+      timeline.showTip(`${row.prompt} (${Math.max(0, length).toFixed(1)} s)`, timeline.place(left));
       if (edge) element.style.width = `${Math.max(8, timeline.place(row.end + by) - timeline.place(row.start) - 2)}px`;
       else element.style.left = `${timeline.place(row.start + by)}px`;
     };
@@ -62,6 +69,7 @@ export function makeBlock(timeline, id) {
       element.removeEventListener("pointermove", step);
       element.classList.remove("moving");
       timeline.dragging = null;
+      timeline.showTip(null);
       if (last.type === "pointerup" && by && edge) timeline.on.resize(id, row.end - row.start + by);
       else if (last.type === "pointerup" && by)
         timeline.on.move(id, indexAt(timeline.shown.among, id, timeline.second(last.clientX)));

@@ -1,8 +1,9 @@
-// The buttons and boxes of the page, and the line that says how it goes.
+// The buttons and boxes of the page, and the line that says how it is.
 import { isPath } from "./control.js";
+import { liveDetails, liveSaid, statusOf } from "./words.js";
 
 const $ = (id) => document.getElementById(id);
-const LOOKS = ["follow", "path", "steps", "ghosts", "sticks"];
+const LOOKS = ["follow", "path", "steps", "ghosts", "sticks", "edits"];
 
 function stored(name, value) {
   try {
@@ -58,9 +59,24 @@ export function bind(studio) {
   $("say").onsubmit = (event) => {
     event.preventDefault();
     const prompt = $("prompt").value.trim();
-    if (!prompt) return notes.tell("say what the person does, as in “a person waves”", true);
+    if (!prompt) return notes.tell("type what the person does, as in “a person waves”", true);
     if (!live.connected) return notes.tell("the studio is not connected; the words stay here until it is", true);
     live.say(prompt);
+  };
+  const { ideas } = studio,
+    sayIdea = (prompt) => {
+      $("prompt").value = prompt;
+      $("say").requestSubmit();
+    };
+  ideas.attach($("prompt"), sayIdea);
+  ideas.attach($("edit-prompt"), (prompt) => {
+    $("edit-prompt").value = prompt;
+  });
+  $("ideas-button").onclick = () => {
+    const open = !$("ideas").hidden;
+    ideas.close();
+    $("prompt").focus();
+    if (!open) ideas.open($("prompt"), sayIdea, true);
   };
   $("play").onclick = studio.play;
   $("restart").onclick = () => live.restart();
@@ -77,7 +93,7 @@ export function bind(studio) {
     const { seeds } = studio.state.project;
     story.make(studio.side ? seeds.map((_, take) => take) : undefined);
   };
-  $("auto").onchange = () => $("auto").checked && studio.state.project.blocks.length && story.make();
+  $("auto").onchange = () => $("auto").checked && studio.state.project.blocks.length && story.stale && story.make();
   $("undo").onclick = () => act({ type: "undo" });
   $("redo").onclick = () => act({ type: "redo" });
   $("repeat").onchange = () => {
@@ -96,7 +112,7 @@ export function bind(studio) {
   $("draw-path").onclick = () => {
     studio.tool.toggle();
     if (studio.tool.active)
-      notes.tell("click on the floor: way points; drag moves one, right click or Delete removes it, Esc ends", false);
+      notes.tell("click on the floor to add points; drag moves one, right click or Delete removes it, Esc ends", false);
   };
   $("follow-path").onclick = () => studio.follow();
   $("keep-pose").onclick = () => studio.keepPose();
@@ -116,6 +132,9 @@ export function bind(studio) {
     $("curves").hidden = !$("show-curves").checked;
     studio.dirty = true;
   };
+  $("details").onchange = () => {
+    studio.dirty = true;
+  };
   $("zoom-in").onclick = () => timeline.zoom(0.7, studio.time());
   $("zoom-out").onclick = () => timeline.zoom(1 / 0.7, studio.time());
   $("zoom-fit").onclick = () => timeline.fit();
@@ -123,7 +142,7 @@ export function bind(studio) {
     studio.dirty = true;
   });
 
-  // The models that can tell a story, once they are known.
+  // The models that can make a timeline, once they are known.
   studio.modelsCame = () => {
     const able = studio.models.filter((model) => model.abilities?.includes("multi_prompt"));
     const { model } = studio.state.project;
@@ -131,8 +150,11 @@ export function bind(studio) {
     if (known && known.id !== model.id) act({ type: "model", model: { name: known.name, id: known.id ?? "" } });
     for (const failed of studio.models.filter((one) => one.state === "failed")) {
       const sentence = `${failed.name} cannot be used: ${failed.error}`;
-      if (!notes.all.includes(sentence)) notes.tell(sentence, true);
+      if (!notes.all.includes(sentence)) notes.tell(sentence, true, failed.name);
     }
+    const ready = studio.models.filter((one) => one.state === "ready").length;
+    if (ready !== studio.ready) ideas.forget(); // another model may know other words
+    studio.ready = ready;
     studio.dirty = true;
   };
 
@@ -143,42 +165,23 @@ export function bind(studio) {
   studio.status = (moved) => {
     if (!moved) return;
     const inLive = studio.mode === "live",
+      { mode, models } = studio,
       { state, progress } = live;
-    const loading = studio.models.find((model) => !["ready", "failed"].includes(model.state));
-    const how =
-      !live.connected && live.reconnects
-        ? "the studio has gone; trying to reach it again"
-        : story.busy && !inLive
-          ? story.busy
-          : progress
-            ? `${progress.state}: ${progress.doing} (${progress.done} of ${progress.of}, ${progress.seconds.toFixed(0)} s)`
-            : !inLive && loading
-              ? `${loading.name}: ${loading.doing || loading.state}`
-              : inLive
-                ? ({ running: "live", waiting: "the words are done; say others", lost: "connecting" }[state] ?? state)
-                : story.stale && studio.state.project.blocks.length
-                  ? "changed, not made yet"
-                  : "ready";
-    const line = $("state"),
-      is = !live.connected ? "bad" : progress || story.busy || loading ? "busy" : "good";
-    if (old.how !== how || old.is !== is) {
-      line.lastElementChild.textContent = old.how = how;
+    const { text, is } = statusOf({ mode, live, story, models, blocks: studio.state.project.blocks.length });
+    const line = $("state");
+    if (old.how !== text || old.is !== is) {
+      line.lastElementChild.textContent = old.how = text;
       line.dataset.is = old.is = is;
     }
     const playing = inLive ? state === "running" : player.playing;
     put("play", playing ? "❚❚" : "▶");
     put("time", inLive ? `${live.time.toFixed(1)} s` : `${player.time.toFixed(2)} s, frame ${player.frame}`);
-    put("caption", inLive ? (live.frames ? (live.at(live.time * live.fps)?.prompt ?? "") : progress ? how : "") : captionAt(story.shown, player.time));
-    const flight = Math.max(0, live.begun - live.committed) / live.fps;
-    put(
-      "numbers",
-      inLive && live.blocks
-        ? `${live.lead.toFixed(1)} s ahead, ${flight.toFixed(1)} s in flight, block ${live.sampling.toFixed(0)} ms` +
-            (live.latency === null ? "" : `, words after ${live.latency.toFixed(1)} s`)
-        : !inLive && story.reply?.same_frames
-          ? `${story.reply.same_frames} frames as before`
-          : "",
-    );
+    const said = live.frames ? (live.at(live.time * live.fps)?.prompt ?? "") : progress ? text : "";
+    put("caption", inLive ? said : captionAt(story.shown, player.time));
+    const details = $("details").checked,
+      same = story.reply?.same_frames;
+    put("numbers", inLive ? liveSaid(live) : "");
+    put("figures", !details ? "" : inLive ? liveDetails(live) : same ? `${same} frames unchanged` : "");
     $("undo").disabled = !studio.state.past.length;
     $("redo").disabled = !studio.state.future.length;
     if ($("cleanup").checked !== studio.state.project.cleanup) $("cleanup").checked = studio.state.project.cleanup;

@@ -1,11 +1,12 @@
-// The keyboard. Keys mean what editors make of them, but not while somebody writes.
+// The keyboard. Keys mean what editors make of them, but not while the user writes.
 
-const WRITES = "input:not([type=checkbox]):not([type=range]), textarea, select, dialog *";
+const WRITES = "input:not([type=checkbox]):not([type=range]), textarea, select";
 
 /** does: {play, step(frames), home, end, remove, undo, redo, markIn, markOut, unmark} */
 export function listen(does) {
   document.addEventListener("keydown", (event) => {
-    if (event.target.matches?.(WRITES) || event.altKey) return;
+    // Keys of an open dialog are the dialog's, Escape too, wherever the focus is.
+    if (event.target.matches?.(WRITES) || event.altKey || document.querySelector("dialog[open]")) return;
     const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
     if (event.ctrlKey || event.metaKey) {
       if (key === "z" || key === "y") {

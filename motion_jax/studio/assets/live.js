@@ -1,24 +1,32 @@
 // One live motion: the socket, the frames that have come, the clock that plays them.
 import { asJson } from "./control.js";
 import { open } from "./stream.js";
+import { GONE } from "./words.js";
 
 const KEPT = 12_000; // frames: ten minutes
 const DROPPED = 1200; // that go at once when there are more
-const GONE = "the studio has gone; trying to reach it again";
-const AGAIN = 1000; // milliseconds until the page tries to reach the studio again
+const LOST = {
+  gone: GONE,
+  refused: "this address is out of date: open the one that the studio printed; your work is kept in this browser",
+};
+const AGAIN = 1000, // milliseconds until the page tries to reach the studio again, each time longer,
+  LONGEST = 5000; // up to this
+const RECENT = 10_000; // milliseconds after a pause in which the stream counts as slow
 
 export class Live {
-  // tell(sentence, isError): for the user; forget(sentence): it is true no longer; changed(): something that is shown
-  // has changed; check(): asks the studio whether it would let this page in; anew(): a motion has begun in the place of
-  // one that was led along a path.
-  constructor(token, { tell, forget, changed, check, anew }) {
-    Object.assign(this, { token, tell, forget, changed, check, anew });
+  // tell(sentence, isError, topic) and forget(topic): notes for the user; changed(): something that is shown has changed;
+  // reach(): whether the studio is "there", "gone" or has "refused" this page's token; started(): a motion was requested;
+  // back(): the studio is there after it was not; replaced(): a motion has begun in the place of one that went along a path.
+  constructor(token, { tell, forget, changed, reach, started, back, replaced }) {
+    Object.assign(this, { token, tell, forget, changed, reach, started, back, replaced });
     this.state = "connecting";
     this.choices = { prompt: "a person walks forward", speed: 1, keep_going: true };
     this.asked = null; // other choices, until the studio has begun with them
     this.reconnects = this.missed = 0;
     this.progress = null;
-    this.connected = this.closed = false;
+    this.connected = this.restored = false;
+    this.absence = null; // "gone" or "refused"
+    this.wait = AGAIN;
     this.clear();
   }
 
@@ -44,12 +52,16 @@ export class Live {
       latency: null,
       said: null,
       starved: false,
+      lastMissed: -Infinity,
       held: null,
       blocks: 0,
     });
   }
 
-  connect() {
+  // By an ordinary request first: a socket that is refused is an error in the studio's log.
+  async connect() {
+    const answer = await this.reach();
+    if (answer !== "there") return this.missing(answer);
     this.stream = open(this.token, {
       opened: () => this.opened(),
       closed: () => this.lost(),
@@ -58,24 +70,33 @@ export class Live {
     });
   }
 
+  missing(answer) {
+    this.state = "lost";
+    if (this.absence !== answer) this.tell(LOST[answer], true, "connection");
+    this.absence = answer;
+    this.changed();
+    setTimeout(() => this.connect(), this.wait);
+    this.wait = Math.min(LONGEST, this.wait * 1.5);
+  }
+
   opened() {
     this.connected = true;
     this.asked = null;
-    this.forget(GONE);
-    if (this.reconnects) this.tell("the studio is there again; the motion begins anew", false);
+    this.wait = AGAIN;
+    this.absence = null;
+    this.forget("connection");
+    if (this.reconnects) this.tell("the studio is back; the live motion starts again, your project is as it was", false);
     this.send({ type: "start", ...this.choices });
+    this.started();
+    if (this.reconnects) this.back();
     this.changed();
   }
 
   lost() {
-    if (this.connected) this.tell(GONE, true);
-    else this.check();
     if (this.connected) this.reconnects += 1;
     this.connected = false;
-    this.state = "lost";
     this.progress = null;
-    this.changed();
-    setTimeout(() => this.connect(), AGAIN);
+    this.missing("gone");
   }
 
   send(message) {
@@ -95,16 +116,18 @@ export class Live {
       this.choices = { ...this.choices, ...this.asked, seed: message.seed };
       this.asked = null;
       this.model = { name: message.model, id: message.id };
+      this.restored = false;
+      this.forget("stream");
       this.progress = null;
-      if (led) this.anew();
+      if (led) this.replaced();
     } else if (message.type === "words") {
       this.words = this.words.filter((one) => one.from < message.from_frame);
       this.choices.prompt = message.whole;
       this.words.push({ words: message.words, prompt: message.prompt, from: message.from_frame });
       if (message.unknown.length) {
         const nearest = message.nearest ? `; what it knows and comes nearest is “${message.nearest}”` : "";
-        this.tell(`the model has not learned: ${message.unknown.join(", ")}${nearest}`, false);
-      }
+        this.tell(`the model has not learned: ${message.unknown.join(", ")}${nearest}`, false, "words");
+      } else this.forget("words");
     } else if (message.type === "state") {
       this.state = message.state;
       this.progress = message.doing ? message : null;
@@ -112,9 +135,18 @@ export class Live {
       this.held = { from: message.from_frame, until: message.until_frame };
     } else if (message.type === "error") {
       this.said = this.asked = null;
-      this.tell(message.message, true);
+      if (this.restored && !this.run) return this.forgetChoices();
+      this.tell(message.message, true, "stream");
     }
     this.changed();
+  }
+
+  // What was chosen before a reload is not there any more, such as a model that this studio does not have.
+  forgetChoices() {
+    const { prompt, speed, keep_going } = this.choices;
+    this.restored = false;
+    this.choices = { prompt, speed, keep_going };
+    this.send({ type: "start", ...this.choices });
   }
 
   block(block) {
@@ -156,6 +188,10 @@ export class Live {
     return Math.max(0, this.end - 1 - this.time * this.fps) / this.fps;
   }
 
+  get recentlyMissed() {
+    return performance.now() - this.lastMissed < RECENT;
+  }
+
   /** The words of a frame: {words, prompt, from}. */
   at(frame) {
     return this.words.findLast((one) => one.from <= frame) ?? null;
@@ -169,7 +205,10 @@ export class Live {
     if (this.time < this.played) this.time = this.played; // who looked back goes on from where it stopped
     const next = this.time + passed * this.choices.speed;
     const starved = next > last && this.state === "running";
-    if (starved && !this.starved) this.missed += 1;
+    if (starved && !this.starved) {
+      this.missed += 1;
+      this.lastMissed = performance.now();
+    }
     this.starved = starved;
     this.time = this.played = Math.min(next, last);
     const frame = this.time * this.fps;
@@ -210,7 +249,7 @@ export class Live {
     this.send({ type: "resume" });
   }
 
-  /** Begins anew with other choices: {model, seed, sampling}; where the studio refuses them, nothing changes. */
+  /** Starts again with other choices: {model, seed, sampling}; where the studio refuses them, nothing changes. */
   begin(choices) {
     this.asked = choices;
     this.send({ type: "start", ...this.choices, ...choices });

@@ -4,6 +4,7 @@ import { bind } from "./controls.js";
 import { pathOf, pointsOf } from "./control.js";
 import { showCurves } from "./curves.js";
 import { PathTool } from "./draw.js";
+import { Ideas } from "./ideas.js";
 import { listen } from "./keys.js";
 import { Live } from "./live.js";
 import { Notes } from "./notes.js";
@@ -12,6 +13,7 @@ import { Player } from "./player.js";
 import { picture } from "./picture.js";
 import { liveRows, saidProject, storyRows } from "./rows.js";
 import { Sampling } from "./sampling.js";
+import { restoreSession } from "./session.js";
 import { MOST_BLOCKS, initial, reduce } from "./state.js";
 import { Story } from "./story.js";
 import { expose } from "./testing.js";
@@ -19,7 +21,7 @@ import { Timeline } from "./timeline.js";
 import { View } from "./view.js";
 
 const $ = (id) => document.getElementById(id);
-const CHANGED_AFTER = 300; // milliseconds after the last change that a motion is made anew
+const CHANGED_AFTER = 300; // milliseconds after the last change that a motion is made again
 const LONGEST_FRAME = 1; // seconds between two drawings that the clock takes for played; a hidden tab draws nothing
 const ASKED_AGAIN = 1000; // milliseconds between two questions how far the models are
 
@@ -34,28 +36,40 @@ const studio = {
   dirty: true,
   curves: null,
 };
-const tell = (sentence, error) => notes.tell(sentence, error);
+const tell = (sentence, error, topic) => notes.tell(sentence, error, topic);
+const forget = (topic) => notes.forget(topic);
 const changed = () => {
   studio.dirty = true;
 };
 const live = (studio.live = new Live(api.token, {
   tell,
   changed,
-  forget: (sentence) => notes.forget(sentence),
-  check: checkToken,
-  anew: () => tool.active || studio.follow(), // a path that is being drawn is sent when it is done
+  forget,
+  reach: api.reach,
+  started: () => {
+    // Behind the timeline the live motion waits.
+    if (studio.mode !== "story") return;
+    live.pause();
+    studio.wasRunning = true;
+  },
+  back: () => {
+    watchModels();
+    makeSoon();
+  },
+  replaced: () => tool.active || studio.follow(), // a path that is being drawn is sent when it is done
 }));
-const story = (studio.story = new Story(api, { tell, changed, state: () => studio.state, act }));
+const story = (studio.story = new Story(api, { tell, forget, changed, state: () => studio.state, act }));
 let waiting = null;
 
-// Every change goes through here; one of the project is made anew soon, if the user wants that.
+// Every change goes through here; the motion of a changed project is made soon, if the user wants that.
 function act(action) {
   const before = studio.state;
   studio.state = reduce(before, action);
   changed();
   drawTimeline();
-  if (studio.state.project === before.project || action.type === "model") return;
-  // The live body is asked for what is seen.
+  studio.keeper?.changed();
+  if (studio.state.project === before.project || ["model", "restore"].includes(action.type)) return;
+  // The live body does what is seen.
   const other = pathOf(before.project.control) !== pathOf(studio.state.project.control);
   if (other && ["undo", "redo"].includes(action.type) && studio.mode === "live" && !tool.active) studio.follow();
   makeSoon();
@@ -63,6 +77,7 @@ function act(action) {
 studio.act = act;
 
 // While a path is drawn, nothing is made of half of it.
+studio.makeSoon = makeSoon;
 function makeSoon() {
   const { blocks, past } = studio.state.project;
   clearTimeout(waiting);
@@ -98,7 +113,7 @@ studio.follow = () => {
 /** The body is as it is shown now at that time, wherever it is then. */
 studio.keepPose = () => {
   const motion = story.shown;
-  if (!motion) return tell("there is no motion yet whose pose could be kept; make one first", true);
+  if (!motion) return tell("there is no motion yet to keep a pose of; make one first", true);
   if (motion.count !== studio.view?.body.rest.length) return tell("this motion's joints are not those of the body", true);
   const { frame } = studio.player,
     first = 3 * frame * motion.count;
@@ -123,10 +138,14 @@ studio.setMode = (mode) => {
     studio.wasRunning = false;
   }
   if (mode === "story") studio.player.load(story.shown);
+  studio.ideas.forget();
+  studio.keeper?.changed();
   timeline.window = { start: 0, end: 12 };
   changed();
   drawTimeline();
 };
+
+studio.livePieces = () => liveRows(live).pieces;
 
 /** The motion that is on the screen. */
 studio.motion = () => (studio.mode === "live" ? live.motion() : story.shown);
@@ -139,6 +158,7 @@ studio.editor = () => {
 studio.seek = (second) => {
   if (studio.mode === "live") live.seek(second);
   else studio.player.seek(second);
+  studio.keeper?.changed();
   changed();
 };
 
@@ -176,7 +196,7 @@ studio.markOut = () => {
   studio.mark(from >= 0 && from < studio.time() ? from : Math.max(0, studio.time() - 1), studio.time());
 };
 
-/** What was said live, as blocks on the timeline. */
+/** The live prompts, as blocks on the timeline. */
 studio.toTimeline = () => {
   const said = saidProject(live, studio.state.project);
   if (!said.blocks.length) return tell("nothing has been made yet", true);
@@ -197,6 +217,7 @@ const timeline = (studio.timeline = new Timeline($("timeline"), {
     else act({ type: "add", prompt });
   },
   span: studio.mark,
+  typing: (field, take) => studio.ideas.attach(field, take),
 }));
 
 listen({
@@ -232,13 +253,18 @@ const panels = (studio.panels = new Panels({
   act,
   story,
   tell,
+  forget,
   motion: studio.motion,
+  livePieces: () => studio.livePieces(),
   mode: () => studio.mode,
   tool: () => tool,
   editor: studio.editor,
   models: () => studio.models,
 }));
 new Sampling(studio);
+studio.ideas = new Ideas($("ideas"), (words) =>
+  api.suggestions(studio.mode === "live" ? (live.model?.name ?? "") : studio.state.project.model.name, words),
+);
 bind(studio);
 expose(studio);
 
@@ -277,28 +303,27 @@ function tick(now) {
   requestAnimationFrame(tick);
 }
 
-// A studio that was started again may have another token, and lets this page in no more.
-async function checkToken() {
-  const refused = await api.models().then(
-    () => null,
-    (error) => error.message,
-  );
-  if (refused?.includes("token") && !notes.all.includes(refused)) tell(refused, true);
-}
+let watching = false;
 
+// Asks how far the models are until all are ready; once more when the studio was started again.
 async function watchModels() {
-  try {
-    studio.models = await api.models();
-    studio.modelsCame();
-  } catch (error) {
-    if (error.message.includes("token")) return tell(error.message, true);
-  }
-  if (!studio.models.length || studio.models.some((model) => !["ready", "failed"].includes(model.state))) {
-    setTimeout(watchModels, ASKED_AGAIN);
-  }
+  if (watching) return;
+  watching = true;
+  do {
+    try {
+      studio.models = await api.models();
+      studio.modelsCame();
+    } catch {
+      break; // the stream finds out when the studio is back
+    }
+    if (studio.models.every((model) => ["ready", "failed"].includes(model.state))) break;
+    await new Promise((done) => setTimeout(done, ASKED_AGAIN));
+  } while (true);
+  watching = false;
 }
 
 async function begin() {
+  await restoreSession(studio);
   live.connect();
   watchModels();
   requestAnimationFrame(tick);

@@ -122,8 +122,8 @@ export function curves(motion) {
   return found;
 }
 
-/** Whether a frame was made anew in an edit: true, false, or null where the motion was not edited. */
-export function madeAnew(motion, frame) {
+/** Whether an edit regenerated a frame: true, false, or null where the motion was not edited. */
+export function isEdited(motion, frame) {
   const made = motion?.meta?.made;
   if (!Array.isArray(made)) return null;
   return made.some(([first, past]) => first <= frame && frame < past);

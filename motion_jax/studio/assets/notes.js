@@ -1,7 +1,9 @@
-// Sentences for the user: what went wrong stays until it is closed, what is merely worth knowing goes by itself.
+// Sentences for the user. Each has a topic: a newer sentence on it replaces the older one, and it goes when its cause
+// has gone. Errors on a topic stay until then, others go by themselves.
 
-const MOST = 3,
-  SHOWN = 7000; // notes at once; milliseconds
+const MOST = 3; // notes at once
+const SHOWN = 7000,
+  ERROR_SHOWN = 15_000; // milliseconds
 
 export class Notes {
   constructor(element) {
@@ -10,24 +12,30 @@ export class Notes {
     this.all = [];
   }
 
-  tell(sentence, error) {
+  /** topic: what the sentence is about, such as "connection"; error: whether something went wrong. */
+  tell(sentence, error, topic = "") {
     this.all.push(sentence);
     if (error) this.errors.push(sentence);
     for (const list of [this.all, this.errors]) list.splice(0, list.length - 100);
-    for (const old of this.element.children) if (old.firstChild.textContent === sentence) old.remove();
+    this.remove((note) => note.firstChild.textContent === sentence || (topic && note.dataset.topic === topic));
     const note = Object.assign(document.createElement("div"), { className: error ? "note error" : "note" });
+    note.dataset.topic = topic;
     const text = Object.assign(document.createElement("span"), { textContent: sentence });
     const close = Object.assign(document.createElement("button"), { textContent: "✕", type: "button" });
-    close.setAttribute("aria-label", "close");
+    close.setAttribute("aria-label", "Close this note");
     close.onclick = () => note.remove();
     note.append(text, close);
     this.element.append(note);
     while (this.element.children.length > MOST) this.element.firstChild.remove();
-    if (!error) setTimeout(() => note.remove(), SHOWN);
+    if (!error || !topic) setTimeout(() => note.remove(), error ? ERROR_SHOWN : SHOWN);
   }
 
-  /** Takes a sentence away that is true no longer. */
-  forget(sentence) {
-    for (const old of [...this.element.children]) if (old.firstChild.textContent === sentence) old.remove();
+  /** The cause of what was said on a topic has gone. */
+  forget(topic) {
+    this.remove((note) => note.dataset.topic === topic);
+  }
+
+  remove(which) {
+    for (const note of [...this.element.children]) if (which(note)) note.remove();
   }
 }

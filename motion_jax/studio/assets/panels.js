@@ -1,8 +1,9 @@
-// What stands around the picture and the timeline: takes, the marked span, files, export.
+// What is around the picture and the timeline: takes, the marked span, files, export.
 import * as api from "./api.js";
 import { asJson, isPath, named, offSaid } from "./control.js";
 import { part, toJson } from "./motion.js";
 import { MOST_TAKES, lengthOf, saved } from "./state.js";
+import { legendOf, workSaid } from "./words.js";
 
 const $ = (id) => document.getElementById(id);
 
@@ -13,23 +14,26 @@ function chipOf(name, time, index) {
   text.dataset.time = time;
   const gone = Object.assign(document.createElement("button"), { type: "button", textContent: "✕" });
   gone.dataset.index = index;
-  gone.setAttribute("aria-label", `take away ${name}`);
+  gone.setAttribute("aria-label", `Remove ${name}`);
   chip.append(text, gone);
   return chip;
 }
 
 export class Panels {
-  // studio: {state(), act(action), story, tell, motion(), span(frames), changed(), editor()}
+  // studio: {state(), act(action), story, tell, forget, motion(), changed(), editor()}
   constructor(studio) {
     this.studio = studio;
-    const { act, tell } = studio;
+    this.savedProject = null; // as it was written to a file
+    this.exporting = false;
+    const { act, tell, forget } = studio;
     const tried =
       (work) =>
       async (...given) => {
         try {
           await work(...given);
+          forget("file");
         } catch (error) {
-          tell(error.message, true);
+          tell(error.message, true, error.topic ?? "file");
         }
       };
     $("add-take").onclick = () => {
@@ -51,6 +55,7 @@ export class Panels {
       this.edit();
     };
     $("unmark").onclick = () => act({ type: "span", span: null });
+    $("new").onclick = () => act({ type: "new" });
     $("import").onclick = () => $("motion-file").click();
     $("open").onclick = () => $("project-file").click();
     $("save").onclick = tried(() => this.save());
@@ -79,14 +84,33 @@ export class Panels {
         chips.children[take] ?? chips.appendChild(Object.assign(document.createElement("button"), { type: "button" }));
       chip.dataset.take = take;
       chip.textContent = `seed ${seed}`;
-      chip.title = "click picks it, right click takes it away";
+      chip.title = "a click shows it, a right click removes it";
       chip.className = story.of(take) ? "" : "none";
       chip.setAttribute("aria-pressed", String(take === project.chosen));
     });
-    $("span").textContent = span ? `frames ${span[0]} to ${span[1]}` : "drag below the blocks to mark frames";
+    $("span").textContent = span ? `frames ${span[0]} to ${span[1]}` : "drag below the blocks to mark a span";
     this.drawAsked(project);
     $("edit-button").disabled = !span || !story.shown || Boolean(story.busy);
     $("unmark").hidden = !span;
+    $("new").disabled = !project.blocks.length && !project.past && !project.control.length;
+    const edited = this.studio.mode() === "story" && Array.isArray(story.shown?.meta?.made);
+    $("edits").parentElement.hidden = !edited;
+    this.drawLegend(this.studio.mode() === "story" ? story.pieces() : this.studio.livePieces());
+  }
+
+  // What the colours of the strip mean.
+  drawLegend(pieces) {
+    const rows = legendOf(pieces),
+      key = rows.join();
+    if (key === this.legend) return;
+    this.legend = key;
+    $("legend").replaceChildren(
+      ...rows.map(([kind, words]) => {
+        const row = document.createElement("span");
+        row.append(Object.assign(document.createElement("i"), { className: kind }), words);
+        return row;
+      }),
+    );
   }
 
   // A chip of each constraint: a click goes to its time, the cross takes it away.
@@ -99,7 +123,7 @@ export class Panels {
       .map((one, index) => [one, index])
       .filter(([one]) => inStory || isPath(one))
       .map(([one, index]) => [named(one, inStory ? length : 0), one.time ?? one.times?.[0] ?? "", index]);
-    // Those that stay are not drawn anew: a click would be lost between the button's going down and up.
+    // Those that stay are not replaced: a click would be lost between the button's going down and up.
     if (JSON.stringify(rows) !== this.chips) {
       this.chips = JSON.stringify(rows);
       $("asked").replaceChildren(...rows.map((row) => chipOf(...row)));
@@ -114,8 +138,8 @@ export class Panels {
     const { state, act, story, tell, editor } = this.studio,
       { span, project } = state();
     const prompt = $("edit-prompt").value.trim();
-    if (!span) return tell("mark frames first: drag below the blocks, or [ and ]", true);
-    if (!prompt) return tell("say what happens in the marked span", true);
+    if (!span) return tell("mark a span first: drag below the blocks, or press [ and ]", true);
+    if (!prompt) return tell("type what happens in the marked span", true);
     if (story.stale) return tell("the motion is not made yet; make it first", true);
     const change = [[span[0], Math.min(span[1], story.shown.frames)]];
     if (change[0][0] >= change[0][1]) return tell("the marked span lies behind the end of the motion", true);
@@ -133,26 +157,44 @@ export class Panels {
     const file = input.files[0];
     input.value = "";
     if (!file) return;
-    const motion = await api.importFile(file);
-    this.studio.act({ type: "importMotion", motion });
-    await this.studio.story.make();
-    this.studio.tell(
-      `${file.name}: ${(motion.shape[0] / motion.fps).toFixed(1)} s; add blocks to go on from it, or ` +
-        "mark a span to make it anew",
-      false,
-    );
+    const { state, act, story, tell } = this.studio,
+      { project } = state();
+    const motion = await api.importFile(file),
+      length = `${(motion.shape[0] / motion.fps).toFixed(1)} s`;
+    const place = project.blocks.length ? await this.askWhere(file.name, length, project.blocks.length) : "instead";
+    if (!place) return;
+    act({ type: "importMotion", motion, alone: place === "instead" });
+    await story.make();
+    tell(`${file.name}: ${length}; add blocks to continue it, or mark a span to change it`, false);
+  }
+
+  // A motion goes before the blocks, which are then made again, or in their place: "before", "instead", or nothing.
+  askWhere(name, length, count) {
+    const panel = $("import-panel"),
+      blocks = count === 1 ? "1 block" : `${count} blocks`;
+    $("import-question").textContent = `${name} has ${length} of motion, and the timeline has ${blocks}: where does it go?`;
+    panel.returnValue = "";
+    panel.showModal();
+    return new Promise((done) => panel.addEventListener("close", () => done(panel.returnValue), { once: true }));
   }
 
   async save() {
     const { project } = this.studio.state();
     if (!project.blocks.length)
-      throw new Error("there are no blocks to save yet: click on the timeline and say what happens");
+      throw new Error("there are no blocks to save yet: click on the timeline and type what happens");
     const value = await api.project(saved(project));
     const name = `${project.blocks[0].prompt
       .toLowerCase()
       .replace(/[^a-z0-9]+/g, "-")
       .slice(0, 40)}.json`;
     api.download(new Blob([JSON.stringify(value, null, 1)], { type: "application/json" }), name);
+    this.savedProject = project;
+  }
+
+  /** Whether leaving the page would lose what is in no file. */
+  get unsaved() {
+    const { project } = this.studio.state();
+    return project !== this.savedProject && Boolean(project.blocks.length || project.past);
   }
 
   async open(input) {
@@ -189,7 +231,7 @@ export class Panels {
       { span } = this.studio.state();
     if (!motion?.frames) return this.studio.tell("there is no motion to export yet", true);
     this.exported = motion;
-    $("trim").checked = Boolean(span) && this.studio.mode() === "story";
+    $("trim").checked = false; // a marked span is a proposal: what is exported is the whole motion
     $("trim-from").value = span?.[0] ?? 0;
     $("trim-to").value = Math.min(span?.[1] ?? motion.frames, motion.frames);
     $("trim-to").max = motion.frames;
@@ -210,10 +252,12 @@ export class Panels {
     if (["mp4", "gif"].includes(format) && !request.trim && motion.frames > 60 * motion.fps && !motion.sent) {
       motion = part(motion, motion.frames - Math.floor(60 * motion.fps), motion.frames); // of a stream, the last minute
     }
-    button.disabled = true;
-    told.textContent = "writing";
+    button.disabled = this.exporting = true;
+    told.textContent = "writing the file";
     try {
-      const { blob, name } = await api.exportMotion({ motion: toJson(motion), ...request });
+      const { blob, name } = await api.exportMotion({ motion: toJson(motion), ...request }, (work) => {
+        told.textContent = workSaid(work);
+      });
       api.download(blob, name);
       told.textContent = `${name}, ${(blob.size / 1024).toFixed(0)} KB`;
       this.last = { name, bytes: blob.size };
@@ -221,7 +265,7 @@ export class Panels {
       told.textContent = error.message;
       this.studio.tell(error.message, true);
     } finally {
-      button.disabled = false;
+      button.disabled = this.exporting = false;
     }
   }
 }

@@ -1,6 +1,6 @@
 // What the view shows at this moment: the live body, the made one, or takes side by side.
 import { drawn, isPath } from "./control.js";
-import { footprints, madeAnew, part } from "./motion.js";
+import { footprints, isEdited, part } from "./motion.js";
 
 const GROUND_SECONDS = 60; // of a stream whose way and steps are drawn
 const AGAIN = 0.5; // seconds between two drawings of a live way
@@ -20,7 +20,7 @@ export function picture(studio, passed, other) {
   studio.view.draw(passed, other);
 }
 
-// A live body is asked for the path alone.
+// A live body has the path alone.
 function showAsked({ view, mode, live, story, state, tool, player }) {
   const inStory = mode === "story",
     { control } = state.project,
@@ -35,11 +35,17 @@ function showAsked({ view, mode, live, story, state, tool, player }) {
   view.marks.show(inStory ? player.time * fps : 0, fps);
 }
 
+// Without a body nothing lies on the ground either.
+function empty(view) {
+  view.clear();
+  laid = null;
+}
+
 function showLive({ view, live, laidAgain }) {
-  if (!live.frames) return;
+  if (!live.frames) return empty(view);
   const at = live.time * live.fps - live.first,
     key = `${live.run} ${Math.floor(at)}`;
-  view.show([{ motion: live, at, anew: null, parents: live.parents }]);
+  view.show([{ motion: live, at, edited: null, parents: live.parents }]);
   if (laidAgain || (laid !== key && since > AGAIN)) {
     const past = Math.max(1, Math.min(Math.floor(at) + 1, live.frames));
     from = Math.max(0, past - Math.round(GROUND_SECONDS * live.fps));
@@ -55,11 +61,11 @@ function showStory({ view, story, player, state, side, laidAgain }) {
   const motion = story.shown,
     second = player.time,
     { seeds, chosen } = state.project;
-  if (!motion) return view.show([]);
+  if (!motion) return empty(view);
   const one = (shown) => ({
     motion: shown,
     at: second * shown.fps,
-    anew: madeAnew(shown, Math.floor(second * shown.fps)),
+    edited: view.options.edits ? isEdited(shown, Math.floor(second * shown.fps)) : null,
   });
   const others = side ? seeds.map((_, take) => (take === chosen ? null : story.of(take))).filter(Boolean) : [];
   view.show([motion, ...others].map(one));

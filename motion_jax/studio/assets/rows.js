@@ -1,7 +1,7 @@
-// What stands on the timeline, in seconds; no browser is needed here.
+// What is on the timeline, in seconds; no browser is needed here.
 import { MOST_BLOCKS, placed, snapped } from "./state.js";
 
-/** Of a stream: what was said, what is there and what is under way. */
+/** Of a stream: its prompts, what is there and what is being made. */
 export function liveRows(live) {
   const second = (frame) => frame / live.fps,
     end = second(Math.max(live.begun, live.end));

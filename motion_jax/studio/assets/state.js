@@ -96,7 +96,13 @@ const CHANGES = {
     const edits = project.edits.filter((edit) => edit.take !== take || keep(edit));
     return edits.length === project.edits.length ? project : { ...project, edits };
   },
-  importMotion: (project, { motion }) => ({ ...project, past: motion, edits: [] }),
+  importMotion: (project, { motion, alone }) => ({
+    ...project,
+    past: motion,
+    edits: [],
+    blocks: alone ? [] : project.blocks,
+  }),
+  new: (project) => ({ ...empty(), model: project.model }),
   path: (project, { points }) => ({ ...project, control: withPath(project.control, points) }),
   pose: (project, { time, joints }) => {
     if (project.control.filter((one) => one.type === "keyframe").length >= MOST_POSES) return project;
@@ -139,6 +145,8 @@ export function reduce(state, action) {
         future: state.future.slice(1),
         past: [...state.past, state.project],
       });
+    case "restore": // what the browser has kept
+      return { ...initial(), ...action.state };
     case "select":
       return { ...state, selected: action.id };
     case "span": {

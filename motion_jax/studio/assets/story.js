@@ -3,6 +3,7 @@
 import { offSaid, asJson } from "./control.js";
 import { contacts, footprints, fromJson, seconds } from "./motion.js";
 import { keyOf } from "./state.js";
+import { workSaid } from "./words.js";
 
 const KEPT = 24, // motions
   MISSED = 10; // millimetres that are told
@@ -25,10 +26,10 @@ export function joined(spans) {
 }
 
 export class Story {
-  // api: {story, edit}; tell(sentence, isError); changed(): something that is shown has changed;
-  // state(): that of state.js; act(action).
-  constructor(api, { tell, changed, state, act }) {
-    Object.assign(this, { api, tell, changed, state, act });
+  // api: {story, edit}; tell(sentence, isError, topic) and forget(topic): notes; changed(): something that is shown has
+  // changed; state(): that of state.js; act(action).
+  constructor(api, { tell, forget, changed, state, act }) {
+    Object.assign(this, { api, tell, forget, changed, state, act });
     this.made = new Map();
     this.last = null; // what is shown while nothing newer is there
     this.busy = null; // what is being made, as a sentence
@@ -41,9 +42,11 @@ export class Story {
     return this.made.get(keyOf(project, take)) ?? null;
   }
 
-  /** The motion that is shown: that of the chosen take, else the one before. */
+  /** The motion that is shown: that of the chosen take, else the one before; none of an empty timeline. */
   get shown() {
-    const motion = this.of(this.state().project.chosen);
+    const { project } = this.state(),
+      motion = this.of(project.chosen);
+    if (!project.blocks.length && !project.past) return null;
     if (motion) this.last = motion;
     return motion ?? this.last;
   }
@@ -70,8 +73,9 @@ export class Story {
       for (const take of takes) {
         try {
           await this.makeTake(take);
+          this.forget("make");
         } catch (error) {
-          this.tell(error.message, true);
+          this.tell(error.message, true, error.topic ?? "make");
           this.again = false;
         } finally {
           this.busy = null;
@@ -111,8 +115,7 @@ export class Story {
       if (project.past) return fromJson(project.past);
       throw new Error("the timeline is empty: click on it and say what happens");
     }
-    this.busy = `making take ${take + 1}`;
-    this.changed();
+    this.works(project.seeds.length > 1 ? `making take ${take + 1}` : "making the motion");
     const request = {
       blocks: project.blocks.map(({ prompt, seconds: length }) => ({ prompt, seconds: length })),
       seed: project.seeds[take],
@@ -122,30 +125,57 @@ export class Story {
     };
     if (project.model.name) request.model = project.model.name;
     if (project.control.length) request.control = asJson(project.control);
-    const reply = await this.api.story(request);
+    const reply = await this.api.story(request, (work) => this.works(workSaid(work)));
     this.reply = { reused_frames: reply.reused_frames, same_frames: reply.same_frames };
-    if (reply.unknown?.length) this.tell(`the model has not learned: ${reply.unknown.join(", ")}`, false);
+    this.noted(reply);
     const motion = fromJson(reply.motion);
     motion.asked = reply.asked ?? null;
     const off = motion.asked?.off;
     if (off?.worst > MISSED && project.cleanup)
-      this.tell(`what is asked cannot all be met: ${offSaid(off, motion.fps)}`, false);
+      this.tell(`path and poses cannot all be met: ${offSaid(off, motion.fps)}`, false, "control");
+    else this.forget("control");
     return motion;
   }
 
   async edited(motion, edit, before) {
-    this.busy = "making the span anew";
-    this.changed();
+    this.works("making the marked span");
     const { prompt, change, seed, sampling, model } = edit;
     const request = { motion: motion.sent, prompt, change, seed, sampling };
     if (model.name) request.model = model.name;
-    const reply = await this.api.edit(request);
-    if (reply.unknown?.length) this.tell(`the model has not learned: ${reply.unknown.join(", ")}`, false);
+    const reply = await this.api.edit(request, (work) => this.works(workSaid(work)));
+    this.noted(reply);
     const made = joined([...(before.length ? (motion.meta.made ?? []) : []), ...reply.made]);
     reply.motion.meta = { ...reply.motion.meta, made };
     return Object.assign(fromJson(reply.motion), {
-      asked: motion.asked && { ...motion.asked, off: null }, // how far this one is from it nobody has reckoned
+      asked: motion.asked && { ...motion.asked, off: null }, // how far this one is from it is not known
     });
+  }
+
+  // What runs, as a sentence.
+  works(sentence) {
+    this.busy = sentence;
+    this.changed();
+  }
+
+  // What the studio says of a motion: words that the model does not know, requirements that it does not meet.
+  noted({ unknown = [], notes = [] }) {
+    const said = [...(unknown.length ? [`the model has not learned: ${unknown.join(", ")}`] : []), ...notes];
+    if (said.length) this.tell(said.join("; "), false, "words");
+    else this.forget("words");
+  }
+
+  /** {key, rows}: what was made of the project as it is, for `restore`. */
+  toKeep() {
+    const { project } = this.state();
+    const rows = project.seeds
+      .map((_, take) => keyOf(project, take))
+      .filter((key) => this.made.get(key)?.sent)
+      .map((key) => ({ key, sent: this.made.get(key).sent, asked: this.made.get(key).asked ?? null }));
+    return { key: rows.map(({ key }) => key).join(), rows };
+  }
+
+  restore(rows) {
+    for (const { key, sent, asked } of rows) this.keep(key, Object.assign(fromJson(sent), { asked }));
   }
 
   /** Pieces of the strip below the blocks, in seconds. */
@@ -157,7 +187,7 @@ export class Story {
     if (!Array.isArray(made)) return [{ start: 0, end, kind: "there" }];
     return [
       { start: 0, end, kind: "kept" },
-      ...made.map(([first, past]) => ({ start: first / motion.fps, end: past / motion.fps, kind: "anew" })),
+      ...made.map(([first, past]) => ({ start: first / motion.fps, end: past / motion.fps, kind: "new" })),
     ];
   }
 }

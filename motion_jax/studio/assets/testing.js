@@ -1,4 +1,4 @@
-// What tests and other curious people may read: window.__studio.
+// What tests may read: window.__studio.
 
 export function expose(studio) {
   const { live, story, player, notes, panels } = studio;
@@ -30,6 +30,9 @@ export function expose(studio) {
     draws: () => studio.view?.stage.renderer.info.render.frame ?? 0,
     ghosts: () => studio.view?.ghosts.length ?? 0,
     steps: () => studio.view?.steps.count ?? 0,
+    editColors: () => studio.view?.figures.map((figure) => figure.edited ?? null) ?? [],
+    kept: () => ({ works: studio.keeper.works, pending: studio.keeper.pending, id: studio.keeper.id }),
+    leaving: () => studio.leaving(),
     control: () => structuredClone(studio.state.project.control),
     asked: () => story.shown?.asked ?? null,
     drawing: () => studio.tool.active,

@@ -1,5 +1,5 @@
-// The timeline: a ruler to scrub, blocks of words on a track, a strip to mark frames. It draws what it is told and
-// says what the user wants; it keeps nothing but its scale and what is being dragged.
+// The timeline: a ruler to scrub, blocks of words on a track, a strip to mark frames. It draws what it is given and
+// reports what the user wants; it keeps nothing but its scale and what is being dragged.
 import { ask, make, makeBlock } from "./blocks.js";
 import { between, panned, showing, zoomed } from "./scale.js";
 
@@ -11,12 +11,14 @@ export class Timeline {
     this.window = { start: 0, end: 12 };
     this.blocks = new Map();
     this.ruler = make("canvas", "ruler");
-    this.hint = make("div", "hint", "click here to say what happens first");
+    this.hint = make("div", "hint", "click here and type what happens first");
     this.track = make("div", "track", this.hint);
     this.strip = make("div", "strip");
     this.marked = make("div", "marked");
     this.head = make("div", "playhead");
-    element.replaceChildren(this.ruler, this.track, this.strip, this.marked, this.head);
+    this.tip = make("div", "tip");
+    this.tip.hidden = true;
+    element.replaceChildren(this.ruler, this.track, this.strip, this.marked, this.head, this.tip);
     element.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     this.drags(
       this.ruler,
@@ -156,6 +158,8 @@ export class Timeline {
         (row.id === "import" ? " import" : "");
       element.style.left = `${this.place(row.start)}px`;
       element.style.width = `${Math.max(4, this.place(row.end) - this.place(row.start) - 2)}px`;
+      // Words of a block that begins left of what is seen stay in sight.
+      element.firstChild.style.marginLeft = `${Math.max(0, -this.place(row.start))}px`;
     }
     this.drawStrip(shown.pieces);
     this.marked.hidden = !shown.span;
@@ -165,6 +169,14 @@ export class Timeline {
     }
     this.head.style.left = `${this.place(shown.time)}px`;
     this.drawRuler();
+  }
+
+  /** The words and the length of a block that is being dragged, above it; null when it is dropped. */
+  showTip(words, left) {
+    this.tip.hidden = words === null;
+    if (words === null) return;
+    this.tip.textContent = words;
+    this.tip.style.left = `${Math.max(2, Math.min(left, this.width - this.tip.offsetWidth - 2))}px`;
   }
 
   drawStrip(pieces) {

@@ -2,7 +2,7 @@
 // The parts come from viewer.js, the bundle that exported pages hold, too (tools/viewer).
 
 const BLUE = [0.2, 0.5, 0.82],
-  ORANGE = [0.93, 0.5, 0.16]; // kept, made anew
+  ORANGE = [0.93, 0.5, 0.16]; // kept, regenerated
 const GHOST_SECONDS = 1,
   MOST_GHOSTS = 14,
   MOST_STEPS = 400,
@@ -17,7 +17,7 @@ export class View {
     this.body = body;
     this.stage = new this.parts.Stage(element, { dark, preserve: false });
     this.stage.light(3.5);
-    this.options = { follow: true, path: true, steps: true, ghosts: false, sticks: false };
+    this.options = { follow: true, path: true, steps: true, ghosts: false, sticks: false, edits: true };
     this.turns = new this.parts.Turns(body.names, body.parents, body.rest);
     this.figures = [];
     this.ghosts = [];
@@ -130,33 +130,45 @@ export class View {
     line.needsUpdate = true;
   }
 
-  // shown: [{motion, at, anew: true, false or null}], side by side; the first one is followed.
+  // shown: [{motion, at, edited: true, false or null}], side by side; the first one is followed.
   show(shown) {
     while (this.figures.length > shown.length) this.drop(this.figures.pop());
-    shown.forEach(({ motion, at, anew, parents }, i) => {
+    shown.forEach(({ motion, at, edited, parents }, i) => {
       if (this.figures[i]?.count !== motion.count) {
         if (this.figures[i]) this.drop(this.figures[i]);
         this.figures[i] = this.makeFigure(motion.count, this.parentsOf(motion, parents));
       }
       const figure = this.figures[i];
       this.pose(figure, motion, at, i * LANE);
-      if (figure.anew !== anew) {
-        figure.anew = anew;
-        figure.skin?.color(anew === null || anew === undefined ? null : anew ? ORANGE : BLUE);
+      if (figure.edited !== edited) {
+        figure.edited = edited;
+        figure.skin?.color(edited === null || edited === undefined ? null : edited ? ORANGE : BLUE);
       }
     });
   }
 
-  // What lies on the ground of a motion, up to a frame of it: way, steps, ghosts. Reckoned anew when told.
+  /** An empty stage. */
+  clear() {
+    this.show([]);
+    this.removeWay();
+    this.prints = [];
+    this.steps.count = 0;
+    while (this.ghosts.length) this.drop(this.ghosts.pop());
+  }
+
+  removeWay() {
+    if (!this.way) return;
+    this.stage.scene.remove(this.way);
+    this.way.geometry.dispose();
+    this.way.material.dispose();
+    this.way = null;
+  }
+
+  // What lies on the ground of a motion, up to a frame of it: way, steps, ghosts.
   lay(motion, steps, past = motion.frames) {
     const { scene } = this.stage,
       { three, ribbon } = this.parts;
-    if (this.way) {
-      scene.remove(this.way);
-      this.way.geometry.dispose();
-      this.way.material.dispose();
-      this.way = null;
-    }
+    this.removeWay();
     if (this.options.path && past > 1) {
       const roots = Array.from({ length: past }, (_, t) => {
         const k = 3 * t * motion.count;

@@ -3,14 +3,17 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { curve, drawn, lengthOf, named, offSaid, pointsOf, asJson } from "./control.js";
+import { poseAt, unpackFigure } from "./figures.js";
+import { matching } from "./ideas.js";
 import { Live } from "./live.js";
-import { contacts, curves, footprints, fromJson, madeAnew, part, toJson } from "./motion.js";
+import { contacts, curves, footprints, fromJson, isEdited, part, toJson } from "./motion.js";
 import { Player } from "./player.js";
 import { liveRows, saidProject } from "./rows.js";
 import { read, readSeed } from "./sampling.js";
 import { between, indexAt, panned, showing, zoomed } from "./scale.js";
 import { initial, keyOf, placed, reduce, saved, snapped } from "./state.js";
 import { Story, joined } from "./story.js";
+import { legendOf, liveDetails, liveSaid, statusOf, workSaid } from "./words.js";
 
 const acted = (...actions) => actions.reduce(reduce, initial());
 const three = () =>
@@ -189,10 +192,10 @@ test("curves tell speed, feet, jerk and heading", () => {
   assert.ok(Math.abs(last("heading") - 720) < 1e-3, String(last("heading")));
   assert.ok(Math.max(...curves(motion(30, (t, j, k) => t * t * 0.01)).jerk.lines[0]) < 0.05);
   assert.deepEqual(
-    [0, 2, 5].map((t) => madeAnew({ meta: { made: [[2, 4]] } }, t)),
+    [0, 2, 5].map((t) => isEdited({ meta: { made: [[2, 4]] } }, t)),
     [false, true, false],
   );
-  assert.equal(madeAnew({ meta: {} }, 0), null);
+  assert.equal(isEdited({ meta: {} }, 0), null);
 });
 
 test("the player plays, stops at the end, begins again, steps and repeats", () => {
@@ -237,7 +240,7 @@ function studio(refuse = () => null) {
   const act = (action) => {
     state = reduce(state, action);
   };
-  const story = new Story(api, { tell: (text) => told.push(text), changed: () => {}, state: () => state, act });
+  const story = new Story(api, { tell: (text) => told.push(text), forget: () => {}, changed: () => {}, state: () => state, act });
   return { story, act, asked, told, state: () => state };
 }
 
@@ -264,7 +267,7 @@ test("a story is made once, undo shows what there was, an edit does not make it 
   assert.deepEqual(story.shown.meta.made, [[2, 8]]);
   assert.deepEqual(
     story.pieces().map((piece) => piece.kind),
-    ["kept", "anew"],
+    ["kept", "new"],
   );
   assert.equal(state().project.edits.length, 1);
 });
@@ -311,7 +314,7 @@ function live() {
   const told = [],
     said = [],
     nothing = () => {},
-    page = new Live("token", { tell: (text) => told.push(text), forget: nothing, changed: nothing, check: nothing });
+    page = new Live("token", { tell: (text) => told.push(text), forget: nothing, changed: nothing, started: nothing });
   page.stream = { send: (message) => said.push(message) };
   page.connected = true;
   page.message({
@@ -509,4 +512,95 @@ test("paths, poses and other constraints are steps of the user's", () => {
   assert.notEqual(keyOf(opened.project), keyOf(initial().project));
   assert.equal(offSaid({ mean: 0.21, worst: 12.4, joint: "left wrist", frame: 50 }, 20),
     "off by 0.2 mm, at most 12 mm (left wrist at 2.50 s)");
+});
+
+test("the page says in plain words how it goes, and figures on demand", () => {
+  const { page, block } = live();
+  block(0);
+  assert.equal(liveSaid(page), "");
+  page.tick(9);
+  assert.match(liveSaid(page), /waiting for the next part/);
+  page.starved = false;
+  assert.match(liveSaid(page), /slower than it plays/);
+  assert.match(liveDetails(page), /0.0 s ahead, 0.6 s in flight, block 9 ms, 1 pauses/);
+  assert.equal(workSaid({ doing: "making the motion", done: 30, of: 120, seconds: 4.2 }), "making the motion: 25 % (4 s)");
+  const story = { busy: null, stale: true };
+  const status = (more) => statusOf({ mode: "story", live: page, story, models: [], blocks: 1, ...more });
+  assert.deepEqual(status(), { text: "changed; press Make", is: "busy" });
+  assert.match(status({ models: [{ name: "tiny", state: "compiling", seconds: 9 }] }).text, /preparing the model tiny/);
+  page.absence = "gone";
+  assert.equal(status().is, "bad");
+});
+
+test("the legend names the colours that are seen", () => {
+  const pieces = [
+    { start: 0, end: 4, kind: "kept" },
+    { start: 1, end: 2, kind: "new" },
+    { start: 4, end: 4, kind: "flight" },
+  ];
+  assert.deepEqual(legendOf(pieces), [
+    ["kept", "kept"],
+    ["new", "regenerated"],
+  ]);
+});
+
+test("a lost studio is named once, and what was chosen before a reload is given up where it cannot be had", () => {
+  const { page, told, said } = live();
+  page.connect = () => {};
+  page.missing("gone");
+  page.missing("gone");
+  page.missing("refused");
+  assert.deepEqual(told.length, 2);
+  Object.assign(page, { run: 0, restored: true });
+  page.choices = { prompt: "walk", speed: 1, keep_going: true, model: "not here", seed: 3 };
+  page.message({ type: "error", message: "got the model 'not here'" });
+  assert.deepEqual(said.at(-1), { type: "start", prompt: "walk", speed: 1, keep_going: true });
+  assert.equal(told.length, 2);
+});
+
+test("what was made is kept and put back, with its state and undo", async () => {
+  const { story, act, state, asked } = studio();
+  act({ type: "add", prompt: "walk" });
+  await story.make();
+  act({ type: "add", prompt: "wave" });
+  act({ type: "undo" });
+  const kept = structuredClone({ state: state(), ...story.toKeep() }),
+    other = studio();
+  other.act({ type: "restore", state: kept.state });
+  other.story.restore(kept.rows);
+  assert.deepEqual(other.state(), state());
+  assert.ok(!other.story.stale && other.story.shown.frames === 20);
+  other.act({ type: "redo" });
+  assert.deepEqual(words(other.state()), ["walk", "wave"]);
+  assert.deepEqual(other.asked, []);
+  assert.equal(asked.length, 1);
+});
+
+test("an import goes before the blocks or replaces them, and New keeps the model alone", () => {
+  const motion = { shape: [20, 22, 3], fps: 20, joints: "" };
+  let state = reduce(three(), { type: "importMotion", motion });
+  assert.deepEqual(words(state), ["walk", "wave", "sit"]);
+  state = reduce(state, { type: "importMotion", motion, alone: true });
+  assert.deepEqual(words(state), []);
+  state = reduce(reduce(state, { type: "model", model: { name: "tiny", id: "" } }), { type: "new" });
+  assert.equal(state.project.past, null);
+  assert.equal(state.project.model.name, "tiny");
+  assert.deepEqual(words(reduce(reduce(reduce(state, { type: "undo" }), { type: "undo" }), { type: "undo" })).length, 3);
+});
+
+test("suggestions are found by the beginnings of words, and figures move between their frames", () => {
+  const rows = ["walks forward", "waves the left hand", "kicks with the left leg"].map((words) => ({
+    prompt: `a person ${words}`,
+    kind: words.startsWith("kick") ? "fight" : "move",
+  }));
+  const found = (typed) => matching(rows, typed).map((row) => row.prompt);
+  assert.equal(found("a person").length, 3);
+  assert.deepEqual(found("walking"), ["a person walks forward"]);
+  assert.equal(found("left kick")[0], "a person kicks with the left leg");
+  assert.deepEqual(found("fight"), ["a person kicks with the left leg"]);
+  assert.deepEqual(found("zzz"), []);
+  const points = unpackFigure(btoa(String.fromCharCode(0, 60, 60, 196)), 60); // one joint, two frames
+  assert.deepEqual([...points], [0, 1, 1, -1]);
+  assert.deepEqual([...poseAt(points, 1, 8, 1 / 16)], [0.5, 0]);
+  assert.deepEqual([...poseAt(points, 1, 8, 9)], [1, -1]);
 });
