@@ -122,7 +122,7 @@ export class Live {
       if (led) this.replaced();
     } else if (message.type === "words") {
       this.words = this.words.filter((one) => one.from < message.from_frame);
-      this.choices.prompt = message.whole;
+      this.choices.prompt = message.whole ?? message.prompt;
       this.words.push({ words: message.words, prompt: message.prompt, from: message.from_frame });
       if (message.unknown.length) {
         const nearest = message.nearest ? `; what it knows and comes nearest is “${message.nearest}”` : "";
