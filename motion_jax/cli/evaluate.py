@@ -123,7 +123,7 @@ def _judge(args):
   import jax
 
   from motion_jax.evaluation import run
-  from motion_jax.evaluation.report import page, tables
+  from motion_jax.evaluation.report import page
   from motion_jax.evaluation.result import FILE
   devices = jax.local_devices()
   if args.devices and args.devices > len(devices):
@@ -140,7 +140,7 @@ def _judge(args):
       limit=args.limit, controls=args.controls, multimodality=not args.no_multimodality, force=args.force,
       only_read=args.recompute, raw=args.weights == "model", devices=devices[:args.devices], samples=args.samples,
       motions=motions, allow_shared=args.allow_shared)
-  print(tables.markdown(result))
+  print(run.TABLES["tables.md"](result))
   written = [result.folder / name for name in (FILE, *run.TABLES)]
   if args.report:
     written.append(page.write_folders([result.folder, *args.beside], args.report))

@@ -5,6 +5,8 @@ import math
 import numpy as np
 from scipy.stats import t as student
 
+from motion_jax.evaluation import differences
+
 
 def collect(found, population=True):
   """({row: {metric: {"mean", "interval", "values"}}}, {row: [curve of each replication]}) of what a task found in each
@@ -37,6 +39,33 @@ def interval(values, population=True) -> dict:
 def spread(row) -> dict:
   """{metric: std over replications} of a row, where it has several."""
   return {metric: float(np.std(one["values"], ddof=1)) for metric, one in row.items() if len(one["values"]) > 1}
+
+
+def compared(made, by_motion, seed) -> list[dict]:
+  """Each row less the first one of its part, on the same captions. made: {row: (candidate, part)}, by_motion: {row:
+  [`ByMotion` of each replication]}."""
+  found, first = [], {}
+  for row, (_, part) in made.items():
+    if row not in by_motion:
+      continue
+    against = first.setdefault(part, row)
+    if against != row:
+      found.append(dict(row=row, against=against,
+                        metrics=differences.over_clips(by_motion[row], by_motion[against], seed)))
+  return found
+
+
+def uncertain(harness, made, by_motion) -> list[str]:
+  """Of few test clips: by how much other ones would move the numbers of the first row, as sentences."""
+  row = next((row for row in made if row in by_motion), None)
+  if harness.count > harness.evaluator.dim or row is None:
+    return []
+  found = differences.over_clips(by_motion[row], seed=harness.seed)
+  told = ", ".join(f"{label} ± {found[metric]['interval']:.2g}" for metric, label in (
+      ("top1", "R@1"), ("top3", "R@3"), ("fid", "FID"), ("matching", "MM-Dist"), ("clip_score", "CLIP-score"))
+      if metric in found)
+  return [f"Of {harness.count} test clips: on others like them the numbers of {row} would differ by {told} (95 %, "
+          "bootstrap over clips)" + (": compare models by their differences below" if len(by_motion) > 1 else "")]
 
 
 def row_name(name, part):

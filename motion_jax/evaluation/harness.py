@@ -1,10 +1,12 @@
 """Evaluators over a test set: embeddings of texts, real motions and made ones, and the scores of a replication."""
 import dataclasses
+from typing import NamedTuple
 
 import numpy as np
 
 from motion_jax.data.tagger import tag
 from motion_jax.evaluation import samples
+from motion_jax.evaluation.differences import ByMotion
 from motion_jax.metrics import physics, scores
 from motion_jax.metrics import protocol as protocol_lib
 from motion_jax.motion.representations import to_joints
@@ -31,6 +33,12 @@ class Embedded:
   again_for_fid: np.ndarray | None
   physics: dict[str, float]
   diversity_pairs: protocol_lib.DiversityPairs
+
+
+class Judged(NamedTuple):
+  """A row, {metric: number}, and what it is of, motion by motion."""
+  row: dict[str, float]
+  by_motion: ByMotion
 
 
 class Harness:
@@ -153,6 +161,10 @@ class Harness:
 
   def scores(self, replication, motions, layout) -> dict[str, float]:
     """The row of motions [(rows, F)] in a model's layout, one for each item of the replication's draw, in its order."""
+    return self.judged(replication, motions, layout).row
+
+  def judged(self, replication, motions, layout) -> Judged:
+    """The same row, with what it is of."""
     embedded = self.embedded(replication)
     converted = self.converted(self.evaluator, motions, layout, embedded.drawn.frames)
     made = self.embed(self.evaluator, converted, embedded.drawn.frames)
@@ -161,10 +173,14 @@ class Harness:
     if self.clip_evaluator is not None:
       clip_made = self.embed(self.clip_evaluator, self.converted(
           self.clip_evaluator, motions, layout, embedded.drawn.frames), embedded.drawn.frames)
-    row = protocol_lib.generation_scores(self.batches(embedded, made, clip_made, made_for_fid), self.protocol,
-                                         embedded.diversity_pairs)
+    batches = self.batches(embedded, made, clip_made, made_for_fid)
+    row = protocol_lib.generation_scores(batches, self.protocol, embedded.diversity_pairs)
     row = {name: value for name, value in row.items() if not name.startswith("real_")}
-    return row | physics_of(motions, embedded.drawn.frames, layout)
+    bodies = physics_by_motion(motions, embedded.drawn.frames, layout)
+    values = protocol_lib.scores_by_motion(batches, self.protocol) | bodies
+    real = embedded.real if embedded.real_for_fid is None else embedded.real_for_fid
+    by_motion = ByMotion(embedded.drawn.item, values, real, made if made_for_fid is None else made_for_fid)
+    return Judged(row | {name: float(np.mean(one)) for name, one in bodies.items()}, by_motion)
 
   def real_scores(self, replication) -> dict[str, float]:
     """The row of the real motions; their FID is that of other cuts of the same items."""
@@ -187,6 +203,14 @@ class Harness:
         self.protocol, embedded.diversity_pairs)
     return {name: row[name] for name in row if name.startswith("top") or name in ("matching", "clip_score")}
 
+  def share_of_nearer_shuffles(self, replication, draws=400) -> float:
+    """Share of random orders of the captions in which real motions lie as near to their captions as in the right one,
+    whichever pool they are of: 0.5 by an evaluator that knows nothing."""
+    embedded, rng = self.embedded(replication), self.rng(replication, SHUFFLE)
+    away = scores.distances(embedded.text, embedded.real)
+    rows, right = np.arange(self.count), np.trace(away)
+    return float(np.mean([away[rows, rng.permutation(self.count)].sum() <= right for _ in range(draws)]))
+
   def fid_of_halves(self, replication, draws=10) -> float:
     """FID between two halves of the real motions that share none, the mean of some draws: how far apart two samples of
     half the size lie that differ by nothing but luck. A model that is given the real captions and lengths may lie
@@ -208,10 +232,14 @@ class Harness:
     return scores.multimodality(made.reshape(len(generations), -1, made.shape[-1]), *pairs)
 
 
-def physics_of(motions, frames, layout):
-  """Means over motions [(rows, F)] of what `metrics.physics` says of each, lengths in metres."""
+def physics_by_motion(motions, frames, layout):
+  """What `metrics.physics` says of each of motions [(rows, F)], {metric: (N,)}, lengths in metres."""
   found = [physics.summary(to_joints(motion[:count], layout), layout.skeleton.fps, layout.skeleton)
            for motion, count in zip(motions, frames)]
-  mean = lambda key: float(np.mean([one[key] for one in found])) / (1000 if key.endswith("_mm") else 1)
-  return {name: mean(key) for name, key in physics.IN_ROWS.items()}
+  each = lambda key: np.array([one[key] for one in found]) / (1000 if key.endswith("_mm") else 1)
+  return {name: each(key) for name, key in physics.IN_ROWS.items()}
 
+
+def physics_of(motions, frames, layout):
+  """Means over motions of `physics_by_motion`."""
+  return {name: float(np.mean(values)) for name, values in physics_by_motion(motions, frames, layout).items()}

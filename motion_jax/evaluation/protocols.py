@@ -104,10 +104,13 @@ class Benchmark(Protocol):
 
   def of_few(self, count):
     """The protocol for so many items: fewer candidates at a time where one's own data has no 32 test clips."""
-    if self.name != "own-66" or count >= self.pool or count <= self.top_k:
+    if self.name != "own-66" or count >= self.pool:
       return self
+    if count <= self.top_k:
+      raise ValueError(f"got {count} test clips, protocol 'own-66' needs {self.top_k + 1} or more; give more "
+                       "recordings, or name more of them test in the column `split` of captions.csv")
     return dataclasses.replace(self, pool=count, note=f"Only {count} test clips: R-precision is among {count}, not "
-                                                      f"{self.pool}, and every number is uncertain")
+                                                      f"{self.pool}, by chance R@1 is {1 / count:.2f}")
 
   @property
   def num_multimodality(self) -> int:

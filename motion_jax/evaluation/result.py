@@ -29,6 +29,13 @@ class Paper(TypedDict):
   unmarked: NotRequired[list[str]]
 
 
+class Differences(TypedDict):
+  """A row less another, on the same captions; interval: over test clips (`evaluation.differences`)."""
+  row: str
+  against: str
+  metrics: dict[str, dict[str, float]]
+
+
 class Sanity(TypedDict):
   """What evaluators say of real motions, of wrong captions and of noise; see `checks.sanity.look`."""
   real: dict[str, float]
@@ -94,12 +101,15 @@ class Result:
   provenance: dict[str, Any] = dataclasses.field(default_factory=dict)
   sanity: Sanity | None = None
   controls: Controls | None = None
+  differences: list[Differences] = dataclasses.field(default_factory=list)
   curves: dict[str, Curve] = dataclasses.field(default_factory=dict)
   gallery: list[Shown] = dataclasses.field(default_factory=list)
   folder: pathlib.Path | None = dataclasses.field(default=None, compare=False)
 
   def as_json(self) -> dict[str, Any]:
-    return {_WRITTEN.get(name, name): getattr(self, name) for name in _FIELDS}
+    # A result of one row has no differences, like those of versions that knew none.
+    return {_WRITTEN.get(name, name): getattr(self, name) for name in _FIELDS
+            if name != "differences" or self.differences}
 
   @classmethod
   def from_json(cls, data: dict[str, Any], folder: pathlib.Path | None = None) -> Self:

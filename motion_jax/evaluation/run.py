@@ -14,6 +14,7 @@ from motion_jax.evaluation.candidates import Choices, Reader, load_candidates
 from motion_jax.evaluation.checks import controls as controls_lib
 from motion_jax.evaluation.checks import sanity as sanity_lib
 from motion_jax.evaluation.harness import Harness
+from motion_jax.evaluation.report import differences as difference_tables
 from motion_jax.evaluation.report import gallery, printed, tables
 from motion_jax.evaluation.request import Request, default_out, load_evaluators, resolve
 from motion_jax.evaluation.result import FILE, Result
@@ -24,7 +25,8 @@ from motion_jax.inputs import former_names
 from motion_jax.motion.representations import get_layout
 from motion_jax.runtime.atomic import atomic_path
 
-TABLES = {"tables.md": tables.markdown, "tables.tex": tables.latex, "tables.csv": tables.csv}
+TABLES = {"tables.md": difference_tables.whole(tables.markdown), "tables.tex": difference_tables.whole(tables.latex),
+          "tables.csv": tables.csv}
 
 
 @former_names.with_keywords
@@ -73,13 +75,19 @@ def evaluate(runs, folders, protocol=None, *, evaluator=None, clip_evaluator=Non
     for warning in sanity["warnings"]:
       clock.say(f"mind: {warning}")
     rows, curves = aggregates.collect(map(task.real, replications), protocol.population_std)
-  made = {}
+  made, by_motion = {}, {}
   for candidate in candidates:
     with clock.part(candidate.name):
-      own, drawn = aggregates.collect(map(partial(task.found, candidate), replications), protocol.population_std)
+      found = [task.found(candidate, replication) for replication in replications]
+      own, drawn = aggregates.collect(found, protocol.population_std)
+    by_motion |= {aggregates.row_name(candidate.name, part): [one.by_motion[part] for one in found]
+                  for part in found[0].by_motion}
     made |= {aggregates.row_name(candidate.name, part): (candidate, part) for part in own}
     rows |= {aggregates.row_name(candidate.name, part): row for part, row in own.items()}
     curves |= {aggregates.row_name(candidate.name, part): curve for part, curve in drawn.items()}
+  with clock.part("differences"):
+    compared = aggregates.compared(made, by_motion, harness.seed)
+    uncertain = aggregates.uncertain(harness, made, by_motion)
   checked = None
   if controls:
     with clock.part("controls"):
@@ -89,9 +97,9 @@ def evaluate(runs, folders, protocol=None, *, evaluator=None, clip_evaluator=Non
       protocol=protocol.name, title=protocol.title, rows=rows, row_order=["real", *made],
       metrics=[name for name in task.METRICS if any(name in row for row in rows.values())],
       paper=printed.paper_of(protocol, main, made, asked.whole),
-      notes=[note for note in (protocol.note, *task.notes, *left_out) if note],
+      notes=[note for note in (protocol.note, *uncertain, *task.notes, *left_out) if note],
       provenance=provenance.describe(harness, asked.folders, candidates, len(replications), devices),
-      sanity=sanity, controls=checked,
+      sanity=sanity, controls=checked, differences=compared,
       curves=aggregates.guidance_curves(rows, candidates) | (controls_lib.curves(checked) if checked else {})
       | aggregates.transition_curves(curves, protocol.population_std))))
   if candidates and task.TEXT_TO_MOTION:
@@ -162,7 +170,7 @@ def _about(test_set, protocol):
 
 
 def _harness(asked, main, clip, test_set, seed) -> Harness:
-  protocol = asked.protocol.of_few(len(test_set))
+  protocol = asked.protocol.of_few(min(len(test_set), asked.limit or len(test_set)))
   return Harness(protocol, main, clip, test_set, protocol.seed if seed is None else int(seed), asked.limit)
 
 

@@ -116,6 +116,21 @@ def generation_scores(batches: Iterable[Batch], protocol: Protocol, pairs: Diver
   return row
 
 
+def scores_by_motion(batches: Iterable[Batch], protocol: Protocol) -> dict[str, np.ndarray]:
+  """What R-precision, matching and CLIP score are means of, {metric: (N,)}, in the order of the batches' rows."""
+  found: dict[str, list] = {}
+  away = scores.cosine_distances if protocol.cosine else scores.distances
+  for batch in batches:
+    hit = scores.hit_chances(away(batch.text, batch.made), protocol.top_k)
+    one = {f"top{k + 1}": hit[:, k] for k in range(protocol.top_k)}
+    one["matching"] = np.linalg.norm(np.asarray(batch.text, np.float64) - batch.made, axis=1)
+    if batch.clip_text is not None and batch.clip_made is not None:
+      one["clip_score"] = (scores.units(batch.clip_text) * scores.units(batch.clip_made)).sum(1)
+    for metric, values in one.items():
+      found.setdefault(metric, []).append(values)
+  return {metric: np.concatenate(parts) for metric, parts in found.items()}
+
+
 def reconstruction_scores(batches: Iterable[Batch], protocol: Protocol, pairs: DiversityPairs) -> dict[str, float]:
   """The same for an autoencoder, with joint errors: true ones, and the released code's number ("released_mpjpe").
 

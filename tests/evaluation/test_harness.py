@@ -1,5 +1,6 @@
 """Which vector each score is taken of."""
 import dataclasses
+import re
 import types
 
 import numpy as np
@@ -110,6 +111,7 @@ GOOD = dict(top1=0.5, top2=0.7, top3=0.99, matching=1.0, fid=0.01, clip_score=0.
 ])
 def test_each_sign_of_a_wrong_evaluator_is_told(harness, monkeypatch, real, halves, words):
   harness.embedded(0)
+  monkeypatch.setattr(harness, "count", 10_000)
   monkeypatch.setattr(harness, "protocol", dataclasses.replace(harness.protocol, pool=32))
   monkeypatch.setattr(harness, "real_scores", lambda replication: GOOD | real)
   monkeypatch.setattr(harness, "shuffled_scores", lambda replication: dict(top3=0.6, matching=2.0, clip_score=0.4))
@@ -117,6 +119,27 @@ def test_each_sign_of_a_wrong_evaluator_is_told(harness, monkeypatch, real, halv
   monkeypatch.setattr(sanity.scores, "fid", lambda *given: 100.0)
   found = sanity.look(harness)["failures"]
   assert (not found) if words is None else (len(found) == 1 and words in found[0])
+
+
+@pytest.mark.parametrize("share, words", [(0.01, None), (0.4, "40 % of random orders .* train one on your data")])
+def test_few_clips_are_judged_where_the_evaluator_knows_their_captions(harness, monkeypatch, share, words):
+  """Halves of a few clips differ by luck, and shuffled captions may fit by luck: neither says that something is off."""
+  monkeypatch.setattr(harness, "real_scores", lambda replication: GOOD)
+  monkeypatch.setattr(harness, "shuffled_scores", lambda replication: dict(top3=0.9, matching=0.9, clip_score=0.4))
+  monkeypatch.setattr(harness, "fid_of_halves", lambda replication: 1e9)
+  monkeypatch.setattr(sanity.scores, "fid", lambda *given: 100.0)
+  monkeypatch.setattr(harness, "share_of_nearer_shuffles", lambda replication: share)
+  found = sanity.look(harness)
+  assert harness.count == 8 and "8 motions are few" in " ".join(found["warnings"])
+  assert not found["failures"] if words is None else re.search(words, found["failures"][0])
+
+
+def test_captions_that_belong_to_their_motions_are_nearer_than_shuffled_ones(harness, monkeypatch):
+  embedded = harness.embedded(0)
+  monkeypatch.setitem(harness._embedded, 0, dataclasses.replace(embedded, text=embedded.real))
+  assert harness.share_of_nearer_shuffles(0) < 0.01
+  monkeypatch.setitem(harness._embedded, 0, dataclasses.replace(embedded, text=np.ones_like(embedded.real)))
+  assert harness.share_of_nearer_shuffles(0) > 0.3
 
 
 def test_real_numbers_unlike_the_papers_are_told(harness, monkeypatch):

@@ -17,7 +17,7 @@ from PIL import Image
 
 from motion_jax import charts, export
 from motion_jax.data.clip import Caption
-from motion_jax.evaluation.report import tables
+from motion_jax.evaluation.report import differences, tables
 from motion_jax.evaluation.result import Result
 from motion_jax.metrics.physics import IN_ROWS
 from motion_jax.runtime.atomic import atomic_path
@@ -100,6 +100,7 @@ def _section(name, result, folder, pages):
   return {"title": _title(result), "about": _about(result), "tiles": _tiles(found), "notes": found.notes,
           "scores": _scores(found, metrics or physics),
           "physics": _scores(found, physics) if physics and metrics else None,
+          "differences": [_differences(one) for one in differences.comparisons(result)],
           "sanity": _sanity(result.sanity), "controls": _controls(result.controls),
           "curves": _curves(result.curves), "without_motions": lost,
           "galleries": [_gallery(kind, entries, folder, pages, f"{name}_{kind}") for kind, entries in chosen.items()
@@ -156,6 +157,13 @@ def _scores(found, metrics):
     rows.append({"kind": line.kind.replace(" ", "-"), "name": line.name,
                  "cells": [(cell, (line.name, metric) in best) for metric, cell in cells.items()]})
   return {"metrics": metrics, "rows": rows}
+
+
+def _differences(found):
+  """A table of differences, none of which is best."""
+  return {"title": found.title, "notes": found.notes, "metrics": found.metrics,
+          "rows": [{"kind": line.kind, "name": line.name, "cells": [(cell, False) for cell in line.cells]}
+                   for line in found.lines]}
 
 
 def _best(found):

@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from motion_jax.evaluation.candidates import Candidate
+from motion_jax.evaluation.differences import ByMotion
 from motion_jax.evaluation.harness import Harness
 from motion_jax.metrics.physics import IN_ROWS
 
@@ -17,10 +18,12 @@ class Found:
   """What a task found in one replication.
 
   rows: {part: {metric: number}}; a candidate's only row is of part "". curves: {part: mean jerk (width,) of each frame
-  around a transition}, where a task measures it.
+  around a transition}, where a task measures it. by_motion: what rows are of, motion by motion, {part: ..}, where a
+  task's motions are those of the draw.
   """
   rows: Mapping[str, Row]
   curves: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
+  by_motion: Mapping[str, ByMotion] = dataclasses.field(default_factory=dict)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -22,12 +22,13 @@ class Editing(ClipTask):
     drawn = self.harness.drawn(replication)
     real = drawn.cut(self.test_set.of(candidate.reader))
     jobs = samples.jobs_of(self.test_set, drawn, self.harness.seed, replication)
-    rows = {}
+    judged = {}
     for task in TASKS:
       made = candidate.sample(editor(candidate, self.protocol, real, task), store, f"{task}_r{replication:03d}", jobs,
                               f"{task} {replication + 1}")
-      rows[task] = self.harness.scores(replication, made, candidate.model.stats.layout)
-    return Found(rows)
+      judged[task] = self.harness.judged(replication, made, candidate.model.stats.layout)
+    return Found({task: one.row for task, one in judged.items()},
+                 by_motion={task: one.by_motion for task, one in judged.items()})
 
 
 def editor(candidate, protocol, real, task):

@@ -26,11 +26,11 @@ class Generation(ClipTask):
   def found(self, candidate, replication):
     """The row of a candidate's motions, with multimodality where the protocol has it."""
     motions, layout = self.sampled(candidate, replication), candidate.model.stats.layout
-    row = self.harness.scores(replication, motions, layout)
+    row, by_motion = self.harness.judged(replication, motions, layout)
     if self.protocol.has_multimodality(replication):
       generations = self._generations(candidate, replication, motions)
       row["multimodality"] = self.harness.multimodality(replication, generations, layout)
-    return Found({"": row})
+    return Found({"": row}, by_motion={"": by_motion})
 
   def sampled(self, candidate, replication):
     """The motions of a replication [(rows, F)] in the order of its draw."""

@@ -28,9 +28,11 @@ class Reconstruction(ClipTask):
       pairs = zip(real, made, drawn.frames)
       errors[alone] = [protocol_lib.reconstruction_errors(a[None], b[None], [m], alone, layout)[0] for a, b, m in pairs]
     mm = 1000 * layout.skeleton.unit
-    return Found({"": self.harness.scores(replication, made, layout) | {
+    row, by_motion = self.harness.judged(replication, made, layout)
+    return Found({"": row | {
         "mpjpe": mm * scores.mpjpe(errors[True]), "mpjpe_heading": mm * scores.mpjpe(errors[False]),
-        "released_mpjpe": scores.released_mpjpe(errors[protocol.poses_alone], protocol.pool)}})
+        "released_mpjpe": scores.released_mpjpe(errors[protocol.poses_alone], protocol.pool)}},
+                 by_motion={"": by_motion})
 
   def damaged(self, replication, joints):
     """Joint errors of real motions against themselves with noise on every joint."""

@@ -1,0 +1,58 @@
+"""How far numbers would move on other test clips, by the bootstrap: of a row, and of the difference of two.
+
+Replications draw other captions, cuts and noise of the same clips, so their interval says nothing of other clips. Here
+the clips are drawn anew, with replacement; two rows are compared on the same draws, for they are of the same captions.
+"""
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from motion_jax.metrics import scores
+
+DRAWS, FID_DRAWS = 1_000, 100
+
+
+class ByMotion(NamedTuple):
+  """What a replication's row is of: item (N,) of the test set of each motion, values {metric: (N,)} that the row has
+  the means of, and the vectors (N, E) that FID is taken of, of the real motions and of the row's."""
+  item: np.ndarray
+  values: dict[str, np.ndarray]
+  real: np.ndarray
+  made: np.ndarray
+
+
+def over_clips(own: Sequence[ByMotion], other: Sequence[ByMotion] | None = None, seed: int = 0) -> dict[str, dict]:
+  """{metric: {"mean", "interval"}} of a row, or of the row less another; both a `ByMotion` for each replication.
+
+  interval: half of the 95 % interval, 1.96 standard deviations of the bootstrap draws. A draw of FID is of one
+  replication.
+  """
+  rng = np.random.default_rng(seed)
+  item = np.concatenate([one.item for one in own])
+  _, place, count = np.unique(item, return_inverse=True, return_counts=True)
+  chosen = rng.integers(len(count), size=(DRAWS, len(count)))
+  found = {}
+  for metric in own[0].values:
+    if other is None or metric in other[0].values:
+      value = _joined(own, metric) - (0 if other is None else _joined(other, metric))
+      of_clip = np.bincount(place, value) / count
+      found[metric] = _interval(value.mean(), of_clip[chosen].mean(1))
+  fids = [_fid(own, other, i % len(own), rng.integers(len(own[0].item), size=len(own[0].item)))
+          for i in range(FID_DRAWS)]
+  whole = [_fid(own, other, i, slice(None)) for i in range(len(own))]
+  return {"fid": _interval(np.mean(whole), fids)} | found
+
+
+def _joined(replications, metric):
+  return np.concatenate([one.values[metric] for one in replications])
+
+
+def _interval(mean, draws):
+  return {"mean": float(mean), "interval": float(1.96 * np.std(draws))}
+
+
+def _fid(own, other, replication, chosen):
+  real = scores.moments(own[replication].real[chosen])
+  fid = scores.fid(real, own[replication].made[chosen])
+  return fid - scores.fid(real, other[replication].made[chosen]) if other else fid

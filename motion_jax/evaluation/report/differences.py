@@ -1,0 +1,30 @@
+"""Tables of differences between rows of a result, on the same captions."""
+from motion_jax.evaluation.report import tables
+from motion_jax.evaluation.result import Result
+
+
+def comparisons(result: Result) -> list[tables.Comparison]:
+  """A table for each row that others are compared with; a number is marked if its interval leaves 0 out."""
+  found = []
+  for against in dict.fromkeys(one["against"] for one in result.differences):
+    some = [one for one in result.differences if one["against"] == against]
+    metrics = [metric for metric in result.metrics if any(metric in one["metrics"] for one in some)]
+    lines = [tables.Line(one["row"], "ours", [_cell(metric, one["metrics"].get(metric)) for metric in metrics])
+             for one in some]
+    found.append(tables.Comparison(f"Differences from {against}, on the same captions", metrics, lines, [
+        "Row less row, and half of the 95 % interval over test clips: a bootstrap that draws the same clips for both.",
+        "* differs from 0 by more than that."]))
+  return found
+
+
+def whole(form):
+  """form(result) of a result's table, with the tables of differences behind it."""
+  return lambda result: "\n".join(map(form, (result, *comparisons(result))))
+
+
+def _cell(metric, value):
+  if value is None or value["mean"] is None:
+    return tables.Cell("–")
+  digits = tables.METRICS[metric].digits if metric in tables.METRICS else 3
+  return tables.Cell(f"{value['mean']:+.{digits}f}", f"{value['interval']:.{digits}f}",
+                     abs(value["mean"]) > value["interval"])
