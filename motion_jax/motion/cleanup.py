@@ -3,7 +3,8 @@
 A network's joints are right to a few millimetres, frame by frame; the eye sees what is left as sliding feet and tremor.
 What it makes of a whole step, the path of the body over the ground, need not fit what the legs do. In four stages:
 
-1. tremor goes, where a joint is slow: a punch keeps its speed;
+1. tremor goes, where a joint is slow: a punch keeps its speed; bones get their lengths, and limbs do not flip
+   (`steady_bones`);
 2. a body whose standing feet slide moves as its feet say, where the network says which stand;
 3. a foot stands still while it stands, and eases back to where it was in the air;
 4. legs that do not reach their feet lower the hips, and never get straighter than 0.995 of their length or than they
@@ -19,6 +20,7 @@ from jaxtyping import Float, Num
 
 from motion_jax.motion.retarget import bend, floor_height, knee_side, with_lengths
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
+from motion_jax.motion.steady_bones import SteadyBones
 from motion_jax.shapes import Array
 
 _SIGMA = 0.7             # frames: 2 Hz passes at 0.9, the tremor of frame against frame at 0.1
@@ -67,7 +69,7 @@ class Cleaner:
     """floor: its height, in the skeleton's unit."""
     body = _Body(skeleton, fps or skeleton.fps, floor)
     smooth, path, plant, reach = _AHEAD
-    self._stages = [_Stage(body.smooth, 2, smooth), _Stage(_Path(body), 3, path), _Stage(_Plant(body), 1, plant),
+    self._stages = [_Stage(_Smooth(body), 2, smooth), _Stage(_Path(body), 3, path), _Stage(_Plant(body), 1, plant),
                     _Stage(body.reach, 3, reach)]
 
   def push(self, joints: Num[Array, "n j 3"], contacts: Num[Array, "n 4"] | None = None) -> Float[np.ndarray, "m j 3"]:
@@ -169,7 +171,8 @@ class _Body:
     self.legs = sorted(legs, key=lambda leg: leg[-1] != skeleton.left_feet[-1])
     self.lengths = [(skeleton.bone_lengths[leg[1]], skeleton.bone_lengths[leg[2]]) for leg in self.legs]
 
-  def smooth(self, frames: _Frames, count: int) -> _Frames:
+  def smooth(self, frames: _Frames, count: int) -> np.ndarray:
+    """Joints (count, J, 3) without tremor."""
     weights = np.exp(-0.5 * (np.arange(-2, 3) / _SIGMA) ** 2)
     smoothed = _weighted(frames.joints, weights / weights.sum())
     about = frames.joints - frames.joints[:, :1]
@@ -177,14 +180,15 @@ class _Body:
     speed = np.linalg.norm(about[4:] - about[:-4], axis=-1) / 4 * self.fps / self.metre
     brisk = np.clip((speed - _BRISK[0]) / (_BRISK[1] - _BRISK[0]), 0, 1)[..., None]
     now = _cut(frames, 2, 2 + count)
-    mixed = smoothed + (now.joints - smoothed) * brisk * brisk * (3 - 2 * brisk)
-    made = with_lengths(mixed, self.skeleton)
+    return smoothed + (now.joints - smoothed) * brisk * brisk * (3 - 2 * brisk)
+
+  def risen(self, frames: _Frames) -> np.ndarray:
+    """How far (count,) a body rises or sinks as its bones get their lengths."""
     # Bones of their own length from the pelvis down put the feet elsewhere. How high these are says more of where the
     # floor is than how high the pelvis is: it rises or sinks, and knees stay as bent as they were.
     lowest = lambda joints: joints[:, self.feet, 1].min((1, 2))
     risen = lowest(frames.joints) - lowest(with_lengths(frames.joints, self.skeleton))
-    made[..., 1] += _weighted(risen, _NEAR)[:, None]
-    return now._replace(joints=made)
+    return _weighted(risen, _NEAR)
 
   def stands(self, frames: _Frames) -> tuple[np.ndarray, np.ndarray]:
     """(how surely (n - 1, 2, 2) the points of feet may stand from each frame to the next, their steps (n - 1, 2, 2, 2)
@@ -233,6 +237,19 @@ class _Body:
     result[:, knee] = bend(result[:, hip], result[:, ankle], knee_side(source, leg, self.skeleton), upper, lower)
     for joint, offset in zip(leg[3:], below):
       result[:, joint] = result[:, ankle] + offset
+
+
+class _Smooth:
+  """Takes tremor away, and gives bones their lengths and directions that do not flip."""
+
+  def __init__(self, body: _Body) -> None:
+    self._body, self._steady = body, SteadyBones(body.skeleton)
+
+  def __call__(self, frames: _Frames, count: int) -> _Frames:
+    joints = with_lengths(self._body.smooth(frames, count), self._body.skeleton)
+    joints = self._steady(joints, frames.joints)
+    joints[..., 1] += self._body.risen(frames)[:, None]
+    return _cut(frames, 2, 2 + count)._replace(joints=joints)
 
 
 class _Path:

@@ -1,0 +1,71 @@
+"""Directions of bones that do not flip where a network's joints hardly tell them.
+
+Between two ways to hold an arm the mean runs through the shoulder: the decoded upper arm gets short, and its direction,
+all that counts once it has its length again, turns round from one frame to the next. A turn is believed as far as the
+bone has its length; a turn of a bone that is too short is spread over the frames around it, two before and as many
+behind as it takes. What is believed comes back bit for bit.
+"""
+import numpy as np
+from jaxtyping import Float
+
+from motion_jax.motion.layering import turned_towards
+from motion_jax.motion.skeleton import Skeleton
+
+_MOST = 30.0             # degrees a frame that a bone turns which does not tell how
+_DOUBT = (0.6, 1.0)      # of its length: up to here a bone says nothing of its turn, from here on it is believed
+
+
+class SteadyBones:
+  """Corrects a motion in pieces; each frame needs the two before it and the two behind it, as decoded."""
+
+  def __init__(self, skeleton: Skeleton) -> None:
+    self._parents = np.array(skeleton.parents[1:])
+    self._lengths = np.maximum(np.asarray(skeleton.bone_lengths, np.float64)[1:], 1e-9)
+    self._skeleton = skeleton
+    self._last: np.ndarray | None = None  # directions (B, 3) of the frame before, as given out, and as they came in
+    self._came: np.ndarray | None = None
+
+  def __call__(self, joints: Float[np.ndarray, "n j 3"], decoded: Float[np.ndarray, "n+4 j 3"]
+               ) -> Float[np.ndarray, "n j 3"]:
+    """joints (n, J, 3) whose bones have their lengths, decoded (n + 4, J, 3) with two frames before and behind."""
+    bones = decoded[:, 1:] - decoded[:, self._parents]
+    length = np.linalg.norm(bones, axis=-1)
+    raw = bones / np.maximum(length, 1e-9)[..., None]
+    sure = np.clip((length / self._lengths - _DOUBT[0]) / (_DOUBT[1] - _DOUBT[0]), 0, 1)
+    doubted = (1 - np.minimum(sure[:-1], sure[1:])) * _angle(raw[:-1], raw[1:])  # degrees of the step behind a frame
+    here, ahead = doubted[1:-2] > _MOST, doubted[2:-1] + doubted[3:] > 1.5 * _MOST
+    own = joints[:, 1:] - joints[:, self._parents]
+    own = own / np.maximum(np.linalg.norm(own, axis=-1), 1e-9)[..., None]
+    given = own.copy()
+    for t in range(len(joints)):
+      last, came = self._last, self._came
+      self._came = own[t]
+      if last is not None and came is not None and ((here[t] | ahead[t]).any() or (last != came).any()):
+        aim = np.where(ahead[t][:, None], raw[t + 4], own[t])
+        believed = np.minimum(sure[t + 1], sure[t + 2]) * _angle(came, own[t])
+        gap = _angle(last, aim)
+        part = np.minimum((_MOST + believed) / np.maximum(gap, 1e-9), 1)
+        turned = turned_towards(last, aim, part)
+        given[t] = np.where((part < 1)[:, None], turned, aim)
+      self._last = given[t]
+    return self._built(joints, own, given)
+
+  def _built(self, joints, own, given):
+    """Joints whose bones have other directions where these differ, down to the ends of their limbs."""
+    changed = (given != own).any(-1)
+    if not changed.any():
+      return joints
+    result = joints.copy()
+    for joint, parent in enumerate(self._parents, start=1):
+      bone = joints[:, joint] - joints[:, parent]
+      length = np.linalg.norm(bone, axis=-1, keepdims=True)
+      bone = np.where(changed[:, joint - 1, None], given[:, joint - 1] * length, bone)
+      result[:, joint] = result[:, parent] + bone
+    same = ~changed.any(1)
+    result[same] = joints[same]
+    return result
+
+
+def _angle(a, b):
+  """Degrees between unit vectors (..., 3)."""
+  return np.degrees(np.arccos(np.clip((a * b).sum(-1), -1, 1)))
