@@ -17,14 +17,16 @@ from motion_jax.inputs import former_names
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.numerals import SEEDS, as_float, checked, demand_numbers, shortened, told
 from motion_jax.inputs.text_files import is_text
+from motion_jax.models import prompt_notes
 from motion_jax.models.options import SamplingOptions
 from motion_jax.models.ways import least_seconds
 from motion_jax.motion.stats import Stats
 from motion_jax.runs import Run
 from motion_jax.runtime import cache
 from motion_jax.text.encoder import TextEncoder
+from motion_jax.text.repertoire import Repertoire
 from motion_jax.text.sentences import Sentence, understand
-from motion_jax.text.vocabulary import Vocabulary, forms, meant
+from motion_jax.text.vocabulary import Vocabulary
 from motion_jax.training import checkpoint
 
 _SHORTEST, _USUAL, _LONGEST = 3.0, 6.0, 9.8  # seconds of a motion whose length nobody says
@@ -140,6 +142,20 @@ class TextToMotionModel(Able):
     subjects = SUBJECTS if self.config.data.get("vary_subject") else ()  # training said these, too
     return table and (Vocabulary(table[0], subjects), table[1])
 
+  @property
+  def vocabulary(self) -> Vocabulary | None:
+    """The captions that it learned from; None where its folder does not keep them."""
+    return self._learned and self._learned[0]
+
+  @functools.cached_property
+  def repertoire(self) -> Repertoire | None:
+    """What it can do, as phrases of one action each; None where its folder does not keep the captions."""
+    return self.vocabulary and Repertoire(self.vocabulary.captions, self.encoder)
+
+  def knows(self, prompt: str) -> bool:
+    """Whether a caption that it learned from says this, whoever moves."""
+    return self.vocabulary is not None and self.vocabulary.holds(prompt)
+
   @functools.cached_property
   def _caption_vectors(self):
     captions = self._learned[0].captions
@@ -201,7 +217,7 @@ class TextToMotionModel(Able):
 
     What a caption of the training data says stays one action, whoever moves.
     """
-    return understand(prompt, self._learned[0].holds if self._learned else lambda text: False)
+    return understand(prompt, self.knows)
 
   def sample(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, seeds: Sequence[int | None],
              cleanup: bool, sampling: dict[str, Any]) -> Any:
@@ -232,13 +248,12 @@ class TextToMotionModel(Able):
     return prompts
 
   def check_words(self, prompts: Iterable[str], literal: bool = True) -> None:
-    """Raises ValueError for an empty prompt; warns of words that stand in no caption that the model learned from.
+    """Raises ValueError for an empty prompt; warns of words and actions that the model has not learned.
 
-    The warning says what it will do instead: the nearest caption that it knows. literal: the prompts are said to the
+    The warning says what it will make instead, and what it can do (`notes_of`). literal: the prompts are given to the
     model as they are, not action by action as it understands them.
     """
-    strange: dict[str, str] = {}
-    named: set[str] = set()
+    prompts = list(prompts)
     for prompt in prompts:
       if not isinstance(prompt, str) or not prompt.strip():
         raise InputError(f"got the prompt {prompt!r}; say what the person does, as in \"a person waves\"")
@@ -247,20 +262,13 @@ class TextToMotionModel(Able):
       if len(prompt) > _LONGEST_PROMPT:
         raise InputError(f"got a prompt of {len(prompt):,} characters, expected at most {_LONGEST_PROMPT:,}; "
                          "multi_prompt takes several sentences one after the other")
-      for said in [prompt] if literal else self.understand(prompt).prompts if self.reports_to_terminal else []:
-        words = self.unknown_words(said) if self.reports_to_terminal else []
-        words = [word for word in words if word.lower() not in named]  # each once, however often it is said
-        named.update(map(str.lower, words))
-        if words:
-          more = " ..." if len(words) > _NAMED else ""
-          strange[said] = ", ".join(map(self._with_suggestion, words[:_NAMED])) + more
-    for prompt, found in list(strange.items())[:_NAMED]:
-      nearest = self.nearest_captions(prompt)
-      instead = (f"no caption that {self.folder.name} learned from says so; the nearest of them is "
-                 f"{_shortened(nearest[0][0])}" if nearest else "it may be ignored or misunderstood")
-      warnings.warn(f"the model does not know {found} in {_shortened(prompt)}: {instead}", stacklevel=3)
-    if len(strange) > _NAMED:
-      warnings.warn(f"the model does not know some words of {len(strange) - _NAMED} prompts more", stacklevel=3)
+    for note in self.notes_of(prompts, literal) if self.reports_to_terminal else []:
+      warnings.warn(note, stacklevel=3)
+
+  def notes_of(self, prompts: Iterable[str], literal: bool = False) -> list[str]:
+    """Sentences for the person who wrote the prompts: words and actions that the model has not learned, what it makes
+    instead and what it can do (`prompt_notes`)."""
+    return prompt_notes.notes_of(self, prompts, literal)
 
   def unknown_words(self, prompt: str) -> list[str]:
     """Words that the model has not learned from, nor words that mean the same, and signs that its encoder cannot read;
@@ -271,23 +279,9 @@ class TextToMotionModel(Able):
     return [word for word in vocabulary.missing(prompt) if not self.encoder.synonym(word, vocabulary.words)
             ] + self.encoder.unreadable(prompt)
 
-  def _with_suggestion(self, word):
-    """The word in quotes, and what was meant where it is misspelled: no word of the encoder's, but like a known one."""
-    known = sorted(self.encoder.known_words)
-    if self._learned:
-      vocabulary = self._learned[0]
-      known = sorted({*vocabulary.words, *(one for one in known if not vocabulary.missing(one))})
-    other = "" if any(map(self.encoder.is_piece, forms(word.lower()))) else meant(word, known)
-    return f"{word!r} (did you mean {other!r}?)" if other else repr(word)
-
 
 Model = TextToMotionModel  # its public name, `motion_jax.Model`
 _ARGUMENTS = ("seed", "seeds", "seconds", "num_frames", "cleanup", "literal", "control", "tries")  # besides
-_NAMED = 5  # words of a prompt, and prompts of a call, that a warning names
-
-
-def _shortened(text):
-  return repr(text if len(text) <= 120 else text[:119] + "…")
 
 
 def each(value: Any, prompts: Sequence[str]) -> list[Any]:

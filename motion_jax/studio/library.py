@@ -69,6 +69,8 @@ class Library:
         shelf.ready.set()
         for _ in steps:
           pass
+        if shelf.model.repertoire is not None:
+          shelf.model.repertoire.nearest("a person walks", 1)  # read before a stream needs it
       except Exception as error:  # one model that cannot be had leaves the others
         shelf.state, shelf.doing, shelf.error = "failed", "", reason(error, 400)
       finally:

@@ -68,8 +68,8 @@ class Maker:
       made = model.generate([prompt] * num, seconds=seconds, seeds=[(seed + i) % 2**32 for i in range(num)],
                             cleanup=cleanup, **given)
     told = {"asked": [asked.told(control, motion) for motion in made]} if control else {}
-    return {"motions": [wire.to_json(motion) for motion in made], "notes": notes_of(made)} | told | words_of(
-        model, [prompt])
+    return {"motions": [wire.to_json(motion) for motion in made]} | told | words_of(
+        model, [prompt], notes_of(made), literal)
 
   def story(self, body: Any) -> dict[str, Any]:
     """{blocks: [{prompt, seconds}], model, seed, cleanup, sampling, past, control} -> {motion, reused_frames,
@@ -210,7 +210,7 @@ def notes_of(motions: Sequence[Any]) -> list[str]:
           for i, motion in enumerate(motions) if motion.meta.get("unmet")]
 
 
-def words_of(model: Any, prompts: list[str]) -> dict[str, Any]:
-  """Words of prompts that the model does not know, for the page to say."""
+def words_of(model: Any, prompts: list[str], notes: Sequence[str] = (), literal: bool = False) -> dict[str, Any]:
+  """Words of prompts that the model does not know, and notes about the prompts and more of them, for the page."""
   unknown = sorted({word for prompt in prompts for word in model.unknown_words(prompt)})
-  return {"unknown": unknown[:20]} if unknown else {}
+  return {"notes": [*model.notes_of(prompts, literal), *notes]} | ({"unknown": unknown[:20]} if unknown else {})

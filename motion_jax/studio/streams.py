@@ -266,7 +266,8 @@ class Stream:
       unknown = model.unknown_words(said)
       nearest = model.nearest_captions(said)[:1] if unknown else []
       self._send({"type": "words", "words": self._words, "prompt": said, "whole": prompt, "from_frame": begins,
-                  "run": self._run, "unknown": unknown[:10], "nearest": nearest[0][0] if nearest else ""})
+                  "run": self._run, "unknown": unknown[:10], "nearest": nearest[0][0] if nearest else "",
+                  "notes": model.notes_of([said])})
     self._tell_state()
 
   def _pause(self, paused):

@@ -6,6 +6,7 @@ import pytest
 from motion_jax import runs
 from motion_jax.data.captions import SUBJECTS
 from motion_jax.models.base import TextToMotionModel
+from motion_jax.models.prompt_notes import with_suggestion
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.text.vocabulary import Vocabulary
 
@@ -103,5 +104,5 @@ def test_what_a_person_is_warned_of(model, sentence, expected):
   expected = dict((said.split("=") + [""])[:2] for said in expected.split())
   found = model.unknown_words(sentence)
   assert found == list(expected)
-  assert [model._with_suggestion(word) for word in found] == [
+  assert [with_suggestion(model, word) for word in found] == [
       f"{word!r} (did you mean {other!r}?)" if other else repr(word) for word, other in expected.items()]
