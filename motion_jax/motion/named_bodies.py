@@ -17,6 +17,7 @@ _HEIGHT = dict(zip(HUMANML3D.joints, SMPL.offsets[:, 1]))  # of each joint above
 _SPINE = "spine1", "spine2", "spine3", "neck"
 _TRUNK = np.cumsum([-_HEIGHT["left_hip"], *(_HEIGHT[joint] for joint in _SPINE)])  # pelvis to neck, above the hips
 _COINCIDENT, _LEVEL = 0.01, 0.05   # parts of a leg: joints that are one; a pelvis that lies between the hips
+_ASIDE = 0.25                      # of the way to the shoulder that a collar lies aside; SMPL's 0.39
 _SHORTEST, _FOOT = 0.07, (0.07, 0.16)  # parts of a leg: a foot at least; one that is made, down and ahead
 _TOES = "toe", "ball", "forefoot", "metatarsal", "foot"
 
@@ -124,19 +125,28 @@ class NamedBody:
   # --- collars and toes ------------------------------------------------------------------------------------------
 
   def _collar(self, side):
-    """The first joint from the chest to a shoulder; without one, a point at SMPL's place between spine, neck and it."""
+    """The first joint from the chest to a shoulder that lies to its side; else a point at SMPL's place between them.
+
+    Many rigs hang both arms on one point or on the line of the spine, which says nothing about collars.
+    """
     joints, joint = self.joints, f"{side}_collar"
     if joint in joints or "spine3" not in joints:
       return
     shoulder, chest = self.at[f"{side}_shoulder"], self._fork("shoulder")
     way = [] if chest is None or shoulder is None else self.tree.line(shoulder)[len(self.tree.line(chest)):-1]
-    way = [one for one in way if not self.tree.names[one].startswith("__") and self._apart(one, shoulder) and
-           self._apart(one, chest)]
-    if way:
+    way = [one for one in way if not self.tree.names[one].startswith("__")]
+    if way and self._apart(way[0], shoulder) and self._aside(way[0], side) > _ASIDE:
       self._take(joint, way[0])
     else:
       base = joints["spine3"] + 0.39 * (joints["neck"] - joints["spine3"])
       joints[joint] = base + 0.39 * (joints[f"{side}_shoulder"] - base)
+
+  def _aside(self, index, side):
+    """How far towards the shoulder a joint lies from the middle of the body: 1 at the shoulder."""
+    left, right = self.joints["left_shoulder"], self.joints["right_shoulder"]
+    half = (left - right) / 2 * (1 if side == "left" else -1)
+    off = self.positions[:, index] - (left + right) / 2
+    return np.median((off * half).sum(-1) / np.maximum((half * half).sum(-1), 1e-12))
 
   def _toes(self, side):
     """Toes: joints of that name below the ankle, else the foot's End Site, else a foot made from the ankle's turns."""

@@ -5,6 +5,7 @@ import pytest
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.joint_maps import TABLES, map_joints, skeleton_of
 from motion_jax.motion.joint_names import key
+from motion_jax.motion.retarget import retarget
 from motion_jax.motion.skeleton import HUMANML3D, KIT, SNAPMOGEN
 from tests.motion.rigs import RIGS, Rig, build, pose
 
@@ -78,6 +79,19 @@ def test_a_pelvis_between_the_hips_is_raised():
   heights = joints[0, [INDEX[joint] for joint in ("pelvis", "spine1", "spine2", "spine3", "neck")], 1]
   np.testing.assert_allclose(heights, pose()[[INDEX[j] for j in ("pelvis", "spine1", "spine2", "spine3", "neck")], 1],
                              atol=0.01)
+
+
+@pytest.mark.parametrize("place", ["chest", "neck", "between"])
+def test_collars_in_the_middle_of_the_body_show_none(place):
+  """Perception Neuron, BEAT and Vicon hang arms on the spine: shoulders stay as wide when bones become HumanML3D's."""
+  names, parents, places, _ = build(RIGS["BEAT, VictorS-67/pybvh:bvh_data/bvh_example.bvh"])
+  chest, neck = places[names.index("Spine3")], places[names.index("Neck")]
+  for side in ("Left", "Right"):
+    places[names.index(f"{side}Shoulder")] = {"chest": chest, "neck": neck, "between": (chest + neck) / 2}[place]
+  joints, _ = map_joints(names, np.repeat(places[None], 3, 0), None, None, parents)
+  wide = lambda joints: np.linalg.norm(joints[0, INDEX["left_shoulder"]] - joints[0, INDEX["right_shoulder"]])
+  assert wide(joints) == pytest.approx(wide(pose()[None]))
+  assert wide(retarget(joints)) == pytest.approx(wide(retarget(pose()[None].repeat(3, 0))), rel=0.05)
 
 
 def test_a_foot_without_toes_is_fixed_to_its_ankle():
