@@ -30,8 +30,9 @@ def add_reading(parser):
                            "120)")
   parser.add_argument("--unit", choices=("auto", "m", "cm", "mm", "in", "ft"), default="auto",
                       help="unit of the joints' coordinates; auto tells it by the lengths of the bones")
-  parser.add_argument("--up", choices=("y", "z"),
-                      help="the file's upward axis (y; in .bvh and .amc it is told by where the head is)")
+  parser.add_argument("--up", choices=("x", "y", "z", "-x", "-y", "-z"), metavar="AXIS",
+                      help="the file's upward axis: x, y, z, or one that points down, as --up=-y (y; in .bvh and .amc "
+                           "it is found by the rest pose, then by the motion)")
   add_mapping(parser)
 
 

@@ -12,7 +12,7 @@ from motion_jax.data.datasets import humanml3d
 from motion_jax.data.datasets.registry import find_dataset
 from motion_jax.data.mocap.mappings import read_mapping
 from motion_jax.data.mocap.readers import READERS, none_read, read_clip
-from motion_jax.inputs import text_files
+from motion_jax.inputs import notes, text_files
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.input_files import json_row
 from motion_jax.inputs.numerals import SECONDS, NumberError, named, real
@@ -46,7 +46,8 @@ def build(source, out, captions=None, mapping=None, mode="corrected", mirror=Tru
   if dataset is not None:
     clips, left_out = dataset.clips(source), []
   else:
-    clips, left_out = read_captures(source, captions, mapping, fps or 20.0, progress, source_fps, faults)
+    with notes.merged():
+      clips, left_out = read_captures(source, captions, mapping, fps or 20.0, progress, source_fps, faults)
   if not clips and faults:
     raise InputError(none_read(source, faults))
   if not clips:

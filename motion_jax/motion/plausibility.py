@@ -113,11 +113,9 @@ def to_unit(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, unit: s
   """
   if unit != "auto" and unit not in UNITS:
     raise InputError(f"got unit {unit!r}, expected auto, {', '.join(UNITS)}")
-  if up not in AXES:
-    raise InputError(f"got up {up!r}, expected {', '.join(AXES)}")
   placed = _array(joints, skeleton, name)
   if up != "y":
-    placed = placed[..., AXES[up]]
+    placed = with_y_up(placed, up)
   elif _stands_along_z(placed, skeleton):
     warnings.warn(f"{name}: the body lies, or stands along z; --up z (up=\"z\") turns files whose upward axis is z",
                   stacklevel=2)
@@ -130,6 +128,14 @@ def to_unit(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, unit: s
     unit = told
   scale = UNITS[unit] / skeleton.unit
   return placed if np.isclose(scale, 1) else placed * scale
+
+
+def with_y_up(joints: Num[np.ndarray, "*lead 3"], up: str) -> Num[np.ndarray, "*lead 3"]:
+  """Joints (..., 3) turned so that the axis up of the file, "x", "y", "z" or with a minus before it, is +y."""
+  if up.removeprefix("-") not in AXES:
+    raise InputError(f"got up {up!r}, expected {', '.join(AXES)}, or one of these with a minus before it")
+  placed = joints[..., AXES[up.removeprefix("-")]]
+  return placed * np.array([1, -1, -1], placed.dtype) if up.startswith("-") else placed
 
 
 def told_unit(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D) -> str | None:
@@ -222,4 +228,5 @@ def _far(metres):
   return f"{metres / 1000:,.0f} km" if metres >= 10_000 else f"{metres:,.3g} m"
 
 
-__all__ = ["AXES", "ODD", "UNITS", "check", "check_bones", "check_rate", "fault", "oddness", "to_unit", "told_unit"]
+__all__ = ["AXES", "ODD", "UNITS", "check", "check_bones", "check_rate", "fault", "oddness", "to_unit", "told_unit",
+           "with_y_up"]

@@ -90,7 +90,8 @@ def test_own_mapping_and_rate(folder):
   """A user's mapping, and the rate that AMC files do not tell."""
   from motion_jax.motion.skeleton import HUMANML3D
   mapping = {joint: ("root", "arm", "hand", "tip")[j % 4] for j, joint in enumerate(HUMANML3D.joints)}
-  clip = amc_clip(folder / "07_01.amc", source_fps=20.0, mapping=mapping, up="y", unit=1.0)
+  unit = read_amc(folder / "07_01.amc").unit
+  clip = amc_clip(folder / "07_01.amc", source_fps=20.0, mapping=mapping, up="y", unit=unit)
   assert clip.num_frames == 2 and clip.meta["mapping"] == "own"
   np.testing.assert_allclose(clip.joints[:, 0], read_amc(folder / "07_01.amc").positions[:, 0], atol=1e-6)
 

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.data.mocap.asf import amc_clip
 from motion_jax.data.mocap.bvh import bvh_clip, read_bvh
-from motion_jax.data.mocap.capture import starts_with_a_pose, without_pose
+from motion_jax.data.mocap.rest_pose import starts_with_a_pose, without_pose
 from motion_jax.motion.skeleton import HUMANML3D
 
 

@@ -55,7 +55,8 @@ def read_amc(path, skeleton=None, fps=AMC_FPS) -> Capture:
   _check_whole(path, len(lines), frames, current, expected, bones.names)
   positions, rotations, turned = _pose(bones, frames, 1.0 if not degrees else np.pi / 180)
   offsets = bones.directions * bones.lengths[:, None] * bones.unit
-  return Capture(bones.names, bones.parents, offsets, bones.dofs, float(fps), positions, rotations, turned)
+  return Capture(bones.names, bones.parents, offsets, bones.dofs, float(fps), positions, rotations, turned,
+                 bones.unit if bones.unit != 1.0 else None)
 
 
 def amc_clip(path, skeleton=None, source_fps=None, **options):
@@ -87,7 +88,7 @@ def read_asf(path) -> _Bones:
     if key.startswith(":"):
       section = key
     elif section == ":units" and key == "length":
-      # CMU: one unit is 1 / 0.45 inch. A length of 1 says nothing; the unit is told by the leg then.
+      # CMU: one unit is 1 / 0.45 inch. A length of 1 says nothing; then the legs show the unit.
       length = _numbers(path, number, words[1:], 1)[0]
       bones.unit = 0.0254 / length if length not in (0.0, 1.0) else 1.0
     elif section == ":units" and key == "angle":

@@ -5,6 +5,7 @@ have them everywhere). End Sites become joints named after their parent with "_e
 there.
 """
 import pathlib
+import warnings
 
 import numpy as np
 
@@ -39,7 +40,7 @@ def read_bvh(path) -> Capture:
 def bvh_clip(path, mapping=None, fps=20.0, source_fps=None, **options) -> Clip:
   """A BVH file as a Clip of 22 joints: `read_bvh` and `capture.to_clip`, whose options these are.
 
-  source_fps: its frames are so many a second, whatever the file states.
+  source_fps: its frames per second, whatever the file states.
   """
   return to_clip(with_rate(read_bvh(path), source_fps), path, mapping, fps, **options)
 
@@ -116,12 +117,24 @@ def _read_motion(path, lines, at, width, num_joints):
   rows = head[2:]
   if len(rows) < num_frames:
     raise InputError(f"{path} line {len(lines)}: the file ends after {len(rows)} of {num_frames} frames; it is cut")
+  surplus = len(rows) - num_frames
+  if surplus:
+    more = next((i for i, (_, line) in enumerate(rows[num_frames:]) if not _is_row(line, width)), surplus)
+    warnings.warn(f"{path}: its header says {num_frames} frames, {len(rows)} lines follow; {num_frames + more} frames "
+                  "are read", stacklevel=4)
+    num_frames += more
   capture.check_size(path, num_frames, num_joints)
   values = np.empty((num_frames, width))
   for row, (number, line) in zip(values, rows):
     row[:] = _numbers(path, number, line.split(), width)
   fps = 1 / seconds
   return values, round(fps) if abs(fps - round(fps)) < 0.01 else fps  # files write 0.0333333 for a thirtieth
+
+
+def _is_row(line, width):
+  """Whether a line may be a frame; if it is, but damaged, `_numbers` says so."""
+  words = line.split()
+  return len(words) == width and all(word[:1] in "+-.0123456789" for word in words)
 
 
 def _numbers(path, number, words, count):

@@ -6,15 +6,14 @@ import warnings
 import numpy as np
 
 from motion_jax.data.clip import Clip
+from motion_jax.data.mocap import conventions, rest_pose
 from motion_jax.inputs.errors import InputError
 from motion_jax.motion import plausibility
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.joint_maps import map_joints, own_joints
-from motion_jax.motion.retarget import leg_scale
 from motion_jax.motion.skeleton import HUMANML3D
 
 _MOST = 8_000_000  # frames times joints: a gigabyte
-_UNITS = (*plausibility.UNITS.values(), 0.1, 0.0254 / 0.45)  # and decimetres, and CMU's
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -28,6 +27,7 @@ class Capture:
   positions: np.ndarray                # (T, N, 3) in the world
   rotations: np.ndarray                # (T, N, 4) quaternions (w, x, y, z) relative to the parent
   turned: np.ndarray                   # (T, N, 4) the same in the world
+  unit: float | None = None            # metres per unit of a file that states it; positions are in metres then
 
   @property
   def num_frames(self) -> int:
@@ -38,7 +38,7 @@ def check_size(path, num_frames, num_joints):
   """Raises ValueError for a capture that memory might not hold."""
   if num_frames * num_joints > _MOST:
     raise InputError(f"{path}: got {num_frames:,} frames of {num_joints:,} joints, expected at most "
-                     f"{_MOST // num_joints:,} frames of so many; cut it in parts")
+                     f"{_MOST // num_joints:,} frames; cut it in parts")
 
 
 def with_rate(capture, fps) -> Capture:
@@ -57,25 +57,33 @@ def to_clip(capture, path, mapping=None, fps=20.0, unit="auto", up="auto", skip_
 
   mapping: see `joint_maps.map_joints`; None reads the names. skeleton: of the clip; a file whose joints are those of
   another skeleton than HumanML3D's, name by name, can stay on it. unit: of the file, "m", "cm", "mm", "in", "ft" or
-  metres per unit; "auto" tells it by the leg. up: "x", "y", "z" or "auto". skip_pose: leave out a pose set before the
-  motion; None does so when there is one. about (captions, id, split, ...) goes to the Clip. Raises ValueError for
-  joints that are no person's (`motion.plausibility`), or rates that no camera has.
+  metres per unit; "auto" finds it by the legs. up: "x", "y", "z", "-y", ...; "auto" finds it by the rest pose, then by
+  the motion (`conventions`). skip_pose: leave out a pose set before the motion; None does so when there is one. What
+  was found is a warning. about (captions, id, split, ...) goes to the Clip. Raises ValueError for joints that are no
+  person's (`motion.plausibility`), or rates that no camera has.
   """
   path = pathlib.Path(path)
   for rate in (capture.fps, fps):
     plausibility.check_rate(rate, str(path))
-  if skip_pose or (skip_pose is None and starts_with_a_pose(capture)):
-    capture = without_pose(capture)
   try:
+    rest = rest_pose.rest_positions(capture)
     if skeleton is HUMANML3D:
-      joints, table = map_joints(capture.names, capture.positions, mapping, capture.turned, capture.parents)
+      still = np.tile([1.0, 0, 0, 0], (*rest.shape[:2], 1))
+      pick = lambda file: map_joints(file.names, file.positions, mapping, file.turned, file.parents)
+      rest, _ = map_joints(capture.names, rest, mapping, still, capture.parents)
     else:
-      joints, table = own_joints(capture.names, capture.positions, skeleton), skeleton.name
-    metres = _metres(joints, unit, skeleton)
-    joints = _turn_up(joints, up, skeleton)
+      pick = lambda file: (own_joints(file.names, file.positions, skeleton), skeleton.name)
+      rest = own_joints(capture.names, rest, skeleton)
+    joints, table = pick(capture)
+    if skip_pose or (skip_pose is None and rest_pose.starts_with_a_pose(capture, joints, skeleton)):
+      rest, capture = joints[:1], rest_pose.without_pose(capture)
+      joints, table = pick(capture)
+      rest_pose.warn_of_pose(path)
+    joints = conventions.with_y_up(joints, up, rest[0], path, skeleton)
+    joints, metres = conventions.to_metres(joints, unit, path, capture.unit, skeleton)
   except ValueError as error:
     raise InputError(f"{path}: {error}") from None
-  joints = joints * (metres / skeleton.unit)
+  joints = joints / skeleton.unit
   plausibility.check(joints, skeleton, capture.fps, str(path))
   joints = resample(joints, capture.fps, fps)
   meta = {"file": path.name, "mapping": table, "unit": metres, "source_fps": round(capture.fps, 4)}
@@ -100,62 +108,3 @@ def forward_kinematics(parents, local, rotations):
       positions[:, joint] = positions[:, parent] + rot.rotate(turned[:, parent], local[:, joint])
       turned[:, joint] = rot.multiply(turned[:, parent], rotations[:, joint])
   return positions, turned
-
-
-def starts_with_a_pose(capture) -> bool:
-  """Whether frame 0 is the rest pose, put before the motion (as cgspeed does): joints hardly turned, then a jump."""
-  if capture.num_frames < 3:
-    return False
-  q = capture.rotations
-  moving = _angles(rot.multiply(rot.conjugate(q[:1]), q)).max(0) > 1
-  return bool(moving.any() and _angles(q[0, moving]).mean() < 2 and _steps(capture, 1)[0] > 5)
-
-
-def without_pose(capture) -> Capture:
-  """Drops frame 0. Where the converter's filter has smeared the pose into what follows (joints go on jumping, less and
-  less), up to three frames take the first clean one's pose; the root keeps its own path, which is not filtered."""
-  if capture.num_frames < 2:
-    return capture
-  steps = _steps(capture, 4)
-  smeared = 0
-  if len(steps) == 4 and steps[1] > steps[0] / 3 and (np.diff(steps[1:]) < 0).all():
-    smeared = 1 + int((steps[2:] > steps[1] / 4).sum())
-  frames = np.maximum(np.arange(1, capture.num_frames), 1 + smeared)
-  root = capture.positions[:, :1]
-  positions = capture.positions[frames] - root[frames] + root[1:]
-  return dataclasses.replace(capture, positions=positions, rotations=capture.rotations[frames],
-                             turned=capture.turned[frames])
-
-
-def _steps(capture, num):
-  """The largest turn of any joint, degrees, in each of the first num steps."""
-  q = capture.rotations[:num + 1]
-  return _angles(rot.multiply(rot.conjugate(q[:-1]), q[1:])).max(-1)
-
-
-def _angles(q):
-  return np.degrees(2 * np.arccos(np.clip(np.abs(q[..., 0]), 0, 1)))
-
-
-def _metres(joints, unit, skeleton):
-  """Metres per unit, as said, or of the usual unit that makes the leg nearest to an adult's."""
-  if isinstance(unit, str) and unit != "auto":
-    if unit not in plausibility.UNITS:
-      raise InputError(f"got unit {unit!r}, expected auto, {', '.join(plausibility.UNITS)}")
-    return plausibility.UNITS[unit]
-  if unit not in ("auto", None):
-    return unit
-  scale = leg_scale(joints, skeleton) * skeleton.unit
-  return min(_UNITS, key=lambda unit: abs(np.log(unit / scale)))
-
-
-def _turn_up(joints, up, skeleton):
-  """Turns joints so that up is +y; "auto" takes the axis along which heads are above feet."""
-  if up == "auto":
-    feet = list(skeleton.left_feet + skeleton.right_feet)
-    rise = np.median(joints[:, skeleton.joints.index("neck")] - joints[:, feet].mean(1), axis=0)
-    # A clip of somebody lying down says nothing: then the file is taken to be y up, as most are.
-    up = "xyz"[int(np.abs(rise).argmax())] if np.abs(rise).max() > 2 * np.abs(rise[1]) else "y"
-  if up not in plausibility.AXES:
-    raise InputError(f"got up {up!r}, expected x, y, z or auto")
-  return joints[..., plausibility.AXES[up]]

@@ -1,0 +1,111 @@
+"""What capture files leave open: the unit of their coordinates and the axis that points up.
+
+Both are found from the bones, and what was found is reported, so that a wrong guess is seen and can be corrected.
+"""
+import warnings
+
+import numpy as np
+
+from motion_jax.inputs.errors import InputError
+from motion_jax.motion import plausibility
+from motion_jax.motion.retarget import leg_scale
+from motion_jax.motion.skeleton import HUMANML3D
+
+_UNITS = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001, "inches": 0.0254, "feet": 0.3048,
+          "decimetres": 0.1, "CMU's unit of 1 / 0.45 inch": 0.0254 / 0.45}
+_METRIC = ("metres", "centimetres", "millimetres")
+_ADULT, _CHILD = 1.2, 1.6       # how many times longer or shorter legs may be than an adult's; a child's or a giant's
+_LEVEL = 0.15                   # of the legs' length: what is so near to 0 is on the floor
+_LOW = 0.6                      # of the legs' length: the pelvis of a body that does not stand or sit on a chair
+
+
+def to_metres(joints, unit, name, stated=None, skeleton=HUMANML3D):
+  """Joints (T, J, 3) in metres, and metres per unit: as `unit` says, or of the usual unit that makes legs an adult's.
+
+  stated: metres per unit that the file itself states; joints are in metres then. A body for which no usual unit fits
+  becomes as large as an adult. What was found is a warning that begins with name.
+  """
+  if isinstance(unit, str) and unit != "auto":
+    if unit not in plausibility.UNITS:
+      raise InputError(f"got unit {unit!r}, expected auto, {', '.join(plausibility.UNITS)}")
+    unit = plausibility.UNITS[unit]
+  if unit not in ("auto", None):
+    return joints * (unit / (stated or 1)), unit
+  scale = leg_scale(joints, skeleton) * skeleton.unit
+  label = min(_UNITS, key=lambda label: abs(np.log(_UNITS[label] / scale)))
+  metres, off = _UNITS[label], np.exp(abs(np.log(_UNITS[label] / scale)))
+  if stated:
+    _warn(f"{name}: by its skeleton file, 1 unit is {stated:.4g} m; --unit (unit=) corrects it")
+    return joints, stated
+  if off > (_CHILD if label in _METRIC else _ADULT):
+    metres = float(f"{scale:.3g}")
+    _warn(f"{name}: no usual unit makes its legs a person's; scaled to an adult's size, 1 unit is {metres:g} m; --unit "
+          "(unit=) corrects it")
+  elif off > _ADULT:
+    legs = skeleton.bone_lengths[list(skeleton.leg_bones)].sum() * skeleton.unit * metres / scale
+    _warn(f"{name}: by its bones it is in {label}, with legs of {legs:.2f} m; --unit (unit=) corrects it")
+  else:
+    _warn(f"{name}: by its bones it is in {label}; --unit (unit=) corrects it")
+  return joints * metres, metres
+
+
+def with_y_up(joints, up, rest, name, skeleton=HUMANML3D):
+  """Joints (T, J, 3) turned so that up is +y.
+
+  up: an axis as `plausibility.with_y_up` takes it, or "auto": that of the pose at rest (J, 3) if it is one of a person
+  who stands, else that along which the head is above the feet. Somebody who lies down in a file with y up looks like
+  somebody who stands in one with z up; only a body whose feet are on the floor by its motion, and which does not lie on
+  the floor by its rest pose, is taken to stand.
+  """
+  if up == "auto":
+    up = _upward_axis(joints, rest, name, skeleton)
+  return plausibility.with_y_up(joints, up)
+
+
+def _upward_axis(joints, rest, name, skeleton):
+  feet = list(skeleton.left_feet + skeleton.right_feet)
+  rise = np.median(joints[:, skeleton.joints.index("neck")] - joints[:, feet].mean(1), axis=0)
+  shown, seen = _standing_axis(rest, skeleton), _axis_of(rise, 2.0)
+  if seen is None or seen == shown:
+    return shown or "y"
+  legs = skeleton.bone_lengths[list(skeleton.leg_bones)].sum() / leg_scale(joints, skeleton)
+  stands = _lowest(joints[:, feet], seen) < _LEVEL * legs
+  if shown is None:
+    # People do not stand on their heads for most of a clip, but may lie with the head in any direction.
+    up = seen if stands or not seen.startswith("-") else "y"
+  else:
+    lies = (_lowest(joints, shown) < _LEVEL * legs
+            and np.median(plausibility.with_y_up(joints[:, 0], shown)[:, 1]) < _LOW * legs)
+    up = seen if stands and not lies else shown
+  if up != seen and seen.strip("-") != up:
+    _warn(f"{name}: the body lies, or stands along {seen}; it is read with {up} up; --up={seen} (up=\"{seen}\") "
+          "corrects it")
+  elif up != "y":
+    _warn(f"{name}: by its motion {up} is up; --up=y (up=\"y\") corrects it")
+  return up
+
+
+def _standing_axis(rest, skeleton):
+  """The axis along which a pose (J, 3) stands, such as "y" or "-z"; None where it is none of a person who stands."""
+  hips = rest[list(skeleton.hips)].mean(0)
+  trunk = rest[skeleton.joints.index("neck")] - hips
+  legs = rest[[skeleton.left_feet[0], skeleton.right_feet[0]]].mean(0) - hips
+  upright = (trunk * legs).sum() < -0.7 * np.linalg.norm(trunk) * np.linalg.norm(legs)
+  return _axis_of(trunk - legs, 2.0) if upright else None
+
+
+def _lowest(joints, up):
+  """How far from 0 the lowest of joints (T, N, 3) usually is along an axis."""
+  return abs(np.percentile(plausibility.with_y_up(joints, up)[..., 1].min(1), 5))
+
+
+def _axis_of(vector, share):
+  """The axis, such as "y" or "-z", along which a vector (3,) is `share` times as long as along any other; else None."""
+  order = np.argsort(np.abs(vector))
+  if not np.abs(vector[order[2]]) > share * np.abs(vector[order[1]]):
+    return None
+  return ("-" if vector[order[2]] < 0 else "") + "xyz"[order[2]]
+
+
+def _warn(message):
+  warnings.warn(message, stacklevel=4)

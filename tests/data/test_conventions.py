@@ -1,0 +1,249 @@
+"""What capture files leave open is found as Blender shows it: unit, upward axis, collars, a pose before the motion."""
+import warnings
+
+import numpy as np
+import pytest
+
+from motion_jax.data.build import build
+from motion_jax.data.mocap.bvh import bvh_clip, read_bvh
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.pose import to_pose
+from motion_jax.motion.retarget import leg_scale, retarget
+from motion_jax.motion.skeleton import body_axes
+
+# A figure of Mixamo's names, centimetres: joint, parent, OFFSET; End Sites of no length.
+_SIDE = [("Shoulder", "Spine2", (6, 14, 0)), ("Arm", "Shoulder", (11, 2, 0)), ("ForeArm", "Arm", (28, 0, 0)),
+         ("Hand", "ForeArm", (25, 0, 0)), ("UpLeg", "Hips", (9, -5, 0)), ("Leg", "UpLeg", (0, -42, 0)),
+         ("Foot", "Leg", (0, -41, 0)), ("ToeBase", "Foot", (0, -7, 14))]
+FIGURE = {"Hips": ("", (0, 0, 0)), "Spine": ("Hips", (0, 10, 0)), "Spine1": ("Spine", (0, 12, 0)),
+          "Spine2": ("Spine1", (0, 12, 0)), "Neck": ("Spine2", (0, 18, 0)), "Head": ("Neck", (0, 10, 0))}
+for _side, _sign in (("Left", 1), ("Right", -1)):
+  FIGURE |= {_side + name: (parent if parent in ("Spine2", "Hips") else _side + parent, (_sign * x, y, z))
+             for name, parent, (x, y, z) in _SIDE}
+
+
+def write_figure(path, offsets=(), turns=(), frames=40, root=(0, 95, 0), axes=(0, 1, 2), signs=(1, 1, 1), scale=1.0,
+                 fps=20):
+  """A BVH file of a body that swings its limbs. offsets: {joint: OFFSET} of another figure; turns: {joint: degrees
+  (3,) or (T, 3) about z, y, x}; axes and signs: which axis of ours each of the file's is; scale: units per cm."""
+  figure = {name: (parent, dict(offsets).get(name, offset)) for name, (parent, offset) in FIGURE.items()}
+  place = lambda v: np.asarray(v, float)[list(axes)] * signs * scale
+  order, lines = [], ["HIERARCHY"]
+
+  def write(name, depth):
+    pad, children = "  " * depth, [child for child, (parent, _) in figure.items() if parent == name]
+    order.append(name)
+    lines.extend([f"{pad}{'JOINT' if depth else 'ROOT'} {name}", pad + "{",
+                  f"{pad}  OFFSET {' '.join(f'{v:.6f}' for v in place(figure[name][1]))}",
+                  f"{pad}  CHANNELS " + ("3" if depth else "6 Xposition Yposition Zposition")
+                  + " Zrotation Yrotation Xrotation"])
+    for child in children:
+      write(child, depth + 1)
+    if not children:
+      lines.extend([f"{pad}  End Site", pad + "  {", f"{pad}    OFFSET 0 0 0", pad + "  }"])
+    lines.append(pad + "}")
+
+  write("Hips", 0)
+  swing = 25 * np.sin(np.arange(frames) * 10 / fps)
+  moves = {"LeftUpLeg": swing, "RightUpLeg": -swing, "LeftArm": -swing, "RightArm": swing}
+  own = {name: np.zeros((frames, 3)) for name in order}
+  for name, angle in moves.items():
+    own[name][:, 2] = angle
+  for side, sign in (("Left", -1), ("Right", 1)):
+    own[side + "Arm"][:, 0] = 70 * sign  # arms hang
+  for name, angle in dict(turns).items():
+    own[name] = own[name] + angle if np.shape(angle) == (frames, 3) else np.tile(np.array(angle, float), (frames, 1))
+  # Angles are ours: about z, y, x of a body with y up. In a file with other axes each turns about its own one.
+  assert tuple(axes) == (0, 1, 2) and tuple(signs) == (1, 1, 1) or set(dict(turns)) <= {"Hips"}
+  paths = np.broadcast_to(np.asarray(root, float), (frames, 3))
+  rows = []
+  for t in range(frames):
+    angles = [rotated(own[name][t], axes, signs) for name in order]
+    rows.append(" ".join(f"{v:.6f}" for v in np.concatenate([place(paths[t]), *angles])))
+  lines += ["MOTION", f"Frames: {frames}", f"Frame Time: {1 / fps:.7f}", *rows]
+  path.write_text("\n".join(lines) + "\n")
+  return path
+
+
+def rotated(angles, axes, signs):
+  """Angles about our z, y, x as angles about the file's, whose axes are ours in another order."""
+  from scipy.spatial.transform import Rotation
+  ours = Rotation.from_euler("ZYX", angles, degrees=True).as_matrix()
+  change = np.zeros((3, 3))
+  change[range(3), list(axes)] = signs
+  return Rotation.from_matrix(change @ ours @ change.T).as_euler("ZYX", degrees=True)
+
+
+def notes_of(read, *args, **options):
+  """(what it returns, its warnings)."""
+  with warnings.catch_warnings(record=True) as found:
+    warnings.simplefilter("always")
+    result = read(*args, **options)
+  return result, [str(one.message) for one in found]
+
+
+def degrees_apart(a, b):
+  return np.degrees(np.arccos((rot.unit(a) * rot.unit(b)).sum(-1).clip(-1, 1)))
+
+
+LEFT = np.array([[1.0, 0, 0]])
+IN_ONE_POINT = {"LeftShoulder": (0, 0, 0), "RightShoulder": (0, 0, 0), "LeftArm": (17, 16, 0), "RightArm": (-17, 16, 0)}
+ON_THE_SPINE = {"LeftShoulder": (0, 14, 0), "RightShoulder": (0, 14, 0), "LeftArm": (17, 2, 0),
+                "RightArm": (-17, 2, 0)}
+
+
+@pytest.mark.parametrize("offsets", [{}, IN_ONE_POINT, ON_THE_SPINE], ids=["sound", "in one point", "on the spine"])
+@pytest.mark.parametrize("turn", [(0, 0, 0), (0, 180, 0), (0, 90, 0)], ids=["ahead", "back", "aside"])
+def test_collars_in_one_point_leave_chest_and_shoulders_right(tmp_path, offsets, turn):
+  """The chest faces where hips and shoulders do, and built shoulders are as far apart as the figure's, left on left."""
+  clip = bvh_clip(write_figure(tmp_path / "a.bvh", offsets, {"Hips": turn}))
+  joints = clip.joints.astype(float)
+  chest = to_pose(joints).turned[:, 9]
+  hips = joints[:, 1] - joints[:, 2]
+  assert degrees_apart(rot.rotate(chest, LEFT), hips).max() < 1
+  assert degrees_apart(rot.rotate(chest, np.array([[0, 0, 1.0]])), np.cross(hips, [0, 1.0, 0])).max() < 5
+  built = retarget(joints)
+  across = built[:, 16] - built[:, 17]
+  assert 0.32 < np.median(np.linalg.norm(across, axis=-1)) < 0.40
+  assert degrees_apart(across, built[:, 1] - built[:, 2]).max() < 5
+
+
+def test_placed_collars_turn_with_the_file_s_own_chest(tmp_path):
+  """Shoulders that a file turns by themselves do not turn the chest, and the bones to the collars keep their length."""
+  frames = 40
+  shrug = np.stack([20 * np.sin(np.arange(frames) / 5), 15 * np.cos(np.arange(frames) / 4), np.zeros(frames)], -1)
+  lean = np.stack([np.zeros(frames), 30 * np.sin(np.arange(frames) / 6), 20 * np.sin(np.arange(frames) / 9)], -1)
+  path = write_figure(tmp_path / "a.bvh", IN_ONE_POINT, {"LeftShoulder": shrug, "Spine1": lean}, frames)
+  joints = bvh_clip(path).joints.astype(float)
+  file = read_bvh(path)
+  chest = file.turned[:, file.names.index("Spine2")]
+  ours = to_pose(joints).turned[:, 9]
+  apart = rot.multiply(rot.conjugate(chest), ours)
+  assert degrees_apart(rot.rotate(apart, LEFT), rot.rotate(apart, LEFT)[:1]).max() < 4
+  assert np.linalg.norm(joints[:, 13] - joints[:, 9], axis=-1).std() < 1e-6
+
+
+def outward(degrees):
+  """Offsets of legs that point so far outward at rest, and the turns that bring them straight down."""
+  angle = np.radians(degrees)
+  down = lambda length, sign: (sign * length * np.sin(angle), -length * np.cos(angle), 0)
+  offsets = {f"{side}{name}": down(length, sign) for side, sign in (("Left", 1), ("Right", -1))
+             for name, length in (("Leg", 42), ("Foot", 41))}
+  return offsets, {"LeftUpLeg": (-degrees, 0, 0), "RightUpLeg": (degrees, 0, 0)}
+
+
+def with_pose_first(turns, frames, pose):
+  """Turns whose frame 0 is a pose of its own."""
+  result = {}
+  for name in FIGURE:
+    angles = np.zeros((frames, 3))
+    angles[1:] = dict(turns).get(name, np.zeros(3))
+    angles[0] = dict(pose).get(name, np.zeros(3))
+    result[name] = angles
+  return result
+
+
+@pytest.mark.parametrize("degrees", [0, 20])
+@pytest.mark.parametrize("arms", [0, 40], ids=["T-pose", "A-pose"])
+def test_a_set_pose_before_the_motion_is_left_out(tmp_path, degrees, arms):
+  """Also where the legs of the rest pose point outward, so that the set pose itself turns them."""
+  offsets, straight = outward(degrees)
+  frames, fps = 60, 60
+  pose = straight | {"LeftArm": (-arms, 0, 0), "RightArm": (arms, 0, 0)}
+  turns = with_pose_first(straight, frames, pose)
+  swing = np.zeros((frames, 3))
+  swing[1:, 2] = 15 * np.sin(np.arange(frames - 1) / 20)
+  for side, sign in (("Left", 1), ("Right", -1)):
+    turns[side + "Arm"][1:, 0] = -75 * sign
+    turns[side + "UpLeg"] += sign * swing
+  path = write_figure(tmp_path / "a.bvh", offsets, {}, frames, fps=fps)
+  lines, file = path.read_text().splitlines(), read_bvh(path)
+  order = [name for name in file.names if not name.endswith("_end")]
+  rows = np.concatenate([np.tile([0, 95.0, 0], (frames, 1)), *(turns[name] for name in order)], axis=1)
+  path.write_text("\n".join(lines[:-frames] + [" ".join(f"{v:.6f}" for v in row) for row in rows]) + "\n")
+  clip, notes = notes_of(bvh_clip, path, fps=fps)
+  assert clip.num_frames == frames - 1 and any("frame 0 is a pose set before the motion" in note for note in notes)
+  assert np.abs(np.diff(clip.joints, axis=0)).max() * fps < 3, "metres a second"
+  assert bvh_clip(path, fps=fps, skip_pose=False).num_frames == frames
+
+
+def test_what_is_captured_is_not_left_out(tmp_path):
+  """A T-pose that is held, and a walk, start with motion."""
+  held = np.zeros((60, 3))
+  held[10:, 0] = np.linspace(0, 70, 50)
+  still = {name: held * sign if name.endswith("Arm") and "Fore" not in name else np.zeros((60, 3))
+           for name in FIGURE for sign in (-1 if name.startswith("Left") else 1,)}
+  for turns in ({}, still):
+    assert bvh_clip(write_figure(tmp_path / "a.bvh", turns=turns, frames=60), fps=20.0).num_frames == 60
+
+
+LYING = {"on the back, head to -z": (0, 0, -90), "on the face, head to +z": (0, 0, 90),
+         "head to +x": (-90, 0, 0), "head to -x": (90, 0, 0)}
+
+
+@pytest.mark.parametrize("turn", LYING.values(), ids=LYING)
+@pytest.mark.parametrize("height", [15, 40], ids=["lying", "push-up"])
+def test_a_lying_body_stays_lying(tmp_path, turn, height):
+  """The rest pose says that y is up, whatever the motion looks like; a note says how it could be read."""
+  clip, notes = notes_of(bvh_clip, write_figure(tmp_path / "a.bvh", turns={"Hips": turn}, root=(0, height, 0)))
+  rise = np.median(clip.joints[:, 15] - clip.joints[:, 7], axis=0)
+  assert abs(rise[1]) < 0.2 and np.linalg.norm(rise) > 1.2
+  assert any("is read with y up" in note for note in notes)
+
+
+@pytest.mark.parametrize("axes, signs", [((2, 0, 1), (1, 1, 1)), ((1, 2, 0), (1, 1, 1)), ((0, 1, 2), (1, -1, -1)),
+                                         ((0, 2, 1), (1, 1, -1)), ((0, 2, 1), (1, -1, 1))],
+                         ids=["z", "x", "-y", "-z", "z mirrored twice"])
+@pytest.mark.parametrize("turn", [(0, 0, 0), (0, 0, -90)], ids=["stands", "lies"])
+def test_the_rest_pose_says_which_axis_is_up_and_its_sign(tmp_path, axes, signs, turn):
+  """A body that stands, and one that lies, in files with any axis up: what is up in ours is up."""
+  expected = bvh_clip(write_figure(tmp_path / "y.bvh", turns={"Hips": turn}), up="y").joints
+  joints = bvh_clip(write_figure(tmp_path / "a.bvh", turns={"Hips": turn}, axes=axes, signs=signs)).joints
+  np.testing.assert_allclose(joints[..., 1], expected[..., 1], atol=1e-5)
+  facing = lambda x: np.abs(np.linalg.det(body_axes(x.astype(float))[0]) - 1).max()
+  assert facing(joints) < 1e-6, "turned, not mirrored"
+
+
+def test_a_body_on_its_feet_in_the_world_overrules_its_rest_pose(tmp_path):
+  """z is up in the world, y at rest: the root turns it by 90 degrees, and its feet are on z = 0."""
+  path = write_figure(tmp_path / "a.bvh", turns={"Hips": (0, 0, 90)}, root=(80, 30, 95))
+  clip, notes = notes_of(bvh_clip, path)
+  assert np.median(clip.joints[:, 15, 1] - clip.joints[:, 7, 1]) > 1.3
+  assert any("z is up" in note for note in notes)
+
+
+@pytest.mark.parametrize("scale, unit, words", [
+    (1.0, 0.01, "centimetres"), (0.01, 1.0, "metres"), (1 / 2.54, 0.0254, "inches"),
+    (0.7, 0.01, "legs of 0.58 m"), (0.25, 0.0396, "no usual unit"), (4e-4, 24.7, "no usual unit")])
+def test_the_unit_is_reported(tmp_path, scale, unit, words):
+  """A usual unit where the legs are a person's, else an adult's size; a note says which."""
+  clip, notes = notes_of(bvh_clip, write_figure(tmp_path / "a.bvh", scale=scale))
+  assert clip.meta["unit"] == pytest.approx(unit, rel=1e-2)
+  assert sum("--unit (unit=) corrects it" in note for note in notes) == 1 and any(words in note for note in notes)
+  if "no usual" in words:
+    assert leg_scale(clip.joints.astype(float)) == pytest.approx(1, abs=0.01)
+  assert not notes_of(bvh_clip, tmp_path / "a.bvh", unit=unit)[1]
+
+
+def test_more_frames_than_the_header_says_are_read(tmp_path):
+  """As Blender does, with a note; lines that are no frames end the motion."""
+  path = write_figure(tmp_path / "a.bvh", frames=30)
+  text = path.read_text()
+  path.write_text(text.replace("Frames: 30", "Frames: 10"))
+  file, notes = notes_of(read_bvh, path)
+  assert file.num_frames == 30 and ["10 frames, 30 lines follow; 30 frames" in note for note in notes] == [True]
+  path.write_text(text + "made by hand\n")
+  file, notes = notes_of(read_bvh, path)
+  assert file.num_frames == 30 and ["30 frames, 31 lines follow; 30 frames" in note for note in notes] == [True]
+  path.write_text(text)
+  assert not notes_of(read_bvh, path)[1]
+
+
+def test_notes_about_many_files_are_one_line(tmp_path):
+  (tmp_path / "in").mkdir()
+  for name in "abc":
+    write_figure(tmp_path / "in" / f"{name}.bvh", frames=50)
+  (tmp_path / "in" / "captions.csv").write_text("file,caption\n" + "".join(f"{n}.bvh,a person walks\n" for n in "abc"))
+  _, notes = notes_of(build, tmp_path / "in", tmp_path / "out", mirror=False, progress=False)
+  units = [note for note in notes if "centimetres" in note]
+  assert len(units) == 1 and "a.bvh and 2 more: by its bones" in units[0]
