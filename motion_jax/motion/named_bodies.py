@@ -127,7 +127,8 @@ class NamedBody:
   def _collar(self, side):
     """The first joint from the chest to a shoulder that lies to its side; else a point at SMPL's place between them.
 
-    Many rigs hang both arms on one point or on the line of the spine, which says nothing about collars.
+    Many rigs hang both arms on one point or on the line of the spine, which says nothing about collars. Such collars
+    turn with the chest: shrugs and raised arms do not turn it.
     """
     joints, joint = self.joints, f"{side}_collar"
     if joint in joints or "spine3" not in joints:
@@ -139,7 +140,14 @@ class NamedBody:
       self._take(joint, way[0])
     else:
       base = joints["spine3"] + 0.39 * (joints["neck"] - joints["spine3"])
-      joints[joint] = base + 0.39 * (joints[f"{side}_shoulder"] - base)
+      joints[joint] = self._fixed(base + 0.39 * (joints[f"{side}_shoulder"] - base), chest)
+
+  def _fixed(self, points, index):
+    """Points (T, 3) at their median place in the turned frame of a joint of the file; as they are without turns."""
+    if self.turned is None or index is None:
+      return points
+    turn, origin = self.turned[:, index], self.positions[:, index]
+    return origin + rot.rotate(turn, np.median(rot.rotate(rot.conjugate(turn), points - origin), axis=0)[None])
 
   def _aside(self, index, side):
     """How far towards the shoulder a joint lies from the middle of the body: 1 at the shoulder."""
@@ -170,21 +178,17 @@ class NamedBody:
       if np.median(np.linalg.norm(across, axis=-1)) > _SHORTEST * self.leg:
         self.joints[joint] = ankle + foot
         return
-    self.joints[joint] = ankle + self._made_foot(index, shin)
+    self.joints[joint] = self._made_toes(ankle, shin, index)
 
-  def _made_foot(self, ankle, shin):
-    """A foot (T, 3) that points where the hips face; where the file has turns it is fixed to the ankle."""
+  def _made_toes(self, joint, shin, ankle):
+    """Toes (T, 3) ahead of an ankle, where the hips face; where the file has turns they are fixed to the ankle."""
     joints = self.joints
     hips = joints["left_hip"] - joints["right_hip"]
     trunk = joints["neck"] - (joints["left_hip"] + joints["right_hip"]) / 2
     ahead = np.cross(hips, trunk)
     ahead = rot.unit(ahead - shin * (ahead * shin).sum(-1, keepdims=True))
     down, length = (part * self.leg for part in _FOOT)
-    foot = ahead * length + shin * down
-    if self.turned is None or ankle is None:
-      return foot
-    turn = self.turned[:, ankle]
-    return rot.rotate(turn, np.median(rot.rotate(rot.conjugate(turn), foot), axis=0)[None])
+    return self._fixed(joint + ahead * length + shin * down, ankle)
 
 
 def _along(curve: list[Float[np.ndarray, "t 3"]], parts: Float[np.ndarray, " n"]) -> list[Float[np.ndarray, "t 3"]]:
