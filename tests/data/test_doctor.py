@@ -8,6 +8,8 @@ import pytest
 from motion_jax.data import checks, doctor
 from motion_jax.data.datasets.humanml3d import write_folder
 from motion_jax.data.datasets.synthetic import synthetic_clips
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.skeleton import HUMANML3D
 from tests.data.test_build import write_archive
 
 
@@ -59,6 +61,7 @@ def test_healthy_archive(tmp_path):
   assert report.ok and not [f for f in report.findings if f.level == "error"], doctor.format_report(report)
 
 
+ARMS_X = [4 + 3 * (joint - 1) for joint in (13, 14, 16, 17, 18, 19, 20, 21)]  # columns of the x of collars and arms
 BLOCKS = np.repeat([1 / 25, 1, 1, 1 / 25], [4, 63, 192, 4])
 
 
@@ -89,6 +92,8 @@ BLOCKS = np.repeat([1 / 25, 1, 1, 1 / 25], [4, 63, 192, 4])
      "joints that are no person's"),
     (lambda f: _vectors(f, "000001", lambda x: _set(x, np.s_[:, 4:67], 1.1 * x[:, 4:67])), "warning",
      "bones over 2 cm"),
+    (lambda f: _vectors(f, "000001", lambda x: _set(x, np.s_[:, ARMS_X], -x[:, ARMS_X])), "error",
+     "shoulders that point the other way than the hips"),
     (lambda f: shutil.copy(f / "new_joint_vecs" / "000001.npy", f / "new_joint_vecs" / "000004.npy"), "error",
      "equal motions in different splits"),
     (lambda f: (f / "Mean.npy").unlink(), "error", "no Mean.npy"),
@@ -127,6 +132,20 @@ def test_clips_too_short_to_be_used(tmp_path):
   assert not report.ok and "3 of 3 train clips" in doctor.format_report(report)
   short = write_archive(tmp_path / "toy", frames=15)
   assert "train clips have less than 20 rows" in doctor.format_report(doctor.examine(short))
+
+
+@pytest.mark.parametrize("degrees, level", [(0, ""), (50, ""), (80, "warning"), (180, "error")])
+def test_shoulders_are_compared_with_hips(degrees, level):
+  """A twist that people reach passes; a trunk turned further does not, whichever way the body faces."""
+  joints = np.asarray(synthetic_clips(0, 1, num_frames=40)[0].joints, np.float64)
+  upper = [joint for joint, name in enumerate(HUMANML3D.joints) if not any(
+      part in name for part in ("hip", "knee", "ankle", "foot", "pelvis"))]
+  turn = rot.about_axis(np.radians(degrees), "y")
+  joints[:, upper] = joints[:, :1] + rot.rotate(turn, joints[:, upper] - joints[:, :1])
+  for heading in (0.0, 2.0):
+    found = doctor._Findings()
+    checks.Body(found, HUMANML3D).check("a", rot.rotate(rot.about_axis(heading, "y"), joints))
+    assert [one.level for one in found.sorted() if "shoulders" in one.what] == [level] * bool(level)
 
 
 def test_known_bad_clip(folder):
