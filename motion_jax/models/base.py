@@ -293,8 +293,17 @@ def each(value: Any, prompts: Sequence[str]) -> list[Any]:
   return values
 
 
-def keys_of(rng: jax.Array | None, seeds: Iterable[int] | None, count: int) -> tuple[jax.Array, list[Any]]:
-  """(keys (count,), seeds or Nones): of seeds, or of a key that is folded with each motion's place."""
+def keys_of(rng: jax.Array | None, seeds: Iterable[int] | None, count: int, seed: int | None = None
+            ) -> tuple[jax.Array, list[Any]]:
+  """(keys (count,), seeds or Nones): of seeds, of the seeds seed, seed + 1, ..., or of a key that is folded with each
+  motion's place."""
+  if sum(choice is not None for choice in (rng, seeds, seed)) > 1:
+    raise InputError("got more than one of rng, seeds and seed; give one of them")
+  if seed is not None:
+    try:
+      seeds = [operator.index(seed) + i for i in range(count)]
+    except TypeError:
+      raise TypeError(f"got the seed {told(seed)}, expected an integer") from None
   if seeds is not None:
     if isinstance(seeds, str | bytes) or not isinstance(seeds, Iterable):
       raise TypeError(f"got {told(seeds)} as seeds, expected one integer per motion, as in seeds=[5]")

@@ -35,9 +35,9 @@ _LEFT = 1.0        # seconds beyond what an action takes in which a body can sta
 _AROUND = 1.5      # seconds in which a hand comes up and goes down again, around what is counted
 _APART = 2         # tries before actions in a row are made apart
 _TRIES_OF_EACH = 3  # of each action that is made apart; the one that shows it best is taken
-_LOUDER = 2.0      # times the guidance in what is made anew; of 24 punches of a named hand 6 show with its own, 16 so
-_SOFTER = 0.5      # times the guidance in what is made anew because its words were overdone
-_TRY = 1 << 20     # added to a try's number, so that its key is no other one's
+LOUDER = 2.0       # times the guidance in what is resampled; of 24 punches of a named hand 6 show with its own, 16 so
+SOFTER = 0.5       # times the guidance in what is resampled because its words were overdone
+FIRST_RESAMPLED = 1 << 20  # added to an attempt's number, so that its key is unique
 _BRISK = 0.8       # of its usual length that an action takes which is done several times
 # Seconds that it takes then at the most: clips of one squat among other exercises are seven seconds long. Of 24 motions
 # of so many kicks or squats 17 came out right with 3 s, 11 without a limit, 10 with 2.2 s.
@@ -193,11 +193,11 @@ def generate(model: "TextToMotionModel", prompts: Sequence[str], num_frames: "Fr
 
   def make_anew(rows, number, scale):
     some = lambda said: said if said is None or callable(said) else [each(said, prompts)[i] for i in rows]
-    folded = jax.numpy.stack([jax.random.fold_in(keys[i], _TRY + number) for i in rows])
+    folded = jax.numpy.stack([jax.random.fold_in(keys[i], FIRST_RESAMPLED + number) for i in rows])
     said = [_said_anew(prompts[i], required[i], number) for i in rows]
     with progress.part(f"attempt {number + 1} of {tries}, as the last motion does not show all of the prompt"):
       anew = _generated(model, said, some(num_frames), some(seconds), folded, [seeds[i] for i in rows], cleanup,
-                        literal, _reweighed(model, sampling, scale), apart=number >= _APART)
+                        literal, reweighed(model, sampling, scale), apart=number >= _APART)
     for i, motion in zip(rows, anew):
       missed = looking.violation_score(motion.joints, required[i], model.fps)
       if missed < best[i][0]:
@@ -209,7 +209,7 @@ def generate(model: "TextToMotionModel", prompts: Sequence[str], num_frames: "Fr
       break
     # Overdone and nothing else: whose words do not show at all are to be said louder first.
     over = [i for i in rows if best[i][0] <= looking.excess_speed(best[i][1].joints, required[i], model.fps)]
-    for some, scale in (([i for i in rows if i not in over], _LOUDER), (over, _SOFTER)):
+    for some, scale in (([i for i in rows if i not in over], LOUDER), (over, SOFTER)):
       if some:
         make_anew(some, number, scale)
   unmet = [unmet_requirements(motion.joints, one, model.fps) if score else []
@@ -229,7 +229,7 @@ def _said_anew(prompt, requirements, number):
   return ways.with_a_side(prompt, number) if either else prompt
 
 
-def _reweighed(model, sampling, factor):
+def reweighed(model, sampling, factor):
   """How it is sampled where words did not show, or too much: with so many times the guidance, but no less than 1, if it
   has any and none is given."""
   scale = model.sampling(**sampling).guidance_scale

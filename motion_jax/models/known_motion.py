@@ -1,12 +1,19 @@
-"""A motion that exists, made ready for a model to go on from or to edit."""
+"""A motion that exists, made ready for a model to continue or to edit, and the way back to its own body and place."""
+import dataclasses
+from typing import Any
+
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Num
 
 from motion_jax.data.clip import Clip
 from motion_jax.data.mocap.capture import resample
+from motion_jax.inputs.errors import InputError
+from motion_jax.inputs.numerals import told
 from motion_jax.motion import plausibility
-from motion_jax.motion.retarget import retarget
+from motion_jax.motion.representations import Representation
+from motion_jax.motion.retarget import floor_height, leg_scale, retarget, with_lengths
 from motion_jax.motion.skeleton import Skeleton, bone_lengths
+from motion_jax.shapes import Array
 
 _OTHER_BONES = 5e-3  # metres that a body's bones may differ from the skeleton's before it is retargeted
 
@@ -16,12 +23,80 @@ def on_our_body(clip: Clip, fps: float, skeleton: Skeleton) -> Float[np.ndarray,
 
   A body whose bones are the skeleton's (to 5 mm) stays exactly as it is; others are retargeted.
   """
+  joints = at_rate(clip, fps, skeleton)
+  return retarget(joints, skeleton) if _has_other_bones(joints, skeleton) else joints
+
+
+def at_rate(clip: Clip, fps: float, skeleton: Skeleton) -> Float[np.ndarray, "t j 3"]:
+  """Joints (T, J, 3), float64, of the clip's own body at a rate. Raises ValueError for another skeleton, or a motion
+  that is no person's."""
   if clip.skeleton is not skeleton:
     raise ValueError(f"clip {clip.id!r} has the skeleton {clip.skeleton.name!r}, the model moves {skeleton.name!r}")
   plausibility.check(clip.joints, clip.skeleton, clip.fps, f"clip {clip.id!r}")
   joints = np.asarray(clip.joints, np.float64)
-  if abs(clip.fps - fps) > 1e-3:
-    joints = resample(joints, clip.fps, fps)
-  if np.abs(bone_lengths(joints, skeleton) - skeleton.bone_lengths).max() * skeleton.unit > _OTHER_BONES:
-    joints = retarget(joints, skeleton)
-  return joints
+  return resample(joints, clip.fps, fps) if abs(clip.fps - fps) > 1e-3 else joints
+
+
+def _has_other_bones(joints, skeleton):
+  return np.abs(bone_lengths(joints, skeleton) - skeleton.bone_lengths).max() * skeleton.unit > _OTHER_BONES
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class KnownMotion:
+  """A motion on its own body, in its own place, and the same on the body that a model moves.
+
+  joints, on_model (T, J, 3): both at the model's rate. own: the model's skeleton with the bone lengths of joints.
+  """
+  joints: Float[np.ndarray, "t j 3"]
+  on_model: Float[np.ndarray, "t j 3"]
+  skeleton: Skeleton
+  own: Skeleton
+
+  @classmethod
+  def of(cls, joints: Num[Array, "t j 3"], skeleton: Skeleton) -> "KnownMotion":
+    """joints: at the model's rate, as `at_rate` gives them."""
+    joints = np.asarray(joints, np.float64)
+    own = dataclasses.replace(skeleton, bone_lengths=np.median(bone_lengths(joints, skeleton), axis=0))
+    return cls(joints, retarget(joints, skeleton) if _has_other_bones(joints, skeleton) else joints, skeleton, own)
+
+  def cut(self, first: int, past: int) -> "KnownMotion":
+    return dataclasses.replace(self, joints=self.joints[first:past], on_model=self.on_model[first:past])
+
+  def own_body(self, made: Num[np.ndarray, "n j 3"], shown: Num[np.ndarray, "t j 3"]) -> Float[np.ndarray, "n j 3"]:
+    """made (N, J, 3) on the model's body as this motion's own one moves, over its own floor; anywhere on the ground.
+
+    shown (T, J, 3): this motion as the model was shown it, whose floor is the one of made.
+    """
+    made = np.asarray(made, np.float64)
+    floor = floor_height(self.joints, self.skeleton)
+    if not _differ(self.own, self.skeleton):
+      result, scale = with_lengths(made, self.own), 1.0
+    else:
+      result, scale = retarget(made, self.own), leg_scale(made, self.own)
+    height = scale * (floor_height(made, self.skeleton) - floor_height(shown, self.skeleton))
+    result[..., 1] += floor + height - floor_height(result, self.skeleton)
+    return result
+
+
+def _differ(own, skeleton):
+  return np.abs(own.bone_lengths - skeleton.bone_lengths).max() * skeleton.unit > _OTHER_BONES
+
+
+def clip_of(motion: Any, layout: Representation) -> Clip:
+  """A motion as a Clip: a Clip itself, joints (T, J, 3), or features (T, F) of the layout, not normalized, at its rate.
+
+  Raises InputError for anything else.
+  """
+  if isinstance(motion, Clip):
+    return motion
+  if isinstance(motion, Array):
+    array = np.asarray(motion)
+    if array.ndim == 3 and array.shape[1:] == (layout.skeleton.num_joints, 3):
+      return Clip(array, layout.fps, skeleton=layout.skeleton, id="joints")
+    if array.ndim == 2 and array.shape[-1] == layout.dim:
+      return Clip(np.asarray(layout.to_joints(array)), layout.fps, skeleton=layout.skeleton, features=array,
+                  id="features")
+  got = f"an array of shape {motion.shape}" if isinstance(motion, Array) else told(motion)
+  raise InputError(f"got {got} as the motion, expected a Clip (motion_jax.export.load reads files), joints (frames, "
+                   f"{layout.skeleton.num_joints}, 3), or {layout.name!r} features (frames, {layout.dim}), at "
+                   f"{layout.fps:g} frames a second")

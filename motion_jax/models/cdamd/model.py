@@ -7,7 +7,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from motion_jax.control.signal import ControlSignal
 from motion_jax.data.captions import of_a_person
@@ -16,7 +16,7 @@ from motion_jax.inputs import former_names
 from motion_jax.inputs.config_files import module_fields
 from motion_jax.inputs.numerals import checked
 from motion_jax.latents import AutoencoderCodec
-from motion_jax.models import cdamd, controlled
+from motion_jax.models import cdamd, controlled, editing
 from motion_jax.models.base import Frames, Prompts, TextToMotionModel, keys_of
 from motion_jax.models.cdamd import draws
 from motion_jax.models.cdamd import length as lengths
@@ -25,13 +25,14 @@ from motion_jax.models.cdamd.guiding import Settling
 from motion_jax.models.cdamd.options import CdamdSampling
 from motion_jax.models.cdamd.unmasking import most_unmasked
 from motion_jax.models.controlled import Control
-from motion_jax.models.known_motion import on_our_body
+from motion_jax.models.known_motion import clip_of, on_our_body
 from motion_jax.models.options import TRIES
 from motion_jax.models.results import Motion, Motions, captions_in_a_row, features_of, gathered, make_motions
 from motion_jax.models.ways import least_seconds
 from motion_jax.motion.blending import join, laid_over
 from motion_jax.motion.cleanup import clean_up
-from motion_jax.motion.representations import get_layout, to_features
+from motion_jax.motion.filling import runs_of
+from motion_jax.motion.representations import get_layout
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.length_estimator import LengthEstimator
 from motion_jax.nets.masks import padding_mask
@@ -46,6 +47,7 @@ from motion_jax.training import checkpoint
 CONTROL_STEPS = 4  # of Gauss-Newton, where constraints pull
 _PAST = 8  # frames of a motion behind which it goes on; behind more of them a second squat is left out: one is seen
 
+Editable = Clip | Array  # a clip of any source, joints (T, J, 3), or features (T, F), not normalized
 Spans = Sequence[Sequence[int]]  # [(first frame, the one behind the last), ...]
 
 
@@ -81,7 +83,7 @@ class CdamdModel(TextToMotionModel):
     self.max_latents = config.data.max_frames // self.frames_per_latent
     self.codec = AutoencoderCodec.of(self.autoencoder, self.frozen)
     self._generate = cache.Program("cdamd.generate", partial(_generate, self.net), 1, (self.net,))
-    self._edit = cache.Program("cdamd.edit", partial(_edit, self.net), 2, (self.net,))
+    self._edit = cache.Program("cdamd.edit", partial(_edit, self.net), 1, (self.net,))
 
   def natural_frames(self, prompt: str) -> int:
     """How long such motions are: what the length estimator says or, without one, the nearest training captions."""
@@ -168,9 +170,13 @@ class CdamdModel(TextToMotionModel):
         past = past[len(past) % self.frames_per_latent:]
         count = min(end - len(joints), self.max_latents * self.frames_per_latent - len(past))
         given = features_of(self, np.concatenate([past, np.repeat(past[-1:], count, axis=0)]))
-        made = self.edits([given], [prompt], keep=[(0, len(past))], cleanup=False,
-                          rng=jax.random.fold_in(jax.random.fold_in(key, i + 1), len(joints)), **sampling)[0]
-        joints = np.concatenate([joints, laid_over(made.joints.astype(np.float64), past, len(past))]).astype(np.float32)
+        new = np.arange(len(given)) >= len(past)
+        rng = jax.random.fold_in(jax.random.fold_in(key, i + 1), len(joints))
+        sampling = sampling | dict(mask=sampling.get("mask") or self.config.sampler.edit_mask)
+        made, _ = self.remake([given], [new], [prompt], keys_of(rng, None, 1)[0], sampling)
+        known, shown = (np.array(layout.to_joints(x)) for x in (given, made[0]))
+        new_joints = join(shown, known, ~new)
+        joints = np.concatenate([joints, laid_over(new_joints.astype(np.float64), past, len(past))]).astype(np.float32)
       prompts.append(prompt)
       ends.append(len(joints))
     if cleanup and layout.has_fixed_bones:
@@ -178,87 +184,88 @@ class CdamdModel(TextToMotionModel):
     return motion.replace(joints=joints, features=features_of(self, joints), meta=motion.meta | dict(
         cleanup=bool(cleanup)), captions=captions_in_a_row(prompts, ends, self.fps))
 
-  def edit(self, clip: Clip | np.ndarray, prompt: str, task: str | None = None, *, rng: jax.Array | None = None,
-           seed: int | None = None, **choices: Any) -> Motion:
-    """A motion that exists, a Clip of any source, with parts of it made anew as the words say; see `edits`."""
-    return self.edits([clip], [prompt], task, rng=rng, seeds=None if seed is None else [seed], **choices)[0]
+  @former_names.with_keywords
+  def edit(self, clip: Editable, prompt: str, task: str | None = None, *, rng: jax.Array | None = None,
+           seed: int | None = None, seeds: Iterable[int] | None = None, **choices: Any) -> Motion:
+    """A motion that exists with parts of it made as the words say, the others kept; see `edits`."""
+    return self.edits([clip], [prompt], task, rng=rng, seeds=seeds, seed=seed, **choices)[0]
 
   @former_names.with_keywords
-  def edits(self, clips: Sequence[Clip | np.ndarray], prompts: Sequence[str], task: str | None = None, *,
+  def edits(self, clips: Sequence[Editable], prompts: Sequence[str], task: str | None = None, *,
             keep: Spans | None = None, change: Spans | None = None, rng: jax.Array | None = None,
-            seeds: Iterable[int] | None = None, paste: bool = True, cleanup: bool = False, mask: str | None = None,
-            **sampling: Any) -> Motions:
-    """Clips with parts of them made anew, each as its prompt says, in one batch.
+            seeds: Iterable[int] | None = None, seed: int | None = None, paste: bool = True, cleanup: bool = True,
+            tries: int = TRIES, mask: str | None = None, **sampling: Any) -> Motions:
+    """Clips with parts of them made, each as its prompt says, in one batch.
 
-    clips: of any source, or arrays of features (T, F) as this model knows them, not normalized, which are taken as they
-    are.
-    Which parts: a task of `mask_schedule.TASKS`, or spans to keep or to change, [(0, 30), ...] in frames of this model
-    (`inputs.spans.spans_of` reads "0:1.5s"), the same in every clip. Latents of 4 frames are kept whole or not at all.
-    Kept frames come back as they were (paste; new coordinates are moved to meet them, see `motion.blending`), resampled
-    if the clip's rate is another, retargeted if its bones are, cut to whole latents, and placed where the model begins:
-    the body at the origin, facing +z. mask: what new latents may look at, `nets.masks`; without it
-    config.sampler.edit_mask. meta["made"] lists the frames that are new.
+    clips: of any source, or arrays: joints (T, J, 3), or features (T, F) as this model knows them, not normalized.
+    Which parts: a task of `editing.TASKS`, or spans to keep or to change, [(0, 30), ...] in frames of this model
+    (`inputs.spans.spans_of` reads "0:1.5s"), the same in every clip. meta["made"] lists the frames that are new.
+    All other frames come back as and where they were, resampled if the clip's rate is another; new ones continue them
+    on the clip's own body (`models.editing`), with feet pinned unless cleanup is False. Of a motion longer than the
+    model knows the seconds around the new frames are remade. tries: how often at most new frames are made that do not
+    show what the prompt requires (`models.looking`). mask: what new latents may attend to, `nets.masks`; without it
+    config.sampler.edit_mask. paste False: the network's own motion, with whole latents made, nothing put back and
+    nothing finished, where the model begins: the body at the origin, facing +z.
     """
     # Parity: the released code pastes nothing back; paste=False is the benchmark's.
     self.check_words(list(dict.fromkeys(prompts)))
     if len(prompts) != len(clips) or not clips:
       raise ValueError(f"got {len(prompts)} prompts for {len(clips)} clips; give one for each")
-    features, frames = zip(*(self.padded_features(clip) for clip in clips))
-    edited = np.concatenate([self._edited(task, keep, change, count) for count in frames])
-    keys, seeds = keys_of(rng, seeds, len(clips))
+    if sum(choice is not None for choice in (task, keep, change)) != 1:
+      raise ValueError("say what to make by one of task, keep and change")
+    keys, seeds = keys_of(rng, seeds, len(clips), seed)
     sampling["mask"] = mask or self.config.sampler.edit_mask
+    if not paste:
+      return self._as_decoded(clips, prompts, task, keep, change, keys, seeds, cleanup, sampling)
+    new = partial(_requested, task, keep, change)
+    return editing.edits(self, clips, prompts, new, keys, seeds, cleanup, checked(tries, 1, 100, "tries"), sampling,
+                         task or "spans")
+
+  def _as_decoded(self, clips, prompts, task, keep, change, keys, seeds, cleanup, sampling):
+    """Edits as the paper makes them: whole latents, decoded with all others."""
+    given, clips, unit = clips, [clip_of(clip, self.stats.layout) for clip in clips], self.frames_per_latent
+    features = [clip.features if clip is not one and clip.features is not None else
+                features_of(self, on_our_body(clip, self.fps, self.stats.layout.skeleton))
+                for one, clip in zip(given, clips)]
+    frames = [len(x) // unit * unit for x in features]
+    for count, x in zip(frames, features):
+      if not unit <= count <= self.config.data.max_frames:
+        raise ValueError(f"got a motion of {len(x)} frames at {self.fps:g} frames a second, expected {unit} to "
+                         f"{self.config.data.max_frames}; cut a part out of it")
+    edited = np.concatenate([self._edited(task, keep, change, count) for count in frames])
+    made, about = self._remade([x[:count] for x, count in zip(features, frames)], edited, prompts, keys, sampling)
+    motions = make_motions(self, made, frames, [(Caption(prompt),) for prompt in prompts], seeds,
+                           about | dict(task=task or "spans", pasted=False), cleanup)
+    new = [[list(run) for run in runs_of(np.repeat(row, unit)[:count])] for row, count in zip(edited, frames)]
+    return dataclasses.replace(motions, motions=tuple(
+        motion.replace(id=clip.id, license=clip.license or self.license,
+                       meta=motion.meta | dict(edited=clip.source or clip.id, made=runs))
+        for motion, clip, runs in zip(motions, clips, new)))
+
+  def remake(self, features: Sequence[Float[np.ndarray, "_ f"]], new: Sequence[Bool[np.ndarray, " _"]],
+             prompts: Sequence[str], keys: jax.Array, sampling: dict[str, Any]
+             ) -> tuple[list[Float[np.ndarray, "_ f"]], dict[str, Any]]:
+    """(features (T, F) of each motion as the network has them, not normalized, what a file says of the sampling):
+    latents with any new frame, of new (T,), are made, all are decoded. A motion may end within a latent."""
+    edited = np.zeros((len(features), self.max_latents), bool)
+    for row, flags in zip(edited, new):
+      row[np.flatnonzero(flags) // self.frames_per_latent] = True
+    made, about = self._remade(features, edited, prompts, keys, sampling)
+    return [self.stats.denormalize(x[:len(given)]) for x, given in zip(made, features)], about
+
+  def _remade(self, features, edited, prompts, keys, sampling):
+    """(normalized features (B, T, F), what a file says of the sampling) of features [(T, F)], not normalized, whose
+    latents edited (B, L) are made."""
     plan, masked, scale, about = self._tables(keys, edited, **sampling)
-    real = padding_mask(jnp.array(frames) // self.frames_per_latent, self.max_latents)
-    features, joined, joints = np.stack(features), paste and self.stats.layout.told_by_joints, None
+    unit, length = self.frames_per_latent, self.max_latents * self.frames_per_latent
+    padded = np.zeros((len(features), length, self.stats.layout.dim), np.float32)
+    for row, x in zip(padded, features):  # the last frame fills its latent
+      row[:len(x) + -len(x) % unit] = self.stats.normalize(np.pad(x, ((0, -len(x) % unit), (0, 0)), mode="edge"))
+    real = padding_mask(jnp.array([-(-len(x) // unit) for x in features]), self.max_latents)
     text_emb, text_mask = self.encode_words(prompts)
-    made = self._edit(plan, paste and not joined, self.params, self.codec, features, text_emb=text_emb,
-                      text_mask=text_mask, edited=edited, masked=masked, real_mask=real, scale=scale, keys=keys)
-    if joined:
-      kept = ~np.repeat(edited, self.frames_per_latent, axis=1)
-      made, joints = self._joined(np.asarray(made), features, frames, kept)
-    about |= dict(task=task or "spans", pasted=bool(paste))
-    motions = make_motions(self, made, frames, [(Caption(prompt),) for prompt in prompts], seeds, about, cleanup,
-                           joints=joints)
-    new = [_runs(np.flatnonzero(np.repeat(row, self.frames_per_latent)[:count])) for row, count in zip(edited, frames)]
-    named = [motion.replace(meta=motion.meta | dict(edited="features", made=runs)) if isinstance(clip, np.ndarray) else
-             motion.replace(id=clip.id, license=clip.license or self.license,
-                            meta=motion.meta | dict(edited=clip.source or clip.id, made=runs))
-             for motion, clip, runs in zip(motions, clips, new)]
-    return dataclasses.replace(motions, motions=tuple(named))
-
-  def _joined(self, made, features, frames, kept):
-    """Normalized features (B, T, F), and joints (B, T, J, 3), with the kept frames as they came, and the new ones moved
-    to meet them."""
-    layout, y = self.stats.layout, np.array(made)
-    joints = np.array(layout.to_joints(self.stats.denormalize(y)))
-    for row, shown, given, count, mask in zip(y, joints, features, frames, kept):
-      known = layout.to_joints(self.stats.denormalize(given[:count]))
-      shown[:count] = join(shown[:count], known, mask[:count])
-      row[:count] = self.stats.normalize(layout.of_joints(shown[:count]))
-    return y, joints
-
-  def padded_features(self, clip: Clip | np.ndarray) -> tuple[Float[np.ndarray, "t f"], int]:
-    """(normalized features (T, F) padded to the training length, frames): a clip on our body, or features (T, F) as
-    they are, in whole latents."""
-    features = self._features(clip)
-    count = len(features) // self.frames_per_latent * self.frames_per_latent
-    if not self.frames_per_latent <= count <= self.config.data.max_frames:
-      raise ValueError(f"got a motion of {len(features)} frames at {self.fps:g} frames a second, expected "
-                       f"{self.frames_per_latent} to {self.config.data.max_frames}; cut a part out of it")
-    padded = np.zeros((self.max_latents * self.frames_per_latent, features.shape[-1]), np.float32)
-    padded[:count] = self.stats.normalize(features[:count])
-    return padded, count
-
-  def _features(self, clip):
-    """Features (T, F), not normalized, of a clip, or of such an array itself."""
-    layout = self.stats.layout
-    if isinstance(clip, np.ndarray):
-      if clip.ndim != 2 or clip.shape[-1] != layout.dim:
-        raise ValueError(f"got features of shape {clip.shape}, {self.folder.name} reads {layout.name!r} features "
-                         f"(frames, {layout.dim}); give such, or a Clip")
-      return clip
-    joints = on_our_body(clip, self.fps, layout.skeleton)
-    return to_features(np.concatenate([joints, 2 * joints[-1:] - joints[-2:-1]]), layout, self.config.data.mode)
+    made = self._edit(plan, self.params, self.codec, padded, text_emb=text_emb, text_mask=text_mask, masked=masked,
+                      real_mask=real, scale=scale, keys=keys)
+    return np.asarray(made), about
 
   def encode_words(self, prompts: Sequence[str]) -> tuple[Array, Array | None]:
     """(text_emb, text_mask or None) as the model was trained: sentence vectors, or these and their words."""
@@ -281,27 +288,25 @@ class CdamdModel(TextToMotionModel):
     return plan, masked, chosen.guidance_scale, chosen.about() | dict(model=self.id)
 
   def _edited(self, task, keep, change, count):
-    """(1, L): the latents of a clip of count frames that are made anew."""
-    if sum(choice is not None for choice in (task, keep, change)) != 1:
-      raise ValueError("say what to make anew by one of task, keep and change")
+    """(1, L): the latents of a clip of count frames that are made, where kept ones are kept whole or not at all."""
     if task is not None:
       edited = masking.task_mask(task, [count], self.max_latents, self.frames_per_latent)
     else:
-      if change is not None:
-        keep = _runs(np.flatnonzero(~masking.in_spans(change, count)))
-      edited = masking.kept_mask(keep, count, self.max_latents, self.frames_per_latent)[None]
+      kept = masking.in_spans(keep, count) if keep is not None else ~masking.in_spans(change, count)
+      edited = masking.kept_mask(list(runs_of(kept)), count, self.max_latents, self.frames_per_latent)[None]
     if not edited.any():
-      raise ValueError("everything is kept, so nothing can be made anew")
+      raise ValueError("everything is kept, so there is nothing to make")
     return edited
 
 
 MODELS = {"cdamd.generator": CdamdModel}
 
 
-def _runs(frames):
-  """[[first, past], ...] of rising integers."""
-  pieces = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1)
-  return [[int(piece[0]), int(piece[-1]) + 1] for piece in pieces if len(piece)]
+def _requested(task, keep, change, num_frames):
+  """(num_frames,): the frames that one of task, keep and change requests."""
+  if task is not None:
+    return editing.task_frames(task, num_frames)
+  return masking.in_spans(change, num_frames) if keep is None else ~masking.in_spans(keep, num_frames)
 
 
 def _draw(net, plan, keys, real):
@@ -312,6 +317,6 @@ def _generate(net, plan, params, codec, *, keys, real_mask, **given):
   return cdamd.generate(net, plan, params, codec, real_mask=real_mask, draw=_draw(net, plan, keys, real_mask), **given)
 
 
-def _edit(net, plan, paste, params, codec, features, *, keys, real_mask, **given):
-  return cdamd.edit(net, plan, params, codec, features, real_mask=real_mask, paste=paste,
-                    draw=_draw(net, plan, keys, real_mask), **given)
+def _edit(net, plan, params, codec, features, *, keys, real_mask, **given):
+  return cdamd.edit(net, plan, params, codec, features, real_mask=real_mask, draw=_draw(net, plan, keys, real_mask),
+                    **given)

@@ -1,0 +1,177 @@
+"""Edits as an animator needs them: new frames where they were requested, all others as and where they were.
+
+A method remakes latents (`remake`); here each clip becomes the features it reads, and what comes back becomes the
+clip's own motion again, in four steps: cleanup (`motion.cleanup`), the clip's own body (`known_motion`), alignment,
+blending and feet at the borders (`motion.filling`), and the prompt checks of `generate`, on the new frames.
+"""
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import jax
+import numpy as np
+
+from motion_jax.data.clip import Caption, Clip
+from motion_jax.inputs.errors import InputError
+from motion_jax.models import looking
+from motion_jax.models.composed import FIRST_RESAMPLED, LOUDER, SOFTER, reweighed
+from motion_jax.models.known_motion import KnownMotion, at_rate, clip_of
+from motion_jax.models.results import Motion, Motions, features_of, gathered
+from motion_jax.models.unmet import report, unmet_requirements
+from motion_jax.motion.cleanup import clean_up
+from motion_jax.motion.filling import fill_frames, runs_of
+from motion_jax.motion.skeleton import HUMANML3D
+
+if TYPE_CHECKING:
+  from motion_jax.models.base import TextToMotionModel
+
+TASKS = {  # parts of the motion that are made, as shares of its frames
+    "inpainting": ((0.25, 0.75),), "outpainting": ((0.0, 0.25), (0.75, 1.0)),
+    "prefix": ((0.5, 1.0),), "suffix": ((0.0, 0.5),),
+}
+
+
+class Job(NamedTuple):
+  """A clip to edit: what is known of it, which frames are new (T,), and the frames start:start + count that a model
+  remakes, as features (count, F), not normalized."""
+  clip: Clip
+  known: KnownMotion
+  new: np.ndarray
+  start: int
+  features: np.ndarray
+
+  @property
+  def window(self) -> slice:
+    return slice(self.start, self.start + len(self.features))
+
+
+def edits(model: "TextToMotionModel", clips: Sequence[Any], prompts: Sequence[str], new: Any, keys: jax.Array,
+          seeds: Sequence[int | None], cleanup: bool, tries: int, sampling: dict[str, Any], task: str) -> Motions:
+  """Clips (see `known_motion.clip_of`) whose frames `new(num_frames) -> (T,)` are made as the prompts say.
+
+  tries: new frames that violate a requirement of their prompt are resampled, as `composed.generate` does it.
+  """
+  jobs = [_job(model, clip, new) for clip in clips]
+  said = [_understood(model, prompt) for prompt in prompts]
+
+  def make(rows, keys, sampling):
+    decoded, about = model.remake([jobs[i].features for i in rows], [jobs[i].new[jobs[i].window] for i in rows],
+                                  [said[i] for i in rows], keys, sampling)
+    return [_motion(model, jobs[i], prompts[i], seeds[i], features, cleanup, about | dict(task=task))
+            for i, features in zip(rows, decoded)]
+
+  checked = tries > 1 and model.stats.layout.skeleton is HUMANML3D
+  required = [looking.requirements_of(prompt) if checked else [] for prompt in prompts]
+  made = make(range(len(jobs)), keys, sampling)
+  best = [(_score(motion, one, model.fps), motion) for motion, one in zip(made, required)]
+  for number in range(1, tries):
+    rows = [i for i, (score, _) in enumerate(best) if score]
+    # Only too fast: the words weigh too much. Else they are to weigh more.
+    fast = [i for i in rows if best[i][0] <= _score(best[i][1], required[i], model.fps, looking.excess_speed)]
+    for some, scale in (([i for i in rows if i not in fast], LOUDER), (fast, SOFTER)):
+      if not some:
+        continue
+      folded = jax.numpy.stack([jax.random.fold_in(keys[i], FIRST_RESAMPLED + number) for i in some])
+      for i, motion in zip(some, make(some, folded, reweighed(model, sampling, scale))):
+        score = _score(motion, required[i], model.fps)
+        if score < best[i][0]:
+          best[i] = score, motion.replace(meta=motion.meta | dict(tries=number + 1))
+  unmet = [_unmet(motion, one, model.fps) if score else [] for (score, motion), one in zip(best, required)]
+  if model.reports_to_terminal:
+    report(prompts, unmet, tries)
+  return gathered([motion.replace(meta=motion.meta | dict(attempts=tries, unmet=missing)) if missing else motion
+                   for (_, motion), missing in zip(best, unmet)])
+
+
+def task_frames(task: str, num_frames: int) -> np.ndarray:
+  """(num_frames,): the frames that a task makes: "prefix" keeps the first half, "suffix" the second, "inpainting" the
+  first and last quarter, "outpainting" the middle."""
+  if task not in TASKS:
+    raise InputError(f"got task {task!r}, expected one of {', '.join(TASKS)}")
+  new = np.zeros(num_frames, bool)
+  for first, past in TASKS[task]:
+    new[round(first * num_frames):round(past * num_frames)] = True
+  return new
+
+
+def _job(model, given, new):
+  layout = model.stats.layout
+  clip = clip_of(given, layout)
+  held = None if isinstance(given, Clip) else clip.features  # read as they are
+  joints = at_rate(clip, model.fps, layout.skeleton) if held is None else np.asarray(clip.joints, np.float64)
+  known, flags = KnownMotion.of(joints, layout.skeleton), new(len(joints))
+  if not flags.any():
+    raise InputError("everything is kept, so there is nothing to make; choose a span to change, or a shorter one to "
+                     "keep")
+  most, unit = model.config.data.max_frames, model.frames_per_latent
+  first, past = np.flatnonzero(flags)[[0, -1]] + [0, 1]
+  if past - first > most - 2 * unit * (len(joints) > most):
+    raise InputError(f"got {past - first} frames to make at {model.fps:g} frames a second, the model "
+                     f"{model.folder.name} knows motions of {most}; mark a shorter span")
+  if len(joints) < unit:
+    raise InputError(f"got a motion of {len(joints)} frames at {model.fps:g} frames a second, expected {unit} or more")
+  start = max(0, min((first + past - most) // 2, len(joints) - most))
+  start -= min(start, (start - first) % unit)  # the first new frame begins a latent
+  window = slice(start, start + most)
+  features = held if held is not None and len(held) <= most else features_of(model, known.on_model[window])
+  return Job(clip, known, flags, start, features)
+
+
+def _understood(model, prompt):
+  """The words that the network gets: those of a single action as the model says it, any others as they are."""
+  sentence = model.understand(prompt)
+  one = sentence.segments[0]
+  return one.action.counted if len(sentence.segments) == 1 and not one.also and not one.rests else prompt
+
+
+def _motion(model, job, prompt, seed, decoded, cleanup, about):
+  """The Motion of a job from the features (count, F), not normalized, that its window became."""
+  layout = model.stats.layout
+  made, shown = (np.array(layout.to_joints(x), np.float64) for x in (decoded, job.features))
+  known, new = job.known.cut(job.start, job.window.stop), job.new[job.window]
+  if cleanup and layout.has_fixed_bones:
+    made = clean_up(made, layout.contacts(decoded), layout.skeleton)
+  if cleanup:
+    made = known.own_body(made, shown)
+  joints = np.array(job.known.joints)
+  if new.all():  # nothing is kept: it begins where the clip does
+    made = fill_frames(np.concatenate([made[:1], made]), np.concatenate([known.joints[:1], known.joints]),
+                       np.append(False, new), known.own, model.fps, cleanup)[1:]
+  else:
+    made = fill_frames(made, known.joints, new, known.own, model.fps, cleanup)
+  joints[job.window] = made
+  joints = joints.astype(np.float32)
+  on_model = KnownMotion.of(joints, layout.skeleton).on_model
+  runs = [list(run) for run in runs_of(job.new)]
+  return Motion(joints, model.fps, _captions(job, prompt, runs, model.fps), id=job.clip.id, source=model.id,
+                license=job.clip.license or model.license, skeleton=layout.skeleton,
+                features=features_of(model, on_model),
+                meta=dict(prompt=prompt, seed=seed, cleanup=bool(cleanup)) | about | dict(
+                    edited=job.clip.source or job.clip.id, made=runs))
+
+
+def _captions(job, prompt, runs, fps):
+  """The prompt for the new frames, between what the clip says of the kept ones."""
+  if job.new.all():
+    return (Caption(prompt),)
+  found = [Caption(prompt, first / fps, past / fps) for first, past in runs]
+  for first, past in runs_of(~job.new):
+    for caption in job.clip.captions:
+      start, end = (caption.start, caption.end) if caption.start or caption.end else (0.0, len(job.new) / fps)
+      start, end = max(start, first / fps), min(end, past / fps)
+      found += [Caption(caption.text, start, end)] if start < end and caption.text.strip() else []
+  return tuple(sorted(found, key=lambda caption: caption.start))
+
+
+def _spans(motion):
+  """The joints of each new span."""
+  return [motion.joints[first:past] for first, past in motion.meta["made"]]
+
+
+def _score(motion, requirements, fps, score=looking.violation_score):
+  """How far the new frames are from what is required, in the span that shows it best."""
+  return min(score(joints, requirements, fps) for joints in _spans(motion)) if requirements else 0.0
+
+
+def _unmet(motion, requirements, fps):
+  best = min(_spans(motion), key=lambda joints: looking.violation_score(joints, requirements, fps))
+  return unmet_requirements(best, requirements, fps)
