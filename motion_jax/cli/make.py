@@ -67,20 +67,22 @@ def add_to(commands):
   _making(extend, "extended.html")
   extend.set_defaults(run=_extend)
 
-  edit = commands.add_parser("edit", help="a motion in, the same one with parts of it made anew out (CDAMD models)")
+  edit = commands.add_parser("edit", help="new frames or body parts in a motion that exists (CDAMD models)")
   edit.add_argument("file", help="an .npz, .npy, .bvh or .amc file")
   edit.add_argument("--text", required=True, help="what the person does now")
   part = edit.add_mutually_exclusive_group()
   part.add_argument("--task", choices=("inpainting", "outpainting", "prefix", "suffix"),
                     help="keep first and last quarter, the middle half, the first half, the second half")
   part.add_argument("--edit", action="append", metavar="A:B",
-                    help="make this span anew: seconds (1.5s:3s), shares (25%%:0.5) or frames (30:60); may be repeated")
-  part.add_argument("--keep", action="append", metavar="A:B", help="keep this span, and make all else anew")
+                    help="replace this span: seconds (1.5s:3s), shares (25%%:0.5) or frames (30:60); may be repeated")
+  part.add_argument("--keep", action="append", metavar="A:B", help="keep this span, and replace all else")
   edit.add_argument("--keep-parts", metavar="PARTS", help="keep these parts of the body (legs, torso, left_arm, "
-                    "right_arm, head, with commas), all the time, and make the others anew: in the spans of --edit, or "
-                    "everywhere; any model")
-  edit.add_argument("--no-paste", action="store_true", help="give kept frames as the autoencoder decodes them, not as "
-                                                            "the file has them")
+                    "right_arm, head, with commas), and replace the others: in the spans of --edit, or everywhere; any "
+                    "model")
+  edit.add_argument("--no-paste", action="store_true", help="the network's own motion: kept frames as the autoencoder "
+                    "decodes them, not as the file has them")
+  edit.add_argument("--tries", type=whole(1, 100), default=TRIES, help="most attempts at new frames that do not show "
+                    f"what --text requires ({TRIES})")
   shared.add_reading(edit)
   _making(edit, "edited.html")
   edit.set_defaults(run=_edit, model="cdamd-small")
@@ -237,7 +239,7 @@ def _edit(args):
   from motion_jax.models.results import colors_of
   outputs, clip = shared.outputs_of(args), shared.read_motion(args.file, args)
   if not (args.task or args.edit or args.keep or args.keep_parts):
-    raise InputError("got nothing to make anew; give --task, --edit, --keep or --keep-parts")
+    raise InputError("got nothing to replace; give --task, --edit, --keep or --keep-parts")
   start, model = time.time(), _load_model(args)
   if args.keep_parts:
     _write(args, model, control.anew(args, clip, model, _sampling(args, model)), outputs, start)
@@ -248,10 +250,11 @@ def _edit(args):
   _pieces([frames] * args.num, model)
   keep, change = (spans and spans_of(spans, frames, model.fps) for spans in (args.keep, args.edit))
   motions = [model.edit(clip, args.text, args.task, keep=keep, change=change, seed=args.seed + i,
-                        paste=not args.no_paste, cleanup=False, **_sampling(args, model))
+                        paste=not args.no_paste, cleanup=not args.no_cleanup, tries=args.tries,
+                        **_sampling(args, model))
              for i in progress.each(range(args.num), "making motions", unit="motion")]
   for first, past in motions[0].meta["made"]:
-    print(f"made anew: {first / model.fps:.1f} to {past / model.fps:.1f} s")
+    print(f"new frames: {first / model.fps:.1f} to {past / model.fps:.1f} s")
   _write(args, model, motions, outputs, start, colors=colors_of(motions[0]))
 
 

@@ -19,7 +19,7 @@ from motion_jax.models.results import Motion, Motions, features_of, gathered
 from motion_jax.models.unmet import report, unmet_requirements
 from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.filling import fill_frames, runs_of
-from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
 
 if TYPE_CHECKING:
   from motion_jax.models.base import TextToMotionModel
@@ -28,6 +28,13 @@ TASKS = {  # parts of the motion that are made, as shares of its frames
     "inpainting": ((0.25, 0.75),), "outpainting": ((0.0, 0.25), (0.75, 1.0)),
     "prefix": ((0.5, 1.0),), "suffix": ((0.0, 0.5),),
 }
+
+
+_DISTORTED = 0.25  # of its length that a bone is off in one of ten new frames, of the frames that are usable
+
+
+_SLIDES = 0.3     # metres a second: the slower foot's usual speed, on average, of all but runs, is below
+_SHORTEST = 0.5  # seconds in which an action can be seen
 
 
 class Job(NamedTuple):
@@ -44,6 +51,12 @@ class Job(NamedTuple):
     return slice(self.start, self.start + len(self.features))
 
 
+class Made(NamedTuple):
+  """An edited motion, and how far its new frames are from those of a body: 0 where they are fit for use."""
+  motion: Motion
+  distortion: float
+
+
 def edits(model: "TextToMotionModel", clips: Sequence[Any], prompts: Sequence[str], new: Any, keys: jax.Array,
           seeds: Sequence[int | None], cleanup: bool, tries: int, sampling: dict[str, Any], task: str) -> Motions:
   """Clips (see `known_motion.clip_of`) whose frames `new(num_frames) -> (T,)` are made as the prompts say.
@@ -56,30 +69,33 @@ def edits(model: "TextToMotionModel", clips: Sequence[Any], prompts: Sequence[st
   def make(rows, keys, sampling):
     decoded, about = model.remake([jobs[i].features for i in rows], [jobs[i].new[jobs[i].window] for i in rows],
                                   [said[i] for i in rows], keys, sampling)
-    return [_motion(model, jobs[i], prompts[i], seeds[i], features, cleanup, about | dict(task=task))
-            for i, features in zip(rows, decoded)]
+    motions = [_motion(model, jobs[i], prompts[i], seeds[i], features, cleanup, about | dict(task=task))
+               for i, features in zip(rows, decoded)]
+    return [Made(motion, _distortion(model, features, jobs[i].new[jobs[i].window]) + (
+        0.0 if any(one.kind == "run" for one in required[i]) else _skating(motion)))
+            for i, motion, features in zip(rows, motions, decoded)]
 
   checked = tries > 1 and model.stats.layout.skeleton is HUMANML3D
   required = [looking.requirements_of(prompt) if checked else [] for prompt in prompts]
-  made = make(range(len(jobs)), keys, sampling)
-  best = [(_score(motion, one, model.fps), motion) for motion, one in zip(made, required)]
+  best = [(_score(made, one, model.fps), made) for made, one in zip(make(range(len(jobs)), keys, sampling), required)]
   for number in range(1, tries):
     rows = [i for i, (score, _) in enumerate(best) if score]
-    # Only too fast: the words weigh too much. Else they are to weigh more.
-    fast = [i for i in rows if best[i][0] <= _score(best[i][1], required[i], model.fps, looking.excess_speed)]
-    for some, scale in (([i for i in rows if i not in fast], LOUDER), (fast, SOFTER)):
+    # Words that weigh too much distort the body, or drive it on; words that do not show are to weigh more.
+    softer = [i for i in rows if best[i][1].distortion or best[i][0] <= _excess(best[i][1], required[i], model.fps)]
+    for some, scale in (([i for i in rows if i not in softer], LOUDER), (softer, SOFTER)):
       if not some:
         continue
       folded = jax.numpy.stack([jax.random.fold_in(keys[i], FIRST_RESAMPLED + number) for i in some])
-      for i, motion in zip(some, make(some, folded, reweighed(model, sampling, scale))):
-        score = _score(motion, required[i], model.fps)
+      for i, made in zip(some, make(some, folded, reweighed(model, sampling, scale))):
+        score = _score(made, required[i], model.fps)
         if score < best[i][0]:
-          best[i] = score, motion.replace(meta=motion.meta | dict(tries=number + 1))
-  unmet = [_unmet(motion, one, model.fps) if score else [] for (score, motion), one in zip(best, required)]
+          best[i] = score, made._replace(motion=made.motion.replace(meta=made.motion.meta | dict(tries=number + 1)))
+  motions = [made.motion for _, made in best]
+  unmet = [_unmet(motion, one, model.fps) for motion, one in zip(motions, required)]
   if model.reports_to_terminal:
     report(prompts, unmet, tries)
   return gathered([motion.replace(meta=motion.meta | dict(attempts=tries, unmet=missing)) if missing else motion
-                   for (_, motion), missing in zip(best, unmet)])
+                   for motion, missing in zip(motions, unmet)])
 
 
 def task_frames(task: str, num_frames: int) -> np.ndarray:
@@ -162,16 +178,44 @@ def _captions(job, prompt, runs, fps):
   return tuple(sorted(found, key=lambda caption: caption.start))
 
 
+def _distortion(model, decoded, new):
+  """How far the bones of new frames are from their lengths, as the network made them: 0 of those of a usual motion."""
+  joints = np.asarray(model.stats.layout.to_joints(decoded), np.float64)
+  skeleton = model.stats.layout.skeleton
+  usual = np.median(bone_lengths(joints, skeleton), axis=0)[1:]
+  off = np.abs(bone_lengths(joints[new], skeleton)[:, 1:] / np.maximum(usual, 1e-9) - 1).max(1)
+  return float(np.clip(np.percentile(off, 90) - _DISTORTED, 0.0, 1.0))
+
+
+def _skating(motion):
+  """How much faster than usual, metres a second, the slower of both feet slides over the ground in new frames."""
+  skeleton = motion.skeleton
+  ankles = motion.joints[:, [skeleton.left_feet[0], skeleton.right_feet[0]]][..., [0, 2]].astype(np.float64)
+  steps = np.linalg.norm(np.diff(ankles, axis=0), axis=-1).min(1) * motion.fps * skeleton.unit
+  slides = [steps[max(first - 1, 0):past].mean() for first, past in motion.meta["made"] if len(steps)]
+  return float(np.clip(max(slides, default=0.0) - _SLIDES, 0.0, 1.0))
+
+
 def _spans(motion):
-  """The joints of each new span."""
-  return [motion.joints[first:past] for first, past in motion.meta["made"]]
+  """The joints of each new span in which something can be seen, or else of all of the motion."""
+  spans = [motion.joints[first:past] for first, past in motion.meta["made"]]
+  return [joints for joints in spans if len(joints) > _SHORTEST * motion.fps] or [motion.joints]
 
 
-def _score(motion, requirements, fps, score=looking.violation_score):
-  """How far the new frames are from what is required, in the span that shows it best."""
-  return min(score(joints, requirements, fps) for joints in _spans(motion)) if requirements else 0.0
+def _score(made, requirements, fps):
+  """How far the new frames are from what is required, in the span that shows it best, and how distorted they are."""
+  if not requirements:
+    return made.distortion
+  missed = min(looking.violation_score(joints, requirements, fps) for joints in _spans(made.motion))
+  return missed + made.distortion
+
+
+def _excess(made, requirements, fps):
+  return min(looking.excess_speed(joints, requirements, fps) for joints in _spans(made.motion))
 
 
 def _unmet(motion, requirements, fps):
+  if not requirements:
+    return []
   best = min(_spans(motion), key=lambda joints: looking.violation_score(joints, requirements, fps))
   return unmet_requirements(best, requirements, fps)

@@ -96,15 +96,6 @@ def laid_over(shadow: Float[np.ndarray, "n j 3"], joints: Num[np.ndarray, "t j 3
   return (moved + fade[:, None, None] * (joints[-1] - moved[0]))[1:]
 
 
-def placed_on(made: Num[np.ndarray, "t j 3"], joints: Num[np.ndarray, "t j 3"], same: Bool[np.ndarray, " t"]
-              ) -> Float[np.ndarray, "t j 3"]:
-  """Made joints (T, J, 3), turned about y and moved over the ground to where joints (T, J, 3) are in the frames `same`
-  (T,), in which both show the same. float32."""
-  made = np.asarray(made, np.float64)
-  centre, turn, aim = _fitted(made[same], np.asarray(joints, np.float64)[same])
-  return ((made - centre) @ turn.T + aim).astype(np.float32)
-
-
 def _fitted(ours: np.ndarray, theirs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
   """(centre, turn (3, 3) about y, aim) that bring joints (N, J, 3) onto others best: (x - centre) @ turn.T + aim."""
   centre, aim = ours.mean((0, 1)), theirs.mean((0, 1))

@@ -13,23 +13,32 @@ from jaxtyping import Bool, Float, Num
 
 from motion_jax.motion.contacts import feet_stand
 from motion_jax.motion.planting import planted
-from motion_jax.motion.retarget import with_lengths
+from motion_jax.motion.retarget import floor_height, with_lengths
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
 from motion_jax.motion.splicing import Meeting, laid, meeting
 from motion_jax.shapes import Array
 
 _FADE = 0.6       # seconds in which a difference of pose fades
+_USUAL_JUMP = 0.02  # metres that a joint's step across a border may differ from the steps beside it
 _MOST_DRIFT = 1.5  # metres a second that the speed of a joint, seen from the pelvis, is taken to differ at a border
+_QUICK = (10.0, 20.0)  # radians a second: a bone that turns faster is calmed, and at the second altogether
+_HASTE = 6        # frames behind a border in which a bone that turns faster is taken to make for its new pose
+_FOLLOW = 2.0     # frames that a bone follows through as it was kept
+_CALM = 1.5       # frames: width of the smoothing
 _PAUSE = 2e-3     # metres a frame that a resting body counts as moving where a difference of place is spread
-# Weights of the correction of a foot, as in `cleanup`: its change, the change of its change, and its size.
-_EASE, _BEND, _PULL = 0.02, 0.05, 4e-3
+# Weights of the correction of a foot: its change, the change of its change, and its size, where 1 is that it slides.
+_CARRIED = 0.35   # metres a second at which a foot that should stand is half as sure to
+_EASE, _BEND, _PULL = 0.01, 0.05, 1e-6
+_ALIGN = 8        # kept frames by which new ones are aligned
 _BESIDE = 4       # kept frames on either side that the legs' solution sees
 
 
 class Border(NamedTuple):
-  """What the kept frames say about the first frame behind them, or, with time reversed, before them."""
-  aim: np.ndarray   # (J, 3) where it would be if the body kept its speed
-  speed: np.ndarray  # (J, 3) a frame, away from the kept frames
+  """What kept frames say about new ones, with time reversed about those before them: how made frames are laid over kept
+  ones, and what these then differ by in the last kept frame, (J, 3) in place and in speed, a frame."""
+  at: Meeting
+  away: np.ndarray
+  drift: np.ndarray
 
 
 def fill_frames(made: Num[Array, "t j 3"], given: Num[Array, "t j 3"], new: Bool[Array, " t"],
@@ -47,12 +56,15 @@ def fill_frames(made: Num[Array, "t j 3"], given: Num[Array, "t j 3"], new: Bool
                      "expected the same frames of all")
   result = np.where(new[:, None, None], made, given)
   stand = feet_stand(made, fps, skeleton) | (feet_stand(given, fps, skeleton) & ~new[:, None])
+  floor = floor_height(given, skeleton)
   for first, past in runs_of(new):
-    body = _between(made[first:past], _border(given, new, first - 1, 1), _border(given, new, past, -1), skeleton, fps)
+    body = _between(made[first:past], _border(made, given, new, first - 1, 1, skeleton),
+                    _border(made, given, new, past, -1, skeleton), skeleton, fps)
     result[first:past] = body
     if fix_body:
       result[first:past] = with_lengths(body, skeleton)
-      result[first:past] = _pinned(result, stand, first, past, skeleton)
+      result[first:past] = _lifted(_calmed(result, first, past, skeleton, fps), floor, skeleton)
+      result[first:past] = _pinned(result, stand, first, past, skeleton, fps)
   return result
 
 
@@ -62,21 +74,26 @@ def runs_of(flags: Bool[Array, " t"]) -> Iterator[tuple[int, int]]:
   return zip(edges[::2].tolist(), edges[1::2].tolist())
 
 
-def _border(given, new, last, way):
+def _border(made, given, new, last, way, skeleton):
   """The Border at the kept frame `last`, from which new frames lead in the direction of way; None beyond the motion."""
   if not 0 <= last < len(given):
     return None
-  before = last - way
-  known = 0 <= before < len(given) and not new[before]
-  speed = given[last] - given[before] if known else np.zeros_like(given[last])
-  return Border(given[last] + speed, speed)
-
-
-def _aligned(body, border, skeleton):
-  """The new frames, turned about y and moved over the ground so that the first is where the kept ones lead."""
-  second = min(1, len(body) - 1)
-  theirs = np.stack([border.aim, border.aim + border.speed])
-  return meeting(theirs, body[[0, second]], skeleton)
+  near = [last]
+  while len(near) < _ALIGN and 0 <= near[-1] - way < len(given) and not new[near[-1] - way]:
+    near.append(near[-1] - way)
+  at = meeting(given[near], made[near], skeleton)
+  first, second = last + way, last + 2 * way
+  shown, begin = laid(made[near], at), laid(made[first][None], at)[0]
+  step, drift, beside = begin - shown[0], np.zeros_like(begin), []
+  if 0 <= second < len(given) and new[second]:
+    beside.append(laid(made[second][None], at)[0] - begin)
+  if len(near) > 1:
+    beside.append(shown[0] - shown[1])
+    drift = given[last] - given[near[1]] - beside[-1]
+  # A step that is like neither of its neighbours is a jump between what was kept and what was made.
+  jump = step - np.mean(beside, axis=0) if beside else np.zeros_like(step)
+  size = np.linalg.norm(jump, axis=-1, keepdims=True) * skeleton.unit
+  return Border(at, given[last] - shown[0] - jump * np.maximum(1 - _USUAL_JUMP / np.maximum(size, 1e-9), 0), drift)
 
 
 def _between(body, left, right, skeleton, fps):
@@ -87,30 +104,28 @@ def _between(body, left, right, skeleton, fps):
     return _continued(body, left, skeleton, fps)
   if left is None:
     return _continued(body[::-1], right, skeleton, fps)[::-1]
-  if len(body) == 1:
-    return (left.aim + right.aim)[None] / 2
-  ahead, back = _aligned(body, left, skeleton), _aligned(body[::-1], right, skeleton)
-  one, other = laid(body, ahead), laid(body, back)
-  turn = (back.yaw - ahead.yaw + np.pi) % (2 * np.pi) - np.pi
-  travel = np.linalg.norm(np.diff(body[:, 0, [0, 2]], axis=0), axis=-1) + _PAUSE / skeleton.unit
-  share = np.append(0, np.cumsum(travel)) / travel.sum()
+  one, other = laid(body, left.at), laid(body, right.at)
+  turn = (right.at.yaw - left.at.yaw + np.pi) % (2 * np.pi) - np.pi
+  # Where it moves, or, of a difference that its own way cannot take up, in all frames alike.
+  off = np.linalg.norm((_ground(other) - _ground(one))[len(body) // 2])
+  pause = max(_PAUSE / skeleton.unit, off / len(body))
+  travel = np.linalg.norm(np.diff(body[:, 0, [0, 2]], axis=0), axis=-1) + pause
+  travel = np.pad(travel, 1, mode="edge") if len(travel) else np.ones(2)
+  share = np.cumsum(travel)[:-1] / travel.sum()
   share = (share * share * (3 - 2 * share))[:, None]
-  pose, paths = np.empty_like(body), []
+  pose = np.empty_like(body)
   for i, frame in enumerate(one - _ground(one)[:, None]):
     pose[i] = laid(frame[None], Meeting(0.0, turn * share[i, 0], np.zeros(2), np.zeros(2)))[0]
-  pose += _offsets(pose, left, skeleton, fps) + _offsets(pose[::-1], right, skeleton, fps)[::-1]
-  for placed, border, time in ((one, left, 1), (other, right, -1)):
-    path = _ground(placed)[::time]
-    paths.append((path + _detour(path, border, skeleton, fps))[::time])
-  return pose + ((1 - share) * paths[0] + share * paths[1])[:, None]
+  pose += _offsets(left, len(body), skeleton, fps) + _offsets(right, len(body), skeleton, fps)[::-1]
+  ahead = _ground(one) + _detour(left, len(body), fps)
+  back = _ground(other) + _detour(right, len(body), fps)[::-1]
+  return pose + ((1 - share) * ahead + share * back)[:, None]
 
 
 def _continued(body, border, skeleton, fps):
   """The new frames (N, J, 3) behind kept ones."""
-  body = laid(body, _aligned(body, border, skeleton))
-  path = _ground(body)
-  pose = body - path[:, None]
-  return pose + _offsets(pose, border, skeleton, fps) + (path + _detour(path, border, skeleton, fps))[:, None]
+  body = laid(body, border.at)
+  return body + _offsets(border, len(body), skeleton, fps) + _detour(border, len(body), fps)[:, None]
 
 
 def _ground(body):
@@ -118,62 +133,109 @@ def _ground(body):
   return body[:, 0] * [1, 0, 1]
 
 
-def _seen(border):
-  """A Border as the pelvis sees it: poses less their place on the ground."""
-  return Border(border.aim - border.aim[0] * [1, 0, 1], border.speed - border.speed[0] * [1, 0, 1])
-
-
-def _offsets(pose, border, skeleton, fps):
-  """What to add to poses (N, J, 3) so that the first is where the kept ones lead, at their speed; it fades to 0."""
-  border, second = _seen(border), min(1, len(pose) - 1)
-  away, drift = border.aim - pose[0], border.speed - (pose[second] - pose[0])
+def _offsets(border, count, skeleton, fps):
+  """What to add to poses (N, J, 3), seen from their place on the ground, so that they go on as the kept ones do; it
+  fades to 0."""
+  away, drift = (x - x[0] * [1, 0, 1] for x in (border.away, border.drift))
   size = np.linalg.norm(drift, axis=-1, keepdims=True) * fps * skeleton.unit
   drift = drift * np.minimum(1, _MOST_DRIFT / np.maximum(size, 1e-9))
-  width, s = _progress(len(pose), fps)
+  width, s = _progress(count, fps)
   s = s[:, None, None]
   return away * (1 - 3 * s ** 2 + 2 * s ** 3) + drift * width * s * (1 - s) ** 2
 
 
-def _detour(path, border, skeleton, fps):
-  """What to add to a path (N, 3) over the ground: it starts where the border leads at its speed, which fades for good,
-  so that a body that comes to a stop does not go back."""
-  border, second = Border(*(x[0] * [1, 0, 1] for x in border)), min(1, len(path) - 1)
-  width, s = _progress(len(path), fps)
+def _detour(border, count, fps):
+  """What to add to a path (N, 3) over the ground so that it goes on as that of the kept frames. The difference of speed
+  fades for good: a body that comes to a stop does not go back."""
+  width, s = _progress(count, fps)
   s = s[:, None]
-  drift = border.speed - (path[second] - path[0])
-  return border.aim - path[0] + drift * width * (s - s ** 2 + s ** 3 / 3)
+  return border.away[0] * [1, 0, 1] + border.drift[0] * [1, 0, 1] * width * (s - s ** 2 + s ** 3 / 3)
 
 
 def _progress(count, fps):
   """(frames in which a difference fades, how much of that time has passed in each of count frames, 0 to 1)."""
-  width = max(min(round(_FADE * fps), count - 1), 1)
-  return width, np.minimum(np.arange(count) / width, 1)
+  width = min(round(_FADE * fps), count) + 1
+  return width, np.minimum(np.arange(1, count + 1) / width, 1)
 
 
-def _pinned(joints, stand, first, past, skeleton):
+def _calmed(joints, first, past, skeleton, fps):
+  """The new frames first..past of joints (T, J, 3), whose bones do not turn faster than those of people.
+
+  A limb that makes for its new pose at once turns there from where it was kept, within the time of a fade; inside it is
+  smoothed.
+  """
+  from scipy.ndimage import gaussian_filter1d, maximum_filter1d
+  parents = np.maximum(skeleton.parents, 0)
+  bones = joints - joints[:, parents]
+  length = np.linalg.norm(bones, axis=-1, keepdims=True)
+  bones = bones / np.maximum(length, 1e-9)
+  for last, way, end in ((first - 1, 1, past - 1), (past, -1, first)):
+    if not 0 <= last < len(joints):
+      continue
+    frames = last + way * np.arange(1, min(round(_FADE * fps), abs(end - last)) + 1)
+    hasty = np.clip(_rates(bones[np.append(last, frames[:_HASTE])], fps).max(0) / _QUICK[0] - 1, 0, 1)
+    before = last - way
+    turn = bones[last] - bones[before] if 0 <= before < len(joints) else np.zeros_like(bones[last])
+    k = np.arange(1, len(frames) + 1)[:, None, None]
+    hold = _unit(bones[last] + turn * _FOLLOW * (1 - np.exp(-k / _FOLLOW)))
+    s = k / (len(frames) + 1)
+    weight = hasty[:, None] * (1 - s * s * (3 - 2 * s))
+    bones[frames] = _unit(bones[frames] * (1 - weight) + hold * weight)
+  rates = np.pad(_rates(bones, fps), ((1, 1), (0, 0)))
+  rates = np.maximum(rates[1:], rates[:-1])
+  quick = np.clip((maximum_filter1d(rates, 3, axis=0) - _QUICK[0]) / (_QUICK[1] - _QUICK[0]), 0, 1)
+  quick = gaussian_filter1d(quick, 1.0, axis=0)[..., None]
+  calm = _unit(gaussian_filter1d(bones, _CALM, axis=0, mode="nearest"))
+  body = _unit(bones * (1 - quick) + calm * quick)[first:past] * skeleton.bone_lengths[:, None]
+  result = joints[first:past].copy()
+  for chain in skeleton.chains:
+    for parent, joint in zip(chain[:-1], chain[1:]):
+      result[:, joint] = result[:, parent] + body[:, joint]
+  return result
+
+
+def _rates(bones, fps):
+  """How fast directions (N, J, 3) turn, radians a second (N - 1, J)."""
+  return np.arccos(np.clip((bones[1:] * bones[:-1]).sum(-1), -1, 1)) * fps * (np.linalg.norm(bones[1:], axis=-1) > 0.5)
+
+
+def _unit(vectors):
+  return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9)
+
+
+def _lifted(body, floor, skeleton):
+  """The new frames (N, J, 3), raised where feet would be under the floor."""
+  from scipy.ndimage import gaussian_filter1d, maximum_filter1d
+  sunk = np.maximum(floor - body[:, skeleton.left_feet + skeleton.right_feet, 1].min(1), 0)
+  lift = gaussian_filter1d(maximum_filter1d(sunk, 5), 1.0, mode="constant")  # none in the kept frames beside them
+  return body + lift[:, None, None] * [0, 1, 0]
+
+
+def _pinned(joints, stand, first, past, skeleton, fps):
   """The new frames first..past of joints (T, J, 3) with feet that do not slide while they stand; stand (T, 4)."""
   start, end = max(first - _BESIDE, 0), min(past + _BESIDE, len(joints))
   near, stand = joints[start:end], stand[start:end]
   inside = np.arange(start, end)
   fixed = (inside < first) | (inside >= past)
   feet = np.array([skeleton.left_feet, skeleton.right_feet])
-  aims = near[:, feet].copy()  # (n, 2 feet, 2 points, 3)
-  for side in range(2):
-    for point in range(2):
-      firm = (stand[1:, 2 * side + point] & stand[:-1, 2 * side + point]).astype(float)
-      aims[:, side, point, [0, 2]] += _correction(aims[:, side, point, [0, 2]], firm, fixed)
+  points = near[:, feet]  # (n, 2 feet, ankle and toes, 3)
+  # A foot that is carried along fast, because the body has a way to go, is no foot that stands.
+  speed = np.linalg.norm(np.diff(points[..., [0, 2]], axis=0), axis=-1) * fps * skeleton.unit
+  firm = (stand[1:] & stand[:-1]).reshape(-1, 2, 2) / (1 + (speed / _CARRIED) ** 4)
+  moves = np.stack([_moves(points[:, side], firm[:, side], fixed) for side in range(2)], 1)
+  aims = points + moves[:, :, None]
   return planted(near, aims[:, :, 0], aims[:, :, 1], skeleton)[first - start:past - start]
 
 
-def _correction(points, firm, fixed):
-  """Moves e (N, 2) of a foot at points (N, 2) that minimize sum firm |step of (point + e)|^2 + ease |step of e|^2
-  + bend |step of step of e|^2 + pull |e|^2, with e = 0 where fixed (N,)."""
+def _moves(points, firm, fixed):
+  """Moves e (N, 3) over the ground of a foot at points (N, P, 3) that minimize sum firm |step of (point + e)|^2
+  + ease |step of e|^2 + bend |step of step of e|^2 + pull |e|^2, where firm (N - 1, P), with e = 0 where fixed (N,).
+  """
   count = len(points)
   first = np.diff(np.eye(count), axis=0)
   second = np.diff(np.eye(count), n=2, axis=0)
-  matrix = first.T @ ((firm + _EASE)[:, None] * first) + _BEND * second.T @ second + _PULL * np.eye(count)
-  pushed = -first.T @ (firm[:, None] * (first @ points))
-  free = ~fixed
-  moves = np.zeros_like(points)
+  matrix = first.T @ ((firm.sum(1) + _EASE)[:, None] * first) + _BEND * second.T @ second + _PULL * np.eye(count)
+  pushed = -first.T @ (firm[..., None] * np.diff(points, axis=0)).sum(1)
+  moves, free = np.zeros((count, 3)), ~fixed
   moves[free] = np.linalg.solve(matrix[np.ix_(free, free)], pushed[free])
-  return moves
+  return moves * [1, 0, 1]

@@ -6,15 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from motion_jax import export
 from motion_jax.inputs.errors import InputError
 from motion_jax.models.controlled import usual_frames
-from motion_jax.models.known_motion import on_our_body
-from motion_jax.models.results import Motion, captions_with
+from motion_jax.models.results import Motion
 from motion_jax.models.unmet import note_of
-from motion_jax.motion.blending import placed_on
 from motion_jax.runtime import progress
 from motion_jax.studio import asked, wire
 from motion_jax.studio.guard import Refused
@@ -105,7 +101,7 @@ class Maker:
     return self.stories.make(model, segments, seed, cleanup, sampling)
 
   def edit(self, body: Any) -> dict[str, Any]:
-    """{motion, prompt, change or keep, model, seed, sampling} -> {motion, made}."""
+    """{motion, prompt, change or keep, model, seed, sampling} -> {motion, made, notes}."""
     fields = Fields(body, self.limits)
     clip = wire.from_json(fields.any("motion"), self.limits.frames)
     prompt, name, seed = fields.prompt(), fields.text("model", None), fields.seed()
@@ -117,7 +113,8 @@ class Maker:
     model = self.library.model(name, "edit")
     with self.place(), told_plainly(), progress.part("making the span"):
       motion = make_edit(model, clip, prompt, change, keep, seed, sampling)
-    return {"motion": wire.to_json(motion), "made": motion.meta["made"]} | words_of(model, [prompt])
+    return {"motion": wire.to_json(motion), "made": motion.meta["made"], "notes": notes_of([motion])} | words_of(
+        model, [prompt])
 
   def _able(self, ability):
     """The first model that can do something; the first of all where none can yet."""
@@ -161,46 +158,16 @@ def story_rows(rows: Any, limits: Limits) -> list[tuple[str, float | None]]:
 
 def make_edit(model: Any, clip: Any, prompt: str, change: Any, keep: Any, seed: int, sampling: dict[str, Any]
               ) -> Motion:
-  """The clip with the frames of `change` made anew, or all but those of `keep`; the others stay as and where they are.
-
-  A model edits a few seconds at once: of a longer motion those around what is made anew.
-  """
-  if change is not None and change[-1][1] > clip.num_frames or keep is not None and keep[-1][1] > clip.num_frames:
+  """The clip with new frames in the spans of `change`, or in all but those of `keep`; others stay as they are."""
+  spans = change if change is not None else keep
+  if spans[-1][1] > clip.num_frames:
     raise InputError(f"got spans beyond the {clip.num_frames} frames of the motion")
-  joints = on_our_body(clip, model.fps, model.stats.layout.skeleton).astype(np.float32)
-  if keep is not None:
-    mask = np.ones(clip.num_frames, bool)
-    for first, past in keep:
-      mask[first:past] = False
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
-    change = list(zip(edges[::2].tolist(), edges[1::2].tolist()))
-    if not change:
-      raise InputError("everything is kept, so nothing can be made anew")
-  rate, unit, most = model.fps / clip.fps, model.frames_per_latent, model.config.data.max_frames
-  change = [(round(first * rate), min(max(round(past * rate), round(first * rate) + 1), len(joints)))
-            for first, past in change]
-  first, past = min(span[0] for span in change), max(span[1] for span in change)
-  if past - first > most - 2 * unit:
-    raise InputError(f"got {past - first} frames to be made anew, the model {model.folder.name} knows motions of "
-                     f"{most}; mark a shorter span")
-  start = max(0, min((first + past - most) // 2, len(joints) - most)) // unit * unit
-  count = min(most, len(joints) - start) // unit * unit
-  if past > start + count:
-    past, change = start + count, [(a, min(b, start + count)) for a, b in change if a < start + count]
-  window = Motion(joints[start:start + count], model.fps, clip.captions, skeleton=model.stats.layout.skeleton)
-  edited = model.edit(window, prompt, change=[(a - start, b - start) for a, b in change], seed=seed, **sampling)
-  made = [[a + start, b + start] for a, b in edited.meta["made"]]
-  kept = np.ones(count, bool)
-  for a, b in edited.meta["made"]:
-    kept[a:b] = False
-  placed = edited.joints if not kept.any() else placed_on(edited.joints, joints[start:start + count], kept)
-  result = joints.copy()
-  result[start:start + count][~kept] = placed[~kept]
-  if not kept.any():
-    result[start:start + count] = placed
-  captions = captions_with(clip.captions, [(a / model.fps, b / model.fps) for a, b in made], prompt, clip.seconds)
-  return Motion(result, model.fps, captions, id=clip.id, source=clip.source, license=clip.license or model.license,
-                skeleton=model.stats.layout.skeleton, meta=edited.meta | dict(made=made, said=prompt))
+  rate, frames = model.fps / clip.fps, int((clip.num_frames - 1) * model.fps / clip.fps + 1e-6) + 1
+  spans = [(first, min(max(round(past * rate), first + 1), frames))
+           for first, past in ((min(round(first * rate), frames - 1), past) for first, past in spans)]
+  which = dict(change=spans) if change is not None else dict(keep=spans)
+  edited = model.edit(clip, prompt, seed=seed, **which, **sampling)
+  return edited.replace(source=clip.source or edited.source, meta=edited.meta | dict(said=prompt))
 
 
 def notes_of(motions: Sequence[Any]) -> list[str]:

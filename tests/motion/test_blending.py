@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from motion_jax.data.datasets.synthetic import synthetic_joints
-from motion_jax.motion.blending import join, placed_on
+from motion_jax.motion.blending import join
 
 
 @pytest.fixture(scope="module")
@@ -63,15 +63,3 @@ def test_speed_goes_on_across_a_border(given):
 def test_shapes_are_checked(given, as_users_run):
   with pytest.raises(ValueError, match="same frames"):
     join(given[1:], given, kept_of())
-
-
-def test_what_was_made_somewhere_else_is_placed_where_it_belongs():
-  """Frames that both show decide, the others are carried along; heights are nobody's business."""
-  rng = np.random.default_rng(3)
-  joints, angle = rng.normal(size=(20, 22, 3)), 2.1
-  turn = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
-  made, same = joints @ turn.T + [4, 0, -7], np.arange(20) < 12
-  made[15] += 0.5  # not among those
-  placed = placed_on(made, joints, same)
-  assert placed.dtype == np.float32 and np.abs(placed[same] - joints[same]).max() < 1e-5
-  assert np.abs(np.linalg.norm(placed[15] - joints[15], axis=-1) - 0.5 * np.sqrt(3)).max() < 1e-5

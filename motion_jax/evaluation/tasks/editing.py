@@ -1,6 +1,7 @@
-"""Editing: parts of real motions are made anew from their captions, four tasks (docs/papers/cdamd.md#editing).
+"""Editing: parts of real motions are remade from their captions, four tasks (docs/papers/cdamd.md#editing).
 
-By the function that anyone edits with, `CdamdModel.edits`, on the features of the test set as they are.
+By the function for users, `CdamdModel.edits`, on the features of the test set as they are: the paper's method, all
+frames as decoded, or with the option cleanup=true the finished edit, kept frames put back and new ones joined to them.
 """
 from motion_jax.evaluation import samples
 from motion_jax.evaluation.candidates import load_able
@@ -9,6 +10,8 @@ from motion_jax.models.cdamd.mask_schedule import TASKS
 
 
 class Editing(ClipTask):
+  OPTIONS = ("cleanup", "tries")  # cleanup: finished edits; tries: of these, attempts at what a caption requires (1)
+
   @staticmethod
   def load(run, raw=False):
     """A model that edits. Raises ValueError for another one."""
@@ -34,12 +37,15 @@ class Editing(ClipTask):
 def editor(candidate, protocol, real, task):
   """make(jobs) of `samples.sample`: of the real motions [(T, F)] those at the jobs' places, edited."""
   # Parity: the released script edits with the mask that it samples with; --sampling mask=bcm is ours.
-  options = {"mask": candidate.model.config.sampler.mask} | dict(candidate.options)
+  options = {"mask": candidate.model.config.sampler.mask, "cleanup": False, "tries": 1} | dict(candidate.options)
+  pasted = protocol.paste or options["cleanup"]
 
   def make(jobs):
     motions = [real[i][:count] for i, count in zip(jobs.places, jobs.frames)]
-    made = candidate.model.edits(motions, jobs.captions, task, seeds=jobs.seeds, paste=protocol.paste, cleanup=False,
+    made = candidate.model.edits(motions, jobs.captions, task, seeds=jobs.seeds, paste=pasted,
                                  guidance_scale=candidate.guidance_scale, **options)
+    if pasted:
+      return [motion.features for motion in made]
     return [row[:count + samples.TAIL] for row, count in zip(made.decoded, jobs.frames)]
 
   return make
