@@ -15,7 +15,7 @@ from motion_jax.inputs.errors import InputError
 from motion_jax.models import looking
 from motion_jax.models.composed import FIRST_RESAMPLED, LOUDER, SOFTER, reweighed
 from motion_jax.models.known_motion import KnownMotion, at_rate, clip_of
-from motion_jax.models.results import Motion, Motions, features_of, gathered
+from motion_jax.models.results import Motion, Motions, captions_with, features_of, gathered
 from motion_jax.models.unmet import report, unmet_requirements
 from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.filling import fill_frames, runs_of
@@ -158,24 +158,14 @@ def _motion(model, job, prompt, seed, decoded, cleanup, about):
   joints = joints.astype(np.float32)
   on_model = KnownMotion.of(joints, layout.skeleton).on_model
   runs = [list(run) for run in runs_of(job.new)]
-  return Motion(joints, model.fps, _captions(job, prompt, runs, model.fps), id=job.clip.id, source=model.id,
+  seconds = [(first / model.fps, past / model.fps) for first, past in runs]
+  captions = (Caption(prompt),) if job.new.all() else captions_with(
+      [one for one in job.clip.captions if one.text.strip()], seconds, prompt, len(job.new) / model.fps)
+  return Motion(joints, model.fps, captions, id=job.clip.id, source=model.id,
                 license=job.clip.license or model.license, skeleton=layout.skeleton,
                 features=features_of(model, on_model),
                 meta=dict(prompt=prompt, seed=seed, cleanup=bool(cleanup)) | about | dict(
                     edited=job.clip.source or job.clip.id, made=runs))
-
-
-def _captions(job, prompt, runs, fps):
-  """The prompt for the new frames, between what the clip says of the kept ones."""
-  if job.new.all():
-    return (Caption(prompt),)
-  found = [Caption(prompt, first / fps, past / fps) for first, past in runs]
-  for first, past in runs_of(~job.new):
-    for caption in job.clip.captions:
-      start, end = (caption.start, caption.end) if caption.start or caption.end else (0.0, len(job.new) / fps)
-      start, end = max(start, first / fps), min(end, past / fps)
-      found += [Caption(caption.text, start, end)] if start < end and caption.text.strip() else []
-  return tuple(sorted(found, key=lambda caption: caption.start))
 
 
 def _distortion(model, decoded, new):

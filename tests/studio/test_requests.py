@@ -12,6 +12,7 @@ from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.models.results import captions_with
 from motion_jax.motion.looping import in_place
+from motion_jax.motion.skeleton import bone_lengths
 from motion_jax.runtime import progress
 from motion_jax.studio import wire
 from motion_jax.studio.app import ASSETS
@@ -112,6 +113,8 @@ def test_an_edit_keeps_what_it_keeps_where_it_was(client, walk):
   assert (after[kept] == before[kept]).all() and not (after[12:24] == before[12:24]).all()
   said = [(one["text"], one["start"], one["end"]) for one in reply["motion"]["captions"]]
   assert ("a person waves", 0.6, 1.2) in said and said[0][0] == clip.captions[0].text and said[0][2] == 0.6
+  lengths = bone_lengths(after.astype(np.float64), clip.skeleton)[:, 1:]
+  assert np.abs(lengths / np.median(lengths[kept], axis=0) - 1).max() < 0.01
   for spans in ({}, {"change": [[0, 8]], "keep": [[8, 16]]}):
     told = refusal(client.post("/v1/edit", json={"motion": sent, "prompt": "a", **spans}))
     assert "both or neither" in told
