@@ -20,6 +20,7 @@ from motion_jax.models.unmet import report, unmet_requirements
 from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.filling import fill_frames, runs_of
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
+from motion_jax.runtime import progress
 
 if TYPE_CHECKING:
   from motion_jax.models.base import TextToMotionModel
@@ -86,7 +87,9 @@ def edits(model: "TextToMotionModel", clips: Sequence[Any], prompts: Sequence[st
       if not some:
         continue
       folded = jax.numpy.stack([jax.random.fold_in(keys[i], FIRST_RESAMPLED + number) for i in some])
-      for i, made in zip(some, make(some, folded, reweighed(model, sampling, scale))):
+      with progress.part(f"attempt {number + 1} of {tries}, as the last new frames are not all that the prompt needs"):
+        again = make(some, folded, reweighed(model, sampling, scale))
+      for i, made in zip(some, again):
         score = _score(made, required[i], model.fps)
         if score < best[i][0]:
           best[i] = score, made._replace(motion=made.motion.replace(meta=made.motion.meta | dict(tries=number + 1)))
