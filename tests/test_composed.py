@@ -1,4 +1,6 @@
 """A sentence of several actions is one motion in which they are done; one action is what it was."""
+import json
+import re
 from types import SimpleNamespace
 
 import jax
@@ -132,7 +134,11 @@ class TestComposed:
     run = ["generate", "a person walks, then waves", "--seconds", "2.4", "--steps", "2", "--model", str(tiny_run),
            "--out", str(tmp_path / "m.npz")]
     assert cli.main(run) == 0
-    assert "understood as: walks (" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "understood as: walks | waves\n" in said and "1 motion of 2.4 s" in said
+    (parts,) = re.findall(r"made as: walks .(.*) s. . waves .(.*) s.\n", said)
+    spans = [(start, end) for _, start, end in json.loads(str(np.load(tmp_path / "m.npz")["captions"]))]
+    assert [f"{end - start:.1f}" for start, end in spans] == list(parts)  # as the file has them
     assert cli.main([*run, "--literal"]) == 0
     assert "understood" not in capsys.readouterr().out
 

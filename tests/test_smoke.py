@@ -1,5 +1,7 @@
 """A newcomer's first minutes work: every config trains two steps, the README says nothing that does not run."""
 import contextlib
+import os
+import pathlib
 import re
 import shlex
 import subprocess
@@ -13,6 +15,8 @@ import pytest
 from motion_jax import cli
 from motion_jax import fit as training
 from motion_jax.inputs import config_files, overrides
+from motion_jax.text.encoder import load_text_encoder
+from motion_jax.text.sentences import understand
 from motion_jax.training import checkpoint
 from motion_jax.training.metrics import read_metrics
 from tests.conftest import ROOT, light_training, load_config
@@ -114,6 +118,7 @@ def test_launch_py(tmp_path):
 
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+TYPED = ("control.md", "command-line.md")  # pages whose commands follow from one another
 CARDS = sorted((ROOT / "motion_jax" / "pretrained").glob("*/README.md"))  # of the models that ship
 
 
@@ -157,6 +162,54 @@ def test_commands_of_the_pages_exist(page, capsys):
   for words in _commands(page):
     assert words[0] == "motion-jax" or (ROOT / words[0]).is_file(), words
   assert not capsys.readouterr().err
+
+
+def _shell_lines(page):
+  """The lines of a page's bash blocks as a reader would type them, each with what it continues or reads to its END."""
+  for block in _blocks(page, "bash"):
+    end = None
+    lines = []
+    for line in block.replace("\\\n", " ").splitlines():
+      if end:
+        lines[-1] += "\n" + line
+        end = None if line == end else end
+      elif line.strip():
+        lines.append(line)
+        here = re.search(r"<<'(\w+)'", line)
+        end = here and here[1]
+    yield from lines
+
+
+def test_pages_that_are_typed_from_the_top_need_no_file_of_ones_own():
+  """`test_pages_can_be_typed_from_the_top` runs them; here is that every file they read, they made before."""
+  for name in TYPED:
+    made = set()
+    for line in _shell_lines(ROOT / "docs" / name):
+      words = shlex.split(line.splitlines()[0], comments=True)
+      given = [word.partition(":")[2] if ":" in word and "." in word.partition(":")[2] else word for word in words]
+      read = {word.partition("@")[0] for word in given[1:]
+              if re.fullmatch(r"[\w./-]+\.(npz|npy|bvh|csv|json)(@\d+)?", word)}
+      outs = {part for before, word in zip(words, words[1:]) if before in ("--out", ">") for part in word.split(",")}
+      made |= {part for out in outs for part in (out, re.sub(r"(\.\w+)$", r"_0\1", out))}
+      assert read <= made, (name, line, read - made)
+
+
+@pytest.mark.parametrize("name", TYPED)
+@pytest.mark.slow
+def test_pages_can_be_typed_from_the_top(name, tmp_path):
+  environment = dict(os.environ, PATH=f"{pathlib.Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+  for line in _shell_lines(ROOT / "docs" / name):
+    done = subprocess.run(["bash", "-c", line], cwd=tmp_path, env=environment, capture_output=True, text=True,
+                          check=False)
+    assert not done.returncode, f"{line}\n{done.stdout}\n{done.stderr}"
+
+
+def test_an_example_with_its_answer_is_what_the_command_prints():
+  """docs/sentences.md: what is understood of its first sentence, in the words that are printed."""
+  page = (ROOT / "docs" / "sentences.md").read_text(encoding="utf-8")
+  (sentence, said), = re.findall(r'\$ motion-jax generate "(.*?)".*\nunderstood as: (.*)\n', page)
+  assert " | ".join(segment.words for segment in understand(sentence).segments) == said
+  assert not load_text_encoder("cmdm-small").out_of_vocabulary(sentence)
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if _blocks(page, "python")], ids=_name)

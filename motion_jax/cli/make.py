@@ -179,18 +179,21 @@ def _generate(args):
         model, [prompt], [None if literal else model.understand(prompt)], count, None)[0] for prompt, count in asked}
     lengths = {key: composed.lengths_of(model, [key[0]], [understood[key]], key[1], None)[0] for key in asked}
     frames = [sum(lengths[key]) for key in zip(prompts, given)]
-  for key, counts in list(lengths.items())[:_TOLD]:
-    sentence = understood[key]
-    if sentence is not None and not sentence.is_plain:
-      print(f"understood as: {composed.told(sentence, counts, model.fps)}")
-  _tell_model(model, args, f"{len(prompts)} motion(s) of {min(frames) / model.fps:.1f} to "
-                           f"{max(frames) / model.fps:.1f} s")
+  for sentence in [understood[key] for key in lengths][:_TOLD]:
+    if sentence is not None and not sentence.is_plain:  # how long each is, is said of the motion once it is made
+      print(f"understood as: {' | '.join(segment.words for segment in sentence.segments)}")
+  shortest, longest = (f"{count / model.fps:.1f}" for count in (min(frames), max(frames)))
+  _tell_model(model, args, f"{len(prompts)} motion{'s' * (len(prompts) > 1)} of "
+                           f"{shortest if shortest == longest else f'{shortest} to {longest}'} s")
   motions = []
   for piece in progress.each(_pieces(frames, model), "making motions", unit="batch"):
     motions += model.generate(prompts[piece], frames[piece], seeds=seeds[piece], cleanup=not args.no_cleanup,
                               **(dict(literal=literal, tries=args.tries) if model.can("understand") else {}),
                               **(dict(control=wanted, project=not args.no_cleanup) if wanted else {}),
                               **_sampling(args, model))
+  made_as = [motion.meta["understood"] for motion in motions if "understood" in motion.meta]
+  for said in list(dict.fromkeys(made_as))[:_TOLD]:
+    print(f"made as: {said}")
   _write(args, model, motions, outputs, start, asked=control.drawn(wanted, motions) if wanted else None,
          constraints=wanted)
 
