@@ -1,8 +1,9 @@
 """Blender add-on: motion from words, of a `motion-jax studio` that runs on this or another machine.
 
 Install: Edit > Preferences > Add-ons > Install from Disk, this file. Start `motion-jax studio`, copy the address that
-it prints into the panel (3D view, sidebar, tab Motion). "Make" puts a motion onto a new armature; "Start live" moves an
-armature of sticks while the motion is made, and "Say" changes its words. Standard library only.
+it prints into the panel (3D view, sidebar, tab Motion). "Make" puts a motion onto a new armature, while Blender stays
+usable; "Start live" moves an armature of sticks while the motion is made, and "Say" changes its words. Standard library
+only.
 """
 import base64
 import collections
@@ -11,6 +12,7 @@ import os
 import socket
 import struct
 import tempfile
+import textwrap
 import threading
 import urllib.error
 import urllib.parse
@@ -45,9 +47,24 @@ class Studio:
       raise ValueError(f"no studio answers at {self.parts.netloc or 'this address'}: {error}") from None
 
   def bvh(self, prompt, seconds, seed):
-    """A BVH file's bytes of a prompt, centimetres."""
+    """(a BVH file's bytes of a prompt, centimetres; the server's notes about it)."""
     made = json.loads(self.ask("/v1/generate", {"prompt": prompt, "seconds": seconds or None, "seed": seed}))
-    return self.ask("/v1/export", {"motion": made["motions"][0], "format": "bvh"})
+    return self.ask("/v1/export", {"motion": made["motions"][0], "format": "bvh"}), made.get("notes", [])
+
+
+class Request:
+  """A motion that is being made, in a thread of its own, for Blender's scene may only be changed by its main thread."""
+
+  def __init__(self, studio, prompt, seconds, seed):
+    self.prompt, self.result, self.error = prompt, None, ""
+    threading.Thread(target=self._make, args=(studio, prompt, seconds, seed), daemon=True).start()
+
+  def _make(self, *request):
+    studio, *words = request
+    try:
+      self.result = studio.bvh(*words)
+    except Exception as error:  # whatever it is: the panel has to show it
+      self.error = str(error) or type(error).__name__
 
 
 class Live:
@@ -160,22 +177,60 @@ def unpack(data):
 # --- the scene -------------------------------------------------------------------------------------------------------
 
 _live = {"stream": None, "armature": None, "frame": 0}
+_making = {"request": None, "lines": [], "failed": False}  # and what the panel says about the last request
 
 
 def load_motion(data, name):
-  """Puts a BVH file's motion onto a new armature; its object."""
+  """Puts a BVH file's motion onto a new armature, and the scene at its rate and length; the armature's object.
+
+  The action is named after the prompt. All motions of a model have the same bones, so it plays on their armatures, too.
+  """
   path = os.path.join(tempfile.mkdtemp(), "motion.bvh")
   try:
     with open(path, "wb") as file:
       file.write(data)
-    bpy.ops.import_anim.bvh(filepath=path, global_scale=0.01, update_scene_fps=True, update_scene_duration=True,
-                            rotate_mode="QUATERNION")
+    bpy.ops.import_anim.bvh(filepath=path, global_scale=0.01, update_scene_fps=True, rotate_mode="QUATERNION")
   finally:
     os.remove(path)
     os.rmdir(os.path.dirname(path))
-  made = bpy.context.object
-  made.name = name[:60]
+  scene, made = bpy.context.scene, bpy.context.view_layer.objects.active
+  made.name = made.data.name = made.animation_data.action.name = name[:60]
+  # The end of the longest motion in the scene, not the 250 frames of a new scene.
+  moving = [one.animation_data.action for one in scene.objects if one.animation_data and one.animation_data.action]
+  scene.frame_start, scene.frame_end = 1, max(int(action.frame_range[1]) for action in moving)
+  scene.frame_set(1)
   return made
+
+
+def finish():
+  """Loads the motion that was requested once it is there; seconds until the next look, None at the end. For timers."""
+  request = _making["request"]
+  if request is None:
+    return None
+  if request.result is None and not request.error:
+    return 0.2
+  _making["request"] = None
+  if request.error:
+    show_status(request.error, failed=True)
+    return None
+  data, notes = request.result
+  try:
+    load_motion(data, request.prompt)
+  except RuntimeError as error:  # of Blender's importer
+    show_status(str(error), failed=True)
+    return None
+  show_status(*notes)
+  return None
+
+
+def show_status(*lines, failed=False):
+  """Shows lines in the panel, and in the console for those who read it."""
+  _making.update(lines=list(lines), failed=failed)
+  for line in lines:
+    print(f"motion_jax: {line}")
+  for window in bpy.context.window_manager.windows:
+    for area in window.screen.areas:
+      area.tag_redraw()
 
 
 def z_up(point):
@@ -223,7 +278,7 @@ def step():
   frame = stream.next()
   if frame is None:
     if stream.error:
-      print(f"motion_jax: {stream.error}")
+      show_status(stream.error, failed=True)
       stop()
       return None
     return 0.05
@@ -274,7 +329,11 @@ class Make(_Operator, bpy.types.Operator):
   bl_idname, bl_label, bl_options = "motion_jax.make", "Make", {"REGISTER", "UNDO"}
 
   def work(self, settings):
-    load_motion(Studio(settings.address).bvh(settings.prompt, settings.seconds, settings.seed), settings.prompt)
+    if _making["request"] is not None:
+      raise ValueError("a motion is being made; wait until it is there")
+    _making["request"] = Request(Studio(settings.address), settings.prompt, settings.seconds, settings.seed)
+    show_status(f"making: {settings.prompt}")
+    bpy.app.timers.register(finish)
 
 
 class StartLive(_Operator, bpy.types.Operator):
@@ -312,6 +371,9 @@ class Panel(bpy.types.Panel):
       self.layout.prop(context.scene.motion_jax, name)
     for one in (Make, StartLive, Say, StopLive):
       self.layout.operator(one.bl_idname)
+    for line in _making["lines"]:
+      for row in textwrap.wrap(line, 40):  # a label is one line, cut where the panel ends
+        self.layout.label(text=row, icon="ERROR" if _making["failed"] else "INFO")
 
 
 CLASSES = (Settings, Make, StartLive, Say, StopLive, Panel)
@@ -325,6 +387,7 @@ def register():
 
 def unregister():
   stop()
+  _making["request"] = None
   del bpy.types.Scene.motion_jax
   for one in reversed(CLASSES):
     bpy.utils.unregister_class(one)

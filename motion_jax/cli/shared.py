@@ -141,13 +141,15 @@ def tell_rig_error(args, clips, outputs):
 def add_film(parser, what):
   """The flags that say how films look; what: which files --trim is about."""
   film = parser.add_argument_group("films (.mp4, .gif)")
-  film.add_argument("--size", metavar="WxH", help="pixels of a picture, width x height (640x480)")
+  film.add_argument("--size", metavar="WxH", help="pixels of a picture, width x height (960x540, in "
+                    "a .gif 640x360)")
   film.add_argument("--camera", default="auto", help="from where to look: front, side, top or three-quarter; follow "
                     "goes with the body, fixed sees the whole path, auto (the default) chooses")
   film.add_argument("--background", metavar="COLOR", help="colour behind the body: white, black, '#203040' ... (pale "
                     "grey)")
   film.add_argument("--film-fps", type=real(1, 240), metavar="N",
-                    help="pictures a second; the motion stays as fast as it is")
+                    help="pictures a second, such as 24, 30 or 60 (the motion's own); frames between are interpolated, "
+                    "the motion stays as fast as it is")
   parser.add_argument("--trim", metavar="A:B", help=f"show only this part, {what}: seconds (1.5s:3s), shares "
                       "(25%%:0.5) or frames (30:60); an empty side is that end")
 

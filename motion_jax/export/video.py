@@ -15,7 +15,6 @@ import numpy as np
 from PIL import Image, ImageColor, ImageDraw, ImageFont
 
 from motion_jax.data.clip import Clip
-from motion_jax.data.mocap.capture import resample
 from motion_jax.export import gif, render
 from motion_jax.export.body import default_colors, make_figure
 from motion_jax.export.scene import from_above, marks_of
@@ -27,20 +26,23 @@ from motion_jax.runtime.install import pip_install
 
 INK, _PALE_INK = (52, 56, 66), (225, 228, 235)
 VIEWS = {"front": (0, 13), "side": (90, 13), "top": (0, 89), "three-quarter": (35, 13)}  # azimuth, elevation, degrees
+SIZE, GIF_SIZE = (960, 540), (640, 360)  # six seconds of a gif of that size are about a megabyte
 _MOST, _LEAST = 4096, 16  # pixels of a side
 _PATH, _TRAIL = (0.55, 0.60, 0.72), (0.95, 0.52, 0.25)
 
 
-def video(clip, path, size=(640, 480), fps=None, **options) -> pathlib.Path:
+def video(clip, path, size=None, fps=None, **options) -> pathlib.Path:
   """Writes a film of a clip as .mp4 or .gif, at the clip's own speed. Options are those of `frames`.
 
-  fps: frames a second of the film, the clip's own by default; the motion stays as fast as it is. Raises ValueError for
-  another extension, RuntimeError where no mp4 encoder is to be had.
+  size: (width, height) in pixels, by default (960, 540), of a gif (640, 360). fps: pictures a second of the film, such
+  as 24, 30 or 60, the clip's own by default; the motion is interpolated and stays as fast as it is. Raises ValueError
+  for another extension, RuntimeError where no mp4 encoder is to be had.
   """
   path = pathlib.Path(path)
   write = {".mp4": _write_mp4, ".gif": _write_gif}.get(path.suffix.lower())
   if write is None:
     raise InputError(f"got {path.name!r}, a film is .mp4 or .gif")
+  size = size or (SIZE if write is _write_mp4 else GIF_SIZE)
   check_film(size, fps, options.get("camera", "auto"), options.get("background"))
   size = (size[0] + size[0] % 2, size[1] + size[1] % 2)  # mp4 has no odd sizes
   if fps is not None:
@@ -56,7 +58,7 @@ def video(clip, path, size=(640, 480), fps=None, **options) -> pathlib.Path:
   return path
 
 
-def check_film(size=(640, 480), fps=None, camera="auto", background=None):
+def check_film(size=SIZE, fps=None, camera="auto", background=None):
   """Raises InputError for what no film can have."""
   if len(size) != 2 or not all(isinstance(side, int | np.integer) and _LEAST <= side <= _MOST for side in size):
     raise InputError(f"got a film of size {'x'.join(map(str, size))}, expected WIDTHxHEIGHT in pixels, each side from "
@@ -86,14 +88,17 @@ def color_of(background):
 
 def _at_rate(clip, fps, colors):
   """(the clip at another rate, colours (T, 3) of its frames), as fast as before."""
-  joints = resample(np.asarray(clip.joints, np.float64), clip.fps, fps)
+  from scipy.interpolate import CubicSpline
+  at = np.arange(int((clip.num_frames - 1) * fps / clip.fps + 1e-6) + 1) * clip.fps / fps
+  joints = np.asarray(clip.joints, np.float64)
+  if clip.num_frames > 1:  # smooth curves: straight lines from frame to frame would jerk, and cut corners
+    joints = CubicSpline(np.arange(clip.num_frames), joints)(at)
   if colors is not None and np.ndim(colors) > 1:
-    at = np.minimum(np.round(np.arange(len(joints)) * clip.fps / fps).astype(int), clip.num_frames - 1)
-    colors = np.asarray(colors)[at]
+    colors = np.asarray(colors)[np.minimum(np.round(at).astype(int), clip.num_frames - 1)]
   return clip.replace(joints=joints.astype(np.float32), fps=float(fps), features=None), colors
 
 
-def frames(clip, size=(640, 480), **options):
+def frames(clip, size=SIZE, **options):
   """Yields one (H, W, 3) uint8 image per frame of a clip. Options:
 
   camera: "follow" goes with the body, "fixed" sees the whole path, "auto" chooses; "front", "side", "top" and
@@ -116,7 +121,7 @@ def frames(clip, size=(640, 480), **options):
       yield ahead.popleft().result()
 
 
-def frame(clip, t=0, size=(640, 480), **options) -> np.ndarray:
+def frame(clip, t=0, size=SIZE, **options) -> np.ndarray:
   """One image (H, W, 3) uint8 of a clip, at frame t; options as in `frames`."""
   if not -clip.num_frames <= t < clip.num_frames:
     raise ValueError(f"got frame {t}, the clip has frames 0 to {clip.num_frames - 1}")

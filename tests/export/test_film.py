@@ -1,5 +1,6 @@
 """How films look: cameras, sizes, backgrounds, rates, parts; by flags, each checked before anything is made."""
 import argparse
+import sys
 
 import numpy as np
 import pytest
@@ -49,6 +50,22 @@ def test_a_film_at_another_rate_lasts_as_long(walk, tmp_path):
     video(walk, tmp_path / f"{fps}.gif", SIZE, fps=fps, colors=np.tile([1.0, 0, 0], (30, 1)))
   with Image.open(tmp_path / "None.gif") as ours, Image.open(tmp_path / "10.gif") as slow:
     assert (ours.n_frames, slow.n_frames) == (30, 15) and ours.size == SIZE
+
+
+def test_frames_between_are_interpolated_smoothly(monkeypatch, walk, tmp_path):
+  drawn = []
+  module = sys.modules[video.__module__]
+  monkeypatch.setattr(module, "_write_mp4", lambda path, *_: path.write_bytes(b"film"))
+  monkeypatch.setattr(module, "find_ffmpeg", lambda: "none")
+  monkeypatch.setattr(module, "frames", lambda clip, size, **_: drawn.append((clip, size)) or [])
+  swing = np.sin(np.arange(20) * 2 * np.pi / 10)  # a wave of ten frames, as fast as limbs go at 20 a second
+  still = walk.joints[:1].repeat(20, 0)
+  still[:, 20, 0] += swing.astype(np.float32)
+  video(walk.replace(joints=still), tmp_path / "a.mp4", fps=60)
+  (clip, size), = drawn
+  assert size == (960, 540) and clip.fps == 60 and clip.num_frames == 58
+  exact = still[0, 20, 0] + np.sin(np.arange(58) / 3 * 2 * np.pi / 10)
+  assert np.abs(clip.joints[6:-6, 20, 0] - exact[6:-6]).max() < 0.01  # straight lines between are 0.05 off
 
 
 @pytest.mark.parametrize("options, words", [

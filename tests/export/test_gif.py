@@ -20,7 +20,7 @@ def pictures(num, size=(30, 40)):
 def test_pictures_come_back(tmp_path):
   images = list(pictures(9))
   palette = gif.common_palette(images[::4])
-  gif.write(tmp_path / "a.gif", iter(images), 30, palette)
+  gif.write(tmp_path / "a.gif", iter(images), 30, palette, tolerance=0)
   with Image.open(tmp_path / "a.gif") as film:
     assert (film.n_frames, film.size, film.info["loop"]) == (9, (40, 30), 0)
     durations = []
@@ -30,6 +30,23 @@ def test_pictures_come_back(tmp_path):
       np.testing.assert_array_equal(np.asarray(film.convert("RGB")), np.asarray(expected))
       durations.append(film.info["duration"])
   assert sum(durations) == 300 and set(durations) == {30, 40}  # 9 frames at 30 a second
+
+
+def test_what_hardly_changes_is_not_written_again(tmp_path):
+  rng = np.random.default_rng(0)
+  noisy = [np.uint8(image + rng.integers(0, 5, image.shape)) for image in pictures(20, (90, 120))]
+  palette = gif.common_palette(noisy[::6])
+  sizes = []
+  for name, tolerance in (("exact", 0), ("near", 8)):
+    gif.write(tmp_path / name, iter(noisy), 20, palette, tolerance)
+    sizes.append((tmp_path / name).stat().st_size)
+  assert sizes[1] < sizes[0] / 3
+  with Image.open(tmp_path / "near") as film:
+    film.seek(19)
+    shown = np.asarray(film.convert("RGB")).astype(int)
+  exact = np.asarray(Image.fromarray(noisy[19]).quantize(palette=palette, dither=Image.Dither.NONE).convert("RGB"))
+  allowed = np.maximum(np.abs(exact.astype(int) - noisy[19]).max(-1), 8)
+  assert (np.abs(shown - noisy[19]).max(-1) <= allowed).all()
 
 
 def test_a_long_film_holds_few_pictures(tmp_path):

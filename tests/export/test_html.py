@@ -151,7 +151,21 @@ def test_page_plays_in_a_browser(tmp_path):
   assert 'data-state="ready"' in dom and 'data-frame="10"' in dom
   assert "1. a person does: walk" in dom and '<option value="1">2. a person does: wave_left</option>' in dom
   picture = tmp_path / "a.png"
-  subprocess.run([*command, f"--screenshot={picture}", page], capture_output=True, timeout=180, check=True)
+  done = subprocess.run([*command, "--enable-logging=stderr", f"--screenshot={picture}", page], capture_output=True,
+                        text=True, timeout=180, check=True)
+  said = [line for line in done.stderr.splitlines() if "CONSOLE" in line and "GL Driver Message" not in line]
+  assert not said, "no warnings of the page in the browser's console"
   image = np.asarray(Image.open(picture).convert("RGB")).astype(int)
+  assert image[:20, :20].min() > 220
   red, blue = image[..., 0], image[..., 2]
   assert (red > blue + 60).sum() > 500 and (blue > red + 60).sum() > 500, "orange and blue limbs are seen"
+
+
+@pytest.mark.slow
+def test_page_is_dark_where_the_reader_wants_it_dark(tmp_path):
+  path, picture = export.html(make(), tmp_path / "a.html"), tmp_path / "a.png"
+  subprocess.run([*chromium(tmp_path), "--blink-settings=preferredColorScheme=0", f"--screenshot={picture}",
+                  f"file://{path}#0.5"], capture_output=True, timeout=180, check=True)
+  image = np.asarray(Image.open(picture).convert("RGB")).astype(int)
+  assert image[:20, :20].max() < 40 and np.median(image) < 60, "sky and ground"
+  assert image.max() > 150, "the body is lit"

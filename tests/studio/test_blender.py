@@ -3,6 +3,7 @@ import importlib.util
 import os
 import subprocess
 import sys
+import threading
 import time
 import types
 
@@ -28,7 +29,8 @@ def stand_in():
   bpy.utils = types.SimpleNamespace(register_class=bpy.registered.append, unregister_class=bpy.registered.remove)
   bpy.app = types.SimpleNamespace(timers=types.SimpleNamespace(register=bpy.timers.append))
   settings = types.SimpleNamespace(address="", prompt="a person walks", seconds=2, seed=3, record=False)
-  bpy.context = types.SimpleNamespace(scene=types.SimpleNamespace(motion_jax=settings))
+  bpy.context = types.SimpleNamespace(scene=types.SimpleNamespace(motion_jax=settings),
+                                      window_manager=types.SimpleNamespace(windows=[]))
   return bpy
 
 
@@ -77,28 +79,58 @@ def test_it_streams_what_the_client_streams(addon, address):
   assert addon.step() is None
 
 
+def finished(addon):
+  """Plays Blender's timers until the request is done."""
+  deadline = time.monotonic() + 60
+  while addon.finish() is not None:
+    assert time.monotonic() < deadline
+    time.sleep(0.02)
+
+
 def test_it_fetches_a_file_that_opens(addon, address, tmp_path):
   settings = types.SimpleNamespace(address=address, prompt="a person walks", seconds=2, seed=3)
   fetched = []
   addon.load_motion = lambda data, name: fetched.append((data, name))
   addon.Make().work(settings)
+  finished(addon)
   path = tmp_path / "made.bvh"
   path.write_bytes(fetched[0][0])
   assert fetched[0][1] == "a person walks" and b"Frames: 40" in path.read_bytes()
 
 
+def test_blender_stays_usable_while_a_motion_is_made_and_notes_are_shown(addon, monkeypatch):
+  ready, loaded = threading.Event(), []
+  monkeypatch.setattr(addon.Studio, "bvh", lambda self, *words: (ready.wait(30), (b"BVH", ["no kick seen"]))[1])
+  addon.load_motion = lambda data, name: loaded.append((data, name))
+  settings = types.SimpleNamespace(address="http://x/?token=y", prompt="a person kicks", seconds=2, seed=3)
+  addon.Make().work(settings)  # returns at once, though nothing is made yet
+  assert addon.bpy.timers == [addon.finish] and addon.finish() > 0 and not loaded
+  assert addon._making["lines"] == ["making: a person kicks"]
+  with pytest.raises(ValueError, match="a motion is being made"):
+    addon.Make().work(settings)
+  ready.set()
+  finished(addon)
+  assert loaded == [(b"BVH", "a person kicks")] and addon._making["lines"] == ["no kick seen"]
+  shown, panel = [], addon.Panel()
+  panel.layout = types.SimpleNamespace(prop=lambda *a: None, operator=lambda *a: None,
+                                       label=lambda text, icon: shown.append((text, icon)))
+  panel.draw(addon.bpy.context)
+  assert shown == [("no kick seen", "INFO")]
+
+
 @pytest.mark.parametrize("change, told", [
     (lambda address: address.replace(TOKEN, "wrong"), "token"), (lambda address: "nonsense", "no studio answers"),
     (lambda address: "http://127.0.0.1:1/?token=x", "no studio answers")])
-def test_what_goes_wrong_is_told(addon, address, change, told):
-  reported = []
-  make, live = addon.Make(), addon.StartLive()
+def test_what_goes_wrong_is_shown(addon, address, change, told):
+  reported, live = [], addon.StartLive()
   context = types.SimpleNamespace(scene=types.SimpleNamespace(motion_jax=types.SimpleNamespace(
       address=change(address), prompt="a person walks", seconds=2, seed=3)))
-  for one in (make, live):
-    one.report = lambda kind, text: reported.append(text)
-    assert one.execute(context) == {"CANCELLED"}
-  assert len(reported) == 2 and all(told in text and "\n" not in text for text in reported)
+  live.report = lambda kind, text: reported.append(text)
+  assert live.execute(context) == {"CANCELLED"}
+  assert addon.Make().execute(context) == {"FINISHED"}  # it has begun
+  finished(addon)
+  assert addon._making["failed"] and len(addon._making["lines"]) == 1
+  assert all(told in text and "\n" not in text for text in reported + addon._making["lines"])
   say = addon.Say()
   with pytest.raises(ValueError, match="press Start live first"):
     say.work(context.scene.motion_jax)
@@ -115,7 +147,20 @@ settings = bpy.context.scene.motion_jax
 settings.address, settings.prompt, settings.seed, settings.record = sys.argv[2], "a person walks", 3, True
 addon.load_motion(open(sys.argv[3], "rb").read(), "walk")
 made = bpy.data.objects["walk"]
-assert made.type == "ARMATURE" and len(made.data.bones) >= 20 and made.animation_data.action.frame_range[1] >= 20
+assert made.type == "ARMATURE" and len(made.data.bones) >= 20
+scene, last = bpy.context.scene, made.animation_data.action.frame_range[1]
+assert made.animation_data.action.name == made.data.name == "walk"
+assert scene.render.fps == 20 and (scene.frame_start, scene.frame_end) == (1, last) and 20 <= last < 250, last
+settings.seconds = 2
+assert bpy.ops.motion_jax.make() == {"FINISHED"} and "a person walks" not in bpy.data.objects
+deadline = time.monotonic() + 60
+while addon.finish() is not None and time.monotonic() < deadline:
+  time.sleep(0.05)
+action = bpy.data.objects["a person walks"].animation_data.action
+assert action.name == "a person walks" and action.frame_range[1] == 40 and scene.frame_end == max(40, last)
+one, other = (bpy.data.objects[name].data.bones for name in ("walk", "a person walks"))
+off = max((a.head_local - b.head_local).length for a, b in zip(one, other))
+assert [bone.name for bone in one] == [bone.name for bone in other] and off < 1e-5, off  # one skeleton for all motions
 assert bpy.ops.motion_jax.start_live() == {"FINISHED"}
 deadline, frames = time.monotonic() + 60, 0
 while frames < 30 and time.monotonic() < deadline:

@@ -9,7 +9,9 @@ const state = {time: 0, playing: true, speed: 1, follow: true, only: -1, last: 0
 export function start() {
   const data = JSON.parse($('motion').textContent), clips = data.clips;
   const seconds = Math.max(...clips.map((clip) => (clip.frames - 1) / clip.fps));
-  const stage = new Stage($('stage'));
+  const dark = matchMedia('(prefers-color-scheme: dark)');
+  const stage = new Stage($('stage'), {dark: dark.matches});
+  dark.onchange = () => stage.theme(dark.matches);
   const {renderer, scene, camera, controls} = stage;
 
   // Side by side: each figure gets as much room across as its motion takes.

@@ -1,7 +1,7 @@
 // The stage of every page: ground, light, camera. Who stands on it is the page's own.
 import {
   AmbientLight, CanvasTexture, Color, DirectionalLight, Fog, HemisphereLight, Mesh, MeshBasicMaterial,
-  PCFSoftShadowMap, PerspectiveCamera, PlaneGeometry, RepeatWrapping, SRGBColorSpace, Scene, ShadowMaterial, Vector3,
+  PCFShadowMap, PerspectiveCamera, PlaneGeometry, RepeatWrapping, SRGBColorSpace, Scene, ShadowMaterial, Vector3,
   WebGLRenderer,
 } from 'three';
 import {OrbitControls} from 'three/examples/jsm/controls/OrbitControls.js';
@@ -35,7 +35,7 @@ export class Stage {
     this.renderer = new WebGLRenderer({antialias: true, preserveDrawingBuffer: preserve});
     this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
     this.renderer.shadowMap.enabled = true;
-    this.renderer.shadowMap.type = PCFSoftShadowMap;
+    this.renderer.shadowMap.type = PCFShadowMap;
     element.appendChild(this.renderer.domElement);
 
     this.scene = new Scene();
