@@ -388,6 +388,9 @@ def register():
 def unregister():
   stop()
   _making["request"] = None
+  for timer in (step, finish):
+    if bpy.app.timers.is_registered(timer):
+      bpy.app.timers.unregister(timer)
   del bpy.types.Scene.motion_jax
   for one in reversed(CLASSES):
     bpy.utils.unregister_class(one)

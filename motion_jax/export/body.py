@@ -32,6 +32,7 @@ class BodyPart(NamedTuple):
 
 class Figure(NamedTuple):
   """A clip ready to draw, metres, P parts: their balls a and b over time, and what the ground needs to know."""
+  skeleton: Skeleton
   joints: np.ndarray  # (T, J, 3)
   pose: Pose
   parts: tuple[BodyPart, ...]
@@ -64,7 +65,7 @@ def make_figure(clip, pose: Pose | None = None) -> Figure:
   lowest = np.minimum(a[..., 1] - radius_a, b[..., 1] - radius_b).min(1)
   stands = float(np.quantile(lowest, 0.1))
   floor = 0.0 if _AT_ZERO[0] < stands < _AT_ZERO[1] else stands
-  return Figure(joints, pose, parts, a, b, ahead, floor)
+  return Figure(skeleton, joints, pose, parts, a, b, ahead, floor)
 
 
 def _balls(parts, end, joints, turned):

@@ -25,6 +25,7 @@ class Skin(NamedTuple):
   joints: np.ndarray     # (V, 4)
   weights: np.ndarray    # (V, 4)
   triangles: np.ndarray  # (F, 3)
+  parts: np.ndarray      # (V,) the number of the part that each point is on
 
 
 def rest_joints(offsets, skeleton: Skeleton):
@@ -42,11 +43,13 @@ def make_skins(parts, rest, skeleton: Skeleton) -> list[Skin]:
   for group, (step, softness) in _STEP.items():
     members = [part for part in parts if part.group == group]
     pieces = [_skin(piece, rest, skeleton, step, softness) for piece in _pieces(members, rest)]
+    numbers = [np.array([parts.index(member) for member in piece]) for piece in _pieces(members, rest)]
     if pieces:
       starts = np.cumsum([0] + [len(piece[0]) for piece in pieces[:-1]])
       arrays = [np.concatenate([piece[i] for piece in pieces]) for i in range(4)]
       triangles = np.concatenate([piece[4] + start for piece, start in zip(pieces, starts)])
-      skins.append(Skin(group, *arrays, triangles))
+      owners = np.concatenate([number[piece[5]] for number, piece in zip(numbers, pieces)])
+      skins.append(Skin(group, *arrays, triangles, owners))
   return skins
 
 
@@ -69,7 +72,7 @@ def _pieces(parts, rest):
 
 
 def _skin(parts, rest, skeleton, step, softness):
-  """Points, normals, joints, weights and triangles of one solid."""
+  """Points, normals, joints, weights and triangles of one solid, and the nearest member of parts to each point."""
   ends, radii = _ends(parts, rest)
   low, high = _box(ends, radii)
   counts = np.ceil((high - low) / step).astype(int) + 7
@@ -79,7 +82,8 @@ def _skin(parts, rest, skeleton, step, softness):
     points = points - distance[:, None] * gradient
   normals = _solid(points, ends, radii, softness)[1]
   normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-9)
-  return points, normals, *_weights(points, parts, ends, radii, skeleton), triangles
+  nearest = _capsules(points, ends, radii)[0].argmin(1)
+  return points, normals, *_weights(points, parts, ends, radii, skeleton), triangles, nearest
 
 
 def _capsules(points, ends, radii):

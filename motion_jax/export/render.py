@@ -1,6 +1,6 @@
-"""A small software renderer: rays against tapered capsules in numpy, no graphics card, no OpenGL.
+"""A small software renderer: meshes and tapered capsules in numpy, no graphics card, no OpenGL.
 
-A camera looks at a ground with a grid; bodies of tapered capsules stand on it, shaded, with soft shadows. Images are
+A camera looks at a ground with a grid; bodies stand on it, shaded, with soft shadows. Images are
 (H, W, 3) uint8. Bodies are drawn at twice the size and averaged, ground lines are smooth by formula.
 """
 from typing import NamedTuple
@@ -8,12 +8,25 @@ from typing import NamedTuple
 import numpy as np
 from PIL import Image, ImageDraw, ImageFilter
 
+from motion_jax.export.raster import Mesh, draw_mesh
+
 _LIGHT = np.array([0.45, 0.8, 0.42]) / np.linalg.norm([0.45, 0.8, 0.42])  # direction towards the light, camera frame
 _SKY = np.array([0.965, 0.972, 0.984], np.float32)
 _GROUND = np.array([0.912, 0.923, 0.942], np.float32)
 _LINE = np.array([0.80, 0.82, 0.86], np.float32)
 _SAMPLES = 2
+_FLESH = 0.025  # metres by which a mesh may stand out of its balls
 _BLEND = 0.022  # metres within which surfaces of one colour share their shading
+
+
+class Body(NamedTuple):
+  """What is drawn: hulls of two balls each, which throw the shadow, and are what is seen where there is no mesh."""
+  a: np.ndarray         # (P, 3)
+  b: np.ndarray         # (P, 3)
+  a_radius: np.ndarray  # (P,)
+  b_radius: np.ndarray  # (P,)
+  colors: np.ndarray    # (P, 3) sRGB 0..1
+  mesh: Mesh | None = None
 
 
 class Camera(NamedTuple):
@@ -56,7 +69,7 @@ def tones(background=None):
 
 
 def draw(camera, size, floor, bodies, lines=(), backdrop=None, background=None) -> np.ndarray:
-  """One image. bodies: (a (P, 3), b (P, 3), a_radius (P,), b_radius (P,), colors (P, 3) 0..1), one tuple for each.
+  """One image. bodies: a `Body`, or a tuple of its fields, for each.
 
   lines: (points (N, 3), color (3,), width in metres, opacity) on the ground. backdrop: what `ground` gave, if known.
   background: colour of the sky, see `tones`.
@@ -66,6 +79,7 @@ def draw(camera, size, floor, bodies, lines=(), backdrop=None, background=None) 
     mask = _line_mask(camera, size, points, width)
     for view, cover in _patch(mask):
       image[view] += (np.array(color, np.float32) - image[view]) * (cover * np.float32(opacity))
+  bodies = [Body(*body) for body in bodies]
   for layer, darkness in _shadows(camera, size, floor, bodies):
     for view, cover in _patch(layer):
       image[view] *= 1 - np.float32(darkness) * cover
@@ -147,7 +161,7 @@ def _world_light(camera):
 def _shadows(camera, size, floor, bodies):
   """Yields ("L" image, darkness): a soft shadow along the light, and a contact shadow under what is near the ground."""
   small = (size[0] // 2 + 1, size[1] // 2 + 1)  # soft things need no more
-  near = np.concatenate([np.minimum(a[:, 1] - ra, b[:, 1] - rb) for a, b, ra, rb, _ in bodies]) - floor
+  near = np.concatenate([np.minimum(a[:, 1] - ra, b[:, 1] - rb) for a, b, ra, rb, *_ in bodies]) - floor
   a, b, a_radius, b_radius = (np.concatenate([body[i] for body in bodies]) for i in range(4))
   angles = np.linspace(0, 2 * np.pi, 13)[:-1]
   circle = np.stack([np.cos(angles), 0 * angles, np.sin(angles)], axis=-1)
@@ -185,15 +199,19 @@ def _hull(points):
 
 
 def _draw_bodies(image, camera, size, bodies):
-  """Draws bodies into image (H, W, 3) float in place: nearest surface by ray casting, lit, averaged over samples."""
+  """Draws bodies into image (H, W, 3) float in place: the nearest surface, lit, averaged over samples."""
   a, b, a_radius, b_radius, colors = (np.concatenate([body[i] for body in bodies]) for i in range(5))
+  meshes = [body.mesh for body in bodies if body.mesh is not None]
+  fleshed = np.concatenate([np.full(len(body.a), body.mesh is not None) for body in bodies])
   a, b = (np.stack(_to_camera(camera, ends), axis=-1) for ends in (a, b))  # x right, y up, z ahead
   visible = np.minimum(a[:, 2] - a_radius, b[:, 2] - b_radius) > 0.05
   focal, scale = camera.focal * size[1] * _SAMPLES, 1 / (camera.focal * size[1] * _SAMPLES)
   centre = np.array(size) * _SAMPLES / 2
   middle = [ends[:, :2] / ends[:, 2:] * focal for ends in (a, b)]
   # A ball reaches a little further across than its radius in perspective; 6 % covers that.
-  reach = [(1.06 * radius / (ends[:, 2] - radius) * focal)[:, None] for ends, radius in ((a, a_radius), (b, b_radius))]
+  room = _FLESH * fleshed
+  reach = [(1.06 * (radius + room) / (ends[:, 2] - radius) * focal)[:, None]
+           for ends, radius in ((a, a_radius), (b, b_radius))]
   low = np.minimum(middle[0] - reach[0], middle[1] - reach[1])
   high = np.maximum(middle[0] + reach[0], middle[1] + reach[1])
   box = np.stack([low[:, 0] + centre[0], high[:, 0] + centre[0], centre[1] - high[:, 1], centre[1] - low[:, 1]], -1)
@@ -207,9 +225,10 @@ def _draw_bodies(image, camera, size, bodies):
   shape = (y1 - y0, x1 - x0)
   depth, normals = np.full(shape, np.inf, np.float32), np.zeros((shape[0] * shape[1], 3), np.float32)
   paint, flat_depth = np.full(depth.size, -1, np.int16), depth.ravel()  # one memory, two views
-  palette, which = np.unique(colors.astype(np.float32), axis=0, return_inverse=True)
+  palette, which = np.unique(np.concatenate([colors, *(mesh.colors for mesh in meshes)]).astype(np.float32), axis=0,
+                             return_inverse=True)
   nearest_first = np.argsort(np.minimum(a[:, 2], b[:, 2]))  # what is hidden then costs little
-  for k in nearest_first[visible[nearest_first]]:
+  for k in nearest_first[(visible & ~fleshed)[nearest_first]]:
     left, right, top, bottom = box[k]
     x = ((np.arange(left, right) + 0.5 - centre[0]) * scale).astype(np.float32)[None, :]
     y = ((centre[1] - np.arange(top, bottom) - 0.5) * scale).astype(np.float32)[:, None]
@@ -225,11 +244,18 @@ def _draw_bodies(image, camera, size, bodies):
     normals[at] = before + (normal - before) * weight
     flat_depth[at] = np.minimum(behind, t)
     paint[at] = np.where(ahead > 0, which[k], painted)
+  axes = (camera.right, camera.up, -camera.back)
+  first = len(colors)
+  for mesh in meshes:
+    points = np.stack(_to_camera(camera, mesh.points), axis=-1)
+    pixels = points[:, :2] * [1, -1] / np.maximum(points[:, 2:], 1e-3) * focal + centre - [x0, y0]
+    for at, normal, faces in draw_mesh(points, mesh.normals @ np.stack(axes, -1), mesh.triangles, pixels, depth):
+      normals[at], paint[at] = normal, which[first + faces]
+    first += len(mesh.colors)
   found = np.isfinite(depth)
   rows, columns = np.nonzero(found)
   ray = np.stack([((columns + x0 + 0.5 - centre[0]) * scale), ((centre[1] - rows - y0 - 0.5) * scale),
                   np.ones(len(rows))], axis=-1).astype(np.float32)
-  axes = (camera.right, camera.up, -camera.back)
   light, sky = (np.array([v @ axis for axis in axes], np.float32) for v in (_world_light(camera), np.array([0, 1, 0])))
   shade = np.zeros(shape + (3,), np.float32)
   shade[rows, columns] = _shade(normals[found.ravel()], ray, palette[paint[found.ravel()]], light, sky)

@@ -12,6 +12,7 @@ from motion_jax.control.signal import ControlSignal, errors
 from motion_jax.data.clip import Clip
 from motion_jax.export import render
 from motion_jax.export.body import default_colors, make_figure
+from motion_jax.export.raster import pose_mesh
 
 _PATH, _TARGET = (0.15, 0.62, 0.38), (0.88, 0.14, 0.40)  # green on the floor, red in the air
 _BALL = 0.05         # metres, radius of a target's mark
@@ -23,7 +24,7 @@ _GOES = (1.0, 3.0)   # metres of ground from which a motion with a path, and one
 class Marks(NamedTuple):
   """lines: on the floor, as `render.draw` takes them. bodies: balls and pale figures, at their frames."""
   lines: list[tuple[Any, tuple[float, float, float], float, float]]
-  bodies: list[tuple[int, tuple]]
+  bodies: list[tuple[int, render.Body]]
 
   def of(self, figures: bool) -> list[int]:
     """The frames of poses, or of targets."""
@@ -84,18 +85,23 @@ def marks_of(asked: ControlSignal | None, floor: float) -> Marks:
   parts = parts_of(asked)
   lines = [(way + [[0, floor, 0], [1e-3, floor, 0]] if len(way) == 1 else way + [0, floor, 0], _PATH,
             0.12 if len(way) == 1 else 0.045, 0.85) for way in parts.ways]
-  bodies: list[tuple[int, tuple]] = [(frame, _ball(place)) for frame, _, place in parts.targets]
+  bodies: list[tuple[int, render.Body]] = [(frame, _ball(place)) for frame, _, place in parts.targets]
   for frame, joints in parts.poses:
     figure = make_figure(Clip(joints[None].astype(np.float32)))
-    radii = (np.array([getattr(part, name) for part in figure.parts]) for name in ("a_radius", "b_radius"))
-    colors = np.broadcast_to(default_colors(figure), (1, len(figure.parts), 3))[0]
-    bodies.append((int(frame), (figure.a[0], figure.b[0], *radii, colors + (1 - colors) * _PALE)))
+    colors = default_colors(figure)
+    bodies.append((int(frame), body_at(figure, 0, colors + (1 - colors) * _PALE)))
   return Marks(lines, bodies)
+
+
+def body_at(figure: Any, t: int, colors: np.ndarray, move: Any = 0) -> render.Body:
+  """The mannequin at frame t, its parts in colors (P, 3), moved by move (3,)."""
+  radii = (np.array([getattr(part, name) for part in figure.parts]) for name in ("a_radius", "b_radius"))
+  return render.Body(figure.a[t] + move, figure.b[t] + move, *radii, colors, pose_mesh(figure, t, colors, move))
 
 
 def _ball(place):
   size = np.array([_BALL])
-  return place[None], place[None], size, size, np.array([_TARGET])
+  return render.Body(place[None], place[None], size, size, np.array([_TARGET]))
 
 
 def _runs(frames):

@@ -17,7 +17,7 @@ from PIL import Image, ImageColor, ImageDraw, ImageFont
 from motion_jax.data.clip import Clip
 from motion_jax.export import gif, render
 from motion_jax.export.body import default_colors, make_figure
-from motion_jax.export.scene import from_above, marks_of
+from motion_jax.export.scene import body_at, from_above, marks_of
 from motion_jax.inputs.errors import EncoderError, InputError
 from motion_jax.inputs.nearest import did_you_mean
 from motion_jax.runtime import progress, stopping
@@ -147,7 +147,7 @@ def _painter(clip, size, camera="auto", azimuth=None, caption=None, colors=None,
   def picture(t):
     near = slice(max(0, t - int(60 * clip.fps)), t + int(60 * clip.fps))  # nobody sees farther than a minute
     lines = [(_thin(way[near]), _PATH, 0.022, 0.45), (_thin(way[near.start:t + 1]), _TRAIL, 0.026, 0.9)] if path else ()
-    image = render.draw(cameras[t], size, figure.floor, [_body(figure, t, tints), *shown], [*marks.lines, *lines],
+    image = render.draw(cameras[t], size, figure.floor, [body_at(figure, t, tints[t]), *shown], [*marks.lines, *lines],
                         backdrop, background)
     return _write_text(image, told(t), f"{t / clip.fps:.1f} s", ink)
 
@@ -183,7 +183,7 @@ def _strip(clip, num, height, azimuth, caption, colors, spread, asked=None):
     tall, text = round(1.6 * height), _caption(clip) if caption is None else caption
     trail = _thin(way) + [0, figure.floor, 0], _PATH, 0.022, 0.6
     shown = set(at) | set(marks.of(figures=False)[:2 * num]) - set(marks.of(figures=True))  # these are drawn pale
-    bodies = [_body(figure, t, tints) for t in sorted(shown)]
+    bodies = [body_at(figure, t, tints[t]) for t in sorted(shown)]
     return 2 * tall, lambda width: _write_text(from_above(figure, bodies, marks, (width, tall), trail), text,
                                                f"{clip.seconds:.1f} s")
   at = np.unique([*at, *marks.of(True)[:num], *marks.of(False)[:num]])  # what is asked for is seen when it is due
@@ -207,7 +207,7 @@ def _strip(clip, num, height, azimuth, caption, colors, spread, asked=None):
     places = way[at] - way.mean(0)
     lines = [(_thin(way) - way.mean(0) + [0, figure.floor, 0], _PATH, 0.022, 0.6)]
   moves = places - way[at]
-  bodies = [_body(figure, t, tints, move) for t, move in zip(at, moves)]
+  bodies = [body_at(figure, t, tints[t], move) for t, move in zip(at, moves)]
   balls = [(a + move, b + move, *rest) for t, move in zip(at, moves) for frame, (a, b, *rest) in marks.bodies
            if frame == t and len(a) == 1]
   across, depth, elevation = places @ right, places @ [np.sin(angle), 0, np.cos(angle)], np.radians(9)
@@ -237,11 +237,6 @@ def _strip(clip, num, height, azimuth, caption, colors, spread, asked=None):
     return np.asarray(image)
 
   return max(width, height // 2), draw
-
-
-def _body(figure, t, tints, move=0):
-  radii = (np.array([getattr(part, name) for part in figure.parts]) for name in ("a_radius", "b_radius"))
-  return figure.a[t] + move, figure.b[t] + move, *radii, tints[t]
 
 
 def _tints(figure, colors):

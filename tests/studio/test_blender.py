@@ -27,7 +27,8 @@ def stand_in():
       ("StringProperty", "FloatProperty", "IntProperty", "BoolProperty", "PointerProperty"), prop))
   bpy.registered, bpy.timers = [], []
   bpy.utils = types.SimpleNamespace(register_class=bpy.registered.append, unregister_class=bpy.registered.remove)
-  bpy.app = types.SimpleNamespace(timers=types.SimpleNamespace(register=bpy.timers.append))
+  bpy.app = types.SimpleNamespace(timers=types.SimpleNamespace(
+      register=bpy.timers.append, unregister=bpy.timers.remove, is_registered=bpy.timers.__contains__))
   settings = types.SimpleNamespace(address="", prompt="a person walks", seconds=2, seed=3, record=False)
   bpy.context = types.SimpleNamespace(scene=types.SimpleNamespace(motion_jax=settings),
                                       window_manager=types.SimpleNamespace(windows=[]))
