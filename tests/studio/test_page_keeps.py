@@ -1,4 +1,4 @@
-"""What the page keeps: work through reloads and closed tabs, blocks where a file is imported, what was not requested."""
+"""The page keeps work through reloads and closed tabs, and blocks where a file is imported; dialogs and ideas."""
 import time
 
 import numpy as np
