@@ -105,7 +105,7 @@ def _cmu_asf():
 
 
 def _cmu_bvh():
-  """B. Hahne's (cgspeed) Daz-friendly figure; offsets in its centimetres, told by its thigh of 36.8272."""
+  """B. Hahne's (cgspeed) Daz-friendly figure; offsets in its centimetres, by its thigh of 36.8272."""
   unit = lambda f: f.length("lThigh", "lShin") / 36.8272
   at = lambda joint, *offset: Made((joint, "lThigh", "lShin"), lambda f: f.at(joint, np.array(offset) * unit(f)))
   table = {"pelvis": at("hip", 0, 11.3, -1.0), "spine1": at("abdomen", 0, 1.5, 0), "spine2": at("chest", 0, 2.5, 0),

@@ -1,4 +1,4 @@
-"""Whose joints an array holds is told by their number and their bones."""
+"""Arrays of joints are recognised by how many joints they have and by their bones."""
 import warnings
 
 import numpy as np

@@ -68,7 +68,7 @@ def test_the_leg_of_soma_is_a_thigh():
 
 
 def test_a_pelvis_between_the_hips_is_raised():
-  """Xsens' Hips lie on the line through the hips, HumanML3D's pelvis 9 cm above; the spine goes on from there."""
+  """Xsens' Hips lie on the line through the hips, HumanML3D's pelvis 9 cm above, and the spine follows."""
   rig = RIGS["Xsens, 100STYLE, VictorS-67/pybvh:bvh_data/bvh_test2.bvh"]
   names, parents, places, _ = build(rig)
   trunk = rig.trunk.split()
