@@ -168,10 +168,12 @@ def _generate(args):
   literal = args.literal or not model.can("understand")
   if wanted and given[0] is None:
     from motion_jax.models import controlled
-    given = [controlled.usual_frames(model, wanted)] * len(prompts)
-    if given[0] is not None and not literal:
-      for prompt in dict.fromkeys(prompts):
-        controlled.tell_if_hasty(model, model.understand(prompt), given[0])
+    sentences = {prompt: None if literal else model.understand(prompt) for prompt in prompts}
+    counts = {prompt: controlled.usual_frames(model, wanted, sentence) for prompt, sentence in sentences.items()}
+    given = [counts[prompt] for prompt in prompts]
+    for prompt, sentence in sentences.items():
+      if sentence is not None and counts[prompt] is not None:
+        controlled.tell_if_hasty(model, sentence, counts[prompt])
   with timing.part("text"), progress.part("reading the prompts"):
     model.check_words(list(dict.fromkeys(prompts)), literal)
     asked = list(dict.fromkeys(zip(prompts, given)))

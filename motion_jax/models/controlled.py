@@ -20,7 +20,7 @@ from motion_jax.control.project import check_length, project
 from motion_jax.control.signal import ControlSignal
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.numerals import as_float
-from motion_jax.models import composed
+from motion_jax.models import composed, path_ends
 from motion_jax.models.base import each
 from motion_jax.models.results import Motion, Motions, features_of, gathered
 from motion_jax.motion.skeleton import HUMANML3D
@@ -56,8 +56,10 @@ def constraints_of(control: Control, count: int) -> list[list[Constraint] | Cont
   return [constraints_of(one, 1)[0] for one in control]
 
 
-def usual_frames(model: "TextToMotionModel", asked: Sequence[Constraint] | ControlSignal) -> int | None:
-  """How long a motion is by what is asked of it, in frames: a motion whose parts are kept, a signal, or a path."""
+def usual_frames(model: "TextToMotionModel", asked: Sequence[Constraint] | ControlSignal,
+                 sentence: Sentence | None = None) -> int | None:
+  """How long a motion is by what is asked of it, in frames: a motion whose parts are kept, a signal, or a path and what
+  a sentence does at its end."""
   if isinstance(asked, ControlSignal):
     return asked.frames
   for one in asked:
@@ -67,7 +69,9 @@ def usual_frames(model: "TextToMotionModel", asked: Sequence[Constraint] | Contr
       if one.points is None or one.times is not None:
         return None if one.times is None or one.times[-1] <= 0 else int(round(one.times[-1] * model.fps)) + 1
       way = paths.length(one.points[:, [0, -1]])
-      return max(int(round(way / (one.speed or WALK) * model.fps)) + 1, 2 * model.frames_per_latent)
+      count = max(int(round(way / (one.speed or WALK) * model.fps)) + 1, 2 * model.frames_per_latent)
+      behind = path_ends.is_free(one) and sentence is not None and not sentence.is_plain
+      return count + (path_ends.extra_frames(model, sentence) if behind else 0)
   return None
 
 
@@ -82,6 +86,9 @@ def generate(model: "TextToMotionModel", prompts: Sequence[str], num_frames: "Fr
     raise InputError(f"{model.id} moves the skeleton {model.stats.layout.skeleton.name!r}; control knows the 22 joints "
                      f"of {HUMANML3D.name}")
   frames = _frames(model, prompts, asked, num_frames, seconds, literal)
+  notes = [_note(model, prompt, one, literal) for prompt, one in zip(prompts, asked)]
+  for note in dict.fromkeys(filter(None, notes)) if model.reports_to_terminal else ():
+    warnings.warn(note, stacklevel=3)
   found: dict[int, Any] = {}
   led = [_asks(one) and _leads(model) and (literal or not model.can("understand") or model.understand(prompt).is_plain)
          for prompt, one in zip(prompts, asked)]
@@ -99,7 +106,14 @@ def generate(model: "TextToMotionModel", prompts: Sequence[str], num_frames: "Fr
     else:
       made = _controlled(model, *given, cleanup, literal, sampling, some(asked), projected, led[rows[0]], tries)
       found |= zip(rows, made)
-  return gathered([found[i].replace(id=f"motion_{i}") for i in range(len(prompts))])
+  return gathered([found[i].replace(id=f"motion_{i}", meta=found[i].meta | (dict(note=notes[i]) if notes[i] else {}))
+                   for i in range(len(prompts))])
+
+
+def _note(model, prompt, asked, literal):
+  understood = not literal and model.can("understand")
+  return "" if isinstance(asked, ControlSignal) else path_ends.note_of(
+      prompt, model.understand(prompt) if understood else None, asked)
 
 
 def _controlled(model, prompts, frames, keys, seeds, cleanup, literal, sampling, asked, projected, led, tries):
@@ -126,6 +140,9 @@ def _controlled(model, prompts, frames, keys, seeds, cleanup, literal, sampling,
     if any((np.asarray(a.given) != np.asarray(b.given)).any() for a, b in zip(compiled, again)):
       made = _led(model, prompts, longer, keys, seeds, cleanup, sampling, again, places)
   with timing.part("control"):
+    if not led and not literal:  # words alone made them, and say when the body has gone along its path
+      asked = [one if isinstance(one, ControlSignal) else path_ends.ended(one, motion, model.understand(prompt))
+               for prompt, motion, one in zip(prompts, made, asked)]
     return [done(model, motion, one, place, count, projected)
             for motion, one, place, count in zip(made, asked, places, counts)]
 
@@ -157,10 +174,12 @@ def finds_its_cycle(asked: Sequence[Constraint] | ControlSignal) -> bool:
 
 def tell_if_hasty(model: "TextToMotionModel", sentence: Sentence, count: int) -> None:
   """A warning where several actions have much less time, count frames by what is asked, than they usually take."""
-  usual = sum(composed.usual_frames(model, sentence))
-  if len(sentence.segments) > 1 and count < _HASTY * usual:
+  going = path_ends.going_segments(sentence)
+  usual, behind = (sum(counts) for counts in np.split(np.array(composed.usual_frames(model, sentence)), [going]))
+  count = count - int(behind)
+  if going > 1 and count < _HASTY * usual:
     warnings.warn(f"{count / model.fps:.1f} s, which what is asked of the body takes, are shared by "
-                  f"{len(sentence.segments)} actions that usually take {usual / model.fps:.1f} s; try "
+                  f"{going} actions that usually take {usual / model.fps:.1f} s; try "
                   f"{usual / model.fps:.0f} seconds", stacklevel=2)
 
 
@@ -169,7 +188,8 @@ def _frames(model, prompts, asked, num_frames, seconds, literal):
   if num_frames is not None and seconds is not None:
     model.frames_of(prompts, num_frames, seconds)  # says what is wrong
   if num_frames is None and seconds is None:
-    found = [usual_frames(model, one) if _asks(one) else None for one in asked]
+    sentences = [None if literal or not model.can("understand") else model.understand(prompt) for prompt in prompts]
+    found = [usual_frames(model, one, sentence) if _asks(one) else None for one, sentence in zip(asked, sentences)]
     for prompt, count in zip(prompts, found):
       if count is not None and not literal and model.can("understand"):
         tell_if_hasty(model, model.understand(prompt), count)

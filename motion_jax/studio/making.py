@@ -171,10 +171,12 @@ def make_edit(model: Any, clip: Any, prompt: str, change: Any, keep: Any, seed: 
 
 
 def notes_of(motions: Sequence[Any]) -> list[str]:
-  """What a page says of motions that do not show what their prompts require after all attempts."""
-  takes = len(motions) > 1
-  return [f"take {i + 1}: " * takes + note_of(motion.meta["attempts"], motion.meta["unmet"], motion.meta["prompt"])
-          for i, motion in enumerate(motions) if motion.meta.get("unmet")]
+  """What a page says of motions: of a path along which nobody sits, of prompts that no attempt shows."""
+  several, found = len(motions) > 1, [motion.meta["note"] for motion in motions[:1] if motion.meta.get("note")]
+  for i, motion in enumerate(motions):
+    if unmet := motion.meta.get("unmet"):
+      found.append(f"take {i + 1}: " * several + note_of(motion.meta["attempts"], unmet, motion.meta["prompt"]))
+  return found
 
 
 def words_of(model: Any, prompts: list[str], notes: Sequence[str] = (), literal: bool = False) -> dict[str, Any]:

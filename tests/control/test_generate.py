@@ -73,10 +73,10 @@ def test_a_path_says_how_long_a_motion_is(model, plain):
 def test_a_path_that_leaves_little_time_for_several_actions_is_told(model):
   short = dict(seeds=[0], control=[RootPath([[0, 0], [0, 1.0]])])
   with pytest.warns(UserWarning, match="0.[89] s, which what is asked of the body takes, are shared by 2 actions that"):
-    model.generate("a person walks, then waves", **short)
+    model.generate("a person walks, then runs", **short)
   with warnings.catch_warnings():
     warnings.filterwarnings("error", message=".*are shared by")
-    model.generate("a person walks, then waves", seconds=0.9, **short)
+    model.generate("a person walks, then runs", seconds=0.9, **short)
     model.generate("a person walks", **short)
 
 
