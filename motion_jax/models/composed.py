@@ -1,8 +1,7 @@
 """Sentences of several actions become one motion: in a row by the method's own means, at once part by part of the body.
 
-What a sentence asks for is `text.sentences`; how long each action takes are clips of it in training, or what was asked,
-shared in proportion. Actions at once are sampled as two motions of one length, and arms, head or torso of the one are
-put on the other (`motion.layering`): whose legs act is the base, so that feet stay where they are.
+An action takes as long as clips of it in training, or its share of the length that is given. Actions at once are
+sampled as two motions of one length, and arms, head or torso of the one are put on the other (`motion.layering`).
 """
 from collections.abc import Sequence
 from functools import partial
@@ -14,11 +13,12 @@ import numpy as np
 from motion_jax.data.event_words import TIMES
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.numerals import as_float, demand_numbers
-from motion_jax.models import looking, ways
+from motion_jax.models import attempts, looking
 from motion_jax.models.apart import made_apart
 from motion_jax.models.base import each
+from motion_jax.models.finishing_touches import finished
 from motion_jax.models.results import Motions, captions_in_a_row, features_of, gathered
-from motion_jax.models.unmet import report, unmet_requirements
+from motion_jax.models.unmet import with_reports
 from motion_jax.motion.layering import put_on
 from motion_jax.motion.resting import held_frame, with_rest
 from motion_jax.motion.skeleton import HUMANML3D
@@ -35,9 +35,6 @@ _LEFT = 1.0        # seconds beyond what an action takes in which a body can sta
 _AROUND = 1.5      # seconds in which a hand comes up and goes down again, around what is counted
 _APART = 2         # tries before actions in a row are made apart
 _TRIES_OF_EACH = 3  # of each action that is made apart; the one that shows it best is taken
-LOUDER = 2.0       # times the guidance in what is resampled; of 24 punches of a named hand 6 show with its own, 16 so
-SOFTER = 0.5       # times the guidance in what is resampled because its words were overdone
-FIRST_RESAMPLED = 1 << 20  # added to an attempt's number, so that its key is unique
 _BRISK = 0.8       # of its usual length that an action takes which is done several times
 # Seconds that it takes then at the most: clips of one squat among other exercises are seven seconds long. Of 24 motions
 # of so many kicks or squats 17 came out right with 3 s, 11 without a limit, 10 with 2.2 s.
@@ -180,26 +177,30 @@ def generate(model: "TextToMotionModel", prompts: Sequence[str], num_frames: "Fr
   """Motions of prompts, each understood by itself; those of one action go to `model.sample` as they are.
 
   tries: a motion that violates a requirement of its prompt (`models.looking`) is resampled, with the key
-  fold_in(key, 2^20 + attempt), until none is violated or there are this many attempts: the best of them is kept, of
-  equals the first. Where the best one still violates some, a warning says which, and so do its meta["unmet"] and
-  meta["attempts"]. From the third attempt on actions in a row, and one that is done several times, are made apart, each
-  three times, and the best joined (`models.apart`): no past holds a body back from them, but it comes to rest between.
+  fold_in(key, 2^20 + attempt), until none is violated or there are this many attempts: the best is kept, of equals the
+  first; what it still violates say a warning and its meta["unmet"]. From the third attempt on actions in a row, and one
+  that is done several times, are made apart, each three times, and the best joined (`models.apart`).
   """
   made = _generated(model, prompts, num_frames, seconds, keys, seeds, cleanup, literal, sampling)
   if literal or tries == 1 or model.stats.layout.skeleton is not HUMANML3D:
     return made
   required = [looking.requirements_of(prompt) for prompt in prompts]
-  best = [(looking.violation_score(motion.joints, one, model.fps), motion) for motion, one in zip(made, required)]
+
+  def scored(motions, rows):
+    motions = [finished(model, motion, required[i]) for i, motion in zip(rows, motions)]
+    return [(looking.violation_score(motion.joints, required[i], model.fps), motion)
+            for i, motion in zip(rows, motions)]
+
+  best = scored(made, range(len(prompts)))
 
   def make_anew(rows, number, scale):
     some = lambda said: said if said is None or callable(said) else [each(said, prompts)[i] for i in rows]
-    folded = jax.numpy.stack([jax.random.fold_in(keys[i], FIRST_RESAMPLED + number) for i in rows])
-    said = [_said_anew(prompts[i], required[i], number) for i in rows]
+    folded = jax.numpy.stack([jax.random.fold_in(keys[i], attempts.FIRST_RESAMPLED + number) for i in rows])
+    said = [attempts.said_again(prompts[i], required[i], number) for i in rows]
     with progress.part(f"attempt {number + 1} of {tries}, as the last motion does not show all of the prompt"):
       anew = _generated(model, said, some(num_frames), some(seconds), folded, [seeds[i] for i in rows], cleanup,
-                        literal, reweighed(model, sampling, scale), apart=number >= _APART)
-    for i, motion in zip(rows, anew):
-      missed = looking.violation_score(motion.joints, required[i], model.fps)
+                        literal, attempts.reweighed(model, sampling, scale), apart=number >= _APART)
+    for i, (missed, motion) in zip(rows, scored(anew, rows)):
       if missed < best[i][0]:
         best[i] = missed, motion.replace(meta=motion.meta | dict(tries=number + 1))
 
@@ -209,32 +210,13 @@ def generate(model: "TextToMotionModel", prompts: Sequence[str], num_frames: "Fr
       break
     # Overdone and nothing else: whose words do not show at all are to be said louder first.
     over = [i for i in rows if best[i][0] <= looking.excess_speed(best[i][1].joints, required[i], model.fps)]
-    for some, scale in (([i for i in rows if i not in over], LOUDER), (over, SOFTER)):
+    for some, scale in (([i for i in rows if i not in over], attempts.LOUDER), (over, attempts.SOFTER)):
       if some:
         make_anew(some, number, scale)
-  unmet = [unmet_requirements(motion.joints, one, model.fps) if score else []
-           for (score, motion), one in zip(best, required)]
-  if model.reports_to_terminal:
-    report(prompts, unmet, tries)
-  best = [(score, motion.replace(meta=motion.meta | dict(prompt=prompt, attempts=tries, unmet=missing)) if missing
-           else motion) for (score, motion), missing, prompt in zip(best, unmet, prompts)]
-  if all(motion is one for (_, motion), one in zip(best, made)):
+  found = with_reports(model, prompts, [motion for _, motion in best], required, tries)
+  if all(motion is one for motion, one in zip(found, made)):
     return made
-  return gathered([motion.replace(id=f"motion_{i}") for i, (_, motion) in enumerate(best)])
-
-
-def _said_anew(prompt, requirements, number):
-  """The words of another try: of a circle either way will do, and a model may know only those whose side is said."""
-  either = any(one.kind == "circle" and not one.side for one in requirements)
-  return ways.with_a_side(prompt, number) if either else prompt
-
-
-def reweighed(model, sampling, factor):
-  """How it is sampled where words did not show, or too much: with so many times the guidance, but no less than 1, if it
-  has any and none is given."""
-  scale = model.sampling(**sampling).guidance_scale
-  return sampling if scale <= 1 or sampling.get("guidance_scale") is not None else (
-      dict(sampling) | dict(guidance_scale=max(factor * scale, 1.0)))
+  return gathered([motion.replace(id=f"motion_{i}") for i, motion in enumerate(found)])
 
 
 def _generated(model, prompts, num_frames, seconds, keys, seeds, cleanup, literal, sampling, apart=False):

@@ -13,7 +13,7 @@ import numpy as np
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.inputs.errors import InputError
 from motion_jax.models import looking
-from motion_jax.models.composed import FIRST_RESAMPLED, LOUDER, SOFTER, reweighed
+from motion_jax.models.attempts import FIRST_RESAMPLED, LOUDER, SOFTER, reweighed
 from motion_jax.models.known_motion import KnownMotion, at_rate, clip_of
 from motion_jax.models.results import Motion, Motions, captions_with, features_of, gathered
 from motion_jax.models.unmet import report, unmet_requirements

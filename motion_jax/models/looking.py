@@ -42,6 +42,9 @@ _THIGHS = 45.0  # degrees between either thigh and upright at the least of whoev
 _STANDS = 1.1  # lengths of a leg that the pelvis of an upright body is up at the least; median of CMU 1.14, Bandai 1.18
 _UP = 0.92  # of its height that a pelvis is at the least, so long, of somebody who got up
 _RISES = {("stand", "up"), ("get", "up"), ("rise", "")}  # verb, and the word that it needs
+_STEP_UP = 0.25  # metres that a body climbs at the least
+_STAIRS = {"stairs", "stair", "steps", "staircase", "stairway", "ladder", "hill", "slope", "ramp"}
+_ACROSS = {"over", "through", "under", "into", "in", "out", "off", "on", "onto", "around"}  # no climb up or down
 _UPRIGHT = {"straight", "tall", "upright"}
 _WITHOUT = {"without", "not", "no", "never", "nor", "don't", "doesn't"}
 
@@ -80,6 +83,10 @@ def requirements_of(text: str) -> list[Requirement]:
     found["rise", ""] = Requirement("rise", "", 1, False)
   led = ways.way_of_all(actions)
   found |= {way: Requirement(*way, 1, False) for way in led}
+  climbs = {_climbs(action) for action in actions} - {""}
+  if len(climbs) == 1:  # of who climbs up and down again neither is measured
+    kind = climbs.pop()
+    found[kind, ""] = Requirement(kind, "", 1, False)
   for action in actions:
     words, kind, side = set(action.words.lower().replace(",", " ").split()), _KINDS.get(action.verb), ""
     if action.verb == "walk" and words & _BACKWARD:
@@ -137,6 +144,20 @@ def _dances_in_place(action):
   words = set(action.words.lower().split())
   does = action.verb == "dance" or action.verb in LIGHT and bool(words & {"dance", "dances"})
   return does and not words & _SOMEWHERE
+
+
+def _climbs(action):
+  """"ascend" or "descend" of stairs, a ladder and the like, "" of any other action."""
+  words = set(action.words.lower().replace(",", " ").split()[1:])
+  if words & _ACROSS or {"up", "down"} <= words:
+    return ""
+  if action.verb == "descend" or "down" in words and (action.verb == "climb" or words & _STAIRS and _goes(action)):
+    return "descend"
+  return "ascend" if action.verb == "climb" or "up" in words and words & _STAIRS and _goes(action) else ""
+
+
+def _goes(action):
+  return ways.is_gait(action.verb) or action.verb in ("step", "go", "come", "move")
 
 
 def _stands_still(action):
@@ -290,6 +311,29 @@ def _not_up(body):
   return not (_is_low(body).any() and body.joints[_last(body), 0, 1].min() > _UP * _usual(body))
 
 
+def _foot_heights(body):
+  """Height (T,) of the lowest joint of the feet, smooth, and that at its beginning and its end."""
+  height = body.smooth(body.joints[:, [7, 8, 10, 11], 1].min(1), 0.2)
+  few = max(round(_WHILE * body.fps), 1)
+  return height, float(height[:few].mean()), float(height[-few:].mean())
+
+
+def _not_climbed(body):
+  """How far a body is from going up by a step or two, from where it is lowest."""
+  height, start, _ = _foot_heights(body)
+  return _short_of(float(height.max()) - start) + _HALF * (start - float(height.min()) > _STEP_UP / 2)
+
+
+def _not_descended(body):
+  _, start, end = _foot_heights(body)
+  return _short_of(start - end)
+
+
+def _short_of(metres):
+  return float(np.clip(1 - metres / _STEP_UP, 0.0, 0.9))
+
+
 # How much is missed of what is no kind of event.
 _MISSED = {"dance": _wanders, "run": _too_fast, "still": _stirs, "rise": _not_up, "seated": _not_seated,
-           "sit": _not_down, "step": _no_step_back, "walk": _not_backward}
+           "sit": _not_down, "step": _no_step_back, "walk": _not_backward, "ascend": _not_climbed,
+           "descend": _not_descended}

@@ -2,12 +2,14 @@
 import functools
 import warnings
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Num
 
 from motion_jax.models import looking, ways
 from motion_jax.models.looking import Requirement
+from motion_jax.models.results import Motion
 from motion_jax.motion.events import find_events
 from motion_jax.motion.signals import Body
 
@@ -17,6 +19,7 @@ _PLURALS = {"punch": "punches"}
 _STATES = {
     "sit": "the body does not sit down", "seated": "the body is not seated at the end",
     "rise": "the body is not standing at the end", "still": "the body does not stand still",
+    "ascend": "the body does not climb up", "descend": "the body does not go down",
     "dance": "the dance leaves its place", "run": "the run is faster than people run",
     "straight": "the path is not straight", "zigzag": "no zigzag seen", "slowly": "the {} is not slow",
     "quickly": "the {} is not quick", "usual": "the {} is faster than usual"}
@@ -44,6 +47,17 @@ def report(prompts: Sequence[str], unmet: Sequence[Sequence[str]], attempts: int
   if len(failed) > _NAMED:
     warnings.warn(f"{len(failed) - _NAMED} more motions do not show all of their prompts after {attempts} attempts",
                   stacklevel=2)
+
+
+def with_reports(model: Any, prompts: Sequence[str], motions: Sequence[Motion],
+                 required: Sequence[Sequence[Requirement]], attempts: int) -> list[Motion]:
+  """The motions, those that violate requirements after all attempts with these in their meta; and a warning of them."""
+  unmet = [unmet_requirements(motion.joints, one, model.fps) for motion, one in zip(motions, required)]
+  if model.reports_to_terminal:
+    report(prompts, unmet, attempts)
+  about = [dict(prompt=prompt, attempts=attempts, unmet=missing) if missing else {}
+           for prompt, missing in zip(prompts, unmet)]
+  return [motion.replace(meta=motion.meta | own) if own else motion for motion, own in zip(motions, about)]
 
 
 def note_of(attempts: int, missing: Sequence[str], prompt: str) -> str:
