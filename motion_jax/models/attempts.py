@@ -7,7 +7,7 @@ FIRST_RESAMPLED = 1 << 20  # added to an attempt's number, so that its key is un
 
 
 def said_again(prompt, requirements, number):
-  """The words of another attempt: where a circle may go either way it is given a side, which a model may know better."""
+  """The words of another attempt: a circle that may go either way gets a side, for a model may know only such."""
   either = any(one.kind == "circle" and not one.side for one in requirements)
   return ways.with_a_side(prompt, number) if either else prompt
 
