@@ -145,12 +145,12 @@ class TextToMotionModel(Able):
   @property
   def vocabulary(self) -> Vocabulary | None:
     """The captions that it learned from; None where its folder does not keep them."""
-    return self._learned and self._learned[0]
+    return None if self._learned is None else self._learned[0]
 
   @functools.cached_property
   def repertoire(self) -> Repertoire | None:
     """What it can do, as phrases of one action each; None where its folder does not keep the captions."""
-    return self.vocabulary and Repertoire(self.vocabulary.captions, self.encoder)
+    return None if self.vocabulary is None else Repertoire(self.vocabulary.captions, self.encoder)
 
   def knows(self, prompt: str) -> bool:
     """Whether a caption that it learned from says this, whoever moves."""

@@ -70,8 +70,9 @@ def usual_frames(model: "TextToMotionModel", asked: Sequence[Constraint] | Contr
         return None if one.times is None or one.times[-1] <= 0 else int(round(one.times[-1] * model.fps)) + 1
       way = paths.length(one.points[:, [0, -1]])
       count = max(int(round(way / (one.speed or WALK) * model.fps)) + 1, 2 * model.frames_per_latent)
-      behind = path_ends.is_free(one) and sentence is not None and not sentence.is_plain
-      return count + (path_ends.extra_frames(model, sentence) if behind else 0)
+      if sentence is None or sentence.is_plain or not path_ends.is_free(one):
+        return count
+      return count + path_ends.extra_frames(model, sentence)
   return None
 
 

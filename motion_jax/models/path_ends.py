@@ -1,7 +1,7 @@
 """Paths of prompts that end in staying: "walks forward, then sits down" goes along its path, and sits at its end."""
 import dataclasses
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeGuard
 
 import numpy as np
 
@@ -48,7 +48,7 @@ def ended(asked: Sequence[Constraint], motion: Motion, sentence: Sentence) -> li
   return [_with_times(one, min(stop, motion.num_frames - 1) / motion.fps) if is_free(one) else one for one in asked]
 
 
-def is_free(one: Constraint) -> bool:
+def is_free(one: Constraint) -> TypeGuard[RootPath]:
   """Whether a constraint is a path whose times nobody says."""
   return isinstance(one, RootPath) and one.points is not None and one.times is None and one.between and (
       not np.ndim(one.heading))

@@ -25,9 +25,9 @@ def prompts_in_a_row(model: "TextToMotionModel", prompt: str, num_frames: int | 
       num_frames is None or num_frames >= least * len(sentence.segments)):
     counts = composed.lengths_of(model, [prompt], [sentence], num_frames, None)[0]
     return [*_merged(sentence, [max(count, least) for count in counts] if num_frames is None else counts)]
-  first = sentence.segments[0] if sentence is not None and len(sentence.segments) == 1 else None
-  if first is None or first.also or sentence.is_plain:
+  if sentence is None or len(sentence.segments) > 1 or sentence.segments[0].also or sentence.is_plain:
     return [(prompt, num_frames)]
+  first = sentence.segments[0]
   # "takes two bows" is "bows twice".
   return [(first.prompt, round(first.seconds * model.fps) if num_frames is None and first.seconds else num_frames)]
 
