@@ -9,7 +9,7 @@ import numpy as np
 
 from motion_jax.motion import plausibility
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.pose import Pose, pose_to_joints, to_pose
+from motion_jax.motion.pose import Pose, pose_to_joints, to_pose, turn_ends
 from motion_jax.motion.skeleton import Skeleton
 
 # Colours by limb, sRGB 0..1: right warm, left cool, the middle neutral; joints and hands a shade darker.
@@ -54,7 +54,7 @@ def make_figure(clip, pose: Pose | None = None) -> Figure:
   skeleton = clip.skeleton
   if pose is None:
     joints = np.asarray(clip.joints, np.float64) * skeleton.unit
-    pose = to_pose(joints, skeleton, clip.fps)
+    pose = turn_ends(to_pose(joints, skeleton, clip.fps), joints, skeleton)
   else:
     joints = pose_to_joints(pose, skeleton)
   parts = _shod(make_parts(skeleton, pose.offsets), joints, pose.turned, skeleton)

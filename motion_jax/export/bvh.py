@@ -10,6 +10,7 @@ import numpy as np
 
 from motion_jax.export.rig import rigged
 from motion_jax.motion import rotations as rot
+from motion_jax.motion.pose import TIPS
 from motion_jax.runtime.atomic import atomic_path
 
 _UNITS = {"centimetres": 100.0, "metres": 1.0}
@@ -18,7 +19,6 @@ _UNITS = {"centimetres": 100.0, "metres": 1.0}
 # 0.2 % of the frames. An order that is best for arms is at its worst for thighs that sit.
 _ORDER, _ARM_ORDER = "YZX", "ZXY"
 _ARM = ("collar", "shoulder", "elbow", "wrist")
-_ENDS = {"head": (0, 0.18, 0.02), "wrist": (0.17, 0, 0), "foot": (0, 0, 0.07)}  # End Sites, metres; x for the left
 
 
 def bvh(clip, path, unit="centimetres", exact=False) -> pathlib.Path:
@@ -54,7 +54,7 @@ def bvh(clip, path, unit="centimetres", exact=False) -> pathlib.Path:
       write(child, depth + 1)
     if not children:
       side, _, kind = name.rpartition("_")
-      end = np.array(_ENDS.get(kind, (0, 0.05, 0))) * [-1 if side == "right" else 1, 1, 1] * scale
+      end = np.array(TIPS.get(kind, (0, 0.05, 0))) * [-1 if side == "right" else 1, 1, 1] * scale
       lines.extend([f"{pad}  End Site", f"{pad}  {{", f"{pad}    OFFSET {_numbers(end)}", f"{pad}  }}"])
     lines.append(f"{pad}}}")
 

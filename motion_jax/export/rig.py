@@ -4,7 +4,7 @@ import functools
 import numpy as np
 
 from motion_jax.data.clip import Clip
-from motion_jax.motion.pose import Pose, pose_to_joints, to_pose
+from motion_jax.motion.pose import Pose, pose_to_joints, to_pose, turn_ends
 from motion_jax.motion.rigid import fit_pose, rest_offsets
 from motion_jax.motion.skeleton import Skeleton
 
@@ -22,7 +22,7 @@ def rigged(clip: Clip, exact: bool = False) -> Pose:
 def _rigged(joints: bytes, skeleton: Skeleton, fps: float, exact: bool) -> Pose:
   places, unit = np.frombuffer(joints).reshape(-1, skeleton.num_joints, 3), skeleton.unit
   rest = rest_offsets(places, skeleton, fps)
-  pose = (to_pose if exact else fit_pose)(places, skeleton, fps, rest)
+  pose = turn_ends((to_pose if exact else fit_pose)(places, skeleton, fps, rest), places * unit, skeleton)
   return pose._replace(offsets=pose.offsets * unit, shifts=pose.shifts * unit, root=pose.root * unit)
 
 

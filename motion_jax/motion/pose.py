@@ -26,6 +26,8 @@ _REST = {
 # An easy pose of the bone below the joint, opposite to which no limb can point: the turn from there is never ambiguous.
 _EASY = {"shoulder": (0.45, -0.55, 0.7), "hip": (0.1, -0.85, 0.5)}
 _HINGES = {"shoulder": (0, -1, 0), "hip": (1, 0, 0)}  # axis of elbow and knee in the T-pose, again for the left side
+TIPS = {"head": (0, 0.18, 0.02), "wrist": (0.17, 0, 0), "foot": (0, 0, 0.07)}  # ends of limbs, metres; x for the left
+_BENDS = {"foot": ((-1, 0, 0), 60), "wrist": ((0, 0, 1), 80)}  # hinge by which a tip bends up, and how far, degrees
 _LONGEST = 100_000  # frames: more than an hour at 20 a second, a gigabyte
 _SECONDS = 0.12  # how far apart in time the turns of a limb are alike
 _UNTWISTED = 0.08  # how much evidence there always is for a limb that is not twisted
@@ -130,6 +132,34 @@ def t_pose(skeleton: Skeleton = HUMANML3D, lengths: Float[np.ndarray, " j"] | No
     side, kind = _kind(name)
     offsets[joint] = rot.unit(np.array(_REST[kind], np.float64) * [side, 1, 1]) * lengths[joint]
   return offsets
+
+
+def turn_ends(pose: Pose, joints: Float[np.ndarray, "t j 3"], skeleton: Skeleton = HUMANML3D) -> Pose:
+  """The pose with toes that stay on the ground while the foot rolls over them, and hands that lie on it.
+
+  No joint shows how the end of a limb is turned, but the ground does: a tip that would be below the level on which the
+  toes stand bends up about the joint's hinge until it is there. In the air, and at the head, ends stay straight. joints
+  (T, J, 3): in metres.
+  """
+  feet = [j for j, name in enumerate(skeleton.joints) if name.endswith("foot")]
+  level = np.percentile(joints[:, feet, 1].min(1), 5)
+  local, world = pose.rotations.copy(), pose.turned.copy()
+  for joint, name in enumerate(skeleton.joints):
+    side, kind = _kind(name)
+    if kind not in _BENDS:
+      continue
+    axis, most = np.array(_BENDS[kind][0], np.float64) * (side if kind == "wrist" else 1), np.radians(_BENDS[kind][1])
+    tip = np.array(TIPS[kind]) * [side, 1, 1]
+    down = np.clip(level - joints[:, joint, 1], -np.linalg.norm(tip), 0)
+    across = rot.rotate(world[:, joint], np.cross(axis, tip))[:, 1]
+    along = rot.rotate(world[:, joint], tip)[:, 1]
+    # The tip's height is a cosine of the angle that it bends by; the first angle at which it is high enough.
+    height = np.maximum(np.hypot(along, across), 1e-9)
+    angle = np.where(along < down, np.arctan2(across, along) - np.arccos(np.clip(down / height, -1, 1)), 0)
+    half = np.clip(angle, 0, most)[:, None] / 2
+    turn = np.concatenate([np.cos(half), np.sin(half) * axis], axis=-1)
+    local[:, joint], world[:, joint] = rot.multiply(local[:, joint], turn), rot.multiply(world[:, joint], turn)
+  return pose._replace(rotations=rot.continuous(local), turned=rot.continuous(world))
 
 
 def _kind(name: str) -> tuple[int, str]:

@@ -4,7 +4,7 @@ import pytest
 
 from motion_jax.data.datasets.synthetic import ACTIONS, synthetic_joints
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.pose import pose_to_joints, t_pose, to_pose
+from motion_jax.motion.pose import TIPS, pose_to_joints, t_pose, to_pose, turn_ends
 from motion_jax.motion.skeleton import HUMANML3D, KIT, body_axes
 
 INDEX = {name: j for j, name in enumerate(HUMANML3D.joints)}
@@ -170,3 +170,32 @@ def test_axes_of_a_body_turn_with_it():
   for before, after in zip(body_axes(joints), body_axes(rot.rotate(turn, joints))):
     np.testing.assert_allclose(after, rot.to_matrix(turn) @ before, atol=1e-9)
   assert (np.linalg.det(before) > 0.999).all()
+
+
+def test_a_nearly_straight_arm_does_not_flip_about_itself():
+  """An elbow that bends a little the wrong way for some frames: the upper arm must not turn about in a frame."""
+  joints = np.repeat(joints_of("stand")[:1], 60, axis=0)
+  shoulder, elbow, wrist = (INDEX[f"left_{name}"] for name in ("shoulder", "elbow", "wrist"))
+  bend = np.radians(np.interp(np.arange(60), [0, 20, 24, 36, 40, 59], [25, 25, -30, -30, 25, 25]))
+  joints[:, elbow] = joints[:, shoulder] + [0, -0.26, 0]
+  joints[:, wrist] = joints[:, elbow] + 0.27 * np.stack([0.09 + 0 * bend, -np.cos(bend), np.sin(bend)], -1)
+  pose = to_pose(joints)
+  assert turn_per_frame(pose.rotations)[:, shoulder].max() < 30
+
+
+def test_toes_stay_on_the_ground_while_the_foot_rolls_over_them():
+  joints = np.repeat(joints_of("stand")[:1], 40, axis=0)
+  ankle, foot = INDEX["left_ankle"], INDEX["left_foot"]
+  tall, length = joints[0, ankle, 1] - joints[0, foot, 1], np.linalg.norm(joints[0, ankle] - joints[0, foot])
+  lift = np.linspace(np.arcsin(tall / length), np.radians(75), 40)  # the heel rises, the toe joint stays
+  ahead = (joints[0, foot] - joints[0, ankle]) * [1, 0, 1]
+  ahead = ahead / np.linalg.norm(ahead)
+  joints[:, ankle] = joints[:, foot] + length * (np.sin(lift)[:, None] * [0, 1, 0] - np.cos(lift)[:, None] * ahead)
+  straight = to_pose(joints)
+  pose = turn_ends(straight, joints)
+  tip = lambda pose: joints[:, foot, 1] + rot.rotate(pose.turned[:, foot], np.array(TIPS["foot"]))[:, 1]
+  assert tip(straight).min() < joints[0, foot, 1] - 0.03, "through the ground"
+  assert np.abs(tip(pose) - joints[0, foot, 1]).max() < 3e-3
+  assert turn_per_frame(pose.rotations)[:, foot].max() < 5
+  others = [j for j in range(22) if j != foot]
+  np.testing.assert_allclose(np.abs((pose.rotations * straight.rotations).sum(-1))[:, others], 1, atol=0.01)
