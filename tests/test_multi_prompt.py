@@ -9,9 +9,11 @@ from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.loading import load
 from motion_jax.metrics import physics
 from motion_jax.models.cmdm import multi_prompt
+from motion_jax.models.results import features_of
 from motion_jax.models.segments import prompts_in_a_row
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.blending import laid_over
+from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
 
 FAST = dict(num_steps=6, lag=2)
 PROMPTS = [("a person walks", 1.2), ("a person waves", 1.3), ("a person sits", 0.7)]
@@ -227,10 +229,25 @@ def test_other_bodies_and_rates_are_fitted(model, walk, tmp_path):
   big = Clip(np.repeat(walk.joints * 1.2, 2, axis=0), fps=40, id="big")
   longer = model.extend(big, "a person walks", num_frames=12, seed=0, **FAST)
   assert longer.fps == 20 and longer.num_frames == 62
-  assert np.abs(longer.joints[:50] - walk.joints).max() < 0.1  # the path too is scaled to the legs
+  np.testing.assert_allclose(longer.joints[:50], big.joints[::2], atol=1e-5)  # in its place, on its own bones
+  lengths = bone_lengths(longer.joints.astype(np.float64), HUMANML3D)[:, 1:]
+  assert np.abs(lengths / lengths[0] - 1).max() < 0.01
   export.save(walk, tmp_path / "walk.bvh")
   from_file = model.extend(export.load(tmp_path / "walk.bvh"), "a person walks", num_frames=12, seed=0, **FAST)
   assert from_file.num_frames == 62
+
+
+@pytest.mark.slow
+def test_arrays_go_on_as_they_are_edited(model, walk):
+  """Joints (T, J, 3) or features (T, F), not normalized, as a Clip of them."""
+  how = dict(num_frames=12, past_prompt="a person walks", **FAST)
+  longer = model.extend(walk, "a person waves", seed=1, **how)
+  np.testing.assert_array_equal(model.extend(walk.joints, "a person waves", seeds=[1], **how).joints, longer.joints)
+  features = features_of(model, walk.joints)
+  again = model.extend(features, "a person waves", seed=1, **how)
+  np.testing.assert_allclose(again.joints[:50], model.stats.layout.to_joints(features), atol=1e-5)
+  with pytest.raises(ValueError, match=r"an array of shape \(5, 3\) as the motion, expected a Clip"):
+    model.extend(np.zeros((5, 3)), "a person waves", seed=1)
 
 
 def test_a_generated_body_is_laid_over_the_given_one():

@@ -68,11 +68,11 @@ def anew(args, clip, model, sampling):
   """The motions of `edit --keep-parts`: parts of the body as in the clip, the others made of the words."""
   from motion_jax.control.constraints import KeepParts
   from motion_jax.inputs.spans import spans_of
-  from motion_jax.models.known_motion import on_our_body
+  from motion_jax.models.known_motion import at_rate
   if args.task or args.keep:
-    raise InputError("got --keep-parts with --task or --keep; say by --edit in which seconds the other parts are made "
-                     "anew")
-  joints = on_our_body(clip, model.fps, model.stats.layout.skeleton)
+    raise InputError("got --keep-parts with --task or --keep; say by --edit in which seconds the other parts are "
+                     "replaced")
+  joints = at_rate(clip, model.fps, model.stats.layout.skeleton)
   spans = [[first / model.fps, past / model.fps] for first, past in spans_of(args.edit, len(joints), model.fps)
            ] if args.edit else None
   parts = tuple(part.strip() for part in args.keep_parts.split(","))

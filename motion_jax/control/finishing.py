@@ -9,14 +9,16 @@ from motion_jax.control.constraints import Constraint, InPlace, KeepParts, Loop
 from motion_jax.control.signal import rotate_about_y
 from motion_jax.data.mocap.capture import resample
 from motion_jax.inputs.errors import InputError
-from motion_jax.motion.blending import join
+from motion_jax.motion.filling import fill_frames
 from motion_jax.motion.layering import put_on
 from motion_jax.motion.looping import in_place, looped
-from motion_jax.motion.retarget import with_lengths
-from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.motion.retarget import retarget, with_lengths
+from motion_jax.motion.skeleton import HUMANML3D, with_own_lengths
 from motion_jax.motion.splicing import REACH, meeting, spliced, weights
 
 _EASE = 0.4   # seconds in which a part comes to another motion's and goes back, at a span's ends
+_OTHER_BONES = 5e-3  # metres that bones may differ by before the other parts are brought to them
+_OTHER_BONES = 5e-3  # metres that bones may differ by before the other parts are brought to them
 _SPARE = 1.2  # seconds more of a motion in which a cycle is looked for
 _OTHER = 0.15   # of its length by which a cycle may be played faster or slower than it was made
 _AHEAD = 0.2    # seconds of movement that count as much as a pose, when poses are compared
@@ -31,18 +33,21 @@ def spare(fps: float) -> int:
 
 def with_parts(made: Num[np.ndarray, "t 22 3"], keep: KeepParts, fps: float = 20.0) -> Float[np.ndarray, "n 22 3"]:
   """Joints (N, 22, 3) whose parts are those of the motion that keep holds, all others as made; as long as the shorter
-  of the two. With the legs goes the way over the ground. float32.
+  of the two, on the kept body's bones. With the legs goes the way over the ground. float32.
   """
   given = keep.joints if abs(keep.fps - fps) < 1e-3 else resample(keep.joints, keep.fps, fps)
   count = min(len(made), len(given))
   made, given = np.asarray(made[:count], np.float64), np.asarray(given[:count], np.float64)
+  own = with_own_lengths(given, HUMANML3D)
   weight_of_new = _regenerated(keep, count, fps)
   kept, arms = set(keep.parts), ("left", "right")
   if "legs" in kept:
     body, other, theirs, weight = given, made, [part for part in ("torso", "head", *arms) if _name(part) not in kept
                                                 ], weight_of_new
   else:
-    made = made if keep.spans is None else join(made, given, weight_of_new <= 0).astype(np.float64)
+    if np.abs(own.bone_lengths - HUMANML3D.bone_lengths).max() > _OTHER_BONES:
+      made = retarget(made, own)
+    made = made if keep.spans is None else fill_frames(made, given, weight_of_new > 0, own, fps)
     body, other, theirs, weight = made, given, [part for part in ("torso", "head", *arms) if _name(part) in kept
                                                 ], np.ones(count)
   result = body

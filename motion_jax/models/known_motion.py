@@ -10,9 +10,10 @@ from motion_jax.data.mocap.capture import resample
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.numerals import told
 from motion_jax.motion import plausibility
+from motion_jax.motion.filling import fill_frames
 from motion_jax.motion.representations import Representation
 from motion_jax.motion.retarget import floor_height, leg_scale, retarget, with_lengths
-from motion_jax.motion.skeleton import Skeleton, bone_lengths
+from motion_jax.motion.skeleton import Skeleton, bone_lengths, with_own_lengths
 from motion_jax.shapes import Array
 
 _OTHER_BONES = 5e-3  # metres that a body's bones may differ from the skeleton's before it is retargeted
@@ -56,8 +57,8 @@ class KnownMotion:
   def of(cls, joints: Num[Array, "t j 3"], skeleton: Skeleton) -> "KnownMotion":
     """joints: at the model's rate, as `at_rate` gives them."""
     joints = np.asarray(joints, np.float64)
-    own = dataclasses.replace(skeleton, bone_lengths=np.median(bone_lengths(joints, skeleton), axis=0))
-    return cls(joints, retarget(joints, skeleton) if _has_other_bones(joints, skeleton) else joints, skeleton, own)
+    on_model = retarget(joints, skeleton) if _has_other_bones(joints, skeleton) else joints
+    return cls(joints, on_model, skeleton, with_own_lengths(joints, skeleton))
 
   def cut(self, first: int, past: int) -> "KnownMotion":
     return dataclasses.replace(self, joints=self.joints[first:past], on_model=self.on_model[first:past])
@@ -76,6 +77,17 @@ class KnownMotion:
     height = scale * (floor_height(made, self.skeleton) - floor_height(shown, self.skeleton))
     result[..., 1] += floor + height - floor_height(result, self.skeleton)
     return result
+
+
+  def continued(self, made: Num[np.ndarray, "n j 3"], count: int, fps: float, fix_body: bool = True
+                ) -> Float[np.ndarray, "m j 3"]:
+    """The last `count` frames of made (N, J, 3), on this motion's own body, where this motion ends; those before show
+    its end. fix_body: see `fill_frames`. float32."""
+    past = self.cut(len(self.joints) - (len(made) - count), len(self.joints))
+    made = self.own_body(made, made[:-count]) if fix_body else np.asarray(made, np.float64)
+    given = np.concatenate([past.joints, np.repeat(past.joints[-1:], count, axis=0)])
+    new = np.arange(len(made)) >= len(past.joints)
+    return fill_frames(made, given, new, self.own, fps, fix_body)[new].astype(np.float32)
 
 
 def _differ(own, skeleton):

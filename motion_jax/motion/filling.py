@@ -116,16 +116,18 @@ def _between(body, left, right, skeleton, fps):
   pose = np.empty_like(body)
   for i, frame in enumerate(one - _ground(one)[:, None]):
     pose[i] = laid(frame[None], Meeting(0.0, turn * share[i, 0], np.zeros(2), np.zeros(2)))[0]
-  pose += _offsets(left, len(body), skeleton, fps) + _offsets(right, len(body), skeleton, fps)[::-1]
-  ahead = _ground(one) + _detour(left, len(body), fps)
-  back = _ground(other) + _detour(right, len(body), fps)[::-1]
+  count, most = len(body), -(-len(body) // 2)  # in the middle there is nothing but what was made
+  pose += _offsets(left, count, skeleton, fps, most) + _offsets(right, count, skeleton, fps, most)[::-1]
+  ahead = _ground(one) + _detour(left, count, fps, most)
+  back = _ground(other) + _detour(right, count, fps, most)[::-1]
   return pose + ((1 - share) * ahead + share * back)[:, None]
 
 
 def _continued(body, border, skeleton, fps):
   """The new frames (N, J, 3) behind kept ones."""
   body = laid(body, border.at)
-  return body + _offsets(border, len(body), skeleton, fps) + _detour(border, len(body), fps)[:, None]
+  count = len(body)
+  return body + _offsets(border, count, skeleton, fps, count) + _detour(border, count, fps, count)[:, None]
 
 
 def _ground(body):
@@ -133,28 +135,29 @@ def _ground(body):
   return body[:, 0] * [1, 0, 1]
 
 
-def _offsets(border, count, skeleton, fps):
+def _offsets(border, count, skeleton, fps, most):
   """What to add to poses (N, J, 3), seen from their place on the ground, so that they go on as the kept ones do; it
   fades to 0."""
   away, drift = (x - x[0] * [1, 0, 1] for x in (border.away, border.drift))
   size = np.linalg.norm(drift, axis=-1, keepdims=True) * fps * skeleton.unit
   drift = drift * np.minimum(1, _MOST_DRIFT / np.maximum(size, 1e-9))
-  width, s = _progress(count, fps)
+  width, s = _progress(count, fps, most)
   s = s[:, None, None]
   return away * (1 - 3 * s ** 2 + 2 * s ** 3) + drift * width * s * (1 - s) ** 2
 
 
-def _detour(border, count, fps):
+def _detour(border, count, fps, most):
   """What to add to a path (N, 3) over the ground so that it goes on as that of the kept frames. The difference of speed
   fades for good: a body that comes to a stop does not go back."""
-  width, s = _progress(count, fps)
+  width, s = _progress(count, fps, most)
   s = s[:, None]
   return border.away[0] * [1, 0, 1] + border.drift[0] * [1, 0, 1] * width * (s - s ** 2 + s ** 3 / 3)
 
 
-def _progress(count, fps):
-  """(frames in which a difference fades, how much of that time has passed in each of count frames, 0 to 1)."""
-  width = min(round(_FADE * fps), count) + 1
+def _progress(count, fps, most):
+  """(frames in which a difference fades, at the most so many, how much of that time has passed in each of count frames,
+  0 to 1)."""
+  width = min(round(_FADE * fps), most) + 1
   return width, np.minimum(np.arange(1, count + 1) / width, 1)
 
 

@@ -159,6 +159,11 @@ def bone_lengths(joints: Num[Array, "t j 3"], skeleton: Skeleton) -> Float[np.nd
   return np.linalg.norm(joints - joints[:, parents], axis=-1)
 
 
+def with_own_lengths(joints: Num[Array, "t j 3"], skeleton: Skeleton) -> Skeleton:
+  """The skeleton with the bone lengths of joints (T, J, 3), medians over the frames."""
+  return dataclasses.replace(skeleton, bone_lengths=np.median(bone_lengths(joints, skeleton), axis=0))
+
+
 def facing(joints: Num[np.ndarray, "t j 3"], skeleton: Skeleton = HUMANML3D, smooth: float = 0.0,
            benchmark_sign: bool = False) -> Float[np.ndarray, "t 3"]:
   """Where the body faces: unit vectors (T, 3) in the ground plane, from the lines through hips and shoulders.

@@ -19,11 +19,12 @@ from motion_jax.models.cmdm.live import LiveStream
 from motion_jax.models.cmdm.networks import CmdmNetworks
 from motion_jax.models.cmdm.options import CmdmSampling
 from motion_jax.models.controlled import Control
-from motion_jax.models.known_motion import on_our_body
+from motion_jax.models.known_motion import KnownMotion, at_rate, clip_of
 from motion_jax.models.options import TRIES
 from motion_jax.models.results import Motion, Motions, captions_in_a_row, gathered, go_on, make_motions
 from motion_jax.models.segments import prompts_in_a_row
 from motion_jax.runtime import timing
+from motion_jax.shapes import Array
 
 # Where constraints pull: conjugate gradient steps each time, and Gauss-Newton steps when all is finished.
 CONTROL_STEPS, SETTLES = 2, 3
@@ -161,13 +162,15 @@ class CmdmModel(CmdmNetworks):
     return self.multi_prompts(lists, **choices)
 
   @former_names.with_keywords
-  def extend(self, clip: Clip, prompt: str | Segments, num_frames: int | None = None, *, seconds: float | None = None,
-             past_prompt: str | None = None, rng: jax.Array | None = None, seed: int | None = None, way: str = "stream",
+  def extend(self, clip: Clip | Array, prompt: str | Segments, num_frames: int | None = None, *,
+             seconds: float | None = None, past_prompt: str | None = None, rng: jax.Array | None = None,
+             seed: int | None = None, seeds: Iterable[int] | None = None, way: str = "stream",
              num_past: int | None = None, cleanup: bool = True, literal: bool = False, **sampling: Any) -> Motion:
-    """Goes on from a motion that exists, a Clip of any source (`motion_jax.export.load` reads files): all of it, whole.
+    """Continues a motion that exists: a Clip of any source (`motion_jax.export.load` reads files), joints (T, J, 3), or
+    features (T, F) as this model knows them, not normalized.
 
     prompt: a sentence, or segments as for `multi_prompt`. The clip's own frames come back as they were, resampled if
-    its rate is another, retargeted if its bones are; the new ones begin where it ends. past_prompt: what the clip shows
+    its rate is another; the new ones begin where it ends, on the clip's own bones. past_prompt: what the clip shows
     (its own caption, else the new prompt). way: "stream" keeps the clip's last num_past latents (as many as the context
     holds) clean in the cache; "chain" is the released code's, 1 latent that is noised anew in every step.
     """
@@ -180,15 +183,18 @@ class CmdmModel(CmdmNetworks):
         seconds = self.frames_of([prompt], num_frames, seconds)[0] / self.fps
       prompt = [(prompt, seconds)]
     rows = self.segments_of(prompt, literal)
-    keys, seeds = keys_of(rng, None if seed is None else [seed], 1)
+    clip = clip_of(clip, self.stats.layout)
+    keys, seeds = keys_of(rng, seeds, 1, seed)
     plan, chosen, about = self.plan_of(**sampling)
     prompts, counts = ([*part] for part in zip(*rows))
-    past = on_our_body(clip, self.fps, self.stats.layout.skeleton)
-    known = [caption.text for caption in clip.captions if caption.text.strip()]
-    past_prompt = past_prompt or (known[-1] if known else prompts[0])
-    new, ends = multi.extend(self, plan, chosen, past, past_prompt, prompts, counts, keys, way, num_past, cleanup)
+    known = KnownMotion.of(at_rate(clip, self.fps, self.stats.layout.skeleton), self.stats.layout.skeleton)
+    said = [caption.text for caption in clip.captions if caption.text.strip()]
+    past_prompt = past_prompt or (said[-1] if said else prompts[0])
+    made, ends = multi.extend(self, plan, chosen, known.on_model, past_prompt, prompts, counts, keys, way, num_past,
+                              cleanup)
     about |= dict(prompt=" | ".join(prompts), seed=seeds[0], way=way, cleanup=bool(cleanup), past_prompt=past_prompt)
-    return go_on(self, clip, past, new, captions_in_a_row(prompts, ends, self.fps), about)
+    new = known.continued(made, ends[-1], self.fps, cleanup)
+    return go_on(self, clip, known.joints, new, captions_in_a_row(prompts, ends, self.fps), about)
 
   def stream(self, prompt: str, *, rng: jax.Array | None = None, seed: int | None = None, num_frames: int | None = None,
              cleanup: bool = True, hold_until_done: bool = False, literal: bool = False, **sampling: Any) -> LiveStream:

@@ -12,7 +12,6 @@ from jaxtyping import Bool, Float, Num
 from motion_jax.models.cmdm import streaming
 from motion_jax.models.cmdm.networks import CmdmNetworks
 from motion_jax.models.cmdm.options import CmdmSampling
-from motion_jax.motion.blending import laid_over
 from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.representations import to_features, to_joints
 from motion_jax.shapes import Array
@@ -139,10 +138,10 @@ def encode_past(model: CmdmNetworks, joints: Num[np.ndarray, "t j 3"], count: in
 def extend(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, joints: Num[np.ndarray, "t j 3"],
            past_prompt: str, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, way: str = "stream",
            num_past: int | None = None, cleanup: bool = True) -> tuple[Float[np.ndarray, "n j 3"], list[int]]:
-  """What comes after joints (T, J, 3): (joints (N, J, 3) in the same place, frames at which segments end).
+  """What comes after joints (T, J, 3): (joints (P + N, J, 3), frames at which segments end).
 
-  The new latents are decoded behind those of the past, laid over the given body where it ended, and what is left of a
-  difference there (the tokenizer's error, millimetres to centimetres) fades over 12 frames.
+  The new latents are decoded behind those of the past: the first P of these frames show the end of the given motion,
+  but for the tokenizer's error and where on the ground it is.
   """
   if not plan.lag:
     raise ValueError("got schedule 'full': a motion goes on by schedule 'fss' or 'ar'")
@@ -173,4 +172,4 @@ def extend(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, jo
   contacts = model.stats.layout.contacts(features)
   if cleanup and model.stats.layout.has_fixed_bones and contacts is not None:
     shadow = clean_up(shadow, contacts, model.stats.layout.skeleton)
-  return laid_over(shadow.astype(np.float64), joints, border).astype(np.float32), ends.tolist()
+  return shadow, ends.tolist()
