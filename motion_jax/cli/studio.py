@@ -4,6 +4,7 @@ import pathlib
 import motion_jax
 from motion_jax.cli import shared
 from motion_jax.inputs.numerals import whole
+from motion_jax.runtime import progress
 
 _SHIPPED = pathlib.Path(motion_jax.__file__).parent / "pretrained"
 
@@ -39,14 +40,15 @@ def _studio(args):
 
 
 def _make(args):
-  from motion_jax import export
-  from motion_jax.cli import control
-  from motion_jax.studio import project
-  from motion_jax.studio.library import Library
-  from motion_jax.studio.limits import Limits
-  outputs, limits = shared.outputs_of(args), Limits()
-  found = project.read(args.project, limits)
-  shared.cache_compiled_code()
+  with progress.part("starting"):
+    from motion_jax import export
+    from motion_jax.cli import control
+    from motion_jax.studio import project
+    from motion_jax.studio.library import Library
+    from motion_jax.studio.limits import Limits
+    outputs, limits = shared.outputs_of(args), Limits()
+    found = project.read(args.project, limits)
+    shared.cache_compiled_code()
   library = Library(project.models_of(found), warm=False)
   library.start()
   motion = project.made(found, library, limits, args.take, lambda note: print(f"note: {note}"))

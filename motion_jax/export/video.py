@@ -51,7 +51,7 @@ def video(clip, path, size=None, fps=None, **options) -> pathlib.Path:
     how = find_ffmpeg()  # before minutes of work
   else:  # one palette from four moments: a palette per frame would flicker
     picture, moments = _painter(clip, size, **options), np.linspace(0, clip.num_frames - 1, 4).round().astype(int)
-    how = gif.common_palette([picture(t) for t in moments])
+    how = gif.common_palette([picture(t) for t in progress.each(moments, f"choosing the colours of {path.name}")])
   with atomic_path(path) as temporary:
     images = progress.each(frames(clip, size=size, **options), f"drawing {path.name}", clip.num_frames, "frame")
     write(temporary, images, size, clip.fps, how)
