@@ -1,4 +1,5 @@
 """motion-jax evaluate: models judged by a named protocol."""
+import os
 import sys
 
 from motion_jax.inputs.errors import InputError
@@ -120,6 +121,9 @@ def _page(args, folders):
 def _judge(args):
   sampling, vary = options_of(args.sampling), [options_of(one.split(",")) for one in args.vary]
   motions = pairs_of(args.motions)
+  # Before numpy is loaded: small matrices are factored many times, by several threads that wait for a busy core up to a
+  # hundred times slower than by one.
+  os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
   import jax
 
   from motion_jax.evaluation import run

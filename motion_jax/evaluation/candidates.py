@@ -51,6 +51,10 @@ class Candidate:
                 parameters=self.model.num_params, layout=self.model.stats.layout.name,
                 statistics=self.model.stats.fingerprint, **({"taught_by": taught.to_dict()} if taught else {}))
 
+  def parts(self, names, some=True):
+    """Of names {folder of samples: part of a task} those that it has: all."""
+    return names
+
   def store(self, harness, kind="generation") -> samples.Store:
     """Where its samples for a harness are kept."""
     protocol = harness.protocol.as_json()  # whose names do not change: a folder of samples is found by them

@@ -1,9 +1,11 @@
 """Motions that another program made, judged like a model's: what is to be made is written down, what was made is read.
 
 `ask` writes DIR/prompts.jsonl, a line for each motion of each replication: {"file": "r000/00000.npy", "caption",
-"frames", "fps", "seed", "id"}. The other program puts a file of that name beside it for each line: joints
-(frames, J, 3), y up, in metres (KIT: millimetres), or features (frames, F) of a known representation, not normalized.
-`ExternalMotions` reads them; joints are turned to begin over the origin, facing +z, as evaluators know motions.
+"frames", "fps", "seed", ...} and what the task has besides (`Task.FILES`, which DIR/README.md repeats). Real motions
+that are edited or encoded lie in DIR/real_r000. The other program puts a file of that name beside it for each line:
+joints (frames, J, 3), y up, in metres (KIT: millimetres), or features (frames, F) of a known representation, not
+normalized. `ExternalMotions` reads them. In text to motion, joints are turned to begin over the origin, facing +z, as
+evaluators know motions; all else is judged where it is, for it has to fit what was given.
 """
 import dataclasses
 import hashlib
@@ -14,7 +16,8 @@ import types
 import numpy as np
 
 from motion_jax.evaluation import samples
-from motion_jax.evaluation.tasks.generation import Generation
+from motion_jax.evaluation.candidates import Reader
+from motion_jax.evaluation.tasks.base import Task
 from motion_jax.inputs.input_files import load_npy, npy_shape
 from motion_jax.metrics.long_horizon import placed
 from motion_jax.models.base import Able
@@ -22,24 +25,57 @@ from motion_jax.motion import plausibility
 from motion_jax.motion.representations import LAYOUTS, layout_for
 from motion_jax.runtime.atomic import atomic_path
 
-PROMPTS = "prompts.jsonl"
+PROMPTS, README, GIVEN = "prompts.jsonl", "README.md", "real_"
+_README = """# Motions for protocol {protocol}
+
+Wanted: {files}.
+
+Each line of `{prompts}` is a motion: put a numpy array at its `file`, beside this page, joints (frames, {joints}, 3) in
+{unit}, y up, or features (frames, F) of a known representation, not normalized. `frames` are wanted at `fps`{tail}.
+Seeds are there to tell motions of one caption apart; ids name clips of the data.
+
+    motion-jax evaluate --data DATA --protocol {protocol} --motions NAME=THIS_FOLDER
+"""
 
 
-def ask(task: Generation, out, replications) -> pathlib.Path:
-  """Writes what a protocol wants to be made in its first replications; returns the file."""
-  fps, lines = task.harness.evaluator.layout.skeleton.fps, []
+def ask(task: Task, reader, out, replications) -> pathlib.Path:
+  """Writes what a protocol wants to be made in its first replications; returns the file. reader: of real motions that
+  are given."""
+  out, layout, lines = pathlib.Path(out), reader.layout, []
   for replication in range(replications):
-    for name, jobs, items in task.wanted(replication):
-      for caption, count, seed, place, item in zip(*jobs, items):
-        lines.append(dict(file=_file(name, place), caption=caption, frames=int(count), fps=fps, seed=seed,
-                          id=task.test_set.ids[item]))
-  with atomic_path(pathlib.Path(out) / PROMPTS) as path:
-    path.write_text("".join(json.dumps(line, ensure_ascii=False) + "\n" for line in lines), encoding="utf-8")
-  return pathlib.Path(out) / PROMPTS
+    for wanted in task.wanted(replication, reader):
+      rows = zip(*wanted.jobs, wanted.about, wanted.given or [None] * len(wanted.about))
+      for caption, count, seed, place, about, joints in rows:
+        line = dict(file=_file(wanted.name, place), caption=caption, frames=int(count), fps=layout.fps, seed=seed)
+        if joints is not None:
+          line["motion"] = _file(f"{GIVEN}r{replication:03d}", place)
+          _write_given(out / line["motion"], joints)
+        lines.append(line | about)
+  tail = (f"; up to {samples.TAIL} more are looked at, what a decoder makes after the end"
+          if task.protocol.made_padding == "decoded" else "")
+  skeleton = layout.skeleton
+  page = _README.format(protocol=task.protocol.name, files=task.FILES, prompts=PROMPTS, tail=tail,
+                        joints=skeleton.num_joints, unit="metres" if skeleton.unit == 1 else "millimetres")
+  for name, text in ((README, page), (PROMPTS, "".join(json.dumps(line, ensure_ascii=False) + "\n" for line in lines))):
+    with atomic_path(out / name) as path:
+      path.write_text(text, encoding="utf-8")
+  return out / PROMPTS
+
+
+def _write_given(path, joints):
+  if not path.is_file():  # tasks of one replication share the real motions
+    with atomic_path(path) as part, open(part, "wb") as file:
+      np.save(file, joints)
 
 
 def _file(name, place):
   return f"{name}/{place:05d}.npy"
+
+
+def joint_reader(evaluator) -> Reader:
+  """Of real motions that other programs are given: joints, where a layout of the evaluator's body has them alone."""
+  layout = _joint_layouts(evaluator)
+  return Reader("joints", layout[0] if layout else evaluator.layout, evaluator.mode)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -52,11 +88,14 @@ class Unsampled(Able):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ExternalMotions:
-  """A folder of such motions, in the place of a `candidates.Candidate`. Made by `load_external`."""
+  """A folder of such motions, in the place of a `candidates.Candidate`. Made by `load_external`. moved: joints are
+  put over the origin."""
   name: str
   folder: pathlib.Path
   model: "Unsampled"
   hash: str
+  mode: str = "benchmark"
+  moved: bool = True
   guidance_scale: float | None = None
   options: dict = dataclasses.field(default_factory=dict)
   sampled_by: tuple = ()
@@ -66,13 +105,25 @@ class ExternalMotions:
     return dict(model=self.folder.name, hash=self.hash, guidance_scale=None, sampling={},
                 layout=self.model.stats.layout.name)
 
-  def store(self, harness):
+  @property
+  def reader(self):
+    return Reader(self.name, self.model.stats.layout, self.mode)
+
+  def parts(self, names, some=True):
+    """Of names {folder: part of a task} those that are there. Raises FileNotFoundError where some has to be."""
+    found = {name: part for name, part in names.items() if (self.folder / name).is_dir()}
+    if some and not found:
+      raise FileNotFoundError(f"{self.folder} has none of the folders {', '.join(names)}; motion-jax evaluate --ask "
+                              "DIR says what is to be made")
+    return found
+
+  def store(self, harness, kind=""):
     return None
 
   def generator(self):
     return None
 
-  def sample(self, make, store, name, jobs, what):
+  def sample(self, make, store, name, jobs, what, batch=None):
     """Features [(rows, F)] of jobs, from files. Raises FileNotFoundError or ValueError for what cannot be judged."""
     paths = [self.folder / _file(name, place) for place in range(len(jobs.frames))]
     missing = [path for path in paths if not path.is_file()]
@@ -80,13 +131,13 @@ class ExternalMotions:
       raise FileNotFoundError(f"{len(missing)} of {len(paths)} motions of {self.name!r} are not in {self.folder}, such "
                               f"as {missing[0].relative_to(self.folder)}; motion-jax evaluate --ask DIR "
                               "says what is to be made")
-    return [_read(path, count, self.model.stats.layout) for path, count in zip(paths, jobs.frames)]
+    return [_read(path, count, self.model.stats.layout, self.moved) for path, count in zip(paths, jobs.frames)]
 
 
-def load_external(name, folder, evaluator) -> ExternalMotions:
+def load_external(name, folder, evaluator, moved=True) -> ExternalMotions:
   """Motions of a folder, by the first of them features of a representation, or joints of the evaluator's skeleton."""
   folder = pathlib.Path(folder)
-  paths = sorted(folder.glob("r[0-9][0-9][0-9]*/*.npy"))
+  paths = sorted(path for path in folder.glob("*r[0-9][0-9][0-9]*/*.npy") if not path.parent.name.startswith(GIVEN))
   if not paths:
     raise FileNotFoundError(f"{folder} holds no motions: expected files such as {_file('r000', 0)}; motion-jax "
                             "evaluate --ask DIR says what is to be made")
@@ -96,30 +147,34 @@ def load_external(name, folder, evaluator) -> ExternalMotions:
   for path in paths:
     digest.update(str(path.relative_to(folder)).encode() + path.read_bytes())
   stats = types.SimpleNamespace(layout=layout, fingerprint=None)
-  return ExternalMotions(name, folder, Unsampled(stats, folder), digest.hexdigest())
+  return ExternalMotions(name, folder, Unsampled(stats, folder), digest.hexdigest(), evaluator.mode, moved)
+
+
+def _joint_layouts(evaluator):
+  return [layout for layout in LAYOUTS.values() if layout.are_joints and layout.skeleton is evaluator.layout.skeleton]
 
 
 def _joint_layout(evaluator):
-  own = [layout for layout in LAYOUTS.values()
-         if layout.are_joints and layout.skeleton is evaluator.layout.skeleton]
+  own = _joint_layouts(evaluator)
   if not own:
     raise ValueError(f"evaluator {evaluator.name!r} reads {evaluator.layout.name!r} features, which joints alone do "
                      "not give; write features instead")
   return own[0]
 
 
-def _read(path, count, layout):
-  """(count or a few more, F): as many rows as were asked for, and what an evaluator may look at behind them."""
+def _read(path, count, layout, moved):
+  """(count or a few more, F): as many rows as were wanted, and what an evaluator may look at after them."""
   x = load_npy(path)
   joints = layout.are_joints and x.ndim == 3 and x.shape[1:] == (layout.dim // 3, 3)
   if not joints and x.shape[1:] != (layout.dim,):
     raise ValueError(f"{path}: got an array of shape {x.shape}, expected (frames, {layout.dim}) as in the first file"
                      + (f", or joints (frames, {layout.dim // 3}, 3)" if layout.are_joints else ""))
   if len(x) < count:
-    raise ValueError(f"{path}: got {len(x)} frames, {count} were asked for; frames in {PROMPTS} count")
+    raise ValueError(f"{path}: got {len(x)} frames, expected {count}, the frames of its line in {PROMPTS}")
   x = np.asarray(x, np.float32)[:count + samples.TAIL]
   if not np.isfinite(x).all():
     raise ValueError(f"{path} holds NaN or infinity; a motion that was not made cannot be judged")
-  if x.ndim == 3:
-    plausibility.check(x, layout.skeleton, name=str(path))
-  return x if x.ndim == 2 else placed(x, layout.skeleton).reshape(len(x), -1).astype(np.float32)
+  if x.ndim == 2:
+    return x
+  plausibility.check(x, layout.skeleton, name=str(path))
+  return (placed(x, layout.skeleton) if moved else x).reshape(len(x), -1).astype(np.float32)

@@ -18,7 +18,6 @@ from motion_jax.evaluation.report import differences as difference_tables
 from motion_jax.evaluation.report import gallery, printed, tables
 from motion_jax.evaluation.request import Request, default_out, load_evaluators, resolve
 from motion_jax.evaluation.result import FILE, Result
-from motion_jax.evaluation.tasks.generation import Generation
 from motion_jax.evaluation.tasks.registry import TASKS
 from motion_jax.evaluation.test_set import TestSet, read_test_set
 from motion_jax.inputs import former_names
@@ -48,19 +47,16 @@ def evaluate(runs, folders, protocol=None, *, evaluator=None, clip_evaluator=Non
   clock, devices = Clock(show), tuple(devices or jax.local_devices())
   asked = resolve(runs, folders, protocol, limit, multimodality)
   task_class = TASKS[asked.protocol.task]
-  if motions and not task_class.TEXT_TO_MOTION:
-    raise ValueError(f"motions of other programs are judged as text to motion, protocol {asked.protocol.name!r} is "
-                     "not; name another --protocol")
   folder = pathlib.Path(out) if out else default_out(runs, asked.protocol)
   main, clip = load_evaluators(asked.protocol, evaluator, clip_evaluator)
   varied = tuple(former_names.current(one) for one in vary) or ({},)
   choices = Choices(tuple(guidance), former_names.current(sampling or {}), varied, task_class.OPTIONS)
   load = partial(task_class.load, raw=True) if raw else task_class.load
   candidates, left_out = load_candidates(runs, load, choices, folder, samples, devices, only_read, show)
-  others = [external.load_external(name, place, main) for name, place in motions]
+  others = [external.load_external(name, place, main, task_class.TEXT_TO_MOTION) for name, place in motions]
 
   with clock.part("data"):
-    readers = [] if task_class.TEXT_TO_MOTION else [one.reader for one in candidates]
+    readers = [] if task_class.TEXT_TO_MOTION else [one.reader for one in [*candidates, *others]]
     test_set = read_for(asked, main, clip, readers, allow_shared)
     clock.say(_about(test_set, asked.protocol))
   harness = _harness(asked, main, clip, test_set, seed)
@@ -111,14 +107,15 @@ def evaluate(runs, folders, protocol=None, *, evaluator=None, clip_evaluator=Non
 @former_names.with_keywords
 def ask(folders, out, protocol=None, *, evaluator=None, replications=None, seed=None, limit=None, multimodality=True,
         allow_shared=False) -> pathlib.Path:
-  """Writes the captions and lengths that a protocol wants motions of, for another program to make; see
+  """Writes what a protocol wants another program to make, with the real motions that it is made of; see
   `evaluation.external`."""
   asked = resolve((), folders, protocol, limit, multimodality)
-  if not TASKS[asked.protocol.task].TEXT_TO_MOTION:
-    raise ValueError(f"protocol {asked.protocol.name!r} is not text to motion; name another --protocol")
   main, _ = load_evaluators(asked.protocol, evaluator, "none")
-  harness = _harness(asked, main, None, read_for(asked, main, allow_shared=allow_shared), seed)
-  return external.ask(Generation(harness), out,
+  reader = external.joint_reader(main)
+  task = TASKS[asked.protocol.task]
+  readers = [] if task.TEXT_TO_MOTION else [reader]
+  harness = _harness(asked, main, None, read_for(asked, main, readers=readers, allow_shared=allow_shared), seed)
+  return external.ask(task(harness), reader, out,
                       harness.protocol.replications if replications is None else replications)
 
 

@@ -6,6 +6,7 @@ from motion_jax.evaluation import aggregates, protocols
 from motion_jax.evaluation.differences import ByMotion, over_clips
 from motion_jax.evaluation.report import differences, tables
 from motion_jax.evaluation.result import Result
+from motion_jax.metrics import scores
 
 
 def rows(shift=0.0, noise=0.0, count=60, replications=2):
@@ -29,6 +30,13 @@ def test_rows_of_the_same_clips_are_told_apart_where_their_own_intervals_overlap
 def test_a_row_does_not_differ_from_itself():
   found = over_clips(rows(), rows())
   assert found == {"fid": {"mean": 0, "interval": 0}, "matching": {"mean": 0, "interval": 0}}
+
+
+@pytest.mark.parametrize("count, dim", [(60, 4), (8, 20)])
+def test_fid_is_that_of_the_table(count, dim):
+  rng = np.random.default_rng(0)
+  own = [ByMotion(np.arange(count), {}, rng.normal(size=(count, dim)), rng.normal(1, 2, size=(count, dim)))]
+  assert over_clips(own)["fid"]["mean"] == pytest.approx(scores.fid(own[0].real, own[0].made), rel=1e-6)
 
 
 def test_fid_is_that_of_the_rows_and_its_interval_that_of_their_difference():

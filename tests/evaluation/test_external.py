@@ -1,13 +1,22 @@
 """Motions that another program made are read from its files; see test_run.py for how they are judged."""
+import dataclasses
+import json
+import shutil
 import types
 
 import numpy as np
 import pytest
 
 from motion_jax.data.datasets.synthetic import synthetic_clips
-from motion_jax.evaluation import external
+from motion_jax.evaluation import external, protocols, request, run
+from motion_jax.evaluation.harness import Harness
+from motion_jax.evaluation.tasks import control
+from motion_jax.evaluation.tasks.editing import kept_spans
 from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_jax.motion.representations import get_layout, to_joints
+from tests.evaluation.test_run import make_clips
+
+FEW = dict(pool=4, diversity_draws=6, few_draws=4, replications=1, min_frames=24)
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +39,7 @@ def test_joints_may_lie_anywhere(tmp_path, evaluator):
 
 
 @pytest.mark.parametrize("x, words", [
-    (np.zeros((8, 66)), "got 8 frames, 12 were asked for"), (np.full((12, 66), np.nan), "holds NaN"),
+    (np.zeros((8, 66)), "got 8 frames, expected 12"), (np.full((12, 66), np.nan), "holds NaN"),
     (np.zeros((12, 5)), r"got an array of shape \(12, 5\), expected \(frames, 66\) as in the first file, or joints"),
 ])
 def test_what_cannot_be_judged_is_told(tmp_path, evaluator, x, words):
@@ -51,3 +60,126 @@ def test_joints_of_another_unit_are_refused(tmp_path, evaluator):
   candidate = external.load_external("a", tmp_path, evaluator)
   with pytest.raises(ValueError, match="00000.npy: bones are .* times as long .* in centimetres"):
     candidate.sample(None, None, "r000", types.SimpleNamespace(frames=[12]), "")
+
+
+# --- what each task wants, and what it makes of it -----------------------------------------------------------------
+
+
+def small(name, **changes):
+  return dataclasses.replace(protocols.get_protocol(name), **(FEW | changes))
+
+
+def asked(folder, data, protocol, evaluator):
+  """The lines that say what is to be made."""
+  run.ask(data, folder, protocol, evaluator=evaluator)
+  return [json.loads(line) for line in (folder / "prompts.jsonl").read_text().splitlines()]
+
+
+def save(folder, line, joints):
+  (folder / line["file"]).parent.mkdir(exist_ok=True)
+  np.save(folder / line["file"], joints)
+
+
+def rows(folder, data, protocol, evaluator):
+  """{row: {metric: number}} of the motions in a folder."""
+  result = run.evaluate([], data, protocol, evaluator=evaluator, clip_evaluator="none", out=folder / "out", force=True,
+                        show=False, motions=[("theirs", folder)])
+  return {row: {metric: one["mean"] for metric, one in metrics.items()} for row, metrics in result.rows.items()}
+
+
+@pytest.mark.parametrize("name, names", [
+    ("reconstruction", ["theirs"]),
+    ("editing", [f"{task}: theirs" for task in ("inpainting", "outpainting", "prefix", "suffix")])])
+def test_real_motions_that_come_back_as_they_were_are_perfect(tmp_path, archive, evaluator, name, names):
+  protocol = small(name)
+  lines = asked(tmp_path, [archive], protocol, evaluator)
+  assert len(lines) == 8 * len(names) and all(line["motion"].startswith("real_r000/") for line in lines)
+  page = (tmp_path / "README.md").read_text()
+  assert f"--protocol {name}" in page and "`motion`" in page
+  for line in lines:
+    joints = np.load(tmp_path / line["motion"])
+    assert joints.shape == (line["frames"], 22, 3)
+    save(tmp_path, line, joints)
+  found = rows(tmp_path, [archive], protocol, evaluator)
+  assert set(found) == {"real", "shuffled", *names}
+  for row in names:
+    assert found[row]["fid"] == pytest.approx(0, abs=1e-4)
+    assert found[row]["top1"] == pytest.approx(found["real"]["top1"])
+  if name == "reconstruction":
+    assert found["theirs"]["mpjpe"] < 1e-3 and found["theirs"]["mpjpe_heading"] < 1e-3
+
+
+def test_a_task_of_editing_may_be_left_out_but_not_all(tmp_path, archive, evaluator):
+  protocol = small("editing")
+  lines = asked(tmp_path, [archive], protocol, evaluator)
+  with pytest.raises(FileNotFoundError, match="holds no motions: expected files"):
+    rows(tmp_path, [archive], protocol, evaluator)
+  for line in lines:
+    if line["task"] == "prefix":
+      assert line["keep"] == kept_spans("prefix", line["frames"])
+      save(tmp_path, line, np.load(tmp_path / line["motion"]))
+  assert set(rows(tmp_path, [archive], protocol, evaluator)) == {"real", "shuffled", "prefix: theirs"}
+  shutil.move(tmp_path / "prefix_r000", tmp_path / "r000")
+  with pytest.raises(FileNotFoundError, match="has none of the folders inpainting_r000, outpainting_r000"):
+    rows(tmp_path, [archive], protocol, evaluator)
+
+
+@pytest.mark.parametrize("task, spans", [("inpainting", [[0, 12], [36, 48]]), ("outpainting", [[12, 36]]),
+                                         ("prefix", [[0, 24]]), ("suffix", [[24, 48]])])
+def test_frames_to_keep_are_those_that_our_own_edits_keep(task, spans):
+  assert kept_spans(task, 48) == spans
+
+
+def test_control_of_other_programs(tmp_path, archive, evaluator, monkeypatch):
+  """Real motions are where they are wanted; a joint and paths that were not made are left out."""
+  monkeypatch.setattr(control, "DENSITIES", (1, 25))
+  protocol = small("control")
+  lines = asked(tmp_path, [archive], protocol, evaluator)
+  assert {line.get("control", {}).get("joint") for line in lines} == {None, *control.JOINTS}
+  reader = external.joint_reader(evaluator)
+  resolved = request.resolve((), [archive], protocol)
+  test_set = run.read_for(resolved, evaluator, readers=[reader])
+  task = control.Control(Harness(resolved.protocol, evaluator, None, test_set, protocol.seed))
+  real = task._real_joints(reader, 0)
+  for line in lines:
+    folder, place = line["file"].split("/")
+    if folder == "r000" or folder.startswith("head_"):
+      joints = real[int(place[:5])]
+      if "control" in line:
+        wanted = np.array(line["control"]["positions"])
+        np.testing.assert_allclose(joints[line["control"]["frames"], 15], wanted, atol=1e-5)
+      save(tmp_path, line, joints)
+  found = rows(tmp_path, [archive], protocol, evaluator)
+  assert set(found) == {"real", "unconstrained: theirs", "head: theirs"}
+  assert found["head: theirs"]["control_error"] < 1e-4 and found["head: theirs"]["fid"] < 0.05
+  path, = {json.dumps(line["control"]) for line in lines if line["file"].startswith("circle_")}
+  assert json.loads(path)["positions"][5][1] is None
+
+
+def test_long_motions_of_other_programs(tmp_path, archive, evaluator):
+  protocol = small("long-horizon", sequences=2, segments=3, transition_frames=20, real_jerk=None)
+  lines = asked(tmp_path, [archive], protocol, evaluator)
+  assert len(lines) == 2 and [len(line["segments"]) for line in lines] == [3, 3]
+  for line in lines:
+    assert line["frames"] == sum(segment["frames"] for segment in line["segments"])
+    clip = synthetic_clips(num=1, num_frames=60)[0].joints
+    save(tmp_path, line, np.resize(clip, (line["frames"], 22, 3)))
+  found = rows(tmp_path, [archive], protocol, evaluator)
+  assert {"transition_fid", "auj", "fid", "top1"} <= set(found["theirs"])
+  save(tmp_path, lines[0], np.zeros((lines[0]["frames"] - 1, 22, 3)))
+  with pytest.raises(ValueError, match="expected .*, the frames of its line in prompts.jsonl"):
+    rows(tmp_path, [archive], protocol, evaluator)
+
+
+def test_timelines_of_other_programs(tmp_path, archive):
+  evaluator = fresh_evaluator("tmr")
+  first, second = [clip.captions[0].text for clip in make_clips() if clip.split == "test"][:2]
+  path = tmp_path / "timelines.txt"
+  path.write_text(f"{first} # 0.0 # 3.0 # legs\n{second} # 2.0 # 7.0 # left arm\n")
+  protocol = small("mtt", released_slips=False, layouts=())
+  line, = asked(tmp_path, [path, archive], protocol, evaluator)
+  assert line["timeline"][1] == {"text": second, "start": 2.0, "end": 7.0, "parts": ["left arm"]}
+  assert line["frames"] == 140
+  assert sum(segment["frames"] for segment in line["segments"]) == 140
+  save(tmp_path, line, np.resize(synthetic_clips(num=1, num_frames=60)[0].joints, (140, 22, 3)))
+  assert {"crop_top1", "tmr_m2t"} <= set(rows(tmp_path, [path, archive], protocol, evaluator)["theirs"])

@@ -300,7 +300,7 @@ def test_physics_of_the_controls_moves_as_it_should(judged):
 
 
 def test_real_data_that_does_not_look_right_stops_it(tiny_run, archive, evaluators, tmp_path):
-  with pytest.raises(ValueError, match="does not look right on real data, so nothing was sampled(.|\n)*check that"):
+  with pytest.raises(ValueError, match="does not look right on real data, so nothing was sampled(.|\n)*check "):
     run.evaluate([tiny_run], [archive], SMALL, out=tmp_path, show=False, **evaluators)
   assert not (tmp_path / "results.json").exists()
 

@@ -16,7 +16,7 @@ from motion_jax.control import signal as signals
 from motion_jax.control.signal import NUM_JOINTS
 from motion_jax.evaluation import samples
 from motion_jax.evaluation.candidates import load_able
-from motion_jax.evaluation.tasks.base import ClipTask, Found
+from motion_jax.evaluation.tasks.base import ClipTask, Found, Wanted
 from motion_jax.evaluation.tasks.generation import Generation
 from motion_jax.metrics import physics
 from motion_jax.metrics.control_scores import NAMES, control_scores
@@ -36,6 +36,9 @@ class Control(Generation):
   """Rows of a candidate: "unconstrained" (where exact, also "unconstrained, from joints"), one of each joint, "all
   joints", their mean, and one of each curve."""
   METRICS = (*NAMES, "top_speed", *ClipTask.METRICS)
+  FILES = ("a motion of each caption alone, one for each `control`, positions (metres, null: free) of a joint at some "
+           "frames, and one for each path of the pelvis, none moved nor turned afterwards; a joint or path without "
+           "folders is left out")
   OPTIONS = ("control_steps", "settles", "joints", "exact")
   TEXT_TO_MOTION = False
 
@@ -58,12 +61,14 @@ class Control(Generation):
     names = JOINTS if asked == "all" else tuple(asked.split("+"))
     if wrong := [name for name in names if name not in JOINTS]:
       raise ValueError(f"got the joint {wrong[0]!r}, expected all, or some of {', '.join(JOINTS)} with + between")
-    real, layout = self._real_joints(candidate, replication), candidate.model.stats.layout
-    jobs = samples.jobs_of(self.test_set, self.harness.drawn(replication), self.harness.seed, replication)
+    real, layout = self._real_joints(candidate.reader, replication), candidate.model.stats.layout
+    jobs = self._jobs(replication)
     plain = self._plain(candidate)
     motions = plain.sample(plain.generator(), plain.store(self.harness), f"r{replication:03d}", jobs,
                            f"unconstrained {replication + 1}")
     rows = {"unconstrained": self._row(replication, motions, layout, self._distances(motions, real, layout, 0, None))}
+    names = list(dict.fromkeys(candidate.parts(
+        {_folder(name, DENSITIES[0], replication): name for name in names}, some=False).values()))
     if candidate.options.get("exact"):
       again = [features_of(candidate.model, to_joints(motion, layout)) for motion in motions]
       rows["unconstrained, from joints"] = self._row(
@@ -72,7 +77,7 @@ class Control(Generation):
       runs = []
       for density in DENSITIES:
         signal = [self._signal(joints, name, density, replication, i) for i, joints in enumerate(real)]
-        motions, joints = self._made(candidate, jobs, signal, f"{name}_{density}_r{replication:03d}",
+        motions, joints = self._made(candidate, jobs, signal, _folder(name, density, replication),
                                      f"{name} {density}")
         errors = [_distances(motion, one) for motion, one in zip(joints, signal)]
         runs.append(self._row(replication, motions, layout, errors))
@@ -80,6 +85,23 @@ class Control(Generation):
     if len(names) == len(JOINTS):
       rows["all joints"] = {metric: float(np.mean([rows[name][metric] for name in names])) for metric in rows["head"]}
     return Found(rows | self._paths(candidate, replication))
+
+  def wanted(self, replication, reader):
+    jobs, ids = self._jobs(replication), self.ids(replication)
+    real = self._real_joints(reader, replication)
+    yield Wanted(f"r{replication:03d}", jobs, ids)
+    for name in JOINTS:
+      for density in DENSITIES:
+        yield Wanted(_folder(name, density, replication), jobs, [
+            one | {"control": _as_json(self._signal(joints, name, density, replication, i))}
+            for i, (one, joints) in enumerate(zip(ids, real))])
+    jobs, paths = self._walks(replication, self.protocol.max_frames, reader.layout.fps)
+    for name, path in paths.items():
+      yield Wanted(_path_folder(name, replication), jobs,
+                   [{"control": _as_json(_path_targets(path))}] * len(jobs.captions))
+
+  def _jobs(self, replication):
+    return samples.jobs_of(self.test_set, self.harness.drawn(replication), self.harness.seed, replication)
 
   def _row(self, replication, motions, layout, errors):
     joints = [to_joints(motion, layout) for motion in motions]
@@ -90,11 +112,10 @@ class Control(Generation):
     return dataclasses.replace(candidate, options={
         name: value for name, value in candidate.options.items() if name not in self.OPTIONS})
 
-  def _real_joints(self, candidate, replication):
+  def _real_joints(self, reader, replication):
     """Joints [(T, 22, 3)] of the real motions of a draw, each from the origin, faced +z."""
-    layout = candidate.model.stats.layout
-    found = []
-    for features in self.harness.drawn(replication).cut(self.test_set.of(candidate.reader)):
+    layout, found = reader.layout, []
+    for features in self.harness.drawn(replication).cut(self.test_set.of(reader)):
       turn, path = layout.root_path(features)
       joints = np.asarray(to_joints(features, layout), np.float64) - path[0] * [1, 0, 1]
       found.append(rot.rotate(np.broadcast_to(turn[0], joints.shape[:-1] + (4,)), joints))
@@ -128,22 +149,49 @@ class Control(Generation):
     """A row of each curve: how far the pelvis is from it, and how the body moves on it. All motions are as long as the
     longest curve, so that one program makes them, and looked at as long as they are asked for something."""
     model, rows, layout = candidate.model, {}, candidate.model.stats.layout
-    places = {name: curve(model.fps)[:int(min(model.max_seconds, 60) * model.fps)]
-              for name, curve in paths.CURVES.items()}
-    count, longest = len(WALKS) * COPIES, max(map(len, places.values()))
-    jobs = samples.Jobs(list(WALKS) * COPIES, [longest] * count,
-                        [samples.seed_of(self.harness.seed, replication, i, PATHS) for i in range(count)],
-                        list(range(count)))
-    for name, path in places.items():
-      joints = np.zeros((len(path), 22, 3))
-      joints[:, 0, [0, 2]] = path
-      signal = _targets(joints, slice(None), 0, (0, 2))
-      made = self._made(candidate, jobs, [signal] * count, f"{name.replace(' ', '_')}_r{replication:03d}", name)[1]
+    longest = int(min(model.max_seconds, 60) * layout.fps) if model.can("generate") else self.protocol.max_frames
+    jobs, places = self._walks(replication, longest, layout.fps)
+    for folder, name in candidate.parts({_path_folder(name, replication): name for name in places}, some=False).items():
+      path, signal = places[name], _path_targets(places[name])
+      made = self._made(candidate, jobs, [signal] * len(jobs.captions), folder, name)[1]
       made = [motion[:len(path)] for motion in made]
       rows[name] = control_scores([_distances(motion, signal) for motion in made]) | {
           "skating": float(np.mean([physics.skating_ratio(motion) for motion in made]))
       } | _speed(made, layout.fps)
     return rows
+
+
+  def _walks(self, replication, longest, fps):
+    """(jobs, {name: path}): captions of walking, all as long as the longest of the paths, each cut to `longest`
+    frames."""
+    places = {name: curve(fps)[:longest] for name, curve in paths.CURVES.items()}
+    count = len(WALKS) * COPIES
+    return samples.Jobs(list(WALKS) * COPIES, [max(map(len, places.values()))] * count,
+                        [samples.seed_of(self.harness.seed, replication, i, PATHS) for i in range(count)],
+                        list(range(count))), places
+
+
+def _folder(joint, density, replication):
+  return f"{joint}_{density}_r{replication:03d}"
+
+
+def _path_folder(name, replication):
+  return f"{name.replace(' ', '_')}_r{replication:03d}"
+
+
+def _path_targets(path):
+  joints = np.zeros((len(path), 22, 3))
+  joints[:, 0, [0, 2]] = path
+  return _targets(joints, slice(None), 0, (0, 2))
+
+
+def _as_json(signal):
+  """{"joint", "frames", "positions"} of a signal (1, T) about one joint; a coordinate that is free is null."""
+  given = signal.given[0]
+  joint, = np.flatnonzero(given.any((0, 2)))
+  frames = np.flatnonzero(given[:, joint].any(-1))
+  positions = np.where(given[frames, joint], np.round(signal.positions[0, frames, joint].astype(float), 5), None)
+  return {"joint": HUMANML3D.joints[joint], "frames": frames.tolist(), "positions": positions.tolist()}
 
 
 def _targets(joints, frames, joint, axes=(0, 1, 2)):

@@ -3,14 +3,19 @@
 By the function for users, `CdamdModel.edits`, on the features of the test set as they are: the paper's method, all
 frames as decoded, or with the option cleanup=true the finished edit, kept frames put back and new ones joined to them.
 """
+import numpy as np
+
 from motion_jax.evaluation import samples
 from motion_jax.evaluation.candidates import load_able
-from motion_jax.evaluation.tasks.base import ClipTask, Found
-from motion_jax.models.cdamd.mask_schedule import TASKS
+from motion_jax.evaluation.tasks.base import ClipTask, Found, Wanted
+from motion_jax.models.cdamd.mask_schedule import TASKS, task_mask
 
 
 class Editing(ClipTask):
   OPTIONS = ("cleanup", "tries")  # cleanup: finished edits; tries: of these, attempts at what a caption requires (1)
+  FILES = ("for each of the four tasks the whole motion of `motion` (joints of a real one), its frames outside of "
+           "`keep` ([first, past] each) made from the caption, in the place where `motion` is; a task without a folder "
+           "is left out")
 
   @staticmethod
   def load(run, raw=False):
@@ -26,21 +31,40 @@ class Editing(ClipTask):
     real = drawn.cut(self.test_set.of(candidate.reader))
     jobs = samples.jobs_of(self.test_set, drawn, self.harness.seed, replication)
     judged = {}
-    for task in TASKS:
-      made = candidate.sample(editor(candidate, self.protocol, real, task), store, f"{task}_r{replication:03d}", jobs,
+    for name, task in candidate.parts({_folder(task, replication): task for task in TASKS}).items():
+      made = candidate.sample(editor(candidate, self.protocol, real, task), store, name, jobs,
                               f"{task} {replication + 1}")
       judged[task] = self.harness.judged(replication, made, candidate.model.stats.layout)
     return Found({task: one.row for task, one in judged.items()},
                  by_motion={task: one.by_motion for task, one in judged.items()})
 
+  def wanted(self, replication, reader):
+    drawn, joints = self.harness.drawn(replication), self.joints(replication, reader)
+    jobs = samples.jobs_of(self.test_set, drawn, self.harness.seed, replication)
+    for task in TASKS:
+      about = [one | {"task": task, "keep": kept_spans(task, count)}
+               for one, count in zip(self.ids(replication), jobs.frames)]
+      yield Wanted(_folder(task, replication), jobs, about, joints)
+
+
+def _folder(task, replication):
+  return f"{task}_r{replication:03d}"
+
+
+def kept_spans(task, num_frames, frames_per_latent=4):
+  """[[first, past]] of the frames that a task keeps of a motion of num_frames."""
+  kept = ~np.repeat(task_mask(task, [num_frames], num_frames // frames_per_latent, frames_per_latent)[0],
+                    frames_per_latent)
+  edges = np.flatnonzero(np.diff(np.concatenate([[0], kept, [0]])))
+  return edges.reshape(-1, 2).tolist()
+
 
 def editor(candidate, protocol, real, task):
   """make(jobs) of `samples.sample`: of the real motions [(T, F)] those at the jobs' places, edited."""
-  # Parity: the released script edits with the mask that it samples with; --sampling mask=bcm is ours.
-  options = {"mask": candidate.model.config.sampler.mask, "cleanup": False, "tries": 1} | dict(candidate.options)
-  pasted = protocol.paste or options["cleanup"]
-
   def make(jobs):
+    # Parity: the released script edits with the mask that it samples with; --sampling mask=bcm is ours.
+    options = {"mask": candidate.model.config.sampler.mask, "cleanup": False, "tries": 1} | dict(candidate.options)
+    pasted = protocol.paste or options["cleanup"]
     motions = [real[i][:count] for i, count in zip(jobs.places, jobs.frames)]
     made = candidate.model.edits(motions, jobs.captions, task, seeds=jobs.seeds, paste=pasted,
                                  guidance_scale=candidate.guidance_scale, **options)

@@ -1,22 +1,14 @@
 """Text to motion: a model makes each item of a replication anew, of its caption and at its length."""
-from typing import NamedTuple
-
 import numpy as np
 
 from motion_jax import loading
 from motion_jax.evaluation import samples
-from motion_jax.evaluation.tasks.base import ClipTask, Found
-
-
-class Wanted(NamedTuple):
-  """Motions that a replication wants made: the name of their files, jobs, and the item of each (N,)."""
-  name: str
-  jobs: samples.Jobs
-  items: np.ndarray
+from motion_jax.evaluation.tasks.base import ClipTask, Found, Wanted
 
 
 class Generation(ClipTask):
   TEXT_TO_MOTION = True
+  FILES = "a motion of each caption at its length, wherever it begins and whichever way it faces"
 
   @staticmethod
   def load(run, raw=False):
@@ -34,19 +26,19 @@ class Generation(ClipTask):
 
   def sampled(self, candidate, replication):
     """The motions of a replication [(rows, F)] in the order of its draw."""
-    name, jobs, _ = self._first(replication)
-    return candidate.sample(candidate.generator(), candidate.store(self.harness), name, jobs,
+    wanted = self._first(replication)
+    return candidate.sample(candidate.generator(), candidate.store(self.harness), wanted.name, wanted.jobs,
                             f"replication {replication + 1}")
 
-  def wanted(self, replication) -> list[Wanted]:
-    """All that a replication wants made."""
-    more = [self._many(replication)] if self.protocol.has_multimodality(replication) else []
-    return [self._first(replication), *more]
+  def wanted(self, replication, reader):
+    yield self._first(replication)
+    if self.protocol.has_multimodality(replication):
+      yield self._many(replication)
 
   def _first(self, replication):
     drawn = self.harness.drawn(replication)
     jobs = samples.jobs_of(self.test_set, drawn, self.harness.seed, replication, self._copies(replication))
-    return Wanted(f"r{replication:03d}", jobs, drawn.item)
+    return Wanted(f"r{replication:03d}", jobs, self.ids(replication))
 
   def _many(self, replication):
     """The other generations of the first captions."""
@@ -54,7 +46,7 @@ class Generation(ClipTask):
     places, copies = (np.array(part) for part in zip(*pairs))
     some = samples.Draw(*(part[places] for part in drawn))
     jobs = samples.jobs_of(self.test_set, some, self.harness.seed, replication, copies)
-    return Wanted(f"r{replication:03d}_many", jobs, some.item)
+    return Wanted(f"r{replication:03d}_many", jobs, [{"id": self.test_set.ids[item]} for item in some.item])
 
   def _pairs(self, replication):
     """(place in the draw, generation of it) of those."""
@@ -77,8 +69,8 @@ class Generation(ClipTask):
   def _generations(self, candidate, replication, motions):
     """Lists of protocol.multimodality_motions generations of the first captions; `motions` holds one of each
     already."""
-    have, (name, jobs, _) = self._copies(replication), self._many(replication)
-    made = iter(candidate.sample(candidate.generator(), candidate.store(self.harness), name, jobs,
+    have, wanted = self._copies(replication), self._many(replication)
+    made = iter(candidate.sample(candidate.generator(), candidate.store(self.harness), wanted.name, wanted.jobs,
                                  f"multimodality {replication + 1}"))
     return [[motions[i] if copy == have[i] else next(made) for copy in range(self.protocol.multimodality_motions)]
             for i in range(self._num_captions)]

@@ -16,7 +16,7 @@ import numpy as np
 from motion_jax.data.timelines import read_sequences
 from motion_jax.evaluation import samples
 from motion_jax.evaluation.candidates import load_able
-from motion_jax.evaluation.tasks.base import Damaged, Found, Task
+from motion_jax.evaluation.tasks.base import Damaged, Found, Task, Wanted
 from motion_jax.metrics import long_horizon, physics
 from motion_jax.models.cmdm import multi_prompt
 from motion_jax.motion.representations import get_layout, to_joints
@@ -33,6 +33,7 @@ class PromptSequence(NamedTuple):
 
 
 class LongHorizon(Task):
+  FILES = ("one motion of all `segments` in a row, each of a caption and its frames; prompts change at those frames")
   METRICS = ("top1", "top2", "top3", "fid", "matching", "diversity", "transition_fid", "transition_diversity",
              "transition_distance", "peak_jerk", "auj")
   OPTIONS = ("way", "cleanup", "ease")  # the last two: as a person sees it, features of the cleaned, eased joints
@@ -68,12 +69,12 @@ class LongHorizon(Task):
     """The row of a candidate's long motions."""
     model, prompts = candidate.model, self.sequences(replication)
     options = {"way": self.protocol.way} | dict(candidate.options)
-    way, latent = options["way"], model.vae.frames_per_latent
-    frames = [piece_frames(one.frames, way, model.dit.block * latent, latent) for one in prompts]
-    jobs = samples.Jobs([" | ".join(one.captions) for one in prompts], [sum(part) for part in frames],
-                        [samples.seed_of(self.harness.seed, replication, i) for i in range(len(prompts))],
-                        list(range(len(prompts))))
-    timed = [list(zip(one.captions, (one.frames / model.fps).tolist())) for one in prompts]
+    way, frames = options["way"], [one.frames.tolist() for one in prompts]
+    if model.can("multi_prompt"):
+      latent = model.vae.frames_per_latent
+      frames = [piece_frames(one.frames, way, model.dit.block * latent, latent) for one in prompts]
+    jobs = self._jobs(replication, prompts, frames)
+    timed = [list(zip(one.captions, (one.frames / model.stats.layout.fps).tolist())) for one in prompts]
     # The kind is part of the name of a folder of samples: another word would make all of them anew.
     store = candidate.store(self.harness, f"stories, {way}{self._file_hash}")
     made = candidate.sample(multi_prompt_generator(candidate, timed, options), store, f"r{replication:03d}", jobs,
@@ -81,6 +82,18 @@ class LongHorizon(Task):
     scored = long_horizon.score(self._pieces(made, prompts, frames, model.stats.layout), self._reference(replication),
                                 *self._scoring(replication, self._rules))
     return Found({"": scored.row}, {"": scored.curve})
+
+  def wanted(self, replication, reader):
+    prompts = self.sequences(replication)
+    frames = [one.frames.tolist() for one in prompts]
+    yield Wanted(f"r{replication:03d}", self._jobs(replication, prompts, frames), [
+        {"segments": [{"caption": caption, "frames": count} for caption, count in zip(one.captions, counts)]}
+        for one, counts in zip(prompts, frames)])
+
+  def _jobs(self, replication, prompts, frames):
+    return samples.Jobs([" | ".join(one.captions) for one in prompts], [int(sum(part)) for part in frames],
+                        [samples.seed_of(self.harness.seed, replication, i) for i in range(len(prompts))],
+                        list(range(len(prompts))))
 
   def _pieces(self, made, prompts, frames, layout):
     """`metrics.long_horizon.Sequence`s of motions [(rows, F)] that a model made, one at a time."""
@@ -238,9 +251,8 @@ def multi_prompt_generator(candidate, sequences, options):
   `multi_prompts`. What is cleaned up or eased afterwards are joints, so the features are made of those."""
   options = {"cleanup": False, "literal": True} | dict(options)
   of_joints = options["cleanup"] or options.get("ease", False)
-  layout, mode = candidate.model.stats.layout, candidate.model.config.data.mode
-
   def in_place(joints):  # bones that drift and feet in the floor are what is to be judged: nothing mends them here
+    layout, mode = candidate.model.stats.layout, candidate.model.config.data.mode
     return layout.from_joints_in_place(long_horizon.placed(np.asarray(joints, np.float64), layout.skeleton), mode)
 
   def make(jobs):

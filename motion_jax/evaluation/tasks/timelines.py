@@ -9,7 +9,7 @@ import numpy as np
 
 from motion_jax.data.timelines import read_timelines, single_track
 from motion_jax.evaluation import samples
-from motion_jax.evaluation.tasks.base import Found, Task
+from motion_jax.evaluation.tasks.base import Found, Task, Wanted
 from motion_jax.evaluation.tasks.long_horizon import BATCH, LongHorizon, multi_prompt_generator
 from motion_jax.metrics import timeline_scores
 from motion_jax.motion.representations import to_joints
@@ -26,6 +26,8 @@ class RealTexts(NamedTuple):
 
 class Timelines(Task):
   METRICS = ("crop_top1", "crop_top3", "tmr_m2t", "tmr_m2m", "fid", "transition_distance")
+  FILES = ("one motion of each `timeline`, intervals of seconds with a text and body parts that may overlap, or of "
+           "`segments`, the same in a row: captions with their frames")
   OPTIONS = LongHorizon.OPTIONS
   load = LongHorizon.load
 
@@ -40,11 +42,7 @@ class Timelines(Task):
   def found(self, candidate, replication):
     """The row of a candidate's motions for all timelines."""
     harness, layout = self.harness, candidate.model.stats.layout
-    prompts = [single_track(timeline) for timeline in self._timelines]
-    frames = [sum(round(seconds * candidate.model.fps) for _, seconds in one) for one in prompts]
-    jobs = samples.Jobs([" | ".join(caption for caption, _ in one) for one in prompts], frames,
-                        [samples.seed_of(harness.seed, replication, i) for i in range(len(prompts))],
-                        list(range(len(prompts))))
+    prompts, jobs = self._asked(replication, layout.fps)
     store = candidate.store(harness, f"timelines {prompts}")
     made = candidate.sample(multi_prompt_generator(candidate, prompts, candidate.options), store,
                             f"r{replication:03d}", jobs, f"replication {replication + 1}", BATCH)
@@ -53,6 +51,22 @@ class Timelines(Task):
     return Found({"": timeline_scores.score(
         self._timelines, [layout.convert(x, read, mode) for x in made], [_metres(x, layout) for x in made], embed,
         real.texts, real.text, real.motion, self._rules, layout.skeleton)})
+
+  def wanted(self, replication, reader):
+    fps = reader.layout.fps
+    prompts, jobs = self._asked(replication, fps)
+    yield Wanted(f"r{replication:03d}", jobs, [
+        {"timeline": [interval._asdict() for interval in timeline],
+         "segments": [{"caption": caption, "frames": round(seconds * fps)} for caption, seconds in one]}
+        for timeline, one in zip(self._timelines, prompts)])
+
+  def _asked(self, replication, fps):
+    """([(caption, seconds)] of each timeline, jobs)."""
+    prompts = [single_track(timeline) for timeline in self._timelines]
+    frames = [sum(round(seconds * fps) for _, seconds in one) for one in prompts]
+    return prompts, samples.Jobs(
+        [" | ".join(caption for caption, _ in one) for one in prompts], frames,
+        [samples.seed_of(self.harness.seed, replication, i) for i in range(len(prompts))], list(range(len(prompts))))
 
   @property
   def _rules(self):
