@@ -173,8 +173,8 @@ def change_state(folder, file="model.safetensors", drop=(), **changes):
     (lambda f: change_state(f, surprise=np.ones(2, np.float32)), "unknown 1 .surprise"),
     (lambda f: change_state(f, drop=["text_model.final_layer_norm.bias"]), "missing 1 .text_model.final_layer_norm"),
     (lambda f: change_state(f, drop=["text_projection.weight"]), "no text_projection"),
-    (lambda f: change_config(f, num_hidden_layers=2**31), "got num_layers 2.14748e.09, expected at most 100"),
-    (lambda f: change_config(f, max_position_embeddings=10**12), "got max_positions 1e.12, expected at most 1000000"),
+    (lambda f: change_config(f, num_hidden_layers=2**31), "got num_layers 2.14748e.09, expected at most 100;"),
+    (lambda f: change_config(f, max_position_embeddings=10**12), "got max_positions 1e.12, expected at most 1000000;"),
     (lambda f: change_piece(f, 10**6), "the tokenizer has 1000001 word pieces"),
     (lambda f: (f / "model.safetensors").write_bytes(b"half a file"), "cannot be read"),
     (lambda f: (f / "tokenizer.json").write_text("[]"), "not a tokenizer")])
