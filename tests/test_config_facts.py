@@ -3,9 +3,14 @@
 Sources of the numbers: docs/papers/cmdm.md and docs/papers/cdamd.md, by the heading that each row names; the paper's
 own side is configs/ablations/*_paper.py.
 """
+import re
+import types
+
 import ml_collections
 import pytest
 
+from motion_jax import fit, runs
+from motion_jax.inputs import config_files, overrides
 from motion_jax.motion.representations import get_layout
 from motion_jax.training import epochs
 from motion_jax.training.optimizers import make_schedule
@@ -220,3 +225,24 @@ def test_a_boundary_below_one_is_a_share():
   optimizer.boundaries = (0.25,)
   rate = make_schedule(optimizer, 400)
   assert [round(float(rate(step)), 3) for step in (0, 99, 101, 399)] == [1.0, 1.0, 0.1, 0.1]
+
+
+def test_the_first_lines_of_training_are_readable(tmp_path, monkeypatch, capsys):
+  """The config a section a line, how long the run is and what its loss measures; no dump of Python objects."""
+  monkeypatch.setattr(fit.train, "train", lambda *args, **kwargs: types.SimpleNamespace(step=2))
+  config = load_config("cmdm_tokenizer", "tiny").unlock()
+  config.train.update(num_steps=0, num_epochs=3, num_saves=2)
+  fit.run(config.lock(), tmp_path)
+  said = capsys.readouterr().out
+  assert "!!" not in said and "  model: causal=True dilations=(1) features=263 latent_dim=4" in said
+  steps, items = map(int, re.search(r"training: (\d+) steps of 4 items, 3 epochs of (\d+);", said).groups())
+  assert steps == 3 * (items // 4) == runs.open(tmp_path).config.train.num_steps
+  assert "loss: a sum, not a mean, over the 33,664 numbers of 2 windows" in said  # 2 * 64 * 263
+
+
+def test_a_config_in_lines_leaves_nothing_out():
+  config = load_config("cdamd_generator", "tiny")
+  text = "\n".join(config_files.lines_of(config))
+  flat = {name.rpartition(".")[2] for name, value in overrides._fields(config) if not hasattr(value, "items")}
+  assert not [name for name in flat if f"{name}=" not in text]
+  assert "folder=''" in text and "stage=cdamd.generator" in text and "final_rate=1e-06" in text
