@@ -320,7 +320,8 @@ def _tell_model(model, args, what):
 def _able(model, name):
   """Raises ValueError unless this kind of model can do it."""
   if not model.can(name):
-    raise InputError(f"{model.id} has no {name!r}; give another kind of model by --model")
+    from motion_jax.models.base import cannot
+    raise InputError(cannot(model.id, name))
 
 
 def _write(args, model, motions, outputs, start, colors=None, asked=None, constraints=()):

@@ -1,11 +1,10 @@
 """What models that are ready to use have in common: prompts, lengths, seeds, and where a motion is from."""
-import difflib
 import functools
 import hashlib
 import operator
 import warnings
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
@@ -17,7 +16,7 @@ from motion_jax.inputs import former_names
 from motion_jax.inputs.errors import InputError
 from motion_jax.inputs.numerals import SEEDS, as_float, checked, demand_numbers, shortened, told
 from motion_jax.inputs.text_files import is_text
-from motion_jax.models import prompt_notes
+from motion_jax.models import arguments, prompt_notes
 from motion_jax.models.options import SamplingOptions
 from motion_jax.models.ways import least_seconds
 from motion_jax.motion.stats import Stats
@@ -43,10 +42,15 @@ ABILITIES = {
     "stream": "motion without end, block after block",
     "multi_prompt": "several prompts in a row, one motion",
     "extend": "a motion that exists goes on",
-    "edit": "parts of a motion that exists made anew",
+    "edit": "new frames in a motion that exists",
     "reconstruct": "a motion through the tokenizer and back",
     "round_trip": "padded motions through the tokenizer and back",
 }
+
+
+_SEVERAL = {"edits": "edit", "multi_prompts": "multi_prompt"}  # methods of the same ability
+# Arguments of every method's `generate`, beside the choices of sampling.
+_ARGUMENTS = ("seed", "seeds", "seconds", "num_frames", "cleanup", "literal", "control", "tries")
 
 
 class Able:
@@ -60,6 +64,16 @@ class Able:
     return ability in self.abilities
 
 
+def cannot(name: str, ability: str) -> str:
+  """The sentence for a model that lacks an ability of `ABILITIES`: which of those that ship have it."""
+  from motion_jax import runs
+  from motion_jax.models import registry
+  able = runs.shipped_names(registry.model_stages(ability))
+  return f"{name} has no {ability!r} ({ABILITIES[ability]}); " + (
+      f"{' and '.join(able)} {'has' if len(able) == 1 else 'have'}: load such a model (--model)" if able else
+      "no model that ships has")
+
+
 class TextToMotionModel(Able):
   """A run folder whose parameters make motion from words: the base of every method's model, and what `load` gives.
 
@@ -67,6 +81,7 @@ class TextToMotionModel(Able):
   """
   abilities: tuple[str, ...] = ("generate",)
   options: Any = SamplingOptions
+  control_choices: tuple[str, ...] = ()  # of `generate`, beside those of sampling, where constraints guide it
   codec: Any = None  # of the latents that it makes, where it makes latents
   max_seconds = 3600.0
   reports_to_terminal = True  # False where warnings about prompts would not be read
@@ -84,6 +99,14 @@ class TextToMotionModel(Able):
     self.stats: Stats = run.stats
     self.frozen = jax.tree.map(jnp.asarray, run.frozen(frozen_shapes) if frozen_shapes else {})
     self.params = jax.tree.map(jnp.asarray, run.params(shapes))
+
+  if not TYPE_CHECKING:
+    def __getattr__(self, name):
+      """Only for names that there are not: says which model has the ability of that name."""
+      ability = _SEVERAL.get(name, name)
+      if ability in ABILITIES and not self.can(ability):
+        raise AttributeError(cannot(self.folder.name, ability))
+      return object.__getattribute__(self, name)  # raises, also what a property raised
 
   def __repr__(self) -> str:
     return (f"{type(self).__name__}({self.folder.name!r}: {self.num_params / 1e6:.1f} M parameters, "
@@ -203,9 +226,9 @@ class TextToMotionModel(Able):
     known, choices = self.options.described(), former_names.current(choices)
     for name in choices:
       if name not in known:
-        other = difflib.get_close_matches(name, [*known, *(one for one in _ARGUMENTS if one != name)], 1, 0.75)
+        others = [*known, *(one for one in _ARGUMENTS if one != name)]
         raise TypeError(f"got the choice of sampling {name!r}, {self.folder.name} knows {', '.join(known)}"
-                        + (f"; did you mean {other[0]}?" if other else ""))
+                        + arguments.hint(name, others, ""))
     return self.options(**choices).resolved(self.config, **self.usual_sampling())
 
   def usual_sampling(self) -> dict[str, Any]:
@@ -281,7 +304,6 @@ class TextToMotionModel(Able):
 
 
 Model = TextToMotionModel  # its public name, `motion_jax.Model`
-_ARGUMENTS = ("seed", "seeds", "seconds", "num_frames", "cleanup", "literal", "control", "tries")  # besides
 
 
 def each(value: Any, prompts: Sequence[str]) -> list[Any]:

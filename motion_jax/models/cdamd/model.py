@@ -12,11 +12,10 @@ from jaxtyping import Bool, Float
 from motion_jax.control.signal import ControlSignal
 from motion_jax.data.captions import of_a_person
 from motion_jax.data.clip import Caption, Clip
-from motion_jax.inputs import former_names
 from motion_jax.inputs.config_files import module_fields
 from motion_jax.inputs.numerals import checked
 from motion_jax.latents import AutoencoderCodec
-from motion_jax.models import cdamd, controlled, editing
+from motion_jax.models import arguments, cdamd, controlled, editing
 from motion_jax.models.base import Frames, Prompts, TextToMotionModel, keys_of
 from motion_jax.models.cdamd import draws
 from motion_jax.models.cdamd import length as lengths
@@ -65,6 +64,7 @@ class CdamdModel(TextToMotionModel):
   """CDAMD or MARDM ready to use: prompts in, motion out; a motion in, the same one with new parts out."""
   abilities = ("generate", "understand", "edit")
   options = CdamdSampling
+  control_choices = ("control_steps", "settles")
 
   def __init__(self, run: Run, encoder: TextEncoder) -> None:
     config = run.config
@@ -103,11 +103,11 @@ class CdamdModel(TextToMotionModel):
         action=_as_captions_say(part.action), also=tuple(map(_as_captions_say, part.also)))
         for part in sentence.segments))
 
-  @former_names.with_keywords
+  @arguments.checked
   def generate(self, prompts: Prompts, num_frames: Frames = None, *, seconds: Frames = None,
-               rng: jax.Array | None = None, seeds: Iterable[int] | None = None, cleanup: bool = True,
-               literal: bool = False, control: Control = None, project: bool = True, tries: int = TRIES,
-               **sampling: Any) -> Motions:
+               rng: jax.Array | None = None, seeds: Iterable[int] | None = None, seed: int | None = None,
+               cleanup: bool = True, literal: bool = False, control: Control = None, project: bool = True,
+               tries: int = TRIES, **sampling: Any) -> Motions:
     """Motions for one prompt or several, of the given length each (one number or one per prompt).
 
     A prompt of several actions ("walks, then waves", "waves while walking") is done action by action, as
@@ -120,7 +120,7 @@ class CdamdModel(TextToMotionModel):
     `natural_frames`. sampling: choices of `CdamdSampling`. Raises ValueError for what cannot be made.
     """
     prompts = self.prompts_of(prompts, literal)
-    keys, seeds = keys_of(rng, seeds, len(prompts))
+    keys, seeds = keys_of(rng, seeds, len(prompts), seed)
     return controlled.generate(self, prompts, num_frames, seconds, keys, seeds, cleanup, literal, sampling, control,
                                project, checked(tries, 1, 100, "tries"))
 
@@ -184,13 +184,12 @@ class CdamdModel(TextToMotionModel):
     return motion.replace(joints=joints, features=features_of(self, joints), meta=motion.meta | dict(
         cleanup=bool(cleanup)), captions=captions_in_a_row(prompts, ends, self.fps))
 
-  @former_names.with_keywords
   def edit(self, clip: Editable, prompt: str, task: str | None = None, *, rng: jax.Array | None = None,
            seed: int | None = None, seeds: Iterable[int] | None = None, **choices: Any) -> Motion:
     """A motion that exists with parts of it made as the words say, the others kept; see `edits`."""
     return self.edits([clip], [prompt], task, rng=rng, seeds=seeds, seed=seed, **choices)[0]
 
-  @former_names.with_keywords
+  @arguments.checked
   def edits(self, clips: Sequence[Editable], prompts: Sequence[str], task: str | None = None, *,
             keep: Spans | None = None, change: Spans | None = None, rng: jax.Array | None = None,
             seeds: Iterable[int] | None = None, seed: int | None = None, paste: bool = True, cleanup: bool = True,

@@ -9,7 +9,7 @@ from motion_jax.control.signal import ControlSignal
 from motion_jax.data.clip import Clip
 from motion_jax.inputs import former_names
 from motion_jax.inputs.numerals import checked
-from motion_jax.models import composed, controlled
+from motion_jax.models import arguments, composed, controlled
 from motion_jax.models.apart import made_apart
 from motion_jax.models.base import Frames, Prompts, keys_of
 from motion_jax.models.cmdm import multi_prompt as multi
@@ -36,12 +36,13 @@ class CmdmModel(CmdmNetworks):
   """CMDM ready to use: prompts in, motion out. Made by `load`."""
   abilities = ("generate", "understand", "stream", "multi_prompt", "extend", "reconstruct")
   options = CmdmSampling
+  control_choices = ("control_steps", "settles")
 
-  @former_names.with_keywords
+  @arguments.checked
   def generate(self, prompts: Prompts, num_frames: Frames = None, *, seconds: Frames = None,
-               rng: jax.Array | None = None, seeds: Iterable[int] | None = None, cleanup: bool = True,
-               literal: bool = False, control: Control = None, project: bool = True, tries: int = TRIES,
-               **sampling: Any) -> Motions:
+               rng: jax.Array | None = None, seeds: Iterable[int] | None = None, seed: int | None = None,
+               cleanup: bool = True, literal: bool = False, control: Control = None, project: bool = True,
+               tries: int = TRIES, **sampling: Any) -> Motions:
     """Motions for one prompt or several, of the given length each (one number or one per prompt).
 
     A prompt of several actions ("walks, then waves", "waves while walking") is done action by action, as
@@ -56,7 +57,7 @@ class CmdmModel(CmdmNetworks):
     prompt or a length that is not positive or over an hour.
     """
     prompts = self.prompts_of(prompts, literal)
-    keys, seeds = keys_of(rng, seeds, len(prompts))
+    keys, seeds = keys_of(rng, seeds, len(prompts), seed)
     return controlled.generate(self, prompts, num_frames, seconds, keys, seeds, cleanup, literal, sampling, control,
                                project, checked(tries, 1, 100, "tries"))
 
@@ -95,23 +96,22 @@ class CmdmModel(CmdmNetworks):
     finished, which no stream can."""
     return self.sample(prompts, frames, keys, seeds, cleanup, sampling, signal)
 
-  @former_names.with_keywords
+  @arguments.checked
   def multi_prompt(self, segments: Segments, *, rng: jax.Array | None = None, seed: int | None = None,
-                   way: str = "stream", cleanup: bool = True, rest: bool = False, hold_until_done: bool = False,
-                   ease: bool = False, literal: bool = False, **sampling: Any) -> Motion:
+                   seeds: Iterable[int] | None = None, way: str = "stream", cleanup: bool = True, rest: bool = False,
+                   hold_until_done: bool = False, ease: bool = False, literal: bool = False, **sampling: Any) -> Motion:
     """One motion from several prompts in a row: [("a person walks", 4.0), ("he sits down", None), ...], in seconds.
 
     None is the length of similar training clips. See `multi_prompts`; sampling: choices of `CmdmSampling`.
     """
-    seeds = None if seed is None else [seed]
-    return self.multi_prompts([segments], rng=rng, seeds=seeds, way=way, cleanup=cleanup, rest=rest,
+    return self.multi_prompts([segments], rng=rng, seeds=seeds, seed=seed, way=way, cleanup=cleanup, rest=rest,
                               hold_until_done=hold_until_done, ease=ease, literal=literal, **sampling)[0]
 
-  @former_names.with_keywords
+  @arguments.checked
   def multi_prompts(self, lists: Iterable[Segments], *, rng: jax.Array | None = None,
-                    seeds: Iterable[int] | None = None, way: str = "stream", cleanup: bool = True, rest: bool = False,
-                    hold_until_done: bool = False, ease: bool = False, literal: bool = False, **sampling: Any
-                    ) -> Motions:
+                    seeds: Iterable[int] | None = None, seed: int | None = None, way: str = "stream",
+                    cleanup: bool = True, rest: bool = False, hold_until_done: bool = False, ease: bool = False,
+                    literal: bool = False, **sampling: Any) -> Motions:
     """A motion as of `multi_prompt` for each of several lists of segments, in one batch, of which none of them knows.
     The captions of a motion say when each prompt plays. A prompt of several actions is as many prompts, which share its
     seconds (`models.segments`); literal: every prompt is said to the network as it is.
@@ -130,7 +130,7 @@ class CmdmModel(CmdmNetworks):
       raise ValueError("got no prompts, expected a list of (prompt, seconds or None) for each motion")
     if way not in multi.WHOLE_WAYS:
       raise ValueError(f"got way {way!r}, expected one of {', '.join(multi.WHOLE_WAYS)}")
-    keys, seeds = keys_of(rng, seeds, len(told))
+    keys, seeds = keys_of(rng, seeds, len(told), seed)
     if hold_until_done:
       told = [[(prompt, max(count, composed.took_of(self, prompt))) for prompt, count in row] for row in told]
     if rest:
@@ -161,7 +161,7 @@ class CmdmModel(CmdmNetworks):
     former_names.note("stories", "multi_prompts")
     return self.multi_prompts(lists, **choices)
 
-  @former_names.with_keywords
+  @arguments.checked
   def extend(self, clip: Clip | Array, prompt: str | Segments, num_frames: int | None = None, *,
              seconds: float | None = None, past_prompt: str | None = None, rng: jax.Array | None = None,
              seed: int | None = None, seeds: Iterable[int] | None = None, way: str = "stream",
@@ -196,8 +196,10 @@ class CmdmModel(CmdmNetworks):
     new = known.continued(made, ends[-1], self.fps, cleanup)
     return go_on(self, clip, known.joints, new, captions_in_a_row(prompts, ends, self.fps), about)
 
-  def stream(self, prompt: str, *, rng: jax.Array | None = None, seed: int | None = None, num_frames: int | None = None,
-             cleanup: bool = True, hold_until_done: bool = False, literal: bool = False, **sampling: Any) -> LiveStream:
+  @arguments.checked
+  def stream(self, prompt: str, *, rng: jax.Array | None = None, seed: int | None = None,
+             seeds: Iterable[int] | None = None, num_frames: int | None = None, cleanup: bool = True,
+             hold_until_done: bool = False, literal: bool = False, **sampling: Any) -> LiveStream:
     """Yields joints (n, J, 3) block after block, without end unless num_frames says so; memory stays flat.
 
     A prompt of several actions is said action by action, the last without end; literal: every prompt as it is.
@@ -206,7 +208,7 @@ class CmdmModel(CmdmNetworks):
     done once, such as a kick, has had the time that clips of it in training have.
     """
     self.check_words([prompt], literal)
-    keys, _ = keys_of(rng, None if seed is None else [seed], 1)
+    keys, _ = keys_of(rng, seeds, 1, seed)
     plan, chosen, _ = self.plan_of(**sampling)
     if not plan.lag:
       raise ValueError("got schedule 'full': a stream runs by schedule 'fss' or 'ar'")

@@ -1,0 +1,47 @@
+"""Keyword arguments of a model's calls: former names are understood, wrong ones get a hint."""
+import difflib
+import functools
+import inspect
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from motion_jax.inputs import former_names
+
+# What other programs, or other calls, name so; the first of ours that a call has is the hint.
+OTHERS = {
+    "frames": ("num_frames",), "n_frames": ("num_frames",), "length": ("num_frames", "seconds"),
+    "lengths": ("num_frames",), "motion_length": ("seconds",), "duration": ("seconds",), "durations": ("seconds",),
+    "time": ("seconds",), "steps": ("num_steps",), "sampling_steps": ("num_steps",), "diffusion_steps": ("num_steps",),
+    "iterations": ("num_iterations",), "guidance": ("guidance_scale",), "scale": ("guidance_scale",),
+    "cfg": ("guidance_scale",), "cfg_scale": ("guidance_scale",), "cfg_weight": ("guidance_scale",),
+    "guidance_param": ("guidance_scale",), "text": ("prompt", "prompts"), "texts": ("prompts",),
+    "caption": ("prompt", "prompts"), "captions": ("prompts",), "key": ("rng",), "random_seed": ("seed",),
+    "num": ("seeds",), "num_samples": ("seeds",), "num_repetitions": ("seeds",), "attempts": ("tries",),
+    "max_attempts": ("tries",), "span": ("change",), "spans": ("change",), "edit": ("change",),
+    "constraints": ("control",), "clean": ("cleanup",), "post_processing": ("cleanup",),
+}
+
+
+def checked(function: Callable) -> Callable:
+  """A method of a model that knows its keyword arguments and the model's choices of sampling; TypeError for others."""
+  own = [name for name, parameter in inspect.signature(function).parameters.items()
+         if parameter.kind is not parameter.VAR_KEYWORD and name != "self"]
+
+  @functools.wraps(function)
+  def called(self: Any, *args: Any, **given: Any) -> Any:
+    given = former_names.current(given)
+    known = [*own, *self.options.described(), *self.control_choices]
+    for name in given:
+      if name not in known:
+        raise TypeError(f"{function.__name__} has no argument {name!r}"
+                        + hint(name, known, f"; it has {', '.join(known)}"))
+    return function(self, *args, **given)
+
+  return called
+
+
+def hint(name: str, known: Sequence[str], otherwise: str) -> str:
+  """What an unknown name was meant to be, or else what is said `otherwise`."""
+  others = [one for one in OTHERS.get(name.lower(), ()) if one in known] or (
+      difflib.get_close_matches(name, known, 1, 0.75))
+  return f"; did you mean {others[0]}?" if others else otherwise
