@@ -1,8 +1,8 @@
 """Rotations of a skeleton whose rest pose is given, from joint positions alone: for data that holds no rotations.
 
 Positions do not show how a bone is turned about itself: a joint with several children gets the turn that fits them
-best, any other turns as little as possible from its parent. (`pose` chooses turns as a body would, from a T-pose of its
-own.)
+best, or that of the body where they lie on one line; any other turns as little as possible from its parent. (`pose`
+chooses turns as a body would, from a T-pose of its own.)
 """
 import dataclasses
 
@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.skeleton import Skeleton
+from motion_jax.motion.skeleton import THIN, Skeleton, body_axes, bone_lengths, from_nearest
 
 
 def world_rotations(joints: Float[np.ndarray, "t j 3"], skeleton: Skeleton) -> Float[np.ndarray, "t j 4"]:
@@ -29,11 +29,27 @@ def world_rotations(joints: Float[np.ndarray, "t j 3"], skeleton: Skeleton) -> F
     if holder[joint] != joint or not below:
       turned[joint] = above
     elif len(below) == 1:
-      now = rot.rotate(above, skeleton.rest_directions[below[0]])
-      turned[joint] = rot.multiply(rot.between(now, rot.unit(bones[:, below[0]])), above)
+      now, bone = rot.rotate(above, skeleton.rest_directions[below[0]]), bones[:, below[0]]
+      size = np.linalg.norm(bone, axis=-1, keepdims=True)
+      bone = np.where(size > 1e-9, bone / np.maximum(size, 1e-9), now)  # a bone of no length turns with its parent
+      turned[joint] = rot.multiply(rot.between(now, bone), above)
     else:
-      turned[joint] = rot.from_matrix(rot.best_turn(bones[:, below], offsets[below]))
+      turned[joint] = rot.from_matrix(_fit(joints, bones[:, below], offsets[below], joint, skeleton))
   return rot.unit(np.stack(turned, axis=1))
+
+
+def _fit(joints: Float[np.ndarray, "t j 3"], bones: Float[np.ndarray, "t n 3"], shape: Float[np.ndarray, "n 3"],
+         joint: int, skeleton: Skeleton) -> Float[np.ndarray, "t 3 3"]:
+  """The turns (T, 3, 3) of a joint by the bones below it; by the body's axes where these do not span a plane."""
+  thin = THIN * np.median(bone_lengths(joints, skeleton)[:, list(skeleton.leg_bones)].sum(-1))
+  spread = np.linalg.svd(bones, compute_uv=False)[:, 1]
+  if np.median(spread) > thin:
+    return from_nearest(rot.best_turn(bones, shape), spread > 1e-6 * thin)
+  rest = np.zeros((1, skeleton.num_joints, 3))
+  for child in order(skeleton)[1:]:
+    rest[:, child] = rest[:, skeleton.parents[child]] + skeleton.offsets[child]
+  part = int(joint == skeleton.chains[3][0])
+  return body_axes(joints, skeleton)[part] @ body_axes(rest, skeleton)[part][0].T
 
 
 def relative(turned: Float[np.ndarray, "t j 4"], skeleton: Skeleton) -> Float[np.ndarray, "t j 4"]:

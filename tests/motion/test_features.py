@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from motion_jax.data.datasets.synthetic import synthetic_clips
+from motion_jax.motion import inverse
 from motion_jax.motion import representations as F
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.representations.humanml3d import _bones
 from motion_jax.motion.skeleton import HUMANML3D
 from tests.fixtures import load
 
@@ -80,8 +80,8 @@ def test_corrected_mode_loses_nothing(index):
 def test_corrected_mode_survives_a_full_turn_where_the_benchmark_does_not():
   angle = np.linspace(0, 2 * np.pi, 120)
   standing = HUMANML3D.offsets.copy()
-  for joint, parent in _bones(HUMANML3D):
-    standing[joint] += standing[parent]
+  for joint in inverse.order(HUMANML3D)[1:]:
+    standing[joint] += standing[HUMANML3D.parents[joint]]
   standing[:, 1] -= standing[:, 1].min()
   turning = rot.rotate(rot.about_axis(angle, "y")[:, None], standing[None])
   for mode, bound in (("corrected", 1e-5), ("benchmark", np.inf)):
@@ -94,8 +94,8 @@ def test_corrected_mode_survives_a_full_turn_where_the_benchmark_does_not():
 @pytest.mark.parametrize("mode", F.MODES)
 def test_a_body_that_faces_exactly_backwards_or_raises_its_arms_has_features(mode):
   standing = HUMANML3D.offsets.copy()
-  for joint, parent in _bones(HUMANML3D):
-    standing[joint] += standing[parent]
+  for joint in inverse.order(HUMANML3D)[1:]:
+    standing[joint] += standing[HUMANML3D.parents[joint]]
   expected = F.to_features(np.stack([standing] * 9), mode=mode)
   backwards = F.to_features(np.stack([standing * [-1, 1, -1]] * 9), mode=mode)
   assert np.abs(backwards - expected).max() < 1e-5

@@ -29,7 +29,7 @@ from jaxtyping import Float, Num
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.representations import base
 from motion_jax.motion.representations.base import GROUND, ROTATION, VECTOR, Block
-from motion_jax.motion.retarget import retarget
+from motion_jax.motion.retarget import retarget, with_lengths
 from motion_jax.motion.rotations import A
 from motion_jax.motion.skeleton import HUMANML3D, KIT, Skeleton, bone_lengths, facing
 from motion_jax.shapes import Array
@@ -137,17 +137,7 @@ def canonicalize(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, mo
 def _keep_directions(joints, skeleton):
   legs = list(skeleton.leg_bones)
   scale = skeleton.bone_lengths[legs].sum() / bone_lengths(joints[:1], skeleton)[0, legs].sum()
-  result = np.empty_like(joints)
-  result[:, 0] = joints[:, 0] * scale
-  for joint, parent in _bones(skeleton):
-    direction = rot.unit(joints[:, joint] - joints[:, parent])
-    result[:, joint] = result[:, parent] + direction * skeleton.bone_lengths[joint]
-  return result
-
-
-def _bones(skeleton):
-  """(joint, parent) pairs in an order that meets every parent before its children."""
-  return [(joint, parent) for chain in skeleton.chains for parent, joint in zip(chain[:-1], chain[1:])]
+  return with_lengths(joints * scale, skeleton)
 
 
 def extract(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, mode: str = "benchmark"
