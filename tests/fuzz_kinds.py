@@ -122,7 +122,9 @@ def prompts(rng, folder):
     given = "in" + pick(rng, (".csv", ".txt"))
     text = _PROMPTS if given.endswith(".csv") else _PROMPTS.replace(",", " ").replace('"', "")
     put(folder, {given: damage(rng, given, text.encode())})
-  return command("generate", given, *_lengths(rng), "--model", "run", "--out", "out/a.npy")
+  lengths = _lengths(rng)
+  once = ("--tries", "1") if len(lengths[1]) > 3 else ()  # an hour's motion is made a dozen times for minutes
+  return command("generate", given, *lengths, *once, "--model", "run", "--out", "out/a.npy")
 
 
 def stories(rng, folder):
