@@ -1,7 +1,7 @@
 """How far numbers would move on other test clips, by the bootstrap: of a row, and of the difference of two.
 
 Replications draw other captions, cuts and noise of the same clips, so their interval says nothing of other clips. Here
-the clips are drawn anew, with replacement; two rows are compared on the same draws, for they are of the same captions.
+clips are resampled with replacement; two rows are compared on the same draws, for they are of the same captions.
 """
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -80,7 +80,7 @@ def joint_reader(evaluator) -> Reader:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Unsampled(Able):
-  """What is asked of a model, of motions that are there already: it can do nothing."""
+  """In the place of a model, of motions that are there already: it has no abilities."""
   stats: types.SimpleNamespace  # layout, fingerprint
   folder: pathlib.Path
   config: dict = dataclasses.field(default_factory=dict)
