@@ -113,8 +113,8 @@ class Maker:
     model = self.library.model(name, "edit")
     with self.place(), told_plainly(), progress.part("making the span"):
       motion = make_edit(model, clip, prompt, change, keep, seed, sampling)
-    return {"motion": wire.to_json(motion), "made": motion.meta["made"], "notes": notes_of([motion])} | words_of(
-        model, [prompt])
+    return {"motion": wire.to_json(motion), "made": motion.meta["made"]} | words_of(
+        model, [prompt], notes_of([motion]))
 
   def _able(self, ability):
     """The first model that can do something; the first of all where none can yet."""

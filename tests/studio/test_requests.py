@@ -79,6 +79,18 @@ def test_a_story_is_made_anew_from_where_it_changed(client):
   assert [caption["text"] for caption in second["motion"]["captions"]] == ["a person walks", "a person jumps"]
 
 
+def test_notes_are_of_prompts_and_of_what_no_attempt_shows(client, library, monkeypatch):
+  motion = library.model("tiny", "generate").generate("a person walks", seconds=2, seeds=[0], tries=1, num_steps=2)[0]
+  missed = motion.replace(meta=motion.meta | dict(attempts=4, unmet=["no kick seen"]))
+  for name, body in (("generate", {"model": "tiny"}), ("edit", {"model": "editor", "motion": wire.to_json(motion),
+                                                                "change": [[8, 24]]})):
+    with monkeypatch.context() as patch:
+      patch.setattr("motion_jax.studio.making.make_edit", lambda *_: missed.replace(meta=missed.meta | dict(made=[])))
+      patch.setattr(type(library.model("tiny", "generate")), "generate", lambda *_, **__: [missed])
+      notes = client.post(f"/v1/{name}", json=body | {"prompt": "two people dance"}).json()["notes"]
+    assert "only one body is made" in notes[0] and notes[-1].startswith("4 attempts, no kick seen")
+
+
 def test_a_block_of_several_actions_is_made_action_by_action(client):
   reply = client.post("/v1/story", json={"model": "tiny", "blocks": [
       {"prompt": "a person walks, then waves", "seconds": 4.8}, {"prompt": "a person jumps", "seconds": 1.2}]}).json()
