@@ -83,3 +83,5 @@ def test_stairs_lead_up_or_down(prompt, kind):
     missing = [violation_score(flat + way, required) for way in (rise, 0 * rise, rise[::-1])]
     assert missing[0 if kind == "ascend" else 2] == 0 and 0.5 < missing[1] < 1
     assert missing[2 if kind == "ascend" else 0] >= missing[1]
+  if kind == "ascend":  # who begins high up and comes down is the farther from it, the higher
+    assert violation_score(flat + 2 * rise[::-1], required) > violation_score(flat + rise[::-1], required) > 1

@@ -11,6 +11,7 @@ from motion_jax.models.looking import Requirement
 from motion_jax.models.results import Motion, features_of
 from motion_jax.motion.resting import held_frame, with_rest
 from motion_jax.motion.retarget import floor_height
+from motion_jax.motion.skeleton import HUMANML3D
 
 if TYPE_CHECKING:
   from motion_jax.models.base import TextToMotionModel
@@ -24,7 +25,8 @@ def finished(model: "TextToMotionModel", motion: Motion, requirements: Sequence[
   joints = _kept_seated(motion, requirements, model.stats.layout.skeleton)
   height = float(floor_height(joints, model.stats.layout.skeleton))
   if height > _FLOATS and not _HANGS.search(motion.captions[0].text if motion.captions else ""):
-    joints = joints - np.array([0, height, 0], joints.dtype)
+    lowest = joints[:, list(HUMANML3D.left_feet + HUMANML3D.right_feet), 1].min()
+    joints = joints - np.array([0, lowest, 0], joints.dtype)
   if joints is motion.joints:
     return motion
   return motion.replace(joints=joints, features=features_of(model, joints))

@@ -319,9 +319,10 @@ def _foot_heights(body):
 
 
 def _not_climbed(body):
-  """How far a body is from going up by a step or two, from where it is lowest."""
+  """How far a body is from going up by a step or two, and how far below its beginning it gets."""
   height, start, _ = _foot_heights(body)
-  return _short_of(float(height.max()) - start) + _HALF * (start - float(height.min()) > _STEP_UP / 2)
+  below = start - float(height.min())
+  return _short_of(float(height.max()) - start) + (min(below, 2.0) if below > _STEP_UP / 2 else 0.0)
 
 
 def _not_descended(body):

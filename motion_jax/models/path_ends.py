@@ -45,7 +45,8 @@ def ended(asked: Sequence[Constraint], motion: Motion, sentence: Sentence) -> li
   border = round(motion.captions[count - 1].end * motion.fps)
   speed = Body(np.asarray(motion.joints, np.float64), motion.fps).speed[border:border + round(_STOPS * motion.fps)]
   stop = border + int(np.argmax(speed < _SLOW)) if (speed < _SLOW).any() else border
-  return [_with_times(one, min(stop, motion.num_frames - 1) / motion.fps) if is_free(one) else one for one in asked]
+  stop = max(min(stop, motion.num_frames - 1), 1)
+  return [_with_times(one, motion, stop) if is_free(one) else one for one in asked]
 
 
 def is_free(one: Constraint) -> TypeGuard[RootPath]:
@@ -72,6 +73,10 @@ def _stays(segment):
   return segment.rests or all(map(stays, (segment.action, *segment.also)))
 
 
-def _with_times(path, end):
-  points = paths.evenly(path.points, np.linspace(0, 1, _POINTS))
-  return dataclasses.replace(path, points=points, times=np.linspace(0, end, _POINTS), speed=None)
+def _with_times(path, motion, stop):
+  """The path with times: it is gone along up to frame `stop` at the pace of the motion, which slows down there."""
+  steps = np.linalg.norm(np.diff(motion.joints[:stop + 1, 0, ::2], axis=0), axis=-1)
+  gone = np.concatenate([[0.0], np.cumsum(steps + 1e-6)])
+  frames = np.unique(np.linspace(0, stop, min(_POINTS, stop + 1)).round().astype(int))
+  return dataclasses.replace(path, points=paths.evenly(path.points, gone[frames] / gone[-1]),
+                             times=frames / motion.fps, speed=None)
