@@ -90,12 +90,14 @@ def _encode(args):
 
 def _describe(args):
   from motion_jax.data import describe_folders
+  from motion_jax.inputs import notes
   if args.out:
     describe_folders.check_table(args.out)
   rows, faults = [], []
-  for name, start, end, sentences in describe_folders.describe_folder(args.folder, args.fps, args.mapping, faults):
-    rows.append((name, start, end, sentences))
-    print(f"{name} ({start:.1f} to {end:.1f} s): {sentences[0] if sentences else '-'}", flush=True)
+  with notes.merged():
+    for name, start, end, sentences in describe_folders.describe_folder(args.folder, args.fps, args.mapping, faults):
+      rows.append((name, start, end, sentences))
+      print(f"{name} ({start:.1f} to {end:.1f} s): {sentences[0] if sentences else '-'}", flush=True)
   silent = sum(not sentences for *_, sentences in rows)
   print(f"{len(rows)} motions, {silent} of them with nothing that is sure")
   if args.out:

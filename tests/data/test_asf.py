@@ -1,4 +1,6 @@
 """ASF/AMC files: bones turn about their own axes, R = C M C^-1, against scipy's rotations; damaged files."""
+import pathlib
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -94,6 +96,15 @@ def test_own_mapping_and_rate(folder):
   clip = amc_clip(folder / "07_01.amc", source_fps=20.0, mapping=mapping, up="y", unit=unit)
   assert clip.num_frames == 2 and clip.meta["mapping"] == "own"
   np.testing.assert_allclose(clip.joints[:, 0], read_amc(folder / "07_01.amc").positions[:, 0], atol=1e-6)
+
+
+def test_the_unit_that_a_skeleton_states_is_reported():
+  """CMU's files say that a unit is 1 / 0.45 inch; another one can be given."""
+  path = pathlib.Path(__file__).parent.parent / "fixtures" / "data" / "02_01.amc"
+  with pytest.warns(UserWarning, match="02_01.amc: by its skeleton file, 1 unit is 0.05644 m"):
+    clip = amc_clip(path)
+  assert clip.meta["unit"] == pytest.approx(0.0254 / 0.45)
+  np.testing.assert_allclose(amc_clip(path, unit=2 * 0.0254 / 0.45).joints, 2 * clip.joints, atol=1e-5)
 
 
 @pytest.mark.parametrize("name, change, message", [
