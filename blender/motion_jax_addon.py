@@ -210,16 +210,14 @@ def finish():
   if request.result is None and not request.error:
     return 0.2
   _making["request"] = None
-  if request.error:
-    show_status(request.error, failed=True)
-    return None
-  data, notes = request.result
   try:
+    if request.error:
+      raise RuntimeError(request.error)
+    data, notes = request.result
     load_motion(data, request.prompt)
-  except RuntimeError as error:  # of Blender's importer
+    show_status(*notes)
+  except RuntimeError as error:  # also of Blender's importer
     show_status(str(error), failed=True)
-    return None
-  show_status(*notes)
   return None
 
 
