@@ -12,7 +12,7 @@ import pytest
 from motion_jax import fit, runs
 from motion_jax.inputs import config_files, overrides
 from motion_jax.motion.representations import get_layout
-from motion_jax.training import epochs
+from motion_jax.training import epochs, resume
 from motion_jax.training.optimizers import make_schedule
 from tests.conftest import load_config
 
@@ -204,7 +204,11 @@ def test_a_run_that_goes_on_keeps_its_steps():
   assert again.train.save_every == before.train.save_every
   longer = config.copy_and_resolve_references().unlock()
   longer.train.num_epochs = 600
-  assert epochs.as_before(longer, before).train.num_steps == 0
+  longer = epochs.as_before(longer, before)
+  assert longer.train.num_steps == 0 and longer.train.save_every == before.train.save_every
+  assert not list(resume.changes(before.to_dict(), longer.to_dict()))  # --resume goes on
+  longer = epochs.resolved(longer, 5_000)
+  assert longer.train.num_steps == 600 * 78 and longer.train.save_every == before.train.save_every
 
 
 @pytest.mark.parametrize("name, size, num_items", [
@@ -231,7 +235,7 @@ def test_the_first_lines_of_training_are_readable(tmp_path, monkeypatch, capsys)
   """The config a section a line, how long the run is and what its loss measures; no dump of Python objects."""
   monkeypatch.setattr(fit.train, "train", lambda *args, **kwargs: types.SimpleNamespace(step=2))
   config = load_config("cmdm_tokenizer", "tiny").unlock()
-  config.train.update(num_steps=0, num_epochs=3, num_saves=2)
+  config.train.update(num_steps=0, num_epochs=3, num_saves=2, save_every=0)
   fit.run(config.lock(), tmp_path)
   said = capsys.readouterr().out
   assert "!!" not in said and "  model: causal=True dilations=(1) features=263 latent_dim=4" in said
