@@ -259,6 +259,12 @@ class TextToMotionModel(Able):
     """`results.Motions`, one of each list of (prompt, frames), a key each. A method has its own."""
     raise NotImplementedError(f"{type(self).__name__} has no `in_a_row`: it cannot do one action after another")
 
+  def remake(self, features: Sequence[np.ndarray], new: Sequence[np.ndarray], prompts: Sequence[str], keys: jax.Array,
+             sampling: dict[str, Any]) -> tuple[list[np.ndarray], dict[str, Any]]:
+    """(features of each motion with its new frames remade, what a file says of the sampling); see `models.editing`. A
+    method that edits has its own."""
+    raise NotImplementedError(f"{type(self).__name__} has no `remake`: it cannot edit")
+
   def prompts_of(self, prompts: Prompts, literal: bool = True) -> list[str]:
     """A list of prompts from one or several, checked as `check_words` does. Raises TypeError for what is no text."""
     if not isinstance(prompts, str) and (isinstance(prompts, bytes | dict) or not isinstance(prompts, Iterable)):
