@@ -29,6 +29,7 @@ _PAUSE = 2e-3     # metres a frame that a resting body counts as moving where a 
 # Weights of the correction of a foot: its change, the change of its change, and its size, where 1 is that it slides.
 _CARRIED = 0.35   # metres a second at which a foot that should stand is half as sure to
 _EASE, _BEND, _PULL = 0.01, 0.05, 1e-6
+_FAR, _PULL_BACK = 0.08, 0.05  # metres that a foot may be moved freely, and the weight of its size at twice that
 _ALIGN = 8        # kept frames by which new ones are aligned
 _BESIDE = 4       # kept frames on either side that the legs' solution sees
 
@@ -225,20 +226,23 @@ def _pinned(joints, stand, first, past, skeleton, fps):
   # A foot that is carried along fast, because the body has a way to go, is no foot that stands.
   speed = np.linalg.norm(np.diff(points[..., [0, 2]], axis=0), axis=-1) * fps * skeleton.unit
   firm = (stand[1:] & stand[:-1]).reshape(-1, 2, 2) / (1 + (speed / _CARRIED) ** 4)
-  moves = np.stack([_moves(points[:, side], firm[:, side], fixed) for side in range(2)], 1)
+  moves = np.stack([_moves(points[:, side], firm[:, side], fixed, skeleton.unit) for side in range(2)], 1)
   aims = points + moves[:, :, None]
   return planted(near, aims[:, :, 0], aims[:, :, 1], skeleton)[first - start:past - start]
 
 
-def _moves(points, firm, fixed):
+def _moves(points, firm, fixed, unit):
   """Moves e (N, 3) over the ground of a foot at points (N, P, 3) that minimize sum firm |step of (point + e)|^2
   + ease |step of e|^2 + bend |step of step of e|^2 + pull |e|^2, where firm (N - 1, P), with e = 0 where fixed (N,).
   """
   count = len(points)
   first = np.diff(np.eye(count), axis=0)
   second = np.diff(np.eye(count), n=2, axis=0)
-  matrix = first.T @ ((firm.sum(1) + _EASE)[:, None] * first) + _BEND * second.T @ second + _PULL * np.eye(count)
+  matrix = first.T @ ((firm.sum(1) + _EASE)[:, None] * first) + _BEND * second.T @ second
   pushed = -first.T @ (firm[..., None] * np.diff(points, axis=0)).sum(1)
-  moves, free = np.zeros((count, 3)), ~fixed
-  moves[free] = np.linalg.solve(matrix[np.ix_(free, free)], pushed[free])
+  moves, free, pull = np.zeros((count, 3)), ~fixed, np.full(count, _PULL)
+  for _ in range(4):  # a foot that is moved far from where its leg has it is pulled back
+    moves[free] = np.linalg.solve((matrix + np.diag(pull))[np.ix_(free, free)], pushed[free])
+    far = np.linalg.norm(moves[:, [0, 2]], axis=-1) * unit / _FAR
+    pull = np.maximum(pull, _PULL + _PULL_BACK * np.clip(far - 1, 0, 1))
   return moves * [1, 0, 1]
