@@ -44,11 +44,15 @@ export class Story {
 
   /** The motion that is shown: that of the chosen take, else the one before; none of an empty timeline. */
   get shown() {
-    const { project } = this.state(),
-      motion = this.of(project.chosen);
-    if (!project.blocks.length && !project.past) return null;
+    const motion = this.of(this.state().project.chosen);
+    if (this.isEmpty) return null;
     if (motion) this.last = motion;
     return motion ?? this.last;
+  }
+
+  get isEmpty() {
+    const { blocks, past } = this.state().project;
+    return !blocks.length && !past;
   }
 
   get stale() {
@@ -83,7 +87,7 @@ export class Story {
         }
       }
       takes = [this.state().project.chosen];
-    } while (this.again && this.stale);
+    } while (this.again && this.stale && !this.isEmpty);
   }
 
   async makeTake(take) {

@@ -284,6 +284,18 @@ test("what is refused is told and loses nothing", async () => {
   assert.ok(story.shown.frames === 20 && story.busy === null && story.stale);
 });
 
+test("what was removed while a motion was made is not made, and nothing is shown of an empty timeline", async () => {
+  const { story, act, told } = studio();
+  act({ type: "add", prompt: "walk" });
+  const making = story.make();
+  act({ type: "edit", id: 1, prompt: "run" });
+  story.make(); // behind the one that runs
+  act({ type: "remove", id: 1 });
+  await making;
+  assert.deepEqual(told, []);
+  assert.equal(story.shown, null);
+});
+
 test("an edit behind the end is taken away and told", async () => {
   const { story, act, told, state } = studio();
   act({ type: "add", prompt: "walk" });
