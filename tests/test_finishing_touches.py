@@ -84,4 +84,5 @@ def test_stairs_lead_up_or_down(prompt, kind):
     assert missing[0 if kind == "ascend" else 2] == 0 and 0.5 < missing[1] < 1
     assert missing[2 if kind == "ascend" else 0] >= missing[1]
   if kind == "ascend":  # who begins high up and comes down is the farther from it, the higher
-    assert violation_score(flat + 2 * rise[::-1], required) > violation_score(flat + rise[::-1], required) > 1
+    falls = np.clip(1.5 - 4 * np.linspace(0, 1, 80), 0, 1.5)[:, None, None] * np.array([0, 1, 0])
+    assert violation_score(flat + falls, required) > violation_score(flat + rise[::-1], required) > 1

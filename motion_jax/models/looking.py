@@ -312,10 +312,10 @@ def _not_up(body):
 
 
 def _foot_heights(body):
-  """Height (T,) of the lowest joint of the feet, smooth, and that at its beginning and its end."""
+  """Height (T,) of the lowest joint of the feet, smooth, the most of it at its beginning and the mean at its end."""
   height = body.smooth(body.joints[:, [7, 8, 10, 11], 1].min(1), 0.2)
   few = max(round(_WHILE * body.fps), 1)
-  return height, float(height[:few].mean()), float(height[-few:].mean())
+  return height, float(height[:few].max()), float(height[-few:].mean())
 
 
 def _not_climbed(body):
