@@ -55,7 +55,7 @@ def compared(made, by_motion, seed) -> list[dict]:
   return found
 
 
-def uncertain(harness, made, by_motion) -> list[str]:
+def uncertain(harness, made, by_motion, compared) -> list[str]:
   """Of few test clips: by how much other ones would move the numbers of the first row, as sentences."""
   row = next((row for row in made if row in by_motion), None)
   if harness.count > harness.evaluator.dim or row is None:
@@ -65,7 +65,7 @@ def uncertain(harness, made, by_motion) -> list[str]:
       ("top1", "R@1"), ("top3", "R@3"), ("fid", "FID"), ("matching", "MM-Dist"), ("clip_score", "CLIP-score"))
       if metric in found)
   return [f"Of {harness.count} test clips: on others like them the numbers of {row} would differ by {told} (95 %, "
-          "bootstrap over clips)" + (": compare models by their differences below" if len(by_motion) > 1 else "")]
+          "bootstrap over clips)" + (": compare rows by their differences below" if compared else "")]
 
 
 def row_name(name, part):

@@ -35,6 +35,8 @@ Each line of `{prompts}` is a motion: put a numpy array at its `file`, beside th
 Seeds are there to tell motions of one caption apart; ids name clips of the data.
 
     motion-jax evaluate --data DATA --protocol {protocol} --motions NAME=THIS_FOLDER
+
+with the same data, evaluator, limit and seed as when this page was written.
 """
 
 

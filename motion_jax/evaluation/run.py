@@ -83,7 +83,7 @@ def evaluate(runs, folders, protocol=None, *, evaluator=None, clip_evaluator=Non
     curves |= {aggregates.row_name(candidate.name, part): curve for part, curve in drawn.items()}
   with clock.part("differences"):
     compared = aggregates.compared(made, by_motion, harness.seed)
-    uncertain = aggregates.uncertain(harness, made, by_motion)
+    uncertain = aggregates.uncertain(harness, made, by_motion, compared)
   checked = None
   if controls:
     with clock.part("controls"):
