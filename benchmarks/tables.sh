@@ -27,10 +27,12 @@ judge guidance --model cmdm-small --model cdamd-small --guidance 1 2 3 4 6 --rep
 judge reconstruction --model cmdm-small --model cdamd-small --protocol reconstruction --replications "$replications" \
   --controls
 judge editing --model cdamd-small --protocol editing --vary mask=causal mask=bcm --replications "$few"
+judge editing-finished --model cdamd-small --protocol editing --sampling mask=bcm cleanup=true --replications "$few"
 judge long --model cmdm-small --protocol long-horizon --replications "$few" --limit 16 --controls \
   --vary way=stream way=stream,ease=true way=stream,memory=3 way=stream,memory=48 way=chain
 # As a person sees them: cleaned up, borders eased.
 judge long-shown --model cmdm-small --protocol long-horizon --sampling cleanup=true ease=true \
   --vary way=stream way=joined --replications "$few" --limit 16
-motion-jax evaluate --beside "$out"/{main,multimodality,schedules,guidance,reconstruction,editing,long,long-shown} \
+motion-jax evaluate \
+  --beside "$out"/{main,multimodality,schedules,guidance,reconstruction,editing,editing-finished,long,long-shown} \
   --report "$out/report"

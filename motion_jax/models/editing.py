@@ -81,8 +81,10 @@ def edits(model: "TextToMotionModel", clips: Sequence[Any], prompts: Sequence[st
   best = [(_score(made, one, model.fps), made) for made, one in zip(make(range(len(jobs)), keys, sampling), required)]
   for number in range(1, tries):
     rows = [i for i, (score, _) in enumerate(best) if score]
-    # Words that weigh too much distort the body, or drive it on; words that do not show are to weigh more.
-    softer = [i for i in rows if best[i][1].distortion or best[i][0] <= _excess(best[i][1], required[i], model.fps)]
+    # Words that weigh too much distort the body, or drive it on; words that do not show are to weigh more. Where both
+    # is so, attempts take turns.
+    missed = [best[i][0] > best[i][1].distortion + _excess(best[i][1], required[i], model.fps) for i in rows]
+    softer = [i for i, misses in zip(rows, missed) if not misses or best[i][1].distortion and number % 2 == 0]
     for some, scale in (([i for i in rows if i not in softer], LOUDER), (softer, SOFTER)):
       if not some:
         continue
