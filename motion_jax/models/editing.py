@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import jax
 import numpy as np
 
+from motion_jax.control.constraints import KeepParts
+from motion_jax.control.finishing import with_parts
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.inputs.errors import InputError
 from motion_jax.models import looking
@@ -21,6 +23,7 @@ from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.filling import fill_frames, runs_of
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
 from motion_jax.runtime import progress
+from motion_jax.text.sentences import actions_of
 
 if TYPE_CHECKING:
   from motion_jax.models.base import TextToMotionModel
@@ -72,12 +75,15 @@ def edits(model: "TextToMotionModel", clips: Sequence[Any], prompts: Sequence[st
                                   [said[i] for i in rows], keys, sampling)
     motions = [_motion(model, jobs[i], prompts[i], seeds[i], features, cleanup, about | dict(task=task))
                for i, features in zip(rows, decoded)]
+    motions = [_on_own_legs(model, jobs[i], motion) if upper[i] and _skating(motion) else motion
+               for i, motion in zip(rows, motions)]
     return [Made(motion, _distortion(model, features, jobs[i].new[jobs[i].window]) + (
         0.0 if any(one.kind == "run" for one in required[i]) else _skating(motion)))
             for i, motion, features in zip(rows, motions, decoded)]
 
   checked = tries > 1 and model.stats.layout.skeleton is HUMANML3D
   required = [looking.requirements_of(prompt) if checked else [] for prompt in prompts]
+  upper = [checked and cleanup and _is_upper_body(prompt) for prompt in prompts]
   best = [(_score(made, one, model.fps), made) for made, one in zip(make(range(len(jobs)), keys, sampling), required)]
   for number in range(1, tries):
     rows = [i for i, (score, _) in enumerate(best) if score]
@@ -96,7 +102,7 @@ def edits(model: "TextToMotionModel", clips: Sequence[Any], prompts: Sequence[st
         if score < best[i][0]:
           best[i] = score, made._replace(motion=made.motion.replace(meta=made.motion.meta | dict(tries=number + 1)))
   motions = [made.motion for _, made in best]
-  unmet = [_unmet(motion, one, model.fps) for motion, one in zip(motions, required)]
+  unmet = [_unmet(motion, one, model.fps) + _glides(motion, one, checked) for motion, one in zip(motions, required)]
   if model.reports_to_terminal:
     report(prompts, unmet, tries)
   return gathered([motion.replace(meta=motion.meta | dict(attempts=tries, unmet=missing)) if missing else motion
@@ -161,16 +167,38 @@ def _motion(model, job, prompt, seed, decoded, cleanup, about):
     made = fill_frames(made, known.joints, new, known.own, model.fps, cleanup)
   joints[job.window] = made
   joints = joints.astype(np.float32)
-  on_model = KnownMotion.of(joints, layout.skeleton).on_model
   runs = [list(run) for run in runs_of(job.new)]
   seconds = [(first / model.fps, past / model.fps) for first, past in runs]
   captions = (Caption(prompt),) if job.new.all() else captions_with(
       [one for one in job.clip.captions if one.text.strip()], seconds, prompt, len(job.new) / model.fps)
   return Motion(joints, model.fps, captions, id=job.clip.id, source=model.id,
                 license=job.clip.license or model.license, skeleton=layout.skeleton,
-                features=features_of(model, on_model),
+                features=_features(model, joints),
                 meta=dict(prompt=prompt, seed=seed, cleanup=bool(cleanup)) | about | dict(
                     edited=job.clip.source or job.clip.id, made=runs))
+
+
+def _features(model, joints):
+  """Features of joints (T, J, 3) on whatever bones."""
+  return features_of(model, KnownMotion.of(joints, model.stats.layout.skeleton).on_model)
+
+
+def _is_upper_body(prompt):
+  """Whether a prompt names actions of arms or head only, which leave the legs free."""
+  parts = {action.part for action in actions_of(prompt)}
+  return bool(parts) and parts <= {"arms", "head"}
+
+
+def _on_own_legs(model, job, motion):
+  """The motion with the new upper body above the legs that the clip has in these frames.
+
+  A network that remakes the middle of a walk as "waves" makes a body that stands; the kept frames after it are metres
+  ahead, so it would glide there.
+  """
+  spans = [(first / motion.fps, past / motion.fps) for first, past in motion.meta["made"]]
+  keep = KeepParts(job.known.joints, ("legs",), motion.fps, spans)
+  joints = with_parts(motion.joints, keep, motion.fps)
+  return motion.replace(joints=joints, features=_features(model, joints), meta=motion.meta | dict(legs="kept"))
 
 
 def _distortion(model, decoded, new):
@@ -189,6 +217,16 @@ def _skating(motion):
   steps = np.linalg.norm(np.diff(ankles, axis=0), axis=-1).min(1) * motion.fps * skeleton.unit
   slides = [steps[max(first - 1, 0):past].mean() for first, past in motion.meta["made"] if len(steps)]
   return float(np.clip(max(slides, default=0.0) - _SLIDES, 0.0, 1.0))
+
+
+def _glides(motion, requirements, checked):
+  """[what is wrong] with new frames in which a body that makes no steps has to travel to the kept frames."""
+  if not checked or any(one.kind == "run" for one in requirements) or not _skating(motion):
+    return []
+  first, past = max(motion.meta["made"], key=lambda span: span[1] - span[0])
+  root = motion.joints[[max(first - 1, 0), min(past, len(motion.joints) - 1)], 0][:, [0, 2]]
+  return [f"the feet slide, for the kept frames are {np.linalg.norm(root[1] - root[0]):.1f} m apart; say how the body "
+          "gets there, as in \"walks forward, then ...\""]
 
 
 def _spans(motion):
