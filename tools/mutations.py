@@ -33,7 +33,7 @@ MUTATIONS = (
      "z1.shape[1], 1)[0]",
      (f"{LOSSES}::test_latents_of_a_level_block_share_their_time",)),
     ("rank-by-angle", "motion_jax/metrics/protocol.py",
-     "away = scores.cosine_distances if protocol.cosine else scores.distances", "away = scores.distances",
+     "return scores.cosine_distances if protocol.cosine else scores.distances", "return scores.distances",
      ("tests/metrics/test_protocol.py::test_r_precision_is_by_distance_or_by_angle_as_the_protocol_says",)),
     ("snapmogen-angle", "motion_jax/evaluation/protocols.py", "coin=False, cosine=True,", "coin=False,",
      ("tests/metrics/test_protocol.py::test_r_precision_is_by_distance_or_by_angle_as_the_protocol_says",)),

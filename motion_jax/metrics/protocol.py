@@ -107,8 +107,7 @@ def generation_scores(batches: Iterable[Batch], protocol: Protocol, pairs: Diver
   row = {"fid": scores.fid(real_for_fid, made_for_fid), "diversity": scores.diversity(made_for_fid, *pairs.made),
          "real_diversity": scores.diversity(real_for_fid, *pairs.real)}
   for prefix, motion in (("", made), ("real_", real)):
-    away = scores.cosine_distances if protocol.cosine else scores.distances
-    found = scores.r_precision(text, motion, protocol.top_k, protocol.pool, away)
+    found = scores.r_precision(text, motion, protocol.top_k, protocol.pool, _ranking_distances(protocol))
     row |= {f"{prefix}top{k + 1}": float(share) for k, share in enumerate(found)}
     row[f"{prefix}matching"] = scores.matching_score(text, motion)
   if batches[0].clip_text is not None:
@@ -116,10 +115,15 @@ def generation_scores(batches: Iterable[Batch], protocol: Protocol, pairs: Diver
   return row
 
 
+def _ranking_distances(protocol):
+  """The distances (N, M) by which R-precision ranks."""
+  return scores.cosine_distances if protocol.cosine else scores.distances
+
+
 def scores_by_motion(batches: Iterable[Batch], protocol: Protocol) -> dict[str, np.ndarray]:
   """What R-precision, matching and CLIP score are means of, {metric: (N,)}, in the order of the batches' rows."""
   found: dict[str, list] = {}
-  away = scores.cosine_distances if protocol.cosine else scores.distances
+  away = _ranking_distances(protocol)
   for batch in batches:
     hit = scores.hit_chances(away(batch.text, batch.made), protocol.top_k)
     one = {f"top{k + 1}": hit[:, k] for k in range(protocol.top_k)}
