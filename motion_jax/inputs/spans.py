@@ -1,6 +1,11 @@
 """Parts of a motion as people write them: "0:1.5s", "25%:0.5", "30:"."""
 from motion_jax.inputs.numerals import SECONDS, NumberError, real, whole
 
+TASKS = {  # tasks of editing: the parts of a motion that are new, as shares of its frames
+    "inpainting": ((0.25, 0.75),), "outpainting": ((0.0, 0.25), (0.75, 1.0)),
+    "prefix": ((0.5, 1.0),), "suffix": ((0.0, 0.5),),
+}
+
 
 def spans_of(texts, num_frames, fps):
   """[(first, past)] in frames from texts "A:B", each side in seconds ("1.5s"), as a share ("0.25", "25%") or in frames

@@ -14,6 +14,7 @@ from motion_jax.control.constraints import KeepParts
 from motion_jax.control.finishing import with_parts
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.inputs.errors import InputError
+from motion_jax.inputs.spans import TASKS
 from motion_jax.models import looking
 from motion_jax.models.attempts import FIRST_RESAMPLED, LOUDER, SOFTER, reweighed
 from motion_jax.models.known_motion import KnownMotion, at_rate, clip_of
@@ -27,11 +28,6 @@ from motion_jax.text.sentences import actions_of
 
 if TYPE_CHECKING:
   from motion_jax.models.base import TextToMotionModel
-
-TASKS = {  # parts of the motion that are made, as shares of its frames
-    "inpainting": ((0.25, 0.75),), "outpainting": ((0.0, 0.25), (0.75, 1.0)),
-    "prefix": ((0.5, 1.0),), "suffix": ((0.0, 0.5),),
-}
 
 
 _DISTORTED = 0.25  # of its length that a bone is off in one of ten new frames, of the frames that are usable

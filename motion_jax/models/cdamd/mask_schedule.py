@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from motion_jax.inputs.spans import TASKS
 from motion_jax.shapes import Array
 
 # --- training ----------------------------------------------------------------------------------------------------
@@ -123,11 +124,6 @@ def unmasked_table(masked: Bool[Array, "n b l"]) -> Bool[Array, "n b l"]:
 
 
 # --- editing -----------------------------------------------------------------------------------------------------
-
-TASKS = {  # parts of the motion that are made anew, as shares of its frames
-    "inpainting": ((0.25, 0.75),), "outpainting": ((0.0, 0.25), (0.75, 1.0)),
-    "prefix": ((0.5, 1.0),), "suffix": ((0.0, 0.5),),
-}
 
 
 def task_mask(task: str, num_frames: Sequence[int] | Int[Array, " b"], length: int, frames_per_latent: int = 4

@@ -197,7 +197,7 @@ class CdamdModel(TextToMotionModel):
     """Clips with parts of them made, each as its prompt says, in one batch.
 
     clips: of any source, or arrays: joints (T, J, 3), or features (T, F) as this model knows them, not normalized.
-    Which parts: a task of `editing.TASKS`, or spans to keep or to change, [(0, 30), ...] in frames of this model
+    Which parts: a task of `inputs.spans.TASKS`, or spans to keep or to change, [(0, 30), ...] in frames of this model
     (`inputs.spans.spans_of` reads "0:1.5s"), the same in every clip. meta["made"] lists the frames that are new.
     All other frames come back as and where they were, resampled if the clip's rate is another; new ones continue them
     on the clip's own body (`models.editing`), with feet pinned unless cleanup is False. Of a motion longer than the
