@@ -36,7 +36,7 @@ def test_actions_that_leave_the_legs_free(prompt, upper):
 
 
 def test_a_wave_in_the_middle_of_a_walk_is_a_walk_that_waves(walk, gliding, monkeypatch):
-  monkeypatch.setattr(editing, "_features", lambda model, joints: None)
+  monkeypatch.setattr(editing, "_features", lambda model, job, joints: None)
   job = editing.Job(None, dataclasses.make_dataclass("Known", ["joints"])(walk), None, 0, np.zeros((FRAMES, 1)))
   made = editing._on_own_legs(None, job, gliding)
   assert editing._skating(gliding) > 0.3 and editing._skating(made) == 0

@@ -39,12 +39,13 @@ _SHORTEST = 0.5  # seconds in which an action can be seen
 
 class Job(NamedTuple):
   """A clip to edit: what is known of it, which frames are new (T,), and the frames start:start + count that a model
-  remakes, as features (count, F), not normalized."""
+  remakes, as features (count, F), not normalized. in_place: it was given as features, and so it is returned."""
   clip: Clip
   known: KnownMotion
   new: np.ndarray
   start: int
   features: np.ndarray
+  in_place: bool = False
 
   @property
   def window(self) -> slice:
@@ -136,7 +137,7 @@ def _job(model, given, new):
   start -= min(start, (start - first) % unit)  # the first new frame begins a latent
   window = slice(start, start + most)
   features = held if held is not None and len(held) <= most else features_of(model, known.on_model[window])
-  return Job(clip, known, flags, start, features)
+  return Job(clip, known, flags, start, features, held is not None)
 
 
 def _understood(model, prompt):
@@ -169,14 +170,19 @@ def _motion(model, job, prompt, seed, decoded, cleanup, about):
       [one for one in job.clip.captions if one.text.strip()], seconds, prompt, len(job.new) / model.fps)
   return Motion(joints, model.fps, captions, id=job.clip.id, source=model.id,
                 license=job.clip.license or model.license, skeleton=layout.skeleton,
-                features=_features(model, joints),
+                features=_features(model, job, joints),
                 meta=dict(prompt=prompt, seed=seed, cleanup=bool(cleanup)) | about | dict(
                     edited=job.clip.source or job.clip.id, made=runs))
 
 
-def _features(model, joints):
-  """Features of joints (T, J, 3) on whatever bones."""
-  return features_of(model, KnownMotion.of(joints, model.stats.layout.skeleton).on_model)
+def _features(model, job, joints):
+  """Features of joints (T, J, 3), an edit of a job's clip, on the bones and, if the clip came as features, in the place
+  of these."""
+  layout = model.stats.layout
+  on_model = np.asarray(joints, np.float64)
+  if not job.known.is_on_model:
+    on_model = KnownMotion.of(joints, layout.skeleton).on_model
+  return layout.from_joints_in_place(on_model, model.config.data.mode) if job.in_place else features_of(model, on_model)
 
 
 def _is_upper_body(prompt):
@@ -194,7 +200,8 @@ def _on_own_legs(model, job, motion):
   spans = [(first / motion.fps, past / motion.fps) for first, past in motion.meta["made"]]
   keep = KeepParts(job.known.joints, ("legs",), motion.fps, spans)
   joints = with_parts(motion.joints, keep, motion.fps)
-  return motion.replace(joints=joints, features=_features(model, joints), meta=motion.meta | dict(legs="kept"))
+  return motion.replace(joints=joints, features=_features(model, job, joints),
+                        meta=motion.meta | dict(legs="kept"))
 
 
 def _distortion(model, decoded, new):

@@ -60,6 +60,11 @@ class KnownMotion:
     on_model = retarget(joints, skeleton) if _has_other_bones(joints, skeleton) else joints
     return cls(joints, on_model, skeleton, with_own_lengths(joints, skeleton))
 
+  @property
+  def is_on_model(self) -> bool:
+    """Whether the bones are those of the model's body."""
+    return not _differ(self.own, self.skeleton)
+
   def cut(self, first: int, past: int) -> "KnownMotion":
     return dataclasses.replace(self, joints=self.joints[first:past], on_model=self.on_model[first:past])
 
@@ -70,14 +75,13 @@ class KnownMotion:
     """
     made = np.asarray(made, np.float64)
     floor = floor_height(self.joints, self.skeleton)
-    if not _differ(self.own, self.skeleton):
+    if self.is_on_model:
       result, scale = with_lengths(made, self.own), 1.0
     else:
       result, scale = retarget(made, self.own), leg_scale(made, self.own)
     height = scale * (floor_height(made, self.skeleton) - floor_height(shown, self.skeleton))
     result[..., 1] += floor + height - floor_height(result, self.skeleton)
     return result
-
 
   def continued(self, made: Num[np.ndarray, "n j 3"], count: int, fps: float, fix_body: bool = True
                 ) -> Float[np.ndarray, "m j 3"]:
