@@ -3,11 +3,10 @@
   python benchmarks/control.py --model cmdm-small --data path/to/cmu path/to/bandai [--clips 8] [--out control.json]
 
 Prints a table for each kind of constraint: paths of test clips, poses at a quarter of their frames, a hand at five of
-them, and curves that nobody walked (`motion_jax.control.paths`). Its rows are the same motions, seeds and words made
-without constraints, with a network that is told them (where it was trained to be), with guidance through the decoder
-besides, and brought to what is asked in the end. Milliseconds are those of a second call, a batch of all motions,
-divided by their number; the last line has those of the sampler alone, with their ratio to no constraints.
-"""
+them, and curves that no training clip follows (`motion_jax.control.paths`). Its rows are the same motions, seeds and
+words made without constraints, with a network that is told them (where it was trained to be), with guidance through the
+decoder besides, and brought to what is asked in the end. Milliseconds are those of a second call, a batch of all
+motions, divided by their number; the last line has those of the sampler alone, with their ratio to no constraints."""
 import argparse
 import json
 import os

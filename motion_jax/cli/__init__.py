@@ -81,7 +81,7 @@ def _run(args):
 
 
 def _called(args):
-  """The command's own exit status. A name that is longer than any file's is told here, wherever it was looked up."""
+  """The command's own exit status. Refuses names longer than any file's, from every lookup."""
   try:
     return args.run(args)
   except OSError as error:

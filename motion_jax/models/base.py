@@ -176,7 +176,7 @@ class TextToMotionModel(Able):
     return None if self.vocabulary is None else Repertoire(self.vocabulary.captions, self.encoder)
 
   def knows(self, prompt: str) -> bool:
-    """Whether a caption that it learned from says this, whoever moves."""
+    """Whether a training caption says this, of any subject."""
     return self.vocabulary is not None and self.vocabulary.holds(prompt)
 
   @functools.cached_property

@@ -58,7 +58,7 @@ def constraints_of(control: Control, count: int) -> list[list[Constraint] | Cont
 
 def usual_frames(model: "TextToMotionModel", asked: Sequence[Constraint] | ControlSignal,
                  sentence: Sentence | None = None) -> int | None:
-  """How long a motion is by what is asked of it, in frames: a motion whose parts are kept, a signal, or a path and what
+  """The length of a motion in frames, by its constraints: a motion whose parts are kept, a signal, or a path and what
   a sentence does at its end."""
   if isinstance(asked, ControlSignal):
     return asked.frames

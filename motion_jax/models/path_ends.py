@@ -17,7 +17,7 @@ if TYPE_CHECKING:
   from motion_jax.models.base import TextToMotionModel
 
 _STAYS = {"sit", "stand", "stop", "rest", "wait", "stay", "pause", "squat", "crouch", "kneel", "lie", "kick", "bow"}
-_FAR = 0.5      # metres of a path along which nobody sits
+_FAR = 0.5      # metres of a path that is too long for a body that stays in place
 _SLOW, _STOPS = 0.3, 1.5  # metres a second of a body that has come to a stop, and seconds in which it does so
 _POINTS = 40    # way points of a path that has times
 
@@ -50,7 +50,7 @@ def ended(asked: Sequence[Constraint], motion: Motion, sentence: Sentence) -> li
 
 
 def is_free(one: Constraint) -> TypeGuard[RootPath]:
-  """Whether a constraint is a path whose times nobody says."""
+  """Whether a constraint is a path without times."""
   return isinstance(one, RootPath) and one.points is not None and one.times is None and one.between and (
       not np.ndim(one.heading))
 

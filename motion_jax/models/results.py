@@ -82,7 +82,7 @@ def colors_of(motion: Motion) -> Float[np.ndarray, "t 3"]:
 
 def captions_with(captions: Sequence[Caption], spans: Sequence[tuple[float, float]], prompt: str, seconds: float
                   ) -> tuple[Caption, ...]:
-  """Captions of a motion of so many seconds in whose spans the prompt replaces what they said."""
+  """Captions of a motion of this length, replaced by the prompt in the given spans."""
   pieces = [(one.text, one.start, one.end if one.end > one.start else seconds) for one in captions]
   for first, past in spans:
     pieces = [(text, a, b) for text, start, end in pieces

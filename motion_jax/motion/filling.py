@@ -156,7 +156,7 @@ def _detour(border, count, fps, most):
 
 
 def _progress(count, fps, most):
-  """(frames in which a difference fades, at the most so many, how much of that time has passed in each of count frames,
+  """(frames over which a difference fades, at most `most`, the share of that time passed in each of count frames,
   0 to 1)."""
   width = min(round(_FADE * fps), most) + 1
   return width, np.minimum(np.arange(1, count + 1) / width, 1)

@@ -1,6 +1,6 @@
 """Progress of long work: which part runs, how much of it is done, for how long. Work reports it, others read it.
 
-  with progress.part("compiling"):              # anywhere in the library; costs nothing where nobody follows
+  with progress.part("compiling"):              # anywhere in the library; costs nothing without a reader
     ...
   for image in progress.each(images, "wave.gif", 120, "frame"):
     ...

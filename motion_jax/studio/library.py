@@ -59,7 +59,7 @@ class Library:
       try:
         shelf.state, shelf.doing = "loading", "reading the weights"
         model = self._load(shelf.name)
-        model.reports_to_terminal = False  # pages are told, not the terminal
+        model.reports_to_terminal = False  # the page shows the notes
         shelf.model = model
         shelf.done, shelf.state, shelf.doing = 1, "compiling", "compiling the sampler"
         steps = _steps(shelf) if self._warm else iter(())

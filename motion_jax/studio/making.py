@@ -171,7 +171,7 @@ def make_edit(model: Any, clip: Any, prompt: str, change: Any, keep: Any, seed: 
 
 
 def notes_of(motions: Sequence[Any]) -> list[str]:
-  """What a page says of motions: of a path along which nobody sits, of prompts that no attempt shows."""
+  """Notes for the page: paths that do not fit the prompt, requirements that all attempts missed."""
   several, found = len(motions) > 1, [motion.meta["note"] for motion in motions[:1] if motion.meta.get("note")]
   for i, motion in enumerate(motions):
     if unmet := motion.meta.get("unmet"):

@@ -44,7 +44,7 @@ class Stories:
            hold: ControlSignal | None = None) -> tuple[Motion, int, int]:
     """(motion, frames that were not made anew, frames that are those of the motion before) of (prompt, frames) rows.
 
-    As `CmdmModel.multi_prompt` makes it. hold (1, T): what it is led by from its beginning on;
+    As `CmdmModel.multi_prompt` makes it. hold (1, T): the signal that guides it from its beginning;
     motions that are led by something else have nothing in common with it.
     """
     hold = None if hold is None or hold.is_empty else hold

@@ -21,7 +21,7 @@ from motion_jax.text.vocabulary import forms
 # Cosine from which on a phrase means the same as a known one. Of the phrases of the models that ship, each compared
 # with all others of its own model, 1.5 to 1.7 % have none so near; captions by people: docs/sentences.md.
 NEAR = 0.75
-_FEW, _EXACT = 2, 0.9  # so many phrases near, none of them the same, are few: a network hardly learns them
+_FEW, _EXACT = 2, 0.9  # a phrase with fewer near ones and no equal (cosine) counts as hardly learned
 _SUBJECT = re.compile(r"^(?:(?:a|an|the|one) (?:[\w'-]+ ){0,3}?(?:person|man|woman|figure|human|dancer|character)|"
                       r"someone|somebody|he|she|they) ")
 _SEVERAL = re.compile(r"\b(?:then|after that|followed by)\b")

@@ -133,7 +133,7 @@ class Vocabulary:
     return {without_subject(caption) for caption in self.captions}
 
   def holds(self, sentence):
-    """Whether a caption says this, whoever moves."""
+    """Whether a caption says this, of any subject."""
     return without_subject(sentence) in self._said
 
   def missing(self, sentence):
