@@ -65,7 +65,8 @@ def _run(args):
       print(f"note: {message}", file=sys.stderr)
 
   warnings.showwarning = tell
-  progress.show()
+  if getattr(args, "command", None) not in ("train", "evaluate"):  # these show progress of their own
+    progress.show()
   try:
     return _called(args) or 0
   except BrokenPipeError:
