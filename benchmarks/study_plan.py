@@ -152,7 +152,8 @@ def config_of(run, settings, out, parts):
   config.data.update(name="archive", folders=tuple(settings.archives))
   config.optimizer.update(warmup_steps=steps // 15, cooldown_steps=steps // 3)
   if config.optimizer.schedule == "step":
-    config.optimizer.boundaries = tuple(max(1, round(one * steps / own)) for one in config.optimizer.boundaries)
+    config.optimizer.boundaries = tuple(
+        max(1, round(one * steps / (1 if one < 1 else own))) for one in config.optimizer.boundaries)  # or a share
   if config.optimizer.ema_decay:
     config.optimizer.ema_decay = steps / (steps + 10)
   if config.loss.get("kl_ramp"):

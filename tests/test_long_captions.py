@@ -156,7 +156,7 @@ def test_everyday_captions_are_padded_as_ever(model):
 def test_a_stream_takes_a_long_prompt_on_the_way(model):
   """What was said before goes on as if nothing longer had come, and it is the motion of both prompts."""
   def told(prompt):
-    stream, parts = model.stream("someone walks", seed=0, num_frames=96, cleanup=False, **FAST), []
+    stream, parts = model.stream("someone walks", seed=0, num_frames=96, cleanup=False, literal=True, **FAST), []
     for part in stream:
       parts.append(part)
       if len(parts) == 3 and prompt:
@@ -166,7 +166,7 @@ def test_a_stream_takes_a_long_prompt_on_the_way(model):
   plain, long = told(None), told(LONG)
   # Three blocks were given, a fourth was under way.
   assert np.abs(plain[:48] - long[:48]).max() < 1e-6 and np.abs(plain[48:] - long[48:]).max() > 1e-5
-  both = model.multi_prompt([("someone walks", 2.4), (LONG, 2.4)], seed=0, cleanup=False, **FAST)
+  both = model.multi_prompt([("someone walks", 2.4), (LONG, 2.4)], seed=0, cleanup=False, literal=True, **FAST)
   assert np.abs(both.joints - long).max() < 1e-4
 
 

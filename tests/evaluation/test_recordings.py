@@ -80,6 +80,9 @@ class Recorder:
     self.made = [changed(np.concatenate([item.features for item in pieces])) for pieces in recordings(folder)]
     self.asked = []
 
+  def can(self, ability):
+    return ability == "multi_prompt"
+
   def multi_prompts(self, sequences, seeds, cleanup, guidance_scale, way):
     self.asked += sequences
     return [types.SimpleNamespace(features=made) for made in self.made[:len(sequences)]]
