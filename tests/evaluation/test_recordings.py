@@ -83,7 +83,7 @@ class Recorder:
   def can(self, ability):
     return ability == "multi_prompt"
 
-  def multi_prompts(self, sequences, seeds, cleanup, guidance_scale, way):
+  def multi_prompts(self, sequences, seeds, cleanup, guidance_scale, way, literal):
     self.asked += sequences
     return [types.SimpleNamespace(features=made) for made in self.made[:len(sequences)]]
 
