@@ -103,7 +103,7 @@ def test_what_is_no_run_or_another_one_is_told(tmp_path):
   with pytest.raises(InputError, match="cmdm-small holds a 'cmdm.denoiser' run, expected one of stage cmdm.teacher"):
     runs.open("cmdm-small", "cmdm.teacher")
   (tmp_path / "config.json").write_text("{}")
-  with pytest.raises(InputError, match="holds a None run"):
+  with pytest.raises(InputError, match="holds a NoneType as the stage of a run"):
     runs.open(tmp_path)
 
 

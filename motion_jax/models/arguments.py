@@ -1,7 +1,6 @@
 """Keyword arguments of a model's calls: former names are understood, wrong ones get a hint."""
 import difflib
 import functools
-import inspect
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -24,8 +23,8 @@ OTHERS = {
 
 def checked(function: Callable) -> Callable:
   """A method of a model that knows its keyword arguments and the model's choices of sampling; TypeError for others."""
-  own = [name for name, parameter in inspect.signature(function).parameters.items()
-         if parameter.kind is not parameter.VAR_KEYWORD and name != "self"]
+  code = function.__code__
+  own = list(code.co_varnames[1:code.co_argcount + code.co_kwonlyargcount])
 
   @functools.wraps(function)
   def called(self: Any, *args: Any, **given: Any) -> Any:

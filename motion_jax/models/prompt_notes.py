@@ -2,7 +2,7 @@
 instead, what it can do, and that there is one body only."""
 import re
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from motion_jax.text.vocabulary import forms, meant
 
@@ -63,7 +63,7 @@ def _can_do(model, said):
   return f"; it can do, for example, {', '.join(map(repr, found))}"
 
 
-def with_suggestion(model, word):
+def with_suggestion(model: Any, word: str) -> str:
   """The word in quotes, and what was meant where it is misspelled: no word of the encoder's, but like a known one."""
   known = sorted(model.encoder.known_words)
   if vocabulary := model.vocabulary:

@@ -29,7 +29,7 @@ class _Named(NamedTuple):
   left_leg: int
   right_leg: int
 
-  def read(self, joints):
+  def read(self, joints: Num[Array, "t n 3"]) -> Num[np.ndarray, "t j 3"]:
     parts = ((self.trunk, "Hips Spine1 Spine2 Chest Neck1 Neck2 Head", -1),
              *((start, " ".join(side + word for word in words.split()), parent) for start, words, parent, side in (
                  (self.left_arm, "Shoulder Arm ForeArm Hand", 3, "Left"),

@@ -203,7 +203,7 @@ def body_axes(joints: Num[np.ndarray, "t j 3"], skeleton: Skeleton = HUMANML3D
   return _axes((hips, shoulders, sides), trunk, thin), _axes((shoulders, hips, sides), collar + spine, thin)
 
 
-def _axes(lefts, ups, thin):
+def _axes(lefts: Sequence[np.ndarray], ups: Sequence[np.ndarray], thin: float) -> np.ndarray:
   """Matrices (T, 3, 3) from the first of the vectors up, and the first of those to the left, that are not thin."""
   size = lambda v: np.median(np.linalg.norm(v, axis=-1))
   up = unit_or_nearest(next((v for v in ups if size(v) > thin), ups[0]))

@@ -215,7 +215,7 @@ def test_without_keep_going_a_stream_waits_for_words(page, library, monkeypatch)
     ({"type": "start", "prompt": "a", "ahead": 10**6}, "from 1 to 32"),
     ({"type": "start", "prompt": "a", "cleanup": 1}, "true or false"),
     ({"type": "start", "prompt": "a", "sampling": {"lag": [1]}}, "got sampling"),
-    ({"type": "start", "prompt": "a", "sampling": {"bogus": 1}}, "knows guidance_scale"),
+    ({"type": "start", "prompt": "a", "sampling": {"bogus": 1}}, "has no argument"),
     ({"type": "start", "prompt": "a", "sampling": {"schedule": "full"}}, "schedule"),
     ({"type": "start", "prompt": "a", "model": "editor"}, "has no 'stream'; tiny has"),
     ({"type": "prompt", "prompt": "a"}, "no stream yet"), ({"type": "ack"}, "sequence is missing"),
