@@ -313,6 +313,7 @@ def test_it_finds_a_studio_again_that_was_started_again(driver, library):
     page = Page(driver)
     page.wait("live.blocks > 0")
   page.wait("live.connected === false")
+  page.wait("status.startsWith('not connected')")  # after a moment of "connecting"
   assert page.get("status") == "not connected: waiting for the studio"
   page.find("#mode-story").click()
   page.driver.execute_script("document.getElementById('auto').checked = false")
