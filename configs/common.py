@@ -107,7 +107,7 @@ def archives(config, **fields):
 
 
 def epochs(num_epochs, log_every, num_saves, **fields):
-  """The section `train` of a run of so many epochs, whatever the size of its data."""
+  """The section `train` of a run that is counted in epochs of its data."""
   return train(0, log_every, 0, num_epochs=num_epochs, num_saves=num_saves, **fields)
 
 
