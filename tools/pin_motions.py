@@ -1,0 +1,102 @@
+"""Record motions of the shipped models, or compare them with a recording: a refactoring must not change a bit of them.
+
+  python tools/pin_motions.py record /tmp/motions.npz
+  python tools/pin_motions.py compare /tmp/motions.npz          largest difference of each motion, in metres
+  ... --only cmdm-small/generate                                 motions whose name begins so
+
+Equal to the bit on one machine; other processors round elsewhere (tests/test_pinned.py allows for that).
+"""
+import argparse
+import sys
+import warnings
+
+import numpy as np
+
+import motion_jax as mj
+
+PROMPTS = (
+    "a person walks forward", "a person waves the right hand", "a person kicks twice with the right leg",
+    "a person walks in a circle", "a person walks forward, then sits down", "a person walks while waving",
+    "a man jumps three times", "someone turns left and runs",
+    "a person sits down, stays seated for 2 seconds and gets up",
+    "a person squats", "a person punches", "After bowing, a person walks backward.",
+)
+MODELS = ("cmdm-small", "cmdm-small-fast", "cmdm-open", "cdamd-small")
+WALK = "a person walks forward"
+
+
+def one_pass(model, prompt):
+  return model.generate(prompt, seconds=3.0, seed=0, literal=True, tries=1)[0].joints
+
+
+def planned(model, prompt):
+  return model.generate(prompt, seed=0)[0].joints
+
+
+def controlled(model):
+  path = mj.control.Path(((0, 0), (0, 1.5), (1.0, 2.5)))
+  return model.generate(WALK, seconds=4.0, seed=0, control=[path])[0].joints
+
+
+def streamed(model):
+  return np.concatenate(list(model.stream("a person walks forward, then waves", seed=1, num_frames=120)))
+
+
+def in_a_row(model):
+  segments = [("a person walks", 2.0), ("a person waves", 2.0), ("a person sits down", None)]
+  return model.multi_prompt(segments, seed=0).joints
+
+
+def extended(model, clip):
+  return model.extend(clip, "a person turns left, then walks", seed=0).joints
+
+
+def edited(model, clip):
+  return model.edit(clip, "a person waves the left hand", task="outpainting", seed=0).joints
+
+
+def motions(only=""):
+  """Yields (name, model, function that makes joints of the model)."""
+  for name in MODELS:
+    if only and not (name.startswith(only.split("/")[0]) or only.startswith(name)):
+      continue
+    model = mj.load(name)
+    jobs = {f"one_pass/{prompt}": lambda model, prompt=prompt: one_pass(model, prompt) for prompt in PROMPTS}
+    jobs |= {f"generate/{prompt}": lambda model, prompt=prompt: planned(model, prompt) for prompt in PROMPTS}
+    jobs["control"] = controlled
+    if model.can("stream"):
+      jobs |= {"stream": streamed, "multi_prompt": in_a_row,
+               "extend": lambda model: extended(model, one_pass(model, WALK))}
+    if model.can("edit"):
+      jobs["edit"] = lambda model: edited(model, one_pass(model, WALK))
+    for job, make in jobs.items():
+      if f"{name}/{job}".startswith(only):
+        yield f"{name}/{job}", model, make
+
+
+def main():
+  parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+  parser.add_argument("command", choices=("record", "compare"))
+  parser.add_argument("file")
+  parser.add_argument("--only", default="", help="motions whose name begins so")
+  args = parser.parse_args()
+  warnings.simplefilter("ignore")
+  known = dict(np.load(args.file)) if args.command == "compare" else {}
+  worst, found = 0.0, {}
+  for name, model, make in motions(args.only):
+    found[name] = np.asarray(make(model), np.float32)
+    if known:
+      same = found[name].shape == known[name].shape
+      off = np.abs(found[name] - known[name]).max() if same else np.inf
+      worst = max(worst, off)
+      print(f"{off:9.2e}  {name}" + ("" if same else f"  {known[name].shape} -> {found[name].shape}"), flush=True)
+  if args.command == "record":
+    np.savez_compressed(args.file, **found)
+    print(f"wrote {args.file}: {len(found)} motions")
+    return
+  print(f"largest difference of {len(found)} motions: {worst:.2e} m")
+  sys.exit(worst > 0)
+
+
+if __name__ == "__main__":
+  main()
