@@ -27,7 +27,6 @@ import jax.numpy as jnp
 import numpy as np
 import sampling  # benchmarks/sampling.py, beside this file
 
-from motion_jax.inputs import config_files
 from motion_jax.latents import AutoencoderCodec, VaeCodec
 from motion_jax.models import cdamd, cmdm
 from motion_jax.models.cdamd import draws, mask_schedule, unmasking
@@ -36,9 +35,10 @@ from motion_jax.nets import causal_dit
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
-from motion_jax.runtime.atomic import atomic_path
 from motion_jax.training import mesh, optimizers, train_step
 from motion_jax.training.setup import untrained
+from motion_jax.utils import config_files
+from motion_jax.utils.atomic import atomic_path
 
 SECONDS = 6  # of motion that a clip has, at 20 frames a second
 WORDS, STEPS, LAG, CONTEXT, GUIDANCE = 24, 50, 2, 48, 3.0

@@ -1,14 +1,15 @@
 """Rules on joints: does a motion do what a sentence says? Each takes a `Body` (20 frames a second) and says yes or no.
 
-Not the rules by which captions are made (motion_jax.motion.events): these have no zone of doubt, for a model that does
+Not the rules by which captions are made (motion_jax.analysis.events): these have no zone of doubt, for a model that
+does
 half of what is said has failed. Thresholds are metres, seconds and degrees; `python benchmarks/behaviour.py --real
 ARCHIVES` tells how many real clips of each kind they pass, and how many others.
 """
 import numpy as np
 from scipy.signal import find_peaks
 
+from motion_jax.analysis.signals import JOINT, PAIR, Body, course_of, turning_points
 from motion_jax.motion.contacts import velocity
-from motion_jax.motion.signals import JOINT, PAIR, Body, course_of, turning_points
 
 FPS = 20.0
 LEFT, RIGHT = 0, 1

@@ -20,13 +20,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from motion_jax.inputs.config_files import module_fields
 from motion_jax.latents import AutoencoderCodec
 from motion_jax.models import cdamd
 from motion_jax.models.cdamd import draws
 from motion_jax.models.cdamd import mask_schedule as masking
 from motion_jax.models.cdamd.unmasking import most_unmasked
 from motion_jax.nets.autoencoder import Autoencoder
+from motion_jax.utils.config_files import module_fields
 
 CONFIGS = os.path.join(os.path.dirname(__file__), "..", "configs", "cdamd_generator.py")
 EVALUATIONS = {"euler": 1, "midpoint": 2, "heun": 2}  # of the network in a step

@@ -13,10 +13,10 @@ import pathlib
 from typing import NamedTuple
 
 from motion_jax import export
+from motion_jax.analysis.describe import UNKNOWN, spoken_of
+from motion_jax.analysis.event_words import pace
+from motion_jax.analysis.events import Event, find_events
 from motion_jax.data.datasets.archive import read_archive
-from motion_jax.data.describe import UNKNOWN, spoken_of
-from motion_jax.data.event_words import pace
-from motion_jax.motion.events import Event, find_events
 
 
 class Statement(NamedTuple):

@@ -17,7 +17,7 @@ import numpy as np
 
 from motion_jax import export, loading
 from motion_jax.data.clip import Caption, Clip
-from motion_jax.runtime.atomic import atomic_path
+from motion_jax.utils.atomic import atomic_path
 
 PROMPTS = ("a person walks forward", "a person waves with the right hand", "a person walks in a circle",
            "a person jumps up and down", "a person runs forward", "a person sits down", "a person stands up",

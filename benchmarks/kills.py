@@ -147,8 +147,8 @@ def _train(stage, folder, point, after):
 
 def _watched(pass_by):
   """Puts the points into the functions that save."""
-  from motion_jax.runtime import atomic
   from motion_jax.training import metrics, outputs, saver
+  from motion_jax.utils import atomic
 
   def around(owner, name, before=None, after=None):
     real = getattr(owner, name)
@@ -216,8 +216,8 @@ def _line(folder, pass_by, _):
 def _config(folder, pass_by, name):
   """A config's :tiny, a few steps more."""
   from motion_jax import fit
-  from motion_jax.inputs import config_files
   from motion_jax.training.setup import TrainingSetup
+  from motion_jax.utils import config_files
   config = config_files.load(f"{name}:tiny").unlock()
   config.train.update(num_steps=STEPS_OF_A_STAGE, save_every=SAVE_EVERY_OF_A_STAGE)
   known = fit.setups()[config.stage]

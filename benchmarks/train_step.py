@@ -23,13 +23,13 @@ import numpy as np
 import torch
 from torch_peers import torch_denoiser, torch_generator, torch_step, torch_tokenizer  # beside this file
 
-from motion_jax.inputs import config_files
 from motion_jax.latents import AutoencoderCodec
 from motion_jax.models import cdamd, cmdm
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.training import mesh, optimizers, train_step
 from motion_jax.training.setup import untrained
+from motion_jax.utils import config_files
 
 
 def our_step(config, stage, frozen, batch):

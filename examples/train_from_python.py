@@ -1,6 +1,6 @@
 """Train the two parts of CMDM from Python at toy size, change a config, and sample from the run that results.
 
-A new method of your own is one folder of five files: docs/adding.md, with tests/tiny_method as the smallest one.
+A new method of your own is one folder of five files: docs/adding.md, with tests/models/tiny_method as the smallest one.
 """
 import pathlib
 import sys
@@ -8,7 +8,7 @@ import tempfile
 
 import motion_jax as mj
 from motion_jax import fit
-from motion_jax.inputs import config_files
+from motion_jax.utils import config_files
 
 folder = pathlib.Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp())
 tokenizer = config_files.load("cmdm_tokenizer:tiny")  # procedural motions: nothing to download

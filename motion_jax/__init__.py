@@ -7,7 +7,7 @@
 """
 from typing import TYPE_CHECKING
 
-from motion_jax.runtime import lazy
+from motion_jax.utils import lazy
 
 if TYPE_CHECKING:
   from motion_jax import control, data, diffusion, export, metrics, models, motion, nets, quant, text

@@ -8,16 +8,15 @@ import jax
 from motion_jax import pictures, runs
 from motion_jax.data import sources
 from motion_jax.evaluators import setup as evaluators
-from motion_jax.inputs import config_files, former_names
-from motion_jax.inputs.errors import InputError
-from motion_jax.inputs.nearest import did_you_mean
 from motion_jax.latents import TOKENIZER
 from motion_jax.models import registry
 from motion_jax.motion import stats as stats_lib
-from motion_jax.runtime import atomic, lock
 from motion_jax.training import checkpoint, distributed, epochs, event_files, profiling
 from motion_jax.training import loop as train
 from motion_jax.training import resume as resuming
+from motion_jax.utils import atomic, config_files, former_names, lock
+from motion_jax.utils.errors import InputError
+from motion_jax.utils.nearest import did_you_mean
 
 
 def setups() -> dict:

@@ -7,10 +7,10 @@ import numpy as np
 
 from motion_jax import export, loading
 from motion_jax.data.clip import Caption, Clip
-from motion_jax.inputs.errors import InputError
 from motion_jax.models import registry
 from motion_jax.motion.representations import to_joints
 from motion_jax.training import checkpoint
+from motion_jax.utils.errors import InputError
 
 NUM, MOMENTS, HEIGHT = 4, 7, 180  # motions of a picture, moments of each, pixels of a row
 

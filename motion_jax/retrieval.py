@@ -13,15 +13,15 @@ from motion_jax import runs
 from motion_jax.data.clip import Clip
 from motion_jax.data.datasets.base import SHORTEST
 from motion_jax.data.datasets.registry import dataset_of
-from motion_jax.inputs.config_files import module_fields
 from motion_jax.metrics.scores import retrieval, retrieval_by_rank
-from motion_jax.models.cmdm import teacher as teacher_lib
+from motion_jax.models.tmr import teacher as teacher_lib
 from motion_jax.motion import plausibility
 from motion_jax.motion.representations import to_features
 from motion_jax.nets.masks import padding_mask
-from motion_jax.runtime import cache
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
+from motion_jax.utils import cache
+from motion_jax.utils.config_files import module_fields
 
 BATCH = 64  # motions embedded together; the last batch is filled up, so one compiled function serves all
 

@@ -15,15 +15,15 @@ from typing import TYPE_CHECKING, Any
 import ml_collections
 
 from motion_jax import paper_rows
-from motion_jax.inputs import former_names
-from motion_jax.inputs.errors import InputError, reading
-from motion_jax.inputs.input_files import read_json, tensor_sizes
-from motion_jax.inputs.nearest import did_you_mean
-from motion_jax.inputs.numerals import shortened
 from motion_jax.latents import TOKENIZER
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.stats import Stats, load_stats
 from motion_jax.training import checkpoint
+from motion_jax.utils import former_names
+from motion_jax.utils.errors import InputError, reading
+from motion_jax.utils.input_files import read_json, tensor_sizes
+from motion_jax.utils.nearest import did_you_mean
+from motion_jax.utils.numerals import shortened
 
 if TYPE_CHECKING:
   from motion_jax.text.encoder import TextEncoder

@@ -48,10 +48,13 @@ jaxtyping.install_import_hook(CHECKED, f"{tests.typechecker.__name__}.check")
 
 from motion_jax import fit as training  # noqa: E402
 from motion_jax.data import sources  # noqa: E402
-from motion_jax.inputs import config_files  # noqa: E402
-from motion_jax.runtime import cache, progress  # noqa: E402
 from motion_jax.training.setup import untrained  # noqa: E402
 from motion_jax.training.stage import DEVICES  # noqa: E402
+from motion_jax.utils import (  # noqa: E402
+  cache,
+  config_files,  # noqa: E402
+  progress,
+)
 
 # Files whose tests take longest, with the slow ones: workers begin with them, so that none is left with one at the end.
 LONG = ("test_distributed", "test_smoke", "test_kills", "test_your_own_data", "test_ablations", "test_streaming",

@@ -97,7 +97,7 @@ def run_case(kind, seed, number, folder, show=False) -> Outcome:
 
 def _judged(call):
   """(result, told) of call(), whose errors the command line would catch."""
-  from motion_jax import cli
+  from motion_studio import cli
   known, full = cli.KNOWN_ERRORS, cli._out_of_memory
   cli.KNOWN_ERRORS, cli._out_of_memory = (), lambda error: False  # they come here, with where they were raised
   try:

@@ -9,7 +9,6 @@ import numpy as np
 from motion_jax import export
 from motion_jax.data.datasets import babel, humanml3d, snapmogen
 from motion_jax.data.datasets.synthetic import on_skeleton, synthetic_clips
-from motion_jax.inputs.config_files import module_fields
 from motion_jax.models import cmdm
 from motion_jax.motion.representations import to_features
 from motion_jax.motion.skeleton import SMPL, SNAPMOGEN
@@ -19,6 +18,7 @@ from motion_jax.runs import PRETRAINED
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
 from motion_jax.training.setup import untrained
+from motion_jax.utils.config_files import module_fields
 from tests.conftest import load_config
 from tests.data.test_build import write_archive
 

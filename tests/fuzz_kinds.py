@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from motion_jax.cli import main
 from motion_jax.data import timelines
 from motion_jax.data.datasets import babel, humanml3d, snapmogen
 from motion_jax.data.datasets.archive import read_archive
@@ -22,6 +21,7 @@ from motion_jax.models import cmdm, results
 from motion_jax.models.cmdm import networks
 from motion_jax.motion.cleanup import clean_up
 from motion_jax.text.encoder import load_text_encoder
+from motion_studio.cli import main
 from tests.fuzz_damage import NUMBERS, WORDS, damage, damage_text, deflated_bomb, encode, pick
 from tests.fuzz_healthy import healthy, put
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from motion_jax import loading
-from motion_jax.inputs.errors import InputError
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
 from motion_jax.training.metrics import read_metrics
 from motion_jax.training.saver import Saver, copy_of
+from motion_jax.utils.errors import InputError
 from tests.fuzz_healthy import healthy, put
 
 

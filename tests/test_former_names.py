@@ -4,9 +4,10 @@ import warnings
 
 import pytest
 
-from motion_jax import cli, fit, loading, runs
-from motion_jax.inputs import config_files, former_names, overrides
+from motion_jax import fit, loading, runs
 from motion_jax.text.encoder import load_text_encoder
+from motion_jax.utils import config_files, former_names, overrides
+from motion_studio import cli
 
 FAST = dict(num_steps=4, lag=2)
 
@@ -134,7 +135,7 @@ def test_fields_of_configs(name, old, new, value, tmp_path):
   told[section] = {before if key == after else key: one for key, one in told[section].items()}
   own, built = tmp_path / "own.py", tmp_path / "built.py"
   own.write_text(f"import ml_collections\n\ndef get_config():\n  return ml_collections.ConfigDict({told!r}).lock()\n")
-  built.write_text("from motion_jax.inputs import config_files\n\ndef get_config():\n"
+  built.write_text("from motion_jax.utils import config_files\n\ndef get_config():\n"
                    f"  config = config_files.load({name!r}).unlock()\n  config.{old} = {value}\n"
                    "  return config.lock()\n")
   for path in (own, built):

@@ -5,7 +5,7 @@ import pathlib
 import numpy as np
 import pytest
 
-from motion_jax import cli
+from motion_studio import cli
 from tests import fuzz, fuzz_kinds
 from tests.fuzz_damage import damage
 from tests.fuzz_healthy import healthy

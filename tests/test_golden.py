@@ -16,7 +16,7 @@ from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.masks import block_causal_mask, padding_mask
 from motion_jax.text.bert import bert_fields
 from tests import fixtures, golden
-from tests.diffusion.test_streaming import whole
+from tests.models.cmdm.test_streaming import whole
 from tests.nets import test_causal_vae
 from tests.nets.test_causal_dit import captions
 from tests.text import test_bert

@@ -11,27 +11,34 @@ import tomllib
 import pytest
 
 ROOT = pathlib.Path(__file__).parents[1]
-PACKAGE = ROOT / "motion_jax"
-# A file may import from its own layer's folder and from layers above it in this list.
-LAYERS = [
-    ("charts", "configs", "inputs", "runtime", "shapes"),
-    ("motion", "nets", "quant", "diffusion", "paper_rows"),
-    ("data", "text", "metrics", "latents", "control"),
-    ("convert", "export", "runs", "training"),
-    ("models", "evaluators"),
-    ("loading", "fit", "pictures", "retrieval"),
-    ("evaluation",),
-    ("studio",),
-    ("client", "cli", "__init__"),
-]
+# A file may import from its own room and from rooms of the lines above it in its package's list; the library never
+# imports the application.
+LAYERS = {
+    "motion_jax": [
+        ("charts", "configs", "shapes", "utils"),
+        ("motion", "nets", "quant", "diffusion", "paper_rows"),
+        ("analysis", "data", "text", "metrics", "latents", "control"),
+        ("convert", "export", "runs", "training"),
+        ("models",),
+        ("evaluators",),
+        ("loading", "fit", "pictures", "retrieval"),
+        ("evaluation",),
+        ("__init__",)],
+    "motion_studio": [
+        ("language",),
+        ("checks", "planning"),
+        ("controlled", "editing", "pipeline"),
+        ("server",),
+        ("client", "cli", "__init__")],
+}
 CORE = {"absl", "chex", "flatbuffers", "flax", "jax", "jaxtyping", "jinja2", "ml_collections", "numpy", "optax",
         "orbax", "PIL", "safetensors", "scipy", "tokenizers", "tqdm"}
 # Packages of extras, imported inside the functions that need them.
 LAZY = {"torch", "transformers", "imageio_ffmpeg", "huggingface_hub", "tensorflow_datasets", "grain", "tensorboardX",
         "uvicorn"}
 # Rooms that nobody enters without an extra, whose packages they import at the top.
-OF_EXTRAS = {"studio": {"anyio", "starlette"}, "client": {"websockets"}}
-FILES = sorted(PACKAGE.rglob("*.py"))
+OF_EXTRAS = {"server": {"anyio", "starlette"}, "client": {"websockets"}}
+FILES = sorted(path for package in LAYERS for path in (ROOT / package).rglob("*.py"))
 
 
 def _imports(tree, top_level_only=False):
@@ -45,38 +52,37 @@ def _imports(tree, top_level_only=False):
 
 
 def _part(path):
-  """The name by which LAYERS knows a file: its folder below the package, or itself."""
-  relative = path.relative_to(PACKAGE)
-  return relative.parts[0] if len(relative.parts) > 1 else relative.stem
+  """(package, room) of a file: its folder below the package, or itself."""
+  package, *rest = path.relative_to(ROOT).parts
+  return package, rest[0] if len(rest) > 1 else path.stem
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_imports_point_up(path):
-  rank = {name: number for number, names in enumerate(LAYERS) for name in names}
-  part = _part(path)
+  package, part = _part(path)
+  rank = {name: number for number, names in enumerate(LAYERS[package]) for name in names}
   assert part in rank, f"{path} has no layer: add it to LAYERS and to the style guide"
   for name in _imports(ast.parse(path.read_text())):
     pieces = name.split(".")
-    if pieces[0] != "motion_jax" or len(pieces) < 2:
+    assert not (package == "motion_jax" and pieces[0] == "motion_studio"), f"the library imports {name}"
+    if pieces[0] != package or len(pieces) < 2 or pieces[1] not in rank:  # a name of the package's __init__.py
       continue
     other = pieces[1]
-    if other not in rank:  # a name of motion_jax/__init__.py
-      continue
-    same = other == part
-    foundation = rank[part] == 1
-    # The parts of the layer of motion and networks know nothing of one another; below, parts of one layer may.
-    assert same or (rank[other] < rank[part] if foundation else rank[other] <= rank[part]), f"{part} imports {name}"
+    foundation = package == "motion_jax" and rank[part] == 1
+    # The rooms of motion and networks know nothing of one another; below, rooms of one line may.
+    assert other == part or (rank[other] < rank[part] if foundation else rank[other] <= rank[part]), (
+        f"{part} imports {name}")
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_core_needs_no_extra(path):
-  tree, more = ast.parse(path.read_text()), OF_EXTRAS.get(_part(path), set())
+  tree, more = ast.parse(path.read_text()), OF_EXTRAS.get(_part(path)[1], set())
   for name in _imports(tree, top_level_only=True):
     top = name.split(".")[0]
-    assert top in CORE | more or top == "motion_jax" or top in sys.stdlib_module_names, f"{path} imports {name}"
+    assert top in CORE | more or top in LAYERS or top in sys.stdlib_module_names, f"{path} imports {name}"
   for name in _imports(tree):
     top = name.split(".")[0]
-    assert top in CORE | LAZY | more or top == "motion_jax" or top in sys.stdlib_module_names, f"{path} imports {name}"
+    assert top in CORE | LAZY | more or top in LAYERS or top in sys.stdlib_module_names, f"{path} imports {name}"
 
 
 def test_core_dependencies_are_those_of_pyproject():
@@ -88,7 +94,7 @@ def test_core_dependencies_are_those_of_pyproject():
 
 
 def test_the_tests_have_what_the_studio_needs():
-  """Without its packages tests/studio is left out; CI installs the extra `test`, which must bring them."""
+  """Without its packages tests/studio/server is left out; CI installs the extra `test`, which must bring them."""
   extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
   assert any("studio" in requirement.partition("[")[2] for requirement in extras["test"])
   names = {re.split(r"[<>=\[]", requirement)[0] for extra in ("studio", "test") for requirement in extras[extra]}
@@ -121,5 +127,5 @@ def test_a_component_loads_alone(room, name):
   code = f"import sys; from motion_jax.{room} import {name}; print(*sys.modules)"
   run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
   loaded = {one for one in run.stdout.split() if one.split(".")[0] == "motion_jax"}
-  along = loaded - {"motion_jax", f"motion_jax.{room}", "motion_jax.runtime", "motion_jax.runtime.lazy"}
+  along = loaded - {"motion_jax", f"motion_jax.{room}", "motion_jax.utils", "motion_jax.utils.lazy"}
   assert len(along) <= 15, sorted(along)

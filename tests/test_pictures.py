@@ -4,12 +4,12 @@ import pytest
 from PIL import Image
 
 from motion_jax import fit, pictures
-from motion_jax.inputs.errors import InputError
 from motion_jax.training import checkpoint, loop
 from motion_jax.training.metrics import read_metrics
+from motion_jax.utils.errors import InputError
 from tests.conftest import load_config
-from tests.test_guards import _bad_from, _skipping
-from tests.test_train import _config, _equal, _killed, _next_batch, _stage
+from tests.training.test_guards import _bad_from, _skipping
+from tests.training.test_train import _config, _equal, _killed, _next_batch, _stage
 
 pytestmark = pytest.mark.usefixtures("kept_features")
 

@@ -9,16 +9,16 @@ import pytest
 from motion_jax.data.batches import step_rng
 from motion_jax.evaluators import stages as matching
 from motion_jax.evaluators.networks import ClipEvaluator, T2MEvaluator
-from motion_jax.inputs import config_files
 from motion_jax.models import cdamd, cmdm
 from motion_jax.models.cdamd import length as lengths
 from motion_jax.models.cmdm.streaming import block_noise, make_plan
-from motion_jax.models.cmdm.teacher import make_teacher, teacher_shapes
+from motion_jax.models.tmr.teacher import make_teacher, teacher_shapes
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.nets.length_estimator import LengthEstimator
 from motion_jax.text.bert import bert_fields
+from motion_jax.utils import config_files
 from tests.conftest import load_config
 
 COUNTS = {

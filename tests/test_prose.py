@@ -11,7 +11,7 @@ ROOT = pathlib.Path(__file__).parents[1]
 BANNED = re.compile(r"\b(told|asked|anew|led|whoever|nobody|so many|goes on|of it all|"
                     r"who (is|are|has|sits|walks|does|asks|wants|stays|gets))\b", re.IGNORECASE)
 CLEAN = ("motion_jax/nets", "motion_jax/quant", "motion_jax/diffusion", "motion_jax/metrics", "motion_jax/convert",
-         "motion_jax/control", "motion_jax/latents.py", "motion_jax/shapes.py", "motion_jax/runtime/lazy.py")
+         "motion_jax/control", "motion_jax/latents.py", "motion_jax/shapes.py", "motion_jax/utils/lazy.py")
 
 
 def files_of(place):

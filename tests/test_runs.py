@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from motion_jax import fit, loading, paper_rows, runs
-from motion_jax.inputs.errors import InputError
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
+from motion_jax.utils.errors import InputError
 from tests.conftest import ROOT, load_config
 
 CONFIGS = sorted(path.stem for path in (ROOT / "configs").glob("*.py") if path.stem not in ("common", "__init__"))

@@ -12,7 +12,7 @@ import pytest
 from motion_jax import shapes
 from motion_jax.diffusion import paths
 from motion_jax.models import cdamd, cmdm
-from motion_jax.models.cmdm import teacher
+from motion_jax.models.tmr import teacher
 from motion_jax.quant import rvq, vq
 from tests.conftest import ROOT
 

@@ -1,7 +1,8 @@
 """What `motion-jax models` and `--help` say of the models that ship is what they are."""
 import pytest
 
-from motion_jax import cli, loading, runs
+from motion_jax import loading, runs
+from motion_studio import cli
 
 MAKERS = [name for name in runs.shipped_names() if runs.about(name)["for"] == "text to motion"]
 

@@ -12,13 +12,13 @@ import jax
 import numpy as np
 import pytest
 
-from motion_jax import cli
 from motion_jax import fit as training
-from motion_jax.inputs import config_files, overrides
 from motion_jax.text.encoder import load_text_encoder
-from motion_jax.text.sentences import understand
 from motion_jax.training import checkpoint
 from motion_jax.training.metrics import read_metrics
+from motion_jax.utils import config_files, overrides
+from motion_studio import cli
+from motion_studio.language.sentences import understand
 from tests.conftest import ROOT, light_training, load_config
 from tests.test_sources import anchors
 

@@ -4,11 +4,12 @@ import shlex
 
 import pytest
 
-from motion_jax import cli, export, fit
+from motion_jax import export, fit
 from motion_jax.data import build, sources
 from motion_jax.data.clip import Caption
 from motion_jax.data.datasets import humanml3d
 from motion_jax.data.datasets.synthetic import synthetic_clips
+from motion_studio import cli
 from tests.conftest import ROOT, load_config
 
 PAGE = (ROOT / "docs" / "your-own-data.md").read_text(encoding="utf-8")

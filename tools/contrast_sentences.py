@@ -4,7 +4,7 @@ right, twice or three times, with or without.
 `CONTRASTS` says which words part otherwise equal sentences, and which mean the same there; `pairs` draws such sentences
 two by two. The distillation of the small text encoder (tools/distill_words.py) moves the features of the former apart
 and holds those of the latter together. `event_sentences` and `composed` are what else people ask of motion in one
-sentence: captions by kinematics (`motion_jax.data.event_words`), and several actions after each other or at once.
+sentence: captions by kinematics (`motion_jax.analysis.event_words`), and several actions after each other or at once.
 """
 import random
 import re
@@ -13,9 +13,9 @@ from typing import NamedTuple
 import movement_sentences
 import numpy as np
 
+from motion_jax.analysis.event_words import USUAL, sentence
+from motion_jax.analysis.events import Event
 from motion_jax.data.captions import SUBJECTS, vary_subject, without_subject
-from motion_jax.data.event_words import USUAL, sentence
-from motion_jax.motion.events import Event
 
 GAITS = "walks runs jogs jumps hops steps moves goes crawls skips sneaks marches"
 ACTIONS = ("walks; runs; walks forward; turns around; waves the right hand; waves both hands; bows; claps; dances; "
@@ -178,7 +178,7 @@ def _event(rng, kind, start):
 
 
 def event_sentences(count, seed=0):
-  """Captions as `motion_jax.data.describe` makes them, of events that are drawn."""
+  """Captions as `motion_jax.analysis.describe` makes them, of events that are drawn."""
   rng, found, subjects = random.Random(seed), {}, np.random.default_rng(seed)
   kinds = ("walk walk walk run run turn turn kick kick raise wave wave jump jump hop squat bow reach-floor lie-down "
            "arm-circle").split()

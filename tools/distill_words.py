@@ -32,9 +32,9 @@ from safetensors.numpy import load_file, save_file
 from tokenizers import Tokenizer
 from word_losses import loss_fn, unit
 
-from motion_jax.runtime.atomic import atomic_path
 from motion_jax.text import bert
 from motion_jax.text.encoder import load_text_encoder
+from motion_jax.utils.atomic import atomic_path
 
 FIELDS = dict(width=128, num_layers=3, num_heads=4, mlp_width=512, max_positions=64)
 SPECIAL = ("[PAD]", "[UNK]", "[CLS]", "[SEP]")

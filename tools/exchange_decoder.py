@@ -13,9 +13,9 @@ import jax
 import numpy as np
 
 from motion_jax import runs
-from motion_jax.inputs.errors import InputError
 from motion_jax.latents import TOKENIZER
 from motion_jax.training import checkpoint
+from motion_jax.utils.errors import InputError
 
 STAGES = {"cmdm.denoiser": "cmdm.tokenizer", "cdamd.generator": "cdamd.autoencoder"}
 

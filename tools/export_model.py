@@ -15,11 +15,10 @@ from motion_jax import runs
 from motion_jax.evaluators import stages as matching
 from motion_jax.evaluators.networks import ClipEvaluator, T2MEvaluator
 from motion_jax.evaluators.words import WordFeatures
-from motion_jax.inputs.config_files import module_fields
 from motion_jax.latents import TOKENIZER
 from motion_jax.models import cdamd, cmdm
 from motion_jax.models.cdamd import length as lengths
-from motion_jax.models.cmdm import teacher
+from motion_jax.models.tmr import teacher
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
@@ -27,6 +26,7 @@ from motion_jax.nets.length_estimator import LengthEstimator
 from motion_jax.text.encoder import load_text_encoder, shipped_encoders
 from motion_jax.training import checkpoint
 from motion_jax.training.setup import text_identity
+from motion_jax.utils.config_files import module_fields
 
 
 def shapes_of(config):

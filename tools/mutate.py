@@ -26,7 +26,8 @@ LIMIT = 600  # seconds for the tests of one mutation: one that never ends is not
 
 
 class Mutation(NamedTuple):
-  """snippet stands exactly once in file; tests are pytest's names, such as tests/test_train.py::test_the_loss_falls.
+  """snippet stands exactly once in file; tests are pytest's names, such as
+  tests/training/test_train.py::test_the_loss_falls.
 
   reason: why nothing need notice, for one that is known to survive.
   """

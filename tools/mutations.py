@@ -2,11 +2,13 @@
 
 A piece stands exactly once in its file. Who changes such a line brings the list up to date; a test says if not.
 """
-LOSSES, BATCHES, TRAIN = "tests/test_stage_losses.py", "tests/data/test_batches.py", "tests/test_train.py"
+LOSSES, BATCHES = "tests/models/test_stage_losses.py", "tests/data/test_batches.py"
+TRAIN = "tests/training/test_train.py"
 PATHS, SOLVERS = (f"tests/diffusion/test_{name}.py" for name in ("paths", "samplers"))
-MASK_SCHEDULE = "tests/test_mask_schedule.py"
-MASKS, STREAMING, VAE = "tests/nets/test_masks.py", "tests/diffusion/test_streaming.py", "tests/nets/test_causal_vae.py"
-VQ, RVQ, GENERATOR = "tests/quant/test_vq.py", "tests/quant/test_rvq.py", "tests/test_cdamd_generator.py"
+MASK_SCHEDULE = "tests/models/cdamd/test_mask_schedule.py"
+MASKS, VAE = "tests/nets/test_masks.py", "tests/nets/test_causal_vae.py"
+STREAMING = "tests/models/cmdm/test_streaming.py"
+VQ, RVQ, GENERATOR = "tests/quant/test_vq.py", "tests/quant/test_rvq.py", "tests/models/cdamd/test_cdamd_generator.py"
 FEATURES, STATS, OTHERS = (f"tests/motion/test_{name}.py" for name in ("features", "stats", "representations"))
 SCORES, PHYSICS = "tests/metrics/test_scores.py", "tests/metrics/test_physics.py"
 PAST_CACHE = "past the cache, lag does not divide"
@@ -62,7 +64,7 @@ MUTATIONS = (
     ("guidance", "motion_jax/diffusion/guidance.py", "without + scale * (with_text - without)",
      "with_text + scale * (with_text - without)", (f"{SOLVERS}::test_guidance",)),
     ("renoised-level", "motion_jax/models/cmdm/continuation.py", "add_noise(x1, noise, t_next)",
-     "add_noise(x1, noise, t)", ("tests/diffusion/test_continuation.py::test_golden",)),
+     "add_noise(x1, noise, t)", ("tests/models/cmdm/test_continuation.py::test_golden",)),
     # --- masks ----------------------------------------------------------------------------------------------------
     ("context", "motion_jax/nets/masks.py", "< context // block", "<= context // block", (f"{MASKS}::test_sliding",)),
     ("bcm", "motion_jax/nets/masks.py", "return dual_causal_mask(known_mask) | known_mask[:, None, None, :]",
@@ -113,7 +115,7 @@ MUTATIONS = (
     ("copies", "motion_jax/models/cdamd/losses.py", "made.masked.sum() * len(draws.t)", "made.masked.sum()",
      (f"{GENERATOR}::test_all_rows_weighted_is_masked_rows_averaged",)),
     ("contrast-both-ways", "motion_jax/evaluators/networks.py", "(right(logits) + right(logits.T)) / 2",
-     "right(logits)", ("tests/test_teacher.py::test_contrast_counts_both_ways",)),
+     "right(logits)", ("tests/models/tmr/test_teacher.py::test_contrast_counts_both_ways",)),
     # --- codebooks ------------------------------------------------------------------------------------------------
     ("codes-decay", "motion_jax/quant/vq.py", "decay * book.counts + (1 - decay) * counts",
      "(1 - decay) * book.counts + decay * counts", (VQ,)),
@@ -158,34 +160,34 @@ MUTATIONS = (
      "grads, sums, weight = jax.lax.psum((grads, sums, weight), DEVICES)",
      "grads = jax.lax.pmean(grads, DEVICES)", (f"{TRAIN}::test_four_devices_learn_what_one_learns",)),
     ("shared-sigma", "motion_jax/models/cmdm/losses.py", "shared.total(square.mean()) * shared.share", "square.mean()",
-     ("tests/test_mesh.py::test_pmap_and_a_mesh_give_the_same_bytes_and_devices_the_same_numbers",)),
+     ("tests/training/test_mesh.py::test_pmap_and_a_mesh_give_the_same_bytes_and_devices_the_same_numbers",)),
     ("skip-gradient", "motion_jax/training/train_step.py",
      '(metrics["loss"] <= (skip_loss or jnp.inf)) & jnp.isfinite(metrics["grad_norm"])',
      '(metrics["loss"] <= (skip_loss or jnp.inf))', (f"{TRAIN}::test_what_is_no_number_is_never_saved",)),
     ("best-way", "motion_jax/training/outputs.py", '{"min": min, "max": max}', '{"min": max, "max": min}',
      (f"{TRAIN}::test_the_best_is_the_smallest_or_the_largest",)),
     ("flipped-bit", "motion_jax/training/saver.py", "if there.get(name) != wanted.get(name))",
-     "if name not in there)", ("tests/test_saver.py::test_every_flipped_bit_is_found",)),
+     "if name not in there)", ("tests/training/test_saver.py::test_every_flipped_bit_is_found",)),
     ("copied-state", "motion_jax/training/saver.py", "np.array(leaf) if whole(leaf)", "np.asarray(leaf) if whole(leaf)",
-     ("tests/test_saver.py::test_a_state_is_saved_as_it_was_when_the_save_began",)),
+     ("tests/training/test_saver.py::test_a_state_is_saved_as_it_was_when_the_save_began",)),
     ("sound-state", "motion_jax/training/saver.py", "if step % self._save_every == 0 and not self._memory",
-     "if not self._memory", ("tests/test_guards.py::test_slices_of_a_run_are_rolled_back_as_the_whole_one",)),
+     "if not self._memory", ("tests/training/test_guards.py::test_slices_of_a_run_are_rolled_back_as_the_whole_one",)),
     ("lost-run", "motion_jax/training/guards.py", "lost |= self.streak >=", "lost = self.streak >=",
-     ("tests/test_guards.py::test_slices_of_a_run_are_rolled_back_as_the_whole_one",)),
+     ("tests/training/test_guards.py::test_slices_of_a_run_are_rolled_back_as_the_whole_one",)),
     ("other-batches", "motion_jax/training/guards.py", "return step + self.window * WINDOW", "return step",
-     ("tests/test_guards.py::test_a_run_goes_back_and_on_with_other_batches",)),
+     ("tests/training/test_guards.py::test_a_run_goes_back_and_on_with_other_batches",)),
     ("later-batches", "motion_jax/training/prefetch.py", "self._next_batch(step + shift)", "self._next_batch(step)",
-     ("tests/test_prefetch.py::test_a_run_that_is_rolled_back_takes_other_batches",)),
+     ("tests/training/test_prefetch.py::test_a_run_that_is_rolled_back_takes_other_batches",)),
     ("stored-cut", "motion_jax/data/store.py", "[:count // items.frames_per_latent]", "",
      ("tests/data/test_store.py::test_a_shorter_cut_has_the_first_latents_of_the_longest",)),
     ("other-store", "motion_jax/data/store.py", "if identity.get(part) != self.identity.get(part)]", "if False]",
      ("tests/data/test_store.py::test_a_store_of_other_parts_is_refused_by_name",)),
     ("waiting", "motion_jax/training/rates.py", "self._waited += now[1] - self._last[1]", "self._waited += now[1]",
-     ("tests/test_report_of_a_run.py::test_rates_count_steps_since_the_last_row",)),
+     ("tests/training/test_report_of_a_run.py::test_rates_count_steps_since_the_last_row",)),
     ("trimmed-metrics", "motion_jax/training/metrics.py", "if _step_of(line) <= last]", "if _step_of(line) < last]",
      (f"{TRAIN}::test_a_killed_run_goes_on_as_if_it_had_not_been",)),
     ("wrong-shape", "motion_jax/training/checkpoint.py", " or flat[key].shape != expected[key].shape]", "]",
-     ("tests/test_model.py::test_broken_run_folders_are_told",)),
+     ("tests/models/test_model.py::test_broken_run_folders_are_told",)),
     ("order-in-file", "motion_jax/training/checkpoint.py",
      'np.asarray(value, dtype, order="C")', "np.asarray(value, dtype)",
      (f"{TRAIN}::test_parameters_come_back_as_they_were_whatever_lies_in_memory",)),

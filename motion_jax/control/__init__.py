@@ -1,7 +1,7 @@
 """Constraints beside the prompt: paths, poses, hand and foot targets, loops, body parts."""
 from typing import TYPE_CHECKING
 
-from motion_jax.runtime import lazy
+from motion_jax.utils import lazy
 
 if TYPE_CHECKING:
   from motion_jax.control.constraints import (

@@ -8,17 +8,17 @@ from jaxtyping import Num
 
 from motion_jax.control import paths
 from motion_jax.control.constraints import (
-    Constraint,
-    EffectorTarget,
-    EndPose,
-    Keyframe,
-    RootPath,
-    StartPose,
-    joint_number,
+  Constraint,
+  EffectorTarget,
+  EndPose,
+  Keyframe,
+  RootPath,
+  StartPose,
+  joint_number,
 )
 from motion_jax.control.signal import NUM_JOINTS, ControlSignal, rotate_about_y
-from motion_jax.inputs.errors import InputError
 from motion_jax.motion.skeleton import HUMANML3D, facing
+from motion_jax.utils.errors import InputError
 
 _SAME = 2e-3  # metres by which two constraints may differ about one joint in one frame
 FASTEST = 7.0   # metres per second: a sprint

@@ -10,9 +10,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from motion_jax.inputs.errors import InputError
-from motion_jax.inputs.nearest import did_you_mean
 from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.utils.errors import InputError
+from motion_jax.utils.nearest import did_you_mean
 
 # What people call the end of a limb, and Kimodo's names, to the joint that is moved there.
 JOINTS = {name: number for number, name in enumerate(HUMANML3D.joints)} | {

@@ -15,20 +15,20 @@ from typing import Any
 import numpy as np
 
 from motion_jax.control.constraints import (
-    KIMODO_JOINTS,
-    KINDS,
-    Constraint,
-    EffectorTarget,
-    Keyframe,
-    RootPath,
-    joint_number,
+  KIMODO_JOINTS,
+  KINDS,
+  Constraint,
+  EffectorTarget,
+  Keyframe,
+  RootPath,
+  joint_number,
 )
-from motion_jax.inputs.errors import InputError, reading
-from motion_jax.inputs.nearest import did_you_mean
 from motion_jax.motion import inverse
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.retarget import with_lengths
 from motion_jax.motion.skeleton import HUMANML3D, SMPL
+from motion_jax.utils.errors import InputError, reading
+from motion_jax.utils.nearest import did_you_mean
 
 VERSION = 1
 MOST, MOST_BYTES = 256, 32 << 20  # constraints of a file, and its size

@@ -8,13 +8,13 @@ from motion_jax.control.compiling import angle_of
 from motion_jax.control.constraints import Constraint, InPlace, KeepParts, Loop
 from motion_jax.control.signal import rotate_about_y
 from motion_jax.data.mocap.capture import resample
-from motion_jax.inputs.errors import InputError
 from motion_jax.motion.filling import fill_frames
 from motion_jax.motion.layering import put_on
 from motion_jax.motion.looping import in_place, looped
 from motion_jax.motion.retarget import retarget, with_lengths
 from motion_jax.motion.skeleton import HUMANML3D, with_own_lengths
 from motion_jax.motion.splicing import REACH, meeting, spliced, weights
+from motion_jax.utils.errors import InputError
 
 _EASE = 0.4   # seconds in which a part comes to another motion's and goes back, at a span's ends
 _OTHER_BONES = 5e-3  # metres that bones may differ by before the other parts are brought to them

@@ -20,10 +20,10 @@ from motion_jax.control import bodies, poses
 from motion_jax.control.compiling import angle_of, clip_to_feasible, compile, warn_missed
 from motion_jax.control.constraints import Constraint
 from motion_jax.control.signal import ControlSignal
-from motion_jax.inputs.errors import InputError
 from motion_jax.motion.planting import stands
 from motion_jax.motion.root_paths import along
 from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.utils.errors import InputError
 
 _FAR, _TURNED = 0.12, 0.35  # metres, radians off, from which the body is carried step by step
 _ARM = 0.75                 # metres over the ground from the pelvis within which a hand or a foot is reached

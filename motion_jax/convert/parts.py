@@ -10,14 +10,14 @@ import ml_collections
 import numpy as np
 
 from motion_jax.convert.state import from_torch, load_checkpoint, select
-from motion_jax.inputs.errors import InputError
-from motion_jax.inputs.input_files import npy_shape
 from motion_jax.motion.representations import layout_for
 from motion_jax.motion.stats import ABSOLUTE, load_stats, save_stats
-from motion_jax.runtime.atomic import atomic_folder
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
 from motion_jax.training.setup import text_identity
+from motion_jax.utils.atomic import atomic_folder
+from motion_jax.utils.errors import InputError
+from motion_jax.utils.input_files import npy_shape
 
 # What a checkpoint holds for going on with its training only, as the field's training scripts name it.
 TRAINING_ONLY = re.compile(r"(opt|optim|optimizer|scheduler|lr_scheduler|scaler)(_.*)?$")

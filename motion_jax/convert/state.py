@@ -5,8 +5,8 @@ import re
 import flax
 import numpy as np
 
-from motion_jax.inputs.input_files import load_safetensors
-from motion_jax.runtime.install import pip_install
+from motion_jax.utils.input_files import load_safetensors
+from motion_jax.utils.install import pip_install
 
 Table = dict[str, tuple[str, str]]  # {name of the reference: (our path, kind of `_KINDS`)}
 

@@ -1,7 +1,7 @@
 """Files to batches: motion capture readers and writers, and the data folders of the field."""
 from typing import TYPE_CHECKING
 
-from motion_jax.runtime import lazy
+from motion_jax.utils import lazy
 
 if TYPE_CHECKING:
   from motion_jax.data.batches import CaptionedClips, TextItems, Windows

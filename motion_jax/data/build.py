@@ -12,10 +12,10 @@ from motion_jax.data.datasets import humanml3d
 from motion_jax.data.datasets.registry import find_dataset
 from motion_jax.data.mocap.mappings import read_mapping
 from motion_jax.data.mocap.readers import READERS, none_read, read_clip
-from motion_jax.inputs import notes, text_files
-from motion_jax.inputs.errors import InputError
-from motion_jax.inputs.input_files import json_row
-from motion_jax.inputs.numerals import SECONDS, NumberError, named, real
+from motion_jax.utils import notes, text_files
+from motion_jax.utils.errors import InputError
+from motion_jax.utils.input_files import json_row
+from motion_jax.utils.numerals import SECONDS, NumberError, named, real
 
 LONGEST = 200  # frames; the field's loaders leave longer clips out
 _COLUMNS = ("file", "caption", "start", "end", "split", "source", "license")

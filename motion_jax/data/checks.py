@@ -1,12 +1,12 @@
 """Single checks of `doctor`: of a motion, its texts, its statistics. Each tells what it finds to `found.add`."""
 import numpy as np
 
-from motion_jax.inputs.errors import InputError
-from motion_jax.inputs.input_files import load_npy
 from motion_jax.motion import plausibility
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.retarget import floor_height
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths, facing
+from motion_jax.utils.errors import InputError
+from motion_jax.utils.input_files import load_npy
 
 # Std of the official HumanML3D statistics by block, and the height's mean (docs/papers/cmdm.md#statistics).
 _OFFICIAL_STD = (0.012826, 0.016927, 0.153766, 0.122244, 0.299692, 0.019470, 0.355933)

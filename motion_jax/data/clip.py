@@ -4,9 +4,9 @@ from typing import Any, Self
 
 import numpy as np
 
-from motion_jax.inputs.errors import InputError
 from motion_jax.motion.plausibility import check_rate
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
+from motion_jax.utils.errors import InputError
 
 
 @dataclasses.dataclass(frozen=True)

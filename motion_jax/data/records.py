@@ -9,9 +9,9 @@ import numpy as np
 from motion_jax.data import sources
 from motion_jax.data.datasets import records
 from motion_jax.data.datasets.base import new_folder
-from motion_jax.inputs.errors import InputError
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.stats import save_stats
+from motion_jax.utils.errors import InputError
 
 SPLITS = ("train", "val", "test")
 

@@ -21,9 +21,9 @@ import numpy as np
 from motion_jax.data.datasets.base import TextItem, asked_kinds, clip_items
 from motion_jax.data.datasets.records import RecordedFeatures
 from motion_jax.data.datasets.registry import DATASETS, dataset_of, get_dataset
-from motion_jax.inputs.errors import InputError
 from motion_jax.motion.representations import FeatureLayout, get_layout
 from motion_jax.motion.stats import Stats, compute_stats
+from motion_jax.utils.errors import InputError
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -21,9 +21,9 @@ import jax
 import numpy as np
 
 from motion_jax.data.batches import ALL
-from motion_jax.inputs.errors import InputError, reading
-from motion_jax.inputs.input_files import load_npy, read_json
-from motion_jax.runtime.atomic import atomic_folder
+from motion_jax.utils.atomic import atomic_folder
+from motion_jax.utils.errors import InputError, reading
+from motion_jax.utils.input_files import load_npy, read_json
 
 ABOUT, CUTS, CAPTIONS, WORDS = "store.json", "cuts.npy", "captions.json", "words"
 _ADVICE = "make the store again by motion-jax data encode"

@@ -12,10 +12,10 @@ A text file; one interval a line, an empty line between timelines, seconds:
 """
 from typing import NamedTuple
 
-from motion_jax.inputs.errors import InputError, reason
-from motion_jax.inputs.input_files import read_json
-from motion_jax.inputs.numerals import SECONDS, NumberError, real, shortened
-from motion_jax.inputs.text_files import lines_of, read_lines
+from motion_jax.utils.errors import InputError, reason
+from motion_jax.utils.input_files import read_json
+from motion_jax.utils.numerals import SECONDS, NumberError, real, shortened
+from motion_jax.utils.text_files import lines_of, read_lines
 
 PARTS = ("head", "left arm", "right arm", "legs", "spine")
 _ALSO = {"neck": "head", "torso": "spine", "left hand": "left arm", "right hand": "right arm", "left leg": "legs",

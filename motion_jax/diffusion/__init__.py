@@ -1,7 +1,7 @@
 """Pure functions around a denoiser: paths, noise schedules, samplers, guidance."""
 from typing import TYPE_CHECKING
 
-from motion_jax.runtime import lazy
+from motion_jax.utils import lazy
 
 if TYPE_CHECKING:
   from motion_jax.diffusion import ddpm, guidance, ode, paths, samplers, schedules

@@ -18,12 +18,12 @@ import numpy as np
 from motion_jax.evaluation import samples
 from motion_jax.evaluation.candidates import Reader
 from motion_jax.evaluation.tasks.base import Task
-from motion_jax.inputs.input_files import load_npy, npy_shape
 from motion_jax.metrics.long_horizon import placed
 from motion_jax.models.base import Able
 from motion_jax.motion import plausibility
 from motion_jax.motion.representations import LAYOUTS, layout_for
-from motion_jax.runtime.atomic import atomic_path
+from motion_jax.utils.atomic import atomic_path
+from motion_jax.utils.input_files import load_npy, npy_shape
 
 PROMPTS, README, GIVEN = "prompts.jsonl", "README.md", "real_"
 _README = """# Motions for protocol {protocol}

@@ -21,8 +21,8 @@ Numbers of `archives-66` and `own-66` are our own benchmark's: they compare with
 """
 import dataclasses
 
-from motion_jax.inputs.nearest import did_you_mean
 from motion_jax.metrics.protocol import Protocol
+from motion_jax.utils.nearest import did_you_mean
 
 # Names in results.json, which stay as they are.
 _WRITTEN = {"unit_length": "unit", "replications": "repeats", "multimodality_replications": "multimodality_repeats"}

@@ -6,7 +6,7 @@ import platform
 
 import jax
 
-from motion_jax.runtime.code import commit
+from motion_jax.utils.code import commit
 
 _PACKAGES = ("jax", "jaxlib", "flax", "numpy", "scipy", "safetensors", "tokenizers")
 

@@ -7,8 +7,8 @@ import json
 import pathlib
 from typing import Any, NotRequired, Self, TypedDict
 
-from motion_jax.runtime.atomic import atomic_path
 from motion_jax.training import checkpoint
+from motion_jax.utils.atomic import atomic_path
 
 FILE = "results.json"
 

@@ -20,9 +20,9 @@ from motion_jax.evaluation.request import Request, default_out, load_evaluators,
 from motion_jax.evaluation.result import FILE, Result
 from motion_jax.evaluation.tasks.registry import TASKS
 from motion_jax.evaluation.test_set import TestSet, read_test_set
-from motion_jax.inputs import former_names
 from motion_jax.motion.representations import get_layout
-from motion_jax.runtime.atomic import atomic_path
+from motion_jax.utils import former_names
+from motion_jax.utils.atomic import atomic_path
 
 TABLES = {"tables.md": difference_tables.whole(tables.markdown), "tables.tex": difference_tables.whole(tables.latex),
           "tables.csv": tables.csv}

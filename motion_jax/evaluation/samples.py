@@ -19,10 +19,10 @@ import jax
 import numpy as np
 from tqdm import tqdm
 
-from motion_jax.inputs.errors import InputError
-from motion_jax.inputs.input_files import load_npz
-from motion_jax.runtime.atomic import atomic_path
 from motion_jax.training import checkpoint
+from motion_jax.utils.atomic import atomic_path
+from motion_jax.utils.errors import InputError
+from motion_jax.utils.input_files import load_npz
 
 BATCH = 32  # motions made together, whatever the protocol's pool: one compiled function serves all
 TAIL = 4    # rows kept behind a motion's end: as far as an evaluator's last token reaches

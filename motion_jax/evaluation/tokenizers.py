@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from motion_jax import runs
-from motion_jax.inputs.config_files import module_fields
 from motion_jax.latents import TOKENIZER, AutoencoderCodec, RvqCodec, VaeCodec
 from motion_jax.models import cdamd, cmdm
 from motion_jax.models.base import Able
@@ -18,6 +17,7 @@ from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.nets.masks import padding_mask
 from motion_jax.training import checkpoint
+from motion_jax.utils.config_files import module_fields
 
 STAGES = ("cmdm.tokenizer", "cmdm.denoiser", "cdamd.autoencoder", "cdamd.rvq", "cdamd.generator")
 

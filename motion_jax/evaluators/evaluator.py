@@ -27,14 +27,14 @@ from motion_jax.evaluators import stages as matching
 from motion_jax.evaluators.networks import ClipEvaluator, T2MEvaluator
 from motion_jax.evaluators.snapmogen_network import SnapEvaluator
 from motion_jax.evaluators.words import CONVERTED, GLOVE_FILES, WordFeatures, load_words
-from motion_jax.inputs.config_files import module_fields
-from motion_jax.models.cmdm import teacher as teacher_lib
+from motion_jax.models.tmr import teacher as teacher_lib
 from motion_jax.motion.representations import Representation, get_layout, to_features
 from motion_jax.motion.stats import Stats
 from motion_jax.nets.masks import padding_mask
 from motion_jax.text.bert import bert_fields_of
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
+from motion_jax.utils.config_files import module_fields
 
 KINDS = {"evaluator.matching": "t2m", "evaluator.t2m": "t2m", "evaluator.clip": "clip", "cmdm.teacher": "tmr",
          "evaluator.snapmogen": "snapmogen"}

@@ -11,8 +11,8 @@ import pickle
 
 import numpy as np
 
-from motion_jax.inputs.input_files import load_npy, load_npz
-from motion_jax.runtime.atomic import atomic_path
+from motion_jax.utils.atomic import atomic_path
+from motion_jax.utils.input_files import load_npy, load_npz
 
 CLASSES = ("VERB", "NOUN", "DET", "ADP", "NUM", "AUX", "PRON", "ADJ", "ADV",
            "Loc_VIP", "Body_VIP", "Obj_VIP", "Act_VIP", "Desc_VIP", "OTHER")

@@ -11,7 +11,7 @@ import numpy as np
 from motion_jax.export.rig import rigged
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.pose import TIPS
-from motion_jax.runtime.atomic import atomic_path
+from motion_jax.utils.atomic import atomic_path
 
 _UNITS = {"centimetres": 100.0, "metres": 1.0}
 # The middle angle of three is ambiguous at 90 degrees. Of arms that is the one about x, along the arm; of all others

@@ -9,14 +9,14 @@ from motion_jax.data.mocap.asf import AMC_FPS, read_amc
 from motion_jax.data.mocap.bvh import read_bvh
 from motion_jax.data.mocap.capture import to_clip, with_rate
 from motion_jax.data.mocap.mappings import read_mapping
-from motion_jax.inputs.errors import InputError
-from motion_jax.inputs.input_files import PickledError, load_npy, load_npz, npz_names, parse_json
 from motion_jax.motion import plausibility
 from motion_jax.motion.joint_arrays import pick_joints
 from motion_jax.motion.joint_maps import skeleton_of
 from motion_jax.motion.representations import get_layout, layout_for, to_joints
 from motion_jax.motion.skeleton import HUMANML3D, SKELETONS
-from motion_jax.runtime.atomic import atomic_path
+from motion_jax.utils.atomic import atomic_path
+from motion_jax.utils.errors import InputError
+from motion_jax.utils.input_files import PickledError, load_npy, load_npz, npz_names, parse_json
 
 LOADABLE = (".npz", ".npy", ".bvh", ".amc")
 

@@ -15,7 +15,7 @@ import numpy as np
 from motion_jax.export.body import COLORS, make_figure
 from motion_jax.export.mesh import make_skins, rest_joints
 from motion_jax.export.rig import rigged
-from motion_jax.runtime.atomic import atomic_path
+from motion_jax.utils.atomic import atomic_path
 
 _FLOAT, _SHORT, _BYTE = 5126, 5123, 5121
 

@@ -17,7 +17,7 @@ from motion_jax.export.mesh import make_skins, rest_joints
 from motion_jax.export.scene import distance, parts_of
 from motion_jax.motion.pose import t_pose
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
-from motion_jax.runtime.atomic import atomic_path
+from motion_jax.utils.atomic import atomic_path
 
 _ASSETS = pathlib.Path(__file__).parent / "assets"
 VIEWER = _ASSETS / "viewer.js"

@@ -18,11 +18,11 @@ from motion_jax.data.clip import Clip
 from motion_jax.export import gif, render
 from motion_jax.export.body import default_colors, make_figure
 from motion_jax.export.scene import body_at, from_above, marks_of
-from motion_jax.inputs.errors import EncoderError, InputError
-from motion_jax.inputs.nearest import did_you_mean
-from motion_jax.runtime import progress, stopping
-from motion_jax.runtime.atomic import atomic_path
-from motion_jax.runtime.install import pip_install
+from motion_jax.utils import progress, stopping
+from motion_jax.utils.atomic import atomic_path
+from motion_jax.utils.errors import EncoderError, InputError
+from motion_jax.utils.install import pip_install
+from motion_jax.utils.nearest import did_you_mean
 
 INK, _PALE_INK = (52, 56, 66), (225, 228, 235)
 VIEWS = {"front": (0, 13), "side": (90, 13), "top": (0, 89), "three-quarter": (35, 13)}  # azimuth, elevation, degrees

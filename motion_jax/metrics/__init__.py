@@ -1,7 +1,7 @@
 """Numbers about motion: scores of embeddings, physics of joints, and the protocols that combine them."""
 from typing import TYPE_CHECKING
 
-from motion_jax.runtime import lazy
+from motion_jax.utils import lazy
 
 if TYPE_CHECKING:
   from motion_jax.metrics import accumulate, control_scores, long_horizon, physics, protocol, scores, timeline_scores

@@ -4,7 +4,7 @@ import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from motion_jax.inputs import former_names
+from motion_jax.utils import former_names
 
 # What other programs, or other calls, name so; the first of ours that a call has is the hint.
 OTHERS = {

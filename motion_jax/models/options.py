@@ -15,8 +15,8 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-from motion_jax.inputs.errors import InputError
-from motion_jax.inputs.numerals import GUIDANCE, NumberError, bounds, checked, demand_numbers, real, shortened, whole
+from motion_jax.utils.errors import InputError
+from motion_jax.utils.numerals import GUIDANCE, NumberError, bounds, checked, demand_numbers, real, shortened, whole
 
 if TYPE_CHECKING:
   from ml_collections import ConfigDict

@@ -14,7 +14,7 @@ from motion_jax.data.clip import Caption, Clip
 from motion_jax.motion.blending import eased
 from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.representations import to_features, to_joints
-from motion_jax.runtime import timing
+from motion_jax.utils import timing
 
 if TYPE_CHECKING:
   from motion_jax.models.base import TextToMotionModel

@@ -1,7 +1,7 @@
 """Motion without learning: skeletons, rotations, features, statistics, retargeting, cleanup."""
 from typing import TYPE_CHECKING
 
-from motion_jax.runtime import lazy
+from motion_jax.utils import lazy
 
 if TYPE_CHECKING:
   from motion_jax.motion import representations, rotations

@@ -10,12 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Num
 
-from motion_jax.inputs.numerals import named, shortened
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.joint_names import Tree, plain
 from motion_jax.motion.named_bodies import NamedBody
 from motion_jax.motion.skeleton import HUMANML3D, SKELETONS, Skeleton
 from motion_jax.shapes import Array
+from motion_jax.utils.numerals import named, shortened
 
 
 class Made(NamedTuple):

@@ -9,10 +9,10 @@ import warnings
 import numpy as np
 from jaxtyping import Num
 
-from motion_jax.inputs.errors import InputError
-from motion_jax.inputs.numerals import FRAME_RATES
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
 from motion_jax.shapes import Array
+from motion_jax.utils.errors import InputError
+from motion_jax.utils.numerals import FRAME_RATES
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}  # metres
 _NAMES = {"m": "metres", "cm": "centimetres", "mm": "millimetres", "in": "inches", "ft": "feet"}

@@ -1,7 +1,7 @@
 """Networks as linen modules: arrays in, arrays out; no losses, no schedules."""
 from typing import TYPE_CHECKING
 
-from motion_jax.runtime import lazy
+from motion_jax.utils import lazy
 
 if TYPE_CHECKING:
   from motion_jax.nets.attention import Attention, RMSNorm, dot_product_attention, rotary

@@ -1,7 +1,7 @@
 """Vector quantizers: latents to codes and back."""
 from typing import TYPE_CHECKING
 
-from motion_jax.runtime import lazy
+from motion_jax.utils import lazy
 
 if TYPE_CHECKING:
   from motion_jax.quant import rvq, vq

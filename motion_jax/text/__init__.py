@@ -1,7 +1,7 @@
 """Text encoders: captions to embeddings of words or sentences."""
 from typing import TYPE_CHECKING
 
-from motion_jax.runtime import lazy
+from motion_jax.utils import lazy
 
 if TYPE_CHECKING:
   from motion_jax.text.bert import Bert

@@ -12,11 +12,10 @@ import jax.numpy as jnp
 import numpy as np
 from tokenizers import Tokenizer, models, normalizers, pre_tokenizers, processors
 
-from motion_jax.inputs import former_names, text_files
-from motion_jax.inputs.errors import InputError
-from motion_jax.runtime import cache
 from motion_jax.text import bert, folder, hub
-from motion_jax.text.vocabulary import FUNCTION_WORDS, forms, strange_words
+from motion_jax.utils import cache, former_names, text_files
+from motion_jax.utils.errors import InputError
+from motion_studio.language.vocabulary import FUNCTION_WORDS, forms, strange_words
 
 SHIPPED = pathlib.Path(__file__).parents[1] / "pretrained"
 LEVELS = ("words", "sentence")

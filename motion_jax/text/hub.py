@@ -2,7 +2,7 @@
 import pathlib
 import re
 
-from motion_jax.runtime.install import pip_install
+from motion_jax.utils.install import pip_install
 
 # Commits whose files were looked up. A revision is a promise that a run trained today loads the same weights later.
 REVISIONS = {

@@ -6,7 +6,7 @@ Nothing is fetched, and no code of a folder is run.
 """
 import importlib.util
 
-from motion_jax.inputs.errors import InputError, reason
+from motion_jax.utils.errors import InputError, reason
 
 OLD_TOKENIZERS = {"bert": "vocab.txt", "distilbert": "vocab.txt", "t5": "spiece.model"}  # by model_type
 LOCAL = dict(local_files_only=True, trust_remote_code=False)

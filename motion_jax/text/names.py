@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from motion_jax.runtime import cache
+from motion_jax.utils import cache
 
 # kind -> ((our leaf, PyTorch's), ...); a kernel is PyTorch's weight, transposed.
 LEAVES = {

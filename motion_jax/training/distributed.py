@@ -16,8 +16,8 @@ import jax
 import numpy as np
 from jax.experimental import multihost_utils
 
-from motion_jax.inputs.errors import InputError, reason
-from motion_jax.runtime import exit_status
+from motion_jax.utils import exit_status
+from motion_jax.utils.errors import InputError, reason
 
 _PATIENCE = 3600  # seconds for which processes wait for one that reads data, compiles or evaluates
 _PARTING = 10     # seconds for which a process that has failed, or is told to end, waits for the others to end with it

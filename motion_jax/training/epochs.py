@@ -1,5 +1,5 @@
 """The length of a training run in epochs: how many steps they are is known once the data are read."""
-from motion_jax.inputs.errors import InputError
+from motion_jax.utils.errors import InputError
 
 
 def resolved(config, num_items):

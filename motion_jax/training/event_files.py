@@ -2,9 +2,9 @@
 import pathlib
 import time
 
-from motion_jax.inputs.errors import InputError
-from motion_jax.runtime.install import pip_install
 from motion_jax.training.metrics import read_metrics
+from motion_jax.utils.errors import InputError
+from motion_jax.utils.install import pip_install
 
 _PREFIX = "events"  # TensorBoard looks for the .out.tfevents. that follows
 

@@ -14,8 +14,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from motion_jax.runtime import exit_status, stopping
-from motion_jax.runtime.atomic import atomic_path
+from motion_jax.utils import exit_status, stopping
+from motion_jax.utils.atomic import atomic_path
 
 BATCH, STACKS = "bad_batch.npz", "hang.txt"
 WINDOW = 10_000_019  # steps between the batches of a run and those that it draws after being rolled back

@@ -8,9 +8,6 @@ import jax
 import numpy as np
 from tqdm import tqdm
 
-from motion_jax.inputs.errors import InputError, reason
-from motion_jax.runtime import stopping
-from motion_jax.runtime.atomic import remove_strays
 from motion_jax.training import checkpoint
 from motion_jax.training.distributed import Agreement, compile_together, end_together
 from motion_jax.training.guards import BATCH, Guards, Watchdog, check_finite, keep_batch
@@ -23,6 +20,9 @@ from motion_jax.training.progress import Progress
 from motion_jax.training.rates import Rates, flops_of
 from motion_jax.training.saver import Saver, copy_of, told_differences
 from motion_jax.training.train_step import init_state, make_train_step
+from motion_jax.utils import stopping
+from motion_jax.utils.atomic import remove_strays
+from motion_jax.utils.errors import InputError, reason
 
 
 def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluate=None, max_seconds=None,

@@ -7,9 +7,9 @@ import pathlib
 import numpy as np
 
 from motion_jax import charts
-from motion_jax.inputs.input_files import read_json_lines
-from motion_jax.runtime.atomic import atomic_path
 from motion_jax.training.distributed import by_first
+from motion_jax.utils.atomic import atomic_path
+from motion_jax.utils.input_files import read_json_lines
 
 METRICS = "metrics.jsonl"
 CLOCK = ("seconds", "samples_per_second", "data_wait", "memory_mb", "mfu")  # what differs from machine to machine

@@ -5,8 +5,6 @@ import pathlib
 import jax
 from tqdm import tqdm
 
-from motion_jax.inputs.errors import reason
-from motion_jax.runtime.code import commit
 from motion_jax.training import checkpoint, report
 from motion_jax.training.distributed import on_host
 from motion_jax.training.event_files import EventFile
@@ -21,6 +19,8 @@ from motion_jax.training.metrics import (
 )
 from motion_jax.training.saver import environment
 from motion_jax.training.train_step import variables_of
+from motion_jax.utils.code import commit
+from motion_jax.utils.errors import reason
 
 FILES = (checkpoint.PARAMS, checkpoint.RAW, checkpoint.LAST, METRICS, "loss.png", report.REPORT)
 _NO_ROOM = ("no space left", "enospc", "quota exceeded", "file too large", "os error", "input/output error")

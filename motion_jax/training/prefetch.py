@@ -7,8 +7,8 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from motion_jax.inputs.errors import InputError
-from motion_jax.runtime.install import pip_install
+from motion_jax.utils.errors import InputError
+from motion_jax.utils.install import pip_install
 
 
 class Prefetch:

@@ -4,7 +4,7 @@ import pathlib
 import jax
 from tqdm import tqdm
 
-from motion_jax.inputs.errors import InputError, reason
+from motion_jax.utils.errors import InputError, reason
 
 FOLDER = "profile"
 

@@ -9,9 +9,9 @@ import jinja2
 import numpy as np
 
 from motion_jax import charts
-from motion_jax.runtime.atomic import atomic_path
 from motion_jax.training.metrics import read_metrics
 from motion_jax.training.progress import duration
+from motion_jax.utils.atomic import atomic_path
 
 REPORT, SAMPLES = "report.html", "samples"
 _SPEED = {"samples_per_second": "samples a second", "data_wait": "share of time spent waiting for data",

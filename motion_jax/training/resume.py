@@ -6,9 +6,9 @@ import jax
 import numpy as np
 
 from motion_jax.data import sources
-from motion_jax.inputs.errors import InputError
 from motion_jax.motion import stats as stats_lib
 from motion_jax.training import checkpoint
+from motion_jax.utils.errors import InputError
 
 # What of a config may be another when a run goes on: where things lie and what they came from (their content is
 # compared instead), how motion is sampled, how long the run lasts and is looked after, on what it is computed.

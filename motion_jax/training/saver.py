@@ -19,9 +19,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax.experimental import multihost_utils
 
-from motion_jax.inputs.errors import InputError, reading, reason
-from motion_jax.runtime.atomic import atomic_path
 from motion_jax.training.distributed import Meeting
+from motion_jax.utils.atomic import atomic_path
+from motion_jax.utils.errors import InputError, reading, reason
 
 STATE, OLD_STATE, RECORD = "state", "default", "record.json"
 ASIDE, DAMAGED = ".saving-", ".damaged"

@@ -15,7 +15,7 @@ from motion_jax.nets.causal_dit import ADAPTER_RANK, CausalDiT, ControlAdapter
 from motion_jax.nets.masks import block_causal_mask, sliding_mask
 from motion_jax.training.setup import untrained
 from tests.conftest import load_config
-from tests.diffusion.test_streaming import SCALE, assert_close, encode_text, setting, step
+from tests.models.cmdm.test_streaming import SCALE, assert_close, encode_text, setting, step
 from tests.nets.test_causal_dit import apply
 
 features = jax.jit(conditioning.features, static_argnums=1)

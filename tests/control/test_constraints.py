@@ -8,20 +8,20 @@ from motion_jax.control import files, paths
 from motion_jax.control import signal as signals
 from motion_jax.control.compiling import angle_of, compile
 from motion_jax.control.constraints import (
-    EffectorTarget,
-    EndPose,
-    InPlace,
-    KeepParts,
-    Keyframe,
-    Loop,
-    RootPath,
-    StartPose,
+  EffectorTarget,
+  EndPose,
+  InPlace,
+  KeepParts,
+  Keyframe,
+  Loop,
+  RootPath,
+  StartPose,
 )
-from motion_jax.inputs.errors import InputError
 from motion_jax.motion import inverse
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.retarget import with_lengths
 from motion_jax.motion.skeleton import HUMANML3D, SMPL
+from motion_jax.utils.errors import InputError
 
 
 def pose(heading=0.0, x=0.0, z=0.0):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from ml_collections import ConfigDict
 
+from motion_jax.analysis.events import find_events
 from motion_jax.configs import common
 from motion_jax.data import sources
 from motion_jax.data.augment import KINDS, augmented
@@ -18,7 +19,6 @@ from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.data.mirror import mirror_clip
 from motion_jax.metrics.physics import planted_speed
-from motion_jax.motion.events import find_events
 from motion_jax.motion.retarget import retarget
 from motion_jax.motion.root_paths import SMALLEST, course
 

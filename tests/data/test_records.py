@@ -6,13 +6,14 @@ import sys
 import numpy as np
 import pytest
 
-from motion_jax import cli, fit
+from motion_jax import fit
 from motion_jax.data import doctor, records, sources
 from motion_jax.data.datasets import humanml3d
 from motion_jax.data.datasets.records import RecordedFeatures, Records
 from motion_jax.data.datasets.synthetic import synthetic_clips
-from motion_jax.inputs.errors import InputError
-from motion_jax.runtime.install import pip_install
+from motion_jax.utils.errors import InputError
+from motion_jax.utils.install import pip_install
+from motion_studio import cli
 from tests.conftest import load_config
 
 tfds = pytest.importorskip("tensorflow_datasets")

@@ -6,15 +6,16 @@ import jax
 import numpy as np
 import pytest
 
-from motion_jax import cli, fit
+from motion_jax import fit
 from motion_jax.data.batches import TextItems
 from motion_jax.data.captions import SUBJECTS, vary_subject, with_subjects
 from motion_jax.data.store import Store, digest_of, stored_batch, writing
-from motion_jax.inputs.errors import InputError
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
 from motion_jax.training.metrics import read_metrics
 from motion_jax.training.setup import untrained
+from motion_jax.utils.errors import InputError
+from motion_studio import cli
 from tests.conftest import load_config
 
 

@@ -4,13 +4,14 @@ import types
 
 import pytest
 
-from motion_jax import cli, paper_rows
+from motion_jax import paper_rows
 from motion_jax.evaluation import protocols
 from motion_jax.evaluation.report import notes, printed, tables
 from motion_jax.evaluation.result import Result
 from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_jax.models.cdamd import mask_schedule as masking
 from motion_jax.training import checkpoint
+from motion_studio import cli
 from tests.conftest import ROOT, load_config
 
 NAMES = {"cmdm": "cmdm_denoiser", "tokenizer": "cmdm_tokenizer", "cdamd": "cdamd_generator", "mardm": "cdamd_generator"}

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from motion_jax import cli, export
+from motion_jax import export
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.evaluation.report import page as report
 from motion_jax.evaluation.report import tables
 from motion_jax.evaluation.result import Result
+from motion_studio import cli
 
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 EVIL = "</p><script>alert(1)</script> \"it's\" a & b"

@@ -10,7 +10,6 @@ import signal
 import numpy as np
 import pytest
 
-from motion_jax import cli
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.evaluation import aggregates, protocols, request, run, samples
 from motion_jax.evaluation import test_set as test_set_lib
@@ -19,6 +18,7 @@ from motion_jax.evaluation.report import page
 from motion_jax.evaluation.result import Result
 from motion_jax.evaluation.tasks.registry import TASKS
 from motion_jax.evaluators.evaluator import fresh_evaluator
+from motion_studio import cli
 from tests import processes
 from tests.conftest import devices_env
 

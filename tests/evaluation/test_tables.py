@@ -4,9 +4,9 @@ import io
 
 import pytest
 
-from motion_jax import cli
 from motion_jax.evaluation.report import tables
 from motion_jax.evaluation.result import Result
+from motion_studio import cli
 
 
 def _result(**changes) -> Result:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from motion_jax import cli
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.export import frame, npz, video
-from motion_jax.runtime import progress
+from motion_jax.utils import progress
+from motion_studio import cli
 
 SIZE = (96, 72)
 

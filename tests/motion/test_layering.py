@@ -5,8 +5,8 @@ import pytest
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.layering import acting, put_on
-from motion_jax.motion.resting import held_frame, with_rest
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
+from motion_studio.planning.resting import held_frame, with_rest
 
 ARMS = {"right": [14, 17, 19, 21], "left": [13, 16, 18, 20]}
 

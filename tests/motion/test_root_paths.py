@@ -2,9 +2,9 @@
 import numpy as np
 import pytest
 
+from motion_jax.analysis.events import find_events
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.motion.contacts import feet_stand
-from motion_jax.motion.events import find_events
 from motion_jax.motion.root_paths import bent, course
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
 

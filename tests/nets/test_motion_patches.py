@@ -4,8 +4,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax.models.cmdm import teacher as teacher_lib
-from motion_jax.models.cmdm.teacher_weight_names import motion_patches_from_torch, motion_patches_names
+from motion_jax.models.tmr import teacher as teacher_lib
+from motion_jax.models.tmr.weight_names import motion_patches_from_torch, motion_patches_names
 from motion_jax.motion.body_parts import chain_columns
 from motion_jax.nets.motion_patches import MotionPatches, kit_frames, resample
 from motion_jax.nets.vit import resize_positions

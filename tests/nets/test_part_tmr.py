@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax.models.cmdm import teacher as teacher_lib
 from motion_jax.models.cmdm.weight_names import TMR_PARTS, part_tmr_from_torch, part_tmr_names
+from motion_jax.models.tmr import teacher as teacher_lib
 from motion_jax.motion.body_parts import part_columns, whole_body
 from motion_jax.nets.part_tmr import PartTMR
 from motion_jax.text.bert import Bert, bert_fields

@@ -6,8 +6,8 @@ import pytest
 
 from motion_jax.convert.state import from_torch
 from motion_jax.metrics import scores
-from motion_jax.models.cmdm import tmr_stage as tmr
-from motion_jax.models.cmdm.teacher_weight_names import tmr_names
+from motion_jax.models.tmr import stages as tmr
+from motion_jax.models.tmr.weight_names import tmr_names
 from motion_jax.nets.tmr import TMR
 from motion_jax.training.setup import untrained
 from tests import fixtures

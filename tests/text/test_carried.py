@@ -7,12 +7,12 @@ import pytest
 from safetensors.numpy import save_file
 
 from motion_jax import loading, runs
-from motion_jax.runtime import atomic
 from motion_jax.text import bert
 from motion_jax.text.encoder import load_text_encoder, shipped_encoders
 from motion_jax.training import checkpoint
 from motion_jax.training import setup as training_setup
 from motion_jax.training.setup import encoder_files
+from motion_jax.utils import atomic
 
 
 @pytest.fixture

@@ -9,12 +9,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from motion_jax.analysis.describe import FPS, sentences, spoken_of
+from motion_jax.analysis.event_words import TIMES
+from motion_jax.analysis.events import find_events
 from motion_jax.data.augment.graph import poses_at
 from motion_jax.data.augment.parts import MOST, PLAIN, new_clip, resting
 from motion_jax.data.clip import Clip
-from motion_jax.data.describe import FPS, sentences, spoken_of
-from motion_jax.data.event_words import TIMES
-from motion_jax.motion.events import find_events
 from motion_jax.motion.planting import stands
 from motion_jax.motion.splicing import REACH, spliced
 

@@ -9,12 +9,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from motion_jax.analysis.describe import FPS, sentences, spoken_of
+from motion_jax.analysis.events import find_events
+from motion_jax.analysis.signals import Body
 from motion_jax.data.augment.counted import how_often
 from motion_jax.data.augment.parts import MOST, new_clip, resting
 from motion_jax.data.clip import Clip
-from motion_jax.data.describe import FPS, sentences, spoken_of
-from motion_jax.motion.events import find_events
-from motion_jax.motion.signals import Body
 
 _ACTS = ("kick", "punch", "jump", "hop", "squat", "bow", "raise", "wave", "reach-floor")
 _AROUND = (150, 210)  # degrees of a turn that is called turning around

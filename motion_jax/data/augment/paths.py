@@ -7,10 +7,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from motion_jax.analysis.describe import FPS, sentences
+from motion_jax.analysis.events import find_events
 from motion_jax.data.augment.parts import MOST, PLAIN, new_clip
 from motion_jax.data.clip import Clip
-from motion_jax.data.describe import FPS, sentences
-from motion_jax.motion.events import find_events
 from motion_jax.motion.root_paths import SMALLEST, bent, course
 
 _GOES = re.compile(r"\b(is )?(walk|runn?|jogg?|strid|stroll|sprint|dash)(e?s|ing)\b(( straight)? (forward|ahead))?")

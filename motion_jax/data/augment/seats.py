@@ -7,10 +7,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from motion_jax.analysis.describe import FPS
+from motion_jax.analysis.signals import Body
 from motion_jax.data.augment.parts import new_clip
 from motion_jax.data.clip import Clip
-from motion_jax.data.describe import FPS
-from motion_jax.motion.signals import Body
 
 _SITS = re.compile(r"\b(sits?|sitting|stool|chair|seat)\b", re.IGNORECASE)
 _NOT_ON_A_CHAIR = re.compile(r"playground|climb|floor|ground|leg", re.IGNORECASE)

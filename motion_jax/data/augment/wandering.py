@@ -8,9 +8,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from motion_jax.analysis.describe import FPS
 from motion_jax.data.augment.parts import MOST, new_clip
 from motion_jax.data.clip import Clip
-from motion_jax.data.describe import FPS
 from motion_jax.motion.root_paths import SMALLEST, bent, course
 
 _NAMES_A_PATH = re.compile(r"\b(left|right|turn\w*|line|straight|circ\w+|curv\w+|arc|zigzag|diagonal\w*|corner\w*|"

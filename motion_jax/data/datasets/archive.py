@@ -15,11 +15,11 @@ import tqdm
 from motion_jax.data import checks
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.base import Dataset
-from motion_jax.inputs.errors import InputError
-from motion_jax.inputs.input_files import json_row, load_npz, read_json_lines
-from motion_jax.inputs.text_files import read_lines
 from motion_jax.motion import plausibility
 from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.utils.errors import InputError
+from motion_jax.utils.input_files import json_row, load_npz, read_json_lines
+from motion_jax.utils.text_files import read_lines
 
 FPS = 20.0
 _LICENSES = {"cmu": "CMU: free for all uses, not to be resold; mocap.cs.cmu.edu, funded by NSF EIA-0196217",

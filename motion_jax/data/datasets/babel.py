@@ -23,16 +23,16 @@ import tqdm
 from motion_jax.data import checks
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.base import Dataset, TestItem, TextItem, new_folder
-from motion_jax.inputs.errors import InputError, reading
-from motion_jax.inputs.input_files import load_npz, npz_names, read_json
-from motion_jax.inputs.numerals import shortened
-from motion_jax.inputs.text_files import file_stem
 from motion_jax.motion import inverse
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.representations import get_layout, to_joints
 from motion_jax.motion.representations.babel import from_ours, from_rotations
 from motion_jax.motion.skeleton import SMPL
 from motion_jax.motion.stats import Stats, compute_stats, load_stats, save_stats
+from motion_jax.utils.errors import InputError, reading
+from motion_jax.utils.input_files import load_npz, npz_names, read_json
+from motion_jax.utils.numerals import shortened
+from motion_jax.utils.text_files import file_stem
 
 SPLITS = ("train", "val")
 FPS = SMPL.fps

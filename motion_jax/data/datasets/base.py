@@ -14,14 +14,14 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import tqdm
 
+from motion_jax.analysis.describe import described
 from motion_jax.data import checks, mirror
 from motion_jax.data.augment import augmented
 from motion_jax.data.clip import Clip
-from motion_jax.data.describe import described
 from motion_jax.data.figures import on_skeleton
 from motion_jax.motion.representations import FeatureLayout, to_features
 from motion_jax.motion.stats import Stats, compute_stats
-from motion_jax.runtime.atomic import atomic_folder
+from motion_jax.utils.atomic import atomic_folder
 
 SHORTEST = 8  # frames of a clip of which features are made
 

@@ -2,11 +2,11 @@
 import pathlib
 from typing import NamedTuple
 
-from motion_jax.inputs.errors import InputError
-from motion_jax.inputs.input_files import npy_shape, read_json
-from motion_jax.inputs.numerals import SECONDS, NumberError, real, shortened
-from motion_jax.inputs.text_files import file_stem, read_lines
 from motion_jax.motion.representations import get_layout, layout_for
+from motion_jax.utils.errors import InputError
+from motion_jax.utils.input_files import npy_shape, read_json
+from motion_jax.utils.numerals import SECONDS, NumberError, real, shortened
+from motion_jax.utils.text_files import file_stem, read_lines
 
 SPLITS = ("train", "val", "test", "train_val", "all")
 MIN_FRAMES = {"humanml3d": 40, "kit": 24}

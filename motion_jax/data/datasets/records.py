@@ -16,11 +16,11 @@ import numpy as np
 
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.base import Dataset, TextItem
-from motion_jax.inputs.errors import InputError, reading
-from motion_jax.inputs.input_files import read_json
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.stats import compute_stats, load_stats
-from motion_jax.runtime.install import pip_install
+from motion_jax.utils.errors import InputError, reading
+from motion_jax.utils.input_files import read_json
+from motion_jax.utils.install import pip_install
 
 INDEX, BUILDER = "index.json", "motions/1.0.0"
 WHOLE = "_whole"  # behind a split's name: whole clips, where captions are about parts of them

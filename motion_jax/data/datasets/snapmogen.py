@@ -32,11 +32,11 @@ from motion_jax.data.datasets.snapmogen_files import (
 )
 from motion_jax.data.mocap.bvh import read_bvh
 from motion_jax.data.mocap.capture import resample
-from motion_jax.inputs.input_files import load_npy
 from motion_jax.motion.representations import get_layout, to_features, to_joints
 from motion_jax.motion.representations.snapmogen import from_rotations
 from motion_jax.motion.skeleton import SNAPMOGEN, SNAPMOGEN_BVH
 from motion_jax.motion.stats import RunningStats
+from motion_jax.utils.input_files import load_npy
 
 GAP = 30  # rows, a second, that may lie between two motions in a row
 

@@ -5,13 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from motion_jax.inputs.errors import InputError
-from motion_jax.inputs.input_files import load_npy, read_json
-from motion_jax.inputs.numerals import shortened
-from motion_jax.inputs.text_files import file_stem, read_lines
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.skeleton import SNAPMOGEN
 from motion_jax.motion.stats import Stats
+from motion_jax.utils.errors import InputError
+from motion_jax.utils.input_files import load_npy, read_json
+from motion_jax.utils.numerals import shortened
+from motion_jax.utils.text_files import file_stem, read_lines
 
 SPLITS = ("train", "val", "test")
 MIN_FRAMES, MAX_FRAMES = 128, 320

@@ -8,10 +8,10 @@ import pathlib
 import numpy as np
 
 from motion_jax.data.mocap.capture import Capture, check_size, to_clip
-from motion_jax.inputs import text_files
-from motion_jax.inputs.errors import InputError
-from motion_jax.inputs.numerals import named, shortened
 from motion_jax.motion import rotations as rot
+from motion_jax.utils import text_files
+from motion_jax.utils.errors import InputError
+from motion_jax.utils.numerals import named, shortened
 
 AMC_FPS = 120.0  # CMU's; AMC files do not say
 _WITH_VALUE = ("axis", "name", "order", "direction", "length", "position", "orientation")

@@ -12,10 +12,10 @@ import numpy as np
 from motion_jax.data.clip import Clip
 from motion_jax.data.mocap import capture
 from motion_jax.data.mocap.capture import Capture, forward_kinematics, to_clip, with_rate
-from motion_jax.inputs import text_files
-from motion_jax.inputs.errors import InputError
-from motion_jax.inputs.numerals import FRAME_RATES, NumberError, shortened, whole
 from motion_jax.motion import rotations as rot
+from motion_jax.utils import text_files
+from motion_jax.utils.errors import InputError
+from motion_jax.utils.numerals import FRAME_RATES, NumberError, shortened, whole
 
 _COUNTS = tuple("0123456")
 _CHANNELS = tuple(axis + kind for kind in ("position", "rotation") for axis in "XYZ")

@@ -7,11 +7,11 @@ import numpy as np
 
 from motion_jax.data.clip import Clip
 from motion_jax.data.mocap import conventions, rest_pose
-from motion_jax.inputs.errors import InputError
 from motion_jax.motion import plausibility
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.joint_maps import map_joints, own_joints
 from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.utils.errors import InputError
 
 _MOST = 8_000_000  # frames times joints: a gigabyte
 

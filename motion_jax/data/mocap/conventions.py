@@ -6,10 +6,10 @@ import warnings
 
 import numpy as np
 
-from motion_jax.inputs.errors import InputError
 from motion_jax.motion import plausibility
 from motion_jax.motion.retarget import leg_scale
 from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.utils.errors import InputError
 
 _UNITS = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001, "inches": 0.0254, "feet": 0.3048,
           "decimetres": 0.1, "CMU's unit of 1 / 0.45 inch": 0.0254 / 0.45}

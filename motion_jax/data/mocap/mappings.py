@@ -1,9 +1,9 @@
 """Mapping files: which joint of a motion-capture file is which of ours, where its names are not known."""
 import pathlib
 
-from motion_jax.inputs.errors import InputError
-from motion_jax.inputs.input_files import read_json
-from motion_jax.inputs.numerals import named
+from motion_jax.utils.errors import InputError
+from motion_jax.utils.input_files import read_json
+from motion_jax.utils.numerals import named
 
 
 def read_mapping(mapping):

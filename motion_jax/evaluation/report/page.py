@@ -20,7 +20,7 @@ from motion_jax.data.clip import Caption
 from motion_jax.evaluation.report import differences, tables
 from motion_jax.evaluation.result import Result
 from motion_jax.metrics.physics import IN_ROWS
-from motion_jax.runtime.atomic import atomic_path
+from motion_jax.utils.atomic import atomic_path
 
 _ASSETS = pathlib.Path(__file__).parent / "assets"
 _GLANCE = ("fid", "top3", "matching", "clip_score", "diversity", "multimodality", "mpjpe", "transition_fid", "auj")

@@ -12,10 +12,8 @@ from jaxtyping import Bool, Float
 from motion_jax.control.signal import ControlSignal
 from motion_jax.data.captions import of_a_person
 from motion_jax.data.clip import Caption, Clip
-from motion_jax.inputs.config_files import module_fields
-from motion_jax.inputs.numerals import checked
 from motion_jax.latents import AutoencoderCodec
-from motion_jax.models import arguments, cdamd, controlled, editing
+from motion_jax.models import arguments, cdamd
 from motion_jax.models.base import Frames, Prompts, TextToMotionModel, keys_of
 from motion_jax.models.cdamd import draws
 from motion_jax.models.cdamd import length as lengths
@@ -23,11 +21,9 @@ from motion_jax.models.cdamd import mask_schedule as masking
 from motion_jax.models.cdamd.guiding import Settling
 from motion_jax.models.cdamd.options import CdamdSampling
 from motion_jax.models.cdamd.unmasking import most_unmasked
-from motion_jax.models.controlled import Control
 from motion_jax.models.known_motion import clip_of, on_our_body
 from motion_jax.models.options import TRIES
 from motion_jax.models.results import Motion, Motions, captions_in_a_row, features_of, gathered, make_motions
-from motion_jax.models.ways import least_seconds
 from motion_jax.motion.blending import join, laid_over
 from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.filling import runs_of
@@ -36,12 +32,17 @@ from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.length_estimator import LengthEstimator
 from motion_jax.nets.masks import padding_mask
 from motion_jax.runs import Run
-from motion_jax.runtime import cache
 from motion_jax.shapes import Array
-from motion_jax.text.actions import going_forward, sides_of, with_one_hand
 from motion_jax.text.encoder import TextEncoder
-from motion_jax.text.sentences import Action, Sentence
 from motion_jax.training import checkpoint
+from motion_jax.utils import cache
+from motion_jax.utils.config_files import module_fields
+from motion_jax.utils.numerals import checked
+from motion_studio import controlled, editing
+from motion_studio.checks.path_shapes import least_seconds
+from motion_studio.controlled import Control
+from motion_studio.language.actions import going_forward, sides_of, with_one_hand
+from motion_studio.language.sentences import Action, Sentence
 
 CONTROL_STEPS = 4  # of Gauss-Newton, where constraints pull
 _PAST = 8  # frames of a motion behind which it goes on; behind more of them a second squat is left out: one is seen

@@ -10,7 +10,6 @@ from ml_collections import ConfigDict
 from motion_jax import runs
 from motion_jax.data import batches, sources, store
 from motion_jax.data.captions import vary_subject
-from motion_jax.inputs.config_files import module_fields
 from motion_jax.latents import AutoencoderCodec, RvqCodec
 from motion_jax.models import cdamd, motion_errors
 from motion_jax.models.cdamd import length as lengths
@@ -31,6 +30,7 @@ from motion_jax.training.setup import (
   reconstruction_error,
   untrained,
 )
+from motion_jax.utils.config_files import module_fields
 
 GENERATOR = "cdamd.generator"
 _RULES = ("frames_per_latent", "crop_frames", "keep_long", "coin")  # of `batches.TextItems`

@@ -20,7 +20,7 @@ Numbers follow the released code (docs/papers/cmdm.md); where the paper differs 
 """
 from typing import TYPE_CHECKING
 
-from motion_jax.runtime import lazy
+from motion_jax.utils import lazy
 
 if TYPE_CHECKING:
   from motion_jax.models.cmdm.losses import (

@@ -7,10 +7,7 @@ import jax
 
 from motion_jax.control.signal import ControlSignal
 from motion_jax.data.clip import Clip
-from motion_jax.inputs import former_names
-from motion_jax.inputs.numerals import checked
-from motion_jax.models import arguments, composed, controlled
-from motion_jax.models.apart import made_apart
+from motion_jax.models import arguments
 from motion_jax.models.base import Frames, Prompts, keys_of
 from motion_jax.models.cmdm import multi_prompt as multi
 from motion_jax.models.cmdm import streaming
@@ -18,13 +15,17 @@ from motion_jax.models.cmdm.guiding import Guide
 from motion_jax.models.cmdm.live import LiveStream
 from motion_jax.models.cmdm.networks import CmdmNetworks
 from motion_jax.models.cmdm.options import CmdmSampling
-from motion_jax.models.controlled import Control
 from motion_jax.models.known_motion import KnownMotion, at_rate, clip_of
 from motion_jax.models.options import TRIES
 from motion_jax.models.results import Motion, Motions, captions_in_a_row, gathered, go_on, make_motions
-from motion_jax.models.segments import prompts_in_a_row
-from motion_jax.runtime import timing
 from motion_jax.shapes import Array
+from motion_jax.utils import former_names, timing
+from motion_jax.utils.numerals import checked
+from motion_studio import controlled
+from motion_studio.controlled import Control
+from motion_studio.planning import sequencing as composed
+from motion_studio.planning.independent import made_apart
+from motion_studio.planning.segments import prompts_in_a_row
 
 # Where constraints pull: conjugate gradient steps each time, and Gauss-Newton steps when all is finished.
 CONTROL_STEPS, SETTLES = 2, 3

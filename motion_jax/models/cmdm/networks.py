@@ -8,17 +8,17 @@ import numpy as np
 from jaxtyping import Bool, Float, Num
 
 from motion_jax.data.mirror import mirror_legs
-from motion_jax.inputs.config_files import module_fields
 from motion_jax.latents import VaeCodec
 from motion_jax.models import cmdm
 from motion_jax.models.base import TextToMotionModel
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.runs import Run
-from motion_jax.runtime import cache
 from motion_jax.shapes import Array
 from motion_jax.text.encoder import TextEncoder
 from motion_jax.training import checkpoint
+from motion_jax.utils import cache
+from motion_jax.utils.config_files import module_fields
 
 
 class Compiled(NamedTuple):

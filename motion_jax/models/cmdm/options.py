@@ -2,9 +2,9 @@
 import dataclasses
 from typing import TYPE_CHECKING, Any
 
-from motion_jax.inputs.errors import InputError
-from motion_jax.inputs.numerals import CONTEXT, MEMORY, SIDE_GUIDANCE, STEPS
 from motion_jax.models.options import SamplingOptions, choice, number
+from motion_jax.utils.errors import InputError
+from motion_jax.utils.numerals import CONTEXT, MEMORY, SIDE_GUIDANCE, STEPS
 
 if TYPE_CHECKING:
   from ml_collections import ConfigDict

@@ -13,16 +13,14 @@ from motion_jax.control import conditioning
 from motion_jax.data import batches, sources, store
 from motion_jax.data.captions import vary_subject
 from motion_jax.evaluators.validation import reconstruction_fid
-from motion_jax.inputs.config_files import module_fields
-from motion_jax.inputs.errors import InputError
 from motion_jax.latents import TOKENIZER, VaeCodec
 from motion_jax.metrics.scores import retrieval
 from motion_jax.models import cmdm, motion_errors
 from motion_jax.models.cmdm import distill
-from motion_jax.models.cmdm import teacher as teacher_lib
-from motion_jax.models.cmdm import teacher_setup as teachers
-from motion_jax.models.cmdm import tmr_stage as tmr
 from motion_jax.models.cmdm.parts import most_parts, words_by_part
+from motion_jax.models.tmr import setup as teachers
+from motion_jax.models.tmr import stages as tmr
+from motion_jax.models.tmr import teacher as teacher_lib
 from motion_jax.motion import stats as stats_lib
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.stats import Stats
@@ -43,6 +41,8 @@ from motion_jax.training.setup import (
   reconstruction_error,
   untrained,
 )
+from motion_jax.utils.config_files import module_fields
+from motion_jax.utils.errors import InputError
 
 RANDOM_INIT_TEXT = bert.bert_fields(dict(model_type="distilbert", vocab_size=4, dim=8, n_layers=1, n_heads=1,
                                          hidden_dim=8))

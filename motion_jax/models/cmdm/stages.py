@@ -12,18 +12,18 @@ from ml_collections import ConfigDict
 from motion_jax.control import conditioning, patterns
 from motion_jax.control.signal import ControlSignal
 from motion_jax.diffusion import paths
-from motion_jax.inputs.errors import InputError
 from motion_jax.latents import VaeCodec
 from motion_jax.models import motion_errors
 from motion_jax.models.cmdm import ddpm_forcing
 from motion_jax.models.cmdm.losses import align_factor, pool_teacher, sharing, tokenizer_terms
-from motion_jax.models.cmdm.teacher import as_seen, frame_features, make_teacher
+from motion_jax.models.tmr.teacher import as_seen, frame_features, make_teacher
 from motion_jax.motion.representations import get_layout
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.nets.masks import block_causal_mask, padding_mask
 from motion_jax.shapes import Array
 from motion_jax.training.stage import DEVICES, Stage
+from motion_jax.utils.errors import InputError
 
 
 def tokenizer_stage(config: ConfigDict) -> Stage:

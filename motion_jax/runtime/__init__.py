@@ -1,1 +1,0 @@
-"""What a running program needs: kept programs, times, progress, a folder's lock, how it ends."""

@@ -1,0 +1,73 @@
+"""Files and folders that appear whole or not at all."""
+import contextlib
+import functools
+import os
+import pathlib
+import shutil
+import tempfile
+
+from motion_jax.utils import stopping
+
+
+@contextlib.contextmanager
+def atomic_path(path):
+  """Yields a temporary neighbour of path that takes its place when the block ends well, and vanishes otherwise.
+
+  The suffix is kept, for writers that look at it. Raises an error that names the folder if it cannot be written.
+  """
+  path = pathlib.Path(path)
+  try:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
+  except OSError as error:
+    raise OSError(f"cannot write {path}: {error.strerror or error}; choose a folder that you may write to") from error
+  os.close(handle)
+  vanish = functools.partial(pathlib.Path(name).unlink, missing_ok=True)
+  with stopping.undone_by(vanish):
+    try:
+      yield pathlib.Path(name)
+      os.chmod(name, 0o644)  # mkstemp's 0600 would keep the file from other users
+      os.replace(name, path)
+    finally:
+      vanish()
+
+
+def remove_strays(folder, names):
+  """Removes what `atomic_path` left half-written of these files of a folder when its program was killed."""
+  for name in names:
+    path = pathlib.Path(name)
+    for stray in (pathlib.Path(folder) / path).parent.glob(f".{path.stem}-{'[a-z0-9_]' * 8}{path.suffix}"):
+      stray.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def atomic_folder(path):
+  """Yields a temporary neighbour of a folder that takes its place when the block ends well, and vanishes otherwise.
+
+  What lies at path then is gone: check before whether it may. Raises an error that names it if it cannot be written.
+  """
+  path = pathlib.Path(path).absolute()
+  try:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    folder = pathlib.Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
+  except OSError as error:
+    raise OSError(f"cannot write {path}: {error.strerror or error}; choose a folder that you may write to") from error
+  old = folder.with_name(folder.name + "-old")
+
+  def vanish():
+    if old.exists() and not path.exists():  # stopped between the two renamings
+      old.replace(path)
+    for temporary in (folder, old):
+      if temporary.exists():
+        shutil.rmtree(temporary)
+
+  with stopping.undone_by(vanish):
+    try:
+      yield folder
+      folder.chmod(0o755)  # mkdtemp's 0700 would keep it from other users
+      if path.exists():
+        path.replace(old)
+      folder.replace(path)
+    finally:
+      with contextlib.suppress(OSError):
+        vanish()

@@ -1,0 +1,184 @@
+"""What takes long to make and is the same every time, kept in the user's cache folder: programs, vectors, shapes.
+
+Nothing is kept until `keep_in_user_cache` is called, as the command line does. A file is found by what went into it:
+the code of this package, versions of jax, sizes and contents. It is written whole or not at all and begins with a
+digest of itself, so that one which is damaged or cut is made anew. What is kept changes no number: it is read back bit
+for bit, and a program is the very one that would have been traced.
+"""
+import functools
+import hashlib
+import io
+import json
+import os
+import pathlib
+import threading
+
+import jax
+import numpy as np
+
+from motion_jax.utils import progress, timing
+from motion_jax.utils.atomic import atomic_path
+
+MOST_FILES = 200  # of each kind; the oldest go
+_MAGIC = b"motion_jax 1\n"
+_folder: pathlib.Path | None = None
+# What else decides how a function is traced.
+_OPTIONS = ("jax_enable_x64", "jax_default_matmul_precision", "jax_default_prng_impl", "jax_threefry_partitionable",
+            "jax_numpy_dtype_promotion", "jax_numpy_rank_promotion", "jax_debug_nans", "jax_disable_jit")
+
+
+def user_folder() -> pathlib.Path:
+  """Where this user's programs keep what can be made anew: XDG_CACHE_HOME or ~/.cache, in it motion_jax."""
+  return pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache") / "motion_jax"
+
+
+def keep_in_user_cache():
+  """From now on this process keeps things on disk, compiled code too: JAX_COMPILATION_CACHE_DIR or the user's cache."""
+  global _folder
+  compiled = os.environ.get("JAX_COMPILATION_CACHE_DIR") or os.fspath(user_folder() / "jax")
+  try:
+    os.makedirs(compiled, exist_ok=True)
+  except OSError:
+    return  # a read-only home costs time, not the motion
+  jax.config.update("jax_compilation_cache_dir", compiled)
+  jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+  jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+  _folder = user_folder()
+
+
+@functools.cache
+def code_version() -> str:
+  """A digest of this package's code and of the versions of what it runs on."""
+  digest = hashlib.sha256(f"{jax.__version__} {jax.lib.__version__} {np.__version__}".encode())
+  for path in sorted(pathlib.Path(__file__).parents[1].rglob("*.py")):
+    digest.update(path.name.encode() + path.read_bytes())
+  return digest.hexdigest()
+
+
+def key_of(*about) -> str:
+  """A name for what these strings, bytes and the code make."""
+  digest = hashlib.sha256(code_version().encode())
+  for part in about:
+    part = part if isinstance(part, bytes) else str(part).encode()
+    digest.update(str(len(part)).encode() + b" " + part)
+  return digest.hexdigest()[:40]
+
+
+def read(kind, key, folder=None) -> bytes | None:
+  """What was written under this key, in a folder other than the process's own; None where there is nothing whole."""
+  folder = folder or _folder
+  if folder is None:
+    return None
+  try:
+    content = (folder / kind / key).read_bytes()
+  except OSError:
+    return None
+  magic, digest, payload = content[:len(_MAGIC)], content[len(_MAGIC):][:32], content[len(_MAGIC) + 32:]
+  return payload if magic == _MAGIC and hashlib.sha256(payload).digest() == digest else None
+
+
+def write(kind, key, payload: bytes, folder=None):
+  """Keeps bytes under a key, and no more than MOST_FILES of a kind. A folder that cannot be written costs time only."""
+  folder = folder or _folder
+  if folder is None:
+    return
+  try:
+    with atomic_path(folder / kind / key) as temporary:
+      temporary.write_bytes(_MAGIC + hashlib.sha256(payload).digest() + payload)
+    known = sorted((folder / kind).glob("[0-9a-f]*"), key=lambda path: path.stat().st_mtime)
+    for path in known[:-MOST_FILES]:
+      path.unlink(missing_ok=True)
+  except OSError:
+    pass
+
+
+def kept_array(kind, key, make) -> np.ndarray:
+  """The array that make() gives, read back if it was made before."""
+  payload = read(kind, key)
+  if payload is not None:
+    try:
+      return np.load(io.BytesIO(payload), allow_pickle=False)
+    except ValueError:
+      pass
+  array = np.asarray(make())
+  if _folder is not None:
+    stream = io.BytesIO()
+    np.save(stream, array, allow_pickle=False)
+    write(kind, key, stream.getvalue())
+  return array
+
+
+def kept_shapes(name, module, make):
+  """The nested dict of array shapes that make() traces a network for; module: what they depend on, by its repr."""
+  if _folder is None:
+    return make()
+  key = key_of("shapes", name, repr(module))
+  payload = read("shapes", key)
+  if payload is None:
+    shapes = make()
+    write("shapes", key, json.dumps(jax.tree.map(lambda leaf: [[*leaf.shape], str(leaf.dtype)], shapes)).encode())
+    return shapes
+  is_leaf = lambda node: isinstance(node, list)
+  return jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(tuple(leaf[0]), leaf[1]), json.loads(payload), is_leaf=is_leaf)
+
+
+class Program:
+  """A jitted function whose traced program is kept: a second process neither traces nor lowers what the first did.
+
+  fn(*static, *arrays, **arrays) with `num_static` hashable choices first; about: what else fn depends on, such as
+  modules that it closes over, by their repr. Without a cache folder it is `jax.jit` and nothing else.
+  """
+
+  def __init__(self, name, fn, num_static=0, about=()):
+    self.name, self.num_static, self.about = name, num_static, tuple(map(repr, about))
+    self.jitted = jax.jit(fn, static_argnums=tuple(range(num_static)))
+    self._loaded = {}
+    self._lock = threading.Lock()  # of several threads one makes it, and the others wait
+
+  def __call__(self, *args, **named):
+    if _folder is None:
+      return self.jitted(*args, **named)
+    static, arrays = args[:self.num_static], (args[self.num_static:], named)
+    leaves, tree = jax.tree.flatten(arrays)
+    shapes = tuple(repr(jax.typeof(leaf)) for leaf in leaves)
+    options = tuple(str(getattr(jax.config, name, None)) for name in _OPTIONS)
+    found = static, tree, shapes, options
+    with self._lock:
+      if found not in self._loaded:
+        with timing.part("program"), progress.part("compiling, which the first motion of a kind needs"):
+          key = key_of(self.name, *self.about, *map(repr, static), tree, shapes, options, jax.default_backend())
+          self._loaded[found] = self._load(key, static, tree, leaves)
+    return self._loaded[found](*leaves)
+
+  def _load(self, key, static, tree, leaves):
+    """The program of that key, a function of the leaves alone, traced and kept if it is not there."""
+    def plain(*leaves):
+      arrays, named = jax.tree.unflatten(tree, leaves)
+      return self.jitted(*static, *arrays, **named)
+
+    from jax import export
+    payload = read("programs", key)
+    _name_tuples(tree)
+    try:
+      if payload is None:
+        payload = bytes(export.export(jax.jit(plain))(*leaves).serialize())
+        write("programs", key, payload)
+      # Also the first time through what was kept: then compiled code is found again by the second.
+      return jax.jit(export.deserialize(bytearray(payload)).call).lower(*leaves).compile()
+    except (ValueError, TypeError, NotImplementedError, ImportError):
+      return plain  # a device whose calls cannot be kept: slower to start, the same motion
+
+
+@functools.cache
+def _named(kind):
+  from jax import export
+  export.register_namedtuple_serialization(kind, serialized_name=f"{kind.__module__}.{kind.__qualname__}")
+
+
+def _name_tuples(tree):
+  """Makes the named tuples of arguments known to jax's export: states that a program is given and gives back."""
+  node = tree.node_data()
+  if node and issubclass(node[0], tuple) and hasattr(node[0], "_fields"):
+    _named(node[0])
+  for child in tree.children():
+    _name_tuples(child)

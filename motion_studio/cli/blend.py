@@ -1,0 +1,35 @@
+"""motion-jax blend: the way from one motion to another."""
+from motion_jax.utils.numerals import real
+from motion_studio.cli import shared
+
+
+def add_to(commands):
+  """Adds this sub-command to those of `motion-jax`."""
+  blend = commands.add_parser("blend", help="two motions in, one that goes over from the first to the second out")
+  blend.add_argument("first", help="an .npz, .npy, .bvh or .amc file")
+  blend.add_argument("second", help="another; it is moved and turned on the ground to go on from the first")
+  blend.add_argument("--seconds", type=real(0.1, 10, "seconds"), default=1.0, help="how long the way takes (1)")
+  shared.add_out(blend, "blended.html", "both.mp4,both.bvh")
+  shared.add_reading(blend)
+  shared.add_rig(blend)
+  shared.add_film(blend, "in whatever kind of file")
+  blend.set_defaults(run=_blend)
+
+
+def _blend(args):
+  from motion_jax.control import finishing
+  from motion_jax.data.clip import Caption, Clip
+  from motion_jax.models.known_motion import on_our_body
+  from motion_jax.motion.skeleton import HUMANML3D
+  outputs = shared.outputs_of(args)
+  clips = [shared.read_motion(path, args) for path in (args.first, args.second)]
+  fps = clips[0].fps
+  first, second = (on_our_body(clip, fps, HUMANML3D) for clip in clips)
+  joints, border = finishing.blend(first, second, args.seconds, fps)
+  said = [" | ".join(caption.text for caption in clip.captions) for clip in clips]
+  captions = tuple(Caption(text, start, end) for text, start, end in
+                   ((said[0], 0.0, border / fps), (said[1], border / fps, len(joints) / fps)) if text)
+  clip = Clip(joints, fps, captions, id="blended", source=f"{args.first}, then {args.second}",
+              license=" ".join(dict.fromkeys(one.license for one in clips if one.license)))
+  print(f"{args.first} goes over into {args.second} at {border / fps:.2f} s, within {args.seconds:g} s")
+  shared.save(args, [shared.trimmed(args, clip)], outputs)

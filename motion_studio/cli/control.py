@@ -1,0 +1,123 @@
+"""Flags of what a motion is asked to do beside its words: files of constraints, paths, poses, targets, loops."""
+import re
+
+from motion_jax.utils.errors import InputError
+from motion_jax.utils.numerals import real, shortened
+from motion_studio.cli import shared
+
+_METRES = real(-1e4, 1e4, "metres")
+_AT = re.compile(r"(?P<at>[0-9.]+)(?P<seconds>s?):(?P<file>.+?)(@(?P<frame>[0-9]+))?")
+_TARGET = re.compile(r"(?P<joint>\w+)@(?P<at>[0-9.]+)s?:(?P<place>[^:]+?)(?P<root>:root)?")
+
+
+def add_to(parser):
+  """Adds the flags of control to a command that makes motion."""
+  group = parser.add_argument_group("control: where and how the body moves (docs/control.md)")
+  group.add_argument("--control", metavar="FILE.json", help="a file of constraints, ours or Kimodo's")
+  group.add_argument("--path", metavar="\"X,Z X,Z ...\"", help="the pelvis goes along the smooth curve through these "
+                     "points, metres: at one speed, or at seconds behind colons, as in \"0,0:0 2,0:1.5 2,3:4\"")
+  group.add_argument("--keyframe", action="append", metavar="AT:FILE", help="the body is in the pose of a motion file "
+                     "(of its first frame, or of FILE@FRAME) at frame AT, or at seconds as in 3s:pose.npz; may be "
+                     "repeated")
+  group.add_argument("--target", action="append", metavar="JOINT@S:X,Y,Z", help="a joint, such as left_hand, is at a "
+                     "place at S seconds; with :root behind it, seen from the body: to its left, up, ahead; may be "
+                     "repeated")
+  group.add_argument("--keep-parts", metavar="PARTS:FILE", help="parts of the body (legs, torso, left_arm, right_arm, "
+                     "head, with commas) move as in this motion file; the others are made of the words")
+  shared.add_mapping(group)
+  group.add_argument("--loop", action="store_true", help="the motion ends as it begins, to be played over and over")
+  group.add_argument("--in-place", action="store_true", help="the body stays over one spot, as on a treadmill")
+
+
+def constraints_of(args, model):
+  """The constraints that the flags of `add_to` ask for, at the model's frame rate."""
+  from motion_jax.control import constraints as kinds
+  from motion_jax.control import files
+  found = []
+  if args.control:
+    found += files.load(args.control, lambda path, frame: _joints(path, frame, model, args)[0])
+  if args.path:
+    found.append(_path(args.path, kinds))
+  for text in args.keyframe or ():
+    given = _AT.fullmatch(text)
+    if not given:
+      raise InputError(f"got --keyframe {shortened(text)}, expected AT:FILE, such as 60:pose.npz or 3s:pose.npz@12")
+    at = real(0, 3600, "seconds" if given["seconds"] else "frames")(given["at"])
+    joints, _ = _joints(given["file"], int(given["frame"] or 0), model, args)
+    found.append(kinds.Keyframe(joints, at if given["seconds"] else at / model.fps))
+  for text in args.target or ():
+    given = _TARGET.fullmatch(text)
+    place = [_METRES(x) for x in given["place"].split(",")] if given else ()
+    if len(place) != 3:
+      raise InputError(f"got --target {shortened(text)}, expected JOINT@SECONDS:X,Y,Z, such as "
+                       "left_hand@2.5:0.3,1.4,0.2")
+    found.append(kinds.EffectorTarget(given["joint"], [real(0, 3600, "seconds")(given["at"])], [place],
+                                      "root" if given["root"] else "world"))
+  if args.keep_parts:
+    parts, colon, path = args.keep_parts.partition(":")
+    if not colon:
+      raise InputError(f"got --keep-parts {shortened(args.keep_parts)}, expected PARTS:FILE, such as "
+                       "legs,torso:walk.npz")
+    joints, fps = _joints(path, -1, model, args)
+    found.append(kinds.KeepParts(joints, tuple(part.strip() for part in parts.split(",")), fps))
+  found += [kinds.Loop()] if args.loop else []
+  return found + ([kinds.InPlace()] if args.in_place else [])
+
+
+def anew(args, clip, model, sampling):
+  """The motions of `edit --keep-parts`: parts of the body as in the clip, the others made of the words."""
+  from motion_jax.control.constraints import KeepParts
+  from motion_jax.models.known_motion import at_rate
+  from motion_jax.utils.spans import spans_of
+  if args.task or args.keep:
+    raise InputError("got --keep-parts with --task or --keep; say by --edit in which seconds the other parts are "
+                     "replaced")
+  joints = at_rate(clip, model.fps, model.stats.layout.skeleton)
+  spans = [[first / model.fps, past / model.fps] for first, past in spans_of(args.edit, len(joints), model.fps)
+           ] if args.edit else None
+  parts = tuple(part.strip() for part in args.keep_parts.split(","))
+  seeds = [args.seed + i for i in range(args.num)]
+  return model.generate([args.text] * args.num, seeds=seeds, cleanup=not args.no_cleanup,
+                        control=[KeepParts(joints, parts, model.fps, spans)], **sampling)
+
+
+def drawn(constraints, motions):
+  """What was asked of each motion, to be drawn: `ControlSignal`s (1, T)."""
+  from motion_jax.control.compiling import compile
+  return [compile(constraints, motion.num_frames, motion.fps, motion.joints) for motion in motions]
+
+
+def drawn_options(out, asked, constraints):
+  """The options of `export.save` that draw in a file what was asked, a signal or a list of them; none of None."""
+  from motion_jax.export import scene
+  if asked is None or not out.lower().endswith(shared.PICTURES):
+    return {}
+  return {"asked": asked} | ({"way_points": scene.way_points(constraints)} if out.lower().endswith(".html") else {})
+
+
+def _path(text, kinds):
+  points, times = [], []
+  for word in text.split():
+    place, colon, at = word.partition(":")
+    points.append([_METRES(x) for x in place.split(",")])
+    times += [real(0, 3600, "seconds")(at)] if colon else []
+    if len(points[-1]) not in (2, 3) or len(points[-1]) != len(points[0]):
+      raise InputError(f"got {shortened(word)!r} in --path, expected X,Z (or X,Y,Z) of each point, in metres")
+  if not points or times and len(times) != len(points):
+    raise InputError(f"got --path {shortened(text)!r}, expected points such as \"0,0 2,0 2,3\", with seconds behind "
+                     "all of them or none")
+  return kinds.RootPath(points, times or None)
+
+
+def _joints(path, frame, model, args):
+  """(joints of a frame (22, 3), or with -1 of all frames (T, 22, 3), frames a second), on the model's body."""
+  from motion_jax import export
+  from motion_jax.models.known_motion import on_our_body
+  clip = export.load(path, mapping=args.mapping)
+  joints = on_our_body(clip, model.fps, model.stats.layout.skeleton)
+  if frame < 0:
+    return joints, model.fps
+  at = round(frame * model.fps / clip.fps)
+  if at >= len(joints):
+    raise InputError(f"got frame {frame} of {path}, which has {clip.num_frames}")
+  return joints[at], model.fps

@@ -1,0 +1,59 @@
+"""motion-jax retrieve: clips by words, captions by motion."""
+from motion_jax.utils.numerals import MOTIONS, whole
+from motion_studio.cli import shared
+
+
+def add_to(commands):
+  """Adds this sub-command to those of `motion-jax`."""
+  retrieve = commands.add_parser("retrieve", help="the clips nearest to a sentence, the captions nearest to a motion")
+  retrieve.add_argument("query", nargs="?",
+                        help="a sentence, or an .npz, .npy, .bvh or .amc file; without one, how often the right clip "
+                             "is found among all (recall) is printed")
+  retrieve.add_argument("--data", required=True, metavar="DIR", help="an archive or a HumanML3D-layout folder")
+  retrieve.add_argument("--split", help="train, val or test; all if left out")
+  retrieve.add_argument("--num", type=whole(*MOTIONS), default=5, help="how many to show (5)")
+  retrieve.add_argument("--teacher", default="part-tmr-small", help="a run folder or the name of one that ships")
+  shared.add_reading(retrieve)
+  shared.add_out(retrieve, None, "nearest.html,nearest.bvh; the nearest clip")
+  shared.add_rig(retrieve)
+  retrieve.set_defaults(run=_retrieve)
+
+
+def _tell_recall(scores):
+  for way, prefix in (("text to motion", ""), ("motion to text", "back_")):
+    tell = [f"at {k} {100 * scores[f'{prefix}r{k}']:.1f} %" for k in (1, 2, 3, 5, 10)]
+    print(f"{way}: {', '.join(tell)}; median rank {scores[f'{prefix}median_rank']:g}")
+
+
+def _retrieve(args):
+  outputs = shared.outputs_of(args) if args.out else []
+  is_file = args.query is not None and args.query.lower().endswith(shared.MOTION_FILES)
+  asked = shared.read_motion(args.query, args) if is_file else None  # before minutes of work
+  if args.out and (asked is not None or args.query is None):
+    raise ValueError("--out writes the clip nearest to a sentence; give a sentence")
+  shared.cache_compiled_code()
+  from motion_jax import retrieval
+  retriever = retrieval.load(args.teacher)
+  collection = retrieval.read_collection(retriever, args.data, args.split)
+  print(f"{len(collection)} clips of {args.data}" + (f", split {args.split}" if args.split else ""))
+  if args.query is None:
+    count, scores = collection.scores()
+    print(f"recall among {count} clips, one of each caption")
+    _tell_recall(scores)
+    near = collection.near_scores(retriever)
+    if near:
+      print("the same where a clip counts whose caption says nearly the same")
+      _tell_recall(near)
+  elif asked is not None:
+    vector = retriever.embed_motion([retriever.features_of(asked)])[0]
+    for similarity, caption in collection.nearest_captions(vector, args.num):
+      print(f"{similarity:6.3f}  {caption}")
+  else:
+    if not args.query.strip():
+      raise ValueError("got an empty sentence; say what the person does, such as 'a person walks'")
+    found = collection.nearest_clips(retriever.embed_text([args.query])[0], args.num)
+    for similarity, i in found:
+      print(f"{similarity:6.3f}  {collection.ids[i]:24s} {collection.seconds[i]:5.1f} s  {collection.captions[i][0]}")
+    if args.out:
+      clips = retrieval.read_clips(args.data, args.split)
+      shared.save(args, [clips[found[0][1]]], outputs)

@@ -1,0 +1,202 @@
+"""What several commands need."""
+import argparse
+import importlib
+import pathlib
+import threading
+
+from motion_jax.utils import progress
+from motion_jax.utils.errors import InputError
+from motion_jax.utils.numerals import FRAME_RATES, real
+
+BVH_UNITS = {"cm": "centimetres", "m": "metres"}
+FILMS = (".mp4", ".gif")
+PICTURES = (*FILMS, ".png", ".jpg", ".html")
+RIGS = (".bvh", ".glb")
+MOTION_FILES = (".npz", ".npy", ".bvh", ".amc")
+
+
+class Files(argparse.Action):
+  """Files to write: given twice, both are, as with a comma between them."""
+
+  def __call__(self, parser, namespace, values, option_string=None):
+    before = getattr(namespace, self.dest)
+    setattr(namespace, self.dest, values if before is self.default else f"{before},{values}")
+
+
+def add_reading(parser):
+  """Options of all commands that read a motion file."""
+  parser.add_argument("--fps", type=real(*FRAME_RATES), metavar="F",
+                      help="frames a second of the file, in place of what it states (.npy and .amc state nothing: 20, "
+                           "120)")
+  parser.add_argument("--unit", choices=("auto", "m", "cm", "mm", "in", "ft"), default="auto",
+                      help="unit of the joints' coordinates; auto tells it by the lengths of the bones")
+  parser.add_argument("--up", choices=("x", "y", "z", "-x", "-y", "-z"), metavar="AXIS",
+                      help="the file's upward axis: x, y, z, or one that points down, as --up=-y (y; in .bvh and .amc "
+                           "it is found by the rest pose, then by the motion)")
+  add_mapping(parser)
+
+
+def add_mapping(parser):
+  """The option of all commands that read .bvh and .amc files."""
+  parser.add_argument("--mapping", metavar="FILE.json", help="names of joints that are not known: {our joint: their "
+                      "joint, or a list to average}, those that an error lists; for .bvh and .amc")
+
+
+def read_motion(path, args):
+  """The Clip of a motion file, read as the options say."""
+  from motion_jax import export
+  return export.load(path, fps=args.fps, unit=args.unit, up=args.up, mapping=args.mapping)
+
+
+def cache_compiled_code():
+  """Traced and compiled functions stay on disk, so that the second run of a command waits for neither."""
+  from motion_jax.utils import cache
+  cache.keep_in_user_cache()
+
+
+def add_config(parser, required=True):
+  """The flags that name a training config and its data, and --config.FIELD=VALUE."""
+  parser.add_argument("--config", required=required, metavar="NAME[:SIZE]", help="the experiment, such as "
+                      "cmdm_denoiser:tiny: one that ships, or a Python file with get_config(size)")
+  parser.add_argument("--data", nargs="+", metavar="DIR", help="data folder, or several that are read together; short "
+                      "for --config.data.folder")
+  parser.set_defaults(overrides=[])
+
+
+def config_of(args):
+  """The config that the flags of `add_config` name."""
+  from motion_jax.utils import config_files, overrides
+  config = config_files.load(args.config)
+  if args.data:
+    if overrides.names_any(args.overrides, "data.folder", "data.folders"):
+      raise InputError("got --data and --config.data.folder; give one of them")
+    with config.unlocked():
+      one = len(args.data) == 1
+      config.data.update(folder=args.data[0] if one else "", folders=() if one else tuple(args.data))
+  return overrides.applied(args.overrides, config)
+
+
+def import_ahead(*names):
+  """Imports modules beside what else is going on; who needs one before it is there waits for it as ever."""
+  threading.Thread(target=lambda: [importlib.import_module(name) for name in names], daemon=True).start()
+
+
+def add_out(parser, default, files):
+  """The flag --out of a command that writes motions; files: an example of several."""
+  parser.add_argument("--out", default=default, action=Files,
+                      help="file to write: .npz .npy .bvh .glb .mp4 .gif .html .png; repeat kinds with commas, as in "
+                           f"{files}")
+
+
+def outputs_of(args, out=None):
+  """The files that --out names, or out, checked before minutes of work."""
+  with progress.part("starting"):
+    from motion_jax.export import check_output
+  film_options(args)
+  return [check_output(part) for part in (out or args.out).split(",")]
+
+
+def add_rig(parser):
+  """The flags that say how .bvh and .glb files hold a motion."""
+  parser.add_argument("--bvh-unit", choices=tuple(BVH_UNITS), default="cm",
+                      help="unit of .bvh files: cm (most programs expect it; in Blender import with scale 0.01) or m")
+  parser.add_argument("--exact-joints", action="store_true",
+                      help="in .bvh and .glb, keep every joint exactly in its place, by position channels below the "
+                           "root that some programs misread; else joints only rotate, and the distance is printed")
+
+
+def save(args, clips, outputs):
+  """Writes clips to each of the outputs as the flags say, and prints what was written."""
+  from motion_jax import export
+  written = [path for out in outputs for path in export.save(clips, out, **file_options(args, out))]
+  tell_rig_error(args, clips, outputs)
+  tell_files(written)
+
+
+def file_options(args, out):
+  """The options of `export.save` by which a file of its kind is written."""
+  kind = pathlib.Path(out).suffix.lower()
+  found = film_options(args) if kind in FILMS else {}
+  if kind in RIGS:
+    found["exact"] = args.exact_joints
+  if kind == ".bvh":
+    found["unit"] = BVH_UNITS[args.bvh_unit]
+  return found
+
+
+def tell_rig_error(args, clips, outputs):
+  """Prints how far the joints of .bvh and .glb files are from the motions, where that is half a millimetre or more."""
+  from motion_jax import export
+  kinds = sorted({kind for out in outputs if (kind := pathlib.Path(out).suffix.lower()) in RIGS})
+  if not kinds or args.exact_joints:
+    return
+  found = [export.rig_error(clip) for clip in clips]
+  mean, (_, worst, joint) = sum(error for error, *_ in found) / len(found), max(found, key=lambda one: one[1])
+  if worst < 0.5:
+    return
+  print(f"{' and '.join(kinds)}: the skeleton only rotates; joints are {mean:.1f} mm from the motion on average, "
+        f"{worst:.0f} mm at most ({joint}); --exact-joints keeps them in place")
+
+
+def add_film(parser, what):
+  """The flags that say how films look; what: which files --trim is about."""
+  film = parser.add_argument_group("films (.mp4, .gif)")
+  film.add_argument("--size", metavar="WxH", help="pixels of a picture, width x height (960x540, in "
+                    "a .gif 640x360)")
+  film.add_argument("--camera", default="auto", help="from where to look: front, side, top or three-quarter; follow "
+                    "goes with the body, fixed sees the whole path, auto (the default) chooses")
+  film.add_argument("--background", metavar="COLOR", help="colour behind the body: white, black, '#203040' ... (pale "
+                    "grey)")
+  film.add_argument("--film-fps", type=real(1, 240), metavar="N",
+                    help="pictures a second, such as 24, 30 or 60 (the motion's own); frames between are interpolated, "
+                    "the motion stays as fast as it is")
+  parser.add_argument("--trim", metavar="A:B", help=f"show only this part, {what}: seconds (1.5s:3s), shares "
+                      "(25%%:0.5) or frames (30:60); an empty side is that end")
+
+
+def film_options(args):
+  """The options of `export.save` that belong to a film, checked before minutes of work."""
+  from motion_jax.export.video import check_film
+  if not hasattr(args, "film_fps"):  # a command without these flags
+    return {}
+  found = {"camera": args.camera}
+  if args.size is not None:
+    width, cross, height = args.size.lower().partition("x")
+    if not (cross and width.isdecimal() and height.isdecimal()):
+      raise InputError(f"got --size {args.size}, expected WIDTHxHEIGHT in pixels, such as 720x720")
+    found["size"] = (int(width), int(height))
+  if args.background is not None:
+    found["background"] = args.background
+  if args.film_fps is not None:
+    found["fps"] = args.film_fps
+  check_film(**found)
+  return found
+
+
+def span_of(args, clip) -> slice:
+  """The frames of a clip that --trim names; all of them without."""
+  if args.trim is None:
+    return slice(0, clip.num_frames)
+  from motion_jax.utils.spans import spans_of
+  first, past = spans_of([args.trim], clip.num_frames, clip.fps)[0]
+  if not 0 <= first < past:
+    raise InputError(f"got --trim {args.trim} for a motion of {clip.seconds:.1f} s, expected A:B with A before B and "
+                     "within it, such as 0.5s:2s")
+  return slice(first, past)
+
+
+def trimmed(args, clip):
+  """The part of a clip that --trim names."""
+  if args.trim is None:
+    return clip
+  part = span_of(args, clip)
+  return clip.cut(part.start, part.stop)
+
+
+def tell_files(written):
+  print("wrote " + ", ".join(map(str, written)))
+  first = str(written[0])
+  if first.endswith(".html"):
+    print(f"open {first} in a browser; no network is needed")
+  elif first.endswith((".npz", ".npy", ".bvh")):
+    print(f"see it: motion-jax render {first}")

@@ -1,0 +1,46 @@
+"""motion-jax render and models: what there is to see."""
+import pathlib
+
+from motion_studio.cli import shared
+
+_MAKES = "text to motion"
+
+
+def add_to(commands):
+  """Adds these sub-commands to those of `motion-jax`."""
+  render = commands.add_parser("render", help="show any npz, npy, bvh or amc file as mp4, gif, html, png, glb or bvh")
+  render.add_argument("file", help="an .npz, .npy, .bvh or .amc file")
+  shared.add_out(render, None, "walk.mp4,walk.glb (FILE with .html)")
+  shared.add_reading(render)
+  shared.add_rig(render)
+  shared.add_film(render, "in whatever kind of file")
+  render.set_defaults(run=_render)
+
+  models = commands.add_parser("models", help="the models that ship: what each does, its size, licence and speed")
+  models.set_defaults(run=_models)
+
+
+def _render(args):
+  outputs = shared.outputs_of(args, args.out or str(pathlib.Path(args.file).with_suffix(".html")))
+  clip = shared.read_motion(args.file, args)
+  print(f"{args.file}: {clip.num_frames} frames, {clip.seconds:.1f} s at {clip.fps:g} frames a second")
+  shared.save(args, [shared.trimmed(args, clip)], outputs)
+
+
+def _models(args):
+  import textwrap
+
+  from motion_jax import runs
+  groups = {}
+  for name in sorted(runs.shipped_names(), key=lambda name: name != "cmdm-small"):  # the default is the first
+    about = runs.about(name)
+    size = f"{runs.num_params(name) / 1e6:.1f} M parameters"
+    facts = "; ".join(filter(None, (size, about["licence"], about["speed"])))
+    groups.setdefault(about["for"], []).append((name, about["does"], facts))
+  for purpose in sorted(groups, key=lambda purpose: purpose != _MAKES):
+    print(f"{purpose}:")
+    for name, does, facts in groups[purpose]:
+      print(f"  {name:<20} {facts}")
+      print(textwrap.fill(does, 110, initial_indent=" " * 23, subsequent_indent=" " * 23, break_on_hyphens=False))
+  print(f"\n--model takes those of {_MAKES}. Parameters are those of the network and its tokenizer, without the text "
+        f"encoder.\nWhat each knows and was trained on: {runs.PRETRAINED}/NAME/README.md")

@@ -1,0 +1,293 @@
+"""The Starlette application: the page, the requests of /v1, and one WebSocket a stream (docs/protocol.md)."""
+import asyncio
+import contextlib
+import functools
+import json
+import pathlib
+import time
+from typing import Any
+
+import anyio.to_thread
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route, WebSocketRoute
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+import motion_jax
+from motion_jax.export.html import VIEWER, resting_body
+from motion_jax.utils import progress
+from motion_jax.utils.errors import InputError, reason
+from motion_studio.server import exporting, mmcp, openapi, project, suggestions
+from motion_studio.server.guard import LOOPBACK, Guard, Refused
+from motion_studio.server.library import Library
+from motion_studio.server.limits import Bucket, Limits
+from motion_studio.server.making import Maker
+from motion_studio.server.streams import Stream
+
+_UNSENT = 1000  # messages that wait for a page that does not read
+_WORKS = 50     # requests whose progress can be read at once
+ASSETS = pathlib.Path(__file__).parents[1] / "assets"
+_TYPES = {".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=utf-8",
+          ".css": "text/css; charset=utf-8", ".svg": "image/svg+xml",
+          ".json": "application/json", ".png": "image/png", ".woff2": "font/woff2",
+          ".txt": "text/plain; charset=utf-8", ".wasm": "application/wasm"}
+
+
+class Studio:
+  """What the application shares: models, limits, the streams that run."""
+
+  def __init__(self, library: Library, token: str, host: str = "127.0.0.1", limits: Limits | None = None) -> None:
+    self.library, self.token, self.host, self.limits = library, token, host, limits or Limits()
+    self.maker = Maker(library, self.limits)
+    self.streams: set[Stream] = set()
+    self.places = 0  # of streams that are taken, also by sockets that have not said anything
+    self.works: dict[str, progress.Work] = {}  # by the name that a page gave its request
+    self.began = time.monotonic()
+
+  def app(self) -> Guard:
+    """The ASGI application, guarded."""
+    make = lambda work: self._json(work)
+    routes = [
+        WebSocketRoute("/v1/stream", self._stream),
+        Route("/v1/status", self._status), Route("/v1/models", self._models),
+        Route("/v1/progress", self._progress), Route("/v1/suggestions", self._suggestions),
+        Route("/v1/generate", make(self.maker.generate), methods=["POST"]),
+        Route("/v1/story", make(self.maker.story), methods=["POST"]),
+        Route("/v1/edit", make(self.maker.edit), methods=["POST"]),
+        Route("/v1/project", make(lambda body: project.checked(body, self.limits)), methods=["POST"]),
+        Route("/v1/import", self._import, methods=["POST"]),
+        Route("/v1/export", self._export, methods=["POST"]),
+        Route("/mmcp/capabilities", self._mmcp_capabilities),
+        Route("/mmcp/generate", self._mmcp_generate, methods=["POST"]),
+        Route("/openapi.json", lambda request: JSONResponse(openapi.described(self.limits))),
+        Route("/body.json", _body_page), *_pages()]
+    handlers = {404: _plain_error, 405: _plain_error, Exception: _fault}
+    return Guard(Starlette(routes=routes, exception_handlers=handlers), self.token, self.limits, self.host in LOOPBACK)
+
+  def close(self) -> None:
+    """Ends all streams."""
+    for stream in list(self.streams):
+      stream.close()
+
+  # --- requests ----------------------------------------------------------------------------------------------------
+
+  async def _status(self, request: Request) -> Response:
+    return JSONResponse({"version": motion_jax.__version__, "protocol": 1, "streams": len(self.streams),
+                         "seconds": round(time.monotonic() - self.began, 1),
+                         "models": {name: shelf.state for name, shelf in self.library.shelves.items()}})
+
+  async def _models(self, request: Request) -> Response:
+    about = await anyio.to_thread.run_sync(lambda: [shelf.about() for shelf in self.library.shelves.values()])
+    return JSONResponse({"models": about})
+
+  async def _progress(self, request: Request) -> Response:
+    work = self.works.get(request.query_params.get("work", ""))
+    return JSONResponse(work.state() if work else progress.Work().state())
+
+  async def _suggestions(self, request: Request) -> Response:
+    async def answer():
+      name, words = request.query_params.get("model"), request.query_params.get("words", "")[:self.limits.prompt]
+      return JSONResponse(await anyio.to_thread.run_sync(suggestions.found, self.library.shelf(name).model, words))
+
+    return await _told(answer)
+
+  @contextlib.contextmanager
+  def _followed(self, request):
+    """What runs inside, in threads too, reports its progress under the name in the request's header x-work."""
+    name, work = request.headers.get("x-work", "")[:40], progress.Work()
+    if name and len(self.works) < _WORKS:
+      self.works[name] = work
+    try:
+      with progress.follow(work):
+        yield
+    finally:
+      if self.works.get(name) is work:
+        del self.works[name]
+
+  def _json(self, work: Any) -> Any:
+    """A handler of JSON bodies: what work(body) gives, made in a thread; InputErrors become status 400."""
+    async def handle(request: Request) -> Response:
+      async def answer():
+        with self._followed(request):
+          return JSONResponse(await anyio.to_thread.run_sync(work, await _body(request)))
+
+      return await _told(answer)
+
+    return handle
+
+  async def _import(self, request: Request) -> Response:
+    async def answer():
+      data, name = await request.body(), request.query_params.get("name", "")
+      return JSONResponse(await anyio.to_thread.run_sync(self.maker.read, data, name))
+
+    return await _told(answer)
+
+  async def _export(self, request: Request) -> Response:
+    async def answer():
+      body = await _body(request)
+
+      def work():
+        with self.maker.place():
+          return exporting.exported(body, self.limits)
+
+      with self._followed(request):
+        data, media, name = await anyio.to_thread.run_sync(work)
+      return Response(data, media_type=media, headers={"content-disposition": f'attachment; filename="{name}"'})
+
+    return await _told(answer)
+
+  async def _mmcp_capabilities(self, request: Request) -> Response:
+    return JSONResponse(await anyio.to_thread.run_sync(mmcp.capabilities, self.maker))
+
+  async def _mmcp_generate(self, request: Request) -> Response:
+    try:
+      made = await anyio.to_thread.run_sync(mmcp.generate, await _body(request), self.maker)
+      return Response(json.dumps(made), media_type=mmcp.MEDIA)
+    except mmcp.MmcpError as error:
+      return JSONResponse(error.body(), error.status)
+    except Refused as error:
+      code = "payload_too_large" if error.status == 413 else "rate_limited"
+      return JSONResponse(mmcp.MmcpError(error.status, code, str(error)).body(), error.status)
+    except ValueError as error:
+      return JSONResponse(mmcp.MmcpError(400, "invalid_request", reason(error, 400)).body(), 400)
+
+  # --- streams -----------------------------------------------------------------------------------------------------
+
+  async def _stream(self, socket: WebSocket) -> None:
+    await socket.accept()
+    if self.places >= self.limits.streams:
+      return await _end(socket, 1013, f"{self.limits.streams} streams run already; close one of them")
+    self.places += 1
+    outbox: asyncio.Queue[Any] = asyncio.Queue()
+    loop = asyncio.get_running_loop()
+
+    def put(item):
+      if outbox.qsize() < _UNSENT:
+        outbox.put_nowait(item)
+      else:  # blocks wait to be acknowledged, so this is a page that asks and asks and reads no answer
+        receiver.cancel()
+
+    def send(item):
+      with contextlib.suppress(RuntimeError):  # the loop has ended, and the page with it
+        loop.call_soon_threadsafe(put, item)
+
+    stream = Stream(self.library, self.limits, send)
+    self.streams.add(stream)
+    sender = asyncio.create_task(_deliver(socket, outbox))
+    receiver = asyncio.create_task(self._listen(socket, stream))
+    try:
+      await asyncio.wait([sender, receiver], return_when=asyncio.FIRST_COMPLETED)
+    finally:
+      stream.close()
+      self.streams.discard(stream)
+      self.places -= 1
+      for task in (sender, receiver):
+        task.cancel()
+      for task in (sender, receiver):
+        with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError, OSError):
+          await task
+
+  async def _listen(self, socket, stream):
+    """Hands the page's messages on until it goes, or says too much."""
+    bucket = Bucket(self.limits.messages)
+    while True:
+      message = await socket.receive()
+      if message["type"] == "websocket.disconnect":
+        return
+      text = message.get("text")
+      if text is None:
+        return await _end(socket, 1003, "got a binary message, expected JSON")
+      if len(text) > self.limits.message_bytes:
+        return await _end(socket, 1009, f"got a message of {len(text):,} characters, expected at most "
+                          f"{self.limits.message_bytes:,}")
+      if not bucket.take(time.monotonic()):
+        return await _end(socket, 1008, f"got more than {self.limits.messages:g} messages a second")
+      try:
+        stream.tell(_parsed(text))
+      except InputError as error:
+        await socket.send_json({"type": "error", "fatal": False, "message": reason(error, 400)})
+
+
+async def _deliver(socket, outbox):
+  """Sends what the stream's thread gives; waits where the connection is full."""
+  while (item := await outbox.get()) is not None:
+    if isinstance(item, bytes):
+      await socket.send_bytes(item)
+    else:
+      await socket.send_text(json.dumps(item))
+  await socket.close(1011)
+
+
+async def _end(socket, code, message):
+  await socket.send_json({"type": "error", "fatal": True, "message": message})
+  await socket.close(code, message[:100])
+
+
+async def _body(request):
+  return _parsed(await request.body())
+
+
+def _parsed(text):
+  try:
+    return json.loads(text, parse_constant=_no_number)
+  except (ValueError, RecursionError):
+    raise InputError("got no valid JSON") from None
+
+
+def _no_number(name):
+  raise ValueError(name)
+
+
+async def _told(answer):
+  try:
+    return await answer()
+  except Refused as error:
+    return _error(error.status, str(error))
+  except (InputError, ValueError) as error:
+    return _error(400, reason(error, 400))
+
+
+def _error(status, message):
+  return JSONResponse({"error": {"status": status, "message": message}}, status)
+
+
+async def _plain_error(request, error):
+  told = "there is no such page" if error.status_code == 404 else f"this address does not take {request.method}"
+  return _error(error.status_code, f"{told}; /openapi.json lists what there is")
+
+
+async def _fault(request, error):
+  """What nobody foresaw: its traceback is for this machine's log alone, see `Guard`."""
+  return _error(500, f"the studio met a fault of the program ({type(error).__name__}); its terminal says more")
+
+
+def _pages():
+  """A route for each file of the page: no path that a request names is ever opened."""
+  routes = [Route("/viewer.js", _page(VIEWER))]  # that of the pages that motions are written to
+  for path in sorted(ASSETS.rglob("*")):
+    if path.is_file() and path.suffix in _TYPES:
+      name = path.relative_to(ASSETS).as_posix()
+      routes.append(Route(f"/{name}", _page(path)))
+      if name == "index.html":
+        routes.append(Route("/", _page(path)))
+  return routes
+
+
+@functools.cache
+def _resting_body():
+  return json.dumps(resting_body())
+
+
+async def _body_page(request):
+  """The skin that the page hangs on the joints of a motion."""
+  return Response(await anyio.to_thread.run_sync(_resting_body), media_type="application/json")
+
+
+def _page(path):
+  content, media = path.read_bytes(), _TYPES[path.suffix]
+
+  async def page(request):
+    return Response(content, media_type=media)
+
+  return page

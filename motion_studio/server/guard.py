@@ -1,0 +1,131 @@
+"""What a studio refuses before anything else looks at it: strangers' pages, wrong tokens, floods and huge bodies."""
+import hmac
+import json
+import logging
+import time
+import urllib.parse
+from typing import Any
+
+from motion_jax.utils.errors import reason
+from motion_studio.server.limits import Bucket, Limits
+
+LOOPBACK = ("127.0.0.1", "localhost", "::1")
+_log = logging.getLogger("motion_studio.server")
+_ADDRESSES = 1000  # that are remembered at once
+_HEADERS = [(b"x-content-type-options", b"nosniff"), (b"referrer-policy", b"no-referrer"),
+            (b"cache-control", b"no-store"), (b"x-frame-options", b"SAMEORIGIN"),
+            (b"content-security-policy", b"default-src 'self'; img-src 'self' data: blob:; media-src 'self' blob:; "
+             b"style-src 'self' 'unsafe-inline'; worker-src 'self' blob:; object-src 'none'; base-uri 'none'")]
+
+
+class Refused(Exception):
+  """A request that is turned away, with an HTTP status and one sentence."""
+
+  def __init__(self, status: int, message: str) -> None:
+    super().__init__(message)
+    self.status = status
+
+
+class Guard:
+  """ASGI middleware around the whole application.
+
+  A request from a browser must come from a page of this very server (Origin), over a name of this machine where the
+  server listens to this machine alone (Host, against DNS rebinding); what is below /v1 and /mmcp also needs the token.
+  Whatever fails inside becomes JSON with one sentence.
+  """
+
+  def __init__(self, app: Any, token: str, limits: Limits, local: bool) -> None:
+    self._app, self._token, self._limits, self._local = app, token, limits, local
+    self._buckets: dict[str, Bucket] = {}
+
+  async def __call__(self, scope, receive, send):
+    if scope["type"] not in ("http", "websocket"):
+      return await self._app(scope, receive, send)
+    try:
+      self._check(scope)
+    except Refused as error:
+      return await _refuse(scope, receive, send, error)
+    if scope["type"] == "websocket":
+      return await self._app(scope, receive, send)
+
+    async def with_headers(message):
+      if message["type"] == "http.response.start":
+        message = message | {"headers": [*message["headers"], *_HEADERS]}
+      await send(message)
+
+    try:
+      await self._app(scope, _limited(receive, self._limits.body_bytes), with_headers)
+    except Refused as error:
+      await _refuse(scope, receive, send, error)
+    except Exception:  # what nobody foresaw, and the application has answered for already
+      _log.exception("a request failed")
+
+  def _check(self, scope):
+    headers = {name.decode("latin1").lower(): value.decode("latin1") for name, value in scope["headers"]}
+    host = headers.get("host", "")
+    if self._local and _name_of(host) not in LOOPBACK:
+      raise Refused(403, f"got a request for the host {host[:80]!r}, this studio is for this machine alone: "
+                    "open it as 127.0.0.1 or localhost")
+    origin = headers.get("origin")
+    if origin is not None and urllib.parse.urlsplit(origin).netloc.lower() != host.lower():
+      raise Refused(403, f"got a request from a page of {origin[:80]!r}, only the studio's own pages may ask")
+    if not scope["path"].startswith(("/v1/", "/mmcp/")):
+      return
+    query = urllib.parse.parse_qs(scope.get("query_string", b"").decode("latin1"))
+    given = headers.get("authorization", "").removeprefix("Bearer ").strip() or query.get("token", [""])[0]
+    if not hmac.compare_digest(given.encode(), self._token.encode()):
+      raise Refused(401, "the token is missing or wrong; open the address that the studio printed")
+    if not self._bucket(scope).take(time.monotonic()):
+      raise Refused(429, f"got more than {self._limits.requests:g} requests a second; wait a moment")
+    length = headers.get("content-length", "0")
+    if not length.isdecimal() or int(length) > self._limits.body_bytes:
+      raise Refused(413, f"got a body of {length[:20]} bytes, expected at most {self._limits.body_bytes:,}")
+
+  def _bucket(self, scope):
+    address = (scope.get("client") or ("?",))[0]
+    if address not in self._buckets:
+      while len(self._buckets) >= _ADDRESSES:
+        del self._buckets[next(iter(self._buckets))]
+      self._buckets[address] = Bucket(self._limits.requests)
+    return self._buckets[address]
+
+
+def _name_of(host):
+  """The name in a Host header, without its port."""
+  try:
+    return (urllib.parse.urlsplit(f"//{host}").hostname or "").lower()
+  except ValueError:
+    return ""
+
+
+def _limited(receive, most):
+  """The same receive, which raises once a body that announced no length has grown too long."""
+  total = 0
+
+  async def count():
+    nonlocal total
+    message = await receive()
+    total += len(message.get("body", b""))
+    if total > most:
+      raise Refused(413, f"got a body of more than {most:,} bytes")
+    return message
+
+  return count
+
+
+async def _refuse(scope, receive, send, error):
+  if scope["type"] == "websocket":  # before it is accepted, so the browser sees a failed handshake
+    if "websocket.http.response" not in scope.get("extensions", {}):
+      await receive()
+      return await send({"type": "websocket.close", "code": 1008, "reason": reason(error, 110)})
+    kind = "websocket.http.response"
+  else:
+    kind = "http.response"
+  body = json.dumps({"error": {"status": error.status, "message": reason(error, 400)}}).encode()
+  headers = [(b"content-type", b"application/json"), (b"content-length", str(len(body)).encode()), *_HEADERS]
+  if error.status == 429:
+    headers.append((b"retry-after", b"1"))
+  if error.status == 401:
+    headers.append((b"www-authenticate", b"Bearer"))
+  await send({"type": f"{kind}.start", "status": error.status, "headers": headers})
+  await send({"type": f"{kind}.body", "body": body})

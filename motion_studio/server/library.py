@@ -1,0 +1,138 @@
+"""The models of a studio: loaded and compiled one after the other beside the server, which says how far it is."""
+import importlib
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from motion_jax.control.constraints import RootPath
+from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.utils import progress
+from motion_jax.utils.errors import InputError, reason
+from motion_studio.server import ahead
+from motion_studio.server.limits import Limits
+
+_PATIENCE = 600.0  # seconds that a request waits for its model
+
+
+class Shelf:
+  """One model and how far it is: waiting, loading, compiling, ready or failed."""
+
+  def __init__(self, name: str) -> None:
+    self.name, self.state, self.doing, self.error = name, "waiting", "", ""
+    self.done, self.of, self.model = 0, 3, None
+    self.began, self.seconds = 0.0, 0.0
+    self.ready = threading.Event()  # or failed
+
+  def progress(self) -> dict[str, Any]:
+    """How far it is."""
+    now = time.monotonic() - self.began if self.began and not self.ready.is_set() else self.seconds
+    return {"name": self.name, "state": self.state, "doing": self.doing, "done": self.done, "of": self.of,
+            "seconds": round(now, 2), "error": self.error}
+
+  def about(self) -> dict[str, Any]:
+    """What `GET /v1/models` says of it."""
+    found, model = self.progress(), self.model
+    if model is not None:
+      found |= {"id": model.id, "fps": model.fps, "skeleton": model.stats.layout.skeleton.name,
+                "abilities": list(model.abilities), "license": model.license, "limits": model.limits,
+                "sampling": {name: {"help": known.help, "allowed": known.allowed,
+                                    "usual": getattr(model.sampling(), name)}
+                             for name, known in model.options.described().items()}}
+    return found
+
+
+class Library:
+  """The models by name. `start` loads them in a thread of its own, in order, each until it can stream at once."""
+
+  def __init__(self, names: Sequence[str], load: Callable[[str], Any] | None = None, warm: bool = True) -> None:
+    """load(name) -> model; warm: whether streams are compiled before anybody asks for one."""
+    self.shelves = {name: Shelf(name) for name in names}
+    self._load, self._warm = load or _load, warm
+
+  def start(self) -> None:
+    threading.Thread(target=self._fill, name="models", daemon=True).start()
+
+  def _fill(self):
+    for shelf in self.shelves.values():
+      shelf.began = time.monotonic()
+      try:
+        shelf.state, shelf.doing = "loading", "reading the weights"
+        model = self._load(shelf.name)
+        model.reports_to_terminal = False  # the page shows the notes
+        shelf.model = model
+        shelf.done, shelf.state, shelf.doing = 1, "compiling", "compiling the sampler"
+        steps = _steps(shelf) if self._warm else iter(())
+        next(steps, None)
+        shelf.done, shelf.state, shelf.doing = shelf.of, "ready", ""
+        shelf.seconds = time.monotonic() - shelf.began
+        shelf.ready.set()
+        for _ in steps:
+          pass
+        if shelf.model.repertoire is not None:
+          shelf.model.repertoire.nearest("a person walks", 1)  # read before a stream needs it
+      except Exception as error:  # one model that cannot be had leaves the others
+        shelf.state, shelf.doing, shelf.error = "failed", "", reason(error, 400)
+      finally:
+        shelf.seconds = shelf.seconds or time.monotonic() - shelf.began
+        shelf.ready.set()
+
+  def shelf(self, name: str | None) -> Shelf:
+    """That of a name, the first one for None. Raises InputError where there is none."""
+    name = name if name is not None else next(iter(self.shelves))
+    if name not in self.shelves:
+      raise InputError(f"got the model {str(name)[:60]!r}, this studio has {', '.join(self.shelves)}")
+    return self.shelves[name]
+
+  def model(self, name: str | None, ability: str) -> Any:
+    """A model that can do something, once it is ready. Waits for it; raises InputError where it cannot be had."""
+    shelf = self.shelf(name)
+    if not shelf.ready.is_set():
+      with progress.part(f"waiting for the model {shelf.name}, which is being prepared"):
+        shelf.ready.wait(_PATIENCE)
+    if not shelf.ready.is_set():
+      raise InputError(f"the model {shelf.name} is not ready yet ({shelf.state}); ask again in a minute")
+    if shelf.model is None or shelf.state == "failed":
+      raise InputError(f"the model {shelf.name} could not be loaded: {shelf.error}")
+    if not shelf.model.can(ability):
+      able = [other.name for other in self.shelves.values() if other.model is not None and other.model.can(ability)]
+      raise InputError(f"the model {shelf.name} has no {ability!r}; "
+                       + (f"{', '.join(able)} has" if able else "start the studio with one that has, by --model"))
+    return shelf.model
+
+
+def _load(name):
+  from motion_jax import loading
+  from motion_jax.utils import cache
+  cache.keep_in_user_cache()
+  return loading.load(name)
+
+
+def _steps(shelf):
+  """Compiles what a stream runs, and yields once with what gives its first block, again with what it goes on by, and
+  with what leads it along a path; what else a model does is compiled when it is asked for."""
+  model = shelf.model
+  for name in ("scipy.ndimage", "scipy.linalg"):
+    importlib.import_module(name)
+  if model.can("stream"):
+    live = model.stream("a person walks", seed=0, **live_sampling(model, {}))
+    shelf.done = 2
+    for _ in range(4):
+      next(live)
+      yield
+    if model.stats.layout.skeleton is not HUMANML3D:  # which nothing leads
+      return
+    x, z = live.place  # nor does the first path that is drawn wait for its program
+    live.hold(ahead.signal_of([RootPath([[x, z], [x, z + 2.0]])], None, live.decided, live.place, None, model.fps,
+                              Limits()))
+    next(live)
+    yield
+
+
+def live_sampling(model: Any, given: dict[str, Any]) -> dict[str, Any]:
+  """How streams and stories are sampled, less the choices that were given: blocks far enough apart that new words count
+  soon, and that little is under way where a story changes. Both alike, so that what was said live can be made again."""
+  if "lag" in given or "lag" not in model.options.described():
+    return given
+  steps = given.get("num_steps", model.sampling().num_steps)
+  return given | {"lag": max(1, steps // 2)} if isinstance(steps, int) else given

@@ -1,0 +1,134 @@
+"""Runs a studio: takes the port, says where it is, and ends within two seconds of Ctrl-C."""
+import errno
+import importlib.util
+import logging
+import os
+import pathlib
+import secrets
+import socket
+import sys
+import threading
+import urllib.parse
+import webbrowser
+from collections.abc import Sequence
+from typing import Any
+
+from motion_jax.utils import progress
+from motion_jax.utils.errors import InputError
+from motion_jax.utils.install import pip_install
+from motion_studio.server.guard import LOOPBACK
+
+_SHORTEST = 8   # characters of a token for other machines
+_PATIENCE = 1.5  # seconds that pages and threads have to end
+
+
+def check_address(host: str, token: str | None) -> None:
+  """Raises InputError for an address that other machines reach without a token that was chosen for it."""
+  if host not in LOOPBACK and token is None:
+    raise InputError(f"got --host {host}, which other machines can reach: also give --token WORDS, which they need to "
+                     f"open the page; 127.0.0.1 is for this machine alone")
+  if token is not None and (len(token) < _SHORTEST or not token.isascii() or not token.isprintable()):
+    raise InputError(f"got a token of {len(token)} characters, expected {_SHORTEST} or more plain letters, digits and "
+                     "signs")
+
+
+def kept_token(folder: pathlib.Path | None = None) -> str:
+  """The token of this user's studios, the same from one start to the next, so that open pages and bookmarks stay valid.
+
+  It is in a file that only the user can read, in $XDG_STATE_HOME or ~/.local/state. Where nothing can be kept, each
+  call gives a new one. A file that others can read, or that holds no token, is replaced.
+  """
+  state = os.environ.get("XDG_STATE_HOME") or pathlib.Path.home() / ".local" / "state"
+  path = (folder or pathlib.Path(state) / "motion_jax") / "studio-token"
+  try:
+    if path.is_file() and (os.name != "posix" or not path.stat().st_mode & 0o077):
+      token = path.read_text("ascii", "replace").strip()
+      if len(token) >= _SHORTEST and token.isascii() and token.isprintable():
+        return token
+    token = secrets.token_urlsafe(16)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.unlink(missing_ok=True)
+    with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="ascii") as file:
+      file.write(token + "\n")
+    return token
+  except OSError:
+    return secrets.token_urlsafe(16)
+
+
+def take_port(host: str, port: int) -> socket.socket:
+  """A socket that listens there. Raises InputError where another program does already, or the host is not this one."""
+  try:
+    family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+    taken = socket.socket(family, socket.SOCK_STREAM)
+    try:
+      if os.name == "posix":
+        taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+      taken.bind((host, port))
+      taken.listen(128)
+    except OSError:
+      taken.close()
+      raise
+    return taken
+  except OSError as error:
+    if error.errno == errno.EADDRINUSE:
+      raise InputError(f"port {port} of {host} is taken, maybe by another studio; give another one by --port, or "
+                       "--port 0 for any that is free") from None
+    raise InputError(f"cannot listen on {host} port {port}: {error.strerror or error}") from None
+
+
+def serve(names: Sequence[str], host: str = "127.0.0.1", port: int = 8765, token: str | None = None,
+          open_page: bool = False) -> None:
+  """Runs until Ctrl-C. The address is printed before anything that takes long is imported."""
+  check_address(host, token)
+  missing = [name for name in ("starlette", "uvicorn", "websockets") if importlib.util.find_spec(name) is None]
+  if missing:
+    raise InputError(f"the studio needs the packages {', '.join(missing)}: {pip_install('studio')}")
+  listener = take_port(host, port)
+  token = token or kept_token()
+  address = address_of(host, listener.getsockname()[1], token)
+  print(f"the studio is at {address}\nCtrl-C ends it", flush=True)
+  if open_page:
+    threading.Thread(target=_open, args=(address,), daemon=True).start()
+  _run(names, host, token, listener)
+
+
+def address_of(host: str, port: int, token: str) -> str:
+  """What a browser opens; of a host that means all addresses, this machine's name."""
+  name = socket.gethostname() if host in ("0.0.0.0", "::", "") else host
+  return f"http://{f'[{name}]' if ':' in name else name}:{port}/?token={urllib.parse.quote(token)}"
+
+
+def _open(address):
+  if not webbrowser.open(address):
+    print("no browser was found; open the address by hand", file=sys.stderr)
+
+
+def _run(names: Sequence[str], host: str, token: str, listener: Any) -> None:
+  import uvicorn
+
+  from motion_studio.server.app import Studio
+  from motion_studio.server.library import Library
+  library = Library(names)
+  studio = Studio(library, token, host)
+
+  class Server(uvicorn.Server):
+    def handle_exit(self, sig, frame):
+      studio.close()
+      # Threads that compile hear nothing; a second is enough to say goodbye to the pages.
+      timer = threading.Timer(_PATIENCE, lambda: os._exit(128 + sig))
+      timer.daemon = True
+      timer.start()
+      super().handle_exit(sig, frame)
+
+  config = uvicorn.Config(studio.app(), log_level="warning", access_log=False, lifespan="off", ws="websockets-sansio",
+                          ws_max_size=2 * studio.limits.message_bytes, ws_per_message_deflate=False,
+                          timeout_graceful_shutdown=1, server_header=False, proxy_headers=False)
+  logging.getLogger("uvicorn.error").addFilter(_is_news)
+  library.start()
+  with progress.follow(progress.Work()):  # of requests pages say how far they are, not this terminal
+    Server(config).run(sockets=[listener])
+
+
+def _is_news(record: logging.LogRecord) -> bool:
+  """A log filter. uvicorn reports a WebSocket that the guard refuses, and one that is open at the end, as errors."""
+  return not any(text in record.getMessage() for text in ("without completing handshake", "timeout graceful shutdown"))

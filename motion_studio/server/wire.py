@@ -1,0 +1,94 @@
+"""What goes over the wire: blocks of a stream as bytes, motions as JSON (docs/protocol.md)."""
+import base64
+import binascii
+import struct
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from motion_jax.data.clip import Caption, Clip
+from motion_jax.export.files import plain
+from motion_jax.models.results import Motion
+from motion_jax.motion import plausibility
+from motion_jax.motion.skeleton import SKELETONS
+from motion_jax.utils.errors import InputError
+
+MAGIC, VERSION = b"MJXS", 1
+_HEADER = struct.Struct("<4sHHIIIHHIIIff")  # 44 bytes, then 4 of nothing: what follows begins at a multiple of 16
+HEADER_BYTES = 48
+
+
+class Block(NamedTuple):
+  """A piece of a stream; see docs/protocol.md for what each field says."""
+  sequence: int
+  run: int
+  first_frame: int
+  words: int
+  begun: int
+  milliseconds: float
+  fps: float
+  joints: np.ndarray    # (n, J, 3) float32, metres
+  contacts: np.ndarray  # (n, 4) bool
+
+
+def pack(block: Block) -> bytes:
+  """A block as bytes. Joints are float16, but for where on the ground the root is: so they are as exact (half a
+  millimetre) a kilometre from the origin as at it."""
+  joints = np.asarray(block.joints, np.float32)
+  ground = np.ascontiguousarray(joints[:, 0, [0, 2]], "<f4")
+  body = joints - np.stack([ground[:, 0], np.zeros(len(ground)), ground[:, 1]], -1)[:, None]
+  header = _HEADER.pack(MAGIC, VERSION, HEADER_BYTES, block.sequence, block.run, block.first_frame, *joints.shape[:2],
+                        block.words, block.first_frame + len(joints), block.begun, block.milliseconds, block.fps)
+  return b"".join([header.ljust(HEADER_BYTES, b"\0"), ground.tobytes(), body.astype("<f2").tobytes(),
+                   np.asarray(block.contacts, np.uint8).tobytes()])
+
+
+def to_json(motion: Clip) -> dict[str, Any]:
+  """A motion as JSON: joints are float32 in base64."""
+  joints = np.ascontiguousarray(motion.joints, "<f4")
+  return {"id": motion.id, "fps": motion.fps, "skeleton": motion.skeleton.name, "shape": list(joints.shape),
+          "joints": base64.b64encode(joints.tobytes()).decode("ascii"), "source": motion.source,
+          "license": motion.license,
+          "captions": [{"text": c.text, "start": c.start, "end": c.end} for c in motion.captions],
+          "meta": plain(motion.meta)}
+
+
+def from_json(value: Any, longest: int) -> Motion:
+  """The motion that a page sent, of at most `longest` frames. Raises InputError for what is no person's motion."""
+  if not isinstance(value, dict):
+    raise InputError("got no motion, expected an object with shape, joints and fps as /v1/generate gives them")
+  shape, fps, name = value.get("shape"), value.get("fps"), value.get("skeleton", "humanml3d")
+  if not isinstance(name, str) or name not in SKELETONS:
+    raise InputError(f"got the skeleton {str(name)[:60]!r}, expected one of {', '.join(SKELETONS)}")
+  skeleton = SKELETONS[name]
+  whole = isinstance(shape, list) and len(shape) == 3 and all(type(n) is int for n in shape)
+  if not whole or not 1 <= shape[0] <= longest or shape[1:] != [skeleton.num_joints, 3]:
+    raise InputError(f"got a motion of shape {str(shape)[:60]}, expected [frames, {skeleton.num_joints}, 3] of 1 to "
+                     f"{longest:,} frames")
+  if type(fps) not in (int, float):
+    raise InputError(f"got {str(fps)[:60]!r} frames a second, expected a number such as 20")
+  plausibility.check_rate(fps, "the motion")
+  try:
+    data = base64.b64decode(value.get("joints", ""), validate=True)
+  except (binascii.Error, ValueError, TypeError):
+    raise InputError("got joints that are no base64, expected float32 values as /v1/generate gives them") from None
+  if len(data) != 4 * shape[0] * shape[1] * 3:
+    raise InputError(f"got {len(data):,} bytes of joints, a motion of shape {shape} has {12 * shape[0] * shape[1]:,}; "
+                     "it was cut on the way")
+  joints = np.frombuffer(data, "<f4").reshape(shape)
+  captions, meta = value.get("captions", []), value.get("meta", {})
+  if not isinstance(captions, list) or not isinstance(meta, dict):
+    raise InputError("got captions or meta of another kind than a list and an object")
+  plausibility.check(joints, skeleton, fps, "the motion")
+  text = lambda key, usual: value[key][:200] if isinstance(value.get(key), str) else usual
+  return Motion(joints.astype(np.float32), float(fps), tuple(map(_caption, captions[:1000])), id=text("id", "motion"),
+                source=text("source", ""), license=text("license", ""), skeleton=skeleton, meta=meta)
+
+
+def _caption(row):
+  number = lambda value: type(value) in (int, float) and 0 <= value < 1e9
+  row = row if isinstance(row, dict) else {}
+  found = row.get("text"), row.get("start", 0.0), row.get("end", 0.0)
+  if not isinstance(found[0], str) or not number(found[1]) or not number(found[2]):
+    raise InputError("got a caption without text, start and end in seconds")
+  return Caption(found[0][:5000], float(found[1]), float(found[2]))

@@ -1,0 +1,310 @@
+"""Captions by kinematics say what a motion was made to do, the same at every rate, sides exchanged in a mirror."""
+import csv
+import re
+
+import numpy as np
+import pytest
+import scipy.ndimage
+from ml_collections import ConfigDict
+
+from motion_jax.analysis.describe import corrected, describe, described, sentences, who_moves
+from motion_jax.analysis.events import Event, find_events, punch_speed
+from motion_jax.analysis.signals import Body
+from motion_jax.data.build import read_captions
+from motion_jax.data.clip import Caption, Clip
+from motion_jax.data.datasets.base import clip_items
+from motion_jax.data.datasets.synthetic import synthetic_joints
+from motion_jax.data.mirror import mirror_caption
+from motion_jax.data.mocap.capture import resample
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.representations import get_layout
+from motion_jax.motion.retarget import bend, mirror
+from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.utils.errors import InputError
+from motion_studio import cli
+from motion_studio.checks.requirements import Requirement
+from motion_studio.checks.requirements import violation_score as score
+
+J = {name: number for number, name in enumerate(HUMANML3D.joints)}
+
+
+def _standing(seconds, fps=20.0):
+  return np.repeat(synthetic_joints("stand", 40, np.random.default_rng(0))[:1], int(seconds * fps) + 1, axis=0)
+
+
+def _time(joints):
+  return np.arange(len(joints)) / 20.0
+
+
+def _bump(time, at, width):
+  """A rise from 0 to 1 and back around a second."""
+  return np.cos(np.pi * np.clip((time - at) / width, -0.5, 0.5)) ** 2
+
+
+def _kick(side, times=(1.0,), seconds=4.0):
+  """A straight leg swung up to the front."""
+  joints = _standing(seconds)
+  swing = 1.4 * sum(_bump(_time(joints), at, 0.5) for at in times)
+  hip = joints[:, [J[f"{side}_hip"]]]
+  leg = [J[f"{side}_{part}"] for part in ("knee", "ankle", "foot")]
+  turned = rot.about_axis(-swing, "x")
+  joints[:, leg] = hip + rot.rotate(turned[:, None], joints[:, leg] - hip)
+  return joints
+
+
+def _punch(side, times=(1.5,), seconds=4.0, reach=0.52, width=0.35):
+  """A fist held before the shoulder that shoots out ahead and comes back."""
+  joints = _standing(seconds)
+  out = sum(_bump(_time(joints), at, width) for at in times)
+  shoulder = joints[:, J[f"{side}_shoulder"]]
+  ahead = 0.15 + (reach - 0.15) * out
+  joints[:, J[f"{side}_wrist"]] = shoulder + np.stack([0 * out, 0 * out, ahead], -1)
+  bent = np.sqrt(np.maximum(0.26 ** 2 - (ahead / 2) ** 2, 0))
+  joints[:, J[f"{side}_elbow"]] = shoulder + np.stack([0 * out, -bent, ahead / 2], -1)
+  return joints
+
+
+def _wave(side, times, seconds=7.0):
+  """An arm put up, then swung aside and back so many times, a second each, then put down."""
+  joints = _standing(seconds)
+  time = _time(joints)
+  sign = 1 if side == "left" else -1
+  up = scipy.ndimage.gaussian_filter1d(((time > 0.8) & (time < times + 1.7)).astype(float), 4)
+  sway = np.where((time > 1.25) & (time < 1.25 + times), 0.5 * np.sin(2 * np.pi * (time - 1.25)), 0)
+  shoulder = joints[:, J[f"{side}_shoulder"]]
+  raised = np.stack([sign * 0.25 + np.sin(sway) * 0.4, 0.45 * np.cos(sway), 0.1 + 0 * sway], -1)
+  joints[:, J[f"{side}_wrist"]] = shoulder + up[:, None] * raised + (1 - up)[:, None] * (
+      joints[:, J[f"{side}_wrist"]] - shoulder)
+  joints[:, J[f"{side}_elbow"]] = (joints[:, J[f"{side}_wrist"]] + shoulder) / 2 + [sign * 0.05, 0, -0.05]
+  return joints
+
+
+def _jump(height, times=1):
+  """Flights of a whole body that keeps its pose, as gravity has them."""
+  flight = np.sqrt(8 * height / 9.81)
+  joints = _standing(1.5 + 1.5 * times)
+  for number in range(times):
+    done = (_time(joints) - 1.0 - 1.2 * number) / flight
+    joints[..., 1] += (height * np.clip(4 * done * (1 - done), 0, None))[:, None]
+  return joints
+
+
+def _walk(turn=0.0, seconds=6.0, speed=1.2, ways=None):
+  """A walk whose heading turns by degrees to the left, evenly; ways (degrees) is where it leads against the heading."""
+  num = int(20 * seconds) + 1
+  straight = synthetic_joints("walk", 121, np.random.default_rng(3))
+  frames = np.linspace(24, 96, num)  # its middle, where it is at its pace
+  pose = straight[frames.round().astype(int)]
+  pose = pose - pose[:, :1] * [1, 0, 1]
+  heading = np.radians(turn) * np.linspace(0, 1, num)
+  course = heading + np.radians(ways or 0.0)
+  step = np.stack([np.sin(course), 0 * course, np.cos(course)], -1) * speed / 20
+  path = np.cumsum(step, axis=0)
+  return rot.rotate(rot.about_axis(heading, "y")[:, None], pose) + path[:, None]
+
+
+def _turn(degrees, seconds=3.0):
+  joints = _standing(seconds)
+  heading = np.radians(degrees) * scipy.ndimage.gaussian_filter1d((_time(joints) > seconds / 2).astype(float), 6)
+  return rot.rotate(rot.about_axis(heading, "y")[:, None], joints)
+
+
+def _squat(times, lowest=0.45):
+  joints = _standing(1 + 2 * times)
+  phase = np.clip((_time(joints) - 0.5) / 2, 0, times)
+  body = [number for number in range(22) if number not in [J[f"{side}_{part}"] for side in ("left", "right")
+                                                           for part in ("knee", "ankle", "foot")]]
+  joints[:, body, 1] -= ((joints[0, 0, 1] - lowest) * np.sin(np.pi * phase) ** 2)[:, None]
+  for side in ("left", "right"):
+    thigh, shin = HUMANML3D.bone_lengths[[J[f"{side}_knee"], J[f"{side}_ankle"]]]
+    joints[:, J[f"{side}_knee"]] = bend(joints[:, J[f"{side}_hip"]], joints[:, J[f"{side}_ankle"]],
+                                        np.tile([0.0, 0.0, 1.0], (len(joints), 1)), thigh, shin)
+  return joints
+
+
+MOTIONS = {
+    "left kick": (_kick("left"), r"kick.* the left (foot|leg)\b"),
+    "two right kicks": (_kick("right", (1.0, 2.2)), r"kicks twice with the right|two kicks with the right"),
+    "right punch": (_punch("right"), r"punch.* with the right (hand|fist)"),
+    "two left punches": (_punch("left", (1.5, 2.2)), r"punches twice with the left|two punches with the left"),
+    "wave": (_wave("left", 4), r"wave.* four times"),
+    "raise": (_wave("right", 0), r"(raises|lifts|puts) the right (hand|arm)"),
+    "turn left": (_turn(90), r"90[- ]degree|turns to the left"),
+    "turn around": (_turn(-180), r"turns (around|180 degrees) to the right"),
+    "walk": (_walk(), r"(walks|walking) (forward|straight ahead|ahead)"),
+    "slow walk": (_walk(speed=0.6), r"(walks|walking) .*slowly"),
+    "quick walk": (_walk(speed=1.62), r"(walks|walking) .*quickly"),
+    "circle": (_walk(-360, 10), r"in a circle(, turning| to the) right"),
+    "curve": (_walk(90, 4), r"turns (90 degrees )?to the left|in a curve to the left|90-degree turn to the left"),
+    "backward": (_walk(ways=180, speed=0.7), r"(walks|walking) backward\.$"),
+    "diagonal": (_walk(ways=-40), r"diagonally forward to the right"),
+    "sideways": (_walk(ways=90, speed=0.6), r"sideways to the left"),
+    "still": (_standing(3), r"still|does not move"),
+    "jump": (_jump(0.3), r"jumps (about 30 centimeters high|up|into the air)"),
+    "three jumps": (_jump(0.3, 3), r"(jumps|hops).* three times"),
+    "two squats": (_squat(2), r"squats .*twice|two( deep)? squats"),
+}
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_says_what_is_done(name):
+  joints, pattern = MOTIONS[name]
+  said = [sentence for key in ("a", "b", "c") for sentence in describe(joints, key=key)]
+  assert said and all(re.search(pattern, sentence) for sentence in describe(joints)), (said, find_events(joints))
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_a_mirror_exchanges_sides(name):
+  joints, _ = MOTIONS[name]
+  assert describe(mirror(joints), key="x") == [mirror_caption(sentence) for sentence in describe(joints, key="x")]
+
+
+@pytest.mark.parametrize("fps", [30.0, 60.0])
+@pytest.mark.parametrize("name", MOTIONS)
+def test_the_rate_does_not_matter(name, fps):
+  joints, _ = MOTIONS[name]
+  assert describe(resample(joints, 20.0, fps), fps) == describe(joints)
+
+
+def test_where_it_turns_to_and_how_far():
+  event, = (event for event in find_events(_turn(-90)) if event.kind != "still")
+  assert event.kind == "turn" and event.side == "right" and event.amount == pytest.approx(-90, abs=10)
+
+
+def test_height_of_a_jump():
+  event, = (event for event in find_events(_jump(0.3)) if event.kind == "jump")
+  assert event.amount == pytest.approx(0.3, abs=0.03)
+
+
+def test_in_doubt_nothing_is_said():
+  both = (_wave("left", 0) + _standing(7)) / 2  # a hand that goes half way up
+  assert not any(event.kind in ("raise", "wave") for event in find_events(both))
+  assert describe(_standing(0.2)) == []
+  shuffle = _walk(ways=17)  # between forward and diagonal
+  assert not re.search("forward|ahead|diagonal", " ".join(describe(shuffle)))
+
+
+def test_how_near_a_fist_comes_to_a_punch():
+  """Slower ones less; of the other side, or one that does not get where a punch ends, not at all."""
+  speed = lambda side="", **how: punch_speed(Body(_punch("left", **how), 20.0), side)
+  assert 2.2 < speed() == speed("left") and speed("right") < 0.1
+  assert 0.5 < speed(width=1.6) < speed(width=0.8) < speed()
+  assert speed(reach=0.3) < 0.1 and punch_speed(Body(_punch("left")[:3], 20.0)) == 0
+  asked = [Requirement("punch", "left", 1, False)]
+  assert score(_punch("left"), asked) == 0 < score(_punch("left", width=0.8), asked) < 0.9
+  assert score(_punch("left", width=1.6), asked) > score(_punch("left", width=0.8), asked)
+  assert score(_punch("right"), asked) > 0.95
+
+
+def test_a_slow_hand_is_no_punch():
+  """Nor one that does not reach far, or that stays out there, as one that points does."""
+  points = _punch("left")
+  points[30:] = points[30]
+  assert not any(event.kind == "punch" for event in find_events(points))
+  assert not any(event.kind == "punch" for event in find_events(_punch("left", width=1.6)))
+  assert not any(event.kind == "punch" for event in find_events(_punch("left", reach=0.3, width=0.5)))
+
+
+def test_beside_captions_only_what_they_speak_of():
+  joints = _kick("left")
+  assert describe(joints, words="a person kicks.") and describe(joints, words="front kick, left leg")
+  assert describe(joints, words="a person reads a newspaper.") == []
+  assert describe(joints, words="a person kicks in a wild dance.") == []
+
+
+def test_captions_of_a_clip_and_of_its_mirror_image():
+  clip = Clip(_kick("left").astype(np.float32), captions=(Caption("a person kicks."),), id="k", split="train",
+              meta={"label": "kick"})
+  new = described(clip)
+  assert new.captions[0] == clip.captions[0] and len(new.captions) > 1
+  assert new.captions == described(clip).captions
+  plain, both = (clip_items([clip], ConfigDict({"mode": "corrected", "mirror": True} | more), "train",
+                            get_layout("coordinates")) for more in ({}, {"described": True}))
+  assert [item.captions for item in plain] == [("a person kicks.",)] * 2
+  assert all("left" in caption for caption in both[0].captions[1:])
+  assert all("right" in caption and "left" not in caption for caption in both[1].captions[1:])
+  np.testing.assert_array_equal(plain[1].features, both[1].features)
+
+
+@pytest.mark.parametrize("captions, who", [
+    (["a person waves in exhaustion.", "an exhausted person waves."], "an exhausted person"),
+    (["An old man walks."], "An old man"), (["a person walks like an old person."], ""),
+    (["someone old walks."], ""), (["a person walks."], ""), ([], "")])
+def test_who_moves_tells_the_manner(captions, who):
+  assert who_moves(captions) == who
+
+
+def test_sentences_by_kinematics_keep_the_manner_of_the_clip():
+  """Else "a person waves" would mean any manner; of what few clips show one sentence in three leaves it out."""
+  told = {}
+  for action, joints in (("waves the left hand", _wave("left", 4)), ("kicks", _kick("left"))):
+    said = (Caption(f"a person {action} in exhaustion."), Caption(f"an exhausted person {action}."))
+    for plain in (False, True):
+      clip = Clip(joints.astype(np.float32), captions=said[:1] if plain else said, id="k", split="train")
+      told[action, plain] = [caption.text for caption in described(clip).captions[len(clip.captions):]]
+  mannered = [[text.startswith("an exhausted person ") for text in texts] for texts in told.values()]
+  assert all(len(one) == 3 for one in mannered)
+  assert [sum(one) for one in mannered] == [3, 0, 2, 0]
+
+
+@pytest.mark.parametrize("kind, asked, plain", [
+    ("walk", None, 0), ("kick", None, 1), ("walk", 2, 2), ("kick", 2, 2), ("kick", 0, 0)])
+def test_so_many_sentences_leave_the_manner_out(kind, asked, plain):
+  way = {"walk": dict(way="forward", path="circle", side="left"), "kick": dict(side="left", count=1)}[kind]
+  made = sentences([Event(kind, 0, 5, amount=1.0, **way)], 5.0, key="k", subject="an old man", plain=asked)
+  told = [text.startswith("an old man ") for text in made]
+  assert told == sorted(told) and told.count(False) == plain and any(told), made
+
+
+def test_wrong_captions_are_corrected_where_the_motion_says_so():
+  text = "someone walks to the left slowly."
+  diagonal = [Event("walk", 0, 5, amount=1.0, way="forward-left")]
+  assert corrected(text, "walk-left", diagonal) == "someone walks diagonally forward to the left slowly."
+  assert corrected(text, "walk-left", [Event("walk", 0, 5, way="left")]) == text
+  assert corrected(text, "walk", diagonal) == text
+  turned = "a person turns to the left while walking."
+  right, left = (Event("turn", 1, 2, side=side) for side in ("right", "left"))
+  assert corrected(turned, "walk-turn-left", [right]) == turned.replace("left", "right")
+  assert corrected(turned, "walk-turn-left", [right, left]) == corrected(turned, "walk-turn-left", []) == turned
+
+
+def _write_bvh(folder, action):
+  from motion_jax import export
+  folder.mkdir(parents=True, exist_ok=True)
+  joints = synthetic_joints(action, 80, np.random.default_rng(0)).astype(np.float32)
+  return export.bvh(Clip(joints, id=action), folder / f"{action}.bvh")
+
+
+def test_a_folder_of_files(tmp_path, capsys):
+  _write_bvh(tmp_path / "mine", "walk")
+  _write_bvh(tmp_path / "mine" / "deeper", "wave_left")
+  table = tmp_path / "captions.csv"
+  assert not cli.main(["data", "describe", str(tmp_path / "mine"), "--out", str(table)])
+  told = capsys.readouterr().out
+  assert "2 motions" in told and "data build" in told
+  rows = read_captions(table)
+  assert {row["file"] for row in rows} == {"walk.bvh", "deeper/wave_left.bvh"}
+  assert all("left" in row["caption"] for row in rows if "wave" in row["file"])
+  with open(table, newline="", encoding="utf-8") as file:
+    assert next(csv.reader(file)) == ["file", "caption", "start", "end"]
+
+
+@pytest.mark.parametrize("make, words", [
+    (lambda folder: folder.mkdir(), "holds no motion to describe"),
+    (lambda folder: None, "there is no"),
+    (lambda folder: (folder.mkdir(), (folder / "x.bvh").write_text("no motion")), "x.bvh"),
+])
+def test_bad_input_is_one_line(tmp_path, capsys, make, words):
+  make(tmp_path / "in")
+  assert cli.main(["data", "describe", str(tmp_path / "in")]) == 1
+  error = capsys.readouterr().err
+  assert words in error and len(error.strip().splitlines()) == 1
+
+
+def test_a_table_is_not_written_over(tmp_path):
+  from motion_jax.data.describe_folders import check_table
+  (tmp_path / "a.csv").write_text("")
+  with pytest.raises(FileExistsError, match="exists already"):
+    check_table(tmp_path / "a.csv")
+  with pytest.raises(InputError, match="expected a .csv"):
+    check_table(tmp_path / "a.txt")

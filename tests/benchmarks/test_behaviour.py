@@ -1,0 +1,76 @@
+"""Rules of benchmarks/behaviour.py on motions made for them: each says yes to what it is about, no to the rest."""
+import sys
+
+import numpy as np
+import pytest
+
+from tests.analysis.test_describe import _jump, _kick, _standing, _walk, _wave
+from tests.conftest import ROOT
+
+sys.path.insert(0, str(ROOT / "benchmarks"))
+import behaviour  # noqa: E402
+import behaviour_rules as rules  # noqa: E402
+import behaviour_sentences  # noqa: E402
+
+# What is done, and every rule that says yes to it.
+DONE = {
+    "stand": (_standing(4.0), {"stands still"}),
+    "walk": (_walk(), {"walks"}),
+    "walk fast": (_walk(speed=1.6), {"walks", "walks quickly"}),
+    "walk slowly": (_walk(speed=0.6), {"walks", "walks slowly"}),
+    "walk backward": (_walk(speed=0.7, ways=180), {"walks backward"}),
+    "walk and turn left": (_walk(90), {"walks", "turns left"}),
+    "walk and turn right": (_walk(-90), {"walks", "turns right"}),
+    "circle": (_walk(360, seconds=9.0), {"walks", "circles", "dances"}),  # who goes round may be dancing
+    "kick": (_kick("right"), {"kicks", "kicks right"}),
+    "kick twice": (_kick("left", (1.0, 2.5)), {"kicks", "kicks left", "kicks twice"}),
+    "wave left": (_wave("left", 4), {"waves left", "raises left"}),
+    "wave right": (_wave("right", 4), {"waves right", "raises right"}),
+    "jump": (_jump(0.3), {"jumps"}),
+    "jump twice": (_jump(0.3, 2), {"jumps", "jumps twice"}),
+}
+RULES = {
+    "stands still": behaviour_sentences.still, "walks": rules.walks(), "walks quickly": rules.walks(pace=(1.4, 2.6)),
+    "walks slowly": rules.walks(pace=(0.15, 0.9), least=0.4), "walks backward": behaviour_sentences.backward,
+    "turns left": behaviour_sentences.left_turn, "turns right": behaviour_sentences.right_turn,
+    "circles": rules.circles(), "kicks": rules.kicks(), "kicks left": rules.kicks(0), "kicks right": rules.kicks(1),
+    "kicks twice": rules.kicks(None, 2), "waves left": behaviour_sentences.left_wave,
+    "waves right": behaviour_sentences.right_wave, "raises left": behaviour_sentences.left_up,
+    "raises right": behaviour_sentences.right_up, "jumps": rules.jumps(), "jumps twice": rules.jumps(2),
+    "sits": rules.sits, "squats": rules.squats(), "bows": rules.bows(), "dances": rules.dances,
+}
+
+
+@pytest.mark.parametrize("name", DONE)
+def test_a_rule_passes_what_it_is_about_and_nothing_else(name):
+  joints, wanted = DONE[name]
+  body = rules.body_of(joints)
+  assert {rule for rule in RULES if RULES[rule](body)} == wanted
+
+
+def test_one_after_another_and_not_the_other_way_round():
+  walk, wave = _walk(seconds=3.0), _wave("right", 4)
+  wave = wave + (walk[-1, :1] - wave[0, :1]) * [1, 0, 1]
+  joints = np.concatenate([walk, wave])
+  then = lambda *parts: rules.in_order(*parts)(rules.body_of(joints))
+  assert then(rules.walks(), rules.waves_one) and not then(rules.waves_one, rules.walks())
+  assert not rules.at_once(rules.walks(), rules.waves_one)(rules.body_of(joints))
+
+
+def test_every_sentence_is_judged_once(monkeypatch):
+  """Each of more than 200 sentences has its seeds; what a model makes is counted as the rules say."""
+
+  class Motion:
+    joints, meta = _walk(), {}
+
+  class Model:
+    def generate(self, prompts, seconds=None, seeds=None):
+      assert len(prompts) == len(seeds) <= behaviour.MOST
+      return [Motion] * len(prompts)
+
+  listed = behaviour_sentences.sentences()
+  assert len(listed) >= 200
+  rows = behaviour.judge(Model(), [entry for entry in listed if entry[0] in ("walk", "kick", "path")], seeds=2)
+  assert {row["sentence"]: sum(row["passed"]) for row in rows if row["category"] != "path"} == {
+      sentence: 2 * (category == "walk") for category, sentence, *_ in listed if category in ("walk", "kick")}
+  assert any("| walk | 8 | 16 of 16 | 100 % |" in line for line in behaviour.told(rows, "a model"))

@@ -1,0 +1,229 @@
+"""Every row of the papers' ablation tables has a config that trains."""
+import runpy
+
+import numpy as np
+import pytest
+
+from motion_jax import fit as training
+from motion_jax.models.cmdm.options import CmdmSampling
+from motion_jax.models.tmr.teacher import make_teacher
+from motion_jax.training.metrics import read_metrics
+from tests.conftest import ROOT, load_config, traced_loss
+
+pytestmark = pytest.mark.usefixtures("kept_features")
+CMDM = runpy.run_path(str(ROOT / "configs" / "ablations" / "cmdm.py"))
+CDAMD = runpy.run_path(str(ROOT / "configs" / "ablations" / "cdamd.py"))
+# Rows that differ in sampling alone are the default to train.
+TRAINED = [(row, stage) for row, (_, changes) in CMDM["ROWS"].items() for stage, change in changes.items()
+           if not change or not all(path.startswith("sampler.") for path in change)]
+
+TRAINED_CDAMD = [(row, "generator") for row, (_, _, changes) in CDAMD["ROWS"].items()
+                 if (not all(path.startswith("sampler.") for path in changes) or row == "mardm")
+                 and row != "no-dcca"]  # which is "cm" again
+TRAINED_CDAMD += [("263", "autoencoder"), ("263", "rvq"), ("67", "autoencoder"), ("67", "rvq")]
+
+
+def test_every_row_of_cmdms_tables_is_there():
+  rows = {table: {row for row, (printed, _) in CMDM["ROWS"].items() if table in printed} for table in (
+      "4", "8", "9", "10", "11")}
+  assert rows["4"] == {"default", "vae", "c-vae", "one-level", "no-adaln", "no-rope", "no-adaln-no-rope", "ar",
+                       "fss-50-1", "fss-50-5", "fss-50-10", "fss-20-1", "fss-20-5", "fss-20-10"}
+  assert {table: len(found) for table, found in rows.items() if table != "4"} == {"8": 8, "9": 5, "10": 4, "11": 4}
+
+
+BOTH = [(CMDM, *pair) for pair in TRAINED] + [(CDAMD, *pair) for pair in TRAINED_CDAMD]
+IDS = ["-".join(pair) for pair in TRAINED + TRAINED_CDAMD]
+# Of each stage that has rows, one whose program no base config has (those are trained in test_smoke.py). What the other
+# rows choose, networks, losses and masks, has its tests beside what it is made of.
+KINDS = {"vae-tokenizer", "one-level-denoiser"}
+
+
+# Of each paper's stages, one that is traced where the slow tests, which train every row, are left out.
+TRACED = {"teacher-tmr-teacher", "teacher-motion-patches-tokenizer", "latent-16-8-tokenizer", "vae-denoiser",
+          "text-clip-sentence-denoiser", "mardm-generator", "bcm-generator", "67-generator",
+          "67-autoencoder", "263-rvq"}
+
+
+@pytest.mark.parametrize("paper, row, stage", [
+    pytest.param(*which, id=name) for which, name in zip(BOTH, IDS) if name in TRACED])
+def test_rows_can_be_trained(paper, row, stage):
+  traced_loss(paper["get_config"](f"{row}/{stage}/tiny"))
+
+
+@pytest.mark.parametrize("paper, row, stage", [
+    pytest.param(*which, id=name, marks=[] if name in KINDS else pytest.mark.slow) for which, name in zip(BOTH, IDS)])
+def test_rows_train_two_steps(paper, row, stage, tmp_path, unjudged):
+  state = training.run(paper["get_config"](f"{row}/{stage}/tiny"), tmp_path)
+  assert int(state.step) == 2
+  assert np.isfinite([line["loss"] for line in read_metrics(tmp_path) if "loss" in line]).all()
+
+
+def test_the_rows_that_stand_for_others_are_there():
+  assert KINDS | TRACED <= set(IDS)
+
+
+def test_cdamds_rows_are_those_of_its_tables():
+  rows = {table: {row for row, (printed, *_) in CDAMD["ROWS"].items() if table in printed} for table in ("1", "4", "5")}
+  assert rows == {"1": {"default", "one-vq", "all-vq", "mardm"}, "4": {"one-vq", "cm", "no-dcca", "bcm"},
+                  "5": {"one-vq", "cm", "no-prior", "no-dcca", "263", "263-no-prior", "263-no-dcca"}}
+  loss = lambda row: CDAMD["get_config"](row).loss
+  assert [loss(row).prior_levels for row in ("one-vq", "default", "all-vq", "no-prior")] == [1, 2, 4, 0]
+  assert [loss(row).mask for row in ("default", "cm", "bcm", "mardm")] == ["dccm", "causal", "bcm", "bidirectional"]
+
+
+def test_mardm_is_decoded_guided_and_cooled_as_published():
+  """18 decoding iterations, guidance 4.5, a tenth of the rate from 50,000 of 180,000 updates on.
+
+  Source: docs/papers/cdamd.md#mardm.
+  """
+  full, small, mini = (CDAMD["get_config"](f"mardm/generator/{size}") for size in ("full", "small", "mini"))
+  for config in (full, small, mini):
+    assert (config.sampler.num_iterations, config.sampler.guidance_scale) == (18, 4.5)
+    assert (config.optimizer.schedule, config.optimizer.gamma) == ("step", 0.1) and config.optimizer.ema_decay > 0
+  assert full.optimizer.boundaries == (50_000,)
+  for config in (small, mini):
+    assert config.optimizer.boundaries == (pytest.approx(50 / 180),)  # a share of its steps
+  named = load_config("cdamd_generator", "mardm")
+  assert all(full[part] == named[part] for part in ("sampler", "loss", "optimizer", "model", "paper_row"))
+
+
+@pytest.mark.parametrize("name, columns, layout, scale, falls", [
+    ("mardm_67", 67, "essential", 4.5, 50_000), ("mardm_ddpm_67", 67, "essential", 4.5, 50_000),
+    ("mardm_263", 263, "full", 4.5, 50_000), ("mardm_snapmogen", 296, "snapmogen", 4.5, 50_000),
+    ("mardm_kit", 64, "essential_kit", 2.5, 20_000)])
+def test_mardm_on_its_own_data_has_a_name(name, columns, layout, scale, falls):
+  config = load_config("cdamd_generator", name)
+  assert (config.tokenizer.features, config.data.layout) == (columns, layout)
+  assert (config.sampler.num_iterations, config.sampler.guidance_scale) == (18, scale)
+  assert config.optimizer.boundaries == (falls,) and config.loss.diffusion == ("ddpm" if "ddpm" in name else "flow")
+  coder = load_config("cdamd_autoencoder", {296: "snapmogen"}.get(columns, str(columns)))
+  assert (coder.model.features, coder.data.layout) == (columns, layout)
+
+
+@pytest.mark.parametrize("name", ["cdamd_autoencoder", "cdamd_rvq", "cdamd_generator", "cdamd_length"])
+def test_kit_can_be_tried_in_seconds(name):
+  config = load_config(name, "kit_tiny")
+  assert config.data.layout == "coordinates_kit" and config.data.name == "synthetic" and config.train.num_steps == 2
+  for part in ("model", "tokenizer", "prior"):
+    assert (config.get(part) or {}).get("features", 63) == 63
+  with pytest.raises(ValueError, match="full, .*small.* or tiny"):
+    load_config(name, "kit_huge")
+
+
+@pytest.mark.parametrize("data", ["kit", "263", "snapmogen"])
+def test_mardm_can_be_trained_on_other_columns(data):
+  traced_loss(load_config("cdamd_generator", f"mardm_{data}_tiny"))
+
+
+def test_the_rows_of_mardm_in_cmdms_tables_have_a_config():
+  rows = lambda size: load_config("cdamd_generator", size).paper_row["rows"].to_dict()
+  assert rows("mardm_263") == {"cmdm 1": "MARDM", "cmdm 3-humanml3d": "MARDM"}
+  assert rows("mardm_snapmogen") == {"cmdm 2": "MARDM", "cmdm 3-snapmogen": "MARDM"}
+  with pytest.raises(ValueError, match="SnapMoGen's columns are those of the baseline alone, mardm_snapmogen"):
+    load_config("cdamd_generator", "snapmogen")
+
+
+def test_263_features_come_with_every_number_of_levels():
+  levels = {row: CDAMD["get_config"](row).loss.prior_levels for row in ("263", "263-two-vq", "263-all-vq")}
+  assert levels == {"263": 1, "263-two-vq": 2, "263-all-vq": 4}
+  assert {CDAMD["get_config"](row).tokenizer.features for row in levels} == {263}
+
+
+@pytest.mark.slow
+def test_mardm_trains_two_steps_on_kit(tmp_path, unjudged):
+  state = training.run(load_config("cdamd_generator", "mardm_kit_tiny"), tmp_path)
+  assert int(state.step) == 2
+  assert np.isfinite([line["loss"] for line in read_metrics(tmp_path) if "loss" in line]).all()
+
+
+@pytest.mark.parametrize("row", CDAMD["ROWS"])
+def test_cdamds_rows_share_the_parts_of_their_representation(row):
+  for size in ("full", "small", "mini"):
+    config = CDAMD["get_config"](f"{row}/generator/{size}")
+    columns = config.tokenizer.features
+    home = {66: "default", 263: "263", 67: "67"}[columns]
+    assert config.frozen.tokenizer == f"runs/ablations/{home}/autoencoder"
+    assert config.frozen.prior == (f"runs/ablations/{home}/rvq" if config.loss.prior_levels else "")
+    for stage in ("autoencoder", "rvq"):
+      part = CDAMD["get_config"](f"{home}/{stage}/{size}")
+      assert (part.model.features, part.data.layout) == (columns, config.data.layout)
+
+
+@pytest.mark.parametrize("row", CMDM["ROWS"])
+def test_rows_at_full_and_small_size_say_where_their_parts_are(row):
+  for size in ("full", "small", "mini"):
+    config = CMDM["get_config"](f"{row}/denoiser/{size}")
+    _, changes = CMDM["ROWS"][row]
+    assert config.frozen.tokenizer == f"runs/ablations/{row if 'tokenizer' in changes else 'default'}/tokenizer"
+    assert config.model.latent_dim == config.tokenizer.latent_dim
+
+
+def test_teachers_of_table_9_are_the_published_ones():
+  """Each row's teacher has its own base, its tokenizer looks for it, and a tiny tokenizer has one of that kind."""
+  for row, kind, layout in (("teacher-tmr", "tmr", "full"),
+                            ("teacher-motion-patches", "motion_patches", "coordinates")):
+    for size in ("full", "small", "mini"):
+      teacher, tokenizer = (CMDM["get_config"](f"{row}/{stage}/{size}") for stage in ("teacher", "tokenizer"))
+      assert (teacher.model.kind, teacher.data.layout) == (kind, layout)
+      assert tokenizer.frozen.teacher == f"runs/ablations/{row}/teacher"
+      assert make_teacher(teacher.model, layout).dim == tokenizer.model.teacher_dim
+    tiny = CMDM["get_config"](f"{row}/tokenizer/tiny")
+    assert tiny.teacher.kind == kind and tiny.frozen.teacher == "random-init"
+  tmr = CMDM["get_config"]("teacher-tmr/teacher")
+  assert tmr.model.pool == "real" and tmr.loss.to_dict() == dict(recons=1.0, kl=1e-5, latent=1e-5, contrastive=0.1,
+                                                                temperature=0.1, threshold=0.8)
+
+
+def test_sampling_rows_change_sampling_alone():
+  config, base = (CMDM["get_config"](f"{row}/denoiser/full") for row in ("fss-20-5", "default"))
+  assert config.sampler.to_dict() == dict(schedule="fss", num_steps=20, lag=5, guidance_scale=3.0, solver="euler")
+  with config.unlocked():
+    config.sampler, config.paper_row = base.sampler, base.paper_row
+  assert config.to_dict() == base.to_dict()
+
+
+def test_one_level_for_all_is_sampled_as_it_is_trained():
+  """Without a choice at the command line: all frames at once, each with the same level."""
+  config = CMDM["get_config"]("one-level/denoiser/tiny")
+  assert (config.loss.level_block, config.sampler.schedule) == (0, "full")
+  chosen = lambda config, **choices: CmdmSampling(**choices).resolved(config, context=48).about()
+  assert (chosen(config)["schedule"], chosen(config)["lag"]) == ("full", 0)
+  assert (chosen(config, schedule="fss")["schedule"], chosen(config, schedule="fss")["lag"]) == ("fss", 2)
+  assert chosen(load_config("cmdm_denoiser", "tiny"))["lag"] == 2
+
+
+def test_a_study_of_size_mini_can_train_its_own_teacher():
+  """The docstring promises mini for every stage; the teacher gives what tokenizers of that size are aligned with."""
+  for stage in ("teacher", "tokenizer", "denoiser"):
+    for size in ("full", "small", "mini", "tiny"):
+      CMDM["get_config"](f"default/{stage}/{size}")
+  teacher, tokenizer = (CMDM["get_config"](f"default/{stage}/mini") for stage in ("teacher", "tokenizer"))
+  assert teacher.model.dim == tokenizer.model.teacher_dim == 64
+  assert teacher.train.num_steps < CMDM["get_config"]("default/teacher/small").train.num_steps
+
+
+def test_codes_of_263_features_are_trained_as_the_released_code_trains_them():
+  assert CDAMD["get_config"]("263/rvq/full").loss.columns == load_config("cdamd_rvq", "263").loss.columns == (4, 263)
+  assert CDAMD["get_config"]("67/rvq/full").loss.columns == CDAMD["get_config"]("default/rvq").loss.columns == (4, 67)
+
+
+def test_mistakes_are_told():
+  for name, told in (("bcn", "expected one of default"), ("bcm/vae", "autoencoder, rvq, generator"),
+                     ("bcm/rvq/big", "full, small, .*mini, tiny")):
+    with pytest.raises(ValueError, match=told):
+      CDAMD["get_config"](name)
+  for name, told in (("vea", "expected one of default"), ("vae/vae", "teacher, tokenizer, denoiser"),
+                     ("vae/tokenizer/big", "full, small, laptop, mini or tiny")):
+    with pytest.raises(ValueError, match=told):
+      CMDM["get_config"](name)
+
+
+def test_teacher_and_tokenizer_are_chosen_as_the_references_choose():
+  """By the motions that find their caption, and by reconstruction FID; small ones as they were.
+
+  Source: docs/papers/cmdm.md#tokenizer-training, #teacher-training.
+  """
+  teacher, tokenizer = load_config("part_tmr", "full"), load_config("cmdm_tokenizer", "full")
+  assert teacher.train.best == "max back_r1" and tokenizer.train.best == "min held_out_fid|held_out_mm"
+  for size in ("small", "tiny"):
+    assert not load_config("part_tmr", size).train.best and not load_config("cmdm_tokenizer", size).train.best

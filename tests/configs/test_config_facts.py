@@ -1,0 +1,252 @@
+"""Every size of every config: full sizes against the papers and the released code, the others against themselves.
+
+Sources of the numbers: docs/papers/cmdm.md and docs/papers/cdamd.md, by the heading that each row names; the paper's
+own side is configs/ablations/*_paper.py.
+"""
+import re
+import types
+
+import ml_collections
+import pytest
+
+from motion_jax import fit, runs
+from motion_jax.motion.representations import get_layout
+from motion_jax.training import epochs, resume
+from motion_jax.training.optimizers import make_schedule
+from motion_jax.utils import config_files, overrides
+from tests.conftest import load_config
+
+CMDM_DATA = ("essential", "kit", "snapmogen", "babel")
+SIZES = {  # all that can be written behind a config's colon, but the words of cdamd_generator
+    "part_tmr": [*("full", "small", "laptop", "mini", "tiny"), *CMDM_DATA],
+    "cmdm_tokenizer": [*("full", "small", "laptop", "mini", "tiny"), *CMDM_DATA,
+                       *(f"{data}_{size}" for data in CMDM_DATA for size in ("small", "mini", "tiny"))],
+    "cmdm_denoiser": [*("full", "small", "laptop", "mini", "tiny"), *CMDM_DATA,
+                      *(f"{data}_{size}" for data in CMDM_DATA for size in ("small", "mini", "tiny"))],
+    "cmdm_student": ["full", "small", "tiny", "16", "4"],
+    "tmr": ["full", "kit", "small", "mini", "tiny"],
+    "motion_patches": ["full", "kit", "small", "mini", "tiny"],
+    "cdamd_autoencoder": ["full", "kit", "64", "67", "263", "steps", "snapmogen", "small", "laptop", "mini", "tiny"],
+    "cdamd_rvq": ["full", "kit", "67", "263", "steps", "small", "laptop", "mini", "tiny"],
+    "cdamd_generator": ["full", "large", "kit", "67", "263", "steps", "mardm", "mardm_ddpm", "mardm_67",
+                        "mardm_ddpm_67", "mardm_263", "mardm_snapmogen", "mardm_kit", "small", "laptop", "mini",
+                        "tiny", "mardm_small", "mardm_mini", "mardm_tiny", "mardm_snapmogen_tiny", "kit_small"],
+    "cdamd_length": ["full", "kit", "small", "laptop", "tiny"],
+    "evaluator_movement": ["full", "66", "67", "kit", "64", "63", "small", "laptop", "tiny"],
+    "evaluator_matching": ["full", "66", "67", "kit", "64", "63", "small", "laptop", "tiny"],
+    "evaluator_clip": ["67", "66", "full", "kit", "64", "63", "small", "laptop", "tiny"],
+    "evaluator_snapmogen": ["full", "small", "tiny"],
+}
+ALL = [(name, size) for name, sizes in SIZES.items() for size in sizes]
+
+ADAMW = {"optimizer.beta1": 0.9, "optimizer.beta2": 0.99}
+CMDM_TOKENIZER = ADAMW | {  # cmdm.md#tokenizer-training, #loss, #alignment
+    "train.num_epochs": 50, "data.batch_size": 256, "data.window": 64, "data.stride": 10, "loss.micro_batch": 128,
+    "optimizer.learning_rate": 2e-4, "optimizer.warmup_steps": 2_000, "optimizer.boundaries": (150_000, 250_000),
+    "optimizer.gamma": 0.1, "optimizer.weight_decay": 0.0, "optimizer.clip_norm": 1.0, "optimizer.ema_decay": 0.0,
+    "loss.kl_weight": 0.01, "loss.kl_ramp": 2_000, "loss.root_weight": 0.05, "loss.align": 0.1, "loss.align_fall": 0.9,
+    "model.width": 1024, "model.latent_dim": 64, "model.dilations": (9, 3, 1), "model.teacher_dim": 256, "seed": 5427,
+    "train.best": "min held_out_fid|held_out_mm"}
+CMDM_DENOISER = ADAMW | {  # cmdm.md#denoiser-training, #sampling
+    "train.num_epochs": 500, "data.batch_size": 64, "optimizer.learning_rate": 2e-4, "optimizer.warmup_steps": 2_000,
+    "optimizer.gamma": 0.1, "optimizer.weight_decay": 1e-5, "optimizer.clip_norm": 0.0, "optimizer.ema_decay": 0.9999,
+    "optimizer.skip_loss": 10.0, "loss.drop_rate": 0.1, "loss.level_block": 3, "model.block": 3, "model.width": 512,
+    "model.depth": 8, "model.num_heads": 4, "model.ff_width": 1024, "sampler.num_steps": 50, "sampler.lag": 2,
+    "sampler.guidance_scale": 3.0, "sampler.schedule": "fss", "sampler.solver": "euler", "seed": 5427, "train.best": ""}
+PART_TMR = {  # cmdm.md#part-tmr
+    "train.num_epochs": 50, "data.batch_size": 128, "optimizer.learning_rate": 1e-4,
+    "optimizer.schedule": "half_cosine", "optimizer.rates.text": 0.1, "optimizer.rates.logit_scale": 0.0,
+    "optimizer.warmup_steps": 0, "optimizer.beta2": 0.999, "optimizer.clip_norm": 0.0, "model.width": 512,
+    "model.depth": 4, "model.num_heads": 4,
+    "model.mlp_width": 1024, "model.dim": 256, "model.dropout": 0.1, "model.head_dropout": 0.5}
+AUTOENCODER = ADAMW | {  # cdamd.md#autoencoder
+    "train.num_epochs": 50, "data.batch_size": 256, "data.window": 64, "optimizer.learning_rate": 2e-4,
+    "optimizer.warmup_steps": 2_000, "optimizer.boundaries": (152_000, 252_000), "optimizer.gamma": 0.05,
+    "optimizer.weight_decay": 0.0, "optimizer.ema_decay": 0.0, "optimizer.clip_norm": 0.0, "model.width": 512,
+    "model.latent_dim": 512, "model.dropout": 0.2, "loss.position_weight": 1.0, "train.best": ""}
+RVQ = AUTOENCODER | {  # cdamd.md#rvq
+    "data.window": 0, "loss.position_weight": 0.1, "loss.velocity_weight": 0.1, "loss.commitment_weight": 0.02,
+    "quantizer.num_levels": 4, "quantizer.num_codes": 512, "quantizer.decay": 0.99, "quantizer.drop_rate": 0.2}
+GENERATOR = ADAMW | {  # cdamd.md#training, #loss
+    "train.num_epochs": 500, "data.batch_size": 64, "optimizer.learning_rate": 2e-4, "optimizer.schedule": "cosine",
+    "optimizer.final_rate": 1e-6, "optimizer.warmup_steps": 2_000, "optimizer.weight_decay": 1e-5,
+    "loss.noise_rate": 0.1, "loss.mask_rate": 0.88, "loss.drop_rate": 0.1, "loss.prior_drop_rate": 0.7,
+    "loss.copies": 4, "data.min_frames": 40, "data.max_frames": 196, "sampler.num_iterations": 10,
+    "sampler.guidance_scale": 4.0, "model.transformer.width": 512, "model.transformer.depth": 4,
+    "model.transformer.num_heads": 8, "model.transformer.ff_width": 1024, "model.transformer.dropout": 0.2,
+    "model.head.width": 1792, "model.head.depth": 16}
+KIT = {"data.batch_size": 16, "data.min_frames": 24, "sampler.guidance_scale": 2.0}
+MARDM = {  # cdamd.md#mardm
+    "train.num_epochs": 500, "data.batch_size": 64, "optimizer.schedule": "step", "optimizer.boundaries": (50_000,),
+    "optimizer.gamma": 0.1, "optimizer.ema_decay": 0.9999, "sampler.num_iterations": 18, "sampler.guidance_scale": 4.5,
+    "model.transformer.width": 1024, "model.transformer.depth": 1, "model.transformer.num_heads": 16,
+    "model.transformer.ff_width": 4096, "loss.prior_levels": 0}
+MATCHING = {  # cdamd.md#matching-evaluator
+    "train.num_epochs": 300, "data.batch_size": 32, "optimizer.learning_rate": 1e-4, "optimizer.clip_norm": 0.5,
+    "optimizer.beta2": 0.999, "loss.margin": 10.0, "train.best": "min held_out_loss", "data.max_words": 20}
+MOVEMENT = {  # cdamd.md#matching-evaluator
+    "train.num_epochs": 270, "data.batch_size": 128, "data.window": 40, "optimizer.learning_rate": 1e-4,
+    "loss.size": 0.001, "loss.change": 0.001}
+FACTS = {
+    ("cmdm_tokenizer", "full"): CMDM_TOKENIZER, ("cmdm_tokenizer", "essential"): CMDM_TOKENIZER,
+    ("cmdm_tokenizer", "kit"): CMDM_TOKENIZER, ("cmdm_tokenizer", "snapmogen"): CMDM_TOKENIZER,
+    ("cmdm_tokenizer", "babel"): CMDM_TOKENIZER,
+    ("cmdm_denoiser", "full"): CMDM_DENOISER | {"optimizer.boundaries": (50_000,), "data.max_frames": 192,
+                                                "data.min_frames": 40},
+    ("cmdm_denoiser", "essential"): CMDM_DENOISER | {"optimizer.boundaries": (50_000,)},
+    ("cmdm_denoiser", "kit"): CMDM_DENOISER | {"data.min_frames": 24},
+    ("cmdm_denoiser", "snapmogen"): CMDM_DENOISER | {"data.min_frames": 128, "data.crop_frames": 320},
+    ("cmdm_denoiser", "babel"): CMDM_DENOISER | {"data.min_frames": 30, "data.crop_frames": 200},
+    **{("part_tmr", size): PART_TMR for size in ("full", *CMDM_DATA)},
+    ("tmr", "full"): {"train.num_epochs": 500, "data.batch_size": 32, "optimizer.learning_rate": 1e-4,  # cmdm.md#tmr
+                      "optimizer.weight_decay": 0.01, "optimizer.schedule": "constant", "loss.kl": 1e-5,
+                      "loss.contrastive": 0.1, "loss.temperature": 0.1, "loss.threshold": 0.8, "seed": 1234},
+    ("tmr", "kit"): {"train.num_epochs": 500, "data.batch_size": 32},
+    ("motion_patches", "full"): {"train.num_epochs": 50, "data.batch_size": 128,  # cmdm.md#motionpatches
+                                 "optimizer.learning_rate": 1e-4, "optimizer.rates.text": 0.1, "seed": 42},
+    ("motion_patches", "kit"): {"train.num_epochs": 50, "data.batch_size": 128, "optimizer.learning_rate": 1e-5,
+                                "optimizer.rates.text": 1.0, "model.head_dropout": 0.0},
+    **{("cdamd_autoencoder", size): AUTOENCODER for size in ("full", "67", "263", "steps", "snapmogen")},
+    ("cdamd_autoencoder", "kit"): AUTOENCODER | {"data.batch_size": 512, "optimizer.gamma": 0.1},
+    ("cdamd_autoencoder", "64"): AUTOENCODER | {"data.batch_size": 512, "optimizer.gamma": 0.1},
+    **{("cdamd_rvq", size): RVQ | {"data.min_frames": 40} for size in ("full", "67", "263", "steps")},
+    ("cdamd_rvq", "kit"): RVQ | {"data.min_frames": 24},
+    **{("cdamd_generator", size): GENERATOR for size in ("full", "67", "263", "steps")},
+    ("cdamd_generator", "kit"): GENERATOR | KIT,
+    ("cdamd_generator", "large"): GENERATOR | {"model.transformer.width": 1024, "model.transformer.depth": 8,
+                                               "model.transformer.ff_width": 4096, "model.transformer.dropout": 0.1},
+    **{("cdamd_generator", size): MARDM for size in ("mardm", "mardm_67", "mardm_263")},
+    **{("cdamd_generator", size): MARDM | {"loss.diffusion": "ddpm", "sampler.num_steps": 50}
+       for size in ("mardm_ddpm", "mardm_ddpm_67")},
+    ("cdamd_generator", "mardm_kit"): MARDM | KIT | {"optimizer.boundaries": (20_000,), "sampler.guidance_scale": 2.5},
+    ("cdamd_generator", "mardm_snapmogen"): MARDM | {"data.min_frames": 128, "data.max_frames": 320,
+                                                     "data.keep_long": True},
+    ("cdamd_length", "full"): {"train.num_epochs": 300, "data.batch_size": 64, "optimizer.learning_rate": 1e-4,
+                               "optimizer.clip_norm": 0.5, "data.min_frames": 40},  # cdamd.md#length
+    ("cdamd_length", "kit"): {"train.num_epochs": 300, "data.batch_size": 64, "data.min_frames": 24},
+    **{("evaluator_movement", size): MOVEMENT for size in ("full", "66", "67", "kit", "64", "63")},
+    **{("evaluator_matching", size): MATCHING for size in ("full", "66", "67", "kit", "64", "63")},
+    **{("evaluator_clip", size): {"train.num_epochs": 150, "data.batch_size": 128, "model.depth": 8}
+       for size in ("67", "66", "full", "kit", "64", "63")},
+}
+# Windows or clips of a training split, near enough: from the splits of 23,384 and 4,886 files, or the configs' notes.
+ITEMS = {"kit": 4_400, "64": 4_400, "63": 4_400}
+
+
+def _field(config, path):
+  for name in path.split("."):
+    config = config[name]
+  return tuple(config) if isinstance(config, list) else config
+
+
+@pytest.mark.parametrize("name, size", FACTS, ids=map("-".join, FACTS))
+def test_full_sizes_are_what_paper_and_code_say(name, size):
+  config = load_config(name, size)
+  wrong = {path: (_field(config, path), expected) for path, expected in FACTS[name, size].items()
+           if _field(config, path) != expected}
+  assert not wrong and config.train.num_steps == 0
+
+
+def test_every_full_size_has_facts():
+  unknown = {(name, size) for name, size in ALL if load_config(name, size).train.num_epochs
+             and not load_config(name, size).train.num_steps} - FACTS.keys()
+  assert not unknown
+
+
+@pytest.mark.parametrize("name, size", ALL, ids=map("-".join, ALL))
+def test_the_fields_of_each_size_fit_each_other(name, size):
+  config = load_config(name, size)
+  data, train, optimizer = config.data, config.train, config.optimizer
+  assert bool(train.num_steps) != (not train.num_steps and train.num_epochs > 0 and train.num_saves > 0) or (
+      train.num_steps)
+  columns = get_layout(data.layout).dim
+  for part in ("model", "tokenizer", "prior"):
+    found = (config.get(part) or {}).get("columns", (config.get(part) or {}).get("features", columns))
+    assert found == columns or data.layout == "snapmogen_148", part
+  if "lengths" in data:
+    assert data.lengths[-1] == data.max_frames and list(data.lengths) == sorted(data.lengths)
+    assert data.min_frames < data.max_frames
+  if data.get("crop_frames"):
+    assert data.crop_frames <= data.max_frames and data.crop_frames % 4 == 0
+  if config.stage == "cmdm.denoiser":
+    assert all(length // 4 % config.model.block == 0 or config.model.block > length for length in data.lengths)
+    assert config.model.latent_dim == config.tokenizer.latent_dim
+  if config.stage == "cdamd.generator":
+    assert config.model.transformer.latent_dim == config.tokenizer.latent_dim
+    assert config.loss.prior_levels <= config.quantizer.num_levels
+    assert config.quantizer.num_codes <= config.model.transformer.get("num_codes", 1027)
+  if train.num_steps:
+    assert 0 < train.save_every <= train.num_steps and optimizer.warmup_steps < train.num_steps
+    assert optimizer.schedule != "trapezoid" or optimizer.cooldown_steps + optimizer.warmup_steps <= train.num_steps
+
+
+@pytest.mark.parametrize("num_items, steps", [(4_400, 50 * 17), (23_384, 50 * 91), (100, 50)])
+def test_steps_come_from_epochs_and_the_number_of_items(num_items, steps):
+  config = epochs.resolved(load_config("cdamd_rvq", "kit"), num_items)
+  assert config.train.num_steps == steps and config.train.save_every == max(steps // 10, 1)
+  assert f"{steps:,} steps of 256 items, 50 epochs of {num_items:,}" in epochs.described(config, num_items)
+
+
+def test_steps_that_are_given_stay():
+  config = load_config("cdamd_rvq", "kit").unlock()
+  config.train.num_steps = 7
+  assert epochs.resolved(config, 4_400) is config
+  config.train.update(num_steps=0, num_epochs=0)
+  with pytest.raises(ValueError, match="num_steps 0 and train.num_epochs 0, expected one of them above 0"):
+    epochs.resolved(config, 4_400)
+
+
+def test_a_run_that_goes_on_keeps_its_steps():
+  config = load_config("cmdm_denoiser", "kit")
+  before = epochs.resolved(config, 5_000)
+  again = epochs.as_before(config, before)
+  assert again.train.num_steps == before.train.num_steps == 500 * 78
+  assert again.train.save_every == before.train.save_every
+  longer = config.copy_and_resolve_references().unlock()
+  longer.train.num_epochs = 600
+  longer = epochs.as_before(longer, before)
+  assert longer.train.num_steps == 0 and longer.train.save_every == before.train.save_every
+  assert not list(resume.changes(before.to_dict(), longer.to_dict()))  # --resume goes on
+  longer = epochs.resolved(longer, 5_000)
+  assert longer.train.num_steps == 600 * 78 and longer.train.save_every == before.train.save_every
+
+
+@pytest.mark.parametrize("name, size, num_items", [
+    ("cmdm_denoiser", "full", 24_000), ("cmdm_denoiser", "kit", 4_400), ("cmdm_denoiser", "snapmogen", 18_000),
+    ("cmdm_denoiser", "babel", 6_000), ("cdamd_generator", "kit", 4_400), ("cdamd_generator", "mardm_kit", 4_400),
+    ("part_tmr", "kit", 4_400), ("motion_patches", "kit", 4_400)])
+def test_the_rate_falls_before_training_ends(name, size, num_items):
+  """Of data of any size, where it falls on HumanML3D. It does not in the tokenizers' code on any."""
+  config = epochs.resolved(load_config(name, size), num_items)
+  rate = make_schedule(config.optimizer, config.train.num_steps)
+  peak = max(float(rate(step)) for step in range(0, config.train.num_steps, 1_000))
+  assert peak == pytest.approx(config.optimizer.learning_rate, rel=1e-2)
+  assert float(rate(config.train.num_steps - 1)) < 0.6 * peak
+
+
+def test_a_boundary_below_one_is_a_share():
+  optimizer = ml_collections.ConfigDict(dict(schedule="step", learning_rate=1.0, warmup_steps=0, gamma=0.1))
+  optimizer.boundaries = (0.25,)
+  rate = make_schedule(optimizer, 400)
+  assert [round(float(rate(step)), 3) for step in (0, 99, 101, 399)] == [1.0, 1.0, 0.1, 0.1]
+
+
+def test_the_first_lines_of_training_are_readable(tmp_path, monkeypatch, capsys):
+  """The config a section a line, how long the run is and what its loss measures; no dump of Python objects."""
+  monkeypatch.setattr(fit.train, "train", lambda *args, **kwargs: types.SimpleNamespace(step=2))
+  config = load_config("cmdm_tokenizer", "tiny").unlock()
+  config.train.update(num_steps=0, num_epochs=3, num_saves=2, save_every=0)
+  fit.run(config.lock(), tmp_path)
+  said = capsys.readouterr().out
+  assert "!!" not in said and "  model: causal=True dilations=(1) features=263 latent_dim=4" in said
+  steps, items = map(int, re.search(r"training: (\d+) steps of 4 items, 3 epochs of (\d+);", said).groups())
+  assert steps == 3 * (items // 4) == runs.open(tmp_path).config.train.num_steps
+  assert "loss: a sum, not a mean, over the 33,664 numbers of 2 windows" in said  # 2 * 64 * 263
+
+
+def test_a_config_in_lines_leaves_nothing_out():
+  config = load_config("cdamd_generator", "tiny")
+  text = "\n".join(config_files.lines_of(config))
+  flat = {name.rpartition(".")[2] for name, value in overrides._fields(config) if not hasattr(value, "items")}
+  assert not [name for name in flat if f"{name}=" not in text]
+  assert "folder=''" in text and "stage=cdamd.generator" in text and "final_rate=1e-06" in text

@@ -1,0 +1,124 @@
+"""Data sets beside HumanML3D: their configs train, lengths are whole blocks, their motions stream and are drawn."""
+import importlib.util
+
+import numpy as np
+import pytest
+
+from motion_jax import export
+from motion_jax import fit as training
+from motion_jax.data.batches import TextItems
+from motion_jax.data.datasets.synthetic import synthetic_clips
+from motion_jax.data.sources import load_features
+from motion_jax.models.cmdm.live import _continue_path
+from motion_jax.models.tmr import teacher
+from motion_jax.motion import representations as F
+from motion_jax.motion.skeleton import SNAPMOGEN
+from motion_jax.training.metrics import read_metrics
+from tests.conftest import ROOT, load_config, traced_loss
+
+DATASETS = ("essential", "kit", "snapmogen", "babel")
+STAGES = ("part_tmr", "cmdm_tokenizer", "cmdm_denoiser")
+pytestmark = pytest.mark.usefixtures("kept_features")
+
+
+@pytest.fixture
+def two_parts(monkeypatch):
+  """A Part-TMR, which trains as it is in test_smoke.py, of two of its six encoders, most of what is compiled."""
+  monkeypatch.setattr(teacher, "part_columns", lambda layout, of=teacher.part_columns: of(layout)[:2])
+
+
+@pytest.mark.parametrize("name, dataset", [
+    ("part_tmr", "babel"), ("cmdm_tokenizer", "kit"), ("cmdm_denoiser", "essential")])
+def test_a_config_of_each_stage_and_data_set_can_be_trained(name, dataset, two_parts):
+  """Snapmogen's, and all of them among the slow tests, are trained in earnest below."""
+  traced_loss(load_config(name, f"{dataset}_tiny"))
+
+
+@pytest.mark.parametrize("name, dataset", [
+    pytest.param(name, dataset, marks=[] if (name, dataset) == ("cmdm_denoiser", "snapmogen") else pytest.mark.slow)
+    for name in STAGES for dataset in DATASETS])
+def test_every_config_trains_two_steps(name, dataset, tmp_path, unjudged, two_parts):
+  state = training.run(load_config(name, f"{dataset}_tiny"), tmp_path)
+  assert int(state.step) == 2
+  assert np.isfinite([row["loss"] for row in read_metrics(tmp_path) if "loss" in row]).all()
+
+
+def test_configs_agree_with_their_layouts():
+  spec = importlib.util.spec_from_file_location("cmdm_denoiser", ROOT / "configs" / "cmdm_denoiser.py")
+  module = importlib.util.module_from_spec(spec)
+  spec.loader.exec_module(module)
+  assert set(module.DATASETS) == set(DATASETS)
+  for dataset in DATASETS:
+    for size in ("", "_small"):
+      tokenizer, denoiser = load_config("cmdm_tokenizer", dataset + size), load_config("cmdm_denoiser", dataset + size)
+      dim = F.get_layout(denoiser.data.layout).dim
+      assert tokenizer.data.layout == denoiser.data.layout
+      assert tokenizer.model.features == denoiser.tokenizer.features == dim
+      assert denoiser.data.max_frames % (4 * denoiser.model.block) == 0
+      assert denoiser.data.lengths[-1] == denoiser.data.max_frames
+      with pytest.raises(AttributeError):
+        denoiser.data.max_framez = 3
+  for name in STAGES:
+    with pytest.raises(ValueError, match="full, small.* or tiny, or one of essential, kit"):
+      load_config(name, "snapmogen_huge")
+
+
+def test_320_frames_are_padded_to_whole_blocks():
+  """80 latents become 81: the batch has 324 frames, never more than 320 are real, long clips are cut, none left out."""
+  rules = load_config("cmdm_denoiser", "snapmogen").data
+  rng = np.random.default_rng(0)
+  clips = [rng.normal(size=(n, 5)).astype(np.float32) for n in (127, 128, 321, 320, 900)]
+  items = TextItems(clips, [["a"]] * 5, rules.min_frames, rules.max_frames, tuple(rules.lengths),
+                    crop_frames=rules.crop_frames, keep_long=rules.keep_long, coin=rules.coin)
+  assert items.kept.tolist() == [1, 2, 3, 4]
+  batch = items.batch(4, 0, 0)
+  assert batch["features"].shape == (4, 324, 5) and sorted(batch["num_frames"]) == [128, 320, 320, 320]
+  for row, count in zip(batch["features"], batch["num_frames"]):
+    assert (row[count:] == 0).all() and (row[:count] != 0).any(1).all()
+  latents = batch["num_frames"] // 4
+  assert (latents <= 80).all() and 324 // 4 % 3 == 0
+  rules = load_config("cmdm_denoiser", "babel").data
+  items = TextItems(clips, [["a"]] * 5, rules.min_frames, rules.max_frames, tuple(rules.lengths),
+                    crop_frames=rules.crop_frames, coin=rules.coin)
+  assert items.kept.tolist() == [0, 1] and items.batch(2, 0, 0)["features"].shape == (2, 204, 5)
+  with pytest.raises(ValueError, match="crop_frames 322"):
+    TextItems(clips, [["a"]] * 5, 128, 324, (324,), crop_frames=322)
+
+
+def test_synthetic_clips_come_in_every_layout():
+  config = load_config("cmdm_tokenizer", "tiny").data.copy_and_resolve_references().unlock()
+  config.num_clips = 5
+  for layout in F.LAYOUTS.values():
+    config.layout = layout.name
+    data = load_features(config)
+    assert data.features[0].shape[1] == layout.dim and np.isfinite(data.features[0]).all()
+    assert data.stats.layout is layout
+
+
+@pytest.mark.parametrize("name", ["full", "snapmogen", "snapmogen_148", "motionstreamer", "babel"])
+def test_streamed_path_is_that_of_the_whole(name):
+  """Blocks of rows joined one after another are the clip's joints, also where a row tells of the step before it."""
+  clip = synthetic_clips(0, 6, skeleton=F.get_layout(name).skeleton)[3]
+  features = F.to_features(clip.joints, name, "corrected")[:60]
+  whole = F.to_joints(features, name)
+  past, joints = None, []
+  for rows in np.split(features, [1, 4, 11, 12, 40]):
+    part, past = _continue_path(rows, past, F.get_layout(name))
+    joints.append(part)
+  assert np.abs(np.concatenate(joints) - whole).max() * F.get_layout(name).skeleton.unit < 1e-5
+
+
+def test_snapmogen_s_figure_is_stored_and_drawn(tmp_path):
+  clip = synthetic_clips(0, 2, skeleton=SNAPMOGEN)[1]
+  clip = clip.replace(joints=clip.joints[:8])
+  for name in ("a.npz", "a.npy", "a.bvh", "a.glb", "a.png", "a.html"):
+    assert export.save(clip, tmp_path / name)
+  for name in ("a.npz", "a.npy"):
+    back = export.load(tmp_path / name)
+    assert back.skeleton is SNAPMOGEN and np.array_equal(back.joints, clip.joints)
+  drawn = export.load(tmp_path / "a.bvh")
+  assert drawn.joints.shape == (8, 22, 3)
+  features = F.to_features(clip.joints, "snapmogen")
+  np.save(tmp_path / "features.npy", features)
+  assert np.abs(export.load(tmp_path / "features.npy").joints - F.to_joints(features, "snapmogen")).max() == 0
+

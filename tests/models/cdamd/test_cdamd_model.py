@@ -1,0 +1,267 @@
+"""A generator's run folder is all it takes: prompts become motions, motions come back with new parts."""
+import dataclasses
+import json
+import shutil
+
+import jax
+import numpy as np
+import pytest
+from ml_collections import ConfigDict
+
+from motion_jax import fit as training
+from motion_jax.data.datasets.synthetic import synthetic_clips, synthetic_joints
+from motion_jax.loading import load
+from motion_jax.models.results import colors_of
+from motion_jax.motion.representations import to_joints
+from motion_jax.motion.retarget import with_lengths
+from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
+from motion_jax.training.metrics import read_metrics
+from motion_jax.utils.spans import spans_of
+from motion_studio import cli, editing
+from motion_studio.checks import requirements as looking
+from tests.conftest import load_config
+
+
+@pytest.fixture(scope="module")
+def model(tiny_generator):
+  return load(tiny_generator)
+
+
+@pytest.fixture(scope="module")
+def clip():
+  return next(clip for clip in synthetic_clips() if 60 <= clip.num_frames <= 190)
+
+
+def test_training_logs_a_held_out_loss(tiny_generator):
+  rows = read_metrics(tiny_generator)
+  assert all(np.isfinite(row[name]) for row in rows for name in ("loss", "held_out_loss", "held_out_with_prior")
+             if name in row)
+  assert any({"held_out_loss", "held_out_with_prior"} <= row.keys() for row in rows)
+
+
+def test_motions_know_where_they_are_from_and_not_their_batch_mates(model):
+  two = model.generate(["a person runs", "a person waves"], num_frames=[60, 42], seeds=[1, 5])
+  assert two.joints.shape == (2, 60, 22, 3) and two.frame_mask.sum(1).tolist() == [60, 40]
+  assert two[1].meta["mask"] == "causal" and two[1].meta["seed"] == 5 and two[1].source == model.id
+  alone = model.generate("a person waves", num_frames=40, seeds=[5])
+  np.testing.assert_allclose(alone[0].joints, two[1].joints, atol=1e-4)
+  other = model.generate("a person waves", num_frames=40, seeds=[6])
+  assert np.abs(other[0].joints - alone[0].joints).max() > 1e-4
+
+
+def test_cleaned_up_coordinates_have_canonical_bones(model):
+  raw, cleaned = (model.generate("a person waves", 40, seeds=[5], cleanup=cleanup)[0] for cleanup in (False, True))
+  np.testing.assert_array_equal(raw.features, cleaned.features)
+  lengths = lambda joints: np.linalg.norm(joints[:, 2] - joints[:, 0], axis=-1)
+  assert np.ptp(lengths(cleaned.joints)) < 1e-5 < np.ptp(lengths(raw.joints))
+
+
+PLACE = np.array([3.0, 0.4, -2.0])
+TASKS = [dict(task=task) for task in ("inpainting", "outpainting", "prefix", "suffix")] + [
+    dict(keep=[(0, 30), (70, None)]), dict(change=[(33, 55)]), dict(change=[(0, None)])]
+
+
+def on_another_body(clip):
+  """The clip on bones that are 4 to 10 % longer, turned about y, elsewhere in the world."""
+  own = HUMANML3D.bone_lengths * np.linspace(1.04, 1.1, 22)
+  joints = with_lengths(clip.joints.astype(np.float64), dataclasses.replace(HUMANML3D, bone_lengths=own))
+  return clip.replace(joints=(joints[..., [2, 1, 0]] * [1, 1, -1] + PLACE).astype(np.float32)), own
+
+
+@pytest.mark.parametrize("which", TASKS, ids=str)
+def test_an_edit_keeps_frames_bones_and_place(model, clip, which):
+  """New frames where and only where they were requested, on the bones of the source, in its place."""
+  given, own = on_another_body(clip)
+  count = given.num_frames
+  which = {key: [(a, b or count) for a, b in value] if key != "task" else value for key, value in which.items()}
+  made = model.edit(given, "a person waves", seed=0, tries=1, **which)
+  new = np.zeros(count, bool)
+  for first, past in made.meta["made"]:
+    new[first:past] = True
+  wanted = {"inpainting": [(count / 4, count * 3 / 4)], "outpainting": [(0, count / 4), (count * 3 / 4, count)],
+            "prefix": [(count / 2, count)], "suffix": [(0, count / 2)]}.get(which.get("task"))
+  if "keep" in which:
+    wanted = [(30, 70)]
+  np.testing.assert_allclose(made.meta["made"], wanted or which["change"], atol=0.51)
+  assert made.num_frames == count and made.id == given.id
+  np.testing.assert_array_equal(made.joints[~new], given.joints[~new])
+  assert np.abs(made.joints[new] - given.joints[new]).max() > 1e-3
+  lengths = bone_lengths(made.joints.astype(np.float64), HUMANML3D)[:, 1:]
+  assert np.abs(lengths / own[1:] - 1).max() < 1e-4
+  assert np.abs(made.joints[:, 0, [0, 2]] - given.joints[0, 0, [0, 2]]).max() < 30, "it stays near its place"
+  assert made.features.shape == (count, 66) and np.isfinite(made.features).all()
+  words = [caption.text for caption in made.captions]
+  assert "a person waves" in words and (new.all() or clip.captions[0].text in words)
+
+
+def test_other_seeds_make_other_frames_and_keep_the_same(model, clip):
+  one, other = (model.edit(clip, "a person waves", "inpainting", seed=seed, tries=1) for seed in (0, 1))
+  (first, past), = one.meta["made"]
+  assert np.abs(one.joints - other.joints)[first:past].max() > 1e-4 and one.meta["mask"] == "bcm"
+  np.testing.assert_array_equal(one.joints[:first], other.joints[:first])
+  colors = colors_of(one)
+  assert colors.shape == (one.num_frames, 3) and len(np.unique(colors, axis=0)) == 2
+
+
+def test_cleanup_fixes_bones_and_feet_of_new_frames_alone(model, clip):
+  clean, raw, network = (model.edit(clip, "a person waves", "prefix", seed=0, tries=1, **how) for how in (
+      {}, dict(cleanup=False), dict(paste=False, cleanup=False)))
+  spread = lambda motion: np.ptp(bone_lengths(motion.joints.astype(np.float64), HUMANML3D), axis=0).max()
+  (first, _), = clean.meta["made"]
+  np.testing.assert_array_equal(clean.joints[:first], raw.joints[:first])
+  assert spread(clean) < 1e-4 < 1e-3 < spread(raw)
+  assert not network.meta["pasted"] and network.num_frames % 4 == 0  # whole latents, as decoded
+  assert np.abs(network.joints[:first] - clip.joints[:first]).max() > 1e-3
+
+
+def test_new_frames_that_do_not_show_the_words_are_resampled(model, clip, monkeypatch):
+  """Requirements are checked on the new frames alone; the best attempt is kept, and what it misses is reported."""
+  seen = []
+  scores = iter([2.0, 3.0, 1.0])
+  monkeypatch.setattr(looking, "violation_score", lambda joints, *_: seen.append(len(joints)) or next(scores, 1.0))
+  monkeypatch.setattr(editing, "_distortion", lambda *_: 0.0)
+  monkeypatch.setattr(editing, "_skating", lambda *_: 0.0)
+  with pytest.warns(UserWarning, match="3 attempts, no waving seen"):
+    made = model.edit(clip, "a person waves", change=[(20, 60)], seed=0, tries=3)
+  assert made.meta["tries"] == 3 and made.meta["unmet"] == ["no waving seen"] and set(seen) == {40}
+
+
+def test_a_motion_longer_than_the_model_knows_is_edited_around_the_new_frames(model):
+  joints = np.concatenate([synthetic_joints("walk", 150, np.random.default_rng(i)) for i in (0, 0)])
+  joints[150:] += joints[149, 0] * [1, 0, 1]
+  made = model.edit(joints, "a person waves", change=[(201, 223)], seed=0, tries=1)
+  assert made.num_frames == 300 and made.meta["made"] == [[201, 223]]
+  kept = np.r_[0:201, 223:300]
+  np.testing.assert_array_equal(made.joints[kept], joints[kept].astype(np.float32))
+  with pytest.raises(ValueError, match="mark a shorter span"):
+    model.edit(joints, "a person waves", keep=[(0, 20)])
+
+
+@pytest.mark.slow
+def test_a_model_of_steps_edits_in_place(clip, tmp_path):
+  """Its features do not tell where a motion is; kept frames stay where they are all the same, also behind new ones."""
+  config = load_config("cdamd_generator", "steps_tiny").unlock()
+  config.sampler.update(num_iterations=3, num_steps=1, solver="euler")
+  training.run(config, tmp_path)
+  model = load(tmp_path)
+  walk = next(clip for clip in synthetic_clips() if np.ptp(clip.joints[:, 0, 2]) > 1 and clip.num_frames <= 190)
+  for task in ("suffix", "prefix", "inpainting"):
+    made = model.edit(walk, "a person waves", task, seed=0, tries=1)
+    new = np.zeros(walk.num_frames, bool)
+    for first, past in made.meta["made"]:
+      new[first:past] = True
+    np.testing.assert_array_equal(made.joints[~new], walk.joints[~new])
+    assert np.abs(made.joints[new] - walk.joints[new]).max() > 1e-2
+    # The features are those of the motion, but for where it begins.
+    shown = to_joints(made.features, model.stats.layout)
+    assert np.abs(np.linalg.norm(np.diff(shown[:, 0], axis=0), axis=-1)
+                  - np.linalg.norm(np.diff(made.joints[:, 0], axis=0), axis=-1)).max() < 1e-3
+  assert model.generate("a person walks", 40, seeds=[1], cleanup=False)[0].joints[0, 0, [0, 2]].tolist() == [0, 0]
+
+
+def test_spans(model, clip):
+  assert spans_of(["0:1.5s", "25%:0.5", "90:"], 100, 20.0) == [(0, 30), (25, 50), (90, 100)]
+  kept = model.edit(clip, "a person waves", keep=[(0, 30)], seed=0, tries=1)
+  changed = model.edit(clip, "a person waves", change=[(30, len(kept.joints))], seed=0, tries=1)
+  np.testing.assert_array_equal(kept.joints, changed.joints)
+  assert kept.meta["made"] == [[30, clip.num_frames]]  # also within a latent of four frames
+  for arguments, words in ((dict(), "one of task, keep and change"), (dict(keep=[(0, 10_000)]), "span 0:10000"),
+                           (dict(task="prefix", keep=[(0, 8)]), "one of task")):
+    with pytest.raises(ValueError, match=words):
+      model.edit(clip, "a person waves", **arguments)
+  with pytest.raises(ValueError, match="expected A:B"):
+    spans_of(["30"], 100, 20.0)
+  with pytest.raises(ValueError, match="'soon'"):
+    spans_of(["soon:4s"], 100, 20.0)
+
+
+def test_what_cannot_be_made_is_told(model):
+  for arguments, words in ((dict(num_frames=500), "4 to 196"), (dict(num_frames=40, solver="ddpm"), "trained by flow"),
+                           (dict(num_frames=40, order="middle"), "random or left_to_right"),
+                           (dict(num_frames=40, mask="dcm"), "dccm")):
+    with pytest.raises(ValueError, match=words):
+      model.generate("a person walks", **arguments)
+
+
+def test_the_command_line(tiny_generator, clip, tmp_path, monkeypatch, capsys):
+  monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+  np.save(tmp_path / "in.npy", clip.joints)
+  edit = ["edit", str(tmp_path / "in.npy"), "--text", "a person waves", "--model", str(tiny_generator), "--out"]
+  assert cli.main([*edit, f"{tmp_path}/out.npz", "--edit", "1s:2s", "--tries", "1"]) == 0
+  assert "new frames: 1.0 to 2.0 s" in capsys.readouterr().out
+  assert cli.main([*edit, f"{tmp_path}/raw.npz", "--edit", "1s:2s", "--tries", "1", "--no-cleanup"]) == 0
+  capsys.readouterr()
+  made, raw = (np.load(tmp_path / name)["joints"] for name in ("out.npz", "raw.npz"))
+  kept = np.r_[0:20, 40:clip.num_frames]
+  np.testing.assert_array_equal(made[kept], clip.joints[kept].astype(np.float32))
+  np.testing.assert_array_equal(raw[kept], made[kept])
+  spread = lambda joints: np.ptp(bone_lengths(joints.astype(np.float64), HUMANML3D), axis=0).max()
+  assert spread(made) < 1e-4 < spread(raw)
+  assert cli.main([*edit, f"{tmp_path}/no.npz", "--task", "prefix", "--lag", "3"]) == 1
+  assert "--lag" in capsys.readouterr().err
+  assert cli.main(["multi-prompt", "walks | waves", "--model", str(tiny_generator), "--out", f"{tmp_path}/no.npz"]) == 1
+  assert "'multi_prompt'" in capsys.readouterr().err and not (tmp_path / "no.npz").exists()
+
+
+@pytest.mark.slow
+def test_a_model_may_read_words_behind_the_sentence(tiny_generator, clip, tmp_path):
+  """The transformer is the same; a run that was trained on words says so in its config."""
+  for name in ("params.safetensors", "frozen.safetensors", "Mean.npy", "Std.npy"):
+    shutil.copy(tiny_generator / name, tmp_path / name)
+  config = json.loads((tiny_generator / "config.json").read_text())
+  config["frozen"]["text_level"] = "words"
+  (tmp_path / "config.json").write_text(json.dumps(config))
+  loaded = load(tmp_path)
+  draw = np.random.default_rng(0)  # two steps leave the gates at 0, behind which words do nothing
+  loaded.params = jax.tree.map(lambda a: a + 0.1 * draw.standard_normal(a.shape, np.float32), loaded.params)
+  text_emb, text_mask = loaded.encode_words(["a person runs", "runs"])
+  assert text_emb.shape == (2, 78, 32) and text_mask.sum(1).tolist()[0] > text_mask.sum(1).tolist()[1] > 2
+  one, other = (loaded.generate(prompt, 40, seeds=[1])[0].joints for prompt in ("a person runs", "a person jumps"))
+  assert np.isfinite(one).all() and np.abs(one - other).max() > 1e-5
+  long = ", ".join(["someone walks forward and then turns left"] * 12)  # more than everyday captions are padded to
+  assert loaded.encode_words([long])[0].shape == (1, 155, 32)
+  both = loaded.edits([clip, clip], [long, "a person runs"], "prefix", seeds=[1, 1], tries=1)
+  alone = loaded.edit(clip, long, "prefix", seed=1, tries=1)
+  assert np.abs(both[0].joints - alone.joints).max() < 1e-4 and np.abs(both[0].joints - both[1].joints).max() > 1e-5
+
+
+def test_clips_are_edited_together_as_they_are_alone(model):
+  clips = [clip for clip in synthetic_clips() if 60 <= clip.num_frames <= 190][:2]
+  both = model.edits(clips, ["a person waves", "a person runs"], "suffix", seeds=[1, 2], tries=1)
+  alone = model.edit(clips[1], "a person runs", "suffix", seed=2, tries=1)
+  np.testing.assert_allclose(alone.joints, both[1].joints, atol=1e-4)
+  assert both[1].meta["made"] == alone.meta["made"] and both[0].id == clips[0].id
+  with pytest.raises(ValueError, match="1 prompts for 2 clips"):
+    model.edits(clips, ["a person waves"], "suffix")
+
+
+def test_actions_in_a_row_go_on_from_each_other(model):
+  """Each behind the end of the one before, as an edit that keeps it: no leap, and the first is what it is alone."""
+  made = model.generate("a person runs, then waves while walking", num_frames=120, seeds=[5], cleanup=False)[0]
+  assert [c.text for c in made.captions] == ["a person runs", "a person walks and waves"] and made.num_frames == 120
+  border = round(made.captions[0].end * 20)
+  alone = model.generate("a person runs", num_frames=border, seeds=[5], cleanup=False)[0]
+  np.testing.assert_allclose(made.joints[:border], alone.joints, atol=1e-5)
+  steps = np.linalg.norm(np.diff(made.joints, axis=0), axis=-1).max(-1)
+  assert steps[border - 1] <= np.delete(steps, border - 1).max()  # no leap beyond those of an untrained body
+  assert made.features.shape == (120, 66) and np.ptp(made.joints[border:], axis=0).max() > 1e-3
+
+
+def test_who_walks_is_understood_to_walk_forward_where_captions_by_kinematics_were_learned(model, monkeypatch):
+  """Words of which nothing is to be parted are said as they are by any other model, and literally by all."""
+  plain = model.understand("a person walks").segments[0].action
+  assert plain.prompt == "a person walks" and not plain.reworded
+  config = ConfigDict(model.config)
+  with config.unlocked():
+    config.data = ConfigDict({**config.data, "described": True})
+  monkeypatch.setattr(model, "config", config)
+  sentence = model.understand("a person walks")
+  assert sentence.segments[0].action.prompt == "a person walks forward" and not sentence.is_plain
+  told = model.understand("a person walks, then waves").prompts
+  assert told == ["a person walks forward", "a person waves"]
+  assert model.understand("a man throws a punch").prompts == ["a man punches with the left hand"]
+  assert model.understand("a man kicks, then punches forward.").prompts == [
+      "a man kicks", "a man punches with the left hand"]
+  assert model.understand("a man punches forward.").segments[0].action.reworded
+  for said in ("a man throws a right punch", "a man punches twice"):
+    assert "left" not in str(model.understand(said).prompts)

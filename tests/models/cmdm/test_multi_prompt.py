@@ -1,0 +1,317 @@
+"""Several prompts in one motion, offline and live, and motions that go on from a given one."""
+import jax
+import numpy as np
+import pytest
+
+from motion_jax import export
+from motion_jax.data.clip import Caption, Clip
+from motion_jax.data.datasets.synthetic import synthetic_clips
+from motion_jax.loading import load
+from motion_jax.metrics import physics
+from motion_jax.models.cmdm import multi_prompt
+from motion_jax.models.results import features_of
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.blending import laid_over
+from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
+from motion_studio import cli
+from motion_studio.planning.segments import prompts_in_a_row
+
+FAST = dict(num_steps=6, lag=2)
+PROMPTS = [("a person walks", 1.2), ("a person waves", 1.3), ("a person sits", 0.7)]
+
+
+@pytest.fixture(scope="module")
+def model(tiny_run):
+  return shaken(load(tiny_run))
+
+
+def shaken(model):
+  """The same model with random weights: gates that begin at 0 would let any mistake pass."""
+  leaves, tree = jax.tree.flatten(model.params)
+  keys = jax.random.split(jax.random.key(3), len(leaves))
+  model.params = tree.unflatten([a + 0.2 * jax.random.normal(key, a.shape) for key, a in zip(keys, leaves)])
+  return model
+
+
+@pytest.fixture(scope="module")
+def walk():
+  return synthetic_clips(0, 1, num_frames=50)[0]
+
+
+def test_borders_are_on_blocks_and_the_end_is_as_asked():
+  assert multi_prompt.borders([24, 26, 14], 12) == ([2, 2, 2], 64)  # ends at 24, 50 (nearest: 48), 64 (cut from 72)
+  assert multi_prompt.borders([4, 4, 40], 12) == ([1, 1, 2], 48)    # no segment is shorter than a block
+  assert multi_prompt.borders([4, 4, 4], 12) == ([1, 1, 1], 36)
+  assert multi_prompt.borders([100], 12) == ([9], 100)
+
+
+@pytest.mark.parametrize("memory", [None, pytest.param(3, marks=pytest.mark.slow)])
+def test_several_prompts_are_one_motion_and_a_stream_says_the_same(model, memory):
+  FAST = dict(num_steps=6, lag=2, memory=memory)
+  whole = model.multi_prompt(PROMPTS, seed=2, cleanup=False, **FAST)
+  assert whole.num_frames == 64 and whole.features.shape == (64, 263)
+  assert whole.captions == (Caption("a person walks", 0.0, 1.2), Caption("a person waves", 1.2, 2.4),
+                            Caption("a person sits", 2.4, 3.2))
+  assert whole.meta["way"] == "stream" and whole.meta["seed"] == 2
+  stream = model.stream("a person walks", seed=2, num_frames=64, cleanup=False, **FAST)
+  stream.say("a person waves", after=1.2)
+  stream.say("a person sits", after=2.4)
+  assert np.abs(np.concatenate(list(stream)) - whole.joints).max() < 1e-4
+  other = model.multi_prompt([PROMPTS[0], ("a person runs", 1.3), PROMPTS[2]], seed=2, cleanup=False, **FAST).joints
+  assert np.abs(other[:24] - whole.joints[:24]).max() < 1e-5  # what comes later is not known before
+  assert np.abs(other[24:50] - whole.joints[24:50]).max() > 1e-4
+
+
+@pytest.mark.parametrize("schedule", ["fss", "full"])
+def test_without_memory_the_words_before_are_forgotten(model, schedule):
+  """Far behind the border, where the decoder has forgotten them too, it is the same motion whatever came before."""
+  def ending(first, memory):
+    made = model.multi_prompt([(first, 1.2), ("a person waves", 6.0)], seed=2, cleanup=False, num_steps=6,
+                              schedule=schedule, memory=memory)
+    return made.features[-24:]
+
+  assert np.abs(ending("a person walks", 0) - ending("a person runs", 0)).max() < 1e-5
+  assert np.abs(ending("a person walks", None) - ending("a person runs", None)).max() > 1e-4
+
+
+@pytest.mark.slow
+def test_a_motion_of_several_prompts_does_not_know_its_batch_mates(model):
+  alone = model.multi_prompt(PROMPTS, seed=5, **FAST)
+  both = model.multi_prompts([[("a person runs", 4.0)], PROMPTS], seeds=[1, 5], **FAST)
+  assert both.joints.shape[1] == 80 and both.frame_mask.sum(1).tolist() == [80, 64]
+  assert np.abs(both[1].joints - alone.joints).max() < 1e-4
+  run = model.generate("a person runs", num_frames=80, seeds=[1], **FAST)[0]
+  assert np.abs(both[0].joints - run.joints).max() < 1e-4 and both[0].captions == run.captions
+
+
+@pytest.mark.slow
+def test_the_released_way_chains_segments(model):
+  prompts = [("a person walks", 0.65), ("a person waves", 1.0)]
+  alone = model.multi_prompt(prompts, seed=5, way="chain", **FAST)
+  assert alone.num_frames == 32 and alone.captions[1].start == pytest.approx(0.6)  # 13 frames are 3 latents
+  both = model.multi_prompts([[("a person runs", 2.0)], prompts], seeds=[1, 5], way="chain", **FAST)
+  assert np.abs(both[1].joints - alone.joints).max() < 1e-4 and both[0].num_frames == 40
+  assert np.abs(model.multi_prompt(prompts, seed=5, **FAST).joints[:30] - alone.joints[:30]).max() > 1e-4
+
+
+def test_prompts_that_are_made_apart_and_joined(model):
+  """Each begins as it would alone; where one ends is up to 14 frames from what is asked; no batch-mate is known."""
+  prompts = [("a person walks", 2.0), ("a person waves", 1.0), ("a person walks", 1.5)]
+  alone = model.multi_prompt(prompts, seed=5, way="joined", **FAST)
+  assert alone.num_frames == 90 and alone.meta["way"] == "joined"
+  assert [caption.text for caption in alone.captions] == [prompt for prompt, _ in prompts]
+  for caption, asked in zip(alone.captions[1:], (2.0, 3.0)):
+    assert abs(caption.start - asked) <= 0.75
+  both = model.multi_prompts([[("a person runs", 2.0), ("a person waves", 2.0)], prompts], seeds=[1, 5], way="joined",
+                             **FAST)
+  assert np.abs(both[1].joints - alone.joints).max() < 1e-4 and both[0].num_frames == 80
+  streamed = model.multi_prompt(prompts, seed=5, **FAST)
+  assert streamed.meta["way"] == "stream" and np.abs(streamed.joints[:80] - alone.joints[:80]).max() > 1e-3
+  with pytest.raises(ValueError, match="got way 'apart', expected one of stream, chain, joined"):
+    model.multi_prompt(prompts, way="apart")
+
+
+def test_words_of_a_stream_change_when_they_are_said(model):
+  """Said after n blocks: the blocks that are under way keep their words, unless `after` is shorter."""
+  run = lambda after, prompt: _told(model, after, prompt)
+  plain, late, soon = run(None, "a person walks"), run(None, "a person jumps"), run(0, "a person jumps")
+  assert np.abs(plain[:60] - late[:60]).max() < 1e-6     # 3 given, 2 under way
+  assert np.abs(plain[60:] - late[60:]).max() > 1e-5
+  assert np.abs(plain[:36] - soon[:36]).max() < 1e-6 and np.abs(plain[36:60] - soon[36:60]).max() > 1e-5
+
+
+def _told(model, after, prompt):
+  stream, parts = model.stream("a person walks", seed=0, num_frames=96, cleanup=False, **FAST), []
+  for part in stream:
+    parts.append(part)
+    if len(parts) == 3:
+      assert stream.delay == pytest.approx(1.2) and stream.block_seconds == pytest.approx(0.6)
+      stream.say(prompt, after)
+  return np.concatenate(parts)
+
+
+def test_a_stream_takes_any_number_of_words(model):
+  stream = model.stream("a person walks", seed=0, cleanup=False, **FAST)
+  for i in range(7):  # more within one window than there is room for at first
+    stream.say(f"a person jumps {'very ' * i}high", after=0.6 * (i + 1))
+  parts = [next(stream) for _ in range(12)]
+  assert np.isfinite(parts).all()
+  for words, arguments in (("say what", ("",)), ("after -1", ("a person walks", -1)), ("after nan", ("walks", np.nan))):
+    with pytest.raises(ValueError, match=words):
+      stream.say(*arguments)
+
+
+def test_a_prompt_of_several_actions_is_said_action_by_action_in_streams_and_segments(model):
+  """Live, in a timeline's block and behind a motion: the actions that `understand` finds, for as long as is natural."""
+  prompt, FAST = "a person walks, then waves", dict(num_steps=6, lag=2)
+  usual = [int(model.natural_frames(f"a person {verb}") / 12 + 0.5) * 12 for verb in ("walks", "waves")]
+  stream = model.stream(prompt, seed=2, cleanup=False, **FAST)
+  assert stream.script == [(0, "a person walks"), (usual[0], "a person waves")] and stream.num_frames is None
+  fork, part = stream.fork(sum(usual)), np.concatenate([next(stream) for _ in range(2)])
+  rows = [("a person walks", usual[0] / 20), ("a person waves", usual[1] / 20)]
+  made = model.multi_prompt(rows, seed=2, cleanup=False, **FAST)
+  assert np.abs(np.concatenate(list(fork)) - made.joints).max() < 1e-4
+  first = stream.say("a person jumps, then stands still")  # what waited for its time is said no more
+  assert first <= usual[0] and [text for _, text in stream.script] == [
+      "a person walks", "a person jumps", "a person stands still"]
+  assert len(part) == 24 and model.stream(prompt, seed=2, literal=True, **FAST).script == [(0, prompt)]
+  both = model.multi_prompt([(prompt, 4.8), ("a person runs", 1.2)], seed=2, cleanup=False, **FAST)
+  assert [one.text for one in both.captions] == ["a person walks", "a person waves", "a person runs"]
+  assert both.num_frames == 120 and both.captions[-1].start == 4.8 and 1 < both.captions[1].start < 4
+  plain = model.multi_prompt([(prompt, 4.8), ("a person runs", 1.2)], seed=2, cleanup=False, literal=True, **FAST)
+  assert [one.text for one in plain.captions] == [prompt, "a person runs"]
+
+
+@pytest.mark.parametrize("prompt, total, said", [
+  ("someone walks forward, then sits down", 100, ["someone walks forward", "someone sits down"]),
+  ("a man walks while waving, then sits down", 100, ["a man walks and waves", "a man sits down"]),
+  ("she sits down, stays there and waves", 100, ["she sits down", "she sits down and waves"]),
+  ("a person walks while waving", 100, ["a person walks while waving"]),
+  ("someone takes two bows", 100, ["someone bows twice"]),
+  ("a person walks, then waves", 20, ["a person walks, then waves"]),  # no time for both
+])
+def test_actions_share_their_time_and_those_at_once_share_a_prompt(model, monkeypatch, prompt, total, said):
+  monkeypatch.setattr(model, "natural_frames", lambda prompt: 60)
+  rows = prompts_in_a_row(model, prompt, total, least=12)
+  assert [text for text, _ in rows] == said and sum(count for _, count in rows) == total
+
+
+@pytest.mark.filterwarnings("ignore:the model does not know")
+def test_time_that_is_left_and_words_that_wait(model, monkeypatch):
+  monkeypatch.setattr(model, "natural_frames", lambda prompt: 36)
+  prompts = [("a person bows", 3.6), ("a person walks", 1.2)]
+  plain, rest = (model.multi_prompt(prompts, seed=5, rest=rest, **FAST) for rest in (False, True))
+  assert plain.num_frames == rest.num_frames == 96
+  assert [c.text for c in rest.captions] == ["a person bows", "a person stands still", "a person walks"]
+  assert plain.captions[-1].start == 3.6 and abs(rest.captions[-1].start - 3.6) < 0.45  # it goes on as it stood best
+  held = model.multi_prompt([("a person kicks", 0.6), ("a person walks", 1.2)], seed=5, hold_until_done=True, **FAST)
+  assert [c.start for c in held.captions] == [0.0, 1.8]
+
+  def told(prompt, after, **choices):
+    stream = model.stream(prompt, seed=0, num_frames=60, cleanup=False, **FAST, **choices)
+    first = next(stream)
+    stream.say("a person sits", after)
+    return np.concatenate([first, *stream])
+
+  waits, later = told("a person bows", 0.6, hold_until_done=True), told("a person bows", 1.2)  # a block was given
+  np.testing.assert_array_equal(waits, later)
+  np.testing.assert_array_equal(told("a person walks", 0.6, hold_until_done=True), told("a person walks", 0.6))
+  assert np.abs(waits - told("a person bows", 0.6)).max() > 1e-4
+
+
+def test_eased_borders(model):
+  made, eased = (model.multi_prompt(PROMPTS, seed=2, ease=ease, cleanup=False, **FAST) for ease in (False, True))
+  changed = np.abs(eased.joints - made.joints).max((1, 2)) > 1e-6
+  borders = [24, 48]
+  assert all(changed[border] for border in borders) and eased.meta["eased"] and "eased" not in made.meta
+  assert all(min(abs(frame - border - 1) for border in borders) < 6 for frame in np.flatnonzero(changed))
+  np.testing.assert_array_equal(eased.features, made.features)
+  jerk = lambda motion: np.mean([physics.jerk(motion.joints)[border - 4:border + 5] for border in borders])
+  assert jerk(eased) < 0.7 * jerk(made)
+
+
+@pytest.mark.slow
+def test_a_motion_goes_on(model, walk):
+  longer = model.extend(walk, "a person waves", seconds=2, seed=1, **FAST)
+  assert longer.num_frames == 90 and longer.meta["past_frames"] == 50
+  np.testing.assert_array_equal(longer.joints[:50], walk.joints)
+  assert longer.captions[-1] == Caption("a person waves", 2.5, 4.5)
+  # The first new frame is where the last old one would have gone; from then on no joint leaps.
+  assert np.abs(longer.joints[50] - longer.joints[49]).max() < 0.1
+  again = model.extend(walk, [("a person waves", 1.2), ("a person sits", 0.8)], seed=1, **FAST)
+  assert np.abs(again.joints[:74] - longer.joints[:74]).max() < 0.05 and again.num_frames == 90
+  assert [round(c.start, 2) for c in again.captions[-2:]] == [2.5, 3.7]
+  chained = model.extend(walk, "a person waves", seconds=2, seed=1, way="chain", **FAST)
+  np.testing.assert_array_equal(chained.joints[:50], walk.joints)
+  assert chained.num_frames == 90 and np.abs(chained.joints - longer.joints).max() > 1e-4
+
+
+def test_other_bodies_and_rates_are_fitted(model, walk, tmp_path):
+  big = Clip(np.repeat(walk.joints * 1.2, 2, axis=0), fps=40, id="big")
+  longer = model.extend(big, "a person walks", num_frames=12, seed=0, **FAST)
+  assert longer.fps == 20 and longer.num_frames == 62
+  np.testing.assert_allclose(longer.joints[:50], big.joints[::2], atol=1e-5)  # in its place, on its own bones
+  lengths = bone_lengths(longer.joints.astype(np.float64), HUMANML3D)[:, 1:]
+  assert np.abs(lengths / lengths[0] - 1).max() < 0.01
+  export.save(walk, tmp_path / "walk.bvh")
+  from_file = model.extend(export.load(tmp_path / "walk.bvh"), "a person walks", num_frames=12, seed=0, **FAST)
+  assert from_file.num_frames == 62
+
+
+@pytest.mark.slow
+def test_arrays_go_on_as_they_are_edited(model, walk):
+  """Joints (T, J, 3) or features (T, F), not normalized, as a Clip of them."""
+  how = dict(num_frames=12, past_prompt="a person walks", **FAST)
+  longer = model.extend(walk, "a person waves", seed=1, **how)
+  np.testing.assert_array_equal(model.extend(walk.joints, "a person waves", seeds=[1], **how).joints, longer.joints)
+  features = features_of(model, walk.joints)
+  again = model.extend(features, "a person waves", seed=1, **how)
+  np.testing.assert_allclose(again.joints[:50], model.stats.layout.to_joints(features), atol=1e-5)
+  with pytest.raises(ValueError, match=r"an array of shape \(5, 3\) as the motion, expected a Clip"):
+    model.extend(np.zeros((5, 3)), "a person waves", seed=1)
+
+
+def test_a_generated_body_is_laid_over_the_given_one():
+  """The same motion, turned and moved, comes back to its place; a different one goes on without a leap."""
+  joints = synthetic_clips(1, 1, num_frames=60)[0].joints.astype(np.float64)
+  turn = rot.about_axis(np.array(1.1), "y")
+  shadow = rot.rotate(turn[None, None], joints) + [3.0, 0.1, -2.0]
+  np.testing.assert_allclose(laid_over(shadow, joints[:40], 40), joints[40:], atol=1e-9)
+  wrong = shadow + 0.05 * np.sin(np.arange(66).reshape(22, 3))
+  after = laid_over(wrong, joints[:40], 40)
+  assert np.abs(after[0] - joints[40]).max() < 0.01 and np.abs(after[15:] - joints[55:]).max() < 0.12
+
+
+@pytest.mark.parametrize("run, words", [
+    (lambda m, w: m.multi_prompt([]), "list of"), (lambda m, w: m.multi_prompt("a person walks"), "list of"),
+    (lambda m, w: m.multi_prompt(["walks", "sits"]), "list of"), (lambda m, w: m.multi_prompt([("", 2)]), "say what"),
+    (lambda m, w: m.multi_prompt([("walks", 0)]), "length of 0"),
+    (lambda m, w: m.multi_prompt([("walks", 1)], way="x"), "way 'x'"),
+    (lambda m, w: m.multi_prompt([("walks", 2000)] * 2), "4000 s"),
+    (lambda m, w: m.multi_prompts([]), "no prompts"),
+    (lambda m, w: m.multi_prompt([("walks", 1)], way="chain", solver="heun"), "heun"),
+    (lambda m, w: m.extend(w, ""), "say what"), (lambda m, w: m.extend(w, "walks", way="x"), "way 'x'"),
+    (lambda m, w: m.extend(w, "walks", seconds=1, num_past=0), "num_past 0"),
+    (lambda m, w: m.extend(w, "walks", seconds=1, schedule="full"), "fss"),
+    (lambda m, w: m.extend(w.replace(joints=w.joints[:2]), "walks", seconds=1), "2 frames"),
+    (lambda m, w: m.stream("walks", schedule="full"), "fss"),
+    (lambda m, w: m.stream("walks", context=7), "blocks of 3"),
+])
+def test_bad_sequences_are_told(model, walk, run, words):
+  with pytest.raises(ValueError, match=words):
+    run(model, walk)
+
+
+# --- from the command line ---------------------------------------------------------------------------------------
+
+
+def test_sequences_are_read_from_words_and_files(tmp_path):
+  assert cli.read_sequences("a person walks: 4 | sits down |waves:2.5s") == [
+      [("a person walks", 4.0), ("sits down", None), ("waves", 2.5)]]
+  assert cli.read_sequences("says: hello") == [[("says: hello", None)]]
+  (tmp_path / "s.csv").write_text("prompt,length\na person walks,40\na person sits,\n")
+  assert cli.read_sequences(str(tmp_path / "s.csv")) == [[("a person walks", 2.0), ("a person sits", None)]]
+  (tmp_path / "s.txt").write_text("a person walks:3\na person sits\n")
+  assert cli.read_sequences(str(tmp_path / "s.txt")) == [[("a person walks", 3.0), ("a person sits", None)]]
+  (tmp_path / "t.txt").write_text("walks # 0 # 4 # legs\nwaves # 2 # 4 # left arm\n\nsits # 0 # 3 # legs\n")
+  assert cli.read_sequences(str(tmp_path / "t.txt")) == [[("walks", 2.0), ("walks and waves", 2.0)], [("sits", 3.0)]]
+
+
+@pytest.mark.slow
+def test_multi_prompt_and_extend_commands(tiny_run, tmp_path, monkeypatch, capsys):
+  monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+  options = ["--model", str(tiny_run), "--steps", "6", "--seed", "2"]
+  out = tmp_path / "s.npz"
+  assert cli.main(["multi-prompt", "a person walks:1.2 | a person waves:1.2", "--out", str(out), *options]) == 0
+  made = export.load(out)
+  assert made.num_frames == 48 and [c.start for c in made.captions] == [0.0, 1.2]
+  assert "1.2 to   2.4 s  a person waves" in capsys.readouterr().out
+  longer = tmp_path / "longer.npy"
+  assert cli.main(["extend", str(out), "--text", "a person sits", "--seconds", "0.6", "--out", str(longer),
+                   *options]) == 0
+  joints = np.load(longer, allow_pickle=False)
+  assert joints.shape == (60, 22, 3)
+  np.testing.assert_allclose(joints[:48], made.joints, atol=1e-6)
+  assert cli.main(["extend", str(out), "--text", "sits | waves", "--seconds", "1", "--out", str(longer), *options]) == 1
+  assert "colons" in capsys.readouterr().err
+  assert cli.main(["multi-prompt", "missing.csv", "--out", str(out), *options]) == 1

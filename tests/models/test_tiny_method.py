@@ -1,0 +1,103 @@
+"""A further method is one folder, one config and one line in the registry: trained, loaded, asked and judged."""
+import ast
+import dataclasses
+import pathlib
+
+import numpy as np
+import pytest
+
+import motion_jax as mj
+from motion_jax import fit as training
+from motion_jax import runs
+from motion_jax.evaluation import protocols, run
+from motion_jax.evaluators.evaluator import fresh_evaluator
+from motion_jax.models import options, registry
+from motion_jax.models.base import ABILITIES
+from motion_jax.training import checkpoint
+from motion_studio import cli
+from tests.conftest import ROOT
+from tests.evaluation.test_run import SMALL, make_clips, write_archive
+from tests.models.tiny_method.config import get_config
+
+FOLDER = pathlib.Path(__file__).parent / "tiny_method"
+
+
+@pytest.fixture(scope="module")
+def method():
+  """The line in the registry, for these tests."""
+  registry.METHODS["tiny"] = "tests.models.tiny_method"
+  yield
+  del registry.METHODS["tiny"]
+
+
+@pytest.fixture(scope="module")
+def folder(method, tmp_path_factory):
+  """Its run after two steps."""
+  folder = tmp_path_factory.mktemp("tiny") / "run"
+  assert int(training.run(get_config(), folder).step) == 2
+  return folder
+
+
+def test_it_is_trained_loaded_and_asked(folder):
+  model = mj.load(folder)
+  assert isinstance(model, mj.Model) and [word for word in ABILITIES if model.can(word)] == ["generate"]
+  waves = model.generate(["a person waves", "a person walks"], [24, 40], seeds=[1, 2])
+  alone = model.generate("a person walks", 40, seeds=[2])[0]
+  assert waves.joints.shape == (2, 40, 22, 3)
+  np.testing.assert_allclose(waves[1].joints, alone.joints, atol=1e-4)
+  assert (alone.meta["guidance_scale"], alone.meta["spread"], alone.meta["seed"]) == (2.0, 0.1, 2)
+  still = model.generate("a person walks", 40, seeds=[3], spread=0)[0].features
+  assert np.array_equal(still, model.generate("a person walks", 40, seeds=[4], spread=0)[0].features)
+  with pytest.raises(TypeError, match="got the choice of sampling 'lag', run knows guidance_scale, spread"):
+    model.generate("a person walks", 40, lag=2)
+  with pytest.raises(TypeError, match="did you mean seeds?"):
+    model.generate("a person walks", 40, seed=2)
+  with pytest.raises(ValueError, match="got spread 11, expected a number from 0 to 10"):
+    model.generate("a person walks", 40, spread=11)
+
+
+def test_the_command_line_knows_its_choices(folder, tmp_path, monkeypatch, capsys):
+  monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+  made = ["generate", "a person walks", "--frames", "24", "--model", str(folder), "--out", f"{tmp_path}/made.npz"]
+  assert cli.main([*made, "--spread", "0.2"]) == 0
+  assert mj.export.load(tmp_path / "made.npz").meta["spread"] == 0.2
+  assert cli.main([*made, "--lag", "2"]) == 1
+  assert "got --lag for the model run@" in capsys.readouterr().err
+  with pytest.raises(SystemExit):
+    cli.main(["generate", "--help"])
+  told = capsys.readouterr().out
+  assert "TINY models:" in told and "--spread" in told
+
+
+@pytest.mark.slow
+def test_it_is_judged(folder, tmp_path):
+  archive = write_archive(tmp_path / "archive", make_clips())
+  protocol = dataclasses.replace(SMALL, replications=1, multimodality_batches=0)
+  judge = lambda protocol, **more: run.evaluate([folder], [archive], protocol, out=tmp_path / "out", force=True,
+                                                show=False, evaluator=fresh_evaluator("t2m"),
+                                                clip_evaluator="none", **more)
+  result = judge(protocol, vary=[dict(spread=0.5), dict(spread=0.1)])
+  assert result.row_order == ["real", "run, spread 0.5", "run, spread 0.1"]
+  assert np.isfinite([result.rows[row]["fid"]["mean"] for row in result.row_order]).all()
+  assert result.provenance["models"][0]["sampler"] == {"guidance_scale": 2.0, "spread": 0.1}
+  with pytest.raises(ValueError, match="has no 'edit' .* needs the run of a cdamd.generator"):
+    judge(protocols.get_protocol("editing"))
+
+
+def test_its_config_says_what_it_was_trained_with(folder):
+  assert checkpoint.load_config(folder).to_dict() == runs.upgrade(get_config()).to_dict()
+
+
+def test_it_touches_no_other_file():
+  """Each file of it imports what anyone may import: nothing of another method."""
+  for path in FOLDER.glob("*.py"):
+    for node in ast.walk(ast.parse(path.read_text())):
+      if isinstance(node, ast.ImportFrom):
+        assert not any(f"models.{name}" in node.module for name in ("cmdm", "cdamd")), path
+  assert not any("tiny" in line for line in (ROOT / "motion_jax" / "models" / "registry.py").read_text().splitlines())
+
+
+def test_the_docs_have_the_choices_of_all_methods():
+  docs = (ROOT / "docs" / "sampling.md").read_text()
+  for method, chosen in registry.options().items():
+    assert options.table(chosen) in docs or method == "tiny", f"docs/sampling.md lacks the table of {method}'s choices"

@@ -1,0 +1,298 @@
+"""TMR and MotionPatches as teachers: what a run keeps and says, what a tokenizer is taught, weights to start from."""
+import json
+import types
+
+import jax
+import jax.numpy as jnp
+import ml_collections
+import numpy as np
+import pytest
+from safetensors.numpy import load_file, save_file
+
+from motion_jax import fit as training
+from motion_jax import retrieval
+from motion_jax.data.datasets.humanml3d import write_folder
+from motion_jax.data.datasets.synthetic import synthetic_clips
+from motion_jax.evaluation.candidates import Candidate
+from motion_jax.evaluators.evaluator import load_evaluator
+from motion_jax.metrics import scores
+from motion_jax.models import cmdm
+from motion_jax.models.cmdm import setup as setups
+from motion_jax.models.tmr import setup as teachers
+from motion_jax.models.tmr import teacher as teacher_lib
+from motion_jax.models.tmr.weight_names import vit_from_torch
+from motion_jax.models.tmr.weights import teacher
+from motion_jax.motion.representations import get_layout, to_features
+from motion_jax.motion.stats import Stats, compute_stats, save_stats
+from motion_jax.nets.causal_vae import CausalVAE
+from motion_jax.training import checkpoint
+from motion_jax.training.setup import untrained
+from motion_studio import cli
+from tests import fixtures
+from tests.conftest import brief_run, load_config
+from tests.convert.test_convert import run, save_nested, stats_folder, text_folder
+from tests.golden import Fixture
+
+
+@pytest.fixture(scope="module", params=["tmr", "motion_patches"])
+def teacher_run(request, tmp_path_factory):
+  # A second step has captions of another length, and a program for them.
+  return brief_run(request.param, tmp_path_factory.mktemp("teachers") / request.param, num_steps=1)
+
+
+def test_a_run_retrieves_and_judges(teacher_run):
+  """Unit vectors, the same for a motion or a sentence alone as among others, in retrieval as in judging."""
+  retriever, evaluator = retrieval.load(teacher_run), load_evaluator(teacher_run)
+  clips = synthetic_clips(0, 3)
+  features = [retriever.features_of(clip) for clip in clips]
+  motions = retriever.embed_motion(features)
+  assert np.allclose(np.linalg.norm(motions, axis=-1), 1, atol=1e-5)
+  assert np.allclose(retriever.embed_motion(features[1:2])[0], motions[1], atol=1e-5)
+  said = ["a person walks", "a person jumps up and down again and again and then sits down on the floor"]
+  sentences = retriever.embed_text(said)
+  assert np.allclose(np.linalg.norm(sentences, axis=-1), 1, atol=1e-5)
+  assert np.allclose(retriever.embed_text(said[:1])[0], sentences[0], atol=1e-5)
+  assert np.allclose(evaluator.embed_text(said), sentences, atol=1e-5)
+  x = retriever.stats.normalize(features[0][:60])[None]
+  assert np.allclose(evaluator.embed_motion(x, np.array([60]))[0], retriever.embed_motion([features[0][:60]])[0],
+                     atol=1e-5)
+
+
+@pytest.mark.slow
+def test_a_tokenizer_is_taught_by_it(teacher_run):
+  """What the tokenizer's run keeps: the motion side alone, the teacher's fields, both statistics where they differ."""
+  config = load_config("cmdm_tokenizer", "tiny").unlock()
+  config.frozen.teacher, config.model.teacher_dim = str(teacher_run), 8
+  config, _ = training.resolve(config)
+  setup = setups.tokenizer(config)
+  own = checkpoint.load_params(teacher_run)["motion"]
+  view = setup.frozen["teacher_view"]
+  assert np.array_equal(view["own_mean"], np.load(teacher_run / "Mean.npy"))
+  assert np.array_equal(view["std"], setup.stats.std)
+  if config.teacher.kind == "tmr":
+    assert set(setup.frozen["teacher"]) == {"motion_encoder"} and view["own_std"].shape == (263,)
+    assert config.taught_by.to_dict() == {"kind": "tmr", "text": "random-init"}
+  else:
+    assert set(setup.frozen["teacher"]) == set(own) and config.teacher.layout == "coordinates"
+    assert config.taught_by.vit.to_dict() == {"weights": "random"}
+  stage = cmdm.tokenizer_stage(config)
+  batch = setup.next_batch(0)
+  sums = jax.eval_shape(lambda batch, rng: stage.loss(stage.init(batch, rng), setup.frozen, batch, 0, rng)[0], batch,
+                        jax.random.key(0))
+  assert {"mcos", "mdms", "align_weight"} <= set(sums)
+  config.unlock().model.teacher_dim = 6
+  with pytest.raises(ValueError, match="gives 8 numbers a frame, config.model.teacher_dim is 6"):
+    setups.tokenizer(config)
+
+
+def test_the_record_of_a_generator_says_what_its_tokenizer_was_taught_by(tmp_path):
+  config, stats = load_config("cmdm_denoiser", "tiny").unlock(), teachers.plain_stats("full")
+  said = {"kind": "motion_patches", "text": "random-init", "vit": {"weights": "random"}}
+  shapes = cmdm.frozen_shapes(CausalVAE(**config.tokenizer))["tokenizer"]
+  checkpoint.save_config(tmp_path, ml_collections.ConfigDict(dict(
+      stage="cmdm.tokenizer", model=config.tokenizer.to_dict(), taught_by=said, data=dict(layout="full"))))
+  checkpoint.save_params(tmp_path, untrained(shapes))
+  save_stats(stats, tmp_path)
+  config.frozen.tokenizer = str(tmp_path)
+  config = training.resolve(config)[0].unlock()
+  assert config.taught_by.to_dict() == said
+  model = types.SimpleNamespace(folder=tmp_path, config=config, stats=stats, num_params=0, can=lambda ability: False)
+  about = lambda: Candidate("row", model, "hash", tmp_path).about
+  assert about()["taught_by"] == said
+  del config.taught_by
+  assert "taught_by" not in about()
+
+
+def test_windows_are_seen_as_joints_or_by_other_statistics():
+  """A window of full features becomes its joints, from the origin, in the teacher's statistics."""
+  joints = synthetic_clips(0, 1)[0].joints
+  features = to_features(joints, "full", "corrected")
+  grouped, single = (compute_stats(features, "full", per_column=one) for one in (False, True))
+  std = features.astype(np.float64).std(0)
+  moves = std > 1e-5
+  assert np.allclose(single.std[moves], std[moves], rtol=1e-4) and (single.std[~moves] == 1).all()
+  assert len(set(grouped.std[4:67])) == 1 and not np.allclose(grouped.std, single.std, rtol=0.01)
+  x = jnp.asarray(grouped.normalize(features)[None, :32], jnp.float32)
+
+  view = teachers.view_of(grouped, single, "a run")
+  seen = teacher_lib.as_seen(x, view, "full", "full")
+  assert np.allclose(seen[0], single.normalize(features)[:32], atol=1e-3)
+
+  shown = to_features(joints, "coordinates", "corrected")
+  own = compute_stats(shown, "coordinates")
+  view = teachers.view_of(grouped, own, "a run")
+  seen = teacher_lib.as_seen(x, view, "full", "coordinates")
+  assert np.allclose(own.denormalize(np.asarray(seen[0])), shown[:32], atol=1e-4)
+  window = teacher_lib.as_seen(x[:, 8:], view, "full", "coordinates")[0, 0]
+  assert np.allclose(own.denormalize(np.asarray(window))[[0, 2]], 0, atol=1e-5)  # a clip of its own
+
+  assert teachers.view_of(grouped, grouped, "a run") is None
+  other = Stats(grouped.mean + grouped.std, grouped.std, grouped.layout)
+  for wrong in (other, Stats(single.mean, 2 * single.std, single.layout), Stats(grouped.mean, 1.05 * grouped.std,
+                                                                                grouped.layout)):
+    with pytest.raises(ValueError, match="a run was trained on features of other statistics"):
+      teachers.view_of(grouped, wrong, "a run")
+  with pytest.raises(ValueError, match="layout 'coordinates_kit' cannot read windows of layout 'full'"):
+    teachers.view_of(grouped, teachers.plain_stats("coordinates_kit"), "a run")
+
+
+def test_kinds_are_told():
+  for fields, told in ((dict(kind="tnr"), "expected one of part_tmr, whole_body, tmr, motion_patches"),
+                       (dict(kind="tmr", width=8, head_dropout=0.1), "head_dropout.*'whole_body'")):
+    with pytest.raises(ValueError, match=told):
+      teacher_lib.make_teacher(fields, "full")
+
+
+def vit_state(width=16, depth=1, side=14, patch=16):
+  """A ViT's ImageNet checkpoint under timm's names, random."""
+  draw = np.random.default_rng(0).normal
+  sizes = {"cls_token": (1, 1, width), "pos_embed": (1, 1 + side * side, width), "patch_embed.proj.bias": (width,),
+           "patch_embed.proj.weight": (width, 3, patch, patch), "norm.weight": (width,), "norm.bias": (width,),
+           "head.weight": (5, width), "head.bias": (5,)}
+  for i in range(depth):
+    for name, shape in (("norm1", (width,)), ("attn.qkv", (3 * width, width)), ("attn.proj", (width, width)),
+                        ("norm2", (width,)), ("mlp.fc1", (width, width)), ("mlp.fc2", (width, width))):
+      sizes |= {f"blocks.{i}.{name}.weight": shape, f"blocks.{i}.{name}.bias": shape[:1]}
+  return {name: draw(size=shape).astype(np.float32) for name, shape in sizes.items()}
+
+
+def huggingface(state, depth=1):
+  """The same checkpoint under Hugging Face's names."""
+  made = {"vit.embeddings.cls_token": state["cls_token"], "vit.embeddings.position_embeddings": state["pos_embed"]}
+  for leaf in ("weight", "bias"):
+    made[f"vit.embeddings.patch_embeddings.projection.{leaf}"] = state[f"patch_embed.proj.{leaf}"]
+    made |= {f"vit.layernorm.{leaf}": state[f"norm.{leaf}"], f"classifier.{leaf}": state[f"head.{leaf}"]}
+    for i in range(depth):
+      layer, block = f"vit.encoder.layer.{i}", f"blocks.{i}"
+      for name, part in zip(("query", "key", "value"), np.split(state[f"{block}.attn.qkv.{leaf}"], 3)):
+        made[f"{layer}.attention.attention.{name}.{leaf}"] = np.ascontiguousarray(part)
+      made |= {f"{layer}.{ours}.{leaf}": state[f"{block}.{theirs}.{leaf}"] for ours, theirs in (
+          ("attention.output.dense", "attn.proj"), ("layernorm_before", "norm1"), ("layernorm_after", "norm2"),
+          ("intermediate.dense", "mlp.fc1"), ("output.dense", "mlp.fc2"))}
+  return made
+
+
+def test_a_vision_transformer_starts_from_a_folder(tmp_path):
+  """Both namings give the same weights; the head is left out, positions are resized, and the run says where from."""
+  state = vit_state()
+  ours, left = vit_from_torch(state, 1)
+  theirs, also_left = vit_from_torch(huggingface(state), 1)
+  assert jax.tree.all(jax.tree.map(np.array_equal, ours, theirs))
+  assert left == ["head.bias", "head.weight", "norm.bias", "norm.weight"] and len(also_left) == 4
+  width = state["cls_token"].size
+  assert np.array_equal(ours["block0"]["attn"]["k"]["kernel"],
+                        state["blocks.0.attn.qkv.weight"][width:2 * width].T)
+  folder = tmp_path / "vit_tiny"
+  folder.mkdir()
+  save_file(state, folder / "model.safetensors")
+  (folder / "config.json").write_text(json.dumps({"architecture": "vit_tiny_patch16_224"}))
+  config = load_config("motion_patches", "tiny").unlock()
+  config.frozen.vit = str(folder)
+  config, _ = training.resolve(config)
+  setup = setups.teacher(config)
+  params = jax.jit(setup.stage.init)(setup.next_batch(0), jax.random.key(0))["motion"]
+  assert np.array_equal(params["vit"]["block0"]["mlp_in"]["kernel"], state["blocks.0.mlp.fc1.weight"].T)
+  assert params["vit"]["positions"].shape == (1 + 4 * 5, width)
+  assert np.array_equal(params["vit"]["positions"][0], state["pos_embed"][0, 0])
+  assert np.array_equal(params["fc_norm"]["scale"], np.ones(width))
+  said = config.origin.vit.to_dict()
+  assert (said["weights"], said["file"], said["architecture"]) == ("file", "vit_tiny/model.safetensors",
+                                                                   "vit_tiny_patch16_224")
+  assert len(said["sha256"]) == 64 and said["left_out"] == left
+
+
+def test_a_wrong_vision_transformer_is_told(tmp_path):
+  config = load_config("motion_patches", "tiny").unlock()
+  net = teacher_lib.make_teacher(config.model, config.data.layout)
+  with pytest.raises(FileNotFoundError, match="found no .*model.safetensors"):
+    teachers.imagenet(tmp_path, net)
+  for name, state, told in (("wide", vit_state(width=24), "width 24 .* config.model has width 16"),
+                            ("deep", vit_state(depth=2), r"unknown 12 \(blocks.1"),
+                            ("small", vit_state(patch=8), "patches of 192 numbers"),
+                            ("odd", vit_state() | {"pos_embed": np.zeros((1, 190, 16), np.float32)}, "190 positions"),
+                            ("more", vit_state() | {"extra": np.zeros(3, np.float32)}, r"unknown 1 \(extra\)")):
+    (tmp_path / name).mkdir()
+    save_file(state, tmp_path / name / "model.safetensors")
+    with pytest.raises(ValueError, match=told):
+      teachers.imagenet(tmp_path / name, net)
+
+
+def test_released_motion_patches(tmp_path):
+  """By the command line to a run folder, whose motions have the recorded vectors."""
+  fixture = Fixture(fixtures.path("cmdm/motion_patches.npz"))
+  text = text_folder(tmp_path / "text", 20, heads=4)
+  state = {name: a for name, a in fixture.params.items() if not name.startswith("text_encoder")}
+  state |= {f"text_encoder.text_model.{name}": a for name, a in load_file(text / "model.safetensors").items()}
+  path = save_nested(tmp_path / "best_model", state, "safetensors")
+  stats = stats_folder(tmp_path / "stats", fixture["in/mean"], fixture["in/std"])
+  assert run("teacher", path, "--stats", stats, "--text-encoder", text, "--heads", 4, "--out", tmp_path / "run") == 0
+  config = checkpoint.load_config(tmp_path / "run")
+  assert config.model.num_rows == 48 and config.origin.weights == "released" and not config.model.upsample
+  retriever = retrieval.load(tmp_path / "run")
+  clips = np.split(fixture["in/joints"].astype(np.float32), np.cumsum(fixture.config["frames"])[:-1])
+  clips = [clip.reshape(len(clip), -1) for clip in clips if len(clip) <= 48]
+  with jax.default_matmul_precision("highest"):
+    made = retriever.embed_motion(clips)
+  assert np.abs(made - fixture["out/motion_unit"][:len(clips)]).max() < 1e-5
+
+
+@pytest.mark.parametrize("as_folder", [pytest.param(False, marks=pytest.mark.slow), True])
+def test_released_tmr(tmp_path, as_folder):
+  """A checkpoint of the whole, or the three parts that are given out, to a run folder that retrieves."""
+  fixture, draw = Fixture(fixtures.path("cmdm/tmr.npz")), np.random.default_rng(0)
+  wide = lambda *shape: draw.normal(size=shape).astype(np.float32)
+  state = fixture.params | {"motion_encoder.projection.weight": wide(16, 263),
+                            "motion_decoder.final_layer.weight": wide(263, 16),
+                            "motion_decoder.final_layer.bias": wide(263)}
+  if as_folder:
+    (tmp_path / "tmr").mkdir()
+    for part in ("motion_encoder", "text_encoder", "motion_decoder"):
+      save_file({name.removeprefix(f"{part}."): a for name, a in state.items() if name.startswith(f"{part}.")},
+                tmp_path / "tmr" / f"{part}.safetensors")
+    path = tmp_path / "tmr"
+  else:
+    path = save_nested(tmp_path / "last", {"state_dict": state, "lr_schedulers": {"x": np.zeros(1)}}, "safetensors")
+  stats = stats_folder(tmp_path / "stats", np.zeros(263), np.ones(263))
+  text = text_folder(tmp_path / "text", 24, heads=4)
+  assert run("teacher", path, "--stats", stats, "--text-encoder", text, "--heads", 2, "--out", tmp_path / "run") == 0
+  retriever = retrieval.load(tmp_path / "run")
+  given = (jnp.asarray(fixture[f"in/{name}"]) for name in ("text", "text_mask"))
+  text_mu = retriever.space.text(retriever.params, *given)
+  expected = fixture["out/text_mu"] / np.linalg.norm(fixture["out/text_mu"], axis=-1, keepdims=True)
+  assert np.abs(text_mu - expected).max() < 1e-5
+  assert retriever.embed_motion([wide(30, 263)]).shape == (1, 16)
+  assert retriever.embed_text(["a person walks"]).shape == (1, 16)
+
+
+def test_recall_counts_clips_of_captions_that_say_nearly_the_same(teacher_run, tmp_path, monkeypatch, capsys):
+  monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+  write_folder(synthetic_clips(0, 6), tmp_path / "data", mirror=False)
+  assert cli.main(["retrieve", "--data", str(tmp_path / "data"), "--teacher", str(teacher_run)]) == 0
+  lines = capsys.readouterr().out.splitlines()
+  assert sum(line.startswith("text to motion") for line in lines) == (2 if "tmr" in str(teacher_run) else 1)
+  similarity = np.array([[0.9, 0.8, 0.7], [0.5, 0.2, 0.1], [0.1, 0.2, 0.3]])
+  same = np.eye(3, dtype=bool)
+  assert scores.mean_ranks(similarity).tolist() == [0, 1, 0]
+  same[1, 0] = True
+  assert scores.retrieval_by_rank(similarity, same)["r1"] == 1.0
+  assert scores.mean_ranks(np.zeros((3, 3))).tolist() == [1, 1, 1]  # ties: the middle of their places
+
+
+def test_files_that_are_no_teacher_are_told(tmp_path, capsys):
+  stats = stats_folder(tmp_path / "stats", np.zeros(263), np.ones(263))
+  path = save_nested(tmp_path / "x", {"weight": np.ones((2, 2), np.float32)}, "safetensors")
+  assert cli.main(["convert", "teacher", str(path), "--stats", str(stats), "--out", str(tmp_path / "run")]) == 1
+  assert "is no Part-TMR, TMR or MotionPatches; it holds weight" in capsys.readouterr().err
+  with pytest.raises(FileNotFoundError, match="has no motion_encoder.pt"):
+    teacher(tmp_path, get_layout("full"))
+
+
+@pytest.mark.slow
+def test_captions_that_say_the_same_are_read_with_their_sentence():
+  config = training.resolve(load_config("tmr", "tiny"))[0].unlock()
+  setup = setups.teacher(config)
+  batch = setup.next_batch(0)
+  assert batch["sentence"].shape[0] == 4 and np.allclose(np.linalg.norm(batch["sentence"], axis=-1), 1, atol=1e-5)
+  assert batch["text_emb"].shape[1] % 32 == 0 and config.text.to_dict() == {"width": batch["text_emb"].shape[-1]}
+  config.frozen.sentence = ""
+  assert "sentence" not in setups.teacher(config).next_batch(0)

@@ -1,0 +1,66 @@
+"""A motion that misses what its prompt requires after all attempts says so: in a warning, in its meta, to the page."""
+import numpy as np
+import pytest
+
+from motion_jax.data.datasets.synthetic import synthetic_joints
+from motion_studio.checks.reports import note_of, report, unmet_requirements
+from motion_studio.checks.requirements import requirements_of
+from motion_studio.server.making import notes_of
+from tests.analysis.test_describe import _jump, _kick, _walk, _wave
+from tests.studio.checks.test_requirements import _made, _Stub
+
+
+@pytest.mark.parametrize("text, joints, missing", [
+    ("a person kicks with the right leg", _kick("left"), ["no kick with the right leg seen"]),
+    ("a person kicks with the left leg", _kick("left"), []),
+    ("a person kicks three times", _kick("left", (1.0, 2.5)), ["2 kicks seen instead of 3"]),
+    ("a person kicks three times with the left leg", _kick("left"), ["1 kick with the left leg seen instead of 3"]),
+    ("a person jumps once, then bows", _jump(0.3), ["no bow seen"]),
+    ("a person waves the right hand", _wave("left", 4), ["no waving with the right hand seen"]),
+    ("a person punches", _walk(), ["no punch seen"]),
+    ("a person walks in a circle to the left", _walk(), ["no full circle to the left seen"]),
+    ("a person walks slowly", _walk(speed=1.6), ["the walk is not slow"]),
+    ("a person sits down", _walk(), ["the body does not sit down"]),
+    ("a person walks backward", _walk(), ["no walk backward seen"]),
+    ("a person stands still", _walk(), ["the body does not stand still"]),
+    ("a person walks", _walk(), []), ("a person eats", _walk(), []),
+])
+def test_what_is_missing_is_said_in_words(text, joints, missing):
+  assert unmet_requirements(joints, requirements_of(text)) == missing
+
+
+def test_a_turn_that_is_too_short_is_said_in_degrees():
+  joints = synthetic_joints("turn_left", 80, np.random.default_rng(0))
+  found, = unmet_requirements(joints, requirements_of("a person turns all the way around to the left"))
+  assert found.startswith("a turn to the left by ") and found.endswith("degrees seen instead of 290 to 430")
+
+
+def test_attempts_that_all_failed_are_reported_and_no_others(monkeypatch):
+  prompts = ["a person walks", "a person jumps", "someone jumps and kicks"]
+  stub = _Stub(lambda prompt, key: prompt == "a person jumps")
+  with pytest.warns(UserWarning, match="3 attempts, no jump seen, no kick seen") as said:
+    _, made = _made(stub, monkeypatch, prompts, 3)
+  assert len(said) == 1 and prompts[2] in str(said[0].message)
+  assert "unmet" not in made[0].meta and "unmet" not in made[1].meta and "attempts" not in made[1].meta
+  assert made[2].meta["unmet"] == ["no jump seen", "no kick seen"] and made[2].meta["attempts"] == 3
+  assert made[2].id == "motion_2" and made[2].num_frames == 80
+  stub.reports_to_terminal = False
+  with pytest.MonkeyPatch.context() as patch:
+    patch.setattr("warnings.warn", lambda *_, **__: pytest.fail("a warning that nobody reads"))
+    _, quiet = _made(stub, monkeypatch, prompts[2:], 3)
+  assert quiet[0].meta["unmet"] == made[2].meta["unmet"]
+
+
+def test_a_page_gets_the_same_sentence_once_for_each_take_that_missed(monkeypatch):
+  stub = _Stub(lambda prompt, key: False)
+  stub.reports_to_terminal = False
+  _, made = _made(stub, monkeypatch, ["a person jumps"] * 2, 2)
+  said = "2 attempts, no jump seen (prompt: 'a person jumps'); another seed may show it"
+  assert notes_of(made[:1]) == [said] == [note_of(2, ["no jump seen"], "a person jumps")]
+  assert notes_of(made) == [f"take 1: {said}", f"take 2: {said}"]
+
+
+def test_many_failures_are_few_lines():
+  with pytest.warns(UserWarning) as said:
+    report(["a person kicks"] * 9, [["no kick seen"]] * 8 + [[]], 4)
+  assert len(said) == 6 and str(said[-1].message).startswith("3 more motions")

@@ -1,0 +1,117 @@
+"""Flags: one spelling in all commands, and the scripts at the top as doors to them; former ones: test_former_names."""
+import argparse
+import re
+import subprocess
+import sys
+
+import pytest
+
+import motion_jax as mj
+from motion_jax.utils import config_files, overrides
+from motion_studio import cli
+from motion_studio.cli.shared import Files
+from tests.conftest import ROOT, devices_env
+
+
+def _options(parser):
+  """(command, option, action) of a parser and all below it."""
+  for action in parser._actions:
+    if isinstance(action, argparse._SubParsersAction):
+      for one in action.choices.values():
+        yield from _options(one)
+    for option in action.option_strings:
+      yield parser.prog, option, action
+
+
+FLAGS = [found for found in _options(cli._parser()) if found[1] not in ("-h", "--help")]
+
+
+def test_flags_are_words_joined_by_dashes():
+  assert len(FLAGS) > 100
+  strange = [(prog, option) for prog, option, _ in FLAGS if not re.fullmatch(r"--[a-z]+(-[a-z]+)*", option)]
+  assert not strange
+
+
+@pytest.mark.parametrize("flag", ["--model", "--data", "--seed", "--guidance", "--weights", "--out"])
+def test_what_commands_share_is_called_alike(flag):
+  """A flag of several commands is of one kind of value, so that what is learned of one holds for all."""
+  kinds = {(action.type and getattr(action.type, "__qualname__", type(action.type).__name__),
+            tuple(action.choices or ())) for _, option, action in FLAGS if option == flag}
+  assert len(kinds) == 1, kinds
+
+
+@pytest.mark.parametrize("command", [
+    ["generate", "a person walks"], ["make", "story.json"], ["blend", "a.bvh", "b.bvh"]])
+def test_files_to_write_add_up(command):
+  def read(*given):
+    return cli.parse([*command, *given]).out
+
+  assert read("--out", "a.html", "--out", "b.npz,c.bvh", "--out=d.png") == "a.html,b.npz,c.bvh,d.png"
+  assert read("--out", "a.html") == "a.html" and read().endswith(".html")
+
+
+def test_what_is_no_flag_of_train_is_told(capsys):
+  for words, told in ((["--wrkdir", "x"], "did you mean --workdir?"), (["--max-second=x"], "--max-seconds")):
+    with pytest.raises(SystemExit):
+      cli.parse(["train", "--config", "c", "--workdir", "w", *words])
+    said = capsys.readouterr().err
+    assert told in said and len(said.splitlines()) == 1
+
+
+def test_a_config_has_a_name_wherever_one_is(tmp_path, monkeypatch):
+  """By name, by the path that the repository has, by the path of a file of one's own, which comes first."""
+  monkeypatch.chdir(tmp_path)
+  by_name = config_files.load("cmdm_denoiser:tiny")
+  for name in ("configs/cmdm_denoiser.py:tiny", "cmdm_denoiser.py:tiny", f"{ROOT}/configs/cmdm_denoiser.py:tiny"):
+    assert config_files.load(name).to_dict() == by_name.to_dict()
+  assert config_files.load("ablations/cmdm:no-rope/denoiser/tiny").model.use_rope is False
+  (tmp_path / "mine.py").write_text("from motion_jax.configs import cmdm_denoiser\n\n\ndef get_config(size='tiny'):\n"
+                                    "  config = cmdm_denoiser.get_config(size).unlock()\n  config.seed = 8\n"
+                                    "  return config.lock()\n")
+  assert config_files.load("mine.py").seed == 8
+  assert {"cmdm_denoiser", "ablations/cdamd"} < set(config_files.names()) and "__init__" not in config_files.names()
+
+
+def test_overrides_are_set_and_nothing_else():
+  config = config_files.load("cmdm_denoiser:tiny")
+  made = overrides.applied(["--config.data.lengths=(64,192)", "--config.optimizer.learning_rate", "1e-3",
+                            "--config.data.mirror", "--config.frozen.text=words"], config)
+  assert made.data.lengths == (64, 192) and made.optimizer.learning_rate == 1e-3 and made.data.mirror is True
+  assert made.frozen.text == "words" and made.model == config_files.load("cmdm_denoiser:tiny").model and made.is_locked
+  with pytest.raises(ValueError, match="stray arguments more"):
+    overrides.applied(["--config.seed=3", "more"], config)
+
+
+def test_data_is_short_for_the_configs_folders(tmp_path, capsys):
+  words = ["train", "--config", "cmdm_denoiser:small", "--workdir", str(tmp_path / "w"), "--data", "nowhere", "here"]
+  assert cli.main(words) == 1
+  assert "nowhere" in capsys.readouterr().err
+  assert cli.main([*words, "--config.data.folder=there"]) == 1
+  assert "give one of them" in capsys.readouterr().err and not any(tmp_path.iterdir())
+
+
+def test_guidance_zero_is_told_as_zero(tiny_run, tmp_path, capsys):
+  for given, told in ((["--guidance", "0"], "guidance 0, seed"), ([], "guidance 3, seed")):
+    assert cli.main(["generate", "a person walks", "--frames", "16", "--steps", "4", "--model", str(tiny_run), "--out",
+                     str(tmp_path / "a.npy"), *given]) == 0
+    assert told in capsys.readouterr().out
+
+
+def test_a_file_of_the_usual_name_is_written_beside_another():
+  parser = argparse.ArgumentParser()
+  parser.add_argument("--out", action=Files, default="blended.html")
+  usual = "".join(["blended", ".html"])  # as a command line gives it: equal to the default, and not it
+  assert parser.parse_args([]).out == "blended.html" and parser.parse_args(["--out", "b.mp4"]).out == "b.mp4"
+  assert parser.parse_args(["--out", usual, "--out", "b.mp4"]).out == "blended.html,b.mp4"
+
+
+def test_the_scripts_at_the_top_are_the_commands(tmp_path):
+  for script, words, told in (("launch.py", ["--help"], "--max-seconds"), ("eval.py", ["--help"], "--replications"),
+                              ("eval.py", ["--printed", "cdamd", "6"], "| CDAMD")):
+    done = subprocess.run([sys.executable, str(ROOT / script), *words], env=devices_env(1), cwd=tmp_path,
+                          capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and told in done.stdout and (words != ["--help"] or f"usage: {script} " in done.stdout)
+
+
+def test_the_papers_are_names_of_the_package():
+  assert mj.cdamd.__name__ == "motion_jax.models.cdamd" and mj.cmdm.__name__ == "motion_jax.models.cmdm"

@@ -1,0 +1,124 @@
+"""A sweep trains each run once, goes on where it was stopped, and tells all of them in one table."""
+import json
+
+import pytest
+from PIL import Image
+
+from motion_jax import charts
+from motion_jax.training import resume
+from motion_jax.training.metrics import append_metrics
+from motion_jax.utils import config_files, overrides
+from motion_jax.utils.errors import InputError
+from motion_studio import cli
+from motion_studio.cli import sweep
+
+
+@pytest.fixture
+def file(tmp_path):
+  path = tmp_path / "two.py"
+  path.write_text("def get_sweep(size='tiny'):\n"
+                  "  return {n: (f'cmdm_tokenizer:{size}', {'seed': i}) for i, n in enumerate(('a', 'b'))}\n")
+  return path
+
+
+def _trained(folder, loss):
+  """What a finished run leaves."""
+  folder.mkdir(parents=True)
+  (folder / "config.json").write_text(json.dumps({"train": {"num_steps": 2}}))
+  (folder / "params.safetensors").write_bytes(b"")
+  append_metrics(folder, {"step": 2, "seconds": 1.5, "loss": loss})
+  append_metrics(folder, {"step": 2, "held_out_mm": 7.0})
+
+
+def test_runs_come_one_after_another_and_only_once(file, tmp_path, capsys, monkeypatch):
+  monkeypatch.delenv(sweep.TASK, raising=False)
+  calls, out = [], tmp_path / "out"
+
+  def call(command):
+    calls.append(command)
+    folder = out / command[command.index("--workdir") + 1].rpartition("/")[2]
+    _trained(folder, loss=len(calls))
+    return 0
+
+  assert sweep.run(file, out, ["--data", "x"], call) == 0 and len(calls) == 2
+  assert calls[1][3:] == ["train", "--config", "cmdm_tokenizer:tiny", "--workdir", str(out / "b"), "--resume=auto",
+                          "--data", "x", "--config.seed=1"]
+  assert sweep.run(file, out, [], call) == 0 and len(calls) == 2
+  table = (out / "sweep.md").read_text().splitlines()
+  assert table[0] == "| run | seed | state | loss | held_out_mm | seconds |"
+  assert table[3] == "| b | 1 | finished | 2 | 7 | 1.5 |"
+
+
+def test_a_failure_leaves_the_others_and_a_stop_ends_the_sweep(file, tmp_path, capsys, monkeypatch):
+  monkeypatch.delenv(sweep.TASK, raising=False)
+  calls = []
+  assert sweep.run(file, tmp_path / "out", [], lambda command: calls.append(command) or 1) == 1 and len(calls) == 2
+  assert "2 of 2 runs failed: a, b" in capsys.readouterr().err
+  for status, told in ((75, 75), (-15, 143), (130, 130)):
+    calls.clear()
+    assert sweep.run(file, tmp_path / "out", [], lambda command, status=status: calls.append(command) or status) == told
+    assert len(calls) == 1
+
+
+def test_a_task_of_an_array_trains_its_own_run(file, tmp_path, monkeypatch):
+  monkeypatch.setenv(sweep.TASK, "1")
+  calls = []
+  sweep.run(file, tmp_path / "out", [], lambda command: calls.append(command) or 0)
+  assert len(calls) == 1 and str(tmp_path / "out/b") in calls[0]
+
+
+def test_at_the_command_line(file, tmp_path, monkeypatch, capsys):
+  monkeypatch.setattr(sweep, "run", lambda *args: print(args) or 3)
+  assert cli.main(["train", "--sweep", str(file), "--workdir", "out", "--data", "x", "--config.seed=7"]) == 3
+  assert "'--data', 'x', '--config.seed=7'" in capsys.readouterr().out
+  for flags, told in (([], "neither --config nor --sweep"), (["--sweep", "a", "--config", "b"], "both --config and")):
+    assert cli.main(["train", "--workdir", "out", *flags])
+    assert told in capsys.readouterr().err
+
+
+def test_a_task_that_is_none(file, tmp_path, monkeypatch):
+  monkeypatch.setenv(sweep.TASK, "2")
+  with pytest.raises(InputError, match="got SLURM_ARRAY_TASK_ID=2, expected a number from 0 to 1"):
+    sweep.run(file, tmp_path, [], None)
+
+
+def test_what_is_no_sweep(tmp_path):
+  with pytest.raises(FileNotFoundError, match="there is no sweep 'learning_rat'.*did you mean learning_rate"):
+    sweep.load("learning_rat")
+  (tmp_path / "bad.py").write_text("def get_sweep(): return {'a/b': ('c', {})}")
+  with pytest.raises(InputError, match="one named 'a/b'"):
+    sweep.load(tmp_path / "bad.py")
+  (tmp_path / "none.py").write_text("x = 1")
+  with pytest.raises(InputError, match="expected Python with a function get_sweep"):
+    sweep.load(tmp_path / "none.py")
+
+
+@pytest.mark.parametrize("name", ["learning_rate", "motion_prior", "motion_prior:tiny"])
+def test_those_that_ship_name_fields_of_their_configs(name):
+  for config, fields in sweep.load(name).values():
+    overrides.check([f"--config.{field}={value}" for field, value in fields.items()], config_files.load(config))
+
+
+def test_the_runs_of_cdamds_figure_7_differ_in_the_prior_alone():
+  with_prior, without = (config_files.load(config) for config, _ in sweep.load("motion_prior").values())
+  changed = {path for path, *_ in resume.changes(with_prior.to_dict(), without.to_dict())}
+  assert changed == {"loss.prior_levels"} and (with_prior.loss.prior_levels, without.loss.prior_levels) == (2, 0)
+
+
+def test_held_out_numbers_are_drawn(tmp_path):
+  runs = {name: ("config", {}) for name in "ab"}
+  sweep.draw_chart(runs, tmp_path)
+  assert not list(tmp_path.iterdir())
+  for name in "ab":
+    (tmp_path / name).mkdir()
+    for step in (2, 4, 6):
+      append_metrics(tmp_path / name, {"step": step, "held_out_loss": 7.0 / step, "held_out_mm": 50.0 - step})
+  sweep.draw_chart(runs, tmp_path)
+  image = Image.open(tmp_path / "sweep.png")
+  assert image.width == 2 * 2 * charts.WIDTH and len(image.getcolors(1 << 20)) > 10
+
+
+def test_what_all_runs_share_stands_below_the_table(tmp_path):
+  text = sweep.write_table({name: ("config", {"seed": seed, "train.num_steps": 9}) for seed, name in enumerate("ab")},
+                           tmp_path)
+  assert text.startswith("| run | seed | state |") and text.endswith("\n\nIn all runs: train.num_steps 9\n")

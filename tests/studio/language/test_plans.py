@@ -1,0 +1,365 @@
+"""What sentences of several actions ask for: a table of them, and what must never be parted."""
+import time
+
+import pytest
+
+from motion_studio.language.sentences import understand
+
+# Sentence -> what is done: "|" after each other, "+" at once, [seconds]; all of them begin with "a person" if they do.
+COMPOSED = {
+    # one after the other
+    "a person walks forward, then waves the right hand": "walks forward | waves the right hand",
+    "a person walks forward then waves the right hand.": "walks forward | waves the right hand",
+    "a person walks forward and then sits down": "walks forward | sits down",
+    "a person walks forward and then he sits down": "walks forward | sits down",
+    "a person walks. Then he waves. Finally, he sits down.": "walks | waves | sits down",
+    "a person walks; he waves": "walks | waves",
+    "A person WALKS, THEN WAVES!": "WALKS | WAVES",
+    "a person walks... then waves": "walks | waves",
+    "a person walks - then waves": "walks | waves",
+    "a person walks (slowly), then waves": "walks (slowly) | waves",
+    "a person walks, turns around and waves": "walks | turns around | waves",
+    "a person walks forward, turns left, walks forward again, and sits down":
+        "walks forward | turns left | walks forward again | sits down",
+    "a person sits down and stands up": "sits down | stands up",
+    "a person bends down and picks up a box": "bends down | picks up a box",
+    "a person picks up a cup, drinks from it and puts it down": "picks up a cup | drinks from it | puts it down",
+    "a person punches and kicks": "punches | kicks",
+    "a person raises both arms and lowers them": "raises both arms | lowers them",
+    "a person turns around and walks back": "turns around | walks back",
+    "a person runs, jumps, and lands": "runs | jumps | lands",
+    "a person bows and waves": "bows | waves",
+    "a person stretches, bends and twists": "stretches | bends | twists",
+    "a person waves goodbye and leaves": "waves goodbye | leaves",
+    "a person walks followed by a jump": "walks | jumps",
+    "a person walks and then, after a moment, waves": "walks | waves",
+    "someone rubs their hands together, then warms them": "rubs their hands together | warms them",
+    "a person first walks, then runs": "walks | runs",
+    "First, a person walks. After that, they run. Finally they stop.": "walks | runs | stands still",
+    "a man walks forward, stumbles, and then regains his balance": "walks forward | stumbles | regains his balance",
+    "a person throws a ball with the right hand and catches it with the left hand":
+        "throws a ball with the right hand | catches it with the left hand",
+    # before, after, until, when
+    "a person waves before sitting down": "waves | sits down",
+    "before sitting down, he waves": "waves | sits down",
+    "a person bows after waving": "waves | bows",
+    "after sitting, he walks": "sits | walks",
+    "after sitting down and standing up, a person walks forward": "sits down | stands up | walks forward",
+    "a person walks before he runs": "walks | runs",
+    "a person walks and then waves with the left hand before sitting down":
+        "walks | waves with the left hand | sits down",
+    "a person walks until he falls": "walks | falls",
+    "until he falls, a person walks": "walks | falls",
+    "having walked, he sits": "walked | sits",
+    "when he stops, a person waves": "stands still | waves",
+    # stops
+    "a person walks until he stops": "walks | stands still",
+    "a person walks forward and stops": "walks forward | stands still",
+    "someone walks ahead, then comes to a stop": "walks ahead | stands still",
+    "a person runs and comes to a sudden halt": "runs | stands still",
+    "a person walks, stops, and waves": "walks | stands still | waves",
+    "a person stops walking and then waves": "walks | stands still | waves",
+    "a person walks then stops walking": "walks | stands still",
+    "a person starts walking, then stops": "walks | stands still",
+    "a person walks, pauses for two seconds, then runs": "walks | stands still [2] | runs",
+    # a pose that is kept
+    "a person sits down on a chair, stays there and stands up again":
+        "sits down on a chair | holds still | stands up again",
+    "a person sits down, stays seated for three seconds, then gets up": "sits down | holds still [3] | gets up",
+    "a man sits down and waits": "sits down | holds still",
+    "a person sits down, rests for a while and stands up": "sits down | holds still [4] | stands up",
+    "a person kneels and remains there for two seconds": "kneels | holds still [2]",
+    "a person raises the left arm and holds it up": "raises the left arm | holds still",
+    "a person raises both arms, keeps them there, then walks": "raises both arms | holds still | walks",
+    "someone kicks and holds the pose": "kicks | holds still",
+    "a person walks, then does not move for a moment": "walks | holds still [1]",
+    "a person raises the left arm for three seconds": "raises the left arm | holds still [3]",
+    "a person sits for five seconds, then walks": "sits | holds still [5] | walks",
+    "a person sits down and doesn't move": "sits down | holds still",
+    "a person does not move": "stands still",
+    "a person bows and waits": "bows | stands still",
+    "a person remains standing": "stands still",
+    "a person kneels and stays kneeling while waving": "kneels | holds still + waves",
+    # arms act above a pose that is low
+    "a person sits down and waves": "sits down | holds still + waves",
+    "a person sits down, lifts the left arm and nods, then stands up":
+        "sits down | holds still + lifts the left arm | holds still + nods | stands up",
+    "a man crouches, claps for three seconds and stays there": "crouches | holds still + claps [3] | holds still",
+    "a person sits down, raises the left hand for two seconds and gets up":
+        "sits down | holds still + raises the left hand | holds still [2] | gets up",
+    "a person sits down, then waves while nodding": "sits down | holds still + waves + nods",
+    "a person kneels and lifts a box": "kneels | lifts a box",
+    "a person kneels down and picks something up with the right hand":
+        "kneels down | picks something up with the right hand",
+    "a person sits down, gets up and waves": "sits down | gets up | waves",
+    "a person sits down and bows": "sits down | bows",
+    "someone kicks and holds the pose, then stands still while waving": "kicks | holds still | stands still + waves",
+    # a rest that is taken
+    "a person takes a rest": "stands still",
+    "a person walks, takes a short break and walks back": "walks | stands still [1] | walks back",
+    "a person sits down and takes a long rest": "sits down | holds still [4]",
+    # a pace of counted steps, and of who hurries
+    "a person takes three quick steps forward, then waves": "walks forward quickly [1.24] | waves",
+    "a person takes two slow steps back and bows": "walks backward slowly [1.82] | bows",
+    "a person hurries ahead": "walks forward quickly",
+    "a person walks, then stands still while waving": "walks | stands still + waves",
+    "a person runs and keeps up": "runs | keeps up",
+    "a person raises the left hand 3 times for 4 seconds": "raises the left hand 3 times [4]",
+    "a person rests a hand on the table and walks": "rests a hand on the table | walks",
+    # at once
+    "a person waves while walking": "walks + waves",
+    "a person walks while waving the left hand": "walks + waves the left hand",
+    "a person waves with their right hand as they walk": "walks + waves with their right hand",
+    "as he walks, a person waves": "walks + waves",
+    "while a person walks, he waves": "walks + waves",
+    "while walking, a person waves and nods": "walks + waves + nods",
+    "a person walks and waves": "walks + waves",
+    "a person waves both hands and walks in place": "walks in place + waves both hands",
+    "a person is walking and waving": "walks + waves",
+    "a man is sitting and clapping": "sits + claps",
+    "a person jumps and claps": "jumps + claps",
+    "a person kicks and punches at the same time": "kicks + punches",
+    "a person kicks and punches simultaneously": "kicks + punches",
+    "a person walks, simultaneously waving": "walks + waves",
+    "a person walks forward, waving the right hand": "walks forward + waves the right hand",
+    "a person runs forward waving both hands": "runs forward + waves both hands",
+    "a person, walking forward, waves": "walks forward + waves",
+    "a person walks waving": "walks + waves",
+    "a person walks with the right hand raised": "walks + raises the right hand",
+    "a person walks with both arms up then sits": "walks + raises both hands | sits",
+    "a person raises the left hand and raises the right hand": "raises the left hand + raises the right hand",
+    "a person walks forward while looking around": "walks forward + looks around",
+    "a person dances while clapping": "dances + claps",
+    "a person nods and waves": "waves + nods",
+    "a person walks in a circle and waves the left hand, then bows twice":
+        "walks in a circle + waves the left hand | bows 2 times",
+    "a person crouches then leaps, reaching up": "crouches | leaps + reaches up",
+    # a verb that is said once, a pace that changes
+    "he kicks with the left leg three times and then once with the right":
+        "kicks with the left leg 3 times | kicks with the right leg",
+    "a person punches with the right hand twice, then once with the left":
+        "punches with the right hand 2 times | punches with the left hand",
+    "waves the left hand three times and then the right hand twice":
+        "waves the left hand 3 times | waves the right hand 2 times",
+    "raise your right hand then your left hand": "raises your right hand | raises your left hand",
+    "a person raises the left hand, then the right": "raises the left hand | raises the right hand",
+    "a person kicks with the left leg, then with the other": "kicks with the left leg | kicks with the right leg",
+    "a person kicks once, then twice": "kicks | kicks 2 times",
+    "a person jumps once and then walks": "jumps | walks",
+    "a person takes three steps forward and two steps back":
+        "walks forward [1.65] | walks backward [1.3] | stands still",
+    "a person walks three steps forward, two steps backward":
+        "walks three steps forward [1.65] | walks backward [1.3] | stands still",
+    "a person takes a step back, then waves": "walks backward [0.8] | waves",
+    "a person walks forward five steps, then turns around": "walks forward five steps [2.75] | turns around",
+    "a person takes two steps forward and one step back":
+        "walks forward [1.1] | walks backward [0.8] | stands still",
+    "someone takes two steps to the left and waves": "walks sideways to the left [1.1] | waves",
+    "someone takes three steps to the right while waving":
+        "walks sideways to the right + waves [1.65] | stands still",
+    "a person takes a couple of steps back, then runs": "walks backward [1.3] | runs",
+    "someone walks two steps while waving": "walks two steps + waves [1.1] | stands still",
+    "a person takes a bow and a step back": "bows | walks backward [0.8] | stands still",
+    "a person starts walking slowly, speeds up and begins to run": "walks slowly | walks quickly | runs",
+    "a person walks, speeds up, then slows down again": "walks | walks quickly | walks slowly",
+    "a person runs, then slows down to a walk": "runs | walks",
+    "a person runs fast and slows down": "runs fast | runs slowly",
+    "a person walks slowly at first, then faster": "walks slowly at first | walks quickly",
+    "a person walks normally, then like an old man": "walks normally | walks like an old man",
+    "a person jumps forward twice and backward once": "jumps forward 2 times | jumps backward",
+    "someone punches twice with the right hand and once with the left":
+        "punches with the right hand 2 times | punches with the left hand",
+    "a person punches left, right, left":
+        "punches with the left hand | punches with the right hand | punches with the left hand",
+    "a person kicks right twice": "kicks with the right foot 2 times",
+    "someone slowly walks backwards and then quickly forwards": "slowly walks backwards | walks quickly forwards",
+    "he walks a bit, waits for 3 seconds and goes on": "walks a bit | stands still [3] | walks a bit",
+    "a person walks forward, stops, then continues": "walks forward | stands still | walks forward",
+    "a person walks in a circle to the left, then to the right":
+        "walks in a circle to the left | walks in a circle to the right",
+    "a person walks in a wide circle clockwise, then counterclockwise":
+        "walks in a wide circle clockwise | walks in a wide circle counterclockwise",
+    "a person walks in a circle to the left, then in a circle to the right":
+        "walks in a circle to the left | walks in a circle to the right",
+    "someone starts in a seated position, then stands up and walks": "sits | stands up | walks",
+    "a person starts from standing and sits down": "stands still | sits down",
+    "a person bows and goes on": "bows | goes on",
+    "a person runs, then walks, stops and goes on": "runs | walks | stands still | walks",
+    "a person slowly walks, stops and goes on": "slowly walks | stands still | walks",
+    "a person waves, then goes faster": "waves | goes faster",
+    "a person takes two steps left and waves": "walks sideways to the left [1.1] | waves",
+    "a person takes three steps forward for 5 seconds": "walks forward [5]",
+    "when the music starts, the man dances and bows": "dances | bows",
+    # a main clause behind no comma
+    "after sitting for a while the person gets up and walks away": "sits for a while | gets up | walks away",
+    "once he sits down he waves": "sits down | holds still + waves",
+    "before the man sits down he bows": "bows | sits down",
+    "while walking he waves": "walks + waves",
+    # how often, how long
+    "a person jumps twice": "jumps 2 times",
+    "a person jumps three times, then bows": "jumps 3 times | bows",
+    "a person waves twice and then claps three times": "waves 2 times | claps 3 times",
+    "a person jumps a couple of times": "jumps 2 times",
+    "a person nods twice while standing": "stands + nods 2 times",
+    "a person spins around 4 times and then falls": "spins around 4 times | falls",
+    "someone takes two bows": "bows 2 times",
+    "a person does three squats and then waves": "squats 3 times | waves",
+    "a person makes a couple of jumps": "jumps 2 times",
+    # a noun that says what is done
+    "someone walks up and takes a bow": "walks up | bows",
+    "someone walks ahead and takes a seat": "walks ahead | sits down",
+    "a man walks a few steps and stands still": "walks a few steps | stands still",
+    "she puts her hands up": "raises both hands", "someone puts up the left hand": "raises the left hand",
+    "the person takes slow steps ahead": "walks forward slowly",
+    "someone walks ahead and to the left without turning": "walks diagonally forward to the left",
+    "she goes forward and to the right, facing ahead": "goes diagonally forward to the right",
+    "a person takes quick steps backward": "walks backward quickly",
+    "she throws a left punch": "punches with the left hand",
+    "the person takes a right turn": "walks and makes a right turn",
+    "they take a left turn": "walk and make a left turn",
+    "a person jogs, takes a left turn, then keeps jogging": "jogs | turns left | jogs",
+    "a person takes a left turn, then right": "walks and makes a left turn | walks and makes a right turn",
+    "a man takes a left turn and then a right turn": "walks and makes a left turn | walks and makes a right turn",
+    "a man makes a left turn, followed by a right turn": "turns left | turns right",
+    "she walks on and takes a right turn and keeps walking": "walks on | walks and makes a right turn | walks",
+    "a person makes a right turn while walking": "turns right while walking",
+    "she throws a left punch, then two right kicks": "punches with the left hand | kicks with the right foot 2 times",
+    "a man takes two steps forward, then a step back":
+        "walks forward [1.1] | walks backward [0.8] | stands still",
+    "someone waves and begins dancing": "waves | dances",
+    "a person waves while doing a jump": "jumps + waves",
+    "a person walks for five seconds": "walks [5]",
+    "a person walks for half a minute": "walks [30]",
+    "a person walks for five seconds, then runs for 2.5 s": "walks [5] | runs [2.5]",
+    "a person jogs in place for 4s while punching": "jogs in place + punches [4]",
+    # what is not said again
+    "a person turns left, then right": "turns left | turns right",
+    "a person walks forward then backward": "walks forward | walks backward",
+    "a person walks slowly, then quickly": "walks slowly | walks quickly",
+    "a person raises the left hand then the right hand": "raises the left hand | raises the right hand",
+    "a person kicks with the left foot then the right foot": "kicks with the left foot | kicks with the right foot",
+    "Walk forward, then wave": "walks forward | waves",
+    "a person hops on the left leg, then on the right leg": "hops on the left leg | hops on the right leg",
+    "a person moves forward and backward then left and right": "moves forward and backward | moves left and right",
+}
+PLAIN = """
+a person walks forward and keeps walking
+a person turns left and continues turning
+the person on the right turns left
+a person takes slow steps through the mud
+a person takes a break dance
+a person hurries to the left
+someone puts the hands up and down
+a man puts his hand up his sleeve
+she puts up hands on hips
+a person walks forward
+a person walks up and down
+a person walks back and forth
+a person walks backwards and forwards
+a person steps from side to side and up and down
+a person looks left and right
+a person turns left and right
+a person waves the left and right hand
+a person raises the left and the right hand
+a person raises the right knee and the left arm
+a person crawls on hands and knees
+a person gestures with hands and arms
+a person walks with confidence and pride
+a person walks happily and proudly
+a person throws punches and kicks
+a person exercises with jumping jacks, side twists, bends and jogging
+a person nods more than twice
+a person climbs three steps
+a person takes 0 steps
+a person takes half a step
+a person walks one step at a time
+a person walks up three steps
+a person does a front kick
+a person does a kick flip
+a person takes the ball
+a person makes a phone call
+a person gives a thumbs up
+a person does jumps
+a person walks and makes a u-turn
+someone runs, makes a circle
+a person takes turns
+someone is doing squats and then jumping jacks
+a person sits with legs crossed and arms folded
+a person says goodbye by waving
+a person walks as if drunk
+a person walks like he is drunk
+a person runs as fast as he can
+a person walks before the door
+a person walks after the ball
+a person walks for a while
+a person walks while his arms swing
+a person turns to the left while walking
+while walking, a person turns left
+a person walks, turning left
+a person dribbles a basketball while moving backward
+a person stands still
+a person stays seated
+a person stays on one leg
+a person is happy and then sad
+a person throws a ball, then another ball
+a person walks in the rain, then under the sun
+a woman sits while a man waves
+he walks, she waves
+a person walks, then another person waves
+walk
+then
+, , ,
+and and and then then
+😀 then 😀
+...
+before after until
+""".strip().splitlines()
+
+
+def said(sentence):
+  parts = [part.words + (f" [{part.seconds:g}]" if part.seconds else "") for part in sentence.segments]
+  return " | ".join(parts)
+
+
+@pytest.mark.parametrize("text", COMPOSED)
+def test_a_sentence_of_several_actions(text):
+  sentence = understand(text)
+  assert not sentence.is_plain and sentence.text == text
+  assert said(sentence).lower() == COMPOSED[text].lower()
+
+
+@pytest.mark.parametrize("text", PLAIN)
+def test_a_sentence_that_is_not_parted(text):
+  sentence = understand(text)
+  assert sentence.is_plain and sentence.prompts == [text]
+
+
+def test_everybody_keeps_being_who_they_are():
+  assert understand("an old man with a cane walks slowly, then he sits, and then the man waves").prompts == [
+      "an old man with a cane walks slowly", "an old man with a cane sits", "an old man with a cane waves"]
+  assert understand("before sitting down, she waves").prompts == ["she waves", "she sits down"]
+  assert understand("walk, then wave").prompts == ["a person walks", "a person waves"]
+  assert understand("two people walk and then wave").prompts == ["two people walk", "two people wave"]
+
+
+def test_who_does_something_while_standing_still_does_not_rest():
+  resting = lambda text: [segment.rests for segment in understand(text).segments]
+  assert resting("a person walks, then stands still while waving") == [False, False]
+  assert resting("a person walks, then stands still") == [False, True]
+  assert resting("a person kneels and stays kneeling") == [False, True]
+
+
+def test_a_caption_that_was_learned_stays_whole():
+  learned = {"a person walks forward and turns left", "a person jumps twice"}
+  known = lambda text: text in learned
+  assert understand("a person jumps twice", known).is_plain
+  assert said(understand("a person walks forward and turns left, then waves", known)) == (
+      "walks forward and turns left | waves")
+  assert said(understand("a person walks forward and turns left, then waves")) == "walks forward | turns left | waves"
+
+
+def test_long_texts_take_no_time():
+  start = time.process_time()  # not of what else the machine does
+  for text in ("a person walks and waves, then " * 160, "and " * 1250, "walking " * 600, "a , " * 1200, "😀" * 5000):
+    understand(text)
+  assert time.process_time() - start < 5

@@ -1,0 +1,88 @@
+"""Who sits down last stays seated, feet are on the floor at some time, and stairs lead the way that is said."""
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from motion_jax.data.clip import Caption
+from motion_jax.models.results import Motion
+from motion_jax.motion.skeleton import HUMANML3D
+from motion_studio.checks.requirements import requirements_of, violation_score
+from motion_studio.planning import finishing_touches
+from tests.studio.checks.test_requirements import _joints, _seated
+
+MODEL = SimpleNamespace(stats=SimpleNamespace(layout=SimpleNamespace(skeleton=HUMANML3D)))
+
+
+@pytest.fixture(autouse=True)
+def features(monkeypatch):
+  monkeypatch.setattr(finishing_touches, "features_of", lambda model, joints: joints.reshape(len(joints), -1))
+
+
+def _motion(joints, *captions):
+  return Motion(joints.astype(np.float32), 20.0, captions or (Caption("a person sits down"),))
+
+
+def _finished(motion, prompt):
+  return finishing_touches.finished(MODEL, motion, requirements_of(prompt))
+
+
+def _sits_and_rises():
+  """Down from frame 20 to 44 of 80, up again before and behind."""
+  stands = np.repeat(_joints("walk")[:1], 80, axis=0)
+  rows = np.clip(np.minimum((np.arange(80) - 12) / 8, (52 - np.arange(80)) / 8), 0, 1)
+  low = _seated(stands.copy(), np.ones(80, bool))
+  return stands + (low - stands) * rows[:, None, None]
+
+
+def test_a_body_that_sits_down_last_and_gets_up_again_stays_seated():
+  prompt, motion = "a person sits down", _motion(_sits_and_rises())
+  required = requirements_of(prompt)
+  assert violation_score(motion.joints, required) > 0
+  made = _finished(motion, prompt)
+  assert violation_score(made.joints, required) == 0 and made.num_frames == 80
+  np.testing.assert_allclose(made.joints[:12], motion.joints[:12], atol=1e-6)
+  assert np.abs(np.diff(made.joints[60:], axis=0)).max() < 1e-6 and made.features.shape == (80, 66)
+  assert np.linalg.norm(np.diff(made.joints, axis=0), axis=-1).max() < 0.15  # it comes to rest, and does not jump
+
+
+@pytest.mark.parametrize("prompt", ["a person sits down and gets up again", "a person walks", "a person stands up"])
+def test_who_may_get_up_does(prompt):
+  motion = _motion(_sits_and_rises())
+  assert _finished(motion, prompt) is motion
+
+
+def test_only_the_last_action_is_held():
+  joints = np.concatenate([_joints("walk")[:40], _sits_and_rises()])
+  made = _finished(_motion(joints, Caption("a person walks", 0, 2), Caption("a person sits down", 2, 6)),
+                   "a person walks, then sits down")
+  np.testing.assert_allclose(made.joints[:52], joints[:52], atol=1e-5)
+  assert violation_score(made.joints, requirements_of("a person sits down")) == 0
+
+
+def test_feet_that_are_never_on_the_floor_come_down_to_it():
+  joints = _joints("walk")
+  floats, hangs = (_motion(joints + [0, 0.3, 0], Caption(text)) for text in ("a person walks", "a person hangs"))
+  made = _finished(floats, "a person walks")
+  assert abs(made.joints[:, [7, 8, 10, 11], 1].min()) < 0.02 and made.captions == floats.captions
+  assert _finished(hangs, "a person hangs") is hangs
+  jumps = _motion(_joints("jump"), Caption("a person jumps"))
+  assert _finished(jumps, "a person jumps") is jumps
+
+
+@pytest.mark.parametrize("prompt, kind", [
+    ("a person climbs stairs", "ascend"), ("a person walks up the stairs", "ascend"), ("he climbs a ladder", "ascend"),
+    ("a person walks down the stairs", "descend"), ("someone climbs down", "descend"),
+    ("a person descends the stairs", "descend"), ("a person walks up and down the stairs", None),
+    ("someone climbs over a wall", None), ("a person steps up", None), ("a person walks forward", None)])
+def test_stairs_lead_up_or_down(prompt, kind):
+  required = [one for one in requirements_of(prompt) if one.kind in ("ascend", "descend")]
+  assert [one.kind for one in required] == [kind] * (kind is not None)
+  flat, rise = _joints("walk"), np.linspace(0, 0.9, 80)[:, None, None] * np.array([0, 1, 0])
+  if kind:
+    missing = [violation_score(flat + way, required) for way in (rise, 0 * rise, rise[::-1])]
+    assert missing[0 if kind == "ascend" else 2] == 0 and 0.5 < missing[1] < 1
+    assert missing[2 if kind == "ascend" else 0] >= missing[1]
+  if kind == "ascend":  # who begins high up and comes down is the farther from it, the higher
+    falls = np.clip(1.5 - 4 * np.linspace(0, 1, 80), 0, 1.5)[:, None, None] * np.array([0, 1, 0])
+    assert violation_score(flat + falls, required) > violation_score(flat + rise[::-1], required) > 1

@@ -1,0 +1,58 @@
+"""A path is done before what its sentence does at a place; where that cannot be, a note says so."""
+import numpy as np
+import pytest
+
+from motion_jax import load
+from motion_jax.control.constraints import InPlace, RootPath
+from motion_studio.controlled import usual_frames
+from motion_studio.language.sentences import understand
+from motion_studio.planning import path_ends
+from motion_studio.server.making import notes_of
+
+PATH = RootPath([[0, 0], [0, 1.5], [0, 3.0]])  # 2.5 s at walking pace
+
+
+@pytest.fixture(scope="module")
+def model(tiny_run):
+  return load(tiny_run)
+
+
+@pytest.mark.parametrize("prompt, going", [
+    ("a person walks forward, then sits down", 1), ("someone runs, then bows and waves", 1),
+    ("a person walks forward, then turns left and sits down", 2), ("he walks, stops and waves the right hand", 1),
+    ("a person walks, then waves, then walks", 3), ("a person sits down, then waves", 2),
+    ("she walks while waving, then kneels", 1), ("a person jumps, then runs", 2)])
+def test_which_actions_go_along_a_path(prompt, going):
+  assert path_ends.going_segments(understand(prompt)) == going
+
+
+@pytest.mark.filterwarnings("ignore:the model does not know", "ignore:. attempts", "ignore:.*has (not )?learned",
+                            "ignore:.*misses", "ignore:.*cannot")
+def test_who_sits_down_behind_a_walk_does_so_at_the_end_of_the_path(model, monkeypatch):
+  monkeypatch.setattr(model, "natural_frames", lambda prompt: 60)
+  prompt = "a person walks, then sits down"
+  assert usual_frames(model, [PATH], model.understand(prompt)) == 51 + 60 == usual_frames(model, [PATH]) + 60
+  made = model.generate(prompt, seeds=[0], control=PATH, tries=1, num_steps=4, lag=2)[0]
+  border = round(made.captions[0].end * model.fps)
+  there = np.linalg.norm(made.joints[:, 0, [0, 2]] - [0, 3.0], axis=-1)
+  arrives = int(np.argmin(there))
+  assert made.num_frames == 111 and 36 <= border <= 72 and border <= arrives <= border + 30
+  assert there[arrives] < 0.02 and there[border - 24] > 0.5 and "note" not in made.meta
+
+
+@pytest.mark.parametrize("prompt, control, said", [
+    ("a person sits down", [PATH], True), ("a man kneels while waving", [PATH], True),
+    ("a person walks forward, then sits down", [PATH], False), ("a person walks forward", [PATH], False),
+    ("a person sits down", [RootPath([[0, 0], [0, 0.2]])], False), ("a person sits down", [InPlace()], False),
+    ("a person sits down", [RootPath([[0, 0], [0, 2]], [0, 3])], False)])
+def test_what_is_done_on_the_way_is_said(prompt, control, said):
+  note = path_ends.note_of(prompt, understand(prompt), control)
+  assert bool(note) == said and (not said or "is done on the way" in note)
+
+
+@pytest.mark.filterwarnings("ignore:the model does not know", "ignore:. attempts", "ignore:.*has (not )?learned",
+                            "ignore:.*misses", "ignore:.*cannot")
+def test_the_note_reaches_the_terminal_and_the_page(model):
+  with pytest.warns(UserWarning, match="so 'sits down' is done on the way"):
+    made = model.generate("a person sits down", seeds=[0], control=PATH, tries=1, num_steps=4, lag=2)
+  assert any("'sits down' is done on the way" in note for note in notes_of(made))

@@ -1,0 +1,120 @@
+"""A studio with a tiny model, in process."""
+import importlib.util
+import threading
+
+import jax
+import numpy as np
+import pytest
+
+# Only CI is sure to have the extra; tests/test_imports.py proves that it has.
+collect_ignore_glob = [] if all(map(importlib.util.find_spec, ("starlette", "motionmcp"))) else ["test_*.py"]
+
+TOKEN = "a-token-of-the-tests"
+BASE, SOCKET = "http://127.0.0.1:8765", "ws://127.0.0.1:8765"
+
+
+@pytest.fixture(scope="session")
+def library(tiny_run, tiny_generator):
+  """Two models of random weights, ready: "tiny" streams, "editor" edits."""
+  from motion_jax import loading
+  from motion_studio.server.library import Library
+  folders = {"tiny": tiny_run, "editor": tiny_generator}
+
+  def load(name):
+    model = loading.load(folders[name])
+    if name == "tiny":  # gates that training begins with are nearly shut: words would change nothing
+      rng = np.random.default_rng(0)
+      model.params = jax.tree.map(lambda x: x + 0.2 * rng.standard_normal(x.shape).astype(x.dtype), model.params)
+    return model
+
+  library = Library(list(folders), load)
+  library.start()
+  for shelf in library.shelves.values():
+    assert shelf.ready.wait(300) and shelf.state == "ready", shelf.error
+  return library
+
+
+@pytest.fixture
+def studio(library):
+  from motion_studio.server.app import Studio
+  studio = Studio(library, TOKEN)
+  yield studio
+  streams = list(studio.streams)
+  studio.close()
+  assert all(stream.join(20) for stream in streams)
+
+
+@pytest.fixture
+def client(studio):
+  """Asks as the studio's own page does."""
+  from starlette.testclient import TestClient
+  return TestClient(studio.app(), base_url=BASE, headers={"authorization": f"Bearer {TOKEN}", "origin": BASE})
+
+
+@pytest.fixture
+def address(studio):
+  """A studio behind a real port."""
+  import uvicorn
+
+  from motion_studio.server import server
+  listener = server.take_port("127.0.0.1", 0)
+  running = uvicorn.Server(uvicorn.Config(studio.app(), log_level="warning", lifespan="off", ws="websockets-sansio"))
+  thread = threading.Thread(target=lambda: running.run(sockets=[listener]), daemon=True)
+  thread.start()
+  yield server.address_of("127.0.0.1", listener.getsockname()[1], TOKEN)
+  studio.close()
+  running.should_exit = True
+  thread.join(20)
+  assert not thread.is_alive()
+
+
+def refusal(reply, status=400):
+  """The sentence of a refused request: one line, no traceback."""
+  assert reply.status_code == status, reply.text
+  error = reply.json()["error"]
+  assert error["status"] == status and "\n" not in error["message"] and "Traceback" not in error["message"]
+  return error["message"]
+
+
+@pytest.fixture(scope="module")
+def driver(tmp_path_factory):
+  from tests.studio.server.browser import CHROMIUM, DRIVER, webdriver
+  folder = tmp_path_factory.mktemp("downloads")
+  options = webdriver.ChromeOptions()
+  options.binary_location = CHROMIUM
+  for flag in ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--use-angle=swiftshader",
+               "--enable-unsafe-swiftshader", "--window-size=1000,800", "--hide-scrollbars"):
+    options.add_argument(flag)
+  options.add_experimental_option("prefs", {"download.default_directory": str(folder)})
+  options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+  driver = webdriver.Chrome(options, webdriver.ChromeService(DRIVER))
+  driver.implicitly_wait(3)
+  driver.folder = folder
+  yield driver
+  driver.quit()
+
+
+@pytest.fixture
+def page(driver, address):
+  from tests.studio.server.browser import Page
+  driver.get("about:blank")
+  driver.get_log("browser")
+  driver.get(address)
+  page = Page(driver)
+  page.wait("ready")
+  yield page
+  faults = [row["message"] for row in driver.get_log("browser") if row["level"] == "SEVERE"]
+  faults = [text for text in faults if "status of 400" not in text]  # what a test lets the studio refuse
+  driver.get("about:blank")  # its stream ends before the studio does
+  assert not faults, faults
+
+
+@pytest.fixture
+def story(page):
+  """The page's timeline with two blocks that have been made."""
+  page.find("#mode-story").click()
+  page.add_block("a person walks")
+  page.add_block("a person jumps")
+  assert page.prompts() == ["a person walks", "a person jumps"]
+  page.wait("stale === false && window.__studio.busy === null")
+  return page

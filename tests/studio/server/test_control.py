@@ -1,0 +1,266 @@
+"""Constraints in requests, projects and streams: what is asked is met, what cannot be is told in one sentence."""
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from motion_jax.control.constraints import EffectorTarget, Keyframe, Loop, RootPath
+from motion_jax.motion.skeleton import KIT
+from motion_jax.utils.errors import InputError
+from motion_studio import cli
+from motion_studio.server import ahead, project, streams
+from motion_studio.server import library as shelves
+from motion_studio.server.limits import Fields, Limits
+from tests.studio.server.conftest import refusal
+from tests.studio.server.test_project import PROJECT
+from tests.studio.server.test_requests import joints_of
+from tests.studio.server.test_streams import URL, Page
+
+PATH = {"type": "root_path", "points": [[1, 0], [1.4, 0.6], [1.2, 1.4]]}
+BLOCKS = [{"prompt": "a person walks", "seconds": 1.8}, {"prompt": "a person waves", "seconds": 1.2}]
+
+
+def asked(*rows):
+  return {"version": 1, "constraints": list(rows)}
+
+
+def test_a_story_goes_along_its_path_and_is_in_its_pose(client):
+  body = {"blocks": BLOCKS, "sampling": {"num_steps": 4}, "seed": 1, "control": asked(PATH)}
+  along = joints_of(client.post("/v1/story", json=body).json()["motion"])
+  pose, head = along[38], along[20, 15] - along[20, 0] * [1, 0, 1] + [0, 0.02, 0]
+  body["control"] = asked(PATH, {"type": "keyframe", "time": 2.0, "joints": pose.tolist()},
+                          {"type": "effector", "joint": "head", "times": [1.0], "positions": [
+                              (along[20, 0] * [1, 0, 1] + head).tolist()]})
+  reply = client.post("/v1/story", json=body)
+  assert reply.status_code == 200, reply.text
+  found = reply.json()
+  joints, told = joints_of(found["motion"]), found["asked"]
+  assert joints.shape == (60, 22, 3) and [caption["end"] for caption in found["motion"]["captions"]] == [1.8, 3.0]
+  assert np.abs(joints[0, 0, [0, 2]] - [1, 0]).max() < 2e-3 and np.abs(joints[-1, 0, [0, 2]] - [1.2, 1.4]).max() < 2e-3
+  assert told["off"]["mean"] <= told["off"]["worst"] < 5, told["off"]
+  assert [row["frame"] for row in told["poses"]] == [40] and [row[0] for row in told["targets"]] == [20]
+  assert np.abs(joints[40] - told["poses"][0]["joints"]).max() < 6e-3
+  assert found["same_frames"] == 0
+  again = client.post("/v1/story", json=body).json()
+  assert (joints_of(again["motion"]) == joints).all()
+
+
+def test_without_control_a_story_is_what_it_was(client):
+  body = {"blocks": BLOCKS, "sampling": {"num_steps": 4}, "seed": 1}
+  plain = client.post("/v1/story", json=body).json()
+  for nothing in (None, asked()):
+    other = client.post("/v1/story", json=body | {"control": nothing}).json()
+    assert "asked" not in other and (joints_of(other["motion"]) == joints_of(plain["motion"])).all()
+
+
+def test_a_request_for_motions_takes_control(client):
+  body = {"prompt": "a person walks", "num": 2, "sampling": {"num_steps": 4},
+          "control": asked({**PATH, "times": [0, 0.6, 1.2]})}
+  found = client.post("/v1/generate", json=body).json()
+  assert [one["shape"][0] for one in found["motions"]] == [25, 25] and len(found["asked"]) == 2
+  for one in found["motions"]:
+    assert np.abs(joints_of(one)[-1, 0, [0, 2]] - [1.2, 1.4]).max() < 2e-3
+
+
+def test_an_exported_page_shows_what_was_asked(client):
+  motion = client.post("/v1/generate", json={"prompt": "a person walks", "seconds": 1.2,
+                                             "sampling": {"num_steps": 4}}).json()["motions"][0]
+  body = {"motion": motion, "format": "html", "trim": [[4, 20]], "control": asked(PATH)}
+  page = client.post("/v1/export", json=body).text
+  assert '"points": [[1.0, 0.0], [1.4, 0.6]' in page and '"off": {"mean"' in page
+  assert '"off"' not in client.post("/v1/export", json=body | {"in_place": True}).text.split("<script>")[0]
+  assert client.post("/v1/export", json=body | {"format": "npy"}).status_code == 200
+
+
+@pytest.mark.parametrize("control, told", [
+    ([], "control: got no constraints"), (asked({"type": "way"}), "got the type 'way'"),
+    (asked({**PATH, "points": [[0, 1e999]]}), "inf"), (asked({**PATH, "points": [[0, "x"], [1, 1]]}), "no numbers"),
+    (asked({**PATH, "points": [[0.0, 0.001 * i] for i in range(4801)]}), "got 4,801 points"),
+    (asked(*[{"type": "loop"}] * 257), "got 257 constraints"),
+    (asked({"type": "keyframe", "time": 1, "file": "/etc/passwd"}), "names a file"),
+    (asked({"type": "effector", "joint": "tail", "times": [1], "positions": [[0, 1, 0]]}), "the joint 'tail'"),
+    (asked({"type": "effector", "joint": "head", "times": [9], "positions": [[0, 1, 0]]}), "got effector at 9 s"),
+    (asked({"type": "keyframe", "time": 1, "joints": [[0, 0, 0]]}), "got 1 joints"),
+    (asked({"type": "keyframe", "time": 1, "joints": None}), "joints is missing"),
+    (asked({"type": "keep_parts", "parts": 5, "joints": [[[0, 0, 0]] * 22]}), "a value of the wrong kind"),
+    (asked({**PATH, "points": [[0, 10**400], [1, 1]]}), "no numbers"),
+    (asked({**PATH, "speed": 1e-320}), "expected 0, or 0.0001 or more")])
+def test_what_cannot_be_asked_is_told_in_one_sentence(client, control, told):
+  body = json.dumps({"blocks": BLOCKS, "control": control}).replace("Infinity", "1e999")
+  assert told in refusal(client.post("/v1/story", content=body))
+  if told != "got effector at 9 s":
+    assert told in refusal(client.post("/v1/project", content=json.dumps(PROJECT | {"control": control})
+                                       .replace("Infinity", "1e999")))
+
+
+@pytest.mark.parametrize("body, told", [
+    ({"sampling": {"control": "/etc/passwd"}}, "got 'control' in sampling, which is no choice of sampling"),
+    ({"sampling": {"num_frames": 72_000}}, "got 'num_frames' in sampling"),
+    ({"sampling": {"hold_until_done": True}}, "got 'hold_until_done' in sampling"),
+    ({"sampling": {"seed": 1}}, "got 'seed' in sampling"),
+    ({"sampling": {"control_steps": 1e9}, "control": asked(PATH)}, "got control_steps 1000000000.0, expected"),
+    ({"control": asked({**PATH, "times": [0, 300, 600]})}, "control: got what takes 600 s, expected at most"),
+    ({"control": asked({**PATH, "points": [[0, 0], [9000, 0]], "speed": 1e-3})}, "control: got what takes 9")])
+def test_a_request_asks_for_no_more_than_a_studio_makes(client, body, told):
+  assert told in refusal(client.post("/v1/generate", json={"prompt": "a person walks"} | body))
+
+
+def test_what_is_asked_of_a_stream_lies_within_reach_and_on_its_frames():
+  signal_of = lambda one, at: ahead.signal_of([one], at, 20, (0.0, 0.0), None, 20.0, Limits())
+  pose = np.random.default_rng(0).normal(size=(22, 3))
+  assert signal_of(Keyframe(pose, 0.125, "world"), 1.0).given[0, 23].all()  # half a frame is rounded up, as elsewhere
+  with pytest.raises(InputError, match="got control from 1e[+]06 s on of a stream that is at 1.0 s"):
+    signal_of(Keyframe(pose, 0.125, "world"), 1e6)
+
+
+def test_a_story_behind_a_motion_takes_no_control(client):
+  motion = client.post("/v1/generate", json={"prompt": "a person walks", "seconds": 1,
+                                             "sampling": {"num_steps": 4}}).json()["motions"][0]
+  told = refusal(client.post("/v1/story", json={"blocks": BLOCKS, "past": motion, "control": asked(PATH)}))
+  assert "goes on from a motion" in told
+
+
+def test_a_project_keeps_control_and_the_command_line_follows_it(tmp_path, monkeypatch, client, library):
+  given = PROJECT | {"blocks": BLOCKS, "control": asked(PATH)}
+  found = client.post("/v1/project", json=given).json()
+  assert found["control"]["constraints"] == [PATH]
+  path, out = tmp_path / "story.json", tmp_path / "story.html"
+  path.write_text(json.dumps(found))
+  monkeypatch.setattr(shelves, "_load", lambda name: library.model(name, "multi_prompt"))
+  assert cli.main(["make", str(path), "--out", str(out)]) == 0
+  assert '"asked"' in out.read_text() and '"points": [[1.0, 0.0], [1.4, 0.6]' in out.read_text()
+  made = project.made(found, library, Limits())
+  assert np.abs(made.joints[-1, 0, [0, 2]] - [1.2, 1.4]).max() < 2e-3 and made.meta["control"] == ["root_path"]
+
+
+@pytest.mark.slow  # compiles a led stream; that what is committed stays is tests/control/test_guidance.py's, too
+def test_a_stream_follows_what_lies_ahead_and_what_is_committed_never_moves(client):
+  with client.websocket_connect(URL) as socket:
+    page = Page(socket)
+    page.send(type="control", control=asked(PATH))
+    assert "no stream yet" in page.until(type="error")["message"]
+    page.send(type="start", prompt="a person walks", seed=4, speed=0, ahead=1)
+    page.more(3)
+    page.send(type="control", control=asked({"type": "loop"}))
+    assert "got loop for a stream" in page.until(type="error")["message"]
+    sent = page.blocks[-1]["committed"]
+    page.send(type="control", control=asked({"type": "root_path", "points": [[1, 1], [2, 1]], "speed": 1.0}))
+    held = page.until(type="held")
+    assert held["from_frame"] >= sent and held["until_frame"] > held["from_frame"] + 20
+    while page.blocks[-1]["committed"] < held["until_frame"]:
+      page.more(1)
+    page.send(type="control", control=None)
+    assert page.until(type="held")["until_frame"] == 0
+    led = page.joints(1)
+    page.send(type="restart")
+    page.until(type="started", run=2)
+    while sum(len(block["positions"]) for block in page.blocks if block["run"] == 2) < len(led):
+      page.more(1)
+    plain = page.joints(2)[:len(led)]
+  assert (led[:sent] == plain[:sent]).all()
+  # How near a model that has learned comes is tests/control/test_guidance.py's.
+  assert np.abs(led[held["from_frame"]:, 0] - plain[held["from_frame"]:, 0]).max() > 0.1
+
+
+def test_a_path_of_a_stream_begins_where_the_body_is():
+  limits, signal_of = Limits(), lambda *control, at=None, ends=None: ahead.signal_of(
+      control, at, 40, (1.0, 2.0), ends, 20.0, limits)
+  path = RootPath([[1, 3], [2, 3]], speed=1.0)
+  found = signal_of(path)
+  given = np.asarray(found.given)[0, :, 0, 0]
+  assert not given[:40].any() and given[40:].all()
+  assert np.abs(found.positions[0, 40, 0, [0, 2]] - [1, 2]).max() < 1e-6
+  assert np.abs(found.positions[0, -1, 0, [0, 2]] - [2, 3]).max() < 0.06
+  placed = signal_of(path, at=5.0)  # as it is
+  assert np.flatnonzero(np.asarray(placed.given)[0, :, 0, 0])[0] == 100
+  assert np.abs(placed.positions[0, 100, 0, [0, 2]] - [1, 3]).max() < 1e-6
+  assert signal_of() is None
+  with pytest.raises(InputError, match="ends at 3.0 s"):
+    signal_of(path, ends=60)
+  with pytest.raises(InputError, match="at most 120 s"):
+    signal_of(EffectorTarget("head", [200.0], [[0, 1.5, 0]]))
+  pose = np.zeros((22, 3)) + np.arange(22)[:, None] / 22
+  with pytest.raises(InputError, match="keyframe at 9 s"):
+    signal_of(path, Keyframe(pose, 9.0), EffectorTarget("head", [10.0], [[0, 1.5, 0]]))
+  for wrong, told in ((Loop(), "got loop"), (Keyframe(pose, 1.0), "anywhere"), (RootPath(speed=1, heading=0), "points"),
+                      (EffectorTarget("head", [1.0], [[0, 1, 0]], "root"), "relative to the root")):
+    with pytest.raises(InputError, match=told):
+      ahead.check([wrong])
+
+
+def test_a_stream_knows_where_its_cleaned_body_is(library):
+  """Cleanup lets no foot slide, which moves the body; a path begins where it is seen."""
+  model = library.model("tiny", "stream")
+  shown, plain = (model.stream("a person walks", seed=2, cleanup=cleanup, lag=25) for cleanup in (True, False))
+  given, raw = (np.concatenate([live.step() for _ in range(6)]) for live in (shown, plain))
+  moved = given[-1, 0, ::2] - raw[len(given) - 1, 0, ::2]
+  assert np.abs(moved).max() > 1e-3 and len(given) < len(raw) == shown.decided
+  np.testing.assert_allclose(shown.place, raw[-1, 0, ::2] + moved, atol=1e-4)
+  np.testing.assert_allclose(plain.place, raw[-1, 0, ::2], atol=1e-4)
+
+
+def _walked(course, points, pace=0.06, limit=2000):
+  """Places of a body that always goes pace metres towards half a metre ahead of what rest says is left."""
+  place, walked = np.array(points[0], float), []
+  while (rest := course.rest(tuple(place))) is not None and len(walked) < limit:
+    walked.append(place)
+    goal = rest.points[min(2, len(rest.points) - 1)]
+    place = place + (goal - place) * min(1.0, pace / max(np.linalg.norm(goal - place), 1e-9))
+  return np.array(walked)
+
+
+@pytest.mark.parametrize("points", [[[0, 0], [0, 3], [3, 3]], [[0, 0], [2, 2], [4, 0], [2, -2], [0, 0], [-2, 2]]])
+def test_a_path_without_times_waits_for_a_slow_body_and_is_gone_along_to_its_end(points):
+  """At a fifth of the path's speed; one crosses its own beginning, and none of it is left out."""
+  course = ahead.Course.of([RootPath(points, speed=1.2)], None, tuple(points[0]))
+  walked = _walked(course, points, 0.012)
+  assert np.linalg.norm(walked[-1] - points[-1]) < 0.15
+  for corner in points:
+    assert np.linalg.norm(walked - corner, axis=-1).min() < 0.3
+
+
+def test_what_is_left_of_a_path_begins_at_the_body_and_never_goes_back():
+  course = ahead.Course.of([RootPath([[0, 0], [0, 4]])], None, (0.0, 0.0))
+  assert np.allclose(course.rest((0.2, 1.0)).points[[0, 1, -1]], [[0.2, 1.0], [0, 1.4], [0, 4]], atol=0.03)
+  assert course.rest((0.0, 0.2)).points[1, 1] > 1.3  # pushed back, it goes on from where it had been
+  assert course.rest((0.0, 2.2)) is not None  # a step ahead
+  assert course.rest((0.0, 3.3)) is not None and course.rest((0.0, 3.95)) is None
+
+
+def test_only_a_path_alone_without_times_waits():
+  path, pose = RootPath([[0, 0], [0, 4]]), Keyframe(np.zeros((22, 3)), 1.0, "world")
+  course = lambda control, at=None: ahead.Course.of(control, at, (0.0, 0.0))
+  assert course([path]) is not None
+  for control in ([path, pose], [RootPath([[0, 0], [0, 4]], times=[0, 3])], [pose], [], None,
+                  [RootPath([[0, 0], [0, 4]], heading=[0.0, 1.0])]):
+    assert course(control) is None
+  assert course([path], at=3.0) is None
+
+
+def test_a_led_stream_is_held_to_what_is_left_of_its_path_before_each_block():
+  held, stream = [], object.__new__(streams.Stream)
+  live = SimpleNamespace(decided=20, place=(0.0, 0.0), num_frames=40, hold=lambda signal: held.append(signal) or 20)
+  stream._live, stream._limits, stream._held, stream._led = SimpleNamespace(stream=live, fps=20.0), Limits(), 86, 20
+  stream._course = ahead.Course.of([RootPath([[0, 0], [0, 4]])], None, live.place)
+  stream._lead()
+  assert not held  # nothing has been decided since
+  live.decided, live.place = 32, (0.1, 0.3)  # half as far as the path goes in that time
+  stream._lead()
+  given = np.asarray(held[0].given)[0, :, 0, 0]
+  assert not given[:32].any() and given[32:].all()
+  np.testing.assert_allclose(held[0].positions[0, 32, 0, [0, 2]], [0.1, 0.3], atol=1e-6)
+  assert stream._held > 86 and abs(held[0].positions[0, -1, 0, 2] - 4) < 0.07  # later, and all the way
+  for live.decided, z in ((56, 1.6), (80, 2.9), (104, 3.97), (116, 4.2)):
+    live.place = 0.0, z
+    stream._lead()
+  assert held[3:] == [None] and not stream._held
+
+
+def test_a_body_of_another_skeleton_is_not_led():
+  stream = object.__new__(streams.Stream)
+  stream._limits = Limits()
+  stream._live = SimpleNamespace(stream=None, fps=20.0, skeleton=KIT)
+  hold = stream._told_control(Fields({"control": asked(PATH)}, Limits()))
+  with pytest.raises(InputError, match="got control of kit, a body of another skeleton"):
+    hold()

@@ -1,0 +1,128 @@
+"""What a studio refuses before anything else looks at it."""
+import json
+import math
+
+import pytest
+from starlette.testclient import TestClient, WebSocketDenialResponse
+
+from motion_jax.utils.errors import InputError
+from motion_studio.server import server
+from motion_studio.server.app import ASSETS, Studio
+from motion_studio.server.limits import Bucket, Limits
+from tests.studio.server.conftest import BASE, SOCKET, TOKEN, refusal
+
+
+@pytest.fixture
+def stranger(studio):
+  """A page that was not told the token."""
+  return TestClient(studio.app(), base_url=BASE)
+
+
+@pytest.mark.parametrize("path", ["/v1/status", "/v1/models", "/v1/nothing"])
+def test_without_the_token_there_is_nothing(stranger, path):
+  assert "token is missing or wrong" in refusal(stranger.get(path), 401)
+  assert refusal(stranger.get(path, headers={"authorization": "Bearer " + TOKEN[:-1]}), 401)
+  assert refusal(stranger.get(f"{path}?token={TOKEN}x"), 401)
+  assert stranger.get(f"{path}?token={TOKEN}").status_code in (200, 404)
+
+
+def test_a_stream_takes_the_token_too(stranger):
+  for url in ("/v1/stream", "/v1/stream?token=wrong"):
+    with pytest.raises(WebSocketDenialResponse) as denied, stranger.websocket_connect(SOCKET + url):
+      pass
+    assert refusal(denied.value, 401)
+  with stranger.websocket_connect(f"{SOCKET}/v1/stream?token={TOKEN}"):
+    pass
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", "http://127.0.0.1:9", "http://localhost:8765", "null",
+                                    "http://127.0.0.1:8765.evil.example"])
+def test_other_pages_may_not_ask(client, origin):
+  assert "only the studio's own pages" in refusal(client.get("/v1/status", headers={"origin": origin}), 403)
+  address = f"{SOCKET}/v1/stream?token={TOKEN}"
+  with pytest.raises(WebSocketDenialResponse) as denied, client.websocket_connect(address, headers={"origin": origin}):
+    pass
+  assert refusal(denied.value, 403)
+
+
+def test_no_other_name_leads_here(client, library):
+  """DNS rebinding: the attacker's name points to this machine, so its pages have this machine's origin."""
+  evil = {"host": "evil.example:8765", "origin": "http://evil.example:8765"}
+  assert "open it as 127.0.0.1" in refusal(client.get("/v1/status", headers=evil), 403)
+  for host in ("localhost:8765", "[::1]:8765"):
+    assert client.get("/v1/status", headers={"host": host, "origin": f"http://{host}"}).status_code == 200
+  # A studio for other machines is known by names that it cannot know; the token keeps strangers out.
+  app = Studio(library, TOKEN, host="0.0.0.0").app()
+  reply = TestClient(app, base_url="http://desk.lan").get("/v1/status", headers={"authorization": f"Bearer {TOKEN}"})
+  assert reply.status_code == 200
+
+
+def test_other_machines_need_a_token():
+  server.check_address("127.0.0.1", None)
+  server.check_address("0.0.0.0", "long enough")
+  with pytest.raises(InputError, match="--token"):
+    server.check_address("0.0.0.0", None)
+  with pytest.raises(InputError, match="8 or more"):
+    server.check_address("127.0.0.1", "short")
+
+
+def test_bodies_have_a_limit(studio, client):
+  big = b"x" * (studio.limits.body_bytes + 1)
+  assert "expected at most" in refusal(client.post("/v1/import?name=a.npz", content=big), 413)
+  assert "a body of more than" in refusal(client.post("/v1/import?name=a.npz", content=iter([big[:9], big])), 413)
+  assert refusal(client.post("/v1/generate", content=b"{}", headers={"content-length": "1e9"}), 413)
+
+
+def test_requests_have_a_rate(client):
+  replies = [client.get("/v1/status") for _ in range(90)]
+  late = [reply for reply in replies if reply.status_code != 200]
+  assert late and "requests a second" in refusal(late[0], 429) and late[0].headers["retry-after"] == "1"
+  assert sum(reply.status_code == 200 for reply in replies) >= 60
+
+
+def test_a_bucket_fills_again():
+  bucket = Bucket(2.0)
+  assert [bucket.take(0.0) for _ in range(8)] == [True] * 6 + [False] * 2
+  assert bucket.take(0.5) and not bucket.take(0.5) and not bucket.take(-math.inf)
+
+
+def test_a_fault_shows_no_traceback(client, studio, monkeypatch, caplog):
+  def broken(body):
+    raise RuntimeError("/home/somebody/secret.py")
+
+  monkeypatch.setattr(studio.maker, "read", lambda data, name: broken(data))
+  told = refusal(client.post("/v1/import?name=a.npz", content=b"x"), 500)
+  assert "RuntimeError" in told and "secret" not in told and "secret" in caplog.text
+
+
+@pytest.mark.parametrize("path", ["/../app.py", "/%2e%2e/app.py", "/..%2fapp.py", "//etc/passwd", "/assets/../app.py",
+                                  "/studio.js/../../app.py", "/index.html%00.js"])
+def test_only_the_pages_own_files_are_served(client, path):
+  reply = client.get(path)
+  served = [file.read_bytes() for file in ASSETS.rglob("*") if file.is_file()]
+  assert reply.status_code == 404 or reply.content in served
+
+
+def test_the_page_is_served_whole_and_loads_nothing_from_elsewhere(stranger):
+  page = stranger.get("/")
+  assert page.status_code == 200 and page.text == stranger.get("/index.html").text
+  assert "default-src 'self'" in page.headers["content-security-policy"]
+  assert page.headers["referrer-policy"] == "no-referrer" and page.headers["x-content-type-options"] == "nosniff"
+  for file in ASSETS.rglob("*"):
+    if file.is_file():
+      assert stranger.get(f"/{file.relative_to(ASSETS).as_posix()}").content == file.read_bytes()
+    if file.suffix in (".html", ".css"):
+      assert "//" not in file.read_text().replace("http://www.w3.org", "")
+
+
+def test_wrong_addresses_are_told(client):
+  assert "/openapi.json" in refusal(client.get("/v1/nothing"), 404)
+  assert "does not take GET" in refusal(client.get("/v1/generate"), 405)
+
+
+def test_openapi_names_every_request(client):
+  described = client.get("/openapi.json").json()
+  routes = {f"/v1/{name}" for name in ("status", "models", "progress", "suggestions", "generate", "story", "edit",
+                                       "project", "import", "export")}
+  assert set(described["paths"]) == routes and described["openapi"].startswith("3.1")
+  assert json.dumps(Limits().prompt) in json.dumps(described)

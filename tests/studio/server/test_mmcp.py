@@ -1,0 +1,179 @@
+"""MMCP: what its SDK's own client asks and reads, and what is refused by which code."""
+import base64
+
+import numpy as np
+import pytest
+from motionmcp import client as sdk
+
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.pose import Pose, pose_to_joints
+from motion_jax.motion.skeleton import HUMANML3D
+
+
+@pytest.fixture
+def request_body(client):
+  spec = client.get("/mmcp/capabilities").json()["models"][0]
+  return {"protocol_version": "1.2", "model": spec["id"], "skeleton": spec["canonical_skeleton"],
+          "segments": [{"type": "text", "prompt": "a person walks", "duration_frames": 40},
+                       {"type": "text", "prompt": "a person waves", "duration_frames": 20}],
+          "options": {"seed": 5, "num_samples": 2, "diffusion_steps": 4}}
+
+
+def tracks(document, sample):
+  """{(path, node): array} of an animation."""
+  data = base64.b64decode(document["buffers"][0]["uri"].split(",")[1])
+  animation, found = document["animations"][sample], {}
+  for channel in animation["channels"]:
+    accessor = document["accessors"][animation["samplers"][channel["sampler"]]["output"]]
+    view, width = document["bufferViews"][accessor["bufferView"]], {"VEC3": 3, "VEC4": 4}[accessor["type"]]
+    array = np.frombuffer(data, "<f4", accessor["count"] * width, view["byteOffset"]).reshape(-1, width)
+    found[channel["target"]["path"], channel["target"]["node"]] = array
+  return found
+
+
+def test_a_reply_is_the_models_motion(client, library, request_body):
+  reply = client.post("/mmcp/generate", json=request_body)
+  assert reply.status_code == 200 and reply.headers["content-type"] == "model/gltf+json"
+  document, model = reply.json(), library.model("tiny", "multi_prompt")
+  about = document["extensions"]["MMCP_motion"]
+  assert about["model"] == model.id and about["fps"] == 20 and len(about["samples"]) == 2
+  assert all(sample["num_frames"] == 60 and len(sample["foot_contacts"]["left_foot"]) == 60
+             for sample in about["samples"])
+  found, skeleton = tracks(document, 1), model.stats.layout.skeleton
+  made = model.multi_prompt([("a person walks", 2), ("a person waves", 1)], seed=6, num_steps=4)
+  assert np.abs(found["translation", 0] - made.joints[:, 0]).max() < 1e-5
+  turns = np.stack([found["rotation", i][:, [3, 0, 1, 2]] for i in range(22)], 1).astype(float)
+  offsets = np.array([joint["rest_translation"] for joint in request_body["skeleton"]["joints"]])
+  pose = Pose(offsets, np.zeros((60, 22, 3)), found["translation", 0].astype(float), turns, turns)
+  posed = pose_to_joints(pose, skeleton)
+  arm = lambda joints: rot.unit(joints[:, 20] - joints[:, 18])  # its direction: the request's bones have their lengths
+  assert np.abs(arm(posed) - arm(made.joints.astype(float))).max() < 1e-3
+
+
+def test_constraints_are_met_and_what_is_not_followed_is_told(client, request_body):
+  turn = [0.0, float(np.sin(0.4)), 0.0, float(np.cos(0.4))]
+  body = request_body | {"options": {"seed": 5, "diffusion_steps": 4}, "constraints": [
+      {"type": "root_path", "frames": list(range(60)), "positions_xz": np.linspace([1, 0], [1.5, 1], 60).tolist()},
+      {"type": "effector_target", "joint": "left_wrist", "frames": [30], "positions": [[1.5, 1.2, 0.6]],
+       "rotations": [turn]},
+      {"type": "pose_keyframe", "frame": 50, "joint_rotations": {"pelvis": turn, "left_shoulder": [0, 0, 0.4, 0.9]}}]}
+  reply = client.post("/mmcp/generate", json=body)
+  assert reply.status_code == 200, reply.text
+  document = reply.json()
+  assert len(document["extras"]["told"]) == 2 and "rotations" in document["extras"]["told"][0]
+  root = tracks(document, 0)["translation", 0]
+  assert np.abs(root[[0, 59]][:, [0, 2]] - [[1, 0], [1.5, 1]]).max() < 5e-3
+  spec = client.get("/mmcp/capabilities").json()["models"][0]
+  assert spec["supported_constraints"] == ["root_path", "effector_target", "pose_keyframe"]
+
+
+def test_a_pose_of_mmcp_is_turned_as_replies_are():
+  """Rotations that a reply has give its joints back."""
+  from motion_jax.data.datasets.synthetic import synthetic_clips
+  from motion_jax.motion.pose import t_pose, to_pose
+  from motion_studio.server import mmcp_constraints
+  pose = to_pose(np.asarray(synthetic_clips(seed=0, num=1)[0].joints)[:9].astype(float))
+  turns = {name: pose.rotations[8, i, [1, 2, 3, 0]].tolist() for i, name in enumerate(HUMANML3D.joints)}
+  rows = [{"type": "pose_keyframe", "frame": 8, "joint_rotations": turns, "root_position": pose.root[8].tolist()}]
+  (found,), told = mmcp_constraints.read(rows, 20, 20.0)
+  same = pose_to_joints(pose._replace(offsets=t_pose(), shifts=0 * pose.shifts))[8]
+  assert np.abs(found.joints - same).max() < 1e-6 and found.place == "world" and not told and found.time == 0.4
+
+
+def test_a_hand_at_every_frame_of_another_rate_is_a_curve():
+  """Two frames at 30 a second may be one of the model's; frames far apart stay targets of their own."""
+  from motion_jax.control.compiling import compile
+  from motion_studio.server import mmcp_constraints
+  frames = [*range(30), 60]
+  places = [[0.01 * frame, 1.2, 0.3] for frame in frames]
+  found, _ = mmcp_constraints.read([{"type": "effector_target", "joint": "left_wrist", "frames": frames,
+                                     "positions": places}], 90, 30.0, 20.0)
+  signal = compile(found, 60, 20.0)
+  given = signal.given[0, :, 20].all(-1)
+  assert given[:20].all() and not given[20:40].any() and given[40] and not given[41:].any()
+  np.testing.assert_allclose(signal.positions[0, :20, 20, 0], 0.015 * np.arange(20), atol=2e-3)
+
+
+def test_a_path_at_frames_of_another_rate_passes_its_points():
+  """Points that fall into one frame of the model are one."""
+  from motion_jax.control.compiling import compile
+  from motion_studio.server import mmcp_constraints
+  for frames, fps in (([*range(30), 60], 30.0), (list(range(0, 120, 2)), 60.0)):
+    row = {"type": "root_path", "frames": frames, "positions_xz": [[0.01 * frame, 0.0] for frame in frames],
+           "heading_radians": [0.0] * len(frames)}
+    found, _ = mmcp_constraints.read([row], 200, fps, 20.0)
+    signal = compile(found, 45, 20.0)
+    given = signal.given[0, :, 0, 0]
+    assert given[:20].all()
+    np.testing.assert_allclose(signal.positions[0, given, 0, 0], 0.01 * fps / 20 * np.flatnonzero(given), atol=0.011)
+
+
+def test_segments_of_another_rate_are_as_long_as_asked(client, request_body):
+  """Ten of 14 frames at 30 a second are 4.67 s, though none is whole frames of the model."""
+  place = {"type": "root_path", "frames": [0, 139], "positions_xz": [[0, 0], [0, 1.5]]}
+  segment = {"type": "text", "prompt": "a person walks", "duration_frames": 14}
+  body = request_body | {"segments": [segment] * 10, "timing": {"fps": 30}, "constraints": [place],
+                         "options": {"seed": 5, "diffusion_steps": 4}}
+  reply = client.post("/mmcp/generate", json=body)
+  assert reply.status_code == 200, reply.text
+  root = tracks(reply.json(), 0)["translation", 0]
+  assert len(root) == 140
+  assert np.abs(root[139, [0, 2]] - [0, 1.5]).max() < 0.3  # between two frames of a model that is untrained
+
+
+def test_rate_loop_and_guidance(client, request_body):
+  body = request_body | {"timing": {"fps": 30}, "segments": request_body["segments"][:1],
+                         "options": {"loop": True, "guidance": {"type": "nocfg"}, "diffusion_steps": 4}}
+  found = tracks(client.post("/mmcp/generate", json=body).json(), 0)
+  turn = found["rotation", 5]
+  assert len(turn) == 40 and abs(turn[0] @ turn[-1]) > 0.99
+
+
+@pytest.mark.parametrize("change, status, code", [
+    ({"protocol_version": "2.0"}, 400, "version_unsupported"), ({"protocol_version": 1}, 422, "schema_validation"),
+    ({"model": "nobody"}, 400, "unknown_model"), ({"model": None}, 400, "unknown_model"),
+    ({"skeleton": None}, 422, "schema_validation"), ({"skeleton": {"joints": []}}, 400, "retargeting_unsupported"),
+    ({"constraints": [{"type": "ground_height"}]}, 400, "unsupported_constraint"),
+    ({"constraints": [{"type": "root_path"}]}, 422, "schema_validation"),
+    ({"constraints": 5}, 422, "schema_validation"),
+    ({"constraints": [{"type": "root_path", "frames": [60], "positions_xz": [[0, 0]]}]}, 400, "frame_out_of_range"),
+    ({"constraints": [{"type": "root_path", "frames": [1], "positions_xz": [["x", 0]]}]}, 422, "schema_validation"),
+    ({"constraints": [{"type": "effector_target", "joint": "tail", "frames": [1], "positions": [[0, 1, 0]]}]}, 400,
+     "unknown_joint"),
+    ({"constraints": [{"type": "pose_keyframe", "frame": 1, "joint_rotations": {"head": [0, 0, 0, 0]}}]}, 422,
+     "schema_validation"),
+    ({"extra": 1}, 422, "schema_validation"),
+    ({"segments": []}, 422, "schema_validation"), ({"segments": [{"type": "pose"}]}, 400, "unsupported_segment"),
+    ({"segments": [{"type": "text", "prompt": "a", "duration_frames": 0}]}, 422, "schema_validation"),
+    ({"segments": [{"type": "text", "prompt": "x" * 10_000, "duration_frames": 9}]}, 422, "schema_validation"),
+    ({"options": {"loop": True}}, 400, "invalid_options"), ({"options": {"num_samples": 99}}, 422, "schema_validation"),
+    ({"options": {"guidance": {"type": "separated", "weight": [1, 2]}}}, 400, "invalid_options"),
+    ({"timing": {"fps": 0}}, 422, "schema_validation")])
+def test_refusals_have_their_codes(client, request_body, change, status, code):
+  reply = client.post("/mmcp/generate", json=request_body | change)
+  error = reply.json()["error"]
+  assert (reply.status_code, error["code"]) == (status, code) and "\n" not in error["message"]
+
+
+def test_more_points_than_a_request_may_have_are_refused(client, request_body):
+  frames = list(range(500))
+  path = {"type": "root_path", "frames": frames, "positions_xz": [[0, i / 30] for i in frames]}
+  body = request_body | {"segments": [{"type": "text", "prompt": "a person walks", "duration_frames": 500}]}
+  reply = client.post("/mmcp/generate", json=body | {"constraints": [path] * 10})
+  assert reply.status_code == 422
+  assert "got 5,000 points of paths and targets, expected at most 4,800" in reply.json()["error"]["message"]
+
+
+def test_the_sdks_own_client_reads_it(address, request_body):
+  server, token = address.split("/?token=")
+  found = sdk.get_capabilities(f"{server}/mmcp", access_token=token)
+  assert sdk.pick_model(found)["id"] == request_body["model"]
+  document = sdk.generate(f"{server}/mmcp", request_body, access_token=token)
+  samples = sdk.parse_gltf_samples(document)
+  assert len(samples) == 2
+  with pytest.raises(sdk.MmcpError) as refused:
+    sdk.generate(f"{server}/mmcp", request_body | {"model": "nobody"}, access_token=token)
+  assert refused.value.code == "unknown_model"
+  with pytest.raises(sdk.MmcpError) as refused:
+    sdk.get_capabilities(f"{server}/mmcp", use_cache=False, access_token="wrong")
+  assert refused.value.code == "auth_required"

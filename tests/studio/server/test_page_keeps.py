@@ -1,0 +1,162 @@
+"""The page keeps work through reloads and closed tabs, and blocks where a file is imported; dialogs and ideas."""
+import time
+
+import numpy as np
+
+from tests.studio.server.browser import Page, needs_a_browser, wait_for, webdriver
+
+pytestmark = needs_a_browser
+KEPT = ("project", "mode", "span", "selection", "undoDepth", "frames", "frame", "made")
+
+
+def _marked(page):
+  """The page with a span of 0.6 s that is marked."""
+  window = page.get("window")
+  second = page.find(".strip").size["width"] / (window["end"] - window["start"])
+  page.drag(page.find(".strip"), int(second * 0.6), x=second * 0.5)
+
+
+def _edited(page):
+  """A story of two blocks with a span that has been changed; the span stays marked."""
+  _marked(page)
+  page.find("#edit-prompt").send_keys("a person kicks")
+  page.driver.execute_script("document.getElementById('edit-row').requestSubmit()")
+  page.wait("made && window.__studio.busy === null")
+
+
+def _saved(page):
+  page.wait("kept.works && !window.__studio.kept.pending")
+  time.sleep(0.3)  # the browser writes
+
+
+def _escape(page):
+  page.driver.execute_script("document.activeElement.blur()")  # as a button is left that was clicked
+  page.keys(webdriver.Keys.ESCAPE)
+
+
+def test_a_reload_loses_nothing(story, studio, monkeypatch):
+  page = story
+  _edited(page)
+  page.driver.execute_script("document.activeElement.blur()")
+  page.keys(webdriver.Keys.END)
+  before, joints = {name: page.get(name) for name in KEPT}, page.get("joints(0, 20)")
+  _saved(page)
+  monkeypatch.setattr(studio.maker, "make_story", lambda *words, **more: 1 / 0)  # nothing is made again
+  page.driver.refresh()
+  page.wait("ready && window.__studio.blocks.length === 2")
+  assert {name: page.get(name) for name in KEPT} == before and page.get("joints(0, 20)") == joints
+  assert not page.get("stale") and "your project is back" in page.get("notes")[0]
+  page.control(webdriver.Keys.CONTROL, "z")
+  assert page.get("undoDepth") == before["undoDepth"] - 1 and not page.get("project.edits")
+  page.control(webdriver.Keys.CONTROL, webdriver.Keys.SHIFT, "z")
+  assert page.get("project") == before["project"]
+  _saved(page)
+  assert not page.get("leaving")
+  page.wait("live.run > 0 && window.__studio.live.state === 'paused'")  # behind the timeline the live motion waits
+
+
+def test_a_tab_that_was_closed_is_taken_over_and_an_open_one_is_not(story, address):
+  page, driver = story, story.driver
+  _saved(page)
+  first = driver.current_window_handle
+  driver.switch_to.new_window("tab")
+  driver.get(address)
+  page.wait("ready")
+  assert page.get("blocks") == []  # the project of the other tab
+  second = driver.current_window_handle
+  driver.switch_to.window(first)
+  driver.close()
+  driver.switch_to.window(second)
+  driver.switch_to.new_window("tab")
+  driver.get(address)
+  page.wait("ready")
+  assert page.prompts() == ["a person walks", "a person jumps"] and page.get("mode") == "story"
+  third = driver.current_window_handle
+  driver.switch_to.window(second)
+  driver.close()
+  driver.switch_to.window(third)
+
+
+def test_dialogs_close_with_escape_and_an_export_is_whole(story):
+  page = story
+  _marked(page)
+  for button, panel in (("#export", "export-panel"), ("#sampling", "sampling-panel"), ("#help", "help-panel")):
+    page.find(button).click()
+    opened = f"return document.getElementById('{panel}').open"
+    assert page.driver.execute_script(opened)
+    if button == "#export":
+      assert not page.find("#trim").is_selected()  # though a span is marked
+      assert page.find("#trim-from").get_attribute("value") == str(page.get("span")[0])
+      page.find("#export-button").click()
+      name = page.wait("exported && window.__studio.exported.name")
+      assert name.endswith(".bvh")
+    _escape(page)
+    assert not page.driver.execute_script(opened) and page.get("span")
+
+
+def test_edits_have_captions_a_legend_and_colours_that_can_be_switched(story):
+  page = story
+  _edited(page)
+  page.driver.execute_script("document.activeElement.blur()")
+  page.keys(webdriver.Keys.HOME, *[webdriver.Keys.ARROW_RIGHT] * 14)
+  page.wait("editColors[0] === true")
+  assert page.find("#caption").text == "a person kicks" and page.find("#legend").text.split() == ["kept", "regenerated"]
+  page.find("#edits").click()
+  page.wait("editColors[0] === null")
+
+
+def test_an_import_asks_before_it_touches_the_blocks(story, tmp_path, library):
+  page, path = story, tmp_path / "walk.npy"
+  motion = library.model("tiny", "generate").generate("a person walks", seconds=2.0, seeds=[1])[0]
+  np.save(path, np.asarray(motion.joints, np.float32))
+  project, frames = page.get("project"), page.get("frames")
+  page.find("#motion-file").send_keys(str(path))
+  wait_for(lambda: page.driver.execute_script("return document.getElementById('import-panel').open"))
+  assert "the timeline has 2 blocks" in page.find("#import-question").text
+  _escape(page)
+  assert page.get("project") == project and not page.get("stale") and page.get("frames") == frames
+  page.find("#motion-file").send_keys(str(path))
+  page.find("#import-panel button[value=instead]").click()
+  page.wait(f"stale === false && window.__studio.frames === {motion.num_frames}")
+  assert page.prompts() == [] and page.get("figures") == 1
+  page.find("#new").click()
+  page.wait("figures === 0")
+  assert page.get("steps") == 0  # no footprints without a body
+  for _ in range(2):
+    page.control(webdriver.Keys.CONTROL, "z")
+  page.wait("blocks.length === 2 && window.__studio.stale === false")
+
+
+def test_ideas_are_searched_and_taken_by_keyboard(page):
+  page.wait("live.blocks > 0")
+  page.find("#ideas-button").click()
+  wait_for(lambda: page.all("#ideas [role=option]"))
+  field = page.find("#prompt")
+  field.clear()
+  field.send_keys("kick")
+  first = page.driver.execute_async_script("""
+    const done = arguments[0], look = () => {
+      const options = [...document.querySelectorAll("#ideas [role=option]")];
+      if (options.length) done(options[0].dataset.prompt);
+      else setTimeout(look, 100);
+    };
+    look();""")
+  field.send_keys(webdriver.Keys.ESCAPE)
+  assert not page.find("#ideas").is_displayed() and field.get_attribute("value") == "kick"
+  field.send_keys(webdriver.Keys.ARROW_DOWN)
+  wait_for(lambda: page.all("#ideas [role=option]"))
+  field.send_keys(webdriver.Keys.ARROW_DOWN)
+  assert field.get_attribute("aria-activedescendant") and field.get_attribute("aria-expanded") == "true"
+  field.send_keys(webdriver.Keys.ENTER)
+  assert field.get_attribute("value") == first
+  page.wait(f"prompts.includes({first!r})")
+
+
+def test_a_page_with_an_old_token_says_so_and_opens_no_socket(driver, address):
+  driver.get(address.replace("a-token", "an-old-token"))
+  page = Page(driver)
+  page.wait("errors.some((one) => one.includes('open the one that the studio printed'))")
+  assert page.get("status") == "not connected: open the new address" and page.get("live.reconnects") == 0
+  messages = [row["message"] for row in driver.get_log("browser")]
+  assert not any("WebSocket" in message for message in messages), messages
+  driver.get("about:blank")

@@ -1,0 +1,271 @@
+"""Requests over HTTP: what they give, and what cannot be made is told in one sentence."""
+import base64
+import io
+import json
+import zipfile
+
+import numpy as np
+import pytest
+
+from motion_jax import export
+from motion_jax.data.clip import Caption, Clip
+from motion_jax.data.datasets.synthetic import synthetic_clips
+from motion_jax.models.results import captions_with
+from motion_jax.motion.looping import in_place
+from motion_jax.motion.skeleton import bone_lengths
+from motion_jax.utils import progress
+from motion_studio.server import wire
+from motion_studio.server.app import ASSETS
+from motion_studio.server.limits import Limits
+from tests.studio.server.conftest import refusal
+
+
+@pytest.fixture(scope="module")
+def walk():
+  """A person walking, as JSON: the tiny model's bodies are none."""
+  clip = synthetic_clips(seed=0, num=1)[0]
+  return clip, wire.to_json(clip)
+
+
+def joints_of(motion):
+  return np.frombuffer(base64.b64decode(motion["joints"]), "<f4").reshape(motion["shape"])
+
+
+def test_models_and_status(client, library):
+  models = {model["name"]: model for model in client.get("/v1/models").json()["models"]}
+  assert models["tiny"]["state"] == "ready" and models["tiny"]["done"] == models["tiny"]["of"]
+  assert "stream" in models["tiny"]["abilities"] and "edit" in models["editor"]["abilities"]
+  assert models["tiny"]["id"] == library.model("tiny", "stream").id and models["tiny"]["sampling"]["lag"]["usual"]
+  status = client.get("/v1/status").json()
+  assert status["streams"] == 0 and status["models"] == {"tiny": "ready", "editor": "ready"}
+
+
+def test_generate_is_the_models_generate(client, library):
+  reply = client.post("/v1/generate", json={"prompt": "a person walks", "seconds": 2, "seed": 3, "num": 2,
+                                            "sampling": {"num_steps": 4}, "model": "tiny"}).json()
+  model = library.model("tiny", "generate")
+  made = model.generate(["a person walks"] * 2, seconds=2, seeds=[3, 4], num_steps=4)
+  assert [motion["shape"] for motion in reply["motions"]] == [[40, 22, 3]] * 2
+  assert all((joints_of(motion) == one.joints).all() for motion, one in zip(reply["motions"], made))
+  assert reply["motions"][1]["meta"]["seed"] == 4 and reply["motions"][0]["captions"][0]["text"] == "a person walks"
+
+
+@pytest.mark.parametrize("body, told", [
+    ({}, "prompt is missing"), ({"prompt": ""}, "empty prompt"), ({"prompt": "x" * 10_000}, "10,000 characters"),
+    ({"prompt": "a person walks", "seconds": 0}, "got seconds 0"), ({"prompt": "walks", "seconds": 1e9}, "got seconds"),
+    ({"prompt": "walks", "num": 1000}, "got num 1000"), ({"prompt": "walks", "model": "/etc"}, "this studio has"),
+    ({"prompt": "walks", "seed": "x"}, "got seed x"), ({"prompt": 5}, "empty prompt"), ([1], "got a list"),
+    ({"prompt": "walks", "frames": 5}, "unknown field 'frames'"), ({"prompt": "\ud800"}, "valid JSON|UTF-8"),
+    ({"prompt": "walks", "sampling": {"lagg": 2}}, "has no argument"),
+    ({"prompt": "walks", "sampling": {"num_steps": 0}}, "num_steps")])
+def test_what_cannot_be_generated_is_told(client, body, told):
+  import re
+  assert re.search(told, refusal(client.post("/v1/generate", content=json.dumps(body))))
+
+
+def test_no_json_is_told(client):
+  for content in (b"", b"{", b"\xff", b'{"prompt": NaN}', b"[" * 100_000):
+    assert refusal(client.post("/v1/generate", content=content)) == "got no valid JSON"
+
+
+def test_a_story_is_made_anew_from_where_it_changed(client):
+  ask = lambda *rows: client.post("/v1/story", json={"blocks": [{"prompt": p, "seconds": s} for p, s in rows],
+                                                     "model": "tiny", "seed": 8}).json()
+  first = ask(("a person walks", 4), ("a person waves", 2))
+  second = ask(("a person walks", 4), ("a person jumps", 2))
+  assert first["motion"]["shape"] == second["motion"]["shape"] == [120, 22, 3]
+  assert second["reused_frames"] > 0 and second["same_frames"] >= 70
+  assert (joints_of(first["motion"])[:70] == joints_of(second["motion"])[:70]).all()
+  assert [caption["text"] for caption in second["motion"]["captions"]] == ["a person walks", "a person jumps"]
+
+
+def test_notes_are_of_prompts_and_of_what_no_attempt_shows(client, library, monkeypatch):
+  motion = library.model("tiny", "generate").generate("a person walks", seconds=2, seeds=[0], tries=1, num_steps=2)[0]
+  missed = motion.replace(meta=motion.meta | dict(attempts=4, unmet=["no kick seen"]))
+  for name, body in (("generate", {"model": "tiny"}), ("edit", {"model": "editor", "motion": wire.to_json(motion),
+                                                                "change": [[8, 24]]})):
+    with monkeypatch.context() as patch:
+      patch.setattr("motion_studio.server.making.make_edit",
+                    lambda *_: missed.replace(meta=missed.meta | dict(made=[])))
+      patch.setattr(type(library.model("tiny", "generate")), "generate", lambda *_, **__: [missed])
+      notes = client.post(f"/v1/{name}", json=body | {"prompt": "two people dance"}).json()["notes"]
+    assert "only one body is made" in notes[0] and notes[-1].startswith("4 attempts, no kick seen")
+
+
+def test_a_block_of_several_actions_is_made_action_by_action(client):
+  reply = client.post("/v1/story", json={"model": "tiny", "blocks": [
+      {"prompt": "a person walks, then waves", "seconds": 4.8}, {"prompt": "a person jumps", "seconds": 1.2}]}).json()
+  captions = reply["motion"]["captions"]
+  assert [one["text"] for one in captions] == ["a person walks", "a person waves", "a person jumps"]
+  assert reply["motion"]["shape"][0] == 120 and captions[2]["start"] == 4.8
+
+
+@pytest.mark.parametrize("blocks, told", [
+    (None, "got no blocks"), ([], "got no blocks"), ([{}], "prompt is missing"), ([{"prompt": " "}], "empty prompt"),
+    ([{"prompt": "walks", "seconds": 0}], "got seconds 0"), ([{"prompt": "walks"}] * 65, "got 65 blocks"),
+    ([{"prompt": "walks", "seconds": 100}] * 2, "a story of 200 s"), (["walks"], "got a text")])
+def test_what_cannot_be_a_story_is_told(client, blocks, told):
+  assert told in refusal(client.post("/v1/story", json={"blocks": blocks, "model": "tiny"}))
+
+
+def test_a_motion_goes_on(client, walk):
+  clip, sent = walk
+  made = client.post("/v1/story", json={"blocks": [{"prompt": "a person waves", "seconds": 2}], "past": sent}).json()
+  assert made["motion"]["shape"][0] == len(clip.joints) + 40
+  assert (joints_of(made["motion"])[:len(clip.joints)] == clip.joints.astype(np.float32)).all()
+
+
+def test_an_edit_keeps_what_it_keeps_where_it_was(client, walk):
+  clip, _ = walk
+  turned = clip.replace(joints=clip.joints @ np.array([[0, 0, -1], [0, 1, 0], [1, 0, 0]]) + [5, 0, -3])
+  sent = wire.to_json(turned)
+  reply = client.post("/v1/edit", json={"motion": sent, "prompt": "a person waves", "change": [[12, 24]]}).json()
+  assert reply["made"] == [[12, 24]]
+  before, after = joints_of(sent), joints_of(reply["motion"])
+  kept = np.r_[0:12, 24:len(after)]
+  assert (after[kept] == before[kept]).all() and not (after[12:24] == before[12:24]).all()
+  said = [(one["text"], one["start"], one["end"]) for one in reply["motion"]["captions"]]
+  assert ("a person waves", 0.6, 1.2) in said and said[0][0] == clip.captions[0].text and said[0][2] == 0.6
+  lengths = bone_lengths(after.astype(np.float64), clip.skeleton)[:, 1:]
+  assert np.abs(lengths / np.median(lengths[kept], axis=0) - 1).max() < 0.01
+  for spans in ({}, {"change": [[0, 8]], "keep": [[8, 16]]}):
+    told = refusal(client.post("/v1/edit", json={"motion": sent, "prompt": "a", **spans}))
+    assert "both or neither" in told
+  assert "beyond" in refusal(client.post("/v1/edit", json={"motion": sent, "prompt": "a", "change": [[0, 10**6]]}))
+  told = refusal(client.post("/v1/edit", json={"motion": sent, "prompt": "a", "change": [[0, 8]], "model": "tiny"}))
+  assert "has no 'edit'; editor has" in told
+
+
+def test_captions_give_way_to_an_edit_where_it_is():
+  whole, piece = Caption("walks"), Caption("sits", 4.0, 6.0)
+  assert captions_with((whole,), [(1.0, 2.0)], "kicks", 5.0) == (
+      Caption("walks", 0.0, 1.0), Caption("kicks", 1.0, 2.0), Caption("walks", 2.0, 5.0))
+  assert captions_with((piece,), [(3.0, 5.0)], "kicks", 6.0) == (Caption("kicks", 3.0, 5.0), Caption("sits", 5.0, 6.0))
+  assert captions_with((), [(0.0, 1.0)], "kicks", 6.0) == (Caption("kicks", 0.0, 1.0),)
+
+
+def test_a_request_says_how_far_it_is(client, studio, monkeypatch):
+  """Read by another request while the first one runs."""
+  seen, count = [], progress.count
+
+  def read(*state):
+    count(*state)
+    seen.append(client.get("/v1/progress?work=mine").json())
+
+  monkeypatch.setattr(progress, "count", read)
+  body = {"blocks": [{"prompt": "a person walks", "seconds": 2.4}], "model": "tiny"}
+  assert client.post("/v1/story", json=body, headers={"x-work": "mine"}).status_code == 200
+  assert len(seen) >= 4 and seen[-1]["doing"] == "making the motion" and seen[-1]["done"] == seen[-1]["of"] == 48
+  assert client.get("/v1/progress?work=mine").json()["doing"] == "" and not studio.works
+
+
+def test_suggestions_are_prompts_that_the_model_knows(client, library):
+  found = client.get("/v1/suggestions?model=tiny&words=a person jumps").json()
+  model = library.model("tiny", "generate")
+  assert all(not model.unknown_words(row["prompt"]) for row in found["rows"])
+  assert found["captions"] == [text for text, _ in model.nearest_captions("a person jumps", 12)]
+  for row in json.loads((ASSETS / "suggestions.json").read_text())["rows"]:
+    points = np.frombuffer(base64.b64decode(row["figure"]), np.int8).reshape(-1, 22, 2) / found["scale"]
+    assert 1.0 < points[:, 15, 1].max() < 2.12, row["prompt"]  # a head
+  assert (ASSETS / "suggestions.json").stat().st_size < 300_000
+  assert "got the model 'nobody'" in refusal(client.get("/v1/suggestions?model=nobody"))
+
+
+@pytest.mark.parametrize("kind", ["bvh", "glb", "npz", "npy", "gif", "html", "png"])
+def test_exports_are_files_that_open(client, walk, kind, tmp_path):
+  clip, sent = walk
+  reply = client.post("/v1/export", json={"motion": sent, "format": kind, "trim": [[2, 14]], "name": "../A wave!"})
+  assert reply.status_code == 200 and f'filename="a-wave.{kind}"' in reply.headers["content-disposition"]
+  path = tmp_path / f"motion.{kind}"
+  path.write_bytes(reply.content)
+  if kind in ("bvh", "npz", "npy"):
+    assert export.load(path).num_frames == 12
+  starts = {"glb": b"glTF", "gif": b"GIF8", "html": b"<!DOCTYPE html>", "png": b"\x89PNG"}
+  assert reply.content.startswith(starts.get(kind, b""))
+
+
+def test_variants_of_an_export(client, walk):
+  clip, sent = walk
+  ask = lambda **fields: np.load(io.BytesIO(client.post("/v1/export", json={"motion": sent, "format": "npy", **fields}
+                                                        ).content))
+  assert (ask() == clip.joints.astype(np.float32)).all()
+  still = ask(in_place=True)
+  assert np.abs(still - in_place(clip.joints)).max() == 0 and np.ptp(still[:, 0, [0, 2]], axis=0).max() < 1e-6
+  assert not np.allclose(ask(loop=True), clip.joints)
+  for made in ([[0, 5], [8, 12]], 5, [[5]], "no spans"):  # what an edit made anew is drawn in another colour
+    edited = sent | {"meta": {"made": made}}
+    drawn = client.post("/v1/export", json={"motion": edited, "format": "html", "trim": [[2, 10]]})
+    assert drawn.status_code == 200 and (b'"tints"' in drawn.content) == (made == [[0, 5], [8, 12]])
+
+
+@pytest.mark.parametrize("change, told", [
+    ({"format": "exe"}, "expected one of bvh"), ({"format": None}, "format is missing"),
+    ({"motion": None}, "no motion"),
+    ({"trim": [[5, 2]]}, "got trim"), ({"trim": [[0, 10**6]]}, "expected one span"),
+    ({"motion": {"shape": [1, 22, 3], "fps": 20, "joints": "AA=="}}, "bytes of joints"),
+    ({"motion": {"shape": [10**9, 22, 3], "fps": 20, "joints": ""}}, "expected [frames, 22, 3]"),
+    ({"motion": {"shape": [2, 22, 3], "fps": 20, "joints": "*"}}, "no base64"),
+    ({"motion": {"shape": [2, 22, 3], "fps": 0, "joints": ""}}, "got 0 frames"),
+    ({"motion": {"shape": [2, 22, 3], "fps": "20", "joints": ""}}, "frames a second"),
+    ({"motion": {"skeleton": "../x"}}, "got the skeleton"),
+    ({"motion": {"shape": [1, 22, 3], "fps": 20, "joints": base64.b64encode(b"\xff" * 264).decode()}}, "NaN|finite"),
+    ({"motion": {"shape": [1, 22, 3], "fps": 20, "joints": base64.b64encode(bytes(264)).decode()}}, "bones")])
+def test_what_cannot_be_exported_is_told(client, walk, change, told):
+  import re
+  body = {"motion": walk[1], "format": "npy"} | change
+  assert re.search(told.replace("[", r"\["), refusal(client.post("/v1/export", json=body)))
+
+
+def _bomb():
+  """An npz of a few kilobytes that announces gigabytes."""
+  buffer = io.BytesIO()
+  with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(header, {"descr": "<f4", "fortran_order": False, "shape": (10**6, 22, 3)})
+    with archive.open("joints.npy", "w") as member:
+      member.write(header.getvalue())
+      for _ in range(300):
+        member.write(bytes(1 << 20))
+  return buffer.getvalue()
+
+
+def _pickle():
+  buffer = io.BytesIO()
+  np.save(buffer, np.array([{"a": 1}], object), allow_pickle=True)
+  return buffer.getvalue()
+
+
+@pytest.mark.parametrize("name, data, told", [
+    ("walk.npz", _bomb, "unpack"), ("walk.npy", _pickle, "pickle"), ("walk.npy", lambda: b"\x80\x04", "pickle"),
+    ("walk.bvh", lambda: b"HIERARCHY nothing", "the file"), ("walk.npz", lambda: b"PK\x03\x04cut", "cut or damaged"),
+    ("walk.exe", lambda: b"", "ends in '.exe'"), ("../../etc/passwd", lambda: b"", "ends in ''"),
+    ("walk.amc", lambda: b"", "ends in '.amc'"), ("walk.npy", lambda: b"", "no array")])
+def test_what_is_no_motion_is_not_read(client, name, data, told):
+  message = refusal(client.post("/v1/import", params={"name": name}, content=data()))
+  assert told in message and "/tmp" not in message
+
+
+def test_what_is_exported_is_read_again(client, walk):
+  clip, sent = walk
+  for kind in ("npz", "npy", "bvh"):
+    data = client.post("/v1/export", json={"motion": sent, "format": kind}).content
+    motion = client.post(f"/v1/import?name=x.{kind}", content=data).json()["motion"]
+    assert motion["shape"] == sent["shape"] and np.abs(joints_of(motion) - clip.joints).max() < 0.02
+
+
+def test_too_many_at_once_are_told_to_wait(client, studio, walk):
+  with studio.maker.place(), studio.maker.place():
+    for _ in range(2):
+      studio.maker._waiting.acquire()
+    told = refusal(client.post("/v1/export", json={"motion": walk[1], "format": "npy"}), 429)
+    assert "wait for one of them" in told
+    for _ in range(2):
+      studio.maker._waiting.release()
+  assert client.post("/v1/export", json={"motion": walk[1], "format": "npy"}).status_code == 200
+
+
+def test_a_motion_survives_the_wire(walk):
+  clip, sent = walk
+  back = wire.from_json(json.loads(json.dumps(sent)), Limits().frames)
+  assert isinstance(back, Clip) and (back.joints == clip.joints.astype(np.float32)).all()
+  assert (back.fps, back.captions, back.license) == (clip.fps, clip.captions, clip.license)

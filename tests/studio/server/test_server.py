@@ -1,0 +1,179 @@
+"""The program as a user starts it: the address at once, a port that is taken, Ctrl-C, and a client without JAX."""
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from motion_jax.utils.errors import InputError
+from motion_studio import cli
+from motion_studio.client import Client, joints_of
+from motion_studio.server import server, streams
+from tests.conftest import devices_env
+from tests.studio.server.conftest import TOKEN
+
+
+def test_the_client_streams_says_and_asks(address, library):
+  client = Client(address)
+  assert [model["name"] for model in client.models()] == ["tiny", "editor"]
+  with client.stream("a person walks", seed=3, speed=0, frames=96) as live:
+    pieces = []
+    for joints in live:
+      pieces.append(joints)
+      if len(pieces) == 2:
+        live.say("a person jumps")
+  made = np.concatenate(pieces)
+  assert made.shape == (96, 22, 3) and live.last["committed"] == 96 and live.last["contacts"].shape[1] == 4
+  assert [message["prompt"] for message in live.told if message["type"] == "words"] == ["a person walks",
+                                                                                       "a person jumps"]
+  model = library.model("tiny", "stream")
+  lag = next(message for message in live.told if message["type"] == "started")["sampling"]["lag"]
+  plain = np.concatenate(list(model.stream("a person walks", seed=3, num_frames=96, lag=lag)))
+  assert np.abs(made[:14] - plain[:14]).max() < 2e-3 and np.abs(made[-20:] - plain[-20:]).max() > 1e-3
+  motion = client.generate("a person walks", seconds=1, model="tiny", sampling={"num_steps": 4})[0]
+  assert joints_of(motion).shape == (20, 22, 3)
+  with pytest.raises(ValueError, match="empty prompt"):
+    client.generate(" ")
+  with pytest.raises(ValueError, match="token is missing or wrong"):
+    Client(address.replace(TOKEN, "wrong")).models()
+
+
+def test_a_socket_that_stops_reading_holds_nothing(address, studio):
+  """Blocks that nobody acknowledges are not sampled, however long the page hangs."""
+  live = Client(address).stream("a person walks", seed=3, speed=0)
+  deadline = time.monotonic() + 20
+  while not studio.streams or next(iter(studio.streams))._sequence < streams.AHEAD:
+    assert time.monotonic() < deadline
+    time.sleep(0.02)
+  time.sleep(0.5)
+  assert next(iter(studio.streams))._sequence == streams.AHEAD
+  live.close()
+  while studio.streams:
+    assert time.monotonic() < deadline
+    time.sleep(0.02)
+
+
+def test_a_flood_of_messages_ends_its_own_stream_alone(address, studio):
+  from websockets.exceptions import ConnectionClosed
+  client = Client(address)
+  with client.stream("a person walks", seed=3, speed=0) as quiet:
+    next(iter(quiet))
+    flood = client.stream("a person walks", seed=3, speed=0)
+    with pytest.raises(ConnectionClosed):
+      for i in range(20_000):
+        flood.say(f"a person walks {i}")
+    deadline = time.monotonic() + 20
+    while len(studio.streams) > 1:
+      assert time.monotonic() < deadline
+      time.sleep(0.02)
+    for _, _ in zip(range(4), quiet):
+      pass
+    assert quiet.last["sequence"] == 4
+    flood.close()
+
+
+def test_the_client_needs_no_jax():
+  code = "import motion_studio.client, sys; assert not {'jax', 'starlette', 'scipy'} & set(sys.modules)"
+  assert subprocess.run([sys.executable, "-c", code], env=devices_env(1), check=False).returncode == 0
+
+
+def test_a_port_that_is_taken_is_told(capsys):
+  with socket.socket() as other:
+    other.bind(("127.0.0.1", 0))
+    other.listen()
+    port = other.getsockname()[1]
+    assert cli.main(["studio", "--port", str(port)]) == 1
+  said = capsys.readouterr().err
+  assert f"port {port} of 127.0.0.1 is taken" in said and "--port" in said and len(said.splitlines()) == 1
+
+
+@pytest.mark.parametrize("words, told", [
+    (["--host", "0.0.0.0"], "--token"), (["--model", "nowhere"], "nowhere"), (["--token", "short"], "8 or more"),
+    (["--host", "192.0.2.1", "--token", "long enough"], "cannot listen on 192.0.2.1")])
+def test_what_cannot_be_served_is_told(capsys, words, told):
+  assert cli.main(["studio", *words]) == 1
+  said = capsys.readouterr().err
+  assert told in said and len(said.splitlines()) == 1
+
+
+def test_a_missing_package_is_told_before_an_address(capsys, monkeypatch):
+  monkeypatch.setattr(server.importlib.util, "find_spec", lambda name: None if name == "uvicorn" else name)
+  assert cli.main(["studio", "--port", "0"]) == 1
+  told = capsys.readouterr()
+  assert "needs the packages uvicorn: pip install" in told.err and not told.out
+
+
+def test_the_token_is_kept_for_the_user_alone(tmp_path):
+  folder = tmp_path / "state"
+  token = server.kept_token(folder)
+  path = folder / "studio-token"
+  assert len(token) >= 16 and path.stat().st_mode & 0o777 == 0o600
+  assert server.kept_token(folder) == token
+  path.chmod(0o644)  # others may have read it
+  assert (other := server.kept_token(folder)) != token and path.stat().st_mode & 0o777 == 0o600
+  for content in ("", "short", "ä" * 20):
+    path.write_text(content)
+    assert server.kept_token(folder) not in (content, other, "")
+  blocked = tmp_path / "file"
+  blocked.write_text("")
+  for place in (blocked, blocked / "below"):
+    assert server.kept_token(place) != server.kept_token(place)
+
+
+def test_a_restart_has_the_same_address_and_a_refused_socket_is_no_error_in_the_log(tiny_run, tmp_path):
+  from websockets.exceptions import InvalidStatus
+  from websockets.sync.client import connect
+  words = [sys.executable, "-m", "motion_studio.cli", "studio", "--model", str(tiny_run), "--port"]
+  env, port, addresses = devices_env(1) | {"XDG_STATE_HOME": str(tmp_path)}, "0", []
+  for _ in range(2):
+    program = subprocess.Popen([*words, port], env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+      addresses.append(program.stdout.readline())
+      host, port = re.search(r"http://([\d.]+:(\d+))/", addresses[-1]).groups()
+      with pytest.raises(InvalidStatus):
+        connect(f"ws://{host}/v1/stream?token=wrong", origin=f"http://{host}")
+      program.terminate()
+      assert program.communicate(timeout=20)[1].strip() == "motion-jax: stopped; nothing half-written is left"
+    finally:
+      program.kill()
+      program.wait()
+  assert addresses[0] == addresses[1]
+
+
+def test_addresses_can_be_opened():
+  assert server.address_of("127.0.0.1", 80, "a b") == "http://127.0.0.1:80/?token=a%20b"
+  assert server.address_of("::1", 80, "x") == "http://[::1]:80/?token=x"
+  assert server.address_of("0.0.0.0", 80, "x") == f"http://{socket.gethostname()}:80/?token=x"
+  with pytest.raises(InputError, match="cannot listen"):
+    server.take_port("no.such.host.invalid", 0)
+
+
+def test_no_browser_is_told(capsys, monkeypatch):
+  monkeypatch.setattr(server.webbrowser, "open", lambda address: False)
+  server._open("http://127.0.0.1:80/")
+  assert capsys.readouterr().err == "no browser was found; open the address by hand\n"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_address_comes_at_once_and_the_end_within_two_seconds(tiny_run, number):
+  """Ended while models are being read or compiled, which hears nothing."""
+  words = [sys.executable, "-m", "motion_studio.cli", "studio", "--port", "0", "--model", str(tiny_run)]
+  program = subprocess.Popen(words, env=devices_env(1), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+  try:
+    line = program.stdout.readline()
+    found = re.fullmatch(r"the studio is at (http://127\.0\.0\.1:\d+/\?token=\S{16,})\n", line)
+    assert found, line
+    assert Client(found[1]).models()[0]["state"] in ("waiting", "loading", "compiling", "ready")
+    began = time.monotonic()
+    os.kill(program.pid, number)
+    program.wait(20)
+    assert time.monotonic() - began < 2.5 and program.returncode == 128 + number
+    assert "Traceback" not in program.stderr.read()
+  finally:
+    program.kill()
+    program.wait()

@@ -1,0 +1,123 @@
+"""A story is made anew from where it changed, and what stands before is the same bit for bit."""
+import numpy as np
+import pytest
+
+from motion_jax.motion.cleanup import LOOK_AHEAD
+from motion_studio.server import stories as made_anew
+from motion_studio.server.stories import Stories
+
+WALK, WAVE, JUMP = "a person walks", "a person waves", "a person jumps"
+
+
+@pytest.fixture(scope="module")
+def model(library):
+  return library.model("tiny", "multi_prompt")
+
+
+def lag_of(model):
+  """The studio's own: two steps of the sampler for each block, one block under way."""
+  return model.sampling().num_steps // 2
+
+
+def make(stories, model, segments, cleanup=False, seed=5, lag=None):
+  return stories.make(model, segments, seed, cleanup, {"lag": lag or lag_of(model)})
+
+
+def test_a_story_is_the_models_multi_prompt(model):
+  segments = [(WALK, 50), (WAVE, 40), (JUMP, 30)]
+  made, reused, _ = make(Stories(), model, segments)
+  rows = [(prompt, frames / model.fps) for prompt, frames in segments]
+  asked = model.multi_prompt(rows, seed=5, cleanup=False, lag=lag_of(model))
+  assert made.captions == asked.captions and reused == 0 and made.joints.shape == asked.joints.shape
+  assert np.abs(made.joints - asked.joints).max() < 1e-3
+  assert made.meta["seed"] == 5 and made.meta["model"] == model.id
+
+
+@pytest.mark.parametrize("cleanup", [pytest.param(False, marks=pytest.mark.slow), True])
+@pytest.mark.parametrize("changed, border", [
+    ([(WALK, 60), (WAVE, 60), (WALK, 60)], 120),        # the last words
+    ([(WALK, 60), (JUMP, 60), (JUMP, 60)], 60),         # words in the middle
+    ([(WALK, 60), (WAVE, 84), (JUMP, 60)], 120),        # a length: what came behind comes later
+    ([(WALK, 60), (WAVE, 60), (JUMP, 60), (WALK, 40)], 180),  # one more
+    ([(WALK, 60), (WAVE, 30)], 90),                     # fewer
+    ([(JUMP, 60), (WAVE, 60), (JUMP, 60)], 0)])         # all of it
+def test_what_stands_before_a_change_is_the_same_bit_for_bit(model, changed, border, cleanup):
+  """And what is made anew is what a studio makes that never saw the story before."""
+  stories = Stories()
+  first, _, _ = make(stories, model, [(WALK, 60), (WAVE, 60), (JUMP, 60)], cleanup)
+  second, reused, same = make(stories, model, changed, cleanup)
+  fresh, _, _ = make(Stories(), model, changed, cleanup)
+  assert (second.joints == fresh.joints).all() and second.num_frames == sum(frames for _, frames in changed)
+  kept = max(border - (LOOK_AHEAD if cleanup else 0), 0)
+  assert (second.joints[:kept] == first.joints[:kept]).all() and same >= kept
+  shared = min(first.num_frames, second.num_frames)
+  if shared > border:  # and what stands behind it is another motion, so that the words did change something
+    assert np.abs(second.joints[border:shared] - first.joints[border:shared]).max() > 1e-3
+  assert reused <= border and (reused > 0) == (border > 24)
+  again, all_of_it, _ = make(stories, model, changed, cleanup)
+  assert (again.joints == second.joints).all() and all_of_it >= reused
+
+
+def test_only_what_follows_is_sampled_again(model, monkeypatch):
+  steps = []
+  stories, segments = Stories(), [(WALK, 120), (WAVE, 60)]
+  make(stories, model, segments)
+  live = type(model.stream(WALK, seed=0))
+  plain = live.step
+  monkeypatch.setattr(live, "step", lambda self: (steps.append(1), plain(self))[1])
+  block = model.stream(WALK, seed=0).block_frames
+  for changed, kept in (([(WALK, 120), (JUMP, 60)], 120), ([(WALK, 120), (JUMP, 60), (WALK, 60)], 180)):
+    steps.clear()
+    make(stories, model, changed)
+    anew = len(steps)
+    steps.clear()
+    make(Stories(), model, changed)
+    assert anew == len(steps) - kept // block
+
+
+def test_other_seeds_choices_and_old_takes_are_kept_apart(model, monkeypatch):
+  stories = Stories()
+  first, _, _ = make(stories, model, [(WALK, 60)])
+  other, reused, _ = make(stories, model, [(WALK, 60)], seed=6)
+  assert reused == 0 and not (other.joints == first.joints).all()
+  for seed in range(7, 13):
+    make(stories, model, [(WALK, 24)], seed=seed)
+  assert len(stories._takes) == 6
+  monkeypatch.setattr(made_anew, "_COPIES", 1)
+  make(stories, model, [(WALK, 24), (WAVE, 24)], seed=13)
+  assert len(stories._takes) == 1
+
+
+def test_a_fork_goes_on_alone(model):
+  one = model.stream(WALK, seed=1, lag=lag_of(model))
+  next(one)
+  two = one.fork()
+  assert two.say(WAVE, after=0) < two.say(JUMP) == two.begun
+  plain = [next(one) for _ in range(6)]
+  three = model.stream(WALK, seed=1, lag=lag_of(model))
+  next(three)
+  assert all((a == next(three)).all() for a in plain)
+  changed = np.concatenate([next(two) for _ in range(6)])
+  assert changed.shape == np.concatenate(plain).shape and not (changed == np.concatenate(plain)).all()
+
+
+def test_a_stream_shows_its_next_seconds(model):
+  """In a notebook: the viewer of any motion, with the words that were said; asked again, the seconds after."""
+  live, plain = (model.stream(WALK, seed=1, lag=lag_of(model)) for _ in range(2))
+  first = live.show(2)
+  assert live.say(JUMP) == live.begun
+  second = live.show(3)
+  frames = np.concatenate([next(plain) for _ in range(9)])
+  assert first.num_frames >= 40 and (first.joints == frames[:first.num_frames]).all()
+  assert [caption.text for caption in first.captions] == [WALK]
+  assert [caption.text for caption in second.captions] == [WALK, JUMP]
+  border, again = second.captions[0].end * 20, frames[first.num_frames:]
+  same = int(border) - LOOK_AHEAD
+  assert same > 0 and (second.joints[:same] == again[:same]).all() and second.captions[1].end * 20 == second.num_frames
+  assert "<iframe" in first._repr_html_() and "\x00" not in first._repr_html_()
+  with pytest.raises(ValueError, match="got 0 s"):
+    live.show(0)
+  ends = model.stream(WALK, seed=1, lag=lag_of(model), num_frames=24)
+  assert ends.show(60).num_frames == 24
+  with pytest.raises(ValueError, match="has ended"):
+    ends.show()

@@ -1,0 +1,281 @@
+"""What goes wrong in a run is provoked, and noticed before anything of it is saved."""
+import errno
+import subprocess
+import sys
+import threading
+
+import chex
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from motion_jax.training import checkpoint, guards, saver
+from motion_jax.training import loop as train
+from motion_jax.training.guards import WINDOW
+from motion_jax.training.metrics import read_metrics, without_clock
+from motion_jax.training.saver import Saver
+from motion_jax.utils.errors import InputError
+from tests import processes
+from tests.conftest import devices_env
+from tests.training.test_train import _config, _equal, _killed, _next_batch, _stage
+
+
+def _wild(number):
+  return _next_batch(number) | {"y": np.full(8, 1e6, np.float32)}
+
+
+def _bad_from(first, windows=1, kills=()):
+  """Batches that are wild from a step on, in so many windows; at the steps of kills the run dies, once each."""
+  kills = set(kills)
+
+  def next_batch(number):
+    step, window = number % WINDOW, number // WINDOW
+    if (step, window) in kills:
+      kills.discard((step, window))
+      _killed(step)
+    return (_wild if step >= first and window < windows else _next_batch)(number)
+
+  return next_batch
+
+
+def _skipping(num_steps, **fields):
+  config = _config(num_steps, skip_loss=1e3)
+  config.train.update(max_skips=3, **fields)
+  return config
+
+
+def _rows(folder):
+  return without_clock(read_metrics(folder))
+
+
+def test_a_run_goes_back_and_on_with_other_batches(tmp_path, capsys):
+  """From the state before the steps that were left out, with batches that only seed, step and the count decide."""
+  state = train.train(_skipping(10), tmp_path / "a", _stage(), _bad_from(5))
+  said = capsys.readouterr().out
+  assert "step 6 is left out: loss 1e+12, gradient" in said and "3 in a row" in said
+  assert "3 steps in a row were left out; back to step 4 and on with other batches (time 1 of 3)" in said
+  other = train.train(_config(10, skip_loss=1e3), tmp_path / "b", _stage(),
+                      lambda step: _next_batch(step if step < 4 else step + WINDOW))
+  assert _equal(state, other)
+  rows = _rows(tmp_path / "a")
+  assert [row["step"] for row in rows] == list(range(1, 11))
+  assert [row.get("rollbacks", 0) for row in rows] == [0] * 4 + [1] * 6
+
+
+@pytest.fixture(scope="module")
+def rolled_back(tmp_path_factory):
+  """(state, rows of metrics) of a run that goes back once and that nobody kills."""
+  folder = tmp_path_factory.mktemp("whole")
+  return train.train(_skipping(10), folder, _stage(), _bad_from(5)), _rows(folder)
+
+
+@pytest.mark.parametrize("kills", [[(6, 0), (6, 1), (9, 1)], *(
+    pytest.param([kill], marks=pytest.mark.slow) for kill in ((4, 0), (5, 0), (7, 0), (4, 1), (5, 1), (8, 1)))])
+def test_a_kill_around_a_rollback_changes_nothing(tmp_path, rolled_back, kills):
+  whole, rows = rolled_back
+  next_batch = _bad_from(5, kills=kills)
+  for attempt in range(len(kills)):
+    with pytest.raises(MemoryError):
+      train.train(_skipping(10), tmp_path / "parts", _stage(), next_batch, resume=attempt > 0)
+  parts = train.train(_skipping(10), tmp_path / "parts", _stage(), next_batch, resume=True)
+  assert _equal(whole, parts) and _rows(tmp_path / "parts") == rows
+
+
+@pytest.mark.parametrize("place", ["discard_after", "remember"])
+@pytest.mark.parametrize("after", [False, True])
+def test_a_kill_inside_a_rollback_changes_nothing(tmp_path, monkeypatch, rolled_back, place, after):
+  whole, rows = rolled_back
+  real = getattr(Saver, place)
+
+  def killed(self, *args):
+    if after:
+      real(self, *args)
+    raise MemoryError
+
+  monkeypatch.setattr(Saver, place, killed)
+  with pytest.raises(MemoryError):
+    train.train(_skipping(10), tmp_path / "parts", _stage(), _bad_from(5))
+  monkeypatch.undo()
+  parts = train.train(_skipping(10), tmp_path / "parts", _stage(), _bad_from(5), resume=True)
+  assert _equal(whole, parts) and _rows(tmp_path / "parts") == rows
+
+
+@pytest.mark.slow
+def test_slices_of_a_run_are_rolled_back_as_the_whole_one(tmp_path):
+  """Three bad steps between two rows of metrics, good ones after them: whoever looks there earlier decides the same."""
+  config = _skipping(12, log_every=6, save_every=6)
+  bad = lambda number: (_wild if number in (7, 8, 9) else _next_batch)(number)
+  whole = train.train(config, tmp_path / "whole", _stage(), bad)
+  for attempt in range(30):
+    parts = train.train(config, tmp_path / "parts", _stage(), bad, resume=attempt > 0, max_seconds=-1)
+    if int(parts.step) == 12:
+      break
+  assert _equal(whole, parts) and _rows(tmp_path / "whole") == _rows(tmp_path / "parts")
+  assert _rows(tmp_path / "whole")[-1]["rollbacks"] == 1 and Saver(tmp_path / "parts").steps == [6, 12]
+
+
+def test_a_run_without_a_state_goes_back_to_its_start(tmp_path):
+  config = _skipping(6, save_every=100)
+  state = train.train(config, tmp_path / "a", _stage(), _bad_from(1))
+  other = train.train(config, tmp_path / "b", _stage(), lambda step: _next_batch(step + WINDOW))
+  assert _equal(state, other) and [row["step"] for row in _rows(tmp_path / "a")] == [1, 2, 3, 4, 5, 6]
+
+
+def test_after_some_rollbacks_a_run_ends_and_keeps_the_batch(tmp_path):
+  with pytest.raises(FloatingPointError, match="3 steps in a row were left out up to step 8, after going back 2 times; "
+                                               "the last good state is step 4"):
+    train.train(_skipping(20, max_rollbacks=2), tmp_path, _stage(), _bad_from(5, windows=9))
+  with np.load(tmp_path / guards.BATCH, allow_pickle=False) as kept:
+    assert int(kept["step"]) == 8 and (kept["y"] == 1e6).all() and set(kept) == {"x", "y", "mask", "index", "step"}
+    np.testing.assert_array_equal(kept["x"], _next_batch(7 + 2 * WINDOW)["x"])
+  assert np.isfinite(checkpoint.load_params(tmp_path)["w"]).all()
+
+
+def test_a_run_in_which_no_step_was_taken_is_no_success(tmp_path):
+  """Shorter than the patience for steps that are left out."""
+  config = _skipping(2)
+  config.train.max_skips = 100
+  with pytest.raises(FloatingPointError, match="2 steps in a row were left out"):
+    train.train(config, tmp_path, _stage(), _bad_from(0, windows=9))
+
+
+def test_parameters_that_are_no_numbers_are_not_saved(tmp_path):
+  """Loss and gradient of the step that breaks them are sound."""
+  config = _config(4, learning_rate=1e39)
+  config.train.save_every = 1
+  with pytest.raises(FloatingPointError, match=r"the parameter params\['w'\] is no number; the last good state is step "
+                                               "None"):
+    train.train(config, tmp_path, _stage(), _next_batch)
+  assert checkpoint.is_fresh(tmp_path) and (tmp_path / guards.BATCH).is_file()
+
+
+def _spiked(step):
+  return _wild(step) if step == 20 else _next_batch(step)
+
+
+@pytest.mark.slow
+def test_a_spike_of_the_gradient_is_told_and_left_out_where_the_config_says_so(tmp_path, capsys):
+  train.train(_config(24), tmp_path / "counted", _stage(), _spiked)
+  assert "step 21: loss 1e+12, gradient" in (said := capsys.readouterr().out) and ", usually " in said
+  assert [row.get("gradient_spikes", 0) for row in _rows(tmp_path / "counted")] == [0] * 20 + [1] * 4
+  config = _config(24, skip_spikes=50.0)
+  whole = train.train(config, tmp_path / "left out", _stage(), _spiked)
+  rows = _rows(tmp_path / "left out")
+  assert [row["skipped"] for row in rows] == [0] * 20 + [1] + [0] * 3 and rows[-1]["skipped_steps"] == 1
+  assert rows[23]["loss"] < 1e3
+  for step in (19, 21):  # what is usual is part of the state
+    folder = tmp_path / str(step)
+    dying = lambda number, at=step: _killed(number) if number == at else _spiked(number)
+    with pytest.raises(MemoryError):
+      train.train(config, folder, _stage(), dying)
+    again = train.train(config, folder, _stage(), _spiked, resume=True)
+    np.testing.assert_array_equal(again.norms, whole.norms)  # nan where there is none yet
+    assert _equal(again.replace(norms=None), whole.replace(norms=None)) and _rows(folder) == rows
+
+
+def test_the_guard_against_spikes_may_be_put_up_and_taken_down(tmp_path):
+  """By a run that goes on, with --allow-changes: what it knows of the gradients before is not there, or not needed."""
+  for step, factor in ((4, 0.0), (8, 50.0), (12, 0.0)):
+    state = train.train(_config(step, skip_spikes=factor), tmp_path, _stage(), _next_batch, resume=step > 4)
+    assert int(state.step) == step and (state.norms is None) == (factor == 0)
+  whole = train.train(_config(12), tmp_path / "whole", _stage(), _next_batch)
+  # With the guard it is another program, which rounds otherwise.
+  chex.assert_trees_all_close(state, whole, rtol=1e-5)
+
+
+_STUCK = """
+import pathlib, sys, threading
+from motion_jax.utils import lock
+from motion_jax.training.guards import Watchdog
+def stuck_here():
+  threading.Event().wait()
+with lock.locked(sys.argv[1]):
+  Watchdog(sys.argv[1], 0.005)
+  stuck_here()
+"""
+
+
+def test_a_run_that_hangs_says_where_and_ends(tmp_path):
+  done = processes.run(["-c", _STUCK, tmp_path], devices_env(1))
+  assert done.returncode == 70 and "no step has ended for 0.005 minutes (train.hang_minutes)" in done.stderr
+  assert "in stuck_here" in (tmp_path / guards.STACKS).read_text()
+  assert [path.name for path in tmp_path.iterdir()] == [guards.STACKS]  # the lock is gone
+
+
+def test_every_step_is_told_to_the_watchdog(tmp_path, monkeypatch):
+  beats = []
+  monkeypatch.setattr(guards.Watchdog, "beat", lambda self: beats.append(threading.current_thread().name) or
+                      setattr(self, "_last", float("inf")))
+  train.train(_config(5), tmp_path, _stage(), _next_batch)
+  assert len(beats) >= 6 and set(beats) == {"MainThread"}
+
+
+def _no_room(*_):
+  raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_a_full_disk_ends_no_training(tmp_path, monkeypatch, capsys):
+  """The save at step 4 fails, older states stay, the one at step 6 is there."""
+  whole = train.train(_config(6), tmp_path / "whole", _stage(), _next_batch)
+  real, folder = saver._write_record, tmp_path / "run"
+  monkeypatch.setattr(saver, "_write_record", lambda aside, record: _no_room() if record["step"] == 4 else
+                      real(aside, record))
+  state = train.train(_config(6), folder, _stage(), _next_batch)
+  assert "a state could not be saved (No space left on device" in capsys.readouterr().out.replace("[Errno 28] ", "")
+  assert _equal(state, whole) and Saver(folder).steps == [2, 6]
+  assert [path.name for path in (folder / "checkpoints").iterdir() if not path.name.isdigit()] == []
+  monkeypatch.setattr(saver, "_write_record", _no_room)
+  with pytest.raises(OSError, match="the state of step 8 could not be saved .* the last that was is step 6"):
+    train.train(_config(8), folder, _stage(), _next_batch, resume=True)
+  assert Saver(folder).steps == [2, 6]
+
+
+_FULL = """
+import os, resource, sys, time
+from motion_jax.training import loop, prefetch
+from tests.training.test_train import _config, _next_batch, _stage
+
+take, steps = prefetch.Ahead.take, iter(range(100))
+
+def room(batches):  # files may hold no more than 100 bytes between the steps 3 and 5
+  step = next(steps)
+  while step == 3 and not os.path.isdir(sys.argv[1] + "/checkpoints/2"):
+    time.sleep(0.01)
+  most = 100 if 3 <= step < 5 else resource.RLIM_INFINITY
+  resource.setrlimit(resource.RLIMIT_FSIZE, (most, resource.RLIM_INFINITY))
+  return take(batches)
+
+prefetch.Ahead.take = room
+loop.train(_config(6), sys.argv[1], _stage(), _next_batch)
+"""
+
+
+def test_a_disk_that_is_full_for_a_while(tmp_path):
+  """The operating system itself refuses: orbax's files, rows of metrics and weights; in the end nothing is missing."""
+  done = subprocess.run([sys.executable, "-c", _FULL, str(tmp_path)], env=devices_env(1), capture_output=True,
+                        text=True, check=False)  # to pipes, which take what files may not
+  assert done.returncode == 0, done.stderr[-3000:]
+  assert "a state could not be saved" in done.stdout and "metrics.jsonl could not be written" in done.stdout
+  assert Saver(tmp_path).steps == [2, 6] and [row["step"] for row in _rows(tmp_path)] == [1, 2, 3, 4, 5, 6]
+  whole = train.train(_config(6), tmp_path / "whole", _stage(), _next_batch)
+  assert (checkpoint.load_params(tmp_path)["w"] == np.asarray(whole.ema_params["w"])).all()
+
+
+def test_data_that_fail_are_named_and_the_state_is_saved(tmp_path):
+  def failing(step):
+    if step == 3:
+      raise KeyError("walk_07")
+    return _next_batch(step)
+
+  with pytest.raises(InputError, match=r"the batch of step 3 cannot be made \(KeyError: 'walk_07'.*step 3 is saved"):
+    train.train(_config(6), tmp_path / "a", _stage(), failing)
+  rest = train.train(_config(6), tmp_path / "a", _stage(), _next_batch, resume=True)
+  assert _equal(rest, train.train(_config(6), tmp_path / "b", _stage(), _next_batch))
+
+
+def test_a_batch_is_kept_without_pickles(tmp_path):
+  guards.keep_batch(tmp_path, 3, {"x": jnp.ones(2), "words": np.array(["walks"])})
+  with np.load(tmp_path / guards.BATCH, allow_pickle=False) as kept:
+    assert kept["words"].tolist() == ["walks"] and int(kept["step"]) == 3
+  with pytest.raises(ValueError):
+    guards.keep_batch(tmp_path, 3, {"x": np.array([object()])})

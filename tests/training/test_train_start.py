@@ -1,0 +1,155 @@
+"""A run that begins with the parameters of another, all of them learning or some held still."""
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from ml_collections import ConfigDict
+
+from motion_jax import fit, runs
+from motion_jax.models import cdamd, cmdm
+from motion_jax.nets.autoencoder import Autoencoder
+from motion_jax.nets.causal_vae import CausalVAE
+from motion_jax.text.encoder import load_text_encoder
+from motion_jax.training import checkpoint
+from motion_jax.training import loop as train
+from motion_jax.training.stage import Stage
+from tests.conftest import load_config
+from tests.training.test_train import _config, _next_batch, _stage
+from tools import exchange_decoder
+
+
+def tokenizer_config(name, start, size="small", **train):
+  """The size that ships, on two procedural clips."""
+  config = load_config(name, size).unlock()
+  if "teacher" in config.frozen:
+    config.frozen.teacher, config.model.teacher_dim = "", 0
+  config.data.update(name="synthetic", num_clips=2)
+  config.train.update(start=start, **train)
+  return fit.resolve(config)[0]
+
+
+def _holds_what(run, setup):
+  """Its frozen parts and its statistics are those of a run."""
+  for name, part in run.frozen().items():
+    jax.tree.map(np.testing.assert_array_equal, part, setup.frozen[name])
+  np.testing.assert_array_equal(setup.stats.std, run.stats.std)
+
+
+def _refuses(config, other_sizes, other_model, other_stage):
+  """A tokenizer of other sizes than the config says is refused, and a model of another method."""
+  config.tokenizer.width = 8
+  with pytest.raises(ValueError, match=other_sizes):
+    fit.setups()[config.stage](config)
+  config.frozen.tokenizer = other_model
+  with pytest.raises(ValueError, match=other_stage):
+    fit.setups()[config.stage](config)
+
+
+@pytest.mark.parametrize("name, size, model", [
+    ("cmdm_tokenizer", "small", "cmdm-small"), ("cdamd_autoencoder", "steps_small", "cdamd-small")])
+def test_a_tokenizer_begins_as_that_inside_a_model_that_ships(name, size, model):
+  """With its parameters; a part that is held still also keeps the statistics that it knows."""
+  config = tokenizer_config(name, model, size, freeze=("encoder",))
+  net = (CausalVAE if name.startswith("cmdm") else Autoencoder)(**config.model)
+  shapes = (cmdm.frozen_shapes(net)["tokenizer"] if name.startswith("cmdm") else cdamd.autoencoder_shapes(net))
+  zeros = lambda *_: jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), shapes)
+  stage = fit.setups()[config.stage](config)
+  begun = fit._started_from(stage.stage._replace(init=zeros), config)
+  run = runs.open(model)
+  jax.tree.map(np.testing.assert_array_equal, begun.init(None, None), run.frozen({"tokenizer": shapes})["tokenizer"])
+  np.testing.assert_array_equal(stage.stats.mean, run.stats.mean)
+
+
+def test_a_denoiser_goes_on_from_a_model_that_ships():
+  """On its tokenizer, with the scale of latents that it knows, its statistics, its words and its parameters."""
+  config = load_config("cmdm_denoiser", "small").unlock()
+  config.frozen.update(tokenizer="cmdm-small", text="cmdm-small")
+  config.data.update(name="synthetic", num_clips=4, mirror=False)
+  config.train.start = "cmdm-small"
+  config = fit.resolve(config)[0]
+  run, setup = runs.open("cmdm-small"), fit.setups()[config.stage](config)
+  frozen = run.frozen()
+  assert set(frozen) <= set(setup.frozen)
+  _holds_what(run, setup)
+  assert load_text_encoder("cmdm-small").fingerprint == load_text_encoder(run.text).fingerprint
+  assert "text_encoder/model.safetensors" in setup.files
+  _refuses(config, "the tokenizer in cmdm-small is .*'width': 192.* config.tokenizer says",
+           "cdamd-small", "holds a 'cdamd.generator' run, expected one of stage cmdm.tokenizer or cmdm.d")
+
+
+def test_a_generator_goes_on_from_a_model_that_ships(tmp_path):
+  """On its autoencoder, with the scale of latents that it knows, its length estimator, its statistics and its words."""
+  config = load_config("cdamd_generator", "steps_small").unlock()
+  config.frozen.update(tokenizer="cdamd-small", prior="", text="cdamd-small", length="cdamd-small")
+  config.data.update(name="synthetic", num_clips=4, mirror=False, lengths=(196,))
+  config.loss.prior_levels, config.train.start = 0, "cdamd-small"
+  config = fit.resolve(config)[0]
+  run, setup = runs.open("cdamd-small"), fit.setups()[config.stage](config)
+  assert config.length.to_dict() == run.config.length.to_dict()
+  assert set(setup.frozen) == {"tokenizer", "latent_mean", "latent_std", "length"}
+  _holds_what(run, setup)
+  shapes = jax.eval_shape(setup.stage.init, setup.next_batch(0), jax.random.key(0))
+  begun = fit._started_from(setup.stage._replace(init=lambda *_: shapes), config).init(None, None)
+  jax.tree.map(np.testing.assert_array_equal, begun, run.params())
+  config.loss.unit_latents = False
+  with pytest.raises(ValueError, match="own scale .loss.unit_latents = True., config.loss.unit_latents is False"):
+    fit.setups()[config.stage](config)
+  _refuses(config, "cdamd-small holds .*'width': 192.*this config says .*'width': 8",
+           "cmdm-small", "holds a 'cmdm.denoiser' run, expected one of stage cdamd.autoencoder or cd")
+  bare = ConfigDict(run.config.to_dict())
+  bare.length = {}
+  checkpoint.save_config(tmp_path, bare)
+  config.frozen.update(tokenizer="cdamd-small", length=str(tmp_path))
+  with pytest.raises(ValueError, match="has no length estimator; train one with --config cdamd_length"):
+    fit.resolve(config)
+
+
+def test_what_cannot_be_held_still_is_told(tmp_path):
+  with pytest.raises(ValueError, match="got train.freeze .'encoder',. without train.start"):
+    fit.run(tokenizer_config("cmdm_tokenizer", "", freeze=("encoder",)), tmp_path)
+  config = tokenizer_config("cmdm_tokenizer", "cmdm-small", freeze=("encodr",))
+  with pytest.raises(ValueError, match="got train.freeze 'encodr', but train.start cmdm-small has no .* decoder, enc"):
+    fit._started_from(None, config)
+
+
+def test_a_new_decoder_goes_to_the_generator_of_its_latents(tmp_path):
+  """All else of the generator's folder stays; another encoder is refused."""
+  run = runs.open("cmdm-small")
+  params = run.frozen()["tokenizer"]
+  params["params"]["decoder"] = jax.tree.map(lambda leaf: leaf + 1, params["params"]["decoder"])
+  config = tokenizer_config("cmdm_tokenizer", "cmdm-small", freeze=("encoder",))
+  folder = tmp_path / "decoder"
+  folder.mkdir()
+  checkpoint.save_config(folder, config)
+  checkpoint.save_params(folder, params)
+  exchange_decoder.exchange("cmdm-small", folder, tmp_path / "new")
+  made = runs.open(tmp_path / "new")
+  jax.tree.map(np.testing.assert_array_equal, made.frozen(), {**run.frozen(), "tokenizer": params})
+  jax.tree.map(np.testing.assert_array_equal, made.params(), run.params())
+  with pytest.raises(ValueError, match="is there already"):
+    exchange_decoder.exchange("cmdm-small", folder, tmp_path / "new")
+  params["params"]["encoder"]["head"]["bias"] += 1
+  checkpoint.save_params(folder, params)
+  with pytest.raises(ValueError, match="the encoder in .* is another than that of cmdm-small"):
+    exchange_decoder.exchange("cmdm-small", folder, tmp_path / "other")
+
+
+@pytest.mark.slow
+def test_what_is_frozen_stays_to_the_bit(tmp_path):
+  """Beside parameters that learn, with weight decay and an average; its gradient is 0 and takes no part in the norm."""
+  line = _stage()
+  stage = Stage(lambda batch, rng: {"held": {"w": jnp.ones(3)}, "free": line.init(batch, rng)},
+                lambda params, *rest: line.loss({"w": params["free"]["w"] * params["held"]["w"]}, *rest), None)
+  config = _config(4, weight_decay=0.1)
+  before = stage.init(_next_batch(0), jax.random.fold_in(jax.random.key(config.seed), 2**31 - 1))
+  config.train.freeze = ("held",)
+  state = train.train(config, tmp_path / "frozen", stage, _next_batch)
+  for tree in (state.params, state.ema_params):
+    np.testing.assert_array_equal(tree["held"]["w"], np.ones(3))
+    assert (np.abs(tree["free"]["w"] - before["free"]["w"]) > 1e-3).any()
+  alone = train.train(_config(4, weight_decay=0.1), tmp_path / "alone", line._replace(
+      init=lambda batch, rng: before["free"]), _next_batch)
+  np.testing.assert_array_equal(state.params["free"]["w"], alone.params["w"])
+  config.train.freeze = ()
+  state = train.train(config, tmp_path / "free", stage, _next_batch)
+  assert (state.params["held"]["w"] != 1).all()

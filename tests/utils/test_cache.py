@@ -1,0 +1,162 @@
+"""What is kept on disk: the same numbers from it as without it, and nothing of it trusted that is not whole."""
+import json
+import subprocess
+import sys
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from motion_jax import export
+from motion_jax.utils import cache, timing
+from motion_studio import cli
+from tests.conftest import ROOT, devices_env
+
+
+@pytest.fixture
+def kept(tmp_path, monkeypatch):
+  monkeypatch.setattr(cache, "_folder", tmp_path)
+  return tmp_path
+
+
+def scaled(power, x, keys, weights):
+  noise = jax.vmap(lambda key: jax.random.normal(key, x.shape[1:]))(keys)
+  return jnp.tanh(x @ weights["w"]) ** power + noise
+
+
+ARGUMENTS = (jnp.linspace(0, 1, 12).reshape(3, 4), jax.random.split(jax.random.key(1), 3), {"w": jnp.eye(4) * 0.3})
+
+
+def test_a_kept_program_gives_the_numbers_of_the_function(kept):
+  program = cache.Program("scaled", scaled, 1)
+  expected = scaled(2, *ARGUMENTS)
+  first = program(2, *ARGUMENTS)
+  path, = (kept / "programs").iterdir()
+  again = cache.Program("scaled", scaled, 1)(2, *ARGUMENTS)
+  np.testing.assert_array_equal(first, again)
+  np.testing.assert_allclose(first, expected, atol=1e-6)
+  assert program(3, *ARGUMENTS).shape == (3, 4) and len(list((kept / "programs").iterdir())) == 2
+  assert path.stat().st_mode & 0o777 == 0o644
+
+
+@pytest.mark.parametrize("damage", [lambda b: b[:-40], lambda b: b[:60] + bytes([b[60] ^ 1]) + b[61:], lambda b: b""])
+def test_a_damaged_program_is_made_anew(kept, damage):
+  first = cache.Program("scaled", scaled, 1)(2, *ARGUMENTS)
+  path, = (kept / "programs").iterdir()
+  path.write_bytes(damage(path.read_bytes()))
+  np.testing.assert_array_equal(cache.Program("scaled", scaled, 1)(2, *ARGUMENTS), first)
+  assert cache.read("programs", path.name) is not None
+
+
+def test_another_function_size_or_option_is_another_program(kept):
+  make = lambda name, about=(): cache.Program(name, scaled, 1, about)(2, *ARGUMENTS)
+  count = lambda: len(list((kept / "programs").iterdir()))
+  make("a")
+  make("b")
+  make("a", ("wide",))
+  assert count() == 3
+  with jax.default_matmul_precision("highest"):
+    make("a")
+  assert count() == 4
+  cache.Program("a", scaled, 1)(2, ARGUMENTS[0][:2], ARGUMENTS[1][:2], ARGUMENTS[2])
+  assert count() == 5
+
+
+def test_a_program_is_not_found_by_other_code(kept, monkeypatch):
+  cache.Program("a", scaled, 1)(2, *ARGUMENTS)
+  monkeypatch.setattr(cache, "code_version", lambda: "tomorrow")
+  cache.Program("a", scaled, 1)(2, *ARGUMENTS)
+  assert len(list((kept / "programs").iterdir())) == 2
+
+
+def test_arrays_and_shapes_come_back_as_they_were(kept):
+  numbers = np.random.default_rng(0).normal(size=(3, 5)).astype(np.float32)
+  key = cache.key_of("numbers", b"bytes", "words")
+  assert key == cache.key_of("numbers", b"bytes", "words") != cache.key_of("numbers", b"byte", "swords")
+  for make in (lambda: numbers, lambda: pytest.fail("it is kept")):
+    np.testing.assert_array_equal(cache.kept_array("arrays", key, make), numbers)
+  shapes = {"net": {"w": jax.ShapeDtypeStruct((2, 3), jnp.float32), "n": jax.ShapeDtypeStruct((), jnp.int32)}}
+  for make in (lambda: shapes, lambda: pytest.fail("it is kept")):
+    assert cache.kept_shapes("net", "about", make) == shapes
+
+
+def test_the_oldest_files_go(kept, monkeypatch):
+  monkeypatch.setattr(cache, "MOST_FILES", 3)
+  for number in range(6):
+    cache.write("kind", cache.key_of(number), b"content")
+  assert len(list((kept / "kind").iterdir())) == 3
+
+
+def test_without_a_folder_nothing_is_written(tmp_path, monkeypatch):
+  monkeypatch.chdir(tmp_path)
+  cache.Program("scaled", scaled, 1)(2, *ARGUMENTS)
+  cache.write("kind", "key", b"content")
+  assert not list(tmp_path.iterdir()) and cache.read("kind", "key") is None
+
+
+def test_a_folder_that_cannot_be_written_costs_time_only(tmp_path, monkeypatch):
+  (tmp_path / "file").write_text("no folder")
+  monkeypatch.setattr(cache, "_folder", tmp_path / "file")
+  np.testing.assert_array_equal(cache.kept_array("arrays", "abc", lambda: np.ones(3)), np.ones(3))
+
+
+@pytest.mark.slow
+def test_generating_from_the_cache_gives_the_same_bits(tiny_run, tmp_path, monkeypatch, capsys):
+  """Without a cache, making it, and from it: one motion, bit for bit."""
+  from motion_jax import loading
+  plain = loading.load(tiny_run).generate("a person walks", 20, seeds=[5])[0]
+  monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+  for name in ("first", "second"):
+    assert cli.main(["generate", "a person walks", "--frames", "20", "--seed", "5", "--model", str(tiny_run), "--out",
+                     str(tmp_path / f"{name}.npz"), "--timings"]) == 0
+    clip = export.load(tmp_path / f"{name}.npz")
+    np.testing.assert_array_equal(clip.joints, plain.joints)
+    np.testing.assert_array_equal(clip.features, plain.features)
+    if name == "first":  # the second finds everything: nothing is traced
+      monkeypatch.setattr(jax.export, "export", lambda *_: pytest.fail("traced again"))
+    line = capsys.readouterr().out.splitlines()[-1]
+    assert all(part in line for part in ("imports", "model", "text", "program", "sample", "cleanup", "files", "in all"))
+
+
+def test_parts_of_time_add_up(monkeypatch):
+  monkeypatch.setattr(timing, "parts", None)
+  clock = iter(range(100))
+  monkeypatch.setattr(timing.time, "perf_counter", lambda: float(next(clock)))
+  monkeypatch.setattr(timing.time, "process_time", lambda: 0.0)
+  with timing.part("unmeasured"):
+    pass
+  timing.start()
+  with timing.part("outer"), timing.part("inner"):
+    pass
+  assert timing.parts == {"inner": [1.0, 0.0], "outer": [2.0, 0.0]}, "3 in all, of which the inner one has 1"
+  assert timing.report() == "seconds, wall (processors): inner 1.00 (0.00), outer 2.00 (0.00), in all 3.00 (0.00)"
+
+
+def test_using_a_model_imports_nothing_that_only_training_needs():
+  code = "import sys, json, motion_jax.loading; print(json.dumps([n for n in sys.argv[1:] if n in sys.modules]))"
+  names = ["orbax.checkpoint", "scipy.ndimage", "scipy.linalg", "motion_jax.training.loop", "torch"]
+  done = subprocess.run([sys.executable, "-c", code, *names], capture_output=True, text=True, env=devices_env(1),
+                        cwd=ROOT, check=True)
+  assert json.loads(done.stdout) == []
+
+
+class State(NamedTuple):
+  """What a step gives on to the next."""
+  total: jax.Array
+  steps: jax.Array
+
+
+def test_a_program_whose_state_is_a_named_tuple_is_kept(kept):
+  def step(state, x):
+    return State(state.total + x, state.steps + 1), x * 2
+
+  start = State(jnp.zeros(3), jnp.int32(0))
+  first, doubled = cache.Program("step", step)(start, jnp.arange(3.0))
+  path, = (kept / "programs").iterdir()
+  stamp = path.stat().st_mtime_ns
+  again, _ = cache.Program("step", step)(start, jnp.arange(3.0))
+  assert isinstance(again, State) and int(again.steps) == 1 and path.stat().st_mtime_ns == stamp
+  np.testing.assert_array_equal(again.total, first.total)
+  np.testing.assert_array_equal(doubled, [0, 2, 4])

@@ -1,0 +1,234 @@
+"""Files that somebody gave us: headers are believed as far as the file bears them out, damage is one line, bombs stay
+packed, what nobody asked for stays unread."""
+import io
+import json
+import tracemalloc
+import zipfile
+
+import numpy as np
+import pytest
+from safetensors.numpy import save_file
+
+from motion_jax import export
+from motion_jax.data import doctor
+from motion_jax.data.datasets import archive
+from motion_jax.data.datasets.archive import read_archive
+from motion_jax.utils.errors import InputError, reading
+from motion_jax.utils.input_files import (
+  load_npy,
+  load_npz,
+  load_safetensors,
+  npy_shape,
+  npz_names,
+  parse_json,
+  read_json,
+)
+from tests.data.test_build import write_archive
+from tests.fuzz_damage import deflated_bomb
+
+
+def _header(descr="<f4", shape="(10, 22, 3)", data=b"", version=1):
+  text = f"{{'descr': {descr!r}, 'fortran_order': False, 'shape': {shape}, }}".encode("latin1")
+  return b"\x93NUMPY" + bytes([version, 0]) + len(text).to_bytes(2 if version == 1 else 4, "little") + text + data
+
+
+def _one_line(error):
+  text = str(error.value)
+  return isinstance(error.value, InputError) and len(text.split("\n")) == 1 and text
+
+
+@pytest.mark.parametrize("dtype", ["<f4", ">f8", "<f2", "i1", "?", "<u2"])
+@pytest.mark.parametrize("shape", [(), (0, 3), (4, 22, 3)])
+def test_numbers_come_back_as_numpy_writes_them(tmp_path, dtype, shape):
+  for order in "CF":
+    array = np.asarray(np.arange(np.prod(shape)).reshape(shape).astype(dtype), order=order)
+    np.save(tmp_path / "a.npy", array)
+    loaded = load_npy(tmp_path / "a.npy")
+    assert loaded.dtype == array.dtype and np.array_equal(loaded, array) and npy_shape(tmp_path / "a.npy") == shape
+    np.savez_compressed(tmp_path / "a.npz", x=array, words=np.array(["a", "bc"]))
+    found = load_npz(tmp_path / "a.npz", ("x",), ("words",))
+    assert np.array_equal(found["x"], array) and found["words"].tolist() == ["a", "bc"]
+  assert npz_names(tmp_path / "a.npz") == ["x", "words"]
+
+
+def test_headers_of_python_2(tmp_path):
+  (tmp_path / "a.npy").write_bytes(_header(shape="(1L, 2L)", data=bytes(8)))
+  assert load_npy(tmp_path / "a.npy").shape == (1, 2)
+
+
+@pytest.mark.parametrize("content, words", [
+    (_header(shape="(1000000000000, 22, 3)", data=b"0000"), "and has 4"),
+    (_header(shape="(-1, 22, 3)"), "has the shape"),
+    (_header(shape="(0, 99999999999999999999)"), "has the shape"),
+    (_header(shape="(True, 3)"), "has the shape"),
+    (_header(shape="(1.5, 3)"), "has the shape"),
+    (_header(shape="'x'"), "has the shape"),
+    (_header(shape="(" * 300), "header"),
+    (_header("<U99999999", "(3,)"), "expected numbers"),
+    (_header("|V0", "(99999,)"), "expected numbers"),
+    (_header("<c16", "(1,)", bytes(16)), "expected numbers"),
+    (_header("<M8[s]", "(1,)", bytes(8)), "expected numbers"),
+    (_header("zz"), "header"),
+    (_header("|O", "(1,)", b"\x80\x04N."), "pickled"),
+    (_header(version=2)[:9], "header"),
+    (b"\x93NUMPY\x02\0\xff\xff\xff\xff", "header of 4294967295 bytes"),
+    (b"\x80\x04\x95", "pickle"),
+    (b"", "no array"),
+    (b"PK\x03\x04", "no array"),
+])
+def test_a_lying_header_is_one_line(tmp_path, content, words):
+  (tmp_path / "a.npy").write_bytes(content)
+  for read in (load_npy, npy_shape):
+    with pytest.raises(InputError, match="a.npy") as error:
+      read(tmp_path / "a.npy")
+    assert words in _one_line(error)
+  with zipfile.ZipFile(tmp_path / "a.npz", "w") as file:
+    file.writestr("x.npy", content)
+  with pytest.raises(InputError, match="a.npz: 'x'") as error:
+    load_npz(tmp_path / "a.npz", ("x",))
+  assert words in _one_line(error)
+
+
+def test_a_bomb_stays_packed(tmp_path):
+  """768 MiB of zeros in 0.8 MB: refused by the directory, with no memory taken, whoever reads it."""
+  (tmp_path / "a.npz").write_bytes(deflated_bomb(["joints.npy"]))
+  assert (tmp_path / "a.npz").stat().st_size < 1 << 20
+  set_ = write_archive(tmp_path / "set")
+  (set_ / "motions.npz").write_bytes(deflated_bomb(["names.npy", "start.npy", "root.npy", "local.npy"]))
+  tracemalloc.start()
+  for read in (lambda: export.load(tmp_path / "a.npz"), lambda: read_archive(set_)):
+    with pytest.raises(InputError, match="would unpack to") as error:
+      read()
+    assert _one_line(error)
+  report = doctor.examine(set_)
+  assert not report.ok and "would unpack to" in doctor.format_report(report)
+  assert tracemalloc.get_traced_memory()[1] < 20e6
+  tracemalloc.stop()
+
+
+def test_members_that_nobody_asked_for_are_not_read(tmp_path):
+  """A bomb, an object array and a damaged member beside the joints of a motion disturb nobody."""
+  good, other = io.BytesIO(), io.BytesIO()
+  np.save(good, np.tile(np.arange(66, dtype=np.float32).reshape(22, 3) / 40, (5, 1, 1)))
+  np.save(other, np.array([{}], object), allow_pickle=True)
+  with zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_DEFLATED) as file:
+    file.writestr("joints.npy", good.getvalue())
+    file.writestr("gender.npy", other.getvalue())
+    file.writestr("zeros.npy", bytes(300 << 20))
+  found = load_npz(tmp_path / "a.npz", ("joints",))
+  assert list(found) == ["joints"] and found["joints"].shape == (5, 22, 3)
+
+
+def test_a_flipped_bit_is_noticed_by_the_checksum(tmp_path):
+  np.savez(tmp_path / "a.npz", joints=np.zeros((5, 22, 3), np.float32))
+  data = bytearray((tmp_path / "a.npz").read_bytes())
+  data[len(data) // 2] ^= 1
+  (tmp_path / "a.npz").write_bytes(data)
+  with pytest.raises(InputError, match="a.npz.*CRC") as error:
+    load_npz(tmp_path / "a.npz", ("joints",))
+  assert _one_line(error)
+
+
+def test_every_cut_of_an_archive_is_one_line(tmp_path):
+  np.savez_compressed(tmp_path / "a.npz", joints=np.random.default_rng(0).normal(size=(2, 22, 3)))
+  data = (tmp_path / "a.npz").read_bytes()
+  for end in range(0, len(data), 7):
+    (tmp_path / "a.npz").write_bytes(data[:end])
+    with pytest.raises(InputError, match="a.npz") as error:
+      load_npz(tmp_path / "a.npz", ("joints",))
+    assert _one_line(error)
+
+
+@pytest.mark.parametrize("text, words", [
+    ("{", "line 1: no valid JSON"), ('{"a": 1,\n}', "line 2: no valid JSON"), ("[" * 100_000, "no valid JSON"),
+    ('{"a": ' + "9" * 5_000 + "}", "no valid JSON"), ("[]", "a JSON list, expected an object"),
+    ("null", "a JSON null"), ("", "no valid JSON")])
+def test_bad_json_names_file_and_line(tmp_path, text, words):
+  (tmp_path / "a.json").write_text(text)
+  with pytest.raises(InputError, match="a.json") as error:
+    read_json(tmp_path / "a.json")
+  assert words in _one_line(error)
+
+
+def test_json_that_is_no_text(tmp_path):
+  (tmp_path / "a.json").write_bytes(b"\xff\xfe\x00\xd8")
+  with pytest.raises(InputError, match="a.json") as error:
+    read_json(tmp_path / "a.json")
+  assert _one_line(error)
+  assert parse_json("[1]", "x") == [1]
+
+
+def test_safetensors(tmp_path):
+  save_file({"a": np.ones(3, np.float16), "b": np.zeros(2)}, tmp_path / "a.safetensors")
+  found = load_safetensors(tmp_path / "a.safetensors", lambda name: name == "a")
+  assert list(found) == ["a"] and found["a"].dtype == np.float32
+  data = (tmp_path / "a.safetensors").read_bytes()
+  for damaged in (data[:-1], data[:20], b"", data.replace(b"F16", b"BF6"), data.replace(b"F16", b"X16"),
+                  b"\xff" * 8 + data[8:]):
+    (tmp_path / "a.safetensors").write_bytes(damaged)
+    with pytest.raises(InputError, match="a.safetensors") as error:
+      load_safetensors(tmp_path / "a.safetensors")
+    assert _one_line(error)
+
+
+def test_reading_translates_all_but_our_own():
+  for foreign in (KeyError("a"), TypeError("b"), OverflowError(), MemoryError(), RecursionError(), UnicodeError("c\nd"),
+                  PermissionError(13, "Permission denied")):
+    with pytest.raises(InputError, match="^a file ") as error:
+      with reading("a file"):
+        raise foreign
+    assert _one_line(error)
+  for ours in (InputError("as it is"), FileNotFoundError("as it is")):
+    with pytest.raises(type(ours), match="^as it is$"), reading("a file"):
+      raise ours
+
+
+# --- what archives say about themselves --------------------------------------------------------------------------
+
+
+def _rows(folder, change):
+  lines = (folder / "captions.jsonl").read_text().splitlines()
+  row = json.loads(lines[1])
+  change(row)
+  (folder / "captions.jsonl").write_text("\n".join([lines[0], json.dumps(row), *lines[2:]]) + "\n")
+
+
+def test_a_text_that_is_a_string_is_one_caption(tmp_path):
+  folder = write_archive(tmp_path / "set")
+  _rows(folder, lambda row: row.update(text="a person walks"))
+  assert [caption.text for caption in read_archive(folder)[1].captions] == ["a person walks"]
+  assert doctor.examine(folder).ok
+
+
+@pytest.mark.parametrize("change, words", [
+    (lambda row: row.pop("text"), "lacks text"), (lambda row: row.pop("split"), "lacks split"),
+    (lambda row: row.pop("end") and row.pop("id"), "lacks id, end"),
+    (lambda row: row.update(start="0"), "got start '0'"), (lambda row: row.update(end=1e400), "got end 'inf'"),
+    (lambda row: row.update(end=7.5), "got end '7.5'"), (lambda row: row.update(start=False), "got start 'False'"),
+    (lambda row: row.update(text=7), "got text '7'"), (lambda row: row.update(text=["a", None]), "got text"),
+    (lambda row: row.update(clip=["x"]), "got clip"), (lambda row: row.update(id=None), "got id 'None'"),
+    (lambda row: row.update(clip="nobody"), "'nobody' is not in"), (lambda row: row.update(end=10**30), "lie outside")])
+def test_a_bad_row_is_named_by_file_and_line(tmp_path, change, words):
+  folder = write_archive(tmp_path / "set")
+  _rows(folder, change)
+  with pytest.raises(InputError, match="captions.jsonl line 2") as error:
+    read_archive(folder)
+  assert words in _one_line(error)
+  report = doctor.examine(folder)
+  assert not report.ok and "line 2" in doctor.format_report(report)
+
+
+@pytest.mark.parametrize("change, words", [
+    (dict(start=np.arange(7.0) + 0.5), "do not fit together"), (dict(start=np.full(7, np.nan)), "do not fit together"),
+    (dict(names=np.arange(6)), "expected text"), (dict(names=np.array(["a"] * 6)), "occurs twice"),
+    (dict(root=np.zeros((300, 3), complex)), "expected numbers"), (dict(root=np.array(["x"])), "expected numbers"),
+    (dict(local=np.zeros(3)), "do not fit together")])
+def test_arrays_of_an_archive_are_checked(tmp_path, change, words):
+  folder = write_archive(tmp_path / "set")
+  arrays = dict(np.load(folder / "motions.npz")) | change
+  np.savez(folder / "motions.npz", **arrays)
+  with pytest.raises(InputError, match="motions.npz") as error:
+    archive.read_motions(folder)
+  assert words in _one_line(error)
+  report = doctor.examine(folder)
+  assert not report.ok and words in doctor.format_report(report)

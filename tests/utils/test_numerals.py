@@ -1,0 +1,87 @@
+"""Numbers on the command line: each flag that takes one refuses what is no number, not finite or beyond all bounds."""
+import argparse
+import pathlib
+
+import pytest
+
+from motion_jax.utils.numerals import NumberError, checked, real, whole
+from motion_studio import cli
+from motion_studio.cli import evaluate
+
+ROOT = pathlib.Path(__file__).parents[2]
+NO_NUMBERS = ("nan", "inf", "-inf", "1e400", "-1e400", "٣", "²", "1_000", "0x10", "", "ten", "1,5", "9" * 5000, "--")
+
+
+def parsers(parser):
+  yield parser
+  for action in parser._actions:
+    if isinstance(action, argparse._SubParsersAction):
+      for one in action.choices.values():
+        yield from parsers(one)
+
+
+def flags():
+  for parser in parsers(cli._parser()):
+    for action in parser._actions:
+      if action.type is not None:
+        yield parser.prog, action
+
+
+def test_every_numeric_flag_has_bounds():
+  found = [(prog, action.option_strings[0]) for prog, action in flags()]
+  assert len(found) > 30 and ("motion-jax generate", "--num") in found
+  for prog, action in flags():
+    assert action.type not in (int, float), f"{prog} {action.option_strings} takes any number"
+    for text in (*NO_NUMBERS, "1e308", "-1e300"):
+      expected = "expected (a (whole )?number|true or false|steps A:B)"
+      with pytest.raises(argparse.ArgumentTypeError, match=expected) as error:
+        action.type(text)
+      assert len(str(error.value)) < 200
+
+
+def test_no_flag_takes_numbers_untyped():
+  """A flag whose default is a number has a reader of numbers."""
+  for parser in parsers(cli._parser()):
+    for action in parser._actions:
+      if isinstance(action.default, int | float) and not isinstance(action.default, bool):
+        assert action.type is not None, action.option_strings
+
+
+def test_errors_of_arguments_are_one_line(capsys):
+  with pytest.raises(SystemExit) as stopped:
+    cli.main(["render", "a.npy", "--fps", "inf"])
+  said = capsys.readouterr().err
+  assert stopped.value.code == 2 and len(said.splitlines()) == 1
+  assert "argument --fps: got 'inf', expected a number from 1 to 1,000" in said
+
+
+def test_readers():
+  assert whole(1, 9)(" 7 ") == 7 and real()("1e-3") == 1e-3 and real()(".5") == 0.5 and whole()("-3") == -3
+  with pytest.raises(NumberError, match="got '0', expected a whole number from 1 to 9"):
+    whole(1, 9)("0")
+  with pytest.raises(NumberError, match="expected a number of seconds over 0, up to 3,600; .* written 1.5"):
+    real(above=0, high=3600, unit="seconds")("1,5")
+  assert real(above=0)("1e-9") == 1e-9
+  for text in ("0", "-0.0"):
+    with pytest.raises(NumberError, match="over 0"):
+      real(above=0)(text)
+
+
+@pytest.mark.parametrize("value", [10**20, -1, 2.5, float("nan"), float("inf"), "x", None, 10**400])
+def test_numbers_from_python(value):
+  with pytest.raises(ValueError, match="got num_steps .* expected a whole number from 1 to 1,000"):
+    checked(value, 1, 1000, "num_steps")
+
+
+def test_evaluate_has_readers_too():
+  for flag in ("--replications", "--seed", "--limit", "--devices", "--guidance"):
+    for text in NO_NUMBERS[:-1]:
+      with pytest.raises(SystemExit):
+        cli.parse(["evaluate", "--data", "x", f"{flag}={text}"])
+  args = cli.parse(["evaluate", "--data", "x", "--guidance", "1", "2.5", "--seed", "3", "--replications", "20"])
+  assert (args.guidance, args.seed, args.replications) == ([1, 2.5], 3, 20)
+  with pytest.raises(ValueError, match="KEY=VALUE"):
+    evaluate.options_of(["schedule"])
+  for text in ("nan", "inf", "1e400", "٣"):
+    with pytest.raises(ValueError, match="expected a number"):
+      evaluate.options_of([f"num_steps={text}"])

@@ -1,0 +1,72 @@
+"""The arguments of train and evaluate: every mistake is one line that names the nearest right word."""
+import subprocess
+import sys
+
+import pytest
+
+from motion_jax.utils import config_files, overrides
+from motion_studio import cli
+from tests.conftest import ROOT, devices_env
+
+TINY = f"{ROOT}/configs/cmdm_tokenizer.py:tiny"
+
+
+@pytest.mark.parametrize("argument, words", [
+    ("--config.data.bacth_size=3", "did you mean --config.data.batch_size?"),
+    ("--config.batch_size=3", "did you mean --config.data.batch_size?"),          # the right word in no section
+    ("--config.train.learning_rte=3", "did you mean --config.optimizer.learning_rate?"),
+    ("--config.zzz=3", "it has data, data.augment, data.augment.bent_paths"),
+    ("--config.data.batch_size=abc", "expected a whole number such as 4"),
+    ("--config.data.batch_size=2.5", "expected a whole number"),
+    ("--config.optimizer.learning_rate=fast", "expected a number such as"),
+    ("--config.model.causal=maybe", "expected True or False"),
+    ("--config.model=3", "set its fields, such as --config.model.causal"),
+])
+def test_a_mistyped_override(argument, words):
+  config = config_files.load(TINY)
+  with pytest.raises(ValueError) as error:
+    overrides.check([argument], config)
+  assert words in str(error.value) and argument.partition("=")[0] in str(error.value)
+  if "=" in argument:
+    with pytest.raises(ValueError):
+      overrides.check(argument.split("=", 1), config)  # --config.key value
+
+
+def test_what_is_right_passes():
+  overrides.check(["--config", TINY, "--config.data.batch_size=8", "--config.optimizer.learning_rate", "1e-3",
+                   "--resume", "--config.model.causal=False", "--config.data.folder=3", "--config.seed=-1"],
+                  config_files.load(TINY))
+
+
+@pytest.mark.parametrize("name, words", [
+    (f"{ROOT}/configs/cmdm_tokeniser.py", "did you mean cmdm_tokenizer?"), ("nowhere/x.py", "there is no config"),
+    ("cmdm_tokeniser:tiny", "did you mean cmdm_tokenizer?"), ("common", "there is no config"),
+    (f"{ROOT}/README.md", "expected Python"), (f"{ROOT}/setup/none.py:tiny", "there is no config"),
+    (f"{ROOT}/configs/cmdm_tokenizer.py:huge", "got size 'huge'"), (f"{ROOT}/tests/__init__.py", "is no config file"),
+])
+def test_a_config_that_is_none(name, words):
+  with pytest.raises((ValueError, FileNotFoundError), match=words):
+    config_files.load(name)
+
+
+@pytest.mark.parametrize("arguments, words", [
+    (["--config", TINY, "--workdir=w", "--config.data.bacth_size=3"], "did you mean --config.data.batch_size?"),
+    (["--config", TINY, "--workdirr=w"], "workdir"), (["--config", "none.py", "--workdir=w"], "no config"),
+    (["--config", TINY], "--workdir"), (["--config", TINY, "--workdir=w", "stray"], "stray"),
+])
+def test_launch_py_tells_in_one_line(tmp_path, arguments, words):
+  done = subprocess.run([sys.executable, str(ROOT / "launch.py"), *arguments], env=devices_env(1), cwd=tmp_path,
+                        capture_output=True, text=True, check=False)
+  assert done.returncode in (1, 2) and len(done.stderr.splitlines()) == 1 and words in done.stderr
+  assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("arguments, words", [
+    (["--data", "x", "--protocl", "y"], "did you mean --protocol?"), (["--model", "x"], "give --data"),
+    (["--data", "x", "--replications", "0"], "whole number"),
+])
+def test_eval_py_tells_in_one_line(capsys, arguments, words):
+  with pytest.raises(SystemExit):
+    sys.exit(cli.main(["evaluate", *arguments]))
+  printed = capsys.readouterr().err
+  assert words in printed and len(printed.splitlines()) == 1

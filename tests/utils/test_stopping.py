@@ -1,0 +1,222 @@
+"""Signals, closed pipes and second launches: nothing half-written, one line, and the status that shells expect."""
+import json
+import os
+import pathlib
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import pytest
+
+from motion_jax.training import loop as train
+from motion_jax.training.saver import Saver
+from motion_jax.utils import exit_status, lock, stopping
+from motion_jax.utils.atomic import atomic_folder, atomic_path
+from tests import processes
+from tests.conftest import ROOT, devices_env
+from tests.training.test_train import _config, _equal, _next_batch, _stage, before_each_step
+
+_HALF = """
+import os, pathlib, signal, sys
+from motion_jax.utils import stopping
+from motion_jax.utils.atomic import atomic_folder, atomic_path
+folder = pathlib.Path(sys.argv[1])
+with stopping.at_once("program"), atomic_path(folder / "a.gif") as file, atomic_folder(folder / "data") as data:
+  file.write_text("half")
+  (data / "b.npy").write_text("half")
+  try:
+    os.kill(os.getpid(), int(sys.argv[2]))
+  except BaseException:
+    pass  # code of others that swallows everything must not keep the program alive
+  print("still there")
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+def test_a_signal_leaves_nothing_half_written(tmp_path, number):
+  (tmp_path / "data").mkdir()
+  (tmp_path / "data" / "old.npy").write_text("old")
+  done = processes.run(["-c", _HALF, tmp_path, int(number)], devices_env(1))
+  assert done.returncode == 128 + number and done.stdout == ""
+  assert done.stderr == "program: stopped; nothing half-written is left\n"
+  assert [path.name for path in tmp_path.rglob("*")] == ["data", "old.npy"]
+
+
+def test_a_folder_that_replaces_another_is_there_at_every_moment(tmp_path, monkeypatch):
+  """Stopped between the two renamings, what was there before is there again."""
+  (tmp_path / "data").mkdir()
+  (tmp_path / "data" / "old.npy").write_text("old")
+  replace, calls = pathlib.Path.replace, []
+
+  def stopped(path, target):
+    calls.append(path)
+    if len(calls) == 2:
+      raise KeyboardInterrupt
+    return replace(path, target)
+
+  monkeypatch.setattr(pathlib.Path, "replace", stopped)
+  with pytest.raises(KeyboardInterrupt), atomic_folder(tmp_path / "data") as folder:
+    (folder / "new.npy").write_text("new")
+  assert [path.name for path in tmp_path.rglob("*")] == ["data", "old.npy"]
+
+
+def test_a_job_that_ignores_hangups_goes_on(monkeypatch):
+  before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
+  try:
+    with stopping.at_once("program"), stopping.Stop():
+      assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
+  finally:
+    signal.signal(signal.SIGHUP, before)
+
+
+def test_handlers_are_given_back(tmp_path):
+  before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
+  with stopping.at_once("program"), atomic_path(tmp_path / "a"):
+    assert signal.getsignal(signal.SIGTERM) != before[1] and len(stopping._undo) == 1
+  assert before == [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] and not stopping._undo
+
+
+@pytest.mark.parametrize("command, number, status, said", [
+    ("generate", "SIGINT", 130, "stopped; nothing half-written is left"),
+    ("generate", "SIGTERM", 143, "stopped; nothing half-written is left"),
+    ("train", "SIGTERM", 75, "preempted, resumable")])
+def test_a_signal_while_jax_is_imported_ends_the_program_with_one_line(tmp_path, command, number, status, said):
+  """Sent by the import itself: an import hook that kills on the first of jax's own modules, and swallows exceptions."""
+  arguments = {"generate": ["generate", "a person walks", "--out", str(tmp_path / "a.npz")],
+               "train": ["train", "--config", "part_tmr:tiny", "--workdir", str(tmp_path / "run")]}[command]
+  script = f"""
+import os, signal, sys
+class Hook:
+  def find_spec(self, name, path=None, target=None):
+    if name.startswith("jax."):
+      try:
+        os.kill(os.getpid(), signal.{number})
+      except BaseException:
+        pass
+sys.meta_path.insert(0, Hook())
+from motion_studio import cli
+sys.exit(cli.main({arguments}))
+"""
+  done = subprocess.run([sys.executable, "-c", script], env=devices_env(1), capture_output=True, text=True, check=False)
+  assert done.returncode == status and done.stderr.endswith(f": {said}\n") and done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("command", [["models"], ["--help"]])
+def test_a_reader_that_has_gone_is_no_error(command):
+  read, write = os.pipe()
+  os.close(read)
+  done = subprocess.run([sys.executable, "-m", "motion_studio.cli", *command], env=devices_env(1), stdout=write,
+                        stderr=subprocess.PIPE, cwd=ROOT, check=False)
+  os.close(write)
+  assert done.stderr == b"" and done.returncode in (0, stopping.PIPE_CLOSED)
+
+
+@pytest.mark.parametrize("number, status", [(signal.SIGTERM, 75), (signal.SIGINT, 130)])
+def test_a_training_tells_by_what_it_was_stopped(tmp_path, monkeypatch, number, status):
+  before_each_step(monkeypatch, lambda step: step == 1 and os.kill(os.getpid(), number))
+  stop = stopping.Stop()
+  assert int(train.train(_config(50), tmp_path, _stage(), _next_batch, stop=stop).step) == 2
+  assert stop.raised and stop.status == status
+  assert stopping.Stop().status == 0
+
+
+def test_a_signal_ends_nothing_as_long_as_other_processes_of_the_run_go_on(monkeypatch):
+  ended = []
+  monkeypatch.setattr(stopping, "_end", lambda *args, **named: ended.append(args))
+  stop, told = stopping.Stop("program"), [False, True]
+  stop.nothing_to_lose(lambda: told.pop(0))
+  stop.hear(0)
+  assert not stop.raised
+  stop._heard(signal.SIGTERM)
+  assert stop.raised and not ended
+  stop._heard(signal.SIGTERM)
+  assert ended == [("program", signal.SIGTERM)]
+  other = stopping.Stop()
+  other.hear(signal.SIGTERM)
+  assert other.status == exit_status.PREEMPTED
+
+
+_BUSY = """
+import hashlib, os, signal, sys
+from motion_jax.utils import stopping
+from motion_jax.training import loop, outputs
+from tests.training.test_train import _config, _next_batch, _stage
+
+def busy(*_):  # as a compiler is: in C, for long, without a look at Python's handlers
+  os.kill(os.getpid(), signal.SIGTERM)
+  hashlib.pbkdf2_hmac("sha256", b"", b"", 2_000_000_000)
+
+{place} = busy
+with stopping.Stop("program") as stop:
+  loop.train(_config(6), sys.argv[1], _stage(), _next_batch, evaluate=lambda params: {{}}, stop=stop)
+print("still there")
+"""
+
+
+@pytest.mark.parametrize("place, saved", [("loop.init_state", None), ("outputs.was_evaluated", 2)])
+def test_sigterm_is_heard_while_the_main_thread_is_busy(tmp_path, place, saved):
+  """While the first step is compiled nothing is lost; while a save is judged the state is on disk before the end."""
+  began = time.time()
+  done = processes.run(["-c", _BUSY.format(place=place), tmp_path], devices_env(1))
+  assert done.returncode == 75 and done.stderr == "program: preempted, resumable\n", done.stderr
+  assert "still there" not in done.stdout and time.time() - began < 30 and Saver(tmp_path).latest == saved
+  rest = train.train(_config(6), tmp_path, _stage(), _next_batch, resume=True)
+  whole = train.train(_config(6), tmp_path / "whole", _stage(), _next_batch)
+  assert _equal(rest, whole)
+
+
+@pytest.mark.slow
+def test_launch_py_stopped_by_a_signal(tmp_path):
+  """The command itself: saved, nothing locked, and a status that is not 0; and a second launch meanwhile is refused."""
+  command = [ROOT / "launch.py", f"--config={ROOT}/configs/cdamd_length.py:tiny",
+             "--workdir", tmp_path / "run", "--config.train.num_steps=100000", "--config.train.log_every=1",
+             "--config.train.save_every=100000"]
+  first = processes.Process(command, devices_env(1), tmp_path / "said", tmp_path / "said")
+  deadline = time.time() + 300
+  while not (tmp_path / "run" / "metrics.jsonl").is_file() and first.poll() is None and time.time() < deadline:
+    time.sleep(0.1)
+  second = processes.run([*command, "--resume"], devices_env(1))
+  assert second.returncode == 1 and f"in use by process {first.pid}" in second.stderr.splitlines()[-1]
+  first.send_signal(signal.SIGTERM)
+  first.wait(300)
+  printed = (tmp_path / "said").read_text()
+  assert first.returncode == exit_status.PREEMPTED == 75, printed[-2000:]
+  assert "stopped and saved" in printed and printed.endswith("launch.py: preempted, resumable\n")
+  assert not (tmp_path / "run" / lock.NAME).exists()
+  assert (tmp_path / "run" / "params.safetensors").is_file()
+
+
+def test_a_folder_is_one_programs(tmp_path):
+  with lock.locked(tmp_path):
+    with pytest.raises(ValueError, match=f"in use by process {os.getpid()} on {socket.gethostname()} since"):
+      with lock.locked(tmp_path):
+        pass
+    assert (tmp_path / lock.NAME).is_file()  # the first one's, still
+  assert not any(tmp_path.iterdir())
+
+
+def _dead():
+  process = subprocess.Popen([sys.executable, "-c", ""])
+  process.wait()
+  return process.pid
+
+
+@pytest.mark.parametrize("content, taken", [
+    (lambda: dict(host=socket.gethostname(), pid=_dead()), True),
+    (lambda: dict(host=socket.gethostname(), pid=os.getpid(), born=1), True),  # another program has its number now
+    (lambda: dict(host=socket.gethostname(), pid=os.getpid()), False),
+    (lambda: dict(host="another-machine", pid=1), False),                      # who knows
+])
+def test_the_lock_of_a_dead_program_is_taken_over(tmp_path, content, taken):
+  (tmp_path / lock.NAME).write_text(json.dumps(content()))
+  if taken:
+    with lock.locked(tmp_path):
+      assert json.loads((tmp_path / lock.NAME).read_text())["pid"] == os.getpid()
+    assert not any(tmp_path.iterdir())
+  else:
+    before = (tmp_path / lock.NAME).read_text()
+    with pytest.raises(ValueError, match="in use by process"), lock.locked(tmp_path):
+      pass
+    assert (tmp_path / lock.NAME).read_text() == before

@@ -1,0 +1,163 @@
+"""Text files as Excel, Windows and editors write them: what is in them comes out, or file and line are named."""
+import numpy as np
+import pytest
+
+from motion_jax.data import build, timelines
+from motion_jax.data.datasets import humanml3d
+from motion_jax.data.datasets.synthetic import synthetic_clips
+from motion_jax.data.mocap.bvh import bvh_clip
+from motion_jax.data.mocap.mappings import read_mapping
+from motion_jax.export import bvh
+from motion_jax.utils import text_files
+from motion_studio import cli
+
+SENTENCE = "eine Übung – “langsam”"
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "utf-32"])
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_encodings(tmp_path, encoding, end):
+  (tmp_path / "a.txt").write_bytes(end.join(["a person walks", SENTENCE, ""]).encode(encoding))
+  assert cli.read_prompts(str(tmp_path / "a.txt")) == [("a person walks", None), (SENTENCE, None)]
+
+
+def test_prompts_of_momask(tmp_path):
+  """text#80 is four seconds, whatever the model's rate; text#NA says nothing; any other # is the sentence's own."""
+  path = tmp_path / "p.txt"
+  path.write_text("a person walks forward#80\na person waves#NA\na man stands on spot #3\nhe counts to #\n#12\n")
+  rows = [("a person walks forward", 80), ("a person waves", None), ("a man stands on spot #3", None),
+          ("he counts to #", None), ("#12", None)]
+  assert cli.read_prompts(str(path)) == rows
+  assert cli.read_prompts(str(path), fps=12.5)[0] == ("a person walks forward", 50)
+  assert cli.read_sequences(str(path), fps=12.5)[0][:2] == [("a person walks forward", 4.0), ("a person waves", None)]
+  assert cli.read_prompts("a person walks#80") == [("a person walks#80", None)]
+  path.write_text("a person walks#80000\n")
+  with pytest.raises(ValueError, match="p.txt line 1: in the length behind #: got .*80000"):
+    cli.read_prompts(str(path))
+
+
+def test_windows_1252_is_told(tmp_path):
+  (tmp_path / "a.txt").write_bytes(f"a person walks\r\n{SENTENCE}".encode("cp1252"))
+  with pytest.warns(UserWarning, match="a.txt is not UTF-8 .line 2., read as Windows-1252"):
+    assert cli.read_prompts(str(tmp_path / "a.txt"))[1] == (SENTENCE, None)
+
+
+@pytest.mark.parametrize("name", ["x" * 241, "ü" * 121, "a/b", "..\\a", "a\0b", ""])
+def test_names_that_no_file_has(tmp_path, name):
+  with pytest.raises(ValueError, match="train.txt line 1: got the name .*expected that of a file"):
+    text_files.file_stem(name, "train.txt line 1")
+  if name and "\0" not in name:
+    (tmp_path / "train.txt").write_text(f"000001\n{name}\n", encoding="utf-8")
+    with pytest.raises(ValueError, match="train.txt line 2: got the name"):
+      humanml3d.read_ids(tmp_path, "train")
+
+
+@pytest.mark.parametrize("data, message", [
+    (b"a person walks\n\xed\xa0\x80 half", "a.txt line 2: byte 0xed is no UTF-8"),
+    (b"\xff\xfea\x00\n\x00\x00\xd8b\x00", "a.txt line 2: byte 0x00 is no UTF-16"),
+    (b"walks\nru\x00ns\n", "a.txt line 2: character 0x00 is no text"),
+    (b"walks\n\x81\x8d", "a.txt line 2: byte 0x81 is no UTF-8"),
+    (bytes(range(256)) * 4, "a.txt line 3: "),
+    (b"", "holds no prompt"), (b"\xef\xbb\xbf", "holds no prompt"), (b"\r\n \r\n", "holds no prompt"),
+])
+def test_what_is_no_text(tmp_path, data, message):
+  (tmp_path / "a.txt").write_bytes(data)
+  with pytest.raises(ValueError, match=message) as error:
+    cli.read_prompts(str(tmp_path / "a.txt"))
+  assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("text", [
+    'prompt;length\r\n"a person walks; then, runs";24\r\nwalks, then sits;\r\n;;\r\n',
+    'a person walks; then, runs\t24\nwalks, then sits\n',
+    'sep=;\r\nprompt;length\r\n"a person walks; then, runs";24\r\nwalks, then sits\r\n',
+    'Prompt,Frames\n"a person walks; then, runs",24\n"walks, then sits",\n\n\n',
+    '"a person walks;\nthen, runs",24\n"walks, then sits"\n',
+])
+def test_tables_of_prompts(tmp_path, text):
+  (tmp_path / "p.csv").write_bytes(text.encode("utf-8-sig"))
+  assert cli.read_prompts(str(tmp_path / "p.csv")) == [("a person walks; then, runs", 24), ("walks, then sits", None)]
+
+
+@pytest.mark.parametrize("text, message", [
+    ("prompt,length\nwalks,24\nwalks, then sits,30\n", "line 3: .*got 'then sits', expected a whole number of frames"),
+    ("walks,24\nruns,٣\n", "p.csv line 2: in the length: got '٣'"),
+    ("walks,24\nruns,-5\n", "line 2"), ("walks,24\nruns,nan\n", "line 2"), ("walks,1000000000\n", "from 1 to 72,000"),
+    ('walks,24\n"runs,25\nsits,26\n', "p.csv line 2: .*quote"), ("walks,24\n,25\n", "line 2: no prompt"),
+    ("walks,24\n" + "x" * 200_000 + ",5\n", "p.csv line 2: field larger"),
+])
+def test_lines_that_are_no_prompts(tmp_path, text, message):
+  (tmp_path / "p.csv").write_text(text)
+  with pytest.raises(ValueError, match=message):
+    cli.read_prompts(str(tmp_path / "p.csv"))
+
+
+@pytest.mark.parametrize("sequence", ["walks:nan", "walks:1e308", "walks:inf", "walks:-3 | sits", "sits | walks:0",
+                                      "walks:1,5"])
+def test_seconds_of_sequences(sequence):
+  with pytest.raises(ValueError, match="expected a number of seconds over 0, up to 3,600"):
+    cli.read_sequences(sequence)
+
+
+def test_captions_as_excel_writes_them(tmp_path):
+  for end, encoding in ((".csv", "cp1252"), (".csv", "utf-16"), (".tsv", "utf-16")):
+    mark = "\t" if end == ".tsv" else ";"
+    rows = ["File;Caption;Start;End;Split", "walk.bvh;geht über die Straße, langsam;0,5;2,25;test", ";;;;"]
+    (tmp_path / f"c{end}").write_bytes("\r\n".join(row.replace(";", mark) for row in rows).encode(encoding))
+    row, = build.read_captions(tmp_path / f"c{end}")
+    assert (row["file"], row["caption"]) == ("walk.bvh", "geht über die Straße, langsam")
+    assert (row["start"], row["end"], row["split"]) == (0.5, 2.25, "test")
+
+
+@pytest.mark.parametrize("name, text, message", [
+    ("c.csv", "name,caption\na,b\n", "c.csv line 1: got the columns name, caption, expected file, caption"),
+    ("c.csv", "", "c.csv line 1: got the columns none"),
+    ("c.csv", "file,caption,start,end\na,b,0,1e308\n", "c.csv line 2: .*expected a number of seconds from 0 to 86,400"),
+    ("c.csv", 'file,caption\na,"b\nc"\n\nd,\n', "c.csv line 5: no file or no caption"),
+    ("c.jsonl", '{"file": "a", "caption": "b"}\n{"file": "a", "caption": "\\ud800"}\n', "line 2: .*half of a char"),
+    ("c.jsonl", '{"file": "a", "caption": "b", "start": NaN}\n', "line 1: in start or end: got .nan."),
+    ("c.jsonl", "[" * 100_000 + "\n", "line 1: no valid JSON"),
+    ("c.jsonl", '{"start": ' + "9" * 5000 + "}\n", "line 1: no valid JSON"),
+    ("c.jsonl", "7\n", "line 1: got a JSON number, expected an object"),
+])
+def test_captions_that_are_none(tmp_path, name, text, message):
+  (tmp_path / name).write_text(text)
+  with pytest.raises(ValueError, match=message) as error:
+    build.read_captions(tmp_path / name)
+  assert str(tmp_path / name) in str(error.value)
+
+
+def test_other_readers_of_texts(tmp_path):
+  line = f"{SENTENCE}#eine/DET#0.0#0.0"
+  (tmp_path / "a.txt").write_bytes(line.encode("utf-16"))
+  assert humanml3d.read_texts(tmp_path / "a.txt")[0].caption == SENTENCE
+  (tmp_path / "a.txt").write_text("walks#walk/VERB#0.0#1e308\n")
+  with pytest.raises(ValueError, match="a.txt line 1: in a time tag: got '1e308'"):
+    humanml3d.read_texts(tmp_path / "a.txt")
+  (tmp_path / "t.txt").write_bytes(f"{SENTENCE} # 0.0 # 2.0\r\n".encode("utf-16"))
+  assert timelines.read_timelines(tmp_path / "t.txt")[0][0].text == SENTENCE
+  (tmp_path / "t.txt").write_text("walks # 0 # 2\nsits # 2 # ٣\n")
+  with pytest.raises(ValueError, match="t.txt line 2: in a time: got '٣'"):
+    timelines.read_timelines(tmp_path / "t.txt")
+  (tmp_path / "m.json").write_bytes('{"pelvis": "Hüfte"}'.encode("utf-16"))
+  assert read_mapping(str(tmp_path / "m.json")) == {"pelvis": "Hüfte"}
+
+
+def test_motion_files_are_texts_too(tmp_path):
+  clip = synthetic_clips(num=1, num_frames=12)[0]
+  bvh(clip, tmp_path / "a.bvh")
+  text = (tmp_path / "a.bvh").read_text()
+  for seconds in ("1e-310", "1e308", "0.0", "-0.05", "nan"):
+    (tmp_path / "b.bvh").write_text(text.replace("Frame Time: 0.05000000", f"Frame Time: {seconds}"))
+    with pytest.raises(ValueError, match="b.bvh line .*expected 0.001 to 1|NaN or infinite"):
+      bvh_clip(tmp_path / "b.bvh")
+  (tmp_path / "b.bvh").write_text(text.replace("Frames: 12", "Frames: ²"))
+  with pytest.raises(ValueError, match="b.bvh line .*got '²', expected a whole number of frames"):
+    bvh_clip(tmp_path / "b.bvh")
+  (tmp_path / "b.bvh").write_bytes(text.encode("utf-16"))
+  np.testing.assert_array_equal(bvh_clip(tmp_path / "b.bvh").joints, bvh_clip(tmp_path / "a.bvh").joints)
+
+
+def test_lines_end_where_files_say(tmp_path):
+  (tmp_path / "a.txt").write_text("walks\u2028on\x0band\x85on\nruns", encoding="utf-8")
+  assert text_files.read_lines(tmp_path / "a.txt") == ["walks\u2028on\x0band\x85on", "runs"]
