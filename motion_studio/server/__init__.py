@@ -1,8 +1,23 @@
-"""A studio in the browser: a server that streams motion while it is made, and makes, edits and exports it on request.
+"""The studio: a web server that streams motion while it is generated, and generates, edits and exports it on request.
 
   motion-jax studio
 
-A page, a Python client or a Blender add-on talks to it by the messages of docs/protocol.md. `app` is the Starlette
-application, `streams` one live motion each, `stories` motions of several prompts that are made anew only from where
-they changed, `guard` what is refused before anything else looks at it. Needs the extra `studio`.
+The page in assets/, a Python client and the Blender add-on talk to it with the messages of docs/protocol.md. Needs the
+extra `studio`.
+
+  server              opens the port, prints the address, shuts down on Ctrl-C
+  security            origin, host, token, rate and size checks before any other code sees a request
+  app                 the Starlette application: routes, WebSockets, error responses
+  library             loads and compiles the models in a background thread, one `ModelSlot` each
+  requests            /v1/generate, /v1/story, /v1/edit, /v1/import
+  multi_prompt        cache of multi-prompt motions: only what follows a change is sampled again
+  constraint_report   what the page draws of constraints, and the distance of a motion from them
+  streams             one live motion per WebSocket
+  stream_constraints  constraints of a running stream
+  exporting           /v1/export: files of a motion
+  project             saved projects
+  suggestions         prompts that a model can do
+  mmcp, mmcp_constraints  the MMCP protocol of animation programs
+  limits, openapi     bounds and fields of requests, and their description for programs
+  serialization       motions as JSON, blocks of a stream as bytes
 """

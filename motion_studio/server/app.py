@@ -19,10 +19,10 @@ from motion_jax.export.html import VIEWER, resting_body
 from motion_jax.utils import progress
 from motion_jax.utils.errors import InputError, reason
 from motion_studio.server import exporting, mmcp, openapi, project, suggestions
-from motion_studio.server.guard import LOOPBACK, Guard, Refused
 from motion_studio.server.library import Library
 from motion_studio.server.limits import Bucket, Limits
-from motion_studio.server.making import Maker
+from motion_studio.server.requests import RequestHandler
+from motion_studio.server.security import LOOPBACK, Refused, SecurityMiddleware
 from motion_studio.server.streams import Stream
 
 _UNSENT = 1000  # messages that wait for a page that does not read
@@ -39,22 +39,22 @@ class Studio:
 
   def __init__(self, library: Library, token: str, host: str = "127.0.0.1", limits: Limits | None = None) -> None:
     self.library, self.token, self.host, self.limits = library, token, host, limits or Limits()
-    self.maker = Maker(library, self.limits)
+    self.handler = RequestHandler(library, self.limits)
     self.streams: set[Stream] = set()
     self.places = 0  # of streams that are taken, also by sockets that have not said anything
     self.works: dict[str, progress.Work] = {}  # by the name that a page gave its request
     self.began = time.monotonic()
 
-  def app(self) -> Guard:
+  def app(self) -> SecurityMiddleware:
     """The ASGI application, guarded."""
     make = lambda work: self._json(work)
     routes = [
         WebSocketRoute("/v1/stream", self._stream),
         Route("/v1/status", self._status), Route("/v1/models", self._models),
         Route("/v1/progress", self._progress), Route("/v1/suggestions", self._suggestions),
-        Route("/v1/generate", make(self.maker.generate), methods=["POST"]),
-        Route("/v1/story", make(self.maker.story), methods=["POST"]),
-        Route("/v1/edit", make(self.maker.edit), methods=["POST"]),
+        Route("/v1/generate", make(self.handler.generate), methods=["POST"]),
+        Route("/v1/story", make(self.handler.story), methods=["POST"]),
+        Route("/v1/edit", make(self.handler.edit), methods=["POST"]),
         Route("/v1/project", make(lambda body: project.checked(body, self.limits)), methods=["POST"]),
         Route("/v1/import", self._import, methods=["POST"]),
         Route("/v1/export", self._export, methods=["POST"]),
@@ -63,7 +63,8 @@ class Studio:
         Route("/openapi.json", lambda request: JSONResponse(openapi.described(self.limits))),
         Route("/body.json", _body_page), *_pages()]
     handlers = {404: _plain_error, 405: _plain_error, Exception: _fault}
-    return Guard(Starlette(routes=routes, exception_handlers=handlers), self.token, self.limits, self.host in LOOPBACK)
+    inner = Starlette(routes=routes, exception_handlers=handlers)
+    return SecurityMiddleware(inner, self.token, self.limits, self.host in LOOPBACK)
 
   def close(self) -> None:
     """Ends all streams."""
@@ -75,10 +76,10 @@ class Studio:
   async def _status(self, request: Request) -> Response:
     return JSONResponse({"version": motion_jax.__version__, "protocol": 1, "streams": len(self.streams),
                          "seconds": round(time.monotonic() - self.began, 1),
-                         "models": {name: shelf.state for name, shelf in self.library.shelves.items()}})
+                         "models": {name: slot.state for name, slot in self.library.slots.items()}})
 
   async def _models(self, request: Request) -> Response:
-    about = await anyio.to_thread.run_sync(lambda: [shelf.about() for shelf in self.library.shelves.values()])
+    about = await anyio.to_thread.run_sync(lambda: [slot.about() for slot in self.library.slots.values()])
     return JSONResponse({"models": about})
 
   async def _progress(self, request: Request) -> Response:
@@ -88,7 +89,7 @@ class Studio:
   async def _suggestions(self, request: Request) -> Response:
     async def answer():
       name, words = request.query_params.get("model"), request.query_params.get("words", "")[:self.limits.prompt]
-      return JSONResponse(await anyio.to_thread.run_sync(suggestions.found, self.library.shelf(name).model, words))
+      return JSONResponse(await anyio.to_thread.run_sync(suggestions.found, self.library.slot(name).model, words))
 
     return await _told(answer)
 
@@ -119,7 +120,7 @@ class Studio:
   async def _import(self, request: Request) -> Response:
     async def answer():
       data, name = await request.body(), request.query_params.get("name", "")
-      return JSONResponse(await anyio.to_thread.run_sync(self.maker.read, data, name))
+      return JSONResponse(await anyio.to_thread.run_sync(self.handler.read, data, name))
 
     return await _told(answer)
 
@@ -128,7 +129,7 @@ class Studio:
       body = await _body(request)
 
       def work():
-        with self.maker.place():
+        with self.handler.place():
           return exporting.exported(body, self.limits)
 
       with self._followed(request):
@@ -138,11 +139,11 @@ class Studio:
     return await _told(answer)
 
   async def _mmcp_capabilities(self, request: Request) -> Response:
-    return JSONResponse(await anyio.to_thread.run_sync(mmcp.capabilities, self.maker))
+    return JSONResponse(await anyio.to_thread.run_sync(mmcp.capabilities, self.handler))
 
   async def _mmcp_generate(self, request: Request) -> Response:
     try:
-      made = await anyio.to_thread.run_sync(mmcp.generate, await _body(request), self.maker)
+      made = await anyio.to_thread.run_sync(mmcp.generate, await _body(request), self.handler)
       return Response(json.dumps(made), media_type=mmcp.MEDIA)
     except mmcp.MmcpError as error:
       return JSONResponse(error.body(), error.status)
@@ -258,7 +259,7 @@ async def _plain_error(request, error):
 
 
 async def _fault(request, error):
-  """What nobody foresaw: its traceback is for this machine's log alone, see `Guard`."""
+  """What nobody foresaw: its traceback is for this machine's log alone, see `SecurityMiddleware`."""
   return _error(500, f"the studio met a fault of the program ({type(error).__name__}); its terminal says more")
 
 

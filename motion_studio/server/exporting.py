@@ -11,7 +11,7 @@ from motion_jax.models.results import colors_of
 from motion_jax.motion.looping import in_place, looped
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.utils.errors import InputError
-from motion_studio.server import wire
+from motion_studio.server import serialization
 from motion_studio.server.limits import Fields, Limits
 
 KINDS = {"bvh": "text/plain; charset=utf-8", "glb": "model/gltf-binary", "npz": "application/octet-stream",
@@ -24,7 +24,7 @@ _FILM_SECONDS = 60.0  # of a film that is drawn
 def exported(body: Any, limits: Limits) -> tuple[bytes, str, str]:
   """(bytes, media type, name of the file) of {motion, format, trim, in_place, loop, name, control}."""
   fields = Fields(body, limits)
-  clip = wire.from_json(fields.any("motion"), limits.frames)
+  clip = serialization.from_json(fields.any("motion"), limits.frames)
   kind, name = fields.text("format"), fields.text("name", clip.captions[0].text if clip.captions else clip.id, 1000)
   trim, still, loop = fields.spans("trim"), fields.switch("in_place", False), fields.switch("loop", False)
   control = fields.control()

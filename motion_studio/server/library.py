@@ -9,13 +9,13 @@ from motion_jax.control.constraints import RootPath
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.utils import progress
 from motion_jax.utils.errors import InputError, reason
-from motion_studio.server import ahead
+from motion_studio.server import stream_constraints
 from motion_studio.server.limits import Limits
 
 _PATIENCE = 600.0  # seconds that a request waits for its model
 
 
-class Shelf:
+class ModelSlot:
   """One model and how far it is: waiting, loading, compiling, ready or failed."""
 
   def __init__(self, name: str) -> None:
@@ -47,58 +47,58 @@ class Library:
 
   def __init__(self, names: Sequence[str], load: Callable[[str], Any] | None = None, warm: bool = True) -> None:
     """load(name) -> model; warm: whether streams are compiled before anybody asks for one."""
-    self.shelves = {name: Shelf(name) for name in names}
+    self.slots = {name: ModelSlot(name) for name in names}
     self._load, self._warm = load or _load, warm
 
   def start(self) -> None:
     threading.Thread(target=self._fill, name="models", daemon=True).start()
 
   def _fill(self):
-    for shelf in self.shelves.values():
-      shelf.began = time.monotonic()
+    for slot in self.slots.values():
+      slot.began = time.monotonic()
       try:
-        shelf.state, shelf.doing = "loading", "reading the weights"
-        model = self._load(shelf.name)
+        slot.state, slot.doing = "loading", "reading the weights"
+        model = self._load(slot.name)
         model.reports_to_terminal = False  # the page shows the notes
-        shelf.model = model
-        shelf.done, shelf.state, shelf.doing = 1, "compiling", "compiling the sampler"
-        steps = _steps(shelf) if self._warm else iter(())
+        slot.model = model
+        slot.done, slot.state, slot.doing = 1, "compiling", "compiling the sampler"
+        steps = _steps(slot) if self._warm else iter(())
         next(steps, None)
-        shelf.done, shelf.state, shelf.doing = shelf.of, "ready", ""
-        shelf.seconds = time.monotonic() - shelf.began
-        shelf.ready.set()
+        slot.done, slot.state, slot.doing = slot.of, "ready", ""
+        slot.seconds = time.monotonic() - slot.began
+        slot.ready.set()
         for _ in steps:
           pass
-        if shelf.model.repertoire is not None:
-          shelf.model.repertoire.nearest("a person walks", 1)  # read before a stream needs it
+        if slot.model.repertoire is not None:
+          slot.model.repertoire.nearest("a person walks", 1)  # read before a stream needs it
       except Exception as error:  # one model that cannot be had leaves the others
-        shelf.state, shelf.doing, shelf.error = "failed", "", reason(error, 400)
+        slot.state, slot.doing, slot.error = "failed", "", reason(error, 400)
       finally:
-        shelf.seconds = shelf.seconds or time.monotonic() - shelf.began
-        shelf.ready.set()
+        slot.seconds = slot.seconds or time.monotonic() - slot.began
+        slot.ready.set()
 
-  def shelf(self, name: str | None) -> Shelf:
+  def slot(self, name: str | None) -> ModelSlot:
     """That of a name, the first one for None. Raises InputError where there is none."""
-    name = name if name is not None else next(iter(self.shelves))
-    if name not in self.shelves:
-      raise InputError(f"got the model {str(name)[:60]!r}, this studio has {', '.join(self.shelves)}")
-    return self.shelves[name]
+    name = name if name is not None else next(iter(self.slots))
+    if name not in self.slots:
+      raise InputError(f"got the model {str(name)[:60]!r}, this studio has {', '.join(self.slots)}")
+    return self.slots[name]
 
   def model(self, name: str | None, ability: str) -> Any:
     """A model that can do something, once it is ready. Waits for it; raises InputError where it cannot be had."""
-    shelf = self.shelf(name)
-    if not shelf.ready.is_set():
-      with progress.part(f"waiting for the model {shelf.name}, which is being prepared"):
-        shelf.ready.wait(_PATIENCE)
-    if not shelf.ready.is_set():
-      raise InputError(f"the model {shelf.name} is not ready yet ({shelf.state}); ask again in a minute")
-    if shelf.model is None or shelf.state == "failed":
-      raise InputError(f"the model {shelf.name} could not be loaded: {shelf.error}")
-    if not shelf.model.can(ability):
-      able = [other.name for other in self.shelves.values() if other.model is not None and other.model.can(ability)]
-      raise InputError(f"the model {shelf.name} has no {ability!r}; "
+    slot = self.slot(name)
+    if not slot.ready.is_set():
+      with progress.part(f"waiting for the model {slot.name}, which is being prepared"):
+        slot.ready.wait(_PATIENCE)
+    if not slot.ready.is_set():
+      raise InputError(f"the model {slot.name} is not ready yet ({slot.state}); ask again in a minute")
+    if slot.model is None or slot.state == "failed":
+      raise InputError(f"the model {slot.name} could not be loaded: {slot.error}")
+    if not slot.model.can(ability):
+      able = [other.name for other in self.slots.values() if other.model is not None and other.model.can(ability)]
+      raise InputError(f"the model {slot.name} has no {ability!r}; "
                        + (f"{', '.join(able)} has" if able else "start the studio with one that has, by --model"))
-    return shelf.model
+    return slot.model
 
 
 def _load(name):
@@ -108,23 +108,23 @@ def _load(name):
   return loading.load(name)
 
 
-def _steps(shelf):
+def _steps(slot):
   """Compiles what a stream runs, and yields once with what gives its first block, again with what it goes on by, and
   with what leads it along a path; what else a model does is compiled when it is asked for."""
-  model = shelf.model
+  model = slot.model
   for name in ("scipy.ndimage", "scipy.linalg"):
     importlib.import_module(name)
   if model.can("stream"):
     live = model.stream("a person walks", seed=0, **live_sampling(model, {}))
-    shelf.done = 2
+    slot.done = 2
     for _ in range(4):
       next(live)
       yield
     if model.stats.layout.skeleton is not HUMANML3D:  # which nothing leads
       return
     x, z = live.place  # nor does the first path that is drawn wait for its program
-    live.hold(ahead.signal_of([RootPath([[x, z], [x, z + 2.0]])], None, live.decided, live.place, None, model.fps,
-                              Limits()))
+    path = RootPath([[x, z], [x, z + 2.0]])
+    live.hold(stream_constraints.signal_of([path], None, live.decided, live.place, None, model.fps, Limits()))
     next(live)
     yield
 

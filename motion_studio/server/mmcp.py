@@ -19,7 +19,7 @@ from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import SEEDS
 from motion_studio.server import mmcp_constraints
 from motion_studio.server.limits import check_points, check_prompt
-from motion_studio.server.making import Maker
+from motion_studio.server.requests import RequestHandler
 
 VERSION, MEDIA = "1.2", "model/gltf+json"
 _STEPS = 500
@@ -37,10 +37,10 @@ class MmcpError(Exception):
     return {"error": {"code": self.code, "message": str(self), "details": {"status": self.status}}}
 
 
-def capabilities(maker: Maker) -> dict[str, Any]:
+def capabilities(handler: RequestHandler) -> dict[str, Any]:
   """What the models of a studio that are ready can do."""
-  models = [_spec(shelf.model, maker.limits) for shelf in maker.library.shelves.values()
-            if shelf.ready.is_set() and shelf.model is not None and shelf.model.can("multi_prompt")]
+  models = [_spec(slot.model, handler.limits) for slot in handler.library.slots.values()
+            if slot.ready.is_set() and slot.model is not None and slot.model.can("multi_prompt")]
   return {"protocol_version": VERSION, "rotation_format": "quaternion_xyzw",
           "coordinate_system": "right_handed_y_up", "units": "meters", "response_formats": ["gltf_2.0_json"],
           "models": models}
@@ -69,7 +69,7 @@ def _skeleton(skeleton):
           "coordinate_system": "right_handed_y_up", "units": "meters"}
 
 
-def generate(body: Any, maker: Maker) -> dict[str, Any]:
+def generate(body: Any, handler: RequestHandler) -> dict[str, Any]:
   """A glTF document of a request. Raises MmcpError."""
   if not isinstance(body, dict):
     raise MmcpError(422, "schema_validation", "expected a JSON object")
@@ -82,12 +82,12 @@ def generate(body: Any, maker: Maker) -> dict[str, Any]:
     raise MmcpError(422, "schema_validation", "protocol_version is missing, expected one such as \"1.2\"")
   if not version.startswith("1."):
     raise MmcpError(400, "version_unsupported", f"got version {version}, this server speaks 1.x")
-  model = _model(body.get("model"), maker)
+  model = _model(body.get("model"), handler)
   _check_skeleton(body.get("skeleton"), model.stats.layout.skeleton)
   timing = body.get("timing")
   fps = model.fps if timing is None else _number(timing, "fps", 1, 240, model.fps)
-  segments = _segments(body.get("segments"), fps, maker.limits)
-  options = _options(body.get("options"), maker.limits)
+  segments = _segments(body.get("segments"), fps, handler.limits)
+  options = _options(body.get("options"), handler.limits)
   if options["loop"] and len(segments) > 1:
     raise MmcpError(400, "invalid_options", "a loop is made of one segment")
   sampling = {"num_steps": options["steps"], "guidance_scale": options["guidance"]}
@@ -97,11 +97,11 @@ def generate(body: Any, maker: Maker) -> dict[str, Any]:
   rows = [(prompt, float(max(count, model.frames_per_latent)) / model.fps)
           for (prompt, _), count in zip(segments, np.diff(ends, prepend=0))]
   total = sum(count for _, count in segments)
-  control, told = _constraints(body.get("constraints"), total, fps, model, maker.limits)
-  with maker.place():
+  control, told = _constraints(body.get("constraints"), total, fps, model, handler.limits)
+  with handler.place():
     if control:
       wanted = [*control, *([Loop()] if options["loop"] else [])]
-      made = [maker.make_story(model, rows, options["seed"] + i, options["cleanup"], sampling, None, wanted)[0]
+      made = [handler.make_multi_prompt(model, rows, options["seed"] + i, options["cleanup"], sampling, None, wanted)[0]
               for i in range(options["samples"])]
     else:
       made = [model.multi_prompt(rows, seed=options["seed"] + i, cleanup=options["cleanup"], **sampling)
@@ -126,11 +126,11 @@ def _constraints(given, total, fps, model, limits):
   return found, told
 
 
-def _model(name, maker):
-  for shelf in maker.library.shelves.values():
-    if shelf.ready.is_set() and shelf.model is not None and shelf.model.can("multi_prompt") and (
-        name in (shelf.model.id, shelf.name)):
-      return shelf.model
+def _model(name, handler):
+  for slot in handler.library.slots.values():
+    if slot.ready.is_set() and slot.model is not None and slot.model.can("multi_prompt") and (
+        name in (slot.model.id, slot.name)):
+      return slot.model
   raise MmcpError(400, "unknown_model", f"got the model {str(name)[:60]!r}; /capabilities lists those that are ready")
 
 

@@ -8,10 +8,10 @@ from motion_jax.control.constraints import Constraint
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.input_files import parse_json
 from motion_jax.utils.text_files import read_text
-from motion_studio.server import wire
+from motion_studio.server import serialization
 from motion_studio.server.library import Library
 from motion_studio.server.limits import Fields, Limits
-from motion_studio.server.making import Maker, make_edit, story_rows
+from motion_studio.server.requests import RequestHandler, make_edit, segment_rows
 
 FORMAT, VERSION = "motion_jax project", 1
 
@@ -29,7 +29,7 @@ def checked(value: Any, limits: Limits) -> dict[str, Any]:
                      f"{VERSION}; open it with the version of motion_jax that saved it")
   fields = Fields({key: item for key, item in value.items() if key not in ("format", "version")}, limits)
   model, blocks = _model(fields.any("model"), limits), fields.any("blocks")
-  rows = story_rows(blocks, limits)
+  rows = segment_rows(blocks, limits)
   seeds, sampling, past = fields.any("seeds", [0]), fields.choices(), fields.any("past")
   if not isinstance(seeds, list) or not 1 <= len(seeds) <= limits.takes:
     raise InputError(f"got the seeds {str(seeds)[:40]}, expected a list of 1 to {limits.takes} whole numbers")
@@ -38,7 +38,7 @@ def checked(value: Any, limits: Limits) -> dict[str, Any]:
   cleanup, edits, control = fields.switch("cleanup", True), fields.any("edits", []), fields.control()
   fields.done()
   if past is not None:
-    wire.from_json(past, limits.frames)
+    serialization.from_json(past, limits.frames)
   if not isinstance(edits, list) or len(edits) > 100:
     raise InputError(f"got the edits {str(edits)[:40]}, expected a list of at most 100")
   return {"format": FORMAT, "version": VERSION, "model": model,
@@ -68,15 +68,15 @@ def made(project: dict[str, Any], library: Library, limits: Limits, take: int | 
 
   tell(note): a model whose weights are others makes another motion.
   """
-  maker = Maker(library, limits)
+  handler = RequestHandler(library, limits)
   take = project["chosen"] if take is None else take
   if not 0 <= take < len(project["seeds"]):
     raise InputError(f"got the take {take}, this project has {len(project['seeds'])}, counted from 0")
   model = _same(library.model(project["model"]["name"], "multi_prompt"), project["model"], tell)
   rows = [(block["prompt"], block["seconds"]) for block in project["blocks"]]
-  past = project["past"] and wire.from_json(project["past"], limits.frames)
-  motion, _, _ = maker.make_story(model, rows, project["seeds"][take], project["cleanup"], project["sampling"], past,
-                                  control_of(project))
+  past = project["past"] and serialization.from_json(project["past"], limits.frames)
+  motion, _, _ = handler.make_multi_prompt(model, rows, project["seeds"][take], project["cleanup"],
+                                             project["sampling"], past, control_of(project))
   for edit in project["edits"]:
     if edit["take"] == take:
       editor = _same(library.model(edit["model"]["name"], "edit"), edit["model"], tell)

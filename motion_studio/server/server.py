@@ -16,7 +16,7 @@ from typing import Any
 from motion_jax.utils import progress
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.install import pip_install
-from motion_studio.server.guard import LOOPBACK
+from motion_studio.server.security import LOOPBACK
 
 _SHORTEST = 8   # characters of a token for other machines
 _PATIENCE = 1.5  # seconds that pages and threads have to end

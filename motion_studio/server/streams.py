@@ -12,10 +12,10 @@ import numpy as np
 from motion_jax.motion.contacts import feet_stand
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.utils.errors import InputError, reason
-from motion_studio.server import ahead
+from motion_studio.server import stream_constraints
 from motion_studio.server.library import Library, live_sampling
 from motion_studio.server.limits import Fields, Limits, told_plainly
-from motion_studio.server.wire import Block, pack
+from motion_studio.server.serialization import Block, pack
 
 AHEAD = 3           # blocks that are sent before the page has acknowledged the first of them: 1.8 s
 _BEHIND = 8         # frames before a block that its contacts are told by, too
@@ -43,7 +43,7 @@ class Stream:
     self._said: list[tuple[int, int]] = []  # (first frame, words) of the prompts of this run
     self._ends: int | None = None  # see `_until`
     self._held = 0  # frames up to which constraints reach
-    self._course: ahead.Course | None = None
+    self._course: stream_constraints.Course | None = None
     self._led = 0   # the first frame that was free when the course was last looked at
     self._tail, self._told = None, ""
     self._thread = threading.Thread(target=self._work, name="stream", daemon=True)
@@ -81,7 +81,7 @@ class Stream:
     return not self._thread.is_alive()
 
   def _told_start(self, fields):
-    choices = {"name": self._library.shelf(fields.text("model", None)).name, "prompt": fields.prompt(),
+    choices = {"name": self._library.slot(fields.text("model", None)).name, "prompt": fields.prompt(),
                "seed": fields.seed(usual=None), "cleanup": fields.switch("cleanup", True),
                "sampling": fields.choices(),
                "frames": fields.number("frames", 4, self._limits.frames, None, whole=True)}
@@ -120,7 +120,7 @@ class Stream:
 
   def _told_control(self, fields):
     at, control = fields.number("at", 0, 1e6, None), fields.control()
-    ahead.check(control)
+    stream_constraints.check(control)
 
     def hold():
       if self._started():
@@ -129,7 +129,7 @@ class Stream:
           raise InputError(f"got control of {self._live.skeleton.name}, a body of another skeleton; control knows the "
                            f"22 joints of {HUMANML3D.name}")
         first = self._hold(control, at, live.num_frames)
-        self._course, self._led = ahead.Course.of(control, at, live.place), live.decided
+        self._course, self._led = stream_constraints.Course.from_constraints(control, at, live.place), live.decided
         self._send({"type": "held", "run": self._run, "from_frame": first, "until_frame": self._held})
 
     return hold
@@ -239,9 +239,9 @@ class Stream:
 
   def _model(self, name):
     """The model, once it is ready; None where the page has gone before."""
-    shelf, told = self._library.shelf(name), None
-    while not shelf.ready.wait(0.2):
-      about = shelf.progress()
+    slot, told = self._library.slot(name), None
+    while not slot.ready.wait(0.2):
+      about = slot.progress()
       if (about["state"], about["doing"], int(about["seconds"])) != told:
         told = about["state"], about["doing"], int(about["seconds"])
         self._send({"type": "state"} | about)
@@ -286,7 +286,7 @@ class Stream:
   def _hold(self, control, at=None, ends=None):
     """Leads the stream by constraints from now on: the first frame that is still free."""
     live = self._live.stream
-    held = ahead.signal_of(control, at, live.decided, live.place, ends, self._live.fps, self._limits)
+    held = stream_constraints.signal_of(control, at, live.decided, live.place, ends, self._live.fps, self._limits)
     self._held = 0 if held is None else held.frames
     return live.hold(held)
 

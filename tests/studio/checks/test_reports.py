@@ -5,7 +5,7 @@ import pytest
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_studio.checks.reports import note_of, report, unmet_requirements
 from motion_studio.checks.requirements import requirements_of
-from motion_studio.server.making import notes_of
+from motion_studio.server.requests import notes_of
 from tests.analysis.test_describe import _jump, _kick, _walk, _wave
 from tests.studio.checks.test_requirements import _made, _Stub
 

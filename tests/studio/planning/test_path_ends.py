@@ -7,7 +7,7 @@ from motion_jax.control.constraints import InPlace, RootPath
 from motion_studio.controlled import usual_frames
 from motion_studio.language.sentences import understand
 from motion_studio.planning import path_ends
-from motion_studio.server.making import notes_of
+from motion_studio.server.requests import notes_of
 
 PATH = RootPath([[0, 0], [0, 1.5], [0, 3.0]])  # 2.5 s at walking pace
 

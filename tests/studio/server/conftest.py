@@ -29,8 +29,8 @@ def library(tiny_run, tiny_generator):
 
   library = Library(list(folders), load)
   library.start()
-  for shelf in library.shelves.values():
-    assert shelf.ready.wait(300) and shelf.state == "ready", shelf.error
+  for slot in library.slots.values():
+    assert slot.ready.wait(300) and slot.state == "ready", slot.error
   return library
 
 

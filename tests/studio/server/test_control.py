@@ -9,8 +9,8 @@ from motion_jax.control.constraints import EffectorTarget, Keyframe, Loop, RootP
 from motion_jax.motion.skeleton import KIT
 from motion_jax.utils.errors import InputError
 from motion_studio import cli
-from motion_studio.server import ahead, project, streams
-from motion_studio.server import library as shelves
+from motion_studio.server import library as model_library
+from motion_studio.server import project, stream_constraints, streams
 from motion_studio.server.limits import Fields, Limits
 from tests.studio.server.conftest import refusal
 from tests.studio.server.test_project import PROJECT
@@ -107,7 +107,7 @@ def test_a_request_asks_for_no_more_than_a_studio_makes(client, body, told):
 
 
 def test_what_is_asked_of_a_stream_lies_within_reach_and_on_its_frames():
-  signal_of = lambda one, at: ahead.signal_of([one], at, 20, (0.0, 0.0), None, 20.0, Limits())
+  signal_of = lambda one, at: stream_constraints.signal_of([one], at, 20, (0.0, 0.0), None, 20.0, Limits())
   pose = np.random.default_rng(0).normal(size=(22, 3))
   assert signal_of(Keyframe(pose, 0.125, "world"), 1.0).given[0, 23].all()  # half a frame is rounded up, as elsewhere
   with pytest.raises(InputError, match="got control from 1e[+]06 s on of a stream that is at 1.0 s"):
@@ -127,7 +127,7 @@ def test_a_project_keeps_control_and_the_command_line_follows_it(tmp_path, monke
   assert found["control"]["constraints"] == [PATH]
   path, out = tmp_path / "story.json", tmp_path / "story.html"
   path.write_text(json.dumps(found))
-  monkeypatch.setattr(shelves, "_load", lambda name: library.model(name, "multi_prompt"))
+  monkeypatch.setattr(model_library, "_load", lambda name: library.model(name, "multi_prompt"))
   assert cli.main(["make", str(path), "--out", str(out)]) == 0
   assert '"asked"' in out.read_text() and '"points": [[1.0, 0.0], [1.4, 0.6]' in out.read_text()
   made = project.made(found, library, Limits())
@@ -164,7 +164,7 @@ def test_a_stream_follows_what_lies_ahead_and_what_is_committed_never_moves(clie
 
 
 def test_a_path_of_a_stream_begins_where_the_body_is():
-  limits, signal_of = Limits(), lambda *control, at=None, ends=None: ahead.signal_of(
+  limits, signal_of = Limits(), lambda *control, at=None, ends=None: stream_constraints.signal_of(
       control, at, 40, (1.0, 2.0), ends, 20.0, limits)
   path = RootPath([[1, 3], [2, 3]], speed=1.0)
   found = signal_of(path)
@@ -186,7 +186,7 @@ def test_a_path_of_a_stream_begins_where_the_body_is():
   for wrong, told in ((Loop(), "got loop"), (Keyframe(pose, 1.0), "anywhere"), (RootPath(speed=1, heading=0), "points"),
                       (EffectorTarget("head", [1.0], [[0, 1, 0]], "root"), "relative to the root")):
     with pytest.raises(InputError, match=told):
-      ahead.check([wrong])
+      stream_constraints.check([wrong])
 
 
 def test_a_stream_knows_where_its_cleaned_body_is(library):
@@ -213,7 +213,7 @@ def _walked(course, points, pace=0.06, limit=2000):
 @pytest.mark.parametrize("points", [[[0, 0], [0, 3], [3, 3]], [[0, 0], [2, 2], [4, 0], [2, -2], [0, 0], [-2, 2]]])
 def test_a_path_without_times_waits_for_a_slow_body_and_is_gone_along_to_its_end(points):
   """At a fifth of the path's speed; one crosses its own beginning, and none of it is left out."""
-  course = ahead.Course.of([RootPath(points, speed=1.2)], None, tuple(points[0]))
+  course = stream_constraints.Course.from_constraints([RootPath(points, speed=1.2)], None, tuple(points[0]))
   walked = _walked(course, points, 0.012)
   assert np.linalg.norm(walked[-1] - points[-1]) < 0.15
   for corner in points:
@@ -221,7 +221,7 @@ def test_a_path_without_times_waits_for_a_slow_body_and_is_gone_along_to_its_end
 
 
 def test_what_is_left_of_a_path_begins_at_the_body_and_never_goes_back():
-  course = ahead.Course.of([RootPath([[0, 0], [0, 4]])], None, (0.0, 0.0))
+  course = stream_constraints.Course.from_constraints([RootPath([[0, 0], [0, 4]])], None, (0.0, 0.0))
   assert np.allclose(course.rest((0.2, 1.0)).points[[0, 1, -1]], [[0.2, 1.0], [0, 1.4], [0, 4]], atol=0.03)
   assert course.rest((0.0, 0.2)).points[1, 1] > 1.3  # pushed back, it goes on from where it had been
   assert course.rest((0.0, 2.2)) is not None  # a step ahead
@@ -230,7 +230,7 @@ def test_what_is_left_of_a_path_begins_at_the_body_and_never_goes_back():
 
 def test_only_a_path_alone_without_times_waits():
   path, pose = RootPath([[0, 0], [0, 4]]), Keyframe(np.zeros((22, 3)), 1.0, "world")
-  course = lambda control, at=None: ahead.Course.of(control, at, (0.0, 0.0))
+  course = lambda control, at=None: stream_constraints.Course.from_constraints(control, at, (0.0, 0.0))
   assert course([path]) is not None
   for control in ([path, pose], [RootPath([[0, 0], [0, 4]], times=[0, 3])], [pose], [], None,
                   [RootPath([[0, 0], [0, 4]], heading=[0.0, 1.0])]):
@@ -242,7 +242,7 @@ def test_a_led_stream_is_held_to_what_is_left_of_its_path_before_each_block():
   held, stream = [], object.__new__(streams.Stream)
   live = SimpleNamespace(decided=20, place=(0.0, 0.0), num_frames=40, hold=lambda signal: held.append(signal) or 20)
   stream._live, stream._limits, stream._held, stream._led = SimpleNamespace(stream=live, fps=20.0), Limits(), 86, 20
-  stream._course = ahead.Course.of([RootPath([[0, 0], [0, 4]])], None, live.place)
+  stream._course = stream_constraints.Course.from_constraints([RootPath([[0, 0], [0, 4]])], None, live.place)
   stream._lead()
   assert not held  # nothing has been decided since
   live.decided, live.place = 32, (0.1, 0.3)  # half as far as the path goes in that time

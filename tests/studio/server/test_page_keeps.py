@@ -41,7 +41,7 @@ def test_a_reload_loses_nothing(story, studio, monkeypatch):
   page.keys(webdriver.Keys.END)
   before, joints = {name: page.get(name) for name in KEPT}, page.get("joints(0, 20)")
   _saved(page)
-  monkeypatch.setattr(studio.maker, "make_story", lambda *words, **more: 1 / 0)  # nothing is made again
+  monkeypatch.setattr(studio.handler, "make_multi_prompt", lambda *words, **more: 1 / 0)  # nothing is made again
   page.driver.refresh()
   page.wait("ready && window.__studio.blocks.length === 2")
   assert {name: page.get(name) for name in KEPT} == before and page.get("joints(0, 20)") == joints

@@ -7,8 +7,8 @@ import pytest
 from motion_jax import export
 from motion_jax.utils.errors import InputError
 from motion_studio import cli
-from motion_studio.server import library as shelves
-from motion_studio.server import project, wire
+from motion_studio.server import library as model_library
+from motion_studio.server import project, serialization
 from motion_studio.server.limits import Limits
 from tests.studio.server.conftest import refusal
 from tests.studio.server.test_requests import joints_of
@@ -46,7 +46,7 @@ def test_edits_are_done_in_their_order(library, monkeypatch):
 def test_the_command_line_makes_it_too(tmp_path, monkeypatch, capsys, library, tiny_run):
   path, out = tmp_path / "story.json", tmp_path / "story.npz"
   path.write_text(json.dumps(PROJECT))
-  monkeypatch.setattr(shelves, "_load", lambda name: library.model(name, "multi_prompt"))
+  monkeypatch.setattr(model_library, "_load", lambda name: library.model(name, "multi_prompt"))
   assert cli.main(["make", str(path), "--out", f"{out},{tmp_path / 'story.bvh'}"]) == 0
   made = export.load(out)
   assert (made.joints == project.made(project.checked(PROJECT, Limits()), library, Limits()).joints).all()
@@ -79,7 +79,7 @@ def test_a_missing_project_is_told(capsys):
 def test_a_story_behind_a_past_is_kept_whole(library):
   from motion_jax.data.datasets.synthetic import synthetic_clips
   clip = synthetic_clips(seed=0, num=1)[0]
-  found = project.checked(PROJECT | {"past": wire.to_json(clip), "sampling": {}}, Limits())
+  found = project.checked(PROJECT | {"past": serialization.to_json(clip), "sampling": {}}, Limits())
   made = project.made(found, library, Limits())
   assert (made.joints[:clip.num_frames] == clip.joints.astype(np.float32)).all()
   assert made.num_frames == clip.num_frames + 72

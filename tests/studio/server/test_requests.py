@@ -14,7 +14,7 @@ from motion_jax.models.results import captions_with
 from motion_jax.motion.looping import in_place
 from motion_jax.motion.skeleton import bone_lengths
 from motion_jax.utils import progress
-from motion_studio.server import wire
+from motion_studio.server import serialization
 from motion_studio.server.app import ASSETS
 from motion_studio.server.limits import Limits
 from tests.studio.server.conftest import refusal
@@ -24,7 +24,7 @@ from tests.studio.server.conftest import refusal
 def walk():
   """A person walking, as JSON: the tiny model's bodies are none."""
   clip = synthetic_clips(seed=0, num=1)[0]
-  return clip, wire.to_json(clip)
+  return clip, serialization.to_json(clip)
 
 
 def joints_of(motion):
@@ -82,10 +82,10 @@ def test_a_story_is_made_anew_from_where_it_changed(client):
 def test_notes_are_of_prompts_and_of_what_no_attempt_shows(client, library, monkeypatch):
   motion = library.model("tiny", "generate").generate("a person walks", seconds=2, seeds=[0], tries=1, num_steps=2)[0]
   missed = motion.replace(meta=motion.meta | dict(attempts=4, unmet=["no kick seen"]))
-  for name, body in (("generate", {"model": "tiny"}), ("edit", {"model": "editor", "motion": wire.to_json(motion),
-                                                                "change": [[8, 24]]})):
+  edit = {"model": "editor", "motion": serialization.to_json(motion), "change": [[8, 24]]}
+  for name, body in (("generate", {"model": "tiny"}), ("edit", edit)):
     with monkeypatch.context() as patch:
-      patch.setattr("motion_studio.server.making.make_edit",
+      patch.setattr("motion_studio.server.requests.make_edit",
                     lambda *_: missed.replace(meta=missed.meta | dict(made=[])))
       patch.setattr(type(library.model("tiny", "generate")), "generate", lambda *_, **__: [missed])
       notes = client.post(f"/v1/{name}", json=body | {"prompt": "two people dance"}).json()["notes"]
@@ -118,7 +118,7 @@ def test_a_motion_goes_on(client, walk):
 def test_an_edit_keeps_what_it_keeps_where_it_was(client, walk):
   clip, _ = walk
   turned = clip.replace(joints=clip.joints @ np.array([[0, 0, -1], [0, 1, 0], [1, 0, 0]]) + [5, 0, -3])
-  sent = wire.to_json(turned)
+  sent = serialization.to_json(turned)
   reply = client.post("/v1/edit", json={"motion": sent, "prompt": "a person waves", "change": [[12, 24]]}).json()
   assert reply["made"] == [[12, 24]]
   before, after = joints_of(sent), joints_of(reply["motion"])
@@ -254,18 +254,18 @@ def test_what_is_exported_is_read_again(client, walk):
 
 
 def test_too_many_at_once_are_told_to_wait(client, studio, walk):
-  with studio.maker.place(), studio.maker.place():
+  with studio.handler.place(), studio.handler.place():
     for _ in range(2):
-      studio.maker._waiting.acquire()
+      studio.handler._waiting.acquire()
     told = refusal(client.post("/v1/export", json={"motion": walk[1], "format": "npy"}), 429)
     assert "wait for one of them" in told
     for _ in range(2):
-      studio.maker._waiting.release()
+      studio.handler._waiting.release()
   assert client.post("/v1/export", json={"motion": walk[1], "format": "npy"}).status_code == 200
 
 
 def test_a_motion_survives_the_wire(walk):
   clip, sent = walk
-  back = wire.from_json(json.loads(json.dumps(sent)), Limits().frames)
+  back = serialization.from_json(json.loads(json.dumps(sent)), Limits().frames)
   assert isinstance(back, Clip) and (back.joints == clip.joints.astype(np.float32)).all()
   assert (back.fps, back.captions, back.license) == (clip.fps, clip.captions, clip.license)

@@ -10,7 +10,7 @@ import pytest
 from starlette.websockets import WebSocketDisconnect
 
 from motion_jax.utils.errors import InputError
-from motion_studio.server import app, streams, wire
+from motion_studio.server import app, serialization, streams
 from motion_studio.server.limits import Limits
 from tests.studio.server.conftest import SOCKET, TOKEN
 
@@ -81,7 +81,7 @@ def page(client):
 
 def test_a_block_is_exact_wherever_the_body_is():
   joints = np.random.default_rng(0).uniform(-1, 1, (12, 22, 3)).astype(np.float32) + [5000, 1, -3000]
-  data = wire.pack(wire.Block(7, 2, 40, 3, 64, 12.5, 20.0, joints, np.eye(12, 4) > 0))
+  data = serialization.pack(serialization.Block(7, 2, 40, 3, 64, 12.5, 20.0, joints, np.eye(12, 4) > 0))
   block = unpacked(data)
   assert len(data) == 1776
   assert np.abs(block["positions"] - joints).max() < 1.5e-3

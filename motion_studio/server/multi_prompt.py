@@ -20,8 +20,6 @@ from motion_jax.models.results import Motion, captions_in_a_row
 from motion_jax.utils import progress
 
 _EVERY = 8    # blocks between two copies of a stream, a megabyte each
-_KEPT = 6     # motions whose copies are kept, those asked for last,
-_COPIES = 150  # and copies of all of them together
 
 
 class _Take:
@@ -33,10 +31,12 @@ class _Take:
     self.joints = np.zeros((0, 0, 3), np.float32)
 
 
-class Stories:
+class MultiPromptCache:
   """Makes motions of several prompts, each one action, and remembers how."""
 
-  def __init__(self) -> None:
+  def __init__(self, max_motions: int = 6, max_copies: int = 150) -> None:
+    """max_motions: how many motions keep their copies; max_copies: of all motions together, a megabyte each."""
+    self._max_motions, self._max_copies = max_motions, max_copies
     self._takes: collections.OrderedDict[Any, _Take] = collections.OrderedDict()
     self._lock = threading.Lock()
 
@@ -60,7 +60,7 @@ class Stories:
     with self._lock:
       self._takes[key] = take
       held = lambda: sum(len(other.copies) for other in self._takes.values())
-      while len(self._takes) > _KEPT or len(self._takes) > 1 and held() > _COPIES:
+      while len(self._takes) > self._max_motions or len(self._takes) > 1 and held() > self._max_copies:
         self._takes.popitem(last=False)
     return made, reused, int(differ[0]) if len(differ) else same
 

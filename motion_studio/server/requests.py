@@ -12,18 +12,18 @@ from motion_jax.utils import progress
 from motion_jax.utils.errors import InputError
 from motion_studio.checks.reports import note_of
 from motion_studio.controlled import usual_frames
-from motion_studio.server import asked, wire
-from motion_studio.server.guard import Refused
+from motion_studio.server import constraint_report, serialization
 from motion_studio.server.library import Library, live_sampling
 from motion_studio.server.limits import Fields, Limits, told_plainly
-from motion_studio.server.stories import Stories
+from motion_studio.server.multi_prompt import MultiPromptCache
+from motion_studio.server.security import Refused
 
 
-class Maker:
+class RequestHandler:
   """Makes what a request asks for. A request is one call; a few run at once, as many more wait, others are refused."""
 
   def __init__(self, library: Library, limits: Limits) -> None:
-    self.library, self.limits, self.stories = library, limits, Stories()
+    self.library, self.limits, self.stories = library, limits, MultiPromptCache()
     self._places = threading.Semaphore(limits.jobs)
     self._waiting = threading.Semaphore(2 * limits.jobs)
 
@@ -63,8 +63,8 @@ class Maker:
     with self.place(), told_plainly(), progress.part("making the motion"):
       made = model.generate([prompt] * num, seconds=seconds, seeds=[(seed + i) % 2**32 for i in range(num)],
                             cleanup=cleanup, **given)
-    told = {"asked": [asked.told(control, motion) for motion in made]} if control else {}
-    return {"motions": [wire.to_json(motion) for motion in made]} | told | words_of(
+    told = {"asked": [constraint_report.told(control, motion) for motion in made]} if control else {}
+    return {"motions": [serialization.to_json(motion) for motion in made]} | told | words_of(
         model, [prompt], notes_of(made), literal)
 
   def story(self, body: Any) -> dict[str, Any]:
@@ -75,16 +75,16 @@ class Maker:
     cleanup, sampling, past = fields.switch("cleanup", True), fields.choices(), fields.any("past")
     control = fields.control()
     fields.done()
-    rows = story_rows(rows, self.limits)
-    past = None if past is None else wire.from_json(past, self.limits.frames)
+    rows = segment_rows(rows, self.limits)
+    past = None if past is None else serialization.from_json(past, self.limits.frames)
     model = self.library.model(name, "multi_prompt")
     with self.place(), told_plainly():
-      motion, reused, same = self.make_story(model, rows, seed, cleanup, sampling, past, control)
-    told = {"asked": asked.told(control, motion)} if control else {}
-    return {"motion": wire.to_json(motion), "reused_frames": reused, "same_frames": same} | told | words_of(
+      motion, reused, same = self.make_multi_prompt(model, rows, seed, cleanup, sampling, past, control)
+    told = {"asked": constraint_report.told(control, motion)} if control else {}
+    return {"motion": serialization.to_json(motion), "reused_frames": reused, "same_frames": same} | told | words_of(
         model, [prompt for prompt, _ in rows])
 
-  def make_story(self, model, rows, seed, cleanup, sampling, past=None, control=()):
+  def make_multi_prompt(self, model, rows, seed, cleanup, sampling, past=None, control=()):
     """(motion, frames not made anew, frames as before) of rows (prompt, seconds or None), behind a past motion, or as
     constraints ask."""
     if past is not None and control:
@@ -97,13 +97,13 @@ class Maker:
                        f"{self.limits.seconds:g}")
     sampling = live_sampling(model, sampling)
     if control:
-      return *asked.made(self.stories, model, segments, seed, cleanup, sampling, control), 0
+      return *constraint_report.made(self.stories, model, segments, seed, cleanup, sampling, control), 0
     return self.stories.make(model, segments, seed, cleanup, sampling)
 
   def edit(self, body: Any) -> dict[str, Any]:
     """{motion, prompt, change or keep, model, seed, sampling} -> {motion, made, notes}."""
     fields = Fields(body, self.limits)
-    clip = wire.from_json(fields.any("motion"), self.limits.frames)
+    clip = serialization.from_json(fields.any("motion"), self.limits.frames)
     prompt, name, seed = fields.prompt(), fields.text("model", None), fields.seed()
     change, keep, sampling = fields.spans("change"), fields.spans("keep"), fields.choices()
     fields.done()
@@ -113,15 +113,15 @@ class Maker:
     model = self.library.model(name, "edit")
     with self.place(), told_plainly(), progress.part("making the span"):
       motion = make_edit(model, clip, prompt, change, keep, seed, sampling)
-    return {"motion": wire.to_json(motion), "made": motion.meta["made"]} | words_of(
+    return {"motion": serialization.to_json(motion), "made": motion.meta["made"]} | words_of(
         model, [prompt], notes_of([motion]))
 
   def _able(self, ability):
     """The first model that can do something; the first of all where none can yet."""
-    for shelf in self.library.shelves.values():
-      shelf.ready.wait(600)
-      if shelf.model is not None and shelf.model.can(ability):
-        return shelf.name
+    for slot in self.library.slots.values():
+      slot.ready.wait(600)
+      if slot.model is not None and slot.model.can(ability):
+        return slot.name
     return None
 
   def read(self, data: bytes, name: str) -> dict[str, Any]:
@@ -139,10 +139,10 @@ class Maker:
         raise InputError(str(error).replace(str(path), "the file")) from None
     if clip.num_frames > self.limits.frames:
       raise InputError(f"got a motion of {clip.num_frames:,} frames, expected at most {self.limits.frames:,}")
-    return {"motion": wire.to_json(clip)}
+    return {"motion": serialization.to_json(clip)}
 
 
-def story_rows(rows: Any, limits: Limits) -> list[tuple[str, float | None]]:
+def segment_rows(rows: Any, limits: Limits) -> list[tuple[str, float | None]]:
   """[(prompt, seconds or None)] of the blocks of a story, as a request or a project has them."""
   if not isinstance(rows, list) or not rows:
     raise InputError("got no blocks, expected a list such as [{\"prompt\": \"a person walks\", \"seconds\": 4}]")

@@ -90,7 +90,7 @@ def test_a_fault_shows_no_traceback(client, studio, monkeypatch, caplog):
   def broken(body):
     raise RuntimeError("/home/somebody/secret.py")
 
-  monkeypatch.setattr(studio.maker, "read", lambda data, name: broken(data))
+  monkeypatch.setattr(studio.handler, "read", lambda data, name: broken(data))
   told = refusal(client.post("/v1/import?name=a.npz", content=b"x"), 500)
   assert "RuntimeError" in told and "secret" not in told and "secret" in caplog.text
 

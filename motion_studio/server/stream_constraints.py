@@ -96,7 +96,8 @@ class Course:
     self._at = 0
 
   @staticmethod
-  def of(control: Sequence[Constraint] | None, at: float | None, place: tuple[float, float]) -> "Course | None":
+  def from_constraints(control: Sequence[Constraint] | None, at: float | None, place: tuple[float, float]
+                       ) -> "Course | None":
     """The course of constraints that are one path alone, with neither times nor several headings; else None."""
     one = control[0] if control and len(control) == 1 and at is None else None
     free = isinstance(one, RootPath) and one.points is not None and one.times is None and one.between

@@ -26,7 +26,7 @@ class Refused(Exception):
     self.status = status
 
 
-class Guard:
+class SecurityMiddleware:
   """ASGI middleware around the whole application.
 
   A request from a browser must come from a page of this very server (Origin), over a name of this machine where the

@@ -14,10 +14,10 @@ from motion_jax.models.results import Motion, captions_in_a_row
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.utils.errors import InputError
 from motion_studio import controlled
-from motion_studio.server.stories import Stories
+from motion_studio.server.multi_prompt import MultiPromptCache
 
 
-def made(stories: Stories, model: Any, segments: Sequence[tuple[str, int]], seed: int, cleanup: bool,
+def made(stories: MultiPromptCache, model: Any, segments: Sequence[tuple[str, int]], seed: int, cleanup: bool,
          sampling: dict[str, Any], control: Sequence[Constraint]) -> tuple[Motion, int]:
   """(motion, frames that were not sampled anew) of (prompt, frames) rows that does what it is asked to.
 

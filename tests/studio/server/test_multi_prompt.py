@@ -3,8 +3,7 @@ import numpy as np
 import pytest
 
 from motion_jax.motion.cleanup import LOOK_AHEAD
-from motion_studio.server import stories as made_anew
-from motion_studio.server.stories import Stories
+from motion_studio.server.multi_prompt import MultiPromptCache
 
 WALK, WAVE, JUMP = "a person walks", "a person waves", "a person jumps"
 
@@ -25,7 +24,7 @@ def make(stories, model, segments, cleanup=False, seed=5, lag=None):
 
 def test_a_story_is_the_models_multi_prompt(model):
   segments = [(WALK, 50), (WAVE, 40), (JUMP, 30)]
-  made, reused, _ = make(Stories(), model, segments)
+  made, reused, _ = make(MultiPromptCache(), model, segments)
   rows = [(prompt, frames / model.fps) for prompt, frames in segments]
   asked = model.multi_prompt(rows, seed=5, cleanup=False, lag=lag_of(model))
   assert made.captions == asked.captions and reused == 0 and made.joints.shape == asked.joints.shape
@@ -43,10 +42,10 @@ def test_a_story_is_the_models_multi_prompt(model):
     ([(JUMP, 60), (WAVE, 60), (JUMP, 60)], 0)])         # all of it
 def test_what_stands_before_a_change_is_the_same_bit_for_bit(model, changed, border, cleanup):
   """And what is made anew is what a studio makes that never saw the story before."""
-  stories = Stories()
+  stories = MultiPromptCache()
   first, _, _ = make(stories, model, [(WALK, 60), (WAVE, 60), (JUMP, 60)], cleanup)
   second, reused, same = make(stories, model, changed, cleanup)
-  fresh, _, _ = make(Stories(), model, changed, cleanup)
+  fresh, _, _ = make(MultiPromptCache(), model, changed, cleanup)
   assert (second.joints == fresh.joints).all() and second.num_frames == sum(frames for _, frames in changed)
   kept = max(border - (LOOK_AHEAD if cleanup else 0), 0)
   assert (second.joints[:kept] == first.joints[:kept]).all() and same >= kept
@@ -60,7 +59,7 @@ def test_what_stands_before_a_change_is_the_same_bit_for_bit(model, changed, bor
 
 def test_only_what_follows_is_sampled_again(model, monkeypatch):
   steps = []
-  stories, segments = Stories(), [(WALK, 120), (WAVE, 60)]
+  stories, segments = MultiPromptCache(), [(WALK, 120), (WAVE, 60)]
   make(stories, model, segments)
   live = type(model.stream(WALK, seed=0))
   plain = live.step
@@ -71,19 +70,20 @@ def test_only_what_follows_is_sampled_again(model, monkeypatch):
     make(stories, model, changed)
     anew = len(steps)
     steps.clear()
-    make(Stories(), model, changed)
+    make(MultiPromptCache(), model, changed)
     assert anew == len(steps) - kept // block
 
 
-def test_other_seeds_choices_and_old_takes_are_kept_apart(model, monkeypatch):
-  stories = Stories()
+def test_other_seeds_choices_and_old_takes_are_kept_apart(model):
+  stories = MultiPromptCache()
   first, _, _ = make(stories, model, [(WALK, 60)])
   other, reused, _ = make(stories, model, [(WALK, 60)], seed=6)
   assert reused == 0 and not (other.joints == first.joints).all()
   for seed in range(7, 13):
     make(stories, model, [(WALK, 24)], seed=seed)
   assert len(stories._takes) == 6
-  monkeypatch.setattr(made_anew, "_COPIES", 1)
+  stories = MultiPromptCache(max_copies=1)
+  make(stories, model, [(WALK, 24)], seed=12)
   make(stories, model, [(WALK, 24), (WAVE, 24)], seed=13)
   assert len(stories._takes) == 1
 
