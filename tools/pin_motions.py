@@ -34,7 +34,7 @@ def planned(model, prompt):
 
 
 def controlled(model):
-  path = mj.control.Path(((0, 0), (0, 1.5), (1.0, 2.5)))
+  path = mj.control.RootPath(((0, 0), (0, 1.5), (1.0, 2.5)))
   return model.generate(WALK, seconds=4.0, seed=0, control=[path])[0].joints
 
 
@@ -85,13 +85,14 @@ def main():
   worst, found = 0.0, {}
   for name, model, make in motions(args.only):
     found[name] = np.asarray(make(model), np.float32)
+    if args.command == "record":
+      np.savez_compressed(args.file, **found)  # after each, so that an interrupted recording is of use
     if known:
       same = found[name].shape == known[name].shape
       off = np.abs(found[name] - known[name]).max() if same else np.inf
       worst = max(worst, off)
       print(f"{off:9.2e}  {name}" + ("" if same else f"  {known[name].shape} -> {found[name].shape}"), flush=True)
   if args.command == "record":
-    np.savez_compressed(args.file, **found)
     print(f"wrote {args.file}: {len(found)} motions")
     return
   print(f"largest difference of {len(found)} motions: {worst:.2e} m")
