@@ -16,7 +16,7 @@ from motion_jax.configs import common
 
 def get_config(size="full"):
   dataset, size = common.data_and_size(size, ("kit",), ("full", "small", "mini", "tiny"))
-  config = common.experiment("cmdm.teacher", seed=42)
+  config = common.experiment("tmr.teacher", seed=42)
   # text, vit: where both transformers start from; they are trained. sentence: as in configs/tmr.py.
   config.frozen = dict(text="distilbert-base-uncased", sentence="", vit="")
   config.origin = dict()  # where the weights came from that it started with; the run fills it in

@@ -27,7 +27,7 @@ DATASETS = {
 
 def get_config(size="full"):
   dataset, size = common.data_and_size(size, DATASETS, ("full", "small", "laptop", "mini", "tiny"))
-  config = common.experiment("cmdm.teacher", seed=5427)
+  config = common.experiment("tmr.teacher", seed=5427)
   # text: where the text transformer starts from; it is trained. sentence, vit: of other kinds of teachers.
   config.frozen = dict(text="distilbert-base-uncased", sentence="", vit="")
   config.origin = dict()  # where the weights came from that it started with; the run fills it in

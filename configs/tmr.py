@@ -16,7 +16,7 @@ from motion_jax.configs import common
 
 def get_config(size="full"):
   dataset, size = common.data_and_size(size, ("kit",), ("full", "small", "mini", "tiny"))
-  config = common.experiment("cmdm.teacher", seed=1234)
+  config = common.experiment("tmr.teacher", seed=1234)
   # text: whose words are read; it stays as it is. sentence: whose sentence vectors say which captions are alike.
   config.frozen = dict(text="distilbert-base-uncased", sentence="sentence-transformers/all-mpnet-base-v2", vit="")
   config.origin = dict()  # where the weights came from that it started with; the run fills it in

@@ -8,6 +8,7 @@ import jax
 from motion_jax import pictures, runs
 from motion_jax.data import sources
 from motion_jax.evaluators import setup as evaluators
+from motion_jax.evaluators import validation
 from motion_jax.latents import TOKENIZER
 from motion_jax.models import registry
 from motion_jax.motion import stats as stats_lib
@@ -61,7 +62,7 @@ def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_change
     before = runs.open(workdir).config
     config = epochs.as_before(config, before)
     resuming.check_config(config, before, allow_changes)
-  setup = known[config.stage](config)
+  setup = validation.with_fid(known[config.stage](config), config)
   config = epochs.resolved(config, setup.num_items)
   profiling.check_steps(profile_steps, config.train.num_steps)
   stage, next_batch, frozen, evaluate, stats, files, num_items = setup

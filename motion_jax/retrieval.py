@@ -14,7 +14,7 @@ from motion_jax.data.clip import Clip
 from motion_jax.data.datasets.base import SHORTEST
 from motion_jax.data.datasets.registry import dataset_of
 from motion_jax.metrics.scores import retrieval, retrieval_by_rank
-from motion_jax.models.tmr import teacher as teacher_lib
+from motion_jax.models.tmr.space import make_space
 from motion_jax.motion import plausibility
 from motion_jax.motion.representations import to_features
 from motion_jax.nets.masks import padding_mask
@@ -32,7 +32,7 @@ class Retriever:
   def __init__(self, run: runs.Run):
     self.folder, self.config, self.stats = run.folder, run.config, run.stats
     config = run.config
-    self.space = space = teacher_lib.make_space(config)
+    self.space = space = make_space(config)
     # What decides the functions of a space, and so may share what was traced of them.
     about = (space.net, module_fields(config.text), config.data.layout, module_fields(config.loss))
     shapes = cache.kept_shapes("teacher", about, lambda: jax.eval_shape(space.init, jax.random.key(0)))
@@ -92,7 +92,7 @@ class Retriever:
 
 def load(name="part-tmr-small") -> Retriever:
   """A teacher from its run folder or from those that ship."""
-  run = runs.open(name, "cmdm.teacher")
+  run = runs.open(name, "tmr.teacher")
   with checkpoint.building(run.folder):
     return Retriever(run)
 

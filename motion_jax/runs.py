@@ -139,7 +139,7 @@ _LEFT_OUT: dict[str, dict[str, Any]] = {
          "train.sample_every": 0, "train.max_skips": 20,
          "train.max_rollbacks": 3, "train.hang_minutes": 60.0, "train.freeze": (), "optimizer.skip_spikes": 0.0,
          "optimizer.accumulate_steps": 1, "mesh.map": "auto", "mesh.shard_state": False},
-    "cmdm.teacher": {"model.kind": "part_tmr", "frozen.sentence": "", "frozen.vit": "", "origin": {}},
+    "tmr.teacher": {"model.kind": "part_tmr", "frozen.sentence": "", "frozen.vit": "", "origin": {}},
     "cmdm.tokenizer": _MOTION_ERRORS | {
         "data.short_window": 0, "train.dtype": "float32", "frozen.teacher": "", "frozen.evaluator": "", "teacher": {},
         "taught_by": {},

@@ -74,6 +74,15 @@ def test_imports_point_up(path):
         f"{part} imports {name}")
 
 
+@pytest.mark.parametrize("method", ["tmr", "cmdm", "cdamd"])
+def test_a_method_imports_no_other(method):
+  """What methods share is below them, but for the teachers, which any of them may be aligned with."""
+  for path in (ROOT / "motion_jax" / "models" / method).glob("*.py"):
+    for name in _imports(ast.parse(path.read_text())):
+      other = re.match(r"motion_jax\.models\.(tmr|cmdm|cdamd)\b", name)
+      assert not other or other[1] in (method, "tmr"), f"{path} imports {name}"
+
+
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_core_needs_no_extra(path):
   tree, more = ast.parse(path.read_text()), OF_EXTRAS.get(_part(path)[1], set())
@@ -101,7 +110,8 @@ def test_the_tests_have_what_the_studio_needs():
   assert {"starlette", "uvicorn", "websockets", "httpx2", "motionmcp-sdk"} <= names
 
 
-ROOMS = ("nets", "quant", "diffusion", "motion", "metrics", "text", "data", "control", "models.cmdm", "models.cdamd")
+ROOMS = ("nets", "quant", "diffusion", "motion", "metrics", "text", "data", "control", "models.tmr", "models.cmdm",
+         "models.cdamd")
 
 
 @pytest.mark.parametrize("room", ROOMS)

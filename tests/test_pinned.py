@@ -12,7 +12,7 @@ from motion_jax.evaluators.networks import ClipEvaluator, T2MEvaluator
 from motion_jax.models import cdamd, cmdm
 from motion_jax.models.cdamd import length as lengths
 from motion_jax.models.cmdm.streaming import block_noise, make_plan
-from motion_jax.models.tmr.teacher import make_teacher, teacher_shapes
+from motion_jax.models.tmr.space import make_teacher, teacher_shapes
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
@@ -83,7 +83,7 @@ def _count(name, size):
 
 
 def _counted(config, size):
-  if config.stage == "cmdm.teacher":  # less its text transformer, whose size is frozen.text's
+  if config.stage == "tmr.teacher":  # less its text transformer, whose size is frozen.text's
     words = bert_fields(dict(model_type="distilbert", vocab_size=4, dim=768, n_layers=0, n_heads=1, hidden_dim=4))
     teacher = make_teacher(config.model, config.data.layout)
     shapes = teacher_shapes(teacher, words, config.data.layout)["motion"]

@@ -97,11 +97,11 @@ def test_what_is_no_run_or_another_one_is_told(tmp_path):
   with pytest.raises(FileNotFoundError, match=r"neither a run folder 'cmdm-smal' nor .* did you mean cmdm-small\?"):
     runs.open("cmdm-smal")
   with pytest.raises(FileNotFoundError, match="that ships: part-tmr-small"):
-    runs.open(tmp_path / "none", "cmdm.teacher")
+    runs.open(tmp_path / "none", "tmr.teacher")
   with pytest.raises(TypeError, match=r"got 3 \(int\) to load, expected a run folder"):
     runs.open(3)
-  with pytest.raises(InputError, match="cmdm-small holds a 'cmdm.denoiser' run, expected one of stage cmdm.teacher"):
-    runs.open("cmdm-small", "cmdm.teacher")
+  with pytest.raises(InputError, match="cmdm-small holds a 'cmdm.denoiser' run, expected one of stage tmr.teacher"):
+    runs.open("cmdm-small", "tmr.teacher")
   (tmp_path / "config.json").write_text("{}")
   with pytest.raises(InputError, match="holds a NoneType as the stage of a run"):
     runs.open(tmp_path)

@@ -11,8 +11,7 @@ import pytest
 
 from motion_jax import shapes
 from motion_jax.diffusion import paths
-from motion_jax.models import cdamd, cmdm
-from motion_jax.models.tmr import teacher
+from motion_jax.models import cdamd, cmdm, tmr
 from motion_jax.quant import rvq, vq
 from tests.conftest import ROOT
 
@@ -41,7 +40,7 @@ X, REAL, T = jnp.ones((2, 6, 4)), jnp.ones((2, 6), bool), jnp.ones((2, 6))
     (lambda: cmdm.gaussian_nll(X, X[:1]), r"target of shape \(1, 6, 4\), expected \(B, T, F\), B = 2"),
     (lambda: cdamd.l1(X, X[..., :1]), r"target of shape \(2, 6, 1\)"),
     (lambda: cdamd.smooth_l1(X[0], X), r"prediction of shape \(6, 4\)"),
-    (lambda: teacher.info_nce(jnp.ones((3, 4)), jnp.ones((2, 4)), 1.0), r"motion of shape \(2, 4\).*B = 3, E = 4"),
+    (lambda: tmr.info_nce(jnp.ones((3, 4)), jnp.ones((2, 4)), 1.0), r"motion of shape \(2, 4\).*B = 3, E = 4"),
     (lambda: rvq.encode(jnp.ones((3, 5, 2)), X), r"x of shape \(2, 6, 4\), expected \(B, L, C\), C = 2")])
 def test_what_would_broadcast_is_told(call, told, as_users_run):
   with pytest.raises(ValueError, match=told) as error:

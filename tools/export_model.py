@@ -16,9 +16,8 @@ from motion_jax.evaluators import stages as matching
 from motion_jax.evaluators.networks import ClipEvaluator, T2MEvaluator
 from motion_jax.evaluators.words import WordFeatures
 from motion_jax.latents import TOKENIZER
-from motion_jax.models import cdamd, cmdm
+from motion_jax.models import cdamd, cmdm, tmr
 from motion_jax.models.cdamd import length as lengths
-from motion_jax.models.tmr import teacher
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
@@ -33,9 +32,9 @@ def shapes_of(config):
   """{file: shapes of its parameters} of a run: a denoiser with its tokenizer, a tokenizer alone, or a teacher."""
   if config.stage == "cmdm.tokenizer":
     return {checkpoint.PARAMS: cmdm.frozen_shapes(CausalVAE(**config.model))[TOKENIZER]}
-  if config.stage == "cmdm.teacher":
-    module = teacher.make_teacher(config.model, config.data.layout)
-    return {checkpoint.PARAMS: teacher.teacher_shapes(module, config.text, config.data.layout)}
+  if config.stage == "tmr.teacher":
+    module = tmr.make_teacher(config.model, config.data.layout)
+    return {checkpoint.PARAMS: tmr.teacher_shapes(module, config.text, config.data.layout)}
   if config.stage == "cmdm.denoiser":
     return {checkpoint.PARAMS: cmdm.denoiser_shapes(CausalDiT(**config.model)),
             checkpoint.FROZEN: cmdm.frozen_shapes(CausalVAE(**config.tokenizer))}
@@ -50,7 +49,7 @@ def shapes_of(config):
     return {checkpoint.PARAMS: matching.t2m_shapes(T2MEvaluator(**config.model), words.dim)}
   if config.stage == "evaluator.clip":
     return {checkpoint.PARAMS: matching.clip_shapes(ClipEvaluator(**config.model))}
-  raise ValueError(f"got a run of stage {config.stage!r}, expected a cmdm.denoiser, a cmdm.tokenizer, a cmdm.teacher, "
+  raise ValueError(f"got a run of stage {config.stage!r}, expected a cmdm.denoiser, a cmdm.tokenizer, a tmr.teacher, "
                    "a cdamd.generator, an evaluator.matching or an evaluator.clip")
 
 

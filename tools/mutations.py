@@ -114,7 +114,7 @@ MUTATIONS = (
      (f"{LOSSES}::test_the_prior_is_dropped_as_often_as_the_config_says",)),
     ("copies", "motion_jax/models/cdamd/losses.py", "made.masked.sum() * len(draws.t)", "made.masked.sum()",
      (f"{GENERATOR}::test_all_rows_weighted_is_masked_rows_averaged",)),
-    ("contrast-both-ways", "motion_jax/evaluators/networks.py", "(right(logits) + right(logits.T)) / 2",
+    ("contrast-both-ways", "motion_jax/models/tmr/losses.py", "(right(logits) + right(logits.T)) / 2",
      "right(logits)", ("tests/models/tmr/test_teacher.py::test_contrast_counts_both_ways",)),
     # --- codebooks ------------------------------------------------------------------------------------------------
     ("codes-decay", "motion_jax/quant/vq.py", "decay * book.counts + (1 - decay) * counts",

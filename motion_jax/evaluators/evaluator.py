@@ -27,7 +27,7 @@ from motion_jax.evaluators import stages as matching
 from motion_jax.evaluators.networks import ClipEvaluator, T2MEvaluator
 from motion_jax.evaluators.snapmogen_network import SnapEvaluator
 from motion_jax.evaluators.words import CONVERTED, GLOVE_FILES, WordFeatures, load_words
-from motion_jax.models.tmr import teacher as teacher_lib
+from motion_jax.models.tmr.space import make_space
 from motion_jax.motion.representations import Representation, get_layout, to_features
 from motion_jax.motion.stats import Stats
 from motion_jax.nets.masks import padding_mask
@@ -36,7 +36,7 @@ from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
 from motion_jax.utils.config_files import module_fields
 
-KINDS = {"evaluator.matching": "t2m", "evaluator.t2m": "t2m", "evaluator.clip": "clip", "cmdm.teacher": "tmr",
+KINDS = {"evaluator.matching": "t2m", "evaluator.t2m": "t2m", "evaluator.clip": "clip", "tmr.teacher": "tmr",
          "evaluator.snapmogen": "snapmogen"}
 BATCH = 32  # rows embedded together; the last batch is filled up, so one compiled function serves all
 MAX_FRAMES = 196  # what released evaluators were trained on
@@ -158,7 +158,7 @@ def fresh_evaluator(kind="t2m", layout="coordinates", seed=0) -> Evaluator:
         width=encoder.dim, depth=1, num_heads=2, mlp_width=16, dim=16, max_words=64,
         vocab_size=len(matching.piece_tables(encoder)[0])))
   elif kind == "tmr":
-    config |= dict(stage="cmdm.teacher", text=bert_fields_of(encoder.model), loss=dict(text_pool="mean"), model=dict(
+    config |= dict(stage="tmr.teacher", text=bert_fields_of(encoder.model), loss=dict(text_pool="mean"), model=dict(
         kind="whole_body", width=16, depth=1, num_heads=2, mlp_width=16, dim=16, pool="real"))
   elif kind == "snapmogen":
     config |= dict(stage="evaluator.snapmogen", model=columns | dict(width=16, depth=1, num_heads=2, mlp_width=16))
@@ -253,7 +253,7 @@ def _clip(config, _):
 
 
 def _tmr(config, _):
-  space = teacher_lib.make_space(config)
+  space = make_space(config)
   embed = jax.jit(space.text)
 
   def motion(params, x, frames):

@@ -227,12 +227,6 @@ def pair_logits(text, motion, scale):
   return scale * motion @ text.T
 
 
-def symmetric_cross_entropy(logits):
-  """Mean of the two cross-entropies by which rows (B, B) find their columns and columns their rows."""
-  right = lambda rows: -jnp.diagonal(jax.nn.log_softmax(rows, axis=-1)).mean()
-  return (right(logits) + right(logits.T)) / 2
-
-
 def falling_length(num_frames):
   """The order (B,) in which the references' evaluator returns a batch: longest first, ties as numpy leaves them."""
   return np.argsort(np.asarray(num_frames, np.int64))[::-1]

@@ -13,8 +13,7 @@ import optax
 from motion_jax.evaluators.networks import ClipEvaluator, MovementDecoder, MovementEncoder, T2MEvaluator, unit_vectors
 from motion_jax.evaluators.snapmogen_network import GaussianDecoder, SnapEvaluator
 from motion_jax.evaluators.words import CLASSES
-from motion_jax.models.tmr.stages import divergence
-from motion_jax.models.tmr.teacher import info_nce
+from motion_jax.models.tmr.losses import divergence, info_nce
 from motion_jax.nets.masks import padding_mask
 from motion_jax.training.stage import DEVICES, Stage
 

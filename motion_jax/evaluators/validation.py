@@ -1,10 +1,29 @@
 """By what trained stages are chosen: numbers of held-out motions by an evaluator."""
+import jax
 import numpy as np
 
+from motion_jax.evaluators.evaluator import load_evaluator
 from motion_jax.metrics import scores
+from motion_jax.training.setup import held_out
 
 # Frames of a clip; those that an evaluator is not told of (docs/papers/cmdm.md#protocol); clips at a time.
 LENGTH, LOST, CHUNK = 192, 1, 64
+
+
+def with_fid(setup, config):
+  """The `TrainingSetup` of a tokenizer; its validation adds held_out_fid where config.frozen names an evaluator."""
+  if not config.frozen.get("evaluator"):
+    return setup
+  fid = reconstruction_fid(config.frozen.evaluator, held_out(config, setup.stats).features, setup.stats)
+  drawn = jax.jit(lambda params, x, rng: setup.stage.predict(params, {}, {"features": x}, rng)["drawn"])
+
+  def evaluate(params):
+    # Parity: of drawn latents, as the released evaluation has it; the same draws at every save.
+    key = jax.random.key(config.seed)
+    value = fid(lambda x, i: drawn(params, x, jax.random.fold_in(key, i)))
+    return setup.evaluate(params) | {"held_out_fid": round(value, 5)}
+
+  return setup._replace(evaluate=evaluate)
 
 
 def reconstruction_fid(evaluator, features, stats):
@@ -14,7 +33,6 @@ def reconstruction_fid(evaluator, features, stats):
   evaluator: a folder or a name that ships. Clips are cut to LENGTH frames and to whole groups of four, padded with
   zeros (docs/papers/cmdm.md#reconstruction). Raises ValueError where the evaluator judges another body.
   """
-  from motion_jax.evaluators.evaluator import load_evaluator
   network = load_evaluator(evaluator)
   clips = [clip[:min(len(clip), LENGTH) // 4 * 4] for clip in features]
   clips = [clip for clip in clips if len(clip) >= network.frames_per_token + LOST]

@@ -6,7 +6,7 @@ import pytest
 
 from motion_jax import fit as training
 from motion_jax.models.cmdm.options import CmdmSampling
-from motion_jax.models.tmr.teacher import make_teacher
+from motion_jax.models.tmr.space import make_teacher
 from motion_jax.training.metrics import read_metrics
 from tests.conftest import ROOT, load_config, traced_loss
 

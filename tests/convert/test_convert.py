@@ -14,7 +14,7 @@ from motion_jax.evaluators.evaluator import load_evaluator
 from motion_jax.loading import load
 from motion_jax.models import cmdm
 from motion_jax.models.cmdm import streaming
-from motion_jax.models.tmr.teacher import make_teacher
+from motion_jax.models.tmr.space import make_teacher
 from motion_jax.models.tmr.weights import teacher, write_teacher
 from motion_jax.motion.representations import get_layout
 from motion_jax.nets.causal_vae import CausalVAE
@@ -339,7 +339,7 @@ def test_the_teacher(tmp_path, kind):
   made = jax.jit(lambda x: module.apply({"params": params["motion"]}, x, method="frames"))(fixture["in/motion"])
   expected = fixture["out/frame_embeddings"].swapaxes(0, 1)
   assert np.abs(made - expected).max() / np.abs(expected).max() < fixture.meta["tolerance"]
-  assert config.stage == "cmdm.teacher" and config.text.num_heads == 4 and params["text"]["words"]["embedding"].any()
+  assert config.stage == "tmr.teacher" and config.text.num_heads == 4 and params["text"]["words"]["embedding"].any()
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -10,7 +10,7 @@ from motion_jax.data.batches import TextItems
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.data.sources import load_features
 from motion_jax.models.cmdm.live import _continue_path
-from motion_jax.models.tmr import teacher
+from motion_jax.models.tmr import space
 from motion_jax.motion import representations as F
 from motion_jax.motion.skeleton import SNAPMOGEN
 from motion_jax.training.metrics import read_metrics
@@ -24,7 +24,7 @@ pytestmark = pytest.mark.usefixtures("kept_features")
 @pytest.fixture
 def two_parts(monkeypatch):
   """A Part-TMR, which trains as it is in test_smoke.py, of two of its six encoders, most of what is compiled."""
-  monkeypatch.setattr(teacher, "part_columns", lambda layout, of=teacher.part_columns: of(layout)[:2])
+  monkeypatch.setattr(space, "part_columns", lambda layout, of=space.part_columns: of(layout)[:2])
 
 
 @pytest.mark.parametrize("name, dataset", [

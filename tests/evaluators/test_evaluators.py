@@ -16,6 +16,7 @@ from motion_jax.evaluators.weight_names import (
 )
 from motion_jax.models.cdamd.length import middle_frames
 from motion_jax.models.cdamd.weight_names import length_estimator_names
+from motion_jax.models.tmr.losses import symmetric_cross_entropy
 from motion_jax.nets.length_estimator import LengthEstimator
 from motion_jax.training.setup import untrained
 from tests import fixtures
@@ -50,7 +51,7 @@ def contrast(model, params, text, motion):
   """-> unit text and motion, logits (motion rows), loss, cosines of matched pairs."""
   text, motion = evaluators.unit_vectors(text), evaluators.unit_vectors(motion)
   logits = evaluators.pair_logits(text, motion, model.apply(params, method="scale"))
-  return text, motion, logits, evaluators.symmetric_cross_entropy(logits), (text * motion).sum(-1)
+  return text, motion, logits, symmetric_cross_entropy(logits), (text * motion).sum(-1)
 
 
 @golden("evaluators_259")
@@ -183,7 +184,7 @@ def test_clip_evaluator_sees_no_padding_and_leaves_its_tables_alone():
   @jax.jit
   def loss(params, motion):
     text, moved = model.apply(params, tokens, motion, frames)
-    return evaluators.symmetric_cross_entropy(evaluators.pair_logits(text, moved, model.apply(params, method="scale")))
+    return symmetric_cross_entropy(evaluators.pair_logits(text, moved, model.apply(params, method="scale")))
 
   padded = motion.copy()
   padded[1, 8:] = 9

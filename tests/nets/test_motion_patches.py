@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax.models.tmr import teacher as teacher_lib
+from motion_jax.models import tmr
 from motion_jax.models.tmr.weight_names import motion_patches_from_torch, motion_patches_names
 from motion_jax.motion.body_parts import chain_columns
 from motion_jax.nets.motion_patches import MotionPatches, kit_frames, resample
@@ -47,9 +47,9 @@ def run_motion_patches(fixture, dtype):
 
   def loss(motion, params):
     params = {**params, "motion": motion}
-    made = {"motion_unit": teacher_lib.embed_motion(net, params, x, mask),
-            "text_unit": teacher_lib.embed_text(net, bert, params, ids, text_mask)}
-    value, made["logits"] = teacher_lib.info_nce(made["text_unit"], made["motion_unit"], apply(motion, "scale"))
+    made = {"motion_unit": tmr.embed_motion(net, params, x, mask),
+            "text_unit": tmr.embed_text(net, bert, params, ids, text_mask)}
+    value, made["logits"] = tmr.info_nce(made["text_unit"], made["motion_unit"], apply(motion, "scale"))
     return value, {**made, "loss": value}
 
   @jax.jit
@@ -84,9 +84,9 @@ def test_golden(name, precision):
 def test_parameter_count_is_the_references():
   """152,591,105 with DistilBERT's 66,362,880, both heads and the temperature (docs/papers/cmdm.md#motionpatches)."""
   text = bert_fields(dict(model_type="distilbert", vocab_size=30522, dim=768, n_layers=6, n_heads=12, hidden_dim=3072))
-  net = teacher_lib.make_teacher(dict(kind="motion_patches", width=768, depth=12, num_heads=12, mlp_width=3072),
+  net = tmr.make_teacher(dict(kind="motion_patches", width=768, depth=12, num_heads=12, mlp_width=3072),
                                  "coordinates")
-  shapes = teacher_lib.teacher_shapes(net, text, "coordinates")
+  shapes = tmr.teacher_shapes(net, text, "coordinates")
   count = lambda tree: sum(a.size for a in jax.tree.leaves(tree))
   assert count(shapes) == 152_591_105
   assert count((shapes["motion"]["vit"], shapes["motion"]["fc_norm"])) == 85_701_888

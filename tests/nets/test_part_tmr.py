@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax.models.cmdm.weight_names import TMR_PARTS, part_tmr_from_torch, part_tmr_names
-from motion_jax.models.tmr import teacher as teacher_lib
+from motion_jax.models import tmr
+from motion_jax.models.tmr.weight_names import TMR_PARTS, part_tmr_from_torch, part_tmr_names
 from motion_jax.motion.body_parts import part_columns, whole_body
 from motion_jax.nets.part_tmr import PartTMR
 from motion_jax.text.bert import Bert, bert_fields
@@ -33,9 +33,9 @@ def run_part_tmr(fixture, dtype):
 
   def loss(motion, params):
     params = {**params, "motion": motion}
-    made = {"motion_unit": teacher_lib.embed_motion(teacher, params, x, None),
-            "text_unit": teacher_lib.embed_text(teacher, bert, params, ids, text_mask)}
-    value, made["logits"] = teacher_lib.info_nce(made["text_unit"], made["motion_unit"],
+    made = {"motion_unit": tmr.embed_motion(teacher, params, x, None),
+            "text_unit": tmr.embed_text(teacher, bert, params, ids, text_mask)}
+    value, made["logits"] = tmr.info_nce(made["text_unit"], made["motion_unit"],
                                                  apply(motion, method="scale"))
     return value, {**made, "loss": value}
 
@@ -81,7 +81,7 @@ def _small(pool="real", parts=TWO):
 def test_parameter_count_is_the_references():
   """117,443,585 with DistilBERT's 66,362,880 (docs/papers/cmdm.md#part-tmr)."""
   text = bert_fields(dict(model_type="distilbert", vocab_size=30522, dim=768, n_layers=6, n_heads=12, hidden_dim=3072))
-  shapes = teacher_lib.teacher_shapes(PartTMR(parts=part_columns("full")), text)
+  shapes = tmr.teacher_shapes(PartTMR(parts=part_columns("full")), text)
   count = lambda tree: sum(a.size for a in jax.tree.leaves(tree))
   assert count(shapes) == 117_443_585 and count(shapes["text"]) == 66_362_880
   assert count({k: v for k, v in shapes["motion"].items() if k.endswith(("leg", "arm", "root", "bone"))}) == 50_619_904

@@ -6,7 +6,7 @@ import pytest
 
 from motion_jax.convert.state import from_torch
 from motion_jax.metrics import scores
-from motion_jax.models.tmr import stages as tmr
+from motion_jax.models.tmr import losses as tmr
 from motion_jax.models.tmr.weight_names import tmr_names
 from motion_jax.nets.tmr import TMR
 from motion_jax.training.setup import untrained

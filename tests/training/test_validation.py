@@ -5,7 +5,7 @@ import pytest
 
 from motion_jax.data import sources
 from motion_jax.data.batches import step_rng
-from motion_jax.evaluators.validation import reconstruction_fid
+from motion_jax.evaluators.validation import reconstruction_fid, with_fid
 from motion_jax.models.cmdm import setup as cmdm
 from motion_jax.training.setup import untrained
 from tests.conftest import load_config
@@ -34,14 +34,16 @@ def test_fid_is_none_for_what_comes_back_and_grows_with_the_error(config):
     reconstruction_fid("evaluator-small", data.features[:1], data.stats)
 
 
-def test_the_tokenizers_setup_gives_it(config):
-  setup = cmdm.tokenizer(config)
+def test_fid_joins_the_validation_of_a_tokenizer_that_names_an_evaluator(config):
+  plain = cmdm.tokenizer(config)
+  setup = with_fid(plain, config)
   params = untrained(jax.eval_shape(setup.stage.init, setup.next_batch(0), jax.random.key(0)))
   found = setup.evaluate(params)
   assert set(found) == {"held_out_mm", "held_out_fid"} and found["held_out_fid"] > 0
   assert setup.evaluate(params) == found  # the same draws at every save
+  assert set(plain.evaluate(params)) == {"held_out_mm"}
   config.frozen.evaluator = ""
-  assert set(cmdm.tokenizer(config).evaluate(params)) == {"held_out_mm"}
+  assert with_fid(plain, config) is plain
 
 
 def test_the_denoiser_has_a_loss_on_held_out_clips_that_only_the_parameters_change():

@@ -1,7 +1,7 @@
 """CMDM on a page: "Causal Motion Diffusion Models for Autoregressive Motion Generation".
 
 A causal VAE turns motion into latents, four frames each, which see no later frame; it may be aligned with a
-motion-language teacher (`teacher`, `tmr_stage`). A causal diffusion transformer learns to denoise latents that each
+motion-language teacher (`models.tmr`). A causal diffusion transformer learns to denoise latents that each
 have a noise level of their own. Frame-wise sampling cleans them one after the other, a few steps apart, so that motion
 streams out while it is made.
 
@@ -9,7 +9,7 @@ streams out while it is made.
 
 losses        of the tokenizer
 stages        what is trained, as pure functions
-setup         a config becomes a stage with its data; `teacher_setup` that of the teachers
+setup         a config becomes a stage with its data
 streaming     the frame-wise sampler: one step that offline and live sampling share
 sampling      generating and going on, by that step or by the plain loop that it is tested against
 networks      networks with their weights, compiled

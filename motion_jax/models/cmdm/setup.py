@@ -4,31 +4,24 @@ import os
 from typing import Any
 
 import jax
-import numpy as np
-from jaxtyping import Float
 from ml_collections import ConfigDict
 
 from motion_jax import runs
 from motion_jax.control import conditioning
 from motion_jax.data import batches, sources, store
 from motion_jax.data.captions import vary_subject
-from motion_jax.evaluators.validation import reconstruction_fid
 from motion_jax.latents import TOKENIZER, VaeCodec
-from motion_jax.metrics.scores import retrieval
 from motion_jax.models import cmdm, motion_errors
 from motion_jax.models.cmdm import distill
 from motion_jax.models.cmdm.parts import most_parts, words_by_part
-from motion_jax.models.tmr import setup as teachers
-from motion_jax.models.tmr import stages as tmr
-from motion_jax.models.tmr import teacher as teacher_lib
+from motion_jax.models.tmr import alignment
+from motion_jax.models.tmr.space import make_teacher, teacher_shapes
 from motion_jax.motion import stats as stats_lib
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.stats import Stats
 from motion_jax.nets.causal_dit import CausalDiT
-from motion_jax.nets.causal_vae import CausalVAE, sample_latent
-from motion_jax.shapes import Array, Net
+from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.text import bert
-from motion_jax.text.bert import bert_fields_of
 from motion_jax.text.encoder import load_text_encoder, narrowest
 from motion_jax.training import checkpoint, encoding, epochs
 from motion_jax.training.setup import (
@@ -37,7 +30,6 @@ from motion_jax.training.setup import (
   encoder_files,
   held_out,
   held_stats,
-  one_clip_per_caption,
   reconstruction_error,
   untrained,
 )
@@ -57,17 +49,9 @@ def tokenizer(config: ConfigDict) -> TrainingSetup:
   validation = held_out(config, data.stats).features
   vae = CausalVAE(**config.model)
   reconstruct = jax.jit(lambda params, x: VaeCodec(vae, params).reconstruct(x))
-  drawn = jax.jit(lambda params, x, key: draw(vae, params, x, key))
-  fid = None
-  if config.frozen.evaluator:
-    fid = reconstruction_fid(config.frozen.evaluator, validation, data.stats)
 
   def evaluate(params):
-    found = {"held_out_mm": round(reconstruction_error(lambda x: reconstruct(params, x), validation, data.stats), 2)}
-    if fid is not None:  # Parity: of drawn latents, as the released evaluation has it; the same draws at every save
-      key = jax.random.key(config.seed)
-      found["held_out_fid"] = round(fid(lambda x, i: drawn(params, x, jax.random.fold_in(key, i))), 5)
-    return found
+    return {"held_out_mm": round(reconstruction_error(lambda x: reconstruct(params, x), validation, data.stats), 2)}
 
   def next_batch(step, rows=batches.ALL):
     return windows.batch(config.data.batch_size, config.seed, step, rows)
@@ -80,15 +64,8 @@ def tokenizer(config: ConfigDict) -> TrainingSetup:
   return TrainingSetup(cmdm.tokenizer_stage(config), next_batch, frozen, evaluate, data.stats, {}, len(windows))
 
 
-def draw(vae: Net, params: Any, x: Float[Array, "b t f"], key: jax.Array) -> Float[Array, "b t f"]:
-  """Motions x (B, T, F) there and back by a latent that is drawn, not its mean."""
-  mean, logvar = vae.apply(params, x, method="encode")
-  z = sample_latent(mean, logvar, jax.random.normal(key, mean.shape))
-  return vae.apply(params, z, method="decode")
-
-
 def load_teacher(config: ConfigDict, stats: Stats) -> tuple[Any, dict[str, Any] | None]:
-  """(parameters of the teacher's motion side, `teachers.view_of` it) from a run folder, or "random-init"; its fields
+  """(parameters of the teacher's motion side, `alignment.view_of` it) from a run folder, or "random-init"; its fields
   are those of config.teacher, see `tokenizer_fields`.
 
   Raises ValueError where it cannot read the features that the tokenizer is given.
@@ -96,22 +73,22 @@ def load_teacher(config: ConfigDict, stats: Stats) -> tuple[Any, dict[str, Any] 
   folder, fields = config.frozen.teacher, config.teacher.to_dict()
   own_layout = fields.get("layout", config.data.layout)
   if folder == "random-init":
-    own = teachers.plain_stats(own_layout)
-    view = None if own_layout == stats.layout.name else teachers.view_of(stats, own, folder)
+    own = alignment.plain_stats(own_layout)
+    view = None if own_layout == stats.layout.name else alignment.view_of(stats, own, folder)
   else:
-    run = runs.open(folder, "cmdm.teacher")
-    view = teachers.view_of(stats, run.stats, folder)
-  teacher = teacher_lib.make_teacher(fields, config.data.layout)
+    run = runs.open(folder, "tmr.teacher")
+    view = alignment.view_of(stats, run.stats, folder)
+  teacher = make_teacher(fields, config.data.layout)
   if teacher.dim != config.model.teacher_dim:
     raise ValueError(f"the teacher gives {teacher.dim} numbers a frame, config.model.teacher_dim is "
                      f"{config.model.teacher_dim}; make them agree")
   if folder == "random-init":
-    shapes = teacher_lib.teacher_shapes(teacher, RANDOM_INIT_TEXT, own_layout)
-    return teacher_lib.motion_side(teacher, untrained({"motion": shapes["motion"]})), view
+    shapes = teacher_shapes(teacher, RANDOM_INIT_TEXT, own_layout)
+    return alignment.motion_side(teacher, untrained({"motion": shapes["motion"]})), view
   params = run.params()
-  shapes = teacher_lib.teacher_shapes(teacher, run.config.text, own_layout)
+  shapes = teacher_shapes(teacher, run.config.text, own_layout)
   checkpoint.check_fits(params, shapes, f"the teacher in {folder} does not fit its config")
-  return teacher_lib.motion_side(teacher, params), view
+  return alignment.motion_side(teacher, params), view
 
 
 def tokenizer_fields(config: ConfigDict) -> dict[str, Any]:
@@ -121,7 +98,7 @@ def tokenizer_fields(config: ConfigDict) -> dict[str, Any]:
     return {}
   if config.frozen.teacher == "random-init":
     return {"taught_by": {"weights": "untrained"}}
-  run = runs.open(config.frozen.teacher, "cmdm.teacher").config
+  run = runs.open(config.frozen.teacher, "tmr.teacher").config
   fields = run.model.to_dict()
   if get_layout(run.data.layout) != get_layout(config.data.layout):
     fields["layout"] = get_layout(run.data.layout).name
@@ -291,54 +268,6 @@ def load_tokenizer(folder: str, config: ConfigDict) -> tuple[VaeCodec, Stats]:
   return VaeCodec(vae, params, None, None), stats
 
 
-def teacher_fields(config: ConfigDict) -> dict[str, Any]:
-  """What loading the teacher's run needs: the sizes of its text transformer, and where its weights came from."""
-  encoder = load_text_encoder(config.frozen.text)
-  net = teacher_lib.make_teacher(config.model, config.data.layout)
-  return {"text": {"width": encoder.dim} if config.model.kind == "tmr" else bert_fields_of(encoder.model),
-          "origin": teachers.origin(config, net)[1]}
-
-
-def teacher(config: ConfigDict) -> TrainingSetup:
-  """A motion-language teacher; its text transformer starts as the encoder config.frozen.text and learns on, but for a
-  TMR's, which stays as it is."""
-  encoder = load_text_encoder(config.frozen.text)
-  frozen_text = config.model.kind == "tmr"
-  space = teacher_lib.make_space(config)
-  given, _ = teachers.origin(config, space.net)
-  data = sources.load_features(config.data, captioned=True)
-  clips = batches.CaptionedClips(data.features, data.captions, config.data.max_frames)
-  encoder.check(caption for captions in data.captions for caption in captions)
-  read = teachers.reader(config, space, encoder)
-
-  def next_batch(step, rows=batches.ALL):
-    batch = clips.batch(config.data.batch_size, config.seed, step, rows)
-    return batch | read(batch.pop("caption"), rows)
-
-  stage = tmr.tmr_stage(config, space) if frozen_text else teacher_lib.teacher_stage(config)
-  made = jax.jit(lambda params, batch: stage.predict(params, {}, batch, None))
-  single = one_clip_per_caption(held_out(config, data.stats, captioned=True), config.data.max_frames)
-
-  def evaluate(params):
-    """How often a caption finds its held-out clip, and the clip its caption (back), among one clip of each caption."""
-    parts = []
-    for rows in np.array_split(single.kept, max(1, len(single) // 64)):
-      batch = single.rows(rows, batches.step_rng(config.seed, 4))
-      parts.append(made(params, batch | space.read(encoder, batch.pop("caption"))))
-    text, motion = (np.concatenate([part[name] for part in parts]) for name in ("text", "motion"))
-    return {name: round(value, 4) for name, value in retrieval(text @ motion.T).items()}
-
-  own = stage.init
-
-  def init(batch, rng):
-    params = own(batch, rng)
-    params["motion"] = {**params["motion"], **given}
-    return params if frozen_text else {**params, "text": encoder.params}
-
-  return TrainingSetup(stage._replace(init=init), next_batch, {}, evaluate, data.stats,
-                encoder_files(encoder), len(clips))
-
-
-RESOLVED = {"cmdm.teacher": teacher_fields, "cmdm.tokenizer": tokenizer_fields, "cmdm.denoiser": denoiser_fields}
+RESOLVED = {"cmdm.tokenizer": tokenizer_fields, "cmdm.denoiser": denoiser_fields}
 STORES = {"cmdm.denoiser": encode_denoiser}
-SETUPS = {"cmdm.teacher": teacher, "cmdm.tokenizer": tokenizer, "cmdm.denoiser": denoiser}
+SETUPS = {"cmdm.tokenizer": tokenizer, "cmdm.denoiser": denoiser}

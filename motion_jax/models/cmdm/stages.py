@@ -16,10 +16,11 @@ from motion_jax.latents import VaeCodec
 from motion_jax.models import motion_errors
 from motion_jax.models.cmdm import ddpm_forcing
 from motion_jax.models.cmdm.losses import align_factor, pool_teacher, sharing, tokenizer_terms
-from motion_jax.models.tmr.teacher import as_seen, frame_features, make_teacher
+from motion_jax.models.tmr.alignment import as_seen, frame_features
+from motion_jax.models.tmr.space import make_teacher
 from motion_jax.motion.representations import get_layout
 from motion_jax.nets.causal_dit import CausalDiT
-from motion_jax.nets.causal_vae import CausalVAE
+from motion_jax.nets.causal_vae import CausalVAE, sample_latent
 from motion_jax.nets.masks import block_causal_mask, padding_mask
 from motion_jax.shapes import Array
 from motion_jax.training.stage import DEVICES, Stage
@@ -79,8 +80,13 @@ def tokenizer_stage(config: ConfigDict) -> Stage:
     return jax.tree.map(lambda *parts: sum(parts), *terms), len(terms) * shared.share
 
   def predict(params, frozen, batch, rng):
+    """Reconstructions by the mean of the latents; with rng also, as "drawn", by latents drawn around it."""
     mean, logvar = vae.apply(params, batch["features"], method="encode")
-    return {"features": vae.apply(params, mean, method="decode"), "mean": mean, "logvar": logvar}
+    found = {"features": vae.apply(params, mean, method="decode"), "mean": mean, "logvar": logvar}
+    if rng is not None:
+      z = sample_latent(mean, logvar, jax.random.normal(rng, mean.shape))
+      found["drawn"] = vae.apply(params, z, method="decode")
+    return found
 
   return Stage(init, loss, predict, in_parts=True, about_loss=_about_tokenizer(config))
 

@@ -1,9 +1,5 @@
-"""Names of CMDM's released weights: tokenizer, denoiser, teacher (docs/papers/cmdm.md#checkpoint-names)."""
-from collections.abc import Mapping
-from typing import Any
-
-from motion_jax.convert.state import Table, from_torch, post_norm_names, select
-from motion_jax.text import bert
+"""Names of CMDM's released weights: tokenizer and denoiser (docs/papers/cmdm.md#checkpoint-names)."""
+from motion_jax.convert.state import Table
 
 
 def causal_vae_names(num_halvings: int = 2, depth: int = 3, teacher: bool = True, teacher_to_latent: bool = False
@@ -39,31 +35,3 @@ def causal_dit_names(depth: int) -> Table:
       table |= {f"{theirs}.{attention}.{name}": (f"{ours}/{attention}/{name}", "dense") for name in "qkvo"}
       table |= {f"{theirs}.{attention}.norm_{name}": (f"{ours}/{attention}/norm_{name}", "scale") for name in "qk"}
   return table
-
-
-TMR_PARTS = {"Root": "root", "R_Leg": "right_leg", "L_Leg": "left_leg", "Backbone": "backbone", "R_Arm": "right_arm",
-             "L_Arm": "left_arm"}
-
-
-def part_tmr_names(depth: int = 4) -> Table:
-  """Part-TMR less its text transformer (docs/papers/cmdm.md#checkpoint-names)."""
-  table = {"logit_scale": ("logit_scale", "array")}
-  for theirs, ours in TMR_PARTS.items():
-    table |= {f"motion_encoder.emb_token_{theirs}": (f"motion_{ours}/token", "array"),
-              f"motion_encoder.skel_embedding_{theirs}": (f"motion_{ours}/embed", "dense")}
-    for i in range(depth):
-      table |= post_norm_names(f"motion_encoder.seqTransEncoder_{theirs}.layers.{i}", f"motion_{ours}/layer{i}")
-  for side in ("motion", "text"):
-    head = f"{side}_projection"
-    table |= {f"{head}.projection": (f"{head}/projection", "dense"), f"{head}.fc": (f"{head}/fc", "dense"),
-              f"{head}.layer_norm": (f"{head}/norm", "norm")}
-  return table
-
-
-def part_tmr_from_torch(state: Mapping[str, Any], text_fields: Mapping[str, Any], depth: int = 4) -> dict[str, Any]:
-  """Part-TMR whole: {"motion", "text"} as a teacher's run keeps it; text_fields are those of its `text.bert.Bert`."""
-  prefix = "text_encoder.text_model."
-  ignored = [f"motion_encoder.sequence_pos_encoding_{part}.pe" for part in TMR_PARTS]
-  motion = {name: array for name, array in state.items() if not name.startswith(prefix)}
-  return {"motion": from_torch(motion, part_tmr_names(depth), ignored)["params"],
-          "text": bert.params_from_reference(select(state, prefix), text_fields)}

@@ -1,4 +1,4 @@
-"""What trainings of teachers start from: weights of a vision transformer, words, statistics of their own."""
+"""From a config to the training of a teacher: its data, its text encoder, the weights that it starts from."""
 import hashlib
 import pathlib
 from collections.abc import Callable, Sequence
@@ -9,20 +9,71 @@ import numpy as np
 from ml_collections import ConfigDict
 
 from motion_jax.convert.state import load_state
-from motion_jax.models.tmr import teacher as teacher_lib
+from motion_jax.data import batches, sources
+from motion_jax.metrics.scores import retrieval
+from motion_jax.models.tmr.space import Space, Teacher, make_space, make_teacher
+from motion_jax.models.tmr.stages import contrastive_stage, tmr_stage
 from motion_jax.models.tmr.weight_names import vit_from_torch
-from motion_jax.motion.representations import Representation, get_layout
-from motion_jax.motion.stats import Stats
 from motion_jax.nets.motion_patches import MotionPatches
 from motion_jax.nets.tmr import TMR
 from motion_jax.nets.vit import resize_positions
+from motion_jax.text.bert import bert_fields_of
 from motion_jax.text.encoder import TextEncoder, load_text_encoder
+from motion_jax.training.setup import TrainingSetup, encoder_files, held_out, one_clip_per_caption
 from motion_jax.utils.input_files import read_json
 
 WEIGHTS = "model.safetensors"
 
 
-def reader(config: ConfigDict, space: teacher_lib.Space, encoder: TextEncoder
+def teacher_fields(config: ConfigDict) -> dict[str, Any]:
+  """What loading the teacher's run needs: the sizes of its text transformer, and where its weights came from."""
+  encoder = load_text_encoder(config.frozen.text)
+  net = make_teacher(config.model, config.data.layout)
+  return {"text": {"width": encoder.dim} if config.model.kind == "tmr" else bert_fields_of(encoder.model),
+          "origin": origin(config, net)[1]}
+
+
+def teacher(config: ConfigDict) -> TrainingSetup:
+  """A motion-language teacher; its text transformer starts as the encoder config.frozen.text and learns on, but for a
+  TMR's, which stays as it is."""
+  encoder = load_text_encoder(config.frozen.text)
+  frozen_text = config.model.kind == "tmr"
+  space = make_space(config)
+  given, _ = origin(config, space.net)
+  data = sources.load_features(config.data, captioned=True)
+  clips = batches.CaptionedClips(data.features, data.captions, config.data.max_frames)
+  encoder.check(caption for captions in data.captions for caption in captions)
+  read = reader(config, space, encoder)
+
+  def next_batch(step, rows=batches.ALL):
+    batch = clips.batch(config.data.batch_size, config.seed, step, rows)
+    return batch | read(batch.pop("caption"), rows)
+
+  stage = tmr_stage(config, space) if frozen_text else contrastive_stage(config)
+  made = jax.jit(lambda params, batch: stage.predict(params, {}, batch, None))
+  single = one_clip_per_caption(held_out(config, data.stats, captioned=True), config.data.max_frames)
+
+  def evaluate(params):
+    """How often a caption finds its held-out clip, and the clip its caption (back), among one clip of each caption."""
+    parts = []
+    for rows in np.array_split(single.kept, max(1, len(single) // 64)):
+      batch = single.rows(rows, batches.step_rng(config.seed, 4))
+      parts.append(made(params, batch | space.read(encoder, batch.pop("caption"))))
+    text, motion = (np.concatenate([part[name] for part in parts]) for name in ("text", "motion"))
+    return {name: round(value, 4) for name, value in retrieval(text @ motion.T).items()}
+
+  own = stage.init
+
+  def init(batch, rng):
+    params = own(batch, rng)
+    params["motion"] = {**params["motion"], **given}
+    return params if frozen_text else {**params, "text": encoder.params}
+
+  return TrainingSetup(stage._replace(init=init), next_batch, {}, evaluate, data.stats,
+                       encoder_files(encoder), len(clips))
+
+
+def reader(config: ConfigDict, space: Space, encoder: TextEncoder
            ) -> Callable[[Sequence[str], slice], dict[str, np.ndarray]]:
   """(captions, rows) -> the arrays of a batch that the loss wants of these of them.
 
@@ -69,7 +120,7 @@ def imagenet(folder: str | pathlib.Path, net: MotionPatches) -> tuple[Any, dict[
   return params, said
 
 
-def origin(config: ConfigDict, net: teacher_lib.Teacher) -> tuple[dict[str, Any], dict[str, Any]]:
+def origin(config: ConfigDict, net: Teacher) -> tuple[dict[str, Any], dict[str, Any]]:
   """(parameters that replace random ones, what the run's config says about where all of them came from)."""
   said = {"text": config.frozen.text}
   if not isinstance(net, MotionPatches):
@@ -80,36 +131,5 @@ def origin(config: ConfigDict, net: teacher_lib.Teacher) -> tuple[dict[str, Any]
   return {"vit": params}, said | {"vit": vit}
 
 
-def view_of(stats: Stats, own_stats: Stats, folder: str | pathlib.Path) -> dict[str, np.ndarray] | None:
-  """Both statistics, by which `teacher.as_seen` turns windows into what a teacher reads; None if they are the same.
-
-  Raises ValueError if the teacher, of that folder, reads other features, or, of the same layout, was trained on other
-  data. One with a std for each column is of the same data if its means, and its stds averaged over blocks, are near.
-  """
-  layout = stats.layout
-  teacher_lib.check_readable(layout.name, own_stats.layout.name)
-  if own_stats.layout == layout:
-    away = (np.abs(own_stats.mean - stats.mean) / stats.std).max()
-    if away <= 0.01 and np.allclose(own_stats.std, stats.std, rtol=0.01):
-      return None
-    grouped, own_grouped = _by_block(stats), _by_block(own_stats)
-    moving = own_stats.std != 1
-    single = not np.allclose(own_stats.std[moving], own_grouped[moving], rtol=0.01)
-    if not single or away > 0.1 or not np.allclose(own_grouped, grouped, rtol=0.1, atol=1e-5):
-      raise ValueError(f"the teacher in {folder} was trained on features of other statistics than the data given here; "
-                       "train it on the same data")
-  return {"mean": stats.mean, "std": stats.std, "own_mean": own_stats.mean, "own_std": own_stats.std}
-
-
-def _by_block(stats):
-  """The std of each column (F,), averaged over its block."""
-  std = np.where(stats.std == 1, 0.0, stats.std)  # 1 stands for a column that never moves (`compute_stats`)
-  for block in stats.layout.blocks.values():
-    std[block] = np.mean(std[block], dtype=np.float64)
-  return std
-
-
-def plain_stats(layout: Representation | str) -> Stats:
-  """Mean 0 and std 1, for a teacher that was never trained."""
-  layout = get_layout(layout)
-  return Stats(np.zeros(layout.dim, np.float32), np.ones(layout.dim, np.float32), layout)
+RESOLVED = {"tmr.teacher": teacher_fields}
+SETUPS = {"tmr.teacher": teacher}

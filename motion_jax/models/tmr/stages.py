@@ -1,88 +1,55 @@
-"""How TMR is trained: Gaussians of a pair alike and like the unit one, either latent becomes the motion again, and
-pairs stand out of the batch, but for captions that say nearly the same (docs/papers/cmdm.md#tmr).
-
-The network is `nets.tmr`; what the loss terms share with other trainings is here.
-"""
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
-
+"""How teachers are trained, as pure functions: by contrast alone, or as TMR is (docs/papers/cmdm.md#part-tmr, #tmr)."""
 import jax
 import jax.numpy as jnp
-import optax
-from jaxtyping import Bool, Float
 from ml_collections import ConfigDict
 
-from motion_jax.models.tmr.teacher import Space, info_nce, unit
+from motion_jax.models.tmr.losses import info_nce, tmr_terms
+from motion_jax.models.tmr.space import Space, embed_motion, embed_text, make_space
 from motion_jax.nets.masks import padding_mask
-from motion_jax.nets.tmr import mean_rows
-from motion_jax.shapes import Array, Net
+from motion_jax.text.bert import Bert
 from motion_jax.training.stage import DEVICES, Stage
 
 NOISE = 2**30  # folded into a step's key for the noise: apart from those of dropout
 
-Gaussian = Sequence[Float[Array, "b d"]]  # mean and logarithm of the variance
 
+def contrastive_stage(config: ConfigDict, axis_name: str | None = DEVICES) -> Stage:
+  """Trains the teacher. Batch: features (B, T, F), num_frames (B,), ids (B, S), text_mask (B, S), index (B,).
 
-def divergence(a: Gaussian, b: Gaussian) -> Float[Array, ""]:
-  """Mean over (B, D) of KL(a || b) of Gaussians given as (mean, logvar)."""
-  (mean_a, log_a), (mean_b, log_b) = a, b
-  return 0.5 * (log_b - log_a + (jnp.exp(log_a) + jnp.square(mean_a - mean_b)) / jnp.exp(log_b) - 1).mean()
-
-
-def near_texts(sentence: Float[Array, "b e"], threshold: float) -> Bool[Array, "b b"]:
-  """Which pairs are left out of the contrast, (B, B): different rows whose sentence vectors (B, E), of unit length,
-  have a cosine over 2 * threshold - 1."""
-  # Parity: a threshold of 0.8 is a cosine of 0.6, for TMR counts similarity in 0..1.
-  return (sentence @ sentence.T > 2 * threshold - 1) & ~jnp.eye(len(sentence), dtype=bool)
-
-
-def sample(gaussian: Gaussian, noise: Float[Array, "b d"], scale: float = 1.0) -> Float[Array, "b d"]:
-  """mean + scale * noise * sigma of (mean, logvar)."""
-  mean, logvar = gaussian
-  return mean + scale * noise * jnp.exp(logvar / 2)
-
-
-def tmr_terms(net: Net, params: Any, batch: Mapping[str, Array], noise: tuple[Array, Array],
-              weights: Mapping[str, float], temperature: float = 0.1, threshold: float = 0.8,
-              deterministic: bool = True, rngs: Callable[[int], Any] | None = None,
-              whole: Callable[[Array], Array] = lambda a: a) -> dict[str, Array]:
-  """Loss terms of a batch, a dict with recons, kl, latent, contrastive and their sum by `weights`, loss.
-
-  batch: features (B, T, F), num_frames (B,), text_emb (B, S, W), text_mask (B, S), and sentence (B, E), vectors of unit
-  length by which near captions are known, or None: nothing is left out. noise: of the text's and of the motion's
-  latent, each (B, D). rngs(i): dropout's of the i-th of three networks. whole: an array to that of all devices, as the
-  contrast, and how far the batch is padded, are of the whole batch.
+  The contrast is over the whole batch: what lies on other devices is gathered, so that N devices learn what one does.
+  axis_name is the devices' axis of the train step, None outside of one. The text transformer's weights come with
+  `init` from the named encoder (`training`), and `params["text"]` learns at its own rate (optimizer.rates).
   """
-  x, text_mask = batch["features"], batch["text_mask"]
-  frame_mask = padding_mask(batch["num_frames"], x.shape[1])
-  run = lambda i, method, *inputs: net.apply({"params": params}, *inputs, deterministic, method=method,
-                                             rngs=None if rngs is None else rngs(i))
-  *text, _ = run(0, "text_gaussian", batch["text_emb"], text_mask)
-  *motion, rows = run(1, "motion_gaussian", x, frame_mask)
-  text_z, motion_z = sample(text, noise[0]), sample(motion, noise[1])
-  # Parity: a mean over everything, padding included, where both sides are 0, so short clips count less; the padding
-  # is that to the longest of the batch, however long the array is.
-  count = len(x) * whole(batch["num_frames"]).max() * x.shape[-1]
-  target = jnp.where(frame_mask[..., None], x, 0.0)
-  decoded = run(2, "decode", jnp.concatenate([text_z, motion_z]), jnp.tile(frame_mask, (2, 1)))
-  prior = [jnp.zeros_like(text_z)] * 2
-  pooled = motion_z if net.pool == "token" else mean_rows(rows, frame_mask)
-  same = None if batch.get("sentence") is None else near_texts(whole(batch["sentence"]), threshold)
-  contrastive, logits = info_nce(whole(unit(text_z)), whole(unit(pooled)), 1 / temperature, same)
-  terms = {"recons": optax.huber_loss(decoded, jnp.tile(target, (2, 1, 1))).sum() / count,
-           "kl": (divergence(text, motion) + divergence(motion, text) + divergence(motion, prior)
-                  + divergence(text, prior)),
-           "latent": optax.huber_loss(text_z, motion_z).mean(), "contrastive": contrastive}
-  total = sum(weights[name] * value for name, value in terms.items())
-  hit = (logits.argmax(0) == jnp.arange(len(logits))).mean()
-  left_out = jnp.zeros(()) if same is None else same.mean()
-  return terms | {"loss": total, "batch_recall": hit, "left_out": left_out}
+  space = make_space(config)
+  teacher, bert = space.net, Bert(**config.text)
+  whole = (lambda a: a) if axis_name is None else (lambda a: jax.lax.all_gather(a, axis_name, tiled=True))
+
+  def loss(params, frozen, batch, step, rng):
+    # Dropout masks differ from device to device, as the batch they fall on does.
+    drop_rng = jax.random.fold_in(rng, batch["index"][0])
+    rngs = lambda i: {"dropout": jax.random.fold_in(drop_rng, i)}
+    frame_mask = padding_mask(batch["num_frames"], batch["features"].shape[1])
+    motion = embed_motion(teacher, params, batch["features"], frame_mask, False, rngs(0))
+    text = embed_text(teacher, bert, params, batch["ids"], batch["text_mask"], config.loss.text_pool, False, rngs(1))
+    ids = whole(batch["ids"])
+    same = (ids[:, None] == ids[None]).all(-1) if config.loss.skip_same_caption else None
+    scale = teacher.apply({"params": params["motion"]}, method="scale")
+    value, logits = info_nce(whole(text), whole(motion), scale, same)
+    hit = (logits.argmax(0) == jnp.arange(len(logits))).mean()
+    return {"loss": value, "batch_recall": hit}, 1.0
+
+  def predict(params, frozen, batch, rng):
+    frame_mask = padding_mask(batch["num_frames"], batch["features"].shape[1])
+    return {"motion": space.motion(params, batch["features"], frame_mask),
+            "text": space.text(params, batch["ids"], batch["text_mask"])}
+
+  return Stage(lambda batch, rng: space.init(rng), loss, predict,
+               about_loss="cross-entropy of finding a motion's caption in its batch and back")
 
 
 def tmr_stage(config: ConfigDict, space: Space, axis_name: str | None = DEVICES) -> Stage:
   """Trains a TMR. Batch: that of `tmr_terms`, and index (B,) place in the whole batch.
 
-  space: the motion-language space of the same config (`teacher.make_space`). Noise belongs to a pair's place in the
+  space: the motion-language space of the same config (`make_space`). Noise belongs to a pair's place in the
   batch, so that N devices learn what one does, but for dropout.
   """
   net = space.net

@@ -18,6 +18,29 @@ def head_names(ours: str, theirs: str | None = None) -> Table:
           f"{theirs}.layer_norm": (f"{ours}/norm", "norm")}
 
 
+TMR_PARTS = {"Root": "root", "R_Leg": "right_leg", "L_Leg": "left_leg", "Backbone": "backbone", "R_Arm": "right_arm",
+             "L_Arm": "left_arm"}
+
+
+def part_tmr_names(depth: int = 4) -> Table:
+  """Part-TMR less its text transformer (docs/papers/cmdm.md#checkpoint-names)."""
+  table = {"logit_scale": ("logit_scale", "array")}
+  for theirs, ours in TMR_PARTS.items():
+    table |= {f"motion_encoder.emb_token_{theirs}": (f"motion_{ours}/token", "array"),
+              f"motion_encoder.skel_embedding_{theirs}": (f"motion_{ours}/embed", "dense")}
+    for i in range(depth):
+      table |= post_norm_names(f"motion_encoder.seqTransEncoder_{theirs}.layers.{i}", f"motion_{ours}/layer{i}")
+  return table | head_names("motion_projection") | head_names("text_projection")
+
+
+def part_tmr_from_torch(state: Mapping[str, Any], text_fields: Mapping[str, Any], depth: int = 4) -> dict[str, Any]:
+  """Part-TMR whole: {"motion", "text"} as a teacher's run keeps it; text_fields are those of its `text.bert.Bert`."""
+  ignored = [f"motion_encoder.sequence_pos_encoding_{part}.pe" for part in TMR_PARTS]
+  motion = {name: array for name, array in state.items() if not name.startswith(TEXT)}
+  return {"motion": from_torch(motion, part_tmr_names(depth), ignored)["params"],
+          "text": bert.params_from_reference(select(state, TEXT), text_fields)}
+
+
 def tmr_names(depth: int = 6) -> Table:
   """TMR: two encoders and the decoder."""
   table = {"motion_decoder.final_layer": ("motion_decoder/out", "dense")}

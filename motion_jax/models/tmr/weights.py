@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from motion_jax.convert.parts import Network, NetworkState, check_free, heads_of, network, read_part, text_files, write
-from motion_jax.models.cmdm.weight_names import part_tmr_from_torch
-from motion_jax.models.tmr.teacher import make_teacher, teacher_shapes
-from motion_jax.models.tmr.weight_names import TEXT, motion_patches_from_torch, tmr_names
+from motion_jax.models.tmr.space import make_teacher, teacher_shapes
+from motion_jax.models.tmr.weight_names import TEXT, motion_patches_from_torch, part_tmr_from_torch, tmr_names
 from motion_jax.motion.stats import load_stats
 from motion_jax.text.bert import bert_fields_of
 from motion_jax.text.encoder import load_text_encoder
@@ -133,7 +132,7 @@ def write_teacher(out: str | pathlib.Path, file: str | pathlib.Path, stats: Any,
   if kind == "tmr":
     files = text_files(text, text_fields["width"], "teacher", f"{DISTILBERT} has 768")
   words = 128 if kind == "motion_patches" else 77
-  config = dict(stage="cmdm.teacher", text=text_fields, model=fields, frozen=dict(text=str(text or DISTILBERT)),
+  config = dict(stage="tmr.teacher", text=text_fields, model=fields, frozen=dict(text=str(text or DISTILBERT)),
                 origin={"weights": "released"}, loss=dict(text_pool="first"),
                 data=dict(layout=stats.layout.name, mode="benchmark", max_frames=frames, max_words=words))
   write(out, config, [made], made.params, stats, files=files)

@@ -94,5 +94,5 @@ def test_what_cannot_be_a_teacher_is_told(tmp_path):
     training.run(student_config(""), tmp_path / "c")
   with pytest.raises(FileNotFoundError, match="nowhere"):
     training.run(student_config("nowhere"), tmp_path / "a")
-  with pytest.raises(ValueError, match="part-tmr-small holds a 'cmdm.teacher' run, expected one of stage cmdm.den"):
+  with pytest.raises(ValueError, match="part-tmr-small holds a 'tmr.teacher' run, expected one of stage cmdm.den"):
     training.run(student_config("part-tmr-small"), tmp_path / "b")

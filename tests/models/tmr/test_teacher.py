@@ -13,8 +13,7 @@ from motion_jax.data.clip import Clip
 from motion_jax.data.datasets.humanml3d import write_folder
 from motion_jax.data.datasets.registry import dataset_of
 from motion_jax.data.datasets.synthetic import synthetic_clips
-from motion_jax.evaluators.networks import symmetric_cross_entropy
-from motion_jax.models.tmr import teacher
+from motion_jax.models import tmr
 from motion_jax.training.metrics import read_metrics
 from motion_jax.training.optimizers import make_optimizer
 from motion_studio import cli
@@ -24,7 +23,7 @@ from tests.conftest import brief_run, devices_env, load_config
 
 def test_contrast_of_orthogonal_pairs():
   """Right pairs at cosine 1, all others at 0: log(1 + (B - 1) e^-scale) both ways."""
-  value, logits = teacher.info_nce(jnp.eye(4), jnp.eye(4), 2.0)
+  value, logits = tmr.info_nce(jnp.eye(4), jnp.eye(4), 2.0)
   assert np.isclose(value, np.log(1 + 3 * np.exp(-2.0)), atol=1e-6)
   assert np.allclose(logits, 2 * np.eye(4))
 
@@ -32,8 +31,8 @@ def test_contrast_of_orthogonal_pairs():
 def test_the_same_words_are_no_counter_example():
   text = jnp.eye(4)[jnp.array([0, 0, 1, 2])]
   same = (text @ text.T) > 0.5
-  counted, _ = teacher.info_nce(text, text, 20.0)
-  skipped, _ = teacher.info_nce(text, text, 20.0, same)
+  counted, _ = tmr.info_nce(text, text, 20.0)
+  skipped, _ = tmr.info_nce(text, text, 20.0, same)
   assert counted > 0.3 and skipped < 1e-6
 
 
@@ -158,7 +157,7 @@ def test_mistakes_are_told(run_and_data, tmp_path, capsys, tiny_run):
   for words, told in (
       (["a", "--data", str(tmp_path), "--teacher", run], "is no data folder"),
       (["a", "--data", data, "--teacher", str(tmp_path / "none")], "neither a run folder"),
-      (["a", "--data", data, "--teacher", str(tiny_run)], "cmdm.teacher"),
+      (["a", "--data", data, "--teacher", str(tiny_run)], "tmr.teacher"),
       ([" ", "--data", data, "--teacher", run], "empty sentence"),
       (["none.npz", "--data", data, "--teacher", run], "none.npz"),
   ):
@@ -181,4 +180,4 @@ def test_contrast_counts_both_ways():
   logits = np.array([[2.0, 0, 1], [5, 1, 0], [4, 2, 2]])
   ways = [-np.mean(np.diag(a) - np.log(np.exp(a).sum(1))) for a in (logits, logits.T)]
   assert abs(ways[0] - ways[1]) > 0.1
-  np.testing.assert_allclose(symmetric_cross_entropy(jnp.asarray(logits)), np.mean(ways), rtol=1e-5)
+  np.testing.assert_allclose(tmr.symmetric_cross_entropy(jnp.asarray(logits)), np.mean(ways), rtol=1e-5)

@@ -18,8 +18,9 @@ from motion_jax.evaluators.evaluator import load_evaluator
 from motion_jax.metrics import scores
 from motion_jax.models import cmdm
 from motion_jax.models.cmdm import setup as setups
+from motion_jax.models.tmr import alignment
 from motion_jax.models.tmr import setup as teachers
-from motion_jax.models.tmr import teacher as teacher_lib
+from motion_jax.models.tmr.space import make_teacher
 from motion_jax.models.tmr.weight_names import vit_from_torch
 from motion_jax.models.tmr.weights import teacher
 from motion_jax.motion.representations import get_layout, to_features
@@ -86,7 +87,7 @@ def test_a_tokenizer_is_taught_by_it(teacher_run):
 
 
 def test_the_record_of_a_generator_says_what_its_tokenizer_was_taught_by(tmp_path):
-  config, stats = load_config("cmdm_denoiser", "tiny").unlock(), teachers.plain_stats("full")
+  config, stats = load_config("cmdm_denoiser", "tiny").unlock(), alignment.plain_stats("full")
   said = {"kind": "motion_patches", "text": "random-init", "vit": {"weights": "random"}}
   shapes = cmdm.frozen_shapes(CausalVAE(**config.tokenizer))["tokenizer"]
   checkpoint.save_config(tmp_path, ml_collections.ConfigDict(dict(
@@ -114,33 +115,33 @@ def test_windows_are_seen_as_joints_or_by_other_statistics():
   assert len(set(grouped.std[4:67])) == 1 and not np.allclose(grouped.std, single.std, rtol=0.01)
   x = jnp.asarray(grouped.normalize(features)[None, :32], jnp.float32)
 
-  view = teachers.view_of(grouped, single, "a run")
-  seen = teacher_lib.as_seen(x, view, "full", "full")
+  view = alignment.view_of(grouped, single, "a run")
+  seen = alignment.as_seen(x, view, "full", "full")
   assert np.allclose(seen[0], single.normalize(features)[:32], atol=1e-3)
 
   shown = to_features(joints, "coordinates", "corrected")
   own = compute_stats(shown, "coordinates")
-  view = teachers.view_of(grouped, own, "a run")
-  seen = teacher_lib.as_seen(x, view, "full", "coordinates")
+  view = alignment.view_of(grouped, own, "a run")
+  seen = alignment.as_seen(x, view, "full", "coordinates")
   assert np.allclose(own.denormalize(np.asarray(seen[0])), shown[:32], atol=1e-4)
-  window = teacher_lib.as_seen(x[:, 8:], view, "full", "coordinates")[0, 0]
+  window = alignment.as_seen(x[:, 8:], view, "full", "coordinates")[0, 0]
   assert np.allclose(own.denormalize(np.asarray(window))[[0, 2]], 0, atol=1e-5)  # a clip of its own
 
-  assert teachers.view_of(grouped, grouped, "a run") is None
+  assert alignment.view_of(grouped, grouped, "a run") is None
   other = Stats(grouped.mean + grouped.std, grouped.std, grouped.layout)
   for wrong in (other, Stats(single.mean, 2 * single.std, single.layout), Stats(grouped.mean, 1.05 * grouped.std,
                                                                                 grouped.layout)):
     with pytest.raises(ValueError, match="a run was trained on features of other statistics"):
-      teachers.view_of(grouped, wrong, "a run")
+      alignment.view_of(grouped, wrong, "a run")
   with pytest.raises(ValueError, match="layout 'coordinates_kit' cannot read windows of layout 'full'"):
-    teachers.view_of(grouped, teachers.plain_stats("coordinates_kit"), "a run")
+    alignment.view_of(grouped, alignment.plain_stats("coordinates_kit"), "a run")
 
 
 def test_kinds_are_told():
   for fields, told in ((dict(kind="tnr"), "expected one of part_tmr, whole_body, tmr, motion_patches"),
                        (dict(kind="tmr", width=8, head_dropout=0.1), "head_dropout.*'whole_body'")):
     with pytest.raises(ValueError, match=told):
-      teacher_lib.make_teacher(fields, "full")
+      make_teacher(fields, "full")
 
 
 def vit_state(width=16, depth=1, side=14, patch=16):
@@ -189,7 +190,7 @@ def test_a_vision_transformer_starts_from_a_folder(tmp_path):
   config = load_config("motion_patches", "tiny").unlock()
   config.frozen.vit = str(folder)
   config, _ = training.resolve(config)
-  setup = setups.teacher(config)
+  setup = teachers.teacher(config)
   params = jax.jit(setup.stage.init)(setup.next_batch(0), jax.random.key(0))["motion"]
   assert np.array_equal(params["vit"]["block0"]["mlp_in"]["kernel"], state["blocks.0.mlp.fc1.weight"].T)
   assert params["vit"]["positions"].shape == (1 + 4 * 5, width)
@@ -203,7 +204,7 @@ def test_a_vision_transformer_starts_from_a_folder(tmp_path):
 
 def test_a_wrong_vision_transformer_is_told(tmp_path):
   config = load_config("motion_patches", "tiny").unlock()
-  net = teacher_lib.make_teacher(config.model, config.data.layout)
+  net = make_teacher(config.model, config.data.layout)
   with pytest.raises(FileNotFoundError, match="found no .*model.safetensors"):
     teachers.imagenet(tmp_path, net)
   for name, state, told in (("wide", vit_state(width=24), "width 24 .* config.model has width 16"),
@@ -290,9 +291,9 @@ def test_files_that_are_no_teacher_are_told(tmp_path, capsys):
 @pytest.mark.slow
 def test_captions_that_say_the_same_are_read_with_their_sentence():
   config = training.resolve(load_config("tmr", "tiny"))[0].unlock()
-  setup = setups.teacher(config)
+  setup = teachers.teacher(config)
   batch = setup.next_batch(0)
   assert batch["sentence"].shape[0] == 4 and np.allclose(np.linalg.norm(batch["sentence"], axis=-1), 1, atol=1e-5)
   assert batch["text_emb"].shape[1] % 32 == 0 and config.text.to_dict() == {"width": batch["text_emb"].shape[-1]}
   config.frozen.sentence = ""
-  assert "sentence" not in setups.teacher(config).next_batch(0)
+  assert "sentence" not in teachers.teacher(config).next_batch(0)

@@ -1,12 +1,12 @@
-"""Motion-language teachers of CMDM: motions and sentences in one space (docs/papers/cmdm.md#part-tmr).
+"""Networks of the teachers, and the space of motions and captions that each of them spans.
 
-  kind            network                                        sentences by                     training
-  part_tmr        a transformer per body part                    a text transformer that learns   `teacher_stage`
-  whole_body      the same with one part                         as above                         `teacher_stage`
-  motion_patches  a vision transformer on an image of joints     as above                         `teacher_stage`
-  tmr             Gaussians of motion and sentence, a decoder    a frozen one                     `tmr.tmr_stage`
+  kind            network                                        captions by                      training
+  part_tmr        a transformer per body part                    a text transformer that learns   `contrastive_stage`
+  whole_body      the same with one part                         as above                         `contrastive_stage`
+  motion_patches  a vision transformer on an image of joints     as above                         `contrastive_stage`
+  tmr             Gaussians of motion and caption, a decoder     a frozen one                     `tmr_stage`
 
-A space (`make_space`) is what retrieval, judging and the tokenizer's alignment see of any of them.
+Retrieval, evaluation and the alignment of a tokenizer know a teacher only by its `Space`, which `make_space` makes.
 """
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
@@ -18,39 +18,15 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from ml_collections import ConfigDict
 
-from motion_jax import shapes
-from motion_jax.evaluators.networks import symmetric_cross_entropy
+from motion_jax.models.tmr.losses import unit
 from motion_jax.motion.body_parts import chain_columns, part_columns, whole_body
 from motion_jax.motion.representations import Representation, get_layout
-from motion_jax.nets.masks import padding_mask
 from motion_jax.nets.motion_patches import MotionPatches
 from motion_jax.nets.part_tmr import PartTMR
 from motion_jax.nets.tmr import TMR
 from motion_jax.shapes import Array, Net
 from motion_jax.text.bert import Bert
 from motion_jax.text.encoder import TextEncoder
-from motion_jax.training.stage import Stage
-
-
-def unit(x: Float[Array, "*lead e"]) -> Float[Array, "*lead e"]:
-  """x / |x| over the last axis."""
-  return x / jnp.maximum(jnp.linalg.norm(x, axis=-1, keepdims=True), 1e-12)
-
-
-def info_nce(text: Float[Array, "b e"], motion: Float[Array, "b e"], scale: Any, same: Bool[Array, "b b"] | None = None
-             ) -> tuple[Float[Array, ""], Float[Array, "b b"]]:
-  """Symmetric contrast: the mean of two cross-entropies over text (B, E) and motion (B, E), both of unit length.
-
-  same (B, B): pairs that say the same and are no counter-examples; the code has no such filter (Parity).
-  Returns (loss, logits (B, B), rows are texts).
-  """
-  shapes.check(text=(text, "BE"), motion=(motion, "BE"))
-  logits = scale * text @ motion.T
-  seen = logits
-  if same is not None:
-    seen = jnp.where(same & ~jnp.eye(len(logits), dtype=bool), jnp.finfo(logits.dtype).min, logits)
-  return symmetric_cross_entropy(seen), logits
-
 
 Teacher = PartTMR | TMR | MotionPatches
 
@@ -167,75 +143,3 @@ def embed_motion(teacher: Net, params: Any, x: Float[Array, "b t f"], frame_mask
   """Unit vectors (B, E) of motions x (B, T, F), normalized features."""
   return unit(teacher.apply({"params": params["motion"]}, x, frame_mask, deterministic, method="motion_vector",
                             rngs=rngs))
-
-
-def teacher_stage(config: ConfigDict, axis_name: str | None = "devices") -> Stage:
-  """Trains the teacher. Batch: features (B, T, F), num_frames (B,), ids (B, S), text_mask (B, S), index (B,).
-
-  The contrast is over the whole batch: what lies on other devices is gathered, so that N devices learn what one does.
-  axis_name is the devices' axis of the train step, None outside of one. The text transformer's weights come with
-  `init` from the named encoder (`training`), and `params["text"]` learns at its own rate (optimizer.rates).
-  """
-  space = make_space(config)
-  teacher, bert = space.net, Bert(**config.text)
-  whole = (lambda a: a) if axis_name is None else (lambda a: jax.lax.all_gather(a, axis_name, tiled=True))
-
-  def loss(params, frozen, batch, step, rng):
-    # Dropout masks differ from device to device, as the batch they fall on does.
-    drop_rng = jax.random.fold_in(rng, batch["index"][0])
-    rngs = lambda i: {"dropout": jax.random.fold_in(drop_rng, i)}
-    frame_mask = padding_mask(batch["num_frames"], batch["features"].shape[1])
-    motion = embed_motion(teacher, params, batch["features"], frame_mask, False, rngs(0))
-    text = embed_text(teacher, bert, params, batch["ids"], batch["text_mask"], config.loss.text_pool, False, rngs(1))
-    ids = whole(batch["ids"])
-    same = (ids[:, None] == ids[None]).all(-1) if config.loss.skip_same_caption else None
-    scale = teacher.apply({"params": params["motion"]}, method="scale")
-    value, logits = info_nce(whole(text), whole(motion), scale, same)
-    hit = (logits.argmax(0) == jnp.arange(len(logits))).mean()
-    return {"loss": value, "batch_recall": hit}, 1.0
-
-  def predict(params, frozen, batch, rng):
-    frame_mask = padding_mask(batch["num_frames"], batch["features"].shape[1])
-    return {"motion": space.motion(params, batch["features"], frame_mask),
-            "text": space.text(params, batch["ids"], batch["text_mask"])}
-
-  return Stage(lambda batch, rng: space.init(rng), loss, predict,
-               about_loss="cross-entropy of finding a motion's caption in its batch and back")
-
-
-# --- teaching ----------------------------------------------------------------------------------------------------
-
-
-def check_readable(layout: Representation | str, own_layout: Representation | str) -> None:
-  """Raises ValueError where windows in `layout` do not hold what a teacher of own_layout reads."""
-  ours, theirs = get_layout(layout), get_layout(own_layout)
-  if not ours.narrows_to(theirs):
-    raise ValueError(f"a teacher of layout {theirs.name!r} cannot read windows of layout {ours.name!r}, only those of "
-                     "its own layout, one that it is a part of or, if it is coordinates, one with the same joints; "
-                     "train it on such data")
-
-
-def as_seen(x: Float[Array, "b t f"], view: Mapping[str, Array], layout: Representation | str,
-            own_layout: Representation | str) -> Float[Array, "b t g"]:
-  """Windows (B, T, F) of a tokenizer as its teacher reads them (B, T, G), in its own layout and statistics.
-
-  view: "mean" and "std" of x, "own_mean" and "own_std" of the teacher. A window is a clip of its own: its joints start
-  at the origin, facing +z.
-  """
-  seen: Any = x * view["std"] + view["mean"]
-  seen = get_layout(layout).narrow_to(seen, get_layout(own_layout))
-  return (seen - view["own_mean"]) / view["own_std"]
-
-
-def motion_side(teacher: Teacher, params: Any) -> Any:
-  """What of a teacher's parameters gives frame features: of a TMR neither its text encoder nor its decoder."""
-  motion = params["motion"]
-  return {"motion_encoder": motion["motion_encoder"]} if isinstance(teacher, TMR) else motion
-
-
-def frame_features(teacher: Net, params: Any, x: Float[Array, "b t f"]) -> Float[Array, "b t e"]:
-  """The frozen teacher's feature of every frame (B, T, E) of windows without padding.
-
-  Source: docs/papers/cmdm.md#teacher-features.
-  """
-  return teacher.apply({"params": params}, x, method="frames")

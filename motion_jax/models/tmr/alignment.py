@@ -1,0 +1,86 @@
+"""How a trained teacher guides a tokenizer: a feature of every frame, in the layout and statistics that it reads.
+
+Source: docs/papers/cmdm.md#teacher-features.
+"""
+import pathlib
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from motion_jax.models.tmr.space import Teacher
+from motion_jax.motion.representations import Representation, get_layout
+from motion_jax.motion.stats import Stats
+from motion_jax.nets.tmr import TMR
+from motion_jax.shapes import Array, Net
+
+
+def check_readable(layout: Representation | str, own_layout: Representation | str) -> None:
+  """Raises ValueError where windows in `layout` do not hold what a teacher of own_layout reads."""
+  ours, theirs = get_layout(layout), get_layout(own_layout)
+  if not ours.narrows_to(theirs):
+    raise ValueError(f"a teacher of layout {theirs.name!r} cannot read windows of layout {ours.name!r}, only those of "
+                     "its own layout, one that it is a part of or, if it is coordinates, one with the same joints; "
+                     "train it on such data")
+
+
+def as_seen(x: Float[Array, "b t f"], view: Mapping[str, Array], layout: Representation | str,
+            own_layout: Representation | str) -> Float[Array, "b t g"]:
+  """Windows (B, T, F) of a tokenizer as its teacher reads them (B, T, G), in its own layout and statistics.
+
+  view: "mean" and "std" of x, "own_mean" and "own_std" of the teacher. A window is a clip of its own: its joints start
+  at the origin, facing +z.
+  """
+  seen: Any = x * view["std"] + view["mean"]
+  seen = get_layout(layout).narrow_to(seen, get_layout(own_layout))
+  return (seen - view["own_mean"]) / view["own_std"]
+
+
+def motion_side(teacher: Teacher, params: Any) -> Any:
+  """What of a teacher's parameters gives frame features: of a TMR neither its text encoder nor its decoder."""
+  motion = params["motion"]
+  return {"motion_encoder": motion["motion_encoder"]} if isinstance(teacher, TMR) else motion
+
+
+def frame_features(teacher: Net, params: Any, x: Float[Array, "b t f"]) -> Float[Array, "b t e"]:
+  """The frozen teacher's feature of every frame (B, T, E) of windows without padding.
+
+  Source: docs/papers/cmdm.md#teacher-features.
+  """
+  return teacher.apply({"params": params}, x, method="frames")
+
+
+def view_of(stats: Stats, own_stats: Stats, folder: str | pathlib.Path) -> dict[str, np.ndarray] | None:
+  """Both statistics, by which `as_seen` turns windows into what a teacher reads; None if they are the same.
+
+  Raises ValueError if the teacher, of that folder, reads other features, or, of the same layout, was trained on other
+  data. One with a std for each column is of the same data if its means, and its stds averaged over blocks, are near.
+  """
+  layout = stats.layout
+  check_readable(layout.name, own_stats.layout.name)
+  if own_stats.layout == layout:
+    away = (np.abs(own_stats.mean - stats.mean) / stats.std).max()
+    if away <= 0.01 and np.allclose(own_stats.std, stats.std, rtol=0.01):
+      return None
+    grouped, own_grouped = _by_block(stats), _by_block(own_stats)
+    moving = own_stats.std != 1
+    single = not np.allclose(own_stats.std[moving], own_grouped[moving], rtol=0.01)
+    if not single or away > 0.1 or not np.allclose(own_grouped, grouped, rtol=0.1, atol=1e-5):
+      raise ValueError(f"the teacher in {folder} was trained on features of other statistics than the data given here; "
+                       "train it on the same data")
+  return {"mean": stats.mean, "std": stats.std, "own_mean": own_stats.mean, "own_std": own_stats.std}
+
+
+def _by_block(stats):
+  """The std of each column (F,), averaged over its block."""
+  std = np.where(stats.std == 1, 0.0, stats.std)  # 1 stands for a column that never moves (`compute_stats`)
+  for block in stats.layout.blocks.values():
+    std[block] = np.mean(std[block], dtype=np.float64)
+  return std
+
+
+def plain_stats(layout: Representation | str) -> Stats:
+  """Mean 0 and std 1, for a teacher that was never trained."""
+  layout = get_layout(layout)
+  return Stats(np.zeros(layout.dim, np.float32), np.ones(layout.dim, np.float32), layout)
