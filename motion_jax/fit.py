@@ -59,7 +59,7 @@ def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_change
   print(*(f"  {line}" for line in config_files.lines_of(config)), sep="\n")
   print(told or "data: being read", flush=True)
   if resume and (workdir / checkpoint.CONFIG).is_file():
-    before = runs.open(workdir).config
+    before = runs.load_run(workdir).config
     config = epochs.as_before(config, before)
     resuming.check_config(config, before, allow_changes)
   setup = validation.with_fid(known[config.stage](config), config)
@@ -129,7 +129,7 @@ def _started_from(stage, config):
   """The stage with the parameters of another run, a folder or a name that ships, to begin with; what that run does not
   have begins at random. A tokenizer is also found inside a generator's run."""
   folder = config.train.start
-  run = runs.open(folder)
+  run = runs.load_run(folder)
   inside = run.stage != config.stage and _HOLDS.get(run.stage) == config.stage
   start = flax.traverse_util.flatten_dict(run.frozen()[TOKENIZER] if inside else run.params())
   for name in config.train.freeze:

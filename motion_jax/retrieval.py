@@ -92,7 +92,7 @@ class Retriever:
 
 def load(name="part-tmr-small") -> Retriever:
   """A teacher from its run folder or from those that ship."""
-  run = runs.open(name, "tmr.teacher")
+  run = runs.load_run(name, "tmr.teacher")
   with checkpoint.building(run.folder):
     return Retriever(run)
 

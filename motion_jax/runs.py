@@ -1,8 +1,7 @@
-"""Run folders: found by path or by the name of one that ships, checked, opened.
+"""Run folders: resolve a path or the name of a shipped run, check the folder, and read its config and weights.
 
-`open` is the one door to a folder that training or `motion-jax convert` wrote: whoever needs a model, a tokenizer, a
-teacher or an evaluator says of which stage the run must be. What it finds is brought up to date by `upgrade`, so that
-all other code reads a config's fields plainly.
+Every model, tokenizer, teacher and evaluator is loaded through `load_run`, which also checks that the run is of the
+expected stage. `upgrade` adds fields that the config lacks, so that all other code reads the fields plainly.
 """
 import copy
 import dataclasses
@@ -33,7 +32,7 @@ PRETRAINED = pathlib.Path(__file__).parent / "pretrained"
 
 @dataclasses.dataclass(frozen=True)
 class Run:
-  """A run folder with its config, brought up to date; statistics and weights are read when they are asked for.
+  """A run folder with its config, brought up to date; statistics and weights are read on first use.
 
   raw: its last weights, where others (an average, or those that validation chose) are kept beside them.
   """
@@ -91,10 +90,10 @@ class Run:
                        "with the old one as text, or train the run again")
 
 
-def find(name: str | os.PathLike, stage: str | Sequence[str] | None = None) -> pathlib.Path:
+def resolve_run(name: str | os.PathLike, stage: str | Sequence[str] | None = None) -> pathlib.Path:
   """The folder of a run: `name` itself, or where the run of that name lies that ships with this package.
 
-  stage: of those that are named where there is none, see `open`. Raises TypeError or FileNotFoundError.
+  stage: of those that are named where there is none, see `load_run`. Raises TypeError or FileNotFoundError.
   """
   if not isinstance(name, str | os.PathLike):
     raise TypeError(f"got {name!r} ({type(name).__name__}) to load, expected a run folder or the name of one that "
@@ -107,12 +106,12 @@ def find(name: str | os.PathLike, stage: str | Sequence[str] | None = None) -> p
                           f"{', '.join(shipped) or 'of this kind none does'}{did_you_mean(name, shipped)}")
 
 
-def open(name: str | os.PathLike, stage: str | Sequence[str] | None = None, raw: bool = False) -> Run:
+def load_run(name: str | os.PathLike, stage: str | Sequence[str] | None = None, raw: bool = False) -> Run:
   """The run of a folder, or of a name that ships. stage: the one, or those, that its config may name.
 
   Raises FileNotFoundError where there is no run, InputError for one of another stage or with a damaged config.
   """
-  folder = find(name, stage)
+  folder = resolve_run(name, stage)
   config = checkpoint.load_config(folder)
   found, wanted = config.get("stage"), _stages(stage)
   if found is None or wanted and found not in wanted:
@@ -207,7 +206,7 @@ def about(name: str) -> dict[str, str]:
 def num_params(folder: str | os.PathLike) -> int:
   """Parameters of the run in a folder: of its network, and of the tokenizer inside a generator's, the text encoder left
   out. From the headers of its files, as `Model.num_params` counts them; nothing is loaded."""
-  folder = find(folder)
+  folder = resolve_run(folder)
   config = checkpoint.load_config(folder)
   tokenizer = folder / checkpoint.FROZEN
   if not tokenizer.is_file() and (shared := (config.get("frozen") or {}).get("tokenizer")) in shipped_names():

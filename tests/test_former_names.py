@@ -175,5 +175,5 @@ def test_the_method_unfamiliar():
 
 @pytest.mark.parametrize("name", runs.shipped_names())
 def test_the_runs_that_ship_have_fields_by_their_names(name):
-  config = runs.open(name).config
+  config = runs.load_run(name).config
   assert not former_names.rename_fields(config.to_dict())

@@ -87,24 +87,24 @@ def test_an_older_run_goes_on(old_run, tmp_path, capsys):
 def test_runs_that_ship_open_by_name_and_by_folder():
   assert {"cmdm-small", "cdamd-small"} <= set(runs.shipped_names())
   for name in runs.shipped_names():
-    run = runs.open(name)
-    assert run.folder == runs.find(run.folder) == runs.PRETRAINED / name
+    run = runs.load_run(name)
+    assert run.folder == runs.resolve_run(run.folder) == runs.PRETRAINED / name
     assert run.stage == run.config.stage and len(run.stats.mean) == run.stats.layout.dim and run.params()
     assert run.config == runs.upgrade(run.config)
 
 
 def test_what_is_no_run_or_another_one_is_told(tmp_path):
   with pytest.raises(FileNotFoundError, match=r"neither a run folder 'cmdm-smal' nor .* did you mean cmdm-small\?"):
-    runs.open("cmdm-smal")
+    runs.load_run("cmdm-smal")
   with pytest.raises(FileNotFoundError, match="that ships: part-tmr-small"):
-    runs.open(tmp_path / "none", "tmr.teacher")
+    runs.load_run(tmp_path / "none", "tmr.teacher")
   with pytest.raises(TypeError, match=r"got 3 \(int\) to load, expected a run folder"):
-    runs.open(3)
+    runs.load_run(3)
   with pytest.raises(InputError, match="cmdm-small holds a 'cmdm.denoiser' run, expected one of stage tmr.teacher"):
-    runs.open("cmdm-small", "tmr.teacher")
+    runs.load_run("cmdm-small", "tmr.teacher")
   (tmp_path / "config.json").write_text("{}")
   with pytest.raises(InputError, match="holds a NoneType as the stage of a run"):
-    runs.open(tmp_path)
+    runs.load_run(tmp_path)
 
 
 def test_a_config_file_older_than_a_field_trains_by_todays():
@@ -115,20 +115,20 @@ def test_a_config_file_older_than_a_field_trains_by_todays():
 
 
 def test_a_model_that_ships_may_share_anothers_tokenizer_and_words(tmp_path):
-  ours, theirs = runs.open("cmdm-small-fast"), runs.open("cmdm-small")
+  ours, theirs = runs.load_run("cmdm-small-fast"), runs.load_run("cmdm-small")
   assert not (ours.folder / "frozen.safetensors").is_file() and not (ours.folder / "text_encoder").is_dir()
   assert jax.tree.all(jax.tree.map(lambda a, b: (a == b).all(), ours.frozen(), theirs.frozen()))
   encoder = load_text_encoder("cmdm-small-fast")
   assert encoder.fingerprint == load_text_encoder("cmdm-small").fingerprint == ours.fingerprint
   shutil.copytree(ours.folder, tmp_path / "copy")  # a copy of it elsewhere finds them, too
-  assert runs.open(tmp_path / "copy").frozen().keys() == theirs.frozen().keys()
+  assert runs.load_run(tmp_path / "copy").frozen().keys() == theirs.frozen().keys()
   (shutil.copytree(theirs.folder, tmp_path / "damaged") / "frozen.safetensors").unlink()
   with pytest.raises(FileNotFoundError, match="damaged"):
-    runs.open(tmp_path / "damaged").frozen()
+    runs.load_run(tmp_path / "damaged").frozen()
 
 
 @pytest.mark.parametrize("name", ["a" * 300, "a\0b", "x/" * 3000])
 def test_a_name_that_no_folder_has(name):
   with pytest.raises(FileNotFoundError, match="found neither a run folder") as error:
-    runs.find(name)
+    runs.resolve_run(name)
   assert len(str(error.value)) < 600

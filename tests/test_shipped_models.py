@@ -38,7 +38,7 @@ def test_defaults_of_the_help_are_the_models_own(capsys):
     cli.main(["generate", "--help"])
   text = " ".join(capsys.readouterr().out.split())
   for name in MAKERS:
-    sampler = runs.open(name).config.sampler
+    sampler = runs.load_run(name).config.sampler
     for flag, field in (("guidance", "guidance_scale"), ("steps", "num_steps")):
       part = text.split(f"--{flag} {flag.upper()} ")[-1].partition(" --")[0].replace("cdamd- small", "cdamd-small")
       part = part.replace("cmdm- ", "cmdm-").replace("small- ", "small-")

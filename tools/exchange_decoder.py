@@ -22,8 +22,8 @@ STAGES = {"cmdm.denoiser": "cmdm.tokenizer", "cdamd.generator": "cdamd.autoencod
 
 def exchange(generator: str | pathlib.Path, tokenizer: str | pathlib.Path, out: pathlib.Path) -> None:
   """Writes the folder out; raises InputError where the two do not belong together or out is there already."""
-  run = runs.open(generator, tuple(STAGES))
-  given = runs.open(tokenizer, STAGES[run.stage]).params()["params"]
+  run = runs.load_run(generator, tuple(STAGES))
+  given = runs.load_run(tokenizer, STAGES[run.stage]).params()["params"]
   frozen = run.frozen()
   own = frozen[TOKENIZER]["params"]
   checkpoint.check_fits(given["decoder"], own["decoder"], f"the decoder in {tokenizer} does not fit {generator}")

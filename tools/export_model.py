@@ -86,13 +86,13 @@ def main():
   parser.add_argument("--shares", metavar="NAME", help="a model that ships whose tokenizer the run has, too; it is not "
                       "written again")
   args = parser.parse_args()
-  run = runs.open(args.run)
+  run = runs.load_run(args.run)
   config = run.config
   args.out.mkdir(parents=True, exist_ok=True)
   sizes = {}
   for name, shapes in shapes_of(config).items():
     if args.shares and name == checkpoint.FROZEN:
-      _check_same(run.frozen(shapes), runs.open(args.shares, config.stage).frozen(shapes))
+      _check_same(run.frozen(shapes), runs.load_run(args.shares, config.stage).frozen(shapes))
       continue
     params = checkpoint.load_params(args.run, name=name)
     params = {part: params[part] for part in shapes if part in params}  # less what only training needs

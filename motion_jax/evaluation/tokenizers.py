@@ -45,7 +45,7 @@ def load_tokenizer(run, raw=False) -> Tokenizer:
 
   Raises ValueError for a run that has none.
   """
-  run = runs.open(run, STAGES, raw)
+  run = runs.load_run(run, STAGES, raw)
   config, stage = run.config, run.stage
   inside = stage in ("cmdm.denoiser", "cdamd.generator")
   fields = module_fields(config.tokenizer if inside else config.model)

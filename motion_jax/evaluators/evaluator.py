@@ -133,7 +133,7 @@ def load_evaluator(name="evaluator-small", text=None) -> Evaluator:
   CLIP folder (kind "clip"); for a run, another folder of its text encoder. Raises FileNotFoundError or ValueError for a
   folder that is no evaluator, lacks statistics or has those of another representation.
   """
-  run = runs.open(name, tuple(KINDS))
+  run = runs.load_run(name, tuple(KINDS))
   reader = functools.cache(lambda: _reader(run, text))
   with checkpoint.building(run.folder):
     params = jax.tree.map(jnp.asarray, run.params())

@@ -167,7 +167,7 @@ def load_movement(config):
   folder = config.frozen.movement
   if folder == "random-init":
     return None, None
-  run = runs.open(folder, "evaluator.movement")
+  run = runs.load_run(folder, "evaluator.movement")
   theirs, ours = run.config.model, config.model
   if (theirs.features, theirs.columns, theirs.width, theirs.dim) != (
       ours.features, ours.columns, ours.movement_width, ours.movement_dim):

@@ -50,7 +50,7 @@ def untrained(shapes, seed=0):
 def held_stats(config):
   """Of a stage that is trained in part (config.train.freeze): the statistics of the run that it starts from, which its
   frozen parameters know; else None, and the data have their own."""
-  return runs.open(config.train.start).stats if config.train.freeze else None
+  return runs.load_run(config.train.start).stats if config.train.freeze else None
 
 
 def held_out(config, stats, captioned=False):

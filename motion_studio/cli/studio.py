@@ -35,7 +35,7 @@ def _studio(args):
   for name in args.model:
     if not any(folder.is_dir() for folder in (pathlib.Path(name), _SHIPPED / name)):
       from motion_jax import runs  # takes seconds, for which no address should wait
-      runs.find(name)  # says what there is
+      runs.resolve_run(name)  # says what there is
   server.serve(args.model, args.host, args.port, args.token, args.open)
 
 

@@ -240,7 +240,7 @@ def test_the_first_lines_of_training_are_readable(tmp_path, monkeypatch, capsys)
   said = capsys.readouterr().out
   assert "!!" not in said and "  model: causal=True dilations=(1) features=263 latent_dim=4" in said
   steps, items = map(int, re.search(r"training: (\d+) steps of 4 items, 3 epochs of (\d+);", said).groups())
-  assert steps == 3 * (items // 4) == runs.open(tmp_path).config.train.num_steps
+  assert steps == 3 * (items // 4) == runs.load_run(tmp_path).config.train.num_steps
   assert "loss: a sum, not a mean, over the 33,664 numbers of 2 windows" in said  # 2 * 64 * 263
 
 

@@ -45,7 +45,7 @@ def test_a_run_opens_with_the_encoder_that_it_carries(tiny_run, own_folder, tmp_
   opened = loading.load(run)
   assert opened.encoder.fingerprint == encoder.fingerprint and opened.encoder.known_words == {"walk", "wave"}
   assert (opened.encoder(["a person walks"])[0] == encoder(["a person walks"])[0]).all()
-  assert runs.open(run).text == run / "text_encoder" and runs.open(tiny_run).text == "random-init"
+  assert runs.load_run(run).text == run / "text_encoder" and runs.load_run(tiny_run).text == "random-init"
 
 
 def test_a_large_one_and_one_that_ships_are_not_carried(own_folder, monkeypatch):

@@ -55,7 +55,7 @@ def test_a_tokenizer_begins_as_that_inside_a_model_that_ships(name, size, model)
   zeros = lambda *_: jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), shapes)
   stage = fit.setups()[config.stage](config)
   begun = fit._started_from(stage.stage._replace(init=zeros), config)
-  run = runs.open(model)
+  run = runs.load_run(model)
   jax.tree.map(np.testing.assert_array_equal, begun.init(None, None), run.frozen({"tokenizer": shapes})["tokenizer"])
   np.testing.assert_array_equal(stage.stats.mean, run.stats.mean)
 
@@ -67,7 +67,7 @@ def test_a_denoiser_goes_on_from_a_model_that_ships():
   config.data.update(name="synthetic", num_clips=4, mirror=False)
   config.train.start = "cmdm-small"
   config = fit.resolve(config)[0]
-  run, setup = runs.open("cmdm-small"), fit.setups()[config.stage](config)
+  run, setup = runs.load_run("cmdm-small"), fit.setups()[config.stage](config)
   frozen = run.frozen()
   assert set(frozen) <= set(setup.frozen)
   _holds_what(run, setup)
@@ -84,7 +84,7 @@ def test_a_generator_goes_on_from_a_model_that_ships(tmp_path):
   config.data.update(name="synthetic", num_clips=4, mirror=False, lengths=(196,))
   config.loss.prior_levels, config.train.start = 0, "cdamd-small"
   config = fit.resolve(config)[0]
-  run, setup = runs.open("cdamd-small"), fit.setups()[config.stage](config)
+  run, setup = runs.load_run("cdamd-small"), fit.setups()[config.stage](config)
   assert config.length.to_dict() == run.config.length.to_dict()
   assert set(setup.frozen) == {"tokenizer", "latent_mean", "latent_std", "length"}
   _holds_what(run, setup)
@@ -114,7 +114,7 @@ def test_what_cannot_be_held_still_is_told(tmp_path):
 
 def test_a_new_decoder_goes_to_the_generator_of_its_latents(tmp_path):
   """All else of the generator's folder stays; another encoder is refused."""
-  run = runs.open("cmdm-small")
+  run = runs.load_run("cmdm-small")
   params = run.frozen()["tokenizer"]
   params["params"]["decoder"] = jax.tree.map(lambda leaf: leaf + 1, params["params"]["decoder"])
   config = tokenizer_config("cmdm_tokenizer", "cmdm-small", freeze=("encoder",))
@@ -123,7 +123,7 @@ def test_a_new_decoder_goes_to_the_generator_of_its_latents(tmp_path):
   checkpoint.save_config(folder, config)
   checkpoint.save_params(folder, params)
   exchange_decoder.exchange("cmdm-small", folder, tmp_path / "new")
-  made = runs.open(tmp_path / "new")
+  made = runs.load_run(tmp_path / "new")
   jax.tree.map(np.testing.assert_array_equal, made.frozen(), {**run.frozen(), "tokenizer": params})
   jax.tree.map(np.testing.assert_array_equal, made.params(), run.params())
   with pytest.raises(ValueError, match="is there already"):

@@ -232,7 +232,7 @@ def load_frozen(folder: str, fields: ConfigDict, stage: str, config: ConfigDict,
           (quantizer.num_levels, quantizer.num_codes, net.latent_dim), np.float32)
       variables = {**variables, "codebooks": vq.codebook_of(codes)._asdict()}
     return net, variables, sources.load_features(config.data).stats
-  run = runs.open(folder, stage)
+  run = runs.load_run(folder, stage)
   _demand_alike(folder, run.config.model, fields)
   own = run.config.get("quantizer")
   if quantizer and (own.num_levels, own.num_codes) != (quantizer.num_levels, quantizer.num_codes):
@@ -246,7 +246,7 @@ def load_tokenizer(folder: str, config: ConfigDict) -> tuple[AutoencoderCodec, S
   """(codec, stats) of a trained autoencoder, without a scale of its latents (None), or of the one that a generator's
   run or a model that ships stands on, with the scale that the generator knows; "random-init" as in `load_frozen`."""
   if folder != "random-init":
-    run = runs.open(folder, ("cdamd.autoencoder", GENERATOR))
+    run = runs.load_run(folder, ("cdamd.autoencoder", GENERATOR))
     if run.stage == GENERATOR:
       _demand_alike(folder, run.config.tokenizer, config.tokenizer)
       if run.config.loss.unit_latents != config.loss.unit_latents:
@@ -298,7 +298,7 @@ def generator_fields(config: ConfigDict) -> dict[str, Any]:
 
 def _with_length(folder):
   """The run of a length estimator, or of a generator that has one. Raises ValueError for a generator without."""
-  run = runs.open(folder, ("cdamd.length", GENERATOR))
+  run = runs.load_run(folder, ("cdamd.length", GENERATOR))
   if run.stage == GENERATOR and not run.config.length:
     raise ValueError(f"{folder} has no length estimator; train one with --config cdamd_length")
   return run

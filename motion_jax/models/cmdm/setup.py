@@ -76,7 +76,7 @@ def load_teacher(config: ConfigDict, stats: Stats) -> tuple[Any, dict[str, Any] 
     own = alignment.plain_stats(own_layout)
     view = None if own_layout == stats.layout.name else alignment.view_of(stats, own, folder)
   else:
-    run = runs.open(folder, "tmr.teacher")
+    run = runs.load_run(folder, "tmr.teacher")
     view = alignment.view_of(stats, run.stats, folder)
   teacher = make_teacher(fields, config.data.layout)
   if teacher.dim != config.model.teacher_dim:
@@ -98,7 +98,7 @@ def tokenizer_fields(config: ConfigDict) -> dict[str, Any]:
     return {}
   if config.frozen.teacher == "random-init":
     return {"taught_by": {"weights": "untrained"}}
-  run = runs.open(config.frozen.teacher, "tmr.teacher").config
+  run = runs.load_run(config.frozen.teacher, "tmr.teacher").config
   fields = run.model.to_dict()
   if get_layout(run.data.layout) != get_layout(config.data.layout):
     fields["layout"] = get_layout(run.data.layout).name
@@ -112,7 +112,7 @@ def denoiser_fields(config: ConfigDict) -> dict[str, Any]:
     raise InputError("got no config.distill.teacher, expected the denoiser that the student learns from: a run folder, "
                      "or a name that ships such as cmdm-small")
   if _has_teacher(config):
-    run = runs.open(config.distill.teacher, "cmdm.denoiser")
+    run = runs.load_run(config.distill.teacher, "cmdm.denoiser")
     own = {name: run.config[name].to_dict() for name in ("model", "tokenizer", "taught_by")}
     text = {"text": str(run.text), "text_level": run.config.frozen.text_level}
     return own | {"frozen": config.frozen.to_dict() | text | {"tokenizer": str(run.folder)},
@@ -123,7 +123,7 @@ def denoiser_fields(config: ConfigDict) -> dict[str, Any]:
     found["model"] = config.model.to_dict() | {"control": count}
   if config.frozen.tokenizer == "random-init":
     return found
-  taught = runs.open(config.frozen.tokenizer, _TOKENIZERS).config.taught_by
+  taught = runs.load_run(config.frozen.tokenizer, _TOKENIZERS).config.taught_by
   return found | ({"taught_by": taught.to_dict()} if taught else {})
 
 
@@ -135,7 +135,7 @@ def _has_teacher(config):
 def _denoiser_parts(config):
   """(data, their cuts with captions, text encoder, codec) of a denoiser's config."""
   if _has_teacher(config):
-    run = runs.open(config.distill.teacher, "cmdm.denoiser")
+    run = runs.load_run(config.distill.teacher, "cmdm.denoiser")
     vae = CausalVAE(**module_fields(config.tokenizer))
     stats, codec = run.stats, VaeCodec.of(vae, run.frozen(cmdm.frozen_shapes(vae)))
   else:
@@ -229,7 +229,7 @@ def denoiser(config: ConfigDict) -> TrainingSetup:
   stage, frozen = cmdm.denoiser_stage(config), codec.parts | motion_errors.frozen_stats(config, data.stats)
   if config.distill.teacher:
     shapes = cmdm.denoiser_shapes(CausalDiT(**module_fields(config.model)))
-    teacher = (runs.open(config.distill.teacher, "cmdm.denoiser").params(shapes) if _has_teacher(config)
+    teacher = (runs.load_run(config.distill.teacher, "cmdm.denoiser").params(shapes) if _has_teacher(config)
                else untrained(shapes))
     stage, frozen = distill.student_stage(config), frozen | {distill.TEACHER: teacher}
   return TrainingSetup(stage, next_batch, frozen, evaluate, data.stats, files, len(items))
@@ -251,7 +251,7 @@ def load_tokenizer(folder: str, config: ConfigDict) -> tuple[VaeCodec, Stats]:
     vae = CausalVAE(**config.tokenizer)
     return VaeCodec(vae, untrained(cmdm.frozen_shapes(vae)[TOKENIZER]), None, None), sources.load_features(
         config.data).stats
-  run = runs.open(folder, _TOKENIZERS)
+  run = runs.load_run(folder, _TOKENIZERS)
   inside = run.config.stage == "cmdm.denoiser"
   fields = module_fields(run.config.tokenizer if inside else run.config.model)
   theirs = CausalVAE(**fields)

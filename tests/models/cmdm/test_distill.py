@@ -80,7 +80,7 @@ def test_a_model_that_ships_is_a_teacher():
   config.data.update(load_config("cmdm_student", "tiny").data.to_dict() | {"vary_subject": 0.0})
   config.distill.teacher = "cmdm-small"
   found = training.resolve(config)[0]
-  assert found.frozen.text == str(runs.open("cmdm-small").text)
+  assert found.frozen.text == str(runs.load_run("cmdm-small").text)
   assert found.model.width == 256 and found.train.start == "cmdm-small"
   setup = training.setups()[found.stage](found)
   batch = setup.next_batch(0)

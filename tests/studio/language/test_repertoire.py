@@ -15,7 +15,7 @@ class Model(TextToMotionModel):
   """The words of a model that ships, without its network."""
 
   def __init__(self, name):
-    run = runs.open(name)
+    run = runs.load_run(name)
     with open(run.folder / "captions.json", encoding="utf-8") as file:
       rows = json.load(file)
     self.folder, self.encoder = run.folder, load_text_encoder(run.text)

@@ -95,7 +95,7 @@ class Model(TextToMotionModel):
 
 @pytest.fixture(scope="module")
 def model():
-  run = runs.open("cmdm-small")
+  run = runs.load_run("cmdm-small")
   return Model(run.folder, load_text_encoder(run.text))
 
 
