@@ -120,12 +120,12 @@ def _judged(call):
 
 
 def _raised_by_us(error):
-  """Whether an error comes from a raise statement of this package, not from a library that stumbled."""
+  """Whether an error comes from a raise statement of our packages, not from a library that stumbled."""
   last = error.__traceback__
   while last.tb_next is not None:
     last = last.tb_next
   code = last.tb_frame.f_code
-  return (code.co_filename.startswith(str(ROOT / "motion_jax"))
+  return (code.co_filename.startswith((str(ROOT / "motion_jax"), str(ROOT / "motion_studio")))
           and code.co_code[last.tb_lasti] == opcode.opmap["RAISE_VARARGS"])
 
 
