@@ -20,7 +20,6 @@ from motion_jax.utils import config_files, overrides
 from motion_studio import cli
 from motion_studio.language.sentences import understand
 from tests.conftest import ROOT, light_training, load_config
-from tests.test_sources import anchors
 
 CONFIGS = [name for name in config_files.names() if "/" not in name]
 pytestmark = pytest.mark.usefixtures("kept_features")
@@ -223,17 +222,8 @@ def test_python_of_the_pages_runs(page, tmp_path, monkeypatch):
     exec(compile(block, page.name, "exec"), scope)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=_name)
-def test_links_of_the_pages_lead_somewhere(page):
-  text = page.read_text(encoding="utf-8")
-  for name, heading in re.findall(r"\]\(([\w./-]*)(#[\w-]+)?\)", text):
-    target = page.parent / name if name else page
-    assert target.exists(), name
-    assert not heading or heading[1:] in anchors(target.read_text(encoding="utf-8")), name + heading
-
-
 def test_the_readme_is_short_and_the_docs_have_an_index():
-  assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) < 200
+  assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) < 150
   index = (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
   missing = [page.name for page in PAGES[1:] if page.name != "README.md" and f"]({page.name})" not in index]
   assert not missing

@@ -1,4 +1,4 @@
-"""What the code cites can be found: docs/papers has every heading that is cited, and its links lead on."""
+"""What code and pages cite exists: headings of docs/papers, and the files and headings that pages link to."""
 import pathlib
 import re
 import subprocess
@@ -89,3 +89,30 @@ def test_links_and_paths_of_a_page_lead_somewhere(page):
     assert not anchor or anchor in PAGE_ANCHORS[path.name], f"{page.name} links to {target}"
   for name in re.findall(r"`((?:motion_jax|tests|benchmarks)/[\w/.-]+|configs/[\w/-]+\.py)`", text):
     assert (ROOT / name).exists(), f"{page.name} names {name}"
+
+
+LINKED = sorted({*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"),
+                 *(ROOT / "motion_jax" / "pretrained").glob("*/README.md")})
+
+
+def dead_links(page):
+  """Relative links of a Markdown page whose file or heading does not exist."""
+  text = re.sub(r"(?ms)^```.*?^```", "", page.read_text(encoding="utf-8"))
+  dead = []
+  for target in re.findall(r"\]\((?!\w+:)([^)\s]+)\)", text):
+    name, _, heading = target.partition("#")
+    path = page.parent / name if name else page
+    if not path.exists() or heading and heading not in anchors(path.read_text(encoding="utf-8")):
+      dead.append(target)
+  return dead
+
+
+@pytest.mark.parametrize("page", LINKED, ids=lambda page: str(page.relative_to(ROOT)))
+def test_no_relative_link_is_dead(page):
+  assert not dead_links(page)
+
+
+def test_dead_links_are_found(tmp_path):
+  page = tmp_path / "page.md"
+  page.write_text("# A heading\n[a](#a-heading) [b](#b) [c](page.md) [d](none.md) [e](https://x.org/y) ![f](g.png)\n")
+  assert dead_links(page) == ["#b", "none.md", "g.png"]

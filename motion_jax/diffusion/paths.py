@@ -21,11 +21,13 @@ def add_noise(x1: Float[Array, "*#lead c"], noise: Float[Array, "*#lead c"], t: 
 
 def velocity_to_x1(x: Float[Array, "*lead c"], velocity: Float[Array, "*lead c"], t: Float[Array, "*#lead"]
                    ) -> Float[Array, "*lead c"]:
+  """The clean sample at t = 1 of the straight path through x at time t with this velocity."""
   return x + (1 - t[..., None]) * velocity
 
 
 def velocity_to_noise(x: Float[Array, "*lead c"], velocity: Float[Array, "*lead c"], t: Float[Array, "*#lead"]
                       ) -> Float[Array, "*lead c"]:
+  """The noise at t = 0 of the straight path through x at time t with this velocity."""
   return x - t[..., None] * velocity
 
 

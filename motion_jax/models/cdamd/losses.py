@@ -23,6 +23,7 @@ def smooth_l1(prediction: Float[Array, "b t f"], target: Float[Array, "b t f"]) 
 
 
 def l1(prediction: Float[Array, "b t f"], target: Float[Array, "b t f"]) -> Float[Array, ""]:
+  """Mean absolute error of all numbers of a batch."""
   shapes.check(prediction=(prediction, "BTF"), target=(target, "BTF"))
   return jnp.abs(prediction - target).mean()
 

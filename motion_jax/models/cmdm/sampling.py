@@ -154,6 +154,7 @@ class MotionStream(NamedTuple):
 
 
 def init_stream(codec: VaeCodec, sampler: streaming.Sampler) -> MotionStream:
+  """The state of a stream before its first block."""
   return MotionStream(sampler.init(), codec.init_decode_state(len(sampler.keys)))
 
 
