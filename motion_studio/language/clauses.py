@@ -42,8 +42,9 @@ _PATHS = {"u-turn", "circle", "circles", "loop", "zigzag", "arc", "detour"}  # s
 _LONGEST = max(len(words.split()) for words in _CONNECTORS)
 
 
-def pieces_of(text, known):
-  """[(how it is joined to what is before, clause)]; joins are keys of `_CONNECTORS`, "" at the start."""
+def fragments_of(text):
+  """The text cut at its connectors: [(how it is joined to what is before, connector's tokens, tokens)]; joins are keys
+  of `_CONNECTORS`, "" at the start."""
   tokens = _TOKEN.findall(_NOT.sub(r"\1 not", text))
   lower = [token.lower().replace("’", "'") for token in tokens]
   found, kind, start, at = [], "", 0, 0
@@ -62,7 +63,7 @@ def pieces_of(text, known):
     at += length or 1
   if start < len(tokens):
     found.append((kind, said, tokens[start:]))
-  return _merged(found, known)
+  return found
 
 
 def _is_participle(words, start, at):
@@ -100,10 +101,11 @@ def _stronger(one, other):
   return max(one, other, key=order.index)
 
 
-def _merged(fragments, known):
+def joined(fragments, known):
   """Fragments [(kind, connector's tokens, tokens)] to [(kind, clause)]: what is no action of its own stays with the
-  words before it, connector and all."""
-  fragments = _with_main_clause(fragments)
+  words before it, connector and all. known: whether such words stay together, as one action that a model has learned.
+  """
+  fragments = [(kind, said, list(tokens)) for kind, said, tokens in _with_main_clause(fragments)]
   result: list = []  # [kind, tokens, clause or None]
   lead = ""          # a subordinate clause in front waits for its main clause
   for kind, said, tokens in fragments:
@@ -128,11 +130,12 @@ def _merged(fragments, known):
       apart = False
     if not apart:
       previous[1] += [*said, *tokens]
-      again = clause_of(previous[1])
-      if previous[2] is not None and (previous[2].reworded or again is not None and again.reworded):
-        previous[2] = again  # "takes a bow and a step back", "goes ahead and to the left without turning"
-      elif previous[2] is not None:
-        previous[2].words.extend([*said, *tokens])
+      if previous[2] is not None:
+        again = clause_of(previous[1])
+        if previous[2].reworded or again is not None and again.reworded:
+          previous[2] = again  # "takes a bow and a step back", "goes ahead and to the left without turning"
+        else:
+          previous[2].words.extend([*said, *tokens])
       elif clause is not None:
         previous[2] = clause_of(previous[1])
       continue

@@ -92,7 +92,7 @@ def _with_ending(model, sentence, total):
   left = total / model.fps - sum(usual_frames(model, sentence)) / model.fps
   if not _LEFT <= left <= _LONGEST:
     return sentence
-  return sentence._replace(segments=(*sentence.segments, rest_of(who[-1], left)))
+  return sentence.with_segments((*sentence.segments, rest_of(who[-1], left)))
 
 
 def rested(model: "TextToMotionModel", lists: Sequence[Sequence[tuple[str, int]]], keys: jax.Array,

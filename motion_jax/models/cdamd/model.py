@@ -100,8 +100,8 @@ class CdamdModel(TextToMotionModel):
     sentence = super().understand(prompt)
     if not self.config.data.get("described", False):
       return sentence
-    return sentence._replace(segments=tuple(part._replace(
-        action=_as_captions_say(part.action), also=tuple(map(_as_captions_say, part.also)))
+    return sentence.with_segments(tuple(part._replace(
+        action=_as_captions_say(part.action), simultaneous=tuple(map(_as_captions_say, part.simultaneous)))
         for part in sentence.segments))
 
   @arguments.checked
