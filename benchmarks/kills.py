@@ -147,7 +147,7 @@ def _train(stage, folder, point, after):
 
 def _watched(pass_by):
   """Puts the points into the functions that save."""
-  from motion_jax.training import metrics, outputs, saver
+  from motion_jax.training import metrics, report, saver
   from motion_jax.utils import atomic
 
   def around(owner, name, before=None, after=None):
@@ -162,13 +162,13 @@ def _watched(pass_by):
     setattr(owner, name, watched)
 
   around(saver.Saver, "save", before="as a save begins")
-  around(saver, "_digests", before="in a half-written state")
-  around(saver, "_write_record", before="before its record", after="before it is in place")
+  around(saver, "file_digests", before="in a half-written state")
+  around(saver, "write_record", before="before its record", after="before it is in place")
   around(saver.Saver, "prune", before="before old ones are removed", after="after a save")
   around(saver.Saver, "discard_after", before="in a rollback", after="in a rollback")
   around(saver.Saver, "remember", before="in a rollback", after="after a rollback")
   around(atomic.os, "replace", before="between two files", after="between two files")
-  append = outputs.append_metrics
+  append = report.append_metrics
 
   def half(folder, row):
     with open(pathlib.Path(folder) / metrics.METRICS, "a", encoding="utf-8") as file:
@@ -179,7 +179,7 @@ def _watched(pass_by):
       file.truncate(written)
     append(folder, row)
 
-  outputs.append_metrics = half
+  report.append_metrics = half
 
 
 def _line(folder, pass_by, _):

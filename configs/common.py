@@ -83,7 +83,7 @@ def train(num_steps, log_every, save_every, **fields):
 
   num_steps is the length of a run, with a save every save_every steps. Where it is 0, the length is num_epochs times
   the training data, of which each item, a window or a captioned clip, comes once an epoch, with num_saves saves:
-  training prints how many steps they are (training/epochs.py).
+  training prints how many steps they are.
   dtype, where a stage has it: what its network computes in, "float32" or "bfloat16"; parameters, norms, softmax and
   losses are float32 all the same. keep_last: how many training states stay, besides the best one. A run that leaves out
   max_skips steps in a row goes back to its last good state and on with other batches, max_rollbacks times at most.

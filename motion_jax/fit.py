@@ -12,8 +12,7 @@ from motion_jax.evaluators import validation
 from motion_jax.latents import TOKENIZER
 from motion_jax.models import registry
 from motion_jax.motion import stats as stats_lib
-from motion_jax.training import checkpoint, distributed, epochs, event_files, profiling
-from motion_jax.training import loop as train
+from motion_jax.training import checkpoint, distributed, loop, metrics, progress
 from motion_jax.training import resume as resuming
 from motion_jax.utils import atomic, config_files, former_names, lock
 from motion_jax.utils.errors import InputError
@@ -43,7 +42,7 @@ def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_change
   if config.stage not in known:
     raise ValueError(f"got stage {config.stage!r}, expected one of {', '.join(known)}"
                      f"{did_you_mean(config.stage, known)}")
-  event_files.check_extra(config)
+  metrics.check_tensorboard(config)
   if (dtype := config.train.get("dtype", DTYPES[0])) not in DTYPES:
     raise InputError(f"got train.dtype {dtype!r}, expected {' or '.join(DTYPES)}")
   workdir = pathlib.Path(workdir)
@@ -60,13 +59,13 @@ def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_change
   print(told or "data: being read", flush=True)
   if resume and (workdir / checkpoint.CONFIG).is_file():
     before = runs.load_run(workdir).config
-    config = epochs.as_before(config, before)
+    config = resuming.epochs_as_before(config, before)
     resuming.check_config(config, before, allow_changes)
   setup = validation.with_fid(known[config.stage](config), config)
-  config = epochs.resolved(config, setup.num_items)
-  profiling.check_steps(profile_steps, config.train.num_steps)
+  config = resuming.resolve_epochs(config, setup.num_items)
+  progress.check_profile_steps(profile_steps, config.train.num_steps)
   stage, next_batch, frozen, evaluate, stats, files, num_items = setup
-  print(f"training: {epochs.described(config, num_items)}")
+  print(f"training: {resuming.describe_length(config, num_items)}")
   if stage.about_loss:
     print(f"loss: {stage.about_loss}", flush=True)
   draw = pictures.drawer(config, workdir, setup)
@@ -79,7 +78,7 @@ def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_change
     if goes_on and not resume:
       raise ValueError(f"{workdir} holds a run already; --resume continues it, or choose another folder")
     if goes_on:
-      frozen = resuming.as_before(workdir, stats, frozen, files)
+      frozen = resuming.frozen_as_before(workdir, stats, frozen, files)
     files = files | {checkpoint.DATA: resuming.digests(workdir, config, goes_on, allow_changes)}
     distributed.wait_for_all("the folder is read")
     if first:
@@ -90,7 +89,7 @@ def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_change
         checkpoint.save_params(workdir, frozen, name=checkpoint.FROZEN)
       for name, text in files.items():
         checkpoint.save_text(workdir, name, text)
-    state = train.train(config, workdir, stage, next_batch, frozen, resume, evaluate, max_seconds, stop,
+    state = loop.train(config, workdir, stage, next_batch, frozen, resume, evaluate, max_seconds, stop,
                         profile_steps, draw)
     distributed.wait_for_all("the run has ended")  # the first one may still be writing
     print(f"wrote {workdir}/params.safetensors, metrics.jsonl, loss.png at step {int(state.step)}")

@@ -1,4 +1,4 @@
-"""What may go wrong in a run that nobody watches: numbers that are none, steps that are left out, hangs.
+"""Guards of an unattended run: values that are not finite, series of skipped steps, hangs.
 
 docs/training.md has a table of what can happen and what a run does.
 """
@@ -18,24 +18,24 @@ from motion_jax.utils import exit_status, stopping
 from motion_jax.utils.atomic import atomic_path
 
 BATCH, STACKS = "bad_batch.npz", "hang.txt"
-WINDOW = 10_000_019  # steps between the batches of a run and those that it draws after being rolled back
-_NORMS, _SPIKE = 64, 10.0  # so many gradients say what is usual; so many times that is a spike
+WINDOW = 10_000_019  # distance between the numbers of a run's batches before and after a rollback
+_NORMS, _SPIKE = 64, 10.0  # a gradient above 10 times the median of the last 64 counts as a spike
 
 
 class Guards:
-  """Looks at the metrics of every step, in order. What it remembers is saved with a state: so a run resumes exactly.
+  """Checks the metrics of every step, in order. Its memory is saved with a state, so that a run resumes exactly.
 
-  window: how often the run was rolled back, by which its batches are chosen. streak: how many of the last steps were
-  left out. skipped, spikes: how many were, and how many gradients were far larger than usual, since the run began.
+  window: number of rollbacks, by which batches are chosen. streak: number of skipped steps in a row up to now.
+  skipped, spikes: number of skipped steps, and of gradients far above the usual, since the run began.
   """
 
   def __init__(self, config):
     self._skip_loss, self._skip_spikes = config.optimizer.skip_loss, config.optimizer.skip_spikes
     self._train = config.train
-    self.recall({}, 0)
+    self.restore({}, 0)
 
-  def recall(self, memory, step):
-    """Takes up what `memory` gave at a step; {} at the start of a run."""
+  def restore(self, memory, step):
+    """Restores what `memory` returned at a step; {} at the start of a run."""
     self.step = step
     self.window, self.streak, self.skipped, self.spikes = (
         memory.get(name, 0) for name in ("window", "streak", "skipped", "spikes"))
@@ -46,21 +46,21 @@ class Guards:
             "norms": list(self._norms)}
 
   def counts(self) -> dict:
-    """What a row of metrics tells of it, where there is something to tell."""
-    told = {"skipped_steps": self.skipped, "gradient_spikes": self.spikes, "rollbacks": self.window}
-    return {name: value for name, value in told.items() if value}
+    """The counts that are not 0, for a row of metrics."""
+    counts = {"skipped_steps": self.skipped, "gradient_spikes": self.spikes, "rollbacks": self.window}
+    return {name: value for name, value in counts.items() if value}
 
   def batch_number(self, step) -> int:
-    """Which batch a step takes: its own number, and others after the run was rolled back."""
+    """The number of the batch that a step takes: the step itself, shifted by WINDOW for each rollback."""
     return step + self.window * WINDOW
 
-  def look(self, step, rows, tell=print) -> bool:
-    """Looks at the metrics `rows` of the last steps up to `step`; those that it has seen are passed over.
+  def check(self, step, rows, report=print) -> bool:
+    """Checks the metrics `rows` of the last steps up to `step`, each step once.
 
-    Returns whether the run is lost: nothing but steps left out for train.max_skips, or from its start to its end.
-    Raises FloatingPointError for a loss or a gradient that is no number where no step is left out.
+    Returns whether the run is lost: train.max_skips steps in a row were skipped, or all of its steps were. Raises
+    FloatingPointError for a loss or gradient that is not finite in a step that was not skipped.
     """
-    said, lost = [], False
+    lines, lost = [], False
     for number, row in enumerate(rows, step - len(rows) + 1):
       if number <= self.step:
         continue
@@ -72,32 +72,32 @@ class Guards:
         raise FloatingPointError(f"the loss is {loss}, its gradient {norm} near step {step}")
       self.streak = self.streak + 1 if skipped else 0
       self.skipped += skipped
-      lost |= self.streak >= self._train.max_skips  # whatever came after: who looks earlier must not decide otherwise
+      lost |= self.streak >= self._train.max_skips  # even if good steps follow: when rows are checked must not matter
       self.spikes += bool(spike)
       if np.isfinite(norm):
         self._norms.append(norm)
       if skipped or spike:
-        said.append(f"step {number}{' is left out' if skipped else ''}: loss {loss:.4g}, gradient {norm:.4g}"
-                    + (f", usually {usual:.4g}" if spike else "") + (f", {self.streak} in a row" if skipped else ""))
-    for line in said[:3] + ([f"... and {len(said) - 3} more such steps"] if len(said) > 3 else []):
-      tell(line)
+        lines.append(f"step {number}{' is skipped' if skipped else ''}: loss {loss:.4g}, gradient {norm:.4g}"
+                     + (f", usually {usual:.4g}" if spike else "") + (f", {self.streak} in a row" if skipped else ""))
+    for line in lines[:3] + ([f"... and {len(lines) - 3} more such steps"] if len(lines) > 3 else []):
+      report(line)
     return lost or self.streak == step == self._train.num_steps
 
 
 def check_finite(copy):
-  """Raises FloatingPointError that names a parameter which is no number; copy: what `saver.copy_of` copied."""
+  """Raises FloatingPointError that names a parameter with a value that is not finite; copy: of `saver.copy_of`."""
   finite = lambda leaf: bool(np.isfinite(leaf.astype(np.float32)).all() if isinstance(leaf, np.ndarray)
                              else jnp.isfinite(leaf).all())
   for part in ("params", "ema_params", "extra"):
     for path, leaf in jax.tree_util.tree_leaves_with_path(copy.get(part)):
       if not finite(leaf):
-        raise FloatingPointError(f"the parameter {part}{jax.tree_util.keystr(path)} is no number")
+        raise FloatingPointError(f"the parameter {part}{jax.tree_util.keystr(path)} is not finite")
 
 
 def keep_batch(workdir, step, batch) -> pathlib.Path:
-  """Writes a batch, arrays by name, with the step that it came from; no pickles."""
+  """Writes a batch, arrays by name, with the step that it belongs to; no pickles."""
   target = pathlib.Path(workdir) / BATCH
-  if jax.process_index():  # of several processes the first writes
+  if jax.process_index():  # with several processes the first one writes
     return target
   with atomic_path(target) as path:
     np.savez(path, allow_pickle=False, step=step, **{name: np.asarray(value) for name, value in batch.items()})
@@ -105,9 +105,9 @@ def keep_batch(workdir, step, batch) -> pathlib.Path:
 
 
 class Watchdog:
-  """Ends the process with `exit_status.HUNG` if `beat` is not called for so many minutes; 0 watches nothing.
+  """Ends the process with `exit_status.HUNG` if `beat` is not called for so many minutes; 0 turns it off.
 
-  Where each thread stands then is written to a file of the run folder.
+  The stack of each thread is written to STACKS in the run folder.
   """
 
   def __init__(self, workdir, minutes):
@@ -135,6 +135,6 @@ class Watchdog:
         faulthandler.dump_traceback(file, all_threads=True)
     finally:
       stopping.take_back()
-      print(f"no step has ended for {self._seconds / 60:.3g} minutes (train.hang_minutes): {self._file} says where "
-            "each thread stands; --resume goes on from the last state", file=sys.stderr, flush=True)
+      print(f"no step has ended for {self._seconds / 60:.3g} minutes (train.hang_minutes): the stack of "
+            f"each thread is in {self._file}; --resume continues from the last state", file=sys.stderr, flush=True)
       os._exit(exit_status.HUNG)

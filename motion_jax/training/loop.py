@@ -1,4 +1,8 @@
-"""The training loop: batches in, a run folder out; saves, metrics, signals."""
+"""The training loop: batches in, a run folder out.
+
+`train` reads top to bottom as training does: next batch, step, check, log, save, evaluate. `States` keeps what a run
+must not lose: it restores, saves and rolls back.
+"""
 import contextlib
 import functools
 import pathlib
@@ -13,12 +17,10 @@ from motion_jax.training.distributed import Agreement, compile_together, end_tog
 from motion_jax.training.guards import BATCH, Guards, Watchdog, check_finite, keep_batch
 from motion_jax.training.mesh import make_mesh
 from motion_jax.training.optimizers import make_optimizer, make_schedule
-from motion_jax.training.outputs import FILES, Outputs, is_of_the_disk
-from motion_jax.training.prefetch import Ahead
-from motion_jax.training.profiling import Profile
-from motion_jax.training.progress import Progress
-from motion_jax.training.rates import Rates, flops_of
-from motion_jax.training.saver import Saver, copy_of, told_differences
+from motion_jax.training.prefetch import Batches
+from motion_jax.training.progress import Profile, Progress, Rates, flops_of
+from motion_jax.training.report import FILES, Outputs, is_disk_error
+from motion_jax.training.saver import Saver, copy_of, describe_differences
 from motion_jax.training.train_step import init_state, make_train_step
 from motion_jax.utils import stopping
 from motion_jax.utils.atomic import remove_strays
@@ -29,203 +31,246 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
           stop=None, profile_steps=None, draw=None):
   """Trains a stage in a run folder; returns the last TrainState.
 
-  next_batch(step) -> dict of arrays with "index" (B,), a pure function of the step; of a run of several processes also
-  next_batch(step, rows=a slice) -> those rows of it. frozen: arrays that the loss reads and nobody changes.
-  evaluate(params) -> dict of numbers, called on the averaged parameters at every save. The folder gets checkpoints/,
-  params.safetensors (averaged if there is an average), metrics.jsonl, report.html and loss.png.
-  max_seconds ends a slice of a long run early; --resume goes on exactly where it ended; a signal does so, too, which
-  stop (a `stopping.Stop`) then tells. config.train.best, such as "min held_out_loss" or "max r1", keeps in
-  params.safetensors those for which that number of `evaluate` was best at a save, the later one of equals; the last
-  ones are in last.safetensors then. "min held_out_fid|held_out_mm" takes the first number that `evaluate` gives. A
-  slice that ends between two saves chooses nothing, so that slices make no difference. profile_steps (first, last) are
-  traced into profile/. draw(params, path): see `Outputs`.
+  next_batch(step) -> dict of arrays with "index" (B,), a pure function of the step; with several processes it also
+    takes rows=SLICE and returns those rows of the batch.
+  frozen: arrays that the loss reads and training does not change.
+  evaluate(params) -> dict of numbers, called on the averaged parameters at every save.
+  max_seconds: saves and ends after so long. So does a signal, which is then in `stop` (a `stopping.Stop`); resume=True
+    continues from there to the same bytes as a run without a pause.
+  profile_steps (first, last): steps to trace into profile/. draw(params, path): see `report.Outputs`.
+
+  Writes checkpoints/, params.safetensors (averaged where the config has an average), metrics.jsonl, report.html and
+  loss.png. With config.train.best, such as "min held_out_loss", params.safetensors holds the parameters with the best
+  value of that number at a save, of equals the last, and last.safetensors the last ones; "min a|b" takes the first of
+  the numbers that `evaluate` returns. Only saves on the grid of train.save_every count, so that pauses change nothing.
   """
-  workdir = pathlib.Path(workdir)
+  num_steps, began = config.train.num_steps, time.time()
   mesh = make_mesh(config.mesh)
-  num_steps, optimizer = config.train.num_steps, config.optimizer
-  tx = make_optimizer(optimizer, num_steps)
+  tx = make_optimizer(config.optimizer, num_steps)
   rng = jax.random.key(config.seed)
-  init_rng = jax.random.fold_in(rng, 2**31 - 1)  # no step folds in this number
   example = next_batch(0)
-  use_average = optimizer.ema_decay > 0
-  init = jax.jit(lambda batch, key: init_state(stage, tx, batch, key, use_average, optimizer.skip_spikes > 0))
-
-  def initial():
-    return init(example, init_rng)
-
-  state = mesh.put(initial())
-  saver = Saver(workdir, config.train.keep_last, config.train.save_every)
-  outputs, guards, logged = Outputs(workdir, config, evaluate, draw), Guards(config), []
-
-  def restore(state):
-    """The newest whole state on disk, with what the guards and the next row of metrics know of it."""
-    restored, record = saver.restore(state, tqdm.write)
-    step, memory = int(restored.step), record.get("memory", {})
-    guards.recall(memory, step)
-    logged[:] = memory.get("logged", [])
-    outputs.begin(step)
-    return mesh.put(restored), record
-
-  if jax.process_index() == 0:
-    saver.clean()
-    remove_strays(workdir, (*FILES, BATCH))
-  if saver.latest is not None:
-    if not resume:
-      raise ValueError(f"{workdir} holds a run at step {saver.latest}; --resume continues it, or choose another folder")
-    state, record = restore(state)
-    if told := told_differences(record):
-      print(told)
-    saver.best = outputs.judge(int(state.step), state, hurried=guards.streak and int(state.step) < num_steps)
-  elif resume and not checkpoint.is_fresh(workdir):
-    raise FileNotFoundError(f"{workdir} has no checkpoint to resume from; start without --resume in an empty folder")
-  else:
-    outputs.begin(0)
+  states = States(config, workdir, mesh, stage, tx, example, rng, next_batch, evaluate, draw)
+  state = states.begin(resume)
   frozen = mesh.put(frozen or {})
-  train_step = mesh.compiled(make_train_step(stage, tx, optimizer.ema_decay, optimizer.skip_loss,
-                                             optimizer.skip_spikes, optimizer.accumulate_steps,
-                                             tuple(config.train.get("freeze", ()))))
-  start = began = time.time()
-  first = int(state.step)
-
-  def broken(error):
-    """The error that ends a run, with the batch kept by which it was noticed."""
-    saver.wait()
-    kept = keep_batch(workdir, guards.step, next_batch(guards.batch_number(guards.step - 1)))
-    return FloatingPointError(f"{error}; the last good state is step {saver.sound}, the batch is in {kept}. Try a "
-                              "lower optimizer.learning_rate, and `motion-jax data doctor`")
-
-  def look(step):
-    """Nothing is logged or saved before the guards have seen it; whether the run is lost."""
-    logged[:] = [{key: float(value) for key, value in metrics.items()} for metrics in logged]
-    try:
-      return guards.look(step, logged, tqdm.write)
-    except FloatingPointError as error:
-      raise broken(error) from None
-
-  def save(step, state):
-    if error := saver.wait():
-      tell_unsaved(error)
-    copy = copy_of(state)
-    try:
-      check_finite(copy)
-    except FloatingPointError as error:
-      raise broken(error) from None
-    saver.save(step, copy, guards.memory() | {"logged": list(logged)})  # written while the next steps are logged
-
-  def roll_back(state):
-    """The last state before a series of steps that were left out, from which the run goes on with other batches."""
-    if guards.window == config.train.max_rollbacks:
-      raise broken(f"{guards.streak} steps in a row were left out up to step {guards.step}, after going back "
-                   f"{guards.window} times")
-    if error := saver.wait():
-      tell_unsaved(error)
-    window, to = guards.window + 1, saver.sound
-    tqdm.write(f"step {guards.step}: {guards.streak} steps in a row were left out; back to step {to or 0} and on with "
-               f"other batches (time {window} of {config.train.max_rollbacks})")
-    if to is None:
-      state, to = mesh.put(initial()), 0
-      saver.save(to, copy_of(state))  # before others go: a folder without a state could not go on
-      if error := saver.wait():
-        raise error
-    saver.discard_after(to)
-    state, _ = restore(state)
-    guards.window = window
-    saver.remember(int(state.step), state, guards.memory() | {"logged": logged})
-    return state
-
-  def batch_of(step):
-    try:
-      return batches.take()
-    except MemoryError:  # there is none for a save either
-      raise
-    except Exception as error:
-      if step == first:
-        raise
-      saver.wait()
-      if saver.latest != step and not look(step):
-        save(step, state)
-        saver.wait()
-      raise InputError(f"the batch of step {step} cannot be made ({type(error).__name__}: {reason(error)}); step "
-                       f"{saver.latest} is saved, --resume goes on from there when the data are whole") from error
-
-  own, own_batch = slice(None), next_batch
+  train_step = mesh.compiled(make_train_step(
+      stage, tx, config.optimizer.ema_decay, config.optimizer.skip_loss, config.optimizer.skip_spikes,
+      config.optimizer.accumulate_steps, tuple(config.train.get("freeze", ()))))
+  step = first = int(state.step)
+  batch_size, rows = len(example["index"]), slice(None)
   if jax.process_count() > 1:
-    own = mesh.own_rows(len(example["index"]))
-    own_batch = functools.partial(next_batch, rows=own)
-  batches = Ahead(own_batch, mesh.rows, num_steps, config.train.workers)
-  sample = mesh.rows({name: array[own] for name, array in example.items()})
-  rates = Rates(len(example["index"]), make_schedule(optimizer, num_steps),
-                flops_of(train_step, state, frozen, sample, rng))
-  progress = Progress(first, num_steps, len(example["index"]))
-  watchdog = Watchdog(workdir, config.train.hang_minutes)
-  profile, agreement = Profile(workdir, profile_steps, first), Agreement()
-  with (contextlib.closing(progress), contextlib.closing(saver), contextlib.closing(watchdog),
-        contextlib.closing(batches), contextlib.closing(profile), stop or stopping.Stop() as interrupt):
-    step = first
-    if step < num_steps:
-      batches.begin(step, guards.batch_number(step))
+    rows = mesh.own_rows(batch_size)
+    next_batch = functools.partial(next_batch, rows=rows)
+  sample = mesh.rows({name: array[rows] for name, array in example.items()})
+  flops = flops_of(train_step, state, frozen, sample, rng)
+  rates = Rates(batch_size, make_schedule(config.optimizer, num_steps), flops)
+  agreement = Agreement()
+  with contextlib.ExitStack() as stack:
+    opened = lambda thing: stack.enter_context(contextlib.closing(thing))
+    progress = opened(Progress(first, num_steps, batch_size))
+    opened(states)
+    watchdog = opened(Watchdog(workdir, config.train.hang_minutes))
+    batches = opened(Batches(next_batch, mesh.rows, num_steps, config.train.workers))
+    profile = opened(Profile(workdir, profile_steps, first))
+    signals = stack.enter_context(stop or stopping.Stop())
+    batches.begin(step, states.guards.batch_number(step))
     while step < num_steps:
-      batch = batch_of(step)
+      try:
+        batch = batches.take()
+      except Exception as error:
+        states.save_before_failing(step, state, first, error)
+        raise InputError(f"the batch of step {step} cannot be made ({type(error).__name__}: {reason(error)}); step "
+                         f"{states.saver.latest} is saved, --resume continues there once the data are whole") from error
       if step == first:
         compile_together(train_step, state, frozen, batch, rng)
       if profile.begin(step + 1, state):
         rates.restart()
       with jax.profiler.StepTraceAnnotation("train", step_num=step + 1):
         state, metrics = train_step(state, frozen, batch, rng)
-      rates.step(batches.waited)
-      interrupt.something_to_lose()
-      watchdog.beat()
       step += 1
+      rates.step(batches.waited)
+      signals.something_to_lose()
+      watchdog.beat()
       if profile.end(step, state):
         rates.restart()
-      logged.append(metrics)
+      states.unlogged.append(metrics)
       progress.step(step, metrics)
-      told, out_of_time = agreement.largest(interrupt.number or 0,
-                                            int(max_seconds is not None and time.time() - start > max_seconds))
-      interrupt.hear(told)
-      ends = told or out_of_time
+      out_of_time = max_seconds is not None and time.time() - began > max_seconds
+      signal, out_of_time = agreement.largest(signals.number or 0, int(out_of_time))
+      signals.hear(signal)
+
+      ends = bool(signal or out_of_time)
       logs = step % config.train.log_every == 0 or step == num_steps
       saves = step % config.train.save_every == 0 or step == num_steps or ends
-      if (logs or saves) and look(step):
-        state = roll_back(state)
+      if (logs or saves) and states.is_lost(step):
+        state = states.roll_back(state)
         step = int(state.step)
-        batches.begin(step, guards.batch_number(step))
+        batches.begin(step, states.guards.batch_number(step))
         rates.restart()
         continue
       if logs:
-        means = {k: float(np.mean([m[k] for m in logged])) for k in logged[0]}
-        logged.clear()
-        row = {"step": step, "seconds": round(time.time() - began, 1), **means, **guards.counts(), **rates.row(step)}
-        outputs.add(row)
-        progress.seen(row)
-      if error := saver.failure():
-        tell_unsaved(error)
+        progress.show_row(states.log(step, began, rates))
+      states.report_failed_save()
       if saves:
-        save(step, state)
-        if saver.latest is None and (error := saver.wait()):  # weights without a state could not go on
-          tell_unsaved(error)
-        if not ends:  # what follows a save may take minutes, which a signal does not leave
-          interrupt.nothing_to_lose(lambda: (saver.wait(), end_together())[1])
-        # What may be rolled back is not chosen.
-        saver.best = outputs.judge(step, state, hurried=told or guards.streak and step < num_steps)
-        progress.seen(outputs.numbers)
+        states.save(step, state)
+        if not ends:  # an evaluation may take minutes, which a signal does not leave
+          signals.nothing_to_lose(lambda: (states.saver.wait(), end_together())[1])
+        progress.show_row(states.evaluate(step, state, hurried=bool(signal)))
         watchdog.beat()
         rates.restart()
       if ends:
         break
-    if error := saver.wait():
-      raise OSError(f"the state of step {step} could not be saved ({reason(error)}); the last that was is step "
-                    f"{saver.latest}") from error
-    saver.prune()
-    if step < num_steps:
-      tqdm.write(f"stopped and saved at step {step}; --resume goes on from there")
-  outputs.close()
+    states.finish(step)
+  states.outputs.close()
   return state
 
 
-def tell_unsaved(error):
-  """Says that a state was not saved; raises what is not the disk's fault."""
-  if not is_of_the_disk(error):
+class States:
+  """The states of a run, in memory and on disk: begins, checks, logs, saves, rolls back.
+
+  Nothing is logged or saved before the guards have checked it. unlogged: the metrics of the steps since the last row.
+  """
+
+  def __init__(self, config, workdir, mesh, stage, tx, example, rng, next_batch, evaluate=None, draw=None):
+    self.config, self.workdir = config, pathlib.Path(workdir)
+    self._mesh, self._next_batch = mesh, next_batch
+    init_rng = jax.random.fold_in(rng, 2**31 - 1)  # no step folds in this number
+    optimizer = config.optimizer
+    init = jax.jit(lambda batch, key: init_state(stage, tx, batch, key, optimizer.ema_decay > 0,
+                                                 optimizer.skip_spikes > 0))
+    self._initial = lambda: mesh.put(init(example, init_rng))
+    self.saver = Saver(workdir, config.train.keep_last, config.train.save_every)
+    self.outputs = Outputs(workdir, config, evaluate, draw)
+    self.guards = Guards(config)
+    self.unlogged = []
+
+  def begin(self, resume):
+    """The state to train from: a new one, or with resume the newest whole one in the folder."""
+    state = self._initial()
+    if jax.process_index() == 0:
+      self.saver.clean()
+      remove_strays(self.workdir, (*FILES, BATCH))
+    if self.saver.latest is None:
+      if resume and not checkpoint.is_fresh(self.workdir):
+        raise FileNotFoundError(f"{self.workdir} has no checkpoint to resume from; start without --resume in an empty "
+                                "folder")
+      self.outputs.begin(0)
+      return state
+    if not resume:
+      raise ValueError(f"{self.workdir} holds a run at step {self.saver.latest}; --resume continues it, or choose "
+                       "another folder")
+    state, record = self._restore(state)
+    if note := describe_differences(record):
+      print(note)
+    self.evaluate(int(state.step), state)  # a kill between a save and its evaluation leaves this undone
+    return state
+
+  def _restore(self, like):
+    """The newest whole state on disk and its record; guards and metrics are again as they were at its step."""
+    state, record = self.saver.restore(like, tqdm.write)
+    step, memory = int(state.step), record.get("memory", {})
+    self.guards.restore(memory, step)
+    self.unlogged = memory.get("logged", [])
+    self.outputs.begin(step)
+    return self._mesh.put(state), record
+
+  def is_lost(self, step):
+    """Has the guards check the metrics since the last row; returns whether the run has to be rolled back."""
+    self.unlogged = [{key: float(value) for key, value in metrics.items()} for metrics in self.unlogged]
+    try:
+      return self.guards.check(step, self.unlogged, tqdm.write)
+    except FloatingPointError as error:
+      raise self._broken(error) from None
+
+  def _broken(self, error):
+    """The error that ends a run; the batch at which it was noticed is kept."""
+    self.saver.wait()
+    step = self.guards.step
+    kept = keep_batch(self.workdir, step, self._next_batch(self.guards.batch_number(step - 1)))
+    return FloatingPointError(f"{error}; the last good state is step {self.saver.sound}, the batch is in {kept}. Try a "
+                              "lower optimizer.learning_rate, and `motion-jax data doctor`")
+
+  def log(self, step, began, rates):
+    """Writes the row of metrics of the steps since the last one, and returns it."""
+    means = {name: float(np.mean([metrics[name] for metrics in self.unlogged])) for name in self.unlogged[0]}
+    self.unlogged = []
+    row = {"step": step, "seconds": round(time.time() - began, 1), **means, **self.guards.counts(), **rates.row(step)}
+    self.outputs.add(row)
+    return row
+
+  def save(self, step, state):
+    """Starts to save a state; the files are written while the next steps are computed."""
+    if error := self.saver.wait():
+      report_unsaved(error)
+    copy = copy_of(state)
+    try:
+      check_finite(copy)
+    except FloatingPointError as error:
+      raise self._broken(error) from None
+    self.saver.save(step, copy, self._memory())
+    if self.saver.latest is None and (error := self.saver.wait()):  # weights without a state could not be resumed
+      report_unsaved(error)
+
+  def _memory(self):
+    return self.guards.memory() | {"logged": list(self.unlogged)}
+
+  def evaluate(self, step, state, hurried=False):
+    """Evaluates what was saved and keeps the best parameters; returns the numbers."""
+    may_be_rolled_back = self.guards.streak and step < self.config.train.num_steps
+    self.saver.best = self.outputs.after_save(step, state, hurried=hurried or may_be_rolled_back)
+    return self.outputs.numbers
+
+  def roll_back(self, state):
+    """The last good state before a series of skipped steps; the run continues from it with other batches."""
+    guards, most = self.guards, self.config.train.max_rollbacks
+    if guards.window == most:
+      raise self._broken(f"{guards.streak} steps in a row were skipped up to step {guards.step}, after {guards.window} "
+                         "rollbacks")
+    if error := self.saver.wait():
+      report_unsaved(error)
+    window, target = guards.window + 1, self.saver.sound
+    tqdm.write(f"step {guards.step}: {guards.streak} steps in a row were skipped; rolling back to step {target or 0}, "
+               f"then other batches (rollback {window} of {most})")
+    if target is None:
+      state, target = self._initial(), 0
+      self.saver.save(target, copy_of(state))  # before later ones go: a folder without a state could not be resumed
+      if error := self.saver.wait():
+        raise error
+    self.saver.discard_after(target)
+    state, _ = self._restore(state)
+    guards.window = window
+    self.saver.remember(int(state.step), self._memory())
+    return state
+
+  def save_before_failing(self, step, state, first, error):
+    """Saves the state of the step whose batch could not be made; raises the error where there is nothing to save."""
+    if step == first or isinstance(error, MemoryError):  # without memory for a batch there is none for a save
+      raise error
+    self.saver.wait()
+    if self.saver.latest != step and not self.is_lost(step):
+      self.save(step, state)
+      self.saver.wait()
+
+  def report_failed_save(self):
+    """Reports a save that has failed in the background."""
+    if error := self.saver.failure():
+      report_unsaved(error)
+
+  def finish(self, step):
+    """Waits for the last save and removes states that are no longer needed."""
+    if error := self.saver.wait():
+      raise OSError(f"the state of step {step} could not be saved ({reason(error)}); the last saved one is step "
+                    f"{self.saver.latest}") from error
+    self.saver.prune()
+    if step < self.config.train.num_steps:
+      tqdm.write(f"stopped and saved at step {step}; --resume continues there")
+
+  def close(self):
+    self.saver.close()
+
+
+def report_unsaved(error):
+  """Reports a state that could not be saved for lack of disk; raises any other error."""
+  if not is_disk_error(error):
     raise error
-  tqdm.write(f"a state could not be saved ({reason(error)}); training goes on, older states are intact, the next save "
-             "tries again")
+  tqdm.write(f"a state could not be saved ({reason(error)}); training continues, older states are intact, the next "
+             "save tries again")

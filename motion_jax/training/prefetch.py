@@ -1,4 +1,4 @@
-"""Batches made ahead of the steps that take them, and put on the devices, by a thread of their own."""
+"""Batches made ahead of the steps that take them, and put on the devices, in a background thread."""
 import os
 import queue
 import sys
@@ -12,10 +12,10 @@ from motion_jax.utils.install import pip_install
 
 
 class Prefetch:
-  """make(step) for step = first, first + 1, ... in that order, up to `depth` of them ahead; `with` ends its thread.
+  """make(step) for step = first, first + 1, ... in order, up to `depth` of them ahead; `with` ends its thread.
 
-  `take()` gives the next one, whatever make raised is raised there, and `waited` are the seconds for which takers
-  had to wait. What is made is the same as without it: make is a function of the step.
+  `take()` returns the next one, or raises what make raised; `waited` counts the seconds spent waiting in it. As make is
+  a function of the step, results are the same as without a thread.
   """
 
   def __init__(self, make: Callable[[int], Any], first: int, last: int, depth: int = 2):
@@ -45,7 +45,7 @@ class Prefetch:
     return self
 
   def take(self) -> Any:
-    """The next batch. Raises what make raised, and RuntimeError behind the last step."""
+    """The next batch. Raises what make raised, and RuntimeError after the last step."""
     began = time.perf_counter()
     while True:
       try:
@@ -64,10 +64,10 @@ class Prefetch:
     self._thread.join(timeout=10)
 
 
-class Ahead:
+class Batches:
   """The batches of a run, made ahead of its steps and placed on the devices.
 
-  next_batch(number) -> a batch; place(batch): puts it where a step takes it; num_workers: processes that make batches
+  next_batch(number) -> batch; place(batch) -> batch on the devices; num_workers: number of processes that make batches
   (`in_processes`), 0 for a thread of this one.
   """
 
@@ -79,11 +79,11 @@ class Ahead:
 
   @property
   def waited(self) -> float:
-    """Seconds for which steps had to wait for a batch, since the run began."""
+    """Seconds that steps have waited for a batch since the run began."""
     return self._waited + (self._batches.waited if self._batches else 0.0)
 
   def begin(self, step: int, number: int):
-    """The next batch to take is that of `step`, and has this number; those after it follow."""
+    """Makes the batch of `step` the next one, which has this number; the others follow in order."""
     self.close()
     shift, last = number - step, self._num_steps
     if self._num_workers:
@@ -94,7 +94,7 @@ class Ahead:
     self._batches = Prefetch(make, step, last).__enter__()
 
   def take(self) -> Any:
-    """The next batch; raises what was raised while it was made."""
+    """The next batch; raises what making it raised."""
     return self._batches.take()
 
   def close(self):
@@ -104,27 +104,27 @@ class Ahead:
 
 
 def in_processes(make: Callable[[int], Any], first: int, last: int, num_workers: int) -> Iterator[Any]:
-  """make(step) for first <= step < last, in order, by processes of their own: the same arrays that make gives here.
+  """make(step) for first <= step < last, in order, computed in other processes: the same arrays as make here.
 
-  For batches that take longer to make than a step: text that is encoded, features that are read from files. Grain
-  hands the steps to the processes and takes the batches back; it pickles make for them, and they use no accelerator.
-  Raises InputError without the extra `data`.
+  For batches that take longer to make than a step, such as text to encode or features to read from files. Grain
+  distributes the steps and collects the batches; it pickles make for the processes, which use no accelerator. Raises
+  InputError without the extra `data`.
   """
   try:
     import grain
   except ImportError as error:
     raise InputError(f"train.workers are Grain's: {pip_install('data')}, or set train.workers=0") from error
   from absl import flags
-  flags.FLAGS.mark_as_parsed()  # Grain reads some, whoever parses the command line
+  flags.FLAGS.mark_as_parsed()  # Grain reads some of them
   steps = grain.MapDataset.range(first, last).map(make)
   reading = grain.ReadOptions(num_threads=1, prefetch_buffer_size=2)
-  # No array is large enough for shared memory: batches come through pipes, so that nothing stays in /dev/shm when a
-  # program ends, however it ends.
+  # No array is large enough for shared memory, so batches come through pipes and nothing stays in /dev/shm when the
+  # program ends.
   piped = grain.experimental.DatasetOptions(min_shm_size=sys.maxsize)
   steps = grain.experimental.WithOptionsIterDataset(steps.to_iter_dataset(reading), piped)
   batches = iter(steps.mp_prefetch(grain.MultiprocessingOptions(num_workers=num_workers)))
   before = os.environ.get("JAX_PLATFORMS")
-  os.environ["JAX_PLATFORMS"] = "cpu"  # of the processes, which begin with the first batch; here jax has begun already
+  os.environ["JAX_PLATFORMS"] = "cpu"  # for the new processes, which start with the first batch; here JAX runs already
   try:
     for step in range(first, last):
       yield next(batches)

@@ -56,7 +56,7 @@ def traced_training(config, workdir, stage, next_batch, frozen, *_):
     chain(MARDM, cdamd_autoencoder="64", cdamd_generator="mardm_kit"),
     chain(EVALUATOR)])
 def test_each_stage_takes_the_runs_of_those_before_it(stages, sizes, tmp_path, monkeypatch):
-  monkeypatch.setattr(fit.train, "train", traced_training)
+  monkeypatch.setattr(fit.loop, "train", traced_training)
   for name, parts in stages.items():
     config = load_config(name, sizes[name]).unlock()
     config.update_from_flattened_dict({field: str(tmp_path / run) for field, run in parts.items()})

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from motion_jax import fit
-from motion_jax.training import event_files, loop
-from motion_jax.training.metrics import read_metrics
+from motion_jax.training import loop
+from motion_jax.training.metrics import read_metrics, wall_times
 from motion_jax.utils.errors import InputError
 from tests.conftest import load_config
 from tests.training.test_guards import _bad_from, _skipping
@@ -77,7 +77,7 @@ def test_what_a_full_disk_cuts_short_is_made_anew(tmp_path, monkeypatch, capsys)
 
 def test_slices_follow_each_other_in_time():
   rows = [{"step": 1, "seconds": 10.0}, {"step": 2, "seconds": 30.0}, {"step": 2}, {"step": 3, "seconds": 5.0}]
-  assert event_files._times(rows, 100.0) == [75.0, 95.0, 95.0, 100.0]
+  assert wall_times(rows, 100.0) == [75.0, 95.0, 95.0, 100.0]
 
 
 def test_an_absent_extra_is_told_before_data_are_read(tmp_path, monkeypatch):

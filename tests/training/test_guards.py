@@ -52,8 +52,8 @@ def test_a_run_goes_back_and_on_with_other_batches(tmp_path, capsys):
   """From the state before the steps that were left out, with batches that only seed, step and the count decide."""
   state = train.train(_skipping(10), tmp_path / "a", _stage(), _bad_from(5))
   said = capsys.readouterr().out
-  assert "step 6 is left out: loss 1e+12, gradient" in said and "3 in a row" in said
-  assert "3 steps in a row were left out; back to step 4 and on with other batches (time 1 of 3)" in said
+  assert "step 6 is skipped: loss 1e+12, gradient" in said and "3 in a row" in said
+  assert "3 steps in a row were skipped; rolling back to step 4, then other batches (rollback 1 of 3)" in said
   other = train.train(_config(10, skip_loss=1e3), tmp_path / "b", _stage(),
                       lambda step: _next_batch(step if step < 4 else step + WINDOW))
   assert _equal(state, other)
@@ -122,7 +122,7 @@ def test_a_run_without_a_state_goes_back_to_its_start(tmp_path):
 
 
 def test_after_some_rollbacks_a_run_ends_and_keeps_the_batch(tmp_path):
-  with pytest.raises(FloatingPointError, match="3 steps in a row were left out up to step 8, after going back 2 times; "
+  with pytest.raises(FloatingPointError, match="3 steps in a row were skipped up to step 8, after 2 rollbacks; "
                                                "the last good state is step 4"):
     train.train(_skipping(20, max_rollbacks=2), tmp_path, _stage(), _bad_from(5, windows=9))
   with np.load(tmp_path / guards.BATCH, allow_pickle=False) as kept:
@@ -135,7 +135,7 @@ def test_a_run_in_which_no_step_was_taken_is_no_success(tmp_path):
   """Shorter than the patience for steps that are left out."""
   config = _skipping(2)
   config.train.max_skips = 100
-  with pytest.raises(FloatingPointError, match="2 steps in a row were left out"):
+  with pytest.raises(FloatingPointError, match="2 steps in a row were skipped"):
     train.train(config, tmp_path, _stage(), _bad_from(0, windows=9))
 
 
@@ -143,8 +143,8 @@ def test_parameters_that_are_no_numbers_are_not_saved(tmp_path):
   """Loss and gradient of the step that breaks them are sound."""
   config = _config(4, learning_rate=1e39)
   config.train.save_every = 1
-  with pytest.raises(FloatingPointError, match=r"the parameter params\['w'\] is no number; the last good state is step "
-                                               "None"):
+  with pytest.raises(FloatingPointError, match=r"the parameter params\['w'\] is not finite; the last good state is "
+                                               "step None"):
     train.train(config, tmp_path, _stage(), _next_batch)
   assert checkpoint.is_fresh(tmp_path) and (tmp_path / guards.BATCH).is_file()
 
@@ -217,15 +217,15 @@ def _no_room(*_):
 def test_a_full_disk_ends_no_training(tmp_path, monkeypatch, capsys):
   """The save at step 4 fails, older states stay, the one at step 6 is there."""
   whole = train.train(_config(6), tmp_path / "whole", _stage(), _next_batch)
-  real, folder = saver._write_record, tmp_path / "run"
-  monkeypatch.setattr(saver, "_write_record", lambda aside, record: _no_room() if record["step"] == 4 else
+  real, folder = saver.write_record, tmp_path / "run"
+  monkeypatch.setattr(saver, "write_record", lambda aside, record: _no_room() if record["step"] == 4 else
                       real(aside, record))
   state = train.train(_config(6), folder, _stage(), _next_batch)
   assert "a state could not be saved (No space left on device" in capsys.readouterr().out.replace("[Errno 28] ", "")
   assert _equal(state, whole) and Saver(folder).steps == [2, 6]
   assert [path.name for path in (folder / "checkpoints").iterdir() if not path.name.isdigit()] == []
-  monkeypatch.setattr(saver, "_write_record", _no_room)
-  with pytest.raises(OSError, match="the state of step 8 could not be saved .* the last that was is step 6"):
+  monkeypatch.setattr(saver, "write_record", _no_room)
+  with pytest.raises(OSError, match="the state of step 8 could not be saved .* the last saved one is step 6"):
     train.train(_config(8), folder, _stage(), _next_batch, resume=True)
   assert Saver(folder).steps == [2, 6]
 
@@ -235,7 +235,7 @@ import os, resource, sys, time
 from motion_jax.training import loop, prefetch
 from tests.training.test_train import _config, _next_batch, _stage
 
-take, steps = prefetch.Ahead.take, iter(range(100))
+take, steps = prefetch.Batches.take, iter(range(100))
 
 def room(batches):  # files may hold no more than 100 bytes between the steps 3 and 5
   step = next(steps)
@@ -245,7 +245,7 @@ def room(batches):  # files may hold no more than 100 bytes between the steps 3 
   resource.setrlimit(resource.RLIMIT_FSIZE, (most, resource.RLIM_INFINITY))
   return take(batches)
 
-prefetch.Ahead.take = room
+prefetch.Batches.take = room
 loop.train(_config(6), sys.argv[1], _stage(), _next_batch)
 """
 

@@ -7,7 +7,7 @@ import pytest
 
 from motion_jax import fit
 from motion_jax.text.encoder import TextEncoder
-from motion_jax.training.prefetch import Ahead, Prefetch, in_processes
+from motion_jax.training.prefetch import Batches, Prefetch, in_processes
 from motion_jax.utils import config_files
 from tests.conftest import load_config
 
@@ -90,7 +90,7 @@ def test_processes_make_the_rows_of_one_whole_batch(name, monkeypatch):
 
 
 def test_a_run_that_is_rolled_back_takes_other_batches():
-  batches = Ahead(lambda number: number, lambda batch: -batch, num_steps=6)
+  batches = Batches(lambda number: number, lambda batch: -batch, num_steps=6)
   batches.begin(2, 102)
   assert [batches.take() for _ in range(2)] == [-102, -103]
   batches.begin(1, 501)

@@ -1,15 +1,14 @@
-"""Training states on disk: whole or not at all, damage is found, what is kept, what an older version wrote goes on."""
+"""Training states on disk: whole or not at all, damage is found, what is kept."""
 import json
 import pathlib
 import shutil
 
 import jax
 import numpy as np
-import orbax.checkpoint as ocp
 import pytest
 
 from motion_jax.data import sources
-from motion_jax.training import checkpoint, outputs, resume
+from motion_jax.training import checkpoint, report, resume
 from motion_jax.training import loop as train
 from motion_jax.training.metrics import read_metrics, without_clock
 from motion_jax.training.saver import Saver, copy_of, fields_of
@@ -52,7 +51,7 @@ def test_a_damaged_state_is_passed_over(ended, tmp_path, damage, capsys):
   damage(folder / "checkpoints" / "6")
   again = train.train(_config(6), folder, _stage(), _next_batch, resume=True)
   assert _equal(again, ended[1]) and Saver(folder).steps == [4, 6]
-  assert "note: checkpoints/6 is damaged (" in (said := capsys.readouterr().out) and "going on from step 4" in said
+  assert "note: checkpoints/6 is damaged (" in (said := capsys.readouterr().out) and "continuing from step 4" in said
   assert [row["step"] for row in read_metrics(folder)] == [1, 2, 3, 4, 5, 6]
   assert checkpoint.load_params(folder)["w"].tolist() == checkpoint.load_params(ended[0])["w"].tolist()
 
@@ -65,9 +64,9 @@ def test_every_flipped_bit_is_found(ended, tmp_path):
     whole = path.read_bytes()
     for bit in draw.integers(0, 8 * len(whole), 30):
       _flip(path, int(bit))
-      assert Saver(tmp_path / "run")._newest_whole(np.inf, {}) == 4, (path, bit)
+      assert Saver(tmp_path / "run").newest_whole({}) == 4, (path, bit)
       path.write_bytes(whole)
-  assert Saver(tmp_path / "run")._newest_whole(np.inf, {}) == 6
+  assert Saver(tmp_path / "run").newest_whole({}) == 6
 
 
 def test_where_nothing_is_whole_the_run_is_told_so(ended, tmp_path):
@@ -91,7 +90,7 @@ def test_what_a_kill_left_half_written_is_cleaned_away(ended, tmp_path):
   stray = shutil.copy(tmp_path / "stray", folder / path.name)
   other = folder / ".notes-abcdefgh.txt"  # not ours
   other.write_text("x")
-  remove_strays(folder, outputs.FILES)
+  remove_strays(folder, report.FILES)
   assert not pathlib.Path(stray).exists() and other.exists() and (folder / "params.safetensors").exists()
 
 
@@ -167,31 +166,6 @@ def test_rows_of_metrics_are_means_over_the_same_steps_after_a_slice(tmp_path):
   assert rows[0] == rows[1] and len(rows[0]) == 2
 
 
-def _as_an_older_version(folder, states):
-  """Checkpoints as they were written before there were records."""
-  shutil.rmtree(folder / "checkpoints", ignore_errors=True)
-  manager = ocp.CheckpointManager(folder / "checkpoints", options=ocp.CheckpointManagerOptions(create=True))
-  for state in states:
-    manager.save(int(state.step), args=ocp.args.StandardSave(fields_of(state)))
-    manager.wait_until_finished()
-  manager.close()
-
-
-def test_a_run_of_an_older_version_goes_on(ended, tmp_path, capsys):
-  """Without checksums, which is told; one that cannot be read is passed over all the same."""
-  states = [train.train(_config(n), tmp_path / str(n), _stage(), _next_batch) for n in (2, 4)]
-  for name, damaged in (("sound", False), ("damaged", True)):
-    folder = shutil.copytree(tmp_path / "4", tmp_path / name)
-    _as_an_older_version(folder, states)
-    if damaged:
-      for path in _files(folder / "checkpoints" / "4" / "default"):
-        path.write_bytes(path.read_bytes()[:5])
-    capsys.readouterr()
-    assert _equal(train.train(_config(6), folder, _stage(), _next_batch, resume=True), ended[1])
-    said = capsys.readouterr().out
-    assert "saved without checksums" in said and ("checkpoints/4 is damaged" in said) == damaged
-
-
 def test_another_environment_is_told(ended, tmp_path, monkeypatch, capsys):
   folder = shutil.copytree(ended[0], tmp_path / "run")
   train.train(_config(6), folder, _stage(), _next_batch, resume=True)
@@ -209,8 +183,8 @@ def test_changed_settings_are_named_one_by_one():
   with pytest.raises(InputError, match=f"--resume with another optimizer: {told}; .*--allow-changes"):
     resume.check_config(now, before)
   said = []
-  resume.check_config(now, before, allow=True, tell=said.append)
-  assert said == [f"note: the run goes on with other settings: {told}"]
+  resume.check_config(now, before, allow=True, report=said.append)
+  assert said == [f"note: the run continues with other settings: {told}"]
 
 
 def test_data_are_compared_byte_for_byte(tmp_path):
@@ -221,11 +195,11 @@ def test_data_are_compared_byte_for_byte(tmp_path):
     for file in ("motions.npz", "captions.jsonl"):
       (tmp_path / name / file).write_text("content")
   config.data.update(name="archive", folder=str(tmp_path / "a"))
-  (tmp_path / checkpoint.DATA).write_text(resume.digests(tmp_path, config, goes_on=True))
+  (tmp_path / checkpoint.DATA).write_text(resume.digests(tmp_path, config, resumes=True))
   config.data.folder = str(tmp_path / "b")
-  assert json.loads(resume.digests(tmp_path, config, goes_on=True))["digests"] == sources.digests(config.data)
+  assert json.loads(resume.digests(tmp_path, config, resumes=True))["digests"] == sources.digests(config.data)
   (tmp_path / "b" / "captions.jsonl").write_text("contenu")
   with pytest.raises(InputError, match="--resume with other data: the files in .*b are not .*--allow-changes"):
-    resume.digests(tmp_path, config, goes_on=True)
+    resume.digests(tmp_path, config, resumes=True)
   said = []
-  assert resume.digests(tmp_path, config, goes_on=True, allow=True, tell=said.append) and "are not those" in said[0]
+  assert resume.digests(tmp_path, config, resumes=True, allow=True, report=said.append) and "are not those" in said[0]

@@ -18,7 +18,7 @@ from motion_jax.motion.stats import Stats, save_stats
 from motion_jax.training import checkpoint, mesh, optimizers, prefetch, resume, train_step
 from motion_jax.training import loop as train
 from motion_jax.training.metrics import append_metrics, read_metrics
-from motion_jax.training.outputs import best_step
+from motion_jax.training.report import best_step
 from motion_jax.training.saver import Saver, copy_of
 from motion_jax.training.stage import Stage
 from tests import processes
@@ -313,8 +313,8 @@ def test_a_slice_stops_in_time_and_goes_on(tmp_path):
 
 def before_each_step(monkeypatch, act):
   """Calls act(step) where a step of a training that begins anew takes its batch, which was made ahead of it."""
-  take, steps = prefetch.Ahead.take, itertools.count()
-  monkeypatch.setattr(prefetch.Ahead, "take", lambda self: (act(next(steps)), take(self))[1])
+  take, steps = prefetch.Batches.take, itertools.count()
+  monkeypatch.setattr(prefetch.Batches, "take", lambda self: (act(next(steps)), take(self))[1])
 
 
 def test_ctrl_c_saves_and_leaves(tmp_path, monkeypatch):

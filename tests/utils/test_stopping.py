@@ -141,7 +141,7 @@ def test_a_signal_ends_nothing_as_long_as_other_processes_of_the_run_go_on(monke
 _BUSY = """
 import hashlib, os, signal, sys
 from motion_jax.utils import stopping
-from motion_jax.training import loop, outputs
+from motion_jax.training import loop, report
 from tests.training.test_train import _config, _next_batch, _stage
 
 def busy(*_):  # as a compiler is: in C, for long, without a look at Python's handlers
@@ -155,7 +155,7 @@ print("still there")
 """
 
 
-@pytest.mark.parametrize("place, saved", [("loop.init_state", None), ("outputs.was_evaluated", 2)])
+@pytest.mark.parametrize("place, saved", [("loop.init_state", None), ("report.was_evaluated", 2)])
 def test_sigterm_is_heard_while_the_main_thread_is_busy(tmp_path, place, saved):
   """While the first step is compiled nothing is lost; while a save is judged the state is on disk before the end."""
   began = time.time()

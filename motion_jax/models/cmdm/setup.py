@@ -23,7 +23,7 @@ from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.text import bert
 from motion_jax.text.encoder import load_text_encoder, narrowest
-from motion_jax.training import checkpoint, encoding, epochs
+from motion_jax.training import checkpoint, encoding, resume
 from motion_jax.training.setup import (
   TrainingSetup,
   caption_lengths,
@@ -45,7 +45,7 @@ def tokenizer(config: ConfigDict) -> TrainingSetup:
   data = sources.load_features(config.data, stats=held_stats(config), captioned=False)
   windows = batches.Windows(data.features, config.data.window, config.data.stride,
                             groups=data.groups, balance=config.data.balance, short=config.data.short_window)
-  config = epochs.resolved(config, len(windows))  # the weight of the alignment falls to the end of training
+  config = resume.resolve_epochs(config, len(windows))  # the weight of the alignment falls to the end of training
   validation = held_out(config, data.stats).features
   vae = CausalVAE(**config.model)
   reconstruct = jax.jit(lambda params, x: VaeCodec(vae, params).reconstruct(x))
