@@ -14,7 +14,7 @@ from motion_jax.models import registry
 from motion_jax.motion import stats as stats_lib
 from motion_jax.training import checkpoint, distributed, loop, metrics, progress
 from motion_jax.training import resume as resuming
-from motion_jax.utils import atomic, config_files, former_names, lock
+from motion_jax.utils import atomic, config_files, lock
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.nearest import did_you_mean
 
@@ -115,8 +115,6 @@ def resolve(config):
   nowhere else is a config changed.
   """
   found = config.copy_and_resolve_references().unlock()
-  for old, new in former_names.rename_fields(found):
-    former_names.note(old, new)
   found = runs.upgrade(found)
   told = sources.recognize(found)
   for name, value in registry.resolved().get(config.stage, lambda config: {})(found).items():

@@ -18,7 +18,6 @@ from motion_jax.latents import TOKENIZER
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.stats import Stats, load_stats
 from motion_jax.training import checkpoint
-from motion_jax.utils import former_names
 from motion_jax.utils.errors import InputError, reading
 from motion_jax.utils.input_files import read_json, tensor_sizes
 from motion_jax.utils.nearest import did_you_mean
@@ -176,7 +175,6 @@ def upgrade(config: ml_collections.ConfigDict) -> ml_collections.ConfigDict:
   A new ConfigDict, frozen or locked as the given one. A model that was named for a printed row stays that row's.
   """
   told, exact = config.to_dict(), paper_rows.is_exact(config)
-  former_names.rename_fields(told)
   for path, value in {**_LEFT_OUT[""], **_LEFT_OUT.get(told.get("stage"), {})}.items():
     section, _, field = path.rpartition(".")
     if section == "model" and section not in told:

@@ -11,7 +11,7 @@ from motion_jax.evaluation import provenance, samples
 from motion_jax.models import registry
 from motion_jax.models.base import ABILITIES
 from motion_jax.motion.representations import to_features
-from motion_jax.runs import PRETRAINED, find
+from motion_jax.runs import PRETRAINED, resolve_run
 from motion_jax.training import checkpoint
 
 _PARTS = (checkpoint.CONFIG, checkpoint.FROZEN, "Mean.npy", "Std.npy")
@@ -57,10 +57,9 @@ class Candidate:
 
   def store(self, harness, kind="generation") -> samples.Store:
     """Where its samples for a harness are kept."""
-    protocol = harness.protocol.as_json()  # whose names do not change: a folder of samples is found by them
-    draw = {name: protocol[name] for name in (
-        "pool", "min_frames", "past_frames", "max_frames", "unit", "random_caption", "coin", "random_crop", "shuffle",
-        "sort_by_caption", "multimodality_shared", "sequences", "segments")}
+    draw = {name: getattr(harness.protocol, name) for name in (
+        "pool", "min_frames", "past_frames", "max_frames", "unit_length", "random_caption", "coin", "random_crop",
+        "shuffle", "sort_by_caption", "multimodality_shared", "sequences", "segments")}
     text = self.model.encoder.fingerprint if self.model.can("generate") else None
     return samples.Store(self.folder, dict(
         kind=kind, model=self.hash, text=text, guidance_scale=self.about["guidance_scale"],
@@ -172,7 +171,7 @@ def _varied_of(models, choices):
 
 def row_names(runs):
   """The last part of each run's path, or the path where that is another's too or means something else in a result."""
-  names = [find(run).resolve().name for run in runs]
+  names = [resolve_run(run).resolve().name for run in runs]
   return [name if names.count(name) == 1 and name not in ("real", "shuffled") else str(run)
           for name, run in zip(names, runs)]
 

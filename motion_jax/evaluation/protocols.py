@@ -24,10 +24,6 @@ import dataclasses
 from motion_jax.metrics.protocol import Protocol
 from motion_jax.utils.nearest import did_you_mean
 
-# Names in results.json, which stay as they are.
-_WRITTEN = {"unit_length": "unit", "replications": "repeats", "multimodality_replications": "multimodality_repeats"}
-_WRITTEN_TASKS = {"long_horizon": "stories"}
-
 
 @dataclasses.dataclass(frozen=True)
 class Benchmark(Protocol):
@@ -124,12 +120,6 @@ class Benchmark(Protocol):
 
   def without_multimodality(self):
     return dataclasses.replace(self, multimodality_captions=0, multimodality_batches=0)
-
-  def as_json(self) -> dict:
-    """All fields under the names that they have in results.json, whichever version wrote it."""
-    fields = {_WRITTEN.get(name, name): value for name, value in dataclasses.asdict(self).items()}
-    return fields | {"task": _WRITTEN_TASKS.get(self.task, self.task)}
-
 
 _CMDM = Benchmark(
     name="cmdm-259", title="Text to motion, HumanML3D, 263 features", source="docs/papers/cmdm.md#items, #protocol",

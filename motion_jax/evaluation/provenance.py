@@ -1,4 +1,5 @@
 """What lets anyone repeat a number: what was judged, by what, with which draws, on which code."""
+import dataclasses
 import hashlib
 import importlib.metadata
 import pathlib
@@ -12,19 +13,19 @@ _PACKAGES = ("jax", "jaxlib", "flax", "numpy", "scipy", "safetensors", "tokenize
 
 
 def describe(harness, folders, candidates, replications, devices) -> dict:
-  """A JSON object, "record" in results.json; nothing in it depends on when or how fast an evaluation ran."""
+  """A JSON object, "provenance" in results.json; nothing in it depends on when or how fast an evaluation ran."""
   protocol, test_set = harness.protocol, harness.test_set
   words = sorted({caption for captions in test_set.captions for caption in captions})
   timelines = protocol.timelines and hashlib.sha256(pathlib.Path(protocol.timelines).read_bytes()).hexdigest()
   return dict(
-      protocol=protocol.as_json() | {"repeats": replications, "timelines": timelines},
+      protocol=dataclasses.asdict(protocol) | {"replications": replications, "timelines": timelines},
       evaluators=[_evaluator(one) for one in dict.fromkeys((harness.evaluator, harness.clip_evaluator)) if one],
       data=dict(folders=[pathlib.Path(folder).name for folder in folders], format=test_set.format, split=protocol.split,
                 split_hash=test_set.hash, items=len(test_set), samples=harness.count, shared_with_train=test_set.shared,
                 excluded=len(test_set.excluded), excluded_clips=[list(pair) for pair in test_set.excluded]),
       models=[dict(row=candidate.name, **candidate.about, unknown_words=_unknown(candidate.model, words),
                    sampled_by=candidate.sampled_by) for candidate in candidates],
-      question=question(harness, candidates), seed=harness.seed, repeats=replications, limit=harness.limit,
+      question=question(harness, candidates), seed=harness.seed, replications=replications, limit=harness.limit,
       precision=_precision(), device=_device(devices), versions=_versions(), code=commit())
 
 

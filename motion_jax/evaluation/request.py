@@ -6,7 +6,7 @@ from motion_jax.evaluation import protocols
 from motion_jax.evaluation.protocols import Benchmark
 from motion_jax.evaluation.test_set import dataset_of_all
 from motion_jax.evaluators.evaluator import Evaluator, load_evaluator
-from motion_jax.runs import PRETRAINED, find
+from motion_jax.runs import PRETRAINED, resolve_run
 from motion_jax.training import checkpoint
 
 _LONG = ("long_horizon", "timelines")  # tasks that take a file of prompts, and count sequences in place of clips
@@ -56,12 +56,12 @@ def guess_protocol(runs, folders) -> str:
   if files:
     return "mtt"
   return dataset_of_all(folders).benchmark(
-      folders, lambda: checkpoint.load_config(find(runs[0])).data.layout if runs else None)
+      folders, lambda: checkpoint.load_config(resolve_run(runs[0])).data.layout if runs else None)
 
 
 def default_out(runs, protocol) -> pathlib.Path:
   """eval/PROTOCOL in the folder of the first run; of a model that ships, below the working directory."""
-  folder = find(runs[0]) if runs else pathlib.Path("real")
+  folder = resolve_run(runs[0]) if runs else pathlib.Path("real")
   inside = folder.parent != PRETRAINED and runs
   return folder / "eval" / protocol.name if inside else pathlib.Path("eval") / folder.name / protocol.name
 

@@ -89,7 +89,7 @@ class Result:
   """Rows of metrics by a protocol, what stands beside them, and what they came from.
 
   rows: {row: {metric: number}}, row_order those that tables show; metrics: of their columns. provenance: data, models,
-  evaluators, seeds and code (`evaluation.provenance`), "record" in the file. folder: where it lies, no part of it.
+  evaluators, seeds and code (`evaluation.provenance`). folder: where it lies, no part of it.
   """
   protocol: str
   title: str
@@ -107,20 +107,17 @@ class Result:
   folder: pathlib.Path | None = dataclasses.field(default=None, compare=False)
 
   def as_json(self) -> dict[str, Any]:
-    # A result of one row has no differences, like those of versions that knew none.
-    return {_WRITTEN.get(name, name): getattr(self, name) for name in _FIELDS
-            if name != "differences" or self.differences}
+    return {name: getattr(self, name) for name in _FIELDS if name != "differences" or self.differences}
 
   @classmethod
   def from_json(cls, data: dict[str, Any], folder: pathlib.Path | None = None) -> Self:
     """Raises ValueError for what is no result."""
-    fields = {_FIELDS_OF_FILE.get(name, name): value for name, value in data.items()}
-    missing = [name for name in _REQUIRED if name not in fields]
+    missing = [name for name in _REQUIRED if name not in data]
     if missing:
       raise ValueError(f"{folder or 'this'} holds no result of motion-jax evaluate: it has no {', '.join(missing)}")
     # Other versions may have left a field out, or null.
-    known = {name: value for name, value in fields.items() if name in _FIELDS and value is not None}
-    return cls(**{"title": fields["protocol"]} | known, folder=folder)
+    known = {name: value for name, value in data.items() if name in _FIELDS and value is not None}
+    return cls(**{"title": data["protocol"]} | known, folder=folder)
 
   def write(self, folder) -> Self:
     """results.json in a folder; returns the result that knows of it."""
@@ -138,7 +135,5 @@ class Result:
     return cls.from_json(checkpoint.load_json(folder, FILE), folder)
 
 
-_WRITTEN = {"provenance": "record"}
-_FIELDS_OF_FILE = {there: here for here, there in _WRITTEN.items()}
 _REQUIRED = ("protocol", "rows", "row_order", "metrics")
 _FIELDS = tuple(field.name for field in dataclasses.fields(Result) if field.name != "folder")

@@ -21,14 +21,12 @@ from motion_jax.evaluation.result import FILE, Result
 from motion_jax.evaluation.tasks.registry import TASKS
 from motion_jax.evaluation.test_set import TestSet, read_test_set
 from motion_jax.motion.representations import get_layout
-from motion_jax.utils import former_names
 from motion_jax.utils.atomic import atomic_path
 
 TABLES = {"tables.md": difference_tables.whole(tables.markdown), "tables.tex": difference_tables.whole(tables.latex),
           "tables.csv": tables.csv}
 
 
-@former_names.with_keywords
 def evaluate(runs, folders, protocol=None, *, evaluator=None, clip_evaluator=None, out=None, replications=None,
              seed=None, guidance=(), sampling=None, vary=(), limit=None, controls=False, multimodality=True,
              force=False, only_read=False, raw=False, devices=None, show=True, samples=None, motions=(),
@@ -49,8 +47,8 @@ def evaluate(runs, folders, protocol=None, *, evaluator=None, clip_evaluator=Non
   task_class = TASKS[asked.protocol.task]
   folder = pathlib.Path(out) if out else default_out(runs, asked.protocol)
   main, clip = load_evaluators(asked.protocol, evaluator, clip_evaluator)
-  varied = tuple(former_names.current(one) for one in vary) or ({},)
-  choices = Choices(tuple(guidance), former_names.current(sampling or {}), varied, task_class.OPTIONS)
+  varied = tuple(vary) or ({},)
+  choices = Choices(tuple(guidance), sampling or {}, varied, task_class.OPTIONS)
   load = partial(task_class.load, raw=True) if raw else task_class.load
   candidates, left_out = load_candidates(runs, load, choices, folder, samples, devices, only_read, show)
   others = [external.load_external(name, place, main, task_class.TEXT_TO_MOTION) for name, place in motions]
@@ -104,7 +102,6 @@ def evaluate(runs, folders, protocol=None, *, evaluator=None, clip_evaluator=Non
   return write(result, folder, clock.seconds)
 
 
-@former_names.with_keywords
 def ask(folders, out, protocol=None, *, evaluator=None, replications=None, seed=None, limit=None, multimodality=True,
         allow_shared=False) -> pathlib.Path:
   """Writes what a protocol wants another program to make, with the real motions that it is made of; see

@@ -1,10 +1,8 @@
-"""Keyword arguments of a model's calls: former names are understood, wrong ones get a hint."""
+"""Keyword arguments of a model's methods: an unknown name is an error with a suggestion."""
 import difflib
 import functools
 from collections.abc import Callable, Sequence
 from typing import Any
-
-from motion_jax.utils import former_names
 
 # What other programs, or other calls, name so; the first of ours that a call has is the hint.
 OTHERS = {
@@ -28,7 +26,6 @@ def checked(function: Callable) -> Callable:
 
   @functools.wraps(function)
   def called(self: Any, *args: Any, **given: Any) -> Any:
-    given = former_names.current(given)
     known = [*own, *self.options.described(), *self.control_choices]
     for name in given:
       if name not in known:

@@ -18,7 +18,7 @@ from motion_jax.motion.stats import Stats
 from motion_jax.runs import Run
 from motion_jax.text.encoder import TextEncoder
 from motion_jax.training import checkpoint
-from motion_jax.utils import cache, former_names
+from motion_jax.utils import cache
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import SEEDS, as_float, checked, demand_numbers, shortened, told
 from motion_jax.utils.text_files import is_text
@@ -223,7 +223,7 @@ class TextToMotionModel(Able):
 
     Raises TypeError for a choice that this method does not have, ValueError for a value that cannot be.
     """
-    known, choices = self.options.described(), former_names.current(choices)
+    known = self.options.described()
     for name in choices:
       if name not in known:
         others = [*known, *(one for one in _ARGUMENTS if one != name)]

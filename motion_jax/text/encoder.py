@@ -13,7 +13,7 @@ import numpy as np
 from tokenizers import Tokenizer, models, normalizers, pre_tokenizers, processors
 
 from motion_jax.text import bert, folder, hub
-from motion_jax.utils import cache, former_names, text_files
+from motion_jax.utils import cache, text_files
 from motion_jax.utils.errors import InputError
 from motion_studio.language.vocabulary import FUNCTION_WORDS, forms, strange_words
 
@@ -171,11 +171,6 @@ class TextEncoder:
     return [self.folder / name for name in (*hub.FILES, KNOWN_WORDS) if (self.folder / name).is_file()
             ] if self.folder else []
 
-  def unfamiliar(self, sentence):
-    """The former name of `out_of_vocabulary`."""
-    former_names.note("unfamiliar", "out_of_vocabulary")
-    return self.out_of_vocabulary(sentence)
-
   def unreadable(self, sentence):
     """Characters of a sentence that the encoder has no piece for and that are no letters: emoji and the like."""
     strange = [c for c in sentence if "[UNK]" in self._encode(c).tokens and not c.isalpha()]
@@ -323,7 +318,7 @@ def load_text_encoder(name_or_folder="words", max_words=None, level="words"):
     raise InputError(f"got max_words={max_words}, expected at least 3: a word and the two special pieces")
   if level not in LEVELS:
     raise InputError(f"got the text level {level!r}, expected one of {', '.join(LEVELS)}")
-  name = former_names.current_value(str(name_or_folder))
+  name = str(name_or_folder)
   if name == "random-init":
     return TextEncoder(_random_init(), name, max_words=max_words, level=level)
   carried = _carried(name_or_folder)

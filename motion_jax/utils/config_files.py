@@ -7,7 +7,6 @@ from typing import Any
 from ml_collections import ConfigDict
 
 from motion_jax import configs
-from motion_jax.utils import former_names
 from motion_jax.utils.errors import InputError
 
 FOLDER = pathlib.Path(configs.__path__[0])  # where the configs lie that ship
@@ -35,11 +34,7 @@ def load(name):
   except Exception as error:  # whatever a file that is no config does
     raise InputError(f"{file} is no config file ({type(error).__name__}: {error}); expected Python with a function "
                      "get_config(size)") from error
-  config = get_config(size) if size else get_config()
-  with config.unlocked():
-    for old, new in former_names.rename_fields(config):
-      former_names.note(f"{file}: {old}", new)
-  return config
+  return get_config(size) if size else get_config()
 
 
 def _path_of(file):

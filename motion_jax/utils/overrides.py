@@ -5,13 +5,12 @@ import ml_collections
 from absl import flags
 from ml_collections import config_flags
 
-from motion_jax.utils import former_names
 from motion_jax.utils.errors import InputError
 
 
 def applied(arguments, config):
   """The config, locked, with the fields that --config.KEY=VALUE among arguments name; nothing else may be there."""
-  arguments = [_as_called(argument) for argument in arguments]
+  arguments = list(arguments)
   check(arguments, config)
   values = flags.FlagValues()
   config_flags.DEFINE_config_dict("config", config, flag_values=values, sys_argv=["", *arguments])
@@ -23,16 +22,6 @@ def applied(arguments, config):
     raise InputError(f"got the stray arguments {' '.join(stray)}; fields of the config are set by "
                      "--config.SECTION.FIELD=VALUE")
   return values.config
-
-
-def _as_called(argument):
-  """The argument with the name that its field has."""
-  key, equals, value = argument.partition("=")
-  for old, new in former_names.FIELDS.items():
-    if key in (f"--config.{old}", f"-config.{old}"):
-      former_names.note(f"--config.{old}", f"--config.{new}")
-      return f"--config.{new}{equals}{value}"
-  return argument
 
 
 def names_any(arguments, *fields) -> bool:

@@ -16,7 +16,6 @@ from motion_studio.cli.prompts import read_prompts, read_sequences
 
 __all__ = ["main", "parse", "read_prompts", "read_sequences"]
 
-_FORMER_NAMES = {"story": "multi-prompt"}
 
 # What this package raises itself. What a library stumbles over is translated where that happens (`errors.reading`), so
 # any other error is a fault of the program, and a traceback says where.
@@ -48,9 +47,6 @@ def parse(argv=None, command=None, program=None):
     parser = _commands_of(parser)[command]
     parser.prog = program
     parser.set_defaults(command=command)
-  elif argv and argv[0] in _FORMER_NAMES:
-    print(f"note: motion-jax {argv[0]} is called motion-jax {_FORMER_NAMES[argv[0]]}", file=sys.stderr)
-    argv[0] = _FORMER_NAMES[argv[0]]
   args = parser.parse_args(argv)
   args.program = program or f"motion-jax {args.command}"
   return args

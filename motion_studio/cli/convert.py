@@ -38,7 +38,6 @@ def add_to(commands):
                       help=f"Mean.npy and Std.npy of the {whose}, which checkpoints do not hold")
     part.add_argument("--heads", type=whole(1, 1024), help="attention heads, where the size is none of the papers'")
     part.add_argument("--out", required=True, metavar="FOLDER", help="new folder to write")
-    part.former_flags = {"--text": "--text-encoder"}
   for part, name in ((released, "distilbert-base-uncased"), (cdamd, "clip-vit-base-patch32"),
                      (teacher, "distilbert-base-uncased")):
     part.add_argument("--text-encoder", metavar="FOLDER", help=f"{name}, as Hugging Face lays it out")

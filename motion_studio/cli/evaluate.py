@@ -13,7 +13,6 @@ def add_to(commands):
       "evaluate", help="models and data in, tables of the papers' metrics out",
       description="Judges trained models by a named protocol: real data first, then each model; writes results.json, "
                   "tables.md and tables.tex.")
-  evaluate.former_flags = {"--run": "--model", "--repeats": "--replications", "--raw": "--weights=model"}
   add = evaluate.add_argument
   add("--model", action="append", default=[], help="a run folder or the name of a model that ships; may be repeated")
   add("--data", action="append", nargs="+", metavar="DIR", help="data folders; several make one test set. A file of "

@@ -90,7 +90,6 @@ def add_to(commands):
 
 def _making(parser, out):
   """Options of all commands that make motion."""
-  parser.former_flags = {"--raw": "--no-cleanup", "--rounds": "--iterations", "--revealed-only": "--unmasked-only"}
   parser.add_argument("--num", type=whole(*MOTIONS), default=1,
                       help="number of motions per prompt; motion i uses seed SEED + i (1)")
   parser.add_argument("--seed", type=whole(*SEEDS), default=0,

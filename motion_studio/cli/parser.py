@@ -1,7 +1,6 @@
 """Arguments read by argparse, with mistakes told in one line that names the nearest right word."""
 import argparse
 import re
-import sys
 
 from motion_jax.utils.nearest import did_you_mean
 
@@ -9,10 +8,9 @@ from motion_jax.utils.nearest import did_you_mean
 class Parser(argparse.ArgumentParser):
   """argparse's parser whose errors are one line.
 
-  --two_words is --two-words, and former_flags {flag or --flag=value: how it is called} are understood with a note, but
-  stand in no help. A command whose defaults have `overrides` finds there all --config.KEY=VALUE, and what is no flag.
+  --two_words is --two-words. A command whose defaults have `overrides` finds there all --config.KEY=VALUE, and what is
+  no flag.
   """
-  former_flags = {}
 
   def parse_args(self, args=None, namespace=None):
     found, rest = self.parse_known_args(args, namespace)
@@ -33,10 +31,6 @@ class Parser(argparse.ArgumentParser):
     if not name.startswith("-"):
       return argument
     spelled = "--" + name.lstrip("-").replace("_", "-")
-    for former, rest in ((argument, ""), (spelled, equals + value)):
-      if former in self.former_flags:
-        print(f"note: {former} is called {self.former_flags[former]}", file=sys.stderr)
-        return self.former_flags[former] + rest
     return spelled + equals + value if spelled in self._option_string_actions else argument
 
   def error(self, message):

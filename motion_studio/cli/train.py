@@ -40,9 +40,6 @@ def add_to(commands):
   add("--num-processes", type=whole(1, 1_000_000), metavar="N", help="how many processes there are")
   add("--simulate-devices", type=whole(1, 1024), metavar="N", default=0,
       help="train on so many CPU devices, which share the cores: to try out what several devices do")
-  train.former_flags = {"--noresume": "--no-resume"} | {
-      f"--resume={text}": flag for flag, texts in (("--resume", "true True 1"), ("--no-resume", "false False 0"))
-      for text in texts.split()}
   train.set_defaults(run=_train, overrides=[])
 
 

@@ -49,9 +49,10 @@ def a_result(**changes) -> Result:
           "R@3 against noise": curve([0, 1, 3], [0.8, 0.6, 0.2], "noise on real joints, cm", "R@3"),
           "Jerk across transitions, ours": curve(frames, [0.05] * 57, "frames from the border", "jerk"),
           "Jerk across transitions, real": curve(frames, [0.033] * 57, "frames from the border", "jerk")},
-      "record": {"repeats": 20, "seed": 3467, "data": {"split": "test", "samples": 4384, "split_hash": "ab" * 32},
-                 "evaluators": [{"name": "t2m-259", "kind": "t2m", "hash": "cd" * 32}],
-                 "models": [{"row": "ours", "hash": "ef" * 32, "sampler": {"steps": 50}}]},
+      "provenance": {"replications": 20, "seed": 3467,
+                     "data": {"split": "test", "samples": 4384, "split_hash": "ab" * 32},
+                     "evaluators": [{"name": "t2m-259", "kind": "t2m", "hash": "cd" * 32}],
+                     "models": [{"row": "ours", "hash": "ef" * 32, "sampler": {"steps": 50}}]},
       "gallery": []} | changes)
 
 

@@ -138,7 +138,7 @@ def command(arguments):
 @pytest.mark.slow
 def test_eval_py_killed_goes_on_to_the_same_table(judged, tiny_run, archive, tmp_path, monkeypatch, capsys):
   """The command itself, dead in the middle of sampling: what is on disk is whole, the rest is made by the next one."""
-  arguments = ["--run", str(tiny_run), "--data", str(archive), "--force", "--sampling", "num_steps=2",
+  arguments = ["--model", str(tiny_run), "--data", str(archive), "--force", "--sampling", "num_steps=2",
                "--no-multimodality", "--samples", str(tmp_path / "samples"), "--out", str(tmp_path / "out"),
                "--report", str(tmp_path / "page")]
   script = f"""
@@ -186,11 +186,11 @@ def test_what_cannot_be_asked_is_told_before_anything_is_done(tiny_run, archive,
   monkeypatch.setitem(protocols.PROTOCOLS, "archives-66", SMALL)
   monkeypatch.setattr(request, "load_evaluator", None)
   monkeypatch.setattr(run.sanity_lib, "look", lambda harness: pytest.fail("began"))
-  assert command(["--run", str(tiny_run), "--data", str(archive), "--out", "nowhere", *arguments]) == 1
+  assert command(["--model", str(tiny_run), "--data", str(archive), "--out", "nowhere", *arguments]) == 1
   assert re.search(f"eval.py: (.|\n)*{words}", capsys.readouterr().err)
 
 
-@pytest.mark.parametrize("option", ["--repeats", "--replications", "--limit", "--devices"])
+@pytest.mark.parametrize("option", ["--replications", "--limit", "--devices"])
 def test_counts_are_from_one_on(option, capsys):
   with pytest.raises(SystemExit):
     cli.parse(["evaluate", "--data", "somewhere", option, "0"])
@@ -265,8 +265,7 @@ assert len(jax.local_devices()) == len(used) == 2, used
 def test_motions_of_a_model_are_judged_the_same_from_files(judged, tiny_run, archive, evaluators, tmp_path):
   """What is asked for is what a model of ours is asked for; its motions, given back, have its numbers."""
   result, _ = judged
-  with pytest.warns(FutureWarning, match="repeats is called replications"):
-    run.ask([archive], tmp_path / "made", SMALL, evaluator=evaluators["evaluator"], repeats=2)
+  run.ask([archive], tmp_path / "made", SMALL, evaluator=evaluators["evaluator"], replications=2)
   lines = [json.loads(line) for line in (tmp_path / "made" / "prompts.jsonl").read_text().splitlines()]
   assert len(lines) == 2 * 8 + 4 * 2 and lines[0].keys() == {"file", "caption", "frames", "fps", "seed", "id"}
   stored = {}

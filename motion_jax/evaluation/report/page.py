@@ -1,4 +1,4 @@
-"""One page that shows evaluations: tables beside the paper's, curves, motions next to the real ones, the record.
+"""One page that shows evaluations: tables beside the paper's, curves, motions next to the real ones, provenance.
 
 `write(results, folder)` makes index.html, which loads nothing from anywhere, and motions/*.html, where the pairs play.
 What the page says is gathered here, how it looks is assets/report.html, a template that escapes all text, and its
@@ -105,7 +105,7 @@ def _section(name, result, folder, pages):
           "curves": _curves(result.curves), "without_motions": lost,
           "galleries": [_gallery(kind, entries, folder, pages, f"{name}_{kind}") for kind, entries in chosen.items()
                         if entries],
-          "record": _record(result.provenance)}
+          "provenance": _provenance(result.provenance)}
 
 
 def _title(result):
@@ -114,15 +114,15 @@ def _title(result):
 
 def _about(result):
   """What to say of a result in a line: protocol, data, evaluator, repeats."""
-  record = result.provenance
-  data, evaluators = record.get("data") or {}, record.get("evaluators") or []
+  provenance = result.provenance
+  data, evaluators = provenance.get("data") or {}, provenance.get("evaluators") or []
   facts = [f"protocol {result.protocol}"]
   if data.get("samples"):
     facts.append(f"{data['samples']:,} samples of {data.get('split', 'test')}")
   if evaluators:
     facts.append("judged by " + ", ".join(one["name"] for one in evaluators))
-  if record.get("repeats"):
-    facts.append(f"{record['repeats']} repeat{'s' if record['repeats'] > 1 else ''}")
+  if count := provenance.get("replications"):
+    facts.append(f"{count} replication{'s' if count > 1 else ''}")
   return " · ".join(facts)
 
 
@@ -269,24 +269,25 @@ def _strip(clips):
       return "data:image/jpeg;base64," + base64.b64encode(out.getvalue()).decode("ascii")
 
 
-# --- the record --------------------------------------------------------------------------------------------------
+# --- provenance ---------------------------------------------------------------------------------------------------
 
 
-def _record(record):
+def _provenance(provenance):
   """What lets anyone repeat it: the facts that matter most, and all of it as JSON."""
-  if not record:
+  if not provenance:
     return None
   facts = []
-  for one in record.get("models") or ():
+  for one in provenance.get("models") or ():
     facts.append(("model", _join(one, ("row", "model", "hash", "parameters", "layout", "guidance_scale", "sampler",
                                         "sampling"))))
-  for one in record.get("evaluators") or ():
+  for one in provenance.get("evaluators") or ():
     facts.append(("evaluator", _join(one, ("name", "kind", "layout", "hash", "statistics"))))
-  facts.append(("data", _join(record.get("data"), ("folders", "format", "split", "samples", "split_hash", "excluded"))))
-  facts.append(("seed", record.get("seed")))
-  facts += [(name, _join(record.get(name), None)) for name in ("precision", "device", "code", "versions")]
+  facts.append(("data", _join(provenance.get("data"),
+                              ("folders", "format", "split", "samples", "split_hash", "excluded"))))
+  facts.append(("seed", provenance.get("seed")))
+  facts += [(name, _join(provenance.get(name), None)) for name in ("precision", "device", "code", "versions")]
   return {"facts": [(name, value) for name, value in facts if value not in (None, "")],
-          "whole": json.dumps(record, indent=1, ensure_ascii=False)}
+          "whole": json.dumps(provenance, indent=1, ensure_ascii=False)}
 
 
 def _join(values, names):

@@ -19,7 +19,7 @@ from motion_jax.models.known_motion import KnownMotion, at_rate, clip_of
 from motion_jax.models.options import TRIES
 from motion_jax.models.results import Motion, Motions, captions_in_a_row, gathered, go_on, make_motions
 from motion_jax.shapes import Array
-from motion_jax.utils import former_names, timing
+from motion_jax.utils import timing
 from motion_jax.utils.numerals import checked
 from motion_studio import controlled
 from motion_studio.controlled import Control
@@ -151,16 +151,6 @@ class CmdmModel(CmdmNetworks):
     captions = [captions_in_a_row(*row, self.fps) for row in zip(prompts, ends)]
     about |= {"way": way} | ({"eased": True} if ease else {})
     return make_motions(self, made, totals, captions, seeds, about, cleanup, ease)
-
-  def story(self, segments: Segments, **choices: Any) -> Motion:
-    """The former name of `multi_prompt`."""
-    former_names.note("story", "multi_prompt")
-    return self.multi_prompt(segments, **choices)
-
-  def stories(self, lists: Iterable[Segments], **choices: Any) -> Motions:
-    """The former name of `multi_prompts`."""
-    former_names.note("stories", "multi_prompts")
-    return self.multi_prompts(lists, **choices)
 
   @arguments.checked
   def extend(self, clip: Clip | Array, prompt: str | Segments, num_frames: int | None = None, *,

@@ -1,4 +1,4 @@
-"""Flags: one spelling in all commands, and the scripts at the top as doors to them; former ones: test_former_names."""
+"""Flags: one spelling in all commands, and the scripts at the top as doors to them."""
 import argparse
 import re
 import subprocess
