@@ -23,7 +23,7 @@ judge main --model cmdm-small --model cdamd-small --replications "$replications"
 judge multimodality --model cmdm-small --model cdamd-small --replications 1
 judge schedules --model cmdm-small --vary schedule=fss schedule=ar schedule=full num_steps=20,lag=1 \
   --replications "$few" --no-multimodality
-judge guidance --model cmdm-small --model cdamd-small --guidance 1 2 3 4 6 --replications "$few" --no-multimodality
+judge guidance --model cmdm-small --model cdamd-small --guidance-scale 1 2 3 4 6 --replications "$few" --no-multimodality
 judge reconstruction --model cmdm-small --model cdamd-small --protocol reconstruction --replications "$replications" \
   --controls
 judge editing --model cdamd-small --protocol editing --vary mask=causal mask=bcm --replications "$few"
@@ -34,5 +34,5 @@ judge long --model cmdm-small --protocol long-horizon --replications "$few" --li
 judge long-shown --model cmdm-small --protocol long-horizon --sampling cleanup=true ease=true \
   --vary way=stream way=joined --replications "$few" --limit 16
 motion-jax evaluate \
-  --beside "$out"/{main,multimodality,schedules,guidance,reconstruction,editing,editing-finished,long,long-shown} \
+  --compare-with "$out"/{main,multimodality,schedules,guidance,reconstruction,editing,editing-finished,long,long-shown} \
   --report "$out/report"

@@ -109,8 +109,8 @@ def _argument(text):
 
 def _lengths(rng):
   if rng.random() < 0.5:
-    return ("--frames", "24")
-  return (pick(rng, ("--frames", "--seconds")), pick(rng, (*map(str, NUMBERS), "3", "x", "", "2s", "1e3")))
+    return ("--num-frames", "24")
+  return (pick(rng, ("--num-frames", "--seconds")), pick(rng, (*map(str, NUMBERS), "3", "x", "", "2s", "1e3")))
 
 
 def prompts(rng, folder):
@@ -123,7 +123,7 @@ def prompts(rng, folder):
     text = _PROMPTS if given.endswith(".csv") else _PROMPTS.replace(",", " ").replace('"', "")
     put(folder, {given: damage(rng, given, text.encode())})
   lengths = _lengths(rng)
-  once = ("--tries", "1") if len(lengths[1]) > 3 else ()  # an hour's motion is made a dozen times for minutes
+  once = ("--max-attempts", "1") if len(lengths[1]) > 3 else ()  # an hour's motion is made a dozen times for minutes
   return command("generate", given, *lengths, *once, "--model", "run", "--out", "out/a.npy")
 
 
@@ -154,7 +154,7 @@ def timeline_files(rng, folder):
 
 def runs(rng, folder):
   put(folder / "run", damaged(rng, healthy("run")))
-  return command("generate", "a person walks", "--frames", "24", "--model", "run", "--out", "out/a.npy")
+  return command("generate", "a person walks", "--num-frames", "24", "--model", "run", "--out", "out/a.npy")
 
 
 def evaluators(rng, folder):
@@ -194,14 +194,15 @@ _READS = {
 
 # --- command lines -------------------------------------------------------------------------------------------------
 
-_FLAGS = ("--num", "--seed", "--guidance", "--steps", "--solver", "--schedule", "--lag", "--context", "--frames",
+_FLAGS = ("--num-samples", "--seed", "--guidance-scale", "--num-steps", "--solver", "--schedule", "--lag", "--context",
+          "--num-frames",
           "--seconds",
-          "--iterations", "--order", "--mask", "--no-cleanup", "--fps", "--unit", "--up", "--way", "--text",
-          "--past-text",
+          "--num-iterations", "--order", "--mask", "--no-cleanup", "--fps", "--unit", "--up", "--way", "--prompt",
+          "--past-prompt",
           "--out",
           "--model", "--split", "--mode", "--mapping", "--captions", "--overwrite", "--no-mirror", "--data",
           "--teacher",
-          "--edit", "--keep", "--task", "--help", "--version", "--what")
+          "--change", "--keep", "--task", "--help", "--version", "--what")
 _GIVEN = ("euler", "heun", "fss", "ar", "full", "stream", "chain", "joined", "run", "in.npz", "in.npy", "in.bvh", "set",
           "out/a.npz",
           "out/b.bvh,out/c.npy", "out", "out/x/y/z.npy", "/", "a.docx", "train", "1:2", "0.5s:1s", "50%:",
@@ -215,11 +216,11 @@ def commands(rng, folder):
   motion = healthy("motion")
   put(folder, {f"in{ending}": motion[f"a{ending}"] for ending in (".npz", ".npy", ".bvh")}
       | {f"run/{name}": content for name, content in healthy("run").items()} | healthy("archive"))
-  start = pick(rng, (["generate", "a person walks", "--frames", "24"], ["multi-prompt", _SEQUENCE],
-                     ["render", "in.npz"], ["extend", "in.npz", "--text", "sits"],
-                     ["extend", "in.bvh", "--text", "walks:2 | sits"],
+  start = pick(rng, (["generate", "a person walks", "--num-frames", "24"], ["multi-prompt", _SEQUENCE],
+                     ["render", "in.npz"], ["extend", "in.npz", "--prompt", "sits"],
+                     ["extend", "in.bvh", "--prompt", "walks:2 | sits"],
                      ["data", "build", "set", "out/made"], ["data", "doctor", "set"], ["models"],
-                     ["edit", "in.npz", "--text", "waves", "--task", "prefix"], ["data"], ["convert", "cmdm"], []))
+                     ["edit", "in.npz", "--prompt", "waves", "--task", "prefix"], ["data"], ["convert", "cmdm"], []))
   made = start[0] in ("generate", "multi-prompt", "extend", "edit", "render") if start else False
   if made:
     start = [*start, "--out", "out/a" + pick(rng, (".npz", ".npy", ".bvh"))]
@@ -262,7 +263,7 @@ def check_stubs(folder):
   """Raises RuntimeError unless a healthy run, prompt and story are made with the stubs: they are the models' whole API,
   and where they lag behind it every case of a run is refused for a reason of the fuzzer's own."""
   put(folder, {f"run/{name}": content for name, content in healthy("run").items()})
-  model, length = ("--model", str(folder / "run")), ("--frames", "24")
+  model, length = ("--model", str(folder / "run")), ("--num-frames", "24")
   said = io.StringIO()
   for arguments in (("generate", "a person walks", *length), ("multi-prompt", _SEQUENCE)):
     with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):

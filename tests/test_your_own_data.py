@@ -68,7 +68,7 @@ def test_the_page_from_files_to_a_table(tmp_path, monkeypatch, capsys):
       evaluate(words[2:])
     else:
       assert words[0] == "motion-jax", f"the page has a command that no test runs: {words}"
-      more = ["--steps", "2", "--lag", "1", "--num", "1"] if words[1] == "generate" else []
+      more = ["--num-steps", "2", "--lag", "1", "--num-samples", "1"] if words[1] == "generate" else []
       assert cli.main([*words[1:], *more]) == 0, words
     ran.append(words[1])
   assert ran == ["data", "data", "train", "train", "train", "generate", "retrieve", "evaluate", "train", "train",

@@ -186,7 +186,7 @@ def check_options(name, loaded, guidance, options, more=()):
   known = [key for key in loaded.options.described() if key != "guidance_scale"] + list(more)
   wrong = [key for key in options if key not in known]
   if wrong:
-    hint = "; --guidance takes scales" if wrong[0] == "guidance_scale" else ""
+    hint = "; --guidance-scale takes scales" if wrong[0] == "guidance_scale" else ""
     raise ValueError(f"got the choice of sampling {wrong[0]!r}, {name} knows {', '.join(known)}{hint}")
   for scale in guidance or (None,):  # which raises for values that cannot be
     loaded.sampling(guidance_scale=scale, **{key: value for key, value in options.items() if key not in more})

@@ -115,8 +115,8 @@ class ExternalMotions:
     """Of names {folder: part of a task} those that are there. Raises FileNotFoundError where some has to be."""
     found = {name: part for name, part in names.items() if (self.folder / name).is_dir()}
     if some and not found:
-      raise FileNotFoundError(f"{self.folder} has none of the folders {', '.join(names)}; motion-jax evaluate --ask "
-                              "DIR says what is to be made")
+      raise FileNotFoundError(f"{self.folder} has none of the folders {', '.join(names)}; "
+                              "motion-jax evaluate --export-prompts DIR says what is to be made")
     return found
 
   def store(self, harness, kind=""):
@@ -131,7 +131,7 @@ class ExternalMotions:
     missing = [path for path in paths if not path.is_file()]
     if missing:
       raise FileNotFoundError(f"{len(missing)} of {len(paths)} motions of {self.name!r} are not in {self.folder}, such "
-                              f"as {missing[0].relative_to(self.folder)}; motion-jax evaluate --ask DIR "
+                              f"as {missing[0].relative_to(self.folder)}; motion-jax evaluate --export-prompts DIR "
                               "says what is to be made")
     return [_read(path, count, self.model.stats.layout, self.moved) for path, count in zip(paths, jobs.frames)]
 
@@ -142,7 +142,7 @@ def load_external(name, folder, evaluator, moved=True) -> ExternalMotions:
   paths = sorted(path for path in folder.glob("*r[0-9][0-9][0-9]*/*.npy") if not path.parent.name.startswith(GIVEN))
   if not paths:
     raise FileNotFoundError(f"{folder} holds no motions: expected files such as {_file('r000', 0)}; motion-jax "
-                            "evaluate --ask DIR says what is to be made")
+                            "evaluate --export-prompts DIR says what is to be made")
   shape = npy_shape(paths[0])
   layout = _joint_layout(evaluator) if len(shape) == 3 else layout_for(shape[-1] if shape else 0)
   digest = hashlib.sha256()

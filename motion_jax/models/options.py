@@ -5,7 +5,7 @@ and where its usual value comes from:
 
   @dataclasses.dataclass(frozen=True)
   class TinySampling(SamplingOptions):
-    num_steps: int | None = number("steps of the sampler", STEPS, flag="steps")
+    num_steps: int | None = number("steps of the sampler", STEPS)
     order: str | None = choice("which latents are made first", ("random", "left_to_right"))
 
 None means "as the run was trained to be sampled", its config.sampler; `resolved` puts that in. Nothing here imports
@@ -28,15 +28,14 @@ class Description(NamedTuple):
   """What is known of a choice.
 
   check(value, name) -> value, or InputError; read: a command line's text becomes the value; choices: all that are
-  allowed, where they can be listed; flag: on the command line, less "--"; key: in config.sampler; usual: where the
-  config does not say; allowed: words for a table.
+  allowed, where they can be listed; key: in config.sampler; usual: where the config does not say; allowed: words for a
+  table. The command line has the name with dashes, `--num-steps`.
   """
   help: str
   check: Callable
   read: Callable
   allowed: str
   choices: tuple | None = None
-  flag: str | None = None
   key: str | None = None
   usual: Any = None
 
@@ -88,8 +87,7 @@ _Options = TypeVar("_Options", bound="SamplingOptions")
 @dataclasses.dataclass(frozen=True)
 class SamplingOptions:
   """The choices that every method has; those of one method are a subclass. Hashable, so that jit can depend on them."""
-  guidance_scale: float | None = number("scale of classifier-free guidance: how closely the words are followed",
-                                       GUIDANCE, float, flag="guidance")
+  guidance_scale: float | None = number("classifier-free guidance scale", GUIDANCE, float)
 
   def __post_init__(self) -> None:
     for name, description in self.described().items():
@@ -119,13 +117,8 @@ class SamplingOptions:
     return dataclasses.asdict(self)
 
 
-def flag_of(name: str, known: Description) -> str:
-  """What a choice is called on the command line, less "--"."""
-  return known.flag or name.replace("_", "-")
-
-
 def table(options: type[SamplingOptions]) -> str:
   """The choices of a method as a table in Markdown, for the docs."""
-  rows = [f"| `{name}` | `--{flag_of(name, known)}` | {known.allowed} | {known.help} |"
+  rows = [f"| `{name}` | `--{name.replace('_', '-')}` | {known.allowed} | {known.help} |"
           for name, known in options.described().items()]
   return "\n".join(["| choice | command line | allowed | what it is |", "|---|---|---|---|", *rows]) + "\n"

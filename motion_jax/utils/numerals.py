@@ -3,7 +3,7 @@
 Python's own int and float also take "nan", "1_000", digits of every script and numbers without end. `whole` and `real`
 make readers of one number that do not; they serve argparse as `type`, for what they raise is an error of argparse too:
 
-  parser.add_argument("--num", type=whole(1, 10_000))
+  parser.add_argument("--num-samples", type=whole(1, 10_000))
   parser.add_argument("--seconds", type=real(0.2, 3600, "seconds"))
 """
 import argparse

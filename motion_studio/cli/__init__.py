@@ -16,7 +16,6 @@ from motion_studio.cli.prompts import read_prompts, read_sequences
 
 __all__ = ["main", "parse", "read_prompts", "read_sequences"]
 
-
 # What this package raises itself. What a library stumbles over is translated where that happens (`errors.reading`), so
 # any other error is a fault of the program, and a traceback says where.
 KNOWN_ERRORS = (ValueError, OSError, FloatingPointError)

@@ -70,14 +70,14 @@ def anew(args, clip, model, sampling):
   from motion_jax.models.known_motion import at_rate
   from motion_jax.utils.spans import spans_of
   if args.task or args.keep:
-    raise InputError("got --keep-parts with --task or --keep; say by --edit in which seconds the other parts are "
+    raise InputError("got --keep-parts with --task or --keep; say by --change in which seconds the other parts are "
                      "replaced")
   joints = at_rate(clip, model.fps, model.stats.layout.skeleton)
-  spans = [[first / model.fps, past / model.fps] for first, past in spans_of(args.edit, len(joints), model.fps)
-           ] if args.edit else None
+  spans = [[first / model.fps, past / model.fps] for first, past in spans_of(args.change, len(joints), model.fps)
+           ] if args.change else None
   parts = tuple(part.strip() for part in args.keep_parts.split(","))
-  seeds = [args.seed + i for i in range(args.num)]
-  return model.generate([args.text] * args.num, seeds=seeds, cleanup=not args.no_cleanup,
+  seeds = [args.seed + i for i in range(args.num_samples)]
+  return model.generate([args.prompt] * args.num_samples, seeds=seeds, cleanup=not args.no_cleanup,
                         control=[KeepParts(joints, parts, model.fps, spans)], **sampling)
 
 

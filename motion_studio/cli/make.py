@@ -1,4 +1,4 @@
-"""motion-jax generate, multi-prompt, extend and edit: the commands that make motion."""
+"""motion-jax generate, multi-prompt, extend and edit: the commands that generate motion."""
 import functools
 import json
 import pathlib
@@ -6,129 +6,136 @@ import time
 
 import motion_jax
 from motion_jax.models import registry
-from motion_jax.models.options import TRIES, flag_of
+from motion_jax.models.options import TRIES
 from motion_jax.utils import progress, timing
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import MOTIONS, SEEDS, real, whole
 from motion_studio.cli import control, shared
 from motion_studio.cli.prompts import read_prompts, read_sequences
 
-_TOLD = 20             # sentences of several actions of which a command says how it understood them
-_AT_ONCE = 16_000      # frames, of all motions that are made in one batch, and
-_MOST_FRAMES = 400_000  # of all that one run makes
-_LITERAL = "give every sentence to the model as it is, also one that names several actions"
-LENGTH = real(above=0, high=3600, unit="seconds")
+_PRINTED = 20           # prompts of which a command prints the plan
+_BATCH_FRAMES = 16_000  # frames of all motions in one batch, and
+_MOST_FRAMES = 400_000  # of all motions of one run
+_SECONDS = real(above=0, high=3600, unit="seconds")
+_PARTS = "legs, torso, left_arm, right_arm, head, with commas"
+# Methods whose models cannot run a command.
+WITHOUT = {"multi-prompt": ("cdamd",), "extend": ("cdamd",), "edit": ("cmdm",)}
 
 
 def add_to(commands):
   """Adds these sub-commands to those of `motion-jax`."""
-  generate = commands.add_parser("generate", help="a sentence in, a moving body out")
-  generate.add_argument("prompt",
-                        help="a sentence, or a .txt (one prompt a line, which may end in a length in frames at 20 a "
-                        "second, as MoMask's: text#80, text#NA) or .csv (prompt,length in frames) file")
+  generate = commands.add_parser("generate", help="generate motion from a text prompt")
+  generate.add_argument("prompt", help="a sentence, or a file of prompts: .txt with one prompt per line (MoMask's "
+                        "text#80 sets a length in frames at 20 fps), or .csv with the columns prompt,length in frames")
   length = generate.add_mutually_exclusive_group()
-  length.add_argument("--seconds", type=LENGTH, help="length in seconds; by default that of similar training clips")
-  length.add_argument("--frames", type=whole(1, 72_000), help="length in frames")
-  generate.add_argument("--literal", action="store_true", help="say every sentence to the model as it is; without it "
-                        "\"walks, then waves\" and \"waves while walking\" are done action by action")
-  generate.add_argument("--tries", type=whole(1, 100), default=TRIES, help="how often at the most a motion is made in "
-                        "which kicks, jumps, waves, turns and the like of its sentence are not to be seen, or not as "
-                        f"many as it says ({TRIES})")
+  length.add_argument("--seconds", type=_SECONDS, help="length in seconds (default: that of similar training clips)")
+  length.add_argument("--num-frames", type=whole(1, 72_000), help="length in frames")
+  _add_planning(generate)
+  _add_attempts(generate, "a motion", "its prompt, such as the number of jumps")
   control.add_to(generate)
-  _making(generate, "motion.html")
+  _add_common(generate, "generate", "motion.html")
   generate.set_defaults(run=_generate)
 
-  several = commands.add_parser("multi-prompt", help="several sentences in a row, one motion out")
-  several.add_argument("prompts", help="\"a person walks:4 | a person waves | ...\", with or without seconds behind "
-                       "colons; a .csv (prompt,length in frames), a .txt (a prompt a line, as above) or a .txt of "
-                       "timelines (caption # start # end # body parts)")
+  several = commands.add_parser("multi-prompt", help="generate one motion from several prompts in sequence")
+  several.add_argument("prompts", help="prompts separated by |, each with an optional length in seconds: "
+                       "\"a person walks:4 | a person waves\"; or a file: .csv (prompt,length in frames), .txt (one "
+                       "prompt per line) or a .txt of timelines (caption # start # end # body parts)")
   several.add_argument("--way", choices=("stream", "chain", "joined"), default="stream",
-                       help="stream (default): the words change within one run; chain: one run per sentence, as in the "
-                            "released code; joined: each sentence by itself, joined where poses meet")
-  several.add_argument("--rest", action="store_true", help="an action that is over before its seconds are, such as a "
-                       "bow, ends in standing still; without it, it goes on or is done again")
-  several.add_argument("--hold-until-done", action="store_true", help="no action that is done once, such as a kick, "
-                       "has fewer seconds than clips of it in training")
-  several.add_argument("--literal", action="store_true", help=_LITERAL)
-  several.add_argument("--ease", action="store_true", help="spread over 0.4 s what hastens where the words change")
-  _making(several, "multi_prompt.html")
+                       help="stream (default): the prompt changes within one sampling run; chain: one run per prompt, "
+                            "as in the released code; joined: prompts are sampled independently and joined where "
+                            "poses match")
+  several.add_argument("--rest", action="store_true", help="fill the remaining time of a short action, such as a bow, "
+                       "with standing still; default: the action continues or repeats")
+  several.add_argument("--hold-until-done", action="store_true", help="give single actions, such as a kick, at least "
+                       "the length of training clips of them")
+  _add_planning(several)
+  several.add_argument("--ease", action="store_true", help="spread sudden speed changes between prompts over 0.4 s")
+  _add_common(several, "multi-prompt", "multi_prompt.html")
   several.set_defaults(run=_multi_prompt)
 
-  extend = commands.add_parser("extend", help="a motion in, the same motion going on as the words say out")
-  extend.add_argument("file", help="an .npz, .npy, .bvh or .amc file")
-  extend.add_argument("--text", required=True, help="what happens next; several sentences as for multi-prompt")
-  extend.add_argument("--seconds", type=LENGTH, help="length of the new part in seconds, where --text is one sentence")
-  extend.add_argument("--past-text", help="what the file shows; by default its own caption, else the new text")
+  extend = commands.add_parser("extend", help="continue a motion file from a prompt")
+  extend.add_argument("file", help="motion to continue: .npz, .npy, .bvh or .amc")
+  extend.add_argument("--prompt", required=True, help="what happens next; several prompts as for multi-prompt")
+  extend.add_argument("--seconds", type=_SECONDS, help="length of the new part in seconds, for a single prompt")
+  extend.add_argument("--past-prompt", help="what the file shows (default: its caption, else the new prompt)")
   extend.add_argument("--way", choices=("stream", "chain"), default="stream",
-                      help="stream (default): the past is kept clean in the cache; chain: one latent of it is noised "
-                           "anew in each step, as in the released code")
-  extend.add_argument("--literal", action="store_true", help=_LITERAL)
+                      help="stream (default): the past stays clean in the cache; chain: one past latent is noised "
+                           "again in each step, as in the released code")
+  _add_planning(extend)
   shared.add_reading(extend)
-  _making(extend, "extended.html")
+  _add_common(extend, "extend", "extended.html")
   extend.set_defaults(run=_extend)
 
-  edit = commands.add_parser("edit", help="new frames or body parts in a motion that exists (CDAMD models)")
-  edit.add_argument("file", help="an .npz, .npy, .bvh or .amc file")
-  edit.add_argument("--text", required=True, help="what the person does now")
+  edit = commands.add_parser("edit", help="regenerate selected frames or body parts of a motion file")
+  edit.add_argument("file", help="motion to edit: .npz, .npy, .bvh or .amc")
+  edit.add_argument("--prompt", required=True, help="what the person does in the new frames")
   part = edit.add_mutually_exclusive_group()
   part.add_argument("--task", choices=("inpainting", "outpainting", "prefix", "suffix"),
-                    help="keep first and last quarter, the middle half, the first half, the second half")
-  part.add_argument("--edit", action="append", metavar="A:B",
-                    help="replace this span: seconds (1.5s:3s), shares (25%%:0.5) or frames (30:60); may be repeated")
-  part.add_argument("--keep", action="append", metavar="A:B", help="keep this span, and replace all else")
-  edit.add_argument("--keep-parts", metavar="PARTS", help="keep these parts of the body (legs, torso, left_arm, "
-                    "right_arm, head, with commas), and replace the others: in the spans of --edit, or everywhere; any "
-                    "model")
-  edit.add_argument("--no-paste", action="store_true", help="the network's own motion: kept frames as the autoencoder "
-                    "decodes them, not as the file has them")
-  edit.add_argument("--tries", type=whole(1, 100), default=TRIES, help="most attempts at new frames that do not show "
-                    f"what --text requires ({TRIES})")
+                    help="what is kept: the first and last quarter, the middle half, the first half, the second half")
+  part.add_argument("--change", action="append", metavar="A:B",
+                    help="regenerate this span and keep the rest: seconds (1.5s:3s), shares (25%%:0.5) or frames "
+                         "(30:60); repeatable")
+  part.add_argument("--keep", action="append", metavar="A:B", help="keep this span and regenerate the rest; repeatable")
+  edit.add_argument("--keep-parts", metavar="PARTS", help=f"keep these body parts ({_PARTS}) and regenerate the "
+                    "others, within --change or everywhere; works with any model")
+  edit.add_argument("--no-paste", action="store_true", help="return kept frames as the autoencoder decodes them, "
+                    "not as they are in the file")
+  _add_attempts(edit, "new frames", "the prompt")
   shared.add_reading(edit)
-  _making(edit, "edited.html")
+  _add_common(edit, "edit", "edited.html")
   edit.set_defaults(run=_edit, model="cdamd-small")
 
 
-def _making(parser, out):
-  """Options of all commands that make motion."""
-  parser.add_argument("--num", type=whole(*MOTIONS), default=1,
-                      help="number of motions per prompt; motion i uses seed SEED + i (1)")
+def _add_planning(parser):
+  parser.add_argument("--no-plan", action="store_true", help="pass each prompt to the model unchanged; default: "
+                      "prompts with several actions, such as \"walks, then waves\", are planned action by action")
+
+
+def _add_attempts(parser, what, checks):
+  parser.add_argument("--max-attempts", type=whole(1, 100), default=TRIES,
+                      help=f"how many times to sample {what} at most, until the checks of {checks} pass ({TRIES})")
+
+
+def _add_common(parser, command, out):
+  """Flags of all commands that generate motion."""
+  parser.add_argument("--num-samples", type=whole(*MOTIONS), default=1,
+                      help="number of samples per prompt; sample i uses seed SEED + i (1)")
   parser.add_argument("--seed", type=whole(*SEEDS), default=0,
-                      help="seed of the random draws: the same seed gives the same motion (0)")
-  for flag, methods in _choices().items():
-    _, known = next(iter(methods.values()))
-    said = list(dict.fromkeys(one.help for _, one in methods.values()))
-    told = said[0] if len(said) == 1 else "; ".join(
-        f"{method.upper()}: {one.help}" for method, (_, one) in methods.items())
-    told += _defaults(methods)
-    here = _group(parser, next(iter(methods))) if len(methods) == 1 < len(registry.METHODS) else parser
-    here.add_argument(f"--{flag}", type=None if known.read is str else known.read, choices=known.choices, help=told)
+                      help="random seed; the same seed gives the same motion (0)")
+  for name, methods in _choices(command).items():
+    known = next(iter(methods.values()))
+    texts = list(dict.fromkeys(one.help for one in methods.values()))
+    text = texts[0] if len(texts) == 1 else "; ".join(f"{method.upper()}: {one.help}"
+                                                     for method, one in methods.items())
+    only_one = len(methods) == 1 < len(_methods(command))
+    group = _group(parser, next(iter(methods))) if only_one else parser
+    group.add_argument(f"--{name.replace('_', '-')}", type=None if known.read is str else known.read,
+                       choices=known.choices, help=text + _defaults(name, methods))
   parser.add_argument("--no-cleanup", action="store_true",
-                      help="without foot-skate cleanup and smoothing, and not brought to what is asked exactly: "
-                           "as the network made it")
+                      help="return the network's output: no foot-skate cleanup, smoothing or exact constraints")
   parser.add_argument("--model", default="cmdm-small",
-                      help="a run folder, or a model that ships; motion-jax models lists them (%(default)s)")
+                      help="a run folder or a shipped model; see motion-jax models (%(default)s)")
   shared.add_out(parser, out, "wave.mp4,wave.bvh")
   shared.add_rig(parser)
   shared.add_film(parser, "in films and pictures")
-  parser.add_argument("--timings", action="store_true", help="say at the end where the time went")
+  parser.add_argument("--timings", action="store_true", help="print where the time went")
 
 
-def _defaults(methods):
-  """How the models that ship are sampled where nothing is given, by a choice of these methods: for its help."""
+def _defaults(name, methods):
+  """The values of a sampling choice in the shipped models of these methods, for its help text."""
   found = {}
-  for name, method, sampler in _samplers():
+  for model, method, sampler in _samplers():
     if method in methods:
-      field, known = methods[method]
-      value = sampler.get(known.key or field, known.usual)
+      value = sampler.get(methods[method].key or name, methods[method].usual)
       if value is not None:
-        found.setdefault(f"{value:g}" if isinstance(value, float) else str(value).lower(), []).append(name)
-  said = "; ".join(value if len(found) == 1 else f"{value} for {', '.join(names)}" for value, names in found.items())
-  return f" (the model's own: {said})" if said else ""
+        found.setdefault(f"{value:g}" if isinstance(value, float) else str(value).lower(), []).append(model)
+  values = "; ".join(value if len(found) == 1 else f"{value} for {', '.join(names)}" for value, names in found.items())
+  return f" (shipped models: {values})" if values else ""
 
 
 @functools.cache
 def _samplers():
-  """[(name, method, how it is sampled)] of the models that ship; their configs alone are read."""
+  """[(name, method, config.sampler)] of the shipped models; only their configs are read."""
   found = []
   for path in sorted((pathlib.Path(motion_jax.__file__).parent / "pretrained").glob("*/config.json")):
     config = json.loads(path.read_text(encoding="utf-8"))
@@ -137,12 +144,17 @@ def _samplers():
   return found
 
 
-def _choices():
-  """{flag: {method: (field, what is known of it)}} of all choices of sampling that a command line may make."""
-  found = {}
-  for method, options in registry.options().items():
-    for name, known in options.described().items():
-      found.setdefault(flag_of(name, known), {})[method] = name, known
+def _methods(command):
+  """The methods with models that can run a command."""
+  return [method for method in registry.METHODS if method not in WITHOUT.get(command, ())]
+
+
+def _choices(command):
+  """{name: {method: Description}} of the sampling choices that a command accepts."""
+  found, options = {}, registry.options()
+  for method in _methods(command):
+    for name, known in options[method].described().items():
+      found.setdefault(name, {})[method] = known
   return found
 
 
@@ -158,13 +170,13 @@ def _generate(args):
   start, model = time.time(), _load_model(args)
   from motion_studio.planning import sequencing as composed
   rows = read_prompts(args.prompt, model.fps)
-  prompts = [prompt for prompt, _ in rows for _ in range(args.num)]
-  seeds = [args.seed + i for _ in rows for i in range(args.num)]
-  given = [frames for _, frames in rows for _ in range(args.num)]
-  if args.seconds is not None or args.frames is not None:
-    given = [args.frames if args.frames is not None else args.seconds * model.fps] * len(prompts)
+  prompts = [prompt for prompt, _ in rows for _ in range(args.num_samples)]
+  seeds = [args.seed + i for _ in rows for i in range(args.num_samples)]
+  given = [frames for _, frames in rows for _ in range(args.num_samples)]
+  if args.seconds is not None or args.num_frames is not None:
+    given = [args.num_frames if args.num_frames is not None else args.seconds * model.fps] * len(prompts)
   wanted = control.constraints_of(args, model)
-  literal = args.literal or not model.can("understand")
+  literal = args.no_plan or not model.can("understand")
   if wanted and given[0] is None:
     from motion_studio import controlled
     sentences = {prompt: None if literal else model.understand(prompt) for prompt in prompts}
@@ -180,7 +192,7 @@ def _generate(args):
         model, [prompt], [None if literal else model.understand(prompt)], count, None)[0] for prompt, count in asked}
     lengths = {key: composed.lengths_of(model, [key[0]], [understood[key]], key[1], None)[0] for key in asked}
     frames = [sum(lengths[key]) for key in zip(prompts, given)]
-  for sentence in [understood[key] for key in lengths][:_TOLD]:
+  for sentence in [understood[key] for key in lengths][:_PRINTED]:
     if sentence is not None and not sentence.is_plain:  # how long each is, is said of the motion once it is made
       print(f"understood as: {' | '.join(segment.words for segment in sentence.segments)}")
   shortest, longest = (f"{count / model.fps:.1f}" for count in (min(frames), max(frames)))
@@ -189,11 +201,11 @@ def _generate(args):
   motions = []
   for piece in progress.each(_pieces(frames, model), "making motions", unit="batch"):
     motions += model.generate(prompts[piece], frames[piece], seeds=seeds[piece], cleanup=not args.no_cleanup,
-                              **(dict(literal=literal, tries=args.tries) if model.can("understand") else {}),
+                              **(dict(literal=literal, tries=args.max_attempts) if model.can("understand") else {}),
                               **(dict(control=wanted, project=not args.no_cleanup) if wanted else {}),
                               **_sampling(args, model))
   made_as = [motion.meta["understood"] for motion in motions if "understood" in motion.meta]
-  for said in list(dict.fromkeys(made_as))[:_TOLD]:
+  for said in list(dict.fromkeys(made_as))[:_PRINTED]:
     print(f"made as: {said}")
   _write(args, model, motions, outputs, start, asked=control.drawn(wanted, motions) if wanted else None,
          constraints=wanted)
@@ -205,17 +217,17 @@ def _multi_prompt(args):
   _able(model, "multi_prompt")
   sequences = read_sequences(args.prompts, model.fps)
   _check_count(len(sequences), args)
-  model.check_words(list(dict.fromkeys(prompt for one in sequences for prompt, _ in one)), args.literal)
-  _tell_model(model, args, f"{len(sequences) * args.num} motion(s) of {len(sequences[0])} prompt(s) each")
-  sequences = [one for one in sequences for _ in range(args.num)]
-  seeds = [args.seed + i for _ in range(len(sequences) // args.num) for i in range(args.num)]
+  model.check_words(list(dict.fromkeys(prompt for one in sequences for prompt, _ in one)), args.no_plan)
+  _tell_model(model, args, f"{len(sequences) * args.num_samples} motion(s) of {len(sequences[0])} prompt(s) each")
+  sequences = [one for one in sequences for _ in range(args.num_samples)]
+  seeds = [args.seed + i for _ in range(len(sequences) // args.num_samples) for i in range(args.num_samples)]
   motions = []
   for piece in progress.each(_pieces([_length(model, one) for one in sequences], model), "making motions",
                              unit="batch"):
     motions += model.multi_prompts(sequences[piece], way=args.way, cleanup=not args.no_cleanup, seeds=seeds[piece],
                                    rest=args.rest, hold_until_done=args.hold_until_done, ease=args.ease,
-                                   literal=args.literal, **_sampling(args, model))
-  for caption in motions[0].captions if len(sequences) == args.num else ():
+                                   literal=args.no_plan, **_sampling(args, model))
+  for caption in motions[0].captions if len(sequences) == args.num_samples else ():
     print(f"{caption.start:6.1f} to {caption.end:5.1f} s  {caption.text}")
   _write(args, model, motions, outputs, start)
 
@@ -224,17 +236,17 @@ def _extend(args):
   outputs, clip = shared.outputs_of(args), shared.read_motion(args.file, args)
   start, model = time.time(), _load_model(args)
   _able(model, "extend")
-  segments = read_sequences(args.text, model.fps)[0]
+  segments = read_sequences(args.prompt, model.fps)[0]
   if args.seconds is not None:
     if len(segments) > 1:
       raise InputError("got --seconds for several sentences; write them behind colons, as in \"walks:4 | sits:3\"")
     segments = [(segments[0][0], args.seconds)]
-  model.check_words([prompt for prompt, _ in segments], args.literal)
-  _pieces([clip.seconds * model.fps + _length(model, segments)] * args.num, model)
+  model.check_words([prompt for prompt, _ in segments], args.no_plan)
+  _pieces([clip.seconds * model.fps + _length(model, segments)] * args.num_samples, model)
   _tell_model(model, args, f"{clip.seconds:.1f} s of {args.file} go on")
-  motions = [model.extend(clip, segments, past_prompt=args.past_text, seed=args.seed + i, way=args.way,
-                          cleanup=not args.no_cleanup, literal=args.literal, **_sampling(args, model))
-             for i in progress.each(range(args.num), "making motions", unit="motion")]
+  motions = [model.extend(clip, segments, past_prompt=args.past_prompt, seed=args.seed + i, way=args.way,
+                          cleanup=not args.no_cleanup, literal=args.no_plan, **_sampling(args, model))
+             for i in progress.each(range(args.num_samples), "making motions", unit="motion")]
   _write(args, model, motions, outputs, start)
 
 
@@ -242,8 +254,8 @@ def _edit(args):
   from motion_jax.models.results import colors_of
   from motion_jax.utils.spans import spans_of
   outputs, clip = shared.outputs_of(args), shared.read_motion(args.file, args)
-  if not (args.task or args.edit or args.keep or args.keep_parts):
-    raise InputError("got nothing to replace; give --task, --edit, --keep or --keep-parts")
+  if not (args.task or args.change or args.keep or args.keep_parts):
+    raise InputError("got nothing to replace; give --task, --change, --keep or --keep-parts")
   start, model = time.time(), _load_model(args)
   if args.keep_parts:
     _write(args, model, control.anew(args, clip, model, _sampling(args, model)), outputs, start)
@@ -251,12 +263,12 @@ def _edit(args):
   _able(model, "edit")
   _tell_model(model, args, f"{clip.seconds:.1f} s of {args.file} edited")
   frames = round(clip.seconds * model.fps)
-  _pieces([frames] * args.num, model)
-  keep, change = (spans and spans_of(spans, frames, model.fps) for spans in (args.keep, args.edit))
-  motions = [model.edit(clip, args.text, args.task, keep=keep, change=change, seed=args.seed + i,
-                        paste=not args.no_paste, cleanup=not args.no_cleanup, tries=args.tries,
+  _pieces([frames] * args.num_samples, model)
+  keep, change = (spans and spans_of(spans, frames, model.fps) for spans in (args.keep, args.change))
+  motions = [model.edit(clip, args.prompt, args.task, keep=keep, change=change, seed=args.seed + i,
+                        paste=not args.no_paste, cleanup=not args.no_cleanup, tries=args.max_attempts,
                         **_sampling(args, model))
-             for i in progress.each(range(args.num), "making motions", unit="motion")]
+             for i in progress.each(range(args.num_samples), "making motions", unit="motion")]
   for first, past in motions[0].meta["made"]:
     print(f"new frames: {first / model.fps:.1f} to {past / model.fps:.1f} s")
   _write(args, model, motions, outputs, start, colors=colors_of(motions[0]))
@@ -264,9 +276,9 @@ def _edit(args):
 
 def _check_count(rows, args):
   """Raises ValueError for more motions than one command makes, before lists of them are written."""
-  if rows * args.num > MOTIONS[1]:
-    raise InputError(f"got {rows:,} prompts with --num {args.num:,}, {rows * args.num:,} motions; expected at most "
-                     f"{MOTIONS[1]:,} in one run")
+  if rows * args.num_samples > MOTIONS[1]:
+    raise InputError(f"got {rows:,} prompts with --num-samples {args.num_samples:,}, {rows * args.num_samples:,} "
+                     f"motions; expected at most {MOTIONS[1]:,} in one run")
 
 
 def _pieces(frames, model):
@@ -278,7 +290,7 @@ def _pieces(frames, model):
   if not total <= _MOST_FRAMES:
     raise InputError(f"got {len(frames):,} motion(s) of {total / model.fps / 3600:.3g} hours together, expected at "
                      f"most {_MOST_FRAMES / model.fps / 3600:.1f} in one run; make fewer, then more by --seed")
-  size = max(1, int(_AT_ONCE // max(frames)))
+  size = max(1, int(_BATCH_FRAMES // max(frames)))
   return [slice(first, first + size) for first in range(0, len(frames), size)]
 
 
@@ -288,14 +300,12 @@ def _length(model, segments):
 
 
 def _sampling(args, model):
-  """The choices given, by the names that the model knows; a choice that is none of its method's is an error."""
-  given = {flag: getattr(args, flag.replace("-", "_")) for flag in _choices()}
-  given = {flag: value for flag, value in given.items() if value is not None}
-  ours = {flag_of(name, known): name for name, known in model.options.described().items()}
-  strange = [f"--{flag}" for flag in given if flag not in ours]
-  if strange:
-    raise InputError(f"got {', '.join(strange)} for the model {model.id}, which has no such choice")
-  return {ours[flag]: value for flag, value in given.items()}
+  """The sampling choices on the command line; refuses those that the model's method does not have."""
+  given = {name: getattr(args, name) for name in _choices(args.command) if getattr(args, name) is not None}
+  unknown = [f"--{name.replace('_', '-')}" for name in given if name not in model.options.described()]
+  if unknown:
+    raise InputError(f"got {', '.join(unknown)} for the model {model.id}, which has no such choice")
+  return given
 
 
 def _load_model(args):

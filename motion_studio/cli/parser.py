@@ -1,52 +1,61 @@
-"""Arguments read by argparse, with mistakes told in one line that names the nearest right word."""
+"""An argument parser that reports a mistake in one line and suggests the flag that was probably meant."""
 import argparse
 import re
 
+from motion_jax.models.arguments import OTHERS
 from motion_jax.utils.nearest import did_you_mean
 
 
 class Parser(argparse.ArgumentParser):
-  """argparse's parser whose errors are one line.
+  """An argparse parser with one-line errors; `--two_words` and `--two-words` are the same flag, unabbreviated.
 
-  --two_words is --two-words. A command whose defaults have `overrides` finds there all --config.KEY=VALUE, and what is
-  no flag.
+  A command whose defaults contain `overrides` receives all `--config.KEY=VALUE` arguments there.
   """
+
+  def __init__(self, *args, **kwargs):
+    super().__init__(*args, **{"allow_abbrev": False} | kwargs)
 
   def parse_args(self, args=None, namespace=None):
     found, rest = self.parse_known_args(args, namespace)
     takes_overrides = hasattr(found, "overrides")
-    strange = [one for one in rest if not takes_overrides or (
+    unknown = [one for one in rest if not takes_overrides or (
         one.startswith("--") and not one.startswith(("--config.", "--noconfig.")))]
-    if strange:
-      self.error(f"unrecognized arguments: {' '.join(strange)}")
+    if unknown:
+      self._of_command(found).error(f"unrecognized arguments: {' '.join(unknown)}")
     if takes_overrides:
       found.overrides = rest
     return found
 
   def parse_known_args(self, args=None, namespace=None):
-    return super().parse_known_args(args if args is None else list(map(self._as_called, args)), namespace)
+    return super().parse_known_args(args if args is None else list(map(self._with_dashes, args)), namespace)
 
-  def _as_called(self, argument):
+  def _of_command(self, found):
+    """The parser of the sub-command that was parsed, or this one."""
+    for action in self._actions:
+      if isinstance(action, argparse._SubParsersAction) and getattr(found, action.dest, None) in action.choices:
+        return action.choices[getattr(found, action.dest)]._of_command(found)
+    return self
+
+  def _with_dashes(self, argument):
+    """The argument with dashes in its flag's name, where that makes it a flag of this parser."""
     name, equals, value = argument.partition("=")
-    if not name.startswith("-"):
-      return argument
-    spelled = "--" + name.lstrip("-").replace("_", "-")
-    return spelled + equals + value if spelled in self._option_string_actions else argument
+    flag = "--" + name.lstrip("-").replace("_", "-")
+    return flag + equals + value if name.startswith("-") and flag in self._option_string_actions else argument
 
   def error(self, message):
-    strange = re.match(r"unrecognized arguments: (\S+)", message)
-    if strange:
-      message += did_you_mean(strange[1].partition("=")[0], _options(self))
+    unknown = re.match(r"unrecognized arguments: (\S+)", message)
+    if unknown:
+      message += _suggestion(unknown[1].partition("=")[0], set(self._option_string_actions))
     chosen = re.search(r"invalid choice: '([^']*)' \(choose from (.*)\)", message)
     if chosen:
       message += did_you_mean(chosen[1], re.findall(r"[\w.-]+", chosen[2]))
-    self.exit(2, f"{self.prog}: {message}; {self.prog} --help tells more\n")
+    self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
 
 
-def _options(parser):
-  """The options of a parser and of its sub-commands."""
-  found = set(parser._option_string_actions)
-  for action in parser._actions:
-    if isinstance(action, argparse._SubParsersAction):
-      found |= set().union(*map(_options, action.choices.values()))
-  return found
+def _suggestion(flag, known):
+  """"; did you mean --num-samples?" for a flag of another program, or one that is spelled almost like a known one."""
+  name = flag.lstrip("-").replace("-", "_")
+  meant = [f"--{other.replace('_', '-')}" for other in OTHERS.get(name.lower(), ())]
+  meant = [one for one in meant if one in known]
+  return f"; did you mean {meant[0]}?" if meant else did_you_mean(flag, known)
+

@@ -11,7 +11,7 @@ def add_to(commands):
                              "is found among all (recall) is printed")
   retrieve.add_argument("--data", required=True, metavar="DIR", help="an archive or a HumanML3D-layout folder")
   retrieve.add_argument("--split", help="train, val or test; all if left out")
-  retrieve.add_argument("--num", type=whole(*MOTIONS), default=5, help="how many to show (5)")
+  retrieve.add_argument("--top-k", type=whole(*MOTIONS), default=5, help="how many to show (5)")
   retrieve.add_argument("--teacher", default="part-tmr-small", help="a run folder or the name of one that ships")
   shared.add_reading(retrieve)
   shared.add_out(retrieve, None, "nearest.html,nearest.bvh; the nearest clip")
@@ -46,12 +46,12 @@ def _retrieve(args):
       _tell_recall(near)
   elif asked is not None:
     vector = retriever.embed_motion([retriever.features_of(asked)])[0]
-    for similarity, caption in collection.nearest_captions(vector, args.num):
+    for similarity, caption in collection.nearest_captions(vector, args.top_k):
       print(f"{similarity:6.3f}  {caption}")
   else:
     if not args.query.strip():
       raise ValueError("got an empty sentence; say what the person does, such as 'a person walks'")
-    found = collection.nearest_clips(retriever.embed_text([args.query])[0], args.num)
+    found = collection.nearest_clips(retriever.embed_text([args.query])[0], args.top_k)
     for similarity, i in found:
       print(f"{similarity:6.3f}  {collection.ids[i]:24s} {collection.seconds[i]:5.1f} s  {collection.captions[i][0]}")
     if args.out:

@@ -197,10 +197,10 @@ def test_what_has_to_be_said():
 
 
 def test_a_number_prints_all_parts_of_its_table(capsys):
-  assert cli.main(["evaluate", "--printed", "cmdm", "3"]) == 0
+  assert cli.main(["evaluate", "--paper-tables", "cmdm", "3"]) == 0
   text = capsys.readouterr().out
   assert "Table 3-humanml3d" in text and "Table 3-snapmogen" in text
-  assert cli.main(["evaluate", "--printed", "CMDM", "3-snapmogen"]) == 0
+  assert cli.main(["evaluate", "--paper-tables", "CMDM", "3-snapmogen"]) == 0
   assert "Table 3-humanml3d" not in capsys.readouterr().out
-  assert cli.main(["evaluate", "--printed", "cmdm", "33"]) == 1
+  assert cli.main(["evaluate", "--paper-tables", "cmdm", "33"]) == 1
   assert "got table '33' of 'cmdm', expected one of" in capsys.readouterr().err

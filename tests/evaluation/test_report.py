@@ -151,13 +151,13 @@ def test_folders_of_results_share_a_page(tmp_path, capsys):
   for folder in folders:
     folder.mkdir()
     (folder / "results.json").write_text(json.dumps(a_result().as_json()))
-  assert cli.main(["evaluate", "--beside", *map(str, folders), "--report", str(tmp_path / "page")]) == 0
+  assert cli.main(["evaluate", "--compare-with", *map(str, folders), "--report", str(tmp_path / "page")]) == 0
   text = (tmp_path / "page" / "index.html").read_text(encoding="utf-8")
   assert str(tmp_path / "page" / "index.html") in capsys.readouterr().out
   assert all(f'<a href="#r{i}">{folder.name}: ' in text for i, folder in enumerate(folders))
-  assert cli.main(["evaluate", "--beside", str(tmp_path / "nowhere"), "--report", str(tmp_path / "page")]) == 1
+  assert cli.main(["evaluate", "--compare-with", str(tmp_path / "nowhere"), "--report", str(tmp_path / "page")]) == 1
   assert re.search("nowhere.*no results.json", capsys.readouterr().err)
-  for wrong in (["--report", "x"], ["--beside", "x"]):
+  for wrong in (["--report", "x"], ["--compare-with", "x"]):
     assert cli.main(["evaluate", *wrong]) == 1
     assert "give --" in capsys.readouterr().err
 

@@ -172,13 +172,13 @@ command({arguments!r})
 
 @pytest.mark.parametrize("arguments, words", [
     (["--sampling", "nm_steps=2"], "got the choice of sampling 'nm_steps', .* knows schedule, num_steps, lag"),
-    (["--sampling", "guidance_scale=3"], "--guidance takes scales"),
+    (["--sampling", "guidance_scale=3"], "--guidance-scale takes scales"),
     (["--sampling", "way=chain"], "got the choice of sampling 'way'"),
     (["--sampling", "schedule=random"], "got schedule 'random', expected one of fss"),
     (["--vary", "lag"], "got the choice of sampling 'lag', expected KEY=VALUE"),
     (["--motions", "real=somewhere"], "expected NAME=DIR, each with a name of its own other than real"),
     (["--motions", "theirs=nowhere"], "nowhere holds no motions"),
-    (["--protocol", "reconstruction", "--guidance", "2"], "is not sampled, so guidance"),
+    (["--protocol", "reconstruction", "--guidance-scale", "2"], "is not sampled, so guidance"),
     (["--protocol", "mtt", "--evaluator", "some"], "of kind 't2m', protocol 'mtt' is about the space of kind tmr"),
     (["--clip-evaluator", "other"], "got --clip-evaluator 'fresh-t2m' of kind 't2m'"),
 ])
@@ -198,9 +198,9 @@ def test_counts_are_from_one_on(option, capsys):
 
 
 def test_flags_may_be_repeated():
-  args = cli.parse(["evaluate", "--data", "a", "b", "--data", "c", "--guidance", "2", "--guidance", "3",
+  args = cli.parse(["evaluate", "--data", "a", "b", "--data", "c", "--guidance-scale", "2", "--guidance-scale", "3",
                     "--vary", "lag=1", "--vary", "lag=2"])
-  assert args.guidance == [2, 3] and args.vary == ["lag=1", "lag=2"] and args.data == [["a", "b"], ["c"]]
+  assert args.guidance_scale == [2, 3] and args.vary == ["lag=1", "lag=2"] and args.data == [["a", "b"], ["c"]]
 
 
 def test_a_result_is_not_lost_to_another_question(judged, tiny_run, archive, evaluators, tmp_path, monkeypatch):

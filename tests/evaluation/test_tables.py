@@ -157,8 +157,8 @@ def test_what_is_not_there_is_told():
 
 def test_every_printed_table_can_be_read_at_the_command_line(capsys):
   for name, told in ((["cdamd", "6"], "| CDAMD  | 0.398"), (["cmdm", "speed"], "| CMDM w/ FSS    | 125"), ([], "XL")):
-    assert cli.main(["evaluate", "--printed", *name]) == 0
+    assert cli.main(["evaluate", "--paper-tables", *name]) == 0
     out = capsys.readouterr().out
     assert told in out and out.count("### ") == (1 if name else len(tables.paper_tables()))
-  assert cli.main(["evaluate", "--printed", "cmdm", "12"]) == 1
+  assert cli.main(["evaluate", "--paper-tables", "cmdm", "12"]) == 1
   assert "got table '12' of 'cmdm'" in capsys.readouterr().err

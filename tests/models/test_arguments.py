@@ -60,6 +60,6 @@ def test_what_a_model_cannot_do_names_those_that_can(models, tmp_path, capsys, t
     model.genrate("a person walks")
   assert not hasattr(model, "edit") and hasattr(editor, "edit")
   np.save(tmp_path / "in.npy", synthetic_clips(0, 1, num_frames=40)[0].joints)
-  assert cli.main(["edit", str(tmp_path / "in.npy"), "--text", "a person waves", "--task", "prefix", "--model",
+  assert cli.main(["edit", str(tmp_path / "in.npy"), "--prompt", "a person waves", "--task", "prefix", "--model",
                    str(tiny_run), "--out", str(tmp_path / "out.npz")]) == 1
   assert "has no 'edit'" in (said := capsys.readouterr().err) and "cdamd-small has" in said

@@ -58,7 +58,7 @@ def test_it_is_trained_loaded_and_asked(folder):
 
 def test_the_command_line_knows_its_choices(folder, tmp_path, monkeypatch, capsys):
   monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-  made = ["generate", "a person walks", "--frames", "24", "--model", str(folder), "--out", f"{tmp_path}/made.npz"]
+  made = ["generate", "a person walks", "--num-frames", "24", "--model", str(folder), "--out", f"{tmp_path}/made.npz"]
   assert cli.main([*made, "--spread", "0.2"]) == 0
   assert mj.export.load(tmp_path / "made.npz").meta["spread"] == 0.2
   assert cli.main([*made, "--lag", "2"]) == 1

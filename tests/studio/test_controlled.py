@@ -114,7 +114,7 @@ def test_what_cannot_be_asked(model):
 def test_the_command_line_asks_the_same(tiny_run, tmp_path, plain, capsys):
   plain[1].save(tmp_path / "other.npz")
   out = tmp_path / "made.npz"
-  assert cli.main(["generate", "a person walks", "--model", str(tiny_run), "--seed", "3", "--frames", "36",
+  assert cli.main(["generate", "a person walks", "--model", str(tiny_run), "--seed", "3", "--num-frames", "36",
                    "--path", "0,0 0,1 1,1", "--keyframe", f"20:{tmp_path / 'other.npz'}@7", "--target",
                    "left_hand@0.5:0.3,1.2,0.3:root", "--out", str(out)]) == 0
   made = np.load(out)["joints"]

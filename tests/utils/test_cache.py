@@ -109,7 +109,8 @@ def test_generating_from_the_cache_gives_the_same_bits(tiny_run, tmp_path, monke
   plain = loading.load(tiny_run).generate("a person walks", 20, seeds=[5])[0]
   monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
   for name in ("first", "second"):
-    assert cli.main(["generate", "a person walks", "--frames", "20", "--seed", "5", "--model", str(tiny_run), "--out",
+    assert cli.main(["generate", "a person walks", "--num-frames", "20", "--seed", "5", "--model", str(tiny_run),
+                     "--out",
                      str(tmp_path / f"{name}.npz"), "--timings"]) == 0
     clip = export.load(tmp_path / f"{name}.npz")
     np.testing.assert_array_equal(clip.joints, plain.joints)

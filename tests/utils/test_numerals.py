@@ -29,7 +29,7 @@ def flags():
 
 def test_every_numeric_flag_has_bounds():
   found = [(prog, action.option_strings[0]) for prog, action in flags()]
-  assert len(found) > 30 and ("motion-jax generate", "--num") in found
+  assert len(found) > 30 and ("motion-jax generate", "--num-samples") in found
   for prog, action in flags():
     assert action.type not in (int, float), f"{prog} {action.option_strings} takes any number"
     for text in (*NO_NUMBERS, "1e308", "-1e300"):
@@ -74,12 +74,12 @@ def test_numbers_from_python(value):
 
 
 def test_evaluate_has_readers_too():
-  for flag in ("--replications", "--seed", "--limit", "--devices", "--guidance"):
+  for flag in ("--replications", "--seed", "--limit", "--devices", "--guidance-scale"):
     for text in NO_NUMBERS[:-1]:
       with pytest.raises(SystemExit):
         cli.parse(["evaluate", "--data", "x", f"{flag}={text}"])
-  args = cli.parse(["evaluate", "--data", "x", "--guidance", "1", "2.5", "--seed", "3", "--replications", "20"])
-  assert (args.guidance, args.seed, args.replications) == ([1, 2.5], 3, 20)
+  args = cli.parse(["evaluate", "--data", "x", "--guidance-scale", "1", "2.5", "--seed", "3", "--replications", "20"])
+  assert (args.guidance_scale, args.seed, args.replications) == ([1, 2.5], 3, 20)
   with pytest.raises(ValueError, match="KEY=VALUE"):
     evaluate.options_of(["schedule"])
   for text in ("nan", "inf", "1e400", "٣"):

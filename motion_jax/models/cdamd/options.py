@@ -17,18 +17,17 @@ SOLVERS = ("euler", "heun", "midpoint", "rk4", "dopri5", "ddpm")
 @dataclasses.dataclass(frozen=True)
 class CdamdSampling(SamplingOptions):
   """Choices of unmasking, and of the diffusion head that makes what is unmasked."""
-  num_iterations: int | None = number("decoding iterations, each of which unmasks some latents", STEPS,
-                                      flag="iterations")
+  num_iterations: int | None = number("number of decoding iterations; each unmasks some latents", STEPS)
   order: str | None = choice("order in which latents are unmasked", ORDERS)
   mask: str | None = choice("attention mask: which latents a latent may attend to", MASKS)
-  solver: str | None = choice("midpoint (the usual one), euler, heun, rk4 or dopri5; ddpm for a model trained as "
+  solver: str | None = choice("solver: midpoint (default), euler, heun, rk4 or dopri5; ddpm for a model trained as "
                               "a DDPM", SOLVERS, listed=False)
-  num_steps: int | None = number("steps of the solver in each decoding iteration", STEPS, flag="steps")
-  unmasked_only: bool | None = switch("run the diffusion head only on latents that an iteration unmasks; false runs "
-                                      "it on all that are still masked, as the reference does")
-  temperature: float | None = number("scale of the noise that a DDPM's steps add", (0, 100), float, usual=1.0)
-  shared_noise: float | None = number("how much of the noise, by its variance, all parts of a motion share: at 0 each "
-                                      "is drawn alone, and the body shakes; at 1 it is as smooth as it gets", (0, 1),
+  num_steps: int | None = number("number of solver steps in each decoding iteration", STEPS)
+  unmasked_only: bool | None = switch("run the diffusion head only on the latents that an iteration unmasks; false: on "
+                                      "all masked latents, as in the released code")
+  temperature: float | None = number("scale of the noise that DDPM steps add", (0, 100), float, usual=1.0)
+  shared_noise: float | None = number("share of the noise variance that all latents of a motion have in common: 0 "
+                                      "draws each independently (jittery), 1 is smoothest", (0, 1),
                                       float, usual=0.0)
 
   def resolved(self, config: "ConfigDict", **usual: Any) -> "CdamdSampling":

@@ -16,18 +16,18 @@ SOLVERS = {"flow": ("euler", "heun"), "ddpm": ("ancestral", "ddim")}  # by what 
 @dataclasses.dataclass(frozen=True)
 class CmdmSampling(SamplingOptions):
   """Choices of frame-wise sampling."""
-  schedule: str | None = choice("frame-wise sampling (fss), block after block (ar), or all at once (full)", SCHEDULES,
-                                usual="fss")
-  num_steps: int | None = number("sampling steps K", STEPS, flag="steps")
-  lag: int | None = number("sampling steps between the starts of two blocks, of schedule fss", STEPS)
-  solver: str | None = choice("euler (the usual one) or heun; ancestral or ddim for a model trained as a DDPM",
+  schedule: str | None = choice("sampling schedule: frame-wise (fss), block after block (ar) or all frames at once "
+                                "(full)", SCHEDULES, usual="fss")
+  num_steps: int | None = number("number of sampling steps K", STEPS)
+  lag: int | None = number("sampling steps between the starts of two blocks, with --schedule fss", STEPS)
+  solver: str | None = choice("solver: euler (default) or heun; ancestral or ddim for a model trained as a DDPM",
                               (*SOLVERS["flow"], *SOLVERS["ddpm"]), listed=False)
-  context: int | None = number("latents (4 frames each) that a latent attends to; by default the training length",
+  context: int | None = number("attention window in latents of 4 frames; default: the training length",
                                CONTEXT, unit="latents")
-  memory: int | None = number("latents before new words, in whole blocks, that what is made after them attends to (all "
-                              "within the context)", MEMORY, unit="latents")
-  side_guidance: float | None = number("how much farther apart the words of a sentence that says which leg and those "
-                                       "of the same sentence with the other leg are made; 0 for words as they are",
+  memory: int | None = number("how many latents before a new prompt remain visible after it, in whole blocks; default: "
+                              "the whole context", MEMORY, unit="latents")
+  side_guidance: float | None = number("strength of left/right contrast guidance for prompts that name a leg; 0 turns "
+                                       "it off",
                                        SIDE_GUIDANCE, float, usual=0.0)
 
   def resolved(self, config: "ConfigDict", **usual: Any) -> "CmdmSampling":

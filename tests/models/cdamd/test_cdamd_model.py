@@ -186,10 +186,10 @@ def test_what_cannot_be_made_is_told(model):
 def test_the_command_line(tiny_generator, clip, tmp_path, monkeypatch, capsys):
   monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
   np.save(tmp_path / "in.npy", clip.joints)
-  edit = ["edit", str(tmp_path / "in.npy"), "--text", "a person waves", "--model", str(tiny_generator), "--out"]
-  assert cli.main([*edit, f"{tmp_path}/out.npz", "--edit", "1s:2s", "--tries", "1"]) == 0
+  edit = ["edit", str(tmp_path / "in.npy"), "--prompt", "a person waves", "--model", str(tiny_generator), "--out"]
+  assert cli.main([*edit, f"{tmp_path}/out.npz", "--change", "1s:2s", "--max-attempts", "1"]) == 0
   assert "new frames: 1.0 to 2.0 s" in capsys.readouterr().out
-  assert cli.main([*edit, f"{tmp_path}/raw.npz", "--edit", "1s:2s", "--tries", "1", "--no-cleanup"]) == 0
+  assert cli.main([*edit, f"{tmp_path}/raw.npz", "--change", "1s:2s", "--max-attempts", "1", "--no-cleanup"]) == 0
   capsys.readouterr()
   made, raw = (np.load(tmp_path / name)["joints"] for name in ("out.npz", "raw.npz"))
   kept = np.r_[0:20, 40:clip.num_frames]

@@ -300,18 +300,19 @@ def test_sequences_are_read_from_words_and_files(tmp_path):
 @pytest.mark.slow
 def test_multi_prompt_and_extend_commands(tiny_run, tmp_path, monkeypatch, capsys):
   monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-  options = ["--model", str(tiny_run), "--steps", "6", "--seed", "2"]
+  options = ["--model", str(tiny_run), "--num-steps", "6", "--seed", "2"]
   out = tmp_path / "s.npz"
   assert cli.main(["multi-prompt", "a person walks:1.2 | a person waves:1.2", "--out", str(out), *options]) == 0
   made = export.load(out)
   assert made.num_frames == 48 and [c.start for c in made.captions] == [0.0, 1.2]
   assert "1.2 to   2.4 s  a person waves" in capsys.readouterr().out
   longer = tmp_path / "longer.npy"
-  assert cli.main(["extend", str(out), "--text", "a person sits", "--seconds", "0.6", "--out", str(longer),
+  assert cli.main(["extend", str(out), "--prompt", "a person sits", "--seconds", "0.6", "--out", str(longer),
                    *options]) == 0
   joints = np.load(longer, allow_pickle=False)
   assert joints.shape == (60, 22, 3)
   np.testing.assert_allclose(joints[:48], made.joints, atol=1e-6)
-  assert cli.main(["extend", str(out), "--text", "sits | waves", "--seconds", "1", "--out", str(longer), *options]) == 1
+  assert cli.main(["extend", str(out), "--prompt", "sits | waves", "--seconds", "1", "--out", str(longer),
+                   *options]) == 1
   assert "colons" in capsys.readouterr().err
   assert cli.main(["multi-prompt", "missing.csv", "--out", str(out), *options]) == 1

@@ -114,7 +114,7 @@ def test_retrieve_from_the_command_line(run_and_data, tmp_path, capsys):
   run, data = map(str, run_and_data)
   ask = lambda *words: cli.main(["retrieve", *words, "--data", data, "--teacher", run])
   out = tmp_path / "nearest.npz"
-  assert ask("a person walks", "--num", "3", "--out", str(out)) == 0
+  assert ask("a person walks", "--top-k", "3", "--out", str(out)) == 0
   lines = capsys.readouterr().out.splitlines()
   cosines = [float(line.split()[0]) for line in lines[1:4]]
   assert "8 clips" in lines[0] and cosines == sorted(cosines, reverse=True)
@@ -164,8 +164,8 @@ def test_mistakes_are_told(run_and_data, tmp_path, capsys, tiny_run):
     assert cli.main(["retrieve", *words]) == 1
     assert told in capsys.readouterr().err
   with pytest.raises(SystemExit):
-    cli.main(["retrieve", "a", "--num", "0", "--data", data, "--teacher", run])
-  assert "--num: got '0', expected a whole number from 1 to 10,000" in capsys.readouterr().err
+    cli.main(["retrieve", "a", "--top-k", "0", "--data", data, "--teacher", run])
+  assert "--top-k: got '0', expected a whole number from 1 to 10,000" in capsys.readouterr().err
 
 
 def test_clips_without_captions_are_told(tmp_path):

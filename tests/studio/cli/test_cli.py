@@ -35,7 +35,8 @@ def generate(tiny_run, programs, monkeypatch):
 
 def test_generate_writes_what_is_asked(generate, tmp_path, capsys, monkeypatch):
   monkeypatch.setattr(TextToMotionModel, "limits", "It cannot fly.")
-  assert generate("a person waves", "--frames", 20, "--out", f"{tmp_path}/a.npz,{tmp_path}/a.npy,{tmp_path}/a.bvh") == 0
+  outputs = f"{tmp_path}/a.npz,{tmp_path}/a.npy,{tmp_path}/a.bvh"
+  assert generate("a person waves", "--num-frames", 20, "--out", outputs) == 0
   assert np.load(tmp_path / "a.npy", allow_pickle=False).shape == (20, 22, 3)
   with np.load(tmp_path / "a.npz", allow_pickle=False) as file:
     assert file["joints"].shape == (20, 22, 3) and file["features"].shape == (20, 263)
@@ -47,14 +48,14 @@ def test_generate_writes_what_is_asked(generate, tmp_path, capsys, monkeypatch):
 
 def test_the_same_seed_gives_the_same_file(generate, tmp_path):
   for name in "ab":
-    generate("a person waves", "--frames", 20, "--seed", 7, "--out", tmp_path / f"{name}.npy")
+    generate("a person waves", "--num-frames", 20, "--seed", 7, "--out", tmp_path / f"{name}.npy")
   assert (tmp_path / "a.npy").read_bytes() == (tmp_path / "b.npy").read_bytes()
 
 
 @pytest.mark.slow
 def test_num_gives_seeds_in_turn(generate, tmp_path):
-  generate("a person waves", "--frames", 20, "--num", 2, "--seed", 3, "--out", tmp_path / "m.npy")
-  generate("a person waves", "--frames", 20, "--seed", 4, "--out", tmp_path / "alone.npy")
+  generate("a person waves", "--num-frames", 20, "--num-samples", 2, "--seed", 3, "--out", tmp_path / "m.npy")
+  generate("a person waves", "--num-frames", 20, "--seed", 4, "--out", tmp_path / "alone.npy")
   assert np.allclose(np.load(tmp_path / "m_1.npy"), np.load(tmp_path / "alone.npy"), atol=1e-5)
 
 
@@ -74,23 +75,23 @@ def test_bvh_in_the_unit_that_is_asked(tmp_path):
 
 @pytest.mark.slow
 def test_many_motions_are_made_in_pieces(generate, tmp_path, monkeypatch):
-  generate("a person waves", "--frames", 20, "--num", 3, "--out", tmp_path / "whole.npy")
-  monkeypatch.setattr(make, "_AT_ONCE", 40)
+  generate("a person waves", "--num-frames", 20, "--num-samples", 3, "--out", tmp_path / "whole.npy")
+  monkeypatch.setattr(make, "_BATCH_FRAMES", 40)
   seen, one_batch = [], CmdmModel.generate
   monkeypatch.setattr(CmdmModel, "generate", lambda self, prompts, *args, **options: seen.append(
       len(prompts)) or one_batch(self, prompts, *args, **options))
-  generate("a person waves", "--frames", 20, "--num", 3, "--out", tmp_path / "parts.npy")
+  generate("a person waves", "--num-frames", 20, "--num-samples", 3, "--out", tmp_path / "parts.npy")
   assert seen == [2, 1]
   for i in range(3):
     assert np.allclose(np.load(tmp_path / f"parts_{i}.npy"), np.load(tmp_path / f"whole_{i}.npy"), atol=1e-5)
 
 
 def test_more_than_one_run_holds_is_refused(generate, tmp_path, capsys):
-  assert generate("a person waves", "--seconds", 3600, "--num", 6, "--out", tmp_path / "a.npz") == 1
+  assert generate("a person waves", "--seconds", 3600, "--num-samples", 6, "--out", tmp_path / "a.npz") == 1
   assert "6 motion(s) of 6 hours together, expected at most 5.6 in one run" in capsys.readouterr().err
   (tmp_path / "p.txt").write_text("walks\nruns\n" * 10)
-  assert generate(tmp_path / "p.txt", "--num", 10_000, "--out", tmp_path / "a.npz") == 1
-  assert "20 prompts with --num 10,000, 200,000 motions; expected at most 10,000" in capsys.readouterr().err
+  assert generate(tmp_path / "p.txt", "--num-samples", 10_000, "--out", tmp_path / "a.npz") == 1
+  assert "20 prompts with --num-samples 10,000, 200,000 motions; expected at most 10,000" in capsys.readouterr().err
   (tmp_path / "p.txt").write_text("walks\n" * 10_001)
   assert generate(tmp_path / "p.txt", "--out", tmp_path / "a.npz") == 1
   assert "10,001 prompts, expected 1 to 10,000" in capsys.readouterr().err
@@ -100,20 +101,21 @@ def test_prompt_files(generate, tmp_path):
   (tmp_path / "p.csv").write_text('prompt,length\n"a person walks, then runs",24\na person waves,\n')
   assert cli.read_prompts(str(tmp_path / "p.csv")) == [("a person walks, then runs", 24), ("a person waves", None)]
   (tmp_path / "p.txt").write_text("a person walks\n\na person runs\n")
-  assert generate(tmp_path / "p.txt", "--frames", 16, "--out", tmp_path / "t.npy") == 0
+  assert generate(tmp_path / "p.txt", "--num-frames", 16, "--out", tmp_path / "t.npy") == 0
   assert np.load(tmp_path / "t_0.npy").shape == (16, 22, 3)
 
 
 @pytest.mark.parametrize("arguments, words", [
-    (["", "--frames", "20"], "say what the person does"),
-    (["a person walks", "--frames", "0"], "--frames: got '0', expected a whole number from 1 to 72,000"),
-    (["a person walks", "--frames", "2"], "length of 2"),
+    (["", "--num-frames", "20"], "say what the person does"),
+    (["a person walks", "--num-frames", "0"], "--num-frames: got '0', expected a whole number from 1 to 72,000"),
+    (["a person walks", "--num-frames", "2"], "length of 2"),
     (["a person walks", "--seconds", "-3"], "--seconds: got '-3', expected a number of seconds over 0, up to 3,600"),
     (["a person walks", "--seconds", "1e9"], "expected"),
-    (["a person walks", "--num", "0"], "--num: got '0'"),
-    (["a person walks", "--num", "1000000000"], "--num: got '1000000000', expected a whole number from 1 to 10,000"),
+    (["a person walks", "--num-samples", "0"], "--num-samples: got '0'"),
+    (["a person walks", "--num-samples", "1000000000"],
+     "--num-samples: got '1000000000', expected a whole number from 1 to 10,000"),
     (["a person walks", "--context", "100000000000000000000"], "expected a whole number from 1 to 18,000"),
-    (["a person walks", "--steps", "4294967295"], "expected a whole number from 1 to 1,000"),
+    (["a person walks", "--num-steps", "4294967295"], "expected a whole number from 1 to 1,000"),
     (["a person walks", "--out", "walk.docx"], "docx"),
     (["a person walks", "--out", "walk"], "walk"),
     (["missing.csv"], "no prompt file"),
@@ -128,7 +130,7 @@ def test_errors_are_one_line_and_leave_nothing(generate, tmp_path, monkeypatch, 
 
 def test_an_output_that_cannot_be_written_is_told_first(generate, tmp_path, capsys):
   (tmp_path / "file").write_text("")
-  assert generate("a person walks", "--frames", 20, "--out", tmp_path / "file" / "a.npz") == 1
+  assert generate("a person walks", "--num-frames", 20, "--out", tmp_path / "file" / "a.npz") == 1
   assert "file" in capsys.readouterr().err
 
 
@@ -138,7 +140,7 @@ def test_an_unknown_model_is_told(capsys):
 
 
 def test_render_shows_files(generate, tmp_path, capsys):
-  generate("a person waves", "--frames", 20, "--out", f"{tmp_path}/a.npz,{tmp_path}/a.npy,{tmp_path}/a.bvh")
+  generate("a person waves", "--num-frames", 20, "--out", f"{tmp_path}/a.npz,{tmp_path}/a.npy,{tmp_path}/a.bvh")
   for kind in ("npz", "npy", "bvh"):
     assert cli.main(["render", str(tmp_path / f"a.{kind}"), "--out", str(tmp_path / f"{kind}.png")]) == 0
     assert (tmp_path / f"{kind}.png").stat().st_size > 1000

@@ -1,4 +1,4 @@
-"""Flags: one spelling in all commands, and the scripts at the top as doors to them."""
+"""Flags: the same names in all commands, with dashes or underscores, and launch.py and eval.py as doors to them."""
 import argparse
 import re
 import subprocess
@@ -7,8 +7,10 @@ import sys
 import pytest
 
 import motion_jax as mj
+from motion_jax.models import registry
 from motion_jax.utils import config_files, overrides
 from motion_studio import cli
+from motion_studio.cli import make
 from motion_studio.cli.shared import Files
 from tests.conftest import ROOT, devices_env
 
@@ -23,6 +25,14 @@ def _options(parser):
       yield parser.prog, option, action
 
 
+def _parser_of(prog):
+  parser = cli._parser()
+  for name in prog.split()[1:]:
+    parser = cli._commands_of(parser)[name] if parser.prog == "motion-jax" else next(
+        action.choices[name] for action in parser._actions if isinstance(action, argparse._SubParsersAction))
+  return parser
+
+
 FLAGS = [found for found in _options(cli._parser()) if found[1] not in ("-h", "--help")]
 
 
@@ -32,12 +42,47 @@ def test_flags_are_words_joined_by_dashes():
   assert not strange
 
 
-@pytest.mark.parametrize("flag", ["--model", "--data", "--seed", "--guidance", "--weights", "--out"])
+@pytest.mark.parametrize("flag", ["--model", "--data", "--seed", "--guidance-scale", "--weights", "--out"])
 def test_what_commands_share_is_called_alike(flag):
   """A flag of several commands is of one kind of value, so that what is learned of one holds for all."""
   kinds = {(action.type and getattr(action.type, "__qualname__", type(action.type).__name__),
             tuple(action.choices or ())) for _, option, action in FLAGS if option == flag}
   assert len(kinds) == 1, kinds
+
+
+def test_dashes_and_underscores_are_the_same_flag():
+  parsed = cli.parse("generate x --num-samples 2 --guidance-scale=3 --no-plan --max-attempts 1 --bvh-unit m".split())
+  assert parsed == cli.parse("generate x --num_samples 2 --guidance_scale=3 --no_plan --max_attempts 1 --bvh_unit m"
+                             .split())
+  for prog, option, action in FLAGS:
+    parser = _parser_of(prog)
+    assert parser._with_dashes(option.replace("-", "_").replace("__", "--", 1)) == option, (prog, action)
+
+
+@pytest.mark.parametrize("words, meant", [
+    ("generate x --num 4", "--num-samples"), ("generate x --guidance 3", "--guidance-scale"),
+    ("generate x --steps=8", "--num-steps"), ("generate x --tries 1", "--max-attempts"),
+    ("generate x --literal", "--no-plan"), ("generate x --frames 24", "--num-frames"),
+    ("generate x --duration 3", "--seconds"), ("generate x --cfg_weight 3", "--guidance-scale"),
+    ("generate x --num_sampels 3", "--num-samples"), ("edit x --prompt y --edit 1s:2s", "--change"),
+    ("retrieve x --data d --num 3", "--top-k"), ("evaluate --data d --guidance 3", "--guidance-scale")])
+def test_flags_of_other_programs_and_slips_name_the_right_one(words, meant, capsys):
+  with pytest.raises(SystemExit):
+    cli.parse(words.split())
+  error = capsys.readouterr().err
+  assert f"did you mean {meant}?" in error and len(error.splitlines()) == 1
+
+
+@pytest.mark.parametrize("command, ability", [("multi-prompt", "multi_prompt"), ("extend", "extend"), ("edit", "edit")])
+def test_commands_have_the_flags_of_the_methods_that_can_run_them(command, ability):
+  able = {stage.partition(".")[0] for stage in registry.model_stages(ability)}
+  assert set(registry.METHODS) - able == set(make.WITHOUT[command])
+  shown = {option for prog, option, _ in FLAGS if prog == f"motion-jax {command}"}
+  names = {method: set(options.described()) for method, options in registry.options().items()}
+  for method, choices in names.items():
+    foreign = choices - set().union(*(names[one] for one in able))
+    assert not shown & {f"--{name.replace('_', '-')}" for name in foreign}
+    assert method not in able or {f"--{name.replace('_', '-')}" for name in choices} <= shown
 
 
 @pytest.mark.parametrize("command", [
@@ -91,9 +136,9 @@ def test_data_is_short_for_the_configs_folders(tmp_path, capsys):
 
 
 def test_guidance_zero_is_told_as_zero(tiny_run, tmp_path, capsys):
-  for given, told in ((["--guidance", "0"], "guidance 0, seed"), ([], "guidance 3, seed")):
-    assert cli.main(["generate", "a person walks", "--frames", "16", "--steps", "4", "--model", str(tiny_run), "--out",
-                     str(tmp_path / "a.npy"), *given]) == 0
+  for given, told in ((["--guidance-scale", "0"], "guidance 0, seed"), ([], "guidance 3, seed")):
+    assert cli.main(["generate", "a person walks", "--num-frames", "16", "--num-steps", "4", "--model", str(tiny_run),
+                     "--out", str(tmp_path / "a.npy"), *given]) == 0
     assert told in capsys.readouterr().out
 
 
@@ -107,7 +152,7 @@ def test_a_file_of_the_usual_name_is_written_beside_another():
 
 def test_the_scripts_at_the_top_are_the_commands(tmp_path):
   for script, words, told in (("launch.py", ["--help"], "--max-seconds"), ("eval.py", ["--help"], "--replications"),
-                              ("eval.py", ["--printed", "cdamd", "6"], "| CDAMD")):
+                              ("eval.py", ["--paper-tables", "cdamd", "6"], "| CDAMD")):
     done = subprocess.run([sys.executable, str(ROOT / script), *words], env=devices_env(1), cwd=tmp_path,
                           capture_output=True, text=True, check=False)
     assert done.returncode == 0 and told in done.stdout and (words != ["--help"] or f"usage: {script} " in done.stdout)

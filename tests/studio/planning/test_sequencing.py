@@ -132,7 +132,7 @@ class TestComposed:
       assert frames("a person bows three times") == expected
 
   def test_the_command_says_what_it_understood(self, model, tiny_run, tmp_path, capsys):
-    run = ["generate", "a person walks, then waves", "--seconds", "2.4", "--steps", "2", "--model", str(tiny_run),
+    run = ["generate", "a person walks, then waves", "--seconds", "2.4", "--num-steps", "2", "--model", str(tiny_run),
            "--out", str(tmp_path / "m.npz")]
     assert cli.main(run) == 0
     said = capsys.readouterr().out
@@ -140,7 +140,7 @@ class TestComposed:
     (parts,) = re.findall(r"made as: walks .(.*) s. . waves .(.*) s.\n", said)
     spans = [(start, end) for _, start, end in json.loads(str(np.load(tmp_path / "m.npz")["captions"]))]
     assert [f"{end - start:.1f}" for start, end in spans] == list(parts)  # as the file has them
-    assert cli.main([*run, "--literal"]) == 0
+    assert cli.main([*run, "--no-plan"]) == 0
     assert "understood" not in capsys.readouterr().out
 
   def test_lengths_that_cannot_be(self, model):
