@@ -130,7 +130,8 @@ def get_config(name="full"):
     config.data.update(min_frames=24, batch_size=16 if size in ("full", "large") else config.data.batch_size)
     config.sampler.guidance_scale = 2.0
   if data == "snapmogen" and size in ("full", "large"):  # clips as CMDM's own there (configs/cmdm_denoiser.py)
-    config.data.update(name="snapmogen", min_frames=128, max_frames=320, lengths=(320,), keep_long=True, coin=0.0)
+    config.data.update(name="snapmogen", min_frames=128, max_frames=320, lengths=(320,), keep_long=True,
+                       shorten_rate=0.0)
   if mardm:
     _make_mardm(config, size, data, ddpm)
   what = "_".join(["mardm"] * mardm + ["ddpm"] * ddpm + [data] * bool(data))

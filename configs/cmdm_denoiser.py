@@ -25,9 +25,9 @@ DATASETS = {
     "essential": (67, dict(layout="essential")),
     "kit": (251, dict(layout="full_kit", min_frames=24)),
     "snapmogen": (296, dict(name="snapmogen", layout="snapmogen", min_frames=128, crop_frames=320, max_frames=324,
-                            lengths=(324,), keep_long=True, coin=0.0, max_words=512)),
+                            lengths=(324,), keep_long=True, shorten_rate=0.0, max_words=512)),
     "babel": (135, dict(name="babel", layout="babel", kind="pairs", min_frames=30, crop_frames=200, max_frames=204,
-                        lengths=(204,), coin=0.0)),
+                        lengths=(204,), shorten_rate=0.0)),
 }
 FALLS = 50_000 / 190_000  # of the steps that 500 epochs of HumanML3D are (docs/papers/cmdm.md#denoiser-training)
 # The rows of the paper's tables that each data set's model is in.
@@ -40,18 +40,18 @@ def get_config(size="full"):
   config = common.experiment("cmdm.denoiser", seed=5427)
   config.frozen = dict(tokenizer="runs/tokenizer", text="distilbert-base-uncased", text_level="words")
   config.distill = dict(teacher="")  # a student's teacher, and how it learns: configs/cmdm_student.py
-  config.taught_by = dict()  # what the tokenizer was aligned with; the run takes it from there
+  config.alignment_teacher = dict()  # what the tokenizer was aligned with; the run takes it from there
   config.tokenizer = dict(features=263, latent_dim=64, width=1024, num_halvings=2, dilations=(9, 3, 1), causal=True)
   config.model = dict(latent_dim=64, width=512, depth=8, num_heads=4, ff_width=1024, block=3, text_dim=768,
                       control=0)  # numbers that tell a latent of constraints; data.control sets it
-  # own_past: of how many clips a beginning is what the network made itself (docs/training.md#denoisers).
-  # ramp: of how many clips the times are those of a moment of sampling, not drawn for each block.
-  # decoded_from: errors of the decoded motion count for frames whose latents' time is over it (0 noise, 1 clean).
-  # control: weight of how far the decoded motion is from the constraints that it is told (data.control).
-  config.loss = dict(drop_rate=0.1, unit_latents=False, level_block=3, mean_latents=False, own_past=0.0, ramp=0.0,
-                     decoded_from=0.5, control=0.0, **common.motion_errors())
+  # self_forcing: share of the clips that begin with what the network made itself (docs/training.md#denoisers).
+  # pyramid_levels: share of the clips whose times are those of a moment of sampling, not drawn for each block.
+  # decoded_from: errors of the decoded motion count for frames whose latents' time is above it (0 noise, 1 clean).
+  # control: weight of the distance of the decoded motion from the constraints that it gets (data.control).
+  config.loss = dict(drop_rate=0.1, unit_latents=False, level_block=3, mean_latents=False, self_forcing=0.0,
+                     pyramid_levels=0.0, decoded_from=0.5, control=0.0, **common.motion_errors())
   config.data = common.captioned_data(layout="full", batch_size=64, min_frames=40, max_frames=192, lengths=(192,),
-                                      max_words=64, balance=0.0, vary_subject=0.0, part_by_part=0.0, store="",
+                                      max_words=64, balance=0.0, vary_subject=0.0, per_segment_captions=0.0, store="",
                                       control=0.0)  # of how many motions constraints are told (docs/training.md)
   if dataset:
     config.tokenizer.features, data = DATASETS[dataset]

@@ -33,7 +33,7 @@ def get_config(size="full"):
   # teacher: the run folder of configs/part_tmr.py; "": no alignment. evaluator: by which validation chooses weights.
   config.frozen = dict(teacher="runs/teacher", evaluator="")
   config.teacher = dict()    # its fields; the run takes them from there
-  config.taught_by = dict()  # where its weights came from, too
+  config.alignment_teacher = dict()  # where its weights came from, too
   config.model = dict(features=263, latent_dim=64, width=1024, num_halvings=2, dilations=(9, 3, 1), teacher_dim=256,
                       causal=True)
   # align falls by the share align_fall of it. Other choices of the last fields: configs/ablations/cmdm_paper.py.

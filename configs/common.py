@@ -40,10 +40,10 @@ def evaluated_size(name):
 
 
 def data(**fields):
-  """The section `data` on HumanML3D; folder or folders say where it lies. described: whether clips of archives get
-  captions by kinematics beside their own (docs/captions.md). augment: how many new clips of each kind are made of the
+  """The section `data` on HumanML3D; folder or folders: its location. kinematic_captions: whether clips of archives get
+  captions by kinematics beside their own (docs/captions.md). augment: number of new clips of each kind made of the
   training clips of archives, as a share of these (docs/augmentation.md)."""
-  return dict(name="humanml3d", folder="", folders=(), mode="benchmark", mirror=False, described=False,
+  return dict(name="humanml3d", folder="", folders=(), mode="benchmark", mirror=False, kinematic_captions=False,
               augment=dict(stitched=0.0, bent_paths=0.0, idle=0.0, counted=0.0, excerpts=0.0, seats=0.0,
                            wandering=0.0, time_warp=0.0)) | fields
 
@@ -51,9 +51,10 @@ def data(**fields):
 def captioned_data(**fields):
   """The section `data` of clips that are cut and padded for training with captions: fields of `data.batches.TextItems`.
 
-  coin: how often a clip loses a latent's frames; crop_frames: the most that it keeps, 0 for data.max_frames.
+  shorten_rate: how often a clip loses the frames of one latent; crop_frames: the most frames that it keeps, 0 for
+  data.max_frames.
   """
-  return data(frames_per_latent=4, crop_frames=0, keep_long=False, coin=1 / 3) | fields
+  return data(frames_per_latent=4, crop_frames=0, keep_long=False, shorten_rate=1 / 3) | fields
 
 
 def motion_errors():

@@ -19,8 +19,8 @@ def get_config(size="full"):
   config.model = dict(features=148, columns=148, width=256, depth=6, num_heads=4, mlp_width=1024, dropout=0.1)
   config.loss = dict(reconstruction=1.0, divergence=1e-5, latent=1e-5, contrast=0.1, temperature=0.1)
   config.data = common.captioned_data(name="snapmogen", layout="snapmogen_148", batch_size=128, min_frames=128,
-                                      max_frames=320, lengths=(320,), frames_per_latent=8, coin=0.0, max_words=120,
-                                      keep_long=True, same="caption")
+                                      max_frames=320, lengths=(320,), frames_per_latent=8, shorten_rate=0.0,
+                                      max_words=120, keep_long=True, same="caption")
   config.optimizer = common.optimizer(learning_rate=1e-4, warmup_steps=2_000, beta2=0.99, weight_decay=1e-5,
                                       clip_norm=1.0)
   config.train = common.train(num_steps=50_000, log_every=50, save_every=1_000, best="max recall")

@@ -124,13 +124,13 @@ def load_run(name: str | os.PathLike, stage: str | Sequence[str] | None = None, 
 _STORE = {"data.store": ""}
 _MOTION_ERRORS = {"data.balance": 0.0, "loss.acceleration": 0.0, "loss.extremity_velocity": 0.0,
                   "loss.foot_contact": 0.0, "loss.brief_contact": 0.0, "loss.bone_length": 0.0}
-_TEXT_ITEMS = {"data.frames_per_latent": 4, "data.crop_frames": 0, "data.keep_long": False, "data.coin": 1 / 3}
+_TEXT_ITEMS = {"data.frames_per_latent": 4, "data.crop_frames": 0, "data.keep_long": False, "data.shorten_rate": 1 / 3}
 _EVALUATOR = {"frozen.text": "", "data.max_frames": 196,
               "model.columns": lambda config: get_layout(config["data"]["layout"]).dim}
 _CAPTIONED_EVALUATOR = _EVALUATOR | _TEXT_ITEMS
 # What a config means that does not name a field, because it is older than the field, or was written by `convert`.
 _LEFT_OUT: dict[str, dict[str, Any]] = {
-    "": {"data.mode": "benchmark", "data.described": False, "data.augment": {},
+    "": {"data.mode": "benchmark", "data.kinematic_captions": False, "data.augment": {},
          "optimizer.skip_loss": 0.0, "optimizer.final_rate": 0.0,
          "optimizer.rates": {}, "optimizer.clip_parts": (), "train.start": "", "train.best": "", "train.workers": 0,
          "train.num_epochs": 0, "train.num_saves": 20, "train.keep_last": 2, "train.tensorboard": False,
@@ -140,15 +140,15 @@ _LEFT_OUT: dict[str, dict[str, Any]] = {
     "tmr.teacher": {"model.kind": "part_tmr", "frozen.sentence": "", "frozen.vit": "", "origin": {}},
     "cmdm.tokenizer": _MOTION_ERRORS | {
         "data.short_window": 0, "train.dtype": "float32", "frozen.teacher": "", "frozen.evaluator": "", "teacher": {},
-        "taught_by": {},
+        "alignment_teacher": {},
         "loss.adaptive_align": True, "loss.align_fall": 0.9, "loss.reconstruction": "gaussian",
         "loss.distance_pairs": "window", "loss.last_layer": "convolution"},
     "cmdm.denoiser": _TEXT_ITEMS | _STORE | _MOTION_ERRORS | {
         "train.dtype": "float32", "train.remat": False, "train.scan_layers": False, "frozen.text_level": "words",
-        "taught_by": {},
-        "distill.teacher": "", "loss.mean_latents": False, "loss.decoded_from": 0.5, "loss.own_past": 0.0,
-        "loss.ramp": 0.0,
-        "data.part_by_part": 0.0, "data.control": 0.0, "model.control": 0,
+        "alignment_teacher": {},
+        "distill.teacher": "", "loss.mean_latents": False, "loss.decoded_from": 0.5, "loss.self_forcing": 0.0,
+        "loss.pyramid_levels": 0.0,
+        "data.per_segment_captions": 0.0, "data.control": 0.0, "model.control": 0,
         "loss.control": 0.0,
         "loss.level_block": lambda config: config["model"].get("block", 3), "data.vary_subject": 0.0,
         "sampler.schedule": "fss",

@@ -20,7 +20,7 @@ MUTATIONS = (
     ("align-decay", "motion_jax/models/cmdm/losses.py", 'config.align * (1 - config.align_fall * progress)',
      "config.align",
      (f"{LOSSES}::test_alignment_falls_to_a_tenth_after_the_ramp",)),
-    ("coin", "motion_jax/data/batches.py", "rng.random() < self.coin)", "False)",
+    ("shorten-rate", "motion_jax/data/batches.py", "rng.random() < self.shorten_rate)", "False)",
      (f"{BATCHES}::test_the_coin_takes_a_latent_less_as_often_as_it_says",)),
     ("cmdm-drop", "motion_jax/models/cmdm/stages.py",
      'jnp.where(drop[:, None, None], 0.0, batch["text_emb"])', 'batch["text_emb"]',

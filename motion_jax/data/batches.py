@@ -140,11 +140,11 @@ class TextItems:
 
   max_frames is the longest padded length. No item has more real frames than crop_frames, where these are given: whole
   latents may not fill whole blocks (320 frames are 80 latents, padded to 27 blocks of 3: 324 frames;
-  docs/papers/cmdm.md#data-sets). keep_long cuts clips that are longer instead of leaving them out. coin is how often a
-  latent's frames less are taken.
+  docs/papers/cmdm.md#data-sets). keep_long cuts clips that are longer instead of leaving them out. shorten_rate is
+  how often the frames of one latent less are taken.
 
-  spans: of each clip that was put together of several the parts, () of others; part_by_part is how often such a clip is
-  told by its parts' captions, each in its own frames, instead of one sentence about all of it.
+  spans: the parts of each clip that was put together of several, () of others; per_segment_captions is how often such a
+  clip has the captions of its parts, each in its own frames, instead of one sentence about all of it.
   """
   features: list[np.ndarray]
   captions: list[list[str]]
@@ -155,9 +155,9 @@ class TextItems:
   weights: np.ndarray | None = None
   crop_frames: int = 0  # 0: max_frames
   keep_long: bool = False
-  coin: float = 1 / 3
+  shorten_rate: float = 1 / 3
   spans: list[Told] | None = None
-  part_by_part: float = 0.0
+  per_segment_captions: float = 0.0
 
   def __post_init__(self):
     if not 0 <= self.crop_frames <= self.max_frames or self.crop_frames % self.frames_per_latent:
@@ -195,13 +195,13 @@ class TextItems:
     for i in chosen:
       frames = len(self.features[i])
       # Parity: one time in three a latent less than the clip holds, then a random place in the clip.
-      count = self._frames(frames, rng.random() < self.coin)
+      count = self._frames(frames, rng.random() < self.shorten_rate)
       starts.append(rng.integers(frames - count + 1))
       num_frames.append(count)
       captions.append(self.captions[i][rng.integers(len(self.captions[i]))])
     told = None
-    if self.part_by_part:
-      spoken = rng.random(batch_size) < self.part_by_part
+    if self.per_segment_captions:
+      spoken = rng.random(batch_size) < self.per_segment_captions
       told = [_inside(self.spans[i], start, start + count) if said else ()
               for i, start, count, said in zip(chosen, starts, num_frames, spoken)]
     return Draw(chosen, np.array(starts), np.array(num_frames, np.int32), captions, length, told)
@@ -213,13 +213,14 @@ class TextItems:
     """All cuts that may be drawn: (clip, start, count, padded length) of each."""
     for i, bucket in zip(self.kept, self.bucket_of):
       frames = len(self.features[i])
-      counts = {self._frames(frames, less) for less, rate in ((0, 1 - self.coin), (1, self.coin)) if rate}
+      rates = ((0, 1 - self.shorten_rate), (1, self.shorten_rate))
+      counts = {self._frames(frames, less) for less, rate in rates if rate}
       for count in sorted(counts, reverse=True):
         yield from ((int(i), start, count, self.lengths[bucket]) for start in range(frames - count + 1))
 
   def batch(self, batch_size, seed, step, rows=ALL):
     """-> features (B, T, F) zero-padded, num_frames (B,), index (B,), of these rows; caption, a list of all B, and
-    with part_by_part told, another (`Draw`)."""
+    with per_segment_captions told, another (`Draw`)."""
     drawn = self.draw(batch_size, seed, step)
     index, num_frames = np.arange(batch_size)[rows], drawn.num_frames[rows]
     out = np.zeros((len(index), drawn.length, self.features[0].shape[-1]), np.float32)

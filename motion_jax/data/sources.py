@@ -5,7 +5,8 @@
   snapmogen     SnapMoGen's                     snapmogen, snapmogen_148
   babel         BABEL's, FlowMDM's form         babel                            kind: pairs, segments, both
   records       what `data records` makes       that which it was made for
-  archive       folders of `datasets.archive`   any                              mode, mirror, described, augment
+  archive       folders of `datasets.archive`   any                              mode, mirror, kinematic_captions,
+                                                                                 augment
   synthetic     none                            any                              mode, mirror, num_clips
 
 What each of them does is in its file of `data.datasets`; `datasets.registry` lists them. A folder is looked at before
@@ -122,9 +123,9 @@ def load_items(config, split="train", captioned=True) -> list[TextItem]:
   if dataset.by_clip and config.get("folders"):
     return clip_items(load_clips(config), config, split, layout)
   _check_folder(config, dataset)
-  if config.get("described", False) and "described" not in dataset.fields:
-    raise InputError(f"got data.described=True for {config.folder}, {dataset.holds}; captions by kinematics are added "
-                     "to clips of archives, or of several folders that are read clip by clip")
+  if config.get("kinematic_captions", False) and "kinematic_captions" not in dataset.fields:
+    raise InputError(f"got data.kinematic_captions=True for {config.folder}, {dataset.holds}; captions by kinematics "
+                     "are added to clips of archives, or of several folders that are read clip by clip")
   if asked_kinds(config) and "augment" not in dataset.fields:
     raise InputError(f"got data.augment for {config.folder}, {dataset.holds}; more clips are made of those of "
                      "archives, or of several folders that are read clip by clip")
@@ -176,6 +177,6 @@ def _key(config, split, captioned):
   folders = tuple(config.get("folders") or ()) if get_dataset(config.name).by_clip else ()
   readers = [dataset_of(folder) for folder in folders] or [get_dataset(config.name)]
   asked = config.to_dict() | {"captioned": captioned or bool(folders)}
-  fields = sorted({"described", *(field for reader in readers for field in reader.fields)} - {"augment"})
+  fields = sorted({"kinematic_captions", *(field for reader in readers for field in reader.fields)} - {"augment"})
   return (config.name, folders or config.get("folder"), config.layout, split,
           tuple(sorted(asked_kinds(config).items())), *((field, asked.get(field) or None) for field in fields))

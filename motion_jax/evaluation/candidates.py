@@ -45,11 +45,11 @@ class Candidate:
     """What the provenance says of it."""
     sampled = self.model.can("generate")
     scale = self.model.sampling(guidance_scale=self.guidance_scale).guidance_scale if sampled else None
-    taught = self.model.config.get("taught_by")
+    taught = self.model.config.get("alignment_teacher")
     return dict(model=self.model.folder.name, hash=self.hash, guidance_scale=scale, sampling=dict(self.options),
                 sampler=self.model.config.get("sampler", {}).to_dict() if self.model.config.get("sampler") else {},
                 parameters=self.model.num_params, layout=self.model.stats.layout.name,
-                statistics=self.model.stats.fingerprint, **({"taught_by": taught.to_dict()} if taught else {}))
+                statistics=self.model.stats.fingerprint, **({"alignment_teacher": taught.to_dict()} if taught else {}))
 
   def parts(self, names, some=True):
     """Of names {folder of samples: part of a task} those that it has: all."""

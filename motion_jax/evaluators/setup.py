@@ -19,7 +19,7 @@ from motion_jax.training import checkpoint
 from motion_jax.training.setup import TrainingSetup, encoder_files, held_out, one_clip_per_caption
 from motion_jax.utils.config_files import module_fields
 
-_RULES = ("frames_per_latent", "coin", "crop_frames", "keep_long")  # of `batches.TextItems`
+_RULES = ("frames_per_latent", "shorten_rate", "crop_frames", "keep_long")  # of `batches.TextItems`
 NUM_VALIDATION = 8  # batches of the validation split that a loss is the mean of, the same every time
 
 

@@ -219,7 +219,7 @@ def test_captions_of_a_clip_and_of_its_mirror_image():
   assert new.captions[0] == clip.captions[0] and len(new.captions) > 1
   assert new.captions == described(clip).captions
   plain, both = (clip_items([clip], ConfigDict({"mode": "corrected", "mirror": True} | more), "train",
-                            get_layout("coordinates")) for more in ({}, {"described": True}))
+                            get_layout("coordinates")) for more in ({}, {"kinematic_captions": True}))
   assert [item.captions for item in plain] == [("a person kicks.",)] * 2
   assert all("left" in caption for caption in both[0].captions[1:])
   assert all("right" in caption and "left" not in caption for caption in both[1].captions[1:])

@@ -66,24 +66,25 @@ def test_text_batches_are_pure_and_follow_the_item_rules(options):
       assert (x[count:] == 0).all()
 
 
-@pytest.mark.parametrize("coin", [1 / 3, 0.0, 1.0, 0.8])
-def test_the_coin_takes_a_latent_less_as_often_as_it_says(coin):
-  """Of 102 frames, 25 latents of 4: 100 are taken, or by the coin 96, from any of the places where they fit."""
-  items = TextItems(_clips([102] * 8), [["a"]] * 8, **({} if coin == 1 / 3 else {"coin": coin}))
+@pytest.mark.parametrize("shorten_rate", [1 / 3, 0.0, 1.0, 0.8])
+def test_the_coin_takes_a_latent_less_as_often_as_it_says(shorten_rate):
+  """Of 102 frames, 25 latents of 4: 100 are taken, or shortened 96, from any of the places where they fit."""
+  items = TextItems(_clips([102] * 8), [["a"]] * 8, **({} if shorten_rate == 1 / 3 else {"shorten_rate": shorten_rate}))
   counts, starts = [], {100: set(), 96: set()}
   for step in range(120):
     batch = items.batch(8, 5, step)
     counts += batch["num_frames"].tolist()
     for x, count in zip(batch["features"], batch["num_frames"]):
       starts[int(count)].add(round(1000 * float(x[0, 0]) % 1000))
-  share, deviation = np.mean(np.equal(counts, 96)), np.sqrt(coin * (1 - coin) / len(counts))
-  assert set(counts) <= {96, 100} and abs(share - coin) <= 4 * deviation
-  assert starts[96] == (set(range(7)) if coin else set()) and starts[100] == (set(range(3)) if coin < 1 else set())
+  share, deviation = np.mean(np.equal(counts, 96)), np.sqrt(shorten_rate * (1 - shorten_rate) / len(counts))
+  assert set(counts) <= {96, 100} and abs(share - shorten_rate) <= 4 * deviation
+  assert starts[96] == (set(range(7)) if shorten_rate else set())
+  assert starts[100] == (set(range(3)) if shorten_rate < 1 else set())
 
 
 def test_lengths_are_drawn_as_often_as_there_are_clips_of_them():
   """Two padded lengths, eight clips in the shorter and two in the longer: batches come in that proportion."""
-  items = TextItems(_clips([60] * 8 + [150] * 2), [["a"]] * 10, lengths=(60, 192), coin=0.0)
+  items = TextItems(_clips([60] * 8 + [150] * 2), [["a"]] * 10, lengths=(60, 192), shorten_rate=0.0)
   share = np.mean([items.batch(2, 0, step)["features"].shape[1] == 60 for step in range(400)])
   assert abs(share - 0.8) < 4 * np.sqrt(0.8 * 0.2 / 400)
 

@@ -69,7 +69,7 @@ def test_320_frames_are_padded_to_whole_blocks():
   rng = np.random.default_rng(0)
   clips = [rng.normal(size=(n, 5)).astype(np.float32) for n in (127, 128, 321, 320, 900)]
   items = TextItems(clips, [["a"]] * 5, rules.min_frames, rules.max_frames, tuple(rules.lengths),
-                    crop_frames=rules.crop_frames, keep_long=rules.keep_long, coin=rules.coin)
+                    crop_frames=rules.crop_frames, keep_long=rules.keep_long, shorten_rate=rules.shorten_rate)
   assert items.kept.tolist() == [1, 2, 3, 4]
   batch = items.batch(4, 0, 0)
   assert batch["features"].shape == (4, 324, 5) and sorted(batch["num_frames"]) == [128, 320, 320, 320]
@@ -79,7 +79,7 @@ def test_320_frames_are_padded_to_whole_blocks():
   assert (latents <= 80).all() and 324 // 4 % 3 == 0
   rules = load_config("cmdm_denoiser", "babel").data
   items = TextItems(clips, [["a"]] * 5, rules.min_frames, rules.max_frames, tuple(rules.lengths),
-                    crop_frames=rules.crop_frames, coin=rules.coin)
+                    crop_frames=rules.crop_frames, shorten_rate=rules.shorten_rate)
   assert items.kept.tolist() == [0, 1] and items.batch(2, 0, 0)["features"].shape == (2, 204, 5)
   with pytest.raises(ValueError, match="crop_frames 322"):
     TextItems(clips, [["a"]] * 5, 128, 324, (324,), crop_frames=322)

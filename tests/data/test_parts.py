@@ -14,10 +14,10 @@ from tests.conftest import load_config
 SPANS = (("a person walks", 0, 30), ("a person waves", 30, 48))
 
 
-def items(part_by_part):
+def items(per_segment_captions):
   features = [np.zeros((48, 2), np.float32), np.zeros((48, 2), np.float32)]
-  return TextItems(features, [["he walks, then waves"], ["he sits"]], 20, 48, (48,), coin=0.0, spans=[SPANS, ()],
-                   part_by_part=part_by_part)
+  return TextItems(features, [["he walks, then waves"], ["he sits"]], 20, 48, (48,), shorten_rate=0.0,
+                   spans=[SPANS, ()], per_segment_captions=per_segment_captions)
 
 
 def test_how_often_a_clip_is_told_part_by_part():
@@ -32,8 +32,8 @@ def test_how_often_a_clip_is_told_part_by_part():
 
 def test_a_cut_keeps_the_parts_that_it_shows_in_its_own_frames():
   features, spans = [np.zeros((60, 2), np.float32)], [(("a", 0, 10), ("b", 10, 40), ("c", 40, 60))]
-  draws = [TextItems(features, [["a b c"]], 20, 40, (40,), crop_frames=40, keep_long=True, spans=spans, part_by_part=1.0
-                     ).draw(1, 0, step) for step in range(40)]
+  draws = [TextItems(features, [["a b c"]], 20, 40, (40,), crop_frames=40, keep_long=True, spans=spans,
+                     per_segment_captions=1.0).draw(1, 0, step) for step in range(40)]
   for drawn in draws:
     first, past = int(drawn.start[0]), int(drawn.start[0]) + int(drawn.num_frames[0])
     wanted = [(text, max(a, first) - first, min(b, past) - first) for text, a, b in spans[0] if a < past and b > first]
@@ -64,7 +64,7 @@ def test_latents_see_the_words_of_their_part_and_no_others():
 
 def test_nothing_that_was_put_together_is_refused():
   config = load_config("cmdm_denoiser", "tiny").unlock()
-  config.data.part_by_part = 0.5
+  config.data.per_segment_captions = 0.5
   with pytest.raises(InputError, match="no clip was put together of several"):
     fit.setups()[config.stage](fit.resolve(config)[0])
 

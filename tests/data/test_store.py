@@ -68,7 +68,7 @@ def test_a_store_is_whole_or_not_there_and_its_damage_is_told(tmp_path):
     Store(tmp_path)
 
 
-@pytest.mark.parametrize("options", [{}, {"coin": 1.0}, {"crop_frames": 48, "keep_long": True}])
+@pytest.mark.parametrize("options", [{}, {"shorten_rate": 1.0}, {"crop_frames": 48, "keep_long": True}])
 def test_every_cut_that_is_drawn_is_among_the_cuts(options):
   clips = [np.zeros((n, 1), np.float32) for n in (40, 77, 199, 120)]
   items = TextItems(clips, [["a"]] * 4, lengths=(96, 192), **options)

@@ -66,7 +66,7 @@ class Dataset(Protocol):
   holds: str
   by_clip: bool = True
   in_folders: bool = True
-  fields: tuple[str, ...] = ("mode", "mirror", "described", "augment")
+  fields: tuple[str, ...] = ("mode", "mirror", "kinematic_captions", "augment")
   files: tuple[str, ...] = ("**/*",)
   judged_as: str = "archive"
   long_horizon: str = "long-horizon"
@@ -168,12 +168,12 @@ class Dataset(Protocol):
 
 def clip_items(clips, config, split, layout: FeatureLayout) -> list[TextItem]:
   """The clips of a split as features (config.mode) on the layout's skeleton and at its rate; of train mirrored ones,
-  too, if config.mirror. config.described: with captions by kinematics beside their own (`data.describe`).
+  too, if config.mirror. config.kinematic_captions: with captions by kinematics beside their own (`data.describe`).
   config.augment: of train more clips, made of these (`data.augment`)."""
   clips, items, made = [clip for clip in clips if clip.split == split], [], []
   if split == "train":
     made = augmented(clips, asked_kinds(config), progress=True)
-  if config.get("described", False):
+  if config.get("kinematic_captions", False):
     clips = [described(clip) for clip in tqdm.tqdm(clips, desc=f"captions of {split}", unit="clip", leave=False,
                                                    disable=None)]
   clips += made

@@ -98,7 +98,7 @@ class CdamdModel(TextToMotionModel):
     """As of any model; of one that learned captions by kinematics "walks" is understood as "walks forward", and
     "punches" as "punches with the left hand"."""
     sentence = super().understand(prompt)
-    if not self.config.data.get("described", False):
+    if not self.config.data.get("kinematic_captions", False):
       return sentence
     return sentence.with_segments(tuple(part._replace(
         action=_as_captions_say(part.action), simultaneous=tuple(map(_as_captions_say, part.simultaneous)))

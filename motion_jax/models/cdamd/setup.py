@@ -33,7 +33,7 @@ from motion_jax.training.setup import (
 from motion_jax.utils.config_files import module_fields
 
 GENERATOR = "cdamd.generator"
-_RULES = ("frames_per_latent", "crop_frames", "keep_long", "coin")  # of `batches.TextItems`
+_RULES = ("frames_per_latent", "crop_frames", "keep_long", "shorten_rate")  # of `batches.TextItems`
 
 
 def autoencoder(config: ConfigDict) -> TrainingSetup:

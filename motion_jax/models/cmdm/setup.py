@@ -97,12 +97,12 @@ def tokenizer_fields(config: ConfigDict) -> dict[str, Any]:
   if not config.frozen.teacher:
     return {}
   if config.frozen.teacher == "random-init":
-    return {"taught_by": {"weights": "untrained"}}
+    return {"alignment_teacher": {"weights": "untrained"}}
   run = runs.load_run(config.frozen.teacher, "tmr.teacher").config
   fields = run.model.to_dict()
   if get_layout(run.data.layout) != get_layout(config.data.layout):
     fields["layout"] = get_layout(run.data.layout).name
-  return {"teacher": fields, "taught_by": {"kind": fields["kind"], **run.origin.to_dict()}}
+  return {"teacher": fields, "alignment_teacher": {"kind": fields["kind"], **run.origin.to_dict()}}
 
 
 def denoiser_fields(config: ConfigDict) -> dict[str, Any]:
@@ -113,7 +113,7 @@ def denoiser_fields(config: ConfigDict) -> dict[str, Any]:
                      "or a name that ships such as cmdm-small")
   if _has_teacher(config):
     run = runs.load_run(config.distill.teacher, "cmdm.denoiser")
-    own = {name: run.config[name].to_dict() for name in ("model", "tokenizer", "taught_by")}
+    own = {name: run.config[name].to_dict() for name in ("model", "tokenizer", "alignment_teacher")}
     text = {"text": str(run.text), "text_level": run.config.frozen.text_level}
     return own | {"frozen": config.frozen.to_dict() | text | {"tokenizer": str(run.folder)},
                   "train": config.train.to_dict() | {"start": config.train.start or config.distill.teacher}}
@@ -123,8 +123,8 @@ def denoiser_fields(config: ConfigDict) -> dict[str, Any]:
     found["model"] = config.model.to_dict() | {"control": count}
   if config.frozen.tokenizer == "random-init":
     return found
-  taught = runs.load_run(config.frozen.tokenizer, _TOKENIZERS).config.taught_by
-  return found | ({"taught_by": taught.to_dict()} if taught else {})
+  taught = runs.load_run(config.frozen.tokenizer, _TOKENIZERS).config.alignment_teacher
+  return found | ({"alignment_teacher": taught.to_dict()} if taught else {})
 
 
 def _has_teacher(config):
@@ -144,9 +144,9 @@ def _denoiser_parts(config):
   weights = None
   if config.data.balance:
     weights = batches.balance_weights(data.groups, config.data.balance)
-  if config.data.part_by_part and not any(data.spans):
-    raise InputError(f"got data.part_by_part={config.data.part_by_part:g}, but no clip was put together of several; "
-                     "ask for some with data.augment.stitched or data.augment.idle")
+  if config.data.per_segment_captions and not any(data.spans):
+    raise InputError(f"got data.per_segment_captions={config.data.per_segment_captions:g}, but no clip was put "
+                     "together of several; add some with data.augment.stitched or data.augment.idle")
   items = _items(config, data, tuple(config.data.lengths), weights)
   encoder = load_text_encoder(config.frozen.text, level=config.frozen.text_level)
   encoder.check(caption for captions in data.captions for caption in captions)
@@ -156,9 +156,9 @@ def _denoiser_parts(config):
 
 
 def _items(config, data, lengths, weights=None):
-  rules = {name: config.data[name] for name in ("frames_per_latent", "crop_frames", "keep_long", "coin")}
-  if config.data.part_by_part and any(data.spans):
-    rules |= dict(spans=data.spans, part_by_part=config.data.part_by_part)
+  rules = {name: config.data[name] for name in ("frames_per_latent", "crop_frames", "keep_long", "shorten_rate")}
+  if config.data.per_segment_captions and any(data.spans):
+    rules |= dict(spans=data.spans, per_segment_captions=config.data.per_segment_captions)
   return batches.TextItems(data.features, data.captions, config.data.min_frames, config.data.max_frames, lengths,
                            weights=weights, **rules)
 
@@ -203,9 +203,9 @@ def denoiser(config: ConfigDict) -> TrainingSetup:
     if config.data.control:
       raise InputError("got data.control and data.store: a store holds latents, and constraints are drawn from the "
                        "joints of real motions; leave out one of the two")
-    if config.data.part_by_part:
-      raise InputError("got data.part_by_part and data.store: a store holds the words of whole clips; leave out one of "
-                       "the two")
+    if config.data.per_segment_captions:
+      raise InputError("got data.per_segment_captions and data.store: a store holds the words of whole clips; leave "
+                       "out one of the two")
     kept = store.Store(config.data.store)
     kept.demand(encoding.identity(codec.parts, items, encoder))
     encoder.recall(kept.words)

@@ -115,11 +115,11 @@ def forcing_inputs(config: ConfigDict, vae: CausalVAE, dit: CausalDiT, frozen: A
   # Parity: the code draws one time per block of 3 latents, the paper one per latent; level_block says which.
   draw = (ddpm_forcing if dit.predicts == "ddpm" else paths).forcing_times
   t = jax.vmap(lambda key: draw(key, 1, z1.shape[1], config.loss.level_block)[0])(keys(level_rng))
-  if config.loss.ramp:
+  if config.loss.pyramid_levels:
     def ramped(key, t, real):
       chosen, times = jax.random.split(key)
       ramp = paths.ramp_times(times, z1.shape[1], config.loss.level_block, real=real)
-      return jnp.where(jax.random.bernoulli(chosen, config.loss.ramp), ramp, t)
+      return jnp.where(jax.random.bernoulli(chosen, config.loss.pyramid_levels), ramp, t)
 
     t = jax.vmap(ramped)(keys(jax.random.fold_in(rng, 4)), t, latent_mask.sum(1))
   noise = jax.vmap(lambda key: jax.random.normal(key, z1.shape[1:]))(keys(noise_rng))
@@ -145,7 +145,7 @@ def control_of(config: ConfigDict, vae: CausalVAE, frozen: Any, batch: dict[str,
   return signal, conditioning.features(signal, vae.frames_per_latent)
 
 
-def with_own_past(velocity: Callable[..., Any], z1: Float[Array, "b l c"], latent_mask: Bool[Array, "b l"],
+def self_forced(velocity: Callable[..., Any], z1: Float[Array, "b l c"], latent_mask: Bool[Array, "b l"],
                   t: Float[Array, "b l"], noise: Float[Array, "b l c"], keys: Array, block: int, share: float
                   ) -> tuple[Float[Array, "b l c"], Float[Array, "b l"], Bool[Array, "b l"]]:
   """(latents, times, which are its own (B, L)): of a share of clips, drawn by keys (B,), the blocks before a random
@@ -246,17 +246,17 @@ def denoiser_stage(config: ConfigDict) -> Stage:
     signal, control = control_of(config, vae, frozen, batch, rng)
     velocity = lambda x, t: dit.apply(params, x, t[:, ::shared], text_emb, attn_mask, batch["text_mask"], control)
     if dit.predicts == "ddpm":
-      if found := next((name for name in ("own_past", "ramp") if config.loss[name]), ""):
+      if found := next((name for name in ("self_forcing", "pyramid_levels") if config.loss[name]), ""):
         raise InputError(f"got loss.{found} and model.predicts='ddpm'; a past that is finished is made along the "
                          "straight path: velocity, eps or x1")
       # Parity: the paper's algorithm 1; the code, and our default, learn the velocity of a straight path.
       return ddpm_forcing.forcing_loss(velocity, z1, latent_mask, t, noise)
     counts = latent_mask
-    if config.loss.ramp:
+    if config.loss.pyramid_levels:
       counts &= t < 1  # what is finished teaches nothing: its noise is gone
-    if config.loss.own_past:
+    if config.loss.self_forcing:
       keys = jax.vmap(lambda i: jax.random.fold_in(jax.random.fold_in(rng, 2), i))(batch["index"])
-      z1, t, own = with_own_past(velocity, z1, latent_mask, t, noise, keys, block, config.loss.own_past)
+      z1, t, own = self_forced(velocity, z1, latent_mask, t, noise, keys, block, config.loss.self_forcing)
       counts &= ~own
     errors = decoded_errors(config, VaeCodec.of(vae, frozen), frozen, batch, latent_mask, counts, t, signal)
     return paths.forcing_loss(velocity, z1, counts, t, noise, dit.predicts, errors)

@@ -253,7 +253,7 @@ def test_who_walks_is_understood_to_walk_forward_where_captions_by_kinematics_we
   assert plain.prompt == "a person walks" and not plain.reworded
   config = ConfigDict(model.config)
   with config.unlocked():
-    config.data = ConfigDict({**config.data, "described": True})
+    config.data = ConfigDict({**config.data, "kinematic_captions": True})
   monkeypatch.setattr(model, "config", config)
   sentence = model.understand("a person walks")
   assert sentence.segments[0].action.prompt == "a person walks forward" and not sentence.is_plain

@@ -23,14 +23,14 @@ def inputs():
 def test_a_beginning_of_whole_blocks_is_its_own_and_clean():
   z1, real, t, noise, keys = inputs()
   said = lambda x, t: (7 - x) / (1 - t[..., None])  # wherever it is, it heads for 7
-  made, times, own = stages.with_own_past(said, z1, real, t, noise, keys, BLOCK, 0.5)
+  made, times, own = stages.self_forced(said, z1, real, t, noise, keys, BLOCK, 0.5)
   count = np.asarray(own.sum(1))
   np.testing.assert_array_equal(own, np.arange(LENGTH) < count[:, None])
   assert set(count[1::2]) == {0, 3, 6, 9} and set(count[::2]) == {0, 3}  # 5 real latents are two blocks: one stays
   assert 0.3 < (count[1::2] > 0).mean() < 0.45  # half are chosen, of which one in four begins at the very start
   np.testing.assert_allclose(made, np.where(own[..., None], 7, z1), rtol=1e-5)
   np.testing.assert_array_equal(times, np.where(own, 1, 0.25))
-  np.testing.assert_array_equal(*(stages.with_own_past(said, z1[a], real[a], t[a], noise[a], keys[a], BLOCK, 0.5)[0][0]
+  np.testing.assert_array_equal(*(stages.self_forced(said, z1[a], real[a], t[a], noise[a], keys[a], BLOCK, 0.5)[0][0]
                                   for a in (slice(40, 41), slice(40, 80))))  # alone or among others
 
 
@@ -44,7 +44,7 @@ def test_only_what_comes_after_is_learned(monkeypatch):
   params = untrained(jax.eval_shape(setup.stage.init, batch, rng))
   loss = lambda stage, params: stage.loss(params, setup.frozen, batch, 0, rng)
   _, whole = loss(setup.stage, params)
-  config.loss.own_past = 1.0
+  config.loss.self_forcing = 1.0
   stage = stages.denoiser_stage(config)
   sums, weight = loss(stage, params)
   assert 0 < weight < whole and np.isfinite(sums["loss"])
@@ -85,7 +85,7 @@ def test_times_of_a_moment_of_sampling_rise_towards_the_past():
   shape = jax.eval_shape(setup.stage.init, batch, jax.random.key(0))
   weights = []
   for ramp in (0.0, 1.0):
-    config.loss.ramp = ramp
+    config.loss.pyramid_levels = ramp
     sums, weight = stages.denoiser_stage(config).loss(untrained(shape), setup.frozen, batch, 0, jax.random.key(1))
     weights.append(int(weight))
     assert np.isfinite(sums["loss"])

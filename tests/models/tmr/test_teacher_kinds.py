@@ -72,10 +72,10 @@ def test_a_tokenizer_is_taught_by_it(teacher_run):
   assert np.array_equal(view["std"], setup.stats.std)
   if config.teacher.kind == "tmr":
     assert set(setup.frozen["teacher"]) == {"motion_encoder"} and view["own_std"].shape == (263,)
-    assert config.taught_by.to_dict() == {"kind": "tmr", "text": "random-init"}
+    assert config.alignment_teacher.to_dict() == {"kind": "tmr", "text": "random-init"}
   else:
     assert set(setup.frozen["teacher"]) == set(own) and config.teacher.layout == "coordinates"
-    assert config.taught_by.vit.to_dict() == {"weights": "random"}
+    assert config.alignment_teacher.vit.to_dict() == {"weights": "random"}
   stage = cmdm.tokenizer_stage(config)
   batch = setup.next_batch(0)
   sums = jax.eval_shape(lambda batch, rng: stage.loss(stage.init(batch, rng), setup.frozen, batch, 0, rng)[0], batch,
@@ -91,17 +91,17 @@ def test_the_record_of_a_generator_says_what_its_tokenizer_was_taught_by(tmp_pat
   said = {"kind": "motion_patches", "text": "random-init", "vit": {"weights": "random"}}
   shapes = cmdm.frozen_shapes(CausalVAE(**config.tokenizer))["tokenizer"]
   checkpoint.save_config(tmp_path, ml_collections.ConfigDict(dict(
-      stage="cmdm.tokenizer", model=config.tokenizer.to_dict(), taught_by=said, data=dict(layout="full"))))
+      stage="cmdm.tokenizer", model=config.tokenizer.to_dict(), alignment_teacher=said, data=dict(layout="full"))))
   checkpoint.save_params(tmp_path, untrained(shapes))
   save_stats(stats, tmp_path)
   config.frozen.tokenizer = str(tmp_path)
   config = training.resolve(config)[0].unlock()
-  assert config.taught_by.to_dict() == said
+  assert config.alignment_teacher.to_dict() == said
   model = types.SimpleNamespace(folder=tmp_path, config=config, stats=stats, num_params=0, can=lambda ability: False)
   about = lambda: Candidate("row", model, "hash", tmp_path).about
-  assert about()["taught_by"] == said
-  del config.taught_by
-  assert "taught_by" not in about()
+  assert about()["alignment_teacher"] == said
+  del config.alignment_teacher
+  assert "alignment_teacher" not in about()
 
 
 def test_windows_are_seen_as_joints_or_by_other_statistics():
