@@ -27,7 +27,7 @@ Expected: `full`, `large` and MARDM at these sizes have not been run. `small`: 8
 EPYC (pretrained/cdamd-small/README.md): R@1 0.720 +- 0.028 and FID 0.319 +- 0.042 on our own benchmark, which compares
 with nothing on HumanML3D. `mini`, cut to 400 steps, and its MARDM: docs/benchmark/study_cdamd.md.
 """
-from motion_jax import paper_rows
+from motion_jax import paper_tables
 from motion_jax.configs import common
 
 SIZES = ("large", "full", "small", "laptop", "mini", "tiny")
@@ -39,7 +39,7 @@ MARDM = {"full": dict(width=1024, depth=1, num_heads=16, ff_width=4096),
          "mini": dict(width=256, depth=1, num_heads=4, ff_width=1024),
          "tiny": dict(width=16, depth=1, num_heads=2, ff_width=16)}
 # Rows of the papers' tables, by what a name says beside its size. Those of essential features are MARDM's own.
-PRINTED = {"": paper_rows.CDAMD, "kit": {"cdamd 2": "CDAMD"},
+PRINTED = {"": paper_tables.CDAMD, "kit": {"cdamd 2": "CDAMD"},
            "mardm": {"cdamd 1": "MARDM-SiT-XL", "cdamd 3": "MARDM"},
            # Parity: on which columns the baseline of CMDM's Table 1 stands is not said; the evaluator there reads 259
            # of the 263, and MARDM's own 67 are too few for it.
@@ -135,7 +135,7 @@ def get_config(name="full"):
   if mardm:
     _make_mardm(config, size, data, ddpm)
   what = "_".join(["mardm"] * mardm + ["ddpm"] * ddpm + [data] * bool(data))
-  return paper_rows.named(config, PRINTED.get(what, {}), exact=size == "full").lock()
+  return paper_tables.with_rows(config, PRINTED.get(what, {}), exact=size == "full").lock()
 
 
 def _make_mardm(config, size, data, ddpm):

@@ -16,7 +16,7 @@ Expected: `full` has not been run; the paper prints R@1 0.588 and FID 0.068 on H
 hour on two cores of an AMD EPYC; the model that ships went on from there (pretrained/cmdm-small/README.md): R@1
 0.723 +- 0.021 and FID 0.573 +- 0.123 on our own benchmark, which compares with nothing on HumanML3D.
 """
-from motion_jax import paper_rows
+from motion_jax import paper_tables
 from motion_jax.configs import common
 
 # Numbers a frame and what the data section says (docs/papers/cmdm.md#data-sets, a table that is ours by analogy for all
@@ -31,7 +31,7 @@ DATASETS = {
 }
 FALLS = 50_000 / 190_000  # of the steps that 500 epochs of HumanML3D are (docs/papers/cmdm.md#denoiser-training)
 # The rows of the paper's tables that each data set's model is in.
-PRINTED = {"": paper_rows.CMDM, "essential": {"cmdm 6": "CMDM w/ FSS"}, "kit": {},
+PRINTED = {"": paper_tables.CMDM, "essential": {"cmdm 6": "CMDM w/ FSS"}, "kit": {},
            "snapmogen": {"cmdm 2": "CMDM w/ FSS", "cmdm 3-snapmogen": "CMDM"}, "babel": {"cmdm 5": "CMDM"}}
 
 
@@ -90,4 +90,4 @@ def get_config(size="full"):
     common.tiny(config, min_frames=min(40, config.data.min_frames))
     config.optimizer.update(warmup_steps=1, schedule="constant")
   rows = PRINTED[dataset]
-  return paper_rows.named(config, rows, exact=size == "full").lock()
+  return paper_tables.with_rows(config, rows, exact=size == "full").lock()

@@ -10,7 +10,7 @@ the teacher's, and so are the parameters to begin with. What comes out is a run 
 Expected: `8_small` from cmdm-small: 75 minutes of one core, FID 0.952 +- 0.205 on our own benchmark where the
 teacher has 0.841 +- 0.195 (pretrained/cmdm-small-fast/README.md). The others were not run.
 """
-from motion_jax import paper_rows
+from motion_jax import paper_tables
 from motion_jax.configs import cmdm_denoiser, common
 
 # Steps of the student: how many lie between blocks, and how many of its teacher's are one.
@@ -31,4 +31,4 @@ def get_config(size="full"):
   if size != "tiny":
     config.optimizer.update(learning_rate=2e-4, schedule="cosine", warmup_steps=50, final_rate=2e-5, ema_decay=0.995)
     config.train.update(num_steps=1_600, num_epochs=0, log_every=20, save_every=200)
-  return paper_rows.named(config, {}).lock()
+  return paper_tables.with_rows(config, {}).lock()

@@ -14,7 +14,7 @@ Expected: `full` has not been run. `small`, without a teacher: about an hour on 
 that ships went on from there with one (pretrained/cmdm-small/README.md): 17.8 mm of joint error on Bandai's test
 split, 46.2 on CMU's. `mini`, cut to 300 steps: 83 to 84 mm held out, about a minute (docs/benchmark/study_cmdm.md).
 """
-from motion_jax import paper_rows
+from motion_jax import paper_tables
 from motion_jax.configs import common
 
 # Numbers a frame and what the data section says (docs/papers/cmdm.md#data-sets, a table that is ours by analogy for all
@@ -78,5 +78,5 @@ def get_config(size="full"):
       config.data.window = 32  # 12.5 frames a second
     config.optimizer.update(warmup_steps=1)
     config.train.best = ""
-  rows = {} if dataset else {"cmdm 8": paper_rows.CMDM["cmdm 8"], "cmdm 9": paper_rows.CMDM["cmdm 9"]}
-  return paper_rows.named(config, rows, exact=size == "full").lock()
+  rows = {} if dataset else {"cmdm 8": paper_tables.CMDM["cmdm 8"], "cmdm 9": paper_tables.CMDM["cmdm 9"]}
+  return paper_tables.with_rows(config, rows, exact=size == "full").lock()

@@ -4,7 +4,7 @@ How a size is written, [DATA_]SIZE, and what each size is for: docs/configs.md.
 """
 import ml_collections
 
-from motion_jax import paper_rows
+from motion_jax import paper_tables
 
 # What evaluators read: {name: (layout, its numbers a frame, how many of them are read)}. Full features are read without
 # the contacts at their end.
@@ -165,5 +165,5 @@ def set_fields(config, fields):
 def as_the_paper_writes(config):
   """The config, locked, without a printed row: the papers' numbers are those of their released code."""
   if "paper_row" in config:
-    paper_rows.named(config, {})
+    paper_tables.with_rows(config, {})
   return config.lock()

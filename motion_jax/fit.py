@@ -110,12 +110,11 @@ def encode(config, folder) -> str:
 def resolve(config):
   """(a copy of a config with all that training reads and its run folder records, what to tell of its data).
 
-  First it is brought up to date, for a file of one's own may be older than some fields. A config as it is written
-  leaves open what its folders are and how large the frozen parts are that it names: here they are looked at, and
-  nowhere else is a config changed.
+  Fields that it leaves out get their defaults. A config as it is written leaves open what its folders are and how large
+  the frozen parts are that it names: here they are looked at, and nowhere else is a config changed.
   """
   found = config.copy_and_resolve_references().unlock()
-  found = runs.upgrade(found)
+  found = runs.with_defaults(found)
   told = sources.recognize(found)
   for name, value in registry.resolved().get(config.stage, lambda config: {})(found).items():
     found[name] = value

@@ -1,7 +1,7 @@
 """Run folders: resolve a path or the name of a shipped run, check the folder, and read its config and weights.
 
 Every model, tokenizer, teacher and evaluator is loaded through `load_run`, which also checks that the run is of the
-expected stage. `upgrade` adds fields that the config lacks, so that all other code reads the fields plainly.
+expected stage. `with_defaults` adds fields that the config lacks, so that all other code reads the fields plainly.
 """
 import copy
 import dataclasses
@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 import ml_collections
 
-from motion_jax import paper_rows
 from motion_jax.latents import TOKENIZER
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.stats import Stats, load_stats
@@ -31,7 +30,7 @@ PRETRAINED = pathlib.Path(__file__).parent / "pretrained"
 
 @dataclasses.dataclass(frozen=True)
 class Run:
-  """A run folder with its config, brought up to date; statistics and weights are read on first use.
+  """A run folder with its complete config; statistics and weights are read on first use.
 
   raw: its last weights, where others (an average, or those that validation chose) are kept beside them.
   """
@@ -118,7 +117,7 @@ def load_run(name: str | os.PathLike, stage: str | Sequence[str] | None = None, 
     said = shortened(repr(found)) if named else f"{type(found).__name__} as the stage of a"
     raise InputError(f"{folder} holds a {said} run, expected one of stage {' or '.join(wanted) or 'any kind'}")
   with reading(folder / checkpoint.CONFIG, "restore it from the run that wrote it"):
-    return Run(folder, upgrade(config), raw)
+    return Run(folder, with_defaults(config), raw)
 
 
 _STORE = {"data.store": ""}
@@ -128,8 +127,9 @@ _TEXT_ITEMS = {"data.frames_per_latent": 4, "data.crop_frames": 0, "data.keep_lo
 _EVALUATOR = {"frozen.text": "", "data.max_frames": 196,
               "model.columns": lambda config: get_layout(config["data"]["layout"]).dim}
 _CAPTIONED_EVALUATOR = _EVALUATOR | _TEXT_ITEMS
-# What a config means that does not name a field, because it is older than the field, or was written by `convert`.
-_LEFT_OUT: dict[str, dict[str, Any]] = {
+# {stage: {field: value}} of the fields that a config may leave out, "" for all stages. Configs of converted checkpoints
+# say nothing about training, and a method from outside the package names only the fields that it needs.
+DEFAULTS: dict[str, dict[str, Any]] = {
     "": {"data.mode": "benchmark", "data.kinematic_captions": False, "data.augment": {},
          "optimizer.skip_loss": 0.0, "optimizer.final_rate": 0.0,
          "optimizer.rates": {}, "optimizer.clip_parts": (), "train.start": "", "train.best": "", "train.workers": 0,
@@ -169,22 +169,20 @@ _LEFT_OUT: dict[str, dict[str, Any]] = {
 }
 
 
-def upgrade(config: ml_collections.ConfigDict) -> ml_collections.ConfigDict:
-  """A config with every field that its stage reads: what one of an older version leaves out is what it meant then.
+def with_defaults(config: ml_collections.ConfigDict) -> ml_collections.ConfigDict:
+  """A config with every field that its stage reads: fields that it leaves out get the values of `DEFAULTS`.
 
-  A new ConfigDict, frozen or locked as the given one. A model that was named for a printed row stays that row's.
+  Returns a new ConfigDict, frozen or locked as the given one.
   """
-  told, exact = config.to_dict(), paper_rows.is_exact(config)
-  for path, value in {**_LEFT_OUT[""], **_LEFT_OUT.get(told.get("stage"), {})}.items():
+  fields = config.to_dict()
+  for path, value in {**DEFAULTS[""], **DEFAULTS.get(fields.get("stage"), {})}.items():
     section, _, field = path.rpartition(".")
-    if section == "model" and section not in told:
-      continue  # no network is one of usual sizes
-    place = told.setdefault(section, {}) if section else told
+    if section == "model" and section not in fields:
+      continue  # no network has a default size
+    place = fields.setdefault(section, {}) if section else fields
     if isinstance(place, dict) and field not in place:
-      place[field] = value(told) if callable(value) else copy.deepcopy(value)
-  if exact:
-    told["paper_row"]["config"] = paper_rows.digest_of(told)
-  new = type(config)(told)
+      place[field] = value(fields) if callable(value) else copy.deepcopy(value)
+  new = type(config)(fields)
   return new.lock() if config.is_locked else new
 
 

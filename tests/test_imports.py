@@ -16,7 +16,7 @@ ROOT = pathlib.Path(__file__).parents[1]
 LAYERS = {
     "motion_jax": [
         ("charts", "configs", "shapes", "utils"),
-        ("motion", "nets", "quant", "diffusion", "paper_rows"),
+        ("motion", "nets", "quant", "diffusion", "paper_tables"),
         ("analysis", "data", "text", "metrics", "latents", "control"),
         ("convert", "export", "runs", "training"),
         ("models",),

@@ -1,4 +1,4 @@
-"""A run folder is found and opened in one place; one older than some fields of its config means what it meant."""
+"""A run folder is found and loaded in one place; fields that its config leaves out have defaults."""
 import json
 import shutil
 
@@ -6,7 +6,7 @@ import jax
 import numpy as np
 import pytest
 
-from motion_jax import fit, loading, paper_rows, runs
+from motion_jax import fit, loading, paper_tables, runs
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
 from motion_jax.utils.errors import InputError
@@ -16,13 +16,13 @@ CONFIGS = sorted(path.stem for path in (ROOT / "configs").glob("*.py") if path.s
 
 
 def strip(config):
-  """The dict of a config without the fields that say what `runs.upgrade` takes for granted."""
+  """The dict of a config without the fields that have the values of `runs.DEFAULTS`."""
   told = config.to_dict()
-  for path in {**runs._LEFT_OUT[""], **runs._LEFT_OUT[config.stage]}:
+  for path in {**runs.DEFAULTS[""], **runs.DEFAULTS[config.stage]}:
     section, _, field = path.rpartition(".")
     place = told[section] if section else told
     value = place.pop(field)
-    new = runs.upgrade(type(config)(told)).to_dict()
+    new = runs.with_defaults(type(config)(told)).to_dict()
     if (new[section] if section else new)[field] != value:  # the config's own choice
       place[field] = value
   return told
@@ -32,30 +32,28 @@ def strip(config):
 def test_config_files_name_every_field_that_is_read(name):
   for size in ("full", "tiny"):
     config = load_config(name, size)
-    assert config.to_dict() == runs.upgrade(config).to_dict()
+    assert config.to_dict() == runs.with_defaults(config).to_dict()
 
 
 @pytest.mark.parametrize("name", CONFIGS)
-def test_an_older_config_means_the_same_and_keeps_its_printed_row(name):
+def test_a_config_without_the_fields_that_have_defaults_is_the_same(name):
   config = load_config(name, "full")
   old = type(config)(strip(config))
-  old.paper_row = paper_rows.claim(old, {"cmdm 4": "CMDM"})  # it was named by the fields that it has
   told = old.to_dict()
-  new = runs.upgrade(old.lock())
-  assert new.is_locked and old.to_dict() == told and runs.upgrade(new) == new
-  assert new.to_dict() | {"paper_row": None} == config.to_dict() | {"paper_row": None}
-  assert paper_rows.is_exact(old) and paper_rows.is_exact(new)
+  new = runs.with_defaults(old.lock())
+  assert new.is_locked and old.to_dict() == told and runs.with_defaults(new) == new
+  assert new.to_dict() == config.to_dict()
 
 
 def test_a_model_that_was_changed_after_it_was_named_stays_beside_its_row():
   config = load_config("cmdm_denoiser", "full").unlock()
   config.model.width = 64
-  assert not paper_rows.is_exact(config) and not paper_rows.is_exact(runs.upgrade(config))
+  assert not paper_tables.matches_paper_row(config)
 
 
 @pytest.fixture(scope="module")
-def old_run(tiny_run, tmp_path_factory):
-  """The folder of a run as it would be, had its config been written before any of the later fields was there."""
+def short_run(tiny_run, tmp_path_factory):
+  """The folder of a run whose config leaves out all fields that have the default values."""
   folder = tmp_path_factory.mktemp("old") / "denoiser"
   shutil.copytree(tiny_run, folder)
   config = checkpoint.load_config(folder)
@@ -64,15 +62,15 @@ def old_run(tiny_run, tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_an_older_run_makes_the_same_motion(tiny_run, old_run):
+def test_such_a_run_makes_the_same_motion(tiny_run, short_run):
   made = [loading.load(folder).generate("a person walks", 24, seeds=[3], num_steps=2, lag=1, guidance_scale=1.0)
-          for folder in (tiny_run, old_run)]
+          for folder in (tiny_run, short_run)]
   np.testing.assert_array_equal(*(motions[0].features for motions in made))
 
 
 @pytest.mark.slow
-def test_an_older_run_goes_on(old_run, tmp_path, capsys):
-  folder = shutil.copytree(old_run, tmp_path / "run")
+def test_such_a_run_is_resumed(short_run, tmp_path, capsys):
+  folder = shutil.copytree(short_run, tmp_path / "run")
   config = load_config("cmdm_denoiser", "tiny").unlock()
   config.train.num_steps = 3
   fit.run(config.lock(), folder, resume=True)
@@ -90,7 +88,7 @@ def test_runs_that_ship_open_by_name_and_by_folder():
     run = runs.load_run(name)
     assert run.folder == runs.resolve_run(run.folder) == runs.PRETRAINED / name
     assert run.stage == run.config.stage and len(run.stats.mean) == run.stats.layout.dim and run.params()
-    assert run.config == runs.upgrade(run.config)
+    assert run.config == runs.with_defaults(run.config)
 
 
 def test_what_is_no_run_or_another_one_is_told(tmp_path):
@@ -107,7 +105,7 @@ def test_what_is_no_run_or_another_one_is_told(tmp_path):
     runs.load_run(tmp_path)
 
 
-def test_a_config_file_older_than_a_field_trains_by_todays():
+def test_a_config_file_may_leave_a_field_out():
   config = load_config("cmdm_denoiser", "tiny")
   with config.unlocked():
     del config.sampler["solver"]

@@ -11,7 +11,7 @@ Numbers of the paper stand in docs/papers/cdamd.md#printed-numbers.
 Expected: at full size no row has been run. At size mini, cut to 250 to 500 steps, those of benchmarks/study.py
 have, with their numbers in docs/benchmark/study_cdamd.md.
 """
-from motion_jax import paper_rows
+from motion_jax import paper_tables
 from motion_jax.configs import cdamd_autoencoder, cdamd_generator, cdamd_rvq, common
 from motion_jax.configs.ablations import cdamd_paper
 
@@ -20,7 +20,7 @@ from motion_jax.configs.ablations import cdamd_paper
 # (docs/papers/cdamd.md#printed-numbers), so these have one level, too; which one Tables III and VI mean is not said.
 _ONE = {"1": "CDAMD (first VQ)", "3": "CDAMD", "4": "DCCM", "5": "CDAMD", "6": "CDAMD"}
 ROWS = {
-    "default": ({table.removeprefix("cdamd "): row for table, row in paper_rows.CDAMD.items()}, "coordinates", {}),
+    "default": ({table.removeprefix("cdamd "): row for table, row in paper_tables.CDAMD.items()}, "coordinates", {}),
     "one-vq": (_ONE, "coordinates", {"loss.prior_levels": 1}),
     "all-vq": ({"1": "CDAMD (all VQ)"}, "coordinates", {"loss.prior_levels": 4}),
     "cm": ({"4": "CM", "5": "w/o DCCA"}, "coordinates", {"loss.prior_levels": 1, "loss.mask": "causal"}),
@@ -71,4 +71,4 @@ def get_config(name="default"):
   elif stage == "rvq" and size == "full" and layout != "coordinates":
     config.loss.columns = cdamd_rvq.DATA[str(COLUMNS[layout])][2]
   rows = {f"cdamd {table}": name for table, name in printed.items()}
-  return paper_rows.named(config, rows, exact=size == "full").lock()
+  return paper_tables.with_rows(config, rows, exact=size == "full").lock()

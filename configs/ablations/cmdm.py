@@ -16,7 +16,7 @@ sentence, for no others fit here.
 Expected: at full size no row has been run. At size mini, cut to 300 steps, those of benchmarks/study.py have, with
 their numbers in docs/benchmark/study_cmdm.md.
 """
-from motion_jax import paper_rows
+from motion_jax import paper_tables
 from motion_jax.configs import cmdm_denoiser, cmdm_tokenizer, common, motion_patches, part_tmr, tmr
 from motion_jax.configs.ablations import cmdm_paper
 
@@ -29,7 +29,7 @@ LATENTS = {"full": {64: 64, 32: 32, 16: 16}, "small": {64: 32, 32: 16, 16: 8},
 
 # row -> ({table: its printed row there}, {stage: {field: value}}); a stage that several rows share is trained once.
 ROWS = {
-    "default": ({table.removeprefix("cmdm "): row for table, row in paper_rows.CMDM.items()}, {}),
+    "default": ({table.removeprefix("cmdm "): row for table, row in paper_tables.CMDM.items()}, {}),
     # Table 4, 8 and 9: tokenizers.
     "vae": ({"4": "VAE w/o MA", "8": "VAE 64, 1/4", "9": "VAE"},
             {"tokenizer": {"frozen.teacher": "", "model.teacher_dim": 0, "model.causal": False},
@@ -100,7 +100,7 @@ def get_config(name="default"):
   for path, value in changes.get(stage, {}).items():
     _change(config, path, value, size)
   rows = {f"cmdm {table}": name for table, name in printed.items()}
-  return paper_rows.named(config, rows, exact=size == "full").lock()
+  return paper_tables.with_rows(config, rows, exact=size == "full").lock()
 
 
 def _change(config, path, value, size):

@@ -87,6 +87,10 @@ class Unsampled(Able):
   folder: pathlib.Path
   config: dict = dataclasses.field(default_factory=dict)
 
+  def segment_frames(self, frames, way):
+    """As `CmdmModel.segment_frames`: segments have exactly the frames that were requested."""
+    return list(frames)
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ExternalMotions:

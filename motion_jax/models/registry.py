@@ -16,8 +16,8 @@ METHODS = {
     "cdamd": "motion_jax.models.cdamd",
 }
 
-# Trained in the same way, but of no use without a method: the motion-language teachers.
-STAGES = METHODS | {"tmr": "motion_jax.models.tmr"}
+# Motion-language teachers: trained like a method, but they generate no motion.
+TEACHERS = {"tmr": "motion_jax.models.tmr"}
 
 
 def model_of(stage: str) -> Any:
@@ -34,12 +34,12 @@ def model_stages(ability: str = "generate") -> list[str]:
 
 def setups() -> dict:
   """{stage: function(config) -> TrainingSetup} of all methods."""
-  return {stage: setup for method in STAGES for stage, setup in _of(method, "setup").SETUPS.items()}
+  return {stage: setup for method in (*METHODS, *TEACHERS) for stage, setup in _of(method, "setup").SETUPS.items()}
 
 
 def resolved() -> dict:
   """{stage: function(config) -> {field: value}} of all methods: what configs take over from runs that they name."""
-  return {stage: fields for method in STAGES for stage, fields in _of(method, "setup").RESOLVED.items()}
+  return {stage: fields for method in (*METHODS, *TEACHERS) for stage, fields in _of(method, "setup").RESOLVED.items()}
 
 
 def stores() -> dict:
@@ -53,4 +53,4 @@ def options() -> dict:
 
 
 def _of(method, part):
-  return importlib.import_module(f"{STAGES[method]}.{part}")
+  return importlib.import_module(f"{(METHODS | TEACHERS)[method]}.{part}")

@@ -4,7 +4,7 @@ import types
 
 import pytest
 
-from motion_jax import paper_rows
+from motion_jax import paper_tables
 from motion_jax.evaluation import protocols
 from motion_jax.evaluation.report import notes, printed, tables
 from motion_jax.evaluation.result import Result
@@ -113,10 +113,10 @@ def test_every_printed_row_is_reached_and_shown():
   for the named baselines; and none of them without being an own one, or named by the config."""
   shown, unknown = {}, []
   for name, one in every_model():
-    rows = paper_rows.rows_of(one.model.config)
+    rows = paper_tables.rows_of(one.model.config)
     unknown += [(name, key, row) for key, row in rows.items() if not any(
         known.endswith(row) for known in tables.paper_table(*key.split(" ", 1)).rows)]
-    assert not rows or paper_rows.is_exact(one.model.config), name
+    assert not rows or paper_tables.matches_paper_row(one.model.config), name
     for protocol in protocols.PROTOCOLS.values():
       if protocol.paper is None:
         continue
@@ -158,8 +158,8 @@ def test_a_run_folder_keeps_its_claim(tmp_path):
     config = candidate(name).model.config
     checkpoint.save_config(tmp_path, config)
     loaded = checkpoint.load_config(tmp_path)
-    assert paper_rows.is_exact(loaded) and paper_rows.rows_of(loaded) == paper_rows.rows_of(config)
-  assert paper_rows.rows_of({}) == {} and not paper_rows.is_exact({})  # a run of an older version claims nothing
+    assert paper_tables.matches_paper_row(loaded) and paper_tables.rows_of(loaded) == paper_tables.rows_of(config)
+  assert paper_tables.rows_of({}) == {} and not paper_tables.matches_paper_row({})
 
 
 @pytest.mark.slow

@@ -20,6 +20,7 @@ from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_jax.metrics import long_horizon as long_horizon_lib
 from motion_jax.metrics import protocol as protocol_lib
 from motion_jax.models.base import Able
+from motion_jax.models.cmdm import multi_prompt
 from motion_jax.models.cmdm.options import CmdmSampling
 from motion_jax.motion.representations import get_layout, to_features, to_joints
 from motion_jax.motion.skeleton import HUMANML3D, facing
@@ -178,7 +179,7 @@ def test_long_motions_may_be_judged_as_they_are_shown(options, shown):
     ("chain", 24, 8, [96, 64, 8]), ("chain", 12, 4, [100, 64, 4]), ("stream", 12, 4, None)])
 def test_pieces_are_as_long_as_the_model_makes_them(way, unit, latent, expected):
   """Latents of 8 frames are whole, too: a model asked for 100 frames makes 96."""
-  made = long_horizon.piece_frames(np.array([100, 64, 6]), way, unit, latent)
+  made = multi_prompt.segment_frames([100, 64, 6], way, unit, latent)
   assert made == expected if expected else sum(made) == 170
 
 

@@ -152,7 +152,7 @@ def test_latents_of_a_level_block_share_their_time(level_block, blocks, monkeypa
   del config.loss["level_block"]
   if level_block is not None:
     config.loss.level_block = level_block
-  config = runs.upgrade(config)
+  config = runs.with_defaults(config)
   stage, batch = cmdm.denoiser_stage(config), batch_of(config.tokenizer.features)
   latents_are_columns(monkeypatch, 4)
   # The network is told one time for neighbours where it can be, and spreads it.

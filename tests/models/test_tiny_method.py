@@ -85,7 +85,7 @@ def test_it_is_judged(folder, tmp_path):
 
 
 def test_its_config_says_what_it_was_trained_with(folder):
-  assert checkpoint.load_config(folder).to_dict() == runs.upgrade(get_config()).to_dict()
+  assert checkpoint.load_config(folder).to_dict() == runs.with_defaults(get_config()).to_dict()
 
 
 def test_it_touches_no_other_file():

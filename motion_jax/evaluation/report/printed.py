@@ -3,7 +3,7 @@
 A number is marked only against a row of the same kind and protocol: the config is the one that was named for the row,
 sampled the same way, judged by that table's own protocol on all of the test split.
 """
-from motion_jax import paper_rows
+from motion_jax import paper_tables
 from motion_jax.evaluation.report import tables
 
 # What a row becomes where the same model is sampled otherwise: {row as trained: {(steps, lag): row}}.
@@ -23,7 +23,7 @@ def paper_of(protocol, evaluator, rows, whole=True) -> dict | None:
   found, also, beside = {}, [row] if row in tables.paper_table(system, table).rows else [], []
   for name, (candidate, part) in rows.items():
     partners, others = printed_rows(protocol, candidate, part)
-    exact = paper_rows.is_exact(candidate.model.config)
+    exact = paper_tables.matches_paper_row(candidate.model.config)
     if partners:
       found[name] = [dict(system=one[0], table=one[1], row=one[2]) for one in partners]
       beside += [name] * (not (whole and exact))
@@ -35,7 +35,7 @@ def printed_rows(protocol, candidate, part=""):
   """([(system, table, row)] that a candidate's numbers (or those of a part of what it does) go with, those that print
   of the same model what this protocol does not measure)."""
   config, options = candidate.model.config, dict(candidate.options)
-  named = _as_sampled(paper_rows.rows_of(config), config, options, getattr(candidate, "guidance_scale", None))
+  named = _as_sampled(paper_tables.rows_of(config), config, options, getattr(candidate, "guidance_scale", None))
   if options.get("way", protocol.way) != protocol.way:
     named = {}
   here, elsewhere = [], []
@@ -53,8 +53,8 @@ def printed_rows(protocol, candidate, part=""):
 def _as_sampled(rows, config, options, guidance_scale):
   """The rows of a config as it is sampled by options and a guidance scale: other ones, or none, where that is another
   way than its own."""
-  own = paper_rows.sampling_of(config)
-  asked = paper_rows.sampling_of(config, options | dict(guidance_scale=guidance_scale))
+  own = paper_tables.sampling_choices(config)
+  asked = paper_tables.sampling_choices(config, options | dict(guidance_scale=guidance_scale))
   others = {name: options.get(name) for name in ("context", "temperature") if options.get(name) is not None}
   shared = options.get("shared_noise")
   shared = config.get("sampler", {}).get("shared_noise") if shared is None else shared  # tokenizers have no sampler

@@ -18,7 +18,6 @@ from motion_jax.evaluation import samples
 from motion_jax.evaluation.candidates import load_able
 from motion_jax.evaluation.tasks.base import Damaged, Found, Task, Wanted
 from motion_jax.metrics import long_horizon, physics
-from motion_jax.models.cmdm import multi_prompt
 from motion_jax.motion.representations import get_layout, to_joints
 
 BATCH = 8  # long motions made together
@@ -69,14 +68,11 @@ class LongHorizon(Task):
     """The row of a candidate's long motions."""
     model, prompts = candidate.model, self.sequences(replication)
     options = {"way": self.protocol.way} | dict(candidate.options)
-    way, frames = options["way"], [one.frames.tolist() for one in prompts]
-    if model.can("multi_prompt"):
-      latent = model.vae.frames_per_latent
-      frames = [piece_frames(one.frames, way, model.dit.block * latent, latent) for one in prompts]
+    way = options["way"]
+    frames = [model.segment_frames(one.frames.tolist(), way) for one in prompts]
     jobs = self._jobs(replication, prompts, frames)
     timed = [list(zip(one.captions, (one.frames / model.stats.layout.fps).tolist())) for one in prompts]
-    # The kind is part of the name of a folder of samples: another word would make all of them anew.
-    store = candidate.store(self.harness, f"stories, {way}{self._file_hash}")
+    store = candidate.store(self.harness, f"multi-prompt, {way}{self._file_hash}")
     made = candidate.sample(multi_prompt_generator(candidate, timed, options), store, f"r{replication:03d}", jobs,
                             f"replication {replication + 1}", BATCH)
     scored = long_horizon.score(self._pieces(made, prompts, frames, model.stats.layout), self._reference(replication),
@@ -234,16 +230,6 @@ class LongHorizon(Task):
         unit_length=1 if babel else protocol.unit_length, diversity_draws=protocol.diversity_draws,
         cosine=protocol.cosine, jerk_scale=1 / protocol.jerk_unit,
         real_jerk=physics.REAL_JERK[protocol.real_jerk] if protocol.real_jerk else None)
-
-
-def piece_frames(counts, way, frames_per_block, frames_per_latent):
-  """How long the pieces of a long motion come out, asked for `counts` (N,) frames: prompts change on a grid of whole
-  blocks, or of latents."""
-  if way != "stream":
-    return [max(1, int(count) // frames_per_latent) * frames_per_latent for count in counts]
-  blocks, total = multi_prompt.borders(counts, frames_per_block)
-  ends = np.minimum(np.cumsum(blocks) * frames_per_block, total)
-  return np.diff(ends, prepend=0).tolist()
 
 
 def multi_prompt_generator(candidate, sequences, options):

@@ -5,8 +5,9 @@ from typing import Any
 
 import ml_collections
 import numpy as np
+from ml_collections import ConfigDict
 
-from motion_jax import paper_rows
+from motion_jax import paper_tables, runs
 from motion_jax.convert.parts import Network, check_free, heads_of, network, read_part, stats_of, text_files, write
 from motion_jax.latents import AutoencoderCodec
 from motion_jax.models import cdamd
@@ -229,4 +230,4 @@ def _generator_config(tokenizer, gen, layout, diffusion):
   if transformer["kind"] == "mardm" and (transformer["width"], transformer["depth"]) == (1024, 1):
     rows = {"essential": {"cmdm 6": "MARDM-DDPM" if ddpm else "MARDM-SiT"},
             "coordinates": {} if ddpm else {"cdamd 1": "MARDM-SiT-XL", "cdamd 3": "MARDM"}}.get(layout.name, {})
-  return config | dict(paper_row=paper_rows.claim(config, rows))
+  return config | dict(paper_row=paper_tables.claim(runs.with_defaults(ConfigDict(config)), rows))

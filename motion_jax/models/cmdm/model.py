@@ -152,6 +152,10 @@ class CmdmModel(CmdmNetworks):
     about |= {"way": way} | ({"eased": True} if ease else {})
     return make_motions(self, made, totals, captions, seeds, about, cleanup, ease)
 
+  def segment_frames(self, frames: Sequence[int], way: str = "stream") -> list[int]:
+    """The frames that each segment of `multi_prompt` gets where `frames` were requested, which are rounded by `way`."""
+    return multi.segment_frames(frames, way, self.dit.block * self.frames_per_latent, self.frames_per_latent)
+
   @arguments.checked
   def extend(self, clip: Clip | Array, prompt: str | Segments, num_frames: int | None = None, *,
              seconds: float | None = None, past_prompt: str | None = None, rng: jax.Array | None = None,

@@ -37,6 +37,15 @@ def borders(frames: Sequence[int], frames_per_block: int) -> tuple[list[int], in
   return blocks, total if total > (sum(blocks) - 1) * frames_per_block else sum(blocks) * frames_per_block
 
 
+def segment_frames(frames: Sequence[int], way: str, frames_per_block: int, frames_per_latent: int) -> list[int]:
+  """The frames that each segment gets where `frames` were requested: whole blocks of a stream, or whole latents."""
+  if way != "stream":
+    return [max(1, int(count) // frames_per_latent) * frames_per_latent for count in frames]
+  blocks, total = borders(frames, frames_per_block)
+  ends = np.minimum(np.cumsum(blocks) * frames_per_block, total)
+  return np.diff(ends, prepend=0).tolist()
+
+
 def captions_of(model: CmdmNetworks, prompts: Sequence[Sequence[str]], side_guidance: float | None = 0.0
                 ) -> tuple[Float[np.ndarray, "b g s e"], Bool[np.ndarray, "b g s"]]:
   """Words of all prompts of each motion: text_emb (B, G, S, E), text_mask (B, G, S), G a power of two."""

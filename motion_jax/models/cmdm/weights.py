@@ -2,7 +2,9 @@
 import pathlib
 from typing import Any
 
-from motion_jax import paper_rows
+from ml_collections import ConfigDict
+
+from motion_jax import paper_tables, runs
 from motion_jax.convert.parts import Network, check_free, heads_of, network, read_part, text_files, write
 from motion_jax.latents import TOKENIZER, VaeCodec
 from motion_jax.models import cmdm
@@ -75,8 +77,8 @@ def write_cmdm(out: str | pathlib.Path, tokenizer_file: str | pathlib.Path, stat
   stats = load_stats(stats, layout)
   if denoiser_file is None:
     config = dict(stage="cmdm.tokenizer", model=vae.fields, frozen={}, data=dict(layout=layout.name))
-    rows = {table: paper_rows.CMDM[table] for table in ("cmdm 8", "cmdm 9")} if vae.fields == PAPERS_VAE else {}
-    config["paper_row"] = paper_rows.claim(config, rows)
+    rows = {table: paper_tables.CMDM[table] for table in ("cmdm 8", "cmdm 9")} if vae.fields == PAPERS_VAE else {}
+    config["paper_row"] = paper_tables.claim(runs.with_defaults(ConfigDict(config)), rows)
     write(out, config, [vae], vae.params, stats)
     return [vae]
   dit = denoiser(denoiser_file, weights, num_heads, block)
@@ -89,7 +91,7 @@ def write_cmdm(out: str | pathlib.Path, tokenizer_file: str | pathlib.Path, stat
                 data=dict(layout=layout.name, max_frames=192, max_words=64),
                 sampler=dict(num_steps=50, lag=2, guidance_scale=3.0))  # docs/papers/cmdm.md#fss, #guidance
   own = vae.fields == PAPERS_VAE and dit.fields == PAPERS_DIT
-  config["paper_row"] = paper_rows.claim(config, paper_rows.CMDM if own else {})
+  config["paper_row"] = paper_tables.claim(runs.with_defaults(ConfigDict(config)), paper_tables.CMDM if own else {})
   frozen = VaeCodec(vae.module, vae.params).unscaled().parts  # Parity: released latents are not scaled
   write(out, config, [vae, dit], dit.params, stats, frozen, files)
   return [vae, dit]
