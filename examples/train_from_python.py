@@ -1,6 +1,6 @@
 """Train the two parts of CMDM from Python at toy size, change a config, and sample from the run that results.
 
-A new method of your own is one folder of five files: docs/adding.md, with tests/models/tiny_method as the smallest one.
+For a network of your own see train_a_new_method.py; a whole method is one folder of five files (docs/adding.md).
 """
 import pathlib
 import sys

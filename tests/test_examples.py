@@ -1,4 +1,5 @@
 """The scripts of examples/ run as they are, stay short enough to copy, and print what their docstrings say."""
+import json
 import re
 import subprocess
 import sys
@@ -43,6 +44,13 @@ def test_more_levels_quantize_better():
 def test_training_from_python(tmp_path):
   assert output_of("train_from_python", tmp_path).endswith("(1, 40, 22, 3)\n")
   assert (tmp_path / "denoiser" / "params.safetensors").is_file()
+
+
+@pytest.mark.slow
+def test_a_new_method_learns(tmp_path):
+  output_of("train_a_new_method", tmp_path / "run")
+  losses = [json.loads(line)["loss"] for line in (tmp_path / "run" / "metrics.jsonl").read_text().splitlines()]
+  assert losses[-1] < 0.7 * losses[0]
 
 
 @pytest.mark.slow
