@@ -15,7 +15,7 @@ import numpy as np
 
 from motion_jax.analysis.event_words import USUAL, sentence
 from motion_jax.analysis.events import Event
-from motion_jax.data.captions import SUBJECTS, vary_subject, without_subject
+from motion_jax.text.captions import SUBJECTS, vary_subject, without_subject
 
 GAITS = "walks runs jogs jumps hops steps moves goes crawls skips sneaks marches"
 ACTIONS = ("walks; runs; walks forward; turns around; waves the right hand; waves both hands; bows; claps; dances; "

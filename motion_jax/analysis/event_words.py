@@ -3,7 +3,7 @@
 Sides are said so that `data.mirror.mirror_caption` exchanges them: the sentence of a mirrored motion is the mirrored
 sentence.
 """
-from motion_jax.data.captions import SUBJECTS
+from motion_jax.text.captions import SUBJECTS
 
 # Usual pace of an action, medians over the labelled archives (docs/captions.md): walk and run metres a second, by
 # where they lead, waves to and fro a second. Below 0.75 of it is slow, above 1.3 quick.

@@ -4,12 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from motion_jax.data.tagger import tag
 from motion_jax.evaluation import samples
 from motion_jax.evaluation.differences import ByMotion
 from motion_jax.metrics import physics, scores
 from motion_jax.metrics import protocol as protocol_lib
 from motion_jax.motion.representations import to_joints
+from motion_jax.text.tagger import tag
 
 # Streams of random numbers inside a (seed, replication).
 AGAIN, DIVERSITY, MULTIMODALITY, NOISE = 1, 2, 3, 4

@@ -22,7 +22,6 @@ import numpy as np
 
 from motion_jax import runs
 from motion_jax.data.clip import Clip
-from motion_jax.data.tagger import tag
 from motion_jax.evaluators import stages as matching
 from motion_jax.evaluators.networks import ClipEvaluator, T2MEvaluator
 from motion_jax.evaluators.snapmogen_network import SnapEvaluator
@@ -33,6 +32,7 @@ from motion_jax.motion.stats import Stats
 from motion_jax.nets.masks import padding_mask
 from motion_jax.text.bert import bert_fields_of
 from motion_jax.text.encoder import load_text_encoder
+from motion_jax.text.tagger import tag
 from motion_jax.training import checkpoint
 from motion_jax.utils.config_files import module_fields
 
@@ -109,7 +109,7 @@ class Evaluator:
 
   def embed_text(self, captions, tokens=None):
     """Sentences to (N, E) float32. tokens: their "lemma/POS" lines, as HumanML3D's text files hold them (kind "t2m";
-    without them they are made by `data.tagger`)."""
+    without them they are made by `text.tagger`)."""
     captions = list(captions)
     if not captions or not all(isinstance(caption, str) for caption in captions):
       raise ValueError(f"got captions {captions[:2]!r}, expected a list of sentences")

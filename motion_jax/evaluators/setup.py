@@ -6,15 +6,15 @@ import numpy as np
 
 from motion_jax import runs
 from motion_jax.data import batches, sources
-from motion_jax.data.captions import meanings
-from motion_jax.data.tagger import tag
 from motion_jax.evaluators import stages as matching
 from motion_jax.evaluators.networks import T2MEvaluator
 from motion_jax.evaluators.words import CONVERTED, WordFeatures, load_words
 from motion_jax.metrics import scores
 from motion_jax.motion import stats as stats_lib
 from motion_jax.motion.representations import get_layout
+from motion_jax.text.captions import meanings
 from motion_jax.text.encoder import load_text_encoder
+from motion_jax.text.tagger import tag
 from motion_jax.training import checkpoint
 from motion_jax.training.setup import TrainingSetup, encoder_files, held_out, one_clip_per_caption
 from motion_jax.utils.config_files import module_fields

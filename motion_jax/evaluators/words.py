@@ -127,7 +127,7 @@ def _tokens(sentence):
   pairs = [token.rpartition("/") for token in (sentence.split() if isinstance(sentence, str) else sentence)]
   bad = next((pos for word, slash, pos in pairs if not word or not slash), None)
   if bad is not None:
-    raise ValueError(f"got the token {bad!r}, expected lemma/POS; motion_jax.data.tagger.tag makes such tokens")
+    raise ValueError(f"got the token {bad!r}, expected lemma/POS; motion_jax.text.tagger.tag makes such tokens")
   return [(word, pos) for word, _, pos in pairs]
 
 

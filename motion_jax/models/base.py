@@ -11,12 +11,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from motion_jax.control.signal import ControlSignal
-from motion_jax.data.captions import SUBJECTS, of_a_person
 from motion_jax.models import arguments
 from motion_jax.models.options import SamplingOptions
 from motion_jax.motion.stats import Stats
 from motion_jax.runs import Run
+from motion_jax.text.captions import SUBJECTS, of_a_person
 from motion_jax.text.encoder import TextEncoder
+from motion_jax.text.vocabulary import Vocabulary
 from motion_jax.training import checkpoint
 from motion_jax.utils import cache
 from motion_jax.utils.errors import InputError
@@ -26,7 +27,6 @@ from motion_studio.checks import prompt_notes
 from motion_studio.checks.path_shapes import least_seconds
 from motion_studio.language.repertoire import Repertoire
 from motion_studio.language.sentences import Sentence, understand
-from motion_studio.language.vocabulary import Vocabulary
 
 _SHORTEST, _USUAL, _LONGEST = 3.0, 6.0, 9.8  # seconds of a motion whose length nobody says
 _LONGEST_PROMPT = 5000  # characters: ten times the longest caption of the data sets

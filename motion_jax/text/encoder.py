@@ -13,9 +13,10 @@ import numpy as np
 from tokenizers import Tokenizer, models, normalizers, pre_tokenizers, processors
 
 from motion_jax.text import bert, folder, hub
+from motion_jax.text.morphology import possible_bases
+from motion_jax.text.vocabulary import FUNCTION_WORDS, unknown_words
 from motion_jax.utils import cache, text_files
 from motion_jax.utils.errors import InputError
-from motion_studio.language.vocabulary import FUNCTION_WORDS, forms, strange_words
 
 SHIPPED = pathlib.Path(__file__).parents[1] / "pretrained"
 LEVELS = ("words", "sentence")
@@ -143,15 +144,15 @@ class TextEncoder:
     """
     if not self.known_words:
       return []
-    known = lambda word: forms(word) & self._known_forms or self._near_a_known(word)
-    return strange_words(sentence, known) + self.unreadable(sentence)
+    known = lambda word: possible_bases(word) & self._known_bases or self._near_a_known(word)
+    return unknown_words(sentence, known) + self.unreadable(sentence)
 
   def synonym(self, word, others):
     """The one of other words that a word means the same as, "" for none or where the encoder never learned the word.
 
     By their features in otherwise equal sentences. Encoders without a word list know of no synonyms.
     """
-    if not others or not forms(word.lower()) & self._known_forms:
+    if not others or not possible_bases(word.lower()) & self._known_bases:
       return ""
     key = cache.key_of("words", self.fingerprint, *others)
     theirs = cache.kept_array("words", key, lambda: self._in_plain_sentences(others))
@@ -177,8 +178,8 @@ class TextEncoder:
     return list(dict.fromkeys(strange))
 
   @functools.cached_property
-  def _known_forms(self):
-    return frozenset().union(*(forms(word) for word in self.known_words))
+  def _known_bases(self):
+    return frozenset().union(*(possible_bases(word) for word in self.known_words))
 
   @functools.cached_property
   def _known_vectors(self):
@@ -197,7 +198,7 @@ class TextEncoder:
     if "[UNK]" in pieces or not pieces or len(pieces) > self.max_words - 2:
       return False
     # A word spelled from scraps (sw ##ive ##ls) lands anywhere, so it must begin with a known word (sneak ##ily).
-    if len(pieces) > 1 and (len(pieces[0]) < 4 or not forms(pieces[0]) & self._known_forms):
+    if len(pieces) > 1 and (len(pieces[0]) < 4 or not possible_bases(pieces[0]) & self._known_bases):
       return False
     return self.nearness(word) >= FAMILIAR
 

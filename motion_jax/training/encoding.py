@@ -8,7 +8,7 @@ import tqdm
 
 from motion_jax.data import store
 from motion_jax.data.batches import TextItems
-from motion_jax.data.captions import with_subjects
+from motion_jax.text.captions import with_subjects
 from motion_jax.text.encoder import TextEncoder
 
 

@@ -4,7 +4,8 @@ import re
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
-from motion_studio.language.vocabulary import forms, meant
+from motion_jax.text.morphology import possible_bases
+from motion_jax.text.vocabulary import closest_word
 
 if TYPE_CHECKING:
   from motion_jax.models.base import TextToMotionModel
@@ -68,7 +69,7 @@ def with_suggestion(model: Any, word: str) -> str:
   known = sorted(model.encoder.known_words)
   if vocabulary := model.vocabulary:
     known = sorted({*vocabulary.words, *(one for one in known if not vocabulary.missing(one))})
-  other = "" if any(map(model.encoder.is_piece, forms(word.lower()))) else meant(word, known)
+  other = "" if any(map(model.encoder.is_piece, possible_bases(word.lower()))) else closest_word(word, known)
   return f"{word!r} (did you mean {other!r}?)" if other else repr(word)
 
 

@@ -7,39 +7,12 @@ head.
 import re
 from collections.abc import Sequence
 
-from motion_jax.data.tagger import base_form
+from motion_jax.text.lexicon import VERBS
+from motion_jax.text.morphology import base_form, verb_of  # noqa: F401
 
 # Of two actions at once, the part named first carries the other: whoever walks while waving goes where the walk goes.
 PARTS = ("legs", "body", "torso", "arms", "head")
 
-_VERBS = {part: set(words.split()) for part, words in {
-    # What goes on for as long as one likes, so that another part may do something meanwhile;
-    "gait": "walk run jog stroll stride march hop skip jump leap crawl sneak creep tiptoe limp wander pace sprint dash "
-            "hurry rush trot gallop wade shuffle strut saunter stagger sidestep strafe move stand stay remain circle "
-            "amble hike prowl stalk waddle step go come bounce",
-    # and what the legs do once.
-    "legs": "turn spin rotate pivot sit kneel squat crouch kick fall lie rise climb trip stumble lunge stomp stamp "
-            "duck land return approach collapse descend get",
-    "body": "dance exercise roll fight practice perform do cartwheel flip somersault swim fly balance box shadowbox "
-            "play skate slide waltz",
-    "torso": "bow bend lean twist tilt stoop",
-    "arms": "wave clap raise lift lower throw toss catch punch jab drink eat pick point salute grab reach hug swing "
-            "shake gesture wipe scratch cross answer push pull put pray cheer juggle drum beckon snap rub wash greet "
-            "carry stir pour shrug fold hold flap slap extend draw pump shoot applaud swat stretch strike slash "
-            "brush open screw take place drop",
-    "head": "nod look glance stare",
-    "": "talk sing laugh speak shout smile cry yell whisper yawn call say think breathe show respond direct "
-        "make give keep start begin continue stop pause wait rest halt freeze finish quit resume proceed use work "
-        "follow try want face touch hit hang rock lift blow bring set leave enter",
-}.items()}
-ACTIONS = set().union(*_VERBS.values())
-_IRREGULAR = {form: verb for verb, forms in {
-    "bend": "bent", "catch": "caught", "come": "came", "do": "did", "draw": "drew", "drink": "drank", "fall": "fell",
-    "go": "went", "hang": "hung", "hold": "held", "kneel": "knelt", "leap": "leapt", "lean": "leant",
-    "lie": "lying lay", "make": "made", "rise": "rose", "run": "ran", "shake": "shook", "sit": "sat", "spin": "spun",
-    "stand": "stood", "sweep": "swept", "swim": "swam", "swing": "swung", "take": "took", "throw": "threw",
-    "get": "got", "eat": "ate", "creep": "crept", "keep": "kept", "say": "said", "strike": "struck", "give": "gave",
-}.items() for form in forms.split()}
 # What is over when it is done, so that who has done it stands there.
 _ONCE = set("bow kick turn squat duck raise lift lower throw toss catch pick point salute grab reach hug slap strike "
             "pull push put place drop greet shrug cross".split())
@@ -67,13 +40,8 @@ _THINGS = (("legs", {"leg", "knee", "foot", "feet", "heel", "toe", "ankle", "thi
            ("torso", {"torso", "hip", "waist", "chest"}),
            ("arms", _ARMS))
 # Verbs whose object is what moves; "walks with the hands up" goes on walking.
-_OF_ITS_OBJECT = _VERBS["arms"] | _VERBS["head"] | {
+_OF_ITS_OBJECT = VERBS["arms"] | VERBS["head"] | {
     "turn", "rotate", "spin", "move", "circle", "bend", "tilt", "twist", "bounce", "roll"}
-
-
-def verb_of(word: str) -> str:
-  """The base form of a verb of movement ("waving" -> "wave"), or "" for another word."""
-  return _IRREGULAR.get(word) or base_form(word, ACTIONS)
 
 
 def part_of(verb: str, words: Sequence[str]) -> str:
@@ -83,13 +51,13 @@ def part_of(verb: str, words: Sequence[str]) -> str:
     for part, things in _THINGS:
       if any(base_form(word, things) for word in words[:thing]):
         return part
-  found = next((part for part, verbs in _VERBS.items() if verb in verbs), "")
+  found = next((part for part, verbs in VERBS.items() if verb in verbs), "")
   return "legs" if found == "gait" else found
 
 
 def goes_on(verb: str, words: Sequence[str]) -> bool:
   """Whether an action of the legs lasts as long as one likes, as walking does and sitting down does not."""
-  return verb in _VERBS["gait"] and part_of(verb, words) == "legs" and not (verb == "stand" and "up" in words)
+  return verb in VERBS["gait"] and part_of(verb, words) == "legs" and not (verb == "stand" and "up" in words)
 
 
 def is_done_once(verb: str) -> bool:

@@ -2,7 +2,7 @@
 import re
 from typing import NamedTuple
 
-from motion_jax.data.tagger import tag_words
+from motion_jax.text.tagger import tag_words
 from motion_studio.language import actions
 from motion_studio.language.light_verbs import PACES, reworded
 

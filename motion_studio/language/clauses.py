@@ -4,7 +4,7 @@
 """
 import re
 
-from motion_jax.data.tagger import tag_words
+from motion_jax.text.tagger import tag_words
 from motion_studio.language import actions
 from motion_studio.language.clause import (
   PEOPLE,

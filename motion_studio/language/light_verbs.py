@@ -6,6 +6,8 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+from motion_jax.text.morphology import present_participle
+
 LIGHT = {"take", "do", "make", "throw", "give", "perform"}
 _NOUNS = {noun: noun for noun in "bow jump hop squat kick punch jab spin turn wave nod clap lunge leap twirl stretch "
                                  "salute crouch pivot roll".split()} | {"seat": "sit"}
@@ -32,8 +34,6 @@ _BEHIND = set("to in into on onto at with from for over towards toward forward f
 _OFTEN = {"once", "twice", "thrice", "times"}
 _STANDSTILLS = {"stop", "halt", "standstill"}
 _SEVERAL = {"and", "then", ","}  # more is said than one action
-_ING = {"sit": "sitting", "lie": "lying", "squat": "squatting", "hop": "hopping", "spin": "spinning", "jab": "jabbing",
-        "wave": "waving", "nod": "nodding", "clap": "clapping", "lunge": "lunging"}
 
 
 class Reworded(NamedTuple):
@@ -52,15 +52,14 @@ def reworded(verb: str, words: Sequence[str], numbers: Mapping[str, float]) -> R
   rest, times = [word.lower() for word in words], 1
   if verb in _GOES and (found := _DIAGONAL.fullmatch(" ".join(rest))):
     way = "backward" if found[1].startswith("back") else "forward"
-    ing = {"stride": "striding", "step": "stepping", "run": "running", "move": "moving", "jog": "jogging"}
-    return Reworded(verb, ing.get(verb, verb + "ing"), ["diagonally", way, "to", "the", found[2]], 1)
+    return Reworded(verb, present_participle(verb), ["diagonally", way, "to", "the", found[2]], 1)
   if verb in ("start", "begin") and (found := _BEGINS_IN.fullmatch(" ".join(rest))):
     own, still = _POSTURES[found[1]]
-    return Reworded(own, _ING.get(own, own + "ing"), still, 1)
+    return Reworded(own, present_participle(own), still, 1)
   if verb == "come" and rest[:2] in (["to", "a"], ["to", "an"]) and rest[-1] in _STANDSTILLS:
     return Reworded("stop", "stopping", [], 1)
   if verb in BLOWS and rest[:1] in (["left"], ["right"]) and (len(rest) == 1 or rest[-1] in _OFTEN):
-    return Reworded(verb, _ING.get(verb, verb + "ing"), ["with", "the", rest[0], _LIMB[verb], *words[1:]], 1)
+    return Reworded(verb, present_participle(verb), ["with", "the", rest[0], _LIMB[verb], *words[1:]], 1)
   if verb == "put":
     return _hands_up(rest, words)
   if verb in _HURRIES and rest in _AHEAD:
@@ -94,7 +93,7 @@ def reworded(verb: str, words: Sequence[str], numbers: Mapping[str, float]) -> R
   own = _NOUNS[found]
   said = [] if not side else [side] if found == "turn" else ["with", "the", side, _LIMB[found]]
   behind = list(words[len(words) - len(rest) + 1:])
-  return Reworded(own, _ING.get(own, own + "ing"), [*_DOWN.get(found, []), *said, *behind], times)
+  return Reworded(own, present_participle(own), [*_DOWN.get(found, []), *said, *behind], times)
 
 
 def _hands_up(rest, words):

@@ -8,11 +8,12 @@ between actions of one part of the body or of which one is done once ("sits down
 during, at the same time, a participle ("walks, waving the left hand"), "with the right hand raised", and "and" where
 the legs merely go on ("walks and waves"). Whatever is not surely understood stays in its clause as it was said: "up and
 down", "back and forth" and "with anger and pride" are never parted. No language model and no learning: a list of verbs,
-a tagger (`data.tagger`) and the rules here and in `clauses`.
+a tagger (`text.tagger`) and the rules here and in `clauses`.
 """
 import re
 from collections.abc import Callable
 
+from motion_jax.text.morphology import third_person
 from motion_studio.language import actions
 from motion_studio.language.clause import NUMBERS, PRONOUNS, clause_of, fit, is_ing, lower, part_of, without
 from motion_studio.language.clauses import fragments_of, joined
@@ -181,7 +182,7 @@ def _action(clause, subject):
   plural = subject[-1] in _PLURAL or (len(subject) > 1 and NUMBERS.get(subject[0], 1) > 1)
   form = clause.form
   if form == clause.verb or is_ing(form):
-    form = clause.verb if plural else _third(clause.verb)
+    form = clause.verb if plural else third_person(clause.verb)
   words = " ".join([*lower(clause.before), form, *clause.words])
   words = re.sub(r"\s+([,.;:!?%)])", r"\1", words).rstrip(" .,;:!?-–—").replace("( ", "(")
   said = [word for word in lower(clause.words) if word.isalpha()]
@@ -210,15 +211,6 @@ def _is_hold(verb, words):
   if verb in ("hold", "keep"):
     return words <= _HELD and bool(words & _POSE)
   return verb == "do" and words in ({"not", "move"}, {"nothing"})
-
-
-def _third(verb):
-  """walk -> walks, carry -> carries, punch -> punches."""
-  if verb in ("be", "have"):
-    return {"be": "is", "have": "has"}[verb]
-  if verb.endswith("y") and verb[-2:-1] not in "aeiou":
-    return verb[:-1] + "ies"
-  return verb + ("es" if verb.endswith(("s", "sh", "ch", "x", "z", "o")) else "s")
 
 
 def _with_holds(segments, who):

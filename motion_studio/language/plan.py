@@ -31,12 +31,22 @@ class Action(NamedTuple):
   @property
   def is_done_once(self) -> bool:
     """Whether the action ends by itself and leaves the body standing, as a bow does and a walk does not."""
-    return actions.is_done_once(self.verb)
+    return self.is_pose or actions.is_done_once(self.verb)
 
   @property
   def leaves_at_ease(self) -> bool:
     """Whether the action ends by itself in a relaxed stance, as a bow does and a raised hand does not."""
     return actions.leaves_at_ease(self.verb)
+
+  @property
+  def requirements(self) -> list[Requirement]:
+    """What a motion of this action alone, done once, has to show."""
+    return requirements_of((self._replace(times=1, is_pose=False, counts_steps=False),), self.prompt)
+
+  @property
+  def min_duration(self) -> float:
+    """Seconds that the action takes at least, where it follows a circle; 0 otherwise."""
+    return min_duration((self,), self.prompt)
 
   counted = prompt_with_count
   held, brief = property(lambda self: self.is_pose), property(lambda self: self.counts_steps)

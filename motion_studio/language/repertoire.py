@@ -10,13 +10,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from motion_jax.data.captions import without_subject
-from motion_jax.data.tagger import tag_words
+from motion_jax.text.captions import without_subject
+from motion_jax.text.morphology import possible_bases
+from motion_jax.text.tagger import tag_words
 from motion_jax.utils import cache
 from motion_studio.language.actions import RUNS, verb_of
 from motion_studio.language.light_verbs import LIGHT
 from motion_studio.language.sentences import actions_of
-from motion_studio.language.vocabulary import forms
 
 # Cosine from which on a phrase means the same as a known one. Of the phrases of the models that ship, each compared
 # with all others of its own model, 1.5 to 1.7 % have none so near; captions by people: docs/sentences.md.
@@ -64,7 +64,7 @@ class Repertoire:
 
   @functools.cached_property
   def _words(self):
-    return frozenset(form for phrase in self.phrases for word in phrase.split() for form in forms(word))
+    return frozenset(form for phrase in self.phrases for word in phrase.split() for form in possible_bases(word))
 
   def nearest(self, sentence: str, num: int) -> list[tuple[float, str]]:
     """[(cosine, phrase)] of the phrases that mean nearly the same, the nearest first."""

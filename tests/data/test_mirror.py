@@ -4,7 +4,7 @@ import pytest
 
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.data.mirror import mirror_caption, mirror_clip
-from motion_jax.data.tagger import tag
+from motion_jax.text.tagger import tag
 
 
 @pytest.mark.parametrize("text, expected", [

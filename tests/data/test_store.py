@@ -8,8 +8,8 @@ import pytest
 
 from motion_jax import fit
 from motion_jax.data.batches import TextItems
-from motion_jax.data.captions import SUBJECTS, vary_subject, with_subjects
 from motion_jax.data.store import Store, digest_of, stored_batch, writing
+from motion_jax.text.captions import SUBJECTS, vary_subject, with_subjects
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
 from motion_jax.training.metrics import read_metrics

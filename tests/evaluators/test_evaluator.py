@@ -5,12 +5,12 @@ import pytest
 
 from motion_jax import fit as training
 from motion_jax.data.datasets.synthetic import synthetic_clips
-from motion_jax.data.tagger import tag
 from motion_jax.evaluators.evaluator import fresh_evaluator, load_evaluator, shipped_names
 from motion_jax.evaluators.words import CONVERTED, WordVectors
 from motion_jax.metrics.scores import cosines
 from motion_jax.motion.stats import save_stats
 from motion_jax.runs import PRETRAINED
+from motion_jax.text.tagger import tag
 from motion_jax.training import checkpoint
 from tests.conftest import load_config
 

@@ -10,13 +10,13 @@ import pytest
 
 from configs import common
 from motion_jax.data import sources
-from motion_jax.data.captions import meanings
 from motion_jax.data.datasets.humanml3d import write_folder
 from motion_jax.data.datasets.synthetic import synthetic_clips
-from motion_jax.data.tagger import tag
 from motion_jax.evaluators import stages as matching
 from motion_jax.evaluators.networks import ClipEvaluator, T2MEvaluator
+from motion_jax.text.captions import meanings
 from motion_jax.text.encoder import load_text_encoder
+from motion_jax.text.tagger import tag
 from motion_jax.training import checkpoint, optimizers
 from motion_jax.training import loop as train
 from motion_jax.training.optimizers import make_optimizer

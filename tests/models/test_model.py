@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import motion_jax as mj
-from motion_jax.data.captions import of_a_person
 from motion_jax.loading import load
 from motion_jax.models.base import TextToMotionModel
 from motion_jax.motion.representations import to_joints
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
 from motion_jax.runs import PRETRAINED
+from motion_jax.text.captions import of_a_person
 from motion_jax.training import checkpoint
 from tests.conftest import load_config
 

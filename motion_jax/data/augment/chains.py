@@ -6,9 +6,9 @@ from motion_jax.analysis.describe import FPS
 from motion_jax.analysis.events import find_events
 from motion_jax.data.augment.graph import Chain, Graph
 from motion_jax.data.augment.parts import Part, new_clip, resting
-from motion_jax.data.captions import SUBJECTS, without_subject
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.motion.splicing import REACH, spliced
+from motion_jax.text.captions import SUBJECTS, without_subject
 
 _THREE = 0.3          # of stitched clips have three parts
 _STANDS = (24, 60)    # frames of standing

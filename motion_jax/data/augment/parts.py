@@ -7,13 +7,13 @@ import numpy as np
 from motion_jax.analysis.describe import FPS, UNKNOWN, described, who_moves
 from motion_jax.analysis.events import Event, find_events
 from motion_jax.analysis.signals import JOINT, PAIR
-from motion_jax.data.captions import known_subject, without_subject
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.motion.contacts import velocity
 from motion_jax.motion.planting import stands
 from motion_jax.motion.retarget import retarget
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.motion.splicing import REACH
+from motion_jax.text.captions import known_subject, without_subject
 
 MOST = 196     # frames of a clip that is made: what generators are trained on
 SHORTEST = 36  # frames of a walk that are worth a sentence

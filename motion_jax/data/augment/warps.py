@@ -14,10 +14,10 @@ from motion_jax.analysis.describe import FPS, sentences
 from motion_jax.analysis.event_words import QUICKLY, SLOWLY, pace, usual_pace
 from motion_jax.analysis.events import find_events
 from motion_jax.data.augment.parts import MOST, new_clip
-from motion_jax.data.captions import known_subject, without_subject
 from motion_jax.data.clip import Clip
 from motion_jax.motion.contacts import velocity
 from motion_jax.motion.retiming import retimed
+from motion_jax.text.captions import known_subject, without_subject
 
 SLOWEST, QUICKEST = 0.7, 1.4
 _KNOWN = 5        # clips of an action of which there is a median

@@ -25,11 +25,11 @@ from motion_jax.data.datasets.humanml3d_files import (
 )
 from motion_jax.data.mirror import mirror_clip
 from motion_jax.data.mocap.capture import resample
-from motion_jax.data.tagger import tag
 from motion_jax.motion import plausibility
 from motion_jax.motion.representations import get_layout, layout_for, to_features, to_joints
 from motion_jax.motion.skeleton import HUMANML3D, KIT
 from motion_jax.motion.stats import ABSOLUTE, RunningStats, Stats, compute_stats, load_stats, save_stats
+from motion_jax.text.tagger import tag
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.input_files import load_npy
 
@@ -249,7 +249,7 @@ def _describe(layout, fps, mode, members, lengths, origins):
           "source": ", ".join(sorted(sources)), "sources": sources,
           "license": "; ".join(sorted({entry["license"] for entry in sources.values() if entry["license"]})),
           "clips": origins if len(sources) > 1 else {},
-          "tokens": "by rule (motion_jax.data.tagger), not by the parser of the official files"}
+          "tokens": "by rule (motion_jax.text.tagger), not by the parser of the official files"}
 
 
 class HumanML3D(Dataset):

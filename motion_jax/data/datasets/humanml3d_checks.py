@@ -153,7 +153,7 @@ def _check_texts(path, name, seconds, found):
   for line in lines:
     if not line.tokens:
       found.add("warning", "captions without tokens", "evaluators need caption#lemma/POS ...#start#end; "
-                "motion_jax.data.tagger makes simple ones", name)
+                "motion_jax.text.tagger makes simple ones", name)
     if line.end and not 0 <= line.start < line.end:
       found.add("warning", "time tags that end before they start", "correct the seconds", name)
     elif line.start > seconds:

@@ -10,7 +10,6 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from motion_jax.control.signal import ControlSignal
-from motion_jax.data.captions import of_a_person
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.latents import AutoencoderCodec
 from motion_jax.models import arguments, cdamd
@@ -33,6 +32,7 @@ from motion_jax.nets.length_estimator import LengthEstimator
 from motion_jax.nets.masks import padding_mask
 from motion_jax.runs import Run
 from motion_jax.shapes import Array
+from motion_jax.text.captions import of_a_person
 from motion_jax.text.encoder import TextEncoder
 from motion_jax.training import checkpoint
 from motion_jax.utils import cache

@@ -9,7 +9,6 @@ from ml_collections import ConfigDict
 
 from motion_jax import runs
 from motion_jax.data import batches, sources, store
-from motion_jax.data.captions import vary_subject
 from motion_jax.latents import AutoencoderCodec, RvqCodec
 from motion_jax.models import cdamd, motion_errors
 from motion_jax.models.cdamd import length as lengths
@@ -19,6 +18,7 @@ from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.length_estimator import LengthEstimator
 from motion_jax.nets.masks import padding_mask
 from motion_jax.quant import vq
+from motion_jax.text.captions import vary_subject
 from motion_jax.text.encoder import TextEncoder, load_text_encoder
 from motion_jax.training import checkpoint, encoding
 from motion_jax.training.setup import (

@@ -9,7 +9,6 @@ from ml_collections import ConfigDict
 from motion_jax import runs
 from motion_jax.control import conditioning
 from motion_jax.data import batches, sources, store
-from motion_jax.data.captions import vary_subject
 from motion_jax.latents import TOKENIZER, VaeCodec
 from motion_jax.models import cmdm, motion_errors
 from motion_jax.models.cmdm import distill
@@ -22,6 +21,7 @@ from motion_jax.motion.stats import Stats
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.text import bert
+from motion_jax.text.captions import vary_subject
 from motion_jax.text.encoder import load_text_encoder, narrowest
 from motion_jax.training import checkpoint, encoding, resume
 from motion_jax.training.setup import (

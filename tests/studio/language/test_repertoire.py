@@ -4,11 +4,11 @@ import json
 import pytest
 
 from motion_jax import runs
-from motion_jax.data.captions import SUBJECTS
 from motion_jax.models.base import TextToMotionModel
+from motion_jax.text.captions import SUBJECTS
 from motion_jax.text.encoder import load_text_encoder
+from motion_jax.text.vocabulary import Vocabulary
 from motion_studio.language.repertoire import Repertoire, phrase_of
-from motion_studio.language.vocabulary import Vocabulary
 
 
 class Model(TextToMotionModel):

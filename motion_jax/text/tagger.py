@@ -6,6 +6,8 @@ should be run on the official files.
 """
 import re
 
+from motion_jax.text.morphology import BASE_OF, base_form
+
 _CLOSED = {tag: words.split() for tag, words in {
     "DET": "a an the this that these those another each every both all some any no",
     "PRON": "i he she it they them him you we us himself herself itself themselves something someone somebody anyone "
@@ -43,13 +45,14 @@ ladder playground equipment sword blade kata dance dancer music circle corner di
 child boxer karate ballet block window knife soda response traffic goodbye bye style pace spot air terrain
 confidence expression exhaustion bar hoop fist seat rung axis guide grand arabesque cartwheel kick punch walk wave
 """.split())
-_IRREGULAR = {
-    "feet": "foot", "children": "child", "men": "man", "women": "woman", "people": "people", "knives": "knife",
-    "is": "be", "are": "be", "am": "be", "was": "be", "were": "be", "been": "be", "being": "be", "has": "have",
-    "had": "have", "does": "do", "did": "do", "went": "go", "gone": "go", "ran": "run", "sat": "sit", "stood":
-    "stand", "took": "take", "threw": "throw", "bent": "bend", "swung": "swing", "left": "left", "lying": "lie",
-    "held": "hold", "an": "a", "goes": "go", "says": "say", "made": "make", "twice": "twice", "jetes": "jete",
-    "pirouettes": "pirouette", "others": "other", "them": "they", "him": "he", "its": "its"}
+# Irregular forms that the tagger reads, and words whose lemma no ending shows.
+_FORMS = {form: BASE_OF[form] for form in (
+    "feet children men women knives went gone ran sat stood took threw bent swung lying held made did").split()}
+_LEMMAS = _FORMS | {
+    "people": "people", "is": "be", "are": "be", "am": "be", "was": "be", "were": "be", "been": "be", "being": "be",
+    "has": "have", "had": "have", "does": "do", "left": "left", "an": "a", "goes": "go", "says": "say",
+    "twice": "twice", "jetes": "jete", "pirouettes": "pirouette", "others": "other", "them": "they", "him": "he",
+    "its": "its"}
 
 
 def tag(text) -> list[str]:
@@ -74,9 +77,9 @@ def _look_up(word, before, after):
   if word in _SIDES[:4] and before in ("DET", "PRON"):
     return word, "NOUN"
   if word in _TAG:
-    return _IRREGULAR.get(word, word), _TAG[word]
-  if word in _IRREGULAR:
-    lemma = _IRREGULAR[word]
+    return _LEMMAS.get(word, word), _TAG[word]
+  if word in _LEMMAS:
+    lemma = _LEMMAS[word]
     return lemma, "VERB" if lemma in _VERBS else "NOUN"
   inside_noun_phrase = before in ("DET", "ADJ", "NUM") or (before == "ADP" and not word.endswith("ing"))
   if noun and (inside_noun_phrase or not verb):
@@ -92,17 +95,3 @@ def _look_up(word, before, after):
   if before in ("NOUN", "PRON") and word.endswith("s") and not inside_noun_phrase:
     return word[:-1], "VERB"
   return (word[:-1] if word.endswith("s") and not word.endswith("ss") else word), "NOUN"
-
-
-def base_form(word, known, endings=("ing", "ed", "es", "s")):
-  """The base form of word in a set of known ones, or ""."""
-  if word in known:
-    return word
-  for ending in endings:
-    if word.endswith(ending):
-      stem = word[:-len(ending)]
-      for base in (stem, stem + "e", stem[:-1] if len(stem) > 2 and stem[-1] == stem[-2] else stem,
-                   stem[:-1] + "y" if stem.endswith("i") else stem):
-        if base in known:
-          return base
-  return ""

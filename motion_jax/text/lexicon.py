@@ -1,0 +1,65 @@
+"""Words of captions and prompts: verbs of movement by body part, and words that carry no movement.
+
+The body part of a verb is the one that SINC (Athanasiou et al. 2023) counted most often for it: walking is of the legs,
+waving of the arms, bowing of the torso, nodding of the head.
+"""
+
+VERBS = {part: set(words.split()) for part, words in {
+    # What goes on for as long as one likes, so that another part may do something meanwhile;
+    "gait": "walk run jog stroll stride march hop skip jump leap crawl sneak creep tiptoe limp wander pace sprint dash "
+            "hurry rush trot gallop wade shuffle strut saunter stagger sidestep strafe move stand stay remain circle "
+            "amble hike prowl stalk waddle step go come bounce",
+    # and what the legs do once.
+    "legs": "turn spin rotate pivot sit kneel squat crouch kick fall lie rise climb trip stumble lunge stomp stamp "
+            "duck land return approach collapse descend get",
+    "body": "dance exercise roll fight practice perform do cartwheel flip somersault swim fly balance box shadowbox "
+            "play skate slide waltz",
+    "torso": "bow bend lean twist tilt stoop",
+    "arms": "wave clap raise lift lower throw toss catch punch jab drink eat pick point salute grab reach hug swing "
+            "shake gesture wipe scratch cross answer push pull put pray cheer juggle drum beckon snap rub wash greet "
+            "carry stir pour shrug fold hold flap slap extend draw pump shoot applaud swat stretch strike slash "
+            "brush open screw take place drop",
+    "head": "nod look glance stare",
+    "": "talk sing laugh speak shout smile cry yell whisper yawn call say think breathe show respond direct "
+        "make give keep start begin continue stop pause wait rest halt freeze finish quit resume proceed use work "
+        "follow try want face touch hit hang rock lift blow bring set leave enter",
+}.items()}
+ACTIONS = set().union(*VERBS.values())
+
+# Words that carry no movement of their own: never worth a warning.
+FUNCTION_WORDS = frozenset(
+    "a about after again all also an and another any are as at be been before being both but by can could did do does "
+    "done each either else every few for from had has have having he her hers herself him himself his how i if in into "
+    "is it its itself just let like many may me might more most much must my myself no nor not of off on once one only "
+    "onto or other our out over own per please quite same shall she should so some something somewhat such than that "
+    "the their theirs them themselves then there these they this those though through till to too toward towards "
+    "until up us very was we were what when where which while who whom whose why will with within without would you "
+    "your s t re ll d m ve".split())
+
+# Beside these: politeness and fillers, ways to ask for a motion, when and how surely something is done, numbers, units.
+WORDS_WITHOUT_MOTION = FUNCTION_WORDS | frozenset(
+    "kindly thanks thank sorry hey hi hello ok okay um uh er erm hmm well oh ah wow yes yeah no nope really so now "
+    "named maybe perhaps probably possibly actually basically simply literally totally truly exactly rather pretty "
+    "somehow anyway kind sort bit lot lots extremely fairly completely entirely approximately roughly nearly almost "
+    "lol alright sure dear bro "
+    "show shows showing see want wants need needs give generate create render animate animation animated motion "
+    "motions movement movements action actions clip video scene imagine try tries trying attempt attempts depicts "
+    "depicted character actor avatar individual people persons everybody anybody nobody "
+    "start starts starting started begin begins beginning began continue continues continuing continued keep keeps "
+    "proceed proceeds decide decides seem seems seemingly appear appears appearing finish finishes finished end ends "
+    "first firstly second secondly third next later finally last lastly eventually immediately suddenly soon meanwhile "
+    "simultaneously afterwards afterward already always never often sometimes usually today ever still yet till "
+    "moment instant duration time times pause pauses "
+    "don doesn didn isn aren wasn weren won wouldn couldn shouldn can cannot hasn haven hadn ain gonna wanna gotta "
+    "zero two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen sixteen seventeen "
+    "eighteen nineteen twenty thirty forty fifty sixty seventy eighty ninety hundred thousand half quarter dozen "
+    "couple pair thrice single double triple st nd rd th "
+    "meter meters metre metres centimeter centimeters centimetre centimetres millimeters kilometer kilometers "
+    "kilometre kilometres mile miles inch inches ft yard yards cm mm km kmh kph mph second seconds sec secs minute "
+    "minutes min mins hour hours degree degrees deg percent frames fps kg per hz".split())
+NAMES = frozenset(
+    "john james david michael robert william tom tim jim joe sam ben dan alex chris paul peter george harry henry "
+    "charlie mary anna anne emma lisa laura sarah sara kate jane julia maria susan linda emily alice lucy sophie eva "
+    "nina mia olivia noah liam leo adam simon martin thomas daniel matthew andrew steve kevin brian eric hans carlos "
+    "juan jose pedro ali mohammed ahmed omar yuki mr mrs ms dr".split())
+DETERMINERS = frozenset("a an the this that these those one two three another some any each every no".split())
