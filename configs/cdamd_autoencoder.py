@@ -50,7 +50,7 @@ def get_config(size="full"):
     config.model.update(latent_dim=64, width=192, dropout=0.0)  # a small model has no capacity to spare
     config.loss.distance = "l1"  # the paper's: squares of what is small beside a path of metres teach no pose
     common.archives(config, batch_size=32, stride=4)
-    config.optimizer.update(learning_rate=8e-4, schedule="trapezoid", warmup_steps=200, cooldown_steps=2_500,
+    config.optimizer.update(learning_rate=8e-4, schedule="wsd", warmup_steps=200, cooldown_steps=2_500,
                             clip_norm=1.0, ema_decay=0.999)
     config.train.update(num_steps=9_000, log_every=50, save_every=1_000)
     if size in ("mini", "laptop"):

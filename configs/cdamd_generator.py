@@ -75,7 +75,7 @@ def get_config(name="full"):
                                       max_frames=196, lengths=(196,), balance=0.0, vary_subject=0.0, max_words=77,
                                       store="")
   # ema_decay 0 is the released code's of CDAMD; MARDM's is 0.9999.
-  config.optimizer = common.optimizer(learning_rate=2e-4, schedule="cosine", final_rate=1e-6, boundaries=(), gamma=0.1,
+  config.optimizer = common.optimizer(learning_rate=2e-4, schedule="cosine", final_rate=1e-6,
                                       warmup_steps=2_000, beta2=0.99, weight_decay=1e-5, ema_decay=0.9999)
   config.train = common.epochs(500, log_every=100, num_saves=40, dtype="float32", remat=False, sample_every=20_000)
   # The benchmark's own: solver dopri5, unmasked_only False.
@@ -95,7 +95,7 @@ def get_config(name="full"):
     config.loss.update(mask="dccm+bcm", unit_latents=True, copies=1)
     common.archives(config, batch_size=32, min_frames=20,
                        lengths=(72, 120, 196), balance=0.5, vary_subject=0.5)
-    config.optimizer.update(learning_rate=7e-4, schedule="trapezoid", warmup_steps=300, cooldown_steps=900,
+    config.optimizer.update(learning_rate=7e-4, schedule="wsd", warmup_steps=300, cooldown_steps=900,
                             ema_decay=0.999, clip_norm=1.0)
     config.train.update(num_steps=3_000, log_every=25, save_every=300, sample_every=1_500)
     # Measured on it (benchmarks/cdamd_choices.py): see the card of pretrained/cdamd-small.

@@ -21,7 +21,7 @@ def get_config(size="full"):
   config.loss = dict()
   config.data = common.data(layout="coordinates", per_axis=False, batch_size=64, min_frames=40, max_frames=196,
                             frames_per_latent=4, lengths=(196,), balance=0.0, vary_subject=0.0)
-  config.optimizer = common.optimizer(learning_rate=1e-4, boundaries=(), gamma=0.1, clip_norm=0.5)
+  config.optimizer = common.optimizer(learning_rate=1e-4, clip_norm=0.5)
   config.train = common.epochs(300, log_every=100, num_saves=20)
   if data:
     config.data.update(layout="coordinates_kit", min_frames=24)

@@ -49,7 +49,7 @@ def get_config(size="full"):
     config.loss.distance = "l1"  # as the autoencoder's
     # Windows: no arithmetic on padding, and no codes spent on it.
     common.archives(config, batch_size=32, window=64, stride=4)
-    config.optimizer.update(learning_rate=6e-4, schedule="trapezoid", warmup_steps=200, cooldown_steps=1_000,
+    config.optimizer.update(learning_rate=6e-4, schedule="wsd", warmup_steps=200, cooldown_steps=1_000,
                             clip_norm=1.0)
     config.train.update(num_steps=3_000, log_every=50, save_every=1_000)
     if size in ("mini", "laptop"):

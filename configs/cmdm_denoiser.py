@@ -72,7 +72,7 @@ def get_config(size="full"):
     config.loss.update(unit_latents=True)
     common.archives(config, min_frames=20, batch_size=32,
                        lengths=(72, 120, config.data.max_frames), max_words=24, balance=0.5, vary_subject=0.5)
-    config.optimizer.update(learning_rate=5e-4, schedule="trapezoid", warmup_steps=300, cooldown_steps=1_800,
+    config.optimizer.update(learning_rate=5e-4, schedule="wsd", warmup_steps=300, cooldown_steps=1_800,
                             ema_decay=0.999, clip_norm=1.0)
     config.train.update(num_steps=4_500, log_every=50, save_every=500, sample_every=1_500)
     if size in ("mini", "laptop"):

@@ -57,7 +57,7 @@ def get_config(size="full"):
     # A heading or a step that is a little off adds up over a clip, and a small model has no capacity to spare.
     config.loss.update(micro_batch=32, kl_weight=0.5, kl_ramp=1_000, root_weight=10.0)
     common.archives(config, batch_size=32)
-    config.optimizer.update(learning_rate=6e-4, schedule="trapezoid", warmup_steps=200, cooldown_steps=2_500,
+    config.optimizer.update(learning_rate=6e-4, schedule="wsd", warmup_steps=200, cooldown_steps=2_500,
                             ema_decay=0.999)
     config.train.update(num_steps=8_500, log_every=50, save_every=1_000, best="")
     if size in ("mini", "laptop"):

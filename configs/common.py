@@ -68,15 +68,17 @@ def motion_errors():
 
 
 def optimizer(learning_rate, **fields):
-  """The section `optimizer`: Adam at a constant rate, where fields do not say otherwise.
+  """The section `optimizer`: AdamW without weight decay at a constant rate, unless fields change it.
 
-  Steps are left out whose loss is above skip_loss, or whose gradient is skip_spikes times the median of those before;
-  0 leaves none out. accumulate_steps: into how many parts a device cuts its rows of a batch, to take one after the
-  other in less memory, for a step that is the same up to rounding.
+  name, fields: any optimizer of optax and its arguments; schedule, schedule_fields: the same for the learning rate
+  (training/optimizers.py). A step is skipped if its loss is above skip_loss, or its gradient above skip_spikes times
+  the median of those before; 0 skips none. accumulate_steps: number of parts of a device's batch, which are computed
+  one after the other in less memory, for a step that is the same up to rounding.
   """
-  return dict(learning_rate=learning_rate, schedule="constant", cooldown_steps=0, warmup_steps=0, beta1=0.9,
-              beta2=0.999, weight_decay=0.0, clip_norm=0.0, ema_decay=0.0, skip_loss=0.0, skip_spikes=0.0,
-              accumulate_steps=1, final_rate=0.0, rates={}, clip_parts=()) | fields
+  return dict(name="adamw", fields={}, learning_rate=learning_rate, schedule="constant", schedule_fields={},
+              cooldown_steps=0, warmup_steps=0, beta1=0.9, beta2=0.999, weight_decay=0.0, clip_norm=0.0, ema_decay=0.0,
+              skip_loss=0.0, skip_spikes=0.0, accumulate_steps=1, final_rate=0.0, boundaries=(), gamma=0.1, rates={},
+              clip_parts=()) | fields
 
 
 def train(num_steps, log_every, save_every, **fields):

@@ -27,7 +27,7 @@ def get_config(size="full"):
   # per_column: each joint and axis has its own mean and std. Parity: of training, the original's are of all splits.
   config.data = common.data(layout="coordinates", batch_size=128, max_frames=224, max_words=128, per_column=True)
   # rates: times the learning rate, for all parameters below a name.
-  config.optimizer = common.optimizer(learning_rate=1e-4, schedule="half_cosine", boundaries=(), gamma=0.1,
+  config.optimizer = common.optimizer(learning_rate=1e-4, schedule="half_cosine",
                                       rates=dict(text=0.1, logit_scale=0.0))
   # Parity: the original keeps the epoch that is best on the test split; ours is chosen by validation.
   config.train = common.epochs(50, log_every=50, num_saves=50, best="max back_r1")

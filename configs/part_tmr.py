@@ -38,7 +38,7 @@ def get_config(size="full"):
   config.data = common.data(layout="full", batch_size=128, max_frames=196, max_words=77)
   config.data.update(DATASETS.get(dataset, {}))
   # rates: times the learning rate, for all parameters below a name.
-  config.optimizer = common.optimizer(learning_rate=1e-4, schedule="half_cosine", boundaries=(), gamma=0.1,
+  config.optimizer = common.optimizer(learning_rate=1e-4, schedule="half_cosine",
                                       rates=dict(text=0.1, logit_scale=0.0))
   # best: the weights by which most motions find their caption first, on held-out clips. Parity: the reference looks at
   # the test split for it, which nothing here is chosen by.

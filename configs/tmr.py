@@ -25,7 +25,7 @@ def get_config(size="full"):
   config.loss = dict(recons=1.0, kl=1e-5, latent=1e-5, contrastive=0.1, temperature=0.1, threshold=0.8)
   # per_column: each number has its own std, not its block's; captions are not cut, whatever their length.
   config.data = common.data(layout="full", batch_size=32, max_frames=200, per_column=True)
-  config.optimizer = common.optimizer(learning_rate=1e-4, boundaries=(), gamma=0.1, weight_decay=0.01)
+  config.optimizer = common.optimizer(learning_rate=1e-4, weight_decay=0.01)
   config.train = common.epochs(500, log_every=50, num_saves=50)
   if dataset == "kit":
     config.data.update(layout="full_kit", max_frames=125)

@@ -14,6 +14,7 @@ from motion_jax.models import registry
 from motion_jax.motion import stats as stats_lib
 from motion_jax.training import checkpoint, distributed, loop, metrics, progress
 from motion_jax.training import resume as resuming
+from motion_jax.training.optimizers import is_schedule_free
 from motion_jax.utils import atomic, config_files, lock
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.nearest import did_you_mean
@@ -50,6 +51,9 @@ def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_change
   if config.train.freeze and not config.train.start:
     raise InputError(f"got train.freeze {tuple(config.train.freeze)} without train.start, expected the run whose "
                      "parameters are to stay as they are: random ones are worth no keeping")
+  if config.train.freeze and is_schedule_free(config.optimizer):
+    raise InputError(f"got train.freeze with optimizer.name {config.optimizer.name!r}, whose average would move what "
+                     "is frozen; choose another optimizer, such as adamw")
   if resume == "auto":
     resume = not checkpoint.is_fresh(workdir)
     print(f"--resume=auto: {'going on with' if resume else 'starting'} {workdir}")

@@ -131,7 +131,9 @@ _CAPTIONED_EVALUATOR = _EVALUATOR | _TEXT_ITEMS
 # say nothing about training, and a method from outside the package names only the fields that it needs.
 DEFAULTS: dict[str, dict[str, Any]] = {
     "": {"data.mode": "benchmark", "data.kinematic_captions": False, "data.augment": {},
-         "optimizer.skip_loss": 0.0, "optimizer.final_rate": 0.0,
+         "optimizer.name": "adamw", "optimizer.fields": {}, "optimizer.schedule_fields": {},
+         "optimizer.boundaries": (), "optimizer.gamma": 0.1, "optimizer.skip_loss": 0.0,
+         "optimizer.final_rate": 0.0,
          "optimizer.rates": {}, "optimizer.clip_parts": (), "train.start": "", "train.best": "", "train.workers": 0,
          "train.num_epochs": 0, "train.num_saves": 20, "train.keep_last": 2, "train.tensorboard": False,
          "train.sample_every": 0, "train.max_skips": 20,

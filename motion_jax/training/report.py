@@ -27,6 +27,7 @@ from motion_jax.training.metrics import (
   trim_metrics,
   was_evaluated,
 )
+from motion_jax.training.optimizers import parameters_to_use
 from motion_jax.training.progress import duration
 from motion_jax.training.saver import environment
 from motion_jax.training.train_step import variables_of
@@ -97,8 +98,9 @@ class Outputs:
     """
     config, best = self._config, None
     evaluates = not hurried and (step % config.train.save_every == 0 or step == config.train.num_steps)
+    state = state.replace(params=parameters_to_use(state.opt_state, state.params), opt_state=None)
     if jax.process_count() > 1:  # each process evaluates on its own devices
-      state = on_host(state.replace(opt_state=None))
+      state = on_host(state)
     params = variables_of(state, self._average)
     if evaluates and self._evaluate is not None and not was_evaluated(self._workdir, step):
       self.numbers.update(self._evaluate(params))

@@ -1,4 +1,5 @@
-"""What a command line changes of a config: --config.SECTION.FIELD=VALUE, with mistakes told in one line."""
+"""Changes of a config on the command line: --config.SECTION.FIELD=VALUE, with one-line errors."""
+import ast
 import difflib
 
 import ml_collections
@@ -7,10 +8,13 @@ from ml_collections import config_flags
 
 from motion_jax.utils.errors import InputError
 
+# Sections that take fields of any name: arguments of functions of optax, names of parts of a network.
+OPEN = ("optimizer.fields", "optimizer.schedule_fields", "optimizer.rates")
+
 
 def applied(arguments, config):
   """The config, locked, with the fields that --config.KEY=VALUE among arguments name; nothing else may be there."""
-  arguments = list(arguments)
+  arguments = _take_open_fields(arguments, config)
   check(arguments, config)
   values = flags.FlagValues()
   config_flags.DEFINE_config_dict("config", config, flag_values=values, sys_argv=["", *arguments])
@@ -22,6 +26,28 @@ def applied(arguments, config):
     raise InputError(f"got the stray arguments {' '.join(stray)}; fields of the config are set by "
                      "--config.SECTION.FIELD=VALUE")
   return values.config
+
+
+def _take_open_fields(arguments, config):
+  """Sets the fields of OPEN sections; returns the other arguments."""
+  rest = []
+  for argument in arguments:
+    key, equals, text = argument.lstrip("-").removeprefix("config.").partition("=")
+    section, _, field = key.rpartition(".")
+    if not argument.startswith("--config.") or not equals or section not in OPEN:
+      rest.append(argument)
+      continue
+    try:
+      value = ast.literal_eval(text)
+    except (ValueError, SyntaxError):
+      value = text
+    outer, inner = section.split(".")
+    try:
+      with config.unlocked():
+        config[outer][inner][field] = value
+    except (KeyError, TypeError) as error:
+      raise InputError(f"got {argument}, which does not fit this config ({' '.join(str(error).split())})") from error
+  return rest
 
 
 def names_any(arguments, *fields) -> bool:

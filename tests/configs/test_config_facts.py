@@ -177,7 +177,7 @@ def test_the_fields_of_each_size_fit_each_other(name, size):
     assert config.quantizer.num_codes <= config.model.transformer.get("num_codes", 1027)
   if train.num_steps:
     assert 0 < train.save_every <= train.num_steps and optimizer.warmup_steps < train.num_steps
-    assert optimizer.schedule != "trapezoid" or optimizer.cooldown_steps + optimizer.warmup_steps <= train.num_steps
+    assert optimizer.schedule != "wsd" or optimizer.cooldown_steps + optimizer.warmup_steps <= train.num_steps
 
 
 @pytest.mark.parametrize("num_items, steps", [(4_400, 50 * 17), (23_384, 50 * 91), (100, 50)])

@@ -151,7 +151,7 @@ def test_each_network_is_clipped_alone():
   config = load_config("evaluator_matching", "full").optimizer
   config = ml_collections.ConfigDict(config.to_dict() | {"beta1": 0.0, "beta2": 0.0})
   tree = {"params": {"motion_encoder": {"w": jnp.full(4, 100.0)}, "text_encoder": {"w": jnp.full(4, 0.1)}}}
-  clipped, _ = optimizers._clipping(config).update(tree, optimizers._clipping(config).init(tree))
+  clipped, _ = optimizers.clipping(config).update(tree, optimizers.clipping(config).init(tree))
   assert np.isclose(optax.tree.norm(clipped["params"]["motion_encoder"]), 0.5)
   np.testing.assert_array_equal(clipped["params"]["text_encoder"]["w"], np.full(4, np.float32(0.1)))
   assert make_optimizer(config, 10).init(tree)
@@ -160,10 +160,9 @@ def test_each_network_is_clipped_alone():
 def test_the_best_weights_are_kept(tmp_path):
   """Also when a run is resumed: step 2 was the best of four."""
   def run(num_steps, resume):
-    config = ml_collections.ConfigDict(dict(seed=0, mesh=dict(map="auto", shard_state=False), optimizer=dict(
-        learning_rate=0.1, schedule="constant", warmup_steps=0, beta1=0.9, beta2=0.9, weight_decay=0.0, clip_norm=0.0,
-        ema_decay=0.0, skip_loss=0.0, skip_spikes=0.0, accumulate_steps=1, rates={}),
-        train=common.train(num_steps, 1, 1, best="min held_out_loss")))
+    config = ml_collections.ConfigDict(dict(seed=0, mesh=dict(map="auto", shard_state=False),
+                                             optimizer=common.optimizer(0.1, beta2=0.9),
+                                             train=common.train(num_steps, 1, 1, best="min held_out_loss")))
     stage = Stage(lambda batch, rng: {"w": jnp.zeros(1)},
                   lambda params, frozen, batch, step, rng: ({"loss": params["w"].sum() ** 2 - params["w"].sum()}, 1.0),
                   None)

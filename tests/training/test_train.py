@@ -50,9 +50,8 @@ def _config(num_steps, **optimizer):
   config = ml_collections.ConfigDict()
   config.seed = 0
   config.mesh = dict(map="auto", shard_state=False)
-  config.optimizer = dict(learning_rate=1e-2, schedule="constant", warmup_steps=1, cooldown_steps=0, beta1=0.9,
-                          beta2=0.99, weight_decay=0.0, clip_norm=1.0, ema_decay=0.9, skip_loss=0.0, skip_spikes=0.0,
-                          accumulate_steps=1, final_rate=0.0, rates={}, clip_parts=()) | optimizer
+  config.optimizer = common.optimizer(**dict(learning_rate=1e-2, warmup_steps=1, beta2=0.99, clip_norm=1.0,
+                                             ema_decay=0.9) | optimizer)
   config.train = common.train(num_steps, 1, 2)
   return config
 
@@ -346,7 +345,7 @@ def test_four_devices_learn_what_one_learns(tmp_path):
 
 
 @pytest.mark.parametrize("kind, expected", [
-    ("constant", [0.5, 1, 1, 1]), ("step", [0.5, 1, 0.1, 0.01]), ("trapezoid", [0.5, 1, 1, 0.5]),
+    ("constant", [0.5, 1, 1, 1]), ("step", [0.5, 1, 0.1, 0.01]), ("wsd", [0.5, 1, 1, 0.5]),
     # From the warm-up's end at step 1 to a fifth at step 4; a quarter turn, to a half at step 4.
     ("cosine", [0.5, 1, 0.2 + 0.8 * 0.75, 0.2 + 0.8 * 0.25]),
     ("half_cosine", [0.5, 0.5 + 0.5 * np.cos(np.pi / 8), 0.5 + 0.5 * np.cos(np.pi / 4),
@@ -361,9 +360,8 @@ def test_schedules(kind, expected):
 
 def drifting(folder, values, num_steps=None, resume=False, slices=None, best="min held_out_loss"):
   """Trains a number that grows by about 0.1 a step; `values` {step: held-out number}, saved at every second step."""
-  config = ml_collections.ConfigDict(dict(seed=0, mesh=dict(map="auto", shard_state=False), optimizer=dict(
-      learning_rate=0.1, schedule="constant", warmup_steps=0, beta1=0.9, beta2=0.9, weight_decay=0.0, clip_norm=0.0,
-      ema_decay=0.0, skip_loss=0.0, skip_spikes=0.0, accumulate_steps=1, rates={}),
+  config = ml_collections.ConfigDict(dict(seed=0, mesh=dict(map="auto", shard_state=False), optimizer=common.optimizer(
+      0.1, beta2=0.9),
       train=common.train(num_steps or max(values), 1, 2, best=best)))
   stage = Stage(lambda batch, rng: {"w": jnp.zeros(1)},
                 lambda params, frozen, batch, step, rng: ({"loss": -params["w"].sum()}, 1.0), None)
