@@ -94,7 +94,7 @@ class Bench:
       limit = self.settings.samples if name == "texts" else None
       harness = Harness(protocol, *readers, found, protocol.seed + seed, limit)
       if name == "texts":
-        sanity.demand(sanity.look(harness), self.force)
+        sanity.require(sanity.check(harness), self.force)
       self.tasks = {key: one for key, one in self.tasks.items() if key[1] == seed} | {
           (name, seed): _TASKS[name](harness)}
     return self.tasks[name, seed]

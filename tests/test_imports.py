@@ -110,8 +110,8 @@ def test_the_tests_have_what_the_studio_needs():
   assert {"starlette", "uvicorn", "websockets", "httpx2", "motionmcp-sdk"} <= names
 
 
-ROOMS = ("nets", "quant", "diffusion", "motion", "metrics", "text", "data", "control", "models.tmr", "models.cmdm",
-         "models.cdamd")
+ROOMS = ("nets", "quant", "diffusion", "motion", "metrics", "text", "data", "control", "evaluation", "models.tmr",
+         "models.cmdm", "models.cdamd")
 
 
 @pytest.mark.parametrize("room", ROOMS)

@@ -1,11 +1,11 @@
-"""Motions that another program made, judged like a model's: what is to be made is written down, what was made is read.
+"""Motions from other programs, evaluated like those of a model: prompts are written to files, motions are read.
 
-`ask` writes DIR/prompts.jsonl, a line for each motion of each replication: {"file": "r000/00000.npy", "caption",
-"frames", "fps", "seed", ...} and what the task has besides (`Task.FILES`, which DIR/README.md repeats). Real motions
-that are edited or encoded lie in DIR/real_r000. The other program puts a file of that name beside it for each line:
-joints (frames, J, 3), y up, in metres (KIT: millimetres), or features (frames, F) of a known representation, not
-normalized. `ExternalMotions` reads them. In text to motion, joints are turned to begin over the origin, facing +z, as
-evaluators know motions; all else is judged where it is, for it has to fit what was given.
+`export_prompts` writes DIR/prompts.jsonl, a line for each motion of each replication: {"file": "r000/00000.npy",
+"caption", "frames", "fps", "seed", ...} and the fields of the task (`Task.FILES`, which DIR/README.md repeats). Real
+motions to be edited or encoded are in DIR/real_r000. For each line the other program adds the file of that name: joints
+(frames, J, 3), y up, in metres (KIT: millimetres), or features (frames, F) of a known representation, not normalized.
+`ExternalMotions` reads them. For text to motion, joints are turned to begin over the origin, facing +z, as evaluators
+expect; in other tasks motions stay where they are, because they must fit what was given.
 """
 import dataclasses
 import hashlib
@@ -40,7 +40,7 @@ with the same data, evaluator, limit and seed as when this page was written.
 """
 
 
-def ask(task: Task, reader, out, replications) -> pathlib.Path:
+def export_prompts(task: Task, reader, out, replications) -> pathlib.Path:
   """Writes what a protocol wants to be made in its first replications; returns the file. reader: of real motions that
   are given."""
   out, layout, lines = pathlib.Path(out), reader.layout, []

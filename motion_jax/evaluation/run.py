@@ -1,4 +1,4 @@
-"""From runs, data and a protocol to a result: rows of real and made motions with intervals, and their provenance."""
+"""Evaluates models on data by a protocol: rows of real and generated motions with intervals, and their provenance."""
 import contextlib
 import dataclasses
 import json
@@ -10,13 +10,13 @@ from functools import partial
 import jax
 
 from motion_jax.evaluation import aggregates, external, provenance
-from motion_jax.evaluation.candidates import Choices, Reader, load_candidates
+from motion_jax.evaluation.candidates import Choices, Loaded, Reader, load_candidates
 from motion_jax.evaluation.checks import controls as controls_lib
 from motion_jax.evaluation.checks import sanity as sanity_lib
 from motion_jax.evaluation.harness import Harness
 from motion_jax.evaluation.report import differences as difference_tables
 from motion_jax.evaluation.report import gallery, printed, tables
-from motion_jax.evaluation.request import Request, default_out, load_evaluators, resolve
+from motion_jax.evaluation.request import Request, Resolved, default_out, load_evaluators, resolve
 from motion_jax.evaluation.result import FILE, Result
 from motion_jax.evaluation.tasks.registry import TASKS
 from motion_jax.evaluation.test_set import TestSet, read_test_set
@@ -27,72 +27,54 @@ TABLES = {"tables.md": difference_tables.whole(tables.markdown), "tables.tex": d
           "tables.csv": tables.csv}
 
 
-def evaluate(runs, folders, protocol=None, *, evaluator=None, clip_evaluator=None, out=None, replications=None,
-             seed=None, guidance=(), sampling=None, vary=(), limit=None, controls=False, multimodality=True,
-             force=False, only_read=False, raw=False, devices=None, show=True, samples=None, motions=(),
-             allow_shared=False) -> Result:
-  """Judges runs (folders, or names that ship) on data folders by a protocol, and writes results.json in `out`.
-
-  evaluator, clip_evaluator: names, folders or `Evaluator`s, the protocol's by default; clip_evaluator "none": no CLIP
-  score. guidance: scales, a row each; the models' own by default. sampling: what else `generate` takes; vary: changes
-  of it, a row each for the models that know them. limit: samples of a trial; of long motions, sequences or timelines.
-  controls: damaged real motions, too. force: go on though real data does not look right. only_read: from samples that
-  exist (reconstructions are none, they are always made). raw: the last weights of a run, not their average. devices: of
-  jax; they change nothing but the time. samples: folder where motions are kept, for several evaluations to share; by
-  default the run's, or of a model that ships `out`. motions: (name, folder) of what other programs made, see
-  `evaluation.external`. allow_shared: judge clips that train has, too, and name them in the provenance.
-  """
-  clock, devices = Clock(show), tuple(devices or jax.local_devices())
-  asked = resolve(runs, folders, protocol, limit, multimodality)
-  task_class = TASKS[asked.protocol.task]
-  folder = pathlib.Path(out) if out else default_out(runs, asked.protocol)
-  main, clip = load_evaluators(asked.protocol, evaluator, clip_evaluator)
-  varied = tuple(vary) or ({},)
-  choices = Choices(tuple(guidance), sampling or {}, varied, task_class.OPTIONS)
-  load = partial(task_class.load, raw=True) if raw else task_class.load
-  candidates, left_out = load_candidates(runs, load, choices, folder, samples, devices, only_read, show)
-  others = [external.load_external(name, place, main, task_class.TEXT_TO_MOTION) for name, place in motions]
-
+def evaluate(request: Request) -> Result:
+  """Evaluates the models of a request, and writes results.json and tables in its folder."""
+  clock, devices = Clock(request.verbose), tuple(request.devices or jax.local_devices())
+  resolved = resolve(request)
+  task_class = TASKS[resolved.protocol.task]
+  folder = pathlib.Path(request.out) if request.out else default_out(request.runs, resolved.protocol)
+  main, clip = load_evaluators(resolved.protocol, request.evaluator, request.clip_evaluator)
+  candidates, left_out = _load(request, task_class, main, folder, devices)
   with clock.part("data"):
-    readers = [] if task_class.TEXT_TO_MOTION else [one.reader for one in [*candidates, *others]]
-    test_set = read_for(asked, main, clip, readers, allow_shared)
-    clock.say(_about(test_set, asked.protocol))
-  harness = _harness(asked, main, clip, test_set, seed)
-  protocol, task, candidates = harness.protocol, task_class(harness), [*candidates, *others]
-  if not out:
+    readers = [] if task_class.TEXT_TO_MOTION else [one.reader for one in candidates]
+    test_set = read_for(resolved, main, clip, readers)
+    clock.say(_about(test_set, resolved.protocol))
+  harness = _harness(resolved, main, clip, test_set)
+  protocol, task = harness.protocol, task_class(harness)
+  if not request.out:
     _check_out(folder, provenance.question(harness, candidates))
 
-  replications = range(protocol.replications if replications is None else replications)
+  replications = range(protocol.replications if request.replications is None else request.replications)
   with clock.part("real data"):
-    sanity = sanity_lib.look(harness)
-    sanity_lib.demand(sanity, force)
+    sanity = sanity_lib.check(harness)
+    sanity_lib.require(sanity, request.force)
     for warning in sanity["warnings"]:
-      clock.say(f"mind: {warning}")
+      clock.say(f"warning: {warning}")
     rows, curves = aggregates.collect(map(task.real, replications), protocol.population_std)
   made, by_motion = {}, {}
   for candidate in candidates:
     with clock.part(candidate.name):
       found = [task.found(candidate, replication) for replication in replications]
       own, drawn = aggregates.collect(found, protocol.population_std)
-    by_motion |= {aggregates.row_name(candidate.name, part): [one.by_motion[part] for one in found]
-                  for part in found[0].by_motion}
-    made |= {aggregates.row_name(candidate.name, part): (candidate, part) for part in own}
-    rows |= {aggregates.row_name(candidate.name, part): row for part, row in own.items()}
-    curves |= {aggregates.row_name(candidate.name, part): curve for part, curve in drawn.items()}
+    named = partial(aggregates.row_name, candidate.name)
+    by_motion |= {named(part): [one.by_motion[part] for one in found] for part in found[0].by_motion}
+    made |= {named(part): (candidate, part) for part in own}
+    rows |= {named(part): row for part, row in own.items()}
+    curves |= {named(part): curve for part, curve in drawn.items()}
   with clock.part("differences"):
     compared = aggregates.compared(made, by_motion, harness.seed)
     uncertain = aggregates.uncertain(harness, made, by_motion, compared)
   checked = None
-  if controls:
+  if request.controls:
     with clock.part("controls"):
       checked = controls_lib.check(task, spread=aggregates.spread(rows["real"]))
 
   result = Result(**aggregates.json_ready(dict(
       protocol=protocol.name, title=protocol.title, rows=rows, row_order=["real", *made],
       metrics=[name for name in task.METRICS if any(name in row for row in rows.values())],
-      paper=printed.paper_of(protocol, main, made, asked.whole),
+      paper=printed.paper_of(protocol, main, made, resolved.whole),
       notes=[note for note in (protocol.note, *uncertain, *task.notes, *left_out) if note],
-      provenance=provenance.describe(harness, asked.folders, candidates, len(replications), devices),
+      provenance=provenance.describe(harness, resolved.folders, candidates, len(replications), devices),
       sanity=sanity, controls=checked, differences=compared,
       curves=aggregates.guidance_curves(rows, candidates) | (controls_lib.curves(checked) if checked else {})
       | aggregates.transition_curves(curves, protocol.population_std))))
@@ -102,23 +84,32 @@ def evaluate(runs, folders, protocol=None, *, evaluator=None, clip_evaluator=Non
   return write(result, folder, clock.seconds)
 
 
-def ask(folders, out, protocol=None, *, evaluator=None, replications=None, seed=None, limit=None, multimodality=True,
-        allow_shared=False) -> pathlib.Path:
-  """Writes what a protocol wants another program to make, with the real motions that it is made of; see
-  `evaluation.external`."""
-  asked = resolve((), folders, protocol, limit, multimodality)
-  main, _ = load_evaluators(asked.protocol, evaluator, "none")
+def _load(request, task_class, main, folder, devices) -> Loaded:
+  """The candidates of a request: its runs, and folders of motions that other programs generated."""
+  choices = Choices(tuple(request.guidance_scales), dict(request.sampling), tuple(request.vary) or ({},),
+                    task_class.OPTIONS)
+  load = partial(task_class.load, raw=request.weights == "model")
+  candidates, left_out = load_candidates(request.runs, load, choices, folder, request.samples, devices,
+                                         request.recompute, request.verbose)
+  others = [external.load_external(name, place, main, task_class.TEXT_TO_MOTION) for name, place in request.motions]
+  return Loaded([*candidates, *others], left_out)
+
+
+def export_prompts(request: Request, out) -> pathlib.Path:
+  """Writes what a protocol asks another program to generate, with the real motions that it is based on: see
+  `evaluation.external`. Of the request, the data, protocol, evaluator and draws are used."""
+  resolved = resolve(request)
+  main, _ = load_evaluators(resolved.protocol, request.evaluator, "none")
   reader = external.joint_reader(main)
-  task = TASKS[asked.protocol.task]
-  readers = [] if task.TEXT_TO_MOTION else [reader]
-  harness = _harness(asked, main, None, read_for(asked, main, readers=readers, allow_shared=allow_shared), seed)
-  return external.ask(task(harness), reader, out,
-                      harness.protocol.replications if replications is None else replications)
+  task = TASKS[resolved.protocol.task]
+  harness = _harness(resolved, main, None, read_for(resolved, main, readers=[] if task.TEXT_TO_MOTION else [reader]))
+  return external.export_prompts(
+      task(harness), reader, out,
+      harness.protocol.replications if request.replications is None else request.replications)
 
 
 def write(result, out, seconds=None) -> Result:
-  """results.json and tables in a folder, and timings.json, which is no part of a result; returns the result that knows
-  where it lies."""
+  """Writes results.json, tables and timings.json in a folder; returns the result with its folder."""
   for name, text in {name: form(result) for name, form in TABLES.items()}.items():
     _write(pathlib.Path(out) / name, text)
   _write(pathlib.Path(out) / "timings.json", json.dumps(seconds or {}, indent=1) + "\n")
@@ -131,7 +122,7 @@ def _write(path, text):
 
 
 class Clock:
-  """Says what is done, and where the time went."""
+  """Reports progress and measures the time of each part."""
 
   def __init__(self, show):
     self.show, self.seconds = show, {}
@@ -148,13 +139,13 @@ class Clock:
       print(text, flush=True)
 
 
-def read_for(asked: Request, main, clip=None, readers=(), allow_shared=False) -> TestSet:
-  """The test set as evaluators read it, and readers of what is done to real motions."""
-  protocol = asked.protocol
+def read_for(resolved: Resolved, main, clip=None, readers=()) -> TestSet:
+  """The test set, in the representations of the evaluators and of further readers."""
+  protocol = resolved.protocol
   readers = [*(reader for reader in (main, clip) if reader), *readers]
   if protocol.joints_layout:
     readers.append(Reader("joints", get_layout(protocol.joints_layout), main.mode))
-  return read_test_set(asked.folders, protocol, readers, allow_shared)
+  return read_test_set(resolved.folders, protocol, readers, resolved.request.allow_shared)
 
 
 def _about(test_set, protocol):
@@ -163,13 +154,13 @@ def _about(test_set, protocol):
           + (f", {len(test_set.shared)} clips in train, too" if test_set.shared else ""))
 
 
-def _harness(asked, main, clip, test_set, seed) -> Harness:
-  protocol = asked.protocol.of_few(min(len(test_set), asked.limit or len(test_set)))
-  return Harness(protocol, main, clip, test_set, protocol.seed if seed is None else int(seed), asked.limit)
+def _harness(resolved, main, clip, test_set) -> Harness:
+  protocol, seed = resolved.protocol.of_few(min(len(test_set), resolved.limit or len(test_set))), resolved.request.seed
+  return Harness(protocol, main, clip, test_set, protocol.seed if seed is None else int(seed), resolved.limit)
 
 
 def _check_out(out, question):
-  """A folder that was not named must not hold the answer to another question."""
+  """Raises ValueError where the default folder holds the result of another request."""
   if (out / FILE).is_file():
     before = Result.read(out).provenance.get("question")
     if before is not None and before != aggregates.json_ready(question):

@@ -130,23 +130,21 @@ def _judge(args):
 
   from motion_jax.evaluation import run
   from motion_jax.evaluation.report import page
+  from motion_jax.evaluation.request import Request
   from motion_jax.evaluation.result import FILE
   devices = jax.local_devices()
   if args.devices and args.devices > len(devices):
     raise InputError(f"got --devices {args.devices}, there are {len(devices)}")
-  folders = [folder for some in args.data for folder in some]
+  request = Request(
+      args.model, [folder for some in args.data for folder in some], args.protocol, evaluator=args.evaluator,
+      clip_evaluator=args.clip_evaluator, motions=motions, replications=args.replications, seed=args.seed,
+      limit=args.limit, guidance_scales=args.guidance_scale, sampling=sampling, vary=vary, weights=args.weights,
+      multimodality=not args.no_multimodality, controls=args.controls, allow_shared=args.allow_shared,
+      force=args.force, recompute=args.recompute, out=args.out, samples=args.samples, devices=devices[:args.devices])
   if args.export_prompts:
-    written = run.ask(folders, args.export_prompts, args.protocol, evaluator=args.evaluator,
-                      replications=args.replications, seed=args.seed, limit=args.limit,
-                      multimodality=not args.no_multimodality, allow_shared=args.allow_shared)
-    print("wrote", written)
+    print("wrote", run.export_prompts(request, args.export_prompts))
     return 0
-  result = run.evaluate(
-      args.model, folders, args.protocol, evaluator=args.evaluator, clip_evaluator=args.clip_evaluator, out=args.out,
-      replications=args.replications, seed=args.seed, guidance=args.guidance_scale, sampling=sampling, vary=vary,
-      limit=args.limit, controls=args.controls, multimodality=not args.no_multimodality, force=args.force,
-      only_read=args.recompute, raw=args.weights == "model", devices=devices[:args.devices], samples=args.samples,
-      motions=motions, allow_shared=args.allow_shared)
+  result = run.evaluate(request)
   print(run.TABLES["tables.md"](result))
   written = [result.folder / name for name in (FILE, *run.TABLES)]
   if args.report:

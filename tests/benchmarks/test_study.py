@@ -219,7 +219,7 @@ def test_a_study_goes_on_where_it_stopped(settings, tmp_path, monkeypatch, capsy
 
 def test_each_seed_draws_the_test_clips_anew(settings, monkeypatch):
   """Its captions, cuts and stories are a seed's own, and those of all its rows."""
-  monkeypatch.setattr(study.sanity, "look", lambda harness: dict(failures=[]))
+  monkeypatch.setattr(study.sanity, "check", lambda harness: dict(failures=[]))
   bench = study.Bench(settings)
   texts, stories = bench.task("texts", 0), bench.task("stories", 0)
   assert bench.task("texts", 0) is texts

@@ -13,7 +13,7 @@ from motion_jax.data.datasets import registry
 from motion_jax.data.datasets.base import Dataset
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.evaluation import run
-from motion_jax.evaluation.request import guess_protocol
+from motion_jax.evaluation.request import Request, guess_protocol
 from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_jax.training import checkpoint
 from motion_jax.training.metrics import read_metrics
@@ -102,17 +102,17 @@ def test_it_is_searched(folder):
 def test_it_is_judged(folder, tiny_run, tmp_path):
   """By the protocol for one's own data, the provenance under its name; clips that train has too are found."""
   assert guess_protocol([tiny_run], [folder]) == "own-66"
-  result = run.evaluate([tiny_run], [folder], dataclasses.replace(SMALL, replications=1), out=tmp_path / "out",
-                        force=True, show=False, sampling=dict(num_steps=2), multimodality=False,
-                        evaluator=fresh_evaluator("t2m"), clip_evaluator="none")
+  result = run.evaluate(Request([tiny_run], [folder], dataclasses.replace(SMALL, replications=1), out=tmp_path / "out",
+      force=True, verbose=False, sampling=dict(num_steps=2), multimodality=False, evaluator=fresh_evaluator("t2m"),
+      clip_evaluator="none"))
   data = result.provenance["data"]
   assert (data["format"], data["items"], data["excluded"]) == ("takes", 8, 0) and len(data["split_hash"]) == 64
   assert np.isfinite(result.rows[tiny_run.name]["fid"]["mean"])
   np.save(folder / "train" / "copy.npy", np.load(folder / "test" / "take7.npy"))
   (folder / "train" / "copy.txt").write_text("a person walks")
   with pytest.raises(ValueError, match="1 clips of split 'test' are in train, too, such as take7"):
-    run.evaluate([tiny_run], [folder], SMALL, out=tmp_path, show=False, evaluator=fresh_evaluator("t2m"),
-                 clip_evaluator="none")
+    run.evaluate(Request([tiny_run], [folder], SMALL, out=tmp_path, verbose=False, evaluator=fresh_evaluator("t2m"),
+        clip_evaluator="none"))
 
 
 def test_names_and_folders_that_are_none_are_told(tmp_path):

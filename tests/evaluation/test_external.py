@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from motion_jax.data.datasets.synthetic import synthetic_clips
-from motion_jax.evaluation import external, protocols, request, run
+from motion_jax.evaluation import external, protocols, run
 from motion_jax.evaluation.harness import Harness
+from motion_jax.evaluation.request import Request, resolve
 from motion_jax.evaluation.tasks import control
 from motion_jax.evaluation.tasks.editing import kept_spans
 from motion_jax.evaluators.evaluator import fresh_evaluator
@@ -71,7 +72,7 @@ def small(name, **changes):
 
 def asked(folder, data, protocol, evaluator):
   """The lines that say what is to be made."""
-  run.ask(data, folder, protocol, evaluator=evaluator)
+  run.export_prompts(Request((), data, protocol, evaluator=evaluator), folder)
   return [json.loads(line) for line in (folder / "prompts.jsonl").read_text().splitlines()]
 
 
@@ -82,8 +83,8 @@ def save(folder, line, joints):
 
 def rows(folder, data, protocol, evaluator):
   """{row: {metric: number}} of the motions in a folder."""
-  result = run.evaluate([], data, protocol, evaluator=evaluator, clip_evaluator="none", out=folder / "out", force=True,
-                        show=False, motions=[("theirs", folder)])
+  result = run.evaluate(Request([], data, protocol, evaluator=evaluator, clip_evaluator="none", out=folder / "out",
+      force=True, verbose=False, motions=[("theirs", folder)]))
   return {row: {metric: one["mean"] for metric, one in metrics.items()} for row, metrics in result.rows.items()}
 
 
@@ -137,7 +138,7 @@ def test_control_of_other_programs(tmp_path, archive, evaluator, monkeypatch):
   lines = asked(tmp_path, [archive], protocol, evaluator)
   assert {line.get("control", {}).get("joint") for line in lines} == {None, *control.JOINTS}
   reader = external.joint_reader(evaluator)
-  resolved = request.resolve((), [archive], protocol)
+  resolved = resolve(Request((), [archive], protocol))
   test_set = run.read_for(resolved, evaluator, readers=[reader])
   task = control.Control(Harness(resolved.protocol, evaluator, None, test_set, protocol.seed))
   real = task._real_joints(reader, 0)

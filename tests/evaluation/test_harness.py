@@ -49,7 +49,7 @@ def test_fid_is_of_what_stands_before_the_last_layer(harness):
 
 
 def test_real_motions_and_noise_are_read_alike(harness):
-  found = sanity.look(harness)
+  found = sanity.check(harness)
   assert found["real"]["fid"] < 0.5 * found["fid_noise"]
   assert found["real"]["clip_score"] != found["shuffled"]["clip_score"]
 
@@ -117,7 +117,7 @@ def test_each_sign_of_a_wrong_evaluator_is_told(harness, monkeypatch, real, halv
   monkeypatch.setattr(harness, "shuffled_scores", lambda replication: dict(top3=0.6, matching=2.0, clip_score=0.4))
   monkeypatch.setattr(harness, "fid_of_halves", lambda replication: halves)
   monkeypatch.setattr(sanity.scores, "fid", lambda *given: 100.0)
-  found = sanity.look(harness)["failures"]
+  found = sanity.check(harness)["failures"]
   assert (not found) if words is None else (len(found) == 1 and words in found[0])
 
 
@@ -129,7 +129,7 @@ def test_few_clips_are_judged_where_the_evaluator_knows_their_captions(harness, 
   monkeypatch.setattr(harness, "fid_of_halves", lambda replication: 1e9)
   monkeypatch.setattr(sanity.scores, "fid", lambda *given: 100.0)
   monkeypatch.setattr(harness, "share_of_nearer_shuffles", lambda replication: share)
-  found = sanity.look(harness)
+  found = sanity.check(harness)
   assert harness.count == 8 and "8 motions are few" in " ".join(found["warnings"])
   assert not found["failures"] if words is None else re.search(words, found["failures"][0])
 

@@ -283,7 +283,7 @@ def test_each_difference_is_in_its_config_and_has_a_gradient(case):
 def test_configs_of_all_sizes_are_whole(case):
   for size in ("full", "small", "mini"):
     config = _config(*case, size)
-    assert config.is_locked and config.stage == f"{case[0]}.{case[2]}"
+    assert config.is_locked and config.stage.endswith(f".{case[2]}")
   with pytest.raises(ValueError, match="expected one of"):
     _config(case[0], "paper-nothing", case[2])
 

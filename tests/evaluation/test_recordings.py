@@ -11,7 +11,7 @@ from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.evaluation import protocols
 from motion_jax.evaluation import test_set as test_set_lib
 from motion_jax.evaluation.harness import Harness
-from motion_jax.evaluation.request import Request
+from motion_jax.evaluation.request import Request, Resolved
 from motion_jax.evaluation.run import read_for
 from motion_jax.evaluation.tasks.long_horizon import LongHorizon
 from motion_jax.evaluators.evaluator import fresh_evaluator
@@ -40,7 +40,7 @@ def task(folder):
   protocol = dataclasses.replace(protocols.get_protocol("snapmogen-long"), pool=4, diversity_draws=6, few_draws=4,
                                  transition_frames=20)
   evaluator = fresh_evaluator("snapmogen", "snapmogen_148")
-  test_set = read_for(Request((folder,), protocol, None, True), evaluator)
+  test_set = read_for(Resolved(Request(), (folder,), protocol, None, True), evaluator)
   return LongHorizon(Harness(protocol, evaluator, None, test_set, seed=0))
 
 

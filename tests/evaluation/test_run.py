@@ -15,6 +15,7 @@ from motion_jax.evaluation import aggregates, protocols, request, run, samples
 from motion_jax.evaluation import test_set as test_set_lib
 from motion_jax.evaluation.candidates import row_names
 from motion_jax.evaluation.report import page
+from motion_jax.evaluation.request import Request
 from motion_jax.evaluation.result import Result
 from motion_jax.evaluation.tasks.registry import TASKS
 from motion_jax.evaluators.evaluator import fresh_evaluator
@@ -50,15 +51,16 @@ def make_clips(num=11, num_frames=49):
 def judged(tiny_run, archive, evaluators, tmp_path_factory):
   """(result, its folder) of a whole evaluation with controls."""
   home = tmp_path_factory.mktemp("judged")
-  made = run.evaluate([tiny_run], [archive], SMALL, out=home / "out", force=True, controls=True, show=False,
-                      sampling=dict(num_steps=2), samples=home / "samples", **evaluators)
+  made = run.evaluate(Request([tiny_run], [archive], SMALL, out=home / "out", force=True, controls=True, verbose=False,
+      sampling=dict(num_steps=2), samples=home / "samples", **evaluators))
   return made, home / "out"
 
 
 def again(judged, tiny_run, archive, evaluators, out, **options):
   """The same once more, from the same samples."""
-  return run.evaluate([tiny_run], [archive], SMALL, out=out, force=True, show=False, sampling=dict(num_steps=2),
-                      **{"samples": judged[1].parent / "samples", "controls": True} | evaluators | options)
+  return run.evaluate(Request([tiny_run], [archive], SMALL, out=out, force=True, verbose=False,
+      sampling=dict(num_steps=2), **{"samples": judged[1].parent / "samples", "controls": True} | evaluators |
+      options))
 
 
 def test_a_result_has_rows_intervals_and_its_provenance(judged, tiny_run):
@@ -84,9 +86,9 @@ def test_choices_of_sampling_are_rows(judged, tiny_run, archive, evaluators, tmp
   """One choice alone and among others: the same numbers, from the same samples."""
   shared = shutil.copytree(judged[1].parent / "samples", tmp_path / "samples")
   before = set(shared.iterdir())
-  made = run.evaluate([tiny_run], [archive], SMALL, out=tmp_path, force=True, show=False, sampling=dict(num_steps=2),
-                      vary=[dict(schedule="fss"), dict(schedule="ar")], guidance=(1.0, 3.0), multimodality=False,
-                      samples=shared, **evaluators)
+  made = run.evaluate(Request([tiny_run], [archive], SMALL, out=tmp_path, force=True, verbose=False,
+      sampling=dict(num_steps=2), vary=[dict(schedule="fss"), dict(schedule="ar")], guidance_scales=(1.0, 3.0),
+      multimodality=False, samples=shared, **evaluators))
   name = tiny_run.name
   assert made.row_order == ["real", *(f"{name}{part}, guidance {scale}" for scale in (1, 3)
                                          for part in (", schedule fss", ", schedule ar"))]
@@ -114,12 +116,12 @@ def test_a_repeat_is_byte_identical_and_so_is_one_that_was_killed(judged, tiny_r
   made = sorted((judged[1].parent / "samples").rglob("*.npz"))
   assert len(made) == 3  # two replications, one multimodality
   times = [path.stat().st_mtime_ns for path in made]
-  again(judged, tiny_run, archive, evaluators, tmp_path / "a", only_read=True)
+  again(judged, tiny_run, archive, evaluators, tmp_path / "a", recompute=True)
   assert times == [path.stat().st_mtime_ns for path in made]
   made[0].unlink()
   made[1].write_bytes(made[1].read_bytes()[:100])
   with pytest.raises(ValueError, match="is not there"):
-    again(judged, tiny_run, archive, evaluators, tmp_path / "b", only_read=True)
+    again(judged, tiny_run, archive, evaluators, tmp_path / "b", recompute=True)
   again(judged, tiny_run, archive, evaluators, tmp_path / "b")
   for folder in "ab":
     assert content(tmp_path / folder) == before
@@ -176,7 +178,7 @@ command({arguments!r})
     (["--sampling", "way=chain"], "got the choice of sampling 'way'"),
     (["--sampling", "schedule=random"], "got schedule 'random', expected one of fss"),
     (["--vary", "lag"], "got the choice of sampling 'lag', expected KEY=VALUE"),
-    (["--motions", "real=somewhere"], "expected NAME=DIR, each with a name of its own other than real"),
+    (["--motions", "real=somewhere"], "expected NAME=DIR with unique names other than real"),
     (["--motions", "theirs=nowhere"], "nowhere holds no motions"),
     (["--protocol", "reconstruction", "--guidance-scale", "2"], "is not sampled, so guidance"),
     (["--protocol", "mtt", "--evaluator", "some"], "of kind 't2m', protocol 'mtt' is about the space of kind tmr"),
@@ -185,7 +187,7 @@ command({arguments!r})
 def test_what_cannot_be_asked_is_told_before_anything_is_done(tiny_run, archive, monkeypatch, capsys, arguments, words):
   monkeypatch.setitem(protocols.PROTOCOLS, "archives-66", SMALL)
   monkeypatch.setattr(request, "load_evaluator", None)
-  monkeypatch.setattr(run.sanity_lib, "look", lambda harness: pytest.fail("began"))
+  monkeypatch.setattr(run.sanity_lib, "check", lambda harness: pytest.fail("began"))
   assert command(["--model", str(tiny_run), "--data", str(archive), "--out", "nowhere", *arguments]) == 1
   assert re.search(f"eval.py: (.|\n)*{words}", capsys.readouterr().err)
 
@@ -206,7 +208,8 @@ def test_flags_may_be_repeated():
 def test_a_result_is_not_lost_to_another_question(judged, tiny_run, archive, evaluators, tmp_path, monkeypatch):
   monkeypatch.setattr(run, "default_out", lambda runs, protocol: judged[1])
   with pytest.raises(ValueError, match="holds a result of another models, which would be lost; name a folder by --out"):
-    run.evaluate([tiny_run], [archive], SMALL, force=True, show=False, sampling=dict(num_steps=3), **evaluators)
+    run.evaluate(Request([tiny_run], [archive], SMALL, force=True, verbose=False, sampling=dict(num_steps=3),
+        **evaluators))
 
 
 def test_intervals_of_a_papers_protocol_are_the_papers():
@@ -239,6 +242,7 @@ import jax
 from motion_jax.evaluation import run, samples
 from motion_jax.evaluation.candidates import row_names
 from motion_jax.evaluation.report import page
+from motion_jax.evaluation.request import Request
 from motion_jax.evaluation.result import Result
 from motion_jax.evaluation.tasks.registry import TASKS
 from motion_jax.evaluators.evaluator import fresh_evaluator
@@ -250,9 +254,9 @@ def generator_of(model, *args):
     return make_of(model, *args)(jobs)
   return make
 samples.BATCH, samples.generator_of = 3, generator_of
-run.evaluate([{str(tiny_run)!r}], [{str(archive)!r}], SMALL, out={str(tmp_path / "two")!r}, force=True, show=False,
-             samples={str(tmp_path / "samples")!r}, multimodality=False, sampling=dict(num_steps=2), replications=1,
-             evaluator=fresh_evaluator("t2m"), clip_evaluator="none")
+run.evaluate(Request([{str(tiny_run)!r}], [{str(archive)!r}], SMALL, out={str(tmp_path / "two")!r}, force=True,
+    verbose=False, samples={str(tmp_path / "samples")!r}, multimodality=False, sampling=dict(num_steps=2),
+    replications=1, evaluator=fresh_evaluator("t2m"), clip_evaluator="none"))
 assert len(jax.local_devices()) == len(used) == 2, used
 """
   processes.run(["-c", script], devices_env(2)).check_returncode()
@@ -265,7 +269,8 @@ assert len(jax.local_devices()) == len(used) == 2, used
 def test_motions_of_a_model_are_judged_the_same_from_files(judged, tiny_run, archive, evaluators, tmp_path):
   """What is asked for is what a model of ours is asked for; its motions, given back, have its numbers."""
   result, _ = judged
-  run.ask([archive], tmp_path / "made", SMALL, evaluator=evaluators["evaluator"], replications=2)
+  wanted = Request((), [archive], SMALL, evaluator=evaluators["evaluator"], replications=2)
+  run.export_prompts(wanted, tmp_path / "made")
   lines = [json.loads(line) for line in (tmp_path / "made" / "prompts.jsonl").read_text().splitlines()]
   assert len(lines) == 2 * 8 + 4 * 2 and lines[0].keys() == {"file", "caption", "frames", "fps", "seed", "id"}
   stored = {}
@@ -278,15 +283,15 @@ def test_motions_of_a_model_are_judged_the_same_from_files(judged, tiny_run, arc
     path.parent.mkdir(exist_ok=True)
     assert len(stored[line["seed"]]) >= line["frames"]
     np.save(path, stored[line["seed"]][:line["frames"]])  # other programs write nothing after the end
-  made = run.evaluate([], [archive], SMALL, out=tmp_path / "out", force=True, show=False, **evaluators,
-                      motions=[("theirs", tmp_path / "made")])
+  made = run.evaluate(Request([], [archive], SMALL, out=tmp_path / "out", force=True, verbose=False, **evaluators,
+      motions=[("theirs", tmp_path / "made")]))
   assert made.row_order == ["real", "theirs"] and made.provenance["models"][0]["layout"] == "full"
   for metric, one in result.rows[tiny_run.name].items():
     assert made.rows["theirs"][metric]["values"] == one["values"], metric
   (tmp_path / "made" / lines[3]["file"]).unlink()
   with pytest.raises(FileNotFoundError, match="1 of 8 motions of 'theirs' are not in .*r000/00003.npy"):
-    run.evaluate([], [archive], SMALL, out=tmp_path / "out", force=True, show=False, **evaluators,
-                 motions=[("theirs", tmp_path / "made")])
+    run.evaluate(Request([], [archive], SMALL, out=tmp_path / "out", force=True, verbose=False, **evaluators,
+        motions=[("theirs", tmp_path / "made")]))
 
 
 def test_physics_of_the_controls_moves_as_it_should(judged):
@@ -300,7 +305,7 @@ def test_physics_of_the_controls_moves_as_it_should(judged):
 
 def test_real_data_that_does_not_look_right_stops_it(tiny_run, archive, evaluators, tmp_path):
   with pytest.raises(ValueError, match="does not look right on real data, so nothing was sampled(.|\n)*check "):
-    run.evaluate([tiny_run], [archive], SMALL, out=tmp_path, show=False, **evaluators)
+    run.evaluate(Request([tiny_run], [archive], SMALL, out=tmp_path, verbose=False, **evaluators))
   assert not (tmp_path / "results.json").exists()
 
 
@@ -321,20 +326,20 @@ def test_every_protocol_names_its_numbers():
 
 def test_too_few_samples(tiny_run, archive, evaluators, tmp_path):
   with pytest.raises(ValueError, match="got 9 test items, .* compares 32 at a time; give more data"):
-    run.evaluate([tiny_run], [archive], "archives-66", out=tmp_path, show=False, **evaluators)
+    run.evaluate(Request([tiny_run], [archive], "archives-66", out=tmp_path, verbose=False, **evaluators))
   with pytest.raises(ValueError, match="got --limit 3, .* compares 4 .* --limit 4 is enough, the test set has 9"):
-    run.evaluate([tiny_run], [archive], SMALL, out=tmp_path, limit=3, show=False, **evaluators)
+    run.evaluate(Request([tiny_run], [archive], SMALL, out=tmp_path, limit=3, verbose=False, **evaluators))
 
 
 def test_an_evaluator_of_another_representation(tiny_run, archive, tmp_path):
   with pytest.raises(ValueError, match=r"judged on coordinates features \(66 numbers a frame\), evaluator .* \(67\)"):
-    run.evaluate([tiny_run], [archive], SMALL, evaluator=fresh_evaluator("t2m", "essential"), clip_evaluator="none",
-                 out=tmp_path, show=False)
+    run.evaluate(Request([tiny_run], [archive], SMALL, evaluator=fresh_evaluator("t2m", "essential"),
+        clip_evaluator="none", out=tmp_path, verbose=False))
 
 
 def test_folders_that_are_no_data(tmp_path, archive, tiny_run):
   with pytest.raises(FileNotFoundError, match="is no data folder"):
-    run.evaluate([tiny_run], [tmp_path], "archives-66")
+    run.evaluate(Request([tiny_run], [tmp_path], "archives-66"))
   with pytest.raises(ValueError, match="takes data of humanml3d, .* is 'archive'"):
     test_set_lib.read_test_set([archive], protocols.get_protocol("cdamd-66"), [fresh_evaluator("t2m")])
   with pytest.raises(ValueError, match="no evaluator that ships"):

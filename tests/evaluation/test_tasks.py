@@ -14,6 +14,7 @@ from motion_jax.evaluation import protocols, request, run, samples
 from motion_jax.evaluation import test_set as test_set_lib
 from motion_jax.evaluation.candidates import Candidate, check_options
 from motion_jax.evaluation.harness import Harness
+from motion_jax.evaluation.request import Request
 from motion_jax.evaluation.tasks import control, long_horizon
 from motion_jax.evaluation.tasks.editing import editor
 from motion_jax.evaluators.evaluator import fresh_evaluator
@@ -45,8 +46,8 @@ def evaluator():
 
 
 def judged(runs, folders, protocol, evaluator, out, **options):
-  return run.evaluate(runs, folders, protocol, evaluator=evaluator, clip_evaluator="none", out=out, force=True,
-                      show=False, **options)
+  return run.evaluate(Request(runs, folders, protocol, evaluator=evaluator, clip_evaluator="none", out=out, force=True,
+      verbose=False, **options))
 
 
 def test_reconstruction(tiny_run, archive, evaluator, tmp_path):
@@ -116,7 +117,7 @@ def test_prompt_sequences_of_a_file(archive, evaluator, tmp_path):
   path = tmp_path / "sequences.json"
   path.write_text(json.dumps([dict(id="10", lengths=[70, 64, 33], text=["c", "d", "e"]),
                               dict(id="2", lengths=[101, 80], text=["a person walks", "b"], scenario="long")]))
-  asked = request.resolve([], [str(path), archive])
+  asked = request.resolve(Request([], [str(path), archive]))
   folders, protocol = asked.folders, asked.protocol
   assert protocol.name == "long-horizon" and protocol.note == "" and folders == (archive,) and asked.whole
   harness = Harness(dataclasses.replace(protocol, pool=4, min_frames=24), evaluator, None, test_set_lib.read_test_set(
@@ -127,7 +128,7 @@ def test_prompt_sequences_of_a_file(archive, evaluator, tmp_path):
   assert second.captions == ["c", "d", "e"] and second.frames.tolist() == [68, 64, 32]
   assert len(task._file_hash) == 68
   with pytest.raises(ValueError, match="is a file, protocol 'archives-66' takes data folders alone"):
-    request.resolve([], [str(path), archive], "archives-66")
+    request.resolve(Request([], [str(path), archive], "archives-66"))
 
 
 @pytest.mark.parametrize("content", ["[]", "{}", "walks # 0 # 1", '[{"id": 0, "lengths": [1], "text": ["a", "b"]}]',

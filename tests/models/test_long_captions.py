@@ -11,6 +11,7 @@ from motion_jax.data.clip import Caption
 from motion_jax.data.datasets.humanml3d import write_folder
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.evaluation import protocols, run
+from motion_jax.evaluation.request import Request
 from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_jax.models.cdamd import setup as cdamd_setups
 from motion_jax.models.cmdm import setup as cmdm_setups
@@ -206,8 +207,8 @@ def test_long_captions_are_judged(trained, data, tmp_path):
   protocol = dataclasses.replace(
       protocols.get_protocol("t2m-263"), pool=2, diversity_draws=2, few_draws=2, multimodality_captions=0,
       replications=1)
-  made = run.evaluate([trained[0]], [data], protocol, out=tmp_path / "out", force=True, show=False,
-                      sampling=FAST, evaluator=fresh_evaluator("t2m", "full"), clip_evaluator=None)
+  made = run.evaluate(Request([trained[0]], [data], protocol, out=tmp_path / "out", force=True, verbose=False,
+      sampling=FAST, evaluator=fresh_evaluator("t2m", "full"), clip_evaluator=None))
   assert np.isfinite(made.rows["denoiser"]["fid"]["mean"])
   judge = fresh_evaluator("tmr", "full")
   text = judge.embed_text([LONG, "someone walks"])

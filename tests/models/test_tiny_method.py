@@ -10,6 +10,7 @@ import motion_jax as mj
 from motion_jax import fit as training
 from motion_jax import runs
 from motion_jax.evaluation import protocols, run
+from motion_jax.evaluation.request import Request
 from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_jax.models import options, registry
 from motion_jax.models.base import ABILITIES
@@ -73,9 +74,8 @@ def test_the_command_line_knows_its_choices(folder, tmp_path, monkeypatch, capsy
 def test_it_is_judged(folder, tmp_path):
   archive = write_archive(tmp_path / "archive", make_clips())
   protocol = dataclasses.replace(SMALL, replications=1, multimodality_batches=0)
-  judge = lambda protocol, **more: run.evaluate([folder], [archive], protocol, out=tmp_path / "out", force=True,
-                                                show=False, evaluator=fresh_evaluator("t2m"),
-                                                clip_evaluator="none", **more)
+  judge = lambda protocol, **more: run.evaluate(Request([folder], [archive], protocol, out=tmp_path / "out",
+      force=True, verbose=False, evaluator=fresh_evaluator("t2m"), clip_evaluator="none", **more))
   result = judge(protocol, vary=[dict(spread=0.5), dict(spread=0.1)])
   assert result.row_order == ["real", "run, spread 0.5", "run, spread 0.1"]
   assert np.isfinite([result.rows[row]["fid"]["mean"] for row in result.row_order]).all()

@@ -1,4 +1,4 @@
-"""Before anything is sampled: do the evaluators tell real motions from noise, and right captions from wrong ones?"""
+"""Sanity checks before sampling: evaluators must separate real motions from noise, right captions from wrong ones."""
 import math
 
 from motion_jax.evaluation.harness import NOISE
@@ -12,8 +12,8 @@ BY_CHANCE = 0.05  # share of random orders of captions that may fit as well as t
 NEAR = 0.1       # share by which R-precision and matching of real motions may be off the printed ones
 
 
-def look(harness, replication=0) -> Sanity:
-  """What the evaluators say of real motions, of wrong captions and of noise in one replication, and what looks wrong.
+def check(harness, replication=0) -> Sanity:
+  """Scores of real motions, of shuffled captions and of noise in one replication, and what is wrong with them.
 
   -> {"real", "shuffled": scores, "fid_noise", "fid_halves", "failures": [sentences], "warnings": [sentences]}.
   """
@@ -73,9 +73,9 @@ def _few(harness):
       "rows of this table alone"]
 
 
-def demand(found, force=False):
-  """Raises ValueError where `look` found something wrong, unless it is forced."""
+def require(found, force=False):
+  """Raises ValueError if `check` found a failure, unless forced."""
   if found["failures"] and not force:
     raise ValueError("the evaluation does not look right on real data, so nothing was sampled:\n- "
                      + "\n- ".join(found["failures"])
-                     + "\n--force goes on all the same and keeps this in the provenance")
+                     + "\n--force continues and records this in the provenance")
