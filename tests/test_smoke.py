@@ -18,7 +18,7 @@ from motion_jax.training import checkpoint
 from motion_jax.training.metrics import read_metrics
 from motion_jax.utils import config_files, overrides
 from motion_studio import cli
-from motion_studio.language.sentences import understand
+from motion_studio.language import parse
 from tests.conftest import ROOT, light_training, load_config
 
 CONFIGS = [name for name in config_files.names() if "/" not in name]
@@ -209,7 +209,7 @@ def test_an_example_with_its_answer_is_what_the_command_prints():
   """docs/sentences.md: what is understood of its first sentence, in the words that are printed."""
   page = (ROOT / "docs" / "sentences.md").read_text(encoding="utf-8")
   (sentence, said), = re.findall(r'\$ motion-jax generate "(.*?)".*\nunderstood as: (.*)\n', page)
-  assert " | ".join(segment.words for segment in understand(sentence).segments) == said
+  assert " | ".join(segment.words for segment in parse(sentence).segments) == said
   assert not load_text_encoder("cmdm-small").out_of_vocabulary(sentence)
 
 

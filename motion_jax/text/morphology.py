@@ -51,6 +51,11 @@ def verb_of(word: str) -> str:
   return _PASTS.get(word) or base_form(word, ACTIONS)
 
 
+def is_participle(word: str) -> bool:
+  """Whether a word is the present participle of a verb of movement: "waving", but not "ring"."""
+  return word.endswith("ing") and verb_of(word) not in ("", word)
+
+
 @functools.lru_cache(maxsize=1 << 14)
 def possible_bases(word):
   """The word and all base forms that its ending allows, for a comparison of words whatever their form.

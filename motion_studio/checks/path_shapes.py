@@ -1,7 +1,7 @@
-"""Where a walk leads, and how fast: what a sentence says of it, and how far the joints of a motion are from that.
+"""Prompt checks of paths: how far the path of a body is from the shape and the pace that its prompt requires.
 
-Circles, half circles and zigzags are told by the course over the ground, slow and quick by the usual pace of captions
-by kinematics (`data.event_words`). For `looking`, which has a motion made anew that does not show them.
+Circles, half circles and zigzags are measured by the direction of travel, slow and quick by the usual pace of captions
+by kinematics (`analysis.event_words`).
 """
 import numpy as np
 
@@ -10,13 +10,13 @@ from motion_jax.analysis.signals import Body, course_of, turning_points
 from motion_studio.language import parse
 from motion_studio.language.path_shapes import BENT, KINDS, PACES, PathShape, is_gait, with_a_side  # noqa: F401
 
-_GOES, _CREEPS = 0.3, 0.12  # metres a second of whoever goes somewhere, and of whoever does so slowly
-_ROUND = 300.0      # degrees of a circle at the least; as in `motion.events`
-_HALF = (150.0, 210.0)
-_SWERVES, _SWERVE = 4, 25.0  # how often, and by how many degrees at the least, a zigzag turns
-_BENT = 45.0        # degrees by which the course of a straight way turns at the most
-_BACK = 30.0        # degrees by which one that leads round one way may turn the other way
-_MOST = 0.9         # of what is asked that is missed where it does not show well; less than where it is not there
+_MOVING, _MOVING_SLOWLY = 0.3, 0.12  # metres per second from which on a body goes somewhere, and of a slow walk
+_CIRCLE = 300.0     # degrees of a circle at least, as in `analysis.events`
+_HALF_CIRCLE = (150.0, 210.0)
+_ZIGZAG_TURNS, _ZIGZAG_ANGLE = 4, 25.0  # turns of a zigzag, and degrees of each at least
+_STRAIGHT = 45.0    # degrees by which a straight path bends at most
+_TURNED_BACK = 30.0  # degrees by which a circle may turn the other way
+_WORST = 0.9        # violation of a path that goes somewhere but has another shape; 1 for one that does not
 
 
 def least_seconds(text: str) -> float:
@@ -24,36 +24,37 @@ def least_seconds(text: str) -> float:
   return parse(text).min_duration
 
 
-Way = PathShape  # its former name
+def path_violation(body: Body, shape: PathShape) -> float:
+  """How far the path of a body is from a shape or pace, 0 where it is met.
 
-
-def missed(body: Body, way: Way) -> float:
-  """How much of a way is not to be seen in a body: 0 to 0.9 by how far it is from it, 1 of one to the other side or who
-  goes nowhere."""
+  Up to 0.9 by the degrees or the speed that it is off; 1 for a turn to the other side and a body that stays in place.
+  """
   if body.num < 4:
-    return float(way.kind != "usual")
-  going = body.speed > (_CREEPS if way.kind == "slowly" else _GOES)
+    return float(shape.kind != "usual")
+  going = body.speed > (_MOVING_SLOWLY if shape.kind == "slowly" else _MOVING)
   if going.sum() < max(0.5 * body.fps, 4):
-    return float(way.kind != "usual")
-  if way.kind in PACES:
-    return _off_pace(float(np.median(body.speed[going])), *way)
+    return float(shape.kind != "usual")
+  if shape.kind in PACES:
+    return _off_pace(float(np.median(body.speed[going])), *shape)
   course = course_of(body.smooth(body.path, 0.3)[going])
   total, spread = course[-1] - course[0], float(np.ptp(course))
-  if way.kind == "straight":
-    return _share(spread - _BENT, 180)
-  if way.kind == "zigzag":
-    return _share(_SWERVES + 1 - len(turning_points(course, _SWERVE)), _SWERVES)
-  if way.side and abs(total) > _SWERVE and (total > 0) != (way.side == "left"):
+  if shape.kind == "straight":
+    return _share(spread - _STRAIGHT, 180)
+  if shape.kind == "zigzag":
+    return _share(_ZIGZAG_TURNS + 1 - len(turning_points(course, _ZIGZAG_ANGLE)), _ZIGZAG_TURNS)
+  if shape.side and abs(total) > _ZIGZAG_ANGLE and (total > 0) != (shape.side == "left"):
     return 1.0
-  least, most = (_ROUND, np.inf) if way.kind == "circle" else _HALF
-  back = max(spread - abs(total) - _BACK, 0.0)
+  least, most = (_CIRCLE, np.inf) if shape.kind == "circle" else _HALF_CIRCLE
+  back = max(spread - abs(total) - _TURNED_BACK, 0.0)
   return _share(max(least - abs(total), abs(total) - most, 0.0) + back, least)
 
 
 def _off_pace(pace, kind, gait):
+  """Pace: below 0.75 of the usual one for "slowly", above 1.3 for "quickly", below 1.3 for "usual"."""
   ratio = pace / USUAL[f"{gait} forward"]
   return _share({"slowly": ratio - SLOWLY, "quickly": QUICKLY - ratio, "usual": ratio - QUICKLY}[kind], 1.0)
 
 
 def _share(by, of):
-  return float(np.clip(by / of, 0.0, _MOST))
+  """A deviation as a violation: by / of, between 0 and `_WORST`."""
+  return float(np.clip(by / of, 0.0, _WORST))

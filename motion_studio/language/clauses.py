@@ -1,193 +1,153 @@
-"""Sentences cut into clauses (`clause`), one for each thing that is done.
-
-`sentences` puts them in order. What is no action of its own stays with the words before it.
-"""
+"""A text becomes clauses: cut at connectors and participles, then joined again where a part is no action of its own."""
 import re
 
+from motion_jax.text.morphology import is_participle, verb_of
 from motion_jax.text.tagger import tag_words
-from motion_studio.language import actions
-from motion_studio.language.clause import (
-  PEOPLE,
-  clause_of,
-  counted,
-  fit,
-  is_ing,
-  is_person,
-  lower,
-  part_of,
-  unknown_verb,
-)
-from motion_studio.language.ellipsis import more_of_it
-from motion_studio.language.light_verbs import LIGHT
+from motion_studio.language import lexicon
+from motion_studio.language.clause import can_be_simultaneous, clause_of, is_person, lower, unknown_verb
+from motion_studio.language.connectors import connector_at, stronger
+from motion_studio.language.counting import with_numbers
+from motion_studio.language.ellipsis import completed
 
 _TOKEN = re.compile(r"\d+(?:\.\d+)?|\w+(?:['’-]\w+)*|\S", re.UNICODE)
 _NOT = re.compile(r"(?i)\b(do|does|did)n['’]t\b")
-_DETERMINERS = {"the", "a", "an", "this", "that"}
-_ACTORS = {"he", "she", "they", "i"}
-_LONGEST_SUBJECT = 5  # "the tired old man"
-_LONG = 40  # words of a clause behind which no further one begins unmarked
-_IN_A_ROW = ("and then", "but then", "and after that", "after that", "after which", "after a while", "after a moment",
-             "a moment later", "and afterwards", "afterwards", "followed by", "and finally", "finally", "and lastly",
-             "lastly", "and next", "next", "and later", "later on", "then", ";", ".", "!", "?")
-_AT_ONCE = ("while also", "while", "whilst", "and at the same time", "at the same time as", "and simultaneously",
-            "during", "as")
-_CONNECTORS = {words: kind for kind, group in {
-    "then": _IN_A_ROW, "while": _AT_ONCE, "before": ("before",), "after": ("after", "once", "when"),
-    "until": ("until", "till", "and then until"), "and": ("and also", "and", "but"), ",": (",",)}.items()
-               for words in group}
-_ASPECTS = set("be start begin continue keep proceed resume go stop quit finish do try practice perform pause like by "
-               "and".split())
-_BEHIND_ONCE = set("with on to in at from by and again more".split())  # "kicks left, then once with the right"
-_PATHS = {"u-turn", "circle", "circles", "loop", "zigzag", "arc", "detour"}  # shapes of a way that is walked
-_LONGEST = max(len(words.split()) for words in _CONNECTORS)
+_SUBORDINATE = ("before", "after", "while", "until")
+_LONGEST_SUBJECT = 5  # words: "the tired old man"
+_LONGEST_CLAUSE = 40  # words after which a participle begins no further clause
 
 
 def fragments_of(text):
-  """The text cut at its connectors: [(how it is joined to what is before, connector's tokens, tokens)]; joins are keys
-  of `_CONNECTORS`, "" at the start."""
+  """The text cut at its connectors: [(name of the connector before it, the connector's tokens, tokens)].
+
+  The name is "" for the first fragment.
+  """
   tokens = _TOKEN.findall(_NOT.sub(r"\1 not", text))
-  lower = [token.lower().replace("’", "'") for token in tokens]
+  words = [token.lower().replace("’", "'") for token in tokens]
   found, kind, start, at = [], "", 0, 0
-  said = []  # connectors as they stand between the fragments
+  between = []  # tokens of the connectors since the last fragment
   while at < len(tokens):
-    length, here = _connector(lower, at)
-    if not length and _is_participle(lower, start, at):
-      found.append((kind, said, tokens[start:at]))
-      kind, said, start = "while", [], at
+    length, here = connector_at(words, at)
+    if not length and _begins_at_participle(words, start, at):
+      found.append((kind, between, tokens[start:at]))
+      kind, between, start = "while", [], at
     if length:
       if at > start:
-        found.append((kind, said, tokens[start:at]))
-        kind, said = "", []
-      kind, said = _stronger(kind, here), [*said, *tokens[at:at + length]]
+        found.append((kind, between, tokens[start:at]))
+        kind, between = "", []
+      kind, between = stronger(kind, here), [*between, *tokens[at:at + length]]
       start = at + length
     at += length or 1
   if start < len(tokens):
-    found.append((kind, said, tokens[start:]))
+    found.append((kind, between, tokens[start:]))
   return found
 
 
-def _is_participle(words, start, at):
-  """Whether another part's action begins at this word of a fragment, as in "walks forward waving both hands"."""
-  if not 2 <= at - start <= _LONG or not is_ing(words[at]) or (
-      _ASPECTS & {words[at - 1], actions.verb_of(words[at - 1])}):
+def _begins_at_participle(words, start, at):
+  """Whether an action of arms or head begins at this word of a fragment, as in "walks forward waving both hands"."""
+  if not 2 <= at - start <= _LONGEST_CLAUSE or not is_participle(words[at]) or (
+      lexicon.BEFORE_A_PARTICIPLE & {words[at - 1], verb_of(words[at - 1])}):
     return False
-  tags = [pos for _, pos in tag_words(words[start:at])]
+  last_tag = tag_words(words[start:at])[-1][1]
   clause, own = clause_of(words[start:at]), clause_of(words[at:at + 4])
-  return tags[-1] not in ("ADP", "DET", "ADJ", "NUM", "AUX") and clause is not None and own is not None and (
-      part_of(own) in ("arms", "head")) and fit([clause], own)
+  return last_tag not in ("ADP", "DET", "ADJ", "NUM", "AUX") and clause is not None and own is not None and (
+      own.part in ("arms", "head")) and can_be_simultaneous([clause], own)
 
 
-def _connector(lower, at):
-  """(tokens, kind) of the connector that begins here, or (0, "")."""
-  for length in range(min(_LONGEST, len(lower) - at), 0, -1):
-    words = " ".join(lower[at:at + length])
-    if words in _CONNECTORS:
-      after = lower[at + length] if at + length < len(lower) else ""
-      if words == "as" and after in ("if", "though", "well", "a", "an"):
-        return 0, ""
-      if words == "next" and after == "to" or words == "then" and after in ("more", "again"):
-        return 0, ""
-      if words == "once" and (after in _BEHIND_ONCE or not re.match(r"\w", after)):
-        return 0, ""
-      if words == "while" and at and lower[at - 1] in ("a", "little", "short", "long", "good"):
-        return 0, ""  # "rests for a while"
-      return length, _CONNECTORS[words]
-  return 0, ""
+def clauses_of(fragments, keep_together):
+  """[(connector, clause)] of fragments; a fragment that is no action of its own is joined to the one before it.
 
-
-def _stronger(one, other):
-  """Of two connectors in a row (", and", "and while") the one that says more."""
-  order = ("", ",", "and", "then", "while", "until", "after", "before")
-  return max(one, other, key=order.index)
-
-
-def joined(fragments, known):
-  """Fragments [(kind, connector's tokens, tokens)] to [(kind, clause)]: what is no action of its own stays with the
-  words before it, connector and all. known: whether such words stay together, as one action that a model has learned.
+  keep_together: whether words are one action although they could be two. The connector of a main clause that follows
+  its subordinate clause is "main before" and the like, that of the latter "lead before".
   """
-  fragments = [(kind, said, list(tokens)) for kind, said, tokens in _with_main_clause(fragments)]
+  fragments = [(kind, between, list(tokens)) for kind, between, tokens in _with_main_clause(fragments)]
   result: list = []  # [kind, tokens, clause or None]
   lead = ""          # a subordinate clause in front waits for its main clause
-  for kind, said, tokens in fragments:
+  for kind, between, tokens in fragments:
     clause = clause_of(tokens) or (unknown_verb(tokens) if kind == "then" else None)
     if not result:
-      lead = kind if kind in ("before", "after", "while", "until") else ""
+      lead = kind if kind in _SUBORDINATE else ""
       if lead and clause and clause.subject and not is_person(clause.subject) and len(fragments) > 1:
         lead = ""
         continue  # "when the music starts, the man dances"
       result.append([lead and f"lead {lead}" or "", tokens, clause])
       continue
     previous = result[-1]
-    if previous[2] is None and kind == "," and clause and is_ing(clause.form) and is_person(previous[1]) and not lead:
+    if previous[2] is None and kind == "," and clause and is_participle(clause.form) and (
+        is_person(previous[1])) and not lead:
       result[-1] = ["lead while", tokens, clause._replace(subject=previous[1])]  # "a person, walking forward, waves"
       lead = "while"
       continue
-    more = None if previous[2] is None else more_of_it([one for _, _, one in result if one], kind, tokens, clause)
+    more = None if previous[2] is None else completed([one for _, _, one in result if one], kind, tokens, clause)
     clause = clause if more is None else more
-    apart = more is not None or clause is not None and previous[2] is not None and (
+    is_own = more is not None or clause is not None and previous[2] is not None and (
         _stands_alone(kind, clause, tokens, previous))
-    if apart and kind in ("and", "while") and known(" ".join([*previous[1], *said, *tokens])):
-      apart = False
-    if not apart:
-      previous[1] += [*said, *tokens]
-      if previous[2] is not None:
-        again = clause_of(previous[1])
-        if previous[2].reworded or again is not None and again.reworded:
-          previous[2] = again  # "takes a bow and a step back", "goes ahead and to the left without turning"
-        else:
-          previous[2].words.extend([*said, *tokens])
-      elif clause is not None:
-        previous[2] = clause_of(previous[1])
+    if is_own and kind in ("and", "while") and keep_together(" ".join([*previous[1], *between, *tokens])):
+      is_own = False
+    if not is_own:
+      _join(previous, [*between, *tokens], clause)
       continue
     if lead and kind in (",", "then", "and") and (kind != "and" or clause.subject):
       kind, lead = f"main {lead}", ""
     result.append([kind, tokens, clause])
-  return [(kind, clause and counted(clause)) for kind, _, clause in result]
+  return [(kind, clause and with_numbers(clause)) for kind, _, clause in result]
+
+
+def _join(previous, tokens, clause):
+  """Adds tokens, whose own clause is given, to the fragment [kind, tokens, clause] before them."""
+  previous[1] += tokens
+  if previous[2] is not None:
+    again = clause_of(previous[1])
+    if previous[2].reworded or again is not None and again.reworded:
+      previous[2] = again  # "takes a bow and a step back", "goes ahead and to the left without turning"
+    else:
+      previous[2].words.extend(tokens)
+  elif clause is not None:
+    previous[2] = clause_of(previous[1])
 
 
 def _with_main_clause(fragments):
-  """The fragments, the first parted where its main clause begins without a comma: "after she sits she gets up"."""
-  if not fragments or fragments[0][0] not in ("before", "after", "while", "until"):
+  """The fragments, the first cut where its main clause begins without a comma: "after she sits she gets up"."""
+  if not fragments or fragments[0][0] not in _SUBORDINATE:
     return fragments
-  (kind, said, tokens), *rest = fragments
+  (kind, between, tokens), *rest = fragments
   words = lower(tokens)
   for at in range(1, len(words)):
-    clause = clause_of(tokens[at:]) if words[at] in _ACTORS | _DETERMINERS else None
+    clause = clause_of(tokens[at:]) if words[at] in lexicon.SUBJECT_PRONOUNS | lexicon.DETERMINERS else None
     subject = lower(clause.subject) if clause is not None else []
-    begun = subject and subject[-1] in PEOPLE and not is_ing(clause.form) and not _DETERMINERS & set(subject[1:])
-    if begun and len(subject) <= _LONGEST_SUBJECT and clause_of(tokens[:at]) is not None:
-      return [(kind, said, tokens[:at]), (",", [","], tokens[at:]), *rest]
+    begins = subject and subject[-1] in lexicon.PEOPLE and not is_participle(clause.form) and not (
+        lexicon.DETERMINERS & set(subject[1:]))
+    if begins and len(subject) <= _LONGEST_SUBJECT and clause_of(tokens[:at]) is not None:
+      return [(kind, between, tokens[:at]), (",", [","], tokens[at:]), *rest]
   return fragments
 
 
 def _stands_alone(kind, clause, tokens, previous):
-  """Whether a fragment behind a connector is an action, and not more words of the one before."""
+  """Whether a fragment after a connector is an action, and not more words of the one before."""
   if clause.subject and not is_person(clause.subject):
     return False
   if kind == "and" and not clause.verb:
     return False
-  if kind == "," and is_ing(clause.form) and not fit([previous[2]], clause):
+  if kind == "," and is_participle(clause.form) and not can_be_simultaneous([previous[2]], clause):
     return False  # "walks, turning left"
   if kind in ("and", ","):
-    if _noun_list(previous) or clause.verb in LIGHT and _PATHS & {word.lower() for word in clause.words}:
+    if _ends_in_nouns(previous[2]) or clause.verb in lexicon.LIGHT_VERBS and (
+        lexicon.PATH_NOUNS & set(lower(clause.words))):
       return False  # "walks and makes a u-turn"
-    begun = is_ing(lower(tokens)[0])
-    if not begun and is_ing(clause.form) and clause.verb == previous[2].verb and not clause.words:
+    begins = is_participle(lower(tokens)[0])
+    if not begins and is_participle(clause.form) and clause.verb == previous[2].verb and not clause.words:
       return False  # "walks forward and keeps walking"
-    if begun and kind == "and" and previous[2].form != clause.form and not (
-        is_ing(previous[2].form) or "is" in previous[2].subject or previous[0] in ("while", ",")):
+    if begins and kind == "and" and previous[2].form != clause.form and not (
+        is_participle(previous[2].form) or "is" in previous[2].subject or previous[0] in ("while", ",")):
       return False  # "walks with jumping and singing"
-    return bool(actions.verb_of(clause.form.lower()))
-  if kind == "while" and not previous[0].startswith("lead") and not fit([previous[2]], clause):
+    return bool(verb_of(clause.form.lower()))
+  if kind == "while" and not previous[0].startswith("lead") and not can_be_simultaneous([previous[2]], clause):
     return False  # "turns left while walking"
-  if kind in ("while", "before", "after", "until"):
-    return bool(clause.subject or is_ing(clause.form) or kind == "until" or not clause.before)
+  if kind in _SUBORDINATE:
+    return bool(clause.subject or is_participle(clause.form) or kind == "until" or not clause.before)
   return True
 
 
-def _noun_list(previous):
-  """Whether what was before ends in a thing that looks like a verb: "throws punches" (and kicks)."""
-  clause = previous[2]
+def _ends_in_nouns(clause):
+  """Whether a clause ends in a thing that looks like a verb: "throws punches" (and kicks)."""
   last = clause.words[-1].lower() if clause.words else ""
-  return last.endswith("s") and bool(actions.verb_of(last)) and actions.verb_of(last) != "cross" and (
-      last not in ("arms", "hands", "steps"))
+  return last.endswith("s") and verb_of(last) not in ("", "cross") and last not in ("arms", "hands", "steps")

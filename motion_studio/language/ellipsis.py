@@ -1,108 +1,182 @@
-"""What a sentence leaves unsaid because it was said just before: "turns left, then right", "kicks twice with the left
-leg, then once with the other", "walks, then speeds up", "stops and goes on".
+"""Ellipsis: words that a sentence leaves out because it gave them just before, as in "turns left, then right".
+
+Two lists of rules, both tried in order: `CONTINUATIONS` after any connector, `VERBLESS` for words without a verb.
 """
 import re
 
-from motion_studio.language import actions
-from motion_studio.language.clause import (
-  DIRECTIONS,
-  NUMBERS,
-  ONE_MORE,
-  POSSESSIVES,
-  SIDES,
-  Clause,
-  lower,
-  without_times,
-)
-from motion_studio.language.light_verbs import BLOWS, LIGHT, reworded
+from motion_jax.text.morphology import verb_of
+from motion_studio.language import lexicon
+from motion_studio.language.clause import Clause, lower
+from motion_studio.language.counting import without_times
+from motion_studio.language.light_verbs import reworded
+from motion_studio.language.rule import Rule, first_match
 
-_LIMBS = {"hand", "arm", "leg", "foot", "knee", "elbow", "hands", "arms"}
-_OF_A_LIMB = set("the with on left right both other one".split())
-_GAITS = {"walk", "run", "jog", "march", "sneak", "stroll", "go"}
-_CHANGES_PACE = re.compile(
+_PACE = re.compile(
     r"(?:(?:gradually|suddenly|then|slowly|quickly|abruptly) )?(?:(?P<slower>slows?|decelerates?|(?:(?:goes|gets) )?"
     r"slower)|speeds?|accelerates?|(?:(?:goes|gets) )?faster|picks up (?:the |some )?(?:pace|speed))"
     r"(?: up| down)?(?: (?:gradually|suddenly|a bit|a little|again))?(?: (?:in)?to an? (?P<gait>walk|run|jog|sprint))?")
-_SHAPES = re.compile(r"(?i)(?:in|along) an? (?:\w+ )?(?:circle|loop|arc|curve|semicircle|spiral)\b")
-_GOES_ON = re.compile(r"(?:goes|moves|carries) on|keeps going|continues|resumes|proceeds")
+_SHAPE = re.compile(r"(?i)(?:in|along) an? (?:\w+ )?(?:circle|loop|arc|curve|semicircle|spiral)\b")
+_CONTINUE = re.compile(r"(?:goes|moves|carries) on|keeps going|continues|resumes|proceeds")
 
 
-def more_of_it(done, kind, tokens, clause):
-  """The clause of words that go on from the clauses before: with no verb of their own, with that of a change of pace,
-  or with one that says to go on."""
+def completed(done, kind, tokens, clause):
+  """The clause of words that take their meaning from the clauses before them, None of others.
+
+  done: the clauses before; kind: how the words are joined to them; clause: of the words by themselves, or None.
+  """
+  found = first_match(CONTINUATIONS, done, kind, tokens)
+  if found is not None or clause is not None:
+    return found
   previous, words = done[-1], lower(tokens)
-  gone = next((one for one in reversed(done) if one.verb in _GAITS), None)
-  if gone is not None and _GOES_ON.fullmatch(" ".join(words)):
-    return gone._replace(before=[], subject=[])
-  changed = _other_pace(previous, tokens)
-  taken = previous.verb in LIGHT or previous.reworded or previous.steps
-  if changed is None and taken and _steps(words) and kind in ("and", ",", "then"):
-    return Clause([], [], "take", "take", list(tokens))  # "and one step back"
-  if changed is not None or clause is not None:
-    return changed
   if kind == "then":
-    return _elliptic(previous, tokens)
+    return _verbless(previous, tokens)
   if kind not in ("and", ","):
     return None
-  # "jumps forward twice and backward once", "punches left, right"; "walks back and forth" stays what it is.
-  both = all(without_times(some)[1] is not None for some in (previous.words, tokens))
-  blow = previous.verb in BLOWS and words in (["left"], ["right"])
-  return _elliptic(previous, tokens) if both or blow else None
+  # "jumps forward twice and backward once", "punches left, right"; "walks back and forth" stays as it is.
+  both_counted = all(without_times(some)[1] is not None for some in (previous.words, tokens))
+  other_side = previous.verb in lexicon.BLOWS and words in (["left"], ["right"])
+  return _verbless(previous, tokens) if both_counted or other_side else None
 
 
-def _steps(words):
-  """Whether words are no more than "two steps back"."""
-  return words[1:2] in (["step"], ["steps"]) and words[0] in NUMBERS | dict.fromkeys(ONE_MORE) and (
-      set(words[2:]) <= DIRECTIONS | {"to", "the"})
+def _verbless(previous, tokens):
+  """The clause of words without a verb, which is that of the previous clause."""
+  tokens, times = without_times(tokens)
+  if times is None:
+    return first_match(VERBLESS, previous, tokens, [token.lower() for token in tokens])
+  again = previous._replace(words=without_times(previous.words)[0], before=[], subject=[])
+  found = _verbless(previous, tokens) if tokens else again
+  return found and found._replace(times=times)
 
 
-def _other_pace(previous, tokens):
-  """The clause of "speeds up" behind "walks slowly", of "slows down to a walk" behind "runs"; None of other words."""
-  found = _CHANGES_PACE.fullmatch(" ".join(lower(tokens)))
-  if found is None or previous.verb not in _GAITS:
+def _with_words(previous, words):
+  return previous._replace(words=words, before=[], subject=[])
+
+
+# --- continuations ----------------------------------------------------------------------------------------------------
+
+def _going_on(done, kind, tokens):
+  gait = next((one for one in reversed(done) if one.verb in lexicon.GAITS), None)
+  goes_on = gait is not None and _CONTINUE.fullmatch(" ".join(lower(tokens)))
+  return gait._replace(before=[], subject=[]) if goes_on else None
+
+
+def _change_of_pace(done, kind, tokens):
+  previous, found = done[-1], _PACE.fullmatch(" ".join(lower(tokens)))
+  if found is None or previous.verb not in lexicon.GAITS:
     return None
   if found["gait"]:
     return Clause([], [], found["gait"], found["gait"], [])
   words = " ".join(previous.words).replace(" at first", "").split()
   words = [word for word in words if not word.lower().endswith("ly") and word.lower() != "fast"]
-  return previous._replace(words=[*words, "slowly" if found["slower"] else "quickly"], before=[], subject=[])
+  return _with_words(previous, [*words, "slowly" if found["slower"] else "quickly"])
 
 
-def _elliptic(previous, tokens):
-  """The clause of "then right" behind "turns left", of "then the right hand" behind "raises the left hand"."""
-  tokens, times = without_times(tokens)
-  if times is not None:  # "then twice with the right hand"
-    again = previous._replace(words=without_times(previous.words)[0], before=[], subject=[])
-    found = _elliptic(previous, tokens) if tokens else again
-    return found and found._replace(times=times)
-  words = [token.lower() for token in tokens]
-  if words and all(word.endswith("ly") for word in words):
-    return previous._replace(words=[word for word in previous.words if not word.endswith("ly")] + list(tokens),
-                             before=[], subject=[])
-  adverbs = {word for word in words if word.endswith("ly")}
-  if words and all(word in DIRECTIONS | {"to", "the"} | adverbs for word in words) and words != ["again"] and not (
-      _LIMBS.intersection(lower(previous.words)) and words[-1] in SIDES and "to" not in words) and (
-          DIRECTIONS.intersection(lower(previous.words))):
-    shape = _SHAPES.match(" ".join(previous.words))  # "in a circle to the left, then to the right"
-    return previous._replace(words=[*(shape[0].split() if shape else []), *tokens], before=[], subject=[])
-  if words[:1] == ["in"] and previous.verb in _GAITS:  # "in a circle, then in a straight line"
-    return previous._replace(words=list(tokens), before=[], subject=[])
-  if words and words[0] == "like":  # "walks normally, then like an old man"
-    return previous._replace(words=[word for word in previous.words if word.lower() != "normally"] + list(tokens),
-                             before=[], subject=[])
-  if len(words) == 2 and words[0] in ONE_MORE and actions.verb_of(words[1]):  # "followed by a jump"
-    return Clause([], [], actions.verb_of(words[1]), actions.verb_of(words[1]), [])
-  taken = reworded("take", tokens, NUMBERS)
-  if taken is not None:  # "then a right turn", "followed by two bows"
-    return Clause([], [], taken.verb, taken.verb, taken.words, taken.times, reworded=True)
-  if _steps(words):  # "then a step back"
-    return Clause([], [], "take", "take", list(tokens))
-  limb = next((word for word in lower(previous.words) if word in _LIMBS), "")
-  if words and set(words) <= POSSESSIVES | _LIMBS | _OF_A_LIMB and (
-      words[-1] in _LIMBS or limb and words[-1] in (*SIDES, "other")):
-    lead = ["with"] if "with" in previous.words and "with" not in words else []
-    lead += ["the"] if len(words) == 1 and words[0] in SIDES else []
-    side = next((SIDES[word] for word in lower(previous.words) if word in SIDES), "other")
-    said = [side if word.lower() == "other" else word for word in tokens]
-    return previous._replace(words=[*lead, *said, *([] if words[-1] in _LIMBS else [limb])], before=[], subject=[])
-  return None
+def _further_steps(done, kind, tokens):
+  previous = done[-1]
+  is_object = previous.verb in lexicon.LIGHT_VERBS or previous.reworded or previous.steps
+  steps = is_object and kind in ("and", ",", "then") and _is_steps(lower(tokens))
+  return Clause([], [], "take", "take", list(tokens)) if steps else None
+
+
+def _is_steps(words):
+  """Whether words are no more than "two steps back"."""
+  return words[1:2] in (["step"], ["steps"]) and words[0] in {*lexicon.NUMBERS, *lexicon.ONE_MORE} and (
+      set(words[2:]) <= lexicon.DIRECTIONS | {"to", "the"})
+
+
+# --- words without a verb ---------------------------------------------------------------------------------------------
+
+def _manner(previous, tokens, words):
+  if not words or not all(word.endswith("ly") for word in words):
+    return None
+  return _with_words(previous, [word for word in previous.words if not word.endswith("ly")] + list(tokens))
+
+
+def _direction(previous, tokens, words):
+  said, adverbs = lower(previous.words), {word for word in words if word.endswith("ly")}
+  is_direction = words and words != ["again"] and set(words) <= lexicon.DIRECTIONS | {"to", "the"} | adverbs
+  of_a_limb = lexicon.LIMBS.intersection(said) and words and words[-1] in lexicon.SIDES and "to" not in words
+  if not is_direction or of_a_limb or not lexicon.DIRECTIONS.intersection(said):
+    return None
+  shape = _SHAPE.match(" ".join(previous.words))  # "in a circle to the left, then to the right"
+  return _with_words(previous, [*(shape[0].split() if shape else []), *tokens])
+
+
+def _other_path(previous, tokens, words):
+  is_path = words[:1] == ["in"] and previous.verb in lexicon.GAITS
+  return _with_words(previous, list(tokens)) if is_path else None
+
+
+def _other_style(previous, tokens, words):
+  if words[:1] != ["like"]:
+    return None
+  return _with_words(previous, [word for word in previous.words if word.lower() != "normally"] + list(tokens))
+
+
+def _noun_for_a_verb(previous, tokens, words):
+  verb = verb_of(words[1]) if len(words) == 2 and words[0] in lexicon.ONE_MORE else ""
+  return Clause([], [], verb, verb, []) if verb else None
+
+
+def _taken_noun(previous, tokens, words):
+  taken = reworded("take", tokens)
+  return taken and Clause([], [], taken.verb, taken.verb, taken.words, taken.times, reworded=True)
+
+
+def _steps(previous, tokens, words):
+  return Clause([], [], "take", "take", list(tokens)) if _is_steps(words) else None
+
+
+def _other_limb(previous, tokens, words):
+  said = lower(previous.words)
+  limb = next((word for word in said if word in lexicon.LIMBS), "")
+  if not words or not set(words) <= lexicon.POSSESSIVES | lexicon.LIMBS | lexicon.BEFORE_A_LIMB or not (
+      words[-1] in lexicon.LIMBS or limb and words[-1] in (*lexicon.SIDES, "other")):
+    return None
+  start = ["with"] if "with" in previous.words and "with" not in words else []
+  start += ["the"] if len(words) == 1 and words[0] in lexicon.SIDES else []
+  side = next((lexicon.SIDES[word] for word in said if word in lexicon.SIDES), "other")
+  own = [side if word.lower() == "other" else word for word in tokens]
+  return _with_words(previous, [*start, *own, *([] if words[-1] in lexicon.LIMBS else [limb])])
+
+
+CONTINUATIONS = (
+    Rule("Going on", "The last walk or run goes on.", {
+        "he walks a bit, waits for 3 seconds and goes on": "walks a bit | stands still [3] | walks a bit",
+        "a person walks forward, stops, then continues": "walks forward | stands still | walks forward"}, _going_on),
+    Rule("Change of pace", "The same walk or run quickly, slowly, or in another gait.", {
+        "a person walks, speeds up, then slows down again": "walks | walks quickly | walks slowly",
+        "a person runs, then slows down to a walk": "runs | walks"}, _change_of_pace),
+    Rule("Further steps", "Steps after steps, or after an action that a noun names.", {
+        "a person takes three steps forward and two steps back":
+            "walks forward [1.65] | walks backward [1.3] | stands still",
+        "a person takes a bow and a step back": "bows | walks backward [0.8] | stands still"}, _further_steps),
+)
+VERBLESS = (
+    Rule("Other manner", "The same action in another manner.", {
+        "a person walks slowly, then quickly": "walks slowly | walks quickly"}, _manner),
+    Rule("Other direction", "The same action to another side; the shape of a path stays.", {
+        "a person turns left, then right": "turns left | turns right",
+        "a person walks in a circle to the left, then to the right":
+            "walks in a circle to the left | walks in a circle to the right",
+        "a person jumps forward twice and backward once": "jumps forward 2 times | jumps backward"}, _direction),
+    Rule("Other path", "The same gait along another path.", {
+        "a person walks in a circle to the left, then in a circle to the right":
+            "walks in a circle to the left | walks in a circle to the right"}, _other_path),
+    Rule("Other style", "The same action in the style of somebody.", {
+        "a person walks normally, then like an old man": "walks normally | walks like an old man"}, _other_style),
+    Rule("Noun for a verb", "A noun after \"then\" or \"followed by\" names the action.", {
+        "a person walks, then a run": "walks | runs",
+        "a person walks followed by a dance": "walks | dances"}, _noun_for_a_verb),
+    Rule("Noun of an action", "As after a light verb.", {
+        "a man makes a left turn, followed by a right turn": "turns left | turns right",
+        "she throws a left punch, then two right kicks":
+            "punches with the left hand | kicks with the right foot 2 times"}, _taken_noun),
+    Rule("Steps", "The steps are taken.", {
+        "a man walks around, then a step back": "walks around | walks backward [0.8] | stands still"}, _steps),
+    Rule("Other limb", "The same action with another arm or leg, as often as the words give.", {
+        "a person raises the left hand, then the right": "raises the left hand | raises the right hand",
+        "a person kicks with the left leg, then with the other": "kicks with the left leg | kicks with the right leg",
+        "he kicks with the left leg three times and then once with the right":
+            "kicks with the left leg 3 times | kicks with the right leg"}, _other_limb),
+)

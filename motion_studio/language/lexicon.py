@@ -1,2 +1,141 @@
-"""Words that several rules of the language share."""
+"""All word lists of the parser, by topic. Verbs of movement and their body parts: `motion_jax.text.lexicon`."""
+from motion_jax.text.lexicon import VERBS
+
 PAUSE, HOLD = "stands still", "holds still"  # the words of a pause, and of a pose that is kept
+
+# --- who --------------------------------------------------------------------------------------------------------------
+
+PEOPLE = set("person man woman boy girl child kid guy lady figure human dancer boxer player character people men "
+             "women children somebody someone anybody everyone one he she they i you we it who him her them athlete "
+             "actor soldier robot zombie giant thug teenager adult".split())
+DEFAULT_SUBJECT = ["a", "person"]
+PRONOUNS = {"he", "she", "they", "it", "who", "i", "you", "we"}
+SUBJECT_PRONOUNS = {"he", "she", "they", "i"}  # a main clause may begin with them without a comma
+PLURAL_SUBJECTS = set("people men women children they we i you".split())
+POSSESSIVES = {"his", "her", "their", "its", "my", "your", "our"}
+DETERMINERS = {"the", "a", "an", "this", "that"}
+DEFINITE = ("the", "this", "that")
+ANOTHER_PERSON = {"another", "other", "second", "else", "each"}
+
+# --- numbers ----------------------------------------------------------------------------------------------------------
+
+NUMBERS = {word: number for number, word in enumerate(
+    "zero one two three four five six seven eight nine ten eleven twelve".split())} | {
+        "a": 1, "an": 1, "half": 0.5, "couple": 2, "few": 3, "several": 3, "many": 4}
+INEXACT_NUMBERS = ("zero", "half", "few", "several", "many")
+ARTICLES = {"a", "an", "another", "the"}
+ONE_MORE = ("a", "an", "another")
+REPETITION_WORDS = {"once", "twice", "thrice", "times"}
+
+# --- where to, how fast -----------------------------------------------------------------------------------------------
+
+SIDES = {"left": "right", "right": "left"}  # each with its opposite
+DIRECTIONS = set("left right forward forwards backward backwards back sideways up down around ahead away clockwise "
+                 "counterclockwise again".split())
+BACKWARD = {"back", "backward", "backwards"}
+STRAIGHT_ON = ([], ["ahead"], ["forward"], ["forwards"], ["along"])
+PACES = {"slow": "slowly", "quick": "quickly", "fast": "quickly", "rapid": "quickly"}
+PATH_NOUNS = {"u-turn", "circle", "circles", "loop", "zigzag", "arc", "detour"}  # shapes of a walked path
+
+# --- when -------------------------------------------------------------------------------------------------------------
+
+SIMULTANEOUS = ("at the same time", "simultaneously", "at once", "meanwhile")
+PAUSE_SECONDS = {"a moment": 1.0, "a while": 4.0, "a long time": 6.0}
+SHORT_TIMES = set("for a little short long while moment bit time second".split())  # "for a little while"
+FILLERS = {"also", "again", "just", "first", "soon"}
+NOT_A_CONNECTOR_AFTER_AS = ("if", "though", "well", "a", "an")
+AFTER_ONCE = set("with on to in at from by and again more".split())  # "kicks left, then once with the right"
+BEFORE_WHILE = ("a", "little", "short", "long", "good")  # "rests for a while"
+
+# --- verbs by what they do in a sentence ------------------------------------------------------------------------------
+
+# Verbs in front of the verb that says the action: "starts walking", "keeps waving".
+ASPECTS = ("be", "start", "begin", "continue", "keep", "proceed", "resume", "will", "can")
+# A participle after these belongs to them: "starts waving", "stops by waving".
+BEFORE_A_PARTICIPLE = set("be start begin continue keep proceed resume go stop quit finish do try practice perform "
+                          "pause like by and".split())
+ENDING_VERBS = ("stop", "finish", "quit")  # "stops walking"
+PAUSING_VERBS = {"stop", "pause", "wait", "rest", "halt", "freeze"}
+LIGHT_VERBS = {"take", "do", "make", "throw", "give", "perform"}  # their object says the action: "takes a bow"
+RUNNING_VERBS = {"run", "jog", "sprint", "dash"}
+GAITS = {"walk", "run", "jog", "march", "sneak", "stroll", "go"}  # their pace may change: "then speeds up"
+DIAGONAL_VERBS = {"walk", "stride", "stroll", "step", "move", "go", "run", "jog"}
+STEP_VERBS = set("take step walk go move march run jog make do".split())  # their steps may be counted
+STEPS_ONLY = ("take", "step", "make", "do")  # of these, those that say nothing but the steps
+HURRYING_VERBS = {"hurry", "rush"}
+ONE_ARM_EACH = {"wave", "raise", "lift", "hold", "stretch", "extend", "lower", "swing", "put"}
+BLOWS = {"kick", "punch", "jab"}
+# Actions that end by themselves and leave the body standing.
+DONE_ONCE = set("bow kick turn squat duck raise lift lower throw toss catch pick point salute grab reach hug slap "
+                "strike pull push put place drop greet shrug cross".split())
+NOT_AT_EASE = {"kick", "raise", "lift", "strike"}  # of these, those after which an arm or a leg may be in the air
+LOW = {"sit", "kneel", "crouch", "lie"}  # after these the body is low, and stays low in a pause
+FROM_THE_FLOOR = {"pick", "place", "drop", "take", "lift"}  # the whole body goes down and up again with the arms
+# Seconds of one cycle of actions that a clip shows many times.
+CYCLES = {"wave": 0.8, "clap": 0.6, "nod": 0.8, "shake": 0.6, "punch": 1.0, "jab": 0.8, "stomp": 0.8, "stamp": 0.8}
+COUNTED_ONE_BY_ONE = {"kick", "squat"}
+# Their object is what moves: "turns the head"; "walks with the hands up" still walks.
+MOVED_BY_OBJECT = VERBS["arms"] | VERBS["head"] | {
+    "turn", "rotate", "spin", "move", "circle", "bend", "tilt", "twist", "bounce", "roll"}
+
+# --- poses that are kept ----------------------------------------------------------------------------------------------
+
+LOW_POSES = set("seated sitting low down crouched crouching kneeling squatting lying bent".split())
+STAYING_WORDS = LOW_POSES | set("still there here put up standing motionless frozen in on the that this place position "
+                                "pose floor chair like so as".split())
+POSE_NOUNS = set("it them that this still pose position posture there steady".split())
+HOLDING_WORDS = POSE_NOUNS | set("the his her their its up out high down in place air like so".split())
+# "starts in a seated position": the verb that such a posture is, and the words after it.
+POSTURES = {"sitting": ("sit", []), "seated": ("sit", []), "kneeling": ("kneel", []), "crouching": ("crouch", []),
+            "crouched": ("crouch", []), "lying": ("lie", ["down"]), "standing": ("stand", ["still"])}
+
+# --- nouns ------------------------------------------------------------------------------------------------------------
+
+ARM_PARTS = {"arm", "hand", "wrist", "elbow", "fist", "finger", "shoulder"}
+SIDED_ARM_PARTS = {"arm", "hand", "wrist", "elbow", "fist"}
+BODY_PARTS = (("legs", {"leg", "knee", "foot", "feet", "heel", "toe", "ankle", "thigh"}),
+              ("head", {"head", "chin", "neck"}),
+              ("torso", {"torso", "hip", "waist", "chest"}),
+              ("arms", ARM_PARTS))
+LIMBS = {"hand", "arm", "leg", "foot", "knee", "elbow", "hands", "arms"}
+BEFORE_A_LIMB = set("the with on left right both other one".split())
+# Nouns of an action after a light verb, and its verb: "takes a seat" is to sit.
+ACTION_NOUNS = {noun: noun for noun in "bow jump hop squat kick punch jab spin turn wave nod clap lunge leap twirl "
+                                       "stretch salute crouch pivot roll".split()} | {"seat": "sit"}
+AFTER_ACTION_NOUN = {"seat": ["down"]}
+LIMB_OF_ACTION = {"kick": "foot", "punch": "hand", "jab": "hand", "wave": "hand", "salute": "hand"}
+# Words that may follow the noun of an action; others change its meaning ("does a kick flip").
+AFTER_A_NOUN = set("to in into on onto at with from for over towards toward forward forwards backward backwards back "
+                   "left right up down around high again quickly slowly fast upwards sideways while".split())
+REST_NOUNS = {"rest": "rest", "break": "pause", "breather": "pause", "pause": "pause"}
+REST_LENGTHS = {"short": "moment", "brief": "moment", "quick": "moment", "little": "moment", "small": "moment",
+                "long": "while", "longer": "while"}
+STANDSTILLS = {"stop", "halt", "standstill"}
+WHOSE_HANDS = {"the", "his", "her", "their", "its", "my", "your", "both"}
+BETWEEN_ACTIONS = {"and", "then", ","}  # words after which a further action may follow
+
+# --- requirements -----------------------------------------------------------------------------------------------------
+
+# Kinds of detected events by verb.
+EVENTS = {"kick": "kick", "punch": "punch", "jab": "punch", "box": "punch", "shadowbox": "punch", "jump": "jump",
+          "hop": "hop", "squat": "squat", "bow": "bow", "wave": "wave", "turn": "turn", "sit": "sit"}
+SIDED_EVENTS = {"kick", "punch", "wave", "turn"}
+STRIKES, FISTS = {"strike", "hit"}, {"fist", "fists"}
+# Words that take a dance to another place.
+ELSEWHERE = {"across", "along", "around", "away", "backward", "backwards", "circle", "circles", "forward", "forwards",
+             "into", "left", "out", "right", "round", "sideways", "through", "toward", "towards"}
+GETTING_UP = {("stand", "up"), ("get", "up"), ("rise", "")}  # verb, and the word that it needs
+UPRIGHT = {"straight", "tall", "upright"}  # "stands up straight" is no getting up
+STAIRS = {"stairs", "stair", "steps", "staircase", "stairway", "ladder", "hill", "slope", "ramp"}
+ACROSS = {"over", "through", "under", "into", "in", "out", "off", "on", "onto", "around"}  # no climb up or down
+NEGATIONS = {"without", "not", "no", "never", "nor", "don't", "doesn't"}
+
+# --- paths ------------------------------------------------------------------------------------------------------------
+
+WALKING_VERBS = set("walk stroll stride march wander saunter amble pace hurry rush circle zigzag".split())
+PATH_MAKING_VERBS = {"make", "do", "take", "perform"}  # "makes a u-turn while walking"
+STAYING_VERBS = set("sit stand stop rest wait stay pause halt squat crouch kneel lie kick jump bow lean".split())
+TURNING_VERBS = {"turn", "spin", "rotate", "pivot"}
+NO_DIRECTION = {"forward", "forwards", "ahead", "back", "away", "on"}
+CALM_WALKS = {"walk", "stroll", "saunter", "wander", "amble"}  # at the usual pace where none is given
+FAST_WALKS = {"hurry", "rush", "sprint", "dash"}

@@ -1,115 +1,165 @@
-"""Verbs that say little, with the noun that says what is done: "takes two bows" is to bow twice, "takes a seat" to sit
-down, "throws a left punch" to punch with the left hand, as "punches left" is. Captions of motion mostly say the verb of
-such a noun, and "diagonally forward to the left" of what goes "ahead and to the left without turning".
+"""Light verbs: the action is said by other words than the verb, as in "takes two bows" or "puts her hands up".
+
+Each rule gives the action by its own verb, as captions of motion mostly say it. The rules are tried in order.
 """
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from motion_jax.text.morphology import present_participle
+from motion_studio.language import lexicon
+from motion_studio.language.rule import Rule, first_match
 
-LIGHT = {"take", "do", "make", "throw", "give", "perform"}
-_NOUNS = {noun: noun for noun in "bow jump hop squat kick punch jab spin turn wave nod clap lunge leap twirl stretch "
-                                 "salute crouch pivot roll".split()} | {"seat": "sit"}
-_DOWN = {"seat": ["down"]}
-_LIMB = {"kick": "foot", "punch": "hand", "jab": "hand", "wave": "hand", "salute": "hand"}
-BLOWS = {"kick", "punch", "jab"}
-_ARTICLES = {"a", "an", "another", "the"}
-_WHOSE = {"the", "his", "her", "their", "its", "my", "your", "both"}
-_RESTS = {"rest": "rest", "break": "pause", "breather": "pause", "pause": "pause"}
-_RESTS_FOR = {"short": "moment", "brief": "moment", "quick": "moment", "little": "moment", "small": "moment",
-              "long": "while", "longer": "while"}
-_HURRIES, _AHEAD = {"hurry", "rush"}, ([], ["ahead"], ["forward"], ["forwards"], ["along"])
-PACES = {"slow": "slowly", "quick": "quickly", "fast": "quickly", "rapid": "quickly"}
-_GOES = {"walk", "stride", "stroll", "step", "move", "go", "run", "jog"}
 _DIAGONAL = re.compile(r"(?:straight )?(ahead|forwards?|back|backwards?) and to (?:the|his|her|their) (left|right) ?,? "
                        r"(?:without (?:ever )?turning|without a turn|(?:while |still )?facing (?:forwards?|ahead))"
                        r"(?: around)?")
-_POSTURES = {"sitting": ("sit", []), "seated": ("sit", []), "kneeling": ("kneel", []), "crouching": ("crouch", []),
-             "crouched": ("crouch", []), "lying": ("lie", ["down"]), "standing": ("stand", ["still"])}
-_BEGINS_IN = re.compile(rf"(?:(?:from|in|out|off) )?(?:(?:a|the) )?({'|'.join(_POSTURES)})(?: down)?"
-                        r"(?: (?:position|pose|posture))?")
-_BEHIND = set("to in into on onto at with from for over towards toward forward forwards backward backwards back left "
-              "right up down around high again quickly slowly fast upwards sideways while".split())
-_OFTEN = {"once", "twice", "thrice", "times"}
-_STANDSTILLS = {"stop", "halt", "standstill"}
-_SEVERAL = {"and", "then", ","}  # more is said than one action
+_IN_A_POSTURE = re.compile(rf"(?:(?:from|in|out|off) )?(?:(?:a|the) )?({'|'.join(lexicon.POSTURES)})(?: down)?"
+                           r"(?: (?:position|pose|posture))?")
 
 
 class Reworded(NamedTuple):
-  """An action by its own verb: base form, participle, the words behind it, how often."""
+  """An action by its own verb: base form, participle, the words after it, repetitions."""
   verb: str
   participle: str
   words: list[str]
-  times: int
+  times: int = 1
 
 
-def reworded(verb: str, words: Sequence[str], numbers: Mapping[str, float]) -> Reworded | None:
-  """What a light verb and the words behind it mean, None where they say more than this reads ("does a front kick").
+def reworded(verb: str, words: Sequence[str]) -> Reworded | None:
+  """The action that a verb and the words after it mean, None where no rule applies ("does a front kick")."""
+  return first_match(RULES, verb, words, [word.lower() for word in words])
 
-  numbers: words for numbers, {"two": 2}.
-  """
-  rest, times = [word.lower() for word in words], 1
-  if verb in _GOES and (found := _DIAGONAL.fullmatch(" ".join(rest))):
-    way = "backward" if found[1].startswith("back") else "forward"
-    return Reworded(verb, present_participle(verb), ["diagonally", way, "to", "the", found[2]], 1)
-  if verb in ("start", "begin") and (found := _BEGINS_IN.fullmatch(" ".join(rest))):
-    own, still = _POSTURES[found[1]]
-    return Reworded(own, present_participle(own), still, 1)
-  if verb == "come" and rest[:2] in (["to", "a"], ["to", "an"]) and rest[-1] in _STANDSTILLS:
-    return Reworded("stop", "stopping", [], 1)
-  if verb in BLOWS and rest[:1] in (["left"], ["right"]) and (len(rest) == 1 or rest[-1] in _OFTEN):
-    return Reworded(verb, present_participle(verb), ["with", "the", rest[0], _LIMB[verb], *words[1:]], 1)
-  if verb == "put":
-    return _hands_up(rest, words)
-  if verb in _HURRIES and rest in _AHEAD:
-    return Reworded("walk", "walking", ["forward", "quickly"], 1)
-  if verb not in LIGHT:
+
+def _action(verb, words, times=1):
+  return Reworded(verb, present_participle(verb), words, times)
+
+
+def _walk_diagonally(verb, words, lower):
+  found = _DIAGONAL.fullmatch(" ".join(lower)) if verb in lexicon.DIAGONAL_VERBS else None
+  if found is None:
     return None
-  if verb == "take" and rest and rest[-1] in _RESTS and rest[0] in _ARTICLES and set(rest[1:-1]) <= {*_RESTS_FOR}:
-    time = [_RESTS_FOR[word] for word in rest[1:-1]]
-    return Reworded(_RESTS[rest[-1]], "resting", ["for", "a", time[0]] if time else [], 1)
-  if verb == "take" and rest[:1] and rest[0] in PACES and rest[1:2] == ["steps"]:
-    way = ["forward"] if rest[2:] in (["ahead"], []) else words[2:]
-    if rest[2:] and rest[2] not in (*_BEHIND, "ahead") or not _SEVERAL.isdisjoint(rest[2:]):
-      return None
-    return Reworded("walk", "walking", [*way, PACES[rest[0]]], 1)
-  if rest[:1] and rest[0] in numbers and rest[0] not in _ARTICLES:
-    times, rest = int(numbers[rest[0]]), rest[1:]
-  elif rest[:1] and rest[0] in _ARTICLES:
-    if rest[1:3] == ["couple", "of"]:
-      times, rest = 2, rest[3:]
-    elif rest[1:2] == ["few"]:
-      times, rest = 3, rest[2:]
-    else:
-      rest = rest[1:]
-  else:
-    return None  # "does squats"
-  side, rest = (rest[0], rest[1:]) if rest[:1] and rest[0] in ("left", "right") else ("", rest)
-  noun = rest[0] if rest else ""
-  found = next((one for one in _NOUNS if noun in (one, one + "s", one + "es")), "")
-  if not found or times < 1 or rest[1:] and rest[1] not in _BEHIND or side and found not in (*_LIMB, "turn"):
+  way = "backward" if found[1].startswith("back") else "forward"
+  return _action(verb, ["diagonally", way, "to", "the", found[2]])
+
+
+def _start_in_a_posture(verb, words, lower):
+  found = _IN_A_POSTURE.fullmatch(" ".join(lower)) if verb in ("start", "begin") else None
+  return None if found is None else _action(*lexicon.POSTURES[found[1]])
+
+
+def _come_to_a_stop(verb, words, lower):
+  stops = verb == "come" and lower[:2] in (["to", "a"], ["to", "an"]) and lower[-1] in lexicon.STANDSTILLS
+  return _action("stop", []) if stops else None
+
+
+def _strike_with_a_side(verb, words, lower):
+  if verb not in lexicon.BLOWS or lower[:1] not in (["left"], ["right"]) or not (
+      len(lower) == 1 or lower[-1] in lexicon.REPETITION_WORDS):
     return None
-  own = _NOUNS[found]
-  said = [] if not side else [side] if found == "turn" else ["with", "the", side, _LIMB[found]]
-  behind = list(words[len(words) - len(rest) + 1:])
-  return Reworded(own, present_participle(own), [*_DOWN.get(found, []), *said, *behind], times)
+  return _action(verb, ["with", "the", lower[0], lexicon.LIMB_OF_ACTION[verb], *words[1:]])
 
 
-def _hands_up(rest, words):
-  """"puts her hands up" is to raise both hands, "puts up a hand" to raise a hand; None for any other thing."""
-  named = rest[1:] if rest[:1] == ["up"] else rest
-  start = 1 if named[:1] and named[0] in (*_WHOSE, "a") else 0
-  side = named[start] if named[start:start + 1] and named[start] in ("left", "right") else ""
+def _put_hands_up(verb, words, lower):
+  if verb != "put":
+    return None
+  up_first = lower[:1] == ["up"]
+  named = lower[1:] if up_first else lower
+  start = 1 if named[:1] and named[0] in (*lexicon.WHOSE_HANDS, "a") else 0
+  side = named[start] if named[start:start + 1] and named[start] in lexicon.SIDES else ""
   thing = start + bool(side)
   if named[thing:thing + 1] not in (["hand"], ["hands"], ["arm"], ["arms"]):
     return None
-  behind = named[thing + 1:]
-  if len(named) == len(rest):
-    if behind[:1] != ["up"]:
+  after = named[thing + 1:]
+  if not up_first:
+    if after[:1] != ["up"]:
       return None
-    behind = behind[1:]
-  if behind and behind[0] not in _BEHIND - {"on"} or not (_SEVERAL | {"down"}).isdisjoint(behind):
+    after = after[1:]
+  if after and after[0] not in lexicon.AFTER_A_NOUN - {"on"} or not (
+      lexicon.BETWEEN_ACTIONS | {"down"}).isdisjoint(after):
     return None
   which = ["the", side] if side else ["both"] if named[thing].endswith("s") else ["a"]
-  return Reworded("raise", "raising", [*which, named[thing], *(words[len(words) - len(behind):] if behind else [])], 1)
+  return _action("raise", [*which, named[thing], *(words[len(words) - len(after):] if after else [])])
+
+
+def _hurry(verb, words, lower):
+  hurries = verb in lexicon.HURRYING_VERBS and lower in lexicon.STRAIGHT_ON
+  return _action("walk", ["forward", "quickly"]) if hurries else None
+
+
+def _take_a_rest(verb, words, lower):
+  if verb != "take" or not lower or lower[-1] not in lexicon.REST_NOUNS or lower[0] not in lexicon.ARTICLES or not (
+      set(lower[1:-1]) <= {*lexicon.REST_LENGTHS}):
+    return None
+  lengths = [lexicon.REST_LENGTHS[word] for word in lower[1:-1]]
+  return _action(lexicon.REST_NOUNS[lower[-1]], ["for", "a", lengths[0]] if lengths else [])
+
+
+def _take_steps_at_a_pace(verb, words, lower):
+  if verb != "take" or lower[1:2] != ["steps"] or lower[0] not in lexicon.PACES:
+    return None
+  after = lower[2:]
+  if after and after[0] not in (*lexicon.AFTER_A_NOUN, "ahead") or not lexicon.BETWEEN_ACTIONS.isdisjoint(after):
+    return None
+  way = ["forward"] if after in (["ahead"], []) else words[2:]
+  return _action("walk", [*way, lexicon.PACES[lower[0]]])
+
+
+def _noun_of_an_action(verb, words, lower):
+  if verb not in lexicon.LIGHT_VERBS:
+    return None
+  times, rest = _number_in_front(lower)
+  if rest is None:
+    return None  # "does squats"
+  side, rest = (rest[0], rest[1:]) if rest[:1] and rest[0] in lexicon.SIDES else ("", rest)
+  noun = rest[0] if rest else ""
+  found = next((one for one in lexicon.ACTION_NOUNS if noun in (one, one + "s", one + "es")), "")
+  if not found or times < 1 or rest[1:] and rest[1] not in lexicon.AFTER_A_NOUN or (
+      side and found not in (*lexicon.LIMB_OF_ACTION, "turn")):
+    return None
+  with_side = [] if not side else [side] if found == "turn" else ["with", "the", side, lexicon.LIMB_OF_ACTION[found]]
+  after = words[len(words) - len(rest) + 1:]
+  return _action(lexicon.ACTION_NOUNS[found], [*lexicon.AFTER_ACTION_NOUN.get(found, []), *with_side, *after], times)
+
+
+def _number_in_front(words):
+  """(repetitions, the words after the number or article); (1, None) where there is neither."""
+  first = words[0] if words else ""
+  if first in lexicon.NUMBERS and first not in lexicon.ARTICLES:
+    return int(lexicon.NUMBERS[first]), words[1:]
+  if first not in lexicon.ARTICLES:
+    return 1, None
+  if words[1:3] == ["couple", "of"]:
+    return 2, words[3:]
+  return (3, words[2:]) if words[1:2] == ["few"] else (1, words[1:])
+
+
+RULES = (
+    Rule("Diagonal walk", "Going ahead and to a side without turning is walking diagonally.", {
+        "someone walks ahead and to the left without turning": "walks diagonally forward to the left",
+        "she goes forward and to the right, facing ahead": "goes diagonally forward to the right"}, _walk_diagonally),
+    Rule("Starting posture", "Starting in a posture is taking it.", {
+        "someone starts in a seated position, then stands up and walks": "sits | stands up | walks",
+        "a person starts from standing and sits down": "stands still | sits down"}, _start_in_a_posture),
+    Rule("Coming to a stop", "The body stands still.", {
+        "someone walks ahead, then comes to a stop": "walks ahead | stands still"}, _come_to_a_stop),
+    Rule("Kick or punch with a side", "The side names the leg or the hand.", {
+        "a person kicks right twice": "kicks with the right foot 2 times"}, _strike_with_a_side),
+    Rule("Hands up", "Putting the hands up is raising them.", {
+        "she puts her hands up": "raises both hands",
+        "someone puts up the left hand": "raises the left hand"}, _put_hands_up),
+    Rule("Hurrying", "Hurrying ahead is a quick walk forward.", {
+        "a person hurries ahead": "walks forward quickly"}, _hurry),
+    Rule("Taking a rest", "The body stands still, or keeps its pose where it is low: 2 s, a short rest 1 s, a long one "
+         "4 s.", {
+             "a person takes a rest": "stands still",
+             "a person walks, takes a short break and walks back": "walks | stands still [1] | walks back",
+             "a person sits down and takes a long rest": "sits down | holds still [4]"}, _take_a_rest),
+    Rule("Steps at a pace", "Taking slow or quick steps is walking at that pace.", {
+        "the person takes slow steps ahead": "walks forward slowly",
+        "a person takes quick steps backward": "walks backward quickly"}, _take_steps_at_a_pace),
+    Rule("Noun of an action", "The noun says the action, a number or article how often, a side which limb.", {
+        "someone takes two bows": "bows 2 times",
+        "someone walks ahead and takes a seat": "walks ahead | sits down",
+        "a person does three squats and then waves": "squats 3 times | waves",
+        "she throws a left punch": "punches with the left hand"}, _noun_of_an_action),
+)

@@ -109,6 +109,11 @@ class Plan:
                               for one in (part.sampled if several else (part.action, *part.simultaneous))))
 
   @property
+  def summary(self) -> str:
+    """The segments for a reader: "walks forward + waves | stands still [2]", with durations in seconds."""
+    return " | ".join(one.words + (f" [{one.seconds:g}]" if one.seconds else "") for one in self.segments)
+
+  @property
   def is_plain(self) -> bool:
     """Whether it is one action and nothing else, so that a model gets the text as it was written."""
     first = self.segments[0]

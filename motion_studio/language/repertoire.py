@@ -11,12 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from motion_jax.text.captions import without_subject
-from motion_jax.text.morphology import possible_bases
+from motion_jax.text.morphology import possible_bases, verb_of
 from motion_jax.text.tagger import tag_words
 from motion_jax.utils import cache
-from motion_studio.language.actions import RUNS, verb_of
-from motion_studio.language.light_verbs import LIGHT
-from motion_studio.language.sentences import actions_of
+from motion_studio.language import lexicon
+from motion_studio.language.parser import parse
 
 # Cosine from which on a phrase means the same as a known one. Of the phrases of the models that ship, each compared
 # with all others of its own model, 1.5 to 1.7 % have none so near; captions by people: docs/sentences.md.
@@ -105,5 +104,5 @@ def _things(phrase):
 @functools.lru_cache(maxsize=1 << 12)
 def _verbs(sentence):
   """The verbs of a sentence in base form; of walks and of runs one each."""
-  verbs = {action.verb for action in actions_of(sentence)} - {"", *LIGHT}
-  return frozenset("walk" if verb in _WALKS else "run" if verb in RUNS else verb for verb in verbs)
+  verbs = {action.verb for action in parse(sentence).actions} - {"", *lexicon.LIGHT_VERBS}
+  return frozenset("walk" if verb in _WALKS else "run" if verb in lexicon.RUNNING_VERBS else verb for verb in verbs)

@@ -3,43 +3,44 @@ import numpy as np
 import pytest
 
 from motion_jax.analysis.signals import Body
-from motion_studio.checks import path_shapes as ways
-from motion_studio.checks import requirements as looking
-from motion_studio.checks.path_shapes import Way
-from motion_studio.checks.requirements import Requirement, requirements_of
+from motion_studio.checks.path_shapes import path_violation
+from motion_studio.checks.requirements import excess_speed
 from motion_studio.checks.requirements import violation_score as score
+from motion_studio.language import parse
+from motion_studio.language.path_shapes import KINDS, PathShape
+from motion_studio.language.requirements import Requirement
 
 
 @pytest.mark.parametrize("text, found", [
-    ("a person walks in a circle", [Way("circle", "")]),
-    ("someone walks in a counter-clockwise circle", [Way("circle", "left")]),
-    ("someone strolls clockwise", [Way("circle", "right")]),
-    ("a person circles around to the left", [Way("circle", "left")]),
-    ("walks in a big circle, then waves", [Way("circle", "")]),
-    ("a man walks in a half circle to the right", [Way("u-turn", "right")]),
-    ("walk half a circle", [Way("u-turn", "")]),
-    ("a man makes a u-turn while walking", [Way("u-turn", "")]),
-    ("someone walks ahead and makes a u-turn to the left", [Way("u-turn", "left")]),
+    ("a person walks in a circle", [PathShape("circle", "")]),
+    ("someone walks in a counter-clockwise circle", [PathShape("circle", "left")]),
+    ("someone strolls clockwise", [PathShape("circle", "right")]),
+    ("a person circles around to the left", [PathShape("circle", "left")]),
+    ("walks in a big circle, then waves", [PathShape("circle", "")]),
+    ("a man walks in a half circle to the right", [PathShape("u-turn", "right")]),
+    ("walk half a circle", [PathShape("u-turn", "")]),
+    ("a man makes a u-turn while walking", [PathShape("u-turn", "")]),
+    ("someone walks ahead and makes a u-turn to the left", [PathShape("u-turn", "left")]),
     ("someone walks in a circle, then makes a u-turn", []),
-    ("a person walks in a circle and makes a phone call", [Way("circle", "")]),
-    ("someone zigzags forward", [Way("zigzag", "")]),
-    ("a person walks straight ahead", [Way("straight", "")]),
-    ("she hurries in a circle", [Way("circle", ""), Way("quickly", "walk")]),
-    ("an old man walks slowly", [Way("slowly", "walk")]),
-    ("the person takes slow steps ahead", [Way("slowly", "walk")]),
-    ("someone sprints ahead", [Way("quickly", "run")]),
-    ("a person walks counter clockwise in a circle", [Way("circle", "left")]),
-    ("someone walks in an anti-clockwise circle", [Way("circle", "left")]),
-    ("walks in a semi circle to the left", [Way("u-turn", "left")]),
-    ("a person walks in a circle and jumps", [Way("circle", "")]),
-    ("a person walks in a circle starting with the left foot", [Way("circle", "")]),
-    ("a person walks in a circle with hands behind the back", [Way("circle", "")]),
-    ("someone walks in a circle, turning left", [Way("circle", "left")]),
-    ("a person turns around and walks quickly away", [Way("quickly", "walk")]),
-    ("someone walks slowly with a straight back", [Way("slowly", "walk")]),
-    ("someone walks in a zig zag", [Way("zigzag", "")]),
-    ("a person walks straight", [Way("straight", "")]),
-    ("a person slowly walks in a big circle then stops", [Way("circle", ""), Way("slowly", "walk")]),
+    ("a person walks in a circle and makes a phone call", [PathShape("circle", "")]),
+    ("someone zigzags forward", [PathShape("zigzag", "")]),
+    ("a person walks straight ahead", [PathShape("straight", "")]),
+    ("she hurries in a circle", [PathShape("circle", ""), PathShape("quickly", "walk")]),
+    ("an old man walks slowly", [PathShape("slowly", "walk")]),
+    ("the person takes slow steps ahead", [PathShape("slowly", "walk")]),
+    ("someone sprints ahead", [PathShape("quickly", "run")]),
+    ("a person walks counter clockwise in a circle", [PathShape("circle", "left")]),
+    ("someone walks in an anti-clockwise circle", [PathShape("circle", "left")]),
+    ("walks in a semi circle to the left", [PathShape("u-turn", "left")]),
+    ("a person walks in a circle and jumps", [PathShape("circle", "")]),
+    ("a person walks in a circle starting with the left foot", [PathShape("circle", "")]),
+    ("a person walks in a circle with hands behind the back", [PathShape("circle", "")]),
+    ("someone walks in a circle, turning left", [PathShape("circle", "left")]),
+    ("a person turns around and walks quickly away", [PathShape("quickly", "walk")]),
+    ("someone walks slowly with a straight back", [PathShape("slowly", "walk")]),
+    ("someone walks in a zig zag", [PathShape("zigzag", "")]),
+    ("a person walks straight", [PathShape("straight", "")]),
+    ("a person slowly walks in a big circle then stops", [PathShape("circle", ""), PathShape("slowly", "walk")]),
     # No walk, not of the whole body, of one of several walks, or of a walk whose usual pace is another one.
     ("a person turns in a circle", []), ("a person stands up straight", []), ("a person waves quickly", []),
     ("a person walks forward making circles with the arms", []), ("someone draws circles in the air", []),
@@ -56,28 +57,29 @@ from motion_studio.checks.requirements import violation_score as score
     ("walks three quarters of a circle", []), ("a person does not walk in a circle", []),
 ])
 def test_what_a_sentence_says_of_a_walk(text, found):
-  assert [Way(one.kind, one.side) for one in requirements_of(text) if one.kind in ways.KINDS - {"usual"}] == found
+  assert [PathShape(one.kind, one.side) for one in parse(text).requirements if one.kind in KINDS - {"usual"}] == found
 
 
 def test_who_walks_turning_to_a_side_turns():
   for text in ("she walks, turning to the left", "she takes a left turn", "she walks and makes a left turn",
                "they take a left turn"):
-    assert [one for one in requirements_of(text) if one.kind != "usual"] == [
+    assert [one for one in parse(text).requirements if one.kind != "usual"] == [
         Requirement("turn", "left", 1, False, (40, 140))]
-  assert requirements_of("walks slowly, turning to the right") == [
+  assert parse("walks slowly, turning to the right").requirements == [
       Requirement("slowly", "walk", 1, False), Requirement("turn", "right", 1, False, (40, 140))]
-  assert requirements_of("walks to the right, turning to the left")[-1][:2] == ("turn", "left")
-  assert [one.kind for one in requirements_of("walks in a circle, turning left")] == ["circle", "usual"]
-  assert requirements_of("a person steps to the right while looking around") == []
-  assert [one.kind for one in requirements_of("someone walks and makes a u turn to the left")] == ["u-turn"]
+  assert parse("walks to the right, turning to the left").requirements[-1][:2] == ("turn", "left")
+  assert [one.kind for one in parse("walks in a circle, turning left").requirements] == ["circle", "usual"]
+  assert parse("a person steps to the right while looking around").requirements == []
+  assert [one.kind for one in parse("someone walks and makes a u turn to the left").requirements] == ["u-turn"]
 
 
 def test_a_walk_of_which_no_pace_is_said_is_not_quick():
   usual = [Requirement("usual", "walk", 1, False)]
-  assert requirements_of("a person walks forward") == requirements_of("a man strolls forward, then waves")[:1] == usual
+  assert parse("a person walks forward").requirements == usual
+  assert parse("a man strolls forward, then waves").requirements[:1] == usual
   for text in ("a person walks quickly", "someone walks backward", "a person runs", "a man marches forward"):
-    assert "usual" not in [one.kind for one in requirements_of(text)]
-  at = [looking.excess_speed(_walk(lambda t: 0 * t, pace), usual) for pace in (0.1, 1.45, 1.6, 1.8)]
+    assert "usual" not in [one.kind for one in parse(text).requirements]
+  at = [excess_speed(_walk(lambda t: 0 * t, pace), usual) for pace in (0.1, 1.45, 1.6, 1.8)]
   assert at[:2] == [0, 0] and 0 < at[2] < at[3] == score(_walk(lambda t: 0 * t, 1.8), usual) < 1
 
 
@@ -90,7 +92,7 @@ def _walk(degrees, pace=1.15, seconds=8.0):
 
 
 def _missed(joints, *way):
-  return ways.missed(Body(joints, 20.0), Way(*way))
+  return path_violation(Body(joints, 20.0), PathShape(*way))
 
 
 def test_a_circle_leads_all_the_way_round_to_its_side():
@@ -120,11 +122,12 @@ def test_slow_and_quick_are_against_the_usual_pace():
   assert at(1.6, "quickly") == 0 < at(1.4, "quickly") < at(1.0, "quickly") < 1
   assert at(3.7, "quickly", "run") == 0 < at(3.0, "quickly", "run") and at(2.0, "slowly", "run") == 0
   assert at(0.1, "slowly") == at(0.1, "quickly") == 1  # goes nowhere
-  assert at(0.25, "slowly") == 0 and ways.missed(Body(_walk(lambda t: 0 * t)[:1], 20.0), Way("slowly", "walk")) == 1
+  one_frame = Body(_walk(lambda t: 0 * t)[:1], 20.0)
+  assert at(0.25, "slowly") == 0 and path_violation(one_frame, PathShape("slowly", "walk")) == 1
 
 
 def test_they_are_looked_at():
-  asked = requirements_of("a person walks quickly in a circle")
+  asked = parse("a person walks quickly in a circle").requirements
   assert score(_walk(lambda t: 360 * t, 1.6), asked) == 0
   assert 0 < score(_walk(lambda t: 360 * t, 1.3), asked) < score(_walk(lambda t: 0 * t, 1.3), asked)
   assert score(_walk(lambda t: 0 * t, 1.15, 0.5)[:2], asked) == 2  # hardly a motion

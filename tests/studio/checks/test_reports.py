@@ -4,7 +4,7 @@ import pytest
 
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_studio.checks.reports import note_of, report, unmet_requirements
-from motion_studio.checks.requirements import requirements_of
+from motion_studio.language import parse
 from motion_studio.server.requests import notes_of
 from tests.analysis.test_describe import _jump, _kick, _walk, _wave
 from tests.studio.checks.test_requirements import _made, _Stub
@@ -26,12 +26,12 @@ from tests.studio.checks.test_requirements import _made, _Stub
     ("a person walks", _walk(), []), ("a person eats", _walk(), []),
 ])
 def test_what_is_missing_is_said_in_words(text, joints, missing):
-  assert unmet_requirements(joints, requirements_of(text)) == missing
+  assert unmet_requirements(joints, parse(text).requirements) == missing
 
 
 def test_a_turn_that_is_too_short_is_said_in_degrees():
   joints = synthetic_joints("turn_left", 80, np.random.default_rng(0))
-  found, = unmet_requirements(joints, requirements_of("a person turns all the way around to the left"))
+  found, = unmet_requirements(joints, parse("a person turns all the way around to the left").requirements)
   assert found.startswith("a turn to the left by ") and found.endswith("degrees seen instead of 290 to 430")
 
 

@@ -11,10 +11,12 @@ from motion_jax.models.base import TextToMotionModel
 from motion_jax.models.cdamd.model import CdamdModel
 from motion_jax.models.results import Motion, gathered
 from motion_jax.motion.skeleton import HUMANML3D
-from motion_studio.checks import path_shapes as ways
 from motion_studio.checks import requirements as looking
-from motion_studio.checks.requirements import Requirement, requirements_of
+from motion_studio.checks.requirements import excess_speed
 from motion_studio.checks.requirements import violation_score as score
+from motion_studio.language import parse
+from motion_studio.language.path_shapes import with_a_side
+from motion_studio.language.requirements import Requirement, is_counted, once
 from motion_studio.planning import sequencing as composed
 
 pytestmark = pytest.mark.filterwarnings("ignore:. attempts, ")
@@ -65,16 +67,16 @@ pytestmark = pytest.mark.filterwarnings("ignore:. attempts, ")
     ("someone walks forward, then dances", []),
 ])
 def test_what_a_sentence_asks_for_that_can_be_seen(text, found):
-  assert requirements_of(text) == found
+  assert parse(text).requirements == found
 
 
 @pytest.mark.parametrize("prompt, counts", [
     ("a person kicks", True), ("someone jumps forward", True), ("a person walks", False), ("a person waves", False),
     ("a person kicks, then bows", False)])
 def test_what_can_be_counted_is_to_be_seen_just_once(prompt, counts):
-  assert looking.is_counted(prompt) == counts
-  assert [one.counted for one in looking.once(requirements_of(prompt))] == [
-      one.kind in ("kick", "jump", "bow") for one in requirements_of(prompt)]
+  assert is_counted(parse(prompt).requirements) == counts
+  assert [one.counted for one in once(parse(prompt).requirements)] == [
+      one.kind in ("kick", "jump", "bow") for one in parse(prompt).requirements]
 
 
 def _joints(action, seed=0, frames=80):
@@ -164,15 +166,15 @@ def test_a_kick_that_is_slow_counts_half_where_kicks_are_counted():
     ("a circle of people stands still", "a circle of people stands still"),
     ("a person walks", "a person walks")])
 def test_a_circle_gets_a_side(text, said):
-  assert ways.with_a_side(text, 1) == said
-  assert ways.with_a_side(text, 2) == said.replace("to the left", "to the right")
+  assert with_a_side(text, 1) == said
+  assert with_a_side(text, 2) == said.replace("to the left", "to the right")
 
 
 def test_a_circle_has_time_to_be_gone_round():
-  assert ways.least_seconds("a person walks in a circle, then bows") == 8
-  assert 6 < ways.least_seconds("she runs in circles") < 8
+  assert parse("a person walks in a circle, then bows").min_duration == 8
+  assert 6 < parse("she runs in circles").min_duration < 8
   for text in ("a person circles the arms", "a person walks", "a person walks in a half circle"):
-    assert ways.least_seconds(text) == 0
+    assert parse(text).min_duration == 0
 
 
 def test_both_methods_give_a_circle_its_time(monkeypatch):
@@ -189,7 +191,7 @@ def test_nobody_runs_faster_than_people_do():
   asked, frames = [Requirement("run", "", 1, False)], np.arange(80)
   at = lambda speed: _joints("walk") + (speed * frames / 20.0)[:, None, None] * np.array([0, 0, 1.0]) - (
       _joints("walk")[:, :1] * [1.0, 0, 1])
-  excess = looking.excess_speed
+  excess = excess_speed
   assert excess(at(4.4), asked) == score(at(4.4), asked) == 0
   assert 0.04 < excess(at(5.0), asked) < excess(at(5.6), asked) == score(at(5.6), asked) < 0.3
   assert excess(at(5.6), [Requirement("jump", "", 1, False)]) == 0 == excess(at(5.6)[:1], asked)

@@ -1,11 +1,12 @@
 """What verbs are about, and what is meant by those that say little."""
 import pytest
 
+from motion_jax.text.morphology import verb_of
 from motion_studio.language import actions
 
 
 def test_parts_of_the_body():
-  part = lambda text: actions.part_of(actions.verb_of(text.split()[0]), text.split()[1:])
+  part = lambda text: actions.part_of(verb_of(text.split()[0]), text.split()[1:])
   assert [part(text) for text in ("walks forward", "waves", "nods", "bows", "dances", "thinks", "bows down")] == [
       "legs", "arms", "head", "torso", "body", "", "torso"]
   assert [part(text) for text in ("raises the left knee", "shakes the head", "turns the head")] == [
@@ -14,7 +15,8 @@ def test_parts_of_the_body():
   assert actions.sides_of("waves the right hand".split()) == ("right",)
   assert actions.sides_of("turns left and waves".split()) == ()
   assert actions.sides_of("raises both hands".split()) == ("left", "right")
-  assert actions.goes_on("walk", []) and not actions.goes_on("sit", ["down"]) and not actions.goes_on("stand", ["up"])
+  assert actions.is_continuous("walk", []) and not actions.is_continuous("sit", ["down"])
+  assert not actions.is_continuous("stand", ["up"])
 
 
 @pytest.mark.parametrize("said, meant", [

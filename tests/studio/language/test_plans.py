@@ -1,9 +1,9 @@
-"""What sentences of several actions ask for: a table of them, and what must never be parted."""
+"""Plans of sentences with several actions, and sentences that must stay whole. Rules with examples: `test_grammar`."""
 import time
 
 import pytest
 
-from motion_studio.language.sentences import understand
+from motion_studio.language import parse
 
 # Sentence -> what is done: "|" after each other, "+" at once, [seconds]; all of them begin with "a person" if they do.
 COMPOSED = {
@@ -316,34 +316,29 @@ before after until
 """.strip().splitlines()
 
 
-def said(sentence):
-  parts = [part.words + (f" [{part.seconds:g}]" if part.seconds else "") for part in sentence.segments]
-  return " | ".join(parts)
-
-
 @pytest.mark.parametrize("text", COMPOSED)
 def test_a_sentence_of_several_actions(text):
-  sentence = understand(text)
-  assert not sentence.is_plain and sentence.text == text
-  assert said(sentence).lower() == COMPOSED[text].lower()
+  plan = parse(text)
+  assert not plan.is_plain and plan.text == text
+  assert plan.summary.lower() == COMPOSED[text].lower()
 
 
 @pytest.mark.parametrize("text", PLAIN)
 def test_a_sentence_that_is_not_parted(text):
-  sentence = understand(text)
-  assert sentence.is_plain and sentence.prompts == [text]
+  plan = parse(text)
+  assert plan.is_plain and plan.prompts == [text]
 
 
 def test_everybody_keeps_being_who_they_are():
-  assert understand("an old man with a cane walks slowly, then he sits, and then the man waves").prompts == [
+  assert parse("an old man with a cane walks slowly, then he sits, and then the man waves").prompts == [
       "an old man with a cane walks slowly", "an old man with a cane sits", "an old man with a cane waves"]
-  assert understand("before sitting down, she waves").prompts == ["she waves", "she sits down"]
-  assert understand("walk, then wave").prompts == ["a person walks", "a person waves"]
-  assert understand("two people walk and then wave").prompts == ["two people walk", "two people wave"]
+  assert parse("before sitting down, she waves").prompts == ["she waves", "she sits down"]
+  assert parse("walk, then wave").prompts == ["a person walks", "a person waves"]
+  assert parse("two people walk and then wave").prompts == ["two people walk", "two people wave"]
 
 
 def test_who_does_something_while_standing_still_does_not_rest():
-  resting = lambda text: [segment.rests for segment in understand(text).segments]
+  resting = lambda text: [segment.is_pause for segment in parse(text).segments]
   assert resting("a person walks, then stands still while waving") == [False, False]
   assert resting("a person walks, then stands still") == [False, True]
   assert resting("a person kneels and stays kneeling") == [False, True]
@@ -352,14 +347,14 @@ def test_who_does_something_while_standing_still_does_not_rest():
 def test_a_caption_that_was_learned_stays_whole():
   learned = {"a person walks forward and turns left", "a person jumps twice"}
   known = lambda text: text in learned
-  assert understand("a person jumps twice", known).is_plain
-  assert said(understand("a person walks forward and turns left, then waves", known)) == (
+  assert parse("a person jumps twice", known).is_plain
+  assert parse("a person walks forward and turns left, then waves", known).summary == (
       "walks forward and turns left | waves")
-  assert said(understand("a person walks forward and turns left, then waves")) == "walks forward | turns left | waves"
+  assert parse("a person walks forward and turns left, then waves").summary == "walks forward | turns left | waves"
 
 
 def test_long_texts_take_no_time():
   start = time.process_time()  # not of what else the machine does
   for text in ("a person walks and waves, then " * 160, "and " * 1250, "walking " * 600, "a , " * 1200, "😀" * 5000):
-    understand(text)
+    parse(text)
   assert time.process_time() - start < 5

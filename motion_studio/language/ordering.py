@@ -1,0 +1,96 @@
+"""Clauses in the order of time: groups of simultaneous ones, one group after the other, all of one subject."""
+from motion_jax.text.morphology import is_participle
+from motion_studio.language import actions, lexicon
+from motion_studio.language.clause import can_be_simultaneous, clause_of, lower
+from motion_studio.language.rule import Rule
+
+
+def subject_of(clauses):
+  """The words of the subject of all clauses, "a person" where none has one; None where there are several."""
+  subjects = [lower(clause.subject) for clause in clauses if clause.subject]
+  named = [words for words in subjects if words[-1] not in lexicon.PRONOUNS]
+  if {"he", "she"} <= {words[-1] for words in subjects}:
+    return None
+  first = next(iter(named or subjects), lexicon.DEFAULT_SUBJECT)
+  for words in named:
+    if words != first and (words[0] not in lexicon.DEFINITE or set(words) & lexicon.ANOTHER_PERSON):
+      return None
+  return first
+
+
+def in_order(clauses):
+  """Lists of simultaneous clauses in the order of time, of [(connector, clause)]; None where a body cannot do it."""
+  groups, in_list, subordinate, before = [], False, [], ""
+  for kind, clause in _with_ended_actions(clauses):
+    if kind == "" or kind.startswith("lead ") or kind == "main after":
+      groups.append([clause])
+    elif kind == "main while":
+      if not can_be_simultaneous(groups[-1], clause):
+        return None  # "while walking, she turns left"
+      groups[-1].append(clause)
+    elif kind in ("main before", "main until"):
+      subordinate, groups = groups, [[clause]]
+    elif _is_said_to_be_simultaneous(kind, clause, before):
+      kind = "while"
+      groups.append([clause]) if not can_be_simultaneous(groups[-1], clause) else groups[-1].append(clause)
+    elif kind == "and" and not in_list and _and_is_simultaneous(groups[-1], clause):
+      groups[-1].append(clause)
+    elif kind == "after":
+      groups.insert(len(groups) - 1, [clause])
+    else:
+      in_list = kind == ","
+      groups.append([clause])
+    before = kind
+  return groups + subordinate
+
+
+def _with_ended_actions(clauses):
+  """The clauses, and the action that "stops walking" ends, where no clause before has begun it."""
+  found, verbs = [], set()
+  for kind, clause in clauses:
+    ended = clause.words[0].lower() if clause.verb in lexicon.ENDING_VERBS and clause.words else ""
+    if is_participle(ended) and not verbs:
+      found.append((kind, clause_of(clause.words)._replace(subject=clause.subject)))
+      kind = "then"
+    verbs.add(clause.verb)
+    found.append((kind, clause))
+  return found
+
+
+def _is_said_to_be_simultaneous(kind, clause, before):
+  """By "while", by "at the same time", by a participle after a comma, or after "and" behind one of these."""
+  return kind == "while" or clause.simultaneous and kind in ("and", ",") or (
+      is_participle(clause.form) and (kind == "," or kind == "and" and before == "while"))
+
+
+def _and_is_simultaneous(group, clause):
+  """Whether "and" means at the same time: the legs go on, or each arm has an action of its own."""
+  every = [*group, clause]
+  if not can_be_simultaneous(group, clause) or any(one.steps for one in group):  # "takes three steps and waves"
+    return False
+  parts = {one.part for one in every}
+  if "legs" in parts:
+    return parts <= {"legs", "arms", "head"} and all(
+        actions.is_continuous(one.verb, lower(one.words)) or is_participle(one.form)  # "is sitting and clapping"
+        for one in every if one.part == "legs")
+  return parts == {"arms", "head"} or parts == {"arms"} and {one.verb for one in every} <= lexicon.ONE_ARM_EACH
+
+
+RULES = (
+    Rule("One subject", "The subject is carried over, also to pronouns; a sentence about two people is not split.", {
+        "an old man with a cane walks slowly, then he sits": "walks slowly | sits",
+        "a person walks, then another person waves": "a person walks, then another person waves"}),
+    Rule("Participle", "An action of arms or head in the participle is simultaneous, with or without a comma.", {
+        "a person walks waving": "walks + waves",
+        "a person, walking forward, waves": "walks forward + waves",
+        "a person runs forward waving both hands": "runs forward + waves both hands"}),
+    Rule("Simultaneous by words", "\"at the same time\", \"simultaneously\", \"at once\", \"meanwhile\".", {
+        "a person kicks and punches at the same time": "kicks + punches",
+        "a person walks, simultaneously waving": "walks + waves"}),
+    Rule("Main clause without a comma", "A subject after a subordinate clause begins the main clause.", {
+        "after sitting for a while the person gets up and walks away": "sits for a while | gets up | walks away",
+        "while walking he waves": "walks + waves"}),
+    Rule("One body", "What one body cannot do at once stays one action.", {
+        "a person turns to the left while walking": "a person turns to the left while walking",
+        "a person walks up and down": "a person walks up and down"}),
+)
