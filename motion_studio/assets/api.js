@@ -1,6 +1,6 @@
-// Requests to the studio. What it refuses becomes an Error with its sentence.
+// Requests to the studio. A refusal becomes an Error with the studio's sentence.
 
-import { GONE } from "./words.js";
+import { GONE } from "./messages.js";
 
 export const token = new URLSearchParams(location.search).get("token") ?? "";
 
@@ -24,10 +24,10 @@ export const reach = () =>
     (error) => ([401, 403].includes(error.status) ? "refused" : "gone"),
   );
 
-const POLL = 700; // milliseconds between two questions how far a request is
+const POLL = 700; // milliseconds between two requests for progress
 let works = 0;
 
-// A request that takes a while: report({doing, done, of, seconds}) about once a second.
+// Sends a long request; calls report({doing, done, of, seconds}) about once a second.
 async function followed(send, report) {
   const work = `${Date.now()}-${(works += 1)}`;
   const timer = setInterval(async () => {
@@ -49,7 +49,7 @@ const json = async (path, body, report = () => {}) =>
 
 export const models = async () => (await (await ask("/v1/models")).json()).models;
 export const body = async () => (await ask("/body.json")).json();
-export const story = (request, report) => json("/v1/story", request, report);
+export const multiPrompt = (request, report) => json("/v1/multi-prompt", request, report);
 export const edit = (request, report) => json("/v1/edit", request, report);
 export const suggestions = async (model, words = "") =>
   (await ask(`/v1/suggestions?${new URLSearchParams({ ...(model ? { model } : {}), words })}`)).json();

@@ -1,4 +1,4 @@
-// A block of the timeline: its words, its length, its place are changed on it.
+// Blocks of the timeline: editing the prompt, length and position of one.
 import { indexAt } from "./scale.js";
 
 export const make = (kind, name, ...children) => {
@@ -7,13 +7,13 @@ export const make = (kind, name, ...children) => {
   return element;
 };
 
-/** Asks for the words of a block, or of a new one. Enter takes them, Escape leaves them. */
+/** Opens a field for the prompt of a block, or of a new one. Enter accepts it, Escape cancels. */
 export function ask(timeline, id) {
   timeline.track.querySelector(".words")?.remove();
   const row = timeline.shown.rows.find((one) => one.id === id);
   const input = make("input", "words");
   Object.assign(input, { value: row?.prompt ?? "", placeholder: "what does the person do?" });
-  input.setAttribute("aria-label", "words of the block");
+  input.setAttribute("aria-label", "prompt of the block");
   input.style.left = `${Math.max(4, Math.min(timeline.place(row?.start ?? timeline.shown.end), timeline.width - 230))}px`;
   if (row) input.style.width = `${Math.max(220, timeline.place(row.end) - timeline.place(row.start))}px`;
   let over = false;
@@ -41,7 +41,7 @@ export function ask(timeline, id) {
   input.select();
 }
 
-// A block's element: its edge sets the length, the rest of it moves it.
+// A block's element: its right edge sets the length, the rest moves it.
 export function makeBlock(timeline, id) {
   const element = make("div", "block", make("span", ""), make("div", "edge"));
   element.dataset.id = id;

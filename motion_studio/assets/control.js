@@ -1,5 +1,4 @@
-// What a motion is asked to do beside its words, as docs/control.md has it: constraints as plain objects. No browser is
-// needed here.
+// Constraints of a motion as plain objects, in the form of docs/control.md. Needs no browser.
 
 export const MOST_POINTS = 200,
   MOST_POSES = 60;
@@ -10,7 +9,7 @@ export const pathOf = (control) => control.find(isPath) ?? null;
 /** [[x, z], ...] of the path that is drawn. */
 export const pointsOf = (control) => pathOf(control)?.points.map((point) => [point[0], point.at(-1)]) ?? [];
 
-/** The constraints with another path; without points there is none. Times and headings of other points are dropped. */
+/** The constraints with another path; no points remove it. Times and headings are dropped if the number of points changes. */
 export function withPath(control, points) {
   const old = pathOf(control),
     rest = control.filter((one) => one !== old);
@@ -21,13 +20,13 @@ export function withPath(control, points) {
   return [{ ...kept, ...timed, points }, ...rest];
 }
 
-/** With the pose of a moment; another one of that moment is replaced. */
+/** The constraints with a keyframe; it replaces one at the same time. */
 export const withPose = (control, time, joints) => [
   ...control.filter((one) => one.type !== "keyframe" || Math.abs(one.time - time) > 1e-3),
   { type: "keyframe", time, joints },
 ];
 
-/** The message or field that the studio takes. */
+/** The field of a request or message. */
 export const asJson = (control) => (control.length ? { version: 1, constraints: control } : null);
 
 // Slopes at points: of the parabola through each and its neighbours.
@@ -46,7 +45,7 @@ function slopes(values, times) {
   return found;
 }
 
-/** The smooth curve [[x, z], ...] through points, as `motion_jax/control/paths.py` lays it. */
+/** The smooth curve [[x, z], ...] through points, as `motion_jax/control/paths.py` computes it. */
 export function curve(points, times = null) {
   const apart = points.map((point, i) => (i ? Math.hypot(point[0] - points[i - 1][0], point[1] - points[i - 1][1]) : 1));
   if (!times) {
@@ -76,9 +75,9 @@ export function curve(points, times = null) {
 export const lengthOf = (line) =>
   line.slice(1).reduce((sum, [x, z], i) => sum + Math.hypot(x - line[i][0], z - line[i][1]), 0);
 
-/** What is drawn: {lines, points, targets, poses}. told: where the studio laid what may be anywhere, of a motion that
-    was made so; points: of the path while it is being changed. */
-export function drawn(control, told, fps, points = pointsOf(control)) {
+/** What is drawn: {lines, points, targets, poses}. report: where the studio placed poses and targets
+    that may be anywhere; points: of the path while it is being changed. */
+export function drawn(control, report, fps, points = pointsOf(control)) {
   const path = pathOf(control),
     same = path?.points.length === points.length;
   const lines = control
@@ -92,10 +91,10 @@ export function drawn(control, told, fps, points = pointsOf(control)) {
   const poses = control
     .filter((one) => one.type === "keyframe")
     .map(({ time, joints }) => ({ frame: Math.round(time * fps), joints }));
-  return { lines, points, targets: told?.targets ?? targets, poses: told?.poses ?? poses };
+  return { lines, points, targets: report?.targets ?? targets, poses: report?.poses ?? poses };
 }
 
-/** A constraint in a few words; seconds: how long the motion is, by which a path says its speed. */
+/** A short label of a constraint; seconds: the length of the motion, for the speed along a path. */
 export function named(one, seconds) {
   if (isPath(one)) {
     const length = lengthOf(curve(pointsOf([one]), one.times ?? null)),
@@ -108,8 +107,8 @@ export function named(one, seconds) {
   return one.type.replace("_", " ");
 }
 
-/** How far a motion is from what was asked, as a sentence. */
-export const offSaid = (off, fps) => {
+/** The distance of a motion from its constraints, as a sentence. */
+export const offText = (off, fps) => {
   const mm = (value) => value.toFixed(value < 10 ? 1 : 0);
   return off
     ? `off by ${mm(off.mean)} mm, at most ${mm(off.worst)} mm (${off.joint} at ${(off.frame / fps).toFixed(2)} s)`

@@ -1,6 +1,6 @@
-// The buttons and boxes of the page, and the line that says how it is.
+// The buttons and check boxes of the page, and its status line.
 import { isPath } from "./control.js";
-import { liveDetails, liveSaid, statusOf } from "./words.js";
+import { liveDetails, liveText, statusOf } from "./messages.js";
 
 const $ = (id) => document.getElementById(id);
 const LOOKS = ["follow", "path", "steps", "ghosts", "sticks", "edits"];
@@ -10,7 +10,7 @@ function stored(name, value) {
     if (value === undefined) return localStorage.getItem(name);
     localStorage.setItem(name, value);
   } catch {
-    // a browser that keeps nothing
+    // this browser stores nothing
     return null;
   }
 }
@@ -22,7 +22,7 @@ function theme(studio, dark) {
 }
 
 export function bind(studio) {
-  const { live, story, player, act, timeline, notes } = studio;
+  const { live, multiPrompt, player, act, timeline, notes } = studio;
   const again = () => {
     studio.laidAgain = studio.dirty = true;
   };
@@ -39,8 +39,8 @@ export function bind(studio) {
     studio.setMode("live");
     again();
   };
-  $("mode-story").onclick = () => {
-    studio.setMode("story");
+  $("mode-timeline").onclick = () => {
+    studio.setMode("timeline");
     again();
   };
 
@@ -56,19 +56,19 @@ export function bind(studio) {
     studio.view?.frame(root?.x, root?.z);
   };
 
-  $("say").onsubmit = (event) => {
+  $("prompt-form").onsubmit = (event) => {
     event.preventDefault();
     const prompt = $("prompt").value.trim();
     if (!prompt) return notes.tell("type what the person does, as in “a person waves”", true);
-    if (!live.connected) return notes.tell("the studio is not connected; the words stay here until it is", true);
+    if (!live.connected) return notes.tell("the studio is not connected; your prompt stays here until it is", true);
     live.say(prompt);
   };
   const { ideas } = studio,
-    sayIdea = (prompt) => {
+    useIdea = (prompt) => {
       $("prompt").value = prompt;
-      $("say").requestSubmit();
+      $("prompt-form").requestSubmit();
     };
-  ideas.attach($("prompt"), sayIdea);
+  ideas.attach($("prompt"), useIdea);
   ideas.attach($("edit-prompt"), (prompt) => {
     $("edit-prompt").value = prompt;
   });
@@ -76,7 +76,7 @@ export function bind(studio) {
     const open = !$("ideas").hidden;
     ideas.close();
     $("prompt").focus();
-    if (!open) ideas.open($("prompt"), sayIdea, true);
+    if (!open) ideas.open($("prompt"), useIdea, true);
   };
   $("play").onclick = studio.play;
   $("restart").onclick = () => live.restart();
@@ -91,9 +91,11 @@ export function bind(studio) {
 
   $("make").onclick = () => {
     const { seeds } = studio.state.project;
-    story.make(studio.side ? seeds.map((_, take) => take) : undefined);
+    multiPrompt.make(studio.side ? seeds.map((_, take) => take) : undefined);
   };
-  $("auto").onchange = () => $("auto").checked && studio.state.project.blocks.length && story.stale && story.make();
+  $("auto").onchange = () => {
+    if ($("auto").checked && studio.state.project.blocks.length && multiPrompt.stale) multiPrompt.make();
+  };
   $("undo").onclick = () => act({ type: "undo" });
   $("redo").onclick = () => act({ type: "redo" });
   $("repeat").onchange = () => {
@@ -103,7 +105,7 @@ export function bind(studio) {
   $("side").onchange = () => {
     studio.side = $("side").checked;
     if (studio.side && studio.state.project.blocks.length)
-      story.make(studio.state.project.seeds.map((_, take) => take));
+      multiPrompt.make(studio.state.project.seeds.map((_, take) => take));
     again();
   };
   $("mark-in").onclick = () => studio.markIn();
@@ -116,11 +118,11 @@ export function bind(studio) {
   };
   $("follow-path").onclick = () => studio.follow();
   $("keep-pose").onclick = () => studio.keepPose();
-  $("asked").onclick = ({ target }) => {
+  $("constraints").onclick = ({ target }) => {
     const { index, time } = target.dataset;
     if (index !== undefined) {
       const path = isPath(studio.state.project.control[index]);
-      act({ type: "unask", index: Number(index) });
+      act({ type: "removeConstraint", index: Number(index) });
       if (path && studio.mode === "live") studio.follow();
     } else if (time) {
       studio.seek(Number(time));
@@ -143,7 +145,7 @@ export function bind(studio) {
   });
 
   // The models that can make a timeline, once they are known.
-  studio.modelsCame = () => {
+  studio.modelsChanged = () => {
     const able = studio.models.filter((model) => model.abilities?.includes("multi_prompt"));
     const { model } = studio.state.project;
     const known = able.find((one) => one.name === model.name) ?? (model.name ? null : able[0]);
@@ -153,7 +155,7 @@ export function bind(studio) {
       if (!notes.all.includes(sentence)) notes.tell(sentence, true, failed.name);
     }
     const ready = studio.models.filter((one) => one.state === "ready").length;
-    if (ready !== studio.ready) ideas.forget(); // another model may know other words
+    if (ready !== studio.ready) ideas.forget(); // another model may know other prompts
     studio.ready = ready;
     studio.dirty = true;
   };
@@ -167,7 +169,7 @@ export function bind(studio) {
     const inLive = studio.mode === "live",
       { mode, models } = studio,
       { state, progress } = live;
-    const { text, is } = statusOf({ mode, live, story, models, blocks: studio.state.project.blocks.length });
+    const { text, is } = statusOf({ mode, live, multiPrompt, models, blocks: studio.state.project.blocks.length });
     const line = $("state");
     if (old.how !== text || old.is !== is) {
       line.lastElementChild.textContent = old.how = text;
@@ -176,11 +178,11 @@ export function bind(studio) {
     const playing = inLive ? state === "running" : player.playing;
     put("play", playing ? "❚❚" : "▶");
     put("time", inLive ? `${live.time.toFixed(1)} s` : `${player.time.toFixed(2)} s, frame ${player.frame}`);
-    const said = live.frames ? (live.at(live.time * live.fps)?.prompt ?? "") : progress ? text : "";
-    put("caption", inLive ? said : captionAt(story.shown, player.time));
+    const prompt = live.frames ? (live.at(live.time * live.fps)?.prompt ?? "") : progress ? text : "";
+    put("caption", inLive ? prompt : captionAt(multiPrompt.shown, player.time));
     const details = $("details").checked,
-      same = story.reply?.same_frames;
-    put("numbers", inLive ? liveSaid(live) : "");
+      same = multiPrompt.reply?.same_frames;
+    put("numbers", inLive ? liveText(live) : "");
     put("figures", !details ? "" : inLive ? liveDetails(live) : same ? `${same} frames unchanged` : "");
     $("undo").disabled = !studio.state.past.length;
     $("redo").disabled = !studio.state.future.length;

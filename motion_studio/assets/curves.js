@@ -57,11 +57,11 @@ function shortNumber(value) {
   return size >= 100 ? value.toFixed(0) : size >= 10 ? value.toFixed(1) : value.toFixed(2);
 }
 
-/** Those of the motion that is on the screen; they are reckoned once for each. */
+/** Draws the curves of the motion that is shown; they are computed once per motion. */
 export function showCurves(studio) {
-  const { live, story, timeline } = studio,
+  const { live, multiPrompt, timeline } = studio,
     inLive = studio.mode === "live",
-    whole = inLive ? live : story.shown;
+    whole = inLive ? live : multiPrompt.shown;
   if (!whole?.frames) return;
   const from = inLive ? Math.max(0, live.frames - LIVE_SECONDS * live.fps) : 0;
   const key = inLive ? `${live.run} ${live.end}` : whole;

@@ -1,5 +1,5 @@
 // Suggestions for a field of words: what the model can do, searched while one types, with small moving figures.
-import { play, unpackFigure } from "./figures.js";
+import { play, unpackFigure } from "./stick_figures.js";
 
 const SOON = 250, // milliseconds after the last key that captions of the training are looked up
   MOST = 40; // rows

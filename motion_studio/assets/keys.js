@@ -1,4 +1,4 @@
-// The keyboard. Keys mean what editors make of them, but not while the user writes.
+// Keyboard shortcuts as in video editors; none while the user types.
 
 const WRITES = "input:not([type=checkbox]):not([type=range]), textarea, select";
 
@@ -32,7 +32,7 @@ export function listen(does) {
     event.preventDefault();
     found();
   });
-  // A button that was clicked does not keep the space bar for itself.
+  // A clicked button loses the focus, so that the space bar still plays.
   document.addEventListener("click", (event) => {
     if (event.detail) event.target.closest?.("button, label, input[type=checkbox], select")?.blur?.();
   });

@@ -1,27 +1,27 @@
-// One live motion: the socket, the frames that have come, the clock that plays them.
+// One live motion: its socket, the received frames, and the clock that plays them.
 import { asJson } from "./control.js";
 import { open } from "./stream.js";
-import { GONE } from "./words.js";
+import { GONE } from "./messages.js";
 
 const KEPT = 12_000; // frames: ten minutes
-const DROPPED = 1200; // that go at once when there are more
+const DROPPED = 1200; // removed at once when there are more
 const LOST = {
   gone: GONE,
   refused: "this address is out of date: open the one that the studio printed; your work is kept in this browser",
 };
-const AGAIN = 1000, // milliseconds until the page tries to reach the studio again, each time longer,
+const AGAIN = 1000, // milliseconds until the first attempt to reconnect, then longer each time,
   LONGEST = 5000; // up to this
-const RECENT = 10_000; // milliseconds after a pause in which the stream counts as slow
+const RECENT = 10_000; // milliseconds after an interruption in which the stream counts as slow
 
 export class Live {
-  // tell(sentence, isError, topic) and forget(topic): notes for the user; changed(): something that is shown has changed;
-  // reach(): whether the studio is "there", "gone" or has "refused" this page's token; started(): a motion was requested;
-  // back(): the studio is there after it was not; replaced(): a motion has begun in the place of one that went along a path.
+  // tell(sentence, isError, topic) and forget(topic): notes; changed(): the page has to be drawn again; reach(): whether the
+  // studio is "there", "gone" or has "refused" this page's token; started(): a motion was requested; back(): the studio is
+  // connected again; replaced(): a new motion replaces one that followed a path.
   constructor(token, { tell, forget, changed, reach, started, back, replaced }) {
     Object.assign(this, { token, tell, forget, changed, reach, started, back, replaced });
     this.state = "connecting";
     this.choices = { prompt: "a person walks forward", speed: 1, keep_going: true };
-    this.asked = null; // other choices, until the studio has begun with them
+    this.pendingChoices = null; // other choices, until the studio has started with them
     this.reconnects = this.missed = 0;
     this.progress = null;
     this.connected = this.restored = false;
@@ -30,7 +30,7 @@ export class Live {
     this.clear();
   }
 
-  // A motion begins: nothing of an older one is left.
+  // Resets everything that belongs to one motion.
   clear() {
     Object.assign(this, {
       run: 0,
@@ -50,15 +50,15 @@ export class Live {
       words: [],
       sampling: 0,
       latency: null,
-      said: null,
+      pendingPrompt: null,
       starved: false,
       lastMissed: -Infinity,
-      held: null,
+      constrained: null,
       blocks: 0,
     });
   }
 
-  // By an ordinary request first: a socket that is refused is an error in the studio's log.
+  // Checks with an ordinary request first: a refused socket would be an error in the studio's log.
   async connect() {
     const answer = await this.reach();
     if (answer !== "there") return this.missing(answer);
@@ -81,11 +81,11 @@ export class Live {
 
   opened() {
     this.connected = true;
-    this.asked = null;
+    this.pendingChoices = null;
     this.wait = AGAIN;
     this.absence = null;
     this.forget("connection");
-    if (this.reconnects) this.tell("the studio is back; the live motion starts again, your project is as it was", false);
+    if (this.reconnects) this.tell("the studio is back; the live motion starts again, your project is unchanged", false);
     this.send({ type: "start", ...this.choices });
     this.started();
     if (this.reconnects) this.back();
@@ -105,43 +105,43 @@ export class Live {
 
   message(message) {
     if (message.type === "started") {
-      const led = this.held?.until > 0;
+      const wasConstrained = this.constrained?.until > 0;
       this.clear();
-      if (message.sequence) this.send({ type: "ack", sequence: message.sequence - 1 }); // an older run is played no more
+      if (message.sequence) this.send({ type: "ack", sequence: message.sequence - 1 }); // an older run is no longer played
       this.run = message.run;
       this.fps = message.fps;
       this.blockFrames = message.block_frames;
       this.parents = message.parents;
       this.count = message.joints.length;
-      this.choices = { ...this.choices, ...this.asked, seed: message.seed };
-      this.asked = null;
+      this.choices = { ...this.choices, ...this.pendingChoices, seed: message.seed };
+      this.pendingChoices = null;
       this.model = { name: message.model, id: message.id };
       this.restored = false;
       this.forget("stream");
       this.progress = null;
-      if (led) this.replaced();
+      if (wasConstrained) this.replaced();
     } else if (message.type === "words") {
       this.words = this.words.filter((one) => one.from < message.from_frame);
       this.choices.prompt = message.whole ?? message.prompt;
       this.words.push({ words: message.words, prompt: message.prompt, from: message.from_frame });
       if (message.unknown.length) {
-        const nearest = message.nearest ? `; what it knows and comes nearest is “${message.nearest}”` : "";
+        const nearest = message.nearest ? `; the nearest prompt that it knows is “${message.nearest}”` : "";
         this.tell(`the model has not learned: ${message.unknown.join(", ")}${nearest}`, false, "words");
       } else this.forget("words");
     } else if (message.type === "state") {
       this.state = message.state;
       this.progress = message.doing ? message : null;
-    } else if (message.type === "held") {
-      this.held = { from: message.from_frame, until: message.until_frame };
+    } else if (message.type === "constrained") {
+      this.constrained = { from: message.from_frame, until: message.until_frame };
     } else if (message.type === "error") {
-      this.said = this.asked = null;
+      this.pendingPrompt = this.pendingChoices = null;
       if (this.restored && !this.run) return this.forgetChoices();
       this.tell(message.message, true, "stream");
     }
     this.changed();
   }
 
-  // What was chosen before a reload is not there any more, such as a model that this studio does not have.
+  // Choices from before a reload are not available any more, such as a model that this studio does not have.
   forgetChoices() {
     const { prompt, speed, keep_going } = this.choices;
     this.restored = false;
@@ -163,7 +163,7 @@ export class Live {
     this.changed();
   }
 
-  // Makes the arrays long enough for so many frames; the oldest go where there are too many.
+  // Makes room for this many frames; removes the oldest if there are too many.
   room(frames) {
     if (frames > KEPT) {
       this.joints.copyWithin(0, 3 * this.count * DROPPED, 3 * this.count * this.frames);
@@ -192,17 +192,17 @@ export class Live {
     return performance.now() - this.lastMissed < RECENT;
   }
 
-  /** The words of a frame: {words, prompt, from}. */
+  /** The prompt of a frame: {words, prompt, from}. */
   at(frame) {
     return this.words.findLast((one) => one.from <= frame) ?? null;
   }
 
-  // The clock: so many seconds have passed.
+  // Advances the clock by this many seconds.
   tick(passed) {
     if (this.state !== "running" && this.state !== "waiting" && this.state !== "ended") return;
     if (!this.frames) return;
     const last = (this.end - 1) / this.fps;
-    if (this.time < this.played) this.time = this.played; // who looked back goes on from where it stopped
+    if (this.time < this.played) this.time = this.played; // after looking back, continue from where it stopped
     const next = this.time + passed * this.choices.speed;
     const starved = next > last && this.state === "running";
     if (starved && !this.starved) {
@@ -215,13 +215,13 @@ export class Live {
     while (this.waitingBlocks.length && this.waitingBlocks[0].past <= frame + 1.01) {
       this.send({ type: "ack", sequence: this.waitingBlocks.shift().sequence });
     }
-    if (this.said && this.at(frame)?.words > this.said.after) {
-      this.latency = (performance.now() - this.said.at) / 1000;
-      this.said = null;
+    if (this.pendingPrompt && this.at(frame)?.words > this.pendingPrompt.after) {
+      this.latency = (performance.now() - this.pendingPrompt.at) / 1000;
+      this.pendingPrompt = null;
     }
   }
 
-  /** Looks at another frame that has been played; while the motion runs there is nothing to look back at. */
+  /** Shows a frame that has been played; pauses a running motion. */
   seek(time) {
     if (this.state === "running") this.pause();
     this.time = Math.max(this.first / this.fps, Math.min(time, this.played));
@@ -229,13 +229,13 @@ export class Live {
   }
 
   say(prompt) {
-    this.said = { at: performance.now(), after: this.words.at(-1)?.words ?? 0 };
+    this.pendingPrompt = { at: performance.now(), after: this.words.at(-1)?.words ?? 0 };
     this.send({ type: "prompt", prompt });
   }
 
-  /** The body goes along a path, a constraint, from where it is and from now on; without one it is free again. */
+  /** The body follows a path, a constraint, from where it is; without one it is free again. */
   follow(path) {
-    const { times: _, ...kept } = path ?? {}; // of a story
+    const { times: _, ...kept } = path ?? {}; // times belong to the timeline
     this.send({ type: "control", control: asJson(path ? [kept] : []) });
   }
 
@@ -249,9 +249,9 @@ export class Live {
     this.send({ type: "resume" });
   }
 
-  /** Starts again with other choices: {model, seed, sampling}; where the studio refuses them, nothing changes. */
+  /** Starts again with other choices {model, seed, sampling}; nothing changes if the studio refuses them. */
   begin(choices) {
-    this.asked = choices;
+    this.pendingChoices = choices;
     this.send({ type: "start", ...this.choices, ...choices });
   }
 
@@ -269,7 +269,7 @@ export class Live {
     this.send({ type: "keep_going", on });
   }
 
-  /** What has come, as a motion. */
+  /** The received frames as a motion. */
   motion() {
     const captions = this.words
       .filter((one) => one.from < this.end)

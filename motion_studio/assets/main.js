@@ -1,9 +1,9 @@
-// The page: what belongs together is joined here, and drawn sixty times a second.
+// The page: connects its parts and draws them sixty times a second.
 import * as api from "./api.js";
 import { bind } from "./controls.js";
 import { pathOf, pointsOf } from "./control.js";
 import { showCurves } from "./curves.js";
-import { PathTool } from "./draw.js";
+import { PathTool } from "./path_tool.js";
 import { Ideas } from "./ideas.js";
 import { listen } from "./keys.js";
 import { Live } from "./live.js";
@@ -11,21 +11,21 @@ import { Notes } from "./notes.js";
 import { Panels } from "./panels.js";
 import { Player } from "./player.js";
 import { picture } from "./picture.js";
-import { liveRows, saidProject, storyRows } from "./rows.js";
+import { liveRows, liveProject, timelineRows } from "./timeline_rows.js";
 import { Sampling } from "./sampling.js";
 import { restoreSession } from "./session.js";
 import { MOST_BLOCKS, initial, reduce } from "./state.js";
-import { Story } from "./story.js";
+import { MultiPrompt } from "./multi_prompt.js";
 import { expose } from "./testing.js";
 import { Timeline } from "./timeline.js";
 import { View } from "./view.js";
 
 const $ = (id) => document.getElementById(id);
 const CHANGED_AFTER = 300; // milliseconds after the last change that a motion is made again
-const LONGEST_FRAME = 1; // seconds between two drawings that the clock takes for played; a hidden tab draws nothing
-const ASKED_AGAIN = 1000; // milliseconds between two questions how far the models are
+const LONGEST_FRAME = 1; // seconds between two drawings that count as played; a hidden tab draws nothing
+const POLL_MODELS = 1000; // milliseconds between two requests for the loading progress of the models
 
-const notes = new Notes($("told"));
+const notes = new Notes($("notes"));
 const studio = {
   mode: "live",
   state: initial(),
@@ -47,8 +47,8 @@ const live = (studio.live = new Live(api.token, {
   forget,
   reach: api.reach,
   started: () => {
-    // Behind the timeline the live motion waits.
-    if (studio.mode !== "story") return;
+    // While the timeline is shown, the live motion is paused.
+    if (studio.mode !== "timeline") return;
     live.pause();
     studio.wasRunning = true;
   },
@@ -56,33 +56,33 @@ const live = (studio.live = new Live(api.token, {
     watchModels();
     makeSoon();
   },
-  replaced: () => tool.active || studio.follow(), // a path that is being drawn is sent when it is done
+  replaced: () => tool.active || studio.follow(), // a path that is being drawn is sent when it is complete
 }));
-const story = (studio.story = new Story(api, { tell, forget, changed, state: () => studio.state, act }));
+const multiPrompt = (studio.multiPrompt = new MultiPrompt(api, { tell, forget, changed, state: () => studio.state, act }));
 let waiting = null;
 
-// Every change goes through here; the motion of a changed project is made soon, if the user wants that.
+// Every change goes through here; a changed project is generated soon, if "on change" is checked.
 function act(action) {
   const before = studio.state;
   studio.state = reduce(before, action);
   changed();
   drawTimeline();
-  studio.keeper?.changed();
+  studio.autosave?.changed();
   if (studio.state.project === before.project || ["model", "restore"].includes(action.type)) return;
-  // The live body does what is seen.
+  // The live body follows the path that is shown.
   const other = pathOf(before.project.control) !== pathOf(studio.state.project.control);
   if (other && ["undo", "redo"].includes(action.type) && studio.mode === "live" && !tool.active) studio.follow();
   makeSoon();
 }
 studio.act = act;
 
-// While a path is drawn, nothing is made of half of it.
+// Nothing is generated from a path that is still being drawn.
 studio.makeSoon = makeSoon;
 function makeSoon() {
   const { blocks, past } = studio.state.project;
   clearTimeout(waiting);
-  if ($("auto").checked && (blocks.length || past) && story.stale && !studio.tool.active)
-    waiting = setTimeout(() => story.make(), CHANGED_AFTER);
+  if ($("auto").checked && (blocks.length || past) && multiPrompt.stale && !studio.tool.active)
+    waiting = setTimeout(() => multiPrompt.make(), CHANGED_AFTER);
 }
 
 const tool = (studio.tool = new PathTool($("stage"), {
@@ -91,30 +91,30 @@ const tool = (studio.tool = new PathTool($("stage"), {
   change: (points) => act({ type: "path", points }),
   changed,
   tell,
-  // A live body waits for its path.
+  // The live body pauses while its path is drawn.
   began: () => {
     studio.waits = studio.mode === "live" && live.state === "running";
     if (studio.waits) live.pause();
   },
   ended: () => {
     changed();
-    if (studio.mode === "story") return makeSoon();
+    if (studio.mode === "timeline") return makeSoon();
     studio.follow();
     if (studio.waits) live.resume();
   },
 }));
 
-/** The live body goes along the path that is drawn. */
+/** The live body follows the path that is drawn. */
 studio.follow = () => {
   if (live.connected) live.follow(pathOf(studio.state.project.control));
   else tell("the studio is not connected; the path stays here until it is", true);
 };
 
-/** The body is as it is shown now at that time, wherever it is then. */
+/** Adds a keyframe of the pose that is shown, at its time and at any place. */
 studio.keepPose = () => {
-  const motion = story.shown;
-  if (!motion) return tell("there is no motion yet to keep a pose of; make one first", true);
-  if (motion.count !== studio.view?.body.rest.length) return tell("this motion's joints are not those of the body", true);
+  const motion = multiPrompt.shown;
+  if (!motion) return tell("there is no motion yet; generate one first, then keep its pose", true);
+  if (motion.count !== studio.view?.body.rest.length) return tell("this motion has another skeleton than the body of the page", true);
   const { frame } = studio.player,
     first = 3 * frame * motion.count;
   const joints = Array.from({ length: motion.count }, (_, j) =>
@@ -122,24 +122,24 @@ studio.keepPose = () => {
   );
   const before = studio.state;
   act({ type: "pose", time: Math.round((frame / motion.fps) * 1000) / 1000, joints });
-  if (studio.state === before) tell("there are as many poses as there may be", true);
+  if (studio.state === before) tell("the number of poses has reached its limit; remove one first", true);
 };
 
 studio.setMode = (mode) => {
   if (mode === studio.mode) return;
   if (tool.active) tool.end();
   studio.mode = document.body.dataset.mode = mode;
-  for (const name of ["live", "story"]) $(`mode-${name}`).setAttribute("aria-selected", String(name === mode));
-  if (mode === "story" && live.state === "running") {
+  for (const name of ["live", "timeline"]) $(`mode-${name}`).setAttribute("aria-selected", String(name === mode));
+  if (mode === "timeline" && live.state === "running") {
     live.pause();
     studio.wasRunning = true;
   } else if (mode === "live" && studio.wasRunning) {
     live.resume();
     studio.wasRunning = false;
   }
-  if (mode === "story") studio.player.load(story.shown);
+  if (mode === "timeline") studio.player.load(multiPrompt.shown);
   studio.ideas.forget();
-  studio.keeper?.changed();
+  studio.autosave?.changed();
   timeline.window = { start: 0, end: 12 };
   changed();
   drawTimeline();
@@ -147,8 +147,8 @@ studio.setMode = (mode) => {
 
 studio.livePieces = () => liveRows(live).pieces;
 
-/** The motion that is on the screen. */
-studio.motion = () => (studio.mode === "live" ? live.motion() : story.shown);
+/** The motion that is shown. */
+studio.motion = () => (studio.mode === "live" ? live.motion() : multiPrompt.shown);
 
 studio.editor = () => {
   const model = studio.models.find((one) => one.abilities?.includes("edit"));
@@ -158,12 +158,12 @@ studio.editor = () => {
 studio.seek = (second) => {
   if (studio.mode === "live") live.seek(second);
   else studio.player.seek(second);
-  studio.keeper?.changed();
+  studio.autosave?.changed();
   changed();
 };
 
 studio.play = () => {
-  if (studio.mode === "story") studio.player.toggle();
+  if (studio.mode === "timeline") studio.player.toggle();
   else if (live.state === "paused") live.resume();
   else if (live.state === "stopped" || live.state === "ended") live.restart();
   else live.pause();
@@ -179,17 +179,17 @@ studio.step = (frames) => {
 
 studio.time = () => (studio.mode === "live" ? live.time : studio.player.time);
 
-const frameAt = (second) => Math.round(second * (story.shown?.fps ?? 20));
+const frameAt = (second) => Math.round(second * (multiPrompt.shown?.fps ?? 20));
 
 /** Marks frames between two seconds. */
 studio.mark = (from, to) => {
-  const frames = story.shown?.frames ?? 0;
-  if (studio.mode === "story")
+  const frames = multiPrompt.shown?.frames ?? 0;
+  if (studio.mode === "timeline")
     act({ type: "span", span: [frameAt(from), frameAt(to)].map((frame) => Math.min(frame, frames)) });
 };
 
-// From the play head to where the span ends, or a second; up to the play head from where it begins, or a second before.
-const markedAt = (end) => (studio.state.span ? studio.state.span[end] / (story.shown?.fps ?? 20) : -1);
+// A span starts or ends at the play head; without another end it is one second long.
+const markedAt = (end) => (studio.state.span ? studio.state.span[end] / (multiPrompt.shown?.fps ?? 20) : -1);
 studio.markIn = () => studio.mark(studio.time(), markedAt(1) > studio.time() ? markedAt(1) : studio.time() + 1);
 studio.markOut = () => {
   const from = markedAt(0);
@@ -198,10 +198,10 @@ studio.markOut = () => {
 
 /** The live prompts, as blocks on the timeline. */
 studio.toTimeline = () => {
-  const said = saidProject(live, studio.state.project);
-  if (!said.blocks.length) return tell("nothing has been made yet", true);
-  act({ type: "open", project: said });
-  studio.setMode("story");
+  const project = liveProject(live, studio.state.project);
+  if (!project.blocks.length) return tell("there is no live motion yet", true);
+  act({ type: "open", project });
+  studio.setMode("timeline");
 };
 
 const timeline = (studio.timeline = new Timeline($("timeline"), {
@@ -213,7 +213,7 @@ const timeline = (studio.timeline = new Timeline($("timeline"), {
   move: (id, index) => act({ type: "move", id, index }),
   add: (prompt) => {
     if (studio.state.project.blocks.length >= MOST_BLOCKS)
-      tell(`there are ${MOST_BLOCKS} blocks, which is the most`, true);
+      tell(`there are ${MOST_BLOCKS} blocks, the maximum`, true);
     else act({ type: "add", prompt });
   },
   span: studio.mark,
@@ -243,7 +243,7 @@ listen({
 });
 
 function removeSelected() {
-  if (studio.mode === "story" && studio.state.selected !== null) act({ type: "remove", id: studio.state.selected });
+  if (studio.mode === "timeline" && studio.state.selected !== null) act({ type: "remove", id: studio.state.selected });
 }
 
 studio.end = () => (studio.mode === "live" ? live.played : studio.player.last);
@@ -251,7 +251,7 @@ studio.end = () => (studio.mode === "live" ? live.played : studio.player.last);
 const panels = (studio.panels = new Panels({
   state: () => studio.state,
   act,
-  story,
+  multiPrompt,
   tell,
   forget,
   motion: studio.motion,
@@ -269,12 +269,12 @@ bind(studio);
 expose(studio);
 
 function drawTimeline() {
-  timeline.draw(studio.mode === "live" ? liveRows(live) : storyRows(studio.state, story, studio.player.time));
+  timeline.draw(studio.mode === "live" ? liveRows(live) : timelineRows(studio.state, multiPrompt, studio.player.time));
 }
 
 function drawAll(passed) {
   const before = studio.time(),
-    motion = story.shown;
+    motion = multiPrompt.shown;
   if (studio.mode === "live") live.tick(passed);
   else {
     if (motion !== studio.loaded) studio.player.load(motion);
@@ -283,7 +283,7 @@ function drawAll(passed) {
   }
   const moved = studio.time() !== before,
     other = moved || studio.dirty || studio.laidAgain;
-  if (moved && (studio.mode === "story" ? studio.player.playing : live.state === "running"))
+  if (moved && (studio.mode === "timeline" ? studio.player.playing : live.state === "running"))
     timeline.reveal(studio.time());
   if (moved || studio.dirty) {
     drawTimeline();
@@ -305,19 +305,19 @@ function tick(now) {
 
 let watching = false;
 
-// Asks how far the models are until all are ready; once more when the studio was started again.
+// Polls the loading progress of the models until all are ready; runs again after the studio has restarted.
 async function watchModels() {
   if (watching) return;
   watching = true;
   do {
     try {
       studio.models = await api.models();
-      studio.modelsCame();
+      studio.modelsChanged();
     } catch {
-      break; // the stream finds out when the studio is back
+      break; // the stream notices when the studio is back
     }
     if (studio.models.every((model) => ["ready", "failed"].includes(model.state))) break;
-    await new Promise((done) => setTimeout(done, ASKED_AGAIN));
+    await new Promise((done) => setTimeout(done, POLL_MODELS));
   } while (true);
   watching = false;
 }

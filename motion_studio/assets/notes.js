@@ -1,5 +1,5 @@
-// Sentences for the user. Each has a topic: a newer sentence on it replaces the older one, and it goes when its cause
-// has gone. Errors on a topic stay until then, others go by themselves.
+// Notifications. Each has a topic: a newer one on the topic replaces it, and `forget` removes it once its cause is gone.
+// Errors on a topic stay until then, others disappear after some seconds.
 
 const MOST = 3; // notes at once
 const SHOWN = 7000,
@@ -12,7 +12,7 @@ export class Notes {
     this.all = [];
   }
 
-  /** topic: what the sentence is about, such as "connection"; error: whether something went wrong. */
+  /** topic: a key such as "connection"; error: whether it reports a failure. */
   tell(sentence, error, topic = "") {
     this.all.push(sentence);
     if (error) this.errors.push(sentence);
@@ -30,7 +30,7 @@ export class Notes {
     if (!error || !topic) setTimeout(() => note.remove(), error ? ERROR_SHOWN : SHOWN);
   }
 
-  /** The cause of what was said on a topic has gone. */
+  /** Removes the notes of a topic whose cause is gone. */
   forget(topic) {
     this.remove((note) => note.dataset.topic === topic);
   }

@@ -1,13 +1,13 @@
-// What is around the picture and the timeline: takes, the marked span, files, export.
+// The panels around the view and the timeline: takes, constraints, the marked span, files, export.
 import * as api from "./api.js";
-import { asJson, isPath, named, offSaid } from "./control.js";
+import { asJson, isPath, named, offText } from "./control.js";
 import { part, toJson } from "./motion.js";
 import { MOST_TAKES, lengthOf, saved } from "./state.js";
-import { legendOf, workSaid } from "./words.js";
+import { legendOf, workText } from "./messages.js";
 
 const $ = (id) => document.getElementById(id);
 
-// A constraint by its name, at a time, with a cross.
+// A chip with a constraint's label and a button that removes it.
 function chipOf(name, time, index) {
   const chip = Object.assign(document.createElement("span"), { className: "chip" });
   const text = Object.assign(document.createElement("button"), { type: "button", textContent: name });
@@ -20,10 +20,10 @@ function chipOf(name, time, index) {
 }
 
 export class Panels {
-  // studio: {state(), act(action), story, tell, forget, motion(), changed(), editor()}
+  // studio: {state(), act(action), multiPrompt, tell, forget, motion(), changed(), editor()}
   constructor(studio) {
     this.studio = studio;
-    this.savedProject = null; // as it was written to a file
+    this.savedProject = null; // the project as last saved to a file
     this.exporting = false;
     const { act, tell, forget } = studio;
     const tried =
@@ -38,7 +38,7 @@ export class Panels {
       };
     $("add-take").onclick = () => {
       const { seeds } = studio.state().project;
-      if (seeds.length >= MOST_TAKES) return tell(`there are ${MOST_TAKES} takes, which is the most`, true);
+      if (seeds.length >= MOST_TAKES) return tell(`there are ${MOST_TAKES} takes, the maximum`, true);
       act({ type: "addTake", seed: Math.max(...seeds) + 1 });
     };
     $("takes").onclick = ({ target }) => {
@@ -76,7 +76,7 @@ export class Panels {
 
   draw() {
     const { project, span } = this.studio.state(),
-      { story } = this.studio;
+      { multiPrompt } = this.studio;
     const chips = $("takes");
     while (chips.children.length > project.seeds.length) chips.lastChild.remove();
     project.seeds.forEach((seed, take) => {
@@ -84,21 +84,21 @@ export class Panels {
         chips.children[take] ?? chips.appendChild(Object.assign(document.createElement("button"), { type: "button" }));
       chip.dataset.take = take;
       chip.textContent = `seed ${seed}`;
-      chip.title = "a click shows it, a right click removes it";
-      chip.className = story.of(take) ? "" : "none";
+      chip.title = "click to show, right click to remove";
+      chip.className = multiPrompt.of(take) ? "" : "none";
       chip.setAttribute("aria-pressed", String(take === project.chosen));
     });
     $("span").textContent = span ? `frames ${span[0]} to ${span[1]}` : "drag below the blocks to mark a span";
-    this.drawAsked(project);
-    $("edit-button").disabled = !span || !story.shown || Boolean(story.busy);
+    this.drawConstraints(project);
+    $("edit-button").disabled = !span || !multiPrompt.shown || Boolean(multiPrompt.busy);
     $("unmark").hidden = !span;
     $("new").disabled = !project.blocks.length && !project.past && !project.control.length;
-    const edited = this.studio.mode() === "story" && Array.isArray(story.shown?.meta?.made);
+    const edited = this.studio.mode() === "timeline" && Array.isArray(multiPrompt.shown?.meta?.made);
     $("edits").parentElement.hidden = !edited;
-    this.drawLegend(this.studio.mode() === "story" ? story.pieces() : this.studio.livePieces());
+    this.drawLegend(this.studio.mode() === "timeline" ? multiPrompt.pieces() : this.studio.livePieces());
   }
 
-  // What the colours of the strip mean.
+  // The legend of the strip's colours.
   drawLegend(pieces) {
     const rows = legendOf(pieces),
       key = rows.join();
@@ -113,43 +113,43 @@ export class Panels {
     );
   }
 
-  // A chip of each constraint: a click goes to its time, the cross takes it away.
-  drawAsked({ control, blocks }) {
-    const { story, mode, tool } = this.studio,
-      motion = story.shown,
-      inStory = mode() === "story",
+  // A chip for each constraint: a click seeks to its time, the cross removes it.
+  drawConstraints({ control, blocks }) {
+    const { multiPrompt, mode, tool } = this.studio,
+      motion = multiPrompt.shown,
+      inTimeline = mode() === "timeline",
       length = blocks.reduce((sum, block) => sum + lengthOf(block), 0);
     const rows = control
       .map((one, index) => [one, index])
-      .filter(([one]) => inStory || isPath(one))
-      .map(([one, index]) => [named(one, inStory ? length : 0), one.time ?? one.times?.[0] ?? "", index]);
-    // Those that stay are not replaced: a click would be lost between the button's going down and up.
+      .filter(([one]) => inTimeline || isPath(one))
+      .map(([one, index]) => [named(one, inTimeline ? length : 0), one.time ?? one.times?.[0] ?? "", index]);
+    // Unchanged chips are not replaced: that would lose a click between pointer down and up.
     if (JSON.stringify(rows) !== this.chips) {
       this.chips = JSON.stringify(rows);
-      $("asked").replaceChildren(...rows.map((row) => chipOf(...row)));
+      $("constraints").replaceChildren(...rows.map((row) => chipOf(...row)));
     }
-    $("off").textContent = inStory && motion && !story.stale ? offSaid(motion.asked?.off, motion.fps) : "";
+    $("off").textContent = inTimeline && motion && !multiPrompt.stale ? offText(motion.report?.off, motion.fps) : "";
     $("draw-path").setAttribute("aria-pressed", String(tool().active));
     $("follow-path").disabled = !control.some(isPath);
     $("keep-pose").disabled = !motion;
   }
 
   edit() {
-    const { state, act, story, tell, editor } = this.studio,
+    const { state, act, multiPrompt, tell, editor } = this.studio,
       { span, project } = state();
     const prompt = $("edit-prompt").value.trim();
     if (!span) return tell("mark a span first: drag below the blocks, or press [ and ]", true);
     if (!prompt) return tell("type what happens in the marked span", true);
-    if (story.stale) return tell("the motion is not made yet; make it first", true);
-    const change = [[span[0], Math.min(span[1], story.shown.frames)]];
-    if (change[0][0] >= change[0][1]) return tell("the marked span lies behind the end of the motion", true);
+    if (multiPrompt.stale) return tell("the motion is not generated yet; press Make first", true);
+    const change = [[span[0], Math.min(span[1], multiPrompt.shown.frames)]];
+    if (change[0][0] >= change[0][1]) return tell("the marked span is after the end of the motion; mark another one", true);
     const edit = { take: project.chosen, prompt, change, seed: 0, sampling: {}, model: editor() };
-    // The same words on the same frames again are another try.
+    // The same prompt for the same frames again gets another seed.
     while (project.edits.some((one) => JSON.stringify(one) === JSON.stringify(edit))) edit.seed += 1;
     act({ type: "addEdit", edit });
-    story.make().then(() => {
-      // what could not be made is no part of the project
-      if (story.stale && state().project.edits.includes(edit)) act({ type: "undo" });
+    multiPrompt.make().then(() => {
+      // an edit that failed is removed from the project
+      if (multiPrompt.stale && state().project.edits.includes(edit)) act({ type: "undo" });
     });
   }
 
@@ -157,18 +157,18 @@ export class Panels {
     const file = input.files[0];
     input.value = "";
     if (!file) return;
-    const { state, act, story, tell } = this.studio,
+    const { state, act, multiPrompt, tell } = this.studio,
       { project } = state();
     const motion = await api.importFile(file),
       length = `${(motion.shape[0] / motion.fps).toFixed(1)} s`;
     const place = project.blocks.length ? await this.askWhere(file.name, length, project.blocks.length) : "instead";
     if (!place) return;
     act({ type: "importMotion", motion, alone: place === "instead" });
-    await story.make();
+    await multiPrompt.make();
     tell(`${file.name}: ${length}; add blocks to continue it, or mark a span to change it`, false);
   }
 
-  // A motion goes before the blocks, which are then made again, or in their place: "before", "instead", or nothing.
+  // Where an imported motion goes: "before" the blocks, which are generated again, "instead" of them, or "" to cancel.
   askWhere(name, length, count) {
     const panel = $("import-panel"),
       blocks = count === 1 ? "1 block" : `${count} blocks`;
@@ -191,7 +191,7 @@ export class Panels {
     this.savedProject = project;
   }
 
-  /** Whether leaving the page would lose what is in no file. */
+  /** Whether the project has changes that are not saved to a file. */
   get unsaved() {
     const { project } = this.studio.state();
     return project !== this.savedProject && Boolean(project.blocks.length || project.past);
@@ -206,7 +206,7 @@ export class Panels {
     try {
       value = JSON.parse(text);
     } catch {
-      throw new Error(`${file.name} is no project, or was cut: it is no valid JSON`);
+      throw new Error(`${file.name} is not a complete project file: it is not valid JSON`);
     }
     const project = await api.project(value);
     const known = this.studio.models().find((model) => model.name === project.model.name);
@@ -218,12 +218,12 @@ export class Panels {
     }
     if (known.id && project.model.id && known.id !== project.model.id) {
       this.studio.tell(
-        `the project was made with ${project.model.id}, this is ${known.id}: the motion may be another one`,
+        `the project was made with ${project.model.id}, this is ${known.id}: the motion may differ`,
         false,
       );
     }
     this.studio.act({ type: "open", project });
-    this.studio.story.make();
+    this.studio.multiPrompt.make();
   }
 
   showExport() {
@@ -231,38 +231,38 @@ export class Panels {
       { span } = this.studio.state();
     if (!motion?.frames) return this.studio.tell("there is no motion to export yet", true);
     this.exported = motion;
-    $("trim").checked = false; // a marked span is a proposal: what is exported is the whole motion
+    $("trim").checked = false; // a marked span is only suggested: the whole motion is exported by default
     $("trim-from").value = span?.[0] ?? 0;
     $("trim-to").value = Math.min(span?.[1] ?? motion.frames, motion.frames);
     $("trim-to").max = motion.frames;
-    $("export-told").textContent = `${motion.frames} frames, ${(motion.frames / motion.fps).toFixed(1)} s`;
+    $("export-status").textContent = `${motion.frames} frames, ${(motion.frames / motion.fps).toFixed(1)} s`;
     $("export-panel").showModal();
   }
 
   async export() {
-    const told = $("export-told"),
+    const status = $("export-status"),
       format = $("format").value,
       button = $("export-button");
     let motion = this.exported;
     const request = { format, in_place: $("in-place").checked, loop: $("loop").checked };
     const { control } = this.studio.state().project;
-    if (this.studio.mode() === "story" && control.length && !this.studio.story.stale) request.control = asJson(control);
+    if (this.studio.mode() === "timeline" && control.length && !this.studio.multiPrompt.stale) request.control = asJson(control);
     if ($("export-name").value.trim()) request.name = $("export-name").value.trim();
     if ($("trim").checked) request.trim = [[Number($("trim-from").value), Number($("trim-to").value)]];
     if (["mp4", "gif"].includes(format) && !request.trim && motion.frames > 60 * motion.fps && !motion.sent) {
       motion = part(motion, motion.frames - Math.floor(60 * motion.fps), motion.frames); // of a stream, the last minute
     }
     button.disabled = this.exporting = true;
-    told.textContent = "writing the file";
+    status.textContent = "writing the file";
     try {
       const { blob, name } = await api.exportMotion({ motion: toJson(motion), ...request }, (work) => {
-        told.textContent = workSaid(work);
+        status.textContent = workText(work);
       });
       api.download(blob, name);
-      told.textContent = `${name}, ${(blob.size / 1024).toFixed(0)} KB`;
+      status.textContent = `${name}, ${(blob.size / 1024).toFixed(0)} KB`;
       this.last = { name, bytes: blob.size };
     } catch (error) {
-      told.textContent = error.message;
+      status.textContent = error.message;
       this.studio.tell(error.message, true);
     } finally {
       button.disabled = this.exporting = false;

@@ -1,41 +1,41 @@
-// What the view shows at this moment: the live body, the made one, or takes side by side.
+// Draws the current frame: the live body, the timeline's motion, or takes side by side.
 import { drawn, isPath } from "./control.js";
 import { footprints, isEdited, part } from "./motion.js";
 
-const GROUND_SECONDS = 60; // of a stream whose way and steps are drawn
-const AGAIN = 0.5; // seconds between two drawings of a live way
+const GROUND_SECONDS = 60; // of a stream whose path and footprints are drawn
+const AGAIN = 0.5; // seconds between two updates of a live path
 
-let asked = []; // what the marks were drawn of
+let marked = []; // the values that the constraint marks were drawn from
 let laid = null,
   from = 0,
-  since = 0; // what lies on the ground, the frame that it begins with, its age
+  since = 0; // the motion drawn on the ground, its first frame, its age
 
-/** Draws what is other than the last time; passed: seconds since then. */
+/** Draws what has changed since the last call; passed: seconds since then. */
 export function picture(studio, passed, other) {
   since += passed;
   if (other && studio.mode === "live") showLive(studio);
-  else if (other) showStory(studio);
-  if (other) showAsked(studio);
+  else if (other) showTimeline(studio);
+  if (other) showConstraints(studio);
   if (other) studio.laidAgain = false;
   studio.view.draw(passed, other);
 }
 
-// A live body has the path alone.
-function showAsked({ view, mode, live, story, state, tool, player }) {
-  const inStory = mode === "story",
+// A live body has only the path.
+function showConstraints({ view, mode, live, multiPrompt, state, tool, player }) {
+  const inTimeline = mode === "timeline",
     { control } = state.project,
-    motion = story.shown;
-  const told = inStory && !story.stale ? (motion?.asked ?? null) : null,
+    motion = multiPrompt.shown;
+  const report = inTimeline && !multiPrompt.stale ? (motion?.report ?? null) : null,
     fps = motion?.fps ?? live.fps;
-  const now = [mode, control, told, fps, tool.preview, tool.chosen];
-  if (now.some((value, i) => value !== asked[i])) {
-    asked = now;
-    view.ask(drawn(inStory ? control : control.filter(isPath), told, fps, tool.points), tool.chosen);
+  const now = [mode, control, report, fps, tool.preview, tool.chosen];
+  if (now.some((value, i) => value !== marked[i])) {
+    marked = now;
+    view.drawConstraints(drawn(inTimeline ? control : control.filter(isPath), report, fps, tool.points), tool.chosen);
   }
-  view.marks.show(inStory ? player.time * fps : 0, fps);
+  view.marks.show(inTimeline ? player.time * fps : 0, fps);
 }
 
-// Without a body nothing lies on the ground either.
+// No body, no path and no footprints.
 function empty(view) {
   view.clear();
   laid = null;
@@ -57,8 +57,8 @@ function showLive({ view, live, laidAgain }) {
   view.light(Math.floor(at) - from);
 }
 
-function showStory({ view, story, player, state, side, laidAgain }) {
-  const motion = story.shown,
+function showTimeline({ view, multiPrompt, player, state, side, laidAgain }) {
+  const motion = multiPrompt.shown,
     second = player.time,
     { seeds, chosen } = state.project;
   if (!motion) return empty(view);
@@ -67,7 +67,7 @@ function showStory({ view, story, player, state, side, laidAgain }) {
     at: second * shown.fps,
     edited: view.options.edits ? isEdited(shown, Math.floor(second * shown.fps)) : null,
   });
-  const others = side ? seeds.map((_, take) => (take === chosen ? null : story.of(take))).filter(Boolean) : [];
+  const others = side ? seeds.map((_, take) => (take === chosen ? null : multiPrompt.of(take))).filter(Boolean) : [];
   view.show([motion, ...others].map(one));
   if (laid !== motion || laidAgain) view.lay(motion, motion.prints);
   laid = motion;

@@ -1,11 +1,11 @@
-// The clock of a motion that is there as a whole. No browser is needed here.
+// The clock of a complete motion. Needs no browser.
 
 export class Player {
   constructor() {
     Object.assign(this, { time: 0, playing: false, repeat: false, frames: 0, fps: 20 });
   }
 
-  /** Another motion; the play head stays where it is, if there is something. */
+  /** Loads another motion; the play head stays where it is, if possible. */
   load(motion) {
     this.frames = motion?.frames ?? 0;
     this.fps = motion?.fps ?? 20;
@@ -24,13 +24,13 @@ export class Player {
     this.time = Math.max(0, Math.min(Number.isFinite(time) ? time : 0, this.last));
   }
 
-  /** Whole frames forth or back; it stands still then. */
+  /** Steps by whole frames, and pauses. */
   step(frames) {
     this.playing = false;
     this.seek((this.frame + frames) / this.fps);
   }
 
-  /** At the end it begins again. */
+  /** Plays or pauses; restarts at the end. */
   toggle() {
     if (!this.playing && this.time >= this.last) this.time = 0;
     this.playing = !this.playing && this.frames > 1;

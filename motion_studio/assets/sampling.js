@@ -1,10 +1,10 @@
-// How motions are sampled: model, seed, steps, guidance.
+// The sampling dialog: model, seed, steps, guidance scale.
 
 const $ = (id) => document.getElementById(id);
-const NAMES = { num_steps: "steps", guidance_scale: "guidance" };
+const NAMES = { num_steps: "steps", guidance_scale: "guidance scale" };
 const MOST_SEED = 2 ** 32 - 1;
 
-/** The number in a field, null where it is empty. Throws a sentence about one that is none. */
+/** The number in a field, or null if it is empty. Throws an Error for other text. */
 export function read(name, text) {
   const value = Number(text);
   if (!text.trim()) return null;
@@ -12,7 +12,7 @@ export function read(name, text) {
   return value;
 }
 
-/** A seed as it is written. */
+/** The seed in a field. */
 export function readSeed(text) {
   const seed = read("seed", text);
   if (!Number.isInteger(seed) || seed < 0 || seed > MOST_SEED || !text.trim())
@@ -32,12 +32,12 @@ export class Sampling {
         this.use();
       } catch (error) {
         event.preventDefault();
-        $("sampling-told").textContent = error.message;
+        $("sampling-status").textContent = error.message;
       }
     };
   }
 
-  // {model, seed, sampling} of what is on the screen.
+  // {model, seed, sampling} of the motion that is shown.
   get current() {
     const { mode, live, state } = this.studio;
     if (mode === "live") {
@@ -55,7 +55,7 @@ export class Sampling {
     $("model").replaceChildren(...this.able.map(({ name }) => new Option(name, name)));
     if (this.able.some(({ name }) => name === model)) $("model").value = model;
     $("seed").value = seed ?? "";
-    $("sampling-told").textContent = "An empty field is as the model has it.";
+    $("sampling-status").textContent = "Empty fields use the model's defaults.";
     this.fields(sampling);
     $("sampling-panel").showModal();
   }
@@ -94,7 +94,7 @@ export class Sampling {
     if (mode === "live") return live.begin({ model: name, seed, sampling });
     const { seeds, chosen } = state.project;
     if (seeds.some((other, take) => other === seed && take !== chosen))
-      throw new Error(`another take has the seed ${seed} already`);
+      throw new Error(`another take already has the seed ${seed}`);
     act({ type: "set", fields: { model: { name, id: id ?? "" }, seeds: seeds.with(chosen, seed), sampling } });
   }
 }

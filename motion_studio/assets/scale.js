@@ -1,4 +1,4 @@
-// The scale of the timeline: which seconds are seen, and how they zoom and pan. No browser is needed here.
+// The visible window of the timeline: zoom, pan, ruler marks. Needs no browser.
 
 const NEAREST = 0.5,
   FARTHEST = 3600; // seconds across
@@ -11,7 +11,7 @@ export function zoomed(window, factor, around) {
   return { start, end: start + wide };
 }
 
-/** Moved by so many seconds, not before the beginning. */
+/** Moved by seconds, but not before 0. */
 export function panned(window, seconds) {
   const start = Math.max(0, window.start + seconds);
   return { start, end: start + window.end - window.start };
@@ -25,7 +25,7 @@ export function showing(window, second) {
   return { start, end: start + width };
 }
 
-/** Seconds between two marks of a ruler of so many pixels. */
+/** Seconds between two marks of a ruler of this width in pixels. */
 export function between(window, width) {
   const least = ((window.end - window.start) / Math.max(width, 1)) * 60;
   return [0.1, 0.2, 0.5, 1, 2, 5, 10, 30, 60, 300, 600].find((step) => step >= least) ?? 1800;

@@ -1,11 +1,11 @@
-// What outlives a reload: the work is kept in the browser, and put back. Asks before the page is left where it must.
-import { Keeper } from "./keeper.js";
+// Restores the work after a reload from this browser's storage, and warns before unsaved work is lost.
+import { Autosave } from "./autosave.js";
 
 const $ = (id) => document.getElementById(id);
 const BOXES = ["auto", "repeat", "side", "keep-going", "follow", "path", "steps", "ghosts", "sticks", "edits",
   "show-curves", "details"]; // prettier-ignore
 
-// The work as plain data.
+// The work as plain data, for the storage.
 function snapshot(studio) {
   const { state, mode, live, timeline } = studio;
   const { prompt, speed, keep_going, seed, model, sampling } = live.choices;
@@ -22,7 +22,7 @@ function snapshot(studio) {
 }
 
 // `change` events tell the page what each box means.
-function putBack(studio, kept) {
+function restore(studio, kept) {
   for (const [id, checked] of Object.entries(kept.boxes)) {
     if (!$(id) || $(id).checked === checked) continue;
     $(id).checked = checked;
@@ -33,44 +33,44 @@ function putBack(studio, kept) {
   studio.live.restored = true;
   $("speed").value = kept.choices.speed;
   $("speed").nextElementSibling.textContent = `${kept.choices.speed}×`;
-  studio.story.restore(kept.rows);
+  studio.multiPrompt.restore(kept.rows);
   studio.act({ type: "restore", state: kept.state });
   studio.setMode(kept.mode);
   studio.timeline.window = kept.window;
-  if (kept.mode === "story") studio.seek(kept.time);
+  if (kept.mode === "timeline") studio.seek(kept.time);
 }
 
-/** Puts back what this tab, or one that was closed, has made, and keeps it from now on. */
+/** Restores the work of this tab, or of a closed one, and saves it from now on. */
 export async function restoreSession(studio) {
-  const keeper = (studio.keeper = new Keeper(
+  const autosave = (studio.autosave = new Autosave(
     () => snapshot(studio),
-    () => studio.story.toKeep(),
+    () => studio.multiPrompt.toKeep(),
   ));
-  const kept = await keeper.open();
+  const kept = await autosave.open();
   const { blocks, past } = kept?.state?.project ?? {};
   if (kept) {
     try {
-      putBack(studio, kept);
-      studio.makeSoon(); // what was being made
+      restore(studio, kept);
+      studio.makeSoon(); // what was being generated
       if (blocks.length || past) {
         const when = new Date(kept.saved).toLocaleTimeString([], { hour: "2-digit", minute: "2-digit" });
-        studio.notes.tell(`your project is back as it was at ${when}; New starts an empty one`, false);
+        studio.notes.tell(`your project was restored from ${when}; New starts an empty one`, false);
       }
     } catch (error) {
-      studio.notes.tell(`what this browser has kept cannot be read (${error.message}); saved files can be opened`, true);
+      studio.notes.tell(`the work stored in this browser cannot be read (${error.message}); open a saved project instead`, true);
     }
   }
-  if (!keeper.works)
-    studio.notes.tell("this browser keeps nothing: save your project to a file before you leave", true, "storage");
-  document.addEventListener("input", () => keeper.changed());
-  document.addEventListener("change", () => keeper.changed());
-  for (const event of ["pagehide", "visibilitychange"]) addEventListener(event, () => keeper.save());
-  // Something runs, or is kept nowhere.
+  if (!autosave.works)
+    studio.notes.tell("this browser stores nothing: save your project to a file before you leave", true, "storage");
+  document.addEventListener("input", () => autosave.changed());
+  document.addEventListener("change", () => autosave.changed());
+  for (const event of ["pagehide", "visibilitychange"]) addEventListener(event, () => autosave.save());
+  // Something is running or not stored yet.
   studio.leaving = () =>
-    Boolean(studio.story.busy) || studio.panels.exporting || keeper.pending || (!keeper.works && studio.panels.unsaved);
+    Boolean(studio.multiPrompt.busy) || studio.panels.exporting || autosave.pending || (!autosave.works && studio.panels.unsaved);
   addEventListener("beforeunload", (event) => {
     if (!studio.leaving()) return;
-    keeper.save();
+    autosave.save();
     event.preventDefault();
   });
 }

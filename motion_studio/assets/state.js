@@ -1,4 +1,4 @@
-// What the user has made, as plain data, and how each action changes it; no browser is needed here.
+// The project and its undo history as plain data, and how each action changes them. Needs no browser.
 //
 // state: {project, past, future, selected, span, next}
 // project: {blocks: [{id, prompt, seconds}], seeds, chosen, cleanup, sampling, past, control, edits, model: {name, id}};
@@ -30,7 +30,7 @@ export const initial = () => ({ project: empty(), past: [], future: [], selected
 
 export const lengthOf = (block) => block.seconds ?? DEFAULT_SECONDS;
 
-/** Lengths go in steps of the model's blocks: words change at those. */
+/** Lengths are multiples of the model's blocks, at which prompts change. */
 export const snapped = (seconds, step = SHORTEST) =>
   Math.min(LONGEST, Math.max(step, Math.round(Math.round(seconds / step) * step * 1000) / 1000));
 
@@ -46,7 +46,7 @@ export function placed(project) {
 
 const clean = (prompt) => String(prompt ?? "").trim();
 
-// Each gives the project that comes after, or the same one where nothing changes.
+// Each returns the changed project, or the same object if nothing changes.
 const CHANGES = {
   add: (project, { prompt, seconds, index = project.blocks.length, id }) => {
     if (!clean(prompt) || project.blocks.length >= MOST_BLOCKS) return project;
@@ -108,7 +108,7 @@ const CHANGES = {
     if (project.control.filter((one) => one.type === "keyframe").length >= MOST_POSES) return project;
     return { ...project, control: withPose(project.control, time, joints) };
   },
-  unask: (project, { index }) =>
+  removeConstraint: (project, { index }) =>
     index in project.control ? { ...project, control: project.control.toSpliced(index, 1) } : project,
   set: (project, { fields }) => ({ ...project, ...fields }),
 };
@@ -145,7 +145,7 @@ export function reduce(state, action) {
         future: state.future.slice(1),
         past: [...state.past, state.project],
       });
-    case "restore": // what the browser has kept
+    case "restore": // from the browser's storage
       return { ...initial(), ...action.state };
     case "select":
       return { ...state, selected: action.id };
@@ -153,7 +153,7 @@ export function reduce(state, action) {
       const span = action.span && [Math.min(...action.span), Math.max(...action.span)];
       return { ...state, span: span && span[1] > span[0] ? span : null };
     }
-    case "model": // what the studio has; no step of the user's
+    case "model": // a model of the studio; not an undo step
       return { ...state, project: { ...state.project, model: action.model } };
     case "open": {
       const blocks = action.project.blocks.map((block, i) => ({ ...block, id: state.next + i }));
@@ -173,12 +173,12 @@ export function reduce(state, action) {
   }
 }
 
-// A block that has gone is not selected.
+// A removed block cannot be selected.
 function kept(state) {
   return state.project.blocks.some((block) => block.id === state.selected) ? state : { ...state, selected: null };
 }
 
-/** What a saved file holds, docs/protocol.md. */
+/** The contents of a project file, docs/protocol.md. */
 export const saved = (project) => ({
   format: "motion_jax project",
   version: 1,
@@ -187,7 +187,7 @@ export const saved = (project) => ({
   control: asJson(project.control),
 });
 
-/** Two projects with the same key make the same motion of a take. */
+/** Projects with the same key have the same motion of a take. */
 export const keyOf = (project, take = project.chosen) =>
   JSON.stringify([
     project.model.name,

@@ -1,4 +1,4 @@
-// A live stream of docs/protocol.md: blocks come in, frames are kept until they have been played.
+// A live stream of docs/protocol.md: its socket and the unpacking of blocks.
 
 const HALF = (bits) => {
   const sign = bits & 0x8000 ? -1 : 1,
@@ -11,7 +11,7 @@ const HALF = (bits) => {
     positions: Float32Array of frames * joints * 3, metres; contacts: Uint8Array of frames * 4. */
 export function unpack(buffer) {
   const view = new DataView(buffer);
-  if (view.getUint32(0) !== 0x4d4a5853) throw new Error("this is no block of a motion");
+  if (view.getUint32(0) !== 0x4d4a5853) throw new Error("got data that is not a motion block");
   const header = view.getUint16(6, true),
     frames = view.getUint16(20, true),
     joints = view.getUint16(22, true);
@@ -39,7 +39,7 @@ export function unpack(buffer) {
   };
 }
 
-/** Opens a stream; on.block(block), on.message(message) and on.closed() tell what comes. */
+/** Opens a stream; calls on.opened(), on.block(block), on.message(message) and on.closed(). */
 export function open(token, on) {
   const scheme = location.protocol === "https:" ? "wss" : "ws";
   const socket = new WebSocket(`${scheme}://${location.host}/v1/stream?token=${encodeURIComponent(token)}`);

@@ -1,7 +1,7 @@
-// What tests may read: window.__studio.
+// The state that tests read: window.__studio.
 
 export function expose(studio) {
-  const { live, story, player, notes, panels } = studio;
+  const { live, multiPrompt, player, notes, panels } = studio;
   const read = {
     mode: () => studio.mode,
     ready: () => Boolean(studio.view),
@@ -20,21 +20,21 @@ export function expose(studio) {
     undoDepth: () => studio.state.past.length,
     redoDepth: () => studio.state.future.length,
     playing: () => (studio.mode === "live" ? live.state === "running" : player.playing),
-    busy: () => story.busy,
-    // What is made but not on the screen yet is not there for who looks at it.
-    stale: () => story.stale || (studio.mode === "story" && story.shown !== studio.loaded),
-    reply: () => story.reply,
-    made: () => story.shown?.meta?.made ?? null,
-    takes: () => studio.state.project.seeds.map((seed, take) => ({ seed, made: Boolean(story.of(take)) })),
+    busy: () => multiPrompt.busy,
+    // A generated motion counts once it is shown.
+    stale: () => multiPrompt.stale || (studio.mode === "timeline" && multiPrompt.shown !== studio.loaded),
+    reply: () => multiPrompt.reply,
+    made: () => multiPrompt.shown?.meta?.made ?? null,
+    takes: () => studio.state.project.seeds.map((seed, take) => ({ seed, made: Boolean(multiPrompt.of(take)) })),
     figures: () => studio.view?.figures.length ?? 0,
     draws: () => studio.view?.stage.renderer.info.render.frame ?? 0,
     ghosts: () => studio.view?.ghosts.length ?? 0,
     steps: () => studio.view?.steps.count ?? 0,
     editColors: () => studio.view?.figures.map((figure) => figure.edited ?? null) ?? [],
-    kept: () => ({ works: studio.keeper.works, pending: studio.keeper.pending, id: studio.keeper.id }),
+    kept: () => ({ works: studio.autosave.works, pending: studio.autosave.pending, id: studio.autosave.id }),
     leaving: () => studio.leaving(),
     control: () => structuredClone(studio.state.project.control),
-    asked: () => story.shown?.asked ?? null,
+    report: () => multiPrompt.shown?.report ?? null,
     drawing: () => studio.tool.active,
     centre: () => [studio.view.stage.controls.target.x, studio.view.stage.controls.target.z],
     marks: () => {
@@ -63,7 +63,7 @@ export function expose(studio) {
       seed: live.choices.seed,
       words: live.words.map((one) => ({ ...one })),
       blockFrames: live.blockFrames,
-      held: live.held,
+      constrained: live.constrained,
       unacknowledged: live.waitingBlocks.length,
     }),
   };

@@ -28,7 +28,7 @@ export class View {
     this.stage.controls.addEventListener("change", () => {
       this.turned = true;
     });
-    this.marks = new this.parts.Marks(); // of what is asked
+    this.marks = new this.parts.Marks(); // of constraints
     this.stage.scene.add(this.marks.group);
     this.drawing = false; // somebody draws a path: the camera stays where it is
     this.frame();
@@ -79,7 +79,7 @@ export class View {
     return figure;
   }
 
-  // Whose parents nobody told hang on the root.
+  // Joints without a known parent are attached to the root.
   parentsOf(motion, given) {
     if (given?.length === motion.count) return given;
     return motion.count === this.body.parents.length ? this.body.parents : Array(motion.count).fill(0);
@@ -216,8 +216,8 @@ export class View {
     });
   }
 
-  /** What a motion is asked to do, as control.js says; chosen: the number of a way point. */
-  ask({ poses, ...rest }, chosen = -1) {
+  /** Draws constraints, as `drawn` of control.js returns them; chosen: the index of a way point. */
+  drawConstraints({ poses, ...rest }, chosen = -1) {
     const { three, Figure, PALE } = this.parts;
     const figures = poses
       .filter(({ joints }) => joints.length === this.body.rest.length)
@@ -285,7 +285,7 @@ export class View {
       this.turned ||= Math.hypot(x - target.x, z - target.z) > 1e-3;
       this.stage.carry((x - target.x) * easing, (z - target.z) * easing);
     }
-    if (!other && !this.turned) return void this.stage.controls.update(); // which a turn goes on by
+    if (!other && !this.turned) return void this.stage.controls.update(); // continues the damping of a rotation
     this.turned = false;
     this.stage.draw();
     this.coarser(passed);

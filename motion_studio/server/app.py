@@ -1,4 +1,4 @@
-"""The Starlette application: the page, the requests of /v1, and one WebSocket a stream (docs/protocol.md)."""
+"""The Starlette application: the page, the requests of /v1, and a WebSocket per stream (docs/protocol.md)."""
 import asyncio
 import contextlib
 import functools
@@ -20,13 +20,12 @@ from motion_jax.utils import progress
 from motion_jax.utils.errors import InputError, reason
 from motion_studio.server import exporting, mmcp, openapi, project, suggestions
 from motion_studio.server.library import Library
-from motion_studio.server.limits import Bucket, Limits
+from motion_studio.server.limits import Limits, TokenBucket
 from motion_studio.server.requests import RequestHandler
 from motion_studio.server.security import LOOPBACK, Refused, SecurityMiddleware
 from motion_studio.server.streams import Stream
 
-_UNSENT = 1000  # messages that wait for a page that does not read
-_WORKS = 50     # requests whose progress can be read at once
+_MOST_WORKS = 50  # requests whose progress can be read at the same time
 ASSETS = pathlib.Path(__file__).parents[1] / "assets"
 _TYPES = {".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=utf-8",
           ".css": "text/css; charset=utf-8", ".svg": "image/svg+xml",
@@ -35,27 +34,26 @@ _TYPES = {".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=
 
 
 class Studio:
-  """What the application shares: models, limits, the streams that run."""
+  """The state of the application: models, limits, running streams."""
 
   def __init__(self, library: Library, token: str, host: str = "127.0.0.1", limits: Limits | None = None) -> None:
     self.library, self.token, self.host, self.limits = library, token, host, limits or Limits()
     self.handler = RequestHandler(library, self.limits)
     self.streams: set[Stream] = set()
-    self.places = 0  # of streams that are taken, also by sockets that have not said anything
-    self.works: dict[str, progress.Work] = {}  # by the name that a page gave its request
+    self.places = 0  # streams, including sockets that have not sent a message yet
+    self.works: dict[str, progress.Work] = {}  # by the name in the request's x-work header
     self.began = time.monotonic()
 
   def app(self) -> SecurityMiddleware:
-    """The ASGI application, guarded."""
-    make = lambda work: self._json(work)
+    """The ASGI application inside the security middleware."""
     routes = [
         WebSocketRoute("/v1/stream", self._stream),
         Route("/v1/status", self._status), Route("/v1/models", self._models),
         Route("/v1/progress", self._progress), Route("/v1/suggestions", self._suggestions),
-        Route("/v1/generate", make(self.handler.generate), methods=["POST"]),
-        Route("/v1/story", make(self.handler.story), methods=["POST"]),
-        Route("/v1/edit", make(self.handler.edit), methods=["POST"]),
-        Route("/v1/project", make(lambda body: project.checked(body, self.limits)), methods=["POST"]),
+        Route("/v1/generate", self._json(self.handler.generate), methods=["POST"]),
+        Route("/v1/multi-prompt", self._json(self.handler.multi_prompt), methods=["POST"]),
+        Route("/v1/edit", self._json(self.handler.edit), methods=["POST"]),
+        Route("/v1/project", self._json(lambda body: project.checked(body, self.limits)), methods=["POST"]),
         Route("/v1/import", self._import, methods=["POST"]),
         Route("/v1/export", self._export, methods=["POST"]),
         Route("/mmcp/capabilities", self._mmcp_capabilities),
@@ -91,13 +89,13 @@ class Studio:
       name, words = request.query_params.get("model"), request.query_params.get("words", "")[:self.limits.prompt]
       return JSONResponse(await anyio.to_thread.run_sync(suggestions.found, self.library.slot(name).model, words))
 
-    return await _told(answer)
+    return await _reply(answer)
 
   @contextlib.contextmanager
   def _followed(self, request):
-    """What runs inside, in threads too, reports its progress under the name in the request's header x-work."""
+    """Reports progress inside the block, also of its threads, under the name in the header x-work."""
     name, work = request.headers.get("x-work", "")[:40], progress.Work()
-    if name and len(self.works) < _WORKS:
+    if name and len(self.works) < _MOST_WORKS:
       self.works[name] = work
     try:
       with progress.follow(work):
@@ -107,13 +105,13 @@ class Studio:
         del self.works[name]
 
   def _json(self, work: Any) -> Any:
-    """A handler of JSON bodies: what work(body) gives, made in a thread; InputErrors become status 400."""
+    """A handler of JSON bodies that runs work(body) in a thread; an InputError becomes status 400."""
     async def handle(request: Request) -> Response:
       async def answer():
         with self._followed(request):
           return JSONResponse(await anyio.to_thread.run_sync(work, await _body(request)))
 
-      return await _told(answer)
+      return await _reply(answer)
 
     return handle
 
@@ -122,7 +120,7 @@ class Studio:
       data, name = await request.body(), request.query_params.get("name", "")
       return JSONResponse(await anyio.to_thread.run_sync(self.handler.read, data, name))
 
-    return await _told(answer)
+    return await _reply(answer)
 
   async def _export(self, request: Request) -> Response:
     async def answer():
@@ -136,7 +134,7 @@ class Studio:
         data, media, name = await anyio.to_thread.run_sync(work)
       return Response(data, media_type=media, headers={"content-disposition": f'attachment; filename="{name}"'})
 
-    return await _told(answer)
+    return await _reply(answer)
 
   async def _mmcp_capabilities(self, request: Request) -> Response:
     return JSONResponse(await anyio.to_thread.run_sync(mmcp.capabilities, self.handler))
@@ -164,13 +162,13 @@ class Studio:
     loop = asyncio.get_running_loop()
 
     def put(item):
-      if outbox.qsize() < _UNSENT:
+      if outbox.qsize() < self.limits.unsent:
         outbox.put_nowait(item)
-      else:  # blocks wait to be acknowledged, so this is a page that asks and asks and reads no answer
+      else:  # blocks wait for acknowledgement, so this page sends messages without reading replies
         receiver.cancel()
 
     def send(item):
-      with contextlib.suppress(RuntimeError):  # the loop has ended, and the page with it
+      with contextlib.suppress(RuntimeError):  # the event loop has ended
         loop.call_soon_threadsafe(put, item)
 
     stream = Stream(self.library, self.limits, send)
@@ -190,8 +188,8 @@ class Studio:
           await task
 
   async def _listen(self, socket, stream):
-    """Hands the page's messages on until it goes, or says too much."""
-    bucket = Bucket(self.limits.messages)
+    """Passes the page's messages on until it closes the socket or exceeds a limit."""
+    bucket = TokenBucket(self.limits.messages)
     while True:
       message = await socket.receive()
       if message["type"] == "websocket.disconnect":
@@ -205,13 +203,13 @@ class Studio:
       if not bucket.take(time.monotonic()):
         return await _end(socket, 1008, f"got more than {self.limits.messages:g} messages a second")
       try:
-        stream.tell(_parsed(text))
+        stream.receive(_parsed(text))
       except InputError as error:
         await socket.send_json({"type": "error", "fatal": False, "message": reason(error, 400)})
 
 
 async def _deliver(socket, outbox):
-  """Sends what the stream's thread gives; waits where the connection is full."""
+  """Sends the messages of the stream's thread; waits while the connection is full."""
   while (item := await outbox.get()) is not None:
     if isinstance(item, bytes):
       await socket.send_bytes(item)
@@ -240,7 +238,7 @@ def _no_number(name):
   raise ValueError(name)
 
 
-async def _told(answer):
+async def _reply(answer):
   try:
     return await answer()
   except Refused as error:
@@ -254,18 +252,18 @@ def _error(status, message):
 
 
 async def _plain_error(request, error):
-  told = "there is no such page" if error.status_code == 404 else f"this address does not take {request.method}"
-  return _error(error.status_code, f"{told}; /openapi.json lists what there is")
+  message = "there is no such page" if error.status_code == 404 else f"this address does not take {request.method}"
+  return _error(error.status_code, f"{message}; /openapi.json lists all addresses")
 
 
 async def _fault(request, error):
-  """What nobody foresaw: its traceback is for this machine's log alone, see `SecurityMiddleware`."""
+  """An unexpected exception: the traceback goes only to the log, see `SecurityMiddleware`."""
   return _error(500, f"the studio met a fault of the program ({type(error).__name__}); its terminal says more")
 
 
 def _pages():
-  """A route for each file of the page: no path that a request names is ever opened."""
-  routes = [Route("/viewer.js", _page(VIEWER))]  # that of the pages that motions are written to
+  """A route for each file of the page: no path of a request is ever opened."""
+  routes = [Route("/viewer.js", _page(VIEWER))]  # the viewer of exported pages
   for path in sorted(ASSETS.rglob("*")):
     if path.is_file() and path.suffix in _TYPES:
       name = path.relative_to(ASSETS).as_posix()
@@ -281,7 +279,7 @@ def _resting_body():
 
 
 async def _body_page(request):
-  """The skin that the page hangs on the joints of a motion."""
+  """The body mesh that the page attaches to the joints of a motion."""
   return Response(await anyio.to_thread.run_sync(_resting_body), media_type="application/json")
 
 

@@ -1,4 +1,4 @@
-"""Constraints of a story: it is led by them, brought to them, and told back as it is drawn (docs/control.md)."""
+"""Multi-prompt motions with constraints, and reports of constraints for the page (docs/control.md)."""
 from collections.abc import Sequence
 from typing import Any
 
@@ -19,9 +19,9 @@ from motion_studio.server.multi_prompt import MultiPromptCache
 
 def made(stories: MultiPromptCache, model: Any, segments: Sequence[tuple[str, int]], seed: int, cleanup: bool,
          sampling: dict[str, Any], control: Sequence[Constraint]) -> tuple[Motion, int]:
-  """(motion, frames that were not sampled anew) of (prompt, frames) rows that does what it is asked to.
+  """(motion, frames that were reused) of (prompt, frames) rows under constraints.
 
-  cleanup: whether it does so exactly.
+  cleanup: whether constraints are met exactly.
   """
   if model.stats.layout.skeleton is not HUMANML3D:
     raise InputError(f"{model.id} moves the skeleton {model.stats.layout.skeleton.name!r}; control knows the 22 joints "
@@ -31,27 +31,27 @@ def made(stories: MultiPromptCache, model: Any, segments: Sequence[tuple[str, in
   rows = [*segments[:-1], (prompt, last + longer)]
   count = sum(frames for _, frames in segments)
   signal = compile(control, count, model.fps)
-  motion, place, reused = _led(stories, model, rows, seed, cleanup, sampling, signal)
-  # Poses and targets that are laid where the body is: now that is known.
+  motion, place, reused = _guided(stories, model, rows, seed, cleanup, sampling, signal)
+  # Poses and targets relative to the body: its place is known now.
   again = compile(control, count, model.fps, signals.to_world_frame(motion.joints[:count], place))
   if (np.asarray(again.given) != np.asarray(signal.given)).any():
-    motion, place, reused = _led(stories, model, rows, seed, cleanup, sampling, again)
+    motion, place, reused = _guided(stories, model, rows, seed, cleanup, sampling, again)
   motion = controlled.done(model, motion, control, place, count, cleanup)
   ends = np.minimum(np.cumsum([frames for _, frames in segments]), motion.num_frames).tolist()
   return motion.replace(captions=captions_in_a_row([prompt for prompt, _ in segments], ends, model.fps)), reused
 
 
-def _led(stories, model, rows, seed, cleanup, sampling, signal):
-  """(motion where models begin, where it belongs, frames not sampled anew) of a signal (1, T) in the world."""
+def _guided(stories, model, rows, seed, cleanup, sampling, signal):
+  """(motion in the model's frame, its placement, frames that were reused) of a signal (1, T) in the world."""
   signal = clip_to_feasible(signal, model.fps, warn=False)
   place = signals.placement(signal)
   motion, reused, _ = stories.make(model, rows, seed, cleanup, sampling, hold=signals.to_model_frame(signal, place))
   return motion, place, reused
 
 
-def told(control: Sequence[Constraint], motion: Clip) -> dict[str, Any]:
-  """What a page draws of constraints, where this motion has them: {targets: [[frame, x, y, z]], poses: [{frame,
-  joints}], off: {mean, worst, frame, joint}}, millimetres; `off` is missing where nothing has a place."""
+def report(control: Sequence[Constraint], motion: Clip) -> dict[str, Any]:
+  """Constraints as they apply to a motion: {targets: [[frame, x, y, z]], poses: [{frame, joints}], off: {mean, worst,
+  frame, joint}}. `off` is the distance in millimetres; it is missing if no constraint has a place."""
   signal = compile(control, motion.num_frames, motion.fps, motion.joints)
   parts, off = scene.parts_of(signal), scene.distance(signal, motion)
   return {"targets": [[frame, *np.round(place, 4).tolist()] for frame, _, place in parts.targets],

@@ -1,4 +1,4 @@
-"""A motion as the bytes of a file, trimmed, held in its place or made a loop before."""
+"""/v1/export: a motion as the bytes of a file, optionally trimmed, in place or looped."""
 import re
 import tempfile
 from pathlib import Path
@@ -11,46 +11,40 @@ from motion_jax.models.results import colors_of
 from motion_jax.motion.looping import in_place, looped
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.utils.errors import InputError
-from motion_studio.server import serialization
-from motion_studio.server.limits import Fields, Limits
+from motion_studio.server import fields
+from motion_studio.server.limits import Limits
+from motion_studio.server.request_tables import EXPORT, FORMATS
 
-KINDS = {"bvh": "text/plain; charset=utf-8", "glb": "model/gltf-binary", "npz": "application/octet-stream",
-         "npy": "application/octet-stream", "mp4": "video/mp4", "gif": "image/gif", "html": "text/html; charset=utf-8",
-         "png": "image/png"}
-_DRAWN = ("mp4", "gif", "png", "html")
-_FILM_SECONDS = 60.0  # of a film that is drawn
+_RENDERED = ("mp4", "gif", "png", "html")
+_FILM_SECONDS = 60.0  # of a rendered film
 
 
 def exported(body: Any, limits: Limits) -> tuple[bytes, str, str]:
-  """(bytes, media type, name of the file) of {motion, format, trim, in_place, loop, name, control}."""
-  fields = Fields(body, limits)
-  clip = serialization.from_json(fields.any("motion"), limits.frames)
-  kind, name = fields.text("format"), fields.text("name", clip.captions[0].text if clip.captions else clip.id, 1000)
-  trim, still, loop = fields.spans("trim"), fields.switch("in_place", False), fields.switch("loop", False)
-  control = fields.control()
-  fields.done()
-  if kind not in KINDS:
-    raise InputError(f"got the format {kind[:20]!r}, expected one of {', '.join(KINDS)}")
-  shown = variant(clip, trim, still, loop)
-  drawn = {} if still or loop or not control or kind not in _DRAWN else _drawn(control, clip, trim, kind)
-  return written(shown, kind, **drawn), KINDS[kind], f"{file_name(name)}.{kind}"
+  """(bytes, media type, file name) of a request with the fields of EXPORT."""
+  request = fields.parse(EXPORT, body, limits)
+  clip, kind = request.motion, request.format
+  name = request.name or (clip.captions[0].text if clip.captions else clip.id)
+  shown = variant(clip, request.trim, request.in_place, request.loop)
+  draws = request.control and kind in _RENDERED and not request.in_place and not request.loop
+  options = _constraint_options(request.control, clip, request.trim, kind) if draws else {}
+  return written(shown, kind, **options), FORMATS[kind], f"{file_name(name)}.{kind}"
 
 
-def _drawn(control, clip, trim, kind):
-  """The options of `export.save` by which what was asked of a clip is seen."""
+def _constraint_options(control, clip, trim, kind):
+  """The options of `export.save` that draw the constraints of a clip."""
   if clip.skeleton is not HUMANML3D:
     raise InputError(f"got control of the skeleton {clip.skeleton.name!r}; control knows {HUMANML3D.name}")
-  asked = compile(control, clip.num_frames, clip.fps, clip.joints)
+  signal = compile(control, clip.num_frames, clip.fps, clip.joints)
   if trim is not None:
-    asked = asked.slice_frames(*trim[0])
-  return {"asked": asked} | ({"way_points": scene.way_points(control)} if kind == "html" else {})
+    signal = signal.slice_frames(*trim[0])
+  return {"asked": signal} | ({"way_points": scene.way_points(control)} if kind == "html" else {})
 
 
 def variant(clip: Any, trim: Any = None, still: bool = False, loop: bool = False) -> Any:
-  """A clip cut to one span of frames, made a loop, held in its place."""
+  """A clip trimmed to one span of frames, looped, with the root kept in place."""
   if trim is not None:
     if len(trim) != 1 or trim[0][1] > clip.num_frames:
-      raise InputError(f"got trim {str(trim)[:40]}, expected one span of the {clip.num_frames} frames that there are")
+      raise InputError(f"got trim {str(trim)[:40]}, expected one span of the {clip.num_frames} frames of the motion")
     frames, clip = clip.num_frames, clip.cut(*trim[0])
     if _are_spans(made := clip.meta.get("made"), frames):
       first, past = trim[0]
@@ -64,8 +58,8 @@ def variant(clip: Any, trim: Any = None, still: bool = False, loop: bool = False
 
 
 def written(clip: Any, kind: str, **options: Any) -> bytes:
-  """The bytes that `export.save` writes with these options."""
-  if kind in _DRAWN:
+  """The bytes of the file that `export.save` writes with these options."""
+  if kind in _RENDERED:
     if kind in ("mp4", "gif") and clip.seconds > _FILM_SECONDS:
       raise InputError(f"got a motion of {clip.seconds:.0f} s for a film, expected at most {_FILM_SECONDS:g} s; "
                        "trim it")
@@ -81,7 +75,7 @@ def written(clip: Any, kind: str, **options: Any) -> bytes:
 
 
 def file_name(text: str) -> str:
-  """A name for a downloaded file of what somebody wrote: letters, digits and dashes."""
+  """A file name of letters, digits and dashes from any text."""
   return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")[:60] or "motion"
 
 

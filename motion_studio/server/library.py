@@ -1,4 +1,4 @@
-"""The models of a studio: loaded and compiled one after the other beside the server, which says how far it is."""
+"""The models of a studio: loaded and compiled one after the other in a background thread."""
 import importlib
 import threading
 import time
@@ -16,7 +16,7 @@ _PATIENCE = 600.0  # seconds that a request waits for its model
 
 
 class ModelSlot:
-  """One model and how far it is: waiting, loading, compiling, ready or failed."""
+  """A model and its state: waiting, loading, compiling, ready or failed."""
 
   def __init__(self, name: str) -> None:
     self.name, self.state, self.doing, self.error = name, "waiting", "", ""
@@ -25,13 +25,13 @@ class ModelSlot:
     self.ready = threading.Event()  # or failed
 
   def progress(self) -> dict[str, Any]:
-    """How far it is."""
+    """The loading progress, for the page."""
     now = time.monotonic() - self.began if self.began and not self.ready.is_set() else self.seconds
     return {"name": self.name, "state": self.state, "doing": self.doing, "done": self.done, "of": self.of,
             "seconds": round(now, 2), "error": self.error}
 
   def about(self) -> dict[str, Any]:
-    """What `GET /v1/models` says of it."""
+    """The model's entry in `GET /v1/models`."""
     found, model = self.progress(), self.model
     if model is not None:
       found |= {"id": model.id, "fps": model.fps, "skeleton": model.stats.layout.skeleton.name,
@@ -43,10 +43,10 @@ class ModelSlot:
 
 
 class Library:
-  """The models by name. `start` loads them in a thread of its own, in order, each until it can stream at once."""
+  """The models by name. `start` loads and compiles them in order, in a thread."""
 
   def __init__(self, names: Sequence[str], load: Callable[[str], Any] | None = None, warm: bool = True) -> None:
-    """load(name) -> model; warm: whether streams are compiled before anybody asks for one."""
+    """load(name) -> model; warm: whether streams are compiled in advance."""
     self.slots = {name: ModelSlot(name) for name in names}
     self._load, self._warm = load or _load, warm
 
@@ -59,7 +59,7 @@ class Library:
       try:
         slot.state, slot.doing = "loading", "reading the weights"
         model = self._load(slot.name)
-        model.reports_to_terminal = False  # the page shows the notes
+        model.reports_to_terminal = False  # the page shows its notes
         slot.model = model
         slot.done, slot.state, slot.doing = 1, "compiling", "compiling the sampler"
         steps = _steps(slot) if self._warm else iter(())
@@ -70,28 +70,28 @@ class Library:
         for _ in steps:
           pass
         if slot.model.repertoire is not None:
-          slot.model.repertoire.nearest("a person walks", 1)  # read before a stream needs it
-      except Exception as error:  # one model that cannot be had leaves the others
+          slot.model.repertoire.nearest("a person walks", 1)  # loaded before a stream needs it
+      except Exception as error:  # a model that fails leaves the others
         slot.state, slot.doing, slot.error = "failed", "", reason(error, 400)
       finally:
         slot.seconds = slot.seconds or time.monotonic() - slot.began
         slot.ready.set()
 
   def slot(self, name: str | None) -> ModelSlot:
-    """That of a name, the first one for None. Raises InputError where there is none."""
+    """The slot of a name, or the first one for None. Raises InputError for an unknown name."""
     name = name if name is not None else next(iter(self.slots))
     if name not in self.slots:
       raise InputError(f"got the model {str(name)[:60]!r}, this studio has {', '.join(self.slots)}")
     return self.slots[name]
 
   def model(self, name: str | None, ability: str) -> Any:
-    """A model that can do something, once it is ready. Waits for it; raises InputError where it cannot be had."""
+    """A model with an ability; waits until it is ready. Raises InputError if there is none."""
     slot = self.slot(name)
     if not slot.ready.is_set():
       with progress.part(f"waiting for the model {slot.name}, which is being prepared"):
         slot.ready.wait(_PATIENCE)
     if not slot.ready.is_set():
-      raise InputError(f"the model {slot.name} is not ready yet ({slot.state}); ask again in a minute")
+      raise InputError(f"the model {slot.name} is not ready yet ({slot.state}); try again in a minute")
     if slot.model is None or slot.state == "failed":
       raise InputError(f"the model {slot.name} could not be loaded: {slot.error}")
     if not slot.model.can(ability):
@@ -109,8 +109,10 @@ def _load(name):
 
 
 def _steps(slot):
-  """Compiles what a stream runs, and yields once with what gives its first block, again with what it goes on by, and
-  with what leads it along a path; what else a model does is compiled when it is asked for."""
+  """Compiles a stream in stages: its first block, further blocks, blocks with a path. Yields after each stage.
+
+  Other programs of a model are compiled when they are needed.
+  """
   model = slot.model
   for name in ("scipy.ndimage", "scipy.linalg"):
     importlib.import_module(name)
@@ -120,9 +122,9 @@ def _steps(slot):
     for _ in range(4):
       next(live)
       yield
-    if model.stats.layout.skeleton is not HUMANML3D:  # which nothing leads
+    if model.stats.layout.skeleton is not HUMANML3D:  # without control
       return
-    x, z = live.place  # nor does the first path that is drawn wait for its program
+    x, z = live.place  # the first path that is drawn does not wait for the compiler
     path = RootPath([[x, z], [x, z + 2.0]])
     live.hold(stream_constraints.signal_of([path], None, live.decided, live.place, None, model.fps, Limits()))
     next(live)
@@ -130,8 +132,11 @@ def _steps(slot):
 
 
 def live_sampling(model: Any, given: dict[str, Any]) -> dict[str, Any]:
-  """How streams and stories are sampled, less the choices that were given: blocks far enough apart that new words count
-  soon, and that little is under way where a story changes. Both alike, so that what was said live can be made again."""
+  """The sampling choices of streams and multi-prompt motions in the studio: those given, and a large lag.
+
+  With a lag of half of the steps only one block is in flight, so that a new prompt takes effect soon and an edit of the
+  timeline samples little again. Both use the same lag, so that a live motion can be repeated on the timeline.
+  """
   if "lag" in given or "lag" not in model.options.described():
     return given
   steps = given.get("num_steps", model.sampling().num_steps)

@@ -1,8 +1,8 @@
 """MMCP, a protocol between animation programs and motion models: `GET /mmcp/capabilities`, `POST /mmcp/generate`.
 
 https://animatica.ai/mmcp, version 1.2: a skeleton and text segments in, glTF with an animation for each sample out.
-Here the skeleton is the model's own (capabilities say it). What of constraints is not followed is told in `extras.told`
-of the document.
+The skeleton is the model's own, which the capabilities contain. `extras.notes` of the document lists parts of
+constraints that are not supported.
 """
 import base64
 import re
@@ -18,7 +18,7 @@ from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import SEEDS
 from motion_studio.server import mmcp_constraints
-from motion_studio.server.limits import check_points, check_prompt
+from motion_studio.server.fields import check_points, check_prompt
 from motion_studio.server.requests import RequestHandler
 
 VERSION, MEDIA = "1.2", "model/gltf+json"
@@ -27,7 +27,7 @@ _OPTIONS = {"diffusion_steps", "num_samples", "seed", "post_processing", "transi
 
 
 class MmcpError(Exception):
-  """A refusal by its code."""
+  """A refusal with a code of MMCP."""
 
   def __init__(self, status: int, code: str, message: str) -> None:
     super().__init__(message)
@@ -38,7 +38,7 @@ class MmcpError(Exception):
 
 
 def capabilities(handler: RequestHandler) -> dict[str, Any]:
-  """What the models of a studio that are ready can do."""
+  """The capabilities of the models that are ready."""
   models = [_spec(slot.model, handler.limits) for slot in handler.library.slots.values()
             if slot.ready.is_set() and slot.model is not None and slot.model.can("multi_prompt")]
   return {"protocol_version": VERSION, "rotation_format": "quaternion_xyzw",
@@ -73,10 +73,10 @@ def generate(body: Any, handler: RequestHandler) -> dict[str, Any]:
   """A glTF document of a request. Raises MmcpError."""
   if not isinstance(body, dict):
     raise MmcpError(422, "schema_validation", "expected a JSON object")
-  strange = set(body) - {"protocol_version", "model", "skeleton", "segments", "constraints", "duration_frames",
+  unknown = set(body) - {"protocol_version", "model", "skeleton", "segments", "constraints", "duration_frames",
                          "timing", "options"}
-  if strange:
-    raise MmcpError(422, "schema_validation", f"got the unknown field {str(min(strange))[:60]!r}")
+  if unknown:
+    raise MmcpError(422, "schema_validation", f"got the unknown field {str(min(unknown))[:60]!r}")
   version = body.get("protocol_version")
   if not isinstance(version, str) or not re.fullmatch(r"\d{1,4}\.\d{1,4}", version):
     raise MmcpError(422, "schema_validation", "protocol_version is missing, expected one such as \"1.2\"")
@@ -89,15 +89,15 @@ def generate(body: Any, handler: RequestHandler) -> dict[str, Any]:
   segments = _segments(body.get("segments"), fps, handler.limits)
   options = _options(body.get("options"), handler.limits)
   if options["loop"] and len(segments) > 1:
-    raise MmcpError(400, "invalid_options", "a loop is made of one segment")
+    raise MmcpError(400, "invalid_options", "got several segments with loop; a loop has one segment")
   sampling = {"num_steps": options["steps"], "guidance_scale": options["guidance"]}
   sampling = {name: value for name, value in sampling.items() if value is not None}
-  # Rounded as a whole, or ten segments would be some frames too short.
+  # Ends are rounded together: rounding each of ten segments would lose some frames.
   ends = np.ceil(np.cumsum([count for _, count in segments]) * (model.fps / fps) - 1e-9)
   rows = [(prompt, float(max(count, model.frames_per_latent)) / model.fps)
           for (prompt, _), count in zip(segments, np.diff(ends, prepend=0))]
   total = sum(count for _, count in segments)
-  control, told = _constraints(body.get("constraints"), total, fps, model, handler.limits)
+  control, notes = _constraints(body.get("constraints"), total, fps, model, handler.limits)
   with handler.place():
     if control:
       wanted = [*control, *([Loop()] if options["loop"] else [])]
@@ -109,21 +109,21 @@ def generate(body: Any, handler: RequestHandler) -> dict[str, Any]:
   joints = [_at_rate(one.joints, model.fps, fps, total) for one in made]
   if options["loop"] and not control:
     joints = [looped(one, fps, model.stats.layout.skeleton) for one in joints]
-  return _document(joints, fps, model, body["skeleton"]) | ({"extras": {"told": told}} if told else {})
+  return _document(joints, fps, model, body["skeleton"]) | ({"extras": {"notes": notes}} if notes else {})
 
 
 def _constraints(given, total, fps, model, limits):
-  """(our constraints, what is told of them)."""
+  """(our constraints, notes about unsupported parts)."""
   if given and model.stats.layout.skeleton is not HUMANML3D:
     raise MmcpError(400, "unsupported_constraint", "this model takes no constraints")
   try:
-    found, told = mmcp_constraints.read(given, total, fps, model.fps)
+    found, notes = mmcp_constraints.read(given, total, fps, model.fps)
     check_points(found, limits, "constraints")
   except mmcp_constraints.ConstraintError as error:
     raise MmcpError(error.status, error.code, str(error)) from None
   except InputError as error:
     raise MmcpError(422, "schema_validation", str(error)) from None
-  return found, told
+  return found, notes
 
 
 def _model(name, handler):
@@ -135,7 +135,7 @@ def _model(name, handler):
 
 
 def _check_skeleton(given, skeleton):
-  """Rotations are those of our own skeleton: another one would be turned wrongly."""
+  """Refuses other skeletons: rotations would not fit them."""
   joints = given.get("joints") if isinstance(given, dict) else None
   if not isinstance(joints, list) or not all(isinstance(joint, dict) for joint in joints):
     raise MmcpError(422, "schema_validation", "skeleton.joints is missing")
@@ -148,7 +148,7 @@ def _check_skeleton(given, skeleton):
 
 
 def _near(given, expected, along=False):
-  """Whether vectors are the same; along: but for their length."""
+  """Whether vectors are equal; along: except for their length."""
   if not isinstance(given, list) or len(given) != len(expected) or not all(type(x) in (int, float) for x in given):
     return False
   a, b = np.array(given, float), np.array(expected, float)
@@ -165,7 +165,7 @@ def _segments(given, fps, limits):
   found = []
   for segment in given:
     if not isinstance(segment, dict):
-      raise MmcpError(422, "schema_validation", "a segment is no object")
+      raise MmcpError(422, "schema_validation", "a segment is not an object")
     if segment.get("type") != "text":
       raise MmcpError(400, "unsupported_segment", f"got a segment {str(segment.get('type'))[:40]!r}, expected text")
     count = segment.get("duration_frames")
@@ -217,7 +217,7 @@ def _at_rate(joints, fps, to_fps, count):
 
 
 def _document(samples, fps, model, skeleton):
-  ours, data, views, accessors, animations, told = model.stats.layout.skeleton, bytearray(), [], [], [], []
+  ours, data, views, accessors, animations, about_samples = model.stats.layout.skeleton, bytearray(), [], [], [], []
 
   def add(array, kind):
     array = np.ascontiguousarray(array, "<f4")
@@ -239,7 +239,7 @@ def _document(samples, fps, model, skeleton):
                      for i, (path, node, _) in enumerate(tracks)]})
     stands = feet_stand(joints, fps, ours, floor=0.0)
     feet = [ours.joints[i] for i in ours.left_feet + ours.right_feet]
-    told.append({"name": f"sample_{number}", "num_frames": len(joints), "chunk_boundaries": [],
+    about_samples.append({"name": f"sample_{number}", "num_frames": len(joints), "chunk_boundaries": [],
                  "foot_contacts": {name: stands[:, i].tolist() for i, name in enumerate(feet)}})
   nodes = [{"name": joint["name"], "translation": joint["rest_translation"], "rotation": joint["rest_rotation"]}
            for joint in skeleton["joints"]]
@@ -247,7 +247,7 @@ def _document(samples, fps, model, skeleton):
     if parent >= 0:
       nodes[parent].setdefault("children", []).append(child)
   uri = "data:application/octet-stream;base64," + base64.b64encode(data).decode()
-  about = {"version": VERSION, "model": model.id, "fps": fps, "samples": told}
+  about = {"version": VERSION, "model": model.id, "fps": fps, "samples": about_samples}
   return {"asset": {"version": "2.0", "generator": "motion_jax"}, "scene": 0, "scenes": [{"nodes": [0]}],
           "nodes": nodes, "skins": [{"name": "skin", "joints": list(range(len(nodes)))}], "animations": animations,
           "accessors": accessors, "bufferViews": views, "buffers": [{"byteLength": len(data), "uri": uri}],

@@ -1,6 +1,6 @@
-"""MMCP's constraints as ours: root_path, effector_target and pose_keyframe of requests to `studio.mmcp`.
+"""Converts MMCP's constraints to ours: root_path, effector_target and pose_keyframe.
 
-What has no counterpart here is told: rotations of a target, and how limbs that a pose does not name are filled in.
+Parts without a counterpart give a note: rotations of a target, and joints that a pose does not name.
 """
 from collections.abc import Sequence
 from typing import Any
@@ -17,12 +17,12 @@ MOST = 64
 _FIELDS = {"root_path": {"frames", "positions_xz", "heading_radians"},
            "effector_target": {"joint", "frames", "positions", "rotations"},
            "pose_keyframe": {"frame", "joint_rotations", "root_position", "fill_mode"}}
-# Where these are turned to moves no joint.
+# Rotations of these joints move no other joint.
 _ENDS = {HUMANML3D.joints[joint] for joint in range(22) if joint not in HUMANML3D.parents}
 
 
 class ConstraintError(ValueError):
-  """A refusal by MMCP's code."""
+  """A refusal with a code of MMCP."""
 
   def __init__(self, status: int, code: str, message: str) -> None:
     super().__init__(message)
@@ -30,9 +30,9 @@ class ConstraintError(ValueError):
 
 
 def read(rows: Any, frames: int, fps: float, rate: float = 20.0) -> tuple[list[Constraint], list[str]]:
-  """(our constraints, sentences about what was left out) of a request's constraints for a motion of so many frames.
+  """(our constraints, notes about unsupported parts) of a request's constraints.
 
-  rate: frames a second of the model. Raises ConstraintError.
+  frames: length of the motion at fps; rate: frames per second of the model. Raises ConstraintError.
   """
   if rows is None:
     return [], []
@@ -47,10 +47,10 @@ def read(rows: Any, frames: int, fps: float, rate: float = 20.0) -> tuple[list[C
     if kind not in KINDS:
       raise ConstraintError(400, "unsupported_constraint", f"constraint {number}: got {kind[:40]!r}, this model takes "
                             f"{', '.join(KINDS)}")
-    strange = set(row) - _FIELDS[kind] - {"type"}
-    if strange:
+    unknown = set(row) - _FIELDS[kind] - {"type"}
+    if unknown:
       raise ConstraintError(422, "schema_validation", f"constraint {number} ({kind}): got the unknown field "
-                            f"{str(min(strange))[:40]!r}")
+                            f"{str(min(unknown))[:40]!r}")
     try:
       found += _constraints(kind, row, frames, fps, rate, notes)
     except InputError as error:
@@ -67,36 +67,36 @@ def _constraints(kind, row, frames, fps, rate, notes) -> list[Constraint]:
     raise InputError(f"expected a position for each of the {len(times)} frames")
   if kind == "root_path":
     step = np.diff(times)
-    dense = bool(len(step) and step.max() < 1.5 / fps)  # then all of the way is given, and not points of it
+    dense = bool(len(step) and step.max() < 1.5 / fps)  # a position for every frame: the whole path, not way points
     if np.shape(places) != (len(times), 2):
       raise InputError("expected positions_xz of two numbers each")
     heading = row.get("heading_radians")
-    if not dense:  # several of its frames may be one frame of the model: the first of them counts
+    if not dense:  # several frames may map to one frame of the model: the first one counts
       kept = np.unique(np.round(times * rate), return_index=True)[1]
       if isinstance(heading, list) and len(heading) == len(times):
         heading = [heading[i] for i in kept]
       places, times = [places[i] for i in kept], times[kept]
     return [RootPath(places, times, heading=heading, between=dense)]
   if row.get("rotations") is not None:
-    notes.append("rotations of an effector_target are not followed, its positions are")
+    notes.append("rotations of an effector_target are ignored, its positions are met")
   name = row.get("joint")
   if name not in HUMANML3D.joints:
     raise ConstraintError(400, "unknown_joint", f"got the joint {str(name)[:40]!r}, expected one of the "
                           "canonical_skeleton")
-  # Frames next to one another are a curve: several of them may be one frame of the model.
+  # Adjacent frames form a curve: several of them may map to one frame of the model.
   whole, cuts = EffectorTarget(name, times, places), np.flatnonzero(np.diff(times) > 1.5 / rate) + 1
   return [EffectorTarget(name, at, where, between=len(at) > 1)
           for at, where in zip(np.split(times, cuts), np.split(whole.positions, cuts))]
 
 
 def _pose(row: dict[str, Any], frames: int, fps: float, notes: list[str]) -> Keyframe:
-  """Joints of turns from the rest pose, each seen from its parent, on our own bones."""
+  """A keyframe from joint rotations relative to the parent, on our own bones."""
   time, turns = float(_frames([row.get("frame")], frames)[0] / fps), row.get("joint_rotations")
   if not isinstance(turns, dict) or not turns:
     raise InputError("joint_rotations is missing")
-  strange = set(turns) - set(HUMANML3D.joints)
-  if strange:
-    raise ConstraintError(400, "unknown_joint", f"got the joint {str(min(strange))[:40]!r}, expected those of the "
+  unknown = set(turns) - set(HUMANML3D.joints)
+  if unknown:
+    raise ConstraintError(400, "unknown_joint", f"got the joint {str(min(unknown))[:40]!r}, expected those of the "
                           "canonical_skeleton")
   missing = sorted(set(HUMANML3D.joints) - set(turns) - _ENDS)
   fill = row.get("fill_mode", "generate")
@@ -115,7 +115,7 @@ def _pose(row: dict[str, Any], frames: int, fps: float, notes: list[str]) -> Key
   place = np.zeros(3) if root is None else _numbers(root, 3, "root_position")
   joints = pose_to_joints(Pose(t_pose(), np.zeros((1, 22, 3)), place[None], local, local))[0]
   if root is None:
-    joints[:, 1] -= joints[:, 1].min()  # it stands on the floor
+    joints[:, 1] -= joints[:, 1].min()  # the lowest joint is on the floor
   return Keyframe(joints, time, "anywhere" if root is None else "world")
 
 

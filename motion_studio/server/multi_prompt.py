@@ -1,9 +1,9 @@
-"""Motions of several prompts that are made anew only from where they changed.
+"""A cache of multi-prompt motions: after a change, only the blocks from there on are sampled again.
 
-A motion is made block by block by a stream. A copy of the stream is kept where each prompt begins and every few blocks
-between; when prompts or lengths change, the last copy before the first block whose words are others goes on. What comes
-before depends on nothing behind it (attention is causal, the cache is exact), so its frames are the same bit for bit,
-but for the half second that the cleanup looks ahead.
+A motion is generated block by block by a stream. A copy of the stream is kept at the start of each prompt and every few
+blocks in between. When prompts or lengths change, sampling continues from the last copy before the first changed block.
+Attention is causal and the cache exact, so that earlier frames are equal bit for bit, except for the half second that
+the cleanup looks ahead.
 """
 import collections
 import hashlib
@@ -19,20 +19,20 @@ from motion_jax.models.cmdm.multi_prompt import borders
 from motion_jax.models.results import Motion, captions_in_a_row
 from motion_jax.utils import progress
 
-_EVERY = 8    # blocks between two copies of a stream, a megabyte each
+_EVERY = 8    # blocks between two copies of a stream
 
 
 class _Take:
-  """What is known of the motion that was made last of one model, seed and way of sampling."""
+  """The latest motion of one model, seed and sampling, and copies of its stream."""
 
   def __init__(self):
-    self.words: list[str] = []  # of each block
-    self.copies: dict[int, tuple[Any, int]] = {}  # by step: (stream before that step, frames that it had given)
+    self.words: list[str] = []  # the prompt of each block
+    self.copies: dict[int, tuple[Any, int]] = {}  # by step: (stream before that step, frames returned so far)
     self.joints = np.zeros((0, 0, 3), np.float32)
 
 
 class MultiPromptCache:
-  """Makes motions of several prompts, each one action, and remembers how."""
+  """Generates multi-prompt motions, each prompt one action, and keeps copies of their streams."""
 
   def __init__(self, max_motions: int = 6, max_copies: int = 150) -> None:
     """max_motions: how many motions keep their copies; max_copies: of all motions together, a megabyte each."""
@@ -42,16 +42,16 @@ class MultiPromptCache:
 
   def make(self, model: Any, segments: Sequence[tuple[str, int]], seed: int, cleanup: bool, sampling: dict[str, Any],
            hold: ControlSignal | None = None) -> tuple[Motion, int, int]:
-    """(motion, frames that were not made anew, frames that are those of the motion before) of (prompt, frames) rows.
+    """(motion, frames that were reused, frames equal to the previous motion) of (prompt, frames) rows.
 
-    As `CmdmModel.multi_prompt` makes it. hold (1, T): the signal that guides it from its beginning;
-    motions that are led by something else have nothing in common with it.
+    Equals `CmdmModel.multi_prompt`. hold (1, T): a signal that constrains the motion; motions with different signals
+    share nothing.
     """
     hold = None if hold is None or hold.is_empty else hold
     key = model.id, seed, cleanup, tuple(sorted(sampling.items())), None if hold is None else _digest(hold)
     with self._lock:
       take = self._takes.pop(key, None) or _Take()
-    with progress.part("making the motion"):
+    with progress.part("generating the motion"):
       made, reused = _make(model, take, segments, seed, cleanup, sampling, hold)
     old = take.joints
     same = min(len(old), len(made.joints))
@@ -66,7 +66,7 @@ class MultiPromptCache:
 
 
 def _digest(signal):
-  """Some bytes that signals share only where they are the same."""
+  """A hash of a signal."""
   return hashlib.sha256(b"".join(np.ascontiguousarray(x).tobytes() for x in jax.tree.leaves(signal))).digest()
 
 
@@ -103,7 +103,7 @@ def _make(model, take, segments, seed, cleanup, sampling, hold):
   ends = np.minimum(np.cumsum(blocks) * per_block, total).tolist()
   prompts = [prompt for prompt, _ in segments]
   about = model.sampling(**sampling).about() | dict(model=model.id, way="stream")
-  motion = Motion(joints, model.fps, captions_in_a_row(prompts, ends, model.fps), id="story", source=model.id,
+  motion = Motion(joints, model.fps, captions_in_a_row(prompts, ends, model.fps), id="multi_prompt", source=model.id,
                   license=model.license, skeleton=model.stats.layout.skeleton,
                   meta=dict(prompt=" | ".join(prompts), seed=seed, cleanup=bool(cleanup)) | about)
   return motion, reused

@@ -1,4 +1,4 @@
-"""A project: one JSON file that says how a motion was made, so that it can be made again, by the page or without it."""
+"""Project files: JSON that records how a motion was generated, so that the page or `motion-jax make` can repeat it."""
 import pathlib
 from collections.abc import Callable
 from typing import Any
@@ -8,54 +8,42 @@ from motion_jax.control.constraints import Constraint
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.input_files import parse_json
 from motion_jax.utils.text_files import read_text
-from motion_studio.server import serialization
+from motion_studio.server import fields, serialization
 from motion_studio.server.library import Library
-from motion_studio.server.limits import Fields, Limits
-from motion_studio.server.requests import RequestHandler, make_edit, segment_rows
+from motion_studio.server.limits import Limits
+from motion_studio.server.request_tables import PROJECT
+from motion_studio.server.requests import RequestHandler, make_edit
 
 FORMAT, VERSION = "motion_jax project", 1
 
 
 def checked(value: Any, limits: Limits) -> dict[str, Any]:
-  """A project with every field that it may have, each checked. Raises InputError with what is wrong.
-
-  {format, version, model: {name, id}, blocks: [{prompt, seconds}], seeds, chosen, sampling, cleanup, past, control,
-  edits}
-  """
+  """A project with all of its fields (PROJECT), each checked. Raises InputError for a project that is not valid."""
   if not isinstance(value, dict) or value.get("format") != FORMAT:
     raise InputError("this is no project of motion_jax; one is saved by the studio's page")
   if value.get("version") != VERSION:
     raise InputError(f"this project is of version {str(value.get('version'))[:20]}, this program reads version "
                      f"{VERSION}; open it with the version of motion_jax that saved it")
-  fields = Fields({key: item for key, item in value.items() if key not in ("format", "version")}, limits)
-  model, blocks = _model(fields.any("model"), limits), fields.any("blocks")
-  rows = segment_rows(blocks, limits)
-  seeds, sampling, past = fields.any("seeds", [0]), fields.choices(), fields.any("past")
-  if not isinstance(seeds, list) or not 1 <= len(seeds) <= limits.takes:
-    raise InputError(f"got the seeds {str(seeds)[:40]}, expected a list of 1 to {limits.takes} whole numbers")
-  seeds = [Fields({"seed": seed}, limits).seed() for seed in seeds]
-  chosen = fields.number("chosen", 0, len(seeds) - 1, 0, whole=True)
-  cleanup, edits, control = fields.switch("cleanup", True), fields.any("edits", []), fields.control()
-  fields.done()
-  if past is not None:
-    serialization.from_json(past, limits.frames)
-  if not isinstance(edits, list) or len(edits) > 100:
-    raise InputError(f"got the edits {str(edits)[:40]}, expected a list of at most 100")
-  return {"format": FORMAT, "version": VERSION, "model": model,
-          "blocks": [{"prompt": prompt, "seconds": seconds} for prompt, seconds in rows], "seeds": seeds,
-          "chosen": chosen, "sampling": sampling, "cleanup": cleanup, "past": past,
-          "control": files.to_json(control) if control else None,
-          "edits": [_edit(edit, limits) for edit in edits]}
+  found = fields.parse(PROJECT, {key: one for key, one in value.items() if key not in ("format", "version")}, limits)
+  seeds = list(found.seeds)
+  if found.chosen >= len(seeds):
+    raise InputError(f"got chosen {found.chosen}, expected a whole number from 0 to {len(seeds) - 1}, the place of one "
+                     "of the seeds")
+  return {"format": FORMAT, "version": VERSION, "model": vars(found.model),
+          "blocks": [vars(block) for block in found.blocks], "seeds": seeds, "chosen": found.chosen,
+          "sampling": found.sampling, "cleanup": found.cleanup, "past": value.get("past"),
+          "control": files.to_json(found.control) if found.control else None,
+          "edits": [vars(edit) | {"model": vars(edit.model)} for edit in found.edits]}
 
 
 def read(path: str | pathlib.Path, limits: Limits) -> dict[str, Any]:
-  """The project in a file. Raises FileNotFoundError, or InputError for one that is cut or of another version."""
+  """The project in a file. Raises FileNotFoundError, or InputError for a damaged file or another version."""
   path = pathlib.Path(path)
   if not path.is_file():
     raise FileNotFoundError(f"there is no file {path}")
   if path.stat().st_size > limits.body_bytes:
     raise InputError(f"{path} is larger than a project can be ({limits.body_bytes >> 20} MiB)")
-  value = parse_json(read_text(path), path, "it may have been cut: save it again, or take a copy")
+  value = parse_json(read_text(path), path, "it may be incomplete: save it again, or use a copy")
   try:
     return checked(value, limits)
   except InputError as error:
@@ -63,23 +51,23 @@ def read(path: str | pathlib.Path, limits: Limits) -> dict[str, Any]:
 
 
 def made(project: dict[str, Any], library: Library, limits: Limits, take: int | None = None,
-         tell: Callable[[str], None] = lambda note: None) -> Any:
-  """The Motion that a checked project describes, of its chosen seed or that of number `take`.
+         notify: Callable[[str], None] = lambda note: None) -> Any:
+  """The Motion of a checked project, with its chosen seed or the seed at index `take`.
 
-  tell(note): a model whose weights are others makes another motion.
+  notify(note) is called if the model has other weights than the one in the project.
   """
   handler = RequestHandler(library, limits)
   take = project["chosen"] if take is None else take
   if not 0 <= take < len(project["seeds"]):
     raise InputError(f"got the take {take}, this project has {len(project['seeds'])}, counted from 0")
-  model = _same(library.model(project["model"]["name"], "multi_prompt"), project["model"], tell)
+  model = _with_warning(library.model(project["model"]["name"], "multi_prompt"), project["model"], notify)
   rows = [(block["prompt"], block["seconds"]) for block in project["blocks"]]
   past = project["past"] and serialization.from_json(project["past"], limits.frames)
   motion, _, _ = handler.make_multi_prompt(model, rows, project["seeds"][take], project["cleanup"],
                                              project["sampling"], past, control_of(project))
   for edit in project["edits"]:
     if edit["take"] == take:
-      editor = _same(library.model(edit["model"]["name"], "edit"), edit["model"], tell)
+      editor = _with_warning(library.model(edit["model"]["name"], "edit"), edit["model"], notify)
       motion = make_edit(editor, motion, edit["prompt"], edit["change"], None, edit["seed"], edit["sampling"])
   return motion
 
@@ -94,25 +82,7 @@ def models_of(project: dict[str, Any]) -> list[str]:
   return list(dict.fromkeys([project["model"]["name"], *(edit["model"]["name"] for edit in project["edits"])]))
 
 
-def _model(value, limits):
-  fields = Fields(value, limits)
-  found = {"name": fields.text("name"), "id": fields.text("id", "")}
-  fields.done()
-  return found
-
-
-def _edit(value, limits):
-  fields = Fields(value, limits)
-  found = {"take": fields.number("take", 0, limits.takes - 1, 0, whole=True), "prompt": fields.prompt(),
-           "change": fields.spans("change"), "seed": fields.seed(), "sampling": fields.choices(),
-           "model": _model(fields.any("model"), limits)}
-  fields.done()
-  if found["change"] is None:
-    raise InputError("an edit lacks change, the frames that it makes anew")
-  return found
-
-
-def _same(model, told, tell):
-  if told["id"] and told["id"] != model.id:
-    tell(f"the project was made with {told['id']}, this is {model.id}: the motion may be another one")
+def _with_warning(model, saved, notify):
+  if saved["id"] and saved["id"] != model.id:
+    notify(f"the project was made with {saved['id']}, this is {model.id}: the motion may be another one")
   return model

@@ -1,9 +1,10 @@
-"""Requests become motions: from words, of several prompts, edits, and what goes on from a motion that exists."""
+"""Handlers of requests that generate, edit or read motions: a JSON object in, a JSON object out."""
 import contextlib
 import tempfile
 import threading
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 from motion_jax import export
@@ -12,28 +13,31 @@ from motion_jax.utils import progress
 from motion_jax.utils.errors import InputError
 from motion_studio.checks.reports import note_of
 from motion_studio.controlled import usual_frames
-from motion_studio.server import constraint_report, serialization
+from motion_studio.server import constraint_report, fields, serialization
 from motion_studio.server.library import Library, live_sampling
-from motion_studio.server.limits import Fields, Limits, told_plainly
+from motion_studio.server.limits import Limits, unknown_choices_as_input_errors
 from motion_studio.server.multi_prompt import MultiPromptCache
+from motion_studio.server.request_tables import EDIT, GENERATE, MULTI_PROMPT
 from motion_studio.server.security import Refused
+
+_LOADING = 600  # seconds to wait for a model that may have the ability
 
 
 class RequestHandler:
-  """Makes what a request asks for. A request is one call; a few run at once, as many more wait, others are refused."""
+  """Runs requests: `jobs` of them at the same time, twice as many wait, further ones are refused."""
 
   def __init__(self, library: Library, limits: Limits) -> None:
-    self.library, self.limits, self.stories = library, limits, MultiPromptCache()
+    self.library, self.limits, self.multi_prompts = library, limits, MultiPromptCache()
     self._places = threading.Semaphore(limits.jobs)
     self._waiting = threading.Semaphore(2 * limits.jobs)
 
   @contextlib.contextmanager
   def place(self):
-    """Where a job runs. Raises Refused where too many wait already."""
+    """Waits for a free place to run a job. Raises Refused if too many wait already."""
     if not self._waiting.acquire(blocking=False):
-      raise Refused(429, f"{2 * self.limits.jobs} requests are being made already; wait for one of them")
+      raise Refused(429, f"{2 * self.limits.jobs} requests are running already; wait for one of them")
     try:
-      with progress.part("waiting for another motion that is being made"):
+      with progress.part("waiting for another motion that is being generated"):
         self._places.acquire()
       try:
         yield
@@ -42,90 +46,76 @@ class RequestHandler:
     finally:
       self._waiting.release()
 
-  # --- requests: a JSON object in, a JSON object out -----------------------------------------------------------------
-
   def generate(self, body: Any) -> dict[str, Any]:
-    """{prompt, model, seconds, seed, num, cleanup, literal, sampling, control} -> {motions, notes, asked}."""
-    fields = Fields(body, self.limits)
-    prompt, name = fields.prompt(), fields.text("model", None)
-    seconds = fields.number("seconds", 0.2, self.limits.seconds, None)
-    seed, num = fields.seed(), fields.number("num", 1, self.limits.takes, 1, whole=True)
-    cleanup, literal, sampling = fields.switch("cleanup", True), fields.switch("literal", False), fields.choices()
-    control = fields.control()
-    fields.done()
-    model = self.library.model(name, "generate")
-    implied = usual_frames(model, control) if control and seconds is None else None
+    """Fields of GENERATE -> {motions, notes, constraints}."""
+    request = fields.parse(GENERATE, body, self.limits)
+    model, control = self.library.model(request.model, "generate"), list(request.control)
+    implied = usual_frames(model, control) if control and request.seconds is None else None
     if implied is not None and implied > self.limits.seconds * model.fps:
       raise InputError(f"control: got what takes {implied / model.fps:.0f} s, expected at most "
                        f"{self.limits.seconds:g} s; give seconds, times or a larger speed")
-    given = sampling | (dict(literal=literal) if model.can("understand") else {})
-    given |= dict(control=control, project=cleanup) if control else {}
-    with self.place(), told_plainly(), progress.part("making the motion"):
-      made = model.generate([prompt] * num, seconds=seconds, seeds=[(seed + i) % 2**32 for i in range(num)],
-                            cleanup=cleanup, **given)
-    told = {"asked": [constraint_report.told(control, motion) for motion in made]} if control else {}
-    return {"motions": [serialization.to_json(motion) for motion in made]} | told | words_of(
-        model, [prompt], notes_of(made), literal)
+    given = request.sampling | (dict(literal=not request.plan) if model.can("understand") else {})
+    given |= dict(control=control, project=request.cleanup) if control else {}
+    seeds = [(request.seed + i) % 2**32 for i in range(request.num_samples)]
+    with self.place(), unknown_choices_as_input_errors(), progress.part("generating the motion"):
+      made = model.generate([request.prompt] * len(seeds), seconds=request.seconds, seeds=seeds,
+                            cleanup=request.cleanup, **given)
+    report = {"constraints": [constraint_report.report(control, motion) for motion in made]} if control else {}
+    return {"motions": [serialization.to_json(motion) for motion in made]} | report | notes_and_unknown_words(
+        model, [request.prompt], notes_of(made), request.plan)
 
-  def story(self, body: Any) -> dict[str, Any]:
-    """{blocks: [{prompt, seconds}], model, seed, cleanup, sampling, past, control} -> {motion, reused_frames,
-    same_frames, asked}."""
-    fields = Fields(body, self.limits)
-    rows, name, seed = fields.any("blocks"), fields.text("model", None), fields.seed()
-    cleanup, sampling, past = fields.switch("cleanup", True), fields.choices(), fields.any("past")
-    control = fields.control()
-    fields.done()
-    rows = segment_rows(rows, self.limits)
-    past = None if past is None else serialization.from_json(past, self.limits.frames)
-    model = self.library.model(name, "multi_prompt")
-    with self.place(), told_plainly():
-      motion, reused, same = self.make_multi_prompt(model, rows, seed, cleanup, sampling, past, control)
-    told = {"asked": constraint_report.told(control, motion)} if control else {}
-    return {"motion": serialization.to_json(motion), "reused_frames": reused, "same_frames": same} | told | words_of(
-        model, [prompt for prompt, _ in rows])
+  def multi_prompt(self, body: Any) -> dict[str, Any]:
+    """Fields of MULTI_PROMPT -> {motion, reused_frames, same_frames, notes, constraints}."""
+    request = fields.parse(MULTI_PROMPT, body, self.limits)
+    rows, control = rows_of(request.segments), list(request.control)
+    model = self.library.model(request.model, "multi_prompt")
+    with self.place(), unknown_choices_as_input_errors():
+      motion, reused, same = self.make_multi_prompt(model, rows, request.seed, request.cleanup, request.sampling,
+                                                    request.past, control)
+    report = {"constraints": constraint_report.report(control, motion)} if control else {}
+    return {"motion": serialization.to_json(motion), "reused_frames": reused, "same_frames": same} | report | (
+        notes_and_unknown_words(model, [prompt for prompt, _ in rows]))
 
   def make_multi_prompt(self, model, rows, seed, cleanup, sampling, past=None, control=()):
-    """(motion, frames not made anew, frames as before) of rows (prompt, seconds or None), behind a past motion, or as
-    constraints ask."""
+    """(motion, frames that were reused, frames equal to the motion before) of rows (prompt, seconds or None).
+
+    past: a motion to continue. control: constraints of the motion.
+    """
     if past is not None and control:
-      raise InputError("got control of a story that goes on from a motion; leave out the motion, or the control")
+      raise InputError("got control together with past, a motion to continue; give only one of them")
     if past is not None:
       return model.extend(past, rows, seed=seed, cleanup=cleanup, **sampling), 0, past.num_frames
     segments = model.segments_of(rows)
     if sum(frames for _, frames in segments) > self.limits.seconds * model.fps:
-      raise InputError(f"got a story of {sum(frames for _, frames in segments) / model.fps:.0f} s, expected at most "
+      raise InputError(f"got a motion of {sum(frames for _, frames in segments) / model.fps:.0f} s, expected at most "
                        f"{self.limits.seconds:g}")
     sampling = live_sampling(model, sampling)
     if control:
-      return *constraint_report.made(self.stories, model, segments, seed, cleanup, sampling, control), 0
-    return self.stories.make(model, segments, seed, cleanup, sampling)
+      return *constraint_report.made(self.multi_prompts, model, segments, seed, cleanup, sampling, control), 0
+    return self.multi_prompts.make(model, segments, seed, cleanup, sampling)
 
   def edit(self, body: Any) -> dict[str, Any]:
-    """{motion, prompt, change or keep, model, seed, sampling} -> {motion, made, notes}."""
-    fields = Fields(body, self.limits)
-    clip = serialization.from_json(fields.any("motion"), self.limits.frames)
-    prompt, name, seed = fields.prompt(), fields.text("model", None), fields.seed()
-    change, keep, sampling = fields.spans("change"), fields.spans("keep"), fields.choices()
-    fields.done()
-    if (change is None) == (keep is None):
-      raise InputError("got both or neither of change and keep; say which frames are made anew by one of them")
-    name = name if name is not None else self._able("edit")
-    model = self.library.model(name, "edit")
-    with self.place(), told_plainly(), progress.part("making the span"):
-      motion = make_edit(model, clip, prompt, change, keep, seed, sampling)
-    return {"motion": serialization.to_json(motion), "made": motion.meta["made"]} | words_of(
-        model, [prompt], notes_of([motion]))
+    """Fields of EDIT -> {motion, made, notes}."""
+    request = fields.parse(EDIT, body, self.limits)
+    if (request.change is None) == (request.keep is None):
+      raise InputError("got both or neither of change and keep; give one of them, the frames to regenerate or to keep")
+    model = self.library.model(request.model or self._first_with("edit"), "edit")
+    with self.place(), unknown_choices_as_input_errors(), progress.part("generating the span"):
+      motion = make_edit(model, request.motion, request.prompt, request.change, request.keep, request.seed,
+                         request.sampling)
+    return {"motion": serialization.to_json(motion), "made": motion.meta["made"]} | notes_and_unknown_words(
+        model, [request.prompt], notes_of([motion]))
 
-  def _able(self, ability):
-    """The first model that can do something; the first of all where none can yet."""
+  def _first_with(self, ability):
+    """The name of the first model with an ability, or None."""
     for slot in self.library.slots.values():
-      slot.ready.wait(600)
+      slot.ready.wait(_LOADING)
       if slot.model is not None and slot.model.can(ability):
         return slot.name
     return None
 
   def read(self, data: bytes, name: str) -> dict[str, Any]:
-    """The motion in the bytes of a file that a page sent; of its name only the ending counts."""
+    """{motion} from the bytes of an uploaded file; only the ending of its name is used."""
     ending = Path(name).suffix.lower()
     if ending not in (".npz", ".npy", ".bvh"):
       raise InputError(f"got a file that ends in {ending[:12]!r}, expected .npz, .npy or .bvh")
@@ -142,23 +132,14 @@ class RequestHandler:
     return {"motion": serialization.to_json(clip)}
 
 
-def segment_rows(rows: Any, limits: Limits) -> list[tuple[str, float | None]]:
-  """[(prompt, seconds or None)] of the blocks of a story, as a request or a project has them."""
-  if not isinstance(rows, list) or not rows:
-    raise InputError("got no blocks, expected a list such as [{\"prompt\": \"a person walks\", \"seconds\": 4}]")
-  if len(rows) > limits.blocks:
-    raise InputError(f"got {len(rows):,} blocks, expected at most {limits.blocks}")
-  found = []
-  for row in rows:
-    fields = Fields(row, limits)
-    found.append((fields.prompt(), fields.number("seconds", 0.2, limits.seconds, None)))
-    fields.done()
-  return found
+def rows_of(segments: Sequence[SimpleNamespace]) -> list[tuple[str, float | None]]:
+  """[(prompt, seconds or None)] of parsed segments."""
+  return [(one.prompt, one.seconds) for one in segments]
 
 
 def make_edit(model: Any, clip: Any, prompt: str, change: Any, keep: Any, seed: int, sampling: dict[str, Any]
               ) -> Motion:
-  """The clip with new frames in the spans of `change`, or in all but those of `keep`; others stay as they are."""
+  """The clip with regenerated frames in the spans `change`, or outside the spans `keep`; the others are unchanged."""
   spans = change if change is not None else keep
   if spans[-1][1] > clip.num_frames:
     raise InputError(f"got spans beyond the {clip.num_frames} frames of the motion")
@@ -179,7 +160,8 @@ def notes_of(motions: Sequence[Any]) -> list[str]:
   return found
 
 
-def words_of(model: Any, prompts: list[str], notes: Sequence[str] = (), literal: bool = False) -> dict[str, Any]:
-  """Words of prompts that the model does not know, and notes about the prompts and more of them, for the page."""
+def notes_and_unknown_words(model: Any, prompts: list[str], notes: Sequence[str] = (), plan: bool = True
+                            ) -> dict[str, Any]:
+  """{notes, unknown}: notes about the prompts and the motions, and words that the model does not know."""
   unknown = sorted({word for prompt in prompts for word in model.unknown_words(prompt)})
-  return {"notes": [*model.notes_of(prompts, literal), *notes]} | ({"unknown": unknown[:20]} if unknown else {})
+  return {"notes": [*model.notes_of(prompts, not plan), *notes]} | ({"unknown": unknown[:20]} if unknown else {})

@@ -1,4 +1,4 @@
-"""What a studio refuses before anything else looks at it: strangers' pages, wrong tokens, floods and huge bodies."""
+"""Checks before any other code sees a request: origin, host, token, rate and size."""
 import hmac
 import json
 import logging
@@ -7,11 +7,11 @@ import urllib.parse
 from typing import Any
 
 from motion_jax.utils.errors import reason
-from motion_studio.server.limits import Bucket, Limits
+from motion_studio.server.limits import Limits, TokenBucket
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 _log = logging.getLogger("motion_studio.server")
-_ADDRESSES = 1000  # that are remembered at once
+_ADDRESSES = 1000  # of clients with a rate limit at the same time
 _HEADERS = [(b"x-content-type-options", b"nosniff"), (b"referrer-policy", b"no-referrer"),
             (b"cache-control", b"no-store"), (b"x-frame-options", b"SAMEORIGIN"),
             (b"content-security-policy", b"default-src 'self'; img-src 'self' data: blob:; media-src 'self' blob:; "
@@ -19,7 +19,7 @@ _HEADERS = [(b"x-content-type-options", b"nosniff"), (b"referrer-policy", b"no-r
 
 
 class Refused(Exception):
-  """A request that is turned away, with an HTTP status and one sentence."""
+  """A refused request, with an HTTP status and one sentence."""
 
   def __init__(self, status: int, message: str) -> None:
     super().__init__(message)
@@ -29,14 +29,14 @@ class Refused(Exception):
 class SecurityMiddleware:
   """ASGI middleware around the whole application.
 
-  A request from a browser must come from a page of this very server (Origin), over a name of this machine where the
-  server listens to this machine alone (Host, against DNS rebinding); what is below /v1 and /mmcp also needs the token.
-  Whatever fails inside becomes JSON with one sentence.
+  A request from a browser must come from a page of this server (Origin). A server that listens to this machine only
+  requires a local host name (Host, against DNS rebinding). Requests below /v1 and /mmcp need the token. Failures inside
+  become JSON with one sentence.
   """
 
   def __init__(self, app: Any, token: str, limits: Limits, local: bool) -> None:
     self._app, self._token, self._limits, self._local = app, token, limits, local
-    self._buckets: dict[str, Bucket] = {}
+    self._buckets: dict[str, TokenBucket] = {}
 
   async def __call__(self, scope, receive, send):
     if scope["type"] not in ("http", "websocket"):
@@ -57,18 +57,18 @@ class SecurityMiddleware:
       await self._app(scope, _limited(receive, self._limits.body_bytes), with_headers)
     except Refused as error:
       await _refuse(scope, receive, send, error)
-    except Exception:  # what nobody foresaw, and the application has answered for already
+    except Exception:  # unexpected; the application has sent its reply already
       _log.exception("a request failed")
 
   def _check(self, scope):
     headers = {name.decode("latin1").lower(): value.decode("latin1") for name, value in scope["headers"]}
     host = headers.get("host", "")
     if self._local and _name_of(host) not in LOOPBACK:
-      raise Refused(403, f"got a request for the host {host[:80]!r}, this studio is for this machine alone: "
+      raise Refused(403, f"got a request for the host {host[:80]!r}, this studio accepts only this machine: "
                     "open it as 127.0.0.1 or localhost")
     origin = headers.get("origin")
     if origin is not None and urllib.parse.urlsplit(origin).netloc.lower() != host.lower():
-      raise Refused(403, f"got a request from a page of {origin[:80]!r}, only the studio's own pages may ask")
+      raise Refused(403, f"got a request from a page of {origin[:80]!r}, only the studio's own pages may send requests")
     if not scope["path"].startswith(("/v1/", "/mmcp/")):
       return
     query = urllib.parse.parse_qs(scope.get("query_string", b"").decode("latin1"))
@@ -86,7 +86,7 @@ class SecurityMiddleware:
     if address not in self._buckets:
       while len(self._buckets) >= _ADDRESSES:
         del self._buckets[next(iter(self._buckets))]
-      self._buckets[address] = Bucket(self._limits.requests)
+      self._buckets[address] = TokenBucket(self._limits.requests)
     return self._buckets[address]
 
 
@@ -99,7 +99,7 @@ def _name_of(host):
 
 
 def _limited(receive, most):
-  """The same receive, which raises once a body that announced no length has grown too long."""
+  """A receive function that raises Refused if a body without a content length grows too long."""
   total = 0
 
   async def count():
@@ -114,7 +114,7 @@ def _limited(receive, most):
 
 
 async def _refuse(scope, receive, send, error):
-  if scope["type"] == "websocket":  # before it is accepted, so the browser sees a failed handshake
+  if scope["type"] == "websocket":  # before it is accepted: the browser sees a failed handshake
     if "websocket.http.response" not in scope.get("extensions", {}):
       await receive()
       return await send({"type": "websocket.close", "code": 1008, "reason": reason(error, 110)})

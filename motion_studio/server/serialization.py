@@ -1,4 +1,4 @@
-"""What goes over the wire: blocks of a stream as bytes, motions as JSON (docs/protocol.md)."""
+"""Motions as JSON and blocks of a stream as bytes (docs/protocol.md)."""
 import base64
 import binascii
 import struct
@@ -14,12 +14,12 @@ from motion_jax.motion.skeleton import SKELETONS
 from motion_jax.utils.errors import InputError
 
 MAGIC, VERSION = b"MJXS", 1
-_HEADER = struct.Struct("<4sHHIIIHHIIIff")  # 44 bytes, then 4 of nothing: what follows begins at a multiple of 16
+_HEADER = struct.Struct("<4sHHIIIHHIIIff")  # 44 bytes and 4 of padding, for an alignment of 16
 HEADER_BYTES = 48
 
 
 class Block(NamedTuple):
-  """A piece of a stream; see docs/protocol.md for what each field says."""
+  """A block of a stream; docs/protocol.md describes the fields."""
   sequence: int
   run: int
   first_frame: int
@@ -32,8 +32,8 @@ class Block(NamedTuple):
 
 
 def pack(block: Block) -> bytes:
-  """A block as bytes. Joints are float16, but for where on the ground the root is: so they are as exact (half a
-  millimetre) a kilometre from the origin as at it."""
+  """A block as bytes. Joints are float16 relative to the place of the root on the ground, a float32: they are exact to
+  half a millimetre anywhere."""
   joints = np.asarray(block.joints, np.float32)
   ground = np.ascontiguousarray(joints[:, 0, [0, 2]], "<f4")
   body = joints - np.stack([ground[:, 0], np.zeros(len(ground)), ground[:, 1]], -1)[:, None]
@@ -41,6 +41,16 @@ def pack(block: Block) -> bytes:
                         block.words, block.first_frame + len(joints), block.begun, block.milliseconds, block.fps)
   return b"".join([header.ljust(HEADER_BYTES, b"\0"), ground.tobytes(), body.astype("<f2").tobytes(),
                    np.asarray(block.contacts, np.uint8).tobytes()])
+
+
+NO_MOTION = "got no motion, expected an object with shape, joints and fps as /v1/generate returns it"
+SCHEMA = {"type": "object", "required": ["shape", "fps", "joints"], "properties": {
+    "shape": {"type": "array", "items": {"type": "integer"}, "minItems": 3, "maxItems": 3,
+              "description": "[frames, joints, 3]"},
+    "fps": {"type": "number"},
+    "joints": {"type": "string", "contentEncoding": "base64", "description": "float32, little endian, metres, y up"},
+    "skeleton": {"type": "string", "enum": list(SKELETONS)}, "id": {"type": "string"}, "captions": {"type": "array"},
+    "meta": {"type": "object"}, "source": {"type": "string"}, "license": {"type": "string"}}}
 
 
 def to_json(motion: Clip) -> dict[str, Any]:
@@ -54,9 +64,9 @@ def to_json(motion: Clip) -> dict[str, Any]:
 
 
 def from_json(value: Any, longest: int) -> Motion:
-  """The motion that a page sent, of at most `longest` frames. Raises InputError for what is no person's motion."""
+  """A motion from JSON, of at most `longest` frames. Raises InputError if it is not a motion of a person."""
   if not isinstance(value, dict):
-    raise InputError("got no motion, expected an object with shape, joints and fps as /v1/generate gives them")
+    raise InputError(NO_MOTION)
   shape, fps, name = value.get("shape"), value.get("fps"), value.get("skeleton", "humanml3d")
   if not isinstance(name, str) or name not in SKELETONS:
     raise InputError(f"got the skeleton {str(name)[:60]!r}, expected one of {', '.join(SKELETONS)}")
@@ -71,10 +81,10 @@ def from_json(value: Any, longest: int) -> Motion:
   try:
     data = base64.b64decode(value.get("joints", ""), validate=True)
   except (binascii.Error, ValueError, TypeError):
-    raise InputError("got joints that are no base64, expected float32 values as /v1/generate gives them") from None
+    raise InputError("got joints that are no base64, expected float32 values as /v1/generate returns them") from None
   if len(data) != 4 * shape[0] * shape[1] * 3:
     raise InputError(f"got {len(data):,} bytes of joints, a motion of shape {shape} has {12 * shape[0] * shape[1]:,}; "
-                     "it was cut on the way")
+                     "the request is incomplete")
   joints = np.frombuffer(data, "<f4").reshape(shape)
   captions, meta = value.get("captions", []), value.get("meta", {})
   if not isinstance(captions, list) or not isinstance(meta, dict):

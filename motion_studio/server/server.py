@@ -1,4 +1,4 @@
-"""Runs a studio: takes the port, says where it is, and ends within two seconds of Ctrl-C."""
+"""Runs a studio: opens the port, prints the address, and ends within two seconds of Ctrl-C."""
 import errno
 import importlib.util
 import logging
@@ -18,25 +18,25 @@ from motion_jax.utils.errors import InputError
 from motion_jax.utils.install import pip_install
 from motion_studio.server.security import LOOPBACK
 
-_SHORTEST = 8   # characters of a token for other machines
-_PATIENCE = 1.5  # seconds that pages and threads have to end
+_SHORTEST = 8   # characters of a token
+_PATIENCE = 1.5  # seconds for pages and threads to end
 
 
 def check_address(host: str, token: str | None) -> None:
-  """Raises InputError for an address that other machines reach without a token that was chosen for it."""
+  """Raises InputError for an address that other machines can reach, if no token was given."""
   if host not in LOOPBACK and token is None:
-    raise InputError(f"got --host {host}, which other machines can reach: also give --token WORDS, which they need to "
-                     f"open the page; 127.0.0.1 is for this machine alone")
+    raise InputError(f"got --host {host}, which other machines can reach: also give --token TEXT, which they need to "
+                     f"open the page; 127.0.0.1 accepts only this machine")
   if token is not None and (len(token) < _SHORTEST or not token.isascii() or not token.isprintable()):
     raise InputError(f"got a token of {len(token)} characters, expected {_SHORTEST} or more plain letters, digits and "
                      "signs")
 
 
 def kept_token(folder: pathlib.Path | None = None) -> str:
-  """The token of this user's studios, the same from one start to the next, so that open pages and bookmarks stay valid.
+  """This user's token, the same for every start, so that open pages and bookmarks stay valid.
 
-  It is in a file that only the user can read, in $XDG_STATE_HOME or ~/.local/state. Where nothing can be kept, each
-  call gives a new one. A file that others can read, or that holds no token, is replaced.
+  It is stored in a file that only the user can read, in $XDG_STATE_HOME or ~/.local/state. If it cannot be stored, each
+  call returns a new one. A file that others can read, or without a token, is replaced.
   """
   state = os.environ.get("XDG_STATE_HOME") or pathlib.Path.home() / ".local" / "state"
   path = (folder or pathlib.Path(state) / "motion_jax") / "studio-token"
@@ -56,7 +56,7 @@ def kept_token(folder: pathlib.Path | None = None) -> str:
 
 
 def take_port(host: str, port: int) -> socket.socket:
-  """A socket that listens there. Raises InputError where another program does already, or the host is not this one."""
+  """A listening socket. Raises InputError if the port is in use or the host is not this machine."""
   try:
     family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
     taken = socket.socket(family, socket.SOCK_STREAM)
@@ -71,14 +71,14 @@ def take_port(host: str, port: int) -> socket.socket:
     return taken
   except OSError as error:
     if error.errno == errno.EADDRINUSE:
-      raise InputError(f"port {port} of {host} is taken, maybe by another studio; give another one by --port, or "
-                       "--port 0 for any that is free") from None
+      raise InputError(f"port {port} of {host} is taken, maybe by another studio; choose another one with --port, or "
+                       "--port 0 for a free one") from None
     raise InputError(f"cannot listen on {host} port {port}: {error.strerror or error}") from None
 
 
 def serve(names: Sequence[str], host: str = "127.0.0.1", port: int = 8765, token: str | None = None,
           open_page: bool = False) -> None:
-  """Runs until Ctrl-C. The address is printed before anything that takes long is imported."""
+  """Runs until Ctrl-C. Prints the address before the slow imports."""
   check_address(host, token)
   missing = [name for name in ("starlette", "uvicorn", "websockets") if importlib.util.find_spec(name) is None]
   if missing:
@@ -93,7 +93,7 @@ def serve(names: Sequence[str], host: str = "127.0.0.1", port: int = 8765, token
 
 
 def address_of(host: str, port: int, token: str) -> str:
-  """What a browser opens; of a host that means all addresses, this machine's name."""
+  """The address for a browser; for a host that means all addresses, this machine's name."""
   name = socket.gethostname() if host in ("0.0.0.0", "::", "") else host
   return f"http://{f'[{name}]' if ':' in name else name}:{port}/?token={urllib.parse.quote(token)}"
 
@@ -114,7 +114,7 @@ def _run(names: Sequence[str], host: str, token: str, listener: Any) -> None:
   class Server(uvicorn.Server):
     def handle_exit(self, sig, frame):
       studio.close()
-      # Threads that compile hear nothing; a second is enough to say goodbye to the pages.
+      # Compiling threads cannot be stopped; a second is enough to close the pages.
       timer = threading.Timer(_PATIENCE, lambda: os._exit(128 + sig))
       timer.daemon = True
       timer.start()
@@ -125,7 +125,7 @@ def _run(names: Sequence[str], host: str, token: str, listener: Any) -> None:
                           timeout_graceful_shutdown=1, server_header=False, proxy_headers=False)
   logging.getLogger("uvicorn.error").addFilter(_is_news)
   library.start()
-  with progress.follow(progress.Work()):  # of requests pages say how far they are, not this terminal
+  with progress.follow(progress.Work()):  # pages show the progress of requests, not this terminal
     Server(config).run(sockets=[listener])
 
 

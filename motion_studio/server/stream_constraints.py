@@ -1,4 +1,4 @@
-"""Constraints of a stream that runs: they lie ahead of what is decided, and what is decided never moves."""
+"""Constraints of a running stream: they apply to frames that are not decided yet."""
 import dataclasses
 from collections.abc import Sequence
 from typing import Any
@@ -14,15 +14,15 @@ from motion_jax.utils.errors import InputError
 from motion_studio.controlled import WALK
 from motion_studio.server.limits import Limits
 
-_NEAR = 0.3   # metres from the body at which a path is taken to begin where it stands
-_FINE = 0.05  # metres between two places of a path by which a body on it is found
-_LOOK = 1.5   # metres of a path beyond where a body was on it, within which it is looked for
-_BACK = 0.4   # metres of a path on which a body beside it comes back to it
-_LEFT = 0.1   # metres of a path that need not be gone along any more
+_NEAR = 0.3   # metres: a path that starts closer to the body starts at the body
+_FINE = 0.05  # metres between sampled places of a path
+_SEARCH = 1.5  # metres of a path ahead of the last place, in which the body is searched
+_BACK = 0.4   # metres of a path within which a body beside it returns to it
+_LEFT = 0.1   # metres: a path with less left is complete
 
 
 def check(control: Sequence[Constraint]) -> None:
-  """Raises InputError for constraints that a motion without an end cannot have."""
+  """Raises InputError for constraints that an endless motion cannot have."""
   for one in control:
     if not isinstance(one, RootPath | Keyframe | EffectorTarget):
       raise InputError(f"got {one.kind} for a stream, expected root_path, keyframe or effector: a stream has no end, "
@@ -32,17 +32,17 @@ def check(control: Sequence[Constraint]) -> None:
     if isinstance(one, EffectorTarget) and one.relative_to == "root":
       raise InputError("got an effector relative to the root for a stream; say where it is in the world")
     if isinstance(one, Keyframe) and one.place == "anywhere" and not any(isinstance(way, RootPath) for way in control):
-      raise InputError("got a keyframe that may be anywhere for a stream; give it the place \"world\", or a path "
-                       "beside it")
+      raise InputError("got a keyframe that may be anywhere for a stream; give it the place \"world\", or add "
+                       "a path")
 
 
 def signal_of(control: Sequence[Constraint], at: float | None, decided: int, place: tuple[float, float],
               ends: int | None, fps: float, limits: Limits) -> ControlSignal | None:
-  """The `ControlSignal` (1, T) of constraints whose times count from second `at` of a stream, or from the first frame
-  that is not decided; it begins with the stream. None asks for nothing.
+  """The `ControlSignal` (1, T) of constraints, from the first frame of the stream on; None without constraints.
 
-  A path without times is gone along from there at its speed, or at walking pace; without `at` it begins where the body
-  is, place (x, z). ends: the frames that the stream has.
+  Their times count from second `at` of the stream, or from the first undecided frame. A path without times is followed
+  at its speed or at walking pace; without `at` it starts at the body's place (x, z). ends: length of the stream in
+  frames, or None.
   """
   if not control:
     return None
@@ -61,7 +61,7 @@ def signal_of(control: Sequence[Constraint], at: float | None, decided: int, pla
     if isinstance(one, Keyframe) and not found.given[0, _last(one, fps), 1:].any():
       raise InputError(f"got a keyframe at {one.time:g} s that may be anywhere, where no path says where the body is; "
                        "give it the place \"world\"")
-  # In numpy: of each step another length would be compiled.
+  # In numpy: JAX would compile each length.
   return jax.tree.map(lambda a: np.pad(np.asarray(a), ((0, 0), (first, 0)) + ((0, 0),) * (np.ndim(a) - 2)),
                       clip_to_feasible(found, fps, warn=False))
 
@@ -74,7 +74,7 @@ def _last(one: Any, fps: float) -> int:
 
 
 def _from_here(one: Constraint, place: tuple[float, float] | None) -> Constraint:
-  """A path without times as one with a speed, that begins at place (x, z)."""
+  """A path without times gets a speed and starts at place (x, z)."""
   if not isinstance(one, RootPath) or one.times is not None:
     return one
   points, heading = one.points, one.heading
@@ -87,7 +87,7 @@ def _from_here(one: Constraint, place: tuple[float, float] | None) -> Constraint
 
 
 class Course:
-  """A path without times, which a body goes along as fast as it goes: what is left of it from block to block."""
+  """A path without times that adapts to the body's speed: the rest of it is set again for every block."""
 
   def __init__(self, path: RootPath, place: tuple[float, float]) -> None:
     self._path = _from_here(path, place)
@@ -98,14 +98,14 @@ class Course:
   @staticmethod
   def from_constraints(control: Sequence[Constraint] | None, at: float | None, place: tuple[float, float]
                        ) -> "Course | None":
-    """The course of constraints that are one path alone, with neither times nor several headings; else None."""
+    """The course of a single path without times and several headings; None for other constraints."""
     one = control[0] if control and len(control) == 1 and at is None else None
     free = isinstance(one, RootPath) and one.points is not None and one.times is None and one.between
     return Course(one, place) if free and not np.ndim(one.heading) else None
 
   def rest(self, place: tuple[float, float]) -> RootPath | None:
-    """What is left for a body at place (x, z), which never goes back on it; None once it has come to its end."""
-    near = self._curve[self._at:self._at + round(_LOOK / _FINE) + 1, [0, -1]]
+    """The rest of the path for a body at place (x, z), never backwards; None at its end."""
+    near = self._curve[self._at:self._at + round(_SEARCH / _FINE) + 1, [0, -1]]
     self._at += int(np.linalg.norm(near - place, axis=-1).argmin())
     if self._at >= len(self._curve) - 1 - round(_LEFT / _FINE):
       return None

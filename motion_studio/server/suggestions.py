@@ -1,12 +1,12 @@
-"""What a model can do, for a page to suggest: prompts with small moving figures, and captions that it learned from."""
+"""Suggestions for the page: prompts that a model can do, with small animated figures, and training captions."""
 import functools
 import json
 import pathlib
 from typing import Any
 
 _FIGURES = pathlib.Path(__file__).parents[1] / "assets" / "suggestions.json"  # made by tools/suggestions.py
-_CAPTIONS = 12  # that are nearest to what was typed
-_FEW = 12       # prompts with figures; of a model that knows fewer of them captions are shown as well
+_CAPTIONS = 12  # nearest to the typed text
+_FEW = 12       # prompts with figures; captions are added for a model that knows fewer
 
 
 @functools.cache
@@ -15,10 +15,10 @@ def _figures() -> dict[str, Any]:
 
 
 def found(model: Any, words: str = "") -> dict[str, Any]:
-  """{fps, scale, parents, rows: [{prompt, kind, figure}], captions} of a model, or of none that has been loaded yet.
+  """{fps, scale, parents, rows: [{prompt, kind, figure}], captions} of a model, or of None before it is loaded.
 
-  rows are the prompts whose words it knows, all of them; captions those of its training that mean nearly what the words
-  do. See tools/suggestions.py for figures.
+  rows: prompts whose words the model knows. captions: training captions of similar meaning to the words. See
+  tools/suggestions.py for figures.
   """
   figures, captions = _figures(), []
   if model is None:

@@ -110,9 +110,9 @@ def page(driver, address):
 
 
 @pytest.fixture
-def story(page):
+def timeline(page):
   """The page's timeline with two blocks that have been made."""
-  page.find("#mode-story").click()
+  page.find("#mode-timeline").click()
   page.add_block("a person walks")
   page.add_block("a person jumps")
   assert page.prompts() == ["a person walks", "a person jumps"]

@@ -9,9 +9,10 @@ from motion_jax.control.constraints import EffectorTarget, Keyframe, Loop, RootP
 from motion_jax.motion.skeleton import KIT
 from motion_jax.utils.errors import InputError
 from motion_studio import cli
+from motion_studio.server import fields, project, stream_constraints, streams
 from motion_studio.server import library as model_library
-from motion_studio.server import project, stream_constraints, streams
-from motion_studio.server.limits import Fields, Limits
+from motion_studio.server.limits import Limits
+from motion_studio.server.request_tables import MESSAGES
 from tests.studio.server.conftest import refusal
 from tests.studio.server.test_project import PROJECT
 from tests.studio.server.test_requests import joints_of
@@ -26,39 +27,39 @@ def asked(*rows):
 
 
 def test_a_story_goes_along_its_path_and_is_in_its_pose(client):
-  body = {"blocks": BLOCKS, "sampling": {"num_steps": 4}, "seed": 1, "control": asked(PATH)}
-  along = joints_of(client.post("/v1/story", json=body).json()["motion"])
+  body = {"segments": BLOCKS, "sampling": {"num_steps": 4}, "seed": 1, "control": asked(PATH)}
+  along = joints_of(client.post("/v1/multi-prompt", json=body).json()["motion"])
   pose, head = along[38], along[20, 15] - along[20, 0] * [1, 0, 1] + [0, 0.02, 0]
   body["control"] = asked(PATH, {"type": "keyframe", "time": 2.0, "joints": pose.tolist()},
                           {"type": "effector", "joint": "head", "times": [1.0], "positions": [
                               (along[20, 0] * [1, 0, 1] + head).tolist()]})
-  reply = client.post("/v1/story", json=body)
+  reply = client.post("/v1/multi-prompt", json=body)
   assert reply.status_code == 200, reply.text
   found = reply.json()
-  joints, told = joints_of(found["motion"]), found["asked"]
+  joints, told = joints_of(found["motion"]), found["constraints"]
   assert joints.shape == (60, 22, 3) and [caption["end"] for caption in found["motion"]["captions"]] == [1.8, 3.0]
   assert np.abs(joints[0, 0, [0, 2]] - [1, 0]).max() < 2e-3 and np.abs(joints[-1, 0, [0, 2]] - [1.2, 1.4]).max() < 2e-3
   assert told["off"]["mean"] <= told["off"]["worst"] < 5, told["off"]
   assert [row["frame"] for row in told["poses"]] == [40] and [row[0] for row in told["targets"]] == [20]
   assert np.abs(joints[40] - told["poses"][0]["joints"]).max() < 6e-3
   assert found["same_frames"] == 0
-  again = client.post("/v1/story", json=body).json()
+  again = client.post("/v1/multi-prompt", json=body).json()
   assert (joints_of(again["motion"]) == joints).all()
 
 
 def test_without_control_a_story_is_what_it_was(client):
-  body = {"blocks": BLOCKS, "sampling": {"num_steps": 4}, "seed": 1}
-  plain = client.post("/v1/story", json=body).json()
+  body = {"segments": BLOCKS, "sampling": {"num_steps": 4}, "seed": 1}
+  plain = client.post("/v1/multi-prompt", json=body).json()
   for nothing in (None, asked()):
-    other = client.post("/v1/story", json=body | {"control": nothing}).json()
-    assert "asked" not in other and (joints_of(other["motion"]) == joints_of(plain["motion"])).all()
+    other = client.post("/v1/multi-prompt", json=body | {"control": nothing}).json()
+    assert "constraints" not in other and (joints_of(other["motion"]) == joints_of(plain["motion"])).all()
 
 
 def test_a_request_for_motions_takes_control(client):
-  body = {"prompt": "a person walks", "num": 2, "sampling": {"num_steps": 4},
+  body = {"prompt": "a person walks", "num_samples": 2, "sampling": {"num_steps": 4},
           "control": asked({**PATH, "times": [0, 0.6, 1.2]})}
   found = client.post("/v1/generate", json=body).json()
-  assert [one["shape"][0] for one in found["motions"]] == [25, 25] and len(found["asked"]) == 2
+  assert [one["shape"][0] for one in found["motions"]] == [25, 25] and len(found["constraints"]) == 2
   for one in found["motions"]:
     assert np.abs(joints_of(one)[-1, 0, [0, 2]] - [1.2, 1.4]).max() < 2e-3
 
@@ -87,15 +88,15 @@ def test_an_exported_page_shows_what_was_asked(client):
     (asked({**PATH, "points": [[0, 10**400], [1, 1]]}), "no numbers"),
     (asked({**PATH, "speed": 1e-320}), "expected 0, or 0.0001 or more")])
 def test_what_cannot_be_asked_is_told_in_one_sentence(client, control, told):
-  body = json.dumps({"blocks": BLOCKS, "control": control}).replace("Infinity", "1e999")
-  assert told in refusal(client.post("/v1/story", content=body))
+  body = json.dumps({"segments": BLOCKS, "control": control}).replace("Infinity", "1e999")
+  assert told in refusal(client.post("/v1/multi-prompt", content=body))
   if told != "got effector at 9 s":
     assert told in refusal(client.post("/v1/project", content=json.dumps(PROJECT | {"control": control})
                                        .replace("Infinity", "1e999")))
 
 
 @pytest.mark.parametrize("body, told", [
-    ({"sampling": {"control": "/etc/passwd"}}, "got 'control' in sampling, which is no choice of sampling"),
+    ({"sampling": {"control": "/etc/passwd"}}, "got 'control' in sampling, which is not a sampling choice"),
     ({"sampling": {"num_frames": 72_000}}, "got 'num_frames' in sampling"),
     ({"sampling": {"hold_until_done": True}}, "got 'hold_until_done' in sampling"),
     ({"sampling": {"seed": 1}}, "got 'seed' in sampling"),
@@ -117,8 +118,8 @@ def test_what_is_asked_of_a_stream_lies_within_reach_and_on_its_frames():
 def test_a_story_behind_a_motion_takes_no_control(client):
   motion = client.post("/v1/generate", json={"prompt": "a person walks", "seconds": 1,
                                              "sampling": {"num_steps": 4}}).json()["motions"][0]
-  told = refusal(client.post("/v1/story", json={"blocks": BLOCKS, "past": motion, "control": asked(PATH)}))
-  assert "goes on from a motion" in told
+  told = refusal(client.post("/v1/multi-prompt", json={"segments": BLOCKS, "past": motion, "control": asked(PATH)}))
+  assert "control together with past" in told
 
 
 def test_a_project_keeps_control_and_the_command_line_follows_it(tmp_path, monkeypatch, client, library):
@@ -146,12 +147,12 @@ def test_a_stream_follows_what_lies_ahead_and_what_is_committed_never_moves(clie
     assert "got loop for a stream" in page.until(type="error")["message"]
     sent = page.blocks[-1]["committed"]
     page.send(type="control", control=asked({"type": "root_path", "points": [[1, 1], [2, 1]], "speed": 1.0}))
-    held = page.until(type="held")
+    held = page.until(type="constrained")
     assert held["from_frame"] >= sent and held["until_frame"] > held["from_frame"] + 20
     while page.blocks[-1]["committed"] < held["until_frame"]:
       page.more(1)
     page.send(type="control", control=None)
-    assert page.until(type="held")["until_frame"] == 0
+    assert page.until(type="constrained")["until_frame"] == 0
     led = page.joints(1)
     page.send(type="restart")
     page.until(type="started", run=2)
@@ -241,26 +242,27 @@ def test_only_a_path_alone_without_times_waits():
 def test_a_led_stream_is_held_to_what_is_left_of_its_path_before_each_block():
   held, stream = [], object.__new__(streams.Stream)
   live = SimpleNamespace(decided=20, place=(0.0, 0.0), num_frames=40, hold=lambda signal: held.append(signal) or 20)
-  stream._live, stream._limits, stream._held, stream._led = SimpleNamespace(stream=live, fps=20.0), Limits(), 86, 20
+  stream._live, stream._limits = SimpleNamespace(stream=live, fps=20.0), Limits()
+  stream._constrained_until, stream._course_at = 86, 20
   stream._course = stream_constraints.Course.from_constraints([RootPath([[0, 0], [0, 4]])], None, live.place)
-  stream._lead()
+  stream._update_constraints()
   assert not held  # nothing has been decided since
   live.decided, live.place = 32, (0.1, 0.3)  # half as far as the path goes in that time
-  stream._lead()
+  stream._update_constraints()
   given = np.asarray(held[0].given)[0, :, 0, 0]
   assert not given[:32].any() and given[32:].all()
   np.testing.assert_allclose(held[0].positions[0, 32, 0, [0, 2]], [0.1, 0.3], atol=1e-6)
-  assert stream._held > 86 and abs(held[0].positions[0, -1, 0, 2] - 4) < 0.07  # later, and all the way
+  assert stream._constrained_until > 86 and abs(held[0].positions[0, -1, 0, 2] - 4) < 0.07  # later, and all the way
   for live.decided, z in ((56, 1.6), (80, 2.9), (104, 3.97), (116, 4.2)):
     live.place = 0.0, z
-    stream._lead()
-  assert held[3:] == [None] and not stream._held
+    stream._update_constraints()
+  assert held[3:] == [None] and not stream._constrained_until
 
 
 def test_a_body_of_another_skeleton_is_not_led():
   stream = object.__new__(streams.Stream)
   stream._limits = Limits()
   stream._live = SimpleNamespace(stream=None, fps=20.0, skeleton=KIT)
-  hold = stream._told_control(Fields({"control": asked(PATH)}, Limits()))
+  hold = stream._on_control(fields.parse(MESSAGES["control"], {"control": asked(PATH)}, Limits()))
   with pytest.raises(InputError, match="got control of kit, a body of another skeleton"):
     hold()

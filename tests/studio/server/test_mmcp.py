@@ -60,7 +60,7 @@ def test_constraints_are_met_and_what_is_not_followed_is_told(client, request_bo
   reply = client.post("/mmcp/generate", json=body)
   assert reply.status_code == 200, reply.text
   document = reply.json()
-  assert len(document["extras"]["told"]) == 2 and "rotations" in document["extras"]["told"][0]
+  assert len(document["extras"]["notes"]) == 2 and "rotations" in document["extras"]["notes"][0]
   root = tracks(document, 0)["translation", 0]
   assert np.abs(root[[0, 59]][:, [0, 2]] - [[1, 0], [1.5, 1]]).max() < 5e-3
   spec = client.get("/mmcp/capabilities").json()["models"][0]

@@ -55,8 +55,8 @@ def test_pause_resume_and_the_same_seed_again(page):
   assert page.get("joints(0, 8)") == before
 
 
-def test_blocks_are_edited_with_the_habits_of_editors(story):
-  page = story
+def test_blocks_are_edited_with_the_habits_of_editors(timeline):
+  page = timeline
   page.double_click(page.block(0)).send_keys("a person runs", webdriver.Keys.ENTER)  # the old words are marked
   assert page.prompts() == ["a person runs", "a person jumps"]
   length = page.get("blocks[0].seconds")
@@ -80,8 +80,8 @@ def test_blocks_are_edited_with_the_habits_of_editors(story):
   assert page.prompts() == ["a person jumps", "a person runs"] and not page.get("errors")
 
 
-def test_the_play_head_steps_jumps_and_plays(story):
-  page = story
+def test_the_play_head_steps_jumps_and_plays(timeline):
+  page = timeline
   page.find("#stage").click()
   page.keys(webdriver.Keys.END)
   last = page.get("frame")
@@ -105,8 +105,8 @@ def test_the_play_head_steps_jumps_and_plays(story):
   assert closer["end"] - closer["start"] < window["end"] - window["start"]
 
 
-def test_a_change_makes_anew_only_from_there(story):
-  page = story
+def test_a_change_makes_anew_only_from_there(timeline):
+  page = timeline
   page.find("#cleanup").click()  # without it frames are the same up to the very change
   page.wait("stale === false && window.__studio.busy === null")
   half = round(page.get("blocks[0].seconds") * 20)
@@ -116,8 +116,8 @@ def test_a_change_makes_anew_only_from_there(story):
   assert page.get(f"joints(0, {half})") == before and page.get("reply.same_frames") >= half
 
 
-def test_a_span_is_made_anew_and_takes_stand_side_by_side(story):
-  page = story
+def test_a_span_is_made_anew_and_takes_stand_side_by_side(timeline):
+  page = timeline
   window = page.get("window")
   second = page.find(".strip").size["width"] / (window["end"] - window["start"])
   page.drag(page.find(".strip"), int(second * 0.6), x=second * 0.5)
@@ -135,11 +135,11 @@ def test_a_span_is_made_anew_and_takes_stand_side_by_side(story):
   assert page.get("project.chosen") == 0 and page.get("made") == made
 
 
-def test_what_is_exported_opens_elsewhere(story):
+def test_what_is_exported_opens_elsewhere(timeline):
   from pygltflib import GLTF2
 
   from motion_jax import export
-  page, folder = story, story.driver.folder
+  page, folder = timeline, timeline.driver.folder
   for old in pathlib.Path(folder).iterdir():  # of another test and the same name: the browser would number the new one
     old.unlink()
   page.find("#export").click()
@@ -159,8 +159,8 @@ def test_what_is_exported_opens_elsewhere(story):
   np.testing.assert_allclose(export.load(path).joints[:3], joints, atol=1e-5)
 
 
-def test_a_project_is_saved_and_opened(story, tmp_path):
-  page = story
+def test_a_project_is_saved_and_opened(timeline, tmp_path):
+  page = timeline
   page.find("#save").click()
   path = pathlib.Path(page.driver.folder) / "a-person-walks.json"
   end = time.monotonic() + 20
@@ -170,7 +170,7 @@ def test_a_project_is_saved_and_opened(story, tmp_path):
   frames = page.get("joints(0, 4)")
   page.driver.refresh()
   page.wait("ready && window.__studio.models.length")
-  page.find("#mode-story").click()
+  page.find("#mode-timeline").click()
   page.find("#project-file").send_keys(str(path))
   page.wait("blocks.length === 2 && window.__studio.stale === false")
   assert page.get("joints(0, 4)") == frames
@@ -187,14 +187,14 @@ def test_a_project_is_saved_and_opened(story, tmp_path):
   page.find("#motion-file").send_keys(str(nothing))
   page.wait("errors.length > 2")
   assert page.prompts() == ["a person walks", "a person jumps"]  # nothing is lost
-  assert page.find("#told").text
+  assert page.find("#notes").text
 
 
 def test_an_imported_motion_is_gone_on_from(page, tmp_path, library):
   path = tmp_path / "walk.npy"
   motion = library.model("tiny", "generate").generate("a person walks", seconds=2.0, seeds=[1])[0]
   np.save(path, np.asarray(motion.joints, np.float32))
-  page.find("#mode-story").click()
+  page.find("#mode-timeline").click()
   page.find("#motion-file").send_keys(str(path))
   page.wait("stale === false && window.__studio.frames > 20")
   frames = page.get("frames")
@@ -222,7 +222,7 @@ def test_other_sampling_begins_anew_and_is_saved(page):
   field = page.find("#seed")
   field.clear()
   field.send_keys("-1", webdriver.Keys.ENTER)
-  assert "whole number" in page.find("#sampling-told").text and page.get("project.seeds") == [12]
+  assert "whole number" in page.find("#sampling-status").text and page.get("project.seeds") == [12]
   field.send_keys(webdriver.Keys.ESCAPE)
 
 
@@ -236,7 +236,7 @@ def test_what_cannot_be_made_is_told_and_nothing_is_lost(page):
   page.driver.execute_script(say, "a person waves 👋🏽 \u202e<script>alert(1)</script>")
   page.wait("live.words.length === 2")
   assert "👋🏽" in page.get("prompts")[1] and page.get("live.run") == 1
-  page.find("#mode-story").click()
+  page.find("#mode-timeline").click()
   page.find("#make").click()
   page.wait("errors.some((one) => one.includes('timeline is empty'))")
   page.find("#save").click()
@@ -315,7 +315,7 @@ def test_it_finds_a_studio_again_that_was_started_again(driver, library):
   page.wait("live.connected === false")
   page.wait("status.startsWith('not connected')")  # after a moment of "connecting"
   assert page.get("status") == "not connected: waiting for the studio"
-  page.find("#mode-story").click()
+  page.find("#mode-timeline").click()
   page.driver.execute_script("document.getElementById('auto').checked = false")
   page.add_block("a person walks")
   with serving(library, port):
@@ -323,7 +323,7 @@ def test_it_finds_a_studio_again_that_was_started_again(driver, library):
     page.find("#mode-live").click()
     page.wait("live.reconnects === 1 && window.__studio.live.blocks > 0")
     assert any("the studio is back" in note for note in page.get("notes"))
-    assert not page.find("#told").find_elements("css selector", ".error")  # the cause has gone
+    assert not page.find("#notes").find_elements("css selector", ".error")  # the cause has gone
     assert page.get("blocks.length") == 1  # nothing is lost
     driver.get("about:blank")
 

@@ -39,8 +39,8 @@ def path_of(page, count=None):
   return np.array(next((one["points"] for one in page.get("control") if one["type"] == "root_path"), []))
 
 
-def test_a_path_is_drawn_followed_and_undone(story):
-  page = story
+def test_a_path_is_drawn_followed_and_undone(timeline):
+  page = timeline
   page.find("#draw-path").click()
   for x, z in ((0.5, 0), (1.0, 0.8), (0.3, 1.4), (-0.6, 1.2)):
     click_floor(page, x, z)
@@ -58,17 +58,17 @@ def test_a_path_is_drawn_followed_and_undone(story):
   assert len(path_of(page, 4)) == 4 and page.prompts() == ["a person walks", "a person jumps"]
   page.keys(webdriver.Keys.ESCAPE)
   assert not page.get("drawing")
-  page.wait("stale === false && window.__studio.busy === null && window.__studio.asked")
+  page.wait("stale === false && window.__studio.busy === null && window.__studio.report")
   joints = np.array(page.get(f"joints({page.get('frames') - 1}, {page.get('frames')})")).reshape(22, 3)
   assert np.abs(joints[0, [0, 2]] - path_of(page)[-1]).max() < 5e-3
-  assert "off by" in page.find("#off").text and page.get("asked.off.worst") < 10
+  assert "off by" in page.find("#off").text and page.get("report.off.worst") < 10
   page.find("#stage").click()
   page.keys(webdriver.Keys.HOME, *[webdriver.Keys.ARROW_RIGHT] * 24)
   page.find("#keep-pose").click()
   page.wait("stale === false && window.__studio.busy === null && window.__studio.marks.poses === 1")
   assert [one["type"] for one in page.get("control")] == ["root_path", "keyframe"]
-  assert len(page.all("#asked .chip")) == 2 and not page.get("errors")
-  page.find("#asked .chip:last-child button:last-child").click()
+  assert len(page.all("#constraints .chip")) == 2 and not page.get("errors")
+  page.find("#constraints .chip:last-child button:last-child").click()
   assert len(page.get("control")) == 1
   page.control(webdriver.Keys.CONTROL, "z")
   assert len(page.get("control")) == 2
@@ -81,12 +81,12 @@ def test_a_live_body_follows_a_path_and_what_was_there_never_moves(page):
   before = page.get(f"joints(0, {committed})")
   page.keys(webdriver.Keys.ESCAPE)
   page.wait("marks.points === 2")  # it is held to the first point alone for a moment
-  held = page.wait("live.held")
+  held = page.wait("live.constrained")
   assert held["from"] >= committed and held["until"] > held["from"]
   page.wait(f"live.end > {held['from'] + 24}", 180)
   assert page.get(f"joints(0, {committed})") == before and not page.get("errors")
-  page.find("#asked .chip button:last-child").click()
-  page.wait("live.held.until === 0")
+  page.find("#constraints .chip button:last-child").click()
+  page.wait("live.constrained.until === 0")
 
 
 def test_a_live_body_is_asked_for_what_is_seen(page):
@@ -94,14 +94,14 @@ def test_a_live_body_is_asked_for_what_is_seen(page):
   page.wait("live.blocks > 0")
   draw_near_the_body(page)
   page.keys(webdriver.Keys.ESCAPE)
-  page.wait("live.held && window.__studio.live.held.until > 0")
+  page.wait("live.constrained && window.__studio.live.constrained.until > 0")
   for _ in range(2):
     page.control(webdriver.Keys.CONTROL, "z")
-  page.wait("live.held.until === 0")
+  page.wait("live.constrained.until === 0")
   page.control(webdriver.Keys.CONTROL, "y")
   page.control(webdriver.Keys.CONTROL, "y")
-  page.wait("live.held.until > 0")
+  page.wait("live.constrained.until > 0")
   run = page.get("live.run")
   page.find("#restart").click()
-  page.wait(f"live.run > {run} && window.__studio.live.held && window.__studio.live.held.until > 0")
+  page.wait(f"live.run > {run} && window.__studio.live.constrained && window.__studio.live.constrained.until > 0")
   assert not page.get("errors")

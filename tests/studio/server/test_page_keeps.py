@@ -17,7 +17,7 @@ def _marked(page):
 
 
 def _edited(page):
-  """A story of two blocks with a span that has been changed; the span stays marked."""
+  """A timeline of two blocks with a span that has been changed; the span stays marked."""
   _marked(page)
   page.find("#edit-prompt").send_keys("a person kicks")
   page.driver.execute_script("document.getElementById('edit-row').requestSubmit()")
@@ -34,8 +34,8 @@ def _escape(page):
   page.keys(webdriver.Keys.ESCAPE)
 
 
-def test_a_reload_loses_nothing(story, studio, monkeypatch):
-  page = story
+def test_a_reload_loses_nothing(timeline, studio, monkeypatch):
+  page = timeline
   _edited(page)
   page.driver.execute_script("document.activeElement.blur()")
   page.keys(webdriver.Keys.END)
@@ -55,8 +55,8 @@ def test_a_reload_loses_nothing(story, studio, monkeypatch):
   page.wait("live.run > 0 && window.__studio.live.state === 'paused'")  # behind the timeline the live motion waits
 
 
-def test_a_tab_that_was_closed_is_taken_over_and_an_open_one_is_not(story, address):
-  page, driver = story, story.driver
+def test_a_tab_that_was_closed_is_taken_over_and_an_open_one_is_not(timeline, address):
+  page, driver = timeline, timeline.driver
   _saved(page)
   first = driver.current_window_handle
   driver.switch_to.new_window("tab")
@@ -70,15 +70,15 @@ def test_a_tab_that_was_closed_is_taken_over_and_an_open_one_is_not(story, addre
   driver.switch_to.new_window("tab")
   driver.get(address)
   page.wait("ready")
-  assert page.prompts() == ["a person walks", "a person jumps"] and page.get("mode") == "story"
+  assert page.prompts() == ["a person walks", "a person jumps"] and page.get("mode") == "timeline"
   third = driver.current_window_handle
   driver.switch_to.window(second)
   driver.close()
   driver.switch_to.window(third)
 
 
-def test_dialogs_close_with_escape_and_an_export_is_whole(story):
-  page = story
+def test_dialogs_close_with_escape_and_an_export_is_whole(timeline):
+  page = timeline
   _marked(page)
   for button, panel in (("#export", "export-panel"), ("#sampling", "sampling-panel"), ("#help", "help-panel")):
     page.find(button).click()
@@ -94,8 +94,8 @@ def test_dialogs_close_with_escape_and_an_export_is_whole(story):
     assert not page.driver.execute_script(opened) and page.get("span")
 
 
-def test_edits_have_captions_a_legend_and_colours_that_can_be_switched(story):
-  page = story
+def test_edits_have_captions_a_legend_and_colours_that_can_be_switched(timeline):
+  page = timeline
   _edited(page)
   page.driver.execute_script("document.activeElement.blur()")
   page.keys(webdriver.Keys.HOME, *[webdriver.Keys.ARROW_RIGHT] * 14)
@@ -105,8 +105,8 @@ def test_edits_have_captions_a_legend_and_colours_that_can_be_switched(story):
   page.wait("editColors[0] === null")
 
 
-def test_an_import_asks_before_it_touches_the_blocks(story, tmp_path, library):
-  page, path = story, tmp_path / "walk.npy"
+def test_an_import_asks_before_it_touches_the_blocks(timeline, tmp_path, library):
+  page, path = timeline, tmp_path / "walk.npy"
   motion = library.model("tiny", "generate").generate("a person walks", seconds=2.0, seeds=[1])[0]
   np.save(path, np.asarray(motion.joints, np.float32))
   project, frames = page.get("project"), page.get("frames")

@@ -22,8 +22,8 @@ def test_a_project_is_what_its_requests_make(client, library):
   found = client.post("/v1/project", json=PROJECT).json()
   assert found == PROJECT | {"cleanup": True, "past": None, "control": None, "edits": []}
   made = project.made(found, library, Limits())
-  body = {"blocks": found["blocks"], "sampling": found["sampling"], "seed": 9, "model": "tiny"}
-  asked = client.post("/v1/story", json=body)
+  body = {"segments": found["blocks"], "sampling": found["sampling"], "seed": 9, "model": "tiny"}
+  asked = client.post("/v1/multi-prompt", json=body)
   assert (joints_of(asked.json()["motion"]) == made.joints).all()
   other = project.made(found, library, Limits(), take=0)
   assert other.meta["seed"] == 4 and not (other.joints == made.joints).all()
@@ -38,7 +38,7 @@ def test_edits_are_done_in_their_order(library, monkeypatch):
   told = []
   found = project.checked(PROJECT | {"edits": [edit | {"take": 1}, edit | {"take": 0}, edit | {"take": 1, "seed": 3}]},
                           Limits())
-  project.made(found, library, Limits(), tell=told.append)
+  project.made(found, library, Limits(), notify=told.append)
   assert [row[4] for row in asked] == [2, 3] and asked[0][2] == [(8, 16)]
   assert "made with old@1234" in told[0]
 
@@ -56,7 +56,7 @@ def test_the_command_line_makes_it_too(tmp_path, monkeypatch, capsys, library, t
 @pytest.mark.parametrize("text, told", [
     (json.dumps(PROJECT)[:150], "line 1: no valid JSON"), ("", "no valid JSON"), ("[]", "no project of motion_jax"),
     ('{"prompt": "a"}', "no project of motion_jax"), (json.dumps(PROJECT | {"version": 2}), "is of version 2"),
-    (json.dumps(PROJECT | {"blocks": []}), "got no blocks"), (json.dumps(PROJECT | {"seeds": []}), "got the seeds"),
+    (json.dumps(PROJECT | {"blocks": []}), "got no blocks"), (json.dumps(PROJECT | {"seeds": []}), "got no seeds"),
     (json.dumps(PROJECT | {"chosen": 5}), "got chosen 5"), (json.dumps(PROJECT | {"model": "tiny"}), "got a text"),
     (json.dumps(PROJECT | {"surprise": 1}), "'surprise'"), (json.dumps(PROJECT | {"past": {}}), "shape None"),
     (json.dumps(PROJECT | {"edits": [{}]}), "prompt is missing"),

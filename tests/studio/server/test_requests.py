@@ -41,7 +41,7 @@ def test_models_and_status(client, library):
 
 
 def test_generate_is_the_models_generate(client, library):
-  reply = client.post("/v1/generate", json={"prompt": "a person walks", "seconds": 2, "seed": 3, "num": 2,
+  reply = client.post("/v1/generate", json={"prompt": "a person walks", "seconds": 2, "seed": 3, "num_samples": 2,
                                             "sampling": {"num_steps": 4}, "model": "tiny"}).json()
   model = library.model("tiny", "generate")
   made = model.generate(["a person walks"] * 2, seconds=2, seeds=[3, 4], num_steps=4)
@@ -53,7 +53,8 @@ def test_generate_is_the_models_generate(client, library):
 @pytest.mark.parametrize("body, told", [
     ({}, "prompt is missing"), ({"prompt": ""}, "empty prompt"), ({"prompt": "x" * 10_000}, "10,000 characters"),
     ({"prompt": "a person walks", "seconds": 0}, "got seconds 0"), ({"prompt": "walks", "seconds": 1e9}, "got seconds"),
-    ({"prompt": "walks", "num": 1000}, "got num 1000"), ({"prompt": "walks", "model": "/etc"}, "this studio has"),
+    ({"prompt": "walks", "num_samples": 1000}, "got num_samples 1000"),
+    ({"prompt": "walks", "model": "/etc"}, "this studio has"),
     ({"prompt": "walks", "seed": "x"}, "got seed x"), ({"prompt": 5}, "empty prompt"), ([1], "got a list"),
     ({"prompt": "walks", "frames": 5}, "unknown field 'frames'"), ({"prompt": "\ud800"}, "valid JSON|UTF-8"),
     ({"prompt": "walks", "sampling": {"lagg": 2}}, "has no argument"),
@@ -69,7 +70,7 @@ def test_no_json_is_told(client):
 
 
 def test_a_story_is_made_anew_from_where_it_changed(client):
-  ask = lambda *rows: client.post("/v1/story", json={"blocks": [{"prompt": p, "seconds": s} for p, s in rows],
+  ask = lambda *rows: client.post("/v1/multi-prompt", json={"segments": [{"prompt": p, "seconds": s} for p, s in rows],
                                                      "model": "tiny", "seed": 8}).json()
   first = ask(("a person walks", 4), ("a person waves", 2))
   second = ask(("a person walks", 4), ("a person jumps", 2))
@@ -93,7 +94,7 @@ def test_notes_are_of_prompts_and_of_what_no_attempt_shows(client, library, monk
 
 
 def test_a_block_of_several_actions_is_made_action_by_action(client):
-  reply = client.post("/v1/story", json={"model": "tiny", "blocks": [
+  reply = client.post("/v1/multi-prompt", json={"model": "tiny", "segments": [
       {"prompt": "a person walks, then waves", "seconds": 4.8}, {"prompt": "a person jumps", "seconds": 1.2}]}).json()
   captions = reply["motion"]["captions"]
   assert [one["text"] for one in captions] == ["a person walks", "a person waves", "a person jumps"]
@@ -101,16 +102,18 @@ def test_a_block_of_several_actions_is_made_action_by_action(client):
 
 
 @pytest.mark.parametrize("blocks, told", [
-    (None, "got no blocks"), ([], "got no blocks"), ([{}], "prompt is missing"), ([{"prompt": " "}], "empty prompt"),
-    ([{"prompt": "walks", "seconds": 0}], "got seconds 0"), ([{"prompt": "walks"}] * 65, "got 65 blocks"),
-    ([{"prompt": "walks", "seconds": 100}] * 2, "a story of 200 s"), (["walks"], "got a text")])
+    (None, "got no segments"), ([], "got no segments"), ([{}], "prompt is missing"),
+    ([{"prompt": " "}], "empty prompt"),
+    ([{"prompt": "walks", "seconds": 0}], "got seconds 0"), ([{"prompt": "walks"}] * 65, "got 65 segments"),
+    ([{"prompt": "walks", "seconds": 100}] * 2, "a motion of 200 s"), (["walks"], "got a text")])
 def test_what_cannot_be_a_story_is_told(client, blocks, told):
-  assert told in refusal(client.post("/v1/story", json={"blocks": blocks, "model": "tiny"}))
+  assert told in refusal(client.post("/v1/multi-prompt", json={"segments": blocks, "model": "tiny"}))
 
 
 def test_a_motion_goes_on(client, walk):
   clip, sent = walk
-  made = client.post("/v1/story", json={"blocks": [{"prompt": "a person waves", "seconds": 2}], "past": sent}).json()
+  body = {"segments": [{"prompt": "a person waves", "seconds": 2}], "past": sent}
+  made = client.post("/v1/multi-prompt", json=body).json()
   assert made["motion"]["shape"][0] == len(clip.joints) + 40
   assert (joints_of(made["motion"])[:len(clip.joints)] == clip.joints.astype(np.float32)).all()
 
@@ -153,9 +156,9 @@ def test_a_request_says_how_far_it_is(client, studio, monkeypatch):
     seen.append(client.get("/v1/progress?work=mine").json())
 
   monkeypatch.setattr(progress, "count", read)
-  body = {"blocks": [{"prompt": "a person walks", "seconds": 2.4}], "model": "tiny"}
-  assert client.post("/v1/story", json=body, headers={"x-work": "mine"}).status_code == 200
-  assert len(seen) >= 4 and seen[-1]["doing"] == "making the motion" and seen[-1]["done"] == seen[-1]["of"] == 48
+  body = {"segments": [{"prompt": "a person walks", "seconds": 2.4}], "model": "tiny"}
+  assert client.post("/v1/multi-prompt", json=body, headers={"x-work": "mine"}).status_code == 200
+  assert len(seen) >= 4 and seen[-1]["doing"] == "generating the motion" and seen[-1]["done"] == seen[-1]["of"] == 48
   assert client.get("/v1/progress?work=mine").json()["doing"] == "" and not studio.works
 
 

@@ -8,7 +8,7 @@ from starlette.testclient import TestClient, WebSocketDenialResponse
 from motion_jax.utils.errors import InputError
 from motion_studio.server import server
 from motion_studio.server.app import ASSETS, Studio
-from motion_studio.server.limits import Bucket, Limits
+from motion_studio.server.limits import Limits, TokenBucket
 from tests.studio.server.conftest import BASE, SOCKET, TOKEN, refusal
 
 
@@ -81,7 +81,7 @@ def test_requests_have_a_rate(client):
 
 
 def test_a_bucket_fills_again():
-  bucket = Bucket(2.0)
+  bucket = TokenBucket(2.0)
   assert [bucket.take(0.0) for _ in range(8)] == [True] * 6 + [False] * 2
   assert bucket.take(0.5) and not bucket.take(0.5) and not bucket.take(-math.inf)
 
@@ -122,7 +122,7 @@ def test_wrong_addresses_are_told(client):
 
 def test_openapi_names_every_request(client):
   described = client.get("/openapi.json").json()
-  routes = {f"/v1/{name}" for name in ("status", "models", "progress", "suggestions", "generate", "story", "edit",
-                                       "project", "import", "export")}
+  routes = {f"/v1/{name}" for name in ("status", "models", "progress", "suggestions", "generate", "multi-prompt",
+                                       "edit", "project", "import", "export")}
   assert set(described["paths"]) == routes and described["openapi"].startswith("3.1")
   assert json.dumps(Limits().prompt) in json.dumps(described)

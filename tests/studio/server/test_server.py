@@ -13,7 +13,8 @@ import pytest
 from motion_jax.utils.errors import InputError
 from motion_studio import cli
 from motion_studio.client import Client, joints_of
-from motion_studio.server import server, streams
+from motion_studio.server import server
+from motion_studio.server.request_tables import DEFAULT_AHEAD
 from tests.conftest import devices_env
 from tests.studio.server.conftest import TOKEN
 
@@ -29,10 +30,10 @@ def test_the_client_streams_says_and_asks(address, library):
         live.say("a person jumps")
   made = np.concatenate(pieces)
   assert made.shape == (96, 22, 3) and live.last["committed"] == 96 and live.last["contacts"].shape[1] == 4
-  assert [message["prompt"] for message in live.told if message["type"] == "words"] == ["a person walks",
+  assert [message["prompt"] for message in live.messages if message["type"] == "words"] == ["a person walks",
                                                                                        "a person jumps"]
   model = library.model("tiny", "stream")
-  lag = next(message for message in live.told if message["type"] == "started")["sampling"]["lag"]
+  lag = next(message for message in live.messages if message["type"] == "started")["sampling"]["lag"]
   plain = np.concatenate(list(model.stream("a person walks", seed=3, num_frames=96, lag=lag)))
   assert np.abs(made[:14] - plain[:14]).max() < 2e-3 and np.abs(made[-20:] - plain[-20:]).max() > 1e-3
   motion = client.generate("a person walks", seconds=1, model="tiny", sampling={"num_steps": 4})[0]
@@ -47,11 +48,11 @@ def test_a_socket_that_stops_reading_holds_nothing(address, studio):
   """Blocks that nobody acknowledges are not sampled, however long the page hangs."""
   live = Client(address).stream("a person walks", seed=3, speed=0)
   deadline = time.monotonic() + 20
-  while not studio.streams or next(iter(studio.streams))._sequence < streams.AHEAD:
+  while not studio.streams or next(iter(studio.streams))._sequence < DEFAULT_AHEAD:
     assert time.monotonic() < deadline
     time.sleep(0.02)
   time.sleep(0.5)
-  assert next(iter(studio.streams))._sequence == streams.AHEAD
+  assert next(iter(studio.streams))._sequence == DEFAULT_AHEAD
   live.close()
   while studio.streams:
     assert time.monotonic() < deadline

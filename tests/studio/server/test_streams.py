@@ -1,6 +1,7 @@
 """One WebSocket, one motion: every message, what it changes, and what a page that misbehaves gets."""
 import asyncio
 import contextlib
+import dataclasses
 import json
 import threading
 import time
@@ -242,10 +243,10 @@ def test_messages_that_wait_are_bounded():
   from motion_studio.server.library import Library
   stream = streams.Stream(Library(["never"]), Limits(), lambda message: None)  # whose model is never ready
   try:
-    stream.tell({"type": "start", "prompt": "a person walks"})
+    stream.receive({"type": "start", "prompt": "a person walks"})
     with pytest.raises(InputError, match="200 messages wait"):
       for _ in range(300):
-        stream.tell({"type": "pause"})
+        stream.receive({"type": "pause"})
     assert len(stream._inbox) <= 200
   finally:
     stream.close()
@@ -258,7 +259,7 @@ def test_a_page_that_asks_and_never_reads_is_let_go(client, studio, monkeypatch)
 
   begun = []
   monkeypatch.setattr(app, "_deliver", full)
-  monkeypatch.setattr(app, "_UNSENT", 4)
+  studio.limits = dataclasses.replace(studio.limits, unsent=4)
   monkeypatch.setattr(app, "Stream", lambda *given: begun.append(streams.Stream(*given)) or begun[-1])
   with client.websocket_connect(URL) as socket:
     page = Page(socket)

@@ -2,18 +2,18 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { curve, drawn, lengthOf, named, offSaid, pointsOf, asJson } from "./control.js";
-import { poseAt, unpackFigure } from "./figures.js";
+import { curve, drawn, lengthOf, named, offText, pointsOf, asJson } from "./control.js";
+import { poseAt, unpackFigure } from "./stick_figures.js";
 import { matching } from "./ideas.js";
 import { Live } from "./live.js";
 import { contacts, curves, footprints, fromJson, isEdited, part, toJson } from "./motion.js";
 import { Player } from "./player.js";
-import { liveRows, saidProject } from "./rows.js";
+import { liveRows, liveProject } from "./timeline_rows.js";
 import { read, readSeed } from "./sampling.js";
 import { between, indexAt, panned, showing, zoomed } from "./scale.js";
 import { initial, keyOf, placed, reduce, saved, snapped } from "./state.js";
-import { Story, joined } from "./story.js";
-import { legendOf, liveDetails, liveSaid, statusOf, workSaid } from "./words.js";
+import { MultiPrompt, joined } from "./multi_prompt.js";
+import { legendOf, liveDetails, liveText, statusOf, workText } from "./messages.js";
 
 const acted = (...actions) => actions.reduce(reduce, initial());
 const three = () =>
@@ -225,12 +225,12 @@ const sent = (frames) => ({ ...LINE, ...toJson(motion(frames, () => 0)) });
 function studio(refuse = () => null) {
   let state = initial();
   const asked = [],
-    told = [];
+    notes = [];
   const api = {
-    story: async (request) => {
-      asked.push(["story", request.blocks.map((block) => block.prompt), request.seed]);
+    multiPrompt: async (request) => {
+      asked.push(["timeline", request.segments.map((block) => block.prompt), request.seed]);
       if (refuse(request)) throw new Error(refuse(request));
-      return { motion: sent(20 * request.blocks.length), reused_frames: 0, same_frames: 0 };
+      return { motion: sent(20 * request.segments.length), reused_frames: 0, same_frames: 0 };
     },
     edit: async (request) => {
       asked.push(["edit", request.prompt]);
@@ -240,71 +240,71 @@ function studio(refuse = () => null) {
   const act = (action) => {
     state = reduce(state, action);
   };
-  const story = new Story(api, { tell: (text) => told.push(text), forget: () => {}, changed: () => {}, state: () => state, act });
-  return { story, act, asked, told, state: () => state };
+  const multiPrompt = new MultiPrompt(api, { tell: (text) => notes.push(text), forget: () => {}, changed: () => {}, state: () => state, act });
+  return { multiPrompt, act, asked, notes, state: () => state };
 }
 
-test("a story is made once, undo shows what there was, an edit does not make it again", async () => {
-  const { story, act, asked, state } = studio();
+test("a multiPrompt is made once, undo shows what there was, an edit does not make it again", async () => {
+  const { multiPrompt, act, asked, state } = studio();
   act({ type: "add", prompt: "walk" });
-  await story.make();
+  await multiPrompt.make();
   act({ type: "add", prompt: "wave" });
-  assert.ok(story.stale && story.shown.frames === 20); // what there was is still shown
-  await story.make();
+  assert.ok(multiPrompt.stale && multiPrompt.shown.frames === 20); // what there was is still shown
+  await multiPrompt.make();
   act({ type: "undo" });
-  assert.ok(!story.stale && story.shown.frames === 20);
-  await story.make();
+  assert.ok(!multiPrompt.stale && multiPrompt.shown.frames === 20);
+  await multiPrompt.make();
   act({
     type: "addEdit",
     edit: { take: 0, prompt: "kick", change: [[2, 8]], seed: 0, sampling: {}, model: { name: "" } },
   });
-  await story.make();
+  await multiPrompt.make();
   assert.deepEqual(asked, [
-    ["story", ["walk"], 0],
-    ["story", ["walk", "wave"], 0],
+    ["timeline", ["walk"], 0],
+    ["timeline", ["walk", "wave"], 0],
     ["edit", "kick"],
   ]);
-  assert.deepEqual(story.shown.meta.made, [[2, 8]]);
+  assert.deepEqual(multiPrompt.shown.meta.made, [[2, 8]]);
   assert.deepEqual(
-    story.pieces().map((piece) => piece.kind),
+    multiPrompt.pieces().map((piece) => piece.kind),
     ["kept", "new"],
   );
   assert.equal(state().project.edits.length, 1);
 });
 
-test("what is refused is told and loses nothing", async () => {
-  const { story, act, told } = studio(({ blocks }) => (blocks.length > 1 ? "too long" : null));
-  await story.make();
-  assert.match(told[0], /timeline is empty/);
+test("a refusal is reported and loses nothing", async () => {
+  const { multiPrompt, act, notes } = studio(({ segments }) => (segments.length > 1 ? "too long" : null));
+  await multiPrompt.make();
+  assert.match(notes[0], /timeline is empty/);
   act({ type: "add", prompt: "walk" });
-  await story.make();
+  await multiPrompt.make();
   act({ type: "add", prompt: "wave" });
-  await story.make();
-  assert.equal(told.at(-1), "too long");
-  assert.ok(story.shown.frames === 20 && story.busy === null && story.stale);
+  await multiPrompt.make();
+  assert.equal(notes.at(-1), "too long");
+  assert.ok(multiPrompt.shown.frames === 20 && multiPrompt.busy === null && multiPrompt.stale);
 });
 
 test("what was removed while a motion was made is not made, and nothing is shown of an empty timeline", async () => {
-  const { story, act, told } = studio();
+  const { multiPrompt, act, notes } = studio();
   act({ type: "add", prompt: "walk" });
-  const making = story.make();
+  const making = multiPrompt.make();
   act({ type: "edit", id: 1, prompt: "run" });
-  story.make(); // behind the one that runs
+  multiPrompt.make(); // behind the one that runs
   act({ type: "remove", id: 1 });
   await making;
-  assert.deepEqual(told, []);
-  assert.equal(story.shown, null);
+  assert.deepEqual(notes, []);
+  assert.equal(multiPrompt.shown, null);
 });
 
-test("an edit behind the end is taken away and told", async () => {
-  const { story, act, told, state } = studio();
+test("an edit beyond the end is removed and reported", async () => {
+  const { multiPrompt, act, notes, state } = studio();
   act({ type: "add", prompt: "walk" });
   act({
     type: "addEdit",
     edit: { take: 0, prompt: "kick", change: [[2, 80]], seed: 0, sampling: {}, model: { name: "" } },
   });
-  await story.make();
-  assert.ok(!story.stale && state().project.edits.length === 0 && /beyond the end/.test(told[0]));
+  await multiPrompt.make();
+  assert.ok(!multiPrompt.stale && state().project.edits.length === 0 && /beyond the end/.test(notes[0]));
 });
 
 test("spans that meet are joined", () => {
@@ -323,10 +323,10 @@ test("spans that meet are joined", () => {
 });
 
 function live() {
-  const told = [],
+  const notes = [],
     said = [],
     nothing = () => {},
-    page = new Live("token", { tell: (text) => told.push(text), forget: nothing, changed: nothing, started: nothing });
+    page = new Live("token", { tell: (text) => notes.push(text), forget: nothing, changed: nothing, started: nothing });
   page.stream = { send: (message) => said.push(message) };
   page.connected = true;
   page.message({
@@ -353,7 +353,7 @@ function live() {
       positions: new Float32Array(12 * 66).fill(sequence),
       contacts: new Uint8Array(48),
     });
-  return { page, told, said, block };
+  return { page, notes, said, block };
 }
 
 test("a stream is played by the page's clock and acknowledged when it has been", () => {
@@ -414,13 +414,13 @@ test("what was not played of an older run is acknowledged when another one begin
   assert.equal(page.end, 0);
 });
 
-test("words that the studio refuses are told and are not those that it begins with again", () => {
-  const { page, told } = live();
+test("a refused prompt is reported and is not the one that a restart uses", () => {
+  const { page, notes } = live();
   page.say("x".repeat(10_000));
   page.message({ type: "error", message: "got a prompt of 10,000 characters, expected at most 1,000", fatal: false });
   assert.equal(page.choices.prompt, "walk");
-  assert.deepEqual(told, ["got a prompt of 10,000 characters, expected at most 1,000"]);
-  assert.equal(page.said, null);
+  assert.deepEqual(notes, ["got a prompt of 10,000 characters, expected at most 1,000"]);
+  assert.equal(page.pendingPrompt, null);
 });
 
 test("other choices of sampling count once the studio has begun with them", () => {
@@ -436,11 +436,11 @@ test("other choices of sampling count once the studio has begun with them", () =
   assert.deepEqual([page.choices.seed, page.choices.sampling], [7, { num_steps: 10 }]);
   page.run = 1;
   block(0);
-  const made = saidProject(page, { ...initial().project, cleanup: false, edits: [{}] });
+  const made = liveProject(page, { ...initial().project, cleanup: false, edits: [{}] });
   assert.deepEqual([made.seeds, made.sampling, made.cleanup, made.edits], [[7], { num_steps: 10 }, true, []]);
 });
 
-test("numbers of sampling are read, and what is none is told", () => {
+test("numbers of sampling are read, and other text is reported", () => {
   assert.deepEqual([read("steps", ""), read("guidance", " 2.5 "), readSeed("4294967295")], [null, 2.5, 4294967295]);
   assert.throws(() => read("steps", "many"), /got steps many, expected a number/);
   for (const text of ["", "-1", "1.5", "4294967296", "x"]) assert.throws(() => readSeed(text), /seed/);
@@ -508,10 +508,10 @@ test("paths, poses and other constraints are steps of the user's", () => {
   const seen = drawn(state.project.control, null, 20);
   assert.deepEqual([seen.lines.length, seen.points.length, seen.poses[0].frame], [1, 2, 30]);
   assert.deepEqual(drawn(state.project.control, { targets: [[1, 0, 0, 0]], poses: [] }, 20).targets, [[1, 0, 0, 0]]);
-  state = reduce(state, { type: "unask", index: 1 });
+  state = reduce(state, { type: "removeConstraint", index: 1 });
   state = reduce(state, { type: "path", points: [] });
   assert.equal(asJson(state.project.control), null);
-  assert.equal(reduce(state, { type: "unask", index: 3 }), state);
+  assert.equal(reduce(state, { type: "removeConstraint", index: 3 }), state);
   for (let i = 0; i < 5; i++) state = reduce(state, { type: "undo" });
   assert.deepEqual(state.project.control, []);
   const timed = { type: "root_path", points: [[0, 0], [1, 1]], times: [0, 2], heading: 1 };
@@ -522,22 +522,22 @@ test("paths, poses and other constraints are steps of the user's", () => {
   const longer = reduce(opened, { type: "path", points: [[0, 0], [2, 1], [3, 3]] }).project.control[0];
   assert.deepEqual([longer.times, longer.heading], [undefined, undefined], "times of other points mean nothing");
   assert.notEqual(keyOf(opened.project), keyOf(initial().project));
-  assert.equal(offSaid({ mean: 0.21, worst: 12.4, joint: "left wrist", frame: 50 }, 20),
+  assert.equal(offText({ mean: 0.21, worst: 12.4, joint: "left wrist", frame: 50 }, 20),
     "off by 0.2 mm, at most 12 mm (left wrist at 2.50 s)");
 });
 
 test("the page says in plain words how it goes, and figures on demand", () => {
   const { page, block } = live();
   block(0);
-  assert.equal(liveSaid(page), "");
+  assert.equal(liveText(page), "");
   page.tick(9);
-  assert.match(liveSaid(page), /waiting for the next part/);
+  assert.match(liveText(page), /waiting for the next part/);
   page.starved = false;
-  assert.match(liveSaid(page), /slower than it plays/);
+  assert.match(liveText(page), /slower than it plays/);
   assert.match(liveDetails(page), /0.0 s ahead, 0.6 s in flight, block 9 ms, 1 pauses/);
-  assert.equal(workSaid({ doing: "making the motion", done: 30, of: 120, seconds: 4.2 }), "making the motion: 25 % (4 s)");
-  const story = { busy: null, stale: true };
-  const status = (more) => statusOf({ mode: "story", live: page, story, models: [], blocks: 1, ...more });
+  assert.equal(workText({ doing: "making the motion", done: 30, of: 120, seconds: 4.2 }), "making the motion: 25 % (4 s)");
+  const multiPrompt = { busy: null, stale: true };
+  const status = (more) => statusOf({ mode: "timeline", live: page, multiPrompt, models: [], blocks: 1, ...more });
   assert.deepEqual(status(), { text: "changed; press Make", is: "busy" });
   assert.match(status({ models: [{ name: "tiny", state: "compiling", seconds: 9 }] }).text, /preparing the model tiny/);
   page.absence = "gone";
@@ -557,31 +557,31 @@ test("the legend names the colours that are seen", () => {
 });
 
 test("a lost studio is named once, and what was chosen before a reload is given up where it cannot be had", () => {
-  const { page, told, said } = live();
+  const { page, notes, said } = live();
   page.connect = () => {};
   page.missing("gone");
   page.missing("gone");
   page.missing("refused");
-  assert.deepEqual(told.length, 2);
+  assert.deepEqual(notes.length, 2);
   Object.assign(page, { run: 0, restored: true });
   page.choices = { prompt: "walk", speed: 1, keep_going: true, model: "not here", seed: 3 };
   page.message({ type: "error", message: "got the model 'not here'" });
   assert.deepEqual(said.at(-1), { type: "start", prompt: "walk", speed: 1, keep_going: true });
-  assert.equal(told.length, 2);
+  assert.equal(notes.length, 2);
 });
 
 test("what was made is kept and put back, with its state and undo", async () => {
-  const { story, act, state, asked } = studio();
+  const { multiPrompt, act, state, asked } = studio();
   act({ type: "add", prompt: "walk" });
-  await story.make();
+  await multiPrompt.make();
   act({ type: "add", prompt: "wave" });
   act({ type: "undo" });
-  const kept = structuredClone({ state: state(), ...story.toKeep() }),
+  const kept = structuredClone({ state: state(), ...multiPrompt.toKeep() }),
     other = studio();
   other.act({ type: "restore", state: kept.state });
-  other.story.restore(kept.rows);
+  other.multiPrompt.restore(kept.rows);
   assert.deepEqual(other.state(), state());
-  assert.ok(!other.story.stale && other.story.shown.frames === 20);
+  assert.ok(!other.multiPrompt.stale && other.multiPrompt.shown.frames === 20);
   other.act({ type: "redo" });
   assert.deepEqual(words(other.state()), ["walk", "wave"]);
   assert.deepEqual(other.asked, []);

@@ -1,9 +1,9 @@
-// What the page says about how it goes, in plain words. No browser is needed here.
+// Status texts of the page. Needs no browser.
 
-export const GONE = "the studio does not answer; this page connects by itself when it runs again, and your work is kept";
+export const GONE = "the studio does not answer; this page reconnects when it runs again, and your work is kept";
 
-/** A part of a request that the studio works on: {doing, done, of, seconds} as GET /v1/progress gives it. */
-export function workSaid({ doing, done, of, seconds }) {
+/** The progress of a request: {doing, done, of, seconds} as GET /v1/progress gives it. */
+export function workText({ doing, done, of, seconds }) {
   const share = of > 1 ? `: ${Math.round((100 * done) / of)} %` : "";
   return `${doing || "working"}${share} (${Math.round(seconds)} s)`;
 }
@@ -11,14 +11,14 @@ export function workSaid({ doing, done, of, seconds }) {
 const STATES = { waiting: "waiting for another model", loading: "reading the model", compiling: "preparing the model" };
 
 /** A model that is not ready: {name, state, seconds} of /v1/models or of a stream. */
-export function modelSaid({ name, state, seconds }) {
+export function modelText({ name, state, seconds }) {
   const first = state === "compiling" && seconds > 5 ? "; the first start takes about a minute" : "";
   return `${STATES[state] ?? state} ${name ?? ""} (${Math.round(seconds ?? 0)} s)${first}`.replace("  ", " ");
 }
 
 const LIVE = {
   running: "live",
-  waiting: "done; type what happens next",
+  waiting: "done; type the next prompt",
   paused: "paused",
   ended: "ended",
   stopped: "stopped",
@@ -28,41 +28,41 @@ const LIVE = {
 const ABSENT = { gone: "not connected: waiting for the studio", refused: "not connected: open the new address" };
 
 /** {text, is: "good", "busy" or "bad"} for the line at the top. */
-export function statusOf({ mode, live, story, models, blocks }) {
+export function statusOf({ mode, live, multiPrompt, models, blocks }) {
   const inLive = mode === "live",
     unready = models.find((model) => !["ready", "failed"].includes(model.state));
   if (live.absence) return { text: ABSENT[live.absence], is: "bad" };
-  if (!inLive && story.busy) return { text: story.busy, is: "busy" };
-  if (inLive && live.progress) return { text: modelSaid(live.progress), is: "busy" };
-  if (!inLive && unready) return { text: modelSaid(unready), is: "busy" };
+  if (!inLive && multiPrompt.busy) return { text: multiPrompt.busy, is: "busy" };
+  if (inLive && live.progress) return { text: modelText(live.progress), is: "busy" };
+  if (!inLive && unready) return { text: modelText(unready), is: "busy" };
   if (inLive) return { text: LIVE[live.state] ?? live.state, is: live.connected ? "good" : "busy" };
-  if (story.stale && blocks) return { text: "changed; press Make", is: "busy" };
+  if (multiPrompt.stale && blocks) return { text: "changed; press Make", is: "busy" };
   return { text: "ready", is: "good" };
 }
 
-/** How a stream goes, for somebody who animates: nothing while all is well. */
-export function liveSaid(live) {
+/** The state of a stream for the user; empty if there is nothing to report. */
+export function liveText(live) {
   if (!live.blocks || live.state !== "running") return "";
   if (live.starved) return "waiting for the next part of the motion";
-  if (live.said) return "the new words follow in a moment";
-  if (live.recentlyMissed) return "this computer makes motion slower than it plays: expect pauses";
+  if (live.pendingPrompt) return "the new prompt takes effect in a moment";
+  if (live.recentlyMissed) return "this computer generates motion slower than it plays: expect pauses";
   return "";
 }
 
-/** The figures behind it. */
+/** Figures of a stream, for details. */
 export function liveDetails(live) {
   if (!live.blocks) return "";
   const flight = Math.max(0, live.begun - live.committed) / live.fps;
   return (
     `${live.lead.toFixed(1)} s ahead, ${flight.toFixed(1)} s in flight, block ${live.sampling.toFixed(0)} ms` +
     `, ${live.missed} pauses` +
-    (live.latency === null ? "" : `, words after ${live.latency.toFixed(1)} s`)
+    (live.latency === null ? "" : `, prompt after ${live.latency.toFixed(1)} s`)
   );
 }
 
-/** What the colours of the strip below the blocks mean: [[kind, words]]. */
+/** The legend of the strip below the blocks: [[kind, text]]. */
 export function legendOf(pieces) {
-  const names = { kept: "kept", new: "regenerated", there: "made", flight: "being made" };
+  const names = { kept: "kept", new: "regenerated", there: "generated", flight: "in progress" };
   const kinds = new Set(pieces.filter(({ start, end }) => end > start).map(({ kind }) => kind));
   return Object.entries(names).filter(([kind]) => kinds.has(kind));
 }

@@ -1,12 +1,12 @@
-// Keeps the user's work in this browser (IndexedDB), so that a reload or a crash loses nothing. Each tab has a record of
-// its own; a new tab takes over the newest one that no open tab holds.
+// Saves the user's work in this browser (IndexedDB), so that a reload or a crash loses nothing. Each tab has its own
+// record; a new tab takes over the newest one that no open tab holds.
 
 const DATABASE = "motion_jax",
   WORK = "work",
   LARGE = "large", // stores
   VERSION = 1; // of records
 const SOON = 250; // milliseconds between a change and its copy
-const MOST = 8; // records; the oldest go
+const MOST = 8; // records; the oldest are deleted
 
 const promised = (request) =>
   new Promise((done, failed) => {
@@ -32,7 +32,7 @@ const isHeld = async (name) => {
   return held.some((lock) => lock.name === name);
 };
 
-export class Keeper {
+export class Autosave {
   // snapshot(): the work as plain data; large(): {key, rows}, what is large and stays the same while its key does;
   // works: whether this browser keeps it
   constructor(snapshot, large) {
@@ -52,7 +52,7 @@ export class Keeper {
       this.works = true;
       return await this.claim(records);
     } catch {
-      return null; // a browser that keeps nothing
+      return null; // this browser stores nothing
     }
   }
 
@@ -92,7 +92,7 @@ export class Keeper {
     return promised(this.objects(store, "readwrite").put({ ...record, id: this.id }));
   }
 
-  /** Something has changed: it is kept soon. */
+  /** Schedules a save after a change. */
   changed() {
     if (!this.works) return;
     this.pending = true;
@@ -110,7 +110,7 @@ export class Keeper {
       this.largeKey = key;
       await this.put(WORK, { ...this.snapshot(), version: VERSION, saved: Date.now() });
     } catch {
-      this.works = false; // no room, or the user has cleared it
+      this.works = false; // storage is full, or the user has cleared it
     }
   }
 }

@@ -105,7 +105,7 @@ export class PathTool {
     const points = this.studio.points(),
       at = this.place(event);
     if (!at) return this.studio.tell("click on the floor, nearer to the body", true);
-    if (points.length >= MOST_POINTS) return this.studio.tell(`there are ${MOST_POINTS} way points, which is the most`, true);
+    if (points.length >= MOST_POINTS) return this.studio.tell(`there are ${MOST_POINTS} way points, the maximum`, true);
     this.chosen = points.length;
     this.studio.change([...points, at]);
   }

@@ -1,14 +1,13 @@
-// Motions that were made of a project, and how they are asked for. What has been made is kept, so that undo shows it
-// at once. Of the browser it needs nothing.
-import { offSaid, asJson } from "./control.js";
+// Generates the motions of a project's timeline. They are cached, so that undo shows them at once. Needs no browser.
+import { offText, asJson } from "./control.js";
 import { contacts, footprints, fromJson, seconds } from "./motion.js";
 import { keyOf } from "./state.js";
-import { workSaid } from "./words.js";
+import { workText } from "./messages.js";
 
 const KEPT = 24, // motions
-  MISSED = 10; // millimetres that are told
+  MISSED = 10; // millimetres of distance from the constraints that are reported
 
-/** A motion with what is shown of it. */
+/** A motion with its foot contacts and footprints. */
 export function withSteps(motion) {
   motion.stands ??= contacts(motion);
   motion.prints ??= footprints(motion, motion.stands);
@@ -25,24 +24,24 @@ export function joined(spans) {
   return found;
 }
 
-export class Story {
-  // api: {story, edit}; tell(sentence, isError, topic) and forget(topic): notes; changed(): something that is shown has
-  // changed; state(): that of state.js; act(action).
+export class MultiPrompt {
+  // api: {multiPrompt, edit}; tell(sentence, isError, topic) and forget(topic): notes; changed(): the page has to be drawn
+  // again; state(): that of state.js; act(action).
   constructor(api, { tell, forget, changed, state, act }) {
     Object.assign(this, { api, tell, forget, changed, state, act });
     this.made = new Map();
-    this.last = null; // what is shown while nothing newer is there
-    this.busy = null; // what is being made, as a sentence
-    this.reply = null; // {reused_frames, same_frames} of the last story
+    this.last = null; // shown until a newer motion is there
+    this.busy = null; // progress as a sentence, while a motion is generated
+    this.reply = null; // {reused_frames, same_frames} of the last reply
     this.again = false;
   }
 
-  /** The motion of a take as the project is, or null while it has not been made. */
+  /** The motion of a take of the project, or null if it has not been generated. */
   of(take, project = this.state().project) {
     return this.made.get(keyOf(project, take)) ?? null;
   }
 
-  /** The motion that is shown: that of the chosen take, else the one before; none of an empty timeline. */
+  /** The motion that is shown: the chosen take, else the previous motion; null for an empty timeline. */
   get shown() {
     const motion = this.of(this.state().project.chosen);
     if (this.isEmpty) return null;
@@ -66,7 +65,7 @@ export class Story {
     return motion;
   }
 
-  /** Makes what the timeline says, of these takes; what is asked meanwhile is made behind it. */
+  /** Generates these takes; a change in the meantime is generated afterwards. */
   async make(takes = [this.state().project.chosen]) {
     if (this.busy) {
       this.again = true;
@@ -104,7 +103,7 @@ export class Story {
     }
     const left = edits.slice(n).filter((edit) => edit.change.at(-1)[1] > motion.frames);
     if (left.length) {
-      this.tell("an edit lies beyond the end of the motion and was taken away; Ctrl-Z brings it back", false);
+      this.tell("an edit beyond the end of the motion was removed; Ctrl-Z brings it back", false);
       this.act({ type: "dropEdits", take, keep: (edit) => !left.includes(edit) });
       edits = edits.filter((edit) => !left.includes(edit));
     }
@@ -117,11 +116,11 @@ export class Story {
   async base(project, take) {
     if (!project.blocks.length) {
       if (project.past) return fromJson(project.past);
-      throw new Error("the timeline is empty: click on it and say what happens");
+      throw new Error("the timeline is empty: click on it and type a prompt");
     }
-    this.works(project.seeds.length > 1 ? `making take ${take + 1}` : "making the motion");
+    this.works(project.seeds.length > 1 ? `generating take ${take + 1}` : "generating the motion");
     const request = {
-      blocks: project.blocks.map(({ prompt, seconds: length }) => ({ prompt, seconds: length })),
+      segments: project.blocks.map(({ prompt, seconds: length }) => ({ prompt, seconds: length })),
       seed: project.seeds[take],
       cleanup: project.cleanup,
       sampling: project.sampling,
@@ -129,57 +128,57 @@ export class Story {
     };
     if (project.model.name) request.model = project.model.name;
     if (project.control.length) request.control = asJson(project.control);
-    const reply = await this.api.story(request, (work) => this.works(workSaid(work)));
+    const reply = await this.api.multiPrompt(request, (work) => this.works(workText(work)));
     this.reply = { reused_frames: reply.reused_frames, same_frames: reply.same_frames };
     this.noted(reply);
     const motion = fromJson(reply.motion);
-    motion.asked = reply.asked ?? null;
-    const off = motion.asked?.off;
+    motion.report = reply.constraints ?? null;
+    const off = motion.report?.off;
     if (off?.worst > MISSED && project.cleanup)
-      this.tell(`path and poses cannot all be met: ${offSaid(off, motion.fps)}`, false, "control");
+      this.tell(`path and poses cannot all be reached exactly: ${offText(off, motion.fps)}`, false, "control");
     else this.forget("control");
     return motion;
   }
 
   async edited(motion, edit, before) {
-    this.works("making the marked span");
+    this.works("generating the marked span");
     const { prompt, change, seed, sampling, model } = edit;
     const request = { motion: motion.sent, prompt, change, seed, sampling };
     if (model.name) request.model = model.name;
-    const reply = await this.api.edit(request, (work) => this.works(workSaid(work)));
+    const reply = await this.api.edit(request, (work) => this.works(workText(work)));
     this.noted(reply);
     const made = joined([...(before.length ? (motion.meta.made ?? []) : []), ...reply.made]);
     reply.motion.meta = { ...reply.motion.meta, made };
     return Object.assign(fromJson(reply.motion), {
-      asked: motion.asked && { ...motion.asked, off: null }, // how far this one is from it is not known
+      report: motion.report && { ...motion.report, off: null }, // the distance is not known after an edit
     });
   }
 
-  // What runs, as a sentence.
+  // Shows progress as a sentence.
   works(sentence) {
     this.busy = sentence;
     this.changed();
   }
 
-  // What the studio says of a motion: words that the model does not know, requirements that it does not meet.
+  // Shows the notes of a reply: unknown words, unmet requirements of the prompt.
   noted({ unknown = [], notes = [] }) {
-    const said = [...(unknown.length ? [`the model has not learned: ${unknown.join(", ")}`] : []), ...notes];
-    if (said.length) this.tell(said.join("; "), false, "words");
+    const sentences = [...(unknown.length ? [`the model has not learned: ${unknown.join(", ")}`] : []), ...notes];
+    if (sentences.length) this.tell(sentences.join("; "), false, "words");
     else this.forget("words");
   }
 
-  /** {key, rows}: what was made of the project as it is, for `restore`. */
+  /** {key, rows}: the generated motions of the project, for `restore`. */
   toKeep() {
     const { project } = this.state();
     const rows = project.seeds
       .map((_, take) => keyOf(project, take))
       .filter((key) => this.made.get(key)?.sent)
-      .map((key) => ({ key, sent: this.made.get(key).sent, asked: this.made.get(key).asked ?? null }));
+      .map((key) => ({ key, sent: this.made.get(key).sent, report: this.made.get(key).report ?? null }));
     return { key: rows.map(({ key }) => key).join(), rows };
   }
 
   restore(rows) {
-    for (const { key, sent, asked } of rows) this.keep(key, Object.assign(fromJson(sent), { asked }));
+    for (const { key, sent, report } of rows) this.keep(key, Object.assign(fromJson(sent), { report }));
   }
 
   /** Pieces of the strip below the blocks, in seconds. */

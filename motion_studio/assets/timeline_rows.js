@@ -1,7 +1,7 @@
-// What is on the timeline, in seconds; no browser is needed here.
+// The rows of the timeline, in seconds. Needs no browser.
 import { MOST_BLOCKS, placed, snapped } from "./state.js";
 
-/** Of a stream: its prompts, what is there and what is being made. */
+/** The rows of a stream: its prompts, committed frames and frames in flight. */
 export function liveRows(live) {
   const second = (frame) => frame / live.fps,
     end = second(Math.max(live.begun, live.end));
@@ -21,11 +21,11 @@ export function liveRows(live) {
   return { rows, among: [], end, time: live.time, span: null, selected: null, pieces, fixed: true };
 }
 
-/** Of a project: its blocks behind what was imported, and what was made of them. */
-export function storyRows({ project, selected, span }, story, time) {
+/** The rows of a project: the imported motion, its blocks, and the generated spans. */
+export function timelineRows({ project, selected, span }, multiPrompt, time) {
   const among = placed(project),
-    fps = story.shown?.fps ?? 20,
-    stale = story.stale;
+    fps = multiPrompt.shown?.fps ?? 20,
+    stale = multiPrompt.stale;
   const rows = among.map(({ block, start, end }) => ({ id: block.id, prompt: block.prompt, start, end, stale }));
   if (project.past) {
     const end = project.past.shape[0] / project.past.fps;
@@ -38,13 +38,13 @@ export function storyRows({ project, selected, span }, story, time) {
     time,
     span: span?.map((frame) => frame / fps),
     selected,
-    pieces: story.pieces(),
+    pieces: multiPrompt.pieces(),
     fixed: false,
   };
 }
 
-/** What was said live as a project: the same words, lengths, seed and model make the same motion. */
-export function saidProject(live, project) {
+/** The live prompts as a project: the same prompts, lengths, seed and model give the same motion. */
+export function liveProject(live, project) {
   const step = live.blockFrames / live.fps;
   const blocks = live
     .motion()

@@ -1,4 +1,4 @@
-// Small moving stick figures: suggestions.json's int8 points, drawn on canvases while they are seen.
+// Small moving stick figures: suggestions.json's int8 points, drawn on canvases while they are visible.
 
 const REST = 400; // milliseconds between two rounds of a figure
 
