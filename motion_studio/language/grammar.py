@@ -1,6 +1,9 @@
 """The whole grammar as one table, and as Markdown for docs/sentences.md (`tools/sentences_page.py` writes it)."""
+import textwrap
+
 from motion_studio.language import connectors, counting, ellipsis, light_verbs, ordering, parser, poses
 
+_WIDTH = 120
 # Title of a section -> its rules, in the order in which a reader meets them.
 GRAMMAR = {
     "Connectors": connectors.CONNECTORS,
@@ -24,7 +27,14 @@ def page() -> str:
 
 
 def _entry(rule):
-  words = getattr(rule, "words", ())  # of a connector
-  name = f"{rule.name}." if not words else ", ".join(f"\"{one}\"" for one in words)
-  examples = "\n".join(f"{sentence}\n    {parse}" for sentence, parse in rule.examples.items())
-  return f"**{name}** {rule.meaning}\n\n```\n{examples}\n```"
+  """A rule as Markdown: name, meaning, the words of a connector, and the examples as code."""
+  words = ", ".join(f"\"{one}\"" for one in getattr(rule, "words", ()) if one != rule.name)
+  also = f" In the same way: {words}." if words else ""
+  name = "Comma" if rule.name == "," else rule.name.capitalize()
+  text = textwrap.fill(f"**{name}.** {rule.meaning}{also}", _WIDTH, break_on_hyphens=False)
+  return "\n".join([text, "", "```", *(line for one in rule.examples.items() for line in _example(*one)), "```"])
+
+
+def _example(sentence, parse):
+  line = f"{sentence}  →  {parse}"
+  return [line] if len(line) <= _WIDTH else [sentence, f"    →  {parse}"]
