@@ -40,8 +40,7 @@ def generated(loaded, captions, seed):
   for i in range(0, len(captions), BATCH):
     batch = captions[i:i + BATCH]
     batch += batch[-1:] * (BATCH - len(batch))  # one batch size: one compilation
-    made = loaded.generate(batch, FRAMES, seeds=[1000 * seed + i + j for j in range(BATCH)], cleanup=False,
-                           literal=True)
+    made = loaded.generate(batch, FRAMES, seeds=[1000 * seed + i + j for j in range(BATCH)])
     features += list(made.features[:len(captions) - i])
   return features
 
@@ -51,7 +50,7 @@ def borders(loaded, captions, count):
   prompts, seconds = SEQUENCE
   draw = lambda: rng.choice(len(captions), prompts, replace=False)
   sequences = [[(captions[j], seconds) for j in draw()] for _ in range(count)]
-  made = loaded.multi_prompts(sequences, seeds=list(range(count)), cleanup=False, literal=True)
+  made = loaded.multi_prompts(sequences, seeds=list(range(count)))
   cuts = lambda motion: [round(caption.start * loaded.fps) for caption in motion.captions[1:]]
   return np.concatenate([physics.cut_transitions(to_joints(motion.features), cuts(motion)) for motion in made])
 

@@ -16,15 +16,16 @@ import numpy as np
 from behaviour_rules import FPS, body_of
 from behaviour_sentences import COUNTED, PACED, REAL, sentences
 
-from motion_jax import export, loading
+from motion_jax import export
 from motion_jax.data.datasets.archive import read_archive
 from motion_jax.metrics.physics import planted_speed
+from motion_studio import Pipeline
 
 MOST = 24  # motions that are made at once
 
 
-def judge(model, listed, seeds, pictures=None):
-  """A row a sentence: dict(category, sentence, passed (one bool a seed), planted (m/s), seconds, kept (which try))."""
+def judge(pipeline, listed, seeds, pictures=None):
+  """A row a sentence: dict(category, sentence, passed (one bool a seed), planted (m/s), seconds, kept (attempt))."""
   rows = []
   per_call = max(1, MOST // seeds)
   by_length = collections.defaultdict(list)
@@ -36,19 +37,24 @@ def judge(model, listed, seeds, pictures=None):
       # As many motions in every call, the last made more than once, so that the rest of a category compiles nothing.
       full = [*chunk, *[chunk[-1]] * (per_call - len(chunk))]
       prompts = [sentence for _, sentence, *_ in full for _ in range(seeds)]
-      made = model.generate(prompts, seconds=seconds or None, seeds=list(range(seeds)) * len(full))
+      made = pipeline(prompts, seconds=seconds or None, seeds=list(range(seeds)) * len(full))
       for index, (_, sentence, rule, _) in enumerate(chunk):
         own = made[index * seeds:(index + 1) * seeds]
         passed = [bool(rule(body_of(motion.joints))) for motion in own]
         rows.append(dict(category=category, sentence=sentence, passed=passed, seconds=len(own[0].joints) / FPS,
                          planted=[float(planted_speed(motion.joints)) for motion in own],
-                         kept=[motion.meta.get("tries", 1) for motion in own]))
+                         kept=[number_kept(motion) for motion in own]))
         if pictures:
           pictures.mkdir(parents=True, exist_ok=True)
           worst = passed.index(False) if False in passed else 0
           name = f"{category}_{sentence}_{sum(passed)}of{seeds}".replace(" ", "_").replace(",", "").replace(".", "")
           export.strip(own[worst], pictures / f"{name}.png", caption=f"{sentence} ({sum(passed)} of {seeds})")
   return rows
+
+
+def number_kept(motion):
+  """The attempt that a motion is, from 1."""
+  return next((one["number"] for one in motion.meta.get("attempts", ()) if one["kept"]), 1)
 
 
 def told(rows, name):
@@ -123,7 +129,7 @@ def main():
   found = {}
   for name in args.model:
     pictures = args.pictures and args.pictures / pathlib.Path(name).name
-    found[name] = judge(loading.load(name), listed, args.seeds, pictures)
+    found[name] = judge(Pipeline(name), listed, args.seeds, pictures)
     print(*told(found[name], name), sep="\n", flush=True)
     if args.out:
       args.out.write_text(json.dumps(found, indent=1))

@@ -10,6 +10,7 @@ step of the joints (mm) and its change from the step before (mm), kept frames as
 the same clips as they were recorded; and the cosine of the whole motion to its caption.
 """
 import argparse
+import functools
 import time
 
 import numpy as np
@@ -19,6 +20,7 @@ from motion_jax.data.clip import Clip
 from motion_jax.data.datasets.archive import read_archive
 from motion_jax.metrics import physics, scores
 from motion_jax.models.cdamd.mask_schedule import TASKS
+from motion_studio import Pipeline
 
 FRAMES, BATCH = 96, 32
 SOLVERS = (("dopri5", 1), ("euler", 5), ("euler", 10), ("euler", 20), ("midpoint", 5), ("midpoint", 10), ("heun", 5),
@@ -35,8 +37,7 @@ def generated(loaded, captions, seed, **sampling):
     batch = captions[i:i + BATCH]
     padded = batch + batch[-1:] * (BATCH - len(batch))  # one batch size: one compilation
     start = time.perf_counter()
-    motions = loaded.generate(padded, FRAMES, seeds=[1000 * seed + i + j for j in range(BATCH)], cleanup=False,
-                              literal=True, **sampling)
+    motions = loaded.generate(padded, FRAMES, seeds=[1000 * seed + i + j for j in range(BATCH)], **sampling)
     times.append(time.perf_counter() - start)
     made += [motions[j] for j in range(len(batch))]
   return made, np.median(times[1:] or times)
@@ -87,8 +88,10 @@ def border_jumps(joints, made):
 
 def edited(loaded, clips, captions, task, mask, paste, seed):
   batches = range(0, len(clips), BATCH)
-  return [motion for i in batches for motion in loaded.edits(
-      clips[i:i + BATCH], captions[i:i + BATCH], task, mask=mask, paste=paste,
+  edits = (functools.partial(Pipeline(loaded).edits, plan=False) if paste else
+           functools.partial(loaded.edits, cleanup=True))
+  return [motion for i in batches for motion in edits(
+      clips[i:i + BATCH], captions[i:i + BATCH], task, mask=mask,
       seeds=[1000 * seed + i + j for j in range(len(clips[i:i + BATCH]))])]
 
 

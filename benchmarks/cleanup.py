@@ -67,7 +67,7 @@ def real_clips(folder, count):
 def made_clips(name):
   """[(joints, contacts or None)] of a model, six seconds of each prompt, as they come from its network."""
   model = loading.load(name)
-  made = model.generate(PROMPTS, seconds=6.0, seeds=range(len(PROMPTS)), cleanup=False, literal=True)
+  made = model.generate(PROMPTS, seconds=6.0, seeds=range(len(PROMPTS)))
   return [(motion.joints.astype(np.float64), model.stats.layout.contacts(motion.features)) for motion in made]
 
 

@@ -23,11 +23,12 @@ from motion_jax.metrics.physics import planted_speed, skating_ratio
 from motion_jax.models.base import keys_of
 from motion_jax.motion.retarget import retarget
 from motion_jax.motion.skeleton import HUMANML3D
+from motion_studio import Pipeline
 
 COLUMNS = "mean error, m", "worst, m", "skating", "planted, m/s", "fastest joint, m/s", "ms a motion"
 WALKS = ("a person walks", "a person walks forward")
-WAYS = {"words alone": None, "told": dict(control_steps=0, project=False), "and guided": dict(project=False),
-        "and projected": dict(project=True)}
+WAYS = {"words alone": None, "told": dict(control_steps=0, exact=False), "and guided": dict(project=False),
+        "and projected": dict(exact=True)}
 
 
 def asked(joints, given):
@@ -77,8 +78,9 @@ def measured(model, rows, options):
   """Numbers of motions of rows (words, signal) made in one way."""
   words, frames = [row[0] for row in rows], [row[1].frames for row in rows]
   control = signal.stack([row[1] for row in rows])
-  given = dict(seeds=range(len(rows)), cleanup=False, literal=True)
-  make = lambda: model.generate(words, frames, **given, **({} if options is None else dict(control=control) | options))
+  pipeline = Pipeline(model)
+  given = dict(seeds=range(len(rows)), cleanup=False, plan=False)
+  make = lambda: pipeline(words, frames, **given, **({} if options is None else dict(control=control) | options))
   make()
   began = time.perf_counter()
   motions = make()
@@ -97,8 +99,8 @@ def sampler_times(model, rows, repeats=5):
   words, frames = [row[0] for row in rows], [row[1].frames for row in rows]
   control, (keys, seeds) = signal.stack([row[1] for row in rows]), keys_of(None, range(len(rows)), len(rows))
   ways = {"words alone": lambda: model.sample(words, frames, keys, seeds, False, {}),
-          "told": lambda: model.sample_controlled(words, frames, keys, seeds, False, dict(control_steps=0), control),
-          "and guided": lambda: model.sample_controlled(words, frames, keys, seeds, False, {}, control)}
+          "told": lambda: model.sample(words, frames, keys, seeds, False, dict(control_steps=0), control),
+          "and guided": lambda: model.sample(words, frames, keys, seeds, False, {}, control)}
   found = {way: [] for way in ways}
   for _ in range(repeats + 1):
     for way, make in ways.items():

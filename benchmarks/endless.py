@@ -15,9 +15,10 @@ import time
 import jax
 import numpy as np
 
-from motion_jax import export, loading
+from motion_jax import export
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.utils.atomic import atomic_path
+from motion_studio import Pipeline
 
 PROMPTS = ("a person walks forward", "a person waves with the right hand", "a person walks in a circle",
            "a person jumps up and down", "a person runs forward", "a person sits down", "a person stands up",
@@ -46,10 +47,11 @@ def measures(joints, fps):
 
 
 def run(args):
-  made = loading.load(args.model)
-  stream = made.stream(PROMPTS[0], seed=args.seed, lag=args.lag)
+  pipeline = Pipeline(args.model)
+  made = pipeline.model
+  stream = pipeline.stream(PROMPTS[0], seed=args.seed, lag=args.lag)
   fps, out = made.fps, pathlib.Path(args.out)
-  lengths = [made.natural_frames(prompt) / fps for prompt in PROMPTS]
+  lengths = [pipeline.planner.natural_frames(prompt) / fps for prompt in PROMPTS]
   out.mkdir(parents=True, exist_ok=True)
   kept = {1, (args.minutes + 1) // 2, args.minutes}
   at, told, rest = 0.0, 0, np.zeros((0, made.stats.layout.skeleton.num_joints, 3), np.float32)

@@ -29,10 +29,10 @@ def timed(act):
 
 def one_round(model, options, seed):
   """(first block, next block, 6 s, 6 s cleaned) in milliseconds."""
-  stream = model.stream(PROMPT, seed=seed, cleanup=False, **options)
+  stream = model.stream(PROMPT, seed=seed, **options)
   first = timed(lambda: jax.block_until_ready(next(stream)))
   following = [timed(lambda: jax.block_until_ready(next(stream))) for _ in range(BLOCKS)]
-  make = functools.partial(model.generate, [PROMPT], num_frames=FRAMES, seeds=[seed], tries=1, **options)
+  make = functools.partial(model.generate, [PROMPT], num_frames=FRAMES, seeds=[seed], **options)
   whole, cleaned = (timed(functools.partial(make, cleanup=cleanup)) for cleanup in (False, True))
   return first, statistics.median(following), whole, cleaned
 

@@ -40,7 +40,6 @@ def _generated(workdir, longest):
   def clips(params):
     if not loaded:
       loaded.append(loading.load(workdir))
-      loaded[0].reports_to_terminal = False  # they are the training's own
     model, (captions, frames) = loaded[0], checkpoint.load_lengths(workdir)
     model.params = jax.tree.map(np.asarray, params)
     chosen = np.linspace(0, len(captions) - 1, min(NUM, len(captions))).astype(int)

@@ -27,7 +27,9 @@ LAYERS = {
     "motion_studio": [
         ("language",),
         ("checks", "planning"),
-        ("controlled", "editing", "pipeline"),
+        ("blending", "constraining", "editing", "streaming"),
+        ("steps",),
+        ("pipeline",),
         ("server",),
         ("client", "cli", "__init__")],
 }

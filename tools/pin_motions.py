@@ -13,6 +13,8 @@ import warnings
 import numpy as np
 
 import motion_jax as mj
+from motion_jax.data.mirror import mirror_legs
+from motion_studio import Pipeline
 
 PROMPTS = (
     "a person walks forward", "a person waves the right hand", "a person kicks twice with the right leg",
@@ -26,33 +28,35 @@ WALK = "a person walks forward"
 
 
 def one_pass(model, prompt):
-  return model.generate(prompt, seconds=3.0, seed=0, literal=True, tries=1)[0].joints
+  """The network's own motion; sentences that name a leg are contrasted with the other leg, as cmdm-small needs it."""
+  contrast = {"negative_prompts": mirror_legs} if "negative_prompts" in model.more_choices else {}
+  return model.generate(prompt, seconds=3.0, seed=0, cleanup=True, **contrast)[0].joints
 
 
 def planned(model, prompt):
-  return model.generate(prompt, seed=0)[0].joints
+  return Pipeline(model)(prompt, seed=0).joints
 
 
 def controlled(model):
   path = mj.control.RootPath(((0, 0), (0, 1.5), (1.0, 2.5)))
-  return model.generate(WALK, seconds=4.0, seed=0, control=[path])[0].joints
+  return Pipeline(model)(WALK, seconds=4.0, seed=0, control=[path]).joints
 
 
 def streamed(model):
-  return np.concatenate(list(model.stream("a person walks forward, then waves", seed=1, num_frames=120)))
+  return np.concatenate(list(Pipeline(model).stream("a person walks forward, then waves", seed=1, num_frames=120)))
 
 
-def in_a_row(model):
+def in_sequence(model):
   segments = [("a person walks", 2.0), ("a person waves", 2.0), ("a person sits down", None)]
-  return model.multi_prompt(segments, seed=0).joints
+  return Pipeline(model).multi_prompt(segments, seed=0).joints
 
 
 def extended(model, clip):
-  return model.extend(clip, "a person turns left, then walks", seed=0).joints
+  return Pipeline(model).extend(clip, "a person turns left, then walks", seed=0).joints
 
 
 def edited(model, clip):
-  return model.edit(clip, "a person waves the left hand", task="outpainting", seed=0).joints
+  return Pipeline(model).edit(clip, "a person waves the left hand", task="outpainting", seed=0).joints
 
 
 def motions(only=""):
@@ -65,7 +69,7 @@ def motions(only=""):
     jobs |= {f"generate/{prompt}": lambda model, prompt=prompt: planned(model, prompt) for prompt in PROMPTS}
     jobs["control"] = controlled
     if model.can("stream"):
-      jobs |= {"stream": streamed, "multi_prompt": in_a_row,
+      jobs |= {"stream": streamed, "multi_prompt": in_sequence,
                "extend": lambda model: extended(model, one_pass(model, WALK))}
     if model.can("edit"):
       jobs["edit"] = lambda model: edited(model, one_pass(model, WALK))

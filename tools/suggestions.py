@@ -12,9 +12,9 @@ import pathlib
 
 import numpy as np
 
-from motion_jax import loading
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.utils import cache
+from motion_studio import Pipeline
 
 OUT = pathlib.Path(__file__).parents[1] / "motion_studio" / "assets" / "suggestions.json"
 SECONDS, FPS, SCALE = 4.0, 8, 60  # length of a figure, frames a second, steps a metre
@@ -52,10 +52,11 @@ def figure(joints, fps):
   return np.clip(np.round(points * SCALE), -127, 127).astype(np.int8)
 
 
-def rows_of(model, kind, prompts):
+def rows_of(pipeline, kind, prompts):
   """The suggestions of these prompts that the model does as they say."""
-  known = [prompt for prompt in prompts if not model.unknown_words(prompt)]
-  made = model.generate(known, seconds=SECONDS, seeds=[0] * len(known))
+  model = pipeline.model
+  known = [prompt for prompt in prompts if not model.captions.unknown_words(prompt)]
+  made = pipeline(known, seconds=SECONDS, seeds=[0] * len(known))
   kept = [(prompt, motion) for prompt, motion in zip(known, made) if not motion.meta.get("unmet")]
   print(f"{kind}: without", sorted(set(prompts) - {prompt for prompt, _ in kept}))
   return [{"prompt": prompt, "kind": kind,
@@ -64,10 +65,10 @@ def rows_of(model, kind, prompts):
 
 def main():
   cache.keep_in_user_cache()
-  model = loading.load("cmdm-small")
-  model.reports_to_terminal = False
+  pipeline = Pipeline("cmdm-small")
+  pipeline.warns = False
   rows = [row for kind, text in PROMPTS.items()
-          for row in rows_of(model, kind, [f"a person {' '.join(words.split())}" for words in text.split(";")])]
+          for row in rows_of(pipeline, kind, [f"a person {' '.join(words.split())}" for words in text.split(";")])]
   head = {"fps": FPS, "scale": SCALE, "parents": [int(parent) for parent in HUMANML3D.parents]}
   lines = ",\n".join(json.dumps(row) for row in rows)
   OUT.write_text(json.dumps(head)[:-1] + ', "rows": [\n' + lines + "\n]}\n")

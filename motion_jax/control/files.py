@@ -12,6 +12,7 @@ import pathlib
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import jax
 import numpy as np
 
 from motion_jax.control.constraints import (
@@ -23,6 +24,7 @@ from motion_jax.control.constraints import (
   RootPath,
   joint_number,
 )
+from motion_jax.control.signal import ControlSignal
 from motion_jax.motion import inverse
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.retarget import with_lengths
@@ -178,3 +180,24 @@ def _kimodo_joints(row: dict[str, Any]) -> np.ndarray:
     parent = SMPL.parents[joint]
     world[joint] = local[:, joint] if parent < 0 else rot.multiply(world[parent], local[:, joint])
   return with_lengths(inverse.forward(root, np.stack(world, 1), SMPL), HUMANML3D)
+
+
+def constraints_of(control: Any, count: int) -> list[list[Constraint] | ControlSignal]:
+  """The constraints of each of count motions: of a file, a list of constraints for all of them, a list with an entry
+  for each motion (None: no constraint), or a signal (count, T)."""
+  if control is None:
+    return [[] for _ in range(count)]
+  if isinstance(control, ControlSignal):
+    if control.batch != count:
+      raise InputError(f"got a control signal of {control.batch} motions for {count} prompts; give one row for each")
+    return [jax.tree.map(lambda x, i=i: np.asarray(x)[i:i + 1], control) for i in range(count)]
+  if isinstance(control, str | os.PathLike):
+    control = load(control)
+  if isinstance(control, Constraint):
+    control = [control]
+  if all(isinstance(one, Constraint) for one in control):
+    return [list(control) for _ in range(count)]
+  if len(control) != count:
+    raise InputError(f"got control for {len(control)} motions and {count} prompts; give constraints for all of them, "
+                     "or a list of them for each")
+  return [constraints_of(one, 1)[0] for one in control]

@@ -135,8 +135,6 @@ def load_candidates(runs, load, choices: Choices, out, samples_folder=None, devi
   varied, left_out = _varied_of(models, choices)
   candidates, named = [], choices.named
   for name, loaded in models.items():
-    if loaded.can("generate"):
-      loaded.tells_unknown_words = False  # the provenance lists them once
     shipped = pathlib.Path(loaded.folder).parent == PRETRAINED
     folder = pathlib.Path(samples_folder or (out if shipped else loaded.folder / "eval") / "samples")
     for scale, one in itertools.product(choices.guidance or (None,), varied[name]):

@@ -51,7 +51,7 @@ def _evaluator(evaluator):
 
 def _unknown(model, captions):
   """Words of the captions that a model never met in training; none of one that reads no words."""
-  return sorted({word for caption in captions for word in model.unknown_words(caption)}) if model.can(
+  return sorted({word for caption in captions for word in model.captions.unknown_words(caption)}) if model.can(
       "generate") else []
 
 

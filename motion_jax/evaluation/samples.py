@@ -19,6 +19,7 @@ import jax
 import numpy as np
 from tqdm import tqdm
 
+from motion_jax.data.mirror import mirror_legs
 from motion_jax.training import checkpoint
 from motion_jax.utils.atomic import atomic_path
 from motion_jax.utils.errors import InputError
@@ -206,11 +207,14 @@ def progress(total, what, shown=True):
   return tqdm(total=total, desc=what, unit="motion", disable=None if shown else True, leave=False)
 
 
+def contrast_of(model):
+  """The contrast guidance that a model's config asks for: captions that name a leg, against the other leg."""
+  return dict(negative_prompts=mirror_legs) if "negative_prompts" in model.more_choices else {}
+
+
 def generator_of(model, guidance_scale=None, sampling=None):
   """make(jobs) of `sample` for a model that was loaded."""
-  choices = dict(guidance_scale=guidance_scale) | (sampling or {})
-  if model.can("understand"):
-    choices["literal"] = True  # benchmarks say captions as they are
+  choices = dict(guidance_scale=guidance_scale) | contrast_of(model) | (sampling or {})
 
   def make(jobs):
     made = model.generate(jobs.captions, jobs.frames, seeds=jobs.seeds, cleanup=False, **choices)

@@ -14,8 +14,8 @@ OTHERS = {
     "guidance_param": ("guidance_scale",), "text": ("prompt", "prompts"), "texts": ("prompts",),
     "caption": ("prompt", "prompts"), "captions": ("prompts",), "key": ("rng",), "random_seed": ("seed",),
     "num": ("seeds", "num_samples", "top_k"), "num_samples": ("seeds",),
-    "num_repetitions": ("seeds", "num_samples"), "attempts": ("tries", "max_attempts"), "tries": ("max_attempts",),
-    "max_attempts": ("tries",), "literal": ("no_plan",), "ask": ("export_prompts",), "beside": ("compare_with",),
+    "num_repetitions": ("seeds", "num_samples"), "attempts": ("max_attempts",), "tries": ("max_attempts",),
+    "literal": ("no_plan",), "ask": ("export_prompts",), "beside": ("compare_with",),
     "printed": ("paper_tables",), "past_text": ("past_prompt",), "text_prompt": ("prompt",), "raw": ("no_cleanup",),
     "rounds": ("num_iterations",), "run": ("model",), "repeats": ("replications",),
     "span": ("change",), "spans": ("change",), "edit": ("change",),
@@ -30,7 +30,7 @@ def checked(function: Callable) -> Callable:
 
   @functools.wraps(function)
   def called(self: Any, *args: Any, **given: Any) -> Any:
-    known = [*own, *self.options.described(), *self.control_choices]
+    known = [*own, *self.options.described(), *self.more_choices]
     for name in given:
       if name not in known:
         raise TypeError(f"{function.__name__} has no argument {name!r}"

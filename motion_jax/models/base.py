@@ -1,8 +1,7 @@
-"""What models that are ready to use have in common: prompts, lengths, seeds, and where a motion is from."""
+"""What the models of all methods have in common: prompts, lengths, seeds, sampling options, and their origin."""
 import functools
 import hashlib
 import operator
-import warnings
 from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -10,39 +9,36 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from motion_jax.control.files import constraints_of
 from motion_jax.control.signal import ControlSignal
 from motion_jax.models import arguments
+from motion_jax.models.captions import TrainingCaptions
 from motion_jax.models.options import SamplingOptions
+from motion_jax.models.results import Motions
 from motion_jax.motion.stats import Stats
 from motion_jax.runs import Run
-from motion_jax.text.captions import SUBJECTS, of_a_person
+from motion_jax.text.captions import SUBJECTS
 from motion_jax.text.encoder import TextEncoder
-from motion_jax.text.vocabulary import Vocabulary
 from motion_jax.training import checkpoint
-from motion_jax.utils import cache
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import SEEDS, as_float, checked, demand_numbers, shortened, told
 from motion_jax.utils.text_files import is_text
-from motion_studio.checks import prompt_notes
-from motion_studio.checks.path_shapes import least_seconds
-from motion_studio.language.repertoire import Repertoire
-from motion_studio.language.sentences import Sentence, understand
 
-_SHORTEST, _USUAL, _LONGEST = 3.0, 6.0, 9.8  # seconds of a motion whose length nobody says
+_SECONDS = 6.0  # of a motion whose length is not given
 _LONGEST_PROMPT = 5000  # characters: ten times the longest caption of the data sets
 
 Prompts = str | Iterable[str]  # one prompt, or several
 Frames = float | Sequence[float] | np.ndarray | Callable[[str], float] | None  # of all motions, of each, of a prompt
 
 
-# What a model may be able to do, each a method of its name; `can` says whether a model is.
+# Abilities of models, each a method of that name.
 ABILITIES = {
-    "generate": "motion from words",
-    "understand": "a sentence of several actions is one motion in which they are done",
+    "generate": "motion from prompts, one pass of the network",
+    "sample_segments": "one motion of several segments, each with its own prompt",
     "stream": "motion without end, block after block",
-    "multi_prompt": "several prompts in a row, one motion",
-    "extend": "a motion that exists goes on",
-    "edit": "new frames in a motion that exists",
+    "multi_prompt": "several prompts in sequence, one motion",
+    "extend": "continues an existing motion",
+    "edit": "new frames in an existing motion",
     "reconstruct": "a motion through the tokenizer and back",
     "round_trip": "padded motions through the tokenizer and back",
 }
@@ -50,12 +46,13 @@ ABILITIES = {
 
 _SEVERAL = {"edits": "edit", "multi_prompts": "multi_prompt"}  # methods of the same ability
 # Arguments of every method's `generate`, beside the choices of sampling.
-_ARGUMENTS = ("seed", "seeds", "seconds", "num_frames", "cleanup", "literal", "control", "tries")
+_ARGUMENTS = ("seed", "seeds", "seconds", "num_frames", "cleanup", "control")
 
 
 class Able:
-  """Something that says what it can do: `can("edit")`. Models, and what is judged in the place of one."""
+  """Something that says what it can do: `can("edit")`. Models, and what is evaluated in place of one."""
   abilities: tuple[str, ...] = ()  # of ABILITIES
+  more_choices: tuple[str, ...] = ()  # of sampling, beside those of `options`
 
   def can(self, ability: str) -> bool:
     """Whether it has this ability, one of `ABILITIES`. Raises ValueError for a word that is none."""
@@ -65,7 +62,7 @@ class Able:
 
 
 def cannot(name: str, ability: str) -> str:
-  """The sentence for a model that lacks an ability of `ABILITIES`: which of those that ship have it."""
+  """The error text for a model that lacks an ability of `ABILITIES`: which shipped models have it."""
   from motion_jax import runs
   from motion_jax.models import registry
   able = runs.shipped_names(registry.model_stages(ability))
@@ -75,20 +72,20 @@ def cannot(name: str, ability: str) -> str:
 
 
 class TextToMotionModel(Able):
-  """A run folder whose parameters make motion from words: the base of every method's model, and what `load` gives.
+  """A run folder whose parameters generate motion from prompts: the base class of every method, returned by `load`.
 
-  A method's class says what else it `can` do, and names the `SamplingOptions` by which it is sampled.
+  `generate` is one pass of the network with the prompts as given. A method implements `sample`, and says by `abilities`
+  what else it can do; `options` are its choices of sampling.
   """
   abilities: tuple[str, ...] = ("generate",)
   options: Any = SamplingOptions
-  control_choices: tuple[str, ...] = ()  # of `generate`, beside those of sampling, where constraints guide it
-  codec: Any = None  # of the latents that it makes, where it makes latents
+  takes_control = False  # whether `sample` follows a control signal
+  codec: Any = None  # of the latents, of a method that has latents
   max_seconds = 3600.0
-  reports_to_terminal = True  # False where warnings about prompts would not be read
 
   def __init__(self, run: Run, encoder: TextEncoder, text_dim: int, frames_per_latent: int, frozen_shapes: Any,
                shapes: Any) -> None:
-    """text_dim: numbers that the network takes of a word or sentence; shapes of what the folder must hold."""
+    """text_dim: width of the text embeddings that the network takes; shapes: of the parameters in the folder."""
     self.folder, self.config, self.encoder, self.frames_per_latent = run.folder, run.config, encoder, frames_per_latent
     self.params_file = run.params_file
     if encoder.dim != text_dim:
@@ -102,17 +99,17 @@ class TextToMotionModel(Able):
 
   if not TYPE_CHECKING:
     def __getattr__(self, name):
-      """Only for names that there are not: says which model has the ability of that name."""
+      """For names that do not exist: the error says which model has the ability of that name."""
       ability = _SEVERAL.get(name, name)
       if ability in ABILITIES and not self.can(ability):
         raise AttributeError(cannot(self.folder.name, ability))
-      return object.__getattribute__(self, name)  # raises, also what a property raised
+      return object.__getattribute__(self, name)  # also raises again the error of a property
 
   def __repr__(self) -> str:
     return (f"{type(self).__name__}({self.folder.name!r}: {self.num_params / 1e6:.1f} M parameters, "
             f"{self.stats.layout.name} features, {self.fps:g} frames a second)")
 
-  # --- what it is ------------------------------------------------------------------------------------------------
+  # --- identity -------------------------------------------------------------------------------------------------
 
   @property
   def fps(self) -> float:
@@ -124,89 +121,47 @@ class TextToMotionModel(Able):
 
   @functools.cached_property
   def id(self) -> str:
-    """Folder name and a hash of the weights: what a file says about where its motion is from."""
+    """Folder name and a hash of the weights, which files of its motions carry as their source."""
     digest = hashlib.sha256((self.folder / self.params_file).read_bytes()).hexdigest()[:12]
     return f"{self.folder.name}@{digest}"
 
   @property
   def license(self) -> str:
-    """What its folder's LICENSE.txt says; "" without one."""
-    return self._told("LICENSE.txt")
+    """Text of its folder's LICENSE.txt; "" without one."""
+    return self._text("LICENSE.txt")
 
   @property
   def limits(self) -> str:
-    """What it cannot do, for whoever uses it: its folder's LIMITS.txt; "" without one."""
-    return self._told("LIMITS.txt")
+    """Known limits, from its folder's LIMITS.txt; "" without one."""
+    return self._text("LIMITS.txt")
 
-  def _told(self, name):
+  def _text(self, name):
     path = self.folder / name
     return path.read_text(encoding="utf-8", errors="replace").strip() if path.is_file() else ""
 
+  @functools.cached_property
+  def captions(self) -> TrainingCaptions:
+    """Statistics of the captions that it was trained on; empty where its folder does not keep them."""
+    subjects = SUBJECTS if self.config.data.get("vary_subject") else ()  # training had these, too
+    return TrainingCaptions(*(checkpoint.load_lengths(self.folder) or ((), ())), self.encoder, self.fps, subjects)
+
   # --- lengths ---------------------------------------------------------------------------------------------------
 
-  def natural_frames(self, prompt: str) -> int:
-    """How long the clips of the nearest training captions are: an action generated much longer goes on by itself.
+  def estimated_frames(self, prompt: str) -> int | None:
+    """The length that the method itself estimates for a prompt; None where it has no estimator."""
+    return None
 
-    Whether he, she or somebody does it makes no difference, though other captions may be nearer to the one. A circle
-    has time to be gone round.
-    """
-    nearest = self.nearest_captions(of_a_person(prompt), 5)
-    if not nearest:
-      return round(_USUAL * self.fps)
-    usual = np.clip(np.median([frames for _, frames in nearest]), _SHORTEST * self.fps, _LONGEST * self.fps)
-    return int(max(usual, least_seconds(prompt) * self.fps))
-
-  # --- what it learned from ----------------------------------------------------------------------------------------
-
-  @functools.cached_property
-  def _learned(self):
-    """(Vocabulary, usual frames) of the captions that it learned from; None where its folder does not keep them."""
-    table = checkpoint.load_lengths(self.folder)
-    subjects = SUBJECTS if self.config.data.get("vary_subject") else ()  # training said these, too
-    return table and (Vocabulary(table[0], subjects), table[1])
-
-  @property
-  def vocabulary(self) -> Vocabulary | None:
-    """The captions that it learned from; None where its folder does not keep them."""
-    return None if self._learned is None else self._learned[0]
-
-  @functools.cached_property
-  def repertoire(self) -> Repertoire | None:
-    """What it can do, as phrases of one action each; None where its folder does not keep the captions."""
-    return None if self.vocabulary is None else Repertoire(self.vocabulary.captions, self.encoder)
-
-  def knows(self, prompt: str) -> bool:
-    """Whether a training caption says this, of any subject."""
-    return self.vocabulary is not None and self.vocabulary.holds(prompt)
-
-  @functools.cached_property
-  def _caption_vectors(self):
-    captions = self._learned[0].captions
-    key = cache.key_of("sentences", self.encoder.fingerprint, *captions)
-    return cache.kept_array("sentences", key, lambda: self.encoder.many_sentences(captions))
-
-  def nearest_captions(self, prompt: str, num: int = 1) -> list[tuple[str, int]]:
-    """[(caption, usual frames)] of the training captions that mean nearly the same, the nearest first.
-
-    As the text encoder sees it: of a large training set it is asked only about those that share words with the prompt.
-    None where the folder does not keep the captions.
-    """
-    if self._learned is None:
-      return []
-    vocabulary, frames = self._learned
-    rows = vocabulary.candidates(prompt)
-    known = (self._caption_vectors if len(rows) == len(vocabulary.captions) else
-             self.encoder.many_sentences([vocabulary.captions[row] for row in rows]))
-    nearness = known @ self.encoder.sentence([prompt])[0]
-    nearest = [rows[i] for i in np.argsort(-nearness, kind="stable")[:num]]
-    return [(vocabulary.captions[row], frames[row]) for row in nearest]
+  def default_frames(self, prompt: str) -> int:
+    """The length where none is given: the method's estimate, else six seconds."""
+    estimate = self.estimated_frames(prompt)
+    return round(min(_SECONDS, self.max_seconds) * self.fps) if estimate is None else estimate
 
   def frames_of(self, prompts: Sequence[str], num_frames: Frames, seconds: Frames) -> list[int]:
-    """Lengths in frames, one per prompt: as given (one for all or one each), or those of similar training clips."""
+    """Lengths in frames, one per prompt: as given (one for all or one each), or `default_frames`."""
     if num_frames is not None and seconds is not None:
       raise InputError("got both num_frames and seconds; give one of them")
     if num_frames is None:
-      num_frames = self.natural_frames if seconds is None else [as_float(s) * self.fps for s in demand_numbers(
+      num_frames = self.default_frames if seconds is None else [as_float(s) * self.fps for s in demand_numbers(
           each(seconds, prompts), "seconds", "a number such as 6.0, or one per prompt")]
     counts = [num_frames(p) for p in prompts] if callable(num_frames) else each(num_frames, prompts)
     demand_numbers(counts, "num_frames", "a number of frames such as 120, or one per prompt")
@@ -216,10 +171,75 @@ class TextToMotionModel(Able):
                          f"{self.max_seconds * self.fps:.0f} ({self.max_seconds:g} s at {self.fps:g} frames a second)")
     return [int(round(count)) for count in counts]
 
+  # --- sampling --------------------------------------------------------------------------------------------------
+
+  @arguments.checked
+  def generate(self, prompts: Prompts, num_frames: Frames = None, *, seconds: Frames = None,
+               rng: jax.Array | None = None, seeds: Iterable[int] | None = None, seed: int | None = None,
+               cleanup: bool = False, control: Any = None, **sampling: Any) -> Motions:
+    """Motions of one prompt or several: one pass of the network, with the prompts as given.
+
+    num_frames or seconds: one number, or one per prompt; by default `default_frames`. rng: a key, of which prompt i
+    gets fold_in(rng, i), so that a motion does not depend on others in its batch; or seed (prompt i gets seed + i), or
+    seeds, one per prompt. control: constraints that the network is guided by (`control`): a `ControlSignal` (B, T), a
+    list of constraints for all motions, or a list of such lists; meeting them exactly is up to `control.project`.
+    cleanup: pin standing feet and remove tremor (`motion.cleanup`); features stay as sampled. sampling: choices of this
+    method's `options`, by default those of its config. Raises ValueError for an empty prompt, or a length that is not
+    positive or more than an hour.
+
+    Plans, prompt checks, several attempts and exact constraints are the application's: `motion_studio.Pipeline`.
+    """
+    prompts = self.prompts_of(prompts)
+    frames = self.frames_of(prompts, num_frames, seconds)
+    keys, seeds = keys_of(rng, seeds, len(prompts), seed)
+    if control is not None:
+      from motion_jax.models import guided
+      constraints = constraints_of(control, len(prompts))
+      return guided.sample(self, prompts, frames, keys, seeds, cleanup, sampling, constraints)
+    return self.sample(prompts, frames, keys, seeds, cleanup, sampling)
+
+  def sample(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, seeds: Sequence[int | None],
+             cleanup: bool, sampling: dict[str, Any], signal: ControlSignal | None = None) -> Motions:
+    """One pass of the network: motions of prompts, a key each. Every method implements it.
+
+    signal (B, longest): constraints, in the frame where motions begin, that a method with `takes_control` follows.
+    """
+    raise NotImplementedError(f"{type(self).__name__} has no `sample` (docs/adding.md)")
+
+  def sample_segments(self, lists: Sequence[Sequence[tuple[str, int]]], keys: jax.Array, seeds: Sequence[int | None],
+                      cleanup: bool, sampling: dict[str, Any]) -> Motions:
+    """Motions of lists of (prompt, frames), a key each. For methods that can make one motion of several prompts."""
+    raise NotImplementedError(f"{type(self).__name__} has no `sample_segments`: it makes motions of one prompt each")
+
+  def inpaint(self, features: Sequence[np.ndarray], new: Sequence[np.ndarray], prompts: Sequence[str], keys: jax.Array,
+              sampling: dict[str, Any]) -> tuple[list[np.ndarray], dict[str, Any]]:
+    """(features (T, F) of each motion with the frames of new (T,) sampled, record of the sampling). For methods that
+    edit; `models.pasting` puts the new frames into the clip they belong to."""
+    raise NotImplementedError(f"{type(self).__name__} has no `inpaint`: it cannot edit")
+
   # --- arguments ---------------------------------------------------------------------------------------------------
 
+  def prompts_of(self, prompts: Prompts) -> list[str]:
+    """A list of prompts from one or several, checked. Raises TypeError for anything but text, InputError for an empty
+    prompt, one that is no UTF-8 text, or one of more than 5,000 characters."""
+    if not isinstance(prompts, str) and (isinstance(prompts, bytes | dict) or not isinstance(prompts, Iterable)):
+      raise TypeError(f"got {told(prompts)} as prompts, expected a sentence such as \"a person waves\", or a "
+                      "list of them")
+    prompts = [prompts] if isinstance(prompts, str) else list(prompts)
+    if not prompts:
+      raise InputError("got no prompt; say what the person does, as in \"a person waves\"")
+    for prompt in prompts:
+      if not isinstance(prompt, str) or not prompt.strip():
+        raise InputError(f"got the prompt {prompt!r}; say what the person does, as in \"a person waves\"")
+      if not is_text(prompt):
+        raise InputError(f"got the prompt {ascii(shortened(prompt))}, which holds bytes that are no UTF-8 text")
+      if len(prompt) > _LONGEST_PROMPT:
+        raise InputError(f"got a prompt of {len(prompt):,} characters, expected at most {_LONGEST_PROMPT:,}; "
+                         "multi_prompt takes several sentences one after the other")
+    return prompts
+
   def sampling(self, **choices: Any) -> Any:
-    """All choices of sampling: those given, the rest as the run's config has them.
+    """All choices of sampling: those given, the others from the run's config.
 
     Raises TypeError for a choice that this method does not have, ValueError for a value that cannot be.
     """
@@ -232,81 +252,8 @@ class TextToMotionModel(Able):
     return self.options(**choices).resolved(self.config, **self.usual_sampling())
 
   def usual_sampling(self) -> dict[str, Any]:
-    """Choices that follow from the networks where neither caller nor config makes them."""
+    """Defaults that follow from the networks, for choices that neither caller nor config makes."""
     return {}
-
-  def understand(self, prompt: str) -> Sentence:
-    """The actions that a sentence asks for, one after the other and at once: `text.sentences`.
-
-    What a caption of the training data says stays one action, whoever moves.
-    """
-    return understand(prompt, self.knows)
-
-  def sample(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, seeds: Sequence[int | None],
-             cleanup: bool, sampling: dict[str, Any]) -> Any:
-    """`results.Motions` of prompts said to the network as they are, a key each. A method has its own."""
-    raise NotImplementedError(f"{type(self).__name__} has no `sample` (docs/adding.md)")
-
-  def sample_controlled(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array,
-                        seeds: Sequence[int | None], cleanup: bool, sampling: dict[str, Any], signal: ControlSignal
-                        ) -> Any:
-    """As `sample`, led towards what signal (B, longest) asks, in the frame in which motions begin. A method that can be
-    led has its own; here words alone make the motion, and `control.project` brings it there."""
-    return self.sample(prompts, frames, keys, seeds, cleanup, sampling)
-
-  def in_a_row(self, lists: Sequence[Sequence[tuple[str, int]]], keys: jax.Array, seeds: Sequence[int | None],
-               cleanup: bool, sampling: dict[str, Any]) -> Any:
-    """`results.Motions`, one of each list of (prompt, frames), a key each. A method has its own."""
-    raise NotImplementedError(f"{type(self).__name__} has no `in_a_row`: it cannot do one action after another")
-
-  def remake(self, features: Sequence[np.ndarray], new: Sequence[np.ndarray], prompts: Sequence[str], keys: jax.Array,
-             sampling: dict[str, Any]) -> tuple[list[np.ndarray], dict[str, Any]]:
-    """(features of each motion with its new frames remade, what a file says of the sampling); see `models.editing`. A
-    method that edits has its own."""
-    raise NotImplementedError(f"{type(self).__name__} has no `remake`: it cannot edit")
-
-  def prompts_of(self, prompts: Prompts, literal: bool = True) -> list[str]:
-    """A list of prompts from one or several, checked as `check_words` does. Raises TypeError for what is no text."""
-    if not isinstance(prompts, str) and (isinstance(prompts, bytes | dict) or not isinstance(prompts, Iterable)):
-      raise TypeError(f"got {told(prompts)} as prompts, expected a sentence such as \"a person waves\", or a "
-                      "list of them")
-    prompts = [prompts] if isinstance(prompts, str) else list(prompts)
-    if not prompts:
-      raise InputError("got no prompt; say what the person does, as in \"a person waves\"")
-    self.check_words(prompts, literal)
-    return prompts
-
-  def check_words(self, prompts: Iterable[str], literal: bool = True) -> None:
-    """Raises ValueError for an empty prompt; warns of words and actions that the model has not learned.
-
-    The warning says what it will make instead, and what it can do (`notes_of`). literal: the prompts are given to the
-    model as they are, not action by action as it understands them.
-    """
-    prompts = list(prompts)
-    for prompt in prompts:
-      if not isinstance(prompt, str) or not prompt.strip():
-        raise InputError(f"got the prompt {prompt!r}; say what the person does, as in \"a person waves\"")
-      if not is_text(prompt):
-        raise InputError(f"got the prompt {ascii(shortened(prompt))}, which holds bytes that are no UTF-8 text")
-      if len(prompt) > _LONGEST_PROMPT:
-        raise InputError(f"got a prompt of {len(prompt):,} characters, expected at most {_LONGEST_PROMPT:,}; "
-                         "multi_prompt takes several sentences one after the other")
-    for note in self.notes_of(prompts, literal) if self.reports_to_terminal else []:
-      warnings.warn(note, stacklevel=3)
-
-  def notes_of(self, prompts: Iterable[str], literal: bool = False) -> list[str]:
-    """Sentences for the person who wrote the prompts: words and actions that the model has not learned, what it makes
-    instead and what it can do (`prompt_notes`)."""
-    return prompt_notes.notes_of(self, prompts, literal)
-
-  def unknown_words(self, prompt: str) -> list[str]:
-    """Words that the model has not learned from, nor words that mean the same, and signs that its encoder cannot read;
-    the encoder's own judgement where the folder does not keep the captions."""
-    if self._learned is None:
-      return self.encoder.out_of_vocabulary(prompt)
-    vocabulary = self._learned[0]
-    return [word for word in vocabulary.missing(prompt) if not self.encoder.synonym(word, vocabulary.words)
-            ] + self.encoder.unreadable(prompt)
 
 
 Model = TextToMotionModel  # its public name, `motion_jax.Model`
@@ -323,8 +270,8 @@ def each(value: Any, prompts: Sequence[str]) -> list[Any]:
 
 def keys_of(rng: jax.Array | None, seeds: Iterable[int] | None, count: int, seed: int | None = None
             ) -> tuple[jax.Array, list[Any]]:
-  """(keys (count,), seeds or Nones): of seeds, of the seeds seed, seed + 1, ..., or of a key that is folded with each
-  motion's place."""
+  """(keys (count,), seeds or Nones): from seeds, from seed, seed + 1, ..., or from a key folded with each motion's
+  place."""
   if sum(choice is not None for choice in (rng, seeds, seed)) > 1:
     raise InputError("got more than one of rng, seeds and seed; give one of them")
   if seed is not None:

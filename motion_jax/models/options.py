@@ -21,8 +21,6 @@ from motion_jax.utils.numerals import GUIDANCE, NumberError, bounds, checked, de
 if TYPE_CHECKING:
   from ml_collections import ConfigDict
 
-TRIES = 4  # motions that are made at the most of a sentence that they do not show
-
 
 class Description(NamedTuple):
   """What is known of a choice.

@@ -5,7 +5,7 @@ only the new frames: it aligns them rigidly to the kept neighbours, spreads what
 frames (inertialization, D. Bollo, GDC 2018), restores the bone lengths and pins the feet. Kept frames stay to the bit.
 numpy, float64, whole clips.
 """
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -67,6 +67,18 @@ def fill_frames(made: Num[Array, "t j 3"], given: Num[Array, "t j 3"], new: Bool
       result[first:past] = _lifted(_calmed(result, first, past, skeleton, fps), floor, skeleton)
       result[first:past] = _pinned(result, stand, first, past, skeleton, fps)
   return result
+
+
+def in_spans(spans: Sequence[Sequence[int]], num_frames: int) -> Bool[np.ndarray, " t"]:
+  """(num_frames,): whether a frame is in one of the spans [(first, past), ...]. Raises ValueError for a span outside
+  of the motion."""
+  inside = np.zeros(num_frames, bool)
+  for first, past in spans:
+    if not 0 <= first < past <= num_frames:
+      raise ValueError(f"got the span {first}:{past} of a motion of {num_frames} frames; expected 0 <= first < past <= "
+                       f"{num_frames}")
+    inside[first:past] = True
+  return inside
 
 
 def runs_of(flags: Bool[Array, " t"]) -> Iterator[tuple[int, int]]:

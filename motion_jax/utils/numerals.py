@@ -21,7 +21,7 @@ MOTIONS = (1, 10_000)    # made by one command
 SEEDS = (0, 2**32 - 1)   # jax counts on from 0 there
 STEPS = (1, 1000)        # of a sampler; a table of modulations holds each
 GUIDANCE = (-100, 100)
-SIDE_GUIDANCE = (0, 10)
+CONTRAST = (0, 10)
 CONTEXT = (1, 18_000)    # latents: an hour
 MEMORY = (0, 18_000)     # of a context
 

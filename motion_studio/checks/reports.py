@@ -2,14 +2,12 @@
 import functools
 import warnings
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from jaxtyping import Num
 
 from motion_jax.analysis.events import find_events
 from motion_jax.analysis.signals import Body
-from motion_jax.models.results import Motion
 from motion_studio.checks import path_shapes as ways
 from motion_studio.checks import requirements as looking
 from motion_studio.checks.requirements import Requirement
@@ -48,17 +46,6 @@ def report(prompts: Sequence[str], unmet: Sequence[Sequence[str]], attempts: int
   if len(failed) > _NAMED:
     warnings.warn(f"{len(failed) - _NAMED} more motions do not show all of their prompts after {attempts} attempts",
                   stacklevel=2)
-
-
-def with_reports(model: Any, prompts: Sequence[str], motions: Sequence[Motion],
-                 required: Sequence[Sequence[Requirement]], attempts: int) -> list[Motion]:
-  """The motions, those that violate requirements after all attempts with these in their meta; and a warning of them."""
-  unmet = [unmet_requirements(motion.joints, one, model.fps) for motion, one in zip(motions, required)]
-  if model.reports_to_terminal:
-    report(prompts, unmet, attempts)
-  about = [dict(prompt=prompt, attempts=attempts, unmet=missing) if missing else {}
-           for prompt, missing in zip(prompts, unmet)]
-  return [motion.replace(meta=motion.meta | own) if own else motion for motion, own in zip(motions, about)]
 
 
 def note_of(attempts: int, missing: Sequence[str], prompt: str) -> str:

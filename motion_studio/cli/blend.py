@@ -17,19 +17,10 @@ def add_to(commands):
 
 
 def _blend(args):
-  from motion_jax.control import finishing
-  from motion_jax.data.clip import Caption, Clip
-  from motion_jax.models.known_motion import on_our_body
-  from motion_jax.motion.skeleton import HUMANML3D
+  from motion_studio.blending import blended
   outputs = shared.outputs_of(args)
-  clips = [shared.read_motion(path, args) for path in (args.first, args.second)]
-  fps = clips[0].fps
-  first, second = (on_our_body(clip, fps, HUMANML3D) for clip in clips)
-  joints, border = finishing.blend(first, second, args.seconds, fps)
-  said = [" | ".join(caption.text for caption in clip.captions) for clip in clips]
-  captions = tuple(Caption(text, start, end) for text, start, end in
-                   ((said[0], 0.0, border / fps), (said[1], border / fps, len(joints) / fps)) if text)
-  clip = Clip(joints, fps, captions, id="blended", source=f"{args.first}, then {args.second}",
-              license=" ".join(dict.fromkeys(one.license for one in clips if one.license)))
-  print(f"{args.first} goes over into {args.second} at {border / fps:.2f} s, within {args.seconds:g} s")
+  first, second = (shared.read_motion(path, args) for path in (args.first, args.second))
+  clip, border = blended(first, second, args.seconds)
+  clip = clip.replace(source=f"{args.first}, then {args.second}")
+  print(f"{args.first} goes over into {args.second} at {border:.2f} s, within {args.seconds:g} s")
   shared.save(args, [shared.trimmed(args, clip)], outputs)

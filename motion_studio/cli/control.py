@@ -64,7 +64,7 @@ def constraints_of(args, model):
   return found + ([kinds.InPlace()] if args.in_place else [])
 
 
-def anew(args, clip, model, sampling):
+def anew(args, clip, pipeline, sampling):
   """The motions of `edit --keep-parts`: parts of the body as in the clip, the others made of the words."""
   from motion_jax.control.constraints import KeepParts
   from motion_jax.models.known_motion import at_rate
@@ -72,13 +72,14 @@ def anew(args, clip, model, sampling):
   if args.task or args.keep:
     raise InputError("got --keep-parts with --task or --keep; say by --change in which seconds the other parts are "
                      "replaced")
+  model = pipeline.model
   joints = at_rate(clip, model.fps, model.stats.layout.skeleton)
   spans = [[first / model.fps, past / model.fps] for first, past in spans_of(args.change, len(joints), model.fps)
            ] if args.change else None
   parts = tuple(part.strip() for part in args.keep_parts.split(","))
   seeds = [args.seed + i for i in range(args.num_samples)]
-  return model.generate([args.prompt] * args.num_samples, seeds=seeds, cleanup=not args.no_cleanup,
-                        control=[KeepParts(joints, parts, model.fps, spans)], **sampling)
+  return pipeline([args.prompt] * args.num_samples, seeds=seeds, cleanup=not args.no_cleanup,
+                  control=[KeepParts(joints, parts, model.fps, spans)], **sampling)
 
 
 def drawn(constraints, motions):

@@ -6,10 +6,10 @@ import time
 
 import motion_jax
 from motion_jax.models import registry
-from motion_jax.models.options import TRIES
 from motion_jax.utils import progress, timing
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import MOTIONS, SEEDS, real, whole
+from motion_studio.checks import MAX_ATTEMPTS
 from motion_studio.cli import control, shared
 from motion_studio.cli.prompts import read_prompts, read_sequences
 
@@ -92,8 +92,8 @@ def _add_planning(parser):
 
 
 def _add_attempts(parser, what, checks):
-  parser.add_argument("--max-attempts", type=whole(1, 100), default=TRIES,
-                      help=f"how many times to sample {what} at most, until the checks of {checks} pass ({TRIES})")
+  parser.add_argument("--max-attempts", type=whole(1, 100), default=MAX_ATTEMPTS, help=f"how many times to "
+                      f"sample {what} at most, until the checks of {checks} pass ({MAX_ATTEMPTS})")
 
 
 def _add_common(parser, command, out):
@@ -167,8 +167,8 @@ def _group(parser, method):
 def _generate(args):
   outputs, rows = shared.outputs_of(args), read_prompts(args.prompt)
   _check_count(len(rows), args)
-  start, model = time.time(), _load_model(args)
-  from motion_studio.planning import sequencing as composed
+  start, pipeline = time.time(), _load_pipeline(args)
+  model = pipeline.model
   rows = read_prompts(args.prompt, model.fps)
   prompts = [prompt for prompt, _ in rows for _ in range(args.num_samples)]
   seeds = [args.seed + i for _ in rows for i in range(args.num_samples)]
@@ -176,34 +176,22 @@ def _generate(args):
   if args.seconds is not None or args.num_frames is not None:
     given = [args.num_frames if args.num_frames is not None else args.seconds * model.fps] * len(prompts)
   wanted = control.constraints_of(args, model)
-  literal = args.no_plan or not model.can("understand")
-  if wanted and given[0] is None:
-    from motion_studio import controlled
-    sentences = {prompt: None if literal else model.understand(prompt) for prompt in prompts}
-    counts = {prompt: controlled.usual_frames(model, wanted, sentence) for prompt, sentence in sentences.items()}
-    given = [counts[prompt] for prompt in prompts]
-    for prompt, sentence in sentences.items():
-      if sentence is not None and counts[prompt] is not None:
-        controlled.tell_if_hasty(model, sentence, counts[prompt])
   with timing.part("text"), progress.part("reading the prompts"):
-    model.check_words(list(dict.fromkeys(prompts)), literal)
-    asked = list(dict.fromkeys(zip(prompts, given)))
-    understood = {(prompt, count): composed.with_endings(
-        model, [prompt], [None if literal else model.understand(prompt)], count, None)[0] for prompt, count in asked}
-    lengths = {key: composed.lengths_of(model, [key[0]], [understood[key]], key[1], None)[0] for key in asked}
-    frames = [sum(lengths[key]) for key in zip(prompts, given)]
-  for sentence in [understood[key] for key in lengths][:_PRINTED]:
-    if sentence is not None and not sentence.is_plain:  # how long each is, is said of the motion once it is made
-      print(f"understood as: {' | '.join(segment.words for segment in sentence.segments)}")
+    texts = {prompt: prompt if args.no_plan else pipeline.plan(prompt) for prompt in dict.fromkeys(prompts)}
+    pipeline.warn(texts.values(), plan=False)
+    schedules = {key: pipeline.schedule(texts[key[0]], key[1], wanted) for key in dict.fromkeys(zip(prompts, given))}
+    frames = [sum(schedules[key][1]) for key in zip(prompts, given)]
+  for plan, _ in list(schedules.values())[:_PRINTED]:
+    if plan is not None and not plan.is_plain:  # the length of each segment is printed once it is sampled
+      print(f"understood as: {' | '.join(segment.words for segment in plan.segments)}")
   shortest, longest = (f"{count / model.fps:.1f}" for count in (min(frames), max(frames)))
   _tell_model(model, args, f"{len(prompts)} motion{'s' * (len(prompts) > 1)} of "
                            f"{shortest if shortest == longest else f'{shortest} to {longest}'} s")
   motions = []
   for piece in progress.each(_pieces(frames, model), "making motions", unit="batch"):
-    motions += model.generate(prompts[piece], frames[piece], seeds=seeds[piece], cleanup=not args.no_cleanup,
-                              **(dict(literal=literal, tries=args.max_attempts) if model.can("understand") else {}),
-                              **(dict(control=wanted, project=not args.no_cleanup) if wanted else {}),
-                              **_sampling(args, model))
+    motions += pipeline([texts[prompt] for prompt in prompts[piece]], frames[piece], seeds=seeds[piece],
+                        cleanup=not args.no_cleanup, max_attempts=args.max_attempts, control=wanted or None,
+                        exact=not args.no_cleanup, plan=not args.no_plan, **_sampling(args, model))
   made_as = [motion.meta["understood"] for motion in motions if "understood" in motion.meta]
   for said in list(dict.fromkeys(made_as))[:_PRINTED]:
     print(f"made as: {said}")
@@ -213,20 +201,20 @@ def _generate(args):
 
 def _multi_prompt(args):
   outputs = shared.outputs_of(args)
-  start, model = time.time(), _load_model(args)
+  start, pipeline = time.time(), _load_pipeline(args)
+  model = pipeline.model
   _able(model, "multi_prompt")
   sequences = read_sequences(args.prompts, model.fps)
   _check_count(len(sequences), args)
-  model.check_words(list(dict.fromkeys(prompt for one in sequences for prompt, _ in one)), args.no_plan)
   _tell_model(model, args, f"{len(sequences) * args.num_samples} motion(s) of {len(sequences[0])} prompt(s) each")
   sequences = [one for one in sequences for _ in range(args.num_samples)]
   seeds = [args.seed + i for _ in range(len(sequences) // args.num_samples) for i in range(args.num_samples)]
   motions = []
-  for piece in progress.each(_pieces([_length(model, one) for one in sequences], model), "making motions",
+  for piece in progress.each(_pieces([_length(pipeline, one) for one in sequences], model), "making motions",
                              unit="batch"):
-    motions += model.multi_prompts(sequences[piece], way=args.way, cleanup=not args.no_cleanup, seeds=seeds[piece],
-                                   rest=args.rest, hold_until_done=args.hold_until_done, ease=args.ease,
-                                   literal=args.no_plan, **_sampling(args, model))
+    motions += pipeline.multi_prompts(sequences[piece], way=args.way, cleanup=not args.no_cleanup, seeds=seeds[piece],
+                                      rest=args.rest, hold_until_done=args.hold_until_done, ease=args.ease,
+                                      plan=not args.no_plan, **_sampling(args, model))
   for caption in motions[0].captions if len(sequences) == args.num_samples else ():
     print(f"{caption.start:6.1f} to {caption.end:5.1f} s  {caption.text}")
   _write(args, model, motions, outputs, start)
@@ -234,18 +222,18 @@ def _multi_prompt(args):
 
 def _extend(args):
   outputs, clip = shared.outputs_of(args), shared.read_motion(args.file, args)
-  start, model = time.time(), _load_model(args)
+  start, pipeline = time.time(), _load_pipeline(args)
+  model = pipeline.model
   _able(model, "extend")
   segments = read_sequences(args.prompt, model.fps)[0]
   if args.seconds is not None:
     if len(segments) > 1:
       raise InputError("got --seconds for several sentences; write them behind colons, as in \"walks:4 | sits:3\"")
     segments = [(segments[0][0], args.seconds)]
-  model.check_words([prompt for prompt, _ in segments], args.no_plan)
-  _pieces([clip.seconds * model.fps + _length(model, segments)] * args.num_samples, model)
+  _pieces([clip.seconds * model.fps + _length(pipeline, segments)] * args.num_samples, model)
   _tell_model(model, args, f"{clip.seconds:.1f} s of {args.file} go on")
-  motions = [model.extend(clip, segments, past_prompt=args.past_prompt, seed=args.seed + i, way=args.way,
-                          cleanup=not args.no_cleanup, literal=args.no_plan, **_sampling(args, model))
+  motions = [pipeline.extend(clip, segments, past_prompt=args.past_prompt, seed=args.seed + i, way=args.way,
+                             cleanup=not args.no_cleanup, plan=not args.no_plan, **_sampling(args, model))
              for i in progress.each(range(args.num_samples), "making motions", unit="motion")]
   _write(args, model, motions, outputs, start)
 
@@ -256,18 +244,19 @@ def _edit(args):
   outputs, clip = shared.outputs_of(args), shared.read_motion(args.file, args)
   if not (args.task or args.change or args.keep or args.keep_parts):
     raise InputError("got nothing to replace; give --task, --change, --keep or --keep-parts")
-  start, model = time.time(), _load_model(args)
+  start, pipeline = time.time(), _load_pipeline(args)
+  model = pipeline.model
   if args.keep_parts:
-    _write(args, model, control.anew(args, clip, model, _sampling(args, model)), outputs, start)
+    _write(args, model, control.anew(args, clip, pipeline, _sampling(args, model)), outputs, start)
     return
   _able(model, "edit")
   _tell_model(model, args, f"{clip.seconds:.1f} s of {args.file} edited")
   frames = round(clip.seconds * model.fps)
   _pieces([frames] * args.num_samples, model)
   keep, change = (spans and spans_of(spans, frames, model.fps) for spans in (args.keep, args.change))
-  motions = [model.edit(clip, args.prompt, args.task, keep=keep, change=change, seed=args.seed + i,
-                        paste=not args.no_paste, cleanup=not args.no_cleanup, tries=args.max_attempts,
-                        **_sampling(args, model))
+  edit = model.edit if args.no_paste else functools.partial(pipeline.edit, max_attempts=args.max_attempts)
+  motions = [edit(clip, args.prompt, args.task, keep=keep, change=change, seed=args.seed + i,
+                  cleanup=not args.no_cleanup, **_sampling(args, model))
              for i in progress.each(range(args.num_samples), "making motions", unit="motion")]
   for first, past in motions[0].meta["made"]:
     print(f"new frames: {first / model.fps:.1f} to {past / model.fps:.1f} s")
@@ -294,9 +283,11 @@ def _pieces(frames, model):
   return [slice(first, first + size) for first in range(0, len(frames), size)]
 
 
-def _length(model, segments):
+def _length(pipeline, segments):
   """Frames of segments [(prompt, seconds or None)], about."""
-  return sum(model.natural_frames(prompt) if seconds is None else seconds * model.fps for prompt, seconds in segments)
+  planner = pipeline.planner
+  return sum(planner.natural_frames(prompt) if seconds is None else seconds * planner.fps
+             for prompt, seconds in segments)
 
 
 def _sampling(args, model):
@@ -308,16 +299,19 @@ def _sampling(args, model):
   return given
 
 
-def _load_model(args):
+def _load_pipeline(args):
+  """The steps of the application for the model that a command names; a command warns of prompts by itself."""
   if args.timings:
     timing.start()
   with timing.part("imports"), progress.part("starting JAX"):
     shared.cache_compiled_code()
     from motion_jax import loading
+    from motion_studio import pipeline
+    from motion_studio.steps import Warn
   with timing.part("model"), progress.part(f"reading the model {args.model}"):
     model = loading.load(args.model)
   shared.import_ahead("scipy.ndimage", "scipy.linalg")  # for cleanup and files: while the program is being read
-  return model
+  return pipeline.Pipeline(model, [step for step in pipeline.STEPS if not isinstance(step, Warn)])
 
 
 def _tell_model(model, args, what):

@@ -1,50 +1,61 @@
-"""A prompt of several actions as prompts in a row, for motion that is sampled in one run: streams, timelines, what goes
-on behind a motion.
+"""Plans as prompts in sequence, for motion that is sampled in one run: streams, timelines, continued motions.
 
-`composed` puts together what `generate` makes, from joints: layers of actions at once, poses that are held. A run in
-blocks cannot do that, so here actions at once share one prompt, and a held pose is more time for the prompt before it.
+`sequencing` assembles what it samples from joints: simultaneous actions as layers, poses that are held. A run in blocks
+cannot do that, so here simultaneous actions share one prompt, and a held pose is more time for the prompt before it.
 """
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import Any
 
-from motion_studio.language.sentences import Segment, Sentence
-from motion_studio.planning import sequencing as composed
+from motion_studio.language import Plan, Segment
+from motion_studio.planning import durations
 
-if TYPE_CHECKING:
-  from motion_jax.models.base import TextToMotionModel
+BLOCK = 12  # frames that each of several actions of a prompt gets at least
 
 
-def prompts_in_a_row(model: "TextToMotionModel", prompt: str, num_frames: int | None = None, least: int = 1
-                     ) -> list[tuple[str, int | None]]:
-  """[(prompt, frames)] of the actions of a prompt, one after the other; the prompt itself where it is one action.
+def prompts_in_sequence(planner: Any, plan: Plan, frames: float | None = None, least: int = BLOCK
+                        ) -> list[tuple[str, int | None]]:
+  """[(prompt, frames)] of the actions of a plan; its text itself where it is one action.
 
-  num_frames: of all of them together; None: each as long as similar training clips, but for a single action, whose
-  frames are None then. least: frames below which no action gets; a prompt whose actions would have less stays whole.
+  frames: of all of them together; None: each as long as usual, but None for a single action. least: frames below which
+  no action gets; a plan whose actions would have less stays one prompt.
   """
-  sentence = model.understand(prompt) if model.can("understand") else None
-  if sentence is not None and len(sentence.segments) > 1 and (
-      num_frames is None or num_frames >= least * len(sentence.segments)):
-    counts = composed.lengths_of(model, [prompt], [sentence], num_frames, None)[0]
-    return [*_merged(sentence, [max(count, least) for count in counts] if num_frames is None else counts)]
-  if sentence is None or len(sentence.segments) > 1 or sentence.segments[0].also or sentence.is_plain:
-    return [(prompt, num_frames)]
-  first = sentence.segments[0]
+  if len(plan.segments) > 1 and (frames is None or frames >= least * len(plan.segments)):
+    counts = durations.segment_frames(planner, plan.text, plan, frames)
+    return [*_merged(plan, [max(count, least) for count in counts] if frames is None else counts)]
+  if len(plan.segments) > 1 or plan.segments[0].simultaneous or plan.is_plain:
+    return [(plan.text, frames)]
+  first = plan.segments[0]
   # "takes two bows" is "bows twice".
-  return [(first.prompt, round(first.seconds * model.fps) if num_frames is None and first.seconds else num_frames)]
+  return [(first.prompt, round(first.seconds * planner.fps) if frames is None and first.seconds else frames)]
 
 
-def _merged(sentence: Sentence, counts: list[int]) -> list[tuple[str, int]]:
-  """The prompt of each segment, where one that holds a pose goes on with the prompt before it."""
+def segments_of(planner: Any, segments: Sequence[tuple[str, float | None]], plan: bool = True
+                ) -> list[tuple[str, int]]:
+  """[(prompt, frames)] of the [(prompt, seconds or None)] of one motion: one for each action of a prompt's plan, or
+  one for each prompt; None is the usual length."""
+  model, found = planner.model, []
+  for prompt, seconds in segments:
+    frames = None if seconds is None else model.frames_of([prompt], None, seconds)[0]
+    understood = planner.plan(prompt) if plan else None
+    rows = prompts_in_sequence(planner, understood, frames) if understood else [(prompt, frames)]
+    usual = lambda one, known=understood: planner.natural_frames(one, known.min_duration if known else 0.0)
+    found += [(one, model.frames_of([one], usual(one) if count is None else count, None)[0]) for one, count in rows]
+  return found
+
+
+def _merged(plan: Plan, counts: list[int]) -> list[tuple[str, int]]:
+  """The prompt of each segment; one that holds a pose continues the prompt before it."""
   found: list[tuple[str, int]] = []
-  for segment, count in zip(sentence.segments, counts):
-    said = _prompt_of(segment, found[-1][0] if found else "")
-    if found and found[-1][0] == said:
-      found[-1] = said, found[-1][1] + count
+  for segment, count in zip(plan.segments, counts):
+    prompt = _prompt_of(segment, found[-1][0] if found else "")
+    if found and found[-1][0] == prompt:
+      found[-1] = prompt, found[-1][1] + count
     else:
-      found.append((said, count))
+      found.append((prompt, count))
   return found
 
 
 def _prompt_of(segment: Segment, before: str) -> str:
-  if not segment.holds or not before:
+  if not segment.hold_pose or not before:
     return segment.prompt
-  return " and ".join([before, *(action.words for action in segment.also)])
+  return " and ".join([before, *(action.words for action in segment.simultaneous)])

@@ -4,49 +4,33 @@ from typing import Any
 
 import numpy as np
 
-from motion_jax.control import finishing
-from motion_jax.control import signal as signals
-from motion_jax.control.compiling import clip_to_feasible, compile
+from motion_jax.control.compiling import compile
 from motion_jax.control.constraints import Constraint
 from motion_jax.data.clip import Clip
 from motion_jax.export import scene
 from motion_jax.models.results import Motion, captions_in_a_row
-from motion_jax.motion.skeleton import HUMANML3D
-from motion_jax.utils.errors import InputError
-from motion_studio import controlled
+from motion_studio import constraining
 from motion_studio.server.multi_prompt import MultiPromptCache
 
 
-def made(stories: MultiPromptCache, model: Any, segments: Sequence[tuple[str, int]], seed: int, cleanup: bool,
+def made(stories: MultiPromptCache, pipeline: Any, segments: Sequence[tuple[str, int]], seed: int, cleanup: bool,
          sampling: dict[str, Any], control: Sequence[Constraint]) -> tuple[Motion, int]:
-  """(motion, frames that were reused) of (prompt, frames) rows under constraints.
-
-  cleanup: whether constraints are met exactly.
-  """
-  if model.stats.layout.skeleton is not HUMANML3D:
-    raise InputError(f"{model.id} moves the skeleton {model.stats.layout.skeleton.name!r}; control knows the 22 joints "
-                     f"of {HUMANML3D.name}")
-  control, (prompt, last) = list(control), segments[-1]
-  longer = finishing.spare(model.fps) if controlled.finds_its_cycle(control) else 0
-  rows = [*segments[:-1], (prompt, last + longer)]
+  """(motion, frames that were reused) of (prompt, frames) rows that meets constraints; exactly so with cleanup."""
+  constraining.check_skeleton(pipeline.model)
+  fps, (prompt, last), reused = pipeline.model.fps, segments[-1], 0
   count = sum(frames for _, frames in segments)
-  signal = compile(control, count, model.fps)
-  motion, place, reused = _guided(stories, model, rows, seed, cleanup, sampling, signal)
-  # Poses and targets relative to the body: its place is known now.
-  again = compile(control, count, model.fps, signals.to_world_frame(motion.joints[:count], place))
-  if (np.asarray(again.given) != np.asarray(signal.given)).any():
-    motion, place, reused = _guided(stories, model, rows, seed, cleanup, sampling, again)
-  motion = controlled.done(model, motion, control, place, count, cleanup)
+  target = constraining.target_of(list(control), count, fps, cleanup)
+  rows = [*segments[:-1], (prompt, last + target.frames_to_sample(fps) - count)]
+
+  def sample(signals):
+    nonlocal reused
+    motion, reused, _ = stories.make(pipeline, rows, seed, cleanup, sampling, hold=signals[0])
+    return [motion]
+
+  motion, = constraining.sample_guided([target], fps, sample)
+  motion = constraining.constrain(pipeline.model, motion, target, cleanup)
   ends = np.minimum(np.cumsum([frames for _, frames in segments]), motion.num_frames).tolist()
-  return motion.replace(captions=captions_in_a_row([prompt for prompt, _ in segments], ends, model.fps)), reused
-
-
-def _guided(stories, model, rows, seed, cleanup, sampling, signal):
-  """(motion in the model's frame, its placement, frames that were reused) of a signal (1, T) in the world."""
-  signal = clip_to_feasible(signal, model.fps, warn=False)
-  place = signals.placement(signal)
-  motion, reused, _ = stories.make(model, rows, seed, cleanup, sampling, hold=signals.to_model_frame(signal, place))
-  return motion, place, reused
+  return motion.replace(captions=captions_in_a_row([prompt for prompt, _ in segments], ends, fps)), reused
 
 
 def report(control: Sequence[Constraint], motion: Clip) -> dict[str, Any]:

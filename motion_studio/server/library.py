@@ -9,6 +9,7 @@ from motion_jax.control.constraints import RootPath
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.utils import progress
 from motion_jax.utils.errors import InputError, reason
+from motion_studio.pipeline import Pipeline
 from motion_studio.server import stream_constraints
 from motion_studio.server.limits import Limits
 
@@ -20,7 +21,9 @@ class ModelSlot:
 
   def __init__(self, name: str) -> None:
     self.name, self.state, self.doing, self.error = name, "waiting", "", ""
-    self.done, self.of, self.model = 0, 3, None
+    self.done, self.of = 0, 3
+    self.model: Any = None
+    self.pipeline: Any = None
     self.began, self.seconds = 0.0, 0.0
     self.ready = threading.Event()  # or failed
 
@@ -59,8 +62,8 @@ class Library:
       try:
         slot.state, slot.doing = "loading", "reading the weights"
         model = self._load(slot.name)
-        model.reports_to_terminal = False  # the page shows its notes
-        slot.model = model
+        slot.model, slot.pipeline = model, Pipeline(model)
+        slot.pipeline.warns = False  # the page shows its notes
         slot.done, slot.state, slot.doing = 1, "compiling", "compiling the sampler"
         steps = _steps(slot) if self._warm else iter(())
         next(steps, None)
@@ -69,8 +72,8 @@ class Library:
         slot.ready.set()
         for _ in steps:
           pass
-        if slot.model.repertoire is not None:
-          slot.model.repertoire.nearest("a person walks", 1)  # loaded before a stream needs it
+        if slot.pipeline.planner.repertoire is not None:
+          slot.pipeline.planner.repertoire.nearest("a person walks", 1)  # loaded before a stream needs it
       except Exception as error:  # a model that fails leaves the others
         slot.state, slot.doing, slot.error = "failed", "", reason(error, 400)
       finally:
@@ -85,7 +88,11 @@ class Library:
     return self.slots[name]
 
   def model(self, name: str | None, ability: str) -> Any:
-    """A model with an ability; waits until it is ready. Raises InputError if there is none."""
+    """The model of `pipeline`."""
+    return self.pipeline(name, ability).model
+
+  def pipeline(self, name: str | None, ability: str) -> Pipeline:
+    """The pipeline of a model with an ability; waits until it is ready. Raises InputError if there is none."""
     slot = self.slot(name)
     if not slot.ready.is_set():
       with progress.part(f"waiting for the model {slot.name}, which is being prepared"):
@@ -98,7 +105,7 @@ class Library:
       able = [other.name for other in self.slots.values() if other.model is not None and other.model.can(ability)]
       raise InputError(f"the model {slot.name} has no {ability!r}; "
                        + (f"{', '.join(able)} has" if able else "start the studio with one that has, by --model"))
-    return slot.model
+    return slot.pipeline
 
 
 def _load(name):
@@ -113,11 +120,11 @@ def _steps(slot):
 
   Other programs of a model are compiled when they are needed.
   """
-  model = slot.model
+  model, pipeline = slot.model, slot.pipeline
   for name in ("scipy.ndimage", "scipy.linalg"):
     importlib.import_module(name)
   if model.can("stream"):
-    live = model.stream("a person walks", seed=0, **live_sampling(model, {}))
+    live = pipeline.stream("a person walks", seed=0, **live_sampling(model, {}))
     slot.done = 2
     for _ in range(4):
       next(live)

@@ -82,7 +82,8 @@ def generate(body: Any, handler: RequestHandler) -> dict[str, Any]:
     raise MmcpError(422, "schema_validation", "protocol_version is missing, expected one such as \"1.2\"")
   if not version.startswith("1."):
     raise MmcpError(400, "version_unsupported", f"got version {version}, this server speaks 1.x")
-  model = _model(body.get("model"), handler)
+  pipeline = _pipeline(body.get("model"), handler)
+  model = pipeline.model
   _check_skeleton(body.get("skeleton"), model.stats.layout.skeleton)
   timing = body.get("timing")
   fps = model.fps if timing is None else _number(timing, "fps", 1, 240, model.fps)
@@ -101,10 +102,10 @@ def generate(body: Any, handler: RequestHandler) -> dict[str, Any]:
   with handler.place():
     if control:
       wanted = [*control, *([Loop()] if options["loop"] else [])]
-      made = [handler.make_multi_prompt(model, rows, options["seed"] + i, options["cleanup"], sampling, None, wanted)[0]
-              for i in range(options["samples"])]
+      made = [handler.make_multi_prompt(pipeline, rows, options["seed"] + i, options["cleanup"], sampling, None,
+                                        wanted)[0] for i in range(options["samples"])]
     else:
-      made = [model.multi_prompt(rows, seed=options["seed"] + i, cleanup=options["cleanup"], **sampling)
+      made = [pipeline.multi_prompt(rows, seed=options["seed"] + i, cleanup=options["cleanup"], **sampling)
               for i in range(options["samples"])]
   joints = [_at_rate(one.joints, model.fps, fps, total) for one in made]
   if options["loop"] and not control:
@@ -126,11 +127,11 @@ def _constraints(given, total, fps, model, limits):
   return found, notes
 
 
-def _model(name, handler):
+def _pipeline(name, handler):
   for slot in handler.library.slots.values():
     if slot.ready.is_set() and slot.model is not None and slot.model.can("multi_prompt") and (
         name in (slot.model.id, slot.name)):
-      return slot.model
+      return slot.pipeline
   raise MmcpError(400, "unknown_model", f"got the model {str(name)[:60]!r}; /capabilities lists those that are ready")
 
 

@@ -6,6 +6,7 @@ Attention is causal and the cache exact, so that earlier frames are equal bit fo
 the cleanup looks ahead.
 """
 import collections
+import functools
 import hashlib
 import threading
 from collections.abc import Sequence
@@ -40,7 +41,7 @@ class MultiPromptCache:
     self._takes: collections.OrderedDict[Any, _Take] = collections.OrderedDict()
     self._lock = threading.Lock()
 
-  def make(self, model: Any, segments: Sequence[tuple[str, int]], seed: int, cleanup: bool, sampling: dict[str, Any],
+  def make(self, pipeline: Any, segments: Sequence[tuple[str, int]], seed: int, cleanup: bool, sampling: dict[str, Any],
            hold: ControlSignal | None = None) -> tuple[Motion, int, int]:
     """(motion, frames that were reused, frames equal to the previous motion) of (prompt, frames) rows.
 
@@ -48,11 +49,11 @@ class MultiPromptCache:
     share nothing.
     """
     hold = None if hold is None or hold.is_empty else hold
-    key = model.id, seed, cleanup, tuple(sorted(sampling.items())), None if hold is None else _digest(hold)
+    key = pipeline.model.id, seed, cleanup, tuple(sorted(sampling.items())), None if hold is None else _digest(hold)
     with self._lock:
       take = self._takes.pop(key, None) or _Take()
     with progress.part("generating the motion"):
-      made, reused = _make(model, take, segments, seed, cleanup, sampling, hold)
+      made, reused = _make(pipeline, take, segments, seed, cleanup, sampling, hold)
     old = take.joints
     same = min(len(old), len(made.joints))
     differ = np.flatnonzero((old[:same] != made.joints[:same]).any((1, 2))) if same else []
@@ -70,8 +71,9 @@ def _digest(signal):
   return hashlib.sha256(b"".join(np.ascontiguousarray(x).tobytes() for x in jax.tree.leaves(signal))).digest()
 
 
-def _make(model, take, segments, seed, cleanup, sampling, hold):
-  per_block = model.stream(segments[0][0], seed=seed, cleanup=cleanup, literal=True, **sampling).block_frames
+def _make(pipeline, take, segments, seed, cleanup, sampling, hold):
+  model, stream = pipeline.model, functools.partial(pipeline.stream, seed=seed, cleanup=cleanup, plan=False, **sampling)
+  per_block = stream(segments[0][0]).block_frames
   blocks, total = borders([frames for _, frames in segments], per_block)
   words = [prompt for (prompt, _), count in zip(segments, blocks) for _ in range(count)]
   same = next((i for i, (old, new) in enumerate(zip(take.words, words)) if old != new),
@@ -80,7 +82,7 @@ def _make(model, take, segments, seed, cleanup, sampling, hold):
   take.copies = {step: take.copies[step] for step in usable}
   start = max(usable, default=None)
   if start is None:
-    live = model.stream(words[0], seed=seed, num_frames=total, cleanup=cleanup, literal=True, **sampling)
+    live = stream(words[0], num_frames=total)
     reused, pieces = 0, []
     if hold is not None:
       live.hold(hold)

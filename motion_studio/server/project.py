@@ -60,14 +60,14 @@ def made(project: dict[str, Any], library: Library, limits: Limits, take: int | 
   take = project["chosen"] if take is None else take
   if not 0 <= take < len(project["seeds"]):
     raise InputError(f"got the take {take}, this project has {len(project['seeds'])}, counted from 0")
-  model = _with_warning(library.model(project["model"]["name"], "multi_prompt"), project["model"], notify)
+  pipeline = _with_warning(library.pipeline(project["model"]["name"], "multi_prompt"), project["model"], notify)
   rows = [(block["prompt"], block["seconds"]) for block in project["blocks"]]
   past = project["past"] and serialization.from_json(project["past"], limits.frames)
-  motion, _, _ = handler.make_multi_prompt(model, rows, project["seeds"][take], project["cleanup"],
+  motion, _, _ = handler.make_multi_prompt(pipeline, rows, project["seeds"][take], project["cleanup"],
                                              project["sampling"], past, control_of(project))
   for edit in project["edits"]:
     if edit["take"] == take:
-      editor = _with_warning(library.model(edit["model"]["name"], "edit"), edit["model"], notify)
+      editor = _with_warning(library.pipeline(edit["model"]["name"], "edit"), edit["model"], notify)
       motion = make_edit(editor, motion, edit["prompt"], edit["change"], None, edit["seed"], edit["sampling"])
   return motion
 
@@ -82,7 +82,8 @@ def models_of(project: dict[str, Any]) -> list[str]:
   return list(dict.fromkeys([project["model"]["name"], *(edit["model"]["name"] for edit in project["edits"])]))
 
 
-def _with_warning(model, saved, notify):
-  if saved["id"] and saved["id"] != model.id:
-    notify(f"the project was made with {saved['id']}, this is {model.id}: the motion may be another one")
-  return model
+def _with_warning(pipeline, saved, notify):
+  made_by = pipeline.model.id
+  if saved["id"] and saved["id"] != made_by:
+    notify(f"the project was made with {saved['id']}, this is {made_by}: the motion may be another one")
+  return pipeline

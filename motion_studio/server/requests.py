@@ -12,7 +12,8 @@ from motion_jax.models.results import Motion
 from motion_jax.utils import progress
 from motion_jax.utils.errors import InputError
 from motion_studio.checks.reports import note_of
-from motion_studio.controlled import usual_frames
+from motion_studio.constraining import implied_frames
+from motion_studio.planning.segments import segments_of
 from motion_studio.server import constraint_report, fields, serialization
 from motion_studio.server.library import Library, live_sampling
 from motion_studio.server.limits import Limits, unknown_choices_as_input_errors
@@ -49,34 +50,33 @@ class RequestHandler:
   def generate(self, body: Any) -> dict[str, Any]:
     """Fields of GENERATE -> {motions, notes, constraints}."""
     request = fields.parse(GENERATE, body, self.limits)
-    model, control = self.library.model(request.model, "generate"), list(request.control)
-    implied = usual_frames(model, control) if control and request.seconds is None else None
+    pipeline, control = self.library.pipeline(request.model, "generate"), list(request.control)
+    model = pipeline.model
+    implied = implied_frames(pipeline.planner, control) if control and request.seconds is None else None
     if implied is not None and implied > self.limits.seconds * model.fps:
       raise InputError(f"control: got what takes {implied / model.fps:.0f} s, expected at most "
                        f"{self.limits.seconds:g} s; give seconds, times or a larger speed")
-    given = request.sampling | (dict(literal=not request.plan) if model.can("understand") else {})
-    given |= dict(control=control, project=request.cleanup) if control else {}
     seeds = [(request.seed + i) % 2**32 for i in range(request.num_samples)]
     with self.place(), unknown_choices_as_input_errors(), progress.part("generating the motion"):
-      made = model.generate([request.prompt] * len(seeds), seconds=request.seconds, seeds=seeds,
-                            cleanup=request.cleanup, **given)
+      made = pipeline([request.prompt] * len(seeds), seconds=request.seconds, seeds=seeds, plan=request.plan,
+                      cleanup=request.cleanup, exact=request.cleanup, control=control or None, **request.sampling)
     report = {"constraints": [constraint_report.report(control, motion) for motion in made]} if control else {}
     return {"motions": [serialization.to_json(motion) for motion in made]} | report | notes_and_unknown_words(
-        model, [request.prompt], notes_of(made), request.plan)
+        pipeline, [request.prompt], notes_of(made), request.plan)
 
   def multi_prompt(self, body: Any) -> dict[str, Any]:
     """Fields of MULTI_PROMPT -> {motion, reused_frames, same_frames, notes, constraints}."""
     request = fields.parse(MULTI_PROMPT, body, self.limits)
     rows, control = rows_of(request.segments), list(request.control)
-    model = self.library.model(request.model, "multi_prompt")
+    pipeline = self.library.pipeline(request.model, "multi_prompt")
     with self.place(), unknown_choices_as_input_errors():
-      motion, reused, same = self.make_multi_prompt(model, rows, request.seed, request.cleanup, request.sampling,
-                                                    request.past, control)
+      motion, reused, same = self.make_multi_prompt(pipeline, rows, request.seed, request.cleanup,
+                                                    request.sampling, request.past, control)
     report = {"constraints": constraint_report.report(control, motion)} if control else {}
     return {"motion": serialization.to_json(motion), "reused_frames": reused, "same_frames": same} | report | (
-        notes_and_unknown_words(model, [prompt for prompt, _ in rows]))
+        notes_and_unknown_words(pipeline, [prompt for prompt, _ in rows]))
 
-  def make_multi_prompt(self, model, rows, seed, cleanup, sampling, past=None, control=()):
+  def make_multi_prompt(self, pipeline, rows, seed, cleanup, sampling, past=None, control=()):
     """(motion, frames that were reused, frames equal to the motion before) of rows (prompt, seconds or None).
 
     past: a motion to continue. control: constraints of the motion.
@@ -84,27 +84,27 @@ class RequestHandler:
     if past is not None and control:
       raise InputError("got control together with past, a motion to continue; give only one of them")
     if past is not None:
-      return model.extend(past, rows, seed=seed, cleanup=cleanup, **sampling), 0, past.num_frames
-    segments = model.segments_of(rows)
+      return pipeline.extend(past, rows, seed=seed, cleanup=cleanup, **sampling), 0, past.num_frames
+    model, segments = pipeline.model, segments_of(pipeline.planner, rows)
     if sum(frames for _, frames in segments) > self.limits.seconds * model.fps:
       raise InputError(f"got a motion of {sum(frames for _, frames in segments) / model.fps:.0f} s, expected at most "
                        f"{self.limits.seconds:g}")
     sampling = live_sampling(model, sampling)
     if control:
-      return *constraint_report.made(self.multi_prompts, model, segments, seed, cleanup, sampling, control), 0
-    return self.multi_prompts.make(model, segments, seed, cleanup, sampling)
+      return *constraint_report.made(self.multi_prompts, pipeline, segments, seed, cleanup, sampling, control), 0
+    return self.multi_prompts.make(pipeline, segments, seed, cleanup, sampling)
 
   def edit(self, body: Any) -> dict[str, Any]:
     """Fields of EDIT -> {motion, made, notes}."""
     request = fields.parse(EDIT, body, self.limits)
     if (request.change is None) == (request.keep is None):
       raise InputError("got both or neither of change and keep; give one of them, the frames to regenerate or to keep")
-    model = self.library.model(request.model or self._first_with("edit"), "edit")
+    pipeline = self.library.pipeline(request.model or self._first_with("edit"), "edit")
     with self.place(), unknown_choices_as_input_errors(), progress.part("generating the span"):
-      motion = make_edit(model, request.motion, request.prompt, request.change, request.keep, request.seed,
+      motion = make_edit(pipeline, request.motion, request.prompt, request.change, request.keep, request.seed,
                          request.sampling)
     return {"motion": serialization.to_json(motion), "made": motion.meta["made"]} | notes_and_unknown_words(
-        model, [request.prompt], notes_of([motion]))
+        pipeline, [request.prompt], notes_of([motion]))
 
   def _first_with(self, ability):
     """The name of the first model with an ability, or None."""
@@ -137,17 +137,18 @@ def rows_of(segments: Sequence[SimpleNamespace]) -> list[tuple[str, float | None
   return [(one.prompt, one.seconds) for one in segments]
 
 
-def make_edit(model: Any, clip: Any, prompt: str, change: Any, keep: Any, seed: int, sampling: dict[str, Any]
+def make_edit(pipeline: Any, clip: Any, prompt: str, change: Any, keep: Any, seed: int, sampling: dict[str, Any]
               ) -> Motion:
   """The clip with regenerated frames in the spans `change`, or outside the spans `keep`; the others are unchanged."""
   spans = change if change is not None else keep
   if spans[-1][1] > clip.num_frames:
     raise InputError(f"got spans beyond the {clip.num_frames} frames of the motion")
-  rate, frames = model.fps / clip.fps, int((clip.num_frames - 1) * model.fps / clip.fps + 1e-6) + 1
+  fps = pipeline.model.fps
+  rate, frames = fps / clip.fps, int((clip.num_frames - 1) * fps / clip.fps + 1e-6) + 1
   spans = [(first, min(max(round(past * rate), first + 1), frames))
            for first, past in ((min(round(first * rate), frames - 1), past) for first, past in spans)]
   which = dict(change=spans) if change is not None else dict(keep=spans)
-  edited = model.edit(clip, prompt, seed=seed, **which, **sampling)
+  edited = pipeline.edit(clip, prompt, seed=seed, **which, **sampling)
   return edited.replace(source=clip.source or edited.source, meta=edited.meta | dict(said=prompt))
 
 
@@ -156,12 +157,12 @@ def notes_of(motions: Sequence[Any]) -> list[str]:
   several, found = len(motions) > 1, [motion.meta["note"] for motion in motions[:1] if motion.meta.get("note")]
   for i, motion in enumerate(motions):
     if unmet := motion.meta.get("unmet"):
-      found.append(f"take {i + 1}: " * several + note_of(motion.meta["attempts"], unmet, motion.meta["prompt"]))
+      found.append(f"take {i + 1}: " * several + note_of(len(motion.meta["attempts"]), unmet, motion.meta["prompt"]))
   return found
 
 
-def notes_and_unknown_words(model: Any, prompts: list[str], notes: Sequence[str] = (), plan: bool = True
+def notes_and_unknown_words(pipeline: Any, prompts: list[str], notes: Sequence[str] = (), plan: bool = True
                             ) -> dict[str, Any]:
   """{notes, unknown}: notes about the prompts and the motions, and words that the model does not know."""
-  unknown = sorted({word for prompt in prompts for word in model.unknown_words(prompt)})
-  return {"notes": [*model.notes_of(prompts, not plan), *notes]} | ({"unknown": unknown[:20]} if unknown else {})
+  unknown = sorted({word for prompt in prompts for word in pipeline.model.captions.unknown_words(prompt)})
+  return {"notes": [*pipeline.notes(prompts, plan), *notes]} | ({"unknown": unknown[:20]} if unknown else {})

@@ -11,7 +11,7 @@ from motion_jax.control.compiling import clip_to_feasible, compile
 from motion_jax.control.constraints import Constraint, EffectorTarget, Keyframe, RootPath
 from motion_jax.control.signal import ControlSignal
 from motion_jax.utils.errors import InputError
-from motion_studio.controlled import WALK
+from motion_studio.constraining import WALK
 from motion_studio.server.limits import Limits
 
 _NEAR = 0.3   # metres: a path that starts closer to the body starts at the body

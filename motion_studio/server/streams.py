@@ -181,7 +181,8 @@ class Stream:
     """The frame at which the action of the last prompt ends, computed when it is first needed."""
     if self._ends is None:
       first, prompt = self._live.stream.script[-1]
-      self._ends = first + self._live.model.natural_frames(prompt)
+      planner = self._live.pipeline.planner
+      self._ends = first + planner.natural_frames(prompt, planner.plan(prompt).min_duration)
     return self._ends
 
   def _has_room(self):
@@ -204,18 +205,19 @@ class Stream:
 
   def _begin(self, choices, **settings):
     """Starts a motion with these attributes of the stream; if that fails, the previous motion continues."""
-    model = self._model(choices["name"])
-    if model is None:
+    pipeline = self._pipeline(choices["name"])
+    if pipeline is None:
       return
+    model = pipeline.model
     sampling = live_sampling(model, choices["sampling"])
     with unknown_choices_as_input_errors():
-      live = model.stream(choices["prompt"], seed=choices["seed"], num_frames=choices["frames"],
-                          cleanup=choices["cleanup"], **sampling)
+      live = pipeline.stream(choices["prompt"], seed=choices["seed"], num_frames=choices["frames"],
+                             cleanup=choices["cleanup"], **sampling)
     for name, value in settings.items():
       setattr(self, name, value)
     layout, self._choices = model.stats.layout.skeleton, choices
     self._run, self._sent, self._position, self._tail, self._paused = self._run + 1, 0, 0.0, None, False
-    self._live = _Live(live, model, layout)
+    self._live = _Live(live, pipeline, layout)
     self._send({"type": "started", "run": self._run, "sequence": self._sequence, "model": choices["name"],
                 "id": model.id, "seed": choices["seed"], "cleanup": choices["cleanup"], "fps": model.fps,
                 "joints": list(layout.joints), "parents": [int(parent) for parent in layout.parents],
@@ -226,8 +228,8 @@ class Stream:
     self._sent_state = ""
     self._send_state()
 
-  def _model(self, name):
-    """The model, once it is ready; None if the page has gone by then. Sends its loading progress meanwhile."""
+  def _pipeline(self, name):
+    """The pipeline of a model, once it is ready; None if the page has gone by then. Sends its loading progress."""
     slot, sent = self._library.slot(name), None
     while not slot.ready.wait(0.2):
       about = slot.progress()
@@ -236,7 +238,7 @@ class Stream:
         self._send({"type": "state"} | about)
       if self._closed:
         return None
-    return self._library.model(name, "stream")
+    return self._library.pipeline(name, "stream")
 
   def _change_prompt(self, prompt, after):
     first = self._live.stream.say(prompt, after)
@@ -245,18 +247,19 @@ class Stream:
 
   def _announce_prompts(self, prompt, first):
     """Sends a message for each action of a prompt that takes effect from frame `first` on."""
-    model, self._ends = self._live.model, None
+    pipeline, self._ends = self._live.pipeline, None
+    captions = pipeline.model.captions
     actions = [(begins, action) for begins, action in self._live.stream.script if begins >= first]
     self._prompts = [(frame, words) for frame, words in self._prompts if frame < first]
     for begins, action in actions:
       self._words += 1
       self._prompts.append((begins, self._words))
       action = prompt if len(actions) == 1 else action
-      unknown = model.unknown_words(action)
-      nearest = model.nearest_captions(action)[:1] if unknown else []
+      unknown = captions.unknown_words(action)
+      nearest = captions.nearest(action) if unknown else []
       self._send({"type": "words", "words": self._words, "prompt": action, "whole": prompt, "from_frame": begins,
                   "run": self._run, "unknown": unknown[:10], "nearest": nearest[0][0] if nearest else "",
-                  "notes": model.notes_of([action])})
+                  "notes": pipeline.notes([action])})
     self._send_state()
 
   def _pause(self, paused):
@@ -318,8 +321,9 @@ class Stream:
 
 
 class _Live:
-  """A model's stream with its model, skeleton and sampling time."""
+  """A stream with its pipeline, skeleton and sampling time."""
 
-  def __init__(self, stream, model, skeleton):
-    self.stream, self.model, self.skeleton, self.fps, self.spent = stream, model, skeleton, model.fps, 0.0
+  def __init__(self, stream, pipeline, skeleton):
+    self.stream, self.pipeline, self.skeleton, self.spent = stream, pipeline, skeleton, 0.0
+    self.fps = pipeline.model.fps
     self.block_seconds, self.ends = stream.block_seconds, stream.num_frames

@@ -23,7 +23,7 @@ def found(model: Any, words: str = "") -> dict[str, Any]:
   figures, captions = _figures(), []
   if model is None:
     return figures | {"captions": captions}
-  rows = [row for row in figures["rows"] if not model.unknown_words(row["prompt"])]
+  rows = [row for row in figures["rows"] if not model.captions.unknown_words(row["prompt"])]
   if words.strip() or len(rows) < _FEW:
-    captions = [text for text, _ in model.nearest_captions(words.strip() or "a person moves", _CAPTIONS)]
+    captions = [text for text, _ in model.captions.nearest(words.strip() or "a person moves", _CAPTIONS)]
   return figures | {"rows": rows, "captions": captions}

@@ -30,11 +30,10 @@ def hand(frame=40, place=(0.4, 1.2, 0.6), frames=FRAMES):
 
 
 def made(model, signal=None, seeds=(1,), **sampling):
-  sampling = {"settles": 0} | sampling
+  sampling = {"refinements": 0} | sampling
   keys, seeds = keys_of(None, list(seeds), len(seeds))
-  call = model.sample if signal is None else model.sample_controlled
-  given = () if signal is None else (signal,)
-  found = call(["a person walks"] * len(seeds), [FRAMES] * len(seeds), keys, seeds, False, SAMPLING | sampling, *given)
+  found = model.sample(["a person walks"] * len(seeds), [FRAMES] * len(seeds), keys, seeds, False, SAMPLING | sampling,
+                       signal)
   return np.stack([motion.joints for motion in found])
 
 
@@ -223,7 +222,7 @@ def test_finished_latents_of_cdamd_are_pulled(tiny_generator):
   given = ["a person walks"], [FRAMES], keys, seeds, False
   plain = model.sample(*given, {})[0].joints
   signal = asked(FRAMES, at={frame: {20: plain[frame, 20] + 0.05} for frame in (20, 40)})
-  pulled = model.sample_controlled(*given, {}, signal)[0].joints
+  pulled = model.sample(*given, {}, signal)[0].joints
   assert error(signal, pulled[None]) < 0.5 * error(signal, plain[None])
-  np.testing.assert_array_equal(plain, model.sample_controlled(*given, {"control_steps": 0}, signal)[0].joints)
-  np.testing.assert_allclose(plain, model.sample_controlled(*given, {}, signals.none(1, FRAMES))[0].joints, atol=1e-5)
+  np.testing.assert_array_equal(plain, model.sample(*given, {"control_steps": 0}, signal)[0].joints)
+  np.testing.assert_allclose(plain, model.sample(*given, {}, signals.none(1, FRAMES))[0].joints, atol=1e-5)

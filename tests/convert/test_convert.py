@@ -188,7 +188,7 @@ def test_released_weights_make_the_recorded_motion(tmp_path, monkeypatch, capsys
   monkeypatch.setattr(streaming, "block_noise", lambda keys, index, plan, channels: jax.lax.dynamic_slice_in_dim(
       noise, index * plan.block, plan.block, axis=1))
   model = load(tmp_path / "run")
-  model.encode_words = lambda prompts, side_guidance: captions(fixture, jnp.float32)
+  model.encode_words = lambda prompts, contrast: captions(fixture, jnp.float32)
   sizes, frames = fixture.config["dit"], fixture["in/frames"].tolist()
   with jax.default_matmul_precision("highest"):
     made = model.generate(["a person walks"] * len(frames), frames, seeds=range(len(frames)), cleanup=False,

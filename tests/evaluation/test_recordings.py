@@ -74,7 +74,7 @@ class Recorder:
   """A model that makes what was recorded, or `changed` of it."""
   dit, vae, fps = types.SimpleNamespace(block=3), types.SimpleNamespace(frames_per_latent=4), 30.0
   stats = types.SimpleNamespace(layout=get_layout("snapmogen"))
-  config = types.SimpleNamespace(data=types.SimpleNamespace(mode="benchmark"))
+  config, more_choices = types.SimpleNamespace(data=types.SimpleNamespace(mode="benchmark")), ()
 
   def __init__(self, folder, changed=lambda x: x):
     self.made = [changed(np.concatenate([item.features for item in pieces])) for pieces in recordings(folder)]
@@ -83,7 +83,7 @@ class Recorder:
   def can(self, ability):
     return ability == "multi_prompt"
 
-  def multi_prompts(self, sequences, seeds, cleanup, guidance_scale, way, literal):
+  def multi_prompts(self, sequences, seeds, cleanup, guidance_scale, way):
     self.asked += sequences
     return [types.SimpleNamespace(features=made) for made in self.made[:len(sequences)]]
 

@@ -166,11 +166,11 @@ def test_long_motions_may_be_judged_as_they_are_shown(options, shown):
     return [types.SimpleNamespace(joints=joints, features=None) for _ in lists]
 
   model = types.SimpleNamespace(
-      multi_prompts=multi_prompts, stats=types.SimpleNamespace(layout=get_layout("full")),
+      multi_prompts=multi_prompts, more_choices=(), stats=types.SimpleNamespace(layout=get_layout("full")),
       config=types.SimpleNamespace(data=types.SimpleNamespace(mode="corrected")))
   make = long_horizon.multi_prompt_generator(types.SimpleNamespace(model=model, guidance_scale=2.0), [["a"]], options)
   (made,) = make(types.SimpleNamespace(places=[0], seeds=[7]))
-  assert asked == [dict(cleanup=False, literal=True, guidance_scale=2.0, seeds=[7]) | options]
+  assert asked == [dict(cleanup=False, guidance_scale=2.0, seeds=[7]) | options]
   assert made is None if not shown else made.shape == (40, 263)
   if shown:
     np.testing.assert_allclose(to_joints(made, "full")[:, :, 1], joints[:, :, 1] - joints[..., 1].min(), atol=0.05)

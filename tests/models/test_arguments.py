@@ -17,12 +17,12 @@ def test_seed_and_seeds_are_taken_by_every_call(models):
   model, editor = models
   clip = synthetic_clips(0, 1, num_frames=40)[0]
   fast = dict(num_steps=2, lag=1)
-  calls = [lambda **how: model.generate("a person walks", 12, tries=1, **how, **fast)[0].joints,
+  calls = [lambda **how: model.generate("a person walks", 12, **how, **fast)[0].joints,
            lambda **how: model.multi_prompt([("a person walks", 0.6)], **how, **fast).joints,
            lambda **how: model.multi_prompts([[("a person walks", 0.6)]], **how, **fast)[0].joints,
            lambda **how: model.extend(clip, "a person walks", 12, **how, **fast).joints,
            lambda **how: np.concatenate(list(model.stream("a person walks", num_frames=12, **how, **fast))),
-           lambda **how: editor.edit(clip, "a person waves", "prefix", tries=1, num_iterations=1, num_steps=1,
+           lambda **how: editor.edit(clip, "a person waves", "prefix", num_iterations=1, num_steps=1,
                                      **how).joints]
   for call in calls:
     np.testing.assert_array_equal(call(seed=5), call(seeds=[5]))
@@ -30,7 +30,7 @@ def test_seed_and_seeds_are_taken_by_every_call(models):
       call(seed=5, seeds=[5])
     with pytest.raises(TypeError, match="got the seed 'x'"):
       call(seed="x")
-  one, two = model.generate(["a person walks"] * 2, 12, tries=1, seed=4, **fast)
+  one, two = model.generate(["a person walks"] * 2, 12, seed=4, **fast)
   assert (one.meta["seed"], two.meta["seed"]) == (4, 5)
 
 
@@ -39,7 +39,7 @@ def test_seed_and_seeds_are_taken_by_every_call(models):
     (0, "generate", "cfg_scale", "guidance_scale"), (0, "generate", "steps", "num_steps"),
     (0, "generate", "num_samples", "seeds"), (0, "generate", "sedes", "seeds"), (0, "stream", "frames", "num_frames"),
     (0, "extend", "duration", "seconds"), (0, "multi_prompt", "guidance", "guidance_scale"),
-    (1, "edit", "spans", "change"), (1, "edits", "max_attempts", "tries"),
+    (1, "edit", "spans", "change"),
     (1, "generate", "iterations", "num_iterations")])
 def test_wrong_names_get_the_right_hint(models, which, call, name, hint):
   clip = synthetic_clips(0, 1, num_frames=40)[0]

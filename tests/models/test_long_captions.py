@@ -135,7 +135,7 @@ def model(tiny_run):
 
 @pytest.mark.slow
 def test_a_motion_does_not_know_how_its_words_were_padded(model):
-  make = lambda prompts, seeds: model.generate(prompts, num_frames=48, seeds=seeds, cleanup=False, literal=True, **FAST)
+  make = lambda prompts, seeds: model.generate(prompts, num_frames=48, seeds=seeds, **FAST)
   alone, long_alone = make("someone walks", [5])[0], make(LONG, [1])[0]
   both = make([LONG, "someone walks"], [1, 5])
   assert np.abs(both[1].joints - alone.joints).max() < 1e-5
@@ -157,7 +157,7 @@ def test_everyday_captions_are_padded_as_ever(model):
 def test_a_stream_takes_a_long_prompt_on_the_way(model):
   """What was said before goes on as if nothing longer had come, and it is the motion of both prompts."""
   def told(prompt):
-    stream, parts = model.stream("someone walks", seed=0, num_frames=96, cleanup=False, literal=True, **FAST), []
+    stream, parts = model.stream("someone walks", seed=0, num_frames=96, **FAST), []
     for part in stream:
       parts.append(part)
       if len(parts) == 3 and prompt:
@@ -167,7 +167,7 @@ def test_a_stream_takes_a_long_prompt_on_the_way(model):
   plain, long = told(None), told(LONG)
   # Three blocks were given, a fourth was under way.
   assert np.abs(plain[:48] - long[:48]).max() < 1e-6 and np.abs(plain[48:] - long[48:]).max() > 1e-5
-  both = model.multi_prompt([("someone walks", 2.4), (LONG, 2.4)], seed=0, cleanup=False, literal=True, **FAST)
+  both = model.multi_prompt([("someone walks", 2.4), (LONG, 2.4)], seed=0, **FAST)
   assert np.abs(both.joints - long).max() < 1e-4
 
 
@@ -176,10 +176,10 @@ def test_few_prompts_compile_anew(model):
   """Prompts of 70 to 120 word pieces, and streams that go from short to long and back: two widths."""
   count = lambda run: (run(), model.compiled.generate.jitted._cache_size())[1]
   words = LONG.split()
-  make = lambda size: model.generate(" ".join(words[:size]), num_frames=48, seeds=[0], literal=True, **FAST)
+  make = lambda size: model.generate(" ".join(words[:size]), num_frames=48, seeds=[0], cleanup=True, **FAST)
   first = count(lambda: make(66))
   assert count(lambda: [make(size) for size in (70, 80, 90)]) == first
-  stream = model.stream("someone walks", seed=0, cleanup=False, **FAST)
+  stream = model.stream("someone walks", seed=0, **FAST)
 
   def compiled(prompt):
     stream.say(prompt)

@@ -66,7 +66,7 @@ def test_choices_are_the_configs_where_nobody_makes_them():
   cmdm, cdamd = load_config("cmdm_denoiser", "full"), load_config("cdamd_generator", "full")
   chosen = CmdmSampling(num_steps=4).resolved(cmdm, context=48)
   assert dataclasses.asdict(chosen) == dict(guidance_scale=3.0, schedule="fss", num_steps=4, lag=2, solver="euler",
-                                            context=48, memory=None, side_guidance=0.0)
+                                            context=48, memory=None, contrast_scale=0.0)
   assert CmdmSampling(schedule="ar", num_steps=7).resolved(cmdm, context=48).about()["lag"] == 7
   assert {hash(chosen), hash(CmdmSampling(num_steps=4).resolved(cmdm, context=48))} == {hash(chosen)}
   unmasking = CdamdSampling(num_iterations=3).resolved(cdamd)

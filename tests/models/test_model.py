@@ -1,6 +1,5 @@
 """A run folder is all it takes; a motion depends on its prompt, length and seed, not on its neighbours."""
 import json
-import re
 import shutil
 import warnings
 
@@ -9,12 +8,12 @@ import numpy as np
 import pytest
 
 import motion_jax as mj
+from motion_jax.control.compiling import compile
+from motion_jax.control.constraints import RootPath
 from motion_jax.loading import load
-from motion_jax.models.base import TextToMotionModel
+from motion_jax.models.base import keys_of
 from motion_jax.motion.representations import to_joints
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
-from motion_jax.runs import PRETRAINED
-from motion_jax.text.captions import of_a_person
 from motion_jax.training import checkpoint
 from tests.conftest import load_config
 
@@ -61,7 +60,7 @@ def test_stream_is_generate(model, cleanup, lengths):
 
 
 def test_cleaned_up_motion_has_canonical_bones(model):
-  joints = model.generate("a person walks", num_frames=40, seeds=[0])[0].joints
+  joints = model.generate("a person walks", num_frames=40, seeds=[0], cleanup=True)[0].joints
   assert np.abs(bone_lengths(joints, HUMANML3D) - HUMANML3D.bone_lengths).max() < 1e-3
 
 
@@ -165,61 +164,30 @@ def test_top_level_names():
     mj.generate  # noqa: B018
 
 
-def notes_of(act, *args, **options):
-  """What is warned of while act(...) runs."""
-  with warnings.catch_warnings(record=True) as caught:
-    warnings.simplefilter("always")
-    act(*args, **options)
-  return [str(warning.message) for warning in caught]
+def test_a_length_that_is_not_given_is_six_seconds(model):
+  assert model.frames_of(["a person walks"], None, None) == [120] == [model.default_frames("a person walks")]
+  assert model.generate("a person walks", seed=0, num_steps=2, lag=1)[0].num_frames == 120
 
 
-def test_a_strange_word_is_named(model):
-  notes = notes_of(model.generate, "a flibbertigibbet walks", num_frames=40, seeds=[0])
-  assert len(notes) == 1 and "'flibbertigibbet'" in notes[0] and "the nearest of them is '" in notes[0]
+def test_generate_is_one_pass_of_the_prompt_as_given(model):
+  """Two actions are one prompt, a strange word warns nobody, and nothing is cleaned up."""
+  prompt = "a flibbertigibbet walks, then waves twice"
+  with warnings.catch_warnings():
+    warnings.simplefilter("error")
+    made = model.generate(prompt, 40, seed=3)[0]
+  keys, seeds = keys_of(None, [3], 1)
+  np.testing.assert_array_equal(made.joints, model.sample([prompt], [40], keys, seeds, False, {})[0].joints)
+  assert [one.text for one in made.captions] == [prompt] and made.meta["cleanup"] is False
+  assert "attempts" not in made.meta and "understood" not in made.meta
 
 
-def test_the_shipped_model_says_what_it_never_learned():
-  """Words that its text encoder knows well, but that stand in no caption of its training; and what it will do."""
-  with open(PRETRAINED / "cmdm-small" / "captions.json") as file:
-    said = {row[0] for row in json.load(file)}
-  shipped = load("cmdm-small")
-  for prompt, word in (("a robot walks", "robot"), ("a person does a backflip", "backflip"),
-                       ("a person climbs a table", "table")):
-    assert shipped.encoder.out_of_vocabulary(prompt) == []
-    note, = notes_of(shipped.check_words, [prompt])
-    instead = re.search("nearest of them is '(.*)'; it can do, for example, '", note)
-    assert f"know {word!r} in" in note and instead[1] in said
-  assert not notes_of(shipped.check_words, [
-      "a person walks", "someone is walking", "a WOMAN walked, then ran 3 times and sat down quickly!"])
-  assert len(notes_of(shipped.check_words, [f"zz{letter} walks" for letter in "abcdefgh"])) == 6
-  # The length of the nearest captions, as before there were notes.
-  assert shipped.natural_frames("a person waves") == int(np.median(
-      [frames for _, frames in shipped.nearest_captions("a person waves", 5)]))
-  for who in ("she", "A woman", "someone", "the man"):  # whoever bows, it takes no longer
-    assert shipped.natural_frames(f"{who} bows") == shipped.natural_frames("a person bows")
-  assert of_a_person("an old man bows") == "an old man bows"
-
-
-@pytest.mark.parametrize("fps", (12.5, 20.0, 30.0))
-def test_natural_lengths_are_seconds_whatever_the_rate(fps):
-  """3 to 9.8 seconds, 6 where no caption is known: 60 to 196 and 120 frames at 20 a second."""
-  class AtAnotherRate(TextToMotionModel):
-    def __init__(self, frames):
-      self.frames = frames
-
-    def nearest_captions(self, prompt, num=1):
-      return [("a person walks", frames) for frames in self.frames]
-
-  AtAnotherRate.fps = fps
-  lengths = [AtAnotherRate(frames).natural_frames("a person walks") for frames in ([1], [10**4], [], [40, 100, 150])]
-  assert lengths == [int(3 * fps), int(9.8 * fps), round(6 * fps), 100]
-
-
-def test_without_captions_the_text_encoder_is_asked(tiny_run, tmp_path):
-  shutil.copytree(tiny_run, tmp_path / "run")
-  (tmp_path / "run" / "captions.json").unlink()
-  older = load(tmp_path / "run")
-  assert older.nearest_captions("a person walks") == [] and older.natural_frames("a person walks") == 120
-  older.encoder.out_of_vocabulary = lambda prompt: ["flibbertigibbet"]
-  note, = notes_of(older.check_words, ["a flibbertigibbet walks"])
-  assert note.endswith("it may be ignored or misunderstood")
+@pytest.mark.slow
+def test_control_guides_and_does_not_project(model):
+  """The motion begins where its path does; how near it comes is the network's."""
+  path = RootPath([[1, 0], [1.5, 0.5], [2.5, 0.5]])
+  guided = model.generate(["a person walks", "a person waves"], 36, seeds=[3, 4], control=[[path], None])
+  plain = model.generate("a person waves", 36, seeds=[4])
+  assert np.abs(guided.joints[0, 0, 0, [0, 2]] - [1, 0]).max() < 0.05
+  way = compile([path], 36).positions[0, :, 0]
+  assert 1e-3 < np.abs(guided.joints[0, :, 0] - way)[:, [0, 2]].max()
+  np.testing.assert_allclose(guided.joints[1], plain.joints[0], atol=1e-4)

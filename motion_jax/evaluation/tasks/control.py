@@ -13,6 +13,7 @@ import numpy as np
 
 from motion_jax.control import paths
 from motion_jax.control import signal as signals
+from motion_jax.control.project import project
 from motion_jax.control.signal import NUM_JOINTS
 from motion_jax.evaluation import samples
 from motion_jax.evaluation.candidates import load_able
@@ -39,7 +40,7 @@ class Control(Generation):
   FILES = ("a motion of each caption alone, one for each `control`, positions (metres, null: free) of a joint at some "
            "frames, and one for each path of the pelvis, none moved nor turned afterwards; a joint or path without "
            "folders is left out")
-  OPTIONS = ("control_steps", "settles", "joints", "exact")
+  OPTIONS = ("control_steps", "refinements", "joints", "exact")
   TEXT_TO_MOTION = False
 
   @staticmethod
@@ -134,7 +135,7 @@ class Control(Generation):
 
   def _made(self, candidate, jobs, signal, name, what):
     """(motions [(rows, F)], their joints [(rows, 22, 3)]) that are asked for signal, one of each job."""
-    given = {option: int(candidate.options[option]) for option in ("control_steps", "settles")
+    given = {option: int(candidate.options[option]) for option in ("control_steps", "refinements")
              if candidate.options.get(option) is not None}
     exact = bool(candidate.options.get("exact"))
     store = candidate.store(self.harness, f"control, {'joints' if exact else 'exact False'}, {given}")
@@ -218,21 +219,22 @@ def _speed(motions, fps):
 
 
 def controlled_generator(candidate, signal, given, exact):
-  """make(jobs) of `samples.sample`: motions of the jobs' captions that are asked for signal[place] each.
+  """make(jobs) of `samples.sample`: motions of the jobs' captions, guided by signal[place] each.
 
-  given: control_steps and settles of `sample_controlled`; exact: brought to what is asked afterwards, and each row of
-  features has those of the joints behind it, which features keep but to some millimetres, and not where they began.
+  given: control_steps and refinements of sampling; exact: projected onto the signal afterwards, and each row of
+  features is followed by its joints, which features keep to some millimetres only, and not where they began.
   """
   def make(jobs):
-    chosen = dict(guidance_scale=candidate.guidance_scale, **candidate.options, **given)
+    chosen = samples.contrast_of(candidate.model) | dict(
+        guidance_scale=candidate.guidance_scale, **candidate.options, **given)
     rows = [signal[i].slice_frames(0, max(jobs.frames)) for i in jobs.places]
     asked, model = signals.stack(rows), candidate.model
     if exact:
-      made = model.generate(jobs.captions, jobs.frames, seeds=jobs.seeds, cleanup=False, literal=True, control=asked,
-                            project=True, **chosen)
-      return [np.concatenate([motion.features, motion.joints.reshape(motion.num_frames, -1)], axis=1)
-              for motion in made]
+      made = model.generate(jobs.captions, jobs.frames, seeds=jobs.seeds, control=asked, **chosen)
+      joints = [project(motion.joints, row.slice_frames(0, motion.num_frames), model.fps, warn=True).astype(np.float32)
+                for motion, row in zip(made, rows)]
+      return [np.concatenate([features_of(model, one), one.reshape(len(one), -1)], axis=1) for one in joints]
     keys, seeds = keys_of(None, jobs.seeds, len(jobs.seeds))
-    made = model.sample_controlled(jobs.captions, jobs.frames, keys, seeds, False, chosen, asked)
+    made = model.sample(jobs.captions, jobs.frames, keys, seeds, False, chosen, asked)
     return [motion.features for motion in made]
   return make

@@ -1,18 +1,20 @@
 """Editing: parts of real motions are remade from their captions, four tasks (docs/papers/cdamd.md#editing).
 
-By the function for users, `CdamdModel.edits`, on the features of the test set as they are: the paper's method, all
-frames as decoded, or with the option cleanup=true the finished edit, kept frames put back and new ones joined to them.
+By the paper's method, `CdamdModel.edits`, on the features of the test set as they are, all frames as decoded; or, with
+the option cleanup=true, finished by `models.pasting`: kept frames put back and new ones joined to them.
 """
 import numpy as np
 
 from motion_jax.evaluation import samples
 from motion_jax.evaluation.candidates import load_able
 from motion_jax.evaluation.tasks.base import ClipTask, Found, Wanted
+from motion_jax.models import pasting
+from motion_jax.models.base import keys_of
 from motion_jax.models.cdamd.mask_schedule import TASKS, task_mask
 
 
 class Editing(ClipTask):
-  OPTIONS = ("cleanup", "tries")  # cleanup: finished edits; tries: of these, attempts at what a caption requires (1)
+  OPTIONS = ("cleanup",)  # finished edits
   FILES = ("for each of the four tasks the whole motion of `motion` (joints of a real one), its frames outside of "
            "`keep` ([first, past] each) made from the caption, in the place where `motion` is; a task without a folder "
            "is left out")
@@ -63,13 +65,16 @@ def editor(candidate, protocol, real, task):
   """make(jobs) of `samples.sample`: of the real motions [(T, F)] those at the jobs' places, edited."""
   def make(jobs):
     # Parity: the released script edits with the mask that it samples with; --sampling mask=bcm is ours.
-    options = {"mask": candidate.model.config.sampler.mask, "cleanup": False, "tries": 1} | dict(candidate.options)
-    pasted = protocol.paste or options["cleanup"]
+    model, options = candidate.model, dict(candidate.options)
+    cleanup = options.pop("cleanup", False)
+    options = {"mask": model.config.sampler.mask, "guidance_scale": candidate.guidance_scale} | options
     motions = [real[i][:count] for i, count in zip(jobs.places, jobs.frames)]
-    made = candidate.model.edits(motions, jobs.captions, task, seeds=jobs.seeds, paste=pasted,
-                                 guidance_scale=candidate.guidance_scale, **options)
-    if pasted:
+    if protocol.paste or cleanup:
+      keys, seeds = keys_of(None, jobs.seeds, len(motions))
+      made = pasting.edited(model, motions, jobs.captions, lambda count: pasting.requested_frames(count, task), keys,
+                            seeds, cleanup, options, task)
       return [motion.features for motion in made]
+    made = model.edits(motions, jobs.captions, task, seeds=jobs.seeds, **options)
     return [row[:count + samples.TAIL] for row, count in zip(made.decoded, jobs.frames)]
 
   return make

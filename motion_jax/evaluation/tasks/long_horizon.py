@@ -235,7 +235,7 @@ class LongHorizon(Task):
 def multi_prompt_generator(candidate, sequences, options):
   """make(jobs) of `samples.sample`: motions of the [(prompt, seconds)] at the jobs' places; options: of
   `multi_prompts`. What is cleaned up or eased afterwards are joints, so the features are made of those."""
-  options = {"cleanup": False, "literal": True} | dict(options)
+  options = samples.contrast_of(candidate.model) | {"cleanup": False} | dict(options)
   of_joints = options["cleanup"] or options.get("ease", False)
   def in_place(joints):  # bones that drift and feet in the floor are what is to be judged: nothing mends them here
     layout, mode = candidate.model.stats.layout, candidate.model.config.data.mode

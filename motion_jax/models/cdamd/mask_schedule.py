@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from motion_jax.motion.filling import in_spans
 from motion_jax.shapes import Array
 from motion_jax.utils.spans import TASKS
 
@@ -151,17 +152,6 @@ def task_mask(task: str, num_frames: Sequence[int] | Int[Array, " b"], length: i
   if task == "outpainting":
     return inside(zero, quarter) | inside(total - quarter, total)
   return inside(half, total) if task == "prefix" else inside(zero, half)
-
-
-def in_spans(spans: Sequence[Sequence[int]], num_frames: int) -> Bool[np.ndarray, " {num_frames}"]:
-  """(num_frames,): the frames inside of spans [(first, past), ...]."""
-  inside = np.zeros(num_frames, bool)
-  for first, past in spans:
-    if not 0 <= first < past <= num_frames:
-      raise ValueError(f"got the span {first}:{past} of a motion of {num_frames} frames; expected 0 <= first < past <= "
-                       f"{num_frames}")
-    inside[first:past] = True
-  return inside
 
 
 def kept_mask(spans: Sequence[Sequence[int]], num_frames: int, length: int, frames_per_latent: int = 4

@@ -1,7 +1,7 @@
-"""A motion that never ends: block after block from one step, with words that may change on the way."""
+"""Streams: motion without end, block after block from one step, with prompts that may change on the way."""
 import copy
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -20,9 +20,13 @@ from motion_jax.models.results import Motion
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.cleanup import Cleaner
 from motion_jax.motion.representations import Representation, root_path, to_joints
+from motion_jax.text.contrast import Contrast
 
 _LENGTH = 50   # latents for which what they are told of constraints is compiled, and twice as many, and so on
 _CAPTIONS = 4  # different captions that a window may show before its step is compiled anew, for twice as many
+
+
+Segments = Sequence[tuple[str, int | None]]  # prompts and their frames
 
 
 class LiveStream:
@@ -33,22 +37,16 @@ class LiveStream:
       if time_to_rest:
         stream.say("a person sits down")
 
-  A prompt of several actions ("walks forward, then sits down") is said action by action, each for as long as similar
-  training clips, the last without end (`models.segments`).
-
   Memory and time per block do not grow. Every block keeps the words that it was begun with, so a stream of changing
   words is `CmdmModel.multi_prompt`, block by block. Cleaned frames come `motion.cleanup.LOOK_AHEAD` frames later than
   they are made: the first block is shorter by so many, what ends (num_frames) gives them at its end.
   """
 
-  def __init__(self, model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, keys: jax.Array, prompt: str,
-               num_frames: int | None = None, cleanup: bool = True, takes: Callable[[str], int] | None = None,
-               in_a_row: Callable[[str, int | None], list[tuple[str, int | None]]] | None = None) -> None:
-    """takes: frames that an action has before other words count, of its prompt; None: words never wait. in_a_row:
-    [(prompt, frames)] of a prompt and of all its frames (None: as usual); None: every prompt is said as it is."""
-    self._model, self._plan, self.num_frames, self._takes = model, plan, num_frames, takes
-    self._in_a_row = in_a_row
-    self._side_guidance = sampling.side_guidance
+  def __init__(self, model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, keys: jax.Array,
+               segments: Segments, num_frames: int | None = None, cleanup: bool = False,
+               contrast: Contrast | None = None) -> None:
+    """segments: [(prompt, frames)] in sequence, the last without end."""
+    self._model, self._plan, self.num_frames, self._contrast = model, plan, num_frames, contrast
     constants, latents, decoder = model.compiled.stream_start(plan, model.codec, model.params, keys)
     self._sampler = streaming.Sampler(model.dit, plan, model.params, streaming.Constants(*constants), None,
                                       sampling.guidance_scale, keys)
@@ -64,7 +62,7 @@ class LiveStream:
     layout = model.stats.layout
     self._cleaner = Cleaner(layout.skeleton, model.fps) if cleanup and layout.has_fixed_bones else None
     self._script = [(0, 0)]  # (block, slot): from that block on the caption of that slot
-    (prompt, *_), self._waiting_prompts = self._planned(prompt, 0, num_frames)
+    (prompt, *_), self._waiting_prompts = self._scheduled(segments, 0)
     self._bank = [prompt] * _CAPTIONS
     self._encode()
 
@@ -107,25 +105,24 @@ class LiveStream:
     """Blocks that have been given."""
     return max(self._steps - self._plan.age + 1, 0)
 
-  def say(self, prompt: str, after: float | None = None) -> int:
-    """From now on, other words: the frame from which they count, from the beginning of the stream.
+  def say(self, prompt: str | Segments, after: float | None = None, not_before: int = 0) -> int:
+    """Changes the prompt: the frame from which it counts, from the beginning of the stream.
 
-    They count for the blocks that have not begun, `delay` seconds from now; a larger lag makes the delay shorter.
-    after: seconds from now instead. If those are fewer, blocks that are under way change words in the midst of their
-    denoising, the less the cleaner they are already; if more, the words wait. In a stream of hold_until_done they wait
-    in any case until what was said last is done, where that is an action that is done once.
+    It counts for the blocks that have not begun, `delay` seconds from now; a larger lag makes the delay shorter.
+    after: seconds from now instead. If those are fewer, blocks that are under way change their prompt in the midst of
+    denoising, the less the cleaner they are already; if more, the prompt waits. not_before: a frame before which it
+    does not count in any case. prompt: also segments [(prompt, frames or None)], in sequence, the last without end.
     """
-    self._model.check_words([prompt], literal=self._in_a_row is None)
+    segments = [(prompt, None)] if isinstance(prompt, str) else prompt
+    self._model.prompts_of([one for one, _ in segments])
     first = self._steps
     if after is not None:
       if not np.isfinite(after) or after < 0:
         raise ValueError(f"got words that count after {after} s, expected 0 or more seconds from now")
       first = self._blocks + int(np.ceil(after / self.block_seconds - 1e-9))
-    if self._takes is not None:
-      begun, last = self.script[-1]
-      first = max(first, -(-(begun + self._takes(last)) // self.block_frames))
+    first = max(first, -(-not_before // self.block_frames))
     kept = [entry for entry in self._waiting_prompts if entry[0] < first]
-    (prompt, *_), later = self._planned(prompt, first)
+    (prompt, *_), later = self._scheduled(segments, first)
     self._waiting_prompts = kept + later
     if kept:  # it waits behind prompts that wait
       self._waiting_prompts.insert(len(kept), (first, prompt))
@@ -135,16 +132,16 @@ class LiveStream:
 
   @property
   def script(self) -> list[tuple[int, str]]:
-    """[(first frame, prompt)] of what is said from when on, what waits for its time among it."""
+    """[(first frame, prompt)] of the prompts that count now and later."""
     said = [(block, self._bank[slot]) for block, slot in self._script]
     return [(block * self.block_frames, prompt) for block, prompt in said + self._waiting_prompts]
 
-  def _planned(self, prompt: str, first: int, num_frames: int | None = None) -> tuple[list[str], list[tuple[int, str]]]:
-    """(prompts in a row, [(block, prompt)] of those behind the first) of a prompt that counts from a block on."""
-    rows = [(prompt, None)] if self._in_a_row is None else self._in_a_row(prompt, num_frames)
-    blocks, _ = multi_prompt.borders([count or 1 for _, count in rows], self.block_frames)
+  def _scheduled(self, segments: Segments, first: int) -> tuple[list[str], list[tuple[int, str]]]:
+    """(prompts, [(block, prompt)] of those after the first) of segments that begin with a block."""
+    blocks, _ = multi_prompt.borders([count or 1 for _, count in segments], self.block_frames)
     starts = first + np.cumsum([0, *blocks[:-1]])
-    return [said for said, _ in rows], [(int(at), said) for at, (said, _) in zip(starts[1:], rows[1:])]
+    return [prompt for prompt, _ in segments], [
+        (int(at), prompt) for at, (prompt, _) in zip(starts[1:], segments[1:])]
 
   def _begin(self, prompt: str, first: int) -> None:
     """Says a prompt from a block on, in the place of all that was said from there on."""
@@ -246,7 +243,7 @@ class LiveStream:
     return other
 
   def _encode(self) -> None:
-    emb, mask = self._model.encode_words(self._bank, self._side_guidance)
+    emb, mask = self._model.encode_words(self._bank, self._contrast)
     text = self._model.compiled.stream_words(self._plan.guided, self._model.params, emb[None], mask[None])
     self._sampler = dataclasses.replace(self._sampler, text=text)
 

@@ -1,6 +1,6 @@
-"""Motions that are more than one sentence: several prompts in a row, or a motion that goes on from an existing one.
+"""Motions of several prompts in sequence, and motions that continue an existing one.
 
-Both run on whole clips; `streams` is the live form. Prompts change on a grid of blocks (3 latents, 12 frames, 0.6 s).
+Both run on whole clips; `live` is the streaming form. Prompts change on a grid of blocks (3 latents, 12 frames, 0.6 s).
 """
 from collections.abc import Sequence
 
@@ -15,10 +15,9 @@ from motion_jax.models.cmdm.options import CmdmSampling
 from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.representations import to_features, to_joints
 from motion_jax.shapes import Array
+from motion_jax.text.contrast import Contrast
 
 WAYS = ("stream", "chain")
-JOINED = "joined"   # of whole clips alone: each prompt made by itself (`models.composed`)
-WHOLE_WAYS = (*WAYS, JOINED)
 _BUCKET = 4         # blocks; lengths are rounded up to it, so that not every length waits for a compiler
 
 
@@ -46,13 +45,13 @@ def segment_frames(frames: Sequence[int], way: str, frames_per_block: int, frame
   return np.diff(ends, prepend=0).tolist()
 
 
-def captions_of(model: CmdmNetworks, prompts: Sequence[Sequence[str]], side_guidance: float | None = 0.0
+def captions_of(model: CmdmNetworks, prompts: Sequence[Sequence[str]], contrast: Contrast | None = None
                 ) -> tuple[Float[np.ndarray, "b g s e"], Bool[np.ndarray, "b g s"]]:
-  """Words of all prompts of each motion: text_emb (B, G, S, E), text_mask (B, G, S), G a power of two."""
+  """Embeddings of all prompts of each motion: text_emb (B, G, S, E), text_mask (B, G, S), G a power of two."""
   count = 1 << (max(map(len, prompts)) - 1).bit_length()
   padded = [list(row) + [row[-1]] * (count - len(row)) for row in prompts]
   names = list(dict.fromkeys(prompt for row in padded for prompt in row))
-  emb, mask = model.encode_words(names, side_guidance)
+  emb, mask = model.encode_words(names, contrast)
   index = jnp.asarray([[names.index(prompt) for prompt in row] for row in padded])
   return emb[index], mask[index]
 
@@ -64,7 +63,7 @@ def _segments(blocks, num_blocks):
 
 
 def stream(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, prompts: Sequence[Sequence[str]],
-           frames: Sequence[Sequence[int]], keys: jax.Array
+           frames: Sequence[Sequence[int]], keys: jax.Array, contrast: Contrast | None = None
            ) -> tuple[Float[Array, "b t f"], Sequence[int], list[list[int]]]:
   """Motions of several prompts in one run, whose text changes from block to block: features, frames and ends of each.
 
@@ -78,7 +77,7 @@ def stream(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, pr
   plan = plan._replace(context=min(plan.context, max(model.context, num_blocks * plan.block)))
   plan = plan.fitted(num_blocks)._replace(captions=streaming.captions_seen(segment, plan.fitted(num_blocks).width))
   run = model.compiled.generate if plan.lag else model.compiled.generate_whole
-  text_emb, text_mask = captions_of(model, prompts, sampling.side_guidance)
+  text_emb, text_mask = captions_of(model, prompts, contrast)
   features = run(plan, num_blocks, model.params, model.codec, text_emb=text_emb, text_mask=text_mask,
                  scale=sampling.guidance_scale, keys=keys, segment=jnp.asarray(segment))
   ends = [np.minimum(np.cumsum(counts) * frames_per_block, total).tolist() for counts, total in zip(blocks, totals)]
@@ -86,7 +85,7 @@ def stream(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, pr
 
 
 def chain(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, prompts: Sequence[Sequence[str]],
-          frames: Sequence[Sequence[int]], keys: jax.Array, num_past: int = 1
+          frames: Sequence[Sequence[int]], keys: jax.Array, contrast: Contrast | None = None, num_past: int = 1
           ) -> tuple[Float[Array, "b t f"], Sequence[int], list[list[int]]]:
   """Motions of several prompts as the released code makes them, segment by segment; takes and gives what `stream` does.
 
@@ -96,18 +95,19 @@ def chain(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, pro
   frames_per_latent = model.frames_per_latent
   counts = [[max(1, int(number) // frames_per_latent) for number in row] for row in frames]
   made = [np.concatenate(parts)
-          for parts in _chained(model, plan, sampling, prompts, counts, [[] for _ in counts], keys, num_past)]
+          for parts in _chained(model, plan, sampling, prompts, counts, [[] for _ in counts], keys, contrast,
+                               num_past)]
   longest = -(-max(map(len, made)) // 12) * 12
   latents = np.stack([np.pad(z, ((0, longest - len(z)), (0, 0))) for z in made])
   ends = [(np.cumsum(row) * frames_per_latent).tolist() for row in counts]
   return model.compiled.decode(model.codec, latents), [row[-1] for row in ends], ends
 
 
-def _chained(model, plan, sampling, prompts, counts, made, keys, num_past):
+def _chained(model, plan, sampling, prompts, counts, made, keys, contrast, num_past):
   """Lists of latents (N, C), one per segment of each motion, behind those that are in `made` already."""
   if plan.solver != "euler":
     raise ValueError(f"got solver {plan.solver!r}: the chained way noises afresh in every step and knows only euler")
-  text_emb, text_mask = captions_of(model, prompts, sampling.side_guidance)
+  text_emb, text_mask = captions_of(model, prompts, contrast)
   made = [list(parts) for parts in made]
   for i in range(max(map(len, counts))):
     lengths = np.array([row[i] if i < len(row) else 1 for row in counts])  # a motion that has ended idles
@@ -145,8 +145,9 @@ def encode_past(model: CmdmNetworks, joints: Num[np.ndarray, "t j 3"], count: in
 
 
 def extend(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, joints: Num[np.ndarray, "t j 3"],
-           past_prompt: str, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, way: str = "stream",
-           num_past: int | None = None, cleanup: bool = True) -> tuple[Float[np.ndarray, "n j 3"], list[int]]:
+           past_prompt: str, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array,
+           contrast: Contrast | None = None, way: str = "stream", num_past: int | None = None, cleanup: bool = True
+           ) -> tuple[Float[np.ndarray, "n j 3"], list[int]]:
   """What comes after joints (T, J, 3): (joints (P + N, J, 3), frames at which segments end).
 
   The new latents are decoded behind those of the past: the first P of these frames show the end of the given motion,
@@ -164,7 +165,7 @@ def extend(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, jo
     plan = plan.fitted(num_blocks)
     plan = plan._replace(captions=streaming.captions_seen(segment, plan.width))
     padded = jnp.pad(past, ((0, 0), (old * plan.block - given, 0), (0, 0)))
-    text_emb, text_mask = captions_of(model, [[past_prompt, *prompts]], sampling.side_guidance)
+    text_emb, text_mask = captions_of(model, [[past_prompt, *prompts]], contrast)
     new = model.compiled.extend(
         plan, num_blocks, model.params, text_emb=text_emb, text_mask=text_mask, scale=sampling.guidance_scale,
         keys=keys, past=padded, count=given, segment=jnp.asarray(segment),
@@ -172,7 +173,8 @@ def extend(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, jo
     ends = np.minimum(np.cumsum(blocks) * plan.block * frames_per_latent, total)
   else:
     counts = [max(1, int(number) // frames_per_latent) for number in frames]
-    parts = _chained(model, plan, sampling, [prompts], [counts], [[np.asarray(past[0])]], keys, given)[0]
+    parts = _chained(model, plan, sampling, [prompts], [counts], [[np.asarray(past[0])]], keys, contrast,
+                     given)[0]
     new, ends = np.concatenate(parts[1:])[None], np.cumsum(counts) * frames_per_latent
   whole = model.compiled.decode(model.codec, jnp.concatenate([known, jnp.asarray(new)], axis=1))
   border = known.shape[1] * frames_per_latent

@@ -1,4 +1,4 @@
-"""CMDM's networks with their weights, ready to be run: what generating, several prompts and streams stand on."""
+"""CMDM's networks with their weights, compiled: the base of generation, multi-prompt motion and streams."""
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple
@@ -7,7 +7,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Num
 
-from motion_jax.data.mirror import mirror_legs
 from motion_jax.latents import VaeCodec
 from motion_jax.models import cmdm
 from motion_jax.models.base import TextToMotionModel
@@ -15,6 +14,7 @@ from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.runs import Run
 from motion_jax.shapes import Array
+from motion_jax.text.contrast import Contrast, contrasted
 from motion_jax.text.encoder import TextEncoder
 from motion_jax.training import checkpoint
 from motion_jax.utils import cache
@@ -45,29 +45,8 @@ def _compile(dit: CausalDiT) -> Compiled:
       encode=program(VaeCodec.encode, 0), decode=program(VaeCodec.decode, 0))
 
 
-def away_from_the_other_side(encoder: TextEncoder, prompts: Sequence[str], text_emb: Float[np.ndarray, "b s e"],
-                             text_mask: Bool[np.ndarray, "b s"], scale: float) -> Float[np.ndarray, "b s e"]:
-  """Words (B, S, E) of prompts that say more plainly which leg is meant: words + scale (words - mirrored words).
-
-  The mirrored words are those of the same sentence with the other leg ("kicks with the left foot", "kicks with the
-  right foot"). What the two share stays, what tells them apart becomes longer, as guidance does with what words change
-  of a velocity; this costs no further pass of the network. Words of a prompt that names no leg's side stay as they are:
-  sides of turns and hands are kept anyway, and would only be overdone (docs/sampling.md). So do those of one whose
-  mirrored sentence has another number of word pieces.
-  """
-  mirrored = [mirror_legs(prompt) for prompt in prompts]
-  named = [row for row, prompt in enumerate(prompts) if mirrored[row] != prompt]
-  text_emb = text_emb.copy()
-  for row in named:
-    other = encoder([mirrored[row]])[0][0]
-    if len(other) == text_mask[row].sum():
-      words = text_emb[row, :len(other)]
-      text_emb[row, :len(other)] = words + np.float32(scale) * (words - other)
-  return text_emb
-
-
 class CmdmNetworks(TextToMotionModel):
-  """A trained denoiser, its tokenizer and its words, each compiled on first use."""
+  """A trained denoiser with its tokenizer and text encoder, each compiled on first use."""
 
   def __init__(self, run: Run, encoder: TextEncoder) -> None:
     config = run.config
@@ -83,21 +62,20 @@ class CmdmNetworks(TextToMotionModel):
     self.compiled = _compile(self.dit)
 
   def reconstruct(self, features: Num[Array, "t f"]) -> Float[np.ndarray, "_ f"]:
-    """Features (T, F) there and back through the tokenizer, T cut to whole latents."""
+    """Features (T, F) through the tokenizer and back, T cut to whole latents."""
     whole = len(features) // self.frames_per_latent * self.frames_per_latent
     x = self.stats.normalize(np.asarray(features))[None, :whole]
     return self.stats.denormalize(np.asarray(self.codec.reconstruct(jnp.asarray(x))))[0]
 
-  def encode_words(self, prompts: Sequence[str], side_guidance: float | None = 0.0
+  def encode_words(self, prompts: Sequence[str], contrast: Contrast | None = None
                    ) -> tuple[Float[np.ndarray, "b s e"], Bool[np.ndarray, "b s"]]:
-    """(text_emb, text_mask) padded to the width of everyday prompts, so that none of those waits for a compiler.
+    """(text_emb, text_mask) of prompts, padded to the width of everyday ones so that these share compiled code.
 
-    Longer ones are padded to twice that, four times, ...: each width is compiled once. side_guidance: see
-    `away_from_the_other_side`.
+    Longer ones are padded to twice that, four times, ...: each width is compiled once. contrast: see `text.contrast`.
     """
     everyday = -(-self.config.data.max_words // 8) * 8
     emb, mask = self.encoder(prompts, at_least=everyday)
-    if side_guidance:
-      emb = away_from_the_other_side(self.encoder, prompts, emb, mask, side_guidance)
-    missing = max(everyday - emb.shape[1], 0)  # of a sentence, which is one row
+    if contrast is not None and contrast.scale:
+      emb = contrasted(self.encoder, prompts, emb, mask, contrast)
+    missing = max(everyday - emb.shape[1], 0)  # of a sentence vector, which is one row
     return np.pad(emb, ((0, 0), (0, missing), (0, 0))), np.pad(mask, ((0, 0), (0, missing)))

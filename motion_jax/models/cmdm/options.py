@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 from motion_jax.models.options import SamplingOptions, choice, number
 from motion_jax.utils.errors import InputError
-from motion_jax.utils.numerals import CONTEXT, MEMORY, SIDE_GUIDANCE, STEPS
+from motion_jax.utils.numerals import CONTEXT, CONTRAST, MEMORY, STEPS
 
 if TYPE_CHECKING:
   from ml_collections import ConfigDict
@@ -26,9 +26,9 @@ class CmdmSampling(SamplingOptions):
                                CONTEXT, unit="latents")
   memory: int | None = number("how many latents before a new prompt remain visible after it, in whole blocks; default: "
                               "the whole context", MEMORY, unit="latents")
-  side_guidance: float | None = number("strength of left/right contrast guidance for prompts that name a leg; 0 turns "
-                                       "it off",
-                                       SIDE_GUIDANCE, float, usual=0.0)
+  contrast_scale: float | None = number("contrast guidance: how far the embedding of a prompt is moved away from "
+                                        "that of its negative prompt, such as the same sentence with the other leg; 0 "
+                                        "turns it off", CONTRAST, float, key="side_guidance", usual=0.0)
 
   def resolved(self, config: "ConfigDict", **usual: Any) -> "CmdmSampling":
     learned = "ddpm" if config.model.get("predicts") == "ddpm" else "flow"

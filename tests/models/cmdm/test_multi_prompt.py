@@ -14,7 +14,6 @@ from motion_jax.motion import rotations as rot
 from motion_jax.motion.blending import laid_over
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
 from motion_studio import cli
-from motion_studio.planning.segments import prompts_in_a_row
 
 FAST = dict(num_steps=6, lag=2)
 PROMPTS = [("a person walks", 1.2), ("a person waves", 1.3), ("a person sits", 0.7)]
@@ -48,16 +47,16 @@ def test_borders_are_on_blocks_and_the_end_is_as_asked():
 @pytest.mark.parametrize("memory", [None, pytest.param(3, marks=pytest.mark.slow)])
 def test_several_prompts_are_one_motion_and_a_stream_says_the_same(model, memory):
   FAST = dict(num_steps=6, lag=2, memory=memory)
-  whole = model.multi_prompt(PROMPTS, seed=2, cleanup=False, **FAST)
+  whole = model.multi_prompt(PROMPTS, seed=2, **FAST)
   assert whole.num_frames == 64 and whole.features.shape == (64, 263)
   assert whole.captions == (Caption("a person walks", 0.0, 1.2), Caption("a person waves", 1.2, 2.4),
                             Caption("a person sits", 2.4, 3.2))
   assert whole.meta["way"] == "stream" and whole.meta["seed"] == 2
-  stream = model.stream("a person walks", seed=2, num_frames=64, cleanup=False, **FAST)
+  stream = model.stream("a person walks", seed=2, num_frames=64, **FAST)
   stream.say("a person waves", after=1.2)
   stream.say("a person sits", after=2.4)
   assert np.abs(np.concatenate(list(stream)) - whole.joints).max() < 1e-4
-  other = model.multi_prompt([PROMPTS[0], ("a person runs", 1.3), PROMPTS[2]], seed=2, cleanup=False, **FAST).joints
+  other = model.multi_prompt([PROMPTS[0], ("a person runs", 1.3), PROMPTS[2]], seed=2, **FAST).joints
   assert np.abs(other[:24] - whole.joints[:24]).max() < 1e-5  # what comes later is not known before
   assert np.abs(other[24:50] - whole.joints[24:50]).max() > 1e-4
 
@@ -66,7 +65,7 @@ def test_several_prompts_are_one_motion_and_a_stream_says_the_same(model, memory
 def test_without_memory_the_words_before_are_forgotten(model, schedule):
   """Far behind the border, where the decoder has forgotten them too, it is the same motion whatever came before."""
   def ending(first, memory):
-    made = model.multi_prompt([(first, 1.2), ("a person waves", 6.0)], seed=2, cleanup=False, num_steps=6,
+    made = model.multi_prompt([(first, 1.2), ("a person waves", 6.0)], seed=2, num_steps=6,
                               schedule=schedule, memory=memory)
     return made.features[-24:]
 
@@ -94,23 +93,6 @@ def test_the_released_way_chains_segments(model):
   assert np.abs(model.multi_prompt(prompts, seed=5, **FAST).joints[:30] - alone.joints[:30]).max() > 1e-4
 
 
-def test_prompts_that_are_made_apart_and_joined(model):
-  """Each begins as it would alone; where one ends is up to 14 frames from what is asked; no batch-mate is known."""
-  prompts = [("a person walks", 2.0), ("a person waves", 1.0), ("a person walks", 1.5)]
-  alone = model.multi_prompt(prompts, seed=5, way="joined", **FAST)
-  assert alone.num_frames == 90 and alone.meta["way"] == "joined"
-  assert [caption.text for caption in alone.captions] == [prompt for prompt, _ in prompts]
-  for caption, asked in zip(alone.captions[1:], (2.0, 3.0)):
-    assert abs(caption.start - asked) <= 0.75
-  both = model.multi_prompts([[("a person runs", 2.0), ("a person waves", 2.0)], prompts], seeds=[1, 5], way="joined",
-                             **FAST)
-  assert np.abs(both[1].joints - alone.joints).max() < 1e-4 and both[0].num_frames == 80
-  streamed = model.multi_prompt(prompts, seed=5, **FAST)
-  assert streamed.meta["way"] == "stream" and np.abs(streamed.joints[:80] - alone.joints[:80]).max() > 1e-3
-  with pytest.raises(ValueError, match="got way 'apart', expected one of stream, chain, joined"):
-    model.multi_prompt(prompts, way="apart")
-
-
 def test_words_of_a_stream_change_when_they_are_said(model):
   """Said after n blocks: the blocks that are under way keep their words, unless `after` is shorter."""
   run = lambda after, prompt: _told(model, after, prompt)
@@ -121,7 +103,7 @@ def test_words_of_a_stream_change_when_they_are_said(model):
 
 
 def _told(model, after, prompt):
-  stream, parts = model.stream("a person walks", seed=0, num_frames=96, cleanup=False, **FAST), []
+  stream, parts = model.stream("a person walks", seed=0, num_frames=96, **FAST), []
   for part in stream:
     parts.append(part)
     if len(parts) == 3:
@@ -131,7 +113,7 @@ def _told(model, after, prompt):
 
 
 def test_a_stream_takes_any_number_of_words(model):
-  stream = model.stream("a person walks", seed=0, cleanup=False, **FAST)
+  stream = model.stream("a person walks", seed=0, **FAST)
   for i in range(7):  # more within one window than there is room for at first
     stream.say(f"a person jumps {'very ' * i}high", after=0.6 * (i + 1))
   parts = [next(stream) for _ in range(12)]
@@ -141,66 +123,8 @@ def test_a_stream_takes_any_number_of_words(model):
       stream.say(*arguments)
 
 
-def test_a_prompt_of_several_actions_is_said_action_by_action_in_streams_and_segments(model):
-  """Live, in a timeline's block and behind a motion: the actions that `understand` finds, for as long as is natural."""
-  prompt, FAST = "a person walks, then waves", dict(num_steps=6, lag=2)
-  usual = [int(model.natural_frames(f"a person {verb}") / 12 + 0.5) * 12 for verb in ("walks", "waves")]
-  stream = model.stream(prompt, seed=2, cleanup=False, **FAST)
-  assert stream.script == [(0, "a person walks"), (usual[0], "a person waves")] and stream.num_frames is None
-  fork, part = stream.fork(sum(usual)), np.concatenate([next(stream) for _ in range(2)])
-  rows = [("a person walks", usual[0] / 20), ("a person waves", usual[1] / 20)]
-  made = model.multi_prompt(rows, seed=2, cleanup=False, **FAST)
-  assert np.abs(np.concatenate(list(fork)) - made.joints).max() < 1e-4
-  first = stream.say("a person jumps, then stands still")  # what waited for its time is said no more
-  assert first <= usual[0] and [text for _, text in stream.script] == [
-      "a person walks", "a person jumps", "a person stands still"]
-  assert len(part) == 24 and model.stream(prompt, seed=2, literal=True, **FAST).script == [(0, prompt)]
-  both = model.multi_prompt([(prompt, 4.8), ("a person runs", 1.2)], seed=2, cleanup=False, **FAST)
-  assert [one.text for one in both.captions] == ["a person walks", "a person waves", "a person runs"]
-  assert both.num_frames == 120 and both.captions[-1].start == 4.8 and 1 < both.captions[1].start < 4
-  plain = model.multi_prompt([(prompt, 4.8), ("a person runs", 1.2)], seed=2, cleanup=False, literal=True, **FAST)
-  assert [one.text for one in plain.captions] == [prompt, "a person runs"]
-
-
-@pytest.mark.parametrize("prompt, total, said", [
-  ("someone walks forward, then sits down", 100, ["someone walks forward", "someone sits down"]),
-  ("a man walks while waving, then sits down", 100, ["a man walks and waves", "a man sits down"]),
-  ("she sits down, stays there and waves", 100, ["she sits down", "she sits down and waves"]),
-  ("a person walks while waving", 100, ["a person walks while waving"]),
-  ("someone takes two bows", 100, ["someone bows twice"]),
-  ("a person walks, then waves", 20, ["a person walks, then waves"]),  # no time for both
-])
-def test_actions_share_their_time_and_those_at_once_share_a_prompt(model, monkeypatch, prompt, total, said):
-  monkeypatch.setattr(model, "natural_frames", lambda prompt: 60)
-  rows = prompts_in_a_row(model, prompt, total, least=12)
-  assert [text for text, _ in rows] == said and sum(count for _, count in rows) == total
-
-
-@pytest.mark.filterwarnings("ignore:the model does not know")
-def test_time_that_is_left_and_words_that_wait(model, monkeypatch):
-  monkeypatch.setattr(model, "natural_frames", lambda prompt: 36)
-  prompts = [("a person bows", 3.6), ("a person walks", 1.2)]
-  plain, rest = (model.multi_prompt(prompts, seed=5, rest=rest, **FAST) for rest in (False, True))
-  assert plain.num_frames == rest.num_frames == 96
-  assert [c.text for c in rest.captions] == ["a person bows", "a person stands still", "a person walks"]
-  assert plain.captions[-1].start == 3.6 and abs(rest.captions[-1].start - 3.6) < 0.45  # it goes on as it stood best
-  held = model.multi_prompt([("a person kicks", 0.6), ("a person walks", 1.2)], seed=5, hold_until_done=True, **FAST)
-  assert [c.start for c in held.captions] == [0.0, 1.8]
-
-  def told(prompt, after, **choices):
-    stream = model.stream(prompt, seed=0, num_frames=60, cleanup=False, **FAST, **choices)
-    first = next(stream)
-    stream.say("a person sits", after)
-    return np.concatenate([first, *stream])
-
-  waits, later = told("a person bows", 0.6, hold_until_done=True), told("a person bows", 1.2)  # a block was given
-  np.testing.assert_array_equal(waits, later)
-  np.testing.assert_array_equal(told("a person walks", 0.6, hold_until_done=True), told("a person walks", 0.6))
-  assert np.abs(waits - told("a person bows", 0.6)).max() > 1e-4
-
-
 def test_eased_borders(model):
-  made, eased = (model.multi_prompt(PROMPTS, seed=2, ease=ease, cleanup=False, **FAST) for ease in (False, True))
+  made, eased = (model.multi_prompt(PROMPTS, seed=2, ease=ease, **FAST) for ease in (False, True))
   changed = np.abs(eased.joints - made.joints).max((1, 2)) > 1e-6
   borders = [24, 48]
   assert all(changed[border] for border in borders) and eased.meta["eased"] and "eased" not in made.meta

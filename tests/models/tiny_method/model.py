@@ -3,7 +3,7 @@ from functools import partial
 
 import jax
 
-from motion_jax.models.base import TextToMotionModel, keys_of
+from motion_jax.models.base import TextToMotionModel
 from motion_jax.models.results import Motions, captions_in_a_row, make_motions
 from motion_jax.utils import cache
 from motion_jax.utils.config_files import module_fields
@@ -12,7 +12,7 @@ from tests.models.tiny_method.setup import Regressor, shapes
 
 
 class TinyModel(TextToMotionModel):
-  """Prompts in, motion out; it can do nothing else."""
+  """Prompts in, motion out, and nothing else."""
   options = TinySampling
 
   def __init__(self, run, encoder):
@@ -20,12 +20,8 @@ class TinyModel(TextToMotionModel):
     super().__init__(run, encoder, net.text_dim, 1, {}, shapes(net))
     self.compiled = cache.Program("tiny.generate", partial(_generate, net), 1, (net,))
 
-  def generate(self, prompts, num_frames=None, *, seconds=None, rng=None, seeds=None, cleanup=True,
-               **sampling) -> Motions:
-    """Motions for one prompt or several; sampling: choices of `TinySampling`."""
-    prompts = self.prompts_of(prompts)
-    frames = self.frames_of(prompts, num_frames, seconds)
-    keys, seeds = keys_of(rng, seeds, len(prompts))
+  def sample(self, prompts, frames, keys, seeds, cleanup, sampling, signal=None) -> Motions:
+    """One pass: motions of prompts, a key each; sampling: choices of `TinySampling`."""
     chosen = self.sampling(**sampling)
     made = self.compiled(max(frames), self.params, self.encoder(prompts)[0], chosen.guidance_scale, chosen.spread, keys)
     captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]

@@ -5,9 +5,9 @@ import pytest
 
 from motion_jax import runs
 from motion_jax.models.base import TextToMotionModel
+from motion_jax.models.captions import TrainingCaptions
 from motion_jax.text.captions import SUBJECTS
 from motion_jax.text.encoder import load_text_encoder
-from motion_jax.text.vocabulary import Vocabulary
 from motion_studio.checks.prompt_notes import with_suggestion
 
 # Sentence -> the words of it that the models that ship do not know; "word=other" where it is misspelled.
@@ -87,10 +87,8 @@ class Model(TextToMotionModel):
   def __init__(self, folder, encoder):
     with open(folder / "captions.json", encoding="utf-8") as file:
       captions = [caption for caption, _ in json.load(file)]
-    self.folder, self.encoder, self._learned = folder, encoder, (Vocabulary(captions, SUBJECTS), None)
-
-  def nearest_captions(self, prompt, num=1):
-    return [("a person walks.", 60)]
+    self.folder, self.encoder = folder, encoder
+    self.captions = TrainingCaptions(captions, [60] * len(captions), encoder, subjects=SUBJECTS)
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +100,7 @@ def model():
 @pytest.mark.parametrize("sentence, expected", SENTENCES.items())
 def test_what_a_person_is_warned_of(model, sentence, expected):
   expected = dict((said.split("=") + [""])[:2] for said in expected.split())
-  found = model.unknown_words(sentence)
+  found = model.captions.unknown_words(sentence)
   assert found == list(expected)
   assert [with_suggestion(model, word) for word in found] == [
       f"{word!r} (did you mean {other!r}?)" if other else repr(word) for word, other in expected.items()]

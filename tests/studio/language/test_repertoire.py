@@ -5,9 +5,10 @@ import pytest
 
 from motion_jax import runs
 from motion_jax.models.base import TextToMotionModel
+from motion_jax.models.captions import TrainingCaptions
 from motion_jax.text.captions import SUBJECTS
 from motion_jax.text.encoder import load_text_encoder
-from motion_jax.text.vocabulary import Vocabulary
+from motion_studio import Pipeline
 from motion_studio.language.repertoire import Repertoire, phrase_of
 
 
@@ -18,13 +19,18 @@ class Model(TextToMotionModel):
     run = runs.load_run(name)
     with open(run.folder / "captions.json", encoding="utf-8") as file:
       rows = json.load(file)
-    self.folder, self.encoder = run.folder, load_text_encoder(run.text)
-    self._learned = Vocabulary([text for text, _ in rows], SUBJECTS), [frames for _, frames in rows]
+    self.folder, self.config, self.encoder = run.folder, run.config, load_text_encoder(run.text)
+    self.captions = TrainingCaptions(*zip(*rows), self.encoder, subjects=SUBJECTS)
 
 
 @pytest.fixture(scope="module")
-def model():
-  return Model("cdamd-small")
+def pipeline():
+  return Pipeline(Model("cdamd-small"))
+
+
+@pytest.fixture(scope="module")
+def repertoire(pipeline):
+  return pipeline.planner.repertoire
 
 
 @pytest.mark.parametrize("sentence, phrase", [
@@ -47,35 +53,35 @@ def test_a_phrase_is_what_is_done_without_who_how_fast_and_how_often(sentence, p
     # One or two clips.
     ("a person does jumping jacks", True, True), ("a person climbs stairs", True, True),
     ("a person walks down the stairs", True, True)])
-def test_phrases_are_known_by_meaning_and_verb(model, prompt, known, few):
-  found = model.repertoire.judge(prompt)
+def test_phrases_are_known_by_meaning_and_verb(repertoire, prompt, known, few):
+  found = repertoire.judge(prompt)
   assert found.known == known and (few or not known or not found.few) and (found.few or not few)
   assert found.nearest[0][0] >= found.nearest[1][0]
 
 
-def test_suggestions_are_near_and_of_different_verbs(model):
-  found = model.repertoire.suggestions("a person stretches the arms")
-  assert len(found) == 3 and all(phrase in model.repertoire.phrases for phrase in found)
+def test_suggestions_are_near_and_of_different_verbs(repertoire):
+  found = repertoire.suggestions("a person stretches the arms")
+  assert len(found) == 3 and all(phrase in repertoire.phrases for phrase in found)
   assert any("arm" in phrase for phrase in found) and len({phrase.split()[0] for phrase in found}) == 3
 
 
-def test_what_is_not_known_is_said_once_with_what_is_made_and_three_that_can_be(model):
-  note, = model.notes_of(["a person sneaks forward, then sits down"])
+def test_what_is_not_known_is_said_once_with_what_is_made_and_three_that_can_be(pipeline):
+  note, = pipeline.notes(["a person sneaks forward, then sits down"])
   assert note.startswith("cdamd-small has not learned 'a person sneaks forward'; what it knows nearest is 'walks")
   assert note.count("'") == 2 + 2 + 6 and "it can do, for example, '" in note
-  assert "learned little like 'a person climbs stairs'" in model.notes_of(["a person climbs stairs"])[0]
-  assert model.notes_of(["a person walks forward, then waves the right hand and sits down"]) == []
-  word, = model.notes_of(["a person does a backflip"])
+  assert "learned little like 'a person climbs stairs'" in pipeline.notes(["a person climbs stairs"])[0]
+  assert pipeline.notes(["a person walks forward, then waves the right hand and sits down"]) == []
+  word, = pipeline.notes(["a person does a backflip"])
   assert "does not know 'backflip'" in word and "it can do, for example" in word
-  assert len(model.notes_of([f"a person zz{letter}s" for letter in "abcdefgh"])) == 6
+  assert len(pipeline.notes([f"a person zz{letter}s" for letter in "abcdefgh"])) == 6
 
 
 @pytest.mark.parametrize("prompt, several", [
     ("two people shake hands", True), ("a man and a woman dance", True), ("people walk", True),
     ("a person hugs another person", True), ("they walk forward", False), ("a person waves both hands", False),
     ("a person takes two steps", False)])
-def test_of_several_people_one_sentence_says_that_one_body_is_made(model, prompt, several):
-  found = [note for note in model.notes_of([prompt]) if "only one body is made" in note]
+def test_of_several_people_one_sentence_says_that_one_body_is_made(pipeline, prompt, several):
+  found = [note for note in pipeline.notes([prompt]) if "only one body is made" in note]
   assert len(found) == several and all(prompt in note for note in found)
 
 

@@ -1,11 +1,10 @@
-"""Sentences that say which leg are told apart from those with the other leg: side guidance."""
+"""Contrast guidance: a prompt's embedding is moved away from that of its negative prompt, such as the other leg."""
 import numpy as np
 import pytest
 
 from motion_jax.data.mirror import mirror_legs
 from motion_jax.loading import load
-from motion_jax.models.cmdm import networks
-from motion_jax.models.cmdm.networks import away_from_the_other_side
+from motion_jax.text.contrast import Contrast, contrasted
 from motion_jax.text.encoder import load_text_encoder
 from tests.models.cmdm.test_multi_prompt import FAST, shaken
 
@@ -17,26 +16,27 @@ def model(tiny_run):
   return shaken(load(tiny_run))
 
 
-def test_words_go_away_from_the_other_side(model):
-  """words + scale (words - mirrored words), in the row of the sentence that names a side and in no other."""
+def test_embeddings_move_away_from_those_of_the_other_leg(model):
+  """text_emb + scale (text_emb - mirrored), in the row of the sentence that names a leg and in no other."""
   prompts = ["a person walks", KICK, "a person left the room", "he kicks with the right foot, left of the ball"]
   plain, mask = model.encode_words(prompts)
-  led, same = model.encode_words(prompts, 1.5)
+  led, same = model.encode_words(prompts, Contrast(mirror_legs, 1.5))
   assert (mask == same).all() and (led[[0, 2]] == plain[[0, 2]]).all()
   for row, mirrored in ((1, KICK.replace("left", "right")), (3, "he kicks with the left foot, left of the ball")):
     other = model.encode_words([mirrored])[0][0]
     np.testing.assert_allclose(led[row], plain[row] + 1.5 * (plain[row] - other), rtol=1e-5, atol=1e-5)
     assert np.abs(led[row] - plain[row]).max() > 0.1 and (led[row, ~mask[row]] == 0).all()
   # The two sides stay each other's mirror image, and a sentence does not know its batch-mates.
-  both = lambda scale: sum(model.encode_words([prompt], scale)[0] for prompt in (KICK, KICK.replace("left", "right")))
+  both = lambda scale: sum(model.encode_words([prompt], Contrast(mirror_legs, scale))[0]
+                           for prompt in (KICK, KICK.replace("left", "right")))
   np.testing.assert_allclose(both(1.0), both(0.0), rtol=1e-5, atol=1e-5)
-  assert (model.encode_words([KICK], 1.5)[0][0] == led[1]).all()
+  assert (model.encode_words([KICK], Contrast(mirror_legs, 1.5))[0][0] == led[1]).all()
 
 
-def test_words_of_another_number_of_pieces_stay(model, monkeypatch):
-  """There is nothing to lead each of them away from."""
-  monkeypatch.setattr(networks, "mirror_legs", lambda text: text.replace("left", "right flibbertigibbet"))
-  assert (model.encode_words([KICK], 1.0)[0] == model.encode_words([KICK])[0]).all()
+def test_embeddings_of_another_number_of_tokens_stay(model):
+  """Their tokens have no counterpart."""
+  longer = Contrast(lambda text: text.replace("left", "right flibbertigibbet"), 1.0)
+  assert (model.encode_words([KICK], longer)[0] == model.encode_words([KICK])[0]).all()
 
 
 @pytest.mark.parametrize("text, other", [
@@ -49,10 +49,10 @@ def test_which_words_name_a_leg(text, other):
   assert (mirror_legs(text), mirror_legs(other)) == (other, text)
 
 
-def test_one_vector_a_sentence_is_led_too():
+def test_sentence_vectors_are_contrasted_too():
   encoder = load_text_encoder("words", level="sentence")
   emb, mask = encoder([KICK, "a person walks"])
-  led = away_from_the_other_side(encoder, [KICK, "a person walks"], emb, mask, 1.0)
+  led = contrasted(encoder, [KICK, "a person walks"], emb, mask, Contrast(mirror_legs, 1.0))
   other = encoder([KICK.replace("left", "right")])[0]
   np.testing.assert_allclose(led[0], 2 * emb[0] - other[0], rtol=1e-5, atol=1e-6)
   assert (led[1] == emb[1]).all()
@@ -61,11 +61,12 @@ def test_one_vector_a_sentence_is_led_too():
 def test_motions_that_name_no_side_stay_and_streams_say_the_same(model):
   """Bit for bit without a side; with one, offline and stream lead the same blocks, whenever the words are said."""
   prompts = [("a person walks", 1.2), (KICK, 1.3), ("a person sits", 0.7)]
-  make = lambda scale: model.multi_prompt(prompts, seed=2, cleanup=False, side_guidance=scale, **FAST)
+  make = lambda scale: model.multi_prompt(prompts, seed=2, negative_prompts=mirror_legs, contrast_scale=scale, **FAST)
   plain, led = make(0.0), make(2.0)
-  assert (plain.meta["side_guidance"], led.meta["side_guidance"]) == (0.0, 2.0)
+  assert (plain.meta["contrast_scale"], led.meta["contrast_scale"]) == (0.0, 2.0)
   assert (led.joints[:24] == plain.joints[:24]).all() and np.abs(led.joints[24:50] - plain.joints[24:50]).max() > 1e-3
-  stream = model.stream("a person walks", seed=2, num_frames=64, cleanup=False, side_guidance=2.0, **FAST)
+  stream = model.stream("a person walks", seed=2, num_frames=64, negative_prompts={KICK: mirror_legs(KICK)},
+                        contrast_scale=2.0, **FAST)
   stream.say(KICK, after=1.2)
   stream.say("a person sits", after=2.4)
   assert np.abs(np.concatenate(list(stream)) - led.joints).max() < 1e-4
@@ -74,13 +75,18 @@ def test_motions_that_name_no_side_stay_and_streams_say_the_same(model):
 @pytest.mark.slow
 def test_the_released_way_is_led_too(model):
   prompts = [("a person walks", 1.2), (KICK, 1.3)]
-  plain, led = (model.multi_prompt(prompts, seed=2, cleanup=False, way="chain", side_guidance=scale, **FAST).joints
+  plain, led = (model.multi_prompt(prompts, seed=2, way="chain", negative_prompts=mirror_legs,
+                                   contrast_scale=scale, **FAST).joints
                 for scale in (0.0, 2.0))
   assert np.abs(led[:20] - plain[:20]).max() < 1e-4 and np.abs(led - plain).max() > 1e-3
 
 
-def test_the_model_that_ships_is_led_and_others_are_not(model):
-  assert load("cmdm-small").sampling().side_guidance == 1.0
-  assert model.sampling().side_guidance == 0.0
-  with pytest.raises(ValueError, match="side_guidance -1.*from 0 to 10"):
-    model.sampling(side_guidance=-1)
+def test_without_negative_prompts_nothing_is_contrasted(model):
+  """Whatever the scale, and with them only where a scale is chosen: cmdm-small's config does, others do not."""
+  assert load("cmdm-small").sampling().contrast_scale == 1.0 and model.sampling().contrast_scale == 0.0
+  plain = model.generate(KICK, 24, seed=1, **FAST)
+  same = model.generate(KICK, 24, seed=1, contrast_scale=2.0, **FAST), model.generate(
+      KICK, 24, seed=1, negative_prompts=mirror_legs, **FAST)
+  assert all((one.joints == plain.joints).all() and one[0].meta["contrast_scale"] == 0.0 for one in same)
+  with pytest.raises(ValueError, match="contrast_scale -1.*from 0 to 10"):
+    model.sampling(contrast_scale=-1)

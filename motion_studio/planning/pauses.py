@@ -1,4 +1,4 @@
-"""A moving body comes to rest: time slows down where it stands best, stands still, and goes on."""
+"""Pauses in a motion: time slows down where the body stands best, stops, and continues."""
 from collections.abc import Sequence
 
 import numpy as np
@@ -8,23 +8,23 @@ from motion_jax.motion.layering import turned_towards
 from motion_jax.motion.retarget import bend_leg
 from motion_jax.motion.skeleton import Skeleton
 
-_EASE = 8         # frames in which a body stops, and in which it goes on
-_BEFORE, _BEHIND = 16, 8  # frames around the one asked for among which it stops
-_LIFTED = 0.05    # metres that an ankle is higher than it ever is, from which on its foot is put down to rest
-_DOWN = 12        # frames in which a foot is put down, and in which it comes up again
-_NEARLY = 0.04    # metres from the highest or lowest place within which the slowest frame is the one that is held
-_UP = 5.0         # how much a foot in the air weighs, per metre, against its speed in metres a second
+_EASE = 8         # frames in which the body stops, and in which it continues
+_BEFORE, _BEHIND = 16, 8  # frames before and after the requested one in which the pause may begin
+_LIFTED = 0.05    # metres of an ankle over its lowest place from which on the foot is put down for the pause
+_DOWN = 12        # frames in which a foot is put down, and in which it is lifted again
+_NEARLY = 0.04    # metres from the highest or lowest pose within which the slowest frame is held
+_UP = 5.0         # weight of a foot's height, per metre, against its speed in metres a second
 
 
-def with_rest(joints: Num[np.ndarray, "t j 3"], at: int, count: int, skeleton: Skeleton, ends: bool = False,
-              exact: bool = False) -> tuple[Float[np.ndarray, "n j 3"], int, int]:
-  """Joints (T + count, J, 3) that stand still for about `count` frames near frame `at`; the first of these and the one
-  behind the last.
+def insert_pause(joints: Num[np.ndarray, "t j 3"], at: int, count: int, skeleton: Skeleton, ends: bool = False,
+                 exact: bool = False) -> tuple[Float[np.ndarray, "n j 3"], int, int]:
+  """(joints (T + count, J, 3) that stand still for about `count` frames near frame `at`, the pause's first frame, the
+  frame past its last).
 
-  Where both feet are on the ground and slow, the body slows down within 0.4 s, and nothing moves until it goes on as it
-  did; no foot slides that did not before. A foot that is in the air even then, as in running, is put down below its
-  hip. at 0: it stands from the first frame on, and what it did before it stood best is left away. ends: the body does
-  not go on, and what is behind is left away. exact: at that very frame, as it is held there (`held_frame`). float32.
+  The pause begins where both feet are on the ground and slow; the body stops within 0.4 s and continues as before, so
+  no foot slides that did not slide before. A foot that is in the air even there, as in running, is put down below its
+  hip. at = 0: the body stands from the first frame on, and what came before its best stand is dropped. ends: the
+  motion ends in the pause. exact: at frame `at` itself, in the pose it has there (`held_frame`). float32.
   """
   joints = np.asarray(joints, np.float64)
   stop = min(at, len(joints) - 1) if exact else _best_stand(joints, at, skeleton)
@@ -53,9 +53,11 @@ def with_rest(joints: Num[np.ndarray, "t j 3"], at: int, count: int, skeleton: S
 
 def held_frame(joints: Num[np.ndarray, "t j 3"], first: int, past: int, pose: str, sides: Sequence[str],
                skeleton: Skeleton) -> int:
-  """The frame of joints (T, J, 3) from `first` to `past` at which a pose is held: pose "arms", where the arms of
-  `sides` (of none, either) are highest; "low", where the pelvis is lowest; "leg", where an ankle is highest above the
-  other. Of the frames that are nearly so the slowest."""
+  """The frame of joints (T, J, 3), from `first` to `past`, that shows a pose best; of nearly equal ones the slowest.
+
+  pose: "arms", the arms of `sides` (any arm where empty) at their highest; "low", the pelvis at its lowest; "leg", one
+  ankle highest above the other.
+  """
   part = np.asarray(joints[first:past], np.float64) * skeleton.unit
   ankles = part[:, [chain[3] for chain in skeleton.chains[:2]], 1]
   wrists = part[:, [chain[-1] for chain in skeleton.chains[3:]], 1]
@@ -67,7 +69,7 @@ def held_frame(joints: Num[np.ndarray, "t j 3"], first: int, past: int, pose: st
 
 
 def _feet_down(joints, first, past, lowest, skeleton, ends):
-  """Joints (T, J, 3) whose feet are on the ground from frame `first` to `past`; lowest (J,): the least heights."""
+  """Joints (T, J, 3) with both feet on the ground from frame `first` to `past`; lowest (J,): least heights."""
   k = np.arange(len(joints))
   weight = np.clip((k - first) / _DOWN + 1, 0, 1) * (1 if ends else np.clip((past - k) / _DOWN + 1, 0, 1))
   weight = weight ** 2 * (3 - 2 * weight)
@@ -86,7 +88,7 @@ def _feet_down(joints, first, past, lowest, skeleton, ends):
 
 
 def _eased(count):
-  """Frames passed (count,) while speed falls from one frame a frame to none."""
+  """Frames passed (count,) while playback slows down from full speed to zero."""
   k = np.arange(1, count + 1) / max(count, 1)
   return count * (k - k ** 2 / 2)
 

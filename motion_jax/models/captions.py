@@ -1,0 +1,70 @@
+"""Statistics of training captions: those near a prompt, the lengths of their clips, and words that they lack."""
+import functools
+from collections.abc import Sequence
+
+import numpy as np
+
+from motion_jax.text.captions import of_a_person
+from motion_jax.text.encoder import TextEncoder
+from motion_jax.text.vocabulary import Vocabulary
+from motion_jax.utils import cache
+
+_SHORTEST, _LONGEST = 3.0, 9.8  # seconds of a usual length
+_NEAR = 5  # captions whose lengths count
+
+
+class TrainingCaptions:
+  """Statistics of training captions. Empty, and false, where a run folder does not keep them.
+
+  texts: the captions; frames: the usual length of each one's clips. A caption counts with any of `subjects` in the
+  place of its own, where training varied them.
+  """
+
+  def __init__(self, texts: Sequence[str], frames: Sequence[int], encoder: TextEncoder, fps: float = 20.0,
+               subjects: Sequence[str] = ()) -> None:
+    self.texts, self.frames, self._encoder, self._fps = list(texts), frames, encoder, fps
+    self.vocabulary = Vocabulary(self.texts, subjects)
+
+  def __len__(self) -> int:
+    return len(self.texts)
+
+  def knows(self, prompt: str) -> bool:
+    """Whether a caption is this prompt, with any subject."""
+    return bool(self.texts) and self.vocabulary.holds(prompt)
+
+  def nearest(self, prompt: str, num: int = 1) -> list[tuple[str, int]]:
+    """[(caption, its usual frames)] of the captions with the most similar sentence vectors, the nearest first.
+
+    Of many captions only those that share words with the prompt are compared.
+    """
+    if not self.texts:
+      return []
+    rows = self.vocabulary.candidates(prompt)
+    vectors = (self._vectors if len(rows) == len(self.texts) else
+               self._encoder.many_sentences([self.texts[row] for row in rows]))
+    nearness = vectors @ self._encoder.sentence([prompt])[0]
+    nearest = [rows[i] for i in np.argsort(-nearness, kind="stable")[:num]]
+    return [(self.texts[row], self.frames[row]) for row in nearest]
+
+  @functools.cached_property
+  def _vectors(self):
+    key = cache.key_of("sentences", self._encoder.fingerprint, *self.texts)
+    return cache.kept_array("sentences", key, lambda: self._encoder.many_sentences(self.texts))
+
+  def natural_frames(self, prompt: str) -> int | None:
+    """The median length of the clips of the five nearest captions, 3 to 9.8 seconds; None without captions.
+
+    A prompt of any subject counts as one of "a person".
+    """
+    nearest = self.nearest(of_a_person(prompt), _NEAR)
+    if not nearest:
+      return None
+    return int(np.clip(np.median([frames for _, frames in nearest]), _SHORTEST * self._fps, _LONGEST * self._fps))
+
+  def unknown_words(self, prompt: str) -> list[str]:
+    """Words of a prompt that stand in no caption, nor do words of the same meaning, and signs that the text encoder
+    cannot read; without captions the words that the encoder does not know."""
+    if not self.texts:
+      return self._encoder.out_of_vocabulary(prompt)
+    return [word for word in self.vocabulary.missing(prompt)
+            if not self._encoder.synonym(word, self.vocabulary.words)] + self._encoder.unreadable(prompt)

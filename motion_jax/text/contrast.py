@@ -1,0 +1,32 @@
+"""Contrast guidance: text embeddings of prompts, moved away from those of negative prompts."""
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+
+class Contrast(NamedTuple):
+  """negative(prompt) -> the prompt to move away from, the prompt itself for none; scale: by how much."""
+  negative: Callable[[str], str]
+  scale: float
+
+
+def contrasted(encoder: Callable, prompts: Sequence[str], text_emb: Float[np.ndarray, "b s e"],
+               text_mask: Bool[np.ndarray, "b s"], contrast: Contrast) -> Float[np.ndarray, "b s e"]:
+  """text_emb + scale (text_emb - embedding of the negative prompt), for each prompt (B, S, E) that has one.
+
+  What both prompts share stays, what distinguishes them is amplified, as guidance amplifies what the prompt changes of
+  a velocity; it takes no further pass of the network. A prompt whose negative has another number of tokens stays as it
+  is, since its tokens have no counterpart.
+  """
+  text_emb = text_emb.copy()
+  for row, prompt in enumerate(prompts):
+    negative = contrast.negative(prompt)
+    if negative == prompt:
+      continue
+    other = encoder([negative])[0][0]
+    if len(other) == text_mask[row].sum():
+      own = text_emb[row, :len(other)]
+      text_emb[row, :len(other)] = own + np.float32(contrast.scale) * (own - other)
+  return text_emb

@@ -1,0 +1,246 @@
+"""The application's door: from a prompt to a motion that shows what it asks for."""
+import dataclasses
+import os
+import warnings
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import jax
+
+from motion_jax.control.files import constraints_of
+from motion_jax.data.clip import Clip
+from motion_jax.data.mirror import mirror_legs
+from motion_jax.loading import load
+from motion_jax.models.base import Frames, Prompts, cannot, each, keys_of
+from motion_jax.models.pasting import Spans, requested_frames
+from motion_jax.models.results import Motion, Motions, gathered
+from motion_jax.shapes import Array
+from motion_jax.utils.errors import InputError
+from motion_jax.utils.numerals import as_float, checked, demand_numbers
+from motion_studio import editing, steps
+from motion_studio.blending import blended
+from motion_studio.checks import MAX_ATTEMPTS, prompt_notes
+from motion_studio.constraining import is_constrained, target_frames
+from motion_studio.language import Plan
+from motion_studio.planning import durations, sequencing
+from motion_studio.planning.independent import sample_independently
+from motion_studio.planning.job import Job
+from motion_studio.planning.planner import Planner
+from motion_studio.planning.segments import prompts_in_sequence, segments_of
+from motion_studio.streaming import PlannedStream
+
+Step = Callable[[Job], None]
+Segments = Sequence[tuple[str, float | None]]  # prompts and their seconds
+STEPS = (steps.Plan(), steps.Warn(), steps.CleanUp(), steps.Sample(), steps.Check(), steps.Constrain())
+
+
+class Pipeline:
+  """A model with all that turns its samples into motion for use, as a list of steps.
+
+    pipeline = Pipeline("cmdm-small")
+    motion = pipeline("a person walks while waving, then sits down", seed=0)
+    motions = pipeline(["a person waves", "a person kicks"], seconds=4)
+
+  Plan: the prompt becomes segments, simultaneous actions and durations. Warn: of words the model has not learned.
+  CleanUp: feet are pinned. Sample: one pass of the network for each part; parts are joined. Check: best of four
+  attempts. Constrain: paths and poses are met exactly.
+  Leave a step out of the list, or add a function of a `Job`, to change what is done; what was done stands in a motion's
+  meta. `Pipeline(model, steps=[steps.Sample()])` is `model.generate`.
+  """
+
+  def __init__(self, model: Any = "cmdm-small", steps: Iterable[Step] = STEPS) -> None:
+    """model: a shipped name, a run folder, or a model that was loaded."""
+    self.model = load(model) if isinstance(model, str | os.PathLike) else model
+    self.steps = tuple(steps)
+    self.planner = Planner(self.model)
+    self.warns = True  # False where warnings would not be read
+
+  def __repr__(self) -> str:
+    return f"Pipeline({self.model!r}, steps=[{', '.join(map(repr, self.steps))}])"
+
+  # --- prompts -----------------------------------------------------------------------------------------------------
+
+  def plan(self, prompt: str) -> Plan:
+    """The segments, simultaneous actions and repetitions of a prompt, as `pipeline(...)` samples them."""
+    return self.planner.plan(*self.model.prompts_of(prompt))
+
+  def schedule(self, prompt: str | Plan, frames: float | None = None, control: Any = None
+               ) -> tuple[Plan | None, list[int]]:
+    """(the plan with its final pause, frames of each segment) as `pipeline(plan, frames, control=control)` samples it;
+    of a prompt that is no plan (None, its frames)."""
+    plan, (constraints,) = prompt if isinstance(prompt, Plan) else None, constraints_of(control, 1)
+    text = prompt.text if isinstance(prompt, Plan) else prompt
+    if frames is None and is_constrained(constraints):
+      frames = target_frames(self.planner, text, plan, constraints)
+    plan = durations.with_final_pause(self.planner, plan, frames)
+    return plan, durations.segment_frames(self.planner, text, plan, frames)
+
+  def notes(self, prompts: Iterable[str | Plan], plan: bool = True) -> list[str]:
+    """Sentences on words and actions of prompts, or plans, that the model has not learned, with suggestions.
+
+    plan: a prompt is judged action by action, not as a whole.
+    """
+    return prompt_notes.notes_of(self.planner, [
+        self.planner.plan(one) if plan and isinstance(one, str) else one for one in prompts])
+
+  def warn(self, prompts: Iterable[str | Plan], plan: bool = True) -> None:
+    """Warns with `notes` of prompts, where warnings are read."""
+    for note in self.notes(list(prompts), plan) if self.warns else ():
+      warnings.warn(note, stacklevel=3)
+
+  def _sampling(self, sampling):
+    """Choices of sampling, with the application's: sentences that name a leg are contrasted with the other leg."""
+    if "negative_prompts" in self.model.more_choices:
+      return {"negative_prompts": mirror_legs} | sampling
+    return sampling
+
+  def _require(self, ability):
+    if not self.model.can(ability):
+      raise InputError(cannot(self.model.folder.name, ability))
+
+  # --- motions -----------------------------------------------------------------------------------------------------
+
+  def __call__(self, prompts: Prompts | Plan | Sequence[Plan], num_frames: Frames = None, *,
+               seconds: Frames = None, rng: jax.Array | None = None, seeds: Iterable[int] | None = None,
+               seed: int | None = None, control: Any = None, exact: bool = True, plan: bool = True,
+               cleanup: bool = True, max_attempts: int | None = None, **sampling: Any) -> Any:
+    """A Motion of one prompt, or Motions of a list of prompts or plans.
+
+    num_frames or seconds: of all motions or of each; by default as long as the plan takes, or the constraints imply.
+    rng, seed, seeds: see `model.generate`. control: constraints (`motion_jax.control`) for all motions, a list of them
+    for each, a file or a signal; exact: they are met exactly, not only guided towards. plan, cleanup: False leaves
+    these steps out; max_attempts: instead of the number of the Check step. sampling: choices of the model.
+    """
+    single = isinstance(prompts, str | Plan)
+    given = [prompts] if single else list(prompts) if isinstance(prompts, list | tuple) else prompts
+    plans = [one if isinstance(one, Plan) else None for one in given]
+    texts = self.model.prompts_of([one.text if isinstance(one, Plan) else one for one in given])
+    keys, seeds = keys_of(rng, seeds, len(texts), seed)
+    job = Job(self.planner, texts, self._frames(texts, num_frames, seconds), keys, seeds, self._sampling(sampling),
+              constraints_of(control, len(texts)), exact=exact, warns=self.warns, plans=plans)
+    for step in self._steps(plan, cleanup, max_attempts):
+      step(job)
+    made = gathered([motion.replace(id=f"motion_{i}", meta=motion.meta | (dict(note=note) if note else {}))
+                     for i, (motion, note) in enumerate(zip(job.motions, job.notes))])
+    return made[0] if single else made
+
+  def _frames(self, prompts, num_frames, seconds):
+    if num_frames is not None and seconds is not None:
+      raise InputError("got both num_frames and seconds; give one of them")
+    if seconds is not None:
+      return [None if one is None else as_float(*demand_numbers([one], "seconds", "a number such as 6.0, or one per "
+                                                                                  "prompt")) * self.model.fps
+              for one in each(seconds, prompts)]
+    return each(num_frames, prompts)
+
+  def _steps(self, plan=True, cleanup=True, max_attempts=None):
+    """The steps of one call."""
+    for step in self.steps:
+      if isinstance(step, steps.Check) and max_attempts is not None:
+        yield dataclasses.replace(step, max_attempts=checked(max_attempts, 1, 100, "max_attempts"))
+      elif (plan or not isinstance(step, steps.Plan)) and (cleanup or not isinstance(step, steps.CleanUp)):
+        yield step
+
+  def multi_prompt(self, segments: Segments, **options: Any) -> Motion:
+    """One motion of several prompts in sequence, [("a person walks", 4.0), ("he sits down", None), ...] in seconds; see
+    `multi_prompts`."""
+    return self.multi_prompts([segments], **options)[0]
+
+  def multi_prompts(self, lists: Iterable[Segments], *, rng: jax.Array | None = None,
+                    seeds: Iterable[int] | None = None, seed: int | None = None, way: str = "stream",
+                    cleanup: bool = True, plan: bool = True, rest: bool = False, hold_until_done: bool = False,
+                    ease: bool = False, **sampling: Any) -> Motions:
+    """A motion of each of several lists of segments; None is the usual length of a prompt.
+
+    plan: a prompt of several actions is as many segments, which share its seconds. way: "stream" and "chain" are the
+    model's (`CmdmModel.multi_prompts`), "joined" samples each segment independently and joins them where poses meet, up
+    to 14 frames from where they should. rest: an action that ends by itself, such as a bow, is followed by standing
+    still until its seconds are over. hold_until_done: such an action gets at least its usual time. ease: sudden changes
+    of speed where prompts change are spread over 0.4 s.
+    """
+    self._require("multi_prompt")
+    lists = [list(one) for one in lists]
+    for one in lists:
+      self.model.segments_of(one)  # raises
+    if not lists:
+      raise InputError("got no prompts, expected a list of (prompt, seconds or None) for each motion")
+    if way not in (known := ("stream", "chain", "joined")):
+      raise InputError(f"got way {way!r}, expected one of {', '.join(known)}")
+    self.warn([prompt for one in lists for prompt, _ in one], plan)
+    rows = [segments_of(self.planner, one, plan) for one in lists]
+    keys, seeds = keys_of(rng, seeds, len(rows), seed)
+    sampling = self._sampling(sampling)
+    if hold_until_done:
+      rows = [[(prompt, max(count, durations.frames_until_done(self.planner, prompt))) for prompt, count in row]
+              for row in rows]
+
+    def sample_segments(*given):  # what is sudden at borders is spread by the joining already
+      return (sample_independently(self.model, *given) if way == "joined" else
+              self.model.sample_segments(*given, way=way, ease=ease))
+
+    if not rest:
+      return gathered(list(sample_segments(rows, keys, seeds, cleanup, sampling)))
+    plans, lengths = zip(*(durations.with_pauses(self.planner, row) for row in rows))
+    job = Job(self.planner, [one.text for one in plans], [None] * len(rows), keys, seeds, sampling,
+              [[] for _ in rows], cleanup=cleanup, plans=list(plans))
+    return gathered(sequencing.compose(job, lengths, sample_segments))
+
+  def stream(self, prompt: str, *, plan: bool = True, hold_until_done: bool = False, cleanup: bool = True,
+             num_frames: int | None = None, **options: Any) -> PlannedStream:
+    """A live stream of a prompt, action by action, the last without end; see `PlannedStream`. options: of
+    `model.stream`."""
+    self._require("stream")
+    prompt, = self.model.prompts_of(prompt)
+    self.warn([prompt], plan)
+    segments: Any = prompt
+    if plan:
+      segments = [(one, None if count is None else count / self.model.fps) for one, count in prompts_in_sequence(
+          self.planner, self.planner.plan(prompt), num_frames)]
+    live = self.model.stream(segments, cleanup=cleanup, num_frames=num_frames, **self._sampling(options))
+    return PlannedStream(live, self, plan, hold_until_done)
+
+  def extend(self, clip: Clip | Array, prompt: str | Segments, num_frames: int | None = None, *,
+             seconds: float | None = None, plan: bool = True, cleanup: bool = True, **options: Any) -> Motion:
+    """Continues an existing motion as the plan of a prompt, or of segments, says. options: of `model.extend`."""
+    self._require("extend")
+    if isinstance(prompt, str):
+      if num_frames is not None or seconds is not None:
+        seconds = self.model.frames_of([prompt], num_frames, seconds)[0] / self.model.fps
+      prompt = [(prompt, seconds)]
+    self.model.segments_of(prompt)  # raises
+    self.warn([one for one, _ in prompt], plan)
+    rows = [(one, count / self.model.fps) for one, count in segments_of(self.planner, prompt, plan)]
+    return self.model.extend(clip, rows, cleanup=cleanup, **self._sampling(options))
+
+  def edit(self, clip: Clip | Array, prompt: str, task: str | None = None, **options: Any) -> Motion:
+    """An existing motion with new frames or spans made as a prompt says, all others unchanged; see `edits`."""
+    return self.edits([clip], [prompt], task, **options)[0]
+
+  def edits(self, clips: Sequence[Clip | Array], prompts: Sequence[str], task: str | None = None, *,
+            keep: Spans | None = None, change: Spans | None = None, rng: jax.Array | None = None,
+            seeds: Iterable[int] | None = None, seed: int | None = None, cleanup: bool = True, plan: bool = True,
+            max_attempts: int = MAX_ATTEMPTS, mask: str | None = None, **sampling: Any) -> Motions:
+    """Clips with new frames, each as its prompt says, the best of up to max_attempts.
+
+    clips and what is new (task, keep or change): see the model's `edits`. All other frames come back as and where they
+    were, resampled if the clip's rate is another; new ones continue them on the clip's own body, with feet pinned
+    unless cleanup is False. Of a motion longer than the model knows the seconds around the new frames are sampled.
+    """
+    self._require("edit")
+    if len(prompts) != len(clips) or not clips:
+      raise InputError(f"got {len(prompts)} prompts for {len(clips)} clips; give one for each")
+    if sum(choice is not None for choice in (task, keep, change)) != 1:
+      raise InputError("say what to make by one of task, keep and change")
+    texts = self.model.prompts_of(prompts)
+    plans = [self.planner.plan(one) if plan else None for one in texts]
+    self.warn(texts, plan=False)
+    keys, seeds = keys_of(rng, seeds, len(clips), seed)
+    sampling = self._sampling(sampling) | dict(mask=mask or self.model.config.sampler.edit_mask)
+    job = Job(self.planner, texts, [None] * len(texts), keys, seeds, sampling, [[] for _ in texts], cleanup=cleanup,
+              warns=self.warns, plans=plans)
+    return editing.edited(job, clips, lambda count: requested_frames(count, task, keep, change),
+                          checked(max_attempts, 1, 100, "max_attempts"), task or "spans")
+
+  def blend(self, first: Clip, second: Clip, seconds: float = 1.0) -> Clip:
+    """The first motion followed by the second, which is moved on the ground to continue it, blended over `seconds`."""
+    return blended(first, second, seconds)[0]

@@ -1,0 +1,54 @@
+"""A batch of motions on its way through the steps of a pipeline."""
+import dataclasses
+from collections.abc import Sequence
+from typing import Any, Self
+
+import jax
+import numpy as np
+
+from motion_jax.control.constraints import Constraint
+from motion_jax.control.signal import ControlSignal
+from motion_jax.models.results import Motion
+from motion_studio.language import Plan
+from motion_studio.planning.planner import Planner
+
+
+@dataclasses.dataclass
+class Job:
+  """What was requested of B motions, and what the steps have decided and made so far.
+
+  Requested: prompts, frames (None: as long as the plan takes), a key each, seeds for the record, choices of sampling,
+  constraints. Each step fills in the rest.
+  """
+  planner: Planner
+  prompts: list[str]
+  frames: list[float | None]
+  keys: jax.Array
+  seeds: Sequence[int | None]
+  sampling: dict[str, Any]
+  constraints: list[list[Constraint] | ControlSignal]
+  exact: bool = True                 # constraints are met exactly, where a body can
+  cleanup: bool = False              # every sampled motion is cleaned up before it is joined to others
+  warns: bool = True                 # whether warnings are read
+  plans: list[Plan | None] = dataclasses.field(default_factory=list)  # None: the prompt as given
+  targets: list[Any] = dataclasses.field(default_factory=list)  # `constraining.Target` of those with constraints
+  notes: list[str] = dataclasses.field(default_factory=list)  # on constraints that do not fit a prompt
+  motions: list[Motion] = dataclasses.field(default_factory=list)
+
+  def __post_init__(self) -> None:
+    count = len(self.prompts)
+    self.plans, self.targets = self.plans or [None] * count, self.targets or [None] * count
+    self.notes = self.notes or [""] * count
+
+  @property
+  def model(self) -> Any:
+    return self.planner.model
+
+  def select(self, rows: Sequence[int], **changed: Any) -> Self:
+    """The job of these motions alone, with other values of some fields."""
+    some = lambda values: [values[i] for i in rows]
+    own = dict(prompts=some(self.prompts), frames=some(self.frames), keys=self.keys[np.array(rows)],
+               seeds=some(self.seeds), constraints=some(self.constraints), plans=some(self.plans),
+               targets=some(self.targets), notes=some(self.notes),
+               motions=some(self.motions) if self.motions else [])
+    return dataclasses.replace(self, **(own | changed))

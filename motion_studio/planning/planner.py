@@ -1,0 +1,58 @@
+"""Plans of prompts for one model: in the words of its training captions, with their usual lengths."""
+import functools
+from typing import Any
+
+from motion_studio.language import Action, Plan, Segment, parse
+from motion_studio.language.repertoire import Repertoire
+from motion_studio.planning.phrasing import in_words_of_captions, wants_words_of_captions
+
+
+class Planner:
+  """Plans prompts for one model. Made once per model: it keeps what it has read of the training captions."""
+
+  def __init__(self, model: Any) -> None:
+    self.model = model
+
+  @property
+  def fps(self) -> float:
+    return self.model.fps
+
+  @property
+  def frames_per_latent(self) -> int:
+    return self.model.frames_per_latent
+
+  @property
+  def can_sequence(self) -> bool:
+    """Whether the model's method makes one motion of several segments; without that a prompt is never split."""
+    return self.model.can("sample_segments")
+
+  def plan(self, prompt: str) -> Plan:
+    """The segments of a prompt; a single one where the model's method knows no segments.
+
+    A training caption stays one action, with any subject. `phrasing` says whose actions get other words.
+    """
+    found = parse(prompt, self.model.captions.knows)
+    if not self.can_sequence:
+      return found.with_segments((Segment(Action(prompt, prompt)),))
+    return in_words_of_captions(found) if wants_words_of_captions(self.model.config) else found
+
+  def natural_frames(self, prompt: str, min_seconds: float = 0.0) -> int:
+    """Usual length of a prompt of one action: the method's own estimate, or else that of similar training clips.
+
+    min_seconds: of its path, such as `Plan.min_duration`.
+    """
+    model, least = self.model, min_seconds * self.fps
+    estimate = model.estimated_frames(prompt)
+    if estimate is not None:
+      return int(min(max(estimate, least), round(model.max_seconds * self.fps)))
+    usual = model.captions.natural_frames(prompt)
+    return model.default_frames(prompt) if usual is None else int(max(usual, least))
+
+  def nearest_captions(self, prompt: str, num: int = 1) -> list[tuple[str, int]]:
+    """[(training caption, its usual frames)], the nearest in meaning first."""
+    return self.model.captions.nearest(prompt, num)
+
+  @functools.cached_property
+  def repertoire(self) -> Repertoire | None:
+    """The actions that the model's training captions name; None where its folder keeps no captions."""
+    return Repertoire(self.model.captions.texts, self.model.encoder) if self.model.captions else None

@@ -1,0 +1,53 @@
+"""Notes on words and actions that a model has not learned: which they are, what is made instead, what it can do."""
+import json
+import re
+import shutil
+import warnings
+
+import pytest
+
+from motion_jax.loading import load
+from motion_jax.runs import PRETRAINED
+from motion_studio import Pipeline
+
+
+def warned(act, *args, **options):
+  with warnings.catch_warnings(record=True) as caught:
+    warnings.simplefilter("always")
+    act(*args, **options)
+  return [str(warning.message) for warning in caught]
+
+
+@pytest.mark.parametrize("plan", [True, False])
+def test_a_strange_word_is_named_once(tiny_run, plan):
+  pipeline = Pipeline(tiny_run)
+  made = lambda: pipeline("a flibbertigibbet walks", 24, seed=0, plan=plan, num_steps=2, lag=1)
+  note, = warned(made)
+  assert "'flibbertigibbet'" in note and "the nearest of them is '" in note
+  pipeline.warns = False
+  assert warned(made) == []
+
+
+def test_the_shipped_model_says_what_it_never_learned():
+  """Words that its text encoder knows well, but that stand in no training caption; and what it makes instead."""
+  with open(PRETRAINED / "cmdm-small" / "captions.json") as file:
+    said = {row[0] for row in json.load(file)}
+  pipeline = Pipeline("cmdm-small")
+  for prompt, word in (("a robot walks", "robot"), ("a person does a backflip", "backflip"),
+                       ("a person climbs a table", "table")):
+    assert pipeline.model.encoder.out_of_vocabulary(prompt) == []
+    note, = pipeline.notes([prompt])
+    instead = re.search("nearest of them is '(.*)'; it can do, for example, '", note)
+    assert f"know {word!r} in" in note and instead[1] in said
+  assert pipeline.notes([
+      "a person walks", "someone is walking", "a WOMAN walked, then ran 3 times and sat down quickly!"]) == []
+  assert len(pipeline.notes([f"zz{letter} walks" for letter in "abcdefgh"])) == 6
+
+
+def test_without_captions_the_text_encoder_decides(tiny_run, tmp_path):
+  shutil.copytree(tiny_run, tmp_path / "run")
+  (tmp_path / "run" / "captions.json").unlink()
+  older = load(tmp_path / "run")
+  older.encoder.out_of_vocabulary = lambda prompt: ["flibbertigibbet"]
+  note, = Pipeline(older).notes(["a flibbertigibbet walks"])
+  assert note.endswith("it may be ignored or misunderstood")
