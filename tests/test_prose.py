@@ -14,7 +14,7 @@ BANNED = re.compile(r"\b(told|asked|anew|led|whoever|nobody|so many|goes on|of i
 CLEAN = ("motion_jax/nets", "motion_jax/quant", "motion_jax/diffusion", "motion_jax/metrics", "motion_jax/convert",
          "motion_jax/control", "motion_jax/latents.py", "motion_jax/shapes.py", "motion_jax/utils/lazy.py",
          "tools/reference.py", "examples")
-UNFINISHED = ("docs/command-line.md", "docs/evaluation.md", "docs/protocol.md", "docs/sentences.md", "docs/studio.md",
+UNFINISHED = ("docs/command-line.md", "docs/evaluation.md", "docs/sentences.md", "docs/studio.md",
               "docs/benchmark", "docs/reference")
 PAGES = [path for path in sorted({*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"),
                                   *(ROOT / "motion_jax" / "pretrained").glob("*/README.md")})

@@ -39,10 +39,10 @@ def test_defaults_of_the_help_are_the_models_own(capsys):
   text = " ".join(capsys.readouterr().out.split())
   for name in MAKERS:
     sampler = runs.load_run(name).config.sampler
-    for flag, field in (("guidance", "guidance_scale"), ("steps", "num_steps")):
-      part = text.split(f"--{flag} {flag.upper()} ")[-1].partition(" --")[0].replace("cdamd- small", "cdamd-small")
-      part = part.replace("cmdm- ", "cmdm-").replace("small- ", "small-")
-      group = next(one for one in part.partition("the model's own: ")[2].split(";") if f"{name}," in one or
+    for field in ("guidance_scale", "num_steps"):
+      part = text.split(f"--{field.replace('_', '-')} {field.upper()} ")[-1].partition(" --")[0]
+      part = part.replace("cdamd- small", "cdamd-small").replace("cmdm- ", "cmdm-").replace("small- ", "small-")
+      group = next(one for one in part.partition("shipped models: ")[2].split(";") if f"{name}," in one or
                    one.rstrip(") ").endswith(name))
       assert group.strip().startswith(f"{sampler[field]:g} for")
 
