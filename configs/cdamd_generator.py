@@ -98,7 +98,7 @@ def get_config(name="full"):
     config.optimizer.update(learning_rate=7e-4, schedule="wsd", warmup_steps=300, cooldown_steps=900,
                             ema_decay=0.999, clip_norm=1.0)
     config.train.update(num_steps=3_000, log_every=25, save_every=300, sample_every=1_500)
-    # Measured on it (benchmarks/cdamd_choices.py): see the card of pretrained/cdamd-small.
+    # Chosen by measurement: docs/lab/cdamd-small.md.
     config.sampler.update(order="left_to_right", guidance_scale=3.0)
     if data == "steps":  # one latent after the other: each step goes on from those before it
       config.sampler.update(num_iterations=50, guidance_scale=2.0)

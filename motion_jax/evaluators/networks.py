@@ -11,7 +11,6 @@ from typing import Any
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from motion_jax.nets.convs import uniform_fan_in
 from motion_jax.nets.masks import padding_mask
@@ -220,34 +219,6 @@ class ClipEvaluator(nn.Module):
 def unit_vectors(x):
   """x / |x| over the last axis."""
   return x / jnp.linalg.norm(x, axis=-1, keepdims=True)
-
-
-def pair_logits(text, motion, scale):
-  """scale * cosines (B, B) between unit vectors: motions are rows, texts columns."""
-  return scale * motion @ text.T
-
-
-def falling_length(num_frames):
-  """The order (B,) in which the references' evaluator returns a batch: longest first, ties as numpy leaves them."""
-  return np.argsort(np.asarray(num_frames, np.int64))[::-1]
-
-
-def co_embeddings(apply, params, words, classes, lengths, motion, num_frames, sort=True):
-  """Matched embeddings (text (B, dim), motion (B, dim)) of a batch from a T2MEvaluator.
-
-  apply: the evaluator's `apply`, best jitted. sort: rows come by falling motion length, both alike, as the references
-  return them (Parity; what does not depend on order is the same either way, and nothing of one row on another).
-  Raises ValueError for a motion under 4 frames.
-  """
-  num_frames = np.asarray(num_frames)
-  if num_frames.min() < _FRAMES_PER_TOKEN:
-    raise ValueError(f"got a motion of {num_frames.min()} frames, the evaluator needs {_FRAMES_PER_TOKEN}; leave it "
-                     "out")
-  text, moved = apply(params, words, classes, lengths, motion, num_frames)
-  if not sort:
-    return text, moved
-  order = falling_length(num_frames)
-  return text[order], moved[order]
 
 
 def _first_columns(motion, features, columns):

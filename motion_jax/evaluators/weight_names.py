@@ -16,12 +16,6 @@ def t2m_evaluator_names(movement="movement_encoder/", motion="motion_encoder/", 
   return table | _sequence_names(motion, "motion_encoder") | _sequence_names(text, "text_encoder/sequence")
 
 
-def movement_decoder_names(prefix="movement_decoder/"):
-  """The other half of the T2M evaluator's movement autoencoder."""
-  return {f"{prefix}main.0": ("conv0", "conv_transpose"), f"{prefix}main.2": ("conv1", "conv_transpose"),
-          f"{prefix}out_net": ("out", "dense")}
-
-
 CLIP_EVALUATOR_IGNORED = ("motion_encoder.sequence_pos_encoder.pe",)  # a sine table
 
 

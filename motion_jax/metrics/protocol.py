@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Num
+from jaxtyping import Num
 
 from motion_jax.metrics import scores
 from motion_jax.motion.representations import Representation, layout_for, to_joints
@@ -65,18 +65,6 @@ class DiversityPairs(NamedTuple):
   """Rows for diversity, two draws for real motions and two for made ones."""
   real: tuple[np.ndarray, np.ndarray]
   made: tuple[np.ndarray, np.ndarray]
-
-
-def to_evaluator(features: Num[Array, "*lead f"], stats: Normalization, eval_stats: Normalization
-                 ) -> Num[Array, "*lead f"]:
-  """Normalized features of a model, (..., F), in the evaluator's normalization: each with its own mean and std.
-
-  stats, eval_stats: anything with `mean` and `std`, as `motion.stats.Stats`. Padded rows go the same way.
-  """
-  if np.shape(stats.mean) != np.shape(eval_stats.mean) or features.shape[-1] != len(stats.mean):
-    raise ValueError(f"got {features.shape[-1]} features per frame, statistics of {np.shape(stats.mean)} and "
-                     f"evaluation statistics of {np.shape(eval_stats.mean)}; they must be of one representation")
-  return (features * stats.std + stats.mean - eval_stats.mean) / eval_stats.std
 
 
 def evaluator_frames(num_frames: Sequence[int] | np.ndarray, protocol: Protocol) -> np.ndarray:
@@ -166,21 +154,3 @@ def reconstruction_errors(real: Num[Array, "b t f"], made: Num[Array, "b _ f"],
 def draw_multimodality_pairs(rng: np.random.Generator, protocol: Protocol) -> tuple[np.ndarray, np.ndarray]:
   """The pairs of generations that multimodality compares, the same for all texts."""
   return scores.draw_pairs(rng, protocol.multimodality_motions, protocol.multimodality_pairs)
-
-
-def cut_item(features: Num[Array, "t f"], double: bool | np.bool_, start: int, stats: Normalization, max_frames: int,
-             start_again: int = 0, unit_length: int = 4) -> tuple[Float[np.ndarray, "{max_frames} f"], int]:
-  """A clip as the benchmarks' loaders hand it on: cut, normalized, zero-padded -> ((max_frames, F), frames kept).
-
-  features (T, F). double: the coin fell on "double" (one time in three), a unit less is kept than the clip holds.
-  start, start_again: first frame of the cut, and of a second one where more than max_frames are left.
-  """
-  count = (len(features) // unit_length - bool(double)) * unit_length
-  if count < unit_length or not 0 <= start <= len(features) - count:
-    raise ValueError(f"got a clip of {len(features)} frames to be cut to {count} from frame {start}; it does not reach")
-  kept = features[start:start + count]
-  if count > max_frames:
-    kept = kept[start_again:start_again + max_frames]
-  out = np.zeros((max_frames, features.shape[1]), np.float32)
-  out[:len(kept)] = (kept - stats.mean) / stats.std
-  return out, len(kept)

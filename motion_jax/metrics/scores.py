@@ -219,12 +219,6 @@ def released_mpjpe(errors: Sequence[np.ndarray], batch_size: int = 32) -> float:
   return float(sum(error.sum() for error in _some(errors)) / (len(errors) * batch_size))
 
 
-def mean_and_interval(values: Sequence | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-  """Mean and half width of the 95 % interval over repeats (R, ...): 1.96 std / sqrt(R), population std."""
-  values = np.asarray(values, np.float64)
-  return values.mean(0), 1.96 * values.std(0) / np.sqrt(len(values))
-
-
 def _some(errors):
   if not len(errors):
     raise ValueError("got no joint errors, expected an array of each clip's frames")

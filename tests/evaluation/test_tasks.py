@@ -19,7 +19,6 @@ from motion_jax.evaluation.tasks import control, long_horizon
 from motion_jax.evaluation.tasks.editing import editor
 from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_jax.metrics import long_horizon as long_horizon_lib
-from motion_jax.metrics import protocol as protocol_lib
 from motion_jax.models.base import Able
 from motion_jax.models.cmdm import multi_prompt
 from motion_jax.models.cmdm.options import CmdmSampling
@@ -27,6 +26,7 @@ from motion_jax.motion.representations import get_layout, to_features, to_joints
 from motion_jax.motion.skeleton import HUMANML3D, facing
 from tests.conftest import load_config
 from tests.evaluation.test_run import SMALL, make_clips, write_archive
+from tests.evaluators.items import cut_item
 
 FEW = dict(pool=4, diversity_draws=6, few_draws=4, replications=1, min_frames=24)
 
@@ -206,12 +206,12 @@ def test_timelines(tiny_run, archive, tmp_path):
 
 
 def test_a_cut_is_the_loaders_cut(archive, evaluator):
-  """`draw_replication` and `metrics.protocol.cut_item` follow the same rule."""
+  """`draw_replication` and `cut_item` follow the same rule."""
   test_set = test_set_lib.read_test_set([archive], SMALL, [evaluator])
   drawn = samples.draw_replication(test_set, SMALL, 0, 3)
   for i, start, count, cut in zip(drawn.item, drawn.start, drawn.frames, drawn.cut(test_set.of(evaluator))):
     x = test_set.of(evaluator)[i]
-    padded, kept = protocol_lib.cut_item(x, count < len(x) // 4 * 4, start, evaluator.stats, 196)
+    padded, kept = cut_item(x, count < len(x) // 4 * 4, start, evaluator.stats, 196)
     assert kept == count
     np.testing.assert_allclose(padded[:kept], evaluator.stats.normalize(cut), atol=1e-6)
 

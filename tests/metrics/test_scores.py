@@ -150,15 +150,13 @@ def test_retrieval():
   assert flat["r3"] == pytest.approx(3 / 12) and flat["median_rank"] == 6.5
 
 
-def test_diversity_multimodality_and_interval():
+def test_diversity_and_multimodality():
   first, second = scores.draw_pairs(np.random.default_rng(0), 40, 30)
   assert len(set(first)) == len(set(second)) == 30
   line = np.arange(40.0)[:, None] * np.array([0.6, 0.8])
   assert scores.diversity(line, first, second) == pytest.approx(np.abs(first - second).mean())
   repeats = line[:30].reshape(3, 10, 2)
   assert scores.multimodality(repeats, np.array([0, 1]), np.array([9, 3])) == pytest.approx(5.5)
-  mean, half = scores.mean_and_interval([[1.0, 2.0], [3.0, 2.0]])
-  assert mean.tolist() == [2, 2] and half == pytest.approx([1.96 / np.sqrt(2), 0])
 
 
 @pytest.mark.parametrize("call, told", [
