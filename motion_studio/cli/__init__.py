@@ -1,6 +1,6 @@
-"""motion-jax: words to moving bodies, from the command line. A module per group of commands, one function per command.
+"""The command line `motion-jax`: a module per group of commands, a function per command.
 
-Nothing heavy is imported before a command runs: `--help` and a mistyped command answer at once.
+Nothing heavy is imported before a command runs, so that `--help` and a mistyped command answer at once.
 """
 import errno
 import sys
@@ -16,15 +16,15 @@ from motion_studio.cli.prompts import read_prompts, read_sequences
 
 __all__ = ["main", "parse", "read_prompts", "read_sequences"]
 
-# What this package raises itself. What a library stumbles over is translated where that happens (`errors.reading`), so
-# any other error is a fault of the program, and a traceback says where.
+# Errors that a user can fix. Errors of libraries are translated where they occur (`errors.reading`); any other
+# exception is a fault of the program and keeps its traceback.
 KNOWN_ERRORS = (ValueError, OSError, FloatingPointError)
 
 
 def main(argv=None, command=None, program=None):
-  """Runs a sub-command; returns the exit status. An error that the user can mend is one line, not a traceback.
+  """Runs a sub-command; returns the exit status. An error that the user can fix is printed in one line.
 
-  command: the arguments are those of this sub-command alone, for the script `program` that is it and no other.
+  command: the arguments belong to this sub-command, as in the script `program`, which runs no other one.
   """
   trains = "train" in (command, *(sys.argv[1:] if argv is None else argv)[:1])
   with stopping.at_once(program or "motion-jax", resumable=trains):
@@ -40,7 +40,7 @@ def main(argv=None, command=None, program=None):
 
 
 def parse(argv=None, command=None, program=None):
-  """The arguments that `main` is given, read; mistakes in them end the program with one line."""
+  """The parsed arguments of `main`; mistakes in them end the program with one line."""
   parser, argv = _parser(), list(sys.argv[1:] if argv is None else argv)
   if command is not None:
     parser = _commands_of(parser)[command]
@@ -52,15 +52,15 @@ def parse(argv=None, command=None, program=None):
 
 
 def _run(args):
-  said = set()  # each once, however often it is met on the way
+  shown = set()  # each warning is printed once
 
-  def tell(message, *_, **__):
-    if str(message) not in said:
-      said.add(str(message))
+  def show(message, *_, **__):
+    if str(message) not in shown:
+      shown.add(str(message))
       print(f"note: {message}", file=sys.stderr)
 
-  warnings.showwarning = tell
-  if getattr(args, "command", None) not in ("train", "evaluate"):  # these show progress of their own
+  warnings.showwarning = show
+  if getattr(args, "command", None) not in ("train", "evaluate"):  # these print their own progress
     progress.show()
   try:
     return _called(args) or 0
@@ -72,12 +72,12 @@ def _run(args):
   except Exception as error:
     if not _out_of_memory(error):
       raise
-    print(f"{args.program}: this takes more memory than there is; ask for fewer or shorter motions", file=sys.stderr)
+    print(f"{args.program}: this takes more memory than there is; try fewer or shorter motions", file=sys.stderr)
     return 1
 
 
 def _called(args):
-  """The command's own exit status. Refuses names longer than any file's, from every lookup."""
+  """Runs the command; returns its exit status. Reports file names that are too long."""
   try:
     return args.run(args)
   except OSError as error:
@@ -89,14 +89,15 @@ def _called(args):
 
 
 def _out_of_memory(error):
-  """Whether numpy or jax, which says so in a runtime error's words, found no memory."""
+  """Whether numpy or jax ran out of memory; jax raises a RuntimeError."""
   return isinstance(error, MemoryError) or isinstance(error, RuntimeError) and "RESOURCE_EXHAUSTED" in str(error)
 
 
 def _parser():
-  parser = Parser(prog="motion-jax", description="Text-to-motion generation: sentences become moving bodies.")
+  parser = Parser(prog="motion-jax", description="Text-to-motion generation in JAX. Flags may be "
+                  "written with dashes or underscores.")
   parser.add_argument("--version", action="version", version=f"motion-jax {motion_jax.__version__}",
-                      help="the version of this program")
+                      help="print the version")
   commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
   for group in (make, blend, studio, show, data, train, evaluate, convert, retrieve):
     group.add_to(commands)

@@ -1,4 +1,4 @@
-"""python -m motion_studio.cli: the command line where the package is not installed."""
+"""python -m motion_studio.cli: the command line, without installing the package."""
 import sys
 
 from motion_studio.cli import main

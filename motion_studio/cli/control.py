@@ -1,4 +1,4 @@
-"""Flags of what a motion is asked to do beside its words: files of constraints, paths, poses, targets, loops."""
+"""Flags of constraints: files, paths, poses, targets, kept parts, loops (docs/control.md)."""
 import re
 
 from motion_jax.utils.errors import InputError
@@ -11,26 +11,25 @@ _TARGET = re.compile(r"(?P<joint>\w+)@(?P<at>[0-9.]+)s?:(?P<place>[^:]+?)(?P<roo
 
 
 def add_to(parser):
-  """Adds the flags of control to a command that makes motion."""
-  group = parser.add_argument_group("control: where and how the body moves (docs/control.md)")
-  group.add_argument("--control", metavar="FILE.json", help="a file of constraints, ours or Kimodo's")
-  group.add_argument("--path", metavar="\"X,Z X,Z ...\"", help="the pelvis goes along the smooth curve through these "
-                     "points, metres: at one speed, or at seconds behind colons, as in \"0,0:0 2,0:1.5 2,3:4\"")
-  group.add_argument("--keyframe", action="append", metavar="AT:FILE", help="the body is in the pose of a motion file "
-                     "(of its first frame, or of FILE@FRAME) at frame AT, or at seconds as in 3s:pose.npz; may be "
-                     "repeated")
-  group.add_argument("--target", action="append", metavar="JOINT@S:X,Y,Z", help="a joint, such as left_hand, is at a "
-                     "place at S seconds; with :root behind it, seen from the body: to its left, up, ahead; may be "
-                     "repeated")
-  group.add_argument("--keep-parts", metavar="PARTS:FILE", help="parts of the body (legs, torso, left_arm, right_arm, "
-                     "head, with commas) move as in this motion file; the others are made of the words")
+  """Adds the flags of constraints to a command that generates motion."""
+  group = parser.add_argument_group("constraints (docs/control.md)")
+  group.add_argument("--control", metavar="FILE.json", help="constraint file, in our format or Kimodo's")
+  group.add_argument("--path", metavar="\"X,Z X,Z ...\"", help="path of the pelvis: a smooth curve through points "
+                     "in metres, at constant speed, or with times in seconds as in \"0,0:0 2,0:1.5 2,3:4\"")
+  group.add_argument("--keyframe", action="append", metavar="AT:FILE", help="pose keyframe: the pose of a motion file "
+                     "(first frame, or FILE@FRAME) at frame AT, or at a time as in 3s:pose.npz; repeatable")
+  group.add_argument("--target", action="append", metavar="JOINT@S:X,Y,Z", help="target position of a joint, such as "
+                     "left_hand, at S seconds; with the suffix :root relative to the body: left, up, forward; "
+                     "repeatable")
+  group.add_argument("--keep-parts", metavar="PARTS:FILE", help="keep body parts (legs, torso, left_arm, right_arm, "
+                     "head, with commas) of this motion file; the prompt controls the others")
   shared.add_mapping(group)
-  group.add_argument("--loop", action="store_true", help="the motion ends as it begins, to be played over and over")
-  group.add_argument("--in-place", action="store_true", help="the body stays over one spot, as on a treadmill")
+  group.add_argument("--loop", action="store_true", help="make the last pose equal to the first, for looped playback")
+  group.add_argument("--in-place", action="store_true", help="keep the root over one spot, as on a treadmill")
 
 
 def constraints_of(args, model):
-  """The constraints that the flags of `add_to` ask for, at the model's frame rate."""
+  """The constraints of the flags of `add_to`, at the model's frame rate."""
   from motion_jax.control import constraints as kinds
   from motion_jax.control import files
   found = []
@@ -64,14 +63,14 @@ def constraints_of(args, model):
   return found + ([kinds.InPlace()] if args.in_place else [])
 
 
-def anew(args, clip, pipeline, sampling):
-  """The motions of `edit --keep-parts`: parts of the body as in the clip, the others made of the words."""
+def regenerate_parts(args, clip, pipeline, sampling):
+  """The motions of `edit --keep-parts`: body parts of the clip are kept, the prompt controls the others."""
   from motion_jax.control.constraints import KeepParts
   from motion_jax.models.known_motion import at_rate
   from motion_jax.utils.spans import spans_of
   if args.task or args.keep:
-    raise InputError("got --keep-parts with --task or --keep; say by --change in which seconds the other parts are "
-                     "replaced")
+    raise InputError("got --keep-parts with --task or --keep; use --change for the span in which the other "
+                     "parts are regenerated")
   model = pipeline.model
   joints = at_rate(clip, model.fps, model.stats.layout.skeleton)
   spans = [[first / model.fps, past / model.fps] for first, past in spans_of(args.change, len(joints), model.fps)
@@ -83,17 +82,17 @@ def anew(args, clip, pipeline, sampling):
 
 
 def drawn(constraints, motions):
-  """What was asked of each motion, to be drawn: `ControlSignal`s (1, T)."""
+  """The constraints of each motion as they are drawn: `ControlSignal`s (1, T)."""
   from motion_jax.control.compiling import compile
   return [compile(constraints, motion.num_frames, motion.fps, motion.joints) for motion in motions]
 
 
-def drawn_options(out, asked, constraints):
-  """The options of `export.save` that draw in a file what was asked, a signal or a list of them; none of None."""
+def drawn_options(out, signals, constraints):
+  """The options of `export.save` that draw constraints, a signal or a list of them; {} for None."""
   from motion_jax.export import scene
-  if asked is None or not out.lower().endswith(shared.PICTURES):
+  if signals is None or not out.lower().endswith(shared.PICTURES):
     return {}
-  return {"asked": asked} | ({"way_points": scene.way_points(constraints)} if out.lower().endswith(".html") else {})
+  return {"asked": signals} | ({"way_points": scene.way_points(constraints)} if out.lower().endswith(".html") else {})
 
 
 def _path(text, kinds):
@@ -105,7 +104,7 @@ def _path(text, kinds):
     if len(points[-1]) not in (2, 3) or len(points[-1]) != len(points[0]):
       raise InputError(f"got {shortened(word)!r} in --path, expected X,Z (or X,Y,Z) of each point, in metres")
   if not points or times and len(times) != len(points):
-    raise InputError(f"got --path {shortened(text)!r}, expected points such as \"0,0 2,0 2,3\", with seconds behind "
+    raise InputError(f"got --path {shortened(text)!r}, expected points such as \"0,0 2,0 2,3\", with seconds after "
                      "all of them or none")
   return kinds.RootPath(points, times or None)
 

@@ -1,15 +1,16 @@
-"""motion-jax convert: the authors' PyTorch weights become run folders."""
+"""motion-jax convert: the authors' PyTorch weights as run folders."""
 from motion_jax.utils.numerals import whole
 
 
 def add_to(commands):
   """Adds the sub-command to those of `motion-jax`."""
-  convert = commands.add_parser("convert", help="the authors' PyTorch weights -> a run folder").add_subparsers(
+  convert = commands.add_parser("convert", help="convert the authors' PyTorch weights to run folders").add_subparsers(
       dest="convert_command", required=True, metavar="WHAT")
   released = convert.add_parser("cmdm", help="MAC-VAE and Causal-DiT; without a denoiser, a tokenizer's run")
   released.add_argument("--tokenizer", required=True, metavar="FILE", help="net_best_fid.tar of the MAC-VAE")
   released.add_argument("--denoiser", metavar="FILE", help="latest.tar of the Causal-DiT")
-  released.add_argument("--weights", choices=("ema", "model"), default="ema", help="averaged weights, or the last ones")
+  released.add_argument("--weights", choices=("ema", "model"), default="ema",
+                        help="averaged weights (ema) or the weights of the last step")
   released.add_argument("--block", type=whole(1, 1000), default=3, help="latents that share a noise level (3)")
   released.set_defaults(run=_convert_cmdm)
   cdamd = convert.add_parser("cdamd", aliases=["mardm"], help="CDAMD's or MARDM's autoencoder and generator; without a "
@@ -19,9 +20,9 @@ def add_to(commands):
   cdamd.add_argument("--rvq", metavar="FILE", help="latest.tar of the RVQ-VAE, which training alone needs")
   cdamd.add_argument("--length", metavar="FILE", help="finest.tar of the length estimator")
   cdamd.add_argument("--weights", choices=("ema", "model"), default="ema",
-                     help="of MARDM: averaged weights, or the last ones")
+                     help="of MARDM: averaged weights (ema) or the weights of the last step")
   cdamd.add_argument("--diffusion", choices=("flow", "ddpm"), default="flow",
-                     help="how the DiffMLPs were trained: SiT-XL (flow) or DDPM-XL, whose tensors look the same")
+                     help="how the DiffMLPs were trained: SiT-XL (flow) or DDPM-XL; their tensors have the same shapes")
   cdamd.set_defaults(run=_convert_cdamd)
   teacher = convert.add_parser("teacher", help="Part-TMR, TMR or MotionPatches, motion-language teachers")
   teacher.add_argument("file", help="best_model.pt; of TMR its checkpoint, or the folder of its three parts")
@@ -35,8 +36,9 @@ def add_to(commands):
   for part, whose in ((released, "training data"), (cdamd, "training data (of coordinates Mean_abs.npy, Std_abs.npy)"),
                       (teacher, "training data"), (evaluator, "evaluator")):
     part.add_argument("--stats", required=True, metavar="FOLDER",
-                      help=f"Mean.npy and Std.npy of the {whose}, which checkpoints do not hold")
-    part.add_argument("--heads", type=whole(1, 1024), help="attention heads, where the size is none of the papers'")
+                      help=f"Mean.npy and Std.npy of the {whose}, which checkpoints do not contain")
+    part.add_argument("--heads", type=whole(1, 1024),
+                      help="number of attention heads, for sizes other than the papers'")
     part.add_argument("--out", required=True, metavar="FOLDER", help="new folder to write")
   for part, name in ((released, "distilbert-base-uncased"), (cdamd, "clip-vit-base-patch32"),
                      (teacher, "distilbert-base-uncased")):
@@ -45,7 +47,7 @@ def add_to(commands):
 
 def _convert_cmdm(args):
   from motion_jax.models.cmdm.weights import write_cmdm
-  _tell_converted(args, write_cmdm(args.out, args.tokenizer, args.stats, args.denoiser, args.text_encoder,
+  _print_converted(args, write_cmdm(args.out, args.tokenizer, args.stats, args.denoiser, args.text_encoder,
                                  args.weights, args.heads, args.block))
   if args.denoiser:
     print(f"try it: motion-jax generate \"a person waves\" --model {args.out}")
@@ -53,7 +55,7 @@ def _convert_cmdm(args):
 
 def _convert_cdamd(args):
   from motion_jax.models.cdamd.weights import write_cdamd
-  _tell_converted(args, write_cdamd(args.out, args.tokenizer, args.stats, args.generator, args.rvq,
+  _print_converted(args, write_cdamd(args.out, args.tokenizer, args.stats, args.generator, args.rvq,
                                   args.length, args.text_encoder, args.weights, args.heads, args.diffusion))
   if args.generator:
     print(f"try it: motion-jax generate \"a person waves\" --model {args.out}")
@@ -61,13 +63,13 @@ def _convert_cdamd(args):
 
 def _convert_teacher(args):
   from motion_jax.models.tmr.weights import write_teacher
-  _tell_converted(args, write_teacher(args.out, args.file, args.stats, args.text_encoder, args.heads))
+  _print_converted(args, write_teacher(args.out, args.file, args.stats, args.text_encoder, args.heads))
 
 
 def _convert_evaluator(args):
   from motion_jax.evaluators.weights import write_evaluator
-  _tell_converted(args, write_evaluator(args.out, args.file, args.stats, args.heads, args.glove, args.text_encoder))
+  _print_converted(args, write_evaluator(args.out, args.file, args.stats, args.heads, args.glove, args.text_encoder))
 
 
-def _tell_converted(args, networks):
+def _print_converted(args, networks):
   print(*networks, f"wrote {args.out}", sep="\n")

@@ -247,7 +247,7 @@ def _edit(args):
   start, pipeline = time.time(), _load_pipeline(args)
   model = pipeline.model
   if args.keep_parts:
-    _write(args, model, control.anew(args, clip, pipeline, _sampling(args, model)), outputs, start)
+    _write(args, model, control.regenerate_parts(args, clip, pipeline, _sampling(args, model)), outputs, start)
     return
   _able(model, "edit")
   _tell_model(model, args, f"{clip.seconds:.1f} s of {args.file} edited")
@@ -334,8 +334,8 @@ def _write(args, model, motions, outputs, start, colors=None, asked=None, constr
   clips = [motion.replace(id=f"{pathlib.Path(outputs[0]).stem}_{i}") for i, motion in enumerate(motions)]
   with timing.part("files"), progress.part("writing files"):
     written = [path for out in outputs for path in _write_one(args, clips, out, colors, asked, constraints)]
-  shared.tell_rig_error(args, clips, outputs)
-  shared.tell_files(written)
+  shared.print_rig_error(args, clips, outputs)
+  shared.print_files(written)
   for said in (model.limits, model.license):
     if said:
       print(said)

@@ -1,4 +1,4 @@
-"""Prompts as the command line takes them: sentences, several in a row, and files of them."""
+"""Prompts of the command line: a sentence, several in sequence, and prompt files."""
 import pathlib
 import re
 
@@ -13,17 +13,17 @@ _SECONDS = real(above=0, high=3600, unit="seconds")
 
 
 def read_prompts(text, fps=MOMASK_FPS):
-  """[(prompt, frames or None)] from a sentence, a .txt file with one a line, or a .csv file of prompt and length.
+  """[(prompt, frames or None)] from a sentence, a .txt file of prompts, or a .csv file of prompts and lengths.
 
-  Lines of a .txt may end as MoMask's do: text#80, a length in frames at 20 a second, or text#NA. fps: of the frames
-  that come back.
+  Lines of a .txt may end like MoMask's: text#80, a length in frames at 20 fps, or text#NA. fps: frame rate of the
+  returned lengths.
   """
   path = pathlib.Path(text)
   if path.suffix.lower() not in (".txt", ".csv"):
     return [(text, None)]
   from motion_jax.utils import text_files
   if not path.is_file():
-    raise FileNotFoundError(f"there is no prompt file {text}; a sentence is given in quotes")
+    raise FileNotFoundError(f"there is no prompt file {text}; put a sentence in quotes")
   if path.suffix.lower() == ".txt":
     rows = [_without_length(path, number, line.strip(), fps)
             for number, line in enumerate(text_files.read_lines(path), 1) if line.strip()]
@@ -36,14 +36,14 @@ def read_prompts(text, fps=MOMASK_FPS):
 
 
 def _without_length(path, number, line, fps):
-  """(prompt, frames or None) of a line as MoMask and its followers write prompt files."""
+  """(prompt, frames or None) of a line of a MoMask prompt file."""
   match = _MOMASK.fullmatch(line)
   if not match:
     return line, None
   try:
     frames = None if match["length"] == "NA" else _FRAMES(match["length"])
   except NumberError as error:
-    raise InputError(f"{path} line {number}: in the length behind #: {error}") from None
+    raise InputError(f"{path} line {number}: in the length after #: {error}") from None
   return match["prompt"], frames and max(1, round(frames * fps / MOMASK_FPS))
 
 
@@ -52,7 +52,7 @@ def _has_header(rows):
 
 
 def _are_prompts(rows):
-  """Whether a table was parted into prompts and lengths."""
+  """Whether a table was split into prompts and lengths."""
   rows = rows[_has_header(rows):]
   return all(len(row.cells) == 1 or _is_length(row.cells[1]) for row in rows) and (
       any(len(row.cells) > 1 for row in rows) or not any(mark in row.cells[0] for row in rows for mark in ",;\t"))
@@ -74,8 +74,8 @@ def _prompt_and_frames(path, row):
 
 
 def read_sequences(text, fps=20.0):
-  """[[(prompt, seconds or None)]]: sequences of prompts, from words parted by | or from a file as `motion-jax
-  multi-prompt --help` has it."""
+  """[[(prompt, seconds or None)]]: lists of segments, from prompts separated by | or from a file, see `motion-jax
+  multi-prompt --help`."""
   from motion_jax.data import timelines
   from motion_jax.utils import text_files
   path = pathlib.Path(text)
@@ -90,7 +90,7 @@ def read_sequences(text, fps=20.0):
 
 
 def _prompt_and_seconds(part):
-  """("a person walks", 4.0) from "a person walks:4"; a colon that no number follows is the sentence's own."""
+  """("a person walks", 4.0) from "a person walks:4"; a colon without a number belongs to the sentence."""
   prompt, colon, seconds = part.strip().rpartition(":")
   seconds = seconds.strip().removesuffix("s").strip()
   if not colon or not is_number(seconds):

@@ -1,36 +1,36 @@
-"""motion-jax retrieve: clips by words, captions by motion."""
+"""motion-jax retrieve: find clips by text, and captions by motion."""
 from motion_jax.utils.numerals import MOTIONS, whole
 from motion_studio.cli import shared
 
 
 def add_to(commands):
   """Adds this sub-command to those of `motion-jax`."""
-  retrieve = commands.add_parser("retrieve", help="the clips nearest to a sentence, the captions nearest to a motion")
+  retrieve = commands.add_parser("retrieve", help="find clips nearest to a sentence, or captions nearest to a motion")
   retrieve.add_argument("query", nargs="?",
-                        help="a sentence, or an .npz, .npy, .bvh or .amc file; without one, how often the right clip "
-                             "is found among all (recall) is printed")
+                        help="a sentence, or an .npz, .npy, .bvh or .amc file; without a query, the recall over "
+                             "the whole collection is printed")
   retrieve.add_argument("--data", required=True, metavar="DIR", help="an archive or a HumanML3D-layout folder")
-  retrieve.add_argument("--split", help="train, val or test; all if left out")
-  retrieve.add_argument("--top-k", type=whole(*MOTIONS), default=5, help="how many to show (5)")
-  retrieve.add_argument("--teacher", default="part-tmr-small", help="a run folder or the name of one that ships")
+  retrieve.add_argument("--split", help="train, val or test (default: all)")
+  retrieve.add_argument("--top-k", type=whole(*MOTIONS), default=5, help="number of results (5)")
+  retrieve.add_argument("--teacher", default="part-tmr-small", help="a run folder or a shipped model (part-tmr-small)")
   shared.add_reading(retrieve)
   shared.add_out(retrieve, None, "nearest.html,nearest.bvh; the nearest clip")
   shared.add_rig(retrieve)
   retrieve.set_defaults(run=_retrieve)
 
 
-def _tell_recall(scores):
-  for way, prefix in (("text to motion", ""), ("motion to text", "back_")):
-    tell = [f"at {k} {100 * scores[f'{prefix}r{k}']:.1f} %" for k in (1, 2, 3, 5, 10)]
-    print(f"{way}: {', '.join(tell)}; median rank {scores[f'{prefix}median_rank']:g}")
+def _print_recall(scores):
+  for direction, prefix in (("text to motion", ""), ("motion to text", "back_")):
+    values = [f"at {k} {100 * scores[f'{prefix}r{k}']:.1f} %" for k in (1, 2, 3, 5, 10)]
+    print(f"{direction}: {', '.join(values)}; median rank {scores[f'{prefix}median_rank']:g}")
 
 
 def _retrieve(args):
   outputs = shared.outputs_of(args) if args.out else []
   is_file = args.query is not None and args.query.lower().endswith(shared.MOTION_FILES)
-  asked = shared.read_motion(args.query, args) if is_file else None  # before minutes of work
-  if args.out and (asked is not None or args.query is None):
-    raise ValueError("--out writes the clip nearest to a sentence; give a sentence")
+  query = shared.read_motion(args.query, args) if is_file else None  # before the slow part
+  if args.out and (query is not None or args.query is None):
+    raise ValueError("got --out without a sentence; it writes the clip nearest to one")
   shared.cache_compiled_code()
   from motion_jax import retrieval
   retriever = retrieval.load(args.teacher)
@@ -39,13 +39,13 @@ def _retrieve(args):
   if args.query is None:
     count, scores = collection.scores()
     print(f"recall among {count} clips, one of each caption")
-    _tell_recall(scores)
+    _print_recall(scores)
     near = collection.near_scores(retriever)
     if near:
-      print("the same where a clip counts whose caption says nearly the same")
-      _tell_recall(near)
-  elif asked is not None:
-    vector = retriever.embed_motion([retriever.features_of(asked)])[0]
+      print("recall if clips with nearly the same caption count as correct")
+      _print_recall(near)
+  elif query is not None:
+    vector = retriever.embed_motion([retriever.features_of(query)])[0]
     for similarity, caption in collection.nearest_captions(vector, args.top_k):
       print(f"{similarity:6.3f}  {caption}")
   else:

@@ -1,4 +1,4 @@
-"""What several commands need."""
+"""Flags and functions of several commands."""
 import argparse
 import importlib
 import pathlib
@@ -16,7 +16,7 @@ MOTION_FILES = (".npz", ".npy", ".bvh", ".amc")
 
 
 class Files(argparse.Action):
-  """Files to write: given twice, both are, as with a comma between them."""
+  """Output files: repeated flags add up, as if separated by commas."""
 
   def __call__(self, parser, namespace, values, option_string=None):
     before = getattr(namespace, self.dest)
@@ -26,20 +26,19 @@ class Files(argparse.Action):
 def add_reading(parser):
   """Options of all commands that read a motion file."""
   parser.add_argument("--fps", type=real(*FRAME_RATES), metavar="F",
-                      help="frames a second of the file, in place of what it states (.npy and .amc state nothing: 20, "
-                           "120)")
+                      help="frame rate of the file, overrides the one in it (.npy and .amc have none: 20, 120)")
   parser.add_argument("--unit", choices=("auto", "m", "cm", "mm", "in", "ft"), default="auto",
-                      help="unit of the joints' coordinates; auto tells it by the lengths of the bones")
+                      help="unit of the joint coordinates; auto detects it from bone lengths")
   parser.add_argument("--up", choices=("x", "y", "z", "-x", "-y", "-z"), metavar="AXIS",
-                      help="the file's upward axis: x, y, z, or one that points down, as --up=-y (y; in .bvh and .amc "
-                           "it is found by the rest pose, then by the motion)")
+                      help="up axis of the file: x, y, z, or a downward one as in --up=-y (y; for .bvh and .amc it is "
+                           "detected)")
   add_mapping(parser)
 
 
 def add_mapping(parser):
   """The option of all commands that read .bvh and .amc files."""
-  parser.add_argument("--mapping", metavar="FILE.json", help="names of joints that are not known: {our joint: their "
-                      "joint, or a list to average}, those that an error lists; for .bvh and .amc")
+  parser.add_argument("--mapping", metavar="FILE.json", help="names of unknown joints of .bvh and .amc files: {our "
+                      "joint: their joint, or a list to average}; an error message lists them")
 
 
 def read_motion(path, args):
@@ -49,17 +48,17 @@ def read_motion(path, args):
 
 
 def cache_compiled_code():
-  """Traced and compiled functions stay on disk, so that the second run of a command waits for neither."""
+  """Keeps traced and compiled functions on disk for the next run."""
   from motion_jax.utils import cache
   cache.keep_in_user_cache()
 
 
 def add_config(parser, required=True):
   """The flags that name a training config and its data, and --config.FIELD=VALUE."""
-  parser.add_argument("--config", required=required, metavar="NAME[:SIZE]", help="the experiment, such as "
-                      "cmdm_denoiser:tiny: one that ships, or a Python file with get_config(size)")
-  parser.add_argument("--data", nargs="+", metavar="DIR", help="data folder, or several that are read together; short "
-                      "for --config.data.folder")
+  parser.add_argument("--config", required=required, metavar="NAME[:SIZE]", help="config, such as "
+                      "cmdm_denoiser:tiny: a shipped one, or a Python file with get_config(size)")
+  parser.add_argument("--data", nargs="+", metavar="DIR", help="data folders, several are combined; short for "
+                      "--config.data.folder")
   parser.set_defaults(overrides=[])
 
 
@@ -77,19 +76,19 @@ def config_of(args):
 
 
 def import_ahead(*names):
-  """Imports modules beside what else is going on; who needs one before it is there waits for it as ever."""
+  """Imports modules in a background thread; an import elsewhere waits for it."""
   threading.Thread(target=lambda: [importlib.import_module(name) for name in names], daemon=True).start()
 
 
 def add_out(parser, default, files):
   """The flag --out of a command that writes motions; files: an example of several."""
   parser.add_argument("--out", default=default, action=Files,
-                      help="file to write: .npz .npy .bvh .glb .mp4 .gif .html .png; repeat kinds with commas, as in "
+                      help="output files: .npz .npy .bvh .glb .mp4 .gif .html .png, separated by commas, such as "
                            f"{files}")
 
 
 def outputs_of(args, out=None):
-  """The files that --out names, or out, checked before minutes of work."""
+  """The files of --out, or out, checked before the slow part."""
   with progress.part("starting"):
     from motion_jax.export import check_output
   film_options(args)
@@ -97,24 +96,24 @@ def outputs_of(args, out=None):
 
 
 def add_rig(parser):
-  """The flags that say how .bvh and .glb files hold a motion."""
+  """The flags of .bvh and .glb files."""
   parser.add_argument("--bvh-unit", choices=tuple(BVH_UNITS), default="cm",
-                      help="unit of .bvh files: cm (most programs expect it; in Blender import with scale 0.01) or m")
+                      help="unit of .bvh files: cm (common; in Blender import with scale 0.01) or m")
   parser.add_argument("--exact-joints", action="store_true",
-                      help="in .bvh and .glb, keep every joint exactly in its place, by position channels below the "
-                           "root that some programs misread; else joints only rotate, and the distance is printed")
+                      help="in .bvh and .glb, keep exact joint positions with position channels below the root, which "
+                           "some programs misread; default: joints only rotate, and the error is printed")
 
 
 def save(args, clips, outputs):
-  """Writes clips to each of the outputs as the flags say, and prints what was written."""
+  """Writes clips to each of the outputs, and prints the files."""
   from motion_jax import export
   written = [path for out in outputs for path in export.save(clips, out, **file_options(args, out))]
-  tell_rig_error(args, clips, outputs)
-  tell_files(written)
+  print_rig_error(args, clips, outputs)
+  print_files(written)
 
 
 def file_options(args, out):
-  """The options of `export.save` by which a file of its kind is written."""
+  """The options of `export.save` for a file of this format."""
   kind = pathlib.Path(out).suffix.lower()
   found = film_options(args) if kind in FILMS else {}
   if kind in RIGS:
@@ -124,8 +123,8 @@ def file_options(args, out):
   return found
 
 
-def tell_rig_error(args, clips, outputs):
-  """Prints how far the joints of .bvh and .glb files are from the motions, where that is half a millimetre or more."""
+def print_rig_error(args, clips, outputs):
+  """Prints the joint error of .bvh and .glb files if it is half a millimetre or more."""
   from motion_jax import export
   kinds = sorted({kind for out in outputs if (kind := pathlib.Path(out).suffix.lower()) in RIGS})
   if not kinds or args.exact_joints:
@@ -139,23 +138,22 @@ def tell_rig_error(args, clips, outputs):
 
 
 def add_film(parser, what):
-  """The flags that say how films look; what: which files --trim is about."""
+  """The flags of films; what: the files that --trim applies to."""
   film = parser.add_argument_group("films (.mp4, .gif)")
-  film.add_argument("--size", metavar="WxH", help="pixels of a picture, width x height (960x540, in "
-                    "a .gif 640x360)")
-  film.add_argument("--camera", default="auto", help="from where to look: front, side, top or three-quarter; follow "
-                    "goes with the body, fixed sees the whole path, auto (the default) chooses")
-  film.add_argument("--background", metavar="COLOR", help="colour behind the body: white, black, '#203040' ... (pale "
-                    "grey)")
+  film.add_argument("--size", metavar="WxH", help="size in pixels, width x height (960x540; .gif: "
+                    "640x360)")
+  film.add_argument("--camera", default="auto", help="camera: front, side, top, three-quarter, follow (moves with the "
+                    "body), fixed (shows the whole path) or auto (default)")
+  film.add_argument("--background", metavar="COLOR", help="background colour: white, black, '#203040' ... (pale grey)")
   film.add_argument("--film-fps", type=real(1, 240), metavar="N",
-                    help="pictures a second, such as 24, 30 or 60 (the motion's own); frames between are interpolated, "
-                    "the motion stays as fast as it is")
-  parser.add_argument("--trim", metavar="A:B", help=f"show only this part, {what}: seconds (1.5s:3s), shares "
-                      "(25%%:0.5) or frames (30:60); an empty side is that end")
+                    help="frame rate of the film, such as 24, 30 or 60 (default: the motion's); frames are "
+                    "interpolated")
+  parser.add_argument("--trim", metavar="A:B", help=f"show only this span, {what}: seconds (1.5s:3s), shares "
+                      "(25%%:0.5) or frames (30:60); an empty side means that end")
 
 
 def film_options(args):
-  """The options of `export.save` that belong to a film, checked before minutes of work."""
+  """The options of `export.save` for films, checked before the slow part."""
   from motion_jax.export.video import check_film
   if not hasattr(args, "film_fps"):  # a command without these flags
     return {}
@@ -174,7 +172,7 @@ def film_options(args):
 
 
 def span_of(args, clip) -> slice:
-  """The frames of a clip that --trim names; all of them without."""
+  """The frames of --trim, or all frames."""
   if args.trim is None:
     return slice(0, clip.num_frames)
   from motion_jax.utils.spans import spans_of
@@ -193,7 +191,7 @@ def trimmed(args, clip):
   return clip.cut(part.start, part.stop)
 
 
-def tell_files(written):
+def print_files(written):
   print("wrote " + ", ".join(map(str, written)))
   first = str(written[0])
   if first.endswith(".html"):

@@ -8,15 +8,15 @@ _MAKES = "text to motion"
 
 def add_to(commands):
   """Adds these sub-commands to those of `motion-jax`."""
-  render = commands.add_parser("render", help="show any npz, npy, bvh or amc file as mp4, gif, html, png, glb or bvh")
-  render.add_argument("file", help="an .npz, .npy, .bvh or .amc file")
+  render = commands.add_parser("render", help="convert a motion file to mp4, gif, html, png, glb or bvh")
+  render.add_argument("file", help="motion file: .npz, .npy, .bvh or .amc")
   shared.add_out(render, None, "walk.mp4,walk.glb (FILE with .html)")
   shared.add_reading(render)
   shared.add_rig(render)
-  shared.add_film(render, "in whatever kind of file")
+  shared.add_film(render, "in every output format")
   render.set_defaults(run=_render)
 
-  models = commands.add_parser("models", help="the models that ship: what each does, its size, licence and speed")
+  models = commands.add_parser("models", help="list the shipped models with size, licence and speed")
   models.set_defaults(run=_models)
 
 

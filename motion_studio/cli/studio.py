@@ -1,4 +1,4 @@
-"""motion-jax studio and make: a page in the browser, and what it saves made without it."""
+"""motion-jax studio and make: the web studio, and its saved projects without it."""
 import pathlib
 
 import motion_jax
@@ -11,21 +11,21 @@ _SHIPPED = pathlib.Path(motion_jax.__file__).parent / "pretrained"
 
 def add_to(commands):
   """Adds these sub-commands to those of `motion-jax`."""
-  studio = commands.add_parser("studio", help="a page in the browser: words become motion while you watch")
+  studio = commands.add_parser("studio", help="start the web studio: live text-to-motion in the browser")
   studio.add_argument("--model", nargs="+", default=["cmdm-small", "cdamd-small"], metavar="NAME",
-                      help="run folders or names of models that ship (cmdm-small cdamd-small)")
+                      help="run folders or shipped models; the first one streams (cmdm-small cdamd-small)")
   studio.add_argument("--host", default="127.0.0.1",
-                      help="address to listen on (127.0.0.1, this machine alone); another one needs --token")
-  studio.add_argument("--port", type=whole(0, 65_535), default=8765, help="port to listen on (8765); 0 is a free one")
-  studio.add_argument("--token", metavar="WORDS", help="what a page has to send to be let in; by default a random one, "
-                      "kept for you in ~/.local/state/motion_jax and is part of the printed address")
-  studio.add_argument("--open", action="store_true", help="open the page in the browser")
+                      help="address to listen on (127.0.0.1, this machine only); others need --token")
+  studio.add_argument("--port", type=whole(0, 65_535), default=8765, help="port to listen on (8765); 0: any free port")
+  studio.add_argument("--token", metavar="TEXT", help="access token (default: a random one, stored in "
+                      "~/.local/state/motion_jax; the printed address contains it)")
+  studio.add_argument("--open", action="store_true", help="open the page in a browser")
   studio.set_defaults(run=_studio)
 
-  make = commands.add_parser("make", help="a project that the studio saved in, its motion out")
-  make.add_argument("project", help="a .json file that the studio saved")
-  make.add_argument("--take", type=whole(0, 100), help="which of its seeds, counted from 0; by default the chosen one")
-  shared.add_out(make, "motion.html", "story.glb,story.bvh")
+  make = commands.add_parser("make", help="generate the motion of a saved studio project")
+  make.add_argument("project", help="project file (.json) of the studio")
+  make.add_argument("--take", type=whole(0, 100), help="index of the seed, from 0 (default: the chosen one)")
+  shared.add_out(make, "motion.html", "motion.glb,motion.bvh")
   shared.add_rig(make)
   make.set_defaults(run=_make)
 
@@ -34,8 +34,8 @@ def _studio(args):
   from motion_studio.server import server
   for name in args.model:
     if not any(folder.is_dir() for folder in (pathlib.Path(name), _SHIPPED / name)):
-      from motion_jax import runs  # takes seconds, for which no address should wait
-      runs.resolve_run(name)  # says what there is
+      from motion_jax import runs  # takes seconds, only if needed
+      runs.resolve_run(name)  # lists the shipped models
   server.serve(args.model, args.host, args.port, args.token, args.open)
 
 
@@ -54,9 +54,9 @@ def _make(args):
   motion = project.made(found, library, limits, args.take, lambda note: print(f"note: {note}"))
   for caption in motion.captions:
     print(f"{caption.start:6.1f} to {caption.end:5.1f} s  {caption.text}")
-  wanted = project.control_of(found)
-  asked = control.drawn(wanted, [motion])[0] if wanted else None
+  constraints = project.control_of(found)
+  signal = control.drawn(constraints, [motion])[0] if constraints else None
   written = [path for out in outputs for path in export.save(
-      motion, out, **shared.file_options(args, out), **control.drawn_options(out, asked, wanted))]
-  shared.tell_rig_error(args, [motion], outputs)
-  shared.tell_files(written)
+      motion, out, **shared.file_options(args, out), **control.drawn_options(out, signal, constraints))]
+  shared.print_rig_error(args, [motion], outputs)
+  shared.print_files(written)

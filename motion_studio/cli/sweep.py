@@ -1,4 +1,4 @@
-"""Several training runs of one file, one after another or each as a task of a SLURM array, and a table of them."""
+"""Sweeps: several training runs of one file, in sequence or as tasks of a SLURM array, and a table of them."""
 import importlib.util
 import json
 import math
@@ -32,8 +32,8 @@ def load(name) -> dict[str, tuple[str, dict]]:
     spec.loader.exec_module(module)
     runs = module.get_sweep(size) if size else module.get_sweep()
     runs = {str(run): (str(config), dict(fields)) for run, (config, fields) in runs.items()}
-  except Exception as error:  # whatever a file that is no sweep does
-    raise InputError(f"{file} is no sweep ({type(error).__name__}: {error}); expected Python with a function "
+  except Exception as error:  # any error of a file that is not a sweep
+    raise InputError(f"{file} is not a sweep ({type(error).__name__}: {error}); expected Python with a function "
                      "get_sweep(size) -> {name: (config, {field: value})}") from error
   bad = [run for run in runs if not run or run != pathlib.PurePath(run).name]
   if not runs or bad:
@@ -43,11 +43,11 @@ def load(name) -> dict[str, tuple[str, dict]]:
 
 
 def run(name, workdir, arguments, call=subprocess.call) -> int:
-  """Trains what a sweep lists that is not finished yet, each in workdir/NAME, and writes workdir/sweep.md
-  and, where runs were measured on held-out clips, sweep.png.
+  """Trains the unfinished runs of a sweep, each in workdir/NAME; writes workdir/sweep.md, and sweep.png if runs were
+  measured on held-out clips.
 
-  arguments: of `motion-jax train`, for each run. In a SLURM array the task's own run only. A run that fails leaves the
-  others to be tried; one that is stopped ends the sweep. Returns an exit status: 0 if all went well.
+  arguments: of `motion-jax train`, for each run. In a SLURM array only the run of the task is trained. After a failed
+  run the others are still trained; a stopped run ends the sweep. Returns the exit status.
   """
   runs, workdir = load(name), pathlib.Path(workdir)
   names = list(runs)
@@ -72,7 +72,7 @@ def run(name, workdir, arguments, call=subprocess.call) -> int:
     write_table(runs, workdir)
     draw_chart(runs, workdir)
     if statuses[one] == exit_status.PREEMPTED or statuses[one] > 128 or statuses[one] < 0:
-      print(f"stopped in {one}; the same command goes on")
+      print(f"stopped in {one}; the same command resumes")
       return statuses[one] if statuses[one] > 0 else 128 - statuses[one]
   print(write_table(runs, workdir))
   failed = [one for one, status in statuses.items() if status]
@@ -82,7 +82,7 @@ def run(name, workdir, arguments, call=subprocess.call) -> int:
 
 
 def _state(folder):
-  """How far a run is: "finished", "step K of N" or "not begun"."""
+  """The state of a run: "finished", "step K of N" or "not begun"."""
   from motion_jax.training.metrics import read_metrics
   rows = read_metrics(folder)
   try:
@@ -94,7 +94,7 @@ def _state(folder):
 
 
 def write_table(runs, workdir) -> str:
-  """Writes workdir/sweep.md, a row a run with what it changes and the last numbers that it has; returns its text."""
+  """Writes workdir/sweep.md, a row per run with its changes and latest numbers; returns the text."""
   from motion_jax.training.metrics import read_metrics
   from motion_jax.utils.atomic import atomic_path
   fields = list(dict.fromkeys(field for _, changed in runs.values() for field in changed))
@@ -104,7 +104,7 @@ def write_table(runs, workdir) -> str:
   last = {}
   for one in runs:
     rows = read_metrics(workdir / one)
-    last[one] = {key: value for row in rows for key, value in row.items()}  # the last of each
+    last[one] = {key: value for row in rows for key, value in row.items()}  # the latest of each
   numbers = ["loss", *dict.fromkeys(key for row in last.values() for key in row if key.startswith(("held_out", "r1")))]
   numbers += ["seconds"]
   lines = ["| run | " + " | ".join([*fields, "state", *numbers]) + " |",
@@ -123,9 +123,9 @@ def write_table(runs, workdir) -> str:
 
 
 def draw_chart(runs, workdir):
-  """Writes workdir/sweep.png: a panel for each number measured on held-out clips, a curve a run, by step.
+  """Writes workdir/sweep.png: a panel for each held-out metric, with a curve per run over the steps.
 
-  Writes nothing where no run has two of them.
+  Writes nothing if no run has two points.
   """
   from PIL import Image
 
