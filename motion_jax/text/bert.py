@@ -19,7 +19,7 @@ class Bert(nn.Module):
   """A BERT-family encoder.
 
   Shapes: ids (B, S) word pieces, text_mask (B, S) True = real, type_ids (B, S) segments (all 0 if not given)
-  -> last hidden states (B, S, D). Rows behind the mask carry no meaning, and no real row sees them.
+  -> last hidden states (B, S, D). Rows outside the mask have no meaning, and no real row attends to them.
   """
   vocab_size: int
   width: int
@@ -46,7 +46,7 @@ class Bert(nn.Module):
       self.pooler = nn.Dense(self.width, dtype=self.dtype)
 
   def hidden_states(self, ids, text_mask, type_ids=None):
-    """The embeddings and what each layer makes of them: num_layers + 1 arrays (B, S, D)."""
+    """The embeddings and the output of each layer: num_layers + 1 arrays (B, S, D)."""
     if ids.shape[1] > self.max_positions:
       raise ValueError(f"got {ids.shape[1]} word pieces, this encoder has {self.max_positions} positions; "
                        "use a shorter sentence")
@@ -61,7 +61,7 @@ class Bert(nn.Module):
   def __call__(self, ids, text_mask, type_ids=None):
     last = self.hidden_states(ids, text_mask, type_ids)[-1]
     if self.has_pooler and self.is_initializing():
-      self.pooler(last[:, 0])  # so that init makes its parameters
+      self.pooler(last[:, 0])  # so that init creates its parameters
     return last
 
   def pooled(self, ids, text_mask, type_ids=None):
@@ -78,7 +78,7 @@ def mean_words(hidden, text_mask):
 def mean_sentence(hidden, text_mask, projection=None):
   """The sentence vector of sentence-transformers, (B, E): the mean over real word pieces, at unit length.
 
-  projection: (E, D), what Sentence-T5 puts between the two.
+  projection: (E, D), applied before normalization by Sentence-T5.
   """
   mean = mean_words(hidden, text_mask)
   if projection is not None:
@@ -127,7 +127,7 @@ DISTILBERT_NAMES = {
     "mlp_in": "ffn.lin1", "mlp_out": "ffn.lin2", "mlp_norm": "output_layer_norm"}
 
 
-# Heads of the released files, a pooler that nobody asked for, a buffer that counts, and what our own folder adds.
+# Heads and poolers of released files, a position buffer, and a projection that our own folders add.
 IGNORED = r"cls\.|vocab_|pooler\.|classifier\.|pre_classifier\.|embeddings\.position_ids$|sentence_projection\."
 
 
@@ -159,7 +159,7 @@ def params_from_reference(state, fields, dtype=np.float32):
 
 
 def params_to_reference(params, fields, names=None):
-  """The inverse of `params_from_reference`: {PyTorch name: array}, DistilBERT's names unless told otherwise."""
+  """The inverse of `params_from_reference`: {PyTorch name: array}, by default under DistilBERT's names."""
   state = {}
   for path, (theirs, kind) in _table(fields, names or DISTILBERT_NAMES).items():
     node = params

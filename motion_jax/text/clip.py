@@ -1,6 +1,6 @@
 """The text half of CLIP: word pieces in, one feature per word piece or one per sentence out.
 
-A causal pre-norm transformer; the sentence is what its end token has gathered. How CDAMD uses it:
+A causal pre-norm transformer; the sentence feature is that of its end token. How CDAMD uses it:
 docs/papers/cdamd.md#transformer.
 """
 from typing import Any
@@ -15,9 +15,9 @@ from motion_jax.nets.post_norm import ACTIVATIONS
 from motion_jax.text.names import params_from_names
 
 CLIP_ACTIVATIONS = ACTIVATIONS | {"quick_gelu": lambda x: x * jax.nn.sigmoid(1.702 * x)}
-# What a whole CLIPModel holds besides its text half, and a buffer of old files that counts 0, 1, 2, ...
+# The parts of a CLIPModel beside its text half, and a position buffer of old files.
 IGNORED = r"vision_model\.|visual_projection\.|logit_scale$|text_model\.embeddings\.position_ids$"
-LEGACY_END = 2  # old config.json files name this end token; the real one is then the largest id of a sentence
+LEGACY_END = 2  # end token in old config.json files, where the real one is the largest id of a sentence
 
 
 class ClipLayer(nn.Module):
@@ -46,7 +46,7 @@ class ClipText(nn.Module):
   """CLIP's text transformer.
 
   Shapes: ids (B, S) word pieces from start to end token, text_mask (B, S) True = real or None -> word features
-  (B, S, D). No word sees a later one, so real rows do not depend on the mask.
+  (B, S, D). Attention is causal, so real rows do not depend on the mask.
   """
   vocab_size: int
   width: int
@@ -71,7 +71,7 @@ class ClipText(nn.Module):
       self.projection = nn.Dense(self.projection_dim, use_bias=False, dtype=self.dtype)
 
   def hidden_states(self, ids, text_mask=None):
-    """The embeddings and what each layer makes of them, before the last norm: num_layers + 1 arrays (B, S, D)."""
+    """The embeddings and the output of each layer before the last norm: num_layers + 1 arrays (B, S, D)."""
     length = ids.shape[1]
     if length > self.max_positions:
       raise ValueError(f"got {length} word pieces, CLIP has {self.max_positions} positions; use a shorter sentence")
@@ -86,7 +86,7 @@ class ClipText(nn.Module):
   def __call__(self, ids, text_mask=None):
     last = self.norm(self.hidden_states(ids, text_mask)[-1])
     if self.projection_dim and self.is_initializing():
-      self.projection(last[:, 0])  # so that init makes its parameters
+      self.projection(last[:, 0])  # so that init creates its parameters
     return last
 
   def pooled(self, ids, text_mask=None):
@@ -96,14 +96,14 @@ class ClipText(nn.Module):
     return last[jnp.arange(len(ids)), row]
 
   def sentence(self, ids, text_mask=None):
-    """The sentence feature (B, P): `pooled`, projected into the space of the pictures; its length is not 1."""
+    """The sentence feature (B, P): `pooled`, projected into the joint space with images; not at unit length."""
     return self.projection(self.pooled(ids, text_mask))
 
 
 def clip_fields(config):
   """Fields of `ClipText` from a config.json of model_type clip (a whole CLIPModel) or clip_text_model.
 
-  What such a file leaves out has the value of ViT-B/32 and B/16. Raises ValueError for an unknown option.
+  Defaults are those of ViT-B/32 and B/16. Raises ValueError for an unknown option.
   """
   kind = config.get("model_type")
   if kind not in ("clip", "clip_text_model"):
@@ -143,6 +143,6 @@ def names(fields):
 def params_from_reference(state, fields, dtype=np.float32):
   """Params of `ClipText(**fields)` from a state dict of a CLIPTextModel with or without projection, or of a CLIPModel.
 
-  The picture half of a CLIPModel is left out. Raises ValueError that lists missing, unknown or misshapen arrays.
+  The image half of a CLIPModel is left out. Raises ValueError that lists missing, unknown or misshapen arrays.
   """
   return params_from_names(state, names(fields), ClipText(**fields), IGNORED, dtype)

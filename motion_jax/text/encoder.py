@@ -1,4 +1,4 @@
-"""From captions to features of words or sentences: a name or folder becomes a frozen encoder, run once per caption."""
+"""Frozen text encoders: captions to features of words or sentences, each caption encoded once."""
 import contextlib
 import functools
 import hashlib
@@ -21,15 +21,15 @@ from motion_jax.utils.errors import InputError
 SHIPPED = pathlib.Path(__file__).parents[1] / "pretrained"
 LEVELS = ("words", "sentence")
 KNOWN_WORDS = "known_words.txt"
-CARRIED = "text_encoder"  # where a run keeps its own (`training.checkpoint.ENCODER`)
-FAMILIAR = 0.65  # cosine to the nearest known word from which on an unseen word counts as understood
-# Cosine of two words' features from which on they mean the same movement: walks and saunters 0.74, throws and tosses
-# 0.76, quick and hastily 0.83; grab and catches 0.65, bounces and backflip 0.38.
+CARRIED = "text_encoder"  # folder of the encoder inside a run (`training.checkpoint.ENCODER`)
+FAMILIAR = 0.65  # cosine to the nearest known word from which an unseen word counts as known
+# Cosine of two words' features from which they are synonyms: walks and saunters 0.74, throws and tosses 0.76, quick and
+# hastily 0.83; not grab and catches with 0.65, bounces and backflip with 0.38.
 SYNONYM = 0.67
 
 
 def _run(model, params, ids, text_mask):
-  # A caption must give the same features on every device, so no shortcuts in the products.
+  # Full precision: a caption has the same features on every device.
   with jax.default_matmul_precision("highest"):
     return model.apply({"params": params}, ids, text_mask)
 
@@ -40,13 +40,13 @@ _hidden = cache.Program("hidden", _run, 1)
 class TextEncoder:
   """A frozen encoder of captions.
 
-  `level` is "words" (one feature per word piece) or "sentence" (one per caption), `dim` the width of a feature,
-  `max_words` the most word pieces of a caption (its special ones included), `fingerprint` the sha256 of weights,
-  tokenizer and level, which a checkpoint can remember.
+  level: "words" (one feature per word piece) or "sentence" (one per caption). dim: width of a feature. max_words: the
+  largest number of word pieces of a caption, special ones included. fingerprint: sha256 of weights, tokenizer and
+  level, which checkpoints store.
   """
 
   def __init__(self, parts, name, known_words=(), max_words=None, level="words", folder=None):
-    """folder: of one's own, from which it was read; None for what ships, is downloaded or has no files."""
+    """folder: a folder of the user; None for encoders that ship, are downloaded or have no files."""
     self.model, self.params, self.tokenizer = parts.model, jax.tree.map(jnp.asarray, parts.params), parts.tokenizer
     self.name, self.level, self.fingerprint, self.dim = name, level, parts.fingerprint, self.model.width
     self.max_words = min(max_words or self.model.max_positions, self.model.max_positions)
@@ -62,12 +62,10 @@ class TextEncoder:
   def __call__(self, sentences, pad_to=None, at_least=None, rows=slice(None)):
     """Features of captions: text_emb (B, S, D) float32 and text_mask (B, S), True = a real word piece.
 
-    rows: a slice of the captions, by which the others are left out; S is that of all.
-
-    S is the longest caption's number of word pieces, or `pad_to`, or with `at_least` that or a power of two times it
-    (`padded_length`); at level "sentence" it is always 1. A caption's features do not depend on the others, nor on S.
-    Raises ValueError for an empty caption and for one that the encoder has no positions for; CLIP cuts a long one, as
-    its authors do, and warns.
+    S is the number of word pieces of the longest caption, or `pad_to`, or with `at_least` that number times a power of
+    two (`padded_length`); 1 at level "sentence". The features of a caption depend neither on the others nor on S.
+    rows: a slice of the captions to encode; S is still that of all of them.
+    Raises ValueError for an empty caption and for one that is too long; CLIP truncates it as its authors do, and warns.
     """
     sentences = [sentences] if isinstance(sentences, str) else list(sentences)
     features = self._features(sentences[rows])
@@ -84,37 +82,37 @@ class TextEncoder:
     return text_emb, np.arange(length) < np.array([len(f) for f in features])[:, None]
 
   def sentence(self, sentences):
-    """One unit vector per caption, (B, E), whatever the level: close captions mean the same."""
+    """One unit vector per caption, (B, E), at any level: captions of similar meaning are close."""
     return _unit(self._sentence.vectors(self._features(sentences)))
 
   def many_sentences(self, sentences):
-    """As `sentence`, up to rounding, of many captions in a fraction of the time; they are read side by side."""
+    """`sentence` in batches, for many captions: faster, and equal up to rounding."""
     features = dict(self.in_batches(dict.fromkeys(sentences)))
     return _unit(self._sentence.vectors([features[sentence] for sentence in sentences]))
 
   def sentence_and_words(self, sentences, at_least=None, rows=slice(None)):
-    """What the encoder says of whole captions in front of their words: text_emb (B, 1 + S, D), text_mask (B, 1 + S).
+    """The feature of the sentence, then those of its words: text_emb (B, 1 + S, D), text_mask (B, 1 + S).
 
-    For an encoder of level "words" whose sentence vectors are as long as its words'. at_least, rows: as in `__call__`.
+    For encoders of level "words" whose sentence and word features have the same width. at_least, rows: see `__call__`.
     """
     words, mask = self(sentences, at_least=at_least, rows=rows)
     vectors = self._sentence.vectors(self._features(sentences[rows]))
     vectors = _unit(vectors) if self._sentence.unit else vectors
     if self.level != "words" or vectors.shape[-1] != words.shape[-1]:
-      raise InputError(f"the encoder {self.name!r} (level {self.level!r}) gives {vectors.shape[-1]} numbers a caption, "
-                       f"{self.dim} a word; sentences before words need level 'words' and the same for both")
+      raise InputError(f"the encoder {self.name!r} (level {self.level!r}) has {vectors.shape[-1]} features per "
+                       f"caption and {self.dim} per word; sentence_and_words needs level 'words' and equal widths")
     return np.concatenate([vectors[:, None], words], axis=1), np.concatenate([mask[:, :1], mask], axis=1)
 
   def pieces(self, sentences, at_least):
-    """Word pieces of captions, for a network that learns to read them: ids (B, S), text_mask (B, S).
+    """Word pieces of captions, for networks with an embedding of their own: ids (B, S), text_mask (B, S).
 
-    S is at_least or a power of two times it. Raises ValueError for a caption that there are no positions for.
+    S is at_least times a power of two. Raises ValueError for a caption that is too long.
     """
     encodings = [self._ids(sentence) for sentence in sentences]
     return _pad(encodings, padded_length(max(map(len, encodings)), at_least, self.max_words))
 
   def check(self, captions):
-    """Raises one ValueError if there are captions that this encoder cannot read whole, before any is read."""
+    """Raises ValueError, with the longest caption, if any caption is too long for this encoder."""
     if self._truncates:
       return
     captions = list(dict.fromkeys(captions))
@@ -128,7 +126,7 @@ class TextEncoder:
                        f"{captions[worst][:60]!r}... Shorten them, or take an encoder with more positions")
 
   def word(self, sentence, word):
-    """The feature (D,) of a word inside a sentence: the mean of its pieces. Raises ValueError if it is not there."""
+    """The feature (D,) of a word in a sentence: the mean of its pieces. Raises ValueError if it is not in it."""
     found = re.search(rf"(?<!\w){re.escape(word.lower())}(?!\w)", sentence.lower())
     offsets = self._encode(sentence).offsets
     rows = [i for i, (a, b) in enumerate(offsets) if found and a < b and found.start() <= a and b <= found.end()]
@@ -137,10 +135,10 @@ class TextEncoder:
     return self._features([sentence])[0][rows].mean(0)
 
   def out_of_vocabulary(self, sentence):
-    """Words of a sentence that are far from everything the encoder was trained on, in order.
+    """Words of a sentence that the encoder has not learned, in order.
 
-    A word is known if it, or a form of it, was in the training sentences, or if its sentence vector comes near that
-    of such a word. Numbers are never named. Encoders without a word list (any Hugging Face folder) name none.
+    A word is known if a form of it occurs in the training sentences, or if its sentence vector is close to that of such
+    a word. Encoders without a word list (those in Hugging Face layout) return [].
     """
     if not self.known_words:
       return []
@@ -148,9 +146,9 @@ class TextEncoder:
     return unknown_words(sentence, known) + self.unreadable(sentence)
 
   def synonym(self, word, others):
-    """The one of other words that a word means the same as, "" for none or where the encoder never learned the word.
+    """The one of other words that is a synonym of a word, by their features in equal sentences.
 
-    By their features in otherwise equal sentences. Encoders without a word list know of no synonyms.
+    "" where there is none, where the encoder has not learned the word, and for encoders without a word list.
     """
     if not others or not possible_bases(word.lower()) & self._known_bases:
       return ""
@@ -160,20 +158,20 @@ class TextEncoder:
     return others[int(nearness.argmax())] if nearness.max() >= SYNONYM else ""
 
   def _in_plain_sentences(self, words):
-    """Unit features (N, D) of words, each in a sentence with nothing else."""
+    """Unit features (N, D) of words, each in the sentence "a person WORD."."""
     return _unit(np.stack([self.word(f"a person {word}.", word) for word in words]))
 
   def is_piece(self, word):
-    """Whether a word is one whole piece of the tokenizer, so that it is spelled as it should be."""
+    """Whether a word is a single piece of the tokenizer, which means that it is spelled correctly."""
     return len(self._encode(word).ids) == 1 + self._num_special and "[UNK]" not in self._encode(word).tokens
 
   def files(self):
-    """The files of the folder of one's own that it was read from; none for another one."""
+    """Paths of the encoder's files, where it was read from a folder of the user."""
     return [self.folder / name for name in (*hub.FILES, KNOWN_WORDS) if (self.folder / name).is_file()
             ] if self.folder else []
 
   def unreadable(self, sentence):
-    """Characters of a sentence that the encoder has no piece for and that are no letters: emoji and the like."""
+    """Characters of a sentence, other than letters, that the tokenizer does not know: emoji and the like."""
     strange = [c for c in sentence if "[UNK]" in self._encode(c).tokens and not c.isalpha()]
     return list(dict.fromkeys(strange))
 
@@ -186,7 +184,7 @@ class TextEncoder:
     words = sorted(word for word in self.known_words - FUNCTION_WORDS if len(word) > 2)
     encodings = [self._encode(word).ids for word in words]
     ids, text_mask = _pad(encodings, max(map(len, encodings)))
-    hidden = np.asarray(_hidden(self.model, self.params, ids, text_mask))  # all at once: only nearness counts here
+    hidden = np.asarray(_hidden(self.model, self.params, ids, text_mask))  # in one batch: rounding does not matter here
     return _unit(self._sentence.vectors([words[mask] for words, mask in zip(hidden, text_mask)]))
 
   def nearness(self, word):
@@ -197,7 +195,7 @@ class TextEncoder:
     pieces = self._encode(word).tokens[1:-1]
     if "[UNK]" in pieces or not pieces or len(pieces) > self.max_words - 2:
       return False
-    # A word spelled from scraps (sw ##ive ##ls) lands anywhere, so it must begin with a known word (sneak ##ily).
+    # A word in small pieces (sw ##ive ##ls) has an arbitrary vector: it must begin with a known word (sneak ##ily).
     if len(pieces) > 1 and (len(pieces[0]) < 4 or not possible_bases(pieces[0]) & self._known_bases):
       return False
     return self.nearness(word) >= FAMILIAR
@@ -223,22 +221,22 @@ class TextEncoder:
     if kept is not None:
       return kept
     ids = self._ids(sentence)
-    # One caption at a time, in lengths of 8: few compilations, and a caption never feels its batch-mates.
+    # One caption at a time, padded to multiples of 8: few compilations, and no caption depends on its batch.
     padded = min(-(-len(ids) // 8) * 8, self.model.max_positions)
     hidden = np.asarray(_hidden(self.model, self.params, *_pad([ids], padded)))[0, :len(ids)].copy()
-    hidden.setflags(write=False)  # the cache hands out this very array
+    hidden.setflags(write=False)  # the cache returns this array itself
     if len(self._cache) >= 50_000:
-      with contextlib.suppress(RuntimeError, KeyError):  # batches are made by a thread while others are evaluated
+      with contextlib.suppress(RuntimeError, KeyError):  # another thread may use the cache
         self._cache.pop(next(iter(self._cache)))
     self._cache[sentence] = hidden
     return hidden
 
   def recall(self, kept):
-    """From now on takes features from kept(sentence), (S, D) or None where it has none, before making them itself."""
+    """Takes features from kept(sentence) from now on, (S, D); where it returns None they are computed."""
     self._kept = kept
 
   def in_batches(self, sentences, size=32):
-    """Yields (sentence, features (S, D)) of many different captions, the short ones first; not in the given order."""
+    """Yields (sentence, features (S, D)) of many different captions, in the order of their lengths."""
     encodings = sorted(((self._ids(sentence), sentence) for sentence in sentences), key=lambda one: len(one[0]))
     for at in range(0, len(encodings), size):
       some = encodings[at:at + size]
@@ -262,9 +260,9 @@ class TextEncoder:
 
 
 def padded_length(length, first, limit):
-  """How many word pieces a batch is padded to whose longest caption has `length`: `first`, or twice that, four times...
+  """The padded number of word pieces of a batch whose longest caption has `length`: `first` times a power of two.
 
-  Few lengths, so that few are compiled; none over `limit`, where `first` and the captions leave it room.
+  There are few such lengths, so that few programs are compiled. `limit` is exceeded only by `first` and by the caption.
 
     first 24, limit 64:   1 to 24 -> 24   25 to 48 -> 48   49 to 64 -> 64
   """
@@ -275,8 +273,9 @@ def padded_length(length, first, limit):
 
 
 def narrowest(usual):
-  """The first of the widths of batches whose captions usually have up to `usual` word pieces, each twice the one
-  before and `usual` (about) among them: that, halved as long as 8 are left. For the `first` of `padded_length`.
+  """The smallest width of batches whose captions usually have up to `usual` word pieces, as `first` of `padded_length`.
+
+  `usual`, halved while at least 8 remain, so that about `usual` is among the widths:
 
     64 -> 8    24 -> 12    77 -> 10    6 -> 6
   """
@@ -297,23 +296,20 @@ def _pad(encodings, length):
 
 
 def load_text_encoder(name_or_folder="words", max_words=None, level="words"):
-  """The frozen encoder of that name or in that folder.
+  """A frozen encoder by name or folder.
 
-  "words": the small encoder that ships. "random-init": a tiny one with random weights, always the same, for tests.
-  A run folder or a model that ships, such as "cmdm-small": the encoder which it was trained on, inside, or of another
-  model that ships.
-  Otherwise a folder in Hugging Face layout, or a name of `hub.REVISIONS` (with the extra `hub` and a network it is
-  fetched at a pinned revision; "owner/name@revision" fetches another). A folder holds config.json, model.safetensors
-  and
+  - "words": the small encoder that ships. "random-init": a tiny one with fixed random weights, for tests.
+  - A run folder or a shipped model, such as "cmdm-small": the encoder that the model was trained with.
+  - A name of `hub.REVISIONS`, which is downloaded at a pinned revision (extra `hub`), or "owner/name@revision".
+  - A folder in Hugging Face layout, with config.json, model.safetensors and
+    - BERT, MiniLM, DistilBERT, MPNet: tokenizer.json. The sentence feature is the unit mean of its words.
+    - CLIP, whole or its text half: tokenizer.json, or vocab.json and merges.txt. The sentence feature is the projected
+      feature of the end token, not at unit length. Captions are truncated to 77 word pieces.
+    - T5 1.0 and 1.1: tokenizer.json; for Sentence-T5 also 2_Dense/model.safetensors. The sentence feature is the
+      mean of its words, projected by the latter, at unit length.
 
-  - BERT, MiniLM, DistilBERT, MPNet: tokenizer.json. A sentence is the mean of its words at unit length.
-  - CLIP, whole or its text half: tokenizer.json, or vocab.json and merges.txt. A sentence is the end token's feature,
-    projected, not at unit length. Long captions are cut at 77 word pieces.
-  - T5 1.0 and 1.1: tokenizer.json; for Sentence-T5 also 2_Dense/model.safetensors. A sentence is the mean of its words,
-    projected by the latter, at unit length.
-
-  level: "words" gives one feature per word piece, "sentence" one per caption. max_words lowers the limit on word
-  pieces. Raises FileNotFoundError or ValueError that say what to give.
+  level: "words" for one feature per word piece, "sentence" for one per caption. max_words: limits word pieces further.
+  Raises FileNotFoundError or ValueError that say what is missing.
   """
   if max_words is not None and max_words < 3:
     raise InputError(f"got max_words={max_words}, expected at least 3: a word and the two special pieces")
@@ -331,10 +327,10 @@ def load_text_encoder(name_or_folder="words", max_words=None, level="words"):
 
 
 def _carried(run):
-  """The folder of the encoder inside a run folder or a model that ships, None where there is none."""
+  """The encoder's folder inside a run folder or a shipped model, None where there is none."""
   places = [pathlib.Path(run) / CARRIED, SHIPPED / run / CARRIED]
   config = SHIPPED / run / "config.json"
-  if config.parent.parent == SHIPPED and config.is_file():  # of one that ships and shares another's
+  if config.parent.parent == SHIPPED and config.is_file():  # a shipped model may share the encoder of another
     places.append(SHIPPED / json.loads(config.read_text()).get("frozen", {}).get("text", "") / CARRIED)
   return next((place for place in places if (place / "tokenizer.json").is_file()), None)
 
@@ -345,7 +341,7 @@ def shipped_encoders():
 
 
 def _random_init(seed=0):
-  """Random weights over letters and a few words: no files, the same on every machine."""
+  """Random weights over letters and a few words: without files, equal on every machine."""
   pieces = ["[PAD]", "[UNK]", "[CLS]", "[SEP]", *".,!?'-", *"0123456789"]
   pieces += [p + c for c in "abcdefghijklmnopqrstuvwxyz" for p in ("", "##")] + [f"##{c}" for c in "0123456789"]
   pieces += "person someone walks runs jumps turns left right forward and then the waves sits".split()
@@ -360,7 +356,7 @@ def _random_init(seed=0):
   params = jax.tree_util.tree_map_with_path(
       lambda path, leaf: np.ones(leaf.shape, np.float32) if path[-1].key == "scale"
       else rng.normal(0, 1.0 if path[-1].key == "embedding" else 0.2, leaf.shape).astype(np.float32), shapes)
-  # Positions for long captions, too; drawn behind the rest, so that short ones are read as ever.
+  # Positions for long captions, drawn last, so that the features of short ones stay.
   more = rng.normal(0, 1.0, (512 - fields["max_positions"], fields["width"])).astype(np.float32)
   params["positions"]["embedding"] = np.concatenate([params["positions"]["embedding"], more])
   fields["max_positions"] = 512

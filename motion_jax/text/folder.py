@@ -1,4 +1,4 @@
-"""A folder in Hugging Face layout to the parts of a text encoder: module, parameters, tokenizer, sentence vector."""
+"""Reads a folder in Hugging Face layout: module, parameters, tokenizer and sentence feature of a text encoder."""
 import hashlib
 import re
 from typing import Any, NamedTuple
@@ -39,7 +39,7 @@ class Sentence(NamedTuple):
 
 
 class EncoderParts(NamedTuple):
-  """What a text encoder is made of. fingerprint: sha256 of weights and tokenizer; truncates: cuts a long caption."""
+  """The parts of a text encoder. fingerprint: sha256 of weights and tokenizer; truncates: long captions are cut."""
   model: Any
   params: Any
   tokenizer: Tokenizer
@@ -49,10 +49,10 @@ class EncoderParts(NamedTuple):
 
 
 def read(folder, name, level="words"):
-  """The parts of the encoder in a folder; its config.json says of which kind.
+  """The parts of the encoder in a folder, whose kind is in its config.json.
 
-  level "sentence" asks for what a sentence feature needs, too. Raises FileNotFoundError that lists what the folder
-  lacks, ValueError for what cannot be read or does not fit together.
+  level "sentence" also requires the weights of a sentence feature. Raises FileNotFoundError with the missing files,
+  ValueError for files that cannot be read or do not belong together.
   """
   kind = _kind(folder, name)
   files = _check_files(folder, name, kind)
@@ -91,7 +91,7 @@ def read(folder, name, level="words"):
 
 
 def _fields(folder, to_fields, config):
-  """The fields of a kind's module; what config.json lacks may be a default that transformers knows."""
+  """The fields of a kind's module; defaults that config.json leaves out come from transformers, where installed."""
   try:
     return to_fields(config)
   except ValueError:
@@ -103,7 +103,7 @@ def _fields(folder, to_fields, config):
 
 def _kind(folder, name):
   if not (folder / CONFIG).is_file():
-    return "bert"  # what is missing is told for the most common kind
+    return "bert"  # the error about missing files is that of the most common kind
   try:
     kind = read_json(folder / CONFIG, advice="fetch it again").get("model_type", "bert")
   except InputError as error:
@@ -145,12 +145,12 @@ def _check_files(folder, name, kind):
 
 
 def _weights(path, ignored=None):
-  """{name: array} of a safetensors file, without the halves of the network that are not for text."""
+  """{name: array} of a safetensors file, without the parts of the network that do not encode text."""
   return load_safetensors(path, lambda name: not (ignored and re.match(ignored, name)), advice="fetch it again")
 
 
 def _sentence(folder, state, fields, kind, level):
-  """How this encoder makes a sentence of words: CLIP's end token, projected; else the mean at unit length."""
+  """The sentence feature of an encoder: of CLIP the projected end token, of others the unit mean."""
   float32 = lambda array: None if array is None else np.asarray(array, np.float32)
   if kind.startswith("clip"):
     if level == "sentence" and not fields["projection_dim"]:
@@ -164,7 +164,7 @@ def _sentence(folder, state, fields, kind, level):
 
 
 def _dense(folder, width):
-  """The matrix (E, D) of Sentence-T5's last layer, which has neither offset nor activation."""
+  """The matrix (E, D) of Sentence-T5's last layer, which has neither bias nor activation."""
   config = read_json(folder / CONFIG) if (folder / CONFIG).is_file() else {}
   activation = config.get("activation_function", "Identity").split(".")[-1]
   state = _weights(folder / WEIGHTS)
@@ -191,7 +191,7 @@ def _tokenizer(folder, kind, files):
 
 
 def clip_tokenizer(vocab, merges, start="<|startoftext|>", end="<|endoftext|>"):
-  """CLIP's tokenizer from its two files: lower case, words apart, bytes joined by merges, an end-of-word mark."""
+  """CLIP's tokenizer from its two files: lower case, split into words, byte-pair merges, an end-of-word mark."""
   tokenizer = Tokenizer(models.BPE.from_file(str(vocab), str(merges), unk_token=end, end_of_word_suffix="</w>"))
   ids = {token: tokenizer.token_to_id(token) for token in (start, end)}
   if None in ids.values():

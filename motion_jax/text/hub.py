@@ -1,10 +1,10 @@
-"""Names of published text encoders to folders: a folder that is there, or a download of one pinned revision."""
+"""Finds the folder of a published text encoder: an existing one, or a download at a pinned revision."""
 import pathlib
 import re
 
 from motion_jax.utils.install import pip_install
 
-# Commits whose files were looked up. A revision is a promise that a run trained today loads the same weights later.
+# Commits, so that a run loads the weights it was trained with.
 REVISIONS = {
     "distilbert/distilbert-base-uncased": "12040accade4e8a0f71eabdb258fecc2e7e948be",
     "sentence-transformers/all-MiniLM-L6-v2": "1110a243fdf4706b3f48f1d95db1a4f5529b4d41",
@@ -22,10 +22,10 @@ _NAME = re.compile(r"(?P<name>[\w.-]+(/[\w.-]+)?)(@(?P<revision>[0-9a-f]{40}))?"
 
 
 def find(name_or_folder):
-  """The folder of an encoder: the given one if it is there, else a download of the published one of that name.
+  """The folder of an encoder: the given one if it exists, else a download of the published encoder of that name.
 
   Names are those of `REVISIONS`, with or without owner, or "owner/name@revision" with all 40 digits of a commit. Raises
-  FileNotFoundError that says what to give if there is no such folder and nothing can be fetched.
+  FileNotFoundError, with what to give, where the folder does not exist and nothing can be downloaded.
   """
   folder = pathlib.Path(name_or_folder)
   if folder.is_dir():
@@ -49,7 +49,7 @@ def find(name_or_folder):
   files = FILES + (("pytorch_model.bin",) if name in WITHOUT_SAFETENSORS else ())
   try:
     return pathlib.Path(snapshot_download(name, revision=revision, allow_patterns=list(files)))
-  except Exception as error:  # whatever of network, name, disk or permission failed, the way out is the same
-    told = (str(error).splitlines() or [type(error).__name__])[0]
+  except Exception as error:  # network, name, disk or permission: the advice is the same
+    message = (str(error).splitlines() or [type(error).__name__])[0]
     raise FileNotFoundError(f"text encoder {text!r} is not a folder, and {name} at revision {revision} could not be "
-                            f"fetched ({told}); {hint}") from error
+                            f"fetched ({message}); {hint}") from error

@@ -1,8 +1,8 @@
-"""What Hugging Face's transformers reads and this package does not, where it is installed (the extra
-`convert`): tokenizers in their older files, and what a config.json leaves to its model type's defaults.
+"""Older files, read by Hugging Face's transformers where it is installed (extra `convert`).
 
-A folder that is whole (config.json, model.safetensors, tokenizer.json) needs none of it, and is read the same with it.
-Nothing is fetched, and no code of a folder is run.
+These are old tokenizer files, and the defaults of a model type that a config.json leaves out. A complete folder
+(config.json, model.safetensors, tokenizer.json) does not need them, and is read the same with and without transformers.
+Nothing is downloaded, and no code of a folder is run.
 """
 import importlib.util
 
@@ -17,13 +17,13 @@ def installed() -> bool:
 
 
 def old_tokenizer(folder, kind):
-  """Name of the older tokenizer file of a folder that can be read here, or None."""
+  """Name of a folder's older tokenizer file where transformers can read it, or None."""
   name = OLD_TOKENIZERS.get(kind)
   return name if name and (folder / name).is_file() and installed() else None
 
 
 def tokenizer(folder):
-  """A `tokenizers.Tokenizer` from whatever files of one a folder holds; raises InputError where they hold none."""
+  """A `tokenizers.Tokenizer` from any tokenizer files of a folder; raises InputError where there are none."""
   import transformers
   try:
     return transformers.AutoTokenizer.from_pretrained(str(folder), **LOCAL).backend_tokenizer
@@ -33,8 +33,7 @@ def tokenizer(folder):
 
 
 def whole_config(folder, config):
-  """The fields of config.json with the defaults of its model type for those left out; as they are without transformers.
-  """
+  """The fields of config.json and the defaults of its model type; without transformers the fields alone."""
   if not installed():
     return config
   import transformers

@@ -5,11 +5,11 @@ waving of the arms, bowing of the torso, nodding of the head.
 """
 
 VERBS = {part: set(words.split()) for part, words in {
-    # What goes on for as long as one likes, so that another part may do something meanwhile;
+    # Continuous actions of the legs, beside which other parts may act;
     "gait": "walk run jog stroll stride march hop skip jump leap crawl sneak creep tiptoe limp wander pace sprint dash "
             "hurry rush trot gallop wade shuffle strut saunter stagger sidestep strafe move stand stay remain circle "
             "amble hike prowl stalk waddle step go come bounce",
-    # and what the legs do once.
+    # and single ones.
     "legs": "turn spin rotate pivot sit kneel squat crouch kick fall lie rise climb trip stumble lunge stomp stamp "
             "duck land return approach collapse descend get",
     "body": "dance exercise roll fight practice perform do cartwheel flip somersault swim fly balance box shadowbox "
@@ -26,7 +26,7 @@ VERBS = {part: set(words.split()) for part, words in {
 }.items()}
 ACTIONS = set().union(*VERBS.values())
 
-# Words that carry no movement of their own: never worth a warning.
+# Words without a movement of their own; a prompt gets no warning for them.
 FUNCTION_WORDS = frozenset(
     "a about after again all also an and another any are as at be been before being both but by can could did do does "
     "done each either else every few for from had has have having he her hers herself him himself his how i if in into "
@@ -36,7 +36,7 @@ FUNCTION_WORDS = frozenset(
     "until up us very was we were what when where which while who whom whose why will with within without would you "
     "your s t re ll d m ve".split())
 
-# Beside these: politeness and fillers, ways to ask for a motion, when and how surely something is done, numbers, units.
+# Further ones: politeness and fillers, requests for a motion, time and certainty, numbers, units.
 WORDS_WITHOUT_MOTION = FUNCTION_WORDS | frozenset(
     "kindly thanks thank sorry hey hi hello ok okay um uh er erm hmm well oh ah wow yes yeah no nope really so now "
     "named maybe perhaps probably possibly actually basically simply literally totally truly exactly rather pretty "

@@ -1,4 +1,4 @@
-"""MPNet, by whose sentence vectors (all-mpnet-base-v2) TMR tells which captions say nearly the same.
+"""MPNet, whose sentence vectors (all-mpnet-base-v2) TMR uses to find captions of nearly the same meaning.
 
 Source: docs/papers/cmdm.md#tmr.
 
@@ -15,7 +15,7 @@ from motion_jax.nets.post_norm import ACTIVATIONS, PostNormLayer
 from motion_jax.text.names import params_from_names
 from motion_jax.text.t5 import distance_buckets
 
-FIRST_POSITION = 2  # rows 0 and 1 of the table stand for no place and for padding
+FIRST_POSITION = 2  # rows 0 and 1 of the table are for no position and for padding
 IGNORED = r"lm_head\.|pooler\.|classifier\.|embeddings\.position_ids$"
 
 
@@ -56,7 +56,7 @@ class MPNet(nn.Module):
 
 
 def mpnet_fields(config):
-  """Fields of `MPNet` from a Hugging Face config.json of model_type mpnet; raises ValueError for what it has not."""
+  """Fields of `MPNet` from a Hugging Face config.json of model_type mpnet; raises ValueError for an unknown option."""
   if config.get("model_type") != "mpnet":
     raise ValueError(f"got a text encoder of model_type {config.get('model_type')!r}, expected 'mpnet'")
   activation = config.get("hidden_act", "gelu")

@@ -1,4 +1,4 @@
-"""Text encoders' weights from their Hugging Face names to parameters: every tensor is accounted for."""
+"""Weights of text encoders under their Hugging Face names to parameters; leftover tensors are an error."""
 import re
 
 import jax
@@ -30,9 +30,9 @@ def params_from_names(state, table, model, ignored="", dtype=np.float32):
   unknown = sorted(name for name in state.keys() - leaves.keys() if not (ignored and re.match(ignored, name)))
   missing = sorted(leaves.keys() - state.keys())
   if missing or unknown:
-    tell = lambda names: f"{len(names)} ({', '.join(names[:3])}{', ...' * (len(names) > 3)})" if names else "none"
-    raise ValueError(f"the weights do not fit config.json: missing {tell(missing)}, unknown {tell(unknown)}; expected "
-                     f"those of a {type(model).__name__} with {model.num_layers} layers")
+    listed = lambda names: f"{len(names)} ({', '.join(names[:3])}{', ...' * (len(names) > 3)})" if names else "none"
+    raise ValueError(f"the weights do not fit config.json: missing {listed(missing)}, unknown {listed(unknown)}; "
+                     f"expected those of a {type(model).__name__} with {model.num_layers} layers")
   params = {}
   for name, (path, leaf) in leaves.items():
     node, shape = params, shapes

@@ -1,7 +1,7 @@
-"""T5's encoder, versions 1.0 and 1.1, and the sentence vector that Sentence-T5 makes of it.
+"""T5's encoder, versions 1.0 and 1.1, also for Sentence-T5.
 
 No positions are added: a learned bias that depends on the distance of two words shifts the attention scores, which are
-not scaled. Norms have no mean and no offset, linear layers no offset. Recorded numbers: tests/fixtures/text.
+not scaled. Norms have no mean and no bias, linear layers no bias. Recorded numbers: tests/fixtures/text.
 """
 import math
 from typing import Any
@@ -16,8 +16,8 @@ from motion_jax.nets.post_norm import ACTIVATIONS
 from motion_jax.text.names import params_from_names
 
 T5_ACTIVATIONS = ACTIVATIONS | {"silu": jax.nn.silu}
-IGNORED = r"decoder\.|lm_head\."  # the half that writes, in files of a whole T5
-TABLES = ("shared.weight", "encoder.embed_tokens.weight")  # two names of one array
+IGNORED = r"decoder\.|lm_head\."  # the decoder, in files of a whole T5
+TABLES = ("shared.weight", "encoder.embed_tokens.weight")  # two names of the same array
 
 
 def distance_buckets(distance, num_buckets=32, max_distance=128):
@@ -75,7 +75,7 @@ class T5Encoder(nn.Module):
   gated: bool = False
   num_buckets: int = 32
   max_distance: int = 128
-  max_positions: int = 512   # no table has this size: it is the length of T5's training
+  max_positions: int = 512   # the length of T5's training; no parameter has this size
   eps: float = 1e-6
   dtype: Any = jnp.float32
 
@@ -88,13 +88,13 @@ class T5Encoder(nn.Module):
     self.norm = RMSNorm(self.eps, self.dtype)
 
   def position_bias(self, length):
-    """What is added to all scores of `length` word pieces, (H, S, S): the same in every layer."""
+    """The bias of all attention scores of `length` word pieces, (H, S, S): the same in every layer."""
     place = np.arange(length)
     buckets = distance_buckets(place[None, :] - place[:, None], self.num_buckets, self.max_distance)
     return self.distances(jnp.asarray(buckets)).transpose(2, 0, 1)
 
   def hidden_states(self, ids, text_mask):
-    """The embeddings, what each layer but the last makes of them, and the normalized last: num_layers + 1 arrays."""
+    """The embeddings and the output of each layer, the last one normalized: num_layers + 1 arrays."""
     bias, states = self.position_bias(ids.shape[1]), [self.words(ids)]
     for layer in self.layers:
       states.append(layer(states[-1], text_mask, bias))
@@ -105,7 +105,7 @@ class T5Encoder(nn.Module):
 
 
 def t5_fields(config):
-  """Fields of `T5Encoder` from a config.json of model_type t5; raises ValueError for an option that it has not."""
+  """Fields of `T5Encoder` from a config.json of model_type t5; raises ValueError for an unknown option."""
   if config.get("model_type") != "t5":
     raise ValueError(f"got a text encoder of model_type {config.get('model_type')!r}, expected 't5'")
   gate, _, activation = config.get("feed_forward_proj", "relu").rpartition("-")

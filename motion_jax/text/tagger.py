@@ -1,8 +1,8 @@
-"""Lemmas and parts of speech by rule, for the tokens of HumanML3D text files.
+"""Lemmas and parts of speech by rule, as tokens in the format of HumanML3D text files.
 
-Honest about what it is: a word list for sentences about movement plus a few endings and neighbours. It is not spaCy,
-which made the official files; on other texts it errs more. Only the classic evaluators look at these tokens, and those
-should be run on the official files.
+A word list for sentences about movement, a few endings, and the neighbouring words. It is not spaCy, which made the
+official files, and is less accurate on other texts. Of the metrics only the classic evaluators read these tokens; run
+them on the official files.
 """
 import re
 

@@ -1,4 +1,4 @@
-"""The words of the captions that a model learned from, and which words of a sentence are none of them."""
+"""The vocabulary of training captions, and the words of a prompt that are not in it."""
 import difflib
 import functools
 import heapq
@@ -9,17 +9,20 @@ from motion_jax.text.captions import without_subject
 from motion_jax.text.lexicon import DETERMINERS, FUNCTION_WORDS, NAMES, WORDS_WITHOUT_MOTION
 from motion_jax.text.morphology import possible_bases, verb_of
 
-_FEW = 500  # captions that are read with the encoder to find the nearest; more are first sifted by their words
+_FEW = 500  # captions that are compared with a prompt by the encoder; more are first filtered by shared words
 
 
 def content_words(sentence):
-  """The words of a sentence that say something of a movement, as they stand there; numbers are none."""
+  """The words of a sentence without function words and numbers."""
   return [word for word in re.findall(r"[^\W\d_]+", sentence) if word.lower() not in FUNCTION_WORDS]
 
 
 def unknown_words(sentence: str, is_known: Callable[[str], bool]) -> list[str]:
-  """The words of a sentence that are worth a warning, in order, each once in whatever form: is_known(word in small
-  letters) says no, and they are neither names of who moves nor words that add nothing to a motion."""
+  """The words of a sentence that deserve a warning, in order, each once whatever its form.
+
+  is_known: whether a word in small letters is known. Names of persons and words without movement ("please", "metres")
+  are never listed.
+  """
   found: dict[str, str] = {}
   words = re.findall(r"[^\W\d_]+", sentence)
   for before, word, after in zip(["", *words], words, [*words[1:], ""]):
@@ -31,7 +34,7 @@ def unknown_words(sentence: str, is_known: Callable[[str], bool]) -> list[str]:
 
 
 def _is_name(before, word, after):
-  """Whether a word is the name of who moves: a usual one, or with a capital letter and a verb after it."""
+  """Whether a word is the name of a person: a common one, or one with a capital letter and a verb after it."""
   if word.lower() in NAMES:
     return True
   begins_sentence = not before
@@ -41,22 +44,22 @@ def _is_name(before, word, after):
 
 
 def closest_word(word: str, known: Iterable[str]) -> str:
-  """The known word that a misspelled one is most like, "" where none is like it: wlaks -> walks."""
+  """The known word closest to a misspelled one, "" where none is close: wlaks -> walks."""
   lower = word.lower()
   near = difflib.get_close_matches(lower, [one for one in known if one[:1] == lower[:1]], 1, 0.8)
   return near[0] if near and len(lower) > 3 else ""
 
 
 class Vocabulary:
-  """What the captions of a training set say: which words, and which captions a sentence shares words with."""
+  """The words of a training set's captions, and the captions that share words with a sentence."""
 
   def __init__(self, captions, also=()):
-    """also: what was said besides, such as other words for who moves, in no caption's row."""
+    """also: further text of the training, such as the subjects that captions are varied with."""
     self.captions, self._also = list(captions), tuple(also)
 
   @functools.cached_property
   def _rows(self):
-    """{form of a word: rows of the captions that have it}; a model that is asked in known words only never needs it."""
+    """{base form of a word: rows of the captions that have it}, computed when a prompt has an unknown word."""
     rows = {form: [] for word in content_words(" ".join(self._also).lower()) for form in possible_bases(word)}
     for row, caption in enumerate(self.captions):
       for form in {form for word in content_words(caption.lower()) for form in possible_bases(word)}:
@@ -64,25 +67,24 @@ class Vocabulary:
     return rows
 
   @functools.cached_property
-  def _said(self):
+  def _phrases(self):
     return {without_subject(caption) for caption in self.captions}
 
   def holds(self, sentence):
-    """Whether a caption says this, of any subject."""
-    return without_subject(sentence) in self._said
+    """Whether a caption equals the sentence, whatever its subject."""
+    return without_subject(sentence) in self._phrases
 
   def missing(self, sentence):
-    """The words of a sentence that stand in no caption, in any form, each once and in order; none that add nothing to
-    a motion, such as "please", "Mary" or "metres"."""
+    """The words of a sentence that occur in no caption in any form (`unknown_words`)."""
     return unknown_words(sentence, lambda word: any(form in self._rows for form in possible_bases(word)))
 
   @functools.cached_property
   def words(self):
-    """The words of the captions that say something of a movement, in small letters and in order."""
+    """The content words of the captions, in small letters, sorted."""
     return sorted({word for caption in (*self.captions, *self._also) for word in content_words(caption.lower())})
 
   def candidates(self, sentence, most=_FEW):
-    """Rows of at most so many captions: those that share words with a sentence, rare ones above all."""
+    """Rows of at most `most` captions that share words with a sentence; rare words weigh more."""
     if len(self.captions) <= 10 * most:
       return list(range(len(self.captions)))
     weight = {}
@@ -90,7 +92,7 @@ class Vocabulary:
       found = set().union(*(self._rows.get(form, ()) for form in possible_bases(word)))
       for row in found:
         weight[row] = weight.get(row, 0.0) + 1 / len(found)
-    # Of captions that share equally much those with few other words come first, then those in front.
+    # Among equals the shorter caption comes first, then the earlier one.
     key = lambda row: (weight[row], -len(self.captions[row]), -row)
     shared = heapq.nlargest(most, weight, key=key)
     return sorted(shared) or list(range(0, len(self.captions), len(self.captions) // most))[:most]
