@@ -76,7 +76,7 @@ def test_bvh_in_the_unit_that_is_asked(tmp_path):
 @pytest.mark.slow
 def test_many_motions_are_made_in_pieces(generate, tmp_path, monkeypatch):
   generate("a person waves", "--num-frames", 20, "--num-samples", 3, "--out", tmp_path / "whole.npy")
-  monkeypatch.setattr(make, "_BATCH_FRAMES", 40)
+  monkeypatch.setattr(make, "BATCH_FRAMES", 40)
   seen, one_batch = [], CmdmModel.generate
   monkeypatch.setattr(CmdmModel, "generate", lambda self, prompts, *args, **options: seen.append(
       len(prompts)) or one_batch(self, prompts, *args, **options))

@@ -10,7 +10,7 @@ import motion_jax as mj
 from motion_jax.models import registry
 from motion_jax.utils import config_files, overrides
 from motion_studio import cli
-from motion_studio.cli import make
+from motion_studio.cli import generation_flags
 from motion_studio.cli.shared import Files
 from tests.conftest import ROOT, devices_env
 
@@ -76,7 +76,7 @@ def test_flags_of_other_programs_and_slips_name_the_right_one(words, meant, caps
 @pytest.mark.parametrize("command, ability", [("multi-prompt", "multi_prompt"), ("extend", "extend"), ("edit", "edit")])
 def test_commands_have_the_flags_of_the_methods_that_can_run_them(command, ability):
   able = {stage.partition(".")[0] for stage in registry.model_stages(ability)}
-  assert set(registry.METHODS) - able == set(make.WITHOUT[command])
+  assert set(registry.METHODS) - able == set(generation_flags.WITHOUT[command])
   shown = {option for prog, option, _ in FLAGS if prog == f"motion-jax {command}"}
   names = {method: set(options.described()) for method, options in registry.options().items()}
   for method, choices in names.items():

@@ -186,7 +186,7 @@ class TestOfAModel:
     assert cli.main(run) == 0
     said = capsys.readouterr().out
     assert "understood as: walks | waves\n" in said and "1 motion of 2.4 s" in said
-    (parts,) = re.findall(r"made as: walks .(.*) s. . waves .(.*) s.\n", said)
+    (parts,) = re.findall(r"generated as: walks .(.*) s. . waves .(.*) s.\n", said)
     spans = [(start, end) for _, start, end in json.loads(str(np.load(tmp_path / "m.npz")["captions"]))]
     assert [f"{end - start:.1f}" for start, end in spans] == list(parts)  # as the file has them
     assert cli.main([*run, "--no-plan"]) == 0

@@ -192,7 +192,7 @@ def test_a_project_is_saved_and_opened(timeline, tmp_path):
 
 def test_an_imported_motion_is_gone_on_from(page, tmp_path, library):
   path = tmp_path / "walk.npy"
-  motion = library.model("tiny", "generate").generate("a person walks", seconds=2.0, seeds=[1])[0]
+  motion = library.pipeline("tiny", "generate")("a person walks", seconds=2.0, seed=1)
   np.save(path, np.asarray(motion.joints, np.float32))
   page.find("#mode-timeline").click()
   page.find("#motion-file").send_keys(str(path))

@@ -107,7 +107,7 @@ def test_edits_have_captions_a_legend_and_colours_that_can_be_switched(timeline)
 
 def test_an_import_asks_before_it_touches_the_blocks(timeline, tmp_path, library):
   page, path = timeline, tmp_path / "walk.npy"
-  motion = library.model("tiny", "generate").generate("a person walks", seconds=2.0, seeds=[1])[0]
+  motion = library.pipeline("tiny", "generate")("a person walks", seconds=2.0, seed=1)
   np.save(path, np.asarray(motion.joints, np.float32))
   project, frames = page.get("project"), page.get("frames")
   page.find("#motion-file").send_keys(str(path))
